@@ -35,10 +35,9 @@ def pin_seams(
     and a note on each point that has no effect. JobError for what is no point, and for one that is near no closed path.
     """
     points = read_points(job)
-    places = [(k, n) for k, paths in enumerate(plans) for n, path in enumerate(paths) if path.closed]
-    places = [(k, n) for k, n in places if len(plans[k][n].position) > 1]
+    places = [(k, n) for k, paths in enumerate(plans) for n, path in enumerate(paths) if has_seam(path)]
     closed = [plans[k][n] for k, n in places]
-    chosen, far = choose_points(points, closed, part)
+    chosen, far = choose_points(points, closed, [k for k, _ in places], part)
     if far:
         what = f"{_tell(points[far[0]])} is farther than {NEAR_MM:g} mm from every closed path and its contour"
         raise JobError("job", what, "tour.seams", "give a point on a closed contour that is worked on")
@@ -55,9 +54,16 @@ def pin_seams(
     return [tuple(paths) for paths in own], notes
 
 
-def choose_points(points: FloatArray, closed: Sequence[ToolPath], part: Part) -> tuple[dict[int, int], list[int]]:
+def has_seam(path: ToolPath) -> bool:
+    """Whether a path may begin elsewhere than it does."""
+    return path.closed and len(path.position) > 1 and path.entry_radius == 0
+
+
+def choose_points(
+    points: FloatArray, closed: Sequence[ToolPath], operations: Sequence[int], part: Part
+) -> tuple[dict[int, int], list[int]]:
     """The point (K, 2) that each of the ``closed`` paths begins at, by their numbers, for those that have one; and the
-    points that are farther than ``NEAR_MM`` from all of them.
+    points that are farther than ``NEAR_MM`` from all of them. operations: by path.
     """
     chosen: dict[int, tuple[float, int]] = {}
     far: list[int] = []
@@ -66,11 +72,15 @@ def choose_points(points: FloatArray, closed: Sequence[ToolPath], part: Part) ->
             far.append(number)
             continue
         least = min(near.values())
-        for path in (path for path, apart in near.items() if apart <= least + SAME_MM):
-            # Of several on one contour the one on the path itself; the last of those that are as near.
-            away = float(project(closed[path], points[number])[2])
-            if path not in chosen or away <= chosen[path][0]:
-                chosen[path] = away, number
+        away = {
+            path: project(closed[path], points[number])[2] for path, apart in near.items() if apart <= least + SAME_MM
+        }
+        for path, own in away.items():
+            # What goes along the contour elsewhere, as the passes about the islands of a pocket do, is not meant.
+            beside = min(away[other] for other in away if operations[other] == operations[path])
+            # Of several points on one contour the one on the path itself; the last of those that are as near.
+            if own <= beside + NEAR_MM and (path not in chosen or own <= chosen[path][0]):
+                chosen[path] = own, number
     return {path: number for path, (_, number) in chosen.items()}, far
 
 

@@ -113,6 +113,11 @@ def move_path(tables: Tables, looked: Looked, path: int, to: int) -> Tables:
     moved.insert(own.index(to), path)
     last = max([moved.index(path), *(place for place, k in enumerate(moved) if runs[k].ordered)])
     first = _names(looked, moved[: last + 1])
+    place = {name: number for number, name in enumerate(first)}
+    one, two = (min((place.get(name, len(first)) for name in runs[k].contours), default=-1) for k in (path, to))
+    if one == two or (one < two) == (path < to):
+        what = f"paths {path + 1} and {to + 1} work on the same contours, whose order follows from the operation"
+        raise JobError("page", what, remedy="move another path")
     others = _names(looked, [k for k, run in enumerate(runs) if run.ordered and run.row != runs[path].row])
     before, named = set(_names(looked, range(own[0]))), set(first)
     early = [name for name in others if name not in named and name in before]

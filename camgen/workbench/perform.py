@@ -192,8 +192,11 @@ def find_runs(result: Result) -> tuple[Run, ...]:
     if kind_of(result.part) not in MOVABLE:
         solid = result.part.solid is not None
         return tuple(Run(path.contours or ((path.id,) if solid else ()), -1) for path in tour.paths)
-    planned = {path.id: path for path in result.planned if path.closed and len(path.position) > 1}
-    points = _find_points(result, planned)
+    from camgen.plan.seams import has_seam  # noqa: PLC0415 (shapely, which flat parts have loaded)
+
+    planned = {path.id: path for path in result.planned if has_seam(path)}
+    rows = _rows_of_paths(tour)
+    points = _find_points(result, planned, rows)
     named = set(result.job.tour.order)
     return tuple(
         Run(
@@ -203,18 +206,20 @@ def find_runs(result: Result) -> tuple[Run, ...]:
             point=points.get(path.id),
             ordered=not named.isdisjoint(path.contours),
         )
-        for path, row in zip(tour.paths, _rows_of_paths(tour), strict=True)
+        for path, row in zip(tour.paths, rows, strict=True)
     )
 
 
-def _find_points(result: Result, planned: dict[str, ToolPath]) -> dict[str, tuple[float, ...]]:
-    """The point of ``tour.seams`` of each path that has one, by its id."""
+def _find_points(result: Result, planned: dict[str, ToolPath], rows: Sequence[int]) -> dict[str, tuple[float, ...]]:
+    """The point of ``tour.seams`` of each path that has one, by its id. rows: of ``[[operations]]``, of the paths."""
     if not result.job.tour.seams:
         return {}
     from camgen.plan.seams import choose_points, read_points  # noqa: PLC0415 (shapely, only for few jobs)
 
-    chosen, _ = choose_points(read_points(result.job), list(planned.values()), result.part)
     names = list(planned)
+    row_of = {path.id: row for path, row in zip(result.tour.paths, rows, strict=True)}
+    own = [row_of.get(name, -1) for name in names]
+    chosen, _ = choose_points(read_points(result.job), list(planned.values()), own, result.part)
     return {names[path]: tuple(result.job.tour.seams[number]) for path, number in chosen.items()}
 
 

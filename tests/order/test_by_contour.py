@@ -221,6 +221,22 @@ def test_a_point_on_a_path_is_for_that_path_and_one_on_its_contour_for_all_of_it
     assert [note.what for note in two.notes if "no effect" in note.what] == ["tour.seams: [51, 20] has no effect"]
 
 
+def test_a_point_on_an_island_is_for_the_pass_around_it_alone(plate: Path) -> None:
+    operation = {"kind": "pocket", "depth": 2.0, "finish": 0.3}
+    free, pinned = (
+        camgen.plan(camgen.read(plate, job), job)
+        for job in (
+            camgen.job({"operation": operation, "tool": {"diameter": 4.0}, "process": {"spindle": 9000}, "tour": tour})
+            for tour in ({}, {"seams": [[25.0, 20.0]]})
+        )
+    )
+    held = [path for path in pinned.paths if path.pinned]
+    assert [path.position[0, :2].tolist() for path in held] == [pytest.approx([27.0, 20.0], abs=1e-6)]
+    # What goes down on a helix begins where there is room for it.
+    assert [path.entry_radius for path in free.paths] == [path.entry_radius for path in pinned.paths]
+    assert max(path.entry_radius for path in free.paths) > 0
+
+
 def test_operations_keep_their_order_and_what_the_list_says_otherwise_is_told(plate: Path) -> None:
     rows = [{"ids": ["c2", "c3", "c4"], "kind": "pocket"}, {"ids": ["c5", "c6", "c1"]}]
     job = {"operation": {"kind": "follow"}, "tool": {"diameter": TOOL}, "operations": rows}

@@ -137,6 +137,7 @@ def test_a_point_of_a_contour_stays_for_the_other_paths_along_it() -> None:
         (Looked("drawing", runs=runs(0)), "older program"),
         (Looked("drawing", runs=runs(0, 1)), "another operation"),
         (Looked("drawing", runs=(Run(("c1",), 0), Run(("c2",), 1))), "is not closed"),
+        (Looked("drawing", runs=(Run(("c1", "c2"), 0), Run(("c2", "c1"), 0))), "work on the same contours"),
     ],
 )
 def test_what_has_no_words_is_refused(looked: Looked, said: str) -> None:
