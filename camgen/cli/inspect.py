@@ -10,6 +10,7 @@ from camgen.model.errors import JobError
 from camgen.model.files import Source
 from camgen.model.job import Job
 from camgen.read import find_reader, is_drawing
+from camgen.read.contours import ContourFacts, list_contours
 from camgen.read.files import Files
 from camgen.read.job_file import beside, load
 
@@ -29,12 +30,19 @@ def run(arguments: Namespace, says: Voice) -> int:
         source = files.read(paths[0])
         says.stage("reading")
         found = _inspect(source, job, files)
+        contours = _list_contours(source, job, files) if says.verbose else []
     says.clear()
     if arguments.json:
-        says.data({"source": source.name, "facts": found})
+        says.data({"source": source.name, "facts": found} | ({"contours": contours} if contours else {}))
     else:
-        says.out(str(found).rstrip("\n") + "\n")
+        says.out(str(found).rstrip("\n") + "\n" + "".join(f"{one}\n" for one in contours))
     return 0
+
+
+def _list_contours(source: Source, job: Job, files: Files) -> list[ContourFacts]:
+    """The contours of what is a drawing, by the ids of ``operations.ids`` and ``tour.order``."""
+    reader = find_reader(source)
+    return list_contours(reader.read(source, job, files)) if reader.makes == "drawing" else []
 
 
 def _inspect(source: Source, job: Job, files: Files) -> object:

@@ -359,7 +359,7 @@ class Choice(Table, frozen=True):
     colors: Annotated[
         list[str], Meta(description='of what colors: names ("red"), numbers of DXF ("1") or "#ff0000"; none: all')
     ] = field(default_factory=list)
-    ids: Annotated[list[str], Meta(description="these contours, as inspect prints them; none: all")] = field(
+    ids: Annotated[list[str], Meta(description="these contours, as inspect -v prints them; none: all")] = field(
         default_factory=list
     )
     nesting: Annotated[
@@ -411,7 +411,7 @@ class TourTable(Table, frozen=True):
     ] = field(default_factory=list)
     order: Annotated[
         list[str],
-        Meta(description="contours that are run first, in this order, by their ids as inspect prints them"),
+        Meta(description="contours that are run first, in this order, by their ids as inspect -v prints them"),
     ] = field(default_factory=list)
 
 

@@ -90,7 +90,7 @@ def insist_on_order(part: Part, job: Job) -> None:
     for name in job.tour.order:
         if name not in known:
             what = f"there is no contour {name!r} in {part.source}"
-            raise JobError("job", what, "tour.order", "camgen inspect shows their ids")
+            raise JobError("job", what, "tour.order", "camgen inspect -v shows their ids")
         if name in named:
             raise JobError("job", f"contour {name!r} stands there twice", "tour.order", "name it once")
         named.add(name)

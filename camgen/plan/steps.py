@@ -89,7 +89,7 @@ def _choose(part: Part, step: Step, number: int) -> frozenset[str]:
     known = {c.id for c in part.contours}
     strange = [name for name in choice.ids if name not in known]
     if strange:
-        remedy = "camgen inspect shows their ids"
+        remedy = "camgen inspect -v shows their ids"
         raise InputError(part.source, f"there is no contour {strange[0]!r}", f"{where}.ids", remedy)
     colors = _chosen_colors(part, choice, where)
     found = [c for c in part.contours if _is_of_layer(c, choice) and (not choice.ids or c.id in choice.ids)]

@@ -613,6 +613,20 @@ def test_verify_refuses(line: str, said: str, built: Path, capsys: Captured) -> 
 
 
 @pytest.mark.usefixtures("here")
+def test_inspect_lists_the_contours_that_a_job_may_choose(capsys: Captured) -> None:
+    assert main(["inspect", "plate.dxf", "-v"]) == 0
+    said = capsys.readouterr().out
+    assert "c1: closed, 20 x 20 mm around 50, 25, layer holes\n" in said
+    assert "c2: closed, 100 x 50 mm around 50, 25, layer outline\n" in said
+    assert main(["inspect", "plate.dxf", "-v", "--json"]) == 0
+    listed = json.loads(capsys.readouterr().out)["contours"]
+    assert [one["id"] for one in listed] == ["c1", "c2"]
+    assert main(["build", "plate.dxf", "--post", "gcode", "--set", 'tour.order=["c99"]']) == 2
+    assert "camgen inspect -v shows their ids" in capsys.readouterr().err
+    assert main(["inspect", str(PARTS / "rfa1.stl"), "-v"]) == 0
+
+
+@pytest.mark.usefixtures("here")
 def test_inspect_shows_what_is_in_the_file(capsys: Captured) -> None:
     assert main(["inspect", "plate.dxf"]) == 0
     said = capsys.readouterr()
