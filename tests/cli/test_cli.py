@@ -623,7 +623,6 @@ def test_inspect_lists_the_contours_that_a_job_may_choose(capsys: Captured) -> N
     assert [one["id"] for one in listed] == ["c1", "c2"]
     assert main(["build", "plate.dxf", "--post", "gcode", "--set", 'tour.order=["c99"]']) == 2
     assert "camgen inspect -v shows their ids" in capsys.readouterr().err
-    assert main(["inspect", str(PARTS / "rfa1.stl"), "-v"]) == 0
 
 
 @pytest.mark.usefixtures("here")
