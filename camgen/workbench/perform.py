@@ -12,6 +12,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from camgen.build import Result, build, no_collector, program_files
+from camgen.check.report import clean
 from camgen.model.errors import CamgenError, InputError, rename_errors
 from camgen.model.files import Source
 from camgen.model.part import Part, Raster
@@ -61,7 +62,7 @@ class Layer(Struct, frozen=True):
 class Run(Struct, frozen=True):
     """What a path works on: ids of contours, or of one edge, and the row of ``[[operations]]``, -1 without rows. seam:
     x, y, z (mm) where a closed one begins, leads left away. point: that of ``tour.seams`` which says so. ordered:
-    whether ``tour.order`` names it.
+    whether ``tour.order`` names it. id: of the path, as the page has it.
     """
 
     contours: tuple[str, ...]
@@ -69,6 +70,7 @@ class Run(Struct, frozen=True):
     seam: tuple[float, float, float] | None = None
     point: tuple[float, ...] | None = None
     ordered: bool = False
+    id: str = ""
 
 
 class Looked(Struct, frozen=True):
@@ -191,7 +193,7 @@ def find_runs(result: Result) -> tuple[Run, ...]:
     tour = result.tour
     if kind_of(result.part) not in MOVABLE:
         solid = result.part.solid is not None
-        return tuple(Run(path.contours or ((path.id,) if solid else ()), -1) for path in tour.paths)
+        return tuple(Run(path.contours or ((path.id,) if solid else ()), -1, id=clean(path.id)) for path in tour.paths)
     from camgen.plan.seams import has_seam  # noqa: PLC0415 (shapely, which flat parts have loaded)
 
     planned = {path.id: path for path in result.planned if has_seam(path)}
@@ -205,6 +207,7 @@ def find_runs(result: Result) -> tuple[Run, ...]:
             seam=_find_seam(path, planned[path.id]) if path.id in planned else None,
             point=points.get(path.id),
             ordered=not named.isdisjoint(path.contours),
+            id=clean(path.id),
         )
         for path, row in zip(tour.paths, rows, strict=True)
     )

@@ -247,6 +247,10 @@ def test_a_seam_is_dragged_along_its_path_and_a_row_to_another_place(tab: Tab, f
     state = tab.rest(f"s.tables.tour?.seams?.[0][0] !== {point[0]} || s.tables.tour?.seams?.[0][1] !== {point[1]}")
     moved = state["looked"]["runs"][3]["seam"]
     assert 0.5 < float(np.hypot(moved[0] - run["seam"][0], moved[1] - run["seam"][1])) <= 1.01
+    tab.page.get_by_text("Seam as camgen likes").click()
+    assert tab.rest("!s.tables.tour")["built"]["number"] > state["built"]["number"]
+    tab.page.locator("#undo").click()
+    state = tab.rest("s.tables.tour?.seams")
     # The list: dragged, and by keys; the row that is chosen stays chosen, and the keyboard with it.
     frame = tab.shown(state["built"]["number"])
     third = frame.evaluate("camgen.data.paths[2].id")

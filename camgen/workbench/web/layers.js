@@ -1,6 +1,6 @@
 // Layers on and off and in their order, contours and edges that are left out, and what was clicked in the picture.
 
-import { ask, counted, draggable, make, move, same, set } from "./talk.js";
+import { ask, counted, draggable, make, move, set } from "./talk.js";
 
 const home = document.getElementById("layers");
 const card = document.getElementById("picked");
@@ -68,7 +68,7 @@ const shorten = (list) => `${list.slice(0, 12).join(", ")}${list.length > 12 ? "
 // What was clicked.
 
 export function pick(found, build) {
-  picked = found.path >= 0 || found.id ? { ...found, build, run: state.looked.runs[found.path] } : null;
+  picked = found.path >= 0 || found.id ? { ...found, build } : null;
   showPicked();
 }
 
@@ -78,8 +78,7 @@ function follow() {
   if (!picked || build === undefined || picked.build === build) return;
   picked.build = build;
   if (picked.path < 0) return;
-  const { run } = picked;
-  picked.path = state.looked.runs.findIndex((one) => run && one.row === run.row && same(one.contours, run.contours));
+  picked.path = state.looked.runs.findIndex((one) => one.id === picked.id);
   if (picked.path < 0) picked = null;
 }
 
