@@ -16,12 +16,15 @@ import camgen
 from camgen.build import Result, build
 from camgen.model.errors import CamgenError, JobError
 from camgen.model.job import Job, TourTable
+from camgen.model.part import Part
 from camgen.model.path import ToolPath
 from camgen.order import ArmTour
 from camgen.order.arrange import arrange, measure_travel
 from camgen.order.starts import starts
 from camgen.plan.leave_out import leave_out_paths
+from camgen.plan.seams import pin_seams
 from camgen.plan.unused import no_idle
+from tests.order.test_tour import along, length, pieces, point
 from tests.order.test_tour_rules import mixed
 
 Tables = dict[str, dict[str, object]]
@@ -144,6 +147,36 @@ def test_contours_that_are_named_come_first_in_their_order_and_pinned_starts_sta
             np.testing.assert_array_equal(path.position, drawn[path.id])
     assert tour.travel == pytest.approx(measure_travel(tour.paths, start))
     assert tour.bound is None or tour.bound <= tour.travel + 1e-6
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 10**6), st.integers(1, 12))
+def test_a_seam_is_the_nearest_point_of_the_nearest_path(seed: int, count: int) -> None:
+    """By points laid closely along the paths, on circles through their complex numbers."""
+    rng = random.Random(seed)
+    paths = [path for path in mixed(rng, 3 * count) if path.closed][:count]
+    if not paths:
+        return
+    on = rng.choice(paths)
+    place, _ = along(on, rng.random() * sum(map(length, pieces(on))))
+    place += complex(rng.uniform(-1, 1), rng.uniform(-1, 1))
+    laid = [np.array([point(one, t) for one in pieces(path) for t in np.linspace(0, 1, 400)]) for path in paths]
+    away = [float(np.abs(dots - place).min()) for dots in laid]
+    empty = Part("p", "p.dxf", "mm", (), ())
+    job = Job(tour=TourTable(seams=[[place.real, place.imag]]))
+    (begun,), notes = pin_seams([paths], empty, job)
+    assert notes == ()
+    for path, drawn, dots, apart in zip(begun, paths, laid, away, strict=True):
+        if not path.pinned:
+            assert apart >= min(away) - 0.1
+            continue
+        assert apart <= min(away) + 0.1
+        start = complex(path.position[0, 0], path.position[0, 1])
+        # At a vertex where less than 0.1 mm would be cut off; the points are 0.1 mm apart at most.
+        assert abs(start - place) <= apart + 0.2
+        assert float(np.abs(dots - start).min()) <= 0.1
+        assert sum(map(length, pieces(path))) == pytest.approx(sum(map(length, pieces(drawn))))
+    assert any(path.pinned for path in begun)
 
 
 def test_few_paths_with_seams_and_an_order_are_solved_and_no_other_start_or_order_is_shorter() -> None:
