@@ -221,7 +221,7 @@ def test_a_click_leaves_out_and_a_layer_is_switched(tab: Tab) -> None:
     assert tab.rest("s.tables.tour?.layers[0] === 'HOLES'")["failed"] is None
 
 
-def test_a_seam_is_dragged_along_its_path_and_a_row_to_another_place(tab: Tab, folder: Path) -> None:
+def test_a_seam_is_dragged_along_its_path_and_a_row_to_another_place(tab: Tab) -> None:
     frame = tab.shown(tab.rest()["built"]["number"])
     # Whole paths begin where camgen likes; c1, the outline, is the last of four.
     frame.locator("#rows .row").nth(3).click()
@@ -247,10 +247,6 @@ def test_a_seam_is_dragged_along_its_path_and_a_row_to_another_place(tab: Tab, f
     state = tab.rest(f"s.tables.tour?.seams?.[0][0] !== {point[0]} || s.tables.tour?.seams?.[0][1] !== {point[1]}")
     moved = state["looked"]["runs"][3]["seam"]
     assert 0.5 < float(np.hypot(moved[0] - run["seam"][0], moved[1] - run["seam"][1])) <= 1.01
-    tab.page.get_by_text("Seam as camgen likes").click()
-    assert tab.rest("!s.tables.tour")["built"]["number"] > state["built"]["number"]
-    tab.page.locator("#undo").click()
-    state = tab.rest("s.tables.tour?.seams")
     # The list: dragged, and by keys; the row that is chosen stays chosen, and the keyboard with it.
     frame = tab.shown(state["built"]["number"])
     third = frame.evaluate("camgen.data.paths[2].id")
@@ -268,13 +264,11 @@ def test_a_seam_is_dragged_along_its_path_and_a_row_to_another_place(tab: Tab, f
     frame.locator("#rows .row").nth(3).drag_to(frame.locator("#rows .row").nth(0))
     assert "c1 would be run before path" in tab.rest("s.failed")["failed"]["line"]
     tab.page.locator("#undo").click()
-    tab.rest("!s.failed")
-    tab.page.keyboard.press("Control+s")
-    tab.rest("s.saved && s.told")
-    program = (folder / "part.ngc").read_bytes()
-    (folder / "line").mkdir()
-    assert main(["build", str(folder / "part.dxf"), "--post", "gcode", "-o", str(folder / "line"), "-q"]) == 0
-    assert (folder / "line" / "part.ngc").read_bytes() == program
+    state = tab.rest("!s.failed")
+    # The seam goes back to where camgen likes it; what was clicked before is still what is meant.
+    tab.shown(state["built"]["number"]).locator("#rows .row").nth(3).click()
+    tab.page.get_by_text("Seam as camgen likes").click()
+    assert "seams" not in tab.rest("!s.tables.tour.seams")["tables"]["tour"]
     assert tab.said == []
 
 
