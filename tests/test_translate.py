@@ -74,3 +74,26 @@ def test_what_cannot_be_carried_over_refuses_the_program(old: str, new: str, sai
     (tmp_path / "glue.mod").write_text(RAPID.replace(old, new))
     with pytest.raises(InputError, match=said):
         camgen.build(tmp_path / "glue.mod", post="pacscript", job={"post": {"signals": {"doGun": 24}}})
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        (
+            "    Set doGun;\n",
+            "    MoveExtJ [[9E9,9E9,9E9,9E9,9E9,9E9],[50,9E9,9E9,9E9,9E9,9E9]],vmax,fine;\n    Set doGun;\n",
+        ),
+        ("    Set doGun;\n", "    IndAMove Station_A,1\\ToAbsNum:=90,20;\n    Set doGun;\n"),
+    ],
+)
+def test_axes_that_move_beside_the_arm_refuse_the_program(old: str, new: str, tmp_path: Path) -> None:
+    (tmp_path / "glue.mod").write_text(RAPID.replace(old, new))
+    with pytest.raises(InputError, match=r"external axes"):
+        camgen.build(tmp_path / "glue.mod", post="pacscript", job={"post": {"signals": {"doGun": 24}}})
+
+
+def test_extended_axes_of_pacscript_refuse_the_program(tmp_path: Path) -> None:
+    move = next(line for line in PACSCRIPT.splitlines() if line.strip().startswith("Move L"))
+    (tmp_path / "nut.pcs").write_text(PACSCRIPT.replace(move, f"{move} Ex((7, 10))"))
+    with pytest.raises(InputError, match=r"axes"):
+        camgen.build(tmp_path / "nut.pcs", post="rapid", job={"post": {"signals": {"24": "doNut"}}})

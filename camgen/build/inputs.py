@@ -72,16 +72,18 @@ def _frames_of(part: Part | None) -> Frames | None:
 def read_parts(sources: Sequence[Path | Part], job: Job, files: Files) -> Part:
     """The part in one or several inputs. Programs in one language are one program."""
     paths = [one for one in sources if isinstance(one, Path)]
-    if len(paths) == len(sources) > 1:
+    if len(paths) == len(sources) and (len(paths) > 1 or job.operation.taught_on):
         language = _find_language(paths, job, files)
         if language == "gcode":
             from camgen.read.gcode import read_files as read_gcode  # noqa: PLC0415 (only for what needs it)
 
             return read_gcode([files.within(job.limits).read(path) for path in paths], job)
         if language:
+            from camgen.plan.taught import find_flange  # noqa: PLC0415 (only for what needs it)
             from camgen.read.taught import read_files  # noqa: PLC0415 (only for what needs it)
 
-            return read_files([files.within(job.limits).read(path) for path in paths], job, language)
+            flange = find_flange(job.operation.taught_on) if job.operation.taught_on else None
+            return read_files([files.within(job.limits).read(path) for path in paths], job, language, flange)
     return join_parts([one if isinstance(one, Part) else _read(one, job, files) for one in sources])
 
 

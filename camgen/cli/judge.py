@@ -54,7 +54,12 @@ def ask_of(language: Language, arguments: Namespace, job: Job, files: Files) -> 
             what = {"entry": "has no routines to begin with", "points": "has its locations in its text"}[name]
             raise JobError(f"--{name}", f"{language.name} {what}", remedy="leave it out")
     points = read_texts([Path(name) for name in arguments.points], files)
-    return Ask(dialect, dict(map(_assumed, arguments.assume)), points, arguments.entry or "", job.limits)
+    flange = None
+    if job.operation.taught_on:
+        from camgen.plan.taught import find_flange  # noqa: PLC0415 (only for what needs it)
+
+        flange = find_flange(job.operation.taught_on)
+    return Ask(dialect, dict(map(_assumed, arguments.assume)), points, arguments.entry or "", job.limits, flange)
 
 
 def _assumed(given: str) -> tuple[str, float]:

@@ -24,7 +24,7 @@ from camgen.model.program import Instruction, Joints, Motion, MoveC, MoveJ, Move
 from camgen.model.text import counted
 from camgen.plan import ReplayPlan
 from camgen.plan.unused import no_idle
-from camgen.read.taught import Taught
+from camgen.read.taught import Reach, Taught
 from camgen.robots.models import Robot
 from camgen.robots.workcell import Workcell
 
@@ -113,23 +113,36 @@ def _find_arm(name: str) -> Robot:
         raise JobError("job", error.what, "operation.taught_on", error.remedy) from error
 
 
-def _pose_of(values: tuple[float, ...], arm: Robot | None, part: Taught, cell: Cell | None, line: int) -> Pose:
-    """Where ``arm`` puts the tool, in the work frame. InputError where no arm is known, or it has other joints."""
+def find_flange(name: str) -> Reach:
+    """Where the flange of the arm ``name`` is in its base, from joint values. JobError where there is no such arm."""
     from camgen.robots.kinematics.forward import flange  # noqa: PLC0415 (only for what needs it)
 
+    arm = _find_arm(name)
+
+    def reach(values: Sequence[float]) -> Pose | None:
+        if len(values) != len(arm.joints):
+            return None
+        rotation, origin = flange(arm, np.array([values]))
+        return Pose(frozen(rotation[0]), _point(origin[0].tolist()))
+
+    return reach
+
+
+def _pose_of(values: tuple[float, ...], arm: Robot | None, part: Taught, cell: Cell | None, line: int) -> Pose:
+    """Where ``arm`` puts the tool, in the work frame. InputError where no arm is known, or it has other joints."""
     if arm is None:
         what = "goes to joint values, which say nothing to another arm"
         remedy = 'name the arm that it was written for: operation.taught_on = "abb_irb120"'
         raise InputError(part.source, what, f"line {line}", remedy)
-    if len(values) != len(arm.joints):
+    flange = find_flange(arm.name)(values)
+    if flange is None:
         what = f"{counted(len(values), 'joint value')}, and {arm.name} has {len(arm.joints)}"
         raise InputError(part.source, what, f"line {line}", "name another arm: operation.taught_on")
     tool = part.frames.flange_from_tool or (cell.flange_from_tool if cell else None)
     work = part.frames.base_from_work or (cell.base_from_work if cell else None)
     if tool is None or work is None:
         raise JobError("cell", "is not given", remedy="joint values become poses in a cell")
-    rotation, origin = flange(arm, np.array([values]))
-    return work.inverse() @ Pose(frozen(rotation[0]), _point(origin[0].tolist())) @ tool
+    return work.inverse() @ flange @ tool
 
 
 def _point(values: list[float]) -> Vec3:

@@ -62,6 +62,8 @@ class Assumption(Struct, frozen=True):
 class Ask(Struct, frozen=True):
     """What the user says of a program. dialect: of the language, "" its own. assume: values by name in lower case, of
     inputs and whatever else no text holds. points: files of locations by name. entry: where it begins, "" as usual.
+    flange: base_from_flange of the arm that the program is for, from its joint values (rad, mm), None for another
+    number of them; without it nobody knows where joint values lead.
     """
 
     dialect: str = ""
@@ -69,6 +71,7 @@ class Ask(Struct, frozen=True):
     points: Mapping[str, str] = field(default_factory=dict)
     entry: str = ""
     limits: Limits = Limits()
+    flange: Callable[[Sequence[float]], Pose | None] | None = None
 
 
 class Executed(Struct, frozen=True, eq=False):

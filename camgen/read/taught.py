@@ -37,6 +37,7 @@ from camgen.model.text import counted, short
 from camgen.read.gcode.interpreter import ProgramRun, Recorded
 from camgen.read.programs import Ask, Executed, Frames, Places, find_language
 
+Reach = Callable[[Sequence[float]], Pose | None]
 #: Two frames are one where they differ by less, mm and rad.
 _SAME = 1e-6
 #: What a text that names no tool or work object means.
@@ -61,12 +62,13 @@ def read(source: Source, job: Job, language: str) -> Taught:
     return read_files([source], job, language)
 
 
-def read_files(sources: Sequence[Source], job: Job, language: str) -> Taught:
-    """The program in several files, as ``read`` does it. The first gives it its name."""
+def read_files(sources: Sequence[Source], job: Job, language: str, flange: Reach | None = None) -> Taught:
+    """The program in several files, as ``read`` does it. The first gives it its name. flange: as in ``Ask``."""
     name = " + ".join(source.name for source in sources)
     texts = {source.name: text_of(source) for source in sources}
     place = Places(texts) if len(sources) > 1 else "line {}".format
-    executed = find_language(language).run(texts, Ask(assume=_lower(job.input.assume), limits=sources[0].limits))
+    ask = Ask(assume=_lower(job.input.assume), limits=sources[0].limits, flange=flange)
+    executed = find_language(language).run(texts, ask)
     refused = [(one.line, one.what) for one in executed.findings if one.level == "refused"]
     for line, what in [*([executed.stopped] if executed.stopped else []), *refused][:1]:
         raise InputError(name, what, place(line), "camgen verify tells all of it; mend the program")

@@ -65,6 +65,19 @@ def test_what_the_user_says_leads_elsewhere(capsys):
     assert judged(capsys, "shop.mod", "--entry", "other")[1]["program"].endswith("1 joint motion")
 
 
+def test_the_arm_that_a_program_is_for_tells_where_joint_values_lead(capsys):
+    joints = "MoveAbsJ [[0,20,10,0,60,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v500,fine,tGun;"
+    seen = "MoveL Offs(CRobT(\\Tool:=tGun\\WObj:=wobj0),0,0,50),v100,fine,tGun;"
+    program = write("shop.mod", RAPID.replace("MoveJ p1,v500,fine,tGun;", f"{joints}\n{seen}", 1))
+    main(["verify", program])
+    assert "motions there are left out" in capsys.readouterr().out
+    assert main(["verify", program, "--set", "operation.taught_on=abb_irb120"]) == 0
+    assert "left out" not in capsys.readouterr().out
+    code, _, _, error = judged(capsys, program, "--set", "operation.taught_on=nobody")
+    assert code == 2
+    assert "operation.taught_on" in error
+
+
 def test_an_output_in_a_corner_is_dangerous(capsys):
     text = RAPID.replace("Offs(p1,0,100,0),v100,fine", "Offs(p1,0,100,0),v100,z10")
     code, _, told, error = judged(capsys, write("shop.mod", text))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from camgen.model.pose import IDENTITY, Pose, Vec3, frozen
@@ -54,6 +54,8 @@ class Machine:
 
     def __init__(self, assume: Mapping[str, float], points: Mapping[tuple[str, int], Value]) -> None:
         self.assume, self.points = assume, points
+        #: base_from_flange from joint values, where the arm is known.
+        self.flange: Callable[[Sequence[float]], Pose | None] | None = None
         self.line = 0
         self.body: list[Instruction] = []
         self.lines: list[int] = []
@@ -78,7 +80,7 @@ class Machine:
         #: Whether somebody whom the text does not show may have taken the arm.
         self.trusting = False
         # Programs that Run starts beside this one.
-        self.tasks: dict[str, None] = {}
+        self.tasks: dict[str, int] = {}
         self.motor = True
         self.moved = False
         self.guessed = False
@@ -119,6 +121,11 @@ class Machine:
         """Notes once what the program does and the body does not."""
         self.suppose(what, key)
         self.lost.setdefault(what[:160], self.line)
+
+    def lose_axes(self, what: str) -> None:
+        """Notes a fact about extended axes, which no body has."""
+        self.state("external axes", what)
+        self.lost.setdefault(f"external axes: {what}", self.line)
 
     def guess(self, what: str, key: str = "", value: float = 0.0) -> None:
         """Notes once which way was taken where no text decides: what stops the controller behind it is not sure."""
@@ -224,13 +231,22 @@ class Machine:
         self.moved, self.passing = True, passing
         target = item.target
         if isinstance(target, Joints):
-            self.here, self.joints = name_place(f"where the joint values of line {self.line} lead"), target
+            self.here = self._reach(target) or name_place(f"where the joint values of line {self.line} lead")
+            self.joints = target
         else:
             self.here, self.joints = (Placed(target.rotation, target.origin, base) if base else target), None
+
+    def _reach(self, joints: Joints) -> Pose | None:
+        """Where joint values put the tool in the work frame in force, where the arm and both are known."""
+        flange = self.flange(joints.values) if self.flange is not None else None
+        tool, work = self.pose_of("tool", self.numbers["tool"]), self.pose_of("work", self.numbers["work"])
+        return None if flange is None or tool is None or work is None else work.inverse() @ flange @ tool
 
     def go_joints(self, target: Joints, speed: float, blend: float, at_once: bool = False) -> None:
         """Moves the axes to values of their own."""
         if len(target.values) > 6:
+            if any(target.values[6:]):
+                self.lose_axes("joint values beyond the sixth are not shown")
             target = Joints(target.values[:6])
         mm_s, share = self.speed(speed)
         self.move(MoveJ(target, mm_s, blend, share=share), blend > 0 and not at_once)

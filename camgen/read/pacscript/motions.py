@@ -96,7 +96,7 @@ def move(run: Running, op: Op) -> None:
     for goal in motion.goals:
         target = place_of(run, goal.value)
         if goal.extended is not None:
-            run.machine.state("other axes", "extended axes move too")
+            run.machine.lose_axes("extended axes move too and are not shown")
         go(run, LINEAR[motion.kind], target, speed, blend_of(run, goal.mark), motion.at_once)
 
 
@@ -357,7 +357,7 @@ def _axis_value(value: Value, axis: int) -> Value:
 def _drive(run: Running, said: dict[int, Value], relative: bool, manner: tuple[float, float, bool]) -> None:
     machine = run.machine
     if any(axis > 6 for axis in said):
-        machine.state("other axes", ", ".join(f"axis {axis} moves" for axis in sorted(said) if axis > 6))
+        machine.lose_axes(", ".join(f"axis {axis} moves" for axis in sorted(said) if axis > 6))
         said = {axis: value for axis, value in said.items() if axis <= 6}
         if not said:
             return

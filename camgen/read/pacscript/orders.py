@@ -91,7 +91,7 @@ def _fill(run: Running, name: str, part: Node, value: Value) -> None:
 def _start_task(run: Running, op: Op) -> None:
     for part in op.b:
         evaluate(run, part)
-    run.machine.tasks.setdefault(str(op.a.said).lower())
+    run.machine.tasks.setdefault(str(op.a.said).lower(), run.machine.line)
 
 
 def _switch(run: Running, op: Op) -> None:

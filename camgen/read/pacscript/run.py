@@ -43,6 +43,7 @@ class Run:
     def __init__(self, files: Mapping[str, str], ask: Ask) -> None:
         points, faulty = read_points(ask.points)
         self.machine = Machine({key.lower(): float(value) for key, value in ask.assume.items()}, points)
+        self.machine.flange = ask.flange
         for what in faulty:
             self.machine.suppose(what)
         self.ask, self.given = ask, files
@@ -86,13 +87,16 @@ class Run:
     def _look_beside(self) -> None:
         """Runs the tasks that this one starts, each by itself: what they do is told, and what is wrong in them."""
         machine = self.machine
-        for name in list(machine.tasks)[:_MOST_BESIDE]:
+        for name, line in list(machine.tasks.items())[:_MOST_BESIDE]:
             other = Run(self.given, replace(self.ask, entry=name))
             if isinstance(other._entry(), str):
                 machine.state("other tasks", f"{name}, not shown")
+                machine.lost.setdefault(f"another task, {name}, is not shown", line)
                 continue
             done = other.whole(beside=False)
             machine.state("other tasks", f"{name}: {sum_up(done.body)}, not shown")
+            if done.body:
+                machine.lost.setdefault(f"another task, {name}, is not shown: {sum_up(done.body)}", line)
             for one in done.findings:
                 sure = one.level == "dangerous" or (one.line, one.what) in machine.findings
                 machine.line, machine.guessed = one.line, False

@@ -21,7 +21,7 @@ from camgen.model.pose import (
 )
 
 from .machine import Machine
-from .places import pose_of, say_pose, see_here
+from .places import pose_of, say_pose, see_here, see_joints
 from .tokens import Wrong
 from .tree import Call, Element, Expr, Maybe, Ref
 from .values import NOTHING, Unknown, Value, find_unknown, operate, tell_type
@@ -125,6 +125,17 @@ def _joints_here(machine: Machine, _call: Call) -> Value:
         machine.assume("CJointT: the joints where the arm is are not known", "")
         return Unknown("CJointT()")
     return (machine.here.joints, (9e9,) * 6)
+
+
+def _robot_of_joints(machine: Machine, call: Call) -> Value:
+    """CalcRobT: where joint values put the tool."""
+    joints = machine.value(call.args[0]) if len(call.args) == 2 else NOTHING
+    known = isinstance(joints, tuple) and len(joints) == 2 and find_unknown(joints[0]) is None
+    if isinstance(joints, tuple) and known and machine.displaced is None:
+        pose = see_joints(machine, joints[0], call.args[1], dict(call.options).get("wobj"))
+        if pose is not None:
+            return (*say_pose(pose), (0.0,) * 4, joints[1])
+    return _of_arm(machine, call)
 
 
 def _of_arm(machine: Machine, call: Call) -> Value:
@@ -337,7 +348,8 @@ def _bits(function: Callable[[int, int], int]) -> Callable[[float, float], float
 
 _SPECIAL: dict[str, Callable[[Machine, Call], Value]] = {
     "offs": _offs, "reltool": _reltool, "crobt": _robot_here, "cpos": _robot_here, "cjointt": _joints_here,
-    "calcrobt": _of_arm, "calcjointt": _of_arm, "eulerzyx": _euler, "strtoval": _number_of_text, "present": _present,
+    "calcrobt": _robot_of_joints, "calcjointt": _of_arm, "eulerzyx": _euler, "strtoval": _number_of_text,
+    "present": _present,
     "dim": _dimension, "testdi": _test_input, "round": _rounded, "trunc": _rounded, "rounddnum": _rounded,
     "truncdnum": _rounded,
     **dict.fromkeys(

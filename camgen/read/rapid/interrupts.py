@@ -121,7 +121,10 @@ def judge_trap(machine: Machine, routine: Routine, run: Callable[[], object]) ->
 def _aside(machine: Machine) -> Iterator[int]:
     """What is done within leaves nothing behind but what data are worth; the place in the body where it begins."""
     kept = {name: getattr(machine, name) for name in _KEPT}
-    copies = {name: getattr(machine, name).copy() for name in ("findings", "assumed", "facts", "outputs", "frame_keys")}
+    copies = {
+        name: getattr(machine, name).copy()
+        for name in ("findings", "assumed", "facts", "lost", "outputs", "frame_keys")
+    }
     begin, frames = len(machine.body), len(machine.frames)
     machine.blending = 0
     try:

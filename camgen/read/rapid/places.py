@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+
 from camgen.model.pose import Pose, quaternion, translation
 from camgen.read.programs import Frames
 
@@ -111,6 +114,8 @@ def _work_frame(machine: Machine, name: str, value: Value) -> Pose | None:
 def see_pose(machine: Machine) -> Pose | None:
     """Where the TCP in force is in the work frame in force, None where that is not known."""
     here = machine.here
+    if here.pose is None and here.joints is not None:
+        return _put(machine, here.joints, machine.frames[machine.frame])
     if here.pose is None or here.frame == machine.frame:
         return here.pose
     then, now = machine.frames[here.frame], machine.frames[machine.frame]
@@ -125,6 +130,25 @@ def see_pose(machine: Machine) -> Pose | None:
     if then.base_from_work is None or now.base_from_work is None:
         return None
     return now.base_from_work.inverse() @ then.base_from_work @ flange
+
+
+def see_joints(machine: Machine, joints: Sequence[float], tool: Expr, work: Expr | None) -> Pose | None:
+    """Where joint values, deg, put a tool in a work object, None where nobody knows."""
+    if machine.ask.flange is None:
+        return None
+    tool_name, tool_value = _persistent(machine, tool, "tooldata")
+    work_name, work_value = ("", None) if work is None else _persistent(machine, work, "wobjdata")
+    flange = _tool_frame(machine, tool_name, tool_value)
+    base = translation(0, 0, 0) if work is None else _work_frame(machine, work_name, work_value)
+    return _put(machine, joints, Frames(tool_name, work_name, flange, base))
+
+
+def _put(machine: Machine, joints: Sequence[float], frames: Frames) -> Pose | None:
+    """Where joint values, deg, put the tool in the work object of ``frames``."""
+    if machine.ask.flange is None or frames.flange_from_tool is None or frames.base_from_work is None:
+        return None
+    flange = machine.ask.flange([math.radians(value) for value in joints])
+    return None if flange is None else frames.base_from_work.inverse() @ flange @ frames.flange_from_tool
 
 
 def see_here(machine: Machine, call: Call) -> Value:

@@ -89,17 +89,21 @@ def _look_beside(machine: Machine, notes: Notes, ready: Callable[[Notes], Machin
     """Runs the other tasks, and what reacts and does not come, each by itself: what it does is told, and what is wrong
     in it. Where a reaction comes is not known: what it meets there is unusual at most.
     """
-    waiting = [(key, text, "tasks beside it, not run") for key, text in machine.beside.items()]
-    waiting += [(key, text, "reactions that do not come") for key, text in machine.reactions.items()]
-    for key, text, label in waiting[:_MOST_BESIDE]:
+    waiting = [(key, *told, "tasks beside it, not run") for key, told in machine.beside.items()]
+    waiting += [(key, *told, "reactions that do not come") for key, told in machine.reactions.items()]
+    for key, text, line, label in waiting[:_MOST_BESIDE]:
         routine = machine.find_program(key)
         if routine is None:
             notes.fact(label, f"{text}: in none of the files")
+            if label.startswith("tasks"):
+                notes.lose(line, f"another task, {text}, is in none of the files")
             continue
         said = Notes()
         other = ready(said)
         other.run(routine)
         notes.fact(label, f"{text}: {sum_up(other.body)}")
+        if label.startswith("tasks") and other.body:
+            notes.lose(line, f"another task, {text}, is not shown: {sum_up(other.body)}")
         for one in said.findings():
             if one.level != "dangerous":
                 notes.find("unusual", one.line, f"in {routine.name}: {one.what}")

@@ -54,6 +54,7 @@ class Robot(Surroundings):
         self.tool: list[int] = []
         self._held = 0
         self._base: Pose | None = None
+        self._flange = ask.flange
         self._once_exact = False
         self._hand: float | None = None
         self.detached = False
@@ -68,11 +69,19 @@ class Robot(Surroundings):
         if word == "BASE":
             return Location(self._base or NULL)
         if isinstance(self._at, Joints):
-            return unknown(_spell(self._at))
+            return self._reach(self._at) or unknown(_spell(self._at))
         if self._at is None:
             self._from_start()
             return unknown(_START)
         return self._at
+
+    def _reach(self, joints: Joints) -> Location | None:
+        """Where joint values lead, where the arm and the tool are known."""
+        flange = self._flange(joints.values) if self._flange is not None else None
+        tool = self.tools[self._held].pose if self._held else NULL
+        if flange is None or tool is None:
+            return None
+        return Location((self._base or NULL).inverse() @ flange @ tool)
 
     def point_here(self, word: str) -> Joints | Location:
         """The same as joint values."""
@@ -123,7 +132,7 @@ class Robot(Surroundings):
         text.expect(",")
         distance = text.logic()
         text.finish()
-        place = unknown(_spell(target)) if isinstance(target, Joints) else target
+        place = (self._reach(target) or unknown(_spell(target))) if isinstance(target, Joints) else target
         self.go(place.moved(translation(0, 0, -distance)), statement.word == "APPROS")
 
     def depart(self, statement: Statement) -> None:

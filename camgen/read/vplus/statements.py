@@ -61,13 +61,13 @@ def unwrap(text: str) -> tuple[str, str]:
 
 class Statements(Robot):
     """The instructions, one by one; those of control stand above. beside, reactions: the programs that EXECUTE starts
-    and that REACT names, and how they are told. come: reactions that have come.
+    and that REACT names, how they are told, and their line. come: reactions that have come.
     """
 
     def __init__(self, ask: Ask, notes: Notes) -> None:
         super().__init__(ask, notes)
-        self.beside: dict[str, str] = {}
-        self.reactions: dict[str, str] = {}
+        self.beside: dict[str, tuple[str, int]] = {}
+        self.reactions: dict[str, tuple[str, int]] = {}
         self.come: set[str] = set()
 
     def do(self, statement: Statement) -> None:
@@ -257,7 +257,7 @@ class Statements(Robot):
         if match is None:
             raise Unreadable("EXECUTE wants the name of a program")
         number = rest[: len(rest) - len(bare)].strip(" ,()")
-        self.beside.setdefault(canonical(match[1]), f"{match[1]}{f' (task {number})' if number else ''}")
+        self.beside.setdefault(canonical(match[1]), (f"{match[1]}{f' (task {number})' if number else ''}", self.line))
 
     def react(self, statement: Statement) -> str:
         """``REACT signal, program(arguments), priority``: the call that may come, "" where it names none."""
@@ -274,7 +274,7 @@ class Statements(Robot):
         if comes and key not in self.come:
             self.come.add(key)
             return call
-        self.reactions.setdefault(key, f"{match[1]} ({statement.word}, line {self.line})")
+        self.reactions.setdefault(key, (f"{match[1]} ({statement.word}, line {self.line})", self.line))
         return ""
 
     # -- arguments -----------------------------------------------------------------------------------------------

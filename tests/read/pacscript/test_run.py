@@ -87,7 +87,7 @@ def test_joints_are_in_radians_and_extended_axes_left_out() -> None:
     assert values[0] == pytest.approx((right, -right / 2, 0, 0, math.pi / 6, math.pi))
     assert values[1] == pytest.approx((0, -right / 2, 0, 0, math.pi / 6, right))
     assert values[2] == pytest.approx((0, 0, 0, 0, math.pi / 6, right))
-    assert ("other axes", "axis 7 moves") in found.facts
+    assert ("external axes", "joint values beyond the sixth are not shown, axis 7 moves") in found.facts
 
 
 def test_approach_and_depart_go_back_along_the_tool_and_draw_along_the_frame() -> None:
@@ -483,6 +483,7 @@ def test_a_task_in_a_file_of_its_own() -> None:
     other = "Sub Main\nSet IO[30]\nRun Main\nEnd Sub\n"
     found = LANGUAGE.run({"a.pcs": "Sub Main\nRun Watch\nEnd Sub\n", "Watch.pcs": other}, Ask(entry="a"))
     assert dict(found.facts)["other tasks"] == "watch: sets 30 to 1, not shown"
+    assert found.lost == ((2, "another task, watch, is not shown: sets 30 to 1"),)
 
 
 # -- files -----------------------------------------------------------------------------------------------------------

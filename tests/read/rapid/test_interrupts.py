@@ -85,6 +85,11 @@ def test_nothing_that_a_trap_does_aside_is_kept() -> None:
     assert [one.what for one in found.assumed] == ["the interrupt T_stop does not come"]
 
 
+def test_what_a_trap_would_leave_out_is_not_lost() -> None:
+    assert traps(f"ITimer 1,i1;\nMoveL p1,{TAIL}", "elsewhere;").lost == ()
+    assert traps(f"ITimer 1,i1;\nMoveL p1,{TAIL}", "elsewhere;", t_stop=1).lost != ()
+
+
 def test_a_stop_and_a_wait_are_told() -> None:
     found = traps(f"ITimer 1,i1;\nMoveL p1,{TAIL}", "Stop;\nWaitTime 2;", t_stop=1)
     assert kinds(found) == [Stop, Wait, MoveL]

@@ -158,6 +158,8 @@ def test_another_task_is_looked_at_by_itself():
     assert dict(found.facts)["tasks beside it, not run"] == (
         "watch (task 2): sets 5 to 1, sets 6 to 0, stops, waits, 1 motion"
     )
+    assert found.lost[0][0] == 3
+    assert found.lost[0][1].startswith("another task, watch (task 2), is not shown: sets 5 to 1")
     assert [(one.level, one.line) for one in found.findings] == [("dangerous", 8), ("unusual", 12)]
     assert found.findings[1].what.startswith("in watch: ")
     assert not [one for one in found.assumed if "round" in one.what]
