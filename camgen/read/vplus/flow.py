@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from functools import partial
 
 from msgspec import Struct
 
@@ -20,9 +21,10 @@ from .instructions import MOTIONS, REACTIONS
 from .locations import Expression
 from .names import canonical
 from .statements import ENDS, split, unwrap
-from .text import Impossible, Location, Routine, Statement, Stretch, Unreadable, one_by_one
+from .text import Impossible, Location, Routine, Statement, Stretch, Unreadable
 from .units import Units
 from .variables import Cell, Table, Value
+from .walk import walk, walk_apart
 
 #: So many programs may call each other: V+ has a stack, too.
 _DEEPEST = 60
@@ -124,27 +126,18 @@ class Machine(Units):
         self.ran.add(key)
         self.enter(self._kept.setdefault(key, {}))
         self._scopes[-1].others.update(arguments)
-        running = _Running(routine)
-        statements = routine.statements
-        index = 0
-        while index < len(statements):
-            statement = statements[index]
-            if isinstance(statement, Stretch):
-                self._stretch(statement)
-                index += 1
-                continue
-            self.line = statement.line
-            self.doubt = False
-            self.done.add(statement.line)
-            self.spend(1 + len(statement.rest) // _LONG)
-            try:
-                index = self._next(running, index, statement)
-            except Unreadable as error:
-                self._unreadable(statement, error)
-                index = routine.partner.get(index, index) + 1
-            if self.consulted:
-                self.tell_inputs()
+        walk(routine, partial(self._step, _Running(routine)), self._stretch, self._unreadable)
         self.leave()
+
+    def _step(self, running: _Running, index: int, statement: Statement) -> int:
+        self.line = statement.line
+        self.doubt = False
+        self.done.add(statement.line)
+        self.spend(1 + len(statement.rest) // _LONG)
+        after = self._next(running, index, statement)
+        if self.consulted:
+            self.tell_inputs()
+        return after
 
     def _stretch(self, plain: Stretch) -> None:
         self.line = plain.line
@@ -152,12 +145,11 @@ class Machine(Units):
         if self.stretch(plain):
             self.line = plain.line + len(plain.poses) - 1
             return
-        for statement in one_by_one(plain):
-            self.line, self.doubt = statement.line, False
-            try:
-                self.do(statement)
-            except Unreadable as error:
-                self._unreadable(statement, error)
+        walk_apart(plain, self._do_apart, self._unreadable)
+
+    def _do_apart(self, statement: Statement) -> None:
+        self.line, self.doubt = statement.line, False
+        self.do(statement)
 
     def _unreadable(self, statement: Statement, error: Unreadable) -> None:
         if self.doubt and isinstance(error, Impossible):
@@ -168,6 +160,8 @@ class Machine(Units):
             self.notes.refuse(statement.line, str(error))
         if statement.word in MOTIONS:
             self.lost(statement.word)
+        if self.consulted:
+            self.tell_inputs()
 
     # -- control -------------------------------------------------------------------------------------------------
 

@@ -11,6 +11,7 @@ import re
 from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import groupby
 
 import numpy as np
@@ -32,10 +33,10 @@ from camgen.read.vplus.text import (
     Statement,
     Stretch,
     Unreadable,
-    one_by_one,
     routines,
 )
 from camgen.read.vplus.variables import variable
+from camgen.read.vplus.walk import walk, walk_apart
 
 from .datafile import read_data
 from .robot import POSTURES, RobotState, same
@@ -98,25 +99,7 @@ class Machine(RobotState):
 
     def _run(self, routine: Routine) -> None:
         self.enter()
-        statements = routine.statements
-        loops: list[_Loop] = []
-        index = 0
-        while index < len(statements):
-            statement = statements[index]
-            if isinstance(statement, Stretch):
-                self._stretch(statement)
-                index += 1
-                continue
-            self._spend(statement.line)
-            if statement.word == "RETURN":
-                if statement.rest:
-                    self.report(statement.line, "RETURN stands alone")
-                break
-            try:
-                index = self._next(routine, index, statement, loops)
-            except Unreadable as error:
-                self._unreadable(statement, error)
-                index = routine.partner.get(index, index) + 1
+        walk(routine, partial(self._next, routine, []), self._stretch, self._unreadable)
         self.leave()
 
     def _stretch(self, plain: Stretch) -> None:
@@ -125,13 +108,12 @@ class Machine(RobotState):
             self._budget -= count
             self._line = plain.line + count - 1
             return
-        for statement in one_by_one(plain):
-            self._spend(statement.line)
-            try:
-                if not self.plain(statement):
-                    self.move(statement)
-            except Unreadable as error:
-                self._unreadable(statement, error)
+        walk_apart(plain, self._move_apart, self._unreadable)
+
+    def _move_apart(self, statement: Statement) -> None:
+        self._spend(statement.line)
+        if not self.plain(statement):
+            self.move(statement)
 
     def _spend(self, line: int) -> None:
         """The budget pays for the instruction in ``line``."""
@@ -145,9 +127,14 @@ class Machine(RobotState):
         if statement.word in _MOTIONS:
             self.lost()
 
-    def _next(self, routine: Routine, index: int, statement: Statement, loops: list[_Loop]) -> int:
+    def _next(self, routine: Routine, loops: list[_Loop], index: int, statement: Statement) -> int:
         """Carries out one instruction; the index of the one after it."""
+        self._spend(statement.line)
         word = statement.word
+        if word == "RETURN":
+            if statement.rest:
+                self.report(statement.line, "RETURN stands alone")
+            return len(routine.statements)
         if word in ("MOVES", "MOVE") and self.plain(statement):
             return index + 1
         if word == "FOR":
