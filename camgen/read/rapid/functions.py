@@ -346,6 +346,8 @@ def _bits(function: Callable[[int, int], int]) -> Callable[[float, float], float
     return lambda a, b: float(function(int(a), int(b)))
 
 
+#: The bits of a dnum that functions of bits work on.
+_DNUM = 2**52 - 1
 _SPECIAL: dict[str, Callable[[Machine, Call], Value]] = {
     "offs": _offs, "reltool": _reltool, "crobt": _robot_here, "cpos": _robot_here, "cjointt": _joints_here,
     "calcrobt": _robot_of_joints, "calcjointt": _of_arm, "eulerzyx": _euler, "strtoval": _number_of_text,
@@ -376,7 +378,9 @@ _PLAIN: dict[str, Callable[..., Value]] = {
     "strorder": lambda a, b, *_: a <= b, "numtostr": _number_text, "dnumtostr": _number_text, "valtostr": _value_text,
     "bitand": _bits(int.__and__), "bitor": _bits(int.__or__), "bitxor": _bits(int.__xor__),
     "bitlsh": _bits(lambda a, b: (a << min(b, 64)) & 0xFF), "bitrsh": _bits(lambda a, b: a >> min(b, 64)),
-    "bitcheck": lambda a, b: bool(int(a) >> (min(int(b), 64) - 1) & 1),
+    "bitlshdnum": _bits(lambda a, b: (a << min(b, 64)) & _DNUM), "bitrshdnum": _bits(lambda a, b: a >> min(b, 64)),
+    **dict.fromkeys(("bitcheck", "bitcheckdnum"), lambda a, b: bool(int(a) >> (min(int(b), 64) - 1) & 1)),
+    "bitneg": lambda a: float(~int(a) & 0xFF), "bitnegdnum": lambda a: float(~int(a) & _DNUM),
     "gettaskname": lambda: "T_ROB1", "robos": lambda: False, "taskrunrob": lambda: True, "validio": lambda *_: True,
     "isfile": lambda *_: False, "opmode": lambda: 1.0, "runmode": lambda *_: 1.0,
 }  # fmt: skip
@@ -387,7 +391,7 @@ _WITH_OPTION: dict[tuple[str, ...], Callable[..., Value]] = {
 }  # fmt: skip
 #: What only a controller, its operator or its surroundings know.
 _UNKNOWN = frozenset(
-    """argname bitneg bytetostr calcrotaxframez calcrotaxisframe camgetexposure camgetloadedjob camgetname
+    """argname bytetostr calcrotaxframez calcrotaxisframe camgetexposure camgetloadedjob camgetname
     camnumberofresults capgetfailsigs cdate clkread cnvdist corrread cspeedoverride ctime ctool cwobj
     dacheckmmsopt dagetfsttimeevt dagetmp dagetrobotname dagettaskname dectohex defaccframe defdframe
     egmgetstate eventtype exechandler execlevel fcgetforce fcgetprocessdata fcidentload fcisforcemode filesize

@@ -275,9 +275,12 @@ _RECEIVES: dict[str, tuple[int, ...]] = {
     "readblock": (1,), "rmqgetmsgdata": (1,), "rmqreadwait": (0,), "rmqgetmessage": (0,), "rmqgetmsgheader": (0,),
     "gettrapdata": (0,), "camgetresult": (1,), "search_1d": (0,), "search_groove": (0,), "search_part": (0,),
     "getnextsym": (0,), "mtooltcpcalib": (4, 5, 6), "mtoolrotcalib": (1,), "stooltcpcalib": (4, 5, 6),
-    "stoolrotcalib": (4,),
+    "stoolrotcalib": (4,), "getjointdata": (), "socketreceivefrom": (),
 }  # fmt: skip
-_RECEIVED_BY = frozenset(("result", "str", "rawdata", "data", "message", "buttons", "timeflag", "readnoofbytes"))
+_RECEIVED_BY = frozenset(
+    ("position", "speed", "torque", "exttorque", "result", "str", "rawdata", "data", "message", "buttons", "timeflag",
+     "readnoofbytes")
+)  # fmt: skip
 
 
 def _increase(machine: Machine, call: Call) -> None:
@@ -343,7 +346,7 @@ def _nothing(_machine: Machine, _call: Call) -> None:
 #: Screen, files, sockets, clocks, world zones, other tasks, supervision: they move nothing.
 #: What moves the arm as no text says: by an external stream, back along its path, by force, by hand.
 _UNSEEN = ("egmrunpose", "egmrunjoint", "egmmovel", "egmmovec", "pathrecmovebwd", "pathrecmovefwd", "fcrefstart",
-           "setleadthrough")  # fmt: skip
+           "setleadthrough", "stepbwdpath")  # fmt: skip
 _NO_EFFECT = """
     accset acteventbuffer activateprofile actunit aliascamera aliasio aliasioreset arckill arcrefresh arcrepl
     bookerrno brakecheck camflush camgetparameter camloadjob camreqimage camsetexposure camsetparameter

@@ -247,7 +247,9 @@ def test_a_wait_is_over_at_once_and_said() -> None:
         ("Trunc(2.9)", 2), ("a{2}", 20), ("Dim(a,1)", 3), ("p1.trans.x", 100), ("Distance(p0.trans,p1.trans)", 100),
         ("VectMagn([3,4,0])", 5), ("DotProd([1,2,3],[1,1,1])", 6), ("StrLen(\"abc\")", 3),
         ("StrFind(\"abc\",1,\"c\")", 3),
-        ("StrMatch(\"abcabc\",2,\"ab\")", 4), ("BitAnd(6,3)", 2), ("EulerZYX(\\X,OrientZYX(10,20,30))", 30),
+        ("StrMatch(\"abcabc\",2,\"ab\")", 4), ("BitAnd(6,3)", 2),
+        ("BitNeg(5)", 250), ("BitLShDnum(3,8)", 768), ("BitRShDnum(768,8)", 3),
+        ("EulerZYX(\\X,OrientZYX(10,20,30))", 30),
         ("EulerZYX(\\Z,OrientZYX(10,20,30))", 10), ("StrFind(\"aab\",1,\"a\"\\NotInSet)", 3),
         ("ATan(1)", 45), ("-(7 DIV -2)", 3),
         ("StrLen(NumToStr(12345,1\\Exp))", 7),
@@ -557,6 +559,19 @@ def test_what_was_assumed_can_be_given(condition: str, assume: Mapping[str, floa
 
 def test_what_is_left_on_is_a_fact() -> None:
     assert dict(done("Set do1;\nSet do2;\nReset DO1;").facts)["on at the end"] == "do2"
+
+
+def test_an_error_that_is_raised_to_the_user_is_handled() -> None:
+    handler = "PROC two()\nRaiseToUser \\Continue \\ErrorNumber:=7;\nERROR\nWaitTime 3;\nTRYNEXT;\nENDPROC"
+    found = done("two;\nWaitTime 1;", handler)
+    assert waits(found) == [3.0, 1.0]
+    assert found.lost == ()
+
+
+def test_what_instructions_of_newer_controllers_give_is_not_known() -> None:
+    found = done("GetJointData 1\\Position:=n;\nSocketReceiveFrom s1\\Str:=s;\nStepBwdPath 30,1;")
+    assert not found.findings
+    assert [what for _, what in found.lost] == ["stepbwdpath moves the arm as no text says: it is not shown"]
 
 
 def test_a_handler_asks_for_the_error() -> None:
