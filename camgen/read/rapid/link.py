@@ -58,6 +58,9 @@ def _check_names(machine: Machine, module: Module, seen: dict[str, int]) -> None
         if before:
             machine.find("refused", f"{name[:40]} is declared twice, first in line {before}", line)
         own[key] = own.get(key, line)
+        if not local and key == module.name.lower():
+            what = f"{name[:40]} has the name of its module: the controller cannot tell them apart"
+            machine.find("refused", what, line)
         if not local:
             seen[key] = seen.get(key, line)
     for routine in module.routines:
