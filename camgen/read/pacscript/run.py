@@ -35,21 +35,25 @@ _DEEPEST = 40
 _MOST_IO = 24063
 #: So many tasks are looked at.
 _MOST_BESIDE = 20
+#: Statements of each, beyond those of the text.
+_MOST_OF_A_TASK = 5_000
 
 
 class Run:
-    """A run. scope: the names of the procedure that runs, module_scope: those of its file."""
+    """A run. scope: the names of the procedure that runs, module_scope: those of its file. read: a run that has read
+    the same files.
+    """
 
-    def __init__(self, files: Mapping[str, str], ask: Ask) -> None:
+    def __init__(self, files: Mapping[str, str], ask: Ask, read: Run | None = None) -> None:
         points, faulty = read_points(ask.points)
         self.machine = Machine({key.lower(): float(value) for key, value in ask.assume.items()}, points)
         self.machine.flange = ask.flange
         for what in faulty:
             self.machine.suppose(what)
-        self.ask, self.given = ask, files
-        self.files: dict[str, File] = read_files(files, self.say)
+        self.ask = ask
+        self.files: dict[str, File] = read.files if read else read_files(files, self.say)
         self.most = ask.limits.pacscript_steps + sum(len(file.statements) for file in self.files.values())
-        self.modules: dict[str, Module] = {}
+        self.modules: dict[str, Module] = read.modules if read else {}
         self.scopes: dict[str, Scope] = {}
         ranked = sorted(self.files, key=lambda name: name.endswith(".h"))
         self.stems = {stem(name): name for name in reversed(ranked)}
@@ -58,7 +62,7 @@ class Run:
         self.depth = 0
         self.learned: dict[int, Value] = {}
         #: Procedures that several files include, by their statements.
-        self.codes: dict[Any, Code] = {}
+        self.codes: dict[Any, Code] = read.codes if read else {}
 
     def say(self, line: int, what: str) -> None:
         """Notes something that the language does not have."""
@@ -79,16 +83,17 @@ class Run:
             stopped = (self.machine.line or 1, "the program raises an error here")
         except RecursionError:
             stopped = (self.machine.line or 1, "procedures and brackets nested too deep")
-        self._read_rest()
         if beside:
+            self._read_rest()
             self._look_beside()
         return self.machine.finish(stopped)
 
     def _look_beside(self) -> None:
         """Runs the tasks that this one starts, each by itself: what they do is told, and what is wrong in them."""
         machine = self.machine
+        limits = replace(self.ask.limits, pacscript_steps=min(self.ask.limits.pacscript_steps, _MOST_OF_A_TASK))
         for name, line in list(machine.tasks.items())[:_MOST_BESIDE]:
-            other = Run(self.given, replace(self.ask, entry=name))
+            other = Run({}, replace(self.ask, entry=name, limits=limits), self)
             if isinstance(other._entry(), str):
                 machine.state("other tasks", f"{name}, not shown")
                 machine.lost.setdefault(f"another task, {name}, is not shown", line)

@@ -44,6 +44,8 @@ from .tree import (
 )
 from .values import NOTHING, Unknown, Value, Variable, find_unknown
 
+#: So many TRAPs are looked at beside the program.
+_MOST_TRAPS = 50
 #: Statements of a TRAP that is looked at beside the program.
 _MOST_OF_A_TRAP = 5_000
 #: Times that a program begins anew without having moved.
@@ -291,7 +293,8 @@ def run_entry(machine: Machine, entry: Routine, most: int) -> tuple[int, str] | 
     for routine in machine.homes:
         if routine.kind == "proc" and routine not in runner.ran:
             machine.tell("not run", routine.name)
-    for routine in [one for one in machine.homes if one.kind == "trap" and one not in runner.ran]:
+    waiting = [one for one in machine.homes if one.kind == "trap" and one not in runner.ran]
+    for routine in waiting[:_MOST_TRAPS]:
         runner.depth, runner.steps, runner.most = 0, 0, _MOST_OF_A_TRAP
         call = Call(routine.line, routine.name.lower())
         judge_trap(machine, routine, partial(_run_whole, runner, partial(runner.call, routine, call)))

@@ -31,6 +31,8 @@ from .variables import Value
 _FRAMES = 8
 #: So many other tasks and reactions are looked at.
 _MOST_BESIDE = 20
+#: Instructions of each, beyond those of the text.
+_MOST_OF_A_TASK = 5_000
 _CALL = re.compile(r"(?:CALL|EXECUTE)\b[^A-Za-z]*([A-Za-z][A-Za-z0-9._]*)", re.IGNORECASE)
 _SURE = re.compile(
     r"^\s*\.PROGRAM\s+[A-Za-z][A-Za-z0-9._]*\s*(?:\([^()]*\))?\s*(?:;.*)?$", re.IGNORECASE | re.MULTILINE
@@ -66,7 +68,8 @@ def run(files: Mapping[str, str], ask: Ask) -> Executed:
         return Executed((), (), findings=notes.findings(), stopped=(1, what))
     notes.fact("entry", entry.name)
     machine.run(entry)
-    _look_beside(machine, notes, lambda said: _ready(routines, ask, said, beside, values))
+    short = replace(ask, limits=replace(ask.limits, vplus_steps=min(ask.limits.vplus_steps, _MOST_OF_A_TASK)))
+    _look_beside(machine, notes, lambda said: _ready(routines, short, said, beside, values))
     check_rest(routines, machine, notes)
     _tell_programs(routines, machine, notes)
     frames, frame, body = _place(machine)

@@ -114,6 +114,13 @@ def plain(value: object) -> object:
     return value
 
 
+def test_many_traps_without_end_take_seconds() -> None:
+    traps = "\n".join(f"TRAP t{k}\nWHILE TRUE DO\nn:=n+1;\nENDWHILE\nENDTRAP" for k in range(2000))
+    begin = time.perf_counter()
+    run({"a.mod": f"MODULE m\nVAR num n;\nPROC main()\nENDPROC\n{traps}\nENDMODULE\n"}, Ask())
+    assert time.perf_counter() - begin < 10
+
+
 @pytest.mark.parametrize("path", OURS, ids=lambda path: f"{path.parents[1].name}-{path.stem}")
 def test_our_own_programs_mean_what_the_strict_reading_says(path: Path) -> None:
     text = path.read_text(encoding="latin-1")
