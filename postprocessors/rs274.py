@@ -336,7 +336,11 @@ class Rs274(Post):
         if item.signal not in self.signals:
             known = ", ".join(["spindle", *sorted(self.signals)])
             return f"signal {item.signal} has no output (known: {known}); give it one in post.signals"
-        return "" if item.value in (0, 1) else f"signal {item.signal} is on (1) or off (0), not {item.value:g}"
+        if item.value in (0, 1):
+            return ""
+        what = f"signal {item.signal} is on (1) or off (0), not {item.value:g}"
+        spindle = f'; if it is the spindle of an old program: input.signals = {{ {item.signal} = "spindle" }}'
+        return what + (spindle if item.value > 1 else "")
 
     def why_not_force(self, item: Force) -> str:  # noqa: ARG002 (for those who override)
         """Why force control cannot be turned on: G-code has none."""

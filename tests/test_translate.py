@@ -6,7 +6,9 @@ from pathlib import Path
 import pytest
 
 import camgen
-from bench.read.translate import CASES, POSTS, WITHIN, apart, there_and_back
+from bench.read import mills
+from bench.read.goldens import CASES, POSTS, apart
+from bench.read.translate import WITHIN, there_and_back
 from camgen.model.errors import InputError
 from camgen.model.program import MoveC, Output
 from tests.support.old_programs import PACSCRIPT, RAPID
@@ -20,9 +22,48 @@ def test_there_and_back_is_the_same_motion(case: str, source: str, target: str) 
         pytest.skip(f"{case} has no program for {source}")
     before, after = there_and_back(file, source, target)
     assert len(before.points) > 100
-    assert apart(before, after) < WITHIN
+    assert apart(before.points, after.points) < WITHIN
     assert before.seconds == pytest.approx(after.seconds, rel=2e-3, abs=2e-3)
     assert [value for _, value in before.outputs] == [value for _, value in after.outputs]
+
+
+@pytest.mark.parametrize("case", ["layers-inside", "plate-drill"])
+@pytest.mark.parametrize(
+    ("source", "target"), [*permutations(["rapid", "gcode"]), *permutations(["gcode", "grbl"]), ("vplus", "gcode"),
+                           ("gcode", "pacscript")]
+)  # fmt: skip
+def test_by_way_of_gcode_the_motion_is_the_same(case: str, source: str, target: str) -> None:
+    """Rapid motions become lines of travel, and motions of the joints rapid ones: they end where they did."""
+    before, after = mills.there_and_back(CASES / case, source, target)
+    assert len(before.points) > 100
+    assert apart(before.points, after.points) < WITHIN
+    assert before.seconds == pytest.approx(after.seconds, rel=2e-3, abs=2e-3)
+    assert mills.rapids_apart(before, after) < 0.002
+    assert mills.differ(before, after) in ("", "the spindle is on or off" if target == "pacscript" else "")
+
+
+@pytest.mark.parametrize(
+    ("case", "source", "said"),
+    [
+        ("space-trace", "rapid", "the tool is not straight down, and the machine has three axes"),
+        ("bracket-deburr", "pacscript", "G-code has no force control"),
+    ],
+)
+def test_what_a_mill_has_not_is_refused_by_name(case: str, source: str, said: str) -> None:
+    with pytest.raises(camgen.CamgenError, match=said):
+        mills.there_and_back(CASES / case, source, "gcode")
+
+
+def test_outputs_of_an_old_program_may_have_other_names(tmp_path: Path) -> None:
+    """An analog output of a robot is the spindle of a mill."""
+    file = tmp_path / "old.mod"
+    file.write_bytes((CASES / "plate-drill" / "expected" / "part.mod").read_bytes())
+    with pytest.raises(camgen.CamgenError, match=r'input\.signals = \{ aoSpindle = "spindle" \}'):
+        camgen.build(file, post="gcode", job={"post": {"signals": {"aoSpindle": "P0"}}})
+    job = {"input": {"signals": {"aoSpindle": "spindle"}}}
+    assert "S2500 M3" in camgen.build(file, post="gcode", job=job).text
+    with pytest.raises(InputError, match=r"switches no output 'aoOther' \(input\.signals\); it switches aoSpindle"):
+        camgen.build(file, post="gcode", job={"input": {"signals": {"aoOther": "spindle"}}})
 
 
 def split(tmp_path: Path) -> list[Path]:

@@ -2,7 +2,8 @@
 
 Every golden program of a robot is posted anew for every other robot, and that for its own again. The motion of the last
 is compared with that of the first: the places of its tool both ways, and the seconds at its speeds. Controllers without
-arcs, or with coarser digits, are in the tolerance. A case that another arm cannot reach is told with its reason.
+arcs, or with coarser digits, are in the tolerance. A case that another arm cannot reach is told with its reason. Then
+the same by way of G-code, and of G-code by way of robots (``bench/read/mills.py``).
 """
 
 from __future__ import annotations
@@ -19,7 +20,8 @@ from numpy.typing import NDArray
 
 import camgen
 from bench.machine import machine
-from camgen.geometry.arcs import circle, turn_about
+from bench.read import mills
+from bench.read.goldens import ARMS, CASES, CHORD, POSTS, along, apart
 from camgen.model.pose import Pose, fixed_xyz, frozen
 from camgen.model.program import Joints, MoveC, MoveJ, MoveL, Output
 from camgen.read.programs import Ask, find_language
@@ -27,19 +29,8 @@ from camgen.read.taught import in_one_frame
 from camgen.robots.catalogue import robot
 from camgen.robots.kinematics.forward import flange
 
-CASES = Path(__file__).parents[2] / "fixtures" / "cases"
-#: The robots' controllers, their suffixes, and what each calls output number k.
-POSTS = {"rapid": (".mod", "do{}"), "vplus": (".v2", "{}"), "pacscript": (".pcs", "{}")}
-#: Whose joint values the golden programs have.
-ARMS = {"rapid": "abb_irb120", "vplus": "adept_cobra_s600", "pacscript": "denso_vs060"}
-#: mm between points that are compared.
-_STEP = 0.2
 #: mm: nearer ones are one.
 _SAME = 1e-6
-#: So many points are compared at a time.
-_SOME, _FEW = 500, 50
-#: mm: where no arc is printed, chords leave it by so much; digits are rounded twice on top.
-CHORD = 0.02
 WITHIN = CHORD + 0.002
 
 
@@ -82,7 +73,7 @@ def way_of(file: Path, language: str, frames: tuple[Pose, Pose]) -> Way:
         if not isinstance(item, MoveJ | MoveL | MoveC):
             continue
         if here is not None and not isinstance(item, MoveJ):
-            some, length = _along(here, item)
+            some, length = along(here, item)
             points += some
             seconds += length / item.speed
         target = item.target
@@ -98,48 +89,6 @@ def way_of(file: Path, language: str, frames: tuple[Pose, Pose]) -> Way:
     # Where one motion ends another begins.
     moved = moved[np.append(True, np.abs(np.diff(moved, axis=0)).max(axis=1) > _SAME)]
     return Way(moved @ base.rotation.T + base.origin, seconds, outputs)
-
-
-def _along(start: tuple[float, float, float], item: MoveL | MoveC) -> tuple[list[tuple[float, float, float]], float]:
-    end = item.target.origin
-    if isinstance(item, MoveL):
-        length = math.dist(start, end)
-        shares = np.linspace(0, 1, max(2, math.ceil(length / _STEP) + 1))[:, None]
-        return [(x, y, z) for x, y, z in (start + shares * np.subtract(end, start)).tolist()], length
-    centre, radius, axis, sweep = circle(start, item.via.origin, end)
-    x, y, z = np.subtract(start, centre).tolist()
-    turned = np.linspace(0, sweep, max(2, math.ceil(radius * sweep / _STEP) + 1)).tolist()
-    arms = [turn_about((x, y, z), axis, angle) for angle in turned]
-    return [(a + centre[0], b + centre[1], c + centre[2]) for a, b, c in arms], radius * sweep
-
-
-def apart(a: Way, b: Way) -> float:
-    """The farthest that a point of one way is from the other, mm."""
-    return max(_farthest(a.points, b.points), _farthest(b.points, a.points))
-
-
-def _farthest(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
-    near = np.concatenate([_nearest(a[k : k + _SOME], b) for k in range(0, len(a), _SOME)])
-    beside = np.clip(near[:, None] + [-1, 0], 0, max(len(b) - 2, 0))
-    best = _to_lines(a[:, None], b[beside], b[np.minimum(beside + 1, len(b) - 1)]).min(axis=1)
-    # Where another line comes by, the nearest point may be on that, and the nearest line not beside it.
-    far = np.flatnonzero(best > CHORD)
-    for some in np.array_split(far, len(far) // _FEW + 1):
-        best[some] = _to_lines(a[some, None], b[None, :-1], b[None, 1:]).min(axis=1)
-    return float(best.max())
-
-
-def _to_lines(points: NDArray[np.float64], start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
-    """How far points are from lines, all (..., 3)."""
-    along = end - start
-    square = (along**2).sum(axis=-1)
-    share = np.clip(((points - start) * along).sum(axis=-1) / np.where(square > 0, square, 1.0), 0, 1)
-    return np.asarray(np.linalg.norm(start + share[..., None] * along - points, axis=-1))
-
-
-def _nearest(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.int64]:
-    square = (b**2).sum(axis=1) - 2 * a @ b.T
-    return np.asarray(square.argmin(axis=1))
 
 
 def post_again(file: Path, source: str, target: str, folder: Path, frames: tuple[Pose, Pose]) -> Path:
@@ -192,7 +141,7 @@ def tell(file: Path, source: str, target: str) -> str:
     except camgen.CamgenError as error:
         return f"- | - | {error}"
     same = [value for _, value in a.outputs] == [value for _, value in b.outputs]
-    return f"{apart(a, b):.4f} | {abs(a.seconds - b.seconds):.3f} | {'' if same else 'outputs differ'}"
+    return f"{apart(a.points, b.points):.4f} | {abs(a.seconds - b.seconds):.3f} | {'' if same else 'outputs differ'}"
 
 
 def main() -> None:
@@ -204,6 +153,12 @@ def main() -> None:
     for case in listed:
         for row in rows(case):
             print(row, flush=True)
+    print("\nBy way of G-code, and G-code by way of the others:\n")
+    print("| case | from | by way of | mm apart | s apart | rapids, mm apart | |")
+    print("|---|---|---|---|---|---|---|")
+    for case in listed:
+        for pair in mills.pairs(case):
+            print(f"| {case.name} | {pair[0]} | {pair[1]} | {mills.tell(case, *pair)} |", flush=True)
 
 
 if __name__ == "__main__":

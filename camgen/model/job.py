@@ -59,6 +59,10 @@ class InputTable(Table, frozen=True):
         dict[str, float],
         Meta(description="of programs: what no text holds, by the keys that `camgen verify` names, { di1 = 1 }"),
     ] = field(default_factory=dict)
+    signals: Annotated[
+        dict[str, str],
+        Meta(description='of programs: other names for their outputs, { aoSpindle = "spindle" }'),
+    ] = field(default_factory=dict)
 
 
 class ImageTable(Table, frozen=True):

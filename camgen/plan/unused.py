@@ -14,7 +14,7 @@ from camgen.robots.workcell import Workcell
 _ALL = ("*",)
 _SETTING = re.compile(r"\b[a-z]+\.[a-z_]+\b")
 #: Of programs that are read.
-_PROGRAMS = ("dialect", "assume")
+_PROGRAMS = ("dialect", "assume", "signals")
 #: How a tool stands along a curve in space.
 _STAND = ("axis", "angles")
 _EDGES = {

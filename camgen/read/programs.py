@@ -13,10 +13,11 @@ from typing import Literal
 
 from msgspec import Struct, field
 
+from camgen.model.errors import InputError
 from camgen.model.limits import Limits
 from camgen.model.plugins import entries, find, load
 from camgen.model.pose import Pose
-from camgen.model.program import Instruction
+from camgen.model.program import Instruction, Output
 from camgen.model.text import grouped
 
 LANGUAGES = "camgen.languages"
@@ -119,6 +120,19 @@ def find_language(name: str) -> Language:
 def list_languages() -> list[Language]:
     """All that are installed, by name."""
     return [load(entry) for entry in entries(LANGUAGES)]  # type: ignore[misc]
+
+
+def rename_outputs(body: Sequence[Instruction], names: Mapping[str, str], file: str) -> tuple[Instruction, ...]:
+    """The body with other names for its outputs. InputError for a name that it does not switch. file: for messages."""
+    used = dict.fromkeys(item.signal for item in body if isinstance(item, Output))
+    for name in names:
+        if name not in used:
+            known = ", ".join(used) or "none"
+            raise InputError(file, f"switches no output {name!r}", "input.signals", f"it switches {known}")
+    return tuple(
+        Output(names[item.signal], item.value) if isinstance(item, Output) and item.signal in names else item
+        for item in body
+    )
 
 
 class Places:

@@ -35,7 +35,7 @@ from camgen.model.program import (
 )
 from camgen.model.text import counted, short
 from camgen.read.gcode.interpreter import ProgramRun, Recorded
-from camgen.read.programs import Ask, Executed, Frames, Places, find_language
+from camgen.read.programs import Ask, Executed, Frames, Places, find_language, rename_outputs
 
 Reach = Callable[[Sequence[float]], Pose | None]
 #: Two frames are one where they differ by less, mm and rad.
@@ -76,7 +76,8 @@ def read_files(sources: Sequence[Source], job: Job, language: str, flange: Reach
         raise InputError(name, "holds no motion", remedy="give a program that moves, with all its files")
     _refuse_losses(executed, name, place)
     told = in_one_frame(executed, name, job.tolerance.chord)
-    run = ProgramRun(tuple(told.body), told.lines, (), 0, 0.0, None, unread=False, ended=True, units="mm", whole=True)
+    body = rename_outputs(told.body, job.input.signals, name)
+    run = ProgramRun(body, told.lines, (), 0, 0.0, None, unread=False, ended=True, units="mm", whole=True)
     notes = (
         *(Note("assumed", f"{place(one.line)}: {one.what}") for one in executed.assumed),
         *(Note("warning", f"{place(one.line)}: {one.what}") for one in executed.findings),

@@ -27,6 +27,7 @@ NUMBER = re.compile(r"-?\d[\d,]*(?:\.\d+)?(?:e-?\d+)?")
 LIBRARIES = {
     "machine", "check.judge", "check.peer", "check.peer_freecad", "check.scenes",
     "photo.paper", "photo.observed", "photo.contact", "photo.pist_figures", "robots.plain_loop",
+    "read.goldens", "read.mills",
     "reliability.programs", "reliability.mutations",
     "reliability.wheel_cases", "read.bnf", "read.judges", "read.productions",
     *(f"reliability.fuzzing.{name}" for name in ("odd", "drawings", "pictures", "solids", "texts", "programs")),
@@ -125,7 +126,7 @@ SMOKES = [
     Smoke("read.programs {programs}", (2,), {"stopped": (0, 0), "refused": (0, 0)}),
     Smoke("read.syntax gcode", (1,), {"differ": (0, 0)}),
     *(Smoke(f"read.syntax {name}", (1,), {"differ": (0, 0)}) for name in ("rapid", "vplus", "pacscript")),
-    Smoke("read.translate layers-inside", (6,), {"mm apart": (0, 0.022), "s apart": (0, 0.01)}),
+    Smoke("read.translate layers-inside", (6, 14), {"mm apart": (0, 0.022), "s apart": (0, 0.01)}),
 ]  # fmt: skip
 
 

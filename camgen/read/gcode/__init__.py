@@ -17,7 +17,7 @@ from camgen.model.text import counted, short
 from camgen.read.files import Files
 from camgen.read.gcode.interpreter import ProgramRun, Recorded
 from camgen.read.gcode.replayed import replay
-from camgen.read.programs import Ask, Places
+from camgen.read.programs import Ask, Places, rename_outputs
 
 
 class ProgramFacts(Struct, frozen=True):
@@ -70,6 +70,7 @@ def read_files(sources: Sequence[Source], job: Job) -> Recorded:
     if not any(isinstance(item, (MoveL, MoveC)) for item in run.body):
         raise InputError(name, "holds no motion at feed (G1, G2, G3 or a cycle)", remedy="give a program that cuts")
     notes = _notes(run, place)
+    run = replace(run, body=rename_outputs(run.body, job.input.signals, name))
     return Recorded(name=sources[0].stem, source=name, units=run.units, contours=(), notes=notes, run=run)
 
 

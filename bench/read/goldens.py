@@ -1,0 +1,74 @@
+"""Golden programs of the controllers; ways of tools as points, and how far two of them are apart."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from camgen.geometry.arcs import circle, turn_about
+from camgen.model.program import MoveC, MoveL
+
+CASES = Path(__file__).parents[2] / "fixtures" / "cases"
+#: The robots' controllers, their suffixes, and what each calls output number k.
+POSTS = {"rapid": (".mod", "do{}"), "vplus": (".v2", "{}"), "pacscript": (".pcs", "{}")}
+#: Whose joint values the golden programs have.
+ARMS = {"rapid": "abb_irb120", "vplus": "adept_cobra_s600", "pacscript": "denso_vs060"}
+#: mm: where no arc is printed, chords leave it by so much; digits are rounded twice on top.
+CHORD = 0.02
+#: mm between points that are compared.
+_STEP = 0.2
+#: So many points before and behind are looked at; so many points, and far ones, at a time.
+_AROUND, _SOME, _FEW = 20, 2000, 50
+
+
+def along(start: tuple[float, float, float], item: MoveL | MoveC) -> tuple[list[tuple[float, float, float]], float]:
+    """Points on a motion from ``start``, and its length, mm."""
+    end = item.target.origin
+    if isinstance(item, MoveL):
+        length = math.dist(start, end)
+        shares = np.linspace(0, 1, max(2, math.ceil(length / _STEP) + 1))[:, None]
+        return [(x, y, z) for x, y, z in (start + shares * np.subtract(end, start)).tolist()], length
+    centre, radius, axis, sweep = circle(start, item.via.origin, end)
+    x, y, z = np.subtract(start, centre).tolist()
+    turned = np.linspace(0, sweep, max(2, math.ceil(radius * sweep / _STEP) + 1)).tolist()
+    arms = [turn_about((x, y, z), axis, angle) for angle in turned]
+    return [(a + centre[0], b + centre[1], c + centre[2]) for a, b, c in arms], radius * sweep
+
+
+def apart(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
+    """The farthest that a point of one way is from the other, mm."""
+    return max(_farthest(a, b), _farthest(b, a))
+
+
+def _farthest(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
+    """How far a point of ``a`` is at most from the lines along ``b``."""
+    if len(b) < 2:
+        return float(np.linalg.norm(a - b, axis=1).max())
+    # Where as much of both ways is behind, and some points before and behind that: the order is the same.
+    near = np.searchsorted(_shares(b), _shares(a))
+    best = np.full(len(a), np.inf)
+    for low in range(0, len(a), _SOME):
+        some = slice(low, low + _SOME)
+        beside = np.clip(near[some, None] + np.arange(-_AROUND, _AROUND), 0, len(b) - 2)
+        best[some] = to_lines(a[some, None], b[beside], b[beside + 1]).min(axis=1)
+    far = np.flatnonzero(best > CHORD)
+    for few in np.array_split(far, len(far) // _FEW + 1):
+        best[few] = to_lines(a[few, None], b[None, :-1], b[None, 1:]).min(axis=1)
+    return float(best.max())
+
+
+def _shares(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(N,) of the whole way, what is behind at each point."""
+    behind = np.append(0.0, np.linalg.norm(np.diff(points, axis=0), axis=1).cumsum())
+    return np.asarray(behind / max(behind[-1], 1e-9))
+
+
+def to_lines(points: NDArray[np.float64], start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
+    """How far points are from lines, all (..., 3)."""
+    way = end - start
+    square = (way**2).sum(axis=-1)
+    share = np.clip(((points - start) * way).sum(axis=-1) / np.where(square > 0, square, 1.0), 0, 1)
+    return np.asarray(np.linalg.norm(start + share[..., None] * way - points, axis=-1))
