@@ -15,6 +15,7 @@ from camgen.read.gcode.foreign import Foreign, Handler
 from camgen.read.gcode.machine import AXES, HANDLERS, RAPID, set_offsets, take_axes, work_offset
 from camgen.read.gcode.milling import MILLING
 from camgen.read.gcode.motion import target
+from camgen.read.gcode.turning import turn
 from camgen.read.gcode.words import LineError
 
 _POINTED = re.compile(r"p[ \t]*[0-9]*\.", re.IGNORECASE)
@@ -436,4 +437,5 @@ CODES: dict[str, Handler] = {
     "work offset": _work,
     "machine coordinates": lift,
     **MILLING,
+    "turning": turn,
 }

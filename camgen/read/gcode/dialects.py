@@ -57,13 +57,13 @@ def _signs(*patterns: str) -> re.Pattern[str]:
     return re.compile("|".join(patterns), re.IGNORECASE | re.MULTILINE)
 
 
-_REMAP, _PASSES = "a program or remap of the user's", "the passes of a lathe cycle are not shown, its profile is"
+_REMAP = "a program or remap of the user's"
 _LATHE, _FUNCTION, _HOMING = "a lathe cycle", "a function of a printer", "homing"
 #: What other machines must not go without, of what moves nothing here.
-LOSSES = frozenset([_REMAP, _PASSES, _LATHE, _FUNCTION, _HOMING])
+LOSSES = frozenset([_REMAP, _LATHE, _FUNCTION, _HOMING])
 _USER = dict.fromkeys((f"M{n}" for n in range(100, 200)), _REMAP)
-#: Lathe cycles of LinuxCNC 2.9 and of Fanuc: the profile is shown, the passes are not.
-_ROUGHING = dict.fromkeys(("G70", "G71", "G71.1", "G71.2", "G72", "G72.1", "G72.2"), _PASSES)
+#: Lathe cycles of LinuxCNC 2.9 and of Fanuc.
+_TURNING = dict.fromkeys(("G70", "G71", "G71.1", "G71.2", "G72", "G72.1", "G72.2"), "turning")
 
 LINUXCNC = Dialect(
     name="linuxcnc",
@@ -77,9 +77,9 @@ LINUXCNC = Dialect(
         r"\bm6[78][ \t]*e",
         r"\bm5[0-3][ \t]*p",
     ),
-    codes={code: group for code, group in GROUP.items() if code != "M97"},
+    codes={code: group for code, group in GROUP.items() if code != "M97"} | _TURNING,
     open=False,
-    idle=_USER | _ROUGHING,
+    idle=_USER,
     nested=False,
     flow=True,
     unit_first=False,
@@ -137,8 +137,8 @@ LATHE = Dialect(
     source="Fanuc Series 0i-TF operator's manual (B-64694), G-code system A; Haas lathe operator's manual",
     signs=_signs(r"\bg50[ \t]*s\d", r"\bt\d{4}\b(?![\s\S]{0,40}\bm0?6\b)"),
     names={"G98": "G94", "G99": "G95", "G32": "G33"},
-    idle=_MACHINING | _ROUGHING | {f"G{n}": _LATHE for n in (73, 74, 75, 76, 90, 92, 94)},
-    codes={k: v for k, v in GROUP.items() if k not in ("G73", "G74", "G76", "G90", "G92", "G94")},
+    idle=_MACHINING | {f"G{n}": _LATHE for n in (73, 74, 75, 76, 90, 92, 94)},
+    codes={k: v for k, v in GROUP.items() if k not in ("G73", "G74", "G76", "G90", "G92", "G94")} | _TURNING,
     dwell=0.001,
     arcs=_LOOSE,
     increments=True,

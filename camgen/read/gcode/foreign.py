@@ -50,6 +50,7 @@ _OF_ITS_MACHINE = {
     **dict.fromkeys(("G33", "G33.1", "G76"), f"cuts a thread: {_IN_STEP}"),
     **dict.fromkeys(("G74", "G84"), f"taps: {_IN_STEP}"),
     **dict.fromkeys(("G38.2", "G38.3", "G38.4", "G38.5"), _PROBES),
+    **dict.fromkeys(("G70", "G71", "G71.1", "G71.2", "G72", "G72.1", "G72.2"), "is of a lathe: the part turns"),
     "G7": "is of a lathe: X is a diameter",
     "G87": "stops the spindle at an angle and goes in beside the hole",
     "G88": "lets the operator bring the tool up",
@@ -77,9 +78,10 @@ class Foreign(Machine):
     that were changed to. radii: of tools, by the tool table. rotary: where the axes A B C stand, deg. filament: mm.
     saved: modes that were kept. side: of cutter compensation, 1 left, -1 right, 0 off; path: of the tool beside the
     programmed one, None where that runs as programmed. marks: how many instructions stood before each frame. lathe:
-    X is a diameter. rotation: of the coordinates (G68). modal: the macro that runs behind every motion (G66), at the
-    depth of subprograms modal_depth; moving: the line moves. pocket: a circular one of the line (G12, G13). radius_of:
-    finds that of a tool. cutting: at the greatest surface speed. reached: G43 has come.
+    X is a diameter. rotation: of the coordinates (G68). modal: the macro that runs behind every motion (G66), at
+    the depth of subprograms modal_depth; moving: the line moves. cycle: group, code and words of one that acts when
+    the feed is known. first_line: of a cycle of two lines (G71). radius_of: finds that of a tool. cutting: at the
+    greatest surface speed. reached: G43 has come.
     """
 
     dialect: Dialect = LINUXCNC
@@ -120,7 +122,8 @@ class Foreign(Machine):
     modal: tuple[str, float, int, Mapping[int, float] | None] | None = None
     modal_depth: int = 0
     moving: bool = False
-    pocket: tuple[str, dict[str, float]] | None = None
+    cycle: tuple[str, str, dict[str, float]] | None = None
+    first_line: dict[str, float] = field(default_factory=dict)
     radius_of: Callable[[str, float | None], float] = lambda _code, _number: 0.0
 
     # What is told.
@@ -333,13 +336,15 @@ class Foreign(Machine):
 
     def _begin_wider(self, codes: dict[str, str], words: dict[str, float]) -> None:
         """The words of mills that not all controllers have."""
-        self.pocket = None
+        self.cycle = None
+        for group in ("circular pocket", "turning"):
+            if group in codes:
+                used = "DIKLQXYZ" if group == "circular pocket" else "DEIKLPQRUWXZ"
+                self.cycle = group, codes.pop(group), {x: words.pop(x) for x in [*words] if x in used}
         for group in ("rotation", "modal macro"):
             if group in codes:
                 self.plane = codes.get("plane", self.plane)
                 self.handlers[group](self, codes.pop(group), words)
-        if "circular pocket" in codes:
-            self.pocket = codes.pop("circular pocket"), {x: words.pop(x) for x in [*words] if x in "DIKLQXYZ"}
         self.moving = any(letter in words for letter in "XYZUVW") and "offsets" not in codes
         if self.rotation is not None and _SHIFTS & set(codes.values()):
             self.find("unusual", "the origin is moved while the coordinates are rotated (G68)", "rotated")
@@ -352,6 +357,7 @@ class Foreign(Machine):
             codes.setdefault("tool change", "M6")
         if "X" in words and not self.lathe:
             self.lathe = bool(self.assume("X is a diameter", "diameter", 1.0, "as on most lathes"))
+            self.lose("a program of a lathe: the part turns, which no machine here does")
 
     def _leave_out(self, code: str, codes: Mapping[str, str], words: dict[str, float]) -> None:
         self.tell(self.dialect.idle[code], code)
@@ -429,8 +435,9 @@ class Foreign(Machine):
 
     def end(self, codes: Mapping[str, str], words: dict[str, float]) -> None:  # noqa: ARG002 (of all machines)
         """Words that controllers pass over, or that say what no motion shows."""
-        if self.pocket is not None:
-            self.handlers["circular pocket"](self, *self.pocket)
+        if self.cycle is not None:
+            group, code, own = self.cycle
+            self.handlers[group](self, code, own)
         if self.modal is not None and self.moving and self.leap is None and self.inside() == self.modal_depth:
             self.leap = self.modal
         if not words.keys() - {"F"}:

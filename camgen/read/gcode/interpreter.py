@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from functools import lru_cache
+from functools import lru_cache, partial
 
 from msgspec import Struct, field
 
@@ -24,6 +24,8 @@ from camgen.read.gcode.words import COMMENT, Endless, Line, LineError, Parameter
 _BOUNDS = Bounds()
 NO_FILES: dict[str, int] = {}
 _KNOWN = 200
+#: So many lines in loops a profile of a lathe may have.
+_PROFILE = 10_000
 _SPEED = re.compile(r"[sS][ \t]*[-+.0-9\[#]")
 
 
@@ -98,8 +100,9 @@ def play(m: Machine, lines: Sequence[str], found: Blocks) -> None:
     Raises LineError unless the machine takes that in (``Machine.refuse``).
     """
     flow = Flow(found, Parameters(m.value, m.takes), absent=m.miss)
-    m.inside = flow.depth
     remembered: dict[str, Line] = {}
+    m.inside, m.find_lines = flow.depth, flow.find_profile
+    m.run_lines = partial(_run_lines, m, lines, flow, remembered)
     at, left = 0, len(lines) + m.bounds.gcode_steps
     m.most = len(lines) + m.bounds.gcode_motions
     end = found.main or len(lines)
@@ -122,6 +125,18 @@ def play(m: Machine, lines: Sequence[str], found: Blocks) -> None:
         except LineError as error:
             m.refuse(error)
             at += 1
+
+
+def _run_lines(
+    m: Machine, lines: Sequence[str], flow: Flow, remembered: dict[str, Line], first: int, last: int
+) -> None:
+    """Does what the lines from ``first`` to ``last`` (from 0) say, wherever they lead in between."""
+    at, left = first, last - first + 1 + _PROFILE
+    while first <= at <= last and not m.ended:
+        m.line, left = at + 1, left - 1
+        if left < 0:
+            raise LineError(f"a profile of more than {_PROFILE} lines in loops")
+        at = _step(m, lines, at, flow, remembered)
 
 
 def _step(m: Machine, lines: Sequence[str], at: int, flow: Flow, remembered: dict[str, Line]) -> int:
@@ -421,6 +436,8 @@ class Flow(Struct):
         """
         if code == "M99":
             return self._come_back(number)
+        if code == "GOTO":
+            return self.find_number(f"n{number:.0f}") + 1
         start = self.blocks.numbers.get(f"{'n' if code == 'M97' else 'o'}{number:.0f}")
         if start is None:
             self.absent(f"{code} P{number:g}: the subprogram is not in this file")
@@ -446,6 +463,15 @@ class Flow(Struct):
         self.calls.pop()
         self.known.own, self.known.named = call.own, call.named
         return self.find_number(f"n{number:.0f}") if number else call.back
+
+    def find_profile(self, first: float | None, last: float) -> tuple[int, int]:
+        """The first and the last line (from 0) of a profile: between two numbers of lines, or those of a subroutine."""
+        if first is not None:
+            return self.find_number(f"n{first:.0f}"), self.find_number(f"n{last:.0f}")
+        if f"{last:.0f}" not in self.blocks.subs:
+            raise LineError(f"O{last:.0f} is not in this file: the profile of the cycle")
+        start = self.blocks.subs[f"{last:.0f}"]
+        return start + 1, self.blocks.at[start].places[-1] - 1
 
     def find_number(self, name: str) -> int:
         """The line (from 0) of a number of a line. LineError if there is none."""

@@ -98,6 +98,8 @@ class Machine:
         None  # M97, M98 or M99 of the line, its number, and how often
     )
     inside: Callable[[], int] = lambda: 0  # how many subroutines run
+    run_lines: Callable[[int, int], None] = lambda _first, _last: None  # the lines (from 0) of a profile
+    find_lines: Callable[[float | None, float], tuple[int, int]] = lambda _first, _last: (0, -1)  # which these are
     spun: tuple[float, float] | None = None  # radius and angle of the line
     pause: float = 1.0  # seconds in 1 of P
     fewest_holes: int = 1  # of one line, by L

@@ -14,7 +14,7 @@ from camgen.read.gcode.arcs import pieces
 from camgen.read.gcode.foreign import Foreign, Handler
 from camgen.read.gcode.machine import AXES
 from camgen.read.gcode.macros import ARGUMENTS
-from camgen.read.gcode.motion import target
+from camgen.read.gcode.motion import speed_of, target
 from camgen.read.gcode.words import LineError
 
 _PLANES = {"G17": (0, 1), "G18": (2, 0), "G19": (1, 2)}
@@ -109,7 +109,7 @@ def _pocket(m: Foreign, code: str, words: dict[str, float]) -> None:
 
 def _feed_to(m: Foreign, words: dict[str, float]) -> None:
     x, y, z = target(m, words)
-    m.pieces([(None, (x, y, z))], m.feed)
+    m.pieces([(None, (x, y, z))], speed_of(m))
 
 
 def _go_round(m: Foreign, code: str, radii: list[float]) -> None:
@@ -121,7 +121,7 @@ def _go_round(m: Foreign, code: str, radii: list[float]) -> None:
         for end in [there, there] if radius else [0.0]:
             start = (x + place, y, z)
             words = {"I": (end - place) / 2 if end != place else -place, "J": 0.0}
-            m.pieces(pieces("G17", code, start, (x + end, y, z), words, False, m.scale != 1.0, m.limits), m.feed)
+            m.pieces(pieces("G17", code, start, (x + end, y, z), words, False, m.scale != 1.0, m.limits), speed_of(m))
             place = end
 
 

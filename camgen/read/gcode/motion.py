@@ -233,7 +233,14 @@ def _to(m: Machine, axis: int, value: float) -> None:
 def _in(m: Machine, axis: int, value: float) -> None:
     end = list(m.at)
     end[axis] = value
-    m.pieces([(None, (end[0], end[1], end[2]))], m.feed if m.feed_mode == "G94" else _per_turn(m))
+    m.pieces([(None, (end[0], end[1], end[2]))], speed_of(m))
+
+
+def speed_of(m: Machine) -> float:
+    """The speed of motions at feed that a cycle makes, mm/s. Raises LineError."""
+    if m.feed_mode == "G93":
+        raise LineError("a cycle with G93: it has a feed per minute, or per turn")
+    return m.feed if m.feed_mode == "G94" else _per_turn(m)
 
 
 def _plain(m: Machine, axis: int, retract: float, bottom: float, clear: float) -> None:  # noqa: ARG001
