@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import math
+import tomllib
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+import camgen
 from camgen.geometry.arcs import circle, turn_about
-from camgen.model.program import MoveC, MoveL
+from camgen.model.pose import Pose, frozen
+from camgen.model.program import Joints, MoveC, MoveL
+from camgen.robots.kinematics.forward import flange
+from camgen.robots.models import Robot
 
 CASES = Path(__file__).parents[2] / "fixtures" / "cases"
 #: The robots' controllers, their suffixes, and what each calls output number k.
@@ -22,6 +27,21 @@ CHORD = 0.02
 _STEP = 0.2
 #: So many points before and behind are looked at; so many points, and far ones, at a time.
 _AROUND, _SOME, _FEW = 20, 2000, 50
+
+
+def frames_of(case: Path, post: str) -> tuple[Pose, Pose]:
+    """Base from work and flange from tool of a golden program: PacScript leaves them to the controller."""
+    tables = tomllib.loads((case / "job.toml").read_text())
+    own = {name: dict(tables[name]) for name in ("cell", "tool") if name in tables}
+    cell = camgen.cell(post, own)
+    return cell.base_from_work, cell.flange_from_tool
+
+
+def pose_of(arm: Robot, joints: Joints, base: Pose, tool: Pose) -> Pose:
+    """Where an arm has the tool at joint values, in the work frame. base: from work. tool: flange from tool."""
+    turned, origin = flange(arm, np.array([joints.values]))
+    x, y, z = origin[0].tolist()
+    return base.inverse() @ Pose(frozen(turned[0]), (x, y, z)) @ tool
 
 
 def along(start: tuple[float, float, float], item: MoveL | MoveC) -> tuple[list[tuple[float, float, float]], float]:

@@ -14,14 +14,16 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
 import camgen
-from bench.read.goldens import ARMS, CHORD, POSTS, along, apart, to_lines
+from bench.read.goldens import ARMS, CHORD, POSTS, along, apart, frames_of, pose_of, to_lines
 from camgen.model.pose import Pose, Vec3
-from camgen.model.program import Instruction, MoveC, MoveJ, MoveL, Output, Wait
+from camgen.model.program import Instruction, Joints, MoveC, MoveJ, MoveL, Output, Wait
 from camgen.read.programs import Ask, Executed, find_language
 from camgen.read.taught import in_one_frame
+from camgen.robots.catalogue import robot
 
 #: The controllers of mills, as ``POSTS``; GRBL has a coolant for one signal.
 MILLS = {"gcode": (".ngc", "P{}"), "grbl": (".nc", "M8")}
@@ -56,15 +58,15 @@ def files_of(case: Path, source: str) -> list[Path]:
     return sorted((case / "expected").glob(f"part{suffix}")) or sorted((case / "expected").glob(f"part_*{suffix}"))
 
 
-def kept_of(files: Sequence[Path], language: str) -> Kept:
-    """What programs do one after the other."""
+def kept_of(case: Path, files: Sequence[Path], language: str) -> Kept:
+    """What programs do one after the other. case: whose frames hold where a text says none."""
     points: list[Vec3] = []
     found = Kept(np.zeros((0, 3)), 0.0, [], [], [])
     on: dict[str, float] = {}
     seconds = 0.0
     for file in files:
         here: Vec3 | None = None
-        for item in _body_of(file, language):
+        for item in _body_of(case, file, language):
             if isinstance(item, Output):
                 found.outputs.extend([item.value] if item.value != on.get(item.signal, 0.0) else [])
                 on[item.signal] = item.value
@@ -85,11 +87,24 @@ def _is_rapid(item: MoveJ | MoveL | MoveC) -> bool:
     return isinstance(item, MoveJ) or math.isclose(item.speed, _TRAVEL, rel_tol=1e-4)
 
 
-def _body_of(file: Path, language: str) -> Sequence[Instruction]:
+def _body_of(case: Path, file: Path, language: str) -> Sequence[Instruction]:
     executed = _run(file, language)
     if executed.stopped or any(one.level == "refused" for one in executed.findings):
         raise ValueError(f"{file.name}: {executed.stopped or executed.findings}")
-    return executed.body if language in MILLS else in_one_frame(executed, file.name, 0.001).body
+    if language in MILLS:
+        return executed.body
+    told = in_one_frame(executed, file.name, 0.001)
+    frames = frames_of(case, language)
+    base, tool = told.frames.base_from_work or frames[0], told.frames.flange_from_tool or frames[1]
+    at = [item.target for item in told.body if isinstance(item, MoveJ) and isinstance(item.target, Joints)]
+    homes = {one.values for one in (*at[:1], *at[-1:])}
+    arm = robot(ARMS[language])
+    return [
+        replace(item, target=pose_of(arm, item.target, base, tool))
+        if isinstance(item, MoveJ) and isinstance(item.target, Joints) and item.target.values not in homes
+        else item
+        for item in told.body
+    ]
 
 
 def _run(file: Path, language: str) -> Executed:
@@ -141,7 +156,7 @@ def there_and_back(case: Path, source: str, target: str) -> tuple[Kept, Kept]:
         files = files_of(case, source)
         there = [made for file in files for made in post_again(file, source, target, Path(one), tables)]
         back = [made for file in there for made in post_again(file, target, source, Path(two), tables)]
-        return kept_of(files, source), kept_of(back, source)
+        return kept_of(case, files, source), kept_of(case, back, source)
 
 
 def rapids_apart(before: Kept, after: Kept) -> float:

@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 import sys
 import tempfile
-import tomllib
 from pathlib import Path
 from typing import NamedTuple
 
@@ -21,13 +20,12 @@ from numpy.typing import NDArray
 import camgen
 from bench.machine import machine
 from bench.read import mills
-from bench.read.goldens import ARMS, CASES, CHORD, POSTS, along, apart
-from camgen.model.pose import Pose, fixed_xyz, frozen
+from bench.read.goldens import ARMS, CASES, CHORD, POSTS, along, apart, frames_of, pose_of
+from camgen.model.pose import Pose, fixed_xyz
 from camgen.model.program import Joints, MoveC, MoveJ, MoveL, Output
 from camgen.read.programs import Ask, find_language
 from camgen.read.taught import in_one_frame
 from camgen.robots.catalogue import robot
-from camgen.robots.kinematics.forward import flange
 
 #: mm: nearer ones are one.
 _SAME = 1e-6
@@ -42,14 +40,6 @@ class Way(NamedTuple):
     points: NDArray[np.float64]
     seconds: float
     outputs: list[tuple[str, float]]
-
-
-def frames_of(case: Path, post: str) -> tuple[Pose, Pose]:
-    """Base from work and flange from tool of a golden program: PacScript leaves them to the controller."""
-    tables = tomllib.loads((case / "job.toml").read_text())
-    own = {name: dict(tables[name]) for name in ("cell", "tool") if name in tables}
-    cell = camgen.cell(post, own)
-    return cell.base_from_work, cell.flange_from_tool
 
 
 def way_of(file: Path, language: str, frames: tuple[Pose, Pose]) -> Way:
@@ -81,9 +71,7 @@ def way_of(file: Path, language: str, frames: tuple[Pose, Pose]) -> Way:
             here = None  # another arm's is elsewhere
             continue
         if not isinstance(target, Pose):
-            turned, origin = flange(arm, np.array([target.values]))
-            x, y, z = origin[0].tolist()
-            target = base.inverse() @ Pose(frozen(turned[0]), (x, y, z)) @ tool
+            target = pose_of(arm, target, base, tool)
         here = target.origin
     moved = np.array(points or [(0.0, 0.0, 0.0)])
     # Where one motion ends another begins.

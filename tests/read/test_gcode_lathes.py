@@ -95,9 +95,17 @@ def test_no_other_machine_runs_them():
     assert run_gcode({"a.nc": FANUC}, Ask("fanuc-lathe")).lost[0][1] == (
         "a program of a lathe: the part turns, which no machine here does"
     )
-    assert run_gcode({"a.nc": linuxcnc("G71 Q100", STEPS)}, Ask("linuxcnc")).lost == (
-        (11, "G71 is of a lathe: the part turns"),
-    )
+    lost = run_gcode({"a.nc": linuxcnc("G71 Q100", STEPS)}, Ask("linuxcnc")).lost
+    assert lost == ((11, "G71 is of a lathe: the part turns"),)
+
+
+def test_compensation_that_is_on_is_told():
+    """LinuxCNC takes it; the profile is shown as programmed."""
+    text = linuxcnc("G42.1 D1 L3\nG1 X30 Z5\nG70 Q100 X20 Z2\nG40", STEPS)
+    found = run_gcode({"a.ngc": text}, Ask("linuxcnc"))
+    assert [one for one in found.findings if one.level == "refused"] == []
+    assert moves(found)[-4:] == [("MoveL", 10, -10), ("MoveL", 15, -15), ("MoveL", 15, -20), ("MoveL", 20, -20)]
+    assert any("the profile is run as programmed" in one.what for one in found.assumed)
 
 
 def test_one_line_of_haas_has_the_depth_in_d():

@@ -21,7 +21,7 @@ from camgen.read.gcode.dialects import LINUXCNC, LOSSES, Dialect
 from camgen.read.gcode.machine import ARCS, AXES, Machine, feed, stop
 from camgen.read.gcode.macros import ARGUMENTS, assign, find_ends, jump
 from camgen.read.gcode.motion import CYCLES
-from camgen.read.gcode.words import Endless, Line, LineError, Parameters, UnknownWord, bare, without_number
+from camgen.read.gcode.words import GROUP, Endless, Line, LineError, Parameters, UnknownWord, bare, without_number
 from camgen.read.programs import Assumption, Finding, Level
 
 if TYPE_CHECKING:
@@ -272,10 +272,10 @@ class Foreign(Machine):
     def group(self, code: str) -> str:
         """The modal group of a code; one that moves nothing, or that nobody here knows, is in one of its own."""
         dialect = self.dialect
-        code = dialect.names.get(code, code)
         if code in dialect.idle:
             return f"idle {code}"
-        known = dialect.codes.get(code)
+        meant = dialect.names.get(code, code)
+        known = dialect.codes.get(code) if meant == code else GROUP.get(meant)
         if known is not None:
             return known
         if not dialect.open:

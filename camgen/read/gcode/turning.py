@@ -15,6 +15,7 @@ from msgspec import Struct
 from camgen.geometry.arcs import circle, turn_about
 from camgen.model.pose import Vec3
 from camgen.model.program import MoveC, MoveJ, MoveL, Packing
+from camgen.read.gcode.compensation import Beside
 from camgen.read.gcode.foreign import Foreign
 from camgen.read.gcode.motion import speed_of
 from camgen.read.gcode.words import LineError
@@ -49,12 +50,33 @@ def turn(m: Foreign, code: str, words: dict[str, float]) -> None:
         raise LineError(f"{code} without its profile (Q)")
     first, last = m.find_lines(words["P"] if fanuc else None, words["Q"])
     m.start()
+    beside = _leave_path(m, code)
     begin = _begin_of(m, words, fanuc)
     if list(begin) != m.at:
         m.rapid(begin, (0, 1, 2))
     if code == "G70":
         _finish(m, words, first, last, begin, fanuc)
-        return
+    else:
+        _remove(m, code, words, first, last, begin)
+    if beside is not None:
+        beside.here = complex(m.at[beside.axes[0]], m.at[beside.axes[1]])
+        m.path = beside
+
+
+def _leave_path(m: Foreign, code: str) -> Beside | None:
+    """The path of cutter compensation, which a cycle does without here."""
+    beside, m.path = m.path, None
+    if beside is not None:
+        m.path = beside
+        beside.flush()
+        m.path = None
+        m.assume(f"{code}: the profile is run as programmed, without the compensation that is on", "", 0.0)
+    return beside
+
+
+def _remove(m: Foreign, code: str, words: dict[str, float], first: int, last: int, begin: Vec3) -> None:
+    """G71 and G72."""
+    fanuc = m.dialect.diameter
     m.insist_on_feed(code)
     profile = _record(m, first, last)
     if not profile:
@@ -91,18 +113,20 @@ def _words_of(m: Foreign, code: str, words: dict[str, float], fanuc: bool) -> _R
 
 def _record(m: Foreign, first: int, last: int) -> list[Item]:
     """The motions of the lines from ``first`` to ``last`` (from 0), which are not run now."""
-    if m.path is not None:
-        raise LineError("a cycle of a lathe with cutter compensation on")
     kept = m.body, m.lines, list(m.at), m.motion, m.feed, m.line, m.incremental, m.side
     m.body, m.lines = Packing(), []
     try:
         m.run_lines(first, last)
-        if m.path is not None:
-            m.path.flush()
+        _flush(m)
         return [item for item in m.body if isinstance(item, MoveJ | MoveL | MoveC)]
     finally:
         m.body, m.lines, m.at[:], m.motion, m.feed, m.line, m.incremental, m.side = kept
         m.path, m.left_path = None, False
+
+
+def _flush(m: Foreign) -> None:
+    if m.path is not None:
+        m.path.flush()
 
 
 def _finish(m: Foreign, words: dict[str, float], first: int, last: int, begin: Vec3, fanuc: bool) -> None:
