@@ -8,7 +8,6 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,11 +20,9 @@ from camgen.read.gcode.dialects import LINUXCNC, LOSSES, Dialect
 from camgen.read.gcode.machine import ARCS, AXES, Machine, feed, stop
 from camgen.read.gcode.macros import ARGUMENTS, assign, find_ends, jump
 from camgen.read.gcode.motion import CYCLES
+from camgen.read.gcode.rotation import Rotation
 from camgen.read.gcode.words import GROUP, Endless, Line, LineError, Parameters, UnknownWord, bare, without_number
 from camgen.read.programs import Assumption, Finding, Level
-
-if TYPE_CHECKING:
-    from camgen.read.gcode.milling import Rotation
 
 #: Feed where a machine has one of its own and the text says none, mm/min.
 FEED = 600.0

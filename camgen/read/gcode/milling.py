@@ -8,45 +8,15 @@ from __future__ import annotations
 
 import math
 
-from msgspec import Struct
-
 from camgen.read.gcode.arcs import pieces
 from camgen.read.gcode.foreign import Foreign, Handler
 from camgen.read.gcode.machine import AXES
 from camgen.read.gcode.macros import ARGUMENTS
 from camgen.read.gcode.motion import speed_of, target
+from camgen.read.gcode.rotation import Rotation
 from camgen.read.gcode.words import LineError
 
 _PLANES = {"G17": (0, 1), "G18": (2, 0), "G19": (1, 2)}
-
-
-class Rotation(Struct, frozen=True):
-    """G68: axes of the plane, the centre in it, mm absolute, and the angle from the first to the second, rad."""
-
-    axes: tuple[int, int]
-    centre: complex
-    angle: float
-
-    def turn(self, point: list[float], back: bool = False) -> list[float]:
-        """A point of the program as one of the machine; back: the other way round."""
-        first, second = self.axes
-        way = complex(point[first], point[second]) - self.centre
-        there = self.centre + way * _turn(-self.angle if back else self.angle)
-        point[first], point[second] = there.real, there.imag
-        return point
-
-    def turn_offset(self, words: dict[str, float], absolute: bool) -> None:
-        """The words of a centre, mm: from the start of its arc, or absolute."""
-        names = tuple("IJK"[axis] for axis in self.axes)
-        if not any(name in words for name in names):
-            return
-        origin = self.centre if absolute else 0j
-        way = (complex(*(words.get(name, 0.0) for name in names)) - origin) * _turn(self.angle) + origin
-        words[names[0]], words[names[1]] = way.real, way.imag
-
-
-def _turn(angle: float) -> complex:
-    return complex(math.cos(angle), math.sin(angle))
 
 
 def _rotate(m: Foreign, code: str, words: dict[str, float]) -> None:
