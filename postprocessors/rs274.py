@@ -335,7 +335,9 @@ class Rs274(Post):
             return "" if 0 <= item.value <= _FASTEST else f"a spindle speed of {item.value:g} rpm cannot be meant"
         if item.signal not in self.signals:
             known = ", ".join(["spindle", *sorted(self.signals)])
-            return f"signal {item.signal} has no output (known: {known}); give it one in post.signals"
+            coolant = {"mist": "M7", "flood": "M8"}.get(item.signal)
+            such = f', e.g. {{ {item.signal} = "{coolant}" }}' if coolant else ""
+            return f"signal {item.signal} has no output (known: {known}); give it one in post.signals{such}"
         if item.value in (0, 1):
             return ""
         what = f"signal {item.signal} is on (1) or off (0), not {item.value:g}"

@@ -258,6 +258,11 @@ def test_feeds_within_a_thousandth(speed, word):
             "a feed of 0.0006 mm/min cannot be meant; change process.feed or process.plunge",
         ),
         (
+            program(Output("flood", 1.0)),
+            0,
+            'signal flood has no output (known: spindle, process); give it one in post.signals, e.g. { flood = "M8" }',
+        ),
+        (
             program(Output("glue", 1.0)),
             0,
             "signal glue has no output (known: spindle, process); give it one in post.signals",
