@@ -117,9 +117,7 @@ def measured(browser: Browser, result: Result, folder: Path, turning: float) -> 
         begin = time.perf_counter()
         tab.goto(file.as_uri())
         # The pixel is read when the picture is done.
-        tab.evaluate(
-            "camgen.paint(), camgen.renderer.getContext().readPixels(0, 0, 1, 1, 6408, 5121, new Uint8Array(4))"
-        )
+        tab.evaluate("camgen.paint(), camgen.gl.readPixels(0, 0, 1, 1, 6408, 5121, new Uint8Array(4))")
         first.append(time.perf_counter() - begin)
         if len(first) == 3:
             frames = [tab.evaluate(FRAMES, [*move, turning]) for move in MOVES.items()]

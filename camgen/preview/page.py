@@ -23,13 +23,13 @@ from camgen.preview.stock import Mark
 from camgen.preview.view import View
 from camgen.robots.models import Link
 
-#: The scripts in the order in which they run, all but the first in one scope.
-_LIBRARY = "three.min.js"
+#: Those that run before the browser reads the data: it prepares what draws meanwhile.
+_FIRST = ("space.js", "gl.js", "lines.js", "bodies.js")
+#: The scripts in the order in which they run, in one scope.
 _SCRIPTS = (
     "data.js",
     "theme.js",
     "tabs.js",
-    "lines.js",
     "scene.js",
     "shapes.js",
     "arm.js",
@@ -60,17 +60,18 @@ class Edits(Struct, frozen=True):
 
 def page(view: View, edits: Edits | None = None) -> str:
     """The preview as HTML text. Same view, same text. edits: only in the workbench."""
-    library, style = _asset(_LIBRARY), _asset("viewer.css")
+    style = _asset("viewer.css")
+    first = '"use strict";\n' + "\n".join(map(_asset, _FIRST))
     needed = {_CUT: _has_cut(view), _PHOTO: view.photo is not None, _EDIT: edits is not None}
     names = [*_SCRIPTS[:-1], *(name for name, is_needed in needed.items() if is_needed), _SCRIPTS[-1]]
     script = '(() => {\n"use strict";\n' + "\n".join(map(_asset, names)) + "})();\n"
     filled = {
         "title": escape(one_line(view.title)),
         "policy": "default-src 'none'; img-src data: blob:; "
-        f"script-src {_hash(library)} {_hash(script)}; style-src {_hash(style)}",
+        f"script-src {_hash(first)} {_hash(script)}; style-src {_hash(style)}",
         "style": style,
+        "first": first,
         "data": _data(view, edits),
-        "library": library,
         "script": script,
     }
     pieces = _asset("index.html").split("@@")

@@ -65,7 +65,7 @@ def test_a_page_shows_a_picture_without_errors_and_without_a_network(opened: Any
 LOOK = """() => {
   window.seen = [];
   const drawn = () => {
-    const gl = camgen.renderer.getContext();
+    const { gl } = camgen;
     const [w, h] = [gl.drawingBufferWidth, gl.drawingBufferHeight];
     const pixels = new Uint8Array(4 * w * h);
     gl.readPixels(0, 0, w, h, gl.RGBA, gl.UNSIGNED_BYTE, pixels);
@@ -116,10 +116,10 @@ def test_the_picture_stays_where_it_was_moved_to_when_the_window_changes(opened:
     one.page.mouse.move(700, 400)
     one.page.mouse.wheel(0, -240)
     one.page.wait_for_function("() => camgen.look.own")
-    before = one.run("[camgen.look.target.x, camgen.look.target.y, camgen.look.height / canvas.clientHeight]")
+    before = one.run("[...camgen.look.target.slice(0, 2), camgen.look.height / canvas.clientHeight]")
     one.page.set_viewport_size({"width": 1000, "height": 600})
-    one.page.wait_for_function("() => camgen.renderer.domElement.width < 700")
-    after = one.run("[camgen.look.target.x, camgen.look.target.y, camgen.look.height / canvas.clientHeight]")
+    one.page.wait_for_function("() => canvas.width < 700")
+    after = one.run("[...camgen.look.target.slice(0, 2), camgen.look.height / canvas.clientHeight]")
     assert after == pytest.approx(before)
 
 
@@ -148,7 +148,7 @@ def test_the_slider_moves_the_robot_to_the_joints_that_were_found(opened: Any) -
     tool = result.program.flange_from_tool
     base = origin[0] + rotation[0] @ np.asarray(tool.origin)
     expected = np.asarray(result.program.base_from_work.inverse().apply(base.tolist()))
-    matrix = np.array(one.run("camgen.toolGroup.matrix.elements")).reshape(4, 4).T
+    matrix = np.array(one.run("camgen.toolGroup.matrix")).reshape(4, 4).T
     assert matrix[:3, 3] + one.run("camgen.data.origin") == pytest.approx(expected, abs=0.01)
 
 
@@ -215,6 +215,19 @@ def test_keys_play_step_turn_and_measure(opened: Any) -> None:
     assert one.run("camgen.measure.on")
 
 
+def test_a_graphics_card_that_forgets_all_is_told_all_again(opened: Any) -> None:
+    one = opened("solid")
+    before = one.picture().astype(int)
+    one.run("() => { window.card = camgen.gl.getExtension('WEBGL_lose_context'); window.card.loseContext(); }")
+    one.page.wait_for_function("() => camgen.gl.isContextLost()")
+    one.page.keyboard.press("t")
+    one.page.keyboard.press("i")
+    one.run("window.card.restoreContext()")
+    one.page.wait_for_function("() => !camgen.gl.isContextLost()")
+    assert (np.abs(one.picture().astype(int) - before).max(axis=2) > 60).mean() < 0.02
+    assert [text for text in one.said if "CONTEXT_LOST" not in text] == []
+
+
 def test_f_fits_the_part_and_shift_f_the_robot_too(opened: Any) -> None:
     one = opened("solid")
     # In pixels from the middle: the box of the part and the paths, and that of the base of the robot.
@@ -223,7 +236,7 @@ def test_f_fits_the_part_and_shift_f_the_robot_too(opened: Any) -> None:
       const { low, high } = camgen.box;
       const corners = [];
       for (let k = 0; k < 8; k++) corners.push([0, 1, 2].map((i) => (k >> i & 1 ? high[i] : low[i])));
-      return [...corners, camgen.arm.base.elements.slice(12, 15)].map((point) => camgen.toScreen(point, 0));
+      return [...corners, camgen.arm.base.slice(12, 15)].map((point) => camgen.toScreen(point, 0));
     }"""
 
     def seen() -> tuple[float, np.ndarray[Any, Any]]:
@@ -250,17 +263,16 @@ def test_an_arm_is_drawn_as_shapes_within_the_cuboids_that_a_layer_shows(opened:
     # Of every link: how far its bodies stick out of its cuboids, and how many bodies there are.
     found = one.run(
         """() => camgen.arm.links3.map((link, k) => {
-          const told = ([pose, half]) => ({ inverse: camgen.matrixOf(pose).invert(), half });
+          const told = ([pose, half]) => ({ turn: camgen.inverse(camgen.matrixOf(pose)), half });
           const boxes = camgen.arm.links[k][1].map(told);
-          const bodies = link.children[0].children.filter(({ name }) => name === "arm");
+          const bodies = link.parts[0].parts.filter(({ name }) => name === "arm");
           let out = 0;
           for (const body of bodies) {
-            body.updateMatrix();
-            const { array } = body.geometry.attributes.position;
-            for (let i = 0; i < array.length; i += 3) {
-              const at = body.position.clone().set(array[i], array[i + 1], array[i + 2]).applyMatrix4(body.matrix);
-              const gaps = boxes.map(({ inverse, half }) => {
-                const own = at.clone().applyMatrix4(inverse).toArray();
+            const { points } = body.draw.shape;
+            for (let i = 0; i < points.length; i += 3) {
+              const at = camgen.moved(body.matrix, points.subarray(i, i + 3));
+              const gaps = boxes.map(({ turn, half }) => {
+                const own = camgen.moved(turn, at);
                 return Math.max(...own.map((v, n) => Math.abs(v) - half[n]));
               });
               out = Math.max(out, Math.min(...gaps));

@@ -116,14 +116,16 @@ def test_the_line_that_runs_is_marked_and_a_click_on_a_line_goes_there(opened: A
     row = one.page.locator(".code", has_text="G1 Z0 F300").first
     row.click()
     assert "now" in row.get_attribute("class")
-    at = one.run("camgen.placeAt(camgen.player.time).at.z + camgen.data.origin[2]")
+    at = one.run("camgen.placeAt(camgen.player.time).at[2] + camgen.data.origin[2]")
     assert at == pytest.approx(0.0, abs=1e-4)
     one.page.keyboard.press("ArrowRight")
     assert one.page.locator(".code.now span").inner_text().startswith("G3 ")
     # A comment moves nothing: the next motion does.
     one.page.locator(".code", has_text="(path c4 layer HOLES)").click()
     assert one.page.locator(".code.now span").inner_text() == "(path c4 layer HOLES)"
-    assert one.run("camgen.placeAt(camgen.player.time).at.x + camgen.data.origin[0]") == pytest.approx(40.472, abs=1e-3)
+    assert one.run("camgen.placeAt(camgen.player.time).at[0] + camgen.data.origin[0]") == pytest.approx(
+        40.472, abs=1e-3
+    )
 
 
 def test_of_a_long_program_only_what_is_seen_is_in_the_page(opened: Any) -> None:

@@ -258,7 +258,7 @@ def test_the_stock_is_switched_off_like_other_layers(opened: Any) -> None:
 def test_the_tool_that_works_is_shown_and_its_operation_listed(opened: Any, views: dict[str, View]) -> None:
     one = opened("several")
     shown = views["several"]
-    tools = "camgen.toolGroup.children.map((one) => [one.name, one.visible])"
+    tools = "camgen.toolGroup.parts.map((one) => [one.name, one.visible])"
     for path, expected in ((0, [True, False]), (len(shown.rows) - 1, [False, True])):
         at = float(shown.track.time[np.flatnonzero(shown.track.events.path[shown.track.event] == path)[0]])
         one.page.evaluate(GO, at)
@@ -278,8 +278,8 @@ def test_the_arm_holds_the_tip_of_the_tool_that_works_where_the_program_is(opene
         at = float(track.time[own[len(own) // 2]])
         one.page.evaluate(GO, at)
         # The tools differ by 30 mm; joints are sampled, and straight in between.
-        tip = one.run("camgen.toolGroup.matrix.elements.slice(12, 15)")
-        assert tip == pytest.approx(one.page.evaluate("at => camgen.placeAt(at).at.toArray()", at), abs=0.5)
+        tip = one.run("camgen.toolGroup.matrix.slice(12, 15)")
+        assert tip == pytest.approx(one.page.evaluate("at => camgen.placeAt(at).at", at), abs=0.5)
 
 
 def test_what_a_proof_found_is_red_in_the_picture_and_among_the_notes(opened: Any) -> None:

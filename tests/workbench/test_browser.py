@@ -117,7 +117,7 @@ def test_what_is_looked_at_survives_a_new_program(tab: Tab) -> None:
     frame = tab.shown(tab.rest()["built"]["number"])
     frame.evaluate(
         "() => { const { look, player } = camgen; look.turn = 0.7; look.tilt = 0.9; look.height = 55; look.own = true; "
-        "look.target.set(3, 4, 5); player.to(4); }"
+        "look.target = [3, 4, 5]; player.to(4); }"
     )
     rows = frame.locator("#rows > *")
     rows.nth(1).click()

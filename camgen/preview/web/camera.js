@@ -1,32 +1,31 @@
 // One camera without perspective, so that lengths compare; turned, moved and zoomed by mouse, touch and keys.
-const camera = new THREE.OrthographicCamera(-1, 1, 1, -1, 0, 1);
-camera.up.set(0, 0, 1);
+// right, up, ahead: directions in the scene, the last towards the viewer. whole: from the scene to the picture.
+const camera = { right: [1, 0, 0], up: [0, 1, 0], ahead: [0, 0, 1], whole: HERE };
 // whole: with the robot. begun: as the page began. own: moved or zoomed by hand, which a new size of the window leaves.
-const look = { target: new THREE.Vector3(), turn: -0.9, tilt: 0.6, height: 1, whole: false, begun: false, own: false };
-const canvas = $("canvas");
-let renderer = null;
+const look = { target: [0, 0, 0], turn: -0.9, tilt: 0.6, height: 1, whole: false, begun: false, own: false };
 let stale = true;
-const redraw = () => { stale = true; };
+function redraw() {
+  stale = true;
+  wake();
+}
 
-function makeRenderer() {
-  try {
-    renderer = new THREE.WebGLRenderer({ canvas, antialias: true, stencil: true });
-  } catch {
-    $("hint").hidden = false;
-    $("hint").textContent = "This browser shows no 3-D pictures (WebGL is off). The list and the numbers work.";
-  }
+canvas.addEventListener("webglcontextrestored", redraw);
+
+if (!gl) {
+  $("hint").hidden = false;
+  $("hint").textContent = "This browser shows no 3-D pictures (WebGL is off). The list and the numbers work.";
 }
 
 function corners(whole) {
   const found = [];
-  for (let k = 0; k < 8; k++) found.push(new THREE.Vector3(...[0, 1, 2].map((i) => (k >> i & 1 ? box.high[i] : box.low[i]))));
+  for (let k = 0; k < 8; k++) found.push([0, 1, 2].map((i) => (k >> i & 1 ? box.high[i] : box.low[i])));
   if (!whole || !arm) return found;
   arm.links3.forEach((link, n) => {
     arm.links[n][1].forEach(([pose, half]) => {
-      const placed = new THREE.Matrix4().multiplyMatrices(link.matrix, matrixOf(pose));
-      for (let k = 0; k < 8; k++) found.push(new THREE.Vector3(...half.map((v, i) => (k >> i & 1 ? v : -v))).applyMatrix4(placed));
+      const placed = product(link.matrix, matrixOf(pose));
+      for (let k = 0; k < 8; k++) found.push(moved(placed, half.map((v, i) => (k >> i & 1 ? v : -v))));
     });
-    found.push(new THREE.Vector3().setFromMatrixPosition(link.matrix));
+    found.push(placeOf(link.matrix));
   });
   return found;
 }
@@ -34,46 +33,38 @@ function corners(whole) {
 function aim() {
   const { target, turn, tilt } = look;
   const far = 40 * Math.max(extent, 3000);
-  const from = [Math.cos(tilt) * Math.cos(turn), Math.cos(tilt) * Math.sin(turn), Math.sin(tilt)];
-  camera.position.set(...from).multiplyScalar(far / 2).add(target);
+  const ahead = [Math.cos(tilt) * Math.cos(turn), Math.cos(tilt) * Math.sin(turn), Math.sin(tilt)];
   // Straight from above "up" is y.
-  camera.up.set(-Math.sin(tilt) * Math.cos(turn), -Math.sin(tilt) * Math.sin(turn), Math.cos(tilt));
-  camera.lookAt(target);
-  const aspect = canvas.clientWidth / Math.max(canvas.clientHeight, 1);
-  [camera.top, camera.bottom] = [look.height / 2, -look.height / 2];
-  [camera.right, camera.left] = [camera.top * aspect, -camera.top * aspect];
-  [camera.near, camera.far] = [0, far];
-  camera.updateProjectionMatrix();
-  camera.updateMatrixWorld();
+  const up = [-Math.sin(tilt) * Math.cos(turn), -Math.sin(tilt) * Math.sin(turn), Math.cos(tilt)];
+  const right = cross(up, ahead);
+  const [wide, high] = [look.height * (canvas.clientWidth / Math.max(canvas.clientHeight, 1)), look.height];
+  const rows = [scaled(right, 2 / wide), scaled(up, 2 / high), scaled(ahead, -2 / far)];
+  const columns = [0, 1, 2].map((k) => rows.map((row) => row[k]));
+  Object.assign(camera, { right, up, ahead, whole: framed3(...columns, rows.map((row) => -dot(row, target))) });
   shared.deep.value = 2 / far;
   shared.lift.value = (0.001 * extent) / far;
   shared.perMm.value = canvas.clientHeight / look.height;
-  lights[1].position.copy(camera.position).sub(target).add(new THREE.Vector3(0, 0, far / 6)).addScaledVector(rightOf(), -far / 8);
+  shared.light.value = unit(plus(onward(scaled(ahead, 1 / 2), right, -1 / 8), [0, 0, 1 / 6]));
   redraw();
 }
-
-const rightOf = () => new THREE.Vector3().setFromMatrixColumn(camera.matrixWorld, 0);
-const upOf = () => new THREE.Vector3().setFromMatrixColumn(camera.matrixWorld, 1);
 
 function fit(whole = look.whole) {
   [look.whole, look.begun, look.own] = [whole, false, false];
   const found = corners(whole);
   aim();
-  const spans = [rightOf(), upOf()].map((axis) => {
-    const along_ = found.map((corner) => corner.dot(axis));
+  const spans = [camera.right, camera.up].map((axis) => {
+    const along_ = found.map((corner) => dot(corner, axis));
     return [Math.min(...along_), Math.max(...along_), axis];
   });
-  const ahead = new THREE.Vector3().setFromMatrixColumn(camera.matrixWorld, 2);
-  const middle = found.reduce((sum, corner) => sum + corner.dot(ahead), 0) / found.length;
-  look.target.copy(ahead).multiplyScalar(middle);
-  for (const [low, high, axis] of spans) look.target.addScaledVector(axis, (low + high) / 2);
+  look.target = scaled(camera.ahead, found.reduce((sum, corner) => sum + dot(corner, camera.ahead), 0) / found.length);
+  for (const [low, high, axis] of spans) look.target = onward(look.target, axis, (low + high) / 2);
   const [wide, high] = spans.map(([a, b]) => Math.max(b - a, 1e-6));
   // Legend and scale stand below.
   const [above, below] = [28, 96];
   const room = [Math.max(canvas.clientWidth - 48, 50), Math.max(canvas.clientHeight - above - below, 50)];
   const per = Math.max(wide / room[0], high / room[1]);
   look.height = per * canvas.clientHeight;
-  look.target.addScaledVector(upOf(), (per * (above - below)) / 2);
+  look.target = onward(look.target, camera.up, (per * (above - below)) / 2);
   aim();
 }
 
@@ -86,9 +77,9 @@ function begin() {
 // The oblique view looks over the part at the robot, which would hide it from behind.
 function oblique() {
   if (!arm) return -1.05;
-  const base = new THREE.Vector3().setFromMatrixPosition(arm.base);
+  const base = placeOf(arm.base);
   const [x, y] = [0, 1].map((k) => (box.low[k] + box.high[k]) / 2);
-  return Math.atan2(y - base.y, x - base.x) - 0.75;
+  return Math.atan2(y - base[1], x - base[0]) - 0.75;
 }
 
 const VIEWS = { top: [-Math.PI / 2, Math.PI / 2], side: [-Math.PI / 2, 0], iso: [oblique(), 0.5] };
@@ -103,7 +94,7 @@ function zoom(factor, x, y) {
   const [dx, dy] = [(x - area.left - area.width / 2) * per, (area.height / 2 - y + area.top) * per];
   const height = Math.min(Math.max(look.height * factor, extent * 1e-4), Math.max(extent, 3000) * 20);
   const kept = 1 - height / look.height;
-  look.target.addScaledVector(rightOf(), dx * kept).addScaledVector(upOf(), dy * kept);
+  look.target = onward(onward(look.target, camera.right, dx * kept), camera.up, dy * kept);
   look.height = height;
   look.own = true;
   aim();
@@ -111,7 +102,7 @@ function zoom(factor, x, y) {
 
 function shift(dx, dy) {
   const per = look.height / canvas.clientHeight;
-  look.target.addScaledVector(rightOf(), -dx * per).addScaledVector(upOf(), dy * per);
+  look.target = onward(onward(look.target, camera.right, -dx * per), camera.up, dy * per);
   look.own = true;
   aim();
 }

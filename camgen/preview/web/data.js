@@ -1,5 +1,4 @@
 // What the page was given, and colours. Nothing here or later reads a text of the data as markup.
-const $ = (id) => document.getElementById(id);
 const data = JSON.parse($("data").textContent);
 
 function unpack(text, Kind = Float32Array) {
@@ -36,6 +35,9 @@ function make(tag, text = "", name = "") {
   if (name) element.className = name;
   return element;
 }
+
+// Of a colour as the style sheet has it, #rrggbb, or as "rgb(r, g, b)": three numbers from 0 to 1.
+const colourOf = (text) => (text.startsWith("#") ? text.match(/[0-9a-f]{2}/gi).map((v) => parseInt(v, 16)) : text.match(/[\d.]+/g).map(Number)).map((v) => v / 255);
 
 const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
 

@@ -17,7 +17,7 @@ function tellPicked({ path, line, place }) {
 const viewState = () => ({
   camera: {
     turn: look.turn, tilt: look.tilt, height: look.height, whole: look.whole, own: look.own,
-    target: look.target.toArray().map((v, k) => v + origin[k]),
+    target: plus(look.target, origin),
   },
   time: player.time, part: total > 0 ? player.time / total : 0, speed: player.speed, colouring,
   layers: Object.fromEntries(Object.entries(layers).map(([name, layer]) => [name, !layer.off])),
@@ -27,14 +27,14 @@ const viewState = () => ({
 
 const isNumber = (value) => typeof value === "number" && Number.isFinite(value);
 
-function restoreCamera(camera) {
-  for (const name of ["turn", "tilt"]) if (isNumber(camera[name])) look[name] = camera[name];
+function restoreCamera(asked) {
+  for (const name of ["turn", "tilt"]) if (isNumber(asked[name])) look[name] = asked[name];
   look.tilt = Math.min(Math.max(look.tilt, -Math.PI / 2), Math.PI / 2);
   // Where the picture was fitted, it is fitted to what there is now.
-  if (!camera.own) return camera.whole || arm ? begin() : fit(false);
-  if (isNumber(camera.height) && camera.height > 0) look.height = camera.height;
-  if (Array.isArray(camera.target) && camera.target.length === 3 && camera.target.every(isNumber)) {
-    look.target.set(...camera.target.map((v, k) => v - origin[k]));
+  if (!asked.own) return asked.whole || arm ? begin() : fit(false);
+  if (isNumber(asked.height) && asked.height > 0) look.height = asked.height;
+  if (Array.isArray(asked.target) && asked.target.length === 3 && asked.target.every(isNumber)) {
+    look.target = minus(asked.target, origin);
   }
   look.own = true;
   aim();

@@ -1,22 +1,25 @@
 // Lines of a width in pixels and marks of a size in pixels: one draw call each, whatever their number. What is drawn
 // lies in textures, from which the vertices fetch it: instances of four vertices are slow where no graphics card helps.
 const shared = {
-  size: { value: new THREE.Vector2(1, 1) },
+  size: { value: [1, 1] },
   pixel: { value: 1 },
+  thinnest: { value: 0 },
   perMm: { value: 1 },
-  low: { value: new THREE.Color() },
-  middle: { value: new THREE.Color() },
-  high: { value: new THREE.Color() },
+  low: { value: [0, 0, 0] },
+  middle: { value: [0, 0, 0] },
+  high: { value: [0, 0, 0] },
+  light: { value: [0, 0, 1] },
   lift: { value: 0 },
   stride: { value: 1 },
   deep: { value: 0 },
-  pickColour: { value: new THREE.Color() },
+  pickColour: { value: [0, 0, 0] },
   now: { value: -1 },
 };
 
 const COLOURED = `
   uniform vec3 low, middle, high, colour, pickColour;
-  varying float vValue, vPicked;
+  in float vValue, vPicked;
+  out vec4 seen;
   vec3 painted() {
     vec3 own = vValue < 0.0 ? colour : vValue < 0.5 ? mix(low, middle, vValue * 2.0) : mix(middle, high, vValue * 2.0 - 1.0);
     return vPicked > 0.5 ? pickColour : own;
@@ -27,8 +30,9 @@ const LINE_VERTEX = `
   uniform highp sampler2D stations, infos;
   uniform int stride, last;
   uniform vec2 size;
-  uniform float width, pixel, perMm, pick, now, work, travel, approach, picks, lift, order;
-  varying float vValue, vPicked, vPale, vRun, vDash;
+  uniform float width, pixel, thinnest, perMm, pick, now, work, travel, approach, picks, lift, order;
+  uniform mat4 clip;
+  out float vValue, vPicked, vPale, vRun, vDash;
   void main() {
     int row = (gl_VertexID >> 2) * stride;
     int corner = gl_VertexID & 3;
@@ -42,13 +46,13 @@ const LINE_VERTEX = `
     float group = end.w, value = info.x, time = info.y, run = info.z;
     vec2 place = vec2(corner > 1 ? 1.0 : 0.0, corner == 1 || corner == 2 ? 1.0 : -1.0);
     bool moving = group < -0.5, free = group < -0.9;
-    vec4 p = projectionMatrix * modelViewMatrix * vec4(a, 1.0);
-    vec4 q = projectionMatrix * modelViewMatrix * vec4(b, 1.0);
+    vec4 p = clip * vec4(a, 1.0);
+    vec4 q = clip * vec4(b, 1.0);
     vec2 way = (q.xy - p.xy) * size * 0.5;
     float wide = length(way);
     way = wide > 1e-4 ? way / wide : vec2(1.0, 0.0);
     vPicked = picks > 0.5 && !moving && abs(group - pick) < 0.5 ? 1.0 : 0.0;
-    float half_ = 0.5 * pixel * (moving ? 1.1 : vPicked > 0.5 ? width + 2.0 : width);
+    float half_ = 0.5 * max(pixel * (moving ? 1.1 : vPicked > 0.5 ? width + 2.0 : width), thinnest);
     vec4 at = place.x < 0.5 ? p : q;
     float cap = moving ? 0.0 : place.x * 2.0 - 1.0;
     at.xy += (vec2(-way.y, way.x) * place.y + way * cap * 0.7) * half_ * 2.0 / size;
@@ -60,70 +64,78 @@ const LINE_VERTEX = `
     gl_Position = group < -1.5 || begun != group || (free ? travel : moving ? approach : work) < 0.5 ? vec4(2.0, 2.0, 2.0, 1.0) : at;
   }`;
 const LINE_FRAGMENT = `${COLOURED}
-  varying float vPale, vRun, vDash;
+  in float vPale, vRun, vDash;
   uniform vec3 other, near, back;
   uniform float opacity;
   void main() {
     if (vDash > 0.5 && vDash < 1.5 && mod(vRun, 9.0) > 5.5) discard;
-    gl_FragColor = vec4(mix(vDash > 1.5 ? near : vDash > 0.5 ? other : painted(), back, vPale), opacity);
+    seen = vec4(mix(vDash > 1.5 ? near : vDash > 0.5 ? other : painted(), back, vPale), opacity);
   }`;
+
+const LINES = program(LINE_VERTEX, LINE_FRAGMENT);
 
 // Four vertices for each of `count` quads: the same index serves all, each takes as much of it as it needs.
 const quads = { count: 0, index: null };
 function quadIndex(count) {
-  if (count > quads.count) {
-    const index = new Uint32Array(6 * count);
-    for (let k = 0; k < count; k++) index.set([0, 2, 1, 0, 3, 2].map((corner) => 4 * k + corner), 6 * k);
-    Object.assign(quads, { count, index: new THREE.BufferAttribute(index, 1) });
-  }
-  return quads.index;
+  if (count > quads.count) Object.assign(quads, { count, index: null });
+  return () => (quads.index ??= indexBuffer(quadCorners(quads.count)))();
 }
 
-// Columns as the four values of the texels of a texture; `three` has the first three of them in one.
-function texels(count, three, fourth) {
-  const values = new Float32Array(4 * 2048 * Math.max(Math.ceil(count / 2048), 1));
-  for (let k = 0; k < count; k++) {
-    for (let i = 0; i < 3; i++) values[4 * k + i] = three(k, i);
-    values[4 * k + 3] = fourth(k);
+function quadCorners(count) {
+  const index = new Uint32Array(6 * count);
+  for (let k = 0, at = 0, corner = 0; k < count; k++, corner += 4) {
+    index[at++] = corner;
+    index[at++] = corner + 2;
+    index[at++] = corner + 1;
+    index[at++] = corner;
+    index[at++] = corner + 3;
+    index[at++] = corner + 2;
   }
-  const texture = new THREE.DataTexture(values, 2048, values.length / 8192, THREE.RGBAFormat, THREE.FloatType);
-  texture.needsUpdate = true;
-  return texture;
+  return index;
 }
 
-function drawn(count, vertexShader, fragmentShader, uniforms) {
-  const geometry = new THREE.BufferGeometry();
-  geometry.setIndex(quadIndex(count));
-  geometry.setDrawRange(0, 6 * count);
-  const material = new THREE.ShaderMaterial({
-    vertexShader, fragmentShader, transparent: true, uniforms: { ...shared, ...uniforms },
-  });
-  const mesh = new THREE.Mesh(geometry, material);
-  mesh.frustumCulled = false;
-  return mesh;
+const quadShape = (count) => shape({ indexes: quadIndex(count), count: 6 * count });
+const WIDE = 2048;
+
+// Four columns as the texels of a texture: three that stand together (three numbers for each) and a fourth, or four.
+function texels(count, fill) {
+  const high = Math.max(Math.ceil(count / WIDE), 1);
+  const values = new Float32Array(4 * WIDE * high);
+  for (let k = 0; k < count; k++) fill(values, 4 * k, k);
+  return table(values, WIDE, high);
 }
+const besides = (three, fourth) => (values, at, k) => {
+  values[at] = three[3 * k];
+  values[at + 1] = three[3 * k + 1];
+  values[at + 2] = three[3 * k + 2];
+  values[at + 3] = fourth ? fourth[k] : 0;
+};
 
 // A chain of points (Float32Array, three for each): what is said of segment i stands at its end, index i + 1.
 function lines({ points, group, time, run, width, picks = 0, order = 1, opacity = 1 }) {
   const count = points.length / 3;
-  const infos = texels(count, (k, i) => [-1, time?.[k] ?? 0, run?.[k] ?? 0][i], () => 0);
-  const mesh = drawn(Math.max(count - 1, 0), LINE_VERTEX, LINE_FRAGMENT, {
-    last: { value: count - 1 },
-    stations: { value: texels(count, (k, i) => points[3 * k + i], (k) => group[k]) }, infos: { value: infos },
-    colour: { value: new THREE.Color() }, other: { value: new THREE.Color() }, near: { value: new THREE.Color() }, back: { value: new THREE.Color() },
+  const segments = Math.max(count - 1, 0);
+  const infos = texels(count, (values, at, k) => {
+    values[at] = -1;
+    if (time) values[at + 1] = time[k];
+    if (run) values[at + 2] = run[k];
+  });
+  const draw = drawing(quadShape(segments), LINES, {
+    ...shared, last: { value: count - 1 }, stations: { value: texels(count, besides(points, group)) }, infos: { value: infos },
+    colour: { value: [0, 0, 0] }, other: { value: [0, 0, 0] }, near: { value: [0, 0, 0] }, back: { value: [0, 0, 0] },
     width: { value: width },
     work: { value: 1 }, travel: { value: 1 }, approach: { value: 1 }, picks: { value: picks }, pick: { value: -9 },
     opacity: { value: opacity }, order: { value: order },
-  });
-  chains.push([mesh, Math.max(count - 1, 0)]);
-  return mesh;
+  }, { clear: true });
+  chains.push([draw, segments]);
+  return thing({ draw });
 }
 
 // Only every n-th station: what moves is drawn so where all of them take too long.
 const chains = [];
 function coarse(stride) {
   shared.stride.value = stride;
-  for (const [mesh, count] of chains) mesh.geometry.setDrawRange(0, 6 * Math.ceil(count / stride));
+  for (const [draw, count] of chains) draw.count = 6 * Math.ceil(count / stride);
 }
 
 // room: mm on the path that belong to the mark; it is left out where that is too little on the screen.
@@ -131,7 +143,8 @@ const MARK_VERTEX = `
   uniform highp sampler2D places, ways;
   uniform vec2 size;
   uniform float pixel, perMm, least, radius, lift, deep;
-  varying vec2 vCorner;
+  uniform mat4 clip;
+  out vec2 vCorner;
   void main() {
     int row = gl_VertexID >> 2;
     int corner = gl_VertexID & 3;
@@ -140,8 +153,8 @@ const MARK_VERTEX = `
     vec3 at = place.xyz, way = texelFetch(ways, spot, 0).xyz;
     float room = place.w;
     vec2 own = vec2(corner > 1 ? 1.0 : -1.0, corner == 1 || corner == 2 ? 1.0 : -1.0);
-    vec4 p = projectionMatrix * modelViewMatrix * vec4(at, 1.0);
-    vec4 q = projectionMatrix * modelViewMatrix * vec4(at + way, 1.0);
+    vec4 p = clip * vec4(at, 1.0);
+    vec4 q = clip * vec4(at + way, 1.0);
     vec2 towards = (q.xy - p.xy) * size;
     float run = length(towards);
     bool seen = room * perMm >= least && (dot(way, way) < 1e-9 || run > 0.3 * perMm);
@@ -152,21 +165,24 @@ const MARK_VERTEX = `
     gl_Position = seen ? p : vec4(2.0, 2.0, 2.0, 1.0);
   }`;
 const MARK_FRAGMENT = `
-  varying vec2 vCorner;
+  in vec2 vCorner;
+  out vec4 seen;
   uniform vec3 colour, back;
   uniform float arrow;
   void main() {
     if (arrow > 0.5 && (abs(vCorner.y) > 0.5 - 0.5 * vCorner.x || vCorner.x < -0.9 + 0.5 * (1.0 - abs(vCorner.y)))) discard;
     float r = length(vCorner);
     if (arrow < 0.5 && r > 1.0) discard;
-    gl_FragColor = vec4(arrow < 0.5 && r < 0.55 ? back : colour, 1.0);
+    seen = vec4(arrow < 0.5 && r < 0.55 ? back : colour, 1.0);
   }`;
 
+const MARKS = program(MARK_VERTEX, MARK_FRAGMENT);
+
 function marks(at, way, room, { radius, least, arrow }) {
-  return drawn(room.length, MARK_VERTEX, MARK_FRAGMENT, {
-    places: { value: texels(room.length, (k, i) => at[3 * k + i], (k) => room[k]) },
-    ways: { value: texels(room.length, (k, i) => way[3 * k + i], () => 0) },
-    colour: { value: new THREE.Color() }, back: { value: new THREE.Color() }, radius: { value: radius },
-    least: { value: least }, arrow: { value: arrow ? 1 : 0 },
-  });
+  const draw = drawing(quadShape(room.length), MARKS, {
+    ...shared, places: { value: texels(room.length, besides(at, room)) }, ways: { value: texels(room.length, besides(way)) },
+    colour: { value: [0, 0, 0] }, back: { value: [0, 0, 0] }, radius: { value: radius }, least: { value: least },
+    arrow: { value: arrow ? 1 : 0 },
+  }, { clear: true });
+  return thing({ draw });
 }

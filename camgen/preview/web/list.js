@@ -80,7 +80,7 @@ function scrollTo(k) {
 function choose(k, scroll = true) {
   if (k !== chosen.path) edits.choose?.(k);
   chosen.path = k;
-  way.material.uniforms.pick.value = k < 0 ? -9 : k;
+  way.draw.uniforms.pick.value = k < 0 ? -9 : k;
   if (scroll && k >= 0) scrollTo(k);
   fillList();
   redraw();

@@ -57,7 +57,7 @@ function lookAt(rows) {
   if (low[0] > high[0]) return;
   const size = Math.hypot(...high.map((v, k) => v - low[k]));
   const wanted = Math.max(4 * size, 0.25 * extent);
-  look.target.set(...low.map((v, k) => (v + high[k]) / 2));
+  look.target = low.map((v, k) => (v + high[k]) / 2);
   look.height = Math.min(Math.max(look.height, wanted / 4), wanted);
   look.own = true;
   aim();

@@ -9,9 +9,8 @@ function toScreen(points, index) {
 
 const onScreen = { m: [] };
 function setScreen() {
-  const whole = new THREE.Matrix4().multiplyMatrices(camera.projectionMatrix, camera.matrixWorldInverse);
   const [w, h] = [canvas.clientWidth / 2, canvas.clientHeight / 2];
-  onScreen.m = new THREE.Matrix4().set(w, 0, 0, w, 0, -h, 0, h, 0, 0, 1, 0, 0, 0, 0, 1).multiply(whole).elements;
+  onScreen.m = product(framed3([w, 0, 0], [0, -h, 0], [0, 0, 1], [w, h, 0]), camera.whole);
 }
 
 // The segment of a chain that comes nearest to (x, y): its end, where on it 0..1, and how far away in pixels.
@@ -89,10 +88,9 @@ function setMeasure(on) {
 // On a flat part a point need not be on a line: the plane of the drawing is meant.
 function planePoint(x, y) {
   if (!isFlat || Math.abs(Math.sin(look.tilt)) < 0.05) return null;
-  const at = look.target.clone().addScaledVector(rightOf(), (x - canvas.clientWidth / 2) / shared.perMm.value)
-    .addScaledVector(upOf(), (canvas.clientHeight / 2 - y) / shared.perMm.value);
-  const ahead = new THREE.Vector3().setFromMatrixColumn(camera.matrixWorld, 2);
-  return at.addScaledVector(ahead, (-origin[2] - at.z) / ahead.z).toArray();
+  const beside = onward(look.target, camera.right, (x - canvas.clientWidth / 2) / shared.perMm.value);
+  const at = onward(beside, camera.up, (canvas.clientHeight / 2 - y) / shared.perMm.value);
+  return onward(at, camera.ahead, (-origin[2] - at[2]) / camera.ahead[2]);
 }
 
 function measureAt(hit, x, y) {

@@ -65,7 +65,7 @@ function showTime() {
   const named = path >= 0 ? data.paths[path] : null;
   const where = named ? [`Path ${path + 1} of ${data.paths.length}: ${named.id}`, named.operation, named.layer] : ["Travel"];
   $("where").textContent = $("where").title = where.filter(Boolean).join(", ");
-  const place = at.toArray().map((v, k) => number(v + origin[k], 2)).join("  ");
+  const place = at.map((v, k) => number(v + origin[k], 2)).join("  ");
   const force = track.force[event] > 0 ? `, ${number(track.force[event])} N` : "";
   const speed = track.kind[event] === 3 ? "" : `, ${number(track.feed[event])} mm/s${force}`;
   $("what").textContent = `${KINDS[track.kind[event]]}, instruction ${track.instruction[event]}${lineOfEvent[event] ? `, line ${lineOfEvent[event]}` : ""}${speed}, at ${place} mm${onAt(player.time)}${cutting.stock?.met.has(event) ? "; a rapid through material" : ""}`;

@@ -1,5 +1,5 @@
 // What stands in the work frame: part, paths, starts, arrows, tool axes. Coordinates are told from `origin`.
-const scene = new THREE.Scene();
+const scene = thing();
 // What plays the cut and what shows it: stock.js, which only pages of jobs that cut have.
 const cutting = { stock: null, shown: null, tool: null };
 // What changes the order and the seams of paths: edit.js, which only pages of the workbench have.
@@ -50,11 +50,11 @@ const layers = {
   boxes: { label: "Tested cuboids", colour: "boxes", things: [], off: true },
 };
 
-function put(layer, thing, order) {
-  thing.renderOrder = order;
-  scene.add(thing);
-  layers[layer].things.push(thing);
-  return thing;
+function put(layer, one, order) {
+  one.order = order;
+  scene.parts.push(one);
+  layers[layer].things.push(one);
+  return one;
 }
 
 // Contours and edges, one mesh for each state.
@@ -76,46 +76,36 @@ for (const [state, [layer, width]] of Object.entries(STATES)) {
   put(layer, lines({ points, group, width, picks: 1 }), layer === "skipped" ? 3 : 2);
 }
 
-// The sheet inside closed contours, even-odd: every fan turns the stencil over, a square fills what is left odd.
+// A closed contour as triangles that cover what is in it an odd number of times: corners are cut off, every second one
+// and again, so that most triangles are small. In a fan from one corner all of them are long.
+function coverOdd(first, count, index) {
+  for (let step = 1; 2 * step < count; step *= 2) {
+    for (let k = 0; k + step < count; k += 2 * step) {
+      index.push(first + k, first + k + step, first + (k + 2 * step < count ? k + 2 * step : 0));
+    }
+  }
+}
+
+// The sheet inside closed contours, even-odd: every triangle turns the stencil over, a square fills what is left odd.
 function sheet() {
   const closed = data.lines.rows.flatMap((line, k) => (line.closed && line.state !== "unused" ? [k] : []));
   if (!isFlat || !closed.length) return;
   const index = [];
-  for (const k of closed) {
-    for (let i = 1; i < data.lines.counts[k] - 1; i++) index.push(lineFirst[k], lineFirst[k] + i, lineFirst[k] + i + 1);
-  }
-  const fans = new THREE.BufferGeometry();
-  fans.setAttribute("position", new THREE.BufferAttribute(linePoints, 3));
-  fans.setIndex(index);
-  const common = { side: THREE.DoubleSide, depthWrite: false, transparent: true, stencilWrite: true };
-  const odd = new THREE.Mesh(fans, new THREE.MeshBasicMaterial({
-    ...common, colorWrite: false, depthTest: false, stencilFunc: THREE.AlwaysStencilFunc,
-    stencilFail: THREE.InvertStencilOp, stencilZFail: THREE.InvertStencilOp, stencilZPass: THREE.InvertStencilOp,
-    stencilWriteMask: 1,
-  }));
-  const square = new THREE.Mesh(new THREE.PlaneGeometry(1, 1), new THREE.MeshBasicMaterial({
-    ...common, stencilFunc: THREE.NotEqualStencilFunc, stencilRef: 0, stencilFuncMask: 1,
-    stencilZPass: THREE.KeepStencilOp, polygonOffset: true, polygonOffsetFactor: 2, polygonOffsetUnits: 2,
-  }));
-  square.scale.set(box.high[0] - box.low[0] + 1, box.high[1] - box.low[1] + 1, 1);
-  square.position.set((box.low[0] + box.high[0]) / 2, (box.low[1] + box.high[1]) / 2, linePoints[3 * lineFirst[closed[0]] + 2]);
-  odd.frustumCulled = false;
-  [odd.name, square.name] = ["plate", "plate"];
-  put("part", odd, -2);
-  put("part", square, -1);
+  for (const k of closed) coverOdd(lineFirst[k], data.lines.counts[k], index);
+  const common = { name: "plate", shine: 0, clear: true, depthWrite: false };
+  const odd = shape({ points: linePoints, index: new Uint32Array(index) });
+  const [[x0, y0], [x1, y1], z] = [box.low, box.high, linePoints[3 * lineFirst[closed[0]] + 2]];
+  const square = shape({
+    points: new Float32Array([x0 - 1, y0 - 1, z, x1 + 1, y0 - 1, z, x1 + 1, y1 + 1, z, x0 - 1, y1 + 1, z]), index: new Uint32Array([0, 1, 2, 0, 2, 3]),
+  });
+  put("part", solid(odd, { ...common, depthTest: false, stencil: "odd" }), -2);
+  put("part", solid(square, { ...common, offset: [2, 2], stencil: "inside" }), -1);
 }
 sheet();
 
 // Triangles of the part or of a fixture.
 function surface(layer, name, points, faces) {
-  const geometry = new THREE.BufferGeometry();
-  geometry.setAttribute("position", new THREE.BufferAttribute(points, 3));
-  geometry.setIndex(new THREE.BufferAttribute(unpack(faces, Uint32Array), 1));
-  const mesh = new THREE.Mesh(geometry, new THREE.MeshLambertMaterial({
-    flatShading: true, side: THREE.DoubleSide, polygonOffset: true, polygonOffsetFactor: 2, polygonOffsetUnits: 2,
-  }));
-  mesh.name = name;
-  put(layer, mesh, 0);
+  put(layer, solid(shape({ points, index: unpack(faces, Uint32Array) }), { name, shine: 2, offset: [2, 2] }), 0);
 }
 if (data.solid) surface("part", "solid", solidPoints, data.solid.faces);
 for (const [, { vertices, faces }] of data.meshes) surface("fixtures", "fixture", unpack(vertices), faces);
@@ -132,8 +122,8 @@ const way = lines({
   points: track.position, group: wayGroup, time: track.time, run: travelled,
   width: 2.4, picks: 1, order: 3,
 });
-way.renderOrder = 4;
-scene.add(way);
+way.order = 4;
+scene.parts.push(way);
 
 const SCALES = {
   order: { label: "Order", unit: "", of: (e) => track.path[e] },
@@ -154,10 +144,10 @@ SCALES.order.high = Math.max(data.paths.length - 1, 0);
 
 function colourBy(name) {
   const { low, high, of } = SCALES[name];
-  const infos = way.material.uniforms.infos.value;
+  const infos = way.draw.uniforms.infos.value;
   const place = (value) => (high > low ? Math.max((value - low) / (high - low), 0) : 0);
-  for (let s = 1; s < stations; s++) infos.image.data[4 * s] = place(of(track.event[s]));
-  infos.needsUpdate = true;
+  for (let s = 1; s < stations; s++) infos.values[4 * s] = place(of(track.event[s]));
+  infos.changed = [0, infos.high - 1];
 }
 
 // Arrows stand evenly along each path; one of two, of four ... stays where the picture is small.
@@ -215,24 +205,19 @@ function axes(chosen) {
 }
 put("axes", axes(along.axes), 3);
 
-const lights = [new THREE.HemisphereLight(0xffffff, 0xa3adba, 2.3), new THREE.DirectionalLight(0xffffff, 1.3)];
-scene.add(...lights);
-
 function themed() {
-  const set = (uniform, text) => uniform.value.set(text).convertLinearToSRGB();
-  const stops = ramp().map(rgb);
-  [shared.low, shared.middle, shared.high].forEach((uniform, k) => set(uniform, stops[k]));
-  set(shared.pickColour, css("pick"));
-  set(way.material.uniforms.other, css("travel"));
-  set(way.material.uniforms.near, css("near"));
-  set(way.material.uniforms.back, css("scene"));
+  const uniforms = way.draw.uniforms;
+  ramp().forEach((colour, k) => { shared[["low", "middle", "high"][k]].value = colour.map((v) => v / 255); });
+  shared.pickColour.value = colourOf(css("pick"));
+  uniforms.other.value = colourOf(css("travel"));
+  uniforms.near.value = colourOf(css("near"));
+  uniforms.back.value = colourOf(css("scene"));
   for (const layer of Object.values(layers)) {
-    for (const { material, name } of layer.things) {
-      if (!material) continue;
-      if (material.uniforms?.colour) set(material.uniforms.colour, css(layer.colour));
-      if (material.uniforms?.back) set(material.uniforms.back, css("scene"));
-      if (name === "plate" || name === "solid") material.color.set(css(name));
-      if (name === "gouge" || name === "excess") material.color.set(css(layer.colour));
+    const own = colourOf(css(layer.colour));
+    for (const { draw, name } of layer.things) {
+      if (!draw || NAMED.includes(name)) continue;
+      if (draw.uniforms.colour) draw.uniforms.colour.value = own;
+      if (draw.uniforms.back) draw.uniforms.back.value = uniforms.back.value;
     }
   }
   cutting.shown?.theme();
@@ -240,7 +225,7 @@ function themed() {
 
 function showLayers() {
   for (const layer of Object.values(layers)) layer.things.forEach((thing) => { thing.visible = !layer.off; });
-  way.material.uniforms.work.value = layers.paths.off ? 0 : 1;
-  way.material.uniforms.travel.value = layers.travel.off ? 0 : 1;
-  way.material.uniforms.approach.value = layers.approach.off ? 0 : 1;
+  way.draw.uniforms.work.value = layers.paths.off ? 0 : 1;
+  way.draw.uniforms.travel.value = layers.travel.off ? 0 : 1;
+  way.draw.uniforms.approach.value = layers.approach.off ? 0 : 1;
 }

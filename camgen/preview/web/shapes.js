@@ -43,51 +43,25 @@ function roundedPlate([u, v, h], round, rim) {
       index.push(...(side > 0 ? [middle, k, n] : [middle, n, k]));
     }
   }
-  const geometry = new THREE.BufferGeometry();
-  geometry.setAttribute("position", new THREE.BufferAttribute(new Float32Array(points), 3));
-  geometry.setAttribute("normal", new THREE.BufferAttribute(new Float32Array(normals), 3));
-  geometry.setIndex(index);
-  return geometry;
-}
-
-function solidOf(geometry, name, material = {}) {
-  const mesh = new THREE.Mesh(geometry, new THREE.MeshLambertMaterial({
-    polygonOffset: true, polygonOffsetFactor: 1, polygonOffsetUnits: 1, ...material,
-  }));
-  mesh.name = name;
-  return mesh;
+  return shape({ points: new Float32Array(points), normals: new Float32Array(normals), index: new Uint32Array(index) });
 }
 
 // A cuboid as a body: a bar or a plate with round ends, its rims as round as it is thin.
-function body([pose, half], name, material) {
+function body([pose, half], name) {
   const thin = half.indexOf(Math.min(...half));
   const order = [(thin + 1) % 3, (thin + 2) % 3, thin];
   const [u, v, h] = order.map((k) => Math.max(half[k], 1e-3));
-  const mesh = solidOf(roundedPlate([u, v, h], 0.92 * Math.min(u, v), 0.5 * h), name, material);
-  const columns = order.map((k) => new THREE.Vector3().setComponent(k, 1));
-  const turn = new THREE.Matrix4().set(
-    columns[0].x, columns[1].x, columns[2].x, 0, columns[0].y, columns[1].y, columns[2].y, 0,
-    columns[0].z, columns[1].z, columns[2].z, 0, 0, 0, 0, 1,
-  );
-  matrixOf(pose).multiply(turn).decompose(mesh.position, mesh.quaternion, mesh.scale);
-  return mesh;
-}
-
-// A cylinder, or a part of a cone, from a to b.
-function rod(a, b, radiusA, radiusB, name, material) {
-  const way = b.clone().sub(a);
-  const mesh = solidOf(new THREE.CylinderGeometry(radiusB, radiusA, way.length(), 40), name, material);
-  mesh.position.copy(a).add(b).multiplyScalar(0.5);
-  mesh.quaternion.setFromUnitVectors(new THREE.Vector3(0, 1, 0), way.normalize());
-  return mesh;
+  const made = solid(roundedPlate([u, v, h], 0.92 * Math.min(u, v), 0.5 * h), { name, oneSided: true, ...PUSHED });
+  made.matrix = product(matrixOf(pose), framed3(...order.map(axisOf), [0, 0, 0]));
+  return made;
 }
 
 // Of a cuboid that the line through `at` along `axis` passes: half its length along it, half its least width across, and
 // how far from `at` its middle is along the line; none where the line misses it.
 function boxOnAxis([pose, half], at, axis) {
-  const turn = matrixOf(pose).invert();
-  const from = at.clone().applyMatrix4(turn).toArray();
-  const way = axis.clone().transformDirection(turn).toArray();
+  const turn = inverse(matrixOf(pose));
+  const from = moved(turn, at);
+  const way = turned(turn, axis);
   const main = way.map(Math.abs).indexOf(Math.max(...way.map(Math.abs)));
   const across = [0, 1, 2].filter((k) => k !== main);
   // Where the line is at the height of the middle.
@@ -107,12 +81,12 @@ function housing(at, axis, own, before) {
   const out = 0.08 * radius;
   const ends = [
     Math.min(...hits.map(({ run, long }) => run - long)) - out, Math.max(...hits.map(({ run, long }) => run + long)) + out,
-  ].map((run) => at.clone().addScaledVector(axis, run));
+  ].map((run) => onward(at, axis, run));
   return rod(...ends, radius, radius, "arm-joint");
 }
 
 const distanceTo = ([pose, half], point) => {
-  const own = point.clone().applyMatrix4(matrixOf(pose).invert()).toArray();
+  const own = moved(inverse(matrixOf(pose)), point);
   return Math.hypot(...own.map((v, k) => Math.max(Math.abs(v) - half[k], 0)));
 };
 
@@ -124,19 +98,16 @@ function linkShapes(boxes, entry, exit, before) {
   const thick = Number.isFinite(least) ? least : arm.size / 25;
   if (entry && !entry.sliding) found.push(housing(entry.at, entry.axis, boxes, before));
   if (entry && exit) {
-    const way = exit.at.clone().sub(entry.at);
-    const middle = entry.at.clone().addScaledVector(way, 0.5);
+    const way = minus(exit.at, entry.at);
+    const middle = onward(entry.at, way, 0.5);
     // A gap between two joints that no cuboid fills.
     const bare = boxes.every((one) => distanceTo(one, middle) > 0.2 * thick);
-    if (way.length() > thick && bare && !exit.sliding) found.push(rod(entry.at, exit.at, thick * 0.9, thick * 0.75, "arm"));
+    if (sizeOf(way) > thick && bare && !exit.sliding) found.push(rod(entry.at, exit.at, thick * 0.9, thick * 0.75, "arm"));
   }
   return found.filter(Boolean);
 }
 
 // The triangles of a link, where its description has them.
 function linkMesh({ vertices, faces }) {
-  const geometry = new THREE.BufferGeometry();
-  geometry.setAttribute("position", new THREE.BufferAttribute(unpack(vertices), 3));
-  geometry.setIndex(new THREE.BufferAttribute(unpack(faces, Uint32Array), 1));
-  return solidOf(geometry, "arm", { flatShading: true, side: THREE.DoubleSide });
+  return solid(shape({ points: unpack(vertices), index: unpack(faces, Uint32Array) }), { name: "arm", shine: 2, ...PUSHED });
 }

@@ -200,8 +200,9 @@ const STOCK_VERTEX = `
   uniform int nx, ny, stride;
   uniform vec3 corner, far;
   uniform float cell, flatten;
-  varying vec3 vAt;
-  varying float vStruck, vBorder;
+  uniform mat4 clip;
+  out vec3 vAt;
+  out float vStruck, vBorder;
   void main() {
     ivec2 last = (ivec2(nx, ny) - 2 + stride) / stride;
     ivec2 at = ivec2(gl_VertexID % (last.x + 3), gl_VertexID / (last.x + 3)) - 1;
@@ -212,13 +213,14 @@ const STOCK_VERTEX = `
     vStruck = here.y;
     vBorder = border ? 1.0 : 0.0;
     vec3 shown = vec3(vAt.xy, flatten > 0.5 ? corner.z : vAt.z);
-    gl_Position = projectionMatrix * modelViewMatrix * vec4(shown, 1.0);
+    gl_Position = clip * vec4(shown, 1.0);
   }`;
 const STOCK_FRAGMENT = `
   uniform vec3 corner, far, light, colour, floorColour, deepColour, struckColour;
   uniform float flatten;
-  varying vec3 vAt;
-  varying float vStruck, vBorder;
+  in vec3 vAt;
+  in float vStruck, vBorder;
+  out vec4 seen;
   void main() {
     float thick = far.z - corner.z;
     vec3 normal = normalize(cross(dFdx(vAt), dFdy(vAt)));
@@ -231,8 +233,10 @@ const STOCK_FRAGMENT = `
     if (normal.z < 0.7 && depth > 0.0 && vBorder == 0.0) base = deepColour;
     if (vBorder > 0.0) base = colour;
     if (vStruck > 0.5) base = struckColour;
-    gl_FragColor = vec4(base * (0.52 + 0.5 * max(dot(normal, light), 0.0)), 1.0);
+    seen = vec4(base * (0.52 + 0.5 * max(dot(normal, light), 0.0)), 1.0);
   }`;
+
+const STOCKS = program(STOCK_VERTEX, STOCK_FRAGMENT);
 
 function grid(nx, ny, stride) {
   const [wide, high] = [nx, ny].map((n) => Math.floor((n - 2 + stride) / stride) + 3);
@@ -248,34 +252,27 @@ function grid(nx, ny, stride) {
       index[at++] = k + wide;
     }
   }
-  const geometry = new THREE.BufferGeometry();
-  geometry.setIndex(new THREE.BufferAttribute(index, 1));
-  return geometry;
+  return shape({ index });
 }
 
 function drawStock({ field }) {
   const { nx, ny, cell, low, high } = field;
   const values = new Float32Array(4 * nx * ny);
-  const texture = new THREE.DataTexture(values, nx, ny, THREE.RGBAFormat, THREE.FloatType);
+  const texture = table(values, nx, ny);
   const strideAt = { value: 1 };
-  const light = { value: new THREE.Vector3() };
-  const colours = Object.fromEntries(["colour", "floorColour", "deepColour", "struckColour"].map((name) => [name, { value: new THREE.Color() }]));
-  const geometries = {};
+  const colours = Object.fromEntries(["colour", "floorColour", "deepColour", "struckColour"].map((name) => [name, { value: [0, 0, 0] }]));
+  const shapes = {};
   const made = [0, 1].map((flatten) => {
-    const mesh = drawn(0, STOCK_VERTEX, STOCK_FRAGMENT, {
-      field: { value: texture }, nx: { value: nx }, ny: { value: ny }, cell: { value: cell }, flatten: { value: flatten },
-      corner: { value: new THREE.Vector3(...low) }, far: { value: new THREE.Vector3(...high) }, light, ...colours,
-      stride: strideAt,
-    });
-    Object.assign(mesh.material, {
-      transparent: false, side: THREE.DoubleSide, polygonOffset: true, polygonOffsetFactor: 2, polygonOffsetUnits: 2,
-    });
-    return put("stock", mesh, 0);
+    const uniforms = {
+      ...shared, field: { value: texture }, nx: { value: nx }, ny: { value: ny }, cell: { value: cell }, flatten: { value: flatten },
+      corner: { value: low }, far: { value: high }, ...colours, stride: strideAt,
+    };
+    return put("stock", thing({ name: "stock", draw: drawing(null, STOCKS, uniforms, { offset: [2, 2] }) }), 0);
   });
   return {
     theme() {
       const names = { colour: "stock", floorColour: "cut", deepColour: "cut-deep", struckColour: "bad" };
-      for (const [name, style] of Object.entries(names)) colours[name].value.set(css(style)).convertLinearToSRGB();
+      for (const [name, style] of Object.entries(names)) colours[name].value = colourOf(css(style));
     },
     told: false,
     // Before a frame: new heights to the graphics card, as many triangles as the pace allows, the bottom where it is seen.
@@ -287,12 +284,11 @@ function drawStock({ field }) {
           values[4 * k + 1] = field.struck[k];
         }
         field.dirty = [ny, -1];
-        texture.needsUpdate = true;
+        texture.changed = [Math.min(from, texture.changed?.[0] ?? from), Math.max(to, texture.changed?.[1] ?? to)];
       }
-      light.value.copy(lights[1].position).normalize();
-      strideAt.value = Math.min(pace.stride, CUT.coarsest);
-      const geometry = geometries[strideAt.value] ??= grid(nx, ny, strideAt.value);
-      for (const mesh of made) mesh.geometry = geometry;
+      strideAt.value = Math.min(strideOf(pace.drawn), CUT.coarsest);
+      const shape_ = shapes[strideAt.value] ??= grid(nx, ny, strideAt.value);
+      for (const one of made) one.draw.shape = shape_;
       if (cutting.stock.met.size && !this.told && $("hint").hidden) {
         this.told = true;
         $("hint").hidden = false;
@@ -318,55 +314,30 @@ function drawMarks() {
       at += one.length;
     }
     const around_ = lines({ points, group, width: 3 });
-    around_.material.depthTest = false;
+    around_.draw.depthTest = false;
     put(kind, around_, 8);
     for (const { triangles } of own) {
-      const geometry = new THREE.BufferGeometry();
-      geometry.setAttribute("position", new THREE.BufferAttribute(unpack(triangles), 3));
-      const mesh = new THREE.Mesh(geometry, new THREE.MeshBasicMaterial({
-        side: THREE.DoubleSide, transparent: true, opacity: 0.55, depthTest: false, depthWrite: false,
-      }));
-      mesh.name = kind;
-      put(kind, mesh, 7);
+      const fill = shape({ points: unpack(triangles) });
+      put(kind, solid(fill, { name: kind, shine: 0, opacity: 0.55, depthTest: false, depthWrite: false }), 7);
     }
   }
 }
 
 // The tools in the place of the one rod, each as its outline says; the page shows the one that works.
 function drawTools() {
-  const rods = toolGroup.children.filter(({ name }) => name === "tool");
-  if (!data.tools || !rods.length) return;
-  toolGroup.remove(...rods);
+  if (!data.tools || !toolGroup.parts.some(({ name }) => name === "tool")) return;
+  toolGroup.parts = toolGroup.parts.filter(({ name }) => name !== "tool");
   const meshes = data.tools.map(({ profile, diameter }) => {
     const outline = profile.length ? profile : [[0, 0], [diameter / 2, 0]];
-    const mesh = new THREE.Mesh(turned([...outline, [diameter / 2, Math.max(extent * 0.3, 2 * diameter)]]),
-      new THREE.MeshLambertMaterial({ transparent: true, opacity: 0.4, flatShading: true, side: THREE.DoubleSide }));
-    mesh.name = "tool";
-    toolGroup.add(mesh);
-    return mesh;
+    const top = Math.max(extent * 0.3, 2 * diameter);
+    // From the shank, which is closed, down to the tip: the tool points down along z.
+    const whole = [...outline, [diameter / 2, top], [0, top]].reverse().map(([radius, height]) => [radius, -height]);
+    const one = solid(turnedShape(whole, 64), { name: "tool", shine: 2, opacity: 0.4 });
+    toolGroup.parts.push(one);
+    return one;
   });
-  cutting.tool = (chosen_) => meshes.forEach((mesh, k) => { mesh.visible = k === chosen_; });
+  cutting.tool = (chosen_) => meshes.forEach((one, k) => { one.visible = k === chosen_; });
   cutting.tool(toolOf[0]);
-}
-
-// An outline (radius, height) turned about the tool's axis, which points down along z, and closed at its upper end.
-function turned(outline) {
-  const round = 64;
-  const whole = [...outline, [0, outline.at(-1)[1]]];
-  const point = ([radius, height], k) => {
-    const angle = (2 * Math.PI * k) / round;
-    return [radius * Math.cos(angle), radius * Math.sin(angle), -height];
-  };
-  const points = [];
-  for (let i = 1; i < whole.length; i++) {
-    for (let k = 0; k < round; k++) {
-      const [a, b, c, d] = [point(whole[i - 1], k), point(whole[i - 1], k + 1), point(whole[i], k + 1), point(whole[i], k)];
-      points.push(...a, ...b, ...c, ...a, ...c, ...d);
-    }
-  }
-  const geometry = new THREE.BufferGeometry();
-  geometry.setAttribute("position", new THREE.BufferAttribute(new Float32Array(points), 3));
-  return geometry;
 }
 
 Object.assign(cutting, { makeField, makeShape, carve });

@@ -144,10 +144,10 @@ function setInput() {
 function showTriad() {
   const holder = $("triad");
   holder.replaceChildren();
-  const [right, up] = [rightOf(), upOf()];
-  ["x", "y", "z"].map((name, k) => [name, k, new THREE.Vector3().setComponent(k, 1)])
+  const { right, up } = camera;
+  ["x", "y", "z"].map((name, k) => [name, k, axisOf(k)])
     .forEach(([name, k, axis]) => {
-      const [dx, dy] = [axis.dot(right), -axis.dot(up)];
+      const [dx, dy] = [dot(axis, right), -dot(axis, up)];
       const stroke = ["#d6394a", "#2c9a52", "#3b7de0"][k];
       const element = (tag, attributes, text = "") => {
         const one = document.createElementNS("http://www.w3.org/2000/svg", tag);
@@ -170,12 +170,9 @@ function showScale() {
 }
 
 function resize() {
-  if (renderer) {
-    renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
-    renderer.setSize(canvas.clientWidth, canvas.clientHeight, false);
-    shared.pixel.value = renderer.getPixelRatio();
-    renderer.getDrawingBufferSize(shared.size.value);
-  }
+  sizeCanvas();
+  shared.pixel.value = pixelRatio();
+  shared.size.value = [canvas.width, canvas.height];
   aim();
   fillList();
   fillListing();
@@ -183,67 +180,93 @@ function resize() {
 
 function repaintTheme() {
   themed();
-  themedArm();
-  if (renderer) renderer.setClearColor(css("scene"));
+  themeNamed();
+  shownFrom = null;
   legend(colouring);
   refillList();
   redraw();
 }
 
-function paint() {
+// rough: 0 is the picture as it is meant, more is for frames that must come fast.
+let shownFrom = null;
+function paint(rough = 0) {
   stale = false;
-  scene.traverse((thing) => { if (thing.name === "plate") thing.visible = !layers.part.off && shared.stride.value === 1 && (!data.photo || Boolean(layers.photo.off)) && (!cutting.stock || Boolean(layers.stock.off)); });
+  pace.drawn = rough;
+  coarse(isLarge ? strideOf(rough) : 1);
+  for (const one of scene.parts) if (one.name === "plate") one.visible = !layers.part.off && shared.stride.value === 1 && (!data.photo || Boolean(layers.photo.off)) && (!cutting.stock || Boolean(layers.stock.off));
   cutting.shown?.paint();
-  renderer?.render(scene, camera);
-  showTriad();
-  showScale();
-  showMeasure();
+  // Thinner than a pixel that is drawn, a line has holes.
+  shared.thinnest.value = Math.min(rough, 1);
+  if (gl) drawScene(scene, camera.whole, colourOf(css("scene")), rough === 0);
+  if (shownFrom !== camera.whole) {
+    showTriad();
+    showScale();
+    showMeasure();
+  }
+  shownFrom = camera.whole;
   showNumbers();
   showPointed();
   edits.paint?.();
 }
 
-// Frames that come one after the other tell how fast this machine is: where there is much to draw, slow ones are drawn
-// coarser until all is still.
+// Frames that come one after the other tell how fast this machine is. Where they are slow, what moves is drawn without
+// smooth borders, then, where there is much to draw, with fewer segments or samples; all of it when all is still.
 const isLarge = stations + lineOf.length > 40000;
+const pace = { rough: 0, most: isLarge ? 7 : 1, last: 0, still: 0, fast: 0, patience: 30, drawn: 0 };
+const strideOf = (rough) => 2 ** Math.max(rough - 1, 0);
 // What is drawn in the turn of a new size, before anything is known of the machine: so many segments, the others when all is
-// still. The first cut is waited for.
+// still; the same for borders where the processor draws.
 const AT_ONCE = 25000;
-const pace = { stride: 1, last: 0, still: 0, on: isLarge };
-function frame(moment) {
-  player.tick(moment);
-  if (cutting.stock?.work()) redraw();
-  if (stale) {
-    const took = pace.still === 0 ? moment - pace.last : 30;
-    if (pace.on && took > 55 && pace.stride < 64) pace.stride *= took > 300 ? 8 : 2;
-    if (took < 18 && pace.stride > 1) pace.stride /= 2;
-    coarse(isLarge ? pace.stride : 1);
-    paint();
-    pace.last = moment;
-    pace.still = 0;
-  } else if (++pace.still === 12) {
-    pace.on ||= Boolean(cutting.stock);
-    if (pace.stride > 1) {
-      pace.stride = 1;
-      coarse(1);
-      paint();
-    }
+const AWAKE = 12;
+
+function hurry(took) {
+  if (took > 45) {
+    pace.rough = Math.min(pace.rough + (took > 180 ? 2 : 1), pace.most);
+    pace.patience = Math.min(2 * pace.patience, 2000);
+    pace.fast = 0;
+  } else if (took < 20 && pace.rough && ++pace.fast > pace.patience) {
+    pace.rough--;
+    pace.fast = 0;
   }
+}
+
+let isAwake = false;
+function wake() {
+  if (isAwake) return;
+  isAwake = true;
   requestAnimationFrame(frame);
 }
 
+function frame(moment) {
+  isAwake = false;
+  player.tick(moment);
+  if (cutting.stock?.work()) stale = true;
+  if (stale) {
+    if (pace.still === 0) hurry(moment - pace.last);
+    paint(pace.rough);
+    pace.last = moment;
+    pace.still = 0;
+  } else if (++pace.still === AWAKE) {
+    // The first cut is waited for, and drawn as it is meant.
+    if (data.stock) pace.most = Math.max(pace.most, 3);
+    if (pace.drawn) paint();
+  }
+  if (stale || player.on || pace.still < AWAKE) wake();
+}
+
 function paintAtOnce() {
-  while (isLarge && (stations + lineOf.length) / pace.stride > AT_ONCE) pace.stride *= 2;
-  coarse(isLarge ? pace.stride : 1);
-  paint();
-  pace.still = 0;
+  const many = isLarge ? 1 + Math.ceil(Math.log2(Math.max((stations + lineOf.length) / AT_ONCE, 1))) : 0;
+  pace.rough = Math.max(pace.rough, Math.min(many, pace.most), isDrawnByProcessor ? 1 : 0);
+  paint(pace.rough);
+  pace.still = 1;
+  wake();
 }
 
 function setPrint() {
   addEventListener("beforeprint", () => {
     paint();
     const picture = make("img");
-    if (renderer) picture.src = canvas.toDataURL("image/png");
+    if (gl) picture.src = canvas.toDataURL("image/png");
     const numbers = make("dl");
     for (const [label, text] of data.facts) numbers.append(make("dt", label), make("dd", text));
     $("print").replaceChildren(make("h1", data.title), picture, numbers);
@@ -255,7 +278,6 @@ function setPrint() {
 }
 
 $("title").textContent = data.title;
-makeRenderer();
 const grave = setNotes();
 setList();
 setListing();
@@ -293,6 +315,5 @@ new ResizeObserver(() => {
 }).observe(canvas);
 paintAtOnce();
 tell({ camgen: "ready" });
-requestAnimationFrame(frame);
 // For whoever drives the page from outside, as tests do.
-window.camgen = { data, player, look, track, arm, chosen, measure, fit, box, orbit, framesOf, jointsAt, placeAt, paint, renderer, toScreen, setScreen, toolGroup, cutting, notes, pointed, listing, toLine, pointAt, viewState, layers, matrixOf };
+window.camgen = { data, player, look, track, arm, chosen, measure, fit, box, orbit, framesOf, jointsAt, placeAt, paint, gl, toScreen, setScreen, toolGroup, cutting, notes, pointed, listing, toLine, pointAt, viewState, layers, matrixOf, inverse, moved };
