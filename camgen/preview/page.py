@@ -24,7 +24,7 @@ from camgen.preview.view import View
 from camgen.robots.models import Link
 
 #: Those that run before the browser reads the data: it prepares what draws meanwhile.
-_FIRST = ("space.js", "gl.js", "lines.js", "bodies.js")
+_FIRST = ("space.js", "gl.js", "lines.js", "detail.js", "bodies.js")
 #: The scripts in the order in which they run, in one scope.
 _SCRIPTS = (
     "data.js",
@@ -134,19 +134,19 @@ def _plain(view: View, edits: Edits | None) -> dict[str, object]:
         ],
         "listing": {
             "files": view.listing.files,
-            "lines": _pack(view.listing.lines, np.uint32),
+            "lines": _pack_runs(view.listing.lines, np.uint32, steps=True),
             "why": one_line(view.listing.why),
         },
         "track": {
             "position": _pack(way.position - origin),
-            "axis": _pack(way.axis),
+            "axis": _pack_runs(way.axis),
             "time": _pack(way.time),
-            "event": _pack(way.event, np.uint32),
-            "instruction": _pack(motions.instruction, np.uint32),
-            "kind": _pack(motions.kind, np.uint8),
-            "path": _pack(motions.path, np.int32),
-            "feed": _pack(motions.feed),
-            "force": _pack(motions.force),
+            "event": _pack_runs(way.event, np.uint32, steps=True),
+            "instruction": _pack_runs(motions.instruction, np.uint32, steps=True),
+            "kind": _pack_runs(motions.kind, np.uint8),
+            "path": _pack_runs(motions.path, np.int32),
+            "feed": _pack_runs(motions.feed),
+            "force": _pack_runs(motions.force),
         },
         "switches": [[one.time, clean(one.signal), one.value] for one in view.switches],
         "tool": {
@@ -190,7 +190,7 @@ def _cut(view: View, origin: FloatArray) -> dict[str, object]:
             {"diameter": tool.diameter, "profile": tool.profile, "flange_from_tool": _pose(tool.frame)}
             for tool in view.tools
         ]
-        found["tool_of"] = _pack(view.tool_of, np.uint8)
+        found["tool_of"] = _pack_runs(view.tool_of, np.uint8)
     if view.stock:
         found["stock"] = {"low": (view.stock.low - origin).tolist(), "high": (view.stock.high - origin).tolist()}
     if view.marks:
@@ -260,3 +260,20 @@ def _pose(pose: Pose) -> list[float]:
 def _pack(values: NDArray[np.generic], kind: type[np.generic] = np.float32) -> str:
     """Little-endian numbers as base64."""
     return base64.b64encode(np.ascontiguousarray(values, np.dtype(kind).newbyteorder("<")).tobytes()).decode()
+
+
+def _pack_runs(
+    values: NDArray[np.generic], kind: type[np.generic] = np.float32, steps: bool = False
+) -> str | dict[str, object]:
+    """Rows that come many times after each other once, with how often; as ``_pack`` where that is no shorter.
+
+    steps: whole numbers by their steps from one to the next, the first from 0.
+    """
+    rows = values.astype(kind).reshape(len(values), -1)
+    told = np.diff(rows.astype(np.int64), axis=0, prepend=0) if steps else rows
+    begun = np.flatnonzero(np.append(True, (told[1:] != told[:-1]).any(axis=1))[: len(told)])
+    if 2 * len(begun) > len(told):
+        return _pack(rows, kind)
+    counts = np.diff(np.append(begun, len(told)))
+    own = _pack(told[begun], np.int32) if steps else _pack(told[begun], kind)
+    return {"counts": _pack(counts, np.uint32), "values": own, "steps": steps}

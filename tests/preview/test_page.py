@@ -5,6 +5,7 @@ import json
 import math
 import re
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -67,6 +68,18 @@ def data(text: str) -> dict[str, object]:
     found = re.search(r'<script type="application/json" id="data">(.*?)</script>', text, re.S)
     assert found
     return json.loads(found[1])  # type: ignore[no-any-return]
+
+
+def unpack(packed: str | dict[str, str], kind: str) -> np.ndarray[Any, Any]:
+    """A column of the page's data, rows of runs after each other."""
+    if isinstance(packed, str):
+        return np.frombuffer(base64.b64decode(packed), kind)
+    counts, values = (
+        np.frombuffer(base64.b64decode(packed[name]), own)
+        for name, own in (("counts", "<u4"), ("values", "<i4" if packed["steps"] else kind))
+    )
+    rows = np.repeat(values.reshape(len(counts), -1), counts, axis=0)
+    return (np.cumsum(rows) if packed["steps"] else rows.ravel()).astype(kind)
 
 
 # -- curves
@@ -168,7 +181,28 @@ def test_columns_come_out_of_the_page_as_they_went_in(flat: Result) -> None:
     track, origin = plain["track"], plain["origin"]
     position = np.frombuffer(base64.b64decode(track["position"]), "<f4").reshape(-1, 3)  # type: ignore[index]
     assert position + origin == pytest.approx(shown.track.position, abs=1e-4)
-    assert np.frombuffer(base64.b64decode(track["path"]), "<i4").tolist() == shown.track.events.path.tolist()  # type: ignore[index]
+    events = shown.track.events
+    for name, kind, expected in (
+        ("path", "<i4", events.path),
+        ("axis", "<f4", shown.track.axis.astype("<f4").ravel()),
+        ("event", "<u4", shown.track.event),
+        ("instruction", "<u4", events.instruction),
+        ("feed", "<f4", events.feed.astype("<f4")),
+    ):
+        assert unpack(track[name], kind).tolist() == expected.tolist(), name  # type: ignore[index]
+
+
+def test_rows_that_come_again_and_again_take_little_of_the_page(flat: Result) -> None:
+    shown: View = view(flat)
+    many = 1000
+    axis = np.tile([[0.0, 0.0, -1.0]], (many, 1))
+    position = np.random.default_rng(1).normal(size=(many, 3))
+    event = np.repeat(np.arange(10), 100)
+    long = replace(shown.track, position=position, axis=axis, time=np.arange(many) / 9.0, event=event)
+    track = data(page(replace(shown, track=long)))["track"]
+    assert unpack(track["axis"], "<f4").reshape(-1, 3).tolist() == axis.tolist()  # type: ignore[index]
+    assert unpack(track["event"], "<u4").tolist() == event.tolist()  # type: ignore[index]
+    assert len(str(track["axis"])) + len(str(track["event"])) < 800  # type: ignore[index]
 
 
 EVIL = "</script><script>window.bad=1</script><!--<img src=x onerror=window.bad=2>\u2028'\""

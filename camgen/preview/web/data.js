@@ -1,11 +1,29 @@
 // What the page was given, and colours. Nothing here or later reads a text of the data as markup.
 const data = JSON.parse($("data").textContent);
 
-function unpack(text, Kind = Float32Array) {
-  const raw = atob(text);
+// Numbers as base64, or how often each of some rows comes: see page.py.
+function unpack(packed, Kind = Float32Array) {
+  if (typeof packed !== "string") return unpackRuns(packed, Kind);
+  if (Uint8Array.fromBase64) return new Kind(Uint8Array.fromBase64(packed).buffer);
+  const raw = atob(packed);
   const bytes = new Uint8Array(raw.length);
   for (let i = 0; i < raw.length; i++) bytes[i] = raw.charCodeAt(i);
   return new Kind(bytes.buffer);
+}
+
+function unpackRuns({ counts, values, steps }, Kind) {
+  const [often, rows] = [unpack(counts, Uint32Array), unpack(values, steps ? Int32Array : Kind)];
+  const wide = often.length ? rows.length / often.length : 1;
+  const found = new Kind(wide * often.reduce((sum, count) => sum + count, 0));
+  let at = 0;
+  let last = 0;
+  for (let k = 0; k < often.length; k++) {
+    for (let left = often[k]; left > 0; left--) {
+      if (steps) found[at++] = last += rows[k];
+      else for (let j = 0; j < wide; j++) found[at++] = rows[wide * k + j];
+    }
+  }
+  return found;
 }
 
 const track = {

@@ -141,7 +141,8 @@ function thing({ name = "", matrix = HERE, order = 0, draw = null, parts = [] } 
   return { name, matrix, order, draw, parts, visible: true };
 }
 
-// How a thing is drawn: its shape, a program and what that is told; the rest has its usual values.
+// How a thing is drawn: its shape, a program and what that is told; the rest has its usual values. ranges: the corners that
+// are drawn, where it is not all of them.
 const drawing = (shape_, program_, uniforms, rest = {}) => ({
   shape: shape_, program: program_, uniforms, clear: false, oneSided: false, depthTest: true, depthWrite: true, offset: null, stencil: "", ...rest,
 });
@@ -237,8 +238,10 @@ function drawScene(root, whole, back, smooth) {
     gl.bindVertexArray(vertices());
     tellProgram(draw, { clip: world === HERE ? whole : product(whole, world), world });
     const mode = asLines ? gl.LINES : gl.TRIANGLES;
-    if (indexed) gl.drawElements(mode, draw.count ?? count, gl.UNSIGNED_INT, 0);
-    else gl.drawArrays(mode, 0, draw.count ?? count);
+    for (const [from, to] of draw.ranges ?? [[0, count]]) {
+      if (indexed) gl.drawElements(mode, to - from, gl.UNSIGNED_INT, 4 * from);
+      else gl.drawArrays(mode, from, to - from);
+    }
   }
   if (!smooth) return;
   gl.bindFramebuffer(gl.DRAW_FRAMEBUFFER, null);

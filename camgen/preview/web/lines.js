@@ -10,7 +10,6 @@ const shared = {
   high: { value: [0, 0, 0] },
   light: { value: [0, 0, 1] },
   lift: { value: 0 },
-  stride: { value: 1 },
   deep: { value: 0 },
   pickColour: { value: [0, 0, 0] },
   now: { value: -1 },
@@ -27,18 +26,22 @@ const COLOURED = `
 
 // group: what a segment belongs to, -1 for free travel, -0.75 for travel in lines; below -1.5 nothing is drawn.
 const LINE_VERTEX = `
-  uniform highp sampler2D stations, infos;
-  uniform int stride, last;
+  uniform highp sampler2D stations, infos, rows;
+  uniform int picked;
   uniform vec2 size;
   uniform float width, pixel, thinnest, perMm, pick, now, work, travel, approach, picks, lift, order;
   uniform mat4 clip;
   out float vValue, vPicked, vPale, vRun, vDash;
+  int rowOf(int k) {
+    int texel = k >> 2;
+    return picked == 0 ? k : int(texelFetch(rows, ivec2(texel & 2047, texel >> 11), 0)[k & 3]);
+  }
   void main() {
-    int row = (gl_VertexID >> 2) * stride;
+    int row = rowOf(gl_VertexID >> 2);
     int corner = gl_VertexID & 3;
     vec3 a = texelFetch(stations, ivec2(row & 2047, row >> 11), 0).xyz;
     float begun = texelFetch(stations, ivec2((row + 1) & 2047, (row + 1) >> 11), 0).w;
-    row = min(row + stride, last);
+    row = rowOf((gl_VertexID >> 2) + 1);
     ivec2 spot = ivec2(row & 2047, row >> 11);
     vec4 end = texelFetch(stations, spot, 0);
     vec4 info = texelFetch(infos, spot, 0);
@@ -111,8 +114,9 @@ const besides = (three, fourth) => (values, at, k) => {
   values[at + 3] = fourth ? fourth[k] : 0;
 };
 
-// A chain of points (Float32Array, three for each): what is said of segment i stands at its end, index i + 1.
-function lines({ points, group, time, run, width, picks = 0, order = 1, opacity = 1 }) {
+// A chain of points (Float32Array, three for each): what is said of segment i stands at its end, index i + 1. key: rows of
+// which it differs are not drawn as one.
+function lines({ points, group, key, time, run, width, picks = 0, order = 1, opacity = 1 }) {
   const count = points.length / 3;
   const segments = Math.max(count - 1, 0);
   const infos = texels(count, (values, at, k) => {
@@ -121,22 +125,18 @@ function lines({ points, group, time, run, width, picks = 0, order = 1, opacity 
     if (run) values[at + 2] = run[k];
   });
   const draw = drawing(quadShape(segments), LINES, {
-    ...shared, last: { value: count - 1 }, stations: { value: texels(count, besides(points, group)) }, infos: { value: infos },
+    ...shared, picked: { value: 0 }, rows: { value: null }, stations: { value: texels(count, besides(points, group)) }, infos: { value: infos },
     colour: { value: [0, 0, 0] }, other: { value: [0, 0, 0] }, near: { value: [0, 0, 0] }, back: { value: [0, 0, 0] },
     width: { value: width },
     work: { value: 1 }, travel: { value: 1 }, approach: { value: 1 }, picks: { value: picks }, pick: { value: -9 },
     opacity: { value: opacity }, order: { value: order },
   }, { clear: true });
-  chains.push([draw, segments]);
+  chains.push(levelsOf({ points, group, key, draw }));
   return thing({ draw });
 }
 
-// Only every n-th station: what moves is drawn so where all of them take too long.
+// Of each chain what chooses its detail.
 const chains = [];
-function coarse(stride) {
-  shared.stride.value = stride;
-  for (const [draw, count] of chains) draw.count = 6 * Math.ceil(count / stride);
-}
 
 // room: mm on the path that belong to the mark; it is left out where that is too little on the screen.
 const MARK_VERTEX = `

@@ -6,24 +6,30 @@ const cutting = { stock: null, shown: null, tool: null };
 const edits = {};
 const box = { low: [Infinity, Infinity, Infinity], high: [-Infinity, -Infinity, -Infinity] };
 
-function grow(points) {
-  for (let i = 0; i < points.length; i++) {
+function growBy(points, from, to) {
+  for (let i = from; i < to; i++) {
     const k = i % 3;
     if (points[i] < box.low[k]) box.low[k] = points[i];
     if (points[i] > box.high[k]) box.high[k] = points[i];
   }
 }
+const grow = (points) => growBy(points, 0, points.length);
 
 const solidPoints = data.solid ? unpack(data.solid.vertices) : null;
 if (solidPoints) grow(solidPoints);
 grow(linePoints);
 if (data.stock) [data.stock.low, data.stock.high].forEach(grow);
 // The way from home may be far away: only what is worked on counts for the size of the picture.
-const worked = [];
-for (let s = 1; s < stations; s++) {
-  if (track.path[track.event[s]] >= 0) worked.push(s);
+const worked = workedStations();
+function workedStations() {
+  const found = [];
+  for (let s = 1; s < stations; s++) {
+    if (track.path[track.event[s]] < 0) continue;
+    found.push(s);
+    growBy(track.position, 3 * s, 3 * s + 3);
+  }
+  return found;
 }
-for (const s of worked) grow(track.position.subarray(3 * s, 3 * s + 3));
 if (box.low[0] > box.high[0]) grow(track.position);
 const extent = Math.max(Math.hypot(...box.high.map((v, k) => v - box.low[k])), 1e-3);
 const isFlat = data.flat;
@@ -93,12 +99,14 @@ function sheet() {
   const index = [];
   for (const k of closed) coverOdd(lineFirst[k], data.lines.counts[k], index);
   const common = { name: "plate", shine: 0, clear: true, depthWrite: false };
-  const odd = shape({ points: linePoints, index: new Uint32Array(index) });
+  const { sorted, higher } = byHeight(linePoints, index);
+  const odd = shape({ points: linePoints, index: sorted });
   const [[x0, y0], [x1, y1], z] = [box.low, box.high, linePoints[3 * lineFirst[closed[0]] + 2]];
   const square = shape({
     points: new Float32Array([x0 - 1, y0 - 1, z, x1 + 1, y0 - 1, z, x1 + 1, y1 + 1, z, x0 - 1, y1 + 1, z]), index: new Uint32Array([0, 1, 2, 0, 2, 3]),
   });
-  put("part", solid(odd, { ...common, depthTest: false, stencil: "odd" }), -2);
+  const turning = put("part", solid(odd, { ...common, depthTest: false, stencil: "odd" }), -2);
+  if (sorted.length > DETAIL.least) chains.push((tolerance) => { turning.draw.ranges = [[0, higher(tolerance)]]; });
   put("part", solid(square, { ...common, offset: [2, 2], stencil: "inside" }), -1);
 }
 sheet();
@@ -112,25 +120,22 @@ for (const [, { vertices, faces }] of data.meshes) surface("fixtures", "fixture"
 
 // The program's way. Segments carry their path, so that switching colours sends one number for each.
 const wayGroup = Float32Array.from(track.event, (e) => (track.path[e] < 0 && track.kind[e] ? -0.75 : track.path[e]));
-const travelled = new Float32Array(stations);
-for (let s = 1; s < stations; s++) {
-  // Dashes run on through the pieces of a motion, and begin anew with every motion.
-  const size = Math.hypot(...[0, 1, 2].map((k) => track.position[3 * s + k] - track.position[3 * s - 3 + k]));
-  travelled[s] = size + (track.event[s] === track.event[s - 1] ? travelled[s - 1] : 0);
-}
-const way = lines({
-  points: track.position, group: wayGroup, time: track.time, run: travelled,
-  width: 2.4, picks: 1, order: 3,
-});
-way.order = 4;
-scene.parts.push(way);
+const stepOf = (s, k) => track.position[3 * s + k] - track.position[3 * s - 3 + k];
+const stepSize = (s) => Math.hypot(stepOf(s, 0), stepOf(s, 1), stepOf(s, 2));
 
+// Dashes run on through the pieces of a motion, and begin anew with every motion.
+function travelledAt() {
+  const found = new Float32Array(stations);
+  for (let s = 1; s < stations; s++) found[s] = stepSize(s) + (track.event[s] === track.event[s - 1] ? found[s - 1] : 0);
+  return found;
+}
 const SCALES = {
   order: { label: "Order", unit: "", of: (e) => track.path[e] },
   feed: { label: "Feed", unit: " mm/s", of: (e) => track.feed[e] },
   force: { label: "Force", unit: " N", of: (e) => track.force[e] },
 };
-for (const scale of Object.values(SCALES)) {
+for (const scale of Object.values(SCALES)) spanScale(scale);
+function spanScale(scale) {
   scale.low = Infinity;
   scale.high = -Infinity;
   for (let e = 0; e < track.path.length; e++) {
@@ -141,6 +146,18 @@ for (const scale of Object.values(SCALES)) {
 }
 SCALES.order.low = 0;
 SCALES.order.high = Math.max(data.paths.length - 1, 0);
+
+// Feeds and forces that look the same have the same key.
+const SHADES = 48;
+const shadeOf = ({ low, high, of }, e) => (high > low && track.path[e] >= 0 ? Math.round(((of(e) - low) / (high - low)) * SHADES) : 0);
+const eventKeys = track.feed.map((_, e) => shadeOf(SCALES.feed, e) + 100 * shadeOf(SCALES.force, e));
+const wayKey = Float32Array.from(track.event, (e) => eventKeys[e]);
+const way = lines({
+  points: track.position, group: wayGroup, key: wayKey, time: track.time, run: travelledAt(),
+  width: 2.4, picks: 1, order: 3,
+});
+way.order = 4;
+scene.parts.push(way);
 
 function colourBy(name) {
   const { low, high, of } = SCALES[name];
@@ -154,8 +171,7 @@ function colourBy(name) {
 function alongPaths() {
   const found = { arrows: [[], [], []], starts: [[], [], []], axes: [] };
   const length = new Float64Array(data.paths.length);
-  const step = (s, k) => track.position[3 * s + k] - track.position[3 * s - 3 + k];
-  for (const s of worked) length[track.path[track.event[s]]] += Math.hypot(step(s, 0), step(s, 1), step(s, 2));
+  for (const s of worked) length[track.path[track.event[s]]] += stepSize(s);
   const whole = length.reduce((a, b) => a + b, 0);
   const apart = Math.max(extent / 80, whole / 40000);
   const every = Math.max(1, Math.ceil(worked.length / 20000));
@@ -163,11 +179,9 @@ function alongPaths() {
   let run = 0;
   worked.forEach((s, place) => {
     const path = track.path[track.event[s]];
-    const from = [0, 1, 2].map((k) => track.position[3 * s - 3 + k]);
-    const move = [0, 1, 2].map((k) => step(s, k));
-    const size = Math.hypot(...move);
+    const size = stepSize(s);
     if (path !== last) {
-      found.starts[0].push(...from);
+      found.starts[0].push(...track.position.subarray(3 * s - 3, 3 * s));
       found.starts[1].push(0, 0, 0);
       found.starts[2].push(length[path]);
       run = 0;
@@ -178,7 +192,8 @@ function alongPaths() {
     const gap = Math.min(apart, length[path] / 2.001);
     for (let n = Math.ceil((run + 1e-9) / gap); n * gap <= run + size; n++) {
       const share = (n * gap - run) / size;
-      found.arrows[0].push(...from.map((v, k) => v + move[k] * share));
+      const move = [0, 1, 2].map((k) => stepOf(s, k));
+      found.arrows[0].push(...move.map((v, k) => track.position[3 * s - 3 + k] + v * share));
       found.arrows[1].push(...move.map((v) => v / size));
       found.arrows[2].push(Math.min(gap * (n & -n), length[path]));
     }

@@ -192,8 +192,8 @@ let shownFrom = null;
 function paint(rough = 0) {
   stale = false;
   pace.drawn = rough;
-  coarse(isLarge ? strideOf(rough) : 1);
-  for (const one of scene.parts) if (one.name === "plate") one.visible = !layers.part.off && shared.stride.value === 1 && (!data.photo || Boolean(layers.photo.off)) && (!cutting.stock || Boolean(layers.stock.off));
+  setDetail(isLarge ? rough : 0);
+  for (const one of scene.parts) if (one.name === "plate") one.visible = !layers.part.off && (!data.photo || Boolean(layers.photo.off)) && (!cutting.stock || Boolean(layers.stock.off));
   cutting.shown?.paint();
   // Thinner than a pixel that is drawn, a line has holes.
   shared.thinnest.value = Math.min(rough, 1);
@@ -209,14 +209,25 @@ function paint(rough = 0) {
   edits.paint?.();
 }
 
+// As much detail as is seen: what is left out is within a third of a pixel, and more in frames that must come fast.
+const TOLERANCES = [0.3, 0.5, 1, 2, 4, 8];
+function setDetail(rough) {
+  const m = camera.whole;
+  const [wide, high] = [look.height * (canvas.clientWidth / Math.max(canvas.clientHeight, 1)), look.height];
+  // 20 pixels more than the picture: lines are wide.
+  const isSeen = (balls, k) => {
+    const [x, y, z] = [balls[k], balls[k + 1], balls[k + 2]];
+    const out = balls[k + 3] + 20 / shared.perMm.value;
+    return Math.abs(m[0] * x + m[4] * y + m[8] * z + m[12]) < 1 + (2 * out) / wide && Math.abs(m[1] * x + m[5] * y + m[9] * z + m[13]) < 1 + (2 * out) / high;
+  };
+  for (const choose_ of chains) choose_(TOLERANCES[rough] / pixelRatio() / shared.perMm.value, isSeen);
+}
+
 // Frames that come one after the other tell how fast this machine is. Where they are slow, what moves is drawn without
-// smooth borders, then, where there is much to draw, with fewer segments or samples; all of it when all is still.
+// smooth borders, then, where there is much to draw, with less detail; as it is meant when all is still.
 const isLarge = stations + lineOf.length > 40000;
-const pace = { rough: 0, most: isLarge ? 7 : 1, last: 0, still: 0, fast: 0, patience: 30, drawn: 0 };
+const pace = { rough: 0, most: isLarge ? TOLERANCES.length - 1 : 1, last: 0, still: 0, fast: 0, patience: 30, drawn: 0 };
 const strideOf = (rough) => 2 ** Math.max(rough - 1, 0);
-// What is drawn in the turn of a new size, before anything is known of the machine: so many segments, the others when all is
-// still; the same for borders where the processor draws.
-const AT_ONCE = 25000;
 const AWAKE = 12;
 
 function hurry(took) {
@@ -255,8 +266,8 @@ function frame(moment) {
 }
 
 function paintAtOnce() {
-  const many = isLarge ? 1 + Math.ceil(Math.log2(Math.max((stations + lineOf.length) / AT_ONCE, 1))) : 0;
-  pace.rough = Math.max(pace.rough, Math.min(many, pace.most), isDrawnByProcessor ? 1 : 0);
+  // Before frames told anything: where the processor draws, the first picture comes sooner so.
+  if (isDrawnByProcessor) pace.rough = Math.max(pace.rough, isLarge ? 2 : 1);
   paint(pace.rough);
   pace.still = 1;
   wake();
