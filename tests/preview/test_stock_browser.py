@@ -85,11 +85,29 @@ def opened(browser: Driven, views: dict[str, View], tmp_path: Path) -> Iterator[
         one.context.close()
 
 
-#: To a time, and on until the surface is that of it.
-GO = """async (time) => {
+@pytest.fixture(scope="module")
+def shared(browser: Driven, views: dict[str, View], tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+    """Pages that are opened once for all tests that ask them for the surface at times of their own."""
+    pages: dict[str, Opened] = {}
+    folder = tmp_path_factory.mktemp("shared")
+
+    def make(name: str) -> Opened:
+        if name not in pages:
+            file = folder / f"{name}.html"
+            file.write_text(page(views[name]), encoding="utf-8")
+            pages[name] = Opened(browser, file, SIZE, "light")
+        return pages[name]
+
+    yield make
+    for one in pages.values():
+        one.context.close()
+
+
+#: To a time, and on until the surface is that of it, without waiting for the frames in between.
+GO = """(time) => {
   const { player, cutting } = camgen;
   player.to(time);
-  while (cutting.stock.time !== cutting.stock.wanted) await new Promise(requestAnimationFrame);
+  while (cutting.stock.time !== cutting.stock.wanted) cutting.stock.work();
 }"""
 FIELD = """() => {
   const { heights, struck, nx, ny, cell, low } = camgen.cutting.stock.field;
@@ -124,13 +142,13 @@ def ways(track: Track, until: float, z: float) -> shapely.Geometry:
 
 @pytest.mark.parametrize(("name", "radius", "share"), [("profile", 3.0, 0.5), ("pocket", 4.5, 1.0)])
 def test_what_is_left_is_the_stock_less_the_swept_tool_level_by_level(
-    opened: Any, views: dict[str, View], name: str, radius: float, share: float
+    shared: Any, views: dict[str, View], name: str, radius: float, share: float
 ) -> None:
     shown = views[name]
     until = share * float(shown.track.time[-1])
     # The end of a motion, so that no part of one is left over.
     until = float(shown.track.time[np.searchsorted(shown.track.time, until)])
-    left = Surface(opened(name), until)
+    left = Surface(shared(name), until)
     expected = np.zeros_like(left.heights)
     wall = np.zeros(left.heights.shape, dtype=bool)
     points = shapely.points(left.x, left.y)
@@ -154,10 +172,10 @@ def test_what_is_left_is_the_stock_less_the_swept_tool_level_by_level(
     assert cut == pytest.approx(exact, rel=0.01)
 
 
-def test_a_v_tool_leaves_a_groove_with_its_angle(opened: Any, views: dict[str, View]) -> None:
+def test_a_v_tool_leaves_a_groove_with_its_angle(shared: Any, views: dict[str, View]) -> None:
     shown = views["groove"]
     end = float(shown.track.time[-1])
-    left = Surface(opened("groove"), end)
+    left = Surface(shared("groove"), end)
     away = shapely.distance(shapely.points(left.x, left.y), ways(shown.track, end, -1.0))
     # 90 deg: as much higher as farther away.
     assert left.heights == pytest.approx(np.minimum(away - 1.0, 0.0), abs=0.02)
@@ -175,9 +193,9 @@ SWEEP = """([tool, from, to]) => {
 
 @pytest.mark.parametrize(("a", "b"), [((0, 0, 0), (20, 3, -2)), ((20, 0, -4), (3, -4, -1)), ((5, 5, 2), (5, 5, -3))])
 def test_a_ramp_and_a_plunge_leave_what_every_place_of_the_tool_leaves(
-    opened: Any, a: tuple[float, ...], b: tuple[float, ...]
+    shared: Any, a: tuple[float, ...], b: tuple[float, ...]
 ) -> None:
-    one = opened("profile")
+    one = shared("profile")
     tool = {"profile": [[0, 0], [3, 0]], "diameter": 6}
     found = one.page.evaluate(SWEEP, [tool, a, b])
     heights = np.array(found["heights"]).reshape(found["ny"], found["nx"])
@@ -209,15 +227,15 @@ def test_going_back_shows_what_was_there(opened: Any, views: dict[str, View]) ->
 
 
 @pytest.mark.parametrize("name", ["profile", "pocket", "groove", "several", "thin"])
-def test_a_rapid_out_of_what_was_cut_is_in_no_material(opened: Any, views: dict[str, View], name: str) -> None:
-    one = opened(name)
+def test_a_rapid_out_of_what_was_cut_is_in_no_material(shared: Any, views: dict[str, View], name: str) -> None:
+    one = shared(name)
     assert not Surface(one, float(views[name].track.time[-1])).struck.any()
     assert one.run("camgen.cutting.stock.met.size") == 0
 
 
-def test_a_rapid_through_material_is_marked_where_it_runs(opened: Any, views: dict[str, View]) -> None:
+def test_a_rapid_through_material_is_marked_where_it_runs(shared: Any, views: dict[str, View]) -> None:
     end = float(views["profile"].track.time[-1])
-    one = opened("dips")
+    one = shared("dips")
     left = Surface(one, end)
     moved = np.flatnonzero(views["dips"].track.position[:, 2] != views["profile"].track.position[:, 2])
     way = shapely.LineString(views["dips"].track.position[moved, :2])
@@ -270,8 +288,8 @@ def test_the_tool_that_works_is_shown_and_its_operation_listed(opened: Any, view
     assert one.page.locator("#rows .row").count() == 1
 
 
-def test_the_arm_holds_the_tip_of_the_tool_that_works_where_the_program_is(opened: Any, views: dict[str, View]) -> None:
-    one = opened("robot")
+def test_the_arm_holds_the_tip_of_the_tool_that_works_where_the_program_is(shared: Any, views: dict[str, View]) -> None:
+    one = shared("robot")
     track = views["robot"].track
     for path in (0, len(views["robot"].rows) - 1):
         own = np.flatnonzero(track.events.path[track.event] == path)
@@ -296,9 +314,9 @@ def test_what_a_proof_found_is_red_in_the_picture_and_among_the_notes(opened: An
 
 
 def test_back_from_where_several_steps_share_a_time_leaves_what_was_left_then(
-    opened: Any, views: dict[str, View]
+    shared: Any, views: dict[str, View]
 ) -> None:
-    one = opened("profile")
+    one = shared("profile")
     until = 0.3 * float(views["profile"].track.time[-1])
     expected = Surface(one, until).heights
     # As slow a machine as there is: interrupted after the last step that has the time of the end, not all done.
