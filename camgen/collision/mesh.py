@@ -7,7 +7,7 @@ surface, and a box wholly within is free. Its continuous collision is not used: 
 
 from __future__ import annotations
 
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import fcl  # type: ignore[import-untyped]
@@ -38,8 +38,11 @@ class Mesh(Struct, frozen=True, eq=False, dict=True):
         return divide_space(self.tree.corners)
 
 
+@lru_cache(maxsize=4)
 def make_mesh(solid: Solid) -> Mesh:
-    """The mesh of a part, made once and used in any number of scenes. 50,000 triangles take 0.2 s."""
+    """The mesh of a part, made once and used in any number of scenes: 50,000 triangles take 0.2 s, and a search for the
+    place of a part asks for it hundreds of times.
+    """
     model = fcl.BVHModel()
     model.beginModel(len(solid.vertices), len(solid.faces))
     model.addSubModel(np.asarray(solid.vertices), np.asarray(solid.faces))

@@ -137,7 +137,11 @@ def ways(track: Track, until: float, z: float) -> shapely.Geometry:
     at = track.position
     keep = (np.diff(at[:, 2], prepend=99.0) == 0) & (np.abs(at[:, 2] - z) < 1e-9) & (track.time <= until)
     keep &= track.events.kind[track.event] != 0
-    return shapely.union_all([shapely.LineString(at[s - 1 : s + 1, :2]) for s in np.flatnonzero(keep)])
+    found = shapely.union_all([shapely.LineString(at[s - 1 : s + 1, :2]) for s in np.flatnonzero(keep)])
+    # Long chains that are prepared are measured three times as fast.
+    merged = shapely.line_merge(found)
+    shapely.prepare(merged)
+    return merged
 
 
 @pytest.mark.parametrize(("name", "radius", "share"), [("profile", 3.0, 0.5), ("pocket", 4.5, 1.0)])
@@ -155,7 +159,7 @@ def test_what_is_left_is_the_stock_less_the_swept_tool_level_by_level(
     levels = sorted({z for z in shown.track.position[:, 2].tolist() if z < 0}, reverse=True)
     assert len(levels) > 1
     for z in levels:
-        away = shapely.distance(points, ways(shown.track, until, z))
+        away = shapely.distance(ways(shown.track, until, z), points)
         # The tool's own edge is a cell wide.
         wall |= np.abs(away - radius) < 0.55 * left.cell
         expected[away < radius] = z
@@ -176,7 +180,7 @@ def test_a_v_tool_leaves_a_groove_with_its_angle(shared: Any, views: dict[str, V
     shown = views["groove"]
     end = float(shown.track.time[-1])
     left = Surface(shared("groove"), end)
-    away = shapely.distance(shapely.points(left.x, left.y), ways(shown.track, end, -1.0))
+    away = shapely.distance(ways(shown.track, end, -1.0), shapely.points(left.x, left.y))
     # 90 deg: as much higher as farther away.
     assert left.heights == pytest.approx(np.minimum(away - 1.0, 0.0), abs=0.02)
     assert left.heights.min() == pytest.approx(-1.0, abs=0.15)
