@@ -13,13 +13,7 @@ from camgen.preview.page import page
 from camgen.preview.view import view
 from camgen.robots.kinematics.forward import flange
 from tests.preview.test_page import PARTS, ROBOT, poisoned
-from tests.support.browsers import PHONE, SIZE, Driven, Opened, start_browser
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Driven]:
-    with start_browser() as opened:
-        yield opened
+from tests.support.browsers import PHONE, SIZE, Driven, Opened
 
 
 @pytest.fixture(scope="module")

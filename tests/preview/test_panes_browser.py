@@ -13,13 +13,7 @@ from camgen.preview.listing import Listing
 from camgen.preview.page import page
 from camgen.preview.view import view
 from tests.preview.test_page import PARTS
-from tests.support.browsers import SIZE, Driven, Opened, start_browser
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Driven]:
-    with start_browser() as opened:
-        yield opened
+from tests.support.browsers import SIZE, Driven, Opened
 
 
 @pytest.fixture(scope="module")

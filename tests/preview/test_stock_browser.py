@@ -20,7 +20,7 @@ from camgen.preview.track import Track
 from camgen.preview.view import View, view
 from tests.preview.test_page import PARTS, changing
 from tests.preview.test_stock import MILLED, SEVERAL
-from tests.support.browsers import SIZE, Driven, Opened, start_browser
+from tests.support.browsers import SIZE, Driven, Opened
 
 Floats = np.ndarray[Any, np.dtype[np.float64]]
 #: A slot of 30 x 10 mm along whose border a tool of 9 mm runs: it sweeps over most of what it leaves more than once.
@@ -36,12 +36,6 @@ GROOVE = {
     "tool": {"diameter": 6.0, "kind": "v"},
     "stock": {"thickness": 5.0},
 }
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Driven]:
-    with start_browser() as opened:
-        yield opened
 
 
 @pytest.fixture(scope="module")
