@@ -63,7 +63,7 @@ SMOKES = [
     # It forks, which a process with threads must not.
     Smoke("speed.batch {here}/dxf 1 1 1", (4,), {"programs": (1, 1)}, alone=True),
     Smoke(
-        "speed.page {here}/dxf 500 0.05", (5,), {"points of the program": (50, 20000)},
+        "speed.page {here}/dxf 500 0.05 1", (5,), {"points of the program": (50, 20000)},
         lacking("playwright") or lacking(program="chromium"),
     ),
     # They start processes of their own, which a process with threads must not.
