@@ -81,7 +81,7 @@ def test_the_svg_has_every_number_and_what_is_left_out_in_red(built: Result) -> 
 
 
 def test_the_page_and_the_picture_have_the_numbers(shown: View) -> None:
-    numbers = page._plain(shown)["numbers"]
+    numbers = page._plain(shown, None)["numbers"]
     assert isinstance(numbers, list)
     assert sorted(row[0] for row in numbers) == sorted([*(str(k) for k in range(1, 13)), "e12", "e13", "e15"])
     assert {row[0]: row[4] for row in numbers}["3"] == 2
