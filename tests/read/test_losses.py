@@ -21,6 +21,13 @@ def lost(language: str, text: str) -> list[tuple[str, str]]:
         (
             "rapid",
             RAPID,
+            "    Set doGun;\n",
+            "    CONNECT intStop WITH trStop;\n",
+            "the trap trstop is in none of the files: it is left out",
+        ),
+        (
+            "rapid",
+            RAPID,
             "[0,0,0,0],[9E9,",
             "[0,0,0,0],[100,",
             "external axes: have values in the targets; they are not shown",

@@ -27,7 +27,7 @@ def connect(machine: Machine, item: Connect) -> None:
     """``CONNECT interrupt WITH trap``."""
     routine = machine.routine(item.trap)
     if routine is None:
-        machine.assume(f"the TRAP {item.trap} is in none of the files: it is left out")
+        machine.lose(f"the TRAP {item.trap} is in none of the files: it is left out")
         return
     key = _key(machine, item.target)
     if key is not None:
