@@ -175,10 +175,14 @@ def main() -> None:
     print(f"| part | points of the program | page | made in | {first} | {rates} | script per frame |")
     print("|---|---|---|---|---|---|---|---|---|---|---|---|---|")
     with sync_playwright() as started, tempfile.TemporaryDirectory() as pages:
+        browser = None
         for result in results:
-            browser = started.chromium.launch(executable_path=shutil.which("chromium"), args=SWITCHES)
+            # One opening each: a browser for all, the first part starts it.
+            if browser is None or openings > 1:
+                browser = started.chromium.launch(executable_path=shutil.which("chromium"), args=SWITCHES)
             print(measured(browser, result, Path(pages), turning, openings), flush=True)
-            browser.close()
+            if openings > 1:
+                browser.close()
 
 
 if __name__ == "__main__":
