@@ -69,10 +69,12 @@ def by_grbl(path: str) -> Judge:
     def takes(form: Form) -> bool | None:
         if "grbl" not in form.dialects:
             return None
-        with tempfile.NamedTemporaryFile("w", suffix=".nc") as file:
-            file.write(form.whole)
-            file.flush()
-            return subprocess.run([path, "-s", file.name], capture_output=True, timeout=20, check=False).returncode == 0
+        # It leaves a file of its memory where it is run.
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder, "form.nc")
+            file.write_text(form.whole)
+            command = [path, "-s", str(file)]
+            return subprocess.run(command, cwd=folder, capture_output=True, timeout=20, check=False).returncode == 0
 
     return takes
 
