@@ -223,6 +223,14 @@ def test_a_nurbs_of_a_quarter_circle_is_one():
     assert all(abs((x * x + y * y) ** 0.5 - 10) < 0.002 for x, y, _ in points)
 
 
+def test_a_cut_behind_a_tool_change_that_stopped_the_spindle_is_dangerous():
+    what = "cuts with a spindle that does not turn: M6 stopped it (line 5), and no M3 follows"
+    assert told(run("G1 X1", "T2 M6", "G0 X5", "G1 Z-1", "X9"), "dangerous") == [(7, what)]
+    assert told(run("G1 X1", "T2 M6", "G81 X1 Y1 Z-1 R1"), "dangerous") == [(6, what)]
+    assert told(run("G1 X1", "T2 M6", "S900 M3", "G1 Z-1"), "dangerous") == []
+    assert told(run("G1 X1", "M5", "T2 M6", "G1 Z-1"), "dangerous") == []
+
+
 def test_levels_of_findings():
     assert told(run("G43 H1", "G1 Z1", "G49", "G1 Z4"), "dangerous") == [
         (7, "Z moves after G49 without the length of the tool: its tip goes lower by as much")

@@ -40,7 +40,7 @@ def _change(m: Foreign, code: str, words: dict[str, float]) -> None:
         m.tell("left out", "M6 without a tool (T)")
         return
     if m.spindle != "M5":
-        m.spindle = "M5"
+        m.spindle, m.halted = "M5", m.line
         m.turn()
     number = m.changed_to = m.tool
     diameter = m.radii[number] * 2 if number in m.radii else m.given.get(f"t{number}.diameter", 0.0)

@@ -104,6 +104,7 @@ class Foreign(Machine):
     loops: dict[int, int] = field(default_factory=dict)
     ends: dict[int, list[int]] | None = None
     left_path: bool = False  # no motion since G40
+    halted: int = 0  # the line of the M6 that stopped a spindle which nothing has started since
     height: float = 0.0  # of the tool along the normal, beside the path
     marks: list[tuple[int, int, str]] = field(default_factory=list)
     lathe: bool = False
@@ -484,6 +485,7 @@ class Foreign(Machine):
         """Nor may anything else decide what a plain line does."""
         plain = not (
             self.adrift
+            or self.halted
             or self.side
             or self.left_path
             or self.lathe
@@ -509,6 +511,14 @@ class Foreign(Machine):
                     "adrift",
                 )
                 self.adrift.clear()
+        if self.spindle != "M5":
+            self.halted = 0
+        elif self.halted and (cycle or "G0" not in (code, self.motion)):
+            self.find(
+                "dangerous",
+                f"cuts with a spindle that does not turn: M6 stopped it (line {self.halted}), and no M3 follows",
+            )
+            self.halted = 0
         if cycle and self.side and not self.dialect.open:
             self.find("refused", f"{self.motion} with cutter compensation on")
         if self.left_path and self.motion in ARCS and not self.dialect.open:
