@@ -42,6 +42,8 @@ _NEAR = 1e5
 _AS_NEAR_MM = 0.05
 #: Searches for a way home that find none, after which no more is searched.
 _FRUITLESS = 12
+#: s: a power of two, so that a sum of less than two months is exact.
+_TICK = 2.0**-30
 _REMEDY = "cell.safety or another place (camgen place) may help"
 
 
@@ -300,8 +302,8 @@ def _order(work: _Work, best: bool, rounds: int, tell: Callable[[str], None]) ->
             surely = True
             _test_home(work)
         between, first, home = _steps(work, surely)
-        table = between.reshape(len(work.motions), 2, -1, 2)
-        ends = (home + work.ends.out).reshape(-1, 2)
+        table = _in_ticks(between).reshape(len(work.motions), 2, -1, 2)
+        ends = _in_ticks(home + work.ends.out).reshape(-1, 2)
         near = matrix.nearest(table, ends)
         # A large tour goes on from the last one, of which little has changed.
         start = order if len(work.motions) > links.MANY else None
@@ -329,6 +331,13 @@ def _steps(work: _Work, surely: bool) -> tuple[FloatArray, IntArray, FloatArray]
     home = np.where(blocked[:-1, -1], math.inf, work.to_home + more[:-1, -1])
     ends = replace(work.ends, free=work.ends.free + more[:-1, :-1])
     return *links.steps(ends, work.at_part, blocked[:-1, :-1], home), home
+
+
+def _in_ticks(seconds: FloatArray) -> FloatArray:
+    """Times whose sums are exact in any order: tours of the same links are equally long then, and which of them is taken
+    does not hang on the last bit, in which processors differ.
+    """
+    return np.asarray(np.rint(seconds / _TICK) * _TICK)
 
 
 def _collides(work: _Work, order: matrix.Order, first: IntArray) -> bool:
