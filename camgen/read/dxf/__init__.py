@@ -27,6 +27,7 @@ from camgen.read.dxf.entities import REPAIRED, DrawnEntities, walk
 from camgen.read.dxf.flatten import FLAT_MM, Flat, flatten
 from camgen.read.dxf.in_space import place_in_space
 from camgen.read.dxf.layers import NOT_ASKED, layers_of
+from camgen.read.dxf.plain import Split, split
 from camgen.read.files import Files
 from camgen.read.pieces import tally
 
@@ -51,8 +52,16 @@ _STUMBLES = (
 )  # fmt: skip
 
 
-def load(name: str, data: bytes) -> tuple[Drawing, tuple[Note, ...]]:
-    """The document and notes on damage. ``InputError`` if the bytes are no DXF or damaged beyond repair."""
+class _Loaded(Struct, frozen=True):
+    """The document without what ``plain`` has taken out of it, and notes on damage."""
+
+    document: Drawing
+    plain: Split | None
+    notes: tuple[Note, ...]
+
+
+def _load(name: str, data: bytes) -> _Loaded:
+    """``InputError`` if the bytes are no DXF or damaged beyond repair."""
     # Heavy, and not needed unless a DXF is read.
     from ezdxf import recover  # noqa: PLC0415
     from ezdxf.document import Drawing  # noqa: PLC0415
@@ -70,11 +79,15 @@ def load(name: str, data: bytes) -> tuple[Drawing, tuple[Note, ...]]:
     if not (b"\x00EOF\x00" in data if binary else _END.search(data, max(0, len(data) - _TAIL)) or _END.search(data)):
         notes.append(Note("skipped", "the file ends before its end mark", "what would follow is lost"))
         data = data if binary else _close_ends(data)
+    plain = None if binary else split(data)
+    document = plain and _load_rest(plain)
+    if document:
+        return _Loaded(document, plain, tuple(notes))
     try:
         document = Drawing.load(binary_tags_loader(data)) if binary else read(_text(data))
         # Damaged OBJECTS cost a document its model space, which shows only when it is asked for.
         document.modelspace()
-        return document, tuple(notes)
+        return _Loaded(document, None, tuple(notes))
     except (DXFError, *_STUMBLES) as error:
         cause = _plain(error)
         if binary:
@@ -88,7 +101,23 @@ def load(name: str, data: bytes) -> tuple[Drawing, tuple[Note, ...]]:
     count = len(auditor.fixes) + len(auditor.errors)
     mended = f" and was read tolerantly, {counted(count, 'fault')} mended" if count else ""
     notes.append(Note("repaired", f"the file is damaged{mended}: {cause}", f"compare the contours, or {_SAVE_AGAIN}"))
-    return document, tuple(notes)
+    return _Loaded(document, None, tuple(notes))
+
+
+def _load_rest(plain: Split) -> Drawing | None:
+    """The document without its plain entities; None where ezdxf is to see all of the text: because it is damaged, and
+    the message names a line, or because the plain entities are on paper, which is decided by who is said to own them.
+    """
+    from ezdxf.filemanagement import read  # noqa: PLC0415
+    from ezdxf.lldxf.const import DXFError  # noqa: PLC0415
+
+    try:
+        document = read(_text(plain.text))
+        document.modelspace()
+    except (DXFError, *_STUMBLES):
+        return None
+    paper = document.block_records.get("*Paper_Space")
+    return None if paper is not None and paper.dxf.handle in plain.plain.owners else document
 
 
 def _with_line_feeds(data: bytes) -> bytes:
@@ -236,7 +265,8 @@ def inspect(source: Source, job: Job, _files: Files) -> DxfFacts:
 
 def _read(source: Source, job: Job) -> _Read:
     name, data, settings, chord = source.name, source.data, job.input, job.tolerance.chord
-    document, notes = load(name, data)
+    loaded = _load(name, data)
+    document, notes = loaded.document, loaded.notes
     version = f"{document.dxfversion} ({document.acad_release})"
     unit, scale, unit_notes = units.resolve(name, settings.units, *_state(name, document, data))
     layers = layers_of(document, settings.layers)
@@ -244,10 +274,10 @@ def _read(source: Source, job: Job) -> _Read:
     curves: tuple[Curve, ...] = ()
     # Damaged files hold infinities; what comes of them is found and told by name.
     with np.errstate(invalid="ignore", over="ignore"):
-        drawn = walk(name, document, scale, layers, source.limits)
+        drawn = walk(name, document, loaded.plain, scale, layers, source.limits)
         layers.check(name)
         # The document is the largest thing in memory and no longer needed.
-        del document
+        del document, loaded
         flat = flatten(drawn, chord)
         if flat.tilted and _is_meant_in_space(job):
             curves, joints = space.curves(place_in_space(name, drawn, chord, source.limits), settings.join)
@@ -318,8 +348,7 @@ def _not_flat(drawn: DrawnEntities, flat: Flat) -> list[Note]:
         notes.append(Note("skipped", what, "damaged numbers"))
     if flat.tilted:
         named = [
-            f"{drawn.kind[i]} #{harmless(drawn.handle[i])} on layer {harmless(drawn.layer[i])} leaves the plane by "
-            f"{short(height, 3)} mm"
+            f"{_name(drawn, i)} on layer {harmless(drawn.layer[i])} leaves the plane by {short(height, 3)} mm"
             for i, height in sorted(flat.tilted.items())[:_NAMED]
         ]
         more = len(flat.tilted) - len(named)
@@ -327,6 +356,12 @@ def _not_flat(drawn: DrawnEntities, flat: Flat) -> list[Note]:
         why = "curves must be flat and parallel to the XY plane; nothing is projected"
         notes.append(Note("skipped", what, f'{why}; operation.kind = "trace" follows them in space'))
     return notes
+
+
+def _name(drawn: DrawnEntities, owner: int) -> str:
+    """A kind with its handle, where the file gives it one."""
+    handle = drawn.handle[owner]
+    return f"{drawn.kind[owner]} #{harmless(handle)}" if handle else drawn.kind[owner]
 
 
 def _level(flat: Flat) -> list[Note]:

@@ -11,6 +11,7 @@ import math
 from array import array
 from collections import Counter
 from collections.abc import Callable, Iterable
+from itertools import groupby
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -22,6 +23,7 @@ from camgen.model.pose import FloatArray
 from camgen.model.text import harmless
 from camgen.read.dxf.colors import Colors, colors_of
 from camgen.read.dxf.layers import FROZEN, Layers
+from camgen.read.dxf.plain import CIRCLE, KINDS, LINE, PlainEntities, Split
 
 if TYPE_CHECKING:
     from ezdxf.document import Drawing
@@ -143,9 +145,9 @@ class DrawnEntities(Struct, eq=False):
     widths: Counter[tuple[str, str]] = field(default_factory=Counter)
     met: Counter[tuple[str, str]] = field(default_factory=Counter)
 
-    def leave(self, why: str, kind: str, layer: str) -> None:
-        """Count an entity that is not used."""
-        self.left.setdefault(why, Counter())[kind, layer] += 1
+    def leave(self, why: str, kind: str, layer: str, count: int = 1) -> None:
+        """Count entities that are not used."""
+        self.left.setdefault(why, Counter())[kind, layer] += count
 
     def own(self, place: _Place, kind: str, layer: str, closed: bool, attributes: Attributes, ocs: bool) -> int:
         """A new piece; returns its owner number."""
@@ -154,7 +156,7 @@ class DrawnEntities(Struct, eq=False):
         self.color.append(self.colors.find(attributes, layer, place.color))
         self.kind.append(kind)
         self.closed.append(closed)
-        self.handle.append(attributes.get("handle") or "?")
+        self.handle.append(attributes.get("handle") or "")
         if attributes.get("thickness"):
             self.flattened[kind, layer] += 1
         return len(self.matrix) - 1
@@ -182,17 +184,35 @@ class _Place(Struct, eq=False):
         return self.by_extrusion[key]
 
 
-def walk(name: str, document: Drawing, scale: float, layers: Layers, limits: Limits) -> DrawnEntities:
-    """All entities of model space with blocks expanded. scale: mm per drawing unit. ``InputError`` if too many."""
+def walk(
+    name: str, document: Drawing, plain: Split | None, scale: float, layers: Layers, limits: Limits
+) -> DrawnEntities:
+    """All entities of model space with blocks expanded, and what was taken out of them in its place.
+
+    scale: mm per drawing unit. ``InputError`` if too many.
+    """
     drawn = DrawnEntities([np.diag([scale, scale, scale, 1.0])], layers, colors_of(document))
-    _Sizes(name, document, limits).insist(document.modelspace())
-    _entities(name, drawn, document.modelspace(), _Place(0, "", 0))
+    place, space = _Place(0, "", 0), document.modelspace()
+    _Sizes(name, document, limits).insist(space, len(plain.plain.kind) if plain else 0)
+    if plain is None:
+        _entities(name, drawn, space, place)
+    else:
+        for run, entities in groupby(space, lambda entity: _stands_for(entity, plain)):
+            if run is None:
+                _entities(name, drawn, entities, place)
+            else:
+                _run(drawn, plain.plain, run, place)
     for layout in document.layouts:
         if layout.is_any_paperspace:
             for entity in layout:
                 if entity.dxftype() != "VIEWPORT":
                     drawn.leave("in paper space", entity.dxftype(), entity.dxfattribs().get("layer", "0"))
     return drawn
+
+
+def _stands_for(entity: Any, plain: Split) -> slice | None:
+    """The run of plain entities in whose place ``entity`` stands, None if it is one of the drawing."""
+    return plain.runs.get(entity.dxf.layer) if entity.dxftype() == "POINT" else None
 
 
 class _Sizes:
@@ -206,12 +226,11 @@ class _Sizes:
         self.blocks = document.blocks
         self.known: dict[str, int] = {}
 
-    def insist(self, entities: Iterable[Any]) -> None:
-        """InputError where ``entities`` of model space expand to too much."""
-        self._count(entities, ())
+    def insist(self, entities: Iterable[Any], beside: int) -> None:
+        """InputError where ``entities`` of model space and so many ``beside`` them expand to too much."""
+        self._count(entities, (), beside)
 
-    def _count(self, entities: Iterable[Any], around: tuple[str, ...]) -> int:
-        total = 0
+    def _count(self, entities: Iterable[Any], around: tuple[str, ...], total: int = 0) -> int:
         for entity in entities:
             total += 1
             if entity.dxftype() == "INSERT":
@@ -262,6 +281,45 @@ def _entities(name: str, drawn: DrawnEntities, entities: Iterable[Any], place: _
             why = _KINDS[kind](drawn, entity, attributes, layer, place)
             if why:
                 drawn.leave(why, kind, layer)
+
+
+def _run(drawn: DrawnEntities, plain: PlainEntities, run: slice, place: _Place) -> None:
+    """The entities of ``run`` as ``_entities`` would draw them, by column."""
+    kind, numbers = plain.kind[run], plain.numbers[run]
+    # What is the same of many is looked at once, where it first comes.
+    said = np.stack([kind, plain.layer[run], plain.color[run]], axis=1)
+    different, first, which, counts = np.unique(
+        said, axis=0, return_index=True, return_inverse=True, return_counts=True
+    )
+    color = np.full(len(different), -1)
+    for k in np.argsort(first).tolist():
+        name, layer = KINDS[different[k, 0]], plain.layers[different[k, 1]]
+        drawn.met[name, layer] += int(counts[k])
+        why = drawn.layers.why_not(layer)
+        if why:
+            drawn.leave(why, name, layer, int(counts[k]))
+        else:
+            true, number = plain.colors[different[k, 2]]
+            color[k] = drawn.colors.find({"true_color": true, "color": number}, layer, place.color)
+    color = color[which]
+    used = color >= 0
+    kind, numbers = kind[used], numbers[used]
+    owner = len(drawn.matrix) + np.arange(len(kind))
+    lines = kind == LINE
+    drawn.matrix += [place.index] * len(kind)
+    drawn.layer += [plain.layers[k] for k in plain.layer[run][used].tolist()]
+    drawn.color += color[used].tolist()
+    drawn.kind += [KINDS[k] for k in kind.tolist()]
+    drawn.closed += (kind == CIRCLE).tolist()
+    drawn.handle += [handle.decode() for handle in plain.handles[run][used].tolist()]
+    drawn.line_owner += owner[lines].tolist()
+    drawn.lines.frombytes(numbers[lines].tobytes())
+    drawn.arc_owner += owner[~lines].tolist()
+    arcs = numbers[~lines]
+    start, end = arcs[:, 4], arcs[:, 5]
+    turn = (end - start) % 360.0
+    arcs[:, 5] = np.where(start == end, 0.0, np.where(turn == 0, 360.0, turn))
+    drawn.arcs.frombytes(arcs.tobytes())
 
 
 def _line(drawn: DrawnEntities, _: Any, a: Attributes, layer: str, place: _Place) -> str:

@@ -1,0 +1,272 @@
+"""The plain entities of a drawing, taken out of its text by column: lines, arcs and circles that say nothing unusual.
+
+Large drawings are mostly long runs of them, and to make an object of each is most of what reading costs. ezdxf gets the
+text with one stand-in for each run: a point on a layer of its own, so that the run keeps its place in the drawing.
+Everything that is not plain to the last character stays in the text, and ezdxf reads and judges it as ever: other
+kinds, other group codes, extrusions, names that are not ASCII, numbers that are none.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Final
+
+import numpy as np
+from msgspec import Struct
+from numpy.typing import NDArray
+
+from camgen.geometry.ragged import ramp, stretches
+from camgen.model.pose import FloatArray
+
+Bytes = NDArray[np.uint8]
+Texts = NDArray[np.bytes_]
+Index = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+LINE, ARC, CIRCLE = range(3)
+#: The kinds by number, and the group codes of their six numbers: points and what follows them stand together.
+KINDS: Final = ("LINE", "ARC", "CIRCLE")
+_GEOMETRY: Final = (((10, 20, 30), (11, 21, 31)), ((10, 20, 30), (40,), (50,), (51,)), ((10, 20, 30), (40,)))
+#: Kinds that belong to the entity before them.
+_PARTS: Final = ("VERTEX", "ATTRIB", "SEQEND")
+
+_HANDLE, _TYPE, _LAYER, _COLOR, _MARKER, _OWNER, _WEIGHT, _TRUE_COLOR = 5, 6, 8, 62, 100, 330, 370, 420
+_WHOLE = re.compile(rb" *-?\d+ *")
+_HEX = re.compile(rb"[0-9A-Fa-f]+")
+#: A backslash or a caret may begin an escape, and what is not ASCII depends on the encoding.
+_NAME = re.compile(rb"[^\x00-\x20\x7f-\xff\\^](?:[^\x00-\x1f\x7f-\xff\\^]*[^\x00-\x20\x7f-\xff\\^])?")
+#: What may stand once beside the geometry: the most letters that are looked at, and what they are.
+_BESIDE: Final = {
+    _HANDLE: (16, _HEX), _TYPE: (64, _NAME), _LAYER: (64, _NAME), _COLOR: (12, _WHOLE), _OWNER: (16, _HEX),
+    _WEIGHT: (12, _WHOLE), _TRUE_COLOR: (12, _WHOLE),
+}  # fmt: skip
+_LONGEST_NUMBER = 32
+#: An entity with more tags is not plain.
+_MOST_TAGS = 30
+#: Shorter runs are left to ezdxf: a stand-in costs as much as an entity.
+LEAST = 16
+
+_TAG = rb"\n[ \t]*%d[ \t]*\r?\n[ \t]*%b[ \t]*\r?"
+_ENTITIES = re.compile(_TAG % (0, b"SECTION") + _TAG % (2, b"ENTITIES") + rb"\n")
+_ENDSEC = re.compile(_TAG % (0, b"ENDSEC") + rb"\n")
+_OF_NUMBERS = np.isin(np.arange(256), np.frombuffer(b"0123456789+-.eE \0", np.uint8))
+
+
+class PlainEntities(Struct, frozen=True, eq=False):
+    """Columns of N plain entities in the order of the drawing, in its units and degrees.
+
+    kind: (N,) of ``KINDS``. numbers: (N, 6), of a line its start and end, of the others center, radius, start and end.
+    layer: (N,) of ``layers``. color: (N,) of ``colors``, true color and number as written. handles: (N,). owners: what
+    is said to hold them.
+    """
+
+    kind: Index
+    numbers: FloatArray
+    layer: Index
+    layers: tuple[str, ...]
+    color: Index
+    colors: tuple[tuple[int | None, int | None], ...]
+    handles: Texts
+    owners: frozenset[str]
+
+
+class Split(Struct, frozen=True, eq=False):
+    """A drawing without its plain entities. text: the rest, with stand-ins. runs: the layer of each stand-in, and the
+    slice of the plain entities that it stands for.
+    """
+
+    text: bytes
+    plain: PlainEntities
+    runs: dict[str, slice]
+
+
+class _Tags(Struct, frozen=True, eq=False):
+    """The tags of a section. text: its bytes. at: where each tag begins; code: its group code; begin, length: its value
+    (T,). head, count: of each entity its first tag and how many it has (E,).
+    """
+
+    text: Bytes
+    at: Index
+    code: Index
+    begin: Index
+    length: Index
+    head: Index
+    count: Index
+
+    def values(self, tags: Index, widest: int) -> Texts:
+        """(N,) The values of ``tags``; empty where one is longer."""
+        length = np.where(self.length[tags] > widest, 0, self.length[tags])
+        column = np.arange(max(1, int(length.max(initial=1))), dtype=np.int32)
+        place = self.begin[tags].astype(np.int32)[:, None] + column
+        found = self.text[np.minimum(place, len(self.text) - 1)]
+        found[column >= length[:, None]] = 0
+        texts: Texts = found.view(f"S{len(column)}")[:, 0]
+        return texts
+
+    def are(self, names: tuple[str, ...]) -> Mask:
+        """(E,) Which entities are of one of the kinds ``names``."""
+        return np.isin(self.values(self.head, 8), np.array(names, dtype=np.bytes_))
+
+
+def split(data: bytes, least: int = LEAST) -> Split | None:
+    """``data`` of an ASCII drawing without its runs of at least so many plain entities; None if it has none."""
+    start = _ENTITIES.search(data)
+    end = _ENDSEC.search(data, start.end() - 1) if start else None
+    if start is None or end is None or len(data) >= 2**31:
+        return None
+    section = slice(start.end(), end.start() + 1)
+    tags = _tags(np.frombuffer(data, np.uint8, section.stop - section.start, section.start))
+    if tags is None:
+        return None
+    columns = _find(tags)
+    # What follows must not belong to an entity that is no longer there.
+    plain = (columns.kind >= 0) & ~np.append(tags.are(_PARTS)[1:], False)
+    edges = np.flatnonzero(np.diff(plain, prepend=False, append=False)).reshape(-1, 2)
+    edges = edges[edges[:, 1] - edges[:, 0] >= least]
+    return _cut(data, section, tags, columns, edges) if len(edges) else None
+
+
+def _tags(text: Bytes) -> _Tags | None:
+    """The tags of the bytes of a section; None where a line is no group code."""
+    ends = np.flatnonzero(text == ord("\n"))
+    if not len(ends) or len(ends) % 2:
+        return None
+    begin = np.concatenate([[0], ends[:-1] + 1])
+    ends = ends - ((ends > begin) & (text[ends - 1] == ord("\r")))
+    code = _codes(text, begin[::2], ends[::2])
+    if code is None or code[0] != 0:
+        return None
+    head = np.flatnonzero(code == 0)
+    return _Tags(text, begin[::2], code, begin[1::2], (ends - begin)[1::2], head, np.diff(head, append=len(code)))
+
+
+def _codes(text: Bytes, begin: Index, end: Index) -> Index | None:
+    """(T,) The numbers of the lines: one to four digits, with spaces before them; None if one is something else."""
+    code = np.zeros(len(begin), np.int64)
+    good = end - begin <= 4
+    before = np.ones(len(begin), np.bool_)
+    for k in range(4):
+        place = end - 1 - k
+        letter = text[np.maximum(place, 0)]
+        inside = place >= begin
+        digit = inside & (letter >= ord("0")) & (letter <= ord("9"))
+        good &= digit if k == 0 else (digit & before) | ~inside | (~digit & (letter == ord(" ")))
+        code += np.where(digit, letter.astype(np.int64) - ord("0"), 0) * 10**k
+        before = digit
+    return code if good.all() else None
+
+
+class _Columns(Struct, eq=False):
+    """What is plain of E entities. kind: -1 where one is not. texts: by group code, empty where it is not said."""
+
+    kind: Index
+    numbers: FloatArray
+    texts: dict[int, Texts]
+
+
+def _find(tags: _Tags) -> _Columns:
+    """The plain entities, sequence of group codes by sequence of group codes: a writer has few of them."""
+    count = len(tags.head)
+    texts = {code: np.zeros(count, f"S{widest}") for code, (widest, _) in _BESIDE.items()}
+    columns = _Columns(np.full(count, -1), np.zeros((count, 6)), texts)
+    weights = np.random.default_rng(0).integers(1, 2**62, _MOST_TAGS, dtype=np.uint64)
+    place = np.minimum(ramp(tags.count), _MOST_TAGS - 1)
+    key = np.add.reduceat((tags.code + 1).astype(np.uint64) * weights[place], tags.head)
+    for kind, name in enumerate(KINDS):
+        of_kind = np.flatnonzero(tags.are((name,)) & (tags.count <= _MOST_TAGS))
+        _, firsts, which = np.unique(key[of_kind], return_index=True, return_inverse=True)
+        for k, first in enumerate(of_kind[firsts].tolist()):
+            codes = tags.code[tags.head[first] : tags.head[first] + tags.count[first]]
+            places = _places(kind, codes.tolist())
+            if places is not None:
+                alike = of_kind[which == k]
+                alike = alike[tags.count[alike] == len(codes)]
+                same = tags.code[tags.head[alike][:, None] + np.arange(len(codes))] == codes
+                _fill(columns, tags, kind, alike[same.all(axis=1)], places)
+    return columns
+
+
+def _places(kind: int, codes: list[int]) -> dict[int, int] | None:
+    """Where each group code stands in the sequence, markers aside; None if such an entity is not plain."""
+    rest = [code for code in codes[1:] if code != _MARKER]
+    places = {code: k for k, code in enumerate(codes) if k and code != _MARKER}
+    if len(places) < len(rest) or _LAYER not in places:
+        return None
+    known = set(_BESIDE)
+    for group in _GEOMETRY[kind]:
+        # A height that is not said is 0.
+        said = group if group[-1] in places else group[:2]
+        if [places.get(code, -1) - k for k, code in enumerate(said)] != [places.get(said[0], -2)] * len(said):
+            return None
+        known |= set(said)
+    return places if known.issuperset(places) else None
+
+
+def _fill(columns: _Columns, tags: _Tags, kind: int, entities: Index, places: dict[int, int]) -> None:
+    """The columns of ``entities``, of one kind and one sequence of codes, as far as their values are plain too."""
+    head = tags.head[entities]
+    good = np.ones(len(entities), np.bool_)
+    numbers = np.zeros((len(entities), 6))
+    for k, code in enumerate(code for group in _GEOMETRY[kind] for code in group):
+        if code in places:
+            numbers[:, k], sound = _floats(tags.values(head + places[code], _LONGEST_NUMBER))
+            good &= sound
+    if kind == CIRCLE:
+        numbers[:, 5] = 360.0
+    if kind != LINE:
+        good &= numbers[:, 3] > 0
+    for code in _BESIDE.keys() & places.keys():
+        widest, pattern = _BESIDE[code]
+        found = tags.values(head + places[code], widest)
+        different, which = np.unique(found, return_inverse=True)
+        good &= np.array([pattern.fullmatch(text) is not None for text in different.tolist()], np.bool_)[which]
+        columns.texts[code][entities] = found
+    columns.kind[entities[good]] = kind
+    columns.numbers[entities] = numbers
+
+
+def _floats(texts: Texts) -> tuple[FloatArray, Mask]:
+    """(N,) The numbers, and which of them are finite and written as such."""
+    letters = texts.view(np.uint8).reshape(len(texts), -1)
+    try:
+        numbers = texts.astype(np.float64)
+    except ValueError:
+        # Damage: ezdxf finds out where, and how much of it can be read.
+        return np.zeros(len(texts)), np.zeros(len(texts), np.bool_)
+    return numbers, _OF_NUMBERS[letters].all(axis=1) & np.isfinite(numbers)
+
+
+def _cut(data: bytes, section: slice, tags: _Tags, columns: _Columns, edges: Index) -> Split:
+    """The drawing without the entities of ``edges`` (R, first and one after the last), each run with its stand-in."""
+    name = b"CAMGEN-RUN-"
+    while name in data:
+        name += b"-"
+    bounds = section.start + np.append(tags.at[tags.head], len(tags.text))[edges]
+    pieces, runs, kept, taken = [], {}, 0, 0
+    for run, ((first, after), (begin, end)) in enumerate(zip(edges.tolist(), bounds.tolist(), strict=True)):
+        layer = b"%b%d" % (name, run)
+        said = b"".join(
+            b"%d\n%b\n" % (code, text) for code in (_HANDLE, _OWNER) if (text := columns.texts[code][first])
+        )
+        pieces += [data[kept:begin], b"0\nPOINT\n%b8\n%b\n10\n0\n20\n0\n30\n0\n" % (said, layer)]
+        runs[layer.decode()] = slice(taken, taken + after - first)
+        kept, taken = end, taken + after - first
+    pieces.append(data[kept:])
+    return Split(b"".join(pieces), _take(columns, stretches(edges[:, 0], np.diff(edges)[:, 0])), runs)
+
+
+def _take(columns: _Columns, rows: Index) -> PlainEntities:
+    layers, layer = np.unique(columns.texts[_LAYER][rows], return_inverse=True)
+    said = np.stack([columns.texts[_TRUE_COLOR][rows], columns.texts[_COLOR][rows]])
+    colors, color = np.unique(said, axis=1, return_inverse=True)
+    owners = np.unique(columns.texts[_OWNER][rows])
+    return PlainEntities(
+        kind=columns.kind[rows],
+        numbers=columns.numbers[rows],
+        layer=layer,
+        layers=tuple(name.decode("ascii") for name in layers.tolist()),
+        color=color,
+        colors=tuple((int(true) if true else None, int(aci) if aci else None) for true, aci in colors.T.tolist()),
+        handles=columns.texts[_HANDLE][rows],
+        owners=frozenset(owner.decode("ascii") for owner in owners.tolist()),
+    )

@@ -1,0 +1,175 @@
+"""What is taken out of the text of a drawing by column is what ezdxf reads of it, entity by entity."""
+
+import random
+import re
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from ezdxf.document import Drawing
+from hypothesis import given
+from hypothesis import strategies as st
+
+from camgen.model.errors import InputError
+from camgen.model.files import Source
+from camgen.model.job import InputTable, Job, OperationTable
+from camgen.model.limits import Limits
+from camgen.model.part import Part
+from camgen.read import dxf
+from camgen.read.dxf import plain
+from camgen.read.files import Files
+from tests.read.test_dxf import new, written
+
+FIXTURES = Path(__file__).parents[2] / "fixtures"
+SHARED = Path(__file__).parents[2].parent / "shared" / "data"
+FILES = sorted(p for folder in (FIXTURES, SHARED) for p in folder.rglob("*") if p.suffix.lower() == ".dxf")
+_HANDLE = re.compile(rb"\n *0\r?\n[A-Z0-9]+\r?\n *5\r?\n")
+FLAT, IN_SPACE = Job(), Job(operation=OperationTable(kind="trace"))
+
+
+def read_both(data: bytes, job: Job = FLAT, least: int = 1) -> Part | str:
+    """The part, or the message; the same, by ezdxf alone and with runs of plain entities taken out of the text."""
+    found = [_read(data, job, split) for split in (lambda _: None, partial(plain.split, least=least))]
+    assert_same(found[0], found[1], handles=_HANDLE.search(data) is not None)
+    return found[1]
+
+
+def _told(text: Any, handles: bool) -> str:
+    return str(text) if handles else re.sub(r" #\w+", "", str(text))
+
+
+def _read(data: bytes, job: Job, split: Any) -> Part | str:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(dxf, "split", split)
+        source = Source(Path("test.dxf"), data)
+        try:
+            part = dxf.read(source, job, Files())
+        except InputError as error:
+            return str(error)
+        assert str(dxf.inspect(source, job, Files()))
+        return part
+
+
+def assert_same(one: Part | str, other: Part | str, handles: bool) -> None:
+    """handles: whether the file gives entities handles; otherwise ezdxf makes them up for those that it reads."""
+    if isinstance(one, str) or isinstance(other, str):
+        assert _told(one, handles) == _told(other, handles)
+        return
+    assert [_told(note, handles) for note in one.notes] == [_told(note, handles) for note in other.notes]
+    assert one.units == other.units
+    for those, these in ((one.contours, other.contours), (one.curves, other.curves)):
+        assert len(those) == len(these)
+        for a, b in zip(those, these, strict=True):
+            for field in a.__struct_fields__:
+                assert np.array_equal(getattr(a, field), getattr(b, field)), field
+
+
+@pytest.mark.parametrize("job", [FLAT, IN_SPACE], ids=["flat", "in space"])
+@pytest.mark.parametrize("file", FILES, ids=lambda file: file.name)
+def test_every_drawing_reads_the_same(file: Path, job: Job) -> None:
+    read_both(file.read_bytes(), job)
+
+
+def drawing(seed: int, version: str) -> Drawing:
+    """Runs of plain entities between others, some of them nearly plain."""
+    draw = random.Random(seed)
+    document, space = new(version=version)
+    document.blocks.new("HOLE").add_circle((0, 0), 2)
+    document.layers.add("off").off()
+
+    def point() -> tuple[float, float, float]:
+        return draw.uniform(-500, 500), draw.choice([0.0, 1e-3, draw.uniform(-50, 50)]), draw.choice([0.0, 0.0, 1.0])
+
+    unusual = {
+        "invisible": [0, 1], "extrusion": [(0, 0, 1), (0, 0, -1)], "thickness": [0.0, 2.0], "paperspace": [1],
+        "color": [0, 1, 7, 256], "linetype": ["CONTINUOUS"],
+    }  # fmt: skip
+    add: list[Callable[[dict[str, Any]], Any]] = [
+        lambda said: space.add_line(point(), point(), said),
+        lambda said: space.add_circle(point(), draw.choice([0.0, 1.0, 7.25]), said),
+        lambda said: space.add_arc(point(), 3.0, draw.choice([0, 90, 400]), draw.choice([0, 180.5]), dxfattribs=said),
+        lambda said: space.add_polyline2d([(0, 0), (5, 5), (9, 0)], dxfattribs=said),
+        lambda said: space.add_blockref("HOLE", point(), {"layer": said["layer"]}),
+    ]
+    for _ in range(draw.randint(1, 12)):
+        said = {"layer": draw.choice(["0", "cut", "off", "Mull", "Müll", "a b"])}
+        said |= {name: draw.choice(values) for name, values in unusual.items() if draw.random() < 0.1}
+        kind = draw.choice([0, 0, 0, 1, 1, 2, 2, 3, 4])
+        for _ in range(draw.randint(1, 5)):
+            add[kind](said)
+    return document
+
+
+@given(seed=st.integers(0, 2**32), version=st.sampled_from(["R12", "R2000", "R2018"]), least=st.integers(1, 4))
+def test_mixed_drawings_read_the_same(seed: int, version: str, least: int) -> None:
+    read_both(written(drawing(seed, version)).encode(), least=least)
+
+
+@given(seed=st.integers(0, 2**32), damage=st.integers(0, 2**32))
+def test_damaged_drawings_read_the_same(seed: int, damage: int) -> None:
+    lines = written(drawing(seed, "R2000")).encode().split(b"\n")
+    draw = random.Random(damage)
+    first = lines.index(b"ENTITIES") + 1
+    last = lines.index(b"ENDSEC", first)
+    for _ in range(draw.randint(1, 3)):
+        k = draw.randrange(first, last)
+        lines[k] = draw.choice(
+            [b"", b"x", b" 1", b"nan", b"1e999", b"-3", b"1_0", b"\\U+00e4", b"LINE", b" 40", b"999", lines[k + 1]]
+        )
+    read_both(b"\n".join(lines))
+
+
+def test_plain_entities_are_taken_and_keep_their_place() -> None:
+    document, space = new()
+    for k in range(40):
+        if k == 20:
+            space.add_lwpolyline([(0, 900), (5, 900), (5, 905)], close=True)
+        space.add_circle((10 * k, 0), 1 + k / 100, {"layer": "holes"})
+    found = plain.split(written(document).encode())
+    assert found is not None
+    assert found.runs == {"CAMGEN-RUN-0": slice(0, 20), "CAMGEN-RUN-1": slice(20, 40)}
+    assert b"CIRCLE" not in found.text[found.text.index(b"ENTITIES") :]
+    assert found.plain.numbers[:, 3].tolist() == pytest.approx([1 + k / 100 for k in range(40)])
+    part = read_both(written(document).encode(), least=plain.LEAST)
+    assert isinstance(part, Part)
+    assert [contour.id for contour in part.contours if contour.layer == "0"] == ["c21"]
+
+
+def test_a_run_on_paper_is_not_in_model_space() -> None:
+    document, space = new()
+    space.add_circle((0, 0), 3)
+    for k in range(30):
+        document.paperspace().add_line((k, 0), (k, 5))
+    part = read_both(written(document).encode())
+    assert isinstance(part, Part)
+    assert len(part.contours) == 1
+    assert any("30 LINE" in str(note) and "paper" in str(note) for note in part.notes)
+
+
+def test_a_layer_of_the_name_of_a_stand_in_is_another() -> None:
+    document, space = new()
+    for k in range(30):
+        space.add_circle((10 * k, 0), 3, {"layer": "CAMGEN-RUN-0"})
+    part = read_both(written(document).encode())
+    assert isinstance(part, Part)
+    assert {contour.layer for contour in part.contours} == {"CAMGEN-RUN-0"}
+
+
+def test_plain_entities_count_against_the_limit() -> None:
+    document, space = new()
+    for k in range(60):
+        space.add_circle((10 * k, 0), 3)
+    source = Source(Path("test.dxf"), written(document).encode(), Limits(dxf_entities=50))
+    with pytest.raises(InputError, match="more than 50 entities"):
+        dxf.read(source, FLAT, Files())
+
+
+def test_names_and_handles_of_what_leaves_the_plane() -> None:
+    document, space = new()
+    lines = [space.add_line((10 * k, 0, 0), (10 * k + 5, 0, 1 if k == 7 else 0)) for k in range(20)]
+    part = read_both(written(document).encode(), Job(input=InputTable(), operation=OperationTable(kind="follow")))
+    assert isinstance(part, Part)
+    assert any(f"LINE #{lines[7].dxf.handle} on layer 0 leaves the plane" in str(note) for note in part.notes)
