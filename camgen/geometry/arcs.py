@@ -45,19 +45,25 @@ class Spans(Struct, frozen=True, eq=False):
     sweep: FloatArray
     length: FloatArray
 
-    def point(self, fraction: FloatArray, row: IntArray | None = None) -> FloatArray:
-        """(M, 3): the points at ``fraction`` (M,) 0..1 of the length of those at ``row`` (M,), else of all in order."""
+    def point(self, fraction: FloatArray, row: IntArray | None = None, axes: int = 3) -> FloatArray:
+        """(M, axes): the points at ``fraction`` (M,) 0..1 of the length of those at ``row`` (M,), else of all in order;
+        axes = 2: seen from above.
+        """
         row = np.arange(len(self.length)) if row is None else row
-        points = np.empty((len(row), 3))
+        points = np.empty((len(row), axes))
         curved = self.curved[row]
-        at, k = np.flatnonzero(~curved), row[~curved]
-        points[at] = self.start[k] + fraction[at, None] * (self.end[k] - self.start[k])
-        at, k = np.flatnonzero(curved), row[curved]
-        angle, radius = (fraction[at] - 0.5) * self.sweep[k], self.radius[k]
+        lines, arcs = np.flatnonzero(~curved), np.flatnonzero(curved)
+        k, part = row[arcs], row[lines]
+        angle, radius = (fraction[arcs] - 0.5) * self.sweep[k], self.radius[k]
         # From the middle, not from the centre: a flat arc's centre is far away and would cost digits.
         rise = -2 * radius * np.sin(angle / 2) ** 2
         run = radius * np.sin(angle)
-        points[at] = self.via[k] + rise[:, None] * self.towards[k] + run[:, None] * self.along[k]
+        fraction = fraction[lines]
+        # Axis by axis, which numpy does in half the time.
+        for axis in range(axes):
+            start = self.start[part, axis]
+            points[lines, axis] = start + fraction * (self.end[part, axis] - start)
+            points[arcs, axis] = self.via[k, axis] + rise * self.towards[k, axis] + run * self.along[k, axis]
         return points
 
     def tangents(self) -> tuple[FloatArray, FloatArray]:

@@ -17,7 +17,7 @@ IntArray = NDArray[np.int64]
 #: Discs in a leaf; blocks of so many leaves give the first bound on how far to look.
 _LEAF, _BLOCK = 8, 4
 #: Pairs of discs looked at in one go.
-_PAIRS = 2_000_000
+_PAIRS = 500_000
 
 
 class Discs(Struct, frozen=True, eq=False):
@@ -132,7 +132,8 @@ def _first_bound(discs: Discs, leaves: IntArray, wanted: int) -> FloatArray:
         gap = apart - radius[:, :, None] - radius[:, None]
         none = (part < 0)[:, None, :] | (owner[:, :, None] == owner[:, None])
         gap[none] = np.inf
-        kth = np.sort(gap, axis=2)[:, :, min(wanted, gap.shape[2]) - 1]
+        place = min(wanted, gap.shape[2]) - 1
+        kth = np.partition(gap, place, axis=2)[:, :, place]
         # Too few other items in the block: as far as the block is wide.
         wide = np.where((part >= 0)[:, None, :], apart, 0.0).max(axis=2)
         kth = np.where(np.isfinite(kth), kth, wide)
@@ -177,12 +178,19 @@ def _pairs_of_items(
     discs: Discs, leaves: IntArray, one: IntArray, two: IntArray, reach: FloatArray, count: int
 ) -> tuple[IntArray, FloatArray]:
     """Keys item * count + other and distances of the pairs within reach in these pairs of leaves."""
-    a = np.broadcast_to(leaves[one][:, :, None], (len(one), _LEAF, _LEAF)).reshape(-1)
-    b = np.broadcast_to(leaves[two][:, None, :], (len(one), _LEAF, _LEAF)).reshape(-1)
-    limit = np.repeat(reach[one], _LEAF**2)
-    there = (a >= 0) & (b >= 0) & (discs.owner[a] != discs.owner[b])
-    a, b, limit = a[there], b[there], limit[there]
-    apart = plane_lengths(discs.centre[a] - discs.centre[b]) - discs.radius[a] - discs.radius[b]
-    own = np.repeat(one == two, _LEAF**2)[there]
-    close = (apart < limit) | own
-    return discs.owner[a[close]] * count + discs.owner[b[close]], apart[close]
+    # What is missing is nowhere: all comparisons with it fail.
+    centre = np.where((leaves >= 0)[..., None], discs.centre[leaves], np.nan)
+    radius = discs.radius[leaves]
+    x, y = np.ascontiguousarray(centre[..., 0]), np.ascontiguousarray(centre[..., 1])
+    apart, dy = (axis[one][:, :, None] - axis[two][:, None, :] for axis in (x, y))
+    apart *= apart
+    dy *= dy
+    apart += dy
+    np.sqrt(apart, out=apart)
+    apart -= radius[one][:, :, None]
+    apart -= radius[two][:, None, :]
+    close = np.flatnonzero(apart < np.where(one == two, np.inf, reach[one])[:, None, None])
+    pair, row = np.divmod(close, _LEAF**2)
+    a, b = (discs.owner[leaves[of[pair], at]] for of, at in ((one, row // _LEAF), (two, row % _LEAF)))
+    other = a != b
+    return (a * count + b)[other], apart.reshape(-1)[close[other]]

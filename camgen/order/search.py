@@ -252,7 +252,7 @@ def point_at(known: Sampled, path: IntArray, length: FloatArray) -> FloatArray:
     """Points x, y (K, 2) of closed paths, ``length`` mm along each."""
     number, rest = _segment(known, path, length)
     shape = known.where.shape
-    return shape.point(rest / np.maximum(shape.length[number], NONZERO), number)[:, :2]
+    return shape.point(rest / np.maximum(shape.length[number], NONZERO), number, axes=2)
 
 
 def real_length(known: Sampled, path: IntArray, low: FloatArray, high: FloatArray) -> FloatArray:

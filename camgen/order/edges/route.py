@@ -334,8 +334,8 @@ def _steps(work: _Work, surely: bool) -> tuple[FloatArray, IntArray, FloatArray]
 
 
 def _in_ticks(seconds: FloatArray) -> FloatArray:
-    """Times whose sums are exact in any order: tours of the same links are equally long then, and which of them is taken
-    does not hang on the last bit, in which processors differ.
+    """Times whose sums are exact in any order: tours of the same links are equally long then, and which of them is
+    taken does not hang on the last bit, in which processors differ.
     """
     return np.asarray(np.rint(seconds / _TICK) * _TICK)
 
