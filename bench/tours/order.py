@@ -12,8 +12,7 @@ from collections.abc import Callable
 import numpy as np
 
 from bench.machine import machine
-from camgen.model.path import ToolPath
-from camgen.model.pose import frozen
+from camgen.model.path import ToolPath, waypoints
 from camgen.order.arrange import arrange
 
 SIZES = (1_000, 10_000, 35_000, 100_000)
@@ -29,10 +28,7 @@ def path(number: int, points: list[XY], vias: list[XY | None], closed: bool) -> 
     for row, middle in enumerate(vias, start=1):
         if middle:
             via[row] = (*middle, 0.0)
-    axis, press = np.zeros((n, 3)), np.zeros((n, 2, 3))
-    axis[:, 2] = -1.0
-    ones = frozen(np.ones(n))
-    return ToolPath(f"c{number}", "0", frozen(position), frozen(via), frozen(axis), frozen(press), ones, ones, closed)
+    return ToolPath(f"c{number}", "0", waypoints(position, via, 1.0, force=1.0), closed)
 
 
 def shape(number: int, x: float, y: float, size: float, rng: random.Random) -> ToolPath:

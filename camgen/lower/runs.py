@@ -17,7 +17,7 @@ from msgspec.structs import replace
 from camgen.model.errors import JobError
 from camgen.model.job import Job, ProcessTable
 from camgen.model.limits import tell
-from camgen.model.path import ToolPath, Tour, join_paths
+from camgen.model.path import ToolPath, Tour, join_paths, waypoints
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.tolerance import SAME_POINT_MM
 from camgen.order.pieces import begin_at, chorded, head, lengths_along, shortest, stretch
@@ -171,7 +171,7 @@ def _enter_by_helix(way: ToolPath, from_z: float, to_z: float, descent: _Descent
     _insist_on_count((from_z - to_z) / (descent.slope * radius * _helix_step(radius, descent.chord)), descent)
     helix = helix_entry(way, from_z, to_z, radius, math.atan(descent.slope), descent.chord)
     down = np.diff(helix.position[:, 2], prepend=np.inf) < 0
-    return replace(helix, feed=frozen(np.where(down, np.minimum(helix.feed, descent.plunge), helix.feed)))
+    return helix.with_columns(feed=np.where(down, np.minimum(helix.feed, descent.plunge), helix.feed))
 
 
 def _insist_on_count(motions: float, descent: _Descent) -> None:
@@ -187,8 +187,7 @@ def _slope(way: ToolPath, from_z: float, to_z: float, speed: float) -> ToolPath:
     z[-1] = to_z
     if way.floor is not None:
         z = np.maximum(z, way.floor - way.position[:, 2])
-    feed = frozen(np.minimum(way.feed, speed))
-    return _at_heights(replace(way, feed=feed), way.position[:, 2] + z)
+    return _at_heights(way.with_columns(feed=np.minimum(way.feed, speed)), way.position[:, 2] + z)
 
 
 def _at_depth(path: ToolPath, depth: float) -> ToolPath:
@@ -208,7 +207,7 @@ def _over_tabs(path: ToolPath, depth: float, speed: float) -> ToolPath:
     down = drop > SAME_POINT_MM
     feed = path.feed.copy()
     feed[1:][down] = np.minimum(feed[1:][down], speed * way[down] / drop[down])
-    return replace(held, feed=frozen(feed))
+    return held.with_columns(feed=feed)
 
 
 def _at_heights(path: ToolPath, z: FloatArray) -> ToolPath:
@@ -216,7 +215,7 @@ def _at_heights(path: ToolPath, z: FloatArray) -> ToolPath:
     position, via = path.position.copy(), path.via.copy()
     position[:, 2] = z
     via[:, 2] = np.where(np.isnan(via[:, 0]), np.nan, z)
-    return replace(path, position=frozen(position), via=frozen(via))
+    return path.with_columns(position=position, via=via)
 
 
 def helix_entry(path: ToolPath, from_z: float, to_z: float, radius: float, angle: float, chord: float) -> ToolPath:
@@ -242,12 +241,7 @@ def helix_entry(path: ToolPath, from_z: float, to_z: float, radius: float, angle
     size = len(ends)
     return replace(
         path,
-        position=frozen(ends),
-        via=frozen(via),
-        axis=frozen(np.tile(path.axis[0], (size, 1))),
-        force_direction=frozen(np.zeros((size, 2, 3))),
-        force=frozen(np.zeros(size)),
-        feed=frozen(np.full(size, path.feed[0])),
+        table=waypoints(ends, via, path.feed[0], axis=path.axis[0]),
         closed=False,
         floor=None if path.floor is None else frozen(np.full(size, path.floor[0])),
     )

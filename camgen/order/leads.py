@@ -18,8 +18,8 @@ from camgen.geometry.intersect import Obstacles
 from camgen.geometry.segments import from_contours
 from camgen.model.job import Job
 from camgen.model.part import Note, Part
-from camgen.model.path import ToolPath, join_paths
-from camgen.model.pose import FloatArray, frozen
+from camgen.model.path import ToolPath, join_paths, waypoints
+from camgen.model.pose import FloatArray
 from camgen.model.text import counted
 from camgen.order.stay_down import CLEARANCE_SLACK_MM
 from camgen.plan.starting import starting_at
@@ -129,12 +129,9 @@ def _lead(path: ToolPath, length: float, way: int, ring: bool, feed: float) -> _
     presses = np.array([press, turned])[::way]
     lead = replace(
         path,
-        position=frozen(rows),
-        via=frozen([np.full(3, np.nan), middle]),
-        axis=frozen([axis, axis]),
-        force_direction=frozen([presses, presses]),
-        force=frozen([0.0, 0.0]),
-        feed=frozen(np.full(2, min(path.feed[row], feed))),
+        table=waypoints(
+            rows, [np.full(3, np.nan), middle], min(path.feed[row], feed), axis=axis, force_direction=presses
+        ),
         closed=False,
     )
     return _Lead(lead, points[:, :2])

@@ -15,7 +15,7 @@ from camgen.geometry.arcs import Spans, chain, span_lengths
 from camgen.geometry.rotations import turn_vectors
 from camgen.geometry.vectors import cross, dots
 from camgen.model.part import BoolArray, IntArray
-from camgen.model.path import ToolPath, join_paths
+from camgen.model.path import ToolPath, join_paths, waypoints
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.tolerance import NONZERO, SAME_POINT_MM
 from camgen.plan.starting import between
@@ -115,7 +115,7 @@ def chorded(path: ToolPath, chord: float, which: BoolArray | None = None) -> Too
     half = np.zeros(len(shape.sweep))
     half[rows] = sweep / count / 2
     position[pushed + 1] = centre + (position[pushed + 1] - centre) / np.cos(half[owner[pushed]])[:, None]
-    return replace(result, via=frozen(via), position=frozen(position))
+    return result.with_columns(via=via, position=position)
 
 
 def shortest(path: ToolPath, chord: float) -> float:
@@ -154,12 +154,14 @@ def _expand(path: ToolPath, segment: IntArray, fraction: FloatArray) -> tuple[To
     held = None if floor is None else floor[owner] + part * (floor[row] - floor[owner])
     made = replace(
         path,
-        position=frozen(np.concatenate([path.position[:1], position])),
-        via=frozen(np.concatenate([np.full((1, 3), np.nan), via])),
-        axis=frozen(np.concatenate([axis[:1], np.where(inside, between(axis[owner], axis[row], part), axis[row])])),
-        force_direction=frozen(np.concatenate([press[:1], press])),
-        force=frozen(np.concatenate([path.force[1:2], path.force[row]])),
-        feed=frozen(np.concatenate([path.feed[1:2], path.feed[row]])),
+        table=waypoints(
+            position=np.concatenate([path.position[:1], position]),
+            via=np.concatenate([np.full((1, 3), np.nan), via]),
+            axis=np.concatenate([axis[:1], np.where(inside, between(axis[owner], axis[row], part), axis[row])]),
+            force_direction=np.concatenate([press[:1], press]),
+            force=np.concatenate([path.force[1:2], path.force[row]]),
+            feed=np.concatenate([path.feed[1:2], path.feed[row]]),
+        ),
         floor=None if floor is None or held is None else frozen(np.concatenate([floor[:1], held])),
     )
     return made, owner, part

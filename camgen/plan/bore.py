@@ -14,8 +14,8 @@ import numpy as np
 from camgen.model.errors import InputError, JobError
 from camgen.model.job import Job
 from camgen.model.part import Note, Part
-from camgen.model.path import ToolPath
-from camgen.model.pose import FloatArray, frozen
+from camgen.model.path import ToolPath, waypoints
+from camgen.model.pose import FloatArray
 from camgen.model.text import counted, short
 from camgen.plan.columns import SLOWEST
 from camgen.plan.drill import Hole, diameters, find_circles, innermost
@@ -116,16 +116,14 @@ def _path(hole: Hole, job: Job) -> ToolPath:
     radius = np.hypot(*position[:, :2].T)
     share = np.maximum(radius / (radius + job.tool.diameter / 2), SLOWEST)
     share[-1] = 1.0
-    count = len(position)
     return ToolPath(
         id=hole.id,
         layer=hole.layer,
-        position=frozen(position + middle),
-        via=frozen(via + middle),
-        axis=frozen(np.tile([0.0, 0.0, -1.0], (count, 1))),
-        force_direction=frozen(np.zeros((count, 2, 3))),
-        force=frozen(np.zeros(count)),
-        feed=frozen(job.process.feed * share),
+        table=waypoints(
+            position=position + middle,
+            via=via + middle,
+            feed=job.process.feed * share,
+        ),
         closed=False,
         reversible=False,
         contours=hole.contours,

@@ -10,8 +10,8 @@ from msgspec import Struct
 from camgen.geometry.ragged import begins
 from camgen.geometry.segments import Segments, make, points_at, tangents_at
 from camgen.model.job import Job
-from camgen.model.path import ToolPath
-from camgen.model.pose import FloatArray, frozen
+from camgen.model.path import ToolPath, waypoints
+from camgen.model.pose import FloatArray
 from camgen.model.tolerance import NONZERO
 
 #: The tool centre is never slowed below this part of the feed, however tight the inner curve.
@@ -59,24 +59,14 @@ def tool_paths(
     arc = np.flatnonzero(segments.is_arc)
     via[row_of[arc], :2] = points_at(segments.take(arc), np.full(len(arc), 0.5))
     via[row_of[arc], 2] = 0.0
-    axis = np.zeros((total, 3))
-    axis[:, 2] = -1.0
-    pressing, forces, feeds = press[source], force[source], feed[source]
-    for column in (position, via, axis, pressing, forces, feeds):
-        column.flags.writeable = False
+    table = waypoints(position, via, feed[source], force_direction=press[source], force=force[source])
     paths = []
     for low, size, label in zip(begin.tolist(), sizes.tolist(), labels, strict=True):
-        rows = slice(low, low + size + 1)
         paths.append(
             ToolPath(
                 id=label.id,
                 layer=label.layer,
-                position=position[rows],
-                via=via[rows],
-                axis=axis[rows],
-                force_direction=pressing[rows],
-                force=forces[rows],
-                feed=feeds[rows],
+                table=table[low : low + size + 1],
                 closed=label.closed,
                 reversible=label.reversible,
                 parent=label.parent,
@@ -95,18 +85,16 @@ def straight_path(
 
     contours: ids of those that it works on. operation: its name.
     """
-    count = len(points)
-    press = np.zeros((count, 2, 3))
-    press[:, :, 2] = -1.0 if job.process.force else 0.0
     return ToolPath(
         id=ident,
         layer=layer,
-        position=frozen(np.column_stack([points, np.zeros(count)])),
-        via=frozen(np.full((count, 3), np.nan)),
-        axis=frozen(np.tile([0.0, 0.0, -1.0], (count, 1))),
-        force_direction=frozen(press),
-        force=frozen(np.full(count, job.process.force)),
-        feed=frozen(np.full(count, job.process.feed)),
+        table=waypoints(
+            position=np.column_stack([points, np.zeros(len(points))]),
+            via=np.nan,
+            force_direction=[0.0, 0.0, -1.0 if job.process.force else 0.0],
+            force=job.process.force,
+            feed=job.process.feed,
+        ),
         closed=bool((points[0] == points[-1]).all()),
         depths=pass_depths(job.operation.depth, job.operation.passes),
         contours=contours,

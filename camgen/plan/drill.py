@@ -18,8 +18,8 @@ from camgen.geometry.segments import BoolArray, IntArray, flatten, from_contours
 from camgen.model.errors import InputError, JobError
 from camgen.model.job import Job
 from camgen.model.part import Note, Part, Raster
-from camgen.model.path import ToolPath
-from camgen.model.pose import FloatArray, frozen
+from camgen.model.path import ToolPath, waypoints
+from camgen.model.pose import FloatArray
 from camgen.model.text import counted, short
 from camgen.model.tolerance import PECK_CLEARANCE_MM
 
@@ -208,16 +208,14 @@ def _path(hole: Hole, job: Job) -> ToolPath:
         way.append((level, job.process.feed))
     way += [(0.0, job.process.travel_speed)] if levels else []
     z, feed = np.array(way).T
-    count = len(way)
     return ToolPath(
         id=hole.id,
         layer=hole.layer,
-        position=frozen([[hole.x, hole.y, level] for level in z]),
-        via=frozen(np.full((count, 3), np.nan)),
-        axis=frozen(np.tile([0.0, 0.0, -1.0], (count, 1))),
-        force_direction=frozen(np.zeros((count, 2, 3))),
-        force=frozen(np.zeros(count)),
-        feed=frozen(feed),
+        table=waypoints(
+            position=np.array([[hole.x, hole.y, level] for level in z]),
+            via=np.nan,
+            feed=feed,
+        ),
         closed=False,
         reversible=False,
         contours=hole.contours,

@@ -13,8 +13,8 @@ from camgen.model.cell import Cell
 from camgen.model.errors import InputError
 from camgen.model.job import Job
 from camgen.model.part import Note, Part
-from camgen.model.path import ToolPath
-from camgen.model.pose import FloatArray, frozen
+from camgen.model.path import ToolPath, waypoints
+from camgen.model.pose import FloatArray
 from camgen.model.program import Columns, Instruction, Joints, MoveC, MoveJ, MoveL, take
 from camgen.model.text import counted, short
 from camgen.model.tolerance import SAME_POINT_MM
@@ -89,19 +89,17 @@ def owners(columns: Columns) -> list[int]:
 
 
 def _path(number: int, line: int, ends: FloatArray, vias: FloatArray, speed: FloatArray) -> ToolPath:
-    count = len(ends)
     via, feed = vias.copy(), speed.copy()
     via[0], feed[0] = np.nan, speed[1]
     return ToolPath(
         id=f"n{number}",
         layer=f"line {line}",
-        position=frozen(ends),
-        via=frozen(via),
-        axis=frozen(np.broadcast_to([0.0, 0.0, -1.0], (count, 3))),
-        force_direction=frozen(np.zeros((count, 2, 3))),
-        force=frozen(np.zeros(count)),
-        feed=frozen(feed),
-        closed=bool(count > 2 and np.linalg.norm(ends[0] - ends[-1]) < SAME_POINT_MM),
+        table=waypoints(
+            position=ends,
+            via=via,
+            feed=feed,
+        ),
+        closed=bool(len(ends) > 2 and np.linalg.norm(ends[0] - ends[-1]) < SAME_POINT_MM),
         reversible=False,
         operation="replay",
     )

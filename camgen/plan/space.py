@@ -10,8 +10,8 @@ from camgen.model.cell import Cell
 from camgen.model.errors import JobError
 from camgen.model.job import Job
 from camgen.model.part import Curve, Part
-from camgen.model.path import ToolPath
-from camgen.model.pose import TOOL_DOWN, frozen
+from camgen.model.path import ToolPath, waypoints
+from camgen.model.pose import TOOL_DOWN
 from camgen.model.program import Joints
 from camgen.model.text import short
 from camgen.plan import Plan, Watch
@@ -64,19 +64,16 @@ def _insist_on_three_axes(part: Part, job: Job) -> None:
 
 def _path(curve: Curve, job: Job) -> ToolPath:
     """The tool straight down along ``curve``. One that is closed begins where it is drawn: it is run as an open one."""
-    count = len(curve.points)
-    press = np.zeros((count, 2, 3))
-    if job.process.force:
-        press[:, :, 2] = -1.0
     return ToolPath(
         id=curve.id,
         layer=curve.layer,
-        position=curve.points,
-        via=frozen(np.concatenate([np.full((1, 3), np.nan), curve.via])),
-        axis=frozen(np.tile([0.0, 0.0, -1.0], (count, 1))),
-        force_direction=frozen(press),
-        force=frozen(np.full(count, job.process.force)),
-        feed=frozen(np.full(count, job.process.feed)),
+        table=waypoints(
+            position=curve.points,
+            via=np.concatenate([np.full((1, 3), np.nan), curve.via]),
+            force_direction=[0.0, 0.0, -1.0 if job.process.force else 0.0],
+            force=job.process.force,
+            feed=job.process.feed,
+        ),
         closed=False,
         depths=pass_depths(job.operation.depth, job.operation.passes),
         contours=(curve.id,),

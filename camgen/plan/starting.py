@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from camgen.geometry.arcs import Spans, spans
@@ -22,8 +23,7 @@ IntArray = NDArray[np.int64]
 #: to what a controller's text carries, lie on any circle.
 SEAM = 0.1
 
-#: The columns of a path in the order of its fields, and those that speak of vertices, not of segments.
-_COLUMNS = ("position", "via", "axis", "force_direction", "force", "feed")
+#: What speaks of vertices in the tables of paths, not of segments.
 _AT_VERTICES = ("position", "axis")
 
 
@@ -46,10 +46,10 @@ def starting_each(paths: Sequence[ToolPath], segment: Sequence[int], fraction: S
     """``starting_at`` for many paths at once: the same, a hundred times faster per path."""
     if not paths:
         return []
-    columns = {name: np.concatenate([getattr(path, name) for path in paths]) for name in _COLUMNS}
-    rows = np.array([len(path.position) for path in paths], dtype=np.int64)
+    drawn = _end_to_end(paths)
+    rows = np.array([len(path) for path in paths], dtype=np.int64)
     base = begins(rows)
-    number, part, cut = _snap(columns, base, rows, np.array(segment), np.array(fraction, dtype=np.float64))
+    number, part, cut = _snap(drawn, base, rows, np.array(segment), np.array(fraction, dtype=np.float64))
 
     counts = rows + (part > 0)  # a split segment is two
     ends = np.cumsum(counts)
@@ -57,43 +57,48 @@ def starting_each(paths: Sequence[ToolPath], segment: Sequence[int], fraction: S
     owner = owners(counts)
     step = np.maximum(ramp(counts), 1)  # row 0 repeats segment 1
     source = base[owner] + (number[owner] + step - 2) % (rows[owner] - 1) + 1
-    moved = {name: column[source] for name, column in columns.items()}
+    moved = replace(drawn, table=drawn.table[source])
 
     before = base + number - 1
     for name in _AT_VERTICES:
-        moved[name][firsts] = columns[name][before]
-    _split(moved, columns, before, (firsts, lasts), cut, part)
-    moved["via"][firsts] = np.nan
-    return _cut(paths, moved, ends)
+        getattr(moved, name)[firsts] = getattr(drawn, name)[before]
+    _split(moved, drawn, before, (firsts, lasts), cut, part)
+    moved.via[firsts] = np.nan
+    return _cut(paths, moved.table, ends)
 
 
 def reverse_each(paths: Sequence[ToolPath]) -> list[ToolPath]:
     """``ToolPath.reversed`` for many paths at once."""
     if not paths:
         return []
-    rows = np.array([len(path.position) for path in paths], dtype=np.int64)
+    drawn = _end_to_end(paths)
+    rows = np.array([len(path) for path in paths], dtype=np.int64)
     ends = np.cumsum(rows)
     firsts = ends - rows
     owner, step = owners(rows), ramp(rows)
     vertex = ends[owner] - 1 - step
     segment = ends[owner] - np.maximum(step, 1)
-    moved = {
-        name: np.concatenate([getattr(path, name) for path in paths])[vertex if name in _AT_VERTICES else segment]
-        for name in _COLUMNS
-    }
-    moved["force_direction"] = moved["force_direction"][:, ::-1]
-    moved["via"][firsts] = np.nan
-    return _cut(paths, moved, ends)
+    moved = replace(drawn, table=drawn.table[segment])
+    for name in _AT_VERTICES:
+        getattr(moved, name)[:] = getattr(drawn, name)[vertex]
+    moved.force_direction[:] = moved.force_direction[:, ::-1].copy()
+    moved.via[firsts] = np.nan
+    return _cut(paths, moved.table, ends)
+
+
+def _end_to_end(paths: Sequence[ToolPath]) -> ToolPath:
+    """One path with the rows of all of them, for its columns."""
+    return replace(paths[0], table=np.concatenate([path.table for path in paths]))
 
 
 def _snap(
-    columns: dict[str, FloatArray], base: IntArray, rows: IntArray, segment: IntArray, fraction: FloatArray
+    drawn: ToolPath, base: IntArray, rows: IntArray, segment: IntArray, fraction: FloatArray
 ) -> tuple[IntArray, FloatArray, Spans]:
     """The segment at or in which each path begins, the fraction (0: at its first vertex), and these segments."""
 
     def at(number: IntArray) -> Spans:
         row = base + number
-        return spans(columns["position"][row - 1], columns["via"][row], columns["position"][row])
+        return spans(drawn.position[row - 1], drawn.via[row], drawn.position[row])
 
     chosen = at(segment)
     late = (1 - fraction) * chosen.length < SAME_POINT_MM
@@ -103,8 +108,8 @@ def _snap(
 
 
 def _split(
-    moved: dict[str, FloatArray],
-    columns: dict[str, FloatArray],
+    moved: ToolPath,
+    drawn: ToolPath,
     before: IntArray,
     ends: tuple[IntArray, IntArray],
     cut: Spans,
@@ -114,21 +119,19 @@ def _split(
     inside = np.flatnonzero(fraction > 0)
     cut, part, old = cut.pick(inside), fraction[inside], before[inside]
     first, last = ends[0][inside], ends[1][inside]
-    moved["position"][first] = moved["position"][last] = cut.point(part)
-    axis = columns["axis"]
-    moved["axis"][first] = moved["axis"][last] = between(axis[old], axis[old + 1], part)
+    moved.position[first] = moved.position[last] = cut.point(part)
+    moved.axis[first] = moved.axis[last] = between(drawn.axis[old], drawn.axis[old + 1], part)
 
     c = cut.curved
-    moved["via"][first[c] + 1] = cut.point((1 + part) / 2)[c]
-    moved["via"][last[c]] = cut.point(part / 2)[c]
+    moved.via[first[c] + 1] = cut.point((1 + part) / 2)[c]
+    moved.via[last[c]] = cut.point(part / 2)[c]
 
-    press = columns["force_direction"][old + 1]
+    press = drawn.force_direction[old + 1]
     turned = between(press[:, 0], press[:, 1], part)
     axle = cross(cut.towards[c], cut.along[c])
     turned[c] = turn_vectors(press[c, 0], axle, part[c] * cut.sweep[c])
-    moved["force_direction"][first, 0] = moved["force_direction"][first + 1, 0] = moved["force_direction"][last, 1] = (
-        turned
-    )
+    pressed = moved.force_direction
+    pressed[first, 0] = pressed[first + 1, 0] = pressed[last, 1] = turned
 
 
 def between(a: FloatArray, b: FloatArray, fraction: FloatArray) -> FloatArray:
@@ -144,28 +147,23 @@ def between(a: FloatArray, b: FloatArray, fraction: FloatArray) -> FloatArray:
 
 def ends_of(paths: Sequence[ToolPath]) -> tuple[FloatArray, FloatArray]:
     """Where the paths begin and where they end, x y (K, 2) each, mm."""
-    rows = np.array([len(path.position) for path in paths], dtype=np.int64)
-    after = np.cumsum(rows)
-    position = np.concatenate([path.position for path in paths])[:, :2]
-    return position[after - rows], position[after - 1]
+    begin = np.array([path.table[0, :2] for path in paths]).reshape(-1, 2)
+    return begin, np.array([path.table[-1, :2] for path in paths]).reshape(-1, 2)
 
 
-def _cut(paths: Sequence[ToolPath], columns: dict[str, FloatArray], ends: IntArray) -> list[ToolPath]:
-    """``paths`` with the columns that were made for all of them; views, for copies and ``replace`` would cost most.
+def _cut(paths: Sequence[ToolPath], table: FloatArray, ends: IntArray) -> list[ToolPath]:
+    """``paths`` with the rows that were made for all of them; views, for copies and ``replace`` would cost most.
 
     ValueError for a path that has a floor: tabs keep away from where it starts, so that is chosen before.
     """
     held = next((path.id for path in paths if path.floor is not None), None)
     if held is not None:
         raise ValueError(f"path {held} has tabs: where it starts is chosen before them")
-    for column in columns.values():
-        column.flags.writeable = False
-    position, via, axis, press, force, feed = (columns[name] for name in _COLUMNS)
+    table.flags.writeable = False
     return [
         ToolPath(
-            path.id, path.layer, position[a:b], via[a:b], axis[a:b], press[a:b], force[a:b], feed[a:b],
-            path.closed, path.reversible, path.parent, path.depths, path.contours, path.operation, None,
-            path.entry_radius, path.pinned,
+            path.id, path.layer, table[a:b], path.closed, path.reversible, path.parent, path.depths, path.contours,
+            path.operation, None, path.entry_radius, path.pinned,
         )
         for path, (a, b) in zip(paths, pairwise([0, *ends.tolist()]), strict=True)
     ]  # fmt: skip

@@ -18,7 +18,7 @@ from camgen.model.cell import Cell
 from camgen.model.errors import InputError, JobError
 from camgen.model.job import Job
 from camgen.model.part import Note
-from camgen.model.path import ToolPath
+from camgen.model.path import ToolPath, waypoints
 from camgen.model.pose import Pose, Vec3, frozen
 from camgen.model.program import Instruction, Joints, Motion, MoveC, MoveJ, MoveL
 from camgen.model.text import counted
@@ -200,12 +200,12 @@ def _path(number: int, line: int, rows: Sequence[Motion]) -> ToolPath:
     return ToolPath(
         id=f"n{number}",
         layer=f"line {line}",
-        position=frozen([pose.origin for pose in poses]),
-        via=frozen(via),
-        axis=frozen([pose.rotation[:, 2] for pose in poses]),
-        force_direction=frozen(np.zeros((count, 2, 3))),
-        force=frozen(np.zeros(count)),
-        feed=frozen(feed),
+        table=waypoints(
+            position=np.array([pose.origin for pose in poses]),
+            via=via,
+            axis=[pose.rotation[:, 2] for pose in poses],
+            feed=feed,
+        ),
         closed=False,
         reversible=False,
         operation="replay",

@@ -9,7 +9,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from camgen.model.part import Contour, Part
-from camgen.model.path import ToolPath, Tour
+from camgen.model.path import ToolPath, Tour, waypoints
 from camgen.model.pose import FloatArray, frozen
 from camgen.preview.curves import of_spans
 
@@ -46,13 +46,7 @@ def _flatten(chains: Sequence[tuple[FloatArray, FloatArray]], sag: float) -> lis
 
 
 def _as_seen(path: ToolPath, rows: FloatArray) -> ToolPath:
-    count = len(rows)
     return replace(
         path,
-        position=frozen(np.column_stack([rows, np.zeros(count)])),
-        via=frozen(np.full((count, 3), np.nan)),
-        axis=frozen(np.tile([0.0, 0.0, -1.0], (count, 1))),
-        force_direction=frozen(np.zeros((count, 2, 3))),
-        force=frozen(np.zeros(count)),
-        feed=frozen(np.full(count, path.feed[0])),
+        table=waypoints(np.column_stack([rows, np.zeros(len(rows))]), np.nan, path.feed[0]),
     )

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from camgen.check.report import Cycle, path_sums, report, sum_up
 from camgen.geometry.arcs import arc_lengths
 from camgen.model.part import Contour, Note, Part
-from camgen.model.path import ToolPath, Tour
+from camgen.model.path import ToolPath, Tour, waypoints
 from camgen.model.pose import TOOL_DOWN, Pose, frozen
 from camgen.model.program import Columns, Comment, Force, Joints, MoveC, MoveJ, MoveL, Output, Wait
 
@@ -67,10 +67,8 @@ def tool_path(ident: str, feeds: list[float], force: list[float], depths: tuple[
     """Along x in steps of 10 mm."""
     n = len(feeds)
     position = frozen(np.column_stack([np.arange(n) * 10.0, np.zeros(n), np.zeros(n)]))
-    axis = frozen(np.tile([0.0, 0.0, -1.0], (n, 1)))
-    via, press = frozen(np.full((n, 3), np.nan)), frozen(np.zeros((n, 2, 3)))
     return ToolPath(
-        ident, "cut", position, via, axis, press, frozen(force), frozen(feeds), closed=False, depths=depths,
+        ident, "cut", waypoints(position, np.nan, feeds, force=force), closed=False, depths=depths,
         contours=(ident,), operation="follow",
     )  # fmt: skip
 

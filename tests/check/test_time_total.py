@@ -14,7 +14,7 @@ from camgen.cli import main
 from camgen.lower import lower
 from camgen.model.cell import Dynamics
 from camgen.model.job import Job
-from camgen.model.path import ToolPath, Tour
+from camgen.model.path import ToolPath, Tour, waypoints
 from camgen.model.pose import TOOL_DOWN, Pose, frozen, translation
 from camgen.model.program import Comment, Instruction, MoveJ, MoveL, Origin, Output, Program, Wait, put_off_first
 from camgen.post.plugins import find_post
@@ -30,18 +30,10 @@ def at(x: float, y: float, z: float = 0.0) -> Pose:
 def tool_path(ident: str, points: list[tuple[float, float]], depths: tuple[float, ...] = (0.0,)) -> ToolPath:
     n = len(points)
     position = frozen(np.column_stack([np.array(points, float), np.zeros(n)]))
-    none = frozen(np.full((n, 3), np.nan))
-    zero = frozen(np.zeros(n))
-    axis = frozen(np.tile([0.0, 0.0, -1.0], (n, 1)))
     return ToolPath(
         ident,
         "cut",
-        position,
-        none,
-        axis,
-        frozen(np.zeros((n, 2, 3))),
-        zero,
-        frozen(np.full(n, 10.0)),
+        waypoints(position, np.nan, 10.0),
         closed=False,
         depths=depths,
     )

@@ -14,8 +14,8 @@ from camgen.lower import lower
 from camgen.model.cell import Cell
 from camgen.model.errors import JobError, NoSafeProgram
 from camgen.model.job import CellTable, Job, OperationTable, ProcessTable, ToleranceTable, ToolTable
-from camgen.model.path import ToolPath, Tour
-from camgen.model.pose import TOOL_DOWN, Pose, angle_between, frozen, pose_from_values, rotation_about, translation
+from camgen.model.path import ToolPath, Tour, waypoints
+from camgen.model.pose import TOOL_DOWN, Pose, angle_between, pose_from_values, rotation_about, translation
 from camgen.model.program import Comment, Force, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
 from camgen.model.program_text import dump
 from camgen.post.passes import corner_blend
@@ -47,16 +47,8 @@ def path(points, bulges=None, force_direction=None, force=None, feed=20.0, **mor
     if force is not None:
         forces[1:] = force
         forces[0] = forces[1]
-    columns = (
-        frozen(position),
-        frozen(via),
-        frozen(np.tile([0.0, 0.0, -1.0], (n, 1))),
-        frozen(pressed),
-        frozen(forces),
-    )
     settings_ = {"id": "c1", "layer": "cut", "closed": False, **more}
-    own = dict(zip(("position", "via", "axis", "force_direction", "force"), columns, strict=True))
-    return ToolPath(**own, feed=frozen(np.full(n, feed)), **settings_)
+    return ToolPath(table=waypoints(position, via, feed, force_direction=pressed, force=forces), **settings_)
 
 
 def program(*paths, cell=ROBOT, job=None) -> Program:
@@ -180,7 +172,8 @@ def test_a_closed_path_plunges_from_pass_to_pass():
 )
 def test_the_tool_goes_down_at_a_speed_of_its_own(process, operation, speed):
     """A third of the feed unless it is set, and never faster than the path goes on; a drill does nothing else."""
-    fast = replace(SQUARE, feed=frozen([40.0, 40.0, 20.0, 20.0, 20.0]), depths=(1.0, 2.0), operation=operation)
+    fast = SQUARE.with_columns(feed=np.array([40.0, 40.0, 20.0, 20.0, 20.0]))
+    fast = replace(fast, depths=(1.0, 2.0), operation=operation)
     body = [i for i in program(fast, job=Job(process=process)).body if isinstance(i, (MoveJ, MoveL))]
     down = [b for a, b in pairwise(body) if isinstance(b, MoveL) and sinks(a, b)]
     assert [(i.target.origin[2], i.speed) for i in down] == [
@@ -233,7 +226,7 @@ def test_an_approach_above_the_clearance_is_an_error():
 
 def test_a_tilted_tool_goes_back_along_its_own_axis():
     axis = np.array([math.sin(0.5), 0.0, -math.cos(0.5)])
-    tilted = replace(path([(0, 0), (0, 9)]), axis=frozen(np.tile(axis, (2, 1))))
+    tilted = path([(0, 0), (0, 9)]).with_columns(axis=np.array(axis))
     body = program(tilted).body
     assert body[3].target.origin == pytest.approx(tuple(-20 * axis))
     assert body[4].target.origin == pytest.approx(tuple(-2 * axis))
@@ -245,7 +238,7 @@ def test_a_tilted_tool_goes_back_along_its_own_axis():
 
 
 def test_a_tool_along_the_work_x_still_has_an_orientation():
-    level = replace(path([(0, 0), (0, 9)]), axis=frozen([[-1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]]))
+    level = path([(0, 0), (0, 9)]).with_columns(axis=np.array([-1.0, 0.0, 0.0]))
     assert program(level).body[3].target.rotation[:, 0] == pytest.approx([0, 1, 0])
 
 

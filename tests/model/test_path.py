@@ -8,8 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from camgen.geometry.arcs import path_length, span_lengths
-from camgen.model.path import ToolPath
-from camgen.model.pose import frozen
+from camgen.model.path import ToolPath, waypoints
 
 
 @st.composite
@@ -40,11 +39,8 @@ def paths(draw):
     path = ToolPath(
         id="p",
         layer="l",
-        position=frozen(position),
-        via=frozen(via),
-        axis=frozen(axis),
+        table=waypoints(position, via, axis=axis, **columns),
         closed=False,
-        **{name: frozen(column) for name, column in columns.items()},
     )
     return path, length
 

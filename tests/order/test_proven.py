@@ -10,8 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from camgen.model.path import ToolPath
-from camgen.model.pose import frozen
+from camgen.model.path import ToolPath, waypoints
 from camgen.order.arrange import arrange
 from camgen.order.proven import FEW, is_proven
 from camgen.order.starts import starts
@@ -93,11 +92,7 @@ def polygon(x: float, y: float, radius: float, corners: int) -> ToolPath:
     turns = [cmath.rect(radius, k * math.tau / corners) for k in range(corners + 1)]
     rows = np.array([[x + one.real, y + one.imag, 0.0] for one in turns])
     rows[-1] = rows[0]
-    up = np.tile([0.0, 0.0, 1.0], (len(rows), 1))
-    return ToolPath(
-        "x", "0", frozen(rows), frozen(np.full(rows.shape, np.nan)), frozen(up), frozen(np.zeros((len(rows), 2, 3))),
-        frozen(np.zeros((len(rows), 2))), frozen(np.full(len(rows), np.nan)), True, True,
-    )  # fmt: skip
+    return ToolPath("x", "0", waypoints(rows, np.nan, np.nan, axis=(0.0, 0.0, 1.0)), True, True)
 
 
 @settings(max_examples=25, deadline=None)

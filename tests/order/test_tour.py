@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from camgen.geometry.arcs import path_length
-from camgen.model.path import ToolPath
+from camgen.model.path import ToolPath, waypoints
 from camgen.model.pose import frozen
 from camgen.order import search, tree
 from camgen.order.arrange import arrange, measure_travel
@@ -39,9 +39,7 @@ def make(points: list[XY], vias: list[XY | None], closed: bool, **fields: object
             press[row, k, :2] = -dy, dx
     if n > 1:
         press[0], feed[0] = press[1], feed[1]
-    axis = np.tile([0.0, 0.0, -1.0], (n, 1))
-    path = ToolPath("c1", "0", frozen(position), frozen(via), frozen(axis), frozen(press), frozen(feed / 2),
-                    frozen(feed), closed)  # fmt: skip
+    path = ToolPath("c1", "0", waypoints(position, via, feed, force_direction=press, force=feed / 2), closed)
     return replace(path, **fields)
 
 
@@ -430,7 +428,7 @@ def test_an_arc_out_of_the_plane_is_split_on_its_circle() -> None:
     via = frozen([[math.nan] * 3, [0, 0, 5], [math.nan] * 3])
     axis = frozen([[-1, 0, 0], [0, 0, -1], [-1, 0, 0]])
     press = frozen([[[-1, 0, 0], [1, 0, 0]], [[-1, 0, 0], [1, 0, 0]], [[0, 0, 1], [0, 0, 1]]])
-    path = ToolPath("c1", "0", position, via, axis, press, frozen([0, 0, 0]), frozen([1, 1, 1]), closed=True)
+    path = ToolPath("c1", "0", waypoints(position, via, 1.0, axis, press), closed=True)
     moved = starting_at(path, 1, 1 / 3)
     c, s = math.cos(math.pi / 3), math.sin(math.pi / 3)
     assert moved.position[0] == pytest.approx([5 * c, 0, 5 * s])

@@ -7,8 +7,8 @@ import pytest
 from msgspec.structs import replace
 
 from camgen.model.part import Contour, Note, Part
-from camgen.model.path import ToolPath, Tour
-from camgen.model.pose import FloatArray, frozen
+from camgen.model.path import ToolPath, Tour, waypoints
+from camgen.model.pose import frozen
 from camgen.preview.draw import Paper, arrows, bounds, of_contours, of_paths, path_data
 from camgen.preview.svg import svg
 
@@ -25,11 +25,8 @@ def path(position: list[tuple[float, float]], via: dict[int, tuple[float, float]
     for row, (x, y) in via.items():
         tops[row] = (x, y, 0.0)
     columns = np.column_stack([np.array(position), np.zeros(n)])
-    flat: FloatArray = frozen(np.zeros(n))
-    down = frozen(np.tile([0.0, 0.0, -1.0], (n, 1)))
-    feed = frozen(np.full(n, 20.0))
-    columns_ = (frozen(columns), frozen(tops), down, frozen(np.zeros((n, 2, 3))), flat, feed)
-    return ToolPath(ident, "holes", *columns_, True, contours=(ident.partition(".")[0],))
+    table = waypoints(columns, tops, 20.0)
+    return ToolPath(ident, "holes", table, True, contours=(ident.partition(".")[0],))
 
 
 def ring(x: float, y: float, r: float, ident: str = "c1") -> ToolPath:

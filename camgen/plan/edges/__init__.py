@@ -20,7 +20,7 @@ from camgen.model.errors import InputError, JobError, NoSafeProgram
 from camgen.model.job import Job
 from camgen.model.limits import tell
 from camgen.model.part import Edge, Line, Note, Part, Solid
-from camgen.model.path import ToolPath
+from camgen.model.path import ToolPath, waypoints
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.program import Joints
 from camgen.model.text import counted, short
@@ -272,19 +272,21 @@ def _say(where: Surroundings, course: Course, beside: Meeting, working: Meeting)
 def edge_path(motion: Reached, edge: Line, job: Job) -> ToolPath:
     """The motion along ``edge`` as a tool path."""
     layer, operation = (edge.kind, "edges") if isinstance(edge, Edge) else (edge.layer, "trace")
-    way, count = motion.way, len(motion.way)
+    way = motion.way
     axis = frozen(way.rotation[:, :, 2])
     press = np.stack([np.concatenate([axis[:1], axis[:-1]]), axis], axis=1)
     feed = feed_of(motion, edge.length - sum(motion.trimmed), job.process)
     return ToolPath(
         id=motion.id,
         layer=layer,
-        position=way.position,
-        via=way.via,
-        axis=axis,
-        force_direction=frozen(press),
-        force=frozen(np.full(count, job.process.force)),
-        feed=frozen(np.full(count, feed)),
+        table=waypoints(
+            position=way.position,
+            via=way.via,
+            axis=axis,
+            force_direction=press,
+            force=job.process.force,
+            feed=feed,
+        ),
         closed=edge.closed,
         contours=(edge.id,),
         operation=operation,

@@ -22,7 +22,7 @@ from camgen.geometry.segments import BoolArray, IntArray, flatten, from_contours
 from camgen.model.errors import InputError
 from camgen.model.job import Job
 from camgen.model.part import Contour, Note, Part
-from camgen.model.path import ToolPath
+from camgen.model.path import ToolPath, waypoints
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, short
 from camgen.plan import Coverage
@@ -317,13 +317,8 @@ def _paths(
     where = _region_of(flat[low], region).tolist()
     position = np.column_stack([field.placed(flat), np.zeros(len(flat))])
     via = np.column_stack([field.placed(middle), np.where(np.isnan(middle), np.nan, 0.0)])
-    axis = np.tile([0.0, 0.0, -1.0], (len(flat), 1))
-    press = np.zeros((len(flat), 2, 3))
-    if job.process.force:
-        press[:, :, 2] = -1.0
-    force, feed = np.full(len(flat), job.process.force), np.full(len(flat), job.process.feed)
-    for column in (position, via, axis, press, force, feed):
-        column.flags.writeable = False
+    press = [0.0, 0.0, -1.0 if job.process.force else 0.0]
+    table = waypoints(position, via, job.process.feed, force_direction=press, force=job.process.force)
     some = borders[min(borders)]
     names = [(f"{kind.mark}{k}", stroke.closed) for kind in kinds for k, stroke in enumerate(kind.strokes, 1)]
     rows = [slice(a, a + n) for a, n in zip(low.tolist(), counts.tolist(), strict=True)]
@@ -331,12 +326,7 @@ def _paths(
         ToolPath(
             id=name,
             layer=borders.get(at, some)[0].layer,
-            position=position[own],
-            via=via[own],
-            axis=axis[own],
-            force_direction=press[own],
-            force=force[own],
-            feed=feed[own],
+            table=table[own],
             closed=closed,
             depths=pass_depths(job.operation.depth, job.operation.passes),
             contours=tuple(dict.fromkeys(contour.id for contour in borders.get(at, ()))),
