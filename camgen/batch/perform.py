@@ -11,7 +11,8 @@ import msgspec
 from msgspec import Struct
 
 from camgen.batch.state import BuildSums, Outcome, Task, fault
-from camgen.build import Result, build, no_collector, program_files
+from camgen.build import Result, build, program_files
+from camgen.build.memory import no_collector
 from camgen.model.errors import CamgenError, rename_errors
 from camgen.model.files import Source
 from camgen.model.job import Job

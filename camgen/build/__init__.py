@@ -5,11 +5,7 @@ Nothing is printed and nothing written here; the command line does that with the
 
 from __future__ import annotations
 
-import ctypes
-import gc
-import sys
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -19,6 +15,7 @@ from msgspec.structs import replace
 
 import camgen.preview.notebook  # noqa: F401 (values draw themselves)
 from camgen.build.inputs import note_urdf, read_inputs
+from camgen.build.memory import give_back
 from camgen.build.programs import Checked, Posted, check_programs, lines_of, post_programs
 from camgen.build.refusals import tell_by_input
 from camgen.build.stock import OperationSum, prove_stock, report_operations, sum_operations
@@ -146,7 +143,9 @@ def build(
     readback = find_readback(post)
     watch("reading")
     read = read_inputs(sources, settings, cell_of(poster, settings), files)
+    give_back()
     planned = plan(read.part, settings, read.cell, watch)
+    give_back()
     _insist(planned.part, planned.notes, bool(planned.paths), strict)
     title = poster.program or name or planned.part.name
     header = _header(sources, planned.part, poster, settings, read.cell, read.digest)
@@ -182,7 +181,9 @@ def _program(
             break
         _insist(planned.part, (*planned.notes, *tour.notes), bool(tour.paths), strict)
         watch("programming")
+        give_back()
         lowered = lower(tour, cell, job, title, header)
+        give_back()
         try:
             with tell_by_input(planned.part, lowered):
                 if cell.arm:
@@ -372,35 +373,3 @@ def program_files(result: Result, folder: Path, file: Path | None) -> list[tuple
     newline = result.post.newline
     texts = [one.text.replace("\n", newline).encode("ascii") for one in result.files]
     return list(zip(paths, texts, strict=True))
-
-
-#: For glibc's mallopt: M_MMAP_THRESHOLD, bytes above which a block goes back to the system when it is freed.
-_MMAP_THRESHOLD, _LARGE = -3, 4 << 20
-
-
-def _give_back_large_blocks() -> None:
-    """Keeps glibc from raising that bound with each large block that is freed: what it then keeps of the arrays of a
-    drawing of 100 000 entities is 90 MB.
-    """
-    if sys.platform == "linux":
-        mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
-        if mallopt is not None:  # other libraries have none
-            mallopt(_MMAP_THRESHOLD, _LARGE)
-
-
-@contextmanager
-def no_collector() -> Iterator[None]:
-    """Without the search for cyclic garbage, of which a build makes little but for the document that is read.
-
-    15 000 circles take 11.0 s of processor time instead of 12.9 s (median of three).
-    """
-    _give_back_large_blocks()
-    enabled = gc.isenabled()
-    gc.disable()
-    gc.freeze()  # so that the one search after reading looks at what was read only
-    try:
-        yield
-    finally:
-        gc.unfreeze()
-        if enabled:
-            gc.enable()

@@ -15,7 +15,8 @@ import msgspec
 from msgspec import Struct, field
 
 from camgen.batch.writing import check_targets, write_all
-from camgen.build import Result, build, no_collector, program_files
+from camgen.build import Result, build, program_files
+from camgen.build.memory import no_collector
 from camgen.build.stock import why_unproven
 from camgen.check.report import clean, path_sums
 from camgen.cli.inputs import open_inputs

@@ -11,8 +11,9 @@ from pathlib import Path
 from msgspec.structs import asdict
 
 from camgen.batch.writing import check_targets, write_all
-from camgen.build import no_collector, poster_of
+from camgen.build import poster_of
 from camgen.build.inputs import read_inputs
+from camgen.build.memory import no_collector
 from camgen.build.place import Found, Search, search_place
 from camgen.cli.say import Voice
 from camgen.model.errors import JobError, rename_errors

@@ -11,7 +11,8 @@ from time import perf_counter
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.build import Result, build, no_collector, program_files
+from camgen.build import Result, build, program_files
+from camgen.build.memory import no_collector
 from camgen.check.report import clean
 from camgen.model.errors import CamgenError, InputError, rename_errors
 from camgen.model.files import Source
