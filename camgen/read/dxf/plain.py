@@ -43,6 +43,8 @@ _BESIDE: Final = {
 _LONGEST_NUMBER = 32
 #: An entity with more tags is not plain.
 _MOST_TAGS = 30
+#: Of each kind so many sequences of group codes are looked at, the most frequent ones.
+_MOST_SEQUENCES = 32
 #: Shorter runs are left to ezdxf: a stand-in costs as much as an entity.
 LEAST = 16
 
@@ -174,15 +176,11 @@ def _find(tags: _Tags) -> _Columns:
     key = np.add.reduceat((tags.code + 1).astype(np.uint64) * weights[place], tags.head)
     for kind, name in enumerate(KINDS):
         of_kind = np.flatnonzero(tags.are((name,)) & (tags.count <= _MOST_TAGS))
-        _, firsts, which = np.unique(key[of_kind], return_index=True, return_inverse=True)
-        for k, first in enumerate(of_kind[firsts].tolist()):
-            codes = tags.code[tags.head[first] : tags.head[first] + tags.count[first]]
-            places = _places(kind, codes.tolist())
-            if places is not None:
-                alike = of_kind[which == k]
-                alike = alike[tags.count[alike] == len(codes)]
-                same = tags.code[tags.head[alike][:, None] + np.arange(len(codes))] == codes
-                _fill(columns, tags, kind, alike[same.all(axis=1)], places)
+        of_kind = of_kind[np.argsort(key[of_kind], kind="stable")]
+        bounds = np.flatnonzero(np.diff(key[of_kind], prepend=np.uint64(0), append=np.uint64(0)))
+        many = np.argsort(-np.diff(bounds), kind="stable")[:_MOST_SEQUENCES]
+        for k in many.tolist():
+            _fill(columns, tags, kind, of_kind[bounds[k] : bounds[k + 1]])
     return columns
 
 
@@ -202,8 +200,18 @@ def _places(kind: int, codes: list[int]) -> dict[int, int] | None:
     return places if known.issuperset(places) else None
 
 
-def _fill(columns: _Columns, tags: _Tags, kind: int, entities: Index, places: dict[int, int]) -> None:
-    """The columns of ``entities``, of one kind and one sequence of codes, as far as their values are plain too."""
+def _fill(columns: _Columns, tags: _Tags, kind: int, entities: Index) -> None:
+    """The columns of ``entities`` of one kind that have the sequence of group codes of the first, if that is plain, and
+    as far as their values are.
+    """
+    first = int(entities[0])
+    codes = tags.code[tags.head[first] : tags.head[first] + tags.count[first]]
+    places = _places(kind, codes.tolist())
+    if places is None:
+        return
+    entities = entities[tags.count[entities] == len(codes)]
+    same = tags.code[tags.head[entities][:, None] + np.arange(len(codes))] == codes
+    entities = entities[same.all(axis=1)]
     head = tags.head[entities]
     good = np.ones(len(entities), np.bool_)
     numbers = np.zeros((len(entities), 6))
