@@ -20,14 +20,19 @@ from camgen.model.pose import TOOL_DOWN, FloatArray, frozen
 
 Indices = NDArray[np.intp]
 Mask = NDArray[np.bool_]
+Places = NDArray[np.int32]
 Middle = Callable[[Indices], FloatArray]
 
+#: So many rows are worked on at a time where many columns come in between: they stay in the processor's cache.
+_BLOCK = 16384
 #: An orientation that jumps by more at a corner is turned there while the tool stands still, rad.
 _JUMP = math.radians(0.5)
 
 
 class Rows(Struct, frozen=True, eq=False):
-    """The columns of ``ToolPath``, one path after the other. first, last: row indices of each path."""
+    """The columns of ``ToolPath``, one path after the other. first, last: row indices of each path. force_direction: of
+    no row where nobody looks at it.
+    """
 
     position: FloatArray
     via: FloatArray
@@ -48,22 +53,34 @@ class Rows(Struct, frozen=True, eq=False):
         """The N segments that end in the rows; that of a path's first row is the way from the path before."""
         return spans(np.roll(self.position, 1, axis=0), self.via, self.position)
 
+    def stretch(self, within: slice) -> Rows:
+        """Some rows, as if they were of one path."""
+        columns = {name: getattr(self, name)[within] for name in _COLUMNS}
+        size = len(columns["position"])
+        return Rows(**columns, first=np.array([0]), last=np.array([size - 1]))
+
+
+_COLUMNS = ("position", "via", "axis", "force_direction", "force", "feed")
+
 
 class Orientations(Struct, frozen=True, eq=False):
-    """Rotations work_from_tool by row, equal neighbours as one object.
+    """Rotations work_from_tool by row, as places (N,) in a table in which equal neighbours are one object.
 
     begins, ends: at the start and the end of the segment that ends in the row, at a path's first row both at its
     start. vias: half-way along an arc. turns: (N,), the tool turns where it stands before the segment.
     """
 
-    begins: list[FloatArray]
-    ends: list[FloatArray]
-    vias: list[FloatArray]
+    table: list[FloatArray]
+    begins: Places
+    ends: Places
+    vias: Places
     turns: Mask
 
 
-def gather(paths: Sequence[ToolPath], depths: Sequence[float]) -> Rows:
-    """The rows of all ``paths``, each ``depths`` mm below where it was planned."""
+def gather(paths: Sequence[ToolPath], depths: Sequence[float], follow: bool = False) -> Rows:
+    """The rows of all ``paths``, each ``depths`` mm below where it was planned. follow: the tool turns with what is
+    beside the paths.
+    """
     counts = np.array([len(path.position) for path in paths])
     last = np.cumsum(counts) - 1
     position = np.concatenate([path.position for path in paths])
@@ -71,12 +88,14 @@ def gather(paths: Sequence[ToolPath], depths: Sequence[float]) -> Rows:
     sink = np.repeat(np.asarray(depths, dtype=np.float64), counts)
     position[:, 2] -= sink
     via[:, 2] -= sink
+    force = np.concatenate([path.force for path in paths])
+    beside = [path.force_direction for path in paths] if follow or force.any() else [np.empty((0, 2, 3))]
     return Rows(
         position=position,
         via=via,
         axis=np.concatenate([path.axis for path in paths]),
-        force_direction=np.concatenate([path.force_direction for path in paths]),
-        force=np.concatenate([path.force for path in paths]),
+        force_direction=np.concatenate(beside),
+        force=force,
         feed=np.concatenate([path.feed for path in paths]),
         first=last - counts + 1,
         last=last,
@@ -87,6 +106,19 @@ def blends(rows: Rows, tolerance: FloatArray, pace: Dynamics) -> FloatArray:
     """Blend radius (N,) at the end of each segment, which leaves its corner by ``tolerance`` (N,) mm at most; 0 at the
     ends of a path, along the tool, and where force begins or ends. pace: how the machine rounds corners.
     """
+    blend = np.zeros(len(rows.position))
+    # A row needs its neighbours, and the row before the first one of a path does not matter.
+    for low in range(0, len(blend), _BLOCK):
+        within = slice(max(low - 1, 0), low + _BLOCK + 1)
+        blend[low : low + _BLOCK] = _blends(rows.stretch(within), tolerance[within], pace)[low - within.start :][
+            :_BLOCK
+        ]
+    blend[rows.first] = blend[rows.last] = 0.0
+    return blend
+
+
+def _blends(rows: Rows, tolerance: FloatArray, pace: Dynamics) -> FloatArray:
+    """``blends`` as if all rows were of one path, 0 at the last one."""
     spans = rows.spans
     (start, end), length = spans.tangents(), spans.length
     corners = Corners(
@@ -103,7 +135,6 @@ def blends(rows: Rows, tolerance: FloatArray, pace: Dynamics) -> FloatArray:
     step = np.diff(rows.position, axis=0, prepend=rows.position[:1])
     plunge = np.abs(dots(step, rows.axis)) > (1 - 1e-9) * np.sqrt(dots(step, step))
     blend[:-1][plunge[:-1] | plunge[1:]] = 0.0
-    blend[rows.first] = blend[rows.last] = 0.0
     return blend
 
 
@@ -112,8 +143,8 @@ def orient_fixed(rows: Rows) -> Orientations:
     axis = rows.axis
     if (axis == axis[0]).all():
         one = TOOL_DOWN if axis[0].tolist() == [0.0, 0.0, -1.0] else frozen(from_axes(axis[:1], sideways(axis[:1]))[0])
-        same = [one] * len(axis)
-        return Orientations(same, same, same, np.zeros(len(axis), dtype=bool))
+        same = np.zeros(len(axis), np.int32)
+        return Orientations([one], same, same, same, np.zeros(len(axis), dtype=bool))
     x = sideways(axis)
     return _orientations(rows, np.roll(x, 1, axis=0), x, lambda arc: sideways(axis[arc]))
 
@@ -123,11 +154,13 @@ def orient_turned(rows: Rows, turns: FloatArray) -> Orientations:
     before, turned = np.roll(rows.axis, 1, axis=0), np.roll(turns, 1)
     before[rows.first], turned[rows.first] = rows.axis[rows.first], turns[rows.first]
     middle = unit(before + rows.axis)
-    begins, ends, vias = (
+    columns = (
         from_axes(axis, sideways(axis)) @ turned_about_z(turn)
         for axis, turn in ((before, turned), (rows.axis, turns), (middle, (turned + turns) / 2))
     )
-    return Orientations(_share(begins), _share(ends), _share(vias), np.zeros(len(turns), dtype=bool))
+    table: list[FloatArray] = []
+    begins, ends, vias = (_share(column, table) for column in columns)
+    return Orientations(table, begins, ends, vias, np.zeros(len(turns), dtype=bool))
 
 
 def orient_along(rows: Rows) -> Orientations:
@@ -159,9 +192,7 @@ def halve(rows: Rows) -> Rows:
     axis = unit(np.roll(rows.axis, 1, axis=0)[wide] + rows.axis[wide])
     out = replace(
         rows,
-        **{
-            name: getattr(rows, name)[index] for name in ("position", "via", "axis", "force_direction", "force", "feed")
-        },
+        **{name: getattr(rows, name)[index] for name in _COLUMNS},
         first=rows.first + np.cumsum(counts - 1)[rows.first],
         last=rows.last + np.cumsum(counts - 1)[rows.last],
     )
@@ -181,19 +212,19 @@ def _orientations(rows: Rows, begin: FloatArray, end: FloatArray, middle: Middle
     starts[rows.first] = stops[rows.first]
     turns = angles_between(np.roll(stops, 1, axis=0), starts) > _JUMP
     turns[rows.first] = False
-    ends = _share(stops)
-    vias = list(ends)
+    table: list[FloatArray] = []
+    ends = _share(stops, table)
+    vias = ends.copy()
     arc = np.flatnonzero(rows.arc)
     if len(arc):
-        half_way = _share(from_axes(unit(before[arc] + rows.axis[arc]), middle(arc)))
-        for row, rotation in zip(arc.tolist(), half_way, strict=True):
-            vias[row] = rotation
-    return Orientations(_share(starts), ends, vias, turns)
+        vias[arc] = _share(from_axes(unit(before[arc] + rows.axis[arc]), middle(arc)), table)
+    return Orientations(table, _share(starts, table), ends, vias, turns)
 
 
-def _share(matrices: FloatArray) -> list[FloatArray]:
-    """``matrices`` (N, 3, 3) as read-only arrays, equal neighbours as one object."""
+def _share(matrices: FloatArray, table: list[FloatArray]) -> Places:
+    """The places (N,) in ``table`` of ``matrices`` (N, 3, 3), which are put there, equal neighbours as one object."""
     new = np.ones(len(matrices), dtype=bool)
     new[1:] = (matrices[1:] != matrices[:-1]).any(axis=(1, 2))
-    distinct = list(frozen(matrices[new]))
-    return [distinct[i] for i in (np.cumsum(new) - 1).tolist()]
+    places = np.cumsum(new, dtype=np.int32) - 1 + np.int32(len(table))
+    table.extend(frozen(matrices[new]))
+    return places

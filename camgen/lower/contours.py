@@ -1,41 +1,46 @@
 """From a tour to a program: approach, process on, the segments of the path, process off, retract, travel.
 
-Every path becomes the same sequence, so that a reader of the program knows it after the first one. Columns are
-computed once over the rows of all paths (numpy), the instructions are then written in one loop over plain lists.
+Every path becomes the same sequence, so that a reader of the program knows it after the first one. Its rules are
+written for all paths at once, by column: which have such an instruction, and with what numbers. A draft puts them in
+order.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import chain
 
 import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
 from camgen.geometry.rotations import SURE_TURN, turns_about_z
+from camgen.geometry.vectors import dots
 from camgen.lower import columns as lower_rows
-from camgen.lower.columns import Mask, Orientations, Rows
+from camgen.lower.columns import Mask, Orientations, Places, Rows
 from camgen.lower.corners import ZONES, corner_tolerance
+from camgen.lower.draft import Draft
 from camgen.lower.runs import Run, make_runs, plunge
-from camgen.model.cell import Cell, Dynamics
+from camgen.model.body import Poses, plain_motions
+from camgen.model.cell import Cell
 from camgen.model.errors import JobError, NoSafeProgram
 from camgen.model.job import Job, ProcessTable
 from camgen.model.limits import tell
 from camgen.model.path import ToolPath, Tour
 from camgen.model.pose import TOOL_DOWN, FloatArray, Pose, Vec3, frozen
 from camgen.model.program import (
+    Body,
     Columns,
     Comment,
     Force,
+    Indices,
     Instruction,
     Joints,
-    MoveC,
     MoveJ,
     MoveL,
     Origin,
     Output,
-    Packing,
     Program,
     Wait,
     put_off_first,
@@ -64,7 +69,8 @@ def unwind(rows: Rows, orientations: Orientations) -> list[list[FloatArray]]:
     The tool is taken to be straight down and not wound up at home. Within a run nothing can be turned back: one that
     winds up by more than ``MOST`` to one side is begun so that it does so by as much to both.
     """
-    begins, ends, vias = (np.stack(column) for column in (orientations.begins, orientations.ends, orientations.vias))
+    table = np.stack(orientations.table)
+    begins, ends, vias = table[orientations.begins], table[orientations.ends], table[orientations.vias]
     before = np.roll(ends, 1, axis=0)
     along = np.where(rows.arc, twists(begins, vias) + twists(vias, ends), twists(begins, ends))
     step = twists(before, begins) + along
@@ -115,12 +121,12 @@ def lower_paths(tour: Tour, cell: Cell, job: Job, name: str = "part", header: tu
     if not tour.paths:
         raise NoSafeProgram(name, "no path to run")
     process = job.process
-    body = Packing([MoveJ(cell.home, process.travel_speed), *turn_on(job, cell)])
-    body.extend(run_paths(tour, cell, job))
-    if process.spindle > 0:
-        body.append(Output("spindle", 0.0))
-    body.append(MoveJ(cell.home, process.travel_speed))
-    return finish(body.body(), tour.paths, cell, job, name, header)
+    home = MoveJ(cell.home, process.travel_speed)
+    draft = Draft()
+    draft.add(home, *turn_on(job, cell))
+    run_paths(draft, tour, cell, job)
+    draft.add(*([Output("spindle", 0.0)] if process.spindle > 0 else []), home)
+    return finish(draft.body(), tour.paths, cell, job, name, header)
 
 
 def turn_on(job: Job, cell: Cell) -> list[Instruction]:
@@ -134,27 +140,27 @@ def turn_on(job: Job, cell: Cell) -> list[Instruction]:
     return []
 
 
-def run_paths(tour: Tour, cell: Cell, job: Job, before: int = 0) -> Iterator[Instruction]:
-    """The paths of ``tour``, each from above its start to above its end. before: how many paths of the program come
-    before them.
+def run_paths(draft: Draft, tour: Tour, cell: Cell, job: Job, before: int = 0) -> None:
+    """The paths of ``tour``, each from above its start to above its end, behind what is in ``draft``.
+
+    before: how many paths of the program come before them.
     """
     _insist_on_size(tour, job.limits.motions)
     # A machine without joints has no axis that winds up.
-    winds = job.tool.orient == "follow" and isinstance(cell.home, Joints)
+    cartesian = isinstance(cell.home, Pose)
+    winds = job.tool.orient == "follow" and not cartesian
     runs = make_runs(tour, job, winds, before)
-    table = _table(runs, job, winds, cell.pace, turns_of(runs, tour, before) if isinstance(tour, ArmTour) else None)
+    table = _table(runs, job, winds, cell, turns_of(runs, tour, before) if isinstance(tour, ArmTour) else None)
     if isinstance(tour, ArmTour):
-        own = [None if run.linked or run.low else run.number - before for run in runs]
-        table = replace(
-            table, ways=[None if k is None else list(_go(tour.ways[k], tour.paces[k], k + before)) for k in own]
-        )
-    for run in range(len(runs)):
-        yield from _enter(table, run, job, run == 0, isinstance(cell.home, Pose))
-        yield from _work(table, run, job)
-        yield from _leave(table, run, job, isinstance(cell.home, Pose))
+        own = {k: run.number - before for k, run in enumerate(runs) if not (run.linked or run.low or run.down)}
+        ways = {k: [*_go(tour.ways[n], tour.paces[n], n + before)] for k, n in own.items() if len(tour.ways[n])}
+        table = replace(table, ways=ways)
+    draft.open(len(table.run))
+    _enter(draft, table, job)
+    _work(draft, table, job)
+    _leave(draft, table, job)
     if isinstance(tour, ArmTour):
-        last = before + len(tour.paths) - 1
-        yield from _go(tour.back, tour.back_paces, last)
+        draft.add(*_go(tour.back, tour.back_paces, before + len(tour.paths) - 1))
 
 
 def _go(ways: Sequence[FloatArray], paces: Sequence[tuple[float, float]], path: int) -> Iterator[MoveJ]:
@@ -192,8 +198,8 @@ def finish(
     body: Sequence[Instruction], paths: Sequence[ToolPath], cell: Cell, job: Job, name: str, header: tuple[str, ...]
 ) -> Program:
     """The program of ``body``: all that it uses is off at first, and turns on the spot have their speed."""
-    turned = turn_slowly(put_off_first(body), math.radians(job.process.turn))
-    return Program(name, cell.base_from_work, cell.flange_from_tool, turned, header, origins(paths))
+    body = turn_slowly(put_off_first(body), math.radians(job.process.turn))
+    return Program(name, cell.base_from_work, cell.flange_from_tool, body, header, origins(paths))
 
 
 def turn_slowly(body: Sequence[Instruction], speed: float) -> Sequence[Instruction]:
@@ -212,39 +218,43 @@ def origins(paths: Sequence[ToolPath]) -> tuple[Origin, ...]:
 
 
 class _Table(Struct, frozen=True, eq=False):
-    """What the instructions are made of, as plain lists: by row (segment i ends in row i), then by run.
+    """What the instructions are made of, by column: of N rows (segment i ends in row i) and of R runs.
 
-    above_start, above_end: where it travels to the run and from it. near: where the feed begins. unwound: the
-    orientations to go through before a run, where the one before it ended, before it travels. lifted: rows after the
-    first pressed one that do not press, which are run above the part: ``over`` and ``over_via`` are where. ways: the
-    motions of the joints that lead to above the start of a run; none: a straight line does, None: no arm has chosen.
+    run: (N,) to which a row belongs. lifted: (N,) rows after the first pressed one of their run that do not press,
+    which are run above the part, ``over`` (R,) mm higher. number: (R,) of their paths. linked, down: (R,) see ``Run``.
+    above_start, above_end: (R, 3) where it travels to the run and from it. near: (R, 3) where the feed begins. unwound:
+    by run, the orientations to go through before it, where the one before it ended, before it travels. ways: by run,
+    the motions of the joints that lead to above its start, where an arm has chosen some; else a straight line does.
+    rapid: the kind of motion of travel: robots keep to the line, machines whose axes are the coordinates have one.
     """
 
     runs: list[Run]
-    position: list[Vec3]
-    via: list[Vec3]
-    over: list[Vec3]
-    over_via: list[Vec3]
-    arc: list[bool]
-    feed: list[float]
-    force: list[float]
-    force_direction: list[tuple[Vec3, Vec3]]
-    blend: list[float]
+    rows: Rows
+    blend: FloatArray
     orientations: Orientations
-    turns: list[bool]
-    first: list[int]
-    last: list[int]
-    above_start: list[Vec3]
-    near: list[Vec3]
-    above_end: list[Vec3]
-    unwound: list[list[FloatArray]]
-    lifted: list[bool]
-    ways: list[list[MoveJ] | None]
+    run: Indices
+    lifted: Mask
+    over: FloatArray
+    number: Indices
+    linked: Mask
+    down: Mask
+    above_start: FloatArray
+    near: FloatArray
+    above_end: FloatArray
+    unwound: dict[int, list[FloatArray]]
+    ways: dict[int, list[MoveJ]]
+    rapid: type[MoveJ | MoveL]
+
+    def poses(self, origin: FloatArray, rotation: Places) -> Poses:
+        """K poses of the tool. origin: (K, 3). rotation: (K,) places in the table of the orientations."""
+        return Poses(origin, rotation, self.orientations.table)
 
 
-def _table(runs: list[Run], job: Job, winds: bool, pace: Dynamics, turns: FloatArray | None) -> _Table:
-    rows = lower_rows.gather([run.path for run in runs], [run.depth for run in runs])
-    if job.tool.orient == "follow":
+def _table(runs: list[Run], job: Job, winds: bool, cell: Cell, turns: FloatArray | None) -> _Table:
+    follow = job.tool.orient == "follow"
+    depths = [run.depth for run in runs]
+    rows = lower_rows.gather([run.path for run in runs], depths, follow)
+    if follow:
         for row in lower_rows.find_unfollowed(rows)[:1].tolist():
             path = runs[int(np.searchsorted(rows.last, row))].path
             what = f'"follow" needs a followed contour, path {path.id} has no surface beside it'
@@ -255,38 +265,30 @@ def _table(runs: list[Run], job: Job, winds: bool, pace: Dynamics, turns: FloatA
         orientations = lower_rows.orient_turned(rows, turns)
     else:
         orientations = lower_rows.orient_fixed(rows)
+    run = np.repeat(np.arange(len(runs)), rows.last - rows.first + 1)
     tolerance = np.array([corner_tolerance(job, run.path.operation) for run in runs])
-    blend = lower_rows.blends(rows, np.repeat(tolerance, rows.last - rows.first + 1), pace)
+    blend = lower_rows.blends(rows, tolerance[run], cell.pace)
     blend[np.flatnonzero(orientations.turns) - 1] = 0.0
     above_start, near, above_end = _heights(rows, runs, job.process)
-    lifted = _lifted(rows)
-    press = (_points(rows.force_direction[:, k]) for k in (0, 1) if (rows.force > 0).any())
+    unwound = unwind(rows, orientations) if winds else []
     return _Table(
         runs=runs,
-        position=_points(rows.position),
-        via=_points(rows.via),
-        over=_points(_over(rows, runs, job.process, rows.position)) if lifted.any() else [],
-        over_via=_points(_over(rows, runs, job.process, rows.via)) if lifted.any() else [],
-        arc=rows.arc.tolist(),
-        feed=rows.feed.tolist(),
-        force=rows.force.tolist(),
-        force_direction=list(zip(*press, strict=True)),
-        blend=blend.tolist(),
+        rows=rows,
+        blend=blend,
         orientations=orientations,
-        turns=orientations.turns.tolist(),
-        first=rows.first.tolist(),
-        last=rows.last.tolist(),
-        above_start=_points(above_start),
-        near=_points(near),
-        above_end=_points(above_end),
-        unwound=unwind(rows, orientations) if winds else [[] for _ in runs],
-        lifted=lifted.tolist(),
-        ways=[None for _ in runs],
+        run=run,
+        lifted=_lifted(rows, run),
+        over=np.array(depths) + min(job.process.retract, job.process.clearance),
+        number=np.array([run.number for run in runs]),
+        linked=np.array([run.linked for run in runs]),
+        down=np.array([run.down for run in runs]),
+        above_start=above_start,
+        near=near,
+        above_end=above_end,
+        unwound={k: turned for k, turned in enumerate(unwound) if turned},
+        ways={},
+        rapid=MoveJ if isinstance(cell.home, Pose) else MoveL,
     )
-
-
-def _points(column: FloatArray) -> list[Vec3]:
-    return list(zip(*column.T.tolist(), strict=True))
 
 
 def _heights(rows: Rows, runs: list[Run], process: ProcessTable) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -313,17 +315,10 @@ def _heights(rows: Rows, runs: list[Run], process: ProcessTable) -> tuple[FloatA
     return above_start, near, above_end
 
 
-def _lifted(rows: Rows) -> Mask:
+def _lifted(rows: Rows, run: Indices) -> Mask:
     """(N,): the rows without force after the first pressed one of their run."""
     pressed = np.cumsum(rows.force > 0)
-    before = np.repeat(pressed[rows.first], rows.last - rows.first + 1)
-    return np.asarray((rows.force <= 0) & (pressed > before))
-
-
-def _over(rows: Rows, runs: list[Run], process: ProcessTable, points: FloatArray) -> FloatArray:
-    """``points`` (N, 3) of the rows, lifted along the axis to where a tool goes that ends pressing."""
-    depth = np.repeat([run.depth for run in runs], rows.last - rows.first + 1)
-    return points - rows.axis * (depth + min(process.retract, process.clearance))[:, None]
+    return np.asarray((rows.force <= 0) & (pressed > pressed[rows.first][run]))
 
 
 def _lift(point: FloatArray, up: FloatArray, clearance: float) -> FloatArray:
@@ -332,86 +327,133 @@ def _lift(point: FloatArray, up: FloatArray, clearance: float) -> FloatArray:
     return np.where(straight, clearance - point[:, 2], clearance)
 
 
-def _enter(table: _Table, run: int, job: Job, from_home: bool, cartesian: bool) -> Iterator[Instruction]:
-    """From the end of the run before to the start of this one; a tool that turns is switched on above it."""
-    one, row, process = table.runs[run], table.first[run], job.process
-    rotation, contact = table.orientations.ends[row], table.position[row]
+def _enter(draft: Draft, table: _Table, job: Job) -> None:
+    """From the end of each run to the start of the next; a tool that turns is switched on above it."""
+    rows, process, first = table.rows, job.process, table.rows.first
+    contact, speed = rows.position[first], process.travel_speed
+    apart = ~_same(rows.position[np.roll(rows.last, 1)], contact)
+    free = ~(table.linked | table.down)
+    draft.put(first, [Comment(f"path {run.path.id} layer {run.path.layer}") for run in table.runs])
+    _travel(draft, table, MoveL, first, table.down & apart, contact, speed)
+    _come(draft, table, job, free)
+    _travel(draft, table, table.rapid, first, free & ~_same(table.above_start, table.near), table.near, speed)
+    if in_air(job):
+        _put_each(draft, first[free], switch_on(process))
     # A path that starts on an outer corner is faster there than the feed; the plunge before it must not be. A drill
     # does nothing but go down.
-    feed = min(table.feed[row], process.feed if one.path.operation == "drill" else plunge(process))
-    yield Comment(f"path {one.path.id} layer {one.path.layer}")
-    if one.down:
-        if not _same(table.position[table.last[run - 1]], contact):
-            yield MoveL(Pose(rotation, contact), process.travel_speed, path=one.number)
-        return
-    if not one.linked:
-        above, near = table.above_start[run], table.near[run]
-        yield from _come(table, run, job, from_home, cartesian)
-        if not _same(above, near):
-            yield _rapid(cartesian, Pose(rotation, near), process.travel_speed, 0.0, one.number)
-        if in_air(job):
-            yield from switch_on(process)
-        if _same(near, contact):
-            return
-    elif _same(table.position[table.last[run - 1]], contact):
-        # A ramp goes on from where the pass before ended.
-        return
-    yield MoveL(Pose(rotation, contact), feed, path=one.number)
+    slow = plunge(process)
+    most = [process.feed if run.path.operation == "drill" else slow for run in table.runs]
+    # A ramp goes on from where the pass before ended.
+    sinks = np.where(table.linked, apart, free & ~_same(table.near, contact))
+    _travel(draft, table, MoveL, first, sinks, contact, np.minimum(rows.feed[first], most))
 
 
-def _come(table: _Table, run: int, job: Job, from_home: bool, cartesian: bool) -> Iterator[Instruction]:
-    """From above the end of the run before, or from home, to above the start of this one."""
-    one, row, process = table.runs[run], table.first[run], job.process
-    rotation, contact = table.orientations.ends[row], table.position[row]
-    above, near, turned = table.above_start[run], table.near[run], table.unwound[run]
-    ways = table.ways[run]
-    if ways:
-        yield from ways
-    elif from_home:
-        yield MoveJ(Pose(turned[0] if turned else rotation, above), process.travel_speed, path=one.number)
-        yield from (_rapid(cartesian, Pose(back, above), process.travel_speed, 0.0, one.number) for back in turned[1:])
-    else:
-        left = table.above_end[run - 1]
-        yield from (_rapid(cartesian, Pose(back, left), process.travel_speed, 0.0, one.number) for back in turned)
-        if not _same(left, above):
-            way = math.dist(left, above), math.dist(above, contact if _same(above, near) else near)
-            zone = 0.0 if in_air(job) and _same(above, near) else _zone(process, *way)
-            yield _rapid(cartesian, Pose(rotation, above), process.travel_speed, zone, one.number)
+def _come(draft: Draft, table: _Table, job: Job, free: Mask) -> None:
+    """From above the end of the run before, or from home, to above the start of each run that is ``free``."""
+    rows, process, ends = table.rows, job.process, table.orientations.ends
+    above, near, contact = table.above_start, table.near, rows.position[rows.first]
+    straight = free & ~_among(table.ways, len(free))
+    left = np.roll(table.above_end, 1, axis=0)
+    turned = {run: backs for run, backs in table.unwound.items() if straight[run]}
+    if straight[0]:
+        # From home to the first orientation at once.
+        left[0] = above[0]
+        turned.setdefault(0, [table.orientations.table[ends[rows.first[0]]]])
+    come: dict[int, list[MoveJ] | list[MoveJ | MoveL]] = {**table.ways}
+    for run, backs in turned.items():
+        kinds = [table.rapid if run or k else MoveJ for k in range(len(backs))]
+        poses = [Pose(back, _point(left[run])) for back in backs]
+        number = int(table.number[run])
+        come[run] = [kind(pose, process.travel_speed, path=number) for kind, pose in zip(kinds, poses, strict=True)]
+    _put_several(draft, rows.first, come)
+    at_once = _same(above, near)
+    way = _distances(left, above), _distances(above, np.where(at_once[:, None], contact, near))
+    zone = np.where(at_once & in_air(job), 0.0, _zone(process, *way))
+    _travel(draft, table, table.rapid, rows.first, straight & ~_same(left, above), above, process.travel_speed, zone)
 
 
-def _leave(table: _Table, run: int, job: Job, cartesian: bool) -> Iterator[Instruction]:
-    """Up to where it travels, unless the next run starts where this one ended; there a tool that turns is off."""
-    following, process = run + 1, job.process
-    last = following == len(table.runs)
-    if not last and (table.runs[following].linked or table.runs[following].down):
-        return
-    row = table.last[run]
-    up, target = table.above_end[run], Pose(table.orientations.ends[row], table.above_end[run])
-    here = table.over[row] if table.lifted[row] else table.position[row]
+def _leave(draft: Draft, table: _Table, job: Job) -> None:
+    """Up to where it travels, unless the next run starts where one ended; there a tool that turns is off."""
+    process, up, last = job.process, table.above_end, table.rows.last
+    leaving = ~np.append((table.linked | table.down)[1:], False)
+    here = _points(table, last, table.lifted[last], table.rows.position)
     off = in_air(job) and bool(signal(process))
-    zone = 0.0
-    if not last and not table.unwound[following] and not table.ways[following] and not off:
-        zone = _zone(process, math.dist(here, up), math.dist(up, table.above_start[following]))
-    if not _same(here, up):
-        yield _rapid(cartesian, target, process.travel_speed, zone, table.runs[run].number)
+    zone = np.zeros(len(last))
+    if not off:
+        on = ~np.append((_among(table.unwound, len(last)) | _among(table.ways, len(last)))[1:], True)
+        way = _distances(here, up), _distances(up, np.roll(table.above_start, -1, axis=0))
+        zone = np.where(on, _zone(process, *way), 0.0)
+    _travel(draft, table, table.rapid, last, leaving & ~_same(here, up), up, process.travel_speed, zone)
     if off:
-        yield Output(signal(process), 0.0)
+        _put_each(draft, last[leaving], [Output(signal(process), 0.0)])
 
 
-def _rapid(cartesian: bool, target: Pose, speed: float, blend: float, path: int) -> MoveJ | MoveL:
-    """Travel: robots keep to the line, machines whose axes are the coordinates have a rapid motion for it."""
-    kind = MoveJ if cartesian else MoveL
-    return kind(target, speed, blend, path=path)
+def _travel(
+    draft: Draft,
+    table: _Table,
+    kind: type[MoveJ | MoveL],
+    rows: Indices,
+    where: Mask,
+    end: FloatArray,
+    speed: FloatArray | float,
+    blend: FloatArray | float = 0.0,
+) -> None:
+    """Motions of the runs ``where`` (R,), to ``end`` (R, 3), the tool as in one of their ``rows`` (R,)."""
+    runs = np.flatnonzero(where)
+    speed, blend = (np.broadcast_to(column, len(where))[runs] for column in (speed, blend))
+    at = rows[runs]
+    draft.put(at, _moves(table, at, table.poses(end[runs], table.orientations.ends[at]), speed, blend, kind=kind))
 
 
-def _zone(process: ProcessTable, *neighbours: float) -> float:
-    """The blend at a corner of travel: it stays in the upper half of the clearance and of its two neighbours."""
-    room = min(process.clearance, *neighbours) / 2 + 1e-9
-    return next((zone for zone in ZONES if zone <= room), 0.0)
+def _moves(
+    table: _Table,
+    rows: Indices,
+    target: Poses,
+    speed: FloatArray,
+    blend: FloatArray | float = 0.0,
+    work: bool = False,
+    via: Poses | None = None,
+    kind: type[MoveJ | MoveL] = MoveL,
+) -> Body:
+    """Plain motions (K,) of the runs that ``rows`` (K,) belong to, see ``plain_motions``."""
+    return plain_motions(kind, target, speed=speed, blend=blend, path=table.number[table.run[rows]], work=work, via=via)
 
 
-def _same(a: Vec3, b: Vec3) -> bool:
-    return math.dist(a, b) < SAME_POINT_MM
+def _put_each(draft: Draft, rows: Indices, items: Iterable[Instruction]) -> None:
+    """All of ``items`` at each of ``rows``."""
+    for item in items:
+        draft.put(rows, [item] * len(rows))
+
+
+def _put_several(draft: Draft, rows: Indices, items: Mapping[int, Sequence[Instruction]]) -> None:
+    """At the rows (R,) of some runs, those that are keys of ``items``, each its own."""
+    runs = np.array(list(items), np.intp)
+    draft.put(np.repeat(rows[runs], list(map(len, items.values()))), [*chain.from_iterable(items.values())])
+
+
+def _among(runs: Iterable[int], count: int) -> Mask:
+    mask = np.zeros(count, np.bool_)
+    mask[list(runs)] = True
+    return mask
+
+
+def _zone(process: ProcessTable, *neighbours: FloatArray) -> FloatArray:
+    """The blends (R,) at corners of travel: in the upper half of the clearance and of their two neighbours (R,)."""
+    room = np.minimum.reduce([np.full_like(neighbours[0], process.clearance), *neighbours]) / 2 + 1e-9
+    return np.asarray(np.select([room >= zone for zone in ZONES], ZONES, 0.0))
+
+
+def _distances(a: FloatArray, b: FloatArray) -> FloatArray:
+    return np.asarray(np.sqrt(dots(a - b, a - b)))
+
+
+def _same(a: FloatArray, b: FloatArray) -> Mask:
+    return np.asarray(_distances(a, b) < SAME_POINT_MM)
+
+
+def _point(row: FloatArray) -> Vec3:
+    x, y, z = row.tolist()
+    return (x, y, z)
 
 
 def dwell(process: ProcessTable) -> list[Instruction]:
@@ -442,52 +484,82 @@ def switch_on(process: ProcessTable) -> Iterator[Instruction]:
         yield from dwell(process)
 
 
-def _work(table: _Table, run: int, job: Job) -> Iterator[Instruction]:
-    """The segments of a run between force on, process on and process off, force off."""
-    first, last = table.first[run], table.last[run]
-    pressing = last > first and table.force[first + 1] > 0
-    if pressing:
-        yield Force(table.force[first + 1], table.force_direction[first + 1][0])
+def _work(draft: Draft, table: _Table, job: Job) -> None:
+    """The segments of each run between force on, process on and process off, force off."""
+    rows, first, last = table.rows, table.rows.first, table.rows.last
+    # Points that are only touched have no segment, and nothing presses there.
+    second = first[last > first] + 1
+    pressed = second[rows.force[second] > 0]
+    draft.put(pressed - 1, _forces(rows, pressed))
     if not in_air(job):
-        yield from switch_on(job.process)
-    yield from _segments(table, range(first + 1, last + 1), pressing, table.runs[run].number, plunge(job.process))
+        _put_each(draft, first, switch_on(job.process))
+    _segments(draft, table, second, plunge(job.process))
     if signal(job.process) and not in_air(job):
-        yield Output(signal(job.process), 0.0)
-    if last > first and table.force[last] > 0:
-        yield Force(0.0)
+        _put_each(draft, last, [Output(signal(job.process), 0.0)])
+    _put_each(draft, last[(last > first) & (rows.force[last] > 0)], [Force(0.0)])
 
 
-def _segments(table: _Table, rows: range, pressing: bool, path: int, slow: float) -> Iterator[Instruction]:
+def _segments(draft: Draft, table: _Table, second: Indices, slow: float) -> None:
     """One motion a segment; force is switched where it begins or ends, the tool turned where its orientation jumps.
 
     What comes after pressing is run above the part, so that the tool leaves the surface for good: it goes up there, and
-    down again at ``slow`` mm/s.
+    down again at ``slow`` mm/s. second: the rows of the first segments, before which their force is on already.
     """
-    feed, blend, forces = table.feed, table.blend, table.force
-    ends, vias = table.orientations.ends, table.orientations.vias
-    for row in rows:
-        position, via_of = (table.over, table.over_via) if table.lifted[row] else (table.position, table.via)
-        force = forces[row]
-        end = (0.0, 0.0, 0.0)
-        wanted = force > 0
-        if wanted or pressing:
-            begin, end = table.force_direction[row]
-        if pressing and not wanted:
-            yield Force(0.0)
-            end = (0.0, 0.0, 0.0)
-            yield MoveL(Pose(ends[row - 1], position[row - 1]), feed[row], path=path)
-        elif wanted and table.lifted[row - 1]:
-            yield MoveL(Pose(ends[row - 1], position[row - 1]), min(slow, feed[row]), path=path)
-        if table.turns[row]:
-            held, press = (force, begin) if wanted and pressing else (0.0, (0.0, 0.0, 0.0))
-            turned = Pose(table.orientations.begins[row], position[row - 1])
-            yield MoveL(turned, feed[row], 0.0, held, press, None, None, path, True)
-        if wanted and not pressing:
-            yield Force(force, begin)
-        pressing = wanted
-        target = Pose(ends[row], position[row])
-        if table.arc[row]:
-            via = Pose(vias[row], via_of[row])
-            yield MoveC(via, target, feed[row], blend[row], force, end, None, None, path, True)
-        else:
-            yield MoveL(target, feed[row], blend[row], force, end, None, None, path, True)
+    rows, turned, lifted = table.rows, table.orientations, table.lifted
+    feed, wanted = rows.feed, rows.force > 0
+    pressing = np.roll(wanted, 1)
+    pressing[second] = wanted[second]
+    segment = np.ones(len(feed), np.bool_)
+    segment[rows.first] = False
+    up = np.flatnonzero(segment & pressing & ~wanted)
+    _put_each(draft, up, [Force(0.0)])
+    down = np.flatnonzero(segment & wanted & np.roll(lifted, 1))
+    for at, speed in ((up, feed[up]), (down, np.minimum(slow, feed[down]))):
+        start = _points(table, at - 1, lifted[at], rows.position)
+        draft.put(at, _moves(table, at, table.poses(start, turned.ends[at - 1]), speed))
+    at = np.flatnonzero(segment & turned.turns)
+    start = _points(table, at - 1, lifted[at], rows.position)
+    turns = _moves(table, at, table.poses(start, turned.begins[at]), feed[at], work=True)
+    draft.put(at, _press(turns, np.where(pressing[at], rows.force[at], 0.0), rows.force_direction[:, 0], at))
+    begin = np.flatnonzero(segment & wanted & ~pressing)
+    draft.put(begin, _forces(rows, begin))
+    at = np.flatnonzero(segment)
+    end, via = (
+        table.poses(_points(table, at, lifted[at], points), places[at])
+        for points, places in ((rows.position, turned.ends), (rows.via, turned.vias))
+    )
+    along = _moves(table, at, end, feed[at], table.blend[at], True, via)
+    draft.put(at, _press(along, rows.force[at], rows.force_direction[:, 1], at))
+
+
+def _points(table: _Table, at: Indices, lifted: Mask, points: FloatArray) -> FloatArray:
+    """``points`` (N, 3) of the rows ``at`` (K,), where ``lifted`` (K,) along the axis to where a tool goes that ends
+    pressing.
+    """
+    chosen = points[at]
+    high = at[lifted]
+    chosen[lifted] -= table.rows.axis[high] * table.over[table.run[high]][:, None]
+    return chosen
+
+
+def _forces(rows: Rows, at: Indices) -> list[Instruction]:
+    """Force on for the segments that end in the rows ``at``."""
+    directions = map(_point, rows.force_direction[at, 0]) if len(at) else ()
+    return list(map(Force, rows.force[at].tolist(), directions))
+
+
+def _press(motions: Body, force: FloatArray, directions: FloatArray, at: Indices) -> Body:
+    """The K motions, pressing with ``force`` (K,) N, of which columns do not tell, along those of ``directions`` (N, 3)
+    ``at`` their rows.
+    """
+    pressed = force > 0
+    if not pressed.any():
+        return motions
+    told = zip(
+        motions.take(np.flatnonzero(pressed)),
+        force[pressed].tolist(),
+        map(_point, directions[at[pressed]]),
+        strict=True,
+    )
+    objects = [replace(move, force=newtons, force_direction=press) for move, newtons, press in told]
+    return Body(replace(motions.packed, kept=pressed), motions.rotations, objects)

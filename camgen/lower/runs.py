@@ -23,7 +23,7 @@ from camgen.model.tolerance import SAME_POINT_MM
 from camgen.order.pieces import begin_at, chorded, head, lengths_along, shortest, stretch
 
 
-class Run(Struct, frozen=True):
+class Run(Struct, frozen=True, gc=False):
     """One pass. number: of its path in the program. depth: mm, to be taken off the heights of ``path``. begin: mm below
     the plan where it starts. linked: it starts where the run before it ended, so that nothing lies between them but the
     plunge. down: it is reached straight from there, without a lift. low: it starts there too, but the tool is turned
@@ -48,7 +48,7 @@ class _Descent(Struct, frozen=True):
     most: float
 
 
-class _Pass(Struct, frozen=True):
+class _Pass(Struct, frozen=True, gc=False):
     """path: with its entry, heights as seen from its depth. begin: mm below the plan where it starts."""
 
     path: ToolPath
@@ -65,17 +65,21 @@ def make_runs(tour: Tour, job: Job, winds: bool, before: int = 0) -> list[Run]:
     round for every pass, and has to be turned back in the air. Raises JobError for an entry that does not go with what
     else the job asks for.
     """
+    slope = math.tan(math.radians(job.operation.entry_angle))
+    descent = _Descent(slope, job.tolerance.chord, plunge(job.process), job.limits.motions)
     runs = []
     for index, path in enumerate(tour.paths):
+        # Of a single pass nobody asks how it goes on from the one before it.
+        several, at_depth = len(path.depths) > 1, index in tour.down
         # With force on, the motion after each pass has to leave the surface, so it goes up and comes down again.
-        pressed = bool(path.force.any())
-        meets = math.dist(path.position[0].tolist(), path.position[-1].tolist()) < SAME_POINT_MM
-        zigzag = path.reversible and not meets
+        pressed = (several or at_depth) and bool(path.force.any())
+        meets = several and math.dist(path.position[0].tolist(), path.position[-1].tolist()) < SAME_POINT_MM
+        zigzag = several and path.reversible and not meets
         ways = [path.reversed() if zigzag and k % 2 else path for k in range(len(path.depths))]
         linked = (zigzag or (meets and not winds)) and not pressed
         low = meets and not linked and not pressed
-        for k, (depth, one) in enumerate(zip(path.depths, _passes(ways, job, index in tour.down), strict=True)):
-            down = k == 0 and index in tour.down and not pressed
+        for k, (depth, one) in enumerate(zip(path.depths, _passes(ways, job, descent, at_depth), strict=True)):
+            down = k == 0 and at_depth and not pressed
             runs.append(Run(one.path, before + index, depth, linked and k > 0, one.begin, down, low and k > 0))
     return runs
 
@@ -85,11 +89,9 @@ def plunge(process: ProcessTable) -> float:
     return process.plunge or process.feed / 3
 
 
-def _passes(ways: _Ways, job: Job, down: bool) -> list[_Pass]:
+def _passes(ways: _Ways, job: Job, descent: _Descent, down: bool) -> list[_Pass]:
     """The passes of a path that is run in ``ways``. down: it is reached at its depth."""
     path, entry = ways[0], job.operation.entry
-    slope = math.tan(math.radians(job.operation.entry_angle))
-    descent = _Descent(slope, job.tolerance.chord, plunge(job.process), job.limits.motions)
     if entry == "plunge" or max(path.depths) <= 0 or lengths_along(path)[-1] < SAME_POINT_MM:
         return [
             _Pass(_over_tabs(way, depth, descent.plunge), depth) for way, depth in zip(ways, path.depths, strict=True)

@@ -7,6 +7,7 @@ from itertools import dropwhile
 from msgspec.structs import replace
 
 from camgen.lower.contours import finish, run_paths, turn_on
+from camgen.lower.draft import Draft
 from camgen.model.cell import Cell
 from camgen.model.errors import JobError, NoSafeProgram
 from camgen.model.job import Job, ToolTable
@@ -26,7 +27,7 @@ def lower_steps(tour: JobTour, cell: Cell, job: Job, name: str, header: tuple[st
         raise NoSafeProgram(name, "no path to run")
     if job.cell.flange_from_tool is not None and isinstance(cell.home, Joints):
         _insist_on_one_length(tour)
-    body: list[Instruction] = []
+    draft = Draft()
     tool: ToolTable | None = None
     spindle = 0.0
     before = 0
@@ -39,20 +40,20 @@ def lower_steps(tour: JobTour, cell: Cell, job: Job, name: str, header: tuple[st
         own = job_of(job, step)
         home = MoveJ(cell.home, step.process.travel_speed)
         other = step.tool != tool
-        if body and (other or step.process.spindle != spindle):
-            body += _rest(spindle)
+        if before and (other or step.process.spindle != spindle):
+            draft.add(*_rest(spindle))
         if other:
-            body += [home] if body else []
-            body += [_change(step.tool, frame_of(own, cell))] if changes else []
-        body += [Comment(name_of(job, number)), *([home] if other else [])]
+            draft.add(*([home] if before else []))
+            draft.add(*([_change(step.tool, frame_of(own, cell))] if changes else []))
+        draft.add(Comment(name_of(job, number)), *([home] if other else []))
         if other or step.process.spindle != spindle or not spindle:
-            body += turn_on(own, cell)
+            draft.add(*turn_on(own, cell))
         tool, spindle = step.tool, step.process.spindle
-        body += run_paths(part, cell, own, before)
+        run_paths(draft, part, cell, own, before)
         before += len(part.paths)
-    body += [*_rest(spindle), MoveJ(cell.home, job.process.travel_speed)]
+    draft.add(*_rest(spindle), MoveJ(cell.home, job.process.travel_speed))
     framed = replace(cell, flange_from_tool=frame_of(job_of(job, tour.steps[0]), cell))
-    return finish(body, tour.paths, framed, job, name, header)
+    return finish(draft.body(), tour.paths, framed, job, name, header)
 
 
 def _insist_on_one_length(tour: JobTour) -> None:

@@ -327,3 +327,92 @@ def _is_plain(move: Motion) -> bool:
     assert not isinstance(move, MoveJ)
     turn = move.turn if type(move) is MoveL else 0.0
     return move.force == 0 and turn == 0 and move.force_direction == _NO_DIRECTION
+
+
+# Bodies that are made by column, a kind of instructions at a time, and put together by where they stand.
+
+
+class Poses(Struct, frozen=True, eq=False):
+    """K poses. origin: (K, 3) mm. rotation: (K,) places in ``table``."""
+
+    origin: FloatArray
+    rotation: NDArray[np.int32]
+    table: Sequence[FloatArray]
+
+
+def plain_motions(
+    kind: type,
+    target: Poses,
+    *,
+    speed: FloatArray | float,
+    blend: FloatArray | float,
+    path: Indices,
+    work: bool,
+    via: Poses | None = None,
+) -> Body:
+    """K motions that columns say all of. speed, blend: (K,) or of all. via: in the table of ``target``, half-way along
+    those that are arcs instead, NaN for the others.
+    """
+    size = len(target.origin)
+    half_way = Poses(np.full((size, 3), np.nan), target.rotation, target.table) if via is None else via
+    arcs = np.flatnonzero(~np.isnan(half_way.origin[:, 0]))
+    kinds = np.full(size, NUMBER[kind], np.int8)
+    kinds[arcs] = _ARC
+    packed = Packed(
+        kind=kinds,
+        end=target.origin,
+        rotation=target.rotation,
+        speed=np.broadcast_to(np.float64(speed), size),
+        blend=np.broadcast_to(np.float64(blend), size),
+        path=path,
+        work=np.broadcast_to(np.bool_(work), size),
+        via=half_way.origin[arcs],
+        via_rotation=half_way.rotation[arcs],
+        kept=np.broadcast_to(np.bool_(False), size),
+    )
+    return Body(packed, target.table, [])
+
+
+def merge(pieces: list[tuple[Indices, Body]]) -> Body:
+    """One body of the instructions of ``pieces``, each with their places (N,), by which they are sorted; of those at
+    one place the ones of the earlier piece come first. ``pieces`` are used up: a long program is not held twice.
+    """
+    order = np.argsort(np.concatenate([places for places, _ in pieces]), kind="stable")
+    rank = np.empty(len(order), np.int32)
+    rank[order] = np.arange(len(order), dtype=np.int32)
+    del order
+    ranks = np.split(rank, np.cumsum([len(body) for _, body in pieces])[:-1])
+    kind, kept = np.empty(len(rank), np.int8), np.empty(len(rank), np.bool_)
+    for at, (_, body) in zip(ranks, pieces, strict=True):
+        kind[at], kept[at] = body.packed.kind, body.packed.kept
+    moving, arc = kind <= _ARC, kind == _ARC
+    columns = {name: _room(pieces[0][1], name, int(moving.sum())) for name in _OF_MOVES}
+    columns |= {name: _room(pieces[0][1], name, int(arc.sum())) for name in _OF_ARCS}
+    number = [np.cumsum(mask, dtype=np.int32) - mask for mask in (moving, arc, kept)]
+    rotations, objects = _Rotations(), np.empty(int(kept.sum()), np.object_)
+    for at in ranks:
+        _, body = pieces.pop(0)
+        packed, table = body.packed, _table_places(body, rotations)
+        moves, arcs = number[0][at[packed.kind <= _ARC]], number[1][at[packed.kind == _ARC]]
+        for name in (*_OF_MOVES, *_OF_ARCS):
+            column = getattr(packed, name)
+            turned = name in ("rotation", "via_rotation")
+            columns[name][arcs if name in _OF_ARCS else moves] = table[column] if turned else column
+        objects[number[2][at[packed.kept]]] = np.fromiter(body.objects, np.object_, len(body.objects))
+    return Body(Packed(kind=kind, kept=kept, **columns), rotations.table, objects.tolist())
+
+
+def _room(like: Body, name: str, size: int) -> NDArray[Any]:
+    """An empty column for ``size`` rows."""
+    column = getattr(like.packed, name)
+    return np.empty((size, *column.shape[1:]), column.dtype)
+
+
+def _table_places(body: Body, rotations: _Rotations) -> NDArray[np.int32]:
+    """Where the rotations that ``body`` uses stand among ``rotations``, into which they are put; last -1, of joints."""
+    used = np.zeros(len(body.rotations) + 1, np.bool_)
+    used[body.packed.rotation] = used[body.packed.via_rotation] = True
+    places = np.full(len(used), -1, np.int32)
+    some = np.flatnonzero(used[:-1])
+    places[some] = rotations.places([body.rotations[place] for place in some.tolist()])
+    return places
