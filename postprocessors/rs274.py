@@ -271,14 +271,14 @@ class Rs274(Post):
     # -- legality ------------------------------------------------------------------------------------------------
 
     def accepts(self, columns: Columns) -> Mask:
-        """Motions that stay in bounds, tool down."""
+        """Motions that stay in bounds, tool down, and outputs."""
         fine = columns.turned_as(TOOL_DOWN)
         fine[fine] = (np.abs(columns.ends[fine]) <= _MOST_PRINTED).all(axis=1)
         feed = columns.speed * 60.0
         fine &= columns.moves_are(MoveJ) | ((feed >= _SLOWEST) & (feed <= _FASTEST))
         arcs = np.flatnonzero(columns.moves_are(MoveC))
         fine[arcs] &= self._accepted_arcs(columns, arcs)
-        accepted = columns.are(Comment)
+        accepted = columns.are(Comment) | columns.alike(Output, lambda item: not self.why_not(item, None))
         accepted[columns.at[fine]] = True
         return accepted
 

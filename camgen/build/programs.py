@@ -61,7 +61,8 @@ def check_programs(
 
     Refused for an instruction that it has not, Blocked where the arm cannot run one. source: the input, for messages.
     """
-    parts = (lowered,) if poster.changes_tools else split_tools(lowered)
+    whole_program = poster.changes_tools or not lowered.columns.are(ToolChange).any()
+    parts = (lowered,) if whole_program else split_tools(lowered)
     tools = _tools(tour)
     if tools:
         job = replace(job, tool=tools[0])  # whose holder is there; with several each is told below

@@ -136,11 +136,12 @@ class Body(Sequence[Instruction]):
     def take(self, indices: Indices) -> Body:
         """A body of the instructions at ``indices``."""
         packed = self.packed
-        moving, arc, kept = packed.kind <= _ARC, packed.kind == _ARC, packed.kept
-        moves, arcs, objects = (_number(mask)[indices[mask[indices]]] for mask in (moving, arc, kept))
+        kind, kept = packed.kind[indices], packed.kept[indices]
+        which = ((self.at, kind <= _ARC), (self.arcs, kind == _ARC), (self.kept_at, kept))
+        moves, arcs, objects = (np.searchsorted(at, indices[chosen]) for at, chosen in which)
         of_moves = {name: getattr(packed, name)[moves] for name in _OF_MOVES}
         of_arcs = {name: getattr(packed, name)[arcs] for name in _OF_ARCS}
-        chosen = Packed(kind=packed.kind[indices], kept=kept[indices], **of_moves, **of_arcs)
+        chosen = Packed(kind=kind, kept=kept, **of_moves, **of_arcs)
         return Body(chosen, self.rotations, list(map(self.objects.__getitem__, objects.tolist())))
 
     def _make(self, low: int, high: int) -> list[Instruction]:
@@ -173,11 +174,6 @@ class Body(Sequence[Instruction]):
 _KEPT = 3
 _OF_MOVES = ("end", "rotation", "speed", "blend", "path", "work")
 _OF_ARCS = ("via", "via_rotation")
-
-
-def _number(mask: Mask) -> Indices:
-    """For each place how many of ``mask`` come before it."""
-    return np.cumsum(mask) - mask
 
 
 class Packing(Sequence[Instruction]):

@@ -61,6 +61,14 @@ class Columns:
         """The instructions of the types ``kinds``."""
         return self.pick(np.flatnonzero(self.are(*kinds)))
 
+    def alike(self, kind: type, test: Callable[[Any], bool]) -> Mask:
+        """(N,): which instructions of the type ``kind``, compared by value, pass ``test``; equal ones are tested once."""
+        found = self.are(kind)
+        items = self.of(kind)
+        passed = {item: test(item) for item in dict.fromkeys(items)}
+        found[found] = list(map(passed.__getitem__, items))
+        return found
+
     def pick(self, indices: Indices) -> list[Any]:
         """The instructions at ``indices``, which rise."""
         if isinstance(self.body, Body):
@@ -264,7 +272,7 @@ def _splice_packed(body: Body, changed: Mapping[int, Sequence[Instruction]]) -> 
     return put_at(body, places, [len(changed[place]) for place in places], new)
 
 
-def put_at(body: Body, places: Sequence[int], sizes: Sequence[int], new: Body) -> Body:
+def put_at(body: Body, places: Sequence[int] | Indices, sizes: Sequence[int] | Indices, new: Body) -> Body:
     """The body with the instructions of ``new`` in the place of those at ``places``, which rise; ``sizes`` of them for
     each.
     """

@@ -22,11 +22,13 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.geometry.arcs import is_arc
+from camgen.geometry.ragged import begins, stretches
 from camgen.model.cell import Cell, Dynamics
 from camgen.model.errors import Refused
 from camgen.model.part import Note
 from camgen.model.pose import Pose, Vec3
 from camgen.model.program import (
+    Body,
     Columns,
     Comment,
     Force,
@@ -44,11 +46,12 @@ from camgen.model.program import (
     Stop,
     ToolChange,
     Wait,
+    join,
     pack,
     put_at,
 )
 from camgen.model.text import harmless
-from camgen.post.passes import PASSES
+from camgen.post.passes import PASSES, halve_each
 
 #: So many instructions are looked at as objects at a time.
 _SOME = 8192
@@ -123,7 +126,7 @@ class Post(ABC):
     A post object renders one program: options come in through the constructor, state may live in private fields.
 
     *Must override*: begin, end, movej, movel, output, wait, comment. *May*: movec, print_force, why_not, accepts,
-    split, assemble, cell, tolerance, dynamics, warn, list_verified; prepare only around a call of the base's.
+    refuses, split, assemble, cell, tolerance, dynamics, warn, list_verified; prepare only around a call of the base's.
     *Don't*: render, line, note.
     """
 
@@ -205,6 +208,12 @@ class Post(ABC):
         """
         return columns.are(Comment)
 
+    def refuses(self, columns: Columns) -> Mask:
+        """(M,): the arcs among the motions that ``why_not`` turns down for sure, found by column, so that they are
+        replaced by column too, where the first of the ``passes`` is halves.
+        """
+        return np.zeros(len(columns.at), np.bool_)
+
     def why_not(self, item: Instruction, start: Pose | None) -> str:  # noqa: ARG002 (for those who override)
         """Why the controller cannot do ``item`` from the pose ``start``; empty when it can. Ends with the remedy."""
         return ""
@@ -266,7 +275,10 @@ class Post(ABC):
         stops = np.flatnonzero(columns.are(Stop))
         if len(stops) and type(self).stop is Post.stop:
             raise Refused(self.name, int(stops[0]), "the post prints no stop for the operator", "leave the stop out")
-        doubtful = np.flatnonzero(~self.accepts(columns))
+        accepted = self.accepts(columns)
+        by_column, halved = self._replace_by_column(columns, accepted)
+        accepted[by_column] = True
+        doubtful = np.flatnonzero(~accepted)
         places: list[int] = []
         sizes: list[int] = []
         new = Packing()
@@ -279,7 +291,24 @@ class Post(ABC):
                 new.extend(pieces)
             if refused is not None:
                 raise refused
-        return program.with_body(put_at(pack(body), places, sizes, new.body())) if places else program
+        if not places and not len(by_column):
+            return program
+        counts = np.append(np.full(len(by_column), 2), np.array(sizes, np.intp))
+        where = np.append(by_column, np.array(places, np.intp))
+        order = np.argsort(where)
+        pieces_in_order = join(halved, new.body()).take(stretches(begins(counts)[order], counts[order]))
+        return program.with_body(put_at(pack(body), where[order], counts[order], pieces_in_order))
+
+    def _replace_by_column(self, columns: Columns, accepted: Mask) -> tuple[Indices, Body]:
+        """The arcs that are replaced by two each, worked out by column, and these two, all accepted for sure."""
+        none = np.zeros(0, np.intp)
+        if self.passes[:1] != ("halves",):
+            return none, pack(())
+        arcs = np.flatnonzero(self.refuses(columns) & ~accepted[columns.at])
+        arcs, tried = halve_each(columns, arcs)
+        fine = self.accepts(Columns(tried)).reshape(-1, 3)[:, 1:].all(axis=1)
+        rows = 3 * np.flatnonzero(fine)[:, None] + (1, 2)
+        return columns.at[arcs[fine]], tried.take(rows.ravel())
 
     def _find_wrong(self, columns: Columns, doubtful: Indices) -> tuple[list[_Wrong], Refused | None]:
         """The arcs at ``doubtful`` that the controller cannot do, up to the first instruction without a replacement."""

@@ -12,8 +12,9 @@ from msgspec.structs import replace
 
 from camgen.geometry.arcs import circle, minus, turn_about
 from camgen.lower.corners import ZONES
+from camgen.model.body import NUMBER, Body, Indices, Packed
 from camgen.model.pose import FloatArray, Pose, Vec3, rotation_between
-from camgen.model.program import Force, Instruction, MoveC, MoveL, Program
+from camgen.model.program import Columns, Force, Instruction, MoveC, MoveJ, MoveL, Program, pack
 
 #: A unit vector as near as this to the tool's axis is along it.
 _ALONG = 1e-9
@@ -52,6 +53,67 @@ def halves(start: Pose, arc: MoveC, _tolerance: float) -> list[MoveL | MoveC]:
         replace(arc, via=first, target=middle, force_direction=press, blend=seam, joints=None, posture=None),
         replace(arc, via=last),
     ]
+
+
+def halve_each(columns: Columns, arcs: Indices) -> tuple[Indices, Body]:
+    """Those of the motions ``arcs``, which make arcs, that are halved by column, and a body of three instructions for
+    each: a motion to where it starts, then the same two arcs as ``halves`` makes, to the last bit.
+
+    These are level, say nothing that is no column, and start from a pose with the rotation of their end.
+    """
+    packed = pack(columns.body).packed
+    before = np.maximum(arcs - 1, 0)
+    via, start, end = columns.vias[arcs], columns.ends[before], columns.ends[arcs]
+    plain = (arcs > 0) & ~packed.kept[columns.at[arcs]]
+    plain &= (start[:, 2] == via[:, 2]) & (via[:, 2] == end[:, 2])
+    plain &= (columns.rotation[before] >= 0) & (columns.rotation[before] == columns.rotation[arcs])
+    arcs, via, start, end = arcs[plain], via[plain], start[plain], end[plain]
+    points = [start, *_along_level(start, via, end, (0.25, 0.5, 0.75)), end]
+    rows = np.repeat(arcs, 3)
+    blend = columns.blend[arcs]
+    kind = np.tile(np.array([NUMBER[MoveJ], NUMBER[MoveC], NUMBER[MoveC]], np.int8), len(arcs))
+    turned = columns.rotation[rows]
+    return arcs, Body(
+        Packed(
+            kind=kind,
+            end=np.stack([start, points[2], end], axis=1).reshape(-1, 3),
+            rotation=turned,
+            speed=columns.speed[rows],
+            blend=np.stack([np.zeros(len(arcs)), np.maximum(blend, 1.0), blend], axis=1).ravel(),
+            path=columns.path[rows],
+            work=columns.works[rows],
+            via=np.stack([points[1], points[3]], axis=1).reshape(-1, 3),
+            via_rotation=np.repeat(columns.rotation[arcs], 2),
+            kept=np.zeros(len(rows), np.bool_),
+        ),
+        columns.table,
+        [],
+    )
+
+
+def _along_level(start: FloatArray, via: FloatArray, end: FloatArray, fractions: Sequence[float]) -> list[FloatArray]:
+    """The points (N, 3) of level arcs at fractions of their sweeps: ``circle`` and ``turn_about``, operation by
+    operation. Sines and the like are those of one number, since those of numpy differ in the last bit.
+    """
+    u, w = (via - start)[:, :2], (end - start)[:, :2]
+    uu, ww = (side[:, 0] * side[:, 0] + side[:, 1] * side[:, 1] for side in (u, w))
+    area = u[:, 0] * w[:, 1] - u[:, 1] * w[:, 0]
+    cx, cy = (uu * w[:, 1] - ww * u[:, 1]) / (2 * area), (ww * u[:, 0] - uu * w[:, 0]) / (2 * area)
+    lx, ly = w[:, 0] - cx, w[:, 1] - cy
+    up = np.copysign(1.0, area)
+    sweep = _each(math.atan2, up * (cy * lx - cx * ly), -cx * lx - cy * ly) % (2 * math.pi)
+    centre = np.column_stack([start[:, 0] + cx, start[:, 1] + cy])
+    arm = start[:, :2] - centre
+    made = []
+    for fraction in fractions:
+        c, s = (_each(f, sweep * fraction) for f in (math.cos, math.sin))
+        x, y = c * arm[:, 0] - s * (up * arm[:, 1]), c * arm[:, 1] + s * (up * arm[:, 0])
+        made.append(np.column_stack([centre[:, 0] + x, centre[:, 1] + y, start[:, 2]]))
+    return made
+
+
+def _each(function: Callable[..., float], *values: FloatArray) -> FloatArray:
+    return np.fromiter(map(function, *(one.tolist() for one in values)), np.float64, len(values[0]))
 
 
 #: The passes by the name under which a post lists them.

@@ -43,6 +43,7 @@ from .force import (
     check_sections,
     choose_calibrations,
     find_round,
+    find_wide,
     settle,
     stop_before_calibrations,
     tool_axis,
@@ -131,7 +132,7 @@ class Rapid(RapidOptions):
         return prepared
 
     def accepts(self, columns: Columns) -> Mask:
-        """Motions without joints to poses, in bounds, and the arcs among them that are as they should be for sure."""
+        """Outputs, and motions without joints to poses, in bounds, arcs where they are as they should be for sure."""
         speed, blend = columns.speed, columns.blend
         fine = columns.posed & (speed >= _LEAST_SPEED_AND_ZONE) & (speed <= _FASTEST)
         turn = np.degrees(columns.turn)
@@ -143,9 +144,17 @@ class Rapid(RapidOptions):
         fine &= ~_half_turns(columns)
         arcs = np.flatnonzero(fine & columns.moves_are(MoveC))
         fine[arcs] = self._accept_arcs(columns, arcs)
-        accepted = columns.are(Comment)
+        accepted = columns.are(Comment) | columns.alike(Output, lambda item: not self.why_not(item, None))
         accepted[columns.at[fine]] = True
         return accepted
+
+    def refuses(self, columns: Columns) -> Mask:
+        """Arcs that turn too far for sure."""
+        refused = columns.moves_are(MoveC)
+        arcs = np.flatnonzero(refused[1:]) + 1
+        refused[:1] = False
+        refused[arcs] = find_wide(columns.ends[arcs - 1], columns.vias[arcs], columns.ends[arcs])
+        return refused
 
     def _accept_arcs(self, columns: Columns, arcs: Indices) -> Mask:
         """Which of the motions ``arcs`` can be printed as they are, for sure."""

@@ -259,6 +259,12 @@ def find_round(start: FloatArray, via: FloatArray, end: FloatArray, decimals: in
     return np.asarray(sure & (sweep >= _FLATTEST_PRINTED + _SURE) & (height >= digit + _SURE))
 
 
+def find_wide(start: FloatArray, via: FloatArray, end: FloatArray) -> Mask:
+    """(N,): the arcs through three points (N, 3), mm, of which ``arc_fault`` finds for sure that they turn too far."""
+    sweep, _, _, shorter = _shapes(start, via, end)
+    return np.asarray((sweep > _WIDEST + 1e-6 + _SURE) & (shorter >= _SHORTER))
+
+
 def _shapes(start: FloatArray, via: FloatArray, end: FloatArray) -> tuple[FloatArray, ...]:
     """Of arcs, (N,) each: sweep (rad), height, least distance of two points (mm), how much the shorter piece is."""
     back, on, chord = start - via, end - via, end - start

@@ -1,12 +1,14 @@
 """What a post accepts by column it accepts one by one too, and hardly anything of a usual program is left to that."""
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from camgen.model.pose import TOOL_DOWN, Pose, translation
-from camgen.model.program import Columns, Comment, Instruction, Joints, MoveJ, MoveL, Output
+from camgen.model.program import Columns, Comment, Instruction, Joints, MoveC, MoveJ, MoveL, Output
 from camgen.post.plugins import find_post, make_post
 
 POSTS = ("gcode", "grbl", "rapid", "pacscript", "vplus")
@@ -37,8 +39,19 @@ def test_whatever_is_accepted_by_column_is_not_refused(name: str, motions: list[
 
 
 @pytest.mark.parametrize("name", ["gcode", "grbl", "rapid"])
-def test_usual_straight_motions_are_accepted_by_column(name: str) -> None:
+def test_usual_straight_motions_and_outputs_are_accepted_by_column(name: str) -> None:
     post = make_post(find_post(name), {})
     near = Pose(TOOL_DOWN, (10.0, 20.0, 5.0))
-    body = (Comment("c"), MoveJ(near, 100.0), MoveL(near, 10.0), Output("process", 1.0))
-    assert post.accepts(Columns(body)).tolist() == [True, True, True, False]
+    body = (Comment("c"), MoveJ(near, 100.0), MoveL(near, 10.0), Output("process", 1.0), Output("none", 1.0))
+    assert post.accepts(Columns(body)).tolist() == [True, True, True, True, False]
+
+
+@given(st.floats(0.1, 400.0), st.floats(-6.2, 6.2), st.floats(0.05, 0.95))
+def test_what_rapid_refuses_by_column_it_refuses_one_by_one_too(radius: float, sweep: float, part: float) -> None:
+    post = make_post(find_post("rapid"), {})
+    angles = (0.0, sweep * part, sweep)
+    start, via, end = (Pose(TOOL_DOWN, (radius * math.cos(a), radius * math.sin(a), 0.0)) for a in angles)
+    arc = MoveC(via, end, 10.0)
+    (_, refused) = post.refuses(Columns([MoveL(start, 10.0), arc])).tolist()
+    assert not refused or post.why_not(arc, start)
+    assert refused or not (abs(sweep) > 2.2 and 0.3 < part < 0.7)

@@ -19,8 +19,8 @@ from camgen.model.pose import (
     rotation_about_axis,
     rotation_from_fixed_xyz,
 )
-from camgen.model.program import Joints, MoveC, MoveJ, MoveL, Program
-from camgen.post.passes import PASSES, along, chords, corner_blend, halves
+from camgen.model.program import Columns, Joints, MoveC, MoveJ, MoveL, Program
+from camgen.post.passes import PASSES, along, chords, corner_blend, halve_each, halves
 
 ANGLES = st.floats(-3.1, 3.1)
 RADII = st.floats(0.05, 500)
@@ -117,6 +117,49 @@ def test_halves_are_the_same_arc(drawn):
         arc.blend,
         arc.force_direction,
     )
+
+
+LEVEL = st.tuples(*[st.floats(-300, 300)] * 2, RADII, ANGLES, st.floats(-math.pi, math.pi))
+
+
+@given(st.lists(LEVEL, max_size=4), st.sampled_from([0.0, 5.0]), st.sampled_from([0.0, -0.5]))
+def test_halves_by_column_are_the_same_to_the_last_bit(drawn, blend, z):
+    body = [MoveJ(Joints((0.0,) * 6), 50.0)]
+    for x, y, radius, begin, sweep in drawn:
+        points = [(x + radius * math.cos(a), y + radius * math.sin(a), z) for a in np.linspace(begin, begin + sweep, 3)]
+        try:
+            circle(*points)
+        except ValueError:
+            continue
+        via, end = (Pose(TOOL_DOWN, point) for point in points[1:])
+        body += [MoveL(Pose(TOOL_DOWN, points[0]), 40.0), MoveC(via, end, 20.0, blend, path=3, work=True)]
+    found, made = halve_each(Columns(body), np.arange(2, len(body), 2))
+    assert found.tolist() == list(range(2, len(body), 2))
+    planned = [piece for k in found for piece in halves(body[k - 1].target, body[k], 0.01)]
+    pieces = [item for item in made if isinstance(item, MoveC)]
+    assert [item.target.origin for item in made if isinstance(item, MoveJ)] == [
+        body[k - 1].target.origin for k in found
+    ]
+    assert list(map(_say, pieces)) == list(map(_say, planned))
+
+
+def _say(arc):
+    ends = [(pose.origin, id(pose.rotation)) for pose in (arc.via, arc.target)]
+    return (*ends, arc.speed, arc.blend, arc.path, arc.work, arc.force, arc.posture, arc.joints)
+
+
+def test_arcs_that_say_more_or_lean_are_not_halved_by_column():
+    turned = frozen(TOOL_DOWN @ rotation_about_axis(frozen([0.0, 0.0, 1.0]), 0.5))
+    start, via, end = (0.0, 0.0, 0.0), (5.0, 5.0, 0.0), (10.0, 0.0, 0.0)
+    line = MoveL(Pose(TOOL_DOWN, start), 10.0)
+    cases = [
+        MoveC(Pose(TOOL_DOWN, via), Pose(TOOL_DOWN, end), 10.0, force=3.0),
+        MoveC(Pose(turned, via), Pose(turned, end), 10.0),
+        MoveC(Pose(TOOL_DOWN, (5.0, 5.0, 1.0)), Pose(TOOL_DOWN, end), 10.0),
+    ]
+    for arc in cases:
+        found, made = halve_each(Columns([line, arc]), np.array([1]))
+        assert (len(found), len(made)) == (0, 0)
 
 
 @pytest.mark.parametrize("name", sorted(PASSES))
