@@ -62,7 +62,7 @@ class Columns:
         return self.pick(np.flatnonzero(self.are(*kinds)))
 
     def alike(self, kind: type, test: Callable[[Any], bool]) -> Mask:
-        """(N,): which instructions of the type ``kind``, compared by value, pass ``test``; equal ones are tested once."""
+        """(N,): which instructions of the type ``kind`` pass ``test``; those of equal values are tested once."""
         found = self.are(kind)
         items = self.of(kind)
         passed = {item: test(item) for item in dict.fromkeys(items)}
