@@ -37,6 +37,7 @@ from camgen.model.text import short
 from camgen.model.tolerance import PECK_CLEARANCE_MM, SAME_POINT_MM
 from camgen.post import Tolerance, pose_of
 from camgen.post.passes import without_force
+from camgen.post.printed import Forms
 
 from .rs274 import COOLANT, Rs274, check_signals
 
@@ -355,6 +356,10 @@ class GCode(Rs274):
         """G1, after the force of this line, or the cycle that begins with it."""
         lines = self._cycle(motion)
         return (*self._pressed(motion), *super().movel(motion)) if lines is None else lines
+
+    def forms(self, program: Program) -> Forms | None:
+        """See ``Rs274``. What presses, or is part of a cycle, is printed one by one."""
+        return None if self._cycles or program.columns.are(Force).any() else super().forms(program)
 
     def _cycle(self, motion: MoveJ | MoveL) -> Sequence[str] | None:
         """The lines of the cycle that ``motion`` begins, none inside of one; None where it is of no cycle."""

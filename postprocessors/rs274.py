@@ -34,10 +34,12 @@ from camgen.model.program import (
     Output,
     Program,
     Stop,
+    ToolChange,
     Wait,
 )
 from camgen.model.text import short
 from camgen.post import Post, Tolerance, pose_of
+from camgen.post.printed import Forms, forms_of, rounded
 
 # Arcs as RS-274 prints them, many at once: G2 or G3 in the XY plane with the centre from the printed start.
 
@@ -110,6 +112,10 @@ def print_arcs(start: FloatArray, via: FloatArray, end: FloatArray, decimals: in
 #: Bounds of what is printed. Coordinates in mm and feeds in mm/min beyond them are no machine's; they also keep a line
 #: within GRBL's 79 characters. Seconds and rpm share the upper one.
 _MOST_PRINTED, _SLOWEST, _FASTEST = 99_999.0, 0.01, 999_999.0
+#: Smaller numbers have an exponent in the forms of lines.
+_LEAST_PLAIN = 1e-4
+#: By the kind of the motion, and G3 for an arc to the left.
+_CODES = ("G0", "G1", "G2", "G3")
 #: So many arcs are worked out at a time.
 _ARCS = 8192
 #: First words that make a comment an order to LinuxCNC.
@@ -210,6 +216,49 @@ class Rs274(Post):
         self._go(motion)
         return (" ".join([arc.code, *self._words[:2], arc.centre, *self._feed_word(motion)]),)
 
+    def forms(self, program: Program) -> Forms | None:
+        """All motions but those from where the machine is not known; none where an arc cannot be printed."""
+        columns = program.columns
+        kind, ends = columns.kinds, rounded(columns.ends, self.decimals)
+        # Where motions come first, or first behind a tool change, whose lines say where the machine is.
+        first = np.searchsorted(columns.at, np.append(0, np.flatnonzero(columns.are(ToolChange))))
+        rows = np.setdiff1d(np.arange(len(ends)), first)
+        arcs = np.flatnonzero(columns.moves_are(MoveC))
+        found = self._find_arcs(columns, arcs)
+        if not columns.posed.all() or found.fault.any():
+            return None
+        numbers = np.zeros((len(ends), 5))
+        numbers[:, :3] = ends
+        numbers[arcs, 3:] = rounded(found.centre, self.decimals + 1)
+        if ((numbers != 0) & (np.abs(numbers) < _LEAST_PLAIN)).any():
+            return None
+        used = np.zeros(numbers.shape, np.bool_)
+        used[1:, :3] = ends[1:] != ends[:-1]
+        used[~used.any(axis=1), 0] = True
+        used[arcs] = (True, True, False, True, True)
+        code = kind.astype(np.intp)
+        code[arcs] += found.left
+        feeds, feed = self._feed_words(columns)
+
+        def form(code: int, feed: int, *used: int) -> str:
+            words = [letter + "%.12g" for letter, one in zip("XYZIJ", used, strict=True) if one]
+            return " ".join([_CODES[code], *words, *feeds[feed : feed + 1]])
+
+        numbers, used = numbers[rows], used[rows]
+        return forms_of(rows, [code[rows], feed[rows], *used.T], form, numbers, used)
+
+    def _feed_words(self, columns: Columns) -> tuple[list[str], Indices]:
+        """The F words of a program, and for each motion the place of its own, behind them all where it has none."""
+        working = np.flatnonzero(~columns.moves_are(MoveJ))
+        speeds, which = np.unique(columns.speed[working], return_inverse=True)
+        words = ["F" + _feed_text(speed * 60.0) for speed in speeds.tolist()]
+        feeds = list(dict.fromkeys(words))
+        feed = np.array([feeds.index(word) for word in words], np.intp)[which]
+        said = np.full(len(columns.at), len(feeds))
+        changed = np.append(True, feed[1:] != feed[:-1])[: len(feed)]
+        said[working[changed]] = feed[changed]
+        return feeds, said
+
     def split(self, program: Program, printed: Iterable[Sequence[str]]) -> Sequence[Sequence[str]]:
         """See ``Post``. The arcs are worked out by column before they are printed."""
         self._ahead = self._look_ahead(program.columns)
@@ -253,8 +302,7 @@ class Rs274(Post):
     def _feed_word(self, motion: Motion) -> list[str]:
         if motion.speed == self._speed:
             return []
-        self._speed, feed = motion.speed, motion.speed * 60.0
-        text = short(feed, max(2, 3 - math.floor(math.log10(feed))))
+        self._speed, text = motion.speed, _feed_text(motion.speed * 60.0)
         if text == self._feed:
             return []
         self._feed = text
@@ -347,6 +395,11 @@ class Rs274(Post):
     def why_not_force(self, item: Force) -> str:  # noqa: ARG002 (for those who override)
         """Why force control cannot be turned on: G-code has none."""
         return 'G-code has no force control; set process.force = 0 or post.force = "ignore"'
+
+
+def _feed_text(feed: float) -> str:
+    """A feed, mm/min, with four digits at least."""
+    return short(feed, max(2, 3 - math.floor(math.log10(feed))))
 
 
 def is_tilted(rotation: FloatArray) -> bool:

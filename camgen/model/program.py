@@ -85,9 +85,14 @@ class Columns:
         """The motions, each as an object when it is asked for."""
         return Moves(self)
 
+    @property
+    def kinds(self) -> NDArray[np.int8]:
+        """(M,): the kinds of the motions by number, as in ``body.NUMBER``: MoveJ, MoveL, MoveC."""
+        return self._packed.packed.kind[self.at]
+
     def moves_are(self, *kinds: type) -> Mask:
         """(M,): which motions are of one of the types ``kinds``."""
-        return _any_of(self._packed.packed.kind[self.at], kinds)
+        return _any_of(self.kinds, kinds)
 
     def before(self, indices: Indices) -> Indices:
         """The numbers of the motions before the instructions at ``indices``, -1 where there is none."""

@@ -52,6 +52,7 @@ from camgen.model.program import (
 )
 from camgen.model.text import harmless
 from camgen.post.passes import PASSES, halve_each
+from camgen.post.printed import Forms, Printed, join_lines
 
 #: So many instructions are looked at as objects at a time.
 _SOME = 8192
@@ -126,7 +127,8 @@ class Post(ABC):
     A post object renders one program: options come in through the constructor, state may live in private fields.
 
     *Must override*: begin, end, movej, movel, output, wait, comment. *May*: movec, print_force, why_not, accepts,
-    refuses, split, assemble, cell, tolerance, dynamics, warn, list_verified; prepare only around a call of the base's.
+    refuses, forms, split, assemble, cell, tolerance, dynamics, warn, list_verified; prepare only around a call of the
+    base's.
     *Don't*: render, line, note.
     """
 
@@ -218,8 +220,16 @@ class Post(ABC):
         """Why the controller cannot do ``item`` from the pose ``start``; empty when it can. Ends with the remedy."""
         return ""
 
+    def forms(self, program: Program) -> Forms | None:  # noqa: ARG002 (for those who override)
+        """How motions are printed by column, word for word as movej, movel and movec print them; these are called for
+        all others. None: for all. A class that overrides one of those three overrides this too, or it does not count.
+        """
+        return None
+
     def split(self, program: Program, printed: Iterable[Sequence[str]]) -> Sequence[Sequence[str]]:  # noqa: ARG002
         """The body in parts of at most ``max_lines`` lines. printed: the lines of each instruction, in order."""
+        if isinstance(printed, Printed):
+            return printed.parts(self.max_lines)
         parts: list[list[str]] = [[]]
         for lines in printed:
             if self.max_lines and len(parts[-1]) + len(lines) > self.max_lines and parts[-1]:
@@ -231,8 +241,7 @@ class Post(ABC):
         """Files from the printed body, one part unless it was longer than ``max_lines``."""
         if len(parts) > 1:
             raise Refused(self.name, -1, f"the program is longer than {self.max_lines} lines", "raise post.max_lines")
-        lines = [*self.begin(program), *parts[0], *self.end(program)]
-        return (OutputFile(self.file_name(program), "\n".join(lines) + "\n"),)
+        return (OutputFile(self.file_name(program), join_lines(self.begin(program), parts[0], self.end(program))),)
 
     @classmethod
     def cell(cls) -> Cell:
@@ -360,7 +369,9 @@ class Post(ABC):
     def render(self, program: Program) -> tuple[OutputFile, ...]:
         """The program as files. Every instruction must be one that the controller has (``prepare``)."""
         of = self._printers()
-        return self.assemble(program, self.split(program, (of[type(item)](item) for item in program.body)))
+        find = self.forms if _prints_by_column(type(self)) else _no_forms
+        printed = Printed(program.columns, lambda items: (of[type(one)](one) for one in items), lambda: find(program))
+        return self.assemble(program, self.split(program, printed))
 
     def line(self, item: Instruction) -> Sequence[str]:
         """The lines of one instruction."""
@@ -382,6 +393,21 @@ class Post(ABC):
     def note(self, text: str) -> str:
         """Any text as a comment line that can neither end nor start anything."""
         return self.comment(harmless(text))
+
+
+#: What prints motions one by one.
+_MOTIONS = ("movej", "movel", "movec")
+
+
+def _prints_by_column(post: type[Post]) -> bool:
+    """Whether ``forms`` is not older than what prints motions: a class may print them otherwise than its parent."""
+    order = post.__mro__
+    defined = {name: next(k for k, one in enumerate(order) if name in vars(one)) for name in (*_MOTIONS, "forms")}
+    return all(defined["forms"] <= defined[name] for name in _MOTIONS)
+
+
+def _no_forms(_program: Program) -> None:
+    return None
 
 
 def pose_of(motion: Motion) -> Pose:

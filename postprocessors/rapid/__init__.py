@@ -12,6 +12,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from camgen.model.body import NUMBER
 from camgen.model.cell import Cell
 from camgen.model.errors import Refused
 from camgen.model.pose import FloatArray, Pose, quaternion, rotation_from_quaternion, translation
@@ -36,6 +37,7 @@ from camgen.model.program import (
 from camgen.model.text import counted, fixed, fixed_each, short
 from camgen.post import OutputFile, Tolerance
 from camgen.post.passes import without_force
+from camgen.post.printed import Forms, Lines, Printed, as_printed, forms_of, join_lines, rounded
 
 from .force import DIGITS as FORCE_DIGITS
 from .force import (
@@ -62,7 +64,7 @@ from .options import (
     speed_text,
     zone_name,
 )
-from .routines import Names, Printed, Routine, call, chunk, cut
+from .routines import Names, Routine, call, chunk, cut
 
 #: Digits of a joint angle in deg; of a quaternion, whose square may differ from 1 by 1e-5.
 _JOINT_DIGITS, _Q_DIGITS = 4, 7
@@ -279,36 +281,71 @@ class Rapid(RapidOptions):
         """A line of its own, as the manual asks."""
         return f"{_IN2}! {text}"
 
+    def forms(self, program: Program) -> Forms | None:
+        """Motions that say nothing but their points, speed and zone; none of a program that presses."""
+        columns = program.columns
+        if _presses(program):
+            return None
+        plain = np.ones(len(columns.at), np.bool_)
+        plain[columns.special[0]] = False
+        rows = np.flatnonzero(plain)
+        arcs = np.flatnonzero(columns.moves_are(MoveC))
+        via_rotation = np.zeros(len(plain), np.intp)
+        via_rotation[arcs] = columns.via_rotation
+        (speeds, speed), (blends, blend) = (
+            np.unique(one[rows], return_inverse=True) for one in (columns.speed, columns.blend)
+        )
+        numbers = rounded(np.concatenate([columns.vias[rows], columns.ends[rows]], axis=1), self.decimals)
+        used = np.ones(numbers.shape, np.bool_)
+        used[:, :3] = columns.moves_are(MoveC)[rows, None]
+        point = ",".join([f"%.{self.decimals}f"] * 3)
+
+        def form(kind: int, rotation: int, via: int, speed: int, blend: int) -> str:
+            to, through = (self._target_of(point, columns.table[place], _NEUTRAL) for place in (rotation, via))
+            tail = self._tail_of(float(speeds[speed]), float(blends[blend]), 0.0)
+            if kind == NUMBER[MoveC]:
+                return f"{_IN2}MoveC {through},\n{_IN2}{_IN}{to},{tail};"
+            return f"{_IN2}{'MoveJ' if kind == NUMBER[MoveJ] else 'MoveL'} {to},{tail};"
+
+        return forms_of(
+            rows, [columns.kinds[rows], columns.rotation[rows], via_rotation[rows], speed, blend], form, numbers, used
+        )
+
     # -- parts of an instruction ---------------------------------------------------------------------------------
 
     def _target(self, pose: Pose, motion: Motion) -> str:
         """A robtarget written out: cheaper in program memory than a named one."""
         known = motion.posture.confdata if motion.posture and self.conf != "off" else None
         conf = ",".join(map(str, known)) if known else _NEUTRAL
-        return f"[[{fixed_each(pose.origin, self.decimals)}],[{self._rotation(pose)}],[{conf}],{_NO_AXES}]"
+        return self._target_of(fixed_each(pose.origin, self.decimals), pose.rotation, conf)
 
-    def _rotation(self, pose: Pose) -> str:
-        rotation = pose.rotation
+    def _target_of(self, point: str, rotation: FloatArray, conf: str) -> str:
+        return f"[[{point}],[{self._rotation(rotation)}],[{conf}],{_NO_AXES}]"
+
+    def _rotation(self, rotation: FloatArray) -> str:
         if id(rotation) not in self._rotations:
             self._rotations[id(rotation)] = rotation, ",".join(fixed(v, _Q_DIGITS) for v in quaternion(rotation))
         return self._rotations[id(rotation)][1]
 
     def _speed(self, motion: Motion) -> str:
-        turn = motion.turn if isinstance(motion, MoveL) else 0.0
-        return speed_text(motion.speed, turn, self._named)
+        return speed_text(motion.speed, _turn(motion), self._named)
 
     def _tail(self, motion: Motion) -> str:
         """Speed, force while pressing, zone, tool and work object."""
         if not isinstance(motion, MoveJ) and motion.force > 0:
-            return self._end(motion, self._pressing(motion)[1] + ",")
-        said = motion.speed, motion.blend, motion.turn if isinstance(motion, MoveL) else 0.0
+            return self._end(motion.speed, motion.blend, _turn(motion), self._pressing(motion)[1] + ",")
+        return self._tail_of(motion.speed, motion.blend, _turn(motion))
+
+    def _tail_of(self, speed: float, blend: float, turn: float) -> str:
+        said = speed, blend, turn
         known = self._tails.get(said)
         if known is None:
-            known = self._tails[said] = self._end(motion, "")
+            known = self._tails[said] = self._end(*said, "")
         return known
 
-    def _end(self, motion: Motion, force: str) -> str:
-        return f"{self._speed(motion)},{force}{zone_name(motion.blend)},{self.tool}\\WObj:={self.work}"
+    def _end(self, speed: float, blend: float, turn: float, force: str) -> str:
+        text = speed_text(speed, turn, self._named)
+        return f"{text},{force}{zone_name(blend)},{self.tool}\\WObj:={self.work}"
 
     def _pressing(self, motion: MoveL | MoveC) -> tuple[str, str]:
         """The tool axis along which a motion presses, and with how many N: negative against the axis."""
@@ -369,10 +406,11 @@ class Rapid(RapidOptions):
     def _safe(self, program: Program) -> list[str]:
         """The routine that drops the process, for the handler and for an event routine of the controller."""
         outputs = self._outputs(program)
-        return self._proc(SAFE, outputs) if outputs and self.on_error != "none" else []
+        return ["", f"{_IN}PROC {SAFE}()", *outputs, f"{_IN}ENDPROC"] if outputs and self.on_error != "none" else []
 
-    def _proc(self, name: str, lines: Sequence[str]) -> list[str]:
-        return ["", f"{_IN}PROC {name}()", *lines, f"{_IN}ENDPROC"]
+    def _proc(self, routine: Routine, handler: Sequence[str]) -> Lines:
+        pieces = ["", f"{_IN}PROC {routine.name}()", *routine.lines.pieces, *handler, f"{_IN}ENDPROC"]
+        return Lines(pieces, routine.lines.printed)
 
     def _frames(self, program: Program) -> list[str]:
         if not self.declare:
@@ -393,7 +431,7 @@ class Rapid(RapidOptions):
         ]
 
     def _frame(self, pose: Pose, decimals: int) -> str:
-        return f"[[{fixed_each(pose.origin, decimals)}],[{self._rotation(pose)}]]"
+        return f"[[{fixed_each(pose.origin, decimals)}],[{self._rotation(pose.rotation)}]]"
 
     def _settings(self, program: Program) -> list[str]:
         """What main sets before it moves. ConfJ and ConfL: on where every motion of the kind knows its posture."""
@@ -423,39 +461,40 @@ class Rapid(RapidOptions):
         """The names that options give, in lower case."""
         return {name.lower() for name in (self.tool, self.work, self.force_load, *self.signals.values())}
 
-    def split(self, program: Program, printed: Iterable[Printed]) -> Sequence[Printed]:
+    def split(self, program: Program, printed: Iterable[Sequence[str]]) -> Sequence[Lines]:
         """The body of main, then whole routines that it calls."""
         self._begun, self._change = False, None
         self._named = name_speeds(program.columns)
         self._tails.clear()
         self._names = Names(self.longest, {*self._given(), self.module_name(program).lower()})
-        main, *routines = cut(program, self._calibrated(program, printed), self.max_lines, self._names)
+        main, *routines = cut(
+            program, self._calibrated(program, as_printed(program.columns, printed)), self.max_lines, self._names
+        )
         handler = self._handler(program, main=False)
-        return [_flat(main), *(self._proc(one.name, [*_flat(one), *handler]) for one in routines)]
+        return [main.lines, *(self._proc(one, handler) for one in routines)]
 
-    def _calibrated(self, program: Program, printed: Iterable[Printed]) -> Iterator[Printed]:
+    def _calibrated(self, program: Program, printed: Printed) -> Printed:
         """The lines of each instruction, with FCCalib after the motions into the air before pressing."""
         after = choose_calibrations(self.name, program.body) if self.force_load else frozenset()
-        for index, lines in enumerate(printed):
-            extra = (f"{_IN2}WaitTime\\InPos,0;", f"{_IN2}FCCalib {self.force_load};") if index in after else ()
-            yield (*lines, *extra) if extra else lines
+        extra = (f"{_IN2}WaitTime\\InPos,0;", f"{_IN2}FCCalib {self.force_load};")
+        each = lambda found: ((*one, *extra) if k in after else one for k, one in enumerate(found))  # noqa: E731
+        return printed.changed(each) if after else printed
 
-    def assemble(self, program: Program, parts: Sequence[Printed]) -> tuple[OutputFile, ...]:
+    def assemble(self, program: Program, parts: Sequence[Sequence[str]]) -> tuple[OutputFile, ...]:
         """One module, or one with main and others with the routines that it calls, none longer than ``max_lines``."""
         main, *routines = parts
         *end, endmodule = self.end(program)
-        first = [*self.begin(program), *main, *end, *self._safe(program)]
+        first = (self.begin(program), main, end, self._safe(program))
         if not self.max_lines or sum(map(len, parts)) <= self.max_lines:
-            return (self._file(program.name, [*first, *(line for one in routines for line in one), endmodule]),)
-        files = [self._file(program.name, [*first, endmodule])]
+            return (self._file(program.name, *first, *routines, [endmodule]),)
+        files = [self._file(program.name, *first, [endmodule])]
         for k, group in enumerate(chunk(routines, self.max_lines), start=1):
             name = self._names.give(f"{self.module_name(program)}_part{k}")
-            lines = [f"MODULE {name}", *(line for one in group for line in one), endmodule]
-            files.append(self._file(f"{program.name}_part{k}", lines))
+            files.append(self._file(f"{program.name}_part{k}", [f"MODULE {name}"], *group, [endmodule]))
         return tuple(files)
 
-    def _file(self, stem: str, lines: Sequence[str]) -> OutputFile:
-        return OutputFile(stem + self.suffix, "\n".join(lines) + "\n")
+    def _file(self, stem: str, *parts: Sequence[str]) -> OutputFile:
+        return OutputFile(stem + self.suffix, join_lines(*parts))
 
     @classmethod
     def cell(cls) -> Cell:
@@ -505,13 +544,13 @@ def _why_not_turn(line: MoveL, start: Pose | None) -> str:
     )
 
 
+def _turn(motion: Motion) -> float:
+    return motion.turn if isinstance(motion, MoveL) else 0.0
+
+
 def _far(pose: Pose) -> bool:
     x, y, z = pose.origin
     return not (abs(x) <= FARTHEST and abs(y) <= FARTHEST and abs(z) <= FARTHEST)
-
-
-def _flat(routine: Routine) -> list[str]:
-    return [line for item in routine.items for line in item]
 
 
 def _round(pose: Pose, decimals: int) -> Pose:

@@ -52,13 +52,14 @@ _RESIDENT = "base user wobj1 reg1 reg2 reg3 reg4 reg5 clock1 high low edge".spli
 #: The PROC that drops the process.
 SAFE = "camSafe"
 _TAKEN = {*_INSTALLED, *_RESIDENT, SAFE.lower(), *(f"v{v}" for v in SPEEDS), *ZONES.values()}
+_NAME, _NO_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*"), re.compile(r"[^A-Za-z0-9_]")
 #: Names that the post gives to the speeds and zones that it declares.
 _OURS = re.compile(r"[vz]cam\d[\d_]*(t\d[\d_]*)?", re.IGNORECASE)
 
 
 def name_fault(name: str, longest: int, installed: bool = False) -> str:
     """Why ``name`` cannot be used, empty when it can. installed: it may be one that the controller has already."""
-    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name):
+    if not _NAME.fullmatch(name):
         return "is not a RAPID name: a letter, then letters, digits and _"
     if len(name) > longest:
         return f"is longer than {longest} characters"
@@ -75,7 +76,7 @@ def legal_name(text: str, longest: int, prefix: str = "m") -> str:
     >>> legal_name("10 Bracket-v2", 32), legal_name("MoveL", 32), legal_name("user", 32)
     ('m10_Bracket_v2', 'mMoveL', 'muser')
     """
-    name = re.sub(r"[^A-Za-z0-9_]", "_", text)[: longest - 1]
+    name = _NO_NAME.sub("_", text)[: longest - 1]
     return f"{prefix}{name}" if name_fault(name, longest) else name
 
 
@@ -95,9 +96,10 @@ def _components(speed: float, turn: float) -> Speed:
 def name_speeds(columns: Columns) -> frozenset[Speed]:
     """Which speeds of a program get a name: those of most motions."""
     used: Counter[Speed] = Counter()
-    pairs, counts = np.unique(np.column_stack([columns.speed, columns.turn]), axis=0, return_counts=True)
-    for (speed, turn), count in zip(pairs.tolist(), counts.tolist(), strict=True):
-        used[_components(speed, turn)] += count
+    (speeds, speed), (turns, turn) = (np.unique(one, return_inverse=True) for one in (columns.speed, columns.turn))
+    pairs, counts = np.unique(speed * len(turns) + turn, return_counts=True)
+    for pair, count in zip(pairs.tolist(), counts.tolist(), strict=True):
+        used[_components(float(speeds[pair // len(turns)]), float(turns[pair % len(turns)]))] += count
     others = [one for one in used if not _is_predefined(one)]
     ranked = sorted(others, key=lambda one: (-used[one], *map(float, one)))
     return frozenset(ranked[:MOST_NAMED])

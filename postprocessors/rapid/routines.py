@@ -3,26 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from typing import TypeVar
 
 import numpy as np
 from msgspec import Struct
 
-from camgen.model.program import Comment, Force, MoveC, MoveJ, MoveL, Output, Program
+from camgen.model.program import Comment, Force, Indices, MoveC, MoveJ, MoveL, Output, Program
+from camgen.post.printed import Lines, Printed
 
 from .options import legal_name
 
 #: What belongs to a path by itself, not by what is on.
 _OF_PATHS = frozenset({MoveJ, MoveL, MoveC, Comment})
 
-#: The lines of one instruction, which stay together.
-Printed = Sequence[str]
 
-
-class Routine(Struct, frozen=True):
-    """A PROC: its name and the lines of its instructions."""
+class Routine(Struct, frozen=True, eq=False):
+    """A PROC: its name and its lines."""
 
     name: str
-    items: list[Printed]
+    lines: Lines
 
 
 class Names:
@@ -44,21 +43,28 @@ class Names:
         return name
 
 
-def owners(program: Program) -> Iterator[int]:
-    """For each instruction the path in whose routine it stands, -1: main.
+def owners(program: Program) -> Indices:
+    """(N,) of the instructions: the path in whose routine each stands, -1: main.
 
     A remark belongs to the motion after it, the motion that leaves the surface to the path that pressed. What is
     switched on outside a path is also switched off outside, though the motion before it was one of a path.
     """
-    following = _next_paths(program)
+    columns = program.columns
+    following = np.append(columns.path, -1)[np.searchsorted(columns.at, np.arange(len(program.body)))]
+    of_paths, remarks, switches = (columns.are(*kinds) for kinds in (_OF_PATHS, (Comment,), (Force, Output)))
+    # What goes on as the instruction before it does is not looked at: that is most of a long program. The first one
+    # behind a switch may stand elsewhere than where it belongs.
+    goes_on = np.zeros(len(following), np.bool_)
+    goes_on[1:] = of_paths[1:] & of_paths[:-1] & (following[1:] == following[:-1]) & (remarks[1:] | ~remarks[:-1])
+    goes_on[2:] &= of_paths[:-2]
+    events = np.flatnonzero(~goes_on)
+    found: list[int] = []
     here = last = -1
     on: set[str] = set()
     leaving = False
-    columns = program.columns
-    of_paths, remarks, switches = (columns.are(*kinds) for kinds in (_OF_PATHS, (Comment,), (Force, Output)))
     switched = iter(columns.of(Force, Output))
-    each = zip(of_paths.tolist(), remarks.tolist(), switches.tolist(), following, strict=True)
-    for of_path, remark, switch, path in each:
+    each = (mask[events].tolist() for mask in (of_paths, remarks, switches, following))
+    for of_path, remark, switch, path in zip(*each, strict=True):
         item = next(switched) if switch else None
         if of_path:
             wanted = last if leaving else path
@@ -74,59 +80,63 @@ def owners(program: Program) -> Iterator[int]:
                 here = -1
             elif item.value:
                 on.add(item.signal)
-        yield here
+        found.append(here)
+    return np.repeat(np.array(found, np.intp), np.diff(np.append(events, len(following))))
 
 
-def _next_paths(program: Program) -> list[int]:
-    """For each instruction the path of the motion that it is, or of the next one; -1: none."""
-    columns = program.columns
-    following = np.searchsorted(columns.at, np.arange(len(program.body)))
-    paths: list[int] = np.append(columns.path, -1)[following].tolist()
-    return paths
-
-
-def cut(program: Program, printed: Iterable[Printed], most: int, names: Names) -> list[Routine]:
+def cut(program: Program, printed: Printed, most: int, names: Names) -> list[Routine]:
     """Main, then the routines that it calls, each with no more than ``most`` lines (0: as many as there are)."""
-    main: list[Printed] = []
+    main: list[str | range] = []
     routines: list[Routine] = []
-    last = -1
-    for lines, path in zip(printed, owners(program), strict=True):
+    owner = owners(program)
+    ends = np.append(np.flatnonzero(np.diff(owner)) + 1, len(owner)) if len(owner) else owner
+    start = 0
+    for end in ends.tolist():
+        span, path = range(start, end), int(owner[start])
+        start = end
         if path < 0:
-            main.append(lines)
-        elif path == last:
-            routines[-1].items.append(lines)
-        else:
-            routines.append(Routine(names.give(program.paths[path].id), [lines]))
-            main.append(call(routines[-1].name))
-        last = path
+            main.append(span)
+            continue
+        routines.append(Routine(names.give(program.paths[path].id), Lines([span], printed)))
+        main += call(routines[-1].name)
     short: list[Routine] = []
-    for routine in (Routine("part", main), *routines):
+    for routine in (Routine("part", Lines(main, printed)), *routines):
         short += _shorten(routine, most, names)
     return short
 
 
-def call(name: str) -> Printed:
+def call(name: str) -> Sequence[str]:
     """The statement that calls a routine."""
     return (f"        {name};",)
 
 
+_Part = TypeVar("_Part", bound=Sequence[str])
+
+
 def _shorten(routine: Routine, most: int, names: Names) -> list[Routine]:
     """The routine, then what it calls if it is too long: pieces of it, each no longer than ``most`` lines."""
+    lines = routine.lines
+    if not most or len(lines) <= most:
+        return [routine]
     pieces: list[Routine] = []
-    items = routine.items
-    while most and sum(map(len, items)) > most and len(items) > 1:
+    items = lines.items()
+    while sum(map(len, items)) > most and len(items) > 1:
         chunks = list(chunk(items, most))
         if len(chunks) >= len(items):
             break
-        new = [Routine(names.give(f"{routine.name}_{k}"), part) for k, part in enumerate(chunks, start=1)]
-        items = [call(piece.name) for piece in new]
+        new = [Routine(names.give(f"{routine.name}_{k}"), _join(part)) for k, part in enumerate(chunks, start=1)]
+        items = [Lines(call(piece.name), lines.printed) for piece in new]
         pieces = [*new, *pieces]
-    return [Routine(routine.name, items), *pieces]
+    return [Routine(routine.name, _join(items)), *pieces]
 
 
-def chunk(items: Sequence[Printed], most: int) -> Iterator[list[Printed]]:
+def _join(items: Sequence[Lines]) -> Lines:
+    return Lines([piece for item in items for piece in item.pieces], items[0].printed)
+
+
+def chunk(items: Sequence[_Part], most: int) -> Iterator[list[_Part]]:
     """The items in order, in as few lists of at most ``most`` lines as that takes; a longer item has one of its own."""
-    chosen: list[Printed] = []
+    chosen: list[_Part] = []
     size = 0
     for lines in items:
         if chosen and size + len(lines) > most:
