@@ -201,6 +201,13 @@ class Packing(Sequence[Instruction]):
             if len(self._open) >= _BLOCK:
                 self._close()
 
+    def extend_body(self, body: Body) -> None:
+        """More of them, which are packed."""
+        self._close()
+        self._blocks.append(_turned(body, self._rotations))
+        self._objects += body.objects
+        self._packed += len(body)
+
     def __len__(self) -> int:
         return self._packed + len(self._open)
 
@@ -246,13 +253,16 @@ def pack(items: Iterable[Instruction]) -> Body:
 def join(*bodies: Body) -> Body:
     """Bodies one after the other."""
     rotations = _Rotations()
-    parts = []
-    for body in bodies:
-        places = np.append(rotations.places(body.rotations), np.int32(-1))
-        packed = body.packed
-        turned = {name: places[getattr(packed, name)] for name in ("rotation", "via_rotation")}
-        parts.append(Packed(**(_fields(packed) | turned)))
+    parts = [_turned(body, rotations) for body in bodies]
     return Body(_join(parts), rotations.table, list(chain.from_iterable(body.objects for body in bodies)))
+
+
+def _turned(body: Body, rotations: _Rotations) -> Packed:
+    """The columns of a body with the rotations in another table."""
+    packed = body.packed
+    places = np.append(rotations.places(body.rotations), np.int32(-1))
+    turned = {name: places[getattr(packed, name)] for name in ("rotation", "via_rotation")}
+    return Packed(**(_fields(packed) | turned))
 
 
 def _fields(packed: Packed) -> dict[str, Any]:

@@ -174,3 +174,17 @@ def test_rotations_that_are_one_object_are_one_in_the_table() -> None:
     assert [one is TOOL_DOWN for one in body.rotations] == [True]
     targets = [item.target for item in body if isinstance(item, MoveL)]
     assert all(a.rotation is b.rotation for a, b in pairwise(targets))
+
+
+def test_a_body_is_added_to_one_in_the_making() -> None:
+    shared = Pose(TOOL_DOWN, (1.0, 2.0, 3.0))
+    more = pack([MoveL(shared, 5.0), Output("process", 0.0)])
+    made = Packing([MoveJ(shared, 10.0)])
+    made.extend_body(more)
+    made.append(MoveL(shared, 7.0))
+    body = made.body()
+    assert len(made) == len(body) == 4
+    assert [type(item) for item in body] == [MoveJ, MoveL, Output, MoveL]
+    assert [item.speed for item in body if not isinstance(item, Output)] == [10.0, 5.0, 7.0]
+    assert len(body.rotations) == 1
+    assert len(made.objects) == 1

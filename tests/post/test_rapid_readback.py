@@ -1,17 +1,32 @@
 """The two ways in which the RAPID read-back takes a statement, at once and by the general rules, say the same."""
 
 import random
+import re
 from collections.abc import Mapping
 
+import camgen_posts.readback.rapid as readback
 import pytest
 from camgen_posts.rapid import Rapid
 from camgen_posts.readback.rapid import read, read_with
-from camgen_posts.readback.rapid.syntax import Call, Inline, parse, read_plain
+from camgen_posts.readback.rapid.rows import Run, Spellings
+from camgen_posts.readback.rapid.syntax import Call, Inline, Written, calls_of, parse
 
 from camgen.model.pose import TOOL_DOWN, Pose, translation
-from camgen.model.program import Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Program
-from camgen.post import Reading
+from camgen.model.program import (
+    Force,
+    Instruction,
+    Joints,
+    MoveC,
+    MoveJ,
+    MoveL,
+    Origin,
+    Output,
+    Program,
+    put_off_first,
+)
+from camgen.post import Fault, Reading
 from camgen.post.plugins import make_post
+from camgen.read.rapid.plain import read_plain
 from tests.support.rapid_texts import E9, POINT, START, TAIL, TOOL, WORK, changed, program
 from tests.support.whole import whole
 
@@ -45,7 +60,8 @@ def module(body: str, data: str = "") -> str:
 
 def kinds(text: str) -> list[tuple[str, str]]:
     """How each statement of a text was taken, and its name."""
-    calls: list[Call | Inline] = [call for m in parse(text, 1, True)[0] for r in m.routines for call in r.body]
+    modules, _ = parse(text, 1, Spellings(Written))
+    calls: list[Call | Inline] = [call for m in modules for r in m.routines for call in calls_of(r.body)]
     return [("inline", c.shape.name) if isinstance(c, Inline) else ("call", c.name) for c in calls]
 
 
@@ -196,7 +212,7 @@ def test_what_is_not_usual_is_read_by_the_general_rules(body: str, faults: list[
 def test_what_is_left_to_the_general_rules(text: str) -> None:
     body: list[Call | Inline] = []
     usual = "\n  SetDO do1,1;\n ! x;\nSetDO do1,1;"
-    assert read_plain(f"{usual}{text}", 0, 7, body) == (len(usual), 10)
+    assert read_plain(f"{usual}{text}", 0, 7, body, Written) == (len(usual), 10)
     assert [(call.name, call.line) for call in body if isinstance(call, Call)] == [("setdo", 8), ("setdo", 10)]
 
 
@@ -228,3 +244,92 @@ def test_texts_by_chance(seed: int) -> None:
         at_once += sum(how == "inline" for text in texts for how, _ in kinds(text))
     assert motions > 50
     assert at_once > 50
+
+
+# Runs of statements ---------------------------------------------------------------------------------------------
+
+
+#: The tool straight down, as the post prints it.
+DOWN = "0.0000000,1.0000000,0.0000000,0.0000000"
+
+
+def rows_of(text: str) -> list[int]:
+    """How many statements each run of a text has."""
+    modules, _ = parse(text, 1, Spellings(Written))
+    return [item.last - item.first for m in modules for r in m.routines for item in r.body if isinstance(item, Run)]
+
+
+def plate(paths: int) -> str:
+    """A posted program: on each path down, lines and arcs with the signal on, and up."""
+    body: list[Instruction] = [MoveJ(Joints((0.0, 0.0, 0.0, 0.0, 0.5, 0.0)), 100.0)]
+    for k in range(paths):
+        x, up = 40.0 * k, MoveL(at(40.0 * k, 0.0, 20.0), 100.0, path=k)
+        quarter = [MoveC(at(x + 3, 1.2, 0), at(x + 4, 4, 0), 12.0, 1.0, path=k), MoveL(at(x, 9.9, 0), 15.5, path=k)]
+        body += [up, MoveL(at(x, 0.0), 5.0, path=k), Output("process", 1.0), *quarter, Output("process", 0.0)]
+        body.append(MoveL(at(x, 9.9, 20.0), 100.0, 5.0 if k + 1 < paths else 0.0, path=k))
+    post = make_post(Rapid, {"mass": 1.0})
+    paths_of = tuple(Origin(f"c{k}") for k in range(paths))
+    safe = put_off_first(body)
+    program = Program("plate", translation(0, 0, 0), translation(0, 0, 100), safe, paths=paths_of)
+    return post.render(post.prepare(program, 0.01))[0].text
+
+
+def test_the_routines_of_a_posted_program_are_one_run_each() -> None:
+    text = plate(5)
+    assert rows_of(text) == [7] * 5
+    reading = both({"plate.mod": text}, {"mass": 1.0})
+    assert (len(reading.body), reading.faults) == (2 + 7 * 5, ())
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "faults"),
+    [
+        ("vCam15_5,fine", "vCam15_5,z1", ["a motion that blends before setdo"]),
+        ("vCam15_5,fine", "vNone,fine", ["a motion that blends before setdo", "vNone is not declared"]),
+        ("4.000,4.000,0.000]", "44.000,4.000,0.000]",
+         ["the circle point of an arc is at an end of it, or nearly on its chord"]),
+        ("3.000,1.200,0.000]", "2.000,2.000,0.000]", ["the points of an arc are on one line"]),
+        ("SetDO doProcess,1;", "SetDO doProcess,2;", ["a digital output is 0 or 1"]),
+        (f"[{DOWN}],[0,0,0,0]", f"[{DOWN.replace('1.0', '1.1')}],[0,0,0,0]",
+         ["a quaternion is not normalised (its square differs from 1 by 0.21)"]),
+        (f"[{DOWN}],[0,0,0,0]", "[0.0000000,0.0000000,1.0000000,0.0000000],[0,0,0,0]", []),
+        ("tCamgen\\WObj:=wCamgen;", "tCamgen;", ["wobj0 is a second work object"]),
+        ("[0,0,0,0]", "[0,0,0,9]", ["cfx is 9, not 0 to 7"]),
+        ("RAISE;", "EXIT;", None), ("    ERROR", "ERROR ! x\n    ", []), ("PROC c2()", "PROC  c2 ()", []),
+        ("PROC c2()", "PROC c2()\n! path c2", []), ("        SetDO doProcess,0;", "! SetDO doProcess,0;", None),
+        ("MoveL [[", "moveL [[", []), ("MoveC [[", "MoveL [[", ["movel has 4 arguments, not 5"]),
+        ("        MoveL", "\n\n   MoveL", []), ("fine,tCamgen", "fine ,tCamgen", []), ("0.000]", "0.]", []),
+        ("0.000],", "1E-3],", []), ("MoveL [[", "FCPressL [[", None), ("MoveL [[", "MoveJ [[", None),
+        ("MoveL [[", "PROC [[", None), (" SetDO doProcess,1;", " SetDO doProcess,1;SetDO doProcess,1;", []),
+        (" SetDO doProcess,1;", " WaitTime 1;", []), (" SetDO doProcess,1;", " c1;", None),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("where", [0, 2, -1])
+def test_a_posted_program_that_is_changed_is_read_the_same_either_way(
+    old: str, new: str, faults: list[str] | None, where: int
+) -> None:
+    """In the first place of the text behind main, in the third, in the last."""
+    text = plate(4)
+    begin = text.index("PROC c0")
+    places = [found.start() for found in re.finditer(re.escape(old), text) if found.start() > begin]
+    place = places[where] if len(places) > 2 else places[-1]
+    reading = both({"plate.mod": text[:place] + new + text[place + len(old) :]}, {"mass": 1.0})
+    if faults is not None and where == 2:
+        assert [fault.what for fault in reading.faults if type(fault) is Fault] == faults
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_posted_programs_with_damage_by_chance(seed: int) -> None:
+    chance = random.Random(seed)
+    for _ in range(8):
+        text = plate(chance.choice([1, 3]))
+        for _ in range(chance.choice([1, 1, 3])):
+            text = changed(chance, text)
+        both({"plate.mod": text}, {"mass": 1.0})
+
+
+def test_a_program_without_end_is_told_in_the_statement_that_is_one_too_many(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(readback, "_MOST_STATEMENTS", 20)
+    reading = both({"plate.mod": plate(4)}, {"mass": 1.0})
+    assert [fault.what for fault in reading.faults][:1] == ["more than 20 statements are run"]
+    assert len(reading.body) < 20

@@ -18,6 +18,8 @@ _ANY_POINT = "[[0,0,0],[1,0,0,0]"
 _MOST_POINTS = 2
 #: Pieces of a statement with one point: before it, its position, its orientation, after it.
 _PIECES_OF_ONE_POINT = 4
+#: The call of a routine: each has another name.
+_CALL = re.compile(r"[ \t\f\v\n]*([A-Za-z][A-Za-z0-9_]*);")
 _REMARK = re.compile(r"[ \t\f\v\n]*![^\n]*\n")
 
 
@@ -37,8 +39,15 @@ def read_plain(
             start = remark.end()
             line += remark[0].count("\n")
             continue
+        if call := _CALL.fullmatch(statement):
+            if call[1].lower() in RESERVED:
+                break
+            line += statement.count("\n")
+            body.append(Call(line, call[1].lower()))
+            start = end
+            continue
         cut = _POINT_PLAIN.split(statement)
-        shape = _shape(grammar, *cut[::3])
+        shape = shape_of(grammar, *cut[::3])
         if shape is None:
             break
         try:
@@ -72,7 +81,7 @@ def _turn(text: str) -> tuple[float, float, float, float]:
 
 
 @lru_cache(maxsize=2000)
-def _shape(grammar: Callable[[str, int], Calls], *parts: str) -> Shape | None:
+def shape_of(grammar: Callable[[str, int], Calls], *parts: str) -> Shape | None:
     """The shape of a statement that has points between ``parts``; nothing if the general rules are needed for it.
 
     A string may hold a semicolon, a function remembers its line, and a point that is not cut out has two brackets.

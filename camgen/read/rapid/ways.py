@@ -10,6 +10,8 @@ from functools import lru_cache
 
 import numpy as np
 
+from camgen.geometry.vectors import cross, dots
+from camgen.model.part import BoolArray
 from camgen.model.pose import FloatArray, Pose, Vec3, rotation_between
 
 #: The most that one arc may turn, rad, and how near to its chord, seen from its ends, its circle point may be, rad: it
@@ -17,6 +19,8 @@ from camgen.model.pose import FloatArray, Pose, Vec3, rotation_between
 _WIDEST, _FLATTEST = math.radians(240.01), math.radians(0.9)
 #: Nearer than this, mm, points are one to the controller; and the part of the arc that its shorter piece should be.
 _CLOSEST, _SHORTER = 0.1, 0.2
+#: What is as near as this to a bound, rad or mm, is looked at one by one.
+_SURE = 1e-7
 #: A turn whose trace is below this is half a turn, to 0.1 deg: its sense is open.
 _HALF_TURN = -1 + math.radians(0.1) ** 2
 #: Quarter turns of axes 1, 4 and 6 as far as arms have them, and ``cfx`` of arms with six axes.
@@ -39,6 +43,18 @@ def judge_arc(start: Vec3, via: Vec3, end: Vec3) -> tuple[str, str]:
     if min(math.dist(start, via), math.dist(via, end), math.dist(start, end)) < _CLOSEST:
         return "", f"the points of an arc are less than {_CLOSEST:g} mm apart"
     return "", "the circle point of an arc is near an end of it" if min(first, last) < _SHORTER * (first + last) else ""
+
+
+def judge_arcs(start: FloatArray, via: FloatArray, end: FloatArray) -> BoolArray:
+    """(N,): the arcs through three points (N, 3) of which ``judge_arc`` says nothing for sure."""
+    sides = [via - start, end - via, end - start]
+    on, off, chord = sides
+    area = np.linalg.norm(cross(on, chord), axis=1)
+    first, last = np.arctan2(area, dots(on, chord)), np.arctan2(area, dots(off, chord))
+    least = np.minimum(first, last)
+    near = np.minimum.reduce([dots(side, side) for side in sides])
+    usual = (least > _FLATTEST + _SURE) & (2 * (first + last) < _WIDEST - _SURE)
+    return np.asarray(usual & (near > (_CLOSEST + _SURE) ** 2) & (least > _SHORTER * (first + last) + _SURE))
 
 
 def _angle_at(corner: Vec3, a: Vec3, b: Vec3) -> float:

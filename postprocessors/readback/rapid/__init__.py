@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import cast
 
 from camgen.model.program import Force, Output
 from camgen.post import Fault, Reading
@@ -17,6 +18,8 @@ from camgen.read.rapid.words import INSTALLED
 
 from .asked import read_asked
 from .data import Scope
+from .rows import Run, Spellings
+from .runs import perform
 from .state import Known, State
 from .statements import (
     DEACTIVATIONS,
@@ -29,7 +32,7 @@ from .statements import (
     motion,
     switch,
 )
-from .syntax import DEACT_WHERE_ON, Call, Data, Inline, Module, Routine, Wrong, calls_of, parse
+from .syntax import DEACT_WHERE_ON, Call, Data, Inline, Module, Routine, Written, Wrong, calls_of, parse
 
 #: Names that the text may not give again.
 _SYSTEM = (INSTALLED | PREDEFINED.keys() | MOTIONS.keys() | STATEMENTS.keys()) - RESIDENT
@@ -46,6 +49,7 @@ class Linked:
     data: dict[str, Data] = field(default_factory=dict)  # what is global, by name in lower case
     routines: dict[str, Routine] = field(default_factory=dict)
     modules: list[Module] = field(default_factory=list)
+    names: set[str] = field(default_factory=set)  # of the modules, in lower case
     scopes: dict[Routine, Scope] = field(default_factory=dict)
     home: dict[Routine, dict[str, Routine]] = field(default_factory=dict)  # the local routines a routine sees
     worth: dict[Data, Value] = field(default_factory=dict)
@@ -55,11 +59,12 @@ class Linked:
     def add(self, module: Module) -> None:
         """Enters a module; its names must be legal, and new where they are seen."""
         key = module.name.lower()
-        if any(key == other.name.lower() for other in self.modules):
+        if key in self.names:
             self.fault(module.line, f"a second module {module.name}")
         elif key in self.data or key in self.routines:
             self.fault(module.line, f"the module {module.name} has the name of something global")
         self.modules.append(module)
+        self.names.add(key)
         self.legal(module.name, module.line)
         self.new(module.name, module.line)
         names: set[str] = set()
@@ -71,7 +76,7 @@ class Linked:
                 self.new(item.name, item.line)
             if key in names or (not item.local and (key in self.data or key in self.routines)):
                 self.fault(item.line, f"{item.name} is declared twice")
-            if not item.local and any(key == other.name.lower() for other in self.modules):
+            if not item.local and key in self.names:
                 self.fault(item.line, f"{item.name} is global and has the name of a module")
             names.add(key)
         self.data |= {d.name.lower(): d for d in module.data if not d.local}
@@ -150,9 +155,10 @@ def read_with(files: Mapping[str, str], options: Mapping[str, object], *, plain:
     known = _is_known(options)
     program = Linked(known.longest_name)
     line = 1
+    spellings = Spellings(Written)
     for text in files.values():
         lines = text.replace("\r\n", "\n").replace("\r", "\n")
-        modules, faults = parse(lines, line, plain)
+        modules, faults = parse(lines, line, spellings if plain else None)
         program.faults += faults
         for module in modules:
             program.add(module)
@@ -172,6 +178,7 @@ def _run(program: Linked, known: Known, last_line: int) -> State:
         state.faults.append(Fault(max(last_line, 1), "there is no PROC main"))
         return state
     _run_routine(program, state, main, 0)
+    perform(state)
     state.stopped("the end")
     check_settings(state, main.line)
     _check_handlers(program, state, main)
@@ -184,14 +191,23 @@ def _run_routine(program: Linked, state: State, routine: Routine, depth: int) ->
     """Runs a routine with what it calls, statement by statement."""
     scope = program.scopes[routine]
     program.ran[routine] = None
-    for item in calls_of(routine.body):
+    for part in routine.body:
+        item, left = cast(Call | Inline | Run, part), _MOST_STATEMENTS - state.count
+        if isinstance(item, Run):
+            last = min(item.last, item.first + left)
+            state.waiting.append((Run(item.rows, item.first, last), scope))
+            state.count += last - item.first
+            if last == item.last:
+                continue
+            item, left = item.rows.statement(last), 0
         state.count += 1
-        if state.count > _MOST_STATEMENTS:
+        if left <= 0:
             state.faults.append(Fault(item.line, f"more than {_MOST_STATEMENTS} statements are run"))
             return
         state.scope = scope
         try:
             if isinstance(item, Inline) and item.shape.name in MOTIONS:
+                perform(state)
                 inline(state, item)
             else:
                 _run_call(program, state, routine, item.call() if isinstance(item, Inline) else item, depth)
@@ -201,8 +217,10 @@ def _run_routine(program: Linked, state: State, routine: Routine, depth: int) ->
 
 def _run_call(program: Linked, state: State, routine: Routine, call: Call, depth: int) -> None:
     if call.name in MOTIONS:
+        perform(state)
         motion(state, call)
     elif call.name in STATEMENTS:
+        perform(state)
         STATEMENTS[call.name](state, call)
     else:
         _run_routine(program, state, _find_called(program, routine, call, depth), depth + 1)

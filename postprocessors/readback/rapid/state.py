@@ -15,6 +15,7 @@ from camgen.read.rapid.types import Value
 
 from .asked import Asked, judge_load
 from .data import Scope, orient_fault, pose
+from .rows import Run
 from .syntax import Expr, Ref, Shape, Wrong
 
 
@@ -71,7 +72,9 @@ class State:
     calibrated: bool = False  # since the last section with force
     settled: bool = False  # WaitTime\\InPos has waited for standstill, and nothing has been done since
     pressed: bool = False  # a section with force has begun
-    way: list[Pose | Joints] = field(default_factory=list)  # targets since the last section with force
+    # Targets since the last section with force; those of a run of statements are an array.
+    way: list[Pose | Joints | FloatArray] = field(default_factory=list)
+    waiting: list[tuple[Run, Scope]] = field(default_factory=list)  # runs of statements that are to be done
     rotations: dict[tuple[float, ...], FloatArray] = field(default_factory=dict)
 
     def add(self, item: Instruction, line: int) -> None:

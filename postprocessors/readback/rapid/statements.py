@@ -72,7 +72,7 @@ def switch(state: State, call: Call) -> Output:
     return Output(signal, value)
 
 
-def _switch_signal(state: State, call: Call) -> None:
+def switch_signal(state: State, call: Call) -> None:
     """SetDO, SetAO, Set, Reset."""
     item = switch(state, call)
     state.stopped(call.name)
@@ -178,7 +178,7 @@ SWITCHES = ("setdo", "setao", "set", "reset")
 #: How force control is put off, whether it was on or not, and where it is on.
 DEACTIVATIONS = ("fcdeact", DEACT_WHERE_ON)
 STATEMENTS: dict[str, Callable[[State, Call], None]] = {
-    **dict.fromkeys(SWITCHES, _switch_signal), "waittime": _wait,
+    **dict.fromkeys(SWITCHES, switch_signal), "waittime": _wait,
     "stop": _stop,
     "confl": _configuration, "confj": _configuration, "fccalib": _calibrate,
     **dict.fromkeys(DEACTIVATIONS, _deactivate), "singarea": _singularity, "accset": _acceleration,
@@ -213,11 +213,8 @@ _PRESSING = frozenset(name for name in MOTIONS if name.startswith("fc"))
 
 def motion(state: State, call: Call) -> Bound:
     """One motion statement, and what it says beside its points. Wrong when it cannot be read."""
-    values = _bind(state, call)
-    speed = cast(float, values["v"] if "v" in values else numbers(values["speed"])[0])
-    turn = math.radians(numbers(values["speed"])[1])
-    bound = Bound(call.name, speed, _blend(values), values, _posture(values), turn)
-    _check_postures(state, call.line, values)
+    bound = _say(state, call)
+    values = bound.values
     if call.name == "moveabsj":
         axes = numbers(cast(tuple[Value, ...], values["joints"])[0])
         if what := joints_fault(axes):
@@ -228,6 +225,35 @@ def motion(state: State, call: Call) -> Bound:
         via = state.pose(values["via"]) if "via" in values else None
         _move(state, call.line, bound, via, state.pose(values["to"]))
     return bound
+
+
+def _say(state: State, call: Call) -> Bound:
+    """What a motion statement says beside its points."""
+    values = _bind(state, call)
+    speed = cast(float, values["v"] if "v" in values else numbers(values["speed"])[0])
+    turn = math.radians(numbers(values["speed"])[1])
+    bound = Bound(call.name, speed, _blend(values), values, _posture(values), turn)
+    _check_postures(state, call.line, values)
+    return bound
+
+
+def find_bound(state: State, move: Inline) -> Bound:
+    """What a motion to points written out says beside them. Wrong when it cannot be read."""
+    key = state.scope, move.shape
+    bound = state.bound.get(key)
+    if bound is None:
+        bound = _say(state, move.call())
+        if ("via" in bound.values) == (move.via is not None):
+            state.bound[key] = bound
+    return bound
+
+
+def is_usual(bound: Bound, move: Inline) -> bool:
+    """Whether a motion moves to its point and does nothing else: it does not press, has no posture, and all its points
+    are written out.
+    """
+    plain = bound.name in ("movej", "movel", "movec") and bound.posture is None
+    return plain and ("via" in bound.values) == (move.via is not None) and abs(bound.turn - _ON_THE_WAY) <= _SAME_TURN
 
 
 def _check_postures(state: State, line: int, values: Mapping[str, Value]) -> None:
@@ -267,7 +293,7 @@ def _move(state: State, line: int, bound: Bound, via: Pose | None, target: Pose 
         state.faults.append(Remark(line, f"the first motion is {bound.name}, not MoveAbsJ"))
     state.moved = True
     if isinstance(target, Pose):
-        _check_supervision(state, line, bound)
+        check_supervision(state, line, bound)
     if isinstance(target, Pose) and state.here is not None:
         _check_way(state, line, bound, state.here, via, target)
     if bound.name in _PRESSING and isinstance(target, Pose):
@@ -354,7 +380,7 @@ def _frame_argument(state: State, kind: str, data_type: str, expr: Expr | None, 
     state.frame_of[kind] = (expr.name, state.scope)
 
 
-def _check_supervision(state: State, line: int, bound: Bound) -> None:
+def check_supervision(state: State, line: int, bound: Bound) -> None:
     """Notes a neutral configuration where supervision, on by default (manual, ConfL), may stop the arm for it."""
     word, stated = "confj" if bound.name == "movej" else "confl", bound.posture is not None
     if (word, stated) in state.postures:
@@ -456,9 +482,10 @@ def _was_in_the_air(state: State, start: Pose, pressing: tuple[int, int]) -> boo
     if not state.pressed:
         return True
     away = np.stack([start.rotation[:, 2], _direction(start, pressing)])
-    places = [target.origin for target in state.way if isinstance(target, Pose)]
-    above = np.subtract(start.origin, places) @ away.T if places else np.zeros(1)
-    return len(places) < len(state.way) or float(above.max()) > _AIR
+    posed = [target for target in state.way if not isinstance(target, Joints)]
+    places = [target.origin if isinstance(target, Pose) else target for target in posed]
+    above = np.subtract(start.origin, np.vstack(places)) @ away.T if places else np.zeros(1)
+    return len(posed) < len(state.way) or float(above.max()) > _AIR
 
 
 def _direction(at: Pose, pressing: tuple[int, int]) -> Vec3:

@@ -11,12 +11,13 @@ from collections.abc import Iterator, Sequence
 from typing import Any, ClassVar, cast
 
 from camgen.post import Fault, Remark
-from camgen.read.rapid import plain
 from camgen.read.rapid.expressions import Calls
 from camgen.read.rapid.grammar import Parser
 from camgen.read.rapid.statements import STRUCTURE, Note
-from camgen.read.rapid.tokens import BANNER_LINES, Wrong, banner, show_token
+from camgen.read.rapid.tokens import BANNER_LINES, RESERVED, Wrong, banner, show_token
 from camgen.read.rapid.tree import Call, Data, Expr, Inline, Module, Parameter, Point, Ref, Routine, Shape, Statement
+
+from .rows import Cut, Run, Spellings
 
 #: Words that only continue or close a control statement whose opening has been reported.
 _CONTINUES = frozenset(("else", "elseif", "endif", "endfor", "endwhile", "endtest", "case", "default", "then", "do"))
@@ -27,6 +28,10 @@ DEACT_WHERE_ON = "if fcdeact"
 #: The only IF that is read outside of them.
 _ASKS = re.compile(r"if\s+FCIsForceMode\b", re.IGNORECASE)
 
+#: A PROC in the usual spelling up to its first statement, and from behind its last one on.
+_BEGIN = re.compile(r"PROC ([A-Za-z][A-Za-z0-9_]*)\(\)\n(?: *![^\n]*\n)* *")
+_END = re.compile(r"(\n *ERROR\n *RAISE;)?\n *ENDPROC\b")
+
 
 class Written(Calls):
     """Calls whose values are written out."""
@@ -34,24 +39,25 @@ class Written(Calls):
     whole: ClassVar[bool] = False
 
 
-def parse(text: str, first_line: int, plain: bool) -> tuple[list[Module], list[Fault]]:
+def parse(text: str, first_line: int, spellings: Spellings | None) -> tuple[list[Module], list[Fault]]:
     """The modules of one file whose first line has the number ``first_line``, and what is wrong with its grammar.
 
-    plain: whether statements in the usual spelling are read at once.
+    spellings: of statements that are read at once, in runs; None: each is read by the general rules.
     """
-    parser = _Parser(text, first_line, plain)
+    parser = _Parser(text, first_line, spellings)
     modules = parser.modules()
+    if parser.cut is not None:
+        parser.cut.close()
     return modules, [(Remark if note.odd else Fault)(note.line, note.what) for note in parser.notes]
 
 
-def read_plain(text: str, start: int, line: int, body: list[Statement]) -> tuple[int, int]:
-    """Reads statements in the usual spelling, see ``camgen.read.rapid.plain``."""
-    return plain.read_plain(text, start, line, body, Written)
-
-
-def calls_of(block: Sequence[Statement]) -> Iterator[Call | Inline]:
-    """The statements of a routine that was read here: there are no others."""
-    return cast(Iterator[Any], iter(block))
+def calls_of(block: Sequence[Statement | Run]) -> Iterator[Call | Inline]:
+    """The statements of a routine that was read here, one by one: there are no others."""
+    for item in cast(Sequence[Any], block):
+        if isinstance(item, Run):
+            yield from map(item.rows.statement, range(item.first, item.last))
+        else:
+            yield item
 
 
 class _Parser(Parser):
@@ -61,9 +67,10 @@ class _Parser(Parser):
     clauses: ClassVar[frozenset[str]] = frozenset(("error",))
     calls: ClassVar[type[Calls]] = Written
 
-    def __init__(self, text: str, first_line: int, plain: bool) -> None:
+    def __init__(self, text: str, first_line: int, spellings: Spellings | None) -> None:
         start = banner(text)
-        super().__init__(text, first_line, plain)
+        super().__init__(text, first_line, spellings is not None)
+        self.cut = None if spellings is None else Cut(text, first_line, spellings)
         found = [one.strip() for one in text[:start].strip().split("\n")]
         if start and found != BANNER_LINES:
             self.notes.append(Note(first_line, f"a banner other than {' / '.join(BANNER_LINES)}", odd=True))
@@ -126,6 +133,29 @@ class _Parser(Parser):
         if self.word() == word:
             self.take()
 
+    def member(self, data: list[Data], routines: list[Routine], records: list[Any]) -> None:
+        """One declaration of a module."""
+        found = self.usual_routine() if self.cut is not None and self.word() == "proc" else None
+        if found is None:
+            super().member(data, routines, records)
+        else:
+            routines.append(found)
+
+    def usual_routine(self) -> Routine | None:
+        """A PROC of one run of statements, in the usual spelling, with a handler that hands the error on or none."""
+        _, _, line, start = self.token
+        begin = _BEGIN.match(self.text, start)
+        if self.cut is None or begin is None or begin[1].lower() in RESERVED:
+            return None
+        run = self.cut.run(begin.end())
+        end = _END.match(self.text, run[1]) if run else None
+        if run is None or end is None:
+            return None
+        last = run[2] + end[0].count("\n")
+        handler = (Call(last - 1, "raise"),) if end[1] else None
+        self.jump(end.end(), last)
+        return Routine(line, begin[1], False, (), cast(Any, (run[0],)), handler, "proc", (), "", last)
+
     # -- routines ------------------------------------------------------------------------------------------------
 
     def routine(self, line: int, local: bool, kind: str) -> Routine:
@@ -152,8 +182,17 @@ class _Parser(Parser):
             not clause and self.word() == "if" and _ASKS.match(self.text, self.token[3])
         ):
             body.append(self.handling())
-        else:
+        elif clause or not self.run(body):
             self.statement(body)
+
+    def run(self, body: list[Any]) -> bool:
+        """Reads a run of statements at once, where there is one."""
+        found = self.cut.run(self.token[3]) if self.cut is not None and self.token[0] in ("name", "move") else None
+        if found is None:
+            return False
+        body.append(found[0])
+        self.jump(found[1], found[2])
+        return True
 
     def handling(self) -> Call:
         """The end of force control where it is on, and what only an ERROR handler may say here: RAISE, EXIT."""
@@ -195,5 +234,5 @@ class _Parser(Parser):
 
 __all__ = [
     "DEACT_WHERE_ON", "Call", "Data", "Expr", "Inline", "Module", "Point", "Ref", "Routine", "Shape", "Wrong",
-    "calls_of", "parse", "read_plain",
+    "calls_of", "parse",
 ]  # fmt: skip
