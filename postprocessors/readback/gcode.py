@@ -12,6 +12,7 @@ import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import cast
 
 from msgspec.structs import replace
 
@@ -22,7 +23,7 @@ from camgen.model.text import counted
 from camgen.post import Fault, Reading, Remark
 from camgen.read.gcode import arcs
 from camgen.read.gcode.interpreter import Blocks, interpret_plain, play
-from camgen.read.gcode.machine import AXES, HANDLERS, Machine
+from camgen.read.gcode.machine import AXES, HANDLERS, Machine, PlainReader
 from camgen.read.gcode.words import (
     COMMENT,
     LineError,
@@ -33,6 +34,8 @@ from camgen.read.gcode.words import (
     without_number,
     words_of,
 )
+
+from .gcode_runs import FEW, MOTION, REMARK, Chunk, Lines, Settled, cut, perform
 
 _WORDS = re.compile(r"([a-z])([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))")
 _LINE = re.compile(rf"(?:{_WORDS.pattern})*")
@@ -52,16 +55,7 @@ _MODES = {
 _ONE_GROUP = {"motion": ("cycle off", "motion"), "coolant": ("mist", "flood", "coolant off")}
 _COOLANTS = {"M7": "mist", "M8": "flood"}
 
-_NUMBER = r"(-?[0-9]{1,6}(?:\.[0-9]{1,8})?)"
-#: One motion as posts print it: in capitals, in this order, a blank between the words, far from the limit of a line.
-_PLAIN = re.compile(
-    r"(?!.{71})G([0-3])"
-    + "".join(f"(?: {letter}{_NUMBER})?" for letter in "XYZIJ")
-    + r"(?: F([0-9]{1,6}(?:\.[0-9]{1,8})?))?"
-)
-
-#: A comment as posts print it: without a comma none is an order.
-_REMARK = re.compile(r"\((?!.{71})[A-Za-z0-9 _.+\-=/:#@*]*\)")
+_PLAIN, _REMARK = re.compile(MOTION), re.compile(REMARK)
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,7 +123,7 @@ class Strict(Machine):
     applied, path: G43 or G49, and G61 or G64, as the program said. changed: to the tool. pressing: by force; following:
     N from the next motion on. waiting: the line of an output that waits for the next motion. unread: the first line
     with a word that no post writes. due: the number of the tool whose length has to be applied before the next motion.
-    idle: words whose code has not come, S and T, with their lines.
+    idle: words whose code has not come, S and T, with their lines. chunk: the lines that are read by column.
     """
 
     rules: Rules
@@ -150,6 +144,7 @@ class Strict(Machine):
     unread: int = 0
     due: int = 0
     idle: dict[str, tuple[int, str]] = field(default_factory=dict)
+    chunk: Chunk | None = None
 
     def fault(self, what: str) -> None:
         """Notes a fault of the line that is read."""
@@ -169,6 +164,31 @@ class Strict(Machine):
         self.fault(str(error))
         if isinstance(error, UnknownWord):
             self.unread = self.unread or self.line
+
+    def read_plain(self, lines: Sequence[str], at: int, bound: int, plain: PlainReader) -> int:
+        """By column where there are many in a row, in mm and without force; the outputs between them too."""
+        usual = isinstance(lines, Lines) and self.unit == 1.0 and not self.force and not any(self.shift)
+        while usual and at < bound:
+            chunk = self.chunk
+            if chunk is None or not chunk.holds(at):
+                chunk = self.chunk = cut(cast(Lines, lines), at, self.output)
+            stop = min(bound, chunk.end(at))
+            state = Settled(self.here(), self.feed, self.blend, self.exact or self.limits)
+            done = perform(chunk, state, at, stop) if chunk.usable and stop - at >= FEW else None
+            if done is None:
+                break
+            self.body.extend_body(done.body)
+            self.lines += done.lines
+            self.at[:], self.feed, self.motion, self.cut = done.at, done.feed, done.motion, self.cut or done.cut
+            chunk.usable, at = done.line == stop, done.line
+        return plain(self, lines, at, bound) if at < bound else at
+
+    def output(self, digit: str, number: str) -> Output | None:
+        """What M64 or M65 sets, by the last digit of the code; None where the machine has no such code or output."""
+        if f"M6{digit}" not in self.rules.codes or int(number) >= self.expect.digital:
+            return None
+        signal = f"dout{int(number)}"
+        return Output(self.expect.names.get(signal, signal.replace("dout", "P")), 1.0 if digit == "4" else 0.0)
 
     def is_remark(self, raw: str) -> bool:
         """Whether the line is one comment in harmless characters, far from the limit of a line."""
@@ -629,9 +649,9 @@ def rename(body: Iterable[Instruction], names: Mapping[str, str]) -> tuple[Instr
     )
 
 
-def lines_of(files: Mapping[str, str]) -> list[str]:
+def lines_of(files: Mapping[str, str]) -> Lines:
     """The lines of all files in order, without their ends."""
-    return [line for text in files.values() for line in text.removesuffix("\n").split("\n")]
+    return Lines(list(files.values()))
 
 
 def number(options: Mapping[str, object], key: str, default: float) -> float:

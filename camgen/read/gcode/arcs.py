@@ -16,9 +16,9 @@ Vec2 = tuple[float, float]
 #: First axis, second axis and normal of each plane; G3 turns from the first to the second.
 _PLANES = {"G17": (0, 1, 2), "G18": (2, 0, 1), "G19": (1, 2, 0)}
 #: An end point nearer to the start than this angle is a full turn, as in both controllers. rad.
-_NO_ANGLE = 1e-6
+NO_ANGLE = 1e-6
 #: A half circle whose rounded points reach a little further stays one arc: mm along it, but no more than so many rad.
-_OVER_MM, _OVER_RAD = 0.01, 0.1
+OVER_MM, OVER_RAD = 0.01, 0.1
 
 #: Via point, None for a line, and end point.
 Piece = tuple[Vec3 | None, Vec3]
@@ -69,7 +69,7 @@ def pieces(plane: str, code: str, start: Vec3, end: Vec3, words: dict[str, float
     begin = math.atan2(b0 - b, a0 - a)
     sweep = _sweep(code, begin, math.atan2(b1 - b, a1 - a), words.pop("P", 1.0), limits)
     rise = end[normal] - start[normal]
-    if rise or abs(sweep) - min(_OVER_MM / max(r0, r1), _OVER_RAD) > math.pi:
+    if rise or abs(sweep) - min(OVER_MM / max(r0, r1), OVER_RAD) > math.pi:
         return _divide(axes, start, end, (a, b), (r0, r1, begin, sweep), limits)
     r, angle = (r0 + r1) / 2, begin + sweep / 2
     point = [start[normal]] * 3
@@ -128,7 +128,7 @@ def _sweep(code: str, begin: float, finish: float, turns: float, limits: Limits)
     if turns < 1 or turns != int(turns):
         raise LineError(f"P{turns:g} is no number of turns")
     turn = (finish - begin if code == "G3" else begin - finish) % (2 * math.pi)
-    if turn < _NO_ANGLE:
+    if turn < NO_ANGLE:
         turn += 2 * math.pi
     turn += 2 * math.pi * (turns - 1)
     return turn if code == "G3" else -turn
@@ -159,7 +159,7 @@ def _divide(
         step = 2 * math.acos(max(0.0, 1 - limits.helix / radius))
         count = _count(abs(sweep) / step, limits.pieces)
         return [*((None, at(i / count)) for i in range(1, count)), (None, end)]
-    count = _count((abs(sweep) - min(_OVER_MM / radius, _OVER_RAD)) / math.pi, limits.pieces)
+    count = _count((abs(sweep) - min(OVER_MM / radius, OVER_RAD)) / math.pi, limits.pieces)
     ends = [*(at(i / count) for i in range(1, count)), end]
     return [(at((i + 0.5) / count), point) for i, point in enumerate(ends)]
 

@@ -110,7 +110,7 @@ def play(m: Machine, lines: Sequence[str], found: Blocks) -> None:
         if at >= end and not flow.calls:
             return
         if m.is_settled():
-            after = read_plain(m, lines, at, end if at < end else len(lines))
+            after = m.read_plain(lines, at, end if at < end else len(lines), read_plain)
             left -= after - at
             at = m.line = after
             if at == len(lines) or (at == end and not flow.calls):

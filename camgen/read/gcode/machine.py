@@ -36,6 +36,10 @@ PLAIN = re.compile(
 )
 
 
+#: See ``motion.read_plain``.
+PlainReader = Callable[["Machine", Sequence[str], int, int], int]
+
+
 @dataclass(slots=True)
 class Machine:
     """Lengths mm, feeds mm/s, absolute coordinates: those of the frame in which the program begins.
@@ -158,6 +162,13 @@ class Machine:
         """Before a motion at feed. Raises LineError."""
         if self.feed <= 0:
             raise LineError(f"{code} without a feed (F)")
+
+    def read_plain(self, lines: Sequence[str], at: int, bound: int, plain: PlainReader) -> int:
+        """Reads the lines from ``at`` (from 0) on, up to one that is not plain or to ``bound``; the place of that one.
+
+        plain: reads them line by line.
+        """
+        return plain(self, lines, at, bound)
 
     def is_remark(self, raw: str) -> bool:  # noqa: ARG002 (for what is stricter)
         """Whether a line is a remark for sure, so that nothing comes of it."""
