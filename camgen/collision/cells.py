@@ -8,8 +8,10 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
+from camgen.geometry.ragged import owners, ramp
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
+from camgen.model.tolerance import NONZERO
 
 #: Cells along the longest side of the mesh's box.
 _CELLS = 64
@@ -70,11 +72,11 @@ def divide_space(corners: FloatArray) -> Cells:
     size = max(float((high - low).max()) / _CELLS, 1e-3)
     low = low - size / 2
     shape = np.ceil((high - low) / size + 0.5).astype(np.int64)
-    a, b, c = _split(corners, size)
+    middles, room = _tile(corners, size)
+    room += _SLACK * (1 + size)
     passed = np.zeros(shape, dtype=np.bool_)
-    edges = ((edge(edge(a, b), c), side) for edge, side in ((np.minimum, -1.0), (np.maximum, 1.0)))
-    begin, end = (_cells_of(corner, low - side * _SLACK * (1 + size), size, shape) for corner, side in edges)
-    # Column by column: a triangle lies in one cell, or in a few beside each other.
+    begin, end = _cells_of(middles - room, low, size, shape), _cells_of(middles + room, low, size, shape)
+    # Column by column: a rectangle lies in one cell, or in a few beside each other.
     first = (begin[0] * shape[1] + begin[1]) * shape[2] + begin[2]
     more = [last - one for one, last in zip(begin, end, strict=True)]
     marked = passed.reshape(-1)
@@ -98,26 +100,36 @@ def _cells_of(corners: FloatArray, low: FloatArray, size: float, shape: IntArray
     ]
 
 
-def _split(corners: FloatArray, size: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """The corners, (N, 3) each, of the triangles cut through their longest sides until none has one above ``size``.
-
-    Corner by corner: numpy takes five times as long to look along an axis of three numbers.
+def _tile(corners: FloatArray, size: float) -> tuple[FloatArray, FloatArray]:
+    """Middles (N, 3), and half the edges (N, 3) of the boxes around them, of rectangles no wider than ``size`` that
+    cover the triangles: in rows along the longest side, each of which ends where its triangle does.
     """
-    done = []
     a, b, c = np.ascontiguousarray(corners.transpose(1, 0, 2))
-    while len(a):
-        ab, bc, ca = _squares(b - a), _squares(c - b), _squares(a - c)
-        longest = np.maximum(np.maximum(ab, bc), ca)
-        large = longest > size**2
-        done.append((a[~large], b[~large], c[~large]))
-        a, b, c, ab, bc, longest = (column[large] for column in (a, b, c, ab, bc, longest))
-        # Turned so that the longest side is the first one.
-        first, second = (ab == longest)[:, None], (bc == longest)[:, None]
-        a, b, c = (np.where(first, x, np.where(second, y, z)) for x, y, z in ((a, b, c), (b, c, a), (c, a, b)))
-        middle = (a + b) / 2
-        a, b, c = np.concatenate([a, middle]), np.concatenate([middle, b]), np.concatenate([c, c])
-    one, two, three = (np.concatenate(column) for column in zip(*done, strict=True))
-    return one, two, three
+    ab, bc, ca = _squares(b - a), _squares(c - b), _squares(a - c)
+    longest = np.maximum(np.maximum(ab, bc), ca)
+    # Turned so that the longest side is the first one: the third corner is above it.
+    first, second = (ab == longest)[:, None], (bc == longest)[:, None]
+    a, b, c = (np.where(first, x, np.where(second, y, z)) for x, y, z in ((a, b, c), (b, c, a), (c, a, b)))
+    wide = np.sqrt(longest)
+    along = (b - a) / np.maximum(wide, NONZERO)[:, None]
+    foot = ((c - a) * along).sum(axis=1)
+    up = c - a - foot[:, None] * along
+    rows = _count(np.sqrt(_squares(up)), size)
+    own = owners(rows)
+    share = ramp(rows) / rows[own]
+    left, span = foot[own] * share, wide[own] * (1 - share)
+    parts = _count(span, size)
+    row = owners(parts)
+    half = span / parts / 2
+    tall = up[own] / rows[own, None] / 2
+    places = left[row] + (2 * ramp(parts) + 1) * half[row]
+    middles = (a[own] + 2 * (ramp(rows) + 0.5)[:, None] * tall)[row] + places[:, None] * along[own][row]
+    return middles, (half[:, None] * np.abs(along[own]) + np.abs(tall))[row]
+
+
+def _count(lengths: FloatArray, size: float) -> IntArray:
+    """Into how many parts no longer than ``size`` each of ``lengths`` (N,) is cut."""
+    return np.asarray(np.maximum(np.ceil(lengths / size), 1), dtype=np.int64)
 
 
 def _squares(vectors: FloatArray) -> FloatArray:

@@ -64,3 +64,23 @@ def test_points_of_a_plate_are_in_passed_cells() -> None:
     np.testing.assert_allclose(cells.middles(cell), [[90.0, 90.0, 0.0]], atol=cells.size / 2)
     rows, _ = cells.of(np.array([[90.0, 90.0, 50.0], [np.inf, 0.0, 0.0]]))
     assert len(rows) == 0
+
+
+def test_points_of_triangles_of_any_shape_are_in_passed_cells() -> None:
+    rng = np.random.default_rng(2)
+    corners = rng.uniform(-50.0, 50.0, (60, 3, 3))
+    # Slivers, needles and points among them, whose longest side is any of the three.
+    corners[:20, 2] = corners[:20, 0] + rng.uniform(0.0, 1.0, (20, 1)) * (corners[:20, 1] - corners[:20, 0])
+    corners[20:24, 1] = corners[20:24, 0]
+    corners[24] = corners[24, 0]
+    corners = corners[:, rng.permutation(3)]
+    cells = divide_space(corners)
+    share = rng.dirichlet([0.4, 0.4, 0.4], (len(corners), 2000))
+    points = np.einsum("fnk,fkj->fnj", share, corners).reshape(-1, 3)
+    rows, cell = cells.of(points)
+    assert len(rows) == len(points)
+    assert (cells.state.ravel()[cell] == PASSED).all()
+    # What is marked is no more than two cells beside the surface.
+    passed = cells.middles(np.flatnonzero(cells.state.ravel() == PASSED))
+    beside = [np.linalg.norm(points - middle, axis=1).min() for middle in passed[::50]]
+    assert max(beside) < 3 * cells.size
