@@ -19,7 +19,7 @@ from camgen.check.reach import Reach
 from camgen.collision.cell import Surroundings
 from camgen.collision.motion import measure_apart
 from camgen.collision.triangle import are_free
-from camgen.geometry.ragged import run_lengths
+from camgen.geometry.ragged import owners, run_lengths
 from camgen.model.cell import Dynamics
 from camgen.model.part import BoolArray, IntArray, Note
 from camgen.model.pose import FloatArray
@@ -178,7 +178,8 @@ def _are_free(where: Surroundings, corners: Sequence[tuple[FloatArray, float]]) 
     if not corners:
         return []
     triangles = np.concatenate([fan for fan, _ in corners])
-    bow = np.repeat([off for _, off in corners], _CHORDS)
-    free = are_free(where.apart, triangles, where.margin, bow)
-    free[free] = are_free(where.work, triangles[free], 0.0, bow[free])
-    return [bool(each.all()) for each in np.split(free, len(corners))]
+    owner, bow = owners([len(fan) for fan, _ in corners]), np.array([off for _, off in corners])
+    free = are_free(where.apart, triangles, owner, where.margin, bow)
+    rest = free[owner]
+    free[free] = are_free(where.work, triangles[rest], (np.cumsum(free) - 1)[owner[rest]], 0.0, bow[free])
+    return [bool(each) for each in free]

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from msgspec import Struct
 
-from camgen.collision.boxes import Boxes, least_apart, meet
+from camgen.collision.boxes import Boxes, every, least_apart, meet
 from camgen.collision.mesh import body, distance, find_struck, may_strike
 from camgen.collision.scene import Scene, Target
 from camgen.geometry.ragged import ramp, run_lengths
@@ -50,18 +51,140 @@ def hits(
     return found
 
 
+#: A box that grows by 1 on every side reaches so much farther at its corners.
+_CORNERS = math.sqrt(3.0)
+#: Rows of configurations (n,), in order, and what is tested there (n,): numbers of pairs of boxes, and after them of
+#: what strikes each of the scene's targets.
+Tests = tuple[IntArray, IntArray]
+#: The same, and which of them collide.
+_Tested = tuple[IntArray, IntArray, BoolArray]
+
+
+def tests_of(tests: Tests, which: BoolArray) -> Tests:
+    """Those at some rows, ``which`` of all, that are counted among themselves."""
+    row, test = tests
+    kept = which[row]
+    return (np.cumsum(which) - 1)[row[kept]], test[kept]
+
+
+def share_tests(tests: Tests, parts: int) -> Tests:
+    """The same tests for each of so many parts that every row is cut into."""
+    rows = (tests[0][:, None] * parts + np.arange(parts)).ravel()
+    order = np.argsort(rows, kind="stable")
+    return rows[order], np.repeat(tests[1], parts)[order]
+
+
+def find_meetings(
+    scene: Scene,
+    joints: FloatArray,
+    grow: FloatArray,
+    closing: FloatArray | None,
+    near: FloatArray,
+    asked: Tests | None = None,
+) -> _Tested:
+    """What collides at configurations (N, J): rows and tests, and which of these do (n,). Those that are named and do
+    not are near: what is not named does not collide in any part of what boxes grow for either, grown by that part's
+    share. grow, closing, near: as for ``hits``, (N, B), (N, P) and (N,). asked: what alone is looked at, None: all.
+    """
+    grow = grow * scene.moving
+    found: list[_Tested] = []
+    for begin in range(0, len(joints), ROWS):
+        rows = slice(begin, begin + ROWS)
+        looked = finite(joints[rows]), grow[rows], None if closing is None else closing[rows], near[rows]
+        if asked is None:
+            some = _meet_all(scene, *looked)
+        else:
+            low, high = np.searchsorted(asked[0], [begin, begin + ROWS])
+            some = _meet_some(scene, *looked, asked[0][low:high] - begin, asked[1][low:high])
+        found += [(row + begin, test, met) for row, test, met in some]
+    row, test, met = (np.concatenate(column) for column in zip(*found, strict=True)) if found else _NOTHING
+    order = np.argsort(row, kind="stable")
+    return row[order], test[order], met[order]
+
+
+_NOTHING: _Tested = (np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.bool_))
+
+
+def _meet_all(
+    scene: Scene, joints: FloatArray, grow: FloatArray, closing: FloatArray | None, near: FloatArray
+) -> Iterator[_Tested]:
+    """``find_meetings`` of all tests."""
+    bare = place(scene, joints)
+    more = grow + near[:, None] * scene.moving
+    wide = bare.grown(_CORNERS * more[..., None])
+    row, test = near_pairs(scene, wide)
+    pair = _grow(scene, bare, (row, test), grow, closing)
+    yield row, test, meet(pair[0].grown(near[row, None]), pair[1])
+    first = len(scene.first)
+    for target in scene.targets:
+        row, which, boxes = near_mesh(target, wide)
+        box = target.striking[which]
+        grown = Boxes(boxes.centres, boxes.axes, scene.half[box] + more[row, box, None])
+        yield row, which + first, find_struck(target.mesh, grown)
+        first += len(target.striking)
+
+
+def _meet_some(
+    scene: Scene,
+    joints: FloatArray,
+    grow: FloatArray,
+    closing: FloatArray | None,
+    near: FloatArray,
+    row: IntArray,
+    test: IntArray,
+) -> Iterator[_Tested]:
+    """``find_meetings`` of tests at these rows. Only boxes that are asked for are placed."""
+    links = frames(scene.robot, joints)
+    more = grow + near[:, None] * scene.moving
+    first = len(scene.first)
+    own = test < first
+    if own.any():
+        at, pair = row[own], test[own]
+        both = [_place_some(scene, links, at, boxes[pair]) for boxes in (scene.first, scene.second)]
+        wide = [more[at, boxes[pair], None] * _CORNERS for boxes in (scene.first, scene.second)]
+        room = sum(each.grown(by).reach for each, by in zip(both, wide, strict=True))
+        kept = every(np.abs(both[0].centres - both[1].centres) <= room)
+        at, pair, (one, other) = at[kept], pair[kept], (each[kept] for each in both)
+        share = _share(scene, at, pair, grow, closing)
+        yield at, pair, meet(one.grown((share[0] + near[at])[:, None]), other.grown(share[1][:, None]))
+    for target in scene.targets:
+        own = (test >= first) & (test < first + len(target.striking))
+        if own.any():
+            at, strike = row[own], test[own] - first
+            box = target.striking[strike]
+            bare, by = _place_some(scene, links, at, box).seen_from(*_frame(target)), more[at, box, None]
+            around = target.mesh.box
+            kept = every(np.abs(bare.centres - around.centres) <= bare.grown(_CORNERS * by).reach + around.half)
+            yield at[kept], strike[kept] + first, find_struck(target.mesh, bare[kept].grown(by[kept]))
+        first += len(target.striking)
+
+
+def _frame(target: Target) -> tuple[FloatArray, FloatArray]:
+    """base_from_mesh, rotation and origin."""
+    return target.base_from_mesh.rotation, np.asarray(target.base_from_mesh.origin)
+
+
 def _grow(
     scene: Scene, bare: Boxes, which: tuple[IntArray, IntArray], grow: FloatArray, closing: FloatArray | None
 ) -> tuple[Boxes, Boxes]:
     """The boxes of the pairs ``which`` (rows and pairs of boxes), larger by what each of them or both together grow."""
     row, box = which
-    first, second = scene.first[box], scene.second[box]
-    one, other = grow[row, first], grow[row, second]
+    one, other = _share(scene, row, box, grow, closing)
+    return bare[row, scene.first[box]].grown(one[:, None]), bare[row, scene.second[box]].grown(other[:, None])
+
+
+def _share(
+    scene: Scene, row: IntArray, pair: IntArray, grow: FloatArray, closing: FloatArray | None
+) -> tuple[FloatArray, FloatArray]:
+    """Mm by which the first and the second box of pairs (n,) grow at these rows: where both together grow less than
+    each of them the first does for both.
+    """
+    one, other = grow[row, scene.first[pair]], grow[row, scene.second[pair]]
     if closing is not None:
-        both = closing[which]
+        both = closing[row, pair]
         less = both < one + other
         one, other = np.where(less, both, one), np.where(less, 0.0, other)
-    return bare[row, first].grown(one[:, None]), bare[row, second].grown(other[:, None])
+    return one, other
 
 
 def finite(joints: FloatArray) -> FloatArray:
@@ -84,6 +207,14 @@ def place(scene: Scene, joints: FloatArray) -> Boxes:
     return Boxes(centres, axes, np.broadcast_to(scene.half, centres.shape))
 
 
+def _place_some(scene: Scene, links: tuple[FloatArray, FloatArray], row: IntArray, box: IntArray) -> Boxes:
+    """Boxes (n,) at rows (n,) of configurations whose links are at ``links``, as of ``frames``."""
+    frame = scene.frame[box]
+    rotation, origin = links[0][row, frame], links[1][row, frame]
+    centres = origin + (rotation @ scene.origin[box][..., None])[..., 0]
+    return Boxes(centres, rotation @ scene.rotation[box], scene.half[box])
+
+
 def near_pairs(scene: Scene, placed: Boxes) -> tuple[IntArray, IntArray]:
     """Row and pair of boxes (n,), in order, whose boxes square to the base meet."""
     reach = placed.reach
@@ -100,7 +231,7 @@ def near_mesh(target: Target, placed: Boxes) -> tuple[IntArray, IntArray, Boxes]
     it, and these boxes in the mesh's frame.
     """
     mesh = target.mesh
-    rotation, origin = target.base_from_mesh.rotation, np.asarray(target.base_from_mesh.origin)
+    rotation, origin = _frame(target)
     around = Boxes(rotation @ mesh.box.centres + origin, rotation, mesh.box.half)
     room = placed.reach[:, target.striking] + around.reach
     apart = np.abs(placed.centres[:, target.striking] - around.centres) <= room

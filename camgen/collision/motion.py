@@ -8,7 +8,18 @@ from collections.abc import Sequence
 import numpy as np
 from msgspec import Struct
 
-from camgen.collision.hits import ROWS, Nearest, finite, hits, least_of_each, place
+from camgen.collision.hits import (
+    ROWS,
+    Nearest,
+    Tests,
+    find_meetings,
+    finite,
+    hits,
+    least_of_each,
+    place,
+    share_tests,
+    tests_of,
+)
 from camgen.collision.scene import Scene
 from camgen.geometry.ragged import offsets, owners, ramp
 from camgen.model.part import IntArray
@@ -60,16 +71,19 @@ def motions(
     scene: Scene, several: Sequence[FloatArray], step: float, near: float = 0.0, apart: float = 0.0
 ) -> list[Course]:
     """``motion`` of each of ``several``, together: in a fraction of the time where they are short."""
-    lines = [_Line.of(scene, finite(waypoints)) for waypoints in several]
+    if not several:
+        return []
+    lines = _Lines.of(scene, [finite(waypoints) for waypoints in several])
     # What is as near at some of the waypoints bounds how near the rest need be looked at.
-    sparse = [line.waypoints[::_SPARSE] for line in lines]
-    nears = _bound(scene, sparse, near)
-    at = _find_undecided(scene, lines, step, [bound.distance for bound in nears], apart)
-    rows = [_rows(line.waypoints, here) for line, here in zip(lines, at, strict=True)]
-    pairs = np.split(hits(scene, np.concatenate(rows)), np.cumsum([len(own) for own in rows])[:-1])
+    nears = _bound(scene, [waypoints[::_SPARSE] for waypoints in several], near)
+    at, first = _find_undecided(scene, lines, step, np.array([bound.distance for bound in nears]), apart)
+    rows = _rows(lines.waypoints, at)
+    splits = first[1:-1]
+    pairs = np.split(hits(scene, rows), splits)
     free = [bound.distance if (own < 0).all() else 0.0 for own, bound in zip(pairs, nears, strict=True)]
-    closer = _least(scene, rows, free)
-    return [_course(*one) for one in zip(at, pairs, nears, closer, strict=True)]
+    closer = _least(scene, np.split(rows, splits), free)
+    places = np.split(at - np.repeat(lines.first[:-1], np.diff(first)), splits)
+    return [_course(*one) for one in zip(places, pairs, nears, closer, strict=True)]
 
 
 def _course(at: FloatArray, pairs: IntArray, bound: Nearest, closer: Nearest) -> Course:
@@ -103,76 +117,93 @@ def _least(scene: Scene, several: Sequence[FloatArray], nears: Sequence[float]) 
     return found
 
 
-class _Line(Struct, frozen=True, eq=False):
-    """One motion. numbers: (K,) places along the waypoints, in rows, between which joints turn by no more than
-    ``_CLOSE_TURN``. ways: (K, B) mm that any point of each box has moved at most up to there. way: (K,) the same of
-    the box that moves most. turned: (K, J) what the joints of the serial chain have turned or slid up to there, to and
-    fro. closing: (J, P) mm per rad or mm of a joint by which two boxes of a pair come nearer at most.
+class _Lines(Struct, frozen=True, eq=False):
+    """L motions, one after the other in each table; what changes from one to the next counts as nothing.
+
+    waypoints: (K, J). first: (L + 1,) the first row of each among them, and K. numbers: (R,) places along them, in
+    rows, between which joints turn by no more than ``_CLOSE_TURN``. ends: (L, 2) the first and the last of each. ways:
+    (R, B) mm that any point of each box has moved at most up to there. way: (R,) the same of the box that moves most,
+    with a gap between two motions. turned: (R, J) what the joints of the serial chain have turned or slid up to there,
+    to and fro. closing: (J, P) mm per rad or mm of a joint by which two boxes of a pair come nearer at most.
     """
 
     waypoints: FloatArray
+    first: IntArray
     numbers: FloatArray
+    ends: IntArray
     ways: FloatArray
     way: FloatArray
     turned: FloatArray
     closing: FloatArray
 
     @classmethod
-    def of(cls, scene: Scene, waypoints: FloatArray) -> _Line:
-        """The motion through ``waypoints`` (K, J)."""
-        numbers = _finer(_angles(scene, waypoints))
+    def of(cls, scene: Scene, several: Sequence[FloatArray]) -> _Lines:
+        """The motions through each of ``several`` (K, J)."""
+        waypoints, first = np.concatenate(several), offsets([len(each) for each in several])
+        numbers, seam = _finer(_angles(scene, waypoints), first)
         rows = _rows(waypoints, numbers)
         moves = measure_moves(scene, rows)
+        moves[seam] = 0.0
         ways = np.vstack([np.zeros(len(scene.frame)), np.cumsum(moves, axis=0)])
-        way = np.append(0.0, np.cumsum(moves.max(axis=1, initial=0.0)))
+        most = moves.max(axis=1, initial=0.0)
+        most[seam] = 1.0
+        way = np.append(0.0, np.cumsum(most))
         serial = rows @ scene.robot.coupling.T
-        turned = np.vstack([np.zeros(serial.shape[1]), np.cumsum(np.abs(np.diff(serial, axis=0)), axis=0)])
-        return cls(waypoints, numbers, ways, way, turned, closing(scene, np.abs(serial).max(axis=0)))
+        turns = np.abs(np.diff(serial, axis=0))
+        turns[seam] = 0.0
+        turned = np.vstack([np.zeros(serial.shape[1]), np.cumsum(turns, axis=0)])
+        ends = np.column_stack([np.append(0, seam + 1), np.append(seam, len(numbers) - 1)])
+        close = closing(scene, np.abs(serial).max(axis=0))
+        return cls(waypoints, first, numbers, ends, ways, way, turned, close)
 
 
-def _finer(angles: FloatArray) -> FloatArray:
-    """Places along the waypoints, in rows, between which joints turn by no more than ``_CLOSE_TURN``: ``measure_moves``
-    is close there.
+def _finer(angles: FloatArray, first: IntArray) -> tuple[FloatArray, IntArray]:
+    """Places along the waypoints, in rows, between which joints turn by no more than ``_CLOSE_TURN``, for
+    ``measure_moves`` is close there; and those of them after which the next motion begins. first: as of ``_Lines``.
     """
     parts = np.maximum(np.ceil(angles / _CLOSE_TURN), 1).astype(np.int64)
+    parts[first[1:-1] - 1] = 1
     row = owners(parts)
-    return np.append(row + ramp(parts) / parts[row], float(len(parts)))
+    numbers = np.append(row + ramp(parts) / parts[row], float(len(parts)))
+    return numbers, offsets(parts)[first[1:-1] - 1]
 
 
 def _find_undecided(
-    scene: Scene, lines: Sequence[_Line], step: float, nears: Sequence[float], apart: float
-) -> list[FloatArray]:
-    """Where each motion must be tested as it is, in rows of its waypoints: its ends, and the middles of those stretches
-    that are no longer than ``step`` and were never found free.
+    scene: Scene, lines: _Lines, step: float, nears: FloatArray, apart: float
+) -> tuple[FloatArray, IntArray]:
+    """Where each motion must be tested as it is, in rows of all waypoints: its ends, and the middles of those stretches
+    that are no longer than ``step`` and were never found free; and the first of each motion among these (L + 1,).
     """
-    count = [max(math.ceil(line.way[-1] / (step * 2**_HALVINGS)), 1) for line in lines]
-    width = [float(line.way[-1]) / c for line, c in zip(lines, count, strict=True)]
-    begins = [np.arange(c) * w for c, w in zip(count, width, strict=True)]
-    while long := [k for k, line in enumerate(lines) if width[k] > step and len(begins[k])]:
-        asked = [_ask(lines[k], begins[k], width[k]) for k in long]
-        rows, grow, closing = (np.concatenate(column) for column in zip(*asked, strict=True))
-        near = np.repeat([nears[k] for k in long], [len(begins[k]) for k in long])
-        ends = np.cumsum([len(begins[k]) for k in long])
-        hit = np.split(hits(scene, rows, grow + apart, closing + 2 * apart, near) >= 0, ends[:-1])
-        for k, own in zip(long, hit, strict=True):
-            left = begins[k][own]
-            width[k] /= 2
-            begins[k] = np.concatenate([left, left + width[k]])
-    at = []
-    for line, own, w in zip(lines, begins, width, strict=True):
-        middles = np.interp(np.sort(own) + w / 2, line.way, line.numbers)
-        at.append(np.concatenate([line.numbers[:1], middles, line.numbers[-1:]]))
-    return at
-
-
-def _ask(line: _Line, begins: FloatArray, width: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """The middles of the stretches that begin at ``begins`` along the way: joints (N, J), and mm (N, B) by which boxes
-    must grow there for all that they do in the stretch, (N, P) by which two must together.
-    """
-    index = np.arange(len(line.way), dtype=np.float64)
-    places = [np.interp(begins + width * part, line.way, index) for part in (0.0, 0.5, 1.0)]
-    grow, turned = (_most(table, places) for table in (line.ways, line.turned))
-    return _rows(line.waypoints, np.interp(places[1], index, line.numbers)), grow, turned @ line.closing
+    start, stop = lines.way[lines.ends].T
+    count = np.maximum(np.ceil((stop - start) / (step * 2**_HALVINGS)), 1).astype(np.int64)
+    width = (stop - start) / count
+    own = owners(count)
+    begins = start[own] + ramp(count) * width[own]
+    asked: Tests | None = None
+    index = np.arange(len(lines.way), dtype=np.float64)
+    found = [(np.repeat(np.arange(len(start)), 2), lines.numbers[lines.ends].ravel())]
+    while len(own):
+        short = width[own] <= step
+        middles = np.interp(begins[short] + width[own[short]] / 2, lines.way, lines.numbers)
+        found.append((own[short], middles))
+        long = ~short
+        asked = None if asked is None else tests_of(asked, long)
+        own, begins = own[long], begins[long]
+        places = [np.interp(begins + width[own] * part, lines.way, index) for part in (0.0, 0.5, 1.0)]
+        grow, turned = (_most(table, places) for table in (lines.ways, lines.turned))
+        rows = _rows(lines.waypoints, np.interp(places[1], index, lines.numbers))
+        both = turned @ lines.closing + 2 * apart
+        row, test, hit = find_meetings(scene, rows, grow + apart, both, nears[own], asked)
+        met = np.zeros(len(own), dtype=np.bool_)
+        met[row[hit]] = True
+        width = width / 2
+        own = np.repeat(own[met], 2)
+        begins = (begins[met][:, None] + width[own[::2]][:, None] * np.arange(2)).ravel()
+        # Nothing happens in a half that does not happen in the whole.
+        asked = share_tests(tests_of((row[hit], test[hit]), met), 2)
+    owner, at = (np.concatenate(column) for column in zip(*found, strict=True))
+    order = np.lexsort((at, owner))
+    return at[order], offsets(np.bincount(owner, minlength=len(start)))
 
 
 def _most(table: FloatArray, places: Sequence[FloatArray]) -> FloatArray:

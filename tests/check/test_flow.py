@@ -122,7 +122,7 @@ def test_triangles_that_are_called_free_hold_nothing_that_collides() -> None:
     rng = np.random.default_rng(4)
     first = result.reach.joints[rng.integers(0, len(result.reach.joints), 150)]
     corners = first[:, None] + rng.normal(0.0, 0.1, (150, 3, len(arm.joints)))
-    free = are_free(scene, corners, 1.0)
+    free = are_free(scene, corners, np.arange(150), 1.0)
     shares = rng.dirichlet(np.ones(3), (150, 60))
     inside = np.einsum("kns,ksj->knj", shares, corners)
     struck = (hits(scene, inside.reshape(-1, inside.shape[-1]), near=1.0) >= 0).reshape(150, 60).any(axis=1)

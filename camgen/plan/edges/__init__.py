@@ -29,7 +29,7 @@ from camgen.plan.edges.contact import own_contact
 from camgen.plan.edges.courses import APART, Course, follow_all
 from camgen.plan.edges.last_face import offset_along
 from camgen.plan.edges.motion import Freedom, Hit, Reached, Room, Setup, Track, Unreached, all_clear, feed_of
-from camgen.plan.edges.reach import poses, reach_part, reach_ways
+from camgen.plan.edges.reach import can_end, poses, reach_along, reach_ways, trimmed
 from camgen.plan.edges.remedy import Attempts, remedies
 from camgen.plan.edges.select import select
 from camgen.plan.edges.turns import turns_of
@@ -132,14 +132,18 @@ def _attempts(
 
     def whole(other: Job, names: Sequence[str]) -> tuple[Reached | Unreached, ...]:
         here, room = place(other.tool.axis_tilt)
-        listed = [ways[name] for name in names]
-        return _clear_between(reach_ways(listed, here, freedom_of(other), other.operation.trim), room)
+        freedom, listed = freedom_of(other), [ways[name] for name in names]
+        able = [(line, way) for line, way in listed if isinstance(way, Way) and can_end(here, way, freedom)]
+        return _clear_between(reach_ways(able, here, freedom), room)
 
     def part(other: Job, name: str, ends: tuple[float, float]) -> bool:
         here, room = place(other.tool.axis_tilt)
-        line, way = ways[name]
-        found = way if isinstance(way, Unreached) else reach_part(line, way, here, freedom_of(other), ends)
-        return isinstance(_clear_between([found], room)[0], Reached)
+        freedom, whole_way = freedom_of(other), ways[name][1]
+        if isinstance(whole_way, Unreached):
+            return False
+        way = trimmed(whole_way, ends)
+        found = [reach_along(here, name, way, freedom)] if can_end(here, way, freedom) else []
+        return any(isinstance(one, Reached) for one in _clear_between(found, room))
 
     return Attempts(whole, part)
 

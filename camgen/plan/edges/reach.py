@@ -16,7 +16,7 @@ from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import short
 from camgen.plan.edges.last_face import Offset
 from camgen.plan.edges.motion import JUMP, MARGIN, Freedom, Reached, Setup, Unreached, dense_parts, flange_poses
-from camgen.plan.edges.search import Grid, grid, search
+from camgen.plan.edges.search import Grid, can_stand, grid, search
 from camgen.plan.edges.ways import Way, cut, divide, rows
 from camgen.robots.kinematics.continuity import Choice, follow
 from camgen.robots.kinematics.reasons import why
@@ -152,16 +152,27 @@ def _reach(edge: Line, way: Way, setup: Setup, freedom: Freedom, trim: float) ->
         return whole
     length = float(way.length.sum())
     for low, high in _trims(trim, length):
-        part = reach_along(setup, edge.id, cut(way, low, length - high), freedom)
+        part = reach_along(setup, edge.id, trimmed(way, (low, high)), freedom)
         if isinstance(part, Reached):
             nearer = part.nearer and replace(part.nearer, trimmed=(low, high))
             return replace(part, trimmed=(low, high), nearer=nearer)
     return whole
 
 
-def reach_part(edge: Line, way: Way, setup: Setup, freedom: Freedom, ends: tuple[float, float]) -> Reached | Unreached:
-    """How an open edge is processed without so many mm of its tool's way at the ends, or why it cannot be."""
-    return reach_along(setup, edge.id, cut(way, ends[0], float(way.length.sum()) - ends[1]), freedom)
+def trimmed(way: Way, ends: tuple[float, float]) -> Way:
+    """``way`` without so many mm at its ends."""
+    return cut(way, ends[0], float(way.length.sum()) - ends[1])
+
+
+def can_end(setup: Setup, way: Way, freedom: Freedom) -> bool:
+    """Whether the arm can stand at both ends of ``way`` in any orientation that ``freedom`` leaves. Else
+    ``reach_along`` finds no motion either, and takes many times as long.
+    """
+    # Without a closed form joints depend on those before them.
+    if setup.robot.arm is None:
+        return True
+    choice = _grids("collision", freedom, way)[-1]
+    return all(can_stand(setup, way.position[k], way.rotation[k], choice) for k in (0, -1))
 
 
 def _trims(trim: float, length: float) -> list[tuple[float, float]]:

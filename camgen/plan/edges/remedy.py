@@ -24,8 +24,8 @@ _ENDS = (((0.0, 1.0), 0.5), ((1.0, 0.0), 0.5), ((1.0, 1.0), 0.25))
 
 
 class Attempts(Struct, frozen=True, eq=False):
-    """By ids. whole: what comes of edges with other settings. part: whether an edge without so many mm at its ends
-    comes to a motion.
+    """By ids. whole: what comes of edges with other settings, at least of those that come to a motion. part: whether an
+    edge without so many mm at its ends comes to one.
     """
 
     whole: Callable[[Job, Sequence[str]], Sequence[Reached | Unreached]]

@@ -192,6 +192,20 @@ def _staying(robot: Robot, found: FloatArray, safe: BoolArray, parts: Index, tab
     return np.asarray(np.logical_and.reduceat(good, rows(parts)[:-1], axis=0))
 
 
+def can_stand(setup: Setup, position: FloatArray, rotation: FloatArray, grid: Grid) -> bool:
+    """Whether some joints bring the tool to a TCP of the work frame, (3,) and (3, 3), in an orientation of ``grid``, as
+    ``search`` asks for: within the limits, far enough from singularities and clear.
+    """
+    robot = setup.robot
+    goal = flange_poses(setup, position, (rotation @ grid.nominal_from_tool)[None])
+    found = solutions(robot, goal[0], np.broadcast_to(goal[1], (1, len(grid.cost), 3)), grid.moves)
+    usable = _safe(robot, found) & within_turned(robot, found, turns(robot)).any(axis=-1)
+    joints = found[usable]
+    # The nominal orientation comes first; where it is clear no other is looked at.
+    few = int(usable[0, 0].sum())
+    return any(bool(setup.clear(some).any()) for some in (joints[:few], joints[few:]) if len(some))
+
+
 def _check(setup: Setup, states: States, row: int) -> None:
     """Leaves of the states of a row those that are clear."""
     own = states.usable[row].any(axis=-1)
