@@ -53,7 +53,8 @@ class Cells(Struct, frozen=True, eq=False):
         ends: list[tuple[IntArray, IntArray]] = []
         for axis, count in enumerate(self.state.shape):
             at, room = (centres[:, axis] - self.low[axis]) / self.size, (reach[:, axis] + slack) / self.size
-            first, last = np.clip(np.floor(at - room), 0, count), np.clip(np.floor(at + room) + 1, 0, count)
+            # np.clip takes three times as long for the few boxes of most questions.
+            first, last = (np.maximum(np.minimum(np.floor(end), count), 0) for end in (at - room, at + room + 1))
             ends.append((first.astype(np.int64), last.astype(np.int64)))
         # Of the sums at the eight corners; a box beside the grid has no room in it, and they cancel.
         total = np.zeros(len(centres), dtype=np.int64)

@@ -9,7 +9,7 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.collision.boxes import Boxes, every, least_apart, meet
-from camgen.collision.mesh import body, distance, find_struck, may_strike
+from camgen.collision.mesh import body, distance, find_struck
 from camgen.collision.scene import Scene, Target
 from camgen.geometry.ragged import ramp, run_lengths
 from camgen.model.part import BoolArray, IntArray
@@ -218,40 +218,32 @@ def _place_some(scene: Scene, links: tuple[FloatArray, FloatArray], row: IntArra
 def near_pairs(scene: Scene, placed: Boxes) -> tuple[IntArray, IntArray]:
     """Row and pair of boxes (n,), in order, whose boxes square to the base meet."""
     reach = placed.reach
-    near = np.ones((len(reach), len(scene.first)), dtype=bool)
+    near = np.ones((len(scene.first), len(reach)), dtype=bool)
     for axis in range(3):
-        at, room = placed.centres[..., axis], reach[..., axis]
-        near &= np.abs(at[:, scene.first] - at[:, scene.second]) <= room[:, scene.first] + room[:, scene.second]
-    row, box = np.nonzero(near)
+        # Box by box in memory: pairs are rows then, and taken in a fraction of the time.
+        at, room = (np.ascontiguousarray(table[..., axis].T) for table in (placed.centres, reach))
+        near &= np.abs(at[scene.first] - at[scene.second]) <= room[scene.first] + room[scene.second]
+    row, box = np.nonzero(near.T)
     return row, box
 
 
 def near_mesh(target: Target, placed: Boxes) -> tuple[IntArray, IntArray, Boxes]:
-    """Row and place in ``target.striking`` of boxes (n,), in order, that meet the box around the mesh and may strike
-    it, and these boxes in the mesh's frame.
+    """Row and place in ``target.striking`` of boxes (n,), in order, that may meet the mesh since the boxes around both
+    do that are square to the base, and these boxes in the mesh's frame.
     """
     mesh = target.mesh
     rotation, origin = _frame(target)
     around = Boxes(rotation @ mesh.box.centres + origin, rotation, mesh.box.half)
-    room = placed.reach[:, target.striking] + around.reach
-    apart = np.abs(placed.centres[:, target.striking] - around.centres) <= room
+    striking = placed[:, target.striking]
+    apart = np.abs(striking.centres - around.centres) <= striking.reach + around.reach
     row, which = np.nonzero(apart[..., 0] & apart[..., 1] & apart[..., 2])
-    # Most are told apart by the ball around them, without the axes.
-    ball = np.sqrt((placed.half**2).sum(axis=-1))
-    box = target.striking[which]
-    close = may_strike(mesh, (placed.centres[row, box] - origin) @ rotation, ball[row, box])
-    row, which = row[close], which[close]
-    boxes = placed[row, target.striking[which]].seen_from(rotation, origin)
-    count = len(row)
-    whole = Boxes(*(np.broadcast_to(a, (count, *a.shape)) for a in (mesh.box.centres, mesh.box.axes, mesh.box.half)))
-    met = meet(whole, boxes)
-    return row[met], which[met], boxes[met]
+    return row, which, striking[row, which].seen_from(rotation, origin)
 
 
 def _against(target: Target, placed: Boxes, found: IntArray) -> None:
     """Fill in the pairs with the mesh for configurations that have none yet."""
     free = np.flatnonzero(found < 0)
-    row, which, boxes = near_mesh(target, placed[free])
+    row, which, boxes = near_mesh(target, placed if len(free) == len(found) else placed[free])
     met = np.flatnonzero(find_struck(target.mesh, boxes))[::-1]
     found[free[row[met]]] = target.of_strike[which[met]]
 

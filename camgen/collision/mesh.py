@@ -73,14 +73,6 @@ def find_struck(mesh: Mesh, boxes: Boxes) -> BoolArray:
     return found
 
 
-def may_strike(mesh: Mesh, centres: FloatArray, ball: FloatArray) -> BoolArray:
-    """Which boxes around ``centres`` (N, 3) in the part's frame, in balls (N,) mm, may be those of ``find_struck``."""
-    found = mesh.cells.near(centres, np.broadcast_to(ball[:, None], centres.shape))
-    away = np.flatnonzero(~found)
-    found[away] = _inside_cells(mesh, centres[away])
-    return found
-
-
 def _inside_cells(mesh: Mesh, points: FloatArray) -> BoolArray:
     """``inside``, where it is known by cells: what holds in the middle of one that the surface does not pass holds in
     all of it. Of an open surface, for which rays decide, that is how they are cast.

@@ -8,7 +8,7 @@ import pytest
 import camgen
 from camgen.collision.boxes import Boxes
 from camgen.collision.cells import PASSED, UNKNOWN, divide_space
-from camgen.collision.mesh import _surface, find_struck, inside, make_mesh, may_strike
+from camgen.collision.mesh import _surface, find_struck, inside, make_mesh
 from camgen.geometry.rotations import from_vectors
 from camgen.model.part import Solid
 
@@ -43,13 +43,6 @@ def test_no_box_that_meets_the_surface_is_far_from_its_cells(solid: Solid) -> No
     met = _surface(mesh.tree, boxes)
     assert near[met].all()
     assert (~near).mean() > 0.2
-
-
-def test_what_strikes_may_strike_by_its_ball(solid: Solid) -> None:
-    mesh, boxes = make_mesh(solid), boxes_around(solid, 4000)
-    close = may_strike(mesh, boxes.centres, np.linalg.norm(boxes.half, axis=1))
-    assert close[find_struck(mesh, boxes)].all()
-    assert (~close).mean() > 0.1
 
 
 def test_points_of_a_plate_are_in_passed_cells() -> None:
