@@ -23,8 +23,8 @@ from camgen.model.program import Instruction, MoveC, MoveJ, MoveL, Output, Progr
 from camgen.order import JobTour
 from camgen.plan.drill import find_circles
 from camgen.post.plugins import dynamics_of
-from camgen.read.gcode.interpreter import ProgramRun
 from camgen.read.gcode.replayed import interpret
+from camgen.read.recorded import ProgramRun
 
 _PYTHON, _FREECAD = Path("/usr/bin/python3"), Path("/usr/lib/freecad/Mod/Path")
 #: Why there is no peer, "" where there is one.

@@ -19,9 +19,9 @@ from time import perf_counter
 
 from bench.machine import machine
 from camgen.model.program import MoveC, MoveJ, MoveL
-from camgen.read.gcode.interpreter import ProgramRun
 from camgen.read.gcode.language import play
 from camgen.read.programs import Ask
+from camgen.read.recorded import ProgramRun
 
 _CALL = re.compile(r"\s*\d+ N\S+\s+(\w+)\((.*)\)\s*$")
 _NUMBER = re.compile(r"-?\d+\.?\d*")

@@ -41,8 +41,8 @@ from camgen.post import OutputFile, Post
 from camgen.post.plugins import cell_of, dynamics_of, fill_tables, find_post, find_readback, make_post
 from camgen.post.verify import Deviation
 from camgen.read.files import Files
-from camgen.read.gcode.interpreter import Recorded
 from camgen.read.job_file import from_mapping, load
+from camgen.read.recorded import Recorded
 from camgen.robots.workcell import Workcell
 
 if TYPE_CHECKING:

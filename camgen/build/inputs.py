@@ -23,8 +23,8 @@ from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted
 from camgen.read import find_reader, read
 from camgen.read.files import Files, identity
-from camgen.read.gcode.interpreter import Recorded
 from camgen.read.programs import Frames
+from camgen.read.recorded import Recorded
 from camgen.robots.models import Robot
 from camgen.robots.workcell import Workcell, equip
 

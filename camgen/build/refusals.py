@@ -13,7 +13,7 @@ from camgen.model.pose import FloatArray, Pose
 from camgen.model.program import Force, MoveC, MoveJ, MoveL, Output, Program
 from camgen.model.text import short
 from camgen.plan.unused import is_idle
-from camgen.read.gcode.interpreter import Recorded
+from camgen.read.recorded import Recorded
 from camgen.read.units import LARGEST, remedy_for
 
 

@@ -30,8 +30,8 @@ from camgen.model.program import ToolChange
 from camgen.model.text import counted, duration, grouped, short
 from camgen.plan.steps import name_of
 from camgen.preview.drawings import check_preview, draw
-from camgen.read.gcode.interpreter import Recorded
 from camgen.read.job_file import beside, load
+from camgen.read.recorded import Recorded
 
 # The summary of a build: one line each for what was read, left out, planned, proved and written.
 

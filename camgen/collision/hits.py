@@ -349,6 +349,10 @@ class _Asked(Struct, frozen=True, eq=False):
     bound: FloatArray
 
 
+#: An odd number of 64 bits: its multiples are spread evenly and follow no order.
+_SPREAD = np.uint64(0x9E3779B97F4A7C15)
+
+
 def _measure(
     asked: _Asked,
     found: _Found,
@@ -362,7 +366,7 @@ def _measure(
     in each round as in the one before. Of candidates that may all touch any one may be the nearest; in any order but
     that along a motion, few rounds are needed.
     """
-    mixed = np.random.default_rng(0).permutation(len(asked.place))
+    mixed = np.argsort(np.arange(len(asked.place), dtype=np.uint64) * _SPREAD)
     left = mixed[np.lexsort((asked.bound[mixed], asked.place[mixed]))]
     many = 1
     while len(left):

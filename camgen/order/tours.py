@@ -13,7 +13,7 @@ from camgen.model.pose import FloatArray
 if TYPE_CHECKING:
     from camgen.order.edges.route import Route
     from camgen.plan.tool_parts import ToolPart
-    from camgen.read.gcode.interpreter import ProgramRun
+    from camgen.read.recorded import ProgramRun
 
 
 class EdgeTour(Tour, frozen=True, eq=False, kw_only=True):

@@ -21,14 +21,14 @@ from camgen.model.path import ToolPath
 from camgen.model.plugins import OPERATIONS, entries, find, load
 from camgen.model.text import counted
 from camgen.plan.page import in_margin, on_page
-from camgen.read.gcode.interpreter import Recorded
+from camgen.read.recorded import Recorded
 
 if TYPE_CHECKING:
     from camgen.collision.cell import Surroundings
     from camgen.model.part import Contour, Line
     from camgen.plan.edges.motion import Reached, Unreached
     from camgen.plan.tool_parts import ToolPart
-    from camgen.read.gcode.interpreter import ProgramRun
+    from camgen.read.recorded import ProgramRun
 
 #: What is called when a stage begins or has got somewhere: what the user is told.
 Watch = Callable[[str], None]

@@ -21,7 +21,7 @@ from camgen.model.tolerance import SAME_POINT_MM
 from camgen.plan import ReplayPlan
 from camgen.plan.tool_parts import split_by_tool
 from camgen.plan.unused import no_idle
-from camgen.read.gcode.interpreter import Recorded
+from camgen.read.recorded import Recorded
 
 #: The fastest speeddata that a robot controller has ready, mm/s (RAPID's v7000); no mill feeds as fast.
 _FASTEST = 7000.0

@@ -9,7 +9,6 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.geometry.nesting import nest
 from camgen.geometry.segments import from_contours
 from camgen.model.errors import InputError, JobError
 from camgen.model.job import Choice, Job, Step
@@ -132,6 +131,8 @@ def _enclosed(part: Part) -> frozenset[str]:
     closed = [c for c in part.contours if c.closed]
     if not closed:
         return frozenset()
+    from camgen.geometry.nesting import nest  # noqa: PLC0415 (shapely is loaded only by what needs it)
+
     depth = nest(from_contours(closed), len(closed)).depth
     return frozenset(c.id for c, level in zip(closed, depth.tolist(), strict=True) if level > 0)
 

@@ -34,8 +34,8 @@ from camgen.model.program import (
     Wait,
 )
 from camgen.model.text import counted, short
-from camgen.read.gcode.interpreter import ProgramRun, Recorded
 from camgen.read.programs import Ask, Executed, Frames, Places, find_language, rename_outputs
+from camgen.read.recorded import ProgramRun, Recorded
 
 Reach = Callable[[Sequence[float]], Pose | None]
 #: Two frames are one where they differ by less, mm and rad.

@@ -5,9 +5,9 @@ import random
 import pytest
 
 from bench.read.replay import against, judged
-from camgen.read.gcode.interpreter import ProgramRun
 from camgen.read.gcode.language import run_gcode
 from camgen.read.programs import Ask
+from camgen.read.recorded import ProgramRun
 from tests.support.rs274 import needs_rs274
 
 #: Two tools without a length, diameters of 0.1 and 0.05 inches: the unit of rs274's machine.

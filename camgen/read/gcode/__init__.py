@@ -15,9 +15,9 @@ from camgen.model.part import Note
 from camgen.model.program import Columns, Instruction, MoveC, MoveJ, MoveL, Output, Wait
 from camgen.model.text import counted, short
 from camgen.read.files import Files
-from camgen.read.gcode.interpreter import ProgramRun, Recorded
 from camgen.read.gcode.replayed import replay
 from camgen.read.programs import Ask, Places, rename_outputs
+from camgen.read.recorded import ProgramRun, Recorded
 
 
 class ProgramFacts(Struct, frozen=True):

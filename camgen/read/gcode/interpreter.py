@@ -10,8 +10,6 @@ from msgspec import Struct, field
 
 from camgen.model.limits import Limits as Bounds
 from camgen.model.limits import tell
-from camgen.model.part import Note, Part
-from camgen.model.program import Instruction
 from camgen.read.gcode.arcs import LINUXCNC
 from camgen.read.gcode.machine import (
     HANDLERS,
@@ -20,6 +18,7 @@ from camgen.read.gcode.machine import (
 )
 from camgen.read.gcode.motion import move, read_plain
 from camgen.read.gcode.words import COMMENT, Endless, Line, LineError, Parameters, UnknownWord, bare, value_at
+from camgen.read.recorded import ProgramRun
 
 _BOUNDS = Bounds()
 NO_FILES: dict[str, int] = {}
@@ -27,29 +26,6 @@ _KNOWN = 200
 #: So many lines in loops a profile of a lathe may have.
 _PROFILE = 10_000
 _SPEED = re.compile(r"[sS][ \t]*[-+.0-9\[#]")
-
-
-class ProgramRun(Struct, frozen=True, eq=False):
-    """What a program does.
-
-    body: motions with the tool straight down, rapid ones as MoveJ, those that may round their corner with a blend of 1;
-    outputs and waits. lines: of each, 1-based. remarks: what was assumed or left out, with its first line. held: rapid
-    motions at the start whose position is not known in all axes, not in the body. entry: mm/s at which an assumed start
-    is reached, 0 where the text says it. stopped: the line and the reason where it cannot be read on. unread: whether
-    that is a code which is not known. ended: whether the text says so (M2, M30, a second per cent sign). units: "mm" or
-    "inch". whole: it is a robot's, and brings its ways from path to path.
-    """
-
-    body: tuple[Instruction, ...]
-    lines: tuple[int, ...]
-    remarks: tuple[tuple[int, Note], ...]
-    held: int
-    entry: float
-    stopped: tuple[int, str] | None
-    unread: bool
-    ended: bool
-    units: str
-    whole: bool = False
 
 
 def interpret_plain(lines: Sequence[str]) -> ProgramRun:
@@ -488,12 +464,3 @@ class Flow(Struct):
         self.known.shared["_value"] = values[0] if values else 0.0
         self.known.shared["_value_returned"] = float(bool(values))
         return call.back
-
-
-# A program as the part that a reader returns: it has no contours, but motions of its own.
-
-
-class Recorded(Part, frozen=True, eq=False, kw_only=True):
-    """A part whose motions were written down before: what ``operation.kind = "replay"`` runs again."""
-
-    run: ProgramRun

@@ -9,9 +9,9 @@ from camgen.model.part import Note
 from camgen.model.program import Instruction, Stop
 from camgen.read.gcode.dialects import LINUXCNC, Dialect
 from camgen.read.gcode.foreign import Foreign
-from camgen.read.gcode.interpreter import ProgramRun
 from camgen.read.gcode.language import play
 from camgen.read.programs import Ask
+from camgen.read.recorded import ProgramRun
 
 _GIVEN: dict[str, float] = {}
 
