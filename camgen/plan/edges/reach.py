@@ -168,11 +168,13 @@ def can_end(setup: Setup, way: Way, freedom: Freedom) -> bool:
     """Whether the arm can stand at both ends of ``way`` in any orientation that ``freedom`` leaves. Else
     ``reach_along`` finds no motion either, and takes many times as long.
     """
+    return _can_end(setup, way, _grids("collision", freedom, way)[-1])
+
+
+def _can_end(setup: Setup, way: Way, choice: Grid) -> bool:
     # Without a closed form joints depend on those before them.
-    if setup.robot.arm is None:
-        return True
-    choice = _grids("collision", freedom, way)[-1]
-    return all(can_stand(setup, way.position[k], way.rotation[k], choice) for k in (0, -1))
+    ends = range(0, -2, -1) if setup.robot.arm else ()
+    return all(can_stand(setup, way.position[k], way.rotation[k], choice) for k in ends)
 
 
 def _trims(trim: float, length: float) -> list[tuple[float, float]]:
@@ -190,6 +192,9 @@ def reach_along(setup: Setup, name: str, way: Way, freedom: Freedom) -> Reached 
     collision = ""
     grids = _grids(plain.kind, freedom, way)
     for k, choice in enumerate(grids):
+        # The last one is searched in any case: it says what stands in the way.
+        if k < len(grids) - 1 and not _can_end(setup, way, choice):
+            continue
         found = search(setup, name, way, choice, freedom.tilt)
         if isinstance(found, Reached):
             return _prefer(found, setup, way, grids[k:], freedom)
