@@ -253,7 +253,8 @@ class Rs274(Post):
         speeds, which = np.unique(columns.speed[working], return_inverse=True)
         words = ["F" + _feed_text(speed * 60.0) for speed in speeds.tolist()]
         feeds = list(dict.fromkeys(words))
-        feed = np.array([feeds.index(word) for word in words], np.intp)[which]
+        place = {word: k for k, word in enumerate(feeds)}
+        feed = np.array([place[word] for word in words], np.intp)[which]
         said = np.full(len(columns.at), len(feeds))
         changed = np.append(True, feed[1:] != feed[:-1])[: len(feed)]
         said[working[changed]] = feed[changed]
