@@ -46,7 +46,7 @@ class Opened:
         self.page.on("pageerror", lambda error: self.said.append(str(error)))
         self.page.on("request", lambda request: self.asked.append(request.url))
         self.page.goto(file.as_uri())
-        self.page.wait_for_function("window.camgen !== undefined")
+        self.page.wait_for_function("() => window.camgen !== undefined")
 
     def run(self, script: str) -> Any:
         return self.page.evaluate(script)

@@ -56,7 +56,7 @@ class Tab:
         seen = f"#frames iframe:not(.coming)[src='page/{number}']"
         self.page.wait_for_selector(seen)
         frame = self.page.query_selector(seen).content_frame()
-        frame.wait_for_function("window.camgen !== undefined")
+        frame.wait_for_function("() => window.camgen !== undefined")
         return frame
 
     def field(self, path: str) -> Any:
@@ -323,13 +323,13 @@ def test_a_photo_shows_its_stages_live(browser: Driven, tmp_path: Path) -> None:
         assert state["looked"]["kind"] == "picture"
         tab.page.get_by_text("From picture to path").click()
         picture = tab.page.locator("#picture img")
-        tab.page.wait_for_function("document.querySelector('#picture img').naturalWidth > 0")
+        tab.page.wait_for_function("() => document.querySelector('#picture img').naturalWidth > 0")
         before = image(picture.screenshot())
         tab.field("image.mask").select_option("threshold")
         tab.page.locator(".field:has(#f-image-threshold) input[type=range]").fill("200")
         now = tab.rest("s.tables.image.threshold === 200")["picture"]
-        tab.page.wait_for_function(f"document.querySelector('#picture img').src.endsWith('/{now}')")
-        tab.page.wait_for_function("document.querySelector('#picture img').complete")
+        tab.page.wait_for_function(f"() => document.querySelector('#picture img').src.endsWith('/{now}')")
+        tab.page.wait_for_function("() => document.querySelector('#picture img').complete")
         after = image(picture.screenshot())
         assert after.shape != before.shape or np.abs(after.astype(int) - before).max() > 50
         assert tab.said == []
@@ -345,7 +345,7 @@ def test_a_photo_without_a_scale_is_seen_and_asked_for_it(browser: Driven, tmp_p
         tab = Tab(browser, bench)
         state = tab.rest()
         assert "mm_per_px" in state["failed"]["line"]
-        tab.page.wait_for_function("document.querySelector('#picture img').naturalWidth > 0")
+        tab.page.wait_for_function("() => document.querySelector('#picture img').naturalWidth > 0")
         assert tab.page.locator("#picture").is_visible()
         tab.enter("image.mm_per_px", "0.2")
         assert tab.rest("s.tables.image")["failed"] is None
