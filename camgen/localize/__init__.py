@@ -29,7 +29,7 @@ from camgen.localize.doubt import (
     thin,
     weakness,
 )
-from camgen.localize.fine import TUKEY, ScanFit, cost, costs, on, refine
+from camgen.localize.fine import TUKEY, ScanFit, costs, on, refine, refine_all
 from camgen.localize.model import Cloud, Model, model_part
 from camgen.localize.rims import run_on
 from camgen.localize.sight import hidden
@@ -194,20 +194,19 @@ def _search(
 
 def _look(model: Model, samples: Cloud, few: FloatArray, found: Poses) -> list[ScanFit]:
     """Each pose refined with a few points, those that are far from the best with fewer."""
-    poses = zip(found.rotations, found.origins, strict=True)
-    fits = [refine(model, samples, few[:_FEWER], pose, 0.02 * model.size) for pose in poses]
-    costs = [cost(model, samples, few[:_FEWER], fit, WITHIN * model.size) for fit in fits]
-    return [
-        refine(model, samples, few, (fit.rotation, fit.origin), 0.01 * model.size)
-        if c < min(costs) + _FAR_COST
-        else fit
-        for fit, c in zip(fits, costs, strict=True)
-    ]
+    poses = list(zip(found.rotations, found.origins, strict=True))
+    fits = refine_all(model, samples, few[:_FEWER], poses, 0.02 * model.size)
+    worth = costs(model, samples, few[:_FEWER], fits, WITHIN * model.size)
+    near = [k for k, c in enumerate(worth) if c < min(worth) + _FAR_COST]
+    again = [(fits[k].rotation, fits[k].origin) for k in near]
+    for k, fit in zip(near, refine_all(model, samples, few, again, 0.01 * model.size), strict=True):
+        fits[k] = fit
+    return fits
 
 
 def _best(model: Model, samples: Cloud, few: FloatArray, fits: list[ScanFit], eye: FloatArray | None) -> ScanFit:
     """The one that puts the points best onto the model."""
-    worth = costs(model, samples, few[:_FEWER], fits, WITHIN * model.size, eye, 0.0)
+    worth = costs(model, samples, few[:_FEWER], fits, WITHIN * model.size, eye)
     return fits[int(np.argmin(worth))]
 
 

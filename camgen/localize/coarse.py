@@ -6,6 +6,7 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.geometry.rotations import from_quaternions, from_vectors
+from camgen.geometry.vectors import cross
 from camgen.localize.model import Cloud, Model
 from camgen.model.part import IntArray
 from camgen.model.pose import FloatArray
@@ -89,7 +90,7 @@ def slide(field: DistanceField, points: FloatArray, poses: Poses, scale: float, 
     total = weight.sum(axis=1)
     centre = (weight[..., None] * at).sum(axis=1) / total[:, None]
     arm = at - centre[:, None]
-    lines = np.concatenate([np.cross(arm, normal), normal], axis=2)
+    lines = np.concatenate([cross(arm, normal), normal], axis=2)
     pulled = lines * weight[..., None]
     matrix = pulled.transpose(0, 2, 1) @ lines
     towards = (pulled * (off * normal).sum(axis=2)[..., None]).sum(axis=1)
@@ -98,7 +99,7 @@ def slide(field: DistanceField, points: FloatArray, poses: Poses, scale: float, 
     eye = np.eye(3)
     matrix[:, :3, :3] += plain * (np.trace(square, axis1=1, axis2=2)[:, None, None] * eye - square)
     matrix[:, 3:, 3:] += plain * total[:, None, None] * eye
-    towards[:, :3] += plain * np.cross(heavy, off).sum(axis=1)
+    towards[:, :3] += plain * cross(heavy, off).sum(axis=1)
     towards[:, 3:] += plain * (off * weight[..., None]).sum(axis=1)
     matrix += (1e-6 * np.trace(matrix, axis1=1, axis2=2))[:, None, None] * np.eye(6)
     step = -np.linalg.solve(matrix, towards[..., None])[..., 0]

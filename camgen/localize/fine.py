@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Generator
+from itertools import pairwise
+
 import numpy as np
 from msgspec import Struct
 
 from camgen.localize.coarse import turn_poses
-from camgen.localize.model import Cloud, Model, Touch, candidates, find_touched
+from camgen.localize.model import Cloud, Model, Touch, TouchPairs, candidates, find_touched
 from camgen.localize.sight import hidden
 from camgen.model.part import IntArray
 from camgen.model.pose import FloatArray
@@ -43,6 +46,11 @@ class ScanFit(Struct, frozen=True, eq=False):
         return np.asarray(points @ self.rotation.T + self.origin)
 
 
+#: What the way of a pose asks: where its points (N, 3) are, and if they are to be looked for anew, how far from the
+#: model they count and how far they may move before that is asked again, mm.
+_Question = tuple[FloatArray, tuple[float, float] | None]
+
+
 def refine(
     model: Model, samples: Cloud, points: FloatArray, start: tuple[FloatArray, FloatArray], gate: float
 ) -> ScanFit:
@@ -51,19 +59,79 @@ def refine(
     gate: mm, points farther from the model do not count; it closes as the residuals shrink. Where fewer than seven
     points are left, the start comes back with infinite noise.
     """
+    return refine_all(model, samples, points, [start], gate)[0]
+
+
+def refine_all(
+    model: Model, samples: Cloud, points: FloatArray, starts: list[tuple[FloatArray, FloatArray]], gate: float
+) -> list[ScanFit]:
+    """Each of ``starts`` as ``refine`` does it. What they ask is answered for many of them at once: a question of some
+    hundred points takes little more time than its call.
+    """
+    ways = [_way(model, points, start, gate) for start in starts]
+    asked: dict[int, _Question] = {k: next(way) for k, way in enumerate(ways)}
+    pairs: dict[int, TouchPairs] = {}
+    found: dict[int, ScanFit] = {}
+    while asked:
+        # All go on until each of them has to look again, and then they do so together.
+        moving = [k for k, (_, limits) in asked.items() if limits is None]
+        if not moving:
+            moving = list(asked)
+            pairs = dict(zip(moving, _look_for(model, samples, [asked[k] for k in moving]), strict=True))
+        touched = _touch(model, [pairs[k] for k in moving], [asked[k][0] for k in moving])
+        for k, touch in zip(moving, touched, strict=True):
+            try:
+                asked[k] = ways[k].send(touch)
+            except StopIteration as end:
+                del asked[k]
+                found[k] = end.value
+    return [found[k] for k in range(len(starts))]
+
+
+def _look_for(model: Model, samples: Cloud, questions: list[_Question]) -> list[TouchPairs]:
+    """The candidates of each question, which has as many points as any."""
+    limits = [limits for _, limits in questions if limits is not None]
+    at, each = np.concatenate([at for at, _ in questions]), len(questions[0][0])
+    reach, slack = (np.repeat(values, each) for values in zip(*limits, strict=True))
+    pairs = candidates(model, samples, at, reach, slack)
+    ends = np.searchsorted(pairs.point, each * np.arange(len(questions) + 1))
+    return [
+        TouchPairs(pairs.point[a:b] - each * k, pairs.triangle[a:b]) for k, (a, b) in enumerate(pairwise(ends.tolist()))
+    ]
+
+
+def _touch(model: Model, pairs: list[TouchPairs], places: list[FloatArray]) -> list[Touch]:
+    """The closest candidates of each of some sets of places, which are as many in each."""
+    each = len(places[0])
+    all_pairs = TouchPairs(
+        np.concatenate([some.point + each * k for k, some in enumerate(pairs)]),
+        np.concatenate([some.triangle for some in pairs]),
+    )
+    touch = find_touched(model, all_pairs, np.concatenate(places))
+    ends = np.searchsorted(touch.point, each * np.arange(len(places) + 1))
+    return [
+        Touch(touch.point[a:b] - each * k, touch.at[a:b], touch.triangle[a:b], touch.distance[a:b])
+        for k, (a, b) in enumerate(pairwise(ends.tolist()))
+    ]
+
+
+def _way(
+    model: Model, points: FloatArray, start: tuple[FloatArray, FloatArray], gate: float
+) -> Generator[_Question, Touch, ScanFit]:
+    """The way of a pose from its start to where it is at rest: it asks where its points touch the model."""
     rotation, origin = start
     floor, still = 1e-6 * model.size, _STILL_SHARE * model.size
     noise = gate / TUKEY
     found = ScanFit(rotation, origin, np.inf, np.inf, np.zeros(0, dtype=np.int64), np.zeros((6, 6)), np.zeros(3), 1.0)
     for _ in range(_ROUNDS):
-        at = points @ rotation.T + origin
         reach = max(TUKEY * noise, 10 * floor)
         slack = max(_SLACK_SHARE * reach, floor)
-        pairs = candidates(model, samples, at, reach, slack)
+        limits: tuple[float, float] | None = (reach, slack)
         moved = 0.0
         for _ in range(_STEPS):
             at = points @ rotation.T + origin
-            touch = find_touched(model, pairs, at)
+            touch = yield at, limits
+            limits = None
             near = touch.distance <= reach
             if np.count_nonzero(near) < 7:
                 return found
@@ -149,7 +217,12 @@ def cost(
     if eye is not None:
         # From the model, not from the points: noise puts those of a face that is seen aslant far behind it.
         near = near[~hidden(model, there, fit.apply(eye), gate)]
-    return 1 - (len(near) - float(((near / gate) ** 2).sum())) / len(points)
+    return _mean_cost(near, len(points), gate)
+
+
+def _mean_cost(near: FloatArray, count: int, gate: float) -> float:
+    """The cost of ``count`` points of which those at the distances ``near`` (mm) are on the model."""
+    return 1 - (len(near) - float(((near / gate) ** 2).sum())) / count
 
 
 def costs(
@@ -158,13 +231,17 @@ def costs(
     points: FloatArray,
     fits: list[ScanFit],
     gate: float,
-    eye: FloatArray | None,
-    same: float,
+    eye: FloatArray | None = None,
+    same: float = 0.0,
 ) -> list[float]:
     """The ``cost`` of each fit. What is hidden from ``eye`` is only looked for where it may change the best, or what
     is worse by at most ``same``; it makes no cost less.
     """
-    found = [cost(model, samples, points, fit, gate) for fit in fits]
+    if not fits:
+        return []
+    which, near, _ = on(model, samples, np.concatenate([fit.apply(points) for fit in fits]), gate)
+    ends = np.searchsorted(which, len(points) * np.arange(1, len(fits)))
+    found = [_mean_cost(some, len(points), gate) for some in np.split(near, ends)]
     if eye is None:
         return found
     best = np.inf

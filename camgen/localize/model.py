@@ -115,27 +115,37 @@ class Touch(Struct, frozen=True, eq=False):
     distance: FloatArray
 
 
-def candidates(model: Model, samples: Cloud, points: FloatArray, reach: float, slack: float) -> TouchPairs:
+#: Of each place (N,), mm: how far from the model it may be, and by how much a triangle farther than the closest one.
+Limits = tuple[FloatArray, FloatArray]
+
+
+def candidates(
+    model: Model, samples: Cloud, points: FloatArray, reach: float | FloatArray, slack: float | FloatArray
+) -> TouchPairs:
     """The triangles that may be closest to ``points`` (N, 3) which are within ``reach`` of the model, also after they
-    have moved by ``slack`` (mm). Points farther away are in no pair.
+    have moved by ``slack`` (both mm, or (N,), mm). Points farther away are in no pair.
 
     The tree is asked for the large cells of a grid that hold points; smaller cells choose from what it found.
     """
     gap = np.linalg.norm(np.maximum(np.maximum(model.low - points, points - model.high), 0), axis=1)
-    near = np.flatnonzero(gap <= reach + slack)
-    low, limits = model.low - reach - slack, (reach + slack, 2 * slack)
+    away = np.broadcast_to(np.asarray(reach + slack, dtype=np.float64), len(points))
+    near = np.flatnonzero(gap <= away)
+    own = (away[near], np.broadcast_to(np.asarray(2 * slack, dtype=np.float64), len(points))[near])
+    # A cell has no limits of its own: what is too far for one of its points is not too far for each.
+    widest = tuple(float(limit.max(initial=0.0)) for limit in own)
     places, wholes, sizes = [points[near]], [], [0.0]
     for count in _CELLS:
         size = model.size / count
-        middles, of = _cells(places[-1], low, size)
+        middles, of = _cells(places[-1], model.low - widest[0], size)
         if 2 * len(middles) > len(of):
             break
         places.append(middles)
         wholes.append(of)
         sizes.append(size)
-    pairs = _box(model, samples, places[-1], limits, sizes[-1])
-    for some, of, size in zip(places[-2::-1], wholes[::-1], sizes[-2::-1], strict=True):
-        pairs = _prune(model, some, *_join(of, pairs), limits, size)
+    limits = [own, *((np.full(len(some), widest[0]), np.full(len(some), widest[1])) for some in places[1:])]
+    pairs = _box(model, samples, places[-1], limits[-1], sizes[-1])
+    for some, of, limit, size in zip(places[-2::-1], wholes[::-1], limits[-2::-1], sizes[-2::-1], strict=True):
+        pairs = _prune(model, some, *_join(of, pairs), limit, size)
     return TouchPairs(near[pairs.point], pairs.triangle)
 
 
@@ -148,7 +158,7 @@ def _cells(points: FloatArray, low: FloatArray, cell: float) -> tuple[FloatArray
     return low + cell * (cells[first] + 0.5), of.reshape(-1)
 
 
-def _box(model: Model, samples: Cloud, middles: FloatArray, limits: tuple[float, float], cell: float) -> TouchPairs:
+def _box(model: Model, samples: Cloud, middles: FloatArray, limits: Limits, cell: float) -> TouchPairs:
     """The pairs of cells, as ``_prune`` leaves them, from the tree."""
     radius = cell * np.sqrt(0.75)
     # A sample is at most as close as the surface: its distance bounds that of the closest triangle from above.
@@ -156,7 +166,8 @@ def _box(model: Model, samples: Cloud, middles: FloatArray, limits: tuple[float,
     bound = np.minimum(bound, limits[0] + limits[1] + 3 * radius) ** 2
 
     def meets(which: IntArray, low: FloatArray, high: FloatArray) -> BoolArray:
-        off = np.abs(middles[which] - (low + high) / 2) - (high - low) / 2
+        at = middles.take(which, axis=0)
+        off = np.maximum(low - at, at - high)
         np.maximum(off, 0, out=off)
         return np.asarray(np.einsum("ij,ij->i", off, off) <= bound[which])
 
@@ -172,9 +183,9 @@ def _join(of: IntArray, pairs: TouchPairs) -> tuple[IntArray, IntArray]:
 
 
 def _prune(
-    model: Model, places: FloatArray, place: IntArray, triangle: IntArray, limits: tuple[float, float], cell: float
+    model: Model, places: FloatArray, place: IntArray, triangle: IntArray, limits: Limits, cell: float
 ) -> TouchPairs:
-    """The pairs, sorted by place, of cells (mm, 0 for points) that reach within the first limit (mm) of the model,
+    """The pairs, sorted by place, of cells (mm, 0 for points) that reach within the first of their limits of the model,
     without triangles that nowhere in the cell come within the second of the closest.
     """
     if not len(place):
@@ -184,7 +195,7 @@ def _prune(
     away = np.sqrt(dots(off, off))
     begins = np.flatnonzero(np.diff(place, prepend=-1))
     least = np.repeat(np.minimum.reduceat(away, begins), np.diff(begins, append=len(place)))
-    kept = (away <= least + limits[1] + 2 * radius) & (least <= limits[0] + radius)
+    kept = (away <= least + limits[1][place] + 2 * radius) & (least <= limits[0][place] + radius)
     return TouchPairs(place[kept], triangle[kept])
 
 
