@@ -173,3 +173,14 @@ def test_names_and_handles_of_what_leaves_the_plane() -> None:
     part = read_both(written(document).encode(), Job(input=InputTable(), operation=OperationTable(kind="follow")))
     assert isinstance(part, Part)
     assert any(f"LINE #{lines[7].dxf.handle} on layer 0 leaves the plane" in str(note) for note in part.notes)
+
+
+def test_runs_of_a_section_that_another_one_replaces_are_not_lost_in_another_way_than_before() -> None:
+    document, space = new()
+    for k in range(30):
+        space.add_circle((10 * k, 0), 3)
+    text = written(document)
+    begin = text.index("  0\nSECTION\n  2\nENTITIES")
+    end = text.index("ENDSEC\n", begin) + len("ENDSEC\n")
+    again = "  0\nSECTION\n  2\nENTITIES\n  0\nLINE\n  8\n0\n 10\n0\n 20\n0\n 11\n9\n 21\n9\n  0\nENDSEC\n"
+    read_both((text[:end] + again + text[end:]).encode())

@@ -106,15 +106,18 @@ def _load(name: str, data: bytes) -> _Loaded:
 
 def _load_rest(plain: Split) -> Drawing | None:
     """The document without its plain entities; None where ezdxf is to see all of the text: because it is damaged, and
-    the message names a line, or because the plain entities are on paper, which is decided by who is said to own them.
+    the message names a line, because the plain entities are on paper, which is decided by who is said to own them, or
+    because a stand-in is not where it was put, as where a second section replaces the first.
     """
     from ezdxf.filemanagement import read  # noqa: PLC0415
     from ezdxf.lldxf.const import DXFError  # noqa: PLC0415
 
     try:
         document = read(_text(plain.text))
-        document.modelspace()
+        points = [point.dxf.layer for point in document.modelspace().query("POINT")]
     except (DXFError, *_STUMBLES):
+        return None
+    if [layer for layer in points if layer in plain.runs] != list(plain.runs):
         return None
     paper = document.block_records.get("*Paper_Space")
     return None if paper is not None and paper.dxf.handle in plain.plain.owners else document
