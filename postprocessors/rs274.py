@@ -276,7 +276,7 @@ class Rs274(Post):
     def _find_arcs(self, columns: Columns, arcs: Indices) -> Arcs:
         # Wherever the first motion starts, it is not an arc.
         starts = np.where(arcs[:, None] > 0, columns.ends[arcs - 1], np.nan)
-        return print_arcs(starts, columns.vias[arcs], columns.ends[arcs], self.decimals)
+        return print_arcs(starts, columns.vias_of(arcs), columns.ends[arcs], self.decimals)
 
     def _go(self, motion: Motion) -> list[str]:
         """The axis words that change, at least one, so that every motion stays one in the text."""

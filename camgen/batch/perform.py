@@ -47,7 +47,7 @@ def _outcome(task: Task) -> Outcome:
     try:
         with rename_errors("job", task.job_file):
             result = build(task.source, post=task.post, job=task.job, strict=task.strict, files=files)
-            made = tuple((path.name, data) for path, data in program_files(result, Path(), None))
+            made = tuple((path.name, bytes(file)) for path, file in program_files(result, Path(), None))
             return Outcome(0, files=made, sums=_sums(result))
     except CamgenError as error:
         return Outcome(error.exit_code, str(error))

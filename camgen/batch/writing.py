@@ -16,6 +16,7 @@ from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 from types import FrameType
+from typing import SupportsBytes
 
 from msgspec import Struct
 
@@ -47,9 +48,10 @@ class _Staged(Struct, frozen=True):
     existed: bool
 
 
-def write_all(files: Sequence[tuple[Path, bytes]], read: Mapping[str, Path]) -> None:
+def write_all(files: Sequence[tuple[Path, SupportsBytes]], read: Mapping[str, Path]) -> None:
     """Writes all files or none: whatever goes wrong, the folder is as it was before. JobError names the file.
 
+    files: each with what it will hold, whose bytes are made in its turn.
     read: ``Files.opened`` of all that the command has read; none of it is written over.
     """
     for asked, _ in files:
@@ -61,12 +63,12 @@ def write_all(files: Sequence[tuple[Path, bytes]], read: Mapping[str, Path]) -> 
         _write_all(files, held)
 
 
-def _write_all(files: Sequence[tuple[Path, bytes]], held: Sequence[int]) -> None:
+def _write_all(files: Sequence[tuple[Path, SupportsBytes]], held: Sequence[int]) -> None:
     staged: list[_Staged] = []
     try:
         for asked, data in files:
             with _name_errors(asked):
-                staged.append(_stage(asked, data))
+                staged.append(_stage(asked, bytes(data)))
         if held:
             raise KeyboardInterrupt
         for one in staged:

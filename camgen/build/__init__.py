@@ -19,7 +19,7 @@ from camgen.build.memory import give_back
 from camgen.build.programs import Checked, Posted, check_programs, lines_of, post_programs
 from camgen.build.refusals import tell_by_input
 from camgen.build.stock import OperationSum, prove_stock, report_operations, sum_operations
-from camgen.check.report import Cycle, Motions, clearance_of, sum_up
+from camgen.check.report import Cycle, Motions, clearance_of
 from camgen.check.report import report as report_of
 from camgen.lower import lower
 from camgen.lower.steps import frame_of
@@ -151,6 +151,7 @@ def build(
     header = _header(sources, planned.part, poster, settings, read.cell, read.digest)
     asked = planned
     planned, tour, checks = _program(planned, settings, read.cell, poster, title, header, strict, watch)
+    give_back()
     watch("verifying")
     posted = post_programs(checks, readback, fill_tables(type(poster), settings.post))
     proof = prove_stock(asked, planned, tour, settings, read.cell, checks, posted)
@@ -270,7 +271,7 @@ def _sum_up(
         counts=posted.counts,
         lines=lines_of(checked, posted),
         deviation=posted.deviation,
-        motions=sum_up(checks.program.columns),
+        motions=checked.motions,
         cycle=checked.cycle,
         reach=checks.reach,
         clear=checks.clear,
@@ -362,8 +363,28 @@ def _tool_lines(job: Job, cell: Cell) -> tuple[str, ...]:
     return tuple(dict.fromkeys(lines))
 
 
-def program_files(result: Result, folder: Path, file: Path | None) -> list[tuple[Path, bytes]]:
-    """The program files with the controller's line ends."""
+class ProgramFile(Struct, frozen=True):
+    """A text with the line ends of the controller. Its bytes are made when they are asked for: a program of a hundred
+    megabytes is not held twice.
+    """
+
+    text: str
+    newline: str
+
+    def __bytes__(self) -> bytes:
+        return self.text.replace("\n", self.newline).encode("ascii")
+
+    @property
+    def lines(self) -> int:
+        """How many it has."""
+        return self.text.count("\n")
+
+    def __len__(self) -> int:
+        return len(self.text) + self.lines * (len(self.newline) - 1)
+
+
+def program_files(result: Result, folder: Path, file: Path | None) -> list[tuple[Path, ProgramFile]]:
+    """The program files and where they go."""
     paths = [folder / one.name for one in result.files]
     if file is not None and len(result.counts) == 1:
         if len(paths) > 1 and file.name != paths[0].name:
@@ -371,5 +392,4 @@ def program_files(result: Result, folder: Path, file: Path | None) -> list[tuple
             raise JobError(str(file), what, remedy="give a folder with -o")
         paths[0] = file
     newline = result.post.newline
-    texts = [one.text.replace("\n", newline).encode("ascii") for one in result.files]
-    return list(zip(paths, texts, strict=True))
+    return [(path, ProgramFile(one.text, newline)) for path, one in zip(paths, result.files, strict=True)]

@@ -11,7 +11,7 @@ from functools import cache
 from typing import Any
 
 #: For glibc's mallopt: M_MMAP_THRESHOLD, bytes above which a block goes back to the system when it is freed.
-_MMAP_THRESHOLD, _LARGE = -3, 4 << 20
+_MMAP_THRESHOLD, _LARGE = -3, 1 << 20
 
 
 @cache

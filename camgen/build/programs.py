@@ -10,8 +10,9 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
+from camgen.build.memory import give_back
 from camgen.check import Checks, Flow, check
-from camgen.check.report import Cycle
+from camgen.check.report import Cycle, Motions, sum_up
 from camgen.check.time import cycle
 from camgen.lower.runs import plunge
 from camgen.lower.steps import split_tools
@@ -34,12 +35,13 @@ if TYPE_CHECKING:
 
 class Checked(Struct, frozen=True, eq=False):
     """What can be posted. programs: as the texts will say them, each with the post that prints it. whole: all of them
-    one after the other, with the tool changes between them, and what the checks found of it. cycle: its time, worked
-    out before there is a text, which takes as much memory as all else.
+    one after the other, with the tool changes between them, and what the checks found of it. motions: its sums, cycle:
+    its time, worked out before there is a text, which takes as much memory as all else.
     """
 
     programs: tuple[tuple[Post, Program], ...]
     whole: Checks
+    motions: Motions
     cycle: Cycle
 
 
@@ -69,8 +71,9 @@ def check_programs(
     flow = _flow_of(tour, job)
     if len(parts) == 1:
         program = poster.prepare(parts[0], job.tolerance.chord)
+        give_back()
         whole = check(program, job, cell, where, source, flow)
-        return Checked(((poster, whole.program),), whole, _time(whole, poster, job, cell))
+        return _add_up(((poster, whole.program),), whole, poster, job, cell)
     found: list[Checks] = []
     blocked: list[Blocked] = []
     # A post prints one program; its name is in what it prints.
@@ -87,12 +90,14 @@ def check_programs(
         lost = tuple(loss for error in blocked for loss in error.lost)
         raise Blocked(one.file, one.what, one.where, one.remedy, lost)
     programs = tuple((own, checks.program) for own, checks in zip(posters, found, strict=True))
-    whole = _join(lowered, found)
-    return Checked(programs, whole, _time(whole, poster, job, cell))
+    return _add_up(programs, _join(lowered, found), poster, job, cell)
 
 
-def _time(checks: Checks, poster: Post, job: Job, cell: Workcell) -> Cycle:
-    return cycle(checks.program, dynamics_of(poster, job), checks.reach, cell.arm)
+def _add_up(
+    programs: tuple[tuple[Post, Program], ...], whole: Checks, poster: Post, job: Job, cell: Workcell
+) -> Checked:
+    spent = cycle(whole.program, dynamics_of(poster, job), whole.reach, cell.arm)
+    return Checked(programs, whole, sum_up(whole.program.columns), spent)
 
 
 def _flow_of(tour: Tour, job: Job) -> Flow | None:
@@ -186,7 +191,9 @@ def post_programs(checked: Checked, read: Readback, options: dict[str, object]) 
     counts, readings, deviations = [], [], []
     for poster, program in checked.programs:
         posted = poster.render(program)
+        give_back()
         reading = read({file.name: file.text for file in posted}, told)
+        give_back()
         deviations.append(compare(program, reading, poster.tolerance(), poster.list_verified(), posted[0].name))
         readings.append(reading)
         counts.append(len(posted))

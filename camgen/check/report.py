@@ -62,7 +62,7 @@ _COUNTED = (MoveJ, MoveL, MoveC, Output, Wait, Force, ToolChange, Stop)
 
 def sum_up(columns: Columns) -> Motions:
     """The sums of a body of instructions."""
-    end, via, speed = columns.ends, columns.vias, columns.speed
+    end, via, speed = columns.ends, columns.via, columns.speed
     line, arc, joint = (columns.moves_are(kind) for kind in (MoveL, MoveC, MoveJ))
     length = motion_lengths(columns)
     seconds = math.fsum((length / speed).tolist())
@@ -87,11 +87,10 @@ def sum_up(columns: Columns) -> Motions:
 
 def motion_lengths(columns: Columns) -> FloatArray:
     """(M,) mm of the TCP, 0 of motions from where or to where nobody knows."""
-    end, via = columns.ends, columns.vias
+    end, arcs = columns.ends, columns.arcs
     start = np.concatenate([np.full((min(1, len(end)), 3), np.nan), end[:-1]])
-    arc = columns.moves_are(MoveC)
     length = np.linalg.norm(end - start, axis=1)
-    length[arc] = arc_lengths(start[arc], via[arc], end[arc])
+    length[arcs] = arc_lengths(start[arcs], columns.via, end[arcs])
     return np.asarray(np.nan_to_num(length))
 
 

@@ -16,7 +16,7 @@ from camgen.geometry.rotations import angles_between
 from camgen.geometry.vectors import unit
 from camgen.model.cell import Dynamics
 from camgen.model.pose import FloatArray, frozen
-from camgen.model.program import Comment, Mask, MoveC, MoveJ, Program, Wait, column, take
+from camgen.model.program import Comment, Mask, MoveJ, Program, Wait, column, take
 from camgen.model.tolerance import SAME_POINT_MM
 from camgen.robots.pace import from_rest
 
@@ -146,9 +146,9 @@ def shape_motions(program: Program, arm: Robot | None) -> MotionShapes:
     length = np.linalg.norm(chord, axis=1)
     first = last = chord
     radius = np.full(len(end), np.inf)
-    arc = np.flatnonzero(columns.moves_are(MoveC) & ~np.isnan(length))
+    arc = columns.arcs[~np.isnan(length[columns.arcs])]
     if len(arc):
-        via, a, b = columns.vias[arc], start[arc], end[arc]
+        via, a, b = columns.vias_of(arc), start[arc], end[arc]
         length[arc] = arc_lengths(a, via, b)
         first, last = chord.copy(), chord.copy()
         found = spans_through(a, via, b)

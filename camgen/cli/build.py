@@ -15,7 +15,7 @@ import msgspec
 from msgspec import Struct, field
 
 from camgen.batch.writing import check_targets, write_all
-from camgen.build import Result, build, program_files
+from camgen.build import ProgramFile, Result, build, program_files
 from camgen.build.memory import no_collector
 from camgen.build.stock import why_unproven
 from camgen.check.report import clean, path_sums
@@ -30,6 +30,7 @@ from camgen.model.program import ToolChange
 from camgen.model.text import counted, duration, grouped, short
 from camgen.plan.steps import name_of
 from camgen.preview.drawings import check_preview, draw
+from camgen.read.files import Files
 from camgen.read.job_file import beside, load
 from camgen.read.recorded import Recorded
 
@@ -44,7 +45,7 @@ _NOTES = 8
 
 
 def rows(
-    result: Result, job: Path | None, inputs: Sequence[Path], programs: Sequence[tuple[Path, bytes]], verbose: int
+    result: Result, job: Path | None, inputs: Sequence[Path], programs: Sequence[tuple[Path, ProgramFile]], verbose: int
 ) -> list[Row]:
     """Label, text and tone of every line."""
     return [
@@ -157,9 +158,9 @@ def _operations(result: Result) -> list[Row]:
     return told
 
 
-def _programs(result: Result, programs: Sequence[tuple[Path, bytes]]) -> list[Row]:
+def _programs(result: Result, programs: Sequence[tuple[Path, ProgramFile]]) -> list[Row]:
     """A line for each file; of several programs with the tool that each is for."""
-    told = [_program(path, data, result.post.newline) for path, data in programs]
+    told = [_program(path, file) for path, file in programs]
     if len(result.counts) == 1:
         return told
     changes = [item for item in result.program.body if isinstance(item, ToolChange)]
@@ -208,9 +209,8 @@ def _above(tour: Tour) -> str:
     return f", at most {100 * (tour.travel / tour.bound - 1):.1f} % above the best possible"
 
 
-def _program(path: Path, data: bytes, newline: str) -> Row:
-    lines = data.count(newline.encode())
-    return ("program", f"{path}, {counted(lines, 'line')}, {size(len(data))}", "plain")
+def _program(path: Path, file: ProgramFile) -> Row:
+    return ("program", f"{path}, {counted(file.lines, 'line')}, {size(len(file))}", "plain")
 
 
 def _tell_verified(result: Result) -> str:
@@ -223,14 +223,18 @@ _HEAD = 4000
 
 
 class _Stages(Struct):
-    """Tells the terminal the stage that runs and remembers how long each took."""
+    """Tells the terminal the stage that runs and remembers how long each took. files: the inputs, which nobody asks for
+    behind the first stage.
+    """
 
     says: Voice
+    files: Files
     names: list[str] = field(default_factory=list)
     times: list[float] = field(default_factory=list)
 
     def __call__(self, name: str) -> None:
         if name == "planning":
+            self.files.let_go()
             gc.collect()  # what was read is a heap of cycles, and a large one
         self.says.stage(name)
         if self.names and name.startswith(f"{self.names[-1]} "):
@@ -246,8 +250,8 @@ class _Stages(Struct):
 
 def run(arguments: Namespace, says: Voice) -> int:
     """Builds, writes, sums up."""
-    stages = _Stages(says)
     with no_collector(), open_inputs(arguments.inputs, arguments.format) as (inputs, files):
+        stages = _Stages(says, files)
         job_file = beside(arguments.job, None if arguments.inputs[0] == "-" else inputs[0])
         read = [*inputs, *([job_file] if job_file else [])]
         aloud = arguments.output == "-"
@@ -274,7 +278,7 @@ def run(arguments: Namespace, says: Voice) -> int:
             _spare_others(written[0][0])
         write_all([*written, *_extras(arguments, result, [path.name for path, _ in programs])], files.opened)
     if aloud:
-        says.out(programs[0][1].decode("ascii"))
+        says.out(bytes(programs[0][1]).decode("ascii"))
         programs = [(Path("-"), programs[0][1])]
     says.rows(rows(result, job_file, inputs, programs, says.verbose))
     if says.verbose:

@@ -64,6 +64,14 @@ class Packed(Struct, frozen=True, eq=False):
     kept: Mask
 
 
+#: The types of the columns, and the shapes of their rows.
+_TYPES: dict[str, tuple[type, tuple[int, ...]]] = {
+    "kind": (np.int8, ()), "end": (np.float64, (3,)), "rotation": (np.int32, ()), "speed": (np.float64, ()),
+    "blend": (np.float64, ()), "path": (np.intp, ()), "work": (np.bool_, ()), "via": (np.float64, (3,)),
+    "via_rotation": (np.int32, ()), "kept": (np.bool_, ()),
+}  # fmt: skip
+
+
 class _Rotations:
     """The rotations of a body, each object once."""
 
@@ -144,6 +152,16 @@ class Body(Sequence[Instruction]):
         chosen = Packed(kind=kind, kept=kept, **of_moves, **of_arcs)
         return Body(chosen, self.rotations, list(map(self.objects.__getitem__, objects.tolist())))
 
+    def stretch(self, low: int, high: int) -> Body:
+        """The instructions from ``low`` to before ``high``, in the same columns."""
+        spans = {"kind": (low, high), "kept": (low, high)}
+        for names, at in ((_OF_MOVES, self.at), (_OF_ARCS, self.arcs)):
+            begin, end = np.searchsorted(at, (low, high)).tolist()
+            spans |= dict.fromkeys(names, (begin, end))
+        begin, end = np.searchsorted(self.kept_at, (low, high)).tolist()
+        packed = Packed(**{name: getattr(self.packed, name)[slice(*span)] for name, span in spans.items()})
+        return Body(packed, self.rotations, self.objects[begin:end])
+
     def _make(self, low: int, high: int) -> list[Instruction]:
         """The instructions from ``low`` to before ``high`` as objects, without a loop in Python: this is run often."""
         packed, kept = self.packed, self.packed.kept[low:high]
@@ -181,7 +199,9 @@ class Packing(Sequence[Instruction]):
 
     def __init__(self, items: Iterable[Instruction] = ()) -> None:
         self._open: list[Instruction] = []
-        self._blocks: list[Packed] = []
+        # Buffers grow where they are: a long program is not there twice.
+        self._columns = {name: bytearray() for name in _TYPES}
+        self._lent = False
         self._objects: list[Instruction] = []
         self._rotations = _Rotations()
         self._packed = 0
@@ -204,9 +224,7 @@ class Packing(Sequence[Instruction]):
     def extend_body(self, body: Body) -> None:
         """More of them, which are packed."""
         self._close()
-        self._blocks.append(_turned(body, self._rotations))
-        self._objects += body.objects
-        self._packed += len(body)
+        self._add(_turned(body, self._rotations), body.objects)
 
     def __len__(self) -> int:
         return self._packed + len(self._open)
@@ -230,18 +248,24 @@ class Packing(Sequence[Instruction]):
     def body(self) -> Body:
         """All that was added."""
         self._close()
-        if len(self._blocks) > 1:
-            self._blocks = [_join(self._blocks)]
-        return Body(
-            self._blocks[0] if self._blocks else _pack([], self._rotations)[0], self._rotations.table, self._objects
-        )
+        self._lent = True
+        columns: dict[str, Any] = {
+            name: np.frombuffer(self._columns[name], kind).reshape(-1, *shape) for name, (kind, shape) in _TYPES.items()
+        }
+        return Body(Packed(**columns), self._rotations.table, self._objects)
+
+    def _add(self, packed: Packed, objects: Sequence[Instruction]) -> None:
+        if self._lent:  # a buffer that is looked into cannot grow
+            self._columns = {name: bytearray(buffer) for name, buffer in self._columns.items()}
+            self._lent = False
+        for name, (kind, _) in _TYPES.items():
+            self._columns[name] += np.ascontiguousarray(getattr(packed, name), kind).data
+        self._objects += objects
+        self._packed += len(packed.kind)
 
     def _close(self) -> None:
         if self._open:
-            packed, objects = _pack(self._open, self._rotations)
-            self._blocks.append(packed)
-            self._objects += objects
-            self._packed += len(self._open)
+            self._add(*_pack(self._open, self._rotations))
             self._open = []
 
 

@@ -53,6 +53,10 @@ class Columns:
         self.body = body
         self._packed = pack(body)
 
+    def stretch(self, low: int, high: int) -> Columns:
+        """The columns of the instructions from ``low`` to before ``high``."""
+        return Columns(self._packed.stretch(low, high))
+
     def are(self, *kinds: type) -> Mask:
         """(N,): which instructions are of one of the types ``kinds``."""
         return _any_of(self._packed.packed.kind, kinds)
@@ -138,21 +142,31 @@ class Columns:
         """The rotations of the tool at the ends of the motions ``where`` (M,), which have poses as their targets."""
         return list(map(self.table.__getitem__, self.rotation[where].tolist()))
 
-    def rotations_over(self, arcs: int) -> list[FloatArray]:
-        """The rotations of the tool half-way along the first ``arcs`` arcs."""
-        return list(map(self.table.__getitem__, self.via_rotation[:arcs].tolist()))
-
     @property
     def ends(self) -> FloatArray:
         """(M, 3): where motions end, NaN for those to joint values."""
         return self._packed.packed.end
 
-    @cached_property
+    @property
     def vias(self) -> FloatArray:
-        """(M, 3): the via points of arcs, NaN for other motions."""
+        """(M, 3): the via points of arcs, NaN for other motions; made anew each time."""
         vias = np.full(self.ends.shape, np.nan)
-        vias[self.moves_are(MoveC)] = self._packed.packed.via
+        vias[self.arcs] = self.via
         return vias
+
+    @property
+    def arcs(self) -> Indices:
+        """(A,): which motions are arcs."""
+        return np.flatnonzero(self.moves_are(MoveC))
+
+    @property
+    def via(self) -> FloatArray:
+        """(A, 3): the via points of the arcs."""
+        return self._packed.packed.via
+
+    def vias_of(self, motions: Indices) -> FloatArray:
+        """(K, 3): the via points of motions (K,) that are arcs."""
+        return self.via[np.searchsorted(self.arcs, motions)]
 
     @property
     def speed(self) -> FloatArray:
@@ -186,9 +200,12 @@ class Columns:
 
     def _say(self, name: str, width: int = 1) -> FloatArray:
         """(M, width): an attribute of the motions, 0 of those that have it not."""
+        places, moves = self.special
+        told = np.array([getattr(move, name, (0.0,) * width if width > 1 else 0.0) for move in moves], np.float64)
+        if not told.any():
+            return np.broadcast_to(np.float64(0.0), (len(self.at), width))
         found = np.zeros((len(self.at), width))
-        for place, move in zip(*self.special, strict=True):
-            found[place] = getattr(move, name, 0.0)
+        found[places] = told.reshape(-1, width)
         return found
 
     @cached_property
@@ -368,19 +385,17 @@ def _first(indices: Indices, what: str) -> Iterator[tuple[int, str]]:
 
 def _not_finite(columns: Columns) -> Iterator[tuple[int, str]]:
     """Instructions with a number that is not finite, the first of each kind."""
-    posed, arcs = columns.posed, columns.moves_are(MoveC)
     for where, values in (
         (None, columns.speed),
         (None, columns.blend),
         (None, columns.force),
         (None, columns.force_direction),
         (None, columns.turn),
-        (posed, columns.ends),
-        (arcs, columns.vias),
+        (columns.posed, columns.ends),
     ):
-        finite = np.isfinite(values)
-        good: Mask = np.asarray(finite.all(axis=1)) if finite.ndim == 2 else finite
+        good = _finite(values)
         yield from _first(columns.at[~good if where is None else ~good & where], "a number is not finite")
+    yield from _first(columns.at[columns.arcs[~_finite(columns.via)]], "a number is not finite")
     for index in columns.find_rotations(_sound):
         yield index, "a number is not finite"
     places, special = columns.special
@@ -393,6 +408,12 @@ def _not_finite(columns: Columns) -> Iterator[tuple[int, str]]:
         if not all(map(_sound, distinct(items, name))):
             bad = [not _sound(getattr(item, name)) for item in items]
             yield from _first(np.flatnonzero(columns.are(kind))[bad], "a number is not finite")
+
+
+def _finite(values: FloatArray) -> Mask:
+    """(N,): in which rows all numbers are finite."""
+    finite = np.isfinite(values)
+    return np.asarray(finite.all(axis=1)) if finite.ndim == 2 else finite
 
 
 def _sound(value: float | Sequence[float] | FloatArray) -> bool:

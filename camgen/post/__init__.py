@@ -102,7 +102,7 @@ class Reading(Struct, frozen=True, eq=False):
     """
 
     body: Sequence[Instruction]
-    lines: tuple[int, ...]
+    lines: Sequence[int]
     faults: tuple[Fault, ...]
     work: Pose | None = None
     tool: Pose | None = None

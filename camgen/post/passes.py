@@ -63,7 +63,7 @@ def halve_each(columns: Columns, arcs: Indices) -> tuple[Indices, Body]:
     """
     packed = pack(columns.body).packed
     before = np.maximum(arcs - 1, 0)
-    via, start, end = columns.vias[arcs], columns.ends[before], columns.ends[arcs]
+    via, start, end = columns.vias_of(arcs), columns.ends[before], columns.ends[arcs]
     plain = (arcs > 0) & ~packed.kept[columns.at[arcs]]
     plain &= (start[:, 2] == via[:, 2]) & (via[:, 2] == end[:, 2])
     plain &= (columns.rotation[before] >= 0) & (columns.rotation[before] == columns.rotation[arcs])

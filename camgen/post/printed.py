@@ -32,39 +32,42 @@ def rounded(values: FloatArray, decimals: int) -> FloatArray:
     >>> rounded(np.array([-0.0004, 2.0005, 0.0015]), 3).tolist()
     [0.0, 2.0, 0.002]
     """
-    scaled = values * 10.0**decimals
-    whole = np.rint(scaled)
-    found: FloatArray = whole / 10.0**decimals + 0.0  # which makes -0 0
-    # Where a product may lie on the other side of the middle between two digits than the number itself.
-    near = np.abs(np.abs(scaled - whole) - 0.5) <= np.maximum(_NEAR, 4 * np.spacing(np.abs(scaled)))
-    found[near] = [float(fixed(value, decimals)) for value in values[near].tolist()]
+    found = np.empty(values.shape)
+    for low in range(0, len(values), _SOME):
+        some = slice(low, low + _SOME)
+        scaled = values[some] * 10.0**decimals
+        whole = np.rint(scaled)
+        found[some] = whole / 10.0**decimals + 0.0  # which makes -0 0
+        # Where a product may lie on the other side of the middle between two digits than the number itself.
+        near = np.abs(np.abs(scaled - whole) - 0.5) <= np.maximum(_NEAR, 4 * np.spacing(np.abs(scaled)))
+        found[some][near] = [float(fixed(value, decimals)) for value in values[some][near].tolist()]
     return found
 
 
 class Forms(Struct, frozen=True, eq=False):
     """How K motions are printed. rows: (K,) which of the motions, rising. form: (K,) of each its place in ``table``,
-    %-formats of its lines with LF between them. numbers: (K, F) what these may print, used: (K, F) what they do, in
-    this order.
+    %-formats of its lines with LF between them. numbers: what all of them print, one after the other; counts: (K,) how
+    many each prints.
     """
 
     rows: Indices
     form: Indices
     table: Sequence[str]
     numbers: FloatArray
-    used: Mask
+    counts: Indices
 
 
 def forms_of(rows: Indices, keys: Sequence[NDArray[Any]], form: Callable[..., str], numbers: FloatArray,
              used: Mask) -> Forms:  # fmt: skip
     """The forms of the motions ``rows`` (K,). keys: columns (K,) of whole numbers from 0 that decide on the form, which
-    ``form`` tells of one of each; numbers, used: see ``Forms``.
+    ``form`` tells of one of each. numbers: (K, F) what they may print, used: (K, F) what they do, in this order.
     """
     one = np.zeros(len(rows), np.int64)
     for key in keys:
         one = one * (int(key.max(initial=0)) + 1) + key
     _, first, place = np.unique(one, return_index=True, return_inverse=True)
     table = [form(*(int(key[k]) for key in keys)) for k in first.tolist()]
-    return Forms(rows, place, table, numbers, used)
+    return Forms(rows, place, table, numbers[used], used.sum(axis=1))
 
 
 class _Made(Struct, frozen=True, eq=False):
@@ -175,8 +178,8 @@ class Printed(Iterable[Sequence[str]]):
             alone[at] = False
             texts[at] = np.array(forms.table, object)[forms.form]
             counts[at] = np.array([form.count("\n") + 1 for form in forms.table], np.intp)[forms.form]
-            used[at] = forms.used.sum(axis=1)
-            numbers = forms.numbers[forms.used]
+            used[at] = forms.counts
+            numbers = forms.numbers
         others = np.flatnonzero(alone)
         items: Iterable[Instruction] = body if forms is None else self._columns.pick(others)
         for place, lines in zip(others.tolist(), self._each(items), strict=True):

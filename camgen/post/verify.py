@@ -22,8 +22,9 @@ What is compared, and how exactly:
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
-from itertools import chain
+from itertools import pairwise
 from operator import eq, ne
 from typing import Any
 
@@ -62,6 +63,8 @@ ARC_SLACK = 6.0
 _SLACK, _VALUE = 1e-9, 1e-3
 #: What texts say of a posture that is not known for sure.
 _NEUTRAL: dict[str, object] = {"confdata": (0, 0, 0, 0), "figure": -1, "switches": ()}
+#: So many instructions are compared together, or some more.
+_SOME = 32768
 _END, _MIDDLE, _TURN = "target", "middle of the arc", "orientation"
 _PLACES = (_END, _MIDDLE)
 _REMEDY = "do not run the program: its post or its read-back is wrong"
@@ -94,14 +97,33 @@ class _Column(Struct, frozen=True, eq=False):
 
 class _Both(Struct, frozen=True, eq=False):
     """The bodies, planned and read, as far as they can be held against each other by number: their first ``common``
-    instructions, comments left out, M of them motions. indices: where the planned ones stand in their body.
+    instructions, comments left out, M of them motions. indices, read_indices: where both stand in their bodies. first:
+    of a stretch, the place of its first instruction in the whole.
     """
 
     plan: Columns
     read: Columns
     indices: Indices
+    read_indices: Indices
     common: int
     moves: int
+    first: int = 0
+
+    def stretches(self) -> Iterator[_Both]:
+        """The same bit by bit, cut before motions that are compared without those before them: no arcs, and none that
+        turns the tool on the spot.
+        """
+        some = slice(0, self.moves)
+        alone = ~(self.plan.moves_are(MoveC) | self.plan.turned)[some] & ~self.read.turned[some]
+        places = self.places(MoveJ, MoveL, MoveC)[alone]
+        bounds = [0]
+        while (cut := int(np.searchsorted(places, bounds[-1] + _SOME))) < len(places):
+            bounds.append(int(places[cut]))
+        for low, high in pairwise([*bounds, self.common]):
+            (plan, indices), (read, read_indices) = (
+                _stretch(*side, low, high) for side in ((self.plan, self.indices), (self.read, self.read_indices))
+            )
+            yield _Both(plan, read, indices, read_indices, high - low, len(plan.at), low)
 
     def places(self, *kinds: type) -> Indices:
         """The places, among what is compared, of the instructions of the types ``kinds``."""
@@ -127,9 +149,17 @@ class _Both(Struct, frozen=True, eq=False):
         return _Column(what, places, a, b, _worst(a - b), limit)
 
 
+def _stretch(side: Columns, indices: Indices, low: int, high: int) -> tuple[Columns, Indices]:
+    """The instructions at ``indices[low:high]`` with what is between them, and their places there."""
+    if low == high:
+        return side.stretch(0, 0), indices[:0]
+    begin, end = int(indices[low]), int(indices[high - 1]) + 1
+    return side.stretch(begin, end), indices[low:high] - begin
+
+
 def _worst(error: FloatArray) -> FloatArray:
-    """(N,): the largest number of each row."""
-    size = np.abs(error)
+    """(N,): the largest number of each row, whatever its sign; ``error`` is used up."""
+    size = np.abs(error, out=error)
     return np.asarray(size.max(axis=1) if size.ndim == 2 else size)
 
 
@@ -142,18 +172,18 @@ def compare(planned: Program, reading: Reading, tolerance: Tolerance, carries: f
     for fault in reading.faults[:1]:
         raise VerifyError(file, fault.what, fault.line, _REMEDY)
     _compare_frames(planned, reading, tolerance, carries, file)
-    both, read_at = _pair(planned, reading)
-    moving = both.plan.posed[: both.moves]
-    places = _places(both, moving, tolerance)
+    both = _pair(planned, reading)
     differences: list[tuple[int, str, str, str]] = []
     distance = angle = 0.0
-    # One after the other: the columns of a long program together are as large as the program.
-    for column in chain(places, _manners(both, moving, tolerance, carries), _others(both, tolerance, carries)):
-        differences += _first_beyond(column)
-        if column.what in _PLACES:
-            distance = max(distance, float(np.linalg.norm(column.planned - column.read, axis=1).max(initial=0.0)))
-        elif column.what == _TURN:
-            angle = float(column.error.max(initial=0.0))
+    # What comes in between of all of a long program is larger than the program.
+    for stretch in both.stretches():
+        for column in _columns(stretch, tolerance, carries):
+            differences += _first_beyond(column, stretch.first)
+            if column.what in _PLACES:
+                distance = max(distance, _farthest(column.planned, column.read))
+            elif column.what == _TURN:
+                angle = max(angle, float(column.error.max(initial=0.0)))
+    read_at = both.read_indices
     if both.common < max(len(both.indices), len(read_at)):
         was, says = _say(planned.body, both.indices, both.common), _say(reading.body, read_at, both.common)
         differences.append((both.common, "instruction", was, says))
@@ -165,8 +195,15 @@ def compare(planned: Program, reading: Reading, tolerance: Tolerance, carries: f
     return Deviation(distance, angle, len(both.indices))
 
 
-def _pair(planned: Program, reading: Reading) -> tuple[_Both, Indices]:
-    """Both bodies as far as their instructions are of the same kinds, and where those read stand in their body."""
+def _farthest(a: FloatArray, b: FloatArray) -> float:
+    """The greatest distance between points (N, 3) and those of the same rows."""
+    apart = a - b
+    apart *= apart
+    return math.sqrt(apart.sum(axis=1).max(initial=0.0))
+
+
+def _pair(planned: Program, reading: Reading) -> _Both:
+    """Both bodies as far as their instructions are of the same kinds."""
     if len(reading.body) != len(reading.lines):
         raise ValueError(f"{counted(len(reading.body), 'instruction')} with {counted(len(reading.lines), 'line')}")
     plan, read = planned.columns, Columns(reading.body)
@@ -182,7 +219,7 @@ def _pair(planned: Program, reading: Reading) -> tuple[_Both, Indices]:
         alike = np.fromiter(map(eq, a, b), np.bool_, len(places))
         common = int(np.append(places, common)[_first_false(alike)])
     moves = int(plan.are(MoveJ, MoveL, MoveC)[at[:common]].sum())
-    return _Both(plan, read, at, common, moves), read_at
+    return _Both(plan, read, at, read_at, common, moves)
 
 
 def _first_false(mask: Mask) -> int:
@@ -238,10 +275,12 @@ def _text(value: object) -> str:
     return " ".join(short(v, 6) for v in array.tolist())
 
 
-def _first_beyond(column: _Column) -> Iterator[tuple[int, str, str, str]]:
-    """Place, property, planned and read value of the first instruction that is beyond the limit, if any is."""
+def _first_beyond(column: _Column, first: int) -> Iterator[tuple[int, str, str, str]]:
+    """Place, property, planned and read value of the first instruction that is beyond the limit, if any is. first: the
+    place of the first one that the column may speak of.
+    """
     for row in np.flatnonzero(~(column.error <= column.limit + _SLACK))[:1].tolist():
-        yield int(column.places[row]), column.what, _text(column.planned[row]), _text(column.read[row])
+        yield first + int(column.places[row]), column.what, _text(column.planned[row]), _text(column.read[row])
 
 
 def _compare_frames(
@@ -256,7 +295,7 @@ def _compare_frames(
                 raise VerifyError(file, f"the {name} frame is not in the text", 0, _REMEDY)
             continue
         off = np.abs(np.subtract(was.origin, says.origin)).max()
-        turn = _turns([was.rotation], [says.rotation])[0]
+        turn = float(angles_between(was.rotation[None], says.rotation[None])[0])
         if not (off <= tolerance.mm + _SLACK and turn <= tolerance.angle + _SLACK):
             reads, plan = (f"{_text(pose.origin)} {_text(pose.rotation)}" for pose in (says, was))
             raise VerifyError(file, f"the {name} frame reads {reads}, planned is {plan}", 0, _REMEDY)
@@ -265,45 +304,62 @@ def _compare_frames(
 # Columns.
 
 
+def _columns(both: _Both, tolerance: Tolerance, carries: frozenset[str]) -> Iterator[_Column]:
+    """All that is compared."""
+    posed = both.plan.posed[: both.moves]
+    yield from _places(both, posed, tolerance)
+    yield from _manners(both, posed, tolerance, carries)
+    yield from _others(both, tolerance, carries)
+
+
 def _places(both: _Both, posed: Mask, tolerance: Tolerance) -> Iterator[_Column]:
     """Where motions end and what arcs pass half-way."""
     yield both.moving(_END, "ends", posed, tolerance.mm)
-    arc = both.plan.moves_are(MoveC)[: both.moves]
-    a, b = (_middles(side, arc) for side in (both.plan, both.read))
-    places = both.places(MoveJ, MoveL, MoveC)[arc]
+    arcs = both.plan.arcs[both.plan.arcs < both.moves]
+    a, b = (_middles(side, arcs) for side in (both.plan, both.read))
+    places = both.places(MoveJ, MoveL, MoveC)[arcs]
     yield _Column(_MIDDLE, places, a, b, np.linalg.norm(a - b, axis=1), ARC_SLACK * tolerance.mm)
 
 
-def _middles(side: Columns, arc: Mask) -> FloatArray:
-    """The points half-way along the arcs among the first motions."""
-    ends = side.ends[: len(arc)]
-    return arc_middles(np.roll(ends, 1, axis=0)[arc], side.vias[: len(arc)][arc], ends[arc])
+def _middles(side: Columns, arcs: Indices) -> FloatArray:
+    """The points half-way along the first arcs, which are the motions ``arcs``."""
+    return arc_middles(side.ends[arcs - 1], side.via[: len(arcs)], side.ends[arcs])
 
 
-def _turns(a: list[FloatArray], b: list[FloatArray]) -> FloatArray:
-    """``pose.angle_between`` by row (M,), rad. Each pair of arrays is looked at once: programs share rotations."""
-    seen: dict[tuple[int, int], int] = {}
-    index = [seen.setdefault(pair, len(seen)) for pair in zip(map(id, a), map(id, b), strict=True)]
-    if not index:
+class _Looked(Struct, frozen=True, eq=False):
+    """Rotations, by their places (K,) in a table."""
+
+    table: Sequence[FloatArray]
+    places: Indices
+
+    def __getitem__(self, row: int) -> FloatArray:
+        return self.table[int(self.places[row])]
+
+
+def _turns(a: _Looked, b: _Looked) -> FloatArray:
+    """``pose.angle_between`` by row (K,), rad. Each pair is looked at once: programs share rotations."""
+    pairs, back = np.unique(a.places * max(len(b.table), 1) + b.places, return_inverse=True)
+    if not len(pairs):
         return np.zeros(0)
-    first = np.unique(index, return_index=True)[1].tolist()
-    p, q = (np.concatenate([side[i] for i in first]).reshape(-1, 3, 3) for side in (a, b))
-    return np.asarray(angles_between(p, q)[index])
+    first = np.empty(len(pairs), np.intp)
+    first[back] = np.arange(len(back))
+    p, q = (np.stack([side[row] for row in first.tolist()]) for side in (a, b))
+    return np.asarray(angles_between(p, q)[back])
 
 
 def _manners(both: _Both, posed: Mask, tolerance: Tolerance, carries: frozenset[str]) -> Iterator[_Column]:
     """How motions are made: orientation, joints, speed, blend, force."""
-    places = both.places(MoveJ, MoveL, MoveC)
+    places, sides = both.places(MoveJ, MoveL, MoveC), (both.plan, both.read)
     if "orientation" in carries:
-        a, b = (side.rotations(where) for side, where in both.each(posed))
+        a, b = (_Looked(side.table, side.rotation[: both.moves][posed].astype(np.intp)) for side in sides)
         yield _Column(_TURN, places[posed], a, b, _turns(a, b), tolerance.angle)
     if "via-orientation" in carries:
-        arc = both.plan.moves_are(MoveC)[: both.moves]
-        a, b = (side.rotations_over(int(arc.sum())) for side in (both.plan, both.read))
-        yield _Column("orientation half-way", places[arc], a, b, _turns(a, b), tolerance.angle)
-    a, b = ([item.target.values for item in side.pick(side.at[where])] for side, where in both.each(~posed))
-    error = np.array([np.abs(np.subtract(p, q)).max(initial=0.0) for p, q in zip(a, b, strict=True)])
-    yield _Column("joint values", places[~posed], a, b, error, tolerance.joint)
+        arcs = both.plan.arcs[both.plan.arcs < both.moves]
+        a, b = (_Looked(side.table, side.via_rotation[: len(arcs)].astype(np.intp)) for side in sides)
+        yield _Column("orientation half-way", places[arcs], a, b, _turns(a, b), tolerance.angle)
+    was, says = ([item.target.values for item in side.pick(side.at[where])] for side, where in both.each(~posed))
+    error = np.array([np.abs(np.subtract(p, q)).max(initial=0.0) for p, q in zip(was, says, strict=True)])
+    yield _Column("joint values", places[~posed], was, says, error, tolerance.joint)
     rapid = both.plan.moves_are(MoveJ)[: both.moves]
     shared = (both.plan.share[: both.moves] > 0) & ("joint-share" in carries)
     yield both.moving("share of the joints' speeds", "share", shared, tolerance.share)
@@ -328,8 +384,8 @@ def _manners(both: _Both, posed: Mask, tolerance: Tolerance, carries: frozenset[
     newtons = both.moving("force", "force", ~rapid, tolerance.force)
     yield newtons
     if "force-direction" in carries and np.any(newtons.planned):
-        was, says = (side.force_direction[where] for side, where in both.each(~rapid))
-        yield _along(newtons, was, says, tolerance)
+        pressed = [side.force_direction[where] for side, where in both.each(~rapid)]
+        yield _along(newtons, pressed[0], pressed[1], tolerance)
 
 
 def _postures(both: _Both, posed: Mask, name: str) -> _Column:

@@ -57,6 +57,10 @@ class Files:
         except (OSError, ValueError) as error:  # ValueError: a zero byte in the name
             raise InputError(str(path), f"cannot be read: {reason(error)}") from error
 
+    def let_go(self) -> None:
+        """Forgets what was read, but not its names: after the last input is read nothing asks for it again."""
+        self._data.clear()
+
     def open(self, path: str | Path) -> Source:
         """As the system gives it. OSError, ValueError for a name that no file can have, InputError for what is no
         regular file: a device has no end, and who opens a pipe waits for its writer.

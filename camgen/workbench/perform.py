@@ -11,7 +11,7 @@ from time import perf_counter
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.build import Result, build, program_files
+from camgen.build import ProgramFile, Result, build, program_files
 from camgen.build.memory import no_collector
 from camgen.check.report import clean
 from camgen.model.errors import CamgenError, InputError, rename_errors
@@ -35,7 +35,7 @@ Row = tuple[str, str, str]
 #: The kinds of parts whose paths may be run in another order and begin elsewhere.
 MOVABLE = ("drawing", "picture")
 #: The summary of a build as the command line tells it: of the result, the job file, the inputs and the programs.
-Tell = Callable[[Result, Path | None, Sequence[Path], Sequence[tuple[Path, bytes]], int], list[Row]]
+Tell = Callable[[Result, Path | None, Sequence[Path], Sequence[tuple[Path, ProgramFile]], int], list[Row]]
 
 
 class Ask(Struct, frozen=True):
@@ -151,14 +151,14 @@ def perform(ask: Ask, watch: Watch, tell: Tell) -> Outcome:
 def _build(ask: Ask, files: Files, watch: Watch, tell: Tell, begun: float) -> Built:
     job = load(ask.job_file, (), files)
     result = build(ask.inputs, post=ask.post, job=job, watch=watch, files=files)
-    programs = tuple(program_files(result, ask.output, None))
+    programs = program_files(result, ask.output, None)
     watch("drawing")
     runs = find_runs(result)
     shown = page(view(result), _edits(runs) if kind_of(result.part) in MOVABLE else None)
     return Built(
         number=ask.number,
         page=shown,
-        programs=programs,
+        programs=tuple((path, bytes(file)) for path, file in programs),
         rows=tuple(tell(result, ask.job_file if ask.text else None, ask.inputs, programs, 1)),
         looked=_look(ask, result, files, runs),
         opened=dict(files.opened),

@@ -152,17 +152,16 @@ class Rapid(RapidOptions):
 
     def refuses(self, columns: Columns) -> Mask:
         """Arcs that turn too far for sure."""
-        refused = columns.moves_are(MoveC)
-        arcs = np.flatnonzero(refused[1:]) + 1
-        refused[:1] = False
-        refused[arcs] = find_wide(columns.ends[arcs - 1], columns.vias[arcs], columns.ends[arcs])
+        refused = np.zeros(len(columns.at), np.bool_)
+        arcs = columns.arcs[columns.arcs > 0]
+        refused[arcs] = find_wide(columns.ends[arcs - 1], columns.vias_of(arcs), columns.ends[arcs])
         return refused
 
     def _accept_arcs(self, columns: Columns, arcs: Indices) -> Mask:
         """Which of the motions ``arcs`` can be printed as they are, for sure."""
         # Wherever the first motion starts, it is not an arc.
         starts = np.where(arcs[:, None] > 0, columns.ends[arcs - 1], np.nan)
-        vias = columns.vias[arcs]
+        vias = columns.vias_of(arcs)
         free = self.force_arcs | (columns.force[arcs] <= 0)
         fine: Mask = free & (np.abs(vias) <= FARTHEST).all(axis=1)
         return fine & find_round(starts, vias, columns.ends[arcs], self.decimals)
@@ -289,15 +288,16 @@ class Rapid(RapidOptions):
         plain = np.ones(len(columns.at), np.bool_)
         plain[columns.special[0]] = False
         rows = np.flatnonzero(plain)
-        arcs = np.flatnonzero(columns.moves_are(MoveC))
-        via_rotation = np.zeros(len(plain), np.intp)
+        arcs = columns.arcs
+        via_rotation = np.zeros(len(plain), np.int32)
         via_rotation[arcs] = columns.via_rotation
         (speeds, speed), (blends, blend) = (
             np.unique(one[rows], return_inverse=True) for one in (columns.speed, columns.blend)
         )
-        numbers = rounded(np.concatenate([columns.vias[rows], columns.ends[rows]], axis=1), self.decimals)
-        used = np.ones(numbers.shape, np.bool_)
-        used[:, :3] = columns.moves_are(MoveC)[rows, None]
+        numbers, used = np.zeros((len(plain), 6)), np.ones((len(plain), 6), np.bool_)
+        numbers[arcs, :3], numbers[:, 3:] = rounded(columns.via, self.decimals), rounded(columns.ends, self.decimals)
+        used[:, :3] = columns.moves_are(MoveC)[:, None]
+        numbers, used = numbers[rows], used[rows]
         point = ",".join([f"%.{self.decimals}f"] * 3)
 
         def form(kind: int, rotation: int, via: int, speed: int, blend: int) -> str:
@@ -491,6 +491,7 @@ class Rapid(RapidOptions):
         for k, group in enumerate(chunk(routines, self.max_lines), start=1):
             name = self._names.give(f"{self.module_name(program)}_part{k}")
             files.append(self._file(f"{program.name}_part{k}", [f"MODULE {name}"], *group, [endmodule]))
+        self._names = Names(self.longest, ())  # those of a long program are many
         return tuple(files)
 
     def _file(self, stem: str, *parts: Sequence[str]) -> OutputFile:

@@ -178,7 +178,7 @@ class Strict(Machine):
             if done is None:
                 break
             self.body.extend_body(done.body)
-            self.lines += done.lines
+            self.lines.frombytes(done.lines.tobytes())
             self.at[:], self.feed, self.motion, self.cut = done.at, done.feed, done.motion, self.cut or done.cut
             chunk.usable, at = done.line == stop, done.line
         return plain(self, lines, at, bound) if at < bound else at
@@ -596,7 +596,7 @@ def _read_rest(m: Strict, lines: Sequence[str]) -> None:
 
 def list_written(m: Strict) -> Reading:
     """What a machine has written down."""
-    return Reading(m.body.body(), tuple(m.lines), tuple(m.faults))
+    return Reading(m.body.body(), m.lines, tuple(m.faults))
 
 
 def read(files: Mapping[str, str], options: Mapping[str, object]) -> Reading:

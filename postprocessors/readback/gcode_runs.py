@@ -134,7 +134,7 @@ class Done(Struct, frozen=True, eq=False):
 
     line: int
     body: Body
-    lines: list[int]
+    lines: NDArray[np.int64]
     at: tuple[float, float, float]
     feed: float
     motion: str
@@ -187,7 +187,7 @@ def perform(chunk: Chunk, state: Settled, low: int, high: int) -> Done | None:
     return Done(
         line=end,
         body=Body(packed, [TOOL_DOWN], list(outputs.values())),
-        lines=(places[order] + 1).tolist(),
+        lines=(places[order] + 1).astype(np.int64),
         at=(x, y, z),
         feed=float(feed[-1]),
         motion=f"G{digit[-1]}",

@@ -188,3 +188,31 @@ def test_a_body_is_added_to_one_in_the_making() -> None:
     assert [item.speed for item in body if not isinstance(item, Output)] == [10.0, 5.0, 7.0]
     assert len(body.rotations) == 1
     assert len(made.objects) == 1
+
+
+def test_what_is_added_later_leaves_what_was_made_before() -> None:
+    packing = Packing(ITEMS[:8])
+    before = packing.body()
+    packing.extend(ITEMS[8:])
+    packing.extend_body(pack(ITEMS))
+    assert list(map(parts, before)) == list(map(parts, ITEMS[:8]))
+    assert list(map(parts, packing.body())) == list(map(parts, [*ITEMS, *ITEMS]))
+
+
+def test_a_stretch_says_what_stands_there() -> None:
+    body = pack(ITEMS)
+    for low in range(len(ITEMS) + 1):
+        for high in range(low, len(ITEMS) + 1):
+            assert list(map(parts, body.stretch(low, high))) == list(map(parts, ITEMS[low:high]))
+            assert list(map(parts, body.stretch(low, high).stretch(0, 1))) == list(map(parts, ITEMS[low:high][:1]))
+
+
+def test_a_column_that_says_nothing_takes_no_room() -> None:
+    plain, pressing = (Columns(pack(items)) for items in (ITEMS[:7], ITEMS))
+    assert (plain.force_direction.strides, plain.force_direction.shape) == ((0, 0), (4, 3))
+    assert not plain.force_direction.any()
+    assert pressing.force.tolist() == [getattr(move, "force", 0.0) for move in pressing.moves]
+    assert pressing.force_direction[-3].tolist() == [0.0, 0.0, -1.0]
+    arcs = pressing.arcs
+    assert np.array_equal(pressing.vias_of(arcs[1:]), pressing.vias[arcs[1:]])
+    assert np.isnan(np.delete(pressing.vias, arcs, axis=0)).all()

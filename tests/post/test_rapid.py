@@ -171,7 +171,7 @@ ENDMODULE
     assert files == {"plate.mod": expected}
     reading = find_readback("rapid")(files, {})
     assert_same(prepared, reading, Rapid().tolerance())
-    assert reading.lines == (13, 14, 16, 17, 18, 19, 20, 22, 23)
+    assert tuple(reading.lines) == (13, 14, 16, 17, 18, 19, 20, 22, 23)
     assert_near(reading.work, translation(300, -75, 100), Rapid().tolerance())
     assert_near(reading.tool, translation(0, 0, 100), Rapid().tolerance())
     assert find_post("rapid") is Rapid

@@ -116,7 +116,7 @@ def test_numbers_stand_in_their_places() -> None:
     )
     reading = both({"m.mod": text}, {})
     assert reading.faults == ()
-    assert reading.lines == (5, 6, 7, 9, 12)
+    assert tuple(reading.lines) == (5, 6, 7, 9, 12)
     line, arc, again, last = reading.body[1:]
     assert isinstance(line, MoveL)
     assert isinstance(arc, MoveC)

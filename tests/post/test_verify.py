@@ -13,12 +13,22 @@ from camgen.model.errors import VerifyError
 from camgen.model.pose import IDENTITY, TOOL_DOWN, Pose, frozen, rotation_about, rotation_about_axis, translation
 from camgen.model.program import Comment, Force, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
 from camgen.post import Fault, Reading, Tolerance
+from camgen.post import verify as judge
 from camgen.post.passes import along
 from camgen.post.verify import ARC_SLACK, compare
 
 TOLERANCE = Tolerance(mm=0.0005, angle=1e-5, joint=1e-5, speed=0.01, force=0.01, seconds=0.001)
 ALL = frozenset({"orientation", "speed", "joint-speed", "blend", "stop", "force-direction"})
 HOME = MoveJ(Joints((0.1, 0.2, 0.3)), 100.0)
+
+
+@pytest.fixture(autouse=True, scope="module", params=[None, 1], ids=["at once", "bit by bit"])
+def _stretches(request):
+    """A long program is compared bit by bit: where it is cut makes no difference."""
+    with pytest.MonkeyPatch.context() as patch:
+        if request.param:
+            patch.setattr(judge, "_SOME", request.param)
+        yield
 
 
 def at(x, y, z=0.0, rotation=TOOL_DOWN):

@@ -37,6 +37,16 @@ def test_a_file_is_opened_once_whatever_it_is_called(tmp_path: Path) -> None:
     assert Files().read("a.nc").data == b"second"
 
 
+def test_what_was_read_is_let_go_of_but_not_its_name() -> None:
+    Path("a.nc").write_bytes(b"first")
+    files = Files()
+    assert files.read("a.nc").data == b"first"
+    files.let_go()
+    assert [path.name for path in files.opened.values()] == ["a.nc"]
+    Path("a.nc").write_bytes(b"second")
+    assert files.read("a.nc").data == b"second"
+
+
 def test_what_is_given_is_not_opened() -> None:
     files = Files([Source(Path("stdin.dxf"), b"0\nSECTION\n")])
     assert files.read("stdin.dxf").data == b"0\nSECTION\n"

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import re
+from array import array
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 from camgen.model.limits import Limits as Bounds
 from camgen.model.limits import tell
@@ -64,7 +66,7 @@ class Machine:
     most: float = _BOUNDS.gcode_motions
     line: int = 0
     body: Packing = field(default_factory=Packing)
-    lines: list[int] = field(default_factory=list)
+    lines: array[int] = field(default_factory=partial(array, "q"))
     noted: dict[tuple[NoteKind, str, str], int] = field(default_factory=dict)
     at: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
     known: list[bool] = field(default_factory=lambda: [False, False, False])

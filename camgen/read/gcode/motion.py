@@ -396,7 +396,7 @@ def read_plain(m: Machine, lines: Sequence[str], at: int, bound: int) -> int:
             break
         else:
             body += arc
-            rows += [place + 1] * (len(arc) - 1)
+            rows.extend([place + 1] * (len(arc) - 1))
             cut = True
         rows.append(place + 1)
         last, feed, (x, y, z) = digit, rate, end

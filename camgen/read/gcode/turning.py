@@ -8,6 +8,7 @@ in them are passed as if each pass ended where it first meets the profile.
 from __future__ import annotations
 
 import math
+from array import array
 from collections.abc import Iterator, Sequence
 
 from msgspec import Struct
@@ -114,7 +115,7 @@ def _words_of(m: Foreign, code: str, words: dict[str, float], fanuc: bool) -> _R
 def _record(m: Foreign, first: int, last: int) -> list[Item]:
     """The motions of the lines from ``first`` to ``last`` (from 0), which are not run now."""
     kept = m.body, m.lines, list(m.at), m.motion, m.feed, m.line, m.incremental, m.side
-    m.body, m.lines = Packing(), []
+    m.body, m.lines = Packing(), array("q")
     try:
         m.run_lines(first, last)
         _flush(m)

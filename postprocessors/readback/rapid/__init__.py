@@ -167,7 +167,7 @@ def read_with(files: Mapping[str, str], options: Mapping[str, object], *, plain:
     state = _run(program, known, line - 1)
     faults = sorted({*program.faults, *state.faults}, key=lambda fault: (fault.line, fault.what))
     frame = {kind: pose for kind, (_, pose) in state.frames.items()}
-    return Reading(state.body.body(), tuple(state.lines), tuple(faults), frame.get("work"), frame.get("tool"))
+    return Reading(state.body.body(), state.lines, tuple(faults), frame.get("work"), frame.get("tool"))
 
 
 def _run(program: Linked, known: Known, last_line: int) -> State:
@@ -195,7 +195,7 @@ def _run_routine(program: Linked, state: State, routine: Routine, depth: int) ->
         item, left = cast(Call | Inline | Run, part), _MOST_STATEMENTS - state.count
         if isinstance(item, Run):
             last = min(item.last, item.first + left)
-            state.waiting.append((Run(item.rows, item.first, last), scope))
+            state.wait(Run(item.rows, item.first, last), scope)
             state.count += last - item.first
             if last == item.last:
                 continue

@@ -109,8 +109,8 @@ def _together(state: State, rows: Rows, some: Indices) -> bool:
                 rotation=rotation,
                 speed=effects.speed[columns.shape[moves]],
                 blend=blend[moves],
-                path=np.full(len(point), -1),
-                work=np.zeros(len(point), np.bool_),
+                path=np.broadcast_to(np.intp(-1), len(point)),
+                work=np.broadcast_to(np.bool_(False), len(point)),
                 via=vias,
                 via_rotation=where[rows.turn[columns.point[arcs] - 1]],
                 kept=~moves,
@@ -119,9 +119,9 @@ def _together(state: State, rows: Rows, some: Indices) -> bool:
             [effects.outputs[number] for number in columns.shape[~moves].tolist()],
         )
     )
-    state.lines += columns.line.tolist()
+    state.lines.frombytes(columns.line.astype(np.int64).tobytes())
     state.here, state.settled = here, False
-    state.way.append(ends)
+    state.note_way(ends)
     state.blending = int(columns.line[-1]) if blend[-1] > 0 else 0
     return True
 

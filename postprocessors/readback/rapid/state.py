@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from typing import cast
 
 from msgspec import Struct
@@ -54,7 +56,7 @@ class State:
     known: Known
     scope: Scope
     body: Packing = field(default_factory=Packing)
-    lines: list[int] = field(default_factory=list)
+    lines: array[int] = field(default_factory=partial(array, "q"))
     faults: list[Fault] = field(default_factory=list)
     frames: dict[str, tuple[str, Pose | None]] = field(default_factory=dict)  # tool and work: name, frame
     frame_of: dict[str, tuple[str, Scope]] = field(default_factory=dict)  # tool and work: what was checked last
@@ -81,6 +83,19 @@ class State:
         """One more instruction of the program."""
         self.body.append(item)
         self.lines.append(line)
+
+    def wait(self, run: Run, scope: Scope) -> None:
+        """Statements that are to be done, with those before them where they go on."""
+        before, seen = self.waiting[-1] if self.waiting else (None, scope)
+        if before is not None and before.rows is run.rows and before.last == run.first and seen is scope:
+            self.waiting[-1] = Run(run.rows, before.first, run.last), scope
+        else:
+            self.waiting.append((run, scope))
+
+    def note_way(self, targets: Pose | Joints | FloatArray) -> None:
+        """Remembers where the tool has been since a section with force, if there was one."""
+        if self.pressed:
+            self.way.append(targets)
 
     def remark(self, line: int, what: str) -> None:
         """Notes once what a controller takes and a program of ours does not say."""

@@ -303,7 +303,7 @@ def _move(state: State, line: int, bound: Bound, via: Pose | None, target: Pose 
             state.faults.append(Fault(line, f"{bound.name} while pressing, before FCPressEnd"))
         state.add(_free(bound, via, target, _turn(state, bound, target)), line)
     state.here = target if isinstance(target, Pose) else None
-    state.way.append(target)
+    state.note_way(target)
     state.settled = False
     state.blending = line if bound.blend > 0 else 0
 
