@@ -108,9 +108,9 @@ class Printed(Iterable[Sequence[str]]):
         """(N,): the numbers of lines of the instructions."""
         return np.diff(self._made.lines)
 
-    def lines_before(self, instruction: int) -> int:
-        """How many lines come before those of an instruction."""
-        return int(self._made.lines[instruction])
+    def lines_before(self, instructions: Indices) -> Indices:
+        """How many lines come before those of instructions."""
+        return self._made.lines[instructions]
 
     def parts(self, most: int) -> list[Lines]:
         """All lines in as few parts as possible, cut between instructions: of ``most`` lines at most (0: all in one),
@@ -190,10 +190,12 @@ class Printed(Iterable[Sequence[str]]):
 
 
 class Lines(Sequence[str]):
-    """Lines of a file. pieces: lines, and runs of instructions of what is ``printed``."""
+    """Lines of a file. pieces: lines, and runs of instructions of what is ``printed``. size: how many lines these are,
+    where that is known.
+    """
 
-    def __init__(self, pieces: Sequence[str | range], printed: Printed) -> None:
-        self.pieces, self.printed = pieces, printed
+    def __init__(self, pieces: Sequence[str | range], printed: Printed, size: int | None = None) -> None:
+        self.pieces, self.printed, self._size = pieces, printed, size
 
     def items(self) -> list[Lines]:
         """The same line by line, and instruction by instruction where it is one of those."""
@@ -202,12 +204,11 @@ class Lines(Sequence[str]):
             found += [piece] if isinstance(piece, str) else (range(k, k + 1) for k in piece)
         return [Lines([one], self.printed) for one in found]
 
-    @cached_property
-    def _size(self) -> int:
-        before = self.printed.lines_before
-        return sum(1 if isinstance(one, str) else before(one.stop) - before(one.start) for one in self.pieces)
-
     def __len__(self) -> int:
+        if self._size is None:
+            runs = [(one.start, one.stop) for one in self.pieces if isinstance(one, range)]
+            before = self.printed.lines_before(np.array(runs, np.intp).reshape(-1, 2))
+            self._size = len(self.pieces) - len(runs) + int((before[:, 1] - before[:, 0]).sum())
         return self._size
 
     def __iter__(self) -> Iterator[str]:

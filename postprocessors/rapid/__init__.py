@@ -409,8 +409,9 @@ class Rapid(RapidOptions):
         return ["", f"{_IN}PROC {SAFE}()", *outputs, f"{_IN}ENDPROC"] if outputs and self.on_error != "none" else []
 
     def _proc(self, routine: Routine, handler: Sequence[str]) -> Lines:
-        pieces = ["", f"{_IN}PROC {routine.name}()", *routine.lines.pieces, *handler, f"{_IN}ENDPROC"]
-        return Lines(pieces, routine.lines.printed)
+        begin, end = ("", f"{_IN}PROC {routine.name}()"), (*handler, f"{_IN}ENDPROC")
+        lines = routine.lines
+        return Lines((*begin, *lines.pieces, *end), lines.printed, len(begin) + len(lines) + len(end))
 
     def _frames(self, program: Program) -> list[str]:
         if not self.declare:

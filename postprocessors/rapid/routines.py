@@ -90,14 +90,14 @@ def cut(program: Program, printed: Printed, most: int, names: Names) -> list[Rou
     routines: list[Routine] = []
     owner = owners(program)
     ends = np.append(np.flatnonzero(np.diff(owner)) + 1, len(owner)) if len(owner) else owner
-    start = 0
-    for end in ends.tolist():
-        span, path = range(start, end), int(owner[start])
-        start = end
+    starts = np.append(0, ends[:-1])[: len(ends)]
+    sizes = printed.lines_before(ends) - printed.lines_before(starts)
+    for start, end, path, size in zip(*(one.tolist() for one in (starts, ends, owner[starts], sizes)), strict=True):
+        span = range(start, end)
         if path < 0:
             main.append(span)
             continue
-        routines.append(Routine(names.give(program.paths[path].id), Lines([span], printed)))
+        routines.append(Routine(names.give(program.paths[path].id), Lines([span], printed, size)))
         main += call(routines[-1].name)
     short: list[Routine] = []
     for routine in (Routine("part", Lines(main, printed)), *routines):
