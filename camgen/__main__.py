@@ -1,7 +1,5 @@
 """``python -m camgen``."""
 
-import sys
+from camgen.cli import run
 
-from camgen.cli import main
-
-sys.exit(main())
+run()

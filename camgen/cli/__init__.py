@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import atexit
 import importlib
 import os
 import sys
@@ -26,6 +27,22 @@ documents: the folder docs of the source, from docs/first-program.md on; camgen 
 
 #: Standard input, output and error are the descriptors below.
 _STREAMS = 3
+
+
+def run() -> NoReturn:
+    """The command line as a process of its own, which ends at once: to take down one by one what it has loaded and made
+    takes 0.1 s of a small build, 0.5 s of a large one.
+    """
+    code = main()
+    if sys.getprofile() is None and sys.gettrace() is None:  # who watches tells what was seen behind the last line
+        try:
+            atexit._run_exitfuncs()  # what libraries and plug-ins have asked for is still done
+            sys.stdout.flush()
+            sys.stderr.flush()
+        except OSError:
+            sys.exit(code)  # as Python tells it
+        os._exit(code)
+    sys.exit(code)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -694,3 +694,13 @@ def test_what_the_compiled_search_would_bring_is_said_where_it_would(
         assert ("; the extra fast (pip install camgen[fast]) searches farther in this time" in told) == said
         assert told.count("camgen[fast]") == said
         assert ("local search, compiled: " in told) == (fast and not words)
+
+
+@pytest.mark.parametrize(("words", "code"), [(["--version"], 0), (["inspect", "none.dxf"], 2)])
+def test_a_process_ends_at_once_but_not_before_what_libraries_asked_for(words: list[str], code: int) -> None:
+    program = "import atexit, sys\nfrom camgen.cli import run\natexit.register(print, 'the last word')\nrun()"
+    done = subprocess.run([sys.executable, "-c", program, *words], capture_output=True, text=True, check=False)
+    assert done.returncode == code
+    assert done.stdout.endswith("the last word\n")
+    assert ("camgen 0.1.0" in done.stdout) == (code == 0)
+    assert done.stderr.count("\n") == (code != 0)
