@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import TYPE_CHECKING
 
 from msgspec import Struct
@@ -11,6 +12,7 @@ from msgspec.structs import replace
 from camgen.lower.runs import plunge
 from camgen.model.cell import Cell
 from camgen.model.job import Job
+from camgen.model.part import Note
 from camgen.model.program import Program
 from camgen.robots.workcell import Workcell
 
@@ -52,24 +54,30 @@ def check(
     """Whether the arm of ``cell`` can run ``program``, links included, and meets nothing.
 
     where: what there is to run into, as the plan of a 3-D part knows it: the ways between its paths get blends where
-    there is room. name: of the input, for messages. flow: of a flat part, whose ways get blends too. Blocked with the
-    motion, the place, the reason and the paths it concerns, JobError for an arm that the program is not for.
+    there is room, and those along its paths keep theirs. name: of the input, for messages. flow: of a flat part, whose
+    ways get blends too. Blocked with the motion, the place, the reason and the paths it concerns, JobError for an arm
+    that the program is not for.
     """
     if not isinstance(cell, Workcell) or cell.arm is None:
         return Checks(program)
     from camgen.check.collide import check_clear  # noqa: PLC0415 (fcl and kinematics, only for what needs them)
     from camgen.check.flow import let_flow  # noqa: PLC0415
-    from camgen.check.reach import check_reach  # noqa: PLC0415
+    from camgen.check.reach import check_reach, trace  # noqa: PLC0415
+    from camgen.check.rounding import hold_clear  # noqa: PLC0415
     from camgen.check.shares import share_joints  # noqa: PLC0415
     from camgen.collision.cell import around  # noqa: PLC0415
+    from camgen.collision.motion import measure_apart  # noqa: PLC0415
 
     reach = check_reach(program, cell.arm, name or program.name)
     there = where or around(job, cell.arm, cell, None, cell.meshes)
-    clear = check_clear(there, reach, cell.arm, name or program.name)
+    course = trace(reach, cell.arm, partial(measure_apart, there.scene), name or program.name)
+    clear = check_clear(there, reach, course, cell.arm, name or program.name)
     program = share_joints(reach, cell.arm)
+    told: tuple[Note, ...] = ()
     if where is not None:
+        program, told = hold_clear(program, reach, course, where, cell.arm, cell.pace)
         flow = Flow(plunge(job.process), math.inf, -math.inf)
     if flow is not None:
         program, notes = let_flow(program, reach, there, cell.arm, cell.pace, flow.slow, flow.room, flow.floor)
-        clear = replace(clear, notes=(*clear.notes, *notes))
-    return Checks(program, reach, clear, there)
+        told = (*told, *notes)
+    return Checks(program, reach, replace(clear, notes=(*clear.notes, *told)), there)

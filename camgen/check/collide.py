@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from functools import partial
 from itertools import pairwise
 
 import numpy as np
 from msgspec import Struct
 
 from camgen.check.lost import join_losses
-from camgen.check.reach import Reach, trace
+from camgen.check.reach import Reach
 from camgen.collision.cell import Surroundings
-from camgen.collision.motion import measure_apart, motion, motions
+from camgen.collision.motion import motion, motions
 from camgen.collision.scene import PART
 from camgen.geometry.ragged import offsets, run_lengths
 from camgen.model.errors import Blocked, Loss
@@ -69,11 +68,10 @@ class _Collision(Struct, frozen=True):
     pair: tuple[str, str]
 
 
-def check_clear(where: Surroundings, reach: Reach, robot: Robot, file: str) -> Clear:
-    """Tests the motions of ``reach``, all of them, as a controller makes them. Blocked, with the motion, the place and
-    the obstacle of the first collision, and every path on which there is one.
+def check_clear(where: Surroundings, reach: Reach, course: Course, robot: Robot, file: str) -> Clear:
+    """Tests the motions of ``reach``, all of them, on their ``course``, as a controller makes them but for blends.
+    Blocked, with the motion, the place and the obstacle of the first collision, and every path on which there is one.
     """
-    course = trace(reach, robot, partial(measure_apart, where.scene), file)
     near = max(where.margin, NEAR)
     found = []
     close: list[Near] = []

@@ -20,6 +20,7 @@ from camgen.collision.cell import Surroundings
 from camgen.collision.motion import measure_apart
 from camgen.collision.triangle import are_free
 from camgen.geometry.ragged import owners, run_lengths
+from camgen.lower.corners import TURNING
 from camgen.model.cell import Dynamics
 from camgen.model.part import BoolArray, IntArray, Note
 from camgen.model.pose import FloatArray
@@ -30,8 +31,6 @@ from camgen.robots.models import Robot
 
 #: mm: zones that are tried, the largest first.
 _ZONES = (200.0, 150.0, 100.0, 80.0, 60.0, 50.0, 40.0, 30.0, 20.0, 15.0, 10.0, 5.0, 1.0)
-#: A tool begins to turn so many times a zone before its corner, as RAPID has it (``zonedata``).
-_TURNING = 1.5
 #: Chords in place of what rounds a corner; it bends towards the corner, so that they are farther off. And mm that are
 #: added to what the motions are off straight lines.
 _CHORDS, _ROUGH = 8, 0.1
@@ -133,7 +132,7 @@ def _fits(one: Cruise, two: Cruise, zone: float) -> bool:
 def _round(one: Cruise, two: Cruise, zone: float) -> _Rounding:
     """A parabola, as far off the corner as the tool turns there."""
     t = np.linspace(0.0, 1.0, _CHORDS + 1)
-    wide = [min(_TURNING * zone / each.mm, 0.5) for each in (one, two)]
+    wide = [min(TURNING * zone / each.mm, 0.5) for each in (one, two)]
     return _Rounding(zone, (1 - t) ** 2 * wide[0], t**2 * wide[1])
 
 

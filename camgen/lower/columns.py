@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -13,7 +12,7 @@ from numpy.typing import NDArray
 from camgen.geometry.arcs import Spans, spans
 from camgen.geometry.rotations import SURE_TURN, angles_between, from_axes, sideways, turned_about_z
 from camgen.geometry.vectors import angles, dots, unit
-from camgen.lower.corners import Corners, blend_corners
+from camgen.lower.corners import JUMP, Corners, blend_corners
 from camgen.model.cell import Dynamics
 from camgen.model.path import ToolPath
 from camgen.model.pose import TOOL_DOWN, FloatArray, frozen
@@ -25,8 +24,6 @@ Middle = Callable[[Indices], FloatArray]
 
 #: So many rows are worked on at a time where many columns come in between: they stay in the processor's cache.
 _BLOCK = 16384
-#: An orientation that jumps by more at a corner is turned there while the tool stands still, rad.
-_JUMP = math.radians(0.5)
 
 
 class Rows(Struct, frozen=True, eq=False):
@@ -210,7 +207,7 @@ def _orientations(rows: Rows, begin: FloatArray, end: FloatArray, middle: Middle
     before[rows.first] = rows.axis[rows.first]
     starts, stops = from_axes(before, begin), from_axes(rows.axis, end)
     starts[rows.first] = stops[rows.first]
-    turns = angles_between(np.roll(stops, 1, axis=0), starts) > _JUMP
+    turns = angles_between(np.roll(stops, 1, axis=0), starts) > JUMP
     turns[rows.first] = False
     table: list[FloatArray] = []
     ends = _share(stops, table)

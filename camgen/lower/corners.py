@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from msgspec import Struct
 
 from camgen.model.cell import Dynamics
 from camgen.model.job import Job
 from camgen.model.pose import FloatArray
+from camgen.model.tolerance import NONZERO
 
 #: Zones that every controller has, mm, as in ``passes.corner_blend``; 0 is an exact stop.
 ZONES = (5.0, 1.0, 0.3)
@@ -17,6 +20,12 @@ _PEN_SHARE, _MOST = 1 / 20, 0.05
 _ROUNDING = 1e-9
 #: The least blend that texts tell from a stop, mm.
 _LEAST_BLEND = 1e-3
+#: How far the tool may be from how it is to stand in a corner that it passes, rad; an orientation that jumps by more
+#: is turned there while the tool stands still.
+JUMP = math.radians(0.5)
+#: A tool begins to turn up to so many times a zone before its corner: z5 of RAPID is 5 mm, and 8 mm for turning
+#: (``zonedata``).
+TURNING = 1.6
 
 
 class Corners(Struct, frozen=True, eq=False):
@@ -68,3 +77,17 @@ def _overlap(corners: Corners, tolerance: FloatArray | float, pace: Dynamics) ->
     way = np.minimum(corners.fast**2 / (2 * pace.acceleration), np.maximum(corners.before, corners.after) / 2)
     within = way * corners.sine / 2 <= np.asarray(tolerance) + _ROUNDING
     return np.where(within, np.maximum(np.round(way, 3), _LEAST_BLEND), 0.0)
+
+
+def hold_orientation(blend: FloatArray, bend: FloatArray, pace: Dynamics) -> FloatArray:
+    """``blend`` (K,) of corners, smaller or 0 where the tool would be turned by more than ``JUMP`` from how it is to
+    stand. bend: (K,) rad/mm by which the turning along the way changes there, its axis with it.
+
+    Rounding turns as it travels: it mixes the turns before and behind a corner, which leaves the orientation at the
+    corner by b bend / 4 where both begin b away from it.
+    """
+    reach = 4 * JUMP / np.maximum(bend, NONZERO)
+    if pace.corner == "overlap":
+        return np.where(blend <= reach, blend, 0.0)
+    room = np.minimum(blend, reach / TURNING)
+    return np.asarray(np.select([room >= zone for zone in ZONES], ZONES, 0.0))

@@ -8,11 +8,10 @@ from collections.abc import Iterable, Iterator, Sequence
 import numpy as np
 from msgspec.structs import replace
 
-from camgen.geometry.arcs import span_lengths
-from camgen.geometry.rotations import between
+from camgen.geometry.rotations import between, vectors_of
 from camgen.lower.columns import blends, gather
 from camgen.lower.contours import dwell, finish, in_air, joints_of, signal, switch_on
-from camgen.lower.corners import corner_tolerance
+from camgen.lower.corners import corner_tolerance, hold_orientation
 from camgen.lower.runs import plunge
 from camgen.model.cell import Cell, Dynamics
 from camgen.model.job import Job, ProcessTable
@@ -47,9 +46,8 @@ def lower_edges(tour: EdgeTour, cell: Cell, job: Job, name: str = "part", header
             link += _state(leg.motion.way, process)
         body += _belonging(link, number, False)
         feed = feed_of(leg.motion, length, process)
-        body += _belonging(
-            _work(leg.motion, feed, _blends(tour.paths[number], feed, job, cell.pace), job), number, True
-        )
+        blend = _blends(leg.motion, tour.paths[number], feed, job, cell.pace)
+        body += _belonging(_work(leg.motion, feed, blend, job), number, True)
     out, way = _split(route.back[:-1])
     body += _belonging(_link(out, job), len(route.legs) - 1, False)
     body.append(Comment("back to home"))
@@ -128,18 +126,23 @@ def _along(way: Way, speed: FloatArray) -> Iterator[Instruction]:
         yield _segment(way, row, float(speed[row - 1]), 0.0)
 
 
-def _blends(path: ToolPath, feed: float, job: Job, pace: Dynamics) -> list[float]:
-    """The blend at the end of each row: at edges the tool stops, curves in space are run through where they are smooth
-    within ``tolerance.corner`` at ``feed``, but where the tool turns on the spot.
+def _blends(motion: Reached, path: ToolPath, feed: float, job: Job, pace: Dynamics) -> list[float]:
+    """The blend at the end of each row of ``path``: the tool runs on where that rounds the way by no more than
+    ``tolerance.corner`` at ``feed`` and hardly changes how it stands; it stops at both ends and where it turns on the
+    spot.
     """
-    if path.operation == "edges":
-        return [0.0] * len(path.position)
     run = np.full(len(path.position), feed)
     rows = replace(gather([path], [0.0]), feed=run)
     blend = blends(rows, np.full_like(run, corner_tolerance(job, path.operation)), pace)
-    still = np.flatnonzero(span_lengths(path.position, path.via[1:]) < SAME_POINT_MM)
-    blend[still] = blend[still + 1] = 0.0
+    blend[1:-1] = hold_orientation(blend[1:-1], _bends(motion.way), pace)
     return [float(radius) for radius in blend]
+
+
+def _bends(way: Way) -> FloatArray:
+    """(N - 2,) rad/mm by which the turning of the tool changes at the rows between two segments."""
+    turn = vectors_of(way.rotation[1:] @ np.swapaxes(way.rotation[:-1], 1, 2))
+    rate = turn / np.maximum(way.length, SAME_POINT_MM)[:, None]
+    return np.asarray(np.linalg.norm(np.diff(rate, axis=0), axis=1))
 
 
 def _work(motion: Reached, feed: float, blend: Sequence[float], job: Job) -> Iterator[Instruction]:

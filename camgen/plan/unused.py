@@ -48,7 +48,6 @@ _IDLE: dict[str, dict[str, tuple[str, ...]]] = {
         "operation": _CONTOURS,
         "tour": ("seams", "order"),
         "tool": ("orient", *_STAND),
-        "tolerance": ("corner",),
         "process": ("clearance", "retract", "stay_down", *_REPLAYS["process"]),
     },
     "curves in space": _CURVES

@@ -14,7 +14,6 @@ import camgen
 from camgen.build import build
 from camgen.lower.corners import Corners, blend_corners, corner_tolerance
 from camgen.model.cell import Dynamics
-from camgen.model.errors import JobError
 from camgen.read.job_file import from_mapping
 
 PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
@@ -118,11 +117,6 @@ def test_zones_do_not_hang_on_the_speed() -> None:
     for fast in (10.0, 500.0):
         corners = Corners(np.array([np.sin(0.1), np.sin(0.8)]), np.full(2, 30.0), np.full(2, 30.0), np.full(2, fast))
         assert blend_corners(corners, 0.05, Dynamics()).tolist() == [1.0, 0.0]
-
-
-def test_edges_have_no_corners_to_round() -> None:
-    with pytest.raises(JobError, match="has no effect on a 3-D part"):
-        build(PARTS / "rfa1.stl", post="rapid", job={"tolerance": {"corner": 0.1}})
 
 
 @pytest.mark.parametrize(("key", "value"), [("", 0), ("process.acceleration", 3000), ("tolerance.corner", 0)])

@@ -1,0 +1,132 @@
+"""Corners along the paths: what a controller rounds off there is free and keeps the margin, else it rounds less."""
+
+from __future__ import annotations
+
+import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
+
+from camgen.check.passing import find_corners
+from camgen.check.reach import Reach
+from camgen.collision.cell import Surroundings
+from camgen.collision.motion import measure_apart, motions
+from camgen.collision.triangle import are_free
+from camgen.lower.corners import TURNING, ZONES
+from camgen.model.cell import Dynamics
+from camgen.model.part import BoolArray, IntArray, Note
+from camgen.model.pose import FloatArray
+from camgen.model.program import Columns, Program
+from camgen.model.text import counted
+from camgen.model.tolerance import NONZERO
+from camgen.plan.edges import STEP
+from camgen.plan.edges.courses import APART, Course
+from camgen.robots.kinematics.forward import flange
+from camgen.robots.models import Robot
+
+#: Corners that are tested together: bounds the memory. Chords in place of what rounds one.
+_CORNERS, _CHORDS = 1000, 8
+
+
+class _Ways(Struct, frozen=True, eq=False):
+    """A program as it is run. joints: (D, J), so close that they run evenly in between. way: (D,) mm of the TCP up to
+    there. end: (M,) the row in which each motion ends.
+    """
+
+    joints: FloatArray
+    way: FloatArray
+    end: IntArray
+
+    def at(self, mm: FloatArray) -> FloatArray:
+        """The joints (*, J) at places (*,) along the way, none of them where the TCP stands."""
+        return np.stack([np.interp(mm, self.way, column) for column in self.joints.T], axis=-1)
+
+
+def hold_clear(
+    program: Program, found: Reach, course: Course, where: Surroundings, robot: Robot, pace: Dynamics
+) -> tuple[Program, tuple[Note, ...]]:
+    """``program`` with those blends along its paths that may stay, lesser ones or stops in place of others: a note says
+    of how many.
+
+    Within a corner all between the program's way and the widest rounding is to keep the margin. Of the tool and the
+    part, which meet there, both of these are tested like any motion; they are as near as ``tolerance.corner`` asks.
+    found, course: of the program, which meets nothing without blends.
+    """
+    columns = program.columns
+    corners = _find_rounded(columns, find_corners(program))
+    if not len(corners):
+        return program, ()
+    ways, blend = _follow(program, found, course, robot), columns.blend.copy()
+    left = corners
+    while len(left):
+        free = [
+            _are_clear(where, ways, blend, some, pace) for some in np.split(left, range(_CORNERS, len(left), _CORNERS))
+        ]
+        left = left[~np.concatenate(free)]
+        blend[left] = _lessen(blend[left], pace)
+        left = left[blend[left] > 0]
+    changed = corners[blend[corners] < columns.blend[corners]]
+    if not len(changed):
+        return program, ()
+    body = list(program.body)
+    for k in changed.tolist():
+        body[int(columns.at[k])] = replace(columns.moves[k], blend=float(blend[k]))
+    what = f"{len(changed)} of {counted(len(corners), 'corner')} along the paths are rounded less, or not"
+    note = Note("assumed", what, "what is rounded off there would not keep cell.margin")
+    return program.with_body(tuple(body)), (note,)
+
+
+def _find_rounded(columns: Columns, corners: IntArray) -> IntArray:
+    """Those of some motions that end in a blend between two motions along a path."""
+    return corners[(columns.blend[corners] > 0) & columns.works[corners] & columns.works[corners + 1]]
+
+
+def _follow(program: Program, found: Reach, course: Course, robot: Robot) -> _Ways:
+    rotation, origin = flange(robot, course.joints)
+    tip = origin + rotation @ np.asarray(program.flange_from_tool.origin)
+    way = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(tip, axis=0), axis=1)))
+    return _Ways(course.joints, way, np.searchsorted(course.at, found.rows.at))
+
+
+def _lessen(blend: FloatArray, pace: Dynamics) -> FloatArray:
+    """The next smaller blends: where motions overlap there are none."""
+    if pace.corner == "overlap":
+        return np.zeros_like(blend)
+    return np.asarray(np.select([blend > zone for zone in ZONES], ZONES, 0.0))
+
+
+def _are_clear(where: Surroundings, ways: _Ways, blend: FloatArray, corners: IntArray, pace: Dynamics) -> BoolArray:
+    """In which corners (K,), after these motions, nothing is met and the margin kept."""
+    own, rounded, middle = _round(ways, blend[corners], corners, pace)
+    even = (own[:, 1:] + own[:, :-1]) / 2
+    off = measure_apart(where.scene, *(each.reshape(-1, each.shape[-1]) for each in (middle, even)))
+    bow = APART + off.reshape(even.shape[:2]).max(axis=1)
+    sides = (own[:, :-1], own[:, 1:], rounded[:, :-1]), (own[:, 1:], rounded[:, :-1], rounded[:, 1:])
+    strip = np.concatenate([np.stack(three, axis=2) for three in sides], axis=1)
+    owner = np.repeat(np.arange(len(corners)), strip.shape[1])
+    free = are_free(where.apart, strip.reshape(-1, *strip.shape[2:]), owner, where.margin, bow)
+    met = motions(where.work, list(rounded[free]), STEP, apart=float(bow.max()))
+    free[free] = [not one.hit for one in met]
+    return free
+
+
+def _round(
+    ways: _Ways, blend: FloatArray, corners: IntArray, pace: Dynamics
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """The joints on the program's way about the corners after these motions, and on a parabola from as far before each
+    corner to as far behind it as it may be rounded with its ``blend``, (K, C + 1, J) each; the joints half-way from one
+    to the next of the former, (K, C, J).
+    """
+    place = ways.way[ways.end]
+    here = place[corners]
+    wide = blend * (1.0 if pace.corner == "overlap" else TURNING)
+    # A controller cuts what is rounded at half of either motion.
+    before = np.minimum(wide, (here - place[corners - 1]) / 2)[:, None]
+    after = np.minimum(wide, (place[corners + 1] - here) / 2)[:, None]
+    # In the middle one of the chords' ends, by so much of both motions as much is left of one as is made of the other.
+    share, sides = np.linspace(0.0, 1.0, _CHORDS + 1), (np.sqrt(before), np.sqrt(after))
+    even = sides[0] / np.maximum(sides[0] + sides[1], NONZERO)
+    t = np.where(share <= 0.5, 2 * share * even, even + (2 * share - 1) * (1 - even))
+    left, made = here[:, None] - (1 - t) ** 2 * before, here[:, None] + t**2 * after
+    along = left + made - here[:, None]
+    rounded = ways.at(left) + ways.at(made) - ways.joints[ways.end[corners], None]
+    return ways.at(along), rounded, ways.at((along[:, 1:] + along[:, :-1]) / 2)
