@@ -10,7 +10,6 @@ from camgen.check.passing import find_corners
 from camgen.check.reach import Reach
 from camgen.collision.cell import Surroundings
 from camgen.collision.motion import measure_apart, motions
-from camgen.collision.triangle import are_free
 from camgen.lower.corners import TURNING, ZONES
 from camgen.model.cell import Dynamics
 from camgen.model.part import BoolArray, IntArray, Note
@@ -18,7 +17,7 @@ from camgen.model.pose import FloatArray
 from camgen.model.program import Columns, Program
 from camgen.model.text import counted
 from camgen.model.tolerance import NONZERO
-from camgen.plan.edges import STEP
+from camgen.plan.edges import FINE, STEP
 from camgen.plan.edges.courses import APART, Course
 from camgen.robots.kinematics.forward import flange
 from camgen.robots.models import Robot
@@ -47,9 +46,9 @@ def hold_clear(
     """``program`` with those blends along its paths that may stay, lesser ones or stops in place of others: a note says
     of how many.
 
-    Within a corner all between the program's way and the widest rounding is to keep the margin. Of the tool and the
-    part, which meet there, both of these are tested like any motion; they are as near as ``tolerance.corner`` asks.
-    found, course: of the program, which meets nothing without blends.
+    Within a corner the program's way is to keep the margin and as much as any point is off it on the widest rounding,
+    which holds for all between these ways. Of the tool and the part, which meet there, the widest rounding is tested
+    like any motion. found, course: of the program, which meets nothing without blends.
     """
     columns = program.columns
     corners = _find_rounded(columns, find_corners(program))
@@ -71,7 +70,7 @@ def hold_clear(
     for k in changed.tolist():
         body[int(columns.at[k])] = replace(columns.moves[k], blend=float(blend[k]))
     what = f"{len(changed)} of {counted(len(corners), 'corner')} along the paths are rounded less, or not"
-    note = Note("assumed", what, "what is rounded off there would not keep cell.margin")
+    note = Note("assumed", what, "what more would be rounded off there is not free for sure")
     return program.with_body(tuple(body)), (note,)
 
 
@@ -97,16 +96,19 @@ def _lessen(blend: FloatArray, pace: Dynamics) -> FloatArray:
 def _are_clear(where: Surroundings, ways: _Ways, blend: FloatArray, corners: IntArray, pace: Dynamics) -> BoolArray:
     """In which corners (K,), after these motions, nothing is met and the margin kept."""
     own, rounded, middle = _round(ways, blend[corners], corners, pace)
-    even = (own[:, 1:] + own[:, :-1]) / 2
-    off = measure_apart(where.scene, *(each.reshape(-1, each.shape[-1]) for each in (middle, even)))
-    bow = APART + off.reshape(even.shape[:2]).max(axis=1)
-    sides = (own[:, :-1], own[:, 1:], rounded[:, :-1]), (own[:, 1:], rounded[:, :-1], rounded[:, 1:])
-    strip = np.concatenate([np.stack(three, axis=2) for three in sides], axis=1)
-    owner = np.repeat(np.arange(len(corners)), strip.shape[1])
-    free = are_free(where.apart, strip.reshape(-1, *strip.shape[2:]), owner, where.margin, bow)
-    met = motions(where.work, list(rounded[free]), STEP, apart=float(bow.max()))
-    free[free] = [not one.hit for one in met]
-    return free
+    off = _measure(where, rounded, own)
+    bow = APART + float(_measure(where, middle, (own[:, 1:] + own[:, :-1]) / 2).max())
+    beside = motions(where.apart, list(own), FINE, where.margin + off, bow)
+    working = motions(where.work, list(rounded), STEP, apart=bow)
+    room = np.array([0.0 if one.hit else one.clearance for one in beside])
+    met = np.array([one.hit for one in working])
+    return np.asarray((room >= where.margin + off) & ~met)
+
+
+def _measure(where: Surroundings, one: FloatArray, other: FloatArray) -> FloatArray:
+    """Mm (K,) that a point of a body is at most from where it is in other configurations, of (K, R, J) each."""
+    rows = (each.reshape(-1, each.shape[-1]) for each in (one, other))
+    return np.asarray(measure_apart(where.scene, *rows).reshape(one.shape[:2]).max(axis=1))
 
 
 def _round(

@@ -68,14 +68,17 @@ def motion(scene: Scene, waypoints: FloatArray, step: float, near: float = 0.0, 
 
 
 def motions(
-    scene: Scene, several: Sequence[FloatArray], step: float, near: float = 0.0, apart: float = 0.0
+    scene: Scene, several: Sequence[FloatArray], step: float, near: float | FloatArray = 0.0, apart: float = 0.0
 ) -> list[Course]:
-    """``motion`` of each of ``several``, together: in a fraction of the time where they are short."""
+    """``motion`` of each of ``several``, together: in a fraction of the time where they are short. near: one for all or
+    each (L,).
+    """
     if not several:
         return []
     lines = _Lines.of(scene, [finite(waypoints) for waypoints in several])
     # What is as near at some of the waypoints bounds how near the rest need be looked at.
-    nears = _bound(scene, [waypoints[::_SPARSE] for waypoints in several], near)
+    levels = np.broadcast_to(near, len(several)).tolist()
+    nears = _bound(scene, [waypoints[::_SPARSE] for waypoints in several], levels)
     at, first = _find_undecided(scene, lines, step, np.array([bound.distance for bound in nears]), apart)
     rows = _rows(lines.waypoints, at)
     splits = first[1:-1]
@@ -96,12 +99,12 @@ def _course(at: FloatArray, pairs: IntArray, bound: Nearest, closer: Nearest) ->
     return Course(-1, math.nan, bound.distance, bound.pair, float(bound.row * _SPARSE) if bound.pair >= 0 else math.nan)
 
 
-def _bound(scene: Scene, several: Sequence[FloatArray], near: float) -> list[Nearest]:
-    """The least clearance of each of several tables of configurations, at most ``near``; 0 where one collides."""
-    if near == 0:
+def _bound(scene: Scene, several: Sequence[FloatArray], nears: Sequence[float]) -> list[Nearest]:
+    """The least clearance of each of several tables of configurations, at most ``nears``; 0 where one collides."""
+    if not any(nears):
         return [Nearest(0.0, -1, -1) for _ in several]
     struck = np.split(hits(scene, np.concatenate(several)) >= 0, np.cumsum([len(rows) for rows in several])[:-1])
-    return _least(scene, several, [0.0 if one.any() else near for one in struck])
+    return _least(scene, several, [0.0 if one.any() else near for one, near in zip(struck, nears, strict=True)])
 
 
 def _least(scene: Scene, several: Sequence[FloatArray], nears: Sequence[float]) -> list[Nearest]:

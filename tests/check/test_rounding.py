@@ -235,9 +235,10 @@ def angle_iron(tmp_path: Path, gap: float, margin: float) -> tuple[list[float], 
 
 @pytest.mark.parametrize(
     ("gap", "margin", "blend"),
-    # The tool begins to turn 8 mm before its corner with zone 5, 1.6 and 0.48 mm with the others, so that in the corner
-    # it may be a quarter of that nearer to the block along x and along y. A margin is what boxes grow by on each side.
-    [(6.0, 2.5, 5.0), (6.0, 4.5, 1.0), (6.0, 5.75, 0.3), (6.0, 5.95, 0.0), (1.5, 0.0, 1.0)],
+    # The tool begins to turn 8 mm before its corner with zone 5, 1.6 and 0.48 mm with the others, which has it off its
+    # way by sin(45 deg) / 2 of that: 2.83, 0.57 and 0.17 mm, taken up to 1.4 times as large. The rest of the gap is to
+    # be the margin.
+    [(6.0, 2.0, 5.0), (6.0, 3.5, 1.0), (6.0, 5.0, 1.0), (6.0, 5.6, 0.3), (6.0, 5.95, 0.0), (1.5, 0.0, 1.0)],
 )
 def test_a_corner_is_rounded_as_far_as_the_margin_is_kept(
     tmp_path: Path, gap: float, margin: float, blend: float
