@@ -3,9 +3,9 @@
     python -m bench.robots.flow [PART] [ROBOT]
 
 Two parts, three arms, the nominal tool and one that may lean and roll. Before: no margin, links at 100 mm/s and a stop
-at every corner. After: what a job has that says nothing of it, 2 mm of margin. Time is that of the program by the model
-of docs/cycle-time.md; least distance that of all but the tool and the part, told up to 2 mm. Exits with 1 where an edge
-is lost.
+at every corner. After: what a job has that says nothing of it, 2 mm of margin. Stops are those left at the corners of
+links, and between the rows of edges. Time is that of the program by the model of docs/cycle-time.md; least distance
+that of all but the tool and the part, told up to 2 mm. Exits with 1 where an edge is lost.
 """
 
 from __future__ import annotations
@@ -14,12 +14,14 @@ import sys
 import time
 from collections.abc import Mapping
 
+import numpy as np
 from msgspec.structs import replace
 
 import camgen
 from bench.machine import machine
 from bench.robots.rfa import FREE, PARTS, RAISED, cell
 from camgen.build import Result
+from camgen.check.passing import find_corners
 from camgen.check.time import cycle
 from camgen.model.program import MoveC, MoveJ, MoveL
 from camgen.model.text import short
@@ -48,6 +50,13 @@ def stopped(result: Result) -> float:
     return cycle(result.program.with_body(body), result.cell.pace, result.reach, result.cell.arm).total
 
 
+def between_rows(result: Result) -> str:
+    """How many rows of edges end in a stop before the next one, and of how many."""
+    columns, corners = result.program.columns, find_corners(result.program)
+    inner = corners[columns.works[corners] & columns.works[np.minimum(corners + 1, len(columns.works) - 1)]]
+    return f"{int((columns.blend[inner] == 0).sum())} of {len(inner)}"
+
+
 def least(result: Result) -> str:
     assert result.clear is not None
     return "2 or more" if result.clear.nearest is None else short(result.clear.clearance, 2)
@@ -56,9 +65,9 @@ def least(result: Result) -> str:
 def main(arguments: list[str]) -> int:
     parts, names = arguments[:1] or RAISED, arguments[1:2] or ARMS
     print(f"{machine()}\n")
-    more = "| less | without blends, s | stops left | least distance | build, s |"
+    more = "| less | without blends, s | stops left | between rows | least distance | build, s |"
     print(f"| part | robot | tool | edges | program, s {more}")
-    print("|---|---|---|---|---|---|---|---|---|---|")
+    print("|---|---|---|---|---|---|---|---|---|---|---|")
     lost, sums = False, [0.0, 0.0]
     for part, name, free in ((part, name, free) for part in parts for name in names for free in (False, True)):
         (old, slow), (new, fast) = build(part, name, free, BEFORE), build(part, name, free, {})
@@ -71,6 +80,7 @@ def main(arguments: list[str]) -> int:
             f"{seconds[0]:.1f}, {seconds[1]:.1f}",
             *(f"{100 * (1 - seconds[1] / seconds[0]):.0f} %", f"{stopped(new):.1f}"),
             f"{int(passed[2]) - int(passed[0])} of {passed[2]}",
+            between_rows(new),
             *(f"{least(old)}, {least(new)}", f"{slow:.1f}, {fast:.1f}"),
         ]
         print("| " + " | ".join(row) + " |", flush=True)
