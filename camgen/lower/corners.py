@@ -14,6 +14,8 @@ from camgen.model.tolerance import NONZERO
 
 #: Zones that every controller has, mm, as in ``passes.corner_blend``; 0 is an exact stop.
 ZONES = (5.0, 1.0, 0.3)
+#: From where on the tool is turned to the next motion with each of them, mm before the corner: z5, z1 and z0 of RAPID.
+_TURNS = (8.0, 1.0, 0.3)
 #: Share of the width of a pen, and mm at most: a line so much nearer to its corner is not seen.
 _PEN_SHARE, _MOST = 1 / 20, 0.05
 #: Of a way, mm: lines that go on into an arc have no corner.
@@ -23,8 +25,7 @@ _LEAST_BLEND = 1e-3
 #: How far the tool may be from how it is to stand in a corner that it passes, rad; an orientation that jumps by more
 #: is turned there while the tool stands still.
 JUMP = math.radians(0.5)
-#: A tool begins to turn up to so many times a zone before its corner: z5 of RAPID is 5 mm, and 8 mm for turning
-#: (``zonedata``).
+#: A tool begins to turn up to so many times a zone before its corner: z5 of RAPID does (``zonedata``).
 TURNING = 1.6
 
 
@@ -89,5 +90,5 @@ def hold_orientation(blend: FloatArray, bend: FloatArray, pace: Dynamics) -> Flo
     reach = 4 * JUMP / np.maximum(bend, NONZERO)
     if pace.corner == "overlap":
         return np.where(blend <= reach, blend, 0.0)
-    room = np.minimum(blend, reach / TURNING)
-    return np.asarray(np.select([room >= zone for zone in ZONES], ZONES, 0.0))
+    fits = [(blend >= zone) & (reach >= turn) for zone, turn in zip(ZONES, _TURNS, strict=True)]
+    return np.asarray(np.select(fits, ZONES, 0.0))

@@ -12,13 +12,16 @@ import camgen
 from bench.robots.rfa import FREE, PARTS, cell
 from camgen.build import Result
 from camgen.check.time import cycle
+from camgen.lower.corners import hold_orientation
+from camgen.model.cell import Dynamics
 from camgen.model.pose import FloatArray, rotation_between
 from camgen.model.program import Comment, Force, MoveC, MoveL, Output
 from camgen.read.solid import mesh
 from tests.support.files import source
 
 Motion = MoveL | MoveC
-ZONES = (5.0, 1.0, 0.3)
+#: Zones, and from where on the tool is turned with each of them: z5, z1 and z0 of RAPID, mm.
+ZONES = {5.0: 8.0, 1.0: 1.0, 0.3: 0.3}
 CELL = {
     "robot": "IRB 2400",
     "base_from_work": [970, -10, 640, 0, 0, 0],
@@ -127,9 +130,9 @@ def wanted(before: Motion, one: Motion, two: Motion, tolerance: float) -> float:
     than half a degree; none but the least is more than half of a motion.
     """
     angle, half = turn(before, one, two), min(length_of(before, one), length_of(one, two)) / 2
-    for zone in ZONES:
-        fits = zone <= half or zone == ZONES[-1]
-        if fits and zone * np.sin(angle / 2) / 2 <= tolerance and swerve(before, one, two, 1.6 * zone) <= np.pi / 360:
+    for zone, begin in ZONES.items():
+        fits = zone <= half or zone == min(ZONES)
+        if fits and zone * np.sin(angle / 2) / 2 <= tolerance and swerve(before, one, two, begin) <= np.pi / 360:
             return zone
     return 0.0
 
@@ -206,14 +209,24 @@ def test_the_text_of_every_controller_passes_the_rows(disc: Path, post: str, sto
 
 def test_where_the_tool_is_turned_otherwise_from_row_to_row_it_may_hardly_be_off() -> None:
     rows = inner(of_the_paper())
-    stops = [corner for corner in rows if corner[1].blend == 0]
     assert len(rows) == 22
-    assert 0 < len(stops) < 8
     for corner in rows:
         # The rims of the bore go on without a corner, so that only the tool's turning asks for less.
-        fits = [zone for zone in ZONES if swerve(*corner, 1.6 * zone) <= np.pi / 360 + 1e-6]
-        assert corner[1].blend == max((z for z in fits if z <= 7.1 / 2), default=0.0)
         assert turn(*corner) < 1e-6
+        fits = [zone for zone, begin in ZONES.items() if swerve(*corner, begin) <= np.pi / 360 + 1e-6]
+        assert corner[1].blend == max(zone for zone in fits if zone <= 7.1 / 2)
+    assert {corner[1].blend for corner in rows} == {0.3, 1.0}
+
+
+def test_a_tool_that_turns_otherwise_all_at_once_stops() -> None:
+    """Begun b before the corner the tool is off by a quarter of b times what its turning changes there, rad/mm."""
+    half = np.pi / 360
+    bend = np.array([0.0, 4 * half / 8.01, 4 * half / 7.99, 4 * half / 0.99, 4 * half / 0.31, 4 * half / 0.29])
+    zones = hold_orientation(np.full(6, 5.0), bend[::-1], Dynamics())
+    assert zones.tolist() == [0.0, 0.3, 0.3, 1.0, 5.0, 5.0]
+    # Where motions overlap there is one rounding, as long as they are fast.
+    lapped = hold_orientation(np.full(6, 0.3), bend, Dynamics(corner="overlap"))
+    assert lapped.tolist() == [0.3, 0.3, 0.3, 0.3, 0.3, 0.0]
 
 
 # What is free.
