@@ -4,9 +4,11 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from camgen.model import body as packed_body
-from camgen.model.body import Packing, join, pack
+from camgen.model.body import Body, Packing, Poses, join, merge, pack, plain_motions
 from camgen.model.errors import Refused
 from camgen.model.pose import IDENTITY, TOOL_DOWN, Pose
 from camgen.model.program import (
@@ -216,3 +218,97 @@ def test_a_column_that_says_nothing_takes_no_room() -> None:
     arcs = pressing.arcs
     assert np.array_equal(pressing.vias_of(arcs[1:]), pressing.vias[arcs[1:]])
     assert np.isnan(np.delete(pressing.vias, arcs, axis=0)).all()
+
+
+# Bodies that are made by column.
+
+
+def line_by_line(pieces: list[tuple[list[int], list[Instruction]]]) -> list[Instruction]:
+    """What ``merge`` makes of some pieces, by a loop over places, pieces and what stands in them."""
+    places = sorted({place for own, _ in pieces for place in own})
+    return [
+        item for place in places for own, items in pieces for at, item in zip(own, items, strict=True) if at == place
+    ]
+
+
+PIECES = st.lists(
+    st.lists(st.tuples(st.integers(0, 9), st.integers(0, len(ITEMS) - 1)), max_size=12), min_size=1, max_size=6
+)
+
+
+@given(PIECES)
+def test_merged_pieces_are_sorted_by_place_and_then_by_piece(drawn: list[list[tuple[int, int]]]) -> None:
+    pieces = [([place for place, _ in piece], [ITEMS[k] for _, k in piece]) for piece in drawn]
+    given_up = [(np.array(places, np.intp), pack(items)) for places, items in pieces]
+    body = merge(given_up)
+    assert given_up == []
+    wanted = line_by_line(pieces)
+    assert same(body, wanted)
+    assert same([body[k] for k in range(len(body))], wanted)
+    assert len({id(rotation) for rotation in body.rotations}) == len(body.rotations)
+
+
+def test_merging_shares_rotations_and_leaves_out_those_that_are_not_used() -> None:
+    turned = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    table = [TOOL_DOWN, turned, IDENTITY]
+    origin = np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]])
+    pieces = [
+        (np.array([1, 0]), lines(origin, [2, 2], table)),
+        (np.array([0]), lines(origin[:1], [0], table)),
+    ]
+    body = merge(pieces)
+    assert [id(move.target.rotation) for move in body] == [id(IDENTITY), id(TOOL_DOWN), id(IDENTITY)]  # type: ignore[union-attr]
+    assert [id(one) for one in body.rotations] == [id(IDENTITY), id(TOOL_DOWN)]
+
+
+def lines(origin: np.ndarray, rotation: list[int], table: list[np.ndarray]) -> Body:
+    target = Poses(origin, np.array(rotation, np.int32), table)
+    return plain_motions(MoveL, target, speed=20.0, blend=0.0, path=np.zeros(len(origin), np.intp), work=True)
+
+
+NUMBERS = st.floats(-1e4, 1e4)
+ROWS = st.lists(
+    st.tuples(
+        st.tuples(NUMBERS, NUMBERS, NUMBERS), st.integers(0, 1), st.floats(0.1, 500.0), st.floats(0.0, 5.0),
+        st.integers(-1, 9), st.none() | st.tuples(NUMBERS, NUMBERS, NUMBERS), st.integers(0, 1),
+    ),
+    max_size=12,
+)  # fmt: skip
+
+
+@given(ROWS, st.sampled_from([MoveJ, MoveL]), st.booleans())
+def test_plain_motions_are_those_made_one_by_one(rows: list, kind: type[MoveJ | MoveL], work: bool) -> None:
+    table = [IDENTITY, TOOL_DOWN]
+    nowhere = (np.nan,) * 3
+    columns = list(zip(*rows, strict=True)) if rows else [()] * 7
+    end, turned, speed, blend, path, via, via_turned = columns
+    middles = np.array([nowhere if one is None else one for one in via]).reshape(-1, 3)
+    body = plain_motions(
+        kind,
+        Poses(np.array(end, np.float64).reshape(-1, 3), np.array(turned, np.int32), table),
+        speed=np.array(speed, np.float64),
+        blend=np.array(blend, np.float64),
+        path=np.array(path, np.intp),
+        work=work,
+        via=Poses(middles, np.array(via_turned, np.int32), table),
+    )
+    wanted = []
+    for at, way, fast, zone, number, middle, half in rows:
+        target = Pose(table[way], at)
+        if middle is not None:
+            over = Pose(table[half], middle)
+            wanted.append(MoveC(over, target, fast, zone, path=number, work=work))
+        else:
+            wanted.append(kind(target, fast, zone, path=number, work=work))
+    assert same(body, wanted)
+
+
+def test_plain_motions_may_share_a_speed_and_a_blend() -> None:
+    body = lines(np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]), [0, 1], [IDENTITY, TOOL_DOWN])
+    assert same(
+        body,
+        [
+            MoveL(Pose(IDENTITY, (1.0, 2.0, 3.0)), 20.0, path=0, work=True),
+            MoveL(Pose(TOOL_DOWN, (4.0, 5.0, 6.0)), 20.0, path=0, work=True),
+        ],
+    )
