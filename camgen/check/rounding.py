@@ -69,7 +69,7 @@ def hold_clear(
     body = list(program.body)
     for k in changed.tolist():
         body[int(columns.at[k])] = replace(columns.moves[k], blend=float(blend[k]))
-    what = f"{len(changed)} of {counted(len(corners), 'corner')} along the paths are rounded less, or not"
+    what = f"less is rounded at {len(changed)} of {counted(len(corners), 'corner')} along the paths"
     note = Note("assumed", what, "what more would be rounded off there is not free for sure")
     return program.with_body(tuple(body)), (note,)
 

@@ -242,7 +242,7 @@ def angle_iron(tmp_path: Path, gap: float, margin: float) -> tuple[list[float], 
     fixed = {"base_from_work": [330, -20, 150, 0, 0, 0], "robot": "IRB 120", "margin": margin, "fixtures": [block]}
     job: Tables = {"tolerance": {"corner": 5}, "cell": fixed}
     result = camgen.build(file, post="rapid", job=job)
-    told = any("along the paths are rounded less" in note.what for note in result.notes)
+    told = any(note.what == "less is rounded at 1 of 1 corner along the paths" for note in result.notes)
     return [one.blend for _, one, _ in inner(result)], told
 
 
