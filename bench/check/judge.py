@@ -58,13 +58,17 @@ class _Way:
 
 def _even_odd(points: Array, lines: list[Array]) -> NDArray[np.bool_]:
     """(N,) whether a ray to the right crosses the lines an odd number of times."""
-    inside = np.zeros(len(points), dtype=bool)
-    x, y = points.T
+    order = np.argsort(points[:, 1])
+    x, y = points[order].T
+    odd = np.zeros(len(points), dtype=bool)
     for line in lines:
         a, b = line, np.roll(line, -1, axis=0)
-        for (ax, ay), (bx, by) in zip(a.tolist(), b.tolist(), strict=True):
-            if ay != by:
-                inside ^= ((ay > y) != (by > y)) & (x < (bx - ax) * (y - ay) / (by - ay) + ax)
+        # Only points as high as a line can have it on their right.
+        first, last = (np.searchsorted(y, ends) for ends in (np.minimum(a, b)[:, 1], np.maximum(a, b)[:, 1]))
+        for (ax, ay), (bx, by), i, j in zip(a.tolist(), b.tolist(), first.tolist(), last.tolist(), strict=True):
+            odd[i:j] ^= x[i:j] < (bx - ax) * (y[i:j] - ay) / (by - ay) + ax
+    inside = np.zeros(len(points), dtype=bool)
+    inside[order] = odd
     return inside
 
 
@@ -77,13 +81,14 @@ class Judge:
         every = np.concatenate(lines)
         self.low, self.high = every.min(axis=0) - _MARGIN, every.max(axis=0) + _MARGIN
         beside = [side for line in lines for side in self._beside(line)]
-        grid = np.stack(np.meshgrid(*(np.arange(a, b, _BETWEEN) for a, b in zip(self.low, self.high, strict=True))), -1)
-        between = grid.reshape(-1, 2)
+        x, y = (np.arange(a, b, _BETWEEN) for a, b in zip(self.low, self.high, strict=True))
         # None of them near a line, where rounding would tell on which side it is.
-        near = np.zeros(len(between), dtype=bool)
-        for x, y in every.tolist():
-            near |= np.abs(between - (x, y)).max(axis=1) < _ALONG
-        self.points = np.concatenate([*beside, between[~near]])
+        near = np.zeros((len(y), len(x)), dtype=bool)
+        ends = (np.searchsorted(some, every[:, k] + sign * _ALONG) for k, some in enumerate((x, y)) for sign in (-1, 1))
+        for left, right, low, high in zip(*(end.tolist() for end in ends), strict=True):
+            near[low:high, left:right] = True
+        between = np.stack(np.meshgrid(x, y), -1)[~near]
+        self.points = np.concatenate([*beside, between])
         self.allowed = self._depths(self.points, scene.rules)
 
     @staticmethod
