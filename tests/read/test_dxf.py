@@ -255,16 +255,17 @@ def test_references_that_cannot_be_used() -> None:
     loop.add_blockref("LOOP", (1, 1))
     space.add_blockref("LOOP", (0, 0))
     space.add_blockref("MISSING", (0, 0))
+    space.add_blockref("NAMELESS", (0, 0))
     space.add_blockref("LOOP", (0, 0), dxfattribs={"xscale": 0.125})
     document.add_xref_def("other.dxf", "OTHER")
     space.add_blockref("OTHER", (0, 0))
-    # ezdxf writes no scale of 0 but reads it.
-    text = written(document).replace(" 41\n0.125\n", " 41\n0.0\n")
+    # ezdxf writes no scale of 0 and no reference without a name but reads them.
+    text = written(document).replace(" 41\n0.125\n", " 41\n0.0\n").replace("  2\nNAMELESS\n", "")
     part = read_bytes("test.dxf", text.encode(), InputTable(), 0.01)
     assert len(part.contours) == 2
     assert notes(part) == [
         "skipped: 1 INSERT on layer 0 (its block contains itself)",
-        "skipped: 1 INSERT on layer 0 (its block is missing)",
+        "skipped: 2 INSERT on layer 0 (its block is missing)",
         "skipped: 1 INSERT on layer 0 (scaled to nothing)",
         "skipped: 1 INSERT on layer 0 (an external reference, not in this file)",
     ]
