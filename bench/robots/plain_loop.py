@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Iterable, Iterator
+from typing import Any, NamedTuple
 
 import fcl
 import numpy as np
@@ -27,6 +27,14 @@ def solid_angle(triangles: FloatArray, point: FloatArray) -> float:
     over = np.einsum("ij,ij->i", a, np.cross(b, c))
     under = la * lb * lc + (a * b).sum(axis=1) * lc + (b * c).sum(axis=1) * la + (c * a).sum(axis=1) * lb
     return float(np.arctan2(over, under).sum() / (2 * math.pi))
+
+
+class Body(NamedTuple):
+    """What fcl tests, and a sphere around it: its middle in the frame of the base, and its radius, mm."""
+
+    shape: Any
+    middle: tuple[float, float, float]
+    radius: float
 
 
 class Loop:
@@ -52,57 +60,57 @@ class Loop:
         model.beginModel(len(solid.vertices), len(solid.faces))
         model.addSubModel(np.asarray(solid.vertices), np.asarray(solid.faces))
         model.endModel()
-        self.mesh = fcl.CollisionObject(model, self._transform(base_from_part.rotation, base_from_part.origin))
-        self.standing = standing
+        mesh = fcl.CollisionObject(model, self._transform(base_from_part.rotation, base_from_part.origin))
+        middle, radius = base_from_part.apply((self.low + self.high) / 2), np.linalg.norm(self.high - self.low) / 2
+        self.mesh = Body(mesh, middle, float(radius))
+        self.standing = [(body.name, self._bodies(body.boxes, np.eye(3), np.zeros(3), 0.0)) for body in standing]
 
     @staticmethod
     def _transform(rotation: FloatArray, origin: Any) -> Any:
         return fcl.Transform(np.asarray(rotation), np.asarray(origin))
 
-    def _objects(self, boxes: tuple[Box, ...], rotation: FloatArray, origin: FloatArray, by: float) -> list[Any]:
+    def _bodies(self, boxes: Iterable[Box], rotation: FloatArray, origin: FloatArray, by: float) -> list[Body]:
         made = []
         for box in boxes:
             at = origin + rotation @ np.asarray(box.link_from_box.origin)
-            size = [2 * (half + by) for half in box.half]
+            half = [half + by for half in box.half]
             turned = rotation @ box.link_from_box.rotation
-            made.append(fcl.CollisionObject(fcl.Box(*size), self._transform(turned, at)))
+            shape = fcl.CollisionObject(fcl.Box(*(2 * h for h in half)), self._transform(turned, at))
+            made.append(Body(shape, tuple(at.tolist()), math.hypot(*half)))
         return made
 
-    def _in_part(self, box: Any) -> bool:
-        at = self.base_from_part.inverse().apply(box.getTranslation())
+    def _in_part(self, box: Body) -> bool:
+        at = self.base_from_part.inverse().apply(box.middle)
         if (at < self.low).any() or (at > self.high).any():
             return False
         return solid_angle(self.triangles, np.array(at)) > 0.5
 
-    def _met(self, ones: list[Any], others: list[Any]) -> bool:
-        return any(fcl.collide(a, b, fcl.CollisionRequest(), fcl.CollisionResult()) for a in ones for b in others) or (
-            self.mesh in others and any(self._in_part(a) for a in ones)
-        )
+    def _met(self, ones: list[Body], others: list[Body]) -> bool:
+        return any(
+            fcl.collide(a.shape, b.shape, fcl.CollisionRequest(), fcl.CollisionResult()) for a in ones for b in others
+        ) or (others == [self.mesh] and any(self._in_part(a) for a in ones))
 
-    def _pairs(self, joints: FloatArray) -> Iterator[tuple[str, str, list[Any], list[Any]]]:
+    def _pairs(self, joints: FloatArray) -> Iterator[tuple[str, str, list[Body], list[Body]]]:
         """All pairs that are tested at one configuration (J,): their names and their bodies."""
         of, last = self.of, len(self.of.joints)
         rotations, origins = frames(of, joints[None])
         tip = flange(of, joints[None])
         spared = {frozenset(pair) for pair in of.touching}
         padded, plain = (
-            [self._objects(k.boxes, r, o, by) for k, r, o in zip(of.links, rotations[0], origins[0], strict=True)]
+            [self._bodies(k.boxes, r, o, by) for k, r, o in zip(of.links, rotations[0], origins[0], strict=True)]
             for by in (of.pad, 0.0)
         )
         names = [link.name for link in of.links]
         for i, j in itertools.combinations(range(last + 1), 2):
             if frozenset((i, j)) not in spared:
                 yield names[i], names[j], padded[i], padded[j]
-        tools = [(body.name, self._objects(body.boxes, tip[0][0], tip[1][0], 0.0)) for body in self.tool]
-        working = [
-            (body.name, self._objects(body.boxes, tip[0][0], tip[1][0], -self.contact)) for body in self.tool[:1]
-        ]
+        tools = [(body.name, self._bodies(body.boxes, tip[0][0], tip[1][0], 0.0)) for body in self.tool]
+        working = [(body.name, self._bodies(body.boxes, tip[0][0], tip[1][0], -self.contact)) for body in self.tool[:1]]
         for (name, boxes), i in itertools.product(tools, range(last)):
             if frozenset((names[i], name)) not in self.allowed:
                 yield names[i], name, (plain if frozenset((i, last)) in spared else padded)[i], boxes
         moving = list(zip(names, padded, strict=True))[1:]
-        standing = [(body.name, self._objects(body.boxes, np.eye(3), np.zeros(3), 0.0)) for body in self.standing]
-        for (name, boxes), (other, obstacle) in itertools.product(moving + tools, standing):
+        for (name, boxes), (other, obstacle) in itertools.product(moving + tools, self.standing):
             yield name, other, boxes, obstacle
         for name, boxes in moving + working + tools[1:]:
             yield name, "part", boxes, [self.mesh]
@@ -113,9 +121,13 @@ class Loop:
 
     def gap(self, joints: FloatArray) -> float:
         """The least distance, mm, of all pairs but the tool and the part at one configuration (J,) without a hit."""
-        return min(
-            float(fcl.distance(a, b, fcl.DistanceRequest(), fcl.DistanceResult()))
-            for name, other, ones, others in self._pairs(joints)
-            if (name, other) != ("tool", "part")
-            for a, b in itertools.product(ones, others)
-        )
+        least = math.inf
+        for name, other, ones, others in self._pairs(joints):
+            for a, b in itertools.product(ones, others):
+                # What is farther by the spheres around both need not be measured.
+                near = math.dist(a.middle, b.middle) - a.radius - b.radius < least
+                if near and (name, other) != ("tool", "part"):
+                    least = min(
+                        least, float(fcl.distance(a.shape, b.shape, fcl.DistanceRequest(), fcl.DistanceResult()))
+                    )
+        return least
