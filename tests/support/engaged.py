@@ -28,7 +28,10 @@ def engaged(paths: Sequence[ToolPath], radius: float) -> np.ndarray:
     found = []
     for line in lines:
         count = max(int(line.length / (2 * radius / STEPS)), 1)
-        places = shapely.get_coordinates(shapely.line_interpolate_point(line, np.linspace(0, line.length, count + 1)))
+        ends = shapely.get_coordinates(line)
+        along = np.append(0.0, np.cumsum(np.hypot(*np.diff(ends, axis=0).T)))
+        shares = np.linspace(0, along[-1], count + 1)
+        places = np.column_stack([np.interp(shares, along, one) for one in ends.T])
         cut = [_take(plate, (place - low) / cell, side, radius / cell) for place in places]
         area = np.convolve(np.array(cut[1:]) * cell**2, np.ones(WINDOW), "same")
         way = line.length / count
@@ -41,7 +44,7 @@ def _take(plate: np.ndarray, place: np.ndarray, side: np.ndarray, radius: float)
     """Cells that a disc takes away."""
     column, row = np.round(place).astype(int)
     window = plate[row + side[0] : row + side[-1] + 1, column + side[0] : column + side[-1] + 1]
-    gap = np.hypot(column + side[None] - place[0], row + side[:, None] - place[1])
-    taken = window & (gap <= radius)
-    window[taken] = False
-    return int(taken.sum())
+    off = (column + side - place[0]) ** 2, (row + side - place[1]) ** 2
+    taken = window & (off[0] + off[1][:, None] <= radius**2)
+    window ^= taken
+    return int(np.count_nonzero(taken))

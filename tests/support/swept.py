@@ -49,7 +49,7 @@ def _on_arc(a: np.ndarray, middle: np.ndarray, b: np.ndarray) -> list[np.ndarray
     sweep = 2 * ((half - begin + np.pi) % (2 * np.pi) - np.pi)
     count = int(np.ceil(abs(sweep) / (2 * np.arccos(1 - min(CHORD / radius, 1.0))))) + 1
     angles = begin + sweep * np.linspace(0, 1, count + 1)
-    return [a, *(centre + radius * np.array([np.cos(t), np.sin(t)]) for t in angles[1:-1]), b]
+    return [a, *(centre + radius * np.column_stack([np.cos(angles), np.sin(angles)])[1:-1]), b]
 
 
 def centre_line(path: ToolPath) -> shapely.LineString:
