@@ -56,7 +56,6 @@ COPIES = {
     "motor.toml": FIXTURES / "cases" / "motor-plate" / "job.toml",
     "plate.dxf": PARTS / "plate.dxf",
     "part.svg": PARTS / "logo.svg",
-    "part.stl": PARTS / "rfa1.stl",
     "arm.urdf": FIXTURES / "robots" / "six.urdf",
 }
 #: Why a command that is whole cannot be run here.
@@ -64,7 +63,7 @@ NOT_RUN = {
     "tcp://host:8786": "needs a cluster, see tests/batch/test_batch_dask.py",
     "--post krl": "needs the example post installed, see tests/docs/test_writing_a_post.py",
     "slot.xy": "needs the example reader installed, see tests/read/test_example_reader.py",
-    "place rfa1.stl": "a search of half a minute, which is run on part.stl, the same part",
+    "place rfa1.stl": "a search of half a minute, which is run on part.stl, a part of few edges",
     "one.mod par": "a line that a shell completes, see tests/cli/test_completion.py",
     "capture 0": "needs a camera, see tests/cli/test_capture.py",
     "build camera:0": "needs a camera, see tests/cli/test_capture.py",
@@ -76,6 +75,8 @@ NOT_RUN = {
 JOB_FILE = re.compile(r"^`(\w+\.toml)`:.*?^```toml\n(.*?)^```", re.S | re.M)
 BLOCK = re.compile(r"^```python\n(.*?)^```", re.S | re.M)
 MODULE = re.compile(r"python -m ((?:bench|docs|camgen)[\w.]*\w)")
+#: Corners of the part.stl of the documents, mm: few edges, no two alike, three of them on top.
+WEDGE = [(20, 20, 60), (110, 20, 60), (20, 90, 60), (40, 35, 0)]
 OLD = "G21 G90\nG0 X0 Y0 Z10\nG1 Z0 F300\nG2 X20 I10 J0\nG1 X0\nG0 Z10\nM2\n"
 SUB = "O9000\nG1 X5 F100\nM99\n"
 PLY = "ply\nformat ascii 1.0\nelement vertex 2000\n" + "".join(f"property float {k}\n" for k in "xyz") + "end_header"
@@ -140,9 +141,9 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     sheet.modelspace().add_lwpolyline(rows, format="xyb", close=True)
     sheet.saveas(folder / "sheet.dxf")
     film(folder / "clip.avi", cv2.imread(str(folder / "photo.png")))
-    np.savetxt(
-        folder / "bench.ply", scan(trimesh.load_mesh(PARTS / "rfa1.stl"), 2000, 1), fmt="%.4f", header=PLY, comments=""
-    )
+    wedge = trimesh.Trimesh(WEDGE, [(0, 1, 2), (1, 0, 3), (2, 1, 3), (0, 2, 3)])
+    wedge.export(folder / "part.stl")
+    np.savetxt(folder / "bench.ply", scan(wedge, 2000, 1), fmt="%.4f", header=PLY, comments="")
     texts = {"old.ngc": OLD, "old.nc": OLD, "sub.nc": SUB, "glue.mod": RAPID, "square.v2": VPLUS, "old.pcs": PACSCRIPT}
     for file, text in (texts | {"old.v2": VPLUS}).items():
         (folder / file).write_text(text)
