@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from camgen.check.report import Cycle
 from camgen.geometry.arcs import arc_lengths, spans_through
+from camgen.geometry.ragged import each_once
 from camgen.geometry.rotations import angles_between
 from camgen.geometry.vectors import unit
 from camgen.model.cell import Dynamics
@@ -321,7 +322,7 @@ def _run(pieces: _Pieces, square: FloatArray, reach: FloatArray, last: float, co
     ends = nodes[1:][np.append(pieces.motion[1:] != pieces.motion[:-1], True)]
     wide = np.flatnonzero(reach > 0)
     begin, end = ends[wide] - reach[wide], ends[wide] + reach[wide]
-    edges = np.unique(np.concatenate([nodes, begin, end]))
+    edges = each_once(np.concatenate([nodes, begin, end]))
     length, middle = np.diff(edges), (edges[1:] + edges[:-1]) / 2
     piece = np.searchsorted(nodes, middle) - 1
     most, gain = pieces.most[piece], pieces.gain[piece]

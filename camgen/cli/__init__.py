@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import atexit
+import gc
 import importlib
 import os
 import sys
@@ -102,7 +103,14 @@ def _trace(says: Voice) -> None:
 
 
 def _command(name: str) -> Callable[[argparse.Namespace, Voice], int]:
-    command: Callable[[argparse.Namespace, Voice], int] = importlib.import_module(f"camgen.cli.{name}").run
+    # Loading makes thousands of objects and no garbage: none is looked for meanwhile.
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        command: Callable[[argparse.Namespace, Voice], int] = importlib.import_module(f"camgen.cli.{name}").run
+    finally:
+        if enabled:
+            gc.enable()
     return command
 
 

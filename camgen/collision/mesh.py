@@ -17,6 +17,7 @@ from msgspec import Struct
 from camgen.collision.boxes import Boxes, every
 from camgen.collision.cells import OUTSIDE, PASSED, UNKNOWN, WITHIN, Cells, divide_space
 from camgen.collision.tree import BoxTree, ask, grow
+from camgen.geometry.ragged import each_once
 from camgen.model.part import BoolArray, IntArray, Solid
 from camgen.model.pose import FloatArray, frozen
 
@@ -80,7 +81,7 @@ def _inside_cells(mesh: Mesh, points: FloatArray) -> BoolArray:
     cells = mesh.cells
     rows, cell = cells.of(points)
     known = cells.state.reshape(-1)
-    new = np.unique(cell[known[cell] == UNKNOWN])
+    new = each_once(cell[known[cell] == UNKNOWN])
     if len(new):
         known[new] = np.where(inside(mesh, cells.middles(new)), WITHIN, OUTSIDE)
     state = known[cell]

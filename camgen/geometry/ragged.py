@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from camgen.model.part import IntArray
+
+Value = TypeVar("Value", bound=np.generic)
 
 
 def begins(counts: Sequence[int] | IntArray) -> IntArray:
@@ -42,6 +46,14 @@ def following(counts: Sequence[int] | IntArray) -> IntArray:
     after = np.arange(1, int(counts.sum()) + 1)
     after[np.cumsum(counts) - 1] = begins(counts)
     return after
+
+
+def each_once(values: NDArray[Value]) -> NDArray[Value]:
+    """The different ones of ``values`` (N,), in order. ``np.unique`` loads numpy's masked arrays, which takes 5 ms."""
+    values = np.sort(values)
+    first = np.ones(len(values), dtype=np.bool_)
+    first[1:] = values[1:] != values[:-1]
+    return values[first]
 
 
 def run_lengths(owner: IntArray) -> IntArray:

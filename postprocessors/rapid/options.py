@@ -11,6 +11,7 @@ from typing import Literal
 
 import numpy as np
 
+from camgen.geometry.ragged import each_once
 from camgen.model.errors import JobError
 from camgen.model.pose import Pose, pose_from_values
 from camgen.model.program import Columns
@@ -144,7 +145,7 @@ def motion_data(columns: Columns, named: frozenset[Speed]) -> list[str]:
     """
     speeds = sorted(named, key=lambda one: tuple(map(float, one)))
     lines = [f"CONST speeddata {_name_of(one)}:={_speeddata(one)};" for one in speeds]
-    zones = {short(blend, DIGITS) for blend in np.unique(columns.blend).tolist()}
+    zones = {short(blend, DIGITS) for blend in each_once(columns.blend).tolist()}
     for r in sorted(zones - {"0"} - set(ZONES), key=float):
         wide, angle = short(1.5 * float(r), DIGITS + 1), short(0.15 * float(r), DIGITS + 2)
         lines.append(f"CONST zonedata {zone_name(float(r))}:=[FALSE,{r},{wide},{wide},{angle},{wide},{angle}];")

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from camgen.geometry.ragged import begins, following, offsets, owners, ramp, run_lengths, stretches
+from camgen.geometry.ragged import begins, each_once, following, offsets, owners, ramp, run_lengths, stretches
 
 COUNTS = st.lists(st.integers(0, 4), max_size=8)
 
@@ -30,3 +30,8 @@ def test_runs_of_equal_neighbours(counts: list[int]) -> None:
     # Neighbours differ, but a number may come again.
     owner = np.repeat(np.arange(len(counts)) % 2, counts)
     assert run_lengths(owner).tolist() == counts
+
+
+@given(st.lists(st.integers(-3, 3), max_size=8))
+def test_each_once(values: list[int]) -> None:
+    assert each_once(np.array(values, dtype=np.int64)).tolist() == sorted(set(values))

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.ragged import offsets
+from camgen.geometry.ragged import each_once, offsets
 from camgen.model.part import BoolArray
 from camgen.model.pose import FloatArray
 from camgen.plan.edges.motion import Setup, Track, flange_poses
@@ -57,7 +57,7 @@ def follow_closely(setup: Setup, way: Way, joints: FloatArray, along: BoolArray)
         open_ = np.zeros(len(way) - 1, dtype=np.bool_)
         open_[wide - 1] = open_[wide] = True
     lost.append(at[:-1][open_])
-    return Course(joints, at, np.unique(np.concatenate(lost).astype(np.int64)))
+    return Course(joints, at, each_once(np.concatenate(lost).astype(np.int64)))
 
 
 def _insert(old: FloatArray, kept: Index, middle: Index, new: FloatArray) -> FloatArray:

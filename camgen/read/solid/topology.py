@@ -7,6 +7,7 @@ from itertools import product
 import numpy as np
 from msgspec import Struct
 
+from camgen.geometry.ragged import each_once
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
 
@@ -90,7 +91,7 @@ def weld(vertices: FloatArray, faces: IntArray) -> tuple[IntArray, int]:
 
     Only rims: inside a closed surface nothing needs to be closed, and small faces must not fall flat.
     """
-    rim = np.unique(np.concatenate(ends(faces, pair(faces).open)))
+    rim = each_once(np.concatenate(ends(faces, pair(faces).open)))
     if not len(rim):
         return faces, 0
     limit = _WELD * float(np.linalg.norm(np.ptp(vertices, axis=0)))

@@ -8,7 +8,7 @@ from itertools import groupby
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.ragged import stretches
+from camgen.geometry.ragged import each_once, stretches
 from camgen.model.body import NUMBER, Body, Packed
 from camgen.model.pose import FloatArray, Pose
 from camgen.model.program import Indices, Mask, MoveC, MoveJ, MoveL, Output
@@ -82,7 +82,7 @@ def _together(state: State, rows: Rows, some: Indices) -> bool:
     point = columns.point[moves]
     ends, vias = rows.points[point], rows.points[columns.point[arcs] - 1]
     starts = np.concatenate([[state.here.origin], ends[:-1]])
-    turned = {number: state.turned(rows.spellings.turns[number]) for number in np.unique(rows.turn).tolist()}
+    turned = {number: state.turned(rows.spellings.turns[number]) for number in each_once(rows.turn).tolist()}
     table = [rotation for rotation in turned.values() if rotation is not None]
     if (before & ~moves).any() or len(table) < len(turned):
         return False
