@@ -66,9 +66,10 @@ def steps(robot: Robot, states: States, jump: float) -> Steps:
             turns = np.rint(moved / math.tau)
             moved -= math.tau * turns
             whole[k] = np.where(np.isnan(turns), 0.0, turns).astype(np.int16)
-        moved = np.abs(moved)
+        np.abs(moved, out=moved)
         bad = bad | ~(moved <= (math.inf if joint.sliding else jump))
-        time = np.maximum(time, moved / robot.speeds[k])
+        moved /= robot.speeds[k]
+        time = np.maximum(time, moved)
     time = np.where(bad, math.inf, time + CHANGE * (np.arange(len(states.moves)) > 0)[:, None, None])
     before = np.zeros((*bad.shape, len(table)), dtype=np.int16)
     lost = np.zeros(before.shape, dtype=bool)
@@ -90,16 +91,15 @@ def cheapest(robot: Robot, states: States, ways: Steps, start: FloatArray) -> Po
     # Where a move comes from in the costs of a row, laid out in one line, one more for "from none".
     count, branches, turns = cost.shape
     places = (states.moves[:, :, None] % count * branches + np.arange(branches))[..., None] * (turns + 1)
-    backs = []
+    costs = []
     for row, (time, before) in enumerate(zip(ways.time, ways.before, strict=True), start=1):
         padded = np.concatenate([cost, unreachable], axis=2)
-        total = padded.take(places + before) + time[..., None]
-        total[~states.open[row - 1]] = math.inf
-        best = total.argmin(axis=0)
-        backs.append(best)
-        least = np.take_along_axis(total, best[None], axis=0)[0]
-        cost = np.where(states.usable[row], least + share, math.inf)
-    return _trace(states, ways, cost, backs) if np.isfinite(cost).any() else None
+        costs.append(padded)
+        total = padded.take(places + before)
+        total += time[..., None]
+        np.copyto(total, math.inf, where=~states.open[row - 1])
+        cost = np.where(states.usable[row], total.min(axis=0) + share, math.inf)
+    return _trace(states, ways, cost, costs) if np.isfinite(cost).any() else None
 
 
 def _time(robot: Robot, moved: FloatArray) -> FloatArray:
@@ -108,14 +108,17 @@ def _time(robot: Robot, moved: FloatArray) -> FloatArray:
     return np.where(np.isnan(time), math.inf, time)
 
 
-def _trace(states: States, ways: Steps, cost: FloatArray, backs: list[Index]) -> PoseChain:
+def _trace(states: States, ways: Steps, cost: FloatArray, costs: list[FloatArray]) -> PoseChain:
+    """The chain that ends in the least ``cost``. costs: of all rows but the last (C, B, T + 1), infinite from none."""
     here = np.unravel_index(int(cost.argmin()), cost.shape)
     orientation, branch, turns = (int(k) for k in here)
     chain, moves = [(orientation, turns)], []
-    for best, before in zip(reversed(backs), reversed(ways.before), strict=True):
-        move = int(best[orientation, branch, turns])
-        turns = int(before[move, orientation, branch, turns])
-        orientation = int(states.moves[move, orientation])
+    for row in reversed(range(len(costs))):
+        sources, before = states.moves[:, orientation], ways.before[row, :, orientation, branch, turns]
+        total = costs[row][sources, branch, before] + ways.time[row, :, orientation, branch]
+        total[~states.open[row, :, orientation, branch, turns]] = math.inf
+        move = int(total.argmin())
+        turns, orientation = int(before[move]), int(sources[move])
         chain.append((orientation, turns))
         moves.append(move)
     chosen, turned = np.array(chain[::-1]).T

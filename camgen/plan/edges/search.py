@@ -173,21 +173,23 @@ def _states(setup: Setup, knots: Way, grid: Grid) -> States:
 
 def _safe(robot: Robot, found: FloatArray) -> BoolArray:
     """Which of (D, C, B, J) are there and far enough from singularities (D, C, B)."""
-    there: BoolArray = np.asarray(np.isfinite(found).all(axis=-1))
-    away = from_singular(robot, np.where(there[..., None], found, 0.0)).min(axis=-1, initial=math.inf)
-    return np.asarray(there & (away >= MARGIN))
+    with np.errstate(invalid="ignore"):
+        away = from_singular(robot, found).min(axis=-1, initial=math.inf)
+        return np.asarray(np.isfinite(found[..., 0]) & (away >= MARGIN))
 
 
 def _staying(robot: Robot, found: FloatArray, safe: BoolArray, parts: Index, table: Index) -> BoolArray:
     """(K - 1, C, B, T): the orientation and branch can be kept through a stretch that arrives with these turns."""
-    moved = np.nan_to_num(np.diff(found, axis=0), nan=math.inf)
+    moved = np.diff(found, axis=0)
     turning: BoolArray = np.array([not joint.sliding for joint in robot.joints])
-    whole = np.where(turning & np.isfinite(moved), np.rint(np.where(np.isfinite(moved), moved, 0.0) / math.tau), 0.0)
+    whole = np.rint(moved / math.tau) * turning
     steady = (np.abs(moved - math.tau * whole) <= _STEP_JUMP)[..., turning].all(axis=-1)
-    # Whole turns from each look to the last one of its stretch.
-    left = np.concatenate([np.cumsum(whole[::-1], axis=0)[::-1], np.zeros((1, *whole.shape[1:]))])
-    ends = np.repeat(rows(parts)[1:], parts)
-    unwound = found[:-1] + math.tau * (left[:-1] - left[ends])
+    unwound = found[:-1]
+    whole[np.isnan(whole)] = 0.0
+    if whole.any():
+        # Whole turns from each look to the last one of its stretch.
+        left = np.concatenate([np.cumsum(whole[::-1], axis=0)[::-1], np.zeros((1, *whole.shape[1:]))])
+        unwound = unwound + math.tau * (left[:-1] - left[np.repeat(rows(parts)[1:], parts)])
     good = within_turned(robot, unwound, table) & np.asarray(steady & safe[:-1])[..., None]
     return np.asarray(np.logical_and.reduceat(good, rows(parts)[:-1], axis=0))
 

@@ -23,19 +23,27 @@ def theta_of(robot: Robot, arm: Spherical | Scara, joints: FloatArray) -> FloatA
 
 def joints_of(robot: Robot, arm: Spherical | Scara, theta: FloatArray) -> FloatArray:
     """The joint values (..., J), wrapped, for angles of the closed form (..., J)."""
-    return wrap(robot, ((theta - arm.offsets) * arm.signs) @ np.linalg.inv(robot.coupling).T)
+    serial = (theta - arm.offsets) * arm.signs
+    if (robot.coupling != np.eye(len(robot.joints))).any():
+        return wrap(robot, serial @ np.linalg.inv(robot.coupling).T)
+    return _unwind(robot, serial)
 
 
 def wrap(robot: Robot, joints: FloatArray) -> FloatArray:
     """``joints`` (..., J) with every turning joint within half a turn of the middle of its limits: those of the serial
     chain where a rod sets them.
     """
+    return _unwind(robot, joints @ robot.coupling.T)
+
+
+def _unwind(robot: Robot, serial: FloatArray) -> FloatArray:
+    """``wrap`` for the values of the serial chain (..., J)."""
     rod = np.isfinite(robot.serial_limits[:, 0])
     middle = np.where(rod[:, None], robot.serial_limits, robot.limits).mean(axis=1)
-    serial = joints @ robot.coupling.T
-    whole = np.rint((serial - middle) / math.tau) * math.tau
-    serial = np.where([joint.sliding for joint in robot.joints], serial, serial - whole)
-    return np.asarray(serial @ np.linalg.inv(robot.coupling).T)
+    whole = np.rint((serial - middle) / math.tau)
+    whole *= math.tau * ~np.array([joint.sliding for joint in robot.joints])
+    # Where one value is none all are.
+    return np.asarray((serial - whole) @ np.linalg.inv(robot.coupling).T)
 
 
 def within(robot: Robot, joints: FloatArray) -> NDArray[np.bool_]:
@@ -72,15 +80,23 @@ def turns(robot: Robot) -> NDArray[np.int64]:
 def within_turned(robot: Robot, solutions: FloatArray, table: NDArray[np.int64]) -> NDArray[np.bool_]:
     """Which of ``solutions`` (..., J), moved by each row of ``table`` (T, J), keep the limits (..., T)."""
     turning = table.any(axis=0)
-    stays = excess(robot, solutions)[..., ~turning].max(axis=-1, initial=-math.inf) <= _ON_LIMIT
+    stays = np.ones(solutions.shape[:-1], dtype=np.bool_)
+    for k in np.flatnonzero(~turning).tolist():
+        stays &= _lies(solutions[..., k], robot.limits[k])
+    for k in np.flatnonzero(np.isfinite(robot.serial_limits).any(axis=1)).tolist():
+        stays &= _lies(solutions @ robot.coupling[k], robot.serial_limits[k])
     good = np.repeat(stays[..., None], len(table), axis=-1)
-    for k in np.flatnonzero(turning):
-        low, high = robot.limits[k] + [-_ON_LIMIT, _ON_LIMIT]
+    for k in np.flatnonzero(turning).tolist():
         # Rows of the table share their turns of one joint: each number of turns is tested once.
         numbers, own = np.unique(table[:, k], return_inverse=True)
-        moved = solutions[..., k, None] + math.tau * numbers
-        good &= ((low <= moved) & (moved <= high))[..., own]
+        good &= _lies(solutions[..., k, None] + math.tau * numbers, robot.limits[k])[..., own]
     return good
+
+
+def _lies(values: FloatArray, limits: FloatArray) -> NDArray[np.bool_]:
+    """Which values of a joint are within its limits (2,); nan is not."""
+    low, high = limits.tolist()
+    return np.asarray((values >= low - _ON_LIMIT) & (values <= high + _ON_LIMIT))
 
 
 def copies(robot: Robot, solutions: FloatArray) -> FloatArray:
