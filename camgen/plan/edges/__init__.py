@@ -138,14 +138,18 @@ def _attempts(
 
     def part(other: Job, name: str, ends: tuple[float, float]) -> bool:
         here, room = place(other.tool.axis_tilt)
-        freedom, whole_way = freedom_of(other), ways[name][1]
-        if isinstance(whole_way, Unreached):
+        way = ways[name][1]
+        if isinstance(way, Unreached):
             return False
-        way = trimmed(whole_way, ends)
-        found = [reach_along(here, name, way, freedom)] if can_end(here, way, freedom) else []
-        return any(isinstance(one, Reached) for one in _clear_between(found, room))
+        found = reach_along(here, name, trimmed(way, ends), freedom_of(other))
+        return any(isinstance(one, Reached) for one in _clear_between([found], room))
 
-    return Attempts(whole, part)
+    def stands(other: Job, name: str, ends: tuple[float, float]) -> bool:
+        way = ways[name][1]
+        here, _ = place(other.tool.axis_tilt)
+        return isinstance(way, Way) and can_end(here, trimmed(way, ends), freedom_of(other))
+
+    return Attempts(whole, part, stands)
 
 
 def _note_contact(tip: float) -> list[Note]:
