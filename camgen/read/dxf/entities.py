@@ -442,7 +442,7 @@ def _insert(name: str, drawn: DrawnEntities, entity: Any, a: Attributes, layer: 
     """The block's entities, once per cell of the array."""
     for attrib in entity.attribs:
         drawn.leave(_NO_CURVE, "ATTRIB", attrib.dxfattribs().get("layer", "0"))
-    block = entity.block() if "name" in a else None
+    block: Any = entity.block() if "name" in a else None
     why = unusable(entity, block, a, place.blocks)
     if why:
         drawn.leave(why, "INSERT", layer)
