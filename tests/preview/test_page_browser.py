@@ -13,7 +13,7 @@ from camgen.preview.page import page
 from camgen.preview.view import view
 from camgen.robots.kinematics.forward import flange
 from tests.preview.test_page import PARTS, ROBOT, poisoned
-from tests.support.browsers import PHONE, SIZE, Driven, Opened
+from tests.support.browsers import PHONE, SMALL, Driven, Opened
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +32,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 def opened(browser: Driven, files: dict[str, Path]) -> Iterator[Any]:
     pages: list[Opened] = []
 
-    def make(name: str, size: dict[str, int] = SIZE, scheme: str = "light") -> Opened:
+    def make(name: str, size: dict[str, int] = SMALL, scheme: str = "light") -> Opened:
         pages.append(Opened(browser, files[name], size, scheme))
         return pages[-1]
 
@@ -90,7 +90,7 @@ def test_a_canvas_of_another_size_is_painted_before_it_is_shown(opened: Any, nam
 def test_no_picture_is_empty_at_once_after_load_or_while_the_window_changes(
     browser: Driven, files: dict[str, Path], name: str
 ) -> None:
-    context = browser.new_context(viewport=SIZE)
+    context = browser.new_context(viewport=SMALL)
     tab = context.new_page()
     tab.goto(files[name].as_uri())
     pictures = [tab.screenshot()]

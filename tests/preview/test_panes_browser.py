@@ -13,7 +13,7 @@ from camgen.preview.listing import Listing
 from camgen.preview.page import page
 from camgen.preview.view import view
 from tests.preview.test_page import PARTS
-from tests.support.browsers import SIZE, Driven, Opened
+from tests.support.browsers import SMALL, Driven, Opened
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +47,7 @@ def waves(folder: Path, count: int = 6000) -> Path:
 def opened(browser: Driven, files: dict[str, Path]) -> Iterator[Any]:
     pages: list[Opened] = []
 
-    def make(name: str, size: dict[str, int] = SIZE, scheme: str = "light") -> Opened:
+    def make(name: str, size: dict[str, int] = SMALL, scheme: str = "light") -> Opened:
         pages.append(Opened(browser, files[name], size, scheme))
         return pages[-1]
 

@@ -20,7 +20,7 @@ from camgen.preview.track import Track
 from camgen.preview.view import View, view
 from tests.preview.test_page import PARTS, changing
 from tests.preview.test_stock import MILLED, SEVERAL
-from tests.support.browsers import SIZE, Driven, Opened
+from tests.support.browsers import SMALL, Driven, Opened
 
 Floats = np.ndarray[Any, np.dtype[np.float64]]
 #: A slot of 30 x 10 mm along whose border a tool of 9 mm runs: it sweeps over most of what it leaves more than once.
@@ -71,7 +71,7 @@ def opened(browser: Driven, views: dict[str, View], tmp_path: Path) -> Iterator[
     def make(name: str, scheme: str = "light") -> Opened:
         file = tmp_path / f"{name}.html"
         file.write_text(page(views[name]), encoding="utf-8")
-        pages.append(Opened(browser, file, SIZE, scheme))
+        pages.append(Opened(browser, file, SMALL, scheme))
         return pages[-1]
 
     yield make
@@ -89,7 +89,7 @@ def shared(browser: Driven, views: dict[str, View], tmp_path_factory: pytest.Tem
         if name not in pages:
             file = folder / f"{name}.html"
             file.write_text(page(views[name]), encoding="utf-8")
-            pages[name] = Opened(browser, file, SIZE, "light")
+            pages[name] = Opened(browser, file, SMALL, "light")
         return pages[name]
 
     yield make

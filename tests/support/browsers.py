@@ -16,7 +16,8 @@ from tests.support.waiting import LONG
 
 #: A browser of the system, else the one that playwright brought.
 SYSTEM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-SIZE, PHONE = {"width": 1280, "height": 800}, {"width": 390, "height": 844}
+#: Of a desk, of a phone, and of a small desk: the processor draws the pages, in a time that grows with them.
+SIZE, PHONE, SMALL = {"width": 1280, "height": 800}, {"width": 390, "height": 844}, {"width": 960, "height": 600}
 Driven = Any
 
 
