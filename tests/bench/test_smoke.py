@@ -91,7 +91,7 @@ SMOKES = [
     Smoke("robots.kinematics 20", (11, 11), {"found again": (100, 100), "mm": (0, 1e-3)}),
     Smoke("robots.collision 20", (12, 6), {"differ from the plain loop": (0, 0), "poses/s": (1, 1e9)}),
     Smoke("robots.rfa paper", (15, 20), {"mm": (30, 210), "s": (1, 20)}),
-    Smoke("robots.rfa 1 rfa2 'IRB 1200'", (5,), {"nominal": (16, 16), "collide": (0, 0)}),
+    Smoke("robots.rfa 1 rfa1 'IRB 1200'", (3,), {"nominal": (12, 12), "collide": (0, 0)}),
     Smoke("robots.flow rfa1 'IRB 2400'", (2,), {"less": (20, 80)}),
     Smoke("robots.robotsp made", (2,), {"not reached": (0, 0), "cost": (1, 12), "execution, s": (2, 15)}),
     Smoke("robots.parts {here} 20 rfa1", (2,), {"of these unfounded": (0, 0), "edges run": (1, 21)}),

@@ -5,6 +5,7 @@ Scans from one place with known truth (tests/support/shells.py shares no code wi
 
 import re
 import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from camgen.model.pose import IDENTITY, Pose
 from tests.support import shells
 from tests.support.clouds import errors, placed
 
+PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
 THICK = 1.6
 
 
@@ -128,7 +130,7 @@ def test_what_a_hollow_part_hides_of_itself_is_not_asked_for(told):
 
 
 def test_a_viewpoint_from_which_nothing_was_seen_is_refused():
-    mesh = shells.housing()
+    mesh = trimesh.load_mesh(PARTS / "rfa1.stl")
     eye = mesh.bounds.mean(axis=0) + np.array([300.0, 330.0, 400.0])
     with pytest.raises(InputError, match=r"% of the points on it from the scanner\); check --viewpoint"):
         localize("scan", shape(mesh), shells.one_sided(mesh, 6000, 1, eye), viewpoint=-eye)
