@@ -83,8 +83,9 @@ def let_flow(
         tried = {k: (runs[k], runs[k + 1]) for k in blends if blends[k] == 0}
         ways = {k: _round(*both, zone) if zone else _overlap(*both) for k, both in tried.items() if _fits(*both, zone)}
         ways = {k: way for k, way in ways.items() if _keeps_up(way, *tried[k], (lines[k], lines[k + 1]), room)}
-        inside = [_inside(where, found, legs, k, way, timed=not zone) for k, way in ways.items()]
-        for (k, way), (fan, _), free in zip(ways.items(), inside, _are_free(where, inside), strict=True):
+        corners = [_corner(found, legs, k, way, timed=not zone) for k, way in ways.items()]
+        fans = [_fan(corner) for corner in corners]
+        for (k, way), fan, free in zip(ways.items(), fans, _are_free(where, fans, _bows(where, corners)), strict=True):
             blends[k] = way.blend if free and _keeps_above(program, robot, fan, floor) else 0.0
     body = list(program.body)
     for k, blend in blends.items():
@@ -146,25 +147,46 @@ def _overlap(one: Cruise, two: Cruise) -> _Rounding:
     return _Rounding(max(blend, _LEAST_MM), left / one.length, np.minimum(made / two.length, 0.5))
 
 
-def _inside(
-    where: Surroundings, found: Reach, legs: Legs, motion: int, way: _Rounding, *, timed: bool
-) -> tuple[FloatArray, float]:
-    """What is between the corner after ``motion`` and a way that rounds it, as triangles (N, 3, J) of configurations;
-    and mm that both motions are off straight lines of joint values there. timed: shares of motions of the joints are of
-    their time, not of the way of the TCP.
+class _Corner(Struct, frozen=True, eq=False):
+    """A corner and a way that rounds it, in configurations. at: (J,) the corner. points: (N, J) of the way. exact,
+    even: (R, J) those on both motions, and the same as if joints ran evenly there.
     """
+
+    at: FloatArray
+    points: FloatArray
+    exact: FloatArray
+    even: FloatArray
+
+
+def _corner(found: Reach, legs: Legs, motion: int, way: _Rounding, *, timed: bool) -> _Corner:
+    """The corner after ``motion``. timed: shares of motions of the joints are of their time, not of the TCP's way."""
     corner = found.joints[legs.rows(motion).stop - 1]
-    points, bows = np.tile(corner, (_CHORDS + 1, 1)), []
+    points, exact, even = np.tile(corner, (_CHORDS + 1, 1)), [], []
+    evenly = np.linspace(0.0, 1.0, _CHORDS + 1)
     for k, shares in ((motion, 1.0 - way.left), (motion + 1, way.made)):
         rows = legs.rows(k)
         table = legs.seconds if timed and found.program.columns.moves_are(MoveJ)[k] else legs.way
         at, joints = (table[rows] - table[rows.start]) / (table[rows.stop - 1] - table[rows.start]), found.joints[rows]
-        points += _rows(at, joints, shares) - corner
-        exact = _rows(at, joints, np.linspace(shares[0], shares[-1], _CHORDS + 1))
-        even = exact[0] + np.linspace(0.0, 1.0, _CHORDS + 1)[:, None] * (exact[-1] - exact[0])
-        bows.append(float(measure_apart(where.scene, exact, even).max()))
-    fan = np.stack([np.broadcast_to(corner, points[1:].shape), points[:-1], points[1:]], axis=1)
-    return fan, max(bows) + _ROUGH
+        between = np.linspace(shares[0], shares[-1], _CHORDS + 1)
+        rounding, along = np.split(_rows(at, joints, np.concatenate([shares, between])), 2)
+        points += rounding - corner
+        exact.append(along)
+        even.append(along[0] + evenly[:, None] * (along[-1] - along[0]))
+    return _Corner(corner, points, np.concatenate(exact), np.concatenate(even))
+
+
+def _fan(corner: _Corner) -> FloatArray:
+    """What is between a corner and the way that rounds it, as triangles (N, 3, J) of configurations."""
+    points = corner.points
+    return np.stack([np.broadcast_to(corner.at, points[1:].shape), points[:-1], points[1:]], axis=1)
+
+
+def _bows(where: Surroundings, corners: Sequence[_Corner]) -> FloatArray:
+    """Mm that both motions are off straight lines of joint values at corners (n,)."""
+    if not corners:
+        return np.zeros(0)
+    exact, even = (np.concatenate(rows) for rows in zip(*((one.exact, one.even) for one in corners), strict=True))
+    return np.asarray(measure_apart(where.scene, exact, even).reshape(len(corners), -1).max(axis=1) + _ROUGH)
 
 
 def _rows(at: FloatArray, joints: FloatArray, shares: FloatArray) -> FloatArray:
@@ -172,13 +194,12 @@ def _rows(at: FloatArray, joints: FloatArray, shares: FloatArray) -> FloatArray:
     return np.stack([np.interp(shares, at, column) for column in joints.T], axis=1)
 
 
-def _are_free(where: Surroundings, corners: Sequence[tuple[FloatArray, float]]) -> list[bool]:
-    """In which corners nothing is met, and the margin kept."""
-    if not corners:
+def _are_free(where: Surroundings, fans: Sequence[FloatArray], bows: FloatArray) -> list[bool]:
+    """In which corners nothing is met, and the margin kept. fans: as of ``_fan``, bows: (n,) mm, as of ``_bows``."""
+    if not fans:
         return []
-    triangles = np.concatenate([fan for fan, _ in corners])
-    owner, bow = owners([len(fan) for fan, _ in corners]), np.array([off for _, off in corners])
-    free = are_free(where.apart, triangles, owner, where.margin, bow)
+    triangles, owner = np.concatenate(fans), owners([len(fan) for fan in fans])
+    free = are_free(where.apart, triangles, owner, where.margin, bows)
     rest = free[owner]
-    free[free] = are_free(where.work, triangles[rest], (np.cumsum(free) - 1)[owner[rest]], 0.0, bow[free])
+    free[free] = are_free(where.work, triangles[rest], (np.cumsum(free) - 1)[owner[rest]], 0.0, bows[free])
     return [bool(each) for each in free]

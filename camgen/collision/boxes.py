@@ -21,7 +21,7 @@ class Boxes(Struct, frozen=True, eq=False):
     axes: FloatArray
     half: FloatArray
 
-    def __getitem__(self, which: tuple[IntArray | slice, ...] | IntArray | BoolArray) -> Boxes:
+    def __getitem__(self, which: tuple[IntArray | slice, ...] | slice | IntArray | BoolArray) -> Boxes:
         return Boxes(self.centres[which], self.axes[which], self.half[which])
 
     def take(self, which: IntArray) -> Boxes:

@@ -56,8 +56,6 @@ _CORNERS = math.sqrt(3.0)
 #: Rows of configurations (n,), in order, and what is tested there (n,): numbers of pairs of boxes, and after them of
 #: what strikes each of the scene's targets.
 Tests = tuple[IntArray, IntArray]
-#: The same, and which of them collide.
-_Tested = tuple[IntArray, IntArray, BoolArray]
 
 
 def tests_of(tests: Tests, which: BoolArray) -> Tests:
@@ -81,13 +79,12 @@ def find_meetings(
     closing: FloatArray | None,
     near: FloatArray,
     asked: Tests | None = None,
-) -> _Tested:
-    """What collides at configurations (N, J): rows and tests, and which of these do (n,). Those that are named and do
-    not are near: what is not named does not collide in any part of what boxes grow for either, grown by that part's
-    share. grow, closing, near: as for ``hits``, (N, B), (N, P) and (N,). asked: what alone is looked at, None: all.
+) -> Tests:
+    """What collides at configurations (N, J). What is not named does not collide in any part of what boxes grow for
+    either. grow, closing, near: as for ``hits``, (N, B), (N, P) and (N,). asked: what alone is looked at, None: all.
     """
     grow = grow * scene.moving
-    found: list[_Tested] = []
+    found = [(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64))]
     for begin in range(0, len(joints), ROWS):
         rows = slice(begin, begin + ROWS)
         looked = finite(joints[rows]), grow[rows], None if closing is None else closing[rows], near[rows]
@@ -96,13 +93,14 @@ def find_meetings(
         else:
             low, high = np.searchsorted(asked[0], [begin, begin + ROWS])
             some = _meet_some(scene, *looked, asked[0][low:high] - begin, asked[1][low:high])
-        found += [(row + begin, test, met) for row, test, met in some]
-    row, test, met = (np.concatenate(column) for column in zip(*found, strict=True)) if found else _NOTHING
+        found += [(row[met] + begin, test[met]) for row, test, met in some]
+    row, test = (np.concatenate(column) for column in zip(*found, strict=True))
     order = np.argsort(row, kind="stable")
-    return row[order], test[order], met[order]
+    return row[order], test[order]
 
 
-_NOTHING: _Tested = (np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.bool_))
+#: Tests, and which of them meet.
+_Tested = tuple[IntArray, IntArray, BoolArray]
 
 
 def _meet_all(
@@ -111,16 +109,13 @@ def _meet_all(
     """``find_meetings`` of all tests."""
     bare = place(scene, joints)
     more = grow + near[:, None] * scene.moving
-    wide = bare.grown(_CORNERS * more[..., None])
-    row, test = near_pairs(scene, wide)
+    row, test = near_pairs(scene, bare.grown(_CORNERS * more[..., None]))
     pair = _grow(scene, bare, (row, test), grow, closing)
     yield row, test, meet(pair[0].grown(near[row, None]), pair[1])
     first = len(scene.first)
     for target in scene.targets:
-        row, which, boxes = near_mesh(target, wide)
-        box = target.striking[which]
-        grown = Boxes(boxes.centres, boxes.axes, scene.half[box] + more[row, box, None])
-        yield row, which + first, find_struck(target.mesh, grown)
+        row, which, boxes = near_mesh(target, bare.grown(more[..., None]))
+        yield row, which + first, find_struck(target.mesh, boxes)
         first += len(target.striking)
 
 
@@ -163,14 +158,9 @@ def _meet_some(
         yield at, pair, meet(*both)
     for target, (place, at, which) in zip(scene.targets, strikes, strict=True):
         if len(place):
-            striking, by = (
-                bare.take(number.take(place)).seen_from(*_frame(target)),
-                more.take(number.take(place), axis=0),
-            )
-            around = target.mesh.box
-            reach = striking.grown(_CORNERS * by).reach + around.half
-            kept = np.flatnonzero(every(np.abs(striking.centres - around.centres) <= reach))
-            yield at[kept], which[kept], find_struck(target.mesh, striking.take(kept).grown(by[kept]))
+            here = number.take(place)
+            boxes = bare.take(here).grown(more.take(here, axis=0)).seen_from(*_frame(target))
+            yield at, which, find_struck(target.mesh, boxes)
 
 
 def _frame(target: Target) -> tuple[FloatArray, FloatArray]:

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from msgspec import Struct
 
+from camgen.collision.boxes import Boxes
 from camgen.collision.hits import (
     ROWS,
     Nearest,
@@ -196,14 +197,14 @@ def _find_undecided(
         grow, turned = (_most(table, places) for table in (lines.ways, lines.turned))
         rows = _rows(lines.waypoints, np.interp(places[1], index, lines.numbers))
         both = turned @ lines.closing + 2 * apart
-        row, test, hit = find_meetings(scene, rows, grow + apart, both, nears[own], asked)
+        row, test = find_meetings(scene, rows, grow + apart, both, nears[own], asked)
         met = np.zeros(len(own), dtype=np.bool_)
-        met[row[hit]] = True
+        met[row] = True
         width = width / 2
         own = np.repeat(own[met], 2)
         begins = (begins[met][:, None] + width[own[::2]][:, None] * np.arange(2)).ravel()
         # Nothing happens in a half that does not happen in the whole.
-        asked = share_tests(tests_of((row[hit], test[hit]), met), 2)
+        asked = share_tests(tests_of((row, test), met), 2)
     owner, at = (np.concatenate(column) for column in zip(*found, strict=True))
     order = np.lexsort((at, owner))
     return at[order], offsets(np.bincount(owner, minlength=len(start)))
@@ -230,8 +231,7 @@ def measure_moves(scene: Scene, waypoints: FloatArray) -> FloatArray:
     and the lever of one, so that half of what all give is no more than all angles times all rates with their levers.
     """
     placed = place(scene, waypoints)
-    straight = np.linalg.norm(np.diff(placed.centres, axis=0), axis=-1)
-    straight += (np.linalg.norm(np.diff(placed.axes, axis=0), axis=-2) * scene.half).sum(axis=-1)
+    straight = _measure_ways(placed[:-1], placed[1:])
     serial = waypoints @ scene.robot.coupling.T
     angles = _angles(scene, waypoints)
     bent = angles[:, None] * (np.abs(np.diff(serial, axis=0)) @ levers(scene, np.abs(serial).max(axis=0)))
@@ -244,10 +244,18 @@ def measure_apart(scene: Scene, one: FloatArray, other: FloatArray) -> FloatArra
     for begin in range(0, len(one), ROWS):
         rows = slice(begin, begin + ROWS)
         here, there = place(scene, one[rows]), place(scene, other[rows])
-        straight = np.linalg.norm(here.centres - there.centres, axis=-1)
-        turned = (np.linalg.norm(here.axes - there.axes, axis=-2) * scene.half).sum(axis=-1)
-        found[rows] = (straight + turned).max(axis=1, initial=0.0)
+        found[rows] = _measure_ways(here, there).max(axis=1, initial=0.0)
     return found
+
+
+def _measure_ways(here: Boxes, there: Boxes) -> FloatArray:
+    """Mm (N, B) of the way straight from each box to the other: of its middle and of the ends of its axes."""
+    moved, turned = there.centres - here.centres, there.axes - here.axes
+    ways = np.sqrt(moved[..., 0] ** 2 + moved[..., 1] ** 2 + moved[..., 2] ** 2)
+    for k in range(3):
+        end = turned[..., k]
+        ways += np.sqrt(end[..., 0] ** 2 + end[..., 1] ** 2 + end[..., 2] ** 2) * here.half[..., k]
+    return np.asarray(ways)
 
 
 def _angles(scene: Scene, waypoints: FloatArray) -> FloatArray:

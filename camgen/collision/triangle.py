@@ -49,16 +49,16 @@ def are_free(
         around = np.abs((some.corners - middle[:, None]) @ coupling).max(axis=1)
         grow, both = around @ lever + more[:, None], around @ close + 2 * more[:, None]
         level = np.full(len(middle), near)
-        row, test, hit = find_meetings(scene, middle, grow, both, level, some.asked)
+        row, test = find_meetings(scene, middle, grow, both, level, some.asked)
         met = np.zeros(len(middle), dtype=np.bool_)
-        met[row[hit]] = True
+        met[row] = True
         found[some.owner[met & (some.depth == _SPLITS)]] = False
         # What collides at the middle of a whole one need not be split.
         again = met & (some.depth == 0)
         if again.any():
             first = tests_of((row, test), again)
-            at, _, struck = find_meetings(scene, middle[again], more[again, None], None, level[again], first)
-            found[some.owner[again][at[struck]]] = False
+            at, _ = find_meetings(scene, middle[again], more[again, None], None, level[again], first)
+            found[some.owner[again][at]] = False
         left = left.of(found[left.owner]).joined(_split(some, met & found[some.owner], row, test))
         many = _FIRST if some.asked is None else many * _MORE
     return found
@@ -66,7 +66,7 @@ def are_free(
 
 class _Left(Struct, frozen=True, eq=False):
     """Triangles that are to be looked at. corners: (K, 3, J). owner, depth: (K,) the group of each, and how often it
-    was split. asked: rows (n,) and tests (n,) that its whole was near, None: all.
+    was split. asked: rows (n,) and tests (n,) that its whole met, None: all.
     """
 
     corners: FloatArray
@@ -93,7 +93,7 @@ class _Left(Struct, frozen=True, eq=False):
 
 
 def _split(whole: _Left, which: BoolArray, row: IntArray, test: IntArray) -> _Left:
-    """Each of some triangles as four. row, test: what they are near."""
+    """Each of some triangles as four. row, test: what they meet."""
     corners = whole.corners[which]
     six = np.concatenate([corners, (corners + corners[:, [1, 2, 0]]) / 2], axis=1)
     four = six[:, _FOUR].reshape(-1, *corners.shape[1:])
