@@ -62,6 +62,7 @@ def no_collector() -> Iterator[None]:
     try:
         yield
     finally:
+        gc.freeze()  # with what was there before it is old then, and not searched at once
         gc.unfreeze()
         if enabled:
             gc.enable()
