@@ -17,7 +17,7 @@ _SPLITS = 4
 #: A triangle as four of half its size: rows of its corners and of the middles of its sides, 01, 12 and 20.
 _FOUR = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]])
 #: Of each group so many triangles are looked at in a round, and so many times more in the next.
-_FIRST, _MORE = 8, 1.5
+_FIRST, _MORE = 32, 2.0
 
 
 def are_free(

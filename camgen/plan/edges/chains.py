@@ -71,13 +71,16 @@ def steps(robot: Robot, states: States, jump: float) -> Steps:
         moved /= robot.speeds[k]
         time = np.maximum(time, moved)
     time = np.where(bad, math.inf, time + CHANGE * (np.arange(len(states.moves)) > 0)[:, None, None])
-    before = np.zeros((*bad.shape, len(table)), dtype=np.int16)
-    lost = np.zeros(before.shape, dtype=bool)
+    # Few numbers of whole turns come up: what each of their combinations does to the table is looked up.
+    code, index = np.zeros(bad.shape, dtype=np.int64), np.zeros((1, len(table)), dtype=np.int16)
+    lost = np.zeros(index.shape, dtype=bool)
     for k, turns in whole.items():
-        turned = (table[:, k] + turns[..., None]).astype(np.int16)
-        lost |= np.abs(turned) > most[k]
-        before = before * np.int16(2 * most[k] + 1) + turned + np.int16(most[k])
-    return Steps(time, np.where(lost, np.int16(len(table)), before))
+        low, high = int(turns.min(initial=0)), int(turns.max(initial=0))
+        turned = (table[:, k] + np.arange(low, high + 1)[:, None]).astype(np.int16)
+        index = (index[:, None] * np.int16(2 * most[k] + 1) + turned + np.int16(most[k])).reshape(-1, len(table))
+        lost = (lost[:, None] | (np.abs(turned) > most[k])).reshape(-1, len(table))
+        code = code * (high + 1 - low) + (turns - low)
+    return Steps(time, np.where(lost, np.int16(len(table)), index).take(code, axis=0))
 
 
 def cheapest(robot: Robot, states: States, ways: Steps, start: FloatArray) -> PoseChain | None:

@@ -143,8 +143,8 @@ def search(setup: Setup, edge: str, way: Way, grid: Grid, most: float) -> Reache
             return proved
         stretch, collision = proved[0], proved[1] or collision
         new = {stretch, stretch + 1} - checked if proved[1] else set()
-        for row in sorted(new):
-            _check(setup, states, row)
+        if new:
+            _check(setup, states, sorted(new))
         checked |= new
         if not new:
             move, orientation = int(chain.moves[stretch]), int(chain.orientation[stretch + 1])
@@ -208,12 +208,12 @@ def can_stand(setup: Setup, position: FloatArray, rotation: FloatArray, grid: Gr
     return any(bool(setup.clear(some).any()) for some in (joints[:few], joints[few:]) if len(some))
 
 
-def _check(setup: Setup, states: States, row: int) -> None:
-    """Leaves of the states of a row those that are clear."""
-    own = states.usable[row].any(axis=-1)
+def _check(setup: Setup, states: States, rows: list[int]) -> None:
+    """Leaves of the states of some rows those that are clear."""
+    own = states.usable[rows].any(axis=-1)
     clear = np.zeros(own.shape, dtype=bool)
-    clear[own] = setup.clear(states.joints[row][own])
-    states.usable[row] &= clear[..., None]
+    clear[own] = setup.clear(states.joints[rows][own])
+    states.usable[rows] &= clear[..., None]
 
 
 def _prove(

@@ -23,10 +23,7 @@ def theta_of(robot: Robot, arm: Spherical | Scara, joints: FloatArray) -> FloatA
 
 def joints_of(robot: Robot, arm: Spherical | Scara, theta: FloatArray) -> FloatArray:
     """The joint values (..., J), wrapped, for angles of the closed form (..., J)."""
-    serial = (theta - arm.offsets) * arm.signs
-    if (robot.coupling != np.eye(len(robot.joints))).any():
-        return wrap(robot, serial @ np.linalg.inv(robot.coupling).T)
-    return _unwind(robot, serial)
+    return _unwind(robot, (theta - arm.offsets) * arm.signs)
 
 
 def wrap(robot: Robot, joints: FloatArray) -> FloatArray:
