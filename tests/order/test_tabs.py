@@ -323,7 +323,8 @@ def test_a_path_is_the_same_way_however_it_is_cut(shape, parts) -> None:
     split = split_at(path, np.array(parts) * length)
     assert float(lengths_along(split)[-1]) == pytest.approx(length)
     for share in np.linspace(0.01, 0.99, 23):
-        assert point_at(split, share * length) == pytest.approx(point_at(path, share * length), abs=1e-6)
+        # A short piece of an arc is known by three points close together: its radius is less sure than they are.
+        assert point_at(split, share * length) == pytest.approx(point_at(path, share * length), abs=5e-6)
     # Press is square to the travel at both ends of every piece, as it is planned.
     shape_of = camgen.geometry.arcs.chain(split.position, split.via[1:])
     for k, tangent in enumerate(shape_of.tangents()):
