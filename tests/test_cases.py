@@ -7,6 +7,7 @@ program for the controller of its robot only. A changed expectation
 """
 
 import tomllib
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -29,6 +30,7 @@ ALL = [(case, post) for case in FLAT for post in (ARMS if case in LEANING else P
 ALL += [(case, "rapid") for case in SOLID]
 
 
+@cache
 def built(case: Path, post: str) -> Result:
     job = tomllib.loads((case / "job.toml").read_text())
     options = case / "posts.toml"
@@ -75,4 +77,4 @@ def test_the_program_is_the_expected_one(case: Path, post: str, accept: bool) ->
 
 @pytest.mark.parametrize("post", POSTS)
 def test_the_same_job_gives_the_same_bytes(post: str) -> None:
-    assert built(CASES[0], post).text == built(CASES[0], post).text
+    assert built.__wrapped__(CASES[0], post).text == built.__wrapped__(CASES[0], post).text
