@@ -37,9 +37,8 @@ def test_notes_keep_their_order_and_know_the_lines_and_paths_they_are_about() ->
     assert plain["notes"][-1][6][0] == pytest.approx(np.array((3.0, 4.0, 0.0)) - plain["origin"])  # type: ignore[index]
 
 
-def test_of_an_edge_that_is_run_in_part_the_note_is_about_the_ends_that_are_not() -> None:
-    result = camgen.build(PARTS / "rfa1.stl", post="rapid")
-    found = view(result)
+def test_of_an_edge_that_is_run_in_part_the_note_is_about_the_ends_that_are_not(solid: Result) -> None:
+    found = view(solid)
     for note in found.notes:
         if note.kind == "skipped":
             assert note.lines

@@ -59,11 +59,6 @@ def changing() -> dict[str, object]:
     return ROBOT | {"tools": tools, "operations": rows, "post": {"signals": {"spindle": "aoSpindle"}}}
 
 
-@pytest.fixture(scope="module")
-def solid() -> Result:
-    return camgen.build(PARTS / "rfa1.stl", post="rapid")
-
-
 def data(text: str) -> dict[str, object]:
     found = re.search(r'<script type="application/json" id="data">(.*?)</script>', text, re.S)
     assert found

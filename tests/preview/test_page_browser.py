@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import camgen
+from camgen.build import Result
 from camgen.preview.page import page
 from camgen.preview.view import view
 from camgen.robots.kinematics.forward import flange
@@ -17,11 +18,10 @@ from tests.support.browsers import PHONE, SMALL, Driven, Opened
 
 
 @pytest.fixture(scope="module")
-def files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+def files(tmp_path_factory: pytest.TempPathFactory, solid: Result) -> dict[str, Path]:
     folder = tmp_path_factory.mktemp("pages")
     flat = camgen.build(PARTS / "bracket.dxf", post="gcode")
     robot = camgen.build(PARTS / "bracket.dxf", post="rapid", job=ROBOT)
-    solid = camgen.build(PARTS / "rfa1.stl", post="rapid")
     views = {"flat": view(flat), "robot": view(robot), "solid": view(solid), "evil": poisoned(flat)}
     for name, shown in views.items():
         (folder / f"{name}.html").write_text(page(shown), encoding="utf-8")

@@ -14,12 +14,6 @@ from camgen.preview.page import page
 from camgen.preview.view import cut, reasons, view
 from tests.preview.test_page import PARTS, data
 
-
-@pytest.fixture(scope="module")
-def solid() -> Result:
-    return camgen.build(PARTS / "rfa1.stl", post="rapid")
-
-
 # -- what is left out
 
 
