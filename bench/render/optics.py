@@ -95,14 +95,18 @@ def bent(lens: Lens, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 def straight(lens: Lens, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The inverse of ``bent``: Newton's method until nothing moves any more."""
+    k1, k2, p1, p2, k3 = lens.distortion
     x, y = a.copy(), b.copy()
     for _ in range(30):
         fx, fy = bent(lens, x, y)
-        (xx, yx), (xy, yy) = (bent(lens, x + 1j * _STEP, y + 0j), bent(lens, x + 0j, y + 1j * _STEP))
-        xx, yx, xy, yy = (v.imag / _STEP for v in (xx, yx, xy, yy))
+        r = x * x + y * y
+        radial, slope = 1 + r * (k1 + r * (k2 + r * k3)), 2 * (k1 + r * (2 * k2 + r * 3 * k3))
+        # The derivative is symmetric.
+        xx, yy = radial + x * x * slope + 2 * p1 * y + 6 * p2 * x, radial + y * y * slope + 6 * p1 * y + 2 * p2 * x
+        xy = x * y * slope + 2 * (p1 * x + p2 * y)
         gone_x, gone_y = a - fx, b - fy
-        det = xx * yy - xy * yx
-        step_x, step_y = (yy * gone_x - xy * gone_y) / det, (xx * gone_y - yx * gone_x) / det
+        det = xx * yy - xy * xy
+        step_x, step_y = (yy * gone_x - xy * gone_y) / det, (xx * gone_y - xy * gone_x) / det
         x, y = x + step_x, y + step_y
         if max(np.abs(step_x).max(), np.abs(step_y).max()) < 1e-15:
             break
