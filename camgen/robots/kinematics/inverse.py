@@ -11,7 +11,7 @@ from camgen.robots.kinematics import iterative as damped
 from camgen.robots.kinematics import planar as flat
 from camgen.robots.kinematics import spherical
 from camgen.robots.kinematics.arms import Gantry, Scara
-from camgen.robots.kinematics.joint_limits import joints_of, theta_of, wrap
+from camgen.robots.kinematics.joint_limits import joints_of, theta_of, uncoupling, wrap
 from camgen.robots.models import Robot
 
 
@@ -48,4 +48,4 @@ def nearest(robot: Robot, rotations: FloatArray, origins: FloatArray, guess: Flo
     apart -= np.where(turning, np.rint(apart / math.tau) * math.tau, 0.0)
     most = np.abs(apart).max(axis=2)
     best = np.where(np.isnan(most), math.inf, most).argmin(axis=1)
-    return np.asarray(guess + apart[np.arange(len(guess)), best] @ np.linalg.inv(robot.coupling).T)
+    return np.asarray(guess + apart[np.arange(len(guess)), best] @ uncoupling(robot).T)

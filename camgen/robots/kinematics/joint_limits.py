@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import itertools
 import math
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from camgen.model.pose import FloatArray
+from camgen.model.pose import FloatArray, frozen
 from camgen.robots.kinematics.arms import Scara, Spherical
 from camgen.robots.models import Robot
 
@@ -35,12 +36,25 @@ def wrap(robot: Robot, joints: FloatArray) -> FloatArray:
 
 def _unwind(robot: Robot, serial: FloatArray) -> FloatArray:
     """``wrap`` for the values of the serial chain (..., J)."""
+    middle, turn = _middles(robot)
+    whole = np.rint((serial - middle) / math.tau)
+    whole *= turn
+    # Where one value is none all are.
+    return np.asarray((serial - whole) @ uncoupling(robot).T)
+
+
+@lru_cache(maxsize=16)
+def _middles(robot: Robot) -> tuple[FloatArray, FloatArray]:
+    """Of each joint of the serial chain (J,) the middle of its limits, and a whole turn, 0 of one that slides."""
     rod = np.isfinite(robot.serial_limits[:, 0])
     middle = np.where(rod[:, None], robot.serial_limits, robot.limits).mean(axis=1)
-    whole = np.rint((serial - middle) / math.tau)
-    whole *= math.tau * ~np.array([joint.sliding for joint in robot.joints])
-    # Where one value is none all are.
-    return np.asarray((serial - whole) @ np.linalg.inv(robot.coupling).T)
+    return frozen(middle), frozen(math.tau * ~np.array([joint.sliding for joint in robot.joints]))
+
+
+@lru_cache(maxsize=16)
+def uncoupling(robot: Robot) -> FloatArray:
+    """(J, J), takes turns of the serial chain to the controller's values."""
+    return frozen(np.linalg.inv(robot.coupling))
 
 
 def within(robot: Robot, joints: FloatArray) -> NDArray[np.bool_]:
@@ -62,6 +76,7 @@ def excess(robot: Robot, joints: FloatArray) -> FloatArray:
     return np.where(np.isnan(beyond), math.inf, beyond)
 
 
+@lru_cache(maxsize=16)
 def turns(robot: Robot) -> NDArray[np.int64]:
     """Whole turns (T, J) by which a solution of ``inverse`` can be moved with hope of staying within the limits, from
     the most negative to the most positive, joint 1 slowest; joints at a rod stay.
@@ -71,7 +86,9 @@ def turns(robot: Robot) -> NDArray[np.int64]:
     for joint, (low, high), alone in zip(robot.joints, robot.limits.tolist(), plain.tolist(), strict=True):
         most = int(((high - low) / 2 + math.pi + _ON_LIMIT) // math.tau) if alone and not joint.sliding else 0
         ranges.append(range(-most, most + 1))
-    return np.array(list(itertools.product(*ranges)), dtype=np.int64)
+    table = np.array(list(itertools.product(*ranges)), dtype=np.int64)
+    table.setflags(write=False)
+    return table
 
 
 def within_turned(robot: Robot, solutions: FloatArray, table: NDArray[np.int64]) -> NDArray[np.bool_]:
@@ -85,8 +102,9 @@ def within_turned(robot: Robot, solutions: FloatArray, table: NDArray[np.int64])
     good = np.repeat(stays[..., None], len(table), axis=-1)
     for k in np.flatnonzero(turning).tolist():
         # Rows of the table share their turns of one joint: each number of turns is tested once.
-        numbers, own = np.unique(table[:, k], return_inverse=True)
-        good &= _lies(solutions[..., k, None] + math.tau * numbers, robot.limits[k])[..., own]
+        own = table[:, k]
+        numbers = np.arange(own.min(), own.max() + 1)
+        good &= _lies(solutions[..., k, None] + math.tau * numbers, robot.limits[k]).take(own - numbers[0], axis=-1)
     return good
 
 
