@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from operator import itemgetter
 
 import numpy as np
 from msgspec import Struct
@@ -40,8 +41,11 @@ class Dice:
 IntArray = NDArray[np.int64]
 #: The items in the order in which they are run, and of each of these, whether it is run backwards.
 Order = tuple[list[int], list[bool]]
-#: position from and to (inclusive), the states that stand there afterwards, what it gains.
-_Move = tuple[int, int, IntArray, float]
+#: position from and to (inclusive) of what changes; where in it a stretch begins that goes to the other end, how long
+#: that is, and whether it is turned round; what it gains.
+_Move = tuple[int, int, int, int, bool, float]
+#: The order in which moves are made.
+_GAIN = itemgetter(5, 0)
 #: Of each order what ``_room`` says.
 _Rooms = list[tuple[IntArray, IntArray]]
 
@@ -274,20 +278,23 @@ def _improve(states: IntArray, steps: FloatArray, rules: Rules | None = None) ->
         _transfers(states[active], steps, eps, moves, rooms)
         for k, found in zip(active.tolist(), moves, strict=True):
             # With rules a move may ask for the places of what another one moved: one at a time.
-            _apply(states[k], found if rules is None else sorted(found, key=lambda m: (m[3], m[0]))[:1])
+            _apply(states[k], found if rules is None else sorted(found, key=_GAIN)[:1])
         active = active[[bool(found) for found in moves]]
     return states
 
 
 def _apply(states: IntArray, moves: list[_Move]) -> None:
     """Carry out the moves of one order, but for those that meet a better one."""
-    moves.sort(key=lambda m: (m[3], m[0]))
-    taken = np.zeros(len(states), dtype=bool)
-    for low, high, inside, _ in moves:
+    moves.sort(key=_GAIN)
+    taken = bytearray(len(states))
+    for low, high, begin, size, turned, _ in moves:
         # A move speaks of the steps into and out of its range; those of another one must be left as they were.
-        if not taken[low - 1 : high + 2].any():
-            taken[low - 1 : high + 2] = True
-            states[low : high + 1] = inside
+        if 1 not in taken[low - 1 : high + 2]:
+            taken[low - 1 : high + 2] = b"\1" * (high + 3 - low)
+            stretch = states[begin : begin + size]
+            stretch = _flip(stretch[::-1]) if turned else stretch
+            rest = states[low:begin], states[begin + size : high + 1]
+            states[low : high + 1] = np.concatenate([rest[1], stretch, rest[0]])
 
 
 def _flip(states: IntArray) -> IntArray:
@@ -323,7 +330,7 @@ def _reversals(states: IntArray, steps: FloatArray, eps: float, moves: list[list
     least = np.take_along_axis(gain, ends[:, :, None], axis=2)[:, :, 0]
     for k, i in np.argwhere(least < -eps).tolist():
         j = int(ends[k, i])
-        moves[k].append((i + 1, j + 1, _flip(inner[k, i : j + 1][::-1]), float(least[k, i])))
+        moves[k].append((i + 1, j + 1, i + 1, j + 1 - i, True, float(least[k, i])))
 
 
 def _transfers(states: IntArray, steps: FloatArray, eps: float, moves: list[list[_Move]], rooms: _Rooms | None) -> None:
@@ -350,7 +357,7 @@ def _transfers(states: IntArray, steps: FloatArray, eps: float, moves: list[list
             best = cost.argmin(axis=2)
             least = np.take_along_axis(cost, best[:, :, None], axis=2)[:, :, 0]
             for k, i in np.argwhere(least < -eps).tolist():
-                moves[k].append(_move(states[k], i + 1, size, int(best[k, i]), back_to_front, float(least[k, i])))
+                moves[k].append(_move(i + 1, size, int(best[k, i]), back_to_front, float(least[k, i])))
 
 
 def _forbidden(
@@ -369,11 +376,7 @@ def _forbidden(
     return np.asarray(bad)
 
 
-def _move(states: IntArray, low: int, size: int, place: int, back_to_front: bool, gain: float) -> _Move:
+def _move(low: int, size: int, place: int, turned: bool, gain: float) -> _Move:
     """The stretch of ``size`` from position ``low`` put behind position ``place``."""
-    stretch = states[low : low + size]
-    if back_to_front:
-        stretch = _flip(stretch[::-1])
-    if place < low:
-        return place + 1, low + size - 1, np.concatenate([stretch, states[place + 1 : low]]), gain
-    return low, place, np.concatenate([states[low + size : place + 1], stretch]), gain
+    ends = (place + 1, low + size - 1) if place < low else (low, place)
+    return *ends, low, size, turned, gain
