@@ -163,8 +163,9 @@ function showTriad() {
 
 function showScale() {
   const most = 110 / shared.perMm.value;
+  if (!(most > 0 && most < Infinity)) return; // before there is a window or anything in it
   const power = 10 ** Math.floor(Math.log10(most));
-  const bar = [5, 2, 1].map((m) => m * power).find((v) => v <= most);
+  const bar = [5, 2, 1, 0.5].map((m) => m * power).find((v) => v <= most); // the logarithm may be rounded up
   $("scale").replaceChildren(make("div", `${bar >= 1 ? bar : bar.toPrecision(1)} mm`), make("span"));
   $("scale").style.setProperty("--bar", `${bar * shared.perMm.value}px`);
 }
