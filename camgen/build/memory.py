@@ -14,8 +14,8 @@ from typing import Any
 #: M_TRIM_THRESHOLD, bytes at the end of the heap above which that goes back.
 _MMAP_THRESHOLD, _LARGE = -3, 1 << 20
 _TRIM_THRESHOLD, _END = -1, 32 << 20
-#: kB that a process has held at most which has little to give back.
-_LITTLE_KB = 128_000
+#: kB: a process that has never held more is small.
+_SMALL_KB = 128_000
 
 
 @cache
@@ -25,28 +25,36 @@ def _library(name: str) -> Callable[..., Any] | None:
 
 
 def _give_back_large_blocks() -> None:
-    """Keeps glibc from raising the first bound with each large block that is freed: what it then keeps of the arrays of
-    a drawing of 100 000 entities is 90 MB. The second one, which is 128 kB, would give pages back and ask for them
-    again with every few arrays: a 3-D part takes 0.08 s for that.
+    """Keeps glibc from raising that bound with each large block that is freed: what it then keeps of the arrays of a
+    drawing of 100 000 entities is 90 MB.
     """
     mallopt = _library("mallopt")
     if mallopt is not None:
         mallopt(_MMAP_THRESHOLD, _LARGE)
-        mallopt(_TRIM_THRESHOLD, _END)
 
 
 def give_back() -> None:
-    """Between two stages: smaller blocks that were freed go back as well, of that drawing 30 to 110 MB each time."""
-    trim = _library("malloc_trim")
-    if trim is not None and _most_kb() > _LITTLE_KB:
+    """Between two stages: smaller blocks that were freed go back as well, of that drawing 30 to 110 MB each time.
+
+    A small process keeps what it has: it would give pages back and ask for them again with every few arrays, for which
+    a 3-D part takes 0.08 s.
+    """
+    trim, mallopt = _library("malloc_trim"), _library("mallopt")
+    if trim is None or mallopt is None:
+        return
+    if _is_small():
+        mallopt(_TRIM_THRESHOLD, _END)
+    else:
         trim(0)
 
 
-def _most_kb() -> int:
-    """What the process has held at most."""
+def _is_small() -> bool:
+    """Whether the process has never held much. What it has is known on Linux."""
+    if sys.platform != "linux":
+        return False
     import resource  # noqa: PLC0415 (not on Windows)
 
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss <= _SMALL_KB
 
 
 @contextmanager
@@ -62,7 +70,8 @@ def no_collector() -> Iterator[None]:
     try:
         yield
     finally:
-        gc.freeze()  # with what was there before it is old then, and not searched at once
+        if _is_small():
+            gc.freeze()  # what was made is old then, and not searched at once
         gc.unfreeze()
         if enabled:
             gc.enable()
