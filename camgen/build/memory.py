@@ -12,7 +12,7 @@ from typing import Any
 
 #: For glibc's mallopt: M_MMAP_THRESHOLD, bytes above which a block goes back to the system when it is freed, and
 #: M_TRIM_THRESHOLD, bytes at the end of the heap above which that goes back.
-_MMAP_THRESHOLD, _LARGE = -3, 1 << 20
+_MMAP_THRESHOLD, _LARGE = -3, 4 << 20
 _TRIM_THRESHOLD, _END = -1, 32 << 20
 #: kB: a process that has never held more is small.
 _SMALL_KB = 128_000
