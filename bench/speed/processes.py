@@ -1,6 +1,7 @@
 """Time and memory of whole processes, from the command to the written program.
 
-    python -m bench.speed.processes [CASE ...] [--runs N]   all cases, or those named: help, 251, 5,001, 100,001
+    python -m bench.speed.processes [CASE ...] [--runs N]   all cases, or those named: help, 251, 5,001, 100,001, rfa1,
+                                                            rfa2
 
 This process imports nothing heavy: on Linux a child's peak memory counts what its parent held when it was started.
 """
@@ -39,6 +40,9 @@ CASES = {
     "100,001 entities": Case(circles=20_000, slots=20_000, goal=0.0, runs=3),
 }
 HELP_GOAL, HELP_RUNS = 0.12, 15
+#: 3-D parts of ``fixtures/parts``, each with its job file; the goal in seconds of the processor.
+SOLIDS, SOLID_GOAL, SOLID_RUNS = ("rfa1", "rfa2"), 0.7, 9
+PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
 #: The goals of large drawings: times the processor seconds of ezdxf, and MB.
 TIMES, MOST_MB = {"gcode": 2.0, "rapid": 2.5}, 400
 
@@ -115,6 +119,13 @@ def bench(folder: Path, name: str, case: Case, runs: int) -> None:
         print(row(f"{name}: build --post {post}", values[post], goal), flush=True)
 
 
+def bench_solid(folder: Path, name: str, runs: int) -> None:
+    """The row of a 3-D part."""
+    build = ["build", str(PARTS / f"{name}.stl"), "--job", str(PARTS / f"{name}.toml"), "--post", "rapid", "-q"]
+    values = [measured([sys.executable, "-m", "camgen", *build, "-o", str(folder)]) for _ in range(runs or SOLID_RUNS)]
+    print(row(f"{name}.stl: build --post rapid", values, f"{SOLID_GOAL} s of the processor"), flush=True)
+
+
 def main(wanted: list[str], runs: int) -> None:
     """runs: of each process; 0: as many as its case says."""
     print(machine())
@@ -126,6 +137,10 @@ def main(wanted: list[str], runs: int) -> None:
         if not wanted or name.split()[0] in wanted:
             with tempfile.TemporaryDirectory() as folder:
                 bench(Path(folder), name, case, runs)
+    for name in SOLIDS:
+        if not wanted or name in wanted:
+            with tempfile.TemporaryDirectory() as folder:
+                bench_solid(Path(folder), name, runs)
 
 
 if __name__ == "__main__":

@@ -12,7 +12,6 @@ from collections.abc import Sequence
 
 import numpy as np
 from msgspec import Struct
-from msgspec.structs import replace
 
 from camgen.check.passing import Cruise, Legs, cruise, find_corners, legs_of
 from camgen.check.reach import Reach
@@ -87,12 +86,9 @@ def let_flow(
         fans = [_fan(corner) for corner in corners]
         for (k, way), fan, free in zip(ways.items(), fans, _are_free(where, fans, _bows(where, corners)), strict=True):
             blends[k] = way.blend if free and _keeps_above(program, robot, fan, floor) else 0.0
-    body = list(program.body)
-    for k, blend in blends.items():
-        body[int(columns.at[k])] = replace(columns.moves[k], blend=blend)
     passed = sum(blend > 0 for blend in blends.values())
     what = f"{passed} of {counted(len(blends), 'corner')} on the ways between are passed without a stop"
-    return program.with_body(tuple(body)), (Note("assumed", what),)
+    return program.with_blends(blends), (Note("assumed", what),)
 
 
 def _have_touched(columns: Columns, slow: float) -> BoolArray:

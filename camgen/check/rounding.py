@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from msgspec import Struct
-from msgspec.structs import replace
 
 from camgen.check.passing import find_corners
 from camgen.check.reach import Reach
@@ -66,12 +65,10 @@ def hold_clear(
     changed = corners[blend[corners] < columns.blend[corners]]
     if not len(changed):
         return program, ()
-    body = list(program.body)
-    for k in changed.tolist():
-        body[int(columns.at[k])] = replace(columns.moves[k], blend=float(blend[k]))
+    less = dict(zip(changed.tolist(), blend[changed].tolist(), strict=True))
     what = f"less is rounded at {len(changed)} of {counted(len(corners), 'corner')} along the paths"
     note = Note("assumed", what, "what more would be rounded off there is not free for sure")
-    return program.with_body(tuple(body)), (note,)
+    return program.with_blends(less), (note,)
 
 
 def _find_rounded(columns: Columns, corners: IntArray) -> IntArray:

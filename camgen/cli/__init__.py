@@ -8,6 +8,7 @@ import gc
 import importlib
 import os
 import sys
+import threading
 import warnings
 from collections.abc import Callable, Sequence
 from contextlib import redirect_stdout
@@ -35,7 +36,9 @@ def run() -> NoReturn:
     takes 0.1 s of a small build, 0.5 s of a large one.
     """
     code = main()
-    if sys.getprofile() is None and sys.gettrace() is None:  # who watches tells what was seen behind the last line
+    # Who watches tells what was seen behind the last line, and another thread may have something to end.
+    alone = sys.getprofile() is None and sys.gettrace() is None and threading.active_count() == 1
+    if alone:
         try:
             atexit._run_exitfuncs()  # what libraries and plug-ins have asked for is still done
             sys.stdout.flush()

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from camgen.model.part import IntArray
 
-Value = TypeVar("Value", bound=np.generic)
+_Value = TypeVar("_Value", bound=np.generic)
 
 
 def begins(counts: Sequence[int] | IntArray) -> IntArray:
@@ -48,7 +48,7 @@ def following(counts: Sequence[int] | IntArray) -> IntArray:
     return after
 
 
-def each_once(values: NDArray[Value]) -> NDArray[Value]:
+def each_once(values: NDArray[_Value]) -> NDArray[_Value]:
     """The different ones of ``values`` (N,), in order. ``np.unique`` loads numpy's masked arrays, which takes 5 ms."""
     values = np.sort(values)
     first = np.ones(len(values), dtype=np.bool_)

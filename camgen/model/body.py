@@ -14,6 +14,7 @@ from typing import Any, overload
 
 import numpy as np
 from msgspec import Struct
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from camgen.model.instructions import (
@@ -276,27 +277,17 @@ def pack(items: Iterable[Instruction]) -> Body:
 
 def join(*bodies: Body) -> Body:
     """Bodies one after the other."""
-    rotations = _Rotations()
-    parts = [_turned(body, rotations) for body in bodies]
-    return Body(_join(parts), rotations.table, list(chain.from_iterable(body.objects for body in bodies)))
+    packing = Packing()
+    for body in bodies:
+        packing.extend_body(body)
+    return packing.body()
 
 
 def _turned(body: Body, rotations: _Rotations) -> Packed:
     """The columns of a body with the rotations in another table."""
     packed = body.packed
     places = np.append(rotations.places(body.rotations), np.int32(-1))
-    turned = {name: places[getattr(packed, name)] for name in ("rotation", "via_rotation")}
-    return Packed(**(_fields(packed) | turned))
-
-
-def _fields(packed: Packed) -> dict[str, Any]:
-    return {name: getattr(packed, name) for name in packed.__struct_fields__}
-
-
-def _join(parts: Sequence[Packed]) -> Packed:
-    return Packed(
-        **{name: np.concatenate([getattr(part, name) for part in parts]) for name in Packed.__struct_fields__}
-    )
+    return replace(packed, rotation=places[packed.rotation], via_rotation=places[packed.via_rotation])
 
 
 def _pack(items: Sequence[Instruction], rotations: _Rotations) -> tuple[Packed, list[Instruction]]:

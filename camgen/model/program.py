@@ -568,6 +568,12 @@ class Program(Struct, frozen=True, eq=False, dict=True):
         """The same program with another body."""
         return replace(self, body=body)
 
+    def with_blends(self, blends: Mapping[int, float]) -> Program:
+        """The same program with other blends, mm, by motion."""
+        columns = self.columns
+        changed = {int(columns.at[k]): [replace(columns.moves[k], blend=blend)] for k, blend in blends.items()}
+        return self.with_body(splice(self.body, changed))
+
     def __repr__(self) -> str:
         moves = counted(len(self.columns.moves), "motion")
         return f"Program({self.name!r}, {counted(len(self.body), 'instruction')}, {moves})"

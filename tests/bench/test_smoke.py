@@ -59,7 +59,7 @@ def lacking(module: str = "", program: str = "") -> str:
 
 FIGURES = {"max mm": (0.0, 1.0), "rms mm": (0.0, 0.6)}
 SMOKES = [
-    Smoke("speed.processes help 251 --runs 1", (4,), {"median s": (0.01, 120), "peak MB": (5, 2000)}),
+    Smoke("speed.processes help 251 rfa1 --runs 1", (5,), {"median s": (0.01, 120), "peak MB": (5, 2000)}),
     # It forks, which a process with threads must not.
     Smoke("speed.batch {here}/dxf 1 1 1", (4,), {"programs": (1, 1)}, alone=True),
     Smoke(

@@ -5,6 +5,7 @@ Where nothing in the text decides, the way that goes on is taken and said; a loo
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 
 from .branches import Ways, hint
@@ -76,7 +77,7 @@ class Loop:
 
 
 @dataclass(eq=False)
-class Flow:
+class Flow(ABC):
     """What runs blocks of statements. most: statements that are run."""
 
     machine: Machine
@@ -147,9 +148,9 @@ class Flow:
             return
         raise Stopped(item.line, f"an error comes again after {_MOST_TRIES} tries")
 
+    @abstractmethod
     def perform(self, item: Statement) -> None:
         """Does what a statement says."""
-        raise NotImplementedError
 
     # -- errors ----------------------------------------------------------------------------------------------------
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import re
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from functools import lru_cache
 from typing import Any, ClassVar, Protocol
@@ -181,7 +182,7 @@ class Reader:
             raise Unreadable("brackets are nested too deeply")
 
 
-class Numbers(Reader):
+class Numbers(Reader, ABC):
     """Numbers, conditions and strings."""
 
     # -- reals ---------------------------------------------------------------------------------------------------
@@ -366,9 +367,9 @@ class Numbers(Reader):
             raise Unreadable(f"{word} wants {counted(least, 'argument')}")
         return values
 
+    @abstractmethod
     def _of_locations(self, word: str) -> float:
         """DX and the like."""
-        raise NotImplementedError
 
     def _surroundings(self, word: str) -> float:
         """A function that the surroundings answer, or a name."""
