@@ -8,7 +8,7 @@ of configurations, with the margin.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from msgspec import Struct
@@ -18,6 +18,7 @@ from camgen.check.reach import Reach
 from camgen.collision.cell import Surroundings
 from camgen.collision.motion import measure_apart
 from camgen.collision.triangle import are_free
+from camgen.geometry.halving import find_first
 from camgen.geometry.ragged import owners, run_lengths
 from camgen.lower.corners import TURNING
 from camgen.model.cell import Dynamics
@@ -78,14 +79,16 @@ def let_flow(
     lines = ~columns.moves_are(MoveJ)
     if not blends or columns.are(Force).any():
         return program, ()
-    for zone in _ZONES if pace.corner == "zone" else (0.0,):
-        tried = {k: (runs[k], runs[k + 1]) for k in blends if blends[k] == 0}
-        ways = {k: _round(*both, zone) if zone else _overlap(*both) for k, both in tried.items() if _fits(*both, zone)}
-        ways = {k: way for k, way in ways.items() if _keeps_up(way, *tried[k], (lines[k], lines[k + 1]), room)}
-        corners = [_corner(found, legs, k, way, timed=not zone) for k, way in ways.items()]
+    zones = _ZONES if pace.corner == "zone" else (0.0,)
+    ways = {k: _ways(runs[k], runs[k + 1], zones, (lines[k], lines[k + 1]), room) for k in blends}
+
+    def free_of(some: Mapping[int, _Rounding]) -> list[bool]:
+        corners = [_corner(found, legs, k, way, timed=pace.corner != "zone") for k, way in some.items()]
         fans = [_fan(corner) for corner in corners]
-        for (k, way), fan, free in zip(ways.items(), fans, _are_free(where, fans, _bows(where, corners)), strict=True):
-            blends[k] = way.blend if free and _keeps_above(program, robot, fan, floor) else 0.0
+        free = _are_free(where, fans, _bows(where, corners))
+        return [good and _keeps_above(program, robot, fan, floor) for good, fan in zip(free, fans, strict=True)]
+
+    blends |= {k: way.blend for k, way in _find_widest(ways, free_of).items()}
     passed = sum(blend > 0 for blend in blends.values())
     what = f"{passed} of {counted(len(blends), 'corner')} on the ways between are passed without a stop"
     return program.with_blends(blends), (Note("assumed", what),)
@@ -99,6 +102,34 @@ def _have_touched(columns: Columns, slow: float) -> BoolArray:
     before: IntArray = np.repeat((counts - there)[begins], run_lengths(path))
     leaves = np.append(path[1:] != path[:-1], True)
     return np.asarray(~leaves | (counts > before))
+
+
+def _ways(one: Cruise, two: Cruise, zones: Sequence[float], lines: tuple[bool, bool], room: float) -> list[_Rounding]:
+    """The ways to round a corner, the widest first: by each of ``zones`` of which half of both motions is outside,
+    since controllers cut it off there; by overlapping them where that is 0. lines: which of both motions are such, of
+    which no more than ``room`` mm are rounded off.
+    """
+    short = min(one.mm, two.mm) / 2
+    ways = [_round(one, two, zone) if zone else _overlap(one, two) for zone in zones if zone <= short]
+    return [way for way in ways if _keeps_up(way, one, two, lines, room)]
+
+
+def _find_widest(
+    ways: Mapping[int, Sequence[_Rounding]], free_of: Callable[[Mapping[int, _Rounding]], Sequence[bool]]
+) -> dict[int, _Rounding]:
+    """Of each corner's ways, the widest first, one that is free and the next wider one is not; none where none is free.
+    What rounds a corner lies within all that is wider.
+    """
+
+    def free(at: Mapping[int, int]) -> Sequence[bool]:
+        return free_of({k: ways[k][one] for k, one in at.items()})
+
+    # Most corners have room for the widest.
+    tried = {k: 0 for k, some in ways.items() if some}
+    good = dict(zip(tried, free(tried), strict=True))
+    narrow = {k: len(ways[k]) - 1 for k, one in good.items() if not one}
+    found = find_first(narrow, lambda at: free({k: one + 1 for k, one in at.items()}))
+    return {k: ways[k][0] for k, one in good.items() if one} | {k: ways[k][at + 1] for k, at in found.items()}
 
 
 def _keeps_up(way: _Rounding, one: Cruise, two: Cruise, lines: tuple[bool, bool], room: float) -> bool:
@@ -119,11 +150,6 @@ def _keeps_above(program: Program, robot: Robot, fan: FloatArray, floor: float) 
     tip = origin + rotation @ np.asarray(program.flange_from_tool.origin)
     base = program.base_from_work
     return bool(((tip - np.asarray(base.origin)) @ base.rotation[:, 2] >= floor).all())
-
-
-def _fits(one: Cruise, two: Cruise, zone: float) -> bool:
-    """Whether half of each motion is outside of the zone: there controllers cut it off."""
-    return zone <= min(one.mm, two.mm) / 2
 
 
 def _round(one: Cruise, two: Cruise, zone: float) -> _Rounding:

@@ -1,7 +1,7 @@
 """What is said to help an edge that is left out does help: every remedy is applied and built."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -94,18 +94,23 @@ LINE = straight((0, 0, 0), (60, 0, 0), (0, 0, 1), (0, -1, 0))
 @pytest.mark.parametrize("less", [0.0, 2.0, 100.0])
 def test_the_least_trim_is_named(needs: tuple[float, float], text: str, less: float) -> None:
     """However much less it takes for the arm to stand at the ends."""
-    asked: list[tuple[float, float]] = []
+    asked: list[tuple[float, tuple[float, float]]] = []
 
-    def stands(_: Job, __: str, ends: tuple[float, float]) -> bool:
-        return ends[0] >= needs[0] - less and ends[1] >= needs[1] - less
+    def stands(_: Job, __: str, left_out: float, last: bool) -> bool:
+        return left_out >= needs[last] - less
 
-    def part(_: Job, __: str, ends: tuple[float, float]) -> bool:
-        asked.append(ends)
-        return ends[0] >= needs[0] and ends[1] >= needs[1]
+    def part(job: Job, ends: Mapping[str, tuple[float, float]]) -> list[bool]:
+        asked.extend((job.tool.axis_tilt, one) for one in ends.values())
+        return [low >= needs[0] and high >= needs[1] for low, high in ends.values()]
 
     ((told,), _) = said([LINE], Attempts(nothing, part, stands))
     assert text in told
-    assert less or all(ends[0] >= needs[0] and ends[1] >= needs[1] for ends in asked)
+    assert len(asked) == len(set(asked))
+    assert less or all(ends[0] >= needs[0] and ends[1] >= needs[1] for _, ends in asked)
+
+
+def never(_: Job, ends: Mapping[str, tuple[float, float]]) -> list[bool]:
+    return [False] * len(ends)
 
 
 def always(*_: object) -> bool:
@@ -113,21 +118,23 @@ def always(*_: object) -> bool:
 
 
 def test_a_closed_edge_has_no_ends_to_trim() -> None:
-    ((told,), _) = said([rim((0, 0, 0), 20, outer=True)], Attempts(nothing, always, always))
+    ((told,), _) = said([rim((0, 0, 0), 20, outer=True)], Attempts(nothing, never, always))
     assert "trim" in told
     assert "another place may" in told
 
 
 def test_a_trim_is_named_with_the_freest_tool_where_it_does_not_help_alone() -> None:
-    attempts = Attempts(nothing, lambda job, _, ends: job.tool.symmetric and sum(ends) >= 4, always)
+    attempts = Attempts(
+        nothing, lambda job, ends: [job.tool.symmetric and sum(one) >= 4 for one in ends.values()], always
+    )
     ((told,), _) = said([LINE], attempts)
     assert told == "tool.axis_tilt = 30 with tool.symmetric = true and operation.trim = 4 reaches all but 4 mm"
 
 
 def test_many_edges_are_counted_and_a_shape_is_not_tried() -> None:
     edges = [straight((0, 0, 0), (60, 0, 0), (0, 0, 1), (0, -1, 0), f"e{k}") for k in range(1, 12)]
-    told, notes = said(edges, Attempts(nothing, lambda *_: False, always))
+    told, notes = said(edges, Attempts(nothing, never, always))
     assert [bool(text) for text in told] == [True] * 8 + [False] * 3
     assert notes == 1
     shape = [Unreached("e1", "shape", "its two faces are back to back")]
-    assert remedies(shape, {"e1": LINE}, camgen.job(), Attempts(nothing, always, always)) == (shape, [])
+    assert remedies(shape, {"e1": LINE}, camgen.job(), Attempts(nothing, never, always)) == (shape, [])

@@ -30,7 +30,7 @@ from camgen.plan.edges.courses import APART, Course, follow_all
 from camgen.plan.edges.last_face import offset_along
 from camgen.plan.edges.motion import Freedom, Hit, Reached, Room, Setup, Track, Unreached, all_clear, feed_of
 from camgen.plan.edges.reach import can_end, poses, reach_along, reach_ways, trimmed
-from camgen.plan.edges.remedy import Attempts, remedies
+from camgen.plan.edges.remedy import Attempts, Ends, remedies
 from camgen.plan.edges.select import select
 from camgen.plan.edges.turns import turns_of
 from camgen.plan.edges.ways import Way
@@ -136,18 +136,18 @@ def _attempts(
         able = [(line, way) for line, way in listed if isinstance(way, Way) and can_end(here, way, freedom)]
         return _clear_between(reach_ways(able, here, freedom), room)
 
-    def part(other: Job, name: str, ends: tuple[float, float]) -> bool:
+    def part(other: Job, ends: Mapping[str, Ends]) -> list[bool]:
         here, room = place(other.tool.axis_tilt)
-        way = ways[name][1]
-        if isinstance(way, Unreached):
-            return False
-        found = reach_along(here, name, trimmed(way, ends), freedom_of(other))
-        return any(isinstance(one, Reached) for one in _clear_between([found], room))
+        able = {name: way for name in ends if isinstance(way := ways[name][1], Way)}
+        tried = [reach_along(here, name, trimmed(way, ends[name]), freedom_of(other)) for name, way in able.items()]
+        found = dict(zip(able, _clear_between(tried, room), strict=True))
+        return [isinstance(found.get(name), Reached) for name in ends]
 
-    def stands(other: Job, name: str, ends: tuple[float, float]) -> bool:
+    def stands(other: Job, name: str, less: float, last: bool) -> bool:
         way = ways[name][1]
         here, _ = place(other.tool.axis_tilt)
-        return isinstance(way, Way) and can_end(here, trimmed(way, ends), freedom_of(other))
+        ends = (0.0, less) if last else (less, 0.0)
+        return isinstance(way, Way) and can_end(here, trimmed(way, ends), freedom_of(other), (-last,))
 
     return Attempts(whole, part, stands)
 

@@ -164,17 +164,21 @@ def trimmed(way: Way, ends: tuple[float, float]) -> Way:
     return cut(way, ends[0], float(way.length.sum()) - ends[1])
 
 
-def can_end(setup: Setup, way: Way, freedom: Freedom) -> bool:
-    """Whether the arm can stand at both ends of ``way`` in any orientation that ``freedom`` leaves. Else
-    ``reach_along`` finds no motion either, and takes many times as long.
+#: The rows of a way at its two ends.
+_BOTH = (0, -1)
+
+
+def can_end(setup: Setup, way: Way, freedom: Freedom, ends: Sequence[int] = _BOTH) -> bool:
+    """Whether the arm can stand at these rows of ``way``, both of its ends, in any orientation that ``freedom`` leaves.
+    Else ``reach_along`` finds no motion either, and takes many times as long.
     """
-    return _can_end(setup, way, _grids("collision", freedom, way)[-1])
+    return _can_end(setup, way, _grids("collision", freedom, way)[-1], ends)
 
 
-def _can_end(setup: Setup, way: Way, choice: Grid) -> bool:
+def _can_end(setup: Setup, way: Way, choice: Grid, ends: Sequence[int] = _BOTH) -> bool:
     # Without a closed form joints depend on those before them.
-    ends = range(0, -2, -1) if setup.robot.arm else ()
-    return all(can_stand(setup, way.position[k], way.rotation[k], choice) for k in ends)
+    some = ends if setup.robot.arm else ()
+    return all(can_stand(setup, way.position[k], way.rotation[k], choice) for k in some)
 
 
 def _trims(trim: float, length: float) -> list[tuple[float, float]]:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from bisect import bisect_left
 from collections.abc import Callable, Mapping, Sequence
+from functools import cache, partial
 
 from msgspec import Struct
 from msgspec.structs import replace
 
+from camgen.geometry.halving import find_first
 from camgen.model.job import Job, ToolTable
 from camgen.model.part import Line, Note
 from camgen.model.text import short
@@ -23,15 +24,20 @@ _TRIMS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 15, 20, 25, 30, 40, 50, 60, 80, 100, 150,
 _ENDS = (((0.0, 1.0), 0.5), ((1.0, 0.0), 0.5), ((1.0, 1.0), 0.25))
 
 
+#: mm that are left out at the start and at the end.
+Ends = tuple[float, float]
+
+
 class Attempts(Struct, frozen=True, eq=False):
-    """By ids. whole: what comes of edges with other settings, at least of those that come to a motion. part: whether an
-    edge without so many mm at its ends comes to one. ends: whether the arm can stand where that begins and ends, as it
-    must, which is known in a tenth of the time.
+    """By ids. whole: what comes of edges with other settings, at least of those that come to a motion. part: which
+    edges come to one without so many mm at their ends. stands: whether the arm can stand so many mm from the start of
+    an edge, or, where that is asked, from its end, as it must at both ends of what is left, which is known in a tenth
+    of the time.
     """
 
     whole: Callable[[Job, Sequence[str]], Sequence[Reached | Unreached]]
-    part: Callable[[Job, str, tuple[float, float]], bool]
-    ends: Callable[[Job, str, tuple[float, float]], bool]
+    part: Callable[[Job, Mapping[str, Ends]], Sequence[bool]]
+    stands: Callable[[Job, str, float, bool], bool]
 
 
 def remedies(
@@ -42,13 +48,12 @@ def remedies(
     tried = able[:_MOST]
     freedoms = _freedoms(job)
     found = _other_tools(tried, freedoms, attempts)
-    for name in tried:
-        if trim := _trim(edges[name], job, attempts):
-            found[name] = f"{found[name]}, {trim}" if name in found else trim
-        elif name not in found and freedoms:
-            other, words = freedoms[-1]
-            if trim := _trim(edges[name], other, attempts):
-                found[name] = f"{words} and {trim}"
+    trims = _trim([edges[name] for name in tried], job, attempts)
+    found |= {name: f"{found[name]}, {trim}" if name in found else trim for name, trim in trims.items()}
+    if freedoms:
+        other, words = freedoms[-1]
+        trims = _trim([edges[name] for name in tried if name not in found], other, attempts)
+        found |= {name: f"{words} and {trim}" for name, trim in trims.items()}
     vain = "no roll, no tilt up to 30 deg and no trim helps: another place may"
     vain += " (camgen place)" if noun == "edge" else ""
     told = [replace(one, remedy=found.get(one.id, vain) if one.id in tried else "") for one in lost]
@@ -85,34 +90,56 @@ def _free(tool: ToolTable) -> ToolTable:
     return replace(tool, symmetric=True, turn=None)
 
 
-def _trim(edge: Line, job: Job, attempts: Attempts) -> str:
-    """The trim with which least is left out at the ends of the edge, and how much; "" if none helps."""
-    if edge.closed:
-        return ""
-    trim, missing = 0, float("inf")
+def _trim(edges: Sequence[Line], job: Job, attempts: Attempts) -> dict[str, str]:
+    """By id the trim with which least is left out at the ends of an edge, and how much, of those that one helps."""
+    stands = cache(partial(attempts.stands, job))
+    missing: dict[str, tuple[int, float]] = {}
     for ends, share in _ENDS:
-        most = min(share * edge.length, (missing - 1) / sum(ends))
-        if least := _least(edge, ends, most, job, attempts):
-            trim, missing = least, least * sum(ends)
-    return f"operation.trim = {trim} reaches all but {short(missing, 1)} mm" if trim > job.operation.trim else ""
+        most = {edge.id: share * edge.length for edge in edges if not edge.closed}
+        most |= {name: min(most[name], (less - 1) / sum(ends)) for name, (_, less) in missing.items()}
+        least = _least(most, ends, stands, partial(attempts.part, job))
+        missing |= {name: (trim, trim * sum(ends)) for name, trim in least.items()}
+    told = {name: one for name, one in missing.items() if one[0] > job.operation.trim}
+    return {name: f"operation.trim = {trim} reaches all but {short(less, 1)} mm" for name, (trim, less) in told.items()}
 
 
-def _least(edge: Line, ends: tuple[float, float], most: float, job: Job, attempts: Attempts) -> int:
-    """The least trim at these ends, ``most`` mm at most; 0 where none helps."""
+def _least(
+    most: Mapping[str, float],
+    ends: Ends,
+    stands: Callable[[str, float, bool], bool],
+    reach: Callable[[Mapping[str, Ends]], Sequence[bool]],
+) -> dict[str, int]:
+    """By id the least trim at these ends, ``most`` mm at most, of those that one helps."""
+    trims = {name: some for name, length in most.items() if (some := [trim for trim in _TRIMS if trim <= length])}
 
-    def stands(trim: float) -> bool:
-        return attempts.ends(job, edge.id, (trim * ends[0], trim * ends[1]))
+    def stand(some: Mapping[str, int]) -> list[bool]:
+        return [
+            stands(name, trim * ends[0], False) and stands(name, trim * ends[1], True) for name, trim in some.items()
+        ]
 
-    def reaches(trim: float) -> bool:
-        return attempts.part(job, edge.id, (trim * ends[0], trim * ends[1]))
+    def reaches(some: Mapping[str, int]) -> Sequence[bool]:
+        return reach({name: (trim * ends[0], trim * ends[1]) for name, trim in some.items()})
 
-    some = [trim for trim in _TRIMS if trim <= most]
-    if not some or not stands(some[-1]):
-        return 0
-    first = bisect_left(some, True, hi=len(some) - 1, key=stands)
-    if reaches(some[first]):
-        return some[first]
-    more = some[first + 1 :]
-    if not more or not reaches(more[-1]):
-        return 0
-    return more[bisect_left(more, True, hi=len(more) - 1, key=reaches)]
+    standing = _find_least(trims, stand)
+    good = _those(standing, reaches)
+    more = {name: [trim for trim in trims[name] if trim > least] for name, least in standing.items()}
+    return good | _find_least({name: some for name, some in more.items() if some and name not in good}, reaches)
+
+
+#: Whether trims help, by id and in that order.
+_Helps = Callable[[Mapping[str, int]], Sequence[bool]]
+
+
+def _find_least(trims: Mapping[str, Sequence[int]], asked: _Helps) -> dict[str, int]:
+    """By id the least of its trims that helps, of those of which the largest, which is tried first, does."""
+    largest = _those({name: some[-1] for name, some in trims.items()}, asked)
+    first = find_first(
+        {name: len(trims[name]) - 1 for name in largest},
+        lambda at: asked({name: trims[name][k] for name, k in at.items()}),
+    )
+    return largest | {name: trims[name][k] for name, k in first.items()}
+
+
+def _those(trims: dict[str, int], asked: _Helps) -> dict[str, int]:
+    """Those of ``trims`` that help."""
+    return {name: trim for (name, trim), helps in zip(trims.items(), asked(trims), strict=True) if helps}
