@@ -22,7 +22,7 @@ from camgen.model.pose import FloatArray, Pose, fixed_xyz, pose_from_values
 from camgen.model.text import counted, fixed, harmless, short
 from camgen.model.version import __version__
 from camgen.read.files import Files
-from camgen.read.solid import mesh, step
+from camgen.read.solid import STEP, mesh, step
 from camgen.read.units import MM
 
 _MM_DIGITS, _DEG_DIGITS = 4, 5
@@ -95,7 +95,7 @@ def _viewpoint(text: str | None) -> FloatArray | None:
 
 def _part(source: Source) -> tuple[FloatArray, IntArray, list[Note]]:
     """The triangles of the model, mm, and what was mended. What is said of its edges does not matter here."""
-    if source.suffix in step.SUFFIXES:
+    if source.suffix in STEP:
         solid = step.read(source)
         return solid.vertices, solid.faces, [note for note in solid.notes if note.kind == "assumed"]
     surface, notes = mesh.surface(source)

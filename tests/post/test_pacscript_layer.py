@@ -8,7 +8,7 @@ from camgen_posts.readback.pacscript import read
 
 from camgen.model.program import Output
 from camgen.post import Reading
-from camgen.read.pacscript import LANGUAGE
+from camgen.read.pacscript.language import LANGUAGE
 from camgen.read.programs import Ask
 from tests.support.pacscript_ways import said
 

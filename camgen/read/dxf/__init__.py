@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import logging
 import re
 import struct
 from collections import Counter
@@ -30,6 +29,7 @@ from camgen.read.dxf.layers import NOT_ASKED, layers_of
 from camgen.read.dxf.plain import Split, split
 from camgen.read.files import Files
 from camgen.read.pieces import tally
+from camgen.read.quiet import silence
 
 if TYPE_CHECKING:
     from ezdxf.document import Drawing
@@ -41,7 +41,6 @@ _BINARY = b"AutoCAD Binary DXF\r\n\x1a\x00"
 _END = re.compile(rb"(?:^|\n)[ \t]*0[ \t]*\r?\n[ \t]*EOF\b")
 _TAIL = 256
 _SECTION = re.compile(rb"(?:^|\n)[ \t]*0[ \t]*\r?\n[ \t]*SECTION\b")
-_QUIET = logging.NullHandler()
 _SAVE_AGAIN = "open it in the CAD program and save it again as DXF"
 
 #: ezdxf parses whatever it is given: besides its own errors (which are not all ValueErrors) a damaged file makes it
@@ -71,8 +70,7 @@ def _load(name: str, data: bytes) -> _Loaded:
 
     data = _with_line_feeds(data)
     _insist_on_dxf(name, data)
-    # Without a handler of its own ezdxf's warnings would end up on stderr.
-    logging.getLogger("ezdxf").addHandler(_QUIET)
+    silence("ezdxf")
     notes: list[Note] = []
     binary = data.startswith(_BINARY)
     # At the end of most files; what a program has written behind it is rare and costs a look at everything.

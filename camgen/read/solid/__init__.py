@@ -13,10 +13,12 @@ from camgen.model.job import Job
 from camgen.model.part import Edge, Note, Part, Solid
 from camgen.model.text import counted, harmless, short
 from camgen.read.files import Files
-from camgen.read.solid import mesh, step
+from camgen.read.solid import mesh
 from camgen.read.solid.faces import Face, beside, faces_of
 from camgen.read.units import MM
 
+#: The suffixes of STEP files.
+STEP = (".step", ".stp")
 #: So many faces are listed.
 _LISTED = 200
 
@@ -94,7 +96,9 @@ def read(source: Source, job: Job, _files: Files) -> Part:
 def solid(source: Source, job: Job) -> Solid:
     """The 3-D part in ``source``, its units taken from ``input.units`` where the file has none."""
     wanted = job.input.units.strip().lower()
-    if source.suffix in step.SUFFIXES:
+    if source.suffix in STEP:
+        from camgen.read.solid import step  # noqa: PLC0415 (3 ms, which a mesh does not need)
+
         if wanted != "auto":
             raise JobError("[input] units", "a STEP file states its own", remedy='set input.units to "auto"')
         return step.read(source, job.tolerance.chord)

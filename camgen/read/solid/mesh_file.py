@@ -6,7 +6,6 @@ trimesh reads them, but for binary STL: loading trimesh takes longer than most b
 from __future__ import annotations
 
 import json
-import logging
 import struct
 import zlib
 from io import BytesIO
@@ -21,6 +20,7 @@ from camgen.model.limits import tell
 from camgen.model.part import IntArray, Note
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted
+from camgen.read.quiet import silence
 from camgen.read.solid.strips import has_strips, read_strips
 
 SUFFIXES = (".stl", ".obj", ".ply", ".off", ".3mf", ".glb")
@@ -41,7 +41,6 @@ _STUMBLES = (
 _GUESSER = "charset_normalizer"
 #: The part of a 3MF archive that trimesh reads.
 _MODEL = "3d/3dmodel.model"
-_QUIET = logging.NullHandler()
 _SAVE_AGAIN = "export it again from the CAD program"
 
 
@@ -151,8 +150,7 @@ def _is_text(data: bytes) -> bool:
 def _parse(name: str, data: bytes, kind: str) -> tuple[FloatArray, IntArray, str]:
     import trimesh  # noqa: PLC0415 (heavy, and needed by what reads a mesh only)
 
-    # Without a handler of its own trimesh's warnings would end up on stderr.
-    logging.getLogger("trimesh").addHandler(_QUIET)
+    silence("trimesh")
     try:
         if kind == ".ply" and has_strips(data):
             return *read_strips(data), ""

@@ -239,8 +239,6 @@ def _mean_angle(normals: FloatArray) -> float:
     return float(angles(normals[:, 0], normals[:, 1]).mean())
 
 
-SUFFIXES = (".step", ".stp")
-
 #: Triangles leave the part by at most this part of its size, within these bounds (mm), and turn by this (rad).
 _DEFLECTION, _FINEST, _COARSEST, _ANGLE = 2e-4, 0.005, 0.2, 0.35
 _CONTEXT = re.compile(rb"GLOBAL_UNIT_ASSIGNED_CONTEXT\s*\(\s*\(([^)]*)\)")

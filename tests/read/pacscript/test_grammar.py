@@ -2,7 +2,7 @@
 
 import pytest
 
-from camgen.read.pacscript import LANGUAGE
+from camgen.read.pacscript.language import LANGUAGE
 from camgen.read.programs import Ask, Executed
 
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bench.read.productions import read_forms
-from camgen.read.pacscript import LANGUAGE
+from camgen.read.pacscript.language import LANGUAGE
 from camgen.read.programs import Ask, Executed
 from tests.read.pacscript.test_run import MAIN, NAMES, OTHER, PAC
 

@@ -7,7 +7,7 @@ import pytest
 
 from camgen.model.pose import Pose
 from camgen.model.program import Force, Joints, MoveC, MoveJ, MoveL, Output, Posture, Stop, Wait
-from camgen.read.pacscript import LANGUAGE
+from camgen.read.pacscript.language import LANGUAGE
 from camgen.read.programs import Ask, Executed
 
 HOME = "Move P, @0 P(400, 0, 300, 180, 0, 180, -1)"

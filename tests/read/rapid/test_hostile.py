@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from camgen.model.pose import Pose
 from camgen.model.program import MoveC, MoveJ, MoveL
 from camgen.read.programs import Ask, Executed
-from camgen.read.rapid import run
+from camgen.read.rapid.language import run
 from tests.support.rapid_texts import changed, program
 
 ROOT = Path(__file__).parents[3]

@@ -9,7 +9,7 @@ import pytest
 from camgen.model.pose import Pose
 from camgen.model.program import Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Stop, Wait
 from camgen.read.programs import Ask, Executed, find_language
-from camgen.read.rapid import LANGUAGE, recognise, run
+from camgen.read.rapid.language import LANGUAGE, recognise, run
 
 E9 = "[9E9,9E9,9E9,9E9,9E9,9E9]"
 HEAD = f"""MODULE m

@@ -8,7 +8,7 @@ import pytest
 from camgen.model.pose import rotation_from_zyz
 from camgen.model.program import MoveJ, MoveL
 from camgen.read.programs import Ask
-from camgen.read.vplus import run
+from camgen.read.vplus.language import run
 
 
 def execute(*lines):

@@ -5,7 +5,7 @@ import pytest
 from camgen.model.limits import Limits
 from camgen.model.program import Joints, MoveJ, MoveL, Output, Stop, Wait
 from camgen.read.programs import Ask, find_language
-from camgen.read.vplus import VPLUS, run
+from camgen.read.vplus.language import VPLUS, run
 
 
 def execute(*lines, ask=None, **more):

@@ -8,7 +8,7 @@ from camgen_posts.readback.vplus import read
 
 from camgen.model.program import Joints, MoveJ, MoveL, Output
 from camgen.read.programs import Ask
-from camgen.read.vplus import recognise, run
+from camgen.read.vplus.language import recognise, run
 
 ROOT = Path(__file__).parents[3]
 GOLDENS = sorted((ROOT / "fixtures/cases").glob("*/expected/*.v2"))

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from camgen.model.limits import Limits
 from camgen.model.program import MoveC, MoveJ, MoveL
 from camgen.read.programs import Ask, Executed
-from camgen.read.vplus import recognise, run
+from camgen.read.vplus.language import recognise, run
 
 #: A bit of everything.
 WHOLE = """\

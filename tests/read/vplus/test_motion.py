@@ -10,7 +10,7 @@ from camgen.model.pose import TOOL_DOWN, Pose
 from camgen.model.program import Joints, MoveJ, MoveL, Output, Program, Wait
 from camgen.post.plugins import make_post
 from camgen.read.programs import Ask
-from camgen.read.vplus import recognise, run
+from camgen.read.vplus.language import recognise, run
 from tests.support.whole import whole
 
 

@@ -1,0 +1,24 @@
+"""DENSO PacScript (RC8, RC9) and its elder PAC (RC5, RC7) as others write it (docs/languages/pacscript.md)."""
+
+from __future__ import annotations
+
+import re
+
+from camgen.read.pacscript.run import run_files
+from camgen.read.programs import Language
+
+_SURE = re.compile(
+    r"^\s*(?:'!title\b|takearm\b|sub\s+main\b|program\s+\w+\s*$|givearm\b|#include\s+[\"<]\w+\.(?:h|pcs)"
+    r"|move\s+(?:p|l|c|ptp)\s*,|approach\s+(?:p|l)\s*,)",
+    re.IGNORECASE | re.MULTILINE,
+)
+
+
+def recognise(text: str) -> bool:
+    """Whether a text is surely PacScript."""
+    return len(_SURE.findall(text[:20_000])) > 1 or text.lstrip("\ufeff")[:8].lower() == "'!title "
+
+
+LANGUAGE = Language(
+    "pacscript", "DENSO PacScript and PAC", (".pcs", ".pac", ".pns"), recognise, run_files, takes=("entry", "points")
+)
