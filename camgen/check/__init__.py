@@ -12,7 +12,6 @@ from msgspec.structs import replace
 from camgen.lower.runs import plunge
 from camgen.model.cell import Cell
 from camgen.model.job import Job
-from camgen.model.part import Note
 from camgen.model.program import Program
 from camgen.robots.workcell import Workcell
 
@@ -54,9 +53,9 @@ def check(
     """Whether the arm of ``cell`` can run ``program``, links included, and meets nothing.
 
     where: what there is to run into, as the plan of a 3-D part knows it: the ways between its paths get blends where
-    there is room, and those along its paths keep theirs. name: of the input, for messages. flow: of a flat part, whose
-    ways get blends too. Blocked with the motion, the place, the reason and the paths it concerns, JobError for an arm
-    that the program is not for.
+    there is room with the margin. Blends along paths stay where what they round off is free. name: of the input, for
+    messages. flow: of a flat part, whose ways get blends too. Blocked with the motion, the place, the reason and the
+    paths it concerns, JobError for an arm that the program is not for.
     """
     if not isinstance(cell, Workcell) or cell.arm is None:
         return Checks(program)
@@ -73,9 +72,10 @@ def check(
     course = trace(reach, cell.arm, partial(measure_apart, there.scene), name or program.name)
     clear = check_clear(there, reach, course, cell.arm, name or program.name)
     program = share_joints(reach, cell.arm)
-    told: tuple[Note, ...] = ()
+    # Along a flat part the tool is where the job has it, fixtures near or not: what is rounded meets nothing there.
+    held = where or replace(there, margin=0.0)
+    program, told = hold_clear(program, reach, course, held, cell.arm, cell.pace, clear.clearance)
     if where is not None:
-        program, told = hold_clear(program, reach, course, where, cell.arm, cell.pace)
         flow = Flow(plunge(job.process), math.inf, -math.inf)
     if flow is not None:
         program, notes = let_flow(program, reach, there, cell.arm, cell.pace, flow.slow, flow.room, flow.floor)

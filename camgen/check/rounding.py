@@ -40,14 +40,21 @@ class _Ways(Struct, frozen=True, eq=False):
 
 
 def hold_clear(
-    program: Program, found: Reach, course: Course, where: Surroundings, robot: Robot, pace: Dynamics
+    program: Program,
+    found: Reach,
+    course: Course,
+    where: Surroundings,
+    robot: Robot,
+    pace: Dynamics,
+    gap: float = 0.0,
 ) -> tuple[Program, tuple[Note, ...]]:
     """``program`` with those blends along its paths that may stay, lesser ones or stops in place of others: a note says
     of how many.
 
     Within a corner the program's way is to keep the margin and as much as any point is off it on the widest rounding,
     which holds for all between these ways. Of the tool and the part, which meet there, the widest rounding is tested
-    like any motion. found, course: of the program, which meets nothing without blends.
+    like any motion. found, course: of the program, which meets nothing without blends. gap: mm that all that is to keep
+    the margin is apart all along it, as a test found it: a corner that needs no more is not tested again.
     """
     columns = program.columns
     corners = _find_rounded(columns, find_corners(program))
@@ -57,7 +64,8 @@ def hold_clear(
     left = corners
     while len(left):
         free = [
-            _are_clear(where, ways, blend, some, pace) for some in np.split(left, range(_CORNERS, len(left), _CORNERS))
+            _are_clear(where, ways, blend, some, pace, gap)
+            for some in np.split(left, range(_CORNERS, len(left), _CORNERS))
         ]
         left = left[~np.concatenate(free)]
         blend[left] = _lessen(blend[left], pace)
@@ -90,16 +98,22 @@ def _lessen(blend: FloatArray, pace: Dynamics) -> FloatArray:
     return np.asarray(np.select([blend > zone for zone in ZONES], ZONES, 0.0))
 
 
-def _are_clear(where: Surroundings, ways: _Ways, blend: FloatArray, corners: IntArray, pace: Dynamics) -> BoolArray:
+def _are_clear(
+    where: Surroundings, ways: _Ways, blend: FloatArray, corners: IntArray, pace: Dynamics, gap: float
+) -> BoolArray:
     """In which corners (K,), after these motions, nothing is met and the margin kept."""
     own, rounded, middle = _round(ways, blend[corners], corners, pace)
     off = _measure(where, rounded, own)
+    needed = where.margin + off
     bow = APART + float(_measure(where, middle, (own[:, 1:] + own[:, :-1]) / 2).max())
-    beside = motions(where.apart, list(own), FINE, where.margin + off, bow)
-    working = motions(where.work, list(rounded), STEP, apart=bow)
-    room = np.array([0.0 if one.hit else one.clearance for one in beside])
-    met = np.array([one.hit for one in working])
-    return np.asarray((room >= where.margin + off) & ~met)
+    # A test tells distances up to half a step and what it takes joints to be off too large.
+    clear: BoolArray = np.asarray(needed + FINE / 2 + APART <= gap)
+    tight = np.flatnonzero(~clear)
+    beside = motions(where.apart, list(own[tight]), FINE, needed[tight], bow)
+    clear[tight] = np.array([0.0 if one.hit else one.clearance for one in beside]) >= needed[tight]
+    if where.work.pairs:
+        clear &= ~np.array([one.hit for one in motions(where.work, list(rounded), STEP, apart=bow)])
+    return clear
 
 
 def _measure(where: Surroundings, one: FloatArray, other: FloatArray) -> FloatArray:

@@ -4,6 +4,7 @@ from functools import cache
 from itertools import pairwise
 from pathlib import Path
 
+import ezdxf
 import numpy as np
 import pytest
 from msgspec.structs import replace
@@ -232,16 +233,27 @@ def test_a_tool_that_turns_otherwise_all_at_once_stops() -> None:
 # What is free.
 
 
-def angle_iron(tmp_path: Path, gap: float, margin: float) -> tuple[list[float], bool]:
+def corner_of(tmp_path: Path, flat: bool) -> Path:
+    """A curve with a corner of 90 deg, as points in space or as a drawing of it."""
+    if not flat:
+        file = tmp_path / "corner.xyz"
+        file.write_text("0 0 0\n40 0 0\n40 40 0")
+        return file
+    file = tmp_path / "corner.dxf"
+    document = ezdxf.new(units=4)
+    document.modelspace().add_lwpolyline([(0, 0), (40, 0), (40, 40)])
+    document.saveas(file)
+    return file
+
+
+def angle_iron(tmp_path: Path, gap: float, margin: float, flat: bool = False) -> tuple[list[float], bool]:
     """The blends of a curve with a corner of 90 deg, which may be rounded by 5 mm, about a block that the square tool
     of 6 mm passes at ``gap`` mm, and whether a note tells that they are less than asked.
     """
-    file = tmp_path / "corner.xyz"
-    file.write_text("0 0 5\n40 0 5\n40 40 5")
-    block = [0.0, 3.0 + gap, 0.0, 37.0 - gap, 40.0, 9.0]
-    fixed = {"base_from_work": [330, -20, 150, 0, 0, 0], "robot": "IRB 120", "margin": margin, "fixtures": [block]}
-    job: Tables = {"tolerance": {"corner": 5}, "cell": fixed}
-    result = camgen.build(file, post="rapid", job=job)
+    block = [0.0, 3.0 + gap, -5.0, 37.0 - gap, 40.0, 4.0]
+    fixed = {"base_from_work": [330, -20, 155, 0, 0, 0], "robot": "IRB 120", "margin": margin, "fixtures": [block]}
+    job: Tables = {"tolerance": {"corner": 5}, "cell": fixed, "operation": {"side": "on"} if flat else {}}
+    result = camgen.build(corner_of(tmp_path, flat), post="rapid", job=job)
     told = any(note.what == "less is rounded at 1 of 1 corner along the paths" for note in result.notes)
     return [one.blend for _, one, _ in inner(result)], told
 
@@ -257,3 +269,16 @@ def test_a_corner_is_rounded_as_far_as_the_margin_is_kept(
     tmp_path: Path, gap: float, margin: float, blend: float
 ) -> None:
     assert angle_iron(tmp_path, gap, margin) == ([blend], blend < 5.0)
+
+
+@pytest.mark.parametrize(
+    ("gap", "blend"),
+    # Zone 5 has the tool up to 2.83 mm off its way, taken up to 1.4 times as large, 1 mm up to 0.57 mm, 0.3 mm 0.17.
+    [(6.0, 5.0), (2.5, 1.0), (1.5, 1.0), (0.4, 0.3), (0.1, 0.0)],
+)
+@pytest.mark.parametrize("margin", [0.0, 6.5])
+def test_a_corner_of_a_drawing_is_rounded_as_far_as_it_meets_nothing(
+    tmp_path: Path, gap: float, blend: float, margin: float
+) -> None:
+    """The tool is where the drawing has it, nearer than the margin or not, which is told."""
+    assert angle_iron(tmp_path, gap, margin, flat=True) == ([blend], blend < 5.0)
