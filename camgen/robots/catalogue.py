@@ -1,13 +1,14 @@
 """Robots as data: ``robot`` by name, ``robots`` all of them.
 
-A robot is a file in ``data``. Its keys: ``name``, and ``also`` for other names; ``maker`` and ``controller``;
-``convention``: what the controller's joint values are, which are the joint values everywhere in camgen; ``trust``: how
-well the numbers are known (confirmed: two independent sources; derived: one good source or worked out; uncertain);
-``notes`` and ``sources``; ``flange``: its frame in the last joint's, [x, y, z, rx, ry, rz]; ``home``; ``pad``: how much
-the boxes should be grown; ``touching``: pairs of links that need no test against each other; ``rod``: a parallel rod
-that holds the joint's link, so that the joint turns by its value less another's, within ``limits``; ``joints``: each
-``at`` a place in the frame before it, about or along ``axis``; ``links``: the base and the link that each joint moves,
-with ``boxes`` in its frame as [x, y, z of the centre, half lengths]. Lengths mm, angles deg, speeds deg/s or mm/s.
+A robot is a file in ``data`` that is called like one of its names, in small letters and digits alone. Its keys:
+``name``, and ``also`` for other names; ``maker`` and ``controller``; ``convention``: what the controller's joint values
+are, which are the joint values everywhere in camgen; ``trust``: how well the numbers are known (confirmed: two
+independent sources; derived: one good source or worked out; uncertain); ``notes`` and ``sources``; ``flange``: its
+frame in the last joint's, [x, y, z, rx, ry, rz]; ``home``; ``pad``: how much the boxes should be grown; ``touching``:
+pairs of links that need no test against each other; ``rod``: a parallel rod that holds the joint's link, so that the
+joint turns by its value less another's, within ``limits``; ``joints``: each ``at`` a place in the frame before it,
+about or along ``axis``; ``links``: the base and the link that each joint moves, with ``boxes`` in its frame as [x, y, z
+of the centre, half lengths]. Lengths mm, angles deg, speeds deg/s or mm/s.
 """
 
 from __future__ import annotations
@@ -82,11 +83,11 @@ def robot(name: str, files: Files | None = None) -> Robot:
         from camgen.robots.urdf import read_urdf  # noqa: PLC0415 (it makes a Robot, and few jobs name a file)
 
         return read_urdf(*described, files or Files())
-    known = _by_key()
-    if _key(name) not in known:
-        near = suggest(name, [one.name for one in known.values()])
+    file = _read(_key(name)) or _by_key().get(_key(name))
+    if file is None:
+        near = suggest(name, [one.name for one in _by_key().values()])
         raise JobError(f"robot {name}", "there is no such robot", remedy=f"{near}; camgen robots lists them")
-    return _make(known[_key(name)])
+    return _make(file)
 
 
 def robots() -> tuple[Robot, ...]:
@@ -95,10 +96,17 @@ def robots() -> tuple[Robot, ...]:
 
 
 @cache
+def _read(key: str) -> _File | None:
+    """The robot whose file is called ``key``: to read all for one takes 5 ms of every build."""
+    file = resources.files("camgen.robots") / "data" / f"{key}.toml"
+    return msgspec.convert(tomllib.loads(file.read_text()), _File, strict=False) if file.is_file() else None
+
+
+@cache
 def _files() -> tuple[_File, ...]:
     folder = resources.files("camgen.robots") / "data"
-    texts = [entry.read_text() for entry in folder.iterdir() if entry.name.endswith(".toml")]
-    files = [msgspec.convert(tomllib.loads(text), _File, strict=False) for text in texts]
+    keys = [entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml")]
+    files = [file for key in keys if (file := _read(key))]
     return tuple(sorted(files, key=lambda file: file.name))
 
 

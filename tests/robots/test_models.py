@@ -1,4 +1,6 @@
 import math
+import tomllib
+from importlib import resources
 
 import numpy as np
 import pytest
@@ -47,6 +49,15 @@ def test_there_are_eleven_of_four_kinds() -> None:
 @pytest.mark.parametrize("name", ["IRB 2400", "irb2400", "IRB-2400", "abb_irb2400_10"])
 def test_a_robot_is_found_however_its_name_is_spelled(name: str) -> None:
     assert robot(name).name == "IRB 2400"
+
+
+@pytest.mark.parametrize("file", [entry.name for entry in (resources.files("camgen.robots") / "data").iterdir()])
+def test_a_file_is_called_like_one_of_the_names_of_its_robot(file: str) -> None:
+    """By which it is found without a look at the others."""
+    told = tomllib.loads((resources.files("camgen.robots") / "data" / file).read_text())
+    stem = file.removesuffix(".toml")
+    assert stem in ["".join(c for c in name.casefold() if c.isalnum()) for name in (told["name"], *told["also"])]
+    assert robot(stem).name == told["name"]
 
 
 def test_the_nearest_robot_is_named() -> None:
