@@ -8,7 +8,7 @@ one is entered and left at the same point, any of its samples.
 
 from __future__ import annotations
 
-import math
+from math import sqrt
 from typing import NamedTuple
 
 Ints = list[int]
@@ -70,11 +70,11 @@ class Run(NamedTuple):
 
 def way(s: Scene, p: int, q: int) -> float:
     """Distance of two points, mm."""
-    if s.nowhere in (p, q):
+    x, y, nowhere = s.x, s.y, s.nowhere
+    if nowhere >= 0 and nowhere in (p, q):
         return 0.0
-    dx = s.x[p] - s.x[q]
-    dy = s.y[p] - s.y[q]
-    return math.sqrt(dx * dx + dy * dy)
+    dx, dy = x[p] - x[q], y[p] - y[q]
+    return sqrt(dx * dx + dy * dy)
 
 
 def after(r: Run, item: int) -> int:
@@ -127,14 +127,15 @@ def turn(s: Scene, r: Run, low: int, high: int) -> None:
         low, high, count = (high + 1) % size, (low - 1) % size, size - count
     note(r, _TURN, low, high, 0, 0)
     r.marks[WORK] += count // _BULK
+    ring, place, enter, leave = r.ring, r.place, r.enter, r.leave
     i, j = low, high
     for _ in range((count + 1) // 2):
-        a, b = r.ring[i], r.ring[j]
-        r.ring[i], r.ring[j] = b, a
-        r.place[a], r.place[b] = j, i
-        r.enter[a], r.leave[a] = r.leave[a], r.enter[a]
+        a, b = ring[i], ring[j]
+        ring[i], ring[j] = b, a
+        place[a], place[b] = j, i
+        enter[a], leave[a] = leave[a], enter[a]
         if a != b:
-            r.enter[b], r.leave[b] = r.leave[b], r.enter[b]
+            enter[b], leave[b] = leave[b], enter[b]
         i = i + 1 if i + 1 < size else 0
         j = j - 1 if j else size - 1
 
@@ -148,18 +149,27 @@ def carry(r: Run, low: int, count: int, past: int, back: int) -> None:
     note(r, _CARRY, (low + past) % size, count, -past, back)
     steps = past if past > 0 else -past
     r.marks[WORK] += (steps + count) // _BULK
-    held = [r.ring[(low + k) % size] for k in range(count)]
-    for k in range(steps):
-        source = (low + count + k) % size if past > 0 else (low - 1 - k) % size
-        goal = (low + k) % size if past > 0 else (low + count - 1 - k) % size
-        item = r.ring[source]
-        r.ring[goal] = item
-        r.place[item] = goal
+    ring, place = r.ring, r.place
+    held = [ring[(low + k) % size] for k in range(count)]
+    # In pieces that do not run over the end of the ring: such ways are most of the work of a search in Python.
+    done = 0
+    while done < steps:
+        if past > 0:
+            goal, source = (low + done) % size, (low + count + done) % size
+            some = min(steps - done, size - max(goal, source))
+        else:
+            goal, source = (low + count - done) % size or size, (low - done) % size or size
+            some = min(steps - done, goal, source)
+            goal, source = goal - some, source - some
+        ring[goal : goal + some] = ring[source : source + some]
+        for k, item in enumerate(ring[goal : goal + some], goal):
+            place[item] = k
+        done += some
     for k in range(count):
         item = held[count - 1 - k] if back else held[k]
         goal = (low + past + k) % size
-        r.ring[goal] = item
-        r.place[item] = goal
+        ring[goal] = item
+        place[item] = goal
         if back:
             r.enter[item], r.leave[item] = r.leave[item], r.enter[item]
 
@@ -201,7 +211,7 @@ def choose_sample(s: Scene, item: int, p: int, q: int, now: int) -> int:
     x, y = s.x, s.y
     px, py, qx, qy = x[p], y[p], x[q], y[q]
     ax, ay, bx, by = px - x[now], py - y[now], qx - x[now], qy - y[now]
-    best = math.sqrt(ax * ax + ay * ay) + math.sqrt(bx * bx + by * by) - EPS
+    best = sqrt(ax * ax + ay * ay) + sqrt(bx * bx + by * by) - EPS
     if best <= way(s, p, q):
         return now
     choice = now
@@ -210,7 +220,7 @@ def choose_sample(s: Scene, item: int, p: int, q: int, now: int) -> int:
     step = 2.0 * s.step[item]
     while k < stop:
         ax, ay, bx, by = px - x[k], py - y[k], qx - x[k], qy - y[k]
-        cost = math.sqrt(ax * ax + ay * ay) + math.sqrt(bx * bx + by * by)
+        cost = sqrt(ax * ax + ay * ay) + sqrt(bx * bx + by * by)
         if cost < best:
             best = cost
             choice = k
@@ -248,11 +258,12 @@ def may_turn(s: Scene, r: Run, low: int, high: int) -> bool:
     if low > high or low == 0 or s.rank[r.ring[low]] != s.rank[r.ring[high]]:
         return False
     r.marks[WORK] += (high - low) // _BULK
-    for k in range(low, high + 1):
-        item = r.ring[k]
-        if s.kind[item] == ONE_WAY:
+    place, kind, parent = r.place, s.kind, s.parent
+    for item in r.ring[low : high + 1]:
+        if kind[item] == ONE_WAY:
             return False
-        if s.parent[item] >= 0 and low <= r.place[s.parent[item]] <= high:
+        over = parent[item]
+        if over >= 0 and low <= place[over] <= high:
             return False
     return True
 

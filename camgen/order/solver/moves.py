@@ -58,55 +58,47 @@ def pair(s: Scene, a: int, pa: int, out_a: int, b: int, pb: int, out_b: int) -> 
     return saved, na, nb
 
 
-def slack(s: Scene, a: int, pa: int, out_a: int, b: int, pb: int, out_b: int) -> float:
-    """No less than what ``pair`` can save: nothing is shorter than the straight way."""
-    total = 0.0
-    p, q = pa, pb
-    if s.kind[a] == CLOSED:
-        total += way(s, out_a, pa)
-        p = out_a
-    if s.kind[b] == CLOSED:
-        total += way(s, pb, out_b)
-        q = out_b
-    if p == pa and q == pb:
-        return 0.0
-    return total + way(s, pa, pb) - way(s, p, q)
-
-
 def relink(s: Scene, r: Run, a: int, forward: bool) -> float:
     """2-opt: ``a`` joined to a near item at the end where it is left (or entered), one stretch turned; the change."""
-    b = after(r, a) if forward else ahead(r, a)
-    pa, pb = (r.leave[a], r.enter[b]) if forward else (r.enter[a], r.leave[b])
-    out_a = r.leave[ahead(r, a)] if forward else r.enter[after(r, a)]
-    out_b = r.enter[after(r, b)] if forward else r.leave[ahead(r, b)]
+    ring, place, size = r.ring, r.place, len(r.ring)
+    # A negative place counts from the end, in Python and compiled: so the ring has no ends here.
+    ahead_of, after_of = (-1, 1 - size) if forward else (1 - size, -1)
+    leave, enter = (r.leave, r.enter) if forward else (r.enter, r.leave)
+    b = ring[place[a] + after_of]
+    pa, pb = leave[a], enter[b]
+    out_a, out_b = leave[ring[place[a] + ahead_of]], enter[ring[place[b] + after_of]]
     old = way(s, pa, pb)
+    own_a, end_a = (way(s, out_a, pa), out_a) if s.kind[a] == CLOSED else (0.0, pa)
+    own_b, end_b = (way(s, pb, out_b), out_b) if s.kind[b] == CLOSED else (0.0, pb)
     best, best_c = -EPS, -1
     na, nb, nc, nd = pa, pb, pa, pb
     for k in range(a * s.width, (a + 1) * s.width):
         c = s.near[k]
-        if c < 0 or s.apart[k] >= old + (way(s, out_a, pa) if s.kind[a] == CLOSED else 0.0):
+        if c < 0 or s.apart[k] >= old + own_a:
             break
-        d = after(r, c) if forward else ahead(r, c)
+        d = ring[place[c] + after_of]
         if c == b or d == a:
             continue
-        pc, pd = (r.leave[c], r.enter[d]) if forward else (r.enter[c], r.leave[d])
-        change = way(s, pa, pc) + way(s, pb, pd) - old - way(s, pc, pd)
+        pc, pd = leave[c], enter[d]
+        ac, bd = way(s, pa, pc), way(s, pb, pd)
+        change = ac + bd - old - way(s, pc, pd)
         ma, mb, mc, md = pa, pb, pc, pd
         # Next to each other, or shared: then begun anew afterwards.
-        out_c = r.leave[ahead(r, c)] if forward else r.enter[after(r, c)]
-        out_d = r.enter[after(r, d)] if forward else r.leave[ahead(r, d)]
-        e = ahead(r, c) if forward else after(r, c)
-        f = after(r, d) if forward else ahead(r, d)
+        e, f = ring[place[c] + ahead_of], ring[place[d] + after_of]
         if e not in (a, b) and f not in (a, b):
-            first = slack(s, a, pa, out_a, c, pc, out_c)
-            second = slack(s, b, pb, out_b, d, pd, out_d)
+            out_c, out_d = leave[e], enter[f]
+            own_c, end_c = (way(s, pc, out_c), out_c) if s.kind[c] == CLOSED else (0.0, pc)
+            own_d, end_d = (way(s, pd, out_d), out_d) if s.kind[d] == CLOSED else (0.0, pd)
+            # No less than what ``pair`` can save: nothing is shorter than the straight way.
+            first = 0.0 if end_a == pa and end_c == pc else own_a + own_c + ac - way(s, end_a, end_c)
+            second = 0.0 if end_b == pb and end_d == pd else own_b + own_d + bd - way(s, end_b, end_d)
             if change - first - second < best:
                 gain, ma, mc = pair(s, a, pa, out_a, c, pc, out_c)
                 change -= gain
                 gain, mb, md = pair(s, b, pb, out_b, d, pd, out_d)
                 change -= gain
         if change < best:
-            low, high = (r.place[b], r.place[c]) if forward else (r.place[c], r.place[b])
+            low, high = (place[b], place[c]) if forward else (place[c], place[b])
             if may_turn(s, r, low, high):
                 best, best_c = change, c
                 na, nb, nc, nd = ma, mb, mc, md
@@ -114,18 +106,11 @@ def relink(s: Scene, r: Run, a: int, forward: bool) -> float:
         return 0.0
     c = best_c
     d = after(r, c) if forward else ahead(r, c)
-    begin(s, r, a, na)
-    begin(s, r, b, nb)
-    begin(s, r, c, nc)
-    begin(s, r, d, nd)
-    if forward:
-        turn(s, r, r.place[b], r.place[c])
-    else:
-        turn(s, r, r.place[c], r.place[b])
-    push(r, a)
-    push(r, b)
-    push(r, c)
-    push(r, d)
+    for item, point in ((a, na), (b, nb), (c, nc), (d, nd)):
+        begin(s, r, item, point)
+        push(r, item)
+    low, high = (b, c) if forward else (c, b)
+    turn(s, r, place[low], place[high])
     return best
 
 
