@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from camgen.geometry.ragged import ramp
-from camgen.geometry.vectors import plane_lengths
+from camgen.geometry.ragged import begins, each_once, ramp, run_lengths
 from camgen.model.pose import FloatArray
 
 __all__ = ["Discs", "Near", "nearest_items"]
@@ -16,8 +17,10 @@ IntArray = NDArray[np.int64]
 
 #: Discs in a leaf; blocks of so many leaves give the first bound on how far to look.
 _LEAF, _BLOCK = 8, 4
-#: Pairs of discs looked at in one go.
-_PAIRS = 500_000
+#: Leaves, pairs of leaves, and pairs of items looked at in one go: so many that they stay in the cache.
+_LEAVES, _PAIRS, _ROWS = 256, 1_000, 20_000
+#: More than roundings change a distance, as a part of the lengths that it is worked out from.
+_ROUNDED = 1e-9
 
 
 class Discs(Struct, frozen=True, eq=False):
@@ -50,19 +53,24 @@ class Near(Struct, frozen=True, eq=False):
         return near, apart
 
 
+class _Leaves(Struct, frozen=True, eq=False):
+    """The discs in M leaves, (M, _LEAF) each: x, y mm, owner, radius mm; NaN, -1 and 0 for no disc."""
+
+    x: FloatArray
+    y: FloatArray
+    owner: IntArray
+    radius: FloatArray
+
+
 def nearest_items(discs: Discs, count: int, wanted: int) -> Near:
     """About ``wanted`` nearest items of each of the ``count`` items: fewer only where ``sure`` says so.
 
     The distance of two items is that of their discs, 0 where these overlap. Where more than that many items are at the
     same distance, as at one point, some of them are listed: never all pairs of a crowd.
     """
-    leaves = _leaves(discs.centre)
-    reach = _first_bound(discs, leaves, wanted)
-    one, two = _pairs_of_leaves(*_boxes(discs, leaves), reach)
-    rows = []
-    for begin in range(0, max(len(one), 1), _PAIRS // _LEAF**2):
-        end = begin + _PAIRS // _LEAF**2
-        rows.append(_pairs_of_items(discs, leaves, one[begin:end], two[begin:end], reach, count))
+    leaves = _leaves(discs)
+    reach = _first_bound(leaves, wanted)
+    rows = _pairs_of_items(leaves, *_pairs_of_leaves(leaves, reach), reach, count)
     key = np.concatenate([row[0] for row in rows])
     apart = np.concatenate([row[1] for row in rows])
     order = np.argsort(key)
@@ -70,40 +78,52 @@ def nearest_items(discs: Discs, count: int, wanted: int) -> Near:
     first = np.flatnonzero(np.concatenate([[True], key[1:] != key[:-1]])) if len(key) else np.zeros(0, dtype=np.int64)
     key, apart = key[first], np.minimum.reduceat(apart, first) if len(key) else apart
     item, other = key // count, key % count
-    # By item, then by distance, then by the other one, as which they come.
-    order = np.argsort(apart, kind="stable")
-    order = order[_sort_stable(item[order])]
+    order = _by_distance(item, apart)
     sure = np.full(count, np.inf)
-    shown = leaves >= 0
-    np.minimum.at(sure, discs.owner[leaves[shown]], np.repeat(reach[:, None], _LEAF, axis=1)[shown])
-    return Near(item[order], other[order], np.maximum(apart[order], 0.0), np.maximum(sure, 0.0))
+    shown = leaves.owner >= 0
+    np.minimum.at(sure, leaves.owner[shown], np.repeat(reach[:, None], _LEAF, axis=1)[shown])
+    return Near(item, other[order], np.maximum(apart[order], 0.0), np.maximum(sure, 0.0))
 
 
-def _sort_stable(number: IntArray) -> IntArray:
-    """The stable order of whole numbers below 2^32, by 16 bits at a time, which numpy sorts by counting."""
-    order = np.argsort((number & 0xFFFF).astype(np.uint16), kind="stable")
-    return order[np.argsort((number[order] >> 16).astype(np.uint16), kind="stable")]
+def _by_distance(item: IntArray, apart: FloatArray) -> IntArray:
+    """The order of pairs, sorted by ``item``, that sorts those of each item by distance; equal ones stay as they are.
+
+    One number holds the item, the rank of the distance and the place: numpy sorts such numbers faster than it finds
+    a stable order.
+    """
+    order = np.arange(len(item))
+    # Some at a time, of whole items.
+    cuts = each_once(np.searchsorted(item, item[::_ROWS])).tolist()
+    for begin, end in pairwise([*cuts, len(item)]):
+        rising = np.argsort(apart[begin:end])
+        distances = apart[begin:end][rising]
+        rank = np.empty(end - begin, dtype=np.int64)
+        rank[rising] = np.cumsum(np.concatenate([[False], distances[1:] != distances[:-1]]))
+        counts = run_lengths(item[begin:end])
+        first, most = np.repeat(begins(counts), counts), int(counts.max())
+        number = (first * len(rank) + rank) * most + ramp(counts)
+        number.sort()
+        order[begin:end] = begin + first + number % most
+    return order
 
 
-def _leaves(points: FloatArray) -> IntArray:
-    """(M, _LEAF): the points in blocks that are halved along their longer side; M a power of two, -1 for no point."""
-    count = len(points)
+def _leaves(discs: Discs) -> _Leaves:
+    """The discs in blocks that are halved along their longer side; M is a power of two."""
+    count = len(discs.owner)
     levels = max(0, int(np.ceil(np.log2(max(count, 1) / _LEAF))))
     order = np.full((1, _LEAF << levels), -1)
     order[0, :count] = np.arange(count)
-    padded = np.concatenate([points, [[np.nan, np.nan]]])
+    # Each coordinate by itself: along an axis before one of two numbers numpy takes four times as long.
+    x, y = (np.append(discs.centre[:, axis], np.nan) for axis in (0, 1))
     for _ in range(levels):
-        block = padded[order]
+        block = x[order], y[order]
         with np.errstate(invalid="ignore"):
-            # Each coordinate by itself: along an axis before one of two numbers numpy takes four times as long.
-            x, y = np.ascontiguousarray(block[..., 0]), np.ascontiguousarray(block[..., 1])
-            side = np.column_stack([np.fmax.reduce(c, axis=1) - np.fmin.reduce(c, axis=1) for c in (x, y)])
+            side = np.column_stack([np.fmax.reduce(c, axis=1) - np.fmin.reduce(c, axis=1) for c in block])
         wide = np.nan_to_num(side).argmax(axis=1)
-        along = np.where(wide[:, None] == 0, x, y)
-        rank = np.argsort(along, axis=1, kind="stable")
+        rank = np.argsort(np.where(wide[:, None] == 0, *block), axis=1, kind="stable")
         order = np.take_along_axis(order, rank, axis=1)
         order = _halves(order)
-    return order
+    return _Leaves(x[order], y[order], np.append(discs.owner, -1)[order], np.append(discs.radius, 0.0)[order])
 
 
 def _halves(order: IntArray) -> IntArray:
@@ -119,78 +139,91 @@ def _halves(order: IntArray) -> IntArray:
     return halves.reshape(2 * blocks, width // 2)
 
 
-def _first_bound(discs: Discs, leaves: IntArray, wanted: int) -> FloatArray:
+def _first_bound(leaves: _Leaves, wanted: int) -> FloatArray:
     """(M,): so far at least must be looked from each leaf; the wanted-th distance within a block of leaves, NaN for
     an empty leaf.
     """
-    blocks = leaves.reshape(-1, min(_BLOCK, len(leaves)) * _LEAF)
-    reach = np.empty(blocks.shape)
-    for begin in range(0, len(blocks), 256):
-        part = blocks[begin : begin + 256]
-        centre, radius, owner = discs.centre[part], discs.radius[part], discs.owner[part]
-        apart = plane_lengths(centre[:, :, None] - centre[:, None])
+    width = min(_BLOCK, len(leaves.x)) * _LEAF
+    place = min(wanted, width) - 1
+    found = []
+    for begin in range(0, len(leaves.x), _LEAVES):
+        part = slice(begin, begin + _LEAVES)
+        x, y, radius = (column[part].reshape(-1, width) for column in (leaves.x, leaves.y, leaves.radius))
+        owner = leaves.owner[part].reshape(-1, width)
+        apart = np.sqrt(_squares(x, x, y, y))
         gap = apart - radius[:, :, None] - radius[:, None]
-        none = (part < 0)[:, None, :] | (owner[:, :, None] == owner[:, None])
-        gap[none] = np.inf
-        place = min(wanted, gap.shape[2]) - 1
+        gap[(owner < 0)[:, None] | (owner[:, :, None] == owner[:, None])] = np.inf
         kth = np.partition(gap, place, axis=2)[:, :, place]
-        # Too few other items in the block: as far as the block is wide.
-        wide = np.where((part >= 0)[:, None, :], apart, 0.0).max(axis=2)
-        kth = np.where(np.isfinite(kth), kth, wide)
-        reach[begin : begin + 256] = np.where(part >= 0, kth, np.nan)
+        alone = (kth == np.inf) & (owner >= 0)
+        if alone.any():
+            # Too few other items in the block: as far as the block is wide.
+            kth[alone] = np.where((owner >= 0)[:, None], apart, 0.0).max(axis=2)[alone]
+        found.append(np.where(owner >= 0, kth, np.nan).reshape(-1, _LEAF))
     # A little more, so that on a grid all that are equally far are listed.
-    found: FloatArray = np.fmax.reduce(reach.reshape(leaves.shape), axis=1)
-    return found + 1e-9 * np.abs(found)
+    reach: FloatArray = np.fmax.reduce(np.concatenate(found), axis=1)
+    return reach + 1e-9 * np.abs(reach)
 
 
-def _boxes(discs: Discs, leaves: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Corners (M, 2) of the boxes around the centres of each leaf, and its largest radius; an empty leaf is nowhere."""
-    none = leaves < 0
-    low = np.where(none[:, :, None], np.inf, discs.centre[leaves]).min(axis=1)
-    high = np.where(none[:, :, None], -np.inf, discs.centre[leaves]).max(axis=1)
-    return low, high, np.where(none, 0.0, discs.radius[leaves]).max(axis=1)
+def _squares(x: FloatArray, to_x: FloatArray, y: FloatArray, to_y: FloatArray) -> FloatArray:
+    """(B, N, M) the squared distances of points x, y, (B, N) each, from points to_x, to_y, (B, M) each."""
+    across, up = x[:, :, None] - to_x[:, None], y[:, :, None] - to_y[:, None]
+    across *= across
+    up *= up
+    across += up
+    return across
 
 
-def _pairs_of_leaves(
-    low: FloatArray, high: FloatArray, radius: FloatArray, reach: FloatArray
-) -> tuple[IntArray, IntArray]:
+def _pairs_of_leaves(leaves: _Leaves, reach: FloatArray) -> tuple[IntArray, IntArray]:
     """All pairs of a leaf and a leaf within its reach, by descending the tree for all leaves at once."""
-    lows, highs, radii = [low], [high], [radius]
-    while len(lows[-1]) > 1:
-        lows.append(lows[-1].reshape(-1, 2, 2).min(axis=1))
-        highs.append(highs[-1].reshape(-1, 2, 2).max(axis=1))
-        radii.append(radii[-1].reshape(-1, 2).max(axis=1))
+    # An empty leaf is nowhere.
+    none, axes = leaves.owner < 0, (leaves.x, leaves.y)
+    low = [np.where(none, np.inf, axis).min(axis=1) for axis in axes]
+    high = [np.where(none, -np.inf, axis).max(axis=1) for axis in axes]
+    radius = leaves.radius.max(axis=1)
+    boxes = [(low, high, radius)]
+    while len(boxes[-1][2]) > 1:
+        lows, highs, radii = boxes[-1]
+        lows = [np.minimum(axis[::2], axis[1::2]) for axis in lows]
+        highs = [np.maximum(axis[::2], axis[1::2]) for axis in highs]
+        boxes.append((lows, highs, np.maximum(radii[::2], radii[1::2])))
     one = np.flatnonzero(~np.isnan(reach))
     two = np.zeros(len(one), dtype=np.int64)
-    for level in reversed(range(len(lows))):
-        gap = np.maximum(np.maximum(lows[level][two] - high[one], low[one] - highs[level][two]), 0.0)
-        close = plane_lengths(gap) - radius[one] - radii[level][two] < reach[one]
+    for level in reversed(range(len(boxes))):
+        lows, highs, radii = boxes[level]
+        across, up = (
+            np.maximum(np.maximum(lows[axis][two] - high[axis][one], low[axis][one] - highs[axis][two]), 0.0)
+            for axis in (0, 1)
+        )
+        close = np.sqrt(across * across + up * up) - radius[one] - radii[two] < reach[one]
         # A leaf is always compared with itself: of a crowd at one point some are near each other.
         close |= two == one >> level
         one, two = one[close], two[close]
         if level:
             one = np.repeat(one, 2)
-            two = np.stack([2 * two, 2 * two + 1], axis=1).reshape(-1)
+            two = np.repeat(2 * two, 2)
+            two[1::2] += 1
     return one, two
 
 
 def _pairs_of_items(
-    discs: Discs, leaves: IntArray, one: IntArray, two: IntArray, reach: FloatArray, count: int
-) -> tuple[IntArray, FloatArray]:
-    """Keys item * count + other and distances of the pairs within reach in these pairs of leaves."""
-    # What is missing is nowhere: all comparisons with it fail.
-    centre = np.where((leaves >= 0)[..., None], discs.centre[leaves], np.nan)
-    radius = discs.radius[leaves]
-    x, y = np.ascontiguousarray(centre[..., 0]), np.ascontiguousarray(centre[..., 1])
-    apart, dy = (axis[one][:, :, None] - axis[two][:, None, :] for axis in (x, y))
-    apart *= apart
-    dy *= dy
-    apart += dy
-    np.sqrt(apart, out=apart)
-    apart -= radius[one][:, :, None]
-    apart -= radius[two][:, None, :]
-    close = np.flatnonzero(apart < np.where(one == two, np.inf, reach[one])[:, None, None])
-    pair, row = np.divmod(close, _LEAF**2)
-    a, b = (discs.owner[leaves[of[pair], at]] for of, at in ((one, row // _LEAF), (two, row % _LEAF)))
-    other = a != b
-    return (a * count + b)[other], apart.reshape(-1)[close[other]]
+    leaves: _Leaves, ones: IntArray, twos: IntArray, reach: FloatArray, count: int
+) -> list[tuple[IntArray, FloatArray]]:
+    """Keys item * count + other and distances of the pairs within reach in these pairs of leaves, in some parts."""
+    radius = leaves.radius.max(axis=1)
+    found = []
+    for begin in range(0, max(len(ones), 1), _PAIRS):
+        one, two = ones[begin : begin + _PAIRS], twos[begin : begin + _PAIRS]
+        square = _squares(leaves.x[one], leaves.x[two], leaves.y[one], leaves.y[two])
+        # First all that may be within reach, by the largest discs of both; comparisons with what is missing fail.
+        wide, limit = radius[one] + radius[two], np.where(one == two, np.inf, reach[one])
+        far = np.maximum(limit + wide, 0.0) + _ROUNDED * (np.abs(limit) + wide)
+        close = np.flatnonzero(square <= (far * far)[:, None, None])
+        pair, row = close // _LEAF**2, close // _LEAF
+        first, second = one[pair] * _LEAF + (row - pair * _LEAF), two[pair] * _LEAF + (close - row * _LEAF)
+        apart = np.sqrt(square.reshape(-1)[close])
+        apart -= leaves.radius.reshape(-1)[first]
+        apart -= leaves.radius.reshape(-1)[second]
+        a, b = leaves.owner.reshape(-1)[first], leaves.owner.reshape(-1)[second]
+        kept = np.flatnonzero((apart < limit[pair]) & (a != b))
+        found.append((a[kept] * count + b[kept], apart[kept]))
+    return found
