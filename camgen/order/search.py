@@ -56,6 +56,8 @@ _TREES, _TREE = (4, 80), 4e-6
 _CLOSE, _CLOSE_SECOND = (100_000, 6_000_000), 10_000_000
 #: Each round moves every start to its best place between its neighbours; so finely, narrowed down so often.
 _ROUNDS, _FINER, _NARROWER = 2, 4, 4
+#: Closed paths whose starts are moved in one go: so many that they stay in the cache.
+_AT_ONCE = 1_000
 
 
 class Choices(Struct, frozen=True):
@@ -240,19 +242,27 @@ def _enter(known: Sampled, first: Choices) -> IntArray:
 
 
 def _segment(known: Sampled, path: IntArray, length: FloatArray) -> tuple[IntArray, FloatArray]:
-    """The start (segment) of each closed path that holds the point ``length`` mm along it, and how far along that."""
-    where = known.where
-    total = known.along[where.first[path]] + length % np.maximum(known.whole[path], NONZERO)
-    number = np.searchsorted(known.along, total, side="right") - 1
-    number = np.clip(number, where.first[path], where.first[path + 1] - 1)
+    """The start (segment) of each closed path (K,) that holds the point ``length`` (..., K) mm along it, and how far
+    along that.
+    """
+    where, whole = known.where, np.maximum(known.whole[path], NONZERO)
+    # A remainder takes ten times as long as a look at whether there is one.
+    length = np.remainder(length, whole, out=np.array(length), where=(length < 0) | (length >= whole))
+    first, last = where.first[path], where.first[path + 1] - 1
+    total = known.along[first] + length
+    # Among the starts of these paths alone, which are few where they are neighbours.
+    low, high = first.min(initial=len(known.along)), last.max(initial=0) + 1
+    number = low + np.searchsorted(known.along[low:high], total, side="right") - 1
+    number = np.clip(number, first, last)
     return number, np.clip(total - known.along[number], 0.0, where.shape.length[number])
 
 
 def point_at(known: Sampled, path: IntArray, length: FloatArray) -> FloatArray:
-    """Points x, y (K, 2) of closed paths, ``length`` mm along each."""
+    """Points x, y (..., K, 2) of closed paths (K,), ``length`` (..., K) mm along each."""
     number, rest = _segment(known, path, length)
     shape = known.where.shape
-    return shape.point(rest / np.maximum(shape.length[number], NONZERO), number, axes=2)
+    part = rest / np.maximum(shape.length[number], NONZERO)
+    return shape.point(part.reshape(-1), number.reshape(-1), axes=2).reshape(*length.shape, 2)
 
 
 def real_length(known: Sampled, path: IntArray, low: FloatArray, high: FloatArray) -> FloatArray:
@@ -308,6 +318,7 @@ def polish_starts(known: Sampled, found: Start, home: FloatArray | None, length:
         for odd in (0, 1):
             at = np.arange(odd, count, 2)
             at = at[closed[order[at]]]
+            at = at[np.argsort(order[at])]  # neighbours in the tables are looked at together
             # Nothing before the first or after the last where there is no home: the other neighbour counts alone.
             before = leave[order[at - 1]]
             after = enter[order[(at + 1) % count]]
@@ -321,14 +332,18 @@ def polish_starts(known: Sampled, found: Start, home: FloatArray | None, length:
 
 def _best(known: Sampled, path: IntArray, length: FloatArray, before: FloatArray, after: FloatArray) -> FloatArray:
     """The places along the closed paths, near ``length``, with the shortest way from ``before`` to ``after``."""
-    reach = known.step[path]
     shift = np.linspace(-1.0, 1.0, 2 * _FINER + 1)
     # The place itself comes first, so that it stays where nothing is shorter.
-    shift = shift[np.argsort(np.abs(shift), kind="stable")]
-    for _ in range(_NARROWER):
-        places = length[:, None] + shift * reach[:, None]
-        points = point_at(known, np.repeat(path, len(shift)), places.reshape(-1)).reshape(len(path), len(shift), 2)
-        cost = plane_lengths(points - before[:, None]) + plane_lengths(points - after[:, None])
-        length = places[np.arange(len(path)), cost.argmin(axis=1)]
-        reach = reach / _FINER
-    return length % np.maximum(known.whole[path], NONZERO)
+    shift = shift[np.argsort(np.abs(shift), kind="stable"), None]
+    best = np.empty(len(path))
+    for begin in range(0, len(path), _AT_ONCE):
+        part = slice(begin, begin + _AT_ONCE)
+        own, place, reach = path[part], length[part], known.step[path[part]]
+        for _ in range(_NARROWER):
+            places = place + shift * reach
+            points = point_at(known, own, places)
+            cost = plane_lengths(points - before[part]) + plane_lengths(points - after[part])
+            place = places[cost.argmin(axis=0), np.arange(len(own))]
+            reach = reach / _FINER
+        best[part] = place % np.maximum(known.whole[own], NONZERO)
+    return best
