@@ -44,12 +44,11 @@ class Near(Struct, frozen=True, eq=False):
 
     def table(self, count: int, width: int) -> tuple[IntArray, FloatArray]:
         """(count, width): the nearest items of each, -1 where there are fewer, and how far they are (inf)."""
-        step = ramp(np.bincount(self.item, minlength=count))
-        kept = step < width
-        near = np.full((count, width), -1)
-        apart = np.full((count, width), np.inf)
-        near[self.item[kept], step[kept]] = self.other[kept]
-        apart[self.item[kept], step[kept]] = self.apart[kept]
+        counts, step = np.bincount(self.item, minlength=count)[:, None], np.arange(width)
+        listed = step < counts
+        row = (begins(counts[:, 0])[:, None] + step)[listed]
+        near, apart = np.full((count, width), -1), np.full((count, width), np.inf)
+        near[listed], apart[listed] = self.other[row], self.apart[row]
         return near, apart
 
 

@@ -56,6 +56,12 @@ def each_once(values: NDArray[_Value]) -> NDArray[_Value]:
     return values[first]
 
 
+def first_of_each(values: IntArray) -> IntArray:
+    """(K,) of each different one of ``values`` (N,), in order, where it is first; ``np.unique`` takes twice as long."""
+    order = np.argsort(values)
+    return np.minimum.reduceat(order, begins(run_lengths(values[order]))) if len(values) else order
+
+
 def run_lengths(owner: IntArray) -> IntArray:
     """(R,) how many equal neighbours there are in ``owner`` (N,), run after run."""
     return np.diff(np.flatnonzero(np.concatenate([[True], owner[1:] != owner[:-1], [True]]))) if len(owner) else owner

@@ -113,9 +113,9 @@ def sample_paths(paths: Sequence[ToolPath], where: Starts, parent: Sequence[int]
     count = len(paths)
     along = np.concatenate([[0.0], np.cumsum(where.shape.length)])
     whole = along[where.first[1:]] - along[where.first[:-1]]
-    rows = np.array([len(path.position) for path in paths])
-    loop = np.array([path.closed for path in paths]) & (rows > 1) & (whole > 0)
-    lone = (rows == 1) | (np.array([path.closed for path in paths]) & ~loop)
+    rows, closed = np.array([len(path) for path in paths]), np.array([path.closed for path in paths])
+    loop = closed & (rows > 1) & (whole > 0)
+    lone = (rows == 1) | (closed & ~loop)
     begins, ends = ends_of(paths)
     corners = np.concatenate([begins, ends])
     room = float(np.sqrt(max(np.prod(np.ptp(corners, axis=0)), float(np.ptp(corners)) ** 2 / 100) / count))

@@ -14,7 +14,7 @@ from camgen.geometry.ragged import begins, offsets, owners, ramp
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
 from camgen.model.tolerance import NONZERO
-from camgen.plan.starting import SEAM
+from camgen.plan.starting import SEAM, end_to_end
 
 IntArray = NDArray[np.int64]
 
@@ -61,18 +61,17 @@ def starts(paths: Sequence[ToolPath], seam: str = "any") -> Starts:
     """All starts of ``paths``: of one that is pinned its own. seam: "smooth" leaves out what is near a corner of a
     closed path.
     """
-    rows = np.array([len(path.position) for path in paths], dtype=np.int64)
+    rows = np.array([len(path) for path in paths], dtype=np.int64)
     closed = np.array([path.closed for path in paths]) & (rows > 1)
     loop = closed & ~np.array([path.pinned for path in paths])
     both = np.array([path.reversible for path in paths]) & (rows > 1) & ~closed
     count = np.where(loop, rows - 1, 1 + both)
     first, owner, step = offsets(count), owners(count), ramp(count)
     row = np.where(loop[owner], step + 1, step * (rows[owner] - 1))
-    position = np.concatenate([path.position for path in paths])
-    via = np.concatenate([path.via for path in paths])
+    drawn = end_to_end(paths)
     at = begins(rows)[owner] + row
     inside = loop[owner]
-    shape = spans(position[at - inside], np.where(inside[:, None], via[at], np.nan), position[at])
+    shape = spans(drawn.position[at - inside], np.where(inside[:, None], drawn.via[at], np.nan), drawn.position[at])
     low, span = np.zeros(len(owner)), np.ones(len(owner))
     if seam == "smooth":
         low, span = _off_corners(shape, inside, first)

@@ -46,7 +46,7 @@ def starting_each(paths: Sequence[ToolPath], segment: Sequence[int], fraction: S
     """``starting_at`` for many paths at once: the same, a hundred times faster per path."""
     if not paths:
         return []
-    drawn = _end_to_end(paths)
+    drawn = end_to_end(paths)
     rows = np.array([len(path) for path in paths], dtype=np.int64)
     base = begins(rows)
     number, part, cut = _snap(drawn, base, rows, np.array(segment), np.array(fraction, dtype=np.float64))
@@ -71,7 +71,7 @@ def reverse_each(paths: Sequence[ToolPath]) -> list[ToolPath]:
     """``ToolPath.reversed`` for many paths at once."""
     if not paths:
         return []
-    drawn = _end_to_end(paths)
+    drawn = end_to_end(paths)
     rows = np.array([len(path) for path in paths], dtype=np.int64)
     ends = np.cumsum(rows)
     firsts = ends - rows
@@ -86,7 +86,7 @@ def reverse_each(paths: Sequence[ToolPath]) -> list[ToolPath]:
     return _cut(paths, moved.table, ends)
 
 
-def _end_to_end(paths: Sequence[ToolPath]) -> ToolPath:
+def end_to_end(paths: Sequence[ToolPath]) -> ToolPath:
     """One path with the rows of all of them, for its columns."""
     return replace(paths[0], table=np.concatenate([path.table for path in paths]))
 
@@ -147,8 +147,10 @@ def between(a: FloatArray, b: FloatArray, fraction: FloatArray) -> FloatArray:
 
 def ends_of(paths: Sequence[ToolPath]) -> tuple[FloatArray, FloatArray]:
     """Where the paths begin and where they end, x y (K, 2) each, mm."""
-    begin = np.array([path.table[0, :2] for path in paths]).reshape(-1, 2)
-    return begin, np.array([path.table[-1, :2] for path in paths]).reshape(-1, 2)
+    # Number by number, which takes half the time of an array for each path.
+    numbers = (path.table.item(row, axis) for path in paths for row in (0, -1) for axis in (0, 1))
+    ends = np.fromiter(numbers, np.float64, 4 * len(paths)).reshape(-1, 2, 2)
+    return ends[:, 0], ends[:, 1]
 
 
 def _cut(paths: Sequence[ToolPath], table: FloatArray, ends: IntArray) -> list[ToolPath]:

@@ -4,7 +4,17 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from camgen.geometry.ragged import begins, each_once, following, offsets, owners, ramp, run_lengths, stretches
+from camgen.geometry.ragged import (
+    begins,
+    each_once,
+    first_of_each,
+    following,
+    offsets,
+    owners,
+    ramp,
+    run_lengths,
+    stretches,
+)
 
 COUNTS = st.lists(st.integers(0, 4), max_size=8)
 
@@ -35,3 +45,9 @@ def test_runs_of_equal_neighbours(counts: list[int]) -> None:
 @given(st.lists(st.integers(-3, 3), max_size=8))
 def test_each_once(values: list[int]) -> None:
     assert each_once(np.array(values, dtype=np.int64)).tolist() == sorted(set(values))
+
+
+@given(st.lists(st.integers(-3, 3), max_size=40))
+def test_first_of_each(values: list[int]) -> None:
+    found = first_of_each(np.array(values, dtype=np.int64))
+    assert found.tolist() == [values.index(one) for one in sorted(set(values))]

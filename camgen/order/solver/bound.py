@@ -12,7 +12,7 @@ from msgspec import Struct
 from numpy.typing import NDArray
 
 from camgen.geometry.nearest import IntArray, nearest_items
-from camgen.geometry.ragged import begins, owners, ramp
+from camgen.geometry.ragged import begins, first_of_each, owners, ramp
 from camgen.model.pose import FloatArray
 from camgen.order.solver.kernel import CLOSED
 from camgen.order.solver.plane import Items, ends_apart
@@ -91,7 +91,7 @@ def _graph(items: Items, home: FloatArray | None, dense: Dense | None) -> _Graph
     once = (near.other != partner[near.item]) & (near.item != near.other)
     one, two = near.item[once], near.other[once]
     # A pair may be listed from one side or from both; once is enough, and half the work.
-    _, first_seen = np.unique(np.minimum(one, two) * count + np.maximum(one, two), return_index=True)
+    first_seen = first_of_each(np.minimum(one, two) * count + np.maximum(one, two))
     one, two, listed = one[first_seen], two[first_seen], near.apart[once][first_seen]
     apart = np.minimum(listed, np.maximum(near.sure[one], near.sure[two]))
     if dense is not None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from camgen.geometry.nearest import Discs, IntArray, nearest_items
-from camgen.geometry.ragged import begins, owners, ramp
+from camgen.geometry.ragged import begins, first_of_each, owners, ramp, run_lengths
 from camgen.geometry.vectors import plane_lengths
 from camgen.model.pose import FloatArray
 from camgen.order.solver.kernel import CLOSED, ONE_WAY
@@ -59,6 +59,7 @@ def settle_all(items: Items, tour: Start, home: FloatArray | None) -> Start:
             place = place[loop[order[place]]]
             if not len(place):
                 continue
+            place = place[np.argsort(order[place])]  # neighbours in the tables are looked at together
             leave = np.where(closed, enter, both_ends(items) - enter)
             before, after = items.points[leave[order[place - 1]]], items.points[enter[order[(place + 1) % count]]]
             for edge, side, other in ((0, before, after), (count - 1, after, before)):
@@ -76,8 +77,7 @@ def _best_samples(items: Items, own: IntArray, before: FloatArray, after: FloatA
     cost = plane_lengths(one) + plane_lengths(two)
     least = np.minimum.reduceat(cost, begins(count))
     hits = np.flatnonzero(cost == least[which])
-    _, first = np.unique(which[hits], return_index=True)
-    return number[hits[first]]
+    return number[hits[begins(run_lengths(which[hits]))]]
 
 
 def _groups(items: Items) -> list[IntArray]:
@@ -128,12 +128,12 @@ def _link(discs: Discs, item: IntArray, free: IntArray) -> list[list[int]]:
         near = nearest_items(some, len(open_), _NEAR_ENDS)
         one, two = open_[near.item], open_[near.other]
         # A pair may be listed from one side or from both; once is enough.
-        _, kept = np.unique(np.minimum(one, two) * count + np.maximum(one, two), return_index=True)
+        kept = first_of_each(np.minimum(one, two) * count + np.maximum(one, two))
         kept = kept[item[one[kept]] != item[two[kept]]]
-        one, two, apart = one[kept], two[kept], near.apart[kept]
-        rising = np.lexsort((two, one, apart))
+        kept = kept[np.argsort(one[kept] * count + two[kept])]
+        kept = kept[np.argsort(near.apart[kept], kind="stable")]
         before = parts
-        for a, b in zip(one[rising].tolist(), two[rising].tolist(), strict=True):
+        for a, b in zip(one[kept].tolist(), two[kept].tolist(), strict=True):
             if left[a] and left[b]:
                 k, m = _root(label, own[a]), _root(label, own[b])
                 if k != m:
