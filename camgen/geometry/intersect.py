@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from camgen.geometry.ragged import matches
 from camgen.geometry.segments import BoolArray, IntArray, Segments, arc_fraction, bounds, passes, points_at
 from camgen.model.pose import FloatArray
 from camgen.model.tolerance import NONZERO
@@ -28,16 +30,33 @@ def box(boxes: FloatArray) -> NDArray[Any]:
 TOUCH = 1e-7
 #: Pairs that are looked at together: bounds the memory.
 _CHUNK = 500_000
+#: Of groups with no more rows all pairs are looked at, which takes less time than a tree.
+FEW = 16
 
 
 def near_pairs(segments: Segments, group: IntArray, reach: float = TOUCH) -> tuple[IntArray, IntArray]:
-    """Pairs i < j of segments of one group whose boxes are nearer than ``reach``, mm."""
+    """Pairs i < j of segments of one group (N,), from 0, whose boxes are nearer than ``reach``, mm."""
     boxes = bounds(segments)
-    tree = shapely.STRtree(box(boxes))
-    grown = box(boxes + np.array([-reach, -reach, reach, reach]))
-    i, j = tree.query(grown)
-    keep = (i < j) & (group[i] == group[j])
-    return i[keep], j[keep]
+    grown = boxes + np.array([-reach, -reach, reach, reach])
+    i, j, many = matches(group, group, FEW)
+    near = i < j
+    i, j = i[near], j[near]
+    near = _meet(grown, i, boxes, j)
+    found = [(i[near], j[near])]
+    if len(many):
+        k, m = shapely.STRtree(box(boxes[many])).query(box(grown[many]))
+        k, m = many[k], many[m]
+        near = (k < m) & (group[k] == group[m])
+        found.append((k[near], m[near]))
+    return np.concatenate([one for one, _ in found]), np.concatenate([two for _, two in found])
+
+
+def _meet(one: FloatArray, i: IntArray, two: FloatArray, j: IntArray) -> BoolArray:
+    """(K,) whether boxes i of ``one`` (N, 4) and j of ``two`` (M, 4) have a point in common."""
+    met = np.ones(len(i), dtype=bool)
+    for low, high in ((0, 2), (1, 3)):
+        met &= (one[:, low].take(i) <= two[:, high].take(j)) & (one[:, high].take(i) >= two[:, low].take(j))
+    return met
 
 
 def cuts(segments: Segments, i: IntArray, j: IntArray) -> tuple[IntArray, FloatArray]:
@@ -181,20 +200,32 @@ def _from_arcs(points: FloatArray, segments: Segments, rows: IntArray) -> FloatA
 
 
 class Obstacles:
-    """Segments that a point must keep away from. group: (N,) labels; a point sees only its own group's segments."""
+    """Segments that a point must keep away from. group: (N,) labels from 0; a point sees only its own group's segments."""
 
     def __init__(self, segments: Segments, group: IntArray) -> None:
         self.segments = segments
         self.group = group
-        self._tree = shapely.STRtree(box(bounds(segments)))
+        self._boxes = bounds(segments)
+
+    @cached_property
+    def _large(self) -> tuple[IntArray, shapely.STRtree]:
+        """The segments of groups with more than ``FEW`` of them, and a tree of their boxes."""
+        rows = np.flatnonzero(np.bincount(self.group)[self.group] > FEW)
+        return rows, shapely.STRtree(box(self._boxes[rows]))
 
     def _pairs(self, points: FloatArray, group: IntArray, reach: float) -> Iterator[tuple[IntArray, IntArray]]:
         """Pairs (point, segment) whose boxes are nearer than ``reach``, in chunks of whole points."""
+        around = np.column_stack([points - reach, points + reach])
+        point, segment, many = matches(group, self.group, FEW)
+        near = _meet(around, point, self._boxes, segment)
+        yield point[near], segment[near]
+        if not len(many):
+            return
+        rows, tree = self._large
         step, first = 256, 0
-        while first < len(points):
-            near = points[first : first + step]
-            point, segment = self._tree.query(box(np.column_stack([near - reach, near + reach])))
-            point = point + first
+        while first < len(many):
+            point, segment = tree.query(box(around[many[first : first + step]]))
+            point, segment = many[point + first], rows[segment]
             first += step
             # As many points at a time as the last ones let expect: the drawing decides how many segments are near.
             step = int(np.clip(_CHUNK * step / max(len(point), 1), 16, 4 * step))

@@ -48,6 +48,20 @@ def following(counts: Sequence[int] | IntArray) -> IntArray:
     return after
 
 
+def matches(label: IntArray, other: IntArray, most: int) -> tuple[IntArray, IntArray, IntArray]:
+    """Pairs of rows of ``label`` (N,) and of ``other`` (M,) that hold one number, in the order of both, for numbers that
+    ``other`` has no more than ``most`` times; and the rows of ``label`` with a number that it has more often.
+
+    The numbers are not negative, and not much larger than there are rows: the memory goes by the largest.
+    """
+    order = np.argsort(other, kind="stable")
+    counts = np.bincount(other, minlength=int(label.max(initial=-1)) + 1)
+    times = counts[label]
+    few = times <= most
+    own = np.where(few, times, 0)
+    return np.repeat(np.arange(len(label)), own), order[stretches(begins(counts)[label], own)], np.flatnonzero(~few)
+
+
 def each_once(values: NDArray[_Value]) -> NDArray[_Value]:
     """The different ones of ``values`` (N,), in order. ``np.unique`` loads numpy's masked arrays, which takes 5 ms."""
     values = np.sort(values)

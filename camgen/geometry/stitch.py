@@ -9,7 +9,8 @@ import numpy as np
 import shapely
 from msgspec import Struct
 
-from camgen.geometry.ragged import ramp
+from camgen.geometry.intersect import FEW
+from camgen.geometry.ragged import matches, ramp
 from camgen.geometry.segments import BoolArray, IntArray, Segments, points_at
 from camgen.model.pose import FloatArray
 
@@ -55,12 +56,17 @@ def stitch(candidates: Segments, row: IntArray, low: FloatArray, high: FloatArra
 
 def _meetings(start: FloatArray, end: FloatArray, label: IntArray) -> tuple[IntArray, IntArray]:
     """Pairs of pieces of one label, the second of which begins where the first ends."""
-    if not len(start):
-        return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
-    tree = shapely.STRtree(shapely.points(start))
-    ends, starts = tree.query(shapely.points(end), predicate="dwithin", distance=_MEET)
-    same = label[ends] == label[starts]
-    return ends[same], starts[same]
+    ends, starts, many = matches(label, label, FEW)
+    gap = end.take(ends, axis=0) - start.take(starts, axis=0)
+    near = np.hypot(gap[:, 0], gap[:, 1]) <= _MEET
+    found = [(ends[near], starts[near])]
+    if len(many):
+        tree = shapely.STRtree(shapely.points(start[many]))
+        ends, starts = tree.query(shapely.points(end[many]), predicate="dwithin", distance=_MEET)
+        ends, starts = many[ends], many[starts]
+        near = label[ends] == label[starts]
+        found.append((ends[near], starts[near]))
+    return np.concatenate([one for one, _ in found]), np.concatenate([two for _, two in found])
 
 
 def _without_tails(length: FloatArray, ends: IntArray, starts: IntArray) -> tuple[BoolArray, IntArray, IntArray]:
