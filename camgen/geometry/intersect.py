@@ -200,7 +200,7 @@ def _from_arcs(points: FloatArray, segments: Segments, rows: IntArray) -> FloatA
 
 
 class Obstacles:
-    """Segments that a point must keep away from. group: (N,) labels from 0; a point sees only its own group's segments."""
+    """Segments that a point must keep away from. group: (N,) labels, from 0; a point sees its own group's segments."""
 
     def __init__(self, segments: Segments, group: IntArray) -> None:
         self.segments = segments

@@ -30,6 +30,11 @@ _SAME_CUT = 1e-6
 _STRAIGHT = 1e-9
 #: Neighbours that run on past a flat corner may miss each other by this (mm) and still be joined.
 _MISS = 5e-5
+#: An arc that would be moved to a smaller radius (mm) is gone.
+_LEAST_RADIUS = 1e-9
+#: The curve, and all that it is cut out of, is no farther from the source than so many times the distance: that is how
+#: far it lies beside a segment, and an arc runs on past a corner of at most 0.5 rad by no more than tan(0.25) times it.
+FARTHEST = 1.26
 
 
 class Offset(Struct, frozen=True, eq=False):
@@ -92,7 +97,7 @@ def _candidates(
     early, late = np.zeros(len(source)), np.zeros(len(source))
     late[before], early[after] = extra, extra
     moved = _move_sideways(source, distance, radius, early, late)
-    alive = np.flatnonzero(~source.is_arc | (radius > 1e-9))
+    alive = np.flatnonzero(~source.is_arc | (radius > _LEAST_RADIUS))
     outer = np.flatnonzero((turn > 0) & ~plain)
     about = source.end[before[outer]]
     start, end, bulge = (column[alive] for column in moved)
@@ -149,8 +154,11 @@ def _plain_corners(
     overshoot = distance * turn**2 / 8
     # Along a curve they miss each other by the square of how far they run on.
     run_on = distance * np.abs(turn) / 2
-    miss = run_on**2 / 2 * (1 / np.maximum(radius_before, 1e-9) + 1 / np.maximum(radius_after, 1e-9))
-    return np.asarray((turn > 0) & (turn < 0.5) & (overshoot <= mitre) & (miss <= _MISS))
+    before, after = (np.maximum(radius, _LEAST_RADIUS) for radius in (radius_before, radius_after))
+    miss = run_on**2 / 2 * (1 / before + 1 / after)
+    # An arc that is not gone runs on by less than a radian.
+    short = np.all([(run_on <= r) | (r == _LEAST_RADIUS) for r in (before, after)], axis=0)
+    return np.asarray((turn > 0) & (turn < 0.5) & (overshoot <= mitre) & (miss <= _MISS) & short)
 
 
 def _right(direction: FloatArray) -> FloatArray:

@@ -49,8 +49,8 @@ def following(counts: Sequence[int] | IntArray) -> IntArray:
 
 
 def matches(label: IntArray, other: IntArray, most: int) -> tuple[IntArray, IntArray, IntArray]:
-    """Pairs of rows of ``label`` (N,) and of ``other`` (M,) that hold one number, in the order of both, for numbers that
-    ``other`` has no more than ``most`` times; and the rows of ``label`` with a number that it has more often.
+    """Pairs of rows of ``label`` (N,) and of ``other`` (M,) that hold one number, in the order of both, for numbers
+    that ``other`` has no more than ``most`` times; and the rows of ``label`` with a number that it has more often.
 
     The numbers are not negative, and not much larger than there are rows: the memory goes by the largest.
     """

@@ -7,7 +7,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from camgen.geometry.intersect import Obstacles
-from camgen.geometry.offset import Offset, offset
+from camgen.geometry.offset import FARTHEST, Offset, offset
 from camgen.geometry.ragged import begins
 from camgen.geometry.segments import BoolArray, IntArray, Segments, backwards, neighbours, points_at
 from camgen.model.pose import FloatArray
@@ -32,6 +32,16 @@ class Beside(Struct, frozen=True, eq=False):
     turn: FloatArray
     lost: BoolArray
     sound: BoolArray
+
+
+def sphere(distance: float, corner_radius: float) -> float:
+    """mm, what of a drawing is farther apart does nothing to each other's curves of ``beside``, nor to their check.
+
+    Each curve, and all that it is cut out of, stays within half of that of its own source, and is tested against what
+    is nearer to it than the distance. What ran away from its source all the same would fail the check: it asks for that
+    distance, no more and no less, of all but what rounds an inner corner, between two places where it does.
+    """
+    return 2 * FARTHEST * (distance + 2 * corner_radius) + 4 * EXACT
 
 
 def beside(

@@ -9,6 +9,7 @@ from camgen.geometry.ragged import (
     each_once,
     first_of_each,
     following,
+    matches,
     offsets,
     owners,
     ramp,
@@ -51,3 +52,11 @@ def test_each_once(values: list[int]) -> None:
 def test_first_of_each(values: list[int]) -> None:
     found = first_of_each(np.array(values, dtype=np.int64))
     assert found.tolist() == [values.index(one) for one in sorted(set(values))]
+
+
+@given(st.lists(st.integers(0, 5), max_size=12), st.lists(st.integers(0, 5), max_size=12), st.integers(0, 4))
+def test_matches(label: list[int], other: list[int], most: int) -> None:
+    one, two, many = matches(np.array(label, dtype=np.int64), np.array(other, dtype=np.int64), most)
+    assert many.tolist() == [k for k, name in enumerate(label) if other.count(name) > most]
+    pairs = [(k, m) for k, name in enumerate(label) for m, o in enumerate(other) if o == name]
+    assert list(zip(one.tolist(), two.tolist(), strict=True)) == [(k, m) for k, m in pairs if k not in many.tolist()]

@@ -1,0 +1,69 @@
+"""Curves beside a drawing: what is far from all else is worked out for itself, and nothing changes by it."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from camgen.geometry import intersect, offset, stitch
+from camgen.geometry.nesting import nest
+from camgen.geometry.segments import BoolArray, IntArray, Segments, bounds, from_contours, neighbours
+from camgen.model.part import Contour
+from camgen.plan.beside import Beside, beside, sphere
+from tests.support.drawn import circle, clockwise, contour, rectangle
+
+
+@st.composite
+def loops(draw: st.DrawFn) -> list[Contour]:
+    """Circles, rectangles and stars with arcs, of either sense, on a field so large that some lie by themselves."""
+    drawn = []
+    for _ in range(draw(st.integers(1, 8))):
+        x, y, size = draw(st.integers(0, 90)), draw(st.integers(0, 90)), draw(st.floats(0.5, 15))
+        kind = draw(st.sampled_from(["circle", "rectangle", "star"]))
+        if kind == "star":
+            count = draw(st.integers(3, 7))
+            angle = 2 * math.pi * np.arange(count) / count
+            radius = size * np.array(draw(st.lists(st.floats(0.3, 1), min_size=count, max_size=count)))
+            bulges = draw(st.lists(st.sampled_from([0.0, 0.0, 0.3, -0.3]), min_size=count, max_size=count))
+            points = np.column_stack([x + radius * np.cos(angle), y + radius * np.sin(angle)])
+            shape = contour(points.tolist(), bulges)
+        else:
+            shape = circle(x, y, size) if kind == "circle" else rectangle(x, y, size, 1.5 * size)
+        drawn.append(clockwise(shape) if draw(st.booleans()) else shape)
+    return drawn
+
+
+def curve(source: Segments, label: IntArray, distance: float, corner: float) -> Beside:
+    closed: BoolArray = np.ones(len(label), dtype=np.bool_)
+    return beside(source, neighbours(source, closed), closed, label[source.owner], distance, corner)
+
+
+@settings(deadline=None)
+@given(loops(), st.floats(0.3, 6), st.sampled_from([0.0, 0.5]))
+def test_loops_far_from_all_others_can_be_taken_by_themselves(
+    drawn: list[Contour], distance: float, corner: float
+) -> None:
+    source, count = from_contours(drawn), len(drawn)
+    far = nest(source, count, sphere(distance, corner)).room > sphere(distance, corner)
+    apart = curve(source, np.where(far, np.arange(count) + 1, 0), distance, corner)
+    with pytest.MonkeyPatch.context() as patch:
+        # All in one group, and a tree for all of it.
+        patch.setattr(intersect, "FEW", 0)
+        patch.setattr(stitch, "FEW", 0)
+        together = curve(source, np.zeros(count, dtype=np.int64), distance, corner)
+    for name in Segments.__struct_fields__:
+        assert np.array_equal(getattr(apart.segments, name), getattr(together.segments, name))
+    for name in ("closed", "source", "turn", "lost", "sound"):
+        assert np.array_equal(getattr(apart, name), getattr(together, name))
+
+
+@settings(deadline=None)
+@given(loops(), st.floats(0.3, 20))
+def test_what_the_curve_is_cut_out_of_stays_near_its_loop(drawn: list[Contour], distance: float) -> None:
+    source, count = from_contours(drawn), len(drawn)
+    following = neighbours(source, np.ones(count, dtype=np.bool_))
+    candidates, origin, _, _ = offset._candidates(source, following, distance, 0.001)
+    own, made = bounds(source)[origin], bounds(candidates)
+    assert (np.hstack([own[:, :2] - made[:, :2], made[:, 2:] - own[:, 2:]]) <= offset.FARTHEST * distance + 1e-9).all()
