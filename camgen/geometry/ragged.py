@@ -76,6 +76,8 @@ def first_of_each(values: IntArray) -> IntArray:
     return np.minimum.reduceat(order, begins(run_lengths(values[order]))) if len(values) else order
 
 
-def run_lengths(owner: IntArray) -> IntArray:
-    """(R,) how many equal neighbours there are in ``owner`` (N,), run after run."""
-    return np.diff(np.flatnonzero(np.concatenate([[True], owner[1:] != owner[:-1], [True]]))) if len(owner) else owner
+def run_lengths(values: NDArray[_Value]) -> IntArray:
+    """(R,) how many equal neighbours there are in ``values`` (N,), run after run."""
+    change = np.ones(len(values) + 1, dtype=np.bool_)
+    change[1:-1] = values[1:] != values[:-1]
+    return np.diff(np.flatnonzero(change)) if len(values) else np.zeros(0, dtype=np.int64)

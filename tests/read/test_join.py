@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from camgen.model.part import Contour, Note
 from camgen.read.join import contours
-from camgen.read.pieces import Soup
+from camgen.read.pieces import Soup, first_of_its_kind
 
 Point = tuple[float, float]
 Piece = tuple[list[Point], list[float], bool, str]
@@ -200,6 +200,13 @@ def test_a_loop_on_two_layers_is_a_loop() -> None:
     made, notes = joined([*sides(SQUARE, "A")[:2], *sides(SQUARE, "B")[2:]])
     assert [(c.layer, c.closed) for c in made] == [("A", True)]
     assert notes == ["joined: contours over more than one layer: 1 (each counts to the layer of its first piece)"]
+
+
+@given(st.lists(st.tuples(st.integers(0, 3), st.integers(0, 3), st.integers(0, 3), st.integers(0, 3)), max_size=30))
+def test_of_lines_drawn_more_than_once_the_first_is_used(drawn: list[tuple[int, int, int, int]]) -> None:
+    ends = [frozenset([(a, b), (c, d)]) for a, b, c, d in drawn]
+    kept = first_of_its_kind(soup([line((float(a), float(b)), (float(c), float(d))) for a, b, c, d in drawn]))
+    assert kept.tolist() == [one not in ends[:k] for k, one in enumerate(ends)]
 
 
 def test_twice_drawn_lines_are_used_once_also_backwards_and_on_another_layer() -> None:

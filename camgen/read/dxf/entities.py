@@ -287,19 +287,17 @@ def _run(drawn: DrawnEntities, plain: PlainEntities, run: slice, place: _Place) 
     """The entities of ``run`` as ``_entities`` would draw them, by column."""
     kind, numbers = plain.kind[run], plain.numbers[run]
     # What is the same of many is looked at once, where it first comes.
-    said = np.stack([kind, plain.layer[run], plain.color[run]], axis=1)
-    different, first, which, counts = np.unique(
-        said, axis=0, return_index=True, return_inverse=True, return_counts=True
-    )
+    said = (plain.color[run] * len(plain.layers) + plain.layer[run]) * len(KINDS) + kind
+    different, first, which, counts = np.unique(said, return_index=True, return_inverse=True, return_counts=True)
     color = np.full(len(different), -1)
     for k in np.argsort(first).tolist():
-        name, layer = KINDS[different[k, 0]], plain.layers[different[k, 1]]
+        name, layer = KINDS[different[k] % len(KINDS)], plain.layers[different[k] // len(KINDS) % len(plain.layers)]
         drawn.met[name, layer] += int(counts[k])
         why = drawn.layers.why_not(layer)
         if why:
             drawn.leave(why, name, layer, int(counts[k]))
         else:
-            true, number = plain.colors[different[k, 2]]
+            true, number = plain.colors[different[k] // len(KINDS) // len(plain.layers)]
             color[k] = drawn.colors.find({"true_color": true, "color": number}, layer, place.color)
     color = color[which]
     used = color >= 0

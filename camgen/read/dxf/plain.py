@@ -13,14 +13,16 @@ from typing import Final
 
 import numpy as np
 from msgspec import Struct
+from numpy.lib.stride_tricks import as_strided
 from numpy.typing import NDArray
 
-from camgen.geometry.ragged import ramp, stretches
+from camgen.geometry.ragged import begins, ramp, run_lengths, stretches
 from camgen.model.pose import FloatArray
 
 Bytes = NDArray[np.uint8]
 Texts = NDArray[np.bytes_]
 Index = NDArray[np.int64]
+Places = NDArray[np.int32]
 Mask = NDArray[np.bool_]
 
 LINE, ARC, CIRCLE = range(3)
@@ -31,16 +33,17 @@ _GEOMETRY: Final = (((10, 20, 30), (11, 21, 31)), ((10, 20, 30), (40,), (50,), (
 _PARTS: Final = ("VERTEX", "ATTRIB", "SEQEND")
 
 _HANDLE, _TYPE, _LAYER, _COLOR, _MARKER, _OWNER, _WEIGHT, _TRUE_COLOR = 5, 6, 8, 62, 100, 330, 370, 420
+#: The most letters that are looked at of what stands beside the geometry, and of numbers.
+_LONGEST, _LONGEST_NUMBER = 64, 32
 _WHOLE = re.compile(rb" *-?\d+ *")
 _HEX = re.compile(rb"[0-9A-Fa-f]+")
 #: A backslash or a caret may begin an escape, and what is not ASCII depends on the encoding.
 _NAME = re.compile(rb"[^\x00-\x20\x7f-\xff\\^](?:[^\x00-\x1f\x7f-\xff\\^]*[^\x00-\x20\x7f-\xff\\^])?")
 #: What may stand once beside the geometry: the most letters that are looked at, and what they are.
 _BESIDE: Final = {
-    _HANDLE: (16, _HEX), _TYPE: (64, _NAME), _LAYER: (64, _NAME), _COLOR: (12, _WHOLE), _OWNER: (16, _HEX),
+    _HANDLE: (16, _HEX), _TYPE: (_LONGEST, _NAME), _LAYER: (_LONGEST, _NAME), _COLOR: (12, _WHOLE), _OWNER: (16, _HEX),
     _WEIGHT: (12, _WHOLE), _TRUE_COLOR: (12, _WHOLE),
 }  # fmt: skip
-_LONGEST_NUMBER = 32
 #: An entity with more tags is not plain.
 _MOST_TAGS = 30
 #: Of each kind so many sequences of group codes are looked at, the most frequent ones.
@@ -52,6 +55,7 @@ _TAG = rb"\n[ \t]*%d[ \t]*\r?\n[ \t]*%b[ \t]*\r?"
 _ENTITIES = re.compile(_TAG % (0, b"SECTION") + _TAG % (2, b"ENTITIES") + rb"\n")
 _ENDSEC = re.compile(_TAG % (0, b"ENDSEC") + rb"\n")
 _OF_NUMBERS = np.isin(np.arange(256), np.frombuffer(b"0123456789+-.eE \0", np.uint8))
+_OF_HANDLES = np.isin(np.arange(256), np.frombuffer(b"0123456789ABCDEFabcdef", np.uint8))
 
 
 class PlainEntities(Struct, frozen=True, eq=False):
@@ -83,26 +87,28 @@ class Split(Struct, frozen=True, eq=False):
 
 
 class _Tags(Struct, frozen=True, eq=False):
-    """The tags of a section. text: its bytes. at: where each tag begins; code: its group code; begin, length: its value
-    (T,). head, count: of each entity its first tag and how many it has (E,).
+    """The tags of a section. text: its bytes, and as many more as a value may be long. at: where each tag begins; code:
+    its group code; begin, length: its value (T,). head, count: of each entity its first tag and how many it has (E,).
     """
 
     text: Bytes
-    at: Index
-    code: Index
-    begin: Index
-    length: Index
+    at: Places
+    code: Places
+    begin: Places
+    length: Places
     head: Index
     count: Index
 
     def values(self, tags: Index, widest: int) -> Texts:
-        """(N,) The values of ``tags``; empty where one is longer."""
-        length = np.where(self.length[tags] > widest, 0, self.length[tags])
-        column = np.arange(max(1, int(length.max(initial=1))), dtype=np.int32)
-        place = self.begin[tags].astype(np.int32)[:, None] + column
-        found = self.text[np.minimum(place, len(self.text) - 1)]
-        found[column >= length[:, None]] = 0
-        texts: Texts = found.view(f"S{len(column)}")[:, 0]
+        """(N,) The values of ``tags``; empty where one is longer. widest: no more than ``_LONGEST``."""
+        length = self.length[tags]
+        length[length > widest] = 0
+        width = max(1, int(length.max(initial=1)))
+        # So many bytes from each place of the text on: to copy them at once takes less time than one by one.
+        windows = as_strided(self.text[:width].view(f"V{width}"), (len(self.text) - width + 1,), (1,))
+        found = windows[self.begin[tags]].view(np.uint8).reshape(-1, width)
+        found *= np.arange(width, dtype=np.int32) < length[:, None]
+        texts: Texts = found.view(f"S{width}")[:, 0]
         return texts
 
     def are(self, names: tuple[str, ...]) -> Mask:
@@ -113,12 +119,9 @@ class _Tags(Struct, frozen=True, eq=False):
 def split(data: bytes, least: int = LEAST) -> Split | None:
     """``data`` of an ASCII drawing without its runs of at least so many plain entities; None if it has none."""
     start = _ENTITIES.search(data)
-    end = _ENDSEC.search(data, start.end() - 1) if start else None
-    if start is None or end is None or len(data) >= 2**31:
-        return None
-    section = slice(start.end(), end.start() + 1)
-    tags = _tags(np.frombuffer(data, np.uint8, section.stop - section.start, section.start))
-    if tags is None:
+    section = _section(data, start.end()) if start and len(data) < 2**31 else None
+    tags = _tags(data[section]) if section else None
+    if section is None or tags is None:
         return None
     columns = _find(tags)
     # What follows must not belong to an entity that is no longer there.
@@ -128,13 +131,28 @@ def split(data: bytes, least: int = LEAST) -> Split | None:
     return _cut(data, section, tags, columns, edges) if len(edges) else None
 
 
-def _tags(text: Bytes) -> _Tags | None:
+def _section(data: bytes, begin: int) -> slice | None:
+    """From ``begin`` to the end of the section; None if it has none."""
+    place = data.find(b"ENDSEC", begin)
+    while place >= 0:
+        # A tag is two lines behind a line feed, and a search for all of that stops at every line.
+        before = data.rfind(b"\n", begin - 1, max(data.rfind(b"\n", begin - 1, place), begin - 1))
+        end = _ENDSEC.match(data, before) if before >= 0 else None
+        if end:
+            return slice(begin, end.start() + 1)
+        place = data.find(b"ENDSEC", place + 1)
+    return None
+
+
+def _tags(section: bytes) -> _Tags | None:
     """The tags of the bytes of a section; None where a line is no group code."""
-    ends = np.flatnonzero(text == ord("\n"))
+    text = np.frombuffer(section + bytes(_LONGEST), np.uint8)
+    ends = np.flatnonzero(text == ord("\n")).astype(np.int32)
     if not len(ends) or len(ends) % 2:
         return None
-    begin = np.concatenate([[0], ends[:-1] + 1])
-    ends = ends - ((ends > begin) & (text[ends - 1] == ord("\r")))
+    begin = np.concatenate([np.zeros(1, np.int32), ends[:-1] + np.int32(1)])
+    if b"\r" in section:
+        ends -= (ends > begin) & (text[ends - 1] == ord("\r"))
     code = _codes(text, begin[::2], ends[::2])
     if code is None or code[0] != 0:
         return None
@@ -142,19 +160,21 @@ def _tags(text: Bytes) -> _Tags | None:
     return _Tags(text, begin[::2], code, begin[1::2], (ends - begin)[1::2], head, np.diff(head, append=len(code)))
 
 
-def _codes(text: Bytes, begin: Index, end: Index) -> Index | None:
+def _codes(text: Bytes, begin: Places, end: Places) -> Places | None:
     """(T,) The numbers of the lines: one to four digits, with spaces before them; None if one is something else."""
-    code = np.zeros(len(begin), np.int64)
-    good = end - begin <= 4
+    size = end - begin
+    code = np.zeros(len(begin), np.int32)
+    good = (size > 0) & (size <= 4)
     before = np.ones(len(begin), np.bool_)
-    for k in range(4):
-        place = end - 1 - k
-        letter = text[np.maximum(place, 0)]
-        inside = place >= begin
-        digit = inside & (letter >= ord("0")) & (letter <= ord("9"))
-        good &= digit if k == 0 else (digit & before) | ~inside | (~digit & (letter == ord(" ")))
-        code += np.where(digit, letter.astype(np.int64) - ord("0"), 0) * 10**k
-        before = digit
+    for k in range(min(4, int(size.max(initial=0)))):
+        letter = text.take(end - (1 + k), mode="clip")
+        inside = size > k
+        # What is no digit comes out above 9: a byte goes on at 255 below 0.
+        digit = letter - np.uint8(ord("0"))
+        is_digit = inside & (digit <= 9)
+        good &= (is_digit & before) | ~inside | (letter == ord(" ")) if k else is_digit
+        code += (digit * is_digit).astype(np.int32) * np.int32(10**k)
+        before = is_digit
     return code if good.all() else None
 
 
@@ -173,7 +193,7 @@ def _find(tags: _Tags) -> _Columns:
     columns = _Columns(np.full(count, -1), np.zeros((count, 6)), texts)
     weights = np.random.default_rng(0).integers(1, 2**62, _MOST_TAGS, dtype=np.uint64)
     place = np.minimum(ramp(tags.count), _MOST_TAGS - 1)
-    key = np.add.reduceat((tags.code + 1).astype(np.uint64) * weights[place], tags.head)
+    key = np.add.reduceat((tags.code + 1).astype(np.uint64) * weights.take(place), tags.head)
     for kind, name in enumerate(KINDS):
         of_kind = np.flatnonzero(tags.are((name,)) & (tags.count <= _MOST_TAGS))
         of_kind = of_kind[np.argsort(key[of_kind], kind="stable")]
@@ -226,11 +246,23 @@ def _fill(columns: _Columns, tags: _Tags, kind: int, entities: Index) -> None:
     for code in _BESIDE.keys() & places.keys():
         widest, pattern = _BESIDE[code]
         found = tags.values(head + places[code], widest)
-        different, which = np.unique(found, return_inverse=True)
-        good &= np.array([pattern.fullmatch(text) is not None for text in different.tolist()], np.bool_)[which]
+        if code == _HANDLE:
+            # No two are alike.
+            letters = _OF_HANDLES[found.view(np.uint8).reshape(len(found), -1)]
+            good &= (np.strings.str_len(found) > 0) & (letters.sum(axis=1) == np.strings.str_len(found))
+        else:
+            different, which = _different(found)
+            good &= np.array([pattern.fullmatch(text) is not None for text in different.tolist()], np.bool_)[which]
         columns.texts[code][entities] = found
     columns.kind[entities[good]] = kind
     columns.numbers[entities] = numbers
+
+
+def _different(texts: Texts) -> tuple[Texts, Index]:
+    """The different ones of ``texts`` (N,), in order, and which of them each is. Neighbours are mostly alike."""
+    counts = run_lengths(texts)
+    different, which = np.unique(texts[begins(counts)], return_inverse=True)
+    return different, np.repeat(which, counts)
 
 
 def _floats(texts: Texts) -> tuple[FloatArray, Mask]:
@@ -249,7 +281,7 @@ def _cut(data: bytes, section: slice, tags: _Tags, columns: _Columns, edges: Ind
     name = b"CAMGEN-RUN-"
     while name in data:
         name += b"-"
-    bounds = section.start + np.append(tags.at[tags.head], len(tags.text))[edges]
+    bounds = section.start + np.append(tags.at[tags.head], section.stop - section.start)[edges]
     pieces, runs, kept, taken = [], {}, 0, 0
     for run, ((first, after), (begin, end)) in enumerate(zip(edges.tolist(), bounds.tolist(), strict=True)):
         layer = b"%b%d" % (name, run)
@@ -264,17 +296,18 @@ def _cut(data: bytes, section: slice, tags: _Tags, columns: _Columns, edges: Ind
 
 
 def _take(columns: _Columns, rows: Index) -> PlainEntities:
-    layers, layer = np.unique(columns.texts[_LAYER][rows], return_inverse=True)
-    said = np.stack([columns.texts[_TRUE_COLOR][rows], columns.texts[_COLOR][rows]])
-    colors, color = np.unique(said, axis=1, return_inverse=True)
-    owners = np.unique(columns.texts[_OWNER][rows])
+    layers, layer = _different(columns.texts[_LAYER][rows])
+    (trues, true), (numbers, number) = (_different(columns.texts[code][rows]) for code in (_TRUE_COLOR, _COLOR))
+    colors, color = np.unique(true * len(numbers) + number, return_inverse=True)
+    said = [(trues[k // len(numbers)], numbers[k % len(numbers)]) for k in colors.tolist()]
+    owners, _ = _different(columns.texts[_OWNER][rows])
     return PlainEntities(
         kind=columns.kind[rows],
         numbers=columns.numbers[rows],
         layer=layer,
         layers=tuple(name.decode("ascii") for name in layers.tolist()),
         color=color,
-        colors=tuple((int(true) if true else None, int(aci) if aci else None) for true, aci in colors.T.tolist()),
+        colors=tuple((int(true) if true else None, int(aci) if aci else None) for true, aci in said),
         handles=columns.texts[_HANDLE][rows],
         owners=frozenset(owner.decode("ascii") for owner in owners.tolist()),
     )
