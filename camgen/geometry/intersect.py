@@ -28,6 +28,8 @@ def box(boxes: FloatArray) -> NDArray[Any]:
 
 #: Ends nearer than this (mm) to another segment touch it; crossings so near to an end are taken as the end.
 TOUCH = 1e-7
+#: What two boxes have in common at a corner is no larger, mm.
+_CORNER = 5e-8
 #: Pairs that are looked at together: bounds the memory.
 _CHUNK = 500_000
 #: Of groups with no more rows all pairs are looked at, which takes less time than a tree.
@@ -66,13 +68,38 @@ def cuts(segments: Segments, i: IntArray, j: IntArray) -> tuple[IntArray, FloatA
     return rows, np.clip(np.concatenate([fraction for _, fraction in parts]), 0.0, 1.0)
 
 
+def only_at_ends(segments: Segments, i: IntArray, j: IntArray) -> BoolArray:
+    """(K,) of which pairs an end of the one may meet an end of the other and nothing else: what their boxes have in
+    common is there. What ``cuts`` and ``crossings`` find of them is less than 1e-6 mm from an end of both.
+
+    A place that they find is within ``TOUCH`` of both boxes, hence within 3e-7 mm of each of these ends; along an arc
+    of not much more than half a circle that is no more than twice as far.
+    """
+    boxes = bounds(segments)
+    low = np.maximum(boxes[:, :2].take(i, axis=0), boxes[:, :2].take(j, axis=0))
+    high = np.minimum(boxes[:, 2:].take(i, axis=0), boxes[:, 2:].take(j, axis=0))
+    rows = np.flatnonzero((high[:, 0] - low[:, 0] <= _CORNER) & (high[:, 1] - low[:, 1] <= _CORNER))
+    good = np.ones(len(rows), dtype=bool)
+    for k in (i[rows], j[rows]):
+        ends = [np.abs(end.take(k, axis=0) - low[rows]).max(axis=1) for end in (segments.start, segments.end)]
+        good &= (np.minimum(*ends) <= _CORNER) & (np.abs(segments.bulge[k]) <= 1.2)
+    result = np.zeros(len(i), dtype=bool)
+    result[rows[good]] = True
+    return result
+
+
 def crossings(segments: Segments, i: IntArray, j: IntArray) -> tuple[IntArray, FloatArray, FloatArray]:
     """Where the pairs (i, j) cross: which pair, and the fractions of the first and of the second segment there.
 
     A fraction may be off 0..1 by rounding. Segments that only touch, or run on one another, may be left out.
     """
-    a, b = segments.take(i), segments.take(j)
+    return _crossed(segments.take(i), segments.take(j))
+
+
+def _crossed(a: Segments, b: Segments) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Where segments cross those beside them in the other list."""
     arc_a, arc_b = a.is_arc, b.is_arc
+    slack_a, slack_b = (TOUCH / np.maximum(one.length, TOUCH) for one in (a, b))
     none = np.zeros(0)
     found: list[tuple[IntArray, FloatArray, FloatArray]] = [(none.astype(np.int64), none, none)]
     for kind_a, kind_b in ((False, False), (False, True), (True, False), (True, True)):
@@ -81,16 +108,16 @@ def crossings(segments: Segments, i: IntArray, j: IntArray) -> tuple[IntArray, F
             one, two = a.take(rows), b.take(rows)
             for points in _crossings(one, two, kind_a, kind_b):
                 fa, fb = fractions(one, points), fractions(two, points)
-                hit = _on(one, fa) & _on(two, fb) & np.isfinite(points[:, 0])
+                hit = _on(slack_a[rows], fa) & _on(slack_b[rows], fb) & np.isfinite(points[:, 0])
                 found.append((rows[hit], fa[hit], fb[hit]))
     which, first, second = zip(*found, strict=True)
     return np.concatenate(which), np.concatenate(first), np.concatenate(second)
 
 
 def _cuts(segments: Segments, i: IntArray, j: IntArray) -> tuple[IntArray, FloatArray]:
-    pair, first, second = crossings(segments, i, j)
-    found = [(i[pair], first), (j[pair], second)]
     a, b = segments.take(i), segments.take(j)
+    pair, first, second = _crossed(a, b)
+    found = [(i[pair], first), (j[pair], second)]
     for one, two, row in ((a, b, i), (b, a, j)):
         for end in (two.start, two.end):
             fraction = fractions(one, end)
@@ -100,8 +127,7 @@ def _cuts(segments: Segments, i: IntArray, j: IntArray) -> tuple[IntArray, Float
     return np.concatenate([f[0] for f in found]), np.concatenate([f[1] for f in found])
 
 
-def _on(segments: Segments, fraction: FloatArray) -> BoolArray:
-    slack = TOUCH / np.maximum(segments.length, TOUCH)
+def _on(slack: FloatArray, fraction: FloatArray) -> BoolArray:
     return np.asarray((fraction >= -slack) & (fraction <= 1 + slack))
 
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.intersect import Obstacles, cuts, near_pairs
+from camgen.geometry.intersect import Obstacles, cuts, near_pairs, only_at_ends
 from camgen.geometry.segments import BoolArray, IntArray, Segments, make, points_at, split, tangents_at
 from camgen.geometry.stitch import stitch
 from camgen.geometry.uncross import LEAST_SLIP
@@ -180,7 +180,10 @@ def _hopeful(candidates: Segments, label: IntArray, obstacles: Obstacles, distan
 def _pieces(candidates: Segments, label: IntArray) -> tuple[IntArray, FloatArray, FloatArray]:
     """The candidates cut at each other: row, and the fractions where each piece begins and ends."""
     count = len(candidates)
-    rows, fractions = cuts(candidates, *near_pairs(candidates, label))
+    one, two = near_pairs(candidates, label)
+    # Where they merely follow each other they have both ends already.
+    apart = ~only_at_ends(candidates, one, two)
+    rows, fractions = cuts(candidates, one[apart], two[apart])
     every = np.arange(count)
     row = np.concatenate([every, every, rows])
     at = np.concatenate([np.zeros(count), np.ones(count), fractions])

@@ -103,10 +103,11 @@ def bounds(segments: Segments) -> FloatArray:
     high = np.maximum(segments.start, segments.end)
     rows = np.flatnonzero(segments.is_arc)
     if len(rows):
-        arcs = segments.take(rows)
+        middle, sweep = _middle_and_sweep(segments.take(rows))
         # Left, bottom, right and top of the circle, where the arc passes them.
         for angle, axis, sign in ((0.0, 0, 1), (np.pi / 2, 1, 1), (np.pi, 0, -1), (-np.pi / 2, 1, -1)):
-            inside = rows[passes(arcs, np.full(len(rows), angle))]
+            fraction = _fraction(angle, middle, sweep)
+            inside = rows[(fraction > 0) & (fraction < 1)]
             value = segments.centre[inside, axis] + sign * segments.radius[inside]
             side = high if sign > 0 else low
             side[inside, axis] = value
@@ -120,12 +121,24 @@ def passes(arcs: Segments, angle: FloatArray) -> BoolArray:
 
 
 def arc_fraction(arcs: Segments, angle: FloatArray) -> FloatArray:
-    """(N,) where on each arc the direction ``angle`` lies, 0 at the start, 1 at the end; nearest way round the gap."""
-    first = np.arctan2(arcs.start[:, 1] - arcs.centre[:, 1], arcs.start[:, 0] - arcs.centre[:, 0])
+    """(N,) where on each arc the direction ``angle`` (rad, -pi to pi) lies, 0 at the start, 1 at the end; nearest way
+    round the gap.
+    """
+    return _fraction(angle, *_middle_and_sweep(arcs))
+
+
+def _middle_and_sweep(arcs: Segments) -> tuple[FloatArray, FloatArray]:
+    """(N,) rad, the direction of the middle of each arc from its centre, -2 pi to 2 pi, and its sweep."""
+    arm = arcs.start - arcs.centre
     sweep = arcs.sweep
-    # Measured from the middle of the arc, so that the cut of the angle lies opposite to it.
-    middle = first + sweep / 2
-    turn = np.mod(angle - middle + np.pi, 2 * np.pi) - np.pi
+    return np.arctan2(arm[:, 1], arm[:, 0]) + sweep / 2, sweep
+
+
+def _fraction(angle: FloatArray | float, middle: FloatArray, sweep: FloatArray) -> FloatArray:
+    # Measured from the middle of the arc, so that the cut of the angle lies opposite to it. ``np.mod`` takes five times
+    # as long to find that most are less than a turn away.
+    turn = angle - middle + np.pi
+    turn = np.where(turn < 0, turn + 2 * np.pi, np.where(turn >= 2 * np.pi, turn - 2 * np.pi, turn)) - np.pi
     return np.asarray(0.5 + turn / sweep)
 
 

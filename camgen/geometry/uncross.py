@@ -13,7 +13,7 @@ from collections.abc import Iterable
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.intersect import crossings, near_pairs
+from camgen.geometry.intersect import crossings, near_pairs, only_at_ends
 from camgen.geometry.nesting import loop_areas
 from camgen.geometry.segments import BoolArray, IntArray, Segments, backwards, split, tangents_at
 from camgen.geometry.vectors import turns
@@ -39,6 +39,8 @@ def find_slips(segments: Segments, following: IntArray, count: int) -> BoolArray
     two = following[one]
     curved = segments.is_arc[one] | segments.is_arc[two]
     one, two = one[curved], two[curved]
+    again = ~only_at_ends(segments, one, two)
+    one, two = one[again], two[again]
     k, first, second = crossings(segments, one, two)
     inner = _inner(segments, one[k], first) & _inner(segments, two[k], second)
     result = np.zeros(count, dtype=bool)

@@ -14,7 +14,7 @@ from camgen.geometry.rotations import SURE_TURN, angles_between, from_axes, side
 from camgen.geometry.vectors import angles, dots, unit
 from camgen.lower.corners import JUMP, Corners, blend_corners
 from camgen.model.cell import Dynamics
-from camgen.model.path import ToolPath
+from camgen.model.path import PLACES, ToolPath
 from camgen.model.pose import TOOL_DOWN, FloatArray, frozen
 
 Indices = NDArray[np.intp]
@@ -78,25 +78,15 @@ def gather(paths: Sequence[ToolPath], depths: Sequence[float], follow: bool = Fa
     """The rows of all ``paths``, each ``depths`` mm below where it was planned. follow: the tool turns with what is
     beside the paths.
     """
-    counts = np.array([len(path.position) for path in paths])
+    counts = np.array([len(path) for path in paths])
     last = np.cumsum(counts) - 1
-    position = np.concatenate([path.position for path in paths])
-    via = np.concatenate([path.via for path in paths])
+    table = np.concatenate([path.table for path in paths])
     sink = np.repeat(np.asarray(depths, dtype=np.float64), counts)
-    position[:, 2] -= sink
-    via[:, 2] -= sink
-    force = np.concatenate([path.force for path in paths])
-    beside = [path.force_direction for path in paths] if follow or force.any() else [np.empty((0, 2, 3))]
-    return Rows(
-        position=position,
-        via=via,
-        axis=np.concatenate([path.axis for path in paths]),
-        force_direction=np.concatenate(beside),
-        force=force,
-        feed=np.concatenate([path.feed for path in paths]),
-        first=last - counts + 1,
-        last=last,
-    )
+    columns = {name: table[:, place].copy() for name, place in PLACES.items() if name != "force_direction"}
+    for name in ("position", "via"):
+        columns[name][:, 2] -= sink
+    beside = table[:, PLACES["force_direction"]].copy() if follow or columns["force"].any() else np.empty((0, 6))
+    return Rows(**columns, force_direction=beside.reshape(-1, 2, 3), first=last - counts + 1, last=last)
 
 
 def blends(rows: Rows, tolerance: FloatArray, pace: Dynamics) -> FloatArray:

@@ -105,7 +105,7 @@ def _about_z(angle: float) -> FloatArray:
 
 def _insist_on_size(tour: Tour, most: float) -> None:
     """JobError for more motions than any controller takes, before they are made."""
-    motions = sum(len(path.position) * len(path.depths) for path in tour.paths)
+    motions = sum(len(path) * len(path.depths) for path in tour.paths)
     if motions > most:
         what = f"{motions:,} motions come of its paths and passes, more than {tell(most)}"
         remedy = "take fewer passes, build the part in several programs, or raise limits.motions"

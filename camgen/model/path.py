@@ -17,7 +17,7 @@ from camgen.model.text import counted
 #: Tool z of one that points straight down.
 TOOL_AXIS_DOWN: Vec3 = (0.0, 0.0, -1.0)
 #: Where the columns of a path stand in the rows of its table.
-_PLACES: dict[str, slice | int] = {
+PLACES: dict[str, slice | int] = {
     "position": slice(0, 3), "via": slice(3, 6), "axis": slice(6, 9), "force_direction": slice(9, 15), "force": 15,
     "feed": 16,
 }  # fmt: skip
@@ -112,7 +112,7 @@ class ToolPath(Struct, frozen=True, eq=False):
         """The path with other columns, by name, in the place of its own."""
         table = self.table.copy()
         for name, column in columns.items():
-            table[:, _PLACES[name]] = column.reshape(len(table), 6) if name == "force_direction" else column
+            table[:, PLACES[name]] = column.reshape(len(table), 6) if name == "force_direction" else column
         return replace(self, table=frozen(table))
 
     def reversed(self) -> ToolPath:
@@ -134,7 +134,7 @@ class ToolPath(Struct, frozen=True, eq=False):
         """The stretch from vertex ``low`` to vertex ``high`` - 1, as an open path."""
         table = self.table[low:high].copy()
         table[0, _OF_SEGMENT] = self.table[min(low + 1, high - 1), _OF_SEGMENT]
-        table[0, _PLACES["via"]] = np.nan
+        table[0, PLACES["via"]] = np.nan
         floor = None if self.floor is None else self.floor[low:high]
         return replace(self, table=frozen(table), closed=False, floor=floor)
 

@@ -38,12 +38,13 @@ _COMMON = "edges on one line leave the tool no side; draw one outline, or use op
 
 
 class _Loops(Struct, frozen=True, eq=False):
-    """The contours that the tool keeps clear of. index: their place in the part. worked: which of them it follows.
-    flip: run against the drawn direction so that the part is on the left. group: label per contour; what has one label
-    is kept clear of. parent: -1 if none. depth: how many loops lie around.
+    """The contours that the tool keeps clear of. index: their place in the part. drawn: their segments. worked: which
+    of them it follows. flip: run against the drawn direction so that the part is on the left. group: label per contour;
+    what has one label is kept clear of. parent: -1 if none. depth: how many loops lie around.
     """
 
     index: list[int]
+    drawn: Segments
     worked: BoolArray
     flip: BoolArray
     group: IntArray
@@ -83,8 +84,7 @@ def run_beside(
     if not loops.worked.any():
         return (), tuple(notes)
     contours = [part.contours[k] for k in loops.index]
-    drawn = from_contours(contours)
-    source = turn_round(drawn, loops.flip)
+    source = turn_round(loops.drawn, loops.flip)
     closed = np.array([c.closed for c in contours])
     following = neighbours(source, closed)
     source, following = uncross(source, following, closed & find_slips(source, following, len(contours)))
@@ -136,13 +136,15 @@ def _choose_sides(part: Part, side: str, join: float, alone: float) -> tuple[_Lo
         index = np.flatnonzero(chosen).tolist()
         count = np.arange(len(index))
         none = np.full(len(index), -1)
-        return _Loops(index, count >= 0, np.full(len(index), side == "left"), count, none, 0 * count), []
+        drawn = from_contours([part.contours[k] for k in index])
+        return _Loops(index, drawn, count >= 0, np.full(len(index), side == "left"), count, none, 0 * count), []
     index = [k for k, c in enumerate(part.contours) if c.closed]
     notes = _open_notes([c for c, mine in zip(part.contours, chosen, strict=True) if mine and not c.closed], join)
     if not index:
         none = np.zeros(0, dtype=np.int64)
-        return _Loops([], none == 0, none == 0, none, none, none), notes
-    nesting = nest(from_contours([part.contours[k] for k in index]), len(index), alone if side == "auto" else 0.0)
+        return _Loops([], from_contours([]), none == 0, none == 0, none, none, none), notes
+    drawn = from_contours([part.contours[k] for k in index])
+    nesting = nest(drawn, len(index), alone if side == "auto" else 0.0)
     worked = chosen[index]
     keep = np.flatnonzero((nesting.crossed < 0) & ~nesting.empty)
     notes += _crossing_notes([part.contours[k] for k in index], nesting, worked)
@@ -156,8 +158,10 @@ def _choose_sides(part: Part, side: str, join: float, alone: float) -> tuple[_Lo
     new = np.full(len(index), -1)
     new[keep] = np.arange(len(keep))
     parent = np.where(nesting.parent[keep] >= 0, new[nesting.parent[keep]], -1)
+    drawn = drawn.take(new[drawn.owner] >= 0)
+    drawn = replace(drawn, owner=new[drawn.owner])
     kept = [index[k] for k in keep]
-    return _Loops(kept, worked[keep], flip[keep], group[keep], parent, nesting.depth[keep]), notes
+    return _Loops(kept, drawn, worked[keep], flip[keep], group[keep], parent, nesting.depth[keep]), notes
 
 
 def _open_notes(contours: list[Contour], join: float) -> list[Note]:
@@ -228,20 +232,19 @@ def _labels(
     pairs = np.flatnonzero(place[chain] >= 0)
     pairs = pairs[np.argsort(-place[chain[pairs]], kind="stable")]
     first[contour[pairs]] = place[chain[pairs]]
-    several = np.bincount(main[order], minlength=len(contours)) > 1
+    several = (np.bincount(main[order], minlength=len(contours)) > 1).tolist()
     seen = [0] * len(contours)
+    own, parent = main[order], loops.parent[main[order]]
+    around = np.where(parent >= 0, first[parent], -1)
+    # A path that also runs beside the contour around it is not inside anything of that contour.
+    around[(around >= 0) & (loops.depth[own[around]] >= loops.depth[own])] = -1
     labels = []
-    for c in order.tolist():
-        k = int(main[c])
+    either = job.operation.direction == "any"
+    for k, closed, outer in zip(own.tolist(), curve.closed[order].tolist(), around.tolist(), strict=True):
+        name = contours[k].id
         seen[k] += 1
-        name = f"{contours[k].id}.{seen[k]}" if several[k] else contours[k].id
-        closed, parent = bool(curve.closed[c]), int(loops.parent[k])
-        # A path that also runs beside the contour around it is not inside anything of that contour.
-        around = int(first[parent]) if parent >= 0 else -1
-        if around >= 0 and loops.depth[main[order[around]]] >= loops.depth[k]:
-            around = -1
-        reversible = job.operation.direction == "any" and not closed
-        labels.append(Label(name, contours[k].layer, closed, reversible, around, (contours[k].id,)))
+        number = f".{seen[k]}" if several[k] else ""
+        labels.append(Label(name + number, contours[k].layer, closed, either and not closed, outer, (name,)))
     return labels, order
 
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from camgen.geometry import intersect, offset, stitch
+from camgen.geometry import intersect, offset, stitch, uncross
 from camgen.geometry.nesting import nest
 from camgen.geometry.segments import BoolArray, IntArray, Segments, bounds, from_contours, neighbours
 from camgen.model.part import Contour
@@ -49,14 +49,26 @@ def test_loops_far_from_all_others_can_be_taken_by_themselves(
     far = nest(source, count, sphere(distance, corner)).room > sphere(distance, corner)
     apart = curve(source, np.where(far, np.arange(count) + 1, 0), distance, corner)
     with pytest.MonkeyPatch.context() as patch:
-        # All in one group, and a tree for all of it.
+        # All in one group, a tree for all of it, and all cuts.
         patch.setattr(intersect, "FEW", 0)
         patch.setattr(stitch, "FEW", 0)
+        patch.setattr(offset, "only_at_ends", lambda _, one, __: np.zeros(len(one), dtype=np.bool_))
         together = curve(source, np.zeros(count, dtype=np.int64), distance, corner)
     for name in Segments.__struct_fields__:
         assert np.array_equal(getattr(apart.segments, name), getattr(together.segments, name))
     for name in ("closed", "source", "turn", "lost", "sound"):
         assert np.array_equal(getattr(apart, name), getattr(together, name))
+
+
+@settings(deadline=None)
+@given(loops())
+def test_slips_are_the_same_where_every_corner_is_looked_at(drawn: list[Contour]) -> None:
+    source, count = from_contours(drawn), len(drawn)
+    following = neighbours(source, np.ones(count, dtype=np.bool_))
+    found = uncross.find_slips(source, following, count)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(uncross, "only_at_ends", lambda _, one, __: np.zeros(len(one), dtype=np.bool_))
+        assert np.array_equal(found, uncross.find_slips(source, following, count))
 
 
 @settings(deadline=None)
