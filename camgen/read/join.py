@@ -275,7 +275,7 @@ def _join(soup: Soup, tolerance: float) -> tuple[Soup, EndJoints]:
 def _groups(ends: _Ends, colors: int) -> list[IntArray]:
     """Labels of the ends that may meet, one array after the other: of one layer and color, of one layer, any two."""
     groups = [ends.layer * colors + ends.color, ends.layer, np.zeros_like(ends.layer)]
-    counts = [len(np.unique(group)) for group in groups]
+    counts = [int(np.count_nonzero(np.bincount(group))) for group in groups]
     return [group for k, group in enumerate(groups) if k == 0 or counts[k] < counts[k - 1]]
 
 

@@ -11,6 +11,7 @@ import math
 
 import numpy as np
 from msgspec import Struct
+from msgspec.structs import replace
 
 from camgen.geometry import curves
 from camgen.geometry.ragged import offsets, owners, ramp
@@ -59,7 +60,8 @@ def flatten(drawn: DrawnEntities, chord: float) -> Flat:
     similar, mirrored = _similar(matrices)
     given = gather(drawn)
     which = matrix[given.owner]
-    world, low, high = _place(drawn, given, matrices, which)
+    named = _name(drawn)
+    world, low, high = _place(named, given, matrices, which)
     level = ~(high - low > _allow(world))
     oval = _has_arcs(given) & ~similar[which]
     world.bulges[:] *= np.repeat(np.where(mirrored[which], -1.0, 1.0), given.counts)
@@ -76,7 +78,7 @@ def flatten(drawn: DrawnEntities, chord: float) -> Flat:
             damaged.append(number)
         else:
             tilted[number] = made
-    fitted = _soup(drawn, _stitch(chains, chord))
+    fitted = _soup(named, _stitch(chains, chord))
     plain = level & ~(oval & sound)
     owner = np.concatenate([given.owner[plain], np.array([c.owner for c in chains], dtype=np.intp)])
     heights = np.concatenate([low[plain], [c.height for c in chains]])
@@ -144,11 +146,11 @@ def _similar(matrices: FloatArray) -> tuple[BoolArray, BoolArray]:
 
 
 def _place(
-    drawn: DrawnEntities, given: EntityRows, matrices: FloatArray, which: IntArray
+    named: _Named, given: EntityRows, matrices: FloatArray, which: IntArray
 ) -> tuple[Soup, FloatArray, FloatArray]:
     """The pieces in the work frame and the least and greatest height (P,) of each, arcs included."""
     rows = given.rows
-    local = _soup(drawn, (given.owner, given.counts, rows[:, :2], rows[:, 3]))
+    local = _soup(named, (given.owner, given.counts, rows[:, :2], rows[:, 3]))
     of_row = np.repeat(which, given.counts)
     world = _map(matrices, of_row, rows[:, :3])
     # The middle of an arc may be the only point of it that is out of the plane.
@@ -160,7 +162,7 @@ def _place(
     low, high = np.minimum.reduceat(z.min(axis=0), starts), np.maximum.reduceat(z.max(axis=0), starts)
     # A height that is no number must not pass as flat: it is told as damage together with x and y.
     world[~np.isfinite(world[:, 2]), 0] = np.nan
-    return _soup(drawn, (given.owner, given.counts, world[:, :2].copy(), rows[:, 3].copy())), low, high
+    return replace(local, points=world[:, :2].copy(), bulges=rows[:, 3].copy()), low, high
 
 
 def _map(matrices: FloatArray, which: IntArray, points: FloatArray) -> FloatArray:
@@ -262,22 +264,46 @@ def _stitch(chains: list[_Chain], chord: float) -> tuple[IntArray, IntArray, Flo
 # --- soup ------------------------------------------------------------------------------------------------------------
 
 
-def _soup(drawn: DrawnEntities, pieces: tuple[IntArray, IntArray, FloatArray, FloatArray]) -> Soup:
-    """A soup of owner and counts (P,), points and bulges."""
-    owner, counts, points, bulges = pieces
+class _Named(Struct, frozen=True, eq=False):
+    """What a soup says of its pieces, by owner number."""
+
+    closed: BoolArray
+    layer: IntArray
+    kind: IntArray
+    color: IntArray
+    layers: tuple[str, ...]
+    kinds: tuple[str, ...]
+    colors: tuple[str, ...]
+
+
+def _name(drawn: DrawnEntities) -> _Named:
     layers, kinds = sorted(set(drawn.layer)), sorted(set(drawn.kind))
     layer_index, kind_index = ({n: i for i, n in enumerate(names)} for names in (layers, kinds))
+    return _Named(
+        closed=np.array(drawn.closed, dtype=np.bool_),
+        layer=np.array([layer_index[n] for n in drawn.layer], dtype=np.intp),
+        kind=np.array([kind_index[n] for n in drawn.kind], dtype=np.intp),
+        color=np.array(drawn.color, dtype=np.intp),
+        layers=tuple(layers),
+        kinds=tuple(kinds),
+        colors=tuple(drawn.colors.names),
+    )
+
+
+def _soup(named: _Named, pieces: tuple[IntArray, IntArray, FloatArray, FloatArray]) -> Soup:
+    """A soup of owner and counts (P,), points and bulges."""
+    owner, counts, points, bulges = pieces
     return Soup(
         points=points,
         bulges=bulges,
         first=offsets(counts),
-        closed=np.array(drawn.closed, dtype=np.bool_)[owner],
-        layer=np.array([layer_index[n] for n in drawn.layer], dtype=np.intp)[owner],
-        kind=np.array([kind_index[n] for n in drawn.kind], dtype=np.intp)[owner],
-        color=np.array(drawn.color, dtype=np.intp)[owner],
-        layers=tuple(layers),
-        kinds=tuple(kinds),
-        colors=tuple(drawn.colors.names),
+        closed=named.closed[owner],
+        layer=named.layer[owner],
+        kind=named.kind[owner],
+        color=named.color[owner],
+        layers=named.layers,
+        kinds=named.kinds,
+        colors=named.colors,
     )
 
 

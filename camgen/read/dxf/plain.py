@@ -266,14 +266,17 @@ def _different(texts: Texts) -> tuple[Texts, Index]:
 
 
 def _floats(texts: Texts) -> tuple[FloatArray, Mask]:
-    """(N,) The numbers, and which of them are finite and written as such."""
+    """(N,) The numbers, and which of them are finite and written as such. Neighbours are often alike: heights, rows."""
+    counts = run_lengths(texts)
+    texts = texts[begins(counts)]
     letters = texts.view(np.uint8).reshape(len(texts), -1)
     try:
         numbers = texts.astype(np.float64)
     except ValueError:
         # Damage: ezdxf finds out where, and how much of it can be read.
-        return np.zeros(len(texts)), np.zeros(len(texts), np.bool_)
-    return numbers, _OF_NUMBERS[letters].all(axis=1) & np.isfinite(numbers)
+        numbers = np.full(len(texts), np.nan)
+    sound = _OF_NUMBERS[letters].all(axis=1) & np.isfinite(numbers)
+    return np.repeat(numbers, counts), np.repeat(sound, counts)
 
 
 def _cut(data: bytes, section: slice, tags: _Tags, columns: _Columns, edges: Index) -> Split:
