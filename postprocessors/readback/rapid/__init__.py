@@ -157,7 +157,7 @@ def read_with(files: Mapping[str, str], options: Mapping[str, object], *, plain:
     line = 1
     spellings = Spellings(Written)
     for text in files.values():
-        lines = text.replace("\r\n", "\n").replace("\r", "\n")
+        lines = text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
         modules, faults = parse(lines, line, spellings if plain else None)
         program.faults += faults
         for module in modules:

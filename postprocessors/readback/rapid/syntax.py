@@ -135,26 +135,32 @@ class _Parser(Parser):
 
     def member(self, data: list[Data], routines: list[Routine], records: list[Any]) -> None:
         """One declaration of a module."""
-        found = self.usual_routine() if self.cut is not None and self.word() == "proc" else None
-        if found is None:
-            super().member(data, routines, records)
+        found = self.usual_routines() if self.cut is not None and self.word() == "proc" else []
+        if found:
+            routines += found
         else:
-            routines.append(found)
+            super().member(data, routines, records)
 
-    def usual_routine(self) -> Routine | None:
-        """A PROC of one run of statements, in the usual spelling, with a handler that hands the error on or none."""
+    def usual_routines(self) -> list[Routine]:
+        """PROCs one after the other, each one run of statements in the usual spelling, with a handler that hands the
+        error on or none.
+        """
         _, _, line, start = self.token
         begin = _BEGIN.match(self.text, start)
         if self.cut is None or begin is None or begin[1].lower() in RESERVED:
-            return None
-        run = self.cut.run(begin.end())
-        end = _END.match(self.text, run[1]) if run else None
-        if run is None or end is None:
-            return None
-        last = run[2] + end[0].count("\n")
-        handler = (Call(last - 1, "raise"),) if end[1] else None
-        self.jump(end.end(), last)
-        return Routine(line, begin[1], False, (), cast(Any, (run[0],)), handler, "proc", (), "", last)
+            return []
+        routines: list[Routine] = []
+        name, found = begin[1], self.cut.run(begin.end())
+        while found is not None and (parted := self.cut.parted(found)) is not None:
+            routines.append(_usual(line, name, parted.run, parted.handles, parted.last))
+            start, line, name, found = parted.start, parted.line, parted.name, parted.found
+        if found is not None and (end := _END.match(self.text, found.end)):
+            last = found.line + end[0].count("\n")
+            routines.append(_usual(line, name, found.run, bool(end[1]), last))
+            start, line = end.end(), last
+        if routines:
+            self.jump(start, line)
+        return routines
 
     # -- routines ------------------------------------------------------------------------------------------------
 
@@ -190,8 +196,8 @@ class _Parser(Parser):
         found = self.cut.run(self.token[3]) if self.cut is not None and self.token[0] in ("name", "move") else None
         if found is None:
             return False
-        body.append(found[0])
-        self.jump(found[1], found[2])
+        body.append(found.run)
+        self.jump(found.end, found.line)
         return True
 
     def handling(self) -> Call:
@@ -230,6 +236,11 @@ class _Parser(Parser):
                 return
             if self.ended():
                 return
+
+
+def _usual(line: int, name: str, run: Run, handles: bool, last: int) -> Routine:
+    handler = (Call(last - 1, "raise"),) if handles else None
+    return Routine(line, name, False, (), cast(Any, (run,)), handler, "proc", (), "", last)
 
 
 __all__ = [
