@@ -174,7 +174,8 @@ def lines_of(checked: Checked, posted: Posted) -> IntArray:
         # What was read back is the program, one by one, but for its comments: the comparison has shown that.
         lines[at + np.flatnonzero(~program.columns.are(Comment))] = above + np.array(reading.lines, dtype=np.int64)
         at += len(program.body)
-        above += sum(file.text.count("\n") for file in posted.files[first : first + count])
+        if several:
+            above += sum(file.text.count("\n") for file in posted.files[first : first + count])
         first += count
     return lines
 

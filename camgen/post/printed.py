@@ -71,14 +71,20 @@ def forms_of(rows: Indices, keys: Sequence[NDArray[Any]], form: Callable[..., st
 
 
 class _Made(Struct, frozen=True, eq=False):
-    """Of N instructions: texts, their forms or what they print, None for nothing; lines: (N + 1,) how many come before
-    each; numbers: of all forms, places: (N + 1,) where those of each begin.
+    """Of N instructions: texts, the forms or what they print of those that print anything; begins: (N + 1,) where those
+    of each begin. lines: (N + 1,) how many come before each. numbers: of all forms, places: (N + 1,) where those of
+    each begin.
     """
 
-    texts: list[str | None]
+    texts: list[str]
+    begins: Indices
     lines: Indices
     numbers: FloatArray
     places: Indices
+
+    def take(self, span: range) -> list[str]:
+        """The texts of some instructions."""
+        return self.texts[self.begins[span.start] : self.begins[span.stop]]
 
 
 class Printed(Iterable[Sequence[str]]):
@@ -104,9 +110,10 @@ class Printed(Iterable[Sequence[str]]):
             return iter(self._each(self._columns.body))
         return (self.text([range(k, k + 1)]).split("\n") if n else () for k, n in enumerate(self.counts().tolist()))
 
-    def counts(self) -> Indices:
-        """(N,): the numbers of lines of the instructions."""
-        return np.diff(self._made.lines)
+    def counts(self, span: range | None = None) -> Indices:
+        """(N,): the numbers of lines of the instructions, or of some of them."""
+        before = self._made.lines
+        return np.diff(before if span is None else before[span.start : span.stop + 1])
 
     def lines_before(self, instructions: Indices) -> Indices:
         """How many lines come before those of instructions."""
@@ -149,7 +156,7 @@ class Printed(Iterable[Sequence[str]]):
                 continue
             for low in range(piece.start, piece.stop, _SOME):
                 span = range(low, min(low + _SOME, piece.stop))
-                texts += (text for text in made.texts[span.start : span.stop] if text is not None)
+                texts += made.take(span)
                 if spans and spans[-1].stop == span.start:
                     spans[-1] = range(spans[-1].start, span.stop)
                 else:
@@ -167,48 +174,58 @@ class Printed(Iterable[Sequence[str]]):
 
     @cached_property
     def _made(self) -> _Made:
-        body, forms = self._columns.body, self._forms
-        size = len(body)
-        texts = np.full(size, None, object)
+        columns, forms = self._columns, self._forms
+        size = len(columns.body)
+        texts = np.full(size, "", object)
         counts, used = np.zeros(size, np.intp), np.zeros(size, np.intp)
         alone = np.ones(size, np.bool_)
         numbers = np.zeros(0)
-        if forms is not None:
-            at = self._columns.at[forms.rows]
+        if forms is None:
+            self._put(texts, counts, np.flatnonzero(alone), columns.body)
+        else:
+            at = columns.at[forms.rows]
             alone[at] = False
             texts[at] = np.array(forms.table, object)[forms.form]
             counts[at] = np.array([form.count("\n") + 1 for form in forms.table], np.intp)[forms.form]
             used[at] = forms.counts
             numbers = forms.numbers
-        others = np.flatnonzero(alone)
-        items: Iterable[Instruction] = body if forms is None else self._columns.pick(others)
-        for place, lines in zip(others.tolist(), self._each(items), strict=True):
-            if lines:
-                texts[place], counts[place] = self._escape("\n".join(lines)), len(lines)
-        before, places = (np.append(0, np.cumsum(each)) for each in (counts, used))
-        return _Made(texts.tolist(), before, numbers, places)
+            others = np.flatnonzero(alone)
+            self._put(texts, counts, others, columns.pick(others))
+        before, places, begins = (np.append(0, np.cumsum(each)) for each in (counts, used, counts > 0))
+        return _Made(texts[counts > 0].tolist(), begins, before, numbers, places)
+
+    def _put(self, texts: NDArray[np.object_], counts: Indices, places: Indices, items: Iterable[Instruction]) -> None:
+        """Puts what the ``items`` at ``places`` print into ``texts``, and the numbers of lines into ``counts``."""
+        lines = list(self._each(items))
+        counts[places] = np.fromiter(map(len, lines), np.intp, len(lines))
+        texts[places] = [self._escape(one[0] if len(one) == 1 else "\n".join(one)) for one in lines]
 
 
 class Lines(Sequence[str]):
-    """Lines of a file. pieces: lines, and runs of instructions of what is ``printed``. size: how many lines these are,
-    where that is known.
+    """Lines of a file. pieces: lines with LF between them, and runs of instructions of what is ``printed``. size: how
+    many lines these are, where that is known.
     """
 
     def __init__(self, pieces: Sequence[str | range], printed: Printed, size: int | None = None) -> None:
         self.pieces, self.printed, self._size = pieces, printed, size
 
     def items(self) -> list[Lines]:
-        """The same line by line, and instruction by instruction where it is one of those."""
-        found: list[str | range] = []
+        """The same piece by piece, and instruction by instruction where it is one of those."""
+        found: list[Lines] = []
         for piece in self.pieces:
-            found += [piece] if isinstance(piece, str) else (range(k, k + 1) for k in piece)
-        return [Lines([one], self.printed) for one in found]
+            if isinstance(piece, str):
+                found.append(Lines([piece], self.printed, piece.count("\n") + 1))
+                continue
+            sizes = self.printed.counts(piece).tolist()
+            found += [Lines([range(k, k + 1)], self.printed, size) for k, size in zip(piece, sizes, strict=True)]
+        return found
 
     def __len__(self) -> int:
         if self._size is None:
             runs = [(one.start, one.stop) for one in self.pieces if isinstance(one, range)]
             before = self.printed.lines_before(np.array(runs, np.intp).reshape(-1, 2))
-            self._size = len(self.pieces) - len(runs) + int((before[:, 1] - before[:, 0]).sum())
+            self._size = int((before[:, 1] - before[:, 0]).sum())
+            self._size += sum(one.count("\n") + 1 for one in self.pieces if isinstance(one, str))
         return self._size
 
     def __iter__(self) -> Iterator[str]:

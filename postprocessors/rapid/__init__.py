@@ -408,10 +408,11 @@ class Rapid(RapidOptions):
         outputs = self._outputs(program)
         return ["", f"{_IN}PROC {SAFE}()", *outputs, f"{_IN}ENDPROC"] if outputs and self.on_error != "none" else []
 
-    def _proc(self, routine: Routine, handler: Sequence[str]) -> Lines:
-        begin, end = ("", f"{_IN}PROC {routine.name}()"), (*handler, f"{_IN}ENDPROC")
+    def _proc(self, routine: Routine, end: str) -> Lines:
+        """A routine; end: its last lines."""
         lines = routine.lines
-        return Lines((*begin, *lines.pieces, *end), lines.printed, len(begin) + len(lines) + len(end))
+        size = 2 + len(lines) + end.count("\n") + 1
+        return Lines((f"\n{_IN}PROC {routine.name}()", *lines.pieces, end), lines.printed, size)
 
     def _frames(self, program: Program) -> list[str]:
         if not self.declare:
@@ -471,8 +472,8 @@ class Rapid(RapidOptions):
         main, *routines = cut(
             program, self._calibrated(program, as_printed(program.columns, printed)), self.max_lines, self._names
         )
-        handler = self._handler(program, main=False)
-        return [main.lines, *(self._proc(one, handler) for one in routines)]
+        end = "\n".join((*self._handler(program, main=False), f"{_IN}ENDPROC"))
+        return [main.lines, *(self._proc(one, end) for one in routines)]
 
     def _calibrated(self, program: Program, printed: Printed) -> Printed:
         """The lines of each instruction, with FCCalib after the motions into the air before pressing."""
