@@ -17,25 +17,36 @@ from numpy.typing import NDArray
 
 from camgen.model.body import NUMBER, Body, Packed
 from camgen.model.pose import TOOL_DOWN, FloatArray
-from camgen.model.program import Mask, MoveC, MoveJ, MoveL, Output
+from camgen.model.program import Indices, Mask, MoveC, MoveJ, MoveL, Output
 from camgen.read.gcode.arcs import NO_ANGLE, OVER_MM, OVER_RAD, Limits
 from camgen.read.gcode.machine import RAPID
 
+from .numbers import DECIMAL, WORD, Codes, codes_of, read_numbers
+
+_END, _BLANK = ord("\n"), ord(" ")
+#: The greatest code of a motion.
+_MOST_CODE = 3
+#: An output, and its fewest characters.
+_SWITCH, _OUTPUT = re.compile(r"M6([45]) P([0-9]{1,2})"), len("M64 P0")
 #: So many lines are looked at together; fewer than so many in a row are read one by one.
 _SOME, FEW = 8192, 32
-_NUMBER = r"(-?[0-9]{1,6}(?:\.[0-9]{1,8})?)"
+_AXES = "XYZIJ"
 #: One motion as posts print it: in capitals, in this order, a blank between the words, far from the limit of a line.
 MOTION = (
     r"(?!.{71})G([0-3])"
-    + "".join(f"(?: {letter}{_NUMBER})?" for letter in "XYZIJ")
-    + r"(?: F([0-9]{1,6}(?:\.[0-9]{1,8})?))?"
+    + "".join(f"(?: {letter}({DECIMAL}))?" for letter in _AXES)
+    + f"(?: F({DECIMAL.removeprefix('-?')}))?"
 )
 #: A comment as posts print it: without a comma none is an order.
 REMARK = r"\((?!.{71})[A-Za-z0-9 _.+\-=/:#@*]*\)"
-_OUTPUT = r"M6([45]) P([0-9]{1,2})"
-#: A line: a motion, an output, a remark or anything else.
-_LINE = re.compile(rf"^(?:{MOTION}|{_OUTPUT}|({REMARK})|(.*))$", re.MULTILINE)
-_X, _FEED, _SET, _INDEX, _REMARK, _OTHER = 1, 6, 7, 8, 9, 10
+#: The most characters of a motion, and of a comment behind its bracket.
+_LONGEST = 70
+#: The place of each letter among the words of a motion, -1 where it is none of them.
+_PLACES = np.full(256, -1, np.int8)
+_PLACES[np.frombuffer(f"{_AXES}F".encode(), np.uint8)] = np.arange(len(_AXES) + 1)
+_FEED = len(_AXES)
+#: The characters that may not stand in a comment.
+_UNUSUAL = np.array([re.fullmatch(REMARK, f"({chr(code)})") is None for code in range(256)], np.bool_)
 
 
 class Lines(Sequence[str]):
@@ -44,10 +55,10 @@ class Lines(Sequence[str]):
     def __init__(self, texts: Sequence[str]) -> None:
         # Of one text, as a program is, there is no second copy.
         self._text = texts[0] if len(texts) == 1 else "".join(text.removesuffix("\n") + "\n" for text in texts)
-        ends = [match.start() for match in re.finditer("\n", self._text)]
-        if not texts or not self._text.endswith("\n"):
-            ends.append(len(self._text))
-        self._ends = np.array(ends if texts else [], np.intp)
+        ends = np.flatnonzero(codes_of(self._text) == _END) - WORD
+        if texts and not self._text.endswith("\n"):
+            ends = np.append(ends, len(self._text))
+        self._ends = ends
 
     def __len__(self) -> int:
         return len(self._ends)
@@ -98,22 +109,63 @@ def cut(lines: Lines, first: int, switch: Callable[[str, str], Output | None]) -
     switch: the output that M64 or M65 sets, by the last digit of the code and its number; None for one that is none.
     """
     last = min(first + _SOME, len(lines))
-    columns = list(zip(*_LINE.findall(lines.text(first, last)), strict=True))
-    words = np.full((last - first, _FEED), np.nan)
-    for place, column in enumerate(columns[_X : _FEED + 1]):
-        there = np.fromiter(map(bool, column), np.bool_, len(column))
-        words[there, place] = np.fromiter(map(float, filter(None, column)), np.float64, int(there.sum()))
-    digit = np.array([int(text or 0) for text in columns[0]], np.int8)
-    moves, switches, remarks = (
-        np.fromiter(map(bool, columns[place]), np.bool_, len(digit)) for place in (0, _SET, _REMARK)
-    )
-    said = [(columns[_SET][k], columns[_INDEX][k]) for k in np.flatnonzero(switches).tolist()]
-    known = {one: switch(*one) for one in dict.fromkeys(said)}
-    at = zip((np.flatnonzero(switches) + first).tolist(), map(known.__getitem__, said), strict=True)
-    outputs = {line: output for line, output in at if output is not None}
-    read = moves | remarks
-    read[np.fromiter(outputs, np.intp, len(outputs)) - first] = True
-    return Chunk(first, ~read, moves, digit, words, outputs)
+    codes = codes_of(lines.text(first, last) + "\n0")  # one more than is looked at
+    ends = np.flatnonzero(codes == _END)
+    begins = np.append(WORD, ends[:-1] + 1)
+    moves, digit, words = _read_motions(codes, begins, ends)
+    outputs = _read_outputs(codes, begins, ends, switch)
+    read = moves | _find_remarks(codes, begins, ends)
+    read[list(outputs)] = True
+    return Chunk(first, ~read, moves, digit, words, {first + line: output for line, output in outputs.items()})
+
+
+def _read_motions(codes: Codes, begins: Indices, ends: Indices) -> tuple[Mask, NDArray[np.int8], FloatArray]:
+    """(N,) which lines are like ``MOTION``; of these the digits of G, and the words (N, 6) as in ``Chunk``."""
+    stops = np.flatnonzero((codes == _BLANK) | (codes == _END))
+    starts = np.append(WORD, stops[:-1] + 1)
+    last = codes[stops] == _END
+    head = np.append(True, last[:-1])
+    line = np.cumsum(head) - 1
+    place = _PLACES[codes[starts]]
+    values, sound = read_numbers(codes, np.minimum(starts + 1, stops), stops)
+    rising = place > np.where(head, -1, np.append(-1, place[:-1]))
+    rising[1:] |= head[:-1] & (place[1:] >= 0)
+    sound &= rising & ((place != _FEED) | (codes[starts + 1] != ord("-")))
+    digit = codes[begins + 1] - ord("0")
+    coded = (codes[begins] == ord("G")) & (digit <= _MOST_CODE) & (stops[head] == begins + 2)
+    sound[head] = coded
+    moves = (ends - begins <= _LONGEST) & (np.bincount(line[~sound], minlength=len(ends)) == 0)
+    said = ~head & moves[line]
+    words = np.full((len(ends), len(_AXES) + 1), np.nan)
+    words[line[said], place[said]] = values[said]
+    return moves, np.where(moves, digit, 0).astype(np.int8), words
+
+
+def _read_outputs(
+    codes: Codes, begins: Indices, ends: Indices, switch: Callable[[str, str], Output | None]
+) -> dict[int, Output]:
+    """The outputs that lines like M64 P1 set, by line."""
+    size = ends - begins
+    rows = np.flatnonzero((codes[begins] == ord("M")) & ((size == _OUTPUT) | (size == _OUTPUT + 1)))
+    # Behind the line end of a shorter one stands another line.
+    texts = codes[begins[rows, None] + np.arange(_OUTPUT + 1)]
+    texts[size[rows] == _OUTPUT, -1] = 0
+    spelled, place = np.unique(texts.view(f"S{_OUTPUT + 1}")[:, 0], return_inverse=True)
+    found = [_SWITCH.fullmatch(text.decode()) for text in spelled.tolist()]
+    known = [None if one is None else switch(one[1], one[2]) for one in found]
+    each = zip(rows.tolist(), map(known.__getitem__, place.tolist()), strict=True)
+    return {row: output for row, output in each if output is not None}
+
+
+def _find_remarks(codes: Codes, begins: Indices, ends: Indices) -> Mask:
+    """(N,) which lines are like ``REMARK``."""
+    remarks = (codes[begins] == ord("(")) & (codes[ends - 1] == ord(")"))
+    remarks &= (ends - begins >= len("()")) & (ends - begins <= _LONGEST + 1)
+    rows = np.flatnonzero(remarks)
+    unusual = np.flatnonzero(_UNUSUAL[codes])
+    inside = np.searchsorted(unusual, ends[rows] - 1) - np.searchsorted(unusual, begins[rows] + 1)
+    remarks[rows] = inside == 0
+    return remarks
 
 
 class Settled(Struct, frozen=True, eq=False):
@@ -149,7 +201,7 @@ def perform(chunk: Chunk, state: Settled, low: int, high: int) -> Done | None:
     rows = np.flatnonzero(chunk.moves[here]) + here.start
     words, digit = chunk.words[rows], chunk.digit[rows]
     ends = np.column_stack([_held(words[:, k], state.at[k]) for k in range(3)])
-    feed = _held(words[:, _FEED - 1] / 60.0, state.feed)
+    feed = _held(words[:, _FEED] / 60.0, state.feed)
     starts = np.concatenate([[state.at], ends[:-1]])
     centred = ~np.isnan(words[:, 3:5])
     arc = digit >= 2
