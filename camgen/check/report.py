@@ -11,6 +11,7 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.geometry.arcs import arc_lengths, span_lengths
+from camgen.geometry.vectors import lengths
 from camgen.model.part import Note, Part
 from camgen.model.path import ToolPath, Tour
 from camgen.model.pose import FloatArray, Vec3, frozen
@@ -70,7 +71,7 @@ def sum_up(columns: Columns) -> Motions:
     points = np.concatenate([end, via])
     points = points[~np.isnan(points).any(axis=1)]
     outputs: dict[str, dict[float, None]] = {}
-    for item in columns.of(Output):
+    for item in columns.outputs:
         outputs.setdefault(item.signal, {})[item.value] = None
     return Motions(
         counts={kind.__name__: int(columns.are(kind).sum()) for kind in _COUNTED},
@@ -89,7 +90,7 @@ def motion_lengths(columns: Columns) -> FloatArray:
     """(M,) mm of the TCP, 0 of motions from where or to where nobody knows."""
     end, arcs = columns.ends, columns.arcs
     start = np.concatenate([np.full((min(1, len(end)), 3), np.nan), end[:-1]])
-    length = np.linalg.norm(end - start, axis=1)
+    length = lengths(end - start)
     length[arcs] = arc_lengths(start[arcs], columns.via, end[arcs])
     return np.asarray(np.nan_to_num(length))
 

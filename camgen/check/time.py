@@ -14,7 +14,7 @@ from camgen.check.report import Cycle
 from camgen.geometry.arcs import arc_lengths, spans_through
 from camgen.geometry.ragged import each_once
 from camgen.geometry.rotations import angles_between
-from camgen.geometry.vectors import unit
+from camgen.geometry.vectors import lengths, unit
 from camgen.model.cell import Dynamics
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.program import Comment, Mask, MoveJ, Program, Wait, column, take
@@ -144,7 +144,7 @@ def shape_motions(program: Program, arm: Robot | None) -> MotionShapes:
     end, turn = _place(program, arm)
     start = np.concatenate([np.full((min(1, len(end)), 3), np.nan), end[:-1]])
     chord = end - start
-    length = np.linalg.norm(chord, axis=1)
+    length = lengths(chord)
     first = last = chord
     radius = np.full(len(end), np.inf)
     arc = columns.arcs[~np.isnan(length[columns.arcs])]
@@ -302,8 +302,8 @@ def _corners(program: Program, shape: MotionShapes, pace: Dynamics, going: Mask)
         follows &= columns.blend[index[:-1]] > 0
     one, two = index[:-1][follows], index[1:][follows]
     # Half of the angle between unit vectors, exact for small and for large ones.
-    apart = np.linalg.norm(shape.first[two] - shape.last[one], axis=1)
-    along = np.linalg.norm(shape.first[two] + shape.last[one], axis=1)
+    apart = lengths(shape.first[two] - shape.last[one])
+    along = lengths(shape.first[two] + shape.last[one])
     corners = Corners(
         half=np.arctan2(apart, along),
         room=np.minimum(shape.length[one], shape.length[two]) / 2,

@@ -11,7 +11,7 @@ import math
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.vectors import cross, dots, unit
+from camgen.geometry.vectors import cross, dots, lengths, unit
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray, Vec3
@@ -186,12 +186,12 @@ def arc_middles(start: FloatArray, via: FloatArray, end: FloatArray) -> FloatArr
     so that it is not mistaken for an arc. A start that is not known (NaN): via too.
     """
     centre, span = (start + end) / 2, end - start
-    length = np.linalg.norm(span, axis=1)
+    length = lengths(span)
     with np.errstate(divide="ignore", invalid="ignore"):
         along = np.where(length[:, None] > 0, span / length[:, None], 0.0)
         u = np.einsum("ni,ni->n", via - centre, along)
         across = via - centre - u[:, None] * along
-        h = np.linalg.norm(across, axis=1)
+        h = lengths(across)
         a = length / 2
         k = (u * u + h * h - a * a) / (2 * h)
         radius = np.hypot(a, k)
@@ -209,12 +209,12 @@ def arc_lengths(start: FloatArray, via: FloatArray, end: FloatArray) -> FloatArr
     The angle at via sees the chord from the arc: sweep = 2 (pi - angle), radius = chord / (2 sin(angle)).
     """
     to_start, to_end = start - via, end - via
-    sine = np.linalg.norm(np.cross(to_start, to_end), axis=1)
+    sine = lengths(cross(to_start, to_end))
     angle = np.arctan2(sine, np.einsum("ij,ij->i", to_start, to_end))
-    flat = np.linalg.norm(to_start, axis=1) + np.linalg.norm(to_end, axis=1)
+    flat = lengths(to_start) + lengths(to_end)
     turn = np.pi - angle
     with np.errstate(divide="ignore", invalid="ignore"):
-        curved = np.linalg.norm(end - start, axis=1) / np.sin(turn) * turn
+        curved = lengths(end - start) / np.sin(turn) * turn
     # Three points on one line, in any order, are no arc; a foreign program may hold them.
     return np.asarray(np.where(np.sin(turn) > FLAT, curved, flat), dtype=np.float64)
 

@@ -134,20 +134,25 @@ class Body(Sequence[Instruction]):
         """Where the ``objects`` stand."""
         return np.flatnonzero(self.packed.kept)
 
+    @cached_property
+    def _kept_places(self) -> NDArray[np.int32]:
+        """(N,): of what is kept, the place among the ``objects``."""
+        return np.cumsum(self.packed.kept, dtype=np.int32) - 1
+
     def pick(self, indices: Indices) -> list[Instruction]:
         """The instructions at ``indices``, which rise."""
         if len(indices) == len(self):
             return list(self)
         if not self.packed.kept[indices].all():
             return list(self.take(indices)) if len(indices) else []
-        return list(map(self.objects.__getitem__, np.searchsorted(self.kept_at, indices).tolist()))
+        return list(map(self.objects.__getitem__, self._kept_places[indices].tolist()))
 
     def take(self, indices: Indices) -> Body:
         """A body of the instructions at ``indices``."""
         packed = self.packed
         kind, kept = packed.kind[indices], packed.kept[indices]
-        which = ((self.at, kind <= _ARC), (self.arcs, kind == _ARC), (self.kept_at, kept))
-        moves, arcs, objects = (np.searchsorted(at, indices[chosen]) for at, chosen in which)
+        which = ((packed.kind <= _ARC, kind <= _ARC), (packed.kind == _ARC, kind == _ARC), (packed.kept, kept))
+        moves, arcs, objects = ((np.cumsum(mask, dtype=np.int32) - 1)[indices[chosen]] for mask, chosen in which)
         of_moves = {name: getattr(packed, name)[moves] for name in _OF_MOVES}
         of_arcs = {name: getattr(packed, name)[arcs] for name in _OF_ARCS}
         chosen = Packed(kind=kind, kept=kept, **of_moves, **of_arcs)
@@ -277,10 +282,13 @@ def pack(items: Iterable[Instruction]) -> Body:
 
 def join(*bodies: Body) -> Body:
     """Bodies one after the other."""
-    packing = Packing()
-    for body in bodies:
-        packing.extend_body(body)
-    return packing.body()
+    rotations = _Rotations()
+    packed = [_turned(body, rotations) for body in bodies]
+    columns: dict[str, Any] = {
+        name: np.concatenate([np.zeros((0, *shape), kind), *(getattr(one, name) for one in packed)], dtype=kind)
+        for name, (kind, shape) in _TYPES.items()
+    }
+    return Body(Packed(**columns), rotations.table, list(chain.from_iterable(body.objects for body in bodies)))
 
 
 def _turned(body: Body, rotations: _Rotations) -> Packed:

@@ -66,12 +66,19 @@ class Columns:
         return self.pick(np.flatnonzero(self.are(*kinds)))
 
     def alike(self, kind: type, test: Callable[[Any], bool]) -> Mask:
-        """(N,): which instructions of the type ``kind`` pass ``test``; those of equal values are tested once."""
+        """(N,): which instructions of the type ``kind`` pass ``test``; each object is tested once."""
         found = self.are(kind)
         items = self.of(kind)
-        passed = {item: test(item) for item in dict.fromkeys(items)}
-        found[found] = list(map(passed.__getitem__, items))
+        keys = list(map(id, items))
+        passed = {key: test(item) for key, item in dict(zip(keys, items, strict=True)).items()}
+        found[found] = list(map(passed.__getitem__, keys))
         return found
+
+    @cached_property
+    def outputs(self) -> list[Output]:
+        """The outputs in order, each object once: it stands in many places."""
+        items = self.of(Output)
+        return list(dict(zip(map(id, items), items, strict=True)).values())
 
     def pick(self, indices: Indices) -> list[Any]:
         """The instructions at ``indices``, which rise."""
@@ -450,12 +457,9 @@ def _left_on(columns: Columns) -> Iterator[tuple[int, str]]:
     one that was aborted is run again from its first line.
     """
     at = np.flatnonzero(columns.are(Output, Force))
-    switched = [
-        (item.signal, item.value) if type(item) is Output else (None, item.newtons)
-        for item in columns.of(Output, Force)
-    ]
+    switches = columns.of(Output, Force)
     first = int(columns.at[0]) if len(columns.at) else len(columns.body)
-    before, after = dict(switched[: int(np.searchsorted(at, first))]), dict(switched)
+    before, after = (_last_values(some) for some in (switches[: int(np.searchsorted(at, first))], switches))
     names = {signal: "force control" if signal is None else f"output {signal}" for signal in after}
     if len(columns.at):
         for signal, name in names.items():
@@ -464,6 +468,17 @@ def _left_on(columns: Columns) -> Iterator[tuple[int, str]]:
     for signal, name in names.items():
         if after[signal] != 0:
             yield len(columns.body) - 1, f"{name} must be off at the end"
+
+
+def _last_values(switches: Sequence[Output | Force]) -> dict[str | None, float]:
+    """What each signal, None: the force, is set to last. Each object is looked at once: it stands in many places."""
+    keys = list(map(id, switches))
+    last = dict(zip(keys, range(len(keys)), strict=True))
+    values: dict[str | None, tuple[int, float]] = {}
+    for key, item in dict(zip(keys, switches, strict=True)).items():
+        name, value = (item.signal, item.value) if isinstance(item, Output) else (None, item.newtons)
+        values[name] = max(values.get(name, (-1, 0.0)), (last[key], value))
+    return {name: value for name, (_, value) in values.items()}
 
 
 def _changing(columns: Columns) -> Iterator[tuple[int, str]]:
@@ -507,7 +522,7 @@ def put_off_first(body: Sequence[Instruction]) -> Sequence[Instruction]:
     first = int(columns.at[0]) if len(columns.at) else len(body)
     # As the last instruction before the first motion has it.
     before = {item.signal: item.value for item in body[:first] if isinstance(item, Output)}
-    names = {item.signal: None for item in columns.of(Output) if before.get(item.signal, 1.0) != 0}
+    names = {item.signal: None for item in columns.outputs if before.get(item.signal, 1.0) != 0}
     force = [Force(0.0)] if columns.are(Force).any() else []
     off: list[Instruction] = [*(Output(name, 0.0) for name in names), *force]
     return join(pack(off), body) if isinstance(body, Body) else (*off, *body)

@@ -34,6 +34,7 @@ from msgspec.structs import replace
 
 from camgen.geometry.arcs import arc_middles
 from camgen.geometry.rotations import angles_between
+from camgen.geometry.vectors import lengths
 from camgen.model.errors import VerifyError
 from camgen.model.pose import FloatArray, Pose, quaternion
 from camgen.model.program import (
@@ -318,7 +319,7 @@ def _places(both: _Both, posed: Mask, tolerance: Tolerance) -> Iterator[_Column]
     arcs = both.plan.arcs[both.plan.arcs < both.moves]
     a, b = (_middles(side, arcs) for side in (both.plan, both.read))
     places = both.places(MoveJ, MoveL, MoveC)[arcs]
-    yield _Column(_MIDDLE, places, a, b, np.linalg.norm(a - b, axis=1), ARC_SLACK * tolerance.mm)
+    yield _Column(_MIDDLE, places, a, b, lengths(a - b), ARC_SLACK * tolerance.mm)
 
 
 def _middles(side: Columns, arcs: Indices) -> FloatArray:

@@ -387,7 +387,7 @@ class Rapid(RapidOptions):
 
     def _outputs(self, program: Program) -> list[str]:
         """The statements that switch off every output that the program uses."""
-        used = dict.fromkeys(item.signal for item in program.columns.of(Output))
+        used = dict.fromkeys(item.signal for item in program.columns.outputs)
         return [line for signal in used for line in self.output(Output(signal, 0.0))]
 
     def _handler(self, program: Program, *, main: bool) -> list[str]:

@@ -14,7 +14,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from camgen.geometry.arcs import minus, sweep_and_height
-from camgen.geometry.vectors import cross
+from camgen.geometry.vectors import cross, lengths
 from camgen.model.errors import Refused
 from camgen.model.pose import FloatArray, Pose, Vec3
 from camgen.model.program import Comment, Force, Instruction, Joints, Mask, Motion, MoveC, MoveJ, MoveL
@@ -268,10 +268,10 @@ def find_wide(start: FloatArray, via: FloatArray, end: FloatArray) -> Mask:
 def _shapes(start: FloatArray, via: FloatArray, end: FloatArray) -> tuple[FloatArray, ...]:
     """Of arcs, (N,) each: sweep (rad), height, least distance of two points (mm), how much the shorter piece is."""
     back, on, chord = start - via, end - via, end - start
-    area = np.linalg.norm(cross(back, on), axis=1)
+    area = lengths(cross(back, on))
     sweep = 2 * (np.pi - np.arctan2(area, (back * on).sum(axis=1)))
     first, last = np.arctan2(area, -(back * chord).sum(axis=1)), np.arctan2(area, (on * chord).sum(axis=1))
-    sides = [np.linalg.norm(side, axis=1) for side in (back, on, chord)]
+    sides = [lengths(side) for side in (back, on, chord)]
     with np.errstate(divide="ignore", invalid="ignore"):
         return sweep, area / sides[2], np.minimum.reduce(sides), np.minimum(first, last) / (first + last)
 

@@ -165,7 +165,7 @@ def _find_remarks(codes: Codes, begins: Indices, ends: Indices) -> Mask:
     unusual = np.flatnonzero(_UNUSUAL[codes])
     inside = np.searchsorted(unusual, ends[rows] - 1) - np.searchsorted(unusual, begins[rows] + 1)
     remarks[rows] = inside == 0
-    return remarks
+    return np.asarray(remarks)
 
 
 class Settled(Struct, frozen=True, eq=False):

@@ -10,7 +10,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from camgen.geometry.vectors import cross, dots
+from camgen.geometry.vectors import cross, dots, lengths
 from camgen.model.part import BoolArray
 from camgen.model.pose import FloatArray, Pose, Vec3, rotation_between
 
@@ -49,7 +49,7 @@ def judge_arcs(start: FloatArray, via: FloatArray, end: FloatArray) -> BoolArray
     """(N,): the arcs through three points (N, 3) of which ``judge_arc`` says nothing for sure."""
     sides = [via - start, end - via, end - start]
     on, off, chord = sides
-    area = np.linalg.norm(cross(on, chord), axis=1)
+    area = lengths(cross(on, chord))
     first, last = np.arctan2(area, dots(on, chord)), np.arctan2(area, dots(off, chord))
     least = np.minimum(first, last)
     near = np.minimum.reduce([dots(side, side) for side in sides])
