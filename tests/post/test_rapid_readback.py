@@ -60,7 +60,7 @@ def module(body: str, data: str = "") -> str:
 
 def kinds(text: str) -> list[tuple[str, str]]:
     """How each statement of a text was taken, and its name."""
-    modules, _ = parse(text, 1, Spellings(Written))
+    modules, *_ = parse(text, 1, Spellings(Written))
     calls: list[Call | Inline] = [call for m in modules for r in m.routines for call in calls_of(r.body)]
     return [("inline", c.shape.name) if isinstance(c, Inline) else ("call", c.name) for c in calls]
 
@@ -255,7 +255,7 @@ DOWN = "0.0000000,1.0000000,0.0000000,0.0000000"
 
 def rows_of(text: str) -> list[int]:
     """How many statements each run of a text has."""
-    modules, _ = parse(text, 1, Spellings(Written))
+    modules, *_ = parse(text, 1, Spellings(Written))
     return [item.last - item.first for m in modules for r in m.routines for item in r.body if isinstance(item, Run)]
 
 

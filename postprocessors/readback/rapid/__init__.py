@@ -67,8 +67,22 @@ class Linked:
         self.names.add(key)
         self.legal(module.name, module.line)
         self.new(module.name, module.line)
-        names: set[str] = set()
         members: tuple[Data | Routine, ...] = (*module.data, *module.routines)
+        if not self._are_new(members):
+            self._enter_each(members)
+        self.data |= {d.name.lower(): d for d in module.data if not d.local}
+        self.routines |= {r.name.lower(): r for r in module.routines if not r.local}
+
+    def _are_new(self, members: Sequence[Data | Routine]) -> bool:
+        """Whether all members of a module have names that nothing is wrong with, looked at together."""
+        keys = {item.name.lower() for item in members}
+        taken = (_SYSTEM, RESIDENT, self.names, self.data.keys(), self.routines.keys())
+        short = max((len(item.name) for item in members), default=0) <= self.longest_name
+        return len(keys) == len(members) and short and all(keys.isdisjoint(names) for names in taken)
+
+    def _enter_each(self, members: Sequence[Data | Routine]) -> None:
+        """Notes what is wrong with the names of members of a module."""
+        names: set[str] = set()
         for item in members:
             key = item.name.lower()
             self.legal(item.name, item.line)
@@ -79,8 +93,6 @@ class Linked:
             if not item.local and key in self.names:
                 self.fault(item.line, f"{item.name} is global and has the name of a module")
             names.add(key)
-        self.data |= {d.name.lower(): d for d in module.data if not d.local}
-        self.routines |= {r.name.lower(): r for r in module.routines if not r.local}
 
     def legal(self, name: str, line: int) -> None:
         """Notes a name that is too long or taken by the system."""
@@ -105,14 +117,16 @@ class Linked:
             routines = {r.name.lower(): r for r in module.routines if r.local}
             shared = self.scope(local, self.data)
             self.value_all(shared, module.data)
+            # Routines without data of their own see the same, so that what one motion says is bound once for all.
+            self.scopes |= dict.fromkeys(module.routines, shared)
+            self.home |= dict.fromkeys(module.routines, routines)
             for routine in module.routines:
-                for data in routine.data:
-                    self.legal(data.name, data.line)
-                own = {d.name.lower(): d for d in routine.data}
-                # Routines without data of their own see the same, so that what one motion says is bound once for all.
-                self.scopes[routine] = self.scope(own, local, self.data) if own else shared
-                self.home[routine] = routines
-                self.value_all(self.scopes[routine], routine.data)
+                if routine.data:
+                    for data in routine.data:
+                        self.legal(data.name, data.line)
+                    own = {d.name.lower(): d for d in routine.data}
+                    self.scopes[routine] = self.scope(own, local, self.data)
+                    self.value_all(self.scopes[routine], routine.data)
 
     def scope(self, *levels: Mapping[str, Data]) -> Scope:
         """A scope that shares what is known of declarations."""
@@ -158,11 +172,11 @@ def read_with(files: Mapping[str, str], options: Mapping[str, object], *, plain:
     spellings = Spellings(Written)
     for text in files.values():
         lines = text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
-        modules, faults = parse(lines, line, spellings if plain else None)
+        modules, faults, ends = parse(lines, line, spellings if plain else None)
         program.faults += faults
         for module in modules:
             program.add(module)
-        line += lines.count("\n") + (not lines.endswith("\n"))
+        line += ends + (not lines.endswith("\n"))
     program.check()
     state = _run(program, known, line - 1)
     faults = sorted({*program.faults, *state.faults}, key=lambda fault: (fault.line, fault.what))
@@ -191,14 +205,15 @@ def _run_routine(program: Linked, state: State, routine: Routine, depth: int) ->
     """Runs a routine with what it calls, statement by statement."""
     scope = program.scopes[routine]
     program.ran[routine] = None
-    for part in routine.body:
-        item, left = cast(Call | Inline | Run, part), _MOST_STATEMENTS - state.count
+    for part in cast(Sequence[Call | Inline | Run], routine.body):
+        item, left = part, _MOST_STATEMENTS - state.count
         if isinstance(item, Run):
             last = min(item.last, item.first + left)
-            state.wait(Run(item.rows, item.first, last), scope)
             state.count += last - item.first
             if last == item.last:
+                state.wait(item, scope)
                 continue
+            state.wait(Run(item.rows, item.first, last), scope)
             item, left = item.rows.statement(last), 0
         state.count += 1
         if left <= 0:
@@ -246,7 +261,7 @@ def _check_handlers(program: Linked, state: State, main: Routine) -> None:
     used = dict.fromkeys(item.signal for item in state.body.objects if isinstance(item, Output))
     _find_missing_handlers(program, state, main, used)
     for routine in program.scopes:
-        if routine.handler is None:
+        if routine.handler is None or (routine is not main and _hands_on(routine.handler)):
             continue
         try:
             off, end = _handle(program, state, routine, routine.handler, 0)
@@ -260,6 +275,11 @@ def _check_handlers(program: Linked, state: State, main: Routine) -> None:
                 _judge_main_handler(state, line, [*used, DEACT_WHERE_ON], off, end)
         except Wrong as wrong:
             state.faults.append(Fault(wrong.line, wrong.what))
+
+
+def _hands_on(handler: Sequence[Statement]) -> bool:
+    """Whether an ERROR handler is RAISE alone, with which the error comes to that of main."""
+    return len(handler) == 1 and isinstance(handler[0], Call) and handler[0].name == "raise"
 
 
 def _judge_main_handler(state: State, line: int, order: list[str], off: dict[str, None], end: str) -> None:

@@ -27,11 +27,11 @@ def perform(state: State) -> None:
     """Does what waits to be done, run after run."""
     waiting, state.waiting = state.waiting, []
     scope = state.scope
-    for _, group in groupby(waiting, key=lambda one: (id(one[0].rows), id(one[1]))):
+    for _, group in groupby(waiting, key=lambda one: (id(one.rows), id(one.scope))):
         runs = list(group)
-        rows, state.scope = runs[0][0].rows, runs[0][1]
-        first = np.array([run.first for run, _ in runs], np.intp)
-        last = np.array([run.last for run, _ in runs], np.intp)
+        rows, state.scope = runs[0].rows, runs[0].scope
+        first = np.array([run.first for run in runs], np.intp)
+        last = np.array([run.last for run in runs], np.intp)
         _perform_rows(state, rows, stretches(first, last - first))
     state.scope = scope
 

@@ -17,7 +17,7 @@ from camgen.read.rapid.types import Value
 
 from .asked import Asked, judge_load
 from .data import Scope, orient_fault, pose
-from .rows import Run
+from .rows import Rows, Run
 from .syntax import Expr, Ref, Shape, Wrong
 
 
@@ -49,6 +49,15 @@ class Bound(Struct, frozen=True, eq=False):
     turn: float = 0.0
 
 
+class Waiting(Struct, eq=False):
+    """Statements that are to be done, the rows ``first`` to before ``last`` of a file, and what they see."""
+
+    rows: Rows
+    first: int
+    last: int
+    scope: Scope
+
+
 @dataclass
 class State:
     """What has been read so far. scope: what the current routine sees."""
@@ -76,7 +85,7 @@ class State:
     pressed: bool = False  # a section with force has begun
     # Targets since the last section with force; those of a run of statements are an array.
     way: list[Pose | Joints | FloatArray] = field(default_factory=list)
-    waiting: list[tuple[Run, Scope]] = field(default_factory=list)  # runs of statements that are to be done
+    waiting: list[Waiting] = field(default_factory=list)
     rotations: dict[tuple[float, ...], FloatArray] = field(default_factory=dict)
 
     def add(self, item: Instruction, line: int) -> None:
@@ -86,11 +95,11 @@ class State:
 
     def wait(self, run: Run, scope: Scope) -> None:
         """Statements that are to be done, with those before them where they go on."""
-        before, seen = self.waiting[-1] if self.waiting else (None, scope)
-        if before is not None and before.rows is run.rows and before.last == run.first and seen is scope:
-            self.waiting[-1] = Run(run.rows, before.first, run.last), scope
+        before = self.waiting[-1] if self.waiting else None
+        if before is not None and before.last == run.first and before.rows is run.rows and before.scope is scope:
+            before.last = run.last
         else:
-            self.waiting.append((run, scope))
+            self.waiting.append(Waiting(run.rows, run.first, run.last, scope))
 
     def note_way(self, targets: Pose | Joints | FloatArray) -> None:
         """Remembers where the tool has been since a section with force, if there was one."""

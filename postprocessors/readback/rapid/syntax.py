@@ -39,8 +39,9 @@ class Written(Calls):
     whole: ClassVar[bool] = False
 
 
-def parse(text: str, first_line: int, spellings: Spellings | None) -> tuple[list[Module], list[Fault]]:
-    """The modules of one file whose first line has the number ``first_line``, and what is wrong with its grammar.
+def parse(text: str, first_line: int, spellings: Spellings | None) -> tuple[list[Module], list[Fault], int]:
+    """The modules of one file whose first line has the number ``first_line``, what is wrong with its grammar, and how
+    many line ends it has.
 
     spellings: of statements that are read at once, in runs; None: each is read by the general rules.
     """
@@ -48,7 +49,8 @@ def parse(text: str, first_line: int, spellings: Spellings | None) -> tuple[list
     modules = parser.modules()
     if parser.cut is not None:
         parser.cut.close()
-    return modules, [(Remark if note.odd else Fault)(note.line, note.what) for note in parser.notes]
+    faults = [(Remark if note.odd else Fault)(note.line, note.what) for note in parser.notes]
+    return modules, faults, text.count("\n") if parser.cut is None else parser.cut.line_ends
 
 
 def calls_of(block: Sequence[Statement | Run]) -> Iterator[Call | Inline]:
