@@ -96,8 +96,8 @@ def test_the_least_trim_is_named(needs: tuple[float, float], text: str, less: fl
     """However much less it takes for the arm to stand at the ends."""
     asked: list[tuple[float, tuple[float, float]]] = []
 
-    def stands(_: Job, __: str, left_out: float, last: bool) -> bool:
-        return left_out >= needs[last] - less
+    def stands(_: Job, left_out: Mapping[str, float], last: bool) -> list[bool]:
+        return [mm >= needs[last] - less for mm in left_out.values()]
 
     def part(job: Job, ends: Mapping[str, tuple[float, float]]) -> list[bool]:
         asked.extend((job.tool.axis_tilt, one) for one in ends.values())
@@ -113,8 +113,8 @@ def never(_: Job, ends: Mapping[str, tuple[float, float]]) -> list[bool]:
     return [False] * len(ends)
 
 
-def always(*_: object) -> bool:
-    return True
+def always(_: Job, left_out: Mapping[str, float], __: bool) -> list[bool]:
+    return [True] * len(left_out)
 
 
 def test_a_closed_edge_has_no_ends_to_trim() -> None:

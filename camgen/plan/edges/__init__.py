@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache, partial
+from itertools import compress
 from typing import Literal
 
 import numpy as np
@@ -133,7 +134,8 @@ def _attempts(
     def whole(other: Job, names: Sequence[str]) -> tuple[Reached | Unreached, ...]:
         here, room = place(other.tool.axis_tilt)
         freedom, listed = freedom_of(other), [ways[name] for name in names]
-        able = [(line, way) for line, way in listed if isinstance(way, Way) and can_end(here, way, freedom)]
+        shaped = [(line, way) for line, way in listed if isinstance(way, Way)]
+        able = list(compress(shaped, can_end(here, [way for _, way in shaped], freedom)))
         return _clear_between(reach_ways(able, here, freedom), room)
 
     def part(other: Job, ends: Mapping[str, Ends]) -> list[bool]:
@@ -143,11 +145,12 @@ def _attempts(
         found = dict(zip(able, _clear_between(tried, room), strict=True))
         return [isinstance(found.get(name), Reached) for name in ends]
 
-    def stands(other: Job, name: str, less: float, last: bool) -> bool:
-        way = ways[name][1]
+    def stands(other: Job, less: Mapping[str, float], last: bool) -> list[bool]:
         here, _ = place(other.tool.axis_tilt)
-        ends = (0.0, less) if last else (less, 0.0)
-        return isinstance(way, Way) and can_end(here, trimmed(way, ends), freedom_of(other), (-last,))
+        able = {name: way for name in less if isinstance(way := ways[name][1], Way)}
+        cut = [trimmed(way, (0.0, less[name]) if last else (less[name], 0.0)) for name, way in able.items()]
+        found = dict(zip(able, can_end(here, cut, freedom_of(other), (-last,)).tolist(), strict=True))
+        return [found.get(name, False) for name in less]
 
     return Attempts(whole, part, stands)
 

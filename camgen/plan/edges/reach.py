@@ -11,7 +11,7 @@ from msgspec.structs import replace
 from camgen.geometry.arcs import are_bent, chain
 from camgen.geometry.rotations import SURE_TURN
 from camgen.geometry.vectors import cross
-from camgen.model.part import Edge, Line
+from camgen.model.part import BoolArray, Edge, Line
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import short
 from camgen.plan.edges.last_face import Offset
@@ -168,17 +168,29 @@ def trimmed(way: Way, ends: tuple[float, float]) -> Way:
 _BOTH = (0, -1)
 
 
-def can_end(setup: Setup, way: Way, freedom: Freedom, ends: Sequence[int] = _BOTH) -> bool:
-    """Whether the arm can stand at these rows of ``way``, both of its ends, in any orientation that ``freedom`` leaves.
-    Else ``reach_along`` finds no motion either, and takes many times as long.
+def can_end(setup: Setup, ways: Sequence[Way], freedom: Freedom, ends: Sequence[int] = _BOTH) -> BoolArray:
+    """Of which ``ways`` the arm can stand at these rows, both of its ends, in any orientation that ``freedom`` leaves
+    (K,). Of others ``reach_along`` finds no motion either, and takes many times as long.
     """
-    return _can_end(setup, way, _grids("collision", freedom, way)[-1], ends)
+    choices = [_grids("collision", freedom, way)[-1] for way in ways]
+    found = np.ones(len(ways), dtype=np.bool_)
+    for choice in dict.fromkeys(choices):
+        own = np.array([k for k, one in enumerate(choices) if one is choice])
+        found[own] = _can_end(setup, [ways[k] for k in own.tolist()], choice, ends)
+    return found
 
 
-def _can_end(setup: Setup, way: Way, choice: Grid, ends: Sequence[int] = _BOTH) -> bool:
+def _can_end(setup: Setup, ways: Sequence[Way], choice: Grid, ends: Sequence[int] = _BOTH) -> BoolArray:
+    found = np.ones(len(ways), dtype=np.bool_)
     # Without a closed form joints depend on those before them.
-    some = ends if setup.robot.arm else ()
-    return all(can_stand(setup, way.position[k], way.rotation[k], choice) for k in some)
+    for end in ends if setup.robot.arm else ():
+        left = np.flatnonzero(found)
+        if len(left):
+            position, rotation = (
+                np.stack([getattr(ways[k], name)[end] for k in left.tolist()]) for name in ("position", "rotation")
+            )
+            found[left] = can_stand(setup, position, rotation, choice)
+    return found
 
 
 def _trims(trim: float, length: float) -> list[tuple[float, float]]:
@@ -197,7 +209,7 @@ def reach_along(setup: Setup, name: str, way: Way, freedom: Freedom) -> Reached 
     grids = _grids(plain.kind, freedom, way)
     for k, choice in enumerate(grids):
         # The last one is searched in any case: it says what stands in the way.
-        if k < len(grids) - 1 and not _can_end(setup, way, choice):
+        if k < len(grids) - 1 and not _can_end(setup, [way], choice).all():
             continue
         found = search(setup, name, way, choice, freedom.tilt)
         if isinstance(found, Reached):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from functools import cache, partial
+from functools import partial
 
 from msgspec import Struct
 from msgspec.structs import replace
@@ -30,14 +30,13 @@ Ends = tuple[float, float]
 
 class Attempts(Struct, frozen=True, eq=False):
     """By ids. whole: what comes of edges with other settings, at least of those that come to a motion. part: which
-    edges come to one without so many mm at their ends. stands: whether the arm can stand so many mm from the start of
-    an edge, or, where that is asked, from its end, as it must at both ends of what is left, which is known in a tenth
-    of the time.
+    edges come to one without so many mm at their ends. stands: on which the arm can stand so many mm from the start,
+    or, where that is asked, from the end, as it must at both ends of what is left; it is known in a tenth of the time.
     """
 
     whole: Callable[[Job, Sequence[str]], Sequence[Reached | Unreached]]
     part: Callable[[Job, Mapping[str, Ends]], Sequence[bool]]
-    stands: Callable[[Job, str, float, bool], bool]
+    stands: Callable[[Job, Mapping[str, float], bool], Sequence[bool]]
 
 
 def remedies(
@@ -92,7 +91,7 @@ def _free(tool: ToolTable) -> ToolTable:
 
 def _trim(edges: Sequence[Line], job: Job, attempts: Attempts) -> dict[str, str]:
     """By id the trim with which least is left out at the ends of an edge, and how much, of those that one helps."""
-    stands = cache(partial(attempts.stands, job))
+    stands = _once(partial(attempts.stands, job))
     missing: dict[str, tuple[int, float]] = {}
     for ends, share in _ENDS:
         most = {edge.id: share * edge.length for edge in edges if not edge.closed}
@@ -103,19 +102,35 @@ def _trim(edges: Sequence[Line], job: Job, attempts: Attempts) -> dict[str, str]
     return {name: f"operation.trim = {trim} reaches all but {short(less, 1)} mm" for name, (trim, less) in told.items()}
 
 
+#: ``Attempts.stands`` of a job.
+_Stand = Callable[[Mapping[str, float], bool], Sequence[bool]]
+
+
+def _once(stands: _Stand) -> _Stand:
+    """The same, but each place is asked for once."""
+    known: dict[tuple[str, float, bool], bool] = {}
+
+    def stand(less: Mapping[str, float], last: bool) -> list[bool]:
+        new = {name: mm for name, mm in less.items() if (name, mm, last) not in known}
+        known.update(zip([(name, mm, last) for name, mm in new.items()], stands(new, last) if new else (), strict=True))
+        return [known[name, mm, last] for name, mm in less.items()]
+
+    return stand
+
+
 def _least(
     most: Mapping[str, float],
     ends: Ends,
-    stands: Callable[[str, float, bool], bool],
+    stands: _Stand,
     reach: Callable[[Mapping[str, Ends]], Sequence[bool]],
 ) -> dict[str, int]:
     """By id the least trim at these ends, ``most`` mm at most, of those that one helps."""
     trims = {name: some for name, length in most.items() if (some := [trim for trim in _TRIMS if trim <= length])}
 
     def stand(some: Mapping[str, int]) -> list[bool]:
-        return [
-            stands(name, trim * ends[0], False) and stands(name, trim * ends[1], True) for name, trim in some.items()
-        ]
+        good = _those(some, lambda some: stands({name: trim * ends[0] for name, trim in some.items()}, False))
+        good = _those(good, lambda some: stands({name: trim * ends[1] for name, trim in some.items()}, True))
+        return [name in good for name in some]
 
     def reaches(some: Mapping[str, int]) -> Sequence[bool]:
         return reach({name: (trim * ends[0], trim * ends[1]) for name, trim in some.items()})
@@ -140,6 +155,6 @@ def _find_least(trims: Mapping[str, Sequence[int]], asked: _Helps) -> dict[str, 
     return largest | {name: trims[name][k] for name, k in first.items()}
 
 
-def _those(trims: dict[str, int], asked: _Helps) -> dict[str, int]:
+def _those(trims: Mapping[str, int], asked: _Helps) -> dict[str, int]:
     """Those of ``trims`` that help."""
     return {name: trim for (name, trim), helps in zip(trims.items(), asked(trims), strict=True) if helps}

@@ -194,18 +194,22 @@ def _staying(robot: Robot, found: FloatArray, safe: BoolArray, parts: Index, tab
     return np.asarray(np.logical_and.reduceat(good, rows(parts)[:-1], axis=0))
 
 
-def can_stand(setup: Setup, position: FloatArray, rotation: FloatArray, grid: Grid) -> bool:
-    """Whether some joints bring the tool to a TCP of the work frame, (3,) and (3, 3), in an orientation of ``grid``, as
-    ``search`` asks for: within the limits, far enough from singularities and clear.
+def can_stand(setup: Setup, position: FloatArray, rotation: FloatArray, grid: Grid) -> BoolArray:
+    """At which TCPs of the work frame, (K, 3) and (K, 3, 3), some joints have the tool in an orientation of ``grid`` as
+    ``search`` asks for it: within the limits, far enough from singularities and clear (K,).
     """
     robot = setup.robot
-    goal = flange_poses(setup, position, (rotation @ grid.nominal_from_tool)[None])
-    found = solutions(robot, goal[0], np.broadcast_to(goal[1], (1, len(grid.cost), 3)), grid.moves)
+    goal = flange_poses(setup, position[:, None], rotation[:, None] @ grid.nominal_from_tool)
+    found = solutions(robot, *goal, grid.moves)
     usable = _safe(robot, found) & within_turned(robot, found, turns(robot)).any(axis=-1)
-    joints = found[usable]
+    stands = np.zeros(len(position), dtype=np.bool_)
     # The nominal orientation comes first; where it is clear no other is looked at.
-    few = int(usable[0, 0].sum())
-    return any(bool(setup.clear(some).any()) for some in (joints[:few], joints[few:]) if len(some))
+    nominal = (np.arange(usable.shape[1]) == 0)[:, None]
+    for which in (nominal, ~nominal):
+        some = usable & which & ~stands[:, None, None]
+        if some.any():
+            stands[np.nonzero(some)[0][setup.clear(found[some])]] = True
+    return stands
 
 
 def _check(setup: Setup, states: States, rows: list[int]) -> None:
