@@ -31,7 +31,7 @@ TOUCH = 1e-7
 #: What two boxes have in common at a corner is no larger, mm.
 _CORNER = 5e-8
 #: Pairs that are looked at together: bounds the memory.
-_CHUNK = 500_000
+PAIRS = 500_000
 #: Of groups with no more rows all pairs are looked at, which takes less time than a tree.
 FEW = 16
 
@@ -43,7 +43,7 @@ def near_pairs(segments: Segments, group: IntArray, reach: float = TOUCH) -> tup
     i, j, many = matches(group, group, FEW)
     near = i < j
     i, j = i[near], j[near]
-    near = _meet(grown, i, boxes, j)
+    near = boxes_meet(grown, i, boxes, j)
     found = [(i[near], j[near])]
     if len(many):
         k, m = shapely.STRtree(box(boxes[many])).query(box(grown[many]))
@@ -53,7 +53,7 @@ def near_pairs(segments: Segments, group: IntArray, reach: float = TOUCH) -> tup
     return np.concatenate([one for one, _ in found]), np.concatenate([two for _, two in found])
 
 
-def _meet(one: FloatArray, i: IntArray, two: FloatArray, j: IntArray) -> BoolArray:
+def boxes_meet(one: FloatArray, i: IntArray, two: FloatArray, j: IntArray) -> BoolArray:
     """(K,) whether boxes i of ``one`` (N, 4) and j of ``two`` (M, 4) have a point in common."""
     met = np.ones(len(i), dtype=bool)
     for low, high in ((0, 2), (1, 3)):
@@ -63,7 +63,7 @@ def _meet(one: FloatArray, i: IntArray, two: FloatArray, j: IntArray) -> BoolArr
 
 def cuts(segments: Segments, i: IntArray, j: IntArray) -> tuple[IntArray, FloatArray]:
     """Where the pairs (i, j) cut each other: rows of ``segments`` and the fraction 0..1 at which each is cut."""
-    parts = [_cuts(segments, i[k : k + _CHUNK], j[k : k + _CHUNK]) for k in range(0, max(len(i), 1), _CHUNK)]
+    parts = [_cuts(segments, i[k : k + PAIRS], j[k : k + PAIRS]) for k in range(0, max(len(i), 1), PAIRS)]
     rows = np.concatenate([rows for rows, _ in parts])
     return rows, np.clip(np.concatenate([fraction for _, fraction in parts]), 0.0, 1.0)
 
@@ -243,7 +243,7 @@ class Obstacles:
         """Pairs (point, segment) whose boxes are nearer than ``reach``, in chunks of whole points."""
         around = np.column_stack([points - reach, points + reach])
         point, segment, many = matches(group, self.group, FEW)
-        near = _meet(around, point, self._boxes, segment)
+        near = boxes_meet(around, point, self._boxes, segment)
         yield point[near], segment[near]
         if not len(many):
             return
@@ -254,7 +254,7 @@ class Obstacles:
             point, segment = many[point + first], rows[segment]
             first += step
             # As many points at a time as the last ones let expect: the drawing decides how many segments are near.
-            step = int(np.clip(_CHUNK * step / max(len(point), 1), 16, 4 * step))
+            step = int(np.clip(PAIRS * step / max(len(point), 1), 16, 4 * step))
             same = group[point] == self.group[segment]
             yield point[same], segment[same]
 
@@ -291,7 +291,7 @@ def gaps(ways: Segments, segments: Segments, reach: float) -> FloatArray:
         way, other = tree.query(box(boxes[first : first + step]))
         way, other = way + first, other.astype(np.int64)
         first += step
-        step = int(np.clip(_CHUNK * step / max(len(way), 1), 1, 4 * step))
+        step = int(np.clip(PAIRS * step / max(len(way), 1), 1, 4 * step))
         np.minimum.at(best, way, _apart(ways.take(way), segments.take(other)))
     best[best > reach] = np.inf
     return best

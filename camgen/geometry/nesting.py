@@ -9,7 +9,7 @@ import shapely
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from camgen.geometry.intersect import FEW, box
+from camgen.geometry.apart import around, box_pairs
 from camgen.geometry.ragged import following, ramp
 from camgen.geometry.segments import BoolArray, IntArray, Segments, bounds, flatten, neighbours, points_at, tangents_at
 from camgen.geometry.vectors import turns
@@ -19,23 +19,14 @@ from camgen.model.pose import FloatArray
 
 #: Turning against the sense of the loop by up to this is rounding, rad; a sharper corner than the other is none.
 _STRAIGHT_TURN, _BACK_TURN = 1e-9, 3.0
-#: Boxes that are looked at together: bounds the memory of a query.
-_CHUNK = 500_000
 
 
 def plain(segments: Segments, count: int) -> BoolArray:
     """(count,): which of the closed loops that own ``segments``, in order, are convex and alone in their box."""
-    return _plain(segments, count, 0.0)[0]
-
-
-def _plain(segments: Segments, count: int, reach: float) -> tuple[BoolArray, FloatArray]:
-    """(count,): which loops are plain; and the room, mm, about each plain or small one, up to ``reach``, else -1."""
-    convex = _convex(segments, count)
-    small = np.bincount(segments.owner, minlength=count) <= FEW
-    loops = np.flatnonzero(convex | small if reach else convex)
-    room = np.full(count, -1.0)
-    room[loops] = _room(segments, loops, reach)
-    return convex & (room > 0), room
+    result = _convex(segments, count)
+    loops = np.flatnonzero(result)
+    result[loops] = _alone(segments, loops)
+    return result
 
 
 def loop_areas(segments: Segments, count: int) -> FloatArray:
@@ -65,28 +56,14 @@ def _convex(segments: Segments, count: int) -> BoolArray:
     )
 
 
-def _room(segments: Segments, loops: IntArray, reach: float) -> FloatArray:
-    """(M,): mm between the box of each of ``loops`` and the box of the nearest segment of another loop, across or up;
-    inf where that is more than ``reach``.
-    """
-    boxes = bounds(segments)
-    owners, first = np.unique(segments.owner, return_index=True)
-    place = np.searchsorted(owners, loops)
-    low, high = np.minimum.reduceat(boxes[:, :2], first)[place], np.maximum.reduceat(boxes[:, 2:], first)[place]
-    around = np.column_stack([low - reach, high + reach])
-    tree = shapely.STRtree(box(boxes))
-    room = np.full(len(loops), np.inf)
-    step, done = 256, 0
-    while done < len(loops):
-        which, segment = tree.query(box(around[done : done + step]))
-        done, which = done + step, which + done
-        # As many loops at a time as the last ones let expect.
-        step = int(np.clip(_CHUNK * step / max(len(which), 1), 16, 4 * step))
-        other = segments.owner[segment] != loops[which]
-        which, segment = which[other], boxes[segment[other]]
-        gap = np.maximum(segment[:, :2] - high[which], low[which] - segment[:, 2:]).max(axis=1)
-        np.minimum.at(room, which, np.maximum(gap, 0.0))
-    return room
+def _alone(segments: Segments, loops: IntArray) -> BoolArray:
+    """(M,): which of ``loops`` have no segment of another loop in their box."""
+    boxes, owner = bounds(segments), segments.owner
+    result = np.ones(len(loops), dtype=np.bool_)
+    if len(loops):
+        for which, row in box_pairs(around(boxes, owner, int(owner[-1]) + 1)[loops], boxes, owner):
+            result[which[owner[row] != loops[which]]] = False
+    return result
 
 
 #: Arcs are flattened to this (mm) for the test of inside and outside; loops nearer than that are one another's touch.
@@ -101,8 +78,7 @@ class Nesting(Struct, frozen=True, eq=False):
     """For N loops: depth (N,) = how many loops lie around each; parent (N,) the tightest of them, -1 if none.
 
     area: (N,) mm2, positive counter-clockwise. crossed: (N,) another loop that each crosses, itself if it crosses
-    itself, -1 if none. empty: (N,) true for loops without an inside, such as a line there and back. room: (N,) mm, no
-    segment of another loop is nearer to the box of each, as far as it was looked for; -1 where it was not.
+    itself, -1 if none. empty: (N,) true for loops without an inside, such as a line there and back.
     """
 
     depth: IntArray
@@ -110,17 +86,13 @@ class Nesting(Struct, frozen=True, eq=False):
     area: FloatArray
     crossed: IntArray
     empty: BoolArray
-    room: FloatArray
 
 
-def nest(segments: Segments, count: int, reach: float = 0.0) -> Nesting:
-    """Nesting of the closed loops 0..count-1 that own ``segments``. reach: mm, so far room about small loops is looked
-    for.
-    """
+def nest(segments: Segments, count: int) -> Nesting:
+    """Nesting of the closed loops 0..count-1 that own ``segments``."""
     area = loop_areas(segments, count)
     # Most loops of a large drawing need no test against others.
-    alone, room = _plain(segments, count, reach)
-    points, owner = flatten(segments.take(~alone[segments.owner]), _CHORD)
+    points, owner = flatten(segments.take(~plain(segments, count)[segments.owner]), _CHORD)
     many = np.bincount(owner, minlength=count) >= 3
     rings = np.flatnonzero(many)
     chosen = many[owner]
@@ -130,7 +102,7 @@ def nest(segments: Segments, count: int, reach: float = 0.0) -> Nesting:
     touching = _cross_others(polygons, rings, crossed)
     depth, parent = _around(segments, polygons, rings, area, touching)
     length = np.bincount(segments.owner, segments.length, count)
-    return Nesting(depth, parent, area, crossed, np.abs(area) <= 1e-6 * length, room)
+    return Nesting(depth, parent, area, crossed, np.abs(area) <= 1e-6 * length)
 
 
 def _areas(points: FloatArray, owner: IntArray, count: int) -> FloatArray:

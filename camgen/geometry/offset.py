@@ -12,6 +12,7 @@ from __future__ import annotations
 import numpy as np
 from msgspec import Struct
 
+from camgen.geometry.apart import set_apart
 from camgen.geometry.intersect import Obstacles, cuts, near_pairs, only_at_ends
 from camgen.geometry.segments import BoolArray, IntArray, Segments, make, points_at, split, tangents_at
 from camgen.geometry.stitch import stitch
@@ -30,11 +31,6 @@ _SAME_CUT = 1e-6
 _STRAIGHT = 1e-9
 #: Neighbours that run on past a flat corner may miss each other by this (mm) and still be joined.
 _MISS = 5e-5
-#: An arc that would be moved to a smaller radius (mm) is gone.
-_LEAST_RADIUS = 1e-9
-#: The curve, and all that it is cut out of, is no farther from the source than so many times the distance: that is how
-#: far it lies beside a segment, and an arc runs on past a corner of at most 0.5 rad by no more than tan(0.25) times it.
-FARTHEST = 1.26
 
 
 class Offset(Struct, frozen=True, eq=False):
@@ -51,6 +47,7 @@ class Offset(Struct, frozen=True, eq=False):
     source: IntArray
     corner: BoolArray
     turn: FloatArray
+    group: IntArray
     open_ends: int
 
 
@@ -60,9 +57,9 @@ def offset(source: Segments, following: IntArray, group: IntArray, distance: flo
     following: (N,) next segment of each, -1 at the end of an open chain. group: (N,) labels; segments of different
     groups do not see each other. mitre: mm by which a corner may be left to stay a plain corner.
     """
-    obstacles = Obstacles(source, group)
     candidates, origin, corner, turn = _candidates(source, following, distance, mitre)
-    label = group[origin]
+    group = set_apart(source, group, candidates, origin, distance)
+    obstacles, label = Obstacles(source, group), group[origin]
     kept = _hopeful(candidates, label, obstacles, distance)
     candidates, origin, corner, turn, label = (
         candidates.take(kept), origin[kept], corner[kept], turn[kept], label[kept],
@@ -77,7 +74,7 @@ def offset(source: Segments, following: IntArray, group: IntArray, distance: flo
     loose = ~chain.closed
     loops = following >= 0
     broken = int(np.count_nonzero(loops[origin[row[chain.last_of[loose]]]])) if loose.any() else 0
-    return Offset(segments, chain.closed, origin[row], corner[row], turn[row], broken)
+    return Offset(segments, chain.closed, origin[row], corner[row], turn[row], group, broken)
 
 
 def _candidates(
@@ -97,7 +94,7 @@ def _candidates(
     early, late = np.zeros(len(source)), np.zeros(len(source))
     late[before], early[after] = extra, extra
     moved = _move_sideways(source, distance, radius, early, late)
-    alive = np.flatnonzero(~source.is_arc | (radius > _LEAST_RADIUS))
+    alive = np.flatnonzero(~source.is_arc | (radius > 1e-9))
     outer = np.flatnonzero((turn > 0) & ~plain)
     about = source.end[before[outer]]
     start, end, bulge = (column[alive] for column in moved)
@@ -154,11 +151,8 @@ def _plain_corners(
     overshoot = distance * turn**2 / 8
     # Along a curve they miss each other by the square of how far they run on.
     run_on = distance * np.abs(turn) / 2
-    before, after = (np.maximum(radius, _LEAST_RADIUS) for radius in (radius_before, radius_after))
-    miss = run_on**2 / 2 * (1 / before + 1 / after)
-    # An arc that is not gone runs on by less than a radian.
-    short = np.all([(run_on <= r) | (r == _LEAST_RADIUS) for r in (before, after)], axis=0)
-    return np.asarray((turn > 0) & (turn < 0.5) & (overshoot <= mitre) & (miss <= _MISS) & short)
+    miss = run_on**2 / 2 * (1 / np.maximum(radius_before, 1e-9) + 1 / np.maximum(radius_after, 1e-9))
+    return np.asarray((turn > 0) & (turn < 0.5) & (overshoot <= mitre) & (miss <= _MISS))
 
 
 def _right(direction: FloatArray) -> FloatArray:

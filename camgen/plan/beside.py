@@ -7,7 +7,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from camgen.geometry.intersect import Obstacles
-from camgen.geometry.offset import FARTHEST, Offset, offset
+from camgen.geometry.offset import Offset, offset
 from camgen.geometry.ragged import begins
 from camgen.geometry.segments import BoolArray, IntArray, Segments, backwards, neighbours, points_at
 from camgen.model.pose import FloatArray
@@ -34,16 +34,6 @@ class Beside(Struct, frozen=True, eq=False):
     sound: BoolArray
 
 
-def sphere(distance: float, corner_radius: float) -> float:
-    """mm, what of a drawing is farther apart does nothing to each other's curves of ``beside``, nor to their check.
-
-    Each curve, and all that it is cut out of, stays within half of that of its own source, and is tested against what
-    is nearer to it than the distance. What ran away from its source all the same would fail the check: it asks for that
-    distance, no more and no less, of all but what rounds an inner corner, between two places where it does.
-    """
-    return 2 * FARTHEST * (distance + 2 * corner_radius) + 4 * EXACT
-
-
 def beside(
     source: Segments, following: IntArray, closed: BoolArray, group: IntArray, distance: float, corner_radius: float
 ) -> Beside:
@@ -55,7 +45,7 @@ def beside(
     out = _offset(source, following, group, distance + corner_radius)
     if corner_radius == 0.0:
         lost = np.zeros(len(out.segments), dtype=bool)
-        return _check(out.segments, out.closed, out.source, out.turn, lost, source, closed, group, distance)
+        return _check(out.segments, out.closed, out.source, out.turn, lost, source, closed, out.group, distance)
     turned, rows = backwards(out.segments)
     label = group[out.source[rows]]
     back = _offset(turned, neighbours(turned, out.closed), label, corner_radius)
@@ -63,7 +53,7 @@ def beside(
     origin = rows[back.source[order]]
     lost = back.corner[order]
     turn = np.where(lost, 0.0, out.turn[origin])
-    return _check(segments, back.closed, out.source[origin], turn, lost, source, closed, group, distance)
+    return _check(segments, back.closed, out.source[origin], turn, lost, source, closed, out.group, distance)
 
 
 def _offset(source: Segments, following: IntArray, group: IntArray, distance: float) -> Offset:

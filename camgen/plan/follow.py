@@ -25,7 +25,7 @@ from camgen.model.part import Contour, Note, Part
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted, name_ranges
-from camgen.plan.beside import EXACT, Beside, beside, only_along, only_chains, sphere
+from camgen.plan.beside import EXACT, Beside, beside, only_along, only_chains
 from camgen.plan.columns import SLOWEST, Label, pass_depths, sideways, tool_paths
 from camgen.plan.finish import rough_then_last
 from camgen.read.join import tell_gaps
@@ -79,8 +79,7 @@ def run_beside(
 
     The other contours are kept clear of by that too, or by ``reach`` mm if that is more.
     """
-    alone = sphere(distance, job.operation.corner_radius) + reach
-    loops, notes = _choose_sides(part, job.operation.side, job.input.join, alone)
+    loops, notes = _choose_sides(part, job.operation.side, job.input.join)
     if not loops.worked.any():
         return (), tuple(notes)
     contours = [part.contours[k] for k in loops.index]
@@ -127,10 +126,8 @@ def _near_note(contours: list[Contour]) -> list[Note]:
     return [_not_followed(contours, "too near to others", why)]
 
 
-def _choose_sides(part: Part, side: str, join: float, alone: float) -> tuple[_Loops, list[Note]]:
-    """Which contours are followed, and on which side; with "auto" the others are kept clear of as well, those that are
-    nearer than ``alone``, mm.
-    """
+def _choose_sides(part: Part, side: str, join: float) -> tuple[_Loops, list[Note]]:
+    """Which contours are followed, and on which side; with "auto" the others are kept clear of as well."""
     chosen = np.array([part.works_on(c.sources or (c.id,)) for c in part.contours], dtype=bool)
     if side in ("left", "right"):
         index = np.flatnonzero(chosen).tolist()
@@ -144,15 +141,14 @@ def _choose_sides(part: Part, side: str, join: float, alone: float) -> tuple[_Lo
         none = np.zeros(0, dtype=np.int64)
         return _Loops([], from_contours([]), none == 0, none == 0, none, none, none), notes
     drawn = from_contours([part.contours[k] for k in index])
-    nesting = nest(drawn, len(index), alone if side == "auto" else 0.0)
+    nesting = nest(drawn, len(index))
     worked = chosen[index]
     keep = np.flatnonzero((nesting.crossed < 0) & ~nesting.empty)
     notes += _crossing_notes([part.contours[k] for k in index], nesting, worked)
     inside = {"auto": nesting.depth % 2 == 1, "outside": np.zeros(len(index), dtype=bool)}.get(
         side, np.ones(len(index), dtype=bool)
     )
-    # What is too far from all others to matter to them has a label of its own, and is not searched for among them.
-    group = np.where((nesting.room > alone) | (side != "auto"), np.arange(len(index)) + 1, 0)
+    group = np.zeros(len(index), dtype=np.int64) if side == "auto" else np.arange(len(index))
     # The part on the left: outer loops counter-clockwise, holes clockwise.
     flip = (nesting.area > 0) == inside
     new = np.full(len(index), -1)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from camgen.geometry import nesting
 from camgen.geometry.nesting import loop_areas, plain
-from camgen.geometry.segments import Segments, bounds, from_contours
+from camgen.geometry.segments import from_contours
 from camgen.model.part import Contour
 from tests.support.drawn import circle, clockwise, contour, rectangle, rounded
 
@@ -57,28 +57,12 @@ def loops(draw: st.DrawFn) -> Contour:
     return circle(x, y, size + 1) if kind is circle else rectangle(x, y, size + 1, size + 2)
 
 
-def gap(loop: Segments, other: Segments) -> float:
-    """Between the box of a loop and that of the nearest segment of another one, the longer of across and up."""
-    (low, high), boxes = np.split(bounds(loop), 2, axis=1), bounds(other)
-    apart = np.maximum(boxes[:, :2] - high.max(axis=0), low.min(axis=0) - boxes[:, 2:]).max(axis=1)
-    return float(apart.clip(0).min())
-
-
-@given(st.lists(loops(), min_size=2, max_size=12), st.floats(0.5, 30))
-def test_the_room_about_a_loop_is_that_to_the_nearest_segment_of_another(drawn: list[Contour], reach: float) -> None:
-    own = [from_contours([one]) for one in drawn]
-    room = nesting.nest(from_contours(drawn), len(drawn), reach).room.tolist()
-    for k, found in enumerate(room):
-        true = min(gap(own[k], other) for j, other in enumerate(own) if j != k)
-        assert found == (true if true <= reach else np.inf)
-
-
 @given(st.lists(loops(), min_size=1, max_size=12))
 def test_nesting_is_the_same_without_the_short_way(drawn: list[Contour]) -> None:
     segments = from_contours(drawn)
     short = nesting.nest(segments, len(drawn))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(nesting, "_plain", lambda _, count, __: (np.zeros(count, dtype=np.bool_), np.zeros(count)))
+        patch.setattr(nesting, "plain", lambda _, count: np.zeros(count, dtype=np.bool_))
         long = nesting.nest(segments, len(drawn))
     for name in ("depth", "parent", "crossed", "empty"):
         assert getattr(short, name).tolist() == getattr(long, name).tolist()

@@ -8,10 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from camgen.geometry import intersect, offset, stitch, uncross
-from camgen.geometry.nesting import nest
-from camgen.geometry.segments import BoolArray, IntArray, Segments, bounds, from_contours, neighbours
+from camgen.geometry.segments import Segments, from_contours, neighbours
 from camgen.model.part import Contour
-from camgen.plan.beside import Beside, beside, sphere
+from camgen.plan.beside import Beside, beside
 from tests.support.drawn import circle, clockwise, contour, rectangle
 
 
@@ -35,25 +34,25 @@ def loops(draw: st.DrawFn) -> list[Contour]:
     return drawn
 
 
-def curve(source: Segments, label: IntArray, distance: float, corner: float) -> Beside:
-    closed: BoolArray = np.ones(len(label), dtype=np.bool_)
-    return beside(source, neighbours(source, closed), closed, label[source.owner], distance, corner)
+def curve(drawn: list[Contour], distance: float, corner: float) -> Beside:
+    source, closed = from_contours(drawn), np.ones(len(drawn), dtype=np.bool_)
+    label = np.zeros(len(source), dtype=np.int64)
+    return beside(source, neighbours(source, closed), closed, label, distance, corner)
 
 
 @settings(deadline=None)
 @given(loops(), st.floats(0.3, 6), st.sampled_from([0.0, 0.5]))
-def test_loops_far_from_all_others_can_be_taken_by_themselves(
+def test_loops_apart_from_all_others_can_be_taken_by_themselves(
     drawn: list[Contour], distance: float, corner: float
 ) -> None:
-    source, count = from_contours(drawn), len(drawn)
-    far = nest(source, count, sphere(distance, corner)).room > sphere(distance, corner)
-    apart = curve(source, np.where(far, np.arange(count) + 1, 0), distance, corner)
+    apart = curve(drawn, distance, corner)
     with pytest.MonkeyPatch.context() as patch:
         # All in one group, a tree for all of it, and all cuts.
+        patch.setattr(offset, "set_apart", lambda _, group, *__: group)
         patch.setattr(intersect, "FEW", 0)
         patch.setattr(stitch, "FEW", 0)
         patch.setattr(offset, "only_at_ends", lambda _, one, __: np.zeros(len(one), dtype=np.bool_))
-        together = curve(source, np.zeros(count, dtype=np.int64), distance, corner)
+        together = curve(drawn, distance, corner)
     for name in Segments.__struct_fields__:
         assert np.array_equal(getattr(apart.segments, name), getattr(together.segments, name))
     for name in ("closed", "source", "turn", "lost", "sound"):
@@ -69,13 +68,3 @@ def test_slips_are_the_same_where_every_corner_is_looked_at(drawn: list[Contour]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(uncross, "only_at_ends", lambda _, one, __: np.zeros(len(one), dtype=np.bool_))
         assert np.array_equal(found, uncross.find_slips(source, following, count))
-
-
-@settings(deadline=None)
-@given(loops(), st.floats(0.3, 20))
-def test_what_the_curve_is_cut_out_of_stays_near_its_loop(drawn: list[Contour], distance: float) -> None:
-    source, count = from_contours(drawn), len(drawn)
-    following = neighbours(source, np.ones(count, dtype=np.bool_))
-    candidates, origin, _, _ = offset._candidates(source, following, distance, 0.001)
-    own, made = bounds(source)[origin], bounds(candidates)
-    assert (np.hstack([own[:, :2] - made[:, :2], made[:, 2:] - own[:, 2:]]) <= offset.FARTHEST * distance + 1e-9).all()
