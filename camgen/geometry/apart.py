@@ -11,8 +11,8 @@ from collections.abc import Iterator
 import numpy as np
 import shapely
 
-from camgen.geometry.intersect import FEW, PAIRS, box, boxes_meet
-from camgen.geometry.ragged import begins, each_once, stretches
+from camgen.geometry.intersect import FEW, box, boxes_meet
+from camgen.geometry.ragged import PAIRS, begins, each_once, stretches
 from camgen.geometry.segments import IntArray, Segments, bounds
 from camgen.model.pose import FloatArray
 

@@ -10,7 +10,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from camgen.geometry.ragged import matches
+from camgen.geometry.ragged import PAIRS, matches
 from camgen.geometry.segments import BoolArray, IntArray, Segments, arc_fraction, bounds, passes, points_at
 from camgen.model.pose import FloatArray
 from camgen.model.tolerance import NONZERO
@@ -30,8 +30,6 @@ def box(boxes: FloatArray) -> NDArray[Any]:
 TOUCH = 1e-7
 #: What two boxes have in common at a corner is no larger, mm.
 _CORNER = 5e-8
-#: Pairs that are looked at together: bounds the memory.
-PAIRS = 500_000
 #: Of groups with no more rows all pairs are looked at, which takes less time than a tree.
 FEW = 16
 
@@ -40,25 +38,26 @@ def near_pairs(segments: Segments, group: IntArray, reach: float = TOUCH) -> tup
     """Pairs i < j of segments of one group (N,), from 0, whose boxes are nearer than ``reach``, mm."""
     boxes = bounds(segments)
     grown = boxes + np.array([-reach, -reach, reach, reach])
-    i, j, many = matches(group, group, FEW)
-    near = i < j
-    i, j = i[near], j[near]
-    near = boxes_meet(grown, i, boxes, j)
-    found = [(i[near], j[near])]
+    few, many = matches(group, group, FEW)
+    found = [(many[:0], many[:0])]
+    for one, two in few:
+        i, j = one[one < two], two[one < two]
+        near = boxes_meet(grown, i, boxes, j)
+        found.append((i[near], j[near]))
     if len(many):
-        k, m = shapely.STRtree(box(boxes[many])).query(box(grown[many]))
-        k, m = many[k], many[m]
-        near = (k < m) & (group[k] == group[m])
-        found.append((k[near], m[near]))
-    return np.concatenate([one for one, _ in found]), np.concatenate([two for _, two in found])
+        i, j = shapely.STRtree(box(boxes[many])).query(box(grown[many]))
+        i, j = many[i], many[j]
+        near = (i < j) & (group[i] == group[j])
+        found.append((i[near], j[near]))
+    return np.concatenate([i for i, _ in found]), np.concatenate([j for _, j in found])
 
 
 def boxes_meet(one: FloatArray, i: IntArray, two: FloatArray, j: IntArray) -> BoolArray:
     """(K,) whether boxes i of ``one`` (N, 4) and j of ``two`` (M, 4) have a point in common."""
-    met = np.ones(len(i), dtype=bool)
-    for low, high in ((0, 2), (1, 3)):
-        met &= (one[:, low].take(i) <= two[:, high].take(j)) & (one[:, high].take(i) >= two[:, low].take(j))
-    return met
+    a, b = one.take(i, axis=0), two.take(j, axis=0)
+    met = (a[:, 0] <= b[:, 2]) & (a[:, 2] >= b[:, 0])
+    met &= (a[:, 1] <= b[:, 3]) & (a[:, 3] >= b[:, 1])
+    return np.asarray(met)
 
 
 def cuts(segments: Segments, i: IntArray, j: IntArray) -> tuple[IntArray, FloatArray]:
@@ -76,13 +75,15 @@ def only_at_ends(segments: Segments, i: IntArray, j: IntArray) -> BoolArray:
     of not much more than half a circle that is no more than twice as far.
     """
     boxes = bounds(segments)
-    low = np.maximum(boxes[:, :2].take(i, axis=0), boxes[:, :2].take(j, axis=0))
-    high = np.minimum(boxes[:, 2:].take(i, axis=0), boxes[:, 2:].take(j, axis=0))
-    rows = np.flatnonzero((high[:, 0] - low[:, 0] <= _CORNER) & (high[:, 1] - low[:, 1] <= _CORNER))
+    a, b = boxes.take(i, axis=0), boxes.take(j, axis=0)
+    x, y = (np.maximum(a[:, axis], b[:, axis]) for axis in (0, 1))
+    rows = np.flatnonzero((np.minimum(a[:, 2], b[:, 2]) - x <= _CORNER) & (np.minimum(a[:, 3], b[:, 3]) - y <= _CORNER))
+    x, y = x[rows], y[rows]
     good = np.ones(len(rows), dtype=bool)
     for k in (i[rows], j[rows]):
-        ends = [np.abs(end.take(k, axis=0) - low[rows]).max(axis=1) for end in (segments.start, segments.end)]
-        good &= (np.minimum(*ends) <= _CORNER) & (np.abs(segments.bulge[k]) <= 1.2)
+        ends = (end.take(k, axis=0) for end in (segments.start, segments.end))
+        off = (np.maximum(np.abs(end[:, 0] - x), np.abs(end[:, 1] - y)) for end in ends)
+        good &= (np.minimum(*off) <= _CORNER) & (np.abs(segments.bulge[k]) <= 1.2)
     result = np.zeros(len(i), dtype=bool)
     result[rows[good]] = True
     return result
@@ -242,9 +243,10 @@ class Obstacles:
     def _pairs(self, points: FloatArray, group: IntArray, reach: float) -> Iterator[tuple[IntArray, IntArray]]:
         """Pairs (point, segment) whose boxes are nearer than ``reach``, in chunks of whole points."""
         around = np.column_stack([points - reach, points + reach])
-        point, segment, many = matches(group, self.group, FEW)
-        near = boxes_meet(around, point, self._boxes, segment)
-        yield point[near], segment[near]
+        few, many = matches(group, self.group, FEW)
+        for point, segment in few:
+            near = boxes_meet(around, point, self._boxes, segment)
+            yield point[near], segment[near]
         if not len(many):
             return
         rows, tree = self._large

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from camgen.model.part import IntArray
+
+#: Pairs of rows that are looked at together: bounds the memory.
+PAIRS = 500_000
 
 _Value = TypeVar("_Value", bound=np.generic)
 
@@ -48,18 +51,25 @@ def following(counts: Sequence[int] | IntArray) -> IntArray:
     return after
 
 
-def matches(label: IntArray, other: IntArray, most: int) -> tuple[IntArray, IntArray, IntArray]:
-    """Pairs of rows of ``label`` (N,) and of ``other`` (M,) that hold one number, in the order of both, for numbers
-    that ``other`` has no more than ``most`` times; and the rows of ``label`` with a number that it has more often.
+def matches(label: IntArray, other: IntArray, most: int) -> tuple[Iterator[tuple[IntArray, IntArray]], IntArray]:
+    """Pairs of rows of ``label`` (N,) and of ``other`` (M,) that hold one number, in the order of both and in chunks of
+    at most ``PAIRS``, for numbers that ``other`` has no more than ``most`` times; and the rows of ``label`` with a
+    number that it has more often.
 
     The numbers are not negative, and not much larger than there are rows: the memory goes by the largest.
     """
     order = np.argsort(other, kind="stable")
     counts = np.bincount(other, minlength=int(label.max(initial=-1)) + 1)
-    times = counts[label]
-    few = times <= most
-    own = np.where(few, times, 0)
-    return np.repeat(np.arange(len(label)), own), order[stretches(begins(counts)[label], own)], np.flatnonzero(~few)
+    first, few = begins(counts), counts[label] <= most
+    rows, step = np.flatnonzero(few), PAIRS // most if most else len(label) + 1
+
+    def pairs() -> Iterator[tuple[IntArray, IntArray]]:
+        for begin in range(0, len(rows), step):
+            chunk = rows[begin : begin + step]
+            times = counts[label[chunk]]
+            yield np.repeat(chunk, times), order[stretches(first[label[chunk]], times)]
+
+    return pairs(), np.flatnonzero(~few)
 
 
 def each_once(values: NDArray[_Value]) -> NDArray[_Value]:

@@ -56,10 +56,12 @@ def stitch(candidates: Segments, row: IntArray, low: FloatArray, high: FloatArra
 
 def _meetings(start: FloatArray, end: FloatArray, label: IntArray) -> tuple[IntArray, IntArray]:
     """Pairs of pieces of one label, the second of which begins where the first ends."""
-    ends, starts, many = matches(label, label, FEW)
-    gap = end.take(ends, axis=0) - start.take(starts, axis=0)
-    near = np.hypot(gap[:, 0], gap[:, 1]) <= _MEET
-    found = [(ends[near], starts[near])]
+    few, many = matches(label, label, FEW)
+    found = [(many[:0], many[:0])]
+    for ends, starts in few:
+        gap = end.take(ends, axis=0) - start.take(starts, axis=0)
+        near = np.hypot(gap[:, 0], gap[:, 1]) <= _MEET
+        found.append((ends[near], starts[near]))
     if len(many):
         tree = shapely.STRtree(shapely.points(start[many]))
         ends, starts = tree.query(shapely.points(end[many]), predicate="dwithin", distance=_MEET)

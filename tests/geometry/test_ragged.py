@@ -1,9 +1,11 @@
 """Ragged arrays, judged by lists of lists."""
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from camgen.geometry import ragged
 from camgen.geometry.ragged import (
     begins,
     each_once,
@@ -56,7 +58,12 @@ def test_first_of_each(values: list[int]) -> None:
 
 @given(st.lists(st.integers(0, 5), max_size=12), st.lists(st.integers(0, 5), max_size=12), st.integers(0, 4))
 def test_matches(label: list[int], other: list[int], most: int) -> None:
-    one, two, many = matches(np.array(label, dtype=np.int64), np.array(other, dtype=np.int64), most)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(ragged, "PAIRS", 4)
+        few, many = matches(np.array(label, dtype=np.int64), np.array(other, dtype=np.int64), most)
+        chunks = [*few]
+    assert all(len(one) == len(two) <= 4 for one, two in chunks)
+    found = [(k, m) for one, two in chunks for k, m in zip(one.tolist(), two.tolist(), strict=True)]
     assert many.tolist() == [k for k, name in enumerate(label) if other.count(name) > most]
     pairs = [(k, m) for k, name in enumerate(label) for m, o in enumerate(other) if o == name]
-    assert list(zip(one.tolist(), two.tolist(), strict=True)) == [(k, m) for k, m in pairs if k not in many.tolist()]
+    assert found == [(k, m) for k, m in pairs if k not in many.tolist()]
