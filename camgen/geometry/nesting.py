@@ -10,7 +10,7 @@ from msgspec import Struct
 from numpy.typing import NDArray
 
 from camgen.geometry.apart import around, box_pairs
-from camgen.geometry.ragged import following, ramp
+from camgen.geometry.ragged import each_once, following, ramp
 from camgen.geometry.segments import BoolArray, IntArray, Segments, bounds, flatten, neighbours, points_at, tangents_at
 from camgen.geometry.vectors import turns
 from camgen.model.pose import FloatArray
@@ -178,8 +178,9 @@ def _around(
     count = len(area)
     first = np.searchsorted(segments.owner, np.arange(count))
     probes = points_at(segments.take(first), np.full(count, 0.5))
-    around, probe = shapely.STRtree(shapely.points(probes)).query(polygons, predicate="contains_properly")
-    pair = np.unique(np.concatenate([np.column_stack([probe, rings[around]]), touching]), axis=0)
+    outer, probe = shapely.STRtree(shapely.points(probes)).query(polygons, predicate="contains_properly")
+    pairs = each_once(np.concatenate([probe * count + rings[outer], touching @ np.array([count, 1])]))
+    pair = np.column_stack(np.divmod(pairs, count))
     # What lies around is larger; loops on top of each other, equal but for rounding, would else enclose each other.
     pair = pair[np.abs(area[pair[:, 0]]) < np.abs(area[pair[:, 1]]) * (1 - 1e-9)]
     depth = np.bincount(pair[:, 0], minlength=count)

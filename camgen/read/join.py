@@ -17,7 +17,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from camgen.geometry.ragged import following, offsets, ramp, stretches
+from camgen.geometry.ragged import each_once, following, offsets, ramp, stretches
 from camgen.model.part import Contour, Note
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, short
@@ -99,7 +99,7 @@ def assemble(soup: Soup, chains: list[list[int]], closed: list[bool], same: floa
     chain_of_row = np.repeat(np.repeat(np.arange(len(chains)), sizes), counts)
     heads = piece[ends - sizes]
     owner, head = np.repeat(np.arange(len(chains)), sizes), np.repeat(heads, sizes)
-    mixed = [len(np.unique(owner[names[piece] != names[head]])) for names in (soup.layer, soup.color)]
+    mixed = [len(each_once(owner[names[piece] != names[head]])) for names in (soup.layer, soup.color)]
     length = np.bincount(chain_of_row[keep], minlength=len(chains))
     made = replace(
         soup,
