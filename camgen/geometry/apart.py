@@ -57,10 +57,11 @@ def around(boxes: FloatArray, owner: IntArray, count: int) -> FloatArray:
 
 def set_apart(source: Segments, group: IntArray, candidates: Segments, origin: IntArray, distance: float) -> IntArray:
     """``group`` (N,) with labels of their own for small loops of ``source`` that are apart from all others of their
-    group: without the others their curve at ``distance`` mm is the same, and so is its check, and the other way round.
+    group: their curve at ``distance`` mm is the same without the others, and theirs without them.
 
-    candidates: all that the curves are cut out of; origin: (C,) the segment of the source that each comes from. Two
-    loops are apart where the candidates of each are farther from the other than the distance, and from each other.
+    candidates: all that the curves are cut out of, or the curves, to check them; origin: (C,) the segment of the source
+    that each belongs to. Two loops are apart where the candidates of each are farther than the distance from the other
+    and from those of the other.
     """
     owner = source.owner
     sizes = np.bincount(owner)

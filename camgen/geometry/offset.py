@@ -47,7 +47,6 @@ class Offset(Struct, frozen=True, eq=False):
     source: IntArray
     corner: BoolArray
     turn: FloatArray
-    group: IntArray
     open_ends: int
 
 
@@ -74,7 +73,7 @@ def offset(source: Segments, following: IntArray, group: IntArray, distance: flo
     loose = ~chain.closed
     loops = following >= 0
     broken = int(np.count_nonzero(loops[origin[row[chain.last_of[loose]]]])) if loose.any() else 0
-    return Offset(segments, chain.closed, origin[row], corner[row], turn[row], group, broken)
+    return Offset(segments, chain.closed, origin[row], corner[row], turn[row], broken)
 
 
 def _candidates(

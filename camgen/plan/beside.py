@@ -6,6 +6,7 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
+from camgen.geometry.apart import set_apart
 from camgen.geometry.intersect import Obstacles
 from camgen.geometry.offset import Offset, offset
 from camgen.geometry.ragged import begins
@@ -45,7 +46,7 @@ def beside(
     out = _offset(source, following, group, distance + corner_radius)
     if corner_radius == 0.0:
         lost = np.zeros(len(out.segments), dtype=bool)
-        return _check(out.segments, out.closed, out.source, out.turn, lost, source, closed, out.group, distance)
+        return _check(out.segments, out.closed, out.source, out.turn, lost, source, closed, group, distance)
     turned, rows = backwards(out.segments)
     label = group[out.source[rows]]
     back = _offset(turned, neighbours(turned, out.closed), label, corner_radius)
@@ -53,7 +54,7 @@ def beside(
     origin = rows[back.source[order]]
     lost = back.corner[order]
     turn = np.where(lost, 0.0, out.turn[origin])
-    return _check(segments, back.closed, out.source[origin], turn, lost, source, closed, out.group, distance)
+    return _check(segments, back.closed, out.source[origin], turn, lost, source, closed, group, distance)
 
 
 def _offset(source: Segments, following: IntArray, group: IntArray, distance: float) -> Offset:
@@ -87,6 +88,8 @@ def _check(  # noqa: PLR0913, PLR0917 (the columns of Beside, and what they are 
     sound = np.ones(len(closed), dtype=bool)
     open_piece = ~closed[segments.owner] & drawn_closed[drawing.owner[source]]
     sound[segments.owner[open_piece]] = False
+    # Told anew of the curve as it is, whatever was taken to be apart on the way to it.
+    group = set_apart(drawing, group, segments, source, distance)
     obstacles = Obstacles(drawing, group)
     for fraction in (0.0, 0.35, 0.8):
         points = points_at(segments, np.full(len(segments), fraction))

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from camgen.geometry import apart
-from camgen.geometry.apart import box_pairs
+from camgen.geometry.apart import box_pairs, set_apart
 from camgen.geometry.offset import offset
 from camgen.geometry.segments import from_contours, neighbours
 from camgen.model.part import Contour
@@ -41,9 +41,11 @@ def test_pairs_of_boxes(
 def labels(drawn: list[Contour], distance: float) -> list[int]:
     """Of each loop the label at this distance, all of them in one group before."""
     source, closed = from_contours(drawn), np.ones(len(drawn), dtype=np.bool_)
-    made = offset(source, neighbours(source, closed), np.zeros(len(source), dtype=np.int64), distance, 0.001)
-    assert all(len(set(made.group[source.owner == k].tolist())) == 1 for k in range(len(drawn)))
-    return [int(made.group[source.owner == k][0]) for k in range(len(drawn))]
+    one = np.zeros(len(source), dtype=np.int64)
+    curve = offset(source, neighbours(source, closed), one, distance, 0.001)
+    found = set_apart(source, one, curve.segments, curve.source, distance)
+    assert all(len(set(found[source.owner == k].tolist())) == 1 for k in range(len(drawn)))
+    return [int(found[source.owner == k][0]) for k in range(len(drawn))]
 
 
 def test_holes_are_apart_however_thin_the_wall_and_parts_are_where_the_tool_goes_between() -> None:

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from camgen.geometry import intersect, offset, stitch, uncross
 from camgen.geometry.segments import Segments, from_contours, neighbours
 from camgen.model.part import Contour
+from camgen.plan import beside as beside_module
 from camgen.plan.beside import Beside, beside
 from tests.support.drawn import circle, clockwise, contour, rectangle
 
@@ -48,7 +49,8 @@ def test_loops_apart_from_all_others_can_be_taken_by_themselves(
     apart = curve(drawn, distance, corner)
     with pytest.MonkeyPatch.context() as patch:
         # All in one group, a tree for all of it, and all cuts.
-        patch.setattr(offset, "set_apart", lambda _, group, *__: group)
+        for module in (offset, beside_module):
+            patch.setattr(module, "set_apart", lambda _, group, *__: group)
         patch.setattr(intersect, "FEW", 0)
         patch.setattr(stitch, "FEW", 0)
         patch.setattr(offset, "only_at_ends", lambda _, one, __: np.zeros(len(one), dtype=np.bool_))
