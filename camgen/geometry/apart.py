@@ -61,7 +61,7 @@ def set_apart(source: Segments, group: IntArray, candidates: Segments, origin: I
 
     candidates: all that the curves are cut out of, or the curves, to check them; origin: (C,) the segment of the source
     that each belongs to. Two loops are apart where the candidates of each are farther than the distance from the other
-    and from those of the other.
+    and do not meet those of the other.
     """
     owner = source.owner
     sizes = np.bincount(owner)
