@@ -83,7 +83,7 @@ def holes(columns: Columns, decimals: int) -> list[CycleHole]:
     ends, kinds = columns.ends, columns.moves_are(MoveJ)
     if len(ends) < 3:
         return []
-    down = (np.diff(ends, axis=0)[:, 2] < -SAME_POINT_MM) & (np.diff(ends[:, :2], axis=0) == 0).all(axis=1)
+    down = (np.diff(ends[:, 2]) < -SAME_POINT_MM) & ~_leave(ends)
     found: list[CycleHole] = []
     for k in np.flatnonzero(kinds[:-1] & columns.posed[:-1] & down & _come_up(ends)[:-1]).tolist():
         if found and int(columns.at[k]) < found[-1].last:
@@ -94,9 +94,14 @@ def holes(columns: Columns, decimals: int) -> list[CycleHole]:
     return found
 
 
+def _leave(ends: FloatArray) -> Mask:
+    """(M - 1,): whether each motion but the first leads to another place in the plane."""
+    return np.asarray((ends[1:, 0] != ends[:-1, 0]) | (ends[1:, 1] != ends[:-1, 1]))
+
+
 def _come_up(ends: FloatArray) -> Mask:
     """(M,): whether a motion after this one comes up to its height before one leads elsewhere, or nearly so."""
-    place = np.cumsum(np.append(True, (np.diff(ends[:, :2], axis=0) != 0).any(axis=1)))
+    place = np.cumsum(np.append(True, _leave(ends)))
     # The heights of one place are below all those of the places before it, so that one look from the end does.
     room = np.nanmax(np.abs(ends[:, 2])) * 2 + 1
     height = ends[:, 2] - place * room

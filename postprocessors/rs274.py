@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from camgen.geometry.arcs import level_arms
+from camgen.geometry.vectors import within
 from camgen.model.cell import Cell
 from camgen.model.errors import JobError, Refused
 from camgen.model.pose import IDENTITY, TOOL_DOWN, FloatArray, Pose, Vec3, angle_between, translation
@@ -88,6 +89,12 @@ def print_arcs(start: FloatArray, via: FloatArray, end: FloatArray, decimals: in
     The centre lies on the perpendicular bisector of the printed end points, so that both radii agree, at the distance
     of the planned centre: exact for shallow arcs too, where three rounded points would not tell the radius.
     """
+    blocks = [slice(low, low + _ARCS) for low in range(0, max(len(start), 1), _ARCS)]
+    found = [_print_some(start[some], via[some], end[some], decimals) for some in blocks]
+    return Arcs(*(np.concatenate([getattr(one, name) for one in found]) for name in ("fault", "left", "centre")))
+
+
+def _print_some(start: FloatArray, via: FloatArray, end: FloatArray, decimals: int) -> Arcs:
     digit = 10.0**-decimals
     # From the start to the planned centre.
     arm, sweep, left = level_arms(start, via, end)
@@ -322,7 +329,7 @@ class Rs274(Post):
     def accepts(self, columns: Columns) -> Mask:
         """Motions that stay in bounds, tool down, and outputs."""
         fine = columns.turned_as(TOOL_DOWN)
-        fine[fine] = (np.abs(columns.ends[fine]) <= _MOST_PRINTED).all(axis=1)
+        fine &= within(columns.ends, _MOST_PRINTED)
         feed = columns.speed * 60.0
         fine &= columns.moves_are(MoveJ) | ((feed >= _SLOWEST) & (feed <= _FASTEST))
         arcs = np.flatnonzero(columns.moves_are(MoveC))

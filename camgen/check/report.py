@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from itertools import chain
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
@@ -11,7 +12,7 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.geometry.arcs import arc_lengths, span_lengths
-from camgen.geometry.vectors import lengths
+from camgen.geometry.vectors import in_blocks, lengths
 from camgen.model.part import Note, Part
 from camgen.model.path import ToolPath, Tour
 from camgen.model.pose import FloatArray, Vec3, frozen
@@ -58,6 +59,8 @@ class Cycle(Struct, frozen=True, eq=False):
     links: FloatArray
 
 
+#: So many numbers are looked at as objects at a time.
+_SOME = 4096
 _COUNTED = (MoveJ, MoveL, MoveC, Output, Wait, Force, ToolChange, Stop)
 
 
@@ -66,21 +69,19 @@ def sum_up(columns: Columns) -> Motions:
     end, via, speed = columns.ends, columns.via, columns.speed
     line, arc, joint = (columns.moves_are(kind) for kind in (MoveL, MoveC, MoveJ))
     length = motion_lengths(columns)
-    seconds = math.fsum((length / speed).tolist())
+    seconds = exact_sum(length / speed)
     waits = math.fsum(item.seconds for item in columns.of(Wait))
-    points = np.concatenate([end, via])
-    points = points[~np.isnan(points).any(axis=1)]
     outputs: dict[str, dict[float, None]] = {}
     for item in columns.outputs:
         outputs.setdefault(item.signal, {})[item.value] = None
     return Motions(
         counts={kind.__name__: int(columns.are(kind).sum()) for kind in _COUNTED},
-        straight=math.fsum(length[line].tolist()),
-        arc=math.fsum(length[arc].tolist()),
-        joint=math.fsum(length[joint].tolist()),
+        straight=exact_sum(length[line]),
+        arc=exact_sum(length[arc]),
+        joint=exact_sum(length[joint]),
         seconds=seconds + waits,
         speeds=(float(speed.min()), float(speed.max())) if len(speed) else (0.0, 0.0),
-        extents=(_corner(points.min(axis=0)), _corner(points.max(axis=0))) if len(points) else None,
+        extents=(_corner(np.fmin, end, via), _corner(np.fmax, end, via)) if columns.posed.any() else None,
         outputs={name: tuple(values) for name, values in outputs.items()},
         force=max((item.newtons for item in columns.of(Force)), default=0.0),
     )
@@ -90,13 +91,20 @@ def motion_lengths(columns: Columns) -> FloatArray:
     """(M,) mm of the TCP, 0 of motions from where or to where nobody knows."""
     end, arcs = columns.ends, columns.arcs
     start = np.concatenate([np.full((min(1, len(end)), 3), np.nan), end[:-1]])
-    length = lengths(end - start)
-    length[arcs] = arc_lengths(start[arcs], columns.via, end[arcs])
+    length = in_blocks(lambda a, b: lengths(b - a), start, end)
+    length[arcs] = in_blocks(arc_lengths, start[arcs], columns.via, end[arcs])
     return np.asarray(np.nan_to_num(length))
 
 
-def _corner(values: FloatArray) -> Vec3:
-    x, y, z = values.tolist()
+def exact_sum(values: FloatArray) -> float:
+    """The sum of ``values`` (N,), rounded once."""
+    blocks = (values[low : low + _SOME].tolist() for low in range(0, len(values), _SOME))
+    return math.fsum(chain.from_iterable(blocks))
+
+
+def _corner(outer: np.ufunc, *points: FloatArray) -> Vec3:
+    """The ``outer`` one, fmin or fmax, of points (N, 3) by axis, without those that are not known."""
+    x, y, z = outer.reduce(np.stack([outer.reduce(some, axis=0) for some in points if len(some)]), axis=0).tolist()
     return (x, y, z)
 
 

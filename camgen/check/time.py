@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
@@ -10,11 +9,11 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from camgen.check.report import Cycle
+from camgen.check.report import Cycle, exact_sum
 from camgen.geometry.arcs import arc_lengths, spans_through
 from camgen.geometry.ragged import each_once
 from camgen.geometry.rotations import angles_between
-from camgen.geometry.vectors import lengths, unit
+from camgen.geometry.vectors import in_blocks, lengths, unit
 from camgen.model.cell import Dynamics
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.program import Comment, Mask, MoveJ, Program, Wait, column, take
@@ -143,20 +142,23 @@ def shape_motions(program: Program, arm: Robot | None) -> MotionShapes:
     columns = program.columns
     end, turn = _place(program, arm)
     start = np.concatenate([np.full((min(1, len(end)), 3), np.nan), end[:-1]])
-    chord = end - start
-    length = lengths(chord)
-    first = last = chord
-    radius = np.full(len(end), np.inf)
+    length = in_blocks(lambda a, b: lengths(b - a), start, end)
     arc = columns.arcs[~np.isnan(length[columns.arcs])]
+    first = in_blocks(lambda a, b: unit(np.nan_to_num(b - a)), start, end)
+    last, radius = first, np.full(len(end), np.inf)
     if len(arc):
-        via, a, b = columns.vias_of(arc), start[arc], end[arc]
-        length[arc] = arc_lengths(a, via, b)
-        first, last = chord.copy(), chord.copy()
-        found = spans_through(a, via, b)
-        first[arc], last[arc] = found.tangents()
-        radius[arc] = np.where(found.curved, found.radius, np.inf)
-    first, last = unit(np.nan_to_num(first)), unit(np.nan_to_num(last))
+        found = in_blocks(_shape_arcs, start[arc], columns.vias_of(arc), end[arc])
+        last = first.copy()
+        length[arc], radius[arc], first[arc], last[arc] = found[:, 0], found[:, 1], found[:, 2:5], found[:, 5:]
     return MotionShapes(end, np.nan_to_num(length), first, last, radius, turn)
+
+
+def _shape_arcs(start: FloatArray, via: FloatArray, end: FloatArray) -> FloatArray:
+    """(K, 8) of arcs: length and radius, mm, and the unit vectors of travel at both ends."""
+    found = spans_through(start, via, end)
+    tangents = (unit(np.nan_to_num(one)) for one in found.tangents())
+    radius = np.where(found.curved, found.radius, np.inf)
+    return np.column_stack([arc_lengths(start, via, end), radius, *tangents])
 
 
 def _place(program: Program, arm: Robot | None) -> tuple[FloatArray, FloatArray]:
@@ -365,4 +367,4 @@ def cycle(program: Program, pace: Dynamics, found: Reach | None = None, arm: Rob
     travels = owner < 0
     paths = np.bincount(owner[~travels], every[~travels], count)
     links = np.bincount(next_path[travels], every[travels], count + 1)[:count]
-    return Cycle(math.fsum(every.tolist()), math.fsum(every[travels].tolist()), frozen(paths), frozen(links))
+    return Cycle(exact_sum(every), exact_sum(every[travels]), frozen(paths), frozen(links))

@@ -222,13 +222,14 @@ def arc_lengths(start: FloatArray, via: FloatArray, end: FloatArray) -> FloatArr
 def level_arms(start: FloatArray, via: FloatArray, end: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
     """Of arcs seen from above: from the start to the centre (N, 2), the sweep (N,) and whether they turn left (N,)."""
     u, w = (via - start)[:, :2], (end - start)[:, :2]
-    uu, ww, area = (u**2).sum(axis=1), (w**2).sum(axis=1), u[:, 0] * w[:, 1] - u[:, 1] * w[:, 0]
+    (ux, uy), (wx, wy) = u.T, w.T
+    uu, ww, area = ux * ux + uy * uy, wx * wx + wy * wy, ux * wy - uy * wx
     with np.errstate(divide="ignore", invalid="ignore"):
-        arm = np.column_stack([uu * w[:, 1] - ww * u[:, 1], ww * u[:, 0] - uu * w[:, 0]]) / (2 * area)[:, None]
-        rest = w - arm
-        turn = np.sign(area) * (arm[:, 1] * rest[:, 0] - arm[:, 0] * rest[:, 1])
-        sweep = np.arctan2(turn, -(arm * rest).sum(axis=1)) % (2 * np.pi)
-    return arm, sweep, area > 0
+        x, y = (uu * wy - ww * uy) / (2 * area), (ww * ux - uu * wx) / (2 * area)
+        rest_x, rest_y = wx - x, wy - y
+        turn = np.sign(area) * (y * rest_x - x * rest_y)
+        sweep = np.arctan2(turn, -(x * rest_x + y * rest_y)) % (2 * np.pi)
+    return np.column_stack([x, y]), sweep, area > 0
 
 
 # One arc, without arrays.

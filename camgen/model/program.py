@@ -96,7 +96,7 @@ class Columns:
         """The motions, each as an object when it is asked for."""
         return Moves(self)
 
-    @property
+    @cached_property
     def kinds(self) -> NDArray[np.int8]:
         """(M,): the kinds of the motions by number, as in ``body.NUMBER``: MoveJ, MoveL, MoveC."""
         return self._packed.packed.kind[self.at]
@@ -161,7 +161,7 @@ class Columns:
         vias[self.arcs] = self.via
         return vias
 
-    @property
+    @cached_property
     def arcs(self) -> Indices:
         """(A,): which motions are arcs."""
         return np.flatnonzero(self.moves_are(MoveC))
@@ -411,15 +411,17 @@ def _not_finite(columns: Columns) -> Iterator[tuple[int, str]]:
     for sound in (told, aimed):
         yield from _first(columns.at[places[~np.array(sound, np.bool_)]], "a number is not finite")
     for kind, name in ((Output, "value"), (Wait, "seconds"), (Force, "newtons"), (Force, "force_direction")):
-        items = columns.of(kind)
-        if not all(map(_sound, distinct(items, name))):
-            bad = [not _sound(getattr(item, name)) for item in items]
+        different = columns.outputs if kind is Output else columns.of(kind)
+        if not all(map(_sound, distinct(different, name))):
+            bad = [not _sound(getattr(item, name)) for item in columns.of(kind)]
             yield from _first(np.flatnonzero(columns.are(kind))[bad], "a number is not finite")
 
 
 def _finite(values: FloatArray) -> Mask:
     """(N,): in which rows all numbers are finite."""
     finite = np.isfinite(values)
+    if finite.all():
+        return np.ones(len(values), np.bool_)
     return np.asarray(finite.all(axis=1)) if finite.ndim == 2 else finite
 
 
@@ -433,19 +435,18 @@ def _sound(value: float | Sequence[float] | FloatArray) -> bool:
 
 def _blending(columns: Columns) -> Iterator[tuple[int, str]]:
     """Motions that blend although no motion follows."""
-    at, blends = columns.at, columns.blend > 0
-    spoken = np.flatnonzero(~columns.are(Comment))
-    size = len(columns.body)
-    moving = np.zeros(size + 1, np.bool_)
-    moving[at] = True
-    following = np.append(spoken[1:], size)[np.searchsorted(spoken, at)]
-    last = following == size
-    yield from _first(at[blends & ~moving[following] & ~last], _BLENDS)
-    yield from _first(at[blends & last], "the last motion must not blend")
+    moving = columns.are(MoveJ, MoveL, MoveC)[~columns.are(Comment)]
+    goes_on = np.append(moving[1:], False)[moving]
+    last = np.append(np.zeros(max(len(moving) - 1, 0), np.bool_), True)[: len(moving)][moving]
+    stops = (columns.blend > 0) & ~goes_on
+    yield from _first(columns.at[stops & ~last], _BLENDS)
+    yield from _first(columns.at[stops & last], "the last motion must not blend")
 
 
 def _pressing(columns: Columns) -> Iterator[tuple[int, str]]:
     """Motions that press while force control is off."""
+    if not (columns.force > 0).any():
+        return
     switches: list[Any] = columns.of(Force)
     newtons = np.append(0.0, column(switches, "newtons"))
     on = newtons[np.searchsorted(np.flatnonzero(columns.are(Force)), columns.at)] > 0

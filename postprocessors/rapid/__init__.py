@@ -12,6 +12,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from camgen.geometry.vectors import within
 from camgen.model.body import NUMBER
 from camgen.model.cell import Cell
 from camgen.model.errors import Refused
@@ -140,7 +141,7 @@ class Rapid(RapidOptions):
         turn = np.degrees(columns.turn)
         fine &= (turn == 0) | ((turn >= _LEAST_SPEED_AND_ZONE) & (turn <= _FASTEST))
         fine &= (blend == 0) | ((blend >= _LEAST_SPEED_AND_ZONE) & (blend <= FARTHEST))
-        fine[fine] = (np.abs(columns.ends[fine]) <= FARTHEST).all(axis=1)
+        fine &= within(columns.ends, FARTHEST)
         places, special = columns.special
         fine[places] &= np.array([move.joints is None for move in special], np.bool_)
         fine &= ~_half_turns(columns)
@@ -163,7 +164,7 @@ class Rapid(RapidOptions):
         starts = np.where(arcs[:, None] > 0, columns.ends[arcs - 1], np.nan)
         vias = columns.vias_of(arcs)
         free = self.force_arcs | (columns.force[arcs] <= 0)
-        fine: Mask = free & (np.abs(vias) <= FARTHEST).all(axis=1)
+        fine: Mask = free & within(vias, FARTHEST)
         return fine & find_round(starts, vias, columns.ends[arcs], self.decimals)
 
     def why_not(self, item: Instruction, start: Pose | None) -> str:

@@ -9,12 +9,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from msgspec.structs import replace
 
 from camgen.geometry.arcs import minus, sweep_and_height
-from camgen.geometry.vectors import cross, lengths
+from camgen.geometry.vectors import cross, in_blocks, lengths
 from camgen.model.errors import Refused
 from camgen.model.pose import FloatArray, Pose, Vec3
 from camgen.model.program import Comment, Force, Instruction, Joints, Mask, Motion, MoveC, MoveJ, MoveL
@@ -246,6 +247,10 @@ def arc_fault(start: Vec3, via: Vec3, end: Vec3, decimals: int) -> str:
 
 def find_round(start: FloatArray, via: FloatArray, end: FloatArray, decimals: int) -> Mask:
     """(N,): the arcs through three points (N, 3), mm, in which ``arc_fault`` finds nothing for sure."""
+    return in_blocks(partial(_are_round, decimals), start, via, end)
+
+
+def _are_round(decimals: int, start: FloatArray, via: FloatArray, end: FloatArray) -> Mask:
     digit = 10.0**-decimals
     points = np.stack([start, via, end])
     printed = np.round(points, decimals)
@@ -261,6 +266,10 @@ def find_round(start: FloatArray, via: FloatArray, end: FloatArray, decimals: in
 
 def find_wide(start: FloatArray, via: FloatArray, end: FloatArray) -> Mask:
     """(N,): the arcs through three points (N, 3), mm, of which ``arc_fault`` finds for sure that they turn too far."""
+    return in_blocks(_are_wide, start, via, end)
+
+
+def _are_wide(start: FloatArray, via: FloatArray, end: FloatArray) -> Mask:
     sweep, _, _, shorter = _shapes(start, via, end)
     return np.asarray((sweep > _WIDEST + 1e-6 + _SURE) & (shorter >= _SHORTER))
 

@@ -55,7 +55,7 @@ SAFE = "camSafe"
 _TAKEN = {*_INSTALLED, *_RESIDENT, SAFE.lower(), *(f"v{v}" for v in SPEEDS), *ZONES.values()}
 _NAME, _NO_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*"), re.compile(r"[^A-Za-z0-9_]")
 #: Names that the post gives to the speeds and zones that it declares.
-_OURS = re.compile(r"[vz]cam\d[\d_]*(t\d[\d_]*)?", re.IGNORECASE)
+_OURS = re.compile(r"[vz]cam\d[\d_]*(t\d[\d_]*)?")
 
 
 def name_fault(name: str, longest: int, installed: bool = False) -> str:
@@ -64,9 +64,10 @@ def name_fault(name: str, longest: int, installed: bool = False) -> str:
         return "is not a RAPID name: a letter, then letters, digits and _"
     if len(name) > longest:
         return f"is longer than {longest} characters"
-    if name.lower() in _RESERVED:
+    key = name.lower()
+    if key in _RESERVED:
         return "is a reserved word of RAPID"
-    if not installed and (name.lower() in _TAKEN or _OURS.fullmatch(name)):
+    if not installed and (key in _TAKEN or (key[1:4] == "cam" and _OURS.fullmatch(key))):
         return "is taken already: predefined, of a system module, or given by the post itself"
     return ""
 
