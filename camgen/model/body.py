@@ -42,6 +42,8 @@ NUMBER: dict[type, int] = {
 _SWING, _LINE, _ARC = NUMBER[MoveJ], NUMBER[MoveL], NUMBER[MoveC]
 #: So many instructions are objects at a time.
 _BLOCK = 8192
+#: One instruction of so many is looked up by itself.
+_MANY = 32
 _NO_DIRECTION = (0.0, 0.0, 0.0)
 
 
@@ -134,29 +136,33 @@ class Body(Sequence[Instruction]):
         """Where the ``objects`` stand."""
         return np.flatnonzero(self.packed.kept)
 
-    @cached_property
-    def _kept_places(self) -> NDArray[np.int32]:
-        """(N,): of what is kept, the place among the ``objects``."""
-        return np.cumsum(self.packed.kept, dtype=np.int32) - 1
-
     def pick(self, indices: Indices) -> list[Instruction]:
         """The instructions at ``indices``, which rise."""
         if len(indices) == len(self):
             return list(self)
         if not self.packed.kept[indices].all():
             return list(self.take(indices)) if len(indices) else []
-        return list(map(self.objects.__getitem__, self._kept_places[indices].tolist()))
+        return list(map(self.objects.__getitem__, self._ranks(self.kept_at, indices).tolist()))
 
     def take(self, indices: Indices) -> Body:
         """A body of the instructions at ``indices``."""
         packed = self.packed
         kind, kept = packed.kind[indices], packed.kept[indices]
-        which = ((packed.kind <= _ARC, kind <= _ARC), (packed.kind == _ARC, kind == _ARC), (packed.kept, kept))
-        moves, arcs, objects = ((np.cumsum(mask, dtype=np.int32) - 1)[indices[chosen]] for mask, chosen in which)
+        moves = self._ranks(self.at, indices[kind <= _ARC])
+        arcs = self._ranks(self.arcs, indices[kind == _ARC])
+        objects = self._ranks(self.kept_at, indices[kept])
         of_moves = {name: getattr(packed, name)[moves] for name in _OF_MOVES}
         of_arcs = {name: getattr(packed, name)[arcs] for name in _OF_ARCS}
         chosen = Packed(kind=kind, kept=kept, **of_moves, **of_arcs)
         return Body(chosen, self.rotations, list(map(self.objects.__getitem__, objects.tolist())))
+
+    def _ranks(self, at: Indices, indices: Indices) -> Indices | NDArray[np.int32]:
+        """The places of ``indices`` in ``at``, which rises and has all of them."""
+        if _MANY * len(indices) < len(self):
+            return np.searchsorted(at, indices)
+        among = np.zeros(len(self), np.bool_)
+        among[at] = True
+        return (np.cumsum(among, dtype=np.int32) - 1)[indices]
 
     def stretch(self, low: int, high: int) -> Body:
         """The instructions from ``low`` to before ``high``, in the same columns."""

@@ -161,7 +161,7 @@ class Columns:
         vias[self.arcs] = self.via
         return vias
 
-    @cached_property
+    @property
     def arcs(self) -> Indices:
         """(A,): which motions are arcs."""
         return np.flatnonzero(self.moves_are(MoveC))
