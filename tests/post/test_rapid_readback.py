@@ -8,8 +8,10 @@ import camgen_posts.readback.rapid as readback
 import pytest
 from camgen_posts.rapid import Rapid
 from camgen_posts.readback.rapid import read, read_with
-from camgen_posts.readback.rapid.rows import Run, Spellings
+from camgen_posts.readback.rapid.rows import Run, Spellings, _read_places
 from camgen_posts.readback.rapid.syntax import Call, Inline, Written, calls_of, parse
+from hypothesis import given
+from hypothesis import strategies as st
 
 from camgen.model.pose import TOOL_DOWN, Pose, translation
 from camgen.model.program import (
@@ -224,6 +226,20 @@ def test_a_routine_that_is_never_called_is_read_but_not_run() -> None:
     reading = both({"m.mod": text}, {})
     assert len(reading.body) == 2
     assert [(f.line, f.what) for f in reading.faults] == [(6, "a number of a robtarget is larger than a num can be")]
+
+
+@given(st.lists(st.one_of(
+    st.lists(st.decimals(-10**7, 10**7, places=3).map(str), min_size=3, max_size=3).map(",".join),
+    st.sampled_from(["1,2,3", "-0.5,.5,3.", "1e2,2,3", "1,2", "1,2,3,4", "1, 2,3", "1,2_0,3", "007,0,0", ",,"]),
+    st.text("0123456789.,-", max_size=12),
+), min_size=1, max_size=4))  # fmt: skip
+def test_positions_are_what_float_says(texts: list[str]) -> None:
+    points, sound = _read_places(texts)
+    for text, point, one in zip(texts, points.tolist(), sound.tolist(), strict=True):
+        if one:
+            assert point == [float(word) for word in text.split(",")]
+        else:
+            assert not re.fullmatch(r"-?\d{1,7}\.\d{3},-?\d{1,7}\.\d{3},-?\d{1,7}\.\d{3}", text)
 
 
 # Texts by chance ------------------------------------------------------------------------------------------------

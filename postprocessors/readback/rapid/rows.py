@@ -41,7 +41,7 @@ _FARTHEST = 1e7
 #: Between the last statement of a PROC, in the usual spelling, and the first one of the next.
 _PARTING = re.compile(r"(\n *ERROR\n *RAISE;)?\n *ENDPROC(\n+) *PROC ([A-Za-z][A-Za-z0-9_]*)\(\)\n((?: *![^\n]*\n)*) *")
 #: Longer than any head of a statement that is spelled as usual.
-LONGEST_HEAD = 60
+_LONGEST_HEAD = 60
 #: So many texts are remembered.
 _MOST_KNOWN = 10_000
 _NONE = -1
@@ -369,7 +369,7 @@ class Cut:
         if statement == len(self._begun) or self._begun[statement] != point:
             return None
         head = self.text[start : self._starts[point]]
-        if len(head) > LONGEST_HEAD or ";" in head or "!" in head or '"' in head:
+        if len(head) > _LONGEST_HEAD or ";" in head or "!" in head or '"' in head:
             return None
         shape = self._shape_of(statement, head)
         if shape < 0:
