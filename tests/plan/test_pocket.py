@@ -124,9 +124,10 @@ def test_random_pockets_with_islands(shapes: tuple[Contour, ...], stepover: floa
         # Without its outer wall nothing is a pocket but what was drawn to be an island of it.
         assert not made.paths or "c1" not in {name for path in made.paths for name in path.contours}
         return
-    # What crosses the wall would have taken it along.
-    outer = outline(shapes[0])
-    assert not any(outer.intersects(outline(shape)) for shape in shapes if shape.id in left_out)
+    # What crosses the wall would have taken it along; what lies over it by a hair's breadth touches it.
+    outer, hair = outline(shapes[0]), 0.02
+    for shape in (outline(one) for one in shapes if one.id in left_out):
+        assert outer.intersection(shape).area <= hair * min(outer.length, shape.length)
     assert bare_and_gouged(cut, made) == (0.0, 0.0)
 
 
