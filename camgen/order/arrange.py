@@ -225,7 +225,7 @@ def _nearest_neighbour(
     ranks: Sequence[int],
 ) -> Choices:
     """The nearest next path of all whose turn it is: those with nothing left inside, rank by rank."""
-    begins, ends = (column.tolist() for column in ends_of(paths))
+    begins, ends = (column.tolist() for column in (where.begin, where.end))
     chosen = Choices([], [0] * len(paths), [0.0] * len(paths))
     walk = _Walk(paths, where, StartTree(where), waits_for, ranks, _enclose(waits_for), begins, ends, chosen)
     turns = sorted(set(ranks))

@@ -20,7 +20,7 @@ from camgen.order.solver.kernel import BOTH_WAYS, CLOSED, ONE_WAY
 from camgen.order.solver.plane import DONE, Clock, Items, Start, Tell, both_ends, discs_of, shorten
 from camgen.order.solver.speed import available
 from camgen.order.starts import IntArray, Starts
-from camgen.plan.starting import SEAM, ends_of
+from camgen.plan.starting import SEAM
 
 __all__ = [
     "Choices",
@@ -116,7 +116,7 @@ def sample_paths(paths: Sequence[ToolPath], where: Starts, parent: Sequence[int]
     rows, closed = np.array([len(path) for path in paths]), np.array([path.closed for path in paths])
     loop = closed & (rows > 1) & (whole > 0)
     lone = (rows == 1) | (closed & ~loop)
-    begins, ends = ends_of(paths)
+    begins, ends = where.begin, where.end
     corners = np.concatenate([begins, ends])
     room = float(np.sqrt(max(np.prod(np.ptp(corners, axis=0)), float(np.ptp(corners)) ** 2 / 100) / count))
     samples = np.clip(np.ceil(whole * _SAMPLES_PER_ROOM / max(room, NONZERO)), _LEAST_SAMPLES, _MOST_SAMPLES).astype(
@@ -194,10 +194,11 @@ def search(
     """
     items = known.items
     count = len(items.kind)
-    near = nearest_items(discs_of(items), count, _NEAR_DISCS)
+    discs = discs_of(items)
+    near = nearest_items(discs, count, _NEAR_DISCS)
     place = None if home is None else np.array(home)
     begun = [Start(np.array(first.order), _enter(known, first))] if first else []
-    begun += [tour for tour in [join_greedily(items, place)] if tour]
+    begun += [tour for tour in [join_greedily(items, discs, place)] if tour]
     start = min(begun, key=lambda tour: _travel(items, tour, place))
     budget = looks(count) if clock is None else _ENDLESS
     found = shorten(items, start, place, near, budget, seed, tell, clock)

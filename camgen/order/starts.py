@@ -29,7 +29,7 @@ class Starts(Struct, frozen=True, eq=False):
     path: (S,) index of the path. row: (S,) the segment that ends at this row, for an open path its first or last row,
     for a pinned one its first. shape: the S segments, of no length for what is no segment. first: (paths + 1,) of each
     path's starts. low, span: (S,) where on the segment of its row ``shape`` begins, and how much of it that is,
-    fractions.
+    fractions. begin, end: x, y (paths, 2) mm of the first and the last row of each path.
     """
 
     path: IntArray
@@ -38,6 +38,8 @@ class Starts(Struct, frozen=True, eq=False):
     first: IntArray
     low: FloatArray
     span: FloatArray
+    begin: FloatArray
+    end: FloatArray
 
     def other_end(self, number: int) -> int:
         """The start at the other end of the open path of start ``number``, itself if that is its only one."""
@@ -69,7 +71,8 @@ def starts(paths: Sequence[ToolPath], seam: str = "any") -> Starts:
     first, owner, step = offsets(count), owners(count), ramp(count)
     row = np.where(loop[owner], step + 1, step * (rows[owner] - 1))
     drawn = end_to_end(paths)
-    at = begins(rows)[owner] + row
+    top = begins(rows)
+    at = top[owner] + row
     inside = loop[owner]
     shape = spans(drawn.position[at - inside], np.where(inside[:, None], drawn.via[at], np.nan), drawn.position[at])
     low, span = np.zeros(len(owner)), np.ones(len(owner))
@@ -77,7 +80,7 @@ def starts(paths: Sequence[ToolPath], seam: str = "any") -> Starts:
         low, span = _off_corners(shape, inside, first)
         middle = np.where(shape.curved[:, None], shape.point(low + span / 2), np.nan)
         shape = spans(shape.point(low), middle, shape.point(low + span))
-    return Starts(owner, row, shape, first, low, span)
+    return Starts(owner, row, shape, first, low, span, drawn.position[top, :2], drawn.position[top + rows - 1, :2])
 
 
 def _off_corners(shape: Spans, closed: NDArray[np.bool_], first: IntArray) -> tuple[FloatArray, FloatArray]:

@@ -19,6 +19,7 @@ from camgen.order import search, tree
 from camgen.order.arrange import arrange, measure_travel
 from camgen.order.solver import speed
 from camgen.order.solver.greedy import join_greedily
+from camgen.order.solver.plane import discs_of
 from camgen.order.starts import starts
 from camgen.plan.starting import SEAM, reverse_each, starting_at
 
@@ -281,7 +282,7 @@ def test_a_greedy_tour_runs_every_item_after_those_inside(seed: int, count: int,
     rank = [int(rules and k > count / 2) for k in range(count)]
     parent = [p if p < 0 or rank[p] == rank[k] else -1 for k, p in enumerate(parent)]
     items = search.sample_paths(paths, starts(paths, "any"), parent, rank).items
-    tour = join_greedily(items, np.zeros(2) if home else None)
+    tour = join_greedily(items, discs_of(items), np.zeros(2) if home else None)
     assert tour is not None
     order = tour.order.tolist()
     assert sorted(order) == list(range(count))

@@ -15,7 +15,7 @@ from camgen.geometry.nearest import IntArray, nearest_items
 from camgen.geometry.ragged import begins, first_of_each, owners, ramp
 from camgen.model.pose import FloatArray
 from camgen.order.solver.kernel import CLOSED
-from camgen.order.solver.plane import Items, ends_apart
+from camgen.order.solver.plane import Items, discs_of, ends_apart
 
 __all__ = ["Dense", "at_least"]
 
@@ -81,7 +81,7 @@ def at_least(items: Items, home: FloatArray | None, known: float, rounds: int, d
 
 
 def _graph(items: Items, home: FloatArray | None, dense: Dense | None) -> _Graph:
-    nodes, first = ends_apart(items)
+    nodes, first = ends_apart(items, discs_of(items))
     count = int(nodes.owner.max()) + 1
     near = nearest_items(nodes, count, _NEAR_ENDS)
     closed = items.kind == CLOSED

@@ -23,10 +23,10 @@ _NEAR_ENDS = 5
 _ROUNDS = 3
 
 
-def join_greedily(items: Items, home: FloatArray | None) -> Start | None:
+def join_greedily(items: Items, discs: Discs, home: FloatArray | None) -> Start | None:
     """A tour that keeps parents and ranks; None where items may run one way only, whose ends are not alike.
 
-    home: x, y where it begins and ends, None: nowhere.
+    discs: see ``discs_of``. home: x, y where it begins and ends, None: nowhere.
     """
     if (items.kind == ONE_WAY).any() or not len(items.kind):
         return None
@@ -34,7 +34,7 @@ def join_greedily(items: Items, home: FloatArray | None) -> Start | None:
     enter = items.first[:-1].copy()
     here = home
     for group in _groups(items):
-        own, entered = _join(items, group)
+        own, entered = _join(items, discs, group)
         # Run backwards where that begins nearer to what comes before.
         left = np.where(items.kind[own] == CLOSED, entered, both_ends(items)[own] - entered)
         if here is not None:
@@ -94,11 +94,11 @@ def _groups(items: Items) -> list[IntArray]:
     return [np.flatnonzero(key == one) for one in np.unique(key)]
 
 
-def _join(items: Items, group: IntArray) -> tuple[IntArray, IntArray]:
+def _join(items: Items, discs: Discs, group: IntArray) -> tuple[IntArray, IntArray]:
     """The items of the group in the order of one greedy path, and the point where each is entered."""
     if len(group) == 1:
         return group, items.first[group]
-    nodes, first = ends_apart(items)
+    nodes, first = ends_apart(items, discs)
     closed = items.kind == CLOSED
     # Nodes of the group, numbered from 0: both ends of an open item, one of a closed one.
     width = np.where(closed[group], 1, 2)
@@ -107,9 +107,9 @@ def _join(items: Items, group: IntArray) -> tuple[IntArray, IntArray]:
     node = np.repeat(first[group], width) + ramp(width)
     number[node] = np.arange(len(node))
     kept = number[nodes.owner] >= 0
-    discs = Discs(number[nodes.owner[kept]], nodes.centre[kept], nodes.radius[kept])
+    own = Discs(number[nodes.owner[kept]], nodes.centre[kept], nodes.radius[kept])
     item = np.repeat(np.arange(len(group)), width)
-    links = _link(discs, item, np.where(closed[group], 2, 1)[item])
+    links = _link(own, item, np.where(closed[group], 2, 1)[item])
     return _walk(items, group, item, start, links)
 
 

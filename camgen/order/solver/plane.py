@@ -115,9 +115,8 @@ def discs_of(items: Items) -> Discs:
     return Discs(np.concatenate(owners), np.concatenate(centre), np.concatenate(radius))
 
 
-def ends_apart(items: Items) -> tuple[Discs, IntArray]:
-    """The discs of the items, the two ends of open ones as owners of their own; and the first owner of each item."""
-    discs = discs_of(items)
+def ends_apart(items: Items, discs: Discs) -> tuple[Discs, IntArray]:
+    """``discs_of`` the items, the two ends of open ones as owners of their own; and the first owner of each item."""
     closed = items.kind == CLOSED
     first = begins(np.where(closed, 1, 2))
     ends = ~closed[discs.owner]
