@@ -9,17 +9,17 @@ from __future__ import annotations
 import numpy as np
 
 from camgen.geometry.nearest import Discs, IntArray, nearest_items
-from camgen.geometry.ragged import begins, first_of_each, owners, ramp, run_lengths
+from camgen.geometry.ragged import begins, each_once, first_of_each, owners, ramp, run_lengths
 from camgen.geometry.vectors import plane_lengths
 from camgen.model.pose import FloatArray
 from camgen.order.solver.kernel import CLOSED, ONE_WAY
 from camgen.order.solver.plane import Items, Start, both_ends, ends_apart
 
-__all__ = ["join_greedily", "settle_all"]
+__all__ = ["group_of", "join_greedily", "settle_all"]
 
 #: Near ends among which the next link is looked for.
 _NEAR_ENDS = 5
-#: Each round begins every other closed item anew, at its best sample.
+#: So often every closed item is begun anew, at its best sample.
 _ROUNDS = 3
 
 
@@ -33,8 +33,9 @@ def join_greedily(items: Items, discs: Discs, home: FloatArray | None) -> Start 
     order: list[IntArray] = []
     enter = items.first[:-1].copy()
     here = home
-    for group in _groups(items):
-        own, entered = _join(items, discs, group)
+    group = group_of(items)
+    for number in each_once(group):
+        own, entered = _join(items, discs, np.flatnonzero(group == number))
         # Run backwards where that begins nearer to what comes before.
         left = np.where(items.kind[own] == CLOSED, entered, both_ends(items)[own] - entered)
         if here is not None:
@@ -44,16 +45,18 @@ def join_greedily(items: Items, discs: Discs, home: FloatArray | None) -> Start 
         order.append(own)
         enter[own] = entered
         here = items.points[left[-1]]
-    return settle_all(items, Start(np.concatenate(order), enter), home)
+    return settle_all(items, Start(np.concatenate(order), enter), home, _ROUNDS)
 
 
-def settle_all(items: Items, tour: Start, home: FloatArray | None) -> Start:
-    """The tour with every closed item begun at its best sample between its neighbours, every other one in turn."""
+def settle_all(items: Items, tour: Start, home: FloatArray | None, rounds: int) -> Start:
+    """The tour with every closed item begun at its best sample between its neighbours, every other one in turn, in each
+    of some rounds.
+    """
     order, count = tour.order, len(tour.order)
     enter = tour.enter.copy()
     closed = items.kind == CLOSED
     loop = closed & (np.diff(items.first) > 1)
-    for _ in range(_ROUNDS):
+    for _ in range(rounds):
         for odd in (0, 1):
             place = np.arange(odd, count, 2)
             place = place[loop[order[place]]]
@@ -80,8 +83,8 @@ def _best_samples(items: Items, own: IntArray, before: FloatArray, after: FloatA
     return number[hits[begins(run_lengths(which[hits]))]]
 
 
-def _groups(items: Items) -> list[IntArray]:
-    """The items in groups of which each comes after those before: by rank, then by how deep others lie inside."""
+def group_of(items: Items) -> IntArray:
+    """By item, its group; each group comes after those before: by rank, then by how deep others lie inside."""
     depth = np.zeros(len(items.kind), dtype=np.int64)
     inside = np.flatnonzero(items.parent >= 0)
     while len(inside):
@@ -90,8 +93,7 @@ def _groups(items: Items) -> list[IntArray]:
         if (raised == depth).all():
             break
         depth = raised
-    key = items.rank * (int(depth.max()) + 1) + depth
-    return [np.flatnonzero(key == one) for one in np.unique(key)]
+    return items.rank * (int(depth.max()) + 1) + depth
 
 
 def _join(items: Items, discs: Discs, group: IntArray) -> tuple[IntArray, IntArray]:

@@ -29,6 +29,7 @@ __all__ = [
     "discs_of",
     "ends_apart",
     "shorten",
+    "with_home",
 ]
 
 #: Near items that are tried.
@@ -209,7 +210,7 @@ def _make(items: Items, start: Start, home: FloatArray | None, near: Near, seed:
     place = np.zeros((1, 2)) if home is None else np.asarray(home, dtype=np.float64)[None, :]
     xy = np.concatenate([items.points, place])
     table, apart = near.table(count, WIDTH)
-    table, apart = _with_home(items, xy[-1], table, apart, home is None)
+    table, apart = with_home(items, xy[-1], table, apart, home is None)
     children = np.argsort(items.parent, kind="stable")
     children = children[np.sort(items.parent) >= 0]
     counts = np.bincount(items.parent[items.parent >= 0], minlength=count + 1)
@@ -240,7 +241,7 @@ def both_ends(items: Items) -> IntArray:
     return items.first[:-1] + items.first[1:] - 1
 
 
-def _with_home(
+def with_home(
     items: Items, home: FloatArray, table: IntArray, apart: FloatArray, nowhere: bool
 ) -> tuple[IntArray, FloatArray]:
     """The table of near items with a row for home. A home that is nowhere is near to everything and to nothing."""
