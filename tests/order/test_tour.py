@@ -251,6 +251,20 @@ def test_every_size_is_searched_without_being_asked(fast: bool, monkeypatch: pyt
     assert not found.timed
 
 
+def test_a_crowd_is_shortened_at_all_paths_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(search, "available", lambda: False)
+    monkeypatch.setattr(speed, "available", lambda: False)
+    # Beyond this number nothing else is searched. The outline waits for all others.
+    count, rng = search._ALL_TOGETHER + 1, random.Random(7)
+    many = [line((x, y), (x + rng.uniform(-9, 9), y + 3))
+            for x, y in ((rng.uniform(0, 3000), rng.uniform(0, 3000)) for _ in range(count - 1))]  # fmt: skip
+    inside = ids([replace(path, parent=count - 1) for path in many] + [circle(1500, 1500, 2200)])
+    tour, nearest = arrange(inside, "best", (0, 0), True), arrange(inside, "nearest", (0, 0), True)
+    assert sorted(path.id for path in tour.paths) == sorted(path.id for path in inside)
+    assert tour.paths[-1].id == inside[-1].id
+    assert tour.travel < 0.84 * nearest.travel  # greedy alone: 0.92
+
+
 @pytest.mark.parametrize("seconds", [0.05, 0.4])
 def test_seconds_are_those_of_a_clock(seconds: float, monkeypatch: pytest.MonkeyPatch) -> None:
     # A clock of the test's own: every look at it is a hundredth of a second later.
