@@ -23,7 +23,7 @@ from bench.machine import machine
 from camgen.model.errors import CamgenError
 from camgen.model.part import FEATURE_ANGLE, Solid
 from camgen.read.files import Files
-from camgen.read.solid import mesh, step
+from camgen.read.solid import STEP, mesh, step
 from camgen.read.solid import mesh_file as mesh_load
 
 DEFAULT = Path(__file__).parents[3] / "shared" / "data"
@@ -54,7 +54,7 @@ def measured(truth: dict[str, Any]) -> tuple[int, int, float | None]:
 
 def convex_length(path: Path, solid: Solid) -> float:
     """mm, of the sharp sides of a mesh, of the edges of a STEP part."""
-    if path.suffix.lower() in step.SUFFIXES:
+    if path.suffix.lower() in STEP:
         return sum(e.length for e in solid.edges if e.convex)
     surface, _ = mesh.surface(Files().read(path))
     sides = surface.sides(FEATURE_ANGLE)
@@ -71,7 +71,7 @@ def verdict(name: str, length: float, truth: float | None) -> str:
 
 
 def row(path: Path, truth: dict[str, Any]) -> str:
-    exact = path.suffix.lower() in step.SUFFIXES
+    exact = path.suffix.lower() in STEP
     start = time.perf_counter()
     try:
         solid = (step if exact else mesh).read(Files().read(path))
@@ -100,7 +100,7 @@ def main(folder: Path) -> int:
     print("|---|---|---|---|---|---|---|")
     wrong = 0
     for path in sorted(p for kind in ("mesh", "step", "cloud") for p in (folder / kind).rglob("*")):
-        if path.suffix.lower() in (*mesh_load.SUFFIXES, *step.SUFFIXES):
+        if path.suffix.lower() in (*mesh_load.SUFFIXES, *STEP):
             line = row(path, truth.get(str(path.relative_to(folder)), {}))
             wrong += "DIFFERS" in line
             print(line)

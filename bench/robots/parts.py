@@ -37,7 +37,7 @@ from camgen.model.program import MoveC, MoveJ, Program
 from camgen.plan.edges.motion import JUMP, MARGIN, Setup, dense_parts, flange_poses
 from camgen.plan.edges.reach import poses
 from camgen.plan.edges.ways import Way, divide
-from camgen.read.solid import mesh_file, step
+from camgen.read.solid import STEP, mesh_file
 from camgen.robots.kinematics.continuity import Choice, follow
 from camgen.robots.kinematics.forward import flange
 from camgen.robots.kinematics.inverse import inverse
@@ -250,7 +250,7 @@ def count_edges(path: Path) -> int:
 
 def main(folder: Path, samples: int, names: Sequence[str]) -> int:
     """Prints the table."""
-    kinds = (*mesh_file.SUFFIXES, *step.SUFFIXES)
+    kinds = (*mesh_file.SUFFIXES, *STEP)
     files = sorted(p for p in folder.rglob("*") if p.suffix.lower() in kinds and (not names or p.stem in names))
     print(machine(), end="\n\n")
     print(
