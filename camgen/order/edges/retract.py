@@ -7,7 +7,7 @@ the link before it is too. Where such a way collides or breaks a limit, others a
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from msgspec import Struct
@@ -16,7 +16,7 @@ from camgen.model.pose import FloatArray, frozen
 from camgen.order.edges.pace import Pace, pace_lines
 from camgen.plan.edges.motion import JUMP, MARGIN, Hit, Room, Setup, Track, dense_parts, flange_poses
 from camgen.plan.edges.ways import Way, divide, rows
-from camgen.robots.kinematics.continuity import Choice, follow
+from camgen.robots.kinematics.continuity import Choice, follow_each
 from camgen.robots.kinematics.forward import flange, frames
 
 #: rad: the wrist is kept from standing straight, where it is singular.
@@ -57,14 +57,16 @@ def retractions(setup: Setup, room: Room, ends: Sequence[tuple[Way, FloatArray]]
     """For each end, a pose (one row) and the joints (J,) it is taken in, the first way out that is free and keeps the
     margin, or as much of it as the end has; else the free one that keeps most; or why there is none.
     """
-    ways = [_follow(setup, room, end, joints, pace) for end, joints in ends]
+    ways = [_ways(setup, room, end, joints) for end, joints in ends]
     # What stands nearer than the margin at the end is as near on all ways out of it.
     wanted = room.gaps(np.stack([joints for _, joints in ends]))
     found: list[Retraction | str] = ["" for _ in ends]
     most = [-1.0 for _ in ends]
     left = list(range(len(ends)))
     while left:
-        tried = [(k, way) for k in left if (way := next(ways[k], None)) is not None]
+        led = [(k, named) for k in left if (named := next(ways[k], None)) is not None]
+        ran = _run(setup, [named for _, named in led], [ends[k][1] for k, _ in led], pace)
+        tried = [(k, way) for (k, _), way in zip(led, ran, strict=True)]
         said = iter(room.look([Track(way.dense, way.looks) for _, way in tried if not isinstance(way, str)]))
         for k, way in tried:
             if isinstance(way, str):
@@ -85,30 +87,31 @@ def shorter(setup: Setup, room: Room, end: Way, joints: FloatArray, pace: Pace) 
     start = base_from_work.rotation @ end.position[0] + np.asarray(base_from_work.origin)
     back = -(base_from_work.rotation @ end.rotation[0])[:, 2]
     ways = (("back", _chain(setup, end, [start, start + far * back])) for far in _BACK)
-    for way in _try(setup, ways, joints, pace):
+    for named in ways:
+        (way,) = _run(setup, [named], [joints], pace)
         if isinstance(way, Retraction) and not isinstance(room.look([Track(way.dense, way.looks)])[0], Hit):
             return way
     return None
 
 
-def _follow(setup: Setup, room: Room, end: Way, joints: FloatArray, pace: Pace) -> Iterator[Retraction | str]:
-    """What is tried, in this order, with the joints; or why the arm cannot do it."""
-    return _try(setup, _ways(setup, room, end, joints), joints, pace)
-
-
-def _try(setup: Setup, ways: Iterable[tuple[str, Way]], joints: FloatArray, pace: Pace) -> Iterator[Retraction | str]:
+def _run(
+    setup: Setup, ways: Sequence[tuple[str, Way]], starts: Sequence[FloatArray], pace: Pace
+) -> list[Retraction | str]:
     """``ways`` out of where the joints are (J,), each with its name, as the arm runs them; or why it cannot."""
-    for name, way in ways:
-        parts = dense_parts(way)
-        dense = divide(way, parts)
-        found = follow(setup.robot, *flange_poses(setup, dense.position, dense.rotation), joints, MARGIN, JUMP)
+    parts = [dense_parts(way) for _, way in ways]
+    dense = [divide(way, own) for (_, way), own in zip(ways, parts, strict=True)]
+    goals = [flange_poses(setup, one.position, one.rotation) for one in dense]
+    made: list[Retraction | str] = []
+    followed = follow_each(setup.robot, goals, starts, MARGIN, JUMP)
+    for (name, way), own, looks, joints, found in zip(ways, parts, dense, starts, followed, strict=True):
         if isinstance(found, Choice) and np.abs(found.joints[0] - joints).max() < 1e-6:
-            at, speed = rows(parts), pace_lines(setup, pace, dense, found.joints, rows(parts))
-            yield Retraction(
-                way, frozen(found.joints[at]), dense, frozen(found.joints), speed, name, frozen(joints[None][:0])
-            )
+            at = rows(own)
+            speed = pace_lines(setup, pace, looks, found.joints, at)
+            none = frozen(joints[None][:0])
+            made.append(Retraction(way, frozen(found.joints[at]), looks, frozen(found.joints), speed, name, none))
         else:
-            yield f"{name} the arm cannot follow"
+            made.append(f"{name} the arm cannot follow")
+    return made
 
 
 def _ways(setup: Setup, room: Room, end: Way, joints: FloatArray) -> Iterator[tuple[str, Way]]:

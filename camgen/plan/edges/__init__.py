@@ -30,7 +30,7 @@ from camgen.plan.edges.contact import own_contact
 from camgen.plan.edges.courses import APART, Course, follow_all
 from camgen.plan.edges.last_face import offset_along
 from camgen.plan.edges.motion import Freedom, Hit, Reached, Room, Setup, Track, Unreached, all_clear, feed_of
-from camgen.plan.edges.reach import can_end, poses, reach_along, reach_ways, trimmed
+from camgen.plan.edges.reach import can_end, poses, reach_each, reach_ways, trimmed
 from camgen.plan.edges.remedy import Attempts, Ends, remedies
 from camgen.plan.edges.select import select
 from camgen.plan.edges.turns import turns_of
@@ -141,7 +141,7 @@ def _attempts(
     def part(other: Job, ends: Mapping[str, Ends]) -> list[bool]:
         here, room = place(other.tool.axis_tilt)
         able = {name: way for name in ends if isinstance(way := ways[name][1], Way)}
-        tried = [reach_along(here, name, trimmed(way, ends[name]), freedom_of(other)) for name, way in able.items()]
+        tried = reach_each(here, [(name, trimmed(way, ends[name])) for name, way in able.items()], freedom_of(other))
         found = dict(zip(able, _clear_between(tried, room), strict=True))
         return [isinstance(found.get(name), Reached) for name in ends]
 

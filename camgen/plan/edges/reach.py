@@ -18,7 +18,7 @@ from camgen.plan.edges.last_face import Offset
 from camgen.plan.edges.motion import JUMP, MARGIN, Freedom, Reached, Setup, Unreached, dense_parts, flange_poses
 from camgen.plan.edges.search import Grid, can_stand, grid, search
 from camgen.plan.edges.ways import Way, cut, divide, rows
-from camgen.robots.kinematics.continuity import Choice, follow
+from camgen.robots.kinematics.continuity import Choice, follow_each
 from camgen.robots.kinematics.reasons import why
 
 # TCP poses along an edge (RFA paper, section III.A): offset, tool z against it, y along the edge, x downwards.
@@ -104,6 +104,8 @@ _grid = cache(grid)
 _NONE = Freedom()
 #: Of the tilt, what rows on arcs may have.
 _ON_ARCS = 0.9
+#: So many edges are looked at together in the nominal orientation: bounds the memory.
+_TOGETHER = 32
 #: Of the trim, what is tried.
 _SHARES = (0.25, 0.5, 1.0)
 
@@ -139,15 +141,20 @@ def reach_ways(
     tell: Callable[[int], None] = _ignore,
 ) -> tuple[Reached | Unreached, ...]:
     """``reach`` for edges and curves whose poses are known already, or why they have none."""
-    found = []
-    for done, (line, way) in enumerate(ways):
-        tell(done)
-        found.append(way if isinstance(way, Unreached) else _reach(line, way, setup, freedom, trim))
+    listed, found = list(ways), []
+    for begin in range(0, len(listed), _TOGETHER):
+        some = listed[begin : begin + _TOGETHER]
+        plain = iter(_nominal(setup, [(line.id, way) for line, way in some if isinstance(way, Way)]))
+        for done, (line, way) in enumerate(some, begin):
+            tell(done)
+            found.append(_reach(line, way, setup, freedom, trim, next(plain)) if isinstance(way, Way) else way)
     return tuple(found)
 
 
-def _reach(edge: Line, way: Way, setup: Setup, freedom: Freedom, trim: float) -> Reached | Unreached:
-    whole = reach_along(setup, edge.id, way, freedom)
+def _reach(
+    edge: Line, way: Way, setup: Setup, freedom: Freedom, trim: float, plain: Reached | Unreached
+) -> Reached | Unreached:
+    whole = _free(setup, way, freedom, plain)
     if isinstance(whole, Reached) or edge.closed:
         return whole
     length = float(way.length.sum())
@@ -202,7 +209,18 @@ def _trims(trim: float, length: float) -> list[tuple[float, float]]:
 
 def reach_along(setup: Setup, name: str, way: Way, freedom: Freedom) -> Reached | Unreached:
     """How the arm runs ``way``, which is called ``name``, with the margin, or else without it, or why it cannot."""
-    plain = _nominal(setup, name, way)
+    return reach_each(setup, [(name, way)], freedom)[0]
+
+
+def reach_each(setup: Setup, ways: Sequence[tuple[str, Way]], freedom: Freedom) -> list[Reached | Unreached]:
+    """``reach_along`` of each of several, with their names."""
+    nominal = _nominal(setup, ways)
+    return [_free(setup, way, freedom, plain) for (_, way), plain in zip(ways, nominal, strict=True)]
+
+
+def _free(setup: Setup, way: Way, freedom: Freedom, plain: Reached | Unreached) -> Reached | Unreached:
+    """``reach_along`` where the nominal orientation comes to ``plain``."""
+    name = plain.id
     if isinstance(plain, Reached):
         return _prefer(plain, setup, way, _grids("collision", freedom, way), freedom)
     collision = ""
@@ -248,20 +266,30 @@ def _in_vain(freedom: Freedom, collision: str) -> str:
     return f"; with {' and '.join(parts)}: " + (f"collision, {collision}" if collision else "no way either")
 
 
-def _nominal(setup: Setup, name: str, way: Way) -> Reached | Unreached:
-    parts = dense_parts(way)
-    dense = divide(way, parts)
-    goal = flange_poses(setup, dense.position, dense.rotation)
-    found = follow(setup.robot, *goal, margin=MARGIN, jump=JUMP)
-    if not isinstance(found, Choice):
-        reason = why(setup.robot, *goal, found, MARGIN, JUMP)
-        return Unreached(name, reason.kind, f"{reason.text}, {_place(dense, reason.row)}")
-    hit = np.flatnonzero(~setup.clear(found.joints))
-    if len(hit):
-        text = f"collision, {setup.hit(found.joints[hit[0]])}, {_place(dense, int(hit[0]))}"
-        return Unreached(name, "collision", text)
-    at, none = rows(parts), frozen(np.zeros(len(dense)))
-    return Reached(name, False, way, frozen(found.joints[at]), dense, frozen(found.joints), at, none, none)
+def _nominal(setup: Setup, ways: Sequence[tuple[str, Way]]) -> list[Reached | Unreached]:
+    """How the arm runs each of ``ways``, with their names, in the nominal orientation, or why it cannot."""
+    parts = [dense_parts(way) for _, way in ways]
+    dense = [divide(way, own) for (_, way), own in zip(ways, parts, strict=True)]
+    goals = [flange_poses(setup, one.position, one.rotation) for one in dense]
+    found = follow_each(setup.robot, goals, [setup.robot.home] * len(goals), MARGIN, JUMP)
+    tested = [one.joints for one in found if isinstance(one, Choice)]
+    clear = iter(
+        np.split(setup.clear(np.concatenate(tested)), np.cumsum([len(one) for one in tested])) if tested else []
+    )
+    made: list[Reached | Unreached] = []
+    for (name, way), own, looks, goal, one in zip(ways, parts, dense, goals, found, strict=True):
+        if not isinstance(one, Choice):
+            reason = why(setup.robot, *goal, one, MARGIN, JUMP)
+            made.append(Unreached(name, reason.kind, f"{reason.text}, {_place(looks, reason.row)}"))
+            continue
+        hit = np.flatnonzero(~next(clear))
+        if len(hit):
+            text = f"collision, {setup.hit(one.joints[hit[0]])}, {_place(looks, int(hit[0]))}"
+            made.append(Unreached(name, "collision", text))
+            continue
+        at, none = rows(own), frozen(np.zeros(len(looks)))
+        made.append(Reached(name, False, way, frozen(one.joints[at]), looks, frozen(one.joints), at, none, none))
+    return made
 
 
 def _place(dense: Way, row: int) -> str:

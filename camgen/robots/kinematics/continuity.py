@@ -7,11 +7,14 @@ have passed. So every row keeps all of them, and dynamic programming finds the c
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
+from camgen.geometry.ragged import offsets
 from camgen.model.pose import FloatArray
 from camgen.robots.kinematics import iterative as damped
 from camgen.robots.kinematics.inverse import inverse
@@ -31,11 +34,24 @@ def candidates(robot: Robot, rotations: FloatArray, origins: FloatArray, start: 
     """
     if robot.arm is None:
         return _track(robot, rotations, origins)
+    return _solve(robot, rotations, origins, start, [slice(0, len(origins))])
+
+
+def _solve(
+    robot: Robot, rotations: FloatArray, origins: FloatArray, start: FloatArray, paths: Sequence[slice]
+) -> FloatArray:
+    """``candidates`` of several paths one after the other, for arms with a closed form. start: (J,) or, of each row,
+    (N, 1, J).
+    """
     solutions = inverse(robot, rotations, origins, start)
     if robot.kind != "spherical-wrist":
         return solutions
     free = np.asarray((from_singular(robot, solutions)[:, :, ::2] < _FREE).any(axis=2))
-    return _keep_free(robot, rotations, origins, solutions, free) if free.any() else solutions
+    if free.any():
+        solutions = solutions.copy()
+        for own in paths:
+            solutions[own] = _keep_free(robot, rotations[own], origins[own], solutions[own], free[own])
+    return solutions
 
 
 def _keep_free(
@@ -121,8 +137,35 @@ def follow(
     """
     start = robot.home if start is None else start
     found = candidates(robot, rotations, origins, start)
+    return _choose(robot, found, _usable(robot, found, turns(robot), margin), start, jump, ties)
+
+
+def follow_each(
+    robot: Robot,
+    paths: Sequence[tuple[FloatArray, FloatArray]],
+    starts: Sequence[FloatArray],
+    margin: float = 0.0,
+    jump: float = JUMP,
+) -> list[Choice | Stuck]:
+    """``follow`` for each of several paths and starts, in half the time where they are short."""
+    if robot.arm is None or not paths:
+        return [follow(robot, *path, start, margin, jump) for path, start in zip(paths, starts, strict=True)]
+    first = offsets([len(origins) for _, origins in paths])
+    parts = [slice(low, high) for low, high in pairwise(first.tolist())]
+    rotations, origins = (np.concatenate(columns) for columns in zip(*paths, strict=True))
+    each = np.repeat(np.stack(starts), np.diff(first), axis=0)[:, None]
+    found = _solve(robot, rotations, origins, each, parts)
+    usable = _usable(robot, found, turns(robot), margin)
+    return [
+        _choose(robot, found[own], usable[own], start, jump, Ties()) for own, start in zip(parts, starts, strict=True)
+    ]
+
+
+def _choose(
+    robot: Robot, found: FloatArray, usable: NDArray[np.bool_], start: FloatArray, jump: float, ties: Ties
+) -> Choice | Stuck:
+    """``follow`` among candidates (N, B, J), ``usable`` (N, B, T)."""
     table = turns(robot)
-    usable = _usable(robot, found, table, margin)
     columns = np.flatnonzero(usable.any(axis=(0, 2)))
     few = _count_needed(table, usable)
     kept, usable, table = found[:, columns], usable[:, columns][:, :, few], table[few]
