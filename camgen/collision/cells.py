@@ -13,8 +13,9 @@ from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
 from camgen.model.tolerance import NONZERO
 
-#: Cells along the longest side of the mesh's box.
-_CELLS = 64
+#: Cells along the longest side of the mesh's box: of one of few triangles, where to make more takes longer than they
+#: save, and of others.
+_CELLS, _MANY_CELLS, _FEW = 24, 64, 5000
 #: mm beside a box, and as a share of a cell, at which the surface counts as within: rounding.
 _SLACK = 1e-6
 #: Of a cell: it is not known, it is outside, it is within, the surface passes it.
@@ -70,7 +71,8 @@ class Cells(Struct, frozen=True, eq=False):
 def divide_space(corners: FloatArray) -> Cells:
     """The grid over triangles (F, 3, 3)."""
     low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
-    size = max(float((high - low).max()) / _CELLS, 1e-3)
+    cells = _CELLS if len(corners) < _FEW else _MANY_CELLS
+    size = max(float((high - low).max()) / cells, 1e-3)
     low = low - size / 2
     shape = np.ceil((high - low) / size + 0.5).astype(np.int64)
     middles, room = _tile(corners, size)
