@@ -13,7 +13,6 @@ from camgen.model.job import Job
 from camgen.model.part import Note
 from camgen.model.path import ToolPath, Tour
 from camgen.model.pose import Pose
-from camgen.order.arrange import arrange, measure_travel, rules_of
 from camgen.order.tours import ArmTour, EdgeTour, JobTour, ReplayTour
 from camgen.plan import EdgePlan, JobPlan, Plan, ReplayPlan, Watch, ignore_stages
 from camgen.robots.workcell import Workcell
@@ -123,6 +122,7 @@ def changed_paths() -> JobError:
 
 def _order_paths(plan: Plan, job: Job, cell: Cell | None, watch: Watch, ways: bool) -> Tour:
     """The paths of a flat part with their leads."""
+    from camgen.order.arrange import arrange, measure_travel  # noqa: PLC0415 (5 ms, which edges do not need)
     from camgen.order.leads import add_leads  # noqa: PLC0415 (shapely is loaded only by what needs it)
     from camgen.order.stay_down import stay_down  # noqa: PLC0415
     from camgen.order.tabs import add_tabs  # noqa: PLC0415 (only for what needs it)
@@ -173,6 +173,7 @@ def _order_on_arm(
     order and the starts stay. prove: what is chosen is tested for collisions.
     """
     from camgen.order.arm import order_by_time, order_with_turns  # noqa: PLC0415 (kinematics, fcl: only for arms)
+    from camgen.order.arrange import rules_of  # noqa: PLC0415
 
     rules = rules_of(plan.paths, tour.paths, job.operation.inside_first, job.tour.layers, job.tour.order)
     if free:
