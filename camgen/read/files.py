@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import os
 import stat
 from collections.abc import Iterable, Mapping
@@ -116,5 +115,7 @@ def _nearest(path: Path) -> str:
         stems = {Path(name).stem: name for name in sorted(os.listdir(path.parent))}
     except OSError:
         return "its folder does not exist"
+    import difflib  # noqa: PLC0415 (1 ms, only for what is not there)
+
     near = difflib.get_close_matches(path.stem, stems, 1)
     return f"nearest is {path.parent / stems[near[0]]}" if near else ""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from difflib import get_close_matches
 
 from camgen.model.errors import JobError
 from camgen.model.part import Note
@@ -45,6 +44,8 @@ def resolve(file: str, wanted: str, insunits: int, measurement: int | None) -> t
     if name in MM:
         return name, MM[name], ()
     if name != "auto":
+        from difflib import get_close_matches  # noqa: PLC0415 (1 ms, only for what is wrong)
+
         near = get_close_matches(name, [*MM, "auto"], n=1)
         remedy = f"did you mean {near[0]}?" if near else "use one of auto, mm, cm, m, inch, ft, mil, ..."
         raise JobError(file, f"unknown unit {harmless(wanted)!r}", "input.units", remedy)
