@@ -106,8 +106,8 @@ def _are_clear(
     off = _measure(where, rounded, own)
     needed = where.margin + off
     bow = APART + float(_measure(where, middle, (own[:, 1:] + own[:, :-1]) / 2).max())
-    # A test tells distances up to half a step and what it takes joints to be off too large.
-    clear: BoolArray = np.asarray(needed + FINE / 2 + APART <= gap)
+    # Two bodies that move may both be off, and a test tells their distance by up to a step too large.
+    clear: BoolArray = np.asarray(needed + off + FINE + 2 * APART <= gap)
     tight = np.flatnonzero(~clear)
     beside = motions(where.apart, list(own[tight]), FINE, needed[tight], bow)
     clear[tight] = np.array([0.0 if one.hit else one.clearance for one in beside]) >= needed[tight]
