@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from msgspec import Struct
 
 from camgen.check.passing import find_corners
 from camgen.check.reach import Reach
 from camgen.collision.cell import Surroundings
-from camgen.collision.motion import measure_apart, motions
+from camgen.collision.motion import measure_apart, measure_closer, motions
+from camgen.collision.scene import Scene
 from camgen.lower.corners import TURNING, ZONES
 from camgen.model.cell import Dynamics
 from camgen.model.part import BoolArray, IntArray, Note
@@ -23,6 +26,9 @@ from camgen.robots.models import Robot
 
 #: Corners that are tested together: bounds the memory. Chords in place of what rounds one.
 _CORNERS, _CHORDS = 1000, 8
+
+#: How far apart configurations (N, J) and others are in a scene: (N,) mm.
+_Measure = Callable[[Scene, FloatArray, FloatArray], FloatArray]
 
 
 class _Ways(Struct, frozen=True, eq=False):
@@ -51,10 +57,10 @@ def hold_clear(
     """``program`` with those blends along its paths that may stay, lesser ones or stops in place of others: a note says
     of how many.
 
-    Within a corner the program's way is to keep the margin and as much as any point is off it on the widest rounding,
-    which holds for all between these ways. Of the tool and the part, which meet there, the widest rounding is tested
-    like any motion. found, course: of the program, which meets nothing without blends. gap: mm that all that is to keep
-    the margin is apart all along it, as a test found it: a corner that needs no more is not tested again.
+    Within a corner the program's way is to keep the margin and as much as two bodies may be nearer on the widest
+    rounding, which holds for all between these ways. Of the tool and the part, which meet there, the widest rounding is
+    tested like any motion. found, course: of the program, which meets nothing without blends. gap: mm that all that is
+    to keep the margin is apart all along it, as a test found it: a corner that needs no more is not tested again.
     """
     columns = program.columns
     corners = _find_rounded(columns, find_corners(program))
@@ -103,23 +109,24 @@ def _are_clear(
 ) -> BoolArray:
     """In which corners (K,), after these motions, nothing is met and the margin kept."""
     own, rounded, middle = _round(ways, blend[corners], corners, pace)
-    off = _measure(where, rounded, own)
-    needed = where.margin + off
-    bow = APART + float(_measure(where, middle, (own[:, 1:] + own[:, :-1]) / 2).max())
+    off = _measure(where.scene, measure_apart, rounded, own)
+    even = (own[:, 1:] + own[:, :-1]) / 2
+    bow = APART + float(_measure(where.scene, measure_apart, middle, even).max(initial=0.0))
     # Two bodies that move may both be off, and a test tells their distance by up to a step too large.
-    clear: BoolArray = np.asarray(needed + off + FINE + 2 * APART <= gap)
+    clear: BoolArray = np.asarray(where.margin + 2 * off + FINE + 2 * APART <= gap)
     tight = np.flatnonzero(~clear)
-    beside = motions(where.apart, list(own[tight]), FINE, needed[tight], bow)
-    clear[tight] = np.array([0.0 if one.hit else one.clearance for one in beside]) >= needed[tight]
+    needed = where.margin + _measure(where.apart, measure_closer, rounded[tight], own[tight])
+    beside = motions(where.apart, list(own[tight]), FINE, needed, bow)
+    clear[tight] = np.array([0.0 if one.hit else one.clearance for one in beside]) >= needed
     if where.work.pairs:
         clear &= ~np.array([one.hit for one in motions(where.work, list(rounded), STEP, apart=bow)])
     return clear
 
 
-def _measure(where: Surroundings, one: FloatArray, other: FloatArray) -> FloatArray:
-    """Mm (K,) that a point of a body is at most from where it is in other configurations, of (K, R, J) each."""
+def _measure(scene: Scene, by: _Measure, one: FloatArray, other: FloatArray) -> FloatArray:
+    """The most (K,), mm, of what is measured from the configurations of a corner to others, (K, R, J) each."""
     rows = (each.reshape(-1, each.shape[-1]) for each in (one, other))
-    return np.asarray(measure_apart(where.scene, *rows).reshape(one.shape[:2]).max(axis=1))
+    return np.asarray(by(scene, *rows).reshape(one.shape[:2]).max(axis=1))
 
 
 def _round(

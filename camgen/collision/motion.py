@@ -248,6 +248,36 @@ def measure_apart(scene: Scene, one: FloatArray, other: FloatArray) -> FloatArra
     return found
 
 
+def measure_closer(scene: Scene, one: FloatArray, other: FloatArray) -> FloatArray:
+    """By how much two bodies of a pair may be nearer at most than they are in another configuration: (N,) mm for each
+    of (N, J).
+
+    Of a body and what stands it is what a point of the body is off (``measure_apart``). Of two that move it is that of
+    one as the other sees it: what carries both along brings them no nearer.
+    """
+    both = scene.moving[scene.first] & scene.moving[scene.second]
+    first, second = scene.first[both], scene.second[both]
+    alone = np.unique(np.concatenate([scene.first[~both], scene.second[~both], *(t.striking for t in scene.targets)]))
+    found = np.zeros(len(one))
+    for begin in range(0, len(one), ROWS):
+        rows = slice(begin, begin + ROWS)
+        placings = [place(scene, table[rows]) for table in (one, other)]
+        beside = _measure_ways(*(placed[:, alone] for placed in placings))
+        between = [
+            _measure_ways(*(_seen_by(placed[:, a], placed[:, b]) for placed in placings))
+            for a, b in ((first, second), (second, first))
+        ]
+        nearer = [ways.max(axis=1, initial=0.0) for ways in (beside, np.minimum(*between))]
+        found[rows] = np.maximum(*nearer)
+    return found
+
+
+def _seen_by(boxes: Boxes, others: Boxes) -> Boxes:
+    """Boxes (N, P) in the axes of others, about their middles."""
+    back = np.swapaxes(others.axes, -1, -2)
+    return Boxes((back @ (boxes.centres - others.centres)[..., None])[..., 0], back @ boxes.axes, boxes.half)
+
+
 def _measure_ways(here: Boxes, there: Boxes) -> FloatArray:
     """Mm (N, B) of the way straight from each box to the other: of its middle and of the ends of its axes."""
     moved, turned = there.centres - here.centres, there.axes - here.axes

@@ -9,7 +9,7 @@ from msgspec.structs import replace
 from camgen.collision.boxes import Boxes
 from camgen.collision.hits import clearance, hits, least, place
 from camgen.collision.mesh import Mesh, inside, make_mesh
-from camgen.collision.motion import closing, measure_moves, motion
+from camgen.collision.motion import closing, measure_apart, measure_closer, measure_moves, motion
 from camgen.collision.scene import Scene, name_pair, narrow, scene
 from camgen.model.errors import JobError
 from camgen.model.part import Solid
@@ -403,3 +403,48 @@ def test_one_axis_is_asked_only_where_the_triangles_bound_a_body() -> None:
     mesh = make_mesh(Solid("b", "b", "mm", frozen(loose), apart, frozen(made.face_normals), (), (), ()))
     assert not mesh.closed
     assert inside(mesh, np.array([[3.0, 4.0, 5.0]])).tolist() == [True]
+
+
+def two_bars() -> Scene:
+    """A flat arm with a bar on its first link, from axis 1 to x = 600, and the rod of the second one beside it."""
+    arm = rods()
+    bars = (arm.links[0], bar("link 1", (300, 0, 0), (300, 1, 1)), bar("link 2", (137.5, 0, 0), (137.5, 1, 1)))
+    return scene(replace(arm, links=(*bars, *arm.links[3:]), touching=()))
+
+
+def test_what_carries_two_bodies_along_brings_them_no_nearer() -> None:
+    tested = two_bars()
+    only = narrow(tested, [tested.pairs.index(("link 1", "link 2"))])
+    turned, still = at(20, 30, 10, 0), at(0, 30, 10, 0)
+    assert measure_apart(only, still, turned) > 2 * 590 * math.sin(math.radians(10))
+    assert measure_closer(only, still, turned) == pytest.approx([0.0], abs=1e-9)
+
+
+def test_two_bodies_that_move_against_each_other_come_nearer_by_what_both_are_off() -> None:
+    """The first link turns by 0.1 deg and the second one by 0.4 deg back: the end of the first, 600 mm from axis 1, is
+    off by 600 x 0.1 deg and that of the second, 275 mm from axis 2, by 275 x 0.4 deg as the first one sees it.
+    """
+    tested = two_bars()
+    only = narrow(tested, [tested.pairs.index(("link 1", "link 2"))])
+    one, other = at(0, 10, 0, 0), at(0.1, 9.6, 0, 0)
+    off, closer = float(measure_apart(only, one, other)[0]), float(measure_closer(only, one, other)[0])
+    assert off == pytest.approx(600 * math.radians(0.1), rel=0.01)
+    assert closer == pytest.approx(275 * math.radians(0.4), rel=0.02)
+    assert closer > 1.8 * off
+
+
+@pytest.mark.parametrize("name", ["IRB 120", "IRB 2400", "Cobra s600", "VS-6577"])
+def test_no_two_bodies_come_nearer_than_is_measured(name: str) -> None:
+    arm = robot(name)
+    held = Link("tool", (Box(translation(0, 0, 80), (30, 20, 80)),))
+    table = Link("table", (Box(translation(300, 0, -200), (500, 500, 50)),))
+    tested = scene(arm, (held,), (table,), (Box(translation(300, 0, -100), (50, 50, 50)),))
+    rng = np.random.default_rng(1)
+    one = some(arm, 400)
+    other = one + rng.normal(0, 0.01, one.shape)
+    for k in range(len(tested.pairs)):
+        only = narrow(tested, [k])
+        # As far as is looked, two that move are not farther apart than the arm is long.
+        far = [clearance(only, joints, 2000.0) for joints in (one, other)]
+        free = far[0] > 0
+        assert (far[0] - far[1] <= measure_closer(only, one, other) + 1e-6)[free].all()
