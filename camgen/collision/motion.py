@@ -257,12 +257,13 @@ def measure_closer(scene: Scene, one: FloatArray, other: FloatArray) -> FloatArr
     """
     both = scene.moving[scene.first] & scene.moving[scene.second]
     first, second = scene.first[both], scene.second[both]
-    alone = np.unique(np.concatenate([scene.first[~both], scene.second[~both], *(t.striking for t in scene.targets)]))
+    alone = np.zeros(len(scene.frame), dtype=np.bool_)
+    alone[np.concatenate([scene.first[~both], scene.second[~both], *(one.striking for one in scene.targets)])] = True
     found = np.zeros(len(one))
     for begin in range(0, len(one), ROWS):
         rows = slice(begin, begin + ROWS)
         placings = [place(scene, table[rows]) for table in (one, other)]
-        beside = _measure_ways(*(placed[:, alone] for placed in placings))
+        beside = _measure_ways(*(placed[:, np.flatnonzero(alone)] for placed in placings))
         between = [
             _measure_ways(*(_seen_by(placed[:, a], placed[:, b]) for placed in placings))
             for a, b in ((first, second), (second, first))

@@ -71,6 +71,13 @@ def row_settings() -> tuple[Setting, ...]:
     return tuple(found for table, kinds in ROWS.items() for kind in kinds for found in _settings_of(table, kind))
 
 
+def keys_of(table: str) -> tuple[str, ...]:
+    """The keys that a table may hold, or a row of one of ``ROWS``: what is asked of every job, in little time."""
+    name, dot, _ = table.partition(".")
+    kinds = ROWS[name] if dot else (_kinds()[name],)
+    return tuple(key for kind in kinds for key in kind.__struct_fields__)
+
+
 def _settings_of(table: str, kind: type[Struct]) -> list[Setting]:
     defaults = msgspec.structs.asdict(kind())
     found = []
@@ -86,6 +93,7 @@ def has_speed(table: str, key: str) -> bool:
     return key in SPEEDS and table in ("process", *ROWS)
 
 
+@cache
 def _kinds() -> dict[str, type[Struct]]:
     return {name: hint for name, hint in get_type_hints(Job).items() if name not in ("post", *ROWS)}
 

@@ -3,8 +3,6 @@
 Each is a setting of the job; docs/reliability.md has this table. None is near what a real part needs.
 """
 
-from __future__ import annotations
-
 from typing import Annotated, get_args, get_type_hints
 
 from msgspec import Meta, Struct

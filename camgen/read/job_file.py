@@ -31,6 +31,7 @@ from camgen.model.job_tables import (
     Setting,
     defaults_beside,
     has_speed,
+    keys_of,
     row_settings,
     settings,
     split_name,
@@ -217,10 +218,10 @@ def value_of(raw: str) -> object:
 
 def _convert(tree: Tree, origins: Origins, source: str) -> Job:
     for table, keys in tree.items():
-        known = _settings_of(table)
+        known = keys_of(table) if table != "post" else keys
         for key, value in keys.items():
             origin = origins.get((table, key), source)
-            if table != "post" and key not in known:
+            if key not in known:
                 raise _unknown_key(table, key, origin)
             if isinstance(value, str) and has_speed(table.partition(".")[0], key):
                 keys[key] = _in_mm_s(value, key, _Where(table, origins, source))
