@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from typing import Protocol
 
 import numpy as np
 from msgspec import Struct
@@ -72,6 +73,31 @@ def share_tests(tests: Tests, parts: int) -> Tests:
     return rows[order], np.repeat(tests[1], parts)[order]
 
 
+class Growth(Protocol):
+    """By how much boxes are larger than they are, mm, at rows of configurations; asked for what is near alone."""
+
+    def of_boxes(self, row: IntArray, box: IntArray, bare: Boxes) -> FloatArray:
+        """Of boxes (n,), which are ``bare`` there; of those that stand whatever it is is left out."""
+
+    def of_pairs(self, row: IntArray, pair: IntArray, first: Boxes, second: Boxes) -> FloatArray | None:
+        """Of the two boxes of pairs (n,) together; it counts where it is less than what both grow. None: never."""
+
+
+class GrowthTable(Struct, frozen=True, eq=False):
+    """``Growth`` that is known of all. grow: (N, B). closing: (N, P), or None."""
+
+    grow: FloatArray
+    closing: FloatArray | None
+
+    def of_boxes(self, row: IntArray, box: IntArray, bare: Boxes) -> FloatArray:  # noqa: ARG002
+        """As of ``Growth``."""
+        return np.asarray(self.grow[row, box])
+
+    def of_pairs(self, row: IntArray, pair: IntArray, first: Boxes, second: Boxes) -> FloatArray | None:  # noqa: ARG002
+        """As of ``Growth``."""
+        return None if self.closing is None else np.asarray(self.closing[row, pair])
+
+
 def find_meetings(
     scene: Scene,
     joints: FloatArray,
@@ -83,18 +109,59 @@ def find_meetings(
     """What collides at configurations (N, J). What is not named does not collide in any part of what boxes grow for
     either. grow, closing, near: as for ``hits``, (N, B), (N, P) and (N,). asked: what alone is looked at, None: all.
     """
-    grow = grow * scene.moving
-    found = [(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64))]
+    found = []
     for begin in range(0, len(joints), ROWS):
         rows = slice(begin, begin + ROWS)
-        looked = finite(joints[rows]), grow[rows], None if closing is None else closing[rows], near[rows]
+        looked = finite(joints[rows]), grow[rows] * scene.moving, None if closing is None else closing[rows], near[rows]
         if asked is None:
-            some = _meet_all(scene, *looked)
+            some = _named(_meet_all(scene, *looked))
         else:
             low, high = np.searchsorted(asked[0], [begin, begin + ROWS])
-            some = _meet_some(scene, *looked, asked[0][low:high] - begin, asked[1][low:high])
-        found += [(row[met] + begin, test[met]) for row, test, met in some]
-    row, test = (np.concatenate(column) for column in zip(*found, strict=True))
+            links, growth = frames(scene.robot, looked[0]), GrowthTable(*looked[1:3])
+            some = meet_again(scene, links, growth, looked[3], (asked[0][low:high] - begin, asked[1][low:high]))
+        found.append((some[0] + begin, some[1]))
+    return join_tests(found)
+
+
+def find_near(scene: Scene, joints: FloatArray, grow: FloatArray) -> Tests:
+    """What may collide at configurations (N, J) where boxes that move are larger by ``grow`` (N, B), since the boxes
+    around that are square to the base meet: cheaper than ``find_meetings``, and more.
+    """
+    found = []
+    for begin in range(0, len(joints), ROWS):
+        rows = slice(begin, begin + ROWS)
+        wide = place(scene, joints[rows]).grown(_CORNERS * (grow[rows] * scene.moving)[..., None])
+        some = [near_pairs(scene, wide)]
+        first = len(scene.first)
+        for target in scene.targets:
+            row, which, _ = near_mesh(target, wide)
+            some.append((row, which + first))
+            first += len(target.striking)
+        row, test = join_tests(some)
+        order = np.argsort(row, kind="stable")
+        found.append((row[order] + begin, test[order]))
+    return join_tests(found)
+
+
+def join_tests(several: Iterable[Tests]) -> Tests:
+    """Some tests and others behind them."""
+    none = np.zeros(0, dtype=np.int64)
+    row, test = (np.concatenate(column) for column in zip((none, none), *several, strict=True))
+    return row, test
+
+
+def meet_again(
+    scene: Scene, links: tuple[FloatArray, FloatArray], growth: Growth, near: FloatArray, asked: Tests
+) -> Tests:
+    """Those of the tests ``asked`` that meet where links are at ``links`` (N,), as of ``frames``, as of
+    ``find_meetings``.
+    """
+    return _named(_meet_some(scene, links, growth, near, *asked))
+
+
+def _named(tested: Iterable[_Tested]) -> Tests:
+    """Those that meet, row by row."""
+    row, test = join_tests((row[met], test[met]) for row, test, met in tested)
     order = np.argsort(row, kind="stable")
     return row[order], test[order]
 
@@ -121,9 +188,8 @@ def _meet_all(
 
 def _meet_some(
     scene: Scene,
-    joints: FloatArray,
-    grow: FloatArray,
-    closing: FloatArray | None,
+    links: tuple[FloatArray, FloatArray],
+    growth: Growth,
     near: FloatArray,
     row: IntArray,
     test: IntArray,
@@ -138,24 +204,23 @@ def _meet_some(
         own = (test >= first) & (test < first + len(target.striking))
         strikes.append((row[own] * many + target.striking[test[own] - first], row[own], test[own]))
         first += len(target.striking)
-    asked = np.zeros(len(joints) * many, dtype=np.bool_)
+    asked = np.zeros(len(near) * many, dtype=np.bool_)
     for places in (*ends, *(place for place, _, _ in strikes)):
         asked[places] = True
     number, places = np.cumsum(asked) - 1, np.flatnonzero(asked)
-    bare = _place_some(scene, frames(scene.robot, joints), places)
-    more = (grow + near[:, None] * scene.moving).ravel().take(places)[:, None]
+    of, box = np.divmod(places, many)
+    bare, moving = _place_some(scene, links, of, box), scene.moving[box]
+    grow = growth.of_boxes(of, box, bare) * moving
+    more = (grow + near[of] * moving)[:, None]
     if len(pair):
         reach = bare.grown(_CORNERS * more).reach
         one, other = (number.take(end) for end in ends)
         room = reach.take(one, axis=0) + reach.take(other, axis=0)
         kept = np.flatnonzero(every(np.abs(bare.centres.take(one, axis=0) - bare.centres.take(other, axis=0)) <= room))
-        at, pair = at[kept], pair[kept]
-        share = _share(scene, at, pair, grow, closing)
-        both = (
-            bare.take(one[kept]).grown((share[0] + near[at])[:, None]),
-            bare.take(other[kept]).grown(share[1][:, None]),
-        )
-        yield at, pair, meet(*both)
+        at, pair, one, other = at[kept], pair[kept], one[kept], other[kept]
+        both = bare.take(one), bare.take(other)
+        share = _share(grow.take(one), grow.take(other), growth.of_pairs(at, pair, *both))
+        yield at, pair, meet(both[0].grown((share[0] + near[at])[:, None]), both[1].grown(share[1][:, None]))
     for target, (place, at, which) in zip(scene.targets, strikes, strict=True):
         if len(place):
             here = number.take(place)
@@ -173,22 +238,19 @@ def _grow(
 ) -> tuple[Boxes, Boxes]:
     """The boxes of the pairs ``which`` (rows and pairs of boxes), larger by what each of them or both together grow."""
     row, box = which
-    one, other = _share(scene, row, box, grow, closing)
+    one, other = grow[row, scene.first[box]], grow[row, scene.second[box]]
+    one, other = _share(one, other, None if closing is None else closing[row, box])
     return bare[row, scene.first[box]].grown(one[:, None]), bare[row, scene.second[box]].grown(other[:, None])
 
 
-def _share(
-    scene: Scene, row: IntArray, pair: IntArray, grow: FloatArray, closing: FloatArray | None
-) -> tuple[FloatArray, FloatArray]:
-    """Mm by which the first and the second box of pairs (n,) grow at these rows: where both together grow less than
-    each of them the first does for both.
+def _share(one: FloatArray, other: FloatArray, both: FloatArray | None) -> tuple[FloatArray, FloatArray]:
+    """Mm by which the first and the second box of pairs (n,) grow, of what each of them does: where both together grow
+    less than each of them the first does for both.
     """
-    one, other = grow[row, scene.first[pair]], grow[row, scene.second[pair]]
-    if closing is not None:
-        both = closing[row, pair]
-        less = both < one + other
-        one, other = np.where(less, both, one), np.where(less, 0.0, other)
-    return one, other
+    if both is None:
+        return one, other
+    less = both < one + other
+    return np.where(less, both, one), np.where(less, 0.0, other)
 
 
 def finite(joints: FloatArray) -> FloatArray:
@@ -211,11 +273,8 @@ def place(scene: Scene, joints: FloatArray) -> Boxes:
     return Boxes(centres, axes, np.broadcast_to(scene.half, centres.shape))
 
 
-def _place_some(scene: Scene, links: tuple[FloatArray, FloatArray], places: IntArray) -> Boxes:
-    """Boxes at configurations whose links are at ``links``, as of ``frames``. places: (n,) counted configuration by
-    configuration.
-    """
-    row, box = np.divmod(places, len(scene.frame))
+def _place_some(scene: Scene, links: tuple[FloatArray, FloatArray], row: IntArray, box: IntArray) -> Boxes:
+    """Boxes (n,) at rows (n,) of configurations whose links are at ``links``, as of ``frames``."""
     frame = scene.frame[box]
     # Link by link, as they lie in memory: so they are taken in a third of the time.
     at = frame * len(links[0]) + row

@@ -12,7 +12,7 @@ from camgen.robots.catalogue import robot, robots
 from camgen.robots.chain import Joint
 from camgen.robots.kinematics.arms import Spherical, recognise
 from camgen.robots.kinematics.continuity import Choice, Stuck, follow
-from camgen.robots.kinematics.forward import flange, frames
+from camgen.robots.kinematics.forward import flange, frames, set_out
 from camgen.robots.kinematics.inverse import inverse
 from camgen.robots.kinematics.joint_limits import copies, theta_of, turns, within
 from camgen.robots.kinematics.reasons import Reason, why
@@ -469,3 +469,19 @@ def test_a_single_pose_is_a_path_too() -> None:
     assert choice.joints.shape == (1, 6)
     found = reason(of, np.array([[900.0, 0, 300]]), DOWN[None])
     assert (found.row, found.kind) == (0, "reach")
+
+
+@pytest.mark.parametrize("name", ["IRB 120", "Cobra s600"])
+def test_links_set_out_as_differences_tell(name: str) -> None:
+    of, rng, little = robot(name), np.random.default_rng(2), 1e-6
+    joints, moved = rng.uniform(-1.0, 1.0, (20, len(of.joints))), rng.normal(0.0, 1.0, (20, 3, len(of.joints)))
+    links = frames(of, joints)
+    found = set_out(of, links, moved @ of.coupling.T)
+    point = rng.normal(0.0, 300.0, 3)
+    for way in range(3):
+        ends = [frames(of, joints + side * little * moved[:, way]) for side in (1, -1)]
+        for link in range(len(of.joints) + 1):
+            places = [rotation[:, link] @ point + origin[:, link] for rotation, origin in ends]
+            here = links[0][:, link] @ point + links[1][:, link]
+            turn, shift = np.split(found[link, :, way], 2, axis=1)
+            assert np.allclose(np.cross(turn, here) + shift, (places[0] - places[1]) / (2 * little), atol=1e-3)

@@ -7,6 +7,7 @@ from functools import lru_cache
 import numpy as np
 
 from camgen.geometry.rotations import about
+from camgen.geometry.vectors import cross
 from camgen.model.pose import FloatArray
 from camgen.robots.chain import Joint
 from camgen.robots.models import Robot
@@ -45,6 +46,20 @@ def flange(robot: Robot, joints: FloatArray) -> tuple[FloatArray, FloatArray]:
     rotations, origins = frames(robot, joints)
     last = rotations[:, -1]
     return last @ robot.flange.rotation, origins[:, -1] + last @ np.asarray(robot.flange.origin)
+
+
+def set_out(robot: Robot, links: tuple[FloatArray, FloatArray], moved: FloatArray) -> FloatArray:
+    """How links at ``links``, as of ``frames``, set out where the joints of the chain (N, C, J) move, rad or mm, C ways
+    at each: (J + 1, N, C, 6), rad about the axes of the base, and mm of what is at its origin.
+    """
+    rotations, origins = links
+    axes = np.stack([rotations[:, k + 1] @ np.asarray(joint.axis) for k, joint in enumerate(robot.joints)], axis=1)
+    sliding = np.array([joint.sliding for joint in robot.joints])[:, None]
+    along = np.where(sliding, axes, cross(origins[:, 1:], axes))
+    screws = np.concatenate([np.where(sliding, 0.0, axes), along], axis=2)
+    found = np.zeros((len(robot.joints) + 1, *moved.shape[:2], 6))
+    np.cumsum(moved.transpose(2, 0, 1)[..., None] * screws.swapaxes(0, 1)[:, :, None], axis=0, out=found[1:])
+    return found
 
 
 def jacobian(robot: Robot, joints: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
