@@ -230,8 +230,10 @@ def measure_moves(scene: Scene, waypoints: FloatArray) -> FloatArray:
     the way of the box's middle and of the ends of its axes. Two joints give no more than the product of their rates
     and the lever of one, so that half of what all give is no more than all angles times all rates with their levers.
     """
-    placed = place(scene, waypoints)
-    straight = _measure_ways(placed[:-1], placed[1:])
+    straight = np.empty((len(waypoints) - 1, len(scene.frame)))
+    for begin in range(0, len(straight), ROWS):
+        placed = place(scene, waypoints[begin : begin + ROWS + 1])
+        straight[begin : begin + ROWS] = _measure_ways(placed[:-1], placed[1:])
     serial = waypoints @ scene.robot.coupling.T
     angles = _angles(scene, waypoints)
     bent = angles[:, None] * (np.abs(np.diff(serial, axis=0)) @ levers(scene, np.abs(serial).max(axis=0)))

@@ -159,10 +159,12 @@ def _states(setup: Setup, knots: Way, grid: Grid) -> States:
     at, looks = rows(parts), divide(knots, parts)
     orientations = looks.rotation[:, None] @ grid.nominal_from_tool
     found = solutions(robot, *flange_poses(setup, looks.position[:, None], orientations), grid.moves)
+    usable = within_turned(robot, found[at], table)
+    stands = usable.any(axis=-1) & _safe(robot, found[at])
+    # A branch never becomes another: of use are those in which each row can be stood at.
+    columns = np.flatnonzero(stands.any(axis=1).all(axis=0))
+    found, usable = found[:, :, columns], usable[:, :, columns] & stands[:, :, columns, None]
     safe = _safe(robot, found)
-    columns = np.flatnonzero(safe.any(axis=(0, 1)))
-    found, safe = found[:, :, columns], safe[:, :, columns]
-    usable = within_turned(robot, found[at], table) & safe[at][..., None]
     most = np.abs(table[usable.any(axis=(0, 1, 2))]).max(axis=0, initial=0)
     few = (np.abs(table) <= most).all(axis=1)
     table, usable = table[few], usable[..., few]
@@ -201,7 +203,8 @@ def can_stand(setup: Setup, position: FloatArray, rotation: FloatArray, grid: Gr
     robot = setup.robot
     goal = flange_poses(setup, position[:, None], rotation[:, None] @ grid.nominal_from_tool)
     found = solutions(robot, *goal, grid.moves)
-    usable = _safe(robot, found) & within_turned(robot, found, turns(robot)).any(axis=-1)
+    usable = within_turned(robot, found, turns(robot)).any(axis=-1)
+    usable[usable] = _safe(robot, found[usable])
     stands = np.zeros(len(position), dtype=np.bool_)
     # The nominal orientation comes first; where it is clear no other is looked at.
     nominal = (np.arange(usable.shape[1]) == 0)[:, None]
