@@ -203,7 +203,7 @@ def can_stand(setup: Setup, position: FloatArray, rotation: FloatArray, grid: Gr
     robot = setup.robot
     goal = flange_poses(setup, position[:, None], rotation[:, None] @ grid.nominal_from_tool)
     found = solutions(robot, *goal, grid.moves)
-    usable = within_turned(robot, found, turns(robot)).any(axis=-1)
+    usable = np.asarray(within_turned(robot, found, turns(robot)).any(axis=-1))
     usable[usable] = _safe(robot, found[usable])
     stands = np.zeros(len(position), dtype=np.bool_)
     # The nominal orientation comes first; where it is clear no other is looked at.
