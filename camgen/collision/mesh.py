@@ -16,7 +16,7 @@ from msgspec import Struct
 
 from camgen.collision.boxes import Boxes
 from camgen.collision.cells import OUTSIDE, PASSED, UNKNOWN, WITHIN, Cells, divide_space
-from camgen.collision.tree import BoxTree, ask, grow
+from camgen.collision.tree import BITS, BoxTree, ask, grow
 from camgen.geometry.ragged import each_once
 from camgen.geometry.vectors import cross
 from camgen.model.part import BoolArray, IntArray, Solid
@@ -50,7 +50,7 @@ def make_mesh(solid: Solid) -> Mesh:
     model.addSubModel(np.asarray(solid.vertices), np.asarray(solid.faces))
     model.endModel()
     tree = grow(solid.vertices[solid.faces])
-    low, high = tree.lows[0].min(axis=1), tree.highs[0].max(axis=1)
+    low, high = tree.corners.min(axis=(0, 1)), tree.corners.max(axis=(0, 1))
     box = Boxes(frozen((low + high) / 2), frozen(np.eye(3)), frozen((high - low) / 2))
     return Mesh(tree, box, fcl.CollisionObject(model), _is_closed(solid))
 
@@ -67,6 +67,8 @@ def _is_closed(solid: Solid) -> bool:
 
 def find_struck(mesh: Mesh, boxes: Boxes) -> BoolArray:
     """Which boxes (N,) in the part's frame meet the surface or are within the part (N,)."""
+    if not len(boxes.centres):
+        return np.zeros(0, dtype=np.bool_)
     found = _inside_cells(mesh, boxes.centres)
     left = np.flatnonzero(~found & mesh.cells.near(boxes.centres, boxes.reach))
     for begin in range(0, len(left), _BOXES):
@@ -99,16 +101,21 @@ def _surface(tree: BoxTree, boxes: Boxes) -> BoolArray:
     # Column by column in memory: what is worked out for thousands of pairs takes a third of the time.
     centres, reach, half = (np.ascontiguousarray(table.T) for table in (boxes.centres, boxes.reach, boxes.half))
     axes = np.ascontiguousarray(boxes.axes.transpose(1, 2, 0))
-    steep = np.abs(axes)
+    steep, lowest, highest = np.abs(axes), centres - reach, centres + reach
 
-    def near(which: IntArray, low: FloatArray, high: FloatArray) -> BoolArray:
-        apart, room = (low + high) / 2 - centres.take(which, axis=1), (high - low) / 2
-        good = _every(np.abs(apart) <= room + reach.take(which, axis=1))
+    def near(which: IntArray, low: FloatArray, high: FloatArray) -> IntArray:
+        good = low[0] <= highest[0].take(which)
+        for axis in (1, 2):
+            good &= low[axis] <= highest[axis].take(which)
+        for axis in range(3):
+            good &= high[axis] >= lowest[axis].take(which)
         left = np.flatnonzero(good)
-        which, apart, room = which[left], apart.take(left, axis=1), room.take(left, axis=1)
+        which = which.take(left >> BITS)
+        low, high = (corner.reshape(3, -1).take(left, axis=1) for corner in (low, high))
+        apart, room = (low + high) / 2 - centres.take(which, axis=1), (high - low) / 2
         across = np.abs(_turn(apart, axes.take(which, axis=2)))
-        good[left] = _every(across <= half.take(which, axis=1) + _turn(room, steep.take(which, axis=2)))
-        return good
+        most = half.take(which, axis=1) + _turn(room, steep.take(which, axis=2))
+        return left[_every(across <= most)]
 
     def holds(which: IntArray, corner: FloatArray) -> BoolArray:
         across = np.abs(_turn(corner - centres.take(which, axis=1), axes.take(which, axis=2)))
@@ -168,9 +175,9 @@ def _through(tree: BoxTree, points: FloatArray, axis: int) -> FloatArray:
     """The counts along both rays of an axis, summed (N,)."""
     u, v = (axis + 1) % 3, (axis + 2) % 3
 
-    def stabbed(which: IntArray, low: FloatArray, high: FloatArray) -> BoolArray:
+    def stabbed(which: IntArray, low: FloatArray, high: FloatArray) -> IntArray:
         one, other = points[:, u].take(which), points[:, v].take(which)
-        return np.asarray((low[u] <= one) & (one <= high[u]) & (low[v] <= other) & (other <= high[v]))
+        return np.flatnonzero((low[u] <= one) & (one <= high[u]) & (low[v] <= other) & (other <= high[v]))
 
     which, triangle, _ = ask(tree, len(points), stabbed)
     corners, at = tree.corners[triangle][..., [u, v, axis]], points[which][:, [u, v, axis]]

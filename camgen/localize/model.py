@@ -9,7 +9,7 @@ from msgspec import Struct
 from camgen.collision.tree import BoxTree, ask, grow
 from camgen.geometry.ragged import begins, owners, stretches
 from camgen.geometry.vectors import dots, unit
-from camgen.model.part import BoolArray, IntArray
+from camgen.model.part import IntArray
 from camgen.model.pose import FloatArray
 
 #: Steps of the R2 sequence (Roberts, The unreasonable effectiveness of quasirandom sequences, 2018).
@@ -167,11 +167,11 @@ def _box(model: Model, samples: Cloud, middles: FloatArray, limits: Limits, cell
 
     columns = np.ascontiguousarray(middles.T)
 
-    def meets(which: IntArray, low: FloatArray, high: FloatArray) -> BoolArray:
+    def meets(which: IntArray, low: FloatArray, high: FloatArray) -> IntArray:
         at = columns.take(which, axis=1)
         off = np.maximum(low - at, at - high)
         np.maximum(off, 0, out=off)
-        return np.asarray((off * off).sum(axis=0) <= bound.take(which))
+        return np.flatnonzero((off * off).sum(axis=0) <= bound.take(which))
 
     which, triangle, _ = ask(model.tree, len(middles), meets)
     order = np.argsort(which, kind="stable")

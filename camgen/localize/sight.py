@@ -31,11 +31,11 @@ def hidden(model: Model, places: FloatArray, eyes: FloatArray, gap: float) -> Bo
 
     columns, shares = np.ascontiguousarray(places.T), np.ascontiguousarray(inverse.T)
 
-    def meets(which: IntArray, low: FloatArray, high: FloatArray) -> BoolArray:
+    def meets(which: IntArray, low: FloatArray, high: FloatArray) -> IntArray:
         here, share = columns.take(which, axis=1), shares.take(which, axis=1)
         one, two = (low - pad - here) * share, (high + pad - here) * share
         enters, leaves = np.minimum(one, two).max(axis=0), np.maximum(one, two).min(axis=0)
-        return np.asarray((leaves >= enters) & (leaves > gap))
+        return np.flatnonzero((leaves >= enters) & (leaves > gap))
 
     ray, triangle, _ = ask(model.tree, len(places), meets)
     blocked = np.zeros(len(places), dtype=bool)

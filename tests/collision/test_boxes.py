@@ -203,9 +203,10 @@ def test_the_tree_finds_every_triangle_once(count: int) -> None:
     rng = np.random.default_rng(count)
     corners = rng.uniform(0, 10, (count, 1, 3)) + rng.uniform(0, 1, (count, 3, 3))
     tree = grow(corners)
-    low, high = np.array([[2.0], [3], [1]]), np.array([[6.0], [7], [9]])
-    _, found, _ = ask(tree, 1, lambda _, lo, hi: ((lo <= high) & (hi >= low)).all(axis=0))
-    expected = ((corners.min(axis=1) <= high.T) & (corners.max(axis=1) >= low.T)).all(axis=1)
+    low, high = np.array([2.0, 3, 1]), np.array([6.0, 7, 9])
+    wide = low[:, None, None], high[:, None, None]
+    _, found, _ = ask(tree, 1, lambda _, lo, hi: np.flatnonzero(((lo <= wide[1]) & (hi >= wide[0])).all(axis=0)))
+    expected = ((corners.min(axis=1) <= high) & (corners.max(axis=1) >= low)).all(axis=1)
     assert len(found) == len(set(found.tolist())) == expected.sum()
     assert sorted(tree.corners[found].tolist()) == sorted(corners[expected].tolist())
 
