@@ -11,7 +11,7 @@ from camgen.geometry.ragged import each_once, offsets
 from camgen.model.part import BoolArray
 from camgen.model.pose import FloatArray
 from camgen.plan.edges.motion import Setup, Track, flange_poses
-from camgen.plan.edges.ways import Index, Way, divide, rows
+from camgen.plan.edges.ways import Along, Index, Way
 from camgen.robots.kinematics.inverse import nearest
 
 #: mm: half-way between two rows no point of arm and tool is farther from where joints that run evenly have it.
@@ -38,23 +38,23 @@ def follow_closely(setup: Setup, way: Way, joints: FloatArray, along: BoolArray)
     at = np.arange(len(joints), dtype=np.float64)
     open_: BoolArray = np.asarray(along, dtype=bool)
     lost: list[FloatArray] = []
+    poses = Along.of(way).poses
     for _ in range(_HALVINGS):
         before = np.flatnonzero(open_)
         if not len(before):
             break
-        parts = 1 + open_
-        way, kept = divide(way, parts), rows(parts)
-        middle = kept[before] + 1
+        kept = offsets(1 + open_)
+        middle, place = kept[before] + 1, (at[before] + at[before + 1]) / 2
         even = (joints[before] + joints[before + 1]) / 2
-        exact = nearest(setup.robot, *flange_poses(setup, way.position[middle], way.rotation[middle]), even)
+        position, rotation = poses(place)
+        exact = nearest(setup.robot, *flange_poses(setup, position, rotation), even)
         none: BoolArray = np.asarray(np.isnan(exact).any(axis=1))
         lost.append(at[before[none]])
         exact = np.where(none[:, None], even, exact)
         far: BoolArray = np.asarray(setup.apart(exact, even) > APART)
         wide = middle[far]
-        at = _insert(at, kept, middle, (at[before] + at[before + 1]) / 2)
-        joints = _insert(joints, kept, middle, exact)
-        open_ = np.zeros(len(way) - 1, dtype=np.bool_)
+        at, joints = _insert(at, kept, middle, place), _insert(joints, kept, middle, exact)
+        open_ = np.zeros(len(at) - 1, dtype=np.bool_)
         open_[wide - 1] = open_[wide] = True
     lost.append(at[:-1][open_])
     return Course(joints, at, each_once(np.concatenate(lost).astype(np.int64)))

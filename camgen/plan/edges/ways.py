@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from camgen.geometry.arcs import Spans, chain, span_lengths
 from camgen.geometry.ragged import offsets, owners, ramp
-from camgen.geometry.rotations import angles_between, between
+from camgen.geometry.rotations import angles_between, between, from_vectors, vectors_of
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.tolerance import NONZERO
 
@@ -80,6 +80,30 @@ def divide(way: Way, parts: Index) -> Way:
     rotation = np.concatenate([way.rotation[:1], between(way.rotation[:-1], way.rotation[1:], segment, after * share)])
     rotation[kept] = way.rotation
     return Way(frozen(position), frozen(via), frozen(rotation))
+
+
+class Along(Struct, frozen=True, eq=False):
+    """A way, of which poses are asked for more than once. spans: its segments. turn: (N - 1, 3) by which the tool turns
+    in each, axis times rad, as it stands at its start.
+    """
+
+    way: Way
+    spans: Spans
+    turn: FloatArray
+
+    @classmethod
+    def of(cls, way: Way) -> Along:
+        """All along ``way``."""
+        return cls(way, way.spans, vectors_of(np.swapaxes(way.rotation[:-1], 1, 2) @ way.rotation[1:]))
+
+    def poses(self, at: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The TCP (K, 3) and its rotation (K, 3, 3) at places (K,), in rows: 2.25 is a quarter of the way from row 2 to
+        row 3.
+        """
+        segment = np.minimum(at.astype(np.int64), len(self.turn) - 1)
+        share = at - segment
+        turned = from_vectors(self.turn[segment] * share[:, None])
+        return self.spans.point(share, segment), self.way.rotation[segment] @ turned
 
 
 def cut(way: Way, low: float, high: float) -> Way:
