@@ -266,11 +266,13 @@ def place(scene: Scene, joints: FloatArray) -> Boxes:
     # All configurations of a box in one product of matrices: an eighth of the time of a product each.
     count = len(scene.frame)
     rows = rotations.swapaxes(0, 1).take(scene.frame, axis=0).reshape(count, 3 * len(joints), 3)
-    turned = rows @ np.concatenate([scene.rotation, scene.origin[..., None]], axis=2)
-    turned = turned.reshape(count, len(joints), 3, 4)
-    centres = (origins.swapaxes(0, 1).take(scene.frame, axis=0) + turned[..., 3]).swapaxes(0, 1)
-    axes = np.ascontiguousarray(turned[..., :3]).swapaxes(0, 1)
-    return Boxes(centres, axes, np.broadcast_to(scene.half, centres.shape))
+    centres = (rows @ scene.origin[..., None]).reshape(count, len(joints), 3)
+    centres += origins.swapaxes(0, 1).take(scene.frame, axis=0)
+    # Most boxes lie along the axes of their link.
+    for box in np.flatnonzero((scene.rotation != np.eye(3)).any(axis=(1, 2))).tolist():
+        rows[box] = rows[box] @ scene.rotation[box]
+    axes = rows.reshape(count, len(joints), 3, 3).swapaxes(0, 1)
+    return Boxes(centres.swapaxes(0, 1), axes, np.broadcast_to(scene.half, (len(joints), count, 3)))
 
 
 def _place_some(scene: Scene, links: tuple[FloatArray, FloatArray], row: IntArray, box: IntArray) -> Boxes:
