@@ -68,11 +68,8 @@ def ends(program: Program, robot: Robot, anchors: FloatArray) -> tuple[FloatArra
     columns = program.columns
     posed, position = columns.posed, columns.ends.copy()
     rotation = np.empty((len(posed), 3, 3))
-    targets = [columns.moves[k].target.rotation for k in np.flatnonzero(posed).tolist()]
-    seen = {id(one): one for one in targets}
-    place = {key: k for k, key in enumerate(seen)}
-    if targets:
-        rotation[posed] = np.stack(list(seen.values()))[[place[id(one)] for one in targets]]
+    if posed.any():
+        rotation[posed] = np.stack(columns.table)[columns.rotation[posed]]
     turned, origin = flange(robot, anchors)
     tool, base = program.flange_from_tool, program.base_from_work
     rotation[~posed] = base.rotation.T @ turned @ tool.rotation
@@ -91,8 +88,9 @@ def _through_middles(way: Way, program: Program) -> tuple[Way, Index]:
         return way, own
     finer = divide(way, parts)
     rotation = finer.rotation.copy()
-    vias = [program.columns.moves[k].via.rotation for k in np.flatnonzero(turning).tolist()]
-    rotation[rows(parts)[turning] - 1] = np.stack(vias)
+    columns = program.columns
+    vias = columns.via_rotation[np.searchsorted(columns.arcs, np.flatnonzero(turning))]
+    rotation[rows(parts)[turning] - 1] = np.stack(columns.table)[vias]
     return Way(finer.position, finer.via, rotation), own
 
 
@@ -182,7 +180,7 @@ def _anchors(program: Program, robot: Robot, file: str) -> FloatArray:
     if posed[0]:
         raise JobError("job", "the post is for a machine, not for an arm", "cell.robot", "leave it out")
     places = np.flatnonzero(~posed)
-    targets = [columns.moves[k].target.values for k in places.tolist()]
+    targets = [move.target.values for move in columns.pick(columns.at[places])]
     for place, values in zip(places.tolist(), targets, strict=True):
         if len(values) != len(robot.home):
             what = f"{robot.name} has {len(robot.home)} joints, {_name(place)} has {len(values)}"
