@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 from msgspec import Struct
@@ -145,10 +146,13 @@ def find_states(setup: Setup, items: Sequence[Item], angles: FloatArray, around:
         rotation = np.concatenate([item.rotation for item in group])[:, None] @ spin
         goal = flange_poses(setup, position[:, None], rotation)
         ends = offsets([len(item) for item in group])
-        for k, item in enumerate(group):
-            rows = slice(int(ends[k]), int(ends[k + 1]))
-            own = solutions(robot, goal[0][rows], goal[1][rows], around)
-            found.append(_states(robot, item, own, table, angles))
+        # Without a closed form the joints of a row depend on those before it along its path.
+        if robot.arm:
+            joints = np.split(solutions(robot, *goal, around), ends[1:-1])
+        else:
+            rows = [slice(*pair) for pair in pairwise(ends.tolist())]
+            joints = [solutions(robot, goal[0][own], goal[1][own], around) for own in rows]
+        found += [_states(robot, item, own, table, angles) for item, own in zip(group, joints, strict=True)]
     return found
 
 
