@@ -7,13 +7,14 @@ import random
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from camgen.model.path import ToolPath, waypoints
 from camgen.order.arrange import arrange
 from camgen.order.proven import FEW, is_proven
 from camgen.order.starts import starts
+from camgen.plan.starting import SEAM
 from tests.order.test_tour import circle, ids, line
 
 Way = tuple[complex, complex]
@@ -76,6 +77,7 @@ def test_open_paths_are_run_in_the_best_order_there_is(seed: int, count: int, at
 
 @settings(max_examples=40, deadline=None)
 @given(st.integers(0, 10**6), st.integers(1, 4), st.booleans())
+@example(seed=220479, count=3, at_home=False)  # a start 0.09 mm beside a corner
 def test_no_start_of_closed_paths_is_better(seed: int, count: int, at_home: bool) -> None:
     paths, rings = some_paths(random.Random(seed), count, 0.7)
     home = 0j if at_home else None
@@ -84,8 +86,10 @@ def test_no_start_of_closed_paths_is_better(seed: int, count: int, at_home: bool
     assert tour.bound is not None
     assert tour.bound <= best + 1e-9
     assert tour.bound <= tour.travel + 1e-9
-    assert tour.travel <= best + max(2e-3, 5e-4 * best)
-    assert is_proven(tour.travel, tour.bound)
+    # A start that would cut off less than SEAM beside a corner is at the corner, which costs little of that.
+    moved = SEAM / 10 * sum(path.closed for path in paths)
+    assert tour.travel <= best + max(2e-3, 5e-4 * best) + moved
+    assert is_proven(tour.travel - moved, tour.bound)
 
 
 def polygon(x: float, y: float, radius: float, corners: int) -> ToolPath:
