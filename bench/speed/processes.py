@@ -1,7 +1,7 @@
 """Time and memory of whole processes, from the command to the written program.
 
-    python -m bench.speed.processes [CASE ...] [--runs N]   all cases, or those named: help, 251, 5,001, 100,001, rfa1,
-                                                            rfa2
+    python -m bench.speed.processes [CASE ...] [--runs N]   all cases, or those named: help, 251, 401, 5,001, 100,001,
+                                                            rfa1, rfa2
 
 This process imports nothing heavy: on Linux a child's peak memory counts what its parent held when it was started.
 """
@@ -22,20 +22,27 @@ from bench.machine import machine
 
 POSTS = ("gcode", "rapid")
 PITCH = (36.0, 24.0)
+#: An arm that reaches all of 401 shapes.
+ARM = ("cell.robot=IRB 2400", "cell.base_from_work=[700, -360, 500, 0, 0, 0]")
 
 
 @dataclass(frozen=True)
 class Case:
-    """A plate with so many round holes and slots. goal: s; 0: so many times what ezdxf needs to read the drawing."""
+    """A plate with so many round holes and slots. goal: s; 0: so many times what ezdxf needs to read the drawing.
+    settings: of the job, where it has some.
+    """
 
     circles: int
     slots: int
     goal: float
     runs: int
+    posts: tuple[str, ...] = POSTS
+    settings: tuple[str, ...] = ()
 
 
 CASES = {
     "251 shapes": Case(circles=200, slots=50, goal=0.8, runs=7),
+    "401 shapes at an IRB 2400": Case(circles=320, slots=80, goal=2.0, runs=7, posts=("rapid",), settings=ARM),
     "5,001 shapes": Case(circles=4_000, slots=1_000, goal=3.0, runs=5),
     "100,001 entities": Case(circles=20_000, slots=20_000, goal=0.0, runs=3),
 }
@@ -103,10 +110,11 @@ def bench(folder: Path, name: str, case: Case, runs: int) -> None:
         [sys.executable, "-m", "bench.speed.processes", "draw", drawing, str(case.circles), str(case.slots)], check=True
     )
     commands = {"ezdxf": [sys.executable, "-c", f"import ezdxf; ezdxf.readfile({drawing!r})"]}
-    for post in POSTS:
+    settings = [word for one in case.settings for word in ("--set", one)]
+    for post in case.posts:
         programs = folder / post
         programs.mkdir()
-        build = ["build", drawing, "--post", post, "-q", "-o", str(programs)]
+        build = ["build", drawing, "--post", post, "-q", "-o", str(programs), *settings]
         commands[post] = [sys.executable, "-m", "camgen", *build]
     values: dict[str, list[tuple[float, float, float]]] = {who: [] for who in commands}
     for _ in range(runs or case.runs):
@@ -114,7 +122,7 @@ def bench(folder: Path, name: str, case: Case, runs: int) -> None:
             values[who].append(measured(command))
     reading = statistics.median(s for _, s, _ in values["ezdxf"])
     print(row(f"{name}: ezdxf.readfile alone", values["ezdxf"], ""))
-    for post in POSTS:
+    for post in case.posts:
         goal = f"{case.goal} s" if case.goal else f"{TIMES[post] * reading:.1f} s of the processor, {MOST_MB} MB"
         print(row(f"{name}: build --post {post}", values[post], goal), flush=True)
 
