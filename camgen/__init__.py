@@ -27,12 +27,30 @@ if TYPE_CHECKING:
         read_back,
         verify,
     )  # fmt: skip
-    from camgen.model.errors import CamgenError, InputError, JobError, NoSafeProgram, Refused, VerifyError
+    from camgen.model.errors import (
+        CamgenError,
+        InputError,
+        JobError,
+        NoSafeProgram,
+        Refused,
+        VerifyError,
+    )
     from camgen.model.job import Job
     from camgen.model.part import Contour, Edge, Note, Part, Solid
     from camgen.model.path import ToolPath, Tour
     from camgen.model.pose import Pose
-    from camgen.model.program import Comment, Force, Joints, MoveC, MoveJ, MoveL, Origin, Output, Program, Wait
+    from camgen.model.program import (
+        Comment,
+        Force,
+        Joints,
+        MoveC,
+        MoveJ,
+        MoveL,
+        Origin,
+        Output,
+        Program,
+        Wait,
+    )
     from camgen.plan import Operation, Plan
     from camgen.post import Post, Reading
     from camgen.read import Reader

@@ -125,10 +125,16 @@ def _hole(columns: Columns, k: int, decimals: int) -> CycleHole | None:
     for stroke in strokes:
         target = Pose(turn, (x, y, stroke.z))
         owner = {"path": above.path, "work": bool(stroke.feed)}
-        motions.append(MoveL(target, stroke.feed, **owner) if stroke.feed else MoveJ(target, above.speed, **owner))
+        motions.append(
+            MoveL(target, stroke.feed, **owner)
+            if stroke.feed
+            else MoveJ(target, above.speed, **owner)
+        )
     across = k > 0 and _leads(columns.pose(k - 1), above.target, decimals)
     first = int(columns.at[k + (not across)])
-    return CycleHole(first, int(columns.at[last]), (*([above] if across else []), *motions), words, across)
+    return CycleHole(
+        first, int(columns.at[last]), (*([above] if across else []), *motions), words, across
+    )
 
 
 def _leads(before: Pose | None, above: Pose, decimals: int) -> bool:
@@ -169,7 +175,10 @@ def _strokes(moves: Sequence[MoveJ | MoveL], top: float, travel: float) -> list[
     travel: mm/s; a line at that speed is a rapid motion on this machine.
     """
     each = [
-        DrillStroke(_z(move), 0.0 if isinstance(move, MoveJ) or move.speed == travel else move.speed) for move in moves
+        DrillStroke(
+            _z(move), 0.0 if isinstance(move, MoveJ) or move.speed == travel else move.speed
+        )
+        for move in moves
     ]
     if any(stroke.feed > travel for stroke in each):
         return []
@@ -191,7 +200,11 @@ def _words(top: float, strokes: Sequence[DrillStroke], decimals: int) -> str:
     retract, rest = (top, strokes) if strokes[0].feed else (strokes[0].z, strokes[1:])
     cuts = [stroke for stroke in rest if stroke.feed]
     levels = [retract, *(cut.z for cut in cuts)]
-    if not cuts or len({cut.feed for cut in cuts}) > 1 or any(b >= a - SAME_POINT_MM for a, b in pairwise(levels)):
+    if (
+        not cuts
+        or len({cut.feed for cut in cuts}) > 1
+        or any(b >= a - SAME_POINT_MM for a, b in pairwise(levels))
+    ):
         return ""
     wanted = [DrillStroke(cuts[0].z, cuts[0].feed)]
     for before, cut in pairwise(cuts):
@@ -199,7 +212,10 @@ def _words(top: float, strokes: Sequence[DrillStroke], decimals: int) -> str:
     wanted.append(DrillStroke(top, 0.0))
     if len(rest) != len(wanted):
         return ""
-    if any(a.feed != b.feed or abs(a.z - b.z) > SAME_POINT_MM for a, b in zip(rest, wanted, strict=True)):
+    if any(
+        a.feed != b.feed or abs(a.z - b.z) > SAME_POINT_MM
+        for a, b in zip(rest, wanted, strict=True)
+    ):
         return ""
     words = f"Z{short(levels[-1], decimals)} R{short(retract, _PECK_DIGITS)}"
     if len(cuts) == 1:
@@ -224,7 +240,9 @@ def _peck(levels: Sequence[float], decimals: int) -> float:
     return peck if (count - 1) * (peck - step) < 0.5 * 10**-decimals else 0.0
 
 
-def rows(body: Sequence[Instruction], found: Sequence[CycleHole]) -> Iterator[tuple[CycleHole, bool, bool]]:
+def rows(
+    body: Sequence[Instruction], found: Sequence[CycleHole]
+) -> Iterator[tuple[CycleHole, bool, bool]]:
     """Each hole, whether the cycle before it still holds, and whether it is the last for which its own does."""
     joins = [
         one.words == two.words
@@ -252,24 +270,40 @@ class GCode(Rs274):
     changes_tools: ClassVar[bool] = True
 
     lift: bool = field(
-        default=True, kw_only=True, metadata={"help": "G53 G0 Z0 first: the machine's zero of Z is its top"}
+        default=True,
+        kw_only=True,
+        metadata={"help": "G53 G0 Z0 first: the machine's zero of Z is its top"},
     )
-    tool: int = field(default=0, kw_only=True, metadata={"help": "tool to change to and measure by; 0: no change"})
-    path_tolerance: float = field(default=0.01, kw_only=True, metadata={"help": "G64 P, mm; 0: exact path (G61)"})
-    cycles: bool = field(default=True, kw_only=True, metadata={"help": "G81 and G83 for holes; false: each motion"})
+    tool: int = field(
+        default=0, kw_only=True, metadata={"help": "tool to change to and measure by; 0: no change"}
+    )
+    path_tolerance: float = field(
+        default=0.01, kw_only=True, metadata={"help": "G64 P, mm; 0: exact path (G61)"}
+    )
+    cycles: bool = field(
+        default=True, kw_only=True, metadata={"help": "G81 and G83 for holes; false: each motion"}
+    )
     signals: dict[str, str] = field(
         default_factory=lambda: {"process": "P0"},
         kw_only=True,
         metadata={"help": "digital output (P0 to P63) or coolant (M7, M8) of each signal"},
     )
     outputs: int = field(
-        default=4, kw_only=True, metadata={"help": "digital and analog outputs that the machine has, to read back by"}
+        default=4,
+        kw_only=True,
+        metadata={"help": "digital and analog outputs that the machine has, to read back by"},
     )
     force: Literal["refuse", "ignore", "analog"] = field(
-        default="refuse", kw_only=True, metadata={"help": "ignore: leave out; analog: an analog output (M67, M68)"}
+        default="refuse",
+        kw_only=True,
+        metadata={"help": "ignore: leave out; analog: an analog output (M67, M68)"},
     )
-    force_channel: int = field(default=0, kw_only=True, metadata={"help": "analog output of the force, 0 to 63"})
-    force_scale: float = field(default=0.0, kw_only=True, metadata={"help": "output value per N; analog needs it"})
+    force_channel: int = field(
+        default=0, kw_only=True, metadata={"help": "analog output of the force, 0 to 63"}
+    )
+    force_scale: float = field(
+        default=0.0, kw_only=True, metadata={"help": "output value per N; analog needs it"}
+    )
 
     #: Whether a tool change has already said what stands before the first motion.
     _changed: bool = field(default=False, init=False, repr=False)
@@ -286,14 +320,26 @@ class GCode(Rs274):
             raise JobError("[post] tool", f"{self.tool} is no tool number", remedy="0 for none")
         if self.path_tolerance != 0 and not 1e-4 <= self.path_tolerance <= 10:
             remedy = "0 for the exact path; without a tolerance LinuxCNC would round corners by any amount"
-            raise JobError("[post] path_tolerance", f"{self.path_tolerance} is not 0.0001 to 10 mm", remedy=remedy)
+            raise JobError(
+                "[post] path_tolerance",
+                f"{self.path_tolerance} is not 0.0001 to 10 mm",
+                remedy=remedy,
+            )
         check_signals(self.signals, _OUTPUTS, [COOLANT])
         if not 1 <= self.outputs <= 64:
-            raise JobError("[post] outputs", f"{self.outputs} is not 1 to 64", remedy="num_dio and num_aio of motmod")
+            raise JobError(
+                "[post] outputs",
+                f"{self.outputs} is not 1 to 64",
+                remedy="num_dio and num_aio of motmod",
+            )
         if not 0 <= self.force_channel <= 63:
             raise JobError("[post] force_channel", f"{self.force_channel} is not 0 to 63")
         if self.force == "analog" and not 1e-3 <= self.force_scale <= 1e3:
-            raise JobError("[post] force_scale", "analog force needs the output's value per N", remedy="0.001 to 1000")
+            raise JobError(
+                "[post] force_scale",
+                "analog force needs the output's value per N",
+                remedy="0.001 to 1000",
+            )
 
     def tolerance(self) -> Tolerance:
         """Half the last printed digit, a force by its scale."""
@@ -304,11 +350,15 @@ class GCode(Rs274):
         """A small mill; G64 P rounds every corner, G61 none. The shares are LinuxCNC's (docs/cycle-time.md)."""
         rounded = self.path_tolerance
         last = 0.5 if rounded else 1.0
-        return Dynamics(acceleration=500.0, corner="arc", deviation=rounded, across=0.866, along=0.5, last=last)
+        return Dynamics(
+            acceleration=500.0, corner="arc", deviation=rounded, across=0.866, along=0.5, last=last
+        )
 
     def prepare(self, program: Program, chord: float) -> Program:
         """See ``Rs274``; drops force where the user said so, and makes cycles of holes."""
-        program = super().prepare(without_force(program) if self.force == "ignore" else program, chord)
+        program = super().prepare(
+            without_force(program) if self.force == "ignore" else program, chord
+        )
         found = holes(program.columns, self.decimals) if self.cycles else []
         if not found:
             return program
@@ -330,7 +380,10 @@ class GCode(Rs274):
 
     def _assumed(self) -> tuple[str, ...]:
         value = f"analog output {self.force_channel} is {short(self.force_scale, 6)} per N"
-        return (f"force: {value}, led to a regulator in HAL", "force: its direction and its zero are the machine's")
+        return (
+            f"force: {value}, led to a regulator in HAL",
+            "force: its direction and its zero are the machine's",
+        )
 
     def ready(self) -> Sequence[str]:
         """The tool and its length come last."""
@@ -342,7 +395,11 @@ class GCode(Rs274):
         """M6, up to the top of the machine, since where it stands afterwards is not known, and the new length."""
         first, up = not self._changed, ("G53 G0 Z0",) if self.lift else ()
         self._changed, self._words = True, ()
-        size = f"diameter {short(item.diameter, 3)} mm length {short(item.length, 3)} mm" if item.diameter else ""
+        size = (
+            f"diameter {short(item.diameter, 3)} mm length {short(item.length, 3)} mm"
+            if item.diameter
+            else ""
+        )
         name = f"tool {item.name} {size}"
         return (
             self.note(" ".join(name.split())),
@@ -375,8 +432,15 @@ class GCode(Rs274):
         if row is None:
             return ()
         hole, going, last = row
-        x, y = (f"{axis}{short(value, self.decimals)}" for axis, value in zip("XY", hole.place[:2], strict=True))
-        feed = self._feed_word(MoveL(motion.target, hole.feed)) if isinstance(motion.target, Pose) else []
+        x, y = (
+            f"{axis}{short(value, self.decimals)}"
+            for axis, value in zip("XY", hole.place[:2], strict=True)
+        )
+        feed = (
+            self._feed_word(MoveL(motion.target, hole.feed))
+            if isinstance(motion.target, Pose)
+            else []
+        )
         words = (x, y) if going else ("G98", hole.words[:3], x, y, hole.words[4:], *feed)
         return (" ".join(words), *(("G80",) if last else ()))
 
@@ -400,7 +464,9 @@ class GCode(Rs274):
         if not item.number:
             return f"tool {item.name or short(item.diameter, 3)} has no number in the tool table; set tools.number"
         if self.tool:
-            return "post.tool is for programs with one tool; leave it out, the operations name theirs"
+            return (
+                "post.tool is for programs with one tool; leave it out, the operations name theirs"
+            )
         return ""
 
     def print_force(self, item: Force) -> Sequence[str]:
@@ -425,7 +491,10 @@ class GCode(Rs274):
     def why_not_force(self, item: Force) -> str:
         """An analog output can stand for a force; what it does to the tool is wired in HAL."""
         if self.force != "analog":
-            return super().why_not_force(item) + ', or post.force = "analog" with an output wired to a regulator'
+            return (
+                super().why_not_force(item)
+                + ', or post.force = "analog" with an output wired to a regulator'
+            )
         if item.newtons > 0 and self._force_word(item.newtons) == "0":
             return f"{item.newtons:g} N is nothing at post.force_scale = {self.force_scale:g}; raise the scale"
         return ""

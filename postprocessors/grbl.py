@@ -33,12 +33,18 @@ class Grbl(Rs274):
     signals: dict[str, str] = field(
         default_factory=lambda: {"process": "M3"},
         kw_only=True,
-        metadata={"help": "spindle line (M3, M4: power follows the speed) or coolant (M7, M8) of each signal"},
+        metadata={
+            "help": "spindle line (M3, M4: power follows the speed) or coolant (M7, M8) of each signal"
+        },
     )
     power: float = field(
-        default=1000.0, kw_only=True, metadata={"help": "S of a signal on M3 or M4; $30 is full power"}
+        default=1000.0,
+        kw_only=True,
+        metadata={"help": "S of a signal on M3 or M4; $30 is full power"},
     )
-    force: Literal["refuse", "ignore"] = field(default="refuse", kw_only=True, metadata={"help": "ignore: leave out"})
+    force: Literal["refuse", "ignore"] = field(
+        default="refuse", kw_only=True, metadata={"help": "ignore: leave out"}
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -79,7 +85,12 @@ class Grbl(Rs274):
         remedy = 'put the signal on a coolant line, e.g. post.signals = {process = "M8"}'
         for index, item in outputs:
             if item.signal in lines:
-                raise Refused(self.name, index, f"signal {item.signal} and the spindle share one output", remedy)
+                raise Refused(
+                    self.name,
+                    index,
+                    f"signal {item.signal} and the spindle share one output",
+                    remedy,
+                )
         if all(item.value in (0, self.power) for _, item in spins):
             what = f"a spindle at {self.power:g} rpm reads like signal {min(lines)} at post.power"
             raise Refused(self.name, spins[0][0], what, "change post.power or " + remedy)

@@ -19,7 +19,15 @@ from camgen.geometry.arcs import level_arms
 from camgen.geometry.vectors import within
 from camgen.model.cell import Cell
 from camgen.model.errors import JobError, Refused
-from camgen.model.pose import IDENTITY, TOOL_DOWN, FloatArray, Pose, Vec3, angle_between, translation
+from camgen.model.pose import (
+    IDENTITY,
+    TOOL_DOWN,
+    FloatArray,
+    Pose,
+    Vec3,
+    angle_between,
+    translation,
+)
 from camgen.model.program import (
     Columns,
     Comment,
@@ -69,7 +77,9 @@ class Arcs(NamedTuple):
     def printed(self, rows: Indices, decimals: int) -> list[Arc]:
         """What is printed of the arcs ``rows``."""
         codes = np.where(self.left[rows], "G3", "G2").tolist()
-        words = ((short(i, decimals + 1), short(j, decimals + 1)) for i, j in self.centre[rows].tolist())
+        words = (
+            (short(i, decimals + 1), short(j, decimals + 1)) for i, j in self.centre[rows].tolist()
+        )
         return [Arc(code, f"I{i} J{j}") for code, (i, j) in zip(codes, words, strict=True)]
 
 
@@ -91,7 +101,12 @@ def print_arcs(start: FloatArray, via: FloatArray, end: FloatArray, decimals: in
     """
     blocks = [slice(low, low + _ARCS) for low in range(0, max(len(start), 1), _ARCS)]
     found = [_print_some(start[some], via[some], end[some], decimals) for some in blocks]
-    return Arcs(*(np.concatenate([getattr(one, name) for one in found]) for name in ("fault", "left", "centre")))
+    return Arcs(
+        *(
+            np.concatenate([getattr(one, name) for one in found])
+            for name in ("fault", "left", "centre")
+        )
+    )
 
 
 def _print_some(start: FloatArray, via: FloatArray, end: FloatArray, decimals: int) -> Arcs:
@@ -108,7 +123,8 @@ def _print_some(start: FloatArray, via: FloatArray, end: FloatArray, decimals: i
         centre = np.round(middle + away[:, None] * across - first[:, :2], decimals + 1)
         tests = (
             (first[:, 2] != last[:, 2]) | (np.abs(via[:, 2] - first[:, 2]) > digit),
-            ~((radius >= _LEAST_RADIUS) & (radius <= _MOST_RADIUS)) | ((sweep - np.pi) * radius > digit),
+            ~((radius >= _LEAST_RADIUS) & (radius <= _MOST_RADIUS))
+            | ((sweep - np.pi) * radius > digit),
             (radius * (1 - np.cos(sweep / 2)) < digit) | (chord < digit),
             ~(np.abs(np.hypot(*centre.T) - np.hypot(*(span - centre).T)) <= _RADII),
         )
@@ -139,11 +155,21 @@ class Rs274(Post):
     verified_fields: ClassVar[frozenset[str]] = frozenset({"speed"})
     works: ClassVar[tuple[str, ...]] = ("G54", "G55", "G56", "G57", "G58", "G59")
 
-    work: str = field(default="G54", kw_only=True, metadata={"help": "work offset in which the program runs"})
-    arcs: bool = field(default=True, kw_only=True, metadata={"help": "G2 and G3; false: chords within tolerance.chord"})
-    signals: dict[str, str] = field(default_factory=dict, kw_only=True, metadata={"help": "the output of each signal"})
+    work: str = field(
+        default="G54", kw_only=True, metadata={"help": "work offset in which the program runs"}
+    )
+    arcs: bool = field(
+        default=True,
+        kw_only=True,
+        metadata={"help": "G2 and G3; false: chords within tolerance.chord"},
+    )
+    signals: dict[str, str] = field(
+        default_factory=dict, kw_only=True, metadata={"help": "the output of each signal"}
+    )
     lift: bool = field(
-        default=False, kw_only=True, metadata={"help": "G53 G0 Z0 first: the machine's zero of Z is its top"}
+        default=False,
+        kw_only=True,
+        metadata={"help": "G53 G0 Z0 first: the machine's zero of Z is its top"},
     )
 
     #: The words of the last printed position (X, Y, Z), its numbers, the last printed F and its speed.
@@ -152,19 +178,31 @@ class Rs274(Post):
     _feed: str = field(default="", init=False, repr=False)
     _speed: float = field(default=0.0, init=False, repr=False)
     #: What is printed of the arcs of the program that are still to come; None of one that cannot be printed.
-    _ahead: Iterator[Arc | None] = field(default_factory=lambda: iter(()), init=False, repr=False, compare=False)
+    _ahead: Iterator[Arc | None] = field(
+        default_factory=lambda: iter(()), init=False, repr=False, compare=False
+    )
 
     def __post_init__(self) -> None:
         if self.work not in self.works:
-            raise JobError("[post] work", f"{self.work!r} is no work offset", remedy="one of " + ", ".join(self.works))
+            raise JobError(
+                "[post] work",
+                f"{self.work!r} is no work offset",
+                remedy="one of " + ", ".join(self.works),
+            )
         if not 2 <= self.decimals <= 6:
-            raise JobError("[post] decimals", f"{self.decimals} is not between 2 and 6", remedy="3 is usual for mm")
+            raise JobError(
+                "[post] decimals",
+                f"{self.decimals} is not between 2 and 6",
+                remedy="3 is usual for mm",
+            )
 
     @classmethod
     def cell(cls) -> Cell:
         """A mill whose home is 50 mm above the work zero."""
         home = Pose(TOOL_DOWN, (0.0, 0.0, 50.0))
-        return Cell("3-axis mill, work offset G54", translation(0, 0, 0), translation(0, 0, 100), home)
+        return Cell(
+            "3-axis mill, work offset G54", translation(0, 0, 0), translation(0, 0, 100), home
+        )
 
     def tolerance(self) -> Tolerance:
         """Half the last printed digit; feeds have at least two digits in mm/min."""
@@ -179,8 +217,16 @@ class Rs274(Post):
 
     def begin(self, program: Program) -> Sequence[str]:
         """Header comments and the whole modal state, since the last program may have left another."""
-        remarks = (f"program {self.program or program.name}", f"post {self.name} mm work {self.work}", *program.header)
-        return [*(self.note(remark) for remark in remarks), f"G17 G21 G40 {self.work} G80 G90 G94", "G91.1"]
+        remarks = (
+            f"program {self.program or program.name}",
+            f"post {self.name} mm work {self.work}",
+            *program.header,
+        )
+        return [
+            *(self.note(remark) for remark in remarks),
+            f"G17 G21 G40 {self.work} G80 G90 G94",
+            "G91.1",
+        ]
 
     def ready(self) -> Sequence[str]:
         """What stands before the first motion, when all outputs are off.
@@ -278,7 +324,10 @@ class Rs274(Post):
             some = arcs[low : low + _ARCS]
             found = self._find_arcs(columns, some)
             printed = found.printed(np.arange(len(some)), self.decimals)
-            yield from (None if fault else arc for fault, arc in zip(found.fault.tolist(), printed, strict=True))
+            yield from (
+                None if fault else arc
+                for fault, arc in zip(found.fault.tolist(), printed, strict=True)
+            )
 
     def _find_arcs(self, columns: Columns, arcs: Indices) -> Arcs:
         # Wherever the first motion starts, it is not an arc.
@@ -334,7 +383,9 @@ class Rs274(Post):
         fine &= columns.moves_are(MoveJ) | ((feed >= _SLOWEST) & (feed <= _FASTEST))
         arcs = np.flatnonzero(columns.moves_are(MoveC))
         fine[arcs] &= self._accepted_arcs(columns, arcs)
-        accepted = columns.are(Comment) | columns.alike(Output, lambda item: not self.why_not(item, None))
+        accepted = columns.are(Comment) | columns.alike(
+            Output, lambda item: not self.why_not(item, None)
+        )
         accepted[columns.at[fine]] = True
         return accepted
 
@@ -380,7 +431,9 @@ class Rs274(Post):
 
     def _find_arc(self, item: MoveC, start: Vec3) -> Arcs:
         """One arc by column."""
-        first, via, last = (np.array([point]) for point in (start, item.via.origin, item.target.origin))
+        first, via, last = (
+            np.array([point]) for point in (start, item.via.origin, item.target.origin)
+        )
         return print_arcs(first, via, last, self.decimals)
 
     def why_not_signal(self, item: Output) -> str:
@@ -388,7 +441,11 @@ class Rs274(Post):
         if item.signal == "spindle" and item.value < 0:
             return f"the spindle is to turn backwards (M4, {-item.value:g} rpm), and this post prints M3 alone"
         if item.signal == "spindle":
-            return "" if 0 <= item.value <= _FASTEST else f"a spindle speed of {item.value:g} rpm cannot be meant"
+            return (
+                ""
+                if 0 <= item.value <= _FASTEST
+                else f"a spindle speed of {item.value:g} rpm cannot be meant"
+            )
         if item.signal not in self.signals:
             known = ", ".join(["spindle", *sorted(self.signals)])
             coolant = {"mist": "M7", "flood": "M8"}.get(item.signal)
@@ -412,15 +469,21 @@ def _feed_text(feed: float) -> str:
 
 def is_tilted(rotation: FloatArray) -> bool:
     """Whether tool z is not straight down; its turn about itself does not matter."""
-    return rotation is not TOOL_DOWN and (math.hypot(rotation[0, 2], rotation[1, 2]) > 1e-6 or rotation[2, 2] > 0)
+    return rotation is not TOOL_DOWN and (
+        math.hypot(rotation[0, 2], rotation[1, 2]) > 1e-6 or rotation[2, 2] > 0
+    )
 
 
-def check_signals(signals: dict[str, str], allowed: Sequence[str], shared: Sequence[tuple[str, str]]) -> None:
+def check_signals(
+    signals: dict[str, str], allowed: Sequence[str], shared: Sequence[tuple[str, str]]
+) -> None:
     """JobError unless every signal has an output of the dialect and its own way off.
 
     allowed: the words that may be printed, and nothing else of the table is. shared: pairs that one word switches off.
     """
-    remedy = "one of " + (", ".join(allowed) if len(allowed) < 9 else f"{allowed[0]} to {allowed[-1]}")
+    remedy = "one of " + (
+        ", ".join(allowed) if len(allowed) < 9 else f"{allowed[0]} to {allowed[-1]}"
+    )
     for name, word in signals.items():
         where = f"[post.signals] {name}"
         if name in ("", "spindle"):
@@ -429,4 +492,8 @@ def check_signals(signals: dict[str, str], allowed: Sequence[str], shared: Seque
             raise JobError(where, f"{word!r} is no output of this controller", remedy=remedy)
         taken = {word, *(b for pair in shared for b in pair if word in pair)}
         if any(other in taken for key, other in signals.items() if key != name):
-            raise JobError(where, f"{word} is switched off by another signal too", remedy="give each its own output")
+            raise JobError(
+                where,
+                f"{word} is switched off by another signal too",
+                remedy="give each its own output",
+            )

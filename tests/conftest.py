@@ -14,7 +14,9 @@ settings.load_profile("ci" if os.environ.get("CI") else "desk")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    parser.addoption("--accept", action="store_true", help="rewrite the expected programs of fixtures/cases")
+    parser.addoption(
+        "--accept", action="store_true", help="rewrite the expected programs of fixtures/cases"
+    )
 
 
 @pytest.fixture

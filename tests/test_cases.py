@@ -24,7 +24,9 @@ POSTS = ("rapid", "pacscript", "vplus", "gcode", "grbl")
 SOLID = [case for case in CASES if (FIXTURES / "parts" / f"{case.name.split('-')[0]}.stl").exists()]
 FLAT = [case for case in CASES if case not in SOLID]
 # A tool that leans is for an arm of six axes.
-LEANING = [case for case in CASES if (FIXTURES / "parts" / f"{case.name.split('-')[0]}.xyz").exists()]
+LEANING = [
+    case for case in CASES if (FIXTURES / "parts" / f"{case.name.split('-')[0]}.xyz").exists()
+]
 ARMS = ("rapid", "pacscript")
 ALL = [(case, post) for case in FLAT for post in (ARMS if case in LEANING else POSTS)]
 ALL += [(case, "rapid") for case in SOLID]

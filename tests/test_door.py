@@ -55,11 +55,17 @@ OTHER = [*SQUARE[:3], (0, 31), (0, 0)]
         (SQUARE[:4], [False], [4]),
         ([SQUARE, [(5, 5), (9, 9)]], [True, False], [4, 2]),
         (shapely.box(0, 0, 40, 30).difference(shapely.box(10, 10, 20, 20)), [True, True], [4, 4]),
-        (shapely.MultiLineString([[(0, 0), (1, 1)], [(2, 2), (3, 3), (3, 3), (4, 5)]]), [False, False], [2, 3]),
+        (
+            shapely.MultiLineString([[(0, 0), (1, 1)], [(2, 2), (3, 3), (3, 3), (4, 5)]]),
+            [False, False],
+            [2, 3],
+        ),
         (camgen.Contour(np.array([[0.0, 0], [10, 0]]), np.ones(2), True, "holes"), [True], [2]),
     ],
 )
-def test_a_part_is_made_of_points_and_shapes(shape: object, closed: list[bool], points: list[int]) -> None:
+def test_a_part_is_made_of_points_and_shapes(
+    shape: object, closed: list[bool], points: list[int]
+) -> None:
     part = camgen.part(shape)
     assert [c.closed for c in part.contours] == closed
     assert [len(c.points) for c in part.contours] == points
@@ -74,18 +80,24 @@ def test_the_path_of_a_part_in_code_runs_where_it_was_asked() -> None:
 def test_a_part_is_made_of_a_mesh() -> None:
     part = camgen.part(trimesh.creation.box((40, 30, 20)), "block")
     assert part.solid is not None
-    assert sorted(edge.length for edge in part.solid.edges) == pytest.approx([20.0] * 4 + [30.0] * 4 + [40.0] * 4)
+    assert sorted(edge.length for edge in part.solid.edges) == pytest.approx(
+        [20.0] * 4 + [30.0] * 4 + [40.0] * 4
+    )
     assert all(edge.convex for edge in part.solid.edges)
 
 
-@pytest.mark.parametrize("shape", [[], "square", 7, shapely.Point(1, 2), [(0, 0), (float("nan"), 1)], [(1, 1), (1, 1)]])
+@pytest.mark.parametrize(
+    "shape", [[], "square", 7, shapely.Point(1, 2), [(0, 0), (float("nan"), 1)], [(1, 1), (1, 1)]]
+)
 def test_what_is_no_shape_is_refused(shape: object) -> None:
     with pytest.raises(camgen.InputError):
         camgen.part(shape)
 
 
 def test_the_same_part_in_code_gives_the_same_digest_and_another_one_another() -> None:
-    one, same, other = (camgen.build(camgen.part(s), post="gcode").text for s in (SQUARE, SQUARE, OTHER))
+    one, same, other = (
+        camgen.build(camgen.part(s), post="gcode").text for s in (SQUARE, SQUARE, OTHER)
+    )
     assert one == same
     digests = [re.findall(r"job ([0-9a-f]{12})", text) for text in (one, other)]
     assert digests[0] != digests[1]
@@ -106,14 +118,24 @@ def test_a_function_stays_one_after_its_folder_was_imported() -> None:
         "from camgen.order import order\n"
         "print(camgen.plan.__module__, camgen.read.__module__, camgen.order.__module__, callable(camgen.build))"
     )
-    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    out = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    ).stdout
     assert out.split() == ["camgen.build.stages"] * 3 + ["True"]
 
 
 def test_values_are_short_to_print_and_draw_themselves() -> None:
     result = camgen.build(PARTS / "bracket.dxf", post="rapid")
     solid = camgen.read(PARTS / "rfa1.stl")
-    values = [result.part, *result.part.contours, result.tour, *result.tour.paths, result.program, result, solid]
+    values = [
+        result.part,
+        *result.part.contours,
+        result.tour,
+        *result.tour.paths,
+        result.program,
+        result,
+        solid,
+    ]
     assert all(len(repr(value)) < 100 for value in values)
     assert repr(result.part).startswith("Part('bracket', ")
     for drawn in (result.part, result.tour, result, solid):
@@ -126,13 +148,20 @@ def test_values_are_short_to_print_and_draw_themselves() -> None:
 
 def test_importing_the_package_loads_none_of_the_heavy_ones() -> None:
     code = "import camgen, sys; print([m for m in ('numpy', 'cv2', 'ezdxf', 'shapely', 'msgspec') if m in sys.modules])"
-    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
+    assert (
+        subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True, check=True
+        ).stdout
+        == "[]\n"
+    )
 
 
 def test_the_cell_of_a_program_is_not_guessed() -> None:
     tour = camgen.order(camgen.plan(camgen.part(SQUARE)))
     for stage in (camgen.lower, camgen.check):
-        with pytest.raises(camgen.JobError, match=r"cell: is not given; give what camgen\.cell makes"):
+        with pytest.raises(
+            camgen.JobError, match=r"cell: is not given; give what camgen\.cell makes"
+        ):
             stage(tour if stage is camgen.lower else camgen.lower(tour, cell="gcode"))
 
 
@@ -144,7 +173,9 @@ def test_changed_paths_of_edges_are_refused_and_those_of_drawings_run() -> None:
     assert len(camgen.order(replace(flat, paths=flat.paths[:1])).paths) == 1
 
 
-def test_notes_of_the_reader_stay_whatever_an_operation_says(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_notes_of_the_reader_stay_whatever_an_operation_says(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     from camgen.plan import operations  # noqa: PLC0415 (patched here only)
 
     part = replace(camgen.part(SQUARE), notes=(camgen.Note("skipped", "3 TEXT", "no curves"),))

@@ -28,12 +28,17 @@ WORK, TOOL = (250.0, -75.0, 150.0), 100.0
 
 def program(tmp_path: Path, name: str, *words: str) -> str:
     target = tmp_path / "drawn.v2"
-    assert main(["build", str(PARTS / name), "--post", "vplus", *words, "-q", "-o", str(target)]) == 0
+    assert (
+        main(["build", str(PARTS / name), "--post", "vplus", *words, "-q", "-o", str(target)]) == 0
+    )
     return target.read_text()
 
 
 def targets(text: str) -> list[list[float]]:
-    return [[float(v) for v in found.split(",")] for found in re.findall(r"MOVES? cg\.work:TRANS\(([^)]*)\)", text)]
+    return [
+        [float(v) for v in found.split(",")]
+        for found in re.findall(r"MOVES? cg\.work:TRANS\(([^)]*)\)", text)
+    ]
 
 
 @pytest.mark.parametrize(("home", "posture"), [(45, "RIGHTY"), (-45, "LEFTY")])
@@ -53,7 +58,9 @@ def test_every_pose_of_the_text_is_in_reach_with_the_tool_down(
         along, across = WORK[0] + x, WORK[1] + y
         cosine = (along**2 + across**2 - INNER**2 - OUTER**2) / (2 * INNER * OUTER)
         elbow = math.copysign(math.acos(cosine), home)
-        shoulder = math.atan2(across, along) - math.atan2(OUTER * math.sin(elbow), INNER + OUTER * math.cos(elbow))
+        shoulder = math.atan2(across, along) - math.atan2(
+            OUTER * math.sin(elbow), INNER + OUTER * math.cos(elbow)
+        )
         joints = math.degrees(shoulder), math.degrees(elbow), HIGH - (WORK[2] + z + TOOL)
         for value, (least, most) in zip(joints, LIMITS, strict=True):
             assert least <= value <= most
@@ -65,7 +72,10 @@ def test_every_pose_of_the_text_is_in_reach_with_the_tool_down(
         ("[600, -75, 150, 0, 0, 0]", "gear.png: Cobra s600 cannot run path"),
         ("[-400, -75, 150, 0, 0, 0]", "J1 is beyond its limit by"),
         ("[250, -75, 300, 0, 0, 0]", "J3 is beyond its limit by"),
-        ("[250, -105, 150, 10, 0, 0]", "a SCARA cannot tilt its tool, and this pose is 10 deg from straight down"),
+        (
+            "[250, -105, 150, 10, 0, 0]",
+            "a SCARA cannot tilt its tool, and this pose is 10 deg from straight down",
+        ),
     ],
 )
 def test_a_page_where_the_arm_cannot_draw_is_refused_with_the_numbers(
@@ -106,7 +116,10 @@ def test_the_stages_of_a_drawing_are_shown(tmp_path: Path) -> None:
         assert [text[0] for text in panels] == list("1234567")[:count]
         assert re.fullmatch(fourth, panels[3])
         # The paper's figures 6 and 7: the same strokes, and less way with the pen up.
-        found, run = (re.search(r"(\d+) strokes, pen up ([\d.]+) mm, (.*)", text).groups() for text in panels[-2:])  # type: ignore[union-attr]
+        found, run = (
+            re.search(r"(\d+) strokes, pen up ([\d.]+) mm, (.*)", text).groups()
+            for text in panels[-2:]
+        )  # type: ignore[union-attr]
         assert (found[2], run[2], found[0]) == ("as found", "by order", run[0])
         assert float(run[1]) < float(found[1])
     # The board has no page of its own: 591 x 472 px at 300 per inch and a row of paper around them.
@@ -136,6 +149,12 @@ def test_the_map_of_what_is_covered_lies_on_the_ink(tmp_path: Path) -> None:
         size = float(image.get("width", "")), float(image.get("height", ""))
         places = [np.flatnonzero(mask.any(axis=k)) for k in (0, 1)]
         spans = [(k, size[k] / mask.shape[1 - k]) for k in (0, 1)]
-        return [corner[k] + pixel * end for k, pixel in spans for end in (places[k].min(), places[k].max() + 1)]
+        return [
+            corner[k] + pixel * end
+            for k, pixel in spans
+            for end in (places[k].min(), places[k].max() + 1)
+        ]
 
-    assert ends(green | red, images[1], at) == pytest.approx(ends(ink[:, :, 0] < 128, images[0], [0.0, 0.0]), abs=0.3)
+    assert ends(green | red, images[1], at) == pytest.approx(
+        ends(ink[:, :, 0] < 128, images[0], [0.0, 0.0]), abs=0.3
+    )

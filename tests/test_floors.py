@@ -17,7 +17,9 @@ FLOOR = {folder: k for k, folders in enumerate(FLOORS) for folder in folders}
 #: What a post and a read-back may know of camgen: posts stay independent of whoever plans.
 POST_MAY_IMPORT = ("camgen.model", "camgen.post", "camgen.geometry")
 #: A read-back is a layer over the interpreter of its language.
-LANGUAGES = tuple(f"camgen.read.{name}" for name in ("gcode", "pacscript", "rapid", "vplus", "programs"))
+LANGUAGES = tuple(
+    f"camgen.read.{name}" for name in ("gcode", "pacscript", "rapid", "vplus", "programs")
+)
 READBACK_MAY_IMPORT = (*POST_MAY_IMPORT, *LANGUAGES)
 
 
@@ -26,7 +28,11 @@ def name_of(path: Path) -> str:
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
-FILES = {name_of(path): path for top in ("camgen", "postprocessors") for path in sorted((ROOT / top).rglob("*.py"))}
+FILES = {
+    name_of(path): path
+    for top in ("camgen", "postprocessors")
+    for path in sorted((ROOT / top).rglob("*.py"))
+}
 
 
 def imported(name: str) -> set[str]:
@@ -39,7 +45,10 @@ def imported(name: str) -> set[str]:
             if node.level:
                 above = package.split(".")[: len(package.split(".")) - node.level + 1]
                 base = ".".join([*above, base] if base else above)
-            found |= {f"{base}.{alias.name}" if f"{base}.{alias.name}" in FILES else base for alias in node.names}
+            found |= {
+                f"{base}.{alias.name}" if f"{base}.{alias.name}" in FILES else base
+                for alias in node.names
+            }
         elif isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
     return (found & FILES.keys()) - {name}
@@ -75,4 +84,6 @@ def test_there_is_no_circle() -> None:
 def test_every_folder_is_packed() -> None:
     listed = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["packages"]
     folders = [name for name, path in FILES.items() if path.name == "__init__.py"]
-    assert sorted(listed) == sorted(name.replace("postprocessors", "camgen_posts") for name in folders)
+    assert sorted(listed) == sorted(
+        name.replace("postprocessors", "camgen_posts") for name in folders
+    )

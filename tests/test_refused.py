@@ -7,7 +7,9 @@ import pytest
 from camgen.cli import main
 
 FOLDER = Path(__file__).parents[1] / "fixtures" / "refused"
-INPUTS = sorted(p for p in FOLDER.iterdir() if p.suffix not in (".txt", ".py") and not p.name.startswith("."))
+INPUTS = sorted(
+    p for p in FOLDER.iterdir() if p.suffix not in (".txt", ".py") and not p.name.startswith(".")
+)
 
 
 def test_there_are_bad_inputs() -> None:

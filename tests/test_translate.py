@@ -39,7 +39,10 @@ def test_by_way_of_gcode_the_motion_is_the_same(case: str, source: str, target: 
     assert apart(before.points, after.points) < WITHIN
     assert before.seconds == pytest.approx(after.seconds, rel=2e-3, abs=2e-3)
     assert mills.rapids_apart(before, after) < 0.002
-    assert mills.differ(before, after) in ("", "the spindle is on or off" if target == "pacscript" else "")
+    assert mills.differ(before, after) in (
+        "",
+        "the spindle is on or off" if target == "pacscript" else "",
+    )
 
 
 @pytest.mark.parametrize(
@@ -62,7 +65,9 @@ def test_outputs_of_an_old_program_may_have_other_names(tmp_path: Path) -> None:
         camgen.build(file, post="gcode", job={"post": {"signals": {"aoSpindle": "P0"}}})
     job = {"input": {"signals": {"aoSpindle": "spindle"}}}
     assert "S2500 M3" in camgen.build(file, post="gcode", job=job).text
-    with pytest.raises(InputError, match=r"switches no output 'aoOther' \(input\.signals\); it switches aoSpindle"):
+    with pytest.raises(
+        InputError, match=r"switches no output 'aoOther' \(input\.signals\); it switches aoSpindle"
+    ):
         camgen.build(file, post="gcode", job={"input": {"signals": {"aoOther": "spindle"}}})
 
 
@@ -84,7 +89,15 @@ def test_several_modules_are_one_program(tmp_path: Path) -> None:
     assert [type(one) for one in result.program.body] == [type(one) for one in whole.program.body]
     # Three beads, each with an arc at its end, pressed on and off.
     assert sum(isinstance(one, MoveC) for one in result.program.body) == 3
-    assert [one.value for one in result.program.body if isinstance(one, Output)] == [0, 1, 0, 1, 0, 1, 0]
+    assert [one.value for one in result.program.body if isinstance(one, Output)] == [
+        0,
+        1,
+        0,
+        1,
+        0,
+        1,
+        0,
+    ]
 
 
 def test_without_its_data_it_is_refused_by_the_name_of_what_is_missing(tmp_path: Path) -> None:
@@ -94,7 +107,9 @@ def test_without_its_data_it_is_refused_by_the_name_of_what_is_missing(tmp_path:
 
 def test_a_program_without_a_tool_moves_the_flange(tmp_path: Path) -> None:
     (tmp_path / "nut.pcs").write_text(PACSCRIPT)
-    result = camgen.build(tmp_path / "nut.pcs", post="rapid", job={"post": {"signals": {"24": "doNut"}}})
+    result = camgen.build(
+        tmp_path / "nut.pcs", post="rapid", job={"post": {"signals": {"24": "doNut"}}}
+    )
     assert result.program.flange_from_tool.origin == (0, 0, 0)
     assert result.reach is not None
     assert result.reach.robot == "IRB 120"
@@ -109,12 +124,16 @@ def test_a_program_without_a_tool_moves_the_flange(tmp_path: Path) -> None:
         ("[0,0,0,0],[9E9,", "[0,0,0,0],[100,", r"external axes"),
     ],
 )
-def test_what_cannot_be_carried_over_refuses_the_program(old: str, new: str, said: str, tmp_path: Path) -> None:
+def test_what_cannot_be_carried_over_refuses_the_program(
+    old: str, new: str, said: str, tmp_path: Path
+) -> None:
     """A motion that is dropped leaves the next one on another way."""
     assert old in RAPID
     (tmp_path / "glue.mod").write_text(RAPID.replace(old, new))
     with pytest.raises(InputError, match=said):
-        camgen.build(tmp_path / "glue.mod", post="pacscript", job={"post": {"signals": {"doGun": 24}}})
+        camgen.build(
+            tmp_path / "glue.mod", post="pacscript", job={"post": {"signals": {"doGun": 24}}}
+        )
 
 
 @pytest.mark.parametrize(
@@ -127,10 +146,14 @@ def test_what_cannot_be_carried_over_refuses_the_program(old: str, new: str, sai
         ("    Set doGun;\n", "    IndAMove Station_A,1\\ToAbsNum:=90,20;\n    Set doGun;\n"),
     ],
 )
-def test_axes_that_move_beside_the_arm_refuse_the_program(old: str, new: str, tmp_path: Path) -> None:
+def test_axes_that_move_beside_the_arm_refuse_the_program(
+    old: str, new: str, tmp_path: Path
+) -> None:
     (tmp_path / "glue.mod").write_text(RAPID.replace(old, new))
     with pytest.raises(InputError, match=r"external axes"):
-        camgen.build(tmp_path / "glue.mod", post="pacscript", job={"post": {"signals": {"doGun": 24}}})
+        camgen.build(
+            tmp_path / "glue.mod", post="pacscript", job={"post": {"signals": {"doGun": 24}}}
+        )
 
 
 def test_extended_axes_of_pacscript_refuse_the_program(tmp_path: Path) -> None:

@@ -64,8 +64,12 @@ def _even_odd(points: Array, lines: list[Array]) -> NDArray[np.bool_]:
     for line in lines:
         a, b = line, np.roll(line, -1, axis=0)
         # Only points as high as a line can have it on their right.
-        first, last = (np.searchsorted(y, ends) for ends in (np.minimum(a, b)[:, 1], np.maximum(a, b)[:, 1]))
-        for (ax, ay), (bx, by), i, j in zip(a.tolist(), b.tolist(), first.tolist(), last.tolist(), strict=True):
+        first, last = (
+            np.searchsorted(y, ends) for ends in (np.minimum(a, b)[:, 1], np.maximum(a, b)[:, 1])
+        )
+        for (ax, ay), (bx, by), i, j in zip(
+            a.tolist(), b.tolist(), first.tolist(), last.tolist(), strict=True
+        ):
             odd[i:j] ^= x[i:j] < (bx - ax) * (y[i:j] - ay) / (by - ay) + ax
     inside = np.zeros(len(points), dtype=bool)
     inside[order] = odd
@@ -84,7 +88,11 @@ class Judge:
         x, y = (np.arange(a, b, _BETWEEN) for a, b in zip(self.low, self.high, strict=True))
         # None of them near a line, where rounding would tell on which side it is.
         near = np.zeros((len(y), len(x)), dtype=bool)
-        ends = (np.searchsorted(some, every[:, k] + sign * _ALONG) for k, some in enumerate((x, y)) for sign in (-1, 1))
+        ends = (
+            np.searchsorted(some, every[:, k] + sign * _ALONG)
+            for k, some in enumerate((x, y))
+            for sign in (-1, 1)
+        )
         for left, right, low, high in zip(*(end.tolist() for end in ends), strict=True):
             near[low:high, left:right] = True
         between = np.stack(np.meshgrid(x, y), -1)[~near]
@@ -112,7 +120,10 @@ class Judge:
     def _depths(points: Array, rules: tuple[Rule, ...]) -> Array:
         depth = np.zeros(len(points))
         for rule in rules:
-            lines = [outline(contour, 0.02) if contour.bulges.any() else contour.points for contour in rule.contours]
+            lines = [
+                outline(contour, 0.02) if contour.bulges.any() else contour.points
+                for contour in rule.contours
+            ]
             chosen = _even_odd(points, lines) == rule.inside
             depth[chosen] = np.maximum(depth[chosen], rule.depth)
         return depth
@@ -215,7 +226,9 @@ def _ways(cut: Cut) -> list[_Way]:
             places = _samples(_Way(start, there, via, 0, rapid, radius, lifts=False), _STEPS + 1)
             for k in range(_STEPS):
                 depth = -(height + (z - height) * (k + 0.5) / _STEPS)
-                found.append(_Way(places[k], places[k + 1], None, depth, rapid, radius, lifts=False))
+                found.append(
+                    _Way(places[k], places[k + 1], None, depth, rapid, radius, lifts=False)
+                )
         if z > 0 and found:
             found.append(_Way(there, there, None, -z, rapid, radius, lifts=True))
         here, height = there, z

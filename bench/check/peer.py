@@ -55,17 +55,23 @@ def run(result: Result) -> Peer:
         work.write_text(json.dumps(describe(result, tour)), encoding="utf-8")
         command = [str(_PYTHON), str(_SCRIPT), str(work), folder]
         try:
-            done = subprocess.run(command, capture_output=True, text=True, timeout=_LONGEST, check=False)
+            done = subprocess.run(
+                command, capture_output=True, text=True, timeout=_LONGEST, check=False
+            )
         except subprocess.TimeoutExpired:
             return Peer(why=f"took more than {_LONGEST:g} s")
         if done.returncode:
             return Peer(why=f"fails: {(done.stderr or done.stdout).strip().splitlines()[-1]}")
         told = json.loads(done.stdout.strip().splitlines()[-1])
-        texts = [Path(folder, f"{k}.ngc").read_text(encoding="utf-8") for k in range(len(tour.steps))]
+        texts = [
+            Path(folder, f"{k}.ngc").read_text(encoding="utf-8") for k in range(len(tour.steps))
+        ]
     runs = [interpret(text.splitlines()) for text in texts]
     for found in runs:
         if found.stopped:
-            return Peer(why=f"its program cannot be read: line {found.stopped[0]}: {found.stopped[1]}")
+            return Peer(
+                why=f"its program cannot be read: line {found.stopped[0]}: {found.stopped[1]}"
+            )
     if told["failed"]:
         return Peer(why=f"made no path for operations {', '.join(map(str, told['failed']))}")
     cuts = tuple(_cuts(runs, tour))
@@ -99,7 +105,9 @@ def _seconds(body: Sequence[Instruction], result: Result) -> float:
     if isinstance(motions[-1], MoveL | MoveC | MoveJ):
         motions[-1] = replace(motions[-1], blend=0.0)
     whole = result.program
-    program = Program("timed", whole.base_from_work, whole.flange_from_tool, tuple(motions), paths=whole.paths)
+    program = Program(
+        "timed", whole.base_from_work, whole.flange_from_tool, tuple(motions), paths=whole.paths
+    )
     return cycle(program, dynamics_of(result.post, result.job)).total
 
 
@@ -122,9 +130,17 @@ def describe(result: Result, tour: JobTour) -> dict[str, object]:
 
 def _tool(step: Step) -> dict[str, object]:
     tool, process = step.tool, step.process
-    found = {"name": tool.name, "number": tool.number, "diameter": tool.diameter, "speed": process.spindle}
+    found = {
+        "name": tool.name,
+        "number": tool.number,
+        "diameter": tool.diameter,
+        "speed": process.spindle,
+    }
     drills = step.operation.kind == "drill"  # which goes down with the feed
-    return found | {"feed": process.feed, "plunge": process.feed if drills else process.plunge or process.feed / 3}
+    return found | {
+        "feed": process.feed,
+        "plunge": process.feed if drills else process.plunge or process.feed / 3,
+    }
 
 
 def _operation(
@@ -139,7 +155,11 @@ def _operation(
     operation, process = step.operation, step.process
     worked = {name for path in tour.paths for name in path.contours}
     found: dict[str, object] = {"kind": operation.kind, "tool": number, "depth": operation.depth}
-    found |= {"passes": operation.passes, "approach": process.approach, "clearance": process.clearance}
+    found |= {
+        "passes": operation.passes,
+        "approach": process.approach,
+        "clearance": process.clearance,
+    }
     if operation.kind == "drill":
         return found | {"holes": [place[path.contours[0]] for path in tour.paths]}
     sides: dict[str, list[object]] = {}
@@ -147,7 +167,11 @@ def _operation(
         if contour.id in worked:
             loop = {"points": contour.points.tolist(), "bulges": contour.bulges.tolist()}
             sides.setdefault(_side(operation, hole[contour.id]), []).append(loop)
-    tabs = {"tabs": operation.tabs, "tab_width": operation.tab_width, "tab_height": operation.tab_height}
+    tabs = {
+        "tabs": operation.tabs,
+        "tab_width": operation.tab_width,
+        "tab_height": operation.tab_height,
+    }
     return found | {"sides": sides} | tabs
 
 

@@ -59,7 +59,9 @@ def edges(points, bulges):
         if abs(bulge) < 1e-9:
             yield Part.makeLine(start, end)
         else:
-            via = FreeCAD.Vector((x + u) / 2 + bulge * (v - y) / 2, (y + v) / 2 - bulge * (u - x) / 2, 0)
+            via = FreeCAD.Vector(
+                (x + u) / 2 + bulge * (v - y) / 2, (y + v) / 2 - bulge * (u - x) / 2, 0
+            )
             yield Part.Arc(start, via, end).toShape()
 
 
@@ -101,7 +103,11 @@ def add_tool(job, tool):
 
 def set_levels(made, operation, tool):
     """Depths and heights, mm, in the place of the expressions that give them."""
-    heights = {"StartDepth": 0.0, "FinalDepth": -operation["depth"], "SafeHeight": operation["approach"]}
+    heights = {
+        "StartDepth": 0.0,
+        "FinalDepth": -operation["depth"],
+        "SafeHeight": operation["approach"],
+    }
     heights["ClearanceHeight"] = operation["clearance"]
     if hasattr(made, "StepDown"):
         heights["StepDown"] = operation["depth"] / operation["passes"]
@@ -136,7 +142,12 @@ def profile(document, operation, tool, model, side):
     if not operation["tabs"]:
         return made
     held = PathDressupHoldingTags.Create(made)
-    held.Width, held.Height, held.Angle, held.Radius = operation["tab_width"], operation["tab_height"], 90, 0
+    held.Width, held.Height, held.Angle, held.Radius = (
+        operation["tab_width"],
+        operation["tab_height"],
+        90,
+        0,
+    )
     held.Proxy.generateTags(held, operation["tabs"])
     return held
 
@@ -148,7 +159,10 @@ def main(source, folder):
     document = FreeCAD.newDocument("Template")
     models = [[]] * len(work["operations"])
     for k, operation in enumerate(work["operations"]):
-        models[k] = [(side, add_model(document, loops, operation["depth"])) for side, loops in share_out(operation)]
+        models[k] = [
+            (side, add_model(document, loops, operation["depth"]))
+            for side, loops in share_out(operation)
+        ]
     every = [model for one in models for _, model in one]
     plate = document.addObject("Part::Box", "Plate")
     document.recompute()
@@ -166,7 +180,11 @@ def main(source, folder):
         else:
             made = [profile(document, operation, tool, model, side) for side, model in models[k]]
         document.recompute()
-        failed += [k for one in made if not any(c.Name in ("G1", "G2", "G3", "G81", "G83") for c in one.Path.Commands)]
+        failed += [
+            k
+            for one in made
+            if not any(c.Name in ("G1", "G2", "G3", "G81", "G83") for c in one.Path.Commands)
+        ]
         linuxcnc_post.export([tool, *made], f"{folder}/{k}.ngc", "--no-show-editor")
     print(json.dumps({"seconds": time.perf_counter() - begun, "failed": failed}))
 

@@ -50,7 +50,14 @@ class Scene:
 
 def scenes() -> list[Scene]:
     """All of them."""
-    return [_follow("plate.dxf", 3.0), _follow("bracket.dxf", 3.0), _drill(), _drill_and_follow(), _pocket(), _tabs()]
+    return [
+        _follow("plate.dxf", 3.0),
+        _follow("bracket.dxf", 3.0),
+        _drill(),
+        _drill_and_follow(),
+        _pocket(),
+        _tabs(),
+    ]
 
 
 def _body(part: Part | Path, job: Job) -> tuple[tuple[Instruction, ...], Part]:
@@ -71,7 +78,10 @@ def _job(kind: str, depth: float, diameter: float, **more: object) -> Job:
 def _follow(file: str, diameter: float) -> Scene:
     job = _job("follow", 5.0, diameter, passes=2)
     body, part = _body(PARTS / file, job)
-    others = [_body(PARTS / file, _job("follow", 5.0, share * diameter, passes=2))[0] for share in (0.5, 0.98, 1.25, 2)]
+    others = [
+        _body(PARTS / file, _job("follow", 5.0, share * diameter, passes=2))[0]
+        for share in (0.5, 0.98, 1.25, 2)
+    ]
     closed = tuple(contour for contour in part.contours if contour.closed)
     name = file.partition(".")[0]
     stock = StockTable(thickness=5.0)
@@ -87,7 +97,9 @@ def _drill() -> Scene:
     holes = tuple(c for c in part.contours if c.closed and abs(_width(c) - 3.3) < 0.3)
     made = design([Task(job, part)], StockTable(thickness=9.0))
     closed = tuple(contour for contour in part.contours if contour.closed)
-    return Scene("drill", (_cut(body, job.tool, "drill"),), made, closed, (Rule(holes, True, 9.0),), 9.0)
+    return Scene(
+        "drill", (_cut(body, job.tool, "drill"),), made, closed, (Rule(holes, True, 9.0),), 9.0
+    )
 
 
 def _width(contour: Contour) -> float:
@@ -137,7 +149,14 @@ def _pocket() -> Scene:
         body.append(MoveJ(_at(low, low, 10.0), 100.0))
     job = _job("pocket", 3.0, 6.0)
     made = design([Task(job, part)], StockTable(thickness=8.0))
-    return Scene("pocket", (_cut(body, job.tool, "pocket"),), made, (plate, walls), (Rule((walls,), True, 3.0),), 8.0)
+    return Scene(
+        "pocket",
+        (_cut(body, job.tool, "pocket"),),
+        made,
+        (plate, walls),
+        (Rule((walls,), True, 3.0),),
+        8.0,
+    )
 
 
 def _tabs() -> Scene:
@@ -152,7 +171,9 @@ def _tabs() -> Scene:
     body = [*inner, *_ring(-2.0, False), *_ring(-4.0, True)]
     made = design([Task(job, part)], StockTable(thickness=4.0))
     rules = (Rule((plate, hole), False, 4.0),)
-    return Scene("tabs", (_cut(body, job.tool, "tabs"),), made, (plate, hole), rules, 4.0, tabs=True)
+    return Scene(
+        "tabs", (_cut(body, job.tool, "tabs"),), made, (plate, hole), rules, 4.0, tabs=True
+    )
 
 
 def _inwards(item: Instruction, share: float) -> Instruction:
@@ -185,16 +206,24 @@ def outline(contour: Contour, step: float = 0.1) -> Array:
     points: list[tuple[float, float]] = []
     count = len(contour.points)
     for k in range(count):
-        a, b, bulge = complex(*contour.points[k]), complex(*contour.points[(k + 1) % count]), float(contour.bulges[k])
+        a, b, bulge = (
+            complex(*contour.points[k]),
+            complex(*contour.points[(k + 1) % count]),
+            float(contour.bulges[k]),
+        )
         sweep = 4 * math.atan(bulge)
         if abs(bulge) < 1e-9:
             many = max(2, math.ceil(abs(b - a) / step))
-            points += [((a + (b - a) * j / many).real, (a + (b - a) * j / many).imag) for j in range(many)]
+            points += [
+                ((a + (b - a) * j / many).real, (a + (b - a) * j / many).imag) for j in range(many)
+            ]
             continue
         # The centre sees the chord under the sweep.
         centre = (a + b) / 2 + 1j * (b - a) / 2 / math.tan(sweep / 2)
         many = max(8, math.ceil(abs(sweep) * abs(a - centre) / step))
         for j in range(many):
-            turned = centre + (a - centre) * complex(math.cos(sweep * j / many), math.sin(sweep * j / many))
+            turned = centre + (a - centre) * complex(
+                math.cos(sweep * j / many), math.sin(sweep * j / many)
+            )
             points.append((turned.real, turned.imag))
     return np.array(points)

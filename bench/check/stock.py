@@ -52,10 +52,14 @@ def main(runs: int = 5, circles: int = 200, slots: int = 50) -> None:
         found = [measure(drawing) for _ in range(runs)]
     for stage in found[0][0]:
         values = [seconds[stage] for seconds, *_ in found]
-        print(f"| {stage} | **{statistics.median(values):.3f}** | {min(values):.3f} to {max(values):.3f} |")
+        print(
+            f"| {stage} | **{statistics.median(values):.3f}** | {min(values):.3f} to {max(values):.3f} |"
+        )
     ratio = statistics.median((one["design"] + one["proof"]) / one["build"] for one, *_ in found)
     _, count, gouge, excess = found[0]
-    print("\n| shapes | instructions | proof of the build | deepest gouge mm | excess mm3 |\n|---|---|---|---|---|")
+    print(
+        "\n| shapes | instructions | proof of the build | deepest gouge mm | excess mm3 |\n|---|---|---|---|---|"
+    )
     print(f"| {circles + slots + 1} | {count} | {ratio:.2f} | {gouge:.4f} | {excess:.2f} |")
 
 

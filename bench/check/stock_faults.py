@@ -51,7 +51,11 @@ def _one(
     """A cut, its body, and the place of one of its motions of these kinds."""
     number = chance.randrange(len(scene.cuts))
     body = list(scene.cuts[number].body)
-    places = [k for k, item in enumerate(body) if isinstance(item, kinds) and (not deep or _height(item) < -1e-6)]
+    places = [
+        k
+        for k, item in enumerate(body)
+        if isinstance(item, kinds) and (not deep or _height(item) < -1e-6)
+    ]
     return (number, body, chance.choice(places)) if places else None
 
 
@@ -87,9 +91,15 @@ def turned_arc(scene: Scene, chance: random.Random) -> tuple[Cut, ...] | None:
     start = getattr(body[k - 1], "target", None)
     if not isinstance(start, Pose):
         return None
-    a, b, via = complex(*start.origin[:2]), complex(*arc.target.origin[:2]), complex(*arc.via.origin[:2])
+    a, b, via = (
+        complex(*start.origin[:2]),
+        complex(*arc.target.origin[:2]),
+        complex(*arc.via.origin[:2]),
+    )
     mirrored = a + ((via - a) / (b - a)).conjugate() * (b - a)
-    body[k] = replace(arc, via=replace(arc.via, origin=(mirrored.real, mirrored.imag, arc.via.origin[2])))
+    body[k] = replace(
+        arc, via=replace(arc.via, origin=(mirrored.real, mirrored.imag, arc.via.origin[2]))
+    )
     return _with(scene, number, body)
 
 
@@ -97,7 +107,9 @@ def lost_retract(scene: Scene, chance: random.Random) -> tuple[Cut, ...] | None:
     number = chance.randrange(len(scene.cuts))
     body = list(scene.cuts[number].body)
     places = [
-        k for k in range(1, len(body)) if isinstance(body[k], MoveJ) and _height(body[k - 1]) < 0 < _height(body[k])
+        k
+        for k in range(1, len(body))
+        if isinstance(body[k], MoveJ) and _height(body[k - 1]) < 0 < _height(body[k])
     ]
     del body[chance.choice(places)]
     return _with(scene, number, body)
@@ -159,7 +171,9 @@ def _runs(body: Body) -> list[list[int]]:
 
 
 def _middle(body: Body, run: list[int]) -> tuple[float, float]:
-    places = [pose.origin for k in run if isinstance(pose := getattr(body[k], "target", None), Pose)]
+    places = [
+        pose.origin for k in run if isinstance(pose := getattr(body[k], "target", None), Pose)
+    ]
     x, y = [p[0] for p in places], [p[1] for p in places]
     return (min(x) + max(x)) / 2, (min(y) + max(y)) / 2
 
@@ -170,7 +184,11 @@ def left_out_tab(scene: Scene, chance: random.Random) -> tuple[Cut, ...] | None:
         return None
     body = list(scene.cuts[0].body)
     deepest = min(map(_height, body))
-    last = [k for k, item in enumerate(body) if isinstance(item, MoveL) and abs(_height(item) - deepest - 1) < 1e-9]
+    last = [
+        k
+        for k, item in enumerate(body)
+        if isinstance(item, MoveL) and abs(_height(item) - deepest - 1) < 1e-9
+    ]
     pairs = list(zip(last[::2], last[1::2], strict=True))
     for pair in pairs if chance.random() < 0.5 else [chance.choice(pairs)]:
         for k in pair:
@@ -209,7 +227,12 @@ def outline_first(scene: Scene, chance: random.Random) -> tuple[Cut, ...] | None
         return None
     one, two = sorted(chance.sample(range(len(runs)), 2))
     a, b = runs[one], runs[two]
-    swapped = [*body[: a[0]], *body[b[0] : b[-1] + 1], *body[a[-1] + 1 : b[0]], *body[a[0] : a[-1] + 1]]
+    swapped = [
+        *body[: a[0]],
+        *body[b[0] : b[-1] + 1],
+        *body[a[-1] + 1 : b[0]],
+        *body[a[0] : a[-1] + 1],
+    ]
     return _with(scene, number, _lifted([*swapped, *body[b[-1] + 1 :]]))
 
 
@@ -219,7 +242,11 @@ def _lifted(body: Body) -> Body:
     for item in body:
         before = getattr(made[-1], "target", None) if made else None
         target = getattr(item, "target", None)
-        if isinstance(before, Pose) and isinstance(target, Pose) and isinstance(item, (MoveJ, MoveL)):
+        if (
+            isinstance(before, Pose)
+            and isinstance(target, Pose)
+            and isinstance(item, (MoveJ, MoveL))
+        ):
             away = abs(complex(*before.origin[:2]) - complex(*target.origin[:2])) > 1e-6
             if (
                 away
@@ -258,7 +285,9 @@ def main(count: int = 1000, seed: int = 1) -> int:
     every = scenes()
     judges = [Judge(scene) for scene in every]
     for scene, judge in zip(every, judges, strict=True):
-        assert not judge.judge(scene.cuts).any, f"{scene.name} harms the part as it is: {judge.judge(scene.cuts)}"
+        assert not judge.judge(scene.cuts).any, (
+            f"{scene.name} harms the part as it is: {judge.judge(scene.cuts)}"
+        )
         assert not found_of(prove(scene.cuts, scene.design)), f"{scene.name} is refused as it is"
     tally: dict[str, Counter[str]] = {name: Counter() for name in SEEDS}
     largest = dict.fromkeys(SEEDS, 0.0)
@@ -289,9 +318,13 @@ def _verdict(harm: Harm, found: bool) -> str:
     return f"{'harmful' if harm.any else 'harmless'} {'found' if found else 'silent'}"
 
 
-def _print(tally: dict[str, Counter[str]], largest: dict[str, float], total: float, spent: float) -> None:
+def _print(
+    tally: dict[str, Counter[str]], largest: dict[str, float], total: float, spent: float
+) -> None:
     print(f"{machine()}; {total:.0f} s, {spent:.0f} s of it the proofs\n")
-    print("| fault | seeded | harmful | of these found | missed | harmless | of these reported | deepest of these mm |")
+    print(
+        "| fault | seeded | harmful | of these found | missed | harmless | of these reported | deepest of these mm |"
+    )
     print("|---|---|---|---|---|---|---|---|")
     whole: Counter[str] = sum(tally.values(), Counter())
     for name, counts in [*tally.items(), ("all", whole)]:

@@ -74,7 +74,13 @@ def judge(path: Path, alone: bool, units: str = "auto") -> Row | None:
     proposal = propose(part)
     if proposal is None:
         return Row((name, str(loops), "none that a drill, or a mill of 1 mm or more, could make"))
-    cells = (name, str(loops), str(len(proposal.left)), str(len(proposal.operations)), str(len(proposal.tools)))
+    cells = (
+        name,
+        str(loops),
+        str(len(proposal.left)),
+        str(len(proposal.operations)),
+        str(len(proposal.tools)),
+    )
     job = tomllib.loads(template(part.source, part.units, proposal, active=True))
     with _remember() as proven:
         begun = time.perf_counter()
@@ -88,13 +94,22 @@ def judge(path: Path, alone: bool, units: str = "auto") -> Row | None:
     return _compare(result, proven[0], seconds, cells, alone)
 
 
-def _compare(result: Result, proven: Proven, seconds: float, cells: tuple[str, ...], alone: bool) -> Row:
+def _compare(
+    result: Result, proven: Proven, seconds: float, cells: tuple[str, ...], alone: bool
+) -> Row:
     refused = _refuse(result)
     proof = prove_finely(proven)
     ours = peer.minutes(peer.at_the_part(result), result)
     found = peer.Peer() if alone else peer.run(result)
     theirs = prove_finely(Proven(found.cuts, proven.design)) if found.cuts else None
-    row = (*cells, refused or "accepts", *_figures(proof), f"{ours:.2f}", f"{seconds:.2f}", *_theirs(found, theirs))
+    row = (
+        *cells,
+        refused or "accepts",
+        *_figures(proof),
+        f"{ours:.2f}",
+        f"{seconds:.2f}",
+        *_theirs(found, theirs),
+    )
     gouged = any(one.mm > TOLERANCE_MM for one in proof.gouges)
     unexplained = max(map(_unexplained, proof.levels), default=0.0)
     loose = sum(one.serious for one in proof.loose)
@@ -126,13 +141,17 @@ def _refuse(result: Result) -> str:
     if rs274.RS274 is None:
         return "not installed"
     # Lengths of 0: the program is judged by its own coordinates.
-    tools = "".join(f"T{tool.number} P{tool.number} Z0 D{tool.diameter}\n" for tool in result.job.tools)
+    tools = "".join(
+        f"T{tool.number} P{tool.number} Z0 D{tool.diameter}\n" for tool in result.job.tools
+    )
     return " ".join(rs274.run(result.text, tools).error.split())[:80]
 
 
 def _figures(proof: StockProof) -> tuple[str, str, str, str]:
     gouge = max((one.mm for one in proof.gouges), default=0.0)
-    explained = max((level.excess.corners + level.excess.tabs for level in proof.levels), default=0.0)
+    explained = max(
+        (level.excess.corners + level.excess.tabs for level in proof.levels), default=0.0
+    )
     loose = sum(one.serious for one in proof.loose)
     unexplained = max(map(_unexplained, proof.levels), default=0.0)
     return f"{gouge:.3f}", f"{unexplained:.2f}", f"{explained:.1f}", str(loose)
@@ -177,13 +196,17 @@ def _sum_up(rows: Sequence[Row], files: int) -> None:
         "with closed loops": sum(len(row.cells) > 2 for row in rows),
         "built": len(built),
         "miss a goal": sum(row.bad for row in rows),
-        "with more left than corners and tabs explain": sum(row.unexplained >= 0.01 for row in built),
+        "with more left than corners and tabs explain": sum(
+            row.unexplained >= 0.01 for row in built
+        ),
         "with parts loose early": sum(row.loose > 0 for row in built),
         "minutes of those with both": f"{sum(a for a, _ in both):.1f}",
         "minutes of the peer": f"{sum(b for _, b in both):.1f}",
         "with both": len(both),
     }
-    print(f"\n| {' | '.join(figures)} |\n|{'---|' * len(figures)}\n| {' | '.join(map(str, figures.values()))} |")
+    print(
+        f"\n| {' | '.join(figures)} |\n|{'---|' * len(figures)}\n| {' | '.join(map(str, figures.values()))} |"
+    )
 
 
 if __name__ == "__main__":

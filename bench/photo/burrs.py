@@ -36,7 +36,8 @@ GOAL_MM, GOAL_PX = 0.05, 0.35
 def main(arguments: list[str]) -> int:
     count, each, megapixels = (*map(int, arguments), *(10, 6, 10)[len(arguments) :])
     print(
-        f"{machine()}\n\n| photo | mm/px | clean: false ones | burrs | found | height off: max mm | rms mm | ", end=""
+        f"{machine()}\n\n| photo | mm/px | clean: false ones | burrs | found | height off: max mm | rms mm | ",
+        end="",
     )
     print("length off: max mm | false ones | s |\n|---|---|---|---|---|---|---|---|---|---|")
     errors: list[float] = []
@@ -45,7 +46,9 @@ def main(arguments: list[str]) -> int:
         for k, photo in enumerate(photos(count, megapixels)):
             named = part_of(k)
             pixel = 0.143 * SIZES[10][0] / SIZES[megapixels][0]
-            burred, burrs = with_burrs(named, each, np.random.default_rng([k, 7]), 1.4 * pixel, 7 * pixel)
+            burred, burrs = with_burrs(
+                named, each, np.random.default_rng([k, 7]), 1.4 * pixel, 7 * pixel
+            )
             clean = inspected(Path(folder), photo, named, named)
             begun = perf_counter()
             found = inspected(Path(folder), photo, named, burred)
@@ -61,8 +64,12 @@ def main(arguments: list[str]) -> int:
             row = f"{photo.name} | {scale:.3f} | {len(clean.differences)} | {len(burrs)} | {len(pairs)}"
             print(f"| {row} | {figures} |", flush=True)
     most, rms = _most(np.array(errors)), _rms(np.array(errors))
-    print("\n| photos | burrs | missed | false ones | height off: max mm | rms mm |\n|---|---|---|---|---|---|")
-    print(f"| {count} clean, {count} burred | {len(errors) + missed} | {missed} | {false} | {most:.3f} | {rms:.3f} |")
+    print(
+        "\n| photos | burrs | missed | false ones | height off: max mm | rms mm |\n|---|---|---|---|---|---|"
+    )
+    print(
+        f"| {count} clean, {count} burred | {len(errors) + missed} | {missed} | {false} | {most:.3f} | {rms:.3f} |"
+    )
     goal = GOAL_MM if megapixels == 10 else GOAL_PX * 0.46
     return int(bool(missed or false or most > goal))
 
@@ -72,7 +79,9 @@ def part_of(k: int) -> tuple[Loop, ...]:
     return list(NAMED.values())[k]() if k < len(NAMED) else random_part(k)
 
 
-def inspected(folder: Path, photo: Photo, named: tuple[Loop, ...], made: tuple[Loop, ...]) -> Inspection:
+def inspected(
+    folder: Path, photo: Photo, named: tuple[Loop, ...], made: tuple[Loop, ...]
+) -> Inspection:
     """The photo with ``made`` in the place of ``named``, against the drawing of that."""
     # Where the part was put on the bench: what brings its first two points where they are in the photo.
     old, new = named[0].points[:2], photo.loops[0].points[:2]
@@ -88,17 +97,24 @@ def inspected(folder: Path, photo: Photo, named: tuple[Loop, ...], made: tuple[L
 def drawing(loops: Sequence[Loop]) -> Part:
     """The loops as a part that was read."""
     contours = [
-        Contour(np.column_stack([loop.points.real, loop.points.imag]), loop.bulges, True, "0", f"c{k}")
+        Contour(
+            np.column_stack([loop.points.real, loop.points.imag]), loop.bulges, True, "0", f"c{k}"
+        )
         for k, loop in enumerate(loops, 1)
     ]
     return Part("part", "part.dxf", "mm", tuple(contours), ())
 
 
-def matched(burrs: Sequence[Burr], found: Inspection) -> tuple[list[tuple[Burr, Difference]], list[Difference]]:
+def matched(
+    burrs: Sequence[Burr], found: Inspection
+) -> tuple[list[tuple[Burr, Difference]], list[Difference]]:
     """Burrs with what was found of them, and what was found beside. Of a part that looks the same from several sides
     by the side that fits best.
     """
-    return max((_matched(burrs, found, turn) for turn in (0.0, *found.fit.rivals)), key=lambda both: len(both[0]))
+    return max(
+        (_matched(burrs, found, turn) for turn in (0.0, *found.fit.rivals)),
+        key=lambda both: len(both[0]),
+    )
 
 
 def _matched(

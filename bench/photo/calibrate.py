@@ -65,18 +65,24 @@ def sector_based(flags: int) -> Way:
 
 WAYS = {f"cornerSubPix, window {w}": refined(w) for w in (3, 5, 7, 11)} | {
     "findChessboardCornersSB": sector_based(0),
-    "findChessboardCornersSB, accurate": sector_based(cv2.CALIB_CB_ACCURACY | cv2.CALIB_CB_EXHAUSTIVE),
+    "findChessboardCornersSB, accurate": sector_based(
+        cv2.CALIB_CB_ACCURACY | cv2.CALIB_CB_EXHAUSTIVE
+    ),
 }
 
 
-def by_opencv(greys: list[np.ndarray], board: tuple[int, int], way: Way) -> tuple[int, float, np.ndarray]:
+def by_opencv(
+    greys: list[np.ndarray], board: tuple[int, int], way: Way
+) -> tuple[int, float, np.ndarray]:
     """Photos used, rms, and fx, fy, cx, cy."""
     v, u = np.mgrid[: board[1], : board[0]]
     places = np.column_stack([u.ravel(), v.ravel(), np.zeros(u.size)]).astype(np.float32)
     found = [corners for grey in greys if (corners := way(grey, board)) is not None]
     if len(found) < 3:
         return len(found), np.inf, np.full(4, np.nan)
-    rms, matrix, *_ = cv2.calibrateCamera([places] * len(found), found, greys[0].shape[::-1], None, None)
+    rms, matrix, *_ = cv2.calibrateCamera(
+        [places] * len(found), found, greys[0].shape[::-1], None, None
+    )
     return len(found), rms, matrix[[0, 1, 0, 1], [0, 1, 2, 2]]
 
 
@@ -88,7 +94,9 @@ def row(name: str, photos: int, rms: float, numbers: np.ndarray, seconds: float)
 def judged(folder: Path, board: tuple[int, int]) -> bool:
     """Prints the table of one set; whether it meets the goals."""
     paths = sorted(
-        path for path in folder.iterdir() if path.suffix.lower() in (".jpg", ".jpeg", ".png", ".tif", ".bmp")
+        path
+        for path in folder.iterdir()
+        if path.suffix.lower() in (".jpg", ".jpeg", ".png", ".tif", ".bmp")
     )
     greys = [cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) for path in paths]
     print(f"\n{folder.name}, {len(paths)} photos, board {board[0]}x{board[1]}\n")
@@ -99,7 +107,9 @@ def judged(folder: Path, board: tuple[int, int]) -> bool:
         results.append(by_opencv(greys, board, way))
         print(row(name, *results[-1], time.perf_counter() - begun), flush=True)
     begun = time.perf_counter()
-    own = calibrate([Files().read(path) for path in paths], chessboard(*board, 25), "own", lambda _: None)
+    own = calibrate(
+        [Files().read(path) for path in paths], chessboard(*board, 25), "own", lambda _: None
+    )
     numbers = own.camera.matrix[[0, 1, 0, 1], [0, 1, 2, 2]]
     print(row("**camgen**", len(own.used), own.rms, numbers, time.perf_counter() - begun))
     most = max(count for count, _, _ in results)
@@ -130,13 +140,20 @@ def rendered(count: int) -> None:
             for name, corners in (found | {"camgen": own and own.corners}).items():
                 if corners is not None and len(corners) == len(view.corners):
                     at = corners.reshape(-1, 2)
-                    off = min((at - view.corners, at[::-1] - view.corners), key=lambda e: float(np.abs(e).max()))
+                    off = min(
+                        (at - view.corners, at[::-1] - view.corners),
+                        key=lambda e: float(np.abs(e).max()),
+                    )
                     errors[name].append(off)
         cells = [
-            f"{np.sqrt(np.mean(np.sum(np.concatenate(e) ** 2, axis=1))):.3f}" if e else "-" for e in errors.values()
+            f"{np.sqrt(np.mean(np.sum(np.concatenate(e) ** 2, axis=1))):.3f}" if e else "-"
+            for e in errors.values()
         ]
         lost = [f" ({count - len(e)} not found)" if len(e) < count else "" for e in errors.values()]
-        print(f"| {kind} | {' | '.join(c + n for c, n in zip(cells, lost, strict=True))} |", flush=True)
+        print(
+            f"| {kind} | {' | '.join(c + n for c, n in zip(cells, lost, strict=True))} |",
+            flush=True,
+        )
 
 
 def main() -> int:

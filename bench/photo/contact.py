@@ -36,7 +36,9 @@ class Contact:
 STEP = 0.001
 
 
-def pressed(error: np.ndarray, asked: np.ndarray, time: np.ndarray, model: Contact) -> tuple[np.ndarray, np.ndarray]:
+def pressed(
+    error: np.ndarray, asked: np.ndarray, time: np.ndarray, model: Contact
+) -> tuple[np.ndarray, np.ndarray]:
     """(N,) N and mm: the force at the places of a program, low-passed as in the paper, and the way beyond its path.
 
     error: (N,) mm, how much nearer to the part than it should be the path is. asked: (N,) N. time: (N,) s from each

@@ -62,8 +62,13 @@ def main(count: int, runs: int) -> None:
 
 
 def accuracy(count: int) -> None:
-    print(f"Tool {2 * RADIUS:g} mm, {count} parts each; errors of the tool centre and of the force angle.\n")
-    print("| mask | mm/px | route | max mm | rms mm | max px | rms px | at sharp corners max mm |", end="")
+    print(
+        f"Tool {2 * RADIUS:g} mm, {count} parts each; errors of the tool centre and of the force angle.\n"
+    )
+    print(
+        "| mask | mm/px | route | max mm | rms mm | max px | rms px | at sharp corners max mm |",
+        end="",
+    )
     print(" angle max deg | rms deg | waypoints/m |\n|---|---|---|---|---|---|---|---|---|---|---|")
     for kind in ("ideal", "photo"):
         for scale in SCALES:
@@ -112,10 +117,17 @@ def drawn(turn: float, place: complex) -> Drawn:
     """The part turned by ``turn`` rad, its middle at ``place``."""
     circle = np.exp(2j * np.pi * np.arange(720) / 720)
     at = np.array([complex(x, y) for x, y, _ in OUTLINE])
-    loops = [rounded(OUTLINE), rounded(SLOT), *(complex(x, y) + r * circle for x, y, r in HOLES), at]
+    loops = [
+        rounded(OUTLINE),
+        rounded(SLOT),
+        *(complex(x, y) + r * circle for x, y, r in HOLES),
+        at,
+    ]
     *loops, at = [(loop - MIDDLE) * np.exp(1j * turn) + place for loop in loops]
     rings = [np.column_stack([loop.real, loop.imag]) for loop in loops]
-    lines = [shapely.linestrings(np.stack([ring, np.roll(ring, -1, axis=0)], axis=1)) for ring in rings]
+    lines = [
+        shapely.linestrings(np.stack([ring, np.roll(ring, -1, axis=0)], axis=1)) for ring in rings
+    ]
     inner = np.angle((np.roll(at, -1) - at) / (at - np.roll(at, 1))) < 0
     sharp = np.array([radius == 0 for _, _, radius in OUTLINE])
     # The path bends where it is a radius from both sides of a square inner corner, and rolls about an outer one.
@@ -124,7 +136,9 @@ def drawn(turn: float, place: complex) -> Drawn:
     return Drawn(loops, shapely.Polygon(rings[0], rings[1:]), tree, at[sharp], reach[sharp])
 
 
-def rendered(part: Drawn, scale: float, kind: str, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+def rendered(
+    part: Drawn, scale: float, kind: str, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
     """The mask of 120 x 120 mm, y up, and work_from_view."""
     size = round(120 / scale)
     view = np.array([[scale, 0.0, 0.0], [0.0, -scale, scale * (size - 1)]])
@@ -142,7 +156,9 @@ def rendered(part: Drawn, scale: float, kind: str, rng: np.random.Generator) -> 
     grey = inside.astype(np.float32)
     grey[v, u] = covered / len(shares) ** 2
     if kind == "photo":
-        grey = cv2.GaussianBlur(grey, (0, 0), 0.7) + rng.normal(0, 2 / 120, grey.shape).astype(np.float32)
+        grey = cv2.GaussianBlur(grey, (0, 0), 0.7) + rng.normal(0, 2 / 120, grey.shape).astype(
+            np.float32
+        )
     return np.where(grey > 0.5, 255, 0).astype(np.uint8), view
 
 
@@ -167,7 +183,9 @@ def errors(paths: tuple[ToolPath, ...], part: Drawn) -> tuple[np.ndarray, ...]:
     for path in paths:
         at = path.position[:, 0] + 1j * path.position[:, 1]
         steps = np.maximum(np.ceil(np.abs(np.diff(at)) / 0.1).astype(int), 1)
-        points = np.concatenate([np.linspace(a, b, n + 1) for a, b, n in zip(at[:-1], at[1:], steps, strict=True)])
+        points = np.concatenate(
+            [np.linspace(a, b, n + 1) for a, b, n in zip(at[:-1], at[1:], steps, strict=True)]
+        )
         gap = measured(points, part)[0] - RADIUS
         felt = feeling(points, part)
         away.append(gap[~felt])
@@ -196,13 +214,18 @@ def speed(runs: int) -> None:
     """A plate of 3400 x 2400 px with 40 holes in a view of 3840 x 2748."""
     loops = [np.exp(2j * np.pi * np.arange(720) / 720) * 50 + complex(400 * i + 700, 400 * j + 500) for i in range(7)
              for j in range(5)]  # fmt: skip
-    rings = [np.rint(np.column_stack([loop.real, loop.imag]) * 256).astype(np.int32) for loop in loops]
+    rings = [
+        np.rint(np.column_stack([loop.real, loop.imag]) * 256).astype(np.int32) for loop in loops
+    ]
     pixels = np.zeros((2748, 3840), np.uint8)
     pixels[150:2600, 200:3650] = 255
     cv2.fillPoly(pixels, rings, 0, shift=8)
     view = np.array([[0.143, 0.0, 0.0], [0.0, -0.143, 0.0]])
     tool = ToolTable(diameter=2 * RADIUS)
-    jobs = {"": Job(tool=tool), ", corner radius 2": Job(tool=tool, operation=OperationTable(corner_radius=2.0))}
+    jobs = {
+        "": Job(tool=tool),
+        ", corner radius 2": Job(tool=tool, operation=OperationTable(corner_radius=2.0)),
+    }
     print(f"\n| 10.5 megapixels, 36 paths | best of {runs}, s |\n|---|---|")
     print(f"| cv2.distanceTransform and cv2.findContours alone | {best(runs, bare, pixels):.3f} |")
     before = peak()
@@ -217,7 +240,9 @@ def speed(runs: int) -> None:
 
 def bare(pixels: np.ndarray) -> None:
     far = cv2.distanceTransform(cv2.bitwise_not(pixels), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    cv2.findContours(cv2.compare(far, RADIUS / 0.143, cv2.CMP_LE), cv2.RETR_TREE, cv2.CHAIN_APPROX_NONE)
+    cv2.findContours(
+        cv2.compare(far, RADIUS / 0.143, cv2.CMP_LE), cv2.RETR_TREE, cv2.CHAIN_APPROX_NONE
+    )
 
 
 def best(runs: int, call: Callable[..., object], *values: object) -> float:
@@ -230,7 +255,9 @@ def best(runs: int, call: Callable[..., object], *values: object) -> float:
 
 
 def peak() -> float:
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (1e6 if sys.platform == "darwin" else 1e3)
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (
+        1e6 if sys.platform == "darwin" else 1e3
+    )
 
 
 if __name__ == "__main__":

@@ -51,9 +51,13 @@ def told(mask: Mask) -> str:
     count, _, stats, _ = cv2.connectedComponentsWithStats(mask.pixels)
     holes = cv2.connectedComponents(cv2.bitwise_not(mask.pixels), connectivity=4)[0] - 2
     level = (
-        f"{mask.level:.1f}" if isinstance(mask.level, float) else f"{mask.level.min():.0f} to {mask.level.max():.0f}"
+        f"{mask.level:.1f}"
+        if isinstance(mask.level, float)
+        else f"{mask.level.min():.0f} to {mask.level.max():.0f}"
     )
-    return f"{mask.method} | {level} | {int(stats[1:, 4].sum())} | {count - 1} | {holes} | {mask.why}"
+    return (
+        f"{mask.method} | {level} | {int(stats[1:, 4].sum())} | {count - 1} | {holes} | {mask.why}"
+    )
 
 
 def row(name: str, view: ScaledView, runs: int) -> tuple[str, float]:
@@ -66,7 +70,10 @@ def row(name: str, view: ScaledView, runs: int) -> tuple[str, float]:
         return f"| {name} | {width} x {height} | refused | | | | | {error} | | |", 0.0
     taken = seconds(lambda: part_mask(view, name=name), runs)
     times = taken / plain
-    return f"| {name} | {width} x {height} | {told(mask)} | {1000 * taken:.1f} | {times:.2f} |", times
+    return (
+        f"| {name} | {width} x {height} | {told(mask)} | {1000 * taken:.1f} | {times:.2f} |",
+        times,
+    )
 
 
 def drawn(part: float, bench: float, slope: float, noise: float, width: int) -> ScaledView:
@@ -76,7 +83,10 @@ def drawn(part: float, bench: float, slope: float, noise: float, width: int) -> 
     shape = np.zeros((height, width), np.float32)
     cv2.circle(shape, (round(1900 * size), round(1300 * size)), round(1000 * size), 1.0, -1)
     for angle in np.arange(12) * np.pi / 6:
-        at = (round((1900 + 700 * np.cos(angle)) * size), round((1300 + 700 * np.sin(angle)) * size))
+        at = (
+            round((1900 + 700 * np.cos(angle)) * size),
+            round((1300 + 700 * np.sin(angle)) * size),
+        )
         cv2.circle(shape, at, round(60 * size), 0.0, -1)
     light = np.linspace(1, 1 - slope, width, dtype=np.float32)
     grey = cv2.GaussianBlur((bench + (part - bench) * shape) * light, (0, 0), 1.0)

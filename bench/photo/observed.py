@@ -51,7 +51,9 @@ def run(program: Program) -> Run:
         begin, end = (complex(*ends[j, :2]) for j in (k - 1, k))
         places = _places(begin, complex(*vias[k, :2]), end)
         count = len(places)
-        found.append((places, np.full(count, columns.speed[k]), np.full(count, columns.force[k] > 0)))
+        found.append(
+            (places, np.full(count, columns.speed[k]), np.full(count, columns.force[k] > 0))
+        )
     places, speed, pressed = (np.concatenate(column) for column in zip(*found, strict=True))
     time = np.abs(np.diff(places, append=places[-1])) / speed
     return Run(places, speed, pressed, time)

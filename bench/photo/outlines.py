@@ -46,7 +46,9 @@ class Shape(NamedTuple):
 SHAPES = {
     "disc r 5": Shape(disc(5), 40, 2),
     "disc r 50": Shape(disc(50), 130, 2),
-    "rounded, r 3 to 8": Shape(drawn([(-40, -30, 0), (40, -30, 4), (40, 30, 8), (-40, 30, 3)]), 130, 7),
+    "rounded, r 3 to 8": Shape(
+        drawn([(-40, -30, 0), (40, -30, 4), (40, 30, 8), (-40, 30, 3)]), 130, 7
+    ),
     "plate": Shape(plate(), 560, 12 + 4 + 2 * 4),
     "gear, lands 11 px": Shape(gear(30, 150, 190), 410, 120),
     "gear, lands 8 px": Shape(gear(18, 60, 80), 190, 72),
@@ -55,12 +57,18 @@ SHAPES = {
 
 def main(count: int, runs: int, names: list[str]) -> None:
     print(f"{machine()}, OpenCV {cv2.__version__}, {count} parts per row\n")
-    print("| part | blur | noise | pixels max | rms | points max | rms | lines and arcs max | rms ", end="")
+    print(
+        "| part | blur | noise | pixels max | rms | points max | rms | lines and arcs max | rms ",
+        end="",
+    )
     print("| corners max | rms | pieces |\n|---|---|---|---|---|---|---|---|---|---|---|---|")
     for name in names or SHAPES:
         for blur in BLURS:
             for noise in NOISES:
-                print(f"| {name} | {blur:g} | {noise:g} | {judged(SHAPES[name], blur, noise, count)} |", flush=True)
+                print(
+                    f"| {name} | {blur:g} | {noise:g} | {judged(SHAPES[name], blur, noise, count)} |",
+                    flush=True,
+                )
     if runs:
         speed(runs)
 
@@ -78,9 +86,13 @@ def judged(shape: Shape, blur: float, noise: float, count: int) -> str:
         contours = primitives(loops, VIEW)[0]
         found += sum(len(c.points) for c in contours)
         dense = walked(contours)
-        chain = np.concatenate(cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)[0])[:, 0].astype(float)
+        chain = np.concatenate(cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)[0])[
+            :, 0
+        ].astype(float)
         raw.append(away(part, chain @ np.array([1, 1j])))
-        points.append(away(part, np.concatenate([loop.points for loop in loops]) @ np.array([1, 1j])))
+        points.append(
+            away(part, np.concatenate([loop.points for loop in loops]) @ np.array([1, 1j]))
+        )
         pieces.append(away(part, dense))
         drawing = np.concatenate(part.loops)
         drawing = drawing[~part.near_corner(drawing, REACH)]
@@ -124,12 +136,16 @@ def speed(runs: int) -> None:
     loops = [loop * 6 + (1920 + 1374j) for loop in plate().loops]
     hole = 10 * np.exp(2j * np.pi * np.arange(720) / 720)
     grid = [hole + complex(u, v) for u in range(2360, 2840, 40) for v in range(1640, 1960, 40)]
-    print("\n| 10.5 megapixels | points | cv2.findContours s | outlines s | primitives s |\n|---|---|---|---|---|")
+    print(
+        "\n| 10.5 megapixels | points | cv2.findContours s | outlines s | primitives s |\n|---|---|---|---|---|"
+    )
     for name, more in (("plate", []), ("plate and 96 holes", grid)):
         grey = picture(Drawn([*loops, *more], np.zeros(0, complex)), 2748, 3840, 0.7, 2.0)
         mask = mask_of(grey)
         found = outlines(grey, mask)[0]
-        bare = best(runs, lambda mask=mask: cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE))
+        bare = best(
+            runs, lambda mask=mask: cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+        )
         first = best(runs, lambda grey=grey, mask=mask: outlines(grey, mask))
         second = best(runs, lambda found=found: primitives(found, VIEW))
         count = sum(len(loop.points) for loop in found)

@@ -37,7 +37,9 @@ def paper_route(folder: Path, name: str, photo: str, truth: Truth) -> np.ndarray
     camera = read_camera(Files().read(folder / f"{name}.yaml"))
     plane = _plane(job, picture, camera)
     x, y = truth.points.real, truth.points.imag
-    view = rectify(picture, camera, plane, (x.min() - ROOM, y.min() - ROOM, x.max() + ROOM, y.max() + ROOM))
+    view = rectify(
+        picture, camera, plane, (x.min() - ROOM, y.min() - ROOM, x.max() + ROOM, y.max() + ROOM)
+    )
     grey = view.pixels if view.pixels.ndim == 2 else cv2.cvtColor(view.pixels, cv2.COLOR_BGR2GRAY)
     _, mask = cv2.threshold(grey, 0, 255, cv2.THRESH_BINARY + cv2.THRESH_OTSU)
     # The rim of the view is bench.
@@ -47,7 +49,9 @@ def paper_route(folder: Path, name: str, photo: str, truth: Truth) -> np.ndarray
     assert count > 1, "no part in the mask"
     part = np.where(labels == 1 + np.argmax(stats[1:, cv2.CC_STAT_AREA]), 255, 0).astype(np.uint8)
     paths, _ = image_space(part, view.work_from_view, job, exact=False)
-    return np.concatenate([_dense(path.position[:, 0] + 1j * path.position[:, 1]) for path in paths])
+    return np.concatenate(
+        [_dense(path.position[:, 0] + 1j * path.position[:, 1]) for path in paths]
+    )
 
 
 def _plane(job: Job, picture: Picture, camera: Camera) -> Plane:
@@ -60,4 +64,6 @@ def _plane(job: Job, picture: Picture, camera: Camera) -> Plane:
 
 
 def _dense(corners: np.ndarray) -> np.ndarray:
-    return np.concatenate([np.linspace(a, b, math.ceil(abs(b - a) / 0.1) + 1) for a, b in pairwise(corners)])
+    return np.concatenate(
+        [np.linspace(a, b, math.ceil(abs(b - a) / 0.1) + 1) for a, b in pairwise(corners)]
+    )

@@ -42,7 +42,13 @@ Result = Error | str
 
 
 def main(arguments: list[str]) -> int:
-    if len(arguments) < 2 or arguments[0] not in ("render", "calibration", "judge", "speed", "bare"):
+    if len(arguments) < 2 or arguments[0] not in (
+        "render",
+        "calibration",
+        "judge",
+        "speed",
+        "bare",
+    ):
         sys.exit(__doc__)
     what, folder, *rest = arguments
     place = Path(folder).resolve()
@@ -78,7 +84,11 @@ def draw(what: str, folder: Path, numbers: list[int]) -> None:
 def judge(folder: Path, names: list[str]) -> int:
     print(f"{machine()}\n\n| photo | plane by | tilt deg | mm/px |", end="")
     print("".join(f" {route}: max, rms mm | px |" for route in ROUTES), end="")
-    print(" near corners, mm | path missed |\n|---|---|---|---|" + "---|---|" * len(ROUTES) + "---|---|")
+    print(
+        " near corners, mm | path missed |\n|---|---|---|---|"
+        + "---|---|" * len(ROUTES)
+        + "---|---|"
+    )
     files = [folder / f"{name}.json" for name in names] or sorted(folder.glob("*-*mp.json"))
     files += [file for name in HARD if not names and (file := folder / f"{name}.json").is_file()]
     found: dict[tuple[str, str], list[tuple[Result, float]]] = {}
@@ -91,7 +101,9 @@ def judge(folder: Path, names: list[str]) -> int:
         kind = "hard" if file.stem in HARD else file.stem.rsplit("-", 1)[-1]
         for route, result in zip(ROUTES, results, strict=True):
             found.setdefault((kind, route), []).append((result, scale))
-    print("\n| photos | route | built | max mm | px | rms mm | px | goal reached |\n|---|---|---|---|---|---|---|---|")
+    print(
+        "\n| photos | route | built | max mm | px | rms mm | px | goal reached |\n|---|---|---|---|---|---|---|---|"
+    )
     for (kind, route), pairs in sorted(found.items()):
         print(f"| {kind} | {route} | {_sum(pairs)}", flush=True)
     # The default is one of the two; it is enough that one of them reaches the goal everywhere.
@@ -106,7 +118,10 @@ def _row(results: list[Result], scale: float) -> str:
         if isinstance(result, str):
             cells += [result[:_TOLD], ""]
         else:
-            cells += [f"{result.most:.3f}, {result.rms:.4f}", f"{result.most / scale:.2f}, {result.rms / scale:.3f}"]
+            cells += [
+                f"{result.most:.3f}, {result.rms:.4f}",
+                f"{result.most / scale:.2f}, {result.rms / scale:.3f}",
+            ]
     told = [result for result in results if isinstance(result, Error)]
     cells.append(", ".join(f"{error.near:.3f}" for error in told))
     cells.append(", ".join(f"{100 * error.missed:.1f} %" for error in told))
@@ -125,7 +140,9 @@ def _sum(pairs: list[tuple[Result, float]]) -> str:
     told = [(result, scale) for result, scale in pairs if isinstance(result, Error)]
     if not told:
         return f"0 of {len(pairs)} | | | | | |"
-    most, rms, scale = (np.array(column) for column in zip(*((e.most, e.rms, s) for e, s in told), strict=True))
+    most, rms, scale = (
+        np.array(column) for column in zip(*((e.most, e.rms, s) for e, s in told), strict=True)
+    )
     whole = [float(np.sqrt(np.mean(values**2))) for values in (rms, rms / scale)]
     figures = f"{most.max():.3f} | {(most / scale).max():.2f} | {whole[0]:.4f} | {whole[1]:.3f}"
     reached = sum(_reached(*pair) for pair in pairs)
@@ -177,7 +194,11 @@ def planned(plan: Path) -> np.ndarray:
             continue
         there = np.array(line["to"])
         if on:
-            points.append(_arc(here, np.array(line["via"]), there) if line["do"] == "movec" else _line(here, there))
+            points.append(
+                _arc(here, np.array(line["via"]), there)
+                if line["do"] == "movec"
+                else _line(here, there)
+            )
         here = there
     return np.concatenate(points)
 
@@ -207,9 +228,19 @@ def speed(folder: Path, names: list[str]) -> int:
     rounds = int(names[1]) if len(names) > 1 else 5
     photo = json.loads((folder / f"{name}.json").read_text())["file"]
     with tempfile.TemporaryDirectory() as scratch:
-        commands = {"bare OpenCV calls": [sys.executable, "-m", "bench.photo.photo", "bare", str(folder / photo)]}
+        commands = {
+            "bare OpenCV calls": [
+                sys.executable,
+                "-m",
+                "bench.photo.photo",
+                "bare",
+                str(folder / photo),
+            ]
+        }
         for planner in PLANNERS:
-            commands[f"camgen build, {planner}"] = build(folder, name, photo, Path(scratch), planner)
+            commands[f"camgen build, {planner}"] = build(
+                folder, name, photo, Path(scratch), planner
+            )
         values: dict[str, list[tuple[float, float]]] = {what: [] for what in commands}
         for _ in range(rounds):
             for what, command in commands.items():
@@ -218,7 +249,9 @@ def speed(folder: Path, names: list[str]) -> int:
     said = [_bare_said(folder / photo) for _ in range(rounds)]
     calls = min(float(lines[-1].split()[1]) for lines in said)
     print(f"{machine()}\n\nBare calls of one process, s: {', '.join(said[-1])}\n")
-    print("| process | best s | range s | peak MB | times the bare process | times the bare calls |")
+    print(
+        "| process | best s | range s | peak MB | times the bare process | times the bare calls |"
+    )
     print("|---|---|---|---|---|---|")
     best = min(s for s, _ in values["bare OpenCV calls"])
     failed = False

@@ -42,7 +42,10 @@ def off(part: Part) -> np.ndarray:
     size = scale_of(matrix)
     points, owner = flatten(from_contours(part.contours), size / 100)
     rings = shapely.multilinestrings(
-        [shapely.linestrings(np.concatenate([points[owner == k], points[owner == k][:1]])) for k in np.unique(owner)]
+        [
+            shapely.linestrings(np.concatenate([points[owner == k], points[owner == k][:1]]))
+            for k in np.unique(owner)
+        ]
     )
     measured = np.concatenate(part.raster.borders) @ matrix[:, :2].T + matrix[:, 2]
     shapely.prepare(rings)
@@ -55,8 +58,13 @@ def row(path: Path) -> str:
     seconds = time.perf_counter() - start
     assert part.raster is not None
     pieces = sum(len(c.points) for c in part.contours)
-    by_point = sum(2 * len(c.points) > len(b) for c, b in zip(part.contours, part.raster.borders, strict=False))
-    same = len({tuple(len(c.points) for c in read(path, job(scale)).contours) for scale in SCALES}) == 1
+    by_point = sum(
+        2 * len(c.points) > len(b) for c, b in zip(part.contours, part.raster.borders, strict=False)
+    )
+    same = (
+        len({tuple(len(c.points) for c in read(path, job(scale)).contours) for scale in SCALES})
+        == 1
+    )
     far = off(part)
     warned = "; ".join(note.what for note in part.notes if note.kind in ("warning", "skipped"))
     return (

@@ -54,7 +54,12 @@ POINTS = 50_000
 BEYOND, SCAN_FEED = 20.0, 10.0
 #: Where the middle of the part is before the arm, mm; the tool's rest is the post's.
 BEFORE = (350.0, 0.0, 150.0)
-CAD, EXACT, IMAGE, PIXELS = "drawing, scan, localize", "photo, geometric", "photo, image space", "photo, whole pixels"
+CAD, EXACT, IMAGE, PIXELS = (
+    "drawing, scan, localize",
+    "photo, geometric",
+    "photo, image space",
+    "photo, whole pixels",
+)
 #: The share of the contact that may be more than 5 % off the feed.
 MOST_OFF = 0.02
 #: Away from where force is put on, mm of path.
@@ -89,7 +94,10 @@ def main(figures: bool, small: bool) -> None:
         for k, photo in enumerate(places):
             write(folder, photo)
             truth = offset_truth(photo.loops, photo.tool / 2)
-            seen = {name: vision(folder, photo, planner) for name, planner in ((EXACT, "geometric"), (IMAGE, "image"))}
+            seen = {
+                name: vision(folder, photo, planner)
+                for name, planner in ((EXACT, "geometric"), (IMAGE, "image"))
+            }
             for name, (result, spent) in seen.items():
                 routes[name].append(judged(run(result.program), truth, result.cycle.total, spent))
             drawn, spent = by_drawing(folder, photo, k)
@@ -98,7 +106,9 @@ def main(figures: bool, small: bool) -> None:
             routes[PIXELS].append(judged(at_feed(pixels), truth, 0.0, 0.0, told=False))
             begins.append(complex(photo.loops[0].points[:2].mean()))
             shown.append((seen[EXACT][0], seen[IMAGE][0]))
-    print(f"{machine()}\n\nPlacements: {len(places)}, tilt {', '.join(f'{photo.tilt:.1f}' for photo in places)} deg.\n")
+    print(
+        f"{machine()}\n\nPlacements: {len(places)}, tilt {', '.join(f'{photo.tilt:.1f}' for photo in places)} deg.\n"
+    )
     tell(routes, moves)
     if figures:
         draw(*shown[0], routes, begins)
@@ -106,7 +116,9 @@ def main(figures: bool, small: bool) -> None:
 
 def tell_feeds(small: bool) -> int:
     """A row a photo and planner. Of the small photos, in which an inner arc has five pixels, nothing is asked."""
-    print(f"{machine()}\n\n| photo | planner | off 5 % | off 10 % | peak | without force mm | standing with force mm |")
+    print(
+        f"{machine()}\n\n| photo | planner | off 5 % | off 10 % | peak | without force mm | standing with force mm |"
+    )
     print("|---|---|---|---|---|---|---|")
     missed = False
     for photo in of_paper(1 if small else 10, 1 if small else 10):
@@ -146,17 +158,39 @@ def by_drawing(folder: Path, photo: Photo, k: int) -> tuple[tuple[Run, float], f
     localization.
     """
     own = paper()
-    turn = float(np.angle((photo.loops[0].points[1] - photo.loops[0].points[0]) / np.diff(own[0].points[:2])[0]))
+    turn = float(
+        np.angle(
+            (photo.loops[0].points[1] - photo.loops[0].points[0]) / np.diff(own[0].points[:2])[0]
+        )
+    )
     middle = complex(photo.loops[0].points[0] - own[0].points[0] * np.exp(1j * turn))
     model, cloud, frame = folder / "part.stl", folder / f"scan{k}.xyz", folder / f"frame{k}.toml"
     solid = sheet(own, THICK)
     solid.export(model)
     c, s = math.cos(turn), math.sin(turn)
-    matrix, shift = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]), np.array([middle.real, middle.imag, 0.0])
+    matrix, shift = (
+        np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]),
+        np.array([middle.real, middle.imag, 0.0]),
+    )
     np.savetxt(cloud, scan(solid, POINTS, k, ROUND, NOISE, 0.2) @ matrix.T + shift, fmt="%.4f")
-    about = (middle.real + ABOUT[0], middle.imag - ABOUT[0], 0.0, 0.0, 0.0, math.degrees(turn) + ABOUT[1])
+    about = (
+        middle.real + ABOUT[0],
+        middle.imag - ABOUT[0],
+        0.0,
+        0.0,
+        0.0,
+        math.degrees(turn) + ABOUT[1],
+    )
     begun = time.perf_counter()
-    words = ["localize", str(model), str(cloud), "-o", str(frame), f"--start={','.join(map(str, about))}", "-q"]
+    words = [
+        "localize",
+        str(model),
+        str(cloud),
+        "-o",
+        str(frame),
+        f"--start={','.join(map(str, about))}",
+        "-q",
+    ]
     if command(words):
         sys.exit(1)
     spent = time.perf_counter() - begun
@@ -175,7 +209,9 @@ def drawing(folder: Path, loops: Sequence[Loop]) -> Path:
     """The part as a CAD program would draw it."""
     document = ezdxf.new("R2010", units=4)
     for loop in loops:
-        rows = zip(loop.points.real.tolist(), loop.points.imag.tolist(), loop.bulges.tolist(), strict=True)
+        rows = zip(
+            loop.points.real.tolist(), loop.points.imag.tolist(), loop.bulges.tolist(), strict=True
+        )
         document.modelspace().add_lwpolyline(list(rows), format="xyb", close=True)
     document.saveas(folder / "part.dxf")
     return folder / "part.dxf"
@@ -215,7 +251,9 @@ def judged(found: Run, truth: Truth, seconds: float, spent: float, told: bool = 
     force, _ = pressed(nearness, np.where(found.pressed, FORCE, 0.0), found.time, Contact())
     way = np.append(0.0, np.cumsum(np.abs(np.diff(found.places))))
     seen = observe(found, truth, FEED) if told else None
-    return Route(found, path_error(found.places[::4], truth), seen, nearness, force, way, seconds, spent)
+    return Route(
+        found, path_error(found.places[::4], truth), seen, nearness, force, way, seconds, spent
+    )
 
 
 def settled(route: Route) -> np.ndarray:
@@ -226,26 +264,48 @@ def settled(route: Route) -> np.ndarray:
 
 
 def tell(routes: dict[str, list[Route]], moves: float) -> None:
-    print("| route | max mm | rms mm | at sharp corners max mm | contact off 5 % | peak of the feed | ", end="")
+    print(
+        "| route | max mm | rms mm | at sharp corners max mm | contact off 5 % | peak of the feed | ",
+        end="",
+    )
     print("contact without force mm | standing with force mm |\n|---|---|---|---|---|---|---|---|")
     for name, found in routes.items():
         error = [one.error for one in found]
         rms = math.sqrt(np.mean([one.rms**2 for one in error]))
         cells = f"{max(one.most for one in error):.4f} | {rms:.4f} | {max(one.near for one in error):.4f}"
         print(f"| {name} | {cells} | {feeds(found)} |")
-    print("\n| at each place: largest error mm | " + " | ".join(routes) + " |\n|---|" + "---|" * len(routes))
+    print(
+        "\n| at each place: largest error mm | "
+        + " | ".join(routes)
+        + " |\n|---|"
+        + "---|" * len(routes)
+    )
     for k in range(len(routes[CAD])):
-        print(f"| {k + 1} | " + " | ".join(f"{found[k].error.most:.3f}" for found in routes.values()) + " |")
+        print(
+            f"| {k + 1} | "
+            + " | ".join(f"{found[k].error.most:.3f}" for found in routes.values())
+            + " |"
+        )
     print("\n| force, of 2 N | " + " | ".join(routes) + " |\n|---|" + "---|" * len(routes))
     forces = [np.concatenate([settled(one) for one in found]) - FORCE for found in routes.values()]
-    print("| off rms, N | " + " | ".join(f"{math.sqrt(np.mean(off**2)):.4f}" for off in forces) + " |")
+    print(
+        "| off rms, N | " + " | ".join(f"{math.sqrt(np.mean(off**2)):.4f}" for off in forces) + " |"
+    )
     print("| off at most, N | " + " | ".join(f"{np.abs(off).max():.3f}" for off in forces) + " |")
     print(f"\n| time, s | {CAD} | {EXACT} | {IMAGE} |\n|---|---|---|---|")
     timed = [routes[name] for name in (CAD, EXACT, IMAGE)]
     robot = [np.mean([one.seconds for one in found]) for found in timed]
-    print("| deburring | " + " | ".join(f"{t - moves * (k == 0):.1f}" for k, t in enumerate(robot)) + " |")
+    print(
+        "| deburring | "
+        + " | ".join(f"{t - moves * (k == 0):.1f}" for k, t in enumerate(robot))
+        + " |"
+    )
     print(f"| the scan | {moves:.1f} | 0 | 0 |")
-    print("| the computer | " + " | ".join(f"{np.mean([one.found for one in found]):.1f}" for found in timed) + " |")
+    print(
+        "| the computer | "
+        + " | ".join(f"{np.mean([one.found for one in found]):.1f}" for found in timed)
+        + " |"
+    )
 
 
 def feeds(found: list[Route]) -> str:
@@ -256,20 +316,35 @@ def feeds(found: list[Route]) -> str:
     return f"{shares} | {max(one.without for one in seen):.2f} | {max(one.too_much for one in seen):.2f}"
 
 
-def draw(exact: Result, image: Result, routes: dict[str, list[Route]], begins: list[complex]) -> None:
+def draw(
+    exact: Result, image: Result, routes: dict[str, list[Route]], begins: list[complex]
+) -> None:
     if exact.part.raster is not None:
-        stages = svg(exact.part, exact.part.raster, exact.tour, exact.notes, "3 x 2.5 in part, from photo to path")
+        stages = svg(
+            exact.part,
+            exact.part.raster,
+            exact.tour,
+            exact.notes,
+            "3 x 2.5 in part, from photo to path",
+        )
         (IMAGES / "pist-stages.svg").write_text(stages)
-    (IMAGES / "pist-contacts.svg").write_text(contacts(image.part, image.tour.paths[0], 3 / 16 * 25.4))
+    (IMAGES / "pist-contacts.svg").write_text(
+        contacts(image.part, image.tour.paths[0], 3 / 16 * 25.4)
+    )
     (IMAGES / "pist-frames.svg").write_text(frames(exact.part, exact.tour.paths[0]))
-    rows = {name: [series(*one) for one in zip(found, begins, strict=True)] for name, found in routes.items()}
+    rows = {
+        name: [series(*one) for one in zip(found, begins, strict=True)]
+        for name, found in routes.items()
+    }
     (IMAGES / "pist-error.svg").write_text(errors(rows, FORCE))
 
 
 def series(route: Route, begin: complex) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Distance along the path from where it passes the middle of the drawing's first side; error; force."""
     first = int(np.abs(route.run.places - begin).argmin())
-    way = np.append(route.way[first:] - route.way[first], route.way[:first] + route.way[-1] - route.way[first])
+    way = np.append(
+        route.way[first:] - route.way[first], route.way[:first] + route.way[-1] - route.way[first]
+    )
     return way, np.roll(route.off, -first), np.roll(route.force, -first)
 
 

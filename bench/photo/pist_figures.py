@@ -92,8 +92,12 @@ def errors(routes: dict[str, list[Series]], force: float) -> str:
                 drawn.append(f'<path class="line{k}" d="{_line(x, y)}"/>')
         top += low + high + 11
     for mark in range(0, int(most) + 1, 50):
-        drawn.append(f'<text class="below" x="{left + mark / most * wide:.1f}" y="{top - 5}">{mark}</text>')
-    drawn.append(f'<text class="below" x="{left + wide / 2}" y="{top - 1}">distance along the path, mm</text>')
+        drawn.append(
+            f'<text class="below" x="{left + mark / most * wide:.1f}" y="{top - 5}">{mark}</text>'
+        )
+    drawn.append(
+        f'<text class="below" x="{left + wide / 2}" y="{top - 1}">distance along the path, mm</text>'
+    )
     return _sheet(drawn, 270, top + 2, "")
 
 
@@ -102,7 +106,9 @@ def _grid(left: float, top: float, wide: float, high: float, marks: Sequence[str
     lines += [f'<path class="grid" d="M{left} {top + high / 2}h{wide}"/>']
     places = (top + 2, top + high / 2 + 1, top + high)
     texts = zip(places, marks, strict=True)
-    return lines + [f'<text class="tick" x="{left - 1}" y="{y}">{mark}</text>' for y, mark in texts if mark]
+    return lines + [
+        f'<text class="tick" x="{left - 1}" y="{y}">{mark}</text>' for y, mark in texts if mark
+    ]
 
 
 def _line(x: np.ndarray, y: np.ndarray) -> str:
@@ -112,7 +118,9 @@ def _line(x: np.ndarray, y: np.ndarray) -> str:
     end = np.append(begin[1:], len(y))
     mean = np.add.reduceat(y, begin) / (end - begin)
     far = [int(a + np.argmax(np.abs(y[a:b] - m))) for a, b, m in zip(begin, end, mean, strict=True)]
-    return "M" + "L".join(f"{a:.1f} {b:.2f}" for a, b in zip(x[far].tolist(), y[far].tolist(), strict=True))
+    return "M" + "L".join(
+        f"{a:.1f} {b:.2f}" for a, b in zip(x[far].tolist(), y[far].tolist(), strict=True)
+    )
 
 
 def _places(path: ToolPath) -> np.ndarray:
@@ -124,7 +132,9 @@ def _dense(path: ToolPath) -> tuple[np.ndarray, np.ndarray]:
     """Places every tenth of a mm or so, and the direction of the force there."""
     places, presses = [], []
     for k in range(1, len(path.position)):
-        a, b, via = (complex(*row[:2]) for row in (path.position[k - 1], path.position[k], path.via[k]))
+        a, b, via = (
+            complex(*row[:2]) for row in (path.position[k - 1], path.position[k], path.via[k])
+        )
         t = np.linspace(0, 1, max(int(abs(b - a) * 12), 2))
         if np.isfinite(via):
             sweep = 2 * float(np.angle((b - via) / (via - a)))
@@ -167,5 +177,8 @@ def _data(points: np.ndarray, low: complex, high: complex, scale: float) -> str:
 def _sheet(drawn: list[str], wide: float, high: float, title: str) -> str:
     size = f'width="{wide:.0f}mm" height="{high:.0f}mm" viewBox="0 0 {wide:.1f} {high:.1f}"'
     head = [f'<svg xmlns="http://www.w3.org/2000/svg" {size}>', f"<style>{STYLE}</style>"]
-    head += ['<rect class="bg" width="100%" height="100%"/>', f'<text x="4" y="6">{title}</text>' if title else ""]
+    head += [
+        '<rect class="bg" width="100%" height="100%"/>',
+        f'<text x="4" y="6">{title}</text>' if title else "",
+    ]
     return "\n".join([*filter(None, head), *drawn, "</svg>\n"])

@@ -41,7 +41,9 @@ CENTRE = 0.2
 _SHIFT = 4
 
 
-def board(pixels: int, seed: int, plane: bool, widths: tuple[float, ...] = (0.4, 0.6, 0.85, 1.2, 2.0)) -> np.ndarray:
+def board(
+    pixels: int, seed: int, plane: bool, widths: tuple[float, ...] = (0.4, 0.6, 0.85, 1.2, 2.0)
+) -> np.ndarray:
     """A square board, 255 copper: parts with rows of pads, tracks between them, half of it a ground plane if asked."""
     random = np.random.default_rng(seed)
     copper = np.zeros((pixels, pixels), dtype=np.uint8)
@@ -66,7 +68,11 @@ def _net(random: np.random.Generator, pixels: int, widths: tuple[float, ...]):
     u, v = random.integers(room, pixels - room, 2)
     long, slant = random.integers(80, 500, 2)
     signs = random.choice([-1, 1], 2)
-    points = [(u, v), (u + signs[0] * long, v), (u + signs[0] * (long + slant), v + signs[1] * slant)]
+    points = [
+        (u, v),
+        (u + signs[0] * long, v),
+        (u + signs[0] * (long + slant), v + signs[1] * slant),
+    ]
     if random.random() < 0.5:
         points = [(u + (b - v), v + (a - u)) for a, b in points]
     line = np.clip(np.array(points, dtype=float), room, pixels - room)
@@ -100,17 +106,25 @@ def _pads(copper: np.ndarray, pads, more: float, value: int) -> None:
 
 def _disc(copper: np.ndarray, u: float, v: float, diameter: float, value: int) -> None:
     angle = np.linspace(0, 2 * np.pi, 96, endpoint=False)
-    _polygon(copper, np.column_stack([np.cos(angle), np.sin(angle)]) * (diameter / MM / 2) + (u, v), value)
+    _polygon(
+        copper,
+        np.column_stack([np.cos(angle), np.sin(angle)]) * (diameter / MM / 2) + (u, v),
+        value,
+    )
 
 
 def _polygon(copper: np.ndarray, points: np.ndarray, value: int) -> None:
-    cv2.fillPoly(copper, [np.rint(points * 2**_SHIFT).astype(np.int32)[:, None]], value, cv2.LINE_8, _SHIFT)
+    cv2.fillPoly(
+        copper, [np.rint(points * 2**_SHIFT).astype(np.int32)[:, None]], value, cv2.LINE_8, _SHIFT
+    )
 
 
 def part_of(copper: np.ndarray) -> Part:
     """The board as the reader gives it, with the borders that its pixels tell."""
     table, points = between_pixels(chains(copper))
-    borders = tuple(frozen(np.column_stack([p.real, p.imag])) for p in np.split(points, table.first[1:]))
+    borders = tuple(
+        frozen(np.column_stack([p.real, p.imag])) for p in np.split(points, table.first[1:])
+    )
     high = copper.shape[0]
     work_from_view = frozen([[MM, 0, 0], [0, -MM, MM * (high - 1)]])
     raster = Raster(copper, frozen(np.zeros((4, 2))), copper, work_from_view, copper, borders)
@@ -125,20 +139,33 @@ def fill_row(name: str, part: Part, diameter: float, repeats: int) -> bool:
         start = time.perf_counter()
         paths, _, found = fill(part, job)
         seconds.append(time.perf_counter() - start)
-    covered, outside, thin = (100 * area / found.copper for area in (found.covered, found.outside, found.thin))
+    covered, outside, thin = (
+        100 * area / found.copper for area in (found.covered, found.outside, found.thin)
+    )
     points = sum(len(path.position) for path in paths)
     bare = found.copper - found.covered
     shares = f"{covered:.2f} % | {outside:.2f} % | {thin:.2f} %"
     areas = f"{found.copper:.0f} | {bare:.1f} | {found.outside:.1f} | {found.thin:.1f}"
     print(
-        f"| {name} | {diameter:g} | {shares} | {areas} | {len(paths)} | {points} | {median(seconds):.2f} |", flush=True
+        f"| {name} | {diameter:g} | {shares} | {areas} | {len(paths)} | {points} | {median(seconds):.2f} |",
+        flush=True,
     )
     least, most = GOALS[diameter]
     return covered >= 100 * least and outside <= 100 * most
 
 
 def fill_table(folder: Path, sizes: tuple[int, ...]) -> bool:
-    head = ("board", "marker, mm", "covered", "outside", "beside thin", "copper, mm2", "bare", "outside", "thin")
+    head = (
+        "board",
+        "marker, mm",
+        "covered",
+        "outside",
+        "beside thin",
+        "copper, mm2",
+        "bare",
+        "outside",
+        "thin",
+    )
     print("|", " | ".join((*head, "strokes", "points", "s")), "|")
     print(f"|{'---|' * 12}")
     good = True
@@ -147,7 +174,9 @@ def fill_table(folder: Path, sizes: tuple[int, ...]) -> bool:
         for s, (n, p) in enumerate(product(sizes, (False, True)), 1)
     ]
     scale = {"operation": {"kind": "fill"}, "image": {"mm_per_px": MM}}
-    boards += [(path.name, read(path, from_mapping(scale))) for path in sorted(folder.glob("*_temp.jpg"))]
+    boards += [
+        (path.name, read(path, from_mapping(scale))) for path in sorted(folder.glob("*_temp.jpg"))
+    ]
     for name, part in boards:
         for diameter in GOALS:
             good &= fill_row(name, part, diameter, 3)
@@ -165,7 +194,11 @@ class Marks(Struct):
 def marks(seed: int, pixels: int = 500, finer: int = 8) -> Marks:
     """A board turned by up to 5 degrees: + marks and other shapes, smoothed, with noise, at fractions of a pixel."""
     random = np.random.default_rng(seed)
-    turn, reach, width = np.radians(random.uniform(-5, 5)), random.uniform(6, 14), random.uniform(1.8, 4)
+    turn, reach, width = (
+        np.radians(random.uniform(-5, 5)),
+        random.uniform(6, 14),
+        random.uniform(1.8, 4),
+    )
     ink = np.zeros((pixels * finer, pixels * finer), dtype=np.uint8)
     places = np.array([(40 + 60 * i, 40 + 60 * j) for i in range(7) for j in range(7)], dtype=float)
     places = random.permutation(places) + random.uniform(-8, 8, places.shape)
@@ -177,7 +210,9 @@ def marks(seed: int, pixels: int = 500, finer: int = 8) -> Marks:
             _polygon(ink, (np.array(corners) @ turned.T + centre + 0.5) * finer - 0.5, 255)
     share = cv2.resize(ink, (pixels, pixels), interpolation=cv2.INTER_AREA) / 255
     light, dark = random.uniform(200, 250), random.uniform(10, 60)
-    seen = cv2.GaussianBlur(light + (dark - light) * share, (0, 0), 0.6) + random.normal(0, 6, (pixels, pixels))
+    seen = cv2.GaussianBlur(light + (dark - light) * share, (0, 0), 0.6) + random.normal(
+        0, 6, (pixels, pixels)
+    )
     picture = seen.round().clip(0, 255).astype(np.uint8)
     _, mask = cv2.threshold(picture, 0, 255, cv2.THRESH_BINARY_INV | cv2.THRESH_OTSU)
     return Marks(picture, mask, places[:count])
@@ -194,7 +229,10 @@ def _cross(r: float, w: float) -> list[list[tuple[float, float]]]:
 def _other_shapes(r: float, w: float) -> list[list[list[tuple[float, float]]]]:
     """What is no mark: a bar, two T, an L, a disc, a square, a triangle, an x."""
     disc = [(r * np.cos(a), r * np.sin(a)) for a in np.linspace(0, 2 * np.pi, 40, endpoint=False)]
-    slants = [[(-r, w - r), (w - r, -r), (r, r - w), (r - w, r)], [(-r, r - w), (w - r, r), (r, w - r), (r - w, -r)]]
+    slants = [
+        [(-r, w - r), (w - r, -r), (r, r - w), (r - w, r)],
+        [(-r, r - w), (w - r, r), (r, w - r), (r - w, -r)],
+    ]
     return [
         [_bar(-r, -w / 2, r, w / 2)],
         [_bar(-r, -w / 2, r, w / 2), _bar(-w / 2, 0, w / 2, r)],
@@ -212,7 +250,11 @@ def mark_errors(board: Marks) -> tuple[int, int, np.ndarray]:
     found = np.array([(c.u, c.v) for c in crosses(board.ink, board.picture)]).reshape(-1, 2)
     far = np.hypot(*(board.centres[:, None] - found[None]).transpose(2, 0, 1))
     nearest = far.min(axis=1, initial=np.inf)
-    return int((nearest > 1).sum()), int((far.min(axis=0, initial=np.inf) > 1).sum()), nearest[nearest <= 1]
+    return (
+        int((nearest > 1).sum()),
+        int((far.min(axis=0, initial=np.inf) > 1).sum()),
+        nearest[nearest <= 1],
+    )
 
 
 def mark_table(sets: dict[str, list[tuple[int, int]]]) -> bool:
@@ -234,12 +276,20 @@ def mark_sets(count: int) -> dict[str, list[tuple[int, int]]]:
     """``count`` boards on which the finder of marks was made, and as many others in pictures of other sizes."""
     return {
         f"{count}, seeds 0 to {count - 1}": [(seed, 500) for seed in range(count)],
-        f"{count}, seeds 1000 to {999 + count}": [(1000 + k, (470, 500, 620, 800)[k % 4]) for k in range(count)],
+        f"{count}, seeds 1000 to {999 + count}": [
+            (1000 + k, (470, 500, 620, 800)[k % 4]) for k in range(count)
+        ],
     }
 
 
 if __name__ == "__main__":
     print(machine())
-    folder, count = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(), int(sys.argv[2]) if len(sys.argv) > 2 else 50
-    good = [fill_table(folder, tuple(map(int, sys.argv[3:])) or (1000, 3000)), mark_table(mark_sets(count))]
+    folder, count = (
+        Path(sys.argv[1]) if len(sys.argv) > 1 else Path(),
+        int(sys.argv[2]) if len(sys.argv) > 2 else 50,
+    )
+    good = [
+        fill_table(folder, tuple(map(int, sys.argv[3:])) or (1000, 3000)),
+        mark_table(mark_sets(count)),
+    ]
     sys.exit(0 if all(good) else 1)

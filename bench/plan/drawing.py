@@ -66,7 +66,10 @@ def row(path: Path) -> str:
     before, after = (sum(len(c.points) for c in part.contours) for part in (raw, drawn))
     arcs = sum(int((c.bulges != 0).sum()) for c in drawn.contours)
     paths = trace(drawn, JOB)
-    ways = [measure_travel(arrange(paths, method, (0.0, 0.0), False).paths, (0.0, 0.0)) / 1000 for method in METHODS]
+    ways = [
+        measure_travel(arrange(paths, method, (0.0, 0.0), False).paths, (0.0, 0.0)) / 1000
+        for method in METHODS
+    ]
     far = apart(raw, drawn, px / 4) / px
     told = " | ".join(f"{way:.2f}" for way in ways)
     return f"| {path.name} | {len(paths)} | {before} | {after} | {arcs} | {far:.2f} | {told} | {seconds:.2f} |"
@@ -74,7 +77,9 @@ def row(path: Path) -> str:
 
 def table(folder: Path) -> None:
     print(machine())
-    print("\n| picture | strokes | points | drawn | arcs | off (px) | travel as drawn (m) | nearest | best | s |")
+    print(
+        "\n| picture | strokes | points | drawn | arcs | off (px) | travel as drawn (m) | nearest | best | s |"
+    )
     print("|---|---|---|---|---|---|---|---|---|---|")
     for path in sorted(p for p in folder.rglob("*") if p.suffix in {".png", ".jpg", ".tif"}):
         try:
@@ -90,7 +95,10 @@ def docs(folder: Path) -> None:
         picture.write_bytes((PARTS / picture.name).read_bytes())
         with TemporaryDirectory() as made:
             preview = folder / f"drawing-{name}.svg"
-            assert main(["build", str(picture), *words, "-q", "-o", made, "--preview", str(preview)]) == 0
+            assert (
+                main(["build", str(picture), *words, "-q", "-o", made, "--preview", str(preview)])
+                == 0
+            )
 
 
 if __name__ == "__main__":

@@ -51,7 +51,9 @@ def main() -> int:
     )
     print("|---|---|---|---|---|---|---|---|---|---|")
     print(judged(f"{count} shapes", shapes(count), 6.0), flush=True)
-    for name, diameter in DRAWINGS.items() if folder.is_dir() and sys.argv[1:2] != ["shapes"] else ():
+    for name, diameter in (
+        DRAWINGS.items() if folder.is_dir() and sys.argv[1:2] != ["shapes"] else ()
+    ):
         try:
             part = camgen.read(folder / name)
             if enclosed(part.contours).area / diameter < 1000 * LONGEST:

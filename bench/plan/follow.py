@@ -118,7 +118,12 @@ def along(start: np.ndarray, item: MoveL | MoveC) -> np.ndarray:
     centre, radius, axis, sweep = circle(tuple(start.tolist()), item.via.origin, item.target.origin)
     axis = np.array(axis)
     count = max(3, int(radius * sweep / 0.2) + 3)
-    return np.array([centre + rotation_about_axis(axis, a) @ (start - centre) for a in np.linspace(0, sweep, count)])
+    return np.array(
+        [
+            centre + rotation_about_axis(axis, a) @ (start - centre)
+            for a in np.linspace(0, sweep, count)
+        ]
+    )
 
 
 def gaps(points: np.ndarray, tree: shapely.STRtree) -> np.ndarray:
@@ -139,7 +144,9 @@ def judged(file: Path, diameter: float) -> str:
         errors.append(np.abs(gaps(targets, tree) - diameter / 2).max())
         inside.append((diameter / 2 - gaps(samples, tree)).max())
         if reference is None:
-            reference = shapely.STRtree([shapely.LineString(samples[k : k + 2]) for k in range(len(samples) - 1)])
+            reference = shapely.STRtree(
+                [shapely.LineString(samples[k : k + 2]) for k in range(len(samples) - 1)]
+            )
         apart = max(apart, float(gaps(samples, reference).max()))
     verdict = "ok" if max(*errors, *inside, apart) <= GOAL else "**missed**"
     return (
@@ -153,7 +160,10 @@ def main() -> int:
     default = Path(__file__).parents[2].parent / "shared" / "data" / "dxf"
     folder = Path(sys.argv[1]) if len(sys.argv) > 1 else default
     print(f"{machine()}\n")
-    print("| drawing | tool mm | paths | working points off mm | nearer than allowed mm | posts apart mm |", end="")
+    print(
+        "| drawing | tool mm | paths | working points off mm | nearer than allowed mm | posts apart mm |",
+        end="",
+    )
     print(" arcs: instr./m | chords: instr./m | |\n|---|---|---|---|---|---|---|---|---|")
     missed = 0
     drawings = {folder.name: float(sys.argv[2])} if folder.is_file() else DRAWINGS

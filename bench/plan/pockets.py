@@ -40,7 +40,9 @@ def shapes(count: int) -> Part:
     return Part("shapes", "shapes", "mm", tuple(found), ())
 
 
-def _star(place: np.ndarray, low: float, high: float, count: int, chance: np.random.Generator, name: int) -> Contour:
+def _star(
+    place: np.ndarray, low: float, high: float, count: int, chance: np.random.Generator, name: int
+) -> Contour:
     angle = 2 * np.pi * (np.arange(count) + chance.uniform(0.2, 0.8, count)) / count
     arm = chance.uniform(low, high, count)
     points = place + arm[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
@@ -59,7 +61,10 @@ def judged(name: str, part: Part, diameter: float) -> str:
     covered = swept(made.paths, diameter / 2)
     bare = reachable(region, diameter / 2).difference(covered).buffer(-0.005).area
     gouged = covered.difference(region.buffer(0.005)).area
-    metres = sum(float(np.hypot(*np.diff(path.position[:, :2], axis=0).T).sum()) for path in made.paths) / 1000
+    metres = (
+        sum(float(np.hypot(*np.diff(path.position[:, :2], axis=0).T).sum()) for path in made.paths)
+        / 1000
+    )
     failed = sum("check failed" in note.what for note in made.notes)
     verdict = "ok" if max(bare, gouged) <= GOAL and not failed else "**missed**"
     return (
@@ -72,7 +77,9 @@ def main() -> int:
     words = sys.argv[1:]
     folder = Path(__file__).parents[2].parent / "shared" / "data" / "dxf"
     print(f"{machine()}\n")
-    print("| drawing | tool mm | contours | left out | paths | chords m | bare mm2 | gouged mm2 | processor s | |")
+    print(
+        "| drawing | tool mm | contours | left out | paths | chords m | bare mm2 | gouged mm2 | processor s | |"
+    )
     print("|---|---|---|---|---|---|---|---|---|---|")
     missed = 0
     if words[:1] == ["shapes"]:
@@ -82,7 +89,9 @@ def main() -> int:
     else:
         folder = Path(words[0]) if words else folder
         asked = [("251 shapes", shapes(251), 6.0)]
-        asked += [(Path(name).name, camgen.read(folder / name), size) for name, size in DRAWINGS.items()]
+        asked += [
+            (Path(name).name, camgen.read(folder / name), size) for name, size in DRAWINGS.items()
+        ]
     for name, part, diameter in asked:
         try:
             row = judged(name, part, diameter)

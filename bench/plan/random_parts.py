@@ -103,7 +103,9 @@ def _border(room: shapely.Geometry, polygon: shapely.Geometry, diameter: float) 
     for ring in shapely.get_parts(shapely.boundary(room)):
         count = max(8, int(ring.length / _STEP))
         points.append(
-            shapely.get_coordinates(shapely.line_interpolate_point(ring, np.arange(count) / count, normalized=True))
+            shapely.get_coordinates(
+                shapely.line_interpolate_point(ring, np.arange(count) / count, normalized=True)
+            )
         )
     every = np.concatenate(points)
     lines = _outlines(polygon)
@@ -123,17 +125,25 @@ def _segments(points: np.ndarray) -> np.ndarray:
 def _gaps(points: np.ndarray, tree: shapely.STRtree, far: float) -> np.ndarray:
     """Distance of each point from the lines of the tree, inf beyond ``far``."""
     result = np.full(len(points), np.inf)
-    (which, _), gap = tree.query_nearest(shapely.points(points), max_distance=far, return_distance=True)
+    (which, _), gap = tree.query_nearest(
+        shapely.points(points), max_distance=far, return_distance=True
+    )
     result[which] = gap
     return result
 
 
 def _program(part: RandomPart) -> tuple[tuple[Instruction, ...], str]:
     """What the printed text says, and what was left out."""
-    contours = [Contour(frozen(s.rows[:, :2]), frozen(s.rows[:, 2]), True, "0") for s in part.shapes]
-    result = camgen.build(camgen.part(contours), post="gcode", job={"tool": {"diameter": part.diameter}})
+    contours = [
+        Contour(frozen(s.rows[:, :2]), frozen(s.rows[:, 2]), True, "0") for s in part.shapes
+    ]
+    result = camgen.build(
+        camgen.part(contours), post="gcode", job={"tool": {"diameter": part.diameter}}
+    )
     reading = find_readback("gcode")({file.name: file.text for file in result.files}, {})
-    return reading.body, "; ".join(f"{n.what}: {n.why}" for n in result.notes if n.kind == "skipped")
+    return reading.body, "; ".join(
+        f"{n.what}: {n.why}" for n in result.notes if n.kind == "skipped"
+    )
 
 
 def _ways(body: tuple[Instruction, ...]) -> Iterator[np.ndarray]:
@@ -142,7 +152,11 @@ def _ways(body: tuple[Instruction, ...]) -> Iterator[np.ndarray]:
     for item in body:
         if not isinstance(getattr(item, "target", None), Pose):
             continue
-        points = along(here, item) if isinstance(item, (MoveL, MoveC)) else np.array([here, item.target.origin])
+        points = (
+            along(here, item)
+            if isinstance(item, (MoveL, MoveC))
+            else np.array([here, item.target.origin])
+        )
         here = np.array(item.target.origin)
         low = points[:, 2] < 1e-6
         way += [points[low][:, :2]]
@@ -177,11 +191,18 @@ def _late(part: RandomPart, ways: list[np.ndarray]) -> int:
     depth = [sum(other.contains(one) for other in polygons if other is not one) for one in polygons]
     trees = [_outlines(polygon) for polygon in polygons]
     # A way belongs to the contour that it touches along most of it.
-    near = [[np.mean(_gaps(way, tree, part.diameter) < part.diameter / 2 + BESIDE) for tree in trees] for way in ways]
+    near = [
+        [np.mean(_gaps(way, tree, part.diameter) < part.diameter / 2 + BESIDE) for tree in trees]
+        for way in ways
+    ]
     of = [int(np.argmax(row)) for row in near]
     late = 0
     for k, hole in enumerate(polygons):
-        around = [j for j, one in enumerate(polygons) if j != k and depth[j] % 2 == 0 and one.contains(hole)]
+        around = [
+            j
+            for j, one in enumerate(polygons)
+            if j != k and depth[j] % 2 == 0 and one.contains(hole)
+        ]
         first = min((n for n, j in enumerate(of) if j in around), default=len(of))
         late += depth[k] % 2 == 1 and any(n > first for n, j in enumerate(of) if j == k)
     return late
@@ -191,11 +212,14 @@ def _table(verdicts: list[Verdict]) -> Iterator[str]:
     """Rows by the tool's diameter, and one of all."""
     yield "| tool mm | parts | contours with room | dropped | deepest gouge mm | border not run mm | holes late | s |"
     yield "|---|---|---|---|---|---|---|---|"
-    groups = {f"{d:g}": [v for v in verdicts if v.diameter == d] for d in DIAMETERS} | {"all": verdicts}
+    groups = {f"{d:g}": [v for v in verdicts if v.diameter == d] for d in DIAMETERS} | {
+        "all": verdicts
+    }
     for name, some in groups.items():
         if some:
             room, dropped, late, missed, seconds = (
-                sum(getattr(v, column) for v in some) for column in ("rooms", "dropped", "late", "missed", "seconds")
+                sum(getattr(v, column) for v in some)
+                for column in ("rooms", "dropped", "late", "missed", "seconds")
             )
             yield (
                 f"| {name} | {len(some):,} | {room:,} | {dropped} | {max(v.gouge for v in some):.4f} | {missed:.1f} "
@@ -215,7 +239,9 @@ def main() -> int:
         verdicts = [judged(number) for number in numbers]
     wrong = [v for v in verdicts if v.dropped or v.gouge > GOUGE or v.late or v.missed]
     for v in wrong:
-        figures = f"{v.dropped} dropped, gouge {v.gouge:.4f} mm, {v.missed:.2f} mm not run, {v.late} late"
+        figures = (
+            f"{v.dropped} dropped, gouge {v.gouge:.4f} mm, {v.missed:.2f} mm not run, {v.late} late"
+        )
         print(f"part {v.number}: {figures}; {v.why}")
     print(f"\n{machine()}; {time.perf_counter() - start:.0f} s, {processes} at a time\n")
     print("\n".join(_table(verdicts)))

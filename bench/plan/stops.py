@@ -29,7 +29,10 @@ BOARDS = {
     "board.png": (lambda: PARTS / "board.png", FILL | {"tool": {"diameter": 0.8}}),
     "copper.dxf": (lambda: PARTS / "copper.dxf", FILL | {"tool": {"diameter": 0.85}}),
     "rendered": (lambda: part_of(board(600, 2, plane=True)), FILL | {"tool": {"diameter": 0.85}}),
-    "gear.png": (lambda: PARTS / "gear.png", {"page": {"size": "A5"}, "cell": {"robot": "Cobra s600"}}),
+    "gear.png": (
+        lambda: PARTS / "gear.png",
+        {"page": {"size": "A5"}, "cell": {"robot": "Cobra s600"}},
+    ),
 }
 
 
@@ -43,7 +46,9 @@ def runs(result: Result) -> list[tuple[np.ndarray, np.ndarray]]:
         points = columns.ends[np.append(rows[0] - 1, rows), :2] @ [1, 1j]
         length = np.abs(np.diff(points))
         reach = np.zeros(len(points))
-        inner = np.minimum(columns.speed[rows[:-1]] ** 2 / (2 * way), np.maximum(length[:-1], length[1:]) / 2)
+        inner = np.minimum(
+            columns.speed[rows[:-1]] ** 2 / (2 * way), np.maximum(length[:-1], length[1:]) / 2
+        )
         reach[1:-1] = np.where(columns.blend[rows[:-1]] > 0, inner, 0.0)
         found.append((points, reach))
     return found
@@ -53,8 +58,13 @@ def round_off(points: np.ndarray, reach: np.ndarray) -> np.ndarray:
     """The corners as parabolas of eight lines, no longer than half of either neighbour."""
     drawn = [points[:1]]
     share = np.linspace(0, 1, 9)
-    for before, at, behind, far in zip(points[:-2], points[1:-1], points[2:], reach[1:-1], strict=True):
-        begin, end = (at + (other - at) * min(far / max(abs(other - at), 1e-9), 0.5) for other in (before, behind))
+    for before, at, behind, far in zip(
+        points[:-2], points[1:-1], points[2:], reach[1:-1], strict=True
+    ):
+        begin, end = (
+            at + (other - at) * min(far / max(abs(other - at), 1e-9), 0.5)
+            for other in (before, behind)
+        )
         drawn.append((1 - share) ** 2 * begin + 2 * share * (1 - share) * at + share**2 * end)
     return np.concatenate([*drawn, points[-1:]])
 
@@ -65,9 +75,13 @@ def covered(result: Result) -> str:
         return "-"
     radius = result.job.tool.diameter / 2
     counts, points, work_from_grid, _ = outlines(result.part, radius)
-    border = (np.column_stack([points.real, points.imag]) @ work_from_grid[:, :2].T + work_from_grid[:, 2]) @ [1, 1j]
+    border = (
+        np.column_stack([points.real, points.imag]) @ work_from_grid[:, :2].T + work_from_grid[:, 2]
+    ) @ [1, 1j]
     strokes = [round_off(*run) for run in runs(result)]
-    strokes += [path.position[:1, :2] @ [1, 1j] for path in result.tour.paths if len(path.position) == 1]
+    strokes += [
+        path.position[:1, :2] @ [1, 1j] for path in result.tour.paths if len(path.position) == 1
+    ]
     found = measure(rings(counts), border, strokes, [], radius)
     return f"{100 * found.covered / found.copper:.2f}"
 
@@ -76,10 +90,17 @@ def row(name: str, how: str, result: Result) -> float:
     columns = result.program.columns
     moves, stops = int(columns.works.sum()), int((columns.works & (columns.blend == 0)).sum())
     strokes = len(np.unique(columns.path[columns.works]))
-    planned = "-" if result.coverage is None else f"{100 * result.coverage.covered / result.coverage.copper:.2f}"
+    planned = (
+        "-"
+        if result.coverage is None
+        else f"{100 * result.coverage.covered / result.coverage.copper:.2f}"
+    )
     told = f"{name} | {how} | {strokes} | {moves} | {stops} | {100 * stops / moves:.1f} | {stops - strokes}"
     drawing = result.cycle.total - result.cycle.travel
-    print(f"| {told} | {drawing:.1f} | {result.cycle.total:.1f} | {planned} | {covered(result)} |", flush=True)
+    print(
+        f"| {told} | {drawing:.1f} | {result.cycle.total:.1f} | {planned} | {covered(result)} |",
+        flush=True,
+    )
     return stops / moves
 
 

@@ -11,7 +11,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
-_RULE = re.compile(r"^[ \t]*(?:(?:private|fake|upper|external|left|inner|meta)[ \t]+)*(\w+)[ \t]*::=", re.MULTILINE)
+_RULE = re.compile(
+    r"^[ \t]*(?:(?:private|fake|upper|external|left|inner|meta)[ \t]+)*(\w+)[ \t]*::=", re.MULTILINE
+)
 _HEAD = re.compile(r"^\s*\{.*?^\}", re.DOTALL | re.MULTILINE)
 _NAMED = re.compile(r"^\s*(\w+)\s*=\s*'([^']+)'", re.MULTILINE)
 _SETTINGS = re.compile(r"\{\s*(?:pin|recoverWhile|elementType|extends|name|mixin)\b[^\n]*\}")
@@ -76,7 +78,9 @@ class Grammar:
             elif name in self.rules:
                 self.made[name] = self._choice(self.rules[name], 0)[0]
             else:
-                self.made[name] = lambda at: at + 1 if at < len(self.tokens) and self.tokens[at][0] == name else None
+                self.made[name] = lambda at: (
+                    at + 1 if at < len(self.tokens) and self.tokens[at][0] == name else None
+                )
         return partial(self._late, name)
 
     def _late(self, name: str, at: int) -> int | None:
@@ -138,7 +142,11 @@ class Grammar:
         ends = [end for priority, way in first if (end := way(at, priority)) is not None]
         place = max(ends, default=None)
         while place is not None:
-            ends = [end for priority, way in behind if priority > least and (end := way(place, priority)) is not None]
+            ends = [
+                end
+                for priority, way in behind
+                if priority > least and (end := way(place, priority)) is not None
+            ]
             if not ends:
                 return place
             place = max(ends)
@@ -152,7 +160,9 @@ class Grammar:
                 left = pieces[0] == ("name", self.expression)
                 pieces = pieces[1:] if left else pieces
                 right = pieces[-1] == ("name", self.expression)
-                (behind if left else first).append((priority, self._way(pieces[:-1] if right else pieces, right)))
+                (behind if left else first).append(
+                    (priority, self._way(pieces[:-1] if right else pieces, right))
+                )
         return self.ways
 
     def _way(self, pieces: Sequence[tuple[str, str]], right: bool) -> Way:
@@ -200,10 +210,14 @@ def _some(match: Match) -> Match:
     return lambda at: None if (end := match(at)) is None else _many(match)(end)
 
 
-def read_grammar(text: str, kinds: Sequence[tuple[str, str]], start: str, expression: str) -> Grammar:
+def read_grammar(
+    text: str, kinds: Sequence[tuple[str, str]], start: str, expression: str
+) -> Grammar:
     """A grammar from its file. kinds: name and pattern of the tokens that are no literals, in their order."""
     head = _HEAD.match(text)
-    literals = {two for _, two in _NAMED.findall(head[0] if head else "") if not two.startswith("regexp:")}
+    literals = {
+        two for _, two in _NAMED.findall(head[0] if head else "") if not two.startswith("regexp:")
+    }
     body = re.sub(r"^\s*//.*$", "", text[head.end() if head else 0 :], flags=re.MULTILINE)
     starts = list(_RULE.finditer(body))
     rules = {}

@@ -32,9 +32,18 @@ COUNTED = re.compile(r"(\d+) convex and (\d+) concave")
 #: Parts that are mended before they are measured: convex length, mm, found in another way, and which.
 KNOWN = {
     "triamid.stl": (28.9706, "by trimesh once it has mended the winding; measured as wound"),
-    "multibody.stl": (5.1582, "by trimesh once it has turned the bodies outward; measured inside out"),
-    "wallhole.obj": (136 + 4 * 75**0.5, "by hand, lines of a roofed block; measured without its flat faces"),
-    "binary_HalfDonut.stl": (12.4858, "of its twin in text; measured as unreadable for a stray byte at the end"),
+    "multibody.stl": (
+        5.1582,
+        "by trimesh once it has turned the bodies outward; measured inside out",
+    ),
+    "wallhole.obj": (
+        136 + 4 * 75**0.5,
+        "by hand, lines of a roofed block; measured without its flat faces",
+    ),
+    "binary_HalfDonut.stl": (
+        12.4858,
+        "of its twin in text; measured as unreadable for a stray byte at the end",
+    ),
 }
 
 
@@ -49,7 +58,11 @@ def measured(truth: dict[str, Any]) -> tuple[int, int, float | None]:
     if "dihedral" in truth:
         number, length = truth["dihedral"], truth["dihedral_len_mm"]
         return number.get("convex>30", 0), number.get("concave>30", 0), length.get("convex>30", 0.0)
-    return truth.get("convex30_edges", 0), truth.get("concave30_edges", 0), truth.get("convex30_len")
+    return (
+        truth.get("convex30_edges", 0),
+        truth.get("concave30_edges", 0),
+        truth.get("convex30_len"),
+    )
 
 
 def convex_length(path: Path, solid: Solid) -> float:
@@ -81,7 +94,10 @@ def row(path: Path, truth: dict[str, Any]) -> str:
     convex, concave = counts(solid)
     true_convex, true_concave, true_length = measured(truth)
     found = f"{convex} + {concave} ({true_convex} + {true_concave})"
-    kinds = ", ".join(f"{n} {k}" for k, n in sorted(Counter(e.kind for e in solid.edges).items())) or "none"
+    kinds = (
+        ", ".join(f"{n} {k}" for k, n in sorted(Counter(e.kind for e in solid.edges).items()))
+        or "none"
+    )
     length = convex_length(path, solid)
     recognised = sum(e.length for e in solid.edges if e.convex)
     return (
@@ -96,7 +112,9 @@ def main(folder: Path) -> int:
         entry = json.loads(line)
         truth[entry.get("file")] = entry
     print(machine(), end="\n\n")
-    print("| file | convex + concave (measured) | convex mm (measured) | edges | convex mm as edges | s | verdict |")
+    print(
+        "| file | convex + concave (measured) | convex mm (measured) | edges | convex mm as edges | s | verdict |"
+    )
     print("|---|---|---|---|---|---|---|")
     wrong = 0
     for path in sorted(p for kind in ("mesh", "step", "cloud") for p in (folder / kind).rglob("*")):

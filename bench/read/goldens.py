@@ -44,13 +44,17 @@ def pose_of(arm: Robot, joints: Joints, base: Pose, tool: Pose) -> Pose:
     return base.inverse() @ Pose(frozen(turned[0]), (x, y, z)) @ tool
 
 
-def along(start: tuple[float, float, float], item: MoveL | MoveC) -> tuple[list[tuple[float, float, float]], float]:
+def along(
+    start: tuple[float, float, float], item: MoveL | MoveC
+) -> tuple[list[tuple[float, float, float]], float]:
     """Points on a motion from ``start``, and its length, mm."""
     end = item.target.origin
     if isinstance(item, MoveL):
         length = math.dist(start, end)
         shares = np.linspace(0, 1, max(2, math.ceil(length / _STEP) + 1))[:, None]
-        return [(x, y, z) for x, y, z in (start + shares * np.subtract(end, start)).tolist()], length
+        return [
+            (x, y, z) for x, y, z in (start + shares * np.subtract(end, start)).tolist()
+        ], length
     centre, radius, axis, sweep = circle(start, item.via.origin, end)
     x, y, z = np.subtract(start, centre).tolist()
     turned = np.linspace(0, sweep, max(2, math.ceil(radius * sweep / _STEP) + 1)).tolist()
@@ -86,7 +90,9 @@ def _shares(points: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(behind / max(behind[-1], 1e-9))
 
 
-def to_lines(points: NDArray[np.float64], start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
+def to_lines(
+    points: NDArray[np.float64], start: NDArray[np.float64], end: NDArray[np.float64]
+) -> NDArray[np.float64]:
     """How far points are from lines, all (..., 3)."""
     way = end - start
     square = (way**2).sum(axis=-1)

@@ -74,7 +74,12 @@ def by_grbl(path: str) -> Judge:
             file = Path(folder, "form.nc")
             file.write_text(form.whole)
             command = [path, "-s", str(file)]
-            return subprocess.run(command, cwd=folder, capture_output=True, timeout=20, check=False).returncode == 0
+            return (
+                subprocess.run(
+                    command, cwd=folder, capture_output=True, timeout=20, check=False
+                ).returncode
+                == 0
+            )
 
     return takes
 
@@ -92,7 +97,9 @@ _RAPID_TOKENS = (
 
 def by_bnf(path: str) -> Judge:
     """The grammar of BossyMr/intellij-rapid, its file Rapid.bnf."""
-    grammar = read_grammar(Path(path).read_text(encoding="utf-8"), _RAPID_TOKENS, "file", "empty_expression")
+    grammar = read_grammar(
+        Path(path).read_text(encoding="utf-8"), _RAPID_TOKENS, "file", "empty_expression"
+    )
     return lambda form: grammar.takes(form.whole)
 
 
@@ -101,7 +108,9 @@ def by_antlr(path: str) -> Judge:
     declarations: a form within a routine is none for it.
     """
     sys.path.insert(0, path)
-    runtime, lexer, parser = (importlib.import_module(name) for name in ("antlr4", "abbLexer", "abbParser"))
+    runtime, lexer, parser = (
+        importlib.import_module(name) for name in ("antlr4", "abbLexer", "abbParser")
+    )
 
     def takes(form: Form) -> bool | None:
         if "main()" in form.whole:
@@ -145,7 +154,9 @@ def by_vim(path: str) -> Judge:
                 *(word for one in commands for word in ("-c", one)),
                 file.name,
             ]
-            marked = subprocess.run(call, capture_output=True, timeout=30, check=False).returncode != 0
+            marked = (
+                subprocess.run(call, capture_output=True, timeout=30, check=False).returncode != 0
+            )
             return False if marked else None
 
     return takes
@@ -171,7 +182,9 @@ def by_translator(path: str) -> Judge:
             file = Path(folder, "a.v2")
             file.write_text(form.whole, encoding="utf-8")
             call = ["python2.7", "-c", _TRANSLATE, path, str(file)]
-            return subprocess.run(call, capture_output=True, timeout=30, check=False).returncode == 0
+            return (
+                subprocess.run(call, capture_output=True, timeout=30, check=False).returncode == 0
+            )
 
     return takes
 
@@ -211,7 +224,9 @@ def write_samples(language: str, path: str) -> dict[str, str]:
         with tempfile.TemporaryDirectory() as folder:
             call = [sys.executable, "-c", _POST, path, name, folder]
             subprocess.run(call, capture_output=True, timeout=60, check=True)
-            found[name] = "".join(file.read_text(encoding="utf-8") for file in sorted(Path(folder).iterdir()))
+            found[name] = "".join(
+                file.read_text(encoding="utf-8") for file in sorted(Path(folder).iterdir())
+            )
     return found
 
 

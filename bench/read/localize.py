@@ -56,7 +56,9 @@ def own(name: str, _count: int) -> Way:
 def gicp(name: str, count: int) -> Way:
     import small_gicp  # noqa: PLC0415 (a peer that need not be there)
 
-    model = np.asarray(trimesh.sample.sample_surface(trimesh.load_mesh(PATHS[name]), count, seed=0)[0])
+    model = np.asarray(
+        trimesh.sample.sample_surface(trimesh.load_mesh(PATHS[name]), count, seed=0)[0]
+    )
 
     def run(points: Array) -> tuple[Array, Array]:
         start = np.eye(4)
@@ -72,19 +74,25 @@ def gicp(name: str, count: int) -> Way:
 
 
 def icp(name: str, count: int) -> Way:
-    model = np.asarray(trimesh.sample.sample_surface(trimesh.load_mesh(PATHS[name]), count, seed=0)[0])
+    model = np.asarray(
+        trimesh.sample.sample_surface(trimesh.load_mesh(PATHS[name]), count, seed=0)[0]
+    )
 
     def run(points: Array) -> tuple[Array, Array]:
         # The scan moves onto the model: with a bench in it neither way round is a whole.
         back = np.linalg.inv(
-            trimesh.registration.icp(points, model, max_iterations=50, reflection=False, scale=False)[0]
+            trimesh.registration.icp(
+                points, model, max_iterations=50, reflection=False, scale=False
+            )[0]
         )
         return back[:3, :3], back[:3, 3]
 
     return run
 
 
-def measured(way: Way, part: trimesh.Trimesh, kind: str, starts: int, count: int) -> list[tuple[float, ...]]:
+def measured(
+    way: Way, part: trimesh.Trimesh, kind: str, starts: int, count: int
+) -> list[tuple[float, ...]]:
     """Per start that found something the errors and seconds."""
     views, table, _ = SCANS[kind]
     rows = []
@@ -111,14 +119,18 @@ def told(rows: list[tuple[float, ...]]) -> str:
 
 def main() -> int:
     words = sys.argv[1:]
-    starts, fewer, points = (int(word) for word in (*words[:3], *("50", "3", "100000")[len(words[:3]) :]))
+    starts, fewer, points = (
+        int(word) for word in (*words[:3], *("50", "3", "100000")[len(words[:3]) :])
+    )
     ways = {"camgen": own}
     if importlib.util.find_spec("scipy"):  # which trimesh needs for it
         ways["trimesh ICP"] = icp
     if importlib.util.find_spec("small_gicp"):
         ways["small_gicp GICP"] = gicp
     print(machine(), end="\n\n")
-    print("| part | scan | way | found | mm at origin, max | mm at worst vertex, max | deg, max | s, median |")
+    print(
+        "| part | scan | way | found | mm at origin, max | mm at worst vertex, max | deg, max | s, median |"
+    )
     print("|---|---|---|---|---|---|---|---|")
     missed = False
     for name in words[3:] or PATHS:
@@ -127,9 +139,13 @@ def main() -> int:
             for label, make in ways.items():
                 count = max(round(share * starts), 1) if label == "camgen" else fewer
                 rows = measured(make(name, points), part, kind, count, points)
-                good = sum(row[0] < MM_GOAL and row[1] < MM_GOAL and row[2] < DEG_GOAL for row in rows)
+                good = sum(
+                    row[0] < MM_GOAL and row[1] < MM_GOAL and row[2] < DEG_GOAL for row in rows
+                )
                 missed |= label == "camgen" and views is None and good < count
-                print(f"| {name} | {kind} | {label} | {good} of {count} | {told(rows)} |", flush=True)
+                print(
+                    f"| {name} | {kind} | {label} | {good} of {count} | {told(rows)} |", flush=True
+                )
     return int(missed)
 
 

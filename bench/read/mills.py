@@ -55,7 +55,9 @@ def pairs(case: Path) -> list[tuple[str, str]]:
 def files_of(case: Path, source: str) -> list[Path]:
     """The golden programs of a controller: several where it changes no tool."""
     suffix = _EVERY[source][0]
-    return sorted((case / "expected").glob(f"part{suffix}")) or sorted((case / "expected").glob(f"part_*{suffix}"))
+    return sorted((case / "expected").glob(f"part{suffix}")) or sorted(
+        (case / "expected").glob(f"part_*{suffix}")
+    )
 
 
 def kept_of(case: Path, files: Sequence[Path], language: str) -> Kept:
@@ -96,12 +98,18 @@ def _body_of(case: Path, file: Path, language: str) -> Sequence[Instruction]:
     told = in_one_frame(executed, file.name, 0.001)
     frames = frames_of(case, language)
     base, tool = told.frames.base_from_work or frames[0], told.frames.flange_from_tool or frames[1]
-    at = [item.target for item in told.body if isinstance(item, MoveJ) and isinstance(item.target, Joints)]
+    at = [
+        item.target
+        for item in told.body
+        if isinstance(item, MoveJ) and isinstance(item.target, Joints)
+    ]
     homes = {one.values for one in (*at[:1], *at[-1:])}
     arm = robot(ARMS[language])
     return [
         replace(item, target=pose_of(arm, item.target, base, tool))
-        if isinstance(item, MoveJ) and isinstance(item.target, Joints) and item.target.values not in homes
+        if isinstance(item, MoveJ)
+        and isinstance(item.target, Joints)
+        and item.target.values not in homes
         else item
         for item in told.body
     ]
@@ -111,22 +119,38 @@ def _run(file: Path, language: str) -> Executed:
     return find_language(language).run({file.name: file.read_text(encoding="latin-1")}, Ask())
 
 
-def post_again(file: Path, source: str, target: str, folder: Path, tables: dict[str, object]) -> list[Path]:
+def post_again(
+    file: Path, source: str, target: str, folder: Path, tables: dict[str, object]
+) -> list[Path]:
     """The programs of the controller ``target`` for the program ``file`` of ``source``. CamgenError where it has none.
 
     tables: of the job of the golden program.
     """
     suffix, form = _EVERY[target]
-    used = dict.fromkeys(item.signal for item in _run(file, source).body if isinstance(item, Output))
+    used = dict.fromkeys(
+        item.signal for item in _run(file, source).body if isinstance(item, Output)
+    )
     # What a robot calls an analog output is the spindle of a mill.
-    old = {name: "spindle" for name in used if source in POSTS and target in MILLS and "pindle" in name}
-    job: dict[str, object] = {"process": {"travel": _TRAVEL}, "input": {"signals": old}} if source in MILLS else {}
+    old = {
+        name: "spindle" for name in used if source in POSTS and target in MILLS and "pindle" in name
+    }
+    job: dict[str, object] = (
+        {"process": {"travel": _TRAVEL}, "input": {"signals": old}} if source in MILLS else {}
+    )
     job |= {"input": {"signals": old}} if old else {}
     job |= {"operation": {"taught_on": ARMS[source]}} if source in ARMS else {}
     job |= {"tools": tables["tools"]} if "tools" in tables and source in MILLS else {}
     job["tolerance"] = {"chord": CHORD}
-    signals = {name: _word(name, target, form) for name in used if name not in old and (name, target) not in _BUILT_IN}
-    job["post"] = {"signals": signals} if signals or target not in MILLS else {"signals": {"process": form.format(0)}}
+    signals = {
+        name: _word(name, target, form)
+        for name in used
+        if name not in old and (name, target) not in _BUILT_IN
+    }
+    job["post"] = (
+        {"signals": signals}
+        if signals or target not in MILLS
+        else {"signals": {"process": form.format(0)}}
+    )
     if target in _ON_OFF and "spindle" in used:
         job["post"]["spindle"] = "on-off"  # type: ignore[index]  # made above
     result = camgen.build(file, post=target, job=job, name=file.stem)
@@ -154,8 +178,12 @@ def there_and_back(case: Path, source: str, target: str) -> tuple[Kept, Kept]:
     tables = tomllib.loads((case / "job.toml").read_text())
     with tempfile.TemporaryDirectory() as one, tempfile.TemporaryDirectory() as two:
         files = files_of(case, source)
-        there = [made for file in files for made in post_again(file, source, target, Path(one), tables)]
-        back = [made for file in there for made in post_again(file, target, source, Path(two), tables)]
+        there = [
+            made for file in files for made in post_again(file, source, target, Path(one), tables)
+        ]
+        back = [
+            made for file in there for made in post_again(file, target, source, Path(two), tables)
+        ]
         return kept_of(case, files, source), kept_of(case, back, source)
 
 
@@ -164,7 +192,9 @@ def rapids_apart(before: Kept, after: Kept) -> float:
     if not before.rapids:
         return 0.0
     ends = np.array([end for _, end in before.rapids])
-    starts, stops = (np.array([pair[k] for pair in after.rapids] or [(math.inf,) * 3]) for k in (0, 1))
+    starts, stops = (
+        np.array([pair[k] for pair in after.rapids] or [(math.inf,) * 3]) for k in (0, 1)
+    )
     return float(max(to_lines(end, starts, stops).min() for end in ends))
 
 
@@ -172,9 +202,13 @@ def differ(before: Kept, after: Kept) -> str:
     """What of outputs and waits is not the same, "" where all is."""
     what = []
     if before.outputs != after.outputs:
-        on_off = [float(value != 0) for value in before.outputs] == [float(value != 0) for value in after.outputs]
+        on_off = [float(value != 0) for value in before.outputs] == [
+            float(value != 0) for value in after.outputs
+        ]
         what.append("the spindle is on or off" if on_off else "outputs differ")
-    if len(before.waits) != len(after.waits) or not np.allclose(before.waits, after.waits, atol=0.005):
+    if len(before.waits) != len(after.waits) or not np.allclose(
+        before.waits, after.waits, atol=0.005
+    ):
         what.append("waits differ")
     return ", ".join(what)
 

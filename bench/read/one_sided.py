@@ -34,7 +34,12 @@ NOISE, OFF, AWAY, SIZE = 0.05, 0.2, 600.0, 150.0
 OTHERS = (1, 4)
 KINDS = {
     "sheets": {"sheet 1.6": shells.sheet, "angle 2": shells.angle, "steps 1.2": shells.step_sheet},
-    "hollow": {"tray": shells.tray, "housing": shells.housing, "channel": shells.channel, "comb": shells.comb},
+    "hollow": {
+        "tray": shells.tray,
+        "housing": shells.housing,
+        "channel": shells.channel,
+        "comb": shells.comb,
+    },
 }
 FIXTURES = ("rfa1", "rfa2")
 #: Closed meshes of the folder that may be parts, by how thin they are.
@@ -51,9 +56,15 @@ OUTCOMES = ("right", "right, ambiguous", "exit 3", "exit 2", "wrong, ambiguous",
 def parts(folder: Path | None, names: list[str]) -> dict[str, tuple[str, trimesh.Trimesh]]:
     """Kind and mesh of each part."""
     found = {name: (kind, make()) for kind, some in KINDS.items() for name, make in some.items()}
-    found |= {name: ("solid", load(ROOT / "fixtures" / "parts" / f"{name}.stl")) for name in FIXTURES}
+    found |= {
+        name: ("solid", load(ROOT / "fixtures" / "parts" / f"{name}.stl")) for name in FIXTURES
+    }
     if folder is not None:
-        found |= {Path(name).stem: (kind, load(folder / name, SIZE)) for kind, some in REAL.items() for name in some}
+        found |= {
+            Path(name).stem: (kind, load(folder / name, SIZE))
+            for kind, some in REAL.items()
+            for name in some
+        }
     return {name: part for name, part in found.items() if not names or name in names}
 
 
@@ -69,7 +80,8 @@ def eyes(mesh: trimesh.Trimesh, count: int) -> Array:
     up, turn = 1 - 2 * k / count, k * np.pi * (3 - 5**0.5) + 0.4
     round_ = np.sqrt(1 - up * up)
     return np.asarray(
-        mesh.bounds.mean(axis=0) + AWAY * np.column_stack([round_ * np.cos(turn), round_ * np.sin(turn), up])
+        mesh.bounds.mean(axis=0)
+        + AWAY * np.column_stack([round_ * np.cos(turn), round_ * np.sin(turn), up])
     )
 
 
@@ -78,15 +90,20 @@ def off(mesh: trimesh.Trimesh, truth: tuple[Array, Array], found: Location) -> f
     distance between the surfaces, not between their points.
     """
     rng = np.random.default_rng(0)
-    spots = np.vstack([mesh.vertices[rng.permutation(len(mesh.vertices))[:300]], mesh.sample(300, seed=0)])
-    there = spots @ np.array(found.base_from_work.rotation).T + np.array(found.base_from_work.origin)
+    spots = np.vstack(
+        [mesh.vertices[rng.permutation(len(mesh.vertices))[:300]], mesh.sample(300, seed=0)]
+    )
+    there = spots @ np.array(found.base_from_work.rotation).T + np.array(
+        found.base_from_work.origin
+    )
     if np.linalg.norm(there - (spots @ truth[0].T + truth[1]), axis=1).max() < OFF:
         return float(np.linalg.norm(there - (spots @ truth[0].T + truth[1]), axis=1).max())
     back = (there - truth[1]) @ truth[0]
     corners = mesh.triangles
     least = [
         np.linalg.norm(
-            trimesh.triangles.closest_point(corners, np.broadcast_to(p, (len(corners), 3))) - p, axis=1
+            trimesh.triangles.closest_point(corners, np.broadcast_to(p, (len(corners), 3))) - p,
+            axis=1,
         ).min()
         for p in back
     ]
@@ -115,7 +132,9 @@ def run(job: tuple[str, int, int, Path | None, list[str]]) -> list[Row]:
     name, views, count, folder, names = job
     every = parts(folder, names)
     listed = list(every)
-    others = [listed[(listed.index(name) + step) % len(listed)] for step in OTHERS if len(listed) > step]
+    others = [
+        listed[(listed.index(name) + step) % len(listed)] for step in OTHERS if len(listed) > step
+    ]
     rows = []
     for there, k in [*((name, k) for k in range(views)), *((other, views - 1) for other in others)]:
         mesh = every[there][1]
@@ -124,7 +143,9 @@ def run(job: tuple[str, int, int, Path | None, list[str]]) -> list[Row]:
         points = shells.one_sided(mesh, count, k, eye, NOISE) @ turn.T + shift
         for way, place in (("nothing", None), ("viewpoint", turn @ eye + shift)):
             begin = time.process_time()
-            verdict, error, said = outcome(every[name][1], points, place, (turn, shift) if there == name else None)
+            verdict, error, said = outcome(
+                every[name][1], points, place, (turn, shift) if there == name else None
+            )
             spent = time.process_time() - begin
             print(
                 f"{name} in {there} {k} {way}: {verdict} {error:.3f} mm {spent:.1f} s {said}",
@@ -137,7 +158,9 @@ def run(job: tuple[str, int, int, Path | None, list[str]]) -> list[Row]:
 
 def main() -> int:
     words = sys.argv[1:]
-    views, count, processes = (int(word) for word in (*words[:3], *("4", "20000", "1")[len(words[:3]) :]))
+    views, count, processes = (
+        int(word) for word in (*words[:3], *("4", "20000", "1")[len(words[:3]) :])
+    )
     folder = Path(words[3]) if len(words) > 3 and words[3] != "-" else None
     jobs = [(name, views, count, folder, words[4:]) for name in parts(folder, words[4:])]
     print(machine(), end="\n\n")

@@ -48,7 +48,10 @@ def read_forms(language: str) -> list[Form]:
             judge, _, why = rest.partition(": ")
             (forms[-1].differs if forms and forms[-1].production == name else common)[judge] = why
         elif sign in ("+", "-"):
-            text, whole = rest.replace("¶", "\n"), around.replace("$", rest).replace("¶", "\n") + "\n"
+            text, whole = (
+                rest.replace("¶", "\n"),
+                around.replace("$", rest).replace("¶", "\n") + "\n",
+            )
             forms.append(Form(name, len(forms), text, whole, sign == "+", dialects, dict(common)))
         elif sign and not line.startswith("#"):
             raise ValueError(f"{language}: {line!r} begins with none of == @ ! + - #")
@@ -61,7 +64,9 @@ def judge_form(language: str, form: Form) -> list[str]:
     said = []
     for dialect in form.dialects:
         found = run({_NAMES[language]: form.whole}, Ask(dialect))
-        said += [f"{one.what} {dialect}".rstrip() for one in found.findings if one.level == "refused"]
+        said += [
+            f"{one.what} {dialect}".rstrip() for one in found.findings if one.level == "refused"
+        ]
         said += [] if found.stopped is None else [f"{found.stopped[1]} {dialect}".rstrip()]
     return said
 
@@ -71,5 +76,7 @@ def refusing(language: str, form: Form) -> tuple[str, ...]:
     run = find_language(language).run
     found = {one: run({_NAMES[language]: form.whole}, Ask(one)) for one in form.dialects}
     return tuple(
-        one for one, said in found.items() if said.stopped or any(item.level == "refused" for item in said.findings)
+        one
+        for one, said in found.items()
+        if said.stopped or any(item.level == "refused" for item in said.findings)
     )

@@ -56,7 +56,9 @@ def row(name: str, ran: list[Ran]) -> str:
     stopped = [one for one in ran if one.executed.stopped and not is_library(one)]
     whole = [one for one in ran if not one.executed.stopped]
     assumed = [one for one in whole if one.executed.assumed]
-    refused = [one for one in ran if any(found.level == "refused" for found in one.executed.findings)]
+    refused = [
+        one for one in ran if any(found.level == "refused" for found in one.executed.findings)
+    ]
     kinds = ", ".join(sorted({one.language for one in ran}))
     seconds = sum(one.seconds for one in ran)
     cells = (
@@ -94,7 +96,9 @@ def main() -> None:
     why = "--why" in sys.argv
     folders = [Path(name) for name in sys.argv[1:] if name != "--why"]
     print(machine(), end="\n\n")
-    print("| project | language | programs | no start | to the end | assumptions | stopped | refused | s |")
+    print(
+        "| project | language | programs | no start | to the end | assumptions | stopped | refused | s |"
+    )
     print("|---|---|---|---|---|---|---|---|---|")
     seen: set[bytes] = set()
     every: list[Ran] = []

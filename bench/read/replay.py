@@ -41,7 +41,9 @@ class Judge:
     hidden: mm that the print may hide.
     """
 
-    moves: list[tuple[str, Point, tuple[float, float], tuple[int, int, int], int]] = field(default_factory=list)
+    moves: list[tuple[str, Point, tuple[float, float], tuple[int, int, int], int]] = field(
+        default_factory=list
+    )
     feeds: list[float] = field(default_factory=list)
     error: str = ""
     hidden: float = 0.0
@@ -58,12 +60,18 @@ def judged(text: str, tools: str = "T1 P1 Z0 D3.0 ;cutter\n", timeout: float = 2
             # Two at once share memory by a fixed key and fail now and then.
             with (Path(tempfile.gettempdir()) / "camgen-rs274.lock").open("w") as alone:
                 fcntl.flock(alone, fcntl.LOCK_EX)
-                done = subprocess.run(command, cwd=folder, capture_output=True, timeout=timeout, check=False)
+                done = subprocess.run(
+                    command, cwd=folder, capture_output=True, timeout=timeout, check=False
+                )
         except subprocess.TimeoutExpired:
             return Judge(error="rs274 does not end")
         out = Path(folder, "out")
         printed = out.read_text(encoding="latin-1") if out.is_file() else ""
-    error = "" if done.returncode == 0 else done.stderr.decode("latin-1").replace("executing\n", "").strip()
+    error = (
+        ""
+        if done.returncode == 0
+        else done.stderr.decode("latin-1").replace("executing\n", "").strip()
+    )
     return _canon(printed, error or ("rs274 failed" if done.returncode else ""))
 
 
@@ -91,7 +99,10 @@ def _canon(printed: str, error: str) -> Judge:
             if name == "ARC_FEED":
                 end = [0.0] * 3
                 end[axes[0]], end[axes[1]], end[axes[2]] = v[0], v[1], v[5]
-                centre = (v[2] + work[axes[0]] + shift[axes[0]], v[3] + work[axes[1]] + shift[axes[1]])
+                centre = (
+                    v[2] + work[axes[0]] + shift[axes[0]],
+                    v[3] + work[axes[1]] + shift[axes[1]],
+                )
                 turns = round(v[4] / unit)
             x, y, z = (a + b + c for a, b, c in zip(end, work, shift, strict=True))
             judge.moves.append((name, (x, y, z), centre, axes, turns))
@@ -128,8 +139,14 @@ def against(run: ProgramRun, judge: Judge) -> Found:
         if k >= len(mine):
             return Found(number, worst, f"ends after {number} of {len(theirs)} motions")
         if kind != "ARC_FEED":
-            if isinstance(mine[k], MoveJ) != (kind == "STRAIGHT_TRAVERSE") or isinstance(mine[k], MoveC):
-                return Found(number, worst, f"motion {number + 1} is {kind} and became {type(mine[k]).__name__}")
+            if isinstance(mine[k], MoveJ) != (kind == "STRAIGHT_TRAVERSE") or isinstance(
+                mine[k], MoveC
+            ):
+                return Found(
+                    number,
+                    worst,
+                    f"motion {number + 1} is {kind} and became {type(mine[k]).__name__}",
+                )
             at = _moved(ends[k], offset)
             worst, k = max(worst, math.dist(at, end)), k + 1
         else:
@@ -139,7 +156,11 @@ def against(run: ProgramRun, judge: Judge) -> Found:
             return Found(number, worst, f"motion {number + 1} ({kind}) is off by {worst:.4f} mm")
         here = end
     rest = len(mine) - k
-    return Found(len(theirs), worst, f"{rest} motions more than the judge" if rest and not judge.error else "")
+    return Found(
+        len(theirs),
+        worst,
+        f"{rest} motions more than the judge" if rest and not judge.error else "",
+    )
 
 
 def _goes(item: MoveJ | MoveL | MoveC, start: Point) -> bool:
@@ -159,7 +180,9 @@ def _moved(point: Point, offset: Point) -> Point:
     return (point[0] + offset[0], point[1] + offset[1], point[2] + offset[2])
 
 
-def _arc(mine: list, k: int, here: Point, end: Point, arc: tuple, offset: Point) -> tuple[int, Point, float]:
+def _arc(
+    mine: list, k: int, here: Point, end: Point, arc: tuple, offset: Point
+) -> tuple[int, Point, float]:
     """The pieces of one arc: their place after it, where they end, and how far they are off it at most (mm)."""
     (a, b), (first, second, normal), turns = arc
     sense = 1 if turns > 0 else -1
@@ -170,7 +193,10 @@ def _arc(mine: list, k: int, here: Point, end: Point, arc: tuple, offset: Point)
     if math.tau - whole < 1e-6 and math.dist(here, end) < 1e-4:
         whole = math.tau
     whole += (abs(turns) - 1) * math.tau
-    r0, r1 = math.hypot(here[first] - a, here[second] - b), math.hypot(end[first] - a, end[second] - b)
+    r0, r1 = (
+        math.hypot(here[first] - a, here[second] - b),
+        math.hypot(end[first] - a, end[second] - b),
+    )
     done, worst, last = 0.0, 0.0, here
     while k < len(mine) and done < whole - max(5e-3 / max(r0, r1, 1e-9), 1e-4):
         item = mine[k]
@@ -178,7 +204,9 @@ def _arc(mine: list, k: int, here: Point, end: Point, arc: tuple, offset: Point)
             return k, last, math.inf
         for pose in [item.via, item.target] if isinstance(item, MoveC) else [item.target]:
             point = _moved(pose.origin, offset)
-            step = math.atan2(point[second] - b, point[first] - a) - math.atan2(last[second] - b, last[first] - a)
+            step = math.atan2(point[second] - b, point[first] - a) - math.atan2(
+                last[second] - b, last[first] - a
+            )
             done += (sense * step) % math.tau
             radius = r0 + (r1 - r0) * min(done / whole, 1.0)
             rise = here[normal] + (end[normal] - here[normal]) * done / whole
@@ -195,7 +223,9 @@ def row(path: Path) -> tuple[str, str]:
     m, stopped = play({path.name: text}, Ask("linuxcnc", _ZERO))
     seconds = perf_counter() - begin
     judge = judged(text, _TOOLS)
-    theirs = judge.error.splitlines()[0][:70] if judge.error and "percent" not in judge.error else ""
+    theirs = (
+        judge.error.splitlines()[0][:70] if judge.error and "percent" not in judge.error else ""
+    )
     refused = [(one.line, one.what) for one in m.findings if one.level == "refused"]
     if stopped or refused:
         line, why = (refused or [stopped])[0]

@@ -36,7 +36,9 @@ def against_reader(language: str, forms: Iterable[Form]) -> list[str]:
     return wrong
 
 
-def against(name: str, judge: Judge, forms: Iterable[Form]) -> tuple[int, dict[str, list[str]], list[str]]:
+def against(
+    name: str, judge: Judge, forms: Iterable[Form]
+) -> tuple[int, dict[str, list[str]], list[str]]:
     """Forms that the judge can judge, differences by the reason that is written down, and those without one."""
     known: dict[str, list[str]] = {}
     open_ones, count = [], 0
@@ -59,7 +61,9 @@ def find_judge(language: str, word: str) -> tuple[str, Judge]:
     name, _, path = word.partition("=")
     make: Callable[[str], Judge] | None = JUDGES[language].get(name)
     if make is None:
-        raise SystemExit(f"{name}: no judge of {language}; there are {', '.join([*JUDGES[language], 'posts'])}")
+        raise SystemExit(
+            f"{name}: no judge of {language}; there are {', '.join([*JUDGES[language], 'posts'])}"
+        )
     return name, make(path)
 
 
@@ -99,8 +103,12 @@ def main(words: list[str]) -> int:
     wrong = against_reader(language, forms)
     productions = len({form.production for form in forms})
     print(f"{machine()}\n\n{language}: {len(forms)} forms of {productions} productions\n")
-    print("| judge | forms | as the manual | differ, with a reason | differ |\n|---|---|---|---|---|")
-    print(f"| camgen, {perf_counter() - begin:.1f} s | {len(forms)} | {len(forms) - len(wrong)} | 0 | {len(wrong)} |")
+    print(
+        "| judge | forms | as the manual | differ, with a reason | differ |\n|---|---|---|---|---|"
+    )
+    print(
+        f"| camgen, {perf_counter() - begin:.1f} s | {len(forms)} | {len(forms) - len(wrong)} | 0 | {len(wrong)} |"
+    )
     rows = {}
     for word in named:
         name, result = judge_all(language, word, forms)
@@ -109,7 +117,10 @@ def main(words: list[str]) -> int:
         print(f"| {name} | {count} | {count - told - len(rest)} | {told} | {len(rest)} |")
     for name, (_, known, rest) in {"camgen": (0, {}, wrong), **rows}.items():
         if known or rest:
-            told = [f"{counted(len(some), 'form')}: {why}: {', '.join(some[:4])}" for why, some in known.items()]
+            told = [
+                f"{counted(len(some), 'form')}: {why}: {', '.join(some[:4])}"
+                for why, some in known.items()
+            ]
             print(f"\n{name}:\n" + "\n".join(f"- {one}" for one in [*rest, *told]))
     return 1 if wrong or any(rest for _, _, rest in rows.values()) else 0
 

@@ -52,7 +52,11 @@ def way_of(file: Path, language: str, frames: tuple[Pose, Pose]) -> Way:
     told = in_one_frame(executed, file.name, 0.001)
     base, tool = told.frames.base_from_work or frames[0], told.frames.flange_from_tool or frames[1]
     arm = robot(ARMS[language])
-    joints = [item.target.values for item in told.body if isinstance(item, MoveJ) and isinstance(item.target, Joints)]
+    joints = [
+        item.target.values
+        for item in told.body
+        if isinstance(item, MoveJ) and isinstance(item.target, Joints)
+    ]
     homes = {*joints[:1], *joints[-1:]}
     points: list[tuple[float, float, float]] = []
     outputs: list[tuple[str, float]] = []
@@ -79,13 +83,18 @@ def way_of(file: Path, language: str, frames: tuple[Pose, Pose]) -> Way:
     return Way(moved @ base.rotation.T + base.origin, seconds, outputs)
 
 
-def post_again(file: Path, source: str, target: str, folder: Path, frames: tuple[Pose, Pose]) -> Path:
+def post_again(
+    file: Path, source: str, target: str, folder: Path, frames: tuple[Pose, Pose]
+) -> Path:
     """The program ``file`` of the controller ``source`` for another one; CamgenError where that cannot be."""
     executed = find_language(source).run({file.name: file.read_text(encoding="latin-1")}, Ask())
     names = dict.fromkeys(item.signal for item in executed.body if isinstance(item, Output))
     suffix, name = POSTS[target]
     signals = {one: _number(name.format(_digits(one))) for one in names}
-    job: dict[str, object] = {"operation": {"taught_on": ARMS[source]}, "tolerance": {"chord": CHORD}}
+    job: dict[str, object] = {
+        "operation": {"taught_on": ARMS[source]},
+        "tolerance": {"chord": CHORD},
+    }
     job["cell"] = {"base_from_work": _values(frames[0]), "flange_from_tool": _values(frames[1])}
     job |= {"post": {"signals": signals}} if signals else {}
     result = camgen.build(file, post=target, job=job, name="part")
@@ -109,7 +118,9 @@ def _number(name: str) -> str | int:
 def rows(case: Path) -> list[str]:
     """A row of a Markdown table for each pair of controllers."""
     files = {source: case / "expected" / f"part{suffix}" for source, (suffix, _) in POSTS.items()}
-    pairs = [(source, target) for source, file in files.items() for target in POSTS if file.exists()]
+    pairs = [
+        (source, target) for source, file in files.items() for target in POSTS if file.exists()
+    ]
     return [f"| {case.name} | {a} | {b} | {tell(files[a], a, b)} |" for a, b in pairs if a != b]
 
 
@@ -137,7 +148,9 @@ def main() -> None:
     print(machine(), end="\n\n")
     print("| case | from | by way of | mm apart | s apart | |")
     print("|---|---|---|---|---|---|")
-    listed = [CASES / name for name in sys.argv[1:]] or sorted(p for p in CASES.iterdir() if p.is_dir())
+    listed = [CASES / name for name in sys.argv[1:]] or sorted(
+        p for p in CASES.iterdir() if p.is_dir()
+    )
     for case in listed:
         for row in rows(case):
             print(row, flush=True)
@@ -146,7 +159,9 @@ def main() -> None:
     print("|---|---|---|---|---|---|---|")
     for case in listed:
         for pair in mills.pairs(case):
-            print(f"| {case.name} | {pair[0]} | {pair[1]} | {mills.tell(case, *pair)} |", flush=True)
+            print(
+                f"| {case.name} | {pair[0]} | {pair[1]} | {mills.tell(case, *pair)} |", flush=True
+            )
 
 
 if __name__ == "__main__":

@@ -86,7 +86,9 @@ def _in_process(name: str, examples: int, start: int) -> Ran:
             "--seed",
             str(start),
         ]
-        done = subprocess.run([*words, "--last", str(last)], capture_output=True, text=True, check=False)
+        done = subprocess.run(
+            [*words, "--last", str(last)], capture_output=True, text=True, check=False
+        )
         if done.returncode == 0:
             return Ran(*json.loads(done.stdout.splitlines()[-1]))
         data = last.read_bytes() if last.exists() else b""
@@ -97,9 +99,15 @@ def _in_process(name: str, examples: int, start: int) -> Ran:
 def main() -> int:
     """The table, and every miss."""
     parser = argparse.ArgumentParser(prog="python -m bench.reliability.fuzz")
-    parser.add_argument("names", nargs="*", metavar="NAME", choices=[*_NAMES, []], help=", ".join(_NAMES))
-    parser.add_argument("--examples", type=int, default=20_000, metavar="N", help="of each; default 20000")
-    parser.add_argument("--seed", type=int, default=0, metavar="N", help="another number, other inputs")
+    parser.add_argument(
+        "names", nargs="*", metavar="NAME", choices=[*_NAMES, []], help=", ".join(_NAMES)
+    )
+    parser.add_argument(
+        "--examples", type=int, default=20_000, metavar="N", help="of each; default 20000"
+    )
+    parser.add_argument(
+        "--seed", type=int, default=0, metavar="N", help="another number, other inputs"
+    )
     parser.add_argument("--last", type=Path, help=argparse.SUPPRESS)
     words = parser.parse_args()
     if words.examples < 1:
@@ -109,11 +117,15 @@ def main() -> int:
         print(json.dumps(fuzz(_NAMES[words.names[0]], words.examples, words.seed, words.last)))
         return 0
     print(machine(), end="\n\n")
-    print("| input | examples | read | refused | misses | seconds | peak MB |\n|---|---|---|---|---|---|---|")
+    print(
+        "| input | examples | read | refused | misses | seconds | peak MB |\n|---|---|---|---|---|---|---|"
+    )
     misses = []
     for name in words.names or _NAMES:
         ran = _in_process(name, max(1, round(words.examples * _NAMES[name].weight)), words.seed)
-        counts = f"{ran.examples:,} | {ran.read:,} | {ran.examples - ran.read:,} | {int(bool(ran.miss))}"
+        counts = (
+            f"{ran.examples:,} | {ran.read:,} | {ran.examples - ran.read:,} | {int(bool(ran.miss))}"
+        )
         print(f"| {name} | {counts} | {ran.seconds:.0f} | {ran.peak / 1e6:.0f} |", flush=True)
         misses += [f"{name}: {ran.miss}"] if ran.miss else []
     print()

@@ -40,7 +40,18 @@ SECONDS, MEMORY = 30, 2 * 1024**3
 _BUILD = ("build", "--post", "gcode")
 _OUTPUTS = 'post.signals={dout0="doTool",spindle="aoSpindle"}'
 _NUMBER = re.compile(rb"-?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?")
-_NUMBERS = (b"1e308", b"-1", b"0", b"nan", b"1e-300", b"99999999999999999999", b"-0.0", b"2147483648", b"inf", b"")
+_NUMBERS = (
+    b"1e308",
+    b"-1",
+    b"0",
+    b"nan",
+    b"1e-300",
+    b"99999999999999999999",
+    b"-0.0",
+    b"2147483648",
+    b"inf",
+    b"",
+)
 
 
 class Reader(NamedTuple):
@@ -67,9 +78,14 @@ def readers(made: Path) -> dict[str, Reader]:
     box = trimesh.creation.box((30, 20, 10))
     for suffix in ("stl", "ply", "obj", "off", "glb"):
         box.export(made / f"box.{suffix}")
-    (made / "job.toml").write_text((ROOT / "fixtures" / "cases" / "bracket-deburr" / "job.toml").read_text())
+    (made / "job.toml").write_text(
+        (ROOT / "fixtures" / "cases" / "bracket-deburr" / "job.toml").read_text()
+    )
     cases = ROOT / "fixtures" / "cases"
-    programs = {name: cases / name / "expected" for name in ("bracket-follow", "plate-drill", "bracket-deburr")}
+    programs = {
+        name: cases / name / "expected"
+        for name in ("bracket-follow", "plate-drill", "bracket-deburr")
+    }
     drawn = _parts("bracket.dxf", "layers.dxf", "blocks.dxf", "smooth.dxf", "gaps.dxf")
     pictures = ("--set", "operation.kind=trace", "--set", "image.mm_per_px=0.1")
     job = (
@@ -85,15 +101,26 @@ def readers(made: Path) -> dict[str, Reader]:
     kinds = {
         "DXF": Reader(_BUILD, (*drawn, *_parts("bracket_binary.dxf"))),
         "SVG": Reader((*_BUILD, "--set", "operation.kind=trace"), _parts("logo.svg")),
-        "picture": Reader((*_BUILD, *pictures), (*_parts("gear.png"), made / "gear.pgm", made / "gear.bmp")),
-        "mesh": Reader(("inspect",), tuple(made / f"box.{end}" for end in ("stl", "ply", "obj", "off", "glb"))),
+        "picture": Reader(
+            (*_BUILD, *pictures), (*_parts("gear.png"), made / "gear.pgm", made / "gear.bmp")
+        ),
+        "mesh": Reader(
+            ("inspect",), tuple(made / f"box.{end}" for end in ("stl", "ply", "obj", "off", "glb"))
+        ),
         "STEP": Reader(("inspect",), _parts("rfa1.step", "rfa2.step")),
         "G-code": Reader(
-            ("build", "--post", "rapid", "--set", _OUTPUTS), tuple(folder / "part.ngc" for folder in programs.values())
+            ("build", "--post", "rapid", "--set", _OUTPUTS),
+            tuple(folder / "part.ngc" for folder in programs.values()),
         ),
         "job": Reader(job, (made / "job.toml",)),
     }
-    for post, end in (("rapid", "mod"), ("pacscript", "pcs"), ("vplus", "v2"), ("gcode", "ngc"), ("grbl", "nc")):
+    for post, end in (
+        ("rapid", "mod"),
+        ("pacscript", "pcs"),
+        ("vplus", "v2"),
+        ("gcode", "ngc"),
+        ("grbl", "nc"),
+    ):
         texts = tuple(folder / f"part.{end}" for folder in programs.values())
         kinds[f"verify {post}"] = Reader(("verify", "{}", "--post", post), texts)
     return kinds
@@ -121,14 +148,29 @@ def _double(data: bytes, chance: random.Random) -> bytes:
 
 def _insert(data: bytes, chance: random.Random) -> bytes:
     at = chance.randrange(len(data))
-    what = chance.choice((b"\x00", b"\xff\xfe", b"\n", b"(", b"\xe2\x98\x83", b"%", b"'", b"<!--", bytes(300), b"\x1a"))
+    what = chance.choice(
+        (
+            b"\x00",
+            b"\xff\xfe",
+            b"\n",
+            b"(",
+            b"\xe2\x98\x83",
+            b"%",
+            b"'",
+            b"<!--",
+            bytes(300),
+            b"\x1a",
+        )
+    )
     return data[:at] + what + data[at:]
 
 
 def _swap(data: bytes, chance: random.Random) -> bytes:
     a, b = sorted(chance.randrange(len(data)) for _ in range(2))
     size = min(chance.choice((1, 4, 40)), b - a)
-    return data[:a] + data[b : b + size] + data[a + size : b] + data[a : a + size] + data[b + size :]
+    return (
+        data[:a] + data[b : b + size] + data[a + size : b] + data[a : a + size] + data[b + size :]
+    )
 
 
 def _cut(data: bytes, chance: random.Random) -> bytes:
@@ -190,7 +232,11 @@ def work(made: Path, numbers: Iterator[int], kinds: dict[str, Reader]) -> None:
         left = sorted(path.name for path in folder.iterdir() if path != source)
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
         what = _miss(code, err.getvalue(), left if words[0] == "build" else [])
-        print(json.dumps({"number": number, "code": code, "miss": what, "peak": peak}), file=tell, flush=True)
+        print(
+            json.dumps({"number": number, "code": code, "miss": what, "peak": peak}),
+            file=tell,
+            flush=True,
+        )
         os.chdir(made)
         shutil.rmtree(folder)
 
@@ -206,7 +252,11 @@ def _miss(code: int, said: str, left: Sequence[str]) -> str:
         return ""
     errors = [line for line in lines if line.startswith("camgen: error:")]
     # What verify finds wrong in a text is its answer, line by line.
-    if code not in (2, 3) and not (code == 4 and not errors) and not (code == 4 and "read back" not in said):
+    if (
+        code not in (2, 3)
+        and not (code == 4 and not errors)
+        and not (code == 4 and "read back" not in said)
+    ):
         return f"exit {code}: " + (lines or [""])[-1][:150]
     if left:
         return f"files are left: {', '.join(left)[:100]}"
@@ -238,7 +288,9 @@ def drive(made: Path, numbers: Sequence[int], names: Sequence[str]) -> list[Run]
             str(made),
             json.dumps([left[:400], names]),
         ]
-        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=ROOT, text=True) as process:
+        with subprocess.Popen(
+            command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=ROOT, text=True
+        ) as process:
             runs += _listen(process, left[:400])
     return runs
 
@@ -253,7 +305,11 @@ def _listen(process: subprocess.Popen[str], numbers: Sequence[int]) -> list[Run]
         if not text:
             process.kill()
             process.wait()
-            what = f"the process ended by signal {-process.returncode}" if ready else f"no end within {SECONDS} s"
+            what = (
+                f"the process ended by signal {-process.returncode}"
+                if ready
+                else f"no end within {SECONDS} s"
+            )
             runs.append(Run(numbers[len(runs)], None, what, 0))
             return runs
         said = json.loads(text)
@@ -272,7 +328,11 @@ def measure(count: int, first: int, processes: int, names: Sequence[str]) -> int
         numbers = list(range(first, first + count))
         shares = [numbers[k::processes] for k in range(processes)]
         with ThreadPoolExecutor(processes) as pool:
-            found = [run for part in pool.map(lambda share: drive(made, share, list(kinds)), shares) for run in part]
+            found = [
+                run
+                for part in pool.map(lambda share: drive(made, share, list(kinds)), shares)
+                for run in part
+            ]
         table: dict[str, Counter[str]] = {kind: Counter() for kind in kinds}
         for run in found:
             kind, name, file, _ = mutant(kinds, run.number)
@@ -287,7 +347,9 @@ def measure(count: int, first: int, processes: int, names: Sequence[str]) -> int
     print(f"\n{machine()}; {time.perf_counter() - began:.0f} s; at most {peak / 1e6:.0f} MB\n")
     print("| input | mutants | read or built | refused | misses |\n|---|---|---|---|---|")
     for kind, row in table.items():
-        print(f"| {kind} | {row['mutants']} | {row['built']} | {row['refused']} | {row['misses']} |")
+        print(
+            f"| {kind} | {row['mutants']} | {row['built']} | {row['refused']} | {row['misses']} |"
+        )
     return misses + (peak > MEMORY)
 
 
@@ -304,4 +366,6 @@ if __name__ == "__main__":
     given = sys.argv[1:]
     counts = [int(word) for word in given if word.isdigit()]
     count, first, processes = (*counts, *(20000, 0, 2)[len(counts) :])
-    sys.exit(1 if measure(count, first, processes, [word for word in given if not word.isdigit()]) else 0)
+    sys.exit(
+        1 if measure(count, first, processes, [word for word in given if not word.isdigit()]) else 0
+    )

@@ -29,7 +29,9 @@ def _drawing(path: Path) -> None:
     """A star of 2,000 corners, as SVG."""
     radii = [40.0 + 8.0 * (k % 2) for k in range(2000)]
     turns = [k * math.pi / 1000 for k in range(2000)]
-    corners = [(60 + r * math.cos(t), 60 + r * math.sin(t)) for r, t in zip(radii, turns, strict=True)]
+    corners = [
+        (60 + r * math.cos(t), 60 + r * math.sin(t)) for r, t in zip(radii, turns, strict=True)
+    ]
     points = " ".join(f"{x:.3f},{y:.3f}" for x, y in corners)
     path.write_text(
         f'<svg xmlns="http://www.w3.org/2000/svg" width="120mm" height="120mm" viewBox="0 0 120 120">'
@@ -43,7 +45,9 @@ def _start(folder: Path) -> subprocess.Popen[bytes]:
     words = ["build", "part.svg", "--post", "rapid", "--set", "operation.kind=trace", "-q"]
     for option, name in zip(("-o", "--plan", "--report", "--preview"), NAMES, strict=True):
         words += [option, name]
-    return subprocess.Popen([sys.executable, "-m", "camgen", *words], cwd=folder, stderr=subprocess.DEVNULL)
+    return subprocess.Popen(
+        [sys.executable, "-m", "camgen", *words], cwd=folder, stderr=subprocess.DEVNULL
+    )
 
 
 def _digests(folder: Path) -> dict[str, str]:
@@ -53,7 +57,9 @@ def _digests(folder: Path) -> dict[str, str]:
 def measure(counts: dict[signal.Signals, int]) -> int:
     """Prints the table; how many files are damaged or left over."""
     print(machine(), end="\n\n")
-    print("| signal | builds ended | files new | files damaged | files left over |\n|---|---|---|---|---|")
+    print(
+        "| signal | builds ended | files new | files damaged | files left over |\n|---|---|---|---|---|"
+    )
     wrong = 0
     with tempfile.TemporaryDirectory() as text:
         folder = Path(text)
@@ -74,7 +80,9 @@ def measure(counts: dict[signal.Signals, int]) -> int:
                 found = _digests(folder)
                 new += sum(found[name] == whole[name] for name in NAMES)
                 damaged += sum(found[name] not in (whole[name], old) for name in NAMES)
-                others = [path for path in folder.iterdir() if path.name not in (*NAMES, "part.svg")]
+                others = [
+                    path for path in folder.iterdir() if path.name not in (*NAMES, "part.svg")
+                ]
                 left += len(others)
                 for path in others:
                     path.unlink()

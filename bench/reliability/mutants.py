@@ -116,15 +116,21 @@ def plan_tasks(posts: list[str], most: int) -> list[Task]:
         step = math.ceil(sum(sizes) / most) if most else 1
         for k, size in enumerate(sizes):
             firsts = range(-sum(sizes[:k]) % step, size, _CHUNK * step)
-            tasks += (Task(post, k, first, min(first + _CHUNK * step, size), step) for first in firsts)
+            tasks += (
+                Task(post, k, first, min(first + _CHUNK * step, size), step) for first in firsts
+            )
     return tasks
 
 
 def main() -> int:
     """The table, and what is left over."""
     parser = argparse.ArgumentParser(prog="python -m bench.reliability.mutants")
-    parser.add_argument("posts", nargs="*", metavar="POST", choices=[*SOURCES, []], help=", ".join(SOURCES))
-    parser.add_argument("--most", type=int, default=0, metavar="N", help="mutants a post at most; 0: all")
+    parser.add_argument(
+        "posts", nargs="*", metavar="POST", choices=[*SOURCES, []], help=", ".join(SOURCES)
+    )
+    parser.add_argument(
+        "--most", type=int, default=0, metavar="N", help="mutants a post at most; 0: all"
+    )
     given = parser.parse_args()
     if given.most < 0:
         parser.error("--most: give 1 or more, or 0 for all")
@@ -136,17 +142,26 @@ def main() -> int:
         for done, (post, found, over) in enumerate(pool.map(judge, tasks), 1):
             counts[post] += found
             left += over
-            print(f"\r{done} of {len(tasks)} pieces, {len(left)} left over", end="", file=sys.stderr, flush=True)
+            print(
+                f"\r{done} of {len(tasks)} pieces, {len(left)} left over",
+                end="",
+                file=sys.stderr,
+                flush=True,
+            )
     print(file=sys.stderr)
     print(machine(), end="\n\n")
     print(f"| post | programs | made | {CAUGHT} | {HARMLESS} | {LEFT} |\n|---|---|---|---|---|---|")
     total = sum(counts.values(), Counter[str]())
     for post, row in [*counts.items(), ("all", total)]:
         programs = sum(len(SOURCES[each]) for each in (posts if post == "all" else [post]))
-        print(f"| {post} | {programs} | {row.total():,} | {row[CAUGHT]:,} | {row[HARMLESS]:,} | {row[LEFT]:,} |")
+        print(
+            f"| {post} | {programs} | {row.total():,} | {row[CAUGHT]:,} | {row[HARMLESS]:,} | {row[LEFT]:,} |"
+        )
     for one in left:
         crash = f" ({one.crash})" if one.crash else ""
-        print(f"\n{one.post}, {one.program}, line {one.line}, {one.edit}{crash}\n  was {one.was!r}\n  now {one.now!r}")
+        print(
+            f"\n{one.post}, {one.program}, line {one.line}, {one.edit}{crash}\n  was {one.was!r}\n  now {one.now!r}"
+        )
     return 1 if left else 0
 
 

@@ -136,7 +136,11 @@ def _swaps(text: str, found: list[Token], k: int) -> Iterator[Edit]:
         if j == k + 1 or (two.kind == one.kind and two.text != one.text):
             between = text[one.end : two.begin]
             yield Edit(one.begin, two.end, two.text + between + one.text, "swapped")
-        if (j > k + 1 and two.kind == one.kind) or "newline" in (one.kind, two.kind) or one.kind == "sign":
+        if (
+            (j > k + 1 and two.kind == one.kind)
+            or "newline" in (one.kind, two.kind)
+            or one.kind == "sign"
+        ):
             return
 
 

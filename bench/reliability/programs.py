@@ -95,7 +95,9 @@ class Made(NamedTuple):
         """Whether a build would refuse ``text``."""
         reading = self.readback(self.texts(text), self.options)
         try:
-            compare(self.prepared, reading, self.post.tolerance(), self.post.list_verified(), self.file)
+            compare(
+                self.prepared, reading, self.post.tolerance(), self.post.list_verified(), self.file
+            )
         except VerifyError:
             return True
         return False
@@ -109,10 +111,18 @@ SOURCES: dict[str, tuple[Source, ...]] = {
         Source("bracket-follow", 20, {}),
         Source("edge", 40, {"force_load": "lTool", "force_arcs": True}),
         Source("smooth-passes", 14, _SPINNING),
-        Source("force.ir", 40, {"force_calibrated": True, "force_change": 20.0, "force_distance": 5.0}),
-        Source("turn_on_the_spot.ir", 40, {"mass": 1.5, "cog": [0.0, 1.0, 60.0], "acc_set": [50.0, 80.0]}),
+        Source(
+            "force.ir", 40, {"force_calibrated": True, "force_change": 20.0, "force_distance": 5.0}
+        ),
+        Source(
+            "turn_on_the_spot.ir",
+            40,
+            {"mass": 1.5, "cog": [0.0, 1.0, 60.0], "acc_set": [50.0, 80.0]},
+        ),
         Source("posture.ir", 40, {"sing_area": "wrist", "s4": True}),
-        Source("blend.ir", 40, {"on_error": "exit", "fixture": [400.0, -100.0, 30.0, 0.0, 0.0, 0.0]}),
+        Source(
+            "blend.ir", 40, {"on_error": "exit", "fixture": [400.0, -100.0, 30.0, 0.0, 0.0, 0.0]}
+        ),
         Source("frames.ir", 40, {"declare": False}),
         Source("output_named.ir", 40, {"signals": {"glue": "doGlue", "air": "doAir"}}),
     ),
@@ -179,9 +189,19 @@ def make(post: str, index: int) -> Made:
     prepared = poster.prepare(program, _CHORD_VPLUS if post == "vplus" else _CHORD)
     files = {file.name: file.text for file in poster.render(prepared)}
     name = [*files][source.place]
-    made = Made(poster, find_readback(post), fill_tables(kind, source.options), prepared, name, files[name], files)
+    made = Made(
+        poster,
+        find_readback(post),
+        fill_tables(kind, source.options),
+        prepared,
+        name,
+        files[name],
+        files,
+    )
     if len(files) > 1 + ("points" in source.options) or made.is_caught(made.text):
-        raise ValueError(f"{source.name} for {post} is no program of one file, or one and its data, that is read back")
+        raise ValueError(
+            f"{source.name} for {post} is no program of one file, or one and its data, that is read back"
+        )
     return made
 
 
@@ -192,7 +212,9 @@ def _take(source: Source, kind: type[Post]) -> Program:
     elif source.name.endswith(".ir"):
         text = (_FIXTURES / "programs" / source.name).read_text(encoding="utf-8")
     else:
-        text = (_FIXTURES / "cases" / source.name / "expected" / "plan.ir").read_text(encoding="utf-8")
+        text = (_FIXTURES / "cases" / source.name / "expected" / "plan.ir").read_text(
+            encoding="utf-8"
+        )
     program = parse(text)
     body: list[Instruction] = list(program.body[: source.size])
     home = kind.cell().home

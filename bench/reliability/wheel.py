@@ -27,7 +27,9 @@ _EXTRA = "pip install 'camgen[step]'"
 
 
 def _run(*words: str | Path, cwd: Path | None = None) -> str:
-    done = subprocess.run([str(word) for word in words], cwd=cwd, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [str(word) for word in words], cwd=cwd, capture_output=True, text=True, check=False
+    )
     if done.returncode:
         sys.exit(f"{' '.join(map(str, words))} failed:\n{done.stdout}{done.stderr}")
     return done.stdout
@@ -39,7 +41,9 @@ def make_wheel(folder: Path) -> Path:
     source.mkdir()
     for name in PARTS_OF_WHEEL:
         if (ROOT / name).is_dir():
-            shutil.copytree(ROOT / name, source / name, ignore=shutil.ignore_patterns("__pycache__"))
+            shutil.copytree(
+                ROOT / name, source / name, ignore=shutil.ignore_patterns("__pycache__")
+            )
         else:
             shutil.copy(ROOT / name, source / name)
     _run(sys.executable, "-m", "pip", "wheel", "-q", "--no-deps", "-w", folder, source)
@@ -49,7 +53,11 @@ def make_wheel(folder: Path) -> Path:
 def find_pythons() -> list[str]:
     """Those of PYTHONS that answer: a name may be there for a version that is not."""
     found = [path for path in map(shutil.which, PYTHONS) if path]
-    return [path for path in found if not subprocess.run([path, "-c", ""], capture_output=True, check=False).returncode]
+    return [
+        path
+        for path in found
+        if not subprocess.run([path, "-c", ""], capture_output=True, check=False).returncode
+    ]
 
 
 def look(python: str, wheel: Path, folder: Path) -> tuple[str, list[str]]:
@@ -60,7 +68,11 @@ def look(python: str, wheel: Path, folder: Path) -> tuple[str, list[str]]:
     _run(where / "bin" / "pip", "install", "-q", wheel)
     seconds = time.perf_counter() - began
     text = _run(
-        where / "bin" / "python", "-I", Path(__file__).with_name("wheel_cases.py"), ROOT / "fixtures", cwd=folder
+        where / "bin" / "python",
+        "-I",
+        Path(__file__).with_name("wheel_cases.py"),
+        ROOT / "fixtures",
+        cwd=folder,
     )
     version, packages, built, refused, same, wrong = json.loads(text.splitlines()[-1])
     extra = [line for line in refused if _EXTRA in line]
@@ -72,7 +84,9 @@ def main(pythons: list[str]) -> int:
     """The table; 1 where anything differs."""
     found = pythons or find_pythons()
     print(machine(), end="\n\n")
-    print("| Python | packages | s to install | parts built | refused for an extra | programs the same | others |")
+    print(
+        "| Python | packages | s to install | parts built | refused for an extra | programs the same | others |"
+    )
     print("|---|---|---|---|---|---|---|")
     failed: list[str] = []
     with tempfile.TemporaryDirectory() as text:

@@ -27,7 +27,9 @@ def compare(case: Path, parts: Path) -> tuple[int, list[str]]:
     base = case.name.split("-")[0]
     part = next(file for file in (parts / (base + ending) for ending in ENDINGS) if file.exists())
     same, wrong = 0, []
-    for post in sorted({POSTS[file.suffix] for file in (case / "expected").iterdir() if file.suffix in POSTS}):
+    for post in sorted(
+        {POSTS[file.suffix] for file in (case / "expected").iterdir() if file.suffix in POSTS}
+    ):
         job = tomllib.loads((case / "job.toml").read_text())
         for table, key in (("posts.toml", "post"), ("robots.toml", "robot")):
             if (case / table).exists():
@@ -51,9 +53,18 @@ def build(parts: Path) -> tuple[int, list[str]]:
         for part in sorted(parts.iterdir()):
             if part.suffix == ".toml" or "_base" in part.name:
                 continue
-            command = [str(Path(sys.executable).with_name("camgen")), "build", str(part), "--post", "rapid", "-q"]
+            command = [
+                str(Path(sys.executable).with_name("camgen")),
+                "build",
+                str(part),
+                "--post",
+                "rapid",
+                "-q",
+            ]
             more = ["--set", "image.mm_per_px=0.1"] if part.suffix == ".png" else []
-            done = subprocess.run([*command, *more], cwd=folder, capture_output=True, text=True, check=False)
+            done = subprocess.run(
+                [*command, *more], cwd=folder, capture_output=True, text=True, check=False
+            )
             built += done.returncode == 0
             if done.returncode:
                 refused.append(f"{part.name}: {done.stderr.strip().splitlines()[-1]}")

@@ -14,7 +14,11 @@ PAPER, INK = 0.86, 0.05
 
 
 def markers(
-    page: tuple[float, float, float, float], ids: Sequence[int], corners: np.ndarray, dictionary: str, z: float = 0.0
+    page: tuple[float, float, float, float],
+    ids: Sequence[int],
+    corners: np.ndarray,
+    dictionary: str,
+    z: float = 0.0,
 ) -> tuple[Layer, Layer]:
     """Paper and ink. page: its rectangle (x and y from, x and y to), mm. corners: (N, 4, 2), mm, upper left, upper
     right, lower right, lower left of each marker. dictionary: OpenCV's name, e.g. "4X4_50".
@@ -29,7 +33,17 @@ def markers(
             # One rectangle for modules side by side.
             edges = np.flatnonzero(np.diff(np.concatenate([[0], line, [0]]))).reshape(-1, 2)
             for begin, end in edges.tolist():
-                at = np.array([begin + 1j * (row + 1), end + 1j * (row + 1), end + 1j * row, begin + 1j * row]) / side
+                at = (
+                    np.array(
+                        [
+                            begin + 1j * (row + 1),
+                            end + 1j * (row + 1),
+                            end + 1j * row,
+                            begin + 1j * row,
+                        ]
+                    )
+                    / side
+                )
                 ink.append(Loop(upper_left + at.real * right + at.imag * down, np.zeros(4)))
     return Layer((box(*page),), PAPER, z=z), Layer(tuple(ink), INK, z=z)
 

@@ -23,7 +23,11 @@ class Burr:
 
 
 def with_burrs(
-    loops: tuple[Loop, ...], count: int, rng: np.random.Generator, low: float = 0.2, high: float = 1.0
+    loops: tuple[Loop, ...],
+    count: int,
+    rng: np.random.Generator,
+    low: float = 0.2,
+    high: float = 1.0,
 ) -> tuple[tuple[Loop, ...], list[Burr]]:
     """The part with ``count`` burrs, ``low`` to ``high`` mm high and two to eight times as wide, apart from each other
     and from corners; one in four is a gouge. Fewer where its straight pieces have no room.
@@ -42,7 +46,9 @@ def with_burrs(
     return tuple(changed), burrs
 
 
-def _one(loop: Loop, width: float, height: float, shape: str, rng: np.random.Generator) -> tuple[Loop, Burr] | None:
+def _one(
+    loop: Loop, width: float, height: float, shape: str, rng: np.random.Generator
+) -> tuple[Loop, Burr] | None:
     """One more burr on a straight piece that is long enough; material is on the left."""
     chord = np.roll(loop.points, -1) - loop.points
     long = np.flatnonzero((loop.bulges == 0) & (np.abs(chord) > width + 4))

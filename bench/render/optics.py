@@ -26,7 +26,10 @@ _TAIL = 5.0
 #: Outline points that are summed up at a time.
 _CHUNK = 20_000
 #: Nodes and weights of Gauss' quadrature from 0 to 1.
-_NODES, _WEIGHTS = (np.polynomial.legendre.leggauss(4)[0] + 1) / 2, np.polynomial.legendre.leggauss(4)[1] / 2
+_NODES, _WEIGHTS = (
+    (np.polynomial.legendre.leggauss(4)[0] + 1) / 2,
+    np.polynomial.legendre.leggauss(4)[1] / 2,
+)
 #: A derivative is the imaginary part of what a step makes that is too small to be rounded: exact to the last digit.
 _STEP = 1e-30
 
@@ -78,7 +81,9 @@ def looking(
     axis = np.array([np.cos(a), np.sin(a), 0.0])
     cross = np.cross(np.eye(3), -axis)
     tilted = np.eye(3) + np.sin(lean) * cross + (1 - np.cos(lean)) * cross @ cross
-    turned = np.array([[np.cos(roll), -np.sin(roll), 0], [np.sin(roll), np.cos(roll), 0], [0, 0, 1.0]])
+    turned = np.array(
+        [[np.cos(roll), -np.sin(roll), 0], [np.sin(roll), np.cos(roll), 0], [0, 0, 1.0]]
+    )
     rotation = tilted @ np.diag([1.0, -1.0, -1.0]) @ turned
     ray = np.linalg.solve(lens.matrix, [pixel.real, pixel.imag, 1.0])
     place = rotation @ [at.real, at.imag, 0.0]
@@ -90,7 +95,9 @@ def bent(lens: Lens, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarr
     k1, k2, p1, p2, k3 = lens.distortion
     r = a * a + b * b
     radial = 1 + r * (k1 + r * (k2 + r * k3))
-    return a * radial + 2 * p1 * a * b + p2 * (r + 2 * a * a), b * radial + p1 * (r + 2 * b * b) + 2 * p2 * a * b
+    return a * radial + 2 * p1 * a * b + p2 * (r + 2 * a * a), b * radial + p1 * (
+        r + 2 * b * b
+    ) + 2 * p2 * a * b
 
 
 def straight(lens: Lens, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -102,7 +109,10 @@ def straight(lens: Lens, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.n
         r = x * x + y * y
         radial, slope = 1 + r * (k1 + r * (k2 + r * k3)), 2 * (k1 + r * (2 * k2 + r * 3 * k3))
         # The derivative is symmetric.
-        xx, yy = radial + x * x * slope + 2 * p1 * y + 6 * p2 * x, radial + y * y * slope + 6 * p1 * y + 2 * p2 * x
+        xx, yy = (
+            radial + x * x * slope + 2 * p1 * y + 6 * p2 * x,
+            radial + y * y * slope + 6 * p1 * y + 2 * p2 * x,
+        )
         xy = x * y * slope + 2 * (p1 * x + p2 * y)
         gone_x, gone_y = a - fx, b - fy
         det = xx * yy - xy * xy
@@ -113,7 +123,9 @@ def straight(lens: Lens, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.n
     return x, y
 
 
-def photo_from_work(shot: Shot, x: np.ndarray, y: np.ndarray, z: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+def photo_from_work(
+    shot: Shot, x: np.ndarray, y: np.ndarray, z: float = 0.0
+) -> tuple[np.ndarray, np.ndarray]:
     """Pixels u, v of places in mm. Complex places carry a derivative along."""
     r, t = shot.rotation, shot.origin
     depth = r[2, 0] * x + r[2, 1] * y + (r[2, 2] * z + t[2])
@@ -144,7 +156,9 @@ def mm_per_px(shot: Shot, at: complex) -> float:
 # -- how much of a pixel a layer covers
 
 
-def share(loops: Sequence[Loop], shot: Shot, z: float = 0.0, finer: int = 1) -> tuple[tuple[slice, slice], np.ndarray]:
+def share(
+    loops: Sequence[Loop], shot: Shot, z: float = 0.0, finer: int = 1
+) -> tuple[tuple[slice, slice], np.ndarray]:
     """Rows and columns of the photo, and how much of each pixel there (H, W) the loops cover, 0 to 1.
 
     Outside of them it is 0. finer: so many times as many points along the outlines, to see that there are enough.
@@ -160,13 +174,20 @@ def share(loops: Sequence[Loop], shot: Shot, z: float = 0.0, finer: int = 1) -> 
         here = slice(k, k + _CHUNK)
         _add(total, right - left + 1, u[here] - left, v[here] - top, dv[here], shot.blur)
     covered = total.reshape(bottom - top + 1, -1).cumsum(axis=1)
-    rows, columns = slice(max(top, 0), min(bottom + 1, height)), slice(max(left, 0), min(right + 1, width))
+    rows, columns = (
+        slice(max(top, 0), min(bottom + 1, height)),
+        slice(max(left, 0), min(right + 1, width)),
+    )
     if rows.start >= rows.stop or columns.start >= columns.stop:
         return (slice(0, 0), slice(0, 0)), np.zeros((0, 0))
-    return (rows, columns), covered[rows.start - top : rows.stop - top, columns.start - left : columns.stop - left]
+    return (rows, columns), covered[
+        rows.start - top : rows.stop - top, columns.start - left : columns.stop - left
+    ]
 
 
-def _outline(loops: Sequence[Loop], shot: Shot, z: float, finer: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _outline(
+    loops: Sequence[Loop], shot: Shot, z: float, finer: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Points along the outlines in the photo, px, and the share of each in the integral over dv."""
     all_pieces = pieces(loops)
     count = len(all_pieces.start)
@@ -187,11 +208,15 @@ def _seen(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Pixels u, v of places on the pieces, and their derivatives by t."""
     place, rate = what.at(which, t)
-    u, v = photo_from_work(shot, place.real + 1j * _STEP * rate.real, place.imag + 1j * _STEP * rate.imag, z)
+    u, v = photo_from_work(
+        shot, place.real + 1j * _STEP * rate.real, place.imag + 1j * _STEP * rate.imag, z
+    )
     return u.real, v.real, u.imag / _STEP, v.imag / _STEP
 
 
-def _add(total: np.ndarray, width: int, u: np.ndarray, v: np.ndarray, dv: np.ndarray, blur: float) -> None:
+def _add(
+    total: np.ndarray, width: int, u: np.ndarray, v: np.ndarray, dv: np.ndarray, blur: float
+) -> None:
     """Adds what each point contributes to the change from one pixel to the next in its row."""
     reach = 0.5 + _TAIL * blur
     first_u, first_v = np.ceil(u - reach).astype(np.int64), np.ceil(v - reach).astype(np.int64)
@@ -201,7 +226,9 @@ def _add(total: np.ndarray, width: int, u: np.ndarray, v: np.ndarray, dv: np.nda
     summed = np.interp((u - first_u)[:, None] - across, at, below)
     weight = summed[:, :-1] - summed[:, 1:]
     rows = np.interp((v - first_v)[:, None] - down, at, beside) * dv[:, None]
-    pixel = ((first_v[:, None] + down) * width)[:, :, None] + (first_u[:, None] + across[1:])[:, None, :]
+    pixel = ((first_v[:, None] + down) * width)[:, :, None] + (first_u[:, None] + across[1:])[
+        :, None, :
+    ]
     np.add.at(total, pixel.ravel(), (rows[:, :, None] * weight[:, None, :]).ravel())
 
 

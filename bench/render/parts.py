@@ -57,10 +57,20 @@ def bracket() -> Part:
             (-12, 32, 5), (-28, 32, 0), (-38, 22, 0),
         ]
     )  # fmt: skip
-    return (outer, hole(circle(26, -19, 5.5)), hole(slot(-8, -19, 20, 8, 0)), hole(circle(-25, 16, 6)))
+    return (
+        outer,
+        hole(circle(26, -19, 5.5)),
+        hole(slot(-8, -19, 20, 8, 0)),
+        hole(circle(-25, 16, 6)),
+    )
 
 
-NAMED: dict[str, Callable[[], Part]] = {"paper": paper, "plate": plate, "gear": gear, "bracket": bracket}
+NAMED: dict[str, Callable[[], Part]] = {
+    "paper": paper,
+    "plate": plate,
+    "gear": gear,
+    "bracket": bracket,
+}
 
 
 def random_part(seed: int) -> Part:
@@ -89,7 +99,12 @@ def _corner(x: float, y: float, rng: np.random.Generator) -> list[tuple[float, f
 
 def _notch(h: float, rng: np.random.Generator) -> list[tuple[float, float, float]]:
     """A notch in the upper side, from right to left: wide at its mouth, with a round bottom or round corners."""
-    at, mouth, bottom, deep = rng.uniform(-5, 5), rng.uniform(8, 11), rng.uniform(5, 8), rng.uniform(7.5, 9)
+    at, mouth, bottom, deep = (
+        rng.uniform(-5, 5),
+        rng.uniform(8, 11),
+        rng.uniform(5, 8),
+        rng.uniform(7.5, 9),
+    )
     mouth_radius, radius = rng.choice([0.0, 2.5]), rng.uniform(3.4, 4.5)
     return [
         (at + mouth, h, mouth_radius), (at + bottom, h - deep, radius), (at - bottom, h - deep, radius),
@@ -103,5 +118,7 @@ def _window(x: float, y: float, rng: np.random.Generator) -> Loop:
     if kind == 0:
         return circle(x, y, half)
     radius = rng.uniform(3.3, 4.2) if kind == 1 else 0.0
-    square = rounded([(sx * half, sy * half, radius) for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
+    square = rounded(
+        [(sx * half, sy * half, radius) for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+    )
     return square.moved(rng.uniform(0, 1.5), complex(x, y))

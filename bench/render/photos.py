@@ -61,7 +61,12 @@ def hard() -> list[Photo]:
         replace(srgb, name="srgb", shot=replace(srgb.shot, coding="srgb")),
         replace(jpeg, name="jpeg", scene=colours, suffix=".jpg"),
         replace(dim, name="dim", shot=replace(dim.shot, exposure=0.25, gradient=(0.5, 0.2))),
-        replace(faint, name="faint", scene=Scene(0.6, (Layer(faint.loops, 0.42, 0.02),), 0.05), empty=True),
+        replace(
+            faint,
+            name="faint",
+            scene=Scene(0.6, (Layer(faint.loops, 0.42, 0.02),), 0.05),
+            empty=True,
+        ),
     ]
 
 
@@ -81,7 +86,9 @@ def _photo(k: int, megapixels: int, part: str = "") -> Photo:
     pixel = complex(*(np.array(lens.size) / 2 + rng.uniform(-1, 1, 2) * room))
     tilt = 18 * rng.uniform() ** 0.5
     about, roll = rng.uniform((0, -180), (360, 180))
-    rotation, origin = looking(lens, middle, pixel, SCALE * SIZES[10][0] / lens.size[0], tilt, about, roll)
+    rotation, origin = looking(
+        lens, middle, pixel, SCALE * SIZES[10][0] / lens.size[0], tilt, about, roll
+    )
     shot = Shot(
         lens, rotation, origin, blur=0.7, exposure=0.85, gradient=tuple(rng.uniform(-0.3, 0.3, 2)),
         vignetting=rng.uniform(0, 0.2), read=1.6, shot=0.01, seed=k,
@@ -102,7 +109,9 @@ def _lens(megapixels: int, rng: np.random.Generator) -> Lens:
     return Lens(matrix, (k1, k2, p1, p2, k3), (width, height))
 
 
-def _scene(part: tuple[Loop, ...], paper: Sheet | None, height: float, rng: np.random.Generator) -> Scene:
+def _scene(
+    part: tuple[Loop, ...], paper: Sheet | None, height: float, rng: np.random.Generator
+) -> Scene:
     """A dark part on a light bench or the reverse; on a sheet of white paper always a dark one."""
     dark, light = rng.uniform(0.12, 0.3), rng.uniform(0.6, 0.8)
     turned = paper is None and rng.random() < 0.5
@@ -111,7 +120,12 @@ def _scene(part: tuple[Loop, ...], paper: Sheet | None, height: float, rng: np.r
         return Scene(dark if turned else light, (top,), texture=0.02, grain_seed=1)
     x, y = paper.origin
     page = (-x, -y, paper.page[0] - x, paper.page[1] - y)
-    return Scene(0.45, (*markers(page, paper.ids, paper.corners, DICTIONARY, -height), top), texture=0.02, grain_seed=1)
+    return Scene(
+        0.45,
+        (*markers(page, paper.ids, paper.corners, DICTIONARY, -height), top),
+        texture=0.02,
+        grain_seed=1,
+    )
 
 
 # -- files
@@ -123,7 +137,9 @@ def write(folder: Path, photo: Photo) -> None:
     if photo.empty:
         # A little less light than with the part.
         bench = replace(photo.scene, layers=photo.scene.layers[:-1])
-        other = replace(photo.shot, seed=photo.shot.seed + 1000, exposure=photo.shot.exposure * 0.95)
+        other = replace(
+            photo.shot, seed=photo.shot.seed + 1000, exposure=photo.shot.exposure * 0.95
+        )
         written(folder / f"{photo.name}-empty{photo.suffix}", render(bench, other))
     (folder / f"{photo.name}.yaml").write_text(camera_info(photo.shot.lens))
     (folder / f"{photo.name}.toml").write_text(_job(photo))
@@ -142,8 +158,16 @@ def write(folder: Path, photo: Photo) -> None:
 def camera_info(lens: Lens) -> str:
     """The lens as ROS' camera_info."""
     width, height = lens.size
-    values = {"camera_matrix": (3, 3, lens.matrix.ravel().tolist()), "distortion_coefficients": (1, 5, lens.distortion)}
-    lines = [f"image_width: {width}", f"image_height: {height}", "camera_name: rendered", "distortion_model: plumb_bob"]
+    values = {
+        "camera_matrix": (3, 3, lens.matrix.ravel().tolist()),
+        "distortion_coefficients": (1, 5, lens.distortion),
+    }
+    lines = [
+        f"image_width: {width}",
+        f"image_height: {height}",
+        "camera_name: rendered",
+        "distortion_model: plumb_bob",
+    ]
     for key, (rows, columns, data) in values.items():
         numbers = ", ".join(repr(float(value)) for value in data)
         lines += [f"{key}:", f"  rows: {rows}", f"  cols: {columns}", f"  data: [{numbers}]"]
@@ -153,7 +177,11 @@ def camera_info(lens: Lens) -> str:
 def _job(photo: Photo) -> str:
     lines = ["[camera]", f'file = "{photo.name}.yaml"', *_plane(photo)]
     if photo.empty:
-        lines += ["[image]", 'mask = "background"', f'background = "{photo.name}-empty{photo.suffix}"']
+        lines += [
+            "[image]",
+            'mask = "background"',
+            f'background = "{photo.name}-empty{photo.suffix}"',
+        ]
     lines += ["[tool]", f"diameter = {photo.tool!r}", "[process]", "feed = 5.0", "force = 2.0"]
     return "\n".join([*lines, "[post]", 'force = "template"', ""])
 
@@ -198,7 +226,16 @@ def _board_shot(lens: Lens, corners: np.ndarray, rng: np.random.Generator, seed:
         pixel = complex(*(size * rng.uniform(0.25, 0.75, 2)))
         angles = rng.uniform((5, 0, -25), (38, 360, 25))
         pose = looking(lens, corners.mean(), pixel, scale, *angles)
-        shot = Shot(lens, *pose, exposure=0.9, gradient=(0.2, -0.1), vignetting=0.1, read=1.6, shot=0.01, seed=seed)
+        shot = Shot(
+            lens,
+            *pose,
+            exposure=0.9,
+            gradient=(0.2, -0.1),
+            vignetting=0.1,
+            read=1.6,
+            shot=0.01,
+            seed=seed,
+        )
         around = corners.mean() + 1.35 * (corners - corners.mean())
         px = np.column_stack(photo_from_work(shot, around.real, around.imag))
         if np.all((px > 0) & (px < size)):

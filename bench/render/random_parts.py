@@ -47,13 +47,19 @@ def random_part(number: int) -> RandomPart:
     assert outline is not None
     shapes = [outline]
     for _ in range(rng.integers(0, 5)):
-        inside = shapely.difference(outline.polygon, shapely.union_all([s.polygon for s in shapes[1:]]))
+        inside = shapely.difference(
+            outline.polygon, shapely.union_all([s.polygon for s in shapes[1:]])
+        )
         hole = _try(rng, lambda room=inside: _within(rng, room, _hole(rng, diameter)))
         if hole is not None:
             shapes.append(hole)
     for hole in shapes[1:]:
         if rng.random() < 0.4:
-            island = _try(rng, lambda room=hole.polygon: _within(rng, room, _star(rng, rng.uniform(0.3, 8), 2)), 8)
+            island = _try(
+                rng,
+                lambda room=hole.polygon: _within(rng, room, _star(rng, rng.uniform(0.3, 8), 2)),
+                8,
+            )
             shapes += [island] if island is not None else []
     if rng.random() < 0.25:
         beside = _try(rng, lambda: _beside(rng, outline, diameter), 8)
@@ -84,7 +90,11 @@ def _polygon(rows: np.ndarray) -> shapely.Geometry | None:
     # What an odd number of turns enclose: the tip beyond a slip belongs to the part as the rest of a spike does.
     mended = shapely.union_all([p for p in shapely.get_parts(shapely.make_valid(ring)) if p.area])
     whole = max(p.area for p in shapely.get_parts(mended)) if not mended.is_empty else 0.0
-    return mended if whole > 1.0 and abs(mended.area - drawn) < _SLIP and mended.area - whole < _SLIP else None
+    return (
+        mended
+        if whole > 1.0 and abs(mended.area - drawn) < _SLIP and mended.area - whole < _SLIP
+        else None
+    )
 
 
 def flat(rows: np.ndarray) -> np.ndarray:
@@ -135,7 +145,11 @@ def _star(rng: np.random.Generator, size: float, digits: int) -> np.ndarray:
     radius = size * rng.uniform(0.35, 1.0, count)
     bulge = np.where(rng.random(count) < 0.5, 0.0, rng.uniform(-0.7, 0.7, count))
     return np.column_stack(
-        [(radius * np.cos(angle)).round(digits), (radius * np.sin(angle)).round(digits), bulge.round(2)]
+        [
+            (radius * np.cos(angle)).round(digits),
+            (radius * np.sin(angle)).round(digits),
+            bulge.round(2),
+        ]
     )
 
 
@@ -181,16 +195,25 @@ def _hole(rng: np.random.Generator, diameter: float) -> np.ndarray:
     if kind < 0.25:
         return np.array([[wide, 0, 1.0], [-wide, 0, 1.0]])
     if kind < 0.45:
-        return np.array([[-long, -wide, 0], [long, -wide, 1.0], [long, wide, 0], [-long, wide, 1.0]])
+        return np.array(
+            [[-long, -wide, 0], [long, -wide, 1.0], [long, wide, 0], [-long, wide, 1.0]]
+        )
     if kind < 0.6:
         return np.array(
-            [[-long - wide, -wide, 0], [long + wide, -wide, 0], [long + wide, wide, 0], [-long - wide, wide, 0]]
+            [
+                [-long - wide, -wide, 0],
+                [long + wide, -wide, 0],
+                [long + wide, wide, 0],
+                [-long - wide, wide, 0],
+            ]
         )
     star = _star(rng, wide * rng.uniform(1.5, 6), 2)
     return _with_cusp(rng, star) if rng.random() < 0.4 else star
 
 
-def _within(rng: np.random.Generator, room: shapely.Geometry, rows: np.ndarray) -> np.ndarray | None:
+def _within(
+    rng: np.random.Generator, room: shapely.Geometry, rows: np.ndarray
+) -> np.ndarray | None:
     """``rows`` turned and moved into ``room``, None where it does not lie there. Walls are 0.05 mm at least."""
     if room.is_empty:
         return None

@@ -47,7 +47,10 @@ class Scene:
 def render(scene: Scene, shot: Shot) -> np.ndarray:
     """The photo, uint8: (H, W), or (H, W, 3) blue, green, red where anything has a colour. Same input, same photo."""
     width, height = shot.lens.size
-    colours = [np.atleast_1d(np.float32(c)) for c in (scene.bench, *(layer.colour for layer in scene.layers))]
+    colours = [
+        np.atleast_1d(np.float32(c))
+        for c in (scene.bench, *(layer.colour for layer in scene.layers))
+    ]
     depth = max(len(c) for c in colours)
     grained = scene.texture or any(layer.texture for layer in scene.layers)
     grain = _grain(shot, scene.grain_seed) if grained else np.zeros((height, width), np.float32)
@@ -85,14 +88,19 @@ def _filled(coarse: np.ndarray, height: int, width: int) -> np.ndarray:
     coarse = coarse.astype(np.float32)
     rows = (coarse[:-1, None] * (1 - part) + coarse[1:, None] * part).reshape(-1, coarse.shape[1])
     part = part.ravel()
-    return (rows[:, :-1, None] * (1 - part) + rows[:, 1:, None] * part).reshape(len(rows), -1)[:height, :width]
+    return (rows[:, :-1, None] * (1 - part) + rows[:, 1:, None] * part).reshape(len(rows), -1)[
+        :height, :width
+    ]
 
 
 @lru_cache(maxsize=2)
 def _tile(seed: int) -> np.ndarray:
     """A tile of 205 mm that repeats without a seam: white noise, smoothed by 0.2 mm across and 2 mm along."""
     noise = np.fft.rfft2(np.random.default_rng(seed).standard_normal((_TILE, _TILE)))
-    along, across = np.fft.rfftfreq(_TILE) * 2.0 / _CELL, np.fft.fftfreq(_TILE)[:, None] * 0.2 / _CELL
+    along, across = (
+        np.fft.rfftfreq(_TILE) * 2.0 / _CELL,
+        np.fft.fftfreq(_TILE)[:, None] * 0.2 / _CELL,
+    )
     smooth = np.fft.irfft2(noise * np.exp(-2 * np.pi**2 * (along**2 + across**2)))
     return (smooth / smooth.std()).astype(np.float32)
 
@@ -105,7 +113,9 @@ def _sensed(light: np.ndarray, shot: Shot) -> np.ndarray:
         light += noise
     np.clip(light, 0, 1, out=light)
     if shot.coding == "srgb":
-        light = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** np.float32(1 / 2.4) - 0.055)
+        light = np.where(
+            light <= 0.0031308, 12.92 * light, 1.055 * light ** np.float32(1 / 2.4) - 0.055
+        )
     elif shot.coding != "linear":
         raise ValueError(f"no coding {shot.coding!r}")
     return np.rint(light * 255).astype(np.uint8)
@@ -115,7 +125,11 @@ def written(file: Path, photo: np.ndarray, quality: int = 95) -> None:
     """The photo as PNG or JPEG, as the suffix says; the same bytes every time."""
     import cv2  # noqa: PLC0415 (only what encodes needs it)
 
-    options = [cv2.IMWRITE_JPEG_QUALITY, quality] if file.suffix == ".jpg" else [cv2.IMWRITE_PNG_COMPRESSION, 1]
+    options = (
+        [cv2.IMWRITE_JPEG_QUALITY, quality]
+        if file.suffix == ".jpg"
+        else [cv2.IMWRITE_PNG_COMPRESSION, 1]
+    )
     done, data = cv2.imencode(file.suffix, photo, options)
     assert done, file
     file.write_bytes(data.tobytes())

@@ -90,7 +90,9 @@ def rounded(corners: Sequence[tuple[float, float, float]]) -> Loop:
         points += [at[k] - reach * into / abs(into), at[k] + reach * out / abs(out)]
         bulges += [float(np.tan(turn / 4)), 0.0]
     place = np.array(points)
-    kept = np.abs(np.roll(place, -1) - place) > 1e-9  # two arcs may leave nothing of the side between them
+    kept = (
+        np.abs(np.roll(place, -1) - place) > 1e-9
+    )  # two arcs may leave nothing of the side between them
     return Loop(place[kept], np.array(bulges)[kept])
 
 
@@ -102,7 +104,9 @@ def circle(x: float, y: float, radius: float) -> Loop:
 def slot(x: float, y: float, length: float, width: float, angle: float) -> Loop:
     """Two straight sides and two half circles, ``length`` over all, as an outer loop. angle: deg."""
     half, radius = (length - width) / 2, width / 2
-    ends = np.array([-half - 1j * radius, half - 1j * radius, half + 1j * radius, -half + 1j * radius])
+    ends = np.array(
+        [-half - 1j * radius, half - 1j * radius, half + 1j * radius, -half + 1j * radius]
+    )
     return Loop(ends, np.array([0.0, 1.0, 0.0, 1.0])).moved(np.radians(angle), complex(x, y))
 
 
@@ -125,5 +129,7 @@ def area(loops: Sequence[Loop]) -> float:
         half = np.abs(ends - loop.points) / 2
         radius = half / np.where(sweep == 0, 1, np.sin(np.abs(sweep) / 2))
         total += float((loop.points.conj() * ends).imag.sum() / 2)
-        total += float((np.sign(sweep) * radius**2 * (np.abs(sweep) - np.sin(np.abs(sweep))) / 2).sum())
+        total += float(
+            (np.sign(sweep) * radius**2 * (np.abs(sweep) - np.sin(np.abs(sweep))) / 2).sum()
+        )
     return total

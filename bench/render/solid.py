@@ -19,7 +19,10 @@ def sheet(loops: Sequence[Loop], thickness: float) -> trimesh.Trimesh:
     rings = [_points(loop) for loop in loops]
     flat = shapely.Polygon(rings[0], rings[1:])
     corners = np.concatenate(rings)
-    faces = [shapely.get_coordinates(one)[:3] for one in shapely.constrained_delaunay_triangles(flat).geoms]
+    faces = [
+        shapely.get_coordinates(one)[:3]
+        for one in shapely.constrained_delaunay_triangles(flat).geoms
+    ]
     place = {tuple(point): k for k, point in enumerate(corners.tolist())}
     top = np.array([[place[tuple(point)] for point in face] for face in np.array(faces).tolist()])
     a, b, c = (corners[top[:, k]] for k in range(3))
@@ -29,10 +32,17 @@ def sheet(loops: Sequence[Loop], thickness: float) -> trimesh.Trimesh:
     for ring in rings:
         here = begin + np.arange(len(ring))
         ahead = begin + (np.arange(len(ring)) + 1) % len(ring)
-        sides += [np.column_stack([here, here + count, ahead]), np.column_stack([ahead, here + count, ahead + count])]
+        sides += [
+            np.column_stack([here, here + count, ahead]),
+            np.column_stack([ahead, here + count, ahead + count]),
+        ]
         begin += len(ring)
-    vertices = np.concatenate([np.column_stack([corners, np.full(count, z)]) for z in (0.0, -thickness)])
-    mesh = trimesh.Trimesh(vertices, np.concatenate([top, top[:, ::-1] + count, *sides]), process=False)
+    vertices = np.concatenate(
+        [np.column_stack([corners, np.full(count, z)]) for z in (0.0, -thickness)]
+    )
+    mesh = trimesh.Trimesh(
+        vertices, np.concatenate([top, top[:, ::-1] + count, *sides]), process=False
+    )
     assert mesh.is_watertight
     return mesh
 

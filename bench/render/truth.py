@@ -50,7 +50,11 @@ def offset_truth(loops: Sequence[Loop], distance: float) -> Truth:
     """
     part = pieces(loops)
     kept = [_beside(part, k, distance) for k in range(len(part.start))]
-    kept += [_around(part, *corner, distance) for loop in _numbered(loops) for corner in _corners(part, loop)]
+    kept += [
+        _around(part, *corner, distance)
+        for loop in _numbered(loops)
+        for corner in _corners(part, loop)
+    ]
     return Truth(part, distance, *(np.concatenate(column) for column in zip(*kept, strict=True)))
 
 
@@ -69,7 +73,13 @@ def _beside(part: Pieces, k: int, distance: float) -> tuple[np.ndarray, ...]:
     sharp = ~(np.append(True, free[:-1]) & np.append(free[1:], True))
     # The path runs around the centre of an arc with another radius, at the same angles.
     contact = np.full(len(t), part.length[k] / abs(part.length[k] + distance * part.sweep[k]))
-    return points[free], normal[free], sharp[free], contact[free], _stands_for(part.length[k], t)[free]
+    return (
+        points[free],
+        normal[free],
+        sharp[free],
+        contact[free],
+        _stands_for(part.length[k], t)[free],
+    )
 
 
 def _stands_for(length: float, t: np.ndarray) -> np.ndarray:
@@ -84,10 +94,14 @@ def _corners(part: Pieces, loop: np.ndarray) -> list[tuple[int, complex, float]]
     _, after = part.at(loop, np.zeros(len(loop)))
     _, before = part.at(np.roll(loop, 1), np.ones(len(loop)))
     turn = np.angle(after / before)
-    return [(loop[i], before[i] / abs(before[i]), turn[i]) for i in np.flatnonzero(turn > 1e-6).tolist()]
+    return [
+        (loop[i], before[i] / abs(before[i]), turn[i]) for i in np.flatnonzero(turn > 1e-6).tolist()
+    ]
 
 
-def _around(part: Pieces, piece: int, direction: complex, turn: float, distance: float) -> tuple[np.ndarray, ...]:
+def _around(
+    part: Pieces, piece: int, direction: complex, turn: float, distance: float
+) -> tuple[np.ndarray, ...]:
     """The arc around the start of ``piece``."""
     t = np.linspace(0, 1, max(2, round(distance * turn / SPACING) + 1))
     normal = 1j * direction * np.exp(1j * turn * t)
@@ -109,7 +123,9 @@ def path_error(path: np.ndarray, truth: Truth, away: float = 1.0) -> Error:
     near = nearest(path, truth.points[truth.sharp]) < away
     calm = truth.points[nearest(truth.points, truth.points[truth.sharp]) > away + OTHER]
     missed = float(np.mean(nearest(calm, path) > OTHER)) if len(calm) else 0.0
-    return Error(_most(off[~near]), float(np.sqrt(np.mean(off[~near] ** 2))), _most(off[near]), missed)
+    return Error(
+        _most(off[~near]), float(np.sqrt(np.mean(off[~near] ** 2))), _most(off[near]), missed
+    )
 
 
 def nearest(places: np.ndarray, others: np.ndarray) -> np.ndarray:

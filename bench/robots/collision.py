@@ -67,7 +67,9 @@ def disagreements(loop: Loop, tested: Scene, joints: FloatArray) -> int:
 def edge(of: Robot, centre: tuple[float, float, float]) -> FloatArray:
     """The tool 2 mm above the ring's top, straight across it, in 400 rows."""
     x, y, z = centre
-    ways = np.column_stack([np.full(400, x), y + np.linspace(-120, 120, 400), np.full(400, z + 40 + 180 + 2)])
+    ways = np.column_stack(
+        [np.full(400, x), y + np.linspace(-120, 120, 400), np.full(400, z + 40 + 180 + 2)]
+    )
     choice = follow(of, np.broadcast_to(np.diag([1.0, -1, -1]), (400, 3, 3)), ways)
     assert isinstance(choice, Choice)
     return np.asarray(choice.joints)
@@ -83,7 +85,9 @@ def main(poses: int) -> int:
     begun = time.perf_counter()
     mesh = make_mesh(solid)
     print(f"{len(solid.faces):,} triangles made ready in {time.perf_counter() - begun:.2f} s\n")
-    print("| robot | configurations | tested | hits | of these part | poses/s | differ from the plain loop |")
+    print(
+        "| robot | configurations | tested | hits | of these part | poses/s | differ from the plain loop |"
+    )
     print("|---|---|---|---|---|---|---|")
     good = True
     for name, centre in CENTRES.items():
@@ -91,27 +95,40 @@ def main(poses: int) -> int:
     return 0 if all([good, motions(mesh)]) else 1
 
 
-def table_of(of: Robot, centre: tuple[float, float, float], solid: Solid, mesh: Mesh, poses: int) -> bool:
+def table_of(
+    of: Robot, centre: tuple[float, float, float], solid: Solid, mesh: Mesh, poses: int
+) -> bool:
     base_from_part = pose_from_values([*centre, 20, -10, 30])
-    table = Link("table", (Box(translation(centre[0], centre[1], centre[2] - 130), (150.0, 300.0, 30.0)),))
+    table = Link(
+        "table", (Box(translation(centre[0], centre[1], centre[2] - 130), (150.0, 300.0, 30.0)),)
+    )
     loop = Loop(of, solid, base_from_part, (table,), TOOL, CONTACT)
     whole = scene(of, TOOL, (table,), mesh, base_from_part, CONTACT)
     links = scene(of, (), (), mesh, base_from_part)
     good = True
-    for where, joints in (("all over", drawn(of, poses)), ("at the part", near(of, centre, poses // 5))):
+    for where, joints in (
+        ("all over", drawn(of, poses)),
+        ("at the part", near(of, centre, poses // 5)),
+    ):
         for what, tested in (("7 links", links), ("and holder, tool, table", whole)):
             speed = rated(lambda s=tested, q=joints: hits(s, q), len(joints))  # type: ignore[misc]
             found = hits(tested, joints)
-            part = np.isin(found, [k for k, pair in enumerate(tested.pairs) if pair[1] == "part"]).sum()
+            part = np.isin(
+                found, [k for k, pair in enumerate(tested.pairs) if pair[1] == "part"]
+            ).sum()
             differ = disagreements(loop, tested, joints) if tested is whole else None
             judged = "" if differ is None else f"{differ} of {len(joints):,}"
-            print(f"| {of.name} | {where} | {what} | {(found >= 0).sum():,} | {part:,} | {speed:,.0f} | {judged} |")
+            print(
+                f"| {of.name} | {where} | {what} | {(found >= 0).sum():,} | {part:,} | {speed:,.0f} | {judged} |"
+            )
             good &= not differ and (speed >= GOAL or where != "all over")
     return good
 
 
 def motions(mesh: Mesh) -> bool:
-    print("\n| robot | motion of 240 mm 2 mm above the part, step 1 mm | ms | clearance, mm |\n|---|---|---|---|")
+    print(
+        "\n| robot | motion of 240 mm 2 mm above the part, step 1 mm | ms | clearance, mm |\n|---|---|---|---|"
+    )
     for name in ("IRB 2000", "IRB 1200"):
         of, centre = robot(name), CENTRES[name]
         tested = scene(of, TOOL, (), mesh, translation(*centre))

@@ -48,7 +48,12 @@ def program(*moves: MoveL | MoveC) -> Program:
 
 def polyline(points: np.ndarray, speed: float) -> Program:
     last = len(points) - 1
-    return program(*(MoveL(at(x, y), speed, 1.0 if k < last else 0.0) for k, (x, y) in enumerate(points[1:], 1)))
+    return program(
+        *(
+            MoveL(at(x, y), speed, 1.0 if k < last else 0.0)
+            for k, (x, y) in enumerate(points[1:], 1)
+        )
+    )
 
 
 def wave(count: int, length: float = 60.0) -> np.ndarray:
@@ -90,7 +95,9 @@ def main() -> None:
             if post != "rapid" and ("rfa" in file or "cell" in job):
                 continue
             found = camgen.build(ROOT / "fixtures" / file, post=post, job=job)
-            times = f"{found.motions.seconds:.1f} | {found.cycle.total:.1f} | {found.cycle.travel:.1f}"
+            times = (
+                f"{found.motions.seconds:.1f} | {found.cycle.total:.1f} | {found.cycle.travel:.1f}"
+            )
             print(f"| {name} | {post} | {times} |")
     print("\n| lines | post | timed in, s |\n|---|---|---|")
     for count in given.lines:
@@ -115,12 +122,21 @@ def judged() -> None:
         for k, one in enumerate(programs):
             (here / f"{k}.ngc").write_text(make_post(find_post("gcode"), {}).render(one)[0].text)
         configured(here)
-        subprocess.run(["linuxcnc", "-r", str(here / "mill.ini")], check=True, timeout=300, capture_output=True)
-        print("\n| program | length over speed, s | camgen, s | LinuxCNC, s | apart |\n|---|---|---|---|---|")
+        subprocess.run(
+            ["linuxcnc", "-r", str(here / "mill.ini")], check=True, timeout=300, capture_output=True
+        )
+        print(
+            "\n| program | length over speed, s | camgen, s | LinuxCNC, s | apart |\n|---|---|---|---|---|"
+        )
         for k, (name, one) in enumerate(zip(cases(), programs, strict=True)):
-            ours, theirs = float(time_motions(one, post.dynamics(), None, None)[0].sum()), sampled(here / f"{k}.txt")
+            ours, theirs = (
+                float(time_motions(one, post.dynamics(), None, None)[0].sum()),
+                sampled(here / f"{k}.txt"),
+            )
             naive = sum_up(one.columns).seconds
-            print(f"| {name} | {naive:.3f} | {ours:.3f} | {theirs:.3f} | {100 * (ours / theirs - 1):+.2f} % |")
+            print(
+                f"| {name} | {naive:.3f} | {ours:.3f} | {theirs:.3f} | {100 * (ours / theirs - 1):+.2f} % |"
+            )
 
 
 def sampled(file: Path) -> float:

@@ -32,7 +32,9 @@ ARMS = ("IRB 2000", "IRB 2400", "IRB 1200")
 BEFORE = {"process": {"travel": 100.0}, "cell": {"margin": 0.0}}
 
 
-def build(part: str, name: str, free: bool, more: Mapping[str, Mapping[str, float]]) -> tuple[Result, float]:
+def build(
+    part: str, name: str, free: bool, more: Mapping[str, Mapping[str, float]]
+) -> tuple[Result, float]:
     """The build with some settings more, and its seconds."""
     path = PARTS / f"{part}.stl"
     job = cell(mesh.read(Files().read(path)), name)
@@ -46,14 +48,20 @@ def build(part: str, name: str, free: bool, more: Mapping[str, Mapping[str, floa
 def stopped(result: Result) -> float:
     """Seconds of the program with a stop at the end of every motion."""
     moves = (MoveJ, MoveL, MoveC)
-    body = tuple(replace(one, blend=0.0) if isinstance(one, moves) else one for one in result.program.body)
-    return cycle(result.program.with_body(body), result.cell.pace, result.reach, result.cell.arm).total
+    body = tuple(
+        replace(one, blend=0.0) if isinstance(one, moves) else one for one in result.program.body
+    )
+    return cycle(
+        result.program.with_body(body), result.cell.pace, result.reach, result.cell.arm
+    ).total
 
 
 def between_rows(result: Result) -> str:
     """How many rows of edges end in a stop before the next one, and of how many."""
     columns, corners = result.program.columns, find_corners(result.program)
-    inner = corners[columns.works[corners] & columns.works[np.minimum(corners + 1, len(columns.works) - 1)]]
+    inner = corners[
+        columns.works[corners] & columns.works[np.minimum(corners + 1, len(columns.works) - 1)]
+    ]
     return f"{int((columns.blend[inner] == 0).sum())} of {len(inner)}"
 
 
@@ -69,7 +77,9 @@ def main(arguments: list[str]) -> int:
     print(f"| part | robot | tool | edges | program, s {more}")
     print("|---|---|---|---|---|---|---|---|---|---|---|")
     lost, sums = False, [0.0, 0.0]
-    for part, name, free in ((part, name, free) for part in parts for name in names for free in (False, True)):
+    for part, name, free in (
+        (part, name, free) for part in parts for name in names for free in (False, True)
+    ):
         (old, slow), (new, fast) = build(part, name, free, BEFORE), build(part, name, free, {})
         seconds = [stopped(old), new.cycle.total]
         sums = [a + b for a, b in zip(sums, seconds, strict=True)]
@@ -85,7 +95,9 @@ def main(arguments: list[str]) -> int:
         ]
         print("| " + " | ".join(row) + " |", flush=True)
         lost |= counts[1] < counts[0]
-    print(f"\nAll: {sums[0]:.0f} s before, {sums[1]:.0f} s after, {100 * (1 - sums[1] / sums[0]):.0f} % less.")
+    print(
+        f"\nAll: {sums[0]:.0f} s before, {sums[1]:.0f} s after, {100 * (1 - sums[1] / sums[0]):.0f} % less."
+    )
     return int(lost)
 
 

@@ -97,7 +97,9 @@ def drawn(of: Robot, count: int) -> FloatArray:
 
 
 def table_of_poses(poses: int) -> None:
-    print("\n| robot | poses | branches | found again | mm | rad | us per pose | poses/s | forward, us |")
+    print(
+        "\n| robot | poses | branches | found again | mm | rad | us per pose | poses/s | forward, us |"
+    )
     print("|---|---|---|---|---|---|---|---|---|")
     for of in robots():
         joints = drawn(of, poses if of.arm else poses // 10)
@@ -107,7 +109,11 @@ def table_of_poses(poses: int) -> None:
         solutions = inverse(of, rotations, origins)
         mm, rad = errors(of, solutions, joints)
         every = copies(of, solutions).reshape(len(joints), -1, len(of.joints))
-        missed = np.abs(np.where(np.isnan(every), math.inf, every) - joints[:, None]).max(axis=2).min(axis=1)
+        missed = (
+            np.abs(np.where(np.isnan(every), math.inf, every) - joints[:, None])
+            .max(axis=2)
+            .min(axis=1)
+        )
         count = np.isfinite(solutions[:, :, 0]).sum(axis=1)
         each, n = seconds / len(joints), len(joints)
         print(
@@ -123,30 +129,42 @@ def table_of_oracle(count: int) -> None:
     except ImportError:
         print("\npy-opw-kinematics, the oracle, is not installed")
         return
-    print("\n| robot | same set of solutions as py-opw-kinematics | greatest difference, rad | its us per pose |")
+    print(
+        "\n| robot | same set of solutions as py-opw-kinematics | greatest difference, rad | its us per pose |"
+    )
     print("|---|---|---|---|")
     for of in robots():
         arm = of.arm
         if not isinstance(arm, Spherical):
             continue
         c4 = float(np.linalg.norm(arm.flange_from_wrist.origin))
-        model = opw.KinematicModel(a1=arm.a1, a2=arm.a2, b=arm.b, c1=arm.c1, c2=arm.c2, c3=arm.c3, c4=c4)
+        model = opw.KinematicModel(
+            a1=arm.a1, a2=arm.a2, b=arm.b, c1=arm.c1, c2=arm.c2, c3=arm.c3, c4=c4
+        )
         other = opw.Robot(model, degrees=False)
         rotations, origins = flange(of, drawn(of, count))
-        poses = transform.RigidTransform.from_components(origins, transform.Rotation.from_matrix(rotations))
+        poses = transform.RigidTransform.from_components(
+            origins, transform.Rotation.from_matrix(rotations)
+        )
         seconds = timed(lambda other=other, poses=poses: other.reach(poses), 3)
         theirs = np.asarray(other.reach(poses).joints)
         ours = theta_of(of, arm, inverse(of, rotations, origins))
-        apart = np.abs(np.remainder(ours[:, :, None] - theirs[:, None] + math.pi, math.tau) - math.pi).max(axis=3)
+        apart = np.abs(
+            np.remainder(ours[:, :, None] - theirs[:, None] + math.pi, math.tau) - math.pi
+        ).max(axis=3)
         nearest = np.where(np.isnan(apart), math.inf, apart).min(axis=2)
         here = np.isfinite(ours[:, :, 0])
-        same = (here.sum(axis=1) == np.isfinite(theirs[:, :, 0]).sum(axis=1)) & ((nearest < 1e-6) | ~here).all(axis=1)
+        same = (here.sum(axis=1) == np.isfinite(theirs[:, :, 0]).sum(axis=1)) & (
+            (nearest < 1e-6) | ~here
+        ).all(axis=1)
         worst, n = nearest[here & same[:, None]].max(), len(ours)
         print(f"| {of.name} | {same.sum():,} of {n:,} | {worst:.1e} | {1e6 * seconds / n:.2f} |")
 
 
 def table_of_paths(count: int) -> None:
-    print("\n| robot | rows of a circle | seconds | us per row | greatest step, deg or mm |\n|---|---|---|---|---|")
+    print(
+        "\n| robot | rows of a circle | seconds | us per row | greatest step, deg or mm |\n|---|---|---|---|---|"
+    )
     for name, (x, y, z) in CENTRES.items():
         of = robot(name)
         rows = count if of.arm else count // 10

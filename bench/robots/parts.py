@@ -78,13 +78,17 @@ def job(path: Path, arm: str) -> dict[str, dict[str, object]]:
 # Where the TCP is along a motion, from the text-book: a line or a circle through three points, and an even turn.
 
 
-def on_way(start: FloatArray, via: FloatArray | None, end: FloatArray, share: FloatArray) -> FloatArray:
+def on_way(
+    start: FloatArray, via: FloatArray | None, end: FloatArray, share: FloatArray
+) -> FloatArray:
     """(S, 3) at ``share`` of the line, or of the arc through ``via``."""
     if via is None:
         return np.asarray(start + share[:, None] * (end - start))
     a, b = via - start, end - start
     normal = np.cross(a, b)
-    middle = start + (np.cross(normal, a) * (b @ b) + np.cross(b, normal) * (a @ a)) / (2 * normal @ normal)
+    middle = start + (np.cross(normal, a) * (b @ b) + np.cross(b, normal) * (a @ a)) / (
+        2 * normal @ normal
+    )
     x = start - middle
     y = np.cross(normal / np.linalg.norm(normal), x)
     sweep = math.atan2(float((end - middle) @ y), float((end - middle) @ x)) % math.tau
@@ -102,12 +106,19 @@ def turned(start: FloatArray, end: FloatArray, share: FloatArray) -> FloatArray:
     x, y, z = axis / sine
     k = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     angle = share * math.atan2(sine, (float(np.trace(turn)) - 1) / 2)
-    spin = np.eye(3) + np.sin(angle)[:, None, None] * k + (1 - np.cos(angle))[:, None, None] * (k @ k)
+    spin = (
+        np.eye(3) + np.sin(angle)[:, None, None] * k + (1 - np.cos(angle))[:, None, None] * (k @ k)
+    )
     return np.asarray(spin @ start)
 
 
 def joints_on(
-    robot: Robot, base: Pose, tool: Pose, position: FloatArray, rotation: FloatArray, start: FloatArray
+    robot: Robot,
+    base: Pose,
+    tool: Pose,
+    position: FloatArray,
+    rotation: FloatArray,
+    start: FloatArray,
 ) -> FloatArray:
     """The joints (S, J) at poses of the TCP (work frame), each the nearest to the one before, proved by the forward
     way to 1e-6 mm. ValueError where there are none.
@@ -115,7 +126,12 @@ def joints_on(
     flange_in_tool = tool.inverse()
     turn = base.rotation @ rotation
     origin = position @ base.rotation.T + np.asarray(base.origin)
-    every = inverse(robot, turn @ flange_in_tool.rotation, origin + turn @ np.asarray(flange_in_tool.origin), start)
+    every = inverse(
+        robot,
+        turn @ flange_in_tool.rotation,
+        origin + turn @ np.asarray(flange_in_tool.origin),
+        start,
+    )
     found = np.empty((len(position), len(start)))
     here = start
     for k, some in enumerate(every):
@@ -137,21 +153,32 @@ def runs(program: Program, robot: Robot, samples: int) -> Iterator[tuple[int, Fl
     joints = np.zeros(len(robot.joints))
     for index, item in enumerate(program.body):
         if isinstance(item, MoveJ):
-            end = np.array(item.joints.values if isinstance(item.target, Pose) else item.target.values)
+            end = np.array(
+                item.joints.values if isinstance(item.target, Pose) else item.target.values
+            )
             way = joints + share[:, None] * (end - joints) if index else end[None]
             yield index, way
         elif hasattr(item, "target"):
             back, tip = (one[0] for one in flange(robot, joints[None]))
             start = base.rotation.T @ back @ tool.rotation
-            begin = base.rotation.T @ (tip + back @ np.asarray(tool.origin) - np.asarray(base.origin))
+            begin = base.rotation.T @ (
+                tip + back @ np.asarray(tool.origin) - np.asarray(base.origin)
+            )
             via = np.array(item.via.origin) if isinstance(item, MoveC) else None
             rotation = turned(start, item.target.rotation, share)
             if isinstance(item, MoveC):
                 half = [turned(start, item.via.rotation, 2 * share[share <= 0.5])]
-                half += [turned(item.via.rotation, item.target.rotation, 2 * share[share > 0.5] - 1)]
+                half += [
+                    turned(item.via.rotation, item.target.rotation, 2 * share[share > 0.5] - 1)
+                ]
                 rotation = np.concatenate(half)
             way = joints_on(
-                robot, base, tool, on_way(begin, via, np.array(item.target.origin), share), rotation, joints
+                robot,
+                base,
+                tool,
+                on_way(begin, via, np.array(item.target.origin), share),
+                rotation,
+                joints,
             )
             yield index, way
         else:
@@ -194,7 +221,9 @@ def unfounded(result: Result, job: Job, samples: int) -> tuple[int, int]:
         way = poses(edges[note.ids[0]], job.operation.offset)
         assert isinstance(way, Way)
         looks = divide(way, dense_parts(way))
-        chosen = follow(arm, *flange_poses(setup, looks.position, looks.rotation), margin=MARGIN, jump=JUMP)
+        chosen = follow(
+            arm, *flange_poses(setup, looks.position, looks.rotation), margin=MARGIN, jump=JUMP
+        )
         assert isinstance(chosen, Choice)
         joints = joints_along(result.cell, way, chosen.joints[0], samples)
         if depth(where.scene, joints) < 0:
@@ -224,8 +253,14 @@ def row(path: Path, arm: str, samples: int) -> tuple[str, bool, bool]:
         result = camgen.build(path, post="rapid", job=tables)
     except CamgenError as error:
         seconds = time.process_time() - begin
-        verdict = f"exit {error.exit_code}: {error.what}" + (f" ({error.where})" if error.where else "")
-        return f"| {path.name} | {arm} | - | - | - | - | - | {seconds:.2f} | {verdict} |", False, True
+        verdict = f"exit {error.exit_code}: {error.what}" + (
+            f" ({error.where})" if error.where else ""
+        )
+        return (
+            f"| {path.name} | {arm} | - | - | - | - | - | {seconds:.2f} | {verdict} |",
+            False,
+            True,
+        )
     seconds = time.process_time() - begin
     skipped = [note for note in result.notes if note.kind == "skipped"]
     run = len(result.tour.paths)
@@ -251,7 +286,9 @@ def count_edges(path: Path) -> int:
 def main(folder: Path, samples: int, names: Sequence[str]) -> int:
     """Prints the table."""
     kinds = (*mesh_file.SUFFIXES, *STEP)
-    files = sorted(p for p in folder.rglob("*") if p.suffix.lower() in kinds and (not names or p.stem in names))
+    files = sorted(
+        p for p in folder.rglob("*") if p.suffix.lower() in kinds and (not names or p.stem in names)
+    )
     print(machine(), end="\n\n")
     print(
         "| part | arm | edges run | left out | for a collision | of these unfounded | motions hit | CPU s | verdict |"

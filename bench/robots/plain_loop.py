@@ -25,7 +25,12 @@ def solid_angle(triangles: FloatArray, point: FloatArray) -> float:
     a, b, c = (triangles - point).transpose(1, 0, 2)
     la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
     over = np.einsum("ij,ij->i", a, np.cross(b, c))
-    under = la * lb * lc + (a * b).sum(axis=1) * lc + (b * c).sum(axis=1) * la + (c * a).sum(axis=1) * lb
+    under = (
+        la * lb * lc
+        + (a * b).sum(axis=1) * lc
+        + (b * c).sum(axis=1) * la
+        + (c * a).sum(axis=1) * lb
+    )
     return float(np.arctan2(over, under).sum() / (2 * math.pi))
 
 
@@ -60,22 +65,33 @@ class Loop:
         model.beginModel(len(solid.vertices), len(solid.faces))
         model.addSubModel(np.asarray(solid.vertices), np.asarray(solid.faces))
         model.endModel()
-        mesh = fcl.CollisionObject(model, self._transform(base_from_part.rotation, base_from_part.origin))
-        middle, radius = base_from_part.apply((self.low + self.high) / 2), np.linalg.norm(self.high - self.low) / 2
+        mesh = fcl.CollisionObject(
+            model, self._transform(base_from_part.rotation, base_from_part.origin)
+        )
+        middle, radius = (
+            base_from_part.apply((self.low + self.high) / 2),
+            np.linalg.norm(self.high - self.low) / 2,
+        )
         self.mesh = Body(mesh, middle, float(radius))
-        self.standing = [(body.name, self._bodies(body.boxes, np.eye(3), np.zeros(3), 0.0)) for body in standing]
+        self.standing = [
+            (body.name, self._bodies(body.boxes, np.eye(3), np.zeros(3), 0.0)) for body in standing
+        ]
 
     @staticmethod
     def _transform(rotation: FloatArray, origin: Any) -> Any:
         return fcl.Transform(np.asarray(rotation), np.asarray(origin))
 
-    def _bodies(self, boxes: Iterable[Box], rotation: FloatArray, origin: FloatArray, by: float) -> list[Body]:
+    def _bodies(
+        self, boxes: Iterable[Box], rotation: FloatArray, origin: FloatArray, by: float
+    ) -> list[Body]:
         made = []
         for box in boxes:
             at = origin + rotation @ np.asarray(box.link_from_box.origin)
             half = [half + by for half in box.half]
             turned = rotation @ box.link_from_box.rotation
-            shape = fcl.CollisionObject(fcl.Box(*(2 * h for h in half)), self._transform(turned, at))
+            shape = fcl.CollisionObject(
+                fcl.Box(*(2 * h for h in half)), self._transform(turned, at)
+            )
             made.append(Body(shape, tuple(at.tolist()), math.hypot(*half)))
         return made
 
@@ -87,7 +103,9 @@ class Loop:
 
     def _met(self, ones: list[Body], others: list[Body]) -> bool:
         return any(
-            fcl.collide(a.shape, b.shape, fcl.CollisionRequest(), fcl.CollisionResult()) for a in ones for b in others
+            fcl.collide(a.shape, b.shape, fcl.CollisionRequest(), fcl.CollisionResult())
+            for a in ones
+            for b in others
         ) or (others == [self.mesh] and any(self._in_part(a) for a in ones))
 
     def _pairs(self, joints: FloatArray) -> Iterator[tuple[str, str, list[Body], list[Body]]]:
@@ -97,18 +115,31 @@ class Loop:
         tip = flange(of, joints[None])
         spared = {frozenset(pair) for pair in of.touching}
         padded, plain = (
-            [self._bodies(k.boxes, r, o, by) for k, r, o in zip(of.links, rotations[0], origins[0], strict=True)]
+            [
+                self._bodies(k.boxes, r, o, by)
+                for k, r, o in zip(of.links, rotations[0], origins[0], strict=True)
+            ]
             for by in (of.pad, 0.0)
         )
         names = [link.name for link in of.links]
         for i, j in itertools.combinations(range(last + 1), 2):
             if frozenset((i, j)) not in spared:
                 yield names[i], names[j], padded[i], padded[j]
-        tools = [(body.name, self._bodies(body.boxes, tip[0][0], tip[1][0], 0.0)) for body in self.tool]
-        working = [(body.name, self._bodies(body.boxes, tip[0][0], tip[1][0], -self.contact)) for body in self.tool[:1]]
+        tools = [
+            (body.name, self._bodies(body.boxes, tip[0][0], tip[1][0], 0.0)) for body in self.tool
+        ]
+        working = [
+            (body.name, self._bodies(body.boxes, tip[0][0], tip[1][0], -self.contact))
+            for body in self.tool[:1]
+        ]
         for (name, boxes), i in itertools.product(tools, range(last)):
             if frozenset((names[i], name)) not in self.allowed:
-                yield names[i], name, (plain if frozenset((i, last)) in spared else padded)[i], boxes
+                yield (
+                    names[i],
+                    name,
+                    (plain if frozenset((i, last)) in spared else padded)[i],
+                    boxes,
+                )
         moving = list(zip(names, padded, strict=True))[1:]
         for (name, boxes), (other, obstacle) in itertools.product(moving + tools, self.standing):
             yield name, other, boxes, obstacle
@@ -117,7 +148,9 @@ class Loop:
 
     def first(self, joints: FloatArray) -> tuple[str, str] | None:
         """The first pair of names that meets at one configuration (J,)."""
-        return next(((a, b) for a, b, ones, others in self._pairs(joints) if self._met(ones, others)), None)
+        return next(
+            ((a, b) for a, b, ones, others in self._pairs(joints) if self._met(ones, others)), None
+        )
 
     def gap(self, joints: FloatArray) -> float:
         """The least distance, mm, of all pairs but the tool and the part at one configuration (J,) without a hit."""
@@ -128,6 +161,11 @@ class Loop:
                 near = math.dist(a.middle, b.middle) - a.radius - b.radius < least
                 if near and (name, other) != ("tool", "part"):
                     least = min(
-                        least, float(fcl.distance(a.shape, b.shape, fcl.DistanceRequest(), fcl.DistanceResult()))
+                        least,
+                        float(
+                            fcl.distance(
+                                a.shape, b.shape, fcl.DistanceRequest(), fcl.DistanceResult()
+                            )
+                        ),
                     )
         return least

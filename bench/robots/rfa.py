@@ -58,7 +58,9 @@ def cell(part: Solid, name: str) -> dict[str, dict[str, object]]:
     x, z, yaw, lean, shaft, high, wide = CELLS[name]
     low, top, raised = part.vertices.min(axis=0), part.vertices.max(axis=0), RAISED[part.name]
     middle = rotation_about(2, math.radians(yaw)) @ [*((low + top) / 2)[:2], 0.0]
-    fixtures = [[low[0] - 100, low[1] - 100, -raised - 20, top[0] + 100, top[1] + 100, -raised - 0.5]]
+    fixtures = [
+        [low[0] - 100, low[1] - 100, -raised - 20, top[0] + 100, top[1] + 100, -raised - 0.5]
+    ]
     if raised:
         fixtures.append([low[0] + 15, low[1] + 15, -raised, top[0] - 15, top[1] - 15, -0.5])
     angle = math.radians(lean)
@@ -87,28 +89,45 @@ def loop(result: Result, solid: Solid) -> Loop:
     base_from_work = pose_from_values(job.cell.base_from_work)
     here = pose_from_values([0.0] * 6)
     fixtures = job.cell.fixtures or []
-    standing = tuple(Link(f"fixture {k}", (box(b[:3], b[3:], base_from_work),)) for k, b in enumerate(fixtures, 1))
+    standing = tuple(
+        Link(f"fixture {k}", (box(b[:3], b[3:], base_from_work),))
+        for k, b in enumerate(fixtures, 1)
+    )
     (holder,) = job.tool.holder or []
     tip = pose_from_values(job.cell.flange_from_tool)
     back = tip.rotation[:, 2]
     # The shaft begins where its axis leaves the holder: the nearest of its faces on the way up from the tip.
-    ways = [(tip.origin[k] - end) / back[k] for k in range(3) for end in holder[k::3] if abs(back[k]) > 1e-9]
+    ways = [
+        (tip.origin[k] - end) / back[k]
+        for k in range(3)
+        for end in holder[k::3]
+        if abs(back[k]) > 1e-9
+    ]
     inside = [s for s in ways if s > 0 and all(
         low - 1e-6 <= v <= high + 1e-6
         for v, low, high in zip(np.array(tip.origin) - s * back, holder[:3], holder[3:], strict=True))]  # fmt: skip
     length, half = min(inside), job.tool.diameter / 2
-    shaft = Box(Pose(tip.rotation, tuple(np.array(tip.origin) - length / 2 * back)), (half, half, length / 2))
+    shaft = Box(
+        Pose(tip.rotation, tuple(np.array(tip.origin) - length / 2 * back)),
+        (half, half, length / 2),
+    )
     tool = (Link("tool", (shaft,)), Link("holder", (box(holder[:3], holder[3:], here),)))
     contact = half * math.sin(math.radians(job.tool.axis_tilt)) + 0.1
     # Boxes of wrist and holder that meet at home are taken not to: the notes say which.
-    said = [note.what.removesuffix(" do not meet") for note in result.notes if note.what.endswith("do not meet")]
+    said = [
+        note.what.removesuffix(" do not meet")
+        for note in result.notes
+        if note.what.endswith("do not meet")
+    ]
     allowed = tuple((a, b) for a, _, b in (text.partition(" and ") for text in said))
     return Loop(of, solid, base_from_work, standing, tool, contact, allowed)
 
 
 def differ(result: Result, solid: Solid) -> tuple[int, int]:
     """How many rows of the program, as its text says it, the plain loop finds to collide; and of how many."""
-    reading = find_readback("rapid")({file.name: file.text for file in result.files}, result.job.post)
+    reading = find_readback("rapid")(
+        {file.name: file.text for file in result.files}, result.job.post
+    )
     cell_ = result.cell
     program = Program("read", cell_.base_from_work, cell_.flange_from_tool, reading.body)
     joints = check_reach(program, robot(result.job.cell.robot), "read").joints
@@ -118,7 +137,11 @@ def differ(result: Result, solid: Solid) -> tuple[int, int]:
 
 def whole(path: Path, job: dict[str, dict[str, object]]) -> float:
     """Seconds of the whole process."""
-    sets = [f"--set={table}.{key}={_toml(value)}" for table, keys in job.items() for key, value in keys.items()]
+    sets = [
+        f"--set={table}.{key}={_toml(value)}"
+        for table, keys in job.items()
+        for key, value in keys.items()
+    ]
     begun = time.perf_counter()
     command = [
         sys.executable,
@@ -178,9 +201,13 @@ def main(arguments: list[str]) -> int:
     runs = int(arguments[0]) if arguments else 5  # processes, of which the median counts
     parts, names = arguments[1:2] or RAISED, arguments[2:3] or CELLS
     print(f"{machine()}\n")
-    print(f"A process that imports numpy, trimesh and fcl, reads rfa1 and does nothing: {alone(runs):.2f} s.")
+    print(
+        f"A process that imports numpy, trimesh and fcl, reads rfa1 and does nothing: {alone(runs):.2f} s."
+    )
     print("Seconds of a build: nominal, freed.\n")
-    print("| part | robot | edges | nominal | tilt, roll | links, nearest | build, s | process, s | rows | collide |")
+    print(
+        "| part | robot | edges | nominal | tilt, roll | links, nearest | build, s | process, s | rows | collide |"
+    )
     print("|---|---|---|---|---|---|---|---|---|---|")
     bad = 0
     with tempfile.TemporaryDirectory() as folder:

@@ -45,14 +45,19 @@ AXES, ORIGIN = np.array([[0.0, 0, -1], [1, 0, 0], [0, -1, 0]]), np.array([570.0 
 
 def box(centre: list[float], half: list[float]) -> list[float]:
     """From corner to corner."""
-    return [c - h for c, h in zip(centre, half, strict=True)] + [c + h for c, h in zip(centre, half, strict=True)]
+    return [c - h for c, h in zip(centre, half, strict=True)] + [
+        c + h for c, h in zip(centre, half, strict=True)
+    ]
 
 
 def cylinder(x: float, y: float, radius: float, low: float, high: float) -> list[list[float]]:
     """Three boxes that hold an upright cylinder."""
     side = math.sqrt(3) / 2
     shares = ((1, 0.5), (0.5, 1), (side, side))
-    return [[x - a * radius, y - b * radius, low, x + a * radius, y + b * radius, high] for a, b in shares]
+    return [
+        [x - a * radius, y - b * radius, low, x + a * radius, y + b * radius, high]
+        for a, b in shares
+    ]
 
 
 def holder() -> list[list[float]]:
@@ -96,7 +101,11 @@ def job(jig: list[str]) -> dict[str, object]:
             "margin": 0.0,
             "joint_speeds": np.degrees(SPEEDS).tolist(),
             "joint_accelerations": np.degrees(GAINS).tolist(),
-            "fixtures": [standing([-32.5, 0, -216], [150, 150, 210]), standing([597, 0, 445], [27, 350, 350]), *jig],
+            "fixtures": [
+                standing([-32.5, 0, -216], [150, 150, 210]),
+                standing([597, 0, 445], [27, 350, 350]),
+                *jig,
+            ],
         },
     }
 
@@ -166,13 +175,19 @@ def row(holes: FloatArray, jig: list[str], folder: Path, published: list[str]) -
         missed = find_missed(joints, holes)
         cost, execution = measure(joints)
         good &= missed == 0 and result.deviation.max_mm < 0.01
-        cells.append(f"{len(holes)} | {post} | {missed} | {cost:.1f} | {execution:.1f} | {seconds:.1f} | {used:.1f}")
+        cells.append(
+            f"{len(holes)} | {post} | {missed} | {cost:.1f} | {execution:.1f} | {seconds:.1f} | {used:.1f}"
+        )
     return "\n".join(f"| {cell} | {' | '.join(published)} |" for cell in cells), good
 
 
 def columns_of(data: dict[str, object], size: int) -> list[str]:
     """The published figures of a size: the cost, the best execution of any step of the turns, the planner's seconds."""
-    sizes, methods, steps = data["number_of_targets"], data["methods"], data["robotsp_by_roll_step_deg"]
+    sizes, methods, steps = (
+        data["number_of_targets"],
+        data["methods"],
+        data["robotsp_by_roll_step_deg"],
+    )
     assert isinstance(sizes, list)
     assert isinstance(methods, dict)
     assert isinstance(steps, dict)
@@ -207,7 +222,9 @@ def main(arguments: list[str]) -> int:
         jig = [place_jig(data / "jig.stl", folder)]
         for size in [int(one) for one in arguments[1:]] or published["number_of_targets"]:
             # Of all holes in the order in which they are listed.
-            chosen = np.arange(len(holes)) if size == len(holes) else published["subsets"][str(size)]
+            chosen = (
+                np.arange(len(holes)) if size == len(holes) else published["subsets"][str(size)]
+            )
             text, fine = row(holes[chosen], jig, folder, columns_of(published, size))
             print(text, flush=True)
             good &= fine

@@ -51,7 +51,9 @@ def drawings(source: Path, folder: Path, count: int) -> list[Path]:
         (folder / f"{k:03}-{path.stem}.dxf").write_bytes(path.read_bytes())
     for k in range(len(real), count):
         text = chance.choice(real).read_bytes().decode("latin-1")
-        spoilt = damaged(text, chance, STATEMENTS, lambda line, by: one_sign_changed(line, by, SIGNS))
+        spoilt = damaged(
+            text, chance, STATEMENTS, lambda line, by: one_sign_changed(line, by, SIGNS)
+        )
         (folder / f"{k:03}-damaged.dxf").write_bytes(spoilt.encode("latin-1"))
     return sorted(folder.iterdir())
 
@@ -59,7 +61,9 @@ def drawings(source: Path, folder: Path, count: int) -> list[Path]:
 def batch(folder: Path, out: str, jobs: int) -> "subprocess.Popen[str]":
     words = ["batch", "parts/*.dxf", "--post", "rapid", "--jobs", str(jobs), "-o", out]
     command = [sys.executable, "-m", "camgen", *words]
-    return subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+    return subprocess.Popen(
+        command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+    )
 
 
 def one_by_one(folder: Path, parts: list[Path]) -> Counter[int]:
@@ -69,7 +73,10 @@ def one_by_one(folder: Path, parts: list[Path]) -> Counter[int]:
     for part in parts:
         words = ["build", f"parts/{part.name}", "--post", "rapid", "-o", "alone", "-q"]
         done = subprocess.run(
-            [sys.executable, "-m", "camgen", *words], cwd=folder, stderr=subprocess.DEVNULL, check=False
+            [sys.executable, "-m", "camgen", *words],
+            cwd=folder,
+            stderr=subprocess.DEVNULL,
+            check=False,
         )
         codes[done.returncode] += 1
     return codes
@@ -77,13 +84,19 @@ def one_by_one(folder: Path, parts: list[Path]) -> Counter[int]:
 
 def programs(folder: Path) -> dict[str, bytes]:
     """What was written for the machine; a batch that is killed may leave a temporary file, which begins with a dot."""
-    return {p.name: p.read_bytes() for p in folder.iterdir() if p.name != state.NAME and p.name[0] != "."}
+    return {
+        p.name: p.read_bytes()
+        for p in folder.iterdir()
+        if p.name != state.NAME and p.name[0] != "."
+    }
 
 
 def killed_and_resumed(folder: Path, half: int, jobs: int) -> tuple[int, int, int]:
     """How many programs were there when the batch was killed, how many the next one left alone, its exit code."""
     first = batch(folder, "killed", jobs)
-    while first.poll() is None and (not (folder / "killed").is_dir() or len(programs(folder / "killed")) < half):
+    while first.poll() is None and (
+        not (folder / "killed").is_dir() or len(programs(folder / "killed")) < half
+    ):
         time.sleep(0.01)
     first.kill()
     first.wait()
@@ -119,7 +132,9 @@ def start_methods(workers: int) -> Iterator[str]:
 
 def main() -> None:
     source = Path(sys.argv[1]) if len(sys.argv) > 1 else SHARED
-    runs, count, most = (int(word) for word in (*sys.argv[2:5], *("3", "200", "4")[len(sys.argv[2:5]) :]))
+    runs, count, most = (
+        int(word) for word in (*sys.argv[2:5], *("3", "200", "4")[len(sys.argv[2:5]) :])
+    )
     sys.stdout.reconfigure(line_buffering=True)  # type: ignore[union-attr]  # rows as they come, also into a file
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -130,8 +145,12 @@ def main() -> None:
         alone = time.perf_counter() - begun
         truth = programs(folder / "alone")
         print(machine(), end="\n\n")
-        print("| way | seconds | exit code | programs | same as one by one |\n|---|---|---|---|---|")
-        print(f"| `build`, a process for each | {alone:.1f} | {dict(sorted(codes.items()))} | {len(truth)} | |")
+        print(
+            "| way | seconds | exit code | programs | same as one by one |\n|---|---|---|---|---|"
+        )
+        print(
+            f"| `build`, a process for each | {alone:.1f} | {dict(sorted(codes.items()))} | {len(truth)} | |"
+        )
         for jobs in (one for one in (1, 2, 4) if one <= most):
             seconds = []
             for run in range(runs):
@@ -148,7 +167,9 @@ def main() -> None:
         print(f"| the same again | {time.perf_counter() - begun:.1f} | {again.returncode} | | |")
         there, left, code = killed_and_resumed(folder, len(truth) // 2, most)
         made = programs(folder / "killed")
-        print(f"| killed at {there} programs, run again: {left} unchanged | | {code} | {len(made)} | {made == truth} |")
+        print(
+            f"| killed at {there} programs, run again: {left} unchanged | | {code} | {len(made)} | {made == truth} |"
+        )
         print(f"\nUntil {most} processes can build:", ", ".join(start_methods(most)))
 
 

@@ -30,7 +30,12 @@ from camgen.preview.view import view
 
 DEFAULT = Path(__file__).parents[3] / "shared" / "data" / "dxf"
 PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
-SWITCHES = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist", "--no-sandbox"]
+SWITCHES = [
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--ignore-gpu-blocklist",
+    "--no-sandbox",
+]
 JOB = {"operation": {"kind": "trace"}}
 #: What is done before each frame, and the tab that is open then.
 MOVES = {"turning": "paths", "playing": "text", "scrolling": "text"}
@@ -97,7 +102,9 @@ def by_hand(count: int, each: int = 500) -> Result:
     lines = ["0", "SECTION", "2", "ENTITIES"]
     for k in range(count // each):
         lines += ["0", "POLYLINE", "8", f"L{k % 7}", "66", "1", "70", "1"]
-        for x, y in zip(radius * np.cos(turn) + k % 20 * 60, radius * np.sin(turn) + k // 20 * 60, strict=True):
+        for x, y in zip(
+            radius * np.cos(turn) + k % 20 * 60, radius * np.sin(turn) + k // 20 * 60, strict=True
+        ):
             lines += ["0", "VERTEX", "8", "0", "10", f"{x:.4f}", "20", f"{y:.4f}"]
         lines += ["0", "SEQEND"]
     with tempfile.TemporaryDirectory() as folder:
@@ -172,14 +179,18 @@ def main() -> None:
     print(machine(), end="\n\n")
     rates = " | ".join(f"frames/s {move}" for move in MOVES)
     first = "in a new browser | first picture, best | median | whole, best | processor, best"
-    print(f"| part | points of the program | page | made in | {first} | {rates} | script per frame |")
+    print(
+        f"| part | points of the program | page | made in | {first} | {rates} | script per frame |"
+    )
     print("|---|---|---|---|---|---|---|---|---|---|---|---|---|")
     with sync_playwright() as started, tempfile.TemporaryDirectory() as pages:
         browser = None
         for result in results:
             # One opening each: a browser for all, the first part starts it.
             if browser is None or openings > 1:
-                browser = started.chromium.launch(executable_path=shutil.which("chromium"), args=SWITCHES)
+                browser = started.chromium.launch(
+                    executable_path=shutil.which("chromium"), args=SWITCHES
+                )
             print(measured(browser, result, Path(pages), turning, openings), flush=True)
             if openings > 1:
                 browser.close()

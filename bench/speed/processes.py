@@ -42,7 +42,9 @@ class Case:
 
 CASES = {
     "251 shapes": Case(circles=200, slots=50, goal=0.8, runs=7),
-    "401 shapes at an IRB 2400": Case(circles=320, slots=80, goal=2.0, runs=7, posts=("rapid",), settings=ARM),
+    "401 shapes at an IRB 2400": Case(
+        circles=320, slots=80, goal=2.0, runs=7, posts=("rapid",), settings=ARM
+    ),
     "5,001 shapes": Case(circles=4_000, slots=1_000, goal=3.0, runs=5),
     "100,001 entities": Case(circles=20_000, slots=20_000, goal=0.0, runs=3),
 }
@@ -107,7 +109,16 @@ def bench(folder: Path, name: str, case: Case, runs: int) -> None:
     """The rows of one drawing: reading alone, then each post, taken in turns."""
     drawing = str(folder / "plate.dxf")
     subprocess.run(
-        [sys.executable, "-m", "bench.speed.processes", "draw", drawing, str(case.circles), str(case.slots)], check=True
+        [
+            sys.executable,
+            "-m",
+            "bench.speed.processes",
+            "draw",
+            drawing,
+            str(case.circles),
+            str(case.slots),
+        ],
+        check=True,
     )
     commands = {"ezdxf": [sys.executable, "-c", f"import ezdxf; ezdxf.readfile({drawing!r})"]}
     settings = [word for one in case.settings for word in ("--set", one)]
@@ -123,23 +134,46 @@ def bench(folder: Path, name: str, case: Case, runs: int) -> None:
     reading = statistics.median(s for _, s, _ in values["ezdxf"])
     print(row(f"{name}: ezdxf.readfile alone", values["ezdxf"], ""))
     for post in case.posts:
-        goal = f"{case.goal} s" if case.goal else f"{TIMES[post] * reading:.1f} s of the processor, {MOST_MB} MB"
+        goal = (
+            f"{case.goal} s"
+            if case.goal
+            else f"{TIMES[post] * reading:.1f} s of the processor, {MOST_MB} MB"
+        )
         print(row(f"{name}: build --post {post}", values[post], goal), flush=True)
 
 
 def bench_solid(folder: Path, name: str, runs: int) -> None:
     """The row of a 3-D part."""
-    build = ["build", str(PARTS / f"{name}.stl"), "--job", str(PARTS / f"{name}.toml"), "--post", "rapid", "-q"]
-    values = [measured([sys.executable, "-m", "camgen", *build, "-o", str(folder)]) for _ in range(runs or SOLID_RUNS)]
-    print(row(f"{name}.stl: build --post rapid", values, f"{SOLID_GOAL} s of the processor"), flush=True)
+    build = [
+        "build",
+        str(PARTS / f"{name}.stl"),
+        "--job",
+        str(PARTS / f"{name}.toml"),
+        "--post",
+        "rapid",
+        "-q",
+    ]
+    values = [
+        measured([sys.executable, "-m", "camgen", *build, "-o", str(folder)])
+        for _ in range(runs or SOLID_RUNS)
+    ]
+    print(
+        row(f"{name}.stl: build --post rapid", values, f"{SOLID_GOAL} s of the processor"),
+        flush=True,
+    )
 
 
 def main(wanted: list[str], runs: int) -> None:
     """runs: of each process; 0: as many as its case says."""
     print(machine())
-    print("\n| process | median s | range s | processor s | peak MB | goal |\n|---|---|---|---|---|---|", flush=True)
+    print(
+        "\n| process | median s | range s | processor s | peak MB | goal |\n|---|---|---|---|---|---|",
+        flush=True,
+    )
     if not wanted or "help" in wanted:
-        calls = [measured([sys.executable, "-m", "camgen", "--help"]) for _ in range(runs or HELP_RUNS)]
+        calls = [
+            measured([sys.executable, "-m", "camgen", "--help"]) for _ in range(runs or HELP_RUNS)
+        ]
         print(row("camgen --help", calls, f"{HELP_GOAL} s"), flush=True)
     for name, case in CASES.items():
         if not wanted or name.split()[0] in wanted:

@@ -52,7 +52,9 @@ def million(chains: int) -> None:
     tour = arrange(paths, "best", None, inside_first=True)
     clock.append(time.perf_counter())
     spent = [b - a for a, b in itertools.pairwise(clock)]
-    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (1e6 if sys.platform == "darwin" else 1e3)
+    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (
+        1e6 if sys.platform == "darwin" else 1e3
+    )
     print(
         "| segments | chains | joined, s | planned, s | ordered, s | in all, s | peak MB | travel, m | order | notes |"
     )
@@ -67,7 +69,9 @@ def loose(rng: np.random.Generator, chains: int) -> Soup:
     from camgen.read.pieces import Soup  # noqa: PLC0415
 
     begin = rng.uniform(0, 10 * chains**0.5, (chains, 1, 2))
-    walk = np.cumsum(np.concatenate([begin, rng.uniform(-2, 2, (chains, LINKS, 2))], axis=1), axis=1)
+    walk = np.cumsum(
+        np.concatenate([begin, rng.uniform(-2, 2, (chains, LINKS, 2))], axis=1), axis=1
+    )
     ends = np.stack([walk[:, :-1], walk[:, 1:]], axis=2).reshape(-1, 2, 2)
     ends = np.concatenate([ends, ends[rng.choice(len(ends), chains, replace=False)]])
     ends = rng.permutation(ends)
@@ -76,7 +80,18 @@ def loose(rng: np.random.Generator, chains: int) -> Soup:
     none = np.zeros(len(ends), dtype=np.intp)
     first = np.arange(0, 2 * len(ends) + 1, 2)
     bulges = np.zeros(2 * len(ends))
-    return Soup(ends.reshape(-1, 2), bulges, first, none.astype(bool), none, none, none, ("0",), ("LINE",), ("",))
+    return Soup(
+        ends.reshape(-1, 2),
+        bulges,
+        first,
+        none.astype(bool),
+        none,
+        none,
+        none,
+        ("0",),
+        ("LINE",),
+        ("",),
+    )
 
 
 def draw(paths: tuple[ToolPath, ...], file: Path) -> None:
@@ -93,7 +108,12 @@ def draw(paths: tuple[ToolPath, ...], file: Path) -> None:
             count = np.maximum(np.ceil(shape.sweep / bow), 1).astype(int)
             which = np.repeat(np.arange(len(count)), count)
             step = np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count)
-            xy = np.concatenate([path.position[:1], shape.pick(which).point((step + 1) / count[which])])[:, :2] - low
+            xy = (
+                np.concatenate(
+                    [path.position[:1], shape.pick(which).point((step + 1) / count[which])]
+                )[:, :2]
+                - low
+            )
             points = " ".join(f"{x:.4f},{y:.4f}" for x, y in xy.tolist())
             out.write(f'<polyline fill="none" stroke="black" points="{points}"/>')
         out.write("</svg>")
@@ -118,7 +138,9 @@ def row(file: Path, tool: str | None) -> str | None:
     paths = trace(part, job)
     merged = trace(with_few_lifts(part, job)[0], job)
     found = [measure_travel(paths, None)]
-    found += [arrange(paths, method, None, inside_first=False).travel for method in ("nearest", "best")]
+    found += [
+        arrange(paths, method, None, inside_first=False).travel for method in ("nearest", "best")
+    ]
     begun = time.perf_counter()
     last = arrange(merged, "best", None, inside_first=False)
     took = time.perf_counter() - begun
@@ -128,7 +150,18 @@ def row(file: Path, tool: str | None) -> str | None:
             scene, result = Path(folder) / "scene.svg", Path(folder) / "result.svg"
             draw(paths, scene)
             for options in ([], ["--two-opt"]):
-                measured([tool, "read", "--no-crop", str(scene), "linesort", *options, "write", str(result)])
+                measured(
+                    [
+                        tool,
+                        "read",
+                        "--no-crop",
+                        str(scene),
+                        "linesort",
+                        *options,
+                        "write",
+                        str(result),
+                    ]
+                )
                 # vpype writes px of 1/96 inch as it read them.
                 found.append(between(result))
     bound = "" if last.bound is None else f"{last.bound:.0f}"
@@ -140,7 +173,9 @@ def main(folders: list[str]) -> None:
     tool = os.environ.get("VPYPE") or shutil.which("vpype")
     print(machine(), "" if tool else "; vpype is not installed: its columns are left out")
     peers = "| vpype | --two-opt " if tool else ""
-    print(f"\n| drawing | paths | merged | as drawn | nearest | default | merged | seconds = 1 {peers}| bound | s |")
+    print(
+        f"\n| drawing | paths | merged | as drawn | nearest | default | merged | seconds = 1 {peers}| bound | s |"
+    )
     print("|" + "---|" * (12 if tool else 10))
     for file in sorted(file for folder in folders for file in Path(folder).rglob("*.[dD][xX][fF]")):
         line = row(file, tool)

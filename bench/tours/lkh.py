@@ -37,7 +37,9 @@ def ways(path: ToolPath, count: int) -> tuple[np.ndarray, np.ndarray]:
     share = np.arange(count) / count
     if not np.isnan(path.via[1:, 0]).all():
         middle, turn = (xy[0] + xy[1]) / 2, 2 * np.pi * share
-        points = middle + np.linalg.norm(xy[0] - middle) * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+        points = middle + np.linalg.norm(xy[0] - middle) * np.stack(
+            [np.cos(turn), np.sin(turn)], axis=1
+        )
     else:
         edges = len(xy) - 1
         at = share * edges
@@ -59,7 +61,9 @@ def matrix(enter: list[np.ndarray], leave: list[np.ndarray]) -> tuple[np.ndarray
     following = np.arange(1, n + 1)
     last = np.flatnonzero(np.append(owner[1:] != owner[:-1], True))
     following[last] = np.append(0, last[:-1] + 1)
-    cost = cost[following]  # walked round, a path that was entered at the next city is left from this one
+    cost = cost[
+        following
+    ]  # walked round, a path that was entered at the next city is left from this one
     same = owner[:, None] == owner[None, :]
     cost[same] = 4 * dear
     cost[np.arange(n), following] = 0

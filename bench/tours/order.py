@@ -60,15 +60,23 @@ def clustered(count: int, rng: random.Random) -> list[ToolPath]:
     side = 20 * math.sqrt(count)
     heaps = [(rng.uniform(0, side), rng.uniform(0, side)) for _ in range(100)]
     place = [rng.choice(heaps) for _ in range(count)]
-    return [shape(i, rng.gauss(x, side / 200), rng.gauss(y, side / 200), 1, rng) for i, (x, y) in enumerate(place)]
+    return [
+        shape(i, rng.gauss(x, side / 200), rng.gauss(y, side / 200), 1, rng)
+        for i, (x, y) in enumerate(place)
+    ]
 
 
-SCENES: dict[str, Callable[[int, random.Random], list[ToolPath]]] = {"scattered": scattered, "clustered": clustered}
+SCENES: dict[str, Callable[[int, random.Random], list[ToolPath]]] = {
+    "scattered": scattered,
+    "clustered": clustered,
+}
 
 
 def main(sizes: list[int]) -> None:
     print(machine())
-    print("\n| scene | paths | as drawn, m | nearest, m | of it | seconds |\n|---|---|---|---|---|---|")
+    print(
+        "\n| scene | paths | as drawn, m | nearest, m | of it | seconds |\n|---|---|---|---|---|---|"
+    )
     for name, scene in SCENES.items():
         for count in sizes:
             paths = scene(count, random.Random(count))

@@ -24,7 +24,13 @@ from pathlib import Path
 #: Paths; 20 is a size for a try, and only taken when asked for.
 SIZES = (100, 1_000, 10_000, 100_000)
 #: tour.seconds of both searches, and of the long one, compiled, by size; 0: none.
-BUDGETS = {20: (0.5, 0.0), 100: (0.5, 5.0), 1_000: (0.5, 5.0), 10_000: (2.0, 60.0), 100_000: (15.0, 60.0)}
+BUDGETS = {
+    20: (0.5, 0.0),
+    100: (0.5, 5.0),
+    1_000: (0.5, 5.0),
+    10_000: (2.0, 60.0),
+    100_000: (15.0, 60.0),
+}
 #: Above this many paths vpype is not asked to improve its order.
 TWO_OPT = 1_000
 #: By number of paths, how many starts of a closed one LKH is given and how often it begins anew.
@@ -68,10 +74,26 @@ def measured(command: list[str]) -> tuple[str, float, float]:
 
 def camgen(name: str, count: int, method: str, seconds: float, plain: bool = False) -> Row:
     text, _, memory = measured(
-        [sys.executable, "-m", "bench.tours.search", "child", str(count), method, str(seconds), str(int(plain))]
+        [
+            sys.executable,
+            "-m",
+            "bench.tours.search",
+            "child",
+            str(count),
+            method,
+            str(seconds),
+            str(int(plain)),
+        ]
     )
     travel, taken, worked, bound = text.split()
-    return name, float(travel), float(taken), float(worked), memory, None if bound == "None" else float(bound)
+    return (
+        name,
+        float(travel),
+        float(taken),
+        float(worked),
+        memory,
+        None if bound == "None" else float(bound),
+    )
 
 
 def draw(file: str, count: int) -> None:
@@ -86,7 +108,9 @@ def draw(file: str, count: int) -> None:
             xy = path.position[:, :2]
             if not np.isnan(path.via[1:, 0]).all():
                 middle, turn = (xy[0] + xy[1]) / 2, np.linspace(0, 2 * np.pi, 65)
-                ring = np.linalg.norm(xy[0] - middle) * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+                ring = np.linalg.norm(xy[0] - middle) * np.stack(
+                    [np.cos(turn), np.sin(turn)], axis=1
+                )
                 xy = np.concatenate([middle + ring[:-1], middle + ring[:1]])
             points = " ".join(f"{x:.4f},{y:.4f}" for x, y in xy.tolist())
             out.write(f'<polyline fill="none" stroke="black" points="{points}"/>')
@@ -99,7 +123,9 @@ def between(file: Path) -> float:
     for shape in ET.parse(file).getroot().iter():
         kind = shape.tag.rsplit("}")[-1]
         if kind == "line":
-            ends = [complex(float(shape.get(f"x{k}", 0)), float(shape.get(f"y{k}", 0))) for k in (1, 2)]
+            ends = [
+                complex(float(shape.get(f"x{k}", 0)), float(shape.get(f"y{k}", 0))) for k in (1, 2)
+            ]
         elif kind in ("polyline", "polygon"):
             numbers = [float(word) for word in re.findall(r"[-+.\deE]+", shape.get("points", ""))]
             points = [complex(x, y) for x, y in zip(numbers[::2], numbers[1::2], strict=True)]
@@ -119,14 +145,30 @@ def vpype(tool: str, folder: Path, options: list[str]) -> Row:
     drawn = between(result)
     _, seconds, memory = measured([*common, "linesort", *options, "write", str(result)])
     assert between(result) < drawn
-    return " ".join(["vpype linesort", *options]), between(result), max(seconds - alone, 0.0), math.nan, memory, None
+    return (
+        " ".join(["vpype linesort", *options]),
+        between(result),
+        max(seconds - alone, 0.0),
+        math.nan,
+        memory,
+        None,
+    )
 
 
 def lkh(count: int) -> Row:
     points, runs = LKH[count]
-    text, _, memory = measured([sys.executable, "-m", "bench.tours.lkh", str(count), str(points), str(runs)])
+    text, _, memory = measured(
+        [sys.executable, "-m", "bench.tours.lkh", str(count), str(points), str(runs)]
+    )
     travel, taken = text.split()[-2:]
-    return f"LKH, {points} starts of a closed path", float(travel), float(taken), math.nan, memory, None
+    return (
+        f"LKH, {points} starts of a closed path",
+        float(travel),
+        float(taken),
+        math.nan,
+        memory,
+        None,
+    )
 
 
 def rows(count: int, tool: str | None) -> list[Row]:
@@ -138,10 +180,23 @@ def rows(count: int, tool: str | None) -> list[Row]:
     ]
     if find_spec("numba"):
         found.append(camgen("camgen, default, fast", count, "best", 0.0))
-        found += [camgen(f"camgen, seconds = {one:g}, fast", count, "best", one) for one in (budget, long) if one]
+        found += [
+            camgen(f"camgen, seconds = {one:g}, fast", count, "best", one)
+            for one in (budget, long)
+            if one
+        ]
     if tool:
         with tempfile.TemporaryDirectory() as name:
-            measured([sys.executable, "-m", "bench.tours.search", "draw", str(Path(name) / "scene.svg"), str(count)])
+            measured(
+                [
+                    sys.executable,
+                    "-m",
+                    "bench.tours.search",
+                    "draw",
+                    str(Path(name) / "scene.svg"),
+                    str(count),
+                ]
+            )
             found.append(vpype(tool, Path(name), []))
             if count <= TWO_OPT:
                 found.append(vpype(tool, Path(name), ["--two-opt"]))
@@ -157,7 +212,9 @@ def main(sizes: list[int]) -> None:
     print(machine(), "" if tool else "; vpype is not installed: its rows are left out")
     if not find_spec("elkai"):
         print("elkai is not installed: the rows of LKH are left out")
-    print("\n| paths | program | travel, m | above best known | seconds | of a processor | peak MB | bound, m |")
+    print(
+        "\n| paths | program | travel, m | above best known | seconds | of a processor | peak MB | bound, m |"
+    )
     print("|---|---|---|---|---|---|---|---|")
     for count in sizes:
         found = rows(count, tool)

@@ -28,12 +28,18 @@ def run(tasks: Sequence[Task], address: str) -> Generator[tuple[Task, Outcome]]:
         distributed: Any = import_module("distributed")
     except ImportError as error:
         what = "needs the package distributed"
-        raise JobError(f"--dask {address}", what, remedy="install camgen with the extra dask") from error
+        raise JobError(
+            f"--dask {address}", what, remedy="install camgen with the extra dask"
+        ) from error
     try:
         client = distributed.Client(address, timeout=_PATIENCE, set_as_default=False)
     except (OSError, ValueError) as error:
-        what = "no Dask scheduler answers" if isinstance(error, OSError) else f"is no address: {error}"
-        raise JobError(f"--dask {address}", what, remedy="give tcp://HOST:PORT as the scheduler prints it") from error
+        what = (
+            "no Dask scheduler answers" if isinstance(error, OSError) else f"is no address: {error}"
+        )
+        raise JobError(
+            f"--dask {address}", what, remedy="give tcp://HOST:PORT as the scheduler prints it"
+        ) from error
     with client:
         running: dict[Any, Task] = {}
         done = distributed.as_completed(loop=client.loop)
@@ -56,7 +62,9 @@ def _next(done: Iterator[Any], running: dict[Any, Task]) -> tuple[Task, Outcome]
     task = running.pop(future)
     if future.status == "finished":
         return task, future.result()
-    error = "it was cancelled" if future.status == "cancelled" else type(future.exception()).__name__
+    error = (
+        "it was cancelled" if future.status == "cancelled" else type(future.exception()).__name__
+    )
     return task, fault(f"{task.source}: the cluster could not build it ({error})")
 
 
@@ -70,7 +78,11 @@ def _pack(task: Task) -> Task | Outcome:
     """The task with all its files; an outcome where one cannot travel."""
     try:
         if task.post.endswith(".py"):
-            raise JobError(task.post, "a post from a file does not travel to a cluster", remedy="build without --dask")
+            raise JobError(
+                task.post,
+                "a post from a file does not travel to a cluster",
+                remedy="build without --dask",
+            )
         if split_name(task.job.cell.robot):
             what = "an arm from a URDF file does not travel to a cluster"
             raise JobError(task.job_file, what, "cell.robot", "build without --dask")

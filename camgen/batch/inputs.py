@@ -42,7 +42,9 @@ def _matches(pattern: str) -> list[tuple[Path, PurePath]]:
     if not glob.has_magic(pattern) or path.is_file():  # a file may be called part[1].dxf
         if not path.is_file():
             raise JobError(
-                pattern, "no such file" if not path.is_dir() else "is a folder", remedy="give files or globs"
+                pattern,
+                "no such file" if not path.is_dir() else "is a folder",
+                remedy="give files or globs",
             )
         return [(path, PurePath())]
     try:
@@ -51,7 +53,9 @@ def _matches(pattern: str) -> list[tuple[Path, PurePath]]:
         raise JobError(pattern, f"is no pattern: {error}") from error
     paths = [Path(name) for name in names if not name.endswith(_NO_INPUTS) and os.path.isfile(name)]
     if not paths:
-        raise JobError(pattern, "no file matches", remedy="quote it, and look at the folder with ls")
+        raise JobError(
+            pattern, "no file matches", remedy="quote it, and look at the folder with ls"
+        )
     base = _before_wildcards(path)
     return [(one, one.relative_to(base).parent) for one in paths]
 

@@ -54,13 +54,20 @@ def look_at(
     owners: dict[str, int] = {}
     read = {same for part in parts for same in part.read} | {identity(one.source) for one in inputs}
     if identity(folder / NAME) in read:
-        raise JobError(str(folder / NAME), "is read by a part, and a batch writes it", remedy="rename it")
+        raise JobError(
+            str(folder / NAME), "is read by a part, and a batch writes it", remedy="rename it"
+        )
     for place, part in enumerate(parts):
         first = owners.setdefault(part.program.casefold(), place)
         source = str(part.input.source)
         if first != place and not part.outcome:
             what = f"its program would have the name of that of {parts[first].input.source}"
-            raise JobError(source, what, part.program, 'build them into two folders, or by one pattern with "**"')
+            raise JobError(
+                source,
+                what,
+                part.program,
+                'build them into two folders, or by one pattern with "**"',
+            )
         if identity(folder / part.program) in read:
             what = "its program would overwrite a file that is read"
             raise JobError(source, what, part.program, "give another folder with -o")
@@ -88,7 +95,9 @@ def _part(place: int, one: BatchInput, order: Order, suffix: str, made_by: str) 
             files.opened,
             outcome=Outcome(error.exit_code, str(error)),
         )
-    task = Task(place, one.source, order.post, job, str(job_file or "job"), order.strict, __version__)
+    task = Task(
+        place, one.source, order.post, job, str(job_file or "job"), order.strict, __version__
+    )
     digest = hashlib.sha256(total.encode("utf-8", "surrogateescape")).hexdigest()
     return BatchPart(one, (one.folder / (name + suffix)).as_posix(), digest, files.opened, task)
 
@@ -114,4 +123,8 @@ def _maker(post: str) -> str:
     if post.endswith(".py"):
         return f"{__version__} {hashlib.sha256(Files().read(post).data).hexdigest()}"
     (entry,) = (one for one in entries(POSTS) if one.name == post)
-    return f"{__version__} {post} {entry.dist.name} {entry.dist.version}" if entry.dist else f"{__version__} {post}"
+    return (
+        f"{__version__} {post} {entry.dist.name} {entry.dist.version}"
+        if entry.dist
+        else f"{__version__} {post}"
+    )

@@ -35,7 +35,9 @@ class _Told(Struct):
 def perform(task: Task) -> Outcome:
     """The program of a part, or the reason why there is none. Nothing is written."""
     if task.version != __version__:
-        return fault(f"{task.source}: the worker runs camgen {__version__}, the batch {task.version}")
+        return fault(
+            f"{task.source}: the worker runs camgen {__version__}, the batch {task.version}"
+        )
     with no_collector():
         outcome = _outcome(task)
         gc.collect()  # the drawing is a heap of cycles; what was there before this part is not looked at
@@ -46,22 +48,34 @@ def _outcome(task: Task) -> Outcome:
     files = Files(Source(Path(name), data) for name, data in task.carried)
     try:
         with rename_errors("job", task.job_file):
-            result = build(task.source, post=task.post, job=task.job, strict=task.strict, files=files)
-            made = tuple((path.name, bytes(file)) for path, file in program_files(result, Path(), None))
+            result = build(
+                task.source, post=task.post, job=task.job, strict=task.strict, files=files
+            )
+            made = tuple(
+                (path.name, bytes(file)) for path, file in program_files(result, Path(), None)
+            )
             return Outcome(0, files=made, sums=_sums(result))
     except CamgenError as error:
         return Outcome(error.exit_code, str(error))
-    except Exception as error:  # whatever it is, it is this part's line and the others go on, as in cli.main
-        return fault(f"{task.source}: fault: {type(error).__name__}: {error}", traceback.format_exc())
+    except (
+        Exception
+    ) as error:  # whatever it is, it is this part's line and the others go on, as in cli.main
+        return fault(
+            f"{task.source}: fault: {type(error).__name__}: {error}", traceback.format_exc()
+        )
 
 
 def _sums(result: Result) -> BuildSums:
     told = msgspec.convert(result.report, _Told)  # the numbers are those of build's report
     notes = dict(sorted(Counter[str](note.kind for note in result.notes).items()))
-    return BuildSums(len(result.tour.paths), told.tour.work_mm, told.tour.travel_mm, told.time_s, notes)
+    return BuildSums(
+        len(result.tour.paths), told.tour.work_mm, told.tour.travel_mm, told.time_s, notes
+    )
 
 
 def list_carried(job: Job) -> list[str]:
     """The files that a job names and that can travel."""
     meshes = [one for one in job.cell.fixtures or () if isinstance(one, str)]
-    return [name for name in dict.fromkeys([job.image.background, job.camera.file, *meshes]) if name]
+    return [
+        name for name in dict.fromkeys([job.image.background, job.camera.file, *meshes]) if name
+    ]

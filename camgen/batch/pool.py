@@ -58,11 +58,15 @@ def run(tasks: Sequence[Task], jobs: int, seconds: float) -> Generator[tuple[Tas
                     left.popleft()
                     continue
                 workers.remove(worker)
-                if worker is not idle:  # one that died while it had nothing to do gets a successor, this one none
+                if (
+                    worker is not idle
+                ):  # one that died while it had nothing to do gets a successor, this one none
                     task = left.popleft()
                     yield (
                         task,
-                        fault(f"{task.source}: no process can be started ({tell_death(worker.process.exitcode)})"),
+                        fault(
+                            f"{task.source}: no process can be started ({tell_death(worker.process.exitcode)})"
+                        ),
                     )
             yield from _next([worker for worker in workers if worker.task])
     finally:
@@ -111,7 +115,10 @@ def _give(worker: _Worker, task: Task) -> bool:
 def _next(busy: Sequence[_Worker]) -> Iterator[tuple[Task, Outcome]]:
     """What is done next, or has taken too long."""
     until = min(worker.until for worker in busy)
-    ready = wait([worker.link for worker in busy], None if until == math.inf else max(0.0, until - monotonic()))
+    ready = wait(
+        [worker.link for worker in busy],
+        None if until == math.inf else max(0.0, until - monotonic()),
+    )
     for worker in busy:
         task = worker.task
         assert task is not None
@@ -132,7 +139,9 @@ def _receive(worker: _Worker, task: Task) -> Outcome | None:
         outcome: Outcome | None = worker.link.recv()
     except (EOFError, OSError):
         worker.process.join()
-        return fault(f"{task.source}: the process that built it died ({tell_death(worker.process.exitcode)})")
+        return fault(
+            f"{task.source}: the process that built it died ({tell_death(worker.process.exitcode)})"
+        )
     if outcome is None:
         worker.imported = True
         worker.begin()

@@ -123,6 +123,9 @@ def is_unchanged(record: Record | None, digest: str, folder: Path) -> bool:
     if record is None or record.digest != digest:
         return False
     try:
-        return all(hash_bytes(Files().open(folder / name).data) == value for name, value in record.files.items())
+        return all(
+            hash_bytes(Files().open(folder / name).data) == value
+            for name, value in record.files.items()
+        )
     except (OSError, ValueError, InputError):
         return False

@@ -24,7 +24,9 @@ from camgen.model.errors import JobError
 from camgen.read.files import identity
 
 #: Ctrl-C and what asks a process to end; Windows has no SIGHUP.
-_SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+_SIGNALS = tuple(
+    getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
+)
 
 
 #: Where Linux shows the files that a process has open, by their numbers.
@@ -129,14 +131,20 @@ def check_targets(targets: Iterable[Path], sources: Iterable[Path]) -> None:
 
 
 def _would_overwrite(target: Path, read: Path) -> JobError:
-    return JobError(str(target), f"would overwrite {read}, which is read", remedy="give another name")
+    return JobError(
+        str(target), f"would overwrite {read}, which is read", remedy="give another name"
+    )
 
 
 def _check_target(target: Path) -> None:
     if target.name in ("", ".", "..", "-"):
-        raise JobError(str(target), "is not a file name", remedy="give a file or an existing folder")
+        raise JobError(
+            str(target), "is not a file name", remedy="give a file or an existing folder"
+        )
     if not target.parent.is_dir():
-        raise JobError(str(target), "its folder does not exist", str(target.parent), "make the folder first")
+        raise JobError(
+            str(target), "its folder does not exist", str(target.parent), "make the folder first"
+        )
     try:
         mode = target.stat().st_mode
     except FileNotFoundError:
@@ -156,14 +164,18 @@ def _stage(asked: Path, data: bytes) -> _Staged:
     handle = _open_unnamed(target.parent)
     if handle is None:
         # Exclusive creation: never through a link that somebody else put there.
-        handle = os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o666)
+        handle = os.open(
+            fresh, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o666
+        )
     one = _Staged(asked, target, handle, fresh, _free(target, "old"), existed)
     try:
         with open(handle, "wb", closefd=False) as stream:
             stream.write(data)
         os.fsync(handle)
         if existed:
-            os.chmod(handle if os.chmod in os.supports_fd else fresh, stat.S_IMODE(target.stat().st_mode))
+            os.chmod(
+                handle if os.chmod in os.supports_fd else fresh, stat.S_IMODE(target.stat().st_mode)
+            )
     except BaseException:
         os.close(handle)
         fresh.unlink(missing_ok=True)
@@ -191,7 +203,9 @@ def _name(one: _Staged) -> None:
         # Of a link in /proc, link(2) would give a name to the link itself: a folder's handle makes it follow.
         folder = os.open(one.target.parent, os.O_PATH)
         try:
-            os.link(f"{_HANDLES}/{one.handle}", one.fresh.name, src_dir_fd=folder, dst_dir_fd=folder)
+            os.link(
+                f"{_HANDLES}/{one.handle}", one.fresh.name, src_dir_fd=folder, dst_dir_fd=folder
+            )
         finally:
             os.close(folder)
     if one.existed:

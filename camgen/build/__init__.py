@@ -38,7 +38,14 @@ from camgen.plan import Coverage, EdgePlan, Plan, ReplayPlan, Watch, ignore_stag
 from camgen.plan.leave_out import find_dependent, leave_out_paths
 from camgen.plan.steps import job_of
 from camgen.post import OutputFile, Post
-from camgen.post.plugins import cell_of, dynamics_of, fill_tables, find_post, find_readback, make_post
+from camgen.post.plugins import (
+    cell_of,
+    dynamics_of,
+    fill_tables,
+    find_post,
+    find_readback,
+    make_post,
+)
 from camgen.post.verify import Deviation
 from camgen.read.files import Files
 from camgen.read.job_file import from_mapping, load
@@ -97,8 +104,18 @@ class Result(Struct, frozen=True, eq=False, dict=True):
         """The contract's report as plain data."""
         files = [file.name for file in self.files]
         checked = {} if self.reach is None else {"reach": "ok", "limits": "ok", "collision": "ok"}
-        found = (self.part, self.tour, self.notes, self.cycle, self.deviation.max_mm, files, checked)
-        told = report_of(*found, self.coverage) | report_operations(self.job, self.operations, self.proof)
+        found = (
+            self.part,
+            self.tour,
+            self.notes,
+            self.cycle,
+            self.deviation.max_mm,
+            files,
+            checked,
+        )
+        told = report_of(*found, self.coverage) | report_operations(
+            self.job, self.operations, self.proof
+        )
         return told if self.clear is None else told | {"clearance": clearance_of(self.clear)}
 
     @property
@@ -150,7 +167,9 @@ def build(
     title = poster.program or name or planned.part.name
     header = _header(sources, planned.part, poster, settings, read.cell, read.digest)
     asked = planned
-    planned, tour, checks = _program(planned, settings, read.cell, poster, title, header, strict, watch)
+    planned, tour, checks = _program(
+        planned, settings, read.cell, poster, title, header, strict, watch
+    )
     give_back()
     watch("verifying")
     posted = post_programs(checks, readback, fill_tables(type(poster), settings.post))
@@ -189,7 +208,11 @@ def _program(
             with tell_by_input(planned.part, lowered):
                 if cell.arm:
                     watch("checking")
-                return planned, tour, check_programs(lowered, tour, poster, job, cell, where, planned.part.source)
+                return (
+                    planned,
+                    tour,
+                    check_programs(lowered, tour, poster, job, cell, where, planned.part.source),
+                )
         except Blocked as error:
             first = first or error
             if not left:
@@ -207,7 +230,11 @@ def _order_whole(plan: Plan, job: Job, cell: Cell, watch: Watch, ways: bool) -> 
     while True:
         tour = order(plan, job, cell, watch, ways)
         kept = {path.id for path in tour.paths}
-        more = find_dependent(plan, {path.id for path in plan.paths} - kept) if len(kept) < len(plan.paths) else {}
+        more = (
+            find_dependent(plan, {path.id for path in plan.paths} - kept)
+            if len(kept) < len(plan.paths)
+            else {}
+        )
         if not more:
             return plan, tour
         plan = leave_out_paths(plan, more)
@@ -264,7 +291,10 @@ def _sum_up(
             plan.notes,
             (*tour.notes, *note_urdf(job.cell.robot, cell.arm)),
             (checks.clear.notes if checks.clear else ()),
-            (*_note_corners(checks.program, dynamics_of(post, job), job), *post.warn(checks.program)),
+            (
+                *_note_corners(checks.program, dynamics_of(post, job), job),
+                *post.warn(checks.program),
+            ),
         ),
         program=checks.program,
         files=posted.files,
@@ -287,10 +317,21 @@ def _note_corners(program: Program, pace: Dynamics, job: Job) -> tuple[Note, ...
     columns = program.columns
     rounded = bool(columns.blend[~columns.moves_are(MoveJ)].any())
     # With a tolerance of 0 only lines that go on without a corner are run through.
-    if pace.corner != "overlap" or job.process.acceleration or job.tolerance.corner == 0 or not rounded:
+    if (
+        pace.corner != "overlap"
+        or job.process.acceleration
+        or job.tolerance.corner == 0
+        or not rounded
+    ):
         return ()
     what = f"corners without a stop are rounded as at {pace.acceleration:g} mm/s2"
-    return (Note("assumed", what, "a slower arm rounds them more; set process.acceleration, or tolerance.corner = 0"),)
+    return (
+        Note(
+            "assumed",
+            what,
+            "a slower arm rounds them more; set process.acceleration, or tolerance.corner = 0",
+        ),
+    )
 
 
 def path_or_part(inputs: Input | Sequence[Input]) -> list[Path | Part]:
@@ -320,12 +361,22 @@ def poster_of(name: str, job: Job, origin: str) -> Post:
 def _insist(part: Part, notes: Sequence[Note], something: bool, strict: bool) -> None:
     """NoSafeProgram when nothing is left to do, or, where ``strict``, when something was left out or went wrong."""
     skipped = [note for note in notes if note.kind == "skipped"]
-    if not part.contours and not part.curves and part.solid is None and not isinstance(part, Recorded):
-        raise InputError(part.source, "nothing to work on", remedy="camgen inspect shows what the file holds")
+    if (
+        not part.contours
+        and not part.curves
+        and part.solid is None
+        and not isinstance(part, Recorded)
+    ):
+        raise InputError(
+            part.source, "nothing to work on", remedy="camgen inspect shows what the file holds"
+        )
     # A robot program may be all motions of the joints.
     if not something and not _is_taught(part):
         # What the planner left out comes last; what the reader left out is not why the contours have no path.
-        last = next((note for note in reversed(skipped) if note not in part.notes), Note("skipped", "nothing fits"))
+        last = next(
+            (note for note in reversed(skipped) if note not in part.notes),
+            Note("skipped", "nothing fits"),
+        )
         raise NoSafeProgram(part.source, f"no path is left: {last.what}", last.why)
     failing = skipped or [note for note in notes if note.strict]
     if strict and failing:
@@ -342,7 +393,11 @@ def _header(
         *(f"part: {one.name}" for one in sources),
         f"post: {post.name} - cell: {cell.name.replace(',', ' -')}",
         f"units: mm - drawing: {part.units}",
-        *(["motion as executed - routines and loops are not carried over"] if _is_taught(part) else []),
+        *(
+            ["motion as executed - routines and loops are not carried over"]
+            if _is_taught(part)
+            else []
+        ),
         *_tool_lines(job, cell),
         f"work frame: {tell_frame(cell.base_from_work)}",
     )
@@ -383,7 +438,9 @@ class ProgramFile(Struct, frozen=True):
         return len(self.text) + self.lines * (len(self.newline) - 1)
 
 
-def program_files(result: Result, folder: Path, file: Path | None) -> list[tuple[Path, ProgramFile]]:
+def program_files(
+    result: Result, folder: Path, file: Path | None
+) -> list[tuple[Path, ProgramFile]]:
     """The program files and where they go."""
     paths = [folder / one.name for one in result.files]
     if file is not None and len(result.counts) == 1:
@@ -392,4 +449,7 @@ def program_files(result: Result, folder: Path, file: Path | None) -> list[tuple
             raise JobError(str(file), what, remedy="give a folder with -o")
         paths[0] = file
     newline = result.post.newline
-    return [(path, ProgramFile(one.text, newline)) for path, one in zip(paths, result.files, strict=True)]
+    return [
+        (path, ProgramFile(one.text, newline))
+        for path, one in zip(paths, result.files, strict=True)
+    ]

@@ -83,7 +83,9 @@ def read_parts(sources: Sequence[Path | Part], job: Job, files: Files) -> Part:
             from camgen.read.taught import read_files  # noqa: PLC0415 (only for what needs it)
 
             flange = find_flange(job.operation.taught_on) if job.operation.taught_on else None
-            return read_files([files.within(job.limits).read(path) for path in paths], job, language, flange)
+            return read_files(
+                [files.within(job.limits).read(path) for path in paths], job, language, flange
+            )
     return join_parts([one if isinstance(one, Part) else _read(one, job, files) for one in sources])
 
 
@@ -111,17 +113,33 @@ def join_parts(parts: Sequence[Part]) -> Part:
     if curves:
         what = "curves in space make a program by themselves, or with one 3-D part"
         raise InputError(curves[0].source, what, remedy="build them alone")
-    alone = [part for part in parts if part.raster is not None or part.solid is not None or isinstance(part, Recorded)]
+    alone = [
+        part
+        for part in parts
+        if part.raster is not None or part.solid is not None or isinstance(part, Recorded)
+    ]
     if alone:
-        what = "picture" if alone[0].raster is not None else "program" if alone[0].solid is None else "3-D part"
-        raise InputError(alone[0].source, f"a {what} makes a program by itself", remedy="build it alone")
-    contours = [replace(c, id=f"{k}/{c.id}") for k, part in enumerate(parts, 1) for c in part.contours]
+        what = (
+            "picture"
+            if alone[0].raster is not None
+            else "program"
+            if alone[0].solid is None
+            else "3-D part"
+        )
+        raise InputError(
+            alone[0].source, f"a {what} makes a program by itself", remedy="build it alone"
+        )
+    contours = [
+        replace(c, id=f"{k}/{c.id}") for k, part in enumerate(parts, 1) for c in part.contours
+    ]
     return replace(_head(parts), contours=tuple(contours))
 
 
 def _head(parts: Sequence[Part]) -> Part:
     """Names, units and notes of several parts."""
-    notes = [replace(note, what=f"{part.source}: {note.what}") for part in parts for note in part.notes]
+    notes = [
+        replace(note, what=f"{part.source}: {note.what}") for part in parts for note in part.notes
+    ]
     return Part(
         name=parts[0].name,
         source=" + ".join(part.source for part in parts),
@@ -134,8 +152,14 @@ def _head(parts: Sequence[Part]) -> Part:
 def _join_curves(parts: Sequence[Part], solid: Solid | None) -> Part:
     """Curves of one or several files, with what they lie on."""
     own = [part for part in parts if part.curves]
-    listed = [(f"{k}/" if len(own) > 1 else "", c) for k, part in enumerate(parts, 1) for c in part.curves]
-    return replace(_head(parts), curves=tuple(replace(c, id=before + c.id) for before, c in listed), solid=solid)
+    listed = [
+        (f"{k}/" if len(own) > 1 else "", c) for k, part in enumerate(parts, 1) for c in part.curves
+    ]
+    return replace(
+        _head(parts),
+        curves=tuple(replace(c, id=before + c.id) for before, c in listed),
+        solid=solid,
+    )
 
 
 def _read(path: Path, job: Job, files: Files) -> Part:
@@ -164,14 +188,18 @@ def _hold(arm: Robot | None, job: Job) -> Robot | None:
         return arm
     if arm is None:
         key = "cell.joint_speeds" if speeds is not None else "cell.joint_accelerations"
-        raise JobError("job", "has no effect without an arm", key, "set cell.robot, or leave it out")
+        raise JobError(
+            "job", "has no effect without an arm", key, "set cell.robot, or leave it out"
+        )
     held = None if speeds is None else _by_joint(arm, speeds, "cell.joint_speeds")
     if held is not None:
         held = np.minimum(held, arm.speeds)
     return replace(
         arm,
         held=None if held is None else frozen(held),
-        accelerations=None if gains is None else frozen(_by_joint(arm, gains, "cell.joint_accelerations")),
+        accelerations=None
+        if gains is None
+        else frozen(_by_joint(arm, gains, "cell.joint_accelerations")),
     )
 
 
@@ -180,7 +208,12 @@ def _by_joint(arm: Robot, values: Sequence[float], key: str) -> FloatArray:
     if len(values) != len(arm.joints) or not all(math.isfinite(v) and v > 0 for v in values):
         what = f"{arm.name} has {len(arm.joints)} joints; {counted(len(values), 'value')} given"
         raise JobError("job", what, key, "give one above 0 for each, deg or mm")
-    return np.array([v if joint.sliding else math.radians(v) for v, joint in zip(values, arm.joints, strict=True)])
+    return np.array(
+        [
+            v if joint.sliding else math.radians(v)
+            for v, joint in zip(values, arm.joints, strict=True)
+        ]
+    )
 
 
 def _meshes(job: Job, files: Files) -> tuple[tuple[str, Solid], ...]:
@@ -225,14 +258,21 @@ def _bytes_of(part: Part) -> bytes:
     """What stands for a part that was made in code."""
     columns: list[NDArray[Any]] = [column for c in part.contours for column in (c.points, c.bulges)]
     for curve in part.curves:
-        columns += [curve.points, curve.middles, curve.curved, *([] if curve.rotations is None else [curve.rotations])]
+        columns += [
+            curve.points,
+            curve.middles,
+            curve.curved,
+            *([] if curve.rotations is None else [curve.rotations]),
+        ]
     if part.solid is not None:
         columns += [part.solid.vertices, part.solid.faces]
     if part.raster is not None:
         columns += [part.raster.mask, *part.raster.borders]
     if isinstance(part, Recorded):
         return repr(part.run).encode()
-    names = [(c.id, c.layer, c.closed) for c in part.contours] + [(c.id, c.layer, c.closed) for c in part.curves]
+    names = [(c.id, c.layer, c.closed) for c in part.contours] + [
+        (c.id, c.layer, c.closed) for c in part.curves
+    ]
     return msgspec.json.encode(names) + b"".join(column.tobytes() for column in columns)
 
 
@@ -255,9 +295,17 @@ def _own(job: Job) -> dict[str, object]:
         if table != defaults[name] and name not in ROWS
     }
     if job.operations:  # each has all that it needs of [[tools]]
-        usual = {"tool": ToolTable(), "operation": OperationTable(), "process": ProcessTable(), "choice": Choice()}
+        usual = {
+            "tool": ToolTable(),
+            "operation": OperationTable(),
+            "process": ProcessTable(),
+            "choice": Choice(),
+        }
         own["operations"] = {
-            str(place): {name: _changed(row[name], msgspec.to_builtins(table)) for name, table in usual.items()}
+            str(place): {
+                name: _changed(row[name], msgspec.to_builtins(table))
+                for name, table in usual.items()
+            }
             for place, row in enumerate(tables["operations"])
         }
     return own
@@ -275,4 +323,7 @@ def note_urdf(name: str, arm: Robot | None) -> tuple[Note, ...]:
     file = Path(described[0]).name
     why = "their zeros and signs need not be the controller's: compare one pose with the teach pendant"
     notes = [Note("assumed", f"{file}: {note}") for note in arm.notes]
-    return (*notes, Note("warning", f"{file}: home and posture are in the joint values of the URDF", why))
+    return (
+        *notes,
+        Note("warning", f"{file}: home and posture are in the joint values of the URDF", why),
+    )

@@ -107,7 +107,12 @@ class _Case(Struct, frozen=True, eq=False):
 
 
 def search_place(
-    part: Part, job: Job, cell: Workcell, post: str, height: float | None = None, watch: Watch = ignore_stages
+    part: Part,
+    job: Job,
+    cell: Workcell,
+    post: str,
+    height: float | None = None,
+    watch: Watch = ignore_stages,
 ) -> Search:
     """Where ``part`` should stand for the most edges, then the least time. height: of its bottom above the base, mm,
     where that is fixed. Deterministic. JobError for what is no 3-D part or no arm with a closed form, NoSafeProgram
@@ -116,7 +121,10 @@ def search_place(
     case = _case(part, job, cell)
     spots = list(_grid(case, height))
     watch("searching the grid")
-    far = [_far(case, some) for some in _in_chunks(spots, lambda done: watch(f"searching the grid {done}"))]
+    far = [
+        _far(case, some)
+        for some in _in_chunks(spots, lambda done: watch(f"searching the grid {done}"))
+    ]
     values = [one for chunk in far for one in chunk]
     known: dict[Spot, tuple[int, float]] = {}
     chosen = _apart(spots, values)
@@ -135,9 +143,13 @@ def search_place(
     # What the search sets aside is the freedom of the tool: with it the job's own place may be the best of all.
     if height is None or math.isclose(height, here.spot.height, abs_tol=1e-6):
         found.append(here)
-    best = sorted((one for one in found if one.edges), key=lambda one: (-one.edges, one.seconds, one.spot))
+    best = sorted(
+        (one for one in found if one.edges), key=lambda one: (-one.edges, one.seconds, one.spot)
+    )
     if not best:
-        raise NoSafeProgram(part.source, "no place was found from which an edge is reached", "", "give another tool")
+        raise NoSafeProgram(
+            part.source, "no place was found from which an edge is reached", "", "give another tool"
+        )
     return Search(here, tuple(best), len(case.looks), (len(spots), len(known)))
 
 
@@ -147,7 +159,10 @@ def _different(case: _Case, ordered: Sequence[Spot]) -> list[Spot]:
     kept: list[Spot] = []
     for spot in ordered:
         around_turn = [abs((spot.turn - one.turn + 180) % 360 - 180) >= _TURN for one in kept]
-        moved = [max(abs(spot.distance - one.distance), abs(spot.height - one.height)) >= step for one in kept]
+        moved = [
+            max(abs(spot.distance - one.distance), abs(spot.height - one.height)) >= step
+            for one in kept
+        ]
         if all(a or b for a, b in zip(around_turn, moved, strict=True)):
             kept.append(spot)
     return kept[:_BUILT]
@@ -155,8 +170,14 @@ def _different(case: _Case, ordered: Sequence[Spot]) -> list[Spot]:
 
 def _case(part: Part, job: Job, cell: Workcell) -> _Case:
     if part.solid is None or cell.arm is None or cell.arm.arm is None:
-        what = "is no 3-D part" if part.solid is None else "needs an arm whose joints have a closed form"
-        raise JobError(part.source, what, "camgen place", "give a mesh or a STEP model, and a post of an arm")
+        what = (
+            "is no 3-D part"
+            if part.solid is None
+            else "needs an arm whose joints have a closed form"
+        )
+        raise JobError(
+            part.source, what, "camgen place", "give a mesh or a STEP model, and a post of an arm"
+        )
     edges = choose(part.solid, job)
     direction = offset_along(job, part.solid, edges.values())
     ways = [poses(edge, job.operation.offset, direction) for edge in edges.values()]
@@ -169,7 +190,9 @@ def _case(part: Part, job: Job, cell: Workcell) -> _Case:
     azimuth = math.atan2(y, x) if math.hypot(x, y) > 1.0 else 0.0
     tip = own_contact(edges.values(), job, direction)
     middle = rotation.T @ bottom
-    return _Case(job, cell, cell.arm, part.solid, middle, rotation, azimuth, tuple(looks), direction, tip)
+    return _Case(
+        job, cell, cell.arm, part.solid, middle, rotation, azimuth, tuple(looks), direction, tip
+    )
 
 
 def _spot_of(case: _Case) -> Spot:
@@ -186,7 +209,9 @@ def _grid(case: _Case, height: float | None) -> Iterator[Spot]:
         yield Spot(float(away), float(up), float(turn))
 
 
-def _in_chunks(spots: Sequence[Spot], tell: Callable[[str], None], size: int = 200) -> Iterator[Sequence[Spot]]:
+def _in_chunks(
+    spots: Sequence[Spot], tell: Callable[[str], None], size: int = 200
+) -> Iterator[Sequence[Spot]]:
     for start in range(0, len(spots), size):
         tell(f"{start} of {counted(len(spots), 'place')}")
         yield spots[start : start + size]
@@ -197,8 +222,13 @@ def _far(case: _Case, spots: Sequence[Spot]) -> list[tuple[int, float]]:
     a share, that the joints have to their limits.
     """
     frames = [case.base_from_work(spot) for spot in spots]
-    good, room = np.zeros((len(spots), len(case.looks)), bool), np.zeros((len(spots), len(case.looks)))
-    position, rotation = (np.concatenate([getattr(w, name) for w in case.looks]) for name in ("position", "rotation"))
+    good, room = (
+        np.zeros((len(spots), len(case.looks)), bool),
+        np.zeros((len(spots), len(case.looks))),
+    )
+    position, rotation = (
+        np.concatenate([getattr(w, name) for w in case.looks]) for name in ("position", "rotation")
+    )
     goals = [_flange(case, frame, position, rotation) for frame in frames]
     rotations, origins = (np.concatenate(parts) for parts in zip(*goals, strict=True))
     found = inverse(case.robot, rotations, origins, case.robot.home)
@@ -213,7 +243,9 @@ def _far(case: _Case, spots: Sequence[Spot]) -> list[tuple[int, float]]:
     return list(zip(good.sum(axis=1).tolist(), room.mean(axis=1).tolist(), strict=True))
 
 
-def _flange(case: _Case, frame: Pose, position: FloatArray, rotation: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _flange(
+    case: _Case, frame: Pose, position: FloatArray, rotation: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     return flange_poses(Setup(case.robot, frame, case.cell.flange_from_tool), position, rotation)
 
 
@@ -253,10 +285,15 @@ def _nominal(case: _Case, spot: Spot) -> int:
     # As many edges are reached with the margin as without it.
     setup = setup_of(case.robot, cell, replace(where, margin=0.0))
     edges = choose(case.solid, case.job).values()
-    return sum(isinstance(one, Reached) for one in reach(edges, setup, case.job.operation.offset, case.direction))
+    return sum(
+        isinstance(one, Reached)
+        for one in reach(edges, setup, case.job.operation.offset, case.direction)
+    )
 
 
-def _refine(case: _Case, start: Spot, known: dict[Spot, tuple[int, float]], free: bool, watch: Watch) -> None:
+def _refine(
+    case: _Case, start: Spot, known: dict[Spot, tuple[int, float]], free: bool, watch: Watch
+) -> None:
     """From ``start`` to ever better neighbours, in steps that are halved."""
     step = 0.75 / _STEPS * 2 * case.robot.lever / 2
     turn, here = _TURN / 2, start
@@ -264,7 +301,9 @@ def _refine(case: _Case, start: Spot, known: dict[Spot, tuple[int, float]], free
         moves = [(step, 0.0, 0.0), (-step, 0.0, 0.0), (0.0, 0.0, turn), (0.0, 0.0, -turn)]
         moves += [(0.0, step, 0.0), (0.0, -step, 0.0)] if free else []
         for away, up, by in moves:
-            watch(f"placing {counted(len(known), 'place')}, at most {max(n for n, _ in known.values())} edges")
+            watch(
+                f"placing {counted(len(known), 'place')}, at most {max(n for n, _ in known.values())} edges"
+            )
             near = (here.distance + away, here.height + up, (here.turn + by) % 360)
             spot = Spot(float(round(near[0])), float(round(near[1])), float(near[2]))
             if spot.distance > 0 and _rank(_look(case, spot, known)) < _rank(known[here]):

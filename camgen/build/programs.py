@@ -57,7 +57,13 @@ class Posted(Struct, frozen=True, eq=False):
 
 
 def check_programs(
-    lowered: Program, tour: Tour, poster: Post, job: Job, cell: Workcell, where: Surroundings | None, source: str
+    lowered: Program,
+    tour: Tour,
+    poster: Post,
+    job: Job,
+    cell: Workcell,
+    where: Surroundings | None,
+    source: str,
 ) -> Checked:
     """The programs of ``lowered`` in instructions that the controller has, with what the checks of the arm found.
 
@@ -94,7 +100,11 @@ def check_programs(
 
 
 def _add_up(
-    programs: tuple[tuple[Post, Program], ...], whole: Checks, poster: Post, job: Job, cell: Workcell
+    programs: tuple[tuple[Post, Program], ...],
+    whole: Checks,
+    poster: Post,
+    job: Job,
+    cell: Workcell,
 ) -> Checked:
     spent = cycle(whole.program, dynamics_of(poster, job), whole.reach, cell.arm)
     return Checked(programs, whole, sum_up(whole.program.columns), spent)
@@ -105,7 +115,11 @@ def _flow_of(tour: Tour, job: Job) -> Flow | None:
     lines the upper half of the height of travel, and nothing that leads the tip lower than the ways may.
     """
     if isinstance(tour, JobTour):
-        every = [(one, step.process) for one, step in zip(tour.tours, tour.steps, strict=True) if one.paths]
+        every = [
+            (one, step.process)
+            for one, step in zip(tour.tours, tour.steps, strict=True)
+            if one.paths
+        ]
     else:
         every = [(tour, job.process)]
     if not all(isinstance(one, ArmTour) for one, _ in every):
@@ -132,7 +146,9 @@ def _join(lowered: Program, found: Sequence[Checks]) -> Checks:
     """What was found of several programs, as of one that changes the tool."""
     body: list[Instruction] = []
     begins = []
-    for change, one in zip((x for x in lowered.body if isinstance(x, ToolChange)), found, strict=True):
+    for change, one in zip(
+        (x for x in lowered.body if isinstance(x, ToolChange)), found, strict=True
+    ):
         body.append(change)
         begins.append(len(body))
         body += one.program.body
@@ -169,10 +185,14 @@ def lines_of(checked: Checked, posted: Posted) -> IntArray:
     lines = np.zeros(len(body), dtype=np.int64)
     at = len(body) - sum(len(program.body) + several for _, program in checked.programs)
     first = above = 0
-    for count, reading, (_, program) in zip(posted.counts, posted.readings, checked.programs, strict=True):
+    for count, reading, (_, program) in zip(
+        posted.counts, posted.readings, checked.programs, strict=True
+    ):
         at += several
         # What was read back is the program, one by one, but for its comments: the comparison has shown that.
-        lines[at + np.flatnonzero(~program.columns.are(Comment))] = above + np.array(reading.lines, dtype=np.int64)
+        lines[at + np.flatnonzero(~program.columns.are(Comment))] = above + np.array(
+            reading.lines, dtype=np.int64
+        )
         at += len(program.body)
         if several:
             above += sum(file.text.count("\n") for file in posted.files[first : first + count])
@@ -195,7 +215,9 @@ def post_programs(checked: Checked, read: Readback, options: dict[str, object]) 
         give_back()
         reading = read({file.name: file.text for file in posted}, told)
         give_back()
-        deviations.append(compare(program, reading, poster.tolerance(), poster.list_verified(), posted[0].name))
+        deviations.append(
+            compare(program, reading, poster.tolerance(), poster.list_verified(), posted[0].name)
+        )
         readings.append(reading)
         counts.append(len(posted))
         files += posted

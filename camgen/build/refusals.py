@@ -62,7 +62,9 @@ def _line(part: Recorded, program: Program, index: int) -> int:
     wanted = program.body[index]
     read = list(zip(part.run.body, part.run.lines, strict=True))
     same = (line for item, line in read if _own(item) is _own(wanted))
-    used = (line for item, line in read if isinstance(wanted, Output) and _is_of(item, wanted.signal))
+    used = (
+        line for item, line in read if isinstance(wanted, Output) and _is_of(item, wanted.signal)
+    )
     return next(same, 0) or next(used, 0)
 
 

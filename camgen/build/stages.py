@@ -70,27 +70,37 @@ def cell(post: str, job: JobLike = None, part: Part | None = None) -> Workcell:
     return read_cell(part, settings, _own_cell(post, settings), files)
 
 
-def plan(part: Part, job: JobLike = None, cell: CellLike | None = None, watch: Watch = ignore_stages) -> Plan:
+def plan(
+    part: Part, job: JobLike = None, cell: CellLike | None = None, watch: Watch = ignore_stages
+) -> Plan:
     """The tool paths of ``part``. cell: edges of 3-D parts need one with an arm. watch: is told the stages."""
     settings = settings_of(job, Files())
     return plan_part(part, settings, _cell(cell, settings, part), watch)
 
 
-def order(plan: Plan, job: JobLike = None, cell: CellLike | None = None, watch: Watch = ignore_stages) -> Tour:
+def order(
+    plan: Plan, job: JobLike = None, cell: CellLike | None = None, watch: Watch = ignore_stages
+) -> Tour:
     """The paths of a plan as one tour. cell: the tool comes from its home and goes back. watch: as in ``plan``."""
     settings = settings_of(job, Files())
     return order_plan(plan, settings, _cell(cell, settings, plan.part), watch)
 
 
 def lower(
-    tour: Tour, job: JobLike = None, cell: CellLike | None = None, name: str = "part", header: Sequence[str] = ()
+    tour: Tour,
+    job: JobLike = None,
+    cell: CellLike | None = None,
+    name: str = "part",
+    header: Sequence[str] = (),
 ) -> Program:
     """The program that runs ``tour`` from and back to the home of ``cell``. name, header: of the program."""
     settings = settings_of(job, Files())
     return lower_tour(tour, _take_cell(cell, settings), settings, name, tuple(header))
 
 
-def check(program: Program, job: JobLike = None, cell: CellLike | None = None, plan: Plan | None = None) -> Checks:
+def check(
+    program: Program, job: JobLike = None, cell: CellLike | None = None, plan: Plan | None = None
+) -> Checks:
     """Reach, joint limits and collisions of ``program`` with the arm of ``cell``, links included; nothing without one.
 
     plan: of a 3-D part, which knows what there is to run into. NoSafeProgram with the motion and the reason.
@@ -107,13 +117,17 @@ def post(program: Program, post: str, job: JobLike = None) -> tuple[OutputFile, 
     return poster.render(poster.prepare(program, settings.tolerance.chord))
 
 
-def read_back(files: Sequence[OutputFile] | Mapping[str, str], post: str, job: JobLike = None) -> Reading:
+def read_back(
+    files: Sequence[OutputFile] | Mapping[str, str], post: str, job: JobLike = None
+) -> Reading:
     """What the text of a program says, instruction by instruction, and its faults by line. files: texts by name."""
     texts = files if isinstance(files, Mapping) else {file.name: file.text for file in files}
     return find_readback(post)(texts, fill_tables(find_post(post), settings_of(job, Files()).post))
 
 
-def verify(files: Sequence[OutputFile], program: Program, post: str, job: JobLike = None) -> Deviation:
+def verify(
+    files: Sequence[OutputFile], program: Program, post: str, job: JobLike = None
+) -> Deviation:
     """How far the text is from ``program``. VerifyError with the first line that does not say what was planned."""
     settings = settings_of(job, Files())
     poster = poster_of(post, settings, "job")
@@ -136,7 +150,11 @@ def _cell(cell: CellLike | None, job: Job, part: Part) -> Workcell | None:
 def _take_cell(cell: CellLike | None, job: Job) -> Workcell:
     """The frames and the home of a program are never guessed."""
     if cell is None:
-        raise JobError("cell", "is not given", remedy='give what camgen.cell makes, or the name of a post: "rapid"')
+        raise JobError(
+            "cell",
+            "is not given",
+            remedy='give what camgen.cell makes, or the name of a post: "rapid"',
+        )
     return read_cell(None, job, _own_cell(cell, job), Files()) if isinstance(cell, str) else cell
 
 

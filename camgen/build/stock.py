@@ -48,7 +48,8 @@ def prove_stock(
     plans = plan.plans if isinstance(plan, JobPlan) else (plan,)
     tasks = [task_on(plan.part, own, one.part) for own, one in zip(jobs, plans, strict=True)]
     proof = prove(
-        list(_cuts(tour, job, cell, checked, posted)), design(tasks, job.stock, _sweep_lost(asked, tour, jobs))
+        list(_cuts(tour, job, cell, checked, posted)),
+        design(tasks, job.stock, _sweep_lost(asked, tour, jobs)),
     )
     if proof.refused:
         worst = proof.refused[0]
@@ -74,7 +75,9 @@ def _sweep_lost(asked: Plan, tour: Tour, jobs: Sequence[Job]) -> Any:
             if path.id not in kept:
                 points = path.position[:, :2]
                 if len(points) > 1:
-                    points = np.concatenate([flatten(path_segments((path,)), CHORD_MM)[0], points[-1:]])
+                    points = np.concatenate(
+                        [flatten(path_segments((path,)), CHORD_MM)[0], points[-1:]]
+                    )
                 line = shapely.linestrings(points) if len(points) > 1 else shapely.points(points[0])
                 swept.append(shapely.buffer(line, job.tool.diameter / 2 + 2 * CHORD_MM))
     return shapely.union_all(swept) if swept else None
@@ -101,7 +104,9 @@ def _cuts(tour: Tour, job: Job, cell: Workcell, checked: Checked, posted: Posted
     steps: list[tuple[ToolTable, str]] = [(job.tool, "")]
     step_of = np.zeros(len(tour.paths), dtype=np.intp)
     if isinstance(tour, JobTour):
-        steps = [(step.tool, f"operation {k}") for step, k in zip(tour.steps, tour.numbers, strict=True)]
+        steps = [
+            (step.tool, f"operation {k}") for step, k in zip(tour.steps, tour.numbers, strict=True)
+        ]
         step_of = np.repeat(np.arange(len(steps)), [len(one.paths) for one in tour.tours])
     # A robot travels on straight lines: what runs as fast as it travels is none that cuts, where no cut is as fast.
     # With process.stay_down there is no stock beside the part that it could run through.
@@ -109,14 +114,24 @@ def _cuts(tour: Tour, job: Job, cell: Workcell, checked: Checked, posted: Posted
     slower = process.feed * process.max_feed_factor < process.travel_speed and not process.stay_down
     travel = process.travel_speed if slower and not isinstance(cell.home, Pose) else float("inf")
     first = 0
-    for count, reading, (_, program) in zip(posted.counts, posted.readings, checked.programs, strict=True):
+    for count, reading, (_, program) in zip(
+        posted.counts, posted.readings, checked.programs, strict=True
+    ):
         name = posted.files[first].name
         first += count
         own = _own_step(program, step_of)
         edges = [0, *(np.flatnonzero(np.diff(own)) + 1).tolist(), len(own)]
         for start, end in pairwise(edges):
             tool, about = steps[int(own[start])]
-            yield Cut(reading.body[start:end], reading.lines[start:end], tool, name, about, travel, job.tolerance.chord)
+            yield Cut(
+                reading.body[start:end],
+                reading.lines[start:end],
+                tool,
+                name,
+                about,
+                travel,
+                job.tolerance.chord,
+            )
 
 
 def _own_step(program: Program, step_of: NDArray[np.intp]) -> NDArray[np.intp]:
@@ -152,11 +167,17 @@ def sum_operations(tour: Tour, time: Cycle, proof: StockProof | None) -> list[Op
         own = slice(before, before + len(one.paths))
         before = own.stop
         seconds = float(time.paths[own].sum() + time.links[own].sum())
-        sums.append(OperationSum(number, len(one.paths), seconds, next(removed) if proof and one.paths else None))
+        sums.append(
+            OperationSum(
+                number, len(one.paths), seconds, next(removed) if proof and one.paths else None
+            )
+        )
     return sums
 
 
-def report_operations(job: Job, sums: Sequence[OperationSum], proof: StockProof | None) -> dict[str, object]:
+def report_operations(
+    job: Job, sums: Sequence[OperationSum], proof: StockProof | None
+) -> dict[str, object]:
     """What the report says of several operations, and of the stock: mm3, s."""
     found: dict[str, object] = {}
     if sums:

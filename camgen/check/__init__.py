@@ -78,6 +78,8 @@ def check(
     if where is not None:
         flow = Flow(plunge(job.process), math.inf, -math.inf)
     if flow is not None:
-        program, notes = let_flow(program, reach, there, cell.arm, cell.pace, flow.slow, flow.room, flow.floor)
+        program, notes = let_flow(
+            program, reach, there, cell.arm, cell.pace, flow.slow, flow.room, flow.floor
+        )
         told = (*told, *notes)
     return Checks(program, reach, replace(clear, notes=(*clear.notes, *told)), there)

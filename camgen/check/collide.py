@@ -32,8 +32,12 @@ NEAR = 2.0
 _SAME = 0.005
 _MOVE = "move or turn the part: cell.base_from_work"
 #: Of a collision of what is at the flange with what stands, which stays where it is if the part is moved with it.
-_CHANGE_TOOL = "let the tool lean, or take a slimmer or longer one: tool.axis_tilt, tool.diameter, tool.length"
-_CHANGE_CELL = "move the fixture, or take a slimmer or longer tool: cell.fixtures, tool.diameter, tool.length"
+_CHANGE_TOOL = (
+    "let the tool lean, or take a slimmer or longer one: tool.axis_tilt, tool.diameter, tool.length"
+)
+_CHANGE_CELL = (
+    "move the fixture, or take a slimmer or longer tool: cell.fixtures, tool.diameter, tool.length"
+)
 
 
 class Near(Struct, frozen=True):
@@ -68,7 +72,9 @@ class _Collision(Struct, frozen=True):
     pair: tuple[str, str]
 
 
-def check_clear(where: Surroundings, reach: Reach, course: Course, robot: Robot, file: str) -> Clear:
+def check_clear(
+    where: Surroundings, reach: Reach, course: Course, robot: Robot, file: str
+) -> Clear:
     """Tests the motions of ``reach``, all of them, on their ``course``, as a controller makes them but for blends.
     Blocked, with the motion, the place and the obstacle of the first collision, and every path on which there is one.
     """
@@ -78,8 +84,13 @@ def check_clear(where: Surroundings, reach: Reach, course: Course, robot: Robot,
     for begin in range(0, max(len(course.joints) - 1, 1), _ROWS):
         rows = course.joints[begin : begin + _ROWS + 1]
         beside = motion(where.apart, rows, FINE, near, APART)
-        meetings = [(where.apart, beside), (where.work, motion(where.work, rows, STEP, apart=APART))]
-        found += [_Collision(begin + met.at, scene.pairs[met.pair]) for scene, met in meetings if met.hit]
+        meetings = [
+            (where.apart, beside),
+            (where.work, motion(where.work, rows, STEP, apart=APART)),
+        ]
+        found += [
+            _Collision(begin + met.at, scene.pairs[met.pair]) for scene, met in meetings if met.hit
+        ]
         if not found and beside.nearest >= 0:
             close += _find_near(where, reach, robot, course, (begin, begin + len(rows)), near)
     if found:
@@ -89,7 +100,12 @@ def check_clear(where: Surroundings, reach: Reach, course: Course, robot: Robot,
 
 
 def _find_near(
-    where: Surroundings, reach: Reach, robot: Robot, course: Course, rows: tuple[int, int], near: float
+    where: Surroundings,
+    reach: Reach,
+    robot: Robot,
+    course: Course,
+    rows: tuple[int, int],
+    near: float,
 ) -> list[Near]:
     """The nearest place on each path and on each way between two, of those rows of the course, that is within ``near``
     mm.
@@ -107,7 +123,14 @@ def _find_near(
             place = program.place_of(index)
             works = program.columns.works[int(np.searchsorted(program.columns.at, index))]
             on = place if works or place.startswith("the way") else f"the way to {place}"
-            found.append(Near(met.clearance, where.apart.pairs[met.nearest], on, _place(program, robot, course, at)))
+            found.append(
+                Near(
+                    met.clearance,
+                    where.apart.pairs[met.nearest],
+                    on,
+                    _place(program, robot, course, at),
+                )
+            )
     return found
 
 
@@ -118,7 +141,9 @@ def _tell_near(close: Sequence[Near], margin: float) -> tuple[Note, ...]:
         if one.distance < margin - _SAME and one.distance <= told.get(one.on, one).distance:
             told[one.on] = one
     why = f"cell.margin asks for {short(margin, 2)} mm"
-    return tuple(Note("warning", f"{short(one.distance, 2)} mm apart: {one}", why) for one in told.values())
+    return tuple(
+        Note("warning", f"{short(one.distance, 2)} mm apart: {one}", why) for one in told.values()
+    )
 
 
 def _find_by_path(where: Surroundings, reach: Reach, course: Course) -> list[_Collision]:
@@ -129,7 +154,11 @@ def _find_by_path(where: Surroundings, reach: Reach, course: Course) -> list[_Co
     found = []
     for scene in (where.apart, where.work):
         met = motions(scene, runs, STEP, apart=APART)
-        found += [_Collision(a + m.at, scene.pairs[m.pair]) for a, m in zip(ends, met, strict=False) if m.pair >= 0]
+        found += [
+            _Collision(a + m.at, scene.pairs[m.pair])
+            for a, m in zip(ends, met, strict=False)
+            if m.pair >= 0
+        ]
     return found
 
 
@@ -138,7 +167,9 @@ def _motions(reach: Reach, course: Course) -> IntArray:
     return reach.rows.motion[np.ceil(course.at).astype(np.int64)]
 
 
-def _block(reach: Reach, robot: Robot, file: str, course: Course, found: list[_Collision]) -> Blocked:
+def _block(
+    reach: Reach, robot: Robot, file: str, course: Course, found: list[_Collision]
+) -> Blocked:
     """The error about all paths with a collision."""
     program, columns = reach.program, reach.program.columns
     motion_of = _motions(reach, course)
@@ -164,7 +195,9 @@ def _place(program: Program, robot: Robot, course: Course, at: float) -> str:
     """The TCP there, x, y and z in the work frame."""
     row = min(int(at), len(course.joints) - 2) if len(course.joints) > 1 else 0
     part = at - row
-    joints = course.joints[row] * (1 - part) + course.joints[min(row + 1, len(course.joints) - 1)] * part
+    joints = (
+        course.joints[row] * (1 - part) + course.joints[min(row + 1, len(course.joints) - 1)] * part
+    )
     rotation, origin = flange(robot, joints[None])
     tip = origin[0] + rotation[0] @ np.asarray(program.flange_from_tool.origin)
     return " ".join(short(v, 1) for v in program.base_from_work.inverse().apply(tip))

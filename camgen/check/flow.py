@@ -69,7 +69,11 @@ def let_flow(
     """
     legs, columns = legs_of(program, found, robot), program.columns
     link = ~columns.works & (columns.turn == 0) & (columns.speed > slow)
-    runs = {k: one for k in np.flatnonzero(link).tolist() if k > 0 and (one := cruise(legs, program, k, pace))}
+    runs = {
+        k: one
+        for k in np.flatnonzero(link).tolist()
+        if k > 0 and (one := cruise(legs, program, k, pace))
+    }
     touched = _have_touched(columns, slow)
     blends = {
         k: 0.0
@@ -83,10 +87,15 @@ def let_flow(
     ways = {k: _ways(runs[k], runs[k + 1], zones, (lines[k], lines[k + 1]), room) for k in blends}
 
     def free_of(some: Mapping[int, _Rounding]) -> list[bool]:
-        corners = [_corner(found, legs, k, way, timed=pace.corner != "zone") for k, way in some.items()]
+        corners = [
+            _corner(found, legs, k, way, timed=pace.corner != "zone") for k, way in some.items()
+        ]
         fans = [_fan(corner) for corner in corners]
         free = _are_free(where, fans, _bows(where, corners))
-        return [good and _keeps_above(program, robot, fan, floor) for good, fan in zip(free, fans, strict=True)]
+        return [
+            good and _keeps_above(program, robot, fan, floor)
+            for good, fan in zip(free, fans, strict=True)
+        ]
 
     blends |= {k: way.blend for k, way in _find_widest(ways, free_of).items()}
     passed = sum(blend > 0 for blend in blends.values())
@@ -104,18 +113,23 @@ def _have_touched(columns: Columns, slow: float) -> BoolArray:
     return np.asarray(~leaves | (counts > before))
 
 
-def _ways(one: Cruise, two: Cruise, zones: Sequence[float], lines: tuple[bool, bool], room: float) -> list[_Rounding]:
+def _ways(
+    one: Cruise, two: Cruise, zones: Sequence[float], lines: tuple[bool, bool], room: float
+) -> list[_Rounding]:
     """The ways to round a corner, the widest first: by each of ``zones`` of which half of both motions is outside,
     since controllers cut it off there; by overlapping them where that is 0. lines: which of both motions are such, of
     which no more than ``room`` mm are rounded off.
     """
     short = min(one.mm, two.mm) / 2
-    ways = [_round(one, two, zone) if zone else _overlap(one, two) for zone in zones if zone <= short]
+    ways = [
+        _round(one, two, zone) if zone else _overlap(one, two) for zone in zones if zone <= short
+    ]
     return [way for way in ways if _keeps_up(way, one, two, lines, room)]
 
 
 def _find_widest(
-    ways: Mapping[int, Sequence[_Rounding]], free_of: Callable[[Mapping[int, _Rounding]], Sequence[bool]]
+    ways: Mapping[int, Sequence[_Rounding]],
+    free_of: Callable[[Mapping[int, _Rounding]], Sequence[bool]],
 ) -> dict[int, _Rounding]:
     """Of each corner's ways, the widest first, one that is free and the next wider one is not; none where none is free.
     What rounds a corner lies within all that is wider.
@@ -129,10 +143,14 @@ def _find_widest(
     good = dict(zip(tried, free(tried), strict=True))
     narrow = {k: len(ways[k]) - 1 for k, one in good.items() if not one}
     found = find_first(narrow, lambda at: free({k: one + 1 for k, one in at.items()}))
-    return {k: ways[k][0] for k, one in good.items() if one} | {k: ways[k][at + 1] for k, at in found.items()}
+    return {k: ways[k][0] for k, one in good.items() if one} | {
+        k: ways[k][at + 1] for k, at in found.items()
+    }
 
 
-def _keeps_up(way: _Rounding, one: Cruise, two: Cruise, lines: tuple[bool, bool], room: float) -> bool:
+def _keeps_up(
+    way: _Rounding, one: Cruise, two: Cruise, lines: tuple[bool, bool], room: float
+) -> bool:
     """Whether of lines no more than ``room`` mm are rounded off. lines: which of both motions are such."""
     off = float(way.left[0]) * one.mm, float(way.made[-1]) * two.mm
     return all(mm <= room for mm, line in zip(off, lines, strict=True) if line)
@@ -146,7 +164,9 @@ def _keeps_above(program: Program, robot: Robot, fan: FloatArray, floor: float) 
     first, second = (part.ravel() for part in np.meshgrid(*[np.arange(count + 1)] * 2))
     inside = first + second <= count
     shares = np.column_stack([count - first - second, first, second])[inside] / count
-    rotation, origin = flange(robot, np.einsum("kc,ncj->nkj", shares, fan).reshape(-1, fan.shape[2]))
+    rotation, origin = flange(
+        robot, np.einsum("kc,ncj->nkj", shares, fan).reshape(-1, fan.shape[2])
+    )
     tip = origin + rotation @ np.asarray(program.flange_from_tool.origin)
     base = program.base_from_work
     return bool(((tip - np.asarray(base.origin)) @ base.rotation[:, 2] >= floor).all())
@@ -188,7 +208,10 @@ def _corner(found: Reach, legs: Legs, motion: int, way: _Rounding, *, timed: boo
     for k, shares in ((motion, 1.0 - way.left), (motion + 1, way.made)):
         rows = legs.rows(k)
         table = legs.seconds if timed and found.program.columns.moves_are(MoveJ)[k] else legs.way
-        at, joints = (table[rows] - table[rows.start]) / (table[rows.stop - 1] - table[rows.start]), found.joints[rows]
+        at, joints = (
+            (table[rows] - table[rows.start]) / (table[rows.stop - 1] - table[rows.start]),
+            found.joints[rows],
+        )
         between = np.linspace(shares[0], shares[-1], _CHORDS + 1)
         rounding, along = np.split(_rows(at, joints, np.concatenate([shares, between])), 2)
         points += rounding - corner
@@ -207,8 +230,13 @@ def _bows(where: Surroundings, corners: Sequence[_Corner]) -> FloatArray:
     """Mm that both motions are off straight lines of joint values at corners (n,)."""
     if not corners:
         return np.zeros(0)
-    exact, even = (np.concatenate(rows) for rows in zip(*((one.exact, one.even) for one in corners), strict=True))
-    return np.asarray(measure_apart(where.scene, exact, even).reshape(len(corners), -1).max(axis=1) + _ROUGH)
+    exact, even = (
+        np.concatenate(rows)
+        for rows in zip(*((one.exact, one.even) for one in corners), strict=True)
+    )
+    return np.asarray(
+        measure_apart(where.scene, exact, even).reshape(len(corners), -1).max(axis=1) + _ROUGH
+    )
 
 
 def _rows(at: FloatArray, joints: FloatArray, shares: FloatArray) -> FloatArray:
@@ -223,5 +251,7 @@ def _are_free(where: Surroundings, fans: Sequence[FloatArray], bows: FloatArray)
     triangles, owner = np.concatenate(fans), owners([len(fan) for fan in fans])
     free = are_free(where.apart, triangles, owner, where.margin, bows)
     rest = free[owner]
-    free[free] = are_free(where.work, triangles[rest], (np.cumsum(free) - 1)[owner[rest]], 0.0, bows[free])
+    free[free] = are_free(
+        where.work, triangles[rest], (np.cumsum(free) - 1)[owner[rest]], 0.0, bows[free]
+    )
     return [bool(each) for each in free]

@@ -35,7 +35,13 @@ class Stretch(Struct, frozen=True, eq=False):
     def cut(self, rows: Index) -> Stretch:
         """Some of its rows; over those that are left out the joints go as they like."""
         gap = np.append(True, np.diff(rows) > 1)
-        some = (self.rotations[rows], self.origins[rows], self.path[rows], self.way[rows], self.free[rows] | gap)
+        some = (
+            self.rotations[rows],
+            self.origins[rows],
+            self.path[rows],
+            self.way[rows],
+            self.free[rows] | gap,
+        )
         return Stretch(self.robot, *some)
 
 
@@ -89,7 +95,11 @@ def _find_apart(stretch: Stretch, left: Index) -> list[Lost]:
         # A path at which the rows begin has no posture to blame.
         way = bool(stretch.way[row]) or bool(len(own) and own[0] > left[0])
         found.append(Lost(row, text, way))
-        left = left[left >= own[0]] if way and len(own) else left[left > max([row, *own[-1:].tolist()])]
+        left = (
+            left[left >= own[0]]
+            if way and len(own)
+            else left[left > max([row, *own[-1:].tolist()])]
+        )
     return found
 
 

@@ -42,7 +42,9 @@ def legs_of(program: Program, found: Reach, robot: Robot) -> Legs:
     way = np.linalg.norm(np.diff(tip, axis=0), axis=1)
     seconds = np.abs(np.diff(turned, axis=0)).max(axis=1)
     owner = np.searchsorted(program.columns.at, found.owner)
-    return Legs(turned, tip, owner, *(np.append(0.0, np.cumsum(column)) for column in (way, seconds)))
+    return Legs(
+        turned, tip, owner, *(np.append(0.0, np.cumsum(column)) for column in (way, seconds))
+    )
 
 
 def find_corners(program: Program) -> IntArray:
@@ -72,7 +74,9 @@ class Cruise(Struct, frozen=True):
 def cruise(legs: Legs, program: Program, motion: int, pace: Dynamics) -> Cruise | None:
     """How ``motion`` is run, None where the TCP or the joints stay in their place."""
     rows, move = legs.rows(motion), program.columns.moves[motion]
-    mm, seconds = (float(table[rows.stop - 1] - table[rows.start]) for table in (legs.way, legs.seconds))
+    mm, seconds = (
+        float(table[rows.stop - 1] - table[rows.start]) for table in (legs.way, legs.seconds)
+    )
     if mm < _STILL_MM or seconds <= 0:
         return None
     if isinstance(move, MoveJ):
@@ -97,7 +101,11 @@ def save_seconds(program: Program, found: Reach, robot: Robot, pace: Dynamics) -
     columns = program.columns
     saved = np.zeros(len(columns.moves))
     swing = columns.moves_are(MoveJ)
-    corners = [k for k in find_corners(program).tolist() if columns.blend[k] > 0 and (swing[k] or swing[k + 1])]
+    corners = [
+        k
+        for k in find_corners(program).tolist()
+        if columns.blend[k] > 0 and (swing[k] or swing[k + 1])
+    ]
     if not corners or pace.corner not in ("zone", "overlap"):
         return saved
     legs = legs_of(program, found, robot)
@@ -117,7 +125,9 @@ def save_seconds(program: Program, found: Reach, robot: Robot, pace: Dynamics) -
     return saved
 
 
-def _pass(legs: Legs, motion: int, a: Cruise, b: Cruise, zone: float, pace: Dynamics) -> tuple[float, float]:
+def _pass(
+    legs: Legs, motion: int, a: Cruise, b: Cruise, zone: float, pace: Dynamics
+) -> tuple[float, float]:
     """The share of the joints' greatest speeds with which the corner after ``motion`` is passed, the same before and
     behind it, and how long before and behind it that holds, in seconds at full speed.
 

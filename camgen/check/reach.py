@@ -34,7 +34,12 @@ from camgen.robots.posture import postures
 # The motions of a program as rows of poses, and joint motions between rows as rows of joints: what is to be looked at.
 
 #: Rows along a motion are at most so far apart: mm of the TCP or of the flange; rad of the tool; of an arc; of a joint.
-STEP, _STEP_TURN, _STEP_SWEEP, _STEP_JOINT = 10.0, math.radians(10.0), math.radians(40.0), math.radians(2.0)
+STEP, _STEP_TURN, _STEP_SWEEP, _STEP_JOINT = (
+    10.0,
+    math.radians(10.0),
+    math.radians(40.0),
+    math.radians(2.0),
+)
 
 
 class MotionRows(Struct, frozen=True, eq=False):
@@ -56,7 +61,9 @@ def sample_motions(program: Program, way: Way) -> MotionRows:
     parts = np.where(
         free[own[1:]],
         1,
-        np.maximum(counts(way, STEP, _STEP_TURN), np.ceil(way.spans.sweep / _STEP_SWEEP).astype(np.int64)),
+        np.maximum(
+            counts(way, STEP, _STEP_TURN), np.ceil(way.spans.sweep / _STEP_SWEEP).astype(np.int64)
+        ),
     )
     motion = np.concatenate([own[:1], np.repeat(own[1:], parts)])
     at = np.flatnonzero(np.append(motion[1:] != motion[:-1], True))
@@ -73,7 +80,9 @@ def ends(program: Program, robot: Robot, anchors: FloatArray) -> tuple[FloatArra
     turned, origin = flange(robot, anchors)
     tool, base = program.flange_from_tool, program.base_from_work
     rotation[~posed] = base.rotation.T @ turned @ tool.rotation
-    position[~posed] = (origin + turned @ np.asarray(tool.origin) - np.asarray(base.origin)) @ base.rotation
+    position[~posed] = (
+        origin + turned @ np.asarray(tool.origin) - np.asarray(base.origin)
+    ) @ base.rotation
     return position, rotation
 
 
@@ -81,7 +90,9 @@ def _through_middles(way: Way, program: Program) -> tuple[Way, Index]:
     """The way with a row in the middle of each arc along which the tool turns, where it stands as at the via point:
     half a turn has no shorter way. And the motion that each row belongs to.
     """
-    turning = np.append(False, ~np.isnan(way.via[1:, 0]) & (way.rotation[1:] != way.rotation[:-1]).any(axis=(1, 2)))
+    turning = np.append(
+        False, ~np.isnan(way.via[1:, 0]) & (way.rotation[1:] != way.rotation[:-1]).any(axis=(1, 2))
+    )
     parts = np.where(turning[1:], 2, 1)
     own = np.concatenate([[0], np.repeat(np.arange(1, len(way)), parts)])
     if not turning.any():
@@ -94,13 +105,17 @@ def _through_middles(way: Way, program: Program) -> tuple[Way, Index]:
     return Way(finer.position, finer.via, rotation), own
 
 
-def interpolate_joints(robot: Robot, joints: FloatArray, free: NDArray[np.bool_]) -> tuple[FloatArray, Index]:
+def interpolate_joints(
+    robot: Robot, joints: FloatArray, free: NDArray[np.bool_]
+) -> tuple[FloatArray, Index]:
     """The joint values (R, J) with more rows on the way to those in ``free`` (R,), all joints together: no joint turns
     by more than 2 deg from row to row, and the flange moves by about 10 mm at most. And where the old rows are (R,).
     """
     turning = np.array([not joint.sliding for joint in robot.joints])
     angle = (np.abs(np.diff(joints, axis=0)) * turning).max(axis=1, initial=0.0)
-    parts = np.where(free[1:], np.maximum(np.ceil(angle / _STEP_JOINT - 1e-9), 1), 1).astype(np.int64)
+    parts = np.where(free[1:], np.maximum(np.ceil(angle / _STEP_JOINT - 1e-9), 1), 1).astype(
+        np.int64
+    )
     if not free[1:].any():
         return joints, rows(parts)
     dense = _between(joints, parts)
@@ -118,7 +133,9 @@ def _between(joints: FloatArray, parts: Index) -> FloatArray:
     """The values with each step cut into equal parts."""
     segment = owners(parts)
     share = (ramp(parts) + 1) / parts[segment]
-    found = np.concatenate([joints[:1], joints[segment] + share[:, None] * np.diff(joints, axis=0)[segment]])
+    found = np.concatenate(
+        [joints[:1], joints[segment] + share[:, None] * np.diff(joints, axis=0)[segment]]
+    )
     found[rows(parts)] = joints
     return found
 
@@ -156,10 +173,14 @@ def check_reach(program: Program, robot: Robot, file: str) -> Reach:
     joints = _follow(program, robot, file, found, anchors)
     dense, at = interpolate_joints(robot, joints, found.free)
     motion = np.repeat(found.motion, np.diff(at, prepend=-1))
-    return Reach(robot.name, dense, columns.at[motion], _fill(program, robot, joints[found.at]), found, at)
+    return Reach(
+        robot.name, dense, columns.at[motion], _fill(program, robot, joints[found.at]), found, at
+    )
 
 
-def trace(reach: Reach, robot: Robot, apart: Callable[[FloatArray, FloatArray], FloatArray], file: str) -> Course:
+def trace(
+    reach: Reach, robot: Robot, apart: Callable[[FloatArray, FloatArray], FloatArray], file: str
+) -> Course:
     """The joints on the way of the whole program, its places in rows of ``reach.rows``: the TCP keeps to lines and
     arcs, but for joint-interpolated motions. apart: as in ``Setup``. file: for messages. Blocked with the motion
     and the place for what no joints lead along.
@@ -178,22 +199,33 @@ def _anchors(program: Program, robot: Robot, file: str) -> FloatArray:
     columns = program.columns
     posed = columns.posed
     if posed[0]:
-        raise JobError("job", "the post is for a machine, not for an arm", "cell.robot", "leave it out")
+        raise JobError(
+            "job", "the post is for a machine, not for an arm", "cell.robot", "leave it out"
+        )
     places = np.flatnonzero(~posed)
     targets = [move.target.values for move in columns.pick(columns.at[places])]
     for place, values in zip(places.tolist(), targets, strict=True):
         if len(values) != len(robot.home):
             what = f"{robot.name} has {len(robot.home)} joints, {_name(place)} has {len(values)}"
-            raise JobError("job", what, "cell.robot", "give cell.home for this robot, or another post")
+            raise JobError(
+                "job", what, "cell.robot", "give cell.home for this robot, or another post"
+            )
     anchors = np.array(targets)
     beyond = places[~within(robot, anchors)]
     if 0 in beyond:
-        raise JobError("job", f"is beyond the limits of {robot.name}", "cell.home", "give joint values within them")
+        raise JobError(
+            "job",
+            f"is beyond the limits of {robot.name}",
+            "cell.home",
+            "give joint values within them",
+        )
     for place in beyond[:1].tolist():
         index = int(columns.at[place])
         what = f"{robot.name} cannot run {program.place_of(index)}: joint values beyond its limits"
         lost = (Loss(program.path_at(index), "jump", "joint values beyond the limits"),)
-        raise Blocked(file, what, f"instruction {index}", "move or turn the part: cell.base_from_work", lost)
+        raise Blocked(
+            file, what, f"instruction {index}", "move or turn the part: cell.base_from_work", lost
+        )
     return anchors
 
 
@@ -210,7 +242,9 @@ def _way(program: Program, robot: Robot, anchors: FloatArray) -> Way:
     return Way(position, middles, rotation)
 
 
-def _follow(program: Program, robot: Robot, file: str, found: MotionRows, anchors: FloatArray) -> FloatArray:
+def _follow(
+    program: Program, robot: Robot, file: str, found: MotionRows, anchors: FloatArray
+) -> FloatArray:
     """The joint values (R, J) of all rows, one stretch between anchors after the other."""
     setup = Setup(robot, program.base_from_work, program.flange_from_tool)
     rotations, origins = flange_poses(setup, found.way.position, found.way.rotation)
@@ -249,7 +283,9 @@ def _sections(program: Program, found: MotionRows) -> tuple[Index, NDArray[np.bo
     return columns.path[found.motion].astype(np.int64), way
 
 
-def _refusal(program: Program, robot: Robot, file: str, found: MotionRows, stop: Lost, lost: Sequence[Lost]) -> Blocked:
+def _refusal(
+    program: Program, robot: Robot, file: str, found: MotionRows, stop: Lost, lost: Sequence[Lost]
+) -> Blocked:
     """The error about ``stop``, with all that is lost."""
 
     def place(row: int) -> str:
@@ -261,9 +297,18 @@ def _refusal(program: Program, robot: Robot, file: str, found: MotionRows, stop:
     at = index(stop.row)
     what = f"{robot.name} cannot run {program.place_of(at)} at {place(stop.row)} mm: {stop.text}"
     losses = [
-        Loss(program.path_at(index(one.row)), "jump", f"{one.text}, at {place(one.row)} mm", one.way) for one in lost
+        Loss(
+            program.path_at(index(one.row)), "jump", f"{one.text}, at {place(one.row)} mm", one.way
+        )
+        for one in lost
     ]
-    return Blocked(file, what, f"instruction {at}", "move or turn the part: cell.base_from_work", join_losses(losses))
+    return Blocked(
+        file,
+        what,
+        f"instruction {at}",
+        "move or turn the part: cell.base_from_work",
+        join_losses(losses),
+    )
 
 
 def _fill(program: Program, robot: Robot, joints: FloatArray) -> Program:
@@ -273,6 +318,8 @@ def _fill(program: Program, robot: Robot, joints: FloatArray) -> Program:
     named = postures(robot, joints, ~columns.moves_are(MoveJ))
     body = list(program.body)
     values = [tuple(row) for row in joints.tolist()]
-    for motion, index in zip(np.flatnonzero(posed).tolist(), columns.at[posed].tolist(), strict=True):
+    for motion, index in zip(
+        np.flatnonzero(posed).tolist(), columns.at[posed].tolist(), strict=True
+    ):
         body[index] = replace(body[index], joints=Joints(values[motion]), posture=named[motion])
     return program.with_body(tuple(body))

@@ -81,7 +81,9 @@ def sum_up(columns: Columns) -> Motions:
         joint=exact_sum(length[joint]),
         seconds=seconds + waits,
         speeds=(float(speed.min()), float(speed.max())) if len(speed) else (0.0, 0.0),
-        extents=(_corner(np.fmin, end, via), _corner(np.fmax, end, via)) if columns.posed.any() else None,
+        extents=(_corner(np.fmin, end, via), _corner(np.fmax, end, via))
+        if columns.posed.any()
+        else None,
         outputs={name: tuple(values) for name, values in outputs.items()},
         force=max((item.newtons for item in columns.of(Force)), default=0.0),
     )
@@ -104,7 +106,9 @@ def exact_sum(values: FloatArray) -> float:
 
 def _corner(outer: np.ufunc, *points: FloatArray) -> Vec3:
     """The ``outer`` one, fmin or fmax, of points (N, 3) by axis, without those that are not known."""
-    x, y, z = outer.reduce(np.stack([outer.reduce(some, axis=0) for some in points if len(some)]), axis=0).tolist()
+    x, y, z = outer.reduce(
+        np.stack([outer.reduce(some, axis=0) for some in points if len(some)]), axis=0
+    ).tolist()
     return (x, y, z)
 
 
@@ -114,12 +118,16 @@ def path_sums(paths: Sequence[ToolPath]) -> tuple[FloatArray, FloatArray]:
         return frozen([]), frozen([])
     counts = [len(path.position) for path in paths]
     first = np.cumsum([0, *counts[:-1]])
-    inner = span_lengths(np.concatenate([p.position for p in paths]), np.concatenate([p.via for p in paths])[1:])
+    inner = span_lengths(
+        np.concatenate([p.position for p in paths]), np.concatenate([p.via for p in paths])[1:]
+    )
     steps = np.concatenate([[0.0], inner])
     steps[first] = 0.0  # from one path to the next
     passes = np.array([len(path.depths) for path in paths])
     durations = steps / np.concatenate([path.feed for path in paths])
-    return frozen(np.add.reduceat(steps, first) * passes), frozen(np.add.reduceat(durations, first) * passes)
+    return frozen(np.add.reduceat(steps, first) * passes), frozen(
+        np.add.reduceat(durations, first) * passes
+    )
 
 
 def report(
@@ -153,7 +161,9 @@ def report(
             **({"curves": len(part.curves)} if part.curves else {}),
         },
         "paths": [_path(*row) for row in rows],
-        "skipped": [{"what": clean(n.what), "why": clean(n.why)} for n in notes if n.kind == "skipped"],
+        "skipped": [
+            {"what": clean(n.what), "why": clean(n.why)} for n in notes if n.kind == "skipped"
+        ],
         "tour": {
             "method": tour.method,
             "work_mm": round(math.fsum(lengths.tolist()), 3),
@@ -176,7 +186,11 @@ def clearance_of(found: Clear) -> dict[str, object]:
     """
     least = found.nearest
     told: dict[str, object] = {"mm": round(found.clearance, 3)}
-    return told if least is None else told | {"between": list(least.pair), "on": clean(least.on), "at": least.at}
+    return (
+        told
+        if least is None
+        else told | {"between": list(least.pair), "on": clean(least.on), "at": least.at}
+    )
 
 
 def _coverage(found: Coverage) -> dict[str, float]:
@@ -188,7 +202,9 @@ def _coverage(found: Coverage) -> dict[str, float]:
     return told
 
 
-def _path(path: ToolPath, length: float, seconds: float, time: float, travel: float) -> dict[str, object]:
+def _path(
+    path: ToolPath, length: float, seconds: float, time: float, travel: float
+) -> dict[str, object]:
     """feed: mm/s of the tool centre, its mean; force: the greatest, N; travel_s: of the way to the path."""
     return {
         "id": path.id,

@@ -87,7 +87,9 @@ def hold_clear(
 
 def _find_rounded(columns: Columns, corners: IntArray) -> IntArray:
     """Those of some motions that end in a blend between two motions along a path."""
-    return corners[(columns.blend[corners] > 0) & columns.works[corners] & columns.works[corners + 1]]
+    return corners[
+        (columns.blend[corners] > 0) & columns.works[corners] & columns.works[corners + 1]
+    ]
 
 
 def _follow(program: Program, found: Reach, course: Course, robot: Robot) -> _Ways:
@@ -105,7 +107,12 @@ def _lessen(blend: FloatArray, pace: Dynamics) -> FloatArray:
 
 
 def _are_clear(
-    where: Surroundings, ways: _Ways, blend: FloatArray, corners: IntArray, pace: Dynamics, gap: float
+    where: Surroundings,
+    ways: _Ways,
+    blend: FloatArray,
+    corners: IntArray,
+    pace: Dynamics,
+    gap: float,
 ) -> BoolArray:
     """In which corners (K,), after these motions, nothing is met and the margin kept."""
     own, rounded, middle = _round(ways, blend[corners], corners, pace)

@@ -105,7 +105,9 @@ def squares(length: FloatArray, allowed: FloatArray, acceleration: FloatArray) -
     return np.asarray(np.clip(np.minimum(forward, back), 0.0, allowed))
 
 
-def durations(length: FloatArray, most: FloatArray, square: FloatArray, acceleration: FloatArray) -> FloatArray:
+def durations(
+    length: FloatArray, most: FloatArray, square: FloatArray, acceleration: FloatArray
+) -> FloatArray:
     """Seconds (N,) of pieces between nodes of squared speed ``square`` (N + 1,), no faster than ``most`` (N,) mm/s.
 
     Each is a trapezoid: up to the peak, along it, down. peak^2 = (v0^2 + v1^2) / 2 + a s where there is no room for
@@ -149,7 +151,12 @@ def shape_motions(program: Program, arm: Robot | None) -> MotionShapes:
     if len(arc):
         found = in_blocks(_shape_arcs, start[arc], columns.vias_of(arc), end[arc])
         last = first.copy()
-        length[arc], radius[arc], first[arc], last[arc] = found[:, 0], found[:, 1], found[:, 2:5], found[:, 5:]
+        length[arc], radius[arc], first[arc], last[arc] = (
+            found[:, 0],
+            found[:, 1],
+            found[:, 2:5],
+            found[:, 5:],
+        )
     return MotionShapes(end, np.nan_to_num(length), first, last, radius, turn)
 
 
@@ -168,7 +175,9 @@ def _place(program: Program, arm: Robot | None) -> tuple[FloatArray, FloatArray]
         from camgen.check.reach import ends  # noqa: PLC0415 (kinematics, only for what needs them)
 
         fixed = take(columns.moves, columns.moves_are(MoveJ) & ~columns.posed)
-        anchors = np.array([move.target.values for move in fixed]).reshape(len(fixed), len(arm.home))
+        anchors = np.array([move.target.values for move in fixed]).reshape(
+            len(fixed), len(arm.home)
+        )
         end, rotation = ends(program, arm, anchors)
         return end, np.append(0.0, angles_between(rotation[:-1], rotation[1:]))
     turn = np.zeros(len(columns.moves))
@@ -225,7 +234,9 @@ def time_motions(
     swing = columns.moves_are(MoveJ) & (rows is not None)
     still = ~swing & (shape.length < SAME_POINT_MM)
     seconds = np.zeros(len(swing))
-    turning = np.where(columns.turn > 0, np.minimum(columns.turn, pace.turning), pace.turning)[still]
+    turning = np.where(columns.turn > 0, np.minimum(columns.turn, pace.turning), pace.turning)[
+        still
+    ]
     seconds[still] = from_rest(shape.turn[still], turning, pace.turning / pace.ramp)
     if rows is not None:
         rest = swing | still
@@ -256,7 +267,9 @@ def _rows(program: Program, found: Reach, arm: Robot) -> _Arm:
     place = origin + turned @ np.asarray(program.flange_from_tool.origin)
     step = np.abs(np.diff(found.joints, axis=0)) / arm.speeds
     gain = None if arm.accelerations is None else arm.accelerations / arm.speeds
-    return _Arm(owner, step, np.linalg.norm(np.diff(place, axis=0), axis=1), arm.fastest / arm.speeds, gain)
+    return _Arm(
+        owner, step, np.linalg.norm(np.diff(place, axis=0), axis=1), arm.fastest / arm.speeds, gain
+    )
 
 
 def _joints(rows: _Arm, count: int, pace: Dynamics, share: FloatArray | float = 1.0) -> FloatArray:
@@ -266,7 +279,9 @@ def _joints(rows: _Arm, count: int, pace: Dynamics, share: FloatArray | float = 
     return np.asarray(from_rest(ways, np.minimum(share, rows.held[:, None]), gain).max(axis=0))
 
 
-def _pieces(program: Program, shape: MotionShapes, pace: Dynamics, going: Mask, rows: _Arm | None) -> _Pieces:
+def _pieces(
+    program: Program, shape: MotionShapes, pace: Dynamics, going: Mask, rows: _Arm | None
+) -> _Pieces:
     """The motions that are ``going`` with what limits their speed, row by row where the joints are known.
 
     That is their feed, what the tool can turn meanwhile, and on arcs the acceleration across: v^2 = a r.
@@ -274,7 +289,9 @@ def _pieces(program: Program, shape: MotionShapes, pace: Dynamics, going: Mask, 
     motion = np.flatnonzero(going)
     length, turn = shape.length[motion], shape.turn[motion]
     radius = shape.radius[motion]
-    most = np.minimum(program.columns.speed[motion], np.sqrt(pace.across * pace.acceleration * radius))
+    most = np.minimum(
+        program.columns.speed[motion], np.sqrt(pace.across * pace.acceleration * radius)
+    )
     gain = pace.acceleration * np.where(np.isinf(radius), 1.0, pace.along)
     turning = turn > 0
     most[turning] = np.minimum(most[turning], length[turning] * pace.turning / turn[turning])
@@ -289,7 +306,9 @@ def _pieces(program: Program, shape: MotionShapes, pace: Dynamics, going: Mask, 
         return _Pieces(owner, piece, np.minimum(most[place], piece / slowest), gain[place])
 
 
-def _corners(program: Program, shape: MotionShapes, pace: Dynamics, going: Mask) -> tuple[FloatArray, FloatArray]:
+def _corners(
+    program: Program, shape: MotionShapes, pace: Dynamics, going: Mask
+) -> tuple[FloatArray, FloatArray]:
     """Squared speed allowed at the end of each motion that is ``going``, and how far around it that holds, (G,) each.
 
     The machine stands before and after all that is no line or arc, and where something is switched. A blend of 0 is a
@@ -318,7 +337,9 @@ def _corners(program: Program, shape: MotionShapes, pace: Dynamics, going: Mask)
     return square, reach
 
 
-def _run(pieces: _Pieces, square: FloatArray, reach: FloatArray, last: float, count: int) -> FloatArray:
+def _run(
+    pieces: _Pieces, square: FloatArray, reach: FloatArray, last: float, count: int
+) -> FloatArray:
     """Seconds (M,) of the motions that the pieces belong to."""
     nodes = np.append(0.0, np.cumsum(pieces.length))
     ends = nodes[1:][np.append(pieces.motion[1:] != pieces.motion[:-1], True)]
@@ -350,7 +371,9 @@ def assign_paths(program: Program) -> NDArray[np.int64]:
     return np.where(program.columns.works, program.columns.path, -1)
 
 
-def cycle(program: Program, pace: Dynamics, found: Reach | None = None, arm: Robot | None = None) -> Cycle:
+def cycle(
+    program: Program, pace: Dynamics, found: Reach | None = None, arm: Robot | None = None
+) -> Cycle:
     """The time of ``program``, in all and by path. found, arm: see ``time_motions``."""
     columns = program.columns
     seconds, _ = time_motions(program, pace, found, arm)

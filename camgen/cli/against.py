@@ -38,36 +38,62 @@ def run(arguments: Namespace, says: Voice) -> int:
         files = opened.within(job.limits)
         says.stage("reading")
         seen = read_photo(files.read(photo), job, files)
-        expects = load(own, [], files) if own else replace(job, camera=CameraTable(), image=ImageTable())
+        expects = (
+            load(own, [], files) if own else replace(job, camera=CameraTable(), image=ImageTable())
+        )
         source = files.read(drawing)
         part = find_reader(source).read(source, expects, files)
         says.stage("comparing")
         found = inspect_photo(seen, part, expects, arguments.least)
         says.clear()
-        rework = list_rework(found, expects, arguments.removal) if arguments.removal is not None else ()
+        rework = (
+            list_rework(found, expects, arguments.removal) if arguments.removal is not None else ()
+        )
         if arguments.strict and found.differences:
             first = found.differences[0]
             what = f"differs from {drawing.name} in {counted(len(found.differences), 'place')}, first: {_tell(first)}"
             raise VerifyError(arguments.input, what, remedy="leave --strict out to see all of them")
         write_all(list(_outputs(arguments, found, rework)), files.opened)
     says.out(_page(found, rework))
-    says.rows([(note.kind, str(note).partition(": ")[2], "look") for note in found.notes if note.kind == "warning"])
+    says.rows(
+        [
+            (note.kind, str(note).partition(": ")[2], "look")
+            for note in found.notes
+            if note.kind == "warning"
+        ]
+    )
     says.rows([("written", str(target), "good") for target in targets])
     return 0
 
 
 def _insist(arguments: Namespace) -> None:
     if arguments.preview and Path(arguments.preview).suffix.lower() not in _PICTURES:
-        raise JobError(arguments.preview, "is no kind of picture of an inspection", remedy="end it in .svg or .png")
+        raise JobError(
+            arguments.preview,
+            "is no kind of picture of an inspection",
+            remedy="end it in .svg or .png",
+        )
     if arguments.rework and arguments.removal is None:
-        raise JobError("--rework", "needs --removal", remedy="give what one pass takes off, mm, e.g. --removal 0.2")
+        raise JobError(
+            "--rework",
+            "needs --removal",
+            remedy="give what one pass takes off, mm, e.g. --removal 0.2",
+        )
 
 
 def _drawing(named: Path) -> tuple[Path, Path | None]:
     """The drawing, and its own job file. Of a job file that is named, the input of its name beside it."""
     if named.suffix.lower() != ".toml":
         return named, beside(None, named)
-    suffixes = sorted({suffix for one in list_installed() if one.reader for suffix in one.reader.suffixes if suffix})
+    suffixes = sorted(
+        {
+            suffix
+            for one in list_installed()
+            if one.reader
+            for suffix in one.reader.suffixes
+            if suffix
+        }
+    )
     found = [path for path in (named.with_suffix(suffix) for suffix in suffixes) if path.is_file()]
     if len(found) == 1:
         return found[0], named
@@ -75,7 +101,9 @@ def _drawing(named: Path) -> tuple[Path, Path | None]:
     raise JobError(str(named), f"beside it is {which}", remedy="give the drawing to --against")
 
 
-def _outputs(arguments: Namespace, found: Inspection, rework: Sequence[Rework]) -> Iterator[tuple[Path, bytes]]:
+def _outputs(
+    arguments: Namespace, found: Inspection, rework: Sequence[Rework]
+) -> Iterator[tuple[Path, bytes]]:
     if arguments.preview:
         target = Path(arguments.preview)
         yield target, draw(found, target.suffix.lower())
@@ -95,10 +123,19 @@ def _page(found: Inspection, rework: Sequence[Rework]) -> str:
         *(_sum(found, much) for much in (True, False)),
     ]
     places = [_row(number, one) for number, one in enumerate(found.differences[:_LISTED], 1)]
-    listed = table([("", "what", "x mm", "y mm", "height mm", "length mm", "mm2", "at"), *places]) if places else ""
+    listed = (
+        table([("", "what", "x mm", "y mm", "height mm", "length mm", "mm2", "at"), *places])
+        if places
+        else ""
+    )
     more = len(found.differences) - len(places)
     told = [f"and {counted(more, 'more place')}"] if more else []
-    return "\n".join([*lines, *([listed.rstrip("\n")] if listed else []), *told, *_needs(found, rework)]) + "\n"
+    return (
+        "\n".join(
+            [*lines, *([listed.rstrip("\n")] if listed else []), *told, *_needs(found, rework)]
+        )
+        + "\n"
+    )
 
 
 def _sum(found: Inspection, much: bool) -> str:
@@ -149,7 +186,9 @@ def _fragment(found: Inspection, rework: Sequence[Rework]) -> str:
     """Tables of a job file for another run over the same contours."""
     names = f"{harmless(found.photo.source)} against {harmless(found.expected.source)}"
     lines = [f"# camgen {__version__}: {names}"]
-    lines += [f"# {harmless(_of(one.contour, one.burrs, one.height))}: {_settings(one)}" for one in rework]
+    lines += [
+        f"# {harmless(_of(one.contour, one.burrs, one.height))}: {_settings(one)}" for one in rework
+    ]
     for number, one in enumerate(found.burrs, 1):
         x, y = one.place
         size = f"{one.height:.2f} mm high, {one.length:.2f} mm long"
@@ -157,5 +196,12 @@ def _fragment(found: Inspection, rework: Sequence[Rework]) -> str:
     if not rework:
         return "\n".join([*lines, "# no burr: nothing to do again", ""])
     worst = max(rework, key=lambda one: one.passes)
-    lines += ["", "[operation]", f"passes = {worst.passes}", "", "# or, instead of more passes:", "# [process]"]
+    lines += [
+        "",
+        "[operation]",
+        f"passes = {worst.passes}",
+        "",
+        "# or, instead of more passes:",
+        "# [process]",
+    ]
     return "\n".join([*lines, f"# feed = {short(min(one.feed for one in rework), 3)}", ""])

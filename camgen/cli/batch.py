@@ -68,7 +68,9 @@ def run(arguments: Namespace, says: Voice) -> int:
                 batch.take(task.place, outcome)
     except Stopped as error:
         left = counted(len(parts) - len(batch.rows), "part")
-        says.error(f"{say_why(error)}: {left} of {len(parts)} not built; the same command goes on from here")
+        says.error(
+            f"{say_why(error)}: {left} of {len(parts)} not built; the same command goes on from here"
+        )
         return exit_code(error)
     if batch.written:
         state.tidy(folder, records)
@@ -89,10 +91,18 @@ def _check(arguments: Namespace) -> None:
         raise JobError("--timeout", f"must be 0 or more seconds, not {arguments.timeout}")
     if arguments.dask and (arguments.jobs or arguments.timeout is not None):
         raise JobError(
-            "--dask", "the cluster decides how many parts at once and how long", remedy="leave out the other"
+            "--dask",
+            "the cluster decides how many parts at once and how long",
+            remedy="leave out the other",
         )
-    if arguments.output and os.path.exists(arguments.output) and not os.path.isdir(arguments.output):
-        raise JobError(arguments.output, "is not a folder", remedy="a batch writes one program for each part")
+    if (
+        arguments.output
+        and os.path.exists(arguments.output)
+        and not os.path.isdir(arguments.output)
+    ):
+        raise JobError(
+            arguments.output, "is not a folder", remedy="a batch writes one program for each part"
+        )
 
 
 def _builders(arguments: Namespace, tasks: list[Task]) -> Generator[tuple[Task, Outcome]]:
@@ -124,8 +134,15 @@ class _Batch(Struct):
             if part.outcome:
                 self.take(place, part.outcome)
             elif part.record:
-                names = tuple(sorted(str(self.folder / part.input.folder / name) for name in part.record.files))
-                self._add(place, _Row(str(part.input.source), "unchanged", files=names, sums=part.record.sums))
+                names = tuple(
+                    sorted(
+                        str(self.folder / part.input.folder / name) for name in part.record.files
+                    )
+                )
+                self._add(
+                    place,
+                    _Row(str(part.input.source), "unchanged", files=names, sums=part.record.sums),
+                )
 
     def take(self, place: int, outcome: Outcome) -> None:
         """Writes a program, all files or none, and then the record of it."""
@@ -171,7 +188,9 @@ class _Batch(Struct):
         failed = sum(row.status == "failed" for row in self.rows.values())
         if self.says.terminal:
             bar = "#" * (_BAR * done // total)
-            self.says.stage(f"[{bar:-<{_BAR}}] {done} of {total}, {failed} failed{self._left(done, total)}")
+            self.says.stage(
+                f"[{bar:-<{_BAR}}] {done} of {total}, {failed} failed{self._left(done, total)}"
+            )
         elif row.status != "unchanged":
             self.says.rows([(row.status, _name(row), "look" if row.error else "plain")])
 
@@ -179,7 +198,9 @@ class _Batch(Struct):
         known = sum(row.status == "unchanged" for row in self.rows.values())
         if done == known:
             return ""
-        return f", about {duration((monotonic() - self.begun) / (done - known) * (total - done))} left"
+        return (
+            f", about {duration((monotonic() - self.begun) / (done - known) * (total - done))} left"
+        )
 
 
 def _tell(rows: list[_Row], says: Voice) -> None:
@@ -193,15 +214,22 @@ def _tell(rows: list[_Row], says: Voice) -> None:
     cells = [("file", "status", "paths", "time", "notes"), *(_cells(row) for row in rows)]
     below = [f"{one_line(clean(row.source))}: {_why(row)}\n" for row in rows if _is_long(row)]
     says.out(table(cells) + ("\n" + "".join(below) if below else ""))
-    counts = {status: sum(row.status == status for row in rows) for status in ("built", "unchanged", "failed")}
+    counts = {
+        status: sum(row.status == status for row in rows)
+        for status in ("built", "unchanged", "failed")
+    }
     text = ", ".join(f"{number} {status}" for status, number in counts.items() if number)
-    says.rows([("batch", f"{counted(len(rows), 'part')}: {text}", "bad" if counts["failed"] else "good")])
+    says.rows(
+        [("batch", f"{counted(len(rows), 'part')}: {text}", "bad" if counts["failed"] else "good")]
+    )
 
 
 def _why(row: _Row) -> str:
     """The error line without the name of the part in front, which stands beside it."""
     names = (f"{one_line(row.source)}: ", f"{row.source}: ", f"{os.path.basename(row.source)}: ")
-    return one_line(next((row.error[len(name) :] for name in names if row.error.startswith(name)), row.error))
+    return one_line(
+        next((row.error[len(name) :] for name in names if row.error.startswith(name)), row.error)
+    )
 
 
 def _is_long(row: _Row) -> bool:
@@ -218,7 +246,9 @@ def _cells(row: _Row) -> tuple[str, ...]:
     if row.sums is None:
         return (source, f"failed {row.code}", "", "", "below" if _is_long(row) else _why(row))
     nouns = {"warning": "warnings"}  # the other kinds are no nouns
-    notes = ", ".join(counted(number, kind, nouns.get(kind, kind)) for kind, number in row.sums.notes.items())
+    notes = ", ".join(
+        counted(number, kind, nouns.get(kind, kind)) for kind, number in row.sums.notes.items()
+    )
     return (source, row.status, str(row.sums.paths), duration(row.sums.time_s), notes)
 
 
@@ -235,4 +265,6 @@ def _report(rows: list[_Row], post: str) -> bytes:
         }
         for row in rows
     ]
-    return msgspec.json.format(msgspec.json.encode({"post": post, "parts": parts}), indent=2) + b"\n"
+    return (
+        msgspec.json.format(msgspec.json.encode({"post": post, "parts": parts}), indent=2) + b"\n"
+    )

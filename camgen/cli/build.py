@@ -45,7 +45,11 @@ _NOTES = 8
 
 
 def rows(
-    result: Result, job: Path | None, inputs: Sequence[Path], programs: Sequence[tuple[Path, ProgramFile]], verbose: int
+    result: Result,
+    job: Path | None,
+    inputs: Sequence[Path],
+    programs: Sequence[tuple[Path, ProgramFile]],
+    verbose: int,
 ) -> list[Row]:
     """Label, text and tone of every line."""
     return [
@@ -57,7 +61,11 @@ def rows(
         *_coverage(result),
         *_stock(result),
         ("cell", _cell(result), "look"),
-        ("time", f"about {duration(result.cycle.total)}, {duration(result.cycle.travel)} of it travel", "plain"),
+        (
+            "time",
+            f"about {duration(result.cycle.total)}, {duration(result.cycle.travel)} of it travel",
+            "plain",
+        ),
         *_programs(result, programs),
         ("verified", _tell_verified(result), "good"),
     ]
@@ -79,7 +87,9 @@ def _clearance(result: Result) -> str:
         return "clearance not known"
     # What is meant to meet, and bodies that are near whatever the arm does.
     spared = result.where.work.pairs if result.where else ()
-    names = ["the tool at the part" if pair == ("tool", "part") else " at ".join(pair) for pair in spared]
+    names = [
+        "the tool at the part" if pair == ("tool", "part") else " at ".join(pair) for pair in spared
+    ]
     beside = f"all but {', '.join(names)}" if names else "all"
     told = f"{beside} {short(result.clear.clearance, 2)} mm apart or more"
     return f"{told}, least {result.clear.nearest}" if result.clear.nearest else told
@@ -89,11 +99,15 @@ def _posture(result: Result) -> str:
     """Whether the text states the posture in which the arm was looked at."""
     moves = [move for move in result.program.columns.moves if isinstance(move.target, Pose)]
     words = result.post.list_verified() & {"confdata", "figure", "switches"}
-    said = sum(any(getattr(move.posture, word, None) not in (None, ()) for word in words) for move in moves)
+    said = sum(
+        any(getattr(move.posture, word, None) not in (None, ()) for word in words) for move in moves
+    )
     if said == len(moves):
         return "in the posture that the text states"
     if said:
-        return f"in a posture that the text states at {grouped(said)} of {counted(len(moves), 'pose')}"
+        return (
+            f"in a posture that the text states at {grouped(said)} of {counted(len(moves), 'pose')}"
+        )
     return "in a posture that the text does not state"
 
 
@@ -122,8 +136,14 @@ def _input(result: Result) -> str:
 def _job(job: Path | None, inputs: Sequence[Path]) -> list[Row]:
     """Which job file was used; a second input's own one is not, which the user may not expect."""
     found: list[Row] = [("job", f"{job}", "plain")] if job else []
-    others = [path for path in (one.with_suffix(".toml") for one in inputs[1:]) if path.is_file() and path != job]
-    return found + [("warning", f"{path} is not used: one job goes for all inputs", "look") for path in others]
+    others = [
+        path
+        for path in (one.with_suffix(".toml") for one in inputs[1:])
+        if path.is_file() and path != job
+    ]
+    return found + [
+        ("warning", f"{path} is not used: one job goes for all inputs", "look") for path in others
+    ]
 
 
 def _notes(notes: Sequence[Note], verbose: int) -> list[Row]:
@@ -134,17 +154,31 @@ def _notes(notes: Sequence[Note], verbose: int) -> list[Row]:
         shown = own if verbose else own[:_NOTES]
         told += [(kind, note.what + (f" ({note.why})" if note.why else ""), tone) for note in shown]
         if len(own) > len(shown):
-            told.append((kind, f"and {grouped(len(own) - len(shown))} more (-v shows all, --report lists them)", tone))
+            told.append(
+                (
+                    kind,
+                    f"and {grouped(len(own) - len(shown))} more (-v shows all, --report lists them)",
+                    tone,
+                )
+            )
     return told
 
 
 def _tell_plan(result: Result) -> list[Row]:
     work = math.fsum(path_sums(result.tour.paths)[0].tolist())
     tour = result.tour
-    hint = "; the extra fast (pip install camgen[fast]) searches farther in this time" if PLAIN in tour.method else ""
+    hint = (
+        "; the extra fast (pip install camgen[fast]) searches farther in this time"
+        if PLAIN in tour.method
+        else ""
+    )
     return [
         ("plan", f"{counted(len(tour.paths), 'path')}, work {length(work)}", "plain"),
-        ("tour", f"{tour.method}: work {length(work)}, travel {length(tour.travel)}{_above(tour)}{hint}", "plain"),
+        (
+            "tour",
+            f"{tour.method}: work {length(work)}, travel {length(tour.travel)}{_above(tour)}{hint}",
+            "plain",
+        ),
     ]
 
 
@@ -181,7 +215,10 @@ def _volume(mm3: float) -> str:
 def _stock(result: Result) -> list[Row]:
     """What the program does to the material."""
     if result.proof is None:
-        deep = any(step.operation.depth for step in result.job.operations) or result.job.operation.depth
+        deep = (
+            any(step.operation.depth for step in result.job.operations)
+            or result.job.operation.depth
+        )
         why = why_unproven(result.job)
         return [("stock", f"not judged: {why}", "look")] if why and deep else []
     from camgen.cli.stock import rows_of_build  # noqa: PLC0415 (shapely, only for what cuts)
@@ -193,7 +230,13 @@ def _coverage(result: Result) -> list[Row]:
     if result.coverage is None:
         return []
     found, enough = result.coverage, result.coverage.enough
-    return [("coverage", f"{found}" + ("" if enough else "; use a finer tool"), "plain" if enough else "look")]
+    return [
+        (
+            "coverage",
+            f"{found}" + ("" if enough else "; use a finer tool"),
+            "plain" if enough else "look",
+        )
+    ]
 
 
 #: A travel as near to its bound as this is the best possible, mm and a part of it: what the summary's digits show.
@@ -202,7 +245,9 @@ _SAME_MM, _SAME_PART = 0.002, 5e-4
 
 def _above(tour: Tour) -> str:
     """How near the travel is to what no tour can be below, where that says something: below twice that."""
-    if tour.bound is not None and tour.travel - tour.bound <= max(_SAME_MM, _SAME_PART * tour.travel):
+    if tour.bound is not None and tour.travel - tour.bound <= max(
+        _SAME_MM, _SAME_PART * tour.travel
+    ):
         return ", the best possible"
     if not tour.bound or tour.travel >= 2 * tour.bound:
         return ""
@@ -245,7 +290,10 @@ class _Stages(Struct):
     def spent(self) -> list[tuple[str, float]]:
         """Each stage with its seconds, the last one up to now."""
         ends = [*self.times[1:], perf_counter()]
-        return [(name, end - begin) for name, begin, end in zip(self.names, self.times, ends, strict=True)]
+        return [
+            (name, end - begin)
+            for name, begin, end in zip(self.names, self.times, ends, strict=True)
+        ]
 
 
 def run(arguments: Namespace, says: Voice) -> int:
@@ -265,7 +313,13 @@ def run(arguments: Namespace, says: Voice) -> int:
         name = program.stem if program else ""
         with rename_errors("job", str(job_file or "job")):
             result = build(
-                inputs, post=arguments.post, job=job, name=name, strict=arguments.strict, watch=stages, files=files
+                inputs,
+                post=arguments.post,
+                job=job,
+                name=name,
+                strict=arguments.strict,
+                watch=stages,
+                files=files,
             )
         stages("writing")
         programs = program_files(result, folder, program)
@@ -276,13 +330,24 @@ def run(arguments: Namespace, says: Voice) -> int:
         check_targets([*(path for path, _ in written), *extra], read)
         if program is None and written:
             _spare_others(written[0][0])
-        write_all([*written, *_extras(arguments, result, [path.name for path, _ in programs])], files.opened)
+        write_all(
+            [*written, *_extras(arguments, result, [path.name for path, _ in programs])],
+            files.opened,
+        )
     if aloud:
         says.out(bytes(programs[0][1]).decode("ascii"))
         programs = [(Path("-"), programs[0][1])]
     says.rows(rows(result, job_file, inputs, programs, says.verbose))
     if says.verbose:
-        says.rows([("timing", ", ".join(f"{name} {seconds:.2f} s" for name, seconds in stages.spent()), "plain")])
+        says.rows(
+            [
+                (
+                    "timing",
+                    ", ".join(f"{name} {seconds:.2f} s" for name, seconds in stages.spent()),
+                    "plain",
+                )
+            ]
+        )
     return 0
 
 
@@ -306,7 +371,9 @@ def _place(output: str | None) -> tuple[Path, Path | None]:
     return Path(output).parent, Path(output)
 
 
-def _extras(arguments: Namespace, result: Result, files: Sequence[str]) -> Iterator[tuple[Path, bytes]]:
+def _extras(
+    arguments: Namespace, result: Result, files: Sequence[str]
+) -> Iterator[tuple[Path, bytes]]:
     """Plan, report and preview, where asked for."""
     if arguments.plan:
         options = result.job.post
@@ -314,7 +381,10 @@ def _extras(arguments: Namespace, result: Result, files: Sequence[str]) -> Itera
         yield Path(arguments.plan), data
     if arguments.report:
         report = result.report | {"files": [clean(name) for name in files]}
-        yield Path(arguments.report), msgspec.json.format(msgspec.json.encode(report), indent=2) + b"\n"
+        yield (
+            Path(arguments.report),
+            msgspec.json.format(msgspec.json.encode(report), indent=2) + b"\n",
+        )
     if arguments.preview:
         target = Path(arguments.preview)
         yield target, draw(result, target)

@@ -28,7 +28,11 @@ def run(arguments: Namespace, says: Voice) -> int:
     camera_file = Path(arguments.output)
     preview = Path(arguments.preview) if arguments.preview else None
     if preview is not None and preview.suffix.lower() != ".svg":
-        raise JobError(str(preview), "is no kind of picture that camgen calibrate draws", remedy="end the name in .svg")
+        raise JobError(
+            str(preview),
+            "is no kind of picture that camgen calibrate draws",
+            remedy="end the name in .svg",
+        )
     check_targets([camera_file, *([preview] if preview else [])], paths)
     files = Files()
     found = calibrate([files.read(path) for path in paths], target, camera_file.stem, says.stage)
@@ -47,20 +51,27 @@ def run(arguments: Namespace, says: Voice) -> int:
 def _target(arguments: Namespace) -> Target:
     said = _COUNTS.fullmatch(arguments.board)
     if said is None:
-        remedy = "give columns x rows: inner corners of a chessboard (9x6), squares of a ChArUco board"
+        remedy = (
+            "give columns x rows: inner corners of a chessboard (9x6), squares of a ChArUco board"
+        )
         raise JobError("--board", f"{arguments.board!r} is no board", remedy=remedy)
     columns, rows = int(said[1]), int(said[2])
     if arguments.marker is not None:
         dictionary = arguments.dictionary or DICTIONARY
         return charuco(columns, rows, arguments.square, arguments.marker, dictionary)
     if arguments.dictionary is not None:
-        raise JobError("--dictionary", "a chessboard has no markers", remedy="give --marker, the side of one in mm")
+        raise JobError(
+            "--dictionary",
+            "a chessboard has no markers",
+            remedy="give --marker, the side of one in mm",
+        )
     return chessboard(columns, rows, arguments.square)
 
 
 def _errors(found: Calibration) -> str:
     rows = [
-        (one.name, f"{len(one.errors)} of {one.seen.of}", f"{one.rms:.3f}", f"{one.worst:.3f}") for one in found.used
+        (one.name, f"{len(one.errors)} of {one.seen.of}", f"{one.rms:.3f}", f"{one.worst:.3f}")
+        for one in found.used
     ]
     return table([("photo", "corners", "rms px", "worst px"), *rows])
 
@@ -71,9 +82,13 @@ def _summary(found: Calibration, target: Target) -> Sequence[tuple[str, str, str
     fx, fy, cx, cy = (camera.matrix[i, j] for i, j in ((0, 0), (1, 1), (0, 2), (1, 2)))
     sfx, sfy, scx, scy = found.deviations[:4].tolist()
     photos = (
-        f"{len(found.used)} of {counted(len(found.used) + len(found.left_out), 'photo')}, {counted(corners, 'corner')}"
+        f"{len(found.used)} of {counted(len(found.used) + len(found.left_out), 'photo')}, "
+        f"{counted(corners, 'corner')}"
     )
-    rows = [("board", f"{target.label}, squares of {short(target.square, 3)} mm", "plain"), ("photos", photos, "plain")]
+    rows = [
+        ("board", f"{target.label}, squares of {short(target.square, 3)} mm", "plain"),
+        ("photos", photos, "plain"),
+    ]
     rows += [("left out", f"{one.name}: {one.why}", "look") for one in found.left_out]
     rows += [
         ("error", f"{found.rms:.3f} px rms", "plain"),

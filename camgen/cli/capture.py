@@ -35,7 +35,10 @@ def run(arguments: Namespace, says: Voice) -> int:
     if arguments.strict and notes:
         raise NoSafeProgram(source, f"--strict and {notes[0].what}", remedy=notes[0].why)
     write_all([(target, encode(shot, target.suffix.lower()))], files.opened)
-    rows = [("camera", f"{source}: {tell(shot)}", "plain"), *(("markers", line, "plain") for line in seen)]
+    rows = [
+        ("camera", f"{source}: {tell(shot)}", "plain"),
+        *(("markers", line, "plain") for line in seen),
+    ]
     rows += [("warning", f"{note.what} ({note.why})", "look") for note in notes]
     says.rows([*rows, ("written", str(target), "good")])
     return 0
@@ -46,8 +49,13 @@ def _insist(arguments: Namespace, target: Path) -> None:
     if target.suffix.lower() not in _SUFFIXES:
         remedy = "end the name in .png, .tif or .bmp, which lose nothing"
         raise JobError(str(target), "is no kind of picture that capture writes", remedy=remedy)
-    for name, value, least in (("--frames", arguments.frames, 1), ("--skip", arguments.skip or 0, 0)):
+    for name, value, least in (
+        ("--frames", arguments.frames, 1),
+        ("--skip", arguments.skip or 0, 0),
+    ):
         if not least <= value <= MOST_FRAMES:
             raise JobError(name, f"cannot be {value}", remedy=f"give {least} to {MOST_FRAMES}")
     if not (math.isfinite(arguments.timeout) and arguments.timeout > 0):
-        raise JobError("--timeout", f"cannot be {arguments.timeout:g} s", remedy="give a time above 0 s")
+        raise JobError(
+            "--timeout", f"cannot be {arguments.timeout:g} s", remedy="give a time above 0 s"
+        )

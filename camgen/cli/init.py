@@ -46,10 +46,30 @@ def run(arguments: Namespace, says: Voice) -> int:
     found = f"; {source.name}: {units}" if units else ""
     says.rows([("job", f"{target}: every setting with its default{found}", "plain")])
     if proposal is not None:
-        told = "depths and speeds are placeholders" if arguments.operations else "as comments; --operations uses it"
-        says.rows([("proposed", f"{describe(proposal)}: {told}", "look" if arguments.operations else "plain")])
+        told = (
+            "depths and speeds are placeholders"
+            if arguments.operations
+            else "as comments; --operations uses it"
+        )
+        says.rows(
+            [
+                (
+                    "proposed",
+                    f"{describe(proposal)}: {told}",
+                    "look" if arguments.operations else "plain",
+                )
+            ]
+        )
     if identity(source.path.parent) != identity(target.parent):
-        says.rows([("use", f"camgen build {source.path} --job {target}: it does not lie beside the input", "look")])
+        says.rows(
+            [
+                (
+                    "use",
+                    f"camgen build {source.path} --job {target}: it does not lie beside the input",
+                    "look",
+                )
+            ]
+        )
     return 0
 
 
@@ -66,7 +86,9 @@ def _propose(part: Part | None, source: str, asked: bool, says: Voice) -> Propos
     proposal = propose(part)
     if proposal is None and asked:
         what = "has no closed contour that a drill or a mill of 1 mm or more could make"
-        raise InputError(source, what, "--operations", "camgen inspect shows its contours; or leave it out")
+        raise InputError(
+            source, what, "--operations", "camgen inspect shows its contours; or leave it out"
+        )
     return proposal
 
 
@@ -79,10 +101,14 @@ def _insist_on_program(part: Part, text: str, says: Voice) -> None:
         build(part, post="gcode", job=tomllib.loads(text))
     except CamgenError as error:
         what = f"no program comes of the operations that were proposed: {error}"
-        raise InputError(part.source, what, "--operations", "without it they are written as comments") from error
+        raise InputError(
+            part.source, what, "--operations", "without it they are written as comments"
+        ) from error
 
 
-def template(source: str, units: str, proposal: Proposal | None = None, active: bool = False) -> str:
+def template(
+    source: str, units: str, proposal: Proposal | None = None, active: bool = False
+) -> str:
     """A job file that says what camgen does without it, and what may be done. active: that is done, and no comment."""
     lines = [
         f"# camgen job for {_comment(source)}",
@@ -95,9 +121,13 @@ def template(source: str, units: str, proposal: Proposal | None = None, active: 
         lines += ["", f"[{table}]  # {about}"]
         for setting in settings():
             if setting.table == table:
-                found = f" This file: {_comment(units)}." if units and setting.key == "units" else ""
+                found = (
+                    f" This file: {_comment(units)}." if units and setting.key == "units" else ""
+                )
                 meaning = setting.about if setting.about.endswith(".") else f"{setting.about}."
-                lines += textwrap.wrap(meaning + found, 116, initial_indent="# ", subsequent_indent="# ")
+                lines += textwrap.wrap(
+                    meaning + found, 116, initial_indent="# ", subsequent_indent="# "
+                )
                 own = used.get((table, setting.key))
                 lines += (
                     _assignment(setting.key, setting.default, setting.allowed)

@@ -28,10 +28,14 @@ def open_inputs(names: Sequence[str], kind: str | None) -> Iterator[tuple[list[P
     if "-" in names:
         kind = (kind or "").lstrip(".")
         if not kind.isalnum():
-            raise JobError("-", "standard input has no suffix", remedy="say what it is, e.g. --format dxf")
+            raise JobError(
+                "-", "standard input has no suffix", remedy="say what it is, e.g. --format dxf"
+            )
         paths["-"] = _FOLDER / f"stdin{find_suffix(kind)}"
     elif kind:
-        raise JobError("--format", "is for standard input", remedy="leave it out, or give - as the input")
+        raise JobError(
+            "--format", "is for standard input", remedy="leave it out, or give - as the input"
+        )
     with ExitStack() as stack:
         for name, path in paths.items():
             stack.enter_context(rename_errors(path.name, name))

@@ -23,9 +23,17 @@ def run(arguments: Namespace, says: Voice) -> int:
         return run_against(arguments, says)
     for option in ("least", "preview", "removal", "rework", "strict"):
         if getattr(arguments, option):
-            raise JobError(f"--{option}", "has no effect without --against", remedy="give the drawing of the part")
+            raise JobError(
+                f"--{option}",
+                "has no effect without --against",
+                remedy="give the drawing of the part",
+            )
     with open_inputs([arguments.input], arguments.format) as (paths, opened):
-        job = load(beside(arguments.job, None if arguments.input == "-" else paths[0]), arguments.sets, opened)
+        job = load(
+            beside(arguments.job, None if arguments.input == "-" else paths[0]),
+            arguments.sets,
+            opened,
+        )
         files = opened.within(job.limits)
         source = files.read(paths[0])
         says.stage("reading")
@@ -33,7 +41,9 @@ def run(arguments: Namespace, says: Voice) -> int:
         contours = _list_contours(source, job, files) if says.verbose else []
     says.clear()
     if arguments.json:
-        says.data({"source": source.name, "facts": found} | ({"contours": contours} if contours else {}))
+        says.data(
+            {"source": source.name, "facts": found} | ({"contours": contours} if contours else {})
+        )
     else:
         says.out(str(found).rstrip("\n") + "\n" + "".join(f"{one}\n" for one in contours))
     return 0

@@ -16,7 +16,15 @@ from camgen.model.job import Job
 from camgen.model.pose import tell_frame
 from camgen.model.text import counted
 from camgen.read.files import Files
-from camgen.read.programs import Ask, Executed, Frames, Language, Places, find_language, list_languages
+from camgen.read.programs import (
+    Ask,
+    Executed,
+    Frames,
+    Language,
+    Places,
+    find_language,
+    list_languages,
+)
 
 Row = tuple[str, str]
 _LINE = re.compile(r"\bline (\d{1,9})\b")
@@ -36,7 +44,9 @@ def find_own(name: str, texts: Mapping[str, str]) -> Language:
     file, text = next(iter(texts.items()))
     every = list_languages()
     suffix = Path(file).suffix.lower()
-    fit = [one for one in every if one.recognise(text)] or [one for one in every if suffix in one.suffixes]
+    fit = [one for one in every if one.recognise(text)] or [
+        one for one in every if suffix in one.suffixes
+    ]
     if not fit:
         remedy = f"name its controller: --post {' or '.join(one.name for one in every)}"
         raise JobError(file, "does not look like a program of any language here", remedy=remedy)
@@ -51,7 +61,10 @@ def ask_of(language: Language, arguments: Namespace, job: Job, files: Files) -> 
         raise JobError("--dialect", f"{language.name} has no dialect {dialect}", remedy=known)
     for name in ("entry", "points"):
         if getattr(arguments, name) and name not in language.takes:
-            what = {"entry": "has no routines to begin with", "points": "has its locations in its text"}[name]
+            what = {
+                "entry": "has no routines to begin with",
+                "points": "has its locations in its text",
+            }[name]
             raise JobError(f"--{name}", f"{language.name} {what}", remedy="leave it out")
     points = read_texts([Path(name) for name in arguments.points], files)
     flange = None
@@ -59,7 +72,14 @@ def ask_of(language: Language, arguments: Namespace, job: Job, files: Files) -> 
         from camgen.plan.taught import find_flange  # noqa: PLC0415 (only for what needs it)
 
         flange = find_flange(job.operation.taught_on)
-    return Ask(dialect, dict(map(_assumed, arguments.assume)), points, arguments.entry or "", job.limits, flange)
+    return Ask(
+        dialect,
+        dict(map(_assumed, arguments.assume)),
+        points,
+        arguments.entry or "",
+        job.limits,
+        flange,
+    )
 
 
 def _assumed(given: str) -> tuple[str, float]:
@@ -71,7 +91,11 @@ def _assumed(given: str) -> tuple[str, float]:
     except ValueError:
         number = None
     if number is None or not name.strip():
-        raise JobError("--assume", f"{given!r} is no name with its value", remedy="say for example --assume di1=1")
+        raise JobError(
+            "--assume",
+            f"{given!r} is no name with its value",
+            remedy="say for example --assume di1=1",
+        )
     return name.strip().lower(), number
 
 
@@ -92,7 +116,9 @@ def name_files(executed: Executed, place: Places) -> Executed:
 def check_page(name: str) -> None:
     """JobError for the name of a report that is no page."""
     if Path(name).suffix.lower() != ".html":
-        raise JobError(name, "the report of a program is a page", remedy="give a name that ends in .html")
+        raise JobError(
+            name, "the report of a program is a page", remedy="give a name that ends in .html"
+        )
 
 
 def rows_of(executed: Executed, place: Places) -> list[Row]:
@@ -112,8 +138,15 @@ def _frames(frames: Sequence[Frames]) -> list[Row]:
     works = {one.work: one.base_from_work for one in frames if one.work}
     found = [("tool", name, pose) for name, pose in tools.items()]
     found += [("frame", name, pose) for name, pose in works.items()]
-    rows = [(label, f"{name}: {tell_frame(pose) if pose else 'not in the text'}") for label, name, pose in found]
-    more = [("frame", f"and {counted(len(rows) - _FRAMES, 'frame')} more")] if len(rows) > _FRAMES else []
+    rows = [
+        (label, f"{name}: {tell_frame(pose) if pose else 'not in the text'}")
+        for label, name, pose in found
+    ]
+    more = (
+        [("frame", f"and {counted(len(rows) - _FRAMES, 'frame')} more")]
+        if len(rows) > _FRAMES
+        else []
+    )
     return rows[:_FRAMES] + more
 
 
@@ -130,11 +163,16 @@ def tell_findings(executed: Executed, place: Places) -> str:
 def as_data(executed: Executed, place: Places) -> dict[str, object]:
     """Findings and assumptions for --json."""
     return {
-        "faults": [{"place": place(one.line), "what": one.what, "level": one.level} for one in executed.findings],
-        "assumed": [
-            {"place": place(one.line), "what": one.what, "key": one.key, "value": one.value} for one in executed.assumed
+        "faults": [
+            {"place": place(one.line), "what": one.what, "level": one.level}
+            for one in executed.findings
         ],
-        "stopped": executed.stopped and {"place": place(executed.stopped[0]), "what": executed.stopped[1]},
+        "assumed": [
+            {"place": place(one.line), "what": one.what, "key": one.key, "value": one.value}
+            for one in executed.assumed
+        ],
+        "stopped": executed.stopped
+        and {"place": place(executed.stopped[0]), "what": executed.stopped[1]},
     }
 
 
@@ -146,7 +184,9 @@ def verdict(executed: Executed, program: Path, place: Places) -> CamgenError | N
         return InputError(str(program), what, place(refused[0].line), "mend the program")
     if executed.stopped:
         line, what = executed.stopped
-        return InputError(str(program), f"cannot be run to its end: {what}", place(line), "mend the program")
+        return InputError(
+            str(program), f"cannot be run to its end: {what}", place(line), "mend the program"
+        )
     harm = [one for one in executed.findings if one.level == "dangerous"]
     if harm:
         what = f"{counted(len(harm), 'line is', 'lines are')} dangerous, first: {harm[0].what}"

@@ -47,14 +47,20 @@ def run(arguments: Namespace, says: Voice) -> int:
     found = localize(scan.name, (vertices, faces), seen.points, start, says.stage, eye)
     says.clear()
     names = (model.name, scan.name)
-    stood = "" if eye is None else f"{_millimetres(eye)} mm{'' if arguments.viewpoint else ', as the scan says'}"
+    stood = (
+        ""
+        if eye is None
+        else f"{_millimetres(eye)} mm{'' if arguments.viewpoint else ', as the scan says'}"
+    )
     write_all([(target, job(names, found, stood).encode())], files.opened)
     if not says.quiet:
         says.out(_line(found.base_from_work) + "\n")
     x, y, z = np.ptp(vertices, axis=0).tolist()
     size = f"{short(x, 3)} x {short(y, 3)} x {short(z, 3)} mm, {counted(len(faces), 'triangle')}"
     says.rows([("model", f"{names[0]}: {size}", "plain")])
-    says.rows([("scan", f"{names[1]}: {counted(len(seen.points), 'point')}, 1 unit = {mm:g} mm", "plain")])
+    says.rows(
+        [("scan", f"{names[1]}: {counted(len(seen.points), 'point')}, 1 unit = {mm:g} mm", "plain")]
+    )
     says.rows([(note.kind, str(note).partition(": ")[2], "look") for note in (*notes, *seen.notes)])
     says.rows([*_describe(found, stood), ("written", str(target), "good")])
     return 0
@@ -63,7 +69,9 @@ def run(arguments: Namespace, says: Voice) -> int:
 def _unit(name: str) -> float:
     unit = name.strip().lower()
     if unit not in MM:
-        raise JobError("--units", f"unknown unit {harmless(name)!r}", remedy="give mm, cm, m, inch, ...")
+        raise JobError(
+            "--units", f"unknown unit {harmless(name)!r}", remedy="give mm, cm, m, inch, ..."
+        )
     return MM[unit]
 
 
@@ -75,7 +83,9 @@ def _start(text: str | None) -> Pose | None:
     except ValueError:
         values = []
     if len(values) != 6 or not all(map(math.isfinite, values)):
-        raise JobError("--start", f"{text!r} is no pose", remedy="give x,y,z,rx,ry,rz in mm and deg")
+        raise JobError(
+            "--start", f"{text!r} is no pose", remedy="give x,y,z,rx,ry,rz in mm and deg"
+        )
     return pose_from_values(values)
 
 
@@ -107,7 +117,10 @@ def job(names: tuple[str, str], found: Location, stood: str) -> str:
     ``stood``: where the scanner did, "" if that is not known.
     """
     told = [f"{label}: {text}" if label else text for label, text, _ in _describe(found, stood)]
-    lines = [f"camgen {__version__}: where {harmless(names[0])} stands in {harmless(names[1])}", *told]
+    lines = [
+        f"camgen {__version__}: where {harmless(names[0])} stands in {harmless(names[1])}",
+        *told,
+    ]
     return "".join(f"# {line}\n" for line in lines) + f"\n[cell]\n{_line(found.base_from_work)}\n"
 
 
@@ -144,7 +157,9 @@ def _describe(found: Location, stood: str) -> Sequence[tuple[str, str, str]]:
         ("residual", f"{found.rms:.4f} mm rms of the {points}", "plain"),
     ]
     if found.free:
-        rows.append(("ambiguous", f"{found.free} changes nothing: the scan does not hold that", "look"))
+        rows.append(
+            ("ambiguous", f"{found.free} changes nothing: the scan does not hold that", "look")
+        )
     elif found.rivals:
         rows.append(("ambiguous", f"other poses that fit as well: {len(found.rivals)}", "look"))
         rows += [("", _tell(rival, found.told_apart), "look") for rival in found.rivals[:_LISTED]]
@@ -158,12 +173,16 @@ def _describe(found: Location, stood: str) -> Sequence[tuple[str, str, str]]:
         beyond = f"the scan runs on beyond {_percent(found.run_on)} of the rims: it stands where --start says"
         rows.append(("flush", beyond, "look"))
     if found.weak:
-        rows.append(("weak", f"few points hold {found.weak}: scan the part from more sides", "look"))
+        rows.append(
+            ("weak", f"few points hold {found.weak}: scan the part from more sides", "look")
+        )
     return rows
 
 
 def _tell(rival: Rival, told_apart: float) -> str:
-    elsewhere = f", surface up to {short(rival.off, 2)} mm elsewhere" if rival.off > told_apart else ""
+    elsewhere = (
+        f", surface up to {short(rival.off, 2)} mm elsewhere" if rival.off > told_apart else ""
+    )
     return f"turned by {rival.turn:.1f} deg{elsewhere}: {_line(rival.base_from_work)}"
 
 

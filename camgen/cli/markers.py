@@ -19,7 +19,11 @@ def run(arguments: Namespace, says: Voice) -> int:
     target = Path(arguments.output)
     drawn = _DRAWN.get(target.suffix.lower())
     if drawn is None:
-        raise JobError(str(target), "is no kind of drawing that camgen writes", remedy="end the name in .pdf or .svg")
+        raise JobError(
+            str(target),
+            "is no kind of drawing that camgen writes",
+            remedy="end the name in .pdf or .svg",
+        )
     what = sheet(arguments.size, arguments.marker)
     check_targets([target], [])
     write_all([(target, drawn(what))], {})
@@ -28,7 +32,11 @@ def run(arguments: Namespace, says: Voice) -> int:
     says.rows(
         [
             ("sheet", text, "plain"),
-            ("print", "at 100 %, not fitted to the page; then measure the ruler: it must be 100 mm", "look"),
+            (
+                "print",
+                "at 100 %, not fitted to the page; then measure the ruler: it must be 100 mm",
+                "look",
+            ),
             ("written", str(target), "good"),
         ]
     )

@@ -45,7 +45,9 @@ Matrix = tuple[Row, Row, Row]
 _NO_PRESS = (0.0, 0.0, 0.0)
 
 
-class _Line(msgspec.Struct, frozen=True, tag_field="do", omit_defaults=True, forbid_unknown_fields=True):
+class _Line(
+    msgspec.Struct, frozen=True, tag_field="do", omit_defaults=True, forbid_unknown_fields=True
+):
     """Base of the lines of ``body``; ``do`` names the instruction."""
 
 
@@ -206,13 +208,17 @@ def _line(item: Instruction, known: _Rotations) -> _Any:
             return _MoveL(item.target.origin, place, item.speed, *_tail(item), item.turn or None)
         case MoveC():
             middle, place = known.place(item.via.rotation), known.place(item.target.rotation)
-            return _MoveC(item.via.origin, middle, item.target.origin, place, item.speed, *_tail(item))
+            return _MoveC(
+                item.via.origin, middle, item.target.origin, place, item.speed, *_tail(item)
+            )
         case Output():
             return _Output(item.signal, float(item.value))
         case Wait():
             return _Wait(item.seconds)
         case Force():
-            return _Force(float(item.newtons), item.force_direction if any(item.force_direction) else None)
+            return _Force(
+                float(item.newtons), item.force_direction if any(item.force_direction) else None
+            )
         case ToolChange():
             pose = item.flange_from_tool
             frame = None if pose is None else _Frame(pose.origin, known.place(pose.rotation))
@@ -231,7 +237,9 @@ def _joint_line(item: MoveJ, known: _Rotations) -> _MoveJ:
     return _MoveJ(item.speed, item.target.origin, known.place(item.target.rotation), None, *rest)
 
 
-_Tail = tuple[float | None, float | None, Vec3 | None, tuple[float, ...] | None, Posture | None, int, bool]
+_Tail = tuple[
+    float | None, float | None, Vec3 | None, tuple[float, ...] | None, Posture | None, int, bool
+]
 
 
 def _tail(item: MoveL | MoveC) -> _Tail:
@@ -249,7 +257,9 @@ def load(file: Path, files: Files) -> MotionFile:
         raise JobError(str(file), f"cannot be read: {error.strerror}") from error
     except (msgspec.DecodeError, UnicodeDecodeError, ValueError, CamgenError) as error:
         reason = error.what if isinstance(error, CamgenError) else str(error)
-        raise JobError(str(file), f"is not a plan: {reason}", remedy="write one with camgen build --plan") from error
+        raise JobError(
+            str(file), f"is not a plan: {reason}", remedy="write one with camgen build --plan"
+        ) from error
 
 
 def decode(data: bytes) -> MotionFile:
@@ -280,10 +290,14 @@ def _movej(line: _MoveJ, pose: Callable[[Vec3, int], Pose]) -> MoveJ:
     posture = Joints(line.posture) if line.posture else None
     owner = line.path, line.work, line.share or 0.0
     if line.joints is not None:
-        return MoveJ(Joints(line.joints), line.speed, line.blend or 0.0, posture, line.called, *owner)
+        return MoveJ(
+            Joints(line.joints), line.speed, line.blend or 0.0, posture, line.called, *owner
+        )
     if line.to is None:
         raise ValueError("a movej has neither joints nor to")
-    return MoveJ(pose(line.to, line.rotation), line.speed, line.blend or 0.0, posture, line.called, *owner)
+    return MoveJ(
+        pose(line.to, line.rotation), line.speed, line.blend or 0.0, posture, line.called, *owner
+    )
 
 
 def _instruction(line: _Any, pose: Callable[[Vec3, int], Pose]) -> Instruction:
@@ -311,6 +325,16 @@ def _instruction(line: _Any, pose: Callable[[Vec3, int], Pose]) -> Instruction:
             return Comment(line.text)
 
 
-def _end(line: _MoveL | _MoveC) -> tuple[float, float, Vec3, Joints | None, Posture | None, int, bool]:
+def _end(
+    line: _MoveL | _MoveC,
+) -> tuple[float, float, Vec3, Joints | None, Posture | None, int, bool]:
     posture = Joints(line.posture) if line.posture else None
-    return line.blend or 0.0, line.force or 0.0, line.press or _NO_PRESS, posture, line.called, line.path, line.work
+    return (
+        line.blend or 0.0,
+        line.force or 0.0,
+        line.press or _NO_PRESS,
+        posture,
+        line.called,
+        line.path,
+        line.work,
+    )

@@ -20,18 +20,27 @@ def run(arguments: Namespace, says: Voice) -> int:
     try:
         from camgen.workbench.server import listen, serve  # noqa: PLC0415 (an extra)
     except ModuleNotFoundError as error:
-        raise JobError("open", f"needs {error.name}", remedy="pip install camgen[workbench]") from error
+        raise JobError(
+            "open", f"needs {error.name}", remedy="pip install camgen[workbench]"
+        ) from error
     from camgen.workbench.guard import make_token  # noqa: PLC0415 (asyncio and all of camgen, for this command only)
     from camgen.workbench.session import open_session  # noqa: PLC0415
 
     inputs, job = _inputs(arguments.inputs, arguments.job)
     folder = Path(arguments.output or "")
     if not folder.is_dir():
-        raise JobError(str(folder), "is not a folder", "-o", "make it first; programs get the names that build gives")
+        raise JobError(
+            str(folder),
+            "is not a folder",
+            "-o",
+            "make it first; programs get the names that build gives",
+        )
     post = arguments.post or _usual_post(inputs[0])
     find_post(post)  # what is not there is told before a page is opened
     posts = [one.name for one in list_installed() if not one.broken]
-    session = open_session(inputs, job, arguments.sets, post, folder, posts if post in posts else [*posts, post])
+    session = open_session(
+        inputs, job, arguments.sets, post, folder, posts if post in posts else [*posts, post]
+    )
     with listen(arguments.port) as door:
         token = make_token()
         address = f"http://127.0.0.1:{door.getsockname()[1]}/{token}/"
@@ -53,7 +62,9 @@ def _inputs(names: Sequence[str], job: str | None) -> tuple[list[Path], str | No
     paths = [Path(name) for name in names]
     if len(paths) == 1 and paths[0].suffix.lower() == ".toml":
         if job is not None:
-            raise JobError("--job", "a job file is opened already", remedy="name the input, or leave it out")
+            raise JobError(
+                "--job", "a job file is opened already", remedy="name the input, or leave it out"
+            )
         return [_input_of(paths[0])], names[0]
     files = Files()
     for path in paths:
@@ -74,7 +85,9 @@ def _input_of(job: Path) -> Path:
             readable.append(path)
     if len(readable) != 1:
         found = (
-            f"fits {', '.join(path.name for path in readable)}" if readable else "has no input of its name beside it"
+            f"fits {', '.join(path.name for path in readable)}"
+            if readable
+            else "has no input of its name beside it"
         )
         raise InputError(str(job), found, remedy=f"camgen open INPUT --job {job}")
     return readable[0]

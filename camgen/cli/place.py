@@ -31,7 +31,11 @@ def run(arguments: Namespace, says: Voice) -> int:
     """Searches, writes the cell, and says what was found."""
     source, target = Path(arguments.input), Path(arguments.output)
     if arguments.height is not None and not math.isfinite(arguments.height):
-        raise JobError("--height", f"{arguments.height} is no height", remedy="give mm above the base of the robot")
+        raise JobError(
+            "--height",
+            f"{arguments.height} is no height",
+            remedy="give mm above the base of the robot",
+        )
     job_file = beside(arguments.job, source)
     check_targets([target], [source, *([job_file] if job_file else [])])
     files = Files()
@@ -40,13 +44,20 @@ def run(arguments: Namespace, says: Voice) -> int:
         poster = poster_of(arguments.post, job, str(job_file or "job"))
         says.stage("reading")
         read = read_inputs([source], job, poster.cell(), files.within(job.limits))
-        found = search_place(read.part, job, read.cell, arguments.post, arguments.height, says.stage)
+        found = search_place(
+            read.part, job, read.cell, arguments.post, arguments.height, says.stage
+        )
     says.clear()
     text = job_text(job, found, source.name, target.parent)
     write_all([(target, text.encode())], files.opened)
     if not says.quiet:
         says.out(f"base_from_work = {list(found.best[0].base_from_work)}\n")
-    says.rows([*((label, words, "plain") for label, words in _describe(found)), ("written", str(target), "good")])
+    says.rows(
+        [
+            *((label, words, "plain") for label, words in _describe(found)),
+            ("written", str(target), "good"),
+        ]
+    )
     return 0
 
 
@@ -60,11 +71,17 @@ def job_text(job: Job, found: Search, part: str, folder: Path) -> str:
     keys = {key: value for key, value in given.items() if value != default[key] and key != "file"}
     keys["base_from_work"] = list(found.best[0].base_from_work)
     if isinstance(keys.get("fixtures"), list):
-        keys["fixtures"] = [_from(folder, one) if isinstance(one, str) else one for one in keys["fixtures"]]
+        keys["fixtures"] = [
+            _from(folder, one) if isinstance(one, str) else one for one in keys["fixtures"]
+        ]
     if ".urdf" in str(keys.get("robot", "")).lower():
         keys["robot"] = _from(folder, keys["robot"])
     lines = [f"{key} = {json.dumps(value)}" for key, value in keys.items()]
-    return "".join(f"# {line}\n" for line in head) + "\n[cell]\n" + "".join(f"{line}\n" for line in lines)
+    return (
+        "".join(f"# {line}\n" for line in head)
+        + "\n[cell]\n"
+        + "".join(f"{line}\n" for line in lines)
+    )
 
 
 def _from(folder: Path, name: str) -> str:
@@ -74,18 +91,26 @@ def _from(folder: Path, name: str) -> str:
 def _describe(found: Search) -> list[tuple[str, str]]:
     grid, near = found.looked
     best, *others = found.best
-    rows = [("place", _tell(best, found.edges) + (", where the job has it" if best is found.here else ""))]
+    rows = [
+        (
+            "place",
+            _tell(best, found.edges) + (", where the job has it" if best is found.here else ""),
+        )
+    ]
     rows += [("next best", _tell(one, found.edges)) for one in others if one is not found.here]
     if best is not found.here:
         rows.append(("the job's", _tell(found.here, found.edges)))
-    rows.append(("searched", f"{counted(grid, 'place')} by the joints alone, {near} with collisions"))
+    rows.append(
+        ("searched", f"{counted(grid, 'place')} by the joints alone, {near} with collisions")
+    )
     return rows
 
 
 def _tell(one: Found, edges: int) -> str:
     spot = one.spot
     where = (
-        f"{short(spot.distance, 1)} mm from axis 1, {short(spot.height, 1)} mm up, turned by {short(spot.turn, 2)} deg"
+        f"{short(spot.distance, 1)} mm from axis 1, "
+        f"{short(spot.height, 1)} mm up, turned by {short(spot.turn, 2)} deg"
     )
     time = f", about {duration(one.seconds)}" if one.edges else ""
     return f"{where}: {one.edges} of {counted(edges, 'edge')}, {one.nominal} with the nominal tool{time}"

@@ -14,6 +14,9 @@ def run(arguments: Namespace, says: Voice) -> int:
         says.data(list_installed())
         return 0
     rows = [("name", "suffix", "origin", "about")]
-    rows += [(p.name, p.suffix, p.origin, f"broken: {p.broken}" if p.broken else p.about) for p in list_installed()]
+    rows += [
+        (p.name, p.suffix, p.origin, f"broken: {p.broken}" if p.broken else p.about)
+        for p in list_installed()
+    ]
     says.out(table(rows))
     return 0

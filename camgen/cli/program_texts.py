@@ -18,9 +18,17 @@ def read_texts(paths: Sequence[Path], files: Files) -> Mapping[str, str]:
         except (OSError, ValueError) as error:
             raise InputError(str(path), f"cannot be read: {reason(error)}") from error
         if not data.strip() or b"\0" in data:
-            raise InputError(str(path), "is empty" if not data.strip() else "is not a text", remedy="give a program")
+            raise InputError(
+                str(path),
+                "is empty" if not data.strip() else "is not a text",
+                remedy="give a program",
+            )
         if path.name in texts:
-            raise InputError(str(path), "another file has this name", remedy="the files of a program differ in name")
+            raise InputError(
+                str(path),
+                "another file has this name",
+                remedy="the files of a program differ in name",
+            )
         # Comments of other programs may hold any byte; nothing else in a program does, so each byte is a character.
         texts[path.name] = data.decode("latin-1").replace("\r\n", "\n").replace("\r", "\n")
     return texts

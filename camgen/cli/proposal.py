@@ -38,7 +38,9 @@ def _keys(row: Mapping[str, object]) -> list[str]:
         if len(line) <= _WIDE or not isinstance(value, list):
             lines.append(line)
             continue
-        items = textwrap.wrap(", ".join(map(toml, value)), _WIDE - 4, initial_indent="    ", subsequent_indent="    ")
+        items = textwrap.wrap(
+            ", ".join(map(toml, value)), _WIDE - 4, initial_indent="    ", subsequent_indent="    "
+        )
         lines += [f"{key} = [", *items, "]"]
     return lines
 

@@ -33,7 +33,10 @@ def run(arguments: Namespace, says: Voice) -> int:
         return 0
     rows = [("name", "maker", "joints", "kind", "kinematics", "limits")]
     known = robots()
-    rows += [(r.name, r.maker, str(len(r.joints)), r.kind, r.trust.kinematics, r.trust.limits) for r in known]
+    rows += [
+        (r.name, r.maker, str(len(r.joints)), r.kind, r.trust.kinematics, r.trust.limits)
+        for r in known
+    ]
     text = table(rows)
     if says.verbose:
         text += "".join(f"{robot.name}: {note}\n" for robot in known for note in robot.notes)
@@ -55,7 +58,12 @@ def _as_data(robot: Robot) -> dict[str, object]:
         for k, (joint, unit) in enumerate(zip(robot.joints, units, strict=True))
     ]
     known = {"kinematics": robot.trust.kinematics, "limits": robot.trust.limits}
-    names = {"name": robot.name, "maker": robot.maker, "kind": robot.kind, "convention": robot.convention}
+    names = {
+        "name": robot.name,
+        "maker": robot.maker,
+        "kind": robot.kind,
+        "convention": robot.convention,
+    }
     return {**names, "trust": known, "joints": joints, "notes": robot.notes}
 
 
@@ -66,7 +74,21 @@ def _one(robot: Robot) -> str:
         low, high = (short(value * unit, 3) for value in robot.limits[k].tolist())
         speed, home = short(float(robot.speeds[k]) * unit, 3), short(float(robot.home[k]) * unit, 3)
         boxes = str(len(robot.links[k + 1].boxes))
-        rows.append((joint.name, robot.links[k + 1].name, f"{low} {name}", f"{high} {name}", f"{speed}/s", home, boxes))
+        rows.append(
+            (
+                joint.name,
+                robot.links[k + 1].name,
+                f"{low} {name}",
+                f"{high} {name}",
+                f"{speed}/s",
+                home,
+                boxes,
+            )
+        )
     lines = [robot.name, robot.convention, _JOINTS[robot.kind]]
     notes = [f"note: {note}" for note in robot.notes]
-    return "".join(f"{line}\n" for line in lines) + table(rows) + "".join(f"{note}\n" for note in notes)
+    return (
+        "".join(f"{line}\n" for line in lines)
+        + table(rows)
+        + "".join(f"{note}\n" for note in notes)
+    )

@@ -90,7 +90,10 @@ def _write(stream: TextIO, text: str) -> None:
 def table(rows: Sequence[Sequence[str]]) -> str:
     """Rows of cells as aligned columns, the last one unpadded."""
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]) - 1)]
-    lines = ["  ".join([*(c.ljust(w) for c, w in zip(row, widths, strict=False)), row[-1]]).rstrip() for row in rows]
+    lines = [
+        "  ".join([*(c.ljust(w) for c, w in zip(row, widths, strict=False)), row[-1]]).rstrip()
+        for row in rows
+    ]
     return "\n".join(lines) + "\n"
 
 

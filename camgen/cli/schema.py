@@ -12,5 +12,8 @@ from camgen.post.job_schema import schema
 
 def run(arguments: Namespace, says: Voice) -> int:
     """Prints the schema."""
-    says.out(msgspec.json.format(msgspec.json.encode(schema(arguments.post or "")), indent=2).decode() + "\n")
+    says.out(
+        msgspec.json.format(msgspec.json.encode(schema(arguments.post or "")), indent=2).decode()
+        + "\n"
+    )
     return 0

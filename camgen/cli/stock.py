@@ -35,7 +35,12 @@ class StockSays(Struct, frozen=True):
 
 
 def judge(
-    program: str, drawing: Path, job: Job, reading: Reading | Executed, files: Files, place: Callable[[int], str]
+    program: str,
+    drawing: Path,
+    job: Job,
+    reading: Reading | Executed,
+    files: Files,
+    place: Callable[[int], str],
 ) -> StockSays:
     """The proof of what was read. place: file and line of a line counted through all files.
 
@@ -45,7 +50,9 @@ def judge(
     part = on_page(read(drawing, job, files), job)
     if part.solid is not None or part.curves or not part.contours:
         remedy = "give the drawing of the part"
-        raise InputError(str(drawing), "has no flat contours to prove a program against", remedy=remedy)
+        raise InputError(
+            str(drawing), "has no flat contours to prove a program against", remedy=remedy
+        )
     columns = Columns(reading.body)
     if job.operations:
         tasks = [task_on(part, job_of(job, one.step), one.part) for one in share_out(part, job)[0]]
@@ -54,7 +61,9 @@ def judge(
         tasks = [_task(part, job, columns)]
         cuts = [_cut(program, reading, columns, job)]
     proof = prove(cuts, design(tasks, job.stock))
-    return StockSays(tuple(_rows(proof, tasks, cuts)), _tell(proof.faults, place), _refuse(program, proof, place))
+    return StockSays(
+        tuple(_rows(proof, tasks, cuts)), _tell(proof.faults, place), _refuse(program, proof, place)
+    )
 
 
 def _task(part: Part, job: Job, columns: Columns) -> Task:
@@ -65,7 +74,9 @@ def _task(part: Part, job: Job, columns: Columns) -> Task:
     return Task(replace(job, operation=replace(job.operation, kind="follow", depth=depth)), part)
 
 
-def _cuts_by_tool(program: str, reading: Reading | Executed, columns: Columns, job: Job) -> list[Cut]:
+def _cuts_by_tool(
+    program: str, reading: Reading | Executed, columns: Columns, job: Job
+) -> list[Cut]:
     """What each tool of a program does. JobError where it does not say which tools of the job it has."""
     used = [step.tool for step in job.operations]
     changes = np.flatnonzero(columns.are(ToolChange)).tolist()
@@ -73,7 +84,9 @@ def _cuts_by_tool(program: str, reading: Reading | Executed, columns: Columns, j
     if not changes:
         if any(tool != used[0] for tool in used):
             what = "the job has several tools, and the program changes none"
-            raise JobError("job", what, "[[tools]]", "give a job with the operations of this program alone")
+            raise JobError(
+                "job", what, "[[tools]]", "give a job with the operations of this program alone"
+            )
         return [whole]
     cuts = []
     for start, end in zip(changes, [*changes[1:], len(reading.body)], strict=True):
@@ -95,7 +108,12 @@ def _cut(program: str, reading: Reading | Executed, columns: Columns, job: Job) 
     slower = process.feed * process.max_feed_factor < process.travel_speed
     travel = process.travel_speed if slower and not rapid[1:].any() else np.inf
     return Cut(
-        reading.body, reading.lines, job.tool, Path(program).name, travel=float(travel), chord=job.tolerance.chord
+        reading.body,
+        reading.lines,
+        job.tool,
+        Path(program).name,
+        travel=float(travel),
+        chord=job.tolerance.chord,
     )
 
 
@@ -125,7 +143,11 @@ def _sum(proof: StockProof) -> str:
     kinds = (
         ("gouge", "gouges", proof.gouges),
         ("rapid motion in material", "rapid motions in material", proof.rapids),
-        ("motion with the holder in material", "motions with the holder in material", proof.holders),
+        (
+            "motion with the holder in material",
+            "motions with the holder in material",
+            proof.holders,
+        ),
     )
     found = [counted(len(faults), one, many) for one, many, faults in kinds if faults]
     return ", ".join(found) or "no gouge, no rapid motion in material"
@@ -138,20 +160,37 @@ def _excess(proof: StockProof) -> list[str]:
         left = level.excess
         if left.area < 0.01:
             continue
-        parts = [f"{short(left.corners, 2)} mm2 in inner corners and narrow places"] if left.corners >= 0.01 else []
+        parts = (
+            [f"{short(left.corners, 2)} mm2 in inner corners and narrow places"]
+            if left.corners >= 0.01
+            else []
+        )
         parts += [f"{short(left.tabs, 2)} mm2 in tabs"] if left.tabs >= 0.01 else []
-        parts += [f"{short(left.untaken, 2)} mm2 of paths that are left out"] if left.untaken >= 0.01 else []
+        parts += (
+            [f"{short(left.untaken, 2)} mm2 of paths that are left out"]
+            if left.untaken >= 0.01
+            else []
+        )
         if left.unexplained.area >= 0.01 and left.place is not None:
             at = " ".join(short(v, 2) for v in left.place)
-            parts.append(f"{short(left.unexplained.area, 2)} mm2 else, up to {short(left.size, 2)} mm wide at {at}")
+            parts.append(
+                f"{short(left.unexplained.area, 2)} mm2 else, up to {short(left.size, 2)} mm wide at {at}"
+            )
         found.setdefault(", ".join(parts), []).append(level.bottom)
-    return [f"at z {' '.join(short(z, 3) for z in depths)}: {text}" for text, depths in found.items()]
+    return [
+        f"at z {' '.join(short(z, 3) for z in depths)}: {text}" for text, depths in found.items()
+    ]
 
 
 def _tell(faults: Sequence[Fault], place: Callable[[int], str]) -> str:
-    lines = [f"{place(one.line)}: {'' if one.serious else 'remark: '}{one.text}\n" for one in faults[:_LISTED]]
+    lines = [
+        f"{place(one.line)}: {'' if one.serious else 'remark: '}{one.text}\n"
+        for one in faults[:_LISTED]
+    ]
     more = len(faults) - _LISTED
-    return "".join(lines) + (f"and {counted(more, 'more fault')} of the stock proof\n" if more > 0 else "")
+    return "".join(lines) + (
+        f"and {counted(more, 'more fault')} of the stock proof\n" if more > 0 else ""
+    )
 
 
 def _refuse(program: str, proof: StockProof, place: Callable[[int], str]) -> NoSafeProgram | None:

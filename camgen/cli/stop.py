@@ -31,7 +31,11 @@ def exit_code(error: BaseException) -> int:
 
 def say_why(error: BaseException) -> str:
     """What the user is told."""
-    return f"ended by {signal.Signals(error.number).name}" if isinstance(error, Terminated) else "interrupted"
+    return (
+        f"ended by {signal.Signals(error.number).name}"
+        if isinstance(error, Terminated)
+        else "interrupted"
+    )
 
 
 @contextmanager

@@ -11,7 +11,16 @@ from msgspec.structs import replace
 
 from camgen.batch.writing import check_targets, write_all
 from camgen.check.report import Motions, sum_up
-from camgen.cli.judge import as_data, ask_of, check_page, find_own, name_files, rows_of, tell_findings, verdict
+from camgen.cli.judge import (
+    as_data,
+    ask_of,
+    check_page,
+    find_own,
+    name_files,
+    rows_of,
+    tell_findings,
+    verdict,
+)
 from camgen.cli.motion_file import load as load_plan
 from camgen.cli.program_texts import read_texts
 from camgen.cli.say import Voice, length, table
@@ -93,7 +102,9 @@ def _judge(asked: _Asked, says: Voice) -> int:
     rows += [("told", f"{note.what} ({note.why})") for note in told.notes]
     error = verdict(executed, paths[0], place)
     if error is None and not (executed.body or executed.assumed or executed.facts):
-        error = InputError(str(paths[0]), f"does nothing, read as {language.about}", remedy="name its --post")
+        error = InputError(
+            str(paths[0]), f"does nothing, read as {language.about}", remedy="name its --post"
+        )
     if arguments.report:
         _report(Path(arguments.report), asked, executed, told, rows, says)
     more: list[Row] = []
@@ -138,7 +149,11 @@ def _compare(asked: _Asked, says: Voice) -> int:
         what = f"{counted(len(serious), 'fault')}, first: {first.what}"
         raise InputError(str(paths[0]), what, place(first.line), "mend the program")
     if not reading.body:
-        raise InputError(str(paths[0]), f"holds no instruction of {post.name}", remedy="name its own post with --post")
+        raise InputError(
+            str(paths[0]),
+            f"holds no instruction of {post.name}",
+            remedy="name its own post with --post",
+        )
     if plan:
         says.stage("comparing")
         prepared = post.prepare(_planned(plan.program, post, paths[0]), plan.chord)
@@ -159,7 +174,9 @@ def _compare(asked: _Asked, says: Voice) -> int:
 def _insist_on_post(arguments: Namespace) -> None:
     """JobError without the controller, and for what has no effect on a program with a job or a plan."""
     if not arguments.post:
-        raise JobError("--post", "is not given", remedy="with a job or a plan the controller has to be named")
+        raise JobError(
+            "--post", "is not given", remedy="with a job or a plan the controller has to be named"
+        )
     for name in ("assume", "points", "entry", "dialect", "report"):
         if getattr(arguments, name):
             remedy = "leave out the job and the plan, or this"
@@ -178,13 +195,17 @@ def _prove(
     return list(stock.rows), stock.told, stock.error
 
 
-def _report(target: Path, asked: _Asked, executed: Executed, told: Carried, rows: Sequence[Row], says: Voice) -> None:
+def _report(
+    target: Path, asked: _Asked, executed: Executed, told: Carried, rows: Sequence[Row], says: Voice
+) -> None:
     """The page of a program. JobError for a name that is none of a page, or a file that is not to be replaced."""
     from camgen.preview.foreign import view_program  # noqa: PLC0415 (only where a page is asked for)
     from camgen.preview.page import page  # noqa: PLC0415
 
     says.stage("drawing")
-    drawn = page(view_program(", ".join(asked.texts), asked.texts, executed, told, rows, Places(asked.texts)))
+    drawn = page(
+        view_program(", ".join(asked.texts), asked.texts, executed, told, rows, Places(asked.texts))
+    )
     says.clear()
     write_all([(target, drawn.encode("utf-8"))], asked.files.opened)
 
@@ -201,7 +222,9 @@ def _planned(program: Program, post: Post, path: Path) -> Program:
     found = next((part for part in parts if part.name == path.stem), None)
     if found is None:
         names = ", ".join(part.name for part in parts)
-        raise InputError(str(path), "the plan holds a program for each tool", names, "give one by its own name")
+        raise InputError(
+            str(path), "the plan holds a program for each tool", names, "give one by its own name"
+        )
     return found
 
 
@@ -213,10 +236,17 @@ def _rows(motions: Motions, lines: int) -> list[tuple[str, str]]:
     rows.append(("joint", f"{length(motions.joint)} between the ends"))
     rows.append(("time", f"about {duration(motions.seconds)}"))
     if motions.speeds[1] > 0:
-        rows.append(("speed", " to ".join(dict.fromkeys(short(v, 3) for v in motions.speeds)) + " mm/s"))
+        rows.append(
+            ("speed", " to ".join(dict.fromkeys(short(v, 3) for v in motions.speeds)) + " mm/s")
+        )
     if motions.extents:
         pairs = zip("xyz", *motions.extents, strict=True)
-        rows.append(("extents", ", ".join(f"{axis} {short(a, 3)} to {short(b, 3)}" for axis, a, b in pairs) + " mm"))
+        rows.append(
+            (
+                "extents",
+                ", ".join(f"{axis} {short(a, 3)} to {short(b, 3)}" for axis, a, b in pairs) + " mm",
+            )
+        )
     for name, values in motions.outputs.items():
         rows.append(("output", f"{name}: {', '.join(short(v, 3) for v in values)}"))
     if motions.force:
@@ -226,7 +256,10 @@ def _rows(motions: Motions, lines: int) -> list[tuple[str, str]]:
 
 def _faults(faults: Sequence[Fault], place: Callable[[int], str]) -> str:
     kinds = ("remark: " if isinstance(fault, Remark) else "" for fault in faults)
-    return "".join(f"{place(fault.line)}: {kind}{fault.what}\n" for fault, kind in zip(faults, kinds, strict=True))
+    return "".join(
+        f"{place(fault.line)}: {kind}{fault.what}\n"
+        for fault, kind in zip(faults, kinds, strict=True)
+    )
 
 
 def _as_data(fault: Fault, place: Callable[[int], str]) -> dict[str, object]:

@@ -21,12 +21,18 @@ class Boxes(Struct, frozen=True, eq=False):
     axes: FloatArray
     half: FloatArray
 
-    def __getitem__(self, which: tuple[IntArray | slice, ...] | slice | IntArray | BoolArray) -> Boxes:
+    def __getitem__(
+        self, which: tuple[IntArray | slice, ...] | slice | IntArray | BoolArray
+    ) -> Boxes:
         return Boxes(self.centres[which], self.axes[which], self.half[which])
 
     def take(self, which: IntArray) -> Boxes:
         """Those at places (m,) of n boxes, in a third of the time of an index."""
-        return Boxes(self.centres.take(which, axis=0), self.axes.take(which, axis=0), self.half.take(which, axis=0))
+        return Boxes(
+            self.centres.take(which, axis=0),
+            self.axes.take(which, axis=0),
+            self.half.take(which, axis=0),
+        )
 
     @property
     def reach(self) -> FloatArray:
@@ -44,7 +50,11 @@ class Boxes(Struct, frozen=True, eq=False):
 
 def _across(axes: FloatArray, half: FloatArray) -> FloatArray:
     """``axes @ half`` (..., 3), in less than half of the time."""
-    return axes[..., 0] * half[..., 0, None] + axes[..., 1] * half[..., 1, None] + axes[..., 2] * half[..., 2, None]
+    return (
+        axes[..., 0] * half[..., 0, None]
+        + axes[..., 1] * half[..., 1, None]
+        + axes[..., 2] * half[..., 2, None]
+    )
 
 
 def every(good: BoolArray) -> BoolArray:

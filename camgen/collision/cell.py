@@ -77,12 +77,19 @@ def around(
     Without fixtures a 3-D part is taken to stand on a table. JobError for boxes that are none.
     """
     fixtures, notes = _fixtures(job, solid)
-    standing = tuple(Link(name, (box_between(cell.base_from_work, low, high),)) for name, (low, high) in fixtures)
+    standing = tuple(
+        Link(name, (box_between(cell.base_from_work, low, high),)) for name, (low, high) in fixtures
+    )
     walls = tuple((name, make_mesh(shape), cell.base_from_work) for name, shape in meshes)
     holder = [corners_of("tool.holder", box) for box in job.tool.holder or ()]
     bodies = [Link("tool", (_shaft(job, cell, holder),))]
     if holder:
-        bodies.append(Link("holder", tuple(box_between(Pose(IDENTITY, (0.0, 0.0, 0.0)), *box) for box in holder)))
+        bodies.append(
+            Link(
+                "holder",
+                tuple(box_between(Pose(IDENTITY, (0.0, 0.0, 0.0)), *box) for box in holder),
+            )
+        )
     tool = tuple(bodies)
     part = make_mesh(solid) if solid is not None else ()
     contact = job.tool.diameter / 2 * math.sin(math.radians(job.tool.axis_tilt)) + _TOUCH
@@ -96,19 +103,36 @@ def around(
         Note("assumed", f"{a} and {b} keep no margin", f"they are {short(far, 2)} mm apart at home")
         for (a, b), far in close.items()
     )
-    notes += tuple(Note("assumed", f"{a} and {b} do not meet", "their boxes overlap at home") for a, b in overlaps)
+    notes += tuple(
+        Note("assumed", f"{a} and {b} do not meet", "their boxes overlap at home")
+        for a, b in overlaps
+    )
     points = [one for one in (None if solid is None else solid.vertices, beside) if one is not None]
     low, high = _extent(cell.base_from_work, np.concatenate(points or [np.zeros((1, 3))]))
-    tops = [high[2], *(_top(box) for link in standing if link.name != "table" for box in link.boxes)]
+    tops = [
+        high[2],
+        *(_top(box) for link in standing if link.name != "table" for box in link.boxes),
+    ]
     tops += [_extent(cell.base_from_work, shape.vertices)[1][2] for _, shape in meshes]
     room = _width(job, holder) / 2 + job.cell.safety
     scenes = made, narrow(made, rest), narrow(made, work)
     return Surroundings(
-        *scenes, job.cell.margin, max(tops) + room, room, low, high, notes, tool, standing, tuple(meshes)
+        *scenes,
+        job.cell.margin,
+        max(tops) + room,
+        room,
+        low,
+        high,
+        notes,
+        tool,
+        standing,
+        tuple(meshes),
     )
 
 
-def _close(robot: Robot, scene: Scene, tool: tuple[Link, ...], margin: float) -> dict[tuple[str, str], float]:
+def _close(
+    robot: Robot, scene: Scene, tool: tuple[Link, ...], margin: float
+) -> dict[tuple[str, str], float]:
     """Pairs of a link and a body of the tool that are nearer than ``margin`` at the robot's own home, mm apart: no
     choice of a way gives them more.
     """
@@ -116,7 +140,11 @@ def _close(robot: Robot, scene: Scene, tool: tuple[Link, ...], margin: float) ->
     found: dict[tuple[str, str], float] = {}
     for k, (a, b) in enumerate(scene.pairs):
         if a in links and b in bodies:
-            far = float(clearance(narrow(scene, [k]), robot.home[None], margin)[0]) if margin > 0 else margin
+            far = (
+                float(clearance(narrow(scene, [k]), robot.home[None], margin)[0])
+                if margin > 0
+                else margin
+            )
             found |= {(a, b): far} if far < margin else {}
     return found
 
@@ -125,7 +153,9 @@ def _overlaps(robot: Robot, tool: tuple[Link, ...]) -> tuple[tuple[str, str], ..
     """Pairs of a link of the wrist and a body of the tool whose boxes meet at the robot's own home, where nothing does:
     the boxes of a wrist reach beyond its flange.
     """
-    wrist = {robot.links[k].name for pair in robot.touching if len(robot.joints) in pair for k in pair}
+    wrist = {
+        robot.links[k].name for pair in robot.touching if len(robot.joints) in pair for k in pair
+    }
     found: list[tuple[str, str]] = []
     while True:
         bare = scene(robot, tool, allowed=tuple(found))
@@ -140,24 +170,39 @@ def _fixtures(
 ) -> tuple[list[tuple[str, tuple[FloatArray, FloatArray]]], tuple[Note, ...]]:
     """Names and corners, work frame."""
     listed = enumerate(job.cell.fixtures or (), 1)
-    given = [(f"fixture {k}", corners_of("cell.fixtures", box)) for k, box in listed if not isinstance(box, str)]
+    given = [
+        (f"fixture {k}", corners_of("cell.fixtures", box))
+        for k, box in listed
+        if not isinstance(box, str)
+    ]
     if job.cell.fixtures is not None or solid is None:
         return given, ()
     low, high = solid.vertices.min(axis=0), solid.vertices.max(axis=0)
     top = float(low[2]) - _TABLE_GAP_MM
     table = np.array([*(low[:2] - _BEYOND), top - _THICK]), np.array([*(high[:2] + _BEYOND), top])
-    note = Note("assumed", "the part stands on a table", "say what it stands on: cell.fixtures, [] for nothing")
+    note = Note(
+        "assumed",
+        "the part stands on a table",
+        "say what it stands on: cell.fixtures, [] for nothing",
+    )
     return [("table", table)], (note,)
 
 
 def corners_of(key: str, values: Sequence[float]) -> Corners:
     """The corners of a box that a job gives, the lower one first. JobError, with the ``key``, for what is none."""
     if len(values) != 6:
-        raise JobError("job", f"a box has {counted(len(values), 'value')}", key, "give two corners: [x, y, z, x, y, z]")
+        raise JobError(
+            "job",
+            f"a box has {counted(len(values), 'value')}",
+            key,
+            "give two corners: [x, y, z, x, y, z]",
+        )
     ends = np.reshape(values, (2, 3)).astype(np.float64)
     low, high = ends.min(axis=0), ends.max(axis=0)
     if not np.isfinite(ends).all() or (high - low).min() <= 0:
-        raise JobError("job", "a box has no size", key, "give two corners that differ in x, y and z")
+        raise JobError(
+            "job", "a box has no size", key, "give two corners that differ in x, y and z"
+        )
     return low, high
 
 

@@ -46,16 +46,24 @@ class Cells(Struct, frozen=True, eq=False):
 
     def middles(self, cell: IntArray) -> FloatArray:
         """The middles (N, 3) of cells (N,), counted along the grid."""
-        return self.low + (np.column_stack(np.unravel_index(cell, self.state.shape)) + 0.5) * self.size
+        return (
+            self.low + (np.column_stack(np.unravel_index(cell, self.state.shape)) + 0.5) * self.size
+        )
 
     def near(self, centres: FloatArray, reach: FloatArray) -> BoolArray:
         """Which boxes around ``centres`` (N, 3), half as wide as ``reach`` (N, 3), may meet the surface (N,)."""
         slack = _SLACK * (1 + self.size)
         ends: list[tuple[IntArray, IntArray]] = []
         for axis, count in enumerate(self.state.shape):
-            at, room = (centres[:, axis] - self.low[axis]) / self.size, (reach[:, axis] + slack) / self.size
+            at, room = (
+                (centres[:, axis] - self.low[axis]) / self.size,
+                (reach[:, axis] + slack) / self.size,
+            )
             # np.clip takes three times as long for the few boxes of most questions.
-            first, last = (np.maximum(np.minimum(np.floor(end), count), 0) for end in (at - room, at + room + 1))
+            first, last = (
+                np.maximum(np.minimum(np.floor(end), count), 0)
+                for end in (at - room, at + room + 1)
+            )
             ends.append((first.astype(np.int64), last.astype(np.int64)))
         # Of the sums at the eight corners; a box beside the grid has no room in it, and they cancel.
         total = np.zeros(len(centres), dtype=np.int64)
@@ -78,7 +86,10 @@ def divide_space(corners: FloatArray) -> Cells:
     middles, room = _tile(corners, size)
     room += _SLACK * (1 + size)
     passed = np.zeros(shape, dtype=np.bool_)
-    begin, end = _cells_of(middles - room, low, size, shape), _cells_of(middles + room, low, size, shape)
+    begin, end = (
+        _cells_of(middles - room, low, size, shape),
+        _cells_of(middles + room, low, size, shape),
+    )
     # Column by column: a rectangle lies in one cell, or in a few beside each other.
     first = (begin[0] * shape[1] + begin[1]) * shape[2] + begin[2]
     more = [last - one for one, last in zip(begin, end, strict=True)]
@@ -112,7 +123,9 @@ def _tile(corners: FloatArray, size: float) -> tuple[FloatArray, FloatArray]:
     longest = np.maximum(np.maximum(ab, bc), ca)
     # Turned so that the longest side is the first one: the third corner is above it.
     first, second = (ab == longest)[:, None], (bc == longest)[:, None]
-    a, b, c = (np.where(first, x, np.where(second, y, z)) for x, y, z in ((a, b, c), (b, c, a), (c, a, b)))
+    a, b, c = (
+        np.where(first, x, np.where(second, y, z)) for x, y, z in ((a, b, c), (b, c, a), (c, a, b))
+    )
     wide = np.sqrt(longest)
     along = (b - a) / np.maximum(wide, NONZERO)[:, None]
     foot = ((c - a) * along).sum(axis=1)
@@ -126,7 +139,9 @@ def _tile(corners: FloatArray, size: float) -> tuple[FloatArray, FloatArray]:
     half = span / parts / 2
     tall = up[own] / rows[own, None] / 2
     places = left[row] + (2 * ramp(parts) + 1) * half[row]
-    middles = (a[own] + 2 * (ramp(rows) + 0.5)[:, None] * tall)[row] + places[:, None] * along[own][row]
+    middles = (a[own] + 2 * (ramp(rows) + 0.5)[:, None] * tall)[row] + places[:, None] * along[own][
+        row
+    ]
     return middles, (half[:, None] * np.abs(along[own]) + np.abs(tall))[row]
 
 

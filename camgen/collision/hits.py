@@ -43,7 +43,9 @@ def hits(
         bare = place(scene, joints[rows])
         placed = bare.grown((grow[rows] + near[rows, None] * scene.moving)[..., None])
         row, box = near_pairs(scene, placed)
-        pair = _grow(scene, bare, (row, box), grow[rows], None if closing is None else closing[rows])
+        pair = _grow(
+            scene, bare, (row, box), grow[rows], None if closing is None else closing[rows]
+        )
         met = meet(pair[0].grown(near[rows][row, None]), pair[1])
         # Of several values for one place the last one stays: the first pair, since they come backwards.
         found[rows][row[met][::-1]] = scene.of_pair[box[met][::-1]]
@@ -79,7 +81,9 @@ class Growth(Protocol):
     def of_boxes(self, row: IntArray, box: IntArray, bare: Boxes) -> FloatArray:
         """Of boxes (n,), which are ``bare`` there; of those that stand whatever it is is left out."""
 
-    def of_pairs(self, row: IntArray, pair: IntArray, first: Boxes, second: Boxes) -> FloatArray | None:
+    def of_pairs(
+        self, row: IntArray, pair: IntArray, first: Boxes, second: Boxes
+    ) -> FloatArray | None:
         """Of the two boxes of pairs (n,) together; it counts where it is less than what both grow. None: never."""
 
 
@@ -93,7 +97,13 @@ class GrowthTable(Struct, frozen=True, eq=False):
         """As of ``Growth``."""
         return np.asarray(self.grow[row, box])
 
-    def of_pairs(self, row: IntArray, pair: IntArray, first: Boxes, second: Boxes) -> FloatArray | None:  # noqa: ARG002
+    def of_pairs(
+        self,
+        row: IntArray,
+        pair: IntArray,
+        first: Boxes,  # noqa: ARG002
+        second: Boxes,  # noqa: ARG002
+    ) -> FloatArray | None:
         """As of ``Growth``."""
         return None if self.closing is None else np.asarray(self.closing[row, pair])
 
@@ -112,13 +122,20 @@ def find_meetings(
     found = []
     for begin in range(0, len(joints), ROWS):
         rows = slice(begin, begin + ROWS)
-        looked = finite(joints[rows]), grow[rows] * scene.moving, None if closing is None else closing[rows], near[rows]
+        looked = (
+            finite(joints[rows]),
+            grow[rows] * scene.moving,
+            None if closing is None else closing[rows],
+            near[rows],
+        )
         if asked is None:
             some = _named(_meet_all(scene, *looked))
         else:
             low, high = np.searchsorted(asked[0], [begin, begin + ROWS])
             links, growth = frames(scene.robot, looked[0]), GrowthTable(*looked[1:3])
-            some = meet_again(scene, links, growth, looked[3], (asked[0][low:high] - begin, asked[1][low:high]))
+            some = meet_again(
+                scene, links, growth, looked[3], (asked[0][low:high] - begin, asked[1][low:high])
+            )
         found.append((some[0] + begin, some[1]))
     return join_tests(found)
 
@@ -151,7 +168,11 @@ def join_tests(several: Iterable[Tests]) -> Tests:
 
 
 def meet_again(
-    scene: Scene, links: tuple[FloatArray, FloatArray], growth: Growth, near: FloatArray, asked: Tests
+    scene: Scene,
+    links: tuple[FloatArray, FloatArray],
+    growth: Growth,
+    near: FloatArray,
+    asked: Tests,
 ) -> Tests:
     """Those of the tests ``asked`` that meet where links are at ``links`` (N,), as of ``frames``, as of
     ``find_meetings``.
@@ -216,11 +237,17 @@ def _meet_some(
         reach = bare.grown(_CORNERS * more).reach
         one, other = (number.take(end) for end in ends)
         room = reach.take(one, axis=0) + reach.take(other, axis=0)
-        kept = np.flatnonzero(every(np.abs(bare.centres.take(one, axis=0) - bare.centres.take(other, axis=0)) <= room))
+        kept = np.flatnonzero(
+            every(np.abs(bare.centres.take(one, axis=0) - bare.centres.take(other, axis=0)) <= room)
+        )
         at, pair, one, other = at[kept], pair[kept], one[kept], other[kept]
         both = bare.take(one), bare.take(other)
         share = _share(grow.take(one), grow.take(other), growth.of_pairs(at, pair, *both))
-        yield at, pair, meet(both[0].grown((share[0] + near[at])[:, None]), both[1].grown(share[1][:, None]))
+        yield (
+            at,
+            pair,
+            meet(both[0].grown((share[0] + near[at])[:, None]), both[1].grown(share[1][:, None])),
+        )
     for target, (place, at, which) in zip(scene.targets, strikes, strict=True):
         if len(place):
             here = number.take(place)
@@ -234,16 +261,24 @@ def _frame(target: Target) -> tuple[FloatArray, FloatArray]:
 
 
 def _grow(
-    scene: Scene, bare: Boxes, which: tuple[IntArray, IntArray], grow: FloatArray, closing: FloatArray | None
+    scene: Scene,
+    bare: Boxes,
+    which: tuple[IntArray, IntArray],
+    grow: FloatArray,
+    closing: FloatArray | None,
 ) -> tuple[Boxes, Boxes]:
     """The boxes of the pairs ``which`` (rows and pairs of boxes), larger by what each of them or both together grow."""
     row, box = which
     one, other = grow[row, scene.first[box]], grow[row, scene.second[box]]
     one, other = _share(one, other, None if closing is None else closing[row, box])
-    return bare[row, scene.first[box]].grown(one[:, None]), bare[row, scene.second[box]].grown(other[:, None])
+    return bare[row, scene.first[box]].grown(one[:, None]), bare[row, scene.second[box]].grown(
+        other[:, None]
+    )
 
 
-def _share(one: FloatArray, other: FloatArray, both: FloatArray | None) -> tuple[FloatArray, FloatArray]:
+def _share(
+    one: FloatArray, other: FloatArray, both: FloatArray | None
+) -> tuple[FloatArray, FloatArray]:
     """Mm by which the first and the second box of pairs (n,) grow, of what each of them does: where both together grow
     less than each of them the first does for both.
     """
@@ -275,14 +310,18 @@ def place(scene: Scene, joints: FloatArray) -> Boxes:
     return Boxes(centres.swapaxes(0, 1), axes, np.broadcast_to(scene.half, (len(joints), count, 3)))
 
 
-def _place_some(scene: Scene, links: tuple[FloatArray, FloatArray], row: IntArray, box: IntArray) -> Boxes:
+def _place_some(
+    scene: Scene, links: tuple[FloatArray, FloatArray], row: IntArray, box: IntArray
+) -> Boxes:
     """Boxes (n,) at rows (n,) of configurations whose links are at ``links``, as of ``frames``."""
     frame = scene.frame[box]
     # Link by link, as they lie in memory: so they are taken in a third of the time.
     at = frame * len(links[0]) + row
     rotation = links[0].swapaxes(0, 1).reshape(-1, 3, 3).take(at, axis=0)
     origin = links[1].swapaxes(0, 1).reshape(-1, 3).take(at, axis=0)
-    turned = rotation @ np.concatenate([scene.rotation, scene.origin[..., None]], axis=2).take(box, axis=0)
+    turned = rotation @ np.concatenate([scene.rotation, scene.origin[..., None]], axis=2).take(
+        box, axis=0
+    )
     return Boxes(origin + turned[..., 3], turned[..., :3], scene.half.take(box, axis=0))
 
 
@@ -367,7 +406,9 @@ def least(scene: Scene, joints: FloatArray, near: float) -> Nearest:
     return least_of_each(scene, joints, np.zeros(len(joints), dtype=np.int64), np.array([near]))[0]
 
 
-def least_of_each(scene: Scene, joints: FloatArray, owner: IntArray, near: FloatArray) -> list[Nearest]:
+def least_of_each(
+    scene: Scene, joints: FloatArray, owner: IntArray, near: FloatArray
+) -> list[Nearest]:
     """``least`` for each of n groups of configurations. owner: (N,) the group of each. near: (n,) mm."""
     found = _Found.beyond(near.copy())
     _lower(scene, joints, owner, found)
@@ -385,7 +426,9 @@ def _lower(scene: Scene, joints: FloatArray, place_of: IntArray, found: _Found) 
             _to_mesh(target, placed, rows, place_of, found)
 
 
-def _between(scene: Scene, placed: Boxes, rows: IntArray, place_of: IntArray, found: _Found) -> None:
+def _between(
+    scene: Scene, placed: Boxes, rows: IntArray, place_of: IntArray, found: _Found
+) -> None:
     wide = placed.grown(found.distance[place_of[rows]][:, None, None] * scene.moving[:, None])
     row, which = near_pairs(scene, wide)
     first, second = placed[row, scene.first[which]], placed[row, scene.second[which]]
@@ -398,8 +441,12 @@ def _between(scene: Scene, placed: Boxes, rows: IntArray, place_of: IntArray, fo
     )
 
 
-def _to_mesh(target: Target, placed: Boxes, rows: IntArray, place_of: IntArray, found: _Found) -> None:
-    row, which, wide = near_mesh(target, placed.grown(found.distance[place_of[rows]][:, None, None]))
+def _to_mesh(
+    target: Target, placed: Boxes, rows: IntArray, place_of: IntArray, found: _Found
+) -> None:
+    row, which, wide = near_mesh(
+        target, placed.grown(found.distance[place_of[rows]][:, None, None])
+    )
     boxes = Boxes(wide.centres, wide.axes, placed.half[row, target.striking[which]])
     _measure(
         _Asked(place_of[rows[row]], rows[row], target.of_strike[which], np.zeros(len(row))),
@@ -441,7 +488,9 @@ def _measure(
     left = mixed[np.lexsort((asked.bound[mixed], asked.place[mixed]))]
     many = 1
     while len(left):
-        left = left[within(left, np.maximum(found.distance[asked.place[left]] - _SAME_DISTANCE_MM, 0.0))]
+        left = left[
+            within(left, np.maximum(found.distance[asked.place[left]] - _SAME_DISTANCE_MM, 0.0))
+        ]
         now = ramp(run_lengths(asked.place[left])) < many
         for k in left[now].tolist():
             at = asked.place[k]

@@ -99,7 +99,9 @@ def _inside_cells(mesh: Mesh, points: FloatArray) -> BoolArray:
 def _surface(tree: BoxTree, boxes: Boxes) -> BoolArray:
     """Which boxes (N,) meet a triangle. One corner within a box settles it; others are tested triangle by triangle."""
     # Column by column in memory: what is worked out for thousands of pairs takes a third of the time.
-    centres, reach, half = (np.ascontiguousarray(table.T) for table in (boxes.centres, boxes.reach, boxes.half))
+    centres, reach, half = (
+        np.ascontiguousarray(table.T) for table in (boxes.centres, boxes.reach, boxes.half)
+    )
     axes = np.ascontiguousarray(boxes.axes.transpose(1, 2, 0))
     steep, lowest, highest = np.abs(axes), centres - reach, centres + reach
 
@@ -177,7 +179,9 @@ def _through(tree: BoxTree, points: FloatArray, axis: int) -> FloatArray:
 
     def stabbed(which: IntArray, low: FloatArray, high: FloatArray) -> IntArray:
         one, other = points[:, u].take(which), points[:, v].take(which)
-        return np.flatnonzero((low[u] <= one) & (one <= high[u]) & (low[v] <= other) & (other <= high[v]))
+        return np.flatnonzero(
+            (low[u] <= one) & (one <= high[u]) & (low[v] <= other) & (other <= high[v])
+        )
 
     which, triangle, _ = ask(tree, len(points), stabbed)
     corners, at = tree.corners[triangle][..., [u, v, axis]], points[which][:, [u, v, axis]]
@@ -187,8 +191,13 @@ def _through(tree: BoxTree, points: FloatArray, axis: int) -> FloatArray:
     normal = cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     # A triangle that is counted has an area seen along the ray, unless it is lost in rounding: then any height is its.
     steep = np.where(normal[:, 2] == 0, 1.0, normal[:, 2])
-    height = corners[:, 0, 2] + ((corners[:, 0, :2] - at[:, :2]) * normal[:, :2]).sum(axis=1) / steep
-    return np.asarray(np.bincount(which, np.where(height > at[:, 2], facing, -facing), len(points)), dtype=np.float64)
+    height = (
+        corners[:, 0, 2] + ((corners[:, 0, :2] - at[:, :2]) * normal[:, :2]).sum(axis=1) / steep
+    )
+    return np.asarray(
+        np.bincount(which, np.where(height > at[:, 2], facing, -facing), len(points)),
+        dtype=np.float64,
+    )
 
 
 def _around(corners: FloatArray, at: FloatArray) -> FloatArray:
@@ -201,7 +210,9 @@ def _around(corners: FloatArray, at: FloatArray) -> FloatArray:
         a, b = corners[:, k], corners[:, (k + 1) % 3]
         rising = (a[:, 1] <= at[:, 1]).astype(float) - (b[:, 1] <= at[:, 1])
         lower, upper = np.where(rising[:, None] > 0, a, b), np.where(rising[:, None] > 0, b, a)
-        side = (upper - lower)[:, 0] * (at - lower)[:, 1] - (upper - lower)[:, 1] * (at - lower)[:, 0]
+        side = (upper - lower)[:, 0] * (at - lower)[:, 1] - (upper - lower)[:, 1] * (at - lower)[
+            :, 0
+        ]
         total += np.where(side > 0, rising, 0.0)
     return total
 
@@ -209,7 +220,9 @@ def _around(corners: FloatArray, at: FloatArray) -> FloatArray:
 def body(boxes: Boxes, which: int) -> Any:
     """One of the boxes (n,) as fcl's."""
     x, y, z = (2 * boxes.half[which]).tolist()
-    return fcl.CollisionObject(fcl.Box(x, y, z), fcl.Transform(boxes.axes[which], boxes.centres[which]))
+    return fcl.CollisionObject(
+        fcl.Box(x, y, z), fcl.Transform(boxes.axes[which], boxes.centres[which])
+    )
 
 
 def distance(one: Any, other: Any) -> float:

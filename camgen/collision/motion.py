@@ -55,7 +55,9 @@ class Course(Struct, frozen=True):
         return self.pair >= 0
 
 
-def motion(scene: Scene, waypoints: FloatArray, step: float, near: float = 0.0, apart: float = 0.0) -> Course:
+def motion(
+    scene: Scene, waypoints: FloatArray, step: float, near: float = 0.0, apart: float = 0.0
+) -> Course:
     """The first hit of the motion through the configurations (K, J), rad or mm, or else how close it comes.
 
     Joints run evenly from row to row. apart: mm that any point of a body may be off that at most, as it is where the
@@ -71,7 +73,11 @@ def motion(scene: Scene, waypoints: FloatArray, step: float, near: float = 0.0, 
 
 
 def motions(
-    scene: Scene, several: Sequence[FloatArray], step: float, near: float | FloatArray = 0.0, apart: float = 0.0
+    scene: Scene,
+    several: Sequence[FloatArray],
+    step: float,
+    near: float | FloatArray = 0.0,
+    apart: float = 0.0,
 ) -> list[Course]:
     """``motion`` of each of ``several``, together: in a fraction of the time where they are short. near: one for all or
     each (L,).
@@ -82,11 +88,15 @@ def motions(
     # What is as near at some of the waypoints bounds how near the rest need be looked at.
     levels = np.broadcast_to(near, len(several)).tolist()
     nears = _bound(scene, [waypoints[::_SPARSE] for waypoints in several], levels)
-    at, first = _find_undecided(scene, lines, step, np.array([bound.distance for bound in nears]), apart)
+    at, first = _find_undecided(
+        scene, lines, step, np.array([bound.distance for bound in nears]), apart
+    )
     rows = _rows(lines.waypoints, at)
     splits = first[1:-1]
     pairs = np.split(hits(scene, rows), splits)
-    free = [bound.distance if (own < 0).all() else 0.0 for own, bound in zip(pairs, nears, strict=True)]
+    free = [
+        bound.distance if (own < 0).all() else 0.0 for own, bound in zip(pairs, nears, strict=True)
+    ]
     closer = _least(scene, np.split(rows, splits), free)
     places = np.split(at - np.repeat(lines.first[:-1], np.diff(first)), splits)
     return [_course(*one) for one in zip(places, pairs, nears, closer, strict=True)]
@@ -99,15 +109,27 @@ def _course(at: FloatArray, pairs: IntArray, bound: Nearest, closer: Nearest) ->
         return Course(int(pairs[met[0]]), float(at[met[0]]), 0.0)
     if closer.pair >= 0:
         return Course(-1, math.nan, closer.distance, closer.pair, float(at[closer.row]))
-    return Course(-1, math.nan, bound.distance, bound.pair, float(bound.row * _SPARSE) if bound.pair >= 0 else math.nan)
+    return Course(
+        -1,
+        math.nan,
+        bound.distance,
+        bound.pair,
+        float(bound.row * _SPARSE) if bound.pair >= 0 else math.nan,
+    )
 
 
 def _bound(scene: Scene, several: Sequence[FloatArray], nears: Sequence[float]) -> list[Nearest]:
     """The least clearance of each of several tables of configurations, at most ``nears``; 0 where one collides."""
     if not any(nears):
         return [Nearest(0.0, -1, -1) for _ in several]
-    struck = np.split(hits(scene, np.concatenate(several)) >= 0, np.cumsum([len(rows) for rows in several])[:-1])
-    return _least(scene, several, [0.0 if one.any() else near for one, near in zip(struck, nears, strict=True)])
+    struck = np.split(
+        hits(scene, np.concatenate(several)) >= 0, np.cumsum([len(rows) for rows in several])[:-1]
+    )
+    return _least(
+        scene,
+        several,
+        [0.0 if one.any() else near for one, near in zip(struck, nears, strict=True)],
+    )
 
 
 def _least(scene: Scene, several: Sequence[FloatArray], nears: Sequence[float]) -> list[Nearest]:
@@ -117,7 +139,9 @@ def _least(scene: Scene, several: Sequence[FloatArray], nears: Sequence[float]) 
     if asked:
         lengths = np.array([len(several[k]) for k in asked])
         joints = np.concatenate([several[k] for k in asked])
-        measured = least_of_each(scene, joints, owners(lengths), np.array([nears[k] for k in asked]))
+        measured = least_of_each(
+            scene, joints, owners(lengths), np.array([nears[k] for k in asked])
+        )
         for k, one, begin in zip(asked, measured, offsets(lengths).tolist(), strict=False):
             found[k] = Nearest(one.distance, one.row - begin, one.pair)
     return found
@@ -195,7 +219,9 @@ def _find_undecided(
         long = ~short
         asked = None if asked is None else tests_of(asked, long)
         own, begins = own[long], begins[long]
-        places = [np.interp(begins + width[own] * part, lines.way, index) for part in (0.0, 0.5, 1.0)]
+        places = [
+            np.interp(begins + width[own] * part, lines.way, index) for part in (0.0, 0.5, 1.0)
+        ]
         grow, turned = (_most(table, places) for table in (lines.ways, lines.turned))
         rows = _rows(lines.waypoints, np.interp(places[1], index, lines.numbers))
         both = turned @ lines.closing + 2 * apart
@@ -240,7 +266,9 @@ def measure_moves(scene: Scene, waypoints: FloatArray) -> FloatArray:
         straight[begin : begin + ROWS] = _measure_ways(placed[:-1], placed[1:])
     serial = waypoints @ scene.robot.coupling.T
     angles = _angles(scene, waypoints)
-    bent = angles[:, None] * (np.abs(np.diff(serial, axis=0)) @ levers(scene, np.abs(serial).max(axis=0)))
+    bent = angles[:, None] * (
+        np.abs(np.diff(serial, axis=0)) @ levers(scene, np.abs(serial).max(axis=0))
+    )
     return np.asarray(straight + bent)
 
 
@@ -264,7 +292,11 @@ def measure_closer(scene: Scene, one: FloatArray, other: FloatArray) -> FloatArr
     both = scene.moving[scene.first] & scene.moving[scene.second]
     first, second = scene.first[both], scene.second[both]
     alone = np.zeros(len(scene.frame), dtype=np.bool_)
-    alone[np.concatenate([scene.first[~both], scene.second[~both], *(one.striking for one in scene.targets)])] = True
+    alone[
+        np.concatenate(
+            [scene.first[~both], scene.second[~both], *(one.striking for one in scene.targets)]
+        )
+    ] = True
     found = np.zeros(len(one))
     for begin in range(0, len(one), ROWS):
         rows = slice(begin, begin + ROWS)
@@ -282,7 +314,9 @@ def measure_closer(scene: Scene, one: FloatArray, other: FloatArray) -> FloatArr
 def _seen_by(boxes: Boxes, others: Boxes) -> Boxes:
     """Boxes (N, P) in the axes of others, about their middles."""
     back = np.swapaxes(others.axes, -1, -2)
-    return Boxes((back @ (boxes.centres - others.centres)[..., None])[..., 0], back @ boxes.axes, boxes.half)
+    return Boxes(
+        (back @ (boxes.centres - others.centres)[..., None])[..., 0], back @ boxes.axes, boxes.half
+    )
 
 
 def _measure_ways(here: Boxes, there: Boxes) -> FloatArray:
@@ -298,7 +332,9 @@ def _measure_ways(here: Boxes, there: Boxes) -> FloatArray:
 def _angles(scene: Scene, waypoints: FloatArray) -> FloatArray:
     """The sum of what all turning joints turn from row to row (K - 1,), rad."""
     turning = np.array([not joint.sliding for joint in scene.robot.joints])
-    return np.asarray(np.abs(np.diff(waypoints @ scene.robot.coupling.T, axis=0))[:, turning].sum(axis=1))
+    return np.asarray(
+        np.abs(np.diff(waypoints @ scene.robot.coupling.T, axis=0))[:, turning].sum(axis=1)
+    )
 
 
 def levers(scene: Scene, travel: FloatArray) -> FloatArray:
@@ -311,7 +347,9 @@ def levers(scene: Scene, travel: FloatArray) -> FloatArray:
     for k in reversed(range(len(joints))):
         beyond = scene.frame > k
         found[k, beyond] = 1.0 if joints[k].sliding else far[beyond]
-        far[beyond] += math.hypot(*joints[k].previous_from_joint.origin) + joints[k].sliding * travel[k]
+        far[beyond] += (
+            math.hypot(*joints[k].previous_from_joint.origin) + joints[k].sliding * travel[k]
+        )
     return found
 
 

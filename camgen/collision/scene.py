@@ -107,10 +107,21 @@ def scene(
     target = _part(part, base_from_part)
     _check([*links, *tools, *standing, *target], allowed)
     spared = {frozenset(pair) for pair in robot.touching}
-    pairs = [(a, b) for a, b in itertools.combinations(links, 2) if frozenset((a.frame, b.frame)) not in spared]
-    pairs += [((bare if frozenset((k, last)) in spared else links)[k], body) for body in tools for k in range(last)]
+    pairs = [
+        (a, b)
+        for a, b in itertools.combinations(links, 2)
+        if frozenset((a.frame, b.frame)) not in spared
+    ]
+    pairs += [
+        ((bare if frozenset((k, last)) in spared else links)[k], body)
+        for body in tools
+        for k in range(last)
+    ]
     pairs += [(body, other) for body in [*links[1:], *tools] for other in standing]
-    working = [*(_Body(body.name, last, _entering(body, contact)) for body in tools[:1]), *tools[1:]]
+    working = [
+        *(_Body(body.name, last, _entering(body, contact)) for body in tools[:1]),
+        *tools[1:],
+    ]
     pairs += [(body, other) for body in [*links[1:], *working] for other in target]
     without = {frozenset(names) for names in allowed}
     tested = [(a, b) for a, b in pairs if frozenset((a.name, b.name)) not in without]
@@ -139,7 +150,9 @@ def narrow(scene: Scene, pairs: Sequence[int]) -> Scene:
         second=place[scene.second[tested]],
         of_pair=number[scene.of_pair[tested]],
         targets=tuple(
-            Target(one.mesh, one.base_from_mesh, place[one.striking[kept]], number[one.of_strike[kept]])
+            Target(
+                one.mesh, one.base_from_mesh, place[one.striking[kept]], number[one.of_strike[kept]]
+            )
             for one, kept in strikes
             if kept.any()
         ),
@@ -147,7 +160,10 @@ def narrow(scene: Scene, pairs: Sequence[int]) -> Scene:
 
 
 def _grow(boxes: tuple[Box, ...], pad: float) -> tuple[Box, ...]:
-    return tuple(Box(box.link_from_box, (box.half[0] + pad, box.half[1] + pad, box.half[2] + pad)) for box in boxes)
+    return tuple(
+        Box(box.link_from_box, (box.half[0] + pad, box.half[1] + pad, box.half[2] + pad))
+        for box in boxes
+    )
 
 
 def _on_flange(robot: Robot, boxes: tuple[Box, ...]) -> tuple[Box, ...]:
@@ -160,7 +176,12 @@ def _entering(body: _Body, both: float | tuple[float, float]) -> tuple[Box, ...]
     if thin <= contact:
         depth, width = short(contact, 3), short(2 * thin, 3)
         remedy = f'allow ("{body.name}", "{PART}") instead' if contact > 0 else "give it a size"
-        raise JobError(f"tool {body.name}", f"it may enter the part by {depth} mm, but is {width} mm thin", "", remedy)
+        raise JobError(
+            f"tool {body.name}",
+            f"it may enter the part by {depth} mm, but is {width} mm thin",
+            "",
+            remedy,
+        )
     entering = _grow(body.boxes, -contact)
     return entering if tip == 0 else tuple(part for box in entering for part in _taper(box, tip))
 
@@ -173,7 +194,9 @@ def _taper(box: Box, tip: float) -> tuple[Box, ...]:
     if min(wide, deep, 2 * end) <= tip:
         return (shaft,)
     middle = long - end - tip / 2
-    return shaft, Box(box.link_from_box @ translation(0.0, 0.0, middle), (wide - tip, deep - tip, end - tip / 2))
+    return shaft, Box(
+        box.link_from_box @ translation(0.0, 0.0, middle), (wide - tip, deep - tip, end - tip / 2)
+    )
 
 
 def _part(part: Mesh | tuple[Box, ...], base_from_part: Pose) -> list[_Body]:
@@ -203,7 +226,9 @@ def _tabulate(robot: Robot, tested: list[tuple[_Body, _Body]]) -> Scene:
             rows[id(body)] = range(begin, begin + len(body.boxes))
             bodies.append(body)
     boxes = [(body.frame, box) for body in bodies for box in body.boxes]
-    against = [(i, j, k) for k, (a, b) in enumerate(tested) for i in rows[id(a)] for j in rows[id(b)]]
+    against = [
+        (i, j, k) for k, (a, b) in enumerate(tested) for i in rows[id(a)] for j in rows[id(b)]
+    ]
     first, second, of_pair = np.array(against, dtype=np.int64).reshape(-1, 3).T
     return Scene(
         robot=robot,

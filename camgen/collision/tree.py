@@ -34,7 +34,10 @@ def grow(corners: FloatArray) -> BoxTree:
     span = np.maximum(np.ptp(middles, axis=0).max(), 1e-9)
     cells = ((middles - middles.min(axis=0)) / span * _CELLS).astype(np.int64)
     corners = corners[np.argsort(_spread(cells) @ np.array([1, 2, 4]), kind="stable")]
-    lows, highs = [np.ascontiguousarray(corners.min(axis=1).T)], [np.ascontiguousarray(corners.max(axis=1).T)]
+    lows, highs = (
+        [np.ascontiguousarray(corners.min(axis=1).T)],
+        [np.ascontiguousarray(corners.max(axis=1).T)],
+    )
     while lows[-1].shape[1] > FAN:
         begins = np.arange(0, lows[-1].shape[1], FAN)
         lows.append(np.minimum.reduceat(lows[-1], begins, axis=1))
@@ -61,19 +64,30 @@ Meets = Callable[[IntArray, FloatArray, FloatArray], IntArray]
 Known = Callable[[IntArray, FloatArray], BoolArray]
 
 
-def ask(tree: BoxTree, count: int, meets: Meets, known: Known | None = None) -> tuple[IntArray, IntArray, BoolArray]:
+def ask(
+    tree: BoxTree, count: int, meets: Meets, known: Known | None = None
+) -> tuple[IntArray, IntArray, BoolArray]:
     """Which questions 0 to ``count`` - 1 meet the boxes of which triangles, and which were known on the way and need no
     triangles (``count``,).
     """
     blocks = [level.shape[1] for level in tree.lows]
     # A level takes as long for some hundred pairs as for one: few questions are not asked at the upper ones.
-    top = max((level for level, many in enumerate(blocks) if count * many * FAN <= _PAIRS), default=0)
-    question, node = np.repeat(np.arange(count), blocks[top]), np.tile(np.arange(blocks[top]), count)
+    top = max(
+        (level for level, many in enumerate(blocks) if count * many * FAN <= _PAIRS), default=0
+    )
+    question, node = (
+        np.repeat(np.arange(count), blocks[top]),
+        np.tile(np.arange(blocks[top]), count),
+    )
     answered = np.zeros(count, dtype=bool)
     for level in range(top, len(blocks)):
         # What belongs to a question is taken once for eight nodes, and these lie side by side. No name here holds them:
         # memory that is free again at once is that of the next table, and takes a tenth less time.
-        kept = meets(question[:, None], tree.lows[level].take(node, axis=1), tree.highs[level].take(node, axis=1))
+        kept = meets(
+            question[:, None],
+            tree.lows[level].take(node, axis=1),
+            tree.highs[level].take(node, axis=1),
+        )
         parent = kept >> BITS
         question, node = question.take(parent), node.take(parent) * FAN + (kept & FAN - 1)
         if known:

@@ -34,7 +34,11 @@ _FIRST = 32
 
 
 def are_free(
-    scene: Scene, corners: FloatArray, owner: IntArray, near: float = 0.0, apart: FloatArray | float = 0.0
+    scene: Scene,
+    corners: FloatArray,
+    owner: IntArray,
+    near: float = 0.0,
+    apart: FloatArray | float = 0.0,
 ) -> BoolArray:
     """Which groups of triangles of configurations, rad or mm, hold none at which bodies come within ``near`` mm (G,).
 
@@ -51,7 +55,12 @@ def are_free(
     travel = np.abs(serial).max(axis=(0, 1), initial=0.0)
     reach = _Reach(scene, levers(scene, travel), closing(scene, travel))
     off = np.broadcast_to(apart, groups)
-    left = _Left(corners, owner, np.zeros(len(corners), dtype=np.int64), _find_near(reach, corners, off[owner], near))
+    left = _Left(
+        corners,
+        owner,
+        np.zeros(len(corners), dtype=np.int64),
+        _find_near(reach, corners, off[owner], near),
+    )
     many = _FIRST
     while len(left.owner):
         order, chosen = np.lexsort((-left.depth, left.owner)), left.depth == 0
@@ -66,7 +75,9 @@ def are_free(
         if again.any():
             middle, more = some.corners[again].mean(axis=1), off[some.owner[again]]
             first = tests_of((row, test), again)
-            at, _ = find_meetings(scene, middle, more[:, None], None, np.full(len(middle), near), first)
+            at, _ = find_meetings(
+                scene, middle, more[:, None], None, np.full(len(middle), near), first
+            )
             found[some.owner[again][at]] = False
         left = left.of(found[left.owner]).joined(_split(some, met & found[some.owner], row, test))
         many *= 2
@@ -123,13 +134,20 @@ class _Growth(Struct, frozen=True, eq=False):
     off: FloatArray
 
     @classmethod
-    def of(cls, reach: _Reach, links: tuple[FloatArray, FloatArray], moved: FloatArray, off: FloatArray) -> _Growth:
+    def of(
+        cls, reach: _Reach, links: tuple[FloatArray, FloatArray], moved: FloatArray, off: FloatArray
+    ) -> _Growth:
         """moved: (K, 3, J) what the joints of the chain are at the corners from where they are in the middle."""
         around = np.abs(moved).max(axis=1)
         turning = np.array([not joint.sliding for joint in reach.scene.robot.joints])
         start = set_out(reach.scene.robot, links, moved)
         return cls(
-            reach.scene, start, around[:, turning].sum(axis=1), around @ reach.levers, around @ reach.closing, off
+            reach.scene,
+            start,
+            around[:, turning].sum(axis=1),
+            around @ reach.levers,
+            around @ reach.closing,
+            off,
         )
 
     def of_boxes(self, row: IntArray, box: IntArray, bare: Boxes) -> FloatArray:
@@ -139,14 +157,25 @@ class _Growth(Struct, frozen=True, eq=False):
 
     def of_pairs(self, row: IntArray, pair: IntArray, first: Boxes, second: Boxes) -> FloatArray:
         """As of ``Growth``."""
-        one, other = self.scene.frame[self.scene.first[pair]], self.scene.frame[self.scene.second[pair]]
-        start = self.setting_out[np.maximum(one, other), row] - self.setting_out[np.minimum(one, other), row]
+        one, other = (
+            self.scene.frame[self.scene.first[pair]],
+            self.scene.frame[self.scene.second[pair]],
+        )
+        start = (
+            self.setting_out[np.maximum(one, other), row]
+            - self.setting_out[np.minimum(one, other), row]
+        )
         far = (one > other)[:, None]
-        centres, half = np.where(far, first.centres, second.centres), np.where(far, first.half, second.half)
+        centres, half = (
+            np.where(far, first.centres, second.centres),
+            np.where(far, first.half, second.half),
+        )
         boxes = Boxes(centres, first.axes, half)
         return self._limit(start, boxes, self.closing[row, pair], row) + 2 * self.off[row]
 
-    def _limit(self, start: FloatArray, boxes: Boxes, most: FloatArray, row: IntArray) -> FloatArray:
+    def _limit(
+        self, start: FloatArray, boxes: Boxes, most: FloatArray, row: IntArray
+    ) -> FloatArray:
         """Of boxes (n,) that set out like ``start`` (n, 3, 6) and move no farther than ``most`` by the levers."""
         turn = start[..., :3]
         middle = lengths(cross(turn, boxes.centres[:, None]) + start[..., 3:])
@@ -166,7 +195,9 @@ class _Left(Struct, frozen=True, eq=False):
 
     def of(self, which: BoolArray) -> _Left:
         """Those of them."""
-        return _Left(self.corners[which], self.owner[which], self.depth[which], tests_of(self.asked, which))
+        return _Left(
+            self.corners[which], self.owner[which], self.depth[which], tests_of(self.asked, which)
+        )
 
     def joined(self, other: _Left) -> _Left:
         """These and others behind them."""
@@ -183,5 +214,7 @@ def _split(whole: _Left, which: BoolArray, row: IntArray, test: IntArray) -> _Le
     corners = whole.corners[which]
     six = np.concatenate([corners, (corners + corners[:, [1, 2, 0]]) / 2], axis=1)
     four = six[:, _FOUR].reshape(-1, *corners.shape[1:])
-    owner, depth = (np.repeat(column[which], len(_FOUR)) for column in (whole.owner, whole.depth + 1))
+    owner, depth = (
+        np.repeat(column[which], len(_FOUR)) for column in (whole.owner, whole.depth + 1)
+    )
     return _Left(four, owner, depth, share_tests(tests_of((row, test), which), len(_FOUR)))

@@ -21,7 +21,9 @@ from camgen.model.pose import FloatArray
 _BEYOND = 0.01
 
 
-def box_pairs(asked: FloatArray, boxes: FloatArray, owner: IntArray) -> Iterator[tuple[IntArray, IntArray]]:
+def box_pairs(
+    asked: FloatArray, boxes: FloatArray, owner: IntArray
+) -> Iterator[tuple[IntArray, IntArray]]:
     """Pairs of a box that is ``asked`` (M, 4) and one of ``boxes`` (N, 4) that have a point in common, in chunks of
     whole boxes that are asked. owner: (N,) the loop that each of the others belongs to.
     """
@@ -32,7 +34,9 @@ def box_pairs(asked: FloatArray, boxes: FloatArray, owner: IntArray) -> Iterator
     # A small loop is one box of the tree; its segments are looked at where that is met.
     first = np.concatenate([begins(sizes)[loops], single])
     counts = np.concatenate([sizes[loops], np.ones(len(single), dtype=np.int64)])
-    tree = shapely.STRtree(box(np.concatenate([around(boxes, owner, len(sizes))[loops], boxes[order[single]]])))
+    tree = shapely.STRtree(
+        box(np.concatenate([around(boxes, owner, len(sizes))[loops], boxes[order[single]]]))
+    )
     step, done = 256, 0
     while done < len(asked):
         which, item = tree.query(box(asked[done : done + step]))
@@ -55,7 +59,9 @@ def around(boxes: FloatArray, owner: IntArray, count: int) -> FloatArray:
     return result
 
 
-def set_apart(source: Segments, group: IntArray, candidates: Segments, origin: IntArray, distance: float) -> IntArray:
+def set_apart(
+    source: Segments, group: IntArray, candidates: Segments, origin: IntArray, distance: float
+) -> IntArray:
     """``group`` (N,) with labels of their own for small loops of ``source`` that are apart from all others of their
     group: their curve at ``distance`` mm is the same without the others, and theirs without them.
 
@@ -74,15 +80,22 @@ def set_apart(source: Segments, group: IntArray, candidates: Segments, origin: I
     label = np.zeros(len(sizes), dtype=np.int64)
     label[owner] = group
     drawn, made = bounds(source), around(bounds(candidates), origin, len(source))
-    both = np.column_stack([np.minimum(drawn[:, :2], made[:, :2]), np.maximum(drawn[:, 2:], made[:, 2:])])
-    reach, beside = np.array([-1, -1, 1, 1]) * (distance + _BEYOND), np.array([-1, -1, 1, 1]) * _BEYOND
+    both = np.column_stack(
+        [np.minimum(drawn[:, :2], made[:, :2]), np.maximum(drawn[:, 2:], made[:, 2:])]
+    )
+    reach, beside = (
+        np.array([-1, -1, 1, 1]) * (distance + _BEYOND),
+        np.array([-1, -1, 1, 1]) * _BEYOND,
+    )
     own_drawn, own_made = (around(boxes, owner, len(sizes)) for boxes in (drawn, made))
     own_both = around(both, owner, len(sizes)) + reach
     met = [np.zeros(0, dtype=np.int64)]
     for which, segment in box_pairs(own_both[loops], both, owner):
         other = (owner[segment] != loops[which]) & (group[segment] == label[loops[which]])
         loop, row = loops[which[other]], segment[other]
-        near = boxes_meet(own_made + reach, loop, drawn, row) | boxes_meet(own_drawn + reach, loop, made, row)
+        near = boxes_meet(own_made + reach, loop, drawn, row) | boxes_meet(
+            own_drawn + reach, loop, made, row
+        )
         near |= boxes_meet(own_made + beside, loop, made, row)
         met.append(each_once(loop[near] * len(sizes) + owner[row[near]]))
     # Of two small loops it is enough that the box of one is apart from all segments of the other.

@@ -63,7 +63,9 @@ class Spans(Struct, frozen=True, eq=False):
         for axis in range(axes):
             start = self.start[part, axis]
             points[lines, axis] = start + fraction * (self.end[part, axis] - start)
-            points[arcs, axis] = self.via[k, axis] + rise * self.towards[k, axis] + run * self.along[k, axis]
+            points[arcs, axis] = (
+                self.via[k, axis] + rise * self.towards[k, axis] + run * self.along[k, axis]
+            )
         return points
 
     def tangents(self) -> tuple[FloatArray, FloatArray]:
@@ -199,7 +201,9 @@ def arc_middles(start: FloatArray, via: FloatArray, end: FloatArray) -> FloatArr
         height = np.where(k < 0, a * a / (radius - k), radius + k)
         flat = h < FLAT * a
         middle = centre + np.where(flat, 0.0, height / h)[:, None] * across
-    unknown = np.isnan(start).any(axis=1) | (flat & (np.abs(u) > a * (1 - FLAT))) | ((a == 0) & (h == 0))
+    unknown = (
+        np.isnan(start).any(axis=1) | (flat & (np.abs(u) > a * (1 - FLAT))) | ((a == 0) & (h == 0))
+    )
     return np.where(unknown[:, None], via, middle)
 
 
@@ -219,7 +223,9 @@ def arc_lengths(start: FloatArray, via: FloatArray, end: FloatArray) -> FloatArr
     return np.asarray(np.where(np.sin(turn) > FLAT, curved, flat), dtype=np.float64)
 
 
-def level_arms(start: FloatArray, via: FloatArray, end: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
+def level_arms(
+    start: FloatArray, via: FloatArray, end: FloatArray
+) -> tuple[FloatArray, FloatArray, BoolArray]:
     """Of arcs seen from above: from the start to the centre (N, 2), the sweep (N,) and whether they turn left (N,)."""
     u, w = (via - start)[:, :2], (end - start)[:, :2]
     (ux, uy), (wx, wy) = u.T, w.T
@@ -244,7 +250,11 @@ def circle(start: Vec3, via: Vec3, end: Vec3) -> tuple[Vec3, float, Vec3, float]
         return _flat_circle(start, via, end)
     (x0, y0, z0), (ux, uy, uz), (wx, wy, wz) = start, minus(via, start), minus(end, start)
     ax, ay, az = uy * wz - uz * wy, uz * wx - ux * wz, ux * wy - uy * wx
-    uu, ww, area2 = ux * ux + uy * uy + uz * uz, wx * wx + wy * wy + wz * wz, ax * ax + ay * ay + az * az
+    uu, ww, area2 = (
+        ux * ux + uy * uy + uz * uz,
+        wx * wx + wy * wy + wz * wz,
+        ax * ax + ay * ay + az * az,
+    )
     if area2 < _LINE_SINE_SQUARED * uu * ww or area2 == 0.0:
         raise ValueError("the three points of the arc are on one line")
     # From the centre to the start: -(ww axis x u + uu w x axis) / 2 area^2.
@@ -279,7 +289,9 @@ def is_arc(start: Vec3, via: Vec3, end: Vec3) -> bool:
     (ux, uy, uz), (wx, wy, wz) = minus(via, start), minus(end, start)
     ax, ay, az = uy * wz - uz * wy, uz * wx - ux * wz, ux * wy - uy * wx
     area2 = ax * ax + ay * ay + az * az
-    return area2 > 0.0 and area2 >= _LINE_SINE_SQUARED * (ux * ux + uy * uy + uz * uz) * (wx * wx + wy * wy + wz * wz)
+    return area2 > 0.0 and area2 >= _LINE_SINE_SQUARED * (ux * ux + uy * uy + uz * uz) * (
+        wx * wx + wy * wy + wz * wz
+    )
 
 
 def sweep_and_height(start: Vec3, via: Vec3, end: Vec3) -> tuple[float, float]:
@@ -297,7 +309,11 @@ def turn_about(v: Vec3, axis: Vec3, angle: float) -> Vec3:
     """``v`` turned by ``angle`` rad about the unit vector ``axis`` (Rodrigues)."""
     c, s = math.cos(angle), math.sin(angle)
     inline = (axis[0] * v[0] + axis[1] * v[1] + axis[2] * v[2]) * (1 - c)
-    across = (axis[1] * v[2] - axis[2] * v[1], axis[2] * v[0] - axis[0] * v[2], axis[0] * v[1] - axis[1] * v[0])
+    across = (
+        axis[1] * v[2] - axis[2] * v[1],
+        axis[2] * v[0] - axis[0] * v[2],
+        axis[0] * v[1] - axis[1] * v[0],
+    )
     return (
         c * v[0] + s * across[0] + inline * axis[0],
         c * v[1] + s * across[1] + inline * axis[1],
@@ -340,7 +356,11 @@ class Circle(Struct, frozen=True, eq=False):
         """(N,) how far ``points`` (N, 3) are from the circle."""
         away = points - self.center
         height = away @ self.axis
-        return np.asarray(np.hypot(np.sqrt(np.maximum((away**2).sum(axis=1) - height**2, 0.0)) - self.radius, height))
+        return np.asarray(
+            np.hypot(
+                np.sqrt(np.maximum((away**2).sum(axis=1) - height**2, 0.0)) - self.radius, height
+            )
+        )
 
 
 def through(p: FloatArray, q: FloatArray, r: FloatArray) -> Circle | None:
@@ -365,13 +385,17 @@ def fit_circle(points: FloatArray) -> Circle | None:
     if size[1] <= FLAT * size[0]:
         return None
     x, y = away @ axes[0], away @ axes[1]
-    solution, *_ = np.linalg.lstsq(np.column_stack([x, y, np.ones(len(x))]), x * x + y * y, rcond=None)
+    solution, *_ = np.linalg.lstsq(
+        np.column_stack([x, y, np.ones(len(x))]), x * x + y * y, rcond=None
+    )
     center = middle + axes[0] * (solution[0] / 2) + axes[1] * (solution[1] / 2)
     arms = points - center
     turning = cross(arms[:-1], arms[1:]).sum(axis=0)
     axis = cross(axes[0], axes[1])
     circle = _about(center, axis if float(axis @ turning) > 0 else -axis, points[0])
-    radius = math.sqrt(max(float(solution[2]) + float(solution[0]) ** 2 / 4 + float(solution[1]) ** 2 / 4, 0.0))
+    radius = math.sqrt(
+        max(float(solution[2]) + float(solution[0]) ** 2 / 4 + float(solution[1]) ** 2 / 4, 0.0)
+    )
     return Circle(circle.center, circle.axis, circle.first, radius)
 
 

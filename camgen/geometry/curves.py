@@ -37,7 +37,9 @@ def radius(a: FloatArray, b: FloatArray, bulge: FloatArray) -> FloatArray:
     return np.asarray(np.hypot(*(b - a).T) * (1 + size * size) / (4 * size))
 
 
-def biarc(start: FloatArray, end: FloatArray, t0: FloatArray, t1: FloatArray) -> tuple[FloatArray, ...]:
+def biarc(
+    start: FloatArray, end: FloatArray, t0: FloatArray, t1: FloatArray
+) -> tuple[FloatArray, ...]:
     """Joint (K, 2) and the two bulges of the biarc with equal tangent lengths; NaN if an arc passes a half circle.
 
     The joint lies at distance d along both tangents such that |joint0 - joint1| = 2 d (Bolton 1975).
@@ -57,7 +59,9 @@ def biarc(start: FloatArray, end: FloatArray, t0: FloatArray, t1: FloatArray) ->
     return joint, b0, b1
 
 
-def to_arc(x: FloatArray, y: FloatArray, a: FloatArray, b: FloatArray, bulge: FloatArray) -> FloatArray:
+def to_arc(
+    x: FloatArray, y: FloatArray, a: FloatArray, b: FloatArray, bulge: FloatArray
+) -> FloatArray:
     """Distances (..., K) of points x, y (..., K) to the arcs a -> b; stable down to bulge 0, a line."""
     chord = b - a
     c = np.hypot(chord[:, 0], chord[:, 1])
@@ -103,7 +107,9 @@ _BATCH = 512
 _LEAST_TURN_COSINE = 0.2
 
 
-def ellipse(center: FloatArray, first: FloatArray, second: FloatArray, start: float, end: float) -> FloatArray:
+def ellipse(
+    center: FloatArray, first: FloatArray, second: FloatArray, start: float, end: float
+) -> FloatArray:
     """The arc center + first cos t + second sin t, t from ``start`` to ``end`` (rad), as rational quadratics.
 
     ``first`` and ``second`` (2,) are any two conjugate half diameters; ``end`` may lie before ``start``.
@@ -126,7 +132,9 @@ def bezier(control: FloatArray) -> FloatArray:
     return np.concatenate([control, np.ones((*control.shape[:2], 1))], axis=2)
 
 
-def bspline(control: FloatArray, knots: FloatArray, degree: int, weights: FloatArray | None = None) -> FloatArray:
+def bspline(
+    control: FloatArray, knots: FloatArray, degree: int, weights: FloatArray | None = None
+) -> FloatArray:
     """A B-spline with ``control`` (N, D) and N + degree + 1 ``knots`` as Bezier segments (S, degree + 1, D + 1), by
     blossoming.
 
@@ -134,11 +142,20 @@ def bspline(control: FloatArray, knots: FloatArray, degree: int, weights: FloatA
     which holds for clamped, open and periodic knots alike. ``ValueError`` if the numbers do not make a spline.
     """
     count = len(control)
-    if degree < 1 or count <= degree or len(knots) != count + degree + 1 or not np.all(np.diff(knots) >= 0):
+    if (
+        degree < 1
+        or count <= degree
+        or len(knots) != count + degree + 1
+        or not np.all(np.diff(knots) >= 0)
+    ):
         raise ValueError(
             f"{counted(count, 'control point')}, {counted(len(knots), 'knot')} and degree {degree} make no spline"
         )
-    weight = np.ones(count) if weights is None or len(weights) != count else np.asarray(weights, dtype=np.float64)
+    weight = (
+        np.ones(count)
+        if weights is None or len(weights) != count
+        else np.asarray(weights, dtype=np.float64)
+    )
     if not np.all(weight > 0):
         raise ValueError("a weight that is not positive")
     homogeneous = np.column_stack([control * weight[:, None], weight])
@@ -208,7 +225,9 @@ class _Intervals(Struct, frozen=True):
         start, end = step / count, (step + 1) / count
         width = self.width[of] / count
         low = self.low[of] + width * step
-        return _Intervals(self.segment[of], low, _between(self.control[of], start, end), self.size[of], width)
+        return _Intervals(
+            self.segment[of], low, _between(self.control[of], start, end), self.size[of], width
+        )
 
     def points(self, u: FloatArray) -> FloatArray:
         """Points (2, M, K) at ``u`` (M,), 0 to 1 from end to end of each interval."""
@@ -219,7 +238,11 @@ class _Intervals(Struct, frozen=True):
         """Unit tangents (K, 2) at the start or the end, from a short chord where the derivative vanishes."""
         at, before, after = (-1, -2, -1) if end else (0, 0, 1)
         value = self.control[:, at]
-        slope = (self.control[:, after] - self.control[:, before]) * (self.control.shape[1] - 1) / self.width[:, None]
+        slope = (
+            (self.control[:, after] - self.control[:, before])
+            * (self.control.shape[1] - 1)
+            / self.width[:, None]
+        )
         tangent = (slope[:, :2] * value[:, 2:] - value[:, :2] * slope[:, 2:]) / value[:, 2:] ** 2
         flat = np.hypot(tangent[:, 0], tangent[:, 1]) < 1e-7 * self.size
         if flat.any():
@@ -288,7 +311,9 @@ def _divide(todo: _Intervals, limit: FloatArray, done: list[_Done]) -> None:
         todo = todo.divided(bad, np.clip(wanted, 2, _MOST_PARTS).astype(np.intp))
 
 
-def _outlines(owner: IntArray, origin: FloatArray, final: FloatArray, done: list[_Done]) -> list[Outline]:
+def _outlines(
+    owner: IntArray, origin: FloatArray, final: FloatArray, done: list[_Done]
+) -> list[Outline]:
     """The pieces (K, 2, 3) of x, y, bulge in order of their curves, each closed with its last point ``final``."""
     segment, low, pieces = (np.concatenate(column) for column in zip(*done, strict=True))
     order = np.lexsort([low, segment])
@@ -314,7 +339,10 @@ def _biarcs(todo: _Intervals, allowed: FloatArray) -> tuple[FloatArray, FloatArr
     t0, t1 = todo.tangents(end=False), todo.tangents(end=True)
     joint, b0, b1 = biarc(start, end, t0, t1)
     with np.errstate(all="ignore"):
-        first, second = to_arc(x[1:-1], y[1:-1], start, joint, b0), to_arc(x[1:-1], y[1:-1], joint, end, b1)
+        first, second = (
+            to_arc(x[1:-1], y[1:-1], start, joint, b0),
+            to_arc(x[1:-1], y[1:-1], joint, end, b1),
+        )
         deviation = np.minimum(first, second).max(axis=0)
         refused = (np.einsum("kd,kd->k", t0, t1) < _LEAST_TURN_COSINE) | ~np.isfinite(deviation)
         refused |= np.minimum(radius(start, joint, b0), radius(joint, end, b1)) < 2 * allowed
@@ -336,7 +364,9 @@ def _straight(x: FloatArray, y: FloatArray, allowed: FloatArray) -> BoolArray:
     start, end = np.column_stack([x[0, k], y[0, k]]), np.column_stack([x[-1, k], y[-1, k]])
     with np.errstate(all="ignore"):
         off = to_arc(x[1:-1, k], y[1:-1, k], start, end, np.zeros(len(k))).max(axis=0)
-    off = np.where(np.isfinite(off), off, np.maximum(np.ptp(x[:, k], axis=0), np.ptp(y[:, k], axis=0)))
+    off = np.where(
+        np.isfinite(off), off, np.maximum(np.ptp(x[:, k], axis=0), np.ptp(y[:, k], axis=0))
+    )
     found = np.zeros(len(chord), dtype=np.bool_)
     found[k] = off <= allowed[k]
     return found

@@ -8,7 +8,9 @@ from typing import TypeVar
 _Key = TypeVar("_Key", bound=Hashable)
 
 
-def find_first(counts: Mapping[_Key, int], hold: Callable[[Mapping[_Key, int]], Sequence[bool]]) -> dict[_Key, int]:
+def find_first(
+    counts: Mapping[_Key, int], hold: Callable[[Mapping[_Key, int]], Sequence[bool]]
+) -> dict[_Key, int]:
     """By key the first of the places 0 to ``counts`` - 1 that holds, where all behind one that holds do too; not those
     of which none holds. hold: whether these places of some keys do, in the order of the keys; it is asked as often as
     the longest search is halved.

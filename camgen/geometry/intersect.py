@@ -11,7 +11,15 @@ import shapely
 from numpy.typing import NDArray
 
 from camgen.geometry.ragged import PAIRS, matches
-from camgen.geometry.segments import BoolArray, IntArray, Segments, arc_fraction, bounds, passes, points_at
+from camgen.geometry.segments import (
+    BoolArray,
+    IntArray,
+    Segments,
+    arc_fraction,
+    bounds,
+    passes,
+    points_at,
+)
 from camgen.model.pose import FloatArray
 from camgen.model.tolerance import NONZERO
 
@@ -34,7 +42,9 @@ _CORNER = 5e-8
 FEW = 16
 
 
-def near_pairs(segments: Segments, group: IntArray, reach: float = TOUCH) -> tuple[IntArray, IntArray]:
+def near_pairs(
+    segments: Segments, group: IntArray, reach: float = TOUCH
+) -> tuple[IntArray, IntArray]:
     """Pairs i < j of segments of one group (N,), from 0, whose boxes are nearer than ``reach``, mm."""
     boxes = bounds(segments)
     grown = boxes + np.array([-reach, -reach, reach, reach])
@@ -62,7 +72,9 @@ def boxes_meet(one: FloatArray, i: IntArray, two: FloatArray, j: IntArray) -> Bo
 
 def cuts(segments: Segments, i: IntArray, j: IntArray) -> tuple[IntArray, FloatArray]:
     """Where the pairs (i, j) cut each other: rows of ``segments`` and the fraction 0..1 at which each is cut."""
-    parts = [_cuts(segments, i[k : k + PAIRS], j[k : k + PAIRS]) for k in range(0, max(len(i), 1), PAIRS)]
+    parts = [
+        _cuts(segments, i[k : k + PAIRS], j[k : k + PAIRS]) for k in range(0, max(len(i), 1), PAIRS)
+    ]
     rows = np.concatenate([rows for rows, _ in parts])
     return rows, np.clip(np.concatenate([fraction for _, fraction in parts]), 0.0, 1.0)
 
@@ -77,7 +89,10 @@ def only_at_ends(segments: Segments, i: IntArray, j: IntArray) -> BoolArray:
     boxes = bounds(segments)
     a, b = boxes.take(i, axis=0), boxes.take(j, axis=0)
     x, y = (np.maximum(a[:, axis], b[:, axis]) for axis in (0, 1))
-    rows = np.flatnonzero((np.minimum(a[:, 2], b[:, 2]) - x <= _CORNER) & (np.minimum(a[:, 3], b[:, 3]) - y <= _CORNER))
+    rows = np.flatnonzero(
+        (np.minimum(a[:, 2], b[:, 2]) - x <= _CORNER)
+        & (np.minimum(a[:, 3], b[:, 3]) - y <= _CORNER)
+    )
     x, y = x[rows], y[rows]
     good = np.ones(len(rows), dtype=bool)
     for k in (i[rows], j[rows]):
@@ -89,7 +104,9 @@ def only_at_ends(segments: Segments, i: IntArray, j: IntArray) -> BoolArray:
     return result
 
 
-def crossings(segments: Segments, i: IntArray, j: IntArray) -> tuple[IntArray, FloatArray, FloatArray]:
+def crossings(
+    segments: Segments, i: IntArray, j: IntArray
+) -> tuple[IntArray, FloatArray, FloatArray]:
     """Where the pairs (i, j) cross: which pair, and the fractions of the first and of the second segment there.
 
     A fraction may be off 0..1 by rounding. Segments that only touch, or run on one another, may be left out.
@@ -240,7 +257,9 @@ class Obstacles:
         rows = np.flatnonzero(np.bincount(self.group)[self.group] > FEW)
         return rows, shapely.STRtree(box(self._boxes[rows]))
 
-    def _pairs(self, points: FloatArray, group: IntArray, reach: float) -> Iterator[tuple[IntArray, IntArray]]:
+    def _pairs(
+        self, points: FloatArray, group: IntArray, reach: float
+    ) -> Iterator[tuple[IntArray, IntArray]]:
         """Pairs (point, segment) whose boxes are nearer than ``reach``, in chunks of whole points."""
         around = np.column_stack([points - reach, points + reach])
         few, many = matches(group, self.group, FEW)
@@ -319,7 +338,11 @@ def _beside_centre(line: Segments, arc: Segments) -> FloatArray:
     """(K,) distance from each arc of the foot of its centre on the line."""
     chord = line.end - line.start
     square = np.maximum((chord**2).sum(axis=1), NONZERO)
-    foot = line.start + np.clip(((arc.centre - line.start) * chord).sum(axis=1) / square, 0.0, 1.0)[:, None] * chord
+    foot = (
+        line.start
+        + np.clip(((arc.centre - line.start) * chord).sum(axis=1) / square, 0.0, 1.0)[:, None]
+        * chord
+    )
     return distances(foot, arc, np.arange(len(arc)))
 
 
@@ -340,4 +363,9 @@ def _along_centres(one: Segments, two: Segments) -> FloatArray:
 
 
 def _both(one: Segments, two: Segments) -> Segments:
-    return Segments(*(np.concatenate([getattr(one, name), getattr(two, name)]) for name in Segments.__struct_fields__))
+    return Segments(
+        *(
+            np.concatenate([getattr(one, name), getattr(two, name)])
+            for name in Segments.__struct_fields__
+        )
+    )

@@ -74,7 +74,11 @@ def nearest_items(discs: Discs, count: int, wanted: int) -> Near:
     apart = np.concatenate([row[1] for row in rows])
     order = np.argsort(key)
     key, apart = key[order], apart[order]
-    first = np.flatnonzero(np.concatenate([[True], key[1:] != key[:-1]])) if len(key) else np.zeros(0, dtype=np.int64)
+    first = (
+        np.flatnonzero(np.concatenate([[True], key[1:] != key[:-1]]))
+        if len(key)
+        else np.zeros(0, dtype=np.int64)
+    )
     key, apart = key[first], np.minimum.reduceat(apart, first) if len(key) else apart
     item, other = key // count, key % count
     order = _by_distance(item, apart)
@@ -117,12 +121,16 @@ def _leaves(discs: Discs) -> _Leaves:
     for _ in range(levels):
         block = x[order], y[order]
         with np.errstate(invalid="ignore"):
-            side = np.column_stack([np.fmax.reduce(c, axis=1) - np.fmin.reduce(c, axis=1) for c in block])
+            side = np.column_stack(
+                [np.fmax.reduce(c, axis=1) - np.fmin.reduce(c, axis=1) for c in block]
+            )
         wide = np.nan_to_num(side).argmax(axis=1)
         rank = np.argsort(np.where(wide[:, None] == 0, *block), axis=1, kind="stable")
         order = np.take_along_axis(order, rank, axis=1)
         order = _halves(order)
-    return _Leaves(x[order], y[order], np.append(discs.owner, -1)[order], np.append(discs.radius, 0.0)[order])
+    return _Leaves(
+        x[order], y[order], np.append(discs.owner, -1)[order], np.append(discs.radius, 0.0)[order]
+    )
 
 
 def _halves(order: IntArray) -> IntArray:
@@ -147,7 +155,9 @@ def _first_bound(leaves: _Leaves, wanted: int) -> FloatArray:
     found = []
     for begin in range(0, len(leaves.x), _LEAVES):
         part = slice(begin, begin + _LEAVES)
-        x, y, radius = (column[part].reshape(-1, width) for column in (leaves.x, leaves.y, leaves.radius))
+        x, y, radius = (
+            column[part].reshape(-1, width) for column in (leaves.x, leaves.y, leaves.radius)
+        )
         owner = leaves.owner[part].reshape(-1, width)
         apart = np.sqrt(_squares(x, x, y, y))
         gap = apart - radius[:, :, None] - radius[:, None]
@@ -190,7 +200,10 @@ def _pairs_of_leaves(leaves: _Leaves, reach: FloatArray) -> tuple[IntArray, IntA
     for level in reversed(range(len(boxes))):
         lows, highs, radii = boxes[level]
         across, up = (
-            np.maximum(np.maximum(lows[axis][two] - high[axis][one], low[axis][one] - highs[axis][two]), 0.0)
+            np.maximum(
+                np.maximum(lows[axis][two] - high[axis][one], low[axis][one] - highs[axis][two]),
+                0.0,
+            )
             for axis in (0, 1)
         )
         close = np.sqrt(across * across + up * up) - radius[one] - radii[two] < reach[one]
@@ -218,7 +231,10 @@ def _pairs_of_items(
         far = np.maximum(limit + wide, 0.0) + _ROUNDED * (np.abs(limit) + wide)
         close = np.flatnonzero(square <= (far * far)[:, None, None])
         pair, row = close // _LEAF**2, close // _LEAF
-        first, second = one[pair] * _LEAF + (row - pair * _LEAF), two[pair] * _LEAF + (close - row * _LEAF)
+        first, second = (
+            one[pair] * _LEAF + (row - pair * _LEAF),
+            two[pair] * _LEAF + (close - row * _LEAF),
+        )
         apart = np.sqrt(square.reshape(-1)[close])
         apart -= leaves.radius.reshape(-1)[first]
         apart -= leaves.radius.reshape(-1)[second]

@@ -11,7 +11,16 @@ from numpy.typing import NDArray
 
 from camgen.geometry.apart import around, box_pairs
 from camgen.geometry.ragged import each_once, following, ramp
-from camgen.geometry.segments import BoolArray, IntArray, Segments, bounds, flatten, neighbours, points_at, tangents_at
+from camgen.geometry.segments import (
+    BoolArray,
+    IntArray,
+    Segments,
+    bounds,
+    flatten,
+    neighbours,
+    points_at,
+    tangents_at,
+)
 from camgen.geometry.vectors import turns
 from camgen.model.pose import FloatArray
 
@@ -49,10 +58,16 @@ def _convex(segments: Segments, count: int) -> BoolArray:
     corner = turns(arrives, leaves[following])
     turn = np.bincount(segments.owner, segments.sweep + corner, count)
     sense = np.sign(turn)[segments.owner]
-    wrong = (segments.sweep * sense < 0) | (corner * sense < -_STRAIGHT_TURN) | (np.abs(corner) > _BACK_TURN)
+    wrong = (
+        (segments.sweep * sense < 0)
+        | (corner * sense < -_STRAIGHT_TURN)
+        | (np.abs(corner) > _BACK_TURN)
+    )
     many = np.bincount(segments.owner, minlength=count) >= 2
     return np.asarray(
-        many & (np.abs(np.abs(turn) - 2 * np.pi) < 1e-6) & (np.bincount(segments.owner, wrong, count) == 0)
+        many
+        & (np.abs(np.abs(turn) - 2 * np.pi) < 1e-6)
+        & (np.bincount(segments.owner, wrong, count) == 0)
     )
 
 
@@ -96,7 +111,9 @@ def nest(segments: Segments, count: int) -> Nesting:
     many = np.bincount(owner, minlength=count) >= 3
     rings = np.flatnonzero(many)
     chosen = many[owner]
-    polygons = shapely.polygons(shapely.linearrings(points[chosen], indices=np.cumsum(many)[owner[chosen]] - 1))
+    polygons = shapely.polygons(
+        shapely.linearrings(points[chosen], indices=np.cumsum(many)[owner[chosen]] - 1)
+    )
     crossed = np.full(count, -1)
     _cross_themselves(polygons, rings, _areas(points, owner, count), crossed)
     touching = _cross_others(polygons, rings, crossed)
@@ -115,7 +132,9 @@ def _areas(points: FloatArray, owner: IntArray, count: int) -> FloatArray:
     return np.asarray(np.bincount(owner, a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], count) / 2)
 
 
-def _cross_themselves(polygons: object, rings: IntArray, area: FloatArray, crossed: IntArray) -> None:
+def _cross_themselves(
+    polygons: object, rings: IntArray, area: FloatArray, crossed: IntArray
+) -> None:
     """Marks loops whose enclosed area is not what the shoelace says: parts of them run the other way round."""
     bad = np.flatnonzero(~shapely.is_valid(polygons))
     if len(bad):
@@ -137,7 +156,11 @@ def _cross_others(polygons: object, rings: IntArray, crossed: IntArray) -> IntAr
     lines = shapely.get_exterior_ring(shapes)
     one, two = shapely.STRtree(lines).query(lines, predicate="intersects")
     one, two = one[one < two], two[one < two]
-    shapes = np.where(shapely.is_valid(shapes), shapes, shapely.make_valid(shapes)) if len(one) else shapes
+    shapes = (
+        np.where(shapely.is_valid(shapes), shapes, shapely.make_valid(shapes))
+        if len(one)
+        else shapes
+    )
     kind = np.full(len(one), _UNKNOWN)
     # Each pair from both sides, for each loop those that it meets in order.
     pair = np.tile(np.arange(len(one)), 2)
@@ -178,8 +201,12 @@ def _around(
     count = len(area)
     first = np.searchsorted(segments.owner, np.arange(count))
     probes = points_at(segments.take(first), np.full(count, 0.5))
-    outer, probe = shapely.STRtree(shapely.points(probes)).query(polygons, predicate="contains_properly")
-    pairs = each_once(np.concatenate([probe * count + rings[outer], touching @ np.array([count, 1])]))
+    outer, probe = shapely.STRtree(shapely.points(probes)).query(
+        polygons, predicate="contains_properly"
+    )
+    pairs = each_once(
+        np.concatenate([probe * count + rings[outer], touching @ np.array([count, 1])])
+    )
     pair = np.column_stack(np.divmod(pairs, count))
     # What lies around is larger; loops on top of each other, equal but for rounding, would else enclose each other.
     pair = pair[np.abs(area[pair[:, 0]]) < np.abs(area[pair[:, 1]]) * (1 - 1e-9)]

@@ -14,7 +14,15 @@ from msgspec import Struct
 
 from camgen.geometry.apart import set_apart
 from camgen.geometry.intersect import Obstacles, cuts, near_pairs, only_at_ends
-from camgen.geometry.segments import BoolArray, IntArray, Segments, make, points_at, split, tangents_at
+from camgen.geometry.segments import (
+    BoolArray,
+    IntArray,
+    Segments,
+    make,
+    points_at,
+    split,
+    tangents_at,
+)
 from camgen.geometry.stitch import stitch
 from camgen.geometry.uncross import LEAST_SLIP
 from camgen.geometry.vectors import turns
@@ -50,7 +58,9 @@ class Offset(Struct, frozen=True, eq=False):
     open_ends: int
 
 
-def offset(source: Segments, following: IntArray, group: IntArray, distance: float, mitre: float) -> Offset:
+def offset(
+    source: Segments, following: IntArray, group: IntArray, distance: float, mitre: float
+) -> Offset:
     """The curve at ``distance`` mm on the right of ``source`` and no nearer to any segment of the same group.
 
     following: (N,) next segment of each, -1 at the end of an open chain. group: (N,) labels; segments of different
@@ -130,8 +140,13 @@ def _move_sideways(
     zero, one = np.zeros(len(source)), np.ones(len(source))
     with np.errstate(divide="ignore", invalid="ignore"):
         sweep = source.sweep
-        before, beyond = (np.where(source.is_arc, x / radius * np.sign(sweep), 0.0) for x in (early, late))
-        begin, finish = (np.where(source.is_arc, x / np.where(sweep == 0, 1.0, sweep), 0.0) for x in (before, beyond))
+        before, beyond = (
+            np.where(source.is_arc, x / radius * np.sign(sweep), 0.0) for x in (early, late)
+        )
+        begin, finish = (
+            np.where(source.is_arc, x / np.where(sweep == 0, 1.0, sweep), 0.0)
+            for x in (before, beyond)
+        )
     # Beyond its ends an arc goes on with the fractions below 0 and above 1; a line along its tangent.
     tangent = tangents_at(source, zero), tangents_at(source, one)
     start, end = points_at(source, -begin), points_at(source, 1 + finish)
@@ -144,13 +159,19 @@ def _move_sideways(
 
 
 def _plain_corners(
-    turn: FloatArray, radius_before: FloatArray, radius_after: FloatArray, distance: float, mitre: float
+    turn: FloatArray,
+    radius_before: FloatArray,
+    radius_after: FloatArray,
+    distance: float,
+    mitre: float,
 ) -> BoolArray:
     """Outer corners so flat that the moved neighbours may simply run on until they meet."""
     overshoot = distance * turn**2 / 8
     # Along a curve they miss each other by the square of how far they run on.
     run_on = distance * np.abs(turn) / 2
-    miss = run_on**2 / 2 * (1 / np.maximum(radius_before, 1e-9) + 1 / np.maximum(radius_after, 1e-9))
+    miss = (
+        run_on**2 / 2 * (1 / np.maximum(radius_before, 1e-9) + 1 / np.maximum(radius_after, 1e-9))
+    )
     return np.asarray((turn > 0) & (turn < 0.5) & (overshoot <= mitre) & (miss <= _MISS))
 
 
@@ -158,7 +179,9 @@ def _right(direction: FloatArray) -> FloatArray:
     return np.column_stack([direction[:, 1], -direction[:, 0]])
 
 
-def _hopeful(candidates: Segments, label: IntArray, obstacles: Obstacles, distance: float) -> BoolArray:
+def _hopeful(
+    candidates: Segments, label: IntArray, obstacles: Obstacles, distance: float
+) -> BoolArray:
     """Candidates that may have room somewhere: along a curve the distance changes no faster than one moves."""
     middle = points_at(candidates, np.full(len(candidates), 0.5))
     half = candidates.length / 2

@@ -56,7 +56,9 @@ def _greedy(points: FloatArray) -> IntArray:
     left = np.arange(len(points))
     # Each round pairs at least the nearest two of all that are left, usually most of them.
     while len(left):
-        near = nearest_items(Discs(np.arange(len(left)), points[left], np.zeros(len(left))), len(left), _NEAR_POINTS)
+        near = nearest_items(
+            Discs(np.arange(len(left)), points[left], np.zeros(len(left))), len(left), _NEAR_POINTS
+        )
         once = near.item < near.other
         a, b, apart = left[near.item[once]], left[near.other[once]], near.apart[once]
         order = np.lexsort((b, a, apart))

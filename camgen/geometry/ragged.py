@@ -39,7 +39,9 @@ def ramp(counts: Sequence[int] | IntArray) -> IntArray:
 
 def stretches(first: IntArray, counts: IntArray) -> IntArray:
     """(N,) the rows first[g], first[g] + 1 and so on of another table, ``counts[g]`` of them for each group."""
-    return np.asarray(np.arange(np.sum(counts, dtype=np.int64)) + np.repeat(first - begins(counts), counts))
+    return np.asarray(
+        np.arange(np.sum(counts, dtype=np.int64)) + np.repeat(first - begins(counts), counts)
+    )
 
 
 def following(counts: Sequence[int] | IntArray) -> IntArray:
@@ -51,7 +53,9 @@ def following(counts: Sequence[int] | IntArray) -> IntArray:
     return after
 
 
-def matches(label: IntArray, other: IntArray, most: int) -> tuple[Iterator[tuple[IntArray, IntArray]], IntArray]:
+def matches(
+    label: IntArray, other: IntArray, most: int
+) -> tuple[Iterator[tuple[IntArray, IntArray]], IntArray]:
     """Pairs of rows of ``label`` (N,) and of ``other`` (M,) that hold one number, in the order of both and in chunks of
     at most ``PAIRS``, for numbers that ``other`` has no more than ``most`` times; and the rows of ``label`` with a
     number that it has more often.

@@ -77,10 +77,14 @@ def lengths(table: Rings, points: ComplexArray) -> FloatArray:
 
 def perimeters(table: Rings, points: ComplexArray) -> FloatArray:
     """(L,) lengths of the closed curves."""
-    return np.asarray(np.bincount(table.loop, lengths(table, points), len(table.count)), dtype=np.float64)
+    return np.asarray(
+        np.bincount(table.loop, lengths(table, points), len(table.count)), dtype=np.float64
+    )
 
 
-def evenly(table: Rings, points: ComplexArray, *columns: ComplexArray) -> tuple[Rings, list[ComplexArray]]:
+def evenly(
+    table: Rings, points: ComplexArray, *columns: ComplexArray
+) -> tuple[Rings, list[ComplexArray]]:
     """The curves with a point every pixel or so of their length, ``columns`` along with them, by straight lines."""
     step = lengths(table, points)
     run = np.append(0.0, np.cumsum(step))
@@ -90,10 +94,14 @@ def evenly(table: Rings, points: ComplexArray, *columns: ComplexArray) -> tuple[
     wanted = begin[result.loop] + place * (end - begin)[result.loop]
     low = np.clip(np.searchsorted(run, wanted, side="right") - 1, 0, len(table) - 1)
     # A row of rounding beyond its curve would be read from the next one.
-    low = np.clip(low, table.first[result.loop], table.first[result.loop] + table.count[result.loop] - 1)
+    low = np.clip(
+        low, table.first[result.loop], table.first[result.loop] + table.count[result.loop] - 1
+    )
     part = np.clip((wanted - run[low]) / np.where(step[low] > 0, step[low], 1.0), 0.0, 1.0)
     high = table.along(low, 1)
-    return result, [column[low] + part * (column[high] - column[low]) for column in (points, *columns)]
+    return result, [
+        column[low] + part * (column[high] - column[low]) for column in (points, *columns)
+    ]
 
 
 def latest(table: Rings, known: BoolArray) -> IntArray:

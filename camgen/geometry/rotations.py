@@ -23,7 +23,9 @@ def vectors_of(rotations: FloatArray) -> FloatArray:
     """(N, 3) axis times angle of rotations (N, 3, 3); of half a turn exactly, which has two axes, zero."""
     doubled, trace = _sines(rotations)
     angle, size = _angles(doubled, trace), np.linalg.norm(doubled, axis=1)
-    return np.asarray(doubled * np.where(size > 0, angle / np.where(size > 0, size, 1.0), 0.5)[:, None])
+    return np.asarray(
+        doubled * np.where(size > 0, angle / np.where(size > 0, size, 1.0), 0.5)[:, None]
+    )
 
 
 def from_vectors(vectors: FloatArray) -> FloatArray:

@@ -58,7 +58,9 @@ class Segments(Struct, frozen=True, eq=False):
         """The rows chosen by index or mask."""
         rows = np.flatnonzero(rows) if rows.dtype == np.bool_ else rows
         # ``take`` has the rows of a table in a third of the time of an index in brackets.
-        return Segments(*(getattr(self, name).take(rows, axis=0) for name in self.__struct_fields__))
+        return Segments(
+            *(getattr(self, name).take(rows, axis=0) for name in self.__struct_fields__)
+        )
 
 
 def make(start: FloatArray, end: FloatArray, bulge: FloatArray, owner: IntArray) -> Segments:
@@ -73,7 +75,12 @@ def make(start: FloatArray, end: FloatArray, bulge: FloatArray, owner: IntArray)
     centre = (start + end) / 2 + left * ((1 - safe**2) / (4 * safe))[:, None]
     radius = length * (1 + safe**2) / (4 * np.abs(safe))
     return Segments(
-        start, end, bulge, np.where(flat[:, None], 0.0, centre), np.where(flat, np.inf, radius), owner.astype(np.int64)
+        start,
+        end,
+        bulge,
+        np.where(flat[:, None], 0.0, centre),
+        np.where(flat, np.inf, radius),
+        owner.astype(np.int64),
     )
 
 
@@ -105,7 +112,12 @@ def bounds(segments: Segments) -> FloatArray:
     if len(rows):
         middle, sweep = _middle_and_sweep(segments.take(rows))
         # Left, bottom, right and top of the circle, where the arc passes them.
-        for angle, axis, sign in ((0.0, 0, 1), (np.pi / 2, 1, 1), (np.pi, 0, -1), (-np.pi / 2, 1, -1)):
+        for angle, axis, sign in (
+            (0.0, 0, 1),
+            (np.pi / 2, 1, 1),
+            (np.pi, 0, -1),
+            (-np.pi / 2, 1, -1),
+        ):
             fraction = _fraction(angle, middle, sweep)
             inside = rows[(fraction > 0) & (fraction < 1)]
             value = segments.centre[inside, axis] + sign * segments.radius[inside]
@@ -138,7 +150,10 @@ def _fraction(angle: FloatArray | float, middle: FloatArray, sweep: FloatArray) 
     # Measured from the middle of the arc, so that the cut of the angle lies opposite to it. ``np.mod`` takes five times
     # as long to find that most are less than a turn away.
     turn = angle - middle + np.pi
-    turn = np.where(turn < 0, turn + 2 * np.pi, np.where(turn >= 2 * np.pi, turn - 2 * np.pi, turn)) - np.pi
+    turn = (
+        np.where(turn < 0, turn + 2 * np.pi, np.where(turn >= 2 * np.pi, turn - 2 * np.pi, turn))
+        - np.pi
+    )
     return np.asarray(0.5 + turn / sweep)
 
 
@@ -186,7 +201,9 @@ def flatten(segments: Segments, chord: float) -> tuple[FloatArray, IntArray]:
     """
     with np.errstate(invalid="ignore"):
         step = 2 * np.arccos(np.clip(1 - chord / segments.radius, -1.0, 1.0))
-        pieces = np.where(segments.is_arc, np.ceil(np.abs(segments.sweep) / np.maximum(step, 1e-6)), 1)
+        pieces = np.where(
+            segments.is_arc, np.ceil(np.abs(segments.sweep) / np.maximum(step, 1e-6)), 1
+        )
     count = np.maximum(pieces, 1).astype(np.int64)
     first = begins(count)
     points = np.empty((int(count.sum()), 2))

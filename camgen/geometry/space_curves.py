@@ -33,7 +33,9 @@ def lines(points: FloatArray) -> Chain:
     return points, np.full((max(len(points) - 1, 0), 3), np.nan)
 
 
-def turn(center: FloatArray, u: FloatArray, v: FloatArray, start: float, end: float, chord: float) -> Chain:
+def turn(
+    center: FloatArray, u: FloatArray, v: FloatArray, start: float, end: float, chord: float
+) -> Chain:
     """The arc center + u cos t + v sin t, t from ``start`` to ``end`` (rad); u, v (3,) any two conjugate half
     diameters.
 
@@ -47,7 +49,9 @@ def turn(center: FloatArray, u: FloatArray, v: FloatArray, start: float, end: fl
         count = max(1, math.ceil(abs(sweep) / math.pi - 1e-12))
     else:
         longer = float(np.linalg.svd(np.stack([u, v]), compute_uv=False)[0])
-        count = max(2, math.ceil(abs(sweep) * math.sqrt(longer / (8 * max(chord, _FINEST * longer)))))
+        count = max(
+            2, math.ceil(abs(sweep) * math.sqrt(longer / (8 * max(chord, _FINEST * longer))))
+        )
 
     def at(t: FloatArray) -> FloatArray:
         return np.asarray(center + np.cos(t)[:, None] * u + np.sin(t)[:, None] * v)
@@ -85,7 +89,9 @@ def chords(segments: FloatArray, chord: float) -> FloatArray:
     return np.concatenate([points[np.argsort(place, kind="stable")], last])
 
 
-def _deviations(segments: FloatArray, segment: IntArray, low: FloatArray, width: FloatArray) -> FloatArray:
+def _deviations(
+    segments: FloatArray, segment: IntArray, low: FloatArray, width: FloatArray
+) -> FloatArray:
     """How far (K,) each stretch of a segment leaves its chord."""
     start, end = _at(segments, segment, low), _at(segments, segment, low + width)
     along = end - start

@@ -38,7 +38,9 @@ class Chains(Struct, frozen=True, eq=False):
     last_of: IntArray
 
 
-def stitch(candidates: Segments, row: IntArray, low: FloatArray, high: FloatArray, label: IntArray) -> Chains:
+def stitch(
+    candidates: Segments, row: IntArray, low: FloatArray, high: FloatArray, label: IntArray
+) -> Chains:
     """Chains of the pieces ``candidates[row]`` from fraction low to high; only pieces of one label are joined."""
     chosen = candidates.take(row)
     start, end = points_at(chosen, low), points_at(chosen, high)
@@ -71,12 +73,16 @@ def _meetings(start: FloatArray, end: FloatArray, label: IntArray) -> tuple[IntA
     return np.concatenate([one for one, _ in found]), np.concatenate([two for _, two in found])
 
 
-def _without_tails(length: FloatArray, ends: IntArray, starts: IntArray) -> tuple[BoolArray, IntArray, IntArray]:
+def _without_tails(
+    length: FloatArray, ends: IntArray, starts: IntArray
+) -> tuple[BoolArray, IntArray, IntArray]:
     """Which pieces remain, and their meetings, without short ones that come from nowhere or lead nowhere."""
     count = len(length)
     alive = np.ones(count, dtype=bool)
     while True:
-        linked = (np.bincount(ends, minlength=count) > 0) & (np.bincount(starts, minlength=count) > 0)
+        linked = (np.bincount(ends, minlength=count) > 0) & (
+            np.bincount(starts, minlength=count) > 0
+        )
         tails = alive & ~linked & (length < _TAIL)
         if not tails.any():
             return alive, ends, starts
@@ -86,7 +92,12 @@ def _without_tails(length: FloatArray, ends: IntArray, starts: IntArray) -> tupl
 
 
 def _following(
-    start: FloatArray, end: FloatArray, row: IntArray, length: FloatArray, ends: IntArray, starts: IntArray
+    start: FloatArray,
+    end: FloatArray,
+    row: IntArray,
+    length: FloatArray,
+    ends: IntArray,
+    starts: IntArray,
 ) -> IntArray:
     """(N,) the piece that begins where each ends, -1 if none. A start is used once.
 
@@ -118,7 +129,9 @@ def _following(
     return following
 
 
-def _way(begin: int, options: dict[int, list[int]], is_short: list[bool], taken: set[int]) -> list[int]:
+def _way(
+    begin: int, options: dict[int, list[int]], is_short: list[bool], taken: set[int]
+) -> list[int]:
     """The fewest pieces from the end of ``begin`` to a long one that is free, or to any that is free; the last of them
     is the one to go on with. Empty if there is none.
     """
@@ -159,11 +172,20 @@ def _runs(following: IntArray, alive: BoolArray) -> tuple[IntArray, IntArray, Bo
             order.append(here)
             here = successor[here]
         closed.append(here == begin)
-    return np.array(order, dtype=np.int64), np.array(first, dtype=np.int64), np.array(closed, dtype=bool)
+    return (
+        np.array(order, dtype=np.int64),
+        np.array(first, dtype=np.int64),
+        np.array(closed, dtype=bool),
+    )
 
 
 def _slivers(
-    start: FloatArray, end: FloatArray, length: FloatArray, sweep: FloatArray, owner: IntArray, closed: BoolArray
+    start: FloatArray,
+    end: FloatArray,
+    length: FloatArray,
+    sweep: FloatArray,
+    owner: IntArray,
+    closed: BoolArray,
 ) -> BoolArray:
     """(chains,) true for chains that are no more than rounding. sweep: (N,) rad of arcs, 0 for lines."""
     count = len(closed)
@@ -179,7 +201,9 @@ def _slivers(
     return np.asarray((total < _SLIVER) | thin | (~closed & (total < _TAIL)))
 
 
-def _unite(row: IntArray, low: FloatArray, high: FloatArray, owner: IntArray, closed: BoolArray) -> Chains:
+def _unite(
+    row: IntArray, low: FloatArray, high: FloatArray, owner: IntArray, closed: BoolArray
+) -> Chains:
     """Neighbouring pieces of one candidate as one; a closed chain is turned so that none is cut at its seam."""
     count = len(row)
     if not count:

@@ -75,7 +75,11 @@ def _on_triangles(points: FloatArray, corners: FloatArray) -> FloatArray:
 
 def _shares(points: FloatArray, corners: FloatArray) -> FloatArray:
     """(K, 3) of each corner in the foot of the point on the triangle's plane; negative for a triangle without area."""
-    one, two, out = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0], points - corners[:, 0]
+    one, two, out = (
+        corners[:, 1] - corners[:, 0],
+        corners[:, 2] - corners[:, 0],
+        points - corners[:, 0],
+    )
     normal = cross(one, two)
     area = dots(normal, normal)
     safe = np.where(area > 0, area, 1.0)
@@ -110,7 +114,9 @@ def _corner_normals(solid: Solid, corners: FloatArray, faces: IntArray) -> Float
             smooth = solid.normals[around] @ own > np.cos(FEATURE_ANGLE)
             around, at = around[smooth], at[smooth]
             here = corners[around, at]
-            spread = angles(corners[around, (at + 1) % 3] - here, corners[around, (at + 2) % 3] - here)
+            spread = angles(
+                corners[around, (at + 1) % 3] - here, corners[around, (at + 2) % 3] - here
+            )
             total = (spread[:, None] * solid.normals[around]).sum(axis=0)
             made[k, c] = total if total.any() else own
     return unit(made)

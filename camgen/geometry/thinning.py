@@ -42,7 +42,10 @@ class Polylines(Struct, frozen=True, eq=False):
                 start = 0
                 if not b.any():
                     start = int(np.argmax(np.hypot(*(p - (p.min(axis=0) + p.max(axis=0)) / 2).T)))
-                p, b = np.concatenate([p[start:], p[: start + 1]]), np.concatenate([b[start:], b[: start + 1]])
+                p, b = (
+                    np.concatenate([p[start:], p[: start + 1]]),
+                    np.concatenate([b[start:], b[: start + 1]]),
+                )
             points.append(p)
             bulges.append(b)
             last = len(p) - 1
@@ -54,7 +57,9 @@ class Polylines(Struct, frozen=True, eq=False):
             fixed += sorted(at + k for k in {*stay, *arcs.tolist(), *(arcs + 1).tolist()})
             at += len(p)
             firsts.append(at)
-        return cls(np.concatenate(points), np.concatenate(bulges), np.array(firsts), np.array(fixed))
+        return cls(
+            np.concatenate(points), np.concatenate(bulges), np.array(firsts), np.array(fixed)
+        )
 
 
 def thin(chains: Polylines, tolerance: float) -> IntArray:

@@ -54,7 +54,9 @@ def _inner(segments: Segments, row: IntArray, fraction: FloatArray) -> BoolArray
     return np.asarray((fraction * length > LEAST_SLIP) & ((1 - fraction) * length > LEAST_SLIP))
 
 
-def uncross(segments: Segments, following: IntArray, chosen: BoolArray) -> tuple[Segments, IntArray]:
+def uncross(
+    segments: Segments, following: IntArray, chosen: BoolArray
+) -> tuple[Segments, IntArray]:
     """``segments`` with the ``chosen`` loops (per owner) uncrossed, the part on their left, and the following ones.
 
     The other owners stay as they are, rows and all.
@@ -77,7 +79,9 @@ def uncross(segments: Segments, following: IntArray, chosen: BoolArray) -> tuple
             tables.append(loop)
             links.append(size + np.roll(np.arange(len(loop)), -1))
             size += len(loop)
-    columns = (np.concatenate([getattr(t, name) for t in tables]) for name in Segments.__struct_fields__)
+    columns = (
+        np.concatenate([getattr(t, name) for t in tables]) for name in Segments.__struct_fields__
+    )
     return Segments(*columns), np.concatenate(links)
 
 
@@ -98,7 +102,12 @@ def _slips(segments: Segments, rows: IntArray) -> tuple[IntArray, FloatArray, Fl
 
 
 def _cut(
-    segments: Segments, following: IntArray, owner: int, pair: IntArray, first: FloatArray, second: FloatArray
+    segments: Segments,
+    following: IntArray,
+    owner: int,
+    pair: IntArray,
+    first: FloatArray,
+    second: FloatArray,
 ) -> _Pieces:
     """The loop of ``owner`` cut at its crossings ``pair`` (C, 2) of rows, led on from one curve to the other there."""
     rows = np.flatnonzero(segments.owner == owner)
@@ -115,7 +124,9 @@ def _cut(
     leaving[order] = np.arange(len(order))
     out_first, out_second = leaving[len(rows) : len(rows) + count], leaving[len(rows) + count :]
     after[out_first - 1], after[out_second - 1] = out_second, out_first
-    return _Pieces(split(segments, row, low, high), after, np.column_stack([out_first - 1, out_second - 1]))
+    return _Pieces(
+        split(segments, row, low, high), after, np.column_stack([out_first - 1, out_second - 1])
+    )
 
 
 def _loops(pieces: _Pieces) -> Iterable[Segments]:
@@ -124,11 +135,15 @@ def _loops(pieces: _Pieces) -> Iterable[Segments]:
     tables = [pieces.segments.take(np.array(rows)) for rows in rounds]
     areas = [float(np.abs(loop_areas(_alone(table), 1))[0]) for table in tables]
     hand = _hands(pieces, rounds, int(np.argmax(areas)))
-    return [backwards(table)[0] if hand[n] < 0 else table for n, table in enumerate(tables) if hand[n]]
+    return [
+        backwards(table)[0] if hand[n] < 0 else table for n, table in enumerate(tables) if hand[n]
+    ]
 
 
 def _alone(table: Segments) -> Segments:
-    return Segments(table.start, table.end, table.bulge, table.centre, table.radius, np.zeros_like(table.owner))
+    return Segments(
+        table.start, table.end, table.bulge, table.centre, table.radius, np.zeros_like(table.owner)
+    )
 
 
 def _rounds(following: IntArray) -> list[list[int]]:

@@ -18,7 +18,10 @@ _Value = TypeVar("_Value", bound=np.generic)
 def in_blocks(function: Callable[..., NDArray[_Value]], *columns: FloatArray) -> NDArray[_Value]:
     """What ``function`` makes of columns (N, ...), row by row (N, ...), some thousands of rows at a time."""
     size = len(columns[0])
-    found = [function(*(one[low : low + _SOME] for one in columns)) for low in range(0, max(size, 1), _SOME)]
+    found = [
+        function(*(one[low : low + _SOME] for one in columns))
+        for low in range(0, max(size, 1), _SOME)
+    ]
     return found[0] if len(found) == 1 else np.concatenate(found)
 
 

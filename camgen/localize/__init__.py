@@ -135,7 +135,9 @@ def localize(
     final = chosen
     for some in (points[: 4 * _FEW], points):
         final = refine(model, samples, some, (final.rotation, final.origin), 1.1 * gate)
-    return _judge(_Told(name, points, middle, eye, start), model, samples, final, (fits, worth, gate))
+    return _judge(
+        _Told(name, points, middle, eye, start), model, samples, final, (fits, worth, gate)
+    )
 
 
 def _choose(model: Model, equal: list[ScanFit], given: Pose, known: bool) -> ScanFit:
@@ -145,10 +147,16 @@ def _choose(model: Model, equal: list[ScanFit], given: Pose, known: bool) -> Sca
     turns = [angle_between(given.rotation, frozen(fit.rotation.T)) for fit in equal]
     if not known:
         return equal[int(np.argmin(turns))]
-    least = [fit for fit, turn in zip(equal, turns, strict=True) if turn <= min(turns) + math.radians(_AS_LITTLE)]
+    least = [
+        fit
+        for fit, turn in zip(equal, turns, strict=True)
+        if turn <= min(turns) + math.radians(_AS_LITTLE)
+    ]
     middle = (model.low + model.high) / 2
     where = np.asarray(given.rotation) @ middle + np.asarray(given.origin)
-    return min(least, key=lambda fit: float(np.linalg.norm((middle - fit.origin) @ fit.rotation - where)))
+    return min(
+        least, key=lambda fit: float(np.linalg.norm((middle - fit.origin) @ fit.rotation - where))
+    )
 
 
 def _size(name: str, size: float, points: FloatArray) -> None:
@@ -160,7 +168,11 @@ def _size(name: str, size: float, points: FloatArray) -> None:
     if not extent:
         raise InputError(name, "all its points are at one place")
     unit = next((unit for unit, mm in _UNITS if 0.3 * size < mm * extent < 3 * size), "")
-    remedy = f"if it is in {unit}, give --units {unit}" if unit else "cut out the part, or give its --units"
+    remedy = (
+        f"if it is in {unit}, give --units {unit}"
+        if unit
+        else "cut out the part, or give its --units"
+    )
     raise InputError(name, "the scan cannot show this model", where, remedy)
 
 
@@ -204,14 +216,21 @@ def _look(model: Model, samples: Cloud, few: FloatArray, found: Poses) -> list[S
     return fits
 
 
-def _best(model: Model, samples: Cloud, few: FloatArray, fits: list[ScanFit], eye: FloatArray | None) -> ScanFit:
+def _best(
+    model: Model, samples: Cloud, few: FloatArray, fits: list[ScanFit], eye: FloatArray | None
+) -> ScanFit:
     """The one that puts the points best onto the model."""
     worth = costs(model, samples, few[:_FEWER], fits, WITHIN * model.size, eye)
     return fits[int(np.argmin(worth))]
 
 
 def _share_hidden(
-    model: Model, samples: Cloud, points: FloatArray, fit: ScanFit, reach: float, eye: FloatArray | None
+    model: Model,
+    samples: Cloud,
+    points: FloatArray,
+    fit: ScanFit,
+    reach: float,
+    eye: FloatArray | None,
 ) -> float:
     """Of the points that lie on the model the share that it hides from the scanner."""
     if eye is None:
@@ -245,13 +264,22 @@ def _judge(
     name, points, eye = told.name, told.points, told.eye
     within = WITHIN * model.size
     rest = np.delete(points, final.used, axis=0)
-    overlap = (len(final.used) + len(on(model, samples, final.apply(rest), within)[0])) / len(points)
+    overlap = (len(final.used) + len(on(model, samples, final.apply(rest), within)[0])) / len(
+        points
+    )
     if overlap < LEAST_OVERLAP:
-        raise _missing(name, f"at best {100 * overlap:.0f} % of the points lie within {short(within, 2)} mm of it")
+        raise _missing(
+            name,
+            f"at best {100 * overlap:.0f} % of the points lie within {short(within, 2)} mm of it",
+        )
     if not final.noise < _CHANCE * within:
-        raise _missing(name, f"at best its surface is {short(final.noise, 3)} mm rms off the points")
+        raise _missing(
+            name, f"at best its surface is {short(final.noise, 3)} mm rms off the points"
+        )
     view = _refuse_unseen(told, model, samples, final, others[2])
-    equal, following = rivals(model, samples, points[: 4 * _FEW], final, others, _SAME_COST, told.middle)
+    equal, following = rivals(
+        model, samples, points[: 4 * _FEW], final, others, _SAME_COST, told.middle
+    )
     free, away = freedom(model, samples, points[:_FEW], final, (others[2], _SAME_COST), eye)
     back = final.rotation.T
     origin = told.middle - back @ final.origin
@@ -266,21 +294,30 @@ def _judge(
     return found
 
 
-def _refuse_unseen(told: _Told, model: Model, samples: Cloud, final: ScanFit, gate: float) -> SeenShare:
+def _refuse_unseen(
+    told: _Told, model: Model, samples: Cloud, final: ScanFit, gate: float
+) -> SeenShare:
     """How much of the part shows. ``InputError`` if that is too little, or what shows could not be seen."""
     name, points, eye = told.name, told.points, told.eye
     within, some = WITHIN * model.size, points[: 4 * _FEW]
     unseen = _share_hidden(model, samples, some, final, gate, eye)
     if unseen > MOST_HIDDEN:
         why = f"where it fits best, it hides {100 * unseen:.0f} % of the points on it from the scanner"
-        raise InputError(name, "the model was not found in the scan", why, "check --viewpoint: where the scanner stood")
+        raise InputError(
+            name,
+            "the model was not found in the scan",
+            why,
+            "check --viewpoint: where the scanner stood",
+        )
     view = measure_seen(model, samples, points, final, within, eye)
     inside = stray(model, samples, some, final, within)
     if view.near < LEAST_SEEN:
         raise _missing(name, f"at best {100 * view.near:.0f} % of its near side show in the scan")
     if inside > MOST_STRAY:
         share = 100 * inside / (1 + inside)
-        raise _missing(name, f"where it fits best, {share:.0f} % of the points in its box are off its surface")
+        raise _missing(
+            name, f"where it fits best, {share:.0f} % of the points in its box are off its surface"
+        )
     return view
 
 
@@ -291,7 +328,9 @@ def _refuse_larger(told: _Told, model: Model, found: Location) -> None:
     why = f"the scan runs on beyond {100 * found.run_on:.0f} % of its rims"
     if found.run_on > MOST_RUN_ON:
         raise _missing(told.name, f"where it fits best, {why}")
-    if found.run_on > SOME_RUN_ON and not (told.start and is_near(model, told.start, found.base_from_work)):
+    if found.run_on > SOME_RUN_ON and not (
+        told.start and is_near(model, told.start, found.base_from_work)
+    ):
         remedy = "cut away what is flush with it, or say about where the part stands with --start"
         what = "the scan does not settle whether it shows the part or a larger one"
         raise NoSafeProgram(told.name, what, f"where it fits best, {why}", remedy)
@@ -310,7 +349,11 @@ def _refuse_unsettled(
     else:
         open_ones = [rival for rival in found.rivals if rival.off > found.told_apart]
         if start is not None:
-            open_ones = [r for r in open_ones if not decides(model, start, found.base_from_work, r.base_from_work)]
+            open_ones = [
+                r
+                for r in open_ones
+                if not decides(model, start, found.base_from_work, r.base_from_work)
+            ]
         if not open_ones:
             return
         other = max(open_ones, key=lambda rival: rival.off)
@@ -323,12 +366,17 @@ def _refuse_unsettled(
     )
     remedy = place if seen_from else f"where the scanner stood with --viewpoint, or {place}"
     raise NoSafeProgram(
-        name, "the scan does not settle where the part stands", why, f"say {remedy}, or scan it from more sides"
+        name,
+        "the scan does not settle where the part stands",
+        why,
+        f"say {remedy}, or scan it from more sides",
     )
 
 
 def _missing(name: str, why: str) -> InputError:
-    remedy = "check that it is this part, in these units (--units), and cut away what is not the part"
+    remedy = (
+        "check that it is this part, in these units (--units), and cut away what is not the part"
+    )
     return InputError(name, "the model was not found in the scan", why, remedy)
 
 

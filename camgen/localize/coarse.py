@@ -52,7 +52,9 @@ class Poses(Struct, frozen=True, eq=False):
 
     def apply(self, points: FloatArray) -> FloatArray:
         """``points`` (n, 3) under each: (B, n, 3)."""
-        moved = (self.rotations.reshape(-1, 3) @ points.T).reshape(len(self), 3, -1).transpose(0, 2, 1)
+        moved = (
+            (self.rotations.reshape(-1, 3) @ points.T).reshape(len(self), 3, -1).transpose(0, 2, 1)
+        )
         return np.asarray(moved + self.origins[:, None])
 
 
@@ -78,7 +80,9 @@ def rotations(count: int) -> FloatArray:
     return from_quaternions(w, x, y, z)
 
 
-def slide(field: DistanceField, points: FloatArray, poses: Poses, scale: float, plain: float) -> Poses:
+def slide(
+    field: DistanceField, points: FloatArray, poses: Poses, scale: float, plain: float
+) -> Poses:
     """One Gauss-Newton step of all ``poses`` (model_from_scan): ``points`` (n, 3) of the scan go to the planes of the
     samples that they are near to. scale: mm, beyond which a point counts little (Geman and McClure). plain: 0..1, how
     much the samples themselves pull besides their planes, which is what moves poses from afar.

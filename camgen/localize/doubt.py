@@ -82,15 +82,23 @@ def rivals(
     """
     fits, costs, gate = others
     best, limit = min(costs), _limit(model, final)
-    apart = [(fit, c - best) for fit, c in zip(fits, costs, strict=True) if _off(model, fit, final) > limit]
+    apart = [
+        (fit, c - best)
+        for fit, c in zip(fits, costs, strict=True)
+        if _off(model, fit, final) > limit
+    ]
     equal: list[tuple[ScanFit, float]] = []
     for fit, worse in sorted((pair for pair in apart if pair[1] <= same), key=lambda pair: pair[1]):
         if all(_off(model, fit, known) > limit for known, _ in equal):
             equal.append((fit, worse))
-    told = [_compare(model, samples, points, final, (fit, worse), gate, middle) for fit, worse in equal]
+    told = [
+        _compare(model, samples, points, final, (fit, worse), gate, middle) for fit, worse in equal
+    ]
     told.sort(key=lambda rival: (round(rival.turn, 1), rival.shift))
     less = min(((f, w) for f, w in apart if w > same), key=lambda pair: pair[1], default=None)
-    return tuple(told), None if less is None else _rival(model, less[0], final, less[1], middle, math.inf)
+    return tuple(told), None if less is None else _rival(
+        model, less[0], final, less[1], middle, math.inf
+    )
 
 
 def _compare(
@@ -113,7 +121,9 @@ def _compare(
     return _rival(model, fit, final, worse, middle, off)
 
 
-def _twin_off(model: Model, samples: Cloud, points: FloatArray, final: ScanFit, fit: ScanFit, gate: float) -> float:
+def _twin_off(
+    model: Model, samples: Cloud, points: FloatArray, final: ScanFit, fit: ScanFit, gate: float
+) -> float:
     """How far the surface is from that of the best pose where the fit is drawn onto that, mm; inf if it then is another
     pose or fits the points worse. A motion that the points hold badly puts each of two alike elsewhere.
     """
@@ -138,7 +148,11 @@ def surface_off(model: Model, samples: Cloud, a: ScanFit, b: ScanFit) -> float:
     every = model.tree.corners.reshape(-1, 3)
     spots = np.vstack([some[:: max(len(some) // _SPOTS, 1)] for some in (model.samples, every)])
     there = a.apply((spots - b.origin) @ b.rotation)
-    touch = find_touched(model, candidates(model, samples, there, 2 * model.size + _distance(model, there), 0.0), there)
+    touch = find_touched(
+        model,
+        candidates(model, samples, there, 2 * model.size + _distance(model, there), 0.0),
+        there,
+    )
     return float(touch.distance.max())
 
 
@@ -180,8 +194,13 @@ def beside(model: Model, samples: Cloud, few: FloatArray, fits: list[ScanFit]) -
     turns, origins = [], []
     for fit in _best_different(model, samples, few, fits):
         axes = _axes(model.sample_normals[samples.nearest(fit.apply(few))[0][:, 0]])
-        signs = np.stack(np.meshgrid(*[(-1, 0, 1)] * len(axes), indexing="ij"), axis=-1).reshape(-1, len(axes))
-        shifts = thick * np.linalg.lstsq(axes, signs[signs.any(axis=1)].T.astype(np.float64), rcond=None)[0].T
+        signs = np.stack(np.meshgrid(*[(-1, 0, 1)] * len(axes), indexing="ij"), axis=-1).reshape(
+            -1, len(axes)
+        )
+        shifts = (
+            thick
+            * np.linalg.lstsq(axes, signs[signs.any(axis=1)].T.astype(np.float64), rcond=None)[0].T
+        )
         away = np.stack([samples.nearest(fit.apply(few) + shift)[1][:, 0] for shift in shifts])
         best = np.argsort(np.minimum(away, thick).mean(axis=1), kind="stable")[:_SHIFTS]
         turns.append(np.broadcast_to(fit.rotation, (len(best), 3, 3)))
@@ -189,7 +208,9 @@ def beside(model: Model, samples: Cloud, few: FloatArray, fits: list[ScanFit]) -
     return Poses(np.concatenate(turns), np.concatenate(origins))
 
 
-def _best_different(model: Model, samples: Cloud, few: FloatArray, fits: list[ScanFit]) -> list[ScanFit]:
+def _best_different(
+    model: Model, samples: Cloud, few: FloatArray, fits: list[ScanFit]
+) -> list[ScanFit]:
     """The best fits of which none is near another one."""
     kept: list[ScanFit] = []
     worth = costs(model, samples, few, fits, 0.01 * model.size)
@@ -217,7 +238,9 @@ def _axes(normals: FloatArray) -> FloatArray:
 
 def alike(fit: ScanFit, symmetries: Poses) -> Poses:
     """The poses by which the model looks about the same as by ``fit``; ``symmetries`` put the model onto itself."""
-    return Poses(symmetries.rotations @ fit.rotation, symmetries.rotations @ fit.origin + symmetries.origins)
+    return Poses(
+        symmetries.rotations @ fit.rotation, symmetries.rotations @ fit.origin + symmetries.origins
+    )
 
 
 def thin(model: Model) -> bool:
@@ -241,7 +264,11 @@ def _limit(model: Model, final: ScanFit) -> float:
     two, if the noise does not hide that.
     """
     size = _DIFFERENT_SHARE * model.size
-    return max(min(size, model.volume / model.area), min(size, 2 * _BEYOND_NOISE * final.noise), 1e-3 * model.size)
+    return max(
+        min(size, model.volume / model.area),
+        min(size, 2 * _BEYOND_NOISE * final.noise),
+        1e-3 * model.size,
+    )
 
 
 def _places(model: Model, fit: ScanFit) -> FloatArray:
@@ -253,7 +280,9 @@ def _off(model: Model, a: ScanFit, b: ScanFit) -> float:
     return float(np.linalg.norm(_places(model, a) - _places(model, b), axis=1).max())
 
 
-def _rival(model: Model, fit: ScanFit, final: ScanFit, worse: float, middle: FloatArray, off: float) -> Rival:
+def _rival(
+    model: Model, fit: ScanFit, final: ScanFit, worse: float, middle: FloatArray, off: float
+) -> Rival:
     turn = math.degrees(angle_between(frozen(final.rotation), frozen(fit.rotation)))
     shift = float(np.linalg.norm((_places(model, fit) - _places(model, final)).mean(axis=0)))
     x, y, z = (middle - fit.rotation.T @ fit.origin).tolist()
@@ -279,10 +308,15 @@ def freedom(
     reach = np.linalg.norm(np.cross(turn, here - final.centre) + shift, axis=1).max()
     factor = _NUDGE * model.size / float(reach)
     step = turn_poses(factor * turn[None])[0]
-    start = (step @ final.rotation, step @ (final.origin - final.centre) + final.centre + factor * shift)
+    start = (
+        step @ final.rotation,
+        step @ (final.origin - final.centre) + final.centre + factor * shift,
+    )
     nudged = refine(model, samples, few, start, 2 * limits[0])
     away = _off(model, nudged, final)
-    worse = cost(model, samples, few, nudged, limits[0], eye) - cost(model, samples, few, final, limits[0], eye)
+    worse = cost(model, samples, few, nudged, limits[0], eye) - cost(
+        model, samples, few, final, limits[0], eye
+    )
     if away < 0.5 * _NUDGE * model.size or worse > limits[1]:
         return "", 0.0
     return _name_motion(final, motion), surface_off(model, samples, final, nudged)
@@ -315,7 +349,12 @@ def weakness(final: ScanFit) -> str:
 
 
 def measure_seen(
-    model: Model, samples: Cloud, points: FloatArray, final: ScanFit, within: float, eye: FloatArray | None = None
+    model: Model,
+    samples: Cloud,
+    points: FloatArray,
+    final: ScanFit,
+    within: float,
+    eye: FloatArray | None = None,
 ) -> SeenShare:
     """How much of the model the scan shows: of all, and of what the scanner could see, which is what faces it and is
     not hidden by the part itself. eye: (3,) where it stood, in the scan's frame; without it the place far away from
@@ -336,7 +375,12 @@ def measure_seen(
 
 
 def _hit(
-    model: Model, samples: Cloud, at: FloatArray, places: FloatArray, normals: FloatArray, within: float
+    model: Model,
+    samples: Cloud,
+    at: FloatArray,
+    places: FloatArray,
+    normals: FloatArray,
+    within: float,
 ) -> BoolArray:
     """Which places on the model (N, 3) have a point of the scan, ``at`` (P, 3) in the model's frame, beside them that
     does not lie on a face with the opposite normal, as on the other side of a sheet.

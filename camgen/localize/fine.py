@@ -52,7 +52,11 @@ _Question = tuple[FloatArray, tuple[float, float] | None]
 
 
 def refine(
-    model: Model, samples: Cloud, points: FloatArray, start: tuple[FloatArray, FloatArray], gate: float
+    model: Model,
+    samples: Cloud,
+    points: FloatArray,
+    start: tuple[FloatArray, FloatArray],
+    gate: float,
 ) -> ScanFit:
     """The pose near ``start`` (model_from_scan) that puts ``points`` (N, 3) onto the model.
 
@@ -63,7 +67,11 @@ def refine(
 
 
 def refine_all(
-    model: Model, samples: Cloud, points: FloatArray, starts: list[tuple[FloatArray, FloatArray]], gate: float
+    model: Model,
+    samples: Cloud,
+    points: FloatArray,
+    starts: list[tuple[FloatArray, FloatArray]],
+    gate: float,
 ) -> list[ScanFit]:
     """Each of ``starts`` as ``refine`` does it. What they ask is answered for many of them at once: a question of some
     hundred points takes little more time than its call.
@@ -77,7 +85,9 @@ def refine_all(
         moving = [k for k, (_, limits) in asked.items() if limits is None]
         if not moving:
             moving = list(asked)
-            pairs = dict(zip(moving, _look_for(model, samples, [asked[k] for k in moving]), strict=True))
+            pairs = dict(
+                zip(moving, _look_for(model, samples, [asked[k] for k in moving]), strict=True)
+            )
         touched = _touch(model, [pairs[k] for k in moving], [asked[k][0] for k in moving])
         for k, touch in zip(moving, touched, strict=True):
             try:
@@ -96,7 +106,8 @@ def _look_for(model: Model, samples: Cloud, questions: list[_Question]) -> list[
     pairs = candidates(model, samples, at, reach, slack)
     ends = np.searchsorted(pairs.point, each * np.arange(len(questions) + 1))
     return [
-        TouchPairs(pairs.point[a:b] - each * k, pairs.triangle[a:b]) for k, (a, b) in enumerate(pairwise(ends.tolist()))
+        TouchPairs(pairs.point[a:b] - each * k, pairs.triangle[a:b])
+        for k, (a, b) in enumerate(pairwise(ends.tolist()))
     ]
 
 
@@ -122,7 +133,16 @@ def _way(
     rotation, origin = start
     floor, still = 1e-6 * model.size, _STILL_SHARE * model.size
     noise = gate / TUKEY
-    found = ScanFit(rotation, origin, np.inf, np.inf, np.zeros(0, dtype=np.int64), np.zeros((6, 6)), np.zeros(3), 1.0)
+    found = ScanFit(
+        rotation,
+        origin,
+        np.inf,
+        np.inf,
+        np.zeros(0, dtype=np.int64),
+        np.zeros((6, 6)),
+        np.zeros(3),
+        1.0,
+    )
     for _ in range(_ROUNDS):
         reach = max(TUKEY * noise, 10 * floor)
         slack = max(_SLACK_SHARE * reach, floor)
@@ -135,11 +155,15 @@ def _way(
             near = touch.distance <= reach
             if np.count_nonzero(near) < 7:
                 return found
-            noise = max(min(SIGMAS_OF_MEDIAN * float(np.median(touch.distance[near])), gate / TUKEY), floor)
+            noise = max(
+                min(SIGMAS_OF_MEDIAN * float(np.median(touch.distance[near])), gate / TUKEY), floor
+            )
             found, turn, shift = _step(model, touch, at, noise, (rotation, origin))
             rotation = turn @ rotation
             origin = turn @ (origin - found.centre) + found.centre + shift
-            step = float(np.linalg.norm(shift)) + found.arm * float(np.linalg.norm(turn - np.eye(3)))
+            step = float(np.linalg.norm(shift)) + found.arm * float(
+                np.linalg.norm(turn - np.eye(3))
+            )
             moved += 2 * step
             if step < still or moved > slack:
                 break
@@ -208,7 +232,12 @@ def _pulls(model: Model, touch: Touch, places: FloatArray) -> tuple[FloatArray, 
 
 
 def cost(
-    model: Model, samples: Cloud, points: FloatArray, fit: ScanFit, gate: float, eye: FloatArray | None = None
+    model: Model,
+    samples: Cloud,
+    points: FloatArray,
+    fit: ScanFit,
+    gate: float,
+    eye: FloatArray | None = None,
 ) -> float:
     """How badly ``points`` (N, 3) lie on the model, 0..1: mean of the squared distances in units of ``gate`` (mm), 1
     for what is beyond, and for what the model hides from the scanner at ``eye`` (3,), in the scan's frame.
@@ -253,7 +282,9 @@ def costs(
     return found
 
 
-def on(model: Model, samples: Cloud, at: FloatArray, reach: float) -> tuple[IntArray, FloatArray, FloatArray]:
+def on(
+    model: Model, samples: Cloud, at: FloatArray, reach: float
+) -> tuple[IntArray, FloatArray, FloatArray]:
     """Which places ``at`` (N, 3) are within ``reach`` of the model, and of each of these the distance, mm, and the
     closest point (K, 3) on the model.
     """

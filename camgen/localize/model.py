@@ -53,7 +53,9 @@ def model_part(vertices: FloatArray, faces: IntArray, count: int = 20_000) -> Mo
     corners = vertices[faces]
     cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     tree = grow(corners[(cross != 0).any(axis=1)])
-    cross = np.cross(tree.corners[:, 1] - tree.corners[:, 0], tree.corners[:, 2] - tree.corners[:, 0])
+    cross = np.cross(
+        tree.corners[:, 1] - tree.corners[:, 0], tree.corners[:, 2] - tree.corners[:, 0]
+    )
     normals = unit(cross)
     samples, of = spread(tree.corners, count)
     ends = tree.corners.reshape(-1, 3)
@@ -62,9 +64,13 @@ def model_part(vertices: FloatArray, faces: IntArray, count: int = 20_000) -> Mo
 
 def spread(corners: FloatArray, count: int) -> tuple[FloatArray, IntArray]:
     """``count`` points (count, 3) evenly over triangles (F, 3, 3), and the triangle of each. The same every time."""
-    areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    areas = np.linalg.norm(
+        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+    )
     ends = np.cumsum(areas)
-    of = np.searchsorted(ends, (np.arange(count) + 0.5) / count * ends[-1]).clip(max=len(corners) - 1)
+    of = np.searchsorted(ends, (np.arange(count) + 0.5) / count * ends[-1]).clip(
+        max=len(corners) - 1
+    )
     u, v = (np.arange(1, count + 1) * step % 1.0 for step in _R2)
     beyond = u + v > 1
     u, v = np.where(beyond, 1 - u, u), np.where(beyond, 1 - v, v)
@@ -120,7 +126,11 @@ Limits = tuple[FloatArray, FloatArray]
 
 
 def candidates(
-    model: Model, samples: Cloud, points: FloatArray, reach: float | FloatArray, slack: float | FloatArray
+    model: Model,
+    samples: Cloud,
+    points: FloatArray,
+    reach: float | FloatArray,
+    slack: float | FloatArray,
 ) -> TouchPairs:
     """The triangles that may be closest to ``points`` (N, 3) which are within ``reach`` of the model, also after they
     have moved by ``slack`` (both mm, or (N,), mm). Points farther away are in no pair.
@@ -142,9 +152,14 @@ def candidates(
         places.append(middles)
         wholes.append(of)
         sizes.append(size)
-    limits = [own, *((np.full(len(some), widest[0]), np.full(len(some), widest[1])) for some in places[1:])]
+    limits = [
+        own,
+        *((np.full(len(some), widest[0]), np.full(len(some), widest[1])) for some in places[1:]),
+    ]
     pairs = _box(model, samples, places[-1], limits[-1], sizes[-1])
-    for some, of, limit, size in zip(places[-2::-1], wholes[::-1], limits[-2::-1], sizes[-2::-1], strict=True):
+    for some, of, limit, size in zip(
+        places[-2::-1], wholes[::-1], limits[-2::-1], sizes[-2::-1], strict=True
+    ):
         pairs = _prune(model, some, *_join(of, pairs), limit, size)
     return TouchPairs(near[pairs.point], pairs.triangle)
 
@@ -153,12 +168,16 @@ def _cells(points: FloatArray, low: FloatArray, cell: float) -> tuple[FloatArray
     """Middles (M, 3) of the cells that hold points, and the cell of each point."""
     cells = np.floor((points - low) / cell).astype(np.int64)
     _, first, of = np.unique(
-        (cells[:, 0] << 42) | (cells[:, 1] << 21) | cells[:, 2], return_index=True, return_inverse=True
+        (cells[:, 0] << 42) | (cells[:, 1] << 21) | cells[:, 2],
+        return_index=True,
+        return_inverse=True,
     )
     return low + cell * (cells[first] + 0.5), of.reshape(-1)
 
 
-def _box(model: Model, samples: Cloud, middles: FloatArray, limits: Limits, cell: float) -> TouchPairs:
+def _box(
+    model: Model, samples: Cloud, middles: FloatArray, limits: Limits, cell: float
+) -> TouchPairs:
     """The pairs of cells, as ``_prune`` leaves them, from the tree."""
     radius = cell * np.sqrt(0.75)
     # A sample is at most as close as the surface: its distance bounds that of the closest triangle from above.
@@ -185,7 +204,12 @@ def _join(of: IntArray, pairs: TouchPairs) -> tuple[IntArray, IntArray]:
 
 
 def _prune(
-    model: Model, places: FloatArray, place: IntArray, triangle: IntArray, limits: Limits, cell: float
+    model: Model,
+    places: FloatArray,
+    place: IntArray,
+    triangle: IntArray,
+    limits: Limits,
+    cell: float,
 ) -> TouchPairs:
     """The pairs, sorted by place, of cells (mm, 0 for points) that reach within the first of their limits of the model,
     without triangles that nowhere in the cell come within the second of the closest.
@@ -206,7 +230,11 @@ def find_touched(model: Model, pairs: TouchPairs, points: FloatArray) -> Touch:
     at = closest(model.tree.corners[pairs.triangle], points[pairs.point])
     away = np.linalg.norm(points[pairs.point] - at, axis=1)
     begins = np.flatnonzero(np.diff(pairs.point, prepend=-1))
-    least = np.repeat(np.minimum.reduceat(away, begins), np.diff(begins, append=len(away))) if len(away) else away
+    least = (
+        np.repeat(np.minimum.reduceat(away, begins), np.diff(begins, append=len(away)))
+        if len(away)
+        else away
+    )
     best = np.flatnonzero(away == least)
     first = best[np.flatnonzero(np.diff(pairs.point[best], prepend=-1))]
     return Touch(pairs.point[first], at[first], pairs.triangle[first], away[first])

@@ -63,7 +63,9 @@ def _half_edges(model: Model) -> tuple[FloatArray, FloatArray, IntArray, IntArra
     """
     corners = model.tree.corners
     cells = np.rint((corners - model.low) * (_SAME / model.size)).astype(np.int64)
-    _, corner = np.unique((cells[..., 0] << 42) | (cells[..., 1] << 21) | cells[..., 2], return_inverse=True)
+    _, corner = np.unique(
+        (cells[..., 0] << 42) | (cells[..., 1] << 21) | cells[..., 2], return_inverse=True
+    )
     corner = corner.reshape(-1, 3)
     one, two = corner.ravel(), np.roll(corner, -1, axis=1).ravel()
     count = int(corner.max()) + 1
@@ -92,7 +94,9 @@ def run_on(model: Model, samples: Cloud, points: FloatArray, final: ScanFit) -> 
 
     def shows(places: FloatArray) -> BoolArray:
         nearest, away = (each[:, 0] for each in cloud.nearest(places))
-        return np.asarray((away <= reach) & (np.abs(dots(at[nearest] - places, rims.normals)) <= off))
+        return np.asarray(
+            (away <= reach) & (np.abs(dots(at[nearest] - places, rims.normals)) <= off)
+        )
 
     seen = ends & shows(rims.places - clear * rims.out)
     if np.count_nonzero(seen) < _FEW_RIMS * _PLACES:

@@ -26,7 +26,9 @@ _PLY = {
     "double": "f8", "float64": "f8",
 }  # fmt: skip
 _PCD = {
-    kind + size: kind.lower() + size for kind, sizes in (("F", "48"), ("I", "1248"), ("U", "1248")) for size in sizes
+    kind + size: kind.lower() + size
+    for kind, sizes in (("F", "48"), ("I", "1248"), ("U", "1248"))
+    for size in sizes
 }
 _ORDER = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 #: A file cannot say more than this of one number of itself; a point cannot have more numbers (descriptors have 1,344).
@@ -67,9 +69,13 @@ def _points(name: str, kind: str, data: bytes, parse: Callable[[bytes], _Head]) 
         if not 0 <= head.count < _MOST_ENTRIES:
             raise ValueError("the number of points cannot be")
         body = data[head.body :]
-        found = {"ascii": _parse_text, "records": _unpack_columns, "columns": _columns}[head.way](head, body, places)
+        found = {"ascii": _parse_text, "records": _unpack_columns, "columns": _columns}[head.way](
+            head, body, places
+        )
     except (ValueError, LookupError, OverflowError) as error:
-        raise InputError(name, f"is damaged or no {kind} point cloud: {error}", "", AGAIN) from error
+        raise InputError(
+            name, f"is damaged or no {kind} point cloud: {error}", "", AGAIN
+        ) from error
     return found
 
 
@@ -117,7 +123,9 @@ def _parse_text(head: _Head, body: bytes, places: list[int]) -> FloatArray:
     lines = [line.split() for line in body.splitlines() if line.strip()][: head.count]
     if len(lines) < head.count:
         raise ValueError(_missing(len(lines), head.count))
-    return np.array([[float(words[k]) for k in places] for words in lines], dtype=np.float64).reshape(-1, 3)
+    return np.array(
+        [[float(words[k]) for k in places] for words in lines], dtype=np.float64
+    ).reshape(-1, 3)
 
 
 def _unpack_columns(head: _Head, body: bytes, places: list[int]) -> FloatArray:
@@ -132,12 +140,17 @@ def _unpack_columns(head: _Head, body: bytes, places: list[int]) -> FloatArray:
 def _columns(head: _Head, body: bytes, places: list[int]) -> FloatArray:
     """All x, then all y, ..., packed together."""
     packed, size = (int(v) for v in np.frombuffer(body, "<u4", 2))
-    begins = np.cumsum([0, *(np.dtype(kind).itemsize * head.count for _, kind in head.columns)]).tolist()
+    begins = np.cumsum(
+        [0, *(np.dtype(kind).itemsize * head.count for _, kind in head.columns)]
+    ).tolist()
     if size != begins[-1] or len(body) < 8 + packed:
         raise ValueError("its packed part has another size than its head says")
     plain = _unpack(body[8 : 8 + packed], size)
     return np.column_stack(
-        [np.frombuffer(plain, head.columns[k][1], head.count, begins[k]).astype(np.float64) for k in places]
+        [
+            np.frombuffer(plain, head.columns[k][1], head.count, begins[k]).astype(np.float64)
+            for k in places
+        ]
     )
 
 
@@ -208,7 +221,12 @@ def read(source: Source, mm: float = 1.0) -> Scan:
     """The points in ``source``; one unit of the file is ``mm``. ``InputError`` if there are none that could be used."""
     name, kind = source.name, source.suffix
     if kind not in SUFFIXES:
-        raise InputError(name, "is no kind of point cloud that camgen reads", "", f"give one of {', '.join(SUFFIXES)}")
+        raise InputError(
+            name,
+            "is no kind of point cloud that camgen reads",
+            "",
+            f"give one of {', '.join(SUFFIXES)}",
+        )
     data = source.data
     if not data.strip():
         raise InputError(name, "the file is empty")
@@ -221,7 +239,9 @@ def read(source: Source, mm: float = 1.0) -> Scan:
     elif kind == ".ply" and not has_faces(data):
         points = ply(name, data)
     elif kind == ".obj" and not _FACE.search(data):
-        points = _text(name, b"\n".join(line[2:] for line in data.splitlines() if line.startswith(b"v ")))
+        points = _text(
+            name, b"\n".join(line[2:] for line in data.splitlines() if line.startswith(b"v "))
+        )
     else:
         points = _spread_over_mesh(source, notes)
     usable = _usable(name, points * mm, notes)
@@ -232,7 +252,9 @@ def _viewpoint(name: str, data: bytes) -> FloatArray | None:
     """Where the scanner stood, (3,), as VIEWPOINT of a PCD file says: its place, then its turn as a quaternion. 0, 0, 0
     without a turn is what programs write that do not know, and says nothing.
     """
-    words = next((line.split()[1:] for line in data.splitlines() if line.startswith(b"VIEWPOINT")), None)
+    words = next(
+        (line.split()[1:] for line in data.splitlines() if line.startswith(b"VIEWPOINT")), None
+    )
     if words is None:
         return None
     try:
@@ -240,7 +262,9 @@ def _viewpoint(name: str, data: bytes) -> FloatArray | None:
     except ValueError:
         values = np.zeros(0)
     if len(values) != 7 or not (np.abs(values) < _FARTHEST_COORDINATE).all():
-        raise InputError(name, "is damaged or no PCD point cloud: its VIEWPOINT is no seven numbers", "", AGAIN)
+        raise InputError(
+            name, "is damaged or no PCD point cloud: its VIEWPOINT is no seven numbers", "", AGAIN
+        )
     if values.tolist() == [0, 0, 0, 1, 0, 0, 0]:
         return None
     return values[:3]
@@ -261,7 +285,9 @@ def _usable(name: str, points: FloatArray, notes: list[Note]) -> FloatArray:
         notes.append(Note("repaired", what, "scanners write that where they saw nothing"))
         points = points[~void]
     if len(points) < LEAST:
-        raise InputError(name, f"has {counted(len(points), 'usable point')}", "", f"a scan needs {LEAST} or more")
+        raise InputError(
+            name, f"has {counted(len(points), 'usable point')}", "", f"a scan needs {LEAST} or more"
+        )
     return points
 
 
@@ -272,7 +298,9 @@ def _text(name: str, data: bytes) -> FloatArray:
     lines = data.replace(b"\r", b"\n").split(b"\n")
     begin = next((i for i, line in enumerate(lines) if _is_row(line)), None)
     if begin is None:
-        raise InputError(name, "has no line of three numbers", "", "a line is x y z, in mm; --units for others")
+        raise InputError(
+            name, "has no line of three numbers", "", "a line is x y z, in mm; --units for others"
+        )
     rows = []
     for number, line in enumerate(lines[begin:], begin + 1):
         text = line.split(b"#")[0].split(b"//")[0].strip()
@@ -283,7 +311,9 @@ def _text(name: str, data: bytes) -> FloatArray:
             rows.append((float(x), float(y), float(z)))
         except ValueError:
             said = one_line(text[:40].decode("ascii", "replace"))
-            raise InputError(name, f"{said!r} is no point", f"line {number}", "a line is x y z") from None
+            raise InputError(
+                name, f"{said!r} is no point", f"line {number}", "a line is x y z"
+            ) from None
     return np.array(rows, dtype=np.float64)
 
 
@@ -298,8 +328,15 @@ def _spread_over_mesh(source: Source, notes: list[Note]) -> FloatArray:
     soup = load(source)
     notes.extend(soup.notes)
     corners = soup.vertices[soup.faces]
-    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    area = np.linalg.norm(
+        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+    )
     if not area.any():
         raise InputError(source.name, "has no face with an area", "", AGAIN)
-    notes.append(Note("assumed", f"{_SPREAD} points were spread over the {counted(len(corners), 'face')} of the scan"))
+    notes.append(
+        Note(
+            "assumed",
+            f"{_SPREAD} points were spread over the {counted(len(corners), 'face')} of the scan",
+        )
+    )
     return spread(corners, _SPREAD)[0]

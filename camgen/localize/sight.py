@@ -64,7 +64,9 @@ def far_eyes(model: Model, directions: FloatArray) -> FloatArray:
     return np.asarray((model.low + model.high) / 2 + _FAR * model.size * directions)
 
 
-def look(model: Model, places: FloatArray, normals: FloatArray, eyes: FloatArray, facing: float) -> BoolArray:
+def look(
+    model: Model, places: FloatArray, normals: FloatArray, eyes: FloatArray, facing: float
+) -> BoolArray:
     """Which places (N, 3) on the model, with their normals, each of ``eyes`` (D, 3) sees: (D, N). A surface whose
     normal and the way to the eye have a cosine of ``facing`` or less is too steep to be seen.
     """
@@ -83,7 +85,9 @@ def around() -> FloatArray:
     return np.column_stack([out * np.cos(turn), out * np.sin(turn), up])
 
 
-def estimate_eye(model: Model, places: FloatArray, normals: FloatArray, hit: BoolArray, facing: float) -> FloatArray:
+def estimate_eye(
+    model: Model, places: FloatArray, normals: FloatArray, hit: BoolArray, facing: float
+) -> FloatArray:
     """The far eye (3,) whose sight agrees best with which of the places (N, 3) were seen, ``hit`` (N,): by Dice's
     coefficient of the two sets.
     """

@@ -29,7 +29,9 @@ _WORTH_SHARE = 0.6
 _BENCH, _ASIDE, _TRIES = 0.15, 0.97, 200
 #: Things on the bench that may be the part, the fewest points of one, and the places around a cell.
 _HEAPS, _FEWEST = 3, 100
-_AROUND = tuple((a, b, c) for a in (-1, 0, 1) for b in (-1, 0, 1) for c in (-1, 0, 1) if (a, b, c) != (0, 0, 0))
+_AROUND = tuple(
+    (a, b, c) for a in (-1, 0, 1) for b in (-1, 0, 1) for c in (-1, 0, 1) if (a, b, c) != (0, 0, 0)
+)
 #: Poses that put the corners of the model's box farther apart than this part of its size are different to the search.
 _DIFFERENT_SHARE = 0.03
 
@@ -45,7 +47,9 @@ def things(model: Model, points: FloatArray) -> list[FloatArray]:
     return [thin(some, _POINTS) for some in sets]
 
 
-def starts(model: Model, field: DistanceField, sets: list[FloatArray], given: Pose | None = None) -> Poses:
+def starts(
+    model: Model, field: DistanceField, sets: list[FloatArray], given: Pose | None = None
+) -> Poses:
     """Poses (model_from_scan) worth refining, the best first, all different, of the ``things`` of a scan.
 
     given: scan_from_model as far as it is known. The search then begins only with what is turned little from it.
@@ -53,13 +57,19 @@ def starts(model: Model, field: DistanceField, sets: list[FloatArray], given: Po
     turns, origin = rotations(_ORIENTATIONS), None
     if given is not None:
         back = given.inverse()
-        turns = np.concatenate([back.rotation[None], turns[np.einsum("bij,ij->b", turns, back.rotation) > _LITTLE]])
+        turns = np.concatenate(
+            [back.rotation[None], turns[np.einsum("bij,ij->b", turns, back.rotation) > _LITTLE]]
+        )
         origin = back.origin
     found = [_slide(model, field, some, turns, origin) for some in sets]
-    poses = Poses(*(np.concatenate([getattr(p, name) for p in found]) for name in ("rotations", "origins")))
+    poses = Poses(
+        *(np.concatenate([getattr(p, name) for p in found]) for name in ("rotations", "origins"))
+    )
     fits = fit(field, sets[0], poses, 0.01 * model.size)
     best = np.argsort(-fits, kind="stable")
-    return different(model, poses[best[fits[best] > _WORTH_SHARE * fits[best[0]]]], _DIFFERENT_SHARE * model.size)
+    return different(
+        model, poses[best[fits[best] > _WORTH_SHARE * fits[best[0]]]], _DIFFERENT_SHARE * model.size
+    )
 
 
 def symmetries(model: Model, field: DistanceField) -> Poses:
@@ -75,14 +85,21 @@ def symmetries(model: Model, field: DistanceField) -> Poses:
 
 
 def _slide(
-    model: Model, field: DistanceField, points: FloatArray, turns: FloatArray, origin: tuple[float, float, float] | None
+    model: Model,
+    field: DistanceField,
+    points: FloatArray,
+    turns: FloatArray,
+    origin: tuple[float, float, float] | None,
 ) -> Poses:
     """The best of ``turns`` (B, 3, 3) about the middle of the points, and of the first with ``origin``, slid onto the
     model.
     """
     turns, origins = _lay(model, points, turns)
     if origin is not None:
-        turns, origins = np.concatenate([turns[:1], turns]), np.concatenate([np.array([origin]), origins])
+        turns, origins = (
+            np.concatenate([turns[:1], turns]),
+            np.concatenate([np.array([origin]), origins]),
+        )
     poses = Poses(turns, origins)
     for scale, plain, steps in _FAR:
         for _ in range(steps):
@@ -121,7 +138,11 @@ def different(model: Model, poses: Poses, apart: float, limit: int = 24) -> Pose
     places = (corners(model)[None] - poses.origins[:, None]) @ poses.rotations
     kept: list[int] = []
     for i in range(len(poses)):
-        off = np.linalg.norm(places[kept] - places[i], axis=2).max(axis=1) if kept else np.array([np.inf])
+        off = (
+            np.linalg.norm(places[kept] - places[i], axis=2).max(axis=1)
+            if kept
+            else np.array([np.inf])
+        )
         if off.min() > apart:
             kept.append(i)
         if len(kept) == limit:
@@ -131,7 +152,9 @@ def different(model: Model, poses: Poses, apart: float, limit: int = 24) -> Pose
 
 def heaps(points: FloatArray, cell: float) -> list[FloatArray]:
     """The points of each of the largest things that stand apart by more than a cell (mm), the largest first."""
-    cells, of = np.unique(np.floor((points - points.min(axis=0)) / cell).astype(np.int64), axis=0, return_inverse=True)
+    cells, of = np.unique(
+        np.floor((points - points.min(axis=0)) / cell).astype(np.int64), axis=0, return_inverse=True
+    )
     free = {(x, y, z): i for i, (x, y, z) in enumerate(cells.tolist())}
     heap = np.zeros(len(cells), dtype=np.int64)
     number = 0

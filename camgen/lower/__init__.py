@@ -10,7 +10,9 @@ from camgen.model.program import Program
 from camgen.order import ArmTour, EdgeTour, JobTour, ReplayTour, changed_paths
 
 
-def lower(tour: Tour, cell: Cell, job: Job, name: str = "part", header: tuple[str, ...] = ()) -> Program:
+def lower(
+    tour: Tour, cell: Cell, job: Job, name: str = "part", header: tuple[str, ...] = ()
+) -> Program:
     """The program that runs ``tour`` from and back to the home position of ``cell``, in its frames.
 
     name, header: of the program. Raises JobError for settings that do not go together, NoSafeProgram when there is no

@@ -82,11 +82,19 @@ def gather(paths: Sequence[ToolPath], depths: Sequence[float], follow: bool = Fa
     last = np.cumsum(counts) - 1
     table = np.concatenate([path.table for path in paths])
     sink = np.repeat(np.asarray(depths, dtype=np.float64), counts)
-    columns = {name: table[:, place].copy() for name, place in PLACES.items() if name != "force_direction"}
+    columns = {
+        name: table[:, place].copy() for name, place in PLACES.items() if name != "force_direction"
+    }
     for name in ("position", "via"):
         columns[name][:, 2] -= sink
-    beside = table[:, PLACES["force_direction"]].copy() if follow or columns["force"].any() else np.empty((0, 6))
-    return Rows(**columns, force_direction=beside.reshape(-1, 2, 3), first=last - counts + 1, last=last)
+    beside = (
+        table[:, PLACES["force_direction"]].copy()
+        if follow or columns["force"].any()
+        else np.empty((0, 6))
+    )
+    return Rows(
+        **columns, force_direction=beside.reshape(-1, 2, 3), first=last - counts + 1, last=last
+    )
 
 
 def blends(rows: Rows, tolerance: FloatArray, pace: Dynamics) -> FloatArray:
@@ -97,9 +105,9 @@ def blends(rows: Rows, tolerance: FloatArray, pace: Dynamics) -> FloatArray:
     # A row needs its neighbours, and the row before the first one of a path does not matter.
     for low in range(0, len(blend), _BLOCK):
         within = slice(max(low - 1, 0), low + _BLOCK + 1)
-        blend[low : low + _BLOCK] = _blends(rows.stretch(within), tolerance[within], pace)[low - within.start :][
-            :_BLOCK
-        ]
+        blend[low : low + _BLOCK] = _blends(rows.stretch(within), tolerance[within], pace)[
+            low - within.start :
+        ][:_BLOCK]
     blend[rows.first] = blend[rows.last] = 0.0
     return blend
 
@@ -129,7 +137,11 @@ def orient_fixed(rows: Rows) -> Orientations:
     """Tool z along the axis, tool x along the work x (along its y where the axis is parallel to x)."""
     axis = rows.axis
     if (axis == axis[0]).all():
-        one = TOOL_DOWN if axis[0].tolist() == [0.0, 0.0, -1.0] else frozen(from_axes(axis[:1], sideways(axis[:1]))[0])
+        one = (
+            TOOL_DOWN
+            if axis[0].tolist() == [0.0, 0.0, -1.0]
+            else frozen(from_axes(axis[:1], sideways(axis[:1]))[0])
+        )
         same = np.zeros(len(axis), np.int32)
         return Orientations([one], same, same, same, np.zeros(len(axis), dtype=bool))
     x = sideways(axis)
@@ -156,7 +168,10 @@ def orient_along(rows: Rows) -> Orientations:
     end[rows.first] = rows.force_direction[rows.first, 0]
     spans = rows.spans
     return _orientations(
-        rows, rows.force_direction[:, 0], end, lambda arc: spans.pick(arc).to_middle(rows.force_direction[arc, 0])
+        rows,
+        rows.force_direction[:, 0],
+        end,
+        lambda arc: spans.pick(arc).to_middle(rows.force_direction[arc, 0]),
     )
 
 

@@ -70,7 +70,11 @@ def unwind(rows: Rows, orientations: Orientations) -> list[list[FloatArray]]:
     winds up by more than ``MOST`` to one side is begun so that it does so by as much to both.
     """
     table = np.stack(orientations.table)
-    begins, ends, vias = table[orientations.begins], table[orientations.ends], table[orientations.vias]
+    begins, ends, vias = (
+        table[orientations.begins],
+        table[orientations.ends],
+        table[orientations.vias],
+    )
     before = np.roll(ends, 1, axis=0)
     along = np.where(rows.arc, twists(begins, vias) + twists(vias, ends), twists(begins, ends))
     step = twists(before, begins) + along
@@ -112,7 +116,9 @@ def _insist_on_size(tour: Tour, most: float) -> None:
         raise JobError("job", what, "operation.passes", remedy)
 
 
-def lower_paths(tour: Tour, cell: Cell, job: Job, name: str = "part", header: tuple[str, ...] = ()) -> Program:
+def lower_paths(
+    tour: Tour, cell: Cell, job: Job, name: str = "part", header: tuple[str, ...] = ()
+) -> Program:
     """The program that runs the paths of ``tour`` in order, from and back to the home position.
 
     cell: with the frames and the home of ``job``. name, header: of the program.
@@ -150,10 +156,20 @@ def run_paths(draft: Draft, tour: Tour, cell: Cell, job: Job, before: int = 0) -
     cartesian = isinstance(cell.home, Pose)
     winds = job.tool.orient == "follow" and not cartesian
     runs = make_runs(tour, job, winds, before)
-    table = _table(runs, job, winds, cell, turns_of(runs, tour, before) if isinstance(tour, ArmTour) else None)
+    table = _table(
+        runs, job, winds, cell, turns_of(runs, tour, before) if isinstance(tour, ArmTour) else None
+    )
     if isinstance(tour, ArmTour):
-        own = {k: run.number - before for k, run in enumerate(runs) if not (run.linked or run.low or run.down)}
-        ways = {k: [*_go(tour.ways[n], tour.paces[n], n + before)] for k, n in own.items() if len(tour.ways[n])}
+        own = {
+            k: run.number - before
+            for k, run in enumerate(runs)
+            if not (run.linked or run.low or run.down)
+        }
+        ways = {
+            k: [*_go(tour.ways[n], tour.paces[n], n + before)]
+            for k, n in own.items()
+            if len(tour.ways[n])
+        }
         table = replace(table, ways=ways)
     draft.open(len(table.run))
     _enter(draft, table, job)
@@ -163,7 +179,9 @@ def run_paths(draft: Draft, tour: Tour, cell: Cell, job: Job, before: int = 0) -
         draft.add(*_go(tour.back, tour.back_paces, before + len(tour.paths) - 1))
 
 
-def _go(ways: Sequence[FloatArray], paces: Sequence[tuple[float, float]], path: int) -> Iterator[MoveJ]:
+def _go(
+    ways: Sequence[FloatArray], paces: Sequence[tuple[float, float]], path: int
+) -> Iterator[MoveJ]:
     """Motions to joint values, each with its speed and share."""
     for values, (speed, share) in zip(ways, paces, strict=True):
         yield MoveJ(joints_of(values), speed, path=path, share=share)
@@ -195,7 +213,12 @@ def _nothing_turns(process: ProcessTable) -> bool:
 
 
 def finish(
-    body: Sequence[Instruction], paths: Sequence[ToolPath], cell: Cell, job: Job, name: str, header: tuple[str, ...]
+    body: Sequence[Instruction],
+    paths: Sequence[ToolPath],
+    cell: Cell,
+    job: Job,
+    name: str,
+    header: tuple[str, ...],
 ) -> Program:
     """The program of ``body``: all that it uses is off at first, and turns on the spot have their speed."""
     body = turn_slowly(put_off_first(body), math.radians(job.process.turn))
@@ -291,7 +314,9 @@ def _table(runs: list[Run], job: Job, winds: bool, cell: Cell, turns: FloatArray
     )
 
 
-def _heights(rows: Rows, runs: list[Run], process: ProcessTable) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _heights(
+    rows: Rows, runs: list[Run], process: ProcessTable
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Above the start, where the feed begins, above the end: (R, 3) each.
 
     All of them are measured from where the path was planned, not from its depth: the material of the first pass is
@@ -307,7 +332,9 @@ def _heights(rows: Rows, runs: list[Run], process: ProcessTable) -> tuple[FloatA
     low = np.append(low, np.flatnonzero(_lift(end, up_end, process.clearance) < -SAME_POINT_MM))
     if len(low):
         what = f"{process.clearance:g} mm is below where the tool approaches path {runs[int(low[0])].path.id}"
-        raise JobError("job", what, "process.clearance", "raise process.clearance or lower process.approach")
+        raise JobError(
+            "job", what, "process.clearance", "raise process.clearance or lower process.approach"
+        )
     above_end = end + up_end * _lift(end, up_end, process.clearance)[:, None]
     above_start = start + up_start * room[:, None]
     passes = np.flatnonzero([run.low for run in runs])
@@ -336,7 +363,15 @@ def _enter(draft: Draft, table: _Table, job: Job) -> None:
     draft.put(first, [Comment(f"path {run.path.id} layer {run.path.layer}") for run in table.runs])
     _travel(draft, table, MoveL, first, table.down & apart, contact, speed)
     _come(draft, table, job, free)
-    _travel(draft, table, table.rapid, first, free & ~_same(table.above_start, table.near), table.near, speed)
+    _travel(
+        draft,
+        table,
+        table.rapid,
+        first,
+        free & ~_same(table.above_start, table.near),
+        table.near,
+        speed,
+    )
     if in_air(job):
         _put_each(draft, first[free], switch_on(process))
     # A path that starts on an outer corner is faster there than the feed; the plunge before it must not be. A drill
@@ -364,12 +399,24 @@ def _come(draft: Draft, table: _Table, job: Job, free: Mask) -> None:
         kinds = [table.rapid if run or k else MoveJ for k in range(len(backs))]
         poses = [Pose(back, _point(left[run])) for back in backs]
         number = int(table.number[run])
-        come[run] = [kind(pose, process.travel_speed, path=number) for kind, pose in zip(kinds, poses, strict=True)]
+        come[run] = [
+            kind(pose, process.travel_speed, path=number)
+            for kind, pose in zip(kinds, poses, strict=True)
+        ]
     _put_several(draft, rows.first, come)
     at_once = _same(above, near)
     way = _distances(left, above), _distances(above, np.where(at_once[:, None], contact, near))
     zone = np.where(at_once & in_air(job), 0.0, _zone(process, *way))
-    _travel(draft, table, table.rapid, rows.first, straight & ~_same(left, above), above, process.travel_speed, zone)
+    _travel(
+        draft,
+        table,
+        table.rapid,
+        rows.first,
+        straight & ~_same(left, above),
+        above,
+        process.travel_speed,
+        zone,
+    )
 
 
 def _leave(draft: Draft, table: _Table, job: Job) -> None:
@@ -380,10 +427,14 @@ def _leave(draft: Draft, table: _Table, job: Job) -> None:
     off = in_air(job) and bool(signal(process))
     zone = np.zeros(len(last))
     if not off:
-        on = ~np.append((_among(table.unwound, len(last)) | _among(table.ways, len(last)))[1:], True)
+        on = ~np.append(
+            (_among(table.unwound, len(last)) | _among(table.ways, len(last)))[1:], True
+        )
         way = _distances(here, up), _distances(up, np.roll(table.above_start, -1, axis=0))
         zone = np.where(on, _zone(process, *way), 0.0)
-    _travel(draft, table, table.rapid, last, leaving & ~_same(here, up), up, process.travel_speed, zone)
+    _travel(
+        draft, table, table.rapid, last, leaving & ~_same(here, up), up, process.travel_speed, zone
+    )
     if off:
         _put_each(draft, last[leaving], [Output(signal(process), 0.0)])
 
@@ -402,7 +453,12 @@ def _travel(
     runs = np.flatnonzero(where)
     speed, blend = (np.broadcast_to(column, len(where))[runs] for column in (speed, blend))
     at = rows[runs]
-    draft.put(at, _moves(table, at, table.poses(end[runs], table.orientations.ends[at]), speed, blend, kind=kind))
+    draft.put(
+        at,
+        _moves(
+            table, at, table.poses(end[runs], table.orientations.ends[at]), speed, blend, kind=kind
+        ),
+    )
 
 
 def _moves(
@@ -416,7 +472,15 @@ def _moves(
     kind: type[MoveJ | MoveL] = MoveL,
 ) -> Body:
     """Plain motions (K,) of the runs that ``rows`` (K,) belong to, see ``plain_motions``."""
-    return plain_motions(kind, target, speed=speed, blend=blend, path=table.number[table.run[rows]], work=work, via=via)
+    return plain_motions(
+        kind,
+        target,
+        speed=speed,
+        blend=blend,
+        path=table.number[table.run[rows]],
+        work=work,
+        via=via,
+    )
 
 
 def _put_each(draft: Draft, rows: Indices, items: Iterable[Instruction]) -> None:
@@ -428,7 +492,10 @@ def _put_each(draft: Draft, rows: Indices, items: Iterable[Instruction]) -> None
 def _put_several(draft: Draft, rows: Indices, items: Mapping[int, Sequence[Instruction]]) -> None:
     """At the rows (R,) of some runs, those that are keys of ``items``, each its own."""
     runs = np.array(list(items), np.intp)
-    draft.put(np.repeat(rows[runs], list(map(len, items.values()))), [*chain.from_iterable(items.values())])
+    draft.put(
+        np.repeat(rows[runs], list(map(len, items.values()))),
+        [*chain.from_iterable(items.values())],
+    )
 
 
 def _among(runs: Iterable[int], count: int) -> Mask:
@@ -439,7 +506,9 @@ def _among(runs: Iterable[int], count: int) -> Mask:
 
 def _zone(process: ProcessTable, *neighbours: FloatArray) -> FloatArray:
     """The blends (R,) at corners of travel: in the upper half of the clearance and of their two neighbours (R,)."""
-    room = np.minimum.reduce([np.full_like(neighbours[0], process.clearance), *neighbours]) / 2 + 1e-9
+    room = (
+        np.minimum.reduce([np.full_like(neighbours[0], process.clearance), *neighbours]) / 2 + 1e-9
+    )
     return np.asarray(np.select([room >= zone for zone in ZONES], ZONES, 0.0))
 
 
@@ -466,7 +535,9 @@ def signal(process: ProcessTable) -> str:
     if process.signal == "auto":
         return "" if process.spindle > 0 else "process"
     if process.signal == "spindle":
-        raise JobError("job", '"spindle" is the spindle', "process.signal", "set process.spindle to its rpm")
+        raise JobError(
+            "job", '"spindle" is the spindle', "process.signal", "set process.spindle to its rpm"
+        )
     return process.signal
 
 
@@ -520,7 +591,10 @@ def _segments(draft: Draft, table: _Table, second: Indices, slow: float) -> None
     at = np.flatnonzero(segment & turned.turns)
     start = _points(table, at - 1, lifted[at], rows.position)
     turns = _moves(table, at, table.poses(start, turned.begins[at]), feed[at], work=True)
-    draft.put(at, _press(turns, np.where(pressing[at], rows.force[at], 0.0), rows.force_direction[:, 0], at))
+    draft.put(
+        at,
+        _press(turns, np.where(pressing[at], rows.force[at], 0.0), rows.force_direction[:, 0], at),
+    )
     begin = np.flatnonzero(segment & wanted & ~pressing)
     draft.put(begin, _forces(rows, begin))
     at = np.flatnonzero(segment)

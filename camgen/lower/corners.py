@@ -75,7 +75,9 @@ def _overlap(corners: Corners, tolerance: FloatArray | float, pace: Dynamics) ->
     """The next motion begins when the one before begins to brake, v^2 / 2a before its end, or half-way where it is too
     short for its speed. The tool leaves the corner by what the longer of both ways makes at most.
     """
-    way = np.minimum(corners.fast**2 / (2 * pace.acceleration), np.maximum(corners.before, corners.after) / 2)
+    way = np.minimum(
+        corners.fast**2 / (2 * pace.acceleration), np.maximum(corners.before, corners.after) / 2
+    )
     within = way * corners.sine / 2 <= np.asarray(tolerance) + _ROUNDING
     return np.where(within, np.maximum(np.round(way, 3), _LEAST_BLEND), 0.0)
 

@@ -17,7 +17,17 @@ from camgen.model.cell import Cell, Dynamics
 from camgen.model.job import Job, ProcessTable
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray, Pose, Vec3, frozen
-from camgen.model.program import Comment, Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Program
+from camgen.model.program import (
+    Comment,
+    Force,
+    Instruction,
+    Joints,
+    MoveC,
+    MoveJ,
+    MoveL,
+    Output,
+    Program,
+)
 from camgen.model.tolerance import SAME_POINT_MM
 from camgen.order import EdgeTour
 from camgen.order.edges.links import Along, Piece, Turn
@@ -25,7 +35,9 @@ from camgen.plan.edges.motion import Reached, feed_of
 from camgen.plan.edges.ways import Way
 
 
-def lower_edges(tour: EdgeTour, cell: Cell, job: Job, name: str = "part", header: tuple[str, ...] = ()) -> Program:
+def lower_edges(
+    tour: EdgeTour, cell: Cell, job: Job, name: str = "part", header: tuple[str, ...] = ()
+) -> Program:
     """The program that runs the route of ``tour`` from and back to the home position of ``cell``.
 
     name, header: of the program.
@@ -63,7 +75,9 @@ def lower_edges(tour: EdgeTour, cell: Cell, job: Job, name: str = "part", header
 def _belonging(items: Iterable[Instruction], path: int, work: bool) -> Iterator[Instruction]:
     """``items`` with the path of the motions among them."""
     for item in items:
-        yield replace(item, path=path, work=work) if isinstance(item, (MoveJ, MoveL, MoveC)) else item
+        yield (
+            replace(item, path=path, work=work) if isinstance(item, (MoveJ, MoveL, MoveC)) else item
+        )
 
 
 def _split(link: Sequence[Piece]) -> tuple[Sequence[Piece], Sequence[Piece]]:
@@ -117,7 +131,9 @@ def _cut(way: Way, share: float) -> Way:
     """``way`` with its last segment, a straight one, only up to ``share`` of it."""
     position, rotation = way.position.copy(), way.rotation.copy()
     position[-1] = way.position[-2] + share * (way.position[-1] - way.position[-2])
-    rotation[-1] = between(way.rotation[-2:-1], way.rotation[-1:], np.array([0]), np.array([share]))[0]
+    rotation[-1] = between(
+        way.rotation[-2:-1], way.rotation[-1:], np.array([0]), np.array([share])
+    )[0]
     return Way(frozen(position), way.via, frozen(rotation))
 
 
@@ -167,7 +183,9 @@ def _segment(way: Way, row: int, speed: float, force: float, blend: float = 0.0)
     press = _vector(way.rotation[row, :, 2]) if force > 0 else (0.0, 0.0, 0.0)
     if math.isnan(way.via[row, 0]):
         return MoveL(target, speed, blend, force, press)
-    rotation = between(way.rotation[row - 1 : row], way.rotation[row : row + 1], np.array([0]), np.array([0.5]))[0]
+    rotation = between(
+        way.rotation[row - 1 : row], way.rotation[row : row + 1], np.array([0]), np.array([0.5])
+    )[0]
     return MoveC(_pose(rotation, way.via[row]), target, speed, blend, force, press)
 
 

@@ -21,7 +21,17 @@ from camgen.lower.steps import frame_of
 from camgen.model.cell import Cell, Dynamics
 from camgen.model.job import Job
 from camgen.model.pose import TOOL_DOWN, FloatArray, Pose
-from camgen.model.program import Columns, Force, Instruction, MoveC, MoveJ, MoveL, Output, Program, ToolChange
+from camgen.model.program import (
+    Columns,
+    Force,
+    Instruction,
+    MoveC,
+    MoveJ,
+    MoveL,
+    Output,
+    Program,
+    ToolChange,
+)
 from camgen.model.tolerance import SAME_POINT_MM
 from camgen.order import ReplayTour
 from camgen.plan.replay import moving, owners
@@ -29,7 +39,9 @@ from camgen.plan.taught import stretches
 from camgen.plan.tool_parts import ToolPart
 
 
-def lower_replay(tour: ReplayTour, cell: Cell, job: Job, name: str = "part", header: tuple[str, ...] = ()) -> Program:
+def lower_replay(
+    tour: ReplayTour, cell: Cell, job: Job, name: str = "part", header: tuple[str, ...] = ()
+) -> Program:
     """The program of the machine in ``cell``, whose frames and home hold. name, header: of the program.
 
     With each tool it comes to the first position from above, at the height of travel, and leaves the last one upwards.
@@ -49,7 +61,9 @@ def lower_replay(tour: ReplayTour, cell: Cell, job: Job, name: str = "part", hea
         out += _run(body, part.entry, before, cell, job)
         before += 1 + max(owners(Columns(body)))
     out += [*_left_on(out), home]
-    frame = None if tour.parts[0].tool is None else _change(tour.parts[0], job, cell).flange_from_tool
+    frame = (
+        None if tour.parts[0].tool is None else _change(tour.parts[0], job, cell).flange_from_tool
+    )
     framed = cell if frame is None else replace(cell, flange_from_tool=frame)
     return finish(out, tour.paths, framed, job, name, header)
 
@@ -60,7 +74,9 @@ def _change(part: ToolPart, job: Job, cell: Cell) -> ToolChange:
     assert tool is not None
     if not part.known:
         return ToolChange(tool.number, tool.name, flange_from_tool=cell.flange_from_tool)
-    return ToolChange(tool.number, tool.name, tool.diameter, tool.length, frame_of(replace(job, tool=tool), cell))
+    return ToolChange(
+        tool.number, tool.name, tool.diameter, tool.length, frame_of(replace(job, tool=tool), cell)
+    )
 
 
 def _find_on(body: Sequence[Instruction]) -> list[Output]:
@@ -69,7 +85,9 @@ def _find_on(body: Sequence[Instruction]) -> list[Output]:
     return [item for item in last.values() if item.value]
 
 
-def _run(body: list[Instruction], entry: float, before: int, cell: Cell, job: Job) -> list[Instruction]:
+def _run(
+    body: list[Instruction], entry: float, before: int, cell: Cell, job: Job
+) -> list[Instruction]:
     """What is done with one tool, from above its first position to above its last. before: how many paths of the
     program come before its own.
     """
@@ -80,7 +98,11 @@ def _run(body: list[Instruction], entry: float, before: int, cell: Cell, job: Jo
     out: list[Instruction] = list(body[:first])
     arrival = _arrive(body[first], cartesian, job, entry)  # type: ignore[arg-type]  # a MoveJ, found above
     out += [replace(item, path=path) for item in arrival]
-    manner = zip(_blends(columns, corner_tolerance(job, "replay"), cell.pace).tolist()[1:], following, strict=True)
+    manner = zip(
+        _blends(columns, corner_tolerance(job, "replay"), cell.pace).tolist()[1:],
+        following,
+        strict=True,
+    )
     last: MoveJ | MoveL | MoveC = body[first]  # type: ignore[assignment]
     for item in body[first + 1 :]:
         if isinstance(item, MoveJ):
@@ -101,14 +123,18 @@ def _run(body: list[Instruction], entry: float, before: int, cell: Cell, job: Jo
     return out
 
 
-def lower_taught(tour: ReplayTour, cell: Cell, job: Job, name: str = "part", header: tuple[str, ...] = ()) -> Program:
+def lower_taught(
+    tour: ReplayTour, cell: Cell, job: Job, name: str = "part", header: tuple[str, ...] = ()
+) -> Program:
     """What a robot program does, for the machine in ``cell``: from its home to the first motion, and all the others as
     they are. What it leaves on at its end is switched off.
     """
     body = tour.run.body
     moves = [item for item in body if isinstance(item, MoveJ | MoveL | MoveC)]
     last = [high for _, high in stretches(moves)]
-    owner = np.append(np.arange(len(last)), -1)[np.searchsorted(last, np.arange(len(moves)), side="right")]
+    owner = np.append(np.arange(len(last)), -1)[
+        np.searchsorted(last, np.arange(len(moves)), side="right")
+    ]
     following = iter(zip(moves, owner.tolist(), strict=True))
     off = list(takewhile(_is_off, body))
     out: list[Instruction] = [*off, MoveJ(cell.home, job.process.travel_speed)]
@@ -152,7 +178,9 @@ def _leave(last: Pose, cartesian: bool, job: Job) -> list[Instruction]:
     x, y, z = last.origin
     high = job.process.clearance
     return (
-        [_rapid(Pose(TOOL_DOWN, (x, y, high)), cartesian, job.process.travel_speed)] if z < high - SAME_POINT_MM else []
+        [_rapid(Pose(TOOL_DOWN, (x, y, high)), cartesian, job.process.travel_speed)]
+        if z < high - SAME_POINT_MM
+        else []
     )
 
 
@@ -172,6 +200,8 @@ def _blends(columns: Columns, tolerance: float, pace: Dynamics) -> FloatArray:
     fast = np.maximum(columns.speed[1:-1], columns.speed[2:])
     rounded = blend_corners(Corners(sine_half, length[1:-1], length[2:], fast), tolerance, pace)
     working = ~columns.moves_are(MoveJ)
-    allowed = working[1:-1] & working[2:] & (columns.blend[1:-1] > 0) & (np.diff(columns.at)[1:] == 1)
+    allowed = (
+        working[1:-1] & working[2:] & (columns.blend[1:-1] > 0) & (np.diff(columns.at)[1:] == 1)
+    )
     blend[1:-1] = np.where(allowed, rounded, 0.0)
     return blend

@@ -73,14 +73,29 @@ def make_runs(tour: Tour, job: Job, winds: bool, before: int = 0) -> list[Run]:
         several, at_depth = len(path.depths) > 1, index in tour.down
         # With force on, the motion after each pass has to leave the surface, so it goes up and comes down again.
         pressed = (several or at_depth) and bool(path.force.any())
-        meets = several and math.dist(path.position[0].tolist(), path.position[-1].tolist()) < SAME_POINT_MM
+        meets = (
+            several
+            and math.dist(path.position[0].tolist(), path.position[-1].tolist()) < SAME_POINT_MM
+        )
         zigzag = several and path.reversible and not meets
         ways = [path.reversed() if zigzag and k % 2 else path for k in range(len(path.depths))]
         linked = (zigzag or (meets and not winds)) and not pressed
         low = meets and not linked and not pressed
-        for k, (depth, one) in enumerate(zip(path.depths, _passes(ways, job, descent, at_depth), strict=True)):
+        for k, (depth, one) in enumerate(
+            zip(path.depths, _passes(ways, job, descent, at_depth), strict=True)
+        ):
             down = k == 0 and at_depth and not pressed
-            runs.append(Run(one.path, before + index, depth, linked and k > 0, one.begin, down, low and k > 0))
+            runs.append(
+                Run(
+                    one.path,
+                    before + index,
+                    depth,
+                    linked and k > 0,
+                    one.begin,
+                    down,
+                    low and k > 0,
+                )
+            )
     return runs
 
 
@@ -94,21 +109,28 @@ def _passes(ways: _Ways, job: Job, descent: _Descent, down: bool) -> list[_Pass]
     path, entry = ways[0], job.operation.entry
     if entry == "plunge" or max(path.depths) <= 0 or lengths_along(path)[-1] < SAME_POINT_MM:
         return [
-            _Pass(_over_tabs(way, depth, descent.plunge), depth) for way, depth in zip(ways, path.depths, strict=True)
+            _Pass(_over_tabs(way, depth, descent.plunge), depth)
+            for way, depth in zip(ways, path.depths, strict=True)
         ]
     _insist_on_room(path, job, down)
     if entry == "helix" and path.entry_radius > 0:
-        return _go_down(ways, descent, lambda way, from_z, to_z: _enter_by_helix(way, from_z, to_z, descent))
+        return _go_down(
+            ways, descent, lambda way, from_z, to_z: _enter_by_helix(way, from_z, to_z, descent)
+        )
     if path.closed:
         return _go_round(ways, descent)
-    return _go_down(ways, descent, lambda way, from_z, to_z: _enter_to_and_fro(way, from_z, to_z, descent))
+    return _go_down(
+        ways, descent, lambda way, from_z, to_z: _enter_to_and_fro(way, from_z, to_z, descent)
+    )
 
 
 def _insist_on_room(path: ToolPath, job: Job, down: bool) -> None:
     """JobError where a path cannot be entered on a slant."""
     entry, remedy = job.operation.entry, 'set operation.entry to "plunge"'
     if path.force.any():
-        raise JobError("job", f"a {entry} into the material and a force against it", "process.force", remedy)
+        raise JobError(
+            "job", f"a {entry} into the material and a force against it", "process.force", remedy
+        )
     if job.tool.orient == "follow":
         what = f"a tool that turns with the contour goes straight down, not on a {entry}"
         raise JobError("job", what, "tool.orient", remedy)
@@ -116,7 +138,12 @@ def _insist_on_room(path: ToolPath, job: Job, down: bool) -> None:
         what = f"a way at working height has no material to go down into on a {entry}"
         raise JobError("job", what, "process.stay_down", remedy)
     if len({*path.position[:, 2].tolist()}) > 1:
-        raise JobError("job", f"path {path.id} is not level: no {entry} goes into it", "operation.entry", remedy)
+        raise JobError(
+            "job",
+            f"path {path.id} is not level: no {entry} goes into it",
+            "operation.entry",
+            remedy,
+        )
 
 
 def _steps(depths: tuple[float, ...]) -> list[float]:
@@ -124,7 +151,9 @@ def _steps(depths: tuple[float, ...]) -> list[float]:
     return [max(0.0, depth - before) for before, depth in zip((0.0, *depths), depths, strict=False)]
 
 
-def _go_down(ways: _Ways, descent: _Descent, enter: Callable[[ToolPath, float, float], ToolPath]) -> list[_Pass]:
+def _go_down(
+    ways: _Ways, descent: _Descent, enter: Callable[[ToolPath, float, float], ToolPath]
+) -> list[_Pass]:
     """Passes that each begin with what ``enter`` makes of a way and the two heights, both below the plan."""
     passes = []
     for way, depth, step in zip(ways, ways[0].depths, _steps(ways[0].depths), strict=True):
@@ -163,23 +192,31 @@ def _go_round(ways: _Ways, descent: _Descent) -> list[_Pass]:
         loop = _over_tabs(begin_at(path, end), depth, descent.plunge)
         if step > SAME_POINT_MM:
             way = chorded(stretch(path, begin, need), descent.chord)
-            loop = join_paths([_at_depth(_slope(way, step - depth, -depth, descent.plunge), depth), loop])
+            loop = join_paths(
+                [_at_depth(_slope(way, step - depth, -depth, descent.plunge), depth), loop]
+            )
         passes.append(_Pass(loop, depth - float(loop.position[0, 2] - path.position[0, 2])))
     return passes
 
 
 def _enter_by_helix(way: ToolPath, from_z: float, to_z: float, descent: _Descent) -> ToolPath:
     radius = way.entry_radius
-    _insist_on_count((from_z - to_z) / (descent.slope * radius * _helix_step(radius, descent.chord)), descent)
+    _insist_on_count(
+        (from_z - to_z) / (descent.slope * radius * _helix_step(radius, descent.chord)), descent
+    )
     helix = helix_entry(way, from_z, to_z, radius, math.atan(descent.slope), descent.chord)
     down = np.diff(helix.position[:, 2], prepend=np.inf) < 0
-    return helix.with_columns(feed=np.where(down, np.minimum(helix.feed, descent.plunge), helix.feed))
+    return helix.with_columns(
+        feed=np.where(down, np.minimum(helix.feed, descent.plunge), helix.feed)
+    )
 
 
 def _insist_on_count(motions: float, descent: _Descent) -> None:
     if motions > descent.most:
         what = f"{motions:,.0f} motions come of a ramp so flat, more than {tell(descent.most)}"
-        raise JobError("job", what, "operation.entry_angle", "take a steeper one, or raise limits.motions")
+        raise JobError(
+            "job", what, "operation.entry_angle", "take a steeper one, or raise limits.motions"
+        )
 
 
 def _slope(way: ToolPath, from_z: float, to_z: float, speed: float) -> ToolPath:
@@ -220,7 +257,9 @@ def _at_heights(path: ToolPath, z: FloatArray) -> ToolPath:
     return path.with_columns(position=position, via=via)
 
 
-def helix_entry(path: ToolPath, from_z: float, to_z: float, radius: float, angle: float, chord: float) -> ToolPath:
+def helix_entry(
+    path: ToolPath, from_z: float, to_z: float, radius: float, angle: float, chord: float
+) -> ToolPath:
     """Down a helix about the first point of ``path``, once round at its foot, and to that point.
 
     from_z, to_z: mm, against the height of the path. radius: mm. angle: rad, against the level. chord: mm, the helix
@@ -232,9 +271,13 @@ def helix_entry(path: ToolPath, from_z: float, to_z: float, radius: float, angle
     sweep = (from_z - to_z) / (math.tan(angle) * radius * math.sin(step / 2) / (step / 2))
     count = math.ceil(sweep / step)
     sense = _sense(path)
-    turn = sense * np.concatenate([np.linspace(0.0, sweep, count + 1), sweep + np.array([0.5, 1.0, 1.5, 2.0]) * np.pi])
+    turn = sense * np.concatenate(
+        [np.linspace(0.0, sweep, count + 1), sweep + np.array([0.5, 1.0, 1.5, 2.0]) * np.pi]
+    )
     x, y, z = path.position[0].tolist()
-    circle = np.column_stack([x + radius * np.cos(turn), y + radius * np.sin(turn), np.full(len(turn), z + to_z)])
+    circle = np.column_stack(
+        [x + radius * np.cos(turn), y + radius * np.sin(turn), np.full(len(turn), z + to_z)]
+    )
     circle[: count + 1, 2] = z + np.linspace(from_z, to_z, count + 1)
     foot = np.arange(count + 1, len(turn))
     ends = np.concatenate([circle[: count + 1], circle[foot[1::2]], [[x, y, z + to_z]]])

@@ -12,7 +12,17 @@ from camgen.model.cell import Cell
 from camgen.model.errors import JobError, NoSafeProgram
 from camgen.model.job import Job, ToolTable
 from camgen.model.pose import Pose, translation
-from camgen.model.program import Comment, Force, Instruction, Joints, MoveJ, Output, Program, ToolChange, put_off_first
+from camgen.model.program import (
+    Comment,
+    Force,
+    Instruction,
+    Joints,
+    MoveJ,
+    Output,
+    Program,
+    ToolChange,
+    put_off_first,
+)
 from camgen.order.tours import JobTour
 from camgen.plan.steps import job_of, name_of
 
@@ -60,7 +70,9 @@ def _insist_on_one_length(tour: JobTour) -> None:
     """JobError for tools of several lengths that would all have the one frame that the job gives."""
     if len({step.tool.length for step in tour.steps}) > 1:
         what = "is one frame, and the tools have several lengths"
-        raise JobError("job", what, "cell.flange_from_tool", "leave it out: each tool is as long as its length")
+        raise JobError(
+            "job", what, "cell.flange_from_tool", "leave it out: each tool is as long as its length"
+        )
 
 
 def _change(tool: ToolTable, frame: Pose) -> ToolChange:
@@ -73,11 +85,17 @@ def _rest(spindle: float) -> list[Instruction]:
 
 def frame_of(job: Job, cell: Cell) -> Pose:
     """The frame of the tool of ``job`` at the flange."""
-    return cell.flange_from_tool if job.cell.flange_from_tool is not None else translation(0.0, 0.0, job.tool.length)
+    return (
+        cell.flange_from_tool
+        if job.cell.flange_from_tool is not None
+        else translation(0.0, 0.0, job.tool.length)
+    )
 
 
 def _is_off(item: Instruction) -> bool:
-    return (isinstance(item, Output) and item.value == 0) or (isinstance(item, Force) and item.newtons == 0)
+    return (isinstance(item, Output) and item.value == 0) or (
+        isinstance(item, Force) and item.newtons == 0
+    )
 
 
 def split_tools(program: Program) -> tuple[Program, ...]:
@@ -89,7 +107,9 @@ def split_tools(program: Program) -> tuple[Program, ...]:
     if not changes:
         return (program,)
     programs = []
-    for k, (start, end) in enumerate(zip(changes, [*changes[1:], len(program.body)], strict=True), start=1):
+    for k, (start, end) in enumerate(
+        zip(changes, [*changes[1:], len(program.body)], strict=True), start=1
+    ):
         change = program.body[start]
         assert isinstance(change, ToolChange)
         body = put_off_first(tuple(dropwhile(_is_off, program.body[start + 1 : end])))

@@ -98,7 +98,9 @@ class Body(Sequence[Instruction]):
     rotations: the table that ``Packed`` means. objects: the instructions that are kept, in order.
     """
 
-    def __init__(self, packed: Packed, rotations: Sequence[FloatArray], objects: Sequence[Instruction]) -> None:
+    def __init__(
+        self, packed: Packed, rotations: Sequence[FloatArray], objects: Sequence[Instruction]
+    ) -> None:
         self.packed, self.rotations, self.objects = packed, rotations, objects
 
     def __len__(self) -> int:
@@ -106,7 +108,9 @@ class Body(Sequence[Instruction]):
 
     def __iter__(self) -> Iterator[Instruction]:
         size = len(self)
-        return chain.from_iterable(self._make(low, min(low + _BLOCK, size)) for low in range(0, size, _BLOCK))
+        return chain.from_iterable(
+            self._make(low, min(low + _BLOCK, size)) for low in range(0, size, _BLOCK)
+        )
 
     @overload
     def __getitem__(self, index: int) -> Instruction: ...
@@ -171,7 +175,9 @@ class Body(Sequence[Instruction]):
             begin, end = np.searchsorted(at, (low, high)).tolist()
             spans |= dict.fromkeys(names, (begin, end))
         begin, end = np.searchsorted(self.kept_at, (low, high)).tolist()
-        packed = Packed(**{name: getattr(self.packed, name)[slice(*span)] for name, span in spans.items()})
+        packed = Packed(
+            **{name: getattr(self.packed, name)[slice(*span)] for name, span in spans.items()}
+        )
         return Body(packed, self.rotations, self.objects[begin:end])
 
     def _make(self, low: int, high: int) -> list[Instruction]:
@@ -191,13 +197,17 @@ class Body(Sequence[Instruction]):
             rest = (getattr(packed, name)[rows].tolist() for name in ("speed", "blend"))
             free = () if made is MoveJ else (repeat(0.0), repeat(_NO_DIRECTION))
             owner = (getattr(packed, name)[rows].tolist() for name in ("path", "work"))
-            sources.append(map(made, *vias, places, *rest, *free, repeat(None), repeat(None), *owner))
+            sources.append(
+                map(made, *vias, places, *rest, *free, repeat(None), repeat(None), *owner)
+            )
         begin, end = np.searchsorted(self.kept_at, (low, high)).tolist()
         sources.append(iter(self.objects[begin:end]))
         return list(map(next, map(sources.__getitem__, source.tolist())))
 
     def _poses(self, places: FloatArray, rotations: NDArray[np.int32]) -> Iterator[Pose]:
-        return map(Pose, map(self.rotations.__getitem__, rotations.tolist()), map(tuple, places.tolist()))
+        return map(
+            Pose, map(self.rotations.__getitem__, rotations.tolist()), map(tuple, places.tolist())
+        )
 
 
 #: Behind the kinds of motions: what is kept as an object.
@@ -262,7 +272,8 @@ class Packing(Sequence[Instruction]):
         self._close()
         self._lent = True
         columns: dict[str, Any] = {
-            name: np.frombuffer(self._columns[name], kind).reshape(-1, *shape) for name, (kind, shape) in _TYPES.items()
+            name: np.frombuffer(self._columns[name], kind).reshape(-1, *shape)
+            for name, (kind, shape) in _TYPES.items()
         }
         return Body(Packed(**columns), self._rotations.table, self._objects)
 
@@ -291,17 +302,25 @@ def join(*bodies: Body) -> Body:
     rotations = _Rotations()
     packed = [_turned(body, rotations) for body in bodies]
     columns: dict[str, Any] = {
-        name: np.concatenate([np.zeros((0, *shape), kind), *(getattr(one, name) for one in packed)], dtype=kind)
+        name: np.concatenate(
+            [np.zeros((0, *shape), kind), *(getattr(one, name) for one in packed)], dtype=kind
+        )
         for name, (kind, shape) in _TYPES.items()
     }
-    return Body(Packed(**columns), rotations.table, list(chain.from_iterable(body.objects for body in bodies)))
+    return Body(
+        Packed(**columns),
+        rotations.table,
+        list(chain.from_iterable(body.objects for body in bodies)),
+    )
 
 
 def _turned(body: Body, rotations: _Rotations) -> Packed:
     """The columns of a body with the rotations in another table."""
     packed = body.packed
     places = np.append(rotations.places(body.rotations), np.int32(-1))
-    return replace(packed, rotation=places[packed.rotation], via_rotation=places[packed.via_rotation])
+    return replace(
+        packed, rotation=places[packed.rotation], via_rotation=places[packed.via_rotation]
+    )
 
 
 def _pack(items: Sequence[Instruction], rotations: _Rotations) -> tuple[Packed, list[Instruction]]:
@@ -350,7 +369,9 @@ def _are_plain(moves: Sequence[Any]) -> bool:
         (move.turn for move in along if type(move) is MoveL),
         (move.share or type(move.target) is not Pose for move in moves if type(move) is MoveJ),
     )
-    return not any(map(any, ever)) and set(map(attrgetter("force_direction"), along)) <= {_NO_DIRECTION}
+    return not any(map(any, ever)) and set(map(attrgetter("force_direction"), along)) <= {
+        _NO_DIRECTION
+    }
 
 
 def _is_plain(move: Motion) -> bool:
@@ -389,7 +410,9 @@ def plain_motions(
     those that are arcs instead, NaN for the others.
     """
     size = len(target.origin)
-    half_way = Poses(np.full((size, 3), np.nan), target.rotation, target.table) if via is None else via
+    half_way = (
+        Poses(np.full((size, 3), np.nan), target.rotation, target.table) if via is None else via
+    )
     arcs = np.flatnonzero(~np.isnan(half_way.origin[:, 0]))
     kinds = np.full(size, NUMBER[kind], np.int8)
     kinds[arcs] = _ARC
@@ -433,7 +456,9 @@ def merge(pieces: list[tuple[Indices, Body]]) -> Body:
             column = getattr(packed, name)
             turned = name in ("rotation", "via_rotation")
             columns[name][arcs if name in _OF_ARCS else moves] = table[column] if turned else column
-        objects[number[2][at[packed.kept]]] = np.fromiter(body.objects, np.object_, len(body.objects))
+        objects[number[2][at[packed.kept]]] = np.fromiter(
+            body.objects, np.object_, len(body.objects)
+        )
     return Body(Packed(kind=kind, kept=kept, **columns), rotations.table, objects.tolist())
 
 

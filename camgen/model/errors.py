@@ -76,7 +76,9 @@ class Loss(NamedTuple):
 class Blocked(NoSafeProgram):
     """The arm cannot follow a program, or collides on it. ``lost`` says on which paths, the ways to them included."""
 
-    def __init__(self, file: str, what: str, where: str = "", remedy: str = "", lost: tuple[Loss, ...] = ()) -> None:
+    def __init__(
+        self, file: str, what: str, where: str = "", remedy: str = "", lost: tuple[Loss, ...] = ()
+    ) -> None:
         super().__init__(file, what, where, remedy)
         self.lost = lost
 

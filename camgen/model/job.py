@@ -39,24 +39,34 @@ class Table(Struct, frozen=True, forbid_unknown_fields=True):
 class InputTable(Table, frozen=True):
     """[input]: how the file is read."""
 
-    units: Annotated[str, Meta(description="unit of the drawing: auto (the file's own), mm, cm, m, inch, ft, ...")] = (
-        "auto"
-    )
-    layers: Annotated[list[str], Meta(description='layers to use, as globs; "!x" leaves out')] = field(
-        default_factory=lambda: ["*"]
+    units: Annotated[
+        str,
+        Meta(description="unit of the drawing: auto (the file's own), mm, cm, m, inch, ft, ..."),
+    ] = "auto"
+    layers: Annotated[list[str], Meta(description='layers to use, as globs; "!x" leaves out')] = (
+        field(default_factory=lambda: ["*"])
     )
     join: Annotated[NotNegative, Meta(description="ends closer than this meet, mm")] = 0.05
-    min_length: Annotated[NotNegative, Meta(description="shorter contours are dropped and counted, mm")] = 0.0
+    min_length: Annotated[
+        NotNegative, Meta(description="shorter contours are dropped and counted, mm")
+    ] = 0.0
     select: Annotated[
-        str, Meta(description='edges of a 3-D part: convex, all, bottom, ids as inspect prints them; "not" leaves out')
+        str,
+        Meta(
+            description='edges of a 3-D part: convex, all, bottom, ids as inspect prints them; "not" leaves out'
+        ),
     ] = "convex"
     dialect: Annotated[
         Literal["", "linuxcnc", "grbl", "fanuc", "fanuc-lathe", "mach3", "marlin", "iso"],
-        Meta(description='of G-code: the controller that it was written for; "": what its words show'),
+        Meta(
+            description='of G-code: the controller that it was written for; "": what its words show'
+        ),
     ] = ""
     assume: Annotated[
         dict[str, float],
-        Meta(description="of programs: what no text holds, by the keys that `camgen verify` names, { di1 = 1 }"),
+        Meta(
+            description="of programs: what no text holds, by the keys that `camgen verify` names, { di1 = 1 }"
+        ),
     ] = field(default_factory=dict)
     signals: Annotated[
         dict[str, str],
@@ -67,12 +77,15 @@ class InputTable(Table, frozen=True):
 class ImageTable(Table, frozen=True):
     """[image]: a picture of a part, its scale and what in it is the part."""
 
-    mm_per_px: Annotated[Positive | None, Meta(description="scale of a picture that is seen straight from above")] = (
+    mm_per_px: Annotated[
+        Positive | None, Meta(description="scale of a picture that is seen straight from above")
+    ] = None
+    width_mm: Annotated[Positive | None, Meta(description="or the width of that picture, mm")] = (
         None
     )
-    width_mm: Annotated[Positive | None, Meta(description="or the width of that picture, mm")] = None
     region: Annotated[
-        Values | None, Meta(description="what to look at: [x from, y from, x to, y to], mm of the work plane")
+        Values | None,
+        Meta(description="what to look at: [x from, y from, x to, y to], mm of the work plane"),
     ] = None
     tones: Annotated[
         Literal["linear", "srgb"],
@@ -84,11 +97,16 @@ class ImageTable(Table, frozen=True):
         Literal["auto", "otsu", "threshold", "color", "background", "adaptive"],
         Meta(description="how the part is told from the bench; auto chooses and says why"),
     ] = "auto"
-    background: Annotated[str, Meta(description="photo of the empty bench, taken from the same place")] = ""
+    background: Annotated[
+        str, Meta(description="photo of the empty bench, taken from the same place")
+    ] = ""
     threshold: Annotated[
-        Grey | None, Meta(description="grey level between bench and part, 0 to 255, for mask = threshold")
+        Grey | None,
+        Meta(description="grey level between bench and part, 0 to 255, for mask = threshold"),
     ] = None
-    color: Annotated[Values | None, Meta(description="color of the bench or of the part: [red, green, blue]")] = None
+    color: Annotated[
+        Values | None, Meta(description="color of the bench or of the part: [red, green, blue]")
+    ] = None
     invert: Annotated[bool, Meta(description="the part is what was taken for the bench")] = False
     lines: Annotated[
         Literal["auto", "centre", "border"],
@@ -97,32 +115,63 @@ class ImageTable(Table, frozen=True):
             "thin lines and lettering along their middle and the rest along its borders (auto)"
         ),
     ] = "auto"
-    min_area: Annotated[NotNegative, Meta(description="smaller specks and holes are dropped and counted, mm2")] = 1.0
+    min_area: Annotated[
+        NotNegative, Meta(description="smaller specks and holes are dropped and counted, mm2")
+    ] = 1.0
 
 
 class CameraTable(Table, frozen=True):
     """[camera]: the lens of a photo, and where the work plane is in it."""
 
-    file: Annotated[str, Meta(description="calibration: camgen calibrate's, camera_info of ROS, or OpenCV's")] = ""
-    points_px: Annotated[Points | None, Meta(description="four or more places in the photo: [[u, v], ...]")] = None
-    points_mm: Annotated[Points | None, Meta(description="the same places in the work frame: [[x, y], ...], mm")] = None
+    file: Annotated[
+        str, Meta(description="calibration: camgen calibrate's, camera_info of ROS, or OpenCV's")
+    ] = ""
+    points_px: Annotated[
+        Points | None, Meta(description="four or more places in the photo: [[u, v], ...]")
+    ] = None
+    points_mm: Annotated[
+        Points | None, Meta(description="the same places in the work frame: [[x, y], ...], mm")
+    ] = None
     plane_from: Annotated[
-        Values | None, Meta(description="or the work frame in the camera's: [x, y, z, rx, ry, rz], mm and deg")
+        Values | None,
+        Meta(description="or the work frame in the camera's: [x, y, z, rx, ry, rz], mm and deg"),
     ] = None
     markers: Annotated[
-        str, Meta(description='or what lies on the bench: a sheet of camgen markers, "A4", or a ChArUco board, "7x5"')
+        str,
+        Meta(
+            description='or what lies on the bench: a sheet of camgen markers, "A4", or a ChArUco board, "7x5"'
+        ),
     ] = ""
-    marker: Annotated[Positive, Meta(description="width of the markers of sheet or board, mm")] = 20.0
-    square: Annotated[Positive, Meta(description="width of the squares of a ChArUco board, mm")] = 30.0
-    printed_length: Annotated[Positive, Meta(description="what the sheet's ruler measures on the paper, mm")] = 100.0
-    height: Annotated[float, Meta(description="height of the part's top face above points or markers, mm")] = 0.0
+    marker: Annotated[Positive, Meta(description="width of the markers of sheet or board, mm")] = (
+        20.0
+    )
+    square: Annotated[Positive, Meta(description="width of the squares of a ChArUco board, mm")] = (
+        30.0
+    )
+    printed_length: Annotated[
+        Positive, Meta(description="what the sheet's ruler measures on the paper, mm")
+    ] = 100.0
+    height: Annotated[
+        float, Meta(description="height of the part's top face above points or markers, mm")
+    ] = 0.0
 
 
 class OperationTable(Table, frozen=True):
     """[operation]: what is done along the contours."""
 
     kind: Annotated[
-        Literal["auto", "follow", "trace", "fill", "pocket", "bore", "chamfer", "drill", "edges", "replay"],
+        Literal[
+            "auto",
+            "follow",
+            "trace",
+            "fill",
+            "pocket",
+            "bore",
+            "chamfer",
+            "drill",
+            "edges",
+            "replay",
+        ],
         Meta(
             description="follow: the tool runs beside the contour; trace: its centre runs on the line; fill: it covers "
             "what closed contours enclose; pocket: it clears that, from the middle outwards; bore: circles larger "
@@ -130,14 +179,20 @@ class OperationTable(Table, frozen=True):
             "3-D part; replay: what a G-code or robot program does; auto: by the input"
         ),
     ] = "auto"
-    options: Annotated[dict[str, Any], Meta(description="settings of an operation that another package brings")] = {}
+    options: Annotated[
+        dict[str, Any], Meta(description="settings of an operation that another package brings")
+    ] = {}
     side: Annotated[
         Literal["auto", "outside", "inside", "left", "right", "on"],
-        Meta(description="auto: outer loops outside, holes inside; left, right, on: seen along the drawn direction"),
+        Meta(
+            description="auto: outer loops outside, holes inside; left, right, on: seen along the drawn direction"
+        ),
     ] = "auto"
     planner: Annotated[
         Literal["geometric", "image"],
-        Meta(description="follow a photo by lines and arcs found in it, or in image space as the PIST paper does"),
+        Meta(
+            description="follow a photo by lines and arcs found in it, or in image space as the PIST paper does"
+        ),
     ] = "geometric"
     waypoint_spacing: Annotated[
         Positive | None,
@@ -148,15 +203,25 @@ class OperationTable(Table, frozen=True):
     ] = None
     waypoint_turn: Annotated[
         Positive,
-        Meta(description="image planner: waypoints where the force direction turns by less are redundant, deg/mm"),
+        Meta(
+            description="image planner: waypoints where the force direction turns by less are redundant, deg/mm"
+        ),
     ] = 2.0
     direction: Annotated[
-        Literal["climb", "conventional", "any"], Meta(description="climb: the part on the right of the travel")
+        Literal["climb", "conventional", "any"],
+        Meta(description="climb: the part on the right of the travel"),
     ] = "climb"
-    corner_radius: Annotated[NotNegative, Meta(description="least radius of inner corners of the path, mm")] = 0.0
+    corner_radius: Annotated[
+        NotNegative, Meta(description="least radius of inner corners of the path, mm")
+    ] = 0.0
     inside_first: Annotated[bool, Meta(description="holes before the outline around them")] = True
     stepover: Annotated[
-        float, Meta(gt=0, le=1, description="fill, pocket: from pass to pass, as a share of the tool's diameter")
+        float,
+        Meta(
+            gt=0,
+            le=1,
+            description="fill, pocket: from pass to pass, as a share of the tool's diameter",
+        ),
     ] = 0.7
     engagement: Annotated[
         Share | None,
@@ -165,15 +230,27 @@ class OperationTable(Table, frozen=True):
             "necks and the middle are cleared in loops first; 1: no bound; not set: 0.15 more than stepover",
         ),
     ] = None
-    width: Annotated[Positive | None, Meta(description="chamfer: its width, seen from above, mm")] = None
+    width: Annotated[
+        Positive | None, Meta(description="chamfer: its width, seen from above, mm")
+    ] = None
     finish: Annotated[
-        NotNegative, Meta(description="left at the walls, mm, and taken by a last pass at the whole depth; 0: none")
+        NotNegative,
+        Meta(
+            description="left at the walls, mm, and taken by a last pass at the whole depth; 0: none"
+        ),
     ] = 0.0
     holes: Annotated[
-        Values | None, Meta(description="drill, bore: the diameters that are worked on, [from, to] mm; not set: all")
+        Values | None,
+        Meta(
+            description="drill, bore: the diameters that are worked on, [from, to] mm; not set: all"
+        ),
     ] = None
-    depth: Annotated[NotNegative, Meta(description="depth of the tool tip below the top face, mm")] = 0.0
-    passes: Annotated[int, Meta(ge=1, description="the depth is reached in so many equal passes")] = 1
+    depth: Annotated[
+        NotNegative, Meta(description="depth of the tool tip below the top face, mm")
+    ] = 0.0
+    passes: Annotated[
+        int, Meta(ge=1, description="the depth is reached in so many equal passes")
+    ] = 1
     entry: Annotated[
         Literal["plunge", "ramp", "helix"],
         Meta(
@@ -181,25 +258,47 @@ class OperationTable(Table, frozen=True):
             "entry_angle; helix: pockets and bores on a helix, other paths by a ramp"
         ),
     ] = "plunge"
-    entry_angle: Annotated[float, Meta(gt=0, le=45, description="of a ramp or a helix against the level, deg")] = 3.0
+    entry_angle: Annotated[
+        float, Meta(gt=0, le=45, description="of a ramp or a helix against the level, deg")
+    ] = 3.0
     tabs: Annotated[
-        int, Meta(ge=0, description="bridges that hold what is cut out: so many on each closed outer contour")
+        int,
+        Meta(
+            ge=0,
+            description="bridges that hold what is cut out: so many on each closed outer contour",
+        ),
     ] = 0
     tab_spacing: Annotated[
-        Positive | None, Meta(description="or one bridge for so many mm of its length, two at least")
+        Positive | None,
+        Meta(description="or one bridge for so many mm of its length, two at least"),
     ] = None
-    tab_width: Annotated[Positive, Meta(description="length of a bridge along the contour, mm")] = 5.0
-    tab_height: Annotated[Positive, Meta(description="of a bridge above the depth of the operation, mm")] = 1.0
-    lead_in: Annotated[NotNegative, Meta(description="length of the run-in to a followed contour, mm")] = 0.0
+    tab_width: Annotated[Positive, Meta(description="length of a bridge along the contour, mm")] = (
+        5.0
+    )
+    tab_height: Annotated[
+        Positive, Meta(description="of a bridge above the depth of the operation, mm")
+    ] = 1.0
+    lead_in: Annotated[
+        NotNegative, Meta(description="length of the run-in to a followed contour, mm")
+    ] = 0.0
     lead_out: Annotated[NotNegative, Meta(description="length of the run-out, mm")] = 0.0
-    overlap: Annotated[NotNegative, Meta(description="length run twice at the seam of a closed contour, mm")] = 0.0
-    offset: Annotated[NotNegative, Meta(description="distance of the tool tip from the edges of a 3-D part, mm")] = 0.0
+    overlap: Annotated[
+        NotNegative, Meta(description="length run twice at the seam of a closed contour, mm")
+    ] = 0.0
+    offset: Annotated[
+        NotNegative, Meta(description="distance of the tool tip from the edges of a 3-D part, mm")
+    ] = 0.0
     trim: Annotated[
-        NotNegative, Meta(description="so much may be left out at the ends of an edge that cannot be reached whole, mm")
+        NotNegative,
+        Meta(
+            description="so much may be left out at the ends of an edge that cannot be reached whole, mm"
+        ),
     ] = 0.0
     offset_along: Annotated[
         Literal["mean", "burr"],
-        Meta(description="mean: between the two faces of an edge; burr: off the face machined last"),
+        Meta(
+            description="mean: between the two faces of an edge; burr: off the face machined last"
+        ),
     ] = "mean"
     last_face: Annotated[
         str | Values,
@@ -228,25 +327,37 @@ class ToolTable(Table, frozen=True):
     """[tool]: the tool and how it is held."""
 
     name: Annotated[str, Meta(description="what it is called, by operations too")] = ""
-    number: Annotated[int, Meta(ge=0, le=99_999, description="its place in the machine's tool table; 0: none")] = 0
+    number: Annotated[
+        int, Meta(ge=0, le=99_999, description="its place in the machine's tool table; 0: none")
+    ] = 0
     kind: Annotated[
-        Literal["end mill", "ball mill", "bull nose", "drill", "v", "laser", "plasma", "knife", "pen"],
+        Literal[
+            "end mill", "ball mill", "bull nose", "drill", "v", "laser", "plasma", "knife", "pen"
+        ],
         Meta(description="its shape: what it leaves of the material follows from that"),
     ] = "end mill"
     corner_radius: Annotated[NotNegative, Meta(description="of a bull nose mill, mm")] = 0.0
-    tip_angle: Annotated[Angle | None, Meta(description="whole angle at the tip, deg; not set: v 90, drill 118")] = None
+    tip_angle: Annotated[
+        Angle | None, Meta(description="whole angle at the tip, deg; not set: v 90, drill 118")
+    ] = None
     tip_diameter: Annotated[NotNegative, Meta(description="flat at the tip of a V tool, mm")] = 0.0
-    flutes: Annotated[int, Meta(ge=1, description="cutting edges, for the feed of a tooth in the summary")] = 2
+    flutes: Annotated[
+        int, Meta(ge=1, description="cutting edges, for the feed of a tooth in the summary")
+    ] = 2
     diameter: Annotated[Positive, Meta(description="cutting diameter, mm")] = 6.0
     length: Annotated[NotNegative, Meta(description="from the flange to the tool tip, mm")] = 100.0
     orient: Annotated[
-        Literal["fixed", "follow"], Meta(description="follow: tool x turns with the contour normal, towards the part")
+        Literal["fixed", "follow"],
+        Meta(description="follow: tool x turns with the contour normal, towards the part"),
     ] = "fixed"
-    axis_tilt: Annotated[float, Meta(ge=0, le=60, description="the axis may lean by so much to reach an edge, deg")] = (
-        0.0
-    )
+    axis_tilt: Annotated[
+        float, Meta(ge=0, le=60, description="the axis may lean by so much to reach an edge, deg")
+    ] = 0.0
     symmetric: Annotated[
-        bool, Meta(description="any turn of the tool about its axis is as good; for an arm, which chooses it")
+        bool,
+        Meta(
+            description="any turn of the tool about its axis is as good; for an arm, which chooses it"
+        ),
     ] = False
     turn: Annotated[
         Values | None,
@@ -264,33 +375,51 @@ class ToolTable(Table, frozen=True):
     ] = "auto"
     angles: Annotated[
         Values | None,
-        Meta(description="a fixed tool in the work frame: [rx, ry, rz], deg; not set: straight down, [180, 0, 0]"),
+        Meta(
+            description="a fixed tool in the work frame: [rx, ry, rz], deg; not set: straight down, [180, 0, 0]"
+        ),
     ] = None
     holder: Annotated[
         Boxes | None,
-        Meta(description="what is between flange and tool, as boxes at the flange: [[x, y, z, x, y, z], ...], mm"),
+        Meta(
+            description="what is between flange and tool, as boxes at the flange: [[x, y, z, x, y, z], ...], mm"
+        ),
     ] = None
 
 
 class ToolRow(ToolTable, frozen=True):
     """[[tools]]: tools that operations name; keys as in [tool], and what they cut with."""
 
-    feed: Annotated[Positive | None, Meta(description="process.feed of operations with this tool, mm/s")] = None
-    plunge: Annotated[Positive | None, Meta(description="process.plunge of operations with this tool, mm/s")] = None
-    speed: Annotated[NotNegative | None, Meta(description="process.spindle of operations with this tool, rpm")] = None
+    feed: Annotated[
+        Positive | None, Meta(description="process.feed of operations with this tool, mm/s")
+    ] = None
+    plunge: Annotated[
+        Positive | None, Meta(description="process.plunge of operations with this tool, mm/s")
+    ] = None
+    speed: Annotated[
+        NotNegative | None, Meta(description="process.spindle of operations with this tool, rpm")
+    ] = None
 
 
 class ProcessTable(Table, frozen=True):
     """[process]: speeds, force, heights and the signal."""
 
-    feed: Annotated[Positive, Meta(description="speed of the contact point along the contour, mm/s")] = 20.0
+    feed: Annotated[
+        Positive, Meta(description="speed of the contact point along the contour, mm/s")
+    ] = 20.0
     force: Annotated[NotNegative, Meta(description="force against the contour, N; 0: off")] = 0.0
     plunge: Annotated[
         Positive | None,
-        Meta(description="speed of going down from the approach to the contact, mm/s; not set: a third of the feed"),
+        Meta(
+            description="speed of going down from the approach to the contact, mm/s; not set: a third of the feed"
+        ),
     ] = None
     max_feed_factor: Annotated[
-        float, Meta(ge=1, description="the tool centre may run so many times faster than the feed on outer curves")
+        float,
+        Meta(
+            ge=1,
+            description="the tool centre may run so many times faster than the feed on outer curves",
+        ),
     ] = 2.0
     max_feed: Annotated[
         Positive | None,
@@ -310,10 +439,17 @@ class ProcessTable(Table, frozen=True):
             "not set: what its post assumes"
         ),
     ] = None
-    turn: Annotated[Positive, Meta(description="speed of turning the tool where it stays in its place, deg/s")] = 60.0
-    approach: Annotated[NotNegative, Meta(description="height above the start where the feed begins, mm")] = 2.0
+    turn: Annotated[
+        Positive, Meta(description="speed of turning the tool where it stays in its place, deg/s")
+    ] = 60.0
+    approach: Annotated[
+        NotNegative, Meta(description="height above the start where the feed begins, mm")
+    ] = 2.0
     retract: Annotated[
-        Positive, Meta(description="height above the top face to which a tool goes when it ends pressing, mm")
+        Positive,
+        Meta(
+            description="height above the top face to which a tool goes when it ends pressing, mm"
+        ),
     ] = 5.0
     clearance: Annotated[
         NotNegative,
@@ -323,11 +459,19 @@ class ProcessTable(Table, frozen=True):
         ),
     ] = 20.0
     stay_down: Annotated[
-        bool, Meta(description="no lift where the straight way keeps clear of part and fixtures; there is no stock")
+        bool,
+        Meta(
+            description="no lift where the straight way keeps clear of part and fixtures; there is no stock"
+        ),
     ] = False
-    spindle: Annotated[NotNegative, Meta(description="spindle speed for the whole program, rpm; 0: off")] = 0.0
+    spindle: Annotated[
+        NotNegative, Meta(description="spindle speed for the whole program, rpm; 0: off")
+    ] = 0.0
     signal: Annotated[
-        str, Meta(description='output that is on along a contour; "auto": process unless a spindle runs; "": none')
+        str,
+        Meta(
+            description='output that is on along a contour; "auto": process unless a spindle runs; "": none'
+        ),
     ] = "auto"
     switch: Annotated[
         Literal["auto", "contact", "air"],
@@ -337,7 +481,9 @@ class ProcessTable(Table, frozen=True):
             "depth or a force"
         ),
     ] = "auto"
-    dwell: Annotated[NotNegative, Meta(description="wait after the signal or the spindle is switched on, s")] = 0.0
+    dwell: Annotated[
+        NotNegative, Meta(description="wait after the signal or the spindle is switched on, s")
+    ] = 0.0
 
     @property
     def travel_speed(self) -> float:
@@ -355,19 +501,26 @@ class Choice(Table, frozen=True):
     [operation] and [process], whose values hold where a row is silent.
     """
 
-    tool: Annotated[str | int, Meta(description="name or number of one of [[tools]]; not set: [tool]")] = ""
-    layers: Annotated[list[str], Meta(description='of what layers, as globs; "!x" leaves out')] = field(
-        default_factory=lambda: ["*"]
+    tool: Annotated[
+        str | int, Meta(description="name or number of one of [[tools]]; not set: [tool]")
+    ] = ""
+    layers: Annotated[list[str], Meta(description='of what layers, as globs; "!x" leaves out')] = (
+        field(default_factory=lambda: ["*"])
     )
     colors: Annotated[
-        list[str], Meta(description='of what colors: names ("red"), numbers of DXF ("1") or "#ff0000"; none: all')
+        list[str],
+        Meta(
+            description='of what colors: names ("red"), numbers of DXF ("1") or "#ff0000"; none: all'
+        ),
     ] = field(default_factory=list)
-    ids: Annotated[list[str], Meta(description="these contours, as inspect -v prints them; none: all")] = field(
-        default_factory=list
-    )
+    ids: Annotated[
+        list[str], Meta(description="these contours, as inspect -v prints them; none: all")
+    ] = field(default_factory=list)
     nesting: Annotated[
         Literal["any", "outer", "inner"],
-        Meta(description="outer: contours that no other one of the drawing encloses; inner: those that one does"),
+        Meta(
+            description="outer: contours that no other one of the drawing encloses; inner: those that one does"
+        ),
     ] = "any"
 
 
@@ -383,27 +536,40 @@ class Step(Table, frozen=True):
 class StockTable(Table, frozen=True):
     """[stock]: the material that the part is cut from; its top face is z = 0."""
 
-    thickness: Annotated[Positive | None, Meta(description="mm; not set: nothing is known of it")] = None
-    margin: Annotated[NotNegative, Meta(description="material around the drawing's size, mm")] = 10.0
-    layer: Annotated[str, Meta(description="or the layer on which the stock's own outline is drawn")] = ""
+    thickness: Annotated[
+        Positive | None, Meta(description="mm; not set: nothing is known of it")
+    ] = None
+    margin: Annotated[NotNegative, Meta(description="material around the drawing's size, mm")] = (
+        10.0
+    )
+    layer: Annotated[
+        str, Meta(description="or the layer on which the stock's own outline is drawn")
+    ] = ""
 
 
 class TourTable(Table, frozen=True):
     """[tour]: the order of the contours."""
 
     method: Annotated[
-        Literal["best", "nearest", "as-drawn"], Meta(description="best: the shortest travel that camgen finds")
+        Literal["best", "nearest", "as-drawn"],
+        Meta(description="best: the shortest travel that camgen finds"),
     ] = "best"
     seconds: Annotated[
         NotNegative,
-        Meta(description="s of a clock until the search ends; 0: a fixed number of looks, the same on every machine"),
+        Meta(
+            description="s of a clock until the search ends; 0: a fixed number of looks, the same on every machine"
+        ),
     ] = 0.0
     seed: Annotated[int, Meta(ge=0, description="another number, another search")] = 0
     layers: Annotated[
-        list[str], Meta(description="layers in the order in which they are run, those that are not named last")
+        list[str],
+        Meta(
+            description="layers in the order in which they are run, those that are not named last"
+        ),
     ] = field(default_factory=list)
     seam: Annotated[
-        Literal["any", "smooth"], Meta(description="where closed contours may begin; smooth: off their corners")
+        Literal["any", "smooth"],
+        Meta(description="where closed contours may begin; smooth: off their corners"),
     ] = "any"
     seams: Annotated[
         Points,
@@ -414,7 +580,9 @@ class TourTable(Table, frozen=True):
     ] = field(default_factory=list)
     order: Annotated[
         list[str],
-        Meta(description="contours that are run first, in this order, by their ids as inspect -v prints them"),
+        Meta(
+            description="contours that are run first, in this order, by their ids as inspect -v prints them"
+        ),
     ] = field(default_factory=list)
 
 
@@ -422,54 +590,82 @@ class PageTable(Table, frozen=True):
     """[page]: the paper of a drawing job; the work frame is at its lower left corner."""
 
     size: Annotated[
-        str | Values, Meta(description='"A4", "A3 landscape", "letter", ... or [width, height] in mm; "": no page')
+        str | Values,
+        Meta(
+            description='"A4", "A3 landscape", "letter", ... or [width, height] in mm; "": no page'
+        ),
     ] = ""
     margin: Annotated[NotNegative, Meta(description="border in which nothing is drawn, mm")] = 10.0
     scale: Annotated[
         Literal["fit", "true"] | Positive,
-        Meta(description="fit: as large as the page allows; true: as the input says; or mm per unit or pixel of it"),
+        Meta(
+            description="fit: as large as the page allows; true: as the input says; or mm per unit or pixel of it"
+        ),
     ] = "fit"
 
 
 class CellTable(Table, frozen=True):
     """[cell]: where the work and the tool are. Without it the post's built-in cell is used."""
 
-    file: Annotated[str, Meta(description="another TOML file whose [cell] holds what is not set here")] = ""
+    file: Annotated[
+        str, Meta(description="another TOML file whose [cell] holds what is not set here")
+    ] = ""
     robot: Annotated[
         str,
-        Meta(description='the arm that runs the program: one of camgen robots, or FILE.urdf; "": not checked'),
+        Meta(
+            description='the arm that runs the program: one of camgen robots, or FILE.urdf; "": not checked'
+        ),
     ] = ""
 
     base_from_work: Annotated[
-        Values | None, Meta(description="work frame in the robot's base: [x, y, z, rx, ry, rz], mm and deg")
+        Values | None,
+        Meta(description="work frame in the robot's base: [x, y, z, rx, ry, rz], mm and deg"),
     ] = None
     flange_from_tool: Annotated[
-        Values | None, Meta(description="tool frame at the flange: [x, y, z, rx, ry, rz], mm and deg")
+        Values | None,
+        Meta(description="tool frame at the flange: [x, y, z, rx, ry, rz], mm and deg"),
     ] = None
-    home: Annotated[Values | None, Meta(description="joint values of the first and last position, deg")] = None
+    home: Annotated[
+        Values | None, Meta(description="joint values of the first and last position, deg")
+    ] = None
     joint_speeds: Annotated[
-        Values | None, Meta(description="greatest speeds of the joints, deg/s or mm/s; not set: the robot's own")
+        Values | None,
+        Meta(description="greatest speeds of the joints, deg/s or mm/s; not set: the robot's own"),
     ] = None
     joint_accelerations: Annotated[
         Values | None,
-        Meta(description="of the joints, deg/s2 or mm/s2; not set: full speed in the time that the post assumes"),
+        Meta(
+            description="of the joints, deg/s2 or mm/s2; not set: full speed in the time that the post assumes"
+        ),
     ] = None
     fixtures: Annotated[
         list[list[float] | str] | None,
-        Meta(description="what stands around the part: boxes [x, y, z, x, y, z], mm, or mesh files, in the work frame"),
+        Meta(
+            description="what stands around the part: boxes [x, y, z, x, y, z], mm, or mesh files, in the work frame"
+        ),
     ] = None
-    safety: Annotated[NotNegative, Meta(description="room above part and fixtures on the way between edges, mm")] = 10.0
+    safety: Annotated[
+        NotNegative, Meta(description="room above part and fixtures on the way between edges, mm")
+    ] = 10.0
     margin: Annotated[
-        NotNegative, Meta(description="room that arm, holder and tool keep from all but the place that is worked, mm")
+        NotNegative,
+        Meta(
+            description="room that arm, holder and tool keep from all but the place that is worked, mm"
+        ),
     ] = 2.0
 
 
 class ToleranceTable(Table, frozen=True):
     """[tolerance]: how far curves may be left."""
 
-    chord: Annotated[Positive, Meta(description="deviation of lines and arcs from the drawn curve, mm")] = 0.01
+    chord: Annotated[
+        Positive, Meta(description="deviation of lines and arcs from the drawn curve, mm")
+    ] = 0.01
     arc_fit: Annotated[
-        NotNegative, Meta(description="short lines become an arc that leaves them by at most this, mm; 0: they stay")
+        NotNegative,
+        Meta(
+            description="short lines become an arc that leaves them by at most this, mm; 0: they stay"
+        ),
     ] = 0.01
     corner: Annotated[
         NotNegative | None,

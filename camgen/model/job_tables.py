@@ -11,7 +11,15 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_typ
 import msgspec
 from msgspec import Struct
 
-from camgen.model.job import PAGE_CLEARANCE, SPEEDS, Choice, Job, OperationTable, ProcessTable, ToolRow
+from camgen.model.job import (
+    PAGE_CLEARANCE,
+    SPEEDS,
+    Choice,
+    Job,
+    OperationTable,
+    ProcessTable,
+    ToolRow,
+)
 
 #: The settings that name a file; cell.robot only where it ends in .urdf.
 FILES = (("image", "background"), ("camera", "file"), ("cell", "file"), ("cell", "robot"))
@@ -68,7 +76,12 @@ def defaults_beside(tree: Mapping[str, Any]) -> dict[tuple[str, str], object]:
 @cache
 def row_settings() -> tuple[Setting, ...]:
     """The settings that a row of each table of ``ROWS`` may hold."""
-    return tuple(found for table, kinds in ROWS.items() for kind in kinds for found in _settings_of(table, kind))
+    return tuple(
+        found
+        for table, kinds in ROWS.items()
+        for kind in kinds
+        for found in _settings_of(table, kind)
+    )
 
 
 def keys_of(table: str) -> tuple[str, ...]:
@@ -83,7 +96,9 @@ def _settings_of(table: str, kind: type[Struct]) -> list[Setting]:
     found = []
     for key, hint in get_type_hints(kind, include_extras=True).items():
         about = next((m.description for m in get_args(hint)[1:] if m.description), "")
-        allowed = _allow(hint) + (' or a text with its unit, "1200 mm/min"' if has_speed(table, key) else "")
+        allowed = _allow(hint) + (
+            ' or a text with its unit, "1200 mm/min"' if has_speed(table, key) else ""
+        )
         found.append(Setting(table, key, defaults[key], allowed, about))
     return found
 
@@ -106,7 +121,10 @@ def tables() -> dict[str, str]:
 
 def row_tables() -> dict[str, str]:
     """The tables of ``ROWS`` with what a row of each is for."""
-    return {name: " ".join((kinds[0].__doc__ or "").partition(": ")[2].split()) for name, kinds in ROWS.items()}
+    return {
+        name: " ".join((kinds[0].__doc__ or "").partition(": ")[2].split())
+        for name, kinds in ROWS.items()
+    }
 
 
 _WORDS = {float: "a number", int: "a whole number", str: "a text", bool: "true or false"}

@@ -18,43 +18,69 @@ class Limits(Struct, frozen=True, forbid_unknown_fields=True):
     """[limits]: what is too much and is refused; whoever means more raises its limit."""
 
     file_bytes: Annotated[float, _most("bytes of any file, and of standard input")] = 1_000_000_000
-    number: Annotated[float, _most("any number of a job but a seed and limits, on either side of 0", 1e9)] = 1_000_000
+    number: Annotated[
+        float, _most("any number of a job but a seed and limits, on either side of 0", 1e9)
+    ] = 1_000_000
     passes: Annotated[float, _most("`operation.passes`", 1e6)] = 1000
     stepover: Annotated[float, _most("`operation.stepover` at least, diameters")] = 0.01
     chord: Annotated[float, _most("`tolerance.chord` at least, mm")] = 1e-6
     motions: Annotated[float, _most("the segments of all paths times the passes")] = 3_000_000
     edges: Annotated[float, _most("selected edges of a 3-D part")] = 2000
     dxf_depth: Annotated[float, _most("block references within another in a DXF drawing", 200)] = 64
-    dxf_entities: Annotated[float, _most("entities that the blocks and arrays of a DXF drawing expand to")] = 1_000_000
+    dxf_entities: Annotated[
+        float, _most("entities that the blocks and arrays of a DXF drawing expand to")
+    ] = 1_000_000
     points: Annotated[float, _most("points of a list of points")] = 1_000_000
     svg_bytes: Annotated[float, _most("bytes of an SVG drawing")] = 200_000_000
-    svg_depth: Annotated[float, _most("`use` within what another `use` refers to, in an SVG drawing")] = 64
-    svg_uses: Annotated[float, _most("elements that the `use` elements of an SVG drawing expand to")] = 100_000
+    svg_depth: Annotated[
+        float, _most("`use` within what another `use` refers to, in an SVG drawing")
+    ] = 64
+    svg_uses: Annotated[
+        float, _most("elements that the `use` elements of an SVG drawing expand to")
+    ] = 100_000
     svg_elements: Annotated[float, _most("all elements of an SVG drawing")] = 2_000_000
     svg_page: Annotated[float, _most("width and height of an SVG page, mm", 1e9)] = 1_000_000
     picture_pixels: Annotated[float, _most("pixels of a photo or a scan")] = 200_000_000
-    picture_bytes: Annotated[float, _most("bytes of its pixels as decoded: 16-bit RGBA has eight for each")] = (
-        600_000_000
-    )
+    picture_bytes: Annotated[
+        float, _most("bytes of its pixels as decoded: 16-bit RGBA has eight for each")
+    ] = 600_000_000
     camera_bytes: Annotated[float, _most("bytes of a camera file")] = 1_000_000
     mesh_place: Annotated[float, _most("a coordinate in a mesh, units of the file", 1e12)] = 1e9
-    step_seconds: Annotated[float, _most("what the CAD kernel may take to read a STEP file, s")] = 300
-    step_place: Annotated[float, _most("a coordinate of a point in a STEP file, units of the file")] = 1e9
-    model_bytes: Annotated[float, _most("bytes that the model of a 3MF file unpacks to; nothing else is unpacked")] = (
-        1_000_000_000
+    step_seconds: Annotated[float, _most("what the CAD kernel may take to read a STEP file, s")] = (
+        300
     )
-    accessor: Annotated[float, _most("elements of an accessor of a GLB file for each byte of the file")] = 1
+    step_place: Annotated[
+        float, _most("a coordinate of a point in a STEP file, units of the file")
+    ] = 1e9
+    model_bytes: Annotated[
+        float, _most("bytes that the model of a 3MF file unpacks to; nothing else is unpacked")
+    ] = 1_000_000_000
+    accessor: Annotated[
+        float, _most("elements of an accessor of a GLB file for each byte of the file")
+    ] = 1
     gcode_steps: Annotated[
-        float, _most("lines that a G-code program runs in loops and subroutines, beyond those of its text")
+        float,
+        _most(
+            "lines that a G-code program runs in loops and subroutines, beyond those of its text"
+        ),
     ] = 500_000
-    gcode_motions: Annotated[float, _most("instructions of a G-code program beyond its lines")] = 3_000_000
-    gcode_pieces: Annotated[float, _most("holes of one line of G-code, pecks of a hole, pieces of an arc")] = 20_000
-    pacscript_steps: Annotated[float, _most("statements that a PacScript program runs beyond those of its text")] = (
-        500_000
+    gcode_motions: Annotated[float, _most("instructions of a G-code program beyond its lines")] = (
+        3_000_000
     )
-    rapid_steps: Annotated[float, _most("statements that a RAPID program runs beyond the lines of its text")] = 200_000
+    gcode_pieces: Annotated[
+        float, _most("holes of one line of G-code, pecks of a hole, pieces of an arc")
+    ] = 20_000
+    pacscript_steps: Annotated[
+        float, _most("statements that a PacScript program runs beyond those of its text")
+    ] = 500_000
+    rapid_steps: Annotated[
+        float, _most("statements that a RAPID program runs beyond the lines of its text")
+    ] = 200_000
     vplus_steps: Annotated[
-        float, _most("instructions that a V+ program runs in loops and subroutines, beyond those of its text")
+        float,
+        _most(
+            "instructions that a V+ program runs in loops and subroutines, beyond those of its text"
+        ),
     ] = 200_000
     urdf_bytes: Annotated[float, _most("bytes of a URDF")] = 8_000_000
     urdf_joints: Annotated[float, _most("joints of an arm in a URDF", 100)] = 12
@@ -73,5 +99,7 @@ def table() -> str:
     """The limits as Markdown."""
     hints = get_type_hints(Limits, include_extras=True)
     about = {name: get_args(hint)[1].description for name, hint in hints.items()}
-    rows = [f"| `{name}` | {tell(value)} | {about[name]} |" for name, value in asdict(Limits()).items()]
+    rows = [
+        f"| `{name}` | {tell(value)} | {about[name]} |" for name, value in asdict(Limits()).items()
+    ]
     return "\n".join(["| limit | value | of what |", "|---|---|---|", *rows]) + "\n"

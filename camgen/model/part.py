@@ -50,7 +50,9 @@ def sort_notes(*stages: Iterable[Note]) -> tuple[Note, ...]:
     """
     stage_of = {note: k for k, notes in reversed([*enumerate(stages)]) for note in notes}
     once = dict.fromkeys(note for notes in stages for note in notes)
-    return tuple(sorted(once, key=lambda note: (GRAVEST.index(note.kind), not note.strict, -stage_of[note])))
+    return tuple(
+        sorted(once, key=lambda note: (GRAVEST.index(note.kind), not note.strict, -stage_of[note]))
+    )
 
 
 # What a 3-D part is to camgen: triangles for collision, and the sharp edges that a tool can follow.

@@ -112,7 +112,9 @@ class ToolPath(Struct, frozen=True, eq=False):
         """The path with other columns, by name, in the place of its own."""
         table = self.table.copy()
         for name, column in columns.items():
-            table[:, PLACES[name]] = column.reshape(len(table), 6) if name == "force_direction" else column
+            table[:, PLACES[name]] = (
+                column.reshape(len(table), 6) if name == "force_direction" else column
+            )
         return replace(self, table=frozen(table))
 
     def reversed(self) -> ToolPath:
@@ -180,7 +182,9 @@ def join_paths(paths: Sequence[ToolPath]) -> ToolPath:
     first = paths[0]
     held = {path.floor is not None for path in paths}
     if len(held) > 1:
-        raise ValueError(f"path {first.id}: pieces with a floor and pieces without one do not make a path")
+        raise ValueError(
+            f"path {first.id}: pieces with a floor and pieces without one do not make a path"
+        )
 
     def end_to_end(columns: Sequence[FloatArray]) -> FloatArray:
         return frozen(np.concatenate([column[1 if k else 0 :] for k, column in enumerate(columns)]))
@@ -190,7 +194,9 @@ def join_paths(paths: Sequence[ToolPath]) -> ToolPath:
         table=end_to_end([path.table for path in paths]),
         closed=False,
         reversible=False,
-        floor=end_to_end([path.floor for path in paths if path.floor is not None]) if held == {True} else None,
+        floor=end_to_end([path.floor for path in paths if path.floor is not None])
+        if held == {True}
+        else None,
     )
 
 

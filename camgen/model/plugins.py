@@ -33,7 +33,12 @@ def _all(_path: tuple[str, ...]) -> list[EntryPoint]:
     takes 2 to 5 ms, and a build asks for three groups.
     """
     found = entry_points()
-    ours = [entry for group in found.groups if group.startswith("camgen.") for entry in found.select(group=group)]
+    ours = [
+        entry
+        for group in found.groups
+        if group.startswith("camgen.")
+        for entry in found.select(group=group)
+    ]
     return sorted(ours, key=lambda entry: entry.name)
 
 
@@ -43,7 +48,9 @@ def find(listed: Sequence[EntryPoint], name: str, kind: str, lists: str) -> Entr
         if entry.name == name:
             return entry
     near = suggest(name, [entry.name for entry in listed])
-    raise JobError(f"{kind} {name}", "is not installed", remedy=f"{near}; {lists}" if near else lists)
+    raise JobError(
+        f"{kind} {name}", "is not installed", remedy=f"{near}; {lists}" if near else lists
+    )
 
 
 def load(entry: EntryPoint) -> object:
@@ -60,7 +67,9 @@ def ask(entry: EntryPoint, what: str, answer: Callable[[], _T]) -> _T:
             return answer()
     except (Exception, SystemExit, _TooLong) as error:
         why = f"cannot {what}: {type(error).__name__.lstrip('_')}: {one_line(str(error))}"
-        raise JobError(f"plug-in {entry.name}", why, entry.value, "mend or remove its package") from error
+        raise JobError(
+            f"plug-in {entry.name}", why, entry.value, "mend or remove its package"
+        ) from error
 
 
 class _TooLong(BaseException):
@@ -70,7 +79,9 @@ class _TooLong(BaseException):
 @contextmanager
 def _seconds(limit: int) -> Iterator[None]:
     """In here, _TooLong after ``limit`` seconds, where signals are heard: in the main thread, and not on Windows."""
-    if threading.current_thread() is not threading.main_thread() or not hasattr(signal, "setitimer"):
+    if threading.current_thread() is not threading.main_thread() or not hasattr(
+        signal, "setitimer"
+    ):
         yield
         return
 

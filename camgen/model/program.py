@@ -143,7 +143,9 @@ class Columns:
 
     def turned_as(self, rotation: FloatArray) -> Mask:
         """(M,): which motions go to a pose whose rotation is this very object, as programs share them."""
-        return np.isin(self.rotation, [place for place, one in enumerate(self.table) if one is rotation])
+        return np.isin(
+            self.rotation, [place for place, one in enumerate(self.table) if one is rotation]
+        )
 
     def rotations(self, where: Mask) -> list[FloatArray]:
         """The rotations of the tool at the ends of the motions ``where`` (M,), which have poses as their targets."""
@@ -208,7 +210,10 @@ class Columns:
     def _say(self, name: str, width: int = 1) -> FloatArray:
         """(M, width): an attribute of the motions, 0 of those that have it not."""
         places, moves = self.special
-        told = np.array([getattr(move, name, (0.0,) * width if width > 1 else 0.0) for move in moves], np.float64)
+        told = np.array(
+            [getattr(move, name, (0.0,) * width if width > 1 else 0.0) for move in moves],
+            np.float64,
+        )
         if not told.any():
             return np.broadcast_to(np.float64(0.0), (len(self.at), width))
         found = np.zeros((len(self.at), width))
@@ -232,7 +237,9 @@ class Columns:
         rotation, table = self.rotation, self.table
         mask[1:] &= rotation[1:] != rotation[:-1]
         rows = np.flatnonzero(mask)
-        mask[rows] = np.abs(self.ends[rows] - self.ends[rows - 1]).max(axis=1, initial=0.0) < SAME_POINT_MM
+        mask[rows] = (
+            np.abs(self.ends[rows] - self.ends[rows - 1]).max(axis=1, initial=0.0) < SAME_POINT_MM
+        )
         rows = np.flatnonzero(mask)
         both = zip(rotation[rows - 1].tolist(), rotation[rows].tolist(), strict=True)
         mask[rows] = [not np.array_equal(table[a], table[b]) for a, b in both]
@@ -279,7 +286,9 @@ class Moves(Sequence[Any]):
         return compress(self._columns.body, self._columns.are(MoveJ, MoveL, MoveC).tolist())
 
 
-def splice(body: Sequence[Instruction], changed: Mapping[int, Sequence[Instruction]]) -> Sequence[Instruction]:
+def splice(
+    body: Sequence[Instruction], changed: Mapping[int, Sequence[Instruction]]
+) -> Sequence[Instruction]:
     """The body with others in the place of the instructions whose indices are the keys of ``changed``; packed where it
     was.
     """
@@ -301,7 +310,9 @@ def _splice_packed(body: Body, changed: Mapping[int, Sequence[Instruction]]) -> 
     return put_at(body, places, [len(changed[place]) for place in places], new)
 
 
-def put_at(body: Body, places: Sequence[int] | Indices, sizes: Sequence[int] | Indices, new: Body) -> Body:
+def put_at(
+    body: Body, places: Sequence[int] | Indices, sizes: Sequence[int] | Indices, new: Body
+) -> Body:
     """The body with the instructions of ``new`` in the place of those at ``places``, which rise; ``sizes`` of them for
     each.
     """
@@ -359,14 +370,25 @@ def check(columns: Columns, paths: int = 0) -> None:
     at, speed, blend = columns.at, columns.speed, columns.blend
     waits = np.flatnonzero(columns.are(Wait))
     broken = [
-        *_first(at[:1][~columns.moves_are(MoveJ)[:1]], "the first motion must be joint-interpolated"),
-        *_not_finite(columns),
-        *_first(at[~(speed > 0) | (blend < 0)], "a speed must be positive and a blend not negative"),
         *_first(
-            at[~((columns.share >= 0) & (columns.share <= 1))], "a share of the joints' speeds must be from 0 to 1"
+            at[:1][~columns.moves_are(MoveJ)[:1]], "the first motion must be joint-interpolated"
         ),
-        *_first(at[(columns.path < -1) | (columns.path >= paths)], "a motion belongs to a path that there is none of"),
-        *_first(at[columns.turned & ~(columns.turn > 0)], "a motion that only turns the tool has no speed of turning"),
+        *_not_finite(columns),
+        *_first(
+            at[~(speed > 0) | (blend < 0)], "a speed must be positive and a blend not negative"
+        ),
+        *_first(
+            at[~((columns.share >= 0) & (columns.share <= 1))],
+            "a share of the joints' speeds must be from 0 to 1",
+        ),
+        *_first(
+            at[(columns.path < -1) | (columns.path >= paths)],
+            "a motion belongs to a path that there is none of",
+        ),
+        *_first(
+            at[columns.turned & ~(columns.turn > 0)],
+            "a motion that only turns the tool has no speed of turning",
+        ),
         *_first(at[~(columns.turn >= 0)], "a speed of turning must not be negative"),
         *_first(waits[column(columns.of(Wait), "seconds") < 0], "a wait must not be negative"),
         *_blending(columns),
@@ -401,7 +423,9 @@ def _not_finite(columns: Columns) -> Iterator[tuple[int, str]]:
         (columns.posed, columns.ends),
     ):
         good = _finite(values)
-        yield from _first(columns.at[~good if where is None else ~good & where], "a number is not finite")
+        yield from _first(
+            columns.at[~good if where is None else ~good & where], "a number is not finite"
+        )
     yield from _first(columns.at[columns.arcs[~_finite(columns.via)]], "a number is not finite")
     for index in columns.find_rotations(_sound):
         yield index, "a number is not finite"
@@ -410,7 +434,12 @@ def _not_finite(columns: Columns) -> Iterator[tuple[int, str]]:
     aimed = [not isinstance(one.target, Joints) or _sound(one.target.values) for one in special]
     for sound in (told, aimed):
         yield from _first(columns.at[places[~np.array(sound, np.bool_)]], "a number is not finite")
-    for kind, name in ((Output, "value"), (Wait, "seconds"), (Force, "newtons"), (Force, "force_direction")):
+    for kind, name in (
+        (Output, "value"),
+        (Wait, "seconds"),
+        (Force, "newtons"),
+        (Force, "force_direction"),
+    ):
         different = columns.outputs if kind is Output else columns.of(kind)
         if not all(map(_sound, distinct(different, name))):
             bad = [not _sound(getattr(item, name)) for item in columns.of(kind)]
@@ -450,7 +479,9 @@ def _pressing(columns: Columns) -> Iterator[tuple[int, str]]:
     switches: list[Any] = columns.of(Force)
     newtons = np.append(0.0, column(switches, "newtons"))
     on = newtons[np.searchsorted(np.flatnonzero(columns.are(Force)), columns.at)] > 0
-    yield from _first(columns.at[(columns.force > 0) & ~on], "a motion presses while force control is off")
+    yield from _first(
+        columns.at[(columns.force > 0) & ~on], "a motion presses while force control is off"
+    )
 
 
 def _left_on(columns: Columns) -> Iterator[tuple[int, str]]:
@@ -460,7 +491,9 @@ def _left_on(columns: Columns) -> Iterator[tuple[int, str]]:
     at = np.flatnonzero(columns.are(Output, Force))
     switches = columns.of(Output, Force)
     first = int(columns.at[0]) if len(columns.at) else len(columns.body)
-    before, after = (_last_values(some) for some in (switches[: int(np.searchsorted(at, first))], switches))
+    before, after = (
+        _last_values(some) for some in (switches[: int(np.searchsorted(at, first))], switches)
+    )
     names = {signal: "force control" if signal is None else f"output {signal}" for signal in after}
     if len(columns.at):
         for signal, name in names.items():
@@ -477,7 +510,9 @@ def _last_values(switches: Sequence[Output | Force]) -> dict[str | None, float]:
     last = dict(zip(keys, range(len(keys)), strict=True))
     values: dict[str | None, tuple[int, float]] = {}
     for key, item in dict(zip(keys, switches, strict=True)).items():
-        name, value = (item.signal, item.value) if isinstance(item, Output) else (None, item.newtons)
+        name, value = (
+            (item.signal, item.value) if isinstance(item, Output) else (None, item.newtons)
+        )
         values[name] = max(values.get(name, (-1, 0.0)), (last[key], value))
     return {name: value for name, (_, value) in values.items()}
 
@@ -587,7 +622,10 @@ class Program(Struct, frozen=True, eq=False, dict=True):
     def with_blends(self, blends: Mapping[int, float]) -> Program:
         """The same program with other blends, mm, by motion."""
         columns = self.columns
-        changed = {int(columns.at[k]): [replace(columns.moves[k], blend=blend)] for k, blend in blends.items()}
+        changed = {
+            int(columns.at[k]): [replace(columns.moves[k], blend=blend)]
+            for k, blend in blends.items()
+        }
         return self.with_body(splice(self.body, changed))
 
     def __repr__(self) -> str:

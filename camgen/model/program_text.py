@@ -36,7 +36,10 @@ def dump(program: Program) -> str:
     lines.append("work " + _pose_text(program.base_from_work))
     lines.append("tool " + _pose_text(program.flange_from_tool))
     lines += [f"# {harmless(line, 200)}" for line in program.header]
-    lines += ["path " + json.dumps([one.id, one.layer, one.operation, *one.contours]) for one in program.paths]
+    lines += [
+        "path " + json.dumps([one.id, one.layer, one.operation, *one.contours])
+        for one in program.paths
+    ]
     lines.append("body")
     rotations: dict[bytes, str] = {}
     lines += [_line(item, rotations) for item in program.body]
@@ -59,7 +62,11 @@ def _line(item: Instruction, rotations: dict[bytes, str]) -> str:
         case Force():
             return f"force {short(item.newtons, _DIGITS)} press {_numbers(item.force_direction, _ANGLE_DIGITS)}"
         case ToolChange():
-            frame = "" if item.flange_from_tool is None else f" frame {_pose_text(item.flange_from_tool)}"
+            frame = (
+                ""
+                if item.flange_from_tool is None
+                else f" frame {_pose_text(item.flange_from_tool)}"
+            )
             size = f"{short(item.diameter, _DIGITS)} {short(item.length, _DIGITS)}"
             return f"toolchange {item.number} {size}{frame} name {harmless(item.name)}"
         case Stop():
@@ -106,7 +113,9 @@ def _tail(item: Motion) -> str:
 def _posture_text(posture: Posture) -> str:
     text = "" if posture.confdata is None else " confdata " + " ".join(map(str, posture.confdata))
     text += "" if posture.figure is None else f" figure {posture.figure}"
-    return text + (" switches " + " ".join(map(harmless, posture.switches)) if posture.switches else "")
+    return text + (
+        " switches " + " ".join(map(harmless, posture.switches)) if posture.switches else ""
+    )
 
 
 def parse(text: str) -> Program:
@@ -128,7 +137,9 @@ def parse(text: str) -> Program:
                 body.append(_parse_instruction(word, rest))
         except (ValueError, IndexError, KeyError, ZeroDivisionError) as error:
             raise ValueError(f"line {number}: {line!r}: {error}") from error
-    name, work, tool = (head[word][-1] if head[word] else _NEUTRAL[word] for word in ("name", "work", "tool"))
+    name, work, tool = (
+        head[word][-1] if head[word] else _NEUTRAL[word] for word in ("name", "work", "tool")
+    )
     return Program(name, work, tool, tuple(body), tuple(head["#"]), tuple(head["path"]))
 
 
@@ -140,7 +151,19 @@ def _parse_origin(rest: str) -> Origin:
 _HERE = Pose(rotation_from_quaternion((1.0, 0.0, 0.0, 0.0)), (0.0, 0.0, 0.0))
 #: What stands for a word of the head that is not there.
 _NEUTRAL: dict[str, Any] = {"name": "", "work": _HERE, "tool": _HERE}
-_TAIL_WORDS = ("speed", "blend", "force", "press", "turn", "at", "path", "share", "confdata", "figure", "switches")
+_TAIL_WORDS = (
+    "speed",
+    "blend",
+    "force",
+    "press",
+    "turn",
+    "at",
+    "path",
+    "share",
+    "confdata",
+    "figure",
+    "switches",
+)
 
 
 def _parse_pose(words: list[str]) -> Pose:
@@ -201,8 +224,12 @@ def _parse_instruction(word: str, rest: str) -> Instruction:
     index, *work = tail.get("path", ["-1"])
     owner = int(index), bool(work)
     if word == "movej":
-        target = Joints(tuple(float(w) for w in head[1:])) if head[0] == "joints" else _parse_pose(head)
-        return MoveJ(target, speed, blend, joints, posture, *owner, float(tail.get("share", ["0"])[0]))
+        target = (
+            Joints(tuple(float(w) for w in head[1:])) if head[0] == "joints" else _parse_pose(head)
+        )
+        return MoveJ(
+            target, speed, blend, joints, posture, *owner, float(tail.get("share", ["0"])[0])
+        )
     force = float(tail.get("force", ["0"])[0])
     x, y, z = map(float, tail.get("press", ["0"] * 3))
     manner = (speed, blend, force, (x, y, z), joints, posture, *owner)

@@ -10,7 +10,11 @@ from datetime import date, time
 def toml(value: object) -> str:
     """``value`` as TOML: texts, numbers, lists and inline tables."""
     if isinstance(value, dict):
-        return "{ " + ", ".join(f"{toml(str(k))} = {toml(v)}" for k, v in value.items()) + " }" if value else "{}"
+        return (
+            "{ " + ", ".join(f"{toml(str(k))} = {toml(v)}" for k, v in value.items()) + " }"
+            if value
+            else "{}"
+        )
     if isinstance(value, (list, tuple)):
         return "[" + ", ".join(toml(item) for item in value) + "]"
     if isinstance(value, (date, time)):

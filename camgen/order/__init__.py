@@ -17,7 +17,15 @@ from camgen.order.tours import ArmTour, EdgeTour, JobTour, ReplayTour
 from camgen.plan import EdgePlan, JobPlan, Plan, ReplayPlan, Watch, ignore_stages
 from camgen.robots.workcell import Workcell
 
-__all__ = ["ArmTour", "EdgeTour", "JobTour", "ReplayTour", "may_choose_ways", "may_end_early", "order"]
+__all__ = [
+    "ArmTour",
+    "EdgeTour",
+    "JobTour",
+    "ReplayTour",
+    "may_choose_ways",
+    "may_end_early",
+    "order",
+]
 
 
 #: What the stages end with in which who watches may raise KeyboardInterrupt: the search alone is ended.
@@ -29,7 +37,9 @@ def may_end_early(stage: str) -> bool:
     return stage.endswith(_ENDS)
 
 
-def order(plan: Plan, job: Job, cell: Cell | None = None, watch: Watch = ignore_stages, ways: bool = False) -> Tour:
+def order(
+    plan: Plan, job: Job, cell: Cell | None = None, watch: Watch = ignore_stages, ways: bool = False
+) -> Tour:
     """The paths of ``plan`` in the order in which they are run, from and back to the home of ``cell`` if there is one.
 
     watch: is told how far a search is. ways: the arm chooses how it goes from path to path of a flat part, in free ways
@@ -39,7 +49,9 @@ def order(plan: Plan, job: Job, cell: Cell | None = None, watch: Watch = ignore_
     if isinstance(plan, (EdgePlan, ReplayPlan)) and plan.paths is not plan.made:
         raise changed_paths()
     if isinstance(plan, ReplayPlan):
-        return ReplayTour(plan.paths, plan.travel, "as-drawn", run=plan.run, made=plan.paths, parts=plan.parts)
+        return ReplayTour(
+            plan.paths, plan.travel, "as-drawn", run=plan.run, made=plan.paths, parts=plan.parts
+        )
     if isinstance(plan, EdgePlan):
         from camgen.order.edges import order_edges  # noqa: PLC0415 (fcl is loaded only by what needs it)
 
@@ -109,7 +121,9 @@ def _note_later(plan: JobPlan, paths: Sequence[ToolPath], job: Job) -> list[Note
     late = next(((one, two) for one, two in pairwise(named) if first[two] < first[one]), None)
     if late is None:
         return []
-    owner = [number for number, one in zip(plan.numbers, plan.plans, strict=True) for _ in one.paths]
+    owner = [
+        number for number, one in zip(plan.numbers, plan.plans, strict=True) for _ in one.paths
+    ]
     one, two = late
     why = f"operation {owner[first[two]]} runs before operation {owner[first[one]]}; the order holds within each"
     return [Note("warning", f"tour.order: contour {two} is run before {one}", why, late)]
@@ -117,7 +131,11 @@ def _note_later(plan: JobPlan, paths: Sequence[ToolPath], job: Job) -> list[Note
 
 def changed_paths() -> JobError:
     """The error where paths were changed that are not what is run: their motions are."""
-    return JobError("paths", "of edges and of replays follow from the job", remedy="change the job, and plan again")
+    return JobError(
+        "paths",
+        "of edges and of replays follow from the job",
+        remedy="change the job, and plan again",
+    )
 
 
 def _order_paths(plan: Plan, job: Job, cell: Cell | None, watch: Watch, ways: bool) -> Tour:
@@ -140,7 +158,13 @@ def _order_paths(plan: Plan, job: Job, cell: Cell | None, watch: Watch, ways: bo
     free = arm is not None and (_turns(job) or (ways and _may_choose(job)))
     # Leads and tabs change the paths that turns are chosen for: order and starts first, turns at the end.
     later = free and any(
-        (operation.lead_in, operation.lead_out, operation.overlap, operation.tabs, operation.tab_spacing)
+        (
+            operation.lead_in,
+            operation.lead_out,
+            operation.overlap,
+            operation.tabs,
+            operation.tab_spacing,
+        )
     )
     if arm is not None and choice.method == "best" and (later or not free):
         found = _order_on_arm(plan, found, job, arm, watch, free, keep=False, prove=False)
@@ -151,7 +175,9 @@ def _order_paths(plan: Plan, job: Job, cell: Cell | None, watch: Watch, ways: bo
         why = "the best tour so far is used; the same job gives another one when its search is not interrupted"
         notes = [*notes, Note("warning", "the search for a short tour was stopped", why)]
     if found.timed:
-        what = f"the search for a short tour was ended by the clock, tour.seconds = {choice.seconds:g}"
+        what = (
+            f"the search for a short tour was ended by the clock, tour.seconds = {choice.seconds:g}"
+        )
         why = "the order may differ from run to run; without tour.seconds it does not"
         notes = [*notes, Note("assumed", what, why)]
     # Leads move the ends of a path by no more than their lengths.
@@ -162,12 +188,21 @@ def _order_paths(plan: Plan, job: Job, cell: Cell | None, watch: Watch, ways: bo
     tour = replace(tour, notes=(*notes, *saved))
     if arm is None or not free:
         return tour
-    tour = _order_on_arm(plan, tour, job, arm, watch, free, keep=later or choice.method != "best", prove=True)
+    tour = _order_on_arm(
+        plan, tour, job, arm, watch, free, keep=later or choice.method != "best", prove=True
+    )
     return replace(tour, travel=measure_travel(tour.paths, start))
 
 
 def _order_on_arm(
-    plan: Plan, tour: Tour, job: Job, cell: Workcell, watch: Watch, free: bool, keep: bool, prove: bool
+    plan: Plan,
+    tour: Tour,
+    job: Job,
+    cell: Workcell,
+    watch: Watch,
+    free: bool,
+    keep: bool,
+    prove: bool,
 ) -> Tour:
     """``tour`` by the time of the joints. free: with the turns that its tool may have, in ways of the joints. keep: the
     order and the starts stay. prove: what is chosen is tested for collisions.
@@ -175,7 +210,9 @@ def _order_on_arm(
     from camgen.order.arm import order_by_time, order_with_turns  # noqa: PLC0415 (kinematics, fcl: only for arms)
     from camgen.order.arrange import rules_of  # noqa: PLC0415
 
-    rules = rules_of(plan.paths, tour.paths, job.operation.inside_first, job.tour.layers, job.tour.order)
+    rules = rules_of(
+        plan.paths, tour.paths, job.operation.inside_first, job.tour.layers, job.tour.order
+    )
     if free:
         return order_with_turns(tour, rules, job, cell, watch, keep, prove)
     return order_by_time(tour, rules, job, cell, watch)

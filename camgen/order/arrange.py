@@ -79,11 +79,15 @@ def arrange(  # noqa: PLR0913, PLR0917 (each is a setting of its own)
     known = sample_paths(paths, where, waits_for, ranks) if searched or told else None
     arranged = [paths[i] for i in sorted(range(count), key=ranks.__getitem__)]
     chosen, end = None, DONE
-    if method != "as-drawn" and not (searched and is_crowd(count) and is_free(paths, waits_for, ranks)):
+    if method != "as-drawn" and not (
+        searched and is_crowd(count) and is_free(paths, waits_for, ranks)
+    ):
         chosen = _nearest_neighbour(paths, where, start, waits_for, ranks)
         arranged = _arrange(paths, chosen)
     if searched and known:
-        found = search(known, chosen, start, seed, tell, Clock(begun + seconds, seconds) if seconds else None)
+        found = search(
+            known, chosen, start, seed, tell, Clock(begun + seconds, seconds) if seconds else None
+        )
         end = found.end
         better = _arrange(paths, found)
         # A short search from samples may end above the first tour, whose starts lie anywhere.
@@ -92,10 +96,14 @@ def arrange(  # noqa: PLR0913, PLR0917 (each is a setting of its own)
     length, bound = measure_travel(arranged, start), None
     if known and chosen and method == "best" and count <= FEW:
         solved, bound = improve_few(known, chosen, start)
-        arranged = min([arranged, _arrange(paths, solved)], key=lambda tour: measure_travel(tour, start))
+        arranged = min(
+            [arranged, _arrange(paths, solved)], key=lambda tour: measure_travel(tour, start)
+        )
         length, end = measure_travel(arranged, start), DONE
     if known and told and (bound is None or not is_proven(length, bound)):
-        bound = max(bound or 0.0, lower_bound(known, start, length, 0.0 if end == STOPPED else seconds))
+        bound = max(
+            bound or 0.0, lower_bound(known, start, length, 0.0 if end == STOPPED else seconds)
+        )
     kind = _METHODS[method] + (_kind(seconds, count) if searched else "")
     return Tour(tuple(arranged), length, kind, bound, stopped=end == STOPPED, timed=end == TIMED)
 
@@ -114,7 +122,9 @@ def is_free(paths: Sequence[ToolPath], waits_for: Sequence[int], ranks: Sequence
     one: a greedy tour is a good start.
     """
     around = {parent for parent in waits_for if parent >= 0}
-    few = len(around) <= _FEW_AROUND * len(paths) and not any(_is_in_circle(waits_for, one) for one in around)
+    few = len(around) <= _FEW_AROUND * len(paths) and not any(
+        _is_in_circle(waits_for, one) for one in around
+    )
     return few and len(set(ranks)) == 1 and all(path.closed or path.reversible for path in paths)
 
 
@@ -151,7 +161,9 @@ def _ranks(paths: Sequence[ToolPath], layers: Sequence[str], order: Sequence[str
     ]
 
 
-def _insist_inside_first(paths: Sequence[ToolPath], ranks: Sequence[int], order: Sequence[str]) -> None:
+def _insist_inside_first(
+    paths: Sequence[ToolPath], ranks: Sequence[int], order: Sequence[str]
+) -> None:
     """JobError where ``order`` has what is around a path before it."""
     for path, rank in zip(paths, ranks, strict=True):
         around, steps = path.parent, 0
@@ -196,7 +208,9 @@ def rules_of(
         while parent >= 0 and paths[parent].id not in place:
             parent = waits_for[parent]
         parents.append(place[paths[parent].id] if parent >= 0 else -1)
-    return Rules(np.array(parents, dtype=np.int64), np.array([ranks[k] for k in own], dtype=np.int64))
+    return Rules(
+        np.array(parents, dtype=np.int64), np.array([ranks[k] for k in own], dtype=np.int64)
+    )
 
 
 class _Walk(Struct, frozen=True, eq=False):
@@ -227,7 +241,9 @@ def _nearest_neighbour(
     """The nearest next path of all whose turn it is: those with nothing left inside, rank by rank."""
     begins, ends = (column.tolist() for column in (where.begin, where.end))
     chosen = Choices([], [0] * len(paths), [0.0] * len(paths))
-    walk = _Walk(paths, where, StartTree(where), waits_for, ranks, _enclose(waits_for), begins, ends, chosen)
+    walk = _Walk(
+        paths, where, StartTree(where), waits_for, ranks, _enclose(waits_for), begins, ends, chosen
+    )
     turns = sorted(set(ranks))
     ready = [not count and rank == turns[0] for count, rank in zip(walk.waits, ranks, strict=True)]
     for index, may in enumerate(ready):
@@ -252,7 +268,9 @@ def _nearest_neighbour(
 def _walk(walk: _Walk, turn: int, at: tuple[int, float, float]) -> tuple[int, float, float]:
     """All paths of one rank, from the start ``at``: its number and where the tool is; the last start and place."""
     where, tree, chosen, waits = walk.where, walk.tree, walk.chosen, walk.waits
-    path_of, row_of, low, span = (column.tolist() for column in (where.path, where.row, where.low, where.span))
+    path_of, row_of, low, span = (
+        column.tolist() for column in (where.path, where.row, where.low, where.span)
+    )
     number, x, y = at
     last = max(number, 0)
     while number >= 0:
@@ -287,7 +305,9 @@ def _arrange(paths: Sequence[ToolPath], chosen: Choices) -> list[ToolPath]:
     loops = [i for i, path in enumerate(paths) if path.closed and chosen.row[i]]
     turned = [i for i, path in enumerate(paths) if chosen.row[i] and not path.closed]
     begun = starting_each(
-        [paths[i] for i in loops], [chosen.row[i] for i in loops], [chosen.fraction[i] for i in loops]
+        [paths[i] for i in loops],
+        [chosen.row[i] for i in loops],
+        [chosen.fraction[i] for i in loops],
     )
     back = reverse_each([paths[i] for i in turned])
     result = list(paths)

@@ -57,7 +57,11 @@ def add_leads(paths: Sequence[ToolPath], part: Part, job: Job) -> tuple[list[Too
         if scale < 1.0:
             (short if scale else without).append(path.id)
     notes = [
-        Note("warning", f"{counted(len(ids), 'path')} {how}: {', '.join(ids[:8])}{' ...' if len(ids) > 8 else ''}", why)
+        Note(
+            "warning",
+            f"{counted(len(ids), 'path')} {how}: {', '.join(ids[:8])}{' ...' if len(ids) > 8 else ''}",
+            why,
+        )
         for ids, how, why in (
             (short, "with a shorter lead", "the part or a neighbour is too near"),
             (without, "without a lead", "there is no place where it would keep clear of the part"),
@@ -75,7 +79,9 @@ def _with_leads(path: ToolPath, job: Job, obstacles: Obstacles) -> tuple[ToolPat
         for start in _starts(path):
             run = _overlap(start, operation.overlap)
             leads = [_lead(run, length * scale, way, path.closed, feed) for length, way in ends]
-            if all(lead is None or _is_clear(lead, obstacles, job.tool.diameter / 2) for lead in leads):
+            if all(
+                lead is None or _is_clear(lead, obstacles, job.tool.diameter / 2) for lead in leads
+            ):
                 before, after = ([] if lead is None else [lead.path] for lead in leads)
                 pieces = [*before, run, *after]
                 return (join_paths(pieces) if len(pieces) > 1 else run), scale
@@ -130,7 +136,11 @@ def _lead(path: ToolPath, length: float, way: int, ring: bool, feed: float) -> _
     lead = replace(
         path,
         table=waypoints(
-            rows, [np.full(3, np.nan), middle], min(path.feed[row], feed), axis=axis, force_direction=presses
+            rows,
+            [np.full(3, np.nan), middle],
+            min(path.feed[row], feed),
+            axis=axis,
+            force_direction=presses,
         ),
         closed=False,
     )

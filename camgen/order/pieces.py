@@ -45,14 +45,18 @@ def point_at(path: ToolPath, length: float) -> FloatArray:
     at = lengths_along(path)
     segment = np.clip(np.searchsorted(at, [length]) - 1, 0, len(at) - 2)
     fraction = (length - at[segment]) / np.maximum(at[segment + 1] - at[segment], NONZERO)
-    return np.asarray(chain(path.position, path.via[1:]).point(np.clip(fraction, 0.0, 1.0), segment)[0])
+    return np.asarray(
+        chain(path.position, path.via[1:]).point(np.clip(fraction, 0.0, 1.0), segment)[0]
+    )
 
 
 def nearest(path: ToolPath, point: FloatArray) -> tuple[float, float]:
     """Where on ``path`` is nearest to ``point`` (3,), mm from its start, and how far away that is, mm."""
     shape = chain(path.position, path.via[1:])
     arms = point - _centres(shape, np.arange(len(shape.length)))
-    turn = np.arctan2(dots(arms, shape.along), dots(arms, shape.towards)) / np.where(shape.curved, shape.sweep, 1.0)
+    turn = np.arctan2(dots(arms, shape.along), dots(arms, shape.towards)) / np.where(
+        shape.curved, shape.sweep, 1.0
+    )
     ahead = dots(point - shape.start, shape.along) / np.maximum(shape.length, NONZERO)
     fraction = np.clip(np.where(shape.curved, turn + 0.5, ahead), 0.0, 1.0)
     away = np.linalg.norm(shape.point(fraction) - point, axis=1)
@@ -101,7 +105,10 @@ def chorded(path: ToolPath, chord: float, which: BoolArray | None = None) -> Too
         return path
     radius, sweep = shape.radius[rows], shape.sweep[rows]
     count = np.ceil(sweep / _steps(radius, chord)).astype(np.int64)
-    outside = dots(path.force_direction[rows + 1, 0], shape.start[rows] - _centres(shape, rows)) < -1e-9 * radius
+    outside = (
+        dots(path.force_direction[rows + 1, 0], shape.start[rows] - _centres(shape, rows))
+        < -1e-9 * radius
+    )
     inner = [
         (np.arange(n) + 0.5) / n if out else np.arange(1, n) / n
         for n, out in zip(count.tolist(), outside.tolist(), strict=True)
@@ -114,7 +121,9 @@ def chorded(path: ToolPath, chord: float, which: BoolArray | None = None) -> Too
     centre = _centres(shape, owner[pushed])
     half = np.zeros(len(shape.sweep))
     half[rows] = sweep / count / 2
-    position[pushed + 1] = centre + (position[pushed + 1] - centre) / np.cos(half[owner[pushed]])[:, None]
+    position[pushed + 1] = (
+        centre + (position[pushed + 1] - centre) / np.cos(half[owner[pushed]])[:, None]
+    )
     return result.with_columns(via=via, position=position)
 
 
@@ -134,12 +143,17 @@ def _centres(shape: Spans, row: IntArray) -> FloatArray:
     return np.asarray(shape.via[row] - shape.radius[row, None] * shape.towards[row])
 
 
-def _expand(path: ToolPath, segment: IntArray, fraction: FloatArray) -> tuple[ToolPath, IntArray, FloatArray]:
+def _expand(
+    path: ToolPath, segment: IntArray, fraction: FloatArray
+) -> tuple[ToolPath, IntArray, FloatArray]:
     """``path`` with vertices at each ``fraction`` (K,) 0..1 of each ``segment`` (K,) 0..N-2; and by segment of the
     result the one of the path that it is of, and at what fraction of that it ends.
     """
     count = len(path.position) - 1
-    owner, part = np.concatenate([segment, np.arange(count)]), np.concatenate([fraction, np.ones(count)])
+    owner, part = (
+        np.concatenate([segment, np.arange(count)]),
+        np.concatenate([fraction, np.ones(count)]),
+    )
     order = np.lexsort((part, owner))
     owner, part = owner[order], part[order]
     before = np.where(np.diff(owner, prepend=-1) > 0, 0.0, np.roll(part, 1))
@@ -157,7 +171,9 @@ def _expand(path: ToolPath, segment: IntArray, fraction: FloatArray) -> tuple[To
         table=waypoints(
             position=np.concatenate([path.position[:1], position]),
             via=np.concatenate([np.full((1, 3), np.nan), via]),
-            axis=np.concatenate([axis[:1], np.where(inside, between(axis[owner], axis[row], part), axis[row])]),
+            axis=np.concatenate(
+                [axis[:1], np.where(inside, between(axis[owner], axis[row], part), axis[row])]
+            ),
             force_direction=np.concatenate([press[:1], press]),
             force=np.concatenate([path.force[1:2], path.force[row]]),
             feed=np.concatenate([path.feed[1:2], path.feed[row]]),

@@ -101,7 +101,9 @@ class _Ovals(Struct, frozen=True, eq=False):
         return (*along, one, *across, two, np.sqrt(one * one + two * two))
 
 
-def improve_few(known: Sampled, start: Choices, home: tuple[float, float] | None) -> tuple[Choices, float]:
+def improve_few(
+    known: Sampled, start: Choices, home: tuple[float, float] | None
+) -> tuple[Choices, float]:
     """The tour ``start`` or a shorter one; and what no tour is below, mm.
 
     home: x, y where it begins and ends, None: nowhere. 1 to FEW paths.
@@ -116,14 +118,19 @@ def improve_few(known: Sampled, start: Choices, home: tuple[float, float] | None
         bounds = []
         for rank, one in enumerate(orders):
             # Prices suit one order: others that are as good are closed in on by themselves.
-            own, share = _settle(known, np.array(one), best.along, place), left // (len(orders) - rank)
+            own, share = (
+                _settle(known, np.array(one), best.along, place),
+                left // (len(orders) - rank),
+            )
             best = _better(best, own)
             alone = _Family(np.cumsum(1 << own.order), family.pieces, own, family.bound)
             best, alone, rest = _close_in(known, alone, best, place, share)
             left -= share - rest
             bounds.append(alone.bound)
         bound = min(bounds)
-    return start if best is first else _choose(known, best), max(0.0, min(bound, best.length) * (1 - 1e-12) - 1e-9)
+    return start if best is first else _choose(known, best), max(
+        0.0, min(bound, best.length) * (1 - 1e-12) - 1e-9
+    )
 
 
 def _close_in(
@@ -157,7 +164,9 @@ def _close_in(
     return best, _Family(sets, pieces, guide, bound), max(work, 0)
 
 
-def _shorter(known: Sampled, pieces: _Stretches, tour: list[int], guide: _Tour, home: FloatArray | None) -> _Tour:
+def _shorter(
+    known: Sampled, pieces: _Stretches, tour: list[int], guide: _Tour, home: FloatArray | None
+) -> _Tour:
     """``guide``, or the ``tour`` through stretches, where that can be made shorter."""
     item, loop = pieces.item[tour], _loops(known)
     along = guide.along.copy()
@@ -213,7 +222,10 @@ def _needs(known: Sampled, order: IntArray) -> list[int]:
     """
     items = known.items
     needs = [
-        sum(1 << int(k) for k in np.flatnonzero((items.parent == one) | (items.rank < items.rank[one])))
+        sum(
+            1 << int(k)
+            for k in np.flatnonzero((items.parent == one) | (items.rank < items.rank[one]))
+        )
         for one in range(len(order))
     ]
     if not any(needs) and (items.kind != ONE_WAY).all() and len(order) > 1:
@@ -244,7 +256,11 @@ def _ovals(known: Sampled, pieces: _Stretches) -> _Ovals:
     back = ~loop[item] & (pieces.low > 0)
     first, last = items.points[items.first[:-1][item]], items.points[items.first[1:][item] - 1]
     enter, leave = (np.where(back[:, None], b, a) for a, b in ((first, last), (last, first)))
-    half, wide, along = np.zeros(len(item)), np.zeros(len(item)), np.tile([1.0, 0.0], (len(item), 1))
+    half, wide, along = (
+        np.zeros(len(item)),
+        np.zeros(len(item)),
+        np.tile([1.0, 0.0], (len(item), 1)),
+    )
     own = np.flatnonzero(loop[item])
     low, high = pieces.low[own], pieces.low[own] + pieces.long[own]
     one, two = point_at(known, item[own], low), point_at(known, item[own], high)
@@ -259,7 +275,9 @@ def _ovals(known: Sampled, pieces: _Stretches) -> _Ovals:
     return _Ovals(enter, leave, along, half, wide)
 
 
-def _towards(known: Sampled, ovals: _Ovals, item: IntArray, tour: _Tour, home: FloatArray | None) -> FloatArray:
+def _towards(
+    known: Sampled, ovals: _Ovals, item: IntArray, tour: _Tour, home: FloatArray | None
+) -> FloatArray:
     """(P, 2) the mean of the directions in which the tour comes to and leaves each stretch; 0 for open paths."""
     enter, leave = ends_at(known, tour.along)
     order, place = tour.order, np.argsort(tour.order)[item]
@@ -278,7 +296,9 @@ def _units(vectors: FloatArray) -> FloatArray:
     return units
 
 
-def _ways(ovals: _Ovals, item: IntArray, steps: BoolArray, towards: FloatArray, home: FloatArray | None) -> Ways:
+def _ways(
+    ovals: _Ovals, item: IntArray, steps: BoolArray, towards: FloatArray, home: FloatArray | None
+) -> Ways:
     """What each step costs at least, when every stretch is charged for how far along ``towards`` it is left."""
     every = np.arange(len(item))
     cost = np.zeros((len(item), len(item)))
@@ -293,7 +313,9 @@ def _ways(ovals: _Ovals, item: IntArray, steps: BoolArray, towards: FloatArray, 
         free = ovals.charge(every, towards)[-1]
         return Ways(item, cost, -free, -free)
     charge = ovals.charge(every, towards)
-    return Ways(item, cost, _least(ovals.enter - home, [charge]), _least(home - ovals.leave, [charge]))
+    return Ways(
+        item, cost, _least(ovals.enter - home, [charge]), _least(home - ovals.leave, [charge])
+    )
 
 
 def _least(step: FloatArray, charges: list[tuple[FloatArray, ...]]) -> FloatArray:
@@ -324,7 +346,10 @@ def _by_item(ways: Ways) -> Ways:
     first = np.searchsorted(ways.item, np.arange(int(ways.item[-1]) + 1))
     cost = np.minimum.reduceat(np.minimum.reduceat(ways.cost, first, axis=0), first, axis=1)
     return Ways(
-        np.arange(len(first)), cost, np.minimum.reduceat(ways.out, first), np.minimum.reduceat(ways.back, first)
+        np.arange(len(first)),
+        cost,
+        np.minimum.reduceat(ways.out, first),
+        np.minimum.reduceat(ways.back, first),
     )
 
 

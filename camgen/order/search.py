@@ -112,7 +112,9 @@ def is_compiled(count: int) -> bool:
     return is_large(count) and available()
 
 
-def sample_paths(paths: Sequence[ToolPath], where: Starts, parent: Sequence[int], rank: Sequence[int]) -> Sampled:
+def sample_paths(
+    paths: Sequence[ToolPath], where: Starts, parent: Sequence[int], rank: Sequence[int]
+) -> Sampled:
     """The paths as items: ends of open ones, samples of closed ones, evenly along them.
 
     parent: by path, the one that comes later, or -1. rank: by path, lower ranks come first.
@@ -120,15 +122,20 @@ def sample_paths(paths: Sequence[ToolPath], where: Starts, parent: Sequence[int]
     count = len(paths)
     along = np.concatenate([[0.0], np.cumsum(where.shape.length)])
     whole = along[where.first[1:]] - along[where.first[:-1]]
-    rows, closed = np.array([len(path) for path in paths]), np.array([path.closed for path in paths])
+    rows, closed = (
+        np.array([len(path) for path in paths]),
+        np.array([path.closed for path in paths]),
+    )
     loop = closed & (rows > 1) & (whole > 0)
     lone = (rows == 1) | (closed & ~loop)
     begins, ends = where.begin, where.end
     corners = np.concatenate([begins, ends])
-    room = float(np.sqrt(max(np.prod(np.ptp(corners, axis=0)), float(np.ptp(corners)) ** 2 / 100) / count))
-    samples = np.clip(np.ceil(whole * _SAMPLES_PER_ROOM / max(room, NONZERO)), _LEAST_SAMPLES, _MOST_SAMPLES).astype(
-        np.int64
+    room = float(
+        np.sqrt(max(np.prod(np.ptp(corners, axis=0)), float(np.ptp(corners)) ** 2 / 100) / count)
     )
+    samples = np.clip(
+        np.ceil(whole * _SAMPLES_PER_ROOM / max(room, NONZERO)), _LEAST_SAMPLES, _MOST_SAMPLES
+    ).astype(np.int64)
     samples = np.where(loop, samples, np.where(lone, 1, 2))
     first, owner, step = offsets(samples), owners(samples), ramp(samples)
     points = np.where((step == 0)[:, None], begins[owner], ends[owner])
@@ -136,10 +143,15 @@ def sample_paths(paths: Sequence[ToolPath], where: Starts, parent: Sequence[int]
     both = np.array([path.reversible for path in paths])
     kind = np.where(loop | lone, CLOSED, np.where(both, BOTH_WAYS, ONE_WAY))
     # Between two samples may lie a corner that is no start: so much farther are they apart.
-    skipped = np.where(where.span > 0, (1 - where.span) / np.maximum(where.span, NONZERO), 0.0) * where.shape.length
+    skipped = (
+        np.where(where.span > 0, (1 - where.span) / np.maximum(where.span, NONZERO), 0.0)
+        * where.shape.length
+    )
     wide = np.maximum.reduceat(skipped, where.first[:-1])
     apart = np.where(loop, step_mm + 2 * wide, 1.0)
-    items = Items(first, points, kind, apart, np.array(parent, dtype=np.int64), np.array(rank, dtype=np.int64))
+    items = Items(
+        first, points, kind, apart, np.array(parent, dtype=np.int64), np.array(rank, dtype=np.int64)
+    )
     found = Sampled(items, where, along, whole, step_mm)
     inside = loop[owner]
     points[inside] = point_at(found, owner[inside], (step * step_mm[owner])[inside])
@@ -151,7 +163,9 @@ def is_bound_worth(seconds: float, count: int) -> bool:
     return count <= _MANY_FOR_BOUND or seconds >= _BOUND_SECONDS * count
 
 
-def lower_bound(known: Sampled, home: tuple[float, float] | None, travel: float, seconds: float) -> float:
+def lower_bound(
+    known: Sampled, home: tuple[float, float] | None, travel: float, seconds: float
+) -> float:
     """What no tour of the paths is below, mm. travel: of a tour that is known. seconds: as for the search; without
     them few trees are looked at.
     """
@@ -206,7 +220,9 @@ def search(
     place = None if home is None else np.array(home)
     greedy = join_greedily(items, discs, place)
     begun = [Start(np.array(first.order), _enter(known, first))] if first else []
-    start = min([*begun, *([greedy] if greedy else [])], key=lambda tour: _travel(items, tour, place))
+    start = min(
+        [*begun, *([greedy] if greedy else [])], key=lambda tour: _travel(items, tour, place)
+    )
     together = start is greedy and is_crowd(count) and not is_compiled(count)
     if together:
         start = shorten_together(items, start, place, near)
@@ -220,7 +236,9 @@ def search(
     row, fraction = place_starts(known, length)
     turned = ~closed & (number > 0)
     row = np.where(closed, row, np.where(turned, known.where.row[known.where.first[1:] - 1], 0))
-    return Choices(found.order.tolist(), row.tolist(), np.where(closed, fraction, 0.0).tolist(), found.end)
+    return Choices(
+        found.order.tolist(), row.tolist(), np.where(closed, fraction, 0.0).tolist(), found.end
+    )
 
 
 def _travel(items: Items, tour: Start, home: FloatArray | None) -> float:
@@ -240,7 +258,11 @@ def lengths(known: Sampled, chosen: Choices) -> FloatArray:
     row, fraction = np.array(chosen.row), np.array(chosen.fraction)
     segment = np.minimum(where.first[:-1] + np.maximum(row - 1, 0), where.first[1:] - 1)
     fraction = np.clip((fraction - where.low[segment]) / where.span[segment], 0.0, 1.0)
-    length = known.along[segment] - known.along[where.first[:-1]] + fraction * where.shape.length[segment]
+    length = (
+        known.along[segment]
+        - known.along[where.first[:-1]]
+        + fraction * where.shape.length[segment]
+    )
     return np.where(known.items.kind == CLOSED, length, row > 0)
 
 
@@ -248,7 +270,9 @@ def _enter(known: Sampled, first: Choices) -> IntArray:
     """The points where the items are entered in a tour whose closed paths may begin between samples."""
     items, along = known.items, lengths(known, first)
     closed = items.kind == CLOSED
-    number = np.round(np.where(closed, along, 0.0) / np.maximum(known.step, NONZERO)).astype(np.int64)
+    number = np.round(np.where(closed, along, 0.0) / np.maximum(known.step, NONZERO)).astype(
+        np.int64
+    )
     return items.first[:-1] + np.where(closed, number % np.diff(items.first), along > 0)
 
 
@@ -258,7 +282,9 @@ def _segment(known: Sampled, path: IntArray, length: FloatArray) -> tuple[IntArr
     """
     where, whole = known.where, np.maximum(known.whole[path], NONZERO)
     # A remainder takes ten times as long as a look at whether there is one.
-    length = np.remainder(length, whole, out=np.array(length), where=(length < 0) | (length >= whole))
+    length = np.remainder(
+        length, whole, out=np.array(length), where=(length < 0) | (length >= whole)
+    )
     first, last = where.first[path], where.first[path + 1] - 1
     total = known.along[first] + length
     # Among the starts of these paths alone, which are few where they are neighbours.
@@ -313,7 +339,9 @@ def place_starts(known: Sampled, length: FloatArray) -> tuple[IntArray, FloatArr
     return known.where.row[number], known.where.low[number] + part * known.where.span[number]
 
 
-def polish_starts(known: Sampled, found: Start, home: FloatArray | None, length: FloatArray) -> FloatArray:
+def polish_starts(
+    known: Sampled, found: Start, home: FloatArray | None, length: FloatArray
+) -> FloatArray:
     """Where along it each closed path begins, mm: every other one in turn moved to its best place."""
     items, order = known.items, found.order
     count = len(order)
@@ -341,7 +369,9 @@ def polish_starts(known: Sampled, found: Start, home: FloatArray | None, length:
     return length
 
 
-def _best(known: Sampled, path: IntArray, length: FloatArray, before: FloatArray, after: FloatArray) -> FloatArray:
+def _best(
+    known: Sampled, path: IntArray, length: FloatArray, before: FloatArray, after: FloatArray
+) -> FloatArray:
     """The places along the closed paths, near ``length``, with the shortest way from ``before`` to ``after``."""
     shift = np.linspace(-1.0, 1.0, 2 * _FINER + 1)
     # The place itself comes first, so that it stays where nothing is shorter.

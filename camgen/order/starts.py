@@ -74,16 +74,31 @@ def starts(paths: Sequence[ToolPath], seam: str = "any") -> Starts:
     top = begins(rows)
     at = top[owner] + row
     inside = loop[owner]
-    shape = spans(drawn.position[at - inside], np.where(inside[:, None], drawn.via[at], np.nan), drawn.position[at])
+    shape = spans(
+        drawn.position[at - inside],
+        np.where(inside[:, None], drawn.via[at], np.nan),
+        drawn.position[at],
+    )
     low, span = np.zeros(len(owner)), np.ones(len(owner))
     if seam == "smooth":
         low, span = _off_corners(shape, inside, first)
         middle = np.where(shape.curved[:, None], shape.point(low + span / 2), np.nan)
         shape = spans(shape.point(low), middle, shape.point(low + span))
-    return Starts(owner, row, shape, first, low, span, drawn.position[top, :2], drawn.position[top + rows - 1, :2])
+    return Starts(
+        owner,
+        row,
+        shape,
+        first,
+        low,
+        span,
+        drawn.position[top, :2],
+        drawn.position[top + rows - 1, :2],
+    )
 
 
-def _off_corners(shape: Spans, closed: NDArray[np.bool_], first: IntArray) -> tuple[FloatArray, FloatArray]:
+def _off_corners(
+    shape: Spans, closed: NDArray[np.bool_], first: IntArray
+) -> tuple[FloatArray, FloatArray]:
     """Where the part of each segment begins that is off the corners, and how long it is, fractions (S,) of it."""
     ahead, behind = shape.tangents()
     before = np.arange(-1, len(closed) - 1)

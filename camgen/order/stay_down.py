@@ -36,7 +36,9 @@ def stay_down(tour: Tour, part: Part, job: Job) -> tuple[Tour, tuple[Note, ...]]
     if not job.process.stay_down or len(tour.paths) < 2:
         return tour, ()
     fixtures = job.cell.fixtures or []
-    boxes = np.array([box for box in fixtures if not isinstance(box, str)], dtype=np.float64).reshape(-1, 6)
+    boxes = np.array(
+        [box for box in fixtures if not isinstance(box, str)], dtype=np.float64
+    ).reshape(-1, 6)
     fair = _plain(tour.paths, job)
     start = np.array([path.position[-1] for path in tour.paths[:-1]])
     end = np.array([path.position[0] for path in tour.paths[1:]])
@@ -54,7 +56,9 @@ def stay_down(tour: Tour, part: Part, job: Job) -> tuple[Tour, tuple[Note, ...]]
     why = "these ways keep the tool's radius from all that is drawn and from fixtures; of stock nothing is known"
     if len(boxes) < len(fixtures):
         why = "fixtures that are meshes are not looked at here: every way is lifted over them"
-    note = Note("assumed" if down else "warning", f"lifts saved: {len(down)} of {len(tour.paths) - 1}", why)
+    note = Note(
+        "assumed" if down else "warning", f"lifts saved: {len(down)} of {len(tour.paths) - 1}", why
+    )
     return replace(tour, down=down), (note,)
 
 
@@ -79,7 +83,9 @@ def _past(links: Segments, low: FloatArray, boxes: FloatArray, radius: float) ->
     for box in boxes.reshape(-1, 2, 3):
         (x0, y0, _), (x1, y1, top) = box.min(axis=0), box.max(axis=0)
         corners = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
-        walls = make(corners, np.roll(corners, -1, axis=0), np.zeros(4), np.zeros(4, dtype=np.int64))
+        walls = make(
+            corners, np.roll(corners, -1, axis=0), np.zeros(4), np.zeros(4, dtype=np.int64)
+        )
         inside = ((links.start > (x0, y0)) & (links.start < (x1, y1))).all(axis=1)
         clear &= (top <= low) | (~inside & (gaps(links, walls, radius) >= radius))
     return clear

@@ -65,7 +65,9 @@ class _Loop(Struct, frozen=True, eq=False):
         return float(lengths_along(self.round)[-1])
 
 
-def add_tabs(planned: Sequence[ToolPath], led: Sequence[ToolPath], job: Job) -> tuple[list[ToolPath], list[Note]]:
+def add_tabs(
+    planned: Sequence[ToolPath], led: Sequence[ToolPath], job: Job
+) -> tuple[list[ToolPath], list[Note]]:
     """The paths ``led`` with the floors of their tabs, and notes on how many there are, and on those that are not.
 
     planned: the same paths before they had leads. Paths beside one contour, of which one finishes what the other left,
@@ -82,7 +84,9 @@ def add_tabs(planned: Sequence[ToolPath], led: Sequence[ToolPath], job: Job) -> 
     middles: list[tuple[float, float]] = []
     for group in _beside_each_other(loops, job.tool.diameter):
         first, ids = group[0], [loop.path.id for loop in group]
-        wanted = operation.tabs or max(2, math.ceil(first.length / (operation.tab_spacing or math.inf) - 1e-9))
+        wanted = operation.tabs or max(
+            2, math.ceil(first.length / (operation.tab_spacing or math.inf) - 1e-9)
+        )
         places, close = _place(group, tab, wanted)
         points = [point_at(first.round, place) for place in places]
         for loop in group:
@@ -126,7 +130,9 @@ def _insist(job: Job) -> None:
     if operation.tab_height >= operation.depth:
         what = f"tabs of {short(operation.tab_height, 3)} mm in a depth of {short(operation.depth, 3)} mm"
         remedy = (
-            "make it less than operation.depth" if operation.depth else "set operation.depth to what is cut through"
+            "make it less than operation.depth"
+            if operation.depth
+            else "set operation.depth to what is cut through"
         )
         raise JobError("job", what, "operation.tab_height", remedy)
     if kind in ("laser", "plasma"):
@@ -160,7 +166,12 @@ def _find_loop(number: int, before: ToolPath, path: ToolPath, job: Job, tab: _Ta
     low, high = (max(tab.whole, tab.top + lead / (math.pi / 2)) for lead in (begin, after))
     once = path.rows(row, last + 1)
     return _Loop(
-        number, path, begin, once, (-low, overlap + high), _corners(once, job.tool.diameter / 2 + job.operation.finish)
+        number,
+        path,
+        begin,
+        once,
+        (-low, overlap + high),
+        _corners(once, job.tool.diameter / 2 + job.operation.finish),
     )
 
 
@@ -179,9 +190,14 @@ def _corners(once: ToolPath, radius: float) -> FloatArray:
     sharp = angles(arrives, np.roll(leaves, -1, axis=0)) > _CORNER
     centre = shape.via - shape.radius[:, None] * shape.towards
     inwards = dots(once.force_direction[1:, 0], centre - shape.start) > 0
-    rolls = shape.curved & inwards & (shape.radius < radius * (1 + _POINT)) & (shape.sweep > _CORNER)
+    rolls = (
+        shape.curved & inwards & (shape.radius < radius * (1 + _POINT)) & (shape.sweep > _CORNER)
+    )
     return np.concatenate(
-        [np.column_stack([along[1:], along[1:]])[sharp], np.column_stack([along[:-1], along[1:]])[rolls]]
+        [
+            np.column_stack([along[1:], along[1:]])[sharp],
+            np.column_stack([along[:-1], along[1:]])[rolls],
+        ]
     )
 
 
@@ -193,12 +209,17 @@ def _place(group: Sequence[_Loop], tab: _Tab, wanted: int) -> tuple[list[float],
     loop, places, near = group[0], list[float](), False
     length = loop.length
     starts = [nearest(loop.round, one.round.position[0])[0] for one in group]
-    seams = [(start + one.seam[0], start + one.seam[1]) for start, one in zip(starts, group, strict=True)]
+    seams = [
+        (start + one.seam[0], start + one.seam[1]) for start, one in zip(starts, group, strict=True)
+    ]
     for k in range(wanted):
         ideal = (k + 0.5) / wanted * length
         others = [(place - 2 * tab.whole, place + 2 * tab.whole) for place in places]
         closed = _round([*seams, *others], length)
-        clear = [*closed, *_round([(a - tab.top, b + tab.top) for a, b in loop.corners.tolist()], length)]
+        clear = [
+            *closed,
+            *_round([(a - tab.top, b + tab.top) for a, b in loop.corners.tolist()], length),
+        ]
         place = _nearest(ideal, clear, length)
         if place is None:
             place = _farthest(ideal, closed, loop.corners, length)
@@ -216,14 +237,18 @@ def _round(stretches: Sequence[tuple[float, float]], length: float) -> list[tupl
 def _nearest(ideal: float, closed: Sequence[tuple[float, float]], length: float) -> float | None:
     """The place nearest to ``ideal`` that is within none of ``closed``."""
     places = [ideal, *(end for stretch in closed for end in stretch if 0 <= end <= length)]
-    return min((p for p in places if _open(p, closed)), key=lambda place: abs(place - ideal), default=None)
+    return min(
+        (p for p in places if _open(p, closed)), key=lambda place: abs(place - ideal), default=None
+    )
 
 
 def _open(place: float, closed: Sequence[tuple[float, float]]) -> bool:
     return all(not low + SAME_POINT_MM < place < high - SAME_POINT_MM for low, high in closed)
 
 
-def _farthest(ideal: float, closed: Sequence[tuple[float, float]], corners: FloatArray, length: float) -> float | None:
+def _farthest(
+    ideal: float, closed: Sequence[tuple[float, float]], corners: FloatArray, length: float
+) -> float | None:
     """The place farthest from all corners within none of ``closed``; of equal ones that nearest to ``ideal``."""
     around = sorted(_round([(a, b) for a, b in corners.tolist()], length))
     middles = [(one[1] + two[0]) / 2 for one, two in pairwise(around)]
@@ -249,7 +274,9 @@ def _hold(loop: _Loop, tab: _Tab, places: Sequence[float], chord: float) -> Tool
     floor = np.interp(lengths_along(split), at, np.tile([low, high, high, low], len(places)))
     for level in (low, high):
         floor[np.abs(floor - level) < SAME_POINT_MM] = level
-    return chorded(replace(split, floor=frozen(floor)), chord, np.abs(np.diff(floor)) > SAME_POINT_MM)
+    return chorded(
+        replace(split, floor=frozen(floor)), chord, np.abs(np.diff(floor)) > SAME_POINT_MM
+    )
 
 
 def _tell(
@@ -265,7 +292,14 @@ def _tell(
     notes = []
     if held:
         what = f"{counted(len(middles), 'tab')} of {size} on {_list(held)}"
-        notes.append(Note("assumed", what, "they hold the part; cut them when it is out", places=tuple(middles)))
+        notes.append(
+            Note(
+                "assumed",
+                what,
+                "they hold the part; cut them when it is out",
+                places=tuple(middles),
+            )
+        )
     elif not without:
         why = "only what is followed on its outside, all round, comes loose"
         notes.append(Note("warning", "no tabs: no path cuts anything out", why))

@@ -96,7 +96,9 @@ class StartTree:
 
     def _neighbour(self, node: int, x: float, y: float) -> int:
         """A leaf not far from the leaf ``node`` that is not empty, to begin the search with; -1 if there is none."""
-        while node >= 0 and not (self.pots[node] if node < self.leaves else self.kids[node - self.leaves]):
+        while node >= 0 and not (
+            self.pots[node] if node < self.leaves else self.kids[node - self.leaves]
+        ):
             node = self.parents[node]
         while node >= self.leaves:
             least = math.inf
@@ -126,7 +128,11 @@ class StartTree:
         if fraction in (0.0, 1.0):
             return (1.0, bx, by) if fraction else (0.0, ax, ay)
         scale = radius / math.hypot(vx, vy) if vx or vy else 0.0
-        return (fraction, cx + scale * vx, cy + scale * vy) if scale else (fraction, cx + radius * mx, cy + radius * my)
+        return (
+            (fraction, cx + scale * vx, cy + scale * vy)
+            if scale
+            else (fraction, cx + radius * mx, cy + radius * my)
+        )
 
     def _close(self, node: int) -> None:
         parent = self.parents[node]
@@ -187,8 +193,14 @@ def _items(shape: Spans) -> list[Line | Arc]:
     centre = shape.via[c] - shape.radius[c, None] * towards
     sign = np.sign(towards[:, 0] * along[:, 1] - towards[:, 1] * along[:, 0])
     xy = (*centre.T[:2], shape.radius[c], *towards.T[:2], np.cos(shape.sweep[c] / 2))
-    ends = (*shape.start[c].T[:2], *shape.end[c].T[:2], np.where(sign == 0, 1.0, sign) * shape.sweep[c])
-    arcs: list[Arc] = list(zip(keys[c].tolist(), *(column.tolist() for column in (*xy, *ends)), strict=True))
+    ends = (
+        *shape.start[c].T[:2],
+        *shape.end[c].T[:2],
+        np.where(sign == 0, 1.0, sign) * shape.sweep[c],
+    )
+    arcs: list[Arc] = list(
+        zip(keys[c].tolist(), *(column.tolist() for column in (*xy, *ends)), strict=True)
+    )
     for arc in arcs:
         items[arc[0]] = arc
     return items

@@ -146,7 +146,11 @@ def plan(part: Part, job: Job, cell: Cell | None = None, watch: Watch = ignore_s
     part = in_margin(part, laid, _simplify(laid, job), job)
     watch("planning")
     part, stock = _without_stock(part, job)
-    made = _plan_steps(part, job, cell, watch) if job.operations else plan_operation(part, job, cell, watch)
+    made = (
+        _plan_steps(part, job, cell, watch)
+        if job.operations
+        else plan_operation(part, job, cell, watch)
+    )
     if job.tour.seams or job.tour.order:
         made = _by_contour(made, replace(part, contours=(*part.contours, *stock)), job)
     if not stock:
@@ -178,10 +182,18 @@ def _without_stock(part: Part, job: Job) -> tuple[Part, tuple[Contour, ...]]:
     stock = tuple(c for c in part.contours if c.layer == layer and c.closed)
     if not stock:
         what = f"no closed contour on layer {layer!r}"
-        raise InputError(part.source, what, "stock.layer", "camgen inspect shows the layers; or give stock.margin")
+        raise InputError(
+            part.source,
+            what,
+            "stock.layer",
+            "camgen inspect shows the layers; or give stock.margin",
+        )
     ids = tuple(c.id for c in stock)
     note = Note(
-        "assumed", f"{counted(len(stock), 'contour')} on layer {layer}: the stock, not machined", "stock.layer", ids
+        "assumed",
+        f"{counted(len(stock), 'contour')} on layer {layer}: the stock, not machined",
+        "stock.layer",
+        ids,
     )
     kept = tuple(c for c in part.contours if c.id not in ids)
     return replace(part, contours=kept, notes=(*part.notes, note)), stock
@@ -198,7 +210,9 @@ def _plan_steps(part: Part, job: Job, cell: Cell | None, watch: Watch) -> JobPla
         number, kind = share.number, share.step.operation.kind
         whole = share.part.worked is not None and len(share.part.worked) == len(part.contours)
         made = _plan_share(share.part, job_of(job, share.step), number, whole, cell, watch)
-        notes += [replace(note, what=f"operation {number} ({kind}): {note.what}") for note in made.notes]
+        notes += [
+            replace(note, what=f"operation {number} ({kind}): {note.what}") for note in made.notes
+        ]
         own = tuple(replace(path, id=f"{number}:{path.id}") for path in made.paths)
         plans.append(replace(made, paths=own))
     numbers = list(range(len(plans)))
@@ -206,16 +220,26 @@ def _plan_steps(part: Part, job: Job, cell: Cell | None, watch: Watch) -> JobPla
         worked = [frozenset(name for path in one.paths for name in path.contours) for one in plans]
         numbers = arrange(job.operations, worked)
     steps, run = tuple(job.operations[k] for k in numbers), tuple(plans[k] for k in numbers)
-    return JobPlan(part, chain_paths(run), tuple(notes), steps=steps, numbers=tuple(numbers), plans=run)
+    return JobPlan(
+        part, chain_paths(run), tuple(notes), steps=steps, numbers=tuple(numbers), plans=run
+    )
 
 
-def _plan_share(part: Part, job: Job, number: int, whole: bool, cell: Cell | None, watch: Watch) -> Plan:
+def _plan_share(
+    part: Part, job: Job, number: int, whole: bool, cell: Cell | None, watch: Watch
+) -> Plan:
     """One of several operations; without paths where its contours hold nothing for it, which costs no other one.
 
     whole: it works on all contours there are.
     """
     kind = job.operation.kind
-    by_pixels = "the image planner" if job.operation.planner == "image" else kind if kind in _WHOLE_PICTURE else ""
+    by_pixels = (
+        "the image planner"
+        if job.operation.planner == "image"
+        else kind
+        if kind in _WHOLE_PICTURE
+        else ""
+    )
     if part.raster is not None and by_pixels and not whole:
         what = f"of a picture {by_pixels} takes all, no single contours"
         remedy = "leave out layers, ids, colors, nesting and holes of the row"
@@ -249,7 +273,11 @@ def find_operation(part: Part, job: Job) -> Operation:
     name = job.operation.kind if job.operation.kind != "auto" else _usual(kind, job)
     found = load(find(entries(OPERATIONS), name, "operation", "see docs/operations.md"))
     if not isinstance(found, Operation):
-        raise JobError(f"operation {name}", "is not a camgen.plan.Operation", remedy="mend or remove its package")
+        raise JobError(
+            f"operation {name}",
+            "is not a camgen.plan.Operation",
+            remedy="mend or remove its package",
+        )
     if kind not in found.takes:
         raise _not_for(kind, name, part)
     return found
@@ -279,9 +307,15 @@ def _not_for(kind: Kind, name: str, part: Part) -> JobError:
             'set operation.kind to "replay" or leave it out',
         )
     elif kind == "solid":
-        what, remedy = f'"{name}" is for flat parts, this is a 3-D part', 'set operation.kind to "edges"'
+        what, remedy = (
+            f'"{name}" is for flat parts, this is a 3-D part',
+            'set operation.kind to "edges"',
+        )
     elif kind == "curves":
-        what, remedy = f'"{name}" is for flat parts, these are curves in space', 'set operation.kind to "trace"'
+        what, remedy = (
+            f'"{name}" is for flat parts, these are curves in space',
+            'set operation.kind to "trace"',
+        )
     elif name == "replay":
         what, remedy = f'"replay" is for G-code, {part.source} is none', "leave it out"
     else:
@@ -294,7 +328,9 @@ def read_options(job: Job, settings: type[Options]) -> Options:
     try:
         return msgspec.convert(job.operation.options, settings, strict=True)
     except msgspec.ValidationError as error:
-        raise JobError("job", str(error), "operation.options", "see the page of the operation") from error
+        raise JobError(
+            "job", str(error), "operation.options", "see the page of the operation"
+        ) from error
 
 
 def _simplify(part: Part, job: Job) -> Part:

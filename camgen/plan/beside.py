@@ -36,7 +36,12 @@ class Beside(Struct, frozen=True, eq=False):
 
 
 def beside(
-    source: Segments, following: IntArray, closed: BoolArray, group: IntArray, distance: float, corner_radius: float
+    source: Segments,
+    following: IntArray,
+    closed: BoolArray,
+    group: IntArray,
+    distance: float,
+    corner_radius: float,
 ) -> Beside:
     """The curve at ``distance`` mm on the right of ``source``, inner corners at least ``corner_radius`` mm round.
 
@@ -46,7 +51,9 @@ def beside(
     out = _offset(source, following, group, distance + corner_radius)
     if corner_radius == 0.0:
         lost = np.zeros(len(out.segments), dtype=bool)
-        return _check(out.segments, out.closed, out.source, out.turn, lost, source, closed, group, distance)
+        return _check(
+            out.segments, out.closed, out.source, out.turn, lost, source, closed, group, distance
+        )
     turned, rows = backwards(out.segments)
     label = group[out.source[rows]]
     back = _offset(turned, neighbours(turned, out.closed), label, corner_radius)
@@ -54,7 +61,9 @@ def beside(
     origin = rows[back.source[order]]
     lost = back.corner[order]
     turn = np.where(lost, 0.0, out.turn[origin])
-    return _check(segments, back.closed, out.source[origin], turn, lost, source, closed, group, distance)
+    return _check(
+        segments, back.closed, out.source[origin], turn, lost, source, closed, group, distance
+    )
 
 
 def _offset(source: Segments, following: IntArray, group: IntArray, distance: float) -> Offset:
@@ -120,19 +129,35 @@ def only_along(curve: Beside, chosen: BoolArray) -> Beside:
     rows = rows[keep[rows]]
     old = owner[rows]
     step = (np.diff(rows) != 1) & ~((np.diff(rows) == 1 - sizes[old[1:]]) & (old[1:] == old[:-1]))
-    fresh = np.concatenate([np.zeros(1, dtype=bool), step | (old[1:] != old[:-1])]) if len(rows) else np.zeros(0, bool)
+    fresh = (
+        np.concatenate([np.zeros(1, dtype=bool), step | (old[1:] != old[:-1])])
+        if len(rows)
+        else np.zeros(0, bool)
+    )
     chain = np.cumsum(fresh)
     of = old[np.concatenate([[True], fresh[1:]])] if len(rows) else np.zeros(0, dtype=np.int64)
     segments = replace(curve.segments.take(rows), owner=chain)
     return Beside(
-        segments, curve.closed[of] & whole[of], curve.source[rows], curve.turn[rows], curve.lost[rows], curve.sound[of]
+        segments,
+        curve.closed[of] & whole[of],
+        curve.source[rows],
+        curve.turn[rows],
+        curve.lost[rows],
+        curve.sound[of],
     )
 
 
 def only_chains(curve: Beside, chosen: BoolArray) -> Beside:
     """The ``chosen`` (chains,) of a curve."""
     rows = np.flatnonzero(chosen[curve.segments.owner])
-    segments = replace(curve.segments.take(rows), owner=(np.cumsum(chosen) - 1)[curve.segments.owner[rows]])
+    segments = replace(
+        curve.segments.take(rows), owner=(np.cumsum(chosen) - 1)[curve.segments.owner[rows]]
+    )
     return Beside(
-        segments, curve.closed[chosen], curve.source[rows], curve.turn[rows], curve.lost[rows], curve.sound[chosen]
+        segments,
+        curve.closed[chosen],
+        curve.source[rows],
+        curve.turn[rows],
+        curve.lost[rows],
+        curve.sound[chosen],
     )

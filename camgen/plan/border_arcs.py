@@ -52,7 +52,9 @@ class Stretches(Struct, frozen=True, eq=False):
 
     def local(self) -> tuple[ComplexArray, ComplexArray]:
         """The middle (G,) of each stretch, and the points (N,) as seen from it."""
-        middle = np.asarray(np.add.reduceat(self.points, self.begin), dtype=np.complex128) / self.count
+        middle = (
+            np.asarray(np.add.reduceat(self.points, self.begin), dtype=np.complex128) / self.count
+        )
         return middle, self.points - middle[self.of]
 
     def steps(self, values: ComplexArray) -> ComplexArray:
@@ -75,7 +77,9 @@ def circles_of(given: Stretches) -> tuple[ComplexArray, FloatArray, FloatArray]:
     """
     middle, local = given.local()
     square = local.real**2 + local.imag**2
-    size, twice, skew = (np.add.reduceat(x, given.begin) for x in (square, local * local, local * square))
+    size, twice, skew = (
+        np.add.reduceat(x, given.begin) for x in (square, local * local, local * square)
+    )
     determinant = size**2 - np.abs(twice) ** 2
     determinant[determinant <= 4e-12 * size**2] = np.nan
     centre = (size * skew - twice * np.conj(skew)) * (1 / determinant)
@@ -169,12 +173,15 @@ def with_arcs(
 
     A closed border ends with its first point again, and so does what is returned.
     """
-    borders = _Borders(chains.points @ np.array([1, 1j]), chains.first[:-1], chains.first[1:] - 1, closed)
+    borders = _Borders(
+        chains.points @ np.array([1, 1j]), chains.first[:-1], chains.first[1:] - 1, closed
+    )
     with np.errstate(divide="ignore", invalid="ignore"):
         circles, is_circle = _whole_circles(borders, kept, tolerance)
         rest = kept[~is_circle[borders.owner(kept)]]
         row, point, bulge = (
-            np.concatenate(c) for c in zip(circles, *_with_runs(borders, rest, tolerance), strict=True)
+            np.concatenate(c)
+            for c in zip(circles, *_with_runs(borders, rest, tolerance), strict=True)
         )
     order = np.argsort(row)
     return row[order], _xy(point[order]), bulge[order]
@@ -218,7 +225,9 @@ def _whole_circles(borders: _Borders, kept: IntArray, tolerance: float) -> tuple
     """The closed borders that are circles as two arcs each; which of all they are (B,)."""
     low, high = borders.first, borders.last
     is_circle = borders.closed & (high - low >= 8)
-    centre, radius, off = circles_of(Stretches.between(borders.line, low, np.maximum(high - 1, low)))
+    centre, radius, off = circles_of(
+        Stretches.between(borders.line, low, np.maximum(high - 1, low))
+    )
     is_circle &= (off <= tolerance) & (radius >= SMALLEST * tolerance)
     chosen = np.flatnonzero(is_circle)
     low, high, centre, radius = low[chosen], high[chosen], centre[chosen], radius[chosen]
@@ -226,9 +235,13 @@ def _whole_circles(borders: _Borders, kept: IntArray, tolerance: float) -> tuple
     ring = Stretches.between(borders.line, low, high - 1)
     row = stretches(low, high - low)
     corner = np.searchsorted(kept, row, side="right") - 1
-    by_lines = to_lines(_xy(ring.points), *(_xy(borders.line[kept[k]]) for k in (corner, corner + 1)))
+    by_lines = to_lines(
+        _xy(ring.points), *(_xy(borders.line[kept[k]]) for k in (corner, corner + 1))
+    )
     by_circle = np.abs(ring.points - centre[ring.of]) - radius[ring.of]
-    good = np.add.reduceat(by_circle**2, ring.begin) <= _ROUNDER**2 * np.add.reduceat(by_lines**2, ring.begin)
+    good = np.add.reduceat(by_circle**2, ring.begin) <= _ROUNDER**2 * np.add.reduceat(
+        by_lines**2, ring.begin
+    )
     turn = turns_of(Stretches.between(borders.line, low, high), centre)
     # A thin crescent lies on a circle too, there and back.
     good &= np.abs(turn) >= np.pi
@@ -261,11 +274,15 @@ def _runs(borders: _Borders, kept: IntArray, tolerance: float) -> _Knots:
     while at < len(rows):
         limit = int(limits[at])
         end = _farthest(straight, at, at + 1, limit) if longer[at] else at + 1
-        by_arc = _farthest(round_, at, at + _LEAST_LINES, limit) if curved[at] and end < limit else at
+        by_arc = (
+            _farthest(round_, at, at + _LEAST_LINES, limit) if curved[at] and end < limit else at
+        )
         on.append(at)
         arcs.append(by_arc > end)
         at = max(end, by_arc)
-    knots = _Knots(kept[np.array(on, np.int64)], np.array(arcs, np.bool_), np.zeros(len(on), np.bool_))
+    knots = _Knots(
+        kept[np.array(on, np.int64)], np.array(arcs, np.bool_), np.zeros(len(on), np.bool_)
+    )
     return _without_chamfers(borders, knots, tolerance)
 
 
@@ -300,7 +317,12 @@ def _without_chamfers(borders: _Borders, knots: _Knots, tolerance: float) -> _Kn
     row = knots.row.copy()
     first, last = np.isin(row, borders.first), np.isin(row, borders.last)
     size, count = np.abs(np.diff(borders.line[row])), np.diff(row)
-    short = (size <= _CHAMFER * tolerance) & (count <= _POINTS) & ~(knots.is_arc | first | last)[:-1] & ~last[1:]
+    short = (
+        (size <= _CHAMFER * tolerance)
+        & (count <= _POINTS)
+        & ~(knots.is_arc | first | last)[:-1]
+        & ~last[1:]
+    )
     # Of two short ones in a row the first goes.
     short[1:] &= ~short[:-1]
     k = np.flatnonzero(short)
@@ -321,7 +343,11 @@ class _Shapes(Struct, frozen=True, eq=False):
     @classmethod
     def of(cls, borders: _Borders, knots: _Knots) -> _Shapes:
         count = len(knots.row)
-        point, along, radius = np.full(count, np.nan + 0j), np.zeros(count, np.complex128), np.full(count, np.nan)
+        point, along, radius = (
+            np.full(count, np.nan + 0j),
+            np.zeros(count, np.complex128),
+            np.full(count, np.nan),
+        )
         begin = knots.segments(borders)
         low, high = knots.row[begin], knots.row[begin + 1]
         arc = knots.is_arc[begin]
@@ -330,7 +356,9 @@ class _Shapes(Struct, frozen=True, eq=False):
         # The ends may be rounded by the corners there.
         line = ~arc & (high - low > _POINTS)
         k = begin[line]
-        point[k], along[k], _ = lines_of(Stretches.between(borders.line, low[line] + 1, high[line] - 1))
+        point[k], along[k], _ = lines_of(
+            Stretches.between(borders.line, low[line] + 1, high[line] - 1)
+        )
         return cls(point, along, radius)
 
     def __getitem__(self, k: IntArray) -> _Shapes:
@@ -347,7 +375,9 @@ def _place(borders: _Borders, knots: _Knots, tolerance: float) -> ComplexArray:
     """The knots (K,) moved to where lines cross or arcs begin, by at most ``tolerance``, except those that stay."""
     placed = borders.line[knots.row]
     shapes = _Shapes.of(borders, knots)
-    first, last = (np.flatnonzero(np.isin(knots.row, rows)) for rows in (borders.first, borders.last))
+    first, last = (
+        np.flatnonzero(np.isin(knots.row, rows)) for rows in (borders.first, borders.last)
+    )
     closed = borders.closed[borders.owner(knots.row[first])]
     before, after = np.arange(-1, len(placed) - 1), np.arange(len(placed))
     before[first], after[last] = last - 1, first
@@ -367,11 +397,15 @@ def _meetings(at: ComplexArray, before: _Shapes, after: _Shapes) -> ComplexArray
     A neighbour of too few points to know it is met where the other one ends. NaN if both are.
     """
     one, other = before.nearest(at), after.nearest(at)
-    met = np.where(np.isnan(before.point), other, np.where(np.isnan(after.point), one, (one + other) / 2))
+    met = np.where(
+        np.isnan(before.point), other, np.where(np.isnan(after.point), one, (one + other) / 2)
+    )
     cross = (np.conj(before.along) * after.along).imag
     share = (np.conj(after.point - before.point) * after.along).imag / cross
     # An arc has no direction: its cross product is zero.
-    return np.asarray(np.where(np.abs(cross) > np.sin(_CROSSING_TURN), before.point + before.along * share, met))
+    return np.asarray(
+        np.where(np.abs(cross) > np.sin(_CROSSING_TURN), before.point + before.along * share, met)
+    )
 
 
 def _bulges(borders: _Borders, knots: _Knots, placed: ComplexArray) -> FloatArray:
@@ -381,18 +415,24 @@ def _bulges(borders: _Borders, knots: _Knots, placed: ComplexArray) -> FloatArra
     low, high = knots.row[k], knots.row[k + 1]
     quarter = (high - low) // 4
     inner = Stretches.between(borders.line, low + quarter, high - quarter)
-    half = np.angle((placed[k + 1][inner.of] - inner.points) * np.conj(inner.points - placed[k][inner.of]))
+    half = np.angle(
+        (placed[k + 1][inner.of] - inner.points) * np.conj(inner.points - placed[k][inner.of])
+    )
     bulges[k] = np.tan(np.add.reduceat(half, inner.begin) / inner.count / 2)
     return bulges
 
 
-def _too_far(borders: _Borders, knots: _Knots, placed: ComplexArray, bulges: FloatArray, tolerance: float) -> BoolArray:
+def _too_far(
+    borders: _Borders, knots: _Knots, placed: ComplexArray, bulges: FloatArray, tolerance: float
+) -> BoolArray:
     """Which of the lines and arcs (K,) leave the border by more than ``tolerance`` somewhere."""
     begin = knots.segments(borders)
     given = Stretches.between(borders.line, knots.row[begin], knots.row[begin + 1])
     a, b, bulge = placed[begin], placed[begin + 1], bulges[begin]
     length, size = np.abs(b - a), np.abs(bulge)
-    off = to_arc(given.points.real, given.points.imag, _xy(a)[given.of], _xy(b)[given.of], bulge[given.of])
+    off = to_arc(
+        given.points.real, given.points.imag, _xy(a)[given.of], _xy(b)[given.of], bulge[given.of]
+    )
     radius = length * (1 + bulge**2) / (4 * size)
     most = given.most(off) + given.most(np.abs(given.steps(given.points))) ** 2 / (8 * radius)
     flat, small = length < 1e-9, radius < SMALLEST * tolerance

@@ -34,29 +34,49 @@ def bore(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]]:
     Raises InputError where there is no circle, JobError for settings that make no sense.
     """
     if job.process.force:
-        raise JobError("job", "a bore goes to a depth, not to a force", "process.force", "set process.force to 0")
+        raise JobError(
+            "job",
+            "a bore goes to a depth, not to a force",
+            "process.force",
+            "set process.force to 0",
+        )
     if job.tool.kind in ("drill", "v"):
-        raise JobError("job", f'a tool of kind "{job.tool.kind}" cuts no straight wall', "tool.kind", "choose a mill")
+        raise JobError(
+            "job",
+            f'a tool of kind "{job.tool.kind}" cuts no straight wall',
+            "tool.kind",
+            "choose a mill",
+        )
     lowest, highest = diameters(job)
     every = find_circles(part)
     wanted = [hole for hole in every if lowest <= hole.diameter <= highest]
     if not wanted:
         what = f"no circle to bore among {len(every)} found" if every else "no circle to bore"
-        raise InputError(part.source, what, remedy="camgen inspect shows what the file holds; see operation.holes")
+        raise InputError(
+            part.source,
+            what,
+            remedy="camgen inspect shows what the file holds; see operation.holes",
+        )
     chosen = innermost(wanted)
     notes = _tell_others(part, len(every), len(wanted), len(chosen), (lowest, highest))
     narrow, wide, whole, good = _sort_out(chosen, job)
     tool = job.tool.diameter
     remedies = (
         (narrow, "not larger than the tool", f"the tool is {short(tool, 3)} mm; drill them"),
-        (wide, "too wide", f"a core would stay in the middle; use a pocket, or a tool over {short(tool, 3)} mm"),
+        (
+            wide,
+            "too wide",
+            f"a core would stay in the middle; use a pocket, or a tool over {short(tool, 3)} mm",
+        ),
         (whole, "without room for a helix", "operation.finish leaves none; leave less at the wall"),
     )
     notes += [_not_bored(holes, how, why) for holes, how, why in remedies if holes]
     return tuple(_path(hole, job) for hole in good), tuple(notes)
 
 
-def _sort_out(holes: Sequence[Hole], job: Job) -> tuple[list[Hole], list[Hole], list[Hole], list[Hole]]:
+def _sort_out(
+    holes: Sequence[Hole], job: Job
+) -> tuple[list[Hole], list[Hole], list[Hole], list[Hole]]:
     """Those not larger than the tool, those in which a core would stay, those without room beside what is left at the
     wall, and the good ones.
     """
@@ -69,7 +89,9 @@ def _sort_out(holes: Sequence[Hole], job: Job) -> tuple[list[Hole], list[Hole], 
     return sorted_
 
 
-def _tell_others(part: Part, found: int, wanted: int, chosen: int, asked: tuple[float, float]) -> list[Note]:
+def _tell_others(
+    part: Part, found: int, wanted: int, chosen: int, asked: tuple[float, float]
+) -> list[Note]:
     """Notes on what is none of the circles asked for."""
     notes = []
     other = sum(part.works_on(c.sources or (c.id,)) for c in part.contours) - found
@@ -81,8 +103,12 @@ def _tell_others(part: Part, found: int, wanted: int, chosen: int, asked: tuple[
         why = f"operation.holes is {short(asked[0], 3)} to {short(asked[1], 3)} mm"
         notes.append(Note("assumed", f"{what} not bored", why))
     if chosen < wanted:
-        what = counted(wanted - chosen, "circle around a smaller one", "circles around smaller ones")
-        notes.append(Note("assumed", f"{what} not bored", "the smallest of a centre is; see operation.holes"))
+        what = counted(
+            wanted - chosen, "circle around a smaller one", "circles around smaller ones"
+        )
+        notes.append(
+            Note("assumed", f"{what} not bored", "the smallest of a centre is; see operation.holes")
+        )
     return notes
 
 
@@ -91,7 +117,13 @@ def _not_bored(holes: Sequence[Hole], how: str, why: str) -> Note:
     names = ", ".join(f"{hole.id} of {short(hole.diameter, 3)} mm" for hole in holes[:_NAMED])
     more = " ..." if len(holes) > _NAMED else ""
     places = tuple((hole.x, hole.y) for hole in holes)
-    return Note("skipped", f"{counted(len(holes), 'circle')} not bored, {how}: {names}{more}", why, ids, places)
+    return Note(
+        "skipped",
+        f"{counted(len(holes), 'circle')} not bored, {how}: {names}{more}",
+        why,
+        ids,
+        places,
+    )
 
 
 def _path(hole: Hole, job: Job) -> ToolPath:

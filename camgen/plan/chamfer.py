@@ -47,22 +47,34 @@ def lay_bevel(job: Job) -> Bevel:
     """How the tool runs for ``operation.width``. JobError."""
     tool, width = job.tool, job.operation.width
     if tool.kind != "v":
-        raise JobError("job", f'a tool of kind "{tool.kind}" cuts no chamfer', "tool.kind", 'set tool.kind to "v"')
+        raise JobError(
+            "job",
+            f'a tool of kind "{tool.kind}" cuts no chamfer',
+            "tool.kind",
+            'set tool.kind to "v"',
+        )
     if width is None:
-        raise JobError("job", "a chamfer has a width", "operation.width", "set it, mm seen from above")
+        raise JobError(
+            "job", "a chamfer has a width", "operation.width", "set it, mm seen from above"
+        )
     if job.operation.depth:
         what = "the depth of a chamfer follows from its width"
         raise JobError("job", what, "operation.depth", "leave it out")
     if job.process.force:
-        raise JobError("job", "a chamfer has a width, not a force", "process.force", "set process.force to 0")
+        raise JobError(
+            "job", "a chamfer has a width, not a force", "process.force", "set process.force to 0"
+        )
     if job.operation.side == "on":
-        raise JobError("job", "a chamfer is beside a contour", "operation.side", "choose a side, or trace it")
+        raise JobError(
+            "job", "a chamfer is beside a contour", "operation.side", "choose a side, or trace it"
+        )
     tip = tool.tip_diameter / 2
     room = tool.diameter / 2 - tip - width
     if room < _LEAST_GAP - 1e-9:
         most = tool.diameter / 2 - tip - _LEAST_GAP
         what = (
-            f"{width:g} mm is more than a V tool of {tool.diameter:g} mm cuts, its tip {_LEAST_GAP:g} mm off the wall"
+            f"{width:g} mm is more than a V tool of {tool.diameter:g} "
+            f"mm cuts, its tip {_LEAST_GAP:g} mm off the wall"
         )
         remedy = f"{most:.4g} mm at most" if most > 0 else "take a larger tool"
         raise JobError("job", what, "operation.width", remedy)

@@ -59,7 +59,9 @@ def tool_paths(
     arc = np.flatnonzero(segments.is_arc)
     via[row_of[arc], :2] = points_at(segments.take(arc), np.full(len(arc), 0.5))
     via[row_of[arc], 2] = 0.0
-    table = waypoints(position, via, feed[source], force_direction=press[source], force=force[source])
+    table = waypoints(
+        position, via, feed[source], force_direction=press[source], force=force[source]
+    )
     paths = []
     for low, size, label in zip(begin.tolist(), sizes.tolist(), labels, strict=True):
         paths.append(
@@ -79,7 +81,12 @@ def tool_paths(
 
 
 def straight_path(
-    ident: str, points: FloatArray, job: Job, operation: str, layer: str = "0", contours: tuple[str, ...] = ()
+    ident: str,
+    points: FloatArray,
+    job: Job,
+    operation: str,
+    layer: str = "0",
+    contours: tuple[str, ...] = (),
 ) -> ToolPath:
     """A path through ``points`` (N, 2), straight on, tool down, with the feed, the force and the depths of ``job``.
 
@@ -126,4 +133,6 @@ def path_segments(paths: Sequence[ToolPath]) -> Segments:
     square = np.maximum((chord**2).sum(axis=1), NONZERO)
     # The middle of an arc lies beside that of its chord by half the chord times the bulge, to the right of it.
     bulge = 2 * (arm[:, 0] * chord[:, 1] - arm[:, 1] * chord[:, 0]) / square
-    return make(start, end, np.where(np.isnan(bulge), 0.0, bulge), np.zeros(len(start), dtype=np.int64))
+    return make(
+        start, end, np.where(np.isnan(bulge), 0.0, bulge), np.zeros(len(start), dtype=np.int64)
+    )

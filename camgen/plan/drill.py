@@ -52,17 +52,32 @@ def drill(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]]
     """
     lowest, highest = diameters(job)
     if job.process.force:
-        raise JobError("job", "a drill goes to a depth, not to a force", "process.force", "set process.force to 0")
+        raise JobError(
+            "job",
+            "a drill goes to a depth, not to a force",
+            "process.force",
+            "set process.force to 0",
+        )
     if job.process.plunge is not None:
         raise JobError("job", "a drill goes down at process.feed", "process.plunge", "leave it out")
     found, notes = _in_picture(part, part.raster) if part.raster is not None else _in_drawing(part)
     wanted = [h for h in found if not h.diameter or lowest <= h.diameter <= highest]
     if not wanted:
-        what = f"no hole to drill among {len(found)} found" if found else "no + mark, ring or circle to drill"
-        raise InputError(part.source, what, remedy="camgen inspect shows what the file holds; see operation.holes")
+        what = (
+            f"no hole to drill among {len(found)} found"
+            if found
+            else "no + mark, ring or circle to drill"
+        )
+        raise InputError(
+            part.source,
+            what,
+            remedy="camgen inspect shows what the file holds; see operation.holes",
+        )
     if len(wanted) < len(found):
         why = f"operation.holes is {short(lowest, 3)} to {short(highest, 3)} mm"
-        what = counted(len(found) - len(wanted), "circle of another diameter", "circles of other diameters")
+        what = counted(
+            len(found) - len(wanted), "circle of another diameter", "circles of other diameters"
+        )
         notes.append(Note("assumed", f"{what} not drilled", why))
     return tuple(_path(hole, job) for hole in wanted), (*notes, *_describe(wanted, job))
 
@@ -84,7 +99,9 @@ def _in_picture(part: Part, raster: Raster) -> tuple[list[Hole], list[Note]]:
     place = raster.work_from_view
     layer = part.contours[0].layer if part.contours else ""
     marks = (
-        np.array([(c.u, c.v) for c in crosses(raster.mask, raster.view)]).reshape(-1, 2) @ place[:, :2].T + place[:, 2]
+        np.array([(c.u, c.v) for c in crosses(raster.mask, raster.view)]).reshape(-1, 2)
+        @ place[:, :2].T
+        + place[:, 2]
     )
     found = [Hole(x, y, 0.0, layer, f"mark{k}") for k, (x, y) in enumerate(marks.tolist(), 1)]
     if raster.borders:
@@ -101,7 +118,9 @@ def _in_picture(part: Part, raster: Raster) -> tuple[list[Hole], list[Note]]:
         size = 2 * radius * float(np.hypot(*place[:, 0]))
         # The outer border of a ring has no ink in its middle either.
         rings = rings[_innermost(middle[rings], size[rings])]
-        found += [_hole(middle[k], size[k], layer, f"hole{n}") for n, k in enumerate(rings.tolist(), 1)]
+        found += [
+            _hole(middle[k], size[k], layer, f"hole{n}") for n, k in enumerate(rings.tolist(), 1)
+        ]
         return found, _not_round(middle[hollow & ~round_], found)
     return found, []
 
@@ -113,7 +132,9 @@ def _not_round(middles: FloatArray, found: Sequence[Hole]) -> list[Note]:
     apart = np.linalg.norm(middles[:, None] - places[None], axis=2)
     count = int((apart > near).all(axis=1).sum())
     why = f"they leave one by more than {short(_OFF_PX, 2)} px"
-    spaces = counted(count, "space in the ink is no circle and is", "spaces in the ink are no circles and are")
+    spaces = counted(
+        count, "space in the ink is no circle and is", "spaces in the ink are no circles and are"
+    )
     return [Note("assumed", f"{spaces} not drilled", why)] if count else []
 
 
@@ -128,12 +149,16 @@ def find_circles(part: Part) -> list[Hole]:
     centre, radius, off = _fit_circles(points, np.tile(segments.owner, len(parts)), len(closed))
     turns = _whole(*flatten(segments, _OFF), radius, len(closed))
     rows = np.flatnonzero((off <= np.maximum(_OFF, _SHARE * radius)) & turns).tolist()
-    return [_hole(centre[k], 2 * radius[k], closed[k].layer, closed[k].id, closed[k].id) for k in rows]
+    return [
+        _hole(centre[k], 2 * radius[k], closed[k].layer, closed[k].id, closed[k].id) for k in rows
+    ]
 
 
 def innermost(holes: Sequence[Hole]) -> list[Hole]:
     """Of those about one centre the smallest, in order."""
-    rows = _innermost(np.array([(h.x, h.y) for h in holes]).reshape(-1, 2), np.array([h.diameter for h in holes]))
+    rows = _innermost(
+        np.array([(h.x, h.y) for h in holes]).reshape(-1, 2), np.array([h.diameter for h in holes])
+    )
     return [holes[k] for k in rows.tolist()]
 
 
@@ -158,7 +183,9 @@ def _hole(centre: FloatArray, diameter: float, layer: str, name: str, *contours:
     return Hole(x, y, float(diameter), layer, name, contours)
 
 
-def _fit_circles(points: FloatArray, owner: IntArray, count: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _fit_circles(
+    points: FloatArray, owner: IntArray, count: int
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Circles by least squares through the ``points`` (N, 2) of each owner: centres, radii, largest errors."""
     size = np.bincount(owner, minlength=count)
     mean = np.column_stack([np.bincount(owner, column, count) / size for column in points.T])
@@ -244,8 +271,12 @@ def _describe(holes: Sequence[Hole], job: Job) -> list[Note]:
         f"{count} of {short(size, 2)} mm" if size else counted(count, "at a mark", "at marks")
         for size, count in sorted(sizes.items())
     ]
-    notes = [Note("assumed", f"{counted(len(holes), 'hole')}: {', '.join(shares)}", "sizes to 0.05 mm")]
-    other = sum(count for size, count in sizes.items() if size and abs(size - job.tool.diameter) > _GAUGE)
+    notes = [
+        Note("assumed", f"{counted(len(holes), 'hole')}: {', '.join(shares)}", "sizes to 0.05 mm")
+    ]
+    other = sum(
+        count for size, count in sizes.items() if size and abs(size - job.tool.diameter) > _GAUGE
+    )
     if other:
         why = "choose holes with operation.holes, or another tool"
         drawn = counted(other, "hole is drawn", "holes are drawn")

@@ -46,7 +46,9 @@ def rough_then_last(
         after.append(replace(path, id=f"{path.id}.finish", parent=around, depths=depths))
     if deep and len(last[0].depths) > 1:
         names = ", ".join(name_ranges(deep))
-        what = f"{counted(len(deep), 'last pass goes', 'last passes go')} down pass by pass: {names}"
+        what = (
+            f"{counted(len(deep), 'last pass goes', 'last passes go')} down pass by pass: {names}"
+        )
         why = f"in narrow places more than {finish:g} mm is left for them"
         notes = (*notes, Note("assumed", what, why, tuple(deep)))
     return (*before, *after), notes
@@ -59,6 +61,8 @@ def _is_more_left(path: ToolPath, rough: tuple[ToolPath, ...], most: float) -> b
     spans = path_segments(rough)
     obstacles = Obstacles(spans, np.zeros(len(spans), dtype=np.int64))
     own = path_segments((path,))
-    points = np.concatenate([points_at(own, np.full(len(own), f)) for f in np.linspace(0.0, 1.0, 9)])
+    points = np.concatenate(
+        [points_at(own, np.full(len(own), f)) for f in np.linspace(0.0, 1.0, 9)]
+    )
     gap = obstacles.nearest(points, np.zeros(len(points), dtype=np.int64), most + EXACT)
     return bool(np.isinf(gap).any())

@@ -34,7 +34,9 @@ from camgen.read.join import tell_gaps
 _SHARP = np.radians(15.0)
 #: What is left standing by no more, mm, counts as touched. Contours are looked at every so many mm, at so many places.
 _UNSEEN_MM, _SAMPLE_MM, _SAMPLES = 0.02, 0.1, 50_000
-_COMMON = "edges on one line leave the tool no side; draw one outline, or use operation.kind = trace"
+_COMMON = (
+    "edges on one line leave the tool no side; draw one outline, or use operation.kind = trace"
+)
 
 
 class _Loops(Struct, frozen=True, eq=False):
@@ -73,7 +75,12 @@ def follow(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]
 
 
 def run_beside(
-    part: Part, job: Job, distance: float, depths: tuple[float, ...], operation: str, reach: float = 0.0
+    part: Part,
+    job: Job,
+    distance: float,
+    depths: tuple[float, ...],
+    operation: str,
+    reach: float = 0.0,
 ) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]]:
     """Paths of the tool's centre at ``distance`` mm from the contours of ``part`` that are worked on, and notes.
 
@@ -86,21 +93,33 @@ def run_beside(
     source = turn_round(loops.drawn, loops.flip)
     closed = np.array([c.closed for c in contours])
     following = neighbours(source, closed)
-    source, following = uncross(source, following, closed & find_slips(source, following, len(contours)))
-    curve = beside(source, following, closed, loops.group[source.owner], distance, job.operation.corner_radius)
+    source, following = uncross(
+        source, following, closed & find_slips(source, following, len(contours))
+    )
+    curve = beside(
+        source, following, closed, loops.group[source.owner], distance, job.operation.corner_radius
+    )
     looked_at = loops.worked
     if not loops.worked.all():
         curve = only_along(curve, loops.worked[source.owner])
         near = _too_near(curve, source, loops, reach)
-        spoiled = np.isin(np.arange(len(contours)), source.owner[curve.source[near[curve.segments.owner]]])
+        spoiled = np.isin(
+            np.arange(len(contours)), source.owner[curve.source[near[curve.segments.owner]]]
+        )
         notes += _near_note([contours[k] for k in np.flatnonzero(spoiled).tolist()])
         curve = only_chains(curve, ~near)
         looked_at = looked_at & ~spoiled
     labels, order = _labels(curve, source, contours, loops, job)
     tool = f"a {job.tool.diameter:g} mm tool" + (
-        f" with corner radius {job.operation.corner_radius:g}" if job.operation.corner_radius else ""
+        f" with corner radius {job.operation.corner_radius:g}"
+        if job.operation.corner_radius
+        else ""
     )
-    tool = tool if operation == "follow" else f"a V tool whose middle is {distance:.4g} mm off the wall"
+    tool = (
+        tool
+        if operation == "follow"
+        else f"a V tool whose middle is {distance:.4g} mm off the wall"
+    )
     notes += _left_out(curve, source, contours, order, looked_at, tool, distance)
     return _paths(curve, source, labels, order, job, depths, operation), tuple(notes)
 
@@ -134,9 +153,13 @@ def _choose_sides(part: Part, side: str, join: float) -> tuple[_Loops, list[Note
         count = np.arange(len(index))
         none = np.full(len(index), -1)
         drawn = from_contours([part.contours[k] for k in index])
-        return _Loops(index, drawn, count >= 0, np.full(len(index), side == "left"), count, none, 0 * count), []
+        return _Loops(
+            index, drawn, count >= 0, np.full(len(index), side == "left"), count, none, 0 * count
+        ), []
     index = [k for k, c in enumerate(part.contours) if c.closed]
-    notes = _open_notes([c for c, mine in zip(part.contours, chosen, strict=True) if mine and not c.closed], join)
+    notes = _open_notes(
+        [c for c, mine in zip(part.contours, chosen, strict=True) if mine and not c.closed], join
+    )
     if not index:
         none = np.zeros(0, dtype=np.int64)
         return _Loops([], from_contours([]), none == 0, none == 0, none, none, none), notes
@@ -157,7 +180,9 @@ def _choose_sides(part: Part, side: str, join: float) -> tuple[_Loops, list[Note
     drawn = drawn.take(new[drawn.owner] >= 0)
     drawn = replace(drawn, owner=new[drawn.owner])
     kept = [index[k] for k in keep]
-    return _Loops(kept, drawn, worked[keep], flip[keep], group[keep], parent, nesting.depth[keep]), notes
+    return _Loops(
+        kept, drawn, worked[keep], flip[keep], group[keep], parent, nesting.depth[keep]
+    ), notes
 
 
 def _open_notes(contours: list[Contour], join: float) -> list[Note]:
@@ -177,7 +202,9 @@ def _crossing_notes(contours: list[Contour], nesting: Nesting, worked: BoolArray
     others = [contours[k].id for k in np.flatnonzero(unclear).tolist()]
     warned = []
     if others:
-        what = f"{counted(len(others), 'contour')} not kept clear of: {', '.join(name_ranges(others))}"
+        what = (
+            f"{counted(len(others), 'contour')} not kept clear of: {', '.join(name_ranges(others))}"
+        )
         warned = [Note("warning", what, "no clear inside, and not worked on", tuple(others))]
     own = nesting.crossed == np.arange(len(contours))
     other = (nesting.crossed >= 0) & ~own
@@ -210,7 +237,10 @@ def turn_round(drawn: Segments, flip: BoolArray) -> Segments:
     rows = np.arange(len(drawn))
     pick = np.where(chosen, rows + len(drawn), rows)
     return Segments(
-        *(np.concatenate([getattr(drawn, name), getattr(back, name)])[pick] for name in Segments.__struct_fields__)
+        *(
+            np.concatenate([getattr(drawn, name), getattr(back, name)])[pick]
+            for name in Segments.__struct_fields__
+        )
     )
 
 
@@ -236,15 +266,21 @@ def _labels(
     around[(around >= 0) & (loops.depth[own[around]] >= loops.depth[own])] = -1
     labels = []
     either = job.operation.direction == "any"
-    for k, closed, outer in zip(own.tolist(), curve.closed[order].tolist(), around.tolist(), strict=True):
+    for k, closed, outer in zip(
+        own.tolist(), curve.closed[order].tolist(), around.tolist(), strict=True
+    ):
         name = contours[k].id
         seen[k] += 1
         number = f".{seen[k]}" if several[k] else ""
-        labels.append(Label(name + number, contours[k].layer, closed, either and not closed, outer, (name,)))
+        labels.append(
+            Label(name + number, contours[k].layer, closed, either and not closed, outer, (name,))
+        )
     return labels, order
 
 
-def _beside_which(curve: Beside, source: Segments, count: int) -> tuple[IntArray, IntArray, IntArray]:
+def _beside_which(
+    curve: Beside, source: Segments, count: int
+) -> tuple[IntArray, IntArray, IntArray]:
     """Per chain the contour that it runs beside for longest; and all pairs (chain, contour) that touch."""
     key = curve.segments.owner * count + source.owner[curve.source]
     keys, inverse = np.unique(key, return_inverse=True)
@@ -276,7 +312,11 @@ def _left_out(
         for chosen, how, why in (
             (worked & ~touched & ~failed, "too narrow", f"{tool} does not fit"),
             (~touched & failed & shared, "on a common edge", _COMMON),
-            (~touched & failed & ~shared, "check failed", "the path did not keep its distance; please report it"),
+            (
+                ~touched & failed & ~shared,
+                "check failed",
+                "the path did not keep its distance; please report it",
+            ),
         )
         if chosen.any()
     ]
@@ -290,7 +330,9 @@ def _left_out(
     if _is_much(missing, whole):
         worst = contours[int(np.argmax(missing))].id
         what = f"{total:.4g} mm of {float(whole.sum()):.6g} mm of contour not touched, most of it on {worst}"
-        notes.append(Note("warning", what, f"inner corners and narrow places that {tool} does not reach"))
+        notes.append(
+            Note("warning", what, f"inner corners and narrow places that {tool} does not reach")
+        )
     if len(order) < len(curve.closed) and not (failed & ~touched).any():
         what = f"{counted(len(curve.closed) - len(order), 'piece', 'pieces')} of path left out"
         unsound = "they did not keep their distance from the drawing; please report it"
@@ -315,7 +357,9 @@ def _left_standing(curve: Beside, source: Segments, mine: BoolArray, distance: f
     points = points_at(source.take(rows[of]), (place + 0.5) / count[of])
     ways = curve.segments.take(curve.sound[curve.segments.owner])
     alike = np.zeros(len(ways), dtype=np.int64)
-    gap = Obstacles(ways, alike).nearest(points, np.zeros(len(points), dtype=np.int64), distance + 2 * _UNSEEN_MM)
+    gap = Obstacles(ways, alike).nearest(
+        points, np.zeros(len(points), dtype=np.int64), distance + 2 * _UNSEEN_MM
+    )
     length = np.where(gap > distance + _UNSEEN_MM, source.length[rows[of]] / count[of], 0.0)
     return np.bincount(source.owner[rows[of]], length, len(mine)).astype(np.float64)
 
@@ -328,7 +372,9 @@ def _sharing(source: Segments, failed: BoolArray) -> BoolArray:
         return shared
     i, j = near_pairs(source, np.zeros(len(source), dtype=np.int64), EXACT)
     pairs = np.concatenate([np.column_stack([i, j]), np.column_stack([j, i])])
-    pairs = pairs[failed[source.owner[pairs[:, 0]]] & (source.owner[pairs[:, 0]] != source.owner[pairs[:, 1]])]
+    pairs = pairs[
+        failed[source.owner[pairs[:, 0]]] & (source.owner[pairs[:, 0]] != source.owner[pairs[:, 1]])
+    ]
     for fraction in (0.13, 0.37, 0.71):
         points = points_at(source.take(pairs[:, 0]), np.full(len(pairs), fraction))
         on = distances(points, source, pairs[:, 1]) < EXACT
@@ -363,7 +409,9 @@ def _paths(
     process = job.process
     rounding = (curve.turn > 0) & ~curve.lost
     factor = np.clip(_stretch(curve, source), SLOWEST, process.max_feed_factor)
-    feed = process.feed * np.where(rounding, process.max_feed_factor, np.where(curve.lost, 1.0, factor))
+    feed = process.feed * np.where(
+        rounding, process.max_feed_factor, np.where(curve.lost, 1.0, factor)
+    )
     force = np.where(curve.lost | (curve.turn > _SHARP), 0.0, process.force)
     place = np.full(len(curve.closed), -1)
     place[order] = np.arange(len(order))
@@ -371,7 +419,12 @@ def _paths(
     rows = rows[np.argsort(place[curve.segments.owner[rows]], kind="stable")]
     segments = curve.segments.take(rows)
     segments = Segments(
-        segments.start, segments.end, segments.bulge, segments.centre, segments.radius, place[segments.owner]
+        segments.start,
+        segments.end,
+        segments.bulge,
+        segments.centre,
+        segments.radius,
+        place[segments.owner],
     )
     feed, force, side = feed[rows], force[rows], 1
     if job.operation.direction != "conventional":

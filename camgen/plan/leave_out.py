@@ -45,7 +45,9 @@ def _tell(plan: Plan, lost: Mapping[str, str]) -> Iterator[Note]:
     prefix: dict[str, str] = {}
     if isinstance(plan, JobPlan):
         for number, step, one in zip(plan.numbers, plan.steps, plan.plans, strict=True):
-            prefix |= {path.id: f"operation {number} ({step.operation.kind}): " for path in one.paths}
+            prefix |= {
+                path.id: f"operation {number} ({step.operation.kind}): " for path in one.paths
+            }
     contours = {path.id: path.contours for path in plan.paths}
     for name, why in lost.items():
         ids = tuple(dict.fromkeys((name, *contours.get(name, ()))))
@@ -68,7 +70,11 @@ def find_dependent(plan: Plan, lost: Container[str]) -> dict[str, str]:
             before = next((first[name] for name in path.contours if name in first), "")
             if path.id not in lost and before and _cuts(path):
                 found[path.id] = f"path {before}, which takes material away before it, is left out"
-            if (path.id in lost or path.id in found) and _cuts(path) and path.operation in _MAKE_ROOM:
+            if (
+                (path.id in lost or path.id in found)
+                and _cuts(path)
+                and path.operation in _MAKE_ROOM
+            ):
                 below[k] |= dict.fromkeys(path.contours, path.id)
                 own |= below[k]
             if path.parent >= 0:

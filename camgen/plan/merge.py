@@ -65,7 +65,8 @@ def trails(pieces: Pieces, contours: list[Contour]) -> list[tuple[Contour, int]]
     jumps = [p if p >= 0 else q for p, q in zip(partner, lifts, strict=True)]
     _as_one(at, jumps, lifts, directions)
     return [
-        (_draw_trail(pieces, contours, run, closed), pieces.network[run[0] >> 1]) for run, closed in _runs(jumps, lifts)
+        (_draw_trail(pieces, contours, run, closed), pieces.network[run[0] >> 1])
+        for run, closed in _runs(jumps, lifts)
     ]
 
 
@@ -93,7 +94,11 @@ def _through(at: list[list[int]], directions: list[tuple[float, float]]) -> list
             pairs = list(zip(around[:half], around[half : 2 * half], strict=True))
         else:
             # Rounded, so that equal turns do not hang on the last bit.
-            ranked = sorted((round(_bend(directions, a, b), 9), a, b) for k, a in enumerate(ends) for b in ends[:k])
+            ranked = sorted(
+                (round(_bend(directions, a, b), 9), a, b)
+                for k, a in enumerate(ends)
+                for b in ends[:k]
+            )
             pairs = [(a, b) for _, a, b in ranked]
         for a, b in pairs:
             if partner[a] < 0 and partner[b] < 0:
@@ -107,7 +112,9 @@ def _bend(directions: list[tuple[float, float]], a: int, b: int) -> float:
     return ax * bx + ay * by
 
 
-def _as_one(at: list[list[int]], jumps: list[int], lifts: list[int], directions: list[tuple[float, float]]) -> None:
+def _as_one(
+    at: list[list[int]], jumps: list[int], lifts: list[int], directions: list[tuple[float, float]]
+) -> None:
     """Circuits that share a node become one: two ways through it, of one circuit each, exchange their ends."""
     circuit = _circuits(jumps)
     parent = list(range(len(jumps)))
@@ -128,7 +135,9 @@ def _as_one(at: list[list[int]], jumps: list[int], lifts: list[int], directions:
             _exchange(held, end, jumps, lifts, directions)
 
 
-def _exchange(a: int, c: int, jumps: list[int], lifts: list[int], directions: list[tuple[float, float]]) -> None:
+def _exchange(
+    a: int, c: int, jumps: list[int], lifts: list[int], directions: list[tuple[float, float]]
+) -> None:
     """The ways from a and from c, at one node and in two circuits, led into each other, the straighter way of two.
 
     Either makes one circuit. A node has one lift at most: then it leads from another end of the same node.
@@ -187,7 +196,12 @@ def _draw_trail(pieces: Pieces, contours: list[Contour], run: list[int], closed:
         points.append(xy[-1:])
         bulges.append(np.zeros(1))
     first = contours[pieces.rows[run[0] >> 1][0]]
-    return replace(first, points=frozen(np.concatenate(points)), bulges=frozen(np.concatenate(bulges)), closed=closed)
+    return replace(
+        first,
+        points=frozen(np.concatenate(points)),
+        bulges=frozen(np.concatenate(bulges)),
+        closed=closed,
+    )
 
 
 def _stretch(pieces: Pieces, contours: list[Contour], end: int) -> tuple[FloatArray, FloatArray]:
@@ -244,7 +258,10 @@ def merge(
         return tuple(contours), ()
     why = f"lines that meet within input.join = {short(tolerance, 6)} mm are run with the fewest lifts"
     note = Note(
-        "joined", f"networks of lines: {counted(len(ids), 'contour')} run as {counted(after, 'path')}", why, tuple(ids)
+        "joined",
+        f"networks of lines: {counted(len(ids), 'contour')} run as {counted(after, 'path')}",
+        why,
+        tuple(ids),
     )
     return tuple(one for k in range(len(contours)) for one in result[k]), (note,)
 
@@ -305,7 +322,9 @@ def _meet(vertices: _Vertices, contours: list[Contour], tolerance: float) -> _Ve
     import shapely  # noqa: PLC0415 (0.1 s, and only drawings with loose ends need it)
 
     tree = shapely.STRtree(shapely.points(vertices.points))
-    end, other = tree.query(shapely.points(vertices.points[ends]), predicate="dwithin", distance=tolerance)
+    end, other = tree.query(
+        shapely.points(vertices.points[ends]), predicate="dwithin", distance=tolerance
+    )
     end = ends[end]
     fair = vertices.owner[end] != vertices.owner[other]
     end, other = end[fair], other[fair]

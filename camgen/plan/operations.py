@@ -14,7 +14,9 @@ from camgen.plan import Operation, Plan, Watch, kind_of
 from camgen.plan.unused import insist_on_height, insist_on_turns, insist_on_use, no_idle
 
 
-def _plan_flat(name: str, make: Callable[[Part, Job], Plan]) -> Callable[[Part, Job, Cell | None, Watch], Plan]:
+def _plan_flat(
+    name: str, make: Callable[[Part, Job], Plan]
+) -> Callable[[Part, Job, Cell | None, Watch], Plan]:
     """The plan of the operation ``name``, which needs nothing but the part and its job."""
 
     def planned(part: Part, job: Job, cell: Cell | None, _watch: Watch) -> Plan:
@@ -39,7 +41,9 @@ def _plan_in_image(part: Part, job: Job) -> Plan:
         raise JobError("job", what, "operation.planner", 'set operation.planner to "geometric"')
     if job.operation.finish:
         what = "the image-space planner makes no last passes"
-        raise JobError("job", what, "operation.finish", 'leave it out, or set operation.planner to "geometric"')
+        raise JobError(
+            "job", what, "operation.finish", 'leave it out, or set operation.planner to "geometric"'
+        )
     from camgen.plan.image_space import image_space  # noqa: PLC0415 (OpenCV is loaded only by what needs it)
 
     raster = part.raster
@@ -131,7 +135,9 @@ def _replay(part: Part, job: Job, cell: Cell | None, _watch: Watch) -> Plan:
     from camgen.plan.taught import plan_taught  # noqa: PLC0415
     from camgen.read.taught import Taught  # noqa: PLC0415
 
-    return plan_taught(part, job, cell) if isinstance(part, Taught) else plan_replay(part, job, cell)
+    return (
+        plan_taught(part, job, cell) if isinstance(part, Taught) else plan_replay(part, job, cell)
+    )
 
 
 FOLLOW = Operation(
@@ -142,15 +148,28 @@ FOLLOW = Operation(
 )
 TRACE = Operation("trace", "on the drawn lines", ("drawing", "picture", "curves"), _trace_any)
 FILL = Operation(
-    "fill", "strokes that cover what closed contours enclose", ("drawing", "picture"), _plan_flat("fill", _fill)
+    "fill",
+    "strokes that cover what closed contours enclose",
+    ("drawing", "picture"),
+    _plan_flat("fill", _fill),
 )
 POCKET = Operation(
-    "pocket", "passes that clear what closed contours enclose", ("drawing", "picture"), _plan_flat("pocket", _pocket)
+    "pocket",
+    "passes that clear what closed contours enclose",
+    ("drawing", "picture"),
+    _plan_flat("pocket", _pocket),
 )
-BORE = Operation("bore", "circles larger than the tool, on a helix", ("drawing",), _plan_flat("bore", _bore))
+BORE = Operation(
+    "bore", "circles larger than the tool, on a helix", ("drawing",), _plan_flat("bore", _bore)
+)
 CHAMFER = Operation(
-    "chamfer", "a bevel of a given width along edges, with a V tool", ("drawing",), _plan_flat("chamfer", _chamfer)
+    "chamfer",
+    "a bevel of a given width along edges, with a V tool",
+    ("drawing",),
+    _plan_flat("chamfer", _chamfer),
 )
-DRILL = Operation("drill", "down at marks, rings and circles", ("drawing", "picture"), _plan_flat("drill", _drill))
+DRILL = Operation(
+    "drill", "down at marks, rings and circles", ("drawing", "picture"), _plan_flat("drill", _drill)
+)
 EDGES = Operation("edges", "along the sharp edges of a 3-D part", ("solid",), _edges)
 REPLAY = Operation("replay", "the motions of a program that was read", ("program",), _replay)

@@ -38,10 +38,17 @@ def on_page(part: Part, job: Job) -> Part:
     page = job.page
     if not page.size:
         if page != PageTable():
-            raise JobError("job", "[page] has no effect without a size", "page.size", 'set page.size, for example "A4"')
+            raise JobError(
+                "job",
+                "[page] has no effect without a size",
+                "page.size",
+                'set page.size, for example "A4"',
+            )
         return part
     if part.solid is not None:
-        raise JobError("job", "a page is for drawings, and this is a 3-D part", "page.size", "leave [page] out")
+        raise JobError(
+            "job", "a page is for drawings, and this is a 3-D part", "page.size", "leave [page] out"
+        )
     if not part.contours:
         return part
     low, high = _box(part)
@@ -86,7 +93,11 @@ def _box(part: Part) -> tuple[FloatArray, FloatArray]:
 
 
 def _lay(
-    part: Part, size: tuple[float, float], box: tuple[FloatArray, FloatArray], ratio: float, in_all: float
+    part: Part,
+    size: tuple[float, float],
+    box: tuple[FloatArray, FloatArray],
+    ratio: float,
+    in_all: float,
 ) -> Part:
     """``part`` times ``ratio``, the middle of its ``box`` in that of the page. in_all: the ratio to what was read."""
     low, high = box
@@ -95,7 +106,9 @@ def _lay(
     unit = (ratio if pixels else in_all) * _unit(part)
     told = f"1 {'px' if pixels else 'unit'} = {short(unit, 5)} mm, drawing {_describe((high - low) * ratio)}"
     note = Note(
-        "assumed", f"centred on a page of {_describe(size)}: {told}", f"the drawing's own size times {in_all:.6g}"
+        "assumed",
+        f"centred on a page of {_describe(size)}: {told}",
+        f"the drawing's own size times {in_all:.6g}",
     )
     return replace(
         part,
@@ -117,7 +130,9 @@ def page_size(page: PageTable) -> tuple[float, float]:
         width, height = SIZES[name]
         return (height, width) if turned == "landscape" else (width, height)
     if len(page.size) != 2 or min(page.size) <= 0:
-        raise JobError("job", f"{page.size} is no width and height", "page.size", "give [width, height] in mm")
+        raise JobError(
+            "job", f"{page.size} is no width and height", "page.size", "give [width, height] in mm"
+        )
     return page.size[0], page.size[1]
 
 
@@ -145,12 +160,21 @@ def _unit(part: Part) -> float:
         if name in MM or number:
             return float(number[0]) if number else MM[name]
     remedy = 'set page.scale to "fit" or "true"'
-    raise JobError("job", f"a scale per unit does not go with units {part.units}", "page.scale", remedy)
+    raise JobError(
+        "job", f"a scale per unit does not go with units {part.units}", "page.scale", remedy
+    )
 
 
-def _leaves(part: Part, page: PageTable, size: tuple[float, float], drawn: FloatArray) -> InputError:
+def _leaves(
+    part: Part, page: PageTable, size: tuple[float, float], drawn: FloatArray
+) -> InputError:
     what = f"the drawing is {_describe(drawn)}, the page {_describe(size)} with a margin of {short(page.margin, 3)} mm"
-    return InputError(part.source, f"leaves the page: {what}", "page.scale", 'set page.scale to "fit" or a larger page')
+    return InputError(
+        part.source,
+        f"leaves the page: {what}",
+        "page.scale",
+        'set page.scale to "fit" or a larger page',
+    )
 
 
 def _describe(size: Sequence[float] | FloatArray) -> str:
@@ -163,7 +187,9 @@ def _move(contours: Sequence[Contour], ratio: float, shift: FloatArray) -> tuple
     points = points * ratio + shift
     points.flags.writeable = False
     ends = np.cumsum([0, *(len(c.points) for c in contours)]).tolist()
-    return tuple(replace(c, points=points[a:b]) for c, (a, b) in zip(contours, pairwise(ends), strict=True))
+    return tuple(
+        replace(c, points=points[a:b]) for c, (a, b) in zip(contours, pairwise(ends), strict=True)
+    )
 
 
 def _move_raster(raster: Raster, ratio: float, shift: FloatArray) -> Raster:

@@ -81,7 +81,9 @@ class _Loops(Struct, frozen=True, eq=False):
     def count_inside(self) -> list[int]:
         """How many loops lie directly inside each."""
         parent = self.nesting.parent
-        return [int(count) for count in np.bincount(parent[parent >= 0], minlength=len(self.contours))]
+        return [
+            int(count) for count in np.bincount(parent[parent >= 0], minlength=len(self.contours))
+        ]
 
 
 class _Sorted(Struct, frozen=True):
@@ -99,11 +101,19 @@ def propose(part: Part) -> Proposal | None:
     if not closed:
         return None
     segments = from_contours(closed)
-    loops = _Loops(part, closed, nest(segments, len(closed)), segments, {hole.id: hole for hole in find_circles(part)})
+    loops = _Loops(
+        part,
+        closed,
+        nest(segments, len(closed)),
+        segments,
+        {hole.id: hole for hole in find_circles(part)},
+    )
     kinds = _sort(loops)
     drilled = {name for rows in kinds.holes for name in loops.name(rows)}
     # What is drilled is no border of what is cut.
-    loops = replace(loops, part=replace(part, contours=tuple(c for c in part.contours if c.id not in drilled)))
+    loops = replace(
+        loops, part=replace(part, contours=tuple(c for c in part.contours if c.id not in drilled))
+    )
     tools: list[Row] = []
     operations = [*_drill(loops, kinds.holes, tools), *_cut(loops, kinds, tools)]
     if not operations:
@@ -121,7 +131,11 @@ def _sort(loops: _Loops) -> _Sorted:
     depth, parent = nesting.depth.tolist(), nesting.parent.tolist()
     for k in np.flatnonzero(sound).tolist():
         circle = loops.circles.get(loops.contours[k].id)
-        if circle and _SMALLEST_DRILL - _ROOM <= circle.diameter <= _LARGEST_DRILL + _ROOM and not inside[k]:
+        if (
+            circle
+            and _SMALLEST_DRILL - _ROOM <= circle.diameter <= _LARGEST_DRILL + _ROOM
+            and not inside[k]
+        ):
             around = loops.circles.get(loops.contours[parent[k]].id) if depth[k] else None
             bored = around is not None and _is_counterbore(around, circle) and depth[k] > 1
             if depth[k] % 2 or depth[k] == 0 or bored:
@@ -146,14 +160,19 @@ def _by_size(loops: _Loops, rows: list[int]) -> list[list[int]]:
     """Circles of one size each, the smallest first, so far apart that no range of diameters holds two sizes."""
     groups: list[list[int]] = []
     for k in sorted(rows, key=lambda k: _diameter(loops, k)):
-        if groups and _diameter(loops, k) - _diameter(loops, groups[-1][-1]) <= 2 * _ROOM + _SAME_SIZE:
+        if (
+            groups
+            and _diameter(loops, k) - _diameter(loops, groups[-1][-1]) <= 2 * _ROOM + _SAME_SIZE
+        ):
             groups[-1].append(k)
         else:
             groups.append([k])
     return groups
 
 
-def _drill(loops: _Loops, sizes: list[list[int]], tools: list[Row]) -> Iterator[tuple[Proposed, list[str]]]:
+def _drill(
+    loops: _Loops, sizes: list[list[int]], tools: list[Row]
+) -> Iterator[tuple[Proposed, list[str]]]:
     """An operation for each size, with its drill, which is added to ``tools``."""
     for rows in sizes:
         sizes_here = [_diameter(loops, k) for k in rows]
@@ -163,10 +182,18 @@ def _drill(loops: _Loops, sizes: list[list[int]], tools: list[Row]) -> Iterator[
         name, speed = f"drill {short(diameter, 3)}", _turns(_DRILL_SPEED, diameter)
         feed = speed * _DRILL_FEED * diameter / 60
         tools.append(_tool(tools, name, "drill", diameter, speed, feed))
-        row = {"kind": "drill", "tool": name, **_choose_holes(loops, rows, low, high), "depth": depth}
+        row = {
+            "kind": "drill",
+            "tool": name,
+            **_choose_holes(loops, rows, low, high),
+            "depth": depth,
+        }
         pecks = math.ceil(depth / (_PECK * diameter))
         row |= {"passes": pecks} if pecks > 1 else {}
-        yield Proposed(f"{counted(len(rows), 'hole')} of {short(diameter, 3)} mm", row), loops.name(rows)
+        yield (
+            Proposed(f"{counted(len(rows), 'hole')} of {short(diameter, 3)} mm", row),
+            loops.name(rows),
+        )
 
 
 def _choose_holes(loops: _Loops, rows: list[int], low: float, high: float) -> dict[str, object]:
@@ -174,7 +201,11 @@ def _choose_holes(loops: _Loops, rows: list[int], low: float, high: float) -> di
     wanted = set(loops.name(rows))
     sizes = {"holes": [round(low, 3), round(high, 3)]}
     level = dict(zip((c.id for c in loops.contours), loops.nesting.depth.tolist(), strict=True))
-    for nesting, fits in (("inner", lambda n: n > 0), ("outer", lambda n: n == 0), ("any", lambda _: True)):
+    for nesting, fits in (
+        ("inner", lambda n: n > 0),
+        ("outer", lambda n: n == 0),
+        ("any", lambda _: True),
+    ):
         found = innermost([hole for name, hole in loops.circles.items() if fits(level[name])])
         if {hole.id for hole in found if low <= hole.diameter <= high} == wanted:
             return sizes | ({"nesting": nesting} if nesting != "any" else {})
@@ -186,7 +217,9 @@ def _turns(speed: float, diameter: float) -> float:
     return max(100.0, round(min(_FASTEST, 1000 * speed / math.pi / diameter), -2))
 
 
-def _tool(tools: Sequence[Row], name: str, kind: str, diameter: float, speed: float, feed: float) -> Row:
+def _tool(
+    tools: Sequence[Row], name: str, kind: str, diameter: float, speed: float, feed: float
+) -> Row:
     number = len(tools) + 1
     size = {"diameter": diameter, "speed": speed, "feed": max(round(feed, 1), 0.1)}
     return {"name": name, "number": number, "kind": kind, **size}
@@ -221,7 +254,13 @@ def _follow(
     depth = float(str(keys["depth"]))
     passes = math.ceil(depth / (_PASS * diameter))
     chosen = _choose_loops(loops, fitting)
-    keys = {"kind": "follow", "tool": name, **chosen, **keys, **({"passes": passes} if passes > 1 else {})}
+    keys = {
+        "kind": "follow",
+        "tool": name,
+        **chosen,
+        **keys,
+        **({"passes": passes} if passes > 1 else {}),
+    }
     yield Proposed(what, keys), fitting
 
 
@@ -262,7 +301,12 @@ def _fillets(loops: _Loops, rows: list[int]) -> FloatArray:
     segments, nesting = loops.segments, loops.nesting
     hole = nesting.depth[segments.owner] % 2 == 1
     inwards = np.sign(segments.sweep) == np.sign(nesting.area[segments.owner])
-    chosen = segments.is_arc & (hole == inwards) & np.isin(segments.owner, rows) & (segments.radius >= _CORNER)
+    chosen = (
+        segments.is_arc
+        & (hole == inwards)
+        & np.isin(segments.owner, rows)
+        & (segments.radius >= _CORNER)
+    )
     return np.asarray(segments.radius[chosen])
 
 

@@ -19,7 +19,9 @@ _LEAST_LINES = 6
 _CORNER_TURN = np.radians(20.0)
 
 
-def recover(contours: Sequence[Contour], tolerance: float) -> tuple[tuple[Contour, ...], tuple[Note, ...]]:
+def recover(
+    contours: Sequence[Contour], tolerance: float
+) -> tuple[tuple[Contour, ...], tuple[Note, ...]]:
     """The contours with runs of short lines replaced by arcs that leave them by at most ``tolerance`` mm.
 
     The ends of an arc are drawn points. A note counts what was replaced.
@@ -34,7 +36,9 @@ def recover(contours: Sequence[Contour], tolerance: float) -> tuple[tuple[Contou
     if not arcs:
         return tuple(contours), ()
     what = f"{counted(lines, 'short line')} recognised as {counted(arcs, 'arc')}"
-    return tuple(result), (Note("assumed", what, f"within tolerance.arc_fit = {tolerance:g} mm; 0 keeps the lines"),)
+    return tuple(result), (
+        Note("assumed", what, f"within tolerance.arc_fit = {tolerance:g} mm; 0 keeps the lines"),
+    )
 
 
 def _suspects(contours: Sequence[Contour]) -> list[int]:
@@ -44,7 +48,9 @@ def _suspects(contours: Sequence[Contour]) -> list[int]:
         return []
     chosen = [contours[k] for k in long]
     segments = from_contours(chosen)
-    bending = np.sign(_turns(segments.start, segments.end)) * ~(segments.is_arc[1:] | segments.is_arc[:-1])
+    bending = np.sign(_turns(segments.start, segments.end)) * ~(
+        segments.is_arc[1:] | segments.is_arc[:-1]
+    )
     bending[segments.owner[1:] != segments.owner[:-1]] = 0
     same = np.append(False, (bending[1:] == bending[:-1]) & (bending[1:] != 0))
     run = np.arange(len(same)) - np.maximum.accumulate(np.where(same, 0, np.arange(len(same))))
@@ -111,7 +117,11 @@ def _run_end(line: BoolArray, turn: FloatArray, k: int) -> int:
         return k + 1
     side = np.sign(turn[k + 1])
     ahead = slice(k + 1, None)
-    stop = ~line[ahead] | (np.sign(turn[ahead]) != side) | (np.abs(np.cumsum(turn[ahead])) > np.pi - _CORNER_TURN)
+    stop = (
+        ~line[ahead]
+        | (np.sign(turn[ahead]) != side)
+        | (np.abs(np.cumsum(turn[ahead])) > np.pi - _CORNER_TURN)
+    )
     hit = np.flatnonzero(stop[:4096])
     return k + 1 + (int(hit[0]) if len(hit) else min(len(stop), 4096))
 

@@ -43,7 +43,11 @@ def plan_replay(part: Part, job: Job, cell: Cell | None) -> ReplayPlan:
         ends, vias, speed = columns.ends, columns.vias, columns.speed
         lines = dict(zip(map(id, one.body), one.lines, strict=True))
         paths += [
-            _path(number, lines[id(columns.moves[low + 1])], *(column[low:high] for column in (ends, vias, speed)))
+            _path(
+                number,
+                lines[id(columns.moves[low + 1])],
+                *(column[low:high] for column in (ends, vias, speed)),
+            )
             for number, (low, high) in enumerate(_stretches(columns), len(paths) + 1)
         ]
         steps = np.linalg.norm(np.diff(ends, axis=0), axis=1)
@@ -57,7 +61,11 @@ def _slow(part: Recorded, most: float | None) -> Recorded:
     that is faster than any machine here: controllers take such a word and run as fast as they can.
     """
     limit = most or _FASTEST
-    fast = [(k, item) for k, item in enumerate(part.run.body) if isinstance(item, MoveL | MoveC) and item.speed > limit]
+    fast = [
+        (k, item)
+        for k, item in enumerate(part.run.body)
+        if isinstance(item, MoveL | MoveC) and item.speed > limit
+    ]
     if not fast:
         return part
     line = part.run.lines[fast[0][0]]
@@ -88,7 +96,9 @@ def owners(columns: Columns) -> list[int]:
     return np.where(owner < len(ends), owner, -1).tolist()  # type: ignore[no-any-return]  # numpy: any nesting
 
 
-def _path(number: int, line: int, ends: FloatArray, vias: FloatArray, speed: FloatArray) -> ToolPath:
+def _path(
+    number: int, line: int, ends: FloatArray, vias: FloatArray, speed: FloatArray
+) -> ToolPath:
     via, feed = vias.copy(), speed.copy()
     via[0], feed[0] = np.nan, speed[1]
     return ToolPath(

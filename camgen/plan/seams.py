@@ -35,12 +35,16 @@ def pin_seams(
     and a note on each point that has no effect. JobError for what is no point, and for one that is near no closed path.
     """
     points = read_points(job)
-    places = [(k, n) for k, paths in enumerate(plans) for n, path in enumerate(paths) if has_seam(path)]
+    places = [
+        (k, n) for k, paths in enumerate(plans) for n, path in enumerate(paths) if has_seam(path)
+    ]
     closed = [plans[k][n] for k, n in places]
     chosen, far = choose_points(points, closed, [k for k, _ in places], part)
     if far:
         what = f"{_tell(points[far[0]])} is farther than {NEAR_MM:g} mm from every closed path and its contour"
-        raise JobError("job", what, "tour.seams", "give a point on a closed contour that is worked on")
+        raise JobError(
+            "job", what, "tour.seams", "give a point on a closed contour that is worked on"
+        )
     given = sorted(chosen)
     begun = _begin([closed[i] for i in given], points[[chosen[i] for i in given]])
     own = [list(paths) for paths in plans]
@@ -50,7 +54,9 @@ def pin_seams(
     used = set(chosen.values())
     idle = [point for number, point in enumerate(points) if number not in used]
     why = "another one is nearer to the paths that it is for"
-    notes = tuple(Note("warning", f"tour.seams: {_tell(point)} has no effect", why) for point in idle)
+    notes = tuple(
+        Note("warning", f"tour.seams: {_tell(point)} has no effect", why) for point in idle
+    )
     return [tuple(paths) for paths in own], notes
 
 
@@ -73,7 +79,9 @@ def choose_points(
             continue
         least = min(near.values())
         away = {
-            path: project(closed[path], points[number])[2] for path, apart in near.items() if apart <= least + SAME_MM
+            path: project(closed[path], points[number])[2]
+            for path, apart in near.items()
+            if apart <= least + SAME_MM
         }
         for path, own in away.items():
             # What goes along the contour elsewhere, as the passes about the islands of a pocket do, is not meant.
@@ -92,7 +100,9 @@ def insist_on_order(part: Part, job: Job) -> None:
             what = f"there is no contour {name!r} in {part.source}"
             raise JobError("job", what, "tour.order", "camgen inspect -v shows their ids")
         if name in named:
-            raise JobError("job", f"contour {name!r} stands there twice", "tour.order", "name it once")
+            raise JobError(
+                "job", f"contour {name!r} stands there twice", "tour.order", "name it once"
+            )
         named.add(name)
 
 
@@ -109,7 +119,9 @@ def _tell(point: Sequence[float] | FloatArray) -> str:
     return f"[{', '.join(short(float(value), 3) for value in point)}]"
 
 
-def _find_near(points: FloatArray, closed: Sequence[ToolPath], part: Part) -> list[dict[int, float]]:
+def _find_near(
+    points: FloatArray, closed: Sequence[ToolPath], part: Part
+) -> list[dict[int, float]]:
     """By point the closed paths that it is near to, with how far away it is from them or their contours, mm."""
     found: list[dict[int, float]] = [{} for _ in points]
     if not closed:
@@ -147,7 +159,9 @@ def _pairs(points: FloatArray, segments: Segments) -> list[tuple[int, int, float
 def _begin(paths: Sequence[ToolPath], points: FloatArray) -> list[ToolPath]:
     """Each of the closed paths begun at its point of them that is nearest, and kept there."""
     at = [project(path, point) for path, point in zip(paths, points, strict=True)]
-    made = starting_each(paths, [segment for segment, _, _ in at], [fraction for _, fraction, _ in at])
+    made = starting_each(
+        paths, [segment for segment, _, _ in at], [fraction for _, fraction, _ in at]
+    )
     return [replace(path, pinned=True) for path in made]
 
 

@@ -36,7 +36,9 @@ def simplify(part: Part, job: Job) -> Part:
     tolerance = job.tolerance.simplify
     if tolerance is None:
         tolerance = (
-            _of_pixels(part.contours, part.raster.work_from_view) if part.raster is not None and artwork else 0.0
+            _of_pixels(part.contours, part.raster.work_from_view)
+            if part.raster is not None and artwork
+            else 0.0
         )
     contours, notes = part.contours, list(part.notes)
     if job.input.min_length and contours:
@@ -49,7 +51,10 @@ def simplify(part: Part, job: Job) -> Part:
             contours = _thin_in_pixels(contours, tolerance, arcs_wanted, part.raster.work_from_view)
         else:
             contours = thin_out(contours, tolerance, arcs_wanted)
-        count, arcs = sum(len(c.points) for c in contours), sum(int((c.bulges != 0).sum()) for c in contours)
+        count, arcs = (
+            sum(len(c.points) for c in contours),
+            sum(int((c.bulges != 0).sum()) for c in contours),
+        )
         lines = count - sum(not c.closed for c in contours) - arcs
         what = f"{counted(before, 'point')} thinned out to {counted(lines, 'line')}"
         what += f" and {counted(arcs, 'arc')}" if arcs_wanted or arcs else ""
@@ -68,7 +73,9 @@ def _of_pixels(contours: Sequence[Contour], work_from_view: FloatArray) -> float
     return (_PIXELS if on_grid > _TWO_VALUES else _GREY_PIXELS) * scale
 
 
-def _long_enough(contours: Sequence[Contour], least: float, notes: list[Note]) -> tuple[Contour, ...]:
+def _long_enough(
+    contours: Sequence[Contour], least: float, notes: list[Note]
+) -> tuple[Contour, ...]:
     segments = from_contours(contours)
     lengths = np.bincount(segments.owner, segments.length, minlength=len(contours))
     kept = tuple(c for c, length in zip(contours, lengths.tolist(), strict=True) if length >= least)
@@ -86,12 +93,15 @@ def _thin_in_pixels(
     # Far below what a pixel tells, and far above what the scale leaves in the last digits.
     grid = [np.round((c.points - shift) @ np.linalg.inv(turned).T, _DIGITS) for c in contours]
     drawn = thin_out(
-        [replace(c, points=g) for c, g in zip(contours, grid, strict=True)], tolerance / scale + _SLACK, arcs
+        [replace(c, points=g) for c, g in zip(contours, grid, strict=True)],
+        tolerance / scale + _SLACK,
+        arcs,
     )
     # A picture's rows run down: seen from the other side arcs bend the other way.
     side = np.sign(np.linalg.det(turned))
     return tuple(
-        replace(c, points=frozen(c.points @ turned.T + shift), bulges=frozen(side * c.bulges + 0.0)) for c in drawn
+        replace(c, points=frozen(c.points @ turned.T + shift), bulges=frozen(side * c.bulges + 0.0))
+        for c in drawn
     )
 
 
@@ -101,7 +111,9 @@ def thin_out(contours: Sequence[Contour], tolerance: float, arcs: bool) -> tuple
     kept = thin(chains, tolerance)
     row, points, bulges = kept, chains.points[kept], chains.bulges[kept]
     if arcs:
-        row, points, bulges = with_arcs(chains, kept, np.array([c.closed for c in contours]), tolerance)
+        row, points, bulges = with_arcs(
+            chains, kept, np.array([c.closed for c in contours]), tolerance
+        )
     # A closed one ends with its first point again.
     last = np.searchsorted(row, chains.first[1:])
     first, end = np.searchsorted(row, chains.first[:-1]), last - [c.closed for c in contours]

@@ -25,7 +25,9 @@ _UPRIGHT = math.radians(1e-4)
 def plan_space(part: Part, job: Job, cell: Cell | None, watch: Watch) -> Plan:
     """What follows the curves of ``part`` in the cell. JobError where it is not known, or cannot do what is asked."""
     if cell is None:
-        raise JobError("cell", "is not given", remedy="who follows curves in space decides how: give the cell")
+        raise JobError(
+            "cell", "is not given", remedy="who follows curves in space decides how: give the cell"
+        )
     if isinstance(cell.home, Joints):
         from camgen.plan.edges.curves import plan_curves  # noqa: PLC0415 (fcl and kinematics, only for what needs them)
 
@@ -42,19 +44,32 @@ def _insist_on_three_axes(part: Part, job: Job) -> None:
 
     if part.solid is not None:
         what = "a machine of three axes is not tested against a part"
-        raise JobError("job", what, "--post", f"leave {part.solid.source} out, or give rapid, pacscript or vplus")
+        raise JobError(
+            "job",
+            what,
+            "--post",
+            f"leave {part.solid.source} out, or give rapid, pacscript or vplus",
+        )
     for curve in part.curves:
         axis = choose_axis(curve, job)
         if axis == "normal":
-            raise JobError("job", '"normal" needs an arm', "tool.axis", "give rapid, pacscript or vplus")
-        turned = curve.rotations if axis == "given" and curve.rotations is not None else fixed_rotation(job)[None]
+            raise JobError(
+                "job", '"normal" needs an arm', "tool.axis", "give rapid, pacscript or vplus"
+            )
+        turned = (
+            curve.rotations
+            if axis == "given" and curve.rotations is not None
+            else fixed_rotation(job)[None]
+        )
         # A turn about the axis is none to a tool that spins.
         lean = np.arccos(np.clip(turned[:, :, 2] @ TOOL_DOWN[:, 2], -1.0, 1.0))
         if lean.max() > _UPRIGHT:
             what = f"a machine of three axes keeps its tool straight down, curve {curve.id} leans it by"
             key = "tool.axis" if axis == "given" else "tool.angles"
             remedy = 'set tool.axis to "fixed", or give rapid, pacscript or vplus'
-            raise JobError("job", f"{what} {short(math.degrees(float(lean.max())), 2)} deg", key, remedy)
+            raise JobError(
+                "job", f"{what} {short(math.degrees(float(lean.max())), 2)} deg", key, remedy
+            )
     top = max(float(np.concatenate([c.points[:, 2], c.middles[:, 2]]).max()) for c in part.curves)
     if top + job.process.approach > job.process.clearance:
         what = f"{short(job.process.clearance, 3)} mm is below where the tool approaches the curves, which reach up to"

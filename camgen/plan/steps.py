@@ -34,7 +34,9 @@ def job_of(job: Job, step: Step) -> Job:
     operation = drop_inherited(step.operation, job.operation)
     if operation.kind not in _HOLES:
         operation = replace(operation, holes=None)
-    return replace(job, tool=step.tool, operation=operation, process=step.process, tools=[], operations=[])
+    return replace(
+        job, tool=step.tool, operation=operation, process=step.process, tools=[], operations=[]
+    )
 
 
 class Share(Struct, frozen=True, eq=False):
@@ -53,21 +55,27 @@ def share_out(part: Part, job: Job) -> tuple[list[Share], list[Note]]:
     InputError where an operation has no contour, JobError for a part that is not flat.
     """
     if part.solid is not None or part.curves:
-        raise JobError("job", "several operations are for flat parts", "[[operations]]", "use [operation]")
+        raise JobError(
+            "job", "several operations are for flat parts", "[[operations]]", "use [operation]"
+        )
     chosen = [_choose(part, step, number) for number, step in enumerate(job.operations)]
     boundary = _bound_material(part, job.operations, chosen)
     shares = []
     for number, step in enumerate(job.operations):
         ids = boundary | chosen[number] if step.operation.kind in _BESIDE else chosen[number]
         shown = tuple(c for c in part.contours if c.id in ids)
-        shares.append(Share(number, step, replace(part, contours=shown, notes=(), worked=chosen[number])))
+        shares.append(
+            Share(number, step, replace(part, contours=shown, notes=(), worked=chosen[number]))
+        )
     return shares, _left(part, chosen)
 
 
 def name_of(job: Job, number: int) -> str:
     """An operation for messages: its place, counted from 0 as ``--set`` does, what it is, and its tool."""
     step = job.operations[number]
-    tool = step.tool.name or (f"T{step.tool.number}" if step.tool.number else f"{step.tool.diameter:g} mm")
+    tool = step.tool.name or (
+        f"T{step.tool.number}" if step.tool.number else f"{step.tool.diameter:g} mm"
+    )
     return f"operation {number} {step.operation.kind} - {tool}"
 
 
@@ -91,7 +99,11 @@ def _choose(part: Part, step: Step, number: int) -> frozenset[str]:
         remedy = "camgen inspect -v shows their ids"
         raise InputError(part.source, f"there is no contour {strange[0]!r}", f"{where}.ids", remedy)
     colors = _chosen_colors(part, choice, where)
-    found = [c for c in part.contours if _is_of_layer(c, choice) and (not choice.ids or c.id in choice.ids)]
+    found = [
+        c
+        for c in part.contours
+        if _is_of_layer(c, choice) and (not choice.ids or c.id in choice.ids)
+    ]
     found = [c for c in found if not choice.colors or c.color in colors]
     if choice.nesting != "any":
         inner = _enclosed(part)
@@ -121,8 +133,14 @@ def _chosen_colors(part: Part, choice: Choice, where: str) -> frozenset[str]:
     for name, colors in zip(choice.colors, asked, strict=True):
         if there.isdisjoint(colors):
             known = ", ".join(describe(color) for color in sorted(there - {""})[:_SHOWN])
-            remedy = f"there are {known}" if known else "the input has no colors: choose by layers or ids"
-            raise InputError(part.source, f"no contour has the color {name!r}", f"{where}.colors", remedy)
+            remedy = (
+                f"there are {known}"
+                if known
+                else "the input has no colors: choose by layers or ids"
+            )
+            raise InputError(
+                part.source, f"no contour has the color {name!r}", f"{where}.colors", remedy
+            )
     return frozenset[str]().union(*asked)
 
 
@@ -145,12 +163,16 @@ def _measure_circle(contour: Contour, diameters: Sequence[float]) -> bool:
     centre = segments.centre[0] if segments.is_arc[0] else contour.points.mean(axis=0)
     away = np.linalg.norm(contour.points - centre, axis=1)
     radius = float(away.mean())
-    rounded = np.abs(away - radius).max() <= _ROUND * radius and (segments.is_arc.all() or len(contour.points) > 15)
+    rounded = np.abs(away - radius).max() <= _ROUND * radius and (
+        segments.is_arc.all() or len(contour.points) > 15
+    )
     least, most = diameters if len(diameters) == 2 else (np.inf, 0.0)
     return bool(rounded) and least - SAME_POINT_MM <= 2 * radius <= most + SAME_POINT_MM
 
 
-def _bound_material(part: Part, steps: Sequence[Step], chosen: Sequence[frozenset[str]]) -> frozenset[str]:
+def _bound_material(
+    part: Part, steps: Sequence[Step], chosen: Sequence[frozenset[str]]
+) -> frozenset[str]:
     """The contours that say where material is: those that operations run beside, and those that none works on. What is
     drilled, cleared or drawn is on the material, not its border.
     """
@@ -169,7 +191,11 @@ def arrange(steps: Sequence[Step], worked: Sequence[frozenset[str]]) -> list[int
     order: list[int] = []
     while left:
         least = min(ranks[k] for k in left)
-        free = [k for k in left if ranks[k] == least and not any(j < k and worked[j] & worked[k] for j in left)]
+        free = [
+            k
+            for k in left
+            if ranks[k] == least and not any(j < k and worked[j] & worked[k] for j in left)
+        ]
         same = [k for k in free if order and steps[k].tool == steps[order[-1]].tool]
         order.append((same or free)[0])
         left.remove(order[-1])

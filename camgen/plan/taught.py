@@ -36,11 +36,19 @@ def plan_taught(part: Taught, job: Job, cell: Cell | None) -> ReplayPlan:
     no_idle(job, "a taught program")
     body, lines, notes = _without_joints(part, job, cell)
     if not any(isinstance(item, MoveJ | MoveL | MoveC) for item in body):
-        raise InputError(part.source, "holds no motion to a pose", remedy="name its arm: operation.taught_on")
+        raise InputError(
+            part.source, "holds no motion to a pose", remedy="name its arm: operation.taught_on"
+        )
     body, stops = _stop_before_others(body)
     if stops:
         what = f"{counted(stops, 'motion stops', 'motions stop')} at the end instead of blending"
-        notes.append(Note("assumed", what, "an output, a wait or the end comes next, which would act on the way"))
+        notes.append(
+            Note(
+                "assumed",
+                what,
+                "an output, a wait or the end comes next, which would act on the way",
+            )
+        )
     run = replace(part.run, body=tuple(body), lines=tuple(lines))
     paths, travel = paths_of(body, lines)
     every = (*part.notes, *notes, *_tell_frames(part, job))
@@ -51,23 +59,43 @@ def _tell_frames(part: Taught, job: Job) -> list[Note]:
     """What the text does not say of its frames, and the job does not either."""
     found = []
     for frame, given, key, what in (
-        (part.frames.flange_from_tool, job.cell.flange_from_tool, "cell.flange_from_tool", f"tool {part.frames.tool}"),
-        (part.frames.base_from_work, job.cell.base_from_work, "cell.base_from_work", f"frame {part.frames.work}"),
+        (
+            part.frames.flange_from_tool,
+            job.cell.flange_from_tool,
+            "cell.flange_from_tool",
+            f"tool {part.frames.tool}",
+        ),
+        (
+            part.frames.base_from_work,
+            job.cell.base_from_work,
+            "cell.base_from_work",
+            f"frame {part.frames.work}",
+        ),
     ):
         if frame is None and given is None:
-            found.append(Note("assumed", f"the {what.strip()} is that of the cell", f"no text says it; set {key}"))
+            found.append(
+                Note(
+                    "assumed",
+                    f"the {what.strip()} is that of the cell",
+                    f"no text says it; set {key}",
+                )
+            )
     return found
 
 
 # Joint values.
 
 
-def _without_joints(part: Taught, job: Job, cell: Cell | None) -> tuple[list[Instruction], list[int], list[Note]]:
+def _without_joints(
+    part: Taught, job: Job, cell: Cell | None
+) -> tuple[list[Instruction], list[int], list[Note]]:
     """The body with the home of the cell for the joint values with which it begins and ends, which it may go to in
     between as well, and with poses for all others.
     """
     items = list(zip(part.run.body, part.run.lines, strict=True))
-    at = {k: values for k, (item, _) in enumerate(items) if (values := _joints_of(item)) is not None}
+    at = {
+        k: values for k, (item, _) in enumerate(items) if (values := _joints_of(item)) is not None
+    }
     arm = _find_arm(job.operation.taught_on) if job.operation.taught_on else None
     own = cell.arm if isinstance(cell, Workcell) else None
     if not at or (arm is not None and own is not None and own.name == arm.name):
@@ -84,23 +112,35 @@ def _without_joints(part: Taught, job: Job, cell: Cell | None) -> tuple[list[Ins
             inner += 1
     # The program begins at home anyway.
     kept = [pair for k, pair in enumerate(items) if k != moves[0] or k not in at]
-    notes = [_told(len(at) - inner, "values", "the home of this cell is meant")] if len(at) > inner else []
+    notes = (
+        [_told(len(at) - inner, "values", "the home of this cell is meant")]
+        if len(at) > inner
+        else []
+    )
     if arm is not None and inner:
         notes.append(_told(inner, f"values of {arm.name}", "it goes to where these put the tool"))
     return [item for item, _ in kept], [line for _, line in kept], notes
 
 
 def _told(count: int, values: str, what: str) -> Note:
-    return Note("assumed", f"{counted(count, 'motion')} to joint {values}: {what}", "another arm has other joints")
+    return Note(
+        "assumed",
+        f"{counted(count, 'motion')} to joint {values}: {what}",
+        "another arm has other joints",
+    )
 
 
 def _joints_of(item: Instruction) -> tuple[float, ...] | None:
-    return item.target.values if isinstance(item, MoveJ) and isinstance(item.target, Joints) else None
+    return (
+        item.target.values if isinstance(item, MoveJ) and isinstance(item.target, Joints) else None
+    )
 
 
 def _home_of(cell: Cell | None) -> Pose | Joints:
     if cell is None:
-        raise JobError("cell", "is not given", remedy="the program goes home, which is that of a cell")
+        raise JobError(
+            "cell", "is not given", remedy="the program goes home, which is that of a cell"
+        )
     return cell.home
 
 
@@ -128,7 +168,9 @@ def find_flange(name: str) -> Reach:
     return reach
 
 
-def _pose_of(values: tuple[float, ...], arm: Robot | None, part: Taught, cell: Cell | None, line: int) -> Pose:
+def _pose_of(
+    values: tuple[float, ...], arm: Robot | None, part: Taught, cell: Cell | None, line: int
+) -> Pose:
     """Where ``arm`` puts the tool, in the work frame. InputError where no arm is known, or it has other joints."""
     if arm is None:
         what = "goes to joint values, which say nothing to another arm"
@@ -172,11 +214,16 @@ def stretches(moves: Sequence[Motion]) -> list[tuple[int, int]]:
     if not moves:
         return []
     cuts = [0, *(k for k, move in enumerate(moves) if k and isinstance(move, MoveJ)), len(moves)]
-    found = [(low if isinstance(moves[low].target, Pose) else low + 1, high) for low, high in pairwise(cuts)]
+    found = [
+        (low if isinstance(moves[low].target, Pose) else low + 1, high)
+        for low, high in pairwise(cuts)
+    ]
     return [(low, high) for low, high in found if high - low > 1]
 
 
-def paths_of(body: Sequence[Instruction], lines: Sequence[int]) -> tuple[tuple[ToolPath, ...], float]:
+def paths_of(
+    body: Sequence[Instruction], lines: Sequence[int]
+) -> tuple[tuple[ToolPath, ...], float]:
     """The stretches as paths, and mm of the motions of the joints."""
     every = zip(body, lines, strict=True)
     pairs = [(item, n) for item, n in every if isinstance(item, MoveJ | MoveL | MoveC)]
@@ -195,7 +242,10 @@ def _apart(a: Motion, b: Motion) -> float:
 def _path(number: int, line: int, rows: Sequence[Motion]) -> ToolPath:
     count = len(rows)
     poses = [row.target for row in rows if isinstance(row.target, Pose)]
-    via = [row.via.origin if isinstance(row, MoveC) and k else (math.nan,) * 3 for k, row in enumerate(rows)]
+    via = [
+        row.via.origin if isinstance(row, MoveC) and k else (math.nan,) * 3
+        for k, row in enumerate(rows)
+    ]
     feed = [rows[max(k, 1)].speed for k in range(count)]
     return ToolPath(
         id=f"n{number}",

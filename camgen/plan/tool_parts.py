@@ -44,7 +44,9 @@ class _Cut(Struct, frozen=True, eq=False):
         return any(isinstance(item, MoveL | MoveC) for item, _ in self.rows)
 
 
-def split_by_tool(part: Recorded, job: Job, one_length: bool) -> tuple[tuple[ToolPart, ...], tuple[Note, ...]]:
+def split_by_tool(
+    part: Recorded, job: Job, one_length: bool
+) -> tuple[tuple[ToolPart, ...], tuple[Note, ...]]:
     """The program by its tools, in its order. one_length: whether each tool must be as long as it is, as at an arm.
 
     InputError where no text says which tool it is that cuts, or how long it is.
@@ -52,14 +54,21 @@ def split_by_tool(part: Recorded, job: Job, one_length: bool) -> tuple[tuple[Too
     cuts, notes = _without_idle(_split(part))
     if cuts[0].number is None and len(cuts) > 1:
         what = f"changes to tool T{cuts[1].number} after the first cut: with which one it cuts before, it does not say"
-        raise InputError(part.source, what, f"line {cuts[1].line}", "begin it with the number of that tool and M6")
+        raise InputError(
+            part.source,
+            what,
+            f"line {cuts[1].line}",
+            "begin it with the number of that tool and M6",
+        )
     rows: dict[int, ToolTable] = {row.number: row for row in job.tools if row.number}
     rows |= {job.tool.number: job.tool} if job.tool.number and job.tool.number not in rows else {}
     first = cuts[0].number
     if len(cuts) == 1 and first not in rows:
         if first is not None:
             why = "its length and diameter are in no program"
-            notes.append(Note("assumed", f"line {cuts[0].line}: tool T{first} is the tool of the job", why))
+            notes.append(
+                Note("assumed", f"line {cuts[0].line}: tool T{first} is the tool of the job", why)
+            )
         return (_part(cuts[0], None, False, part.run.entry),), tuple(notes)
     if one_length:
         _insist_on_rows(part.source, cuts, rows)
@@ -77,7 +86,9 @@ def split_by_tool(part: Recorded, job: Job, one_length: bool) -> tuple[tuple[Too
 
 
 def _part(one: _Cut, tool: ToolTable | None, known: bool, entry: float) -> ToolPart:
-    return ToolPart(tool, known, tuple(item for item, _ in one.rows), tuple(line for _, line in one.rows), entry)
+    return ToolPart(
+        tool, known, tuple(item for item, _ in one.rows), tuple(line for _, line in one.rows), entry
+    )
 
 
 def _insist_on_rows(source: str, cuts: Sequence[_Cut], rows: dict[int, ToolTable]) -> None:
@@ -133,7 +144,9 @@ def _begin(one: _Cut, before: _Cut, job: Job) -> _Cut:
     """A part behind another one: where the tool stands after a change no text says. Rapid motions that keep the old
     height run at the height of travel; if the tool cuts from the old height on, it comes down to that at its feed.
     """
-    last = next(item for item, _ in reversed(before.rows) if isinstance(item, MoveJ | MoveL | MoveC))
+    last = next(
+        item for item, _ in reversed(before.rows) if isinstance(item, MoveJ | MoveL | MoveC)
+    )
     old, rows = _at(last).origin[2], list(one.rows)
     moves = {k: item for k, (item, _) in enumerate(rows) if isinstance(item, MoveJ | MoveL | MoveC)}
     leading = list(takewhile(lambda k: _keeps_height(moves[k], old), moves))

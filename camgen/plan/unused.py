@@ -86,7 +86,10 @@ _IDLE: dict[str, dict[str, tuple[str, ...]]] = {
 #: A robot program says more itself, and may name its arm.
 _IDLE["a taught program"] = _IDLE["a replay"] | {
     "input": (*_IDLE["a replay"]["input"], "dialect"),
-    "operation": ("compensation", *(name for name in _IDLE["a replay"]["operation"] if name != "taught_on")),
+    "operation": (
+        "compensation",
+        *(name for name in _IDLE["a replay"]["operation"] if name != "taught_on"),
+    ),
     "tolerance": ("corner",),
     "process": (*_IDLE["a replay"]["process"], "clearance", *_REPLAYS["process"]),
 }
@@ -120,14 +123,25 @@ def insist_on_use(job: Job, operation: str) -> None:
     given, default = asdict(job.operation), asdict(Job().operation)
     changed = [key for key in given if given[key] != default[key]]
     for key in changed:
-        where, readers, others = f"operation.{key}", _ONLY.get(key, (operation,)), _MORE.get(key, (key,))
+        where, readers, others = (
+            f"operation.{key}",
+            _ONLY.get(key, (operation,)),
+            _MORE.get(key, (key,)),
+        )
         if operation not in readers:
             remedy = f"leave it out; it is for {' and '.join(readers)}"
             raise JobError("job", f"has no effect on {operation}", where, remedy)
         if operation != "bore" and not any(other in changed for other in others):
-            raise JobError("job", f"has no effect without operation.{others[0]}", where, "leave it out")
+            raise JobError(
+                "job", f"has no effect without operation.{others[0]}", where, "leave it out"
+            )
         if key in _DEEP and not given["depth"]:
-            raise JobError("job", "has no effect without a depth", where, "set operation.depth, or leave it out")
+            raise JobError(
+                "job",
+                "has no effect without a depth",
+                where,
+                "set operation.depth, or leave it out",
+            )
 
 
 def insist_on_turns(job: Job, cell: Cell | None) -> None:
@@ -137,10 +151,18 @@ def insist_on_turns(job: Job, cell: Cell | None) -> None:
         return
     key = "tool.symmetric" if tool.symmetric else "tool.turn"
     if not isinstance(cell, Workcell) or cell.arm is None:
-        raise JobError("job", "has no effect without an arm that is checked", key, "set cell.robot, or leave it out")
+        raise JobError(
+            "job",
+            "has no effect without an arm that is checked",
+            key,
+            "set cell.robot, or leave it out",
+        )
     if tool.orient == "follow":
         raise JobError(
-            "job", "a tool that turns with the contour has no turn to choose", key, "leave out one of the two"
+            "job",
+            "a tool that turns with the contour has no turn to choose",
+            key,
+            "leave out one of the two",
         )
     if job.process.stay_down:
         what = "a tool that is turned between the paths is lifted"
@@ -151,7 +173,9 @@ def insist_on_height(job: Job, operation: str) -> None:
     """JobError for a height of travel of 0 where the tool touches something."""
     if job.process.clearance == 0 and (operation != "drill" or job.operation.depth):
         remedy = "raise it; 0 is for drill without a depth: marks that the tool does not touch"
-        raise JobError("job", "the tool travels at the height of the part", "process.clearance", remedy)
+        raise JobError(
+            "job", "the tool travels at the height of the part", "process.clearance", remedy
+        )
 
 
 def drop_inherited(own: OperationTable, common: OperationTable) -> OperationTable:
@@ -162,7 +186,9 @@ def drop_inherited(own: OperationTable, common: OperationTable) -> OperationTabl
     for key, readers in _ONLY.items():
         partners = _MORE.get(key, ())
         alone = partners and all(getattr(own, one) == getattr(default, one) for one in partners)
-        if (own.kind not in (*readers, "auto") or alone) and getattr(own, key) == getattr(common, key):
+        if (own.kind not in (*readers, "auto") or alone) and getattr(own, key) == getattr(
+            common, key
+        ):
             idle[key] = getattr(default, key)
     return replace(own, **idle)
 
@@ -172,15 +198,23 @@ def no_idle(job: Job, source: str) -> None:
     the table: "a drawing", "a 3-D part".
     """
     if job.tools and not job.operations and source != "a replay":
-        raise JobError("job", "has tools and no operation that names one", "[[tools]]", "write [[operations]]")
+        raise JobError(
+            "job", "has tools and no operation that names one", "[[tools]]", "write [[operations]]"
+        )
     for table, keys in _IDLE[source].items():
         given, default = asdict(getattr(job, table)), asdict(getattr(Job(), table))
         for key in given if keys is _ALL else keys:
             if given[key] != default[key]:
-                raise JobError("job", f"has no effect on {source}", f"{table}.{key}", "leave it out")
+                raise JobError(
+                    "job", f"has no effect on {source}", f"{table}.{key}", "leave it out"
+                )
 
 
 def is_idle(text: str, source: str) -> bool:
     """Whether ``text`` names a setting that nothing reads for ``source``."""
     found = (name.split(".") for name in _SETTING.findall(text))
-    return any(keys is _ALL or key in keys for table, key in found for keys in [_IDLE[source].get(table, ())])
+    return any(
+        keys is _ALL or key in keys
+        for table, key in found
+        for keys in [_IDLE[source].get(table, ())]
+    )

@@ -151,9 +151,15 @@ class Post(ABC):
         {"orientation", "speed", "joint-speed", "blend", "stop", "force-direction"}
     )
 
-    program: str = field(default="", kw_only=True, metadata={"help": "program name; the input's name when empty"})
-    decimals: int = field(default=3, kw_only=True, metadata={"help": "digits after the point of a coordinate in mm"})
-    max_lines: int = field(default=0, kw_only=True, metadata={"help": "lines per file before it is split; 0: never"})
+    program: str = field(
+        default="", kw_only=True, metadata={"help": "program name; the input's name when empty"}
+    )
+    decimals: int = field(
+        default=3, kw_only=True, metadata={"help": "digits after the point of a coordinate in mm"}
+    )
+    max_lines: int = field(
+        default=0, kw_only=True, metadata={"help": "lines per file before it is split; 0: never"}
+    )
 
     # -- must override -------------------------------------------------------------------------------------------
 
@@ -189,7 +195,9 @@ class Post(ABC):
 
     def movec(self, motion: MoveC) -> Sequence[str]:  # noqa: ARG002 (for those who override)
         """The lines of an arc. A post that does not override this must refuse MoveC and name the pass ``chords``."""
-        raise Refused(self.name, -1, "the post prints no arcs", "let it refuse MoveC and name the pass chords")
+        raise Refused(
+            self.name, -1, "the post prints no arcs", "let it refuse MoveC and name the pass chords"
+        )
 
     def change_tool(self, item: ToolChange) -> Sequence[str]:  # noqa: ARG002 (for those who override)
         """The lines of a tool change. A post that does not override this leaves ``changes_tools`` false."""
@@ -197,7 +205,9 @@ class Post(ABC):
 
     def stop(self, item: Stop) -> Sequence[str]:  # noqa: ARG002 (for those who override)
         """The lines that stop until the operator goes on. A post without them must refuse it."""
-        raise Refused(self.name, -1, "the post prints no stop for the operator", "leave the stop out")
+        raise Refused(
+            self.name, -1, "the post prints no stop for the operator", "leave the stop out"
+        )
 
     def print_force(self, item: Force) -> Sequence[str]:  # noqa: ARG002 (for those who override)
         """The lines that turn force control on or off. A post without force must refuse it."""
@@ -240,8 +250,18 @@ class Post(ABC):
     def assemble(self, program: Program, parts: Sequence[Sequence[str]]) -> tuple[OutputFile, ...]:
         """Files from the printed body, one part unless it was longer than ``max_lines``."""
         if len(parts) > 1:
-            raise Refused(self.name, -1, f"the program is longer than {self.max_lines} lines", "raise post.max_lines")
-        return (OutputFile(self.file_name(program), join_lines(self.begin(program), parts[0], self.end(program))),)
+            raise Refused(
+                self.name,
+                -1,
+                f"the program is longer than {self.max_lines} lines",
+                "raise post.max_lines",
+            )
+        return (
+            OutputFile(
+                self.file_name(program),
+                join_lines(self.begin(program), parts[0], self.end(program)),
+            ),
+        )
 
     @classmethod
     def cell(cls) -> Cell:
@@ -280,10 +300,17 @@ class Post(ABC):
         body, columns = program.body, program.columns
         changes = np.flatnonzero(columns.are(ToolChange))
         if len(changes) and not self.changes_tools:
-            raise Refused(self.name, int(changes[0]), "the post changes no tool", "write a program a tool")
+            raise Refused(
+                self.name, int(changes[0]), "the post changes no tool", "write a program a tool"
+            )
         stops = np.flatnonzero(columns.are(Stop))
         if len(stops) and type(self).stop is Post.stop:
-            raise Refused(self.name, int(stops[0]), "the post prints no stop for the operator", "leave the stop out")
+            raise Refused(
+                self.name,
+                int(stops[0]),
+                "the post prints no stop for the operator",
+                "leave the stop out",
+            )
         accepted = self.accepts(columns)
         by_column, halved = self._replace_by_column(columns, accepted)
         accepted[by_column] = True
@@ -305,7 +332,9 @@ class Post(ABC):
         counts = np.append(np.full(len(by_column), 2), np.array(sizes, np.intp))
         where = np.append(by_column, np.array(places, np.intp))
         order = np.argsort(where)
-        pieces_in_order = join(halved, new.body()).take(stretches(begins(counts)[order], counts[order]))
+        pieces_in_order = join(halved, new.body()).take(
+            stretches(begins(counts)[order], counts[order])
+        )
         return program.with_body(put_at(pack(body), where[order], counts[order], pieces_in_order))
 
     def _replace_by_column(self, columns: Columns, accepted: Mask) -> tuple[Indices, Body]:
@@ -319,11 +348,15 @@ class Post(ABC):
         rows = 3 * np.flatnonzero(fine)[:, None] + (1, 2)
         return columns.at[arcs[fine]], tried.take(rows.ravel())
 
-    def _find_wrong(self, columns: Columns, doubtful: Indices) -> tuple[list[_Wrong], Refused | None]:
+    def _find_wrong(
+        self, columns: Columns, doubtful: Indices
+    ) -> tuple[list[_Wrong], Refused | None]:
         """The arcs at ``doubtful`` that the controller cannot do, up to the first instruction without a replacement."""
         wrong: list[_Wrong] = []
         starts = columns.poses(columns.before(doubtful))
-        for index, item, start in zip(doubtful.tolist(), columns.pick(doubtful), starts, strict=True):
+        for index, item, start in zip(
+            doubtful.tolist(), columns.pick(doubtful), starts, strict=True
+        ):
             if isinstance(item, MoveC) and start is not None and not is_arc(*_points(start, item)):
                 what = "the three points of the arc are on one line"
                 remedy = "give the arc a via point beside its chord, or plan a line"
@@ -341,7 +374,10 @@ class Post(ABC):
             return []
         made = [PASSES[self.passes[0]](one.start, one.arc, chord) for one in wrong]
         # What is accepted for sure is found at once, behind a motion to where each arc starts.
-        bodies = [[MoveJ(one.start, one.arc.speed), *pieces] for one, pieces in zip(wrong, made, strict=True)]
+        bodies = [
+            [MoveJ(one.start, one.arc.speed), *pieces]
+            for one, pieces in zip(wrong, made, strict=True)
+        ]
         accepted = self.accepts(Columns(list(chain.from_iterable(bodies))))
         counts = np.fromiter(map(len, made), np.intp, len(made))
         ends, sums = np.cumsum(counts + 1), np.append(0, np.cumsum(accepted))
@@ -370,7 +406,11 @@ class Post(ABC):
         """The program as files. Every instruction must be one that the controller has (``prepare``)."""
         of = self._printers()
         find = self.forms if _prints_by_column(type(self)) else _no_forms
-        printed = Printed(program.columns, lambda items: (of[type(one)](one) for one in items), lambda: find(program))
+        printed = Printed(
+            program.columns,
+            lambda items: (of[type(one)](one) for one in items),
+            lambda: find(program),
+        )
         return self.assemble(program, self.split(program, printed))
 
     def line(self, item: Instruction) -> Sequence[str]:
@@ -402,7 +442,10 @@ _MOTIONS = ("movej", "movel", "movec")
 def _prints_by_column(post: type[Post]) -> bool:
     """Whether ``forms`` is not older than what prints motions: a class may print them otherwise than its parent."""
     order = post.__mro__
-    defined = {name: next(k for k, one in enumerate(order) if name in vars(one)) for name in (*_MOTIONS, "forms")}
+    defined = {
+        name: next(k for k, one in enumerate(order) if name in vars(one))
+        for name in (*_MOTIONS, "forms")
+    }
     return all(defined["forms"] <= defined[name] for name in _MOTIONS)
 
 

@@ -23,13 +23,21 @@ def schema(post: str = "") -> Schema:
     JobError where there is no such post.
     """
     about = tables()
-    kinds = {name: kind for name, kind in get_type_hints(Job).items() if name not in ("post", *ROWS)}
-    found = {name: _table(kind, name) | {"description": about[name]} for name, kind in kinds.items()}
+    kinds = {
+        name: kind for name, kind in get_type_hints(Job).items() if name not in ("post", *ROWS)
+    }
+    found = {
+        name: _table(kind, name) | {"description": about[name]} for name, kind in kinds.items()
+    }
     for name, rows in ROWS.items():
-        keys = {key: value for kind in rows for key, value in _table(kind, name)["properties"].items()}
+        keys = {
+            key: value for kind in rows for key, value in _table(kind, name)["properties"].items()
+        }
         row = {"type": "object", "properties": keys, "additionalProperties": False}
         found[name] = {"type": "array", "description": row_tables()[name], "items": row}
-    found["post"] = _options(find_post(post)) if post else {"type": "object", "description": about["post"]}
+    found["post"] = (
+        _options(find_post(post)) if post else {"type": "object", "description": about["post"]}
+    )
     return {
         "$schema": DRAFT,
         "title": f"camgen job for {post}" if post else "camgen job",
@@ -72,7 +80,10 @@ def _speed(key: Schema) -> Schema:
     told = {name: value for name, value in key.items() if name in ("description", "default")}
     units = "|".join(SPEED_UNITS)
     return {
-        "anyOf": [number, {"type": "string", "pattern": rf"^\s*([0-9]+\.?[0-9]*|\.[0-9]+)\s*({units})\s*$"}],
+        "anyOf": [
+            number,
+            {"type": "string", "pattern": rf"^\s*([0-9]+\.?[0-9]*|\.[0-9]+)\s*({units})\s*$"},
+        ],
         **told,
     }
 
@@ -84,15 +95,23 @@ def _options(kind: type[Post]) -> Schema:
     fields = [(option.name, hints[option.name]) for option in options]
     (_,), components = msgspec.json.schema_components(
         [defstruct("Options", fields)],
-        schema_hook=lambda own: {"title": own.__name__},  # a type of a post from elsewhere: anything
+        schema_hook=lambda own: {
+            "title": own.__name__
+        },  # a type of a post from elsewhere: anything
         ref_template="{name}",
     )
     keys = components["Options"]["properties"]
     found = {}
     for option in options:
-        default = option.default if option.default_factory is dataclasses.MISSING else option.default_factory()
+        default = (
+            option.default
+            if option.default_factory is dataclasses.MISSING
+            else option.default_factory()
+        )
         about = option.metadata.get("help")
-        found[option.name] = _key(keys[option.name], default) | ({"description": about} if about else {})
+        found[option.name] = _key(keys[option.name], default) | (
+            {"description": about} if about else {}
+        )
     return {
         "type": "object",
         "description": f"options of {kind.about}",

@@ -100,10 +100,14 @@ _ABOVE = MoveJ(_at(10.0, 10.0, 20.0), 100.0)
 _PI = math.pi
 
 
-def _arc(centre: Vec3, radius: float, begin: float, sweep: float, tilt: FloatArray = IDENTITY) -> Body:
+def _arc(
+    centre: Vec3, radius: float, begin: float, sweep: float, tilt: FloatArray = IDENTITY
+) -> Body:
     """To the start of an arc of ``sweep`` rad and along it, in the x y plane turned by ``tilt`` about its centre."""
     x, y, z = (
-        tuple((np.asarray(centre) + tilt @ (radius * math.cos(a), radius * math.sin(a), 0.0)).tolist())
+        tuple(
+            (np.asarray(centre) + tilt @ (radius * math.cos(a), radius * math.sin(a), 0.0)).tolist()
+        )
         for a in (begin, begin + sweep / 2, begin + sweep)
     )
     return (MoveL(Pose(TOOL_DOWN, x), 20.0), MoveC(Pose(TOOL_DOWN, y), Pose(TOOL_DOWN, z), 15.0))
@@ -120,25 +124,47 @@ def _orient(name: str, rotations: list[FloatArray]) -> Case:
 
 def _orientations() -> Iterator[Case]:
     """Tool down and turned; every place where an angle triple or a quaternion has a pole; close to them."""
-    turns = [TOOL_DOWN @ rotation_about(2, math.radians(a)) for a in (30.0, 45.0, 90.0, 135.0, 180.0, -90.0, -0.001)]
+    turns = [
+        TOOL_DOWN @ rotation_about(2, math.radians(a))
+        for a in (30.0, 45.0, 90.0, 135.0, 180.0, -90.0, -0.001)
+    ]
     yield _orient("tool turned", [frozen(r) for r in turns])
     quarter = (0.0, _PI / 2, _PI, -_PI / 2)
-    cubes = [rotation_from_fixed_xyz(rx, ry, rz) for rx in quarter for ry in (0.0, _PI / 2, -_PI / 2) for rz in quarter]
+    cubes = [
+        rotation_from_fixed_xyz(rx, ry, rz)
+        for rx in quarter
+        for ry in (0.0, _PI / 2, -_PI / 2)
+        for rz in quarter
+    ]
     yield _orient("axes along axes", cubes)
     poles = [TOOL_DOWN, IDENTITY, rotation_about(1, _PI / 2), rotation_about(1, -_PI / 2)]
-    near = [frozen(p @ rotation_about(k, e)) for p in poles for k in (0, 1, 2) for e in (1e-3, -1e-5, 1e-7, -1e-10)]
+    near = [
+        frozen(p @ rotation_about(k, e))
+        for p in poles
+        for k in (0, 1, 2)
+        for e in (1e-3, -1e-5, 1e-7, -1e-10)
+    ]
     yield _orient("close to a pole", near)
-    axes = [np.array(v) / np.linalg.norm(v) for v in ((1, 2, 3), (-1, 2, 0.5), (3, -1, -2), (0, 1, 1))]
+    axes = [
+        np.array(v) / np.linalg.norm(v) for v in ((1, 2, 3), (-1, 2, 0.5), (3, -1, -2), (0, 1, 1))
+    ]
     yield _orient("half turns", [rotation_about_axis(axis, _PI) for axis in axes])
-    yield _orient("any turns", [rotation_about_axis(a, angle) for a in axes for angle in (0.3, 1.7, -2.9)])
+    yield _orient(
+        "any turns", [rotation_about_axis(a, angle) for a in axes for angle in (0.3, 1.7, -2.9)]
+    )
 
 
 def _numbers() -> Iterator[Case]:
     tiny = (1e-7, -1e-7, 4e-4, -4e-4, 5e-4, -5e-4, 1e-5, -0.0, 0.0012345)
     yield Case("small numbers", (_ABOVE, *(_line(v, -v, 1.0 + i) for i, v in enumerate(tiny))))
-    yield Case("numbers about a digit", (_ABOVE, *(_line(10.0 + 0.1 * i + 0.0005, 2.0 / 3, 1.0 / 7) for i in range(9))))
+    yield Case(
+        "numbers about a digit",
+        (_ABOVE, *(_line(10.0 + 0.1 * i + 0.0005, 2.0 / 3, 1.0 / 7) for i in range(9))),
+    )
     yield Case("metres", (_ABOVE, _line(1999.9995, -1999.9995, 1234.56789), _line(1.0, 1.0)))
-    yield Case("large numbers", (_ABOVE, _line(9999.9995, -9999.9995), _line(99999.125, -99999.125)))
+    yield Case(
+        "large numbers", (_ABOVE, _line(9999.9995, -9999.9995), _line(99999.125, -99999.125))
+    )
     speeds = (0.1, 0.75, 3.0, 12.345, 20.0, 33.3333, 150.0, 250.0, 1000.0, 3000.0)
     yield Case("speeds", (_ABOVE, *(_line(10.0 * i, 0.0, 5.0, v) for i, v in enumerate(speeds))))
     yield Case("waits", (_ABOVE, *map(Wait, (0.5, 0.123, 10.0, 3600.0, 0.001, 0.0))))
@@ -146,25 +172,56 @@ def _numbers() -> Iterator[Case]:
 
 def _arcs() -> Iterator[Case]:
     half, quarter = _PI, _PI / 2
-    yield Case("quarter arcs", (_ABOVE, *(i for k in range(4) for i in _arc((20.0, 20.0, 0.0), 10.0, k, quarter))))
-    yield Case("half circles", (_ABOVE, *_arc((0.0, 0.0, 0.0), 25.0, 0.3, half), *_arc((0, 0, 0), 25.0, 0.3, -half)))
+    yield Case(
+        "quarter arcs",
+        (_ABOVE, *(i for k in range(4) for i in _arc((20.0, 20.0, 0.0), 10.0, k, quarter))),
+    )
+    yield Case(
+        "half circles",
+        (_ABOVE, *_arc((0.0, 0.0, 0.0), 25.0, 0.3, half), *_arc((0, 0, 0), 25.0, 0.3, -half)),
+    )
     chain = [*_arc((0.0, 0.0, 0.0), 8.0, 0.0, -2.0), _arc((0.0, 0.0, 0.0), 8.0, -2.0, -1.0)[1]]
     yield Case("arc after arc", (_ABOVE, *chain))
-    yield Case("small arcs", (_ABOVE, *(i for r in (1.0, 0.2, 0.05) for i in _arc((5.0, 5.0, 0.0), r, 1.0, -quarter))))
-    yield Case("flat arcs", (_ABOVE, *(i for r in (1e3, 1e4, 1e5) for i in _arc((0.0, r, 0.0), r, -quarter, 50.0 / r))))
-    planes = [rotation_about(0, _PI / 2), rotation_about(1, _PI / 2), rotation_about_axis(np.array([0.6, 0.8, 0.0]), 1)]
-    yield Case("arcs in space", (_ABOVE, *(i for p in planes for i in _arc((0.0, 0.0, 30.0), 9.0, 0.2, 2.5, p))))
+    yield Case(
+        "small arcs",
+        (_ABOVE, *(i for r in (1.0, 0.2, 0.05) for i in _arc((5.0, 5.0, 0.0), r, 1.0, -quarter))),
+    )
+    yield Case(
+        "flat arcs",
+        (_ABOVE, *(i for r in (1e3, 1e4, 1e5) for i in _arc((0.0, r, 0.0), r, -quarter, 50.0 / r))),
+    )
+    planes = [
+        rotation_about(0, _PI / 2),
+        rotation_about(1, _PI / 2),
+        rotation_about_axis(np.array([0.6, 0.8, 0.0]), 1),
+    ]
+    yield Case(
+        "arcs in space",
+        (_ABOVE, *(i for p in planes for i in _arc((0.0, 0.0, 30.0), 9.0, 0.2, 2.5, p))),
+    )
 
 
 def _forces() -> Iterator[Case]:
     on = (_line(10.0, 0.0), Force(12.5, (0.0, 1.0, 0.0)))
-    along = tuple(MoveL(_at(20.0 + 10 * i, 0.0), 20.0, 0.0, n, (0.0, 1.0, 0.0)) for i, n in enumerate((12.5, 8.25)))
+    along = tuple(
+        MoveL(_at(20.0 + 10 * i, 0.0), 20.0, 0.0, n, (0.0, 1.0, 0.0))
+        for i, n in enumerate((12.5, 8.25))
+    )
     yield Case("force", (_ABOVE, *on, *along, Force(0.0), _line(30.0, 0.0, 20.0)))
     s = math.sqrt(0.5)
     arc = MoveC(_at(10 * s, 10 * s), _at(0.0, 10.0), 20.0, 0.0, 12.0, (0.0, -1.0, 0.0))
-    round_corner = (_line(10.0, 0.0), Force(12.0, (-1.0, 0.0, 0.0)), arc, Force(0.0), _line(0.0, 10.0, 20.0))
+    round_corner = (
+        _line(10.0, 0.0),
+        Force(12.0, (-1.0, 0.0, 0.0)),
+        arc,
+        Force(0.0),
+        _line(0.0, 10.0, 20.0),
+    )
     yield Case("force along an arc", (_ABOVE, *round_corner))
-    yield Case("force twice", (_ABOVE, *on, *along, Force(0.0), _line(10.0, 10.0, 20.0), *on, *along, Force(0.0)))
+    yield Case(
+        "force twice",
+        (_ABOVE, *on, *along, Force(0.0), _line(10.0, 10.0, 20.0), *on, *along, Force(0.0)),
+    )
 
 
 #: Comments that try to end, to start an instruction, or to reach the controller's parser in another way.
@@ -194,20 +251,41 @@ def cases() -> list[Case]:
     """All cases, in order."""
     on, off = Output("process", 1.0), Output("process", 0.0)
     joints = tuple(MoveJ(Joints(tuple(0.1 * k * s for k in range(1, 7))), 80.0) for s in (1, -1, 3))
-    blends = tuple(_line(10.0 + 20 * i, 20.0 * (i % 2), 0.0, 20.0, b) for i, b in enumerate((5.0, 1.0, 0.3, 0.0)))
+    blends = tuple(
+        _line(10.0 + 20 * i, 20.0 * (i % 2), 0.0, 20.0, b)
+        for i, b in enumerate((5.0, 1.0, 0.3, 0.0))
+    )
     corners = tuple(MoveJ(_at(50.0 * i, 0.0, 20.0), 90.0, b) for i, b in enumerate((5.0, 0.0)))
-    many = tuple(_line(float(i), float(i % 7), 0.0, 20.0, 0.0 if i % 10 == 9 else 1.0) for i in range(200))
+    many = tuple(
+        _line(float(i), float(i % 7), 0.0, 20.0, 0.0 if i % 10 == 9 else 1.0) for i in range(200)
+    )
     return [
         Case("nothing", ()),
         Case("joint moves", joints),
         Case("moves to poses", (_ABOVE, *corners)),
-        Case("straight moves", (_ABOVE, _line(10.0, 10.0), _line(40.0, 10.0), _line(40.0, 30.125, -1.5))),
+        Case(
+            "straight moves",
+            (_ABOVE, _line(10.0, 10.0), _line(40.0, 10.0), _line(40.0, 30.125, -1.5)),
+        ),
         Case("blends", (_ABOVE, *blends)),
         Case("blending arcs", (_ABOVE, *(_blending_arcs()))),
         Case("process", (_ABOVE, on, _line(40.0, 10.0), off, _line(0.0, 0.0), on, Wait(0.25), off)),
         Case("signals", (_ABOVE, Output("glue", 1.0), _line(40.0, 10.0), Output("glue", 0.0))),
-        Case("spindle", (Output("spindle", 12000.0), Wait(1.5), _ABOVE, _line(10.0, 10.0), Output("spindle", 0.0))),
-        Case("frames", (_ABOVE, _line(40.0, 10.0)), work=Pose(rotation_about(2, 0.5), (450.125, -120.5, 35.0625))),
+        Case(
+            "spindle",
+            (
+                Output("spindle", 12000.0),
+                Wait(1.5),
+                _ABOVE,
+                _line(10.0, 10.0),
+                Output("spindle", 0.0),
+            ),
+        ),
+        Case(
+            "frames",
+            (_ABOVE, _line(40.0, 10.0)),
+            work=Pose(rotation_about(2, 0.5), (450.125, -120.5, 35.0625)),
+        ),
         Case("many lines", (_ABOVE, *many)),
         Case("several files", (_ABOVE, *many, on, Wait(0.5), off), options={"max_lines": 50}),
         *_numbers(),
@@ -243,7 +321,9 @@ def _poses(item: Instruction) -> list[Pose]:
 #: What a controller may lack, each with the instructions that use it. Anything else may not be refused.
 FEATURES: Mapping[str, Callable[[Instruction], bool]] = {
     "arcs": lambda item: isinstance(item, MoveC),
-    "force": lambda item: isinstance(item, Force) or (isinstance(item, (MoveL, MoveC)) and item.force > 0),
+    "force": lambda item: (
+        isinstance(item, Force) or (isinstance(item, (MoveL, MoveC)) and item.force > 0)
+    ),
     "joints": lambda item: isinstance(item, MoveJ) and isinstance(item.target, Joints),
     "turn": lambda item: any(not np.array_equal(pose.rotation, TOOL_DOWN) for pose in _poses(item)),
     "tilt": lambda item: any(_tilt(pose) for pose in _poses(item)),
@@ -280,11 +360,19 @@ def conformance(
     lacks: Collection[str] = (),
 ) -> list[str]:
     """The findings of all cases, one line each; none for a post that conforms."""
-    return [line for case in cases() for line in _findings(post, readback, case, dict(options or {}), lacks)]
+    return [
+        line
+        for case in cases()
+        for line in _findings(post, readback, case, dict(options or {}), lacks)
+    ]
 
 
 def _findings(
-    post: type[Post], readback: Readback, case: Case, options: Mapping[str, object], lacks: Collection[str]
+    post: type[Post],
+    readback: Readback,
+    case: Case,
+    options: Mapping[str, object],
+    lacks: Collection[str],
 ) -> Iterator[str]:
     unknown = set(lacks) - set(FEATURES) - set(WHOLE)
     if unknown:
@@ -327,7 +415,9 @@ def _find_unfounded(refusal: Refused, program: Program, lacks: Collection[str]) 
             yield f"refused as a whole, though it lacks neither {WHOLE[0]} nor {WHOLE[1]}: {refusal}"
     elif refusal.index >= len(program.body):
         yield f"refused instruction {refusal.index}, which is not there: {refusal}"
-    elif not any(FEATURES[name](program.body[refusal.index]) for name in set(lacks) & set(FEATURES)):
+    elif not any(
+        FEATURES[name](program.body[refusal.index]) for name in set(lacks) & set(FEATURES)
+    ):
         kind = type(program.body[refusal.index]).__name__
         yield f"refused a {kind} that uses nothing the controller is said to lack: {refusal}"
 

@@ -38,7 +38,16 @@ def chords(start: Pose, arc: MoveC, tolerance: float) -> list[MoveL | MoveC]:
         MoveL(pose, arc.speed, blend, arc.force, press, None, None, arc.path, arc.work)
         for pose, press in zip(poses, presses, strict=True)
     ]
-    last = (arc.speed, arc.blend, arc.force, arc.force_direction, arc.joints, arc.posture, arc.path, arc.work)
+    last = (
+        arc.speed,
+        arc.blend,
+        arc.force,
+        arc.force_direction,
+        arc.joints,
+        arc.posture,
+        arc.path,
+        arc.work,
+    )
     lines.append(MoveL(arc.target, *last))
     return lines
 
@@ -50,7 +59,15 @@ def halves(start: Pose, arc: MoveC, _tolerance: float) -> list[MoveL | MoveC]:
     press = _press(arc, [middle], axis, sweep)[0]
     seam = max(arc.blend, 1.0)
     return [
-        replace(arc, via=first, target=middle, force_direction=press, blend=seam, joints=None, posture=None),
+        replace(
+            arc,
+            via=first,
+            target=middle,
+            force_direction=press,
+            blend=seam,
+            joints=None,
+            posture=None,
+        ),
         replace(arc, via=last),
     ]
 
@@ -91,7 +108,9 @@ def halve_each(columns: Columns, arcs: Indices) -> tuple[Indices, Body]:
     )
 
 
-def _along_level(start: FloatArray, via: FloatArray, end: FloatArray, fractions: Sequence[float]) -> list[FloatArray]:
+def _along_level(
+    start: FloatArray, via: FloatArray, end: FloatArray, fractions: Sequence[float]
+) -> list[FloatArray]:
     """The points (N, 3) of level arcs at fractions of their sweeps: ``circle`` and ``turn_about``, operation by
     operation. Sines and the like are those of one number, since those of numpy differ in the last bit.
     """
@@ -134,7 +153,9 @@ def along(start: Pose, arc: MoveC, fractions: Sequence[float]) -> list[Pose]:
     """Poses on the arc at fractions 0..1 of its sweep; the orientation turns from start through via to target."""
     centre, _, axis, sweep = circle(start.origin, arc.via.origin, arc.target.origin)
     arm = minus(start.origin, centre)
-    same = start.rotation is arc.target.rotation or np.array_equal(start.rotation, arc.target.rotation)
+    same = start.rotation is arc.target.rotation or np.array_equal(
+        start.rotation, arc.target.rotation
+    )
     poses = []
     for fraction in fractions:
         x, y, z = turn_about(arm, axis, sweep * fraction)

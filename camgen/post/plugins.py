@@ -40,7 +40,9 @@ def find_post(name: str) -> type[Post]:
         return _only(name)
     post = load(find(entries(POSTS), name, "post", _LISTS))
     if not (isinstance(post, type) and issubclass(post, Post)):
-        raise JobError(f"post {name}", "is not a camgen.post.Post", remedy="mend or remove its package")
+        raise JobError(
+            f"post {name}", "is not a camgen.post.Post", remedy="mend or remove its package"
+        )
     return post
 
 
@@ -49,7 +51,11 @@ def find_readback(name: str) -> Readback:
     if name.endswith(".py"):
         read = getattr(_module(name), "read", None)
         if not callable(read):
-            raise JobError(name, "has no function read(files, options)", remedy="a post is posted with its read-back")
+            raise JobError(
+                name,
+                "has no function read(files, options)",
+                remedy="a post is posted with its read-back",
+            )
         return read  # type: ignore[no-any-return]
     return load(find(entries(READBACKS), name, "read-back", _LISTS))  # type: ignore[return-value]
 
@@ -64,7 +70,9 @@ def list_installed() -> list[Installed]:
         except JobError as error:
             found.append(Installed(entry.name, origin(entry), "", "", str(error)))
             continue
-        missing = "" if entry.name in readbacks else "has no read-back (entry point camgen.readbacks)"
+        missing = (
+            "" if entry.name in readbacks else "has no read-back (entry point camgen.readbacks)"
+        )
         found.append(Installed(entry.name, origin(entry), post.about, post.suffix, missing))
     return found
 
@@ -134,10 +142,14 @@ def _only(path: str) -> type[Post]:
     found = [
         value
         for value in vars(module).values()
-        if isinstance(value, type) and issubclass(value, Post) and value.__module__ == getattr(module, "__name__", "")
+        if isinstance(value, type)
+        and issubclass(value, Post)
+        and value.__module__ == getattr(module, "__name__", "")
     ]
     if len(found) != 1:
-        raise JobError(path, f"defines {len(found)} posts", remedy="a post file defines exactly one")
+        raise JobError(
+            path, f"defines {len(found)} posts", remedy="a post file defines exactly one"
+        )
     return found[0]
 
 

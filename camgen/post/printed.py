@@ -39,7 +39,9 @@ def rounded(values: FloatArray, decimals: int) -> FloatArray:
         whole = np.rint(scaled)
         found[some] = whole / 10.0**decimals + 0.0  # which makes -0 0
         # Where a product may lie on the other side of the middle between two digits than the number itself.
-        near = np.abs(np.abs(scaled - whole) - 0.5) <= np.maximum(_NEAR, 4 * np.spacing(np.abs(scaled)))
+        near = np.abs(np.abs(scaled - whole) - 0.5) <= np.maximum(
+            _NEAR, 4 * np.spacing(np.abs(scaled))
+        )
         found[some][near] = [float(fixed(value, decimals)) for value in values[some][near].tolist()]
     return found
 
@@ -108,7 +110,10 @@ class Printed(Iterable[Sequence[str]]):
     def __iter__(self) -> Iterator[Sequence[str]]:
         if self._forms is None:
             return iter(self._each(self._columns.body))
-        return (self.text([range(k, k + 1)]).split("\n") if n else () for k, n in enumerate(self.counts().tolist()))
+        return (
+            self.text([range(k, k + 1)]).split("\n") if n else ()
+            for k, n in enumerate(self.counts().tolist())
+        )
 
     def counts(self, span: range | None = None) -> Indices:
         """(N,): the numbers of lines of the instructions, or of some of them."""
@@ -129,10 +134,17 @@ class Printed(Iterable[Sequence[str]]):
         while most and before[-1] - before[cuts[-1]] > most:
             begun = before[cuts[-1]]
             fits = int(np.searchsorted(before, begun + most, side="right")) - 1
-            cuts.append(fits if before[fits] > begun else int(np.searchsorted(before, begun, side="right")))
-        return [Lines([range(low, high)], self) for low, high in zip(cuts, [*cuts[1:], size], strict=True)]
+            cuts.append(
+                fits if before[fits] > begun else int(np.searchsorted(before, begun, side="right"))
+            )
+        return [
+            Lines([range(low, high)], self)
+            for low, high in zip(cuts, [*cuts[1:], size], strict=True)
+        ]
 
-    def changed(self, change: Callable[[Iterable[Sequence[str]]], Iterable[Sequence[str]]]) -> Printed:
+    def changed(
+        self, change: Callable[[Iterable[Sequence[str]]], Iterable[Sequence[str]]]
+    ) -> Printed:
         """The same with other lines, where nothing is printed by column."""
         return Printed(self._columns, lambda items: change(self._each(items)), lambda: None)
 
@@ -145,7 +157,9 @@ class Printed(Iterable[Sequence[str]]):
 
         def close() -> None:
             if texts:
-                numbers = [made.numbers[made.places[span.start] : made.places[span.stop]] for span in spans]
+                numbers = [
+                    made.numbers[made.places[span.start] : made.places[span.stop]] for span in spans
+                ]
                 blocks.append(self._fill("\n".join(texts), numbers))
             texts.clear()
             spans.clear()
@@ -170,7 +184,11 @@ class Printed(Iterable[Sequence[str]]):
         return text if self._forms is None or "%" not in text else text.replace("%", "%%")
 
     def _fill(self, text: str, numbers: Sequence[FloatArray]) -> str:
-        return text if self._forms is None else text % tuple(chain.from_iterable(one.tolist() for one in numbers))
+        return (
+            text
+            if self._forms is None
+            else text % tuple(chain.from_iterable(one.tolist() for one in numbers))
+        )
 
     @cached_property
     def _made(self) -> _Made:
@@ -186,15 +204,25 @@ class Printed(Iterable[Sequence[str]]):
             at = columns.at[forms.rows]
             alone[at] = False
             texts[at] = np.array(forms.table, object)[forms.form]
-            counts[at] = np.array([form.count("\n") + 1 for form in forms.table], np.intp)[forms.form]
+            counts[at] = np.array([form.count("\n") + 1 for form in forms.table], np.intp)[
+                forms.form
+            ]
             used[at] = forms.counts
             numbers = forms.numbers
             others = np.flatnonzero(alone)
             self._put(texts, counts, others, columns.pick(others))
-        before, places, begins = (np.append(0, np.cumsum(each)) for each in (counts, used, counts > 0))
+        before, places, begins = (
+            np.append(0, np.cumsum(each)) for each in (counts, used, counts > 0)
+        )
         return _Made(texts[counts > 0].tolist(), begins, before, numbers, places)
 
-    def _put(self, texts: NDArray[np.object_], counts: Indices, places: Indices, items: Iterable[Instruction]) -> None:
+    def _put(
+        self,
+        texts: NDArray[np.object_],
+        counts: Indices,
+        places: Indices,
+        items: Iterable[Instruction],
+    ) -> None:
         """Puts what the ``items`` at ``places`` print into ``texts``, and the numbers of lines into ``counts``."""
         lines = list(self._each(items))
         counts[places] = np.fromiter(map(len, lines), np.intp, len(lines))
@@ -206,7 +234,9 @@ class Lines(Sequence[str]):
     many lines these are, where that is known.
     """
 
-    def __init__(self, pieces: Sequence[str | range], printed: Printed, size: int | None = None) -> None:
+    def __init__(
+        self, pieces: Sequence[str | range], printed: Printed, size: int | None = None
+    ) -> None:
         self.pieces, self.printed, self._size = pieces, printed, size
 
     def items(self) -> list[Lines]:
@@ -217,7 +247,10 @@ class Lines(Sequence[str]):
                 found.append(Lines([piece], self.printed, piece.count("\n") + 1))
                 continue
             sizes = self.printed.counts(piece).tolist()
-            found += [Lines([range(k, k + 1)], self.printed, size) for k, size in zip(piece, sizes, strict=True)]
+            found += [
+                Lines([range(k, k + 1)], self.printed, size)
+                for k, size in zip(piece, sizes, strict=True)
+            ]
         return found
 
     def __len__(self) -> int:
@@ -241,7 +274,11 @@ class Lines(Sequence[str]):
 
 def as_printed(columns: Columns, lines: Iterable[Sequence[str]]) -> Printed:
     """The lines of each instruction of ``columns`` as what they print."""
-    return lines if isinstance(lines, Printed) else Printed(columns, lambda _items: lines, lambda: None)
+    return (
+        lines
+        if isinstance(lines, Printed)
+        else Printed(columns, lambda _items: lines, lambda: None)
+    )
 
 
 def join_lines(*parts: Sequence[str]) -> str:
@@ -249,5 +286,8 @@ def join_lines(*parts: Sequence[str]) -> str:
     printed = next((part.printed for part in parts if isinstance(part, Lines)), None)
     if printed is None:
         return "\n".join(chain.from_iterable(parts)) + "\n"
-    pieces = (part.pieces if isinstance(part, Lines) and part.printed is printed else part for part in parts)
+    pieces = (
+        part.pieces if isinstance(part, Lines) and part.printed is printed else part
+        for part in parts
+    )
     return printed.text(chain(chain.from_iterable(pieces), ("",)))

@@ -122,7 +122,8 @@ class _Both(Struct, frozen=True, eq=False):
             bounds.append(int(places[cut]))
         for low, high in pairwise([*bounds, self.common]):
             (plan, indices), (read, read_indices) = (
-                _stretch(*side, low, high) for side in ((self.plan, self.indices), (self.read, self.read_indices))
+                _stretch(*side, low, high)
+                for side in ((self.plan, self.indices), (self.read, self.read_indices))
             )
             yield _Both(plan, read, indices, read_indices, high - low, len(plan.at), low)
 
@@ -146,7 +147,9 @@ class _Both(Struct, frozen=True, eq=False):
     def others(self, kind: type, what: str, name: str, limit: float, width: int = 1) -> _Column:
         """An attribute of the instructions of one type, a number or a tuple of ``width``."""
         places = self.places(kind)
-        a, b = (numbers(side.of(kind)[: len(places)], name, width) for side in (self.plan, self.read))
+        a, b = (
+            numbers(side.of(kind)[: len(places)], name, width) for side in (self.plan, self.read)
+        )
         return _Column(what, places, a, b, _worst(a - b), limit)
 
 
@@ -164,7 +167,9 @@ def _worst(error: FloatArray) -> FloatArray:
     return np.asarray(size.max(axis=1) if size.ndim == 2 else size)
 
 
-def compare(planned: Program, reading: Reading, tolerance: Tolerance, carries: frozenset[str], file: str) -> Deviation:
+def compare(
+    planned: Program, reading: Reading, tolerance: Tolerance, carries: frozenset[str], file: str
+) -> Deviation:
     """The deviation of what was read from ``planned``, the program as prepared for the post.
 
     carries: what the text holds (``Post.carried``). file: for messages. Raises VerifyError for the first fault of the
@@ -186,13 +191,18 @@ def compare(planned: Program, reading: Reading, tolerance: Tolerance, carries: f
                 angle = max(angle, float(column.error.max(initial=0.0)))
     read_at = both.read_indices
     if both.common < max(len(both.indices), len(read_at)):
-        was, says = _say(planned.body, both.indices, both.common), _say(reading.body, read_at, both.common)
+        was, says = (
+            _say(planned.body, both.indices, both.common),
+            _say(reading.body, read_at, both.common),
+        )
         differences.append((both.common, "instruction", was, says))
     if differences:
         place, what, was, says = min(differences, key=lambda difference: difference[0])
         index = int(both.indices[place]) if place < len(both.indices) else len(planned.body)
         line = reading.lines[read_at[place]] if place < len(read_at) else 0
-        raise VerifyError(file, f"instruction {index}: {what} reads {says}, planned is {was}", line, _REMEDY)
+        raise VerifyError(
+            file, f"instruction {index}: {what} reads {says}, planned is {was}", line, _REMEDY
+        )
     return Deviation(distance, angle, len(both.indices))
 
 
@@ -206,7 +216,9 @@ def _farthest(a: FloatArray, b: FloatArray) -> float:
 def _pair(planned: Program, reading: Reading) -> _Both:
     """Both bodies as far as their instructions are of the same kinds."""
     if len(reading.body) != len(reading.lines):
-        raise ValueError(f"{counted(len(reading.body), 'instruction')} with {counted(len(reading.lines), 'line')}")
+        raise ValueError(
+            f"{counted(len(reading.body), 'instruction')} with {counted(len(reading.lines), 'line')}"
+        )
     plan, read = planned.columns, Columns(reading.body)
     at, read_at = (np.flatnonzero(~side.are(Comment)) for side in (plan, read))
     size = min(len(at), len(read_at))
@@ -281,14 +293,22 @@ def _first_beyond(column: _Column, first: int) -> Iterator[tuple[int, str, str, 
     place of the first one that the column may speak of.
     """
     for row in np.flatnonzero(~(column.error <= column.limit + _SLACK))[:1].tolist():
-        yield first + int(column.places[row]), column.what, _text(column.planned[row]), _text(column.read[row])
+        yield (
+            first + int(column.places[row]),
+            column.what,
+            _text(column.planned[row]),
+            _text(column.read[row]),
+        )
 
 
 def _compare_frames(
     planned: Program, reading: Reading, tolerance: Tolerance, carries: frozenset[str], file: str
 ) -> None:
     """The frames that the text states, and that it states those it should."""
-    both = (("work", planned.base_from_work, reading.work), ("tool", planned.flange_from_tool, reading.tool))
+    both = (
+        ("work", planned.base_from_work, reading.work),
+        ("tool", planned.flange_from_tool, reading.tool),
+    )
     for name, was, says in both:
         if says is None:
             # What goes to joint values alone is in no frame.
@@ -299,7 +319,9 @@ def _compare_frames(
         turn = float(angles_between(was.rotation[None], says.rotation[None])[0])
         if not (off <= tolerance.mm + _SLACK and turn <= tolerance.angle + _SLACK):
             reads, plan = (f"{_text(pose.origin)} {_text(pose.rotation)}" for pose in (says, was))
-            raise VerifyError(file, f"the {name} frame reads {reads}, planned is {plan}", 0, _REMEDY)
+            raise VerifyError(
+                file, f"the {name} frame reads {reads}, planned is {plan}", 0, _REMEDY
+            )
 
 
 # Columns.
@@ -348,18 +370,30 @@ def _turns(a: _Looked, b: _Looked) -> FloatArray:
     return np.asarray(angles_between(p, q)[back])
 
 
-def _manners(both: _Both, posed: Mask, tolerance: Tolerance, carries: frozenset[str]) -> Iterator[_Column]:
+def _manners(
+    both: _Both, posed: Mask, tolerance: Tolerance, carries: frozenset[str]
+) -> Iterator[_Column]:
     """How motions are made: orientation, joints, speed, blend, force."""
     places, sides = both.places(MoveJ, MoveL, MoveC), (both.plan, both.read)
     if "orientation" in carries:
-        a, b = (_Looked(side.table, side.rotation[: both.moves][posed].astype(np.intp)) for side in sides)
+        a, b = (
+            _Looked(side.table, side.rotation[: both.moves][posed].astype(np.intp))
+            for side in sides
+        )
         yield _Column(_TURN, places[posed], a, b, _turns(a, b), tolerance.angle)
     if "via-orientation" in carries:
         arcs = both.plan.arcs[both.plan.arcs < both.moves]
-        a, b = (_Looked(side.table, side.via_rotation[: len(arcs)].astype(np.intp)) for side in sides)
+        a, b = (
+            _Looked(side.table, side.via_rotation[: len(arcs)].astype(np.intp)) for side in sides
+        )
         yield _Column("orientation half-way", places[arcs], a, b, _turns(a, b), tolerance.angle)
-    was, says = ([item.target.values for item in side.pick(side.at[where])] for side, where in both.each(~posed))
-    error = np.array([np.abs(np.subtract(p, q)).max(initial=0.0) for p, q in zip(was, says, strict=True)])
+    was, says = (
+        [item.target.values for item in side.pick(side.at[where])]
+        for side, where in both.each(~posed)
+    )
+    error = np.array(
+        [np.abs(np.subtract(p, q)).max(initial=0.0) for p, q in zip(was, says, strict=True)]
+    )
     yield _Column("joint values", places[~posed], was, says, error, tolerance.joint)
     rapid = both.plan.moves_are(MoveJ)[: both.moves]
     shared = (both.plan.share[: both.moves] > 0) & ("joint-share" in carries)
@@ -368,7 +402,9 @@ def _manners(both: _Both, posed: Mask, tolerance: Tolerance, carries: frozenset[
         yield both.moving("speed", "speed", rapid & ~shared, tolerance.speed)
     if "speed" in carries:
         # Where only the tool turns, the TCP has none.
-        yield both.moving("speed", "speed", ~rapid & (both.plan.turn[: both.moves] == 0), tolerance.speed)
+        yield both.moving(
+            "speed", "speed", ~rapid & (both.plan.turn[: both.moves] == 0), tolerance.speed
+        )
     every = np.ones(both.moves, np.bool_)
     if "turn" in carries and np.any(both.plan.turn[: both.moves]):
         # A turn of less than half the last digit may be none in the text.
@@ -397,7 +433,10 @@ def _postures(both: _Both, posed: Mask, name: str) -> _Column:
         found = side.special[0]
         stated[found[found < both.moves]] = True
     stated &= posed
-    a, b = ([_get_said(motion, name) for motion in side.pick(side.at[where])] for side, where in both.each(stated))
+    a, b = (
+        [_get_said(motion, name) for motion in side.pick(side.at[where])]
+        for side, where in both.each(stated)
+    )
     places = both.places(MoveJ, MoveL, MoveC)[stated]
     return _Column(name, places, a, b, np.fromiter(map(ne, a, b), np.float64, len(a)), 0.0)
 
@@ -411,7 +450,14 @@ def _along(newtons: _Column, a: FloatArray, b: FloatArray, tolerance: Tolerance)
     """Forces by component, from their size and direction: each component may be off by both tolerances."""
     planned, read = (np.reshape(size, (-1, 1)) for size in (newtons.planned, newtons.read))
     limit = tolerance.force + tolerance.angle * planned[:, 0]
-    return _Column("force along x y z", newtons.places, planned * a, read * b, _worst(planned * a - read * b), limit)
+    return _Column(
+        "force along x y z",
+        newtons.places,
+        planned * a,
+        read * b,
+        _worst(planned * a - read * b),
+        limit,
+    )
 
 
 def _others(both: _Both, tolerance: Tolerance, carries: frozenset[str]) -> Iterator[_Column]:

@@ -40,7 +40,9 @@ def draw_spans(start: FloatArray, via: FloatArray, end: FloatArray, sag: float) 
     found = spans_through(start, via, end)
     with np.errstate(divide="ignore"):
         step = 2 * np.arccos(np.clip(1 - sag / found.radius, -1.0, 1.0))
-    counts = np.ceil(found.sweep / np.clip(step, _FINEST, _COARSEST) - 1e-9).clip(1).astype(np.int64)
+    counts = (
+        np.ceil(found.sweep / np.clip(step, _FINEST, _COARSEST) - 1e-9).clip(1).astype(np.int64)
+    )
     owner, place = owners(counts), ramp(counts) + 1
     fraction = place / counts[owner]
     points = end[owner].copy()

@@ -26,7 +26,9 @@ def by_order(k: int, count: int) -> str:
     """The colour of path k of so many."""
     place = k / max(count - 1, 1) * (len(_RAMP) - 1)
     low = min(int(place), len(_RAMP) - 2)
-    rgb = (round(a + (b - a) * (place - low)) for a, b in zip(_RAMP[low], _RAMP[low + 1], strict=True))
+    rgb = (
+        round(a + (b - a) * (place - low)) for a, b in zip(_RAMP[low], _RAMP[low + 1], strict=True)
+    )
     return "#" + "".join(f"{v:02x}" for v in rgb)
 
 
@@ -39,7 +41,9 @@ class Paper(Struct, frozen=True, eq=False):
 
     def place(self, points: FloatArray) -> FloatArray:
         """Page coordinates (N, 2) of ``points`` (N, 2 or more)."""
-        return np.asarray(points[:, :2] * (self.scale, -self.scale) + (self.x, self.y), dtype=np.float64)
+        return np.asarray(
+            points[:, :2] * (self.scale, -self.scale) + (self.x, self.y), dtype=np.float64
+        )
 
 
 class PageChains(Struct, frozen=True, eq=False):
@@ -69,7 +73,9 @@ def of_paths(paths: Sequence[ToolPath]) -> PageChains:
     points = np.concatenate([path.position for path in paths])[:, :2]
     via = np.concatenate([path.via for path in paths])[:, :2]
     before = np.concatenate([points[:1], points[:-1]])
-    return PageChains(points, bulges(before, via, points), begins([len(path.position) for path in paths]))
+    return PageChains(
+        points, bulges(before, via, points), begins([len(path.position) for path in paths])
+    )
 
 
 def _chains(rows: Sequence[FloatArray], bulges: Sequence[FloatArray]) -> PageChains:
@@ -94,7 +100,11 @@ def path_data(chains: PageChains, page: Paper) -> list[str]:
     words = [
         f"A{r:.2f} {r:.2f} 0 0 {flag} {x:.2f} {y:.2f}" if arc else f"L{x:.2f} {y:.2f}"
         for (x, y), arc, r, flag in zip(
-            at.tolist(), curved.tolist(), radius.tolist(), (chains.bulge < 0).astype(int).tolist(), strict=True
+            at.tolist(),
+            curved.tolist(),
+            radius.tolist(),
+            (chains.bulge < 0).astype(int).tolist(),
+            strict=True,
         )
     ]
     begins = [int(k) for k in chains.first.tolist()]
@@ -105,7 +115,9 @@ def path_data(chains: PageChains, page: Paper) -> list[str]:
 
 def bounds(chains: Sequence[PageChains]) -> tuple[FloatArray, FloatArray]:
     """Least and greatest corner, work frame, arcs exact."""
-    every = np.concatenate([np.zeros((0, 2)), *(one.points for one in chains), *(_extremes(one) for one in chains)])
+    every = np.concatenate(
+        [np.zeros((0, 2)), *(one.points for one in chains), *(_extremes(one) for one in chains)]
+    )
     if not len(every):
         return np.zeros(2), np.ones(2)
     return every.min(axis=0), every.max(axis=0)
@@ -119,10 +131,16 @@ def _extremes(chains: PageChains) -> FloatArray:
     start, end, bulge = chains.points[rows - 1], chains.points[rows], chains.bulge[rows]
     half = (end - start) / 2
     # From the middle of the chord to the centre: to the left for a positive bulge, R - h = half (1 - b^2) / (2 b).
-    centre = start + half + np.column_stack([-half[:, 1], half[:, 0]]) * ((1 - bulge**2) / (2 * bulge))[:, None]
+    centre = (
+        start
+        + half
+        + np.column_stack([-half[:, 1], half[:, 0]]) * ((1 - bulge**2) / (2 * bulge))[:, None]
+    )
     radius = np.hypot(*(start - centre).T)
     sweep = 4 * np.arctan(bulge)
-    first = np.arctan2(start[:, 1] - centre[:, 1], start[:, 0] - centre[:, 0]) + np.minimum(sweep, 0)
+    first = np.arctan2(start[:, 1] - centre[:, 1], start[:, 0] - centre[:, 0]) + np.minimum(
+        sweep, 0
+    )
     found = []
     for x, y, angle in ((1, 0, 0.0), (0, 1, np.pi / 2), (-1, 0, np.pi), (0, -1, -np.pi / 2)):
         reached = (angle - first) % (2 * np.pi) <= np.abs(sweep)
@@ -144,7 +162,11 @@ def spots(notes: Sequence[Note], page: Paper, radius: float) -> list[str]:
 
 def tell_wrong(notes: Sequence[Note]) -> list[tuple[str, str]]:
     """What was left out or went wrong, as text, and why."""
-    return [(f"{'left out' if n.kind == 'skipped' else n.kind}: {n.what}", n.why) for n in notes if n.fails_strict]
+    return [
+        (f"{'left out' if n.kind == 'skipped' else n.kind}: {n.what}", n.why)
+        for n in notes
+        if n.fails_strict
+    ]
 
 
 def arrows(path: ToolPath, page: Paper, every: float) -> list[tuple[float, float, float]]:

@@ -20,7 +20,18 @@ from camgen.order.arrange import measure_travel
 from camgen.plan.fill.cover import coverage_map
 from camgen.plan.page import page_size
 from camgen.preview.draw import Paper, by_order, of_contours, of_paths, path_data, spots
-from camgen.preview.panels import WIDE, Crop, Panel, faint, image, line, make_crop, on_panel, sheet, show_crop
+from camgen.preview.panels import (
+    WIDE,
+    Crop,
+    Panel,
+    faint,
+    image,
+    line,
+    make_crop,
+    on_panel,
+    sheet,
+    show_crop,
+)
 
 #: Radius of the points, and width of the drawn lines, page mm. Colours from the first stroke to the last.
 _DOT, _STROKE, _BINS = 0.55, 0.45, 32
@@ -50,7 +61,11 @@ def svg(
     panels = [
         Panel(f"picture, {width} x {height} px", high, [image(raster.photo, WIDE, high)]),
         Panel("ink", crop.high, [show_crop(crop, np.bitwise_not(raster.mask), smooth=False)]),
-        Panel(f"borders of the ink, {points}", crop.high, [faint(raster, crop), _borders(raster, crop)]),
+        Panel(
+            f"borders of the ink, {points}",
+            crop.high,
+            [faint(raster, crop), _borders(raster, crop)],
+        ),
         *drawn,
         _order(raster, planned, measure_travel(planned, None), "as found", job),
         _order(raster, tour.paths, tour.travel, "by order", job),
@@ -61,7 +76,9 @@ def svg(
 def _borders(raster: Raster, crop: Crop) -> str:
     page = on_panel(raster, crop)
     matrix = raster.work_from_view
-    data = "".join(line(page.place(b @ matrix[:, :2].T + matrix[:, 2])) + "Z" for b in raster.borders)
+    data = "".join(
+        line(page.place(b @ matrix[:, :2].T + matrix[:, 2])) + "Z" for b in raster.borders
+    )
     return f'<path class="part" d="{data}"/>'
 
 
@@ -84,7 +101,9 @@ def _simplify(part: Part, raster: Raster, crop: Crop) -> Panel:
     )
 
 
-def _fill(part: Part, raster: Raster, tour: Tour, notes: tuple[Note, ...], job: Job, crop: Crop) -> list[Panel]:
+def _fill(
+    part: Part, raster: Raster, tour: Tour, notes: tuple[Note, ...], job: Job, crop: Crop
+) -> list[Panel]:
     """What the pen draws, and what of that is where it should be."""
     found = coverage_map(part, tour.paths, job.tool.diameter, _MAP)
     height, width = found.pixels.shape[:2]
@@ -94,7 +113,9 @@ def _fill(part: Part, raster: Raster, tour: Tour, notes: tuple[Note, ...], job: 
     content = [f'<g transform="translate({left:.2f} {top:.2f})">{picture}</g>']
     red = spots(notes, on_panel(raster, crop), job.tool.diameter / 2)
     content += red
-    told = "green: covered, red: bare, yellow: ink outside" + (", ring: not as drawn" if red else "")
+    told = "green: covered, red: bare, yellow: ink outside" + (
+        ", ring: not as drawn" if red else ""
+    )
     return [_draw_covered(raster, tour, job, crop), Panel(told, crop.high, content)]
 
 
@@ -121,13 +142,20 @@ def _order(raster: Raster, paths: tuple[ToolPath, ...], travel: float, how: str,
     else:
         # Without a page the picture is one.
         rows, columns = raster.mask.shape
-        ends = raster.work_from_view @ np.array([[-0.5, columns - 0.5], [rows - 0.5, -0.5], [1.0, 1.0]])
+        ends = raster.work_from_view @ np.array(
+            [[-0.5, columns - 0.5], [rows - 0.5, -0.5], [1.0, 1.0]]
+        )
         (x0, x1), (y0, y1) = ends.tolist()
         width, height, corner = x1 - x0, y1 - y0, (x0, y0)
     scale = WIDE / width
     page = Paper(scale, -corner[0] * scale, (corner[1] + height) * scale)
-    content = [f'<rect class="sheet" width="{WIDE}" height="{height * scale:.2f}"/>', *_strokes(paths, page)]
-    count = f"{len(paths)} {'holes, travel' if job.operation.kind == 'drill' else 'strokes, pen up'}"
+    content = [
+        f'<rect class="sheet" width="{WIDE}" height="{height * scale:.2f}"/>',
+        *_strokes(paths, page),
+    ]
+    count = (
+        f"{len(paths)} {'holes, travel' if job.operation.kind == 'drill' else 'strokes, pen up'}"
+    )
     told = f"{short(width, 1)} x {short(height, 1)} mm: {count} {short(travel, 1)} mm, {how}"
     return Panel(told, height * scale, content)
 

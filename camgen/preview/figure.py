@@ -98,7 +98,9 @@ def are_seen(shaded: Shaded, solid: Solid, look: Look, points: FloatArray) -> Bo
             c = np.clip(column + aside, 0, shaded.front.shape[1] - 1)
             face = shaded.front[r, c]
             normal, corner = solid.normals[face], solid.vertices[solid.faces[face, 0]]
-            before = ((corner - points) * normal).sum(axis=1) / np.maximum(normal @ look.toward, 1e-9)
+            before = ((corner - points) * normal).sum(axis=1) / np.maximum(
+                normal @ look.toward, 1e-9
+            )
             seen |= (face < 0) | (before < slack)
     return seen
 
@@ -141,10 +143,20 @@ def figure_edges(view: View, solid: Solid, look: Look, shaded: Shaded | None) ->
     ends = np.cumsum(view.chains.counts)[:-1]
     for line, chain in zip(view.lines, np.split(view.chains.points, ends), strict=True):
         number = numbers.get(line.id, -1) if line.state == "done" else -1
-        text = str(number + 1) if number >= 0 else line.id if line.state in ("skipped", "wrong") else ""
+        text = (
+            str(number + 1)
+            if number >= 0
+            else line.id
+            if line.state in ("skipped", "wrong")
+            else ""
+        )
         points = _cut_up(chain, most)
         middles = (points[1:] + points[:-1]) / 2
-        seen = np.ones(len(middles), bool) if shaded is None else are_seen(shaded, solid, look, middles)
+        seen = (
+            np.ones(len(middles), bool)
+            if shaded is None
+            else are_seen(shaded, solid, look, middles)
+        )
         found.append(FigureEdge(text if few else "", number, line.state, points, seen))
     return found
 
@@ -153,7 +165,9 @@ def _cut_up(chain: FloatArray, most: float) -> FloatArray:
     """The chain with points no farther than ``most`` mm from each other."""
     steps = np.linalg.norm(np.diff(chain, axis=0), axis=1)
     parts = np.maximum(np.ceil(steps / most), 1).astype(np.int64)
-    at = np.concatenate([[0.0], *(k + np.arange(1, n + 1) / n for k, n in enumerate(parts.tolist()))])
+    at = np.concatenate(
+        [[0.0], *(k + np.arange(1, n + 1) / n for k, n in enumerate(parts.tolist()))]
+    )
     return np.column_stack([np.interp(at, np.arange(len(chain)), column) for column in chain.T])
 
 
@@ -174,18 +188,25 @@ def runs(edge: FigureEdge) -> Iterator[tuple[bool, FloatArray]]:
             yield bool(edge.seen[a]), edge.points[a : b + 1]
 
 
-def label_places(edges: list[FigureEdge], look: Look, apart: float) -> list[tuple[FloatArray, bool]]:
+def label_places(
+    edges: list[FigureEdge], look: Look, apart: float
+) -> list[tuple[FloatArray, bool]]:
     """On the sheet (2,) where each edge's text stands, and whether it is seen there: on a seen stretch where there is
     one, ``apart`` mm or more from the others where there is room.
     """
     placed: list[FloatArray] = []
     found = []
     for edge in edges:
-        seen = max((points for shown, points in runs(edge) if shown), key=_length, default=edge.points[:1])
+        seen = max(
+            (points for shown, points in runs(edge) if shown), key=_length, default=edge.points[:1]
+        )
         enough = _length(seen) >= _ENOUGH * _length(edge.points)
         points = seen if enough else edge.points
         spots = look.place(np.array([_along(points, share) for share in _PLACES]))
-        gaps = [min((float(np.hypot(*(spot - other))) for other in placed), default=apart) for spot in spots]
+        gaps = [
+            min((float(np.hypot(*(spot - other))) for other in placed), default=apart)
+            for spot in spots
+        ]
         best = next((k for k, gap in enumerate(gaps) if gap >= apart), int(np.argmax(gaps)))
         found.append((spots[best], enough))
         if edge.text:

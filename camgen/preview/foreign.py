@@ -51,7 +51,15 @@ def view_program(
     way = way_of(found, sag)
     sums, spent = path_sums(paths)
     rows = [
-        Row(path.id, path.layer, length, length / time if time > 0 else float(path.feed[0]), 0.0, time, 1)
+        Row(
+            path.id,
+            path.layer,
+            length,
+            length / time if time > 0 else float(path.feed[0]),
+            0.0,
+            time,
+            1,
+        )
         for path, length, time in zip(paths, sums.tolist(), spent.tolist(), strict=True)
     ]
     tool = Cutter("tool", "end mill", _THIN, (), _HERE)
@@ -100,14 +108,27 @@ def _notes(executed: Executed, place: Callable[[int], str]) -> list[ViewNote]:
     found = []
     if executed.stopped:
         line, what = executed.stopped
-        found.append(ViewNote("refused", f"{clean(place(line))}: cannot be run on", clean(what), True, text=line))
+        found.append(
+            ViewNote(
+                "refused", f"{clean(place(line))}: cannot be run on", clean(what), True, text=line
+            )
+        )
     for level in LEVELS:
         own = [one for one in executed.findings if one.level == level]
         strict = level != "unusual"
-        found += [ViewNote(level, clean(place(one.line)), clean(one.what), strict, text=one.line) for one in own]
+        found += [
+            ViewNote(level, clean(place(one.line)), clean(one.what), strict, text=one.line)
+            for one in own
+        ]
     for one in executed.assumed:
         key = f"--assume {one.key}=VALUE says it otherwise" if one.key else ""
         found.append(
-            ViewNote("assumed", f"{clean(place(one.line))}: {clean(one.what)}", clean(key), False, text=one.line)
+            ViewNote(
+                "assumed",
+                f"{clean(place(one.line))}: {clean(one.what)}",
+                clean(key),
+                False,
+                text=one.line,
+            )
         )
     return found

@@ -47,10 +47,17 @@ def draw(found: Inspection, suffix: str) -> bytes:
 def _page(found: Inspection) -> _Page:
     left, low, right, high = shapely.union_all([found.expected.region, found.seen]).bounds
     scale = min(_WIDE / (right - left), _HIGH / (high - low))
-    wide, tall = (right - left) * scale + 2 * _MARGIN, (high - low) * scale + _TITLE + _FOOT + 2 * _MARGIN
+    wide, tall = (
+        (right - left) * scale + 2 * _MARGIN,
+        (high - low) * scale + _TITLE + _FOOT + 2 * _MARGIN,
+    )
     width = max(wide, 170.0)
     return _Page(
-        scale, (width - (right - left) * scale) / 2 - left * scale, _TITLE + _MARGIN + high * scale, width, tall
+        scale,
+        (width - (right - left) * scale) / 2 - left * scale,
+        _TITLE + _MARGIN + high * scale,
+        width,
+        tall,
     )
 
 
@@ -61,7 +68,9 @@ def _view_on(page: _Page, found: Inspection) -> FloatArray:
     c, s = math.cos(found.fit.turn), math.sin(found.fit.turn)
     turned = np.array([[c, -s], [s, c]]) @ raster.work_from_view
     turned[:, 2] += found.fit.shift
-    return np.asarray(np.diag([page.scale, -page.scale]) @ turned + np.array([[0, 0, page.x], [0, 0, page.y]]))
+    return np.asarray(
+        np.diag([page.scale, -page.scale]) @ turned + np.array([[0, 0, page.x], [0, 0, page.y]])
+    )
 
 
 def _words(found: Inspection) -> tuple[str, str]:
@@ -109,14 +118,17 @@ def _photo(page: _Page, found: Inspection) -> str:
     assert raster is not None
     pale = (255 - (255 - raster.view.astype(np.float32)) * (1 - _PALE)).astype(np.uint8)
     height, width = pale.shape[:2]
-    (a, c, e), (b, d, f) = _view_on(page, found) @ np.array([[1, 0, -0.5], [0, 1, -0.5], [0, 0, 1.0]])
+    (a, c, e), (b, d, f) = _view_on(page, found) @ np.array(
+        [[1, 0, -0.5], [0, 1, -0.5], [0, 0, 1.0]]
+    )
     matrix = " ".join(f"{v:.8g}" for v in (a, b, c, d, e, f))
     return f'<g transform="matrix({matrix})">{image(pale, width, height)}</g>'
 
 
 def _data(page: _Page, shape: shapely.Geometry) -> str:
     return "".join(
-        "M" + "L".join(f"{x:.2f} {y:.2f}" for x, y in page.place(ring)[:-1].tolist()) + "Z" for ring in _rings(shape)
+        "M" + "L".join(f"{x:.2f} {y:.2f}" for x, y in page.place(ring)[:-1].tolist()) + "Z"
+        for ring in _rings(shape)
     )
 
 
@@ -140,7 +152,12 @@ def _places(page: _Page, found: Inspection) -> Iterator[str]:
 
 def _legend(page: _Page) -> Iterator[str]:
     y, x = page.high - 6, _MARGIN
-    for kind, label in (("line", "expected"), ("seen", "seen"), ("much", "too much"), ("less", "missing")):
+    for kind, label in (
+        ("line", "expected"),
+        ("seen", "seen"),
+        ("much", "too much"),
+        ("less", "missing"),
+    ):
         yield f'<path class="{kind}" d="M{x} {y - 2}h8v1.6h-8Z"/><text x="{x + 10}" y="{y}">{label}</text>'
         x += 16 + 1.9 * len(label)
     bar = _round_length(45 / page.scale)
@@ -174,13 +191,24 @@ def _png(found: Inspection) -> bytes:
         if rings:
             cv2.fillPoly(sheet, rings, _colour(one.much), cv2.LINE_AA, _SHIFT)
     for shape, colour in ((found.expected.region, _LINE), (found.seen, (11, 122, 59))):
-        cv2.polylines(sheet, [at(ring) for ring in _rings(shape)], True, colour[::-1], 1, cv2.LINE_AA, _SHIFT)
+        cv2.polylines(
+            sheet, [at(ring) for ring in _rings(shape)], True, colour[::-1], 1, cv2.LINE_AA, _SHIFT
+        )
     face = cv2.FONT_HERSHEY_SIMPLEX
     for number, one in enumerate(found.differences[:_MOST], 1):
         u, v = (page.place(np.array([one.place]))[0] * _PX).round().astype(int).tolist()
         radius = round(_RING * _PX)
         cv2.circle(sheet, (u, v), radius, _colour(one.much), 2, cv2.LINE_AA)
-        cv2.putText(sheet, str(number), (u + radius, v - radius), face, 0.6, _colour(one.much), 2, cv2.LINE_AA)
+        cv2.putText(
+            sheet,
+            str(number),
+            (u + radius, v - radius),
+            face,
+            0.6,
+            _colour(one.much),
+            2,
+            cv2.LINE_AA,
+        )
     _write_words(sheet, page, found)
     return bytes(cv2.imencode(".png", sheet)[1])
 
@@ -192,7 +220,9 @@ def _paper(page: _Page, found: Inspection, size: tuple[int, int]) -> Pixels:
     raster = found.photo.raster
     assert raster is not None
     view = raster.view if raster.view.ndim == 3 else cv2.cvtColor(raster.view, cv2.COLOR_GRAY2BGR)
-    laid = cv2.warpAffine(view, _view_on(page, found) * _PX, size, flags=cv2.INTER_AREA, borderValue=(255, 255, 255))
+    laid = cv2.warpAffine(
+        view, _view_on(page, found) * _PX, size, flags=cv2.INTER_AREA, borderValue=(255, 255, 255)
+    )
     pale = 255 - (255 - laid.astype(np.float32)) * (1 - _PALE)
     pale[: round(_TITLE * _PX)] = 255
     return np.asarray(pale, dtype=np.uint8)
@@ -207,13 +237,20 @@ def _write_words(sheet: Pixels, page: _Page, found: Inspection) -> None:
     cv2.putText(sheet, title, (left, 45), face, 0.9, ink, 2, cv2.LINE_AA)
     cv2.putText(sheet, facts, (left, 80), face, 0.6, ink, 1, cv2.LINE_AA)
     x = left
-    for colour, label in ((_LINE, "expected"), ((11, 122, 59), "seen"), (_MUCH, "too much"), (_MISSING, "missing")):
+    for colour, label in (
+        (_LINE, "expected"),
+        ((11, 122, 59), "seen"),
+        (_MUCH, "too much"),
+        (_MISSING, "missing"),
+    ):
         cv2.rectangle(sheet, (x, height - 40), (x + 45, height - 32), colour[::-1], -1)
         cv2.putText(sheet, label, (x + 55, height - 30), face, 0.6, ink, 1, cv2.LINE_AA)
         x += 80 + 12 * len(label)
     bar = _round_length(45 / page.scale)
     right = sheet.shape[1] - left
-    cv2.line(sheet, (right - round(bar * page.scale * _PX), height - 36), (right, height - 36), ink, 3)
+    cv2.line(
+        sheet, (right - round(bar * page.scale * _PX), height - 36), (right, height - 36), ink, 3
+    )
     cv2.putText(sheet, f"{bar:g} mm", (right - 80, height - 14), face, 0.6, ink, 1, cv2.LINE_AA)
 
 

@@ -36,5 +36,7 @@ def list_texts(files: Sequence[tuple[str, str]], lines: IntArray) -> Listing:
     if letters > MOST_LETTERS or rows > MOST_LINES:
         names = ", ".join(name for name, _ in files)
         size = f"{counted(rows, 'line')}, {letters / 1e6:.0f} MB"
-        return Listing((), lines, f"{names}: too long for this page ({size}); open the file beside it")
+        return Listing(
+            (), lines, f"{names}: too long for this page ({size}); open the file beside it"
+        )
     return Listing(tuple(files), lines)

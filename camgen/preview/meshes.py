@@ -30,7 +30,9 @@ def one_mesh(surfaces: Sequence[Surface]) -> tuple[FloatArray, IntArray] | None:
     for cells in _CELLS:
         if len(found[1]) <= MOST_FACES:
             break
-        found = _cluster(vertices, faces, np.floor((vertices - low) / max(size / cells, 1e-6)).astype(np.int64))
+        found = _cluster(
+            vertices, faces, np.floor((vertices - low) / max(size / cells, 1e-6)).astype(np.int64)
+        )
     return found
 
 

@@ -10,7 +10,15 @@ from camgen.model.drawing import draw_svg
 from camgen.model.part import Line, Part
 from camgen.model.path import Tour
 from camgen.preview.curves import of_spans
-from camgen.preview.draw import PageChains, Paper, bounds, by_order, of_contours, of_paths, path_data
+from camgen.preview.draw import (
+    PageChains,
+    Paper,
+    bounds,
+    by_order,
+    of_contours,
+    of_paths,
+    path_data,
+)
 
 #: The picture is made as large as fits in here, px, with a margin around it.
 _SIZE, _MARGIN = 480.0, 12.0
@@ -29,9 +37,16 @@ def _draw_tour(tour: Tour) -> str:
     count = len(tour.paths)
     if not count:
         return _draw([])
-    ends = [np.stack([a.position[-1, :2], b.position[0, :2]]) for a, b in zip(tour.paths, tour.paths[1:], strict=False)]
+    ends = [
+        np.stack([a.position[-1, :2], b.position[0, :2]])
+        for a, b in zip(tour.paths, tour.paths[1:], strict=False)
+    ]
     ways = (
-        PageChains(np.concatenate(ends), np.zeros(2 * len(ends)), np.arange(0, 2 * len(ends), 2, dtype=np.int64))
+        PageChains(
+            np.concatenate(ends),
+            np.zeros(2 * len(ends)),
+            np.arange(0, 2 * len(ends), 2, dtype=np.int64),
+        )
         if ends
         else None
     )
@@ -46,7 +61,11 @@ def _chains(part: Part) -> list[PageChains]:
     size = float(np.linalg.norm(np.ptp(np.concatenate([line.points for line in lines]), axis=0)))
     spans = of_spans([(line.points, line.via) for line in lines], 1e-3 * size)
     first = np.cumsum([0, *spans.counts[:-1].tolist()])
-    return [PageChains(spans.points[:, :2], np.zeros(len(spans.points)), first)] if len(spans.points) else []
+    return (
+        [PageChains(spans.points[:, :2], np.zeros(len(spans.points)), first)]
+        if len(spans.points)
+        else []
+    )
 
 
 def _draw(groups: Sequence[tuple[PageChains, Sequence[str]]]) -> str:

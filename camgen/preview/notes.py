@@ -37,7 +37,9 @@ class _Line(Protocol):
     def state(self) -> str: ...
 
 
-def see_notes(notes: Sequence[Note], lines: Sequence[_Line], paths: Sequence[str]) -> tuple[ViewNote, ...]:
+def see_notes(
+    notes: Sequence[Note], lines: Sequence[_Line], paths: Sequence[str]
+) -> tuple[ViewNote, ...]:
     """``notes`` in their order. lines: of the view, the rings around places of notes among them, in the order of those.
 
     paths: their ids. A note on what was left out is about the parts of a line that were left out, where it was run in

@@ -63,7 +63,11 @@ def page(view: View, edits: Edits | None = None) -> str:
     style = _asset("viewer.css")
     first = '"use strict";\n' + "\n".join(map(_asset, _FIRST))
     needed = {_CUT: _has_cut(view), _PHOTO: view.photo is not None, _EDIT: edits is not None}
-    names = [*_SCRIPTS[:-1], *(name for name, is_needed in needed.items() if is_needed), _SCRIPTS[-1]]
+    names = [
+        *_SCRIPTS[:-1],
+        *(name for name, is_needed in needed.items() if is_needed),
+        _SCRIPTS[-1],
+    ]
     script = '(() => {\n"use strict";\n' + "\n".join(map(_asset, names)) + "})();\n"
     filled = {
         "title": escape(one_line(view.title)),
@@ -187,15 +191,27 @@ def _cut(view: View, origin: FloatArray) -> dict[str, object]:
     found: dict[str, object] = {}
     if _has_tools(view):
         found["tools"] = [
-            {"diameter": tool.diameter, "profile": tool.profile, "flange_from_tool": _pose(tool.frame)}
+            {
+                "diameter": tool.diameter,
+                "profile": tool.profile,
+                "flange_from_tool": _pose(tool.frame),
+            }
             for tool in view.tools
         ]
         found["tool_of"] = _pack_runs(view.tool_of, np.uint8)
     if view.stock:
-        found["stock"] = {"low": (view.stock.low - origin).tolist(), "high": (view.stock.high - origin).tolist()}
+        found["stock"] = {
+            "low": (view.stock.low - origin).tolist(),
+            "high": (view.stock.high - origin).tolist(),
+        }
     if view.marks:
         found["marks"] = [
-            {"kind": mark.kind, "number": mark.number, "text": one_line(mark.text), **_fill(mark, origin)}
+            {
+                "kind": mark.kind,
+                "number": mark.number,
+                "text": one_line(mark.text),
+                **_fill(mark, origin),
+            }
             for mark in view.marks
         ]
     return found
@@ -208,7 +224,9 @@ def _fill(mark: Mark, origin: FloatArray) -> dict[str, str]:
     around = np.vstack([mark.polygon, mark.polygon[:1]])
     corners = get_parts(constrained_delaunay_triangles(Polygon(mark.polygon, mark.holes).buffer(0)))
     inside = get_coordinates(corners).reshape(-1, 4, 2)[:, :3].reshape(-1, 2)
-    lifted = (np.column_stack([flat, np.full(len(flat), mark.z)]) - origin for flat in (around, inside))
+    lifted = (
+        np.column_stack([flat, np.full(len(flat), mark.z)]) - origin for flat in (around, inside)
+    )
     return dict(zip(("outline", "triangles"), map(_pack, lifted), strict=True))
 
 
@@ -219,7 +237,9 @@ def _numbers(view: View, origin: FloatArray) -> list[object]:
     from camgen.preview.figure import figure_edges, oblique  # noqa: PLC0415 (loads OpenCV, only for 3-D parts)
 
     edges = figure_edges(view, view.solid, oblique(), None)
-    return [[edge.text, *(edge.middle - origin).tolist(), edge.number] for edge in edges if edge.text]
+    return [
+        [edge.text, *(edge.middle - origin).tolist(), edge.number] for edge in edges if edge.text
+    ]
 
 
 def _arm(view: View) -> dict[str, object] | None:
@@ -232,7 +252,10 @@ def _arm(view: View) -> dict[str, object] | None:
         "flange": _pose(robot.flange),
         "coupling": robot.coupling.tolist(),
         "joints": [[j.name, j.sliding, _pose(j.previous_from_joint), j.axis] for j in robot.joints],
-        "links": [[*told, _surface(link)] for told, link in zip(_links(robot.links), robot.links, strict=True)],
+        "links": [
+            [*told, _surface(link)]
+            for told, link in zip(_links(robot.links), robot.links, strict=True)
+        ],
         "values": _pack(view.arm.joints),
         "time": _pack(view.arm.time),
     }
@@ -245,7 +268,9 @@ def _surface(link: Link) -> dict[str, str] | None:
 
 def _links(links: Sequence[Link]) -> list[list[object]]:
     """Name, then pose and half edges of each box."""
-    return [[link.name, [[_pose(box.link_from_box), box.half] for box in link.boxes]] for link in links]
+    return [
+        [link.name, [[_pose(box.link_from_box), box.half] for box in link.boxes]] for link in links
+    ]
 
 
 def _mesh(solid: Solid, origin: FloatArray) -> dict[str, str]:
@@ -259,7 +284,9 @@ def _pose(pose: Pose) -> list[float]:
 
 def _pack(values: NDArray[np.generic], kind: type[np.generic] = np.float32) -> str:
     """Little-endian numbers as base64."""
-    return base64.b64encode(np.ascontiguousarray(values, np.dtype(kind).newbyteorder("<")).tobytes()).decode()
+    return base64.b64encode(
+        np.ascontiguousarray(values, np.dtype(kind).newbyteorder("<")).tobytes()
+    ).decode()
 
 
 def _pack_runs(

@@ -65,7 +65,10 @@ def sheet(panels: Sequence[Panel], notes: Sequence[Note], title: str) -> str:
             body += [f'<g transform="translate({x} {top + 2:.2f})">', *panel.content, "</g>"]
         top += max(panel.high for panel in row) + 10
     skipped = [xml(what) for what, _ in tell_wrong(notes)][:6]
-    lines = [f'<text class="warn" x="{_GAP}" y="{top + 5 * k:.2f}">{text}</text>' for k, text in enumerate(skipped)]
+    lines = [
+        f'<text class="warn" x="{_GAP}" y="{top + 5 * k:.2f}">{text}</text>'
+        for k, text in enumerate(skipped)
+    ]
     height = top + 5 * len(skipped)
     return "\n".join(
         [
@@ -116,12 +119,19 @@ def image(pixels: Pixels, wide: float, high: float, smooth: bool = True) -> str:
 
 def show_crop(crop: Crop, pixels: Pixels, smooth: bool = True) -> str:
     """The crop of a picture of the view's size."""
-    return image(np.ascontiguousarray(pixels[crop.top : crop.bottom, crop.left : crop.right]), WIDE, crop.high, smooth)
+    return image(
+        np.ascontiguousarray(pixels[crop.top : crop.bottom, crop.left : crop.right]),
+        WIDE,
+        crop.high,
+        smooth,
+    )
 
 
 def faint(raster: Raster, crop: Crop) -> str:
     """The view as a background to draw on."""
-    pale = (raster.view[crop.top : crop.bottom, crop.left : crop.right] // 3 + np.uint8(170)).astype(np.uint8)
+    pale = (
+        raster.view[crop.top : crop.bottom, crop.left : crop.right] // 3 + np.uint8(170)
+    ).astype(np.uint8)
     return image(np.ascontiguousarray(pale), WIDE, crop.high)
 
 

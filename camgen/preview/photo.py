@@ -35,7 +35,9 @@ def photo_of(result: Built) -> Photo | None:
     import cv2  # noqa: PLC0415 (slow to load, only pictures need it)
 
     high, wide = raster.view.shape[:2]
-    around = np.array([(-0.5, -0.5, 1), (wide - 0.5, -0.5, 1), (wide - 0.5, high - 0.5, 1), (-0.5, high - 0.5, 1)])
+    around = np.array(
+        [(-0.5, -0.5, 1), (wide - 0.5, -0.5, 1), (wide - 0.5, high - 0.5, 1), (-0.5, high - 0.5, 1)]
+    )
     pixels = raster.view
     ratio = MOST_PIXELS / max(high, wide)
     if ratio < 1:

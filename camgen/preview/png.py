@@ -91,13 +91,23 @@ def _solid(image: Pixels, view: View, solid: Solid, sheet: _Sheet) -> None:
     scale, left = shaded.per_px * sheet.scale, shaded.low * (1.0, -1.0) * sheet.scale + sheet.shift
     lift = left[1] - scale * (len(shaded.front) - 1)
     matrix = np.array([[scale, 0.0, left[0]], [0.0, scale, lift]])
-    laid = cv2.warpAffine(shaded.pixels(), matrix, (_WIDE, _HIGH), flags=cv2.INTER_LINEAR, borderValue=(0, 0, 0, 0))
+    laid = cv2.warpAffine(
+        shaded.pixels(), matrix, (_WIDE, _HIGH), flags=cv2.INTER_LINEAR, borderValue=(0, 0, 0, 0)
+    )
     np.copyto(image, laid[..., :3], where=laid[..., 3:] > 127)
     edges = figure_edges(view, solid, look, shaded)
     for wanted, wide in ((False, 1), (True, 2)):
         for state, colour in _COLOURS.items():
-            own = [sheet.place(p) for edge in edges if edge.state == state for seen, p in runs(edge) if seen == wanted]
-            cv2.polylines(image, own, False, colour, wide + (state == "skipped"), cv2.LINE_AA, _SHIFT)
+            own = [
+                sheet.place(p)
+                for edge in edges
+                if edge.state == state
+                for seen, p in runs(edge)
+                if seen == wanted
+            ]
+            cv2.polylines(
+                image, own, False, colour, wide + (state == "skipped"), cv2.LINE_AA, _SHIFT
+            )
     _way(image, view, sheet)
     for edge, (at, seen) in zip(edges, label_places(edges, look, 46 / sheet.scale), strict=True):
         if edge.text:
@@ -126,7 +136,11 @@ def _disc(image: Pixels, text: str, at: tuple[int, int], colour: Colour, *, full
 def _part(image: Pixels, view: View, sheet: _Sheet) -> None:
     """Contours by state, over the sheet inside closed ones."""
     ends = np.cumsum(view.chains.counts)[:-1]
-    chains = list(zip(view.lines, np.split(sheet.place(view.chains.points), ends), strict=True)) if view.lines else []
+    chains = (
+        list(zip(view.lines, np.split(sheet.place(view.chains.points), ends), strict=True))
+        if view.lines
+        else []
+    )
     if view.flat:
         closed = [points for line, points in chains if line.closed and line.state != "unused"]
         if closed:
@@ -146,7 +160,9 @@ def _marks(image: Pixels, view: View, sheet: _Sheet) -> None:
         cv2.fillPoly(image, rings, _MARKS[mark.kind], cv2.LINE_AA, _SHIFT)
         cv2.polylines(image, rings, True, _INK, 1, cv2.LINE_AA, _SHIFT)
     for mark in view.marks[:_NAMED]:
-        (x, y) = (sheet.place(np.array([[*mark.polygon.mean(axis=0), mark.z]]))[0, 0] >> _SHIFT).tolist()
+        (x, y) = (
+            sheet.place(np.array([[*mark.polygon.mean(axis=0), mark.z]]))[0, 0] >> _SHIFT
+        ).tolist()
         text = f"{mark.number:.3g} mm"
         _write(image, text, (x + 6, y - 6), 0.5)
 
@@ -157,13 +173,18 @@ def _way(image: Pixels, view: View, sheet: _Sheet) -> None:
     path = way.events.path[way.event]
     at = sheet.place(way.position)
     cuts = np.flatnonzero(np.diff(path)) + 1
-    strokes = [(int(path[a]), at[max(a - 1, 0) : b]) for a, b in zip([0, *cuts], [*cuts, len(path)], strict=True)]
+    strokes = [
+        (int(path[a]), at[max(a - 1, 0) : b])
+        for a, b in zip([0, *cuts], [*cuts, len(path)], strict=True)
+    ]
     travel = [points for owner, points in strokes if owner < 0]
     cv2.polylines(image, travel, False, _TRAVEL, 1, cv2.LINE_AA, _SHIFT)
     last = max(len(view.rows) - 1, 1)
     for owner, points in strokes:
         if owner >= 0:
-            blue, green, red = (float(np.interp(2 * owner / last, (0, 1, 2), _RAMP[:, k])) for k in range(3))
+            blue, green, red = (
+                float(np.interp(2 * owner / last, (0, 1, 2), _RAMP[:, k])) for k in range(3)
+            )
             cv2.polylines(image, [points], False, (blue, green, red), 3, cv2.LINE_AA, _SHIFT)
             cv2.circle(image, points[0, 0].tolist(), 5 << _SHIFT, _INK, 2, cv2.LINE_AA, _SHIFT)
 
@@ -179,29 +200,51 @@ def _words(image: Pixels, view: View, sheet: _Sheet) -> None:
     told = ", ".join(f"{name.lower()} {_plain(facts[name]).split(' (')[0]}" for name in names)
     _write(image, told, (_BORDER, 92), 0.6)
     if view.skipped:
-        _write(image, f"left out: {len(view.skipped)}, in red where it was drawn", (_BORDER, _HIGH - 22), 0.6)
+        _write(
+            image,
+            f"left out: {len(view.skipped)}, in red where it was drawn",
+            (_BORDER, _HIGH - 22),
+            0.6,
+        )
     if view.flat:
         power = 10.0 ** math.floor(math.log10(300 / sheet.scale))
         bar = max(m * power for m in (1, 2, 5) if m * power <= 300 / sheet.scale * (1 + 1e-12))
         right = _WIDE - _BORDER
-        cv2.line(image, (right - round(bar * sheet.scale), _HIGH - 22), (right, _HIGH - 22), _INK, 3)
+        cv2.line(
+            image, (right - round(bar * sheet.scale), _HIGH - 22), (right, _HIGH - 22), _INK, 3
+        )
         _write(image, f"{bar:g} mm", (right - 90, _HIGH - 32), 0.6)
 
 
 def _write(
-    image: Pixels, text: str, at: tuple[int, int], size: float, ink: Colour = _INK, *, bold: bool = False
+    image: Pixels,
+    text: str,
+    at: tuple[int, int],
+    size: float,
+    ink: Colour = _INK,
+    *,
+    bold: bool = False,
 ) -> None:
     """A text whose base line begins at ``at``.
 
     It is drawn larger and made small again: letters stand on whole pixels, and of small ones the gaps are then uneven.
     """
-    face, fine, wide = cv2.FONT_HERSHEY_SIMPLEX, _FINER * size, 2 if bold else 1  # OpenCV's words for a weight
+    face, fine, wide = (
+        cv2.FONT_HERSHEY_SIMPLEX,
+        _FINER * size,
+        2 if bold else 1,
+    )  # OpenCV's words for a weight
     (long, high), below = cv2.getTextSize(text, face, fine, wide)
     room = _FINER * 2
-    shape = (-(-(high + below + 2 * room) // _FINER) * _FINER, -(-(long + 2 * room) // _FINER) * _FINER)
+    shape = (
+        -(-(high + below + 2 * room) // _FINER) * _FINER,
+        -(-(long + 2 * room) // _FINER) * _FINER,
+    )
     drawn = np.zeros(shape, np.uint8)
     cv2.putText(drawn, text, (room, high + room), face, fine, 255, wide, cv2.LINE_AA)
-    mask = np.asarray(cv2.resize(drawn, (shape[1] // _FINER, shape[0] // _FINER), interpolation=cv2.INTER_AREA))
+    mask = np.asarray(
+        cv2.resize(drawn, (shape[1] // _FINER, shape[0] // _FINER), interpolation=cv2.INTER_AREA)
+    )
     left, top = at[0] - 2, at[1] - round(high / _FINER) - 2
     mask = mask[max(-top, 0) : _HIGH - top, max(-left, 0) : _WIDE - left]
     under = image[max(top, 0) :, max(left, 0) :][: mask.shape[0], : mask.shape[1]]

@@ -17,7 +17,16 @@ from camgen.model.part import Solid
 from camgen.model.pose import FloatArray
 from camgen.model.text import escape
 from camgen.preview.draw import by_order
-from camgen.preview.figure import FigureEdge, Look, Shaded, figure_edges, label_places, oblique, runs, shade
+from camgen.preview.figure import (
+    FigureEdge,
+    Look,
+    Shaded,
+    figure_edges,
+    label_places,
+    oblique,
+    runs,
+    shade,
+)
 from camgen.preview.view import View
 
 #: The part is made as large as fits in here, page mm; around it a margin, above it the title.
@@ -58,7 +67,9 @@ def svg(view: View, solid: Solid) -> str:
     told = _left_out(view, sheet)
     height = sheet.bottom + 12 + 5 * len(told)
     facts = dict(view.facts)
-    line = ", ".join(f"{name.lower()} {facts[name]}" for name in ("Paths", "Work", "Travel", "Time"))
+    line = ", ".join(
+        f"{name.lower()} {facts[name]}" for name in ("Paths", "Work", "Travel", "Time")
+    )
     size = f'width="{sheet.width:.2f}mm" height="{height:.2f}mm" viewBox="0 0 {sheet.width:.2f} {height:.2f}"'
     return "\n".join(
         [
@@ -85,7 +96,14 @@ def _fit(solid: Solid, look: Look) -> _Sheet:
     width = _WIDE + 2 * _MARGIN
     left, top = (width - scale * float(size[0])) / 2, _TITLE + _RADIUS
     bottom = top + scale * float(size[1]) + _RADIUS + 2
-    return _Sheet(look, scale, left - scale * float(low[0]), top + scale * float(low[1] + size[1]), width, bottom)
+    return _Sheet(
+        look,
+        scale,
+        left - scale * float(low[0]),
+        top + scale * float(low[1] + size[1]),
+        width,
+        bottom,
+    )
 
 
 def _faces(shaded: Shaded, sheet: _Sheet) -> str:
@@ -145,11 +163,17 @@ def _legend(sheet: _Sheet, view: View) -> Iterator[str]:
 
 def _left_out(view: View, sheet: _Sheet) -> list[str]:
     """What was left out, in lines that fit the page."""
-    texts = [f"left out: {note.what}" + (f" ({note.why})" if note.why else "") for note in view.skipped]
+    texts = [
+        f"left out: {note.what}" + (f" ({note.why})" if note.why else "") for note in view.skipped
+    ]
     if len(texts) > 6:
         texts = [*texts[:5], f"left out: and {len(texts) - 5} more"]
     width = int((sheet.width - 2 * _MARGIN) / 1.75)  # a letter is about 1.75 page mm wide
-    lines = [line for text in texts for line in textwrap.wrap(one_line(text), width, subsequent_indent="    ")]
+    lines = [
+        line
+        for text in texts
+        for line in textwrap.wrap(one_line(text), width, subsequent_indent="    ")
+    ]
     y = sheet.bottom + 11
     return [
         f'<text class="warn" xml:space="preserve" x="{_MARGIN}" y="{y + 5 * k:.2f}">{_text(line)}</text>'

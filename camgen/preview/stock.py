@@ -89,7 +89,10 @@ def profile_of(tool: ToolTable) -> tuple[tuple[float, float], ...]:
     corner = {"ball mill": radius, "bull nose": min(tool.corner_radius, radius)}.get(tool.kind, 0.0)
     if corner:
         turns = np.linspace(0.0, math.pi / 2, _ROUND_POINTS)
-        return tuple((radius - corner + corner * math.sin(a), corner - corner * math.cos(a)) for a in turns.tolist())
+        return tuple(
+            (radius - corner + corner * math.sin(a), corner - corner * math.cos(a))
+            for a in turns.tolist()
+        )
     angle = tool.tip_angle if tool.kind in ("drill", "v") and tool.tip_angle else _MILLS[tool.kind]
     flat = min(tool.tip_diameter / 2, radius) if tool.kind == "v" else 0.0
     if angle == 180.0 or flat == radius:
@@ -103,7 +106,9 @@ def cutters_of(result: Built) -> Cutters:
     if not isinstance(tour, JobTour):
         count = len(tour.paths)
         return Cutters(
-            (_cutter(result.job.tool, result.program.flange_from_tool),), np.zeros(count, dtype=np.int64), ("",) * count
+            (_cutter(result.job.tool, result.program.flange_from_tool),),
+            np.zeros(count, dtype=np.int64),
+            ("",) * count,
         )
     tools: list[ToolTable] = []
     owner: list[int] = []
@@ -112,7 +117,9 @@ def cutters_of(result: Built) -> Cutters:
         if step.tool not in tools:
             tools.append(step.tool)
         owner += [tools.index(step.tool)] * len(part.paths)
-        operations += [clean(name_of(result.job, number).removeprefix("operation "))] * len(part.paths)
+        operations += [clean(name_of(result.job, number).removeprefix("operation "))] * len(
+            part.paths
+        )
     return Cutters(
         tuple(_cutter(tool, _frame_of(result, tool)) for tool in tools),
         np.array(owner, dtype=np.int64),
@@ -123,16 +130,22 @@ def cutters_of(result: Built) -> Cutters:
 def _frame_of(result: Built, tool: ToolTable) -> Pose:
     """The frame at the flange of a tool that the program changes to, else that of the program."""
     changes = (item for item in result.program.body if isinstance(item, ToolChange))
-    own = next((item for item in changes if (item.number, item.name) == (tool.number, tool.name)), None)
+    own = next(
+        (item for item in changes if (item.number, item.name) == (tool.number, tool.name)), None
+    )
     return (own and own.flange_from_tool) or result.program.flange_from_tool
 
 
 def _cutter(tool: ToolTable, frame: Pose) -> Cutter:
-    name = tool.name or (f"T{tool.number}" if tool.number else f"{short(tool.diameter, 2)} mm {tool.kind}")
+    name = tool.name or (
+        f"T{tool.number}" if tool.number else f"{short(tool.diameter, 2)} mm {tool.kind}"
+    )
     return Cutter(clean(name), tool.kind, tool.diameter, profile_of(tool), frame)
 
 
-def tools_of_events(result: Built, found: Cutters, instruction: IntArray, path: IntArray) -> IntArray:
+def tools_of_events(
+    result: Built, found: Cutters, instruction: IntArray, path: IntArray
+) -> IntArray:
     """(E,) the tool of each event. instruction: (E,) of each in the body. path: (E,) of each, -1 for travel.
 
     Travel has the tool of the path before it, or after it where the tool was changed between them or there is none.
@@ -147,7 +160,9 @@ def tools_of_events(result: Built, found: Cutters, instruction: IntArray, path: 
     # How many changes lie before each event: work on both sides of the same number is with one tool.
     turn = np.searchsorted(changes, instruction)
     same = (before >= 0) & (turn[np.maximum(before, 0)] == turn)
-    chosen = np.where(same | (after >= len(rows)), np.maximum(before, 0), np.minimum(after, len(rows) - 1))
+    chosen = np.where(
+        same | (after >= len(rows)), np.maximum(before, 0), np.minimum(after, len(rows) - 1)
+    )
     return np.asarray(found.paths[path[chosen]])
 
 
@@ -161,7 +176,9 @@ def stock_of(result: Built, found: Cutters) -> Stock | None:
     mills = any(found.tools[tool].profile for tool in found.paths.tolist())
     if not mills or not all(_is_cut_from_above(path) for path in paths):
         return None
-    drawn = [c for c in part.contours if job.stock.layer and c.layer == job.stock.layer and c.closed]
+    drawn = [
+        c for c in part.contours if job.stock.layer and c.layer == job.stock.layer and c.closed
+    ]
     box = bounds(from_contours(drawn or part.contours))
     if not len(box):
         box = np.concatenate([np.hstack([path.position[:, :2]] * 2) for path in paths])
@@ -198,9 +215,18 @@ def marks_of(result: Built) -> tuple[Mark, ...]:
                 continue
             wide = 2 * shapely.maximum_inscribed_circle(piece).length
             text = f"left from z {short(level.top, 2)} to {short(level.bottom, 2)} mm: {short(piece.area, 2)} mm2"
-            outline, *holes = (frozen(ring.coords[:-1]) for ring in (piece.exterior, *piece.interiors))
+            outline, *holes = (
+                frozen(ring.coords[:-1]) for ring in (piece.exterior, *piece.interiors)
+            )
             found.append(
-                Mark("excess", outline, level.top, wide, f"{text}, up to {short(wide, 2)} mm wide", tuple(holes))
+                Mark(
+                    "excess",
+                    outline,
+                    level.top,
+                    wide,
+                    f"{text}, up to {short(wide, 2)} mm wide",
+                    tuple(holes),
+                )
             )
     return tuple(sorted(found, key=lambda mark: -mark.number)[:_MOST_MARKS])
 

@@ -16,7 +16,17 @@ from camgen.model.part import Contour, Note, Part
 from camgen.model.path import ToolPath, Tour
 from camgen.model.text import counted, escape
 from camgen.preview.aside import see_aside
-from camgen.preview.draw import Paper, arrows, bounds, by_order, of_contours, of_paths, path_data, spots, tell_wrong
+from camgen.preview.draw import (
+    Paper,
+    arrows,
+    bounds,
+    by_order,
+    of_contours,
+    of_paths,
+    path_data,
+    spots,
+    tell_wrong,
+)
 
 #: The drawing is made as large as fits in here, page mm; around it a margin, above it the title.
 _WIDE, _HIGH, _MARGIN, _TITLE = 277.0, 200.0, 10.0, 16.0
@@ -106,7 +116,11 @@ def _travel(tour: Tour, page: Paper) -> Iterator[str]:
         ends = page.place(np.array([path.position[-1] for path in tour.paths[:-1]]))
         starts = page.place(np.array([path.position[0] for path in tour.paths[1:]]))
         rows = np.column_stack([ends, starts]).tolist()
-        yield '<path class="travel" d="' + "".join(f"M{a:.2f} {b:.2f}L{c:.2f} {d:.2f}" for a, b, c, d in rows) + '"/>'
+        yield (
+            '<path class="travel" d="'
+            + "".join(f"M{a:.2f} {b:.2f}L{c:.2f} {d:.2f}" for a, b, c, d in rows)
+            + '"/>'
+        )
 
 
 def _paths(tour: Tour, page: Paper, lengths: Sequence[float]) -> Iterator[str]:
@@ -141,7 +155,9 @@ def _starts(paths: Sequence[ToolPath], page: Paper) -> Iterator[str]:
     largest = 2.0 if len(paths) <= 60 else 1.5
     places = page.place(np.array([path.position[0] for path in paths]).reshape(-1, 3))
     for k, (x, y) in enumerate(places.tolist()):
-        radius = min(largest, max(1.0, path_length(paths[k]) * page.scale / 14)) if numbered else 0.6
+        radius = (
+            min(largest, max(1.0, path_length(paths[k]) * page.scale / 14)) if numbered else 0.6
+        )
         yield f'<circle cx="{x:.2f}" cy="{y:.2f}" r="{radius:.2f}" fill="{by_order(k, len(paths))}"/>'
         if numbered:
             size = radius * (1.25 if k < 99 else 0.95)
@@ -180,7 +196,11 @@ def _left_out(sheet: _Sheet, told: Sequence[tuple[str, str]]) -> list[str]:
         texts = [*texts[:5], f"left out: and {len(texts) - 5} more"]
     # A letter is about 1.9 page mm wide.
     width = int((sheet.width - 2 * _MARGIN) / 1.9)
-    lines = [line for text in texts for line in textwrap.wrap(one_line(text), width, subsequent_indent="    ")]
+    lines = [
+        line
+        for text in texts
+        for line in textwrap.wrap(one_line(text), width, subsequent_indent="    ")
+    ]
     y = sheet.bottom + 12
     return [
         f'<text class="warn" xml:space="preserve" x="{_MARGIN}" y="{y + 5 * k:.2f}">{_text(line)}</text>'

@@ -13,7 +13,18 @@ from numpy.typing import NDArray
 from camgen.check.time import assign_paths, time_motions
 from camgen.geometry.ragged import ramp
 from camgen.model.pose import FloatArray, Pose
-from camgen.model.program import Columns, Joints, MoveC, MoveJ, MoveL, Output, Program, ToolChange, Wait, column
+from camgen.model.program import (
+    Columns,
+    Joints,
+    MoveC,
+    MoveJ,
+    MoveL,
+    Output,
+    Program,
+    ToolChange,
+    Wait,
+    column,
+)
 from camgen.post.plugins import dynamics_of
 from camgen.preview import Built
 from camgen.preview.curves import draw_spans
@@ -46,7 +57,9 @@ class Events(Struct, frozen=True, eq=False):
     seconds: FloatArray
 
 
-def events(columns: Columns, known: FloatArray, axis: FloatArray, path: IntArray, seconds: FloatArray) -> Events:
+def events(
+    columns: Columns, known: FloatArray, axis: FloatArray, path: IntArray, seconds: FloatArray
+) -> Events:
     """The events of a program. known, axis: (M, 3) where its motions end and tool z there; where they are NaN the tool
     is taken to stand where it is next, or was last. path, seconds: (M,) of its motions.
     """
@@ -58,7 +71,10 @@ def events(columns: Columns, known: FloatArray, axis: FloatArray, path: IntArray
     end, last_axis = (_spread(len(chosen), moves, values) for values in (known, axis))
     end, last_axis = _fill(end), _fill(last_axis)
     start, first_axis = (np.concatenate([values[:1], values[:-1]]) for values in (end, last_axis))
-    via, feed, force = (_spread(len(chosen), moves, values) for values in (columns.vias, columns.speed, columns.force))
+    via, feed, force = (
+        _spread(len(chosen), moves, values)
+        for values in (columns.vias, columns.speed, columns.force)
+    )
     # A wait belongs to the motion after it, as in ``cycle``.
     owner = np.append(path, -1)[np.searchsorted(moves, np.arange(len(chosen)))]
     taken = _spread(len(chosen), moves, seconds)
@@ -67,7 +83,9 @@ def events(columns: Columns, known: FloatArray, axis: FloatArray, path: IntArray
     return Events(chosen, kind, start, via, end, first_axis, last_axis, feed, force, owner, taken)
 
 
-def tool_of(program: Program, arm: Robot, joints: FloatArray, at: IntArray) -> tuple[FloatArray, FloatArray]:
+def tool_of(
+    program: Program, arm: Robot, joints: FloatArray, at: IntArray
+) -> tuple[FloatArray, FloatArray]:
     """Where ``arm`` puts the tool with N joint values (N, J): tool centre and tool z, each (N, 3), work frame, mm.
 
     at: (N,) instructions that they belong to: each has the tool that was changed to before it.
@@ -76,16 +94,25 @@ def tool_of(program: Program, arm: Robot, joints: FloatArray, at: IntArray) -> t
     work = program.base_from_work
     changes, frames = tool_frames(program)
     turn = np.searchsorted(changes, at, side="right") - 1
-    tips, ways = np.array([tool.origin for tool in frames]), np.array([tool.rotation[:, 2] for tool in frames])
+    tips, ways = (
+        np.array([tool.origin for tool in frames]),
+        np.array([tool.rotation[:, 2] for tool in frames]),
+    )
     place = origins + np.einsum("nij,nj->ni", rotations, tips[turn])
-    return (place - work.origin) @ work.rotation, np.einsum("nij,nj->ni", rotations, ways[turn]) @ work.rotation
+    return (place - work.origin) @ work.rotation, np.einsum(
+        "nij,nj->ni", rotations, ways[turn]
+    ) @ work.rotation
 
 
 def tool_frames(program: Program) -> tuple[IntArray, list[Pose]]:
     """From which instruction on the tool has which frame at the flange, beginning with that of the program."""
     changes = np.flatnonzero(program.columns.are(ToolChange))
     made = [program.body[k] for k in changes.tolist()]
-    own = [item.flange_from_tool or program.flange_from_tool for item in made if isinstance(item, ToolChange)]
+    own = [
+        item.flange_from_tool or program.flange_from_tool
+        for item in made
+        if isinstance(item, ToolChange)
+    ]
     return np.append(0, changes), [program.flange_from_tool, *own]
 
 
@@ -99,7 +126,9 @@ def find_ends(
     axis = np.full_like(end, np.nan)
     targets = [move.target for move in columns.moves]
     posed = columns.posed
-    axis[posed] = [target.rotation[:, 2] for target in targets if isinstance(target, Pose)] or np.zeros((0, 3))
+    axis[posed] = [
+        target.rotation[:, 2] for target in targets if isinstance(target, Pose)
+    ] or np.zeros((0, 3))
     joints = [target.values for target in targets if isinstance(target, Joints)]
     if arm is not None and program is not None and joints:
         end[~posed], axis[~posed] = tool_of(program, arm, np.array(joints), columns.at[~posed])
@@ -155,7 +184,9 @@ def track(result: Built, sag: float) -> tuple[Track, Arm | None]:
     """The way of the program, arcs in pieces within ``sag`` mm, and that of the robot where its joints are known."""
     program, reach, robot = result.program, result.reach, result.cell.arm
     seconds, _ = time_motions(program, dynamics_of(result.post, result.job), reach, robot)
-    found = events(program.columns, *find_ends(program.columns, program, robot), assign_paths(program), seconds)
+    found = events(
+        program.columns, *find_ends(program.columns, program, robot), assign_paths(program), seconds
+    )
     stations = _stations(found, sag)
     seconds, arm = found.seconds, None
     if reach is not None and robot is not None and len(reach.joints):
@@ -182,7 +213,8 @@ def switches_of(columns: Columns, found: Events) -> tuple[Switch, ...]:
     places = np.flatnonzero(columns.are(Output))
     begin = np.append(0.0, np.cumsum(found.seconds))[np.searchsorted(found.instruction, places)]
     return tuple(
-        Switch(time, item.signal, item.value) for time, item in zip(begin.tolist(), columns.of(Output), strict=True)
+        Switch(time, item.signal, item.value)
+        for time, item in zip(begin.tolist(), columns.of(Output), strict=True)
     )
 
 
@@ -193,7 +225,9 @@ def _begins(seconds: FloatArray) -> FloatArray:
 def way_of(found: Events, sag: float) -> Track:
     """The way of a tool that no arm is known for."""
     stations = _stations(found, sag)
-    time = _begins(found.seconds)[stations.event] + found.seconds[stations.event] * stations.fraction
+    time = (
+        _begins(found.seconds)[stations.event] + found.seconds[stations.event] * stations.fraction
+    )
     return Track(stations.points, stations.axis, time, stations.event, found)
 
 

@@ -55,7 +55,10 @@ def around(result: Built) -> Around:
         return _take_untested(result)
     work_from_base = result.program.base_from_work.inverse()
     standing = [
-        Link(link.name, tuple(Box(work_from_base @ box.link_from_box, box.half) for box in link.boxes))
+        Link(
+            link.name,
+            tuple(Box(work_from_base @ box.link_from_box, box.half) for box in link.boxes),
+        )
         for link in where.standing
     ]
     return Around(where.bodies, tuple(standing), where.meshes)
@@ -67,16 +70,26 @@ def _take_untested(result: Built) -> Around:
         return Around((), (), ())
     from camgen.collision.cell import box_between, corners_of  # noqa: PLC0415 (loads fcl)
 
-    holder = tuple(box_between(_HERE, *corners_of("tool.holder", box)) for box in job.tool.holder or ())
-    named = [(f"fixture {k}", box) for k, box in enumerate(job.cell.fixtures or (), 1) if not isinstance(box, str)]
-    standing = [Link(name, (box_between(_HERE, *corners_of("cell.fixtures", box)),)) for name, box in named]
+    holder = tuple(
+        box_between(_HERE, *corners_of("tool.holder", box)) for box in job.tool.holder or ()
+    )
+    named = [
+        (f"fixture {k}", box)
+        for k, box in enumerate(job.cell.fixtures or (), 1)
+        if not isinstance(box, str)
+    ]
+    standing = [
+        Link(name, (box_between(_HERE, *corners_of("cell.fixtures", box)),)) for name, box in named
+    ]
     return Around((Link("holder", holder),), tuple(standing), result.cell.meshes)
 
 
 # Edges of which only a part is run: cut where the work begins and ends.
 
 
-def cut(points: FloatArray, first: FloatArray, last: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def cut(
+    points: FloatArray, first: FloatArray, last: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """A chain (N, 3) in three: before, within and after the places nearest to two points (3,), in either order.
 
     Before or after has no points where the work goes to the end.
@@ -235,11 +248,18 @@ def _lines(result: Built, sag: float) -> tuple[tuple[ViewLine, ...], SpaceChains
     curves = result.part.curves
     edges = result.part.solid.edges if result.part.solid else ()
     spatial: list[Line] = [*curves, *edges]
-    flat, sharp = of_contours(contours, sag), of_spans([(one.points, one.via) for one in spatial], sag)
-    chains = SpaceChains(np.concatenate([flat.points, sharp.points]), np.concatenate([flat.counts, sharp.counts]))
+    flat, sharp = (
+        of_contours(contours, sag),
+        of_spans([(one.points, one.via) for one in spatial], sag),
+    )
+    chains = SpaceChains(
+        np.concatenate([flat.points, sharp.points]), np.concatenate([flat.counts, sharp.counts])
+    )
     # What a reader of pictures calls a layer is none of the picture.
     named = result.part.raster is None
-    names = [(c.id, c.layer if named else "", c.closed) for c in contours] + [(c.id, c.layer, c.closed) for c in curves]
+    names = [(c.id, c.layer if named else "", c.closed) for c in contours] + [
+        (c.id, c.layer, c.closed) for c in curves
+    ]
     names += [(e.id, f"{'convex' if e.convex else 'concave'} {e.kind}", e.closed) for e in edges]
     why = reasons([note for note in result.notes if note.kind == "skipped"])
     done = {ident for path in result.tour.paths for ident in path.contours}
@@ -259,7 +279,9 @@ def _lines(result: Built, sag: float) -> tuple[tuple[ViewLine, ...], SpaceChains
     marks = _spots(result)
     table = SpaceChains(
         np.concatenate([chains.points, *(points for _, points in marks)]),
-        np.concatenate([chains.counts, np.array([len(points) for _, points in marks], dtype=np.int64)]),
+        np.concatenate(
+            [chains.counts, np.array([len(points) for _, points in marks], dtype=np.int64)]
+        ),
     )
     return (*lines, *(line for line, _ in marks)), table
 
@@ -286,11 +308,15 @@ def _spots(result: Built) -> list[tuple[ViewLine, FloatArray]]:
     ]
 
 
-def _trim(result: Built, lines: Sequence[ViewLine], chains: SpaceChains) -> tuple[tuple[ViewLine, ...], SpaceChains]:
+def _trim(
+    result: Built, lines: Sequence[ViewLine], chains: SpaceChains
+) -> tuple[tuple[ViewLine, ...], SpaceChains]:
     """Edges that are run without their ends, with these as lines of their own."""
     work = {path.id: path.position for path in result.tour.paths}
     pieces: list[tuple[ViewLine, FloatArray]] = []
-    for line, points in zip(lines, np.split(chains.points, np.cumsum(chains.counts)[:-1]), strict=True):
+    for line, points in zip(
+        lines, np.split(chains.points, np.cumsum(chains.counts)[:-1]), strict=True
+    ):
         if line.state != "done" or not line.why:
             pieces.append((line, points))
             continue
@@ -298,9 +324,13 @@ def _trim(result: Built, lines: Sequence[ViewLine], chains: SpaceChains) -> tupl
         rest = replace(line, state="skipped", closed=False)
         found = [(rest, before), (replace(line, why="", closed=False), inner), (rest, after)]
         pieces += [(one, part) for one, part in found if len(part)]
-    made = SpaceChains(np.concatenate([part for _, part in pieces]), np.array([len(part) for _, part in pieces]))
+    made = SpaceChains(
+        np.concatenate([part for _, part in pieces]), np.array([len(part) for _, part in pieces])
+    )
     lengths = _lengths(made)
-    return tuple(replace(one, length=long) for (one, _), long in zip(pieces, lengths, strict=True)), made
+    return tuple(
+        replace(one, length=long) for (one, _), long in zip(pieces, lengths, strict=True)
+    ), made
 
 
 def _lengths(chains: SpaceChains) -> list[float]:
@@ -329,7 +359,12 @@ def _rows(result: Built, found: Cutters) -> tuple[Row, ...]:
             operation=operation,
         )
         for path, length, time, spent, operation in zip(
-            paths, lengths.tolist(), seconds.tolist(), result.cycle.paths.tolist(), found.operations, strict=True
+            paths,
+            lengths.tolist(),
+            seconds.tolist(),
+            result.cycle.paths.tolist(),
+            found.operations,
+            strict=True,
         )
     )
 
@@ -358,7 +393,11 @@ def _facts(result: Built, seconds: float) -> tuple[tuple[str, str], ...]:
     ]
     if result.clear and result.where:
         solid = ["the part"] if part.solid else []
-        names = ["robot", *(body.name for body in (*result.where.bodies, *result.where.standing)), *solid]
+        names = [
+            "robot",
+            *(body.name for body in (*result.where.bodies, *result.where.standing)),
+            *solid,
+        ]
         names += [name for name, _ in result.where.meshes]
         apart = f"{short(result.clear.clearance, 2)} mm or more apart"
         if result.clear.nearest:
@@ -380,7 +419,8 @@ def _tell_time(seconds: float) -> str:
 def _tell_cut(found: Cutters, stock: Stock | None) -> list[tuple[str, str]]:
     """The tools where there are several, and the stock."""
     tools = [
-        (f"Tool {k}", f"{one.name}: {one.kind}, {short(one.diameter, 2)} mm") for k, one in enumerate(found.tools, 1)
+        (f"Tool {k}", f"{one.name}: {one.kind}, {short(one.diameter, 2)} mm")
+        for k, one in enumerate(found.tools, 1)
     ]
     told = [("Stock", tell_stock(stock))] if stock else []
     return [*(tools if len(tools) > 1 else []), *told]

@@ -82,7 +82,11 @@ def list_installed() -> list[InstalledReader]:
         if isinstance(reader, Reader) and reader.name == entry.name:
             found.append(InstalledReader(entry, reader, ""))
         else:
-            what = f"is called {reader.name}" if isinstance(reader, Reader) else "is not a camgen.read.Reader"
+            what = (
+                f"is called {reader.name}"
+                if isinstance(reader, Reader)
+                else "is not a camgen.read.Reader"
+            )
             why = JobError(f"reader {entry.name}", what, entry.value, "mend or remove its package")
             found.append(InstalledReader(entry, None, str(why)))
     return found
@@ -98,9 +102,17 @@ def find_reader(source: Source) -> Reader:
         return fit[0]
     if fit:
         names = " and ".join(one.name for one in fit)
-        raise InputError(source.name, f"is claimed by the readers {names}", remedy="remove the package of one of them")
+        raise InputError(
+            source.name,
+            f"is claimed by the readers {names}",
+            remedy="remove the package of one of them",
+        )
     broken = "".join(f"; {one.broken}" for one, _ in table if one.broken)
-    remedy = SCAN if source.suffix in _CLOUDS else f"give {', '.join(one.about for one in readers)}{broken}"
+    remedy = (
+        SCAN
+        if source.suffix in _CLOUDS
+        else f"give {', '.join(one.about for one in readers)}{broken}"
+    )
     raise InputError(source.name, "is not a kind of file that camgen reads", remedy=remedy)
 
 
@@ -127,7 +139,9 @@ def find_suffix(name: str) -> str:
         if one.reader is not None and one.name == name:
             return next((suffix for suffix in one.reader.suffixes if suffix), "")
     names = ", ".join(one.name for one in table)
-    raise JobError("--format", f"no reader is called {name}", remedy=f"give one of {names}, or a suffix")
+    raise JobError(
+        "--format", f"no reader is called {name}", remedy=f"give one of {names}, or a suffix"
+    )
 
 
 def read(path: str | Path, job: Job = _DEFAULTS, files: Files | None = None) -> Part:
@@ -159,4 +173,6 @@ def is_drawing(job: Job) -> bool:
     """Whether a picture is a drawing: to be traced, filled, drilled or laid on a page, and no photo."""
     kind = job.operation.kind
     drawing = kind in _KINDS or (kind == "auto" and bool(job.page.size))
-    return drawing and job.camera == CameraTable() and job.image.mask in ("auto", "otsu", "threshold")
+    return (
+        drawing and job.camera == CameraTable() and job.image.mask in ("auto", "otsu", "threshold")
+    )

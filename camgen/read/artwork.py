@@ -32,7 +32,9 @@ def read(source: Source, job: Job, _files: Files) -> Part:
     threshold = job.image.threshold
     ink = ink_of(picture.pixels, threshold, job.image.invert)
     if ink is None:
-        what = "has no ink: it is of one grey value" + ("" if threshold is None else f" beside {short(threshold, 1)}")
+        what = "has no ink: it is of one grey value" + (
+            "" if threshold is None else f" beside {short(threshold, 1)}"
+        )
         raise InputError(source.name, what, remedy="draw dark on light, or set [image] threshold")
     found = borders(ink)
     # Pixel (0, 0) of what was found is the paper around the picture.
@@ -57,7 +59,9 @@ def read(source: Source, job: Job, _files: Files) -> Part:
         Note("assumed", f"ink told from paper by {ink.why}", "image.invert swaps them"),
         *told,
     )
-    return Part(source.stem, source.name, f"{short(view.mm_per_px, 5)} mm/px", contours, notes, raster)
+    return Part(
+        source.stem, source.name, f"{short(view.mm_per_px, 5)} mm/px", contours, notes, raster
+    )
 
 
 def _contours(
@@ -75,7 +79,11 @@ def _contours(
             what = f"{counted(int(once.sum()), 'piece')} of ink drawn once, along the middle"
             rest = len(once) - 1 - int(once.sum())
             what += f", {counted(rest, 'piece')} along the border" if rest else ""
-            notes = (Note("assumed", what, f'image.lines = "{job.image.lines}"; "border" draws both sides'),)
+            notes = (
+                Note(
+                    "assumed", what, f'image.lines = "{job.image.lines}"; "border" draws both sides'
+                ),
+            )
     contours = []
     for k, (points, closed) in enumerate(drawn, 1):
         placed = frozen(points @ matrix[:, :2].T + matrix[:, 2])
@@ -91,7 +99,9 @@ def _view(picture: Picture, job: Job) -> ScaledView:
         if given:
             what = f"page.scale = {job.page.scale} gives the scale"
             raise JobError(
-                "[image]", f"mm_per_px and width_mm have no effect: {what}", remedy='use page.scale = "true"'
+                "[image]",
+                f"mm_per_px and width_mm have no effect: {what}",
+                remedy='use page.scale = "true"',
             )
         return ScaledView(picture.pixels, already_to_scale(picture, 1.0).work_from_view, 1.0)
     return already_to_scale(picture, image.mm_per_px, image.width_mm)
@@ -106,4 +116,6 @@ def _nothing_unused(job: Job) -> None:
             what = "has no effect on a drawing that is traced, filled or drilled"
             raise JobError(f"[image] {key}", what, remedy=remedy)
     if job.image.lines != default.lines and job.operation.kind != "trace":
-        raise JobError("[image] lines", "has no effect on a drawing that is not traced", remedy="leave it out")
+        raise JobError(
+            "[image] lines", "has no effect on a drawing that is not traced", remedy="leave it out"
+        )

@@ -14,7 +14,11 @@ _MOST = 8
 def sum_up(body: Iterable[Instruction]) -> str:
     """Outputs, stops, waits and motions in a few words."""
     done = list(body)
-    said = list(dict.fromkeys(f"sets {item.signal} to {item.value:g}" for item in done if isinstance(item, Output)))
+    said = list(
+        dict.fromkeys(
+            f"sets {item.signal} to {item.value:g}" for item in done if isinstance(item, Output)
+        )
+    )
     if len(said) > _MOST:
         said = [*said[:_MOST], f"and {counted(len(said) - _MOST, 'more', 'more')}"]
     motions = sum(isinstance(item, MoveJ | MoveL | MoveC) for item in done)

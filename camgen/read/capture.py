@@ -45,7 +45,9 @@ def name_picture(name: str) -> str:
     return f"{stem or 'camera'}.png"
 
 
-def capture(name: str, frames: int = FRAMES, skip: int | None = None, seconds: float = SECONDS) -> Shot:
+def capture(
+    name: str, frames: int = FRAMES, skip: int | None = None, seconds: float = SECONDS
+) -> Shot:
     """The mean of ``frames`` frames of a camera, by its number, a video file or a stream; fewer where a file ends.
 
     skip: frames left out before, by default ``WARM_UP`` of a camera or a stream, none of a file. seconds: what all of
@@ -53,7 +55,9 @@ def capture(name: str, frames: int = FRAMES, skip: int | None = None, seconds: f
     """
     where = name.removeprefix(PREFIX)
     if not where:
-        raise JobError(name, "names no camera", remedy=f"give {PREFIX}0, {PREFIX}FILE or {PREFIX}URL")
+        raise JobError(
+            name, "names no camera", remedy=f"give {PREFIX}0, {PREFIX}FILE or {PREFIX}URL"
+        )
     device = _DEVICE.fullmatch(where)
     live = bool(device or _STREAM.match(where))
     if not live:
@@ -78,14 +82,18 @@ def _insist_on_video(name: str, path: Path) -> None:
         mode = path.stat().st_mode
         if not stat.S_ISREG(mode):
             what = "is a folder" if stat.S_ISDIR(mode) else "is not a regular file"
-            raise InputError(name, what, remedy="give a number, a video file or the address of a stream")
+            raise InputError(
+                name, what, remedy="give a number, a video file or the address of a stream"
+            )
         with path.open("rb") as stream:
             head = stream.read(_HEAD)
     except FileNotFoundError as error:
         remedy = "give the number of a camera, a video file, or the address of a stream"
         raise InputError(name, "no such file", remedy=remedy) from error
     except (OSError, ValueError) as error:
-        raise InputError(name, f"cannot be read: {getattr(error, 'strerror', None) or error}") from error
+        raise InputError(
+            name, f"cannot be read: {getattr(error, 'strerror', None) or error}"
+        ) from error
     if not head:
         raise InputError(name, "is empty")
     if header(head) is not None:

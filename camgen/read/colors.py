@@ -88,7 +88,9 @@ def _from_function(name: str, values: list[str]) -> str:
     if name == "rgb":
         shares = [float(v[:-1]) / 100 if v.endswith("%") else float(v) / 255 for v in values[:3]]
     else:
-        hue, saturation, light = (float(v.removesuffix("%").removesuffix("deg")) for v in values[:3])
+        hue, saturation, light = (
+            float(v.removesuffix("%").removesuffix("deg")) for v in values[:3]
+        )
         shares = list(colorsys.hls_to_rgb(hue % 360 / 360, light / 100, saturation / 100))
     return "#" + "".join(f"{int(255 * min(max(share, 0.0), 1.0) + 0.5):02x}" for share in shares)
 

@@ -36,6 +36,8 @@ def list_contours(part: Part) -> list[ContourFacts]:
     np.maximum.at(high, segments.owner, box[:, 2:])
     sizes, middles = (high - low).tolist(), ((low + high) / 2).tolist()
     return [
-        ContourFacts(contour.id, contour.layer, contour.closed, (size[0], size[1]), (middle[0], middle[1]))
+        ContourFacts(
+            contour.id, contour.layer, contour.closed, (size[0], size[1]), (middle[0], middle[1])
+        )
         for contour, size, middle in zip(part.contours, sizes, middles, strict=True)
     ]

@@ -93,7 +93,9 @@ def _insist_on_file(path: Path) -> None:
     if stat.S_ISDIR(mode):
         raise InputError(str(path), "is a folder", remedy="name the files in it")
     if not stat.S_ISREG(mode):
-        raise InputError(str(path), "is not a regular file", remedy="copy it to a file, or use - with --format")
+        raise InputError(
+            str(path), "is not a regular file", remedy="copy it to a file, or use - with --format"
+        )
 
 
 def _insist_on_regular(path: Path) -> None:
@@ -106,7 +108,9 @@ def _bounded(name: str, stream: BinaryIO, most: float) -> bytes:
     """All of a stream. InputError where it is longer than ``most`` bytes."""
     data = stream.read(int(most) + 1)
     if len(data) > most:
-        raise InputError(name, f"has more than {tell(most)} bytes", remedy="split it, or raise limits.file_bytes")
+        raise InputError(
+            name, f"has more than {tell(most)} bytes", remedy="split it, or raise limits.file_bytes"
+        )
     return data
 
 

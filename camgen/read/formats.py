@@ -52,7 +52,9 @@ def _inspect_with(module: str) -> Callable[[Source, Job, Files], object]:
 
 def _read_picture(source: Source, job: Job, files: Files) -> Part:
     """The ink of a drawing, or the part in a photo."""
-    return _read_with("camgen.read.artwork" if is_drawing(job) else "camgen.read.image")(source, job, files)
+    return _read_with("camgen.read.artwork" if is_drawing(job) else "camgen.read.image")(
+        source, job, files
+    )
 
 
 DXF = Reader(
@@ -97,7 +99,9 @@ GCODE = Reader(
     makes="program",
     read=_read_with("camgen.read.gcode"),
     inspect=_inspect_with("camgen.read.gcode"),
-    recognise=lambda head: is_gcode(head.decode("latin-1").replace("\r\n", "\n").replace("\r", "\n")),
+    recognise=lambda head: is_gcode(
+        head.decode("latin-1").replace("\r\n", "\n").replace("\r", "\n")
+    ),
 )
 
 

@@ -9,10 +9,13 @@ SUFFIXES = (".nc", ".ngc", ".gcode", ".gc", ".tap", ".cnc", ".eia", ".anc", ".di
 _BEGINNING = 20_000
 _WORD = re.compile(r"[A-Z][ \t]*[-+]?(?:\d+\.?\d*|\.\d+|#[0-9<]|\[)", re.IGNORECASE)
 _MOTION = re.compile(
-    r"^[ \t/]*(?:N[ \t]*\d+[ \t]*)?(?:[GM][ \t]*\d+[ \t]*)*G[ \t]*0*[0-3](?![\d.])", re.IGNORECASE | re.MULTILINE
+    r"^[ \t/]*(?:N[ \t]*\d+[ \t]*)?(?:[GM][ \t]*\d+[ \t]*)*G[ \t]*0*[0-3](?![\d.])",
+    re.IGNORECASE | re.MULTILINE,
 )
 _AXIS = re.compile(r"[XYZ][ \t]*[-+]?(?:\d|\.\d|#|\[)", re.IGNORECASE)
-_COMMENT = re.compile(r"\([^()\n]*\)|;.*|^%.*|^[ \t]*[$].*|\bO[0-9<].*", re.MULTILINE | re.IGNORECASE)
+_COMMENT = re.compile(
+    r"\([^()\n]*\)|;.*|^%.*|^[ \t]*[$].*|\bO[0-9<].*", re.MULTILINE | re.IGNORECASE
+)
 
 
 def is_gcode(text: str) -> bool:
@@ -20,6 +23,8 @@ def is_gcode(text: str) -> bool:
     head = text[:_BEGINNING]
     if "\0" in head or not (_MOTION.search(head) and _AXIS.search(head)):
         return False
-    bare = re.sub(r"\s+", "", _COMMENT.sub("", head.rsplit("\n", 1)[0] if len(head) == _BEGINNING else head))
+    bare = re.sub(
+        r"\s+", "", _COMMENT.sub("", head.rsplit("\n", 1)[0] if len(head) == _BEGINNING else head)
+    )
     rest = _WORD.sub("", bare)
     return bool(bare) and len(rest) <= 0.1 * len(bare)

@@ -28,7 +28,14 @@ from camgen.vision.lines_arcs.contours import OutlineFit, primitives
 from camgen.vision.mask.part_mask import Mask, part_mask
 from camgen.vision.outline import outlines
 from camgen.vision.plane import Plane, plane_from_points, plane_from_pose
-from camgen.vision.to_scale import Region, ScaledView, already_to_scale, cut_out, frame_view, rectify
+from camgen.vision.to_scale import (
+    Region,
+    ScaledView,
+    already_to_scale,
+    cut_out,
+    frame_view,
+    rectify,
+)
 
 #: A ChArUco board by its squares.
 _BOARD = re.compile(r"(\d{1,2})x(\d{1,2})")
@@ -83,7 +90,12 @@ def read(source: Source, job: Job, files: Files) -> Part:
         blur=float(np.median([outline.blur for outline in found])) if found else 0.0,
     )
     return Part(
-        source.stem, source.name, _scale(seen.view), drawn, (*_notes(seen), *notes, *more, *_tell_fit(fits)), raster
+        source.stem,
+        source.name,
+        _scale(seen.view),
+        drawn,
+        (*_notes(seen), *notes, *more, *_tell_fit(fits)),
+        raster,
     )
 
 
@@ -94,7 +106,13 @@ def _tell_fit(fits: Sequence[OutlineFit]) -> tuple[Note, ...]:
     lines, arcs = sum(fit.lines for fit in fits), sum(fit.arcs for fit in fits)
     rms, most = max(fit.rms_mm for fit in fits), max(fit.max_mm for fit in fits)
     what = f"{counted(lines, 'line')} and {counted(arcs, 'arc')} found in the outlines"
-    return (Note("assumed", what, f"they leave the measured edge by {most:.3f} mm at most, {rms:.3f} mm rms"),)
+    return (
+        Note(
+            "assumed",
+            what,
+            f"they leave the measured edge by {most:.3f} mm at most, {rms:.3f} mm rms",
+        ),
+    )
 
 
 def inspect(source: Source, job: Job, files: Files) -> PictureFacts:
@@ -127,7 +145,12 @@ def _see(source: Source, job: Job, files: Files) -> _Seen:
         empty = _light(load(files.read(job.image.background), sensor=sensor), job)
         if empty.pixels.shape[:2] != picture.pixels.shape[:2]:
             remedy = "take both with the same camera from the same place"
-            raise InputError(empty.name, "differs in size from the photo of the part", "[image] background", remedy)
+            raise InputError(
+                empty.name,
+                "differs in size from the photo of the part",
+                "[image] background",
+                remedy,
+            )
     region, coarse = _region(job), False
     if region is None and picture.pixels.size > _LARGE:
         region = _around(way, picture, empty)
@@ -145,8 +168,16 @@ def _nothing_unused(job: Job) -> None:
     plane = measured or camera.plane_from is not None
     paper = bool(camera.markers) and not _BOARD.fullmatch(camera.markers)
     for where, unused, why in (
-        ("[image] mm_per_px", plane and image.mm_per_px is not None, "the work plane gives the scale"),
-        ("[image] width_mm", plane and image.width_mm is not None, "the work plane gives the scale"),
+        (
+            "[image] mm_per_px",
+            plane and image.mm_per_px is not None,
+            "the work plane gives the scale",
+        ),
+        (
+            "[image] width_mm",
+            plane and image.width_mm is not None,
+            "the work plane gives the scale",
+        ),
         ("[camera] height", bool(camera.height) and not measured, "it is for points and markers"),
         (
             "[camera] printed_length",
@@ -167,8 +198,14 @@ def _nothing_unused(job: Job) -> None:
 def _note_surroundings(region: Region, coarse: bool) -> Note:
     """What was taken for the surroundings of the part: whatever lies outside is not in the program."""
     shown = ", ".join(short(v, 2) for v in region)
-    why = f"a look {_COARSER} times coarser found the part there" if coarse else "the free area of the marker sheet"
-    return Note("assumed", f"looked at closely: [{shown}] mm only", f"{why}; set image.region for another")
+    why = (
+        f"a look {_COARSER} times coarser found the part there"
+        if coarse
+        else "the free area of the marker sheet"
+    )
+    return Note(
+        "assumed", f"looked at closely: [{shown}] mm only", f"{why}; set image.region for another"
+    )
 
 
 def _light(picture: Picture, job: Job) -> Picture:
@@ -227,16 +264,28 @@ def _plane(picture: Picture, camera: Camera | None, table: CameraTable) -> Plane
     }
     given = [name for name, is_given in ways.items() if is_given]
     if len(given) > 1:
-        raise JobError("[camera]", f"{' and '.join(given)} are both given", remedy="give one of them")
+        raise JobError(
+            "[camera]", f"{' and '.join(given)} are both given", remedy="give one of them"
+        )
     if ways["points_px"]:
         if table.points_px is None or table.points_mm is None:
-            raise JobError("[camera]", "points_px and points_mm belong together", remedy="give both, in one order")
+            raise JobError(
+                "[camera]",
+                "points_px and points_mm belong together",
+                remedy="give both, in one order",
+            )
         return plane_from_points(camera, table.points_px, table.points_mm, height=table.height)
     if table.plane_from is not None:
         if camera is None:
-            raise JobError("[camera] plane_from", "a pose needs the camera", remedy="give [camera] file")
+            raise JobError(
+                "[camera] plane_from", "a pose needs the camera", remedy="give [camera] file"
+            )
         if len(table.plane_from) != 6:
-            raise JobError("[camera] plane_from", f"has {counted(len(table.plane_from), 'value')}", remedy="give 6")
+            raise JobError(
+                "[camera] plane_from",
+                f"has {counted(len(table.plane_from), 'value')}",
+                remedy="give 6",
+            )
         return plane_from_pose(camera, pose_from_values(table.plane_from))
     if table.markers:
         return find(picture, camera, find_target(table), height=table.height)
@@ -260,11 +309,15 @@ def _region(job: Job) -> Region | None:
         target = find_target(job.camera) if job.camera.markers else None
         if isinstance(target, Board):
             remedy = "give [image] region = [x from, y from, x to, y to], mm from the board's lower left corner"
-            raise JobError("[camera] markers", "a board on the bench looks like a part", remedy=remedy)
+            raise JobError(
+                "[camera] markers", "a board on the bench looks like a part", remedy=remedy
+            )
         return None if target is None else (0.0, 0.0, *target.free)
     if len(values) != 4:
         raise JobError(
-            "[image] region", f"has {counted(len(values), 'value')}", remedy="give [x from, y from, x to, y to], mm"
+            "[image] region",
+            f"has {counted(len(values), 'value')}",
+            remedy="give [x from, y from, x to, y to], mm",
         )
     x0, y0, x1, y1 = values
     return x0, y0, x1, y1
@@ -282,7 +335,9 @@ def _frame(seen: _Seen) -> FloatArray:
     """The border of the view in the photo, (N, 2) px."""
     height, width = seen.picture.pixels.shape[:2]
     if seen.plane is None:
-        return np.array([[0.0, 0.0], [width - 1.0, 0.0], [width - 1.0, height - 1.0], [0.0, height - 1.0]])
+        return np.array(
+            [[0.0, 0.0], [width - 1.0, 0.0], [width - 1.0, height - 1.0], [0.0, height - 1.0]]
+        )
     return frame_view(seen.view, seen.camera, seen.plane, (width, height))
 
 

@@ -87,13 +87,19 @@ def _cell_filled(tree: Tree, origins: dict[tuple[str, str], str], files: Files) 
     cell = tree.get("cell", {})
     name = cell.pop("file", "")
     if not isinstance(name, str):
-        raise JobError(origins.get(("cell", "file"), "job"), f"file must be a text, not {_quote_short(name)}", "[cell]")
+        raise JobError(
+            origins.get(("cell", "file"), "job"),
+            f"file must be a text, not {_quote_short(name)}",
+            "[cell]",
+        )
     if not name:
         return
     other = _tables_of(_toml(Path(name), files), name)
     for table in other:
         if table != "cell":
-            raise JobError(name, f"[{table}] stands in the file of a cell", remedy="keep [cell] alone in it")
+            raise JobError(
+                name, f"[{table}] stands in the file of a cell", remedy="keep [cell] alone in it"
+            )
     if "file" in other.get("cell", {}):
         raise JobError(name, "names a file itself", "[cell]", "put all of the cell into one file")
     _from_its_folder(other, Path(name).parent)
@@ -107,11 +113,17 @@ def _from_its_folder(tree: Tree, folder: Path) -> None:
     """Files that a job file names lie beside it."""
     for table, key in FILES:
         name = tree.get(table, {}).get(key)
-        if isinstance(name, str) and name and ((table, key) != ("cell", "robot") or split_name(name)):
+        if (
+            isinstance(name, str)
+            and name
+            and ((table, key) != ("cell", "robot") or split_name(name))
+        ):
             tree[table][key] = str(folder / name)
     fixtures = tree.get("cell", {}).get("fixtures")
     if isinstance(fixtures, list):
-        tree["cell"]["fixtures"] = [str(folder / one) if isinstance(one, str) else one for one in fixtures]
+        tree["cell"]["fixtures"] = [
+            str(folder / one) if isinstance(one, str) else one for one in fixtures
+        ]
 
 
 def beside(file: str | None, source: Path | None) -> Path | None:
@@ -149,10 +161,14 @@ def _toml(file: Path, files: Files) -> dict[str, Any]:
         raise JobError(str(file), f"cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
         line = error.object[: error.start].count(b"\n") + 1
-        raise JobError(str(file), "is not UTF-8 text", f"line {line}", "save it as UTF-8") from error
+        raise JobError(
+            str(file), "is not UTF-8 text", f"line {line}", "save it as UTF-8"
+        ) from error
     except tomllib.TOMLDecodeError as error:
         what, _, where = str(error).partition(" (at ")
-        raise JobError(str(file), f"is not TOML: {what}", where.rstrip(")"), "mend this line") from error
+        raise JobError(
+            str(file), f"is not TOML: {what}", where.rstrip(")"), "mend this line"
+        ) from error
     except RecursionError as error:
         raise JobError(str(file), "is nested too deeply") from error
     except ValueError as error:  # Python reads no number of thousands of digits
@@ -169,21 +185,31 @@ def _tables_of(tree: Mapping[str, object], origin: str) -> Tree:
         if name not in tables():
             raise _unknown_table(name, origin, content)
         if not isinstance(content, Mapping):
-            raise JobError(origin, f"{name} must be a table, not {_quote_short(content)}", remedy=f"write [{name}]")
+            raise JobError(
+                origin,
+                f"{name} must be a table, not {_quote_short(content)}",
+                remedy=f"write [{name}]",
+            )
         result[name] = dict(content)
     return result
 
 
 def _rows_of(name: str, content: object, origin: str) -> Tree:
     if not isinstance(content, list) or not all(isinstance(row, Mapping) for row in content):
-        raise JobError(origin, f"{name} must be tables, not {_quote_short(content)}", remedy=f"write [[{name}]]")
+        raise JobError(
+            origin,
+            f"{name} must be tables, not {_quote_short(content)}",
+            remedy=f"write [[{name}]]",
+        )
     return {f"{name}.{place}": dict(row) for place, row in enumerate(content)}
 
 
 def _unknown_table(name: str, origin: str, content: object) -> JobError:
     homes = [s.table for s in settings() if s.key == name]
     if homes and not isinstance(content, Mapping):
-        return JobError(origin, f"{_quote(name)} stands outside its table", remedy=f"it belongs to [{homes[0]}]")
+        return JobError(
+            origin, f"{_quote(name)} stands outside its table", remedy=f"it belongs to [{homes[0]}]"
+        )
     near = suggest(str(name), [*(f"[{one}]" for one in tables()), *(f"[[{one}]]" for one in ROWS)])
     return JobError(origin, f"unknown table [{_clean(name)}]", remedy=near)
 
@@ -200,7 +226,9 @@ def assignment(text: str) -> tuple[str, str, object]:
         names = [f"{s.table}.{s.key}" for s in settings()]
         homes = [one for one in names if one.endswith(f".{table}")]
         raise JobError(
-            origin, "is not table.key=value", remedy=suggest(name, homes or names) if name else "write tool.diameter=5"
+            origin,
+            "is not table.key=value",
+            remedy=suggest(name, homes or names) if name else "write tool.diameter=5",
         )
     if table not in tables() and table.partition(".")[0] not in ROWS:
         raise _unknown_table(table, origin, {})
@@ -226,13 +254,22 @@ def _convert(tree: Tree, origins: Origins, source: str) -> Job:
             if isinstance(value, str) and has_speed(table.partition(".")[0], key):
                 keys[key] = _in_mm_s(value, key, _Where(table, origins, source))
             if not all(math.isfinite(number) for number in _floats(keys[key])):
-                raise JobError(origin, f"{key} must be finite, not {_quote_short(value)}", _place(table))
+                raise JobError(
+                    origin, f"{key} must be finite, not {_quote_short(value)}", _place(table)
+                )
     limits = _table(Limits, tree.get("limits", {}), _Where("limits", origins, source))
     _insist_on_numbers(tree, origins, source, limits.number)
     for (table, key), value in defaults_beside(tree).items():
         tree[table] = {key: value} | tree.get(table, {})
-    kinds = {name: kind for name, kind in get_type_hints(Job).items() if name not in ("post", "operation", *ROWS)}
-    made = {name: _table(kind, tree.get(name, {}), _Where(name, origins, source)) for name, kind in kinds.items()}
+    kinds = {
+        name: kind
+        for name, kind in get_type_hints(Job).items()
+        if name not in ("post", "operation", *ROWS)
+    }
+    made = {
+        name: _table(kind, tree.get(name, {}), _Where(name, origins, source))
+        for name, kind in kinds.items()
+    }
     operation = _operation(tree.get("operation", {}), _Where("operation", origins, source))
     job = Job(**made, operation=operation, post=tree.get("post", {}))
     _insist_on_settings(job, _Where("operation", origins, source))
@@ -247,7 +284,9 @@ class _Where(Struct, frozen=True):
     source: str
 
     def fault(self, key: str, what: str, remedy: str = "") -> JobError:
-        return JobError(self.origins.get((self.table, key), self.source), what, _place(self.table), remedy)
+        return JobError(
+            self.origins.get((self.table, key), self.source), what, _place(self.table), remedy
+        )
 
 
 def _place(table: str) -> str:
@@ -276,7 +315,9 @@ def _table(kind: type[Kind], keys: Mapping[str, object], where: _Where) -> Kind:
         allowed, value = _settings_of(where.table)[key].allowed, keys[key]
         alone = allowed.startswith("a list of") and isinstance(value, (str, int, float))
         remedy = f"write [{_quote_short(value)}]" if alone else ""
-        raise where.fault(key, f"{key} must be {allowed}, not {_quote_short(value)}", remedy) from error
+        raise where.fault(
+            key, f"{key} must be {allowed}, not {_quote_short(value)}", remedy
+        ) from error
 
 
 def _in_mm_s(value: str, key: str, where: _Where) -> float:
@@ -292,7 +333,9 @@ def _operation(keys: Mapping[str, object], where: _Where) -> OperationTable:
     """``kind`` may also name an operation that another package brings."""
     kind = keys.get("kind")
     known = get_args(get_args(get_type_hints(OperationTable, include_extras=True)["kind"])[0])
-    if kind in known or kind not in [entry.name for entry in entries(OPERATIONS)]:  # a kind of any type at all
+    if kind in known or kind not in [
+        entry.name for entry in entries(OPERATIONS)
+    ]:  # a kind of any type at all
         return _table(OperationTable, keys, where)
     return replace(_table(OperationTable, {**keys, "kind": "auto"}, where), kind=kind)
 
@@ -305,9 +348,14 @@ def _several(tree: Tree, job: Job, origins: Origins, source: str) -> dict[str, o
         tool = _table(ToolRow, keys, where)
         for key, value in (("name", tool.name), ("number", tool.number)):
             if value and value in [getattr(other, key) for other in tools]:
-                raise where.fault(key, f"{key} {_quote_short(value)} is another tool's too", "give each its own")
+                raise where.fault(
+                    key, f"{key} {_quote_short(value)} is another tool's too", "give each its own"
+                )
         tools.append(tool)
-    steps = [_step(tree, job, tools, keys, _Where(name, origins, source)) for name, keys in _rows(tree, "operations")]
+    steps = [
+        _step(tree, job, tools, keys, _Where(name, origins, source))
+        for name, keys in _rows(tree, "operations")
+    ]
     return {"tools": tools, "operations": steps}
 
 
@@ -315,17 +363,26 @@ def _rows(tree: Tree, name: str) -> list[tuple[str, dict[str, object]]]:
     return [(table, keys) for table, keys in tree.items() if table.startswith(f"{name}.")]
 
 
-def _step(tree: Tree, job: Job, tools: list[ToolRow], keys: dict[str, object], where: _Where) -> Step:
+def _step(
+    tree: Tree, job: Job, tools: list[ToolRow], keys: dict[str, object], where: _Where
+) -> Step:
     """One row of ``[[operations]]``: what it does not say is that of its tool, of [operation] and of [process]."""
     choice = _table(Choice, _only(keys, Choice), where)
     _insist_on_colors(choice, where)
     tool, own = job.tool, dict[str, object]()
     if choice.tool or tools:
-        row = next((tool for tool in tools if choice.tool in (tool.name, tool.number) and choice.tool), None)
+        row = next(
+            (tool for tool in tools if choice.tool in (tool.name, tool.number) and choice.tool),
+            None,
+        )
         if row is None:
             named = [tool.name or tool.number for tool in tools]
-            what = f"there is no tool {_quote_short(choice.tool)}" if choice.tool else "names no tool"
-            raise where.fault("tool", what, f"one of {', '.join(map(str, named))}" if named else "write [[tools]]")
+            what = (
+                f"there is no tool {_quote_short(choice.tool)}" if choice.tool else "names no tool"
+            )
+            raise where.fault(
+                "tool", what, f"one of {', '.join(map(str, named))}" if named else "write [[tools]]"
+            )
         values = {"feed": row.feed, "plunge": row.plunge, "spindle": row.speed}
         own = {key: value for key, value in values.items() if value is not None}
         tool = ToolTable(**{name: getattr(row, name) for name in ToolTable.__struct_fields__})
@@ -354,7 +411,11 @@ def _insist_on_numbers(tree: Tree, origins: Origins, source: str, most: float) -
     """JobError for a number that no machine has; a seed is none of a machine, nor is a limit."""
     for table, keys in tree.items():
         for key, value in keys.items():
-            if table in ("post", "limits") or key == "seed" or all(abs(number) <= most for number in _numbers(value)):
+            if (
+                table in ("post", "limits")
+                or key == "seed"
+                or all(abs(number) <= most for number in _numbers(value))
+            ):
                 continue
             what = f"{key} cannot be beyond {tell(most)}: {_quote_short(value)}"
             remedy = "give a value that can be meant, or raise limits.number"
@@ -367,20 +428,29 @@ def _insist_on_settings(job: Job, where: _Where) -> None:
     found = (
         (where, "passes", operation.passes, operation.passes > limits.passes),
         (where, "stepover", operation.stepover, operation.stepover < limits.stepover),
-        (replace(where, table="tolerance"), "chord", job.tolerance.chord, job.tolerance.chord < limits.chord),
+        (
+            replace(where, table="tolerance"),
+            "chord",
+            job.tolerance.chord,
+            job.tolerance.chord < limits.chord,
+        ),
     )
     for place, key, value, beyond in found:
         if beyond:
             most = key == "passes"
             what = f"{key} must be {tell(getattr(limits, key))} at {'most' if most else 'least'}, not {value:g}"
             raise place.fault(
-                key, what, f"give a value that can be meant, or {'raise' if most else 'lower'} limits.{key}"
+                key,
+                what,
+                f"give a value that can be meant, or {'raise' if most else 'lower'} limits.{key}",
             )
 
 
 def _unknown_key(table: str, key: str, origin: str) -> JobError:
     elsewhere = [s.table for s in settings() if s.key == key]
-    remedy = f"it belongs to [{elsewhere[0]}]" if elsewhere else suggest(str(key), _settings_of(table))
+    remedy = (
+        f"it belongs to [{elsewhere[0]}]" if elsewhere else suggest(str(key), _settings_of(table))
+    )
     return JobError(origin, f"unknown key {_quote(key)}", _place(table), remedy)
 
 

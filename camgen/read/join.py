@@ -75,7 +75,9 @@ def chain(partner: list[int], closed: list[bool]) -> tuple[list[list[int]], list
     return [chain for _, chain, _ in found], [loop for _, _, loop in found]
 
 
-def assemble(soup: Soup, chains: list[list[int]], closed: list[bool], same: float) -> tuple[Soup, EndJoints]:
+def assemble(
+    soup: Soup, chains: list[list[int]], closed: list[bool], same: float
+) -> tuple[Soup, EndJoints]:
     """The chains as pieces; where ends do not coincide a line gives way, two arcs get a short line between them."""
     sizes = np.array([len(c) for c in chains], dtype=np.intp)
     entered = np.array([e for c in chains for e in c], dtype=np.intp)
@@ -99,7 +101,9 @@ def assemble(soup: Soup, chains: list[list[int]], closed: list[bool], same: floa
     chain_of_row = np.repeat(np.repeat(np.arange(len(chains)), sizes), counts)
     heads = piece[ends - sizes]
     owner, head = np.repeat(np.arange(len(chains)), sizes), np.repeat(heads, sizes)
-    mixed = [len(each_once(owner[names[piece] != names[head]])) for names in (soup.layer, soup.color)]
+    mixed = [
+        len(each_once(owner[names[piece] != names[head]])) for names in (soup.layer, soup.color)
+    ]
     length = np.bincount(chain_of_row[keep], minlength=len(chains))
     made = replace(
         soup,
@@ -145,7 +149,9 @@ _NO_LENGTH = Note("repaired", "dropped", "without length")
 _TWICE = Note("repaired", "dropped", "drawn twice; each is used once")
 
 
-def contours(soup: Soup, tolerance: float, by_color: bool = False) -> tuple[tuple[Contour, ...], tuple[Note, ...]]:
+def contours(
+    soup: Soup, tolerance: float, by_color: bool = False
+) -> tuple[tuple[Contour, ...], tuple[Note, ...]]:
     """The contours of the drawn pieces in drawing order, and notes on what was dropped, mended and joined.
 
     tolerance: mm, ends closer than this meet. A contour has the layer and the color of its first piece. by_color:
@@ -169,7 +175,9 @@ def contours(soup: Soup, tolerance: float, by_color: bool = False) -> tuple[tupl
     spans = pairwise(soup.first.tolist())
     rows = zip(spans, soup.closed.tolist(), soup.layer.tolist(), soup.color.tolist(), strict=True)
     made = tuple(
-        Contour(points[a:b], bulges[a:b], closed, soup.layers[layer], f"c{i}", (), soup.colors[color])
+        Contour(
+            points[a:b], bulges[a:b], closed, soup.layers[layer], f"c{i}", (), soup.colors[color]
+        )
         for i, ((a, b), closed, layer, color) in enumerate(rows, start=1)
     )
     return made, tuple(notes)
@@ -211,14 +219,17 @@ def tell_gaps(pieces: Sequence[FloatArray], tolerance: float) -> tuple[str, Plac
     join = short(math.ceil(float(gap[found].max()) * 1000 + 1) / 1000, 3)
     noun = "gap" if len(found) == 1 else "gaps"
     told = (
-        f"{noun} of {', '.join(places[:_TOLD])}{more}: input.join = {join} closes {'it' if len(found) == 1 else 'them'}"
+        f"{noun} of {', '.join(places[:_TOLD])}{more}: input.join "
+        f"= {join} closes {'it' if len(found) == 1 else 'them'}"
     )
     return told, tuple((x, y) for x, y in middles.tolist())
 
 
 def _open_note(soup: Soup, tolerance: float) -> Note:
     rows = np.flatnonzero(~soup.closed).tolist()
-    told, places = tell_gaps([soup.points[soup.first[k] : soup.first[k + 1]] for k in rows], tolerance)
+    told, places = tell_gaps(
+        [soup.points[soup.first[k] : soup.first[k + 1]] for k in rows], tolerance
+    )
     why = told or f"their ends meet no free end within input.join = {short(tolerance, 6)} mm"
     return Note("warning", f"open contours: {len(rows)}", why, (), places)
 
@@ -228,7 +239,9 @@ def _drop(soup: Soup, keep: BoolArray, told: Note, notes: list[Note]) -> Soup:
     if keep.all():
         return soup
     lost = np.flatnonzero(~keep)
-    what = tally([soup.kinds[k] for k in soup.kind[lost]], [soup.layers[k] for k in soup.layer[lost]])
+    what = tally(
+        [soup.kinds[k] for k in soup.kind[lost]], [soup.layers[k] for k in soup.layer[lost]]
+    )
     notes.append(replace(told, what=f"{told.what}: {what}"))
     return soup.take(keep)
 
@@ -238,7 +251,9 @@ def _joint_notes(joints: EndJoints, tolerance: float, by_color: bool) -> list[No
     limit = f"input.join = {short(tolerance, 6)} mm"
     if joints.count:
         gap = f"largest {joints.largest:.3g} mm"
-        notes.append(Note("joined", f"gaps closed: {joints.count}, {gap}", f"ends closer than {limit} meet"))
+        notes.append(
+            Note("joined", f"gaps closed: {joints.count}, {gap}", f"ends closer than {limit} meet")
+        )
     if joints.mixed:
         what = f"contours over more than one layer: {joints.mixed}"
         notes.append(Note("joined", what, "each counts to the layer of its first piece"))
@@ -293,7 +308,9 @@ def _ends(soup: Soup) -> _Ends:
         half = 2 * np.arctan(soup.bulges[rows])
         cos, sin = np.cos(half), -sign * np.sin(half)
         c = sign * chord[rows] / np.maximum(size[rows], NONZERO)[:, None]
-        directions[:, side] = np.column_stack([c[:, 0] * cos - c[:, 1] * sin, c[:, 0] * sin + c[:, 1] * cos])
+        directions[:, side] = np.column_stack(
+            [c[:, 0] * cos - c[:, 1] * sin, c[:, 0] * sin + c[:, 1] * cos]
+        )
     return _Ends(
         points=np.stack([soup.points[start], soup.points[end]], axis=1).reshape(-1, 2),
         directions=directions.reshape(-1, 2),
@@ -303,7 +320,9 @@ def _ends(soup: Soup) -> _Ends:
     )
 
 
-def _pair_coincident(partner: IntArray, free: BoolArray, ends: _Ends, layer: IntArray, same: float) -> None:
+def _pair_coincident(
+    partner: IntArray, free: BoolArray, ends: _Ends, layer: IntArray, same: float
+) -> None:
     """Pair the free ends that lie in one place on one layer, straightest first."""
     loose = np.flatnonzero(free & (partner < 0))
     cells = np.floor(ends.points[loose] / same + OFF_GRID).astype(np.int64)
@@ -347,7 +366,9 @@ def _greedy(a: list[int], b: list[int]) -> list[tuple[int, int]]:
     return pairs
 
 
-def _pair_near(partner: IntArray, free: BoolArray, ends: _Ends, layer: IntArray, reach: tuple[float, float]) -> None:
+def _pair_near(
+    partner: IntArray, free: BoolArray, ends: _Ends, layer: IntArray, reach: tuple[float, float]
+) -> None:
     """Pair free ends on one layer up to the second ``reach`` apart, nearest first.
 
     The radius grows step by step. After each step no two free ends are that close, hence the next step
@@ -381,7 +402,9 @@ def _has_neighbours(points: FloatArray, group: IntArray, radius: float) -> BoolA
     return np.asarray(around > 1)
 
 
-def _close_pairs(points: FloatArray, group: IntArray, radius: float) -> tuple[IntArray, IntArray, FloatArray]:
+def _close_pairs(
+    points: FloatArray, group: IntArray, radius: float
+) -> tuple[IntArray, IntArray, FloatArray]:
     """Pairs of points of one group at most ``radius`` apart, and their distances: a hash grid, each pair once."""
     cells = np.floor(points / radius).astype(np.int64)
     keys = _cell_key(cells, group)
@@ -404,10 +427,16 @@ def _close_pairs(points: FloatArray, group: IntArray, radius: float) -> tuple[In
 
 def _cell_key(cells: NDArray[np.int64], group: IntArray) -> NDArray[np.int64]:
     """A number per cell and group; two cells may share one, which the distance sorts out."""
-    return np.asarray(cells[:, 0] * 0x1F123BB5159A55E5 ^ cells[:, 1] * 0x5851F42D4C957F2D ^ group * 0x2545F4914F6CDD1D)
+    return np.asarray(
+        cells[:, 0] * 0x1F123BB5159A55E5
+        ^ cells[:, 1] * 0x5851F42D4C957F2D
+        ^ group * 0x2545F4914F6CDD1D
+    )
 
 
-def _chain_ends(partner: IntArray, length: FloatArray, loose: IntArray) -> tuple[IntArray, FloatArray]:
+def _chain_ends(
+    partner: IntArray, length: FloatArray, loose: IntArray
+) -> tuple[IntArray, FloatArray]:
     """For each loose end the other end of its chain and the length of the chain, in arrays over all ends."""
     other = np.full(len(partner), -1, dtype=np.intp)
     total = np.zeros(len(partner))

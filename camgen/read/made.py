@@ -25,7 +25,9 @@ def make_part(shape: Any, name: str = "part", layer: str = "0") -> Part:
         for k, (points, bulges, closed, own, color) in enumerate(_chains(shape, name), 1)
     ]
     if not contours:
-        raise InputError(name, "holds no shape", remedy="give points, a shapely geometry or a trimesh")
+        raise InputError(
+            name, "holds no shape", remedy="give points, a shapely geometry or a trimesh"
+        )
     return Part(name, name, "mm", tuple(contours), ())
 
 
@@ -57,7 +59,9 @@ def _is_points(shape: Any) -> bool:
 
 def _is_point(row: Any) -> bool:
     return (
-        len(row) == 2 and all(isinstance(v, (int, float, np.number)) for v in row) if hasattr(row, "__len__") else False
+        len(row) == 2 and all(isinstance(v, (int, float, np.number)) for v in row)
+        if hasattr(row, "__len__")
+        else False
     )
 
 
@@ -71,7 +75,9 @@ def _shapely(shape: Any, name: str) -> Iterator[_Chain]:
         for one in shape.geoms:
             yield from _shapely(one, name)
     else:
-        raise InputError(name, f"a {shape.geom_type} has no contour", remedy="give polygons or lines")
+        raise InputError(
+            name, f"a {shape.geom_type} has no contour", remedy="give polygons or lines"
+        )
 
 
 def _chain(points: Any, name: str) -> _Chain:
@@ -91,7 +97,10 @@ def _make_solid(mesh: Any, name: str) -> Part:
     from camgen.read.solid.mesh import make_solid  # noqa: PLC0415 (only for what needs it)
     from camgen.read.solid.mesh_file import MeshSoup  # noqa: PLC0415
 
-    vertices, faces = np.array(mesh.vertices, dtype=np.float64), np.array(mesh.faces, dtype=np.int64)
+    vertices, faces = (
+        np.array(mesh.vertices, dtype=np.float64),
+        np.array(mesh.faces, dtype=np.int64),
+    )
     if not np.isfinite(vertices).all():
         raise InputError(name, "a coordinate is not finite", remedy="give numbers, mm")
     found = make_solid(MeshSoup(vertices, faces, "mm", 1.0, ()), name, name)

@@ -87,7 +87,11 @@ def credible(soup: Soup) -> BoolArray:
     """Which pieces (P,) have only credible numbers."""
     with np.errstate(invalid="ignore"):
         good = (np.abs(soup.points) <= FARTHEST).all(axis=1) & (np.abs(soup.bulges) <= _WIDEST)
-    return np.asarray(np.logical_and.reduceat(good, soup.first[:-1])) if len(soup) else np.zeros(0, dtype=np.bool_)
+    return (
+        np.asarray(np.logical_and.reduceat(good, soup.first[:-1]))
+        if len(soup)
+        else np.zeros(0, dtype=np.bool_)
+    )
 
 
 def tidy(soup: Soup) -> Soup:
@@ -103,7 +107,9 @@ def tidy(soup: Soup) -> Soup:
         return soup
     points, bulges = soup.points.copy(), soup.bulges.copy()
     center = (points[rows] + points[rows + 1]) / 2
-    radius = np.column_stack([np.hypot(*(points[rows] - points[rows + 1]).T) / 2, np.zeros(len(rows))])
+    radius = np.column_stack(
+        [np.hypot(*(points[rows] - points[rows + 1]).T) / 2, np.zeros(len(rows))]
+    )
     points[rows], points[rows + 1] = center + radius, center - radius
     bulges[rows] = bulges[rows + 1] = 1.0
     return replace(soup, points=points, bulges=bulges)
@@ -112,7 +118,9 @@ def tidy(soup: Soup) -> Soup:
 def _without_repeats(soup: Soup) -> Soup:
     """Drop every point that lies on the next one; a piece without any length keeps one point."""
     following = next_row(soup)
-    near = np.abs(soup.points[following] - soup.points).max(axis=1, initial=0.0) <= same_distance(soup)
+    near = np.abs(soup.points[following] - soup.points).max(axis=1, initial=0.0) <= same_distance(
+        soup
+    )
     counts = np.diff(soup.first)
     last = soup.first[1:] - 1
     near[last] &= soup.closed & (counts > 1)

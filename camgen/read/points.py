@@ -52,7 +52,11 @@ class PointsFacts(Struct, frozen=True):
             for one in self.curves
         ]
         return "\n".join(
-            [f"list of points, units {self.units}, {size} mm, {with_angles}", *rows, *map(str, self.notes)]
+            [
+                f"list of points, units {self.units}, {size} mm, {with_angles}",
+                *rows,
+                *map(str, self.notes),
+            ]
         )
 
 
@@ -60,21 +64,27 @@ def read(source: Source, job: Job, _files: Files) -> Part:
     """The curves in the list, mm. InputError for a line that is no point, and where no curve has two points."""
     for key in _IDLE:
         if getattr(job.input, key) != getattr(InputTable(), key):
-            raise JobError("job", "has no effect on a list of points", f"input.{key}", "leave it out")
+            raise JobError(
+                "job", "has no effect on a list of points", f"input.{key}", "leave it out"
+            )
     unit, mm, notes = units.resolve(source.name, job.input.units, 0, None)
     found: list[Curve] = []
     more: list[Note] = []
     for line, rows in _chains(source):
         curve = _curve(f"c{len(found) + 1}", np.array(rows), mm)
         if curve is None:
-            more.append(Note("skipped", f"the curve in line {line}", "it has no two points that differ"))
+            more.append(
+                Note("skipped", f"the curve in line {line}", "it has no two points that differ")
+            )
         else:
             found.append(curve)
             if len(curve.points) < len(rows):
                 what = f"dropped: {counted(len(rows) - len(curve.points), 'point')} of {curve.id}"
                 more.append(Note("repaired", what, "the same as the one before"))
     if not found:
-        raise InputError(source.name, "nothing to machine", remedy=f"{_REMEDY}, two or more of them")
+        raise InputError(
+            source.name, "nothing to machine", remedy=f"{_REMEDY}, two or more of them"
+        )
     if job.input.units.strip().lower() == "auto":
         more += units.doubts(_size(found), unit, source.name)
     return Part(source.stem, source.name, unit, (), (*notes, *more), curves=tuple(found))
@@ -95,7 +105,9 @@ def _curve(name: str, rows: FloatArray, mm: float) -> Curve | None:
     """The curve through ``rows`` (N, 3 or 6), in the unit of the file and deg; None where no two of them differ."""
     rotations = None
     if rows.shape[1] == len(_NAMES):
-        rotations = np.stack([rotation_from_fixed_xyz(*angles) for angles in np.radians(rows[:, 3:]).tolist()])
+        rotations = np.stack(
+            [rotation_from_fixed_xyz(*angles) for angles in np.radians(rows[:, 3:]).tolist()]
+        )
     points = rows[:, :3] * mm
     moved = np.linalg.norm(np.diff(points, axis=0), axis=1) > SAME_POINT_MM
     if rotations is not None:
@@ -122,11 +134,15 @@ def _chains(source: Source) -> list[tuple[int, list[list[float]]]]:
         width = width or len(row)
         if len(row) not in (3, 6) or len(row) != width:
             before = f", the lines before it {width}" if len(row) != width else ""
-            raise InputError(source.name, f"has {counted(len(row), 'number')}{before}", f"line {number}", _REMEDY)
+            raise InputError(
+                source.name, f"has {counted(len(row), 'number')}{before}", f"line {number}", _REMEDY
+            )
         count += 1
         if count > source.limits.points:
             what = f"has more than {tell(source.limits.points)} points"
-            raise InputError(source.name, what, f"line {number}", "split it, or raise limits.points")
+            raise InputError(
+                source.name, what, f"line {number}", "split it, or raise limits.points"
+            )
         if fresh:
             found.append((number, []))
         found[-1][1].append(row)
@@ -168,6 +184,10 @@ def _split(line: str) -> list[str]:
 def _number(source: Source, line: int, word: str) -> float:
     value = float(word) if _NUMBER.fullmatch(word) else float("nan")
     if not abs(value) <= _FARTHEST:
-        what = f"{word[:24]!a} is no number" if np.isnan(value) else f"{word[:24]} is beyond all proportion"
+        what = (
+            f"{word[:24]!a} is no number"
+            if np.isnan(value)
+            else f"{word[:24]} is beyond all proportion"
+        )
         raise InputError(source.name, what, f"line {line}", _REMEDY)
     return value

@@ -122,15 +122,21 @@ def list_languages() -> list[Language]:
     return [load(entry) for entry in entries(LANGUAGES)]  # type: ignore[misc]
 
 
-def rename_outputs(body: Sequence[Instruction], names: Mapping[str, str], file: str) -> tuple[Instruction, ...]:
+def rename_outputs(
+    body: Sequence[Instruction], names: Mapping[str, str], file: str
+) -> tuple[Instruction, ...]:
     """The body with other names for its outputs. InputError for a name that it does not switch. file: for messages."""
     used = dict.fromkeys(item.signal for item in body if isinstance(item, Output))
     for name in names:
         if name not in used:
             known = ", ".join(used) or "none"
-            raise InputError(file, f"switches no output {name!r}", "input.signals", f"it switches {known}")
+            raise InputError(
+                file, f"switches no output {name!r}", "input.signals", f"it switches {known}"
+            )
     return tuple(
-        Output(names[item.signal], item.value) if isinstance(item, Output) and item.signal in names else item
+        Output(names[item.signal], item.value)
+        if isinstance(item, Output) and item.signal in names
+        else item
         for item in body
     )
 
@@ -140,7 +146,11 @@ class Places:
 
     def __init__(self, texts: Mapping[str, str]) -> None:
         self._names = list(texts)
-        self._last = list(itertools.accumulate(text.count("\n") + (not text.endswith("\n")) for text in texts.values()))
+        self._last = list(
+            itertools.accumulate(
+                text.count("\n") + (not text.endswith("\n")) for text in texts.values()
+            )
+        )
 
     def __call__(self, line: int) -> str:
         """File and line."""

@@ -44,7 +44,9 @@ def curves(pieces: Sequence[Piece], tolerance: float) -> tuple[tuple[Curve, ...]
     notes: list[Note] = []
     pieces = _keep(pieces, [_credible(one) for one in pieces], "skipped", "damaged numbers", notes)
     pieces = [_without_repeats(one) for one in pieces]
-    pieces = _keep(pieces, [len(one.points) > 1 for one in pieces], "repaired", "without length", notes)
+    pieces = _keep(
+        pieces, [len(one.points) > 1 for one in pieces], "repaired", "without length", notes
+    )
     pieces = _keep(pieces, _are_first(pieces), "repaired", "drawn twice; each is used once", notes)
     if not pieces:
         return (), tuple(notes)
@@ -62,7 +64,12 @@ def curves(pieces: Sequence[Piece], tolerance: float) -> tuple[tuple[Curve, ...]
 
 
 def make_curve(
-    name: str, layer: str, points: FloatArray, via: FloatArray, closed: bool, rotations: FloatArray | None = None
+    name: str,
+    layer: str,
+    points: FloatArray,
+    via: FloatArray,
+    closed: bool,
+    rotations: FloatArray | None = None,
 ) -> Curve:
     """A curve through ``points`` (N, 3), over ``via`` (N - 1, 3), NaN for lines."""
     curved = ~np.isnan(via[:, 0])
@@ -75,8 +82,14 @@ def tell_which(found: Sequence[Curve]) -> Note:
     """The note on which curves are in space and which are flat, and where."""
     level = {one.id: one.level for one in found}
     space = [name for name, height in level.items() if height is None]
-    what = f"{counted(len(space), 'curve')} in space: {_names(space)}" if space else "no curve leaves its plane"
-    flat = [f"{name} at z = {short(height, 3)}" for name, height in level.items() if height is not None]
+    what = (
+        f"{counted(len(space), 'curve')} in space: {_names(space)}"
+        if space
+        else "no curve leaves its plane"
+    )
+    flat = [
+        f"{name} at z = {short(height, 3)}" for name, height in level.items() if height is not None
+    ]
     if flat:
         what += f"; {counted(len(flat), 'flat one')}: {_names(flat)} mm"
     return Note("assumed", what, "all are followed at the heights they are drawn at", tuple(level))
@@ -88,7 +101,11 @@ def _names(names: Sequence[str]) -> str:
 
 
 def _keep(
-    pieces: Sequence[Piece], good: Sequence[bool], kind: Literal["skipped", "repaired"], why: str, notes: list[Note]
+    pieces: Sequence[Piece],
+    good: Sequence[bool],
+    kind: Literal["skipped", "repaired"],
+    why: str,
+    notes: list[Note],
 ) -> list[Piece]:
     """The good ones, and a note on the others."""
     lost = [one for one, fine in zip(pieces, good, strict=True) if not fine]
@@ -124,7 +141,10 @@ def _are_first(pieces: Sequence[Piece]) -> list[bool]:
 
 
 def _is_closed(piece: Piece) -> bool:
-    return len(piece.points) > 2 and float(np.linalg.norm(piece.points[-1] - piece.points[0])) <= SAME_POINT_MM
+    return (
+        len(piece.points) > 2
+        and float(np.linalg.norm(piece.points[-1] - piece.points[0])) <= SAME_POINT_MM
+    )
 
 
 def _partners(pieces: Sequence[Piece], tolerance: float) -> list[int]:
@@ -143,7 +163,9 @@ def _partners(pieces: Sequence[Piece], tolerance: float) -> list[int]:
         if one != two or gap <= _OWN_GAP * lengths[one]:
             # Rounded, so that equal turns tie and do not hang on the last bit.
             turn = round(float(out[a] @ out[b]), 9)
-            options.append((gap if gap > SAME_POINT_MM else 0.0, layers[one] != layers[two], turn, a, b))
+            options.append(
+                (gap if gap > SAME_POINT_MM else 0.0, layers[one] != layers[two], turn, a, b)
+            )
     for *_, a, b in sorted(options):
         if partner[a] < 0 and partner[b] < 0:
             partner[a], partner[b] = b, a
@@ -162,7 +184,9 @@ def _near_pairs(places: FloatArray, free: Sequence[int], reach: float) -> Iterat
         x, y, z = keys[end].tolist()
         for dx, dy, dz in _AROUND:
             for other in cells.get((x + dx, y + dy, z + dz), ())[:_CROWD]:
-                if other < end and float(np.linalg.norm(places[other] - places[end])) <= reach * (1 + 1e-9):
+                if other < end and float(np.linalg.norm(places[other] - places[end])) <= reach * (
+                    1 + 1e-9
+                ):
                     yield other, end
 
 

@@ -62,7 +62,9 @@ def read(source: Source, job: Job, language: str) -> Taught:
     return read_files([source], job, language)
 
 
-def read_files(sources: Sequence[Source], job: Job, language: str, flange: Reach | None = None) -> Taught:
+def read_files(
+    sources: Sequence[Source], job: Job, language: str, flange: Reach | None = None
+) -> Taught:
     """The program in several files, as ``read`` does it. The first gives it its name. flange: as in ``Ask``."""
     name = " + ".join(source.name for source in sources)
     texts = {source.name: text_of(source) for source in sources}
@@ -73,11 +75,15 @@ def read_files(sources: Sequence[Source], job: Job, language: str, flange: Reach
     for line, what in [*([executed.stopped] if executed.stopped else []), *refused][:1]:
         raise InputError(name, what, place(line), "camgen verify tells all of it; mend the program")
     if not any(isinstance(item, MoveJ | MoveL | MoveC) for item in executed.body):
-        raise InputError(name, "holds no motion", remedy="give a program that moves, with all its files")
+        raise InputError(
+            name, "holds no motion", remedy="give a program that moves, with all its files"
+        )
     _refuse_losses(executed, name, place)
     told = in_one_frame(executed, name, job.tolerance.chord)
     body = rename_outputs(told.body, job.input.signals, name)
-    run = ProgramRun(body, told.lines, (), 0, 0.0, None, unread=False, ended=True, units="mm", whole=True)
+    run = ProgramRun(
+        body, told.lines, (), 0, 0.0, None, unread=False, ended=True, units="mm", whole=True
+    )
     notes = (
         *(Note("assumed", f"{place(one.line)}: {one.what}") for one in executed.assumed),
         *(Note("warning", f"{place(one.line)}: {one.what}") for one in executed.findings),
@@ -114,12 +120,16 @@ class TaughtFacts(Struct, frozen=True):
 
     def __str__(self) -> str:
         spans = zip("xyz", *self.extents, strict=True) if self.extents else ()
-        tools, works = (", ".join(dict.fromkeys(pair[k] for pair in self.frames if pair[k])) for k in (0, 1))
+        tools, works = (
+            ", ".join(dict.fromkeys(pair[k] for pair in self.frames if pair[k])) for k in (0, 1)
+        )
         rows = [
             f"{self.language} of {counted(self.lines, 'line')}",
             f"does: {', '.join(counted(n, name) for name, n in self.counts.items() if n) or 'nothing'}",
             *(
-                [f"extents: {', '.join(f'{a} {short(b, 3)} to {short(c, 3)}' for a, b, c in spans)} mm"]
+                [
+                    f"extents: {', '.join(f'{a} {short(b, 3)} to {short(c, 3)}' for a, b, c in spans)} mm"
+                ]
                 if spans
                 else []
             ),
@@ -166,7 +176,9 @@ def text_of(source: Source) -> str:
     data = source.data
     if not data.strip() or b"\0" in data:
         what = "is empty" if not data.strip() else "is not a text"
-        raise InputError(source.name, what, remedy="give the program as the controller saves it as text")
+        raise InputError(
+            source.name, what, remedy="give the program as the controller saves it as text"
+        )
     return data.decode("latin-1").replace("\r\n", "\n").replace("\r", "\n")
 
 
@@ -200,8 +212,12 @@ def as_far_as_known(executed: Executed) -> Carried:
     """What a program does in one work object and with one tool, or each motion in its own where nobody knows how they
     lie to each other.
     """
-    whole = Carried(executed.body, executed.lines, executed.frames[0] if executed.frames else Frames(), ())
-    if len(executed.frames) < 2 or not any(isinstance(item, MoveJ | MoveL | MoveC) for item in executed.body):
+    whole = Carried(
+        executed.body, executed.lines, executed.frames[0] if executed.frames else Frames(), ()
+    )
+    if len(executed.frames) < 2 or not any(
+        isinstance(item, MoveJ | MoveL | MoveC) for item in executed.body
+    ):
         return whole
     try:
         return in_one_frame(executed, "", _CHORD)
@@ -227,9 +243,13 @@ def in_one_frame(executed: Executed, file: str, chord: float) -> Carried:
         made: Sequence[Instruction] = (item,)
         if isinstance(item, Force) and not any(item.force_direction):
             pass  # off, or along what no text says
-        elif isinstance(item, Force) or (isinstance(item, MoveJ | MoveL | MoveC) and isinstance(item.target, Pose)):
+        elif isinstance(item, Force) or (
+            isinstance(item, MoveJ | MoveL | MoveC) and isinstance(item.target, Pose)
+        ):
             if place not in changes:
-                changes[place] = _find_change(executed.frames[place] if executed.frames else own, own, file, line)
+                changes[place] = _find_change(
+                    executed.frames[place] if executed.frames else own, own, file, line
+                )
             change = changes[place]
         if isinstance(item, Force):
             if any(item.force_direction):
@@ -249,11 +269,15 @@ def in_one_frame(executed: Executed, file: str, chord: float) -> Carried:
 def _find_own(executed: Executed, places: Sequence[int]) -> int:
     """The place of the frames that most motions have, of several the first; joint values are in no work object."""
     every = zip(executed.body, places, strict=True)
-    count = Counter(place for move, place in every if isinstance(getattr(move, "target", None), Pose))
+    count = Counter(
+        place for move, place in every if isinstance(getattr(move, "target", None), Pose)
+    )
     return count.most_common(1)[0][0] if count else 0
 
 
-def _tell(frames: Sequence[Frames], own: Frames, changes: dict[int, _Change], pieces: int) -> tuple[Note, ...]:
+def _tell(
+    frames: Sequence[Frames], own: Frames, changes: dict[int, _Change], pieces: int
+) -> tuple[Note, ...]:
     others = [frames[place] for place, change in changes.items() if not change.same]
     if not others:
         return ()
@@ -261,11 +285,20 @@ def _tell(frames: Sequence[Frames], own: Frames, changes: dict[int, _Change], pi
     works = dict.fromkeys(one.work or _NO_WORK for one in others if one.work != own.work)
     what = "; ".join(
         f"motions {word} {', '.join(names)} are told {word} {first}"
-        for word, names, first in (("with", tools, own.tool or _NO_TOOL), ("in", works, own.work or _NO_WORK))
+        for word, names, first in (
+            ("with", tools, own.tool or _NO_TOOL),
+            ("in", works, own.work or _NO_WORK),
+        )
         if names
     )
     more = f"; {counted(pieces, 'piece')} more, where the tool turns" if pieces else ""
-    return (Note("assumed", what, f"a program here has one tool and one work frame; the way is the same{more}"),)
+    return (
+        Note(
+            "assumed",
+            what,
+            f"a program here has one tool and one work frame; the way is the same{more}",
+        ),
+    )
 
 
 def _find_change(other: Frames, own: Frames, file: str, line: int) -> _Change:
@@ -277,7 +310,9 @@ def _find_change(other: Frames, own: Frames, file: str, line: int) -> _Change:
     for kind, found, name in (("work object", to_work, other.work), ("tool", from_own, other.tool)):
         if found is None:
             what = f"goes on with the {kind} {name or 'of the controller'}, and the text does not say where it is"
-            raise InputError(file, what, f"line {line}", f"add the declaration of the {kind} to the file")
+            raise InputError(
+                file, what, f"line {line}", f"add the declaration of the {kind} to the file"
+            )
     assert to_work is not None
     assert from_own is not None
     return _Change(to_work, from_own, _is_none(to_work) and _is_none(from_own))
@@ -294,7 +329,9 @@ def _between(name: str, frame: Pose | None, other_name: str, other: Pose | None)
 
 
 def _is_none(pose: Pose) -> bool:
-    return max(map(abs, pose.origin)) < _SAME and angle_between(pose.rotation, _NONE.rotation) < _SAME
+    return (
+        max(map(abs, pose.origin)) < _SAME and angle_between(pose.rotation, _NONE.rotation) < _SAME
+    )
 
 
 def _carry(item: Motion, here: Pose | None, change: _Change, chord: float) -> Iterator[Motion]:
@@ -324,7 +361,13 @@ def _carry(item: Motion, here: Pose | None, change: _Change, chord: float) -> It
         assert at is not None
         moved = math.dist(at.origin, pose.origin)
         speed = item.speed * moved / length if min(moved, length) > _SAME else item.speed
-        yield MoveL(pose, speed, item.blend if k == count else chord, item.force, change.turn(item.force_direction))
+        yield MoveL(
+            pose,
+            speed,
+            item.blend if k == count else chord,
+            item.force,
+            change.turn(item.force_direction),
+        )
         at = pose
 
 
@@ -343,13 +386,19 @@ def _pose_at(begin: Pose, item: MoveL | MoveC, share: float) -> Pose:
         return Pose(rotation_between(begin.rotation, item.target.rotation, share), (x, y, z))
     centre, _, axis, sweep = circle(begin.origin, item.via.origin, item.target.origin)
     arm = np.subtract(begin.origin, centre)
-    x, y, z = (a + b for a, b in zip(turn_about(_point(arm), axis, share * sweep), centre, strict=True))
+    x, y, z = (
+        a + b for a, b in zip(turn_about(_point(arm), axis, share * sweep), centre, strict=True)
+    )
     over = np.subtract(item.via.origin, centre)
-    turned = math.atan2(float(np.cross(arm, over) @ axis), float(arm @ over)) % (2 * math.pi) / sweep
+    turned = (
+        math.atan2(float(np.cross(arm, over) @ axis), float(arm @ over)) % (2 * math.pi) / sweep
+    )
     if share <= turned:
         rotation = rotation_between(begin.rotation, item.via.rotation, share / turned)
     else:
-        rotation = rotation_between(item.via.rotation, item.target.rotation, (share - turned) / (1 - turned))
+        rotation = rotation_between(
+            item.via.rotation, item.target.rotation, (share - turned) / (1 - turned)
+        )
     return Pose(rotation, (x, y, z))
 
 

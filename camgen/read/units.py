@@ -33,7 +33,9 @@ _OVERRIDE = "set input.units if that is not meant"
 _OWN = (".step", ".stp")
 
 
-def resolve(file: str, wanted: str, insunits: int, measurement: int | None) -> tuple[str, float, tuple[Note, ...]]:
+def resolve(
+    file: str, wanted: str, insunits: int, measurement: int | None
+) -> tuple[str, float, tuple[Note, ...]]:
     """Name of the unit, mm per unit, and notes.
 
     wanted: ``input.units``, "auto" for the file's own. insunits: the file's code, 0 if it has none. measurement:
@@ -47,15 +49,23 @@ def resolve(file: str, wanted: str, insunits: int, measurement: int | None) -> t
         from difflib import get_close_matches  # noqa: PLC0415 (1 ms, only for what is wrong)
 
         near = get_close_matches(name, [*MM, "auto"], n=1)
-        remedy = f"did you mean {near[0]}?" if near else "use one of auto, mm, cm, m, inch, ft, mil, ..."
+        remedy = (
+            f"did you mean {near[0]}?" if near else "use one of auto, mm, cm, m, inch, ft, mil, ..."
+        )
         raise JobError(file, f"unknown unit {harmless(wanted)!r}", "input.units", remedy)
     if insunits in INSUNITS:
         name = INSUNITS[insunits]
         return name, MM[name], ()
-    hint = {0: ", though its $MEASUREMENT says inch", 1: ", its $MEASUREMENT says metric"}.get(measurement or 0, "")
+    hint = {0: ", though its $MEASUREMENT says inch", 1: ", its $MEASUREMENT says metric"}.get(
+        measurement or 0, ""
+    )
     states = "states no unit" if insunits == 0 else f"states the unknown unit {insunits}"
     hint = hint if measurement is not None else ""
-    return "mm", 1.0, (Note("assumed", "1 drawing unit = 1 mm", f"the file {states}{hint}; {_OVERRIDE}"),)
+    return (
+        "mm",
+        1.0,
+        (Note("assumed", "1 drawing unit = 1 mm", f"the file {states}{hint}; {_OVERRIDE}"),),
+    )
 
 
 def remedy_for(source: str) -> str:
@@ -71,4 +81,10 @@ def doubts(size: Sequence[float], unit: str, source: str) -> tuple[Note, ...]:
         return ()
     size_text = " x ".join(short(length, 3) for length in size)
     odd = "large" if max(size) > LARGEST else "small"
-    return (Note("warning", f"the part is {size_text} mm, which is {odd}", f"drawn in {unit}; {remedy_for(source)}"),)
+    return (
+        Note(
+            "warning",
+            f"the part is {size_text} mm, which is {odd}",
+            f"drawn in {unit}; {remedy_for(source)}",
+        ),
+    )

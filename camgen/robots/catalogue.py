@@ -86,7 +86,9 @@ def robot(name: str, files: Files | None = None) -> Robot:
     file = _read(_key(name)) or _by_key().get(_key(name))
     if file is None:
         near = suggest(name, [one.name for one in _by_key().values()])
-        raise JobError(f"robot {name}", "there is no such robot", remedy=f"{near}; camgen robots lists them")
+        raise JobError(
+            f"robot {name}", "there is no such robot", remedy=f"{near}; camgen robots lists them"
+        )
     return _make(file)
 
 
@@ -99,13 +101,21 @@ def robots() -> tuple[Robot, ...]:
 def _read(key: str) -> _File | None:
     """The robot whose file is called ``key``: to read all for one takes 5 ms of every build."""
     file = resources.files("camgen.robots") / "data" / f"{key}.toml"
-    return msgspec.convert(tomllib.loads(file.read_text()), _File, strict=False) if file.is_file() else None
+    return (
+        msgspec.convert(tomllib.loads(file.read_text()), _File, strict=False)
+        if file.is_file()
+        else None
+    )
 
 
 @cache
 def _files() -> tuple[_File, ...]:
     folder = resources.files("camgen.robots") / "data"
-    keys = [entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml")]
+    keys = [
+        entry.name.removesuffix(".toml")
+        for entry in folder.iterdir()
+        if entry.name.endswith(".toml")
+    ]
     files = [file for key in keys if (file := _read(key))]
     return tuple(sorted(files, key=lambda file: file.name))
 
@@ -122,10 +132,14 @@ def _key(name: str) -> str:
 @cache
 def _make(file: _File) -> Robot:
     units = np.array([1.0 if row.sliding else math.radians(1) for row in file.joints])
-    joints = tuple(Joint(row.name, row.sliding, translation(*row.at), _AXES[row.axis]) for row in file.joints)
+    joints = tuple(
+        Joint(row.name, row.sliding, translation(*row.at), _AXES[row.axis]) for row in file.joints
+    )
     flange = pose_from_values(file.flange)
     coupling, serial_limits = _rod(file.rod, len(joints))
-    boxes = [tuple(Box(translation(*row[:3]), row[3:]) for row in link.boxes) for link in file.links]
+    boxes = [
+        tuple(Box(translation(*row[:3]), row[3:]) for row in link.boxes) for link in file.links
+    ]
     return Robot(
         name=file.name,
         maker=file.maker,

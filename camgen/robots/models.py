@@ -16,7 +16,12 @@ Kind = Literal["spherical-wrist", "scara", "cartesian", "serial"]
 Known = Literal["confirmed", "derived", "uncertain"]
 Triple = tuple[float, float, float]
 
-_KINDS: dict[type, Kind] = {Spherical: "spherical-wrist", Scara: "scara", Gantry: "cartesian", type(None): "serial"}
+_KINDS: dict[type, Kind] = {
+    Spherical: "spherical-wrist",
+    Scara: "scara",
+    Gantry: "cartesian",
+    type(None): "serial",
+}
 
 
 class Box(Struct, frozen=True, eq=False):
@@ -94,4 +99,6 @@ class Robot(Struct, frozen=True, eq=False):
     @property
     def lever(self) -> float:
         """Millimetres that weigh as much as a radian: half the length of the chain, the mean lever of its joints."""
-        return max(sum(math.hypot(*joint.previous_from_joint.origin) for joint in self.joints) / 2, 1.0)
+        return max(
+            sum(math.hypot(*joint.previous_from_joint.origin) for joint in self.joints) / 2, 1.0
+        )

@@ -50,7 +50,9 @@ def pace_of(robot: Robot, dynamics: Dynamics, travel: float) -> Pace:
     return Pace(robot.fastest, gains, travel, dynamics.acceleration)
 
 
-def from_rest(way: FloatArray, speed: FloatArray | float, acceleration: FloatArray | float) -> FloatArray:
+def from_rest(
+    way: FloatArray, speed: FloatArray | float, acceleration: FloatArray | float
+) -> FloatArray:
     """Seconds from rest to rest over ``way`` >= 0, in units that go together: a trapezoid, or a triangle if short."""
     speed, acceleration = np.asarray(speed), np.asarray(acceleration)
     short = way * acceleration < speed * speed

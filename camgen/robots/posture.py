@@ -55,12 +55,18 @@ def postures(robot: Robot, joints: FloatArray, straight: NDArray[np.bool_]) -> l
     if not robot.controller:
         return [None] * count
     six, named = isinstance(robot.arm, Spherical), isinstance(robot.arm, Spherical | Scara)
-    conf = abb_confdata(robot, joints) if six else Numbers(np.zeros((count, 4), np.int64), np.zeros(count, np.bool_))
+    conf = (
+        abb_confdata(robot, joints)
+        if six
+        else Numbers(np.zeros((count, 4), np.int64), np.zeros(count, np.bool_))
+    )
     figure = denso_figure(robot, joints)
     kept = figure.sure & ~(straight & (figure.values != np.roll(figure.values, 1)))
     if six:
         kept &= (np.abs(np.abs(_degrees(joints[:, [3, 5]])) - 180) > _BORDER).all(axis=1)
-    switches = vplus_switches(robot, joints) if named else Words(((),) * count, np.zeros(count, np.bool_))
+    switches = (
+        vplus_switches(robot, joints) if named else Words(((),) * count, np.zeros(count, np.bool_))
+    )
     words = switches.words if switches.sure.all() else ((),) * count
     said = [conf.values, conf.sure[:, None], figure.values[:, None], kept[:, None]]
     seen: dict[tuple[str, ...], int] = {}
@@ -132,7 +138,11 @@ def vplus_switches(robot: Robot, joints: FloatArray) -> Words:
 def _six_axes(robot: Robot, what: str) -> Spherical:
     if isinstance(robot.arm, Spherical):
         return robot.arm
-    raise JobError(f"robot {robot.name}", f"has no {what}", remedy="they are for six axes with a spherical wrist")
+    raise JobError(
+        f"robot {robot.name}",
+        f"has no {what}",
+        remedy="they are for six axes with a spherical wrist",
+    )
 
 
 def _degrees(joints: FloatArray) -> FloatArray:

@@ -50,7 +50,11 @@ def equip(cell: Cell, job: Job, arm: Robot | None = None, meshes: Meshes = ()) -
     elif table.home is not None:
         count = len(table.home) or len(cell.home.values) if isinstance(cell.home, Joints) else 0
         # Another count is another arm than the built-in one: the six-axis arms that the posts know only turn.
-        sliding = cell.sliding if isinstance(cell.home, Joints) and count == len(cell.home.values) else frozenset()
+        sliding = (
+            cell.sliding
+            if isinstance(cell.home, Joints) and count == len(cell.home.values)
+            else frozenset()
+        )
         values = enumerate(_values("home", table.home, count))
         home = Joints(tuple(v if k in sliding else math.radians(v) for k, v in values))
     name, robot = _name(table.robot) or cell.name, table.robot or cell.robot
@@ -73,7 +77,11 @@ def _own_home(own: Robot, cell: Cell, builtin: Joints) -> Joints:
 
 def _values(key: str, values: Sequence[float], count: int) -> Sequence[float]:
     if len(values) != count:
-        raise JobError("job", f"has {counted(len(values), 'value')}", f"cell.{key}", f"give {count} values")
+        raise JobError(
+            "job", f"has {counted(len(values), 'value')}", f"cell.{key}", f"give {count} values"
+        )
     if not all(math.isfinite(v) for v in values):
-        raise JobError("job", "has a value that is not a finite number", f"cell.{key}", "give numbers")
+        raise JobError(
+            "job", "has a value that is not a finite number", f"cell.{key}", "give numbers"
+        )
     return values

@@ -46,7 +46,9 @@ def pieces_of(ink: Ink, every: bool) -> Pieces:
     import cv2  # noqa: PLC0415 (loaded only by what needs it)
 
     mask = ink.pixels.view(np.uint8)
-    count, label, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8, ltype=cv2.CV_32S)
+    count, label, stats, _ = cv2.connectedComponentsWithStats(
+        mask, connectivity=8, ltype=cv2.CV_32S
+    )
     depth = np.asarray(cv2.distanceTransform(mask, cv2.DIST_L2, cv2.DIST_MASK_5), np.float32)
     flat = np.asarray(label, np.int64).ravel()
     deepest = np.zeros(count, dtype=np.float32)

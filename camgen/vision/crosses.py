@@ -52,14 +52,20 @@ def crosses(mask: Pixels, grey: Pixels) -> tuple[Cross, ...]:
     """
     if grey.ndim == 3:
         grey = np.asarray(cv2.cvtColor(grey, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
-    found = [cross for side in (mask, cv2.bitwise_not(mask)) for cross in _in(np.asarray(side, dtype=np.uint8), grey)]
+    found = [
+        cross
+        for side in (mask, cv2.bitwise_not(mask))
+        for cross in _in(np.asarray(side, dtype=np.uint8), grey)
+    ]
     return tuple(sorted(found, key=lambda c: (c.v, c.u)))
 
 
 def _in(ink: Pixels, grey: Pixels) -> Iterator[Cross]:
     _, labels, facts, _ = cv2.connectedComponentsWithStats(ink)
     for k, (u, v, wide, high, area) in enumerate(facts.tolist()):
-        sized = min(wide, high) >= _LEAST_SIDE_PX and max(wide, high) <= min(_MOST_SIDE_PX, _ASPECT * min(wide, high))
+        sized = min(wide, high) >= _LEAST_SIDE_PX and max(wide, high) <= min(
+            _MOST_SIDE_PX, _ASPECT * min(wide, high)
+        )
         inner = u > 0 and v > 0 and u + wide < ink.shape[1] and v + high < ink.shape[0]
         if k and sized and inner and area <= _FULLEST * wide * high:
             top, left = max(v - _ROOM_PX, 0), max(u - _ROOM_PX, 0)
@@ -100,7 +106,11 @@ def _ink(own: Pixels, grey: Pixels) -> tuple[ComplexArray, FloatArray]:
     """Pixels (N,) of a piece and around it, and how much of each is inked, 0 to 1."""
     near = cv2.dilate(own, np.ones((2 * _ROOM_PX - 1, 2 * _ROOM_PX - 1), dtype=np.uint8)) > 0
     dark, light = float(np.median(grey[own > 0])), float(np.median(grey[own == 0]))
-    share = (grey.astype(np.float64) - light) / (dark - light) if dark != light else own.astype(np.float64)
+    share = (
+        (grey.astype(np.float64) - light) / (dark - light)
+        if dark != light
+        else own.astype(np.float64)
+    )
     v, u = np.nonzero(near)
     # Noise of the ground around would add up far from the middle.
     weight = share[v, u].clip(0, 1)
@@ -115,7 +125,9 @@ def _line(along: FloatArray, across: FloatArray, weight: FloatArray) -> tuple[fl
     return float(y - b * x), float(b)
 
 
-def _arm(at: ComplexArray, weight: FloatArray, inside: NDArray[np.bool_], root: float) -> tuple[float, float]:
+def _arm(
+    at: ComplexArray, weight: FloatArray, inside: NDArray[np.bool_], root: float
+) -> tuple[float, float]:
     """How far an arm reaches, px, and how wide it is."""
     own, along = weight[inside], at.real[inside]
     # The ink of an even bar lies on average half-way between its root and its end.
@@ -128,7 +140,11 @@ def _is_cross(at: ComplexArray, weight: FloatArray, arm: FloatArray) -> bool:
     """Whether ink (N,) around a centre is two bars. arm: (4, 2) reach and width."""
     reach, width = arm.T
     wide = float(width.mean())
-    if reach.min() < _SHORTEST * reach.max() or reach.min() < 1.2 * wide or np.ptp(width) > _UNLIKE * wide:
+    if (
+        reach.min() < _SHORTEST * reach.max()
+        or reach.min() < 1.2 * wide
+        or np.ptp(width) > _UNLIKE * wide
+    ):
         return False
     half = wide / 2 + 0.75
     x, y = np.abs(at.real), np.abs(at.imag)

@@ -67,7 +67,9 @@ class Sum:
             self._clipped = np.zeros(frame.shape[:2], dtype=np.uint16)
         elif frame.shape != self.first.shape:
             sizes = " and ".join(f"{one.shape[1]} x {one.shape[0]}" for one in (self.first, frame))
-            raise InputError("camera", f"has frames of {sizes} px", remedy="set the camera to one size")
+            raise InputError(
+                "camera", f"has frames of {sizes} px", remedy="set the camera to one size"
+            )
         self._total += frame
         self._clipped += (frame == WHITE).any(axis=2)
         self.frames += 1
@@ -147,7 +149,10 @@ def _dilate(values: Float32, reach: int) -> Float32:
     """The greatest value within ``reach`` px, a square."""
     import cv2  # noqa: PLC0415 (loaded only by what needs it)
 
-    return np.asarray(cv2.dilate(values, np.ones((2 * reach + 1, 2 * reach + 1), dtype=np.uint8)), dtype=np.float32)
+    return np.asarray(
+        cv2.dilate(values, np.ones((2 * reach + 1, 2 * reach + 1), dtype=np.uint8)),
+        dtype=np.float32,
+    )
 
 
 def judge(shot: Shot) -> tuple[Note, ...]:
@@ -166,11 +171,32 @@ def judge(shot: Shot) -> tuple[Note, ...]:
 
 def _judge_blur(shot: Shot) -> list[Note]:
     if shot.blur is None or shot.smear is None:
-        return [Note("warning", "the picture shows no edges", "is the lens covered, or far out of focus?", strict=True)]
+        return [
+            Note(
+                "warning",
+                "the picture shows no edges",
+                "is the lens covered, or far out of focus?",
+                strict=True,
+            )
+        ]
     if shot.blur > _BLURRED:
         what = f"edges are blurred by {shot.blur:.1f} px (standard deviation; up to {_BLURRED:g} is fine)"
-        return [Note("warning", what, "focus the lens, and expose so short that nothing moves meanwhile", strict=True)]
+        return [
+            Note(
+                "warning",
+                what,
+                "focus the lens, and expose so short that nothing moves meanwhile",
+                strict=True,
+            )
+        ]
     if shot.smear > _MOVED_TIMES * shot.blur + _MOVED_PX:
         what = f"camera or part moved: {counted(shot.frames, 'frame')} have edges blurred by {shot.smear:.1f} px"
-        return [Note("warning", what, f"a single one by {shot.blur:.1f} px; let nothing move", strict=True)]
+        return [
+            Note(
+                "warning",
+                what,
+                f"a single one by {shot.blur:.1f} px; let nothing move",
+                strict=True,
+            )
+        ]
     return []

@@ -161,12 +161,16 @@ def _pgm(data: bytes) -> Header:
     if found is None:
         return Header("PGM", 0, 0)
     width, height, white = (int(number) for number in found.groups())
-    return Header("PGM", width, height, white=white if data.startswith(b"P5") and 0 < white < 255 else 255)
+    return Header(
+        "PGM", width, height, white=white if data.startswith(b"P5") and 0 < white < 255 else 255
+    )
 
 
 def _tiff_file(data: bytes) -> Header:
     said = _tiff(data)
-    head = Header("TIFF", said.width, said.height, said.density, said.orientation, said.exposed, said.pages)
+    head = Header(
+        "TIFF", said.width, said.height, said.density, said.orientation, said.exposed, said.pages
+    )
     return replace(head, depth=said.depth)
 
 
@@ -228,7 +232,11 @@ def _ifd(data: bytes, order: str, offset: int) -> tuple[_Ifd, int]:
         at = offset + 2 + 12 * i
         tag, kind, number = struct.unpack_from(order + "HHI", data, at)
         inside = _TYPE_BYTES.get(kind, 8) * number <= 4
-        tags[tag] = (kind, number, at + 8 if inside else struct.unpack_from(order + "I", data, at + 8)[0])
+        tags[tag] = (
+            kind,
+            number,
+            at + 8 if inside else struct.unpack_from(order + "I", data, at + 8)[0],
+        )
     end = offset + 2 + 12 * count
     return tags, struct.unpack_from(order + "I", data, end)[0] if end + 4 <= len(data) else 0
 
@@ -293,10 +301,16 @@ def load(source: Source, *, sensor: bool = False) -> Picture:
     notes: list[Note] = [*source.notes]
     stored = _decode(data, name, head, notes)
     if head.white < 255:
-        stored = (stored.astype(np.float64) * (255 / head.white)).clip(0, 255).round().astype(np.uint8)
-        notes.append(Note("assumed", f"grey values scaled to 255, white is {head.white} in the file"))
+        stored = (
+            (stored.astype(np.float64) * (255 / head.white)).clip(0, 255).round().astype(np.uint8)
+        )
+        notes.append(
+            Note("assumed", f"grey values scaled to 255, white is {head.white} in the file")
+        )
     if head.pages > 1:
-        notes.append(Note("skipped", "all pages but the first", "camgen reads one picture from a file"))
+        notes.append(
+            Note("skipped", "all pages but the first", "camgen reads one picture from a file")
+        )
     pixels = _opaque(_eight_bits(stored, name, notes), notes)
     # OpenCV has turned a TIFF already.
     turned = head.orientation != 1 and not (sensor and head.kind != "TIFF")
@@ -312,9 +326,13 @@ def _insist_on_size(name: str, head: Header, limits: Limits) -> None:
     pixels = head.width * head.height
     if pixels > limits.picture_pixels:
         what = f"has {head.width} x {head.height} pixels, more than {tell(limits.picture_pixels)}"
-        raise InputError(name, what, remedy="crop it, scan with fewer DPI, or raise limits.picture_pixels")
+        raise InputError(
+            name, what, remedy="crop it, scan with fewer DPI, or raise limits.picture_pixels"
+        )
     if pixels * head.depth > limits.picture_bytes:
-        what = f"its pixels take {pixels * head.depth:,} bytes, more than {tell(limits.picture_bytes)}"
+        what = (
+            f"its pixels take {pixels * head.depth:,} bytes, more than {tell(limits.picture_bytes)}"
+        )
         remedy = "save it with 8 bits a channel and without transparency, crop it, or raise limits.picture_bytes"
         raise InputError(name, what, remedy=remedy)
 
@@ -331,7 +349,9 @@ def _decode(data: bytes, name: str, head: Header, notes: list[Note]) -> NDArray[
         except cv2.error as error:
             raise InputError(name, f"cannot be decoded: {error.err}", remedy=remedy) from error
     if stored is None:
-        raise InputError(name, f"is cut off or damaged: OpenCV cannot decode this {head.kind}", remedy=remedy)
+        raise InputError(
+            name, f"is cut off or damaged: OpenCV cannot decode this {head.kind}", remedy=remedy
+        )
     # libjpeg fills what it cannot decode with grey and goes on: a part of the picture is lost, or there is none.
     for line in (one_line(line) for line in said if "orrupt" in line):
         if not _HARMLESS.search(line):
@@ -371,7 +391,11 @@ def _eight_bits(stored: NDArray[np.generic], name: str, notes: list[Note]) -> Pi
     if stored.dtype == np.uint8:
         return stored.astype(np.uint8, copy=False)
     if stored.dtype != np.uint16:
-        raise InputError(name, f"has pixels of type {stored.dtype}", remedy="save it with 8 or 16 bits per channel")
+        raise InputError(
+            name,
+            f"has pixels of type {stored.dtype}",
+            remedy="save it with 8 or 16 bits per channel",
+        )
     deep = stored.astype(np.uint16, copy=False)
     colours = deep[..., :3] if deep.ndim == 3 else deep
     bits = max(int(colours.max()).bit_length(), 8)
@@ -418,7 +442,9 @@ def _dpi(head: Header, notes: list[Note]) -> float | None:
     if not why:
         return (x + y) / 2
     meant = f"; if it is meant, set [image] mm_per_px = {short(25.4 / x, 5)}" if x > 0 else ""
-    notes.append(Note("assumed", f"{short(x, 2)} DPI in the file is not used as a scale", why + meant))
+    notes.append(
+        Note("assumed", f"{short(x, 2)} DPI in the file is not used as a scale", why + meant)
+    )
     return None
 
 

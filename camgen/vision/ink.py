@@ -43,8 +43,16 @@ def ink_of(pixels: Pixels, threshold: float | None, invert: bool) -> Ink | None:
     """
     import cv2  # noqa: PLC0415 (loaded only by what needs it)
 
-    grey = pixels if pixels.ndim == 2 else np.asarray(cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
-    split = cv2.threshold(grey, 0, 255, cv2.THRESH_BINARY + cv2.THRESH_OTSU)[0] if threshold is None else threshold
+    grey = (
+        pixels
+        if pixels.ndim == 2
+        else np.asarray(cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
+    )
+    split = (
+        cv2.threshold(grey, 0, 255, cv2.THRESH_BINARY + cv2.THRESH_OTSU)[0]
+        if threshold is None
+        else threshold
+    )
     light = grey > split
     if not light.any() or light.all():
         return None
@@ -56,7 +64,9 @@ def ink_of(pixels: Pixels, threshold: float | None, invert: bool) -> Ink | None:
     rim = np.concatenate([light[0], light[-1], light[:, 0], light[:, -1]])
     on_dark = 2 * int(rim.sum()) < len(rim)
     how = f"grey level {short(level, 1)}, " + ("half-way" if threshold is None else "as given")
-    why = f"{how}; the picture's border is mostly {'dark' if on_dark else 'light'}" + (", inverted" if invert else "")
+    why = f"{how}; the picture's border is mostly {'dark' if on_dark else 'light'}" + (
+        ", inverted" if invert else ""
+    )
     ink = light == (on_dark != invert)
     around = np.zeros((ink.shape[0] + 2, ink.shape[1] + 2), dtype=np.bool_)
     around[1:-1, 1:-1] = ink
@@ -108,7 +118,9 @@ def _cracks(ink: Ink) -> tuple[IntArray, IntArray, IntArray, FloatArray]:
     columns: list[tuple[IntArray, ...]] = []
     places = []
     # The paper lies to the right: for each way the pixel beside, and the corner of the ink pixel where the edge begins.
-    for way, (beside, corner) in enumerate((((0, -1), (0, 0)), ((-1, 0), (0, 1)), ((0, 1), (1, 1)), ((1, 0), (1, 0)))):
+    for way, (beside, corner) in enumerate(
+        (((0, -1), (0, 0)), ((-1, 0), (0, 1)), ((0, 1), (1, 1)), ((1, 0), (1, 0)))
+    ):
         i, j = np.nonzero(ink.pixels & ~np.roll(ink.pixels, (-beside[0], -beside[1]), axis=(0, 1)))
         begin = (i + corner[0]) * width + j + corner[1]
         step = _STEPS[way]

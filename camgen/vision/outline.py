@@ -76,7 +76,13 @@ def fit_edge(grey: Pixels | Float32, mask: Pixels, loops: Rings, chain: ComplexA
     values = _read(grey, chain, axis, _STEPS).astype(np.float32)
     profiles = _Profiles(loops, chain, axis, values, _weights(mask, chain, axis))
     zero = np.zeros(len(chain), dtype=np.float32)
-    fit = _Fit(np.full(len(chain), 0.5), np.ones(len(loops.count), dtype=np.float32), np.ones(len(chain)), zero, zero)
+    fit = _Fit(
+        np.full(len(chain), 0.5),
+        np.ones(len(loops.count), dtype=np.float32),
+        np.ones(len(chain)),
+        zero,
+        zero,
+    )
     bend = np.zeros(len(chain))
     for k in range(_ROUNDS):
         if k % 2 == 0:
@@ -153,7 +159,13 @@ def _plateaus(profiles: _Profiles, inner: Float32, trust: FloatArray) -> tuple[F
     """Grey values (N,) inside and outside by least squares over a window, drawn towards those of the whole loop."""
     loops, outer = profiles.loops, 1 - inner
     heavy, light = profiles.weight * inner, profiles.weight * outer
-    pairs = ((heavy, inner), (heavy, outer), (light, outer), (heavy, profiles.values), (light, profiles.values))
+    pairs = (
+        (heavy, inner),
+        (heavy, outer),
+        (light, outer),
+        (heavy, profiles.values),
+        (light, profiles.values),
+    )
     sums = np.stack([_dot(a, b) for a, b in pairs], axis=1) * trust[:, None]
     inside, outside = _solve(loops.mean(sums) + np.array([1e-6, 0, 1e-6, 0, 0]))
     near = loops.around(sums, _WINDOW)
@@ -227,7 +239,9 @@ class Outline(Struct, frozen=True, eq=False):
     blur: float
 
 
-def outlines(grey: Pixels | Float32, mask_pixels: Pixels) -> tuple[tuple[Outline, ...], tuple[Note, ...]]:
+def outlines(
+    grey: Pixels | Float32, mask_pixels: Pixels
+) -> tuple[tuple[Outline, ...], tuple[Note, ...]]:
     """The outlines of the part in ``mask_pixels`` (H, W; not 0: part), as exact as ``grey`` (H, W) tells.
 
     About one point per pixel of border, nowhere interpolated, so that the noise of neighbours is independent; along
@@ -248,8 +262,16 @@ def outlines(grey: Pixels | Float32, mask_pixels: Pixels) -> tuple[tuple[Outline
         what = f"{int(plain.sum())} of {counted(len(plain), 'outline')} taken from the mask alone"
         notes.append(Note("warning", what, why))
     found = [
-        _outline(edge.halfway[rows], edge.shift[rows], bool(hole), float(blur), _MASK_SIGMA if bare else _LEAST_SIGMA)
-        for rows, hole, blur, bare in zip(_order(loops, edge.halfway), holes, edge.blur, plain, strict=True)
+        _outline(
+            edge.halfway[rows],
+            edge.shift[rows],
+            bool(hole),
+            float(blur),
+            _MASK_SIGMA if bare else _LEAST_SIGMA,
+        )
+        for rows, hole, blur, bare in zip(
+            _order(loops, edge.halfway), holes, edge.blur, plain, strict=True
+        )
     ]
     small = sum(o is None for o in found)
     if small:
@@ -260,10 +282,14 @@ def outlines(grey: Pixels | Float32, mask_pixels: Pixels) -> tuple[tuple[Outline
 
 def _insist(grey: Pixels | Float32, mask: Pixels) -> None:
     if mask.ndim != 2 or mask.dtype != np.uint8:
-        raise InputError("mask", f"has shape {mask.shape} of {mask.dtype}", remedy="give (H, W) uint8")
+        raise InputError(
+            "mask", f"has shape {mask.shape} of {mask.dtype}", remedy="give (H, W) uint8"
+        )
     if grey.shape != mask.shape or grey.dtype not in (np.uint8, np.float32):
         what = f"has shape {grey.shape} of {grey.dtype} beside a mask of {mask.shape}"
-        raise InputError("grey picture", what, remedy="give (H, W) uint8 or float32 of the same size")
+        raise InputError(
+            "grey picture", what, remedy="give (H, W) uint8 or float32 of the same size"
+        )
 
 
 def _chains(mask: Pixels) -> tuple[Rings, ComplexArray, NDArray[np.bool_]]:
@@ -272,7 +298,11 @@ def _chains(mask: Pixels) -> tuple[Rings, ComplexArray, NDArray[np.bool_]]:
 
     chains, tree = cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
     if not chains:
-        return rings(np.zeros(0, dtype=np.int64)), np.zeros(0, dtype=complex), np.zeros(0, dtype=bool)
+        return (
+            rings(np.zeros(0, dtype=np.int64)),
+            np.zeros(0, dtype=complex),
+            np.zeros(0, dtype=bool),
+        )
     flat = np.concatenate(chains)[:, 0].astype(np.float64)
     return rings(np.array([len(c) for c in chains])), flat @ np.array([1, 1j]), tree[0, :, 3] >= 0
 
@@ -281,7 +311,11 @@ def _without_edge(loops: Rings, edge: MaskEdge) -> NDArray[np.bool_]:
     """(L,) loops whose grey values are much the same on both sides, or change sides, or lie far from the mask."""
     contrast = np.abs(loops.mean(edge.contrast))
     misfit = np.sqrt(loops.mean(edge.misfit.astype(np.float64) ** 2))
-    return np.asarray((contrast < _LEAST_CONTRAST * misfit) | (contrast < 2.0) | (loops.mean(edge.found * 1.0) < 0.9))
+    return np.asarray(
+        (contrast < _LEAST_CONTRAST * misfit)
+        | (contrast < 2.0)
+        | (loops.mean(edge.found * 1.0) < 0.9)
+    )
 
 
 def _edge_of_mask(mask: Pixels, loops: Rings, chain: ComplexArray) -> MaskEdge:
@@ -319,10 +353,14 @@ def _order(loops: Rings, points: ComplexArray) -> list[IntArray]:
     return np.split(rows, np.cumsum(np.bincount(loops.loop[rows], minlength=len(loops.count)))[:-1])
 
 
-def _outline(halfway: ComplexArray, shift: ComplexArray, hole: bool, blur: float, least: float) -> Outline | None:
+def _outline(
+    halfway: ComplexArray, shift: ComplexArray, hole: bool, blur: float, least: float
+) -> Outline | None:
     if len(halfway) < _FEWEST:
         return None
-    return Outline(_pairs(halfway + shift), _pairs(halfway), hole, max(_noise(halfway), least), blur)
+    return Outline(
+        _pairs(halfway + shift), _pairs(halfway), hole, max(_noise(halfway), least), blur
+    )
 
 
 def _pairs(points: ComplexArray) -> FloatArray:

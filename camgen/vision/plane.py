@@ -124,8 +124,12 @@ def scales(homography: FloatArray, points: FloatArray) -> FloatArray:
     """Length in the image per length at the source, least and greatest, at each point: (N, 2)."""
     lifted = points @ homography[:, :2].T + homography[:, 2]
     place = lifted[:, :2] / lifted[:, 2:]
-    jacobian = (homography[None, :2, :2] - place[:, :, None] * homography[None, 2:, :2]) / lifted[:, 2, None, None]
-    sizes: FloatArray = np.linalg.svd(jacobian, compute_uv=False)[:, ::-1].astype(np.float64, copy=False)
+    jacobian = (homography[None, :2, :2] - place[:, :, None] * homography[None, 2:, :2]) / lifted[
+        :, 2, None, None
+    ]
+    sizes: FloatArray = np.linalg.svd(jacobian, compute_uv=False)[:, ::-1].astype(
+        np.float64, copy=False
+    )
     return sizes
 
 
@@ -146,7 +150,11 @@ def _squares_without(source: FloatArray, image: FloatArray, index: int) -> float
     rest = np.arange(len(source)) != index
     if in_line(source[rest]) is not None or in_line(image[rest]) is not None:
         return np.inf
-    return float(np.sum((map_points(fit_homography(source[rest], image[rest]), source[rest]) - image[rest]) ** 2))
+    return float(
+        np.sum(
+            (map_points(fit_homography(source[rest], image[rest]), source[rest]) - image[rest]) ** 2
+        )
+    )
 
 
 def _normalisation(points: FloatArray) -> FloatArray:
@@ -233,7 +241,11 @@ def plane_from_points(
     image, work = _check(px, mm, source)
     names = names or [f"pair {i + 1}" for i in range(len(image))]
     if height and camera is None:
-        raise JobError(source, "points below the top face need a camera", remedy="give [camera] file, or height 0")
+        raise JobError(
+            source,
+            "points below the top face need a camera",
+            remedy="give [camera] file, or height 0",
+        )
     _in_general_position(image, work, names, source)
     ideal = image if camera is None else undistort(camera, image)
     if not np.isfinite(ideal).all():
@@ -241,7 +253,10 @@ def plane_from_points(
         raise JobError(source, "a point lies where the lens model shows nothing", remedy=remedy)
     found = fit_homography(work, ideal)
     residuals = np.linalg.norm(map_points(found, work) - ideal, axis=1)
-    told = [f"{name} (pixel {_point(p)}, work {_point(w)} mm)" for name, p, w in zip(names, image, work, strict=True)]
+    told = [
+        f"{name} (pixel {_point(p)}, work {_point(w)} mm)"
+        for name, p, w in zip(names, image, work, strict=True)
+    ]
     notes = _consistent(camera, ideal, work, residuals, told, source)
     _see_from_above(found, work, source)
     if camera is not None and skewness(found, camera.matrix) > _SKEW:
@@ -254,18 +269,24 @@ def plane_from_points(
     return _plane(found, off, residuals, notes)
 
 
-def plane_from_pose(camera: Camera, camera_from_work: Pose, source: str = "[camera] plane_from") -> Plane:
+def plane_from_pose(
+    camera: Camera, camera_from_work: Pose, source: str = "[camera] plane_from"
+) -> Plane:
     """The plane of a known pose: ``camera_from_work`` takes work mm to the camera frame (z forward, y down the photo).
 
     JobError if the work frame's origin is behind the camera or its z points away from the camera.
     """
     normal = camera_from_work.rotation[:, 2]
     origin = np.asarray(camera_from_work.origin)
-    remedy = "give the pose of the work frame in the camera frame (camera_from_work), not its inverse"
+    remedy = (
+        "give the pose of the work frame in the camera frame (camera_from_work), not its inverse"
+    )
     if not origin[2] > 0:
         raise JobError(source, "the work frame is behind the camera", remedy=remedy)
     if not normal @ origin < 0:
-        raise JobError(source, "the camera sees the part from below, its z points away", remedy=remedy)
+        raise JobError(
+            source, "the camera sees the part from below, its z points away", remedy=remedy
+        )
     found = camera.matrix @ np.column_stack([camera_from_work.rotation[:, :2], origin])
     nothing = np.zeros(0)
     return _plane(found, nothing, nothing, [])
@@ -277,11 +298,15 @@ def same_pixels(picture: Picture, camera: Camera) -> None:
     if picture.turned:
         what = "was turned by its Exif orientation, a lens calibration belongs to the pixels of the sensor"
         raise InputError(
-            picture.name, what, remedy="take it with the camera upright, or save it without the orientation"
+            picture.name,
+            what,
+            remedy="take it with the camera upright, or save it without the orientation",
         )
     if (width, height) != tuple(camera.size):
         what = f"is {width} x {height} px, camera {camera.name} was calibrated with {camera.size[0]} x {camera.size[1]}"
-        raise InputError(picture.name, what, remedy="take photos and calibration with the same camera settings")
+        raise InputError(
+            picture.name, what, remedy="take photos and calibration with the same camera settings"
+        )
 
 
 def pose_of(plane_homography: FloatArray, matrix: FloatArray) -> Pose:
@@ -297,7 +322,15 @@ def _plane(found: FloatArray, off: FloatArray, residuals: FloatArray, notes: lis
     found = found / np.linalg.norm(found)
     rms = math.sqrt(float(off @ off) / len(off)) if len(off) else 0.0
     most = float(off.max()) if len(off) else 0.0
-    return Plane(frozen(found), frozen(np.linalg.inv(found)), rms, most, frozen(off), frozen(residuals), tuple(notes))
+    return Plane(
+        frozen(found),
+        frozen(np.linalg.inv(found)),
+        rms,
+        most,
+        frozen(off),
+        frozen(residuals),
+        tuple(notes),
+    )
 
 
 def _raise(found: FloatArray, camera: Camera, height: float) -> FloatArray:
@@ -314,14 +347,24 @@ def _check(px: ArrayLike, mm: ArrayLike, source: str) -> tuple[FloatArray, Float
     try:
         image, work = np.asarray(px, dtype=np.float64), np.asarray(mm, dtype=np.float64)
     except (ValueError, TypeError) as error:
-        raise JobError(source, "is no list of points", remedy="give pairs of numbers, [[u, v], ...]") from error
+        raise JobError(
+            source, "is no list of points", remedy="give pairs of numbers, [[u, v], ...]"
+        ) from error
     if image.ndim != 2 or image.shape[1] != 2 or work.ndim != 2 or work.shape[1] not in (2, 3):
-        raise JobError(source, "is no list of points", remedy="give pairs of numbers, [[u, v], ...] and [[x, y], ...]")
+        raise JobError(
+            source,
+            "is no list of points",
+            remedy="give pairs of numbers, [[u, v], ...] and [[x, y], ...]",
+        )
     if len(image) != len(work):
         what = f"{counted(len(image), 'point')} in the photo and {len(work)} in mm"
         raise JobError(source, what, remedy="give as many of both, in the same order")
     if len(image) < 4:
-        raise JobError(source, f"{counted(len(image), 'point pair')}, a plane needs four", remedy="give four or more")
+        raise JobError(
+            source,
+            f"{counted(len(image), 'point pair')}, a plane needs four",
+            remedy="give four or more",
+        )
     if not (np.isfinite(image).all() and np.isfinite(work).all()):
         raise JobError(source, "holds a number that is not finite")
     if work.shape[1] == 3 and np.abs(work[:, 2]).max() > 1e-9:
@@ -330,7 +373,9 @@ def _check(px: ArrayLike, mm: ArrayLike, source: str) -> tuple[FloatArray, Float
     return image, work[:, :2]
 
 
-def _in_general_position(image: FloatArray, work: FloatArray, names: Sequence[str], source: str) -> None:
+def _in_general_position(
+    image: FloatArray, work: FloatArray, names: Sequence[str], source: str
+) -> None:
     for points, kind in ((image, "in the photo"), (work, "in mm")):
         _, first, inverse = np.unique(points, axis=0, return_index=True, return_inverse=True)
         again = np.flatnonzero(first[inverse] != np.arange(len(points)))
@@ -370,7 +415,12 @@ def _consistent(
         raise JobError(source, _contradiction(odd, told, error), remedy=remedy)
     worst = int(np.argmax(residuals))
     if residuals[worst] > _LOOK_PX:
-        return [Note("warning", f"{told[worst]} is {short(float(residuals[worst]), 1)} px off the plane of all pairs")]
+        return [
+            Note(
+                "warning",
+                f"{told[worst]} is {short(float(residuals[worst]), 1)} px off the plane of all pairs",
+            )
+        ]
     return []
 
 

@@ -13,7 +13,11 @@ def scale_of(work_from_view: FloatArray) -> float:
     matrix = np.asarray(work_from_view, dtype=np.float64)
     square = matrix[:, :2].T @ matrix[:, :2] if matrix.shape == (2, 3) else np.zeros((2, 2))
     scale = float(np.sqrt(np.trace(square) / 2))
-    if not np.isfinite(matrix).all() or scale <= 0 or np.abs(square / scale**2 - np.eye(2)).max() > 1e-6:
+    if (
+        not np.isfinite(matrix).all()
+        or scale <= 0
+        or np.abs(square / scale**2 - np.eye(2)).max() > 1e-6
+    ):
         what = "the view is not to scale: one pixel is not as long in every direction"
         raise InputError("view", what, remedy="rectify the photo first")
     return scale

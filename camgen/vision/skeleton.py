@@ -162,7 +162,10 @@ def _neighbours(flat: IntArray, width: int) -> list[list[int]]:
         found[(found[:, a] >= 0) | (found[:, b] >= 0), k] = -1
     # The valid ones of each row, in order.
     row, column = np.nonzero(found >= 0)
-    return [part.tolist() for part in np.split(found[row, column], np.searchsorted(row, np.arange(1, len(flat))))]
+    return [
+        part.tolist()
+        for part in np.split(found[row, column], np.searchsorted(row, np.arange(1, len(flat))))
+    ]
 
 
 def _anchors(u: IntArray, v: IntArray, kept: Pixels) -> tuple[IntArray, ComplexArray]:
@@ -277,9 +280,14 @@ def strokes(net: Graph) -> list[Stroke]:
     dots = [Stroke(b.points, False, True, True) for b in branches if len(b.points) == 1]
     branches = [b for b in branches if len(b.points) > 1]
     place, stands = _contract(net, branches)
-    within = [stands[b.start] == stands[b.end] and b.start != b.end and len(b.points) > 1 for b in branches]
+    within = [
+        stands[b.start] == stands[b.end] and b.start != b.end and len(b.points) > 1
+        for b in branches
+    ]
     branches = [
-        b for b, gone in zip(branches, within, strict=True) if not gone or b.length > _LONG_LOOP * net.depth[b.start]
+        b
+        for b, gone in zip(branches, within, strict=True)
+        if not gone or b.length > _LONG_LOOP * net.depth[b.start]
     ]
     node = [stands[n] for b in branches for n in (b.start, b.end)]
     meeting: dict[int, list[int]] = defaultdict(list)
@@ -330,8 +338,14 @@ def _contract(net: Graph, branches: list[Branch]) -> tuple[dict[int, complex], d
         return n
 
     for b in branches:
-        inner = count[b.start] > 2 and count[b.end] > 2 and not (net.held[b.start] or net.held[b.end])
-        if inner and b.start != b.end and b.length <= _ONE * max(net.depth[b.start], net.depth[b.end]):
+        inner = (
+            count[b.start] > 2 and count[b.end] > 2 and not (net.held[b.start] or net.held[b.end])
+        )
+        if (
+            inner
+            and b.start != b.end
+            and b.length <= _ONE * max(net.depth[b.start], net.depth[b.end])
+        ):
             stands[top(b.end)] = top(b.start)
     node = {n: top(n) for n in stands}
     members: dict[int, list[int]] = defaultdict(list)
@@ -376,7 +390,9 @@ def _direction(tangle: _Tangle, end: int) -> complex:
     points = tangle.leaving(end)
     branch = tangle.branches[end // 2]
     depth = tangle.net.depth[branch.end if end % 2 else branch.start]
-    near, far = (min(round(depth * k), len(points) - 1) for k in (_ONE / 2, _ONE / 2 + _LOOK_DEPTHS))
+    near, far = (
+        min(round(depth * k), len(points) - 1) for k in (_ONE / 2, _ONE / 2 + _LOOK_DEPTHS)
+    )
     way = points[far] - points[near if far > near else 0]
     return complex(way / max(abs(way), 1e-9))
 
@@ -395,4 +411,6 @@ def _run(tangle: _Tangle, partner: list[int], done: list[bool], first: int) -> S
     if end == first:
         return Stroke(np.concatenate(pieces), True, False, False)
     pieces.append(np.array([tangle.place[tangle.node[leaving]]]))
-    return Stroke(np.concatenate(pieces), False, tangle.ends_there(first), tangle.ends_there(leaving))
+    return Stroke(
+        np.concatenate(pieces), False, tangle.ends_there(first), tangle.ends_there(leaving)
+    )

@@ -89,7 +89,9 @@ def photo_from_work(shown: Shown, mm: FloatArray) -> FloatArray:
     """Photo pixels (N, 2) of places on the plane (N, 2), mm; far outside for those that the photo does not show."""
     found, away = _continue(shown, mm)
     # Only a model that turns back within the photo leaves room there for what lies beyond its reach.
-    hidden = (away > shown.reach) & np.all((found >= 0) & (found <= np.array(shown.size) - 1), axis=1)
+    hidden = (away > shown.reach) & np.all(
+        (found >= 0) & (found <= np.array(shown.size) - 1), axis=1
+    )
     found[hidden] = _NOWHERE
     return found
 
@@ -150,7 +152,9 @@ def remap(
         left, right = columns.start * step, min((columns.start + some.shape[1] - 2) * step, width)
         if left >= right:
             continue
-        wide = cv2.resize(some, (some.shape[1] * step, some.shape[0] * step), interpolation=cv2.INTER_LINEAR)
+        wide = cv2.resize(
+            some, (some.shape[1] * step, some.shape[0] * step), interpolation=cv2.INTER_LINEAR
+        )
         places = wide[step : step + rows, step : step + right - left].astype(np.float32, copy=False)
         strip = np.s_[top : top + rows, left:right]
         # One map holds u and v; OpenCV's stubs do not know that the second one is None then.
@@ -169,7 +173,11 @@ def _in_photo(places: NDArray[np.float32], size: tuple[int, int], room: float) -
 
 
 def _mark(
-    valid: NDArray[np.bool_], inside: NDArray[np.bool_], step: int, places: NDArray[np.float32], size: tuple[int, int]
+    valid: NDArray[np.bool_],
+    inside: NDArray[np.bool_],
+    step: int,
+    places: NDArray[np.float32],
+    size: tuple[int, int],
 ) -> None:
     """Sets what of a strip the photo shows: pixels between columns of nodes that are all ``inside``, one run of them,
     are in it; the others are looked at singly.
@@ -177,14 +185,18 @@ def _mark(
     run = np.flatnonzero(inside)
     start = end = 0
     if len(run) and run[-1] - run[0] + 1 == len(run):
-        start, end = (min(max((i - 1) * step + step // 2, 0), valid.shape[1]) for i in run[[0, -1]].tolist())
+        start, end = (
+            min(max((i - 1) * step + step // 2, 0), valid.shape[1]) for i in run[[0, -1]].tolist()
+        )
     valid[:, start:end] = True
     for first, beyond in ((0, start), (end, valid.shape[1])):
         if first < beyond:
             valid[:, first:beyond] = _in_photo(places[:, first:beyond], size, 0)
 
 
-def _nodes(shown: Shown, work_from_view: FloatArray, size: tuple[int, int]) -> tuple[int, NDArray[np.float32]]:
+def _nodes(
+    shown: Shown, work_from_view: FloatArray, size: tuple[int, int]
+) -> tuple[int, NDArray[np.float32]]:
     """The largest step that is exact enough, and photo pixels (rows, columns, 2) of the nodes, one beyond each side.
 
     Cubic interpolation from the exact nodes to these is off by at most 3/128 of the fourth differences along each axis,
@@ -193,10 +205,14 @@ def _nodes(shown: Shown, work_from_view: FloatArray, size: tuple[int, int]) -> t
     exact = next(
         grid
         for step in _STEPS
-        if (grid := _exact(shown, work_from_view, size, step)).error * 3 / 128 <= _CUBIC_ERROR or step == _STEPS[-1]
+        if (grid := _exact(shown, work_from_view, size, step)).error * 3 / 128 <= _CUBIC_ERROR
+        or step == _STEPS[-1]
     )
     limit = _LINEAR_ERROR * 16
-    step = next((s for s in _STEPS if s <= exact.step and exact.bend * (s / exact.step) ** 2 <= limit), _STEPS[-1])
+    step = next(
+        (s for s in _STEPS if s <= exact.step and exact.bend * (s / exact.step) ** 2 <= limit),
+        _STEPS[-1],
+    )
     return step, _finer(exact, step, size)
 
 
@@ -214,7 +230,10 @@ class _Exact(Struct, frozen=True, eq=False):
 def _exact(shown: Shown, work_from_view: FloatArray, size: tuple[int, int], step: int) -> _Exact:
     u, v = ((np.arange(-(-length // step) + 5) - 2) * step for length in size)
     across, along = np.meshgrid(u, v)
-    mm = np.column_stack([across.ravel(), along.ravel()]) @ work_from_view[:, :2].T + work_from_view[:, 2]
+    mm = (
+        np.column_stack([across.ravel(), along.ravel()]) @ work_from_view[:, :2].T
+        + work_from_view[:, 2]
+    )
     places = photo_from_work(shown, mm).reshape(len(v), len(u), 2)
     around = np.all((places > -_OUTSIDE_PX) & (places < np.array(shown.size) + _OUTSIDE_PX), axis=2)
     return _Exact(step, places, _differences(places, around, 2), _differences(places, around, 4))
@@ -225,7 +244,9 @@ def _differences(places: FloatArray, around: NDArray[np.bool_], order: int) -> f
     total = 0.0
     for values, usable in ((places, around), (places.swapaxes(0, 1), around.T)):
         if len(values) > order:
-            whole = np.all(np.lib.stride_tricks.sliding_window_view(usable, order + 1, axis=0), axis=2)
+            whole = np.all(
+                np.lib.stride_tricks.sliding_window_view(usable, order + 1, axis=0), axis=2
+            )
             total += float((np.abs(np.diff(values, order, axis=0)) * whole[..., None]).max())
     return total
 
@@ -245,7 +266,10 @@ def _finer(exact: _Exact, step: int, size: tuple[int, int]) -> NDArray[np.float3
         rows = [first + k for k in range(4)]
         shape = [1] * 3
         shape[axis] = -1
-        parts = [np.take(places, row, axis) * w.reshape(shape) for row, w in zip(rows, weights, strict=True)]
+        parts = [
+            np.take(places, row, axis) * w.reshape(shape)
+            for row, w in zip(rows, weights, strict=True)
+        ]
         places = parts[0] + parts[1] + parts[2] + parts[3]
         lost = np.any([np.take(lost, row, axis) for row in rows], axis=0)
     places[lost] = _NOWHERE
@@ -290,7 +314,10 @@ class ScaledView(Struct, frozen=True, eq=False):
 
 
 def already_to_scale(
-    picture: Picture, mm_per_px: float | None = None, width_mm: float | None = None, dpi: float | None = None
+    picture: Picture,
+    mm_per_px: float | None = None,
+    width_mm: float | None = None,
+    dpi: float | None = None,
 ) -> ScaledView:
     """The view of a picture that needs no rectification; the origin is the lower left corner of its lower left pixel.
 
@@ -301,7 +328,9 @@ def already_to_scale(
     ways = {"mm_per_px": mm_per_px, "width_mm": width_mm, "dpi": dpi}
     given = {name: value for name, value in ways.items() if value is not None}
     if len(given) > 1:
-        raise JobError("[image]", f"{' and '.join(given)} are both given", remedy="give one of them")
+        raise JobError(
+            "[image]", f"{' and '.join(given)} are both given", remedy="give one of them"
+        )
     for name, value in given.items():
         if not (math.isfinite(value) and value > 0):
             raise JobError(f"[image] {name}", f"{value} is no positive number")
@@ -313,9 +342,15 @@ def already_to_scale(
             mm_per_px = _MM_PER_INCH / dots
         else:
             raise _no_scale(picture)
-    notes = () if given else (Note("assumed", f"scale of {short(mm_per_px, 5)} mm/px from the file's DPI"),)
+    notes = (
+        ()
+        if given
+        else (Note("assumed", f"scale of {short(mm_per_px, 5)} mm/px from the file's DPI"),)
+    )
     s = mm_per_px
-    return ScaledView(picture.pixels, frozen([[s, 0, s / 2], [0, -s, (height - 0.5) * s]]), s, None, notes)
+    return ScaledView(
+        picture.pixels, frozen([[s, 0, s / 2], [0, -s, (height - 0.5) * s]]), s, None, notes
+    )
 
 
 def cut_out(view: ScaledView, region: Region | None, coarser: int = 1) -> ScaledView:
@@ -326,8 +361,15 @@ def cut_out(view: ScaledView, region: Region | None, coarser: int = 1) -> Scaled
     if region is not None:
         height, width = pixels.shape[:2]
         corners = np.array([[region[0], region[3]], [region[2], region[1]]])
-        (left, top), (right, bottom) = np.linalg.solve(matrix[:, :2], (corners - matrix[:, 2]).T).T.round().astype(int)
-        left, top, right, bottom = max(left, 0), max(top, 0), min(right + 1, width), min(bottom + 1, height)
+        (left, top), (right, bottom) = (
+            np.linalg.solve(matrix[:, :2], (corners - matrix[:, 2]).T).T.round().astype(int)
+        )
+        left, top, right, bottom = (
+            max(left, 0),
+            max(top, 0),
+            min(right + 1, width),
+            min(bottom + 1, height),
+        )
         if left >= right or top >= bottom:
             remedy = "check its corners, in mm from the lower left corner of the picture"
             raise InputError("picture", "does not show the region", _describe(region), remedy)
@@ -343,7 +385,14 @@ def cut_out(view: ScaledView, region: Region | None, coarser: int = 1) -> Scaled
 
 
 def _no_scale(picture: Picture) -> InputError:
-    unused = next((f" ({note.what}: {note.why})" for note in picture.notes if "not used as a scale" in note.what), "")
+    unused = next(
+        (
+            f" ({note.what}: {note.why})"
+            for note in picture.notes
+            if "not used as a scale" in note.what
+        ),
+        "",
+    )
     return InputError(
         picture.name,
         f"has no scale{unused}",
@@ -353,7 +402,11 @@ def _no_scale(picture: Picture) -> InputError:
 
 
 def rectify(
-    picture: Picture, camera: Camera | None, plane: Plane, region: Region | None = None, coarser: int = 1
+    picture: Picture,
+    camera: Camera | None,
+    plane: Plane,
+    region: Region | None = None,
+    coarser: int = 1,
 ) -> ScaledView:
     """The to-scale view of what the photo shows of the plane, or of ``region`` (x and y from, x and y to, mm).
 
@@ -372,7 +425,11 @@ def rectify(
     columns, rows = right - left + 1, high - low + 1
     if columns * rows > _LARGER * width * height:
         what = f"its view would have {columns} x {rows} pixels, over {_LARGER:.0f} times those of the photo"
-        raise InputError(picture.name, what, remedy="give a smaller region around the part, or take it from above")
+        raise InputError(
+            picture.name,
+            what,
+            remedy="give a smaller region around the part, or take it from above",
+        )
     work_from_view = frozen([[scale, 0, left * scale], [0, -scale, high * scale]])
     pixels, valid = remap(picture.pixels, shown, work_from_view, (columns, rows))
     for array in (pixels, valid):
@@ -380,11 +437,15 @@ def rectify(
     return ScaledView(pixels, work_from_view, scale, None if valid.all() else valid, tuple(notes))
 
 
-def frame_view(view: ScaledView, camera: Camera | None, plane: Plane, size: tuple[int, int]) -> FloatArray:
+def frame_view(
+    view: ScaledView, camera: Camera | None, plane: Plane, size: tuple[int, int]
+) -> FloatArray:
     """The border of the view in a photo of ``size`` (width, height), (N, 2) px; nan where the lens shows nothing."""
     height, width = view.pixels.shape[:2]
     steps = np.linspace(0.0, 1.0, _PHOTO_SAMPLES)[:-1]
-    corners = np.array([[0, 0], [width - 1, 0], [width - 1, height - 1], [0, height - 1]], dtype=np.float64)
+    corners = np.array(
+        [[0, 0], [width - 1, 0], [width - 1, height - 1], [0, height - 1]], dtype=np.float64
+    )
     sides = corners[:, None] + steps[:, None] * (np.roll(corners, -1, axis=0) - corners)[:, None]
     mm = sides.reshape(-1, 2) @ view.work_from_view[:, :2].T + view.work_from_view[:, 2]
     return photo_from_work(show_by(camera, plane, size), mm)
@@ -395,11 +456,15 @@ def _whole(shown: Shown, picture: Picture, notes: list[Note]) -> tuple[Region, f
     places = work_from_photo(shown, photo_grid(shown.size, _PHOTO_SAMPLES))
     front = places[np.isfinite(places).all(axis=1)]
     if not len(front):
-        raise InputError(picture.name, "does not show the work plane", remedy="check the points or the pose")
+        raise InputError(
+            picture.name, "does not show the work plane", remedy="check the points or the pose"
+        )
     finest, coarsest = mm_per_pixel(shown, front)
     kept = front[coarsest <= _COARSER * finest.min()]
     if not len(kept):
-        raise InputError(picture.name, "sees the work plane on edge", remedy="take the photo from above")
+        raise InputError(
+            picture.name, "sees the work plane on edge", remedy="take the photo from above"
+        )
     part = 1 - len(kept) / len(places)
     if part > 0:
         why = "there it is too far away, or seen too flatly; a part that reaches there is refused"

@@ -142,7 +142,9 @@ class Builder:
 
     def _listen(self, process: SpawnProcess, link: Connection) -> None:
         """What a process says, until it dies. In a thread of its own."""
-        with suppress(EOFError, OSError, RuntimeError):  # it has died, or was closed; the loop has ended
+        with suppress(
+            EOFError, OSError, RuntimeError
+        ):  # it has died, or was closed; the loop has ended
             while True:
                 heard: Heard = link.recv()
                 self._loop.call_soon_threadsafe(partial(self._take, process, heard))

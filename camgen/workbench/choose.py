@@ -20,7 +20,11 @@ _SAME_MM = 0.01
 def switch_layer(tables: Tables, name: str, on: bool) -> Tables:
     """The job with or without a layer, by ``input.layers``."""
     glob = _SPECIAL.sub(lambda found: f"[{found[0]}]", name)
-    globs = [one for one in _globs(tables) if one.casefold() not in (f"!{glob}".casefold(), glob.casefold())]
+    globs = [
+        one
+        for one in _globs(tables)
+        if one.casefold() not in (f"!{glob}".casefold(), glob.casefold())
+    ]
     if not on:
         return put(tables, ["input", "layers"], [*(globs or ["*"]), f"!{glob}"])
     if not any(one == "*" for one in globs) and any(not one.startswith("!") for one in globs):
@@ -42,13 +46,20 @@ def leave_out(tables: Tables, looked: Looked, names: Sequence[str], row: int) ->
     if looked.kind == "solid":
         words = _words(tables)
         more = [word for name in names for word in ("not", name)]
-        return put(tables, ["input", "select"], _join_words(_without(words, names, negated=False) + more))
+        return put(
+            tables, ["input", "select"], _join_words(_without(words, names, negated=False) + more)
+        )
     _insist_on_contours(looked)
     rows = rows_of(tables, "operations")
     if not rows:
         left = [name for name, _ in looked.contours if name not in names]
         if not left:
-            raise JobError("job", "nothing would be left to work on", ", ".join(names), "leave out the layer instead")
+            raise JobError(
+                "job",
+                "nothing would be left to work on",
+                ", ".join(names),
+                "leave out the layer instead",
+            )
         return put(tables, ["operations"], [{"ids": left}])
     kept: list[dict[str, Any]] = []
     for number, one in enumerate(rows):
@@ -58,7 +69,12 @@ def leave_out(tables: Tables, looked: Looked, names: Sequence[str], row: int) ->
         elif left := [name for name in worked if name not in names]:
             kept.append({**one, "ids": left})
     if not kept:
-        raise JobError("job", "nothing would be left to work on", ", ".join(names), "leave out the layer instead")
+        raise JobError(
+            "job",
+            "nothing would be left to work on",
+            ", ".join(names),
+            "leave out the layer instead",
+        )
     return put(tables, ["operations"], kept)
 
 
@@ -74,7 +90,9 @@ def take_in(tables: Tables, looked: Looked, names: Sequence[str]) -> Tables:
     rows = rows_of(tables, "operations")
     number = next((k for k in reversed(range(len(rows))) if rows[k].get("ids")), None)
     if number is None:
-        raise JobError("job", "no operation names its contours", ", ".join(names), "add an operation for them")
+        raise JobError(
+            "job", "no operation names its contours", ", ".join(names), "add an operation for them"
+        )
     order = [name for name, _ in looked.contours]
     wanted = {*rows[number]["ids"], *names}
     if len(rows) == 1 and set(rows[0]) == {"ids"} and wanted >= set(order):
@@ -114,31 +132,46 @@ def move_path(tables: Tables, looked: Looked, path: int, to: int) -> Tables:
     last = max([moved.index(path), *(place for place, k in enumerate(moved) if runs[k].ordered)])
     first = _names(looked, moved[: last + 1])
     place = {name: number for number, name in enumerate(first)}
-    one, two = (min((place.get(name, len(first)) for name in runs[k].contours), default=-1) for k in (path, to))
+    one, two = (
+        min((place.get(name, len(first)) for name in runs[k].contours), default=-1)
+        for k in (path, to)
+    )
     if one == two or (one < two) == (path < to):
         what = f"paths {path + 1} and {to + 1} work on the same contours, whose order follows from the operation"
         raise JobError("page", what, remedy="move another path")
-    others = _names(looked, [k for k, run in enumerate(runs) if run.ordered and run.row != runs[path].row])
+    others = _names(
+        looked, [k for k, run in enumerate(runs) if run.ordered and run.row != runs[path].row]
+    )
     before, named = set(_names(looked, range(own[0]))), set(first)
     early = [name for name in others if name not in named and name in before]
     late = [name for name in others if name not in named and name not in before]
     return put(tables, ["tour", "order"], [*early, *first, *late])
 
 
-def move_seam(tables: Tables, looked: Looked, path: int, place: tuple[float, float] | None) -> Tables:
+def move_seam(
+    tables: Tables, looked: Looked, path: int, place: tuple[float, float] | None
+) -> Tables:
     """The job that begins the closed path of a number at ``place`` (mm), by ``tour.seams``; None: where camgen likes.
     JobError for a path that is not closed.
     """
     _insist_on_moves(looked, path)
     run = looked.runs[path]
     if run.seam is None:
-        raise JobError("page", f"path {path + 1} is not closed", remedy="it begins at one of its ends")
+        raise JobError(
+            "page", f"path {path + 1} is not closed", remedy="it begins at one of its ends"
+        )
     found = tables.get("tour", {}).get("seams", [])
     seams = [[*one] for one in found] if isinstance(found, list) else []
     held = [k for k, one in enumerate(seams) if run.point is not None and tuple(one) == run.point]
-    sharing = [other for other in looked.runs if other is not run and run.point and other.point == run.point]
+    sharing = [
+        other
+        for other in looked.runs
+        if other is not run and run.point and other.point == run.point
+    ]
     # A point on a contour stays for the other paths along it; paths in one place have one.
-    alone = all(other.seam and math.dist(other.seam[:2], run.seam[:2]) < _SAME_MM for other in sharing)
+    alone = all(
+        other.seam and math.dist(other.seam[:2], run.seam[:2]) < _SAME_MM for other in sharing
+    )
     at = held[0] if held and (place is None or alone) else len(seams)
     seams[at : at + 1] = [[round(value, 3) for value in place]] if place else []
     return put(tables, ["tour", "seams"], seams)
@@ -147,7 +180,11 @@ def move_seam(tables: Tables, looked: Looked, path: int, place: tuple[float, flo
 def _insist_on_moves(looked: Looked, *paths: int) -> None:
     """JobError for paths that a job has no words for."""
     if looked.kind not in MOVABLE:
-        raise JobError("page", "only paths of drawings and pictures have an order and seams", remedy="see [tour]")
+        raise JobError(
+            "page",
+            "only paths of drawings and pictures have an order and seams",
+            remedy="see [tour]",
+        )
     if not all(0 <= path < len(looked.runs) for path in paths):
         raise JobError("page", "the picture is of an older program", remedy="wait for the new one")
 
@@ -158,7 +195,11 @@ def _names(looked: Looked, paths: Sequence[int]) -> list[str]:
 
 def _insist_on_contours(looked: Looked) -> None:
     if looked.kind in ("curves", "program"):
-        what = "has no words to leave out a part of it" if looked.kind == "program" else "chooses curves by layer alone"
+        what = (
+            "has no words to leave out a part of it"
+            if looked.kind == "program"
+            else "chooses curves by layer alone"
+        )
         raise JobError("job", what, remedy="leave out a layer, or mend the input")
 
 

@@ -93,9 +93,15 @@ class Desk:
         elif isinstance(heard, Failed):
             self.failed = heard
         elif isinstance(heard, Stopped):
-            self.failed = Failed(heard.number, "stopped: what is shown is the last good program", 130, (), {})
+            self.failed = Failed(
+                heard.number, "stopped: what is shown is the last good program", 130, (), {}
+            )
         else:
-            tables: Tables = {**self.session.tables, "tools": list(heard.tools), "operations": list(heard.operations)}
+            tables: Tables = {
+                **self.session.tables,
+                "tools": list(heard.tools),
+                "operations": list(heard.operations),
+            }
             tables = steps.put(tables, ["stock", "thickness"], heard.thickness)
             self.session = steps.step(self.session, tables)
             self.told = "depths and speeds are placeholders: measure the material, set them for tool and material"
@@ -138,7 +144,11 @@ class Desk:
         await self._idle.wait()
         if self.changed_outside:
             what = "was changed by somebody else"
-            raise JobError(str(self.session.job_file), what, remedy="say which one counts: the file or the form")
+            raise JobError(
+                str(self.session.job_file),
+                what,
+                remedy="say which one counts: the file or the form",
+            )
         one, built = self.session, self.built
         if built is None or built.number != self.number:
             why = self.failed.line.removeprefix("error: ") if self.failed else "nothing is built"
@@ -160,7 +170,9 @@ class Desk:
         """Remembers how the files are that a build reads; those that are known, as they were before that."""
         opened = self.built.opened.values() if self.built else ()
         paths = (*self.session.inputs, self.session.job_file, *opened)
-        self._stamps = {path: self._stamps[path] if path in self._stamps else stamp_of(path) for path in paths}
+        self._stamps = {
+            path: self._stamps[path] if path in self._stamps else stamp_of(path) for path in paths
+        }
 
     async def watch_files(self) -> None:
         """Builds again whenever a file changes on the disk."""
@@ -171,8 +183,14 @@ class Desk:
     async def check_files(self) -> None:
         """Builds again where a file has changed, and reads the job file again where nothing would be lost by it."""
         loop = asyncio.get_running_loop()
-        now = await loop.run_in_executor(None, lambda: {path: stamp_of(path) for path in self._stamps})
-        changed = {path for path, stamp in now.items() if path in self._stamps and stamp != self._stamps[path]}
+        now = await loop.run_in_executor(
+            None, lambda: {path: stamp_of(path) for path in self._stamps}
+        )
+        changed = {
+            path
+            for path, stamp in now.items()
+            if path in self._stamps and stamp != self._stamps[path]
+        }
         if not changed:
             return
         self._stamps |= {path: now[path] for path in changed}
@@ -185,7 +203,11 @@ class Desk:
     def _job_changed(self) -> None:
         """The job file is not what it was. Where the form holds what is not saved, the user says which one counts."""
         try:
-            base = steps.read_base(self.session.job_file, Files()) if self.session.job_file.exists() else ""
+            base = (
+                steps.read_base(self.session.job_file, Files())
+                if self.session.job_file.exists()
+                else ""
+            )
         except CamgenError as error:
             self.told, self.changed_outside = str(error), True
             self.tell_all()
@@ -214,7 +236,9 @@ class Desk:
         """The form counts; the next save replaces what somebody else has written."""
         one = self.session
         with suppress(CamgenError):  # what is no TOML is replaced as a whole
-            self.session = replace(one, base=steps.read_base(one.job_file, Files()) if one.job_file.exists() else "")
+            self.session = replace(
+                one, base=steps.read_base(one.job_file, Files()) if one.job_file.exists() else ""
+            )
         self.changed_outside = False
         self.tell_all()
 
@@ -325,7 +349,12 @@ def stamp_of(path: Path) -> Stamp:
 
 def command_of(session: Session) -> str:
     """The command that writes the same program, once the job is saved."""
-    words = ["camgen build", *(quote(str(path)) for path in session.inputs), "--post", quote(session.post)]
+    words = [
+        "camgen build",
+        *(quote(str(path)) for path in session.inputs),
+        "--post",
+        quote(session.post),
+    ]
     if session.job_file != session.inputs[0].with_suffix(".toml"):
         words += ["--job", quote(str(session.job_file))]
     if session.output != Path():

@@ -16,7 +16,9 @@ from camgen.post.job_schema import schema
 from camgen.robots.catalogue import robots
 
 #: What a sentence ends with, or its first part does, where it has a unit.
-_UNIT = re.compile(r", (mm/s2|mm/s|mm2|mm|deg/mm|deg/s2|deg/s|deg|N|s|rpm)(?=$|;|:| \(|,)|^(mm|s)(?=;)")
+_UNIT = re.compile(
+    r", (mm/s2|mm/s|mm2|mm|deg/mm|deg/s2|deg/s|deg|N|s|rpm)(?=$|;|:| \(|,)|^(mm|s)(?=;)"
+)
 #: The settings of rows stand in these groups, as those of the tables that they lie over.
 _LAID_OVER = ("operation", "process", "tool")
 
@@ -129,7 +131,12 @@ def _kind(said: Mapping[str, Any]) -> FieldKind:
         return "choice"
     if _number_of(said):
         return "number"
-    kinds: dict[object, FieldKind] = {"boolean": "flag", "number": "number", "integer": "number", "string": "text"}
+    kinds: dict[object, FieldKind] = {
+        "boolean": "flag",
+        "number": "number",
+        "integer": "number",
+        "string": "text",
+    }
     return kinds.get(said.get("type"), "free")
 
 
@@ -145,7 +152,9 @@ def _dotted(text: str) -> list[str | int]:
         return [name, int(row), key] if key else [name, int(row)]
     known = {(s.table, s.key) for s in settings()}
     found = re.findall(r"\b([a-z]+)\.([a-z_]+)\b", text)
-    return next(([table, key] for table, key in found if (table, key) in known or table == "post"), [])
+    return next(
+        ([table, key] for table, key in found if (table, key) in known or table == "post"), []
+    )
 
 
 def _in_table(where: str, what: str) -> list[str | int]:

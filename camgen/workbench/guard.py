@@ -25,7 +25,9 @@ SHELL_POLICY = (
 #: The preview has its own policy, by the hashes of its scripts; only the shell may frame it.
 PAGE_POLICY = "frame-ancestors 'self'; base-uri 'none'; form-action 'none'"
 #: A drawing: its own style and the pictures in it.
-PICTURE_POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'self'"
+PICTURE_POLICY = (
+    "default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'self'"
+)
 _HEADERS = (
     (b"x-content-type-options", b"nosniff"),
     (b"referrer-policy", b"no-referrer"),
@@ -58,7 +60,10 @@ def guard(app: App, token: str, port: int) -> App:
 
 def why_not(scope: Scope, token: str, port: int) -> tuple[int, str] | None:
     """Status and reason where a request is refused, None where it is answered."""
-    headers = [(name.decode("latin-1").lower(), value.decode("latin-1")) for name, value in scope["headers"]]
+    headers = [
+        (name.decode("latin-1").lower(), value.decode("latin-1"))
+        for name, value in scope["headers"]
+    ]
     said = dict(headers)
     hosts = {f"127.0.0.1:{port}", f"localhost:{port}"}
     if [value for name, value in headers if name == "host"] not in [[host] for host in hosts]:
@@ -70,7 +75,9 @@ def why_not(scope: Scope, token: str, port: int) -> tuple[int, str] | None:
     changes = scope["method"] not in ("GET", "HEAD")
     if said.get("origin", own if not changes else "") != own:
         return 403, "only the workbench's own pages may ask this"
-    if said.get("sec-fetch-site", "same-origin") not in ("same-origin", "none") and not _is_visit(scope, said):
+    if said.get("sec-fetch-site", "same-origin") not in ("same-origin", "none") and not _is_visit(
+        scope, said
+    ):
         return 403, "only the workbench's own pages may ask this"
     if changes and said.get("content-type", "").partition(";")[0].strip() != "application/json":
         return 415, "send JSON"
@@ -113,7 +120,11 @@ def _with_headers(send: Send) -> Send:
 
 async def _refuse(send: Send, status: int, why: str) -> None:
     body = f"{why}\n".encode()
-    headers = [(b"content-type", b"text/plain; charset=utf-8"), (b"content-length", str(len(body)).encode()), *_HEADERS]
+    headers = [
+        (b"content-type", b"text/plain; charset=utf-8"),
+        (b"content-length", str(len(body)).encode()),
+        *_HEADERS,
+    ]
     headers.append((b"content-security-policy", b"default-src 'none'; frame-ancestors 'none'"))
     await send({"type": "http.response.start", "status": status, "headers": headers})
     await send({"type": "http.response.body", "body": body})

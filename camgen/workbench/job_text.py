@@ -33,7 +33,11 @@ def write_job(base: str, wanted: Mapping[str, Any], source: str) -> str:
 
 def keeps_comments(base: str, text: str) -> bool:
     """Whether the comments of ``base`` stand in ``text`` too."""
-    marks = [line.partition("#")[2].strip() for line in base.splitlines() if line.lstrip().startswith("#")]
+    marks = [
+        line.partition("#")[2].strip()
+        for line in base.splitlines()
+        if line.lstrip().startswith("#")
+    ]
     return all(mark in text for mark in marks)
 
 

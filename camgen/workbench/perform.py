@@ -35,7 +35,9 @@ Row = tuple[str, str, str]
 #: The kinds of parts whose paths may be run in another order and begin elsewhere.
 MOVABLE = ("drawing", "picture")
 #: The summary of a build as the command line tells it: of the result, the job file, the inputs and the programs.
-Tell = Callable[[Result, Path | None, Sequence[Path], Sequence[tuple[Path, ProgramFile]], int], list[Row]]
+Tell = Callable[
+    [Result, Path | None, Sequence[Path], Sequence[tuple[Path, ProgramFile]], int], list[Row]
+]
 
 
 class Ask(Struct, frozen=True):
@@ -138,7 +140,9 @@ def perform(ask: Ask, watch: Watch, tell: Tell) -> Outcome:
     with no_collector():
         try:
             with rename_errors("job", str(ask.job_file)):
-                return _propose(ask, files) if ask.propose else _build(ask, files, watch, tell, begun)
+                return (
+                    _propose(ask, files) if ask.propose else _build(ask, files, watch, tell, begun)
+                )
         except CamgenError as error:
             line, code, place = f"error: {error}", error.exit_code, tuple(find_place(error))
         except Exception as error:  # whatever it is, it is a line in the page, as in cli.main
@@ -194,7 +198,10 @@ def find_runs(result: Result) -> tuple[Run, ...]:
     tour = result.tour
     if kind_of(result.part) not in MOVABLE:
         solid = result.part.solid is not None
-        return tuple(Run(path.contours or ((path.id,) if solid else ()), -1, id=clean(path.id)) for path in tour.paths)
+        return tuple(
+            Run(path.contours or ((path.id,) if solid else ()), -1, id=clean(path.id))
+            for path in tour.paths
+        )
     from camgen.plan.seams import has_seam  # noqa: PLC0415 (shapely, which flat parts have loaded)
 
     planned = {path.id: path for path in result.planned if has_seam(path)}
@@ -214,7 +221,9 @@ def find_runs(result: Result) -> tuple[Run, ...]:
     )
 
 
-def _find_points(result: Result, planned: dict[str, ToolPath], rows: Sequence[int]) -> dict[str, tuple[float, ...]]:
+def _find_points(
+    result: Result, planned: dict[str, ToolPath], rows: Sequence[int]
+) -> dict[str, tuple[float, ...]]:
     """The point of ``tour.seams`` of each path that has one, by its id. rows: of ``[[operations]]``, of the paths."""
     if not result.job.tour.seams:
         return {}
@@ -263,11 +272,15 @@ def _layers(ask: Ask, result: Result, files: Files) -> tuple[Layer, ...]:
         whole = replace(result.job, input=replace(result.job.input, layers=["*"]))
         found = sum((_count_layers(read(one, whole, files)) for one in ask.inputs), Counter[str]())
     asked = Layers({}, {}, globs)
-    return tuple(Layer(name, count, not asked.why_not(name)) for name, count in sorted(found.items()))
+    return tuple(
+        Layer(name, count, not asked.why_not(name)) for name, count in sorted(found.items())
+    )
 
 
 def _count_layers(part: Part) -> Counter[str]:
-    return Counter([contour.layer for contour in part.contours]) + Counter([curve.layer for curve in part.curves])
+    return Counter([contour.layer for contour in part.contours]) + Counter(
+        [curve.layer for curve in part.curves]
+    )
 
 
 # Pictures.
@@ -332,5 +345,7 @@ def _propose(ask: Ask, files: Files) -> Proposed:
     if found is None:
         what = "has no closed contour that a drill or a mill of 1 mm or more could make"
         raise InputError(part.source, what)
-    tools, rows = ((dict(row) for row in rows) for rows in (found.tools, [one.row for one in found.operations]))
+    tools, rows = (
+        (dict(row) for row in rows) for rows in (found.tools, [one.row for one in found.operations])
+    )
     return Proposed(ask.number, tuple(tools), tuple(rows), THICKNESS_MM)

@@ -30,7 +30,12 @@ from camgen.workbench.session import Change, Session
 #: has crashed: it is asked this often, s, whether it is still there.
 _STAY, _BEAT = 4.0, 10.0
 Answer = Callable[[Desk, Request], Awaitable[Response]]
-_TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
+_TYPES = {
+    ".html": "text/html",
+    ".js": "text/javascript",
+    ".css": "text/css",
+    ".svg": "image/svg+xml",
+}
 
 
 def listen(port: int) -> socket.socket:
@@ -49,7 +54,9 @@ def listen(port: int) -> socket.socket:
     return found
 
 
-def serve(session: Session, tell: Tell, token: str, door: socket.socket, ready: Callable[[], None]) -> None:
+def serve(
+    session: Session, tell: Tell, token: str, door: socket.socket, ready: Callable[[], None]
+) -> None:
     """Serves the workbench until its last page is closed, or for ever where none was opened. ready: called once."""
     ends: list[uvicorn.Server] = []
     app = guard(_app(session, tell, lambda: _end(ends[0]), ready), token, door.getsockname()[1])
@@ -70,14 +77,18 @@ def _end(server: uvicorn.Server) -> None:
     server.should_exit = True
 
 
-def _app(session: Session, tell: Tell, end: Callable[[], None], ready: Callable[[], None]) -> Starlette:
+def _app(
+    session: Session, tell: Tell, end: Callable[[], None], ready: Callable[[], None]
+) -> Starlette:
     desks: list[Desk] = []
 
     @asynccontextmanager
     async def living(_app: Starlette) -> AsyncIterator[None]:
         desk = Desk(session, tell)
         desks.append(desk)
-        tasks = [asyncio.ensure_future(one) for one in (desk.watch_files(), _wait_for_end(desk, end))]
+        tasks = [
+            asyncio.ensure_future(one) for one in (desk.watch_files(), _wait_for_end(desk, end))
+        ]
         ready()
         try:
             yield
@@ -111,7 +122,14 @@ def _app(session: Session, tell: Tell, end: Callable[[], None], ready: Callable[
         "/leave": _leave,
         "/take": _take,
     }
-    posts |= {"/undo": _undo, "/stop": _stop, "/propose": _propose, "/save": _save, "/file": _file, "/close": _close}
+    posts |= {
+        "/undo": _undo,
+        "/stop": _stop,
+        "/propose": _propose,
+        "/save": _save,
+        "/file": _file,
+        "/close": _close,
+    }
     routes = [*(route(path, answer) for path, answer in gets.items())]
     routes += [route(path, answer, "POST") for path, answer in posts.items()]
     return Starlette(routes=routes, lifespan=living)
@@ -169,7 +187,9 @@ async def _page(desk: Desk, request: Request) -> Response:
     """The preview of the last good build, under its number: that of another one is gone."""
     if desk.built is None or desk.built.number != request.path_params["number"]:
         return Response("this build is no longer there\n", 404)
-    return Response(desk.built.page, media_type="text/html", headers={"content-security-policy": PAGE_POLICY})
+    return Response(
+        desk.built.page, media_type="text/html", headers={"content-security-policy": PAGE_POLICY}
+    )
 
 
 async def _picture(desk: Desk, _request: Request) -> Response:
@@ -195,7 +215,9 @@ async def _states(desk: Desk) -> AsyncIterator[bytes]:
         while True:
             with suppress(asyncio.TimeoutError):
                 await asyncio.wait_for(queue.get(), _BEAT)
-                state = desk.state() if desk.looked is known else desk.state() | {"looked": desk.looked}
+                state = (
+                    desk.state() if desk.looked is known else desk.state() | {"looked": desk.looked}
+                )
                 known = desk.looked
                 yield b"data: " + msgspec.json.encode(state) + b"\n\n"
                 if desk.closing:
@@ -269,14 +291,20 @@ async def _post(desk: Desk, request: Request) -> Response:
     """Another controller: one that is installed, or the file that the command named, never another file."""
     asked = msgspec.json.decode(await request.body(), type=_Post)
     if asked.post not in desk.session.posts:
-        raise JobError(f"post {asked.post[:60]}", "is not installed", remedy=f"one of {', '.join(desk.session.posts)}")
+        raise JobError(
+            f"post {asked.post[:60]}",
+            "is not installed",
+            remedy=f"one of {', '.join(desk.session.posts)}",
+        )
     desk.become(replace(desk.session, post=asked.post))
     return _json(_DONE)
 
 
 async def _layer(desk: Desk, request: Request) -> Response:
     asked = msgspec.json.decode(await request.body(), type=_Layer)
-    desk.become(steps.step(desk.session, choose.switch_layer(desk.session.tables, asked.layer, asked.on)))
+    desk.become(
+        steps.step(desk.session, choose.switch_layer(desk.session.tables, asked.layer, asked.on))
+    )
     return _json(_DONE)
 
 
@@ -310,7 +338,9 @@ async def _leave(desk: Desk, request: Request) -> Response:
 
 async def _take(desk: Desk, request: Request) -> Response:
     asked = msgspec.json.decode(await request.body(), type=_Names)
-    desk.become(steps.step(desk.session, choose.take_in(desk.session.tables, _looked(desk), asked.names)))
+    desk.become(
+        steps.step(desk.session, choose.take_in(desk.session.tables, _looked(desk), asked.names))
+    )
     return _json(_DONE)
 
 

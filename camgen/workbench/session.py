@@ -58,7 +58,12 @@ class Session(Struct, frozen=True):
 
 
 def open_session(
-    inputs: Sequence[Path], job: str | None, sets: Sequence[str], post: str, output: Path, posts: Sequence[str]
+    inputs: Sequence[Path],
+    job: str | None,
+    sets: Sequence[str],
+    post: str,
+    output: Path,
+    posts: Sequence[str],
 ) -> Session:
     """The session of a command. JobError for a job file that is no TOML, and for a ``--set`` that makes no sense."""
     found = beside(job, inputs[0])
@@ -101,7 +106,9 @@ def _set(tables: Tables, text: str, folder: Path) -> Tables:
 def rows_of(tables: Tables, name: str) -> list[dict[str, Any]]:
     """The rows of ``[[tools]]`` or ``[[operations]]``; none where the file has something else in their place."""
     found = tables.get(name, [])
-    return [dict(row) for row in found if isinstance(row, Mapping)] if isinstance(found, list) else []
+    return (
+        [dict(row) for row in found if isinstance(row, Mapping)] if isinstance(found, list) else []
+    )
 
 
 def put(tables: Tables, path: Sequence[str | int], value: Any) -> Tables:
@@ -114,12 +121,18 @@ def put(tables: Tables, path: Sequence[str | int], value: Any) -> Tables:
     elif len(path) == 2:
         table, key = str(path[0]), str(path[1])
         kept = {name: own for name, own in tables.get(table, {}).items() if name != key}
-        found[table] = kept if value is None or is_default(table, key, value) else {**tables.get(table, {}), key: value}
+        found[table] = (
+            kept
+            if value is None or is_default(table, key, value)
+            else {**tables.get(table, {}), key: value}
+        )
     else:
         name, row, key = str(path[0]), path[1], str(path[2])
         rows = list(tables.get(name, []))
         if not isinstance(row, int) or not 0 <= row < len(rows):
-            raise JobError(f"{name}.{row}", "there is no such row", remedy="they are counted from 0")
+            raise JobError(
+                f"{name}.{row}", "there is no such row", remedy="they are counted from 0"
+            )
         own = {other: one for other, one in rows[row].items() if other != key}
         rows[row] = own if value is None else {**rows[row], key: value}
         found[name] = rows
@@ -150,9 +163,13 @@ def change(session: Session, changes: Sequence[Change]) -> Session:
         place = one.path[0] if one.path else ""
         rows = place in ROWS and len(one.path) in (1, 3)
         if not rows and not (place in known and len(one.path) == 2):
-            raise JobError("job", f"has no place {'.'.join(map(str, one.path))[:80]}", remedy="reload the page")
+            raise JobError(
+                "job", f"has no place {'.'.join(map(str, one.path))[:80]}", remedy="reload the page"
+            )
         value = one.value if one.raw is None else value_of(one.raw) if one.raw.strip() else None
-        if isinstance(value, (date, time)):  # no setting is one: what was typed is told as it was typed
+        if isinstance(
+            value, (date, time)
+        ):  # no setting is one: what was typed is told as it was typed
             value = one.raw
         tables = put(tables, one.path, value)
     _insist_on_folder(session, tables)
@@ -184,7 +201,9 @@ def _insist_on_folder(session: Session, tables: Tables) -> None:
         inside = os.path.commonpath([root, same]) == root
         if not inside and identity(same) not in session.allowed:
             what = f"lies outside the folder that is open, {session.folder.resolve().name}"
-            raise JobError(name, what, remedy="copy it there, or name it in the job file before camgen open")
+            raise JobError(
+                name, what, remedy="copy it there, or name it in the job file before camgen open"
+            )
 
 
 def named_files(tables: Mapping[str, Any]) -> Iterator[str]:
@@ -196,8 +215,12 @@ def named_files(tables: Mapping[str, Any]) -> Iterator[str]:
             yield split_name(name)[0] if (table, key) == ("cell", "robot") else name  # type: ignore[index]
     cell = tables.get("cell", {})
     fixtures = cell.get("fixtures") if isinstance(cell, Mapping) else None
-    yield from (one for one in (fixtures if isinstance(fixtures, list) else []) if isinstance(one, str))
+    yield from (
+        one for one in (fixtures if isinstance(fixtures, list) else []) if isinstance(one, str)
+    )
 
 
 def _names_file(table: str, key: str, value: str) -> bool:
-    return (table, key) in FILES and ((table, key) != ("cell", "robot") or split_name(value) is not None)
+    return (table, key) in FILES and (
+        (table, key) != ("cell", "robot") or split_name(value) is not None
+    )

@@ -48,7 +48,9 @@ def _find_kind(result: Result, job: Job) -> str:
     if job.operations:
         return ""
     try:
-        return find_operation(result.part, replace(job, operation=replace(job.operation, kind="auto"))).name
+        return find_operation(
+            result.part, replace(job, operation=replace(job.operation, kind="auto"))
+        ).name
     except CamgenError:  # for such a part a kind has to be named
         return ""
 
@@ -67,7 +69,10 @@ def _of_cell(result: Result, job: Job) -> dict[str, object]:
     """Frames and home of the cell, but those that the job names."""
     cell, own = result.cell, job.cell
     found: dict[str, object] = {}
-    for key, frame in (("base_from_work", cell.base_from_work), ("flange_from_tool", cell.flange_from_tool)):
+    for key, frame in (
+        ("base_from_work", cell.base_from_work),
+        ("flange_from_tool", cell.flange_from_tool),
+    ):
         if getattr(own, key) is None:
             found[key] = _round([*frame.origin, *map(math.degrees, fixed_xyz(frame.rotation))])
     if own.home is None and isinstance(cell.home, Pose):

@@ -25,16 +25,29 @@ def plan(part, job, _cell, _watch):
     wish = read_options(job, Hatching)
     closed = [contour for contour in part.contours if contour.closed]
     if not closed or wish.spacing <= 0:
-        raise InputError(part.source, "nothing to hatch", remedy="give closed contours and a spacing above 0")
+        raise InputError(
+            part.source, "nothing to hatch", remedy="give closed contours and a spacing above 0"
+        )
     points, owner = flatten(from_contours(closed), job.tolerance.chord)
     rings = [shapely.Polygon(points[owner == k]) for k in range(len(closed))]
     area = rotate(reduce(shapely.symmetric_difference, rings), -wish.angle, origin=(0, 0))
     left, low, right, high = area.bounds
-    rows = [shapely.LineString([(left, y), (right, y)]) for y in np.arange(low + wish.spacing / 2, high, wish.spacing)]
-    lines = [line for row in shapely.intersection(rows, area) for line in shapely.get_parts(row) if line.length > 0]
+    rows = [
+        shapely.LineString([(left, y), (right, y)])
+        for y in np.arange(low + wish.spacing / 2, high, wish.spacing)
+    ]
+    lines = [
+        line
+        for row in shapely.intersection(rows, area)
+        for line in shapely.get_parts(row)
+        if line.length > 0
+    ]
     ways = [shapely.get_coordinates(rotate(line, wish.angle, origin=(0, 0))) for line in lines]
     ids = tuple(contour.id for contour in closed)
-    paths = (straight_path(f"h{k}", way, job, "hatch", closed[0].layer, ids) for k, way in enumerate(ways, 1))
+    paths = (
+        straight_path(f"h{k}", way, job, "hatch", closed[0].layer, ids)
+        for k, way in enumerate(ways, 1)
+    )
     return Plan(part, tuple(paths), part.notes)
 
 

@@ -12,7 +12,17 @@ from camgen.geometry.arcs import circle
 from camgen.model.cell import Cell
 from camgen.model.errors import JobError, Refused
 from camgen.model.pose import Pose, fixed_xyz, translation
-from camgen.model.program import Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
+from camgen.model.program import (
+    Force,
+    Instruction,
+    Joints,
+    MoveC,
+    MoveJ,
+    MoveL,
+    Output,
+    Program,
+    Wait,
+)
 from camgen.model.text import fixed
 from camgen.post import OutputFile, Post, Tolerance
 
@@ -34,22 +44,42 @@ class Krl(Post):
     suffix: ClassVar[str] = ".src"
     about: ClassVar[str] = "KUKA KRL, the worked example of the post tutorial"
     newline: ClassVar[str] = "\r\n"
-    verified_fields: ClassVar[frozenset[str]] = frozenset({"orientation", "speed", "blend", "stop", "work", "tool"})
+    verified_fields: ClassVar[frozenset[str]] = frozenset(
+        {"orientation", "speed", "blend", "stop", "work", "tool"}
+    )
 
-    signals: dict[str, int] = field(default_factory=lambda: {"process": 1}, metadata={"help": "$OUT by signal"})
-    spindle_rpm: float = field(default=0.0, metadata={"help": "rpm of the spindle while its $OUT is on"})
-    joint_speed: int = field(default=10, metadata={"help": "$VEL_AXIS of all axes, percent, for PTP"})
+    signals: dict[str, int] = field(
+        default_factory=lambda: {"process": 1}, metadata={"help": "$OUT by signal"}
+    )
+    spindle_rpm: float = field(
+        default=0.0, metadata={"help": "rpm of the spindle while its $OUT is on"}
+    )
+    joint_speed: int = field(
+        default=10, metadata={"help": "$VEL_AXIS of all axes, percent, for PTP"}
+    )
     max_speed: float = field(default=2000.0, metadata={"help": "the greatest $VEL.CP, mm/s"})
     _assigned: dict[str, str] = field(default_factory=dict, init=False, repr=False)
 
     def __post_init__(self) -> None:
         numbers = self.signals.values()
         if len(set(numbers)) < len(numbers) or min(numbers, default=1) < 1:
-            raise JobError("[post] signals", "two share an output, or one is below 1", remedy="number them from 1")
+            raise JobError(
+                "[post] signals",
+                "two share an output, or one is below 1",
+                remedy="number them from 1",
+            )
         if not 1 <= self.joint_speed <= 100:
-            raise JobError("[post] joint_speed", f"{self.joint_speed} % is not possible", remedy="give 1 to 100")
+            raise JobError(
+                "[post] joint_speed",
+                f"{self.joint_speed} % is not possible",
+                remedy="give 1 to 100",
+            )
         if self.program and self.program != _legal(self.program):
-            raise JobError("[post] program", "no name in KRL", remedy="24 letters, digits and _, a letter first")
+            raise JobError(
+                "[post] program",
+                "no name in KRL",
+                remedy="24 letters, digits and _, a letter first",
+            )
 
     def why_not(self, item: Instruction, start: Pose | None) -> str:
         """Why the controller cannot do ``item``, with the remedy; empty when it can."""
@@ -57,11 +87,18 @@ class Krl(Post):
         match item:
             case MoveJ(Joints(values)) if len(values) != 6:
                 return f"PTP takes six axes, not {len(values)}; take an arm with six"
-            case MoveC(via, end) if start is None or circle(start.origin, via.origin, end.origin)[1] > FLAT:
-                return f"CIRC takes a pose to start from and up to {FLAT:g} mm of radius; plan a line"
+            case MoveC(via, end) if (
+                start is None or circle(start.origin, via.origin, end.origin)[1] > FLAT
+            ):
+                return (
+                    f"CIRC takes a pose to start from and up to {FLAT:g} mm of radius; plan a line"
+                )
             case MoveL() | MoveC() if not 0.01 <= item.speed <= self.max_speed:
                 return f"{item.speed:g} mm/s is not within 0.01 and {self.max_speed:g}; change it or post.max_speed"
-            case Output(signal, value) if signal not in self.signals or value not in (0, on.get(signal, 1)):
+            case Output(signal, value) if signal not in self.signals or value not in (
+                0,
+                on.get(signal, 1),
+            ):
                 return f"no $OUT means {signal} = {value:g}; see post.signals and post.spindle_rpm"
             case Force():
                 return "KRL alone has no force control; set process.force to 0"
@@ -70,8 +107,15 @@ class Krl(Post):
     def prepare(self, program: Program, chord: float) -> Program:
         """With a stop after each PTP: KRL rounds there by a percentage, and a blend need not be used."""
         if program.columns.moves and isinstance(program.columns.moves[0].target, Pose):
-            raise Refused(self.name, int(program.columns.at[0]), "the first PTP needs axes", "set cell.home to joints")
-        stops = (replace(item, blend=0.0) if isinstance(item, MoveJ) else item for item in program.body)
+            raise Refused(
+                self.name,
+                int(program.columns.at[0]),
+                "the first PTP needs axes",
+                "set cell.home to joints",
+            )
+        stops = (
+            replace(item, blend=0.0) if isinstance(item, MoveJ) else item for item in program.body
+        )
         return super().prepare(program.with_body(tuple(stops)), chord)
 
     def begin(self, program: Program) -> Sequence[str]:
@@ -116,13 +160,18 @@ class Krl(Post):
     def _path(self, motion: MoveL | MoveC, statement: str) -> Sequence[str]:
         zone = {"$APO.CDIS": fixed(motion.blend, self.decimals)} if motion.blend else {}
         wanted = {"$VEL.CP": fixed(motion.speed / 1000, 6)} | zone  # mm/s to m/s
-        changed = [f"{name}={value}" for name, value in wanted.items() if self._assigned.get(name) != value]
+        changed = [
+            f"{name}={value}" for name, value in wanted.items() if self._assigned.get(name) != value
+        ]
         self._assigned |= wanted
         return (*changed, statement + (" C_DIS" if motion.blend else ""))
 
     def _place(self, place: Pose | Joints) -> str:
         if isinstance(place, Joints):
-            axes = (f"A{axis} {fixed(math.degrees(angle), 4)}" for axis, angle in enumerate(place.values, 1))
+            axes = (
+                f"A{axis} {fixed(math.degrees(angle), 4)}"
+                for axis, angle in enumerate(place.values, 1)
+            )
             return f"{{{', '.join(axes)}}}"
         c, b, a = (fixed(math.degrees(angle), 4) for angle in fixed_xyz(place.rotation))
         x, y, z = (fixed(value, self.decimals) for value in place.origin)

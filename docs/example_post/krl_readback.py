@@ -13,7 +13,15 @@ _NUMBER = r"(-?\d+(?:\.\d+)?)"
 _FRAME = r"\{" + ", ".join(f"{name} {_NUMBER}" for name in "XYZABC") + r"\}"
 _AXES = r"\{" + ", ".join(f"A{axis} {_NUMBER}" for axis in range(1, 7)) + r"\}"
 #: What is set once, before the first motion, which depends on all of it.
-_SETTINGS = ("BAS", "$IPO_MODE", "$ORI_TYPE", "$CIRC_TYPE", "$BASE", "$TOOL", *(f"$VEL_AXIS[{k}]" for k in range(1, 7)))
+_SETTINGS = (
+    "BAS",
+    "$IPO_MODE",
+    "$ORI_TYPE",
+    "$CIRC_TYPE",
+    "$BASE",
+    "$TOOL",
+    *(f"$VEL_AXIS[{k}]" for k in range(1, 7)),
+)
 
 
 @dataclass
@@ -55,9 +63,13 @@ class _Reader:
     def settle(self, name: str, percent: str = "100") -> None:
         """A setting for the whole program. BAS(#INITMOV, 0) gives every variable of motions a default."""
         self.need(
-            (name == "BAS") != bool(self.settings or self.speed or self.zone), "BAS must come before other settings"
+            (name == "BAS") != bool(self.settings or self.speed or self.zone),
+            "BAS must come before other settings",
         )
-        self.need(name not in self.settings and not self.body, f"{name} must be set once, before the first motion")
+        self.need(
+            name not in self.settings and not self.body,
+            f"{name} must be set once, before the first motion",
+        )
         self.need(0 < float(percent) <= 100, f"{name} must be above 0 and at most 100 %")
         self.settings.append(name)
 
@@ -94,7 +106,10 @@ class _Reader:
 
     def moved(self, *, path: bool = False) -> float:
         """The speed, mm/s, of a motion that relies on those before it."""
-        self.need(any(isinstance(item, MoveJ) for item in self.body), "the first motion must be PTP to axis values")
+        self.need(
+            any(isinstance(item, MoveJ) for item in self.body),
+            "the first motion must be PTP to axis values",
+        )
         self.need(self.speed > 0 or not path, "$VEL.CP must be set, and positive")
         return self.speed
 
@@ -113,7 +128,9 @@ def _pose(values: Sequence[str]) -> Pose:
     """X, Y, Z in mm; A about z, then B about the new y, then C about the new x, in degrees."""
     x, y, z, *angles = map(float, values)
     a, b, c = map(math.radians, angles)
-    return Pose(frozen(rotation_about(2, a) @ rotation_about(1, b) @ rotation_about(0, c)), (x, y, z))
+    return Pose(
+        frozen(rotation_about(2, a) @ rotation_about(1, b) @ rotation_about(0, c)), (x, y, z)
+    )
 
 
 #: Every line that may stand in a program, and what the controller does.
@@ -144,6 +161,8 @@ def read(files: Mapping[str, str], options: Mapping[str, object]) -> Reading:
     for line in text:
         reader.take(line)
     frame = [line.split(" ")[0] for line in text if line.startswith(("DEF", "END"))]
-    reader.need(frame == ["DEF", "END"] == [text[0][:3], text[-1]], "a program runs from DEF to END")
+    reader.need(
+        frame == ["DEF", "END"] == [text[0][:3], text[-1]], "a program runs from DEF to END"
+    )
     frames = (reader.frames.get(name) for name in ("$BASE", "$TOOL"))
     return Reading(tuple(reader.body), tuple(reader.lines), tuple(reader.faults), *frames)

@@ -6,7 +6,12 @@ from krl_readback import read
 
 from camgen.post.kit import Case, cases, check_case
 
-MORE = {"signals": {"process": 3, "glue": 4, "spindle": 7}, "spindle_rpm": 12000.0, "max_speed": 3000.0, "decimals": 4}
+MORE = {
+    "signals": {"process": 3, "glue": 4, "spindle": 7},
+    "spindle_rpm": 12000.0,
+    "max_speed": 3000.0,
+    "decimals": 4,
+}
 
 
 @pytest.mark.parametrize("case", cases(), ids=str)

@@ -21,12 +21,18 @@ def read(source: Source, job: Job, _files: Files) -> Part:
     for line, points in chains(source):
         heights = [mm * z for _, _, z in points]
         if len(points) < 2 or max(heights) - min(heights) > FLAT:
-            why = "a contour needs two points" if len(points) < 2 else "its points differ in z: contours are flat"
+            why = (
+                "a contour needs two points"
+                if len(points) < 2
+                else "its points differ in z: contours are flat"
+            )
             left.append(Note("skipped", f"the contour in line {line}", why))
             continue
         closed = len(points) > 3 and points[0] == points[-1]
         flat = frozen([[mm * x, mm * y] for x, y, _ in points[: -1 if closed else None]])
-        contours.append(Contour(flat, frozen([0.0] * len(flat)), closed, "0", f"c{len(contours) + 1}"))
+        contours.append(
+            Contour(flat, frozen([0.0] * len(flat)), closed, "0", f"c{len(contours) + 1}")
+        )
     if not contours:
         raise InputError(source.name, "nothing to machine", remedy="give two or more lines x,y")
     return Part(source.stem, source.name, unit, tuple(contours), (*notes, *left))
@@ -44,7 +50,9 @@ def chains(source: Source) -> list[tuple[int, list[tuple[float, float, float]]]]
         try:
             x, y, z = (float(word) for word in [*words, "0"][: max(3, len(words))])
         except ValueError as error:
-            raise InputError(source.name, f"{line.strip()[:40]!r} is no point", f"line {number}") from error
+            raise InputError(
+                source.name, f"{line.strip()[:40]!r} is no point", f"line {number}"
+            ) from error
         if not math.isfinite(x + y + z):
             raise InputError(source.name, "a coordinate is not finite", f"line {number}")
         if fresh:
@@ -57,7 +65,10 @@ def chains(source: Source) -> list[tuple[int, list[tuple[float, float, float]]]]
 def inspect(source: Source, job: Job, files: Files) -> str:
     """The page of `camgen inspect`."""
     part = read(source, job, files)
-    rows = [f"{one.id}: {len(one.points)} points, {'closed' if one.closed else 'open'}" for one in part.contours]
+    rows = [
+        f"{one.id}: {len(one.points)} points, {'closed' if one.closed else 'open'}"
+        for one in part.contours
+    ]
     return "\n".join([f"list of points, units {part.units}", *rows, *map(str, part.notes)])
 
 

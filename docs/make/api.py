@@ -103,7 +103,10 @@ def _outline(module: str, name: str) -> str:
     node = _node(module, name)
     if isinstance(node, ast.ClassDef):
         bases = ", ".join(ast.unparse(base) for base in node.bases if ast.unparse(base) != "Struct")
-        title, fields = f"class {node.name}({bases})" if bases else f"class {node.name}", _fields(node)
+        title, fields = (
+            f"class {node.name}({bases})" if bases else f"class {node.name}",
+            _fields(node),
+        )
         return "\n".join([f"{title}:", *fields]) if fields else f"{title}: ..."
     head = copy.copy(node)
     head.body, head.decorator_list = [ast.Expr(ast.Constant(...))], node.decorator_list
@@ -119,7 +122,10 @@ def _fields(node: ast.ClassDef) -> list[str]:
             row = f"    {ast.unparse(item.target)}: {ast.unparse(item.annotation)}"
             value = item.value
             if isinstance(value, ast.Call) and ast.unparse(value.func) == "field":
-                value = next((word.value for word in value.keywords if word.arg == "default"), ast.Constant(...))
+                value = next(
+                    (word.value for word in value.keywords if word.arg == "default"),
+                    ast.Constant(...),
+                )
             rows.append(row + (f" = {ast.unparse(value)}" if value else ""))
         elif isinstance(item, ast.Assign) and not ast.unparse(item).startswith("_"):
             rows.append(f"    {ast.unparse(item)}")
@@ -150,7 +156,9 @@ def _arguments(args: ast.arguments) -> list[str]:
     rows = [_argument(one, value) for one, value in zip(args.args, plain, strict=True)]
     if args.kwonlyargs:
         rows.append("*")
-    return rows + [_argument(one, value) for one, value in zip(args.kwonlyargs, args.kw_defaults, strict=True)]
+    return rows + [
+        _argument(one, value) for one, value in zip(args.kwonlyargs, args.kw_defaults, strict=True)
+    ]
 
 
 def _argument(one: ast.arg, value: ast.expr | None) -> str:

@@ -24,13 +24,23 @@ _LINE, _MARK = (150, 60, 20), (30, 30, 220)
 def filled(pixels: int, seed: int, diameter: float) -> np.ndarray:
     """A rendered board with what its strokes cover, and their middles."""
     part = part_of(board(pixels, seed, plane=True))
-    paths, _, _ = fill(part, from_mapping({"operation": {"kind": "fill"}, "tool": {"diameter": diameter}}))
+    paths, _, _ = fill(
+        part, from_mapping({"operation": {"kind": "fill"}, "tool": {"diameter": diameter}})
+    )
     shown = coverage_map(part, paths, diameter, 1800)
     picture = shown.pixels.copy()
     back = np.linalg.inv(np.vstack([shown.work_from_map, [0, 0, 1]]))[:2]
     for path in paths:
         points = run_along(path, 0.01) @ back[:, :2].T + back[:, 2]
-        cv2.polylines(picture, [np.rint(points * 16).astype(np.int32)[:, None]], False, _LINE, 1, cv2.LINE_AA, 4)
+        cv2.polylines(
+            picture,
+            [np.rint(points * 16).astype(np.int32)[:, None]],
+            False,
+            _LINE,
+            1,
+            cv2.LINE_AA,
+            4,
+        )
     return picture[300:1200, 500:1700]
 
 
@@ -38,17 +48,22 @@ def marked(seed: int) -> np.ndarray:
     """A rendered board three times as large, with a cross and the number of each mark that was found."""
     seen = marks(seed)
     picture = cv2.cvtColor(
-        cv2.resize(seen.picture, None, fx=3, fy=3, interpolation=cv2.INTER_NEAREST), cv2.COLOR_GRAY2BGR
+        cv2.resize(seen.picture, None, fx=3, fy=3, interpolation=cv2.INTER_NEAREST),
+        cv2.COLOR_GRAY2BGR,
     )
     for k, cross in enumerate(crosses(seen.ink, seen.picture), 1):
         u, v = round(3 * cross.u + 1), round(3 * cross.v + 1)
         cv2.circle(picture, (u, v), round(3 * cross.reach) + 8, _MARK, 2, cv2.LINE_AA)
-        cv2.putText(picture, str(k), (u + 40, v - 30), cv2.FONT_HERSHEY_SIMPLEX, 0.9, _MARK, 2, cv2.LINE_AA)
+        cv2.putText(
+            picture, str(k), (u + 40, v - 30), cv2.FONT_HERSHEY_SIMPLEX, 0.9, _MARK, 2, cv2.LINE_AA
+        )
     return picture[:600, :1000]
 
 
 if __name__ == "__main__":
-    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parents[2] / "docs" / "images"
+    folder = (
+        Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parents[2] / "docs" / "images"
+    )
     folder.mkdir(parents=True, exist_ok=True)
     for name, picture in (("fill-coverage", filled(600, 2, 0.85)), ("drill-marks", marked(7))):
         small = cv2.resize(picture, None, fx=0.6, fy=0.6, interpolation=cv2.INTER_AREA)

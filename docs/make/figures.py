@@ -67,7 +67,10 @@ def imported(modules: Tree, name: str) -> set[str]:
             if node.level:
                 above = package.split(".")[: len(package.split(".")) - node.level + 1]
                 base = ".".join([*above, base] if base else above)
-            found |= {f"{base}.{alias.name}" if f"{base}.{alias.name}" in modules else base for alias in node.names}
+            found |= {
+                f"{base}.{alias.name}" if f"{base}.{alias.name}" in modules else base
+                for alias in node.names
+            }
         elif isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
     return (found & modules.keys()) - {name}
@@ -100,7 +103,11 @@ def _named(target: ast.expr, value: ast.expr) -> Iterator[str]:
     if isinstance(target, ast.Tuple) and isinstance(value, ast.Tuple):
         for one, its in zip(target.elts, value.elts, strict=False):
             yield from _named(one, its)
-    elif isinstance(target, ast.Name) and re.fullmatch(r"_[A-Z][A-Z0-9_]*", target.id) and _is_number(value):
+    elif (
+        isinstance(target, ast.Name)
+        and re.fullmatch(r"_[A-Z][A-Z0-9_]*", target.id)
+        and _is_number(value)
+    ):
         yield target.id
 
 
@@ -113,7 +120,9 @@ def _is_number(value: ast.expr) -> bool:
         case ast.BinOp():
             return _is_number(value.left) and _is_number(value.right)
         case ast.Call():
-            return bool(value.args) and all(map(_is_number, value.args)) and _is_function(value.func)
+            return (
+                bool(value.args) and all(map(_is_number, value.args)) and _is_function(value.func)
+            )
         case ast.Name():
             return re.fullmatch(r"_?[A-Z][A-Z0-9_]*", value.id) is not None
         case ast.Attribute():
@@ -124,7 +133,9 @@ def _is_number(value: ast.expr) -> bool:
 def _is_function(called: ast.expr) -> bool:
     """math.radians, np.cos and the like, which make a number of numbers."""
     return (
-        isinstance(called, ast.Attribute) and isinstance(called.value, ast.Name) and called.value.id in ("math", "np")
+        isinstance(called, ast.Attribute)
+        and isinstance(called.value, ast.Name)
+        and called.value.id in ("math", "np")
     )
 
 
@@ -135,9 +146,14 @@ def figures(root: Path) -> list[tuple[str, object]]:
     importers = Counter(other for others in graph.values() for other in others)
     texts = {name: path.read_text() for name, (path, _) in modules.items()}
     classes = Counter(
-        node.name for _, syntax in modules.values() for node in ast.walk(syntax) if isinstance(node, ast.ClassDef)
+        node.name
+        for _, syntax in modules.values()
+        for node in ast.walk(syntax)
+        if isinstance(node, ast.ClassDef)
     )
-    numbers = Counter(number for _, syntax in modules.values() for number in private_numbers(syntax))
+    numbers = Counter(
+        number for _, syntax in modules.values() for number in private_numbers(syntax)
+    )
     rows: list[tuple[str, object]] = [
         ("files", len(modules)),
         ("lines", sum(text.count("\n") for text in texts.values())),
@@ -146,12 +162,22 @@ def figures(root: Path) -> list[tuple[str, object]]:
         ("class names used twice or more", sum(count > 1 for count in classes.values())),
         ("private numeric constants", numbers.total()),
         ("names of them used twice or more", sum(count > 1 for count in numbers.values())),
-        ("the names used most", ", ".join(f"{name} {count}" for name, count in numbers.most_common(6))),
+        (
+            "the names used most",
+            ", ".join(f"{name} {count}" for name, count in numbers.most_common(6)),
+        ),
     ]
     for idea, signs in SIGNS.items():
         shown = re.compile("|".join(f"(?:{sign})" for sign in signs))
-        places = Counter(name for name, text in texts.items() for line in text.splitlines() if shown.search(line))
-        rows.append((f"lines with {idea}", f"{places.total()} in {len(places)} modules: {', '.join(sorted(places))}"))
+        places = Counter(
+            name for name, text in texts.items() for line in text.splitlines() if shown.search(line)
+        )
+        rows.append(
+            (
+                f"lines with {idea}",
+                f"{places.total()} in {len(places)} modules: {', '.join(sorted(places))}",
+            )
+        )
     return rows
 
 

@@ -27,8 +27,15 @@ from docs.make.pictures import small
 
 ROOT = Path(__file__).parents[2]
 PARTS, CASES = ROOT / "fixtures" / "parts", ROOT / "fixtures" / "cases"
-_SWITCHES = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist", "--no-sandbox"]
-_RESTS = "() => { const s = window.workbench?.state(); return s && !s.stage && (s.built || s.failed); }"
+_SWITCHES = [
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--ignore-gpu-blocklist",
+    "--no-sandbox",
+]
+_RESTS = (
+    "() => { const s = window.workbench?.state(); return s && !s.stage && (s.built || s.failed); }"
+)
 _LONG = 180_000
 #: Drawings of at most so many bytes go into the page as they are, others as pictures of pixels.
 _MOST_SVG = 60_000
@@ -57,7 +64,12 @@ TASKS = (
         "Cut this outline and its holes",
         "bracket.dxf",
         "gcode",
-        (("tool.diameter", "4"), ("operation.depth", "3"), ("operation.passes", "3"), ("process.spindle", "12000")),
+        (
+            ("tool.diameter", "4"),
+            ("operation.depth", "3"),
+            ("operation.passes", "3"),
+            ("process.spindle", "12000"),
+        ),
     ),
     Task(
         "drill",
@@ -142,7 +154,13 @@ TASKS = (
         more=("rfa1_base.stl",),
         solid=True,
     ),
-    Task("seam", "Glue along this seam in space", "seam.xyz", "rapid", (("input.units", "mm"), ("process.feed", "15"))),
+    Task(
+        "seam",
+        "Glue along this seam in space",
+        "seam.xyz",
+        "rapid",
+        (("input.units", "mm"), ("process.feed", "15")),
+    ),
     Task(
         "old",
         "Run this old G-code on a robot",
@@ -183,7 +201,9 @@ def programs(folder: Path) -> dict[str, bytes]:
     """What was made: all but inputs, jobs and pictures."""
     inputs = (".toml", ".html", ".svg", ".png", ".dxf", ".stl", ".xyz")
     return {
-        one.name: one.read_bytes() for one in folder.iterdir() if one.suffix not in inputs and one.name != "old.ngc"
+        one.name: one.read_bytes()
+        for one in folder.iterdir()
+        if one.suffix not in inputs and one.name != "old.ngc"
     }
 
 
@@ -197,7 +217,17 @@ def build(task: Task, folder: Path) -> tuple[str, float]:
 def draw(task: Task, folder: Path, target: Path) -> str:
     """The picture of the result, made by another build; its name."""
     for kind in ("png",) if task.solid else ("svg", "png"):
-        words = [sys.executable, "-m", "camgen", *command_of(task)[1:], "--preview", f"shown.{kind}", "-q", "-o", "-"]
+        words = [
+            sys.executable,
+            "-m",
+            "camgen",
+            *command_of(task)[1:],
+            "--preview",
+            f"shown.{kind}",
+            "-q",
+            "-o",
+            "-",
+        ]
         subprocess.run(words, cwd=folder, capture_output=True, check=True)
         data = (folder / f"shown.{kind}").read_bytes()
         (folder / f"shown.{kind}").unlink()
@@ -245,10 +275,14 @@ def click_through(browser: Browser, task: Task, folder: Path) -> tuple[int, int,
                 one.fill(value)
                 one.press("Enter")
             clicks, entered = clicks + 1, entered + 1
-            page.wait_for_function(f"() => workbench.state().tables[{table!r}]?.[{key!r}] !== undefined")
+            page.wait_for_function(
+                f"() => workbench.state().tables[{table!r}]?.[{key!r}] !== undefined"
+            )
             settle(page)
         page.locator("#save").click()
-        page.wait_for_function("() => workbench.state().saved && (workbench.state().told || '').startsWith('written')")
+        page.wait_for_function(
+            "() => workbench.state().saved && (workbench.state().told || '').startsWith('written')"
+        )
         spent = perf_counter() - begin
         page.close()
     return clicks + 1, entered, spent
@@ -300,7 +334,8 @@ def main(target: Path) -> None:
         for task in TASKS:
             one = do(browser, task, target)
             print(
-                f"{task.name}: {one.seconds:.1f} s, {one.clicks} clicks, {one.opened:.1f} s, {one.picture}", flush=True
+                f"{task.name}: {one.seconds:.1f} s, {one.clicks} clicks, {one.opened:.1f} s, {one.picture}",
+                flush=True,
             )
             found.append((task, one))
     (target / "index.md").write_text(page_of(found), encoding="utf-8")

@@ -57,7 +57,10 @@ class Paper(Struct, frozen=True, forbid_unknown_fields=True):
     def items(self) -> set[str]:
         """All that needs a row."""
         numbered = (("eq.", self.equations), ("fig.", self.figures), ("table", self.tables))
-        return {*self.sections, *(f"{kind} {k}" for kind, count in numbered for k in range(1, count + 1))}
+        return {
+            *self.sections,
+            *(f"{kind} {k}" for kind, count in numbered for k in range(1, count + 1)),
+        }
 
 
 def read_papers() -> list[Paper]:
@@ -70,9 +73,15 @@ def find_faults(papers: list[Paper]) -> list[str]:
     faults = []
     for paper in papers:
         named = [item for row in paper.rows for item in row.items]
-        faults += [f"{paper.title}: {item} has no row" for item in sorted(paper.items() - set(named))]
-        faults += [f"{paper.title}: there is no {item}" for item in sorted(set(named) - paper.items())]
-        faults += [f"{paper.title}: {row.items[0]}: {why}" for row in paper.rows for why in _faults(row)]
+        faults += [
+            f"{paper.title}: {item} has no row" for item in sorted(paper.items() - set(named))
+        ]
+        faults += [
+            f"{paper.title}: there is no {item}" for item in sorted(set(named) - paper.items())
+        ]
+        faults += [
+            f"{paper.title}: {row.items[0]}: {why}" for row in paper.rows for why in _faults(row)
+        ]
     return faults
 
 
@@ -84,7 +93,11 @@ def _faults(row: Row) -> list[str]:
         faults.append("its figures name no page")
     if row.page:
         stated = set(_NUMBER.findall((ROOT / row.page).read_text(encoding="utf-8")))
-        faults += [f"{row.page} does not state {one}" for one in _NUMBER.findall(row.ours) if one not in stated]
+        faults += [
+            f"{row.page} does not state {one}"
+            for one in _NUMBER.findall(row.ours)
+            if one not in stated
+        ]
     return faults
 
 
@@ -93,7 +106,8 @@ def _is_command(command: str) -> bool:
     if command.startswith("python -m "):
         module = command.split()[2]
         return (ROOT / (module.replace(".", "/") + ".py")).exists() and (
-            not module.startswith("bench.") or f"`python -m {module}" in (ROOT / "bench/README.md").read_text()
+            not module.startswith("bench.")
+            or f"`python -m {module}" in (ROOT / "bench/README.md").read_text()
         )
     return command.startswith("camgen ") and command.split()[1] in parsers()[1]
 
@@ -115,14 +129,20 @@ def _section(paper: Paper) -> str:
 
 def _line(row: Row) -> str:
     where = ", ".join(_place(name) for name in row.where)
-    ours = row.ours + (f" ([{_title(row.page)}]({row.page.removeprefix('docs/')}))" if row.page and row.ours else "")
+    ours = row.ours + (
+        f" ([{_title(row.page)}]({row.page.removeprefix('docs/')}))"
+        if row.page and row.ours
+        else ""
+    )
     command = f"`{row.command}`" if row.command else ""
     cells = (", ".join(row.items), row.what, where, command, row.said, ours, row.differs)
     return f"| {' | '.join(cells)} |\n"
 
 
 def _place(name: str) -> str:
-    shown = name.startswith("docs/") and not name.endswith(".py")  # of docs/ all but what makes them is on the site
+    shown = name.startswith("docs/") and not name.endswith(
+        ".py"
+    )  # of docs/ all but what makes them is on the site
     return f"[{_title(name)}]({name.removeprefix('docs/')})" if shown else f"`{name}`"
 
 

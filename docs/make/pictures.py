@@ -39,7 +39,13 @@ _WIDE, _SHADES = 760, 10
 _SCENE = (slice(46, -68), slice(430, None))
 #: A browser that draws with the processor, and waits until the page has come to rest.
 _SWITCHES = (
-    *("--headless", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--hide-scrollbars"),
+    *(
+        "--headless",
+        "--no-sandbox",
+        "--use-angle=swiftshader",
+        "--enable-unsafe-swiftshader",
+        "--hide-scrollbars",
+    ),
     *("--virtual-time-budget=8000", "--window-size=1100,700"),
 )
 
@@ -66,22 +72,49 @@ PICTURES = (
     Shown("trace.svg", PARTS / "bracket.dxf", "vplus", {"operation": {"kind": "trace"}}),
     Shown("tabs.svg", PARTS / "bracket.dxf", "gcode", TABS),
     Shown("space.svg", PARTS / "space.dxf", "rapid", {"operation": {"kind": "trace"}}),
-    Shown("fill.svg", PARTS / "bracket.dxf", "gcode", {"operation": {"kind": "fill"}, "tool": {"diameter": 3.0}}),
+    Shown(
+        "fill.svg",
+        PARTS / "bracket.dxf",
+        "gcode",
+        {"operation": {"kind": "fill"}, "tool": {"diameter": 3.0}},
+    ),
     Shown("pocket.svg", PARTS / "bracket.dxf", "gcode", {"operation": {"kind": "pocket"}, **_MILL}),
-    Shown("bore.svg", PARTS / "bracket.dxf", "gcode", {"operation": {"kind": "bore", "depth": 4}, **_MILL}),
+    Shown(
+        "bore.svg",
+        PARTS / "bracket.dxf",
+        "gcode",
+        {"operation": {"kind": "bore", "depth": 4}, **_MILL},
+    ),
     Shown(
         "chamfer.svg",
         PARTS / "bracket.dxf",
         "gcode",
-        {"operation": {"kind": "chamfer", "width": 1}, "tool": {"kind": "v"}, "process": {"spindle": 9000}},
+        {
+            "operation": {"kind": "chamfer", "width": 1},
+            "tool": {"kind": "v"},
+            "process": {"spindle": 9000},
+        },
     ),
-    Shown("drill.svg", PARTS / "bracket.dxf", "gcode", {"operation": {"kind": "drill"}, "tool": {"diameter": 8.0}}),
-    Shown("replay.svg", OLD, "rapid", {"post": {"signals": {"dout0": "doProcess"}}}, "old.ngc, rapid"),
+    Shown(
+        "drill.svg",
+        PARTS / "bracket.dxf",
+        "gcode",
+        {"operation": {"kind": "drill"}, "tool": {"diameter": 8.0}},
+    ),
+    Shown(
+        "replay.svg", OLD, "rapid", {"post": {"signals": {"dout0": "doProcess"}}}, "old.ngc, rapid"
+    ),
     Shown("edges.png", PARTS / "rfa1.stl", "rapid", PARTS / "rfa1.toml"),
     Shown("rfa1-order.svg", PARTS / "rfa1.stl", "rapid", PARTS / "rfa1_nominal.toml"),
     Shown("rfa2-order.svg", PARTS / "rfa2.stl", "rapid", PARTS / "rfa2_nominal.toml"),
     Shown("page.png", PARTS / "rfa1.stl", "rapid", PARTS / "rfa1.toml"),
-    Shown("page-photo.png", PARTS / "gear.png", "pacscript", {"image": {"width_mm": 100.0}}, scene=True),
+    Shown(
+        "page-photo.png",
+        PARTS / "gear.png",
+        "pacscript",
+        {"image": {"width_mm": 100.0}},
+        scene=True,
+    ),
     Shown("page-cut.png", PARTS / "motor.dxf", "gcode", PLATE, scene=True),
 )
 

@@ -35,12 +35,16 @@ def options(name: str) -> str:
     for field in dataclasses.fields(post):
         if field.init:
             about = field.metadata["help"].replace("|", "\\|")
-            rows.append(f"| `{field.name}` | `{toml(_default(field))}` | {allowed(hints[field.name])} | {about} |")
+            rows.append(
+                f"| `{field.name}` | `{toml(_default(field))}` | {allowed(hints[field.name])} | {about} |"
+            )
     return "\n".join(rows) + "\n"
 
 
 def _default(field: dataclasses.Field[object]) -> object:
-    return field.default if field.default_factory is dataclasses.MISSING else field.default_factory()
+    return (
+        field.default if field.default_factory is dataclasses.MISSING else field.default_factory()
+    )
 
 
 def allowed(hint: object) -> str:

@@ -64,7 +64,11 @@ def robots_page() -> str:
 
 def _cells() -> str:
     """The built-in cell of each post."""
-    rows = [_CELLS, "| post | cell | `base_from_work` | `flange_from_tool` | `home` |", "|---|---|---|---|---|"]
+    rows = [
+        _CELLS,
+        "| post | cell | `base_from_work` | `flange_from_tool` | `home` |",
+        "|---|---|---|---|---|",
+    ]
     for name in sorted(post.name for post in list_installed() if post.origin.startswith("camgen ")):
         cell = make_post(find_post(name), {}).cell()
         frames = " | ".join(_values(pose) for pose in (cell.base_from_work, cell.flange_from_tool))
@@ -81,7 +85,9 @@ def _home(cell: Cell) -> str:
     if isinstance(cell.home, Pose):
         return _values(cell.home)
     units = [1.0 if k in cell.sliding else math.degrees(1) for k in range(len(cell.home.values))]
-    return ", ".join(short(value * unit, 3) for value, unit in zip(cell.home.values, units, strict=True))
+    return ", ".join(
+        short(value * unit, 3) for value, unit in zip(cell.home.values, units, strict=True)
+    )
 
 
 def _anchor(name: str) -> str:
@@ -89,7 +95,9 @@ def _anchor(name: str) -> str:
 
 
 def _section(r: Robot) -> str:
-    trust = ", ".join(f"{what} {getattr(r.trust, what)}" for what in ("kinematics", "limits", "speeds", "boxes"))
+    trust = ", ".join(
+        f"{what} {getattr(r.trust, what)}" for what in ("kinematics", "limits", "speeds", "boxes")
+    )
     boxes = sum(len(link.boxes) for link in r.links)
     lines = [
         f"\n## {r.name}\n",

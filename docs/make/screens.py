@@ -23,7 +23,12 @@ from camgen.preview.view import view
 
 ROOT = Path(__file__).parents[2]
 PARTS = ROOT / "fixtures" / "parts"
-_SWITCHES = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist", "--no-sandbox"]
+_SWITCHES = [
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--ignore-gpu-blocklist",
+    "--no-sandbox",
+]
 _WIDE, _NARROW = (1400, 880), (390, 844)
 #: Shapes of the large drawing, in rows of so many.
 _SHAPES, _ROW = 5000, 100
@@ -40,7 +45,11 @@ class Screen(Struct, frozen=True):
 
 def plate() -> Result:
     """A motor plate that three tools cut."""
-    return camgen.build(PARTS / "motor.dxf", post="gcode", job=ROOT / "fixtures" / "cases" / "motor-plate" / "job.toml")
+    return camgen.build(
+        PARTS / "motor.dxf",
+        post="gcode",
+        job=ROOT / "fixtures" / "cases" / "motor-plate" / "job.toml",
+    )
 
 
 def bracket() -> Result:
@@ -61,7 +70,10 @@ def photo() -> Result:
 
 def described() -> Result:
     """A drawing for an arm that a URDF describes."""
-    cell = {"robot": str(PARTS.parent / "robots" / "six.urdf"), "base_from_work": [300, -60, -50, 0, 0, 0]}
+    cell = {
+        "robot": str(PARTS.parent / "robots" / "six.urdf"),
+        "base_from_work": [300, -60, -50, 0, 0, 0],
+    }
     more = {"flange_from_tool": [0, 0, 100, 0, 0, 0], "home": [0, -100, 0, 0, 30, 0]}
     return camgen.build(PARTS / "bracket.dxf", post="rapid", job={"cell": cell | more})
 
@@ -106,7 +118,8 @@ def shoot(browser: Browser, screen: Screen, folder: Path, target: Path) -> None:
     file.write_text(page(view(screen.made())), encoding="utf-8")
     width, height = screen.size
     context = browser.new_context(
-        viewport={"width": width, "height": height}, color_scheme="dark" if screen.scheme == "dark" else "light"
+        viewport={"width": width, "height": height},
+        color_scheme="dark" if screen.scheme == "dark" else "light",
     )
     tab = context.new_page()
     tab.goto(file.as_uri())

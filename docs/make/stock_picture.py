@@ -25,7 +25,9 @@ _STAYS, _GONE, _LEFT, _EXCESS, _GOUGE = "#c9d3dd", "#ffffff", "#f3c56b", "#e67e2
 def damaged(scene: Scene, by: float) -> tuple[Instruction, ...]:
     """The body with the last long line of its last pass moved into the part."""
     body = list(scene.cuts[0].body)
-    deep = [k for k, item in enumerate(body) if isinstance(item, MoveL) and item.target.origin[2] < -3.9]
+    deep = [
+        k for k, item in enumerate(body) if isinstance(item, MoveL) and item.target.origin[2] < -3.9
+    ]
     for k in deep[-2:]:
         item = body[k]
         assert isinstance(item, MoveL)
@@ -42,7 +44,9 @@ def path_of(shape: Any) -> str:
         if part.geom_type == "Polygon"
         for ring in (part.exterior, *part.interiors)
     ]
-    return " ".join("M" + " L".join(f"{x:.3f} {-y:.3f}" for x, y in ring.coords) + " Z" for ring in rings)
+    return " ".join(
+        "M" + " L".join(f"{x:.3f} {-y:.3f}" for x, y in ring.coords) + " Z" for ring in rings
+    )
 
 
 def draw(scene: Scene, proof: StockProof) -> str:
@@ -54,12 +58,17 @@ def draw(scene: Scene, proof: StockProof) -> str:
         (scene.design.outline, "#e9edf1"), (stays, _STAYS), (level.gone, _GONE), (level.excess.pieces, _LEFT),
         (level.excess.unexplained, _EXCESS), (shapely.intersection(level.gone, stays), _GOUGE),
     ]  # fmt: skip
-    body = "\n".join(f'<path d="{path_of(shape)}" fill="{colour}" fill-rule="evenodd"/>' for shape, colour in shapes)
+    body = "\n".join(
+        f'<path d="{path_of(shape)}" fill="{colour}" fill-rule="evenodd"/>'
+        for shape, colour in shapes
+    )
     worst = max(proof.gouges, key=lambda fault: fault.mm, default=None)
     size = f'width="{(high_x - low_x) * _SCALE:.0f}" height="{(high_y - low_y) * _SCALE:.0f}"'
     box = f"{low_x:.1f} {-high_y:.1f} {high_x - low_x:.1f} {high_y - low_y:.1f}"
     said = label(worst) if worst else ""
-    return f'<svg xmlns="http://www.w3.org/2000/svg" {size} viewBox="{box}">\n{body}\n{said}</svg>\n'
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" {size} viewBox="{box}">\n{body}\n{said}</svg>\n'
+    )
 
 
 def label(fault: Fault) -> str:

@@ -77,7 +77,9 @@ def walked() -> Iterator[Walk]:
         sys.setprofile(None)
 
 
-def walk_of(source: Path, post: str, job: Job | dict[str, object] | Path) -> list[tuple[str, list[str]]]:
+def walk_of(
+    source: Path, post: str, job: Job | dict[str, object] | Path
+) -> list[tuple[str, list[str]]]:
     """The arrows of one build, each with its folders in the order in which they are entered."""
     camgen.build(source, post=post, job=job)  # what is loaded only once is not part of the walk
     with walked() as walk:
@@ -98,7 +100,9 @@ def photo(folder: Path) -> tuple[Path, Path]:
 def table(title: str, arrows: list[tuple[str, list[str]]]) -> str:
     """One walk as Markdown."""
     rows = [f"| {arrow} | {', '.join(folders)} |" for arrow, folders in arrows]
-    return "\n".join([f"{title}:", "", "| arrow | folders entered, in this order |", "|---|---|", *rows, ""])
+    return "\n".join(
+        [f"{title}:", "", "| arrow | folders entered, in this order |", "|---|---|", *rows, ""]
+    )
 
 
 def main() -> None:

@@ -27,9 +27,16 @@ from docs.make.pictures import coarse
 
 ROOT = Path(__file__).parents[2]
 PARTS = ROOT / "fixtures" / "parts"
-_SWITCHES = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist", "--no-sandbox"]
+_SWITCHES = [
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--ignore-gpu-blocklist",
+    "--no-sandbox",
+]
 #: Nothing is being built, and there is a program or a reason why there is none.
-_RESTS = "() => { const s = window.workbench?.state(); return s && !s.stage && (s.built || s.failed); }"
+_RESTS = (
+    "() => { const s = window.workbench?.state(); return s && !s.stage && (s.built || s.failed); }"
+)
 
 
 class Shown(Struct, frozen=True):
@@ -54,7 +61,12 @@ PICTURES = (
     Shown("error.png", "bracket.dxf", ("--job", "bad.toml"), clicks=("#says button",)),
     Shown("proposed.png", "motor.dxf", tab="steps", clicks=("text=Propose operations",)),
     Shown("solid.png", "rfa1.stl", tab="layers"),
-    Shown("photo.png", "gear.png", ("--set", "image.mm_per_px=0.2"), clicks=("text=From picture to path",)),
+    Shown(
+        "photo.png",
+        "gear.png",
+        ("--set", "image.mm_per_px=0.2"),
+        clicks=("text=From picture to path",),
+    ),
     Shown("unscaled.png", "photo.png"),
     Shown("large.png", "large.dxf", ("--set", "operation.kind=trace"), tab="summary"),
 )
@@ -90,18 +102,30 @@ def shoot(browser: Browser, address: str, shown: Shown, target: Path) -> None:
 def settle(page: Page) -> None:
     """Until what was asked for is built and seen."""
     page.wait_for_function(_RESTS, timeout=120_000)
-    page.wait_for_function("() => !workbench.state().built || document.querySelector('#frames iframe:not(.coming)')")
+    page.wait_for_function(
+        "() => !workbench.state().built || document.querySelector('#frames iframe:not(.coming)')"
+    )
     page.wait_for_timeout(2500)
 
 
 def lay_out(folder: Path) -> None:
     """The inputs, and two that are made: 5,000 shapes, and a photo that nobody gave a scale."""
-    for name in ("motor.dxf", "bracket.dxf", "layers.dxf", "rfa1.stl", "rfa1.toml", "rfa1_base.stl", "gear.png"):
+    for name in (
+        "motor.dxf",
+        "bracket.dxf",
+        "layers.dxf",
+        "rfa1.stl",
+        "rfa1.toml",
+        "rfa1_base.stl",
+        "gear.png",
+    ):
         shutil.copy(PARTS / name, folder / name)
     (folder / "bad.toml").write_text("[operation]\nlead_in = -5\n")
     drawing = ezdxf.new("R2010", units=4)
     for k in range(5000):
-        drawing.modelspace().add_circle((6.0 * (k % 100), 6.0 * (k // 100)), 1.0 + 1.5 * (k % 7) / 7)
+        drawing.modelspace().add_circle(
+            (6.0 * (k % 100), 6.0 * (k // 100)), 1.0 + 1.5 * (k % 7) / 7
+        )
     drawing.saveas(folder / "large.dxf")
     bench = np.full((600, 900, 3), 40, np.uint8)
     photo = cv2.rectangle(bench, (200, 150), (700, 450), (210, 215, 220), -1)

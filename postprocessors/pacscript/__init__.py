@@ -72,7 +72,16 @@ class PacScript(PacScriptOptions):
     newline: ClassVar[str] = "\r\n"
     passes: ClassVar[tuple[str, ...]] = ("halves", "chords")
     verified_fields: ClassVar[frozenset[str]] = frozenset(
-        {"orientation", "speed", "joint-speed", "joint-share", "stop", "turn", "force-direction", "figure"}
+        {
+            "orientation",
+            "speed",
+            "joint-speed",
+            "joint-share",
+            "stop",
+            "turn",
+            "force-direction",
+            "figure",
+        }
     )
 
     #: The force that the controller presses with (N, work frame), None while force control is off.
@@ -101,7 +110,10 @@ class PacScript(PacScriptOptions):
         reason = self._speed_reason(item.speed)
         reason = reason or self._turn_reason(item)
         if self.pass_mark == "mm" and item.blend != int(item.blend):
-            reason = reason or f'a blend of {item.blend:g} mm is no whole number; set post.pass_mark to "P"'
+            reason = (
+                reason
+                or f'a blend of {item.blend:g} mm is no whole number; set post.pass_mark to "P"'
+            )
         if isinstance(item, MoveJ):
             return reason or _joints_reason(item)
         if item.force > 0:
@@ -115,7 +127,11 @@ class PacScript(PacScriptOptions):
             if item.value < 0:
                 return f"the spindle is to turn backwards ({-item.value:g} rpm), and an IO is on or off"
             remedy = 'set the speed at its drive and post.spindle to "on-off"'
-            return "" if self.spindle == "on-off" else f"an IO does not carry a spindle speed; {remedy}"
+            return (
+                ""
+                if self.spindle == "on-off"
+                else f"an IO does not carry a spindle speed; {remedy}"
+            )
         return "" if item.value in (0, 1) else f"an IO is on or off, not {item.value:g}; use 0 or 1"
 
     def _percent(self, mm_s: float) -> float:
@@ -140,8 +156,12 @@ class PacScript(PacScriptOptions):
 
     def _speed_reason(self, mm_s: float) -> str:
         if self.rated and not _LEAST_PERCENT <= self._percent(mm_s) <= _MOST_PERCENT:
-            numbers = f"{mm_s:g} mm/s is {self._percent(mm_s):.4g} % of the rated {self.rated:g} mm/s"
-            return f"{numbers}, the controller takes 0.1 to 100 %; change the speed or mend post.rated"
+            numbers = (
+                f"{mm_s:g} mm/s is {self._percent(mm_s):.4g} % of the rated {self.rated:g} mm/s"
+            )
+            return (
+                f"{numbers}, the controller takes 0.1 to 100 %; change the speed or mend post.rated"
+            )
         if mm_s < 0.05:
             return f"{mm_s:g} mm/s is too slow to be written to 0.1 %; raise the speed"
         return ""
@@ -155,7 +175,9 @@ class PacScript(PacScriptOptions):
         if newtons > _MOST_FORCE_N:
             return f"{newtons:g} N is more than the {_MOST_FORCE_N:g} N of a force table; lower the force"
         return (
-            "" if abs(math.hypot(*press) - 1) < 1e-3 else "the force has no direction; follow one side of the contour"
+            ""
+            if abs(math.hypot(*press) - 1) < 1e-3
+            else "the force has no direction; follow one side of the contour"
         )
 
     def _arc_reason(self, arc: MoveC, start: Pose | None) -> str:
@@ -181,17 +203,26 @@ class PacScript(PacScriptOptions):
     def prepare(self, program: Program, chord: float) -> Program:
         """As the base does; then states what the text will say where an option gives something up."""
         for option, frame in (("tool", program.flange_from_tool), ("work", program.base_from_work)):
-            if not getattr(self, option) and not np.allclose([*frame.origin, *(frame.rotation - IDENTITY).flat], 0):
+            if not getattr(self, option) and not np.allclose(
+                [*frame.origin, *(frame.rotation - IDENTITY).flat], 0
+            ):
                 what = f"{option} 0 is the controller's own, but the program has a frame of its own"
                 raise Refused(self.name, -1, what, f"give post.{option} from 1 on")
-        prepared = super().prepare(without_force(program) if self.force == "ignore" else program, chord)
+        prepared = super().prepare(
+            without_force(program) if self.force == "ignore" else program, chord
+        )
         body = tuple(chain.from_iterable(self._stated(item) for item in prepared.body))
-        same = len(body) == len(prepared.body) and all(map(lambda a, b: a is b, body, prepared.body))
+        same = len(body) == len(prepared.body) and all(
+            map(lambda a, b: a is b, body, prepared.body)
+        )
         return prepared if same else prepared.with_body(body)
 
     def _stated(self, item: Instruction) -> list[Instruction]:
         if isinstance(item, Output) and item.signal == "spindle" and item.value not in (0, 1):
-            return [Comment(f"spindle at {item.value:g} rpm: set at its drive"), replace(item, value=1.0)]
+            return [
+                Comment(f"spindle at {item.value:g} rpm: set at its drive"),
+                replace(item, value=1.0),
+            ]
         return [item]
 
     @property
@@ -208,18 +239,33 @@ class PacScript(PacScriptOptions):
         posture = "fixed by the first joint move" if joints else "that of the arm at the start"
         if any(_figure(item) is not None for item in program.columns.moves):
             posture += ", then by Fig; -1: as it is"
-        lines = [f'\'!TITLE "{harmless(program.name)}"', *(self.note(line) for line in program.header)]
-        lines.append(f"' work {self.work} in the base: {self._pose(program.base_from_work)} mm, deg")
-        lines.append(f"' tool {self.tool} at the flange: {self._pose(program.flange_from_tool)} mm, deg")
-        lines.append(f"' these two are {'written below' if self.define else 'expected in the controller'}")
+        lines = [
+            f'\'!TITLE "{harmless(program.name)}"',
+            *(self.note(line) for line in program.header),
+        ]
+        lines.append(
+            f"' work {self.work} in the base: {self._pose(program.base_from_work)} mm, deg"
+        )
+        lines.append(
+            f"' tool {self.tool} at the flange: {self._pose(program.flange_from_tool)} mm, deg"
+        )
+        lines.append(
+            f"' these two are {'written below' if self.define else 'expected in the controller'}"
+        )
         lines.append(f"' posture: {posture}")
         if self.force == "ignore":
             lines.append("' pressing is left out")
         elif any(isinstance(item, Force) for item in program.body):
-            lines.append(f"' force: table {self.force_table}, N in the work frame; lines that say verify are assumed")
+            lines.append(
+                f"' force: table {self.force_table}, N in the work frame; lines that say verify are assumed"
+            )
             lines.append("' force: the sensor is set to zero by the cell, before this program")
         rated = f", 100 % is {self.rated:g} mm/s" if self.rated else ""
-        pendant = f"{self.ext_speed:g} %" if self.ext_speed else "the pendant's, 100 % for the planned speeds"
+        pendant = (
+            f"{self.ext_speed:g} %"
+            if self.ext_speed
+            else "the pendant's, 100 % for the planned speeds"
+        )
         lines.append(f"' external speed: {pendant}{rated}")
         if slow := self._slowest(program):
             lines.append(f"' slowest motion: {slow}")
@@ -229,7 +275,9 @@ class PacScript(PacScriptOptions):
     def _check_shares(self, program: Program) -> None:
         columns = program.columns
         percent = self._scaled(100.0) * columns.share
-        for motion in np.flatnonzero((percent > 0) & ~((percent >= _LEAST_PERCENT) & (percent <= _MOST_PERCENT)))[:1]:
+        for motion in np.flatnonzero(
+            (percent > 0) & ~((percent >= _LEAST_PERCENT) & (percent <= _MOST_PERCENT))
+        )[:1]:
             mm_s = columns.moves[motion].speed
             what = f"{mm_s:g} mm/s is {percent[motion]:.4g} % of what the joints can do on this way"
             remedy = "the controller takes 0.1 to 100 %; change the speed or post.ext_speed"
@@ -284,7 +332,10 @@ class PacScript(PacScriptOptions):
     def movec(self, motion: MoveC) -> Sequence[str]:
         """Move C; the mark belongs to the end point."""
         via, end = (self._target(pose, motion) for pose in (motion.via, motion.target))
-        return (*self._changed(motion), f"Move C, {via}, {self._mark(motion)} {end}{self._tail(motion)}")
+        return (
+            *self._changed(motion),
+            f"Move C, {via}, {self._mark(motion)} {end}{self._tail(motion)}",
+        )
 
     def output(self, item: Output) -> Sequence[str]:
         """Set or Reset of an IO."""
@@ -344,7 +395,9 @@ class PacScript(PacScriptOptions):
     def _pose(self, pose: Pose) -> str:
         key = pose.rotation.tobytes()
         if key not in self._angles:
-            self._angles[key] = ", ".join(fixed(math.degrees(v), _ANGLE) for v in fixed_xyz(pose.rotation))
+            self._angles[key] = ", ".join(
+                fixed(math.degrees(v), _ANGLE) for v in fixed_xyz(pose.rotation)
+            )
         x, y, z = (fixed(v, self.decimals) for v in pose.origin)
         return f"{x}, {y}, {z}, {self._angles[key]}"
 
@@ -367,7 +420,10 @@ class PacScript(PacScriptOptions):
         longest = max(lines, key=len)
         if len(longest) > _LONGEST_LINE:
             raise Refused(
-                self.name, -1, f"a line of {len(longest)} bytes, the controller takes {_LONGEST_LINE}", "shorten it"
+                self.name,
+                -1,
+                f"a line of {len(longest)} bytes, the controller takes {_LONGEST_LINE}",
+                "shorten it",
             )
         return (OutputFile(name + self.suffix, "\n".join(lines) + "\n"),)
 
@@ -375,7 +431,9 @@ class PacScript(PacScriptOptions):
     def cell(cls) -> Cell:
         """A VS-060 with a sheet of 200 x 150 mm flat in front of it, 150 mm above its base."""
         home = Joints(tuple(math.radians(v) for v in (0.0, 0.0, 90.0, 0.0, 30.0, 0.0)))
-        return Cell("DENSO VS-060", translation(300, -75, 150), translation(0, 0, 100), home, robot="VS-060")
+        return Cell(
+            "DENSO VS-060", translation(300, -75, 150), translation(0, 0, 100), home, robot="VS-060"
+        )
 
     def tolerance(self) -> Tolerance:
         """Half the last digit; an orientation adds up three angles, a force may keep what is ``_FORCE_STEP_N`` away."""
@@ -393,7 +451,9 @@ def _count_off(program: Program) -> int:
 
 
 def _is_off(item: Instruction) -> bool:
-    return (isinstance(item, Output) and item.value == 0) or (isinstance(item, Force) and item.newtons == 0)
+    return (isinstance(item, Output) and item.value == 0) or (
+        isinstance(item, Force) and item.newtons == 0
+    )
 
 
 def _figure(motion: Motion) -> int | None:
@@ -417,7 +477,9 @@ def _split(lines: list[str], limit: int) -> list[list[str]]:
     runs: list[list[str]] = []
     at = 0
     while limit and len(lines) - at > limit:
-        end = next((i for i in range(at + limit, at + limit // 2, -1) if "@0 " in lines[i - 1]), at + limit)
+        end = next(
+            (i for i in range(at + limit, at + limit // 2, -1) if "@0 " in lines[i - 1]), at + limit
+        )
         runs.append(lines[at:end])
         at = end
     return [*runs, lines[at:]]

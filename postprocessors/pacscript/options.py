@@ -58,50 +58,90 @@ _RANGES = {
 class PacScriptOptions(Post):
     """Fields are options of ``[post]``. Raises JobError for one that the controller cannot be meant to take."""
 
-    max_lines: int = field(default=5000, kw_only=True, metadata={"help": "body lines per Sub; 0: one Sub"})
+    max_lines: int = field(
+        default=5000, kw_only=True, metadata={"help": "body lines per Sub; 0: one Sub"}
+    )
     tool: int = field(default=1, metadata={"help": "number for ChangeTool"})
     work: int = field(default=1, metadata={"help": "number for ChangeWork"})
-    define: bool = field(default=False, metadata={"help": "write the tool and work frames to the controller"})
-    pass_mark: Literal["P", "mm"] = field(default="P", metadata={"help": "blends as @P, or as @n in whole mm"})
-    speed: Literal["mps", "percent"] = field(default="mps", metadata={"help": "Mps(), or percent of rated"})
+    define: bool = field(
+        default=False, metadata={"help": "write the tool and work frames to the controller"}
+    )
+    pass_mark: Literal["P", "mm"] = field(
+        default="P", metadata={"help": "blends as @P, or as @n in whole mm"}
+    )
+    speed: Literal["mps", "percent"] = field(
+        default="mps", metadata={"help": "Mps(), or percent of rated"}
+    )
     mps: Literal["ask", "mm/s", "m/s"] = field(
         default="ask", metadata={"help": "unit of Mps(); ask: the program finds it out"}
     )
     rated: float = field(default=0.0, metadata={"help": "mm/s that 100 % stands for; 0: not known"})
     rated_turn: float = field(
-        default=500.0, metadata={"help": "deg/s that 100 % is, for turns on the spot; a slower arm turns slower"}
+        default=500.0,
+        metadata={"help": "deg/s that 100 % is, for turns on the spot; a slower arm turns slower"},
     )
-    ext_speed: float = field(default=0.0, metadata={"help": "external speed, %; 0: the pendant's is left as it is"})
-    internal_speed: float = field(default=10.0, metadata={"help": "% for motions added by hand without a Speed"})
+    ext_speed: float = field(
+        default=0.0, metadata={"help": "external speed, %; 0: the pendant's is left as it is"}
+    )
+    internal_speed: float = field(
+        default=10.0, metadata={"help": "% for motions added by hand without a Speed"}
+    )
     accel: float = field(default=50.0, metadata={"help": "acceleration and deceleration, %"})
-    signals: dict[str, int] = field(default_factory=lambda: {"process": 24}, metadata={"help": "IO number by signal"})
-    spindle: Literal["refuse", "on-off"] = field(default="refuse", metadata={"help": "on-off: IO without its rpm"})
+    signals: dict[str, int] = field(
+        default_factory=lambda: {"process": 24}, metadata={"help": "IO number by signal"}
+    )
+    spindle: Literal["refuse", "on-off"] = field(
+        default="refuse", metadata={"help": "on-off: IO without its rpm"}
+    )
     force: Literal["refuse", "template", "ignore"] = field(
-        default="refuse", metadata={"help": "template: force lines as below; ignore: leave force out"}
+        default="refuse",
+        metadata={"help": "template: force lines as below; ignore: leave force out"},
     )
-    force_table: int = field(default=1, metadata={"help": "number of the force parameter table, {n}"})
+    force_table: int = field(
+        default=1, metadata={"help": "number of the force parameter table, {n}"}
+    )
     force_on: list[str] = field(
-        default_factory=lambda: [_PARAM, "ForceCtrl True, {n} ' verify"], metadata={"help": "lines that start force"}
+        default_factory=lambda: [_PARAM, "ForceCtrl True, {n} ' verify"],
+        metadata={"help": "lines that start force"},
     )
-    force_change: list[str] = field(default_factory=lambda: [_PARAM], metadata={"help": "lines that change the force"})
+    force_change: list[str] = field(
+        default_factory=lambda: [_PARAM], metadata={"help": "lines that change the force"}
+    )
     force_off: list[str] = field(
-        default_factory=lambda: ["ForceCtrl False ' verify"], metadata={"help": "lines that end force"}
+        default_factory=lambda: ["ForceCtrl False ' verify"],
+        metadata={"help": "lines that end force"},
     )
 
     def __post_init__(self) -> None:
         for name, (least, most) in _RANGES.items():
             if not least <= getattr(self, name) <= most:
-                raise JobError(f"[post] {name}", f"is {getattr(self, name)}", remedy=f"give {least:g} to {most:g}")
+                raise JobError(
+                    f"[post] {name}",
+                    f"is {getattr(self, name)}",
+                    remedy=f"give {least:g} to {most:g}",
+                )
         if self.speed == "percent" and not self.rated:
-            raise JobError('[post] speed = "percent"', "needs rated", remedy="give the arm's speed at 100 % in mm/s")
+            raise JobError(
+                '[post] speed = "percent"',
+                "needs rated",
+                remedy="give the arm's speed at 100 % in mm/s",
+            )
         if self.define and not (self.tool and self.work):
-            raise JobError("[post] define", "cannot define tool 0 or work 0", remedy="give tool and work from 1 on")
+            raise JobError(
+                "[post] define",
+                "cannot define tool 0 or work 0",
+                remedy="give tool and work from 1 on",
+            )
         if self.program and not _legal(self.program):
             remedy = "a letter, then letters, digits and _, at most 64, no word of the language"
             raise JobError("[post] program", f"{self.program} cannot name a program", remedy=remedy)
         numbers = list(self.signals.values())
         if len(set(numbers)) < len(numbers) or min(numbers, default=0) < 0:
-            raise JobError("[post] signals", "two signals share an IO, or one is negative", remedy="one IO per signal")
+            raise JobError(
+                "[post] signals",
+                "two signals share an IO, or one is negative",
+                remedy="one IO per signal",
+            )
         _check_template("force_on", self.force_on, {"x", "y", "z"})
         _check_template("force_change", self.force_change, {"x", "y", "z"})
         _check_template("force_off", self.force_off, set())
@@ -111,7 +151,9 @@ class PacScriptOptions(Post):
         corner: Literal["overlap", "zone"] = "overlap" if self.pass_mark == "P" else "zone"
         pace = Dynamics(acceleration=100.0 * self.accel, corner=corner, shares=True)
         most = (self.ext_speed or 100.0) / 100.0
-        return replace(pace, most=most, fastest=most * min(pace.fastest, self.rated or pace.fastest))
+        return replace(
+            pace, most=most, fastest=most * min(pace.fastest, self.rated or pace.fastest)
+        )
 
 
 def _legal(name: str) -> bool:
@@ -128,12 +170,29 @@ def _check_template(option: str, lines: list[str], needed: set[str]) -> None:
     """JobError unless the lines are plain text with the known places, all of ``needed`` among them."""
     where = f"[post] {option}"
     try:
-        places = [place[1:] for line in lines for place in string.Formatter().parse(line) if place[1] is not None]
+        places = [
+            place[1:]
+            for line in lines
+            for place in string.Formatter().parse(line)
+            if place[1] is not None
+        ]
     except ValueError as error:
-        raise JobError(where, "has a brace without its other half", remedy="write {{ for a brace") from error
+        raise JobError(
+            where, "has a brace without its other half", remedy="write {{ for a brace"
+        ) from error
     known = {"n", "x", "y", "z", "newtons"} if needed else {"n"}
     fields = {str(name) for name, _, _ in places}
-    if fields - known or needed - fields or any(spec or conversion for _, spec, conversion in places):
-        raise JobError(where, f"has the places {sorted(fields)}", remedy=f"use {sorted(needed)}, of {sorted(known)}")
-    if not lines or not all(line.isascii() and line.isprintable() and line.strip() for line in lines):
+    if (
+        fields - known
+        or needed - fields
+        or any(spec or conversion for _, spec, conversion in places)
+    ):
+        raise JobError(
+            where,
+            f"has the places {sorted(fields)}",
+            remedy=f"use {sorted(needed)}, of {sorted(known)}",
+        )
+    if not lines or not all(
+        line.isascii() and line.isprintable() and line.strip() for line in lines
+    ):
         raise JobError(where, "must be lines of ASCII text", remedy="give one list item per line")

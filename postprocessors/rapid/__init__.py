@@ -89,12 +89,20 @@ class Rapid(RapidOptions):
     suffix: ClassVar[str] = ".mod"
     about: ClassVar[str] = "ABB RAPID modules (IRC5, OmniCore, S4)"
     passes: ClassVar[tuple[str, ...]] = ("halves", "chords")
-    verified_fields: ClassVar[frozenset[str]] = RapidOptions.verified_fields | {"confdata", "turn", "via-orientation"}
+    verified_fields: ClassVar[frozenset[str]] = RapidOptions.verified_fields | {
+        "confdata",
+        "turn",
+        "via-orientation",
+    }
 
     #: Rotations as they are printed, by identity, with the rotation itself: programs share them.
-    _rotations: dict[int, tuple[FloatArray, str]] = field(default_factory=dict, init=False, repr=False)
+    _rotations: dict[int, tuple[FloatArray, str]] = field(
+        default_factory=dict, init=False, repr=False
+    )
     #: Speed, zone, tool and work object as they are printed, by speed, blend and turn.
-    _tails: dict[tuple[float, float, float], str] = field(default_factory=dict, init=False, repr=False)
+    _tails: dict[tuple[float, float, float], str] = field(
+        default_factory=dict, init=False, repr=False
+    )
     #: The change of force that the next motion makes.
     _change: Force | None = field(default=None, init=False, repr=False)
     #: Whether a motion is printed.
@@ -102,7 +110,9 @@ class Rapid(RapidOptions):
     #: The speeds that have a name.
     _named: frozenset[Speed] = field(default=frozenset(), init=False, repr=False)
     #: The names of routines and modules that the program has so far.
-    _names: Names = field(default_factory=lambda: Names(LONGEST, ()), init=False, repr=False, compare=False)
+    _names: Names = field(
+        default_factory=lambda: Names(LONGEST, ()), init=False, repr=False, compare=False
+    )
 
     # -- legality ------------------------------------------------------------------------------------------------
 
@@ -112,7 +122,11 @@ class Rapid(RapidOptions):
             program = without_force(program)
         index, first = next(motions(program.body), (-1, None))
         if first is not None and not isinstance(first.target, Joints):
-            raise Refused(self.name, index, "the first motion must be to joint values; give the home position in deg")
+            raise Refused(
+                self.name,
+                index,
+                "the first motion must be to joint values; give the home position in deg",
+            )
         for frame in (program.base_from_work, program.flange_from_tool):
             if _far(frame):
                 raise Refused(self.name, -1, f"a frame is farther than {FARTHEST} mm from its base")
@@ -122,10 +136,19 @@ class Rapid(RapidOptions):
         if not _presses(program):
             return super().prepare(program, chord)
         check_sections(self.name, program.body)
-        first = next((k for k, item in enumerate(program.body) if isinstance(item, Force) and item.newtons > 0), None)
+        first = next(
+            (
+                k
+                for k, item in enumerate(program.body)
+                if isinstance(item, Force) and item.newtons > 0
+            ),
+            None,
+        )
         if first is not None and not (self.force_load or self.force_calibrated):
             what = "the force sensor is not set to zero before pressing"
-            remedy = "give post.force_load, or say post.force_calibrated = true where the cell does it"
+            remedy = (
+                "give post.force_load, or say post.force_calibrated = true where the cell does it"
+            )
             raise Refused(self.name, first, what, remedy)
         body = settle(program.body, chord)
         if self.force_load:
@@ -147,7 +170,9 @@ class Rapid(RapidOptions):
         fine &= ~_half_turns(columns)
         arcs = np.flatnonzero(fine & columns.moves_are(MoveC))
         fine[arcs] = self._accept_arcs(columns, arcs)
-        accepted = columns.are(Comment) | columns.alike(Output, lambda item: not self.why_not(item, None))
+        accepted = columns.are(Comment) | columns.alike(
+            Output, lambda item: not self.why_not(item, None)
+        )
         accepted[columns.at[fine]] = True
         return accepted
 
@@ -195,7 +220,9 @@ class Rapid(RapidOptions):
                 return f"{counted(len(joints.values), 'joint value')}; RAPID here is for arms of six axes"
         if isinstance(target, Joints) and (far := max(map(abs, target.values))) > _FARTHEST_AXIS:
             return f"an axis at {math.degrees(far):.0f} deg, which arms do not turn to; give 450 at most"
-        if (isinstance(target, Pose) and _far(target)) or (isinstance(motion, MoveC) and _far(motion.via)):
+        if (isinstance(target, Pose) and _far(target)) or (
+            isinstance(motion, MoveC) and _far(motion.via)
+        ):
             return f"a coordinate of more than {FARTHEST} mm, which a num does not carry exactly"
         turn = math.degrees(motion.turn) if isinstance(motion, MoveL) else 0.0
         if turn and not _LEAST_SPEED_AND_ZONE <= turn <= _FASTEST:
@@ -244,7 +271,10 @@ class Rapid(RapidOptions):
         axis, newtons = self._pressing(motion)
         more = "".join(
             f"\\{name}:={short(value, DIGITS)}"
-            for name, value in (("ForceChange", self.force_change), ("PosSupvDist", self.force_distance))
+            for name, value in (
+                ("ForceChange", self.force_change),
+                ("PosSupvDist", self.force_distance),
+            )
             if value
         )
         rest = f"{zone_name(motion.blend)},{self.tool}\\WObj:={self.work};"
@@ -274,7 +304,9 @@ class Rapid(RapidOptions):
     def stop(self, item: Stop) -> Sequence[str]:
         """Stop. RAPID has none that a switch of the operator decides on."""
         if item.optional:
-            raise Refused(self.name, -1, "RAPID has no optional stop", "leave it out, or make it a stop")
+            raise Refused(
+                self.name, -1, "RAPID has no optional stop", "leave it out, or make it a stop"
+            )
         return (f"{_IN2}Stop;",)
 
     def comment(self, text: str) -> str:
@@ -296,20 +328,29 @@ class Rapid(RapidOptions):
             np.unique(one[rows], return_inverse=True) for one in (columns.speed, columns.blend)
         )
         numbers, used = np.zeros((len(plain), 6)), np.ones((len(plain), 6), np.bool_)
-        numbers[arcs, :3], numbers[:, 3:] = rounded(columns.via, self.decimals), rounded(columns.ends, self.decimals)
+        numbers[arcs, :3], numbers[:, 3:] = (
+            rounded(columns.via, self.decimals),
+            rounded(columns.ends, self.decimals),
+        )
         used[:, :3] = columns.moves_are(MoveC)[:, None]
         numbers, used = numbers[rows], used[rows]
         point = ",".join([f"%.{self.decimals}f"] * 3)
 
         def form(kind: int, rotation: int, via: int, speed: int, blend: int) -> str:
-            to, through = (self._target_of(point, columns.table[place], _NEUTRAL) for place in (rotation, via))
+            to, through = (
+                self._target_of(point, columns.table[place], _NEUTRAL) for place in (rotation, via)
+            )
             tail = self._tail_of(float(speeds[speed]), float(blends[blend]), 0.0)
             if kind == NUMBER[MoveC]:
                 return f"{_IN2}MoveC {through},\n{_IN2}{_IN}{to},{tail};"
             return f"{_IN2}{'MoveJ' if kind == NUMBER[MoveJ] else 'MoveL'} {to},{tail};"
 
         return forms_of(
-            rows, [columns.kinds[rows], columns.rotation[rows], via_rotation[rows], speed, blend], form, numbers, used
+            rows,
+            [columns.kinds[rows], columns.rotation[rows], via_rotation[rows], speed, blend],
+            form,
+            numbers,
+            used,
         )
 
     # -- parts of an instruction ---------------------------------------------------------------------------------
@@ -325,7 +366,10 @@ class Rapid(RapidOptions):
 
     def _rotation(self, rotation: FloatArray) -> str:
         if id(rotation) not in self._rotations:
-            self._rotations[id(rotation)] = rotation, ",".join(fixed(v, _Q_DIGITS) for v in quaternion(rotation))
+            self._rotations[id(rotation)] = (
+                rotation,
+                ",".join(fixed(v, _Q_DIGITS) for v in quaternion(rotation)),
+            )
         return self._rotations[id(rotation)][1]
 
     def _speed(self, motion: Motion) -> str:
@@ -334,7 +378,9 @@ class Rapid(RapidOptions):
     def _tail(self, motion: Motion) -> str:
         """Speed, force while pressing, zone, tool and work object."""
         if not isinstance(motion, MoveJ) and motion.force > 0:
-            return self._end(motion.speed, motion.blend, _turn(motion), self._pressing(motion)[1] + ",")
+            return self._end(
+                motion.speed, motion.blend, _turn(motion), self._pressing(motion)[1] + ","
+            )
         return self._tail_of(motion.speed, motion.blend, _turn(motion))
 
     def _tail_of(self, speed: float, blend: float, turn: float) -> str:
@@ -362,7 +408,9 @@ class Rapid(RapidOptions):
         """MODULE, header, data, and main up to its first instruction."""
         head = ["%%%", "  VERSION:1", "  LANGUAGE:ENGLISH", "%%%"] if self.s4 else []
         head.append(f"MODULE {self.module_name(program)}")
-        header = [self.note(line).strip() for line in program.header] + [f"! {line}" for line in self._remarks(program)]
+        header = [self.note(line).strip() for line in program.header] + [
+            f"! {line}" for line in self._remarks(program)
+        ]
         data = motion_data(program.columns, self._named)
         head += [_IN + line for line in (*header, *self._frames(program), *data)]
         return [*head, "", f"{_IN}PROC main()", *(_IN2 + line for line in self._settings(program))]
@@ -383,7 +431,11 @@ class Rapid(RapidOptions):
         sense = "along" if self.force_sign > 0 else "against"
         yield f"force: Machining FC is installed; a positive force pushes {sense} the axis of the tool"
         yield f"force: travel begins when {short(self.force_threshold, DIGITS)} % of the force is felt"
-        zero = f"FCCalib {self.force_load} in the air" if self.force_load else "the cell, before this program"
+        zero = (
+            f"FCCalib {self.force_load} in the air"
+            if self.force_load
+            else "the cell, before this program"
+        )
         yield f"force: the sensor is set to zero by {zero}"
 
     def _outputs(self, program: Program) -> list[str]:
@@ -407,7 +459,11 @@ class Rapid(RapidOptions):
     def _safe(self, program: Program) -> list[str]:
         """The routine that drops the process, for the handler and for an event routine of the controller."""
         outputs = self._outputs(program)
-        return ["", f"{_IN}PROC {SAFE}()", *outputs, f"{_IN}ENDPROC"] if outputs and self.on_error != "none" else []
+        return (
+            ["", f"{_IN}PROC {SAFE}()", *outputs, f"{_IN}ENDPROC"]
+            if outputs and self.on_error != "none"
+            else []
+        )
 
     def _proc(self, routine: Routine, end: str) -> Lines:
         """A routine; end: its last lines."""
@@ -462,7 +518,9 @@ class Rapid(RapidOptions):
 
     def _given(self) -> set[str]:
         """The names that options give, in lower case."""
-        return {name.lower() for name in (self.tool, self.work, self.force_load, *self.signals.values())}
+        return {
+            name.lower() for name in (self.tool, self.work, self.force_load, *self.signals.values())
+        }
 
     def split(self, program: Program, printed: Iterable[Sequence[str]]) -> Sequence[Lines]:
         """The body of main, then whole routines that it calls."""
@@ -471,7 +529,10 @@ class Rapid(RapidOptions):
         self._tails.clear()
         self._names = Names(self.longest, {*self._given(), self.module_name(program).lower()})
         main, *routines = cut(
-            program, self._calibrated(program, as_printed(program.columns, printed)), self.max_lines, self._names
+            program,
+            self._calibrated(program, as_printed(program.columns, printed)),
+            self.max_lines,
+            self._names,
         )
         end = "\n".join((*self._handler(program, main=False), f"{_IN}ENDPROC"))
         return [main.lines, *(self._proc(one, end) for one in routines)]
@@ -493,7 +554,9 @@ class Rapid(RapidOptions):
         files = [self._file(program.name, *first, [endmodule])]
         for k, group in enumerate(chunk(routines, self.max_lines), start=1):
             name = self._names.give(f"{self.module_name(program)}_part{k}")
-            files.append(self._file(f"{program.name}_part{k}", [f"MODULE {name}"], *group, [endmodule]))
+            files.append(
+                self._file(f"{program.name}_part{k}", [f"MODULE {name}"], *group, [endmodule])
+            )
         self._names = Names(self.longest, ())  # those of a long program are many
         return tuple(files)
 
@@ -504,12 +567,16 @@ class Rapid(RapidOptions):
     def cell(cls) -> Cell:
         """ABB IRB 120 with a 200 x 150 mm sheet in front of it; its home keeps axis 5 off its singularity."""
         home = Joints((0.0, 0.0, 0.0, 0.0, math.radians(30), 0.0))
-        return Cell("ABB IRB 120", translation(300, -75, 100), translation(0, 0, 100), home, robot="IRB 120")
+        return Cell(
+            "ABB IRB 120", translation(300, -75, 100), translation(0, 0, 100), home, robot="IRB 120"
+        )
 
     def list_verified(self) -> frozenset[str]:
         """Tool and work object are in the text where it declares them, the posture unless it is not to be."""
         frames: frozenset[str] = frozenset({"work", "tool"}) if self.declare else frozenset()
-        return (self.verified_fields | frames) - ({"confdata"} if self.conf == "off" else frozenset())
+        return (self.verified_fields | frames) - (
+            {"confdata"} if self.conf == "off" else frozenset()
+        )
 
     def tolerance(self) -> Tolerance:
         """Half the last printed digit; an orientation loses at most 2e-7 rad to its seven digits, pressing 5e-7."""
@@ -544,7 +611,8 @@ def _why_not_turn(line: MoveL, start: Pose | None) -> str:
     if start is None or not _is_half_turn(start.rotation, line.target.rotation):
         return ""
     return (
-        "the tool turns by 180 deg in one straight motion and its sense is open; put a pose between, or a joint motion"
+        "the tool turns by 180 deg in one straight motion and "
+        "its sense is open; put a pose between, or a joint motion"
     )
 
 
@@ -560,4 +628,7 @@ def _far(pose: Pose) -> bool:
 def _round(pose: Pose, decimals: int) -> Pose:
     """The pose as a text says it."""
     x, y, z = (float(fixed(v, decimals)) for v in pose.origin)
-    return Pose(rotation_from_quaternion([float(fixed(v, _Q_DIGITS)) for v in quaternion(pose.rotation)]), (x, y, z))
+    return Pose(
+        rotation_from_quaternion([float(fixed(v, _Q_DIGITS)) for v in quaternion(pose.rotation)]),
+        (x, y, z),
+    )

@@ -18,7 +18,17 @@ from camgen.geometry.arcs import minus, sweep_and_height
 from camgen.geometry.vectors import cross, in_blocks, lengths
 from camgen.model.errors import Refused
 from camgen.model.pose import FloatArray, Pose, Vec3
-from camgen.model.program import Comment, Force, Instruction, Joints, Mask, Motion, MoveC, MoveJ, MoveL
+from camgen.model.program import (
+    Comment,
+    Force,
+    Instruction,
+    Joints,
+    Mask,
+    Motion,
+    MoveC,
+    MoveJ,
+    MoveL,
+)
 from camgen.model.text import fixed
 from camgen.post.passes import PASSES
 
@@ -75,7 +85,9 @@ def settle(body: Sequence[Instruction], chord: float) -> tuple[Instruction, ...]
     return tuple(result)
 
 
-def _opening(force: Force, item: MoveJ | MoveL | MoveC, start: Pose | None, chord: float) -> list[Instruction]:
+def _opening(
+    force: Force, item: MoveJ | MoveL | MoveC, start: Pose | None, chord: float
+) -> list[Instruction]:
     motions: list[Instruction] = [item]
     if isinstance(item, MoveC) and start is not None:
         motions = [*PASSES["chords"](start, item, chord)]
@@ -110,7 +122,9 @@ def check_sections(post: str, body: Sequence[Instruction]) -> None:
         if reason:
             raise Refused(post, index, reason)
     if section.leaving:
-        raise Refused(post, len(body) - 1, "no straight motion leaves the surface after the force is off")
+        raise Refused(
+            post, len(body) - 1, "no straight motion leaves the surface after the force is off"
+        )
 
 
 def _change(section: _Section, item: Force) -> str:
@@ -139,7 +153,9 @@ def _explain_move(section: _Section, item: MoveJ | MoveL | MoveC) -> str:
     """Why this motion cannot press, or leave the surface."""
     if section.leaving:
         section.leaving = False
-        return "the motion that leaves the surface must be straight" if isinstance(item, MoveJ) else ""
+        return (
+            "the motion that leaves the surface must be straight" if isinstance(item, MoveJ) else ""
+        )
     force = section.force
     if force is None:
         return ""
@@ -223,7 +239,12 @@ def stop_before_calibrations(post: str, body: Sequence[Instruction]) -> tuple[In
 # Which arcs MoveC takes. Its limits are not confirmed, so arcs stay well inside them (docs, what is not certain).
 
 #: Sweep in rad, and what digits may leave of it; distance in mm between any two of the three points.
-_WIDEST, _FLATTEST, _FLATTEST_PRINTED, _CLOSEST = math.radians(120), math.radians(4), math.radians(3.8), 0.2
+_WIDEST, _FLATTEST, _FLATTEST_PRINTED, _CLOSEST = (
+    math.radians(120),
+    math.radians(4),
+    math.radians(3.8),
+    0.2,
+)
 #: The least part of an arc that its circle point may cut off.
 _SHORTER = 0.25
 #: What is as near as this to a bound, in any unit, is looked at one by one.
@@ -279,10 +300,18 @@ def _shapes(start: FloatArray, via: FloatArray, end: FloatArray) -> tuple[FloatA
     back, on, chord = start - via, end - via, end - start
     area = lengths(cross(back, on))
     sweep = 2 * (np.pi - np.arctan2(area, (back * on).sum(axis=1)))
-    first, last = np.arctan2(area, -(back * chord).sum(axis=1)), np.arctan2(area, (on * chord).sum(axis=1))
+    first, last = (
+        np.arctan2(area, -(back * chord).sum(axis=1)),
+        np.arctan2(area, (on * chord).sum(axis=1)),
+    )
     sides = [lengths(side) for side in (back, on, chord)]
     with np.errstate(divide="ignore", invalid="ignore"):
-        return sweep, area / sides[2], np.minimum.reduce(sides), np.minimum(first, last) / (first + last)
+        return (
+            sweep,
+            area / sides[2],
+            np.minimum.reduce(sides),
+            np.minimum(first, last) / (first + last),
+        )
 
 
 def _measure_shorter(start: Vec3, via: Vec3, end: Vec3) -> float:
@@ -291,7 +320,10 @@ def _measure_shorter(start: Vec3, via: Vec3, end: Vec3) -> float:
     cx, cy, cz = minus(end, start)
     # The angle at an end of the chord is half of the piece of the arc on its other side.
     area = math.hypot(uy * cz - uz * cy, uz * cx - ux * cz, ux * cy - uy * cx)
-    one, two = math.atan2(area, ux * cx + uy * cy + uz * cz), math.atan2(area, wx * cx + wy * cy + wz * cz)
+    one, two = (
+        math.atan2(area, ux * cx + uy * cy + uz * cz),
+        math.atan2(area, wx * cx + wy * cy + wz * cz),
+    )
     return min(one, two) / (one + two) if min(one, two) > 0 else 0.5
 
 

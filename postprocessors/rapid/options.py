@@ -27,7 +27,9 @@ SPEEDS = {
 #: So many other speeds get a name, those that are used most; the rest is written out in its motion.
 MOST_NAMED = 6
 #: Radius at the TCP, as it is printed -> name.
-ZONES = {"0.3": "z0"} | {str(r): f"z{r}" for r in (1, 5, 10, 15, 20, 30, 40, 50, 60, 80, 100, 150, 200)}
+ZONES = {"0.3": "z0"} | {
+    str(r): f"z{r}" for r in (1, 5, 10, 15, 20, 30, 40, 50, 60, 80, 100, 150, 200)
+}
 #: Up to here a num (24 bits) tells 0.001 mm apart.
 FARTHEST = 8388
 #: The mass of tool0, kg: a tool that has no other was not weighed.
@@ -98,10 +100,14 @@ def _components(speed: float, turn: float) -> Speed:
 def name_speeds(columns: Columns) -> frozenset[Speed]:
     """Which speeds of a program get a name: those of most motions."""
     used: Counter[Speed] = Counter()
-    (speeds, speed), (turns, turn) = (np.unique(one, return_inverse=True) for one in (columns.speed, columns.turn))
+    (speeds, speed), (turns, turn) = (
+        np.unique(one, return_inverse=True) for one in (columns.speed, columns.turn)
+    )
     pairs, counts = np.unique(speed * len(turns) + turn, return_counts=True)
     for pair, count in zip(pairs.tolist(), counts.tolist(), strict=True):
-        used[_components(float(speeds[pair // len(turns)]), float(turns[pair % len(turns)]))] += count
+        used[_components(float(speeds[pair // len(turns)]), float(turns[pair % len(turns)]))] += (
+            count
+        )
     others = [one for one in used if not _is_predefined(one)]
     ranked = sorted(others, key=lambda one: (-used[one], *map(float, one)))
     return frozenset(ranked[:MOST_NAMED])
@@ -149,7 +155,9 @@ def motion_data(columns: Columns, named: frozenset[Speed]) -> list[str]:
     zones = {short(blend, DIGITS) for blend in each_once(columns.blend).tolist()}
     for r in sorted(zones - {"0"} - set(ZONES), key=float):
         wide, angle = short(1.5 * float(r), DIGITS + 1), short(0.15 * float(r), DIGITS + 2)
-        lines.append(f"CONST zonedata {zone_name(float(r))}:=[FALSE,{r},{wide},{wide},{angle},{wide},{angle}];")
+        lines.append(
+            f"CONST zonedata {zone_name(float(r))}:=[FALSE,{r},{wide},{wide},{angle},{wide},{angle}];"
+        )
     return lines
 
 
@@ -160,11 +168,15 @@ _LOAD = re.compile(r"\[N,\[N,N,N\],\[N,N,N,N\],N,N,N\]".replace("N", r"[+-]?[0-9
 class RapidOptions(Post):
     """Options of ``[post]``, each with its help. JobError for one that no controller takes."""
 
-    max_lines: int = field(default=20000, kw_only=True, metadata={"help": "lines per module before it is split"})
+    max_lines: int = field(
+        default=20000, kw_only=True, metadata={"help": "lines per module before it is split"}
+    )
     tool: str = field(default="tCamgen", kw_only=True, metadata={"help": "name of the tooldata"})
     work: str = field(default="wCamgen", kw_only=True, metadata={"help": "name of the wobjdata"})
     declare: bool = field(
-        default=True, kw_only=True, metadata={"help": "declare tool and work; false: they are on the controller"}
+        default=True,
+        kw_only=True,
+        metadata={"help": "declare tool and work; false: they are on the controller"},
     )
     fixture: list[float] = field(
         default_factory=list,
@@ -175,7 +187,9 @@ class RapidOptions(Post):
         },
     )
     mass: float = field(
-        default=NO_MASS, kw_only=True, metadata={"help": "mass of the tool, kg; the default is that of tool0"}
+        default=NO_MASS,
+        kw_only=True,
+        metadata={"help": "mass of the tool, kg; the default is that of tool0"},
     )
     cog: list[float] = field(
         default_factory=lambda: [0.0, 0.0, 0.001],
@@ -187,7 +201,9 @@ class RapidOptions(Post):
         kw_only=True,
         metadata={"help": "controller name of each signal; spindle is an analog output"},
     )
-    s4: bool = field(default=False, kw_only=True, metadata={"help": "for S4: names of 16 characters, plain PERS"})
+    s4: bool = field(
+        default=False, kw_only=True, metadata={"help": "for S4: names of 16 characters, plain PERS"}
+    )
     conf: Literal["auto", "state", "off"] = field(
         default="auto",
         kw_only=True,
@@ -212,23 +228,39 @@ class RapidOptions(Post):
         metadata={"help": "AccSet at the start: acceleration and ramp, %; empty: not written"},
     )
     force: Literal["fcpress", "ignore"] = field(
-        default="fcpress", kw_only=True, metadata={"help": "fcpress: Machining FC; ignore: leave pressing out"}
+        default="fcpress",
+        kw_only=True,
+        metadata={"help": "fcpress: Machining FC; ignore: leave pressing out"},
     )
     force_load: str = field(
-        default="", kw_only=True, metadata={"help": "loaddata for FCCalib, name or aggregate; empty: no FCCalib"}
+        default="",
+        kw_only=True,
+        metadata={"help": "loaddata for FCCalib, name or aggregate; empty: no FCCalib"},
     )
     force_calibrated: bool = field(
-        default=False, kw_only=True, metadata={"help": "the cell sets the force sensor to zero, the program need not"}
+        default=False,
+        kw_only=True,
+        metadata={"help": "the cell sets the force sensor to zero, the program need not"},
     )
     force_threshold: float = field(
-        default=50.0, kw_only=True, metadata={"help": "part of the force to feel before travel goes on, %"}
+        default=50.0,
+        kw_only=True,
+        metadata={"help": "part of the force to feel before travel goes on, %"},
     )
-    force_change: float = field(default=0.0, kw_only=True, metadata={"help": "ForceChange, N/s; 0: not written"})
-    force_distance: float = field(default=0.0, kw_only=True, metadata={"help": "PosSupvDist, mm; 0: not written"})
+    force_change: float = field(
+        default=0.0, kw_only=True, metadata={"help": "ForceChange, N/s; 0: not written"}
+    )
+    force_distance: float = field(
+        default=0.0, kw_only=True, metadata={"help": "PosSupvDist, mm; 0: not written"}
+    )
     force_sign: Literal[1, -1] = field(
-        default=1, kw_only=True, metadata={"help": "-1 where a positive force pulls along the tool axis"}
+        default=1,
+        kw_only=True,
+        metadata={"help": "-1 where a positive force pulls along the tool axis"},
     )
-    force_arcs: bool = field(default=False, kw_only=True, metadata={"help": "FCPressC for arcs; false: lines"})
+    force_arcs: bool = field(
+        default=False, kw_only=True, metadata={"help": "FCPressC for arcs; false: lines"}
+    )
 
     @property
     def longest(self) -> int:
@@ -246,7 +278,9 @@ class RapidOptions(Post):
             "force_distance": (self.force_distance, 0, 10000),
         }
         ranges |= {f"cog[{k}]": (value, -10000, 10000) for k, value in enumerate(self.cog)}
-        ranges |= {f"fixture[{k}]": (value, -FARTHEST, FARTHEST) for k, value in enumerate(self.fixture)}
+        ranges |= {
+            f"fixture[{k}]": (value, -FARTHEST, FARTHEST) for k, value in enumerate(self.fixture)
+        }
         limits = ((20, 100), (10, 100))
         ranges |= {f"acc_set[{k}]": (value, *limits[k]) for k, value in enumerate(self.acc_set[:2])}
         for option, (value, least, most) in ranges.items():
@@ -265,7 +299,11 @@ class RapidOptions(Post):
             if size not in sizes:
                 raise JobError(f"[post] {option}", counted(size, "number"), remedy=remedy)
         if self.fixture and not self.declare:
-            raise JobError("[post] fixture", "the work object is on the controller", remedy="leave out one of the two")
+            raise JobError(
+                "[post] fixture",
+                "the work object is on the controller",
+                remedy="leave out one of the two",
+            )
 
     def place_fixture(self, base_from_work: Pose) -> Pose:
         """The user frame of the work object: the fixture, or the work frame itself."""
@@ -287,5 +325,7 @@ class RapidOptions(Post):
             if not fault and name.lower() in used:
                 fault = f"is the name of {used[name.lower()]} already"
             if fault:
-                raise JobError(f"[post] {option}", f"{name!r} {fault}", remedy="give it another name")
+                raise JobError(
+                    f"[post] {option}", f"{name!r} {fault}", remedy="give it another name"
+                )
             used[name.lower()] = option

@@ -50,12 +50,21 @@ def owners(program: Program) -> Indices:
     switched on outside a path is also switched off outside, though the motion before it was one of a path.
     """
     columns = program.columns
-    following = np.append(columns.path, -1)[np.searchsorted(columns.at, np.arange(len(program.body)))]
-    of_paths, remarks, switches = (columns.are(*kinds) for kinds in (_OF_PATHS, (Comment,), (Force, Output)))
+    following = np.append(columns.path, -1)[
+        np.searchsorted(columns.at, np.arange(len(program.body)))
+    ]
+    of_paths, remarks, switches = (
+        columns.are(*kinds) for kinds in (_OF_PATHS, (Comment,), (Force, Output))
+    )
     # What goes on as the instruction before it does is not looked at: that is most of a long program. The first one
     # behind a switch may stand elsewhere than where it belongs.
     goes_on = np.zeros(len(following), np.bool_)
-    goes_on[1:] = of_paths[1:] & of_paths[:-1] & (following[1:] == following[:-1]) & (remarks[1:] | ~remarks[:-1])
+    goes_on[1:] = (
+        of_paths[1:]
+        & of_paths[:-1]
+        & (following[1:] == following[:-1])
+        & (remarks[1:] | ~remarks[:-1])
+    )
     goes_on[2:] &= of_paths[:-2]
     events = np.flatnonzero(~goes_on)
     found: list[int] = []
@@ -92,7 +101,9 @@ def cut(program: Program, printed: Printed, most: int, names: Names) -> list[Rou
     ends = np.append(np.flatnonzero(np.diff(owner)) + 1, len(owner)) if len(owner) else owner
     starts = np.append(0, ends[:-1])[: len(ends)]
     sizes = printed.lines_before(ends) - printed.lines_before(starts)
-    for start, end, path, size in zip(*(one.tolist() for one in (starts, ends, owner[starts], sizes)), strict=True):
+    for start, end, path, size in zip(
+        *(one.tolist() for one in (starts, ends, owner[starts], sizes)), strict=True
+    ):
         span = range(start, end)
         if path < 0:
             main.append(span)
@@ -124,7 +135,10 @@ def _shorten(routine: Routine, most: int, names: Names) -> list[Routine]:
         chunks = list(chunk(items, most))
         if len(chunks) >= len(items):
             break
-        new = [Routine(names.give(f"{routine.name}_{k}"), _join(part)) for k, part in enumerate(chunks, start=1)]
+        new = [
+            Routine(names.give(f"{routine.name}_{k}"), _join(part))
+            for k, part in enumerate(chunks, start=1)
+        ]
         items = [Lines(call(piece.name), lines.printed) for piece in new]
         pieces = [*new, *pieces]
     return [Routine(routine.name, _join(items)), *pieces]

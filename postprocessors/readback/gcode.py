@@ -40,7 +40,10 @@ from .gcode_runs import FEW, MOTION, REMARK, Chunk, Lines, Settled, cut, perform
 _WORDS = re.compile(r"([a-z])([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))")
 _LINE = re.compile(rf"(?:{_WORDS.pattern})*")
 #: Comments that LinuxCNC acts on. ``MSG`` only shows its text.
-_ACTIVE = re.compile(r"\s*(debug|print|log|logopen|logappend|logclose|probeopen|probeclose|abort|py)\b", re.IGNORECASE)
+_ACTIVE = re.compile(
+    r"\s*(debug|print|log|logopen|logappend|logclose|probeopen|probeclose|abort|py)\b",
+    re.IGNORECASE,
+)
 #: What the program before may have left otherwise (LinuxCNC's M2 and GRBL's reset put it back, an abort need not):
 #: by modal group, and as posts say it before anything moves. Units, tool length and path have remarks of their own.
 _MODES = {
@@ -167,7 +170,9 @@ class Strict(Machine):
 
     def read_plain(self, lines: Sequence[str], at: int, bound: int, plain: PlainReader) -> int:
         """By column where there are many in a row, in mm and without force; the outputs between them too."""
-        usual = isinstance(lines, Lines) and self.unit == 1.0 and not self.force and not any(self.shift)
+        usual = (
+            isinstance(lines, Lines) and self.unit == 1.0 and not self.force and not any(self.shift)
+        )
         while usual and at < bound:
             chunk = self.chunk
             if chunk is None or not chunk.holds(at):
@@ -179,7 +184,12 @@ class Strict(Machine):
                 break
             self.body.extend_body(done.body)
             self.lines.frombytes(done.lines.tobytes())
-            self.at[:], self.feed, self.motion, self.cut = done.at, done.feed, done.motion, self.cut or done.cut
+            self.at[:], self.feed, self.motion, self.cut = (
+                done.at,
+                done.feed,
+                done.motion,
+                self.cut or done.cut,
+            )
             chunk.usable, at = done.line == stop, done.line
         return plain(self, lines, at, bound) if at < bound else at
 
@@ -188,7 +198,9 @@ class Strict(Machine):
         if f"M6{digit}" not in self.rules.codes or int(number) >= self.expect.digital:
             return None
         signal = f"dout{int(number)}"
-        return Output(self.expect.names.get(signal, signal.replace("dout", "P")), 1.0 if digit == "4" else 0.0)
+        return Output(
+            self.expect.names.get(signal, signal.replace("dout", "P")), 1.0 if digit == "4" else 0.0
+        )
 
     def is_remark(self, raw: str) -> bool:
         """Whether the line is one comment in harmless characters, far from the limit of a line."""
@@ -216,9 +228,13 @@ class Strict(Machine):
         if not text.isascii():
             raise LineError("a character that is not ASCII outside a comment")
         if rules.squeezed and len(text) > rules.limit:
-            raise LineError(f"{len(text)} characters without blanks and comments, {rules.name} reads {rules.limit}")
+            raise LineError(
+                f"{len(text)} characters without blanks and comments, {rules.name} reads {rules.limit}"
+            )
         if text.startswith("/") and rules.linuxcnc:
-            raise UnknownWord("block delete: whether the line runs depends on a switch of the operator")
+            raise UnknownWord(
+                "block delete: whether the line runs depends on a switch of the operator"
+            )
         return _words(text.lower().removeprefix("/"), rules)
 
     def take(self, codes: Mapping[str, str], words: Mapping[str, float]) -> None:
@@ -231,7 +247,9 @@ class Strict(Machine):
             if len(both) > 1:
                 raise LineError(f"{both[0]} and {both[1]} are of one group ({name})")
         if words.get("T", 0.0) > self.rules.most_tool:
-            raise LineError(f"T{words['T']:g}: {self.rules.name} has tools to T{self.rules.most_tool:g}")
+            raise LineError(
+                f"T{words['T']:g}: {self.rules.name} has tools to T{self.rules.most_tool:g}"
+            )
         self.said.update(codes)
         self._take_idle(codes, words)
 
@@ -329,7 +347,9 @@ def _words(text: str, rules: Rules) -> str:
     words = without_number(text)
     number = text[: len(text) - len(words)]
     if number and float(number[1:]) > rules.most_line:
-        raise LineError(f"{number.upper()[:12]}: {rules.name} numbers lines to {rules.most_line:.0f}")
+        raise LineError(
+            f"{number.upper()[:12]}: {rules.name} numbers lines to {rules.most_line:.0f}"
+        )
     _refuse_unread(words)
     return words
 
@@ -400,7 +420,9 @@ def _check_path(m: Strict) -> None:
     """A remark on corners that may be rounded by any amount, once."""
     if m.expect.path is not None and not m.path:
         m.path = "none"
-        m.remark("neither G61 nor G64 P before the first motion: corners may be rounded by any amount")
+        m.remark(
+            "neither G61 nor G64 P before the first motion: corners may be rounded by any amount"
+        )
 
 
 def _place(m: Strict, named: Sequence[str]) -> None:
@@ -428,10 +450,19 @@ def _place(m: Strict, named: Sequence[str]) -> None:
 
 def _check_spiral(m: Strict, words: Mapping[str, float]) -> None:
     """A remark on an arc that the controller takes, though its radius changes by more than its digits lose."""
-    if m.motion not in ("G2", "G3") or "R" in words or m.incremental or m.absolute_centre or m.plane != "G17":
+    if (
+        m.motion not in ("G2", "G3")
+        or "R" in words
+        or m.incremental
+        or m.absolute_centre
+        or m.plane != "G17"
+    ):
         return
     (x, y), (i, j) = m.at[:2], (words.get(letter, 0.0) * m.scale for letter in "IJ")
-    u, v = (words[axis] * m.scale + m.shift[k] if axis in words else m.at[k] for k, axis in enumerate("XY"))
+    u, v = (
+        words[axis] * m.scale + m.shift[k] if axis in words else m.at[k]
+        for k, axis in enumerate("XY")
+    )
     start, end = math.hypot(i, j), math.hypot(u - x - i, v - y - j)
     taken = max(m.rules.arcs.spiral[0], 0.001 * start)  # more is a fault of its own
     if m.expect.spiral + 1e-9 < abs(start - end) <= taken:
@@ -440,7 +471,9 @@ def _check_spiral(m: Strict, words: Mapping[str, float]) -> None:
 
 def _check_cycle(m: Strict, words: Mapping[str, float]) -> None:
     """Only what leaves nothing open: straight down, absolute, from a known height to which G98 returns."""
-    usual = m.begun and m.unit == 1.0 and m.plane == "G17" and m.to_start is True and not m.incremental
+    usual = (
+        m.begun and m.unit == 1.0 and m.plane == "G17" and m.to_start is True and not m.incremental
+    )
     if not usual or m.waiting or m.pressing or m.following is not None or "L" in words:
         raise UnknownWord(f"{m.motion} in another state than a post leaves it in is not read")
     held = {**m.sticky, **words}
@@ -511,7 +544,9 @@ def _length(m: Strict, code: str, words: dict[str, float]) -> None:
     elif code == "G43":
         number = words.pop("H", m.expect.tool)
         if not m.expect.tool or number != m.expect.tool:
-            raise LineError(f"G43 shifts z by the length of a tool, but post.tool is {m.expect.tool}")
+            raise LineError(
+                f"G43 shifts z by the length of a tool, but post.tool is {m.expect.tool}"
+            )
     if code == "G49" and m.expect.lift and not m.lifted:
         m.remark("G49 lowers the next height by a tool length that is on; G53 G0 Z0 first")
     if m.begun and code != m.applied:
@@ -532,7 +567,9 @@ def _path(m: Strict, code: str, words: dict[str, float]) -> None:
         if m.expect.path is None:
             m.remark(f"{code} changes nothing: {m.rules.name} rounds corners by its own setting")
         elif code != wanted:
-            m.remark(f"{code} where post.path_tolerance asks for {wanted}: corners take another time")
+            m.remark(
+                f"{code} where post.path_tolerance asks for {wanted}: corners take another time"
+            )
         return
     tolerance = words.pop("P", 0.0)
     if "Q" not in words:
@@ -542,7 +579,9 @@ def _path(m: Strict, code: str, words: dict[str, float]) -> None:
     if tolerance <= 0:
         raise LineError("G64 without P rounds corners by any amount")
     if max(tolerance, joined) * m.scale > allowed * (1 + 1e-9):
-        raise LineError(f"G64 may leave the path by {max(tolerance, joined):g}, post.path_tolerance is {allowed:g}")
+        raise LineError(
+            f"G64 may leave the path by {max(tolerance, joined):g}, post.path_tolerance is {allowed:g}"
+        )
 
 
 _HANDLERS: dict[str, Callable[[Strict, str, dict[str, float]], None]] = {
@@ -570,10 +609,19 @@ def run(lines: Sequence[str], rules: Rules, expect: Expect) -> Strict:
     if any(m.known) and not m.begun:
         m.fault("the program ends before the position is known in all axes")
     if m.waiting:
-        m.faults.append(Fault(m.waiting, "an output that waits for the next motion (M62, M63, M67), and none follows"))
+        m.faults.append(
+            Fault(
+                m.waiting,
+                "an output that waits for the next motion (M62, M63, M67), and none follows",
+            )
+        )
     if m.due:
-        line = max(line for item, line in zip(m.body, m.lines, strict=True) if isinstance(item, ToolChange))
-        m.faults.append(Fault(line, f"tool {m.due} is changed to, and its length is not applied (G43 H{m.due})"))
+        line = max(
+            line for item, line in zip(m.body, m.lines, strict=True) if isinstance(item, ToolChange)
+        )
+        m.faults.append(
+            Fault(line, f"tool {m.due} is changed to, and its length is not applied (G43 H{m.due})")
+        )
     if m.expect.tool and not m.changed:
         m.fault(f"the tool change T{m.expect.tool} M6 of post.tool is missing")
     m.faults.sort(key=lambda fault: fault.line)
@@ -603,7 +651,10 @@ def read(files: Mapping[str, str], options: Mapping[str, object]) -> Reading:
     """What a LinuxCNC program says. options: of the post; left out, its defaults (docs/posts/gcode.md)."""
     force = None
     if options.get("force") == "analog":
-        force = (int(number(options, "force_channel", 0)), number(options, "force_scale", 0.0) or 1.0)
+        force = (
+            int(number(options, "force_channel", 0)),
+            number(options, "force_scale", 0.0) or 1.0,
+        )
     names = signals(options, {"process": "P0"})
     outputs = int(number(options, "outputs", 4))
     expect = Expect(
@@ -614,7 +665,12 @@ def read(files: Mapping[str, str], options: Mapping[str, object]) -> Reading:
         lift=options.get("lift", True) is True,
         force=force,
         spiral=spiral(options),
-        digital=max([outputs, *(int(word[4:]) + 1 for word in names if re.fullmatch("dout[0-9]{1,2}", word))]),
+        digital=max(
+            [
+                outputs,
+                *(int(word[4:]) + 1 for word in names if re.fullmatch("dout[0-9]{1,2}", word)),
+            ]
+        ),
         analog=max(outputs, force[0] + 1 if force else 0),
     )
     lines = lines_of(files)
@@ -644,7 +700,9 @@ def _read_foreign(lines: Sequence[str], m: Strict) -> Reading | None:
 def rename(body: Iterable[Instruction], names: Mapping[str, str]) -> tuple[Instruction, ...]:
     """``body`` with the names of signals for the outputs that have one."""
     return tuple(
-        Output(names[item.signal], item.value) if isinstance(item, Output) and item.signal in names else item
+        Output(names[item.signal], item.value)
+        if isinstance(item, Output) and item.signal in names
+        else item
         for item in body
     )
 
@@ -673,5 +731,9 @@ def signals(options: Mapping[str, object], default: dict[str, str]) -> dict[str,
     """The option ``signals``: signal by output, as the interpreter names those; JobError for anything else."""
     table = options.get("signals", default)
     if not isinstance(table, Mapping) or not all(isinstance(word, str) for word in table.values()):
-        raise JobError("[post] signals", "is not a table of output words", remedy='e.g. { process = "P0" }')
-    return {_COOLANTS.get(word, word.replace("P", "dout")): str(name) for name, word in table.items()}
+        raise JobError(
+            "[post] signals", "is not a table of output words", remedy='e.g. { process = "P0" }'
+        )
+    return {
+        _COOLANTS.get(word, word.replace("P", "dout")): str(name) for name, word in table.items()
+    }

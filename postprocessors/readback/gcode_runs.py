@@ -46,7 +46,9 @@ _PLACES = np.full(256, -1, np.int8)
 _PLACES[np.frombuffer(f"{_AXES}F".encode(), np.uint8)] = np.arange(len(_AXES) + 1)
 _FEED = len(_AXES)
 #: The characters that may not stand in a comment.
-_UNUSUAL = np.array([re.fullmatch(REMARK, f"({chr(code)})") is None for code in range(256)], np.bool_)
+_UNUSUAL = np.array(
+    [re.fullmatch(REMARK, f"({chr(code)})") is None for code in range(256)], np.bool_
+)
 
 
 class Lines(Sequence[str]):
@@ -54,7 +56,11 @@ class Lines(Sequence[str]):
 
     def __init__(self, texts: Sequence[str]) -> None:
         # Of one text, as a program is, there is no second copy.
-        self._text = texts[0] if len(texts) == 1 else "".join(text.removesuffix("\n") + "\n" for text in texts)
+        self._text = (
+            texts[0]
+            if len(texts) == 1
+            else "".join(text.removesuffix("\n") + "\n" for text in texts)
+        )
         ends = np.flatnonzero(codes_of(self._text) == _END) - WORD
         if texts and not self._text.endswith("\n"):
             ends = np.append(ends, len(self._text))
@@ -116,10 +122,19 @@ def cut(lines: Lines, first: int, switch: Callable[[str, str], Output | None]) -
     outputs = _read_outputs(codes, begins, ends, switch)
     read = moves | _find_remarks(codes, begins, ends)
     read[list(outputs)] = True
-    return Chunk(first, ~read, moves, digit, words, {first + line: output for line, output in outputs.items()})
+    return Chunk(
+        first,
+        ~read,
+        moves,
+        digit,
+        words,
+        {first + line: output for line, output in outputs.items()},
+    )
 
 
-def _read_motions(codes: Codes, begins: Indices, ends: Indices) -> tuple[Mask, NDArray[np.int8], FloatArray]:
+def _read_motions(
+    codes: Codes, begins: Indices, ends: Indices
+) -> tuple[Mask, NDArray[np.int8], FloatArray]:
     """(N,) which lines are like ``MOTION``; of these the digits of G, and the words (N, 6) as in ``Chunk``."""
     stops = np.flatnonzero((codes == _BLANK) | (codes == _END))
     starts = np.append(WORD, stops[:-1] + 1)
@@ -205,7 +220,11 @@ def perform(chunk: Chunk, state: Settled, low: int, high: int) -> Done | None:
     starts = np.concatenate([[state.at], ends[:-1]])
     centred = ~np.isnan(words[:, 3:5])
     arc = digit >= 2
-    sound = ~np.isnan(words[:, :3]).all(axis=1) & ((digit == 0) | (feed > 0)) & (arc == centred.any(axis=1))
+    sound = (
+        ~np.isnan(words[:, :3]).all(axis=1)
+        & ((digit == 0) | (feed > 0))
+        & (arc == centred.any(axis=1))
+    )
     arcs = np.flatnonzero(arc & sound)
     vias, good = _pass_through(
         starts[arcs], ends[arcs], np.nan_to_num(words[arcs, 3:5]), digit[arcs] == 3, state.limits

@@ -52,18 +52,24 @@ def read(files: Mapping[str, str], options: Mapping[str, object]) -> Reading:
     return replace(reading, body=_rename_spindle(reading.body, names, power))
 
 
-def _rename_spindle(body: Sequence[Instruction], names: Mapping[str, str], power: float) -> Sequence[Instruction]:
+def _rename_spindle(
+    body: Sequence[Instruction], names: Mapping[str, str], power: float
+) -> Sequence[Instruction]:
     """``body`` with the spindle line under the name of the signal that is on it.
 
     One line serves a spindle or a signal, not both in one program. It is the signal if nothing else than its word and
     its power occurs; a single other value makes it a spindle throughout, which then differs from what was planned.
     """
-    values = {item.value for item in body if isinstance(item, Output) and item.signal == "spindle"} - {0.0}
+    values = {
+        item.value for item in body if isinstance(item, Output) and item.signal == "spindle"
+    } - {0.0}
     sign = -1.0 if any(value < 0 for value in values) else 1.0
     signal = names.get("M4" if sign < 0 else "M3") if values else names.get("M3", names.get("M4"))
     if signal is None or any(abs(value - sign * power) > 1e-6 for value in values):
         return body
     return tuple(
-        Output(signal, 1.0 if item.value else 0.0) if isinstance(item, Output) and item.signal == "spindle" else item
+        Output(signal, 1.0 if item.value else 0.0)
+        if isinstance(item, Output) and item.signal == "spindle"
+        else item
         for item in body
     )

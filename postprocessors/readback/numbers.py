@@ -20,7 +20,9 @@ WORD = 8
 _POWERS = 10 ** np.arange(_MOST_DECIMALS + 1)
 #: The last bytes of a word, by how many of its characters are digits of the number.
 _LAST = np.array([(1 << 64) - (1 << 8 * (WORD - count)) for count in range(WORD + 1)], np.uint64)
-_ZEROS, _BEYOND, _HIGH = (np.uint64(byte * 0x0101010101010101) for byte in (ord("0"), 0x80 - 10, 0x80))
+_ZEROS, _BEYOND, _HIGH = (
+    np.uint64(byte * 0x0101010101010101) for byte in (ord("0"), 0x80 - 10, 0x80)
+)
 _PAIR, _SECOND_PAIR = np.uint64(0x000000FF000000FF), np.uint64(16)
 _TEN, _BYTE, _HALF = np.uint64(10), np.uint64(8), np.uint64(32)
 _THOUSANDS, _ONES = np.uint64(100 + (1000000 << 32)), np.uint64(1 + (10000 << 32))
@@ -42,7 +44,9 @@ def read_numbers(codes: Codes, begins: Indices, ends: Indices) -> tuple[FloatArr
     owners = np.searchsorted(ends, points)
     inside = owners < len(ends)
     point = ends.copy()
-    point[owners[inside]] = points[inside]  # the first of several, and what is before the number is too long
+    point[owners[inside]] = points[
+        inside
+    ]  # the first of several, and what is before the number is too long
     whole, decimals = point - begins - minus, ends - point - 1
     sound = (whole >= 1) & (whole <= _MOST_WHOLE) & (decimals != 0) & (decimals <= _MOST_DECIMALS)
     left, right = np.where(sound, whole, 0), np.where(sound, np.maximum(decimals, 0), 0)

@@ -16,7 +16,19 @@ from msgspec.structs import replace
 from camgen.model.cell import Cell, Dynamics
 from camgen.model.errors import JobError, Refused
 from camgen.model.pose import FloatArray, Pose, translation
-from camgen.model.program import Comment, Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Program, Stop, Wait
+from camgen.model.program import (
+    Comment,
+    Force,
+    Instruction,
+    Joints,
+    MoveC,
+    MoveJ,
+    MoveL,
+    Output,
+    Program,
+    Stop,
+    Wait,
+)
 from camgen.model.text import short
 from camgen.post import OutputFile, Post, Tolerance, pose_of
 from camgen.post.passes import without_force
@@ -46,49 +58,75 @@ class VPlus(Post):
     )
 
     max_lines: int = field(
-        default=2000, kw_only=True, metadata={"help": "lines per .PROGRAM before it is split; 0: never"}
+        default=2000,
+        kw_only=True,
+        metadata={"help": "lines per .PROGRAM before it is split; 0: never"},
     )
     signals: dict[str, int] = field(
         default_factory=lambda: {"process": 33},
         kw_only=True,
-        metadata={"help": "signal number of each output name: 1 to 1000 outputs, 2001 and up soft signals"},
+        metadata={
+            "help": "signal number of each output name: 1 to 1000 outputs, 2001 and up soft signals"
+        },
     )
     rated: float = field(
-        default=7500.0, kw_only=True, metadata={"help": "TCP speed that SPEED 100 means in a MOVE, mm/s"}
+        default=7500.0,
+        kw_only=True,
+        metadata={"help": "TCP speed that SPEED 100 means in a MOVE, mm/s"},
     )
     rated_turn: float = field(
         default=1200.0,
         kw_only=True,
-        metadata={"help": "what 100 % rotational speed means, deg/s, for turns on the spot; a slower arm turns slower"},
+        metadata={
+            "help": "what 100 % rotational speed means, deg/s, for turns on the spot; a slower arm turns slower"
+        },
     )
     accel: float = field(
-        default=100.0, kw_only=True, metadata={"help": "acceleration and deceleration, % of the rated one"}
+        default=100.0,
+        kw_only=True,
+        metadata={"help": "acceleration and deceleration, % of the rated one"},
     )
     profile: int = field(
         default=0,
         kw_only=True,
-        metadata={"help": "profile of ACCEL, 0 to 8; 0 is at full acceleration at once, others rise to it"},
+        metadata={
+            "help": "profile of ACCEL, 0 to 8; 0 is at full acceleration at once, others rise to it"
+        },
     )
     declare: bool = field(
-        default=True, kw_only=True, metadata={"help": "set tool and work frame; false: they are on the controller"}
+        default=True,
+        kw_only=True,
+        metadata={"help": "set tool and work frame; false: they are on the controller"},
     )
-    tool: str = field(default="cg.tool", kw_only=True, metadata={"help": "location variable of the tool"})
-    work: str = field(default="cg.work", kw_only=True, metadata={"help": "location variable of the work frame"})
+    tool: str = field(
+        default="cg.tool", kw_only=True, metadata={"help": "location variable of the tool"}
+    )
+    work: str = field(
+        default="cg.work", kw_only=True, metadata={"help": "location variable of the work frame"}
+    )
     posture: list[Posture] = field(
-        default_factory=list, kw_only=True, metadata={"help": "words before the first MOVE, such as RIGHTY"}
+        default_factory=list,
+        kw_only=True,
+        metadata={"help": "words before the first MOVE, such as RIGHTY"},
     )
     force: Literal["refuse", "ignore", "signal"] = field(
         default="refuse",
         kw_only=True,
-        metadata={"help": "what a force becomes: refuse, ignore, or signal (the output named force)"},
+        metadata={
+            "help": "what a force becomes: refuse, ignore, or signal (the output named force)"
+        },
     )
     spindle: Literal["refuse", "on-off"] = field(
-        default="refuse", kw_only=True, metadata={"help": "what a spindle becomes: refuse, or on-off (output spindle)"}
+        default="refuse",
+        kw_only=True,
+        metadata={"help": "what a spindle becomes: refuse, or on-off (output spindle)"},
     )
     points: Literal["program", "file"] = field(
         default="program",
         kw_only=True,
-        metadata={"help": "where the motions are: in the program, or in a data file that it reads, for long jobs"},
+        metadata={
+            "help": "where the motions are: in the program, or in a data file that it reads, for long jobs"
+        },
     )
     _speed: str = field(default="", init=False, repr=False)
     _switches: tuple[str, ...] = field(default=(), init=False, repr=False)
@@ -104,7 +142,11 @@ class VPlus(Post):
         for key, good, remedy in (
             ("decimals", 1 <= self.decimals <= 4, "1 to 4: a V+ real is single precision"),
             ("max_lines", self.max_lines >= 0, "0 for no limit"),
-            ("rated", 0 < self.rated <= 20000, "the TCP speed of a MOVE at 100 %, up to 20000 mm/s"),
+            (
+                "rated",
+                0 < self.rated <= 20000,
+                "the TCP speed of a MOVE at 100 %, up to 20000 mm/s",
+            ),
             ("accel", 1 <= self.accel <= 100, "1 to 100 %"),
             ("profile", 0 <= self.profile <= 8, "0 to 8"),
             ("rated_turn", 0 < self.rated_turn <= 10000, "deg/s at 100 %, up to 10000"),
@@ -131,7 +173,12 @@ class VPlus(Post):
         """Adept Cobra s600: a sheet of 200 x 150 mm before the robot, its top face 150 mm above the mounting face."""
         home = Joints((0.0, math.radians(45.0), 50.0, 0.0))
         return Cell(
-            "Adept Cobra s600", translation(250, -75, 150), translation(0, 0, 100), home, frozenset({2}), "Cobra s600"
+            "Adept Cobra s600",
+            translation(250, -75, 150),
+            translation(0, 0, 100),
+            home,
+            frozenset({2}),
+            "Cobra s600",
         )
 
     def tolerance(self) -> Tolerance:
@@ -159,15 +206,25 @@ class VPlus(Post):
         if rules.axes(program, self.name) == 4:
             rules.check_arm(self.posture, program)
             self._scara = (program.base_from_work.rotation, program.flange_from_tool.rotation)
-        for what, pose in (("work frame", program.base_from_work), ("tool", program.flange_from_tool)):
+        for what, pose in (
+            ("work frame", program.base_from_work),
+            ("tool", program.flange_from_tool),
+        ):
             reason = rules.bad_orientation(pose.rotation, None) or unprintable(pose)
             if reason:
                 raise Refused(self.name, rules.WHOLE, f"the {what}: {reason}")
         self._by_hand = rules.by_hand(program, self.force, self.spindle, self.name)
-        prepared = super().prepare(without_force(program) if self.force == "ignore" else program, chord)
-        if not any(isinstance(i, Force) or (isinstance(i, Output) and i.signal == "spindle") for i in prepared.body):
+        prepared = super().prepare(
+            without_force(program) if self.force == "ignore" else program, chord
+        )
+        if not any(
+            isinstance(i, Force) or (isinstance(i, Output) and i.signal == "spindle")
+            for i in prepared.body
+        ):
             return prepared
-        return prepared.with_body(tuple(new for item in prepared.body for new in self._rewritten(item)))
+        return prepared.with_body(
+            tuple(new for item in prepared.body for new in self._rewritten(item))
+        )
 
     def why_not(self, item: Instruction, start: Pose | None) -> str:
         """The reason and remedy in one, or nothing."""
@@ -180,7 +237,11 @@ class VPlus(Post):
                     return "V+ has no arc, and no pose is known where this one starts; move to a pose before it"
                 return "V+ has no arc; lower it to chords"
             case MoveJ() | MoveL():
-                return rules.bad_speed(item, self.rated) or self._bad_turn(item) or self._bad_target(item.target)
+                return (
+                    rules.bad_speed(item, self.rated)
+                    or self._bad_turn(item)
+                    or self._bad_target(item.target)
+                )
             case Output():
                 return self._bad_output(item)
             case Wait() | Stop():
@@ -292,7 +353,9 @@ class VPlus(Post):
         if not words or words == self._switches:
             return []
         if self.posture:
-            raise JobError("[post] posture", "cell.robot plans the posture", remedy="leave out one of the two")
+            raise JobError(
+                "[post] posture", "cell.robot plans the posture", remedy="leave out one of the two"
+            )
         self._switches = words
         return [self._spelled.word(word) for word in words]
 
@@ -324,13 +387,20 @@ class VPlus(Post):
         """One file; a long program is a main one that calls the others, each with the work frame for itself."""
         self._speed, self._posture_due, self._switches = "", True, ()
         if self.points == "file":
-            return self._assemble_data(program, [line for part in parts for line in part if line[0] != ";"])
+            return self._assemble_data(
+                program, [line for part in parts for line in part if line[0] != ";"]
+            )
         if len(parts) == 1:
             return super().assemble(program, parts)
         name = self._name(program, len(parts))
         if self.program and name != self.program:
             remedy = f"shorten post.program to {len(name)} characters or raise post.max_lines"
-            raise Refused(self.name, rules.WHOLE, f"{self.program} is too long a name for {len(parts)} parts", remedy)
+            raise Refused(
+                self.name,
+                rules.WHOLE,
+                f"{self.program} is too long a name for {len(parts)} parts",
+                remedy,
+            )
         lines = self._head(program, name, (self.tool,))
         lines += [f"{IN}CALL {name}.{k}()" for k in range(1, len(parts) + 1)]
         lines += self.end(program)
@@ -340,21 +410,32 @@ class VPlus(Post):
         for k, part in enumerate(parts, start=1):
             lines += ["", f".PROGRAM {name}.{k}()"]
             if self.declare:
-                lines += [f"{IN}AUTO {self.work}", f"{IN}SET {self.work} = {self._lines.trans(program.base_from_work)}"]
+                lines += [
+                    f"{IN}AUTO {self.work}",
+                    f"{IN}SET {self.work} = {self._lines.trans(program.base_from_work)}",
+                ]
             # Each part says its speed and its posture itself: whether a CALL keeps them is not confirmed.
             lines += [*([speed] if speed else ()), *switches, *part, f"{IN}RETURN", ".END"]
-            speed, switches = _last_speed(part, speed), rules.last_switches(part, switches) if planned else []
+            speed, switches = (
+                _last_speed(part, speed),
+                rules.last_switches(part, switches) if planned else [],
+            )
         return (OutputFile(self.file_name(program), "\n".join(lines) + "\n"),)
 
     def _assemble_data(self, program: Program, body: Sequence[str]) -> tuple[OutputFile, ...]:
         """The reader program and its data, which know each other by an identification. body: records."""
         file = records.data_name(program.name)
-        name = rules.program_name(self.program or program.name, 0, (self.tool, self.work, *records.VARIABLES))
+        name = rules.program_name(
+            self.program or program.name, 0, (self.tool, self.work, *records.VARIABLES)
+        )
         head = self._head(program, name, (self.tool, self.work))
         settings = [line for line in head if not line.startswith((".", ";"))]
         identity = records.identify(settings, body)
         head[1:1] = [self.note(f"the motions are in {file} on the default disk")]
-        lines = [*head, *records.reader(file, identity, len(body), self.work, records.signals_of(body))]
+        lines = [
+            *head,
+            *records.reader(file, identity, len(body), self.work, records.signals_of(body)),
+        ]
         text = OutputFile(self.file_name(program), "\n".join(lines) + "\n")
         return (text, OutputFile(file, records.data(identity, body)))
 

@@ -28,7 +28,10 @@ _FORMAT = 1
 #: Kinds of records; those of posture words follow from 11 on.
 _STRAIGHT, _JOINT, _FOUR, _SIX, _PERCENT, _MMPS, _SIGNAL, _WAIT = range(1, 9)
 _WORDS = {
-    word: 11 + k for k, word in enumerate(("LEFTY", "RIGHTY", "ABOVE", "BELOW", "FLIP", "NOFLIP", "SINGLE", "MULTIPLE"))
+    word: 11 + k
+    for k, word in enumerate(
+        ("LEFTY", "RIGHTY", "ABOVE", "BELOW", "FLIP", "NOFLIP", "SINGLE", "MULTIPLE")
+    )
 }
 #: Variables of the reader program: no tool or work frame may be called so.
 _CONTROL = ("cg.lun", "cg.pass", "cg.n", "cg.sum", "cg.kind", "cg.stop")
@@ -109,7 +112,9 @@ def too_large(item: Instruction) -> str:
         if len(values) == 4:
             values[2] = item.target.values[2] / 10
         if any(abs(v) > most for v in values):
-            return f"a joint beyond {most:g} deg or {10 * most:g} mm has no room in a record; {remedy}"
+            return (
+                f"a joint beyond {most:g} deg or {10 * most:g} mm has no room in a record; {remedy}"
+            )
     if isinstance(item, Stop):
         return f"a stop for the operator has no record; {remedy}"
     if isinstance(item, Wait) and item.seconds > _LARGEST:
@@ -145,7 +150,9 @@ def data(identity: tuple[int, int], records: Sequence[str]) -> str:
 def signals_of(records: Sequence[str]) -> list[int]:
     """The numbers of all outputs that the records set."""
     start = f"{_SIGNAL},"
-    return sorted({abs(int(record.split(",")[2])) for record in records if record.startswith(start)})
+    return sorted(
+        {abs(int(record.split(",")[2])) for record in records if record.startswith(start)}
+    )
 
 
 def declarations() -> list[str]:
@@ -153,7 +160,9 @@ def declarations() -> list[str]:
     return [f"{IN}AUTO REAL {', '.join(names)}" for names in (_CONTROL, (*_VALUES, _CHECK))]
 
 
-def reader(file: str, identity: tuple[int, int], count: int, work: str, signals: Sequence[int]) -> list[str]:
+def reader(
+    file: str, identity: tuple[int, int], count: int, work: str, signals: Sequence[int]
+) -> list[str]:
     """The program behind its head: it goes through the file twice, the first time without doing anything."""
     body = [
         'ATTACH (cg.lun, 4) "DISK"', *_unless("IOSTAT(cg.lun) < 0"),

@@ -11,7 +11,18 @@ import numpy as np
 
 from camgen.model.errors import JobError, Refused
 from camgen.model.pose import FloatArray, Pose, Vec3, zyz
-from camgen.model.program import Force, Joints, MoveC, MoveJ, MoveL, Output, Program, Stop, Wait, motions
+from camgen.model.program import (
+    Force,
+    Joints,
+    MoveC,
+    MoveJ,
+    MoveL,
+    Output,
+    Program,
+    Stop,
+    Wait,
+    motions,
+)
 from camgen.model.text import counted
 
 Posture = Literal["LEFTY", "RIGHTY", "ABOVE", "BELOW", "FLIP", "NOFLIP", "SINGLE", "MULTIPLE"]
@@ -61,7 +72,9 @@ def check_names(program: str, tool: str, work: str) -> None:
         if reason:
             raise JobError(f"[post] {key}", f"{value!r} {reason}", remedy="give another name")
     if len({program.lower(), tool.lower(), work.lower()}) < 3:
-        raise JobError("[post] program, tool, work", "have the same name", remedy="give three names")
+        raise JobError(
+            "[post] program, tool, work", "have the same name", remedy="give three names"
+        )
 
 
 def program_name(name: str, parts: int, used: Sequence[str]) -> str:
@@ -115,13 +128,19 @@ def check_arm(words: Sequence[str], program: Program) -> None:
     """JobError for a posture that a SCARA lacks, or that its first position contradicts (joint 2 > 0 is RIGHTY)."""
     odd = ", ".join(sorted(_SIX_AXIS_ONLY.intersection(words)))
     if odd:
-        raise JobError("[post] posture", f"{odd}: a SCARA has no such posture", remedy="give LEFTY or RIGHTY")
+        raise JobError(
+            "[post] posture", f"{odd}: a SCARA has no such posture", remedy="give LEFTY or RIGHTY"
+        )
     first = next((m.target for _, m in motions(program.body)), None)
     if isinstance(first, Joints) and first.values[1] != 0:
         wrong = "LEFTY" if first.values[1] > 0 else "RIGHTY"
         if wrong in words:
             what = f"{wrong}, but the first position has joint 2 at {math.degrees(first.values[1]):.4g} deg"
-            raise JobError("[post] posture", what, remedy="RIGHTY goes with joint 2 > 0, LEFTY with joint 2 < 0")
+            raise JobError(
+                "[post] posture",
+                what,
+                remedy="RIGHTY goes with joint 2 > 0, LEFTY with joint 2 < 0",
+            )
 
 
 def axes(program: Program, post: str) -> int:
@@ -133,7 +152,9 @@ def axes(program: Program, post: str) -> int:
             continue
         if len(joints.values) not in (4, 6):
             remedy = "give 4 values (SCARA: deg, deg, mm, deg) or 6 (deg)"
-            raise Refused(post, index, f"a position has {counted(len(joints.values), 'joint value')}", remedy)
+            raise Refused(
+                post, index, f"a position has {counted(len(joints.values), 'joint value')}", remedy
+            )
         if count and len(joints.values) != count:
             what = f"a position has {counted(len(joints.values), 'joint value')}, another {count}"
             raise Refused(post, index, what, "give all for one arm")
@@ -179,7 +200,8 @@ def bad_speed(motion: MoveJ | MoveL, rated: float) -> str:
         if motion.speed >= _LEAST_SPEED:
             return ""
         return (
-            f"{motion.speed:.4g} mm/s is below {_LEAST_SPEED} mm/s, the least that prints exactly; raise process.feed"
+            f"{motion.speed:.4g} mm/s is below {_LEAST_SPEED} mm/s, "
+            "the least that prints exactly; raise process.feed"
         )
     percent = 100 * motion.speed / rated
     said = f"{motion.speed:.6g} mm/s is {percent:.4g} % of post.rated = {rated:g} mm/s"
@@ -187,7 +209,8 @@ def bad_speed(motion: MoveJ | MoveL, rated: float) -> str:
         return f"{said}, more than 100 %; lower process.travel or raise post.rated"
     if percent < _LEAST_SPEED:
         return (
-            f"{said}, below the least that prints exactly, {_LEAST_SPEED} %; raise process.travel or lower post.rated"
+            f"{said}, below the least that prints exactly, "
+            f"{_LEAST_SPEED} %; raise process.travel or lower post.rated"
         )
     return ""
 
@@ -197,7 +220,9 @@ def bad_pause(item: Wait | Stop) -> str:
     if isinstance(item, Stop):
         return "V+ has no optional stop; leave it out, or make it a stop" if item.optional else ""
     if item.seconds < 0.001:
-        return f"a wait of {item.seconds:g} s cannot be written; leave it out or wait 0.001 s or more"
+        return (
+            f"a wait of {item.seconds:g} s cannot be written; leave it out or wait 0.001 s or more"
+        )
     return ""
 
 
@@ -219,11 +244,17 @@ def by_hand(program: Program, force: str, spindle: str, post: str) -> tuple[str,
     remarks = []
     newtons, rpm = _forces(program), _spins(program)
     if newtons and force == "ignore":
-        remarks.append(f"the force of the plan, up to {max(newtons):g} N, is left out by force = ignore")
+        remarks.append(
+            f"the force of the plan, up to {max(newtons):g} N, is left out by force = ignore"
+        )
     elif newtons and force == "signal":
-        remarks.append(f"set {_one_value(newtons, 'N', post)} by hand at the valve of the output named force")
+        remarks.append(
+            f"set {_one_value(newtons, 'N', post)} by hand at the valve of the output named force"
+        )
     if rpm and spindle == "on-off":
-        remarks.append(f"set {_one_value(rpm, 'rpm', post)} by hand at the drive of the output named spindle")
+        remarks.append(
+            f"set {_one_value(rpm, 'rpm', post)} by hand at the drive of the output named spindle"
+        )
     return tuple(remarks)
 
 

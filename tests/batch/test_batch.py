@@ -67,7 +67,9 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def files(folder: Path) -> dict[str, bytes]:
-    return {p.relative_to(folder).as_posix(): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+    return {
+        p.relative_to(folder).as_posix(): p.read_bytes() for p in folder.rglob("*") if p.is_file()
+    }
 
 
 def table(capsys: Captured) -> tuple[dict[str, list[str]], str]:
@@ -105,7 +107,11 @@ def test_same_bytes_as_one_by_one(post: str, here: Path, capsys: Captured) -> No
     capsys.readouterr()
     assert main(["batch", "parts/*", "--post", post, "--jobs", "2", "-o", "out"]) == 0
     rows, said = table(capsys)
-    assert list(rows) == ["parts/a.dxf", "parts/b.dxf", "parts/c.dxf"]  # the job file b.toml is none of the inputs
+    assert list(rows) == [
+        "parts/a.dxf",
+        "parts/b.dxf",
+        "parts/c.dxf",
+    ]  # the job file b.toml is none of the inputs
     assert [row[:2] for row in rows.values()] == [["built", "2"]] * 3
     made = files(here / "out")
     assert made.pop(state.NAME).count(b"\n") == 3
@@ -130,7 +136,11 @@ def test_a_second_run_builds_only_what_changed(here: Path, capsys: Captured) -> 
     (here / "out/b.ngc").unlink()
     (here / "out/c.ngc").write_bytes(first["c.ngc"] + b"\n")
     assert again() == ["built"] * 3
-    assert {**files(here / "out"), "a.ngc": b"", state.NAME: b""} == {**first, "a.ngc": b"", state.NAME: b""}
+    assert {**files(here / "out"), "a.ngc": b"", state.NAME: b""} == {
+        **first,
+        "a.ngc": b"",
+        state.NAME: b"",
+    }
     (here / "parts/b.toml").write_text("[tool]\ndiameter = 4.0\n")
     assert again() == ["unchanged", "built", "unchanged"]
     assert again("--set", "process.feed=11") == ["built"] * 3
@@ -151,7 +161,9 @@ def test_failures_are_listed_and_stop_no_other(here: Path, capsys: Captured) -> 
     (here / "parts/bad.dxf").write_text("no drawing")
     (here / "parts/b.toml").write_text("[tool]\ndiametre = 4\n")
     line = PLATE.format(radius=1).replace("CIRCLE", "POINT")  # an outline alone
-    (here / "parts/open.dxf").write_text(line.replace("11\n0\n21\n0\n0\nENDSEC", "11\n0\n21\n30\n0\nENDSEC"))
+    (here / "parts/open.dxf").write_text(
+        line.replace("11\n0\n21\n0\n0\nENDSEC", "11\n0\n21\n30\n0\nENDSEC")
+    )
     assert main(["batch", "parts/*.dxf", "--post", "gcode", "-o", "out", "--report", "r.json"]) == 3
     rows, said = table(capsys)
     assert [row[:2] for row in rows.values()] == [
@@ -166,7 +178,9 @@ def test_failures_are_listed_and_stop_no_other(here: Path, capsys: Captured) -> 
     report = json.loads((here / "r.json").read_text())
     assert [part["exit_code"] for part in report["parts"]] == [0, 2, 2, 0, 3]
     assert report["parts"][0]["files"] == ["out/a.ngc"]
-    assert report["parts"][0]["work_mm"] == pytest.approx(300 + 6 * 3.14159265 + 2 * 3.14159265 * 5, abs=1e-3)
+    assert report["parts"][0]["work_mm"] == pytest.approx(
+        300 + 6 * 3.14159265 + 2 * 3.14159265 * 5, abs=1e-3
+    )
     assert report["parts"][4]["error"].startswith("open.dxf: no path is left")
     assert set(files(here / "out")) == {"a.ngc", "c.ngc", state.NAME}
 
@@ -197,8 +211,19 @@ def test_a_part_that_hangs_is_stopped_and_no_other(
     """The clock of the batch stands still until the part hangs, and later again: nothing else is late."""
     (here / "fatal.py").write_text(FATAL)
     shutil.copy("parts/a.dxf", "parts/hangs.dxf")
-    monkeypatch.setattr("camgen.batch.pool.monotonic", lambda: 100.0 if Path("hangs").exists() else 0.0)
-    words = ["batch", "parts/[ac].dxf", "parts/hangs.dxf", "parts/b.dxf", "--post", "./fatal.py", "--jobs", "1"]
+    monkeypatch.setattr(
+        "camgen.batch.pool.monotonic", lambda: 100.0 if Path("hangs").exists() else 0.0
+    )
+    words = [
+        "batch",
+        "parts/[ac].dxf",
+        "parts/hangs.dxf",
+        "parts/b.dxf",
+        "--post",
+        "./fatal.py",
+        "--jobs",
+        "1",
+    ]
     assert main([*words, "--timeout", "0.1", "-o", "out"]) == 1
     rows, said = table(capsys)
     assert {Path(name).stem: row[0] for name, row in rows.items()} == {
@@ -217,7 +242,10 @@ def test_folders_from_the_first_wildcard_on_are_kept(here: Path, capsys: Capture
         "a.ngc", "b.ngc", "c.ngc", "left/a.ngc", "right/deep/a.ngc", state.NAME,
     }  # fmt: skip
     capsys.readouterr()
-    assert main(["batch", "parts/*/a.dxf", "parts/right/deep/a.dxf", "--post", "gcode", "-o", "two"]) == 0
+    assert (
+        main(["batch", "parts/*/a.dxf", "parts/right/deep/a.dxf", "--post", "gcode", "-o", "two"])
+        == 0
+    )
     assert set(files(here / "two")) == {"a.ngc", "left/a.ngc", state.NAME}
 
 
@@ -229,7 +257,10 @@ def test_folders_from_the_first_wildcard_on_are_kept(here: Path, capsys: Capture
         (["parts"], "parts: is a folder; "),
         (["parts/*.dxf", "--jobs", "0"], "--jobs: must be 1 or more, not 0"),
         (["parts/*.dxf", "--timeout", "nan"], "--timeout: must be 0 or more seconds, not nan"),
-        (["parts/*.dxf", "--set", "tool.x=1"], '--set tool.x=1: unknown key "x" ([tool]); one of name, '),
+        (
+            ["parts/*.dxf", "--set", "tool.x=1"],
+            '--set tool.x=1: unknown key "x" ([tool]); one of name, ',
+        ),
         (["parts/*.dxf", "--job", "no.toml"], "no.toml: cannot be read: "),
         (["parts/*.dxf", "-o", "parts/a.dxf"], "parts/a.dxf: is not a folder; "),
         (["parts/*.dxf", "--dask", "tcp://x:1", "--jobs", "2"], "--dask: the cluster decides "),
@@ -237,11 +268,19 @@ def test_folders_from_the_first_wildcard_on_are_kept(here: Path, capsys: Capture
             ["parts/a.dxf", "other/A.dxf"],
             "parts/a.dxf: its program would have the name of that of other/A.dxf (a.ngc); ",
         ),
-        (["parts/*.dxf", "--set", "post.program=x"], "parts/b.dxf: its program would have the name of that of parts/a"),
-        (["old/*.ngc", "-o", "old"], "old/x.ngc: its program would overwrite a file that is read (x.ngc); "),
+        (
+            ["parts/*.dxf", "--set", "post.program=x"],
+            "parts/b.dxf: its program would have the name of that of parts/a",
+        ),
+        (
+            ["old/*.ngc", "-o", "old"],
+            "old/x.ngc: its program would overwrite a file that is read (x.ngc); ",
+        ),
     ],
 )
-def test_what_is_wrong_for_all_is_said_at_once(words: list[str], says: str, here: Path, capsys: Captured) -> None:
+def test_what_is_wrong_for_all_is_said_at_once(
+    words: list[str], says: str, here: Path, capsys: Captured
+) -> None:
     (here / "other").mkdir()
     (here / "other/A.dxf").write_text(PLATE.format(radius=8))
     (here / "old").mkdir()
@@ -305,7 +344,9 @@ def _hear_interrupts() -> None:
 
 @pytest.mark.skipif(os.name == "nt", reason="sends signals of POSIX")
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
-def test_a_batch_that_is_ended_goes_on_where_it_was(how: signal.Signals, here: Path, capsys: Captured) -> None:
+def test_a_batch_that_is_ended_goes_on_where_it_was(
+    how: signal.Signals, here: Path, capsys: Captured
+) -> None:
     """One of its two processes hangs until the batch is run again, so it cannot be done before it is ended."""
     (here / "fatal.py").write_text(FATAL)
     for name in ("d", "e", "f", "g", "hangs", "i", "j"):
@@ -318,7 +359,10 @@ def test_a_batch_that_is_ended_goes_on_where_it_was(how: signal.Signals, here: P
         start_new_session=True,
         preexec_fn=_hear_interrupts,  # noqa: PLW1509 (nothing else runs in this process but what starts it)
     ) as process:
-        wait_for("programs", lambda: len(list((here / "out").glob("*.ngc"))) >= 5 and (here / "hangs").exists())
+        wait_for(
+            "programs",
+            lambda: len(list((here / "out").glob("*.ngc"))) >= 5 and (here / "hangs").exists(),
+        )
         if how == signal.SIGINT:
             os.killpg(process.pid, how)  # as a terminal does: to the workers, too
         else:
@@ -332,7 +376,9 @@ def test_a_batch_that_is_ended_goes_on_where_it_was(how: signal.Signals, here: P
         assert "of 10 not built; the same command goes on from here" in said.splitlines()[-1]
         assert "Traceback" not in said
         assert not [name for name in done if name.startswith(".")]
-    times = {name: (here / "out" / name).stat().st_mtime_ns for name in done if name.endswith(".ngc")}
+    times = {
+        name: (here / "out" / name).stat().st_mtime_ns for name in done if name.endswith(".ngc")
+    }
     assert 5 <= len(times) < 10
     assert main(command) == 0
     rows, _ = table(capsys)
@@ -341,7 +387,9 @@ def test_a_batch_that_is_ended_goes_on_where_it_was(how: signal.Signals, here: P
     for name in unchanged:
         program = f"{Path(name).stem}.ngc"
         assert (here / "out" / program).stat().st_mtime_ns == times[program]
-    alone = one_by_one("./fatal.py", here / "alone", *sorted(str(p) for p in Path("parts").glob("*.dxf")))
+    alone = one_by_one(
+        "./fatal.py", here / "alone", *sorted(str(p) for p in Path("parts").glob("*.dxf"))
+    )
     made = {name: data for name, data in files(here / "out").items() if name.endswith(".ngc")}
     assert made == alone
 
@@ -351,8 +399,13 @@ def test_workers_end_with_a_batch_that_is_killed(here: Path) -> None:
     (here / "fatal.py").write_text(FATAL)
     shutil.copy("parts/a.dxf", "parts/hangs.dxf")
     command = ["batch", "parts/hangs.dxf", "--post", "./fatal.py", "--jobs", "1", "-o", "out"]
-    with subprocess.Popen([sys.executable, "-m", "camgen", *command], stderr=subprocess.DEVNULL) as process:
-        wait_for("the worker's number", lambda: (here / "hangs").exists() and (here / "hangs").read_text())
+    with subprocess.Popen(
+        [sys.executable, "-m", "camgen", *command], stderr=subprocess.DEVNULL
+    ) as process:
+        wait_for(
+            "the worker's number",
+            lambda: (here / "hangs").exists() and (here / "hangs").read_text(),
+        )
         process.kill()
     (here / "goes on").touch()
     wait_for("the worker's end", lambda: _ended(int((here / "hangs").read_text())))

@@ -37,11 +37,22 @@ class Cluster:
     def __init__(self, folder: Path, stack: ExitStack) -> None:
         self.folder, self.stack = folder, stack
         self.log = folder / "scheduler.log"
-        self._start("distributed.cli.dask_scheduler", "--port", "0", "--no-dashboard", "--host", "127.0.0.1")
+        self._start(
+            "distributed.cli.dask_scheduler", "--port", "0", "--no-dashboard", "--host", "127.0.0.1"
+        )
         self.address = self._said(r"Scheduler at:\s+(tcp://\S+)")
 
     def worker(self, name: str, *more: str) -> "subprocess.Popen[bytes]":
-        words = [self.address, "--nthreads", "1", "--no-nanny", "--no-dashboard", "--name", name, *more]
+        words = [
+            self.address,
+            "--nthreads",
+            "1",
+            "--no-nanny",
+            "--no-dashboard",
+            "--name",
+            name,
+            *more,
+        ]
         self.log = self.folder / f"{name}.log"
         worker = self._start("distributed.cli.dask_worker", *words)
         self._said(r"(Registered to):")
@@ -109,7 +120,10 @@ def test_files_of_a_job_travel_and_errors_name_them_as_the_user_does(
 ) -> None:
     cluster.worker("one")
     corners = ("0 0 0", "1 0 0", "0 1 0", "0 0 1")
-    faces = ["\n".join(f"vertex {corners[k]}" for k in face) for face in ((0, 2, 1), (0, 3, 2), (0, 1, 3), (1, 2, 3))]
+    faces = [
+        "\n".join(f"vertex {corners[k]}" for k in face)
+        for face in ((0, 2, 1), (0, 3, 2), (0, 1, 3), (1, 2, 3))
+    ]
     cube = "\n".join(f"facet normal 0 0 0\nouter loop\n{face}\nendloop\nendfacet" for face in faces)
     Path("parts/clamp.stl").write_text(f"solid clamp\n{cube}\nendsolid\n")
     Path("parts/p00.toml").write_text('[cell]\nrobot = "irb120"\nfixtures = ["clamp.stl"]\n')
@@ -131,7 +145,9 @@ def test_what_cannot_travel(cluster: Cluster, capsys: pytest.CaptureFixture[str]
         "from camgen_posts.gcode import GCode\nfrom camgen_posts.readback.gcode import read\n\n\n"
         "class Own(GCode):\n    name = 'own'\n"
     )
-    assert main(["batch", "parts/p00.dxf", "--post", "./own.py", "-q", "--dask", cluster.address]) == 2
+    assert (
+        main(["batch", "parts/p00.dxf", "--post", "./own.py", "-q", "--dask", cluster.address]) == 2
+    )
     assert "a post from a file does not travel to a cluster" in capsys.readouterr().err
 
 

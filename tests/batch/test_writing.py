@@ -43,11 +43,15 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def kill_at(call: str, count: int) -> None:
-    done = subprocess.run([sys.executable, "-c", KILLED, call, str(count)], capture_output=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", KILLED, call, str(count)], capture_output=True, check=False
+    )
     assert done.returncode == -signal.SIGKILL, done.stderr
 
 
-@pytest.mark.skipif(not hasattr(os, "O_TMPFILE"), reason="files without a name are a thing of Linux")
+@pytest.mark.skipif(
+    not hasattr(os, "O_TMPFILE"), reason="files without a name are a thing of Linux"
+)
 @pytest.mark.parametrize(("call", "count"), [("fsync", 0), ("fsync", 1), ("link", 0)])
 def test_a_process_killed_while_it_writes_leaves_nothing(call: str, count: int, here: Path) -> None:
     """All that takes time is done before a file has a name."""
@@ -55,8 +59,12 @@ def test_a_process_killed_while_it_writes_leaves_nothing(call: str, count: int, 
     assert contents(here) == {"old": "old"}
 
 
-@pytest.mark.parametrize(("call", "count"), [("link", 1), ("link", 2), ("replace", 0), ("replace", 1)])
-def test_what_one_killed_among_names_leaves_the_next_one_clears(call: str, count: int, here: Path) -> None:
+@pytest.mark.parametrize(
+    ("call", "count"), [("link", 1), ("link", 2), ("replace", 0), ("replace", 1)]
+)
+def test_what_one_killed_among_names_leaves_the_next_one_clears(
+    call: str, count: int, here: Path
+) -> None:
     kill_at(call, count)
     assert (here / "old").read_text() in ("old", "fresh")
     assert any(name.startswith(".camgen-") for name in contents(here))
@@ -78,7 +86,9 @@ def test_only_what_is_nobodys_is_cleared(here: Path) -> None:
     assert set(contents(here)) == {*kept, "old", "other"}
 
 
-def test_a_file_that_somebody_else_made_meanwhile_stays(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_file_that_somebody_else_made_meanwhile_stays(
+    here: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Taking back removes what it has made, and nothing else."""
 
     def replace(*_: object) -> None:

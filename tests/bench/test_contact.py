@@ -23,7 +23,9 @@ def test_an_error_that_grows_costs_its_speed_times_the_damping() -> None:
 
 def test_a_step_is_let_go_of_in_the_time_of_damping_over_stiffness() -> None:
     error = np.where(np.arange(4000) < 2000, 0.0, 0.2)
-    force, _ = pressed(error, np.full(4000, 2.0), np.full(4000, 0.001), Contact(mass=1e-4 * 4, shown=1e3))
+    force, _ = pressed(
+        error, np.full(4000, 2.0), np.full(4000, 0.001), Contact(mass=1e-4 * 4, shown=1e3)
+    )
     off = force[2000:] - 2.0
     assert off.max() == pytest.approx(0.2 * MODEL.stiffness, rel=0.05)
     fallen = np.searchsorted(-off[off.argmax() :], -off.max() / np.e) * 0.001

@@ -22,7 +22,9 @@ def test_every_program_is_passed_and_is_itself(post):
         made = make(post, index)
         events = trace(post, made, made.text)
         assert is_same(events, trace(post, made, made.text))
-        assert not any(event[0] in ("refused", "no end", "two radii", "too long") for event in events)
+        assert not any(
+            event[0] in ("refused", "no end", "two radii", "too long") for event in events
+        )
 
 
 #: Of force.ir for PacScript: the motion before force control is on, its table, its begin.
@@ -37,7 +39,12 @@ DIFFERENT = [
     ("pacscript", 0, "Keep = 0", "Kepp = 0"),
     ("pacscript", 0, "    GiveArm\nEnd Sub", "    Motor Off\n    GiveArm\nEnd Sub"),
     ("pacscript", 0, "Set IO[24]", "Set IO[25]"),
-    ("pacscript", 0, "20.000, 180.0000, 0.0000, 0.0000, -1)", "20.000, 180.0000, 0.0000, 0.0000, 5)"),
+    (
+        "pacscript",
+        0,
+        "20.000, 180.0000, 0.0000, 0.0000, -1)",
+        "20.000, 180.0000, 0.0000, 0.0000, 5)",
+    ),
     ("pacscript", 0, "20.000, 180.0000", "20.002, 180.0000"),
     ("pacscript", 0, "180.0000, 0.0000, 0.0000", "180.0000, 0.0000, 0.0100"),
     ("pacscript", 0, "@P", "@0"),
@@ -68,7 +75,12 @@ DIFFERENT = [
     ("rapid", 0, "        c3;\n", "        c3;\n        c3;\n"),
     ("rapid", 0, "MODULE part", "MODULE tCamgen"),
     ("rapid", 1, "        WaitTime\\InPos,0;\n", ""),
-    ("rapid", 1, "    ERROR\n        camSafe;\n        IF FCIsForceMode() FCDeact;", "    ERROR\n        camSafe;"),
+    (
+        "rapid",
+        1,
+        "    ERROR\n        camSafe;\n        IF FCIsForceMode() FCDeact;",
+        "    ERROR\n        camSafe;",
+    ),
     ("rapid", 1, "v20,\\Fz:=10,50", "v20,50\\Fz:=10"),
     ("rapid", 3, "\\Fy:=-12.5,50", "\\Fy:=-12.5,60"),
     ("rapid", 4, "[20,30,", "[20,31,"),
@@ -91,7 +103,12 @@ DIFFERENT = [
     ("vplus", 4, ", 2.5 MMPS", ", 2.6 MMPS"),
     ("vplus", 9, "CALL part.1()\n    CALL part.2()", "CALL part.2()\n    CALL part.1()"),
     ("vplus", 9, "    CALL part.5()\n", ""),
-    ("vplus", 9, "    SPEED 20, 100 MMPS ALWAYS\n    MOVES cg.work:TRANS(13.86,", "    MOVES cg.work:TRANS(13.86,"),
+    (
+        "vplus",
+        9,
+        "    SPEED 20, 100 MMPS ALWAYS\n    MOVES cg.work:TRANS(13.86,",
+        "    MOVES cg.work:TRANS(13.86,",
+    ),
     ("gcode", 1, "G17 ", ""),
     ("gcode", 1, "G49", "G61"),
     ("gcode", 1, "G91.1", ""),
@@ -117,8 +134,18 @@ SAME = [
     ("rapid", 0, "MODULE part", "MODULE parts"),
     ("rapid", 0, "MODULE part", "MODULE WObj"),
     ("rapid", 0, "        camSafe;\n", "        camSafe;\n        camSafe;\n"),
-    ("rapid", 1, "        WaitTime\\InPos,0;\n", "        WaitTime\\InPos,0;\n        WaitTime\\InPos,0;\n"),
-    ("rapid", 1, "FCDeact;\n        RAISE", "FCDeact;\n        IF FCIsForceMode() FCDeact;\n        RAISE"),
+    (
+        "rapid",
+        1,
+        "        WaitTime\\InPos,0;\n",
+        "        WaitTime\\InPos,0;\n        WaitTime\\InPos,0;\n",
+    ),
+    (
+        "rapid",
+        1,
+        "FCDeact;\n        RAISE",
+        "FCDeact;\n        IF FCIsForceMode() FCDeact;\n        RAISE",
+    ),
     ("rapid", 1, "v20,\\Fz:=10,50", "v20\\Fz:=10,50"),
     ("rapid", 4, "[20,30,", "[25,30,"),
     ("rapid", 5, "ConfL\\On;", ""),
@@ -168,7 +195,14 @@ def test_an_arc_is_the_same_wherever_its_via_point_lies(sweep):
 def test_the_changes_of_a_line():
     text = "MoveL p1,v100;\n"
     mutants = {edit.apply(text) for edit in edits(text, LANGUAGES["rapid"])}
-    wanted = {"MoveL p1,v200;\n", "MoveL p1v100;\n", "MoveL v100,p1;\n", "MoveL p1,v100;;\n", "MoveL p1,v100; ", ""}
+    wanted = {
+        "MoveL p1,v200;\n",
+        "MoveL p1v100;\n",
+        "MoveL v100,p1;\n",
+        "MoveL p1,v100;;\n",
+        "MoveL p1,v100; ",
+        "",
+    }
     assert wanted <= mutants
     assert text not in mutants
     assert text + text in mutants
@@ -185,11 +219,19 @@ def test_every_mutant_has_its_task_and_a_sample_is_spread(post):
 
 
 def test_there_are_a_hundred_thousand_mutants():
-    assert sum(len(edits(make(p, k).text, LANGUAGES[p])) for p in POSTS for k in range(len(SOURCES[p]))) >= 100_000
+    assert (
+        sum(
+            len(edits(make(p, k).text, LANGUAGES[p])) for p in POSTS for k in range(len(SOURCES[p]))
+        )
+        >= 100_000
+    )
 
 
 def test_simulations_and_read_backs_know_nothing_of_each_other():
-    for folder, forbidden in (("bench/reliability/modal", ("camgen", "post")), ("postprocessors", ("bench",))):
+    for folder, forbidden in (
+        ("bench/reliability/modal", ("camgen", "post")),
+        ("postprocessors", ("bench",)),
+    ):
         for file in (ROOT / folder).rglob("*.py"):
             for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
                 names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []

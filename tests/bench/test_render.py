@@ -11,7 +11,16 @@ import pytest
 
 from bench.photo.photo import planned
 from bench.render.board import chessboard, markers
-from bench.render.optics import Lens, Shot, looking, mm_per_px, photo_from_work, share, straight, work_from_photo
+from bench.render.optics import (
+    Lens,
+    Shot,
+    looking,
+    mm_per_px,
+    photo_from_work,
+    share,
+    straight,
+    work_from_photo,
+)
 from bench.render.parts import NAMED, random_part
 from bench.render.photos import photos, write
 from bench.render.scene import Layer, Scene, render, written
@@ -26,7 +35,11 @@ from tests.support.files import source
 
 PINHOLE = Lens(np.array([[800.0, 0, 79.5], [0, 801, 59.5], [0, 0, 1]]), (0, 0, 0, 0, 0), (160, 120))
 #: 2 % to 6 % of distortion in so small a photo, radial and tangential.
-STRONG = Lens(np.array([[220.0, 0.3, 78], [0, 222, 61], [0, 0, 1]]), (-0.3, 0.12, 2e-3, -1e-3, -0.03), (160, 120))
+STRONG = Lens(
+    np.array([[220.0, 0.3, 78], [0, 222, 61], [0, 0, 1]]),
+    (-0.3, 0.12, 2e-3, -1e-3, -0.03),
+    (160, 120),
+)
 
 
 def above(lens: Lens, scale: float = 0.5, tilt: float = 0.0, **more: object) -> Shot:
@@ -106,7 +119,10 @@ def test_a_disc_has_the_area_and_the_centroid_of_its_ellipse(tilt: float, blur: 
     size, centre = conic(shot, 14)
     assert abs(covered.sum() / size - 1) < 1e-6
     v, u = np.mgrid[: covered.shape[0], : covered.shape[1]]
-    assert np.abs(np.array([(u * covered).sum(), (v * covered).sum()]) / covered.sum() - centre).max() < 1e-4
+    assert (
+        np.abs(np.array([(u * covered).sum(), (v * covered).sum()]) / covered.sum() - centre).max()
+        < 1e-4
+    )
     assert covered.min() > -1e-6
     assert covered.max() < 1 + 1e-6
 
@@ -114,7 +130,9 @@ def test_a_disc_has_the_area_and_the_centroid_of_its_ellipse(tilt: float, blur: 
 @pytest.mark.parametrize("name", [*NAMED, 0, 1])
 def test_a_part_covers_its_area_and_not_its_holes(name: str | int) -> None:
     part = NAMED[name]() if isinstance(name, str) else random_part(name)
-    square = Lens(np.array([[800.0, 0, 99.5], [0, 800, 99.5], [0, 0, 1]]), (0, 0, 0, 0, 0), (200, 200))
+    square = Lens(
+        np.array([[800.0, 0, 99.5], [0, 800, 99.5], [0, 0, 1]]), (0, 0, 0, 0, 0), (200, 200)
+    )
     shot = above(square, 0.5)
     covered = whole(part, shot)
     assert covered.sum() * 0.25 == pytest.approx(area(part), rel=1e-6)
@@ -129,12 +147,17 @@ def test_areas_by_formula() -> None:
     assert area((circle(3, 4, 5),)) == pytest.approx(25 * np.pi)
     assert area((hole(circle(3, 4, 5)),)) == pytest.approx(-25 * np.pi)
     assert area((slot(1, 2, 30, 8, 33),)) == pytest.approx(22 * 8 + 16 * np.pi)
-    assert area((rounded([(0, 0, 2), (10, 0, 0), (10, 6, 2), (0, 6, 0)]),)) == pytest.approx(60 - 2 * (4 - np.pi))
+    assert area((rounded([(0, 0, 2), (10, 0, 0), (10, 6, 2), (0, 6, 0)]),)) == pytest.approx(
+        60 - 2 * (4 - np.pi)
+    )
 
 
 def test_an_edge_is_where_it_is_drawn() -> None:
     """Pixel centres are whole numbers: an edge through a pixel's middle covers half of it, to one side."""
-    shot = replace(above(replace(PINHOLE, matrix=np.diag([800.0, 800, 1])), 1.0), origin=np.array([0, 0, 800.0]))
+    shot = replace(
+        above(replace(PINHOLE, matrix=np.diag([800.0, 800, 1])), 1.0),
+        origin=np.array([0, 0, 800.0]),
+    )
     shot = replace(shot, rotation=np.diag([1.0, -1, -1]))  # u = x, v = -y
     covered = whole((box(10, -50, 30.25, -20.5),), shot)
     assert covered[35, 10] == pytest.approx(0.5, abs=1e-6)
@@ -147,7 +170,9 @@ def test_an_edge_is_where_it_is_drawn() -> None:
 def test_coverage_is_that_of_many_samples_in_each_pixel() -> None:
     """The same part by brute force: 16 x 16 places in each pixel, followed back through the lens, then blurred."""
     n, blur = 16, 0.7
-    lens = replace(STRONG, size=(100, 80), matrix=STRONG.matrix - np.array([[0, 0, 30], [0, 0, 20], [0, 0, 0]]))
+    lens = replace(
+        STRONG, size=(100, 80), matrix=STRONG.matrix - np.array([[0, 0, 30], [0, 0, 20], [0, 0, 0]])
+    )
     shot = above(lens, 0.5, 18, blur=blur)
     rim = 4
     v, u = (np.mgrid[: (80 + 2 * rim) * n, : (100 + 2 * rim) * n] + 0.5) / n - 0.5 - rim
@@ -158,7 +183,9 @@ def test_coverage_is_that_of_many_samples_in_each_pixel() -> None:
     at = np.arange(-rim * n, rim * n + 1) / n
     kernel = np.exp(-((at / blur) ** 2) / 2)
     blurred = cv2.sepFilter2D(inside, cv2.CV_64F, kernel / kernel.sum(), kernel / kernel.sum())
-    expected = blurred.reshape(80 + 2 * rim, n, 100 + 2 * rim, n).mean(axis=(1, 3))[rim:-rim, rim:-rim]
+    expected = blurred.reshape(80 + 2 * rim, n, 100 + 2 * rim, n).mean(axis=(1, 3))[
+        rim:-rim, rim:-rim
+    ]
     part = (circle(1, 2, 13), hole(circle(4, -1, 6)))
     found = whole(part, shot)
     assert np.abs(found - expected).max() < 1e-3
@@ -195,7 +222,9 @@ def test_light_falls_as_told() -> None:
     assert photo[119, 0] == pytest.approx(0.5 * 1.2 * 0.7 * 0.7 * 255, abs=0.6)
 
 
-@pytest.mark.parametrize(("linear", "code"), [(0.0, 0), (0.002, 7), (0.18, 118), (0.5, 188), (1.0, 255), (2.0, 255)])
+@pytest.mark.parametrize(
+    ("linear", "code"), [(0.0, 0), (0.002, 7), (0.18, 118), (0.5, 188), (1.0, 255), (2.0, 255)]
+)
 def test_srgb_codes(linear: float, code: int) -> None:
     """Codes as in tables of IEC 61966-2-1; 18 % grey is 118."""
     assert np.all(render(Scene(linear), above(PINHOLE, coding="srgb")) == code)
@@ -225,14 +254,19 @@ def test_files_are_what_was_rendered(tmp_path: Path) -> None:
     written(tmp_path / "a.png", photo)
     assert np.array_equal(cv2.imread(str(tmp_path / "a.png"), cv2.IMREAD_UNCHANGED), photo)
     written(tmp_path / "a.jpg", photo)
-    assert np.abs(cv2.imread(str(tmp_path / "a.jpg"), cv2.IMREAD_UNCHANGED).astype(int) - photo).mean() < 2
+    assert (
+        np.abs(cv2.imread(str(tmp_path / "a.jpg"), cv2.IMREAD_UNCHANGED).astype(int) - photo).mean()
+        < 2
+    )
 
 
 # -- what is printed
 
 
 def test_markers_and_boards_are_found_by_opencv() -> None:
-    lens = Lens(np.array([[1500.0, 0, 500], [0, 1500, 370], [0, 0, 1]]), (-0.1, 0.05, 0, 0, 0), (1000, 740))
+    lens = Lens(
+        np.array([[1500.0, 0, 500], [0, 1500, 370], [0, 0, 1]]), (-0.1, 0.05, 0, 0, 0), (1000, 740)
+    )
     paper = sheet("A4", 30)
     layers = markers((-60, -80, 250, 150), paper.ids, paper.corners, "4X4_50")
     rotation, origin = looking(lens, complex(*paper.free) / 2, 500 + 370j, 0.34, 12, 60, 10)
@@ -279,11 +313,19 @@ def test_the_truth_of_a_square() -> None:
     truth = offset_truth((box(0, 0, 20, 10),), 3.0)
     assert set(np.round(truth.points[~truth.sharp].imag, 9)) >= {-3.0, 13.0}
     around = truth.points[truth.sharp]
-    assert np.abs(np.abs(around[(around.real > 20) & (around.imag > 10)] - (20 + 10j)) - 3).max() < 1e-12
+    assert (
+        np.abs(np.abs(around[(around.real > 20) & (around.imag > 10)] - (20 + 10j)) - 3).max()
+        < 1e-12
+    )
     # Inside of a frame the path turns in the corners of a smaller square.
     inner = offset_truth((box(-50, -50, 50, 50), hole(box(0, 0, 20, 10))), 3.0)
     kinks = inner.points[inner.sharp & (np.abs(inner.points - (10 + 5j)) < 15)]
-    assert {(round(z.real), round(z.imag)) for z in kinks.tolist()} == {(3, 3), (17, 3), (3, 7), (17, 7)}
+    assert {(round(z.real), round(z.imag)) for z in kinks.tolist()} == {
+        (3, 3),
+        (17, 3),
+        (3, 7),
+        (17, 7),
+    }
 
 
 def test_a_hole_too_small_for_the_tool_has_no_path() -> None:
@@ -292,7 +334,10 @@ def test_a_hole_too_small_for_the_tool_has_no_path() -> None:
 
 
 def test_path_errors_are_what_was_put_in() -> None:
-    part = (rounded([(-30, -20, 5), (30, -20, 5), (30, 20, 5), (-30, 20, 5)]), hole(circle(0, 0, 9)))
+    part = (
+        rounded([(-30, -20, 5), (30, -20, 5), (30, 20, 5), (-30, 20, 5)]),
+        hole(circle(0, 0, 9)),
+    )
     truth = offset_truth(part, 3.0)
     exact = path_error(truth.points, truth)
     assert max(exact.most, exact.near, exact.missed) < 1e-9
@@ -337,7 +382,10 @@ def test_plans_are_read_with_their_arcs(tmp_path: Path) -> None:
 @pytest.mark.parametrize("photo", photos(6, 1), ids=lambda photo: f"{photo.name}-{photo.way}")
 def test_job_and_camera_say_what_was_rendered(photo, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
     write(tmp_path, photo)
-    job, camera = load(tmp_path / f"{photo.name}.toml"), read_camera(source(tmp_path / f"{photo.name}.yaml"))
+    job, camera = (
+        load(tmp_path / f"{photo.name}.toml"),
+        read_camera(source(tmp_path / f"{photo.name}.yaml")),
+    )
     assert np.array_equal(camera.matrix, photo.shot.lens.matrix)
     outline = np.concatenate([loop.points for loop in photo.loops])
     mm = np.column_stack([outline.real, outline.imag])
@@ -351,13 +399,21 @@ def test_job_and_camera_say_what_was_rendered(photo, tmp_path: Path) -> None:  #
         plane = plane_from_pose(camera, pose_from_values(asked.plane_from))
     else:
         plane = plane_from_points(camera, asked.points_px, asked.points_mm)  # type: ignore[arg-type]
-    assert np.abs(distort(camera, map_points(plane.pixel_from_work, mm)) - np.column_stack([u, v])).max() < 2e-3
+    assert (
+        np.abs(
+            distort(camera, map_points(plane.pixel_from_work, mm)) - np.column_stack([u, v])
+        ).max()
+        < 2e-3
+    )
 
 
 def test_the_empty_bench_is_the_same_without_the_part(tmp_path: Path) -> None:
     one = photos(1, 1)[0]
     write(tmp_path, replace(one, empty=True))
-    full, bench = (cv2.imread(str(tmp_path / f"{one.name}{what}.png"), cv2.IMREAD_GRAYSCALE) for what in ("", "-empty"))
+    full, bench = (
+        cv2.imread(str(tmp_path / f"{one.name}{what}.png"), cv2.IMREAD_GRAYSCALE)
+        for what in ("", "-empty")
+    )
     assert load(tmp_path / f"{one.name}.toml").image.background.endswith(f"{one.name}-empty.png")
     covered = whole(one.loops, one.shot)
     change = full.astype(float) / bench

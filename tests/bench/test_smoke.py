@@ -137,21 +137,31 @@ def here(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for name, kind in (("plate.dxf", "dxf"), ("rfa1.stl", "mesh"), ("gear.png", "image")):
         (folder / kind).mkdir(exist_ok=True)
         shutil.copy(PARTS / name, folder / kind)
-    (folder / "truth.jsonl").write_text(json.dumps({"file": "dxf/plate.dxf", "total_exact": 100.0}) + "\n")
+    (folder / "truth.jsonl").write_text(
+        json.dumps({"file": "dxf/plate.dxf", "total_exact": 100.0}) + "\n"
+    )
     (folder / "photos").mkdir()
     photos.write(folder / "photos", photos.photos(1, 1)[0])
     (folder / "boards").mkdir()
     for k, pose in enumerate(poses(CAMERA, (200, 125), 3, seed=7, fill=0.6)):
-        cv2.imwrite(str(folder / "boards" / f"{k}.png"), photo(CAMERA, chess(9, 6, 25), pose, seed=k).pixels)
+        cv2.imwrite(
+            str(folder / "boards" / f"{k}.png"), photo(CAMERA, chess(9, 6, 25), pose, seed=k).pixels
+        )
     return folder
 
 
-def run(command: str, alone: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> str:
+def run(
+    command: str, alone: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> str:
     """What a bench prints. That it misses a goal (exit code 1) is no matter of a smoke run."""
     module, *words = shlex.split(f"bench.{command}")
     if alone:
         done = subprocess.run(
-            [sys.executable, "-m", module, *words], cwd=ROOT, capture_output=True, text=True, check=False
+            [sys.executable, "-m", module, *words],
+            cwd=ROOT,
+            capture_output=True,
+            text=True,
+            check=False,
         )
         assert done.returncode in (0, 1), done.stderr
         return done.stdout
@@ -173,7 +183,8 @@ def tables(text: str) -> list[tuple[list[str], list[list[str]]]]:
     found = []
     for block in re.findall(r"(?:^\|.*\n)+", text, re.M):
         head, rule, *rows = [
-            [cell.strip() for cell in line.strip().strip("|").split("|")] for line in block.splitlines()
+            [cell.strip() for cell in line.strip().strip("|").split("|")]
+            for line in block.splitlines()
         ]
         assert set("".join(rule)) == {"-"}, block
         found.append((head, rows))
@@ -194,13 +205,18 @@ def test_a_bench_prints_its_tables(
         assert all(len(row) == len(head) for row in rows), text
     for column, (least, most) in smoke.within.items():
         cells = [row[head.index(column)] for head, rows in found if column in head for row in rows]
-        numbers = [float(number[0].replace(",", "")) for cell in cells if (number := NUMBER.search(cell))]
+        numbers = [
+            float(number[0].replace(",", "")) for cell in cells if (number := NUMBER.search(cell))
+        ]
         assert numbers, f"{column}: {text}"
         assert all(least <= number <= most for number in numbers), f"{column}: {text}"
 
 
 def test_every_bench_has_a_smoke_run_and_a_line_in_its_readme() -> None:
-    modules = {".".join(p.relative_to(ROOT / "bench").with_suffix("").parts) for p in (ROOT / "bench").rglob("*.py")}
+    modules = {
+        ".".join(p.relative_to(ROOT / "bench").with_suffix("").parts)
+        for p in (ROOT / "bench").rglob("*.py")
+    }
     commands = {name for name in modules if not name.startswith("render.")} - LIBRARIES
     assert {smoke.command.split()[0] for smoke in SMOKES} | BY_CI == commands
     readme = (ROOT / "bench" / "README.md").read_text(encoding="utf-8")

@@ -59,7 +59,9 @@ def tips(joints: FloatArray) -> FloatArray:
     """The TCP in the work frame by textbook matrices."""
     tool = np.eye(4)
     tool[:3, 3] = TOOL.origin
-    return np.array([(by_hand("IRB 120", np.degrees(q)) @ tool)[:3, 3] for q in joints]) - np.array(BASE.origin)
+    return np.array([(by_hand("IRB 120", np.degrees(q)) @ tool)[:3, 3] for q in joints]) - np.array(
+        BASE.origin
+    )
 
 
 def between(joints: FloatArray, at: FloatArray, share: FloatArray) -> FloatArray:
@@ -70,7 +72,12 @@ def test_between_rows_no_point_leaves_the_way_of_the_tcp() -> None:
     share = np.linspace(0.0, 1.0, 401)
     rotation = turned(SHORT.rotation[0], SHORT.rotation[1], share)
     exact = joints_on(
-        ARM, BASE, TOOL, on_way(*SHORT.position[[0]], None, SHORT.position[1], share), rotation, ends()[0]
+        ARM,
+        BASE,
+        TOOL,
+        on_way(*SHORT.position[[0]], None, SHORT.position[1], share),
+        rotation,
+        ends()[0],
     )
     apart = partial(measure_apart, tool_scene())
     found = follow_closely(setup(), SHORT, ends(), np.array([True]))
@@ -130,14 +137,21 @@ def rounded_box(sides: int) -> trimesh.Trimesh:
     count = len(outline)
     low, high = np.arange(count), np.arange(count) + count
     after = np.roll(low, -1)
-    faces = [np.column_stack([low, after, after + count]), np.column_stack([low, after + count, high])]
+    faces = [
+        np.column_stack([low, after, after + count]),
+        np.column_stack([low, after + count, high]),
+    ]
     fan = np.column_stack([np.zeros(count - 2, int), np.arange(1, count - 1), np.arange(2, count)])
     points = np.concatenate([np.insert(outline, 2, z, axis=1) for z in (0.0, 20.0)])
-    return trimesh.Trimesh(points, np.concatenate([*faces, fan + count, fan[:, ::-1]]), process=False)
+    return trimesh.Trimesh(
+        points, np.concatenate([*faces, fan + count, fan[:, ::-1]]), process=False
+    )
 
 
 @pytest.mark.parametrize("sides", [3, 4, 12])
-def test_a_box_with_rounded_corners_comes_to_a_program_that_touches_nothing(sides: int, tmp_path: Path) -> None:
+def test_a_box_with_rounded_corners_comes_to_a_program_that_touches_nothing(
+    sides: int, tmp_path: Path
+) -> None:
     """The program was refused: "collides on edge e7: tool against part". 400 places on that way show nothing."""
     rounded_box(sides).export(tmp_path / "box.stl")
     job = {"cell": {"robot": "IRB 120"}}
@@ -147,7 +161,9 @@ def test_a_box_with_rounded_corners_comes_to_a_program_that_touches_nothing(side
     assert unfounded(result, camgen.job(job), 400)[1] == 0
 
 
-def stop(monkeypatch: pytest.MonkeyPatch, rounds: int, lost: Callable[[Any], tuple[Loss, ...]]) -> list[Any]:
+def stop(
+    monkeypatch: pytest.MonkeyPatch, rounds: int, lost: Callable[[Any], tuple[Loss, ...]]
+) -> list[Any]:
     """The check finds collisions in the first rounds."""
     asked: list[Any] = []
     real = programs.check
@@ -169,7 +185,9 @@ def second(_: Any) -> tuple[Loss, ...]:
 
 
 def every(program: Any) -> tuple[Loss, ...]:
-    return tuple(Loss(k, "collision", "collision, link 5 against part") for k in range(len(program.paths)))
+    return tuple(
+        Loss(k, "collision", "collision, link 5 against part") for k in range(len(program.paths))
+    )
 
 
 @pytest.fixture
@@ -178,7 +196,9 @@ def box(tmp_path: Path) -> Path:
     return tmp_path / "box.stl"
 
 
-def test_what_the_check_finds_costs_its_edge_and_no_more(box: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_the_check_finds_costs_its_edge_and_no_more(
+    box: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     asked = stop(monkeypatch, 1, second)
     result = camgen.build(box, post="rapid")
     gone = asked[0].paths[1].id
@@ -186,7 +206,9 @@ def test_what_the_check_finds_costs_its_edge_and_no_more(box: Path, monkeypatch:
     (note,) = [note for note in result.notes if note.ids == (gone,)]
     assert note.kind == "skipped"
     assert note.why == "collision, link 5 against part, at 1 2 3 mm"
-    assert any(gone in str(line) and "link 5 against part" in str(line) for line in result.report["notes"])
+    assert any(
+        gone in str(line) and "link 5 against part" in str(line) for line in result.report["notes"]
+    )
 
 
 def test_strict_makes_an_error_of_it(box: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -195,10 +217,13 @@ def test_strict_makes_an_error_of_it(box: Path, monkeypatch: pytest.MonkeyPatch)
         camgen.build(box, post="rapid", job={"input": {"select": "e7-e8"}}, strict=True)
 
 
-def test_without_an_edge_left_there_is_no_program(box: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_an_edge_left_there_is_no_program(
+    box: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     stop(monkeypatch, 1, every)
     with pytest.raises(
-        NoSafeProgram, match=r"none of 16 edges can be processed: e\d+ \(collision, link 5 against part\)"
+        NoSafeProgram,
+        match=r"none of 16 edges can be processed: e\d+ \(collision, link 5 against part\)",
     ):
         camgen.build(box, post="rapid")
 
@@ -229,12 +254,17 @@ def plate_with_hole(radius: float) -> trimesh.Trimesh:
         * np.column_stack([np.cos(angle), np.sin(angle)])
         / np.abs([np.cos(angle), np.sin(angle)]).max(axis=0)[:, None]
     )
-    points = np.concatenate([np.insert(rim, 2, z, axis=1) for rim in (ring, square) for z in (0.0, 10.0)])
+    points = np.concatenate(
+        [np.insert(rim, 2, z, axis=1) for rim in (ring, square) for z in (0.0, 10.0)]
+    )
     a = np.arange(90)
     b = np.roll(a, -1)
     faces = []
     for one, other in ((90, 0), (0, 180), (180, 270), (270, 90)):
-        faces += [np.column_stack([a + one, b + one, b + other]), np.column_stack([a + one, b + other, a + other])]
+        faces += [
+            np.column_stack([a + one, b + one, b + other]),
+            np.column_stack([a + one, b + other, a + other]),
+        ]
     made = trimesh.Trimesh(points, np.concatenate(faces), process=False)
     assert made.is_watertight
     if made.volume < 0:
@@ -255,7 +285,9 @@ def test_a_rim_that_bends_into_the_tip_of_its_tool_is_run(tmp_path: Path) -> Non
     deep = np.minimum.reduce([3.0 - 6.5 * np.sin(angle), 3.0 - bent, bent]).max()
     assert own_contact(rims, camgen.job(job)) == pytest.approx(deep, abs=0.02)
     (upper,) = [edge.id for edge in rims if edge.points[0, 2] > 5]
-    result = camgen.build(tmp_path / "plate.stl", post="rapid", job={**job, "input": {"select": upper}})
+    result = camgen.build(
+        tmp_path / "plate.stl", post="rapid", job={**job, "input": {"select": upper}}
+    )
     assert len(result.tour.paths) == 1
     assert any("its own edge may enter the tool's tip" in note.what for note in result.notes)
 
@@ -263,7 +295,10 @@ def test_a_rim_that_bends_into_the_tip_of_its_tool_is_run(tmp_path: Path) -> Non
 def test_a_rim_that_a_tool_does_not_fit_into_is_left_out() -> None:
     part = camgen.part(plate_with_hole(1.6))
     assert part.solid is not None
-    assert own_contact([edge for edge in part.solid.edges if edge.kind == "circle"], camgen.job()) == 0.0
+    assert (
+        own_contact([edge for edge in part.solid.edges if edge.kind == "circle"], camgen.job())
+        == 0.0
+    )
 
 
 @pytest.mark.parametrize(("at", "met"), [(102.0, False), (99.0, False), (96.0, True)])
@@ -272,7 +307,9 @@ def test_only_the_tip_may_enter_the_part_deeper(at: float, met: bool) -> None:
     rod = Link("tool", (Box(translation(0.0, 0.0, 50.0), (3.0, 3.0, 50.0)),))
     joints = ends()[:1]
     turn, origin = flange_of(joints)
-    wall = Box(Pose(turn, tuple((origin + turn @ [7.7, 0.0, at + 20.0]).tolist())), (5.0, 5.0, 20.0))
+    wall = Box(
+        Pose(turn, tuple((origin + turn @ [7.7, 0.0, at + 20.0]).tolist())), (5.0, 5.0, 20.0)
+    )
     for tip, verdict in ((0.0, at < 99.9), (0.4, met)):
         tested = scene(ARM, (rod,), (), (wall,), contact=(0.1, tip))
         found = motion(tested, joints, 1.0)

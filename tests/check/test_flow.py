@@ -36,7 +36,9 @@ def built(name: str, free: bool = False, post: str = "rapid", **process: float) 
     if "force" in process:
         options |= {"force_load": "load"}
     return camgen.build(
-        PARTS / "rfa1.stl", post=post, job={**tables, "tool": tool, "process": process, "post": options}
+        PARTS / "rfa1.stl",
+        post=post,
+        job={**tables, "tool": tool, "process": process, "post": options},
     )
 
 
@@ -58,7 +60,10 @@ def rounded(result: Result, motion: int, zone: float) -> FloatArray:
     """A parabola of the joints (21, J) from ``zone`` mm of the TCP before the corner to as much behind it."""
     assert result.reach is not None
     legs = legs_of(result.program, result.reach, arm_of(result))
-    long = [legs.way[(rows := legs.rows(k)).stop - 1] - legs.way[rows.start] for k in (motion, motion + 1)]
+    long = [
+        legs.way[(rows := legs.rows(k)).stop - 1] - legs.way[rows.start]
+        for k in (motion, motion + 1)
+    ]
     a, b, c = (
         between(result, motion, 1 - min(zone / long[0], 0.5)),
         between(result, motion, 1.0),
@@ -68,7 +73,9 @@ def rounded(result: Result, motion: int, zone: float) -> FloatArray:
     return np.asarray((1 - t) ** 2 * a + 2 * t * (1 - t) * b + t**2 * c)
 
 
-@pytest.mark.parametrize(("name", "free"), [("IRB 2000", True), ("IRB 1200", False), ("IRB 2400", True)])
+@pytest.mark.parametrize(
+    ("name", "free"), [("IRB 2000", True), ("IRB 1200", False), ("IRB 2400", True)]
+)
 def test_what_is_rounded_is_free_and_keeps_the_margin(name: str, free: bool) -> None:
     result = built(name, free)
     judge, blend = loop(result, SOLID), result.program.columns.blend
@@ -107,10 +114,15 @@ def test_more_margin_leaves_less_room_for_rounding() -> None:
     assert result.reach is not None
     assert result.where is not None
     bare = result.program.with_body(
-        tuple(replace(one, blend=0.0) if isinstance(one, (MoveJ, MoveL)) else one for one in result.program.body)
+        tuple(
+            replace(one, blend=0.0) if isinstance(one, (MoveJ, MoveL)) else one
+            for one in result.program.body
+        )
     )
     rest = bare, result.reach
-    wide, _ = let_flow(*rest, replace(result.where, margin=60.0), arm_of(result), result.cell.pace, 10.0)
+    wide, _ = let_flow(
+        *rest, replace(result.where, margin=60.0), arm_of(result), result.cell.pace, 10.0
+    )
     narrow, _ = let_flow(*rest, result.where, arm_of(result), result.cell.pace, 10.0)
     assert narrow.columns.blend.tolist() == result.program.columns.blend.tolist()
     assert (wide.columns.blend <= narrow.columns.blend).all()
@@ -128,7 +140,11 @@ def test_triangles_that_are_called_free_hold_nothing_that_collides() -> None:
     free = are_free(scene, corners, np.arange(150), 1.0)
     shares = rng.dirichlet(np.ones(3), (150, 60))
     inside = np.einsum("kns,ksj->knj", shares, corners)
-    struck = (hits(scene, inside.reshape(-1, inside.shape[-1]), near=1.0) >= 0).reshape(150, 60).any(axis=1)
+    struck = (
+        (hits(scene, inside.reshape(-1, inside.shape[-1]), near=1.0) >= 0)
+        .reshape(150, 60)
+        .any(axis=1)
+    )
     assert not (free & struck).any()
     assert free.sum() > 40
     assert struck.sum() > 20
@@ -142,10 +158,15 @@ def test_on_links_no_joint_is_faster_than_it_may_be_and_none_could_be_faster() -
     arm, columns = arm_of(result), result.program.columns
     legs = legs_of(result.program, result.reach, arm)
     full = 0
-    for k in np.flatnonzero(~columns.works & (columns.speed > result.job.process.feed))[1:].tolist():
+    for k in np.flatnonzero(~columns.works & (columns.speed > result.job.process.feed))[
+        1:
+    ].tolist():
         rows = legs.rows(k)
         mm, seconds = np.diff(legs.way[rows]), np.diff(legs.seconds[rows])
-        if isinstance(columns.moves[k], MoveJ) and columns.speed[k] > result.job.process.travel_speed:
+        if (
+            isinstance(columns.moves[k], MoveJ)
+            and columns.speed[k] > result.job.process.travel_speed
+        ):
             # The tool keeps to the speed that is asked where the fastest joint is as fast as it may be.
             assert columns.share[k] == 1.0
             assert (mm / seconds).max() <= columns.speed[k] + 1e-6
@@ -218,7 +239,9 @@ def test_a_motion_that_goes_straight_on_takes_hardly_more_than_one() -> None:
     slow = replace(PACE, acceleration=1e9)
     apart, passed = sum(swings([both, both], 0.0, slow)), sum(swings([both, both], 200.0, slow))
     (whole_way,) = swings([2 * both], 0.0, slow)
-    assert apart == pytest.approx(2 * from_rest(np.array((both / ARM.speeds).max()), 1.0, 1 / PACE.ramp))
+    assert apart == pytest.approx(
+        2 * from_rest(np.array((both / ARM.speeds).max()), 1.0, 1 / PACE.ramp)
+    )
     assert whole_way - 1e-9 <= passed < whole_way + 0.25 * (apart - whole_way)
 
 

@@ -24,15 +24,23 @@ NEAR = {"robot": "IRB 1200", "base_from_work": [450, -60, 0, 0, 0, 0]}
 TRACE: dict[str, Any] = {"operation": {"kind": "trace"}}
 
 
-def built(part: Path = PARTS / "bracket.dxf", strict: bool = False, **tables: Any) -> tuple[Result, int]:
+def built(
+    part: Path = PARTS / "bracket.dxf", strict: bool = False, **tables: Any
+) -> tuple[Result, int]:
     """The result, and how many programs were checked for it."""
     said: list[str] = []
-    result = camgen.build(part, post=tables.pop("post", "rapid"), job=tables, strict=strict, watch=said.append)
+    result = camgen.build(
+        part, post=tables.pop("post", "rapid"), job=tables, strict=strict, watch=said.append
+    )
     return result, said.count("checking")
 
 
 def lost(result: Result) -> dict[str, str]:
-    return {note.what.rpartition("path ")[2]: note.why for note in result.notes if note.kind == "skipped"}
+    return {
+        note.what.rpartition("path ")[2]: note.why
+        for note in result.notes
+        if note.kind == "skipped"
+    }
 
 
 def grid(folder: Path, places: Sequence[tuple[float, float]]) -> Path:
@@ -56,7 +64,14 @@ def test_a_path_out_of_reach_costs_no_other_one() -> None:
 
 def test_what_is_left_is_the_program_of_a_part_without_it() -> None:
     """Leads, passes and tabs of what is left out are nowhere."""
-    cut: dict[str, Any] = {"kind": "follow", "depth": 4.0, "passes": 2, "lead_in": 3.0, "lead_out": 3.0, "tabs": 2}
+    cut: dict[str, Any] = {
+        "kind": "follow",
+        "depth": 4.0,
+        "passes": 2,
+        "lead_in": 3.0,
+        "lead_out": 3.0,
+        "tabs": 2,
+    }
     result, _ = built(cell=FAR, operation=cut)
     assert list(lost(result)) == ["c1"]
     assert {origin.id for origin in result.program.paths} == {"c2", "c3", "c4"}
@@ -85,7 +100,11 @@ def test_hundreds_are_found_in_one_check(tmp_path: Path) -> None:
 def test_an_arm_without_a_closed_form_finds_them_too(tmp_path: Path) -> None:
     robot = Path(__file__).parents[2] / "fixtures" / "robots" / "cobot.urdf"
     holes = grid(tmp_path, [(0.0, 0.0), (2000.0, 0.0), (40.0, 0.0), (0.0, 2000.0), (0.0, 40.0)])
-    cell = {"robot": str(robot), "base_from_work": [400, -50, 0, 0, 0, 0], "home": [0, -90, 90, -90, -90, 0]}
+    cell = {
+        "robot": str(robot),
+        "base_from_work": [400, -50, 0, 0, 0, 0],
+        "home": [0, -90, 90, -90, -90, 0],
+    }
     result, checks = built(holes, cell=cell, operation={"kind": "drill"})
     assert set(lost(result)) == {"c2", "c4"}
     assert checks == 2
@@ -119,18 +138,26 @@ def test_a_wall_across_the_ways_costs_no_path(tmp_path: Path) -> None:
 def test_without_a_path_left_the_reason_is_that_of_the_first() -> None:
     far = {**FAR, "base_from_work": [1300, -60, 0, 0, 0, 0]}
     said: list[str] = []
-    with pytest.raises(NoSafeProgram, match=r"IRB 1200 cannot run path c\d at .* out of reach by .*base_from_work$"):
-        camgen.build(PARTS / "bracket.dxf", post="rapid", job={"cell": far, **TRACE}, watch=said.append)
+    with pytest.raises(
+        NoSafeProgram, match=r"IRB 1200 cannot run path c\d at .* out of reach by .*base_from_work$"
+    ):
+        camgen.build(
+            PARTS / "bracket.dxf", post="rapid", job={"cell": far, **TRACE}, watch=said.append
+        )
     assert said.count("checking") == 1
 
 
 def test_strict_refuses() -> None:
-    with pytest.raises(NoSafeProgram, match=r"--strict and 1 left out, first: path c1 \(out of reach by") as refused:
+    with pytest.raises(
+        NoSafeProgram, match=r"--strict and 1 left out, first: path c1 \(out of reach by"
+    ) as refused:
         built(strict=True, cell=FAR, **TRACE)
     assert refused.value.exit_code == 3
 
 
-def test_the_command_line_tells_it_and_writes_the_rest(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_line_tells_it_and_writes_the_rest(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     words = ["build", str(PARTS / "bracket.dxf"), "--post", "rapid", "-o", str(tmp_path / "b.mod")]
     words += ["--set", "cell.robot=IRB 1200", "--set", "cell.base_from_work=[800,-60,0,0,0,0]"]
     words += ["--set", "operation.kind=trace"]
@@ -153,7 +180,8 @@ def operations(*rows: dict[str, Any]) -> dict[str, Any]:
 
 def test_an_operation_loses_what_is_out_of_reach_and_no_more() -> None:
     rows = operations(
-        {"kind": "trace", "tool": 1, "ids": ["c1", "c2"]}, {"kind": "trace", "tool": 2, "ids": ["c3", "c4"]}
+        {"kind": "trace", "tool": 1, "ids": ["c1", "c2"]},
+        {"kind": "trace", "tool": 2, "ids": ["c3", "c4"]},
     )
     result, _ = built(cell={**FAR, "base_from_work": [800, -60, 60, 0, 0, 0]}, **rows)
     assert "0:c1" in lost(result)
@@ -165,7 +193,10 @@ def test_an_operation_loses_what_is_out_of_reach_and_no_more() -> None:
 
 
 def test_a_tool_that_has_nothing_left_is_not_changed_to() -> None:
-    rows = operations({"kind": "trace", "tool": 1, "ids": ["c1"]}, {"kind": "trace", "tool": 2, "ids": ["c2", "c4"]})
+    rows = operations(
+        {"kind": "trace", "tool": 1, "ids": ["c1"]},
+        {"kind": "trace", "tool": 2, "ids": ["c2", "c4"]},
+    )
     whole, _ = built(cell=NEAR, **rows)
     assert len(whole.counts) == 2
     result, _ = built(cell=FAR, **rows)
@@ -177,7 +208,8 @@ def test_a_tool_that_has_nothing_left_is_not_changed_to() -> None:
 
 def test_what_several_tools_lose_is_found_in_one_check() -> None:
     rows = operations(
-        {"kind": "trace", "tool": 1, "ids": ["c1", "c2"]}, {"kind": "trace", "tool": 2, "ids": ["c1", "c4"]}
+        {"kind": "trace", "tool": 1, "ids": ["c1", "c2"]},
+        {"kind": "trace", "tool": 2, "ids": ["c1", "c4"]},
     )
     result, checks = built(cell=FAR, **rows)
     assert set(lost(result)) == {"0:c1", "1:c1"}
@@ -189,7 +221,10 @@ def test_a_last_pass_is_not_run_where_the_rough_one_is_left_out() -> None:
     job = {"operation": {"kind": "follow", "depth": 6.0, "passes": 3, "finish": 0.5}}
     planned = camgen.plan(camgen.read(PARTS / "bracket.dxf"), job)
     left = leave_out_paths(planned, {"c1": "it collides"})
-    assert {path.id for path in planned.paths} - {path.id for path in left.paths} == {"c1", "c1.finish"}
+    assert {path.id for path in planned.paths} - {path.id for path in left.paths} == {
+        "c1",
+        "c1.finish",
+    }
     why = next(note.why for note in left.notes if "c1.finish" in note.ids)
     assert why == "path c1, which takes material away before it, is left out"
     assert find_dependent(planned, {"c1.finish"}) == {}
@@ -211,15 +246,26 @@ def test_a_later_operation_does_not_cut_what_an_earlier_one_left() -> None:
 
 def test_the_stock_proof_tells_what_is_left_as_left() -> None:
     cut = {"kind": "follow", "depth": 2.0}
-    result, _ = built(cell=FAR, operation=cut, stock={"thickness": 2.0, "margin": 10.0}, tool={"diameter": 4.0})
+    result, _ = built(
+        cell=FAR, operation=cut, stock={"thickness": 2.0, "margin": 10.0}, tool={"diameter": 4.0}
+    )
     assert list(lost(result)) == ["c1"]
     assert result.proof is not None
     assert result.proof.excess == pytest.approx(0.0, abs=0.5)
     outline = next(c for c in result.part.contours if c.id == "c1")
-    kerf = float(np.linalg.norm(np.diff(outline.points[[*range(len(outline.points)), 0]], axis=0), axis=1).sum()) * 4.0
+    kerf = (
+        float(
+            np.linalg.norm(
+                np.diff(outline.points[[*range(len(outline.points)), 0]], axis=0), axis=1
+            ).sum()
+        )
+        * 4.0
+    )
     untaken = result.proof.levels[-1].excess.untaken
     assert untaken == pytest.approx(kerf, rel=0.15)
-    assert any("mm2 of paths that are left out" in text for _, text, _ in rows_of_build(result.proof))
+    assert any(
+        "mm2 of paths that are left out" in text for _, text, _ in rows_of_build(result.proof)
+    )
 
 
 def test_a_recorded_program_is_run_whole_or_not_at_all(tmp_path: Path) -> None:
@@ -262,11 +308,16 @@ def test_rounds_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert 1 < len(asked) <= 16
 
 
-@pytest.mark.parametrize(("post", "robot", "away"), [("pacscript", "VS-060", 520), ("vplus", "Cobra s600", 520)])
+@pytest.mark.parametrize(
+    ("post", "robot", "away"), [("pacscript", "VS-060", 520), ("vplus", "Cobra s600", 520)]
+)
 def test_other_controllers_get_the_rest_too(post: str, robot: str, away: float) -> None:
     result, _ = built(
         post=post,
-        cell={"robot": robot, "base_from_work": [away, -60 if post == "pacscript" else 0, 100, 0, 0, 0]},
+        cell={
+            "robot": robot,
+            "base_from_work": [away, -60 if post == "pacscript" else 0, 100, 0, 0, 0],
+        },
         **TRACE,
     )
     assert list(lost(result)) == ["c1"]

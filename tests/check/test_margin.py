@@ -51,13 +51,18 @@ def test_what_is_told_is_what_fcl_measures() -> None:
     assert least is not None
     assert measured(result) == pytest.approx(least.distance, abs=0.25)
     assert set(least.pair) == {"link 2", "link 4"}
-    assert any(f"link 2 against link 4 on {least.on} at {least.at} mm" in note for note in near_notes(result))
+    assert any(
+        f"link 2 against link 4 on {least.on} at {least.at} mm" in note
+        for note in near_notes(result)
+    )
     told = json.loads(json.dumps(result.report))["clearance"]
     assert (told["between"], told["on"]) == (["link 2", "link 4"], least.on)
 
 
 @pytest.mark.parametrize(("name", "least"), [("IRB 2000", 0.6), (TIGHT, 0.3)])
-def test_where_there_is_a_choice_the_margin_is_kept_and_no_edge_is_lost(name: str, least: float) -> None:
+def test_where_there_is_a_choice_the_margin_is_kept_and_no_edge_is_lost(
+    name: str, least: float
+) -> None:
     before, after = built(name, 0.0, free=True), built(name, 2.0, free=True)
     assert measured(before) < least
     assert measured(after) >= 2.0 - 0.25
@@ -82,14 +87,18 @@ def test_of_two_ways_out_the_one_with_room_is_taken_and_else_the_one_with_most()
     setup, room, motions = _planned(result)
     bare = np.full((1, 3), np.nan)
     ends = [(Way(m.way.position[[0]], bare, m.way.rotation[[0]]), m.joints[0]) for m in motions[:4]]
-    first = [one.name for one in retractions(setup, room, ends, PACE) if isinstance(one, Retraction)]
+    first = [
+        one.name for one in retractions(setup, room, ends, PACE) if isinstance(one, Retraction)
+    ]
     gaps = iter([0.5, 1.0, 0.25])
 
     def crowded(tracks: list[Track]) -> list[Hit | float]:
         return [next(gaps, 0.1)] * len(tracks)
 
     seen = [
-        one for one in retractions(setup, replace(room, look=crowded), ends[:1], PACE) if isinstance(one, Retraction)
+        one
+        for one in retractions(setup, replace(room, look=crowded), ends[:1], PACE)
+        if isinstance(one, Retraction)
     ]
     assert len(first) == 4
     assert len(seen) == 1
@@ -103,9 +112,13 @@ def test_a_free_motion_that_comes_near_is_taken_only_where_no_other_leads() -> N
     home = setup.robot.home
 
     def crowded(tracks: list[Track]) -> list[Hit | float]:
-        free = [track.way is None and not any(np.allclose(row, home) for row in track.joints) for track in tracks]
+        free = [
+            track.way is None and not any(np.allclose(row, home) for row in track.joints)
+            for track in tracks
+        ]
         return [
-            0.1 if one and not isinstance(hit, Hit) else hit for one, hit in zip(free, room.look(tracks), strict=True)
+            0.1 if one and not isinstance(hit, Hit) else hit
+            for one, hit in zip(free, room.look(tracks), strict=True)
         ]
 
     def all_crowded(tracks: list[Track]) -> list[Hit | float]:
@@ -125,7 +138,9 @@ def _planned(result: Result):  # type: ignore[no-untyped-def]
     assert result.where is not None
     assert result.cell.arm is not None
     setup = setup_of(result.cell.arm, result.cell, result.where)
-    edges = [edge for edge in SOLID.edges if edge.id in {path.contours[0] for path in result.planned}]
+    edges = [
+        edge for edge in SOLID.edges if edge.id in {path.contours[0] for path in result.planned}
+    ]
     motions = tuple(one for one in reach(edges, setup, 2.0) if isinstance(one, Reached))
     return setup, room_of(result.where, setup), motions
 

@@ -35,9 +35,15 @@ SEEN = Job(image=ImageTable(mm_per_px=PIXEL))
 
 def photo(file: Path, loops: Sequence[Loop], turn: float = 0.0, ink: float = 0.15) -> Path:
     """A dark part on a light bench from right above, its origin in the middle, turned by ``turn`` rad."""
-    lens = Lens(np.array([[9000.0, 0, (WIDE - 1) / 2], [0, 9000, (HIGH - 1) / 2], [0, 0, 1]]), (0,) * 5, (WIDE, HIGH))
+    lens = Lens(
+        np.array([[9000.0, 0, (WIDE - 1) / 2], [0, 9000, (HIGH - 1) / 2], [0, 0, 1]]),
+        (0,) * 5,
+        (WIDE, HIGH),
+    )
     pose = looking(lens, 0j, complex(WIDE - 1, HIGH - 1) / 2, PIXEL, 0, 0, 0)
-    shot = Shot(lens, *pose, blur=0.7, exposure=0.9, gradient=(0.1, -0.1), read=1.6, shot=0.01, seed=3)
+    shot = Shot(
+        lens, *pose, blur=0.7, exposure=0.9, gradient=(0.1, -0.1), read=1.6, shot=0.01, seed=3
+    )
     layer = Layer(tuple(loop.moved(turn, 0j) for loop in loops), ink, texture=0.02)
     written(file, render(Scene(0.7, (layer,), texture=0.02), shot))
     return file
@@ -45,7 +51,9 @@ def photo(file: Path, loops: Sequence[Loop], turn: float = 0.0, ink: float = 0.1
 
 def drawing(loops: Sequence[Loop]) -> Part:
     contours = [
-        Contour(np.column_stack([loop.points.real, loop.points.imag]), loop.bulges, True, "0", f"c{k}")
+        Contour(
+            np.column_stack([loop.points.real, loop.points.imag]), loop.bulges, True, "0", f"c{k}"
+        )
         for k, loop in enumerate(loops, 1)
     ]
     return Part("plate", "plate.dxf", "mm", tuple(contours), ())
@@ -56,12 +64,18 @@ def bumped(loop: Loop, side: int, at: float, width: float, height: float) -> Loo
     start, end = loop.points[side], loop.points[(side + 1) % len(loop.points)]
     along = (end - start) / abs(end - start)
     foot = start + along * at
-    points = np.concatenate([loop.points[: side + 1], [foot, foot + along * width], loop.points[side + 1 :]])
-    bulges = np.concatenate([loop.bulges[: side + 1], [2 * height / width, 0.0], loop.bulges[side + 1 :]])
+    points = np.concatenate(
+        [loop.points[: side + 1], [foot, foot + along * width], loop.points[side + 1 :]]
+    )
+    bulges = np.concatenate(
+        [loop.bulges[: side + 1], [2 * height / width, 0.0], loop.bulges[side + 1 :]]
+    )
     return Loop(points, bulges)
 
 
-def look(folder: Path, made: Sequence[Loop], drawn: Sequence[Loop] = PLATE, turn: float = 0.0) -> Inspection:
+def look(
+    folder: Path, made: Sequence[Loop], drawn: Sequence[Loop] = PLATE, turn: float = 0.0
+) -> Inspection:
     files = Files()
     seen = read(files.read(photo(folder / "photo.png", made, turn)), SEEN, files)
     return inspect_photo(seen, drawing(drawn), Job())
@@ -73,7 +87,9 @@ def test_a_part_as_drawn_has_no_difference(tmp_path: Path, turn: float) -> None:
     assert found.differences == ()
     assert np.angle(np.exp(1j * (found.fit.turn + turn))) == pytest.approx(0, abs=2e-4)
     # The middle of the picture is the origin of the drawing.
-    assert found.fit.apply(np.array([[MIDDLE.real, MIDDLE.imag]]))[0] == pytest.approx([0, 0], abs=PIXEL / 2 + 0.02)
+    assert found.fit.apply(np.array([[MIDDLE.real, MIDDLE.imag]]))[0] == pytest.approx(
+        [0, 0], abs=PIXEL / 2 + 0.02
+    )
     assert found.fit.rms < 0.1 * PIXEL
 
 
@@ -116,7 +132,9 @@ def test_a_round_part_can_be_turned(tmp_path: Path) -> None:
 
 
 def test_another_part_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"photo.png: does not show plate.dxf: \d+ % of its outline"):
+    with pytest.raises(
+        InputError, match=r"photo.png: does not show plate.dxf: \d+ % of its outline"
+    ):
         look(tmp_path, bracket())
 
 
@@ -185,8 +203,19 @@ def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_the_command_lists_draws_and_says_what_to_do(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    words = ["inspect", "photo.png", "--against", "plate.dxf", "--removal", "0.3", "--rework", "again.toml"]
+def test_the_command_lists_draws_and_says_what_to_do(
+    desk: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = [
+        "inspect",
+        "photo.png",
+        "--against",
+        "plate.dxf",
+        "--removal",
+        "0.3",
+        "--rework",
+        "again.toml",
+    ]
     assert main([*words, "--preview", "a.svg"]) == 0
     out = capsys.readouterr().out
     assert "too much: 1 place, 2." in out
@@ -210,7 +239,10 @@ def test_the_command_lists_draws_and_says_what_to_do(desk: Path, capsys: pytest.
 def test_strict_makes_differing_an_error(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["inspect", "good.png", "--against", "plate.dxf", "--strict"]) == 0
     capsys.readouterr()
-    assert main(["inspect", "photo.png", "--against", "plate.dxf", "--strict", "--preview", "a.svg"]) == 4
+    assert (
+        main(["inspect", "photo.png", "--against", "plate.dxf", "--strict", "--preview", "a.svg"])
+        == 4
+    )
     said = capsys.readouterr()
     assert said.out == ""
     assert "photo.png: differs from plate.dxf in 1 place, first: too much at -17." in said.err
@@ -223,12 +255,18 @@ def test_strict_makes_differing_an_error(desk: Path, capsys: pytest.CaptureFixtu
         (["good.png", "--least", "0.2"], "--least: has no effect without --against"),
         (["good.png", "--strict"], "--strict: has no effect without --against"),
         (["good.png", "--against", "plate.dxf", "--rework", "r.toml"], "--rework: needs --removal"),
-        (["good.png", "--against", "plate.dxf", "--preview", "a.html"], "a.html: is no kind of picture"),
+        (
+            ["good.png", "--against", "plate.dxf", "--preview", "a.html"],
+            "a.html: is no kind of picture",
+        ),
         (["good.png", "--against", "plate.dxf", "--least", "0"], "--least: cannot be 0 mm"),
         (["good.png", "--against", "plate.dxf", "--removal", "0"], "--removal: cannot be 0 mm"),
         (["good.png", "--against", "none.dxf"], "none.dxf: no such file"),
         (["good.png", "--against", "other.toml"], "other.toml: beside it is no input of its name"),
-        (["plate.dxf", "--against", "plate.dxf"], "plate.dxf: is not a PNG, JPEG, TIFF, BMP or PGM image"),
+        (
+            ["plate.dxf", "--against", "plate.dxf"],
+            "plate.dxf: is not a PNG, JPEG, TIFF, BMP or PGM image",
+        ),
         (["good.png", "--against", "plate.dxf", "--preview", "photo.png/a.svg"], "a.svg"),
         (["good.png", "--against", "good.png", "--preview", "good.png"], "good.png"),
     ],

@@ -39,13 +39,17 @@ def program(*motions: MoveJ | MoveL | MoveC, home: Joints = HOME, base: Pose = B
 def test_the_joints_lead_where_the_program_says() -> None:
     arm = robot("IRB 120")
     arc = MoveC(down(50, 50), down(100, 0), 20.0)
-    found = check_reach(program(MoveJ(down(0, 0), 100.0), arc, MoveL(down(0, 0), 20.0)), arm, "part")
+    found = check_reach(
+        program(MoveJ(down(0, 0), 100.0), arc, MoveL(down(0, 0), 20.0)), arm, "part"
+    )
     rotations, origins = flange(arm, found.joints)
     every = origins + rotations @ np.array([0.0, 0.0, 100.0]) - np.array(BASE.origin)
     assert every[found.owner == 2][-1] == pytest.approx([0, 0, 0], abs=1e-6)
     tips = every[(found.owner == 3) | (found.owner == 4)]
     on_arc = every[found.owner == 3]
-    assert np.hypot(on_arc[:, 0] - 50, on_arc[:, 1]) == pytest.approx(np.full(len(on_arc), 50.0), abs=1e-6)
+    assert np.hypot(on_arc[:, 0] - 50, on_arc[:, 1]) == pytest.approx(
+        np.full(len(on_arc), 50.0), abs=1e-6
+    )
     assert (on_arc[:-1, 1] > 1).all()
     assert np.abs(tips[:, 2]).max() < 1e-6
     assert np.linalg.norm(np.diff(tips, axis=0), axis=1).max() <= 10.0 + 1e-6
@@ -56,14 +60,18 @@ def test_the_joints_lead_where_the_program_says() -> None:
 
 def test_what_is_out_of_reach_is_told_with_place_and_path() -> None:
     far = program(MoveJ(down(0, 0), 100.0), MoveL(down(600, 0), 20.0))
-    with pytest.raises(NoSafeProgram, match=r"IRB 120 cannot run path c1 at \d+ 0 0 mm: out of reach by") as refused:
+    with pytest.raises(
+        NoSafeProgram, match=r"IRB 120 cannot run path c1 at \d+ 0 0 mm: out of reach by"
+    ) as refused:
         check_reach(far, robot("IRB 120"), "part.dxf")
     assert str(refused.value).startswith("part.dxf: ")
 
 
 def test_a_line_whose_ends_alone_are_in_reach_is_refused() -> None:
     """Straight through the robot's own column: no arm passes there with its tool down."""
-    behind = program(MoveJ(down(0, 0), 100.0), MoveL(down(-600, 150), 20.0), base=translation(300, -75, 100))
+    behind = program(
+        MoveJ(down(0, 0), 100.0), MoveL(down(-600, 150), 20.0), base=translation(300, -75, 100)
+    )
     with pytest.raises(NoSafeProgram, match="cannot run"):
         check_reach(behind, robot("IRB 120"), "part")
 
@@ -79,9 +87,21 @@ def test_the_tool_counts() -> None:
 @pytest.mark.parametrize(
     ("made", "arm", "line"),
     [
-        (program(MoveJ(down(0, 0), 9.0), home=Joints((0.0,) * 4)), "IRB 120", "has 6 joints, home has 4"),
-        (program(MoveJ(down(0, 0), 9.0), home=Joints((9.0,) * 6)), "IRB 120", "is beyond the limits of IRB 120"),
-        (Program("p", Pose(IDENTITY, (0, 0, 0)), TOOL, (MoveJ(down(0, 0), 9.0),)), "IRB 120", "not for an arm"),
+        (
+            program(MoveJ(down(0, 0), 9.0), home=Joints((0.0,) * 4)),
+            "IRB 120",
+            "has 6 joints, home has 4",
+        ),
+        (
+            program(MoveJ(down(0, 0), 9.0), home=Joints((9.0,) * 6)),
+            "IRB 120",
+            "is beyond the limits of IRB 120",
+        ),
+        (
+            Program("p", Pose(IDENTITY, (0, 0, 0)), TOOL, (MoveJ(down(0, 0), 9.0),)),
+            "IRB 120",
+            "not for an arm",
+        ),
     ],
     ids=["joints", "limits", "machine"],
 )
@@ -90,7 +110,9 @@ def test_a_program_for_another_arm_is_refused(made: Program, arm: str, line: str
         check_reach(made, robot(arm), "part")
 
 
-@pytest.mark.parametrize(("post", "arm"), [("rapid", "irb120"), ("pacscript", "VS-060"), ("vplus", "Cobra s600")])
+@pytest.mark.parametrize(
+    ("post", "arm"), [("rapid", "irb120"), ("pacscript", "VS-060"), ("vplus", "Cobra s600")]
+)
 def test_the_built_in_cells_are_reached_by_their_arms(post: str, arm: str) -> None:
     job: dict[str, Any] = {"cell": {"robot": arm}}
     result = camgen.build(PARTS / "bracket.dxf", post=post, job=job)

@@ -20,7 +20,10 @@ def rectangle(folder, size, units, x=0.0):
     ("post", "what"),
     [
         ("gcode", "a coordinate is beyond 99999 mm (instruction 10)"),
-        ("rapid", "a coordinate of more than 8388 mm, which a num does not carry exactly (instruction 7)"),
+        (
+            "rapid",
+            "a coordinate of more than 8388 mm, which a num does not carry exactly (instruction 7)",
+        ),
         (
             "vplus",
             "at (-3, 60000, 0) mm is beyond 8192 mm, where a V+ real is too coarse (instruction 7); "
@@ -38,7 +41,9 @@ def test_a_drawing_that_leaves_the_machine_names_file_unit_and_remedy(tmp_path, 
 
 
 def test_a_small_drawing_far_away_does_so_too(tmp_path):
-    with pytest.raises(Refused, match=r"drawn in mm it lies at x 90000 to 90050, y 0 to 25 mm: set input\.units"):
+    with pytest.raises(
+        Refused, match=r"drawn in mm it lies at x 90000 to 90050, y 0 to 25 mm: set input\.units"
+    ):
         build(rectangle(tmp_path, 50, units=4, x=90000), post="rapid")
 
 
@@ -53,7 +58,9 @@ def test_an_arm_that_does_not_reach_names_the_unit_of_what_is_large(tmp_path):
 def test_another_refusal_is_told_by_the_post(tmp_path):
     """In mm/min; the way down to the contact, which comes first, runs at a third of the feed unless it has its own."""
     for process, feed in (({"feed": 0.0001}, "0.002"), ({"feed": 0.0001, "plunge": 5.0}, "0.006")):
-        with pytest.raises(Refused, match=rf"^gcode: a feed of {feed} mm/min cannot be meant; change process\.feed"):
+        with pytest.raises(
+            Refused, match=rf"^gcode: a feed of {feed} mm/min cannot be meant; change process\.feed"
+        ):
             build(rectangle(tmp_path, 50, units=4), post="gcode", job={"process": process})
 
 
@@ -70,8 +77,12 @@ REPLAYED = "G21 G90 G94\nG0 Z5\nM3 S900\nM7\nG0 X0 Y0\nG1 Z0 F300\nG1 X50\nG0 Z5
         ("grbl", {}, "line 4: signal mist has no output"),
     ],
 )
-def test_an_output_that_is_none_names_the_line_that_first_switches_it(tmp_path, post, signals, says):
+def test_an_output_that_is_none_names_the_line_that_first_switches_it(
+    tmp_path, post, signals, says
+):
     """Though it is put off before, by an instruction that stands on no line of what was read."""
     (tmp_path / "old.nc").write_text(REPLAYED)
-    with pytest.raises(Refused, match=rf"^old\.nc: {post} refuses {says} .*; (set|add|give).* post\.signals"):
+    with pytest.raises(
+        Refused, match=rf"^old\.nc: {post} refuses {says} .*; (set|add|give).* post\.signals"
+    ):
         build(tmp_path / "old.nc", post=post, job={"post": {"signals": signals}})

@@ -58,12 +58,17 @@ def test_a_program_without_motion_has_no_extents() -> None:
 def test_arc_length_is_radius_times_sweep_wherever_via_lies(
     radius: float, first: float, sweep: float, part: float
 ) -> None:
-    points = [[radius * math.cos(a), radius * math.sin(a), 7.0] for a in (first, first + part * sweep, first + sweep)]
+    points = [
+        [radius * math.cos(a), radius * math.sin(a), 7.0]
+        for a in (first, first + part * sweep, first + sweep)
+    ]
     start, via, end = (frozen([p]) for p in points)
     assert arc_lengths(start, via, end)[0] == pytest.approx(radius * sweep, rel=1e-6)
 
 
-def tool_path(ident: str, feeds: list[float], force: list[float], depths: tuple[float, ...] = (0.0,)) -> ToolPath:
+def tool_path(
+    ident: str, feeds: list[float], force: list[float], depths: tuple[float, ...] = (0.0,)
+) -> ToolPath:
     """Along x in steps of 10 mm."""
     n = len(feeds)
     position = frozen(np.column_stack([np.arange(n) * 10.0, np.zeros(n), np.zeros(n)]))
@@ -105,7 +110,12 @@ def test_the_report_has_the_keys_of_the_contract() -> None:
         }
     ]  # fmt: skip
     assert found["skipped"] == [{"what": "3 TEXT", "why": "no curves"}]
-    assert found["tour"] == {"method": "nearest neighbour", "work_mm": 20.0, "travel_mm": 7.0, "bound_mm": None}
+    assert found["tour"] == {
+        "method": "nearest neighbour",
+        "work_mm": 20.0,
+        "travel_mm": 7.0,
+        "bound_mm": None,
+    }
     assert (found["time_s"], found["travel_s"]) == (4.3, 1.1)
     assert found["checks"] == dict.fromkeys(("reach", "collision", "limits"), "not checked")
     assert found["verify"] == {"status": "equal", "max_deviation_mm": 0.00049}

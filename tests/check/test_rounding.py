@@ -42,8 +42,15 @@ def disc(tmp_path_factory: pytest.TempPathFactory) -> Path:
     faces = []
     for i in range(n):
         j = (i + 1) % n
-        faces += [(i, j, n + 1 + j), (i, n + 1 + j, n + 1 + i), (n, j, i), (2 * n + 1, n + 1 + i, n + 1 + j)]
-    lines = [f"v {x} {y} {z}" for x, y, z in corners] + [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in faces]
+        faces += [
+            (i, j, n + 1 + j),
+            (i, n + 1 + j, n + 1 + i),
+            (n, j, i),
+            (2 * n + 1, n + 1 + i, n + 1 + j),
+        ]
+    lines = [f"v {x} {y} {z}" for x, y, z in corners] + [
+        f"f {a + 1} {b + 1} {c + 1}" for a, b, c in faces
+    ]
     file = tmp_path_factory.mktemp("disc") / "disc.obj"
     file.write_text("\n".join(lines))
     return file
@@ -51,7 +58,13 @@ def disc(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def build(disc: Path, controller: str = "rapid", **tables: dict[str, object]) -> Result:
     """The upper edges of the disc."""
-    job: Tables = {"input": {"select": "e1, e2"}, "operation": {"offset": 2}, "tool": TOOL, "cell": CELL, **tables}
+    job: Tables = {
+        "input": {"select": "e1, e2"},
+        "operation": {"offset": 2},
+        "tool": TOOL,
+        "cell": CELL,
+        **tables,
+    }
     return camgen.build(disc, post=controller, job=job)
 
 
@@ -59,7 +72,9 @@ def build(disc: Path, controller: str = "rapid", **tables: dict[str, object]) ->
 def of_the_paper() -> Result:
     """The first part of the paper, with rims along which tilt and roll of the tool change from row to row."""
     tables = cell(mesh.read(source(PARTS / "rfa1.stl")), "IRB 2400")
-    return camgen.build(PARTS / "rfa1.stl", post="rapid", job={**tables, "tool": {**tables["tool"], **FREE}})
+    return camgen.build(
+        PARTS / "rfa1.stl", post="rapid", job={**tables, "tool": {**tables["tool"], **FREE}}
+    )
 
 
 def inner(result: Result) -> list[tuple[Motion, Motion, Motion]]:
@@ -68,7 +83,11 @@ def inner(result: Result) -> list[tuple[Motion, Motion, Motion]]:
     return [
         (moves[k - 1], one, two)
         for k, (one, two) in enumerate(pairwise(moves))
-        if isinstance(one, Motion) and isinstance(two, Motion) and one.work and two.work and one.path == two.path
+        if isinstance(one, Motion)
+        and isinstance(two, Motion)
+        and one.work
+        and two.work
+        and one.path == two.path
     ]
 
 
@@ -93,7 +112,10 @@ def parabola(before: Motion, one: Motion, two: Motion) -> FloatArray:
     """The way about a corner between two lines (21, 3), as a controller with zones rounds it."""
     corner, a, b = point(one), length_of(before, one), length_of(one, two)
     zone = min(one.blend, a / 2, b / 2)
-    begin, end = corner + (point(before) - corner) * zone / a, corner + (point(two) - corner) * zone / b
+    begin, end = (
+        corner + (point(before) - corner) * zone / a,
+        corner + (point(two) - corner) * zone / b,
+    )
     t = np.linspace(0, 1, 21)[:, None]
     return np.asarray((1 - t) ** 2 * begin + 2 * t * (1 - t) * corner + t**2 * end)
 
@@ -133,13 +155,19 @@ def wanted(before: Motion, one: Motion, two: Motion, tolerance: float) -> float:
     angle, half = turn(before, one, two), min(length_of(before, one), length_of(one, two)) / 2
     for zone, begin in ZONES.items():
         fits = zone <= half or zone == min(ZONES)
-        if fits and zone * np.sin(angle / 2) / 2 <= tolerance and swerve(before, one, two, begin) <= np.pi / 360:
+        if (
+            fits
+            and zone * np.sin(angle / 2) / 2 <= tolerance
+            and swerve(before, one, two, begin) <= np.pi / 360
+        ):
             return zone
     return 0.0
 
 
 @pytest.mark.parametrize("tolerance", [0.0, 0.01, 0.02, 0.05, 0.5])
-def test_the_rows_of_an_edge_are_passed_as_near_as_the_tolerance_asks(disc: Path, tolerance: float) -> None:
+def test_the_rows_of_an_edge_are_passed_as_near_as_the_tolerance_asks(
+    disc: Path, tolerance: float
+) -> None:
     result = build(disc, tolerance={"corner": tolerance})
     rows = inner(result)
     assert len(rows) == 20
@@ -153,7 +181,9 @@ def test_the_rows_of_an_edge_are_passed_as_near_as_the_tolerance_asks(disc: Path
 
 
 def test_it_is_the_tolerance_of_chords_where_none_is_given(disc: Path) -> None:
-    given, taken = (build(disc, tolerance={key: 0.02}).program.columns for key in ("corner", "chord"))
+    given, taken = (
+        build(disc, tolerance={key: 0.02}).program.columns for key in ("corner", "chord")
+    )
     assert given.blend.tolist() == taken.blend.tolist()
 
 
@@ -176,7 +206,9 @@ def test_each_stop_that_is_left_out_saves_what_braking_and_speeding_up_cost(disc
     body = list(result.program.body)
     for k in result.program.columns.at[rows].tolist():
         body[k] = replace(body[k], blend=0.0)
-    at_rows = cycle(result.program.with_body(tuple(body)), result.cell.pace, result.reach, result.cell.arm).total
+    at_rows = cycle(
+        result.program.with_body(tuple(body)), result.cell.pace, result.reach, result.cell.arm
+    ).total
     assert len(passed) == 20
     assert at_rows - result.cycle.total == pytest.approx(cost, rel=0.05)
 
@@ -200,7 +232,9 @@ def test_a_force_presses_on_from_row_to_row(disc: Path) -> None:
     assert ",fine," in pressed[-1]
 
 
-@pytest.mark.parametrize(("post", "stop"), [("rapid", ",fine,"), ("pacscript", "@0 "), ("vplus", "BREAK")])
+@pytest.mark.parametrize(
+    ("post", "stop"), [("rapid", ",fine,"), ("pacscript", "@0 "), ("vplus", "BREAK")]
+)
 def test_the_text_of_every_controller_passes_the_rows(disc: Path, post: str, stop: str) -> None:
     options: dict[str, object] = {"signals": {"process": 1}} if post == "vplus" else {}
     result = build(disc, post, tolerance={"corner": 0.05}, post=options)
@@ -214,7 +248,9 @@ def test_where_the_tool_is_turned_otherwise_from_row_to_row_it_may_hardly_be_off
     for corner in rows:
         # The rims of the bore go on without a corner, so that only the tool's turning asks for less.
         assert turn(*corner) < 1e-6
-        fits = [zone for zone, begin in ZONES.items() if swerve(*corner, begin) <= np.pi / 360 + 1e-6]
+        fits = [
+            zone for zone, begin in ZONES.items() if swerve(*corner, begin) <= np.pi / 360 + 1e-6
+        ]
         assert corner[1].blend == max(zone for zone in fits if zone <= 7.1 / 2)
     assert {corner[1].blend for corner in rows} == {0.3, 1.0}
 
@@ -222,7 +258,9 @@ def test_where_the_tool_is_turned_otherwise_from_row_to_row_it_may_hardly_be_off
 def test_a_tool_that_turns_otherwise_all_at_once_stops() -> None:
     """Begun b before the corner the tool is off by a quarter of b times what its turning changes there, rad/mm."""
     half = np.pi / 360
-    bend = np.array([0.0, 4 * half / 8.01, 4 * half / 7.99, 4 * half / 0.99, 4 * half / 0.31, 4 * half / 0.29])
+    bend = np.array(
+        [0.0, 4 * half / 8.01, 4 * half / 7.99, 4 * half / 0.99, 4 * half / 0.31, 4 * half / 0.29]
+    )
     zones = hold_orientation(np.full(6, 5.0), bend[::-1], Dynamics())
     assert zones.tolist() == [0.0, 0.3, 0.3, 1.0, 5.0, 5.0]
     # Where motions overlap there is one rounding, as long as they are fast.
@@ -246,15 +284,28 @@ def corner_of(tmp_path: Path, flat: bool) -> Path:
     return file
 
 
-def angle_iron(tmp_path: Path, gap: float, margin: float, flat: bool = False) -> tuple[list[float], bool]:
+def angle_iron(
+    tmp_path: Path, gap: float, margin: float, flat: bool = False
+) -> tuple[list[float], bool]:
     """The blends of a curve with a corner of 90 deg, which may be rounded by 5 mm, about a block that the square tool
     of 6 mm passes at ``gap`` mm, and whether a note tells that they are less than asked.
     """
     block = [0.0, 3.0 + gap, -5.0, 37.0 - gap, 40.0, 4.0]
-    fixed = {"base_from_work": [330, -20, 155, 0, 0, 0], "robot": "IRB 120", "margin": margin, "fixtures": [block]}
-    job: Tables = {"tolerance": {"corner": 5}, "cell": fixed, "operation": {"side": "on"} if flat else {}}
+    fixed = {
+        "base_from_work": [330, -20, 155, 0, 0, 0],
+        "robot": "IRB 120",
+        "margin": margin,
+        "fixtures": [block],
+    }
+    job: Tables = {
+        "tolerance": {"corner": 5},
+        "cell": fixed,
+        "operation": {"side": "on"} if flat else {},
+    }
     result = camgen.build(corner_of(tmp_path, flat), post="rapid", job=job)
-    told = any(note.what == "less is rounded at 1 of 1 corner along the paths" for note in result.notes)
+    told = any(
+        note.what == "less is rounded at 1 of 1 corner along the paths" for note in result.notes
+    )
     return [one.blend for _, one, _ in inner(result)], told
 
 
@@ -263,7 +314,14 @@ def angle_iron(tmp_path: Path, gap: float, margin: float, flat: bool = False) ->
     # The tool begins to turn 8 mm before its corner with zone 5, 1.6 and 0.48 mm with the others, which has it off its
     # way by sin(45 deg) / 2 of that: 2.83, 0.57 and 0.17 mm, taken up to 1.4 times as large. The rest of the gap is to
     # be the margin.
-    [(6.0, 2.0, 5.0), (6.0, 3.5, 1.0), (6.0, 5.0, 1.0), (6.0, 5.6, 0.3), (6.0, 5.95, 0.0), (1.5, 0.0, 1.0)],
+    [
+        (6.0, 2.0, 5.0),
+        (6.0, 3.5, 1.0),
+        (6.0, 5.0, 1.0),
+        (6.0, 5.6, 0.3),
+        (6.0, 5.95, 0.0),
+        (1.5, 0.0, 1.0),
+    ],
 )
 def test_a_corner_is_rounded_as_far_as_the_margin_is_kept(
     tmp_path: Path, gap: float, margin: float, blend: float

@@ -28,7 +28,9 @@ def down(x: float, y: float, z: float = 20.0) -> Pose:
 
 
 def shared(*motions: MoveJ | MoveL) -> Program:
-    return share_joints(check_reach(Program("part", BASE, TOOL, (MoveJ(HOME, 100.0), *motions)), ARM, "part"), ARM)
+    return share_joints(
+        check_reach(Program("part", BASE, TOOL, (MoveJ(HOME, 100.0), *motions)), ARM, "part"), ARM
+    )
 
 
 def ends_of(program: Program, swing: int) -> tuple[Joints, Joints]:
@@ -84,13 +86,17 @@ def test_the_text_form_keeps_the_share() -> None:
 
 
 def test_a_program_has_shares_of_the_whole() -> None:
-    with pytest.raises(camgen.CamgenError, match="a share of the joints' speeds must be from 0 to 1"):
+    with pytest.raises(
+        camgen.CamgenError, match="a share of the joints' speeds must be from 0 to 1"
+    ):
         Program("part", BASE, TOOL, (MoveJ(HOME, 100.0, share=1.5),))
 
 
 def test_time_of_a_swing_is_that_of_its_share_where_the_machine_takes_one() -> None:
     """Way over speed and one ramp of 0.2 s: the slowest joint of the swing is at its share all but on the ramps."""
-    found = check_reach(Program("part", BASE, TOOL, (MoveJ(HOME, 100.0), MoveJ(down(64, 15), 100.0))), ARM, "part")
+    found = check_reach(
+        Program("part", BASE, TOOL, (MoveJ(HOME, 100.0), MoveJ(down(64, 15), 100.0))), ARM, "part"
+    )
     program = share_joints(found, ARM)
     a, b = ends_of(program, 1)
     share = program.columns.share[1]
@@ -98,6 +104,8 @@ def test_time_of_a_swing_is_that_of_its_share_where_the_machine_takes_one() -> N
     seconds, _ = time_motions(program, Dynamics(shares=True), found, ARM)
     assert seconds[1] == pytest.approx(longest / share + 0.2 * share, rel=1e-6)
     by_way, _ = time_motions(program, Dynamics(), found, ARM)
-    bare = program.with_body(tuple(replace(item, share=0.0) for item in program.body if isinstance(item, MoveJ)))
+    bare = program.with_body(
+        tuple(replace(item, share=0.0) for item in program.body if isinstance(item, MoveJ))
+    )
     assert by_way.tolist() == time_motions(bare, Dynamics(shares=True), found, ARM)[0].tolist()
     assert by_way[1] < seconds[1]  # the mean of the tool's speed on the way is below its greatest

@@ -48,8 +48,12 @@ def seconds(*body: Instruction, pace: Dynamics = PACE, start: Pose | None = None
     return found[1:]
 
 
-def polyline(points: list[tuple[float, float]], speed: float, blend: float = 1.0) -> list[Instruction]:
-    return [MoveL(at(*point), speed, blend) for point in points[:-1]] + [MoveL(at(*points[-1]), speed)]
+def polyline(
+    points: list[tuple[float, float]], speed: float, blend: float = 1.0
+) -> list[Instruction]:
+    return [MoveL(at(*point), speed, blend) for point in points[:-1]] + [
+        MoveL(at(*points[-1]), speed)
+    ]
 
 
 def test_a_long_line_is_a_trapezoid_and_a_short_one_a_triangle() -> None:
@@ -70,7 +74,9 @@ def test_an_arc_runs_at_its_feed_or_at_what_the_acceleration_across_allows() -> 
     slow = math.sqrt(1000 * 0.4)
     assert sum(seconds(*circle(0.4))) == pytest.approx(2 * math.pi * 0.4 / slow + slow / 1000)
     shares = replace(PACE, across=0.25, along=0.5)
-    assert sum(seconds(*circle(0.4), pace=shares)) == pytest.approx(2 * math.pi * 0.4 / (slow / 2) + slow / 1000)
+    assert sum(seconds(*circle(0.4), pace=shares)) == pytest.approx(
+        2 * math.pi * 0.4 / (slow / 2) + slow / 1000
+    )
 
 
 def test_a_blended_corner_is_a_parabola() -> None:
@@ -83,13 +89,17 @@ def test_a_blended_corner_is_a_parabola() -> None:
     # a zone ends half-way along the shorter motion, here 1 mm before the corner
     tight = math.sqrt(1000 * 1 / math.sin(math.pi / 4))
     found = seconds(*polyline([(100, 0), (100, 2)], fast, 5.0))
-    assert found[0] == pytest.approx(99 / fast + fast / 2000 + (fast - tight) ** 2 / (2 * 1000 * fast) + 1 / tight)
+    assert found[0] == pytest.approx(
+        99 / fast + fast / 2000 + (fast - tight) ** 2 / (2 * 1000 * fast) + 1 / tight
+    )
 
 
 def test_where_motions_overlap_the_next_begins_while_the_last_one_brakes() -> None:
     # two long lines: the brake of one and the start of the other, 50 / 1000 s each, happen at once
     pace = replace(PACE, corner="overlap")
-    assert sum(seconds(*polyline([(100, 0), (100, 100)], 50.0), pace=pace)) == pytest.approx(200 / 50 + 50 / 1000)
+    assert sum(seconds(*polyline([(100, 0), (100, 100)], 50.0), pace=pace)) == pytest.approx(
+        200 / 50 + 50 / 1000
+    )
     # short ones are triangles of 2 sqrt(s / a), each begun in the middle of the one before
     short = [(float(k), float(k % 2)) for k in range(1, 41)]
     step = math.sqrt(math.hypot(1, 1) / 1000)
@@ -111,17 +121,25 @@ def test_outputs_force_and_waits_are_stops_and_comments_are_none() -> None:
 def test_a_turn_at_rest_takes_the_time_of_the_turn_and_one_on_the_way_slows_the_way() -> None:
     turned = Pose(frozen(rotation_about(2, math.pi / 2) @ TOOL_DOWN), (0.0, 0.0, 0.0))
     # 500 deg/s within 0.2 s are 2500 deg/s2, and 90 deg are too few for full speed
-    assert seconds(MoveL(turned, 20.0, turn=math.radians(500))) == pytest.approx([2 * math.sqrt(90 / 2500)])
+    assert seconds(MoveL(turned, 20.0, turn=math.radians(500))) == pytest.approx(
+        [2 * math.sqrt(90 / 2500)]
+    )
     # at 60 deg/s: 90 deg and the ramp of 60 deg/s at 2500 deg/s2; no faster than the arm turns, whatever is asked for
-    assert seconds(MoveL(turned, 20.0, turn=math.radians(60))) == pytest.approx([90 / 60 + 60 / 2500])
-    assert seconds(MoveL(turned, 20.0, turn=math.radians(5000))) == pytest.approx([2 * math.sqrt(90 / 2500)])
+    assert seconds(MoveL(turned, 20.0, turn=math.radians(60))) == pytest.approx(
+        [90 / 60 + 60 / 2500]
+    )
+    assert seconds(MoveL(turned, 20.0, turn=math.radians(5000))) == pytest.approx(
+        [2 * math.sqrt(90 / 2500)]
+    )
     # 1 mm in the 0.18 s of the turn, no faster
     moved = replace(turned, origin=(1.0, 0.0, 0.0))
     speed = 1 / 0.18
     assert seconds(MoveL(moved, 20.0)) == pytest.approx([0.18 + speed / 1000])
 
 
-lines = st.lists(st.tuples(st.floats(0.01, 50), st.floats(-3, 3), st.floats(1, 300)), min_size=1, max_size=30)
+lines = st.lists(
+    st.tuples(st.floats(0.01, 50), st.floats(-3, 3), st.floats(1, 300)), min_size=1, max_size=30
+)
 
 
 def walk(steps: list[tuple[float, float, float]]) -> list[Instruction]:
@@ -140,20 +158,26 @@ def test_no_time_is_below_length_over_speed_and_more_acceleration_never_costs(
 ) -> None:
     pace = replace(PACE, corner=corner, deviation=0.01)
     naive = sum(length / speed for length, _, speed in steps)
-    slow, fast = (sum(seconds(*walk(steps), pace=replace(pace, acceleration=a))) for a in (500.0, 1000.0))
-    assert naive * (1 - 1e-9) <= fast <= slow * (1 + 1e-9)
-    assert sum(seconds(*walk(steps), pace=replace(INSTANT, corner=corner, deviation=1e6))) == pytest.approx(
-        naive, rel=1e-3
+    slow, fast = (
+        sum(seconds(*walk(steps), pace=replace(pace, acceleration=a))) for a in (500.0, 1000.0)
     )
+    assert naive * (1 - 1e-9) <= fast <= slow * (1 + 1e-9)
+    assert sum(
+        seconds(*walk(steps), pace=replace(INSTANT, corner=corner, deviation=1e6))
+    ) == pytest.approx(naive, rel=1e-3)
 
 
 @given(st.floats(1, 200), st.floats(1, 200), st.lists(st.floats(0.01, 0.99), max_size=8))
-def test_a_line_cut_into_blended_pieces_takes_as_long(length: float, speed: float, cuts: list[float]) -> None:
+def test_a_line_cut_into_blended_pieces_takes_as_long(
+    length: float, speed: float, cuts: list[float]
+) -> None:
     places = sorted({0.0, *(round(cut, 3) for cut in cuts), 1.0})[1:]
     whole = seconds(MoveL(at(length, 0), speed))
     for corner in ("zone", "arc", "junction"):
         pieces = polyline([(length * place, 0.0) for place in places], speed)
-        assert sum(seconds(*pieces, pace=replace(PACE, corner=corner))) == pytest.approx(sum(whole), rel=1e-6)
+        assert sum(seconds(*pieces, pace=replace(PACE, corner=corner))) == pytest.approx(
+            sum(whole), rel=1e-6
+        )
 
 
 def by_loop(length: list[float], allowed: list[float], gain: list[float]) -> list[float]:
@@ -166,11 +190,17 @@ def by_loop(length: list[float], allowed: list[float], gain: list[float]) -> lis
     return square
 
 
-pieces = st.lists(st.tuples(st.floats(1e-3, 20), st.floats(0.1, 200), st.floats(50, 5000)), min_size=1, max_size=40)
+pieces = st.lists(
+    st.tuples(st.floats(1e-3, 20), st.floats(0.1, 200), st.floats(50, 5000)),
+    min_size=1,
+    max_size=40,
+)
 
 
 @given(pieces)
-def test_speeds_are_those_of_a_loop_forward_and_back(rows: list[tuple[float, float, float]]) -> None:
+def test_speeds_are_those_of_a_loop_forward_and_back(
+    rows: list[tuple[float, float, float]],
+) -> None:
     length, most, gain = (list(column) for column in zip(*rows, strict=True))
     allowed = [0.0, *(min(a, b) ** 2 for a, b in pairwise(most)), 0.0]
     found = squares(np.array(length), np.array(allowed), np.array(gain))
@@ -184,14 +214,18 @@ def test_the_time_of_a_piece_is_the_integral_over_its_way(
     # speeds at the ends that can be reached from each other
     v0, v1 = by_loop([length], [(first * most) ** 2, (last * most) ** 2], [gain])
     s = length * (1 - np.cos(np.linspace(0, math.pi, 20001))) / 2
-    speed = np.sqrt(np.minimum(most**2, np.minimum(v0 + 2 * gain * s, v1 + 2 * gain * (length - s))))
+    speed = np.sqrt(
+        np.minimum(most**2, np.minimum(v0 + 2 * gain * s, v1 + 2 * gain * (length - s)))
+    )
     mean = (speed[1:] + speed[:-1]) / 2  # exact where the square of the speed is a line over s
     expected = float((np.diff(s) / np.maximum(mean, 1e-300)).sum())
     found = durations(np.array([length]), np.array([most]), np.array([v0, v1]), np.array([gain]))
     assert found.sum() == pytest.approx(expected, rel=1e-3)
 
 
-def grbl(points: list[tuple[float, float]], speed: float, acceleration: float, deviation: float) -> float:
+def grbl(
+    points: list[tuple[float, float]], speed: float, acceleration: float, deviation: float
+) -> float:
     """The planner of GRBL 1.1 (planner.c) in words of its own: junction speeds, back, forward, trapezoids."""
     steps = [(b[0] - a[0], b[1] - a[1]) for a, b in pairwise(points)]
     sizes = [math.hypot(*step) for step in steps]
@@ -218,7 +252,9 @@ def test_grbl_would_take_as_long(steps: list[tuple[float, float, float]]) -> Non
     heading = 0.0
     for length, turn, _ in steps:
         heading += turn
-        points.append((points[-1][0] + length * math.cos(heading), points[-1][1] + length * math.sin(heading)))
+        points.append(
+            (points[-1][0] + length * math.cos(heading), points[-1][1] + length * math.sin(heading))
+        )
     expected = grbl(points, 40.0, pace.acceleration, pace.deviation)
     assert sum(seconds(*polyline(points[1:], 40.0), pace=pace)) == pytest.approx(expected, rel=1e-5)
 
@@ -231,7 +267,11 @@ def wave(count: int) -> list[tuple[float, float]]:
 #: and how near the model has to be.
 LINUXCNC: dict[str, tuple[list[Instruction], float, float]] = {
     "line": ([MoveL(at(50, 0), 20.0)], 2.579, 0.001),
-    "circle": ([MoveC(at(10, 10), at(20, 0), 50.0, 1.0), MoveC(at(10, -10), at(0, 0), 50.0)], 1.557, 0.001),
+    "circle": (
+        [MoveC(at(10, 10), at(20, 0), 50.0, 1.0), MoveC(at(10, -10), at(0, 0), 50.0)],
+        1.557,
+        0.001,
+    ),
     "square": (polyline([(20, 0), (20, 20), (0, 20), (0, 0)], 50.0), 2.088, 0.02),
     "zigzag": (polyline([(2.0 * k, 3.0 * (k % 2)) for k in range(1, 40)], 40.0), 6.250, 0.02),
     "few lines": (polyline(wave(60), 40.0), 3.018, 0.05),
@@ -242,7 +282,9 @@ LINUXCNC: dict[str, tuple[list[Instruction], float, float]] = {
 @pytest.mark.parametrize("name", LINUXCNC)
 def test_linuxcnc_took_as_long(name: str) -> None:
     body, measured, near = LINUXCNC[name]
-    assert sum(seconds(*body, pace=make_post(find_post("gcode"), {}).dynamics())) == pytest.approx(measured, rel=near)
+    assert sum(seconds(*body, pace=make_post(find_post("gcode"), {}).dynamics())) == pytest.approx(
+        measured, rel=near
+    )
 
 
 def test_an_exact_path_stops_at_corners_only() -> None:

@@ -16,7 +16,17 @@ from camgen.model.cell import Dynamics
 from camgen.model.job import Job
 from camgen.model.path import ToolPath, Tour, waypoints
 from camgen.model.pose import TOOL_DOWN, Pose, frozen, translation
-from camgen.model.program import Comment, Instruction, MoveJ, MoveL, Origin, Output, Program, Wait, put_off_first
+from camgen.model.program import (
+    Comment,
+    Instruction,
+    MoveJ,
+    MoveL,
+    Origin,
+    Output,
+    Program,
+    Wait,
+    put_off_first,
+)
 from camgen.post.plugins import find_post
 
 BRACKET = Path(__file__).parents[2] / "fixtures" / "parts" / "bracket.dxf"
@@ -27,7 +37,9 @@ def at(x: float, y: float, z: float = 0.0) -> Pose:
     return Pose(TOOL_DOWN, (x, y, z))
 
 
-def tool_path(ident: str, points: list[tuple[float, float]], depths: tuple[float, ...] = (0.0,)) -> ToolPath:
+def tool_path(
+    ident: str, points: list[tuple[float, float]], depths: tuple[float, ...] = (0.0,)
+) -> ToolPath:
     n = len(points)
     position = frozen(np.column_stack([np.array(points, float), np.zeros(n)]))
     return ToolPath(
@@ -57,7 +69,9 @@ def test_times_are_of_their_path_or_of_the_way_to_it() -> None:
         MoveJ(at(0, 40, 10), 100.0),
     )
     here = translation(0, 0, 0)
-    found = cycle(Program("p", here, here, put_off_first(body), paths=(Origin("a"), Origin("b"))), PACE)
+    found = cycle(
+        Program("p", here, here, put_off_first(body), paths=(Origin("a"), Origin("b"))), PACE
+    )
     work, plunge = 50 / 10 + 10 / 1000, 10 / 10 + 10 / 1000
     link, back = 40 / 100 + 100 / 1000, 2 * math.sqrt(10 / 1000)
     assert found.paths.tolist() == pytest.approx([work + 0.5, work + 0.5])
@@ -67,13 +81,26 @@ def test_times_are_of_their_path_or_of_the_way_to_it() -> None:
 
 
 def test_every_pass_works_on_its_path_and_what_is_between_them_does_not() -> None:
-    paths = (tool_path("a", [(0, 0), (10, 0), (20, 0)], (1.0, 2.0)), tool_path("b", [(5, 9), (6, 9)]))
+    paths = (
+        tool_path("a", [(0, 0), (10, 0), (20, 0)], (1.0, 2.0)),
+        tool_path("b", [(5, 9), (6, 9)]),
+    )
     program = lower(Tour(paths, 0.0, "as drawn"), find_post("gcode").cell(), Job(), "p", ())
     ends, owner, works = program.columns.ends, program.columns.path, program.columns.works
     assert [origin.id for origin in program.paths] == ["a", "b"]
-    assert ends[works & (owner == 0)].tolist() == [[10, 0, -1], [20, 0, -1], [10, 0, -2], [0, 0, -2]]
+    assert ends[works & (owner == 0)].tolist() == [
+        [10, 0, -1],
+        [20, 0, -1],
+        [10, 0, -2],
+        [0, 0, -2],
+    ]
     assert ends[works & (owner == 1)].tolist() == [[6, 9, 0]]
-    assert [k for k, _ in groupby(owner.tolist())] == [-1, 0, 1, -1]  # home, the paths with their ways, home
+    assert [k for k, _ in groupby(owner.tolist())] == [
+        -1,
+        0,
+        1,
+        -1,
+    ]  # home, the paths with their ways, home
 
 
 @pytest.mark.parametrize("post", ["rapid", "pacscript", "vplus", "gcode", "grbl"])
@@ -88,7 +115,9 @@ def test_a_build_adds_up(post: str) -> None:
     assert math.fsum(found.links.tolist()) < found.travel  # the way home is of no path
     assert report["time_s"] == pytest.approx(found.total, abs=0.06)
     assert report["travel_s"] == pytest.approx(found.travel, abs=0.06)
-    assert [path["time_s"] for path in report["paths"]] == pytest.approx(found.paths.tolist(), abs=0.006)  # type: ignore[attr-defined]
+    assert [path["time_s"] for path in report["paths"]] == pytest.approx(
+        found.paths.tolist(), abs=0.006
+    )  # type: ignore[attr-defined]
 
 
 def test_each_path_takes_at_least_its_length_at_its_feed() -> None:
@@ -99,15 +128,23 @@ def test_each_path_takes_at_least_its_length_at_its_feed() -> None:
 
 
 def test_the_acceleration_of_the_job_changes_the_time_and_not_a_byte_of_the_motion() -> None:
-    slow, fast = (camgen.build(BRACKET, post="gcode", job={"process": {"acceleration": a}}) for a in (50.0, 50_000.0))
+    slow, fast = (
+        camgen.build(BRACKET, post="gcode", job={"process": {"acceleration": a}})
+        for a in (50.0, 50_000.0)
+    )
     assert slow.cycle.total > 1.2 * fast.cycle.total
     assert fast.cycle.total == pytest.approx(fast.motions.seconds, rel=0.01)
-    lines = [[line for line in one.text.splitlines() if not line.startswith("(")] for one in (slow, fast)]
+    lines = [
+        [line for line in one.text.splitlines() if not line.startswith("(")] for one in (slow, fast)
+    ]
     assert lines[0] == lines[1]
 
 
 def test_percent_of_acceleration_counts_in_pacscript() -> None:
-    slow, fast = (camgen.build(BRACKET, post="pacscript", job={"post": {"accel": a}}).cycle.total for a in (1.0, 100.0))
+    slow, fast = (
+        camgen.build(BRACKET, post="pacscript", job={"post": {"accel": a}}).cycle.total
+        for a in (1.0, 100.0)
+    )
     assert slow > fast
 
 
@@ -119,7 +156,9 @@ def test_edges_with_an_arm_count_its_joints() -> None:
     assert (result.cycle.paths > 0).all()
 
 
-def test_the_summary_says_time_and_travel(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_summary_says_time_and_travel(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["build", str(BRACKET), "--post", "gcode", "-o", str(tmp_path / "b.ngc")]) == 0
     line = next(row for row in capsys.readouterr().err.splitlines() if row.startswith("time"))
     assert re.fullmatch(r"time +about \d+ s, [\d.]+ s of it travel", line)

@@ -34,7 +34,9 @@ def film(file: Path, frames: Sequence[np.ndarray], codec: str = "MJPG") -> Path:
     return file
 
 
-def plate(blur: float = 0.8, shift: float = 0.0, grey: tuple[float, float] = (50.0, 170.0)) -> np.ndarray:
+def plate(
+    blur: float = 0.8, shift: float = 0.0, grey: tuple[float, float] = (50.0, 170.0)
+) -> np.ndarray:
     """A dark rectangle on a light bench, grey values before noise."""
     dark, light = grey
     picture = np.full(SIZE[::-1], light, np.float32)
@@ -46,16 +48,23 @@ def plate(blur: float = 0.8, shift: float = 0.0, grey: tuple[float, float] = (50
 
 def noisy(picture: np.ndarray, count: int, sigma: float = 6.0) -> list[np.ndarray]:
     rng = np.random.default_rng(5)
-    return [np.clip(picture + rng.normal(0, sigma, picture.shape), 0, 255).astype(np.uint8) for _ in range(count)]
+    return [
+        np.clip(picture + rng.normal(0, sigma, picture.shape), 0, 255).astype(np.uint8)
+        for _ in range(count)
+    ]
 
 
 @cache
 def sheet_frame(last: int | None = None) -> np.ndarray:
     """An A4 marker sheet from above; of its markers the first ``last``."""
     paper = sheet("A4")
-    lens = Lens(np.array([[1800.0, 0, 480], [0, 1800, 340], [0, 0, 1]]), (0, 0, 0, 0, 0), (960, 680))
+    lens = Lens(
+        np.array([[1800.0, 0, 480], [0, 1800, 340], [0, 0, 1]]), (0, 0, 0, 0, 0), (960, 680)
+    )
     middle = complex(*paper.free) / 2
-    shot = Shot(lens, *looking(lens, middle, 480 + 340j, 0.34, 6, 30, 3), blur=0.7, exposure=0.85, read=1.0)
+    shot = Shot(
+        lens, *looking(lens, middle, 480 + 340j, 0.34, 6, 30, 3), blur=0.7, exposure=0.85, read=1.0
+    )
     x, y = paper.origin
     page = (-x, -y, paper.page[0] - x, paper.page[1] - y)
     layers = markers(page, paper.ids[:last], paper.corners[:last], DICTIONARY)
@@ -87,7 +96,9 @@ def test_a_film_gives_the_same_bytes_every_time(tmp_path: Path) -> None:
     assert cv2.imread(str(tmp_path / "a.png")).shape == (SIZE[1], SIZE[0], 3)
 
 
-def test_frames_are_left_out_and_those_there_are_counted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_frames_are_left_out_and_those_there_are_counted(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     frames = [np.full((240, 320, 3), 40, np.uint8)] * 3 + noisy(plate(), 4)
     clip = film(tmp_path / "clip.avi", frames, "FFV1")
     kept = capture(f"camera:{clip}", skip=3)
@@ -119,7 +130,9 @@ def test_a_blurred_picture_is_told(tmp_path: Path) -> None:
 
 
 def test_a_part_that_moves_is_told(tmp_path: Path) -> None:
-    (what,) = told(tmp_path, [plate(0.8, shift).astype(np.uint8) for shift in np.linspace(0, 6, 12)])
+    (what,) = told(
+        tmp_path, [plate(0.8, shift).astype(np.uint8) for shift in np.linspace(0, 6, 12)]
+    )
     assert what.startswith("camera or part moved: 12 frames have edges blurred by ")
 
 
@@ -139,7 +152,9 @@ def test_a_covered_lens_is_told(tmp_path: Path) -> None:
     assert "the picture shows no edges" in told(tmp_path, noisy(np.full((240, 320), 120.0), 4, 2.0))
 
 
-def test_missing_markers_are_told_by_their_numbers(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_missing_markers_are_told_by_their_numbers(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     whole, torn = sheet_frame(), sheet_frame(-2)
     ids = sheet("A4").ids
     job = Job(camera=CameraTable(markers="A4"))
@@ -149,7 +164,9 @@ def test_missing_markers_are_told_by_their_numbers(tmp_path: Path, capsys: pytes
     assert note.what == f"2 markers missing of the {sheet('A4').label}: {ids[-2]}, {ids[-1]}"
     command = ["capture", str(clip), "-o", str(tmp_path / "b.png"), "--set", "camera.markers=A4"]
     assert main(command) == 0
-    assert f"{len(ids) - 2} of {len(ids)} of the {sheet('A4').label} seen" in capsys.readouterr().err
+    assert (
+        f"{len(ids) - 2} of {len(ids)} of the {sheet('A4').label} seen" in capsys.readouterr().err
+    )
     (tmp_path / "b.png").unlink()
     assert main([*command, "--strict"]) == 3
     assert not (tmp_path / "b.png").exists()
@@ -181,7 +198,9 @@ def refused(capsys: pytest.CaptureFixture[str], folder: Path, *words: str) -> st
     return line
 
 
-def test_what_gives_no_picture_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str], silent: int) -> None:
+def test_what_gives_no_picture_is_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], silent: int
+) -> None:
     target = str(tmp_path / "a.png")
     text = tmp_path / "text.avi"
     text.write_text("no video\n" * 100)
@@ -200,12 +219,20 @@ def test_what_gives_no_picture_is_one_line(tmp_path: Path, capsys: pytest.Captur
         (str(tmp_path), "is a folder", ()),
         (str(clip), "ends before frame 10", ("--skip", "9")),
         (str(clip), "--frames: cannot be 0", ("--frames", "0")),
-        (f"http://127.0.0.1:{silent}/stream", "gives no 16 frames within 0.5 s", ("--timeout", "0.5")),
+        (
+            f"http://127.0.0.1:{silent}/stream",
+            "gives no 16 frames within 0.5 s",
+            ("--timeout", "0.5"),
+        ),
     ):
         line = refused(capsys, tmp_path, "capture", source, "-o", target, *more)
         assert what in line, line
-    assert refused(capsys, tmp_path, "capture", str(cut), "-o", target).startswith(f"camgen: error: {cut}: ")
-    assert "lose nothing" in refused(capsys, tmp_path, "capture", str(clip), "-o", str(tmp_path / "a.jpg"))
+    assert refused(capsys, tmp_path, "capture", str(cut), "-o", target).startswith(
+        f"camgen: error: {cut}: "
+    )
+    assert "lose nothing" in refused(
+        capsys, tmp_path, "capture", str(clip), "-o", str(tmp_path / "a.jpg")
+    )
 
 
 def test_the_film_is_not_written_over(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -217,7 +244,9 @@ def test_the_film_is_not_written_over(tmp_path: Path, capsys: pytest.CaptureFixt
 # -- the same in one step
 
 
-def test_build_from_a_camera_is_capture_and_build(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_build_from_a_camera_is_capture_and_build(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     photo = photos.photos(1, 1)[0]
     lens = replace(photo.shot.lens, size=(1200, 858))  # codecs want even numbers
@@ -228,16 +257,29 @@ def test_build_from_a_camera_is_capture_and_build(tmp_path: Path, monkeypatch: p
     for folder in ("one", "two"):
         (tmp_path / folder).mkdir()
     job = ["--post", "pacscript", "--job", f"{photo.name}.toml", "-q"]
-    assert main(["build", "camera:clip.avi", *job, "-o", "one/part.pcs", "--report", "one.json"]) == 0
+    assert (
+        main(["build", "camera:clip.avi", *job, "-o", "one/part.pcs", "--report", "one.json"]) == 0
+    )
     assert main(["capture", "clip.avi", "-o", "clip.png", "-q"]) == 0
     assert main(["build", "clip.png", *job, "-o", "two/part.pcs"]) == 0
     assert Path("one/part.pcs").read_text() == Path("two/part.pcs").read_text()
     assert "camera:clip.avi: 1200 x 858 px, mean of 3 frames" in Path("one.json").read_text()
 
 
-def test_a_build_tells_the_name_that_was_given(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_build_tells_the_name_that_was_given(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     clip = film(tmp_path / "dark.avi", noisy(plate(3.5), 3))
-    line = refused(capsys, tmp_path, "build", f"camera:{clip}", "--post", "rapid", "-o", str(tmp_path / "a.mod"))
+    line = refused(
+        capsys,
+        tmp_path,
+        "build",
+        f"camera:{clip}",
+        "--post",
+        "rapid",
+        "-o",
+        str(tmp_path / "a.mod"),
+    )
     assert line.startswith(f"camgen: error: camera:{clip}: ")
     job = ["--post", "rapid", "--set", "image.mm_per_px=0.2", "-o", str(tmp_path / "a.mod")]
     assert main(["build", f"camera:{clip}", *job, "--strict"]) == 3

@@ -76,7 +76,9 @@ def test_build_writes_the_program_and_sums_it_up(post: str, here: Path, capsys: 
     assert rows["plan"] == "2 paths, work 362.8 mm"
     assert "reach, collision and limits not checked: no robot model" in rows["cell"]
     assert program in rows["program"]
-    assert re.fullmatch(r"read back, \d+ instructions equal, largest deviation 0\.00\d+ mm", rows["verified"])
+    assert re.fullmatch(
+        r"read back, \d+ instructions equal, largest deviation 0\.00\d+ mm", rows["verified"]
+    )
     assert "assumed" in rows
     assert not re.search(r"[\r\x1b]", said.err)
 
@@ -99,12 +101,23 @@ def test_quiet_says_nothing_and_verbose_says_when(capsys: Captured) -> None:
     assert main(["build", "plate.dxf", "--post", "gcode", "-q"]) == 0
     assert capsys.readouterr() == ("", "")
     assert main(["build", "plate.dxf", "--post", "gcode", "-v"]) == 0
-    assert re.search(r"^timing +reading \d+\.\d\d s, .*writing", capsys.readouterr().err, re.MULTILINE)
+    assert re.search(
+        r"^timing +reading \d+\.\d\d s, .*writing", capsys.readouterr().err, re.MULTILINE
+    )
 
 
 def test_all_outputs_of_one_build(here: Path, capsys: Captured) -> None:
     (here / "out").mkdir()
-    words = ["build", "plate.dxf", "--post", "rapid", "-o", "out/part.mod", "--plan", "out/plan.json"]
+    words = [
+        "build",
+        "plate.dxf",
+        "--post",
+        "rapid",
+        "-o",
+        "out/part.mod",
+        "--plan",
+        "out/plan.json",
+    ]
     assert main([*words, "--report", "out/r.json", "--preview", "out/p.svg"]) == 0
     assert files(here / "out") == {"part.mod", "plan.json", "r.json", "p.svg"}
     report = json.loads((here / "out/r.json").read_text())
@@ -127,7 +140,11 @@ def test_the_collector_runs_again_after_a_build() -> None:
 def test_same_bytes_twice(here: Path) -> None:
     for folder in ("a", "b"):
         (here / folder).mkdir()
-        extra = [f"--plan={folder}/a.json", f"--report={folder}/b.json", f"--preview={folder}/c.svg"]
+        extra = [
+            f"--plan={folder}/a.json",
+            f"--report={folder}/b.json",
+            f"--preview={folder}/c.svg",
+        ]
         assert main(["build", "plate.dxf", "--post", "gcode", "-q", "-o", folder, *extra]) == 0
     assert files(here / "a") == files(here / "b")
     for name in files(here / "a"):
@@ -148,9 +165,16 @@ def test_the_job_beside_the_input_is_used_and_named(here: Path, capsys: Captured
 
 
 def test_a_job_file_of_another_input_is_told_to_be_unused(here: Path, capsys: Captured) -> None:
-    (here / "second.dxf").write_text(PLATE.replace("\n20\n", "\n20\n1").replace("\n21\n", "\n21\n1"))
+    (here / "second.dxf").write_text(
+        PLATE.replace("\n20\n", "\n20\n1").replace("\n21\n", "\n21\n1")
+    )
     (here / "second.toml").write_text("")
-    assert main(["build", "plate.dxf", "second.dxf", "--post", "gcode", "--set", "operation.kind=trace"]) == 0
+    assert (
+        main(
+            ["build", "plate.dxf", "second.dxf", "--post", "gcode", "--set", "operation.kind=trace"]
+        )
+        == 0
+    )
     said = capsys.readouterr().err
     assert "second.toml is not used" in said
     assert re.search(r"^plan +4 paths", said, re.MULTILINE)
@@ -166,16 +190,23 @@ def test_strict(here: Path, capsys: Captured) -> None:
 
 def test_standard_input(here: Path) -> None:
     words = [sys.executable, "-m", "camgen", "build", "-", "--post", "gcode"]
-    done = subprocess.run([*words, "--format", "dxf"], input=PLATE.encode(), capture_output=True, check=False)
+    done = subprocess.run(
+        [*words, "--format", "dxf"], input=PLATE.encode(), capture_output=True, check=False
+    )
     assert done.returncode == 0, done.stderr
     assert files(here) == {"plate.dxf", "stdin.ngc"}
     assert b"(part: stdin.dxf)" in (here / "stdin.ngc").read_bytes()
     for data, what in ((b"", b"the file is empty"), (b"rubbish", b"")):
-        done = subprocess.run([*words, "--format", "dxf"], input=data, capture_output=True, check=False)
+        done = subprocess.run(
+            [*words, "--format", "dxf"], input=data, capture_output=True, check=False
+        )
         assert done.returncode == 2
         assert done.stderr.startswith(b"camgen: error: -: " + what)
     done = subprocess.run(words, input=b"x", capture_output=True, check=False)
-    assert done.stderr == b"camgen: error: -: standard input has no suffix; say what it is, e.g. --format dxf\n"
+    assert (
+        done.stderr
+        == b"camgen: error: -: standard input has no suffix; say what it is, e.g. --format dxf\n"
+    )
 
 
 # -- what is refused, with one line, and nothing written
@@ -241,7 +272,8 @@ def test_the_input_is_never_overwritten_by_its_own_program(here: Path, capsys: C
 
 
 @pytest.mark.parametrize(
-    "name", ["a plate (2).dxf", "plåte ☃.dxf", "-plate.dxf", "p" * 251 + ".dxf", "PLATE.DXF", "a.b.dxf"]
+    "name",
+    ["a plate (2).dxf", "plåte ☃.dxf", "-plate.dxf", "p" * 251 + ".dxf", "PLATE.DXF", "a.b.dxf"],
 )
 def test_unusual_names(name: str, here: Path) -> None:
     (here / name).write_text(PLATE)
@@ -262,7 +294,23 @@ def test_a_name_that_is_too_long(capsys: Captured) -> None:
 def test_a_name_that_is_no_text(here: Path, capsys: Captured) -> None:
     name = os.fsdecode(b"pl\xe4te.dxf")
     (here / name).write_text(PLATE)
-    assert main(["build", name, "--post", "gcode", "--report", "r.json", "--preview", "p.svg", "--plan", "p.json"]) == 0
+    assert (
+        main(
+            [
+                "build",
+                name,
+                "--post",
+                "gcode",
+                "--report",
+                "r.json",
+                "--preview",
+                "p.svg",
+                "--plan",
+                "p.json",
+            ]
+        )
+        == 0
+    )
     assert json.loads((here / "r.json").read_text())["input"]["source"] == "pl?te.dxf"
     assert json.loads((here / "p.json").read_text())["name"] == "pl?te"
     assert "pl te.dxf" in capsys.readouterr().err
@@ -283,7 +331,10 @@ def test_a_name_that_is_no_text(here: Path, capsys: Captured) -> None:
         (["biuld"], "command line: no command 'biuld'; nearest is build"),
         (["posts", "--quite"], "posts: unknown argument '--quite'; nearest is --quiet"),
         (["posts", "x"], "posts: unknown argument 'x'"),
-        (["build", "a", "--post"], "build: argument --post: expected one argument; see camgen build --help"),
+        (
+            ["build", "a", "--post"],
+            "build: argument --post: expected one argument; see camgen build --help",
+        ),
         (
             ["posts", "-q", "-v"],
             "posts: argument -v/--verbose: not allowed with argument -q/--quiet; see camgen posts --help",
@@ -317,7 +368,9 @@ def test_a_program_on_standard_output_is_the_one_of_a_file(capsys: Captured) -> 
     assert main(["build", "plate.dxf", "--post", "gcode", "-o", "x.ngc", "-q"]) == 0
     capsys.readouterr()
     assert main(["build", "plate.dxf", "--post", "gcode", "-o", "-"]) == 0
-    assert capsys.readouterr().out == Path("x.ngc").read_text().replace("(program x)", "(program plate)")
+    assert capsys.readouterr().out == Path("x.ngc").read_text().replace(
+        "(program x)", "(program plate)"
+    )
     assert not Path("plate.ngc").exists()
 
 
@@ -328,7 +381,13 @@ def test_what_is_found_can_be_had_as_data(capsys: Captured) -> None:
         return json.loads(capsys.readouterr().out)
 
     assert data("inspect", "plate.dxf")["facts"]["units"] == "mm"
-    assert {post["name"] for post in data("posts")} >= {"gcode", "grbl", "pacscript", "rapid", "vplus"}
+    assert {post["name"] for post in data("posts")} >= {
+        "gcode",
+        "grbl",
+        "pacscript",
+        "rapid",
+        "vplus",
+    }
     assert "IRB 2400" in [robot["name"] for robot in data("robots")]
     assert data("robots", "IRB 2400")["joints"][0]["limits"] == [-180.0, 180.0]
     assert main(["build", "plate.dxf", "--post", "gcode", "-q"]) == 0
@@ -349,21 +408,27 @@ def test_help_loads_nothing_heavy() -> None:
 
 
 @pytest.mark.usefixtures("here")
-def test_a_fault_is_one_line_and_a_traceback_only_on_demand(capsys: Captured, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_fault_is_one_line_and_a_traceback_only_on_demand(
+    capsys: Captured, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def broken(*_: object, **__: object) -> None:
         raise ZeroDivisionError("one\ntwo")
 
     monkeypatch.setattr("camgen.cli.build.build", broken)
     assert main(["build", "plate.dxf", "--post", "gcode"]) == 1
     said = capsys.readouterr().err
-    assert said == ("camgen: fault: ZeroDivisionError: one two; add -vv to the command and report what it prints\n")
+    assert said == (
+        "camgen: fault: ZeroDivisionError: one two; add -vv to the command and report what it prints\n"
+    )
     assert main(["build", "plate.dxf", "--post", "gcode", "-vv"]) == 1
     assert "Traceback" in capsys.readouterr().err
     assert main(["build", "none.dxf", "--post", "gcode", "-v"]) == 1
     assert "Traceback" not in capsys.readouterr().err
 
 
-def test_an_interrupt_is_one_line(here: Path, capsys: Captured, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_interrupt_is_one_line(
+    here: Path, capsys: Captured, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def interrupted(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
@@ -377,14 +442,18 @@ def test_a_reader_that_leaves_is_no_fault(here: Path) -> None:
     read, write = os.pipe()
     os.close(read)
     for words in (["posts"], ["build", "plate.dxf", "--post", "gcode"], ["--help"]):
-        done = subprocess.run([sys.executable, "-m", "camgen", *words], stdout=write, stderr=write, check=False)
+        done = subprocess.run(
+            [sys.executable, "-m", "camgen", *words], stdout=write, stderr=write, check=False
+        )
         assert done.returncode == 0
     os.close(write)
     assert "plate.ngc" in files(here)
 
 
 @pytest.mark.usefixtures("here")
-def test_a_stage_is_shown_on_a_terminal_only(capsys: Captured, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_stage_is_shown_on_a_terminal_only(
+    capsys: Captured, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("sys.stderr.isatty", lambda: True, raising=False)
     monkeypatch.setenv("TERM", "xterm")
     monkeypatch.delenv("NO_COLOR", raising=False)
@@ -417,7 +486,18 @@ def test_a_full_disk_spoils_nothing(here: Path) -> None:
         # The program (about 1 kB) fits, the preview does not. Python ignores SIGXFSZ, so the write fails.
         resource.setrlimit(resource.RLIMIT_FSIZE, (2000, 2000))
 
-    words = [sys.executable, "-B", "-m", "camgen", "build", "plate.dxf", "--post", "gcode", "--preview", "plate.svg"]
+    words = [
+        sys.executable,
+        "-B",
+        "-m",
+        "camgen",
+        "build",
+        "plate.dxf",
+        "--post",
+        "gcode",
+        "--preview",
+        "plate.svg",
+    ]
     done = subprocess.run(words, capture_output=True, text=True, check=False, preexec_fn=small_disk)
     assert done.returncode == 2
     assert done.stderr == "camgen: error: plate.svg: cannot be written: File too large\n"
@@ -430,7 +510,11 @@ def test_a_full_disk_spoils_nothing(here: Path) -> None:
 @pytest.mark.parametrize("kind", [KeyboardInterrupt, OSError(28, "No space left on device")])
 @pytest.mark.parametrize("after", [False, True])
 def test_all_files_or_none(
-    stop: int, kind: type[BaseException] | BaseException, after: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    stop: int,
+    kind: type[BaseException] | BaseException,
+    after: bool,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """The renaming of file number ``stop`` fails, before or just after it happened: old files stay, new ones go."""
     (tmp_path / "old").write_text("old")
@@ -479,14 +563,23 @@ def test_writing_into_what_is_no_folder(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("post", ["gcode", "grbl"])
-def test_a_cut_with_the_spindle_at_rest_is_told_in_a_line(post: str, here: Path, capsys: Captured) -> None:
+def test_a_cut_with_the_spindle_at_rest_is_told_in_a_line(
+    post: str, here: Path, capsys: Captured
+) -> None:
     before = files(here)
     assert main(["build", "plate.dxf", "--post", post, "--set", "operation.depth=3"]) == 2
-    remedy = 'set it to the speed in rpm, or process.switch to "contact" for a laser or a plasma torch'
-    assert error_of(capsys) == f"job: a cut of 3 mm with the spindle at rest (process.spindle); {remedy}"
+    remedy = (
+        'set it to the speed in rpm, or process.switch to "contact" for a laser or a plasma torch'
+    )
+    assert (
+        error_of(capsys)
+        == f"job: a cut of 3 mm with the spindle at rest (process.spindle); {remedy}"
+    )
     (here / "deep.toml").write_text("[operation]\ndepth = 3\n")
     assert main(["build", "plate.dxf", "--post", post, "--job", "deep.toml"]) == 2
-    assert error_of(capsys).startswith("deep.toml: a cut of 3 mm with the spindle at rest (process.spindle); ")
+    assert error_of(capsys).startswith(
+        "deep.toml: a cut of 3 mm with the spindle at rest (process.spindle); "
+    )
     assert files(here) == before | {"deep.toml"}
 
 
@@ -534,14 +627,22 @@ def test_a_plan_reads_back_to_the_last_bit() -> None:
 @pytest.mark.parametrize(
     ("old", "new", "says"),
     [
-        ('"turn":1.5', '"turn":0', "a motion that only turns the tool has no speed of turning (instruction 2)"),
+        (
+            '"turn":1.5',
+            '"turn":0',
+            "a motion that only turns the tool has no speed of turning (instruction 2)",
+        ),
         ('"turn":1.5', '"turn":-1.5', "has no speed of turning (instruction 2)"),
         ('"turn":1.5', '"turn":"fast"', "Expected `float | null`, got `str` - at `$.body[2].turn`"),
     ],
 )
 def test_a_plan_whose_turn_has_no_speed_is_refused(old: str, new: str, says: str) -> None:
     there = Pose(rotation_from_fixed_xyz(0.0, 0.0, 1.0), (1.0, 2.0, 3.0))
-    body = (MoveJ(Joints((0.1,)), 9.0), MoveL(there, 9.0), MoveL(Pose(TOOL_DOWN, (1.0, 2.0, 3.0)), 9.0, turn=1.5))
+    body = (
+        MoveJ(Joints((0.1,)), 9.0),
+        MoveL(there, 9.0),
+        MoveL(Pose(TOOL_DOWN, (1.0, 2.0, 3.0)), 9.0, turn=1.5),
+    )
     data = encode(Program("a", there, there, body), "rapid", {}, 0.01)
     assert old.encode() in data
     with pytest.raises((CamgenError, ValueError), match=re.escape(says)):
@@ -602,7 +703,10 @@ def test_verify_lists_faults_by_line(built: Path, capsys: Captured) -> None:
             "plate.mod: another file has this name; the files of a program differ in name",
         ),
         ("plate.mod --post rapid --plan plate.mod", "plate.mod: is not a plan: "),
-        ("plate.mod --post rapid --plan none.json", "none.json: cannot be read: No such file or directory"),
+        (
+            "plate.mod --post rapid --plan none.json",
+            "none.json: cannot be read: No such file or directory",
+        ),
     ],
 )
 def test_verify_refuses(line: str, said: str, built: Path, capsys: Captured) -> None:
@@ -650,10 +754,15 @@ def test_init_writes_a_job_file_once(here: Path, capsys: Captured) -> None:
     assert "diameter = 6.0" in text
 
 
-def test_posts_lists_all_and_says_why_one_is_broken(capsys: Captured, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_posts_lists_all_and_says_why_one_is_broken(
+    capsys: Captured, monkeypatch: pytest.MonkeyPatch
+) -> None:
     from camgen.post.plugins import Installed, list_installed  # noqa: PLC0415 (numpy comes with it)
 
-    listed = [*list_installed(), Installed("ours", "our-posts 1.0", "", "", "plug-in ours: no module named x")]
+    listed = [
+        *list_installed(),
+        Installed("ours", "our-posts 1.0", "", "", "plug-in ours: no module named x"),
+    ]
     monkeypatch.setattr("camgen.cli.posts.list_installed", lambda: listed, raising=False)
     assert main(["posts"]) == 0
     lines = capsys.readouterr().out.splitlines()
@@ -671,7 +780,12 @@ def test_numbers_for_people() -> None:
         "0.4 s", "10.0 s", "1 min 00 s", "1 min 01 s", "1 h 00 min", "2 h 01 min",
     ]  # fmt: skip
     assert [say.length(mm) for mm in (0.04, 9999.94, 12345.6)] == ["0.0 mm", "9999.9 mm", "12.35 m"]
-    assert [say.size(n) for n in (1, 9999, 10_000, 12_345_678)] == ["1 byte", "9 999 bytes", "10 kB", "12.3 MB"]
+    assert [say.size(n) for n in (1, 9999, 10_000, 12_345_678)] == [
+        "1 byte",
+        "9 999 bytes",
+        "10 kB",
+        "12.3 MB",
+    ]
     assert say.join_names(list("abcdefgh")) == "a, b, c, d, e, f and 2 more"
 
 
@@ -687,19 +801,38 @@ def test_what_the_compiled_search_would_bring_is_said_where_it_would(
     lines = "".join(f'<path d="M{5 * (k % 40)} {5 * (k // 40)}h2"/>' for k in range(1300))
     sheet = '<svg xmlns="http://www.w3.org/2000/svg" width="300mm" height="300mm" viewBox="0 0 300 300">'
     (here / "many.svg").write_text(f"{sheet}{lines}</svg>")
-    build = ["build", "many.svg", "--post", "grbl", "-o", "many.nc", "--set", "operation.kind=trace"]
-    for words, said in (([], not fast), (["tour.method=nearest"], False), (["tour.seconds=0.001"], False)):
+    build = [
+        "build",
+        "many.svg",
+        "--post",
+        "grbl",
+        "-o",
+        "many.nc",
+        "--set",
+        "operation.kind=trace",
+    ]
+    for words, said in (
+        ([], not fast),
+        (["tour.method=nearest"], False),
+        (["tour.seconds=0.001"], False),
+    ):
         assert main([*build, *(one for word in words for one in ("--set", word))]) == 0
         told = capsys.readouterr().err
-        assert ("; the extra fast (pip install camgen[fast]) searches farther in this time" in told) == said
+        assert (
+            "; the extra fast (pip install camgen[fast]) searches farther in this time" in told
+        ) == said
         assert told.count("camgen[fast]") == said
         assert ("local search, compiled: " in told) == (fast and not words)
 
 
 @pytest.mark.parametrize(("words", "code"), [(["--version"], 0), (["inspect", "none.dxf"], 2)])
-def test_a_process_ends_at_once_but_not_before_what_libraries_asked_for(words: list[str], code: int) -> None:
+def test_a_process_ends_at_once_but_not_before_what_libraries_asked_for(
+    words: list[str], code: int
+) -> None:
     program = "import atexit, sys\nfrom camgen.cli import run\natexit.register(print, 'the last word')\nrun()"
-    done = subprocess.run([sys.executable, "-c", program, *words], capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", program, *words], capture_output=True, text=True, check=False
+    )
     assert done.returncode == code
     assert done.stdout.endswith("the last word\n")
     assert ("camgen 0.1.0" in done.stdout) == (code == 0)

@@ -19,7 +19,9 @@ COMMANDS = set(parsers()[1])
 
 
 @pytest.fixture
-def script(request: pytest.FixtureRequest, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Path:
+def script(
+    request: pytest.FixtureRequest, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> Path:
     """The completion script of the shell that is asked for."""
     assert main(["completion", request.param]) == 0
     said = capsys.readouterr()
@@ -35,7 +37,9 @@ def completed_by_bash(script: Path, folder: Path, *words: str) -> set[str]:
         f"source {script}; COMP_WORDS=({' '.join(repr(word) for word in words)}); COMP_CWORD={len(words) - 1}\n"
         '_camgen\n(( ${#COMPREPLY[@]} )) && printf "%s\\n" "${COMPREPLY[@]}"; true'
     )
-    done = subprocess.run(["bash", "--norc", "-c", code], cwd=folder, capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        ["bash", "--norc", "-c", code], cwd=folder, capture_output=True, text=True, check=True
+    )
     assert done.stderr == ""
     return set(done.stdout.splitlines())
 
@@ -64,7 +68,18 @@ def test_bash(script: Path, tmp_path: Path) -> None:
     assert offered("robots", "irb120") == {"irb120", "irb1200"}
     assert offered("build", "--set", "") == {f"{s.table}.{s.key}=" for s in settings()}
     assert offered("build", "--set", "operation.k") == {"operation.kind="}
-    kinds = {"auto", "follow", "trace", "fill", "pocket", "bore", "chamfer", "drill", "edges", "replay"}
+    kinds = {
+        "auto",
+        "follow",
+        "trace",
+        "fill",
+        "pocket",
+        "bore",
+        "chamfer",
+        "drill",
+        "edges",
+        "replay",
+    }
     assert offered("build", "--set", "operation.kind", "=") == kinds
     assert offered("build", "--set", "operation.kind", "=", "f") == {"follow", "fill"}
     assert offered("build", "--set", "=", "operation.kind", "=", "f") == {"follow", "fill"}
@@ -85,7 +100,9 @@ def test_fish(script: Path, tmp_path: Path) -> None:
     def offered(line: str) -> set[str]:
         command = ["fish", "--no-config", "-c", f"source {script}; complete -C '{line}'"]
         home = os.environ | {"HOME": str(tmp_path)}
-        done = subprocess.run(command, cwd=tmp_path, env=home, capture_output=True, text=True, check=True)
+        done = subprocess.run(
+            command, cwd=tmp_path, env=home, capture_output=True, text=True, check=True
+        )
         return {said.split("\t")[0] for said in done.stdout.splitlines()}
 
     assert offered("camgen ") == COMMANDS
@@ -93,7 +110,10 @@ def test_fish(script: Path, tmp_path: Path) -> None:
     assert offered("camgen build one.dxf p") == {"part.dxf"}
     assert offered("camgen build --pl") == {"--plan"}
     assert offered("camgen build --post r") == {"rapid"}
-    assert offered("camgen build --set operation.kind=f") >= {"operation.kind=follow", "operation.kind=fill"}
+    assert offered("camgen build --set operation.kind=f") >= {
+        "operation.kind=follow",
+        "operation.kind=fill",
+    }
     assert offered("camgen robots irb240") == {"irb2400"}
     assert offered("camgen posts ") == set()
 
@@ -111,11 +131,21 @@ def test_zsh(script: Path, tmp_path: Path) -> None:
         ("source", "camgen build one.dxf --pl", "camgen build one.dxf --plan"),
         ("source", "camgen build --post rap", "camgen build --post rapid"),
         ("source", "camgen build --set operation.ki", "camgen build --set operation.kind="),
-        ("source", "camgen build --set operation.kind=dr", "camgen build --set operation.kind=drill"),
+        (
+            "source",
+            "camgen build --set operation.kind=dr",
+            "camgen build --set operation.kind=drill",
+        ),
         ("source", "camgen robots irb240", "camgen robots irb2400"),
     ):
         taken = {"source": f"source {script}", "eval": f'eval "$(<{script})"'}[how]
-        lines = ("autoload -U compinit", "compinit -u -D", taken, "PROMPT='ready> '", "bindkey '^I' complete-word")
+        lines = (
+            "autoload -U compinit",
+            "compinit -u -D",
+            taken,
+            "PROMPT='ready> '",
+            "bindkey '^I' complete-word",
+        )
         (tmp_path / ".zshrc").write_text("\n".join(lines) + "\n")
         assert wanted in _tabbed(typed, wanted, tmp_path), (how, typed)
 
@@ -127,7 +157,11 @@ def _tabbed(typed: str, wanted: str, folder: Path) -> str:
     pid, terminal = pty.fork()
     if pid == 0:
         os.chdir(folder)
-        os.execvpe("zsh", ["zsh", "-i"], os.environ | {"ZDOTDIR": str(folder), "TERM": "vt100", "COLUMNS": "200"})
+        os.execvpe(
+            "zsh",
+            ["zsh", "-i"],
+            os.environ | {"ZDOTDIR": str(folder), "TERM": "vt100", "COLUMNS": "200"},
+        )
     shown, asked, end = "", False, time.monotonic() + LONG
     while wanted not in shown and time.monotonic() < end:
         if select.select([terminal], [], [], 0.2)[0]:

@@ -85,10 +85,14 @@ def uncommented(text: str) -> dict[str, Any]:
     """The rows that are proposed in comments."""
     rows = text.partition("# Delete the # in front to use it.")[2].partition("\n[post]")[0]
     rows = rows or text.partition("to use it.\n")[2].partition("\n[post]")[0]
-    return tomllib.loads("\n".join(line.removeprefix("#").removeprefix(" ") for line in rows.splitlines()))
+    return tomllib.loads(
+        "\n".join(line.removeprefix("#").removeprefix(" ") for line in rows.splitlines())
+    )
 
 
-def test_a_proposal_is_a_comment_unless_it_is_asked_for(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_proposal_is_a_comment_unless_it_is_asked_for(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     source = str(ROOT / "fixtures" / "parts" / "motor.dxf")
     assert main(["init", source]) == 0
     assert "as comments; --operations uses it" in capsys.readouterr().err
@@ -128,20 +132,27 @@ def test_what_is_proposed_for_a_real_drawing_builds_as_it_is(
     assert main(["build", str(file), "--job", str(job), "--post", "gcode"]) == 0
 
 
-def test_what_has_no_closed_contour_has_no_operations(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_has_no_closed_contour_has_no_operations(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     document = ezdxf.new("R2010", units=4)
     document.modelspace().add_line((0, 0), (10, 0))
     document.saveas(here / "line.dxf")
     assert main(["init", "line.dxf", "--operations"]) == 2
     said = capsys.readouterr().err
-    assert "line.dxf: has no closed contour that a drill or a mill of 1 mm or more could make (--operations)" in said
+    assert (
+        "line.dxf: has no closed contour that a drill or a mill of 1 mm or more could make (--operations)"
+        in said
+    )
     assert not (here / "line.toml").exists()
     assert main(["init", "line.dxf"]) == 0
     assert "proposed" not in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("name", ["rfa1.stl", "gear.png"])
-def test_what_is_no_drawing_has_no_operations(name: str, here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_is_no_drawing_has_no_operations(
+    name: str, here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["init", str(ROOT / "fixtures" / "parts" / name), "--operations"]) == 2
     assert f"{name}: is no flat drawing (--operations); leave it out" in capsys.readouterr().err
     assert not list(here.glob("*.toml"))
@@ -159,4 +170,8 @@ def test_many_ids_stand_on_several_lines(here: Path) -> None:
     text = (here / "row.toml").read_text(encoding="utf-8")
     proposed = text.partition("# Proposed")[2].partition("[post]")[0]
     assert max(map(len, proposed.splitlines())) <= 118
-    assert [len(row.get("ids", [])) for row in tables(here / "row.toml")["operations"]] == [0, 30, 0]
+    assert [len(row.get("ids", [])) for row in tables(here / "row.toml")["operations"]] == [
+        0,
+        30,
+        0,
+    ]

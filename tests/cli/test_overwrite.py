@@ -57,14 +57,20 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def contents(folder: Path) -> dict[str, bytes]:
-    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in folder.rglob("*")
+        if path.is_file()
+    }
 
 
 OPTIONS = ("-o", "--plan", "--report", "--preview")
 
 
 @pytest.mark.parametrize("option", OPTIONS)
-@pytest.mark.parametrize("read", ["m.stl", "cell.toml", "plate.toml", "plate.dxf", "other/../m.stl", "link.stl"])
+@pytest.mark.parametrize(
+    "read", ["m.stl", "cell.toml", "plate.toml", "plate.dxf", "other/../m.stl", "link.stl"]
+)
 def test_what_a_build_reads_is_not_written_over(
     option: str, read: str, here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -83,26 +89,43 @@ def test_what_a_build_reads_is_not_written_over(
 
 
 @pytest.mark.parametrize("read", ["six.urdf", "turn.stl"])
-def test_an_arm_and_its_meshes_are_not_written_over(read: str, here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_arm_and_its_meshes_are_not_written_over(
+    read: str, here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     for name in ("six.urdf", "turn.stl", "upper.stl"):
         (here / name).write_bytes(next(ROBOTS.rglob(name)).read_bytes())
     before = contents(here)
-    words = ["build", "plate.dxf", "--post", "rapid", "--set", "cell.robot=six.urdf", "--plan", read]
+    words = [
+        "build",
+        "plate.dxf",
+        "--post",
+        "rapid",
+        "--set",
+        "cell.robot=six.urdf",
+        "--plan",
+        read,
+    ]
     assert main(words) == 2
     assert "would overwrite" in capsys.readouterr().err
     assert contents(here) == before
 
 
-def test_the_file_of_a_post_is_not_written_over(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_file_of_a_post_is_not_written_over(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     (here / "own.py").write_text(OWN)
     before = contents(here)
     assert main(["build", "plate.dxf", "--post", "own.py", "--plan", "own.py"]) == 2
-    assert capsys.readouterr().err.endswith("own.py: would overwrite own.py, which is read; give another name\n")
+    assert capsys.readouterr().err.endswith(
+        "own.py: would overwrite own.py, which is read; give another name\n"
+    )
     after = {name: data for name, data in contents(here).items() if "__pycache__" not in name}
     assert after == before
 
 
-def test_no_part_of_a_batch_writes_over_what_another_reads(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_no_part_of_a_batch_writes_over_what_another_reads(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Its program is called like the cell file of another part; so is the report."""
     shutil.copy("plate.dxf", "lid.dxf")
     (here / "lid.toml").write_text('[cell]\nfile = "plate.ngc"\n')
@@ -115,13 +138,17 @@ def test_no_part_of_a_batch_writes_over_what_another_reads(here: Path, capsys: p
     assert contents(here) == before
 
 
-def test_the_report_of_a_batch_is_no_program_of_it(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_report_of_a_batch_is_no_program_of_it(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["batch", "plate.dxf", "--post", "gcode", "--report", "plate.ngc"]) == 2
     assert "plate.ngc: is named for two outputs" in capsys.readouterr().out
     assert (here / "plate.ngc").read_text().startswith("{")
 
 
-def test_init_writes_into_the_current_folder(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_init_writes_into_the_current_folder(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     (here / "drawings").mkdir()
     shutil.move("plate.dxf", "drawings/lid.dxf")
     assert main(["init", "drawings/lid.dxf"]) == 0
@@ -135,7 +162,9 @@ def test_init_writes_into_the_current_folder(here: Path, capsys: pytest.CaptureF
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_a_signal_between_two_files_leaves_none(number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_signal_between_two_files_leaves_none(
+    number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The signal comes when the first of two files has its name: it acts when all is as it was."""
     real = os.replace
 
@@ -146,7 +175,9 @@ def test_a_signal_between_two_files_leaves_none(number: int, tmp_path: Path, mon
     monkeypatch.setattr("os.replace", replace)
     (tmp_path / "old").write_text("old")
     # A shell starts what runs behind it without some of them.
-    before = signal.signal(number, signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL)
+    before = signal.signal(
+        number, signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL
+    )
     try:
         with signals_as_interrupts(), pytest.raises(Stopped):
             write_all([(tmp_path / "old", b"fresh"), (tmp_path / "new", b"fresh")], {})
@@ -190,8 +221,22 @@ def group_lives(number: int) -> bool:
 def test_sigterm_ends_a_batch_with_its_builders(here: Path) -> None:
     for k in range(6):
         shutil.copy("plate.dxf", f"part{k}.dxf")
-    words = [sys.executable, "-m", "camgen", "batch", "part*.dxf", "--post", "gcode", "-o", "out", "--jobs", "2"]
-    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True) as batch:
+    words = [
+        sys.executable,
+        "-m",
+        "camgen",
+        "batch",
+        "part*.dxf",
+        "--post",
+        "gcode",
+        "-o",
+        "out",
+        "--jobs",
+        "2",
+    ]
+    with subprocess.Popen(
+        words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True
+    ) as batch:
         state = here / "out" / "camgen-batch.jsonl"
         until = time.monotonic() + 60
         while not state.exists() and batch.poll() is None and time.monotonic() < until:
@@ -218,7 +263,9 @@ def test_a_program_that_somebody_else_wrote_is_not_written_over_by_default(
     before = contents(here)
     assert main(words) == 2
     said = capsys.readouterr().err
-    assert "plate.mod: is there already, and camgen did not write it; name the program with -o" in said
+    assert (
+        "plate.mod: is there already, and camgen did not write it; name the program with -o" in said
+    )
     assert contents(here) == before
     # Who names it means it, and our own is renewed.
     assert main([*words, "-o", "plate.mod"]) == 0

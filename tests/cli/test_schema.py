@@ -17,7 +17,9 @@ from camgen.post.plugins import find_post, list_installed, make_post
 from camgen.read.job_file import from_mapping
 
 POSTS = [post.name for post in list_installed()]
-jsonschema = pytest.importorskip("jsonschema", reason="jsonschema of the extra dev is not installed")
+jsonschema = pytest.importorskip(
+    "jsonschema", reason="jsonschema of the extra dev is not installed"
+)
 
 
 def faults(job: dict[str, Any], post: str = "") -> list[str]:
@@ -46,7 +48,9 @@ def test_is_a_schema_and_takes_what_init_writes(post: str) -> None:
     assert faults(job, post) == []
     if post:
         full = tomllib.loads(with_comments_on(template("part.dxf", "mm"), post))
-        assert set(full["post"]) == {option.name for option in fields(find_post(post)) if option.init}
+        assert set(full["post"]) == {
+            option.name for option in fields(find_post(post)) if option.init
+        }
         assert faults(full, post) == []
 
 
@@ -137,7 +141,9 @@ def test_a_post_with_an_option_that_no_schema_can_say(monkeypatch: pytest.Monkey
     assert faults({"post": {"thong": 5}}, "foreign") == ["$.post"]
 
 
-def test_command(capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_command(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     assert main(["schema", "--post", "rapid"]) == 0
     said = capsys.readouterr()
@@ -146,7 +152,9 @@ def test_command(capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch
     assert main(["schema"]) == 0
     assert json.loads(capsys.readouterr().out) == schema()
     assert main(["schema", "--post", "rapit"]) == 2
-    assert capsys.readouterr().err.startswith("camgen: error: post rapit: is not installed; nearest is rapid")
+    assert capsys.readouterr().err.startswith(
+        "camgen: error: post rapit: is not installed; nearest is rapid"
+    )
     (tmp_path / "part.nc").write_text("G21\n")
     assert main(["init", "part.nc"]) == 0
     assert faults(tomllib.loads((tmp_path / "part.toml").read_text())) == []

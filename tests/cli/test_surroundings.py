@@ -23,21 +23,44 @@ NOBODY = 65534
 BUILD = ("build", str(PARTS / "bracket.dxf"), "--post", "rapid")
 
 
-def run(*words: str, cwd: Path, env: dict[str, str] | None = None, **more: object) -> subprocess.CompletedProcess[str]:
+def run(
+    *words: str, cwd: Path, env: dict[str, str] | None = None, **more: object
+) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", "camgen", *words]
     environment = {"PATH": os.environ["PATH"], **(env or {})}
     return subprocess.run(  # type: ignore[call-overload, no-any-return]
-        command, cwd=cwd, env=environment, capture_output=True, text=True, timeout=120, check=False, **more
+        command,
+        cwd=cwd,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+        **more,
     )
 
 
 def build_all(part: str, folder: Path, env: dict[str, str]) -> list[bytes | str]:
     """The program, the report and the plan that a process writes into ``folder``, and what it says."""
-    words = ("build", str(PARTS / part), "--post", "gcode", "--report", "r.json", "--plan", "p.json", "-o", "part.ngc")
+    words = (
+        "build",
+        str(PARTS / part),
+        "--post",
+        "gcode",
+        "--report",
+        "r.json",
+        "--plan",
+        "p.json",
+        "-o",
+        "part.ngc",
+    )
     more = ("--set", "image.mm_per_px=0.1") if part.endswith("png") else ()
     done = run(*words, *more, cwd=folder, env=env)
     assert done.returncode == 0, done.stderr
-    return [*((folder / name).read_bytes() for name in ("part.ngc", "r.json", "p.json")), done.stderr]
+    return [
+        *((folder / name).read_bytes() for name in ("part.ngc", "r.json", "p.json")),
+        done.stderr,
+    ]
 
 
 @pytest.fixture(scope="module")
@@ -92,7 +115,16 @@ sys.exit(main(sys.argv[1:]))
             "--preview",
             "p.html",
         ),
-        ("build", str(PARTS / "gear.png"), "--post", "grbl", "--set", "image.mm_per_px=0.1", "--preview", "p.png"),
+        (
+            "build",
+            str(PARTS / "gear.png"),
+            "--post",
+            "grbl",
+            "--set",
+            "image.mm_per_px=0.1",
+            "--preview",
+            "p.png",
+        ),
         ("inspect", str(PARTS / "rfa1.stl")),
         ("posts",),
         ("robots",),
@@ -102,13 +134,19 @@ sys.exit(main(sys.argv[1:]))
 )
 def test_nothing_asks_the_network(words: tuple[str, ...], tmp_path: Path) -> None:
     done = subprocess.run(
-        [sys.executable, "-c", WATCHED, *words], cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False
+        [sys.executable, "-c", WATCHED, *words],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
     )
     assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.parametrize(
-    "words", [("posts",), ("robots", "--json"), ("inspect", str(PARTS / "bracket.dxf")), ("schema",)]
+    "words",
+    [("posts",), ("robots", "--json"), ("inspect", str(PARTS / "bracket.dxf")), ("schema",)],
 )
 def test_whoever_reads_may_stop_reading(words: tuple[str, ...], tmp_path: Path) -> None:
     """As ``| head -0`` does: the pipe is closed before anything is written."""
@@ -116,7 +154,13 @@ def test_whoever_reads_may_stop_reading(words: tuple[str, ...], tmp_path: Path) 
     os.close(reader)
     command = [sys.executable, "-m", "camgen", *words]
     done = subprocess.run(
-        command, cwd=tmp_path, stdout=writer, stderr=subprocess.PIPE, text=True, timeout=60, check=False
+        command,
+        cwd=tmp_path,
+        stdout=writer,
+        stderr=subprocess.PIPE,
+        text=True,
+        timeout=60,
+        check=False,
     )
     os.close(writer)
     assert "Traceback" not in done.stderr
@@ -133,8 +177,20 @@ def test_without_an_output_at_all_a_program_is_written(tmp_path: Path) -> None:
 
 
 def test_two_builds_into_one_folder_both_end_well(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "camgen", *BUILD, "--plan", "p.json", "--report", "r.json", "-q"]
-    beside = [subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True) for _ in range(4)]
+    command = [
+        sys.executable,
+        "-m",
+        "camgen",
+        *BUILD,
+        "--plan",
+        "p.json",
+        "--report",
+        "r.json",
+        "-q",
+    ]
+    beside = [
+        subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True) for _ in range(4)
+    ]
     ends = [(process.communicate(timeout=120)[1], process.returncode) for process in beside]
     assert ends == [("", 0)] * 4
     assert sorted(path.name for path in tmp_path.iterdir()) == ["bracket.mod", "p.json", "r.json"]
@@ -168,12 +224,25 @@ sys.exit(code)
 )
 @pytest.mark.parametrize(("size", "code"), [("8k", 2), ("16k", 2), ("10m", 0)])
 def test_a_full_disk_is_told_and_the_old_file_stays(size: str, code: int, tmp_path: Path) -> None:
-    words = ["build", str(PARTS / "bracket.dxf"), "--post", "rapid", "-q", "-o", "b.mod", "--preview", "b.html"]
+    words = [
+        "build",
+        str(PARTS / "bracket.dxf"),
+        "--post",
+        "rapid",
+        "-q",
+        "-o",
+        "b.mod",
+        "--preview",
+        "b.html",
+    ]
     command = ["unshare", "-m", sys.executable, "-c", FULL, str(tmp_path), size, *words]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == code, done.stderr
     if code:
-        assert re.fullmatch(r"camgen: error: b.(mod|html): cannot be written: No space left on device\n", done.stderr)
+        assert re.fullmatch(
+            r"camgen: error: b.(mod|html): cannot be written: No space left on device\n",
+            done.stderr,
+        )
         assert done.stdout == "['b.mod'] an older program\n"
     else:
         assert done.stdout.startswith("['b.html', 'b.mod'] MODULE")
@@ -185,10 +254,31 @@ def test_one_process_and_four_give_the_same(tmp_path: Path) -> None:
     for count in ("1", "4"):
         folder = tmp_path / count
         folder.mkdir()
-        names = [str(PARTS / name) for name in ("bracket.dxf", "plate.dxf", "logo.svg", "copper.dxf", "gaps.dxf")]
-        done = run("batch", *names, "--post", "rapid", "--jobs", count, "-o", "out", "--report", "r.json", cwd=folder)
+        names = [
+            str(PARTS / name)
+            for name in ("bracket.dxf", "plate.dxf", "logo.svg", "copper.dxf", "gaps.dxf")
+        ]
+        done = run(
+            "batch",
+            *names,
+            "--post",
+            "rapid",
+            "--jobs",
+            count,
+            "-o",
+            "out",
+            "--report",
+            "r.json",
+            cwd=folder,
+        )
         table = re.sub(r"\d+\.\d s\b.*", "", done.stdout)
-        found.append((done.returncode, table, {p.name: p.read_bytes() for p in (folder / "out").glob("*.mod")}))
+        found.append(
+            (
+                done.returncode,
+                table,
+                {p.name: p.read_bytes() for p in (folder / "out").glob("*.mod")},
+            )
+        )
     assert found[0] == found[1]
     assert len(found[0][2]) >= 4
 
@@ -211,10 +301,14 @@ sys.exit(main(words))
 
 def as_nobody(*words: str, cwd: Path, first: Path) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-c", AS_NOBODY, str(first / "first.mod"), str(cwd), *words]
-    return subprocess.run(command, cwd=first, capture_output=True, text=True, timeout=120, check=False)
+    return subprocess.run(
+        command, cwd=first, capture_output=True, text=True, timeout=120, check=False
+    )
 
 
-needs_root = pytest.mark.skipif(not hasattr(os, "getuid") or os.getuid() != 0, reason="only root can be another user")
+needs_root = pytest.mark.skipif(
+    not hasattr(os, "getuid") or os.getuid() != 0, reason="only root can be another user"
+)
 
 
 @pytest.fixture

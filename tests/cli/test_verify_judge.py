@@ -46,7 +46,9 @@ def judged(capsys, *words):
     code = main(["verify", *words])
     shown = capsys.readouterr()
     lines = shown.out.splitlines()
-    page = {line[:10].strip(): line[10:].strip() for line in lines if not re.match(r"\S+ line ", line)}
+    page = {
+        line[:10].strip(): line[10:].strip() for line in lines if not re.match(r"\S+ line ", line)
+    }
     return code, page, [line for line in lines if re.match(r"\S+ line ", line)], shown.err
 
 
@@ -87,7 +89,9 @@ def test_an_output_in_a_corner_is_dangerous(capsys):
 
 
 def test_what_the_controller_refuses_comes_first(capsys):
-    text = RAPID.replace("[0,0,1,0],[0,0,0,0]", "[0,0,0.9,0],[0,0,0,0]").replace("v100,fine", "v100,z10", 1)
+    text = RAPID.replace("[0,0,1,0],[0,0,0,0]", "[0,0,0.9,0],[0,0,0,0]").replace(
+        "v100,fine", "v100,z10", 1
+    )
     code, _, told, error = judged(capsys, write("shop.mod", text))
     assert code == 2
     assert any(": refused: " in line for line in told)
@@ -105,7 +109,9 @@ def test_the_place_is_that_of_the_file(capsys):
 
 def test_lines_in_texts_name_their_file_too(capsys):
     late = "  PROC later()\n    SetDO doLate,1;\n    SetDO doLate,0;\n  ENDPROC\n"
-    text = RAPID.replace("  PROC other()", f"{late}  PROC other()").replace("    SetDO doGun,0;\n", "    extra;\n", 1)
+    text = RAPID.replace("  PROC other()", f"{late}  PROC other()").replace(
+        "    SetDO doGun,0;\n", "    extra;\n", 1
+    )
     move = "MoveL Offs(p1,0,0,9),v50,z50,tGun;"
     other = f"MODULE more\n  PROC extra()\n    {move}\n    later;\n  ENDPROC\nENDMODULE\n"
     _, _, told, _ = judged(capsys, write("shop.mod", text), write("more.mod", other))
@@ -116,7 +122,9 @@ def test_it_is_said_as_data(capsys):
     write("shop.mod", RAPID.replace("Offs(p1,0,100,0),v100,fine", "Offs(p1,0,100,0),v100,z10"))
     assert main(["verify", "shop.mod", "--json"]) == 3
     found = json.loads(capsys.readouterr().out)
-    assert [(one["place"], one["level"]) for one in found["faults"]] == [("shop.mod line 7", "dangerous")]
+    assert [(one["place"], one["level"]) for one in found["faults"]] == [
+        ("shop.mod line 7", "dangerous")
+    ]
     assert found["assumed"][0]["key"] == "diready"
     assert found["stopped"] is None
 
@@ -153,7 +161,10 @@ def test_a_program_without_a_motion_has_a_page_too(capsys):
         (["--report", "shop.mod.html/x.html"], "shop.mod.html"),
         (["--points", "job.toml"], "rapid has its locations in its text"),
         (["--entry", "nowhere"], "there is no PROC nowhere"),
-        (["--post", "rapid", "--job", "job.toml", "--assume", "di1=1"], "is for programs that camgen did not plan"),
+        (
+            ["--post", "rapid", "--job", "job.toml", "--assume", "di1=1"],
+            "is for programs that camgen did not plan",
+        ),
         (["--job", "job.toml"], "--post: is not given"),
     ],
 )

@@ -42,19 +42,28 @@ def test_a_built_program_cuts_what_it_may(program: str, capsys: pytest.CaptureFi
     assert "remark: the part within c1 comes loose at its last cut" in told
 
 
-def test_without_a_job_the_drawing_is_the_part(program: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_without_a_job_the_drawing_is_the_part(
+    program: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert verify(program, "--set", "tool.diameter=3.0") == 0
     assert "stock.thickness is not set" in capsys.readouterr().out
 
 
-def test_a_wider_tool_gouges_with_its_line(program: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_wider_tool_gouges_with_its_line(
+    program: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert verify(program, "--set", "tool.diameter=3.1") == 3
     told = capsys.readouterr()
     assert "plate.ngc line 21: cuts 0.05 mm into material that must stay" in told.out
-    assert re.search(r"plate\.ngc: \d+ faults in the material, first: cuts 0\.05 mm .*\(plate\.ngc line 21\)", told.err)
+    assert re.search(
+        r"plate\.ngc: \d+ faults in the material, first: cuts 0\.05 mm .*\(plate\.ngc line 21\)",
+        told.err,
+    )
 
 
-def test_a_rapid_motion_that_was_lowered_is_found(program: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_rapid_motion_that_was_lowered_is_found(
+    program: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     text = Path(program).read_text()
     lines = text.splitlines()
     # The way from the first hole to the second, without the lift before it.
@@ -67,4 +76,7 @@ def test_a_rapid_motion_that_was_lowered_is_found(program: str, capsys: pytest.C
 
 
 def test_what_has_no_contours_is_refused(program: str) -> None:
-    assert main(["verify", program, "--post", "gcode", "--part", str(PLATE.with_name("rfa1.stl"))]) == 2
+    assert (
+        main(["verify", program, "--post", "gcode", "--part", str(PLATE.with_name("rfa1.stl"))])
+        == 2
+    )

@@ -34,7 +34,9 @@ def some(count: int, seed: int, spread: float, size: float) -> Boxes:
     rng = np.random.default_rng(seed)
     turns = np.linalg.qr(rng.normal(size=(count, 3, 3)))[0]
     turns *= np.linalg.det(turns)[:, None, None]
-    return Boxes(rng.uniform(-spread, spread, (count, 3)), turns, rng.uniform(0.05, size, (count, 3)))
+    return Boxes(
+        rng.uniform(-spread, spread, (count, 3)), turns, rng.uniform(0.05, size, (count, 3))
+    )
 
 
 def corner_up(height: float) -> tuple[object, object, object]:
@@ -51,7 +53,9 @@ def edge_meets_box(a: Boxes, b: Boxes, k: int) -> bool:
             if (SIGNS[i] != SIGNS[j]).sum() == 1:
                 begin, along = corners[i], corners[j] - corners[i]
                 with np.errstate(divide="ignore"):
-                    cuts = np.sort([(-b.half[k] - begin) / along, (b.half[k] - begin) / along], axis=0)
+                    cuts = np.sort(
+                        [(-b.half[k] - begin) / along, (b.half[k] - begin) / along], axis=0
+                    )
                 if max(cuts[0].max(), 0) <= min(cuts[1].min(), 1):
                     return True
     return bool((np.abs((a.centres[k] - b.centres[k]) @ b.axes[k]) <= b.half[k]).all())
@@ -63,7 +67,9 @@ def edge_meets_box(a: Boxes, b: Boxes, k: int) -> bool:
 def test_boxes_that_touch_and_do_not(gap: float, met: bool) -> None:
     table = ((0, 0, -5), STRAIGHT, (50, 50, 5))
     turned = rotation_about(2, math.radians(45))
-    crossing = math.sqrt(2)  # a box turned by 45 deg about its long axis shows its edge, sqrt 2 below its middle
+    crossing = math.sqrt(
+        2
+    )  # a box turned by 45 deg about its long axis shows its edge, sqrt 2 below its middle
     lying = turned.T @ rotation_about(0, math.radians(45))
     others = [
         ((0, 0, 3 + gap), STRAIGHT, (4, 4, 3)),
@@ -84,7 +90,10 @@ def test_two_edges_that_cross_are_seen_apart_though_no_face_parts_them() -> None
     along_y = rotation_about(2, math.radians(90)) @ along_x
     reach = 6 * math.sqrt(2)
     low = ((0, 0, 0), along_x, (30, 3, 3))
-    near, far = ((0, 0, reach - 1e-6), along_y, (30, 3, 3)), ((0, 0, reach + 1e-6), along_y, (30, 3, 3))
+    near, far = (
+        ((0, 0, reach - 1e-6), along_y, (30, 3, 3)),
+        ((0, 0, reach + 1e-6), along_y, (30, 3, 3)),
+    )
     assert meet(boxes(low, low), boxes(near, far)).tolist() == [True, False]
 
 
@@ -116,7 +125,10 @@ def clipped(triangle: np.ndarray, centre: np.ndarray, axes: np.ndarray, half: np
             kept = []
             for k, p in enumerate(polygon):
                 if depth[k - 1] * depth[k] < 0:
-                    kept.append(polygon[k - 1] + (p - polygon[k - 1]) * depth[k - 1] / (depth[k - 1] - depth[k]))
+                    kept.append(
+                        polygon[k - 1]
+                        + (p - polygon[k - 1]) * depth[k - 1] / (depth[k - 1] - depth[k])
+                    )
                 if depth[k] >= 0:
                     kept.append(p)
             polygon = kept
@@ -127,7 +139,12 @@ def solid_angle(triangles: np.ndarray, point: np.ndarray) -> float:
     """In whole spheres."""
     a, b, c = (triangles - point).transpose(1, 0, 2)
     la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
-    under = la * lb * lc + (a * b).sum(axis=1) * lc + (b * c).sum(axis=1) * la + (c * a).sum(axis=1) * lb
+    under = (
+        la * lb * lc
+        + (a * b).sum(axis=1) * lc
+        + (b * c).sum(axis=1) * la
+        + (c * a).sum(axis=1) * lb
+    )
     return float(np.arctan2((a * np.cross(b, c)).sum(axis=1), under).sum() / (2 * math.pi))
 
 
@@ -177,7 +194,9 @@ def test_a_box_within_a_block_strikes_it_and_one_in_a_hollow_does_not() -> None:
 
 
 def test_a_block_within_a_box_is_struck() -> None:
-    assert find_struck(mesh(trimesh.creation.box((10, 10, 10))), boxes(((3, 0, 0), STRAIGHT, (50, 40, 30)))).all()
+    assert find_struck(
+        mesh(trimesh.creation.box((10, 10, 10))), boxes(((3, 0, 0), STRAIGHT, (50, 40, 30)))
+    ).all()
 
 
 def test_a_block_without_its_lid_still_holds_what_is_in_it() -> None:
@@ -190,7 +209,9 @@ def test_a_block_without_its_lid_still_holds_what_is_in_it() -> None:
 @pytest.mark.parametrize("gap", [0.25, 12.0])
 def test_the_distance_from_a_mesh_is_that_of_the_corner_above_it(gap: float) -> None:
     block = mesh(
-        trimesh.creation.box((100, 100, 100), transform=trimesh.transformations.translation_matrix((0, 0, -50)))
+        trimesh.creation.box(
+            (100, 100, 100), transform=trimesh.transformations.translation_matrix((0, 0, -50))
+        )
     )
     above = boxes(corner_up(gap))
     assert not find_struck(block, above).any()
@@ -205,13 +226,17 @@ def test_the_tree_finds_every_triangle_once(count: int) -> None:
     tree = grow(corners)
     low, high = np.array([2.0, 3, 1]), np.array([6.0, 7, 9])
     wide = low[:, None, None], high[:, None, None]
-    _, found, _ = ask(tree, 1, lambda _, lo, hi: np.flatnonzero(((lo <= wide[1]) & (hi >= wide[0])).all(axis=0)))
+    _, found, _ = ask(
+        tree, 1, lambda _, lo, hi: np.flatnonzero(((lo <= wide[1]) & (hi >= wide[0])).all(axis=0))
+    )
     expected = ((corners.min(axis=1) <= high) & (corners.max(axis=1) >= low)).all(axis=1)
     assert len(found) == len(set(found.tolist())) == expected.sum()
     assert sorted(tree.corners[found].tolist()) == sorted(corners[expected].tolist())
 
 
-def test_boxes_are_no_nearer_than_the_best_axis_parts_them_and_as_near_where_no_corner_is_nearest() -> None:
+def test_boxes_are_no_nearer_than_the_best_axis_parts_them_and_as_near_where_no_corner_is_nearest() -> (
+    None
+):
     a, b = some(2000, 5, 60.0, 15.0), some(2000, 6, 60.0, 15.0)
     bound, met = least_apart(a, b), meet(a, b)
     assert ((bound <= 1e-6) == met).all()
@@ -220,7 +245,10 @@ def test_boxes_are_no_nearer_than_the_best_axis_parts_them_and_as_near_where_no_
     assert (bound[free] <= exact + 1e-6).all()
     # Corners against corners are parted by less: of boxes at random that is so of a part.
     assert np.median(bound[free] / exact) > 0.9
-    rows = [((9, 1, 2), STRAIGHT, (2, 3, 4)), ((7, 7, 0), rotation_about(2, math.radians(45)), (1, 1, 50))]
+    rows = [
+        ((9, 1, 2), STRAIGHT, (2, 3, 4)),
+        ((7, 7, 0), rotation_about(2, math.radians(45)), (1, 1, 50)),
+    ]
     stand = boxes(*[((0, 0, 0), STRAIGHT, (4, 4, 4))] * 2)
     # Face to face, and the upright edges of two pillars across their diagonals.
     assert least_apart(stand, boxes(*rows))[0] == pytest.approx(3.0, abs=1e-6)

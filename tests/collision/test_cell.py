@@ -41,8 +41,12 @@ def made(tool: dict[str, object], cell: dict[str, object], solid: Solid | None) 
 
 def boxes(scene: Scene, name: str) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
     """Centre, axes and half lengths of the boxes of a body, in the frame that carries it."""
-    sides = [(box, scene.pairs[pair][0]) for box, pair in zip(scene.first, scene.of_pair, strict=True)]
-    sides += [(box, scene.pairs[pair][1]) for box, pair in zip(scene.second, scene.of_pair, strict=True)]
+    sides = [
+        (box, scene.pairs[pair][0]) for box, pair in zip(scene.first, scene.of_pair, strict=True)
+    ]
+    sides += [
+        (box, scene.pairs[pair][1]) for box, pair in zip(scene.second, scene.of_pair, strict=True)
+    ]
     rows = {int(box) for box, owner in sides if owner == name}
     return [(scene.origin[k], scene.rotation[k], scene.half[k]) for k in sorted(rows)]
 
@@ -109,7 +113,9 @@ def test_only_the_tool_may_touch_the_part(solid: Solid) -> None:
     for place in at:
         every = inverse(ARM, down[None], place[None])[0]
         every = every[np.isfinite(every).all(axis=1)]
-        found.append({name_pair(where.scene, int(k)) if k >= 0 else "" for k in hits(where.scene, every)})
+        found.append(
+            {name_pair(where.scene, int(k)) if k >= 0 else "" for k in hits(where.scene, every)}
+        )
     assert "" in found[0]
     assert "" not in found[1]
     assert "tool against part" in found[1]
@@ -118,7 +124,12 @@ def test_only_the_tool_may_touch_the_part(solid: Solid) -> None:
 def test_wrist_boxes_that_reach_past_the_flange_are_said() -> None:
     """Link 4 of an IRB 2400 has a box around its fork that meets what is at the flange when the wrist is straight."""
     arm = robot("IRB 2400")
-    cell = Cell("cell", pose_from_values([1000.0, 0, 0, 0, 0, 0]), pose_from_values([0.0, 0, 100, 0, 0, 0]), Joints(()))
+    cell = Cell(
+        "cell",
+        pose_from_values([1000.0, 0, 0, 0, 0, 0]),
+        pose_from_values([0.0, 0, 100, 0, 0, 0]),
+        Joints(()),
+    )
     where = around(Job(), arm, cell, None, ())
     assert [note.what for note in where.notes] == ["link 4 and tool do not meet"]
     assert hits(where.scene, arm.home[None])[0] < 0
@@ -130,10 +141,16 @@ def test_wrist_boxes_that_reach_past_the_flange_are_said() -> None:
     [
         ({"holder": [[0, 0, 0, 1, 1]]}, {}, "a box has 5 values"),
         ({}, {"fixtures": [[0, 0, 0, 1, 1, 0]]}, "a box has no size"),
-        ({"holder": [[50, 50, 0, 80, 80, 50]]}, {"flange_from_tool": [0, 0, 100, 180, 0, 0]}, "meets neither"),
+        (
+            {"holder": [[50, 50, 0, 80, 80, 50]]},
+            {"flange_from_tool": [0, 0, 100, 180, 0, 0]},
+            "meets neither",
+        ),
     ],
 )
-def test_boxes_that_are_none(tool: dict[str, object], cell: dict[str, object], message: str) -> None:
+def test_boxes_that_are_none(
+    tool: dict[str, object], cell: dict[str, object], message: str
+) -> None:
     with pytest.raises(JobError, match=message):
         made(tool, cell, None)
 

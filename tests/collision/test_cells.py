@@ -26,7 +26,9 @@ def boxes_around(solid: Solid, count: int) -> Boxes:
     rng = np.random.default_rng(7)
     low, high = solid.vertices.min(axis=0) - 30, solid.vertices.max(axis=0) + 30
     half = rng.uniform(0.2, 12.0, (count, 3))
-    return Boxes(rng.uniform(low, high, (count, 3)), from_vectors(rng.normal(size=(count, 3))), half)
+    return Boxes(
+        rng.uniform(low, high, (count, 3)), from_vectors(rng.normal(size=(count, 3))), half
+    )
 
 
 def test_what_meets_a_closed_mesh_is_what_its_triangles_say(solid: Solid) -> None:
@@ -63,7 +65,9 @@ def test_points_of_triangles_of_any_shape_are_in_passed_cells() -> None:
     rng = np.random.default_rng(2)
     corners = rng.uniform(-50.0, 50.0, (60, 3, 3))
     # Slivers, needles and points among them, whose longest side is any of the three.
-    corners[:20, 2] = corners[:20, 0] + rng.uniform(0.0, 1.0, (20, 1)) * (corners[:20, 1] - corners[:20, 0])
+    corners[:20, 2] = corners[:20, 0] + rng.uniform(0.0, 1.0, (20, 1)) * (
+        corners[:20, 1] - corners[:20, 0]
+    )
     corners[20:24, 1] = corners[20:24, 0]
     corners[24] = corners[24, 0]
     corners = corners[:, rng.permutation(3)]

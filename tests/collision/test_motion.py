@@ -22,7 +22,9 @@ from camgen.robots.models import Box, Link, Robot
 SIGNS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
 
 
-def bar(name: str, at: tuple[float, float, float], half: tuple[float, float, float], turn: float = 0.0) -> Link:
+def bar(
+    name: str, at: tuple[float, float, float], half: tuple[float, float, float], turn: float = 0.0
+) -> Link:
     """One box, turned about z by degrees."""
     return Link(name, (Box(Pose(rotation_about(2, math.radians(turn)), at), half),))
 
@@ -39,13 +41,19 @@ def rods() -> Robot:
 
 def at(*values: float) -> np.ndarray:
     """J1, J2 and J4 in degrees, J3 in mm."""
-    return np.array([[math.radians(values[0]), math.radians(values[1]), values[2], math.radians(values[3])]])
+    return np.array(
+        [[math.radians(values[0]), math.radians(values[1]), values[2], math.radians(values[3])]]
+    )
 
 
 def block(size: tuple[float, float, float]) -> Mesh:
     made = trimesh.creation.box(size)
     faces = np.asarray(made.faces, dtype=np.int64)
-    return make_mesh(Solid("b", "b.stl", "mm", frozen(made.vertices), faces, frozen(made.face_normals), (), (), ()))
+    return make_mesh(
+        Solid(
+            "b", "b.stl", "mm", frozen(made.vertices), faces, frozen(made.face_normals), (), (), ()
+        )
+    )
 
 
 def some(of: Robot, count: int, seed: int = 0) -> np.ndarray:
@@ -63,7 +71,11 @@ def test_a_folded_arm_meets_its_own_base() -> None:
     arm = rods()
     pillar = bar("base", (140, 105, 390), (40, 5, 100))
     arm = replace(arm, links=(pillar, *arm.links[1:]))
-    assert name_of(scene(arm), np.vstack([at(0, a, 0, 0) for a in (0, 120, 150)])) == ["", "", "base against link 2"]
+    assert name_of(scene(arm), np.vstack([at(0, a, 0, 0) for a in (0, 120, 150)])) == [
+        "",
+        "",
+        "base against link 2",
+    ]
 
 
 def test_links_that_touch_anyway_are_left_out_and_a_pad_counts_on_both() -> None:
@@ -88,14 +100,18 @@ def test_a_tool_right_on_the_flange_is_not_hit_by_the_pad_of_the_wrist() -> None
     """IRB 2000: its flange is 150 mm from axis 5, link 5 ends at 130.01 mm, and the pad is 30 mm."""
     of = robot("IRB 2000")
     assert name_of(scene(of, (bar("tool", (0, 0, 40), (20, 20, 40)),)), of.home[None]) == [""]
-    assert name_of(scene(of, (bar("tool", (0, 0, 29), (20, 20, 50)),)), of.home[None]) == ["link 5 against tool"]
+    assert name_of(scene(of, (bar("tool", (0, 0, 29), (20, 20, 50)),)), of.home[None]) == [
+        "link 5 against tool"
+    ]
 
 
 def test_the_tool_meets_the_table_and_the_part_where_it_reaches_them() -> None:
     """The flange looks down; the tool is 100 mm long from z = 387 - J3."""
     tool = (bar("tool", (0, 0, 50), (5, 5, 50)),)
     table = (bar("table", (600, 0, 90), (100, 100, 10)),)
-    joints = np.vstack([at(0, 0, 386.99 - 100 - 100, 0), at(0, 0, 387.01 - 100 - 100, 0), at(30, 0, 200, 0)])
+    joints = np.vstack(
+        [at(0, 0, 386.99 - 100 - 100, 0), at(0, 0, 387.01 - 100 - 100, 0), at(30, 0, 200, 0)]
+    )
     assert name_of(scene(rods(), tool, table), joints) == ["", "tool against table", ""]
     for part in (block((200, 200, 20)), (Box(translation(0, 0, 0), (100.0, 100.0, 10.0)),)):
         tested = scene(rods(), tool, (), part, translation(600, 0, 90))
@@ -117,12 +133,21 @@ def test_the_first_pair_in_order_is_named_whatever_else_is_hit() -> None:
     allowed = (("wall", "link 2"), ("wall", "tool"), ("holder", "wall"))
     tested = scene(rods(), tool, (wall,), part, translation(600, 0, 300), allowed=allowed)
     assert name_of(tested, at(0, 0, 0, 0)) == ["link 2 against part"]
-    tested = scene(rods(), tool, (wall,), part, translation(600, 0, 300), allowed=(*allowed, ("part", "link 2")))
+    tested = scene(
+        rods(),
+        tool,
+        (wall,),
+        part,
+        translation(600, 0, 300),
+        allowed=(*allowed, ("part", "link 2")),
+    )
     assert name_of(tested, at(0, 0, 0, 0)) == ["holder against part"]
 
 
 @pytest.mark.parametrize(("contact", "met"), [(0.0, True), (0.9, True), (1.1, False)])
-def test_the_tool_may_enter_the_part_by_its_contact_and_nothing_else(contact: float, met: bool) -> None:
+def test_the_tool_may_enter_the_part_by_its_contact_and_nothing_else(
+    contact: float, met: bool
+) -> None:
     tool = (bar("tool", (0, 0, 50), (5, 5, 50)),)
     deep = at(0, 0, 387 - 100 - 100 + 1, 0)
     tested = scene(rods(), tool, (), block((200, 200, 20)), translation(600, 0, 90), contact)
@@ -133,9 +158,13 @@ def test_the_tool_may_enter_the_part_by_its_contact_and_nothing_else(contact: fl
 
 def test_bodies_that_cannot_be_meant_are_refused_in_one_line() -> None:
     tool = (bar("tool", (0, 0, 50), (0.5, 5, 50)),)
-    with pytest.raises(JobError, match=r"^tool tool: it may enter the part by 0.5 mm, but is 1 mm thin; allow "):
+    with pytest.raises(
+        JobError, match=r"^tool tool: it may enter the part by 0.5 mm, but is 1 mm thin; allow "
+    ):
         scene(rods(), tool, contact=0.5)
-    with pytest.raises(JobError, match=r"^body tol: it may touch, but there is no such body; nearest is tool$"):
+    with pytest.raises(
+        JobError, match=r"^body tol: it may touch, but there is no such body; nearest is tool$"
+    ):
         scene(rods(), tool, allowed=(("tol", "tool"),))
     with pytest.raises(JobError, match=r"^body base: there are two of this name; rename one$"):
         scene(rods(), tool, (bar("base", (0, 0, 0), (1, 1, 1)),))
@@ -148,7 +177,9 @@ def test_a_joint_that_is_not_a_number_is_never_free() -> None:
         motion(scene(rods()), np.vstack([at(0, 0, 0, 0), at(0, math.nan, 0, 0)]), 1.0)
 
 
-def corners_of(boxes: tuple[Box, ...], rotation: np.ndarray, origin: np.ndarray, by: float) -> list[np.ndarray]:
+def corners_of(
+    boxes: tuple[Box, ...], rotation: np.ndarray, origin: np.ndarray, by: float
+) -> list[np.ndarray]:
     return [
         (box.link_from_box.rotation @ (SIGNS * (np.array(box.half) + by)).T).T @ rotation.T
         + rotation @ np.array(box.link_from_box.origin)
@@ -183,7 +214,10 @@ def test_verdicts_are_those_of_all_pairs_of_hulls() -> None:
     """IRB 1200 with a tool, beside a pillar and a box as the part; whose pairs are written down here once more."""
     of = robot("IRB 1200")
     tool = (bar("tool", (0, 0, 70), (15, 25, 50), 30),)
-    pillar, part = bar("pillar", (450, -350, 300), (60, 60, 300), 20), Box(translation(0, 0, 0), (80.0, 60.0, 40.0))
+    pillar, part = (
+        bar("pillar", (450, -350, 300), (60, 60, 300), 20),
+        Box(translation(0, 0, 0), (80.0, 60.0, 40.0)),
+    )
     base_from_part = Pose(rotation_about(1, 0.3), (500.0, 100.0, 250.0))
     of_boxes = scene(of, tool, (pillar,), (part,), base_from_part)
     of_mesh = scene(of, tool, (pillar,), block((160, 120, 80)), base_from_part)
@@ -191,16 +225,28 @@ def test_verdicts_are_those_of_all_pairs_of_hulls() -> None:
     expected = []
     for row in joints:
         rotations, origins = (array[0] for array in frames(of, row[None]))
-        links = [corners_of(k.boxes, r, o, 5.0) for k, r, o in zip(of.links, rotations, origins, strict=True)]
-        bare = [corners_of(k.boxes, r, o, 0.0) for k, r, o in zip(of.links, rotations, origins, strict=True)]
+        links = [
+            corners_of(k.boxes, r, o, 5.0)
+            for k, r, o in zip(of.links, rotations, origins, strict=True)
+        ]
+        bare = [
+            corners_of(k.boxes, r, o, 0.0)
+            for k, r, o in zip(of.links, rotations, origins, strict=True)
+        ]
         turn, tip = (array[0] for array in flange(of, row[None]))
         held = corners_of(tool[0].boxes, turn, tip, 0.0)
         standing = corners_of(pillar.boxes, np.eye(3), np.zeros(3), 0.0)
         target = corners_of((part,), base_from_part.rotation, np.array(base_from_part.origin), 0.0)
-        pairs = [(links[i], links[j]) for i, j in itertools.combinations(range(7), 2) if j > i + 1 and (i, j) != (4, 6)]
+        pairs = [
+            (links[i], links[j])
+            for i, j in itertools.combinations(range(7), 2)
+            if j > i + 1 and (i, j) != (4, 6)
+        ]
         pairs += [((bare if i in (4, 5) else links)[i], held) for i in range(6)]
         pairs += [(body, other) for other in (standing, target) for body in [*links[1:], held]]
-        expected.append(any(hulls_meet(a, b) for one, two in pairs for a in one for b in two if close(a, b)))
+        expected.append(
+            any(hulls_meet(a, b) for one, two in pairs for a in one for b in two if close(a, b))
+        )
     assert 20 < sum(expected) < 90
     assert (hits(of_boxes, joints) >= 0).tolist() == expected
     assert (hits(of_mesh, joints) >= 0).tolist() == expected
@@ -234,18 +280,28 @@ def test_a_thin_wall_between_two_free_rows_is_not_skipped() -> None:
     """The tool at radius 600 swings from 0 to 90 deg; a plate of 0.2 mm stands across its way at 45 deg. Tool and plate
     meet where the tool's flank, 5 mm ahead of its middle, arrives: near 45 deg - 5.1 / 600 rad.
     """
-    tool, plate = bar("tool", (0, 0, 50), (5, 5, 50)), bar("wall", (424.3, 424.3, 300), (50, 0.1, 100), 45)
+    tool, plate = (
+        bar("tool", (0, 0, 50), (5, 5, 50)),
+        bar("wall", (424.3, 424.3, 300), (50, 0.1, 100), 45),
+    )
     rows = np.vstack([at(0, 0, 0, 0), at(90, 0, 0, 0)])
-    thin, placed = block((100, 0.2, 200)), Pose(rotation_about(2, math.radians(45)), (424.3, 424.3, 300.0))
+    thin, placed = (
+        block((100, 0.2, 200)),
+        Pose(rotation_about(2, math.radians(45)), (424.3, 424.3, 300.0)),
+    )
     for tested in (sweep(plate, tool), scene(rods(), (tool,), (), thin, placed)):
         assert (hits(tested, rows) < 0).all()
         for step in (0.5, 5.0):
             course = motion(tested, rows, step)
             assert name_pair(tested, course.pair).startswith("tool against")
-            assert course.at * math.pi / 2 == pytest.approx(math.pi / 4 - 5.1 / 600, abs=(step + 0.2) / 600)
+            assert course.at * math.pi / 2 == pytest.approx(
+                math.pi / 4 - 5.1 / 600, abs=(step + 0.2) / 600
+            )
             assert course.clearance == 0.0
         dense = np.linspace(rows[0], rows[1], 91)
-        assert motion(tested, dense, 0.5).at / 90 == pytest.approx(0.5 - 5.1 / 600 * 2 / math.pi, abs=1e-3)
+        assert motion(tested, dense, 0.5).at / 90 == pytest.approx(
+            0.5 - 5.1 / 600 * 2 / math.pi, abs=1e-3
+        )
 
 
 def test_a_motion_that_passes_says_how_close_it_came() -> None:
@@ -268,7 +324,10 @@ def test_a_motion_that_passes_says_how_close_it_came() -> None:
 def test_one_row_and_rows_that_repeat_are_motions_too() -> None:
     tool, wall = bar("tool", (0, 0, 50), (5, 5, 50)), bar("wall", (600, 0, 300), (5, 5, 100))
     for rows in (at(0, 0, 0, 0), np.vstack([at(0, 0, 0, 0)] * 3)):
-        assert name_pair(sweep(wall, tool), motion(sweep(wall, tool), rows, 1.0).pair) == "tool against wall"
+        assert (
+            name_pair(sweep(wall, tool), motion(sweep(wall, tool), rows, 1.0).pair)
+            == "tool against wall"
+        )
         assert motion(scene(rods(), (tool,)), rows, 1.0).pair == -1
 
 
@@ -276,12 +335,16 @@ def test_one_row_and_rows_that_repeat_are_motions_too() -> None:
 def test_no_point_moves_farther_than_the_bound(name: str) -> None:
     """Ways of all corners of all boxes, added up over 100 parts of each stretch; near rows, the bound is not loose."""
     of = robot(name)
-    tested = scene(of, (bar("tool", (10, 0, 120), (10, 20, 60)),), (bar("table", (0, 0, -500), (9, 9, 9)),))
+    tested = scene(
+        of, (bar("tool", (10, 0, 120), (10, 20, 60)),), (bar("table", (0, 0, -500), (9, 9, 9)),)
+    )
     for share, loose in ((0.3, math.inf), (0.004, 3.0)):
         for pair in some(of, 20).reshape(10, 2, -1):
             rows = np.array([pair[0], pair[0] + (pair[1] - pair[0]) * share])
             fine = place(tested, np.linspace(rows[0], rows[1], 101))
-            corners = fine.centres[..., None, :] + (SIGNS * tested.half[:, None]) @ fine.axes.transpose(0, 1, 3, 2)
+            corners = fine.centres[..., None, :] + (
+                SIGNS * tested.half[:, None]
+            ) @ fine.axes.transpose(0, 1, 3, 2)
             ways = np.linalg.norm(np.diff(corners, axis=0), axis=-1).sum(axis=0).max(axis=1)
             bound = measure_moves(tested, rows)[0]
             assert (ways <= bound + 1e-9).all()
@@ -293,7 +356,11 @@ def test_a_motion_agrees_with_every_fine_sample() -> None:
     of = robot("IRB 120")
     tool = (bar("tool", (0, 0, 60), (10, 10, 60)),)
     tested = scene(
-        of, tool, (bar("beam", (250, 0, 700), (20, 300, 3)),), block((150, 150, 80)), translation(350, 0, 100)
+        of,
+        tool,
+        (bar("beam", (250, 0, 700), (20, 300, 3)),),
+        block((150, 150, 80)),
+        translation(350, 0, 100),
     )
     joints = some(of, 80, 3)
     free = joints[hits(tested, joints) < 0]
@@ -306,7 +373,10 @@ def test_a_motion_agrees_with_every_fine_sample() -> None:
         verdicts.append(course.pair >= 0)
         assert course.pair >= 0 or not len(deep)
         if course.pair >= 0:
-            assert hits(tested, rows[0][None] + (rows[1] - rows[0])[None] * course.at)[0] == course.pair
+            assert (
+                hits(tested, rows[0][None] + (rows[1] - rows[0])[None] * course.at)[0]
+                == course.pair
+            )
             assert not len(deep) or course.at <= deep[0] / 399 + 1e-12
             assert course.at <= 1
         else:
@@ -316,7 +386,13 @@ def test_a_motion_agrees_with_every_fine_sample() -> None:
 
 def test_growing_never_removes_a_hit() -> None:
     of = robot("VS-6556")
-    tested = scene(of, (bar("tool", (0, 0, 60), (10, 10, 60)),), (), block((150, 150, 80)), translation(350, 0, 300))
+    tested = scene(
+        of,
+        (bar("tool", (0, 0, 60), (10, 10, 60)),),
+        (),
+        block((150, 150, 80)),
+        translation(350, 0, 300),
+    )
     joints = some(of, 300)
     found = [hits(tested, joints, by) >= 0 for by in (0.0, 3.0, 30.0)]
     assert (found[0] <= found[1]).all()
@@ -325,7 +401,9 @@ def test_growing_never_removes_a_hit() -> None:
 
 
 def test_boxes_are_where_their_links_are() -> None:
-    tested = scene(rods(), (bar("tool", (0, 0, 50), (5, 5, 50)),), (bar("table", (9, 8, 7), (1, 2, 3)),))
+    tested = scene(
+        rods(), (bar("tool", (0, 0, 50), (5, 5, 50)),), (bar("table", (9, 8, 7), (1, 2, 3)),)
+    )
     placed = place(tested, at(0, 90, 10, 0))
     assert isinstance(placed, Boxes)
     middles = {tuple(np.round(centre, 6).tolist()) for centre in placed.centres[0]}
@@ -336,7 +414,9 @@ def test_boxes_are_where_their_links_are() -> None:
 def test_no_box_comes_nearer_to_another_than_the_bound(name: str) -> None:
     """The corners of the farther box of each pair, seen from the link of the other one, over 100 parts of a stretch."""
     of = robot(name)
-    tested = scene(of, (bar("tool", (10, 0, 120), (10, 20, 60)),), (bar("table", (0, 0, -500), (9, 9, 9)),))
+    tested = scene(
+        of, (bar("tool", (10, 0, 120), (10, 20, 60)),), (bar("table", (0, 0, -500), (9, 9, 9)),)
+    )
     first, second = tested.first, tested.second
     swapped = tested.frame[first] > tested.frame[second]
     near, far = np.where(swapped, second, first), np.where(swapped, first, second)
@@ -345,7 +425,9 @@ def test_no_box_comes_nearer_to_another_than_the_bound(name: str) -> None:
         fine = np.linspace(pair[0], pair[0] + (pair[1] - pair[0]) * 0.2, 101)
         rotations, origins = frames(of, fine)
         placed = place(tested, fine)
-        corners = placed.centres[..., None, :] + (SIGNS * tested.half[:, None]) @ placed.axes.transpose(0, 1, 3, 2)
+        corners = placed.centres[..., None, :] + (
+            SIGNS * tested.half[:, None]
+        ) @ placed.axes.transpose(0, 1, 3, 2)
         link = tested.frame[near]
         seen = (corners[:, far] - origins[:, link][:, :, None]) @ rotations[:, link]
         ways = np.linalg.norm(np.diff(seen, axis=0), axis=-1).sum(axis=0).max(axis=1)
@@ -367,7 +449,9 @@ def test_a_cell_in_two_parts_collides_where_the_whole_does() -> None:
     whole = name_of(tested, joints)
     parts = [narrow(tested, pairs) for pairs in (own, rest)]
     names = [name_of(part, joints) for part in parts]
-    assert [set(a) == {""} for a in zip(whole, strict=True)] == [a == b == "" for a, b in zip(*names, strict=True)]
+    assert [set(a) == {""} for a in zip(whole, strict=True)] == [
+        a == b == "" for a, b in zip(*names, strict=True)
+    ]
     assert all(one in (a, b) for one, a, b in zip(whole, *names, strict=True))
     assert all(any(found) for found in names)
     assert len(parts[0].frame) < len(tested.frame)
@@ -383,24 +467,42 @@ def test_the_tool_may_enter_the_part_and_its_holder_may_not() -> None:
     for tools, met in (((tool,), ""), ((tool, holder), "holder against part")):
         tested = scene(rods(), tools, (), plate, translation(600, 0, 178), 2.0)
         assert name_of(tested, at(0, 0, 100, 0)) == [met]
-    assert name_of(scene(rods(), (tool,), (), plate, translation(600, 0, 178)), at(0, 0, 100, 0)) == [
-        "tool against part"
-    ]
+    assert name_of(
+        scene(rods(), (tool,), (), plate, translation(600, 0, 178)), at(0, 0, 100, 0)
+    ) == ["tool against part"]
 
 
 def test_one_axis_is_asked_only_where_the_triangles_bound_a_body() -> None:
     """A box without its two faces across x, which says nothing of its borders: rays along x alone would miss it."""
     made = trimesh.creation.box((40, 40, 40))
     along = np.abs(made.face_normals[:, 0]) < 0.5
-    for faces, closed in ((made.faces, True), (made.faces[along], False), (made.faces[:, ::-1], True)):
+    for faces, closed in (
+        (made.faces, True),
+        (made.faces[along], False),
+        (made.faces[:, ::-1], True),
+    ):
         normals = frozen(np.zeros((len(faces), 3)))
-        mesh = make_mesh(Solid("b", "b", "mm", frozen(made.vertices), np.asarray(faces, np.int64), normals, (), (), ()))
+        mesh = make_mesh(
+            Solid(
+                "b",
+                "b",
+                "mm",
+                frozen(made.vertices),
+                np.asarray(faces, np.int64),
+                normals,
+                (),
+                (),
+                (),
+            )
+        )
         assert mesh.closed == closed
         points = np.array([[3.0, 4.0, 5.0], [30.0, 0.0, 0.0], [3.0, 4.0, 25.0]])
         assert inside(mesh, points).tolist() == [True, False, False]
     loose = made.vertices[made.faces].reshape(-1, 3)
     apart = np.arange(len(loose)).reshape(-1, 3)
-    mesh = make_mesh(Solid("b", "b", "mm", frozen(loose), apart, frozen(made.face_normals), (), (), ()))
+    mesh = make_mesh(
+        Solid("b", "b", "mm", frozen(loose), apart, frozen(made.face_normals), (), (), ())
+    )
     assert not mesh.closed
     assert inside(mesh, np.array([[3.0, 4.0, 5.0]])).tolist() == [True]
 
@@ -408,7 +510,11 @@ def test_one_axis_is_asked_only_where_the_triangles_bound_a_body() -> None:
 def two_bars() -> Scene:
     """A flat arm with a bar on its first link, from axis 1 to x = 600, and the rod of the second one beside it."""
     arm = rods()
-    bars = (arm.links[0], bar("link 1", (300, 0, 0), (300, 1, 1)), bar("link 2", (137.5, 0, 0), (137.5, 1, 1)))
+    bars = (
+        arm.links[0],
+        bar("link 1", (300, 0, 0), (300, 1, 1)),
+        bar("link 2", (137.5, 0, 0), (137.5, 1, 1)),
+    )
     return scene(replace(arm, links=(*bars, *arm.links[3:]), touching=()))
 
 
@@ -427,7 +533,10 @@ def test_two_bodies_that_move_against_each_other_come_nearer_by_what_both_are_of
     tested = two_bars()
     only = narrow(tested, [tested.pairs.index(("link 1", "link 2"))])
     one, other = at(0, 10, 0, 0), at(0.1, 9.6, 0, 0)
-    off, closer = float(measure_apart(only, one, other)[0]), float(measure_closer(only, one, other)[0])
+    off, closer = (
+        float(measure_apart(only, one, other)[0]),
+        float(measure_closer(only, one, other)[0]),
+    )
     assert off == pytest.approx(600 * math.radians(0.1), rel=0.01)
     assert closer == pytest.approx(275 * math.radians(0.4), rel=0.02)
     assert closer > 1.8 * off

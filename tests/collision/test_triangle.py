@@ -24,7 +24,9 @@ def cell_of(arm: Robot) -> Scene:
     post = Link("post", (Box(translation(250, 250, 300), (40, 40, 400)),))
     made = trimesh.creation.box((200, 200, 60))
     faces = np.asarray(made.faces, dtype=np.int64)
-    part = Solid("b", "b.stl", "mm", frozen(made.vertices), faces, frozen(made.face_normals), (), (), ())
+    part = Solid(
+        "b", "b.stl", "mm", frozen(made.vertices), faces, frozen(made.face_normals), (), (), ()
+    )
     return scene(arm, (held,), (post,), make_mesh(part), translation(350, -50, 100))
 
 
@@ -37,14 +39,19 @@ def test_nothing_is_near_in_what_is_called_free(name: str, near: float) -> None:
     middle = rng.uniform(arm.limits[:, 0], arm.limits[:, 1], (20000, len(arm.joints)))
     middle = middle[within(arm, middle)]
     # Those of them where something is near, but nothing meets: they are neither free nor not at first sight.
-    middle = middle[(hits(tested, middle, near=near) < 0) & (hits(tested, middle, near=near + 60.0) >= 0)][:100]
+    middle = middle[
+        (hits(tested, middle, near=near) < 0) & (hits(tested, middle, near=near + 60.0) >= 0)
+    ][:100]
     groups = len(middle) * len(WIDE)
     wide = np.repeat(WIDE, len(middle))[:, None, None]
     corners = (
-        np.tile(middle, (len(WIDE), 1))[:, None] + rng.normal(0.0, 1.0, (groups, 3, len(arm.joints))) * wide * units
+        np.tile(middle, (len(WIDE), 1))[:, None]
+        + rng.normal(0.0, 1.0, (groups, 3, len(arm.joints))) * wide * units
     )
     free = are_free(tested, corners, np.arange(groups), near)
-    shares = np.concatenate([rng.dirichlet(np.ones(3), (groups, 60)), np.tile(np.eye(3), (groups, 1, 1))], axis=1)
+    shares = np.concatenate(
+        [rng.dirichlet(np.ones(3), (groups, 60)), np.tile(np.eye(3), (groups, 1, 1))], axis=1
+    )
     inside = np.einsum("kns,ksj->knj", shares, corners)
     struck = hits(tested, inside.reshape(-1, inside.shape[-1]), near=near).reshape(groups, -1) >= 0
     struck = struck.any(axis=1)

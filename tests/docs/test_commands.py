@@ -79,7 +79,11 @@ MODULE = re.compile(r"python -m ((?:bench|docs|camgen)[\w.]*\w)")
 WEDGE = [(20, 20, 60), (110, 20, 60), (20, 90, 60), (40, 35, 0)]
 OLD = "G21 G90\nG0 X0 Y0 Z10\nG1 Z0 F300\nG2 X20 I10 J0\nG1 X0\nG0 Z10\nM2\n"
 SUB = "O9000\nG1 X5 F100\nM99\n"
-PLY = "ply\nformat ascii 1.0\nelement vertex 2000\n" + "".join(f"property float {k}\n" for k in "xyz") + "end_header"
+PLY = (
+    "ply\nformat ascii 1.0\nelement vertex 2000\n"
+    + "".join(f"property float {k}\n" for k in "xyz")
+    + "end_header"
+)
 
 
 class Shown(NamedTuple):
@@ -103,7 +107,9 @@ def whole_commands() -> dict[Shown, str]:
             with suppress(SystemExit), redirect_stdout(StringIO()):  # --version prints and leaves
                 try:
                     parser.parse_args(words_of(line))
-                except JobError:  # spoken of, such as `camgen build`; test_docs.py says where a line is wrong
+                except (
+                    JobError
+                ):  # spoken of, such as `camgen build`; test_docs.py says where a line is wrong
                     continue
             found.setdefault(Shown(line, tuple(JOB_FILE.findall(text))), name(page))
     return found
@@ -144,20 +150,39 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     wedge = trimesh.Trimesh(WEDGE, [(0, 1, 2), (1, 0, 3), (2, 1, 3), (0, 2, 3)])
     wedge.export(folder / "part.stl")
     np.savetxt(folder / "bench.ply", scan(wedge, 2000, 1), fmt="%.4f", header=PLY, comments="")
-    texts = {"old.ngc": OLD, "old.nc": OLD, "sub.nc": SUB, "glue.mod": RAPID, "square.v2": VPLUS, "old.pcs": PACSCRIPT}
+    texts = {
+        "old.ngc": OLD,
+        "old.nc": OLD,
+        "sub.nc": SUB,
+        "glue.mod": RAPID,
+        "square.v2": VPLUS,
+        "old.pcs": PACSCRIPT,
+    }
     for file, text in (texts | {"old.v2": VPLUS}).items():
         (folder / file).write_text(text)
     (folder / "frame.toml").write_text("[cell]\nbase_from_work = [400, 0, 100, 0, 0, 0]\n")
     words = [str(folder / "part.dxf"), "--post", "rapid", "--plan", str(folder / "part.json"), "-q"]
     assert main(["build", *words, "-o", str(folder)]) == 0
-    milled = ("operation.depth=5.0", "operation.passes=2", "tool.diameter=3.0", "process.spindle=9000.0")
+    milled = (
+        "operation.depth=5.0",
+        "operation.passes=2",
+        "tool.diameter=3.0",
+        "process.spindle=9000.0",
+    )
     sets = [word for one in milled for word in ("--set", one)]
-    assert main(["build", str(folder / "plate.dxf"), "--post", "gcode", "-q", "-o", str(folder), *sets]) == 0
+    assert (
+        main(
+            ["build", str(folder / "plate.dxf"), "--post", "gcode", "-q", "-o", str(folder), *sets]
+        )
+        == 0
+    )
     return folder
 
 
 @pytest.mark.parametrize("shown", whole_commands(), ids=lambda shown: shown.line)
-def test_a_command_runs(shown: Shown, desk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_command_runs(
+    shown: Shown, desk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     here = tmp_path / "here"
     shutil.copytree(desk, here)
     for file, text in shown.jobs:
@@ -181,7 +206,9 @@ def examples(page: Path) -> list[str]:
 
 
 @pytest.mark.parametrize("page", [page for page in FILES if examples(page)], ids=name)
-def test_examples_in_python_run(page: Path, desk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_examples_in_python_run(
+    page: Path, desk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """In one go, as a reader would type them."""
     shutil.copytree(desk, tmp_path / "here")
     monkeypatch.chdir(tmp_path / "here")
@@ -193,7 +220,9 @@ def test_examples_in_python_run(page: Path, desk: Path, tmp_path: Path, monkeypa
 
 def test_commands_of_the_repository_exist() -> None:
     pages = [*FILES, ROOT / "bench" / "README.md"]
-    named = {module for page in pages for module in MODULE.findall(page.read_text(encoding="utf-8"))}
+    named = {
+        module for page in pages for module in MODULE.findall(page.read_text(encoding="utf-8"))
+    }
     assert len(named) > 20
     assert not [module for module in sorted(named) if find_spec(module) is None]
 

@@ -44,7 +44,9 @@ def anchors(text: str) -> set[str]:
     """The anchors of a page: those that a repository view makes, and mkdocs.yml asks for."""
     found: dict[str, int] = {}
     names = set()
-    for heading in re.findall(r"^#+ +(.*)$", re.sub(r"^```.*?^```", "", text, flags=re.S | re.M), re.M):
+    for heading in re.findall(
+        r"^#+ +(.*)$", re.sub(r"^```.*?^```", "", text, flags=re.S | re.M), re.M
+    ):
         words = re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", heading).strip().lower()
         slug = re.sub(r"[^\w\- ]", "", words).replace(" ", "-")
         found[slug] = found.get(slug, -1) + 1
@@ -60,7 +62,9 @@ def test_every_link_leads_somewhere(page: Path) -> None:
             continue
         file, _, anchor = target.partition("#")
         there = (page.parent / file).resolve() if file else page
-        if not there.is_file() or (anchor and anchor not in anchors(there.read_text(encoding="utf-8"))):
+        if not there.is_file() or (
+            anchor and anchor not in anchors(there.read_text(encoding="utf-8"))
+        ):
             lost.append(target)
     assert not lost
 
@@ -73,7 +77,9 @@ def test_anchors_are_those_of_a_repository_view() -> None:
 def test_every_page_is_in_the_menu_once() -> None:
     # Not read as YAML: it holds a tag for Python.
     menu = (ROOT / "mkdocs.yml").read_text(encoding="utf-8").partition("\nnav:\n")[2]
-    assert sorted(re.findall(r"\S+\.md", menu)) == sorted(p.relative_to(DOCS).as_posix() for p in FILES[1:])
+    assert sorted(re.findall(r"\S+\.md", menu)) == sorted(
+        p.relative_to(DOCS).as_posix() for p in FILES[1:]
+    )
 
 
 @each_page
@@ -110,7 +116,9 @@ def test_every_command_is_one(page: Path) -> None:
         if words[0] == "COMMAND":
             continue
         assert words[0] in known, line
-        options = {word.partition("=")[0] for word in words if word.startswith("--") and word != "--"}
+        options = {
+            word.partition("=")[0] for word in words if word.startswith("--") and word != "--"
+        }
         assert options <= set(known[words[0]]._option_string_actions), line
         if alone and not USAGE.search(line):
             checked(parser.parse_args(words), line)
@@ -120,7 +128,9 @@ def checked(arguments: object, line: str) -> None:
     """The settings and post options of a command are real ones."""
     sets = getattr(arguments, "sets", [])
     post = getattr(arguments, "post", None)
-    job = load(None, [one for one in sets if not one.startswith("cell.file=") and ".urdf" not in one])
+    job = load(
+        None, [one for one in sets if not one.startswith("cell.file=") and ".urdf" not in one]
+    )
     if post in pages.POSTS:
         make_post(find_post(post), job.post)
     else:
@@ -142,10 +152,14 @@ def test_a_wrong_command_would_be_found() -> None:
 @each_page
 def test_every_setting_exists(page: Path) -> None:
     known = {(one.table, one.key) for one in settings()}
-    options = {option.name for post in pages.POSTS for option in fields(find_post(post)) if option.init}
+    options = {
+        option.name for post in pages.POSTS for option in fields(find_post(post)) if option.init
+    }
     text = page.read_text(encoding="utf-8")
     named = set(SETTING.findall(text))
-    assert not {(t, k) for t, k in named if (k not in options if t == "post" else (t, k) not in known)}
+    assert not {
+        (t, k) for t, k in named if (k not in options if t == "post" else (t, k) not in known)
+    }
 
 
 @each_page
@@ -153,7 +167,10 @@ def test_every_job_file_is_one(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
     blocks = re.findall(r"^```toml\n(.*?)^```", text, re.S | re.M)
     rest = re.sub(r"^```.*?^```", "", text, flags=re.S | re.M)
-    blocks += [re.sub("^ {4}", "", b, flags=re.M) for b in re.findall(r"(?:^ {4}.*\n|^\n(?= {4}))+", rest, re.M)]
+    blocks += [
+        re.sub("^ {4}", "", b, flags=re.M)
+        for b in re.findall(r"(?:^ {4}.*\n|^\n(?= {4}))+", rest, re.M)
+    ]
     heads = "|".join(tables())
     for block in blocks:
         if re.match(rf"\s*(#.*\n)*\s*\[({heads})(\.\w+)?\]", block):
@@ -190,7 +207,9 @@ def test_the_reach_of_arms_whose_lengths_are_known() -> None:
     assert reach(robot("IRB 2400")) == pytest.approx(1550 + 85, abs=0.5)
 
 
-@pytest.mark.parametrize("picture", [p for p in PICTURES if p.name.endswith(".svg")], ids=lambda p: p.name)
+@pytest.mark.parametrize(
+    "picture", [p for p in PICTURES if p.name.endswith(".svg")], ids=lambda p: p.name
+)
 def test_pictures_are_current(picture: Shown) -> None:
     """python -m docs.make.pictures renews them."""
     assert (DOCS / "images" / picture.name).read_bytes() == drawn(picture)

@@ -36,16 +36,23 @@ def files() -> dict[str, str]:
 
 def commands() -> list[str]:
     return [
-        line[2:] for language, _, body in BLOCK.findall(PAGE) if language == "console" for line in body.splitlines()
+        line[2:]
+        for language, _, body in BLOCK.findall(PAGE)
+        if language == "console"
+        for line in body.splitlines()
     ]
 
 
 def outputs() -> list[str]:
-    return [body for language, title, body in BLOCK.findall(PAGE) if language == "text" and not title]
+    return [
+        body for language, title, body in BLOCK.findall(PAGE) if language == "text" and not title
+    ]
 
 
 def test_the_page_gives_the_example() -> None:
-    expected = {path.name: path.read_text(encoding="utf-8") for path in EXAMPLE.iterdir() if path.is_file()}
+    expected = {
+        path.name: path.read_text(encoding="utf-8") for path in EXAMPLE.iterdir() if path.is_file()
+    }
     assert files() == expected
 
 
@@ -66,7 +73,9 @@ def test_what_may_be_overridden_is_there() -> None:
     named = {row: re.findall(r"`(\w+)`", text) for row, text in rows.items()}
     everything = {name for row in named.values() for name in row}
     options = {one.name for one in dataclasses.fields(Post)}
-    members = {name for name in {*vars(Post), *Post.__annotations__} if not name.startswith("_")} - options
+    members = {
+        name for name in {*vars(Post), *Post.__annotations__} if not name.startswith("_")
+    } - options
     assert everything == members
     abstract = {name for name in named["Must"] if name not in Post.__annotations__}
     assert abstract == Post.__abstractmethods__
@@ -74,12 +83,18 @@ def test_what_may_be_overridden_is_there() -> None:
 
 def test_the_words_of_the_kit_are_all_explained() -> None:
     table = PAGE.partition("`camgen.post.kit.FEATURES`:")[2].partition("\n\n`conformance")[0]
-    words = [word for row in re.findall(r"^\| (`.*?) \|", table, re.M) for word in re.findall(r"`([^`]+)`", row)]
+    words = [
+        word
+        for row in re.findall(r"^\| (`.*?) \|", table, re.M)
+        for word in re.findall(r"`([^`]+)`", row)
+    ]
     assert sorted(words) == sorted([*FEATURES, *WHOLE])
 
 
 def test_options_are_those_of_the_job_on_the_page() -> None:
-    (job,) = (body for language, title, body in BLOCK.findall(PAGE) if language == "toml" and not title)
+    (job,) = (
+        body for language, title, body in BLOCK.findall(PAGE) if language == "toml" and not title
+    )
     known = {one.name for one in dataclasses.fields(find_post(str(EXAMPLE / "krl.py"))) if one.init}
     assert set(re.findall(r"^(\w+) =", job, re.M)) <= known
 
@@ -97,11 +112,34 @@ def without_network(words: list[str], site: Path) -> list[str]:
         case ["pip", "install", "."]:
             recent = tuple(int(n) for n in version("setuptools").split(".")[:2]) >= (70, 1)
             if recent or importlib.util.find_spec("wheel"):
-                offline = ["-q", "--no-deps", "--no-build-isolation", "--no-index", "--target", str(site)]
+                offline = [
+                    "-q",
+                    "--no-deps",
+                    "--no-build-isolation",
+                    "--no-index",
+                    "--target",
+                    str(site),
+                ]
                 return [sys.executable, "-m", "pip", "install", *offline, "."]
             # setuptools before 70.1 needs the package wheel for pip; its own commands install the same files.
-            steps = ["-q", "build", "-b", str(site / "b"), "install_lib", "-d", str(site), "install_egg_info", "-d"]
-            return [sys.executable, "-c", "import setuptools; setuptools.setup()", *steps, str(site)]
+            steps = [
+                "-q",
+                "build",
+                "-b",
+                str(site / "b"),
+                "install_lib",
+                "-d",
+                str(site),
+                "install_egg_info",
+                "-d",
+            ]
+            return [
+                sys.executable,
+                "-c",
+                "import setuptools; setuptools.setup()",
+                *steps,
+                str(site),
+            ]
     return words
 
 
@@ -120,7 +158,9 @@ def followed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, 
     printed = {}
     for command in commands():
         words = without_network(shlex.split(command), site)
-        done = subprocess.run(words, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+        done = subprocess.run(
+            words, cwd=folder, env=environment, capture_output=True, text=True, check=False
+        )
         assert done.returncode == 0, f"{command}\n{done.stdout}{done.stderr}"
         printed[command] = done.stdout + done.stderr
     return folder, printed
@@ -128,7 +168,13 @@ def followed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, 
 
 def test_the_commands_of_the_page_run(followed: tuple[Path, dict[str, str]]) -> None:
     _, printed = followed
-    assert [command.split()[0] for command in printed] == ["pip", "pytest", "camgen", "cp", "camgen"]
+    assert [command.split()[0] for command in printed] == [
+        "pip",
+        "pytest",
+        "camgen",
+        "cp",
+        "camgen",
+    ]
     assert "verified  read back" in printed["camgen build bracket.dxf --post krl"]
 
 

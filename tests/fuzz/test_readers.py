@@ -74,8 +74,17 @@ def test_what_a_miss_is(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def cloud(**said: str) -> bytes:
-    head = {"FIELDS": "x y z", "SIZE": "4 4 4", "TYPE": "F F F", "COUNT": "1 1 1", "POINTS": "100", "DATA": "binary"}
-    return "".join(f"{key} {value}\n" for key, value in (head | said).items()).encode() + bytes(1200)
+    head = {
+        "FIELDS": "x y z",
+        "SIZE": "4 4 4",
+        "TYPE": "F F F",
+        "COUNT": "1 1 1",
+        "POINTS": "100",
+        "DATA": "binary",
+    }
+    return "".join(f"{key} {value}\n" for key, value in (head | said).items()).encode() + bytes(
+        1200
+    )
 
 
 @pytest.mark.parametrize(
@@ -94,13 +103,19 @@ def test_what_a_point_cloud_says_of_its_numbers(said: dict[str, str], what: str)
 
 def test_a_point_cloud_without_a_format() -> None:
     axes = "".join(f"property float {axis}\n" for axis in "xyz")
-    with pytest.raises(InputError, match="is damaged or no PLY point cloud: its head has no format"):
-        scans.read(Source(Path("scan.ply"), f"ply\nelement vertex 1\n{axes}end_header\n1 2 3\n".encode()))
+    with pytest.raises(
+        InputError, match="is damaged or no PLY point cloud: its head has no format"
+    ):
+        scans.read(
+            Source(Path("scan.ply"), f"ply\nelement vertex 1\n{axes}end_header\n1 2 3\n".encode())
+        )
 
 
 def test_a_3mf_whose_model_is_elsewhere() -> None:
     archive = io.BytesIO()
     with zipfile.ZipFile(archive, "w") as zipped:
         zipped.writestr("3D/other.model", "<model/>")
-    with pytest.raises(InputError, match=r"a\.3mf: is no 3MF mesh: 3D/3dmodel\.model is not in it; export it again"):
+    with pytest.raises(
+        InputError, match=r"a\.3mf: is no 3MF mesh: 3D/3dmodel\.model is not in it; export it again"
+    ):
         mesh_file.load(Source(Path("a.3mf"), archive.getvalue()))

@@ -15,7 +15,10 @@ from tests.support.drawn import circle, clockwise, rectangle
 _PLACE = st.tuples(st.integers(0, 9), st.integers(0, 9), st.integers(0, 4), st.integers(0, 4))
 
 
-@given(st.lists(_PLACE, max_size=8), st.lists(st.tuples(_PLACE, st.integers(0, 5)), min_size=1, max_size=20))
+@given(
+    st.lists(_PLACE, max_size=8),
+    st.lists(st.tuples(_PLACE, st.integers(0, 5)), min_size=1, max_size=20),
+)
 def test_pairs_of_boxes(
     asked: list[tuple[int, int, int, int]], others: list[tuple[tuple[int, int, int, int], int]]
 ) -> None:
@@ -27,8 +30,12 @@ def test_pairs_of_boxes(
     with pytest.MonkeyPatch.context() as patch:
         # Small loops and larger ones.
         patch.setattr(apart, "FEW", 3)
-        chunks = [*box_pairs(np.array(one, dtype=float).reshape(-1, 4), np.array(two, dtype=float), owner)]
-    found = [(a, b) for which, row in chunks for a, b in zip(which.tolist(), row.tolist(), strict=True)]
+        chunks = [
+            *box_pairs(np.array(one, dtype=float).reshape(-1, 4), np.array(two, dtype=float), owner)
+        ]
+    found = [
+        (a, b) for which, row in chunks for a, b in zip(which.tolist(), row.tolist(), strict=True)
+    ]
     met = [
         (a, b)
         for a, (x, y, right, top) in enumerate(one)

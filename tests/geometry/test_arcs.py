@@ -35,7 +35,11 @@ class Known:
     """An arc about ``centre``: ``point`` and ``tangent`` by sine and cosine in its plane, turned into space."""
 
     def __init__(self, angles: tuple[float, float, float], radius: float, sweep: float) -> None:
-        self.plane, self.radius, self.sweep = np.array(rotation_from_fixed_xyz(*angles)), radius, sweep
+        self.plane, self.radius, self.sweep = (
+            np.array(rotation_from_fixed_xyz(*angles)),
+            radius,
+            sweep,
+        )
         self.centre = np.array([12.0, -7.0, 3.0])
 
     def point(self, fraction: float) -> np.ndarray:
@@ -52,7 +56,9 @@ class Known:
 
 known = st.builds(Known, st.tuples(ANGLES, ANGLES, ANGLES), st.floats(0.1, 500.0), HALF_CIRCLES)
 #: Up to nearly a whole circle.
-wide = st.builds(Known, st.tuples(ANGLES, ANGLES, ANGLES), st.floats(0.1, 500.0), st.floats(0.05, 6.2))
+wide = st.builds(
+    Known, st.tuples(ANGLES, ANGLES, ANGLES), st.floats(0.1, 500.0), st.floats(0.05, 6.2)
+)
 
 
 def slack(arc: Known) -> float:
@@ -66,14 +72,18 @@ def test_a_span_knows_length_radius_points_and_tangents(arc: Known, fraction: fl
     assert found.length[0] == pytest.approx(arc.radius * arc.sweep, rel=1e-9)
     assert found.sweep[0] == pytest.approx(arc.sweep, abs=1e-9)
     assert found.radius[0] == pytest.approx(arc.radius, abs=100 * slack(arc))
-    assert np.allclose(found.point(np.array([fraction]))[0], arc.point(fraction), rtol=0, atol=slack(arc))
+    assert np.allclose(
+        found.point(np.array([fraction]))[0], arc.point(fraction), rtol=0, atol=slack(arc)
+    )
     leaves, arrives = found.tangents()
     assert np.allclose(leaves[0], arc.tangent(0.0), rtol=0, atol=1e-10 / arc.sweep)
     assert np.allclose(arrives[0], arc.tangent(1.0), rtol=0, atol=1e-10 / arc.sweep)
 
 
 @given(known, st.tuples(ANGLES, ANGLES, ANGLES))
-def test_a_vector_turns_with_the_arc_to_its_middle(arc: Known, vector: tuple[float, float, float]) -> None:
+def test_a_vector_turns_with_the_arc_to_its_middle(
+    arc: Known, vector: tuple[float, float, float]
+) -> None:
     turn = rotation_about_axis(arc.plane[:, 2], arc.sweep / 2)
     found = spans(*arc.points(0.0, 0.5, 1.0)).to_middle(np.array([vector]))
     assert np.allclose(found[0], turn @ np.array(vector), rtol=0, atol=1e-9 / arc.sweep)
@@ -109,7 +119,9 @@ def test_one_arc_alone_is_the_same_arc(arc: Known, at: float) -> None:
 
 
 @given(st.floats(-1.0, 1.0).filter(lambda b: abs(b) > 1e-3), st.floats(0.1, 100.0), ANGLES)
-def test_a_bulge_is_the_tangent_of_a_quarter_of_the_sweep(bulge: float, chord: float, angle: float) -> None:
+def test_a_bulge_is_the_tangent_of_a_quarter_of_the_sweep(
+    bulge: float, chord: float, angle: float
+) -> None:
     start, end = np.zeros((1, 3)), chord * np.array([[math.cos(angle), math.sin(angle), 0.0]])
     middle = bulge_middles(start, np.array([bulge]), end)
     assert bulges(start, middle, end)[0] == pytest.approx(bulge)
@@ -135,12 +147,21 @@ def test_a_line_is_a_span_without_via() -> None:
 
 @pytest.mark.parametrize("height", [0.0, 1e-12, 1e-9, 1e-6])
 def test_a_flat_arc_is_as_long_as_its_chord(height: float) -> None:
-    start, via, end = np.zeros((1, 3)), np.array([[50.0, height, 0.0]]), np.array([[100.0, 0.0, 0.0]])
+    start, via, end = (
+        np.zeros((1, 3)),
+        np.array([[50.0, height, 0.0]]),
+        np.array([[100.0, 0.0, 0.0]]),
+    )
     assert are_bent(start, via, end)[0] == (height > 1e-7)
     assert spans(start, via, end).length[0] == pytest.approx(100.0, rel=1e-12)
     assert spans_through(start, via, end).length[0] == pytest.approx(100.0, rel=1e-12)
     assert arc_lengths(start, via, end)[0] == pytest.approx(100.0, rel=1e-12)
-    assert np.allclose(spans(start, via, end).point(np.array([0.25])), [[25.0, 0.75 * height, 0.0]], rtol=0, atol=1e-9)
+    assert np.allclose(
+        spans(start, via, end).point(np.array([0.25])),
+        [[25.0, 0.75 * height, 0.0]],
+        rtol=0,
+        atol=1e-9,
+    )
 
 
 def test_three_points_on_one_line_in_another_order_are_no_arc() -> None:

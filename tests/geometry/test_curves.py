@@ -60,7 +60,9 @@ def sagitta(line: Array) -> float:
 def de_boor(control: Array, knots: list[float], degree: int, weights: Array, t: float) -> Array:
     """The textbook recursion, one point, in homogeneous coordinates."""
     h = np.column_stack([control * weights[:, None], weights])
-    k = next(i for i in range(degree, len(control)) if t <= knots[i + 1] and knots[i] < knots[i + 1])
+    k = next(
+        i for i in range(degree, len(control)) if t <= knots[i + 1] and knots[i] < knots[i + 1]
+    )
     d = [h[j + k - degree] for j in range(degree + 1)]
     for r in range(1, degree + 1):
         for j in range(degree, r - 1, -1):
@@ -73,7 +75,9 @@ def de_boor(control: Array, knots: list[float], degree: int, weights: Array, t: 
 @pytest.mark.parametrize("chord", [0.1, 0.01, 0.001])
 @pytest.mark.parametrize("ratio", [1.0, 0.8, 0.4, 0.05])
 def test_ellipse_of_100_mm(ratio: float, chord: float) -> None:
-    run = curves.ellipse(np.zeros(2), np.array([50.0, 0.0]), np.array([0.0, 50 * ratio]), 0.0, math.tau)
+    run = curves.ellipse(
+        np.zeros(2), np.array([50.0, 0.0]), np.array([0.0, 50 * ratio]), 0.0, math.tau
+    )
     outline = curves.fit([run], chord)[0]
     t = np.linspace(0, math.tau, 1501)
     assert_within(outline, np.column_stack([50 * np.cos(t), 50 * ratio * np.sin(t)]), chord)
@@ -89,7 +93,9 @@ def test_a_full_ellipse_takes_some_tens_of_arcs() -> None:
     st.booleans(),
 )  # fmt: skip
 @settings(max_examples=25)
-def test_any_elliptical_arc(start: float, sweep: float, a: float, b: float, skew: float, back: bool) -> None:
+def test_any_elliptical_arc(
+    start: float, sweep: float, a: float, b: float, skew: float, back: bool
+) -> None:
     u, v = np.array([a, skew]), np.array([-skew, b])
     end = start - sweep if back else start + sweep
     center = np.array([1000.0, -300.0])
@@ -113,9 +119,13 @@ CONTROL = np.array([[0, 0], [20, 40], [50, -30], [70, 30], [90, 0], [60, -60.0]]
 def test_splines(name: str, weighted: bool) -> None:
     knots, degree = KNOTS[name]
     weights = np.array([1.0, 4.0, 0.3, 2.0, 1.0, 1.0]) if weighted else np.ones(6)
-    run = curves.bspline(CONTROL, np.array(knots, dtype=float), degree, weights if weighted else None)
+    run = curves.bspline(
+        CONTROL, np.array(knots, dtype=float), degree, weights if weighted else None
+    )
     t = np.linspace(knots[degree], knots[len(CONTROL)], 1201)
-    exact = np.array([de_boor(CONTROL, [float(k) for k in knots], degree, weights, float(x)) for x in t])
+    exact = np.array(
+        [de_boor(CONTROL, [float(k) for k in knots], degree, weights, float(x)) for x in t]
+    )
     assert_within(curves.fit([run], 0.01)[0], exact, 0.01)
 
 
@@ -139,7 +149,9 @@ def test_a_line_in_disguise_is_one_line() -> None:
 def test_beziers_that_are_hard(control: list[list[float]]) -> None:
     c = np.array(control, dtype=float)
     t = np.linspace(0, 1, 1201)[:, None]
-    exact = (1 - t) ** 3 * c[0] + 3 * t * (1 - t) ** 2 * c[1] + 3 * t * t * (1 - t) * c[2] + t**3 * c[3]
+    exact = (
+        (1 - t) ** 3 * c[0] + 3 * t * (1 - t) ** 2 * c[1] + 3 * t * t * (1 - t) * c[2] + t**3 * c[3]
+    )
     outline = curves.fit([curves.bezier(c[None])], 0.01)[0]
     assert_within(outline, exact, 0.01)
     assert len(outline[0]) < 60
@@ -171,10 +183,15 @@ def test_each_curve_gets_its_own_outline_whatever_the_degree() -> None:
         (3, [0] * 8, 4, None),
     ],
 )
-def test_no_spline(count: int, knots: list[float], degree: int, weights: list[float] | None) -> None:
+def test_no_spline(
+    count: int, knots: list[float], degree: int, weights: list[float] | None
+) -> None:
     with pytest.raises(ValueError, match=r"."):
         curves.bspline(
-            np.zeros((count, 2)), np.array(knots, dtype=float), degree, None if weights is None else np.array(weights)
+            np.zeros((count, 2)),
+            np.array(knots, dtype=float),
+            degree,
+            None if weights is None else np.array(weights),
         )
 
 

@@ -21,9 +21,19 @@ def places(segment: Segments, count: int = 1500) -> FloatArray:
     return points_at(segment.take(np.zeros(count, dtype=np.int64)), np.linspace(0, 1, count))
 
 
-@given(st.tuples(NUMBERS, NUMBERS), st.tuples(NUMBERS, NUMBERS), BULGES, st.tuples(NUMBERS, NUMBERS), BULGES)
+@given(
+    st.tuples(NUMBERS, NUMBERS),
+    st.tuples(NUMBERS, NUMBERS),
+    BULGES,
+    st.tuples(NUMBERS, NUMBERS),
+    BULGES,
+)
 def test_the_gap_is_that_of_the_nearest_points(
-    start: tuple[float, float], end: tuple[float, float], bulge: float, other: tuple[float, float], turn: float
+    start: tuple[float, float],
+    end: tuple[float, float],
+    bulge: float,
+    other: tuple[float, float],
+    turn: float,
 ) -> None:
     if np.hypot(start[0] - end[0], start[1] - end[1]) < 0.1 or np.hypot(*other) < 0.1:
         return

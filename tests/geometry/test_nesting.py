@@ -12,14 +12,18 @@ def nested(*loops: Contour) -> tuple[list[int], list[int], list[int]]:
 
 
 def test_an_island_in_a_hole_in_a_plate() -> None:
-    depth, parent, crossed = nested(circle(50, 50, 5), rectangle(0, 0, 100, 100), circle(50, 50, 20))
+    depth, parent, crossed = nested(
+        circle(50, 50, 5), rectangle(0, 0, 100, 100), circle(50, 50, 20)
+    )
     assert depth == [2, 0, 1]
     assert parent == [2, -1, 1]
     assert crossed == [-1, -1, -1]
 
 
 def test_the_drawn_direction_does_not_matter() -> None:
-    assert nested(clockwise(rectangle(0, 0, 9, 9)), circle(4, 4, 2)) == nested(rectangle(0, 0, 9, 9), circle(4, 4, 2))
+    assert nested(clockwise(rectangle(0, 0, 9, 9)), circle(4, 4, 2)) == nested(
+        rectangle(0, 0, 9, 9), circle(4, 4, 2)
+    )
 
 
 def test_loops_that_cross_are_named() -> None:
@@ -33,7 +37,9 @@ def test_a_bow_tie_crosses_itself() -> None:
 
 
 def test_loops_that_touch_do_not_cross() -> None:
-    depth, parent, crossed = nested(rectangle(0, 0, 10, 10), rectangle(10, 0, 10, 10), rectangle(0, 0, 30, 30))
+    depth, parent, crossed = nested(
+        rectangle(0, 0, 10, 10), rectangle(10, 0, 10, 10), rectangle(0, 0, 30, 30)
+    )
     assert crossed == [-1, -1, -1]
     assert depth == [1, 1, 0]
     assert parent == [2, 2, -1]

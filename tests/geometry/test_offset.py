@@ -20,7 +20,9 @@ MITRE = 0.001
 def run(contours: list[Contour], distance: float) -> Offset:
     source = from_contours(contours)
     closed = np.array([c.closed for c in contours])
-    return offset(source, neighbours(source, closed), np.zeros(len(source), dtype=np.int64), distance, MITRE)
+    return offset(
+        source, neighbours(source, closed), np.zeros(len(source), dtype=np.int64), distance, MITRE
+    )
 
 
 def area(curve: Offset) -> float:
@@ -36,7 +38,9 @@ def worst(contours: list[Contour], curve: Offset, distance: float) -> float:
     """The largest deviation of sampled points of the curve from the distance."""
     source = from_contours(contours)
     obstacles = Obstacles(source, np.zeros(len(source), dtype=np.int64))
-    points = np.concatenate([points_at(curve.segments, np.full(len(curve.segments), f)) for f in (0, 0.3, 0.5, 0.9)])
+    points = np.concatenate(
+        [points_at(curve.segments, np.full(len(curve.segments), f)) for f in (0, 0.3, 0.5, 0.9)]
+    )
     gap = obstacles.nearest(points, np.zeros(len(points), dtype=np.int64), 2 * distance)
     return float(np.abs(gap - distance).max())
 
@@ -50,7 +54,9 @@ def worst(contours: list[Contour], curve: Offset, distance: float) -> float:
     ],
     ids=["rectangle", "circle", "rounded"],
 )
-def test_convex_shapes_grow_as_steiner_says(shape: Contour, perimeter: float, surface: float) -> None:
+def test_convex_shapes_grow_as_steiner_says(
+    shape: Contour, perimeter: float, surface: float
+) -> None:
     curve = run([shape], 3.0)
     assert curve.segments.length.sum() == pytest.approx(perimeter + 6 * math.pi, abs=1e-9)
     assert area(curve) == pytest.approx(surface + 3 * perimeter + 9 * math.pi, abs=1e-9)
@@ -118,7 +124,9 @@ def test_an_outline_drawn_with_thousands_of_short_segments_keeps_its_distance() 
 
 def star(radii: list[float], bulges: list[float]) -> Contour:
     angle = np.linspace(0, 2 * math.pi, len(radii), endpoint=False)
-    return contour(np.column_stack([np.cos(angle), np.sin(angle)]) * np.array(radii)[:, None], bulges)
+    return contour(
+        np.column_stack([np.cos(angle), np.sin(angle)]) * np.array(radii)[:, None], bulges
+    )
 
 
 stars = st.integers(5, 12).flatmap(

@@ -30,7 +30,9 @@ def test_convex_loops_are_plain_in_both_directions(shape: Contour) -> None:
 
 def test_loops_that_turn_back_twice_round_or_there_and_back_are_not() -> None:
     twice = contour([(5, 0), (-5, 0), (5, 0), (-5, 0)], [1.0] * 4)
-    star = contour([(math.cos(4 * math.pi * k / 5), math.sin(4 * math.pi * k / 5)) for k in range(5)])
+    star = contour(
+        [(math.cos(4 * math.pi * k / 5), math.sin(4 * math.pi * k / 5)) for k in range(5)]
+    )
     for shape in (ELL, clockwise(ELL), BITTEN, twice, star, contour([(0, 0), (10, 0)])):
         assert found(shape) == [False]
 
@@ -44,7 +46,9 @@ def test_a_loop_with_anything_in_its_box_is_not_alone() -> None:
 
 
 def test_areas_are_exact() -> None:
-    areas = loop_areas(from_contours([circle(3, 4, 5), clockwise(rectangle(0, 0, 9, 4)), rounded(30, 20, 5)]), 3)
+    areas = loop_areas(
+        from_contours([circle(3, 4, 5), clockwise(rectangle(0, 0, 9, 4)), rounded(30, 20, 5)]), 3
+    )
     assert areas == pytest.approx([math.pi * 25, -36, 600 - (4 - math.pi) * 25], rel=1e-12)
 
 

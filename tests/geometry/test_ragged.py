@@ -35,7 +35,9 @@ def test_rows_of_groups(counts: list[int]) -> None:
 @given(st.lists(st.tuples(st.integers(0, 50), st.integers(0, 4)), max_size=8))
 def test_stretches_of_another_table(pairs: list[tuple[int, int]]) -> None:
     first, counts = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
-    assert stretches(first, counts).tolist() == [low + k for low, count in pairs for k in range(count)]
+    assert stretches(first, counts).tolist() == [
+        low + k for low, count in pairs for k in range(count)
+    ]
 
 
 @given(st.lists(st.integers(1, 4), max_size=8))
@@ -56,7 +58,11 @@ def test_first_of_each(values: list[int]) -> None:
     assert found.tolist() == [values.index(one) for one in sorted(set(values))]
 
 
-@given(st.lists(st.integers(0, 5), max_size=12), st.lists(st.integers(0, 5), max_size=12), st.integers(0, 4))
+@given(
+    st.lists(st.integers(0, 5), max_size=12),
+    st.lists(st.integers(0, 5), max_size=12),
+    st.integers(0, 4),
+)
 def test_matches(label: list[int], other: list[int], most: int) -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(ragged, "PAIRS", 4)

@@ -32,7 +32,9 @@ def test_axis_times_angle_there_and_back(axis: tuple[float, float, float], angle
     vector = unit(axis) * angle
     made = rotations.from_vectors(vector[None])
     assert np.allclose(made[0], rotation_about_axis(frozen(unit(axis)), angle), rtol=0, atol=1e-15)
-    assert np.allclose(rotations.vectors_of(made)[0], vector, rtol=0, atol=1e-12 + 1e-15 / (math.pi - angle))
+    assert np.allclose(
+        rotations.vectors_of(made)[0], vector, rtol=0, atol=1e-12 + 1e-15 / (math.pi - angle)
+    )
 
 
 @given(UNITS, UNITS, TURNS)
@@ -51,12 +53,16 @@ def test_a_part_of_the_shortest_turn(
 ) -> None:
     a = rotation_from_fixed_xyz(*angles)
     b = frozen(a @ rotation_about_axis(frozen(unit(axis)), angle))
-    found = rotations.between(np.array([a, a]), np.array([a, b]), np.array([1, 0]), np.array([part, part]))
+    found = rotations.between(
+        np.array([a, a]), np.array([a, b]), np.array([1, 0]), np.array([part, part])
+    )
     assert np.allclose(found, [rotation_between(a, b, part), a], rtol=0, atol=1e-12)
 
 
 @given(UNITS, UNITS)
-def test_a_frame_of_two_directions(z: tuple[float, float, float], towards: tuple[float, float, float]) -> None:
+def test_a_frame_of_two_directions(
+    z: tuple[float, float, float], towards: tuple[float, float, float]
+) -> None:
     if np.linalg.norm(np.cross(unit(z), unit(towards))) < 1e-3:
         return
     found = rotations.from_axes(np.array([z]), np.array([towards]))[0]
@@ -78,14 +84,21 @@ def test_vectors_turn_as_their_rotation_says(
     found = rotations.turn_vectors(np.array([vector]), one[None], np.array([angle]))[0]
     assert np.allclose(found, wanted, rtol=0, atol=1e-12)
     still, cosine, sine = rotations.about(one)
-    assert np.allclose((still + math.cos(angle) * cosine + math.sin(angle) * sine) @ vector, wanted, rtol=0, atol=1e-12)
+    assert np.allclose(
+        (still + math.cos(angle) * cosine + math.sin(angle) * sine) @ vector,
+        wanted,
+        rtol=0,
+        atol=1e-12,
+    )
 
 
 @given(st.tuples(*[st.floats(-1.0, 1.0)] * 4).filter(lambda q: math.hypot(*q) > 0.1))
 def test_quaternions_are_those_of_single_poses(q: tuple[float, float, float, float]) -> None:
     size = math.hypot(*q)
     parts = [np.array([v / size]) for v in q]
-    assert np.allclose(rotations.from_quaternions(*parts)[0], rotation_from_quaternion(q), rtol=0, atol=1e-14)
+    assert np.allclose(
+        rotations.from_quaternions(*parts)[0], rotation_from_quaternion(q), rtol=0, atol=1e-14
+    )
 
 
 def test_vectors_are_those_of_numpy() -> None:

@@ -20,7 +20,9 @@ FRAME = np.linalg.qr(np.array([[1.0, 0.3, -0.2], [0.4, 1.0, 0.5], [0.1, -0.6, 1.
 def to_chain(points: FloatArray, chain: FloatArray) -> FloatArray:
     """The distance of each point (K, 3) from the chain of straight lines (N, 3)."""
     start, along = chain[:-1], np.diff(chain, axis=0)
-    share = np.einsum("kni,ni->kn", points[:, None] - start, along) / np.einsum("ni,ni->n", along, along)
+    share = np.einsum("kni,ni->kn", points[:, None] - start, along) / np.einsum(
+        "ni,ni->n", along, along
+    )
     foot = start + np.clip(share, 0, 1)[:, :, None] * along
     return np.asarray(np.linalg.norm(points[:, None] - foot, axis=2).min(axis=1))
 
@@ -34,9 +36,14 @@ def test_circles_stay_arcs_in_any_plane(sweep: float) -> None:
         assert np.linalg.norm(rows - center, axis=1) == pytest.approx(12, abs=1e-12)
         assert (rows - center) @ w == pytest.approx(0, abs=1e-12)
     # Half-way: as far from the start of its arc as from the end.
-    before, after = np.linalg.norm(via - points[:-1], axis=1), np.linalg.norm(via - points[1:], axis=1)
+    before, after = (
+        np.linalg.norm(via - points[:-1], axis=1),
+        np.linalg.norm(via - points[1:], axis=1),
+    )
     assert before == pytest.approx(after, abs=1e-12)
-    assert points[-1] == pytest.approx(center + math.cos(0.4 + sweep) * u + math.sin(0.4 + sweep) * v)
+    assert points[-1] == pytest.approx(
+        center + math.cos(0.4 + sweep) * u + math.sin(0.4 + sweep) * v
+    )
 
 
 @pytest.mark.parametrize("chord", [0.1, 0.01, 0.001])
@@ -49,8 +56,12 @@ def test_ellipses_become_chords_within_the_tolerance_and_not_far_within(chord: f
     assert chord / 4 < off <= chord
 
 
-@pytest.mark.parametrize(("weights", "chord"), [(None, 0.01), ((1, 0.3, 4, 1), 0.01), (None, 0.0005)])
-def test_splines_in_space_become_chords_within_the_tolerance(weights: tuple[float, ...] | None, chord: float) -> None:
+@pytest.mark.parametrize(
+    ("weights", "chord"), [(None, 0.01), ((1, 0.3, 4, 1), 0.01), (None, 0.0005)]
+)
+def test_splines_in_space_become_chords_within_the_tolerance(
+    weights: tuple[float, ...] | None, chord: float
+) -> None:
     control = np.array([[0, 0, 0], [30, 40, 10], [-5, 45, -20], [40, 0, 30]], dtype=np.float64)
     weight = None if weights is None else np.array(weights, dtype=np.float64)
     found = chords(bspline(control, np.array([0, 0, 0, 0, 1, 1, 1, 1.0]), 3, weight), chord)

@@ -19,7 +19,9 @@ AGAIN = 2 * RADIUS * math.sin(OFF)
 def spike(off: float = OFF) -> Contour:
     """A line along y = 0 to the tip at the origin, back on an arc that begins ``off`` beside it and bends across it."""
     heading, half = math.pi + off, 0.4
-    end = 2 * RADIUS * math.sin(half) * np.array([math.cos(heading - half), math.sin(heading - half)])
+    end = (
+        2 * RADIUS * math.sin(half) * np.array([math.cos(heading - half), math.sin(heading - half)])
+    )
     return contour([(-30, 0), (0, 0), tuple(end), (-30, 20)], [0, -math.tan(half / 2), 0, 0])
 
 
@@ -40,7 +42,10 @@ def loops(source: Segments, following: np.ndarray) -> list[Segments]:
         if own:
             table = source.take(np.array(own))
             found.append(
-                Segments(*(getattr(table, n) for n in table.__struct_fields__[:-1]), np.zeros_like(table.owner))
+                Segments(
+                    *(getattr(table, n) for n in table.__struct_fields__[:-1]),
+                    np.zeros_like(table.owner),
+                )
             )
     return found
 

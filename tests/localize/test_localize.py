@@ -23,7 +23,9 @@ def distances(mesh, points):
     least = np.full(len(points), np.inf)
     for corners in mesh.triangles:
         every = np.broadcast_to(corners, (len(points), 3, 3))
-        least = np.minimum(least, np.linalg.norm(trimesh.triangles.closest_point(every, points) - points, axis=1))
+        least = np.minimum(
+            least, np.linalg.norm(trimesh.triangles.closest_point(every, points) - points, axis=1)
+        )
     return least
 
 
@@ -37,7 +39,12 @@ def pose_of(found):
 
 @pytest.mark.parametrize(
     ("name", "views", "table", "seed"),
-    [("rfa1", None, 0.0, 1), ("rfa2", None, 0.0, 2), ("rfa1", ROUND, 0.2, 3), ("rfa2", ASIDE, 0.2, 4)],
+    [
+        ("rfa1", None, 0.0, 1),
+        ("rfa2", None, 0.0, 2),
+        ("rfa1", ROUND, 0.2, 3),
+        ("rfa2", ASIDE, 0.2, 4),
+    ],
 )
 def test_a_part_is_found_where_it_was_put(name, views, table, seed):
     mesh = MESHES[name]
@@ -116,7 +123,9 @@ def test_half_a_turn_of_rfa2_fits_as_well():
     found = localize("scan", shape(mesh), scan(mesh, 6000, 2))
     (other,) = found.rivals
     assert other.turn == pytest.approx(180, abs=0.1)
-    back = np.array(mesh.vertices) @ other.base_from_work.rotation.T + np.array(other.base_from_work.origin)
+    back = np.array(mesh.vertices) @ other.base_from_work.rotation.T + np.array(
+        other.base_from_work.origin
+    )
     away = distances(mesh, back)
     assert away.max() < 0.05
 
@@ -153,7 +162,9 @@ def test_the_rim_of_one_face_holds_it_sideways():
     """Points of the top of a plate alone: there is no wall whose plane could say where it stands."""
     mesh = trimesh.creation.box((120, 80, 40))
     rng = np.random.default_rng(0)
-    points = np.column_stack([rng.uniform(-60, 60, 20_000), rng.uniform(-40, 40, 20_000), np.full(20_000, 20.0)])
+    points = np.column_stack(
+        [rng.uniform(-60, 60, 20_000), rng.uniform(-40, 40, 20_000), np.full(20_000, 20.0)]
+    )
     # The bottom fits as well: that it is the top only the place of the scanner says.
     points += rng.normal(0, 0.1, points.shape)
     found = localize("scan", shape(mesh), points, viewpoint=np.array([0.0, 0.0, 800.0]))
@@ -165,7 +176,8 @@ def test_the_rim_of_one_face_holds_it_sideways():
 
 
 @pytest.mark.parametrize(
-    ("wrong", "there"), [(trimesh.creation.box((60, 60, 60)), MESHES["rfa1"]), (MESHES["rfa1"], MESHES["rfa2"])]
+    ("wrong", "there"),
+    [(trimesh.creation.box((60, 60, 60)), MESHES["rfa1"]), (MESHES["rfa1"], MESHES["rfa2"])],
 )
 def test_another_part_is_not_found(wrong, there):
     with pytest.raises(InputError, match="the model was not found in the scan"):
@@ -189,7 +201,9 @@ def test_a_room_of_dust_holds_no_part():
 @pytest.mark.parametrize(("factor", "unit"), [(1e-3, "m"), (1 / 25.4, "inch"), (1000.0, "um")])
 def test_a_scan_in_another_unit_names_it(factor, unit):
     points = scan(MESHES["rfa1"], 2000, 1) * factor
-    with pytest.raises(InputError, match=f"cannot show this model .*; if it is in {unit}, give --units {unit}"):
+    with pytest.raises(
+        InputError, match=f"cannot show this model .*; if it is in {unit}, give --units {unit}"
+    ):
         localize("scan", shape(MESHES["rfa1"]), points)
 
 
@@ -204,7 +218,10 @@ def test_points_at_one_place_are_no_scan():
 def test_closest_points_are_trimeshs():
     rng = np.random.default_rng(0)
     corners, points = rng.normal(size=(20_000, 3, 3)), 2 * rng.normal(size=(20_000, 3))
-    assert np.abs(closest(corners, points) - trimesh.triangles.closest_point(corners, points)).max() < 1e-12
+    assert (
+        np.abs(closest(corners, points) - trimesh.triangles.closest_point(corners, points)).max()
+        < 1e-12
+    )
 
 
 @pytest.mark.parametrize("subdivisions", [0, 3])

@@ -43,7 +43,13 @@ def test_from_files_to_a_job_file_and_a_build(cloud, tmp_path, capsys):
     values = tomllib.loads(text)["cell"]["base_from_work"]
     assert values == pytest.approx(TRUTH, abs=0.05)
     assert said.out.strip() == text.splitlines()[-1]
-    for word in ("# overlap: 9", "# residual: 0.0", "# seen: ", "# next best: ", "where rfa1.stl stands in bench.xyz"):
+    for word in (
+        "# overlap: 9",
+        "# residual: 0.0",
+        "# seen: ",
+        "# next best: ",
+        "where rfa1.stl stands in bench.xyz",
+    ):
         assert word in text
     assert "model     rfa1.stl: 125 x 95 x 70 mm, 396 triangles" in said.err
     assert "scan      bench.xyz: 6 000 points" in said.err
@@ -61,7 +67,9 @@ def test_from_files_to_a_job_file_and_a_build(cloud, tmp_path, capsys):
 def test_metres_and_a_symmetric_part(tmp_path, capsys):
     box = trimesh.creation.box((80, 80, 30))
     box.export(tmp_path / "box.stl")
-    np.savetxt(tmp_path / "box.csv", scan(box, 4000, 2) / 1000, fmt="%.8f", delimiter=",", header="x,y,z")
+    np.savetxt(
+        tmp_path / "box.csv", scan(box, 4000, 2) / 1000, fmt="%.8f", delimiter=",", header="x,y,z"
+    )
     words = (tmp_path / "box.stl", tmp_path / "box.csv", "-o", tmp_path / "frame.toml")
     assert run(*words) == 2
     assert "if it is in m, give --units m" in capsys.readouterr().err
@@ -75,7 +83,9 @@ def test_metres_and_a_symmetric_part(tmp_path, capsys):
 def test_a_step_model(cloud, tmp_path):
     pytest.importorskip("OCP", reason="the extra step is not installed")
     np.savetxt(tmp_path / "bench.xyz", cloud, fmt="%.5f")
-    assert run("-q", PARTS / "rfa1.step", tmp_path / "bench.xyz", "-o", tmp_path / "frame.toml") == 0
+    assert (
+        run("-q", PARTS / "rfa1.step", tmp_path / "bench.xyz", "-o", tmp_path / "frame.toml") == 0
+    )
     values = tomllib.loads((tmp_path / "frame.toml").read_text())["cell"]["base_from_work"]
     assert values == pytest.approx(TRUTH, abs=0.05)
 
@@ -119,7 +129,9 @@ def ply(points, way, body):
 
 
 def texts(points, between=" ", first="9"):
-    return "".join(between.join([*([first] if first else []), *(f"{v:.9g}" for v in p)]) + "\n" for p in points)
+    return "".join(
+        between.join([*([first] if first else []), *(f"{v:.9g}" for v in p)]) + "\n" for p in points
+    )
 
 
 def literal(data):
@@ -138,10 +150,16 @@ def written(kind, points):
         "c.txt": b"# head\r\n" + texts(points, "\t", "").replace("\n", "\t1\t2\r\n").encode(),
         "d.pcd": pcd(points, "ascii", texts(points).encode()),
         "e.pcd": pcd(points, "binary", b"".join(struct.pack("<H3f", 9, *p) for p in rows)),
-        "f.pcd": pcd(points, "binary_compressed", struct.pack("<II", len(packed), len(columns)) + packed),
+        "f.pcd": pcd(
+            points, "binary_compressed", struct.pack("<II", len(packed), len(columns)) + packed
+        ),
         "g.ply": ply(points, "ascii", texts(points).encode()),
-        "h.ply": ply(points, "binary_little_endian", b"".join(struct.pack("<Bdff", 9, *p) for p in rows)),
-        "i.ply": ply(points, "binary_big_endian", b"".join(struct.pack(">Bdff", 9, *p) for p in rows)),
+        "h.ply": ply(
+            points, "binary_little_endian", b"".join(struct.pack("<Bdff", 9, *p) for p in rows)
+        ),
+        "i.ply": ply(
+            points, "binary_big_endian", b"".join(struct.pack(">Bdff", 9, *p) for p in rows)
+        ),
         "j.obj": b"# points\n" + "".join(f"v {x} {y} {z}\n" for x, y, z in rows).encode(),
     }[kind]
 
@@ -161,7 +179,9 @@ def test_every_format_holds_the_same_points(kind, tmp_path):
 def test_a_scan_that_is_a_mesh_is_spread_over_its_faces(suffix, tmp_path):
     trimesh.creation.box((10, 20, 30)).export(tmp_path / f"box{suffix}")
     found = read(source(tmp_path / f"box{suffix}"))
-    assert np.abs(np.abs(found.points) / [5, 10, 15]).max(axis=1) == pytest.approx(np.ones(len(found.points)))
+    assert np.abs(np.abs(found.points) / [5, 10, 15]).max(axis=1) == pytest.approx(
+        np.ones(len(found.points))
+    )
     assert "were spread over the 12 faces" in str(found.notes[-1])
 
 
@@ -195,7 +215,11 @@ def test_a_cloud_that_breaks_off_is_damaged(kind, tmp_path):
         ("a.txt", b"Dear all,\nthe scan follows.\n", "has no line of three numbers"),
         ("a.txt", b"\x00\x01\x02" * 50, "is no text"),
         ("a.xyz", b"1 2 3\n" * 99 + b"1 2\n", "'1 2' is no point (line 100)"),
-        ("a.ply", b"solid\n", "is damaged or no PLY point cloud: its head has no beginning or no end"),
+        (
+            "a.ply",
+            b"solid\n",
+            "is damaged or no PLY point cloud: its head has no beginning or no end",
+        ),
         ("a.pcd", b"VERSION 0.7\n", "is damaged or no PCD point cloud: its head has no DATA"),
         ("a.stl", b"solid x\nendsolid x\n", "a.stl: "),
     ],

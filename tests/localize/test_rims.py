@@ -37,14 +37,19 @@ def test_of_a_box_every_edge_is_a_rim_of_two_faces():
     at_end = np.isclose(np.abs(rims.places), [60, 40, 20])
     assert (at_end.sum(axis=1) >= 2).all()
     # Outward of the one face is the normal of the other.
-    assert np.allclose(np.abs(rims.out) + np.abs(rims.normals), np.isclose(np.abs(rims.out) + np.abs(rims.normals), 1))
+    assert np.allclose(
+        np.abs(rims.out) + np.abs(rims.normals),
+        np.isclose(np.abs(rims.out) + np.abs(rims.normals), 1),
+    )
     assert (np.sign(rims.places) * (rims.out + rims.normals) >= -1e-9).all()
     along_x = np.isclose(rims.out + rims.normals, 0).argmax(axis=1) == 0
     assert along_x.mean() == pytest.approx(120 / 240, abs=0.01)
 
 
 def test_a_cylinder_has_rims_at_its_ends_alone():
-    rims = find_rims(model_part(*shape(trimesh.creation.cylinder(radius=30, height=80, sections=64))))
+    rims = find_rims(
+        model_part(*shape(trimesh.creation.cylinder(radius=30, height=80, sections=64)))
+    )
     assert np.allclose(np.abs(rims.places[:, 2]), 40)
 
 
@@ -66,7 +71,12 @@ def _winds_about(corners, place):
     """How often the surface goes around the place: 1 within it, 0 outside (van Oosterom and Strackee, 1983)."""
     a, b, c = (corners[:, k] - place for k in range(3))
     la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
-    below = la * lb * lc + (a * b).sum(axis=1) * lc + (b * c).sum(axis=1) * la + (c * a).sum(axis=1) * lb
+    below = (
+        la * lb * lc
+        + (a * b).sum(axis=1) * lc
+        + (b * c).sum(axis=1) * la
+        + (c * a).sum(axis=1) * lb
+    )
     return np.arctan2((a * np.cross(b, c)).sum(axis=1), below).sum() / (2 * np.pi)
 
 
@@ -90,8 +100,15 @@ def seen(mesh, way, count=6000):
 def test_a_part_that_fits_into_a_larger_one_is_not_found_there(told):
     """rfa1 shows nine tenths of its near side on rfa2."""
     points, eye = seen(trimesh.load_mesh(PARTS / "rfa2.stl"), (0.25, -0.61, -0.75))
-    with pytest.raises(InputError, match=r"not found in the scan .*runs on beyond [3-9]\d % of its rims"):
-        localize("scan", shape(trimesh.load_mesh(PARTS / "rfa1.stl")), points, viewpoint=eye if told else None)
+    with pytest.raises(
+        InputError, match=r"not found in the scan .*runs on beyond [3-9]\d % of its rims"
+    ):
+        localize(
+            "scan",
+            shape(trimesh.load_mesh(PARTS / "rfa1.stl")),
+            points,
+            viewpoint=eye if told else None,
+        )
 
 
 # -- parts that are there
@@ -103,7 +120,9 @@ def flush(*sides):
     points = [scan(BLOCK, 8000, 5, ASIDE, 0.05)]
     for low, high in sides:
         beside = rng.uniform(low, high, (1500, 2))
-        points.append(np.column_stack([beside, np.full(1500, 20.0)]) + rng.normal(0, 0.05, (1500, 3)))
+        points.append(
+            np.column_stack([beside, np.full(1500, 20.0)]) + rng.normal(0, 0.05, (1500, 3))
+        )
     return np.vstack(points)
 
 
@@ -118,7 +137,9 @@ def test_a_part_that_is_flush_with_a_jaw_is_found():
 
 @pytest.mark.parametrize("start", [None, ELSEWHERE])
 def test_a_part_that_is_flush_on_two_sides_is_not_told_from_a_place_on_a_larger_one(start):
-    with pytest.raises(NoSafeProgram, match=r"the part or a larger one .*runs on beyond 2\d % of its rims.*--start"):
+    with pytest.raises(
+        NoSafeProgram, match=r"the part or a larger one .*runs on beyond 2\d % of its rims.*--start"
+    ):
         localize("scan", shape(BLOCK), flush(LEFT, FRONT), start)
 
 
@@ -140,4 +161,9 @@ def test_a_thin_sheet_on_a_bench_ends_at_its_rims(views):
     mesh = shells.sheet()
     model = model_part(*shape(mesh))
     samples, points = Cloud(model.samples), scan(mesh, 10_000, 2, views, 0.1, 0.4)
-    assert run_on(model, samples, points, refine(model, samples, points, (np.eye(3), np.zeros(3)), 0.5)) < 0.02
+    assert (
+        run_on(
+            model, samples, points, refine(model, samples, points, (np.eye(3), np.zeros(3)), 0.5)
+        )
+        < 0.02
+    )

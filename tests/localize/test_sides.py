@@ -49,7 +49,10 @@ def test_of_a_ball_the_half_is_hidden_that_faces_away():
 def test_a_wall_hides_the_floor_behind_it_and_only_from_the_side():
     model = model_part(*shape(shells.tray()))
     places = np.array([[10.0, 60.0, 3.0], [60.0, 60.0, 3.0], [60.0, 75.0, 20.0]])
-    hidden = [sight.hidden(model, places, np.array(eye), 0.01).tolist() for eye in ((55, 37, 900), (55, 900, 20.0))]
+    hidden = [
+        sight.hidden(model, places, np.array(eye), 0.01).tolist()
+        for eye in ((55, 37, 900), (55, 900, 20.0))
+    ]
     assert hidden == [[False, False, True], [True, True, False]]
 
 
@@ -72,14 +75,21 @@ def test_a_bent_sheet_is_not_taken_for_its_other_side():
     truth = placed(np.random.default_rng(2001), 30, 50)
     points = shells.one_sided(mesh, 6000, 1, eye) @ truth[0].T + truth[1]
     assert worst(mesh, localize("scan", shape(mesh), points), truth) < 0.05
-    assert worst(mesh, localize("scan", shape(mesh), points, viewpoint=truth[0] @ eye + truth[1]), truth) < 0.05
+    assert (
+        worst(
+            mesh, localize("scan", shape(mesh), points, viewpoint=truth[0] @ eye + truth[1]), truth
+        )
+        < 0.05
+    )
 
 
 def face(noise=0.02):
     """Points of the upper face of a sheet alone, without its rim, and the sheet."""
     mesh = trimesh.creation.box((120, 80, THICK))
     rng = np.random.default_rng(0)
-    points = np.column_stack([rng.uniform(-60, 60, 5000), rng.uniform(-40, 40, 5000), np.full(5000, THICK / 2)])
+    points = np.column_stack(
+        [rng.uniform(-60, 60, 5000), rng.uniform(-40, 40, 5000), np.full(5000, THICK / 2)]
+    )
     return mesh, points + rng.normal(0, noise, points.shape)
 
 
@@ -132,7 +142,9 @@ def test_what_a_hollow_part_hides_of_itself_is_not_asked_for(told):
 def test_a_viewpoint_from_which_nothing_was_seen_is_refused():
     mesh = trimesh.load_mesh(PARTS / "rfa1.stl")
     eye = mesh.bounds.mean(axis=0) + np.array([300.0, 330.0, 400.0])
-    with pytest.raises(InputError, match=r"% of the points on it from the scanner\); check --viewpoint"):
+    with pytest.raises(
+        InputError, match=r"% of the points on it from the scanner\); check --viewpoint"
+    ):
         localize("scan", shape(mesh), shells.one_sided(mesh, 6000, 1, eye), viewpoint=-eye)
 
 
@@ -192,7 +204,11 @@ def test_the_option_wins_over_the_file(files):
     [
         ("0 0 x 1 0 0 0", (), "its VIEWPOINT is no seven numbers"),
         ("0 0 1", (), "its VIEWPOINT is no seven numbers"),
-        ("0 0 1 1 0 0 0", ("--viewpoint", "1,2"), "--viewpoint: '1,2' is no place; give x,y,z in mm"),
+        (
+            "0 0 1 1 0 0 0",
+            ("--viewpoint", "1,2"),
+            "--viewpoint: '1,2' is no place; give x,y,z in mm",
+        ),
         ("0 0 1 1 0 0 0", ("--viewpoint", "1,2,inf"), "--viewpoint: '1,2,inf' is no place"),
     ],
 )

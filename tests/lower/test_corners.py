@@ -20,7 +20,9 @@ PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
 FILL = {"operation": {"kind": "fill"}, "tool": {"diameter": 0.85}}
 
 
-def run_trapezoid(t: np.ndarray, length: float, speed: float, acceleration: float) -> tuple[np.ndarray, float]:
+def run_trapezoid(
+    t: np.ndarray, length: float, speed: float, acceleration: float
+) -> tuple[np.ndarray, float]:
     """The way at times t of a motion from rest to rest, and when it begins to brake."""
     peak = min(speed, (length * acceleration) ** 0.5)
     ramp = peak / acceleration
@@ -32,7 +34,9 @@ def run_trapezoid(t: np.ndarray, length: float, speed: float, acceleration: floa
     return up + along + acceleration * (ramp**2 - left**2) / 2, brake
 
 
-def nearest_to_corner(turn: float, lengths: tuple[float, float], speeds: tuple[float, float], acceleration: float):
+def nearest_to_corner(
+    turn: float, lengths: tuple[float, float], speeds: tuple[float, float], acceleration: float
+):
     """How near the tool comes to the corner when the second motion begins as the first one begins to brake, mm."""
     _, brake = run_trapezoid(np.zeros(1), lengths[0], speeds[0], acceleration)
     t = brake + np.linspace(0, max(speeds) / acceleration, 4001)
@@ -41,7 +45,9 @@ def nearest_to_corner(turn: float, lengths: tuple[float, float], speeds: tuple[f
     return float(np.abs(first - lengths[0] + second * np.exp(1j * turn)).min())
 
 
-def chosen(turn: float, lengths: tuple[float, float], speeds: tuple[float, float], tolerance: float) -> float:
+def chosen(
+    turn: float, lengths: tuple[float, float], speeds: tuple[float, float], tolerance: float
+) -> float:
     column = [np.array([value]) for value in (np.sin(turn / 2), *lengths, max(speeds))]
     return float(blend_corners(Corners(*column), tolerance, Dynamics(5000.0, corner="overlap"))[0])
 
@@ -53,14 +59,18 @@ def chosen(turn: float, lengths: tuple[float, float], speeds: tuple[float, float
     st.tuples(st.floats(1, 300), st.floats(1, 300)),
     st.floats(0.002, 0.5),
 )
-def test_where_it_does_not_stop_the_tool_stays_near_the_corner(turn, lengths, speeds, tolerance) -> None:
+def test_where_it_does_not_stop_the_tool_stays_near_the_corner(
+    turn, lengths, speeds, tolerance
+) -> None:
     if chosen(turn, lengths, speeds, tolerance):
         assert nearest_to_corner(turn, lengths, speeds, 5000.0) <= tolerance * 1.01 + 1e-4
 
 
 @pytest.mark.parametrize("turn", [0.3, np.pi / 2, 2.5, np.pi])
 @pytest.mark.parametrize("speed", [20.0, 60.0, 150.0])
-def test_it_stops_where_it_would_leave_the_corner_and_nowhere_else(turn: float, speed: float) -> None:
+def test_it_stops_where_it_would_leave_the_corner_and_nowhere_else(
+    turn: float, speed: float
+) -> None:
     lengths, speeds = (30.0, 30.0), (speed, speed)
     off = nearest_to_corner(turn, lengths, speeds, 5000.0)
     assert off == pytest.approx(speed**2 / 1e4 * np.sin(turn / 2) / 2, rel=0.02, abs=1e-4)
@@ -108,23 +118,36 @@ def test_rings_are_arcs_and_v_plus_gets_their_chords() -> None:
         ("fill", 0.8, {"corner": 0}, 0.0),
     ],
 )  # fmt: skip
-def test_the_tolerance_is_a_share_of_the_pen(operation: str, diameter: float, tolerance, expected: float) -> None:
+def test_the_tolerance_is_a_share_of_the_pen(
+    operation: str, diameter: float, tolerance, expected: float
+) -> None:
     job = from_mapping({"tool": {"diameter": diameter}, "tolerance": tolerance})
     assert corner_tolerance(job, operation) == pytest.approx(expected)
 
 
 def test_zones_do_not_hang_on_the_speed() -> None:
     for fast in (10.0, 500.0):
-        corners = Corners(np.array([np.sin(0.1), np.sin(0.8)]), np.full(2, 30.0), np.full(2, 30.0), np.full(2, fast))
+        corners = Corners(
+            np.array([np.sin(0.1), np.sin(0.8)]),
+            np.full(2, 30.0),
+            np.full(2, 30.0),
+            np.full(2, fast),
+        )
         assert blend_corners(corners, 0.05, Dynamics()).tolist() == [1.0, 0.0]
 
 
-@pytest.mark.parametrize(("key", "value"), [("", 0), ("process.acceleration", 3000), ("tolerance.corner", 0)])
+@pytest.mark.parametrize(
+    ("key", "value"), [("", 0), ("process.acceleration", 3000), ("tolerance.corner", 0)]
+)
 def test_an_acceleration_that_nobody_stated_is_told(key: str, value: float) -> None:
     table, _, name = key.partition(".")
     job: dict[str, dict[str, object]] = {"operation": {"kind": "trace"}}
     if key:
         job[table] = {name: value}
     gear = Path(__file__).parents[2] / "fixtures" / "parts" / "logo.svg"
-    told = [note.what for note in camgen.build(gear, post="vplus", job=job).notes if "mm/s2" in note.what]
+    told = [
+        note.what
+        for note in camgen.build(gear, post="vplus", job=job).notes
+        if "mm/s2" in note.what
+    ]
     assert told == ([] if key else ["corners without a stop are rounded as at 5000 mm/s2"])

@@ -52,8 +52,14 @@ def plate(tmp_path: Path) -> Path:
 def flange_to_tip(result: Result, joints: FloatArray, arm: str = "IRB 2400") -> FloatArray:
     """The TCP in the work frame by textbook matrices, (3,)."""
     base, tool = (np.eye(4) for _ in range(2))
-    base[:3, :3], base[:3, 3] = result.cell.base_from_work.rotation, result.cell.base_from_work.origin
-    tool[:3, :3], tool[:3, 3] = result.cell.flange_from_tool.rotation, result.cell.flange_from_tool.origin
+    base[:3, :3], base[:3, 3] = (
+        result.cell.base_from_work.rotation,
+        result.cell.base_from_work.origin,
+    )
+    tool[:3, :3], tool[:3, 3] = (
+        result.cell.flange_from_tool.rotation,
+        result.cell.flange_from_tool.origin,
+    )
     frame = np.linalg.inv(base) @ by_hand(arm, np.degrees(joints)) @ tool
     return np.asarray(frame[:3, 3])
 
@@ -78,8 +84,14 @@ def test_the_tool_runs_along_the_edges_at_the_offset(built: Result) -> None:
             start, here = here, np.array(item.target.origin)
             if on:
                 seen.add(name)
-                points = np.linspace(start, here, 20) if isinstance(item, MoveL) else np.stack([start, here])
-                assert distances(edges[name].points, edges[name].via, points) == pytest.approx(2.0, abs=0.02)
+                points = (
+                    np.linspace(start, here, 20)
+                    if isinstance(item, MoveL)
+                    else np.stack([start, here])
+                )
+                assert distances(edges[name].points, edges[name].via, points) == pytest.approx(
+                    2.0, abs=0.02
+                )
         if isinstance(item, MoveJ) and isinstance(item.target, Joints):
             here = flange_to_tip(built, np.array(item.target.values))
     assert seen == {path.id for path in built.tour.paths}
@@ -100,7 +112,8 @@ def distances(points: FloatArray, via: FloatArray, at: FloatArray) -> FloatArray
         centre = m - radius * across
         angle = math.atan2(half, radius - height)
         line += [
-            centre + radius * (math.cos(t) * across + math.sin(t) * along) for t in np.linspace(-angle, angle, 400)
+            centre + radius * (math.cos(t) * across + math.sin(t) * along)
+            for t in np.linspace(-angle, angle, 400)
         ]
     rows = np.array(line)
     a, d = rows[:-1], np.diff(rows, axis=0)
@@ -125,7 +138,11 @@ def test_the_process_is_off_between_edges_and_home_comes_first_and_last(built: R
 def test_the_approach_slows_down_before_the_part(built: Result) -> None:
     body = built.program.body
     starts = [k for k, item in enumerate(body) if isinstance(item, Output) and item.value]
-    slow = [body[k - 1] for k in starts if isinstance(body[k - 1], MoveL) and isinstance(body[k - 2], MoveL)]
+    slow = [
+        body[k - 1]
+        for k in starts
+        if isinstance(body[k - 1], MoveL) and isinstance(body[k - 2], MoveL)
+    ]
     assert slow
     # The last millimetres are run at a third of the feed; an approach along an arc at the speed of travel.
     assert {item.speed for item in slow} <= {20.0 / 3, 100.0}
@@ -136,11 +153,17 @@ def test_an_approach_with_a_short_last_piece_keeps_the_others() -> None:
     position = np.array([[30.0, 0, 50], [0, 0, 50], [0, 0, 1], [0, 0, 0]])
     way = Way(position, np.full((4, 3), np.nan), np.broadcast_to(np.diag([1.0, -1, -1]), (4, 3, 3)))
     piece = Along(way, np.zeros((4, 6)), np.array([700.0, 400, 90]), "approach")
-    found = [(item.target.origin, item.speed) for item in _approach(piece, Job().process) if isinstance(item, MoveL)]
+    found = [
+        (item.target.origin, item.speed)
+        for item in _approach(piece, Job().process)
+        if isinstance(item, MoveL)
+    ]
     assert found == [((0, 0, 50), 700), ((0, 0, 1), 400), ((0, 0, 0), pytest.approx(20 / 3))]
 
 
-@pytest.mark.parametrize("process", [{"switch": "air"}, {"switch": "air", "plunge": 4.0, "dwell": 0.5}])
+@pytest.mark.parametrize(
+    "process", [{"switch": "air"}, {"switch": "air", "plunge": 4.0, "dwell": 0.5}]
+)
 def test_a_tool_that_turns_is_on_before_it_comes_to_the_part_and_until_it_has_left(
     plate: Path, process: dict[str, object]
 ) -> None:
@@ -196,7 +219,9 @@ def test_the_same_job_gives_the_same_bytes(built: Result) -> None:
     assert again.text == built.text
 
 
-@pytest.mark.parametrize(("post", "arm"), [("pacscript", "VS-6556"), ("vplus", "Viper s650"), ("rapid", "IRB 120")])
+@pytest.mark.parametrize(
+    ("post", "arm"), [("pacscript", "VS-6556"), ("vplus", "Viper s650"), ("rapid", "IRB 120")]
+)
 def test_other_arms_and_controllers(plate: Path, post: str, arm: str) -> None:
     job = {**PLATE, "cell": {"robot": arm, "base_from_work": [320, -20, 150, 0, 0, 0]}}
     result = camgen.build(plate, post=post, job=job)
@@ -263,7 +288,11 @@ def test_strict_refuses_what_leaves_an_edge_out(plate: Path) -> None:
     ("table", "values", "message"),
     [
         ("operation", {"kind": "trace"}, '"trace" is for flat parts'),
-        ("process", {"retract": 9}, r"has no effect on a 3-D part .process\.retract.; leave it out"),
+        (
+            "process",
+            {"retract": 9},
+            r"has no effect on a 3-D part .process\.retract.; leave it out",
+        ),
         ("tour", {"method": "as-drawn"}, "have no drawn order"),
         ("input", {"select": "not all"}, "picks no edge; the part has 12 edges"),
         ("input", {"select": "e99"}, "has no edge e99"),
@@ -273,7 +302,9 @@ def test_strict_refuses_what_leaves_an_edge_out(plate: Path) -> None:
         ("cell", {"flange_from_tool": [0, 0, 100, 180, 0, 0]}, "meets neither holder nor flange"),
     ],
 )
-def test_settings_that_do_not_go_together(plate: Path, table: str, values: dict[str, object], message: str) -> None:
+def test_settings_that_do_not_go_together(
+    plate: Path, table: str, values: dict[str, object], message: str
+) -> None:
     job = {**PLATE, table: {**PLATE.get(table, {}), **values}}
     with pytest.raises(JobError, match=message):
         camgen.build(plate, post="rapid", job=job)
@@ -286,7 +317,9 @@ def test_a_machine_without_joints_is_refused(plate: Path) -> None:
 
 def test_a_part_out_of_reach_has_no_program(plate: Path) -> None:
     job = {**PLATE, "cell": {"robot": "IRB 120", "base_from_work": [3000, 0, 0, 0, 0, 0]}}
-    with pytest.raises(NoSafeProgram, match=r"none of 4 edges can be processed: e1 .out of reach by"):
+    with pytest.raises(
+        NoSafeProgram, match=r"none of 4 edges can be processed: e1 .out of reach by"
+    ):
         camgen.build(plate, post="rapid", job=job)
 
 
@@ -296,7 +329,10 @@ def test_a_home_in_the_part_is_refused(plate: Path) -> None:
     # At home the tip is 100 mm out of the flange, which points down by 30 deg: the part is put there.
     frame = by_hand("IRB 120", np.degrees(home.values))
     x, y, z = (frame @ np.array([0, 0, 90.0, 1]))[:3]
-    job = {**PLATE, "cell": {"robot": "IRB 120", "base_from_work": [x - 30, y - 20, z - 5, 0, 0, 0]}}
+    job = {
+        **PLATE,
+        "cell": {"robot": "IRB 120", "base_from_work": [x - 30, y - 20, z - 5, 0, 0, 0]},
+    }
     with pytest.raises(NoSafeProgram, match=r"home collides: tool against (part|table)"):
         camgen.build(plate, post="rapid", job=job)
 
@@ -320,14 +356,18 @@ def test_two_parts_in_one_program_are_refused(plate: Path) -> None:
 def test_a_fixture_may_be_a_mesh_and_is_named_when_it_is_hit(plate: Path, tmp_path: Path) -> None:
     """The same wall beside the plate, once as a box and once as a mesh: the same edges are lost to it."""
     low, high = np.array([20.0, -25, 0]), np.array([40.0, -4, 30])
-    corners = np.array([(x, y, z) for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
+    corners = np.array(
+        [(x, y, z) for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]
+    )
     faces = [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)]
     lines = [f"v {x} {y} {z}" for x, y, z in corners]
     lines += [f"f {a + 1} {c + 1} {b + 1}\nf {a + 1} {d + 1} {c + 1}" for a, b, c, d in faces]
     (tmp_path / "wall.obj").write_text("\n".join(lines))
     lost = []
     for wall in ([*low.tolist(), *high.tolist()], str(tmp_path / "wall.obj")):
-        result = camgen.build(plate, post="rapid", job={**PLATE, "cell": {**PLATE["cell"], "fixtures": [wall]}})
+        result = camgen.build(
+            plate, post="rapid", job={**PLATE, "cell": {**PLATE["cell"], "fixtures": [wall]}}
+        )
         lost.append([(note.what, note.why) for note in result.notes if note.kind == "skipped"])
     assert lost[0]
     assert [what for what, _ in lost[0]] == [what for what, _ in lost[1]]
@@ -345,7 +385,9 @@ def test_the_cell_may_stand_in_a_file_of_its_own(plate: Path, tmp_path: Path) ->
     result = camgen.build(plate, post="rapid", job=job)
     assert (result.job.cell.robot, result.job.cell.safety) == ("IRB 120", 12)
     whole = tmp_path / "whole.toml"
-    whole.write_text(f'{begin}[cell]\nrobot = "IRB 120"\nbase_from_work = [300, -20, 150, 0, 0, 0]\nsafety = 12\n')
+    whole.write_text(
+        f'{begin}[cell]\nrobot = "IRB 120"\nbase_from_work = [300, -20, 150, 0, 0, 0]\nsafety = 12\n'
+    )
     assert camgen.build(plate, post="rapid", job=whole).text == result.text
 
 
@@ -358,7 +400,9 @@ def test_the_cell_may_stand_in_a_file_of_its_own(plate: Path, tmp_path: Path) ->
         (None, "cannot be read: No such file"),
     ],
 )
-def test_what_is_wrong_in_the_file_of_a_cell(plate: Path, tmp_path: Path, text: str | None, message: str) -> None:
+def test_what_is_wrong_in_the_file_of_a_cell(
+    plate: Path, tmp_path: Path, text: str | None, message: str
+) -> None:
     file = tmp_path / "cell.toml"
     if text is not None:
         file.write_text(text)
@@ -371,11 +415,15 @@ def test_what_stands_between_two_looks_leaves_its_edge_out(plate: Path) -> None:
     job = {**PLATE, "tool": {"diameter": 1.0}}
     sheet = [27.3, -10.0, 5.0, 27.5, -0.5, 40.0]
     for fixtures, count in (([], 3), ([sheet], 2)):
-        result = camgen.build(plate, post="rapid", job={**job, "cell": {**job["cell"], "fixtures": fixtures}})
+        result = camgen.build(
+            plate, post="rapid", job={**job, "cell": {**job["cell"], "fixtures": fixtures}}
+        )
         assert len(result.tour.paths) == count
         assert result.report["checks"]["collision"] == "ok"
     lost = [note.why for note in result.notes if note.kind == "skipped"]
     (place,) = [
-        m[1] for why in lost if (m := re.fullmatch(r"collision, tool against fixture 1, (.*) mm along it(; .*)?", why))
+        m[1]
+        for why in lost
+        if (m := re.fullmatch(r"collision, tool against fixture 1, (.*) mm along it(; .*)?", why))
     ]
     assert 26.8 <= float(place) <= 28.0

@@ -15,13 +15,22 @@ from camgen.model.cell import Cell
 from camgen.model.errors import JobError, NoSafeProgram
 from camgen.model.job import CellTable, Job, OperationTable, ProcessTable, ToleranceTable, ToolTable
 from camgen.model.path import ToolPath, Tour, waypoints
-from camgen.model.pose import TOOL_DOWN, Pose, angle_between, pose_from_values, rotation_about, translation
+from camgen.model.pose import (
+    TOOL_DOWN,
+    Pose,
+    angle_between,
+    pose_from_values,
+    rotation_about,
+    translation,
+)
 from camgen.model.program import Comment, Force, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
 from camgen.model.program_text import dump
 from camgen.post.passes import corner_blend
 from camgen.robots.workcell import equip
 
-ROBOT = Cell("arm", translation(100, 0, 0), translation(0, 0, 0), Joints((0.0, 0.1, 0.2, 0.0, 0.3, 0.0)))
+ROBOT = Cell(
+    "arm", translation(100, 0, 0), translation(0, 0, 0), Joints((0.0, 0.1, 0.2, 0.0, 0.3, 0.0))
+)
 MILL = Cell("mill", translation(0, 0, 0), translation(0, 0, 0), Pose(TOOL_DOWN, (0.0, 0.0, 50.0)))
 FOLLOW = ToolTable(orient="follow")
 
@@ -48,12 +57,16 @@ def path(points, bulges=None, force_direction=None, force=None, feed=20.0, **mor
         forces[1:] = force
         forces[0] = forces[1]
     settings_ = {"id": "c1", "layer": "cut", "closed": False, **more}
-    return ToolPath(table=waypoints(position, via, feed, force_direction=pressed, force=forces), **settings_)
+    return ToolPath(
+        table=waypoints(position, via, feed, force_direction=pressed, force=forces), **settings_
+    )
 
 
 def program(*paths, cell=ROBOT, job=None) -> Program:
     job = job or Job()
-    return lower(Tour(tuple(paths), 0.0, "as-drawn"), equip(cell, job), job, "part", ("made for a test",))
+    return lower(
+        Tour(tuple(paths), 0.0, "as-drawn"), equip(cell, job), job, "part", ("made for a test",)
+    )
 
 
 def kinds(body):
@@ -96,8 +109,14 @@ def test_a_mill_travels_by_rapid_motions_only():
     for home in (body[1].target, body[-1].target):
         assert home.origin == MILL.home.origin
         assert home.rotation is MILL.home.rotation
-    assert all(isinstance(i, MoveJ) == (i.speed == 50.0) for i in body if isinstance(i, (MoveJ, MoveL)))
-    assert [i.value for i in body if isinstance(i, Output) and i.signal == "spindle"] == [0.0, 9000, 0.0]
+    assert all(
+        isinstance(i, MoveJ) == (i.speed == 50.0) for i in body if isinstance(i, (MoveJ, MoveL))
+    )
+    assert [i.value for i in body if isinstance(i, Output) and i.signal == "spindle"] == [
+        0.0,
+        9000,
+        0.0,
+    ]
     assert {i.signal for i in body if isinstance(i, Output)} == {"spindle"}
 
 
@@ -112,7 +131,9 @@ def test_a_mill_travels_by_rapid_motions_only():
     ],
 )
 def test_the_signal(process, signal):
-    names = {i.signal for i in program(SQUARE, job=Job(process=process)).body if isinstance(i, Output)}
+    names = {
+        i.signal for i in program(SQUARE, job=Job(process=process)).body if isinstance(i, Output)
+    }
     assert names - {"spindle"} == ({signal} if signal else set())
     assert ("spindle" in names) == (process.spindle > 0)
 
@@ -145,9 +166,13 @@ def test_a_path_that_starts_where_the_last_ended_needs_no_travel():
 
 
 def test_the_feed_begins_above_the_uncut_top_whatever_the_depth():
-    body = program(path([(0, 0), (9, 0)], depths=(6.0,)), job=Job(process=ProcessTable(approach=1.5))).body
+    body = program(
+        path([(0, 0), (9, 0)], depths=(6.0,)), job=Job(process=ProcessTable(approach=1.5))
+    ).body
     travelled = [
-        i.target.origin[2] for i in body if isinstance(i, (MoveL, MoveJ)) and i.speed == 100 and i.target != ROBOT.home
+        i.target.origin[2]
+        for i in body
+        if isinstance(i, (MoveL, MoveJ)) and i.speed == 100 and i.target != ROBOT.home
     ]
     assert travelled == [20, 1.5, 20]
     assert {i.target.origin[2] for i in body if isinstance(i, MoveL) and i.speed == 20} == {-6.0}
@@ -174,7 +199,9 @@ def test_the_tool_goes_down_at_a_speed_of_its_own(process, operation, speed):
     """A third of the feed unless it is set, and never faster than the path goes on; a drill does nothing else."""
     fast = SQUARE.with_columns(feed=np.array([40.0, 40.0, 20.0, 20.0, 20.0]))
     fast = replace(fast, depths=(1.0, 2.0), operation=operation)
-    body = [i for i in program(fast, job=Job(process=process)).body if isinstance(i, (MoveJ, MoveL))]
+    body = [
+        i for i in program(fast, job=Job(process=process)).body if isinstance(i, (MoveJ, MoveL))
+    ]
     down = [b for a, b in pairwise(body) if isinstance(b, MoveL) and sinks(a, b)]
     assert [(i.target.origin[2], i.speed) for i in down] == [
         *((2, 100), (-1, pytest.approx(speed)), (-2, pytest.approx(speed))),
@@ -253,7 +280,9 @@ def test_a_tour_without_paths_is_no_program():
 
 
 def test_a_single_point_is_touched():
-    assert kinds(program(path([(3, 4)])).body) == ("Output MoveJ Comment MoveJ MoveL MoveL Output Output MoveL MoveJ")
+    assert kinds(program(path([(3, 4)])).body) == (
+        "Output MoveJ Comment MoveJ MoveL MoveL Output Output MoveL MoveJ"
+    )
 
 
 # Blends.
@@ -268,7 +297,9 @@ def test_blends_of_a_polyline_are_those_of_its_corners(steps, tolerance):
     points, heading = [(0.0, 0.0)], 0.0
     for turn, length in steps:
         heading += turn
-        points.append((points[-1][0] + length * math.cos(heading), points[-1][1] + length * math.sin(heading)))
+        points.append(
+            (points[-1][0] + length * math.cos(heading), points[-1][1] + length * math.sin(heading))
+        )
     body = program(path(points), job=Job(tolerance=ToleranceTable(chord=tolerance))).body
     first = body.index(Output("process", 1.0)) + 1
     cuts = body[first : first + len(steps)]
@@ -276,9 +307,19 @@ def test_blends_of_a_polyline_are_those_of_its_corners(steps, tolerance):
         at_corner = corner_blend(steps[i + 1][0], tolerance)
         half = min(steps[i][1], steps[i + 1][1]) / 2
         # A turn within 1e-9 of where a zone just fits may fall on either side of it.
-        if abs(corner_blend(steps[i + 1][0] + 1e-9, tolerance) - corner_blend(steps[i + 1][0] - 1e-9, tolerance)) == 0:
-            zones = [z for z in (5.0, 1.0, 0.3) if z <= at_corner and (z <= half + 1e-9 or z == 0.3)]
-            assert cut.blend == pytest.approx(max(zones, default=0.0)) or abs(cut.blend - half) < 1e-6
+        if (
+            abs(
+                corner_blend(steps[i + 1][0] + 1e-9, tolerance)
+                - corner_blend(steps[i + 1][0] - 1e-9, tolerance)
+            )
+            == 0
+        ):
+            zones = [
+                z for z in (5.0, 1.0, 0.3) if z <= at_corner and (z <= half + 1e-9 or z == 0.3)
+            ]
+            assert (
+                cut.blend == pytest.approx(max(zones, default=0.0)) or abs(cut.blend - half) < 1e-6
+            )
     assert cuts[-1].blend == 0.0
 
 
@@ -329,13 +370,21 @@ def test_half_circles_are_halved_where_the_tool_turns_with_them():
         assert sweep == pytest.approx(math.pi / 2)
         assert axis[2] == pytest.approx(-1)
         assert angle_between(start.rotation, arc.target.rotation) == pytest.approx(math.pi / 2)
-        assert arc.force_direction == pytest.approx(tuple((centre - np.array(arc.target.origin)) / 10))
-        assert math.dist(start.origin, arc.via.origin) == pytest.approx(math.dist(arc.via.origin, arc.target.origin))
+        assert arc.force_direction == pytest.approx(
+            tuple((centre - np.array(arc.target.origin)) / 10)
+        )
+        assert math.dist(start.origin, arc.via.origin) == pytest.approx(
+            math.dist(arc.via.origin, arc.target.origin)
+        )
     assert sum(isinstance(i, MoveC) for i in program(slot()).body) == 2
 
 
 def test_the_tool_turns_where_it_stands_at_an_inner_corner():
-    inner = path([(0, 0), (20, 0), (20, 20)], force_direction=[((0, 1), (0, 1)), ((1, 0), (1, 0))], force=[4.0, 6.0])
+    inner = path(
+        [(0, 0), (20, 0), (20, 20)],
+        force_direction=[((0, 1), (0, 1)), ((1, 0), (1, 0))],
+        force=[4.0, 6.0],
+    )
     body = program(inner, job=Job(tool=FOLLOW)).body
     first = next(i for i, item in enumerate(body) if isinstance(item, Force) and item.newtons) + 2
     arrive, turn, leave = body[first : first + 3]
@@ -344,13 +393,22 @@ def test_the_tool_turns_where_it_stands_at_an_inner_corner():
     assert arrive.target.rotation[:, 0] == pytest.approx([0, 1, 0])
     assert turn.target.rotation[:, 0] == pytest.approx([1, 0, 0])
     assert (arrive.force, turn.force, leave.force) == (4.0, 6.0, 6.0)
-    assert (arrive.force_direction, turn.force_direction, leave.force_direction) == ((0, 1, 0), (1, 0, 0), (1, 0, 0))
+    assert (arrive.force_direction, turn.force_direction, leave.force_direction) == (
+        (0, 1, 0),
+        (1, 0, 0),
+        (1, 0, 0),
+    )
 
 
 def test_a_turn_of_less_than_half_a_degree_is_made_on_the_way():
     a = math.radians(0.4)
-    slight = path([(0, 0), (20, 0), (40, 0)], force_direction=[((0, 1), (0, 1)), ((-math.sin(a), math.cos(a)),) * 2])
-    cuts = [i for i in program(slight, job=Job(tool=FOLLOW)).body if isinstance(i, MoveL) and i.work]
+    slight = path(
+        [(0, 0), (20, 0), (40, 0)],
+        force_direction=[((0, 1), (0, 1)), ((-math.sin(a), math.cos(a)),) * 2],
+    )
+    cuts = [
+        i for i in program(slight, job=Job(tool=FOLLOW)).body if isinstance(i, MoveL) and i.work
+    ]
     assert len(cuts) == 2
     assert not any(cut.turn for cut in cuts)
 
@@ -359,7 +417,9 @@ def test_the_tool_turns_on_the_spot_at_a_speed_of_its_own():
     inner = path([(0, 0), (20, 0), (20, 20)], force_direction=[((0, 1), (0, 1)), ((1, 0), (1, 0))])
     for table, speed in ((ProcessTable(), 60.0), (ProcessTable(turn=25.0), 25.0)):
         body = program(inner, job=Job(tool=FOLLOW, process=table)).body
-        assert [math.degrees(i.turn) for i in body if isinstance(i, MoveL) and i.work] == pytest.approx([0, speed, 0])
+        assert [
+            math.degrees(i.turn) for i in body if isinstance(i, MoveL) and i.work
+        ] == pytest.approx([0, speed, 0])
         assert not any(i.turn for i in body if isinstance(i, MoveL) and not i.work)
 
 
@@ -373,7 +433,11 @@ def test_follow_needs_a_surface():
 
 def test_force_is_on_only_along_sections_that_ask_for_it():
     press = [((0, 1), (0, 1))] * 5
-    partly = path([(0, 0), (9, 0), (19, 0), (29, 0), (39, 0), (49, 0)], force_direction=press, force=[0, 7, 8, 0, 9])
+    partly = path(
+        [(0, 0), (9, 0), (19, 0), (29, 0), (39, 0), (49, 0)],
+        force_direction=press,
+        force=[0, 7, 8, 0, 9],
+    )
     body = program(partly).body
     first = body.index(Output("process", 1.0))
     assert kinds(body[first:]) == (
@@ -414,7 +478,9 @@ def test_what_follows_pressing_is_run_above_the_part(table, depth, height):
     assert (up.target.origin, up.force, up.speed) == ((20, 0, height), 0.0, 20.0)
     assert isinstance(arc, MoveC)
     assert (arc.target.origin, arc.force, arc.work) == ((30, 10, height), 0.0, True)
-    assert arc.via.origin == pytest.approx((20 + 10 * math.sqrt(0.5), 10 - 10 * math.sqrt(0.5), height))
+    assert arc.via.origin == pytest.approx(
+        (20 + 10 * math.sqrt(0.5), 10 - 10 * math.sqrt(0.5), height)
+    )
     ends = [i.target.origin for i in away if isinstance(i, MoveL)]
     assert ends == ([(30, 10, 20)] if height < 20 else [])
 
@@ -444,7 +510,9 @@ UP, DOWN = "Output MoveJ Comment MoveJ MoveL", "MoveL MoveL MoveL MoveL"
     ],
 )
 @pytest.mark.parametrize("dwell", [0.0, 0.5])
-def test_a_tool_that_turns_is_switched_above_the_part_and_a_torch_at_the_contact(operation, table, air, dwell):
+def test_a_tool_that_turns_is_switched_above_the_part_and_a_torch_at_the_contact(
+    operation, table, air, dwell
+):
     job = Job(operation=OperationTable(**operation), process=ProcessTable(dwell=dwell, **table))
     cut = replace(SQUARE, depths=(operation.get("depth", 0.0),))
     body = program(cut, job=job).body
@@ -473,7 +541,11 @@ def test_where_a_tool_is_switched_in_the_air_it_stops():
     """The approach begins at the height of travel: the corner up there is where it is switched on, too."""
     job = Job(process=ProcessTable(switch="air", approach=20.0))
     body = program(path([(0, 0), (9, 0)]), path([(50, 0), (60, 0)], id="c2"), job=job).body
-    stops = [before for before, item in pairwise(body) if isinstance(item, Output) and not isinstance(before, Comment)]
+    stops = [
+        before
+        for before, item in pairwise(body)
+        if isinstance(item, Output) and not isinstance(before, Comment)
+    ]
     assert [i.target.origin for i in stops] == [(0, 0, 20), (9, 0, 20), (50, 0, 20), (60, 0, 20)]
     assert not any(i.blend for i in stops)
 
@@ -489,7 +561,11 @@ def test_a_cut_with_the_spindle_at_rest_is_an_error_of_the_job():
     )
     program(SQUARE, cell=ROBOT, job=job)
     program(SQUARE, cell=MILL, job=Job())
-    for process in (ProcessTable(spindle=9000), ProcessTable(switch="contact"), ProcessTable(switch="air")):
+    for process in (
+        ProcessTable(spindle=9000),
+        ProcessTable(switch="contact"),
+        ProcessTable(switch="air"),
+    ):
         program(SQUARE, cell=MILL, job=replace(job, process=process))
 
 
@@ -507,9 +583,15 @@ def test_a_tool_that_is_turned_back_between_passes_goes_up_to_the_approach_alone
     body = program(ring(), job=job).body
     moves = [i for i in body if isinstance(i, (MoveJ, MoveL)) and isinstance(i.target, Pose)]
     heights = [i.target.origin[2] for i in moves if not i.work]
-    lifted = [z for a, z in zip((None, *heights), heights, strict=False) if z != a]  # turns on the spot are one height
+    lifted = [
+        z for a, z in zip((None, *heights), heights, strict=False) if z != a
+    ]  # turns on the spot are one height
     assert lifted == [20, approach, -1, approach, -2, approach, -3, 20]
-    wait = [(i.target.origin[:2], i.speed) for i in moves if not i.work and i.target.origin[2] == approach]
+    wait = [
+        (i.target.origin[:2], i.speed)
+        for i in moves
+        if not i.work and i.target.origin[2] == approach
+    ]
     assert {place for place, _ in wait} == {(0, 0)}
     # On only along each pass, with the way down and up where it turns; never while it is turned back.
     on = False
@@ -540,12 +622,33 @@ def tours(draw):
         points = draw(st.lists(spots, min_size=n, max_size=n, unique=True))
         closed = draw(st.booleans())
         points += [points[0]] * closed
-        bulges = draw(st.lists(st.sampled_from([0, 0, 1.0, -0.4]), min_size=len(points) - 1, max_size=len(points) - 1))
-        force = draw(st.lists(st.sampled_from([0, 0, 5.0, 9.0]), min_size=len(points) - 1, max_size=len(points) - 1))
-        angles = draw(st.lists(st.floats(0, 6.28), min_size=len(points) - 1, max_size=len(points) - 1))
-        press = [((math.cos(a), math.sin(a)), (math.cos(a + 0.2), math.sin(a + 0.2))) for a in angles]
+        bulges = draw(
+            st.lists(
+                st.sampled_from([0, 0, 1.0, -0.4]),
+                min_size=len(points) - 1,
+                max_size=len(points) - 1,
+            )
+        )
+        force = draw(
+            st.lists(
+                st.sampled_from([0, 0, 5.0, 9.0]),
+                min_size=len(points) - 1,
+                max_size=len(points) - 1,
+            )
+        )
+        angles = draw(
+            st.lists(st.floats(0, 6.28), min_size=len(points) - 1, max_size=len(points) - 1)
+        )
+        press = [
+            ((math.cos(a), math.sin(a)), (math.cos(a + 0.2), math.sin(a + 0.2))) for a in angles
+        ]
         depths = draw(st.sampled_from([(0.0,), (1.0,), (1.0, 2.0), (0.5, 1.0, 1.5)]))
-        more = {"closed": closed, "depths": depths, "reversible": draw(st.booleans()), "id": f"c{k}"}
+        more = {
+            "closed": closed,
+            "depths": depths,
+            "reversible": draw(st.booleans()),
+            "id": f"c{k}",
+        }
         paths.append(path(points, bulges, press, force, **more))
     return paths
 
@@ -559,7 +662,10 @@ def tours(draw):
     st.sampled_from(["auto", "air"]),
 )
 def test_any_program(paths, cell, orient, spindle, switch):
-    job = Job(tool=ToolTable(orient=orient), process=ProcessTable(spindle=spindle, signal="on", switch=switch))
+    job = Job(
+        tool=ToolTable(orient=orient),
+        process=ProcessTable(spindle=spindle, signal="on", switch=switch),
+    )
     body = program(*paths, cell=cell, job=job).body
     on = pressing = False
     seen: list[str] = []
@@ -616,7 +722,9 @@ def ends_of(p, number, depth) -> set[tuple[float, float, float]]:
 
 
 def test_the_job_goes_before_the_cell():
-    table = CellTable(base_from_work=[1, 2, 3, 0, 0, 90], flange_from_tool=[0, 0, 9, 0, 180, 0], home=[90, 0, -90])
+    table = CellTable(
+        base_from_work=[1, 2, 3, 0, 0, 90], flange_from_tool=[0, 0, 9, 0, 180, 0], home=[90, 0, -90]
+    )
     cell = equip(ROBOT, Job(cell=table))
     assert cell.base_from_work.origin == (1, 2, 3)
     assert angle_between(cell.base_from_work.rotation, rotation_about(2, math.pi / 2)) < 1e-12
@@ -658,7 +766,13 @@ def test_wrong_numbers_in_the_cell_are_named(cell, table):
 
 
 def test_a_sliding_joint_of_the_home_is_in_mm() -> None:
-    cell = Cell("scara", translation(0, 0, 0), translation(0, 0, 0), Joints((0.0, 0.0, 50.0, 0.0)), frozenset({2}))
+    cell = Cell(
+        "scara",
+        translation(0, 0, 0),
+        translation(0, 0, 0),
+        Joints((0.0, 0.0, 50.0, 0.0)),
+        frozenset({2}),
+    )
     home = equip(cell, Job(cell=CellTable(home=[0.0, 90.0, 40.0, 180.0]))).home
     assert isinstance(home, Joints)
     assert home.values == pytest.approx((0.0, math.pi / 2, 40.0, math.pi))
@@ -666,8 +780,15 @@ def test_a_sliding_joint_of_the_home_is_in_mm() -> None:
 
 def test_with_force_every_pass_leaves_the_surface_before_the_next() -> None:
     def lifts(force: float) -> int:
-        loop = path([(0, 0), (40, 0), (40, 30), (0, 0)], force_direction=[[(0, 1)] * 2] * 3, force=force, closed=True)
-        body = program(replace(loop, depths=(1.0, 2.0)), job=Job(process=ProcessTable(force=force))).body
+        loop = path(
+            [(0, 0), (40, 0), (40, 30), (0, 0)],
+            force_direction=[[(0, 1)] * 2] * 3,
+            force=force,
+            closed=True,
+        )
+        body = program(
+            replace(loop, depths=(1.0, 2.0)), job=Job(process=ProcessTable(force=force))
+        ).body
         return sum(isinstance(item, MoveL) and item.target.origin[2] == 20.0 for item in body)
 
     assert lifts(5.0) == lifts(0.0) + 1

@@ -29,7 +29,9 @@ WAYS = (
     {"force": 2.0},
     {"signal": "process", "clearance": 0.5, "approach": 0.0},
 )
-points = st.lists(st.tuples(st.integers(-40, 40), st.integers(-40, 40)), min_size=2, max_size=5, unique=True)
+points = st.lists(
+    st.tuples(st.integers(-40, 40), st.integers(-40, 40)), min_size=2, max_size=5, unique=True
+)
 drawings = st.lists(st.tuples(points, st.booleans(), st.booleans()), min_size=1, max_size=5)
 
 
@@ -59,7 +61,9 @@ def lengths_of(body: tuple[object, ...], signal: str | None, air: bool) -> tuple
                 assert one.value == 0, "the signal is on before the first motion"
             elif one.signal == signal:
                 on = one.value > 0
-                assert (abs(at[2]) < TOUCH) != air, "the signal changes in the air, or with pressure on the paper"
+                assert (abs(at[2]) < TOUCH) != air, (
+                    "the signal changes in the air, or with pressure on the paper"
+                )
             continue
         place = np.array(one.target.origin) if isinstance(one.target, Pose) else None
         if at is not None and place is not None:
@@ -68,12 +72,20 @@ def lengths_of(body: tuple[object, ...], signal: str | None, air: bool) -> tuple
             if across > TOUCH and down < TOUCH:
                 assert on, "the pen is on the paper with its signal off"
                 assert max(at[2], place[2]) < TOUCH, "the pen slides up or down"
-                drawn += arc_length(at, one) if isinstance(one, MoveC) else float(np.hypot(*(place - at)[:2]))
+                drawn += (
+                    arc_length(at, one)
+                    if isinstance(one, MoveC)
+                    else float(np.hypot(*(place - at)[:2]))
+                )
             elif across > TOUCH:
                 assert signal is None or not on, "the signal is on in the air"
                 travels += 1
             following = next((m for m in motions[k + 1 :] if not isinstance(m, Output)), None)
-            leaves = following is not None and isinstance(following.target, Pose) and following.target.origin[2] > TOUCH
+            leaves = (
+                following is not None
+                and isinstance(following.target, Pose)
+                and following.target.origin[2] > TOUCH
+            )
             if place[2] < TOUCH and (at[2] > TOUCH or leaves):
                 assert one.blend == 0, "a corner between paper and air is rounded"
         else:
@@ -97,21 +109,31 @@ def test_the_pen_is_up_on_the_way_between_lines(
     name: str, drawing: list[tuple[list[tuple[int, int]], bool, bool]], way: dict[str, object]
 ) -> None:
     # Controllers that have no force, or say it in their own words, are asked to leave it out.
-    options = {"force": "ignore"} if "force" in way and "force" in vars(make_post(find_post(name), {})) else {}
+    options = (
+        {"force": "ignore"}
+        if "force" in way and "force" in vars(make_post(find_post(name), {}))
+        else {}
+    )
     job = from_mapping({"operation": {"kind": "trace"}, "process": way, "post": options})
     part = part_of(drawing)
     post = make_post(find_post(name), job.post)
     tour = arrange(trace(part, job), "nearest", None, False)
-    program = post.prepare(lower(tour, equip(post.cell(), job), job, "drawing", ()), job.tolerance.chord)
+    program = post.prepare(
+        lower(tour, equip(post.cell(), job), job, "drawing", ()), job.tolerance.chord
+    )
     files = post.render(program)
     reading = find_readback(name)({file.name: file.text for file in files}, job.post)
     compare(program, reading, post.tolerance(), post.list_verified(), files[0].name)
-    drawn, travelled = lengths_of(reading.body, None if way.get("signal") == "" else "process", "force" in way)
+    drawn, travelled = lengths_of(
+        reading.body, None if way.get("signal") == "" else "process", "force" in way
+    )
     assert drawn == pytest.approx(sum(path_length(path) for path in tour.paths), rel=1e-3, abs=0.05)
     assert travelled >= len(tour.paths) - 1 or way.get("clearance") == 0.5
 
 
-def test_a_drawing_out_of_the_reach_of_the_scara_is_refused_with_path_and_place(tmp_path: Path) -> None:
+def test_a_drawing_out_of_the_reach_of_the_scara_is_refused_with_path_and_place(
+    tmp_path: Path,
+) -> None:
     source = tmp_path / "line.svg"
     line = '<path d="M10 10H190V190H10Z"/>'
     source.write_text(

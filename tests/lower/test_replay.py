@@ -50,10 +50,17 @@ def test_a_mill_moves_between_its_home_positions(tmp_path):
         ("MoveJ", 0, 0, 50), ("MoveJ", 10, 10, 20), ("MoveJ", 10, 10, 5), ("MoveL", 10, 10, -1), ("MoveL", 20, 10, -1),
         ("MoveL", 20, 20, -1), ("MoveC", 10, 30, -1), ("MoveJ", 10, 30, 5), ("MoveJ", 10, 30, 20), ("MoveJ", 0, 0, 50),
     ]  # fmt: skip
-    assert moves[6].via.origin == pytest.approx((10 + 10 * math.sqrt(0.5), 20 + 10 * math.sqrt(0.5), -1))
+    assert moves[6].via.origin == pytest.approx(
+        (10 + 10 * math.sqrt(0.5), 20 + 10 * math.sqrt(0.5), -1)
+    )
     assert {m.speed for m in moves[3:7]} == {5.0}
     others = [i for i in result.program.body if isinstance(i, Output | Wait)]
-    assert others == [Output("spindle", 0.0), Output("spindle", 1000.0), Wait(0.5), Output("spindle", 0.0)]
+    assert others == [
+        Output("spindle", 0.0),
+        Output("spindle", 1000.0),
+        Wait(0.5),
+        Output("spindle", 0.0),
+    ]
     assert result.deviation.max_mm < 1e-3
 
 
@@ -70,7 +77,11 @@ def test_what_a_program_leaves_on_is_off_before_it_goes_home(tmp_path):
         **{"spindle": 0.0, "dout3": 1.0, "flood": 0.0},
     }
     assert (up.target.origin, home.target.origin) == ((10, 30, 20), (0, 0, 50))
-    assert [i.value for i in body if isinstance(i, Output) and i.signal == "dout3"] == [0.0, 1.0, 0.0]
+    assert [i.value for i in body if isinstance(i, Output) and i.signal == "dout3"] == [
+        0.0,
+        1.0,
+        0.0,
+    ]
 
 
 @pytest.mark.parametrize("post", ["rapid", "vplus", "pacscript"])
@@ -106,15 +117,21 @@ def test_corners_are_rounded_where_the_program_allows_it(tmp_path):
 def test_an_assumed_start_is_reached_at_its_feed(tmp_path):
     result = built(tmp_path, "G21\nG0 X5 Y5\nG1 Z-1 F120\nX9\nM2\n", "rapid")
     moves = [i for i in result.program.body if isinstance(i, MoveJ | MoveL)]
-    assert [(*m.target.origin, m.speed) for m in moves[1:4]] == [(5, 5, 20, 100), (5, 5, 0, 2.0), (5, 5, -1, 2.0)]
-    assert [str(n) for n in result.notes] == ["assumed: line 3: the program begins at Z0 (it does not say where)"]
+    assert [(*m.target.origin, m.speed) for m in moves[1:4]] == [
+        (5, 5, 20, 100),
+        (5, 5, 0, 2.0),
+        (5, 5, -1, 2.0),
+    ]
+    assert [str(n) for n in result.notes] == [
+        "assumed: line 3: the program begins at Z0 (it does not say where)"
+    ]
 
 
 def test_a_motion_to_where_the_tool_is_is_none(tmp_path):
     once = built(tmp_path, OLD)
-    assert built(tmp_path, OLD.replace("X20 Y20", "X20 Y20\nX20 Y20")).program.columns.ends.tolist() == (
-        once.program.columns.ends.tolist()
-    )
+    assert built(
+        tmp_path, OLD.replace("X20 Y20", "X20 Y20\nX20 Y20")
+    ).program.columns.ends.tolist() == (once.program.columns.ends.tolist())
 
 
 def test_a_skipped_word_is_an_error_with_strict(tmp_path):
@@ -185,7 +202,9 @@ def test_stored_places_are_left_upwards(tmp_path):
 
 @needs_rs274
 @needs_shared
-@pytest.mark.parametrize("path", sorted([*SHARED.rglob("*.ngc"), *SHARED.rglob("*.gcode")]), ids=lambda p: p.name)
+@pytest.mark.parametrize(
+    "path", sorted([*SHARED.rglob("*.ngc"), *SHARED.rglob("*.gcode")]), ids=lambda p: p.name
+)
 def test_samples_do_what_linuxcnc_says_or_are_refused_with_it(path):
     text = path.read_text(encoding="latin-1").replace("\r\n", "\n")
     run, judge = interpret(text.split("\n")), judged(text)
@@ -207,7 +226,10 @@ def program(chance: random.Random) -> list[str]:
 
 
 def _axes(chance, letters="XYZ"):
-    return " ".join(f"{a}{chance.uniform(-20, 20):.3f}" for a in letters if chance.random() < 0.6) or letters[0] + "1"
+    return (
+        " ".join(f"{a}{chance.uniform(-20, 20):.3f}" for a in letters if chance.random() < 0.6)
+        or letters[0] + "1"
+    )
 
 
 def _line(chance):
@@ -216,11 +238,26 @@ def _line(chance):
 
 def _polar(chance):
     radius, angle = f"@{chance.uniform(-5, 5):.3f}", f"^{chance.uniform(-400, 400):.3f}"
-    return [f"{chance.choice(['G0', 'G1'])} {radius} {angle}", f"G1 {chance.choice([radius, angle])} Z1"]
+    return [
+        f"{chance.choice(['G0', 'G1'])} {radius} {angle}",
+        f"G1 {chance.choice([radius, angle])} Z1",
+    ]
 
 
 def _shift(chance):
-    return [chance.choice(["G92 " + _axes(chance), "G10 L20 P1 " + _axes(chance), "G92.1", "G90", "G91", "G98", "G99"])]
+    return [
+        chance.choice(
+            [
+                "G92 " + _axes(chance),
+                "G10 L20 P1 " + _axes(chance),
+                "G92.1",
+                "G90",
+                "G91",
+                "G98",
+                "G99",
+            ]
+        )
+    ]
 
 
 def _arc(chance):
@@ -230,19 +267,30 @@ def _arc(chance):
     if chance.random() < 0.5:
         way += f"{i}{size:.3f}" + (f" P{chance.randint(1, 3)}" if chance.random() < 0.4 else "")
     else:
-        way = "G91 " + way + f"{a}{chance.uniform(0.1, 1.9) * size:.3f} R{chance.choice([-1, 1]) * size:.3f}"
+        way = (
+            "G91 "
+            + way
+            + f"{a}{chance.uniform(0.1, 1.9) * size:.3f} R{chance.choice([-1, 1]) * size:.3f}"
+        )
     return [way + (f" {up}{chance.uniform(-9, 9):.3f}" if chance.random() < 0.5 else ""), "G17"]
 
 
 def _holes(chance):
-    plane, up, others = chance.choice([("G17", "Z", "XY"), ("G17", "Z", "XY"), ("G18", "Y", "XZ"), ("G19", "X", "YZ")])
+    plane, up, others = chance.choice(
+        [("G17", "Z", "XY"), ("G17", "Z", "XY"), ("G18", "Y", "XZ"), ("G19", "X", "YZ")]
+    )
     code = chance.choice(["G81", "G82", "G83", "G73", "G85", "G89"])
     more = {"G82": " P0.5", "G89": " P0.5", "G83": " Q4.5", "G73": " Q4.5"}.get(code, "")
     high = chance.uniform(-5, 30)
     distance = chance.choice(["G90", "G91"])
     low = high - chance.uniform(0.1, 20) if distance == "G90" else -chance.uniform(0.1, 20)
-    first = f"{code} {_axes(chance, others)} {up}{low:.3f} R{high:.3f}{more} L{chance.randint(1, 2)}"
-    again = [chance.choice([_axes(chance, others), f"{code} {_axes(chance, others)}", "G98", "G99"]) for _ in range(2)]
+    first = (
+        f"{code} {_axes(chance, others)} {up}{low:.3f} R{high:.3f}{more} L{chance.randint(1, 2)}"
+    )
+    again = [
+        chance.choice([_axes(chance, others), f"{code} {_axes(chance, others)}", "G98", "G99"])
+        for _ in range(2)
+    ]
     return [f"{plane} {distance}", first, *again, "G80 G90 G17"]
 
 
@@ -258,7 +306,9 @@ def test_random_programs_do_what_linuxcnc_says(seed):
 
 
 def test_poses_point_the_tool_down(tmp_path):
-    rotations = {i.target.rotation.tobytes() for i in built(tmp_path).program.body if isinstance(i, MoveL)}
+    rotations = {
+        i.target.rotation.tobytes() for i in built(tmp_path).program.body if isinstance(i, MoveL)
+    }
     assert len(rotations) == 1
     (item,) = [i for i in built(tmp_path).program.body if isinstance(i, MoveC)]
     assert isinstance(item.target, Pose)
@@ -290,14 +340,24 @@ def test_a_feed_is_capped_where_that_is_asked_for(tmp_path):
     assert slow.program.columns.speed.max() == 100
     assert not any("max_feed" in note.why for note in slow.notes)
     with pytest.raises(JobError, match=r"has no effect on a drawing \(process\.max_feed\)"):
-        camgen.build(camgen.part([(0, 0), (30, 0)]), post="gcode", job={"process": {"max_feed": 50.0}})
+        camgen.build(
+            camgen.part([(0, 0), (30, 0)]), post="gcode", job={"process": {"max_feed": 50.0}}
+        )
 
 
 @pytest.mark.parametrize(
     ("post", "options", "says"),
     [
-        ("gcode", {}, "the spindle is to turn backwards (M4, 1000 rpm), and this post prints M3 alone"),
-        ("grbl", {}, "the spindle is to turn backwards (M4, 1000 rpm), and this post prints M3 alone"),
+        (
+            "gcode",
+            {},
+            "the spindle is to turn backwards (M4, 1000 rpm), and this post prints M3 alone",
+        ),
+        (
+            "grbl",
+            {},
+            "the spindle is to turn backwards (M4, 1000 rpm), and this post prints M3 alone",
+        ),
         (
             "pacscript",
             {"signals": {"spindle": 25}, "spindle": "on-off"},
@@ -308,13 +368,19 @@ def test_a_feed_is_capped_where_that_is_asked_for(tmp_path):
 def test_a_spindle_that_turns_backwards_is_told_with_its_line(tmp_path, post, options, says):
     with pytest.raises(NoSafeProgram) as caught:
         built(tmp_path, OLD.replace("M3", "M4"), post, options=options)
-    assert str(caught.value) == f"old.nc: {post} refuses line 4: {says} (instruction 2); mend this line"
+    assert (
+        str(caught.value)
+        == f"old.nc: {post} refuses line 4: {says} (instruction 2); mend this line"
+    )
 
 
 def test_what_a_setting_can_mend_is_told_so(tmp_path):
     with pytest.raises(
-        NoSafeProgram, match=r"old\.nc: rapid refuses line 4: no output .*; set post\.signals, e\.g\. spin"
+        NoSafeProgram,
+        match=r"old\.nc: rapid refuses line 4: no output .*; set post\.signals, e\.g\. spin",
     ):
         built(tmp_path, OLD, "rapid")
-    with pytest.raises(NoSafeProgram, match=r"refuses line 6: a feed of 0\.006 mm/min .*\); mend this line$"):
+    with pytest.raises(
+        NoSafeProgram, match=r"refuses line 6: a feed of 0\.006 mm/min .*\); mend this line$"
+    ):
         built(tmp_path, OLD.replace("F300", "F.006"))

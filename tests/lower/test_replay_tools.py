@@ -39,9 +39,19 @@ ROWS = [
 FLOOD = {"signals": {"flood": "M8"}}
 
 
-def built(tmp_path: Path, text: str = OLD, post: str = "gcode", options: dict[str, object] | None = None, **tables):
+def built(
+    tmp_path: Path,
+    text: str = OLD,
+    post: str = "gcode",
+    options: dict[str, object] | None = None,
+    **tables,
+):
     (tmp_path / "old.nc").write_text(text)
-    return camgen.build(tmp_path / "old.nc", post=post, job={**tables, "post": FLOOD if options is None else options})
+    return camgen.build(
+        tmp_path / "old.nc",
+        post=post,
+        job={**tables, "post": FLOOD if options is None else options},
+    )
 
 
 def told(body):
@@ -53,7 +63,9 @@ def told(body):
             yield f"{item.signal} {item.value:g}"
         elif isinstance(item, MoveJ | MoveL | MoveC):
             where = item.target
-            yield type(item).__name__ + ("" if isinstance(where, Joints) else "{:g} {:g} {:g}".format(*where.origin))
+            yield type(item).__name__ + (
+                "" if isinstance(where, Joints) else "{:g} {:g} {:g}".format(*where.origin)
+            )
 
 
 def test_each_tool_has_its_part_of_the_program(tmp_path):
@@ -74,14 +86,19 @@ def test_each_tool_has_its_part_of_the_program(tmp_path):
         "assumed: T1, T2: of the machine's tool table (no row of [[tools]] says their length and diameter)",
         "assumed: line 7: z is that of the tip of the tool: its length (G43) is in no program",
     ]
-    assert [line for line in result.text.split("\n") if "T" in line and not line.startswith("(")] == ["T1 M6", "T2 M6"]
+    assert [
+        line for line in result.text.split("\n") if "T" in line and not line.startswith("(")
+    ] == ["T1 M6", "T2 M6"]
     assert [path.id for path in result.tour.paths] == ["n1", "n2"]
 
 
 def test_rows_of_tools_say_what_they_are(tmp_path):
     result = built(tmp_path, tools=ROWS)
     changes = [item for item in result.program.body if isinstance(item, ToolChange)]
-    assert [(item.name, item.diameter, item.length) for item in changes] == [("mill", 10, 80), ("", 4, 60)]
+    assert [(item.name, item.diameter, item.length) for item in changes] == [
+        ("mill", 10, 80),
+        ("", 4, 60),
+    ]
     assert not any("tool table" in note.what for note in result.notes)
 
 
@@ -111,12 +128,18 @@ def test_an_arm_has_to_know_how_long_its_tools_are(tmp_path):
 
 
 def test_a_cut_before_the_first_change_is_by_a_tool_that_nobody_names(tmp_path):
-    with pytest.raises(InputError, match=r"changes to tool T2 after the first cut: with which one it cuts before, it"):
+    with pytest.raises(
+        InputError,
+        match=r"changes to tool T2 after the first cut: with which one it cuts before, it",
+    ):
         built(tmp_path, OLD.replace("T1 M6\nS9000", "S9000"))
     # Rapid motions before it are none: the machine comes from its home.
     moved = built(tmp_path, OLD.replace("T1 M6\nS9000", "G0 X9 Y9 Z9\nT1 M6\nS9000"))
     assert not any("9 9 9" in text for text in told(moved.program.body))
-    assert any(note.what == "line 4: rapid motions before the first tool change are left out" for note in moved.notes)
+    assert any(
+        note.what == "line 4: rapid motions before the first tool change are left out"
+        for note in moved.notes
+    )
 
 
 def test_one_tool_is_that_of_the_job_unless_the_job_says_which(tmp_path):
@@ -172,7 +195,9 @@ def test_without_a_radius_compensation_is_refused_or_run_as_programmed(tmp_path)
     result = built(tmp_path, SQUARE, options={}, operation={"compensation": "as-programmed"})
     low = result.program.columns.ends[:, 2] == -1
     assert result.program.columns.ends[low][:, :2].min() == 0
-    assert any("the path is run as programmed, the tool on it" in note.what for note in result.notes)
+    assert any(
+        "the path is run as programmed, the tool on it" in note.what for note in result.notes
+    )
 
 
 def test_the_words_of_a_program_say_its_dialect(tmp_path):
@@ -191,7 +216,9 @@ def test_subprograms_may_stand_in_other_files(tmp_path):
     result = camgen.build([tmp_path / "main.nc", tmp_path / "1000.nc"], post="gcode")
     assert result.program.columns.ends[3].tolist() == [0, 0, -1]
     assert result.part.source == "main.nc + 1000.nc"
-    with pytest.raises(InputError, match=r"main\.nc: M98 P1000: the subprogram is not in this file \(line 2\)"):
+    with pytest.raises(
+        InputError, match=r"main\.nc: M98 P1000: the subprogram is not in this file \(line 2\)"
+    ):
         camgen.build(tmp_path / "main.nc", post="gcode")
 
 
@@ -206,10 +233,19 @@ def test_what_no_text_holds_may_be_said_in_the_job(tmp_path):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("G21 G0 X0 Y0 Z5\nG1 X5 E2 F600\nM104 S200\n", r"E feeds filament: only X, Y and Z are replayed \(line 2\)"),
+        (
+            "G21 G0 X0 Y0 Z5\nG1 X5 E2 F600\nM104 S200\n",
+            r"E feeds filament: only X, Y and Z are replayed \(line 2\)",
+        ),
         ("G21 G0 X0 Y0 Z5\nG1 X5 F60\nM777\n", r"M777 is not known and not evaluated \(line 3\)"),
-        ("G21 G0 X0 Y0 Z5\nG1 X5 F60\nG1 A90\n", r"axis A moves: only X, Y and Z are replayed \(line 3\)"),
-        ("G21 G0 X0 Y0 Z5\nG1 X5\n", r"the feed before the first F is one of the machine's, mm/min \(line 2\)"),
+        (
+            "G21 G0 X0 Y0 Z5\nG1 X5 F60\nG1 A90\n",
+            r"axis A moves: only X, Y and Z are replayed \(line 3\)",
+        ),
+        (
+            "G21 G0 X0 Y0 Z5\nG1 X5\n",
+            r"the feed before the first F is one of the machine's, mm/min \(line 2\)",
+        ),
     ],
 )
 def test_what_would_be_lost_refuses_the_program(tmp_path, text, said):

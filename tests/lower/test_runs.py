@@ -38,7 +38,11 @@ SHAPES = {
 
 
 def milled(
-    shapes: list[Contour], post: str = "gcode", tool: float = 6.0, spindle: float = 9000, **operation: object
+    shapes: list[Contour],
+    post: str = "gcode",
+    tool: float = 6.0,
+    spindle: float = 9000,
+    **operation: object,
 ) -> Result:
     """A build, which reads its own text back. Feed 20, plunge 5 mm/s."""
     job = {
@@ -55,7 +59,10 @@ def work(program: Program) -> list[Cut]:
 
 def steepest(found: list[Cut]) -> float:
     """deg against the level, of all that goes down along a path."""
-    return max((math.degrees(math.atan2(cut.drop, cut.run)) for cut in found if cut.drop > 1e-9), default=0.0)
+    return max(
+        (math.degrees(math.atan2(cut.drop, cut.run)) for cut in found if cut.drop > 1e-9),
+        default=0.0,
+    )
 
 
 def assert_nothing_is_drilled(found: list[Cut], radius: float) -> None:
@@ -68,7 +75,9 @@ def assert_nothing_is_drilled(found: list[Cut], radius: float) -> None:
 
 def assert_covered(found: list[Cut], path: ToolPath, depth: float) -> None:
     """Every stretch of the path is run at the depth."""
-    level = [(a[:2], b[:2]) for a, b in below(found, -depth + 1e-9) if math.dist(a[:2], b[:2]) > 1e-9]
+    level = [
+        (a[:2], b[:2]) for a, b in below(found, -depth + 1e-9) if math.dist(a[:2], b[:2]) > 1e-9
+    ]
     lines = shapely.union_all([shapely.LineString(pair) for pair in level])
     points = np.concatenate([path.position[:, :2], path.via[1:, :2]])
     points = points[~np.isnan(points[:, 0])]
@@ -82,12 +91,16 @@ def assert_covered(found: list[Cut], path: ToolPath, depth: float) -> None:
 def distances_from(shapes: list[Contour], found: list[Cut]) -> np.ndarray:
     """mm from each straight cut to the nearest of all that is drawn."""
     start, end = (np.array([getattr(cut, name)[:2] for cut in found]) for name in ("start", "end"))
-    return gaps(make(start, end, np.zeros(len(found)), np.arange(len(found))), from_contours(shapes), 20.0)
+    return gaps(
+        make(start, end, np.zeros(len(found)), np.arange(len(found))), from_contours(shapes), 20.0
+    )
 
 
 @pytest.mark.parametrize("name", SHAPES)
 @pytest.mark.parametrize(("angle", "passes"), [(3.0, 1), (3.0, 3), (20.0, 2)])
-def test_a_ramp_is_no_steeper_than_asked_and_the_path_is_run_at_each_depth(name, angle, passes) -> None:
+def test_a_ramp_is_no_steeper_than_asked_and_the_path_is_run_at_each_depth(
+    name, angle, passes
+) -> None:
     kind = "trace" if name == "lines in a row" else "follow"
     result = milled(SHAPES[name], kind=kind, depth=6.0, passes=passes, entry_angle=angle)
     found = cuts(result.program)
@@ -100,7 +113,11 @@ def test_a_ramp_is_no_steeper_than_asked_and_the_path_is_run_at_each_depth(name,
         assert min(cut.end[2] for cut in own) == -6.0
         for k in range(passes):
             depth = 6.0 * (k + 1) / passes
-            at = [cut for cut in own if abs(cut.start[2] + depth) < 1e-9 and abs(cut.end[2] + depth) < 1e-9]
+            at = [
+                cut
+                for cut in own
+                if abs(cut.start[2] + depth) < 1e-9 and abs(cut.end[2] + depth) < 1e-9
+            ]
             assert_covered(at, path, depth)
 
 
@@ -157,12 +174,16 @@ def test_a_short_open_path_is_run_to_and_fro_as_often_as_it_takes() -> None:
     cutting = work(result.program)
     # 22.9 mm down, three times there and back within 5 mm.
     assert len([cut for cut in cutting if cut.drop > 1e-9]) == 6
-    assert steepest(cutting) == pytest.approx(math.degrees(math.atan(2 / 6 / (22.86 / 6))), abs=0.01)
+    assert steepest(cutting) == pytest.approx(
+        math.degrees(math.atan(2 / 6 / (22.86 / 6))), abs=0.01
+    )
     assert max(cut.run for cut in cutting) == pytest.approx(5)
 
 
 def test_leads_are_run_to_and_fro_too() -> None:
-    result = milled([rounded(60, 40, 8)], depth=4.0, passes=2, lead_in=4.0, lead_out=4.0, overlap=2.0)
+    result = milled(
+        [rounded(60, 40, 8)], depth=4.0, passes=2, lead_in=4.0, lead_out=4.0, overlap=2.0
+    )
     found = cuts(result.program)
     assert steepest(work(result.program)) <= 3.0 + 1e-6
     assert_nothing_is_drilled(found, 3.0)
@@ -177,11 +198,26 @@ sizes = st.tuples(st.floats(25, 90), st.floats(25, 60), st.floats(0.5, 12))
 
 
 @settings(max_examples=40, deadline=None)
-@given(sizes, st.floats(1, 8), st.floats(0.5, 9), st.integers(1, 3), st.floats(1, 45), LEADS, st.integers(0, 3))
+@given(
+    sizes,
+    st.floats(1, 8),
+    st.floats(0.5, 9),
+    st.integers(1, 3),
+    st.floats(1, 45),
+    LEADS,
+    st.integers(0, 3),
+)
 def test_ramps_of_any_size(size, tool, depth, passes, angle, lead, tabs) -> None:
     """What must be so whatever the numbers are: slopes, depths, and nothing drilled. The build reads its text back."""
     holds = {"tabs": tabs, "tab_width": 3.0, "tab_height": depth / 3} if tabs else {}
-    more = {"depth": depth, "passes": passes, "entry_angle": angle, "lead_in": lead, "overlap": lead / 2, **holds}
+    more = {
+        "depth": depth,
+        "passes": passes,
+        "entry_angle": angle,
+        "lead_in": lead,
+        "overlap": lead / 2,
+        **holds,
+    }
     result = milled([rounded(*size)], tool=tool, **more)
     cutting = work(result.program)
     slanted = [cut for cut in cutting if abs(cut.drop) > 1e-9]
@@ -197,13 +233,23 @@ def test_ramps_of_any_size(size, tool, depth, passes, angle, lead, tabs) -> None
 # Helices.
 
 
-def pocket(radius: float, passes: int = 1, direction: str = "climb") -> tuple[Program, camgen.plan.Plan]:
+def pocket(
+    radius: float, passes: int = 1, direction: str = "climb"
+) -> tuple[Program, camgen.plan.Plan]:
     """A ring in a pocket with room for a helix about its first point, as its planner marks it."""
     job = {
-        "operation": {"entry": "helix", "depth": 4.0, "passes": passes, "entry_angle": 4.0, "direction": direction},
+        "operation": {
+            "entry": "helix",
+            "depth": 4.0,
+            "passes": passes,
+            "entry_angle": 4.0,
+            "direction": direction,
+        },
         "process": {"spindle": 9000, "feed": 20, "plunge": 5},
     }
-    made = camgen.plan(part(circle(0, 0, 20)), {**job, "operation": {**job["operation"], "side": "inside"}})
+    made = camgen.plan(
+        part(circle(0, 0, 20)), {**job, "operation": {**job["operation"], "side": "inside"}}
+    )
     marked = [replace(path, operation="pocket", entry_radius=radius) for path in made.paths]
     tour = camgen.order(replace(made, paths=tuple(marked)), job, "gcode")
     program = camgen.lower(tour, job, "gcode")
@@ -267,14 +313,21 @@ def test_a_helix_of_any_size(radius, angle, depth, chord) -> None:
 @pytest.mark.parametrize("post", ["rapid", "pacscript", "vplus", "grbl"])
 def test_every_controller_runs_ramps_and_tabs(post) -> None:
     spindle = 9000 if post == "grbl" else 0  # of robots it is a signal
-    result = milled([rounded(60, 40, 8)], post, spindle=spindle, depth=4.0, passes=2, entry_angle=10.0, tabs=3)
+    result = milled(
+        [rounded(60, 40, 8)], post, spindle=spindle, depth=4.0, passes=2, entry_angle=10.0, tabs=3
+    )
     assert result.deviation.max_mm < 0.01
     assert min(cut.end[2] for cut in work(result.program)) == pytest.approx(-4.0)
 
 
 @needs_rs274
 @pytest.mark.parametrize(
-    "operation", [{"entry": "ramp"}, {"entry": "ramp", "tabs": 4}, {"entry": "plunge", "tabs": 4, "lead_in": 4.0}]
+    "operation",
+    [
+        {"entry": "ramp"},
+        {"entry": "ramp", "tabs": 4},
+        {"entry": "plunge", "tabs": 4, "lead_in": 4.0},
+    ],
 )
 def test_linuxcnc_runs_entries_and_tabs_as_planned(operation) -> None:
     job = {"operation": {"depth": 6.0, "passes": 2, **operation}, "process": {"spindle": 9000}}
@@ -288,9 +341,15 @@ def test_linuxcnc_runs_entries_and_tabs_as_planned(operation) -> None:
     ("tables", "said"),
     [
         ({"operation": {"entry": "ramp"}}, "job: has no effect without a depth (operation.entry)"),
-        ({"operation": {"entry_angle": 5.0}}, "job: has no effect without operation.entry (operation.entry_angle)"),
+        (
+            {"operation": {"entry_angle": 5.0}},
+            "job: has no effect without operation.entry (operation.entry_angle)",
+        ),
         ({"operation": {"tabs": 2}}, "job: has no effect without a depth (operation.tabs)"),
-        ({"operation": {"tab_width": 2.0}}, "job: has no effect without operation.tabs (operation.tab_width)"),
+        (
+            {"operation": {"tab_width": 2.0}},
+            "job: has no effect without operation.tabs (operation.tab_width)",
+        ),
         (
             {"operation": {"kind": "drill", "depth": 2.0, "entry": "ramp"}},
             "job: has no effect on drill (operation.entry)",
@@ -330,7 +389,9 @@ def test_a_way_at_working_height_has_no_ramp() -> None:
         "tool": {"diameter": 2.0},
     }
     shapes = [circle(0, 0, 10), circle(40, 0, 10, "c2")]
-    with pytest.raises(JobError, match=r"no material to go down into on a ramp .process\.stay_down."):
+    with pytest.raises(
+        JobError, match=r"no material to go down into on a ramp .process\.stay_down."
+    ):
         build(part(*shapes), post="gcode", job=job)
 
 
@@ -371,6 +432,8 @@ def test_a_row_that_has_no_entry_may_stand_below_an_operation_that_says_one() ->
     drilled = [cut for cut in work(result.program) if kinds[cut.path] == "drill"]
     assert all(cut.run < 1e-9 for cut in drilled)
     assert steepest([cut for cut in work(result.program) if kinds[cut.path] == "follow"]) <= 45.0
-    assert [note.what for note in result.notes if "tab" in note.what] == ["3 tabs of 5 x 1 mm on 1:c1"]
+    assert [note.what for note in result.notes if "tab" in note.what] == [
+        "3 tabs of 5 x 1 mm on 1:c1"
+    ]
     with pytest.raises(JobError, match=r"has no effect on drill .operation\.tabs."):
         build(plate, post="gcode", job={**job, "operations": [{**drill, "tabs": 2}]})

@@ -21,7 +21,9 @@ from tests.support.drawn import circle, rectangle
 
 def program(*contours: Contour, post: str = "rapid", **operation: Any) -> tuple[Instruction, ...]:
     job = Job(
-        tool=ToolTable(orient="follow"), operation=OperationTable(**operation), process=ProcessTable(clearance=30)
+        tool=ToolTable(orient="follow"),
+        operation=OperationTable(**operation),
+        process=ProcessTable(clearance=30),
     )
     found = plan(Part("part", "part.dxf", "mm", contours, ()), job)
     return lower(Tour(found.paths, 0.0, ""), find_post(post).cell(), job, "part", ()).body
@@ -32,7 +34,9 @@ def headings(body: tuple[Instruction, ...]) -> list[float]:
     found = [0.0]
     for item in body:
         if isinstance(item, (MoveJ, MoveL, MoveC)) and not isinstance(item.target, Joints):
-            poses: list[Pose] = [item.via, item.target] if isinstance(item, MoveC) else [item.target]
+            poses: list[Pose] = (
+                [item.via, item.target] if isinstance(item, MoveC) else [item.target]
+            )
             found += [math.degrees(math.atan2(p.rotation[1, 0], p.rotation[0, 0])) for p in poses]
     return found
 
@@ -55,7 +59,9 @@ def row(count: int) -> list[Contour]:
 
 @pytest.mark.parametrize("direction", ["climb", "conventional"])
 @pytest.mark.parametrize("operation", [{}, {"passes": 4, "depth": 8.0}], ids=["once", "passes"])
-def test_one_contour_after_the_other_does_not_wind_the_tool_up(direction: str, operation: dict[str, Any]) -> None:
+def test_one_contour_after_the_other_does_not_wind_the_tool_up(
+    direction: str, operation: dict[str, Any]
+) -> None:
     turns = wound(program(*row(6), direction=direction, **operation))
     assert max(map(abs, turns)) <= 360 + 1e-6
     assert max(turns) - min(turns) >= 360 - 1e-6  # once round each

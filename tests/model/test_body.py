@@ -42,7 +42,14 @@ ITEMS: tuple[Instruction, ...] = (
     MoveL(HERE, 20.0, joints=Joints((1.0,)), posture=Posture(figure=3)),
     Output("process", 1.0),
     Wait(0.5),
-    MoveC(Pose(IDENTITY, (1.0, 1.0, 0.0)), Pose(TOOL_DOWN, (2.0, 0.0, 0.0)), 7.0, 0.3, path=1, work=True),
+    MoveC(
+        Pose(IDENTITY, (1.0, 1.0, 0.0)),
+        Pose(TOOL_DOWN, (2.0, 0.0, 0.0)),
+        7.0,
+        0.3,
+        path=1,
+        work=True,
+    ),
     Force(10.0, (0.0, 0.0, -1.0)),
     MoveC(Pose(TOOL_DOWN, (3.0, 1.0, 0.0)), HERE, 7.0, 0.0, 10.0, (0.0, 0.0, -1.0), path=1),
     MoveL(Pose(TOOL_DOWN, (0.0, 0.0, 0.0)), 5.0, turn=0.2),
@@ -84,7 +91,9 @@ def test_what_was_packed_comes_out_again() -> None:
         body[len(ITEMS)]
 
 
-@pytest.mark.parametrize("cut", [slice(0, 4), slice(3, None), slice(-5, -1), slice(4, 2), slice(None, None, 3)])
+@pytest.mark.parametrize(
+    "cut", [slice(0, 4), slice(3, None), slice(-5, -1), slice(4, 2), slice(None, None, 3)]
+)
 def test_slices_are_those_of_a_tuple(cut: slice) -> None:
     assert same(pack(ITEMS)[cut], ITEMS[cut])
 
@@ -92,7 +101,9 @@ def test_slices_are_those_of_a_tuple(cut: slice) -> None:
 @pytest.mark.usefixtures("block")
 def test_a_plain_motion_is_no_object_and_any_other_one_is_kept() -> None:
     kept = pack(ITEMS).objects
-    assert {id(item) for item in kept} == {id(item) for item in ITEMS} - {id(ITEMS[k]) for k in (4, 6, 10)}
+    assert {id(item) for item in kept} == {id(item) for item in ITEMS} - {
+        id(ITEMS[k]) for k in (4, 6, 10)
+    }
 
 
 @pytest.mark.usefixtures("block")
@@ -122,8 +133,12 @@ def test_some_of_a_body_in_any_order() -> None:
     assert same(pack(ITEMS).pick(rising), [ITEMS[k] for k in rising.tolist()])
 
 
-@pytest.mark.parametrize("changed", [{}, {0: ()}, {6: (ITEMS[10], ITEMS[3]), 10: (), 17: (ITEMS[5],)}])
-def test_a_packed_body_is_spliced_as_a_tuple_is(changed: dict[int, tuple[Instruction, ...]]) -> None:
+@pytest.mark.parametrize(
+    "changed", [{}, {0: ()}, {6: (ITEMS[10], ITEMS[3]), 10: (), 17: (ITEMS[5],)}]
+)
+def test_a_packed_body_is_spliced_as_a_tuple_is(
+    changed: dict[int, tuple[Instruction, ...]],
+) -> None:
     assert same(splice(pack(ITEMS), changed), splice(ITEMS, changed))
 
 
@@ -149,21 +164,30 @@ def test_columns_are_those_of_the_objects() -> None:
         ends = [list(move.target.origin) for move in moves if isinstance(move.target, Pose)]
         assert columns.ends[columns.posed].tolist() == ends
         assert columns.vias[columns.moves_are(MoveC)].tolist() == [[1.0, 1.0, 0.0], [3.0, 1.0, 0.0]]
-        assert same(columns.of(Output, Wait), [item for item in ITEMS if isinstance(item, (Output, Wait))])
+        assert same(
+            columns.of(Output, Wait), [item for item in ITEMS if isinstance(item, (Output, Wait))]
+        )
         assert columns.turned_as(TOOL_DOWN).tolist() == [
             isinstance(move.target, Pose) and move.target.rotation is TOOL_DOWN for move in moves
         ]
         wanted = [move.target if isinstance(move.target, Pose) else None for move in moves]
         found = columns.poses(np.arange(-1, len(moves)))
-        assert [pose and pose.origin for pose in found] == [None, *(pose and pose.origin for pose in wanted)]
+        assert [pose and pose.origin for pose in found] == [
+            None,
+            *(pose and pose.origin for pose in wanted),
+        ]
 
 
 @pytest.mark.parametrize("number", [float("nan"), float("inf")])
 @pytest.mark.parametrize("where", ["end", "via", "rotation", "via rotation", "speed"])
 def test_a_number_that_is_not_finite_is_found_in_a_packed_body(number: float, where: str) -> None:
     bad, turned = (number, 0.0, 0.0), np.full((3, 3), number)
-    via = Pose(turned if where == "via rotation" else TOOL_DOWN, bad if where == "via" else (1.0, 1.0, 0.0))
-    end = Pose(turned if where == "rotation" else TOOL_DOWN, bad if where == "end" else (2.0, 0.0, 0.0))
+    via = Pose(
+        turned if where == "via rotation" else TOOL_DOWN, bad if where == "via" else (1.0, 1.0, 0.0)
+    )
+    end = Pose(
+        turned if where == "rotation" else TOOL_DOWN, bad if where == "end" else (2.0, 0.0, 0.0)
+    )
     arc = MoveC(via, end, number if where == "speed" else 5.0)
     body = pack([MoveJ(HERE, 50.0), MoveL(HERE, 5.0), arc, MoveJ(HERE, 50.0)])
     with pytest.raises(Refused) as error:
@@ -206,7 +230,9 @@ def test_a_stretch_says_what_stands_there() -> None:
     for low in range(len(ITEMS) + 1):
         for high in range(low, len(ITEMS) + 1):
             assert list(map(parts, body.stretch(low, high))) == list(map(parts, ITEMS[low:high]))
-            assert list(map(parts, body.stretch(low, high).stretch(0, 1))) == list(map(parts, ITEMS[low:high][:1]))
+            assert list(map(parts, body.stretch(low, high).stretch(0, 1))) == list(
+                map(parts, ITEMS[low:high][:1])
+            )
 
 
 def test_a_column_that_says_nothing_takes_no_room() -> None:
@@ -227,17 +253,25 @@ def line_by_line(pieces: list[tuple[list[int], list[Instruction]]]) -> list[Inst
     """What ``merge`` makes of some pieces, by a loop over places, pieces and what stands in them."""
     places = sorted({place for own, _ in pieces for place in own})
     return [
-        item for place in places for own, items in pieces for at, item in zip(own, items, strict=True) if at == place
+        item
+        for place in places
+        for own, items in pieces
+        for at, item in zip(own, items, strict=True)
+        if at == place
     ]
 
 
 PIECES = st.lists(
-    st.lists(st.tuples(st.integers(0, 9), st.integers(0, len(ITEMS) - 1)), max_size=12), min_size=1, max_size=6
+    st.lists(st.tuples(st.integers(0, 9), st.integers(0, len(ITEMS) - 1)), max_size=12),
+    min_size=1,
+    max_size=6,
 )
 
 
 @given(PIECES)
-def test_merged_pieces_are_sorted_by_place_and_then_by_piece(drawn: list[list[tuple[int, int]]]) -> None:
+def test_merged_pieces_are_sorted_by_place_and_then_by_piece(
+    drawn: list[list[tuple[int, int]]],
+) -> None:
     pieces = [([place for place, _ in piece], [ITEMS[k] for _, k in piece]) for piece in drawn]
     given_up = [(np.array(places, np.intp), pack(items)) for places, items in pieces]
     body = merge(given_up)
@@ -257,13 +291,19 @@ def test_merging_shares_rotations_and_leaves_out_those_that_are_not_used() -> No
         (np.array([0]), lines(origin[:1], [0], table)),
     ]
     body = merge(pieces)
-    assert [id(move.target.rotation) for move in body] == [id(IDENTITY), id(TOOL_DOWN), id(IDENTITY)]  # type: ignore[union-attr]
+    assert [id(move.target.rotation) for move in body] == [
+        id(IDENTITY),
+        id(TOOL_DOWN),
+        id(IDENTITY),
+    ]  # type: ignore[union-attr]
     assert [id(one) for one in body.rotations] == [id(IDENTITY), id(TOOL_DOWN)]
 
 
 def lines(origin: np.ndarray, rotation: list[int], table: list[np.ndarray]) -> Body:
     target = Poses(origin, np.array(rotation, np.int32), table)
-    return plain_motions(MoveL, target, speed=20.0, blend=0.0, path=np.zeros(len(origin), np.intp), work=True)
+    return plain_motions(
+        MoveL, target, speed=20.0, blend=0.0, path=np.zeros(len(origin), np.intp), work=True
+    )
 
 
 NUMBERS = st.floats(-1e4, 1e4)
@@ -277,7 +317,9 @@ ROWS = st.lists(
 
 
 @given(ROWS, st.sampled_from([MoveJ, MoveL]), st.booleans())
-def test_plain_motions_are_those_made_one_by_one(rows: list, kind: type[MoveJ | MoveL], work: bool) -> None:
+def test_plain_motions_are_those_made_one_by_one(
+    rows: list, kind: type[MoveJ | MoveL], work: bool
+) -> None:
     table = [IDENTITY, TOOL_DOWN]
     nowhere = (np.nan,) * 3
     columns = list(zip(*rows, strict=True)) if rows else [()] * 7

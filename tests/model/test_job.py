@@ -159,8 +159,14 @@ def test_a_set_value_is_toml_or_else_text(raw: str, value: object) -> None:
         ("tool.diameter", "is not table.key=value; nearest is tool.diameter"),
         ("tol.x=1", "unknown table [tol]; nearest is [tool]"),
         ("tool.diametr=5", 'unknown key "diametr" ([tool]); nearest is diameter'),
-        ("process.feed=1200 rpm", 'feed must be a number in mm/s or a text with its unit, not "1200 rpm"'),
-        ("process.feed=nan mm/min", 'feed must be a number in mm/s or a text with its unit, not "nan mm/min"'),
+        (
+            "process.feed=1200 rpm",
+            'feed must be a number in mm/s or a text with its unit, not "1200 rpm"',
+        ),
+        (
+            "process.feed=nan mm/min",
+            'feed must be a number in mm/s or a text with its unit, not "nan mm/min"',
+        ),
         ("process.feed=0 mm/min", "feed must be a number > 0"),
         ("process.feed=99999999999 m/min", "feed cannot be beyond "),
         ("tool.diameter=6mm", 'diameter must be a number > 0, not "6mm" ([tool])'),
@@ -175,12 +181,20 @@ def test_a_wrong_set_is_named(text: str, what: str) -> None:
 
 @pytest.mark.parametrize(
     ("text", "mm_s"),
-    [("1200 mm/min", 20.0), ("1.5m/min", 25.0), ("60 in/min", 25.4), ("2 in/s", 50.8), ("15 mm/s", 15.0)],
+    [
+        ("1200 mm/min", 20.0),
+        ("1.5m/min", 25.0),
+        ("60 in/min", 25.4),
+        ("2 in/s", 50.8),
+        ("15 mm/s", 15.0),
+    ],
 )
 def test_a_speed_may_have_its_unit(text: str, mm_s: float, tmp_path: Path) -> None:
     assert load(None, [f"process.feed={text}"]).process.feed == pytest.approx(mm_s, rel=1e-12)
     file = tmp_path / "a.toml"
-    file.write_text(f'[[tools]]\nname = "a"\nfeed = "{text}"\n[[operations]]\ntool = "a"\ntravel = "{text}"\n')
+    file.write_text(
+        f'[[tools]]\nname = "a"\nfeed = "{text}"\n[[operations]]\ntool = "a"\ntravel = "{text}"\n'
+    )
     process = load(file).operations[0].process
     assert (process.feed, process.travel) == pytest.approx((mm_s, mm_s), rel=1e-12)
 
@@ -207,12 +221,20 @@ def test_the_template_is_the_default_job(tmp_path: Path) -> None:
 
 
 def test_text_of_the_file_stays_in_its_comment() -> None:
-    assert tomllib.loads(template("a\n[tool]\ndiameter = 1\r.dxf", "mm\u2028x\x85[x]"))["tool"]["diameter"] == 6.0
+    assert (
+        tomllib.loads(template("a\n[tool]\ndiameter = 1\r.dxf", "mm\u2028x\x85[x]"))["tool"][
+            "diameter"
+        ]
+        == 6.0
+    )
 
 
 @given(
     st.recursive(
-        st.text() | st.integers(-(2**53), 2**53) | st.floats(allow_nan=False, allow_infinity=False) | st.booleans(),
+        st.text()
+        | st.integers(-(2**53), 2**53)
+        | st.floats(allow_nan=False, allow_infinity=False)
+        | st.booleans(),
         lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner),
     )
 )
@@ -261,7 +283,13 @@ def test_the_same_job_gives_the_same_text_and_another_one_another_hash(plate: Pa
 
 def test_the_header_says_what_the_contract_asks_for(plate: Path) -> None:
     text = camgen.build(plate, post="gcode", job={"tool": {"diameter": 4.5}}).text
-    for part in ("part: plate.dxf", "post: gcode", "units: mm", "diameter 4.5 mm", "work frame: 0 0 0 0 0 0"):
+    for part in (
+        "part: plate.dxf",
+        "post: gcode",
+        "units: mm",
+        "diameter 4.5 mm",
+        "work frame: 0 0 0 0 0 0",
+    ):
         assert part in text
     assert f"camgen {camgen.__version__} - job " in text
 
@@ -292,7 +320,10 @@ def test_several_inputs_are_one_program_with_distinct_ids(plate: Path) -> None:
 
 def test_joined_parts_say_where_a_note_comes_from() -> None:
     contour = Contour(frozen([[0, 0], [1, 1]]), frozen([0, 0]), False, "", "c1")
-    parts = [Part(n, f"{n}.dxf", u, (contour,), (Note("joined", "2 ends"),)) for n, u in (("a", "mm"), ("b", "inch"))]
+    parts = [
+        Part(n, f"{n}.dxf", u, (contour,), (Note("joined", "2 ends"),))
+        for n, u in (("a", "mm"), ("b", "inch"))
+    ]
     both = join_parts(parts)
     assert [c.id for c in both.contours] == ["1/c1", "2/c1"]
     assert [n.what for n in both.notes] == ["a.dxf: 2 ends", "b.dxf: 2 ends"]
@@ -315,7 +346,9 @@ def test_no_input_is_refused() -> None:
 def test_strict_refuses_what_was_left_out(plate: Path) -> None:
     job = {"tool": {"diameter": 30}}  # wider than the hole
     assert any(n.kind == "skipped" for n in camgen.build(plate, post="gcode", job=job).notes)
-    with pytest.raises(NoSafeProgram, match=r"plate\.dxf: --strict and 1 left out, first: .*c1") as error:
+    with pytest.raises(
+        NoSafeProgram, match=r"plate\.dxf: --strict and 1 left out, first: .*c1"
+    ) as error:
         camgen.build(plate, post="gcode", job=job, strict=True)
     assert error.value.exit_code == 3
 
@@ -323,13 +356,17 @@ def test_strict_refuses_what_was_left_out(plate: Path) -> None:
 def test_nothing_left_to_do_is_refused_with_the_reason(plate: Path) -> None:
     plate.write_text(PLATE[: PLATE.index("0\nLINE")] + "0\nENDSEC\n0\nEOF\n")
     with pytest.raises(NoSafeProgram, match=r"plate\.dxf: no path is left: .*does not fit"):
-        camgen.build(plate, post="gcode", job={"tool": {"diameter": 30}, "operation": {"side": "inside"}})
+        camgen.build(
+            plate, post="gcode", job={"tool": {"diameter": 30}, "operation": {"side": "inside"}}
+        )
 
 
 def test_a_wrong_post_or_option_is_named(plate: Path) -> None:
     with pytest.raises(JobError, match="post rapd: is not installed; nearest is rapid"):
         camgen.build(plate, post="rapd")
-    with pytest.raises(JobError, match=r"job: gcode has no such option \(\[post\] wrk\); nearest is work"):
+    with pytest.raises(
+        JobError, match=r"job: gcode has no such option \(\[post\] wrk\); nearest is work"
+    ):
         camgen.build(plate, post="gcode", job={"post": {"wrk": "G55"}})
 
 
@@ -351,7 +388,13 @@ def test_an_unknown_name_of_the_package_is_an_attribute_error() -> None:
 
 
 def test_all_errors_are_camgen_errors(plate: Path) -> None:
-    for source in (plate.parent, plate.with_name("none.dxf"), Path("/dev/null"), Path("x" * 5000), Path("a\0b")):
+    for source in (
+        plate.parent,
+        plate.with_name("none.dxf"),
+        Path("/dev/null"),
+        Path("x" * 5000),
+        Path("a\0b"),
+    ):
         with pytest.raises(CamgenError) as error:
             camgen.build(source, post="gcode")
         assert error.value.exit_code == 2

@@ -21,7 +21,10 @@ def paths(draw):
     length = 0.0
     for _ in range(n - 1):
         if draw(st.booleans()):
-            radius, sweep = random.uniform(0.1, 40), draw(st.sampled_from([0.01, 0.5, 2.0, math.pi]))
+            radius, sweep = (
+                random.uniform(0.1, 40),
+                draw(st.sampled_from([0.01, 0.5, 2.0, math.pi])),
+            )
             u, v = np.linalg.qr(random.normal(size=(3, 2)))[0].T
             centre = position[-1] - radius * u
             via.append(centre + radius * (math.cos(sweep / 2) * u + math.sin(sweep / 2) * v))
@@ -32,7 +35,11 @@ def paths(draw):
             position.append(random.uniform(-50, 50, 3))
             length += math.dist(position[-1], position[-2])
     press = random.normal(size=(n, 2, 3))
-    columns = {"force_direction": press, "force": random.uniform(0, 9, n), "feed": random.uniform(1, 90, n)}
+    columns = {
+        "force_direction": press,
+        "force": random.uniform(0, 9, n),
+        "feed": random.uniform(1, 90, n),
+    }
     for column in columns.values():
         column[0] = column[1]
     axis = random.normal(size=(n, 3))

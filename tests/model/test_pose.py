@@ -78,10 +78,14 @@ def test_forms_are_in_their_ranges(rotation):
 def test_angles_are_products_of_turns(a, b, c):
     fixed = matrix("z", c) @ matrix("y", b) @ matrix("x", a)
     assert rotation_from_fixed_xyz(a, b, c) == pytest.approx(fixed, abs=1e-15)
-    assert rotation_from_zyz(a, b, c) == pytest.approx(matrix("z", a) @ matrix("y", b) @ matrix("z", c), abs=1e-15)
+    assert rotation_from_zyz(a, b, c) == pytest.approx(
+        matrix("z", a) @ matrix("y", b) @ matrix("z", c), abs=1e-15
+    )
 
 
-@pytest.mark.parametrize(("rotation", "angles"), [(TOOL_DOWN, (math.pi, 0, 0)), (IDENTITY, (0, 0, 0))])
+@pytest.mark.parametrize(
+    ("rotation", "angles"), [(TOOL_DOWN, (math.pi, 0, 0)), (IDENTITY, (0, 0, 0))]
+)
 def test_fixed_angles_of_usual_tools(rotation, angles):
     assert fixed_xyz(rotation) == pytest.approx(angles)
 
@@ -120,7 +124,9 @@ def test_the_angle_of_half_a_turn():
 @given(ROTATIONS, st.integers(0, 2), ANGLES)
 def test_turns_about_axes_agree(rotation, axis, angle):
     assert rotation_about(axis, angle) == pytest.approx(matrix("xyz"[axis], angle), abs=1e-15)
-    assert rotation_about_axis(frozen(np.eye(3)[axis]), angle) == pytest.approx(rotation_about(axis, angle), abs=1e-15)
+    assert rotation_about_axis(frozen(np.eye(3)[axis]), angle) == pytest.approx(
+        rotation_about(axis, angle), abs=1e-15
+    )
     assert rotation_between(rotation, rotation, 0.3) is rotation
 
 

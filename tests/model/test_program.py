@@ -76,15 +76,35 @@ def test_there_is_a_written_program_for_every_instruction():
         ((HOME, ON, LINE, OFF), 0, "force control is not switched off before the first motion"),
         ((A_OFF, HOME, A_ON, LINE), 3, "output a must be off at the end"),
         ((A_OFF, HOME, A_ON, LINE, Comment("x")), 4, "output a must be off at the end"),
-        ((Comment("x"), HOME, A_ON, LINE, A_OFF), 1, "output a is not switched off before the first motion"),
+        (
+            (Comment("x"), HOME, A_ON, LINE, A_OFF),
+            1,
+            "output a is not switched off before the first motion",
+        ),
         ((A_OFF, A_ON, HOME, A_OFF), 2, "output a is not switched off before the first motion"),
-        ((A_OFF, HOME, Output("b", 0.0)), 1, "output b is not switched off before the first motion"),
+        (
+            (A_OFF, HOME, Output("b", 0.0)),
+            1,
+            "output b is not switched off before the first motion",
+        ),
         ((A_ON,), 0, "output a must be off at the end"),
-        ((A_OFF, HOME, THERE, replace(LINE, target=TURNED)), 3, "only turns the tool has no speed of turning"),
-        ((HOME, LINE, replace(LINE, target=TURNED)), 2, "only turns the tool has no speed of turning"),
+        (
+            (A_OFF, HOME, THERE, replace(LINE, target=TURNED)),
+            3,
+            "only turns the tool has no speed of turning",
+        ),
+        (
+            (HOME, LINE, replace(LINE, target=TURNED)),
+            2,
+            "only turns the tool has no speed of turning",
+        ),
         ((HOME, replace(LINE, turn=-1.0)), 1, "speed of turning must not be negative"),
         ((HOME, replace(LINE, force=1.0)), 1, "presses while force control is off"),
-        ((OFF, HOME, ON, LINE, OFF, replace(LINE, force=1.0)), 5, "presses while force control is off"),
+        (
+            (OFF, HOME, ON, LINE, OFF, replace(LINE, force=1.0)),
+            5,
+            "presses while force control is off",
+        ),
     ],
 )
 def test_a_program_that_breaks_a_rule_is_not_made(body, index, what):
@@ -180,7 +200,11 @@ def test_another_body_keeps_the_rest():
 
 NUMBERS = st.floats(-1e5, 1e5) | st.sampled_from([0.0, -0.0, 1e-7, -1e-7, 0.1, 123456.123456])
 ANGLES = st.sampled_from([0.0, math.pi / 2, math.pi, -math.pi / 2, 1e-8]) | st.floats(-3.2, 3.2)
-POSES = st.builds(lambda r, *p: Pose(r, p), st.builds(rotation_from_fixed_xyz, ANGLES, ANGLES, ANGLES), *[NUMBERS] * 3)
+POSES = st.builds(
+    lambda r, *p: Pose(r, p),
+    st.builds(rotation_from_fixed_xyz, ANGLES, ANGLES, ANGLES),
+    *[NUMBERS] * 3,
+)
 SPEEDS = st.floats(0.001, 5000)
 TURNS = st.floats(0.001, 50)
 UNITS = st.sampled_from([(1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.6, 0.0, -0.8), (-0.36, 0.48, 0.8)])
@@ -192,25 +216,34 @@ NAMED = st.builds(Posture, st.none() | CONF, st.none() | st.integers(-1, 31), SW
 KNOWN = st.none() | NAMED.filter(lambda one: one != Posture())
 WORDS = st.text("abcXYZ 019_.+-=/:#@*", max_size=30).map(str.strip)
 CUTS = st.one_of(
-    st.builds(MoveL, POSES, SPEEDS, st.just(0.0), st.floats(0.001, 50), UNITS, MAYBE, KNOWN, turn=TURNS),
+    st.builds(
+        MoveL, POSES, SPEEDS, st.just(0.0), st.floats(0.001, 50), UNITS, MAYBE, KNOWN, turn=TURNS
+    ),
     st.builds(MoveC, POSES, POSES, SPEEDS, st.just(0.0), st.floats(0.001, 50), UNITS, MAYBE, KNOWN),
 )
 ITEMS = st.one_of(
     st.builds(MoveJ, POSES | JOINTS, SPEEDS, st.just(0.0), MAYBE, KNOWN),
     st.builds(MoveL, POSES, SPEEDS, st.just(0.0), joints=MAYBE, turn=TURNS),
     st.builds(
-        lambda a, b: [replace(a, blend=b), HOME], st.builds(MoveL, POSES, SPEEDS, turn=TURNS), st.floats(0.001, 50)
+        lambda a, b: [replace(a, blend=b), HOME],
+        st.builds(MoveL, POSES, SPEEDS, turn=TURNS),
+        st.floats(0.001, 50),
     ),
     st.builds(MoveC, POSES, POSES, SPEEDS),
     st.builds(Output, WORDS.filter(bool), NUMBERS),
     st.builds(Wait, st.floats(0, 1e4)),
     st.builds(Comment, WORDS),
     st.builds(
-        lambda n, u, cuts: [Force(n, u), *cuts, Force(0.0)], st.floats(0.001, 500), UNITS, st.lists(CUTS, max_size=2)
+        lambda n, u, cuts: [Force(n, u), *cuts, Force(0.0)],
+        st.floats(0.001, 500),
+        UNITS,
+        st.lists(CUTS, max_size=2),
     ),
 )
 BODIES = st.lists(ITEMS, max_size=6).map(
-    lambda items: whole([HOME, *(one for item in items for one in (item if isinstance(item, list) else [item]))])
+    lambda items: whole(
+        [HOME, *(one for item in items for one in (item if isinstance(item, list) else [item]))]
+    )
 )
 
 
@@ -224,7 +257,9 @@ def same(a, b):
         return len(a) == len(b) and all(map(same, a, b))
     if isinstance(a, (str, int, type(None))):
         return a == b
-    return type(a) is type(b) and all(same(getattr(a, name), getattr(b, name)) for name in a.__struct_fields__)
+    return type(a) is type(b) and all(
+        same(getattr(a, name), getattr(b, name)) for name in a.__struct_fields__
+    )
 
 
 @settings(max_examples=150)
@@ -246,11 +281,22 @@ def test_the_speed_of_a_turn_stands_in_the_text_where_there_is_one():
     )
     lines = dump(program(*body)).splitlines()[-2:]
     assert [" turn 1.047197551" in line for line in lines] == [True, False]
-    assert [item.turn for item in parse(dump(program(*body))).body[2:]] == [pytest.approx(math.pi / 3, abs=1e-9), 0.0]
+    assert [item.turn for item in parse(dump(program(*body))).body[2:]] == [
+        pytest.approx(math.pi / 3, abs=1e-9),
+        0.0,
+    ]
 
 
 def test_comments_cannot_become_instructions():
-    text = dump(Program("p", DOWN, DOWN, (HOME, Comment("x\nmovel 1 2 3 q 1 0 0 0 speed 1")), ("a\nbody\nwait 1",)))
+    text = dump(
+        Program(
+            "p",
+            DOWN,
+            DOWN,
+            (HOME, Comment("x\nmovel 1 2 3 q 1 0 0 0 speed 1")),
+            ("a\nbody\nwait 1",),
+        )
+    )
     assert [type(item) for item in parse(text).body] == [MoveJ, Comment]
 
 

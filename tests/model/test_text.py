@@ -29,7 +29,9 @@ def test_short_is_fixed_without_what_says_nothing(value, decimals):
     assert text != "-0"
 
 
-@pytest.mark.parametrize(("value", "text"), [(100.0, "100"), (0.5, "0"), (1.5, "2"), (-0.4, "0"), (-0.6, "-1")])
+@pytest.mark.parametrize(
+    ("value", "text"), [(100.0, "100"), (0.5, "0"), (1.5, "2"), (-0.4, "0"), (-0.6, "-1")]
+)
 def test_short_keeps_the_zeros_of_whole_numbers(value, text):
     assert short(value, 0) == text
 
@@ -48,10 +50,18 @@ def test_harmless_text_has_nothing_that_any_dialect_acts_on(text, limit):
 
 
 def test_harmless_keeps_what_names_are_made_of():
-    assert harmless("Layer_2 cut-out 3.5 +x a/b c:d #1 @2 *3 =4") == "Layer_2 cut-out 3.5 +x a/b c:d #1 @2 *3 =4"
+    assert (
+        harmless("Layer_2 cut-out 3.5 +x a/b c:d #1 @2 *3 =4")
+        == "Layer_2 cut-out 3.5 +x a/b c:d #1 @2 *3 =4"
+    )
 
 
 def test_a_number_and_its_noun_agree() -> None:
-    assert [counted(n, "path") for n in (1, 0, 2, 12345)] == ["1 path", "0 paths", "2 paths", "12 345 paths"]
+    assert [counted(n, "path") for n in (1, 0, 2, 12345)] == [
+        "1 path",
+        "0 paths",
+        "2 paths",
+        "12 345 paths",
+    ]
     assert [counted(n, "stretch", "stretches") for n in (1, 2)] == ["1 stretch", "2 stretches"]
     assert [counted(n, "edge is", "edges are") for n in (1, 2)] == ["1 edge is", "2 edges are"]

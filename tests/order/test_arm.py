@@ -36,7 +36,12 @@ def drilled(panel: Path, post: str = "rapid", **tool: object) -> Result:
 
 
 def traced(post: str = "rapid", **tables: dict[str, object]) -> Result:
-    job: Tables = {"cell": CELL, "operation": {"kind": "trace"}, "tool": {"symmetric": True}, **tables}
+    job: Tables = {
+        "cell": CELL,
+        "operation": {"kind": "trace"},
+        "tool": {"symmetric": True},
+        **tables,
+    }
     return camgen.build(PARTS / "bracket.dxf", post=post, job=job)
 
 
@@ -50,13 +55,21 @@ def turn_of(pose: Pose) -> float:
 
 
 @pytest.mark.parametrize("tool", [{"symmetric": True}, {"turn": [-90, 90, 45]}])
-def test_turning_about_the_axis_leaves_the_tip_and_the_axis_where_they_are(tool: dict[str, object]) -> None:
+def test_turning_about_the_axis_leaves_the_tip_and_the_axis_where_they_are(
+    tool: dict[str, object],
+) -> None:
     free, fixed = traced(tool=tool), traced(tool={})
     assert isinstance(free.tour, ArmTour)
     for pose in poses(free):
         np.testing.assert_allclose(pose.rotation[:, 2], [0, 0, -1], atol=1e-12)
-    lines = [{(round(x, 6), round(y, 6)) for x, y, _ in (p.origin for p in poses(r))} for r in (free, fixed)]
-    drawn = {(round(x, 6), round(y, 6)) for x, y in np.concatenate([c.points for c in free.part.contours]).tolist()}
+    lines = [
+        {(round(x, 6), round(y, 6)) for x, y, _ in (p.origin for p in poses(r))}
+        for r in (free, fixed)
+    ]
+    drawn = {
+        (round(x, 6), round(y, 6))
+        for x, y in np.concatenate([c.points for c in free.part.contours]).tolist()
+    }
     assert drawn <= lines[0]
     assert drawn <= lines[1]
 
@@ -67,7 +80,9 @@ def test_the_joints_of_the_text_lead_to_its_poses_and_go_on_without_a_jump(post:
     arm, program = robot("IRB 1200"), result.program
     moves = [m for m in program.columns.moves if isinstance(m.target, Pose)]
     rotation, origin = flange(arm, np.array([m.joints.values for m in moves]))
-    tips = (origin + rotation @ np.asarray(program.flange_from_tool.origin)) - program.base_from_work.origin
+    tips = (
+        origin + rotation @ np.asarray(program.flange_from_tool.origin)
+    ) - program.base_from_work.origin
     np.testing.assert_allclose(tips, [m.target.origin for m in moves], atol=1e-6)
     turned = rotation @ program.flange_from_tool.rotation
     assert angles_between(turned, np.stack([m.target.rotation for m in moves])).max() < 1e-6
@@ -80,7 +95,9 @@ def test_only_turns_that_the_tool_has_are_chosen() -> None:
     asked = {-60.0, 0.0, 60.0, 120.0, 180.0, -180.0}
     assert {round(turn_of(pose), 6) for pose in poses(result)} <= asked
     assert isinstance(result.tour, ArmTour)
-    assert {round(math.degrees(turn), 6) for turns in result.tour.turns for turn in turns.tolist()} <= asked
+    assert {
+        round(math.degrees(turn), 6) for turns in result.tour.turns for turn in turns.tolist()
+    } <= asked
 
 
 def test_holes_out_of_reach_at_the_fixed_turn_are_reached_with_others(panel: Path) -> None:
@@ -109,11 +126,21 @@ def test_the_tip_keeps_above_the_part_between_the_paths() -> None:
     arm, program = robot("IRB 1200"), result.program
     moves = program.columns.moves
     for before, move in pairwise(moves):
-        if isinstance(move, MoveJ) and not isinstance(move.target, Pose) and before.joints is not None:
+        if (
+            isinstance(move, MoveJ)
+            and not isinstance(move.target, Pose)
+            and before.joints is not None
+        ):
             share = np.linspace(0, 1, 50)[:, None]
-            rows = np.array(before.joints.values) * (1 - share) + np.array(move.target.values) * share
+            rows = (
+                np.array(before.joints.values) * (1 - share) + np.array(move.target.values) * share
+            )
             rotation, origin = flange(arm, rows)
-            tip = origin + rotation @ np.asarray(program.flange_from_tool.origin) - program.base_from_work.origin
+            tip = (
+                origin
+                + rotation @ np.asarray(program.flange_from_tool.origin)
+                - program.base_from_work.origin
+            )
             assert tip[:, 2].min() > 2 - 0.1 or move is moves[-1]
 
 
@@ -131,7 +158,11 @@ def seconds_of(result: Result) -> float:
 
 def test_the_order_by_time_is_no_slower_than_the_order_by_length() -> None:
     cell = {"robot": "VS-060", "base_from_work": [330, -60, 150, 0, 0, 0]}
-    job: Tables = {"cell": cell, "operation": {"kind": "drill"}, "process": {"travel": 2000, "signal": ""}}
+    job: Tables = {
+        "cell": cell,
+        "operation": {"kind": "drill"},
+        "process": {"travel": 2000, "signal": ""},
+    }
     drawing = PARTS / "plate.dxf"
     by_time = camgen.build(drawing, post="pacscript", job=job)
     by_length = camgen.build(drawing, post="pacscript", job={**job, "tour": {"method": "nearest"}})
@@ -160,7 +191,9 @@ def test_a_path_that_no_turn_reaches_costs_no_other_one() -> None:
     result = traced(cell=cell)
     lost = [name for note in result.notes if note.kind == "skipped" for name in note.ids]
     assert lost
-    assert {path.id for path in result.tour.paths} == {path.id for path in result.planned} - set(lost)
+    assert {path.id for path in result.tour.paths} == {path.id for path in result.planned} - set(
+        lost
+    )
 
 
 REFUSED = [
@@ -170,7 +203,14 @@ REFUSED = [
     ("rapid", CELL, {"turn": [10, 90, 10]}, {}, "tool.turn", "no turns"),
     ("rapid", CELL, {"turn": [-90, 90]}, {}, "tool.turn", "2 values"),
     ("rapid", CELL, {"turn": [-90, 90, 0]}, {}, "tool.turn", "no turns"),
-    ("rapid", CELL, {"symmetric": True, "orient": "follow"}, {}, "tool.symmetric", "turns with the contour"),
+    (
+        "rapid",
+        CELL,
+        {"symmetric": True, "orient": "follow"},
+        {},
+        "tool.symmetric",
+        "turns with the contour",
+    ),
     ("rapid", CELL, {"symmetric": True}, {"stay_down": True}, "process.stay_down", "lifted"),
     ("rapid", CELL, {}, {"clearance": 0}, "process.clearance", "height of the part"),
 ]
@@ -178,10 +218,17 @@ REFUSED = [
 
 @pytest.mark.parametrize(("post", "cell", "tool", "process", "where", "what"), REFUSED)
 def test_what_cannot_be_meant_is_refused(
-    post: str, cell: dict[str, object], tool: dict[str, object], process: dict[str, object], where: str, what: str
+    post: str,
+    cell: dict[str, object],
+    tool: dict[str, object],
+    process: dict[str, object],
+    where: str,
+    what: str,
 ) -> None:
     with pytest.raises(JobError) as error:
-        camgen.build(PARTS / "bracket.dxf", post=post, job={"cell": cell, "tool": tool, "process": process})
+        camgen.build(
+            PARTS / "bracket.dxf", post=post, job={"cell": cell, "tool": tool, "process": process}
+        )
     assert error.value.where == where
     assert what in error.value.what
 

@@ -17,7 +17,11 @@ from camgen.model.program import MoveJ, Output
 from camgen.robots.catalogue import robot
 from camgen.robots.kinematics.forward import flange
 
-CELL = {"robot": "IRB 1200", "base_from_work": [450, -60, 0, 0, 0, 0], "fixtures": [[48, -80, -5, 52, 140, 45]]}
+CELL = {
+    "robot": "IRB 1200",
+    "base_from_work": [450, -60, 0, 0, 0, 0],
+    "fixtures": [[48, -80, -5, 52, 140, 45]],
+}
 PLACES = [(x, y) for x in (0.0, 100.0) for y in (0.0, 30.0, 60.0)]
 
 
@@ -32,7 +36,9 @@ def holes(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return file
 
 
-def drilled(part: Path, post: str = "rapid", kind: str = "drill", depth: float = 0.0, **process: object) -> Result:
+def drilled(
+    part: Path, post: str = "rapid", kind: str = "drill", depth: float = 0.0, **process: object
+) -> Result:
     job: dict[str, dict[str, object]] = {
         "cell": dict(CELL),
         "operation": {"kind": kind, "depth": depth},
@@ -50,7 +56,11 @@ def test_a_corner_whose_inside_comes_down_to_the_part_is_not_cut(holes: Path) ->
 
     def height(joints: np.ndarray) -> float:
         rotation, origin = flange(arm, joints[None])
-        return float((origin + rotation @ program.flange_from_tool.origin - program.base_from_work.origin)[0, 2])
+        return float(
+            (origin + rotation @ program.flange_from_tool.origin - program.base_from_work.origin)[
+                0, 2
+            ]
+        )
 
     lowest, least = height(hanging), min(height(corner) for corner in fan[0])
     assert lowest < least - 5
@@ -93,7 +103,9 @@ def test_corners_in_the_air_are_passed_and_contacts_are_not(holes: Path, post: s
     result = drilled(holes, post)
     columns = result.program.columns
     touched = {
-        tuple(np.round(m.target.origin, 6)) for m in columns.moves if isinstance(m.target, Pose) and m.blend == 0
+        tuple(np.round(m.target.origin, 6))
+        for m in columns.moves
+        if isinstance(m.target, Pose) and m.blend == 0
     }
     assert {(x, y, 0.0) for x, y in PLACES} <= touched
     assert (columns.blend > 0).sum() >= len(PLACES)
@@ -126,17 +138,25 @@ def test_the_tip_keeps_up_where_corners_are_rounded(holes: Path) -> None:
             way = legs.way[rows] - legs.way[rows.start]
             share = min(1.5 * program.columns.blend[k] / way[-1], 0.5)
             at = (1 - share if back else share) * way[-1]
-            ends.append(np.array([np.interp(at, way, column) for column in result.reach.joints[rows].T]))
+            ends.append(
+                np.array([np.interp(at, way, column) for column in result.reach.joints[rows].T])
+            )
         corner = result.reach.joints[legs.rows(k).stop - 1]
         joints = (1 - t) ** 2 * ends[0] + 2 * t * (1 - t) * corner + t**2 * ends[1]
         rotation, origin = flange(arm, joints)
-        tip = origin + rotation @ np.asarray(program.flange_from_tool.origin) - program.base_from_work.origin
+        tip = (
+            origin
+            + rotation @ np.asarray(program.flange_from_tool.origin)
+            - program.base_from_work.origin
+        )
         assert tip[:, 2].min() >= 6.0 - 0.1
 
 
 def test_a_mark_that_is_reached_at_the_height_of_travel_is_reached(tmp_path: Path) -> None:
     """Nothing tells a contact from a way there but that the next motion is of another hole."""
-    result = camgen.build(robotsp.draw(robotsp.made_holes(), tmp_path), post="rapid", job=robotsp.job([]))
+    result = camgen.build(
+        robotsp.draw(robotsp.made_holes(), tmp_path), post="rapid", job=robotsp.job([])
+    )
     columns = result.program.columns
     last = np.append(columns.path[1:] != columns.path[:-1], True)
     assert not columns.blend[last].any()

@@ -27,7 +27,9 @@ def draw(folder: Path, places: Sequence[tuple[float, float]]) -> Path:
     return folder / "holes.dxf"
 
 
-def drilled(part: Path, fixtures: list[list[float]], margin: float, **tables: dict[str, object]) -> Result:
+def drilled(
+    part: Path, fixtures: list[list[float]], margin: float, **tables: dict[str, object]
+) -> Result:
     job: dict[str, dict[str, object]] = {
         "cell": {**CELL, "margin": margin, "fixtures": fixtures},
         "operation": {"kind": "drill"},
@@ -89,15 +91,23 @@ def test_a_table_under_the_tool_is_meant_to_be_near(tmp_path: Path) -> None:
 def test_rules_hold_for_what_is_put_in(tmp_path: Path) -> None:
     """Holes inside first, with one of them beside the clamp; and the order of the drawing where that is asked for."""
     cell = {**CELL, "fixtures": [CLAMP]}
-    job = {"cell": cell, "operation": {"kind": "drill"}, "tool": {"symmetric": True, "diameter": 6.0}}
-    drawn = camgen.build(draw(tmp_path, PLACES), post="rapid", job={**job, "tour": {"method": "as-drawn"}})
+    job = {
+        "cell": cell,
+        "operation": {"kind": "drill"},
+        "tool": {"symmetric": True, "diameter": 6.0},
+    }
+    drawn = camgen.build(
+        draw(tmp_path, PLACES), post="rapid", job={**job, "tour": {"method": "as-drawn"}}
+    )
     assert [path.id for path in drawn.tour.paths] == [path.id for path in drawn.planned]
     document = ezdxf.new("R2010", units=4)
     document.modelspace().add_circle((49, 30), 1.0)
     document.modelspace().add_circle((20, 30), 3.0)
     document.modelspace().add_lwpolyline([(-10, -10), (110, -10), (110, 70), (-10, 70)], close=True)
     document.saveas(tmp_path / "plate.dxf")
-    traced = camgen.build(tmp_path / "plate.dxf", post="rapid", job={**job, "operation": {"kind": "trace"}})
+    traced = camgen.build(
+        tmp_path / "plate.dxf", post="rapid", job={**job, "operation": {"kind": "trace"}}
+    )
     parents = {path.id: path.parent for path in traced.planned}
     ids = [path.id for path in traced.planned]
     order = [path.id for path in traced.tour.paths]

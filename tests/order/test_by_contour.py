@@ -47,7 +47,9 @@ def plate(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return file
 
 
-def made(plate: Path, seams: Sequence[XY] = (), order: Sequence[str] = (), **tables: dict[str, object]) -> Result:
+def made(
+    plate: Path, seams: Sequence[XY] = (), order: Sequence[str] = (), **tables: dict[str, object]
+) -> Result:
     tour = {"seams": [[*one] for one in seams], "order": [*order], **tables.pop("tour", {})}
     job = {"operation": {"kind": "follow"}, "tool": {"diameter": TOOL}, **tables, "tour": tour}
     return build(plate, post="gcode", job=job)
@@ -77,7 +79,9 @@ DEEP = {"kind": "follow", "depth": 3.0, "passes": 2, "tabs": 3}
 
 @pytest.mark.parametrize("method", ["best", "nearest", "as-drawn"])
 @pytest.mark.parametrize("seam", ["any", "smooth"])
-def test_a_path_begins_at_the_point_that_is_given_for_it(plate: Path, method: str, seam: str) -> None:
+def test_a_path_begins_at_the_point_that_is_given_for_it(
+    plate: Path, method: str, seam: str
+) -> None:
     result = made(plate, SEAMS, tour={"method": method, "seam": seam})
     found = begins(result)
     for name, place in WANTED.items():
@@ -91,13 +95,22 @@ def test_a_path_begins_at_the_point_that_is_given_for_it(plate: Path, method: st
 
 def test_leads_passes_and_tabs_keep_the_seam(plate: Path) -> None:
     process = {"spindle": 10_000}
-    result = made(plate, SEAMS, operation={**DEEP, "lead_in": 1.5, "lead_out": 1.0, "overlap": 1.0}, process=process)
+    result = made(
+        plate,
+        SEAMS,
+        operation={**DEEP, "lead_in": 1.5, "lead_out": 1.0, "overlap": 1.0},
+        process=process,
+    )
     for path in result.tour.paths:
         if path.id in WANTED:
             # The lead is the first segment: the contour is met at its end.
-            assert (path.position[1, 0], path.position[1, 1]) == pytest.approx(WANTED[path.id], abs=1e-6)
+            assert (path.position[1, 0], path.position[1, 1]) == pytest.approx(
+                WANTED[path.id], abs=1e-6
+            )
     plain = made(plate, SEAMS, operation=DEEP, process=process)
-    assert {name: begins(plain)[name] for name in WANTED} == {n: pytest.approx(p, abs=1e-6) for n, p in WANTED.items()}
+    assert {name: begins(plain)[name] for name in WANTED} == {
+        n: pytest.approx(p, abs=1e-6) for n, p in WANTED.items()
+    }
 
 
 def test_a_lead_that_does_not_fit_at_the_seam_is_shortened_and_told(plate: Path) -> None:
@@ -118,7 +131,12 @@ def test_a_point_near_a_vertex_is_the_vertex_and_cuts_no_sliver_off(plate: Path)
 
 
 @settings(max_examples=40, deadline=None)
-@given(st.integers(0, 10**6), st.integers(2, 40), st.sampled_from(["nearest", "best", "as-drawn"]), st.booleans())
+@given(
+    st.integers(0, 10**6),
+    st.integers(2, 40),
+    st.sampled_from(["nearest", "best", "as-drawn"]),
+    st.booleans(),
+)
 def test_contours_that_are_named_come_first_in_their_order_and_pinned_starts_stay(
     seed: int, count: int, method: str, at: bool
 ) -> None:
@@ -160,7 +178,10 @@ def test_a_seam_is_the_nearest_point_of_the_nearest_path(seed: int, count: int) 
     on = rng.choice(paths)
     place, _ = along(on, rng.random() * sum(map(length, pieces(on))))
     place += complex(rng.uniform(-1, 1), rng.uniform(-1, 1))
-    laid = [np.array([point(one, t) for one in pieces(path) for t in np.linspace(0, 1, 400)]) for path in paths]
+    laid = [
+        np.array([point(one, t) for one in pieces(path) for t in np.linspace(0, 1, 400)])
+        for path in paths
+    ]
     away = [float(np.abs(dots - place).min()) for dots in laid]
     empty = Part("p", "p.dxf", "mm", (), ())
     job = Job(tour=TourTable(seams=[[place.real, place.imag]]))
@@ -179,12 +200,19 @@ def test_a_seam_is_the_nearest_point_of_the_nearest_path(seed: int, count: int) 
     assert any(path.pinned for path in begun)
 
 
-def test_few_paths_with_seams_and_an_order_are_solved_and_no_other_start_or_order_is_shorter() -> None:
+def test_few_paths_with_seams_and_an_order_are_solved_and_no_other_start_or_order_is_shorter() -> (
+    None
+):
     # Three pinned squares in a row, the far one first: there is one order left to choose.
     from tests.order.test_tour_rules import ids, square  # noqa: PLC0415
 
-    row = [replace(one, contours=(one.id,)) for one in ids([square(20.0 * k, 0.0, 4.0) for k in range(3)])]
-    tour = arrange([replace(one, pinned=True) for one in row], "best", (0.0, 0.0), True, order=["c2"])
+    row = [
+        replace(one, contours=(one.id,))
+        for one in ids([square(20.0 * k, 0.0, 4.0) for k in range(3)])
+    ]
+    tour = arrange(
+        [replace(one, pinned=True) for one in row], "best", (0.0, 0.0), True, order=["c2"]
+    )
     assert [path.id for path in tour.paths] == ["c2", "c1", "c0"]
     assert tour.travel == pytest.approx(80.0)
     assert tour.bound == pytest.approx(80.0, abs=0.01)
@@ -207,35 +235,59 @@ def test_the_order_of_a_job_is_that_of_its_program(plate: Path) -> None:
 @pytest.mark.parametrize(
     ("tables", "said"),
     [
-        pytest.param({"order": ["c1"]}, "c1 would be run before path c2", id="the outline before its holes"),
-        pytest.param({"order": ["c3", "c1"]}, "c1 would be run before path c2", id="before one of them"),
+        pytest.param(
+            {"order": ["c1"]}, "c1 would be run before path c2", id="the outline before its holes"
+        ),
+        pytest.param(
+            {"order": ["c3", "c1"]}, "c1 would be run before path c2", id="before one of them"
+        ),
         pytest.param({"order": ["c9"]}, "there is no contour 'c9'", id="no such contour"),
         pytest.param({"order": ["c2", "c2"]}, "'c2' stands there twice", id="twice"),
         pytest.param({"seams": [[500, 0]]}, "[500, 0] is farther than 2 mm", id="near nothing"),
-        pytest.param({"seams": [[50, 90]]}, "[50, 90] is farther than 2 mm", id="on an open contour"),
+        pytest.param(
+            {"seams": [[50, 90]]}, "[50, 90] is farther than 2 mm", id="on an open contour"
+        ),
         pytest.param({"seams": [[50, 62, 0]]}, "is no point of the work plane", id="three numbers"),
-        pytest.param({"seams": [50, 62]}, "seams must be a list of lists of numbers", id="no list of points"),
+        pytest.param(
+            {"seams": [50, 62]}, "seams must be a list of lists of numbers", id="no list of points"
+        ),
         pytest.param({"order": "c2"}, 'write ["c2"]', id="no list"),
     ],
 )
-def test_what_cannot_be_meant_is_one_line(plate: Path, tables: dict[str, object], said: str) -> None:
+def test_what_cannot_be_meant_is_one_line(
+    plate: Path, tables: dict[str, object], said: str
+) -> None:
     with pytest.raises(CamgenError) as caught:
-        build(plate, post="gcode", job={"operation": {"kind": "follow"}, "tool": {"diameter": 4.0}, "tour": tables})
+        build(
+            plate,
+            post="gcode",
+            job={"operation": {"kind": "follow"}, "tool": {"diameter": 4.0}, "tour": tables},
+        )
     assert said in str(caught.value)
     assert "\n" not in str(caught.value)
     assert caught.value.exit_code == 2
 
 
-@pytest.mark.parametrize("source", ["a 3-D part", "a replay", "a taught program", "curves in space"])
+@pytest.mark.parametrize(
+    "source", ["a 3-D part", "a replay", "a taught program", "curves in space"]
+)
 @pytest.mark.parametrize("tour", [TourTable(seams=[[0.0, 0.0]]), TourTable(order=["c1"])])
 def test_what_has_no_contours_refuses_them_by_name(source: str, tour: TourTable) -> None:
     with pytest.raises(JobError, match=r"tour\.(seams|order)"):
         no_idle(Job(tour=tour), source)
 
 
-def test_a_point_on_a_path_is_for_that_path_and_one_on_its_contour_for_all_of_it(plate: Path) -> None:
+def test_a_point_on_a_path_is_for_that_path_and_one_on_its_contour_for_all_of_it(
+    plate: Path,
+) -> None:
     rows: Tables = {"operation": {"kind": "follow"}}
-    several = {"operations": [{"ids": ["c2"]}, {"ids": ["c2"], "finish": 0.0, "tool": "small"}, {"ids": ["c3"]}]}
+    several = {
+        "operations": [
+            {"ids": ["c2"]},
+            {"ids": ["c2"], "finish": 0.0, "tool": "small"},
+            {"ids": ["c3"]},
+        ]
+    }
     tools = {"tools": [{"name": "large", "diameter": 6.0}, {"name": "small", "diameter": 2.0}]}
     for row in (several["operations"][0], several["operations"][2]):
         row["tool"] = "large"
@@ -251,7 +303,9 @@ def test_a_point_on_a_path_is_for_that_path_and_one_on_its_contour_for_all_of_it
     # Two points for one path: the one that is nearer counts, and the other one is told.
     two = build(plate, post="rapid", job={**job, "tour": {"seams": [[51.0, 20.0], [52.0, 20.0]]}})
     assert begins(two)["2:c3"] == pytest.approx((52.0, 20.0), abs=1e-6)
-    assert [note.what for note in two.notes if "no effect" in note.what] == ["tour.seams: [51, 20] has no effect"]
+    assert [note.what for note in two.notes if "no effect" in note.what] == [
+        "tour.seams: [51, 20] has no effect"
+    ]
 
 
 def test_a_point_on_an_island_is_for_the_pass_around_it_alone(plate: Path) -> None:
@@ -259,14 +313,25 @@ def test_a_point_on_an_island_is_for_the_pass_around_it_alone(plate: Path) -> No
     free, pinned = (
         camgen.plan(camgen.read(plate, job), job)
         for job in (
-            camgen.job({"operation": operation, "tool": {"diameter": 4.0}, "process": {"spindle": 9000}, "tour": tour})
+            camgen.job(
+                {
+                    "operation": operation,
+                    "tool": {"diameter": 4.0},
+                    "process": {"spindle": 9000},
+                    "tour": tour,
+                }
+            )
             for tour in ({}, {"seams": [[25.0, 20.0]]})
         )
     )
     held = [path for path in pinned.paths if path.pinned]
-    assert [path.position[0, :2].tolist() for path in held] == [pytest.approx([27.0, 20.0], abs=1e-6)]
+    assert [path.position[0, :2].tolist() for path in held] == [
+        pytest.approx([27.0, 20.0], abs=1e-6)
+    ]
     # What goes down on a helix begins where there is room for it.
-    assert [path.entry_radius for path in free.paths] == [path.entry_radius for path in pinned.paths]
+    assert [path.entry_radius for path in free.paths] == [
+        path.entry_radius for path in pinned.paths
+    ]
     assert max(path.entry_radius for path in free.paths) > 0
 
 
@@ -284,7 +349,9 @@ def test_operations_keep_their_order_and_what_the_list_says_otherwise_is_told(pl
 
 
 @pytest.mark.parametrize("tool", [{"symmetric": True}, {}])
-def test_an_arm_that_chooses_by_its_joints_keeps_seams_and_order(plate: Path, tool: dict[str, object]) -> None:
+def test_an_arm_that_chooses_by_its_joints_keeps_seams_and_order(
+    plate: Path, tool: dict[str, object]
+) -> None:
     job = {
         "cell": {"robot": "IRB 1200", "base_from_work": [450, -60, 0, 0, 0, 0]},
         "operation": {"kind": "trace"},
@@ -308,7 +375,9 @@ def test_a_seam_of_a_path_that_is_lost_costs_no_other_one(plate: Path) -> None:
     tour = {"seams": [[15.0, 20.0], [55.0, 40.0]], "order": ["c4", "c6", "c2"]}
     job = camgen.job({"operation": {"kind": "trace"}, "tour": tour})
     # As after a check that has found c4 and c6 out of reach: all is ordered anew.
-    plan = leave_out_paths(camgen.plan(camgen.read(plate, job), job), {"c4": "out of reach", "c6": "out of reach"})
+    plan = leave_out_paths(
+        camgen.plan(camgen.read(plate, job), job), {"c4": "out of reach", "c6": "out of reach"}
+    )
     found = camgen.order(plan, job)
     assert found.paths[0].id == "c2"
     assert found.paths[0].position[0, :2].tolist() == pytest.approx([15.0, 20.0], abs=1e-6)
@@ -320,4 +389,6 @@ def test_a_thousand_may_be_named() -> None:
     paths: list[ToolPath] = ids([circle(7.0 * (k % 50), 7.0 * (k // 50), 2.0) for k in range(1000)])
     paths = [replace(path, contours=(path.id,)) for path in paths]
     order = [path.id for path in reversed(paths)]
-    assert [path.id for path in arrange(paths, "best", (0.0, 0.0), True, order=order).paths] == order
+    assert [
+        path.id for path in arrange(paths, "best", (0.0, 0.0), True, order=order).paths
+    ] == order

@@ -45,7 +45,9 @@ def scene(fixtures: list[list[float]], margin: float = 2.0) -> tuple[Setup, Room
 
 def even(way: FloatArray, parts: int = 400) -> FloatArray:
     """Joint values on straight lines from row to row."""
-    return np.concatenate([a + np.linspace(0, 1, parts)[:, None] * (b - a) for a, b in pairwise(way)])
+    return np.concatenate(
+        [a + np.linspace(0, 1, parts)[:, None] * (b - a) for a, b in pairwise(way)]
+    )
 
 
 @pytest.mark.parametrize("margin", [0.0, 10.0])
@@ -83,7 +85,9 @@ def test_what_is_shut_in_has_no_way_and_the_search_ends(monkeypatch: pytest.Monk
 
     def shut(joints: FloatArray) -> np.ndarray:
         asked.append(len(joints))
-        return (np.abs(joints - LEFT).max(axis=1) < 0.3) | (np.abs(joints - RIGHT).max(axis=1) < 0.3)
+        return (np.abs(joints - LEFT).max(axis=1) < 0.3) | (
+            np.abs(joints - RIGHT).max(axis=1) < 0.3
+        )
 
     monkeypatch.setattr(detour, "LOOKS", 5000)
     assert find_detour(replace(setup, clear=shut), room, RIGHT, LEFT) is None
@@ -103,8 +107,14 @@ def roofed(tmp_path: Path) -> Result:
     made = trimesh.creation.box((60, 40, 10))
     made.apply_translation((30, 20, 5))
     made.export(tmp_path / "plate.stl")
-    table = {"fixtures": [[-300, -300, -30, 300, 300, -1], [-60, -60, 110, 120, 100, 120]], "robot": "IRB 120"}
-    frames = {"base_from_work": [300, -20, 150, 0, 0, 0], "flange_from_tool": [-60, 0, 100, 0, -45, 0]}
+    table = {
+        "fixtures": [[-300, -300, -30, 300, 300, -1], [-60, -60, 110, 120, 100, 120]],
+        "robot": "IRB 120",
+    }
+    frames = {
+        "base_from_work": [300, -20, 150, 0, 0, 0],
+        "flange_from_tool": [-60, 0, 100, 0, -45, 0],
+    }
     return camgen.build(
         tmp_path / "plate.stl",
         post="rapid",

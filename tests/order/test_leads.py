@@ -107,7 +107,9 @@ def test_press_turns_with_the_lead_and_stays_square_to_the_travel() -> None:
     direction = tangents(path)
     for row in range(1, len(path.position)):
         for end in (0, 1):
-            assert path.force_direction[row, end] @ direction[2 * (row - 1) + end] == pytest.approx(0.0, abs=1e-6)
+            assert path.force_direction[row, end] @ direction[2 * (row - 1) + end] == pytest.approx(
+                0.0, abs=1e-6
+            )
 
 
 def test_an_open_contour_is_led_along_its_tangent() -> None:

@@ -18,7 +18,10 @@ def tables(rng: random.Random, count: int, holes: float = 0.0) -> Tables:
     """Costs without any order in them: asymmetric, each direction its own, some ways missing."""
 
     def cost(*shape: int) -> np.ndarray:
-        values = [math.inf if rng.random() < holes else rng.uniform(0, 100) for _ in range(math.prod(shape))]
+        values = [
+            math.inf if rng.random() < holes else rng.uniform(0, 100)
+            for _ in range(math.prod(shape))
+        ]
         return np.array(values).reshape(shape)
 
     return cost(count, 2, count, 2), cost(count, 2), cost(count, 2)
@@ -26,7 +29,12 @@ def tables(rng: random.Random, count: int, holes: float = 0.0) -> Tables:
 
 def plane(rng: random.Random, count: int) -> Tables:
     """Lines in a plane with home in a corner."""
-    ends = np.array([[complex(rng.uniform(0, 100), rng.uniform(0, 100)) for _ in range(2)] for _ in range(count)])
+    ends = np.array(
+        [
+            [complex(rng.uniform(0, 100), rng.uniform(0, 100)) for _ in range(2)]
+            for _ in range(count)
+        ]
+    )
     between = np.abs(ends[:, :, None, None] - ends[None, None, :, :])
     return between, np.abs(ends), np.abs(ends)
 
@@ -63,7 +71,10 @@ def test_nothing_is_shorter_among_all_orders(seed: int, count: int, holes: float
 @pytest.mark.parametrize(("make", "above"), [(plane, 1.0), (tables, 1.3)])
 @pytest.mark.parametrize("seed", range(6))
 def test_the_search_finds_what_the_exact_method_finds(
-    make: Callable[[random.Random, int], Tables], above: float, seed: int, monkeypatch: pytest.MonkeyPatch
+    make: Callable[[random.Random, int], Tables],
+    above: float,
+    seed: int,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     costs = make(random.Random(seed), 8)
     exact = total(*costs, *shortest(*costs))
@@ -82,7 +93,10 @@ def test_many_are_far_shorter_than_nearest_neighbour_and_no_move_is_left(count: 
     assert found < 0.9 * total(*costs, *nearest(*costs[:2]))
     ways = [int(back) for back in flipped]
     for i, j in itertools.combinations(range(count + 1), 2):
-        turned = order[:i] + order[i:j][::-1] + order[j:], ways[:i] + [1 - w for w in ways[i:j][::-1]] + ways[j:]
+        turned = (
+            order[:i] + order[i:j][::-1] + order[j:],
+            ways[:i] + [1 - w for w in ways[i:j][::-1]] + ways[j:],
+        )
         assert by_hand(costs, *map(tuple, turned)) > found - 1e-6
     for i, j in itertools.product(range(count), repeat=2):
         rest = order[:i] + order[i + 1 :], ways[:i] + ways[i + 1 :]
@@ -99,9 +113,13 @@ def test_a_search_goes_on_from_an_order() -> None:
     """From a good order it never ends with a worse one, and from any order it ends far below that."""
     tables = plane(random.Random(5), 40)
     good = shortest(*tables)
-    assert total(*tables, *shortest(*tables, effort=0.0, start=good)) <= total(*tables, *good) + 1e-9
+    assert (
+        total(*tables, *shortest(*tables, effort=0.0, start=good)) <= total(*tables, *good) + 1e-9
+    )
     drawn = list(range(40)), [False] * 40
-    assert total(*tables, *shortest(*tables, effort=0.0, start=drawn)) < 0.6 * total(*tables, *drawn)
+    assert total(*tables, *shortest(*tables, effort=0.0, start=drawn)) < 0.6 * total(
+        *tables, *drawn
+    )
 
 
 def test_a_way_around_what_is_missing_is_found() -> None:
@@ -142,7 +160,10 @@ def test_nothing_and_tables_that_are_none() -> None:
 def keeps(order: tuple[int, ...], rules: matrix.Rules) -> bool:
     place = {item: k for k, item in enumerate(order)}
     ranks = [int(rules.rank[item]) for item in order]
-    inside = all(parent < 0 or place[item] < place[parent] for item, parent in enumerate(rules.parent.tolist()))
+    inside = all(
+        parent < 0 or place[item] < place[parent]
+        for item, parent in enumerate(rules.parent.tolist())
+    )
     return ranks == sorted(ranks) and inside
 
 
@@ -166,7 +187,11 @@ def test_rules_are_kept_and_hardly_an_order_that_keeps_them_is_shorter() -> None
         allowed = [order for order in itertools.permutations(range(count)) if keeps(order, rules)]
         found = shortest(*costs, start=(list(allowed[0]), [False] * count), rules=rules)
         assert keeps(tuple(found[0]), rules)
-        best = min(by_hand(costs, order, ways) for order in allowed for ways in itertools.product((0, 1), repeat=count))
+        best = min(
+            by_hand(costs, order, ways)
+            for order in allowed
+            for ways in itertools.product((0, 1), repeat=count)
+        )
         best_found += total(*costs, *found) <= best + 1e-9
     assert best_found >= 36
 

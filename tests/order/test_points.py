@@ -34,7 +34,9 @@ def work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Work:
 
     monkeypatch.setattr(ARM, "_search", catch)
     with pytest.raises(_Begun):
-        camgen.build(robotsp.draw(robotsp.made_holes(), tmp_path), post="rapid", job=robotsp.job([]))
+        camgen.build(
+            robotsp.draw(robotsp.made_holes(), tmp_path), post="rapid", job=robotsp.job([])
+        )
     return begun[0]
 
 
@@ -43,11 +45,15 @@ def thin(work: Work, items: list[int], count: int) -> Work:
     leave_clear(work, items)
     states = list(work.states)
     for k in items:
-        states[k] = states[k].pick(np.unique(np.linspace(0, len(states[k]) - 1, count).astype(np.int64)))
+        states[k] = states[k].pick(
+            np.unique(np.linspace(0, len(states[k]) - 1, count).astype(np.int64))
+        )
     return replace(work, states=states)
 
 
-def test_the_states_are_the_soonest_of_all_where_a_link_that_collides_costs_a_way_round(work: Work) -> None:
+def test_the_states_are_the_soonest_of_all_where_a_link_that_collides_costs_a_way_round(
+    work: Work,
+) -> None:
     order = [4, 9, 2]
     work = thin(work, order, 9)
     found = settle_points(work, order, work.states, {})

@@ -23,7 +23,11 @@ Way = tuple[complex, complex]
 def ways_of(path: ToolPath, middle: complex, radius: float, starts: int) -> list[Way]:
     """Where the path is entered and left."""
     if path.closed:
-        return [(place, place) for k in range(starts) for place in [middle + cmath.rect(radius, k * math.tau / starts)]]
+        return [
+            (place, place)
+            for k in range(starts)
+            for place in [middle + cmath.rect(radius, k * math.tau / starts)]
+        ]
     a, b = (complex(*path.position[row, :2]) for row in (0, -1))
     return [(a, b), (b, a)] if path.reversible else [(a, b)]
 
@@ -40,11 +44,20 @@ def shortest(ways: list[list[Way]], before: list[set[int]], home: complex | None
                 (min(cost + (0.0 if at is None else abs(enter - at)) for cost, at in here), leave)
                 for enter, leave in ways[item]
             ]
-        best = min(best, *(cost + (0.0 if home is None else abs(at - home)) for cost, at in here if at is not None))
+        best = min(
+            best,
+            *(
+                cost + (0.0 if home is None else abs(at - home))
+                for cost, at in here
+                if at is not None
+            ),
+        )
     return best
 
 
-def some_paths(rng: random.Random, count: int, closed: float) -> tuple[list[ToolPath], list[tuple[complex, float]]]:
+def some_paths(
+    rng: random.Random, count: int, closed: float
+) -> tuple[list[ToolPath], list[tuple[complex, float]]]:
     side = 20 * math.sqrt(count)
     paths, rings = [], []
     for _ in range(count):
@@ -60,14 +73,20 @@ def some_paths(rng: random.Random, count: int, closed: float) -> tuple[list[Tool
 
 @settings(max_examples=60, deadline=None)
 @given(st.integers(0, 10**6), st.integers(1, 5), st.booleans(), st.booleans())
-def test_open_paths_are_run_in_the_best_order_there_is(seed: int, count: int, at_home: bool, layered: bool) -> None:
+def test_open_paths_are_run_in_the_best_order_there_is(
+    seed: int, count: int, at_home: bool, layered: bool
+) -> None:
     rng = random.Random(seed)
     paths, rings = some_paths(rng, count, 0.0)
     ranks = [int(layered and rng.random() < 0.5) for _ in paths]
     paths = [type(path)(**{name: getattr(path, name) for name in path.__struct_fields__} | {"layer": "ba"[1 - rank]})
              for path, rank in zip(paths, ranks, strict=True)]  # fmt: skip
     before = [{k for k, rank in enumerate(ranks) if rank < own} for own in ranks]
-    best = shortest([ways_of(p, *r, 1) for p, r in zip(paths, rings, strict=True)], before, 0j if at_home else None)
+    best = shortest(
+        [ways_of(p, *r, 1) for p, r in zip(paths, rings, strict=True)],
+        before,
+        0j if at_home else None,
+    )
     tour = arrange(paths, "best", (0, 0) if at_home else None, False, layers=["a", "b"])
     assert tour.travel == pytest.approx(best, abs=1e-6)
     assert tour.bound is not None
@@ -81,7 +100,11 @@ def test_open_paths_are_run_in_the_best_order_there_is(seed: int, count: int, at
 def test_no_start_of_closed_paths_is_better(seed: int, count: int, at_home: bool) -> None:
     paths, rings = some_paths(random.Random(seed), count, 0.7)
     home = 0j if at_home else None
-    best = shortest([ways_of(p, *r, 60) for p, r in zip(paths, rings, strict=True)], [set() for _ in paths], home)
+    best = shortest(
+        [ways_of(p, *r, 60) for p, r in zip(paths, rings, strict=True)],
+        [set() for _ in paths],
+        home,
+    )
     tour = arrange(paths, "best", (0, 0) if at_home else None, False)
     assert tour.bound is not None
     assert tour.bound <= best + 1e-9
@@ -100,14 +123,25 @@ def polygon(x: float, y: float, radius: float, corners: int) -> ToolPath:
 
 
 @settings(max_examples=25, deadline=None)
-@given(st.integers(0, 10**6), st.integers(2, 3), st.integers(3, 40), st.sampled_from(["any", "smooth"]))
-def test_no_place_on_polygons_is_better_than_the_bound(seed: int, count: int, corners: int, seam: str) -> None:
+@given(
+    st.integers(0, 10**6), st.integers(2, 3), st.integers(3, 40), st.sampled_from(["any", "smooth"])
+)
+def test_no_place_on_polygons_is_better_than_the_bound(
+    seed: int, count: int, corners: int, seam: str
+) -> None:
     rng = random.Random(seed)
-    paths = ids([polygon(rng.uniform(0, 60), rng.uniform(0, 60), rng.uniform(1, 12), corners) for _ in range(count)])
+    paths = ids(
+        [
+            polygon(rng.uniform(0, 60), rng.uniform(0, 60), rng.uniform(1, 12), corners)
+            for _ in range(count)
+        ]
+    )
     where = starts(paths, seam)
     ways: list[list[Way]] = [[] for _ in paths]
     for part in np.linspace(0.0, 1.0, 1 + -(-60 // corners)):
-        for owner, place in zip(where.path, where.shape.point(np.full(len(where.path), part)), strict=True):
+        for owner, place in zip(
+            where.path, where.shape.point(np.full(len(where.path), part)), strict=True
+        ):
             ways[owner].append((complex(*place[:2]),) * 2)
     best = shortest(ways, [set() for _ in paths], 0j)
     tour = arrange(paths, "best", (0, 0), False, seam=seam)
@@ -131,12 +165,16 @@ def test_what_is_inside_comes_first_in_a_proven_tour() -> None:
 
 
 @pytest.mark.parametrize("home", [None, 0j])
-def test_a_grid_is_not_above_the_best_of_its_starts_and_the_bound_is_near(home: complex | None) -> None:
+def test_a_grid_is_not_above_the_best_of_its_starts_and_the_bound_is_near(
+    home: complex | None,
+) -> None:
     # Many orders of a grid are as long as the best: the bound closes in slowly.
     ring = [cmath.rect(5, k * math.tau / 16) for k in range(16)]
     grid = [circle(20.0 * (k % 3), 20.0 * (k // 3), 5) for k in range(6)]
     tour = arrange(ids(grid), "best", None if home is None else (0, 0), False)
-    places = [[(complex(20.0 * (k % 3), 20.0 * (k // 3)) + one,) * 2 for one in ring] for k in range(6)]
+    places = [
+        [(complex(20.0 * (k % 3), 20.0 * (k // 3)) + one,) * 2 for one in ring] for k in range(6)
+    ]
     assert tour.travel <= shortest(places, [set() for _ in grid], home) + 1e-6
     assert tour.bound is not None
     assert tour.bound <= tour.travel <= 1.01 * tour.bound
@@ -144,7 +182,10 @@ def test_a_grid_is_not_above_the_best_of_its_starts_and_the_bound_is_near(home: 
 
 def test_twelve_are_proven_and_thirteen_are_searched() -> None:
     rng = random.Random(4)
-    paths = [line((x, y), (x + 3, y)) for x, y in ((rng.uniform(0, 90), rng.uniform(0, 90)) for _ in range(FEW + 1))]
+    paths = [
+        line((x, y), (x + 3, y))
+        for x, y in ((rng.uniform(0, 90), rng.uniform(0, 90)) for _ in range(FEW + 1))
+    ]
     some = arrange(ids(paths[:FEW]), "best", (0, 0), False)
     assert some.bound is not None
     assert is_proven(some.travel, some.bound)

@@ -51,7 +51,14 @@ def cell(part: str) -> tuple[Setup, Room, tuple[Reached, ...]]:
 @cache
 def routed(part: str, best: bool = True) -> Route:
     setup, room, motions = cell(part)
-    return route(setup, room, motions, mesh.read(source(PARTS / f"{part}.stl")).edges, ARM.home, Wish(PACE, best))
+    return route(
+        setup,
+        room,
+        motions,
+        mesh.read(source(PARTS / f"{part}.stl")).edges,
+        ARM.home,
+        Wish(PACE, best),
+    )
 
 
 def matrix(pose: Pose) -> FloatArray:
@@ -67,13 +74,17 @@ def tcp(setup: Setup, joints: FloatArray) -> FloatArray:
 
 
 def in_base(setup: Setup, way: Way) -> FloatArray:
-    return np.asarray(way.position @ setup.base_from_work.rotation.T + np.asarray(setup.base_from_work.origin))
+    return np.asarray(
+        way.position @ setup.base_from_work.rotation.T + np.asarray(setup.base_from_work.origin)
+    )
 
 
 def ends(motions: tuple[Reached, ...]) -> list[tuple[Way, FloatArray]]:
     bare = np.full((1, 3), np.nan)
     return [
-        (Way(m.way.position[[k]], bare, m.way.rotation[[k]]), m.joints[k]) for m in motions for k in (0, len(m.way) - 1)
+        (Way(m.way.position[[k]], bare, m.way.rotation[[k]]), m.joints[k])
+        for m in motions
+        for k in (0, len(m.way) - 1)
     ]
 
 
@@ -92,7 +103,9 @@ def test_a_way_out_ends_above_the_level_and_the_joints_follow_it(part: str) -> N
             continue
         frames = tcp(setup, one.joints)
         assert np.allclose(frames[:, :3, 3], in_base(setup, one.way), atol=1e-5)
-        assert np.allclose(frames[:, :3, :3], setup.base_from_work.rotation @ one.way.rotation, atol=1e-7)
+        assert np.allclose(
+            frames[:, :3, :3], setup.base_from_work.rotation @ one.way.rotation, atol=1e-7
+        )
         assert np.allclose(one.joints[0], end[1], atol=1e-9)
         assert frames[-1, 2, 3] >= room.level - 1e-6
         assert np.abs(np.diff(one.dense, axis=0)).max() <= math.radians(15) + 1e-9
@@ -139,7 +152,9 @@ def test_with_the_last_two_links_below_the_level_the_tool_goes_over_the_wrist() 
     deep = replace(room, level=room.level + 600.0, look=only_third)
     chosen = ends(motions)
     found = [
-        one for one in retractions(setup, deep, chosen, PACE) if isinstance(one, Retraction) and "wrist" in one.name
+        one
+        for one in retractions(setup, deep, chosen, PACE)
+        if isinstance(one, Retraction) and "wrist" in one.name
     ]
     assert found
     for one in found:
@@ -166,7 +181,9 @@ def table(n: int, seed: int) -> Ends:
     rng = np.random.default_rng(seed)
     free = rng.uniform(2, 4, (2 * n, 2 * n))
     free = (free + free.T) / 2
-    direct = np.where(rng.random((2 * n, 2 * n)) < 0.3, rng.uniform(0.1, 1, (2 * n, 2 * n)), math.inf)
+    direct = np.where(
+        rng.random((2 * n, 2 * n)) < 0.3, rng.uniform(0.1, 1, (2 * n, 2 * n)), math.inf
+    )
     direct = np.minimum(direct, direct.T)
     own = np.arange(2 * n) // 2
     direct[own[:, None] == own[None]] = math.inf
@@ -232,7 +249,9 @@ def test_the_best_tour_is_no_slower_than_the_nearest_neighbours(part: str) -> No
     best, nearest = routed(part), routed(part, best=False)
     assert best.seconds <= best.nearest + 1e-9
     assert nearest.seconds == nearest.nearest
-    assert sorted(leg.motion.id for leg in best.legs) == sorted(leg.motion.id for leg in nearest.legs)
+    assert sorted(leg.motion.id for leg in best.legs) == sorted(
+        leg.motion.id for leg in nearest.legs
+    )
 
 
 def test_edges_that_share_a_corner_are_linked_at_it() -> None:
@@ -244,7 +263,10 @@ def test_edges_that_share_a_corner_are_linked_at_it() -> None:
         if [type(piece) for piece in leg.link] == [Turn]:
             edges = {e.id: e for e in mesh.read(source(PARTS / "rfa1.stl")).edges}
             a, b = edges[before.motion.id], edges[leg.motion.id]
-            assert min(np.linalg.norm(p - q) for p in a.points[[0, -1]] for q in b.points[[0, -1]]) < 1e-3
+            assert (
+                min(np.linalg.norm(p - q) for p in a.points[[0, -1]] for q in b.points[[0, -1]])
+                < 1e-3
+            )
 
 
 def test_where_a_force_presses_every_link_leaves_the_part() -> None:
@@ -265,9 +287,17 @@ def test_a_free_motion_that_collides_is_not_taken() -> None:
     def walled(several: Sequence[Track]) -> list[Hit | float]:
         said = room.look(several)
         every = [track.joints for track in several]
-        pairs = [len(rows) == 2 and not any(np.allclose(row, ARM.home) for row in rows) for rows in every]
-        pairs = [two and tuple(np.round(rows[0], 9)) not in free for two, rows in zip(pairs, every, strict=True)]
-        return [WALL if two and not isinstance(hit, Hit) else hit for hit, two in zip(said, pairs, strict=True)]
+        pairs = [
+            len(rows) == 2 and not any(np.allclose(row, ARM.home) for row in rows) for rows in every
+        ]
+        pairs = [
+            two and tuple(np.round(rows[0], 9)) not in free
+            for two, rows in zip(pairs, every, strict=True)
+        ]
+        return [
+            WALL if two and not isinstance(hit, Hit) else hit
+            for hit, two in zip(said, pairs, strict=True)
+        ]
 
     edges = mesh.read(source(PARTS / "rfa2.stl")).edges
     made = route(setup, replace(room, look=walled), motions, edges, ARM.home, Wish(PACE, best=True))
@@ -279,16 +309,24 @@ def test_a_free_motion_that_collides_is_not_taken() -> None:
             assert any(np.allclose(turn.joints, ARM.home) for turn in turns)
 
 
-def test_what_no_way_leads_to_is_left_out_and_nothing_is_tested_twice(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_no_way_leads_to_is_left_out_and_nothing_is_tested_twice(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """All free motions to one motion are walled off: it alone is left out, and what is known of the others is kept."""
-    monkeypatch.setattr(importlib.import_module("camgen.order.edges.route"), "find_detour", lambda *_: None)
+    monkeypatch.setattr(
+        importlib.import_module("camgen.order.edges.route"), "find_detour", lambda *_: None
+    )
     setup, room, motions = cell("rfa1")
     edges = mesh.read(source(PARTS / "rfa1.stl")).edges
     lost = motions[1]
-    outs = retractions(setup, room, [(_end(one, k), one.joints[k]) for one in motions for k in (0, -1)], PACE)
+    outs = retractions(
+        setup, room, [(_end(one, k), one.joints[k]) for one in motions for k in (0, -1)], PACE
+    )
     safe = [out.joints[-1].tobytes() for out in outs if isinstance(out, Retraction)]
     assert len(safe) == 2 * len(motions)
-    once = {row for row in safe if safe.count(row) == 1} | {ARM.home.tobytes()}  # two edges may begin in one pose
+    once = {row for row in safe if safe.count(row) == 1} | {
+        ARM.home.tobytes()
+    }  # two edges may begin in one pose
     places = {*safe, ARM.home.tobytes()}
     asked: list[bytes] = []
 
@@ -322,7 +360,8 @@ def test_a_search_that_finds_no_end_is_ended() -> None:
     def walled(several: Sequence[Track]) -> list[Hit | float]:
         home = (any(np.allclose(row, ARM.home) for row in track.joints) for track in several)
         return [
-            room.margin if len(track.joints) != 2 or free else WALL for track, free in zip(several, home, strict=True)
+            room.margin if len(track.joints) != 2 or free else WALL
+            for track, free in zip(several, home, strict=True)
         ]
 
     told: list[str] = []

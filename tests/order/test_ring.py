@@ -32,7 +32,9 @@ def test_a_circle_is_found_again() -> None:
     angle = np.linspace(0, 2 * np.pi, 60, endpoint=False)
     table = table_of(np.column_stack([np.cos(angle), np.sin(angle)]))
     mixed = [0, *random.Random(3).sample(range(1, 60), 59)]
-    assert length(table, shorten_ring(table, mixed, 500)) == pytest.approx(60 * 2 * np.sin(np.pi / 60))
+    assert length(table, shorten_ring(table, mixed, 500)) == pytest.approx(
+        60 * 2 * np.sin(np.pi / 60)
+    )
 
 
 def test_what_moves_gain_is_what_the_ring_is_shorter() -> None:
@@ -64,7 +66,11 @@ def test_a_stretch_goes_where_it_is_put_and_the_others_keep_their_order(count: i
             ring_moves.put(ring, at, step, size, c, d)
             assert [ring.places[ring.where[k]] for k in range(count)] == list(range(count))
             begin = ring.where[c]
-            assert [ring.places[(begin + side * k) % count] for k in range(size + 2)] == [c, *stretch, d]
+            assert [ring.places[(begin + side * k) % count] for k in range(size + 2)] == [
+                c,
+                *stretch,
+                d,
+            ]
             assert turned_to(others[0], [k for k in ring.places if k not in stretch]) == others
 
 

@@ -14,7 +14,17 @@ from camgen.geometry.nearest import Discs, nearest_items
 from camgen.order.solver import moves as rounds
 from camgen.order.solver import plane
 from camgen.order.solver.bound import at_least
-from camgen.order.solver.kernel import BOTH_WAYS, CLOSED, DICE, LOGGED, LOGS, ONE_WAY, Run, Scene, undo
+from camgen.order.solver.kernel import (
+    BOTH_WAYS,
+    CLOSED,
+    DICE,
+    LOGGED,
+    LOGS,
+    ONE_WAY,
+    Run,
+    Scene,
+    undo,
+)
 from camgen.order.solver.plane import Items, Start, discs_of, shorten
 
 HOME = np.array([0.0, 0.0])
@@ -28,7 +38,9 @@ def scene(rng: random.Random, count: int, *, rules: bool = False, spread: float 
     for k in range(count):
         middle = np.array([rng.uniform(0, side), rng.uniform(0, side)])
         if rng.random() < 0.5:
-            points.append(np.array([middle, middle + np.array([rng.uniform(-20, 20), rng.uniform(-20, 20)])]))
+            points.append(
+                np.array([middle, middle + np.array([rng.uniform(-20, 20), rng.uniform(-20, 20)])])
+            )
             kinds.append(ONE_WAY if rules and rng.random() < 0.4 else BOTH_WAYS)
             steps.append(1.0)
         else:
@@ -37,12 +49,21 @@ def scene(rng: random.Random, count: int, *, rules: bool = False, spread: float 
             points.append(middle + radius * np.stack([np.cos(turn), np.sin(turn)], axis=1))
             kinds.append(CLOSED)
             steps.append(math.tau * radius / samples)
-        parents.append(rng.randrange(k + 1, count) if rules and k + 1 < count and rng.random() < 0.2 else -1)
+        parents.append(
+            rng.randrange(k + 1, count) if rules and k + 1 < count and rng.random() < 0.2 else -1
+        )
         ranks.append(0)
     if rules:
         ranks = [int(k >= count - 2) for k in range(count)]
     first = np.cumsum([0, *map(len, points)])
-    return Items(first, np.concatenate(points), np.array(kinds), np.array(steps), np.array(parents), np.array(ranks))
+    return Items(
+        first,
+        np.concatenate(points),
+        np.array(kinds),
+        np.array(steps),
+        np.array(parents),
+        np.array(ranks),
+    )
 
 
 def drawn(items: Items) -> Start:
@@ -82,7 +103,9 @@ def check_rules(items: Items, tour: Start) -> None:
 
 @settings(max_examples=60)
 @given(st.integers(0, 10**6), st.integers(1, 40), st.booleans(), st.booleans())
-def test_a_search_keeps_all_items_and_rules_and_never_lengthens(seed: int, count: int, rules: bool, at: bool) -> None:
+def test_a_search_keeps_all_items_and_rules_and_never_lengthens(
+    seed: int, count: int, rules: bool, at: bool
+) -> None:
     items = scene(random.Random(seed), count, rules=rules)
     home = HOME if at else None
     tour = shorten(items, drawn(items), home, near_of(items), 300, seed)
@@ -92,7 +115,9 @@ def test_a_search_keeps_all_items_and_rules_and_never_lengthens(seed: int, count
 
 @settings(max_examples=30)
 @given(st.integers(0, 10**6), st.integers(1, 4), st.booleans(), st.booleans())
-def test_small_scenes_are_solved_and_no_tour_is_below_the_bound(seed: int, count: int, rules: bool, at: bool) -> None:
+def test_small_scenes_are_solved_and_no_tour_is_below_the_bound(
+    seed: int, count: int, rules: bool, at: bool
+) -> None:
     items = scene(random.Random(seed), count, rules=rules)
     home = HOME if at else None
     best = math.inf
@@ -143,9 +168,13 @@ def test_the_bound_is_near_the_best_for_short_lines() -> None:
     assert 0.88 * found < at_least(items, HOME, found, 100) <= found
 
 
-@pytest.mark.skipif(importlib.util.find_spec("numba") is None, reason="numba (extra fast) is not installed")
+@pytest.mark.skipif(
+    importlib.util.find_spec("numba") is None, reason="numba (extra fast) is not installed"
+)
 @pytest.mark.parametrize("rules", [False, True])
-def test_compiled_and_plain_searches_find_the_same_tour(rules: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_compiled_and_plain_searches_find_the_same_tour(
+    rules: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
     items = scene(random.Random(7), 150, rules=rules)
     # Ranks and parents of ``scene`` are kept by the drawn order.
     near = near_of(items)
@@ -160,14 +189,20 @@ def test_compiled_and_plain_searches_find_the_same_tour(rules: bool, monkeypatch
 
 @settings(max_examples=40)
 @given(st.integers(0, 10**6), st.integers(4, 40), st.booleans())
-def test_a_shuffle_is_undone_and_every_change_is_what_it_says(seed: int, count: int, rules: bool) -> None:
+def test_a_shuffle_is_undone_and_every_change_is_what_it_says(
+    seed: int, count: int, rules: bool
+) -> None:
     items = scene(random.Random(seed), count, rules=rules)
     parts, run = plane._make(items, drawn(items), HOME, near_of(items), seed)
 
     def length() -> float:
         ring = np.array(run.ring)
         gaps = np.array([parts.x, parts.y]).T[np.array(run.leave)[np.roll(ring, 1)]]
-        return float(np.linalg.norm(np.array([parts.x, parts.y]).T[np.array(run.enter)[ring]] - gaps, axis=1).sum())
+        return float(
+            np.linalg.norm(
+                np.array([parts.x, parts.y]).T[np.array(run.enter)[ring]] - gaps, axis=1
+            ).sum()
+        )
 
     before = length()
     assert before + rounds.search(parts, run, 60, 60) == pytest.approx(length())
@@ -187,8 +222,12 @@ def test_a_shuffle_is_undone_and_every_change_is_what_it_says(seed: int, count: 
 
 
 @settings(max_examples=40)
-@given(st.integers(0, 10**6), st.integers(1, 90), st.integers(1, 3), st.sampled_from([0.0, 1.0, 30.0]))
-def test_the_nearest_items_are_those_of_a_plain_search(seed: int, count: int, each: int, size: float) -> None:
+@given(
+    st.integers(0, 10**6), st.integers(1, 90), st.integers(1, 3), st.sampled_from([0.0, 1.0, 30.0])
+)
+def test_the_nearest_items_are_those_of_a_plain_search(
+    seed: int, count: int, each: int, size: float
+) -> None:
     rng = np.random.default_rng(seed)
     centre = rng.integers(0, 12, (count * each, 2)).astype(float)  # many at one point
     discs = Discs(np.repeat(np.arange(count), each), centre, rng.uniform(0, size, count * each))
@@ -213,7 +252,9 @@ def test_a_crowd_at_one_point_is_not_quadratic() -> None:
 
 @pytest.mark.parametrize("rules", [False, True])
 @pytest.mark.parametrize("budget", [50, 700, 3000])
-def test_a_search_in_slices_is_the_search_in_one_go(rules: bool, budget: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_search_in_slices_is_the_search_in_one_go(
+    rules: bool, budget: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     items = scene(random.Random(11), 120, rules=rules)
     near = near_of(items)
     monkeypatch.setattr(plane, "_WORTH", 10**9)

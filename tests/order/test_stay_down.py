@@ -23,9 +23,16 @@ from camgen.order.stay_down import stay_down
 @given(st.integers(0, 10**6))
 def test_the_distance_of_a_way_is_that_of_its_points(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    lines = make(rng.uniform(0, 20, (6, 2)), rng.uniform(0, 20, (6, 2)), np.zeros(6), np.zeros(6, dtype=np.int64))
+    lines = make(
+        rng.uniform(0, 20, (6, 2)),
+        rng.uniform(0, 20, (6, 2)),
+        np.zeros(6),
+        np.zeros(6, dtype=np.int64),
+    )
     bulge = rng.uniform(-1, 1, 8) * (rng.random(8) < 0.7)
-    drawn = make(rng.uniform(0, 20, (8, 2)), rng.uniform(0, 20, (8, 2)), bulge, np.zeros(8, dtype=np.int64))
+    drawn = make(
+        rng.uniform(0, 20, (8, 2)), rng.uniform(0, 20, (8, 2)), bulge, np.zeros(8, dtype=np.int64)
+    )
     fine = 150
     t = np.linspace(0, 1, fine + 1)
     found = gaps(lines, drawn, 100.0)
@@ -72,12 +79,18 @@ def lifts(result) -> int:
     return sum(1 for a, b in itertools.pairwise(heights) if a <= 0 < b)
 
 
-def test_neighbours_are_reached_without_a_lift_and_what_lies_behind_another_is_not(tmp_path) -> None:
+def test_neighbours_are_reached_without_a_lift_and_what_lies_behind_another_is_not(
+    tmp_path,
+) -> None:
     # Two blocks face each other; the third has a hole, which needs a lift on both of its ways.
-    file = drawing(tmp_path, [box(0, 0, 20), box(50, 0, 20), box(1000, 1000, 20), box(1006, 1006, 8)])
+    file = drawing(
+        tmp_path, [box(0, 0, 20), box(50, 0, 20), box(1000, 1000, 20), box(1006, 1006, 8)]
+    )
     job = {"tool": {"diameter": 4.0}, "operation": {"depth": 1.0}, "process": {"switch": "contact"}}
     plain = build(file, post="gcode", job=job)
-    down = build(file, post="gcode", job={**job, "process": {"switch": "contact", "stay_down": True}})
+    down = build(
+        file, post="gcode", job={**job, "process": {"switch": "contact", "stay_down": True}}
+    )
     assert [note.what for note in down.notes if "lifts" in note.what] == ["lifts saved: 1 of 3"]
     assert not [note for note in plain.notes if "lifts" in note.what]
     assert lifts(plain) == 4
@@ -135,7 +148,11 @@ def test_a_tool_that_turns_stays_on_where_it_stays_down(tmp_path) -> None:
         ("a clamp between", {"cell": {"fixtures": [[30, -50, -5, 40, 80, 10]]}}, 0),
         ("a clamp below the tool", {"cell": {"fixtures": [[30, -50, -5, 40, 80, -2]]}}, 1),
         ("a clamp aside", {"cell": {"fixtures": [[30, 60, -5, 40, 80, 10]]}}, 1),
-        ("a clamp that holds all of it", {"cell": {"fixtures": [[-900, -900, -5, 900, 900, 10]]}}, 0),
+        (
+            "a clamp that holds all of it",
+            {"cell": {"fixtures": [[-900, -900, -5, 900, 900, 10]]}},
+            0,
+        ),
         ("two passes", {"operation": {"depth": 2.0, "passes": 2}}, 0),
         ("force", {"process": {"force": 5.0}, "post": {"force_calibrated": True}}, 0),
         ("marks", {"operation": {"kind": "trace"}}, 0),
@@ -144,9 +161,15 @@ def test_a_tool_that_turns_stays_on_where_it_stays_down(tmp_path) -> None:
 def test_what_keeps_a_lift(tmp_path, why, table, saved) -> None:
     file = drawing(tmp_path, [box(0, 0, 20), box(50, 0, 20)])
     job = {"tool": {"diameter": 4.0}, "operation": {"depth": 1.0}, **table}
-    job["process"] = {"stay_down": True, "spindle": 0 if "process" in table else 9000, **table.get("process", {})}
+    job["process"] = {
+        "stay_down": True,
+        "spindle": 0 if "process" in table else 9000,
+        **table.get("process", {}),
+    }
     result = build(file, post="rapid" if "process" in table else "gcode", job=job)
-    assert [n.what for n in result.notes if "lifts" in n.what] == [f"lifts saved: {saved} of 1"], why
+    assert [n.what for n in result.notes if "lifts" in n.what] == [f"lifts saved: {saved} of 1"], (
+        why
+    )
 
 
 def test_no_way_is_taken_down_that_comes_near_a_block() -> None:
@@ -155,7 +178,9 @@ def test_no_way_is_taken_down_that_comes_near_a_block() -> None:
     from camgen.plan.follow import follow  # noqa: PLC0415
 
     cells = rng.sample([(x, y) for x in range(8) for y in range(8)], 30)
-    contours = tuple(block(25.0 * x, 25.0 * y, rng.uniform(8, 20), f"c{k}") for k, (x, y) in enumerate(cells))
+    contours = tuple(
+        block(25.0 * x, 25.0 * y, rng.uniform(8, 20), f"c{k}") for k, (x, y) in enumerate(cells)
+    )
     part = Part("p", "p.dxf", "mm", contours, ())
     job = Job(operation=OperationTable(depth=1.0), tool=ToolTable(diameter=3.0), process=ProcessTable(stay_down=True),
               cell=CellTable())  # fmt: skip

@@ -20,7 +20,16 @@ from camgen.model.errors import JobError, NoSafeProgram
 from camgen.model.part import Contour
 from camgen.model.path import ToolPath, join_paths
 from camgen.model.pose import frozen
-from camgen.order.pieces import begin_at, chorded, head, lengths_along, nearest, point_at, split_at, stretch
+from camgen.order.pieces import (
+    begin_at,
+    chorded,
+    head,
+    lengths_along,
+    nearest,
+    point_at,
+    split_at,
+    stretch,
+)
 from camgen.order.tabs import add_tabs
 from camgen.plan.starting import starting_at
 from tests.support.cuts import Cut, cuts, swept
@@ -62,7 +71,9 @@ def middle(path: ToolPath) -> Any:
 
 @pytest.mark.parametrize("shape", [rectangle(0, 0, 100, 60), circle(0, 0, 40), rounded(90, 60, 12)])
 @pytest.mark.parametrize("passes", [1, 2, 4])
-def test_tabs_leave_bridges_of_the_width_at_the_top_and_by_45_degrees_wider_at_the_foot(shape, passes) -> None:
+def test_tabs_leave_bridges_of_the_width_at_the_top_and_by_45_degrees_wider_at_the_foot(
+    shape, passes
+) -> None:
     result = built([shape], tabs=4, passes=passes)
     (path,) = result.tour.paths
     line, top = middle(path), -2.5
@@ -96,7 +107,9 @@ def test_the_tool_goes_down_behind_a_tab_no_faster_than_it_plunges() -> None:
     up = [cut for cut in work(result, 0) if cut.drop < -1e-9]
     assert {cut.speed for cut in up} == {20.0}
     # By 45 degrees at most: chords of the corners' arcs would be steeper without a little more way.
-    assert all(1.5 <= cut.run < 1.52 and abs(cut.drop) == pytest.approx(1.5) for cut in (*up, *down))
+    assert all(
+        1.5 <= cut.run < 1.52 and abs(cut.drop) == pytest.approx(1.5) for cut in (*up, *down)
+    )
 
 
 def test_arcs_over_and_under_tabs_stay_arcs() -> None:
@@ -155,9 +168,13 @@ def test_where_every_place_is_near_a_corner_the_best_one_is_taken_and_told() -> 
     # Sides of 10 mm are too short for a tab of 5 mm and a tool of 6: 5 + 6 = 11.
     side = 10.0
     radius = side / 2 / math.sin(math.pi / 8)
-    points = [(radius * math.cos(k * math.pi / 4), radius * math.sin(k * math.pi / 4)) for k in range(8)]
+    points = [
+        (radius * math.cos(k * math.pi / 4), radius * math.sin(k * math.pi / 4)) for k in range(8)
+    ]
     result = built([contour(points)], tabs=2)
-    assert [note.what for note in result.notes if "corner" in note.what] == ["tabs near corners on c1"]
+    assert [note.what for note in result.notes if "corner" in note.what] == [
+        "tabs near corners on c1"
+    ]
     pieces = bridges(result, -2.5 - 1e-6)
     assert len(pieces) == 2
     line = middle(result.tour.paths[0])
@@ -178,12 +195,26 @@ def test_a_loop_that_is_too_short_for_its_tabs_says_so() -> None:
 
 def test_a_path_that_does_not_run_all_round_has_no_tabs_and_says_so() -> None:
     # The tool does not fit between the two squares, of which one is cut out; round the disc it does.
-    beside = part(rectangle(0, 0, 40, 40, "c1"), rectangle(45, 0, 40, 40, "c2"), circle(150, 20, 20, "c3"))
-    row = {"kind": "follow", "tool": "mill", "ids": ["c1", "c3"], "depth": 4.0, "tabs": 3, "tab_height": 1.5}
-    result = build(
-        beside, post="gcode", job={"tools": [{"name": "mill", "diameter": 6.0, "speed": 9000}], "operations": [row]}
+    beside = part(
+        rectangle(0, 0, 40, 40, "c1"), rectangle(45, 0, 40, 40, "c2"), circle(150, 20, 20, "c3")
     )
-    assert {path.contours: path.floor is not None for path in result.tour.paths} == {("c1",): False, ("c3",): True}
+    row = {
+        "kind": "follow",
+        "tool": "mill",
+        "ids": ["c1", "c3"],
+        "depth": 4.0,
+        "tabs": 3,
+        "tab_height": 1.5,
+    }
+    result = build(
+        beside,
+        post="gcode",
+        job={"tools": [{"name": "mill", "diameter": 6.0, "speed": 9000}], "operations": [row]},
+    )
+    assert {path.contours: path.floor is not None for path in result.tour.paths} == {
+        ("c1",): False,
+        ("c3",): True,
+    }
     (note,) = [note for note in result.notes if note.kind == "warning" and "tab" in note.what]
     assert note.what == "no tabs on 0:c1"
 
@@ -218,7 +249,9 @@ def test_holes_and_what_is_traced_inside_have_none() -> None:
     assert len(note.places) == 3
     assert all(outline.distance(shapely.Point(place)) < 1e-3 for place in note.places)
     inside = built([circle(30, 30, 12)], tabs=3, side="inside")
-    assert [note.what for note in inside.notes if "tab" in note.what] == ["no tabs: no path cuts anything out"]
+    assert [note.what for note in inside.notes if "tab" in note.what] == [
+        "no tabs: no path cuts anything out"
+    ]
 
 
 @pytest.mark.parametrize("direction", ["climb", "conventional"])
@@ -231,9 +264,13 @@ def test_a_finishing_path_has_its_tabs_where_the_first_one_has() -> None:
     """Two paths beside one contour, begun at other places: what one leaves the other must not cut."""
     job = {"operation": {"depth": 4.0, "tabs": 4, "tab_height": 1.5}, "process": PROCESS}
     shape = rounded(90, 60, 12)
-    wide, near = (camgen.plan(part(shape), {**job, "tool": {"diameter": d}}).paths[0] for d in (6.6, 6.0))
+    wide, near = (
+        camgen.plan(part(shape), {**job, "tool": {"diameter": d}}).paths[0] for d in (6.6, 6.0)
+    )
     near = replace(starting_at(near, 3, 0.4), id="c1.finish")
-    found, (note,) = add_tabs([wide, near], [wide, near], camgen.job({**job, "tool": {"diameter": 6.0}}))
+    found, (note,) = add_tabs(
+        [wide, near], [wide, near], camgen.job({**job, "tool": {"diameter": 6.0}})
+    )
     assert note.what == "4 tabs of 5 x 1.5 mm on c1, c1.finish"
     places = []
     for path in found:
@@ -256,13 +293,29 @@ def stars(draw: Any) -> Contour:
     radii = draw(st.lists(st.floats(25, 70), min_size=count, max_size=count))
     bulges = draw(st.lists(st.sampled_from([0.0, 0.0, 0.15, -0.1]), min_size=count, max_size=count))
     angles = [2 * math.pi * k / count for k in range(count)]
-    return contour([(r * math.cos(a), r * math.sin(a)) for r, a in zip(radii, angles, strict=True)], bulges)
+    return contour(
+        [(r * math.cos(a), r * math.sin(a)) for r, a in zip(radii, angles, strict=True)], bulges
+    )
 
 
 @settings(max_examples=15, deadline=None)
-@given(stars(), st.floats(2, 8), st.floats(1, 9), st.floats(0.2, 2.9), st.integers(1, 5), st.sampled_from([0.0, 5.0]))
+@given(
+    stars(),
+    st.floats(2, 8),
+    st.floats(1, 9),
+    st.floats(0.2, 2.9),
+    st.integers(1, 5),
+    st.sampled_from([0.0, 5.0]),
+)
 def test_tabs_of_any_size_on_anything(shape, tool, width, height, count, lead) -> None:
-    more = {"tabs": count, "tab_width": width, "tab_height": height, "passes": 2, "entry": "ramp", "entry_angle": 20.0}
+    more = {
+        "tabs": count,
+        "tab_width": width,
+        "tab_height": height,
+        "passes": 2,
+        "entry": "ramp",
+        "entry_angle": 20.0,
+    }
     try:
         result = built([shape], tool, lead_in=lead, lead_out=lead, **more)
     except NoSafeProgram:
@@ -270,7 +323,11 @@ def test_tabs_of_any_size_on_anything(shape, tool, width, height, count, lead) -
     for number, path in enumerate(result.tour.paths):
         if path.floor is None:
             continue
-        told = sum(int(match[1]) for note in result.notes if (match := re.match(r"(\d+) tabs? of", note.what)))
+        told = sum(
+            int(match[1])
+            for note in result.notes
+            if (match := re.match(r"(\d+) tabs? of", note.what))
+        )
         pieces = bridges(result, -4.0 + height - 1e-6, number)
         if len(result.tour.paths) == 1:
             assert len(pieces) == told
@@ -281,7 +338,9 @@ def test_tabs_of_any_size_on_anything(shape, tool, width, height, count, lead) -
             if straight:
                 assert line.intersection(piece).length == pytest.approx(width, abs=0.05 * width)
         sloping = [cut for cut in work(result, number) if abs(cut.drop) > 1e-9]
-        assert max(math.degrees(math.atan2(abs(cut.drop), cut.run)) for cut in sloping) <= 45.0 + 1e-6
+        assert (
+            max(math.degrees(math.atan2(abs(cut.drop), cut.run)) for cut in sloping) <= 45.0 + 1e-6
+        )
 
 
 # What is refused.
@@ -290,7 +349,10 @@ def test_tabs_of_any_size_on_anything(shape, tool, width, height, count, lead) -
 @pytest.mark.parametrize(
     ("tables", "said"),
     [
-        ({"operation": {"tabs": 2, "depth": 1.0}}, "job: tabs of 1 mm in a depth of 1 mm (operation.tab_height)"),
+        (
+            {"operation": {"tabs": 2, "depth": 1.0}},
+            "job: tabs of 1 mm in a depth of 1 mm (operation.tab_height)",
+        ),
         (
             {"operation": {"tabs": 2, "tab_spacing": 9.0, "depth": 2.0}},
             "job: their number is given, and so is their spacing (operation.tab_spacing)",
@@ -324,7 +386,9 @@ def test_a_path_is_the_same_way_however_it_is_cut(shape, parts) -> None:
     assert float(lengths_along(split)[-1]) == pytest.approx(length)
     for share in np.linspace(0.01, 0.99, 23):
         # A short piece of an arc is known by three points close together: its radius is less sure than they are.
-        assert point_at(split, share * length) == pytest.approx(point_at(path, share * length), abs=5e-6)
+        assert point_at(split, share * length) == pytest.approx(
+            point_at(path, share * length), abs=5e-6
+        )
     # Press is square to the travel at both ends of every piece, as it is planned.
     shape_of = camgen.geometry.arcs.chain(split.position, split.via[1:])
     for k, tangent in enumerate(shape_of.tangents()):
@@ -333,7 +397,9 @@ def test_a_path_is_the_same_way_however_it_is_cut(shape, parts) -> None:
     assert begun.closed
     # At its own start the end of a closed path is as near as pieces of curves are that meet.
     assert begun.position[0] == pytest.approx(begun.position[-1], abs=2e-4)
-    assert point_at(begun, 0.5 * length) == pytest.approx(point_at(path, (parts[0] + 0.5) % 1 * length), abs=1e-6)
+    assert point_at(begun, 0.5 * length) == pytest.approx(
+        point_at(path, (parts[0] + 0.5) % 1 * length), abs=1e-6
+    )
     way = stretch(path, parts[0] * length, 2.3 * length)
     assert float(lengths_along(way)[-1]) == pytest.approx(2.3 * length)
     assert float(lengths_along(head(path, 0.3 * length))[-1]) == pytest.approx(0.3 * length)
@@ -344,7 +410,9 @@ def test_a_path_is_the_same_way_however_it_is_cut(shape, parts) -> None:
 
 @pytest.mark.parametrize("chord", [0.1, 0.01, 0.001])
 @pytest.mark.parametrize(("side", "low", "high"), [("outside", 0.0, 1.0), ("inside", 0.0, 1.0)])
-def test_chords_leave_an_arc_by_the_tolerance_and_never_towards_the_part(chord, side, low, high) -> None:
+def test_chords_leave_an_arc_by_the_tolerance_and_never_towards_the_part(
+    chord, side, low, high
+) -> None:
     path = planned(circle(0, 0, 20), side)
     flat = chorded(path, chord)
     assert np.isnan(flat.via).all()

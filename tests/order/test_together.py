@@ -19,20 +19,28 @@ def scene(rng: random.Random, count: int, rules: bool) -> Items:
     """Lines and rings of samples; with rules some wait for others, in two ranks."""
     points, kinds, parents = [], [], []
     for k in range(count):
-        middle = np.array([rng.uniform(0, 100), rng.choice([rng.uniform(0, 100), float(rng.randrange(5))])])
+        middle = np.array(
+            [rng.uniform(0, 100), rng.choice([rng.uniform(0, 100), float(rng.randrange(5))])]
+        )
         ring = rng.random() < 0.5
         turn = np.arange(6 if ring else 2) * np.pi / (3 if ring else 1) + rng.uniform(0, 1)
         points.append(middle + rng.uniform(1, 6) * np.stack([np.cos(turn), np.sin(turn)], axis=1))
         kinds.append(CLOSED if ring else BOTH_WAYS)
-        parents.append(rng.randrange(k + 1, count) if rules and k + 1 < count and rng.random() < 0.2 else -1)
+        parents.append(
+            rng.randrange(k + 1, count) if rules and k + 1 < count and rng.random() < 0.2 else -1
+        )
     rank = np.array([int(rules and k > count / 2) for k in range(count)])
     parents = [p if p < 0 or rank[p] == rank[k] else -1 for k, p in enumerate(parents)]
     first = np.cumsum([0, *map(len, points)])
-    return Items(first, np.concatenate(points), np.array(kinds), np.full(count, 6.0), np.array(parents), rank)
+    return Items(
+        first, np.concatenate(points), np.array(kinds), np.full(count, 6.0), np.array(parents), rank
+    )
 
 
 def travel(items: Items, tour: Start, home: np.ndarray | None) -> float:
-    leave = np.where(items.kind == CLOSED, tour.enter, items.first[:-1] + items.first[1:] - 1 - tour.enter)
+    leave = np.where(
+        items.kind == CLOSED, tour.enter, items.first[:-1] + items.first[1:] - 1 - tour.enter
+    )
     begins, ends = items.points[tour.enter[tour.order]], items.points[leave[tour.order]]
     if home is not None:
         begins, ends = np.concatenate([begins, [home]]), np.concatenate([[home], ends])
@@ -43,7 +51,9 @@ def travel(items: Items, tour: Start, home: np.ndarray | None) -> float:
 
 @given(st.integers(0, 10**6), st.integers(1, 60), st.booleans(), st.booleans())
 @settings(max_examples=60)
-def test_rules_are_kept_and_each_move_changes_what_it_says(seed: int, count: int, at: bool, rules: bool) -> None:
+def test_rules_are_kept_and_each_move_changes_what_it_says(
+    seed: int, count: int, at: bool, rules: bool
+) -> None:
     items, home = scene(random.Random(seed), count, rules), np.array([30.0, 0.0]) if at else None
     discs = discs_of(items)
     begun = join_greedily(items, discs, home)
@@ -58,7 +68,9 @@ def test_rules_are_kept_and_each_move_changes_what_it_says(seed: int, count: int
             found = shorten_together(items, tour, home, near)
         order = found.order.tolist()
         assert sorted(order) == list(range(count))
-        assert all(p < 0 or order.index(k) < order.index(p) for k, p in enumerate(items.parent.tolist()))
+        assert all(
+            p < 0 or order.index(k) < order.index(p) for k, p in enumerate(items.parent.tolist())
+        )
         assert (np.diff(items.rank[found.order]) >= 0).all()
         assert ((items.first[:-1] <= found.enter) & (found.enter < items.first[1:])).all()
         # Closed items that are begun anew save the rest.
@@ -78,7 +90,9 @@ def watch(patch: pytest.MonkeyPatch, saved: list[float]) -> None:
         def move(now: together._Tour, *items: int) -> tuple[int, ...]:
             cut: tuple[int, ...] = make(now, *items)
             if cut:
-                made.append((*items[:4], together._JOIN if name == "_join" else together._CARRY + items[4]))
+                made.append(
+                    (*items[:4], together._JOIN if name == "_join" else together._CARRY + items[4])
+                )
             return cut
 
         patch.setattr(together, name, move)

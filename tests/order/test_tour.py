@@ -40,7 +40,9 @@ def make(points: list[XY], vias: list[XY | None], closed: bool, **fields: object
             press[row, k, :2] = -dy, dx
     if n > 1:
         press[0], feed[0] = press[1], feed[1]
-    path = ToolPath("c1", "0", waypoints(position, via, feed, force_direction=press, force=feed / 2), closed)
+    path = ToolPath(
+        "c1", "0", waypoints(position, via, feed, force_direction=press, force=feed / 2), closed
+    )
     return replace(path, **fields)
 
 
@@ -138,13 +140,20 @@ def scene(draw: st.DrawFn) -> list[ToolPath]:
     paths = draw(st.lists(any_path(), min_size=1, max_size=14))
     # A parent later in the list than its children: any forest can be written so.
     parents = [draw(st.integers(i + 1, len(paths)) | st.just(-1)) for i in range(len(paths))]
-    return ids([replace(p, parent=q if q < len(paths) else -1) for p, q in zip(paths, parents, strict=True)])
+    return ids(
+        [
+            replace(p, parent=q if q < len(paths) else -1)
+            for p, q in zip(paths, parents, strict=True)
+        ]
+    )
 
 
 def choices(path: ToolPath) -> np.ndarray:
     """Points (complex) at which ``path`` may begin, closed ones sampled at most 1.3 mm apart."""
     if path.closed:
-        return np.array([point(piece, t) for piece in pieces(path) for t in np.linspace(0, 1, 90).tolist()])
+        return np.array(
+            [point(piece, t) for piece in pieces(path) for t in np.linspace(0, 1, 90).tolist()]
+        )
     ends = [complex(*path.position[0, :2]), complex(*path.position[-1, :2])]
     return np.array(ends if path.reversible else ends[:1])
 
@@ -167,7 +176,9 @@ def check_nearest_neighbour(paths: list[ToolPath], start: XY | None, inside_firs
     walked = 0.0
     for path in tour.paths:
         index = int(path.id[1:])
-        allowed = [i for i in left if not inside_first or not any(encloses(paths, i, j) for j in left)]
+        allowed = [
+            i for i in left if not inside_first or not any(encloses(paths, i, j) for j in left)
+        ]
         assert index in allowed
         begin = complex(*path.position[0, :2])
         others = np.concatenate([starts[i] for i in allowed])
@@ -222,7 +233,10 @@ def test_the_search_keeps_every_path_and_rule_between_the_bound_and_nearest_neig
 def test_the_search_finds_the_shortest_way_over_a_circle() -> None:
     # From home round a circle to a line: the best start of the circle is where a ray would be reflected, (5, -3).
     tour = arrange(
-        ids([circle(5, 0, 3), line((10, -8), (0, -9), reversible=False)]), "best", (0, -8), inside_first=False
+        ids([circle(5, 0, 3), line((10, -8), (0, -9), reversible=False)]),
+        "best",
+        (0, -8),
+        inside_first=False,
     )
     assert [p.id for p in tour.paths] == ["c0", "c1"]
     assert tour.paths[0].position[0, :2].tolist() == pytest.approx([5, -3], abs=0.02)
@@ -230,13 +244,20 @@ def test_the_search_finds_the_shortest_way_over_a_circle() -> None:
 
 
 @pytest.mark.parametrize("fast", [False, True])
-def test_every_size_is_searched_without_being_asked(fast: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_size_is_searched_without_being_asked(
+    fast: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
     if fast and importlib.util.find_spec("numba") is None:
         pytest.skip("numba (extra fast) is not installed")
     monkeypatch.setattr(search, "available", lambda: fast)
     monkeypatch.setattr(speed, "available", lambda: fast)
     rng = random.Random(3)
-    many = ids([line((x, y), (x + 1, y)) for x, y in ((rng.uniform(0, 900), rng.uniform(0, 900)) for _ in range(1300))])
+    many = ids(
+        [
+            line((x, y), (x + 1, y))
+            for x, y in ((rng.uniform(0, 900), rng.uniform(0, 900)) for _ in range(1300))
+        ]
+    )
     few = many[:300]
     searched = arrange(few, "best", None, False)
     assert searched.method == "local search"
@@ -283,7 +304,9 @@ def test_seconds_are_those_of_a_clock(seconds: float, monkeypatch: pytest.Monkey
 
 @given(st.integers(0, 10**6), st.integers(2, 80), st.booleans(), st.booleans())
 @settings(max_examples=40)
-def test_a_greedy_tour_runs_every_item_after_those_inside(seed: int, count: int, home: bool, rules: bool) -> None:
+def test_a_greedy_tour_runs_every_item_after_those_inside(
+    seed: int, count: int, home: bool, rules: bool
+) -> None:
     rng = random.Random(seed)
 
     def place() -> float:
@@ -306,7 +329,10 @@ def test_a_greedy_tour_runs_every_item_after_those_inside(seed: int, count: int,
 
 
 def turned_circle(x: float, y: float, r: float, turn: float) -> ToolPath:
-    ring = [(x + r * math.cos(turn + k * math.pi / 2), y + r * math.sin(turn + k * math.pi / 2)) for k in range(4)]
+    ring = [
+        (x + r * math.cos(turn + k * math.pi / 2), y + r * math.sin(turn + k * math.pi / 2))
+        for k in range(4)
+    ]
     return make([ring[0], ring[2], ring[0]], [ring[1], ring[3]], True)
 
 
@@ -331,7 +357,14 @@ def test_reverses_and_starts_between_vertices() -> None:
     tour = arrange(ids([far, square, circle(50, -30, 10)]), "nearest", (4, 0), inside_first=True)
     assert [p.id for p in tour.paths] == ["c1", "c0", "c2"]
     # The square begins right above the start, the line at its end, the circle towards where the line leaves the tool.
-    assert tour.paths[0].position[:, :2].tolist() == [[4, 5], [10, 5], [10, 15], [0, 15], [0, 5], [4, 5]]
+    assert tour.paths[0].position[:, :2].tolist() == [
+        [4, 5],
+        [10, 5],
+        [10, 15],
+        [0, 15],
+        [0, 5],
+        [4, 5],
+    ]
     assert tour.paths[1].position[:, :2].tolist() == [[20, 10], [100, 0]]
     reach = math.hypot(50, 30)
     x, y = 50 + 10 * 50 / reach, -30 + 10 * 30 / reach
@@ -348,7 +381,12 @@ def test_a_one_way_path_is_entered_at_its_start() -> None:
 
 
 def test_without_a_start_the_leftmost_comes_first() -> None:
-    tour = arrange(ids([line((0, 0), (5, 0)), circle(6, 40, 10), line((9, 9), (-3, 9))]), "nearest", None, False)
+    tour = arrange(
+        ids([line((0, 0), (5, 0)), circle(6, 40, 10), line((9, 9), (-3, 9))]),
+        "nearest",
+        None,
+        False,
+    )
     assert [p.id for p in tour.paths] == ["c1", "c2", "c0"]
     assert tour.paths[0].position[0].tolist() == pytest.approx([-4, 40, 0])
     twins = ids([line((0, 0), (1, 0)), line((0, 0), (1, 0))])
@@ -358,8 +396,16 @@ def test_without_a_start_the_leftmost_comes_first() -> None:
 def test_holes_come_before_the_outline_around_them() -> None:
     island, hole, outline = circle(0, 0, 2, parent=1), circle(0, 0, 5, parent=2), circle(0, 0, 9)
     paths = ids([island, hole, outline])
-    assert [p.id for p in arrange(paths, "nearest", (20, 0), inside_first=False).paths] == ["c2", "c1", "c0"]
-    assert [p.id for p in arrange(paths, "nearest", (20, 0), inside_first=True).paths] == ["c0", "c1", "c2"]
+    assert [p.id for p in arrange(paths, "nearest", (20, 0), inside_first=False).paths] == [
+        "c2",
+        "c1",
+        "c0",
+    ]
+    assert [p.id for p in arrange(paths, "nearest", (20, 0), inside_first=True).paths] == [
+        "c0",
+        "c1",
+        "c2",
+    ]
 
 
 def test_as_drawn_changes_nothing() -> None:
@@ -420,7 +466,14 @@ def test_a_moved_start_keeps_the_path(path: ToolPath, data: st.DataObject) -> No
             assert abs(complex(*piece[1]) - complex(*piece[0])) == pytest.approx(
                 abs(complex(*piece[1]) - complex(*piece[2])), abs=1e-7
             )
-    for column in (moved.position, moved.via, moved.axis, moved.force_direction, moved.force, moved.feed):
+    for column in (
+        moved.position,
+        moved.via,
+        moved.axis,
+        moved.force_direction,
+        moved.force,
+        moved.feed,
+    ):
         assert not column.flags.writeable
         assert len(column) == len(moved.position)
 
@@ -486,7 +539,9 @@ def test_many_are_reversed_as_one_is(paths: list[ToolPath]) -> None:
 def test_thousands_at_one_point_are_no_quadratic_work(monkeypatch: pytest.MonkeyPatch) -> None:
     looked, scan = [0], tree._scan
 
-    def counted(pot: list[tree.Line | tree.Arc], x: float, y: float, best: float, choice: int) -> tuple[float, int]:
+    def counted(
+        pot: list[tree.Line | tree.Arc], x: float, y: float, best: float, choice: int
+    ) -> tuple[float, int]:
         looked[0] += len(pot)
         return scan(pot, x, y, best, choice)
 
@@ -499,6 +554,6 @@ def test_thousands_at_one_point_are_no_quadratic_work(monkeypatch: pytest.Monkey
 
 def test_no_heavy_import() -> None:
     code = "import camgen.order, sys; print('scipy' in sys.modules, 'shapely' in sys.modules)"
-    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == (
-        "False False\n"
-    )
+    assert subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    ).stdout == ("False False\n")

@@ -46,7 +46,12 @@ def square(x: float, y: float, side: float) -> ToolPath:
 
 
 @settings(max_examples=40)
-@given(st.integers(0, 10**6), st.integers(1, 40), st.sampled_from(["nearest", "best", "as-drawn"]), st.booleans())
+@given(
+    st.integers(0, 10**6),
+    st.integers(1, 40),
+    st.sampled_from(["nearest", "best", "as-drawn"]),
+    st.booleans(),
+)
 def test_layers_come_in_the_order_that_is_named_and_what_is_inside_first_among_equals(
     seed: int, count: int, method: str, at: bool
 ) -> None:
@@ -63,15 +68,23 @@ def test_layers_come_in_the_order_that_is_named_and_what_is_inside_first_among_e
         for path in paths:
             around = path.parent
             while around >= 0:
-                if {"b": 0, "c": 1}.get(paths[around].layer, 2) >= {"b": 0, "c": 1}.get(path.layer, 2):
+                if {"b": 0, "c": 1}.get(paths[around].layer, 2) >= {"b": 0, "c": 1}.get(
+                    path.layer, 2
+                ):
                     assert place[path.id] < place[paths[around].id]
                 around = paths[around].parent
 
 
 def test_a_layer_that_is_named_first_comes_before_a_nearer_one() -> None:
     near, far = line((1, 0), (2, 0), layer="mark"), line((90, 0), (91, 0), layer="cut")
-    assert [p.layer for p in arrange([near, far], "best", (0, 0), True, layers=["cut"]).paths] == ["cut", "mark"]
-    assert [p.layer for p in arrange([far, near], "as-drawn", (0, 0), True, layers=["mark", "cut"]).paths] == [
+    assert [p.layer for p in arrange([near, far], "best", (0, 0), True, layers=["cut"]).paths] == [
+        "cut",
+        "mark",
+    ]
+    assert [
+        p.layer
+        for p in arrange([far, near], "as-drawn", (0, 0), True, layers=["mark", "cut"]).paths
+    ] == [
         "mark",
         "cut",
     ]
@@ -88,7 +101,9 @@ def corner_gap(path: ToolPath) -> float:
 @given(st.integers(0, 10**6), st.integers(1, 30), st.sampled_from(["nearest", "best"]))
 def test_smooth_seams_are_off_the_corners(seed: int, count: int, method: str) -> None:
     rng = random.Random(seed)
-    paths = ids([square(rng.uniform(0, 200), rng.uniform(0, 200), rng.uniform(1, 30)) for _ in range(count)])
+    paths = ids(
+        [square(rng.uniform(0, 200), rng.uniform(0, 200), rng.uniform(1, 30)) for _ in range(count)]
+    )
     tour = arrange(paths, method, (0.0, 0.0), False, seam="smooth")
     for path in tour.paths:
         side = float(np.ptp(path.position[:, 0]))
@@ -107,7 +122,9 @@ def test_a_seam_that_may_be_anywhere_is_at_the_corner_that_is_nearest() -> None:
     # A slot has no corner, and a circle none either: both begin where they are nearest.
     for path, nearest in ((circle(10, 0, 3), (7.0, 0.0)), (slot(10, -4), (6.0, 0.0))):
         for seam in ("any", "smooth"):
-            begin: XY = tuple(arrange([path], "nearest", (0, 0), False, seam=seam).paths[0].position[0, :2])
+            begin: XY = tuple(
+                arrange([path], "nearest", (0, 0), False, seam=seam).paths[0].position[0, :2]
+            )
             assert begin == pytest.approx(nearest, abs=1e-6)
 
 
@@ -157,11 +174,15 @@ def test_the_bound_sees_the_room_between_squares(side: float) -> None:
     ("waits_for", "free"),
     [
         pytest.param([2000] * 2000 + [-1], True, id="a sheet with an outline"),
-        pytest.param([k ^ 1 if k % 2 == 0 else -1 for k in range(2000)], False, id="every part with a hole"),
+        pytest.param(
+            [k ^ 1 if k % 2 == 0 else -1 for k in range(2000)], False, id="every part with a hole"
+        ),
         pytest.param([1, 0] + [-1] * 1998, False, id="a circle"),
         pytest.param([-1] * 10, True, id="nothing around anything"),
     ],
 )
-def test_a_greedy_tour_is_a_start_where_next_to_nothing_has_to_wait(waits_for: list[int], free: bool) -> None:
+def test_a_greedy_tour_is_a_start_where_next_to_nothing_has_to_wait(
+    waits_for: list[int], free: bool
+) -> None:
     path = straight_path("p", np.array([[0.0, 0.0], [1.0, 0.0]]), Job(), "trace")
     assert is_free([path] * len(waits_for), waits_for, [0] * len(waits_for)) == free

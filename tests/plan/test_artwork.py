@@ -59,7 +59,10 @@ def apart(a: Part, b: Part, step: float) -> float:
     worst = 0.0
     for p, q in zip(rings(a, step), rings(b, step), strict=True):
         for one, other in ((p, q), (q, p)):
-            worst = max(worst, float(shapely.distance(shapely.points(one), shapely.linestrings(other)).max()))
+            worst = max(
+                worst,
+                float(shapely.distance(shapely.points(one), shapely.linestrings(other)).max()),
+            )
     return worst
 
 
@@ -69,7 +72,13 @@ def area(points: np.ndarray) -> float:
 
 
 @settings(max_examples=60)
-@given(arrays(np.uint8, st.tuples(st.integers(1, 12), st.integers(1, 12)), elements=st.sampled_from([0, 255])))
+@given(
+    arrays(
+        np.uint8,
+        st.tuples(st.integers(1, 12), st.integers(1, 12)),
+        elements=st.sampled_from([0, 255]),
+    )
+)
 def test_borders_hold_the_ink(pixels: np.ndarray) -> None:
     """Against flood fill: as many outer borders as joined pieces of ink, as many holes as pieces of paper inside."""
     ink = ink_of(pixels, 128.0, False)
@@ -133,12 +142,16 @@ def test_a_disc_is_two_arcs_and_its_radius_is_found(tmp_path: Path) -> None:
         _, drawn = both(written(tmp_path, pixels))
         (contour,) = drawn.contours
         assert contour.bulges.tolist() == [1.0, 1.0]
-        assert np.hypot(*(contour.points[0] - contour.points[1])) / 2 == pytest.approx(radius / 10, abs=0.03)
+        assert np.hypot(*(contour.points[0] - contour.points[1])) / 2 == pytest.approx(
+            radius / 10, abs=0.03
+        )
 
 
 def test_a_turned_square_is_four_lines_with_sharp_corners(tmp_path: Path) -> None:
     pixels = np.full((300, 300), 255, np.uint8)
-    corners = np.array([[150 + 110 * np.cos(t), 150 + 110 * np.sin(t)] for t in 0.2 + np.pi / 2 * np.arange(4)])
+    corners = np.array(
+        [[150 + 110 * np.cos(t), 150 + 110 * np.sin(t)] for t in 0.2 + np.pi / 2 * np.arange(4)]
+    )
     v, u = np.mgrid[0:300, 0:300]
     inside = np.ones(pixels.shape, dtype=bool)
     for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
@@ -153,10 +166,17 @@ def test_a_turned_square_is_four_lines_with_sharp_corners(tmp_path: Path) -> Non
 
 
 @settings(max_examples=40)
-@given(arrays(np.uint8, (14, 14), elements=st.sampled_from([0, 255])), st.sampled_from([0.02, 0.05, 0.1, 0.3]))
-def test_the_drawing_leaves_no_border_by_more_than_the_tolerance(pixels: np.ndarray, tolerance: float) -> None:
+@given(
+    arrays(np.uint8, (14, 14), elements=st.sampled_from([0, 255])),
+    st.sampled_from([0.02, 0.05, 0.1, 0.3]),
+)
+def test_the_drawing_leaves_no_border_by_more_than_the_tolerance(
+    pixels: np.ndarray, tolerance: float
+) -> None:
     """Noise is the hardest there is: every pixel a corner."""
-    ink = ink_of(cv2.resize(pixels, None, fx=3, fy=3, interpolation=cv2.INTER_NEAREST), 128.0, False)
+    ink = ink_of(
+        cv2.resize(pixels, None, fx=3, fy=3, interpolation=cv2.INTER_NEAREST), 128.0, False
+    )
     if ink is None:
         return
     contours = tuple(
@@ -169,7 +189,9 @@ def test_the_drawing_leaves_no_border_by_more_than_the_tolerance(pixels: np.ndar
 
 
 @pytest.mark.skipif(not SHARED.exists(), reason="the shared data set is not beside the repository")
-@pytest.mark.parametrize("name", ["DeepPCB/00041000_temp.jpg", "mexopencv/bw.png", "scikit-image/horse.png"])
+@pytest.mark.parametrize(
+    "name", ["DeepPCB/00041000_temp.jpg", "mexopencv/bw.png", "scikit-image/horse.png"]
+)
 def test_real_pictures_keep_the_tolerance(name: str) -> None:
     raw, drawn = both(SHARED / name)
     assert apart(raw, drawn, 0.02) <= 0.1 + 1e-3
@@ -178,7 +200,9 @@ def test_real_pictures_keep_the_tolerance(name: str) -> None:
 
 def test_a_border_does_not_hang_on_those_beside_it() -> None:
     """All are handled at once: noise, circles, open lines, a line there and back, in any order."""
-    noise = cv2.resize(np.random.default_rng(5).integers(0, 2, (30, 30), np.uint8) * 255, None, fx=4, fy=4)
+    noise = cv2.resize(
+        np.random.default_rng(5).integers(0, 2, (30, 30), np.uint8) * 255, None, fx=4, fy=4
+    )
     ink = ink_of(noise, 128.0, False)
     assert ink is not None
     t = np.linspace(0, 2 * np.pi, 90, endpoint=False)
@@ -189,7 +213,10 @@ def test_a_border_does_not_hang_on_those_beside_it() -> None:
         (np.array([[0.0, 0.0], [5.0, 0.0]]), True),
         (np.array([[0.0, 0.0], [5.0, 0.0]]), False),
     ]
-    contours = [Contour(frozen(p), frozen(np.zeros(len(p))), c, "0", f"c{k}") for k, (p, c) in enumerate(lines)]
+    contours = [
+        Contour(frozen(p), frozen(np.zeros(len(p))), c, "0", f"c{k}")
+        for k, (p, c) in enumerate(lines)
+    ]
     for some in (contours, contours[::-1], contours[:1]):
         together = thin_out(some, 1.0, arcs=True)
         for contour, one in zip(some, together, strict=True):
@@ -227,7 +254,9 @@ def test_circles_through_stretches_of_points_are_those_they_were_made_of() -> No
     assert away[3] == pytest.approx(0.0, abs=1e-12)
     assert away[0] > 1.0
     alone = circles_of(Stretches.one(line[40:80]))
-    np.testing.assert_allclose([alone[0][0], alone[1][0], alone[2][0]], [found[1], size[1], off[1]], rtol=1e-9)
+    np.testing.assert_allclose(
+        [alone[0][0], alone[1][0], alone[2][0]], [found[1], size[1], off[1]], rtol=1e-9
+    )
 
 
 def test_lines_of_a_drawing_are_thinned_out_on_demand_and_arcs_stay() -> None:
@@ -235,7 +264,9 @@ def test_lines_of_a_drawing_are_thinned_out_on_demand_and_arcs_stay() -> None:
     points = np.concatenate([np.column_stack([t * 10, np.sin(t * 3)]), [[31.0, 0.0], [33.0, 0.0]]])
     bulges = np.zeros(len(points))
     bulges[-2] = 0.5
-    part = Part("a", "a.dxf", "mm", (Contour(frozen(points), frozen(bulges), False, "0", "c1"),), ())
+    part = Part(
+        "a", "a.dxf", "mm", (Contour(frozen(points), frozen(bulges), False, "0", "c1"),), ()
+    )
     assert simplify(part, from_mapping({})).contours is part.contours
     (thin,) = simplify(part, from_mapping({"tolerance": {"simplify": 0.05}})).contours
     assert len(thin.points) < 40
@@ -249,11 +280,17 @@ def test_short_pieces_are_dropped_and_counted() -> None:
     short = frozen([[0.0, 0.0], [0.3, 0.4]])
     zeros = frozen([0.0, 0.0])
     part = Part(
-        "a", "a.dxf", "mm", (Contour(points, zeros, False, "0", "c1"), Contour(short, zeros, False, "0", "c2")), ()
+        "a",
+        "a.dxf",
+        "mm",
+        (Contour(points, zeros, False, "0", "c1"), Contour(short, zeros, False, "0", "c2")),
+        (),
     )
     kept = simplify(part, from_mapping({"input": {"min_length": 0.6}}))
     assert [c.id for c in kept.contours] == ["c1"]
-    assert [str(n) for n in kept.notes] == ["skipped: 1 contour shorter than 0.6 mm (input.min_length)"]
+    assert [str(n) for n in kept.notes] == [
+        "skipped: 1 contour shorter than 0.6 mm (input.min_length)"
+    ]
 
 
 def test_what_has_no_ink_or_no_scale_is_refused(tmp_path: Path) -> None:
@@ -285,7 +322,9 @@ def test_on_a_page_a_picture_needs_no_scale_and_its_mask_moves_along(tmp_path: P
     assert middle.tolist() == pytest.approx([50, 30])
 
 
-def test_inspect_says_what_would_be_drawn(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_inspect_says_what_would_be_drawn(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     drawing = np.full((20, 30), 255, np.uint8)
     drawing[5:15, 10:20] = 0
     path = written(tmp_path, drawing)
@@ -293,14 +332,35 @@ def test_inspect_says_what_would_be_drawn(tmp_path: Path, capsys: pytest.Capture
     assert main(["inspect", str(path), *asked]) == 0
     said = capsys.readouterr().out
     # A square of 10 px on 50 mm.
-    assert said.startswith("picture of 30 x 20 px, taken as a drawing\nscale: 5 mm/px, drawing 50 x 50 mm\n")
-    assert "strokes: 1, all closed, of 4 lines and 0 arcs; 200 mm in all, the shortest 200 mm\n" in said
-    assert main(["inspect", str(path), *asked, "--set", "operation.kind=fill", "--set", "tool.diameter=0.8"]) == 0
+    assert said.startswith(
+        "picture of 30 x 20 px, taken as a drawing\nscale: 5 mm/px, drawing 50 x 50 mm\n"
+    )
+    assert (
+        "strokes: 1, all closed, of 4 lines and 0 arcs; 200 mm in all, the shortest 200 mm\n"
+        in said
+    )
+    assert (
+        main(
+            [
+                "inspect",
+                str(path),
+                *asked,
+                "--set",
+                "operation.kind=fill",
+                "--set",
+                "tool.diameter=0.8",
+            ]
+        )
+        == 0
+    )
     said = capsys.readouterr().out
     assert "borders of the ink: 1, all closed, of 4 lines and 0 arcs" in said
     assert "\nfilled with a pen of 0.8 mm (tool.diameter)\n" in said
     # The same job builds what was said; without a page it is asked for.
-    assert main(["build", str(path), "--post", "gcode", *asked, "-o", str(tmp_path / "square.ngc")]) == 0
+    assert (
+        main(["build", str(path), "--post", "gcode", *asked, "-o", str(tmp_path / "square.ngc")])
+        == 0
+    )
     assert main(["inspect", str(path)]) == 0
     assert "give [page] size to draw it on paper" in capsys.readouterr().out
 
@@ -312,14 +372,18 @@ def test_small_squares_stay_squares_and_small_discs_become_circles(tmp_path: Pat
         drawing[10 : 16 + k, 10 + 40 * k : 16 + 41 * k] = 0
         drawing[np.hypot(u - 20.3 - 40 * k, v - 40.4) <= 4 + 0.7 * k] = 0
     _, thin = both(written(tmp_path, drawing), image={"mm_per_px": 1.0})
-    by_place = sorted(thin.contours, key=lambda c: (c.points[:, 1].mean() < 30, c.points[:, 0].mean()))
+    by_place = sorted(
+        thin.contours, key=lambda c: (c.points[:, 1].mean() < 30, c.points[:, 0].mean())
+    )
     squares, discs = by_place[:7], by_place[7:]
     assert len(discs) == 7
     for k, square in enumerate(squares):
         assert (len(square.points), int((square.bulges != 0).sum())) == (4, 0), k
     for k, disc in enumerate(discs):
         assert disc.bulges.tolist() == [1.0, 1.0]
-        assert np.hypot(*(disc.points[1] - disc.points[0])) / 2 == pytest.approx(4 + 0.7 * k, abs=0.5)
+        assert np.hypot(*(disc.points[1] - disc.points[0])) / 2 == pytest.approx(
+            4 + 0.7 * k, abs=0.5
+        )
 
 
 @pytest.mark.parametrize("name", ["gear.png", "board.png"])
@@ -343,7 +407,10 @@ def sketch() -> tuple[np.ndarray, np.ndarray]:
     for points in (arc, line):
         steps = np.round((points + 0.5) * finer - 0.5).astype(np.int32)
         cv2.polylines(pixels, [steps], False, 0, 4 * finer)
-    for letter in ([(60, 240), (60, 200), (80, 240), (80, 200)], [(100, 200), (100, 240), (120, 240)]):
+    for letter in (
+        [(60, 240), (60, 200), (80, 240), (80, 200)],
+        [(100, 200), (100, 240), (120, 240)],
+    ):
         cv2.polylines(pixels, [np.array(letter, np.int32) * finer], False, 0, 3 * finer)
     cv2.rectangle(pixels, (1100, 760), (1400, 1060), 0, cv2.FILLED)
     small = cv2.resize(pixels, (400, 300), interpolation=cv2.INTER_AREA)
@@ -357,7 +424,9 @@ def length(part: Part) -> float:
 def test_thin_lines_and_lettering_are_drawn_once_along_their_middle(tmp_path: Path) -> None:
     picture, middle = sketch()
     path = written(tmp_path, picture)
-    jobs = {how: {"image": {"mm_per_px": 1.0, "lines": how}} for how in ("auto", "border", "centre")}
+    jobs = {
+        how: {"image": {"mm_per_px": 1.0, "lines": how}} for how in ("auto", "border", "centre")
+    }
     parts = {how: both(path, **job)[1] for how, job in jobs.items()}
     # The square keeps its border, of 4 x 75 px; of all else one side is enough.
     around = 4 * 75
@@ -365,7 +434,10 @@ def test_thin_lines_and_lettering_are_drawn_once_along_their_middle(tmp_path: Pa
     assert 0.4 * twice < once < 0.52 * twice
     closed = [c for c in parts["auto"].contours if c.closed]
     assert len(closed) == 1
-    assert any("drawn once, along the middle, 1 piece along the border" in n.what for n in parts["auto"].notes)
+    assert any(
+        "drawn once, along the middle, 1 piece along the border" in n.what
+        for n in parts["auto"].notes
+    )
     assert all(c.closed for c in parts["border"].contours)
     # Nowhere farther than a pixel from what was drawn, and of 4 px half is cut off at each end at most.
     matrix = parts["auto"].raster.work_from_view
@@ -387,19 +459,25 @@ def test_a_dot_keeps_its_border(tmp_path: Path) -> None:
 @pytest.mark.parametrize("kind", ["fill", "drill", "follow"])
 def test_lines_of_what_is_not_traced_are_refused(tmp_path: Path, kind: str) -> None:
     picture, _ = sketch()
-    job = from_mapping({"operation": {"kind": kind}, "image": {"mm_per_px": 1.0, "lines": "centre"}})
+    job = from_mapping(
+        {"operation": {"kind": kind}, "image": {"mm_per_px": 1.0, "lines": "centre"}}
+    )
     with pytest.raises(JobError, match="lines: has no effect"):
         read(written(tmp_path, picture), job)
 
 
-def test_grey_borders_are_left_by_a_third_of_a_pixel_those_of_two_values_by_one(tmp_path: Path) -> None:
+def test_grey_borders_are_left_by_a_third_of_a_pixel_those_of_two_values_by_one(
+    tmp_path: Path,
+) -> None:
     y, x = np.mgrid[:200, :200]
     grey = np.clip(np.hypot(x - 99.5, y - 99.5) - 60 + 0.5, 0, 1) * 255
     found = {}
     for name, picture in (("grey", grey), ("two", np.where(grey < 128, 0, 255))):
         file = tmp_path / f"{name}.png"
         cv2.imwrite(str(file), picture.astype(np.uint8))
-        made = camgen.build(file, post="gcode", job={"page": {"size": [120.0, 120.0], "margin": 0.0}})
+        made = camgen.build(
+            file, post="gcode", job={"page": {"size": [120.0, 120.0], "margin": 0.0}}
+        )
         (told,) = [note for note in made.notes if "thinned out" in note.what]
         found[name] = float(told.why.split("= ")[1].split(" ")[0]) / (120 / 121)
     # The disc is 120 px wide and fills the page.

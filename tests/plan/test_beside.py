@@ -25,8 +25,12 @@ def loops(draw: st.DrawFn) -> list[Contour]:
         if kind == "star":
             count = draw(st.integers(3, 7))
             angle = 2 * math.pi * np.arange(count) / count
-            radius = size * np.array(draw(st.lists(st.floats(0.3, 1), min_size=count, max_size=count)))
-            bulges = draw(st.lists(st.sampled_from([0.0, 0.0, 0.3, -0.3]), min_size=count, max_size=count))
+            radius = size * np.array(
+                draw(st.lists(st.floats(0.3, 1), min_size=count, max_size=count))
+            )
+            bulges = draw(
+                st.lists(st.sampled_from([0.0, 0.0, 0.3, -0.3]), min_size=count, max_size=count)
+            )
             points = np.column_stack([x + radius * np.cos(angle), y + radius * np.sin(angle)])
             shape = contour(points.tolist(), bulges)
         else:
@@ -68,5 +72,7 @@ def test_slips_are_the_same_where_every_corner_is_looked_at(drawn: list[Contour]
     following = neighbours(source, np.ones(count, dtype=np.bool_))
     found = uncross.find_slips(source, following, count)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(uncross, "only_at_ends", lambda _, one, __: np.zeros(len(one), dtype=np.bool_))
+        patch.setattr(
+            uncross, "only_at_ends", lambda _, one, __: np.zeros(len(one), dtype=np.bool_)
+        )
         assert np.array_equal(found, uncross.find_slips(source, following, count))

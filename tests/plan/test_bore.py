@@ -83,7 +83,9 @@ def test_climb_has_the_wall_on_the_right(direction: str, sense: int) -> None:
     (path,) = planned(circle(0, 0, 5), direction=direction, finish=0.2).paths
     x, y = path.position[:-1, :2].T
     # With the wall around it the tool runs counter-clockwise to have it on the right.
-    assert np.sign(x[:-1] * y[1:] - x[1:] * y[:-1])[np.hypot(np.diff(x), np.diff(y)) < 0.5][0] == sense
+    assert (
+        np.sign(x[:-1] * y[1:] - x[1:] * y[:-1])[np.hypot(np.diff(x), np.diff(y)) < 0.5][0] == sense
+    )
     arc = ~np.isnan(path.via[1:-1, 0])
     before, via = path.position[:-2, :2][arc], path.via[1:-1, :2][arc]
     assert (np.sign(before[:, 0] * via[:, 1] - before[:, 1] * via[:, 0]) == sense).all()
@@ -124,7 +126,12 @@ def test_circles_that_cannot_be_bored_are_told() -> None:
 
 
 def test_diameters_are_chosen_and_only_what_is_worked_on() -> None:
-    shapes = (circle(0, 0, 4, "c1"), circle(20, 0, 5, "c2"), circle(40, 0, 5, "c3"), circle(40, 0, 5.5, "c4"))
+    shapes = (
+        circle(0, 0, 4, "c1"),
+        circle(20, 0, 5, "c2"),
+        circle(40, 0, 5, "c3"),
+        circle(40, 0, 5.5, "c4"),
+    )
     made = planned(*shapes, holes=[9, 12])
     assert [path.id for path in made.paths] == ["c2", "c3"]
     assert [str(note) for note in made.notes] == [
@@ -155,7 +162,9 @@ def test_settings_that_make_no_sense(tool: ToolTable, process: ProcessTable, pla
 def test_the_program_goes_down_at_the_wall_and_up_in_the_middle() -> None:
     program = camgen.build(part(circle(20, 10, 5)), job=job(), post="gcode").program
     moves = [item for item in program.body if isinstance(item, (MoveJ, MoveL))]
-    deep = [k for k, item in enumerate(moves) if getattr(item.target, "origin", (0, 0, 0))[2] == -8.0]
+    deep = [
+        k for k, item in enumerate(moves) if getattr(item.target, "origin", (0, 0, 0))[2] == -8.0
+    ]
     up = moves[deep[-1] + 1]
     assert moves[deep[-1]].target.origin == pytest.approx((20, 10, -8))
     assert up.target.origin[:2] == pytest.approx((20, 10))

@@ -20,7 +20,9 @@ def job(width: float = 1.0, tool: ToolTable | None = None, **operation: object) 
     return Job(tool=tool or ToolTable(kind="v", diameter=10.0), operation=table)
 
 
-def planned(*contours: Contour, width: float = 1.0, tool: ToolTable | None = None, **operation: object) -> Plan:
+def planned(
+    *contours: Contour, width: float = 1.0, tool: ToolTable | None = None, **operation: object
+) -> Plan:
     return plan(part(*contours), job(width, tool, **operation))
 
 
@@ -97,7 +99,9 @@ def test_what_does_not_fit_is_told() -> None:
     (note,) = [note for note in made.notes if note.kind == "skipped"]
     assert note.ids == ("c1",)
     assert "a V tool whose middle is 0.5 mm off the wall does not fit" in str(note)
-    open_one = planned(rectangle(0, 0, 60, 40), contour([(100, 0), (120, 0)], closed=False, name="c2"))
+    open_one = planned(
+        rectangle(0, 0, 60, 40), contour([(100, 0), (120, 0)], closed=False, name="c2")
+    )
     assert [note.ids for note in open_one.notes if note.kind == "skipped"] == [("c2",)]
 
 
@@ -119,7 +123,10 @@ def test_the_edge_of_a_contour_that_is_not_worked_on_is_not_cut() -> None:
     ("asked", "place"),
     [
         (job(tool=ToolTable(diameter=10.0)), "tool.kind"),
-        (Job(tool=ToolTable(kind="v"), operation=OperationTable(kind="chamfer")), "operation.width"),
+        (
+            Job(tool=ToolTable(kind="v"), operation=OperationTable(kind="chamfer")),
+            "operation.width",
+        ),
         (job(depth=2.0), "operation.depth"),
         (job(side="on"), "operation.side"),
         (job(finish=0.1), "operation.finish"),

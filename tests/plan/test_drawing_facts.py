@@ -17,7 +17,13 @@ from camgen.model.program import MoveC, MoveJ, MoveL
 from camgen.post.plugins import find_readback
 
 FIXTURES = Path(__file__).parents[2] / "fixtures"
-FILES = {"rapid": "part.mod", "pacscript": "part.pcs", "vplus": "part.v2", "gcode": "part.ngc", "grbl": "part.nc"}
+FILES = {
+    "rapid": "part.mod",
+    "pacscript": "part.pcs",
+    "vplus": "part.v2",
+    "gcode": "part.ngc",
+    "grbl": "part.nc",
+}
 #: The pen marks below this height, mm; the finest text has three digits.
 TOUCH = 2e-3
 
@@ -86,7 +92,9 @@ def gear_outline(scale: float) -> Iterable[FloatArray]:
     for k in range(18):
         # A tooth stands where the turn is half a pitch; flanks run from half width 0.27 to 0.16 of the pitch.
         t = np.linspace(0, 1, 60)
-        radius = np.concatenate([root + (tip - root) * t, np.full(60, tip), tip - (tip - root) * t, np.full(60, root)])
+        radius = np.concatenate(
+            [root + (tip - root) * t, np.full(60, tip), tip - (tip - root) * t, np.full(60, root)]
+        )
         width = np.concatenate([0.11 * t - 0.27, 0.32 * t - 0.16, 0.16 + 0.11 * t, 0.27 + 0.46 * t])
         angle = -(k + 0.5 + width) * pitch
         rows.append(middle + radius[:, None] * np.column_stack([np.cos(angle), np.sin(angle)]))

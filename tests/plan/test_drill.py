@@ -23,14 +23,21 @@ from camgen.vision.crosses import crosses
 
 
 def planned(part: Part, diameter: float = 1.0, **operation: object) -> Plan:
-    return plan(part, from_mapping({"operation": {"kind": "drill", **operation}, "tool": {"diameter": diameter}}))
+    return plan(
+        part,
+        from_mapping({"operation": {"kind": "drill", **operation}, "tool": {"diameter": diameter}}),
+    )
 
 
 def circle(x: float, y: float, radius: float, layer: str = "0", name: str = "c") -> Contour:
-    return Contour(frozen([(x - radius, y), (x + radius, y)]), frozen([1.0, 1.0]), True, layer, name)
+    return Contour(
+        frozen([(x - radius, y), (x + radius, y)]), frozen([1.0, 1.0]), True, layer, name
+    )
 
 
-def polygon(points: list[tuple[float, float]], closed: bool = True, bulges: list[float] | None = None) -> Contour:
+def polygon(
+    points: list[tuple[float, float]], closed: bool = True, bulges: list[float] | None = None
+) -> Contour:
     return Contour(frozen(points), frozen(bulges or np.zeros(len(points))), closed, "0", "p")
 
 
@@ -61,7 +68,9 @@ def test_a_mark_tells_its_turn_reach_and_width() -> None:
     turn = np.radians(12)
     turned = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
     for wide, high in ((160, 24), (24, 160)):
-        corners = np.array([(-wide, -high), (wide, -high), (wide, high), (-wide, high)]) / 1.0 @ turned.T + (
+        corners = np.array(
+            [(-wide, -high), (wide, -high), (wide, high), (-wide, high)]
+        ) / 1.0 @ turned.T + (
             399.5,
             379.5,
         )
@@ -102,7 +111,14 @@ def test_what_is_no_circle_is_not_drilled() -> None:
     there_and_back = polygon([(34.5, 5), (35.5, 5)], bulges=[1.0, -1.0])
     half = polygon([(44.5, 5), (45.5, 5)], bulges=[1.0, 0.0])
     found = planned(
-        part_with(polygon(many), polygon(oval), polygon(square), there_and_back, half, polygon(many[:30], False))
+        part_with(
+            polygon(many),
+            polygon(oval),
+            polygon(square),
+            there_and_back,
+            half,
+            polygon(many[:30], False),
+        )
     )
     assert centres(found) == [(5, 5)]
 
@@ -125,7 +141,9 @@ def test_rings_and_marks_of_a_picture() -> None:
 
 def test_a_hole_goes_straight_down_in_pecks_and_up() -> None:
     (path,) = planned(part_with(circle(3, 4, 0.5)), depth=1.8, passes=3).paths
-    assert path.position[:, 2].tolist() == pytest.approx([0, -0.6, 2, -0.346, -1.2, 2, -0.946, -1.8, 0])
+    assert path.position[:, 2].tolist() == pytest.approx(
+        [0, -0.6, 2, -0.346, -1.2, 2, -0.946, -1.8, 0]
+    )
     assert (path.position[:, :2] == [3, 4]).all()
     assert path.feed.tolist() == [20, 20, 100, 100, 20, 100, 100, 20, 100]
     assert not path.reversible
@@ -135,7 +153,10 @@ def test_a_hole_goes_straight_down_in_pecks_and_up() -> None:
 
 @given(st.floats(0.05, 30), st.integers(1, 12), st.floats(0, 8))
 def test_no_peck_is_deeper_than_its_share(depth: float, passes: int, approach: float) -> None:
-    job = {"operation": {"kind": "drill", "depth": depth, "passes": passes}, "process": {"approach": approach}}
+    job = {
+        "operation": {"kind": "drill", "depth": depth, "passes": passes},
+        "process": {"approach": approach},
+    }
     (path,) = plan(part_with(circle(3, 4, 0.5)), from_mapping(job)).paths
     z, feed = path.position[:, 2], path.feed
     cuts = z[1:][feed[1:] == 20]
@@ -188,7 +209,9 @@ def test_what_cannot_be_drilled_says_why() -> None:
         planned(hole, holes=[2.0, 1.0])
     pressing = from_mapping({"operation": {"kind": "drill"}, "process": {"force": 2.0}})
     plunging = from_mapping({"operation": {"kind": "drill"}, "process": {"plunge": 2.0}})
-    with pytest.raises(JobError, match=r"a drill goes down at process\.feed \(process\.plunge\); leave it out"):
+    with pytest.raises(
+        JobError, match=r"a drill goes down at process\.feed \(process\.plunge\); leave it out"
+    ):
         plan(part_with(circle(0, 0, 1)), plunging)
     with pytest.raises(JobError, match="not to a force"):
         plan(hole, pressing)
@@ -197,6 +220,8 @@ def test_what_cannot_be_drilled_says_why() -> None:
 def test_spaces_in_the_ink_that_are_no_circles_are_told() -> None:
     """The board of the fixtures has seven round holes; what is hollow besides is said to be left out."""
     board = Path(__file__).parents[2] / "fixtures" / "parts" / "board.png"
-    result = camgen.build(board, post="gcode", job={"operation": {"kind": "drill"}, "image": {"width_mm": 60}})
+    result = camgen.build(
+        board, post="gcode", job={"operation": {"kind": "drill"}, "image": {"width_mm": 60}}
+    )
     assert len(result.tour.paths) == 7
     assert any("no circles and are not drilled" in note.what for note in result.notes)

@@ -44,13 +44,20 @@ def by_trying_all(states: States) -> float:
         for chain in itertools.product(itertools.product(range(C), range(T)), repeat=K):
             if not all(states.usable[k, c, branch, t] for k, (c, t) in enumerate(chain)):
                 continue
-            values = [states.joints[k, c, branch] + 2 * math.pi * TABLE[t] for k, (c, t) in enumerate(chain)]
+            values = [
+                states.joints[k, c, branch] + 2 * math.pi * TABLE[t]
+                for k, (c, t) in enumerate(chain)
+            ]
             cost = seconds(values[0] - START) + sum(WORTH[c] for c, _ in chain) / K
             for k in range(1, K):
                 (c, t), source = chain[k], chain[k - 1][0]
                 move = {0: 0, 1: 1, -1: 2}.get(c - source, -1)
                 moved = values[k] - values[k - 1]
-                if move < 0 or not states.open[k - 1, move, c, branch, t] or np.abs(moved[[0, 1, 3]]).max() > JUMP:
+                if (
+                    move < 0
+                    or not states.open[k - 1, move, c, branch, t]
+                    or np.abs(moved[[0, 1, 3]]).max() > JUMP
+                ):
                     cost = math.inf
                     break
                 cost += seconds(moved) + (CHANGE if move else 0.0)
@@ -75,7 +82,9 @@ def test_no_chain_is_cheaper(seed: int) -> None:
     cost = seconds(found.joints[0] - START) + sum(seconds(m) for m in moved)
     cost += WORTH[found.orientation].sum() / K + CHANGE * np.count_nonzero(found.moves)
     assert cost == pytest.approx(least)
-    assert [MOVES[m, c] for m, c in zip(found.moves, found.orientation[1:], strict=True)] == [*found.orientation[:-1]]
+    assert [MOVES[m, c] for m, c in zip(found.moves, found.orientation[1:], strict=True)] == [
+        *found.orientation[:-1]
+    ]
 
 
 def test_the_trials_meet_both_cases() -> None:
@@ -86,7 +95,9 @@ def test_the_trials_meet_both_cases() -> None:
 def test_a_grid_is_the_cone_and_the_turn_and_starts_nominal() -> None:
     tilt = math.radians(20)
     full = grid(Freedom(tilt, roll=True))
-    assert len(full.nominal_from_tool) == 13 * 12  # 13 points of a 5 x 5 square lie in its inner circle
+    assert (
+        len(full.nominal_from_tool) == 13 * 12
+    )  # 13 points of a 5 x 5 square lie in its inner circle
     assert np.array_equal(full.nominal_from_tool[0], np.eye(3))
     assert full.cost[0] == 0 < full.cost[1:].min()
     lent, _ = lean(np.broadcast_to(np.eye(3), full.nominal_from_tool.shape), full.nominal_from_tool)
@@ -101,7 +112,8 @@ def test_a_grid_is_the_cone_and_the_turn_and_starts_nominal() -> None:
 
 
 @pytest.mark.parametrize(
-    ("freedom", "size", "moves"), [(Freedom(), 1, 1), (Freedom(0.1), 13, 5), (Freedom(0, True), 12, 3)]
+    ("freedom", "size", "moves"),
+    [(Freedom(), 1, 1), (Freedom(0.1), 13, 5), (Freedom(0, True), 12, 3)],
 )
 def test_a_grid_has_only_what_is_free(freedom: Freedom, size: int, moves: int) -> None:
     found = grid(freedom)

@@ -58,7 +58,9 @@ def test_the_offset_is_the_normal_of_the_face_that_is_meant(
 
 def test_the_default_is_the_upper_face() -> None:
     solid = block()
-    assert offset_along(camgen.job({"operation": {"offset_along": "burr"}}), solid, solid.edges) is TOP
+    assert (
+        offset_along(camgen.job({"operation": {"offset_along": "burr"}}), solid, solid.edges) is TOP
+    )
     assert offset_along(camgen.job(), solid, solid.edges) == "mean"
 
 

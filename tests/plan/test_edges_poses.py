@@ -61,9 +61,14 @@ def test_an_upright_edge_has_x_level_and_y_upwards() -> None:
 def test_the_rim_of_a_cylinder_stays_a_circle(outer: bool, radius: float) -> None:
     found = way(poses(rim((5, 6, 30), 20, outer), 4))
     assert len(found) == 5  # arcs of 120 deg and more are halved
-    for points, angles in ((found.position, np.arange(5) * 90), (found.via[1:], np.arange(4) * 90 + 45)):
+    for points, angles in (
+        (found.position, np.arange(5) * 90),
+        (found.via[1:], np.arange(4) * 90 + 45),
+    ):
         a = np.radians(angles)
-        circle = np.column_stack([5 + radius * np.cos(a), 6 + radius * np.sin(a), np.full(len(a), 30 + 4 * H)])
+        circle = np.column_stack(
+            [5 + radius * np.cos(a), 6 + radius * np.sin(a), np.full(len(a), 30 + 4 * H)]
+        )
         assert np.allclose(points, circle)
     sign = -1 if outer else 1
     for k, rotation in enumerate(found.rotation):
@@ -75,7 +80,10 @@ def test_the_rim_of_a_cylinder_stays_a_circle(outer: bool, radius: float) -> Non
 def test_an_offset_that_closes_the_bore_is_refused() -> None:
     found = poses(rim((0, 0, 0), 5, outer=False), 8)
     assert isinstance(found, Unreached)
-    assert (found.kind, found.text) == ("shape", "an offset of 8 mm leaves nothing of its inner radius")
+    assert (found.kind, found.text) == (
+        "shape",
+        "an offset of 8 mm leaves nothing of its inner radius",
+    )
     assert isinstance(poses(rim((0, 0, 0), 5, outer=False), 6), Way)  # 6 / sqrt 2 < 5
 
 
@@ -129,10 +137,14 @@ def test_a_divided_rim_is_the_circle_with_its_frame_turning_evenly(first: int, o
     found = way(poses(rim((5, 6, 30), 20, outer=True), 4))
     parts = np.array([first, other, first, other])
     dense = divide(found, parts)
-    angles = np.concatenate([[0.0], *[np.pi / 2 * (k + np.arange(1, n + 1) / n) for k, n in enumerate(parts)]])
+    angles = np.concatenate(
+        [[0.0], *[np.pi / 2 * (k + np.arange(1, n + 1) / n) for k, n in enumerate(parts)]]
+    )
     radius = 20 + 4 * H
     for angle, position, rotation in zip(angles, dense.position, dense.rotation, strict=True):
-        assert np.allclose(position, [5 + radius * math.cos(angle), 6 + radius * math.sin(angle), 30 + 4 * H])
+        assert np.allclose(
+            position, [5 + radius * math.cos(angle), 6 + radius * math.sin(angle), 30 + 4 * H]
+        )
         assert np.allclose(rotation, rotation_about(2, angle) @ found.rotation[0])
     assert dense.length.sum() == pytest.approx(math.tau * radius)
     assert np.array_equal(dense.position[rows(parts)], found.position)
@@ -145,4 +157,7 @@ def test_parts_are_no_longer_and_turn_no_further_than_asked() -> None:
     assert counts(line, 30, 1).tolist() == [4]
     assert counts(line, 25, 1).tolist() == [4]
     # A frame at 45 deg that goes round an upright axis by 90 deg turns by 90 deg.
-    assert counts(way(poses(rim((0, 0, 0), 20, outer=True), 4)), 1e3, math.radians(20)).tolist() == [5] * 4
+    assert (
+        counts(way(poses(rim((0, 0, 0), 20, outer=True), 4)), 1e3, math.radians(20)).tolist()
+        == [5] * 4
+    )

@@ -57,7 +57,9 @@ def refused(cell: Setup, edge: Edge, freedom: Freedom = NONE) -> Unreached:
 
 def judged(cell: Setup, found: Reached) -> FloatArray:
     """The joints of ``found`` against its way, the limits and continuity; returns the dense TCP frames."""
-    for frame, position, rotation in zip(tcp(cell, found.joints), found.way.position, found.way.rotation, strict=True):
+    for frame, position, rotation in zip(
+        tcp(cell, found.joints), found.way.position, found.way.rotation, strict=True
+    ):
         assert np.allclose(frame[:3, 3], position, atol=1e-6)
         assert np.allclose(frame[:3, :3], rotation, atol=1e-9)
     assert np.array_equal(found.dense[found.at], found.joints)
@@ -161,7 +163,9 @@ def leaning(cell: Setup, axis: FloatArray, least: float) -> Setup:
 def test_a_collision_is_named_and_then_avoided_by_no_more_tilt_than_needed() -> None:
     axis = nominal(TOP)[:, 2]
     cell = leaning(CELL, axis, 8)
-    assert refused(cell, TOP) == Unreached("e1", "collision", "collision, the holder with the part, 0 mm along it")
+    assert refused(cell, TOP) == Unreached(
+        "e1", "collision", "collision, the holder with the part, 0 mm along it"
+    )
     found = reached(cell, TOP, Freedom(math.radians(20)))
     judged(cell, found)
     assert found.freed
@@ -227,7 +231,9 @@ def test_a_rim_that_winds_the_wrist_up_is_unwound_by_rolling_along_it(name: str)
     solid = mesh.read(source(PARTS / "rfa2.stl"))
     edge = next(e for e in solid.edges if e.id == name)
     arm = robot("IRB 2000")
-    cell = Setup(arm, pose_from_values((1050, -50, 500, 0, 0, 45)), pose_from_values((60, 0, 240, 0, 45, 0)))
+    cell = Setup(
+        arm, pose_from_values((1050, -50, 500, 0, 0, 45)), pose_from_values((60, 0, 240, 0, 45, 0))
+    )
     assert refused(cell, edge).kind in ("limit", "jump", "singular")
     found = reached(cell, edge, Freedom(roll=True))
     dense = judged(cell, found)
@@ -256,7 +262,9 @@ def test_an_arm_without_a_closed_form_has_freedom_too() -> None:
 
     found = reached(replace(cell, clear=clear), edge, Freedom(math.radians(10)))
     assert plain.freed is None
-    assert found.freed == pytest.approx((5, 0), abs=1e-6) or found.freed == pytest.approx((10, 0), abs=1e-6)
+    assert found.freed == pytest.approx((5, 0), abs=1e-6) or found.freed == pytest.approx(
+        (10, 0), abs=1e-6
+    )
     rotations, origins = flange(arm, found.dense)
     line = origins + rotations @ [0, 0, 60] - [200, 60, 100]
     assert np.allclose(line[:, 1:], [-5 / math.sqrt(2), 5 / math.sqrt(2)], atol=1e-6)
@@ -278,7 +286,10 @@ def test_a_scara_reaches_an_edge_from_above_but_cannot_lean() -> None:
     rotations, origins = flange(cell.robot, burr.joints)
     assert np.allclose(origins + rotations @ [0, 0, 60], [[350, 100, 155], [470, 100, 155]])
     assert isinstance(mean, Unreached)
-    assert (mean.kind, mean.text) == ("lean", "the robot cannot lean its tool, and it has to by 45 deg, 0 mm along it")
+    assert (mean.kind, mean.text) == (
+        "lean",
+        "the robot cannot lean its tool, and it has to by 45 deg, 0 mm along it",
+    )
 
 
 # -- trimmed edges ---------------------------------------------------------------------------------------------------
@@ -289,7 +300,11 @@ def test_a_piece_of_a_way_is_the_same_motion(low: float, high: float) -> None:
     """A line of 20 mm and a quarter circle of radius 30 mm: points, length and turn of the piece by hand."""
     quarter = 30 * math.pi / 2
     turn = [np.eye(3), np.eye(3), np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])]
-    via = [(math.nan,) * 3, (math.nan,) * 3, (20 + 30 * math.sin(math.pi / 4), 30 - 30 * math.cos(math.pi / 4), 0)]
+    via = [
+        (math.nan,) * 3,
+        (math.nan,) * 3,
+        (20 + 30 * math.sin(math.pi / 4), 30 - 30 * math.cos(math.pi / 4), 0),
+    ]
     way = Way(np.array([(0.0, 0, 0), (20, 0, 0), (50, 30, 0)]), np.array(via), np.array(turn))
     high = min(high, 20 + quarter)
     piece = cut(way, low, high)
@@ -304,7 +319,9 @@ def test_a_piece_of_a_way_is_the_same_motion(low: float, high: float) -> None:
     for k, s in ((0, low), (-1, high)):
         place, angle = at(s)
         assert piece.position[k] == pytest.approx(place, abs=1e-9)
-        assert math.atan2(piece.rotation[k, 1, 0], piece.rotation[k, 0, 0]) == pytest.approx(angle, abs=1e-9)
+        assert math.atan2(piece.rotation[k, 1, 0], piece.rotation[k, 0, 0]) == pytest.approx(
+            angle, abs=1e-9
+        )
     if high > 20:
         assert piece.via[-1] == pytest.approx(at((max(low, 20) + high) / 2)[0], abs=1e-9)
     assert np.isnan(piece.via[0]).all()

@@ -26,7 +26,11 @@ SETTING = re.compile(r"(tool|operation)\.(axis_tilt|symmetric|trim) = (true|[0-9
 
 
 def tables(select: str, **tool: object) -> dict[str, dict[str, Any]]:
-    job: dict[str, dict[str, Any]] = {"input": {"select": select}, "operation": {"offset": 2}, "cell": CELL}
+    job: dict[str, dict[str, Any]] = {
+        "input": {"select": select},
+        "operation": {"offset": 2},
+        "cell": CELL,
+    }
     return {**job, "tool": {"holder": HOLDER, **tool}}
 
 
@@ -49,15 +53,25 @@ def test_the_settings_that_are_named_reach_the_edge() -> None:
 
 def test_a_trim_that_is_named_leaves_out_what_is_said_and_a_smaller_one_does_not_help() -> None:
     """The upright edges of the second part end at its table."""
-    cell = {**CELL, "base_from_work": [900, -75, 600, 0, 0, 0], "fixtures": [[-100, -100, -20, 300, 250, -0.5]]}
+    cell = {
+        **CELL,
+        "base_from_work": [900, -75, 600, 0, 0, 0],
+        "fixtures": [[-100, -100, -20, 300, 250, -0.5]],
+    }
     job = {**tables("e1, e24", axis_tilt=15, symmetric=True), "cell": cell}
-    stated = re.search(r"; operation\.trim = (\d+) reaches all but ([0-9.]+) mm$", left_out("rfa2.stl", job)["e24"])
+    stated = re.search(
+        r"; operation\.trim = (\d+) reaches all but ([0-9.]+) mm$", left_out("rfa2.stl", job)["e24"]
+    )
     assert stated
     trim, missing = int(stated[1]), float(stated[2])
     whys = {}
     for tried in (trim - 1, trim):
-        result = camgen.build(PARTS / "rfa2.stl", post="rapid", job={**job, "operation": {"offset": 2, "trim": tried}})
-        whys[tried] = next(note.what for note in result.notes if note.kind == "skipped" and note.ids == ("e24",))
+        result = camgen.build(
+            PARTS / "rfa2.stl", post="rapid", job={**job, "operation": {"offset": 2, "trim": tried}}
+        )
+        whys[tried] = next(
+            note.what for note in result.notes if note.kind == "skipped" and note.ids == ("e24",)
+        )
     assert "line of 55 mm" in whys[trim - 1]  # left out whole
     ends = re.search(r"without its first ([0-9.]+) and last ([0-9.]+) mm", whys[trim])
     assert ends
@@ -67,7 +81,9 @@ def test_a_trim_that_is_named_leaves_out_what_is_said_and_a_smaller_one_does_not
 # -- by rules alone --------------------------------------------------------------------------------------------------
 
 
-def said(edges: Sequence[Edge], attempts: Attempts, job: Job | None = None) -> tuple[list[str], int]:
+def said(
+    edges: Sequence[Edge], attempts: Attempts, job: Job | None = None
+) -> tuple[list[str], int]:
     """What is told of edges that are lost, and how many notes there are."""
     lost = [Unreached(edge.id, "limit", "beyond") for edge in edges]
     told, notes = remedies(lost, {edge.id: edge for edge in edges}, job or camgen.job(), attempts)
@@ -125,10 +141,15 @@ def test_a_closed_edge_has_no_ends_to_trim() -> None:
 
 def test_a_trim_is_named_with_the_freest_tool_where_it_does_not_help_alone() -> None:
     attempts = Attempts(
-        nothing, lambda job, ends: [job.tool.symmetric and sum(one) >= 4 for one in ends.values()], always
+        nothing,
+        lambda job, ends: [job.tool.symmetric and sum(one) >= 4 for one in ends.values()],
+        always,
     )
     ((told,), _) = said([LINE], attempts)
-    assert told == "tool.axis_tilt = 30 with tool.symmetric = true and operation.trim = 4 reaches all but 4 mm"
+    assert (
+        told
+        == "tool.axis_tilt = 30 with tool.symmetric = true and operation.trim = 4 reaches all but 4 mm"
+    )
 
 
 def test_many_edges_are_counted_and_a_shape_is_not_tried() -> None:
@@ -137,4 +158,7 @@ def test_many_edges_are_counted_and_a_shape_is_not_tried() -> None:
     assert [bool(text) for text in told] == [True] * 8 + [False] * 3
     assert notes == 1
     shape = [Unreached("e1", "shape", "its two faces are back to back")]
-    assert remedies(shape, {"e1": LINE}, camgen.job(), Attempts(nothing, never, always)) == (shape, [])
+    assert remedies(shape, {"e1": LINE}, camgen.job(), Attempts(nothing, never, always)) == (
+        shape,
+        [],
+    )

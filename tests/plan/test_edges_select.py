@@ -35,7 +35,9 @@ def test_all_has_the_concave_ones_too() -> None:
     assert len(select(RFA2, ["all", "not convex"])) == 6
 
 
-@pytest.mark.parametrize("words", [["e7", "e3-e5", "e4"], ["e7, e3-e5"], ["e3-e8 not e6 not e8"], ["not e6,e3-e7"]])
+@pytest.mark.parametrize(
+    "words", [["e7", "e3-e5", "e4"], ["e7, e3-e5"], ["e3-e8 not e6 not e8"], ["not e6,e3-e7"]]
+)
 def test_ids_and_ranges_come_in_the_order_of_the_part(words: list[str]) -> None:
     assert select(RFA1, words) == (ids(3, 4, 5, 7))
 
@@ -47,8 +49,14 @@ def test_the_bottom_is_what_lies_on_the_lowest_plane_not_what_touches_it() -> No
 @pytest.mark.parametrize(
     ("word", "said"),
     [
-        ("convx", 'input.select: "convx" is neither an id nor one of all, convex, bottom, not; nearest is convex'),
-        ("E3", 'input.select: "E3" is neither an id nor one of all, convex, bottom, not; nearest is e3'),
+        (
+            "convx",
+            'input.select: "convx" is neither an id nor one of all, convex, bottom, not; nearest is convex',
+        ),
+        (
+            "E3",
+            'input.select: "E3" is neither an id nor one of all, convex, bottom, not; nearest is e3',
+        ),
         ("e22", "input.select: rfa1.stl has no edge e22; its edges are e1 to e21"),
         ("e0", 'input.select: "e0" is neither'),
         ("e3-e22", "input.select: rfa1.stl has no edge e22"),

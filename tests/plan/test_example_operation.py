@@ -74,7 +74,18 @@ def test_the_job_of_the_page_builds_on_the_command_line(site: Path, tmp_path: Pa
     (tmp_path / "job.toml").write_text(re.search(r"^```text\n(.*?)^```$", PAGE, re.S | re.M)[1])  # type: ignore[index]
     part = str(ROOT / "fixtures" / "parts" / "bracket.dxf")
     done = run(
-        site, "-m", "camgen", "build", part, "--post", "gcode", "--job", "job.toml", "-o", "a.ngc", folder=tmp_path
+        site,
+        "-m",
+        "camgen",
+        "build",
+        part,
+        "--post",
+        "gcode",
+        "--job",
+        "job.toml",
+        "-o",
+        "a.ngc",
+        folder=tmp_path,
     )
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "a.ngc").exists()

@@ -28,10 +28,14 @@ SHARED = Path(__file__).parents[2].parent / "shared" / "data" / "image" / "DeepP
 
 
 def job_for(diameter: float, **operation: object) -> Job:
-    return from_mapping({"operation": {"kind": "fill", **operation}, "tool": {"diameter": diameter}})
+    return from_mapping(
+        {"operation": {"kind": "fill", **operation}, "tool": {"diameter": diameter}}
+    )
 
 
-def loop(points: list[tuple[float, float]], layer: str = "0", bulge: float = 0.0, closed: bool = True) -> Contour:
+def loop(
+    points: list[tuple[float, float]], layer: str = "0", bulge: float = 0.0, closed: bool = True
+) -> Contour:
     return Contour(frozen(points), frozen(np.full(len(points), bulge)), closed, layer, "c")
 
 
@@ -61,21 +65,34 @@ def way(path: ToolPath) -> np.ndarray:
             continue
         # Where the bisectors of the two chords cross; each half of the arc is less than half a turn.
         p, q = v - a, b - v
-        centre = a + p / 2 + 1j * p * (((b - a) / 2) * q.conjugate()).real / ((1j * p) * q.conjugate()).real
+        centre = (
+            a
+            + p / 2
+            + 1j * p * (((b - a) / 2) * q.conjugate()).real / ((1j * p) * q.conjugate()).real
+        )
         turn = np.angle((v - centre) / (a - centre)) + np.angle((b - centre) / (v - centre))
-        points = np.append(points, centre + (a - centre) * np.exp(1j * turn * np.arange(1, 65) / 64))
+        points = np.append(
+            points, centre + (a - centre) * np.exp(1j * turn * np.arange(1, 65) / 64)
+        )
     return np.column_stack([points.real, points.imag])
 
 
 def ink(paths: tuple[ToolPath, ...], diameter: float) -> shapely.Geometry:
-    lines = [shapely.LineString(way(p)) if len(p.position) > 1 else shapely.Point(p.position[0, :2]) for p in paths]
+    lines = [
+        shapely.LineString(way(p)) if len(p.position) > 1 else shapely.Point(p.position[0, :2])
+        for p in paths
+    ]
     return shapely.union_all([line.buffer(diameter / 2, quad_segs=32) for line in lines])
 
 
-def shares(paths: tuple[ToolPath, ...], diameter: float, copper: shapely.Geometry) -> tuple[float, float]:
+def shares(
+    paths: tuple[ToolPath, ...], diameter: float, copper: shapely.Geometry
+) -> tuple[float, float]:
     """Of the copper: how much is covered, and how much ink lies outside."""
     painted_ = ink(paths, diameter)
-    return painted_.intersection(copper).area / copper.area, painted_.difference(copper).area / copper.area
+    return painted_.intersection(copper).area / copper.area, painted_.difference(
+        copper
+    ).area / copper.area
 
 
 def copper_of(part: Part) -> shapely.Geometry:
@@ -103,7 +120,12 @@ def test_a_plate_with_a_hole_is_covered_and_the_hole_stays_free() -> None:
 
 
 def test_the_passes_of_a_region_are_one_closed_stroke_over_bridges_inside_it() -> None:
-    plates = [rectangle(0, 0, 40, 25), circle(20, 12, 6), rectangle(40.5, 0, 12, 9), circle(60, 20, 2.2)]
+    plates = [
+        rectangle(0, 0, 40, 25),
+        circle(20, 12, 6),
+        rectangle(40.5, 0, 12, 9),
+        circle(60, 20, 2.2),
+    ]
     paths = tuple(p for p in planned(part_with(*plates), 0.85).paths if p.id.startswith("f"))
     assert [p.closed for p in paths] == [True] * 3
     assert all((p.position[0] == p.position[-1]).all() for p in paths)
@@ -131,7 +153,9 @@ def test_what_lies_in_a_hole_is_covered_again() -> None:
 @pytest.mark.parametrize("turn", [0.0, 0.3, np.pi / 4])
 def test_a_track_thinner_than_the_marker_is_one_stroke_along_its_middle(turn: float) -> None:
     c, s = np.cos(turn), np.sin(turn)
-    corners = [(c * x - s * y, s * x + c * y) for x, y in ((0, -0.25), (20, -0.25), (20, 0.25), (0, 0.25))]
+    corners = [
+        (c * x - s * y, s * x + c * y) for x, y in ((0, -0.25), (20, -0.25), (20, 0.25), (0, 0.25))
+    ]
     (path,) = planned(part_with(loop(corners)), 0.85).paths
     along = path.position[:, :2] @ [c, s]
     across = path.position[:, :2] @ [-s, c]
@@ -145,7 +169,9 @@ def test_a_track_thinner_than_the_marker_is_one_stroke_along_its_middle(turn: fl
 @pytest.mark.parametrize("width", [0.85, 0.87, 0.95, 1.0, 1.2, 1.45, 1.7, 2.3, 2.9])
 def test_tracks_of_any_width_from_the_marker_on_are_covered(width: float) -> None:
     covered, outside = shares(
-        planned(part_with(rectangle(0, 0, 30, width)), 0.85).paths, 0.85, shapely.box(0, 0, 30, width)
+        planned(part_with(rectangle(0, 0, 30, width)), 0.85).paths,
+        0.85,
+        shapely.box(0, 0, 30, width),
     )
     assert covered > 0.98
     assert outside < 0.01
@@ -179,7 +205,9 @@ def test_a_track_between_two_pads_meets_their_passes() -> None:
 
 def test_the_corners_of_a_square_pad_around_its_hole_are_touched() -> None:
     paths = planned(part_with(rectangle(0, 0, 2.0, 2.0), circle(1.0, 1.0, 0.3)), 0.85).paths
-    copper = shapely.box(0, 0, 2.0, 2.0).difference(shapely.Point(1.0, 1.0).buffer(0.3, quad_segs=64))
+    copper = shapely.box(0, 0, 2.0, 2.0).difference(
+        shapely.Point(1.0, 1.0).buffer(0.3, quad_segs=64)
+    )
     lines = tuple(path for path in paths if not path.id.startswith("r"))
     before, after = (shares(some, 0.85, copper) for some in (lines, paths))
     assert len(paths) - len(lines) == 4
@@ -233,7 +261,9 @@ def test_painted_pixels_are_those_within_the_radius() -> None:
     end[16:24] = start[16:24] + 1j * random.uniform(-9, 9, 8)
     v, u = np.mgrid[:100, :100]
     points = shapely.points(u, v)
-    lines = shapely.linestrings([[(a.real, a.imag), (b.real, b.imag + 1e-9)] for a, b in zip(start, end, strict=True)])
+    lines = shapely.linestrings(
+        [[(a.real, a.imag), (b.real, b.imag + 1e-9)] for a, b in zip(start, end, strict=True)]
+    )
     expected = shapely.distance(points, shapely.multilinestrings(lines)) <= 4.3
     assert ((paint(start, end, 4.3, (100, 100)) > 0) == expected).all()
 
@@ -241,7 +271,13 @@ def test_painted_pixels_are_those_within_the_radius() -> None:
 def test_regions_keep_their_layers_and_open_contours_are_told() -> None:
     line = loop([(0, 40), (30, 40)], closed=False)
     found = planned(
-        part_with(rectangle(0, 0, 10, 10, "top"), circle(5, 5, 2, "holes"), rectangle(20, 0, 5, 5, "pads"), line), 1.0
+        part_with(
+            rectangle(0, 0, 10, 10, "top"),
+            circle(5, 5, 2, "holes"),
+            rectangle(20, 0, 5, 5, "pads"),
+            line,
+        ),
+        1.0,
     )
     left = {p.layer for p in found.paths if p.position[0, 0] < 15}
     right = {p.layer for p in found.paths if p.position[0, 0] > 15}
@@ -256,13 +292,18 @@ def test_the_stepover_is_the_distance_of_the_passes() -> None:
     for stepover in (0.5, 0.9):
         loops = [p for p in planned(part, 1.0, stepover=stepover).paths if p.id.startswith("f")]
         across = shapely.LineString([(10.13, 0), (10.13, 9)])
-        met = [shapely.get_coordinates(shapely.LineString(way(p)).intersection(across))[:, 1] for p in loops]
+        met = [
+            shapely.get_coordinates(shapely.LineString(way(p)).intersection(across))[:, 1]
+            for p in loops
+        ]
         assert np.diff(np.sort(np.concatenate(met)))[:8] == pytest.approx([stepover] * 8, abs=0.02)
         assert np.concatenate(met).min() == pytest.approx(0.5, abs=0.01)
 
 
 def test_depths_and_force() -> None:
-    job = from_mapping({"operation": {"kind": "fill", "depth": 0.4, "passes": 2}, "process": {"force": 3.0}})
+    job = from_mapping(
+        {"operation": {"kind": "fill", "depth": 0.4, "passes": 2}, "process": {"force": 3.0}}
+    )
     paths = plan(part_with(rectangle(0, 0, 30, 20)), job).paths
     assert paths
     for path in paths:

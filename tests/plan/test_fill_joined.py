@@ -30,7 +30,9 @@ def picture(folder: Path, *boxes: tuple[int, int, int, int]) -> Path:
 
 def two_tracks(folder: Path, apart: int) -> Path:
     """Two tracks of 3 px with so many between them, and a pad far away."""
-    return picture(folder, (40, 43, 20, 180), (43 + apart, 46 + apart, 20, 180), (90, 110, 100, 160))
+    return picture(
+        folder, (40, 43, 20, 180), (43 + apart, 46 + apart, 20, 180), (90, 110, 100, 160)
+    )
 
 
 def told(notes: tuple[Note, ...]) -> list[Note]:
@@ -46,7 +48,8 @@ def test_two_tracks_under_one_marker_are_a_warning_with_the_place(tmp_path: Path
     assert (x, y) == pytest.approx((10.0, 7.55), abs=0.11)
     assert f"({x:g}, {y:g}) mm" in note.what.replace("(9.95, 7.55)", f"({x:g}, {y:g})")
     with pytest.raises(
-        camgen.NoSafeProgram, match=r"board\.png: --strict and ink joins .* 1 place: \(9\.95, 7\.55\) mm"
+        camgen.NoSafeProgram,
+        match=r"board\.png: --strict and ink joins .* 1 place: \(9\.95, 7\.55\) mm",
     ):
         camgen.build(two_tracks(tmp_path, 4), post="vplus", job=JOB, strict=True)
 
@@ -64,13 +67,17 @@ def test_the_same_from_a_drawing(tmp_path: Path) -> None:
     drawing.write_text(
         f'<svg xmlns="http://www.w3.org/2000/svg" width="20mm" height="10mm" viewBox="0 0 20 10">{bars}</svg>'
     )
-    (note,) = told(camgen.build(drawing, post="gcode", job={k: JOB[k] for k in ("operation", "tool")}).notes)
+    (note,) = told(
+        camgen.build(drawing, post="gcode", job={k: JOB[k] for k in ("operation", "tool")}).notes
+    )
     assert note.places[0] == pytest.approx((10.0, 5.5), abs=0.1)
 
 
 def drawn(folder: Path, *shapes: str) -> Path:
     head = '<svg xmlns="http://www.w3.org/2000/svg" width="80mm" height="40mm" viewBox="0 0 80 40">'
-    (folder / "plate.svg").write_text(f'{head}<rect x="2" y="2" width="40" height="25"/>{"".join(shapes)}</svg>')
+    (folder / "plate.svg").write_text(
+        f'{head}<rect x="2" y="2" width="40" height="25"/>{"".join(shapes)}</svg>'
+    )
     return folder / "plate.svg"
 
 
@@ -80,7 +87,11 @@ MARKER = {"operation": {"kind": "fill"}, "tool": {"diameter": 6.0}}
 @pytest.mark.parametrize("radius", [0.02, 0.05, 0.2])
 def test_a_region_without_ink_is_skipped_with_its_place(tmp_path: Path, radius: float) -> None:
     """A speck so small that the marker has no business there, with a hole in the plate that is as small."""
-    file = drawn(tmp_path, f'<circle cx="60" cy="12.1" r="{radius}"/>', f'<circle cx="20" cy="12" r="{radius}"/>')
+    file = drawn(
+        tmp_path,
+        f'<circle cx="60" cy="12.1" r="{radius}"/>',
+        f'<circle cx="20" cy="12" r="{radius}"/>',
+    )
     found = camgen.build(file, post="vplus", job=MARKER)
     (note,) = told(found.notes)
     assert note.kind == "skipped"
@@ -117,13 +128,28 @@ def test_the_place_is_a_red_spot_in_the_preview(
         words = ["operation.kind=fill", f"tool.diameter={TOOL}", f"image.mm_per_px={PX}"]
         sets = [word for one in words for word in ("--set", one)]
         assert (
-            main(["build", str(file), "--post", "vplus", "-o", str(tmp_path / "b.pg"), "--preview", str(out), *sets])
+            main(
+                [
+                    "build",
+                    str(file),
+                    "--post",
+                    "vplus",
+                    "-o",
+                    str(tmp_path / "b.pg"),
+                    "--preview",
+                    str(out),
+                    *sets,
+                ]
+            )
             == 0
         )
         pages.append(out.read_bytes())
     capsys.readouterr()
     if suffix == "png":
-        red = [int((cv2.imdecode(np.frombuffer(p, np.uint8), 1) == (46, 16, 200)).all(axis=2).sum()) for p in pages]
+        red = [
+            int((cv2.imdecode(np.frombuffer(p, np.uint8), 1) == (46, 16, 200)).all(axis=2).sum())
+            for p in pages
+        ]
         assert red[0] > 100
         assert red[1] == 0
     else:
@@ -138,11 +164,18 @@ def test_the_view_has_a_ring_of_the_tools_size(tmp_path: Path) -> None:
     assert np.hypot(*(ring[:, :2] - (9.95, 7.55)).T) == pytest.approx(TOOL / 2, abs=1e-6)
 
 
-def test_strict_on_the_command_line_is_exit_code_3(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_strict_on_the_command_line_is_exit_code_3(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     file = two_tracks(tmp_path, 4)
     words = ["operation.kind=fill", f"tool.diameter={TOOL}", f"image.mm_per_px={PX}"]
     sets = [word for one in words for word in ("--set", one)]
-    assert main(["build", str(file), "--post", "vplus", "--strict", "-o", str(tmp_path / "b.pg"), *sets]) == 3
+    assert (
+        main(
+            ["build", str(file), "--post", "vplus", "--strict", "-o", str(tmp_path / "b.pg"), *sets]
+        )
+        == 3
+    )
     assert "ink joins what the artwork keeps apart" in capsys.readouterr().err
     assert not (tmp_path / "b.pg").exists()
 

@@ -19,7 +19,9 @@ SIX = ToolTable(diameter=6.0)
 
 
 def planned(*contours: Contour, **operation: object) -> Plan:
-    job = Job(tool=SIX, operation=OperationTable(**operation), process=ProcessTable(feed=10.0, force=5.0))  # type: ignore[arg-type]
+    job = Job(
+        tool=SIX, operation=OperationTable(**operation), process=ProcessTable(feed=10.0, force=5.0)
+    )  # type: ignore[arg-type]
     return plan(part(*contours), job)
 
 
@@ -60,7 +62,9 @@ def test_press_points_to_the_contour(direction: str) -> None:
         gap = obstacles.nearest(touching, np.zeros(len(touching), dtype=np.int64), 1.0)
         assert gap == pytest.approx(0.0, abs=1e-9)
         before = path.position[:-1, :2] + 3.0 * path.force_direction[1:, 0, :2]
-        assert obstacles.nearest(before, np.zeros(len(before), dtype=np.int64), 1.0) == pytest.approx(0.0, abs=1e-9)
+        assert obstacles.nearest(
+            before, np.zeros(len(before), dtype=np.int64), 1.0
+        ) == pytest.approx(0.0, abs=1e-9)
 
 
 def test_the_contact_point_keeps_the_feed_on_arcs() -> None:
@@ -139,7 +143,9 @@ def test_on_the_line() -> None:
 
 
 def test_a_contour_that_crosses_another_is_left_out_by_name() -> None:
-    result = planned(rectangle(0, 0, 30, 30, "c1"), rectangle(20, 20, 30, 30, "c2"), circle(100, 0, 9, "c3"))
+    result = planned(
+        rectangle(0, 0, 30, 30, "c1"), rectangle(20, 20, 30, 30, "c2"), circle(100, 0, 9, "c3")
+    )
     assert [p.id for p in result.paths] == ["c3"]
     assert any("c1-c2" in n.what and "crossing" in n.what for n in result.notes)
 
@@ -200,7 +206,8 @@ def test_a_cusp_that_crosses_itself_is_run_around(diameter: float) -> None:
     result = plan(part(contour(*CUSP), beside), Job(tool=ToolTable(diameter=diameter)))
     assert not [note for note in result.notes if note.kind == "skipped"]
     areas = [
-        shapely.make_valid(shapely.Polygon(flatten(from_contours([c]), 1e-4)[0])) for c in (contour(*CUSP), beside)
+        shapely.make_valid(shapely.Polygon(flatten(from_contours([c]), 1e-4)[0]))
+        for c in (contour(*CUSP), beside)
     ]
     border = shapely.union_all(areas).buffer(diameter / 2, quad_segs=300).boundary
     assert sum(path_length(path) for path in result.paths) == pytest.approx(border.length, rel=1e-4)
@@ -230,7 +237,12 @@ def test_a_hole_that_the_tool_just_fits_has_its_path(room: float) -> None:
         contour([(60, 20), (70, 20), (70, 26 + room), (60, 26 + room)], [0, 1, 0, 1], name="c4"),
     ]
     result = planned(rectangle(0, 0, 100, 60), *shapes)
-    assert [(p.id, p.closed) for p in result.paths] == [("c1", True), ("c2", True), ("c3", True), ("c4", True)]
+    assert [(p.id, p.closed) for p in result.paths] == [
+        ("c1", True),
+        ("c2", True),
+        ("c3", True),
+        ("c4", True),
+    ]
     assert [path_length(p) for p in result.paths[1:]] == pytest.approx(
         [math.pi * room, 4 * room, math.pi * room + 20], rel=1e-6
     )
@@ -267,7 +279,8 @@ def test_neighbours_that_the_tool_just_does_not_pass_between_are_run_around_toge
 ) -> None:
     """Beside the narrowest place the ways around both meet a few micrometres before a corner."""
     shapes = [
-        contour([row[:2] for row in rows], [row[2] for row in rows], name=n) for rows, n in ((one, "c1"), (two, "c2"))
+        contour([row[:2] for row in rows], [row[2] for row in rows], name=n)
+        for rows, n in ((one, "c1"), (two, "c2"))
     ]
     result = plan(part(*shapes), Job(tool=ToolTable(diameter=diameter)))
     assert result.paths

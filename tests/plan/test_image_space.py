@@ -17,7 +17,15 @@ from camgen.plan.image_space import image_space
 from camgen.plan.image_space.border import between_pixels
 from camgen.plan.image_space.field import Pixels, chains, gradient
 from camgen.plan.image_space.stretches import steady_ratio
-from camgen.plan.image_space.tool_path import Limits, choose_needed, feeds, observe, sharpen, smooth, spaced
+from camgen.plan.image_space.tool_path import (
+    Limits,
+    choose_needed,
+    feeds,
+    observe,
+    sharpen,
+    smooth,
+    spaced,
+)
 from camgen.plan.unused import no_idle
 
 SCALE = 0.143
@@ -44,7 +52,9 @@ def polygon(size: int, corners: list[tuple[float, float]]) -> BoolArray:
     return inside
 
 
-def turned(corners: list[tuple[float, float]], degrees: float, centre: complex) -> list[tuple[float, float]]:
+def turned(
+    corners: list[tuple[float, float]], degrees: float, centre: complex
+) -> list[tuple[float, float]]:
     points = [complex(*c) * np.exp(1j * np.radians(degrees)) + centre for c in corners]
     return [(p.real, p.imag) for p in points]
 
@@ -55,14 +65,23 @@ def rectified(scale: float, height: int) -> FloatArray:
 
 
 def planned(
-    pixels: Pixels, scale: float = SCALE, *, exact: bool = True, diameter: float = TOOL, **operation: object
+    pixels: Pixels,
+    scale: float = SCALE,
+    *,
+    exact: bool = True,
+    diameter: float = TOOL,
+    **operation: object,
 ) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]]:
     process = ProcessTable(feed=FEED, force=FORCE)
-    job = Job(tool=ToolTable(diameter=diameter), operation=OperationTable(**operation), process=process)  # type: ignore[arg-type]
+    job = Job(
+        tool=ToolTable(diameter=diameter), operation=OperationTable(**operation), process=process
+    )  # type: ignore[arg-type]
     return image_space(pixels, rectified(scale, len(pixels)), job, exact=exact)
 
 
-def disc(radius: float, u0: float = 0.3, v0: float = 0.7, margin: int = 20) -> tuple[Pixels, complex, int]:
+def disc(
+    radius: float, u0: float = 0.3, v0: float = 0.7, margin: int = 20
+) -> tuple[Pixels, complex, int]:
     """A disc, its centre (px), and the size of the picture."""
     size = int(2 * radius) + 2 * margin
     u, v = grid(size)
@@ -160,10 +179,14 @@ def test_around_a_square(degrees: float) -> None:
     (path,), _ = planned(mask(polygon(size, corners)))
     # In the square's own frame, mm; the work frame's angles run against those of the view.
     own = (places(path) - in_work(centre, SCALE, size)) * np.exp(1j * np.radians(degrees))
-    beyond = np.maximum(np.abs(own.real) - half * SCALE, 0) + 1j * np.maximum(np.abs(own.imag) - half * SCALE, 0)
+    beyond = np.maximum(np.abs(own.real) - half * SCALE, 0) + 1j * np.maximum(
+        np.abs(own.imag) - half * SCALE, 0
+    )
     on_arc = (beyond.real > 0) & (beyond.imag > 0)
     # Along the pixels a mask leaves half a pixel of doubt, and it does not show the tip of a corner.
-    assert np.abs(beyond)[~on_arc] == pytest.approx(3.0, abs=(0.6 if degrees == 0 else 0.35) * SCALE)
+    assert np.abs(beyond)[~on_arc] == pytest.approx(
+        3.0, abs=(0.6 if degrees == 0 else 0.35) * SCALE
+    )
     assert np.abs(beyond)[on_arc] == pytest.approx(3.0, abs=SCALE)
     assert on_arc.sum() > 4 * 8
     # Force is off where the tool rolls about a corner, and on along the sides.
@@ -182,7 +205,14 @@ def test_around_a_square(degrees: float) -> None:
 def inner_corner(degrees: float, **operation: float) -> tuple[ToolPath, np.ndarray]:
     """Around an L, and its positions in the frame in which the inner corner is at 0 and the part at x < 0 or y < 0."""
     size, centre = 700, complex(350.2, 350.7)
-    shape = [(-200.0, 200.0), (-200.0, -200.0), (0.0, -200.0), (0.0, 0.0), (200.0, 0.0), (200.0, 200.0)]
+    shape = [
+        (-200.0, 200.0),
+        (-200.0, -200.0),
+        (0.0, -200.0),
+        (0.0, 0.0),
+        (200.0, 0.0),
+        (200.0, 200.0),
+    ]
     (path,), notes = planned(mask(polygon(size, turned(shape, degrees, centre))), **operation)
     assert [note.kind for note in notes] == ["warning"]
     assert "not touched, most of it on c1" in notes[0].what
@@ -224,7 +254,14 @@ def test_an_inner_corner_with_a_radius(degrees: float) -> None:
 
 def test_the_length_that_is_not_touched() -> None:
     size = 700
-    shape = [(150.5, 550.5), (150.5, 150.5), (350.5, 150.5), (350.5, 350.5), (550.5, 350.5), (550.5, 550.5)]
+    shape = [
+        (150.5, 550.5),
+        (150.5, 150.5),
+        (350.5, 150.5),
+        (350.5, 350.5),
+        (550.5, 350.5),
+        (550.5, 550.5),
+    ]
     _, notes = planned(mask(polygon(size, shape)))
     # A tool of radius d leaves d on both sides of a square inner corner.
     assert float(notes[0].what.split()[0]) == pytest.approx(6.0, abs=0.8)
@@ -252,7 +289,9 @@ def test_near_neighbours_have_one_path_around_them() -> None:
     left, right = np.hypot(u - 140, v - 200) < 50, np.hypot(u - 260, v - 200) < 50
     (path,), notes = planned(mask(left | right))
     assert path.id in ("c1", "c2")
-    away = np.minimum(*(np.abs(places(path) - in_work(complex(x, 200), SCALE, 400)) for x in (140, 260)))
+    away = np.minimum(
+        *(np.abs(places(path) - in_work(complex(x, 200), SCALE, 400)) for x in (140, 260))
+    )
     assert away == pytest.approx(50 * SCALE + 3, abs=0.6 * SCALE)
     assert [note.kind for note in notes] == ["warning"]
 
@@ -269,7 +308,9 @@ def test_an_island_in_a_hole() -> None:
 @pytest.mark.parametrize("mirrored", [False, True])
 @pytest.mark.parametrize("degrees", [0.0, 40.0, 200.0])
 @pytest.mark.parametrize("exact", [True, False])
-def test_the_press_points_to_the_part_in_the_work_frame(mirrored: bool, degrees: float, exact: bool) -> None:
+def test_the_press_points_to_the_part_in_the_work_frame(
+    mirrored: bool, degrees: float, exact: bool
+) -> None:
     """An ellipse in a view that is turned against the work frame, v with or against y."""
     centre = np.array([170.3, 149.2])
     u, v = grid(340)
@@ -277,7 +318,9 @@ def test_the_press_points_to_the_part_in_the_work_frame(mirrored: bool, degrees:
     c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
     matrix = SCALE * np.array([[c, -s], [s, c]]) @ np.diag([1.0, 1.0 if mirrored else -1.0])
     work_from_view = np.column_stack([matrix, [31.0, -7.0]])
-    (path,), _ = image_space(pixels, work_from_view, Job(process=ProcessTable(force=FORCE)), exact=exact)
+    (path,), _ = image_space(
+        pixels, work_from_view, Job(process=ProcessTable(force=FORCE)), exact=exact
+    )
     # The contact point of eq. 10, back in the view, on the ellipse.
     contact = path.position[1:, :2] + 3.0 * path.force_direction[1:, 1, :2]
     at = (contact - work_from_view[:, 2]) @ np.linalg.inv(matrix).T - centre
@@ -306,7 +349,9 @@ def test_borders_that_are_known_better() -> None:
     view = rectified(SCALE, size)
     paths, _ = image_space(mask((away <= 200) & (away > 80)), view, job, borders=[circle, hole])
     for path, radius in zip(paths, (200 * SCALE + 3, 80 * SCALE - 3), strict=True):
-        assert np.abs(places(path) - in_work(middle, SCALE, size)) == pytest.approx(radius, abs=0.02 * SCALE)
+        assert np.abs(places(path) - in_work(middle, SCALE, size)) == pytest.approx(
+            radius, abs=0.02 * SCALE
+        )
     assert paths[1].feed == pytest.approx(FEED * (80 * SCALE - 3) / (80 * SCALE), rel=0.01)
 
 
@@ -342,7 +387,9 @@ def test_spacing_and_redundancy_are_settings() -> None:
     assert count(waypoint_spacing=4.0, waypoint_turn=0.5) == pytest.approx(around / 4.0, rel=0.1)
     assert count(waypoint_spacing=1.0, waypoint_turn=4.0) < around / 2.0
     # No finer than the pixels.
-    assert count(waypoint_spacing=0.001, waypoint_turn=0.5) == pytest.approx(around / SCALE, rel=0.1)
+    assert count(waypoint_spacing=0.001, waypoint_turn=0.5) == pytest.approx(
+        around / SCALE, rel=0.1
+    )
 
 
 @pytest.mark.parametrize("setting", [{"waypoint_spacing": 0.5}, {"waypoint_turn": 1.0}])
@@ -352,7 +399,9 @@ def test_the_geometric_planner_has_no_waypoints_to_space(setting: dict[str, floa
     job = Job(operation=OperationTable(**setting))  # type: ignore[arg-type]
     with pytest.raises(JobError, match=r"no effect on a drawing \(operation\.waypoint_"):
         camgen.plan(part, job)
-    with pytest.raises(JobError, match=r"no effect on the geometric planner \(operation\.waypoint_"):
+    with pytest.raises(
+        JobError, match=r"no effect on the geometric planner \(operation\.waypoint_"
+    ):
         no_idle(job, "the geometric planner")
     no_idle(job, "a picture")
 
@@ -419,10 +468,18 @@ def run_over(*pieces: tuple[int, float], noise: float = 0.0) -> tuple[np.ndarray
 @pytest.mark.parametrize("shift", [0, 1, 37, 95])
 def test_the_window_follows_the_curvature(shift: int) -> None:
     """A line, an inner arc shorter than the tool's radius, a line, an outer arc, a corner; the noise of a photo."""
-    along, true = run_over((90, 1.0), (18, 4.0), (100, 1.0), (190, 0.73), (60, 1.0), (52, 0.0), noise=0.6)
+    along, true = run_over(
+        (90, 1.0), (18, 4.0), (100, 1.0), (190, 0.73), (60, 1.0), (52, 0.0), noise=0.6
+    )
     table = rings([len(true)])
     found = np.roll(steady_ratio(table, np.roll(along, shift), np.ones(len(true)), 0.7), -shift)
-    apart = np.min([np.abs((np.arange(len(true)) - cut + 255) % 510 - 255) for cut in (0, 90, 108, 208, 398, 458)], 0)
+    apart = np.min(
+        [
+            np.abs((np.arange(len(true)) - cut + 255) % 510 - 255)
+            for cut in (0, 90, 108, 208, 398, 458)
+        ],
+        0,
+    )
     assert found[apart > 2] == pytest.approx(true[apart > 2], abs=0.06)
     # The arc is found as sharply as the joints are: no peak where it ends, and no slow stretch beside it.
     assert np.abs(found / np.maximum(true, 1) - 1)[90:108].mean() < 0.1
@@ -454,15 +511,22 @@ def test_a_corner_that_a_photo_rounds_is_sharp() -> None:
     found = sharpen(rings([200]), ratio, along, press, 0.1)
     # Its tangents meet 3.8 px before and after: so much of both ends belongs to the lines.
     assert np.flatnonzero(found < 0.5).tolist() == list(range(103, 157))
-    rolled = sharpen(rings([200]), *(np.roll(one, 70) for one in (ratio, along)), np.roll(press, 70), 0.1)
+    rolled = sharpen(
+        rings([200]), *(np.roll(one, 70) for one in (ratio, along)), np.roll(press, 70), 0.1
+    )
     assert rolled == pytest.approx(np.roll(found, 70))
 
 
 def notch(size: int, scale: float) -> list[tuple[float, float]]:
     """The border, px, of a plate with a notch whose inner corners are arcs of 6.35 mm."""
     turn = np.linspace(0, np.pi / 2, 60)
-    arcs = [complex(x, 25.0) + 6.35 * np.exp(1j * (start - turn)) for x, start in ((-10.0, np.pi), (10.0, np.pi / 2))]
-    corners = np.concatenate([[-16.35 + 0j], *arcs, [16.35 + 0j], [38 + 0j, 38 + 50j, -38 + 50j, -38 + 0j]])
+    arcs = [
+        complex(x, 25.0) + 6.35 * np.exp(1j * (start - turn))
+        for x, start in ((-10.0, np.pi), (10.0, np.pi / 2))
+    ]
+    corners = np.concatenate(
+        [[-16.35 + 0j], *arcs, [16.35 + 0j], [38 + 0j, 38 + 50j, -38 + 50j, -38 + 0j]]
+    )
     points = corners * np.exp(0.2j) / scale + complex(size / 2, size / 2) - 25j / scale
     return [(one.real, one.imag) for one in points.tolist()]
 
@@ -484,7 +548,9 @@ def test_the_feed_on_a_short_inner_arc() -> None:
 
 def test_diagonal_steps_are_no_slower_than_straight_ones() -> None:
     # A border of pixels that goes straight, then diagonally, and back; the same press everywhere.
-    points = np.array([0, 1, 2, 3, 4 + 1j, 5 + 2j, 6 + 3j, 5 + 3j, 4 + 3j, 3 + 3j, 2 + 2j, 1 + 1j], dtype=complex)
+    points = np.array(
+        [0, 1, 2, 3, 4 + 1j, 5 + 2j, 6 + 3j, 5 + 3j, 4 + 3j, 3 + 3j, 2 + 2j, 1 + 1j], dtype=complex
+    )
     table = rings([len(points)])
     along, step = observe(table, points, points + 20 * 1j)
     assert step.max() == pytest.approx(np.sqrt(2))
@@ -494,7 +560,9 @@ def test_diagonal_steps_are_no_slower_than_straight_ones() -> None:
 
 def test_feed_is_capped_and_never_nothing() -> None:
     contact = np.array([True, True, True, False])
-    assert feeds(np.array([0.0, 0.8, 1e6, 5.0]), contact, 2.0) == pytest.approx([2.0, 1.25, 0.02, 1.0])
+    assert feeds(np.array([0.0, 0.8, 1e6, 5.0]), contact, 2.0) == pytest.approx(
+        [2.0, 1.25, 0.02, 1.0]
+    )
 
 
 def test_a_switch_does_not_flicker() -> None:
@@ -504,7 +572,9 @@ def test_a_switch_does_not_flicker() -> None:
     assert state.tolist() == [True, True, True, True, False, False, False, False, True, True, True]
     # The start goes on from the end.
     assert hold_switch(table, gap <= 0.1, gap > 1.1, True).tolist() == [False] * len(gap)
-    assert hold_switch(rings([2, 1]), np.array([False, True, False]), np.zeros(3, dtype=bool), False).tolist() == [
+    assert hold_switch(
+        rings([2, 1]), np.array([False, True, False]), np.zeros(3, dtype=bool), False
+    ).tolist() == [
         True,
         True,
         False,
@@ -515,7 +585,9 @@ def test_the_gradient_of_a_plane_is_exact() -> None:
     u, v = grid(40)
     far = (0.6 * u - 0.8 * v + 50).astype(np.float32)
     for radius in (1, 2, 5):
-        assert gradient(far, np.array([20 + 20j, 12.3 + 25.8j]), radius) == pytest.approx(0.6 - 0.8j, abs=1e-4)
+        assert gradient(far, np.array([20 + 20j, 12.3 + 25.8j]), radius) == pytest.approx(
+            0.6 - 0.8j, abs=1e-4
+        )
 
 
 @pytest.mark.parametrize("degrees", [3.0, 17.0, 38.0])
@@ -548,7 +620,9 @@ def test_specks_and_single_pixels_do_no_harm() -> None:
     st.floats(0, 180),
     st.sampled_from([0.0, 2.0]),
 )
-def test_the_path_goes_with_the_part(du: int, dv: int, a: float, b: float, degrees: float, radius: float) -> None:
+def test_the_path_goes_with_the_part(
+    du: int, dv: int, a: float, b: float, degrees: float, radius: float
+) -> None:
     u, v = grid(200)
     here = (u - 90 + 1j * (v - 80)) * np.exp(1j * np.radians(degrees))
     base = mask((here.real / a) ** 2 + (here.imag / b) ** 2 <= 1)

@@ -21,7 +21,13 @@ from camgen.plan.trace import with_few_lifts
 XY = tuple[float, float]
 
 
-def chain(points: list[XY], closed: bool = False, layer: str = "0", name: str = "c1", bulges: object = None) -> Contour:
+def chain(
+    points: list[XY],
+    closed: bool = False,
+    layer: str = "0",
+    name: str = "c1",
+    bulges: object = None,
+) -> Contour:
     return Contour(frozen(points), frozen(bulges or np.zeros(len(points))), closed, layer, name)
 
 
@@ -30,7 +36,9 @@ def lines(contours: tuple[Contour, ...]) -> Counter[frozenset[XY]]:
     found: Counter[frozenset[XY]] = Counter()
     for contour in contours:
         points = [(round(x, 6), round(y, 6)) for x, y in contour.points.tolist()]
-        found.update(frozenset(pair) for pair in itertools.pairwise(points + points[: int(contour.closed)]))
+        found.update(
+            frozenset(pair) for pair in itertools.pairwise(points + points[: int(contour.closed)])
+        )
     return found
 
 
@@ -56,7 +64,9 @@ def drawing(draw: st.DrawFn) -> list[Contour]:
         at = (float(rng.randrange(6)), float(rng.randrange(6)))
         walk = [at]
         for _ in range(rng.randint(1, 9)):
-            ways = [(at[0] + dx, at[1] + dy) for dx, dy in ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1))]
+            ways = [
+                (at[0] + dx, at[1] + dy) for dx, dy in ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1))
+            ]
             ways = [way for way in ways if frozenset((at, way)) not in used]
             if not ways:
                 break
@@ -71,7 +81,9 @@ def drawing(draw: st.DrawFn) -> list[Contour]:
 
 @settings(max_examples=200)
 @given(drawing())
-def test_every_line_is_run_once_in_as_few_trails_as_its_odd_nodes_allow(contours: list[Contour]) -> None:
+def test_every_line_is_run_once_in_as_few_trails_as_its_odd_nodes_allow(
+    contours: list[Contour],
+) -> None:
     made, notes = merge(contours, [False] * len(contours), 0.05)
     edges = lines(tuple(contours))
     assert lines(made) == edges
@@ -85,7 +97,9 @@ def test_every_line_is_run_once_in_as_few_trails_as_its_odd_nodes_allow(contours
     assert len({c.id for c in made}) == len(made)
 
 
-def test_a_letter_of_a_loop_and_a_tail_is_one_trail_and_the_ends_meet_within_the_tolerance() -> None:
+def test_a_letter_of_a_loop_and_a_tail_is_one_trail_and_the_ends_meet_within_the_tolerance() -> (
+    None
+):
     ring = chain([(0, 0), (10, 0), (10, 10), (0, 10)], closed=True, name="c1")
     tail = chain([(10, 10.03), (20, 30)], name="c2")
     (one,), (note,) = merge([ring, tail], [False, False], 0.05)
@@ -117,7 +131,9 @@ def test_trails_go_straight_through_crossings() -> None:
     up = chain([(0, -10), (0, 0), (0, 10)], name="c2")
     made, _ = merge([across, up], [False, False], 0.05)
     assert sorted(len(c.points) for c in made) == [3, 3]
-    assert {c.points[1].tolist() == [0, 0] and abs(c.points[0] + c.points[2]).max() == 0 for c in made} == {True}
+    assert {
+        c.points[1].tolist() == [0, 0] and abs(c.points[0] + c.points[2]).max() == 0 for c in made
+    } == {True}
 
 
 def test_layers_are_not_mixed() -> None:
@@ -126,7 +142,10 @@ def test_layers_are_not_mixed() -> None:
 
 
 def test_only_where_order_and_direction_do_not_count() -> None:
-    rings = [chain([(0, 0), (10, 0), (10, 10), (0, 10)], True), chain([(10, 10), (20, 10), (20, 20)], True, name="c2")]
+    rings = [
+        chain([(0, 0), (10, 0), (10, 10), (0, 10)], True),
+        chain([(10, 10), (20, 10), (20, 20)], True, name="c2"),
+    ]
     part = Part("p", "p.dxf", "mm", tuple(rings), ())
     trace = OperationTable(kind="trace")
     plans = {
@@ -134,16 +153,28 @@ def test_only_where_order_and_direction_do_not_count() -> None:
         "as drawn": Job(operation=trace, tour=TourTable(method="as-drawn")),
         "turning": Job(operation=trace, tool=ToolTable(orient="follow")),
         "beside": Job(
-            operation=OperationTable(kind="follow"), tool=ToolTable(diameter=1.0), input=InputTable(join=0.0)
+            operation=OperationTable(kind="follow"),
+            tool=ToolTable(diameter=1.0),
+            input=InputTable(join=0.0),
         ),
     }
-    counts = {name: sum("networks" in note.what for note in plan(part, job).notes) for name, job in plans.items()}
+    counts = {
+        name: sum("networks" in note.what for note in plan(part, job).notes)
+        for name, job in plans.items()
+    }
     assert counts == {"trace": 1, "as drawn": 0, "turning": 0, "beside": 0}
     inner = chain([(2, 2), (4, 2), (4, 4)], True, name="c3")
     held = Part("p", "p.dxf", "mm", (*rings, inner), ())
     # The outline with a hole in it is cut out by itself after the hole.
     assert with_few_lifts(held, Job(operation=trace))[1] == ()
-    assert len(with_few_lifts(held, Job(operation=OperationTable(kind="trace", inside_first=False)))[0].contours) == 2
+    assert (
+        len(
+            with_few_lifts(held, Job(operation=OperationTable(kind="trace", inside_first=False)))[
+                0
+            ].contours
+        )
+        == 2
+    )
 
 
 def total(points: np.ndarray, partner: list[int]) -> float:
@@ -156,7 +187,13 @@ def test_few_points_are_paired_at_the_least_length(seed: int, pairs: int) -> Non
     points = np.random.default_rng(seed).uniform(0, 9, (2 * pairs, 2))
     least = math.inf
     for order in itertools.permutations(range(2 * pairs)):
-        least = min(least, sum(math.dist(points[a], points[b]) for a, b in zip(order[::2], order[1::2], strict=True)))
+        least = min(
+            least,
+            sum(
+                math.dist(points[a], points[b])
+                for a, b in zip(order[::2], order[1::2], strict=True)
+            ),
+        )
     partner = pair(points).tolist()
     assert [partner[b] for b in partner] == list(range(2 * pairs))
     assert total(points, partner) == pytest.approx(least)

@@ -22,7 +22,10 @@ PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
 
 
 def part_of(
-    points: list[list[float]], bulges: list[float] | None = None, closed: bool = False, units: str = "mm"
+    points: list[list[float]],
+    bulges: list[float] | None = None,
+    closed: bool = False,
+    units: str = "mm",
 ) -> Part:
     bulge = frozen(bulges if bulges is not None else np.zeros(len(points)))
     return Part("part", "part.dxf", units, (Contour(frozen(points), bulge, closed, "0", "c1"),), ())
@@ -75,7 +78,9 @@ def test_arcs_count_with_their_bulge_and_stay_arcs() -> None:
 
 
 def test_a_single_line_fits_by_its_length() -> None:
-    assert box(laid(part_of([[3, 4], [13, 4]]), size=[100, 60], margin=10)) == pytest.approx([10, 30, 90, 30])
+    assert box(laid(part_of([[3, 4], [13, 4]]), size=[100, 60], margin=10)) == pytest.approx(
+        [10, 30, 90, 30]
+    )
 
 
 def test_a_given_scale_is_mm_per_unit_of_the_file() -> None:
@@ -85,13 +90,17 @@ def test_a_given_scale_is_mm_per_unit_of_the_file() -> None:
 
 
 def test_true_keeps_the_size() -> None:
-    assert box(laid(part_of([[5, 5], [15, 25]]), size="A4", scale="true")) == pytest.approx([100, 138.5, 110, 158.5])
+    assert box(laid(part_of([[5, 5], [15, 25]]), size="A4", scale="true")) == pytest.approx(
+        [100, 138.5, 110, 158.5]
+    )
 
 
 def test_a_drawing_that_leaves_the_page_is_refused_with_the_numbers() -> None:
     with pytest.raises(InputError) as error:
         laid(part_of([[0, 0], [195, 10]]), size="A4", scale="true")
-    text = "leaves the page: the drawing is 195 x 10 mm, the page 210 x 297 mm with a margin of 10 mm"
+    text = (
+        "leaves the page: the drawing is 195 x 10 mm, the page 210 x 297 mm with a margin of 10 mm"
+    )
     assert text in str(error.value)
     laid(part_of([[0, 0], [190, 10]]), size="A4", scale="true")
 
@@ -124,7 +133,9 @@ def test_without_a_page_nothing_changes() -> None:
 
 @pytest.mark.parametrize("size", ["A5", [120, 100], "A4 landscape"])
 @pytest.mark.parametrize("tolerance", [{}, {"simplify": 0.8}])
-def test_what_is_drawn_of_a_picture_keeps_out_of_the_margin(size: object, tolerance: dict[str, float]) -> None:
+def test_what_is_drawn_of_a_picture_keeps_out_of_the_margin(
+    size: object, tolerance: dict[str, float]
+) -> None:
     """The lines and arcs, not the pixels, which lie up to a pixel to either side of them."""
     job = from_mapping({"page": {"size": size, "margin": 10}, "tolerance": tolerance})
     found = plan(read(PARTS / "gear.png", job), job)
@@ -136,7 +147,9 @@ def test_what_is_drawn_of_a_picture_keeps_out_of_the_margin(size: object, tolera
     told = [note for note in found.notes if note.what.startswith("centred on a page")]
     assert len(told) == 1
     assert f"drawing {short(high_x - low_x, 2)} x {short(high_y - low_y, 2)} mm" in told[0].what
-    assert found.part.units in told[0].what.replace(" = ", "=").replace("1 px=", "").replace(" mm,", " mm/px,")
+    assert found.part.units in told[0].what.replace(" = ", "=").replace("1 px=", "").replace(
+        " mm,", " mm/px,"
+    )
 
 
 def test_a_drawing_at_a_scale_of_its_own_is_centred_as_it_is_drawn() -> None:

@@ -50,7 +50,9 @@ SHAPES = {
 
 def job(**operation: object) -> Job:
     table = OperationTable(kind="pocket", **operation)  # type: ignore[arg-type]
-    return Job(tool=ToolTable(diameter=2 * RADIUS), operation=table, process=ProcessTable(feed=10.0))
+    return Job(
+        tool=ToolTable(diameter=2 * RADIUS), operation=table, process=ProcessTable(feed=10.0)
+    )
 
 
 def planned(*contours: Contour, **operation: object) -> Plan:
@@ -80,7 +82,10 @@ def test_rough_and_last_passes_together_leave_nothing(name: str) -> None:
     region = enclosed(SHAPES[name])
     assert swept(rough, RADIUS).difference(region.buffer(-0.395)).area == 0.0
     last = [path for path in made.paths if ".finish" in path.id]
-    assert {path.depths for path in last} == {(6.0,)} or name in ("two basins and a neck", "an island near the wall")
+    assert {path.depths for path in last} == {(6.0,)} or name in (
+        "two basins and a neck",
+        "an island near the wall",
+    )
     assert all(path.closed for path in last)
 
 
@@ -102,7 +107,9 @@ def pockets(draw: st.DrawFn) -> tuple[Contour, ...]:
         sizes = [draw(st.floats(low, high)) for _ in range(count)]
         turns = [draw(st.floats(0.2, 0.8)) for _ in range(count)]
         angles = [2 * math.pi * (k + turn) / count for k, turn in enumerate(turns)]
-        points = [(x + r * math.cos(t), y + r * math.sin(t)) for r, t in zip(sizes, angles, strict=True)]
+        points = [
+            (x + r * math.cos(t), y + r * math.sin(t)) for r, t in zip(sizes, angles, strict=True)
+        ]
         bulges = [draw(st.sampled_from([0.0, 0.0, 0.2, -0.2])) for _ in range(count)]
         return contour(points, bulges, name=name)
 
@@ -131,7 +138,9 @@ def test_random_pockets_with_islands(shapes: tuple[Contour, ...], stepover: floa
     assert bare_and_gouged(cut, made) == (0.0, 0.0)
 
 
-@pytest.mark.parametrize(("direction", "right"), [("climb", True), ("conventional", False), ("any", True)])
+@pytest.mark.parametrize(
+    ("direction", "right"), [("climb", True), ("conventional", False), ("any", True)]
+)
 def test_climb_has_the_walls_on_the_right(direction: str, right: bool) -> None:
     shapes = SHAPES["a pocket in an island"]
     walls = enclosed(shapes).boundary
@@ -151,7 +160,17 @@ def test_passes_are_arcs_where_the_walls_are() -> None:
     (path,) = planned(circle(0, 0, 30), stepover=0.5, engagement=1.0).paths
     radii = np.hypot(*path.via[~np.isnan(path.via[:, 0]), :2].T)
     # One radius beyond each other from the wall inwards: 27, 24, ... 3, and nothing else is an arc.
-    assert np.unique(np.round(radii, 6)).tolist() == [3.0, 6.0, 9.0, 12.0, 15.0, 18.0, 21.0, 24.0, 27.0]
+    assert np.unique(np.round(radii, 6)).tolist() == [
+        3.0,
+        6.0,
+        9.0,
+        12.0,
+        15.0,
+        18.0,
+        21.0,
+        24.0,
+        27.0,
+    ]
     from_middle = np.hypot(*path.position[:, :2].T)
     assert (np.diff(from_middle) > -1e-6).all()
 
@@ -214,7 +233,10 @@ def test_engagement_on_the_rings_of_a_circle() -> None:
 def test_engagement_along_a_straight_wall_is_the_step() -> None:
     text = told(planned(rectangle(0, 0, 400, 300), stepover=0.4, engagement=1.0), "engagement")
     assert "c1: " in text
-    assert "2.4 mm apart, engagement 40 % of the diameter or less on half" in text or "engagement 41 % of" in text
+    assert (
+        "2.4 mm apart, engagement 40 % of the diameter or less on half" in text
+        or "engagement 41 % of" in text
+    )
     # In a square corner the tool is in contact all round its front.
     assert "100 % at most" in text
 
@@ -228,7 +250,11 @@ def test_what_stays_in_the_corners_is_told() -> None:
 
 
 def test_a_neck_too_narrow_is_told_with_its_place() -> None:
-    (note,) = [n for n in planned(*SHAPES["two basins and a neck too narrow"]).notes if "not cleared" in n.what]
+    (note,) = [
+        n
+        for n in planned(*SHAPES["two basins and a neck too narrow"]).notes
+        if "not cleared" in n.what
+    ]
     # The neck of 20 x 5 mm is the largest of what is left, but for what the tool reaches into its mouths.
     assert any(40 < x < 60 and 17.5 < y < 22.5 for x, y in note.places)
     assert note.ids == ("c1",)
@@ -237,7 +263,9 @@ def test_a_neck_too_narrow_is_told_with_its_place() -> None:
 def test_a_pocket_too_narrow_is_left_out_by_name() -> None:
     made = planned(rectangle(0, 0, 40, 5.9, "c1"), circle(0, 40, 20, "c2"))
     assert {path.contours for path in made.paths} == {("c2",)}
-    assert "1 contour not cleared, too narrow: c1 on layer 0 (a 6 mm tool does not fit)" in told(made, "narrow:")
+    assert "1 contour not cleared, too narrow: c1 on layer 0 (a 6 mm tool does not fit)" in told(
+        made, "narrow:"
+    )
 
 
 @pytest.mark.parametrize(
@@ -258,7 +286,9 @@ def test_what_might_be_an_island_is_not_cut_away(inside: Contour) -> None:
 
 def test_an_island_that_crosses_the_wall_by_a_sliver_is_not_cut_away() -> None:
     # A twentieth of a mm beyond the wall, over 20 mm: no more than the flattened contours of the nesting are apart.
-    made = planned(rectangle(0, 0, 60, 40), rectangle(-0.05, 10, 20, 20, "c2"), rectangle(100, 0, 50, 50, "c3"))
+    made = planned(
+        rectangle(0, 0, 60, 40), rectangle(-0.05, 10, 20, 20, "c2"), rectangle(100, 0, 50, 50, "c3")
+    )
     assert {path.contours for path in made.paths} == {("c3",)}
     assert "2 contours not cleared, crossing each other: c1-c2" in told(made, "crossing")
     # With an edge on that of the wall it leaves the pocket no side there.
@@ -268,7 +298,11 @@ def test_an_island_that_crosses_the_wall_by_a_sliver_is_not_cut_away() -> None:
 
 
 def test_only_the_contours_worked_on_are_walls() -> None:
-    shapes = (rectangle(0, 0, 200, 200, "c1"), rectangle(20, 20, 80, 60, "c2"), circle(50, 50, 10, "c3"))
+    shapes = (
+        rectangle(0, 0, 200, 200, "c1"),
+        rectangle(20, 20, 80, 60, "c2"),
+        circle(50, 50, 10, "c3"),
+    )
     chosen = camgen.Part("part", "part.dxf", "mm", shapes, (), worked=frozenset({"c2", "c3"}))
     made = plan(chosen, job())
     assert {path.contours for path in made.paths} == {("c2", "c3")}
@@ -282,7 +316,10 @@ def test_only_the_contours_worked_on_are_walls() -> None:
         ({"process": ProcessTable(force=5.0)}, "process.force"),
         ({"operation": OperationTable(kind="pocket", stepover=1.0)}, "operation.stepover"),
         ({"operation": OperationTable(kind="pocket", finish=3.5)}, "operation.finish"),
-        ({"operation": OperationTable(kind="pocket", inside_first=False)}, "operation.inside_first"),
+        (
+            {"operation": OperationTable(kind="pocket", inside_first=False)},
+            "operation.inside_first",
+        ),
         ({"operation": OperationTable(kind="pocket", width=1.0)}, "operation.width"),
         ({"operation": OperationTable(kind="follow", stepover=0.5)}, "operation.stepover"),
         ({"operation": OperationTable(kind="trace", finish=0.5)}, "operation.finish"),

@@ -52,7 +52,9 @@ def test_no_more_of_the_tool_is_engaged_than_was_asked(name: str, stepover: floa
     # The first link from a curve of the least radius to the next ring may engage more, no longer than the tool is wide.
     assert way_above(made, stepover + 0.15 + NOISE) <= 2 * RADIUS
     free = planned(*SHAPES[name], stepover=stepover, engagement=1.0)
-    assert way_above(free, stepover + 0.15 + NOISE) > max(RADIUS, 1.5 * way_above(made, stepover + 0.15 + NOISE))
+    assert way_above(free, stepover + 0.15 + NOISE) > max(
+        RADIUS, 1.5 * way_above(made, stepover + 0.15 + NOISE)
+    )
 
 
 @pytest.mark.parametrize("most", [0.45, 0.6, 0.9])
@@ -64,11 +66,15 @@ def test_the_bound_may_be_asked_for(most: float) -> None:
 
 
 def test_a_bound_below_a_straight_pass_is_refused() -> None:
-    with pytest.raises(JobError, match=r"passes 0.6 of the diameter apart .*operation.engagement.*0.65 at least"):
+    with pytest.raises(
+        JobError, match=r"passes 0.6 of the diameter apart .*operation.engagement.*0.65 at least"
+    ):
         planned(*SHAPES["circle"], stepover=0.6, engagement=0.6)
 
 
-def test_where_there_are_several_basins_the_channel_is_run_first_and_the_rest_in_its_order() -> None:
+def test_where_there_are_several_basins_the_channel_is_run_first_and_the_rest_in_its_order() -> (
+    None
+):
     wide = contour([(0, 0), (40, 0), (40, 16), (60, 16), (60, 0), (110, 0), (110, 40), (60, 40), (60, 24), (40, 24),
                     (40, 40), (0, 40)])  # fmt: skip
     made = planned(wide, stepover=0.4, depth=4.0, passes=2)
@@ -113,5 +119,7 @@ def test_the_way_of_a_channel_never_leaves_its_discs(name: str) -> None:
     clear = channel.area(0.01)
     assert clear.contains(shapely.MultiPoint(ends))
     straight = ~channel.chain.is_arc
-    lines = shapely.linestrings(np.stack([channel.chain.start[straight], channel.chain.end[straight]], axis=1))
+    lines = shapely.linestrings(
+        np.stack([channel.chain.start[straight], channel.chain.end[straight]], axis=1)
+    )
     assert clear.covers(lines).all()

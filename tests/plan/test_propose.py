@@ -22,7 +22,9 @@ def circle(x: float, y: float, diameter: float, layer: str = "0") -> Contour:
     return Contour(frozen([(x - radius, y), (x + radius, y)]), frozen([1.0, 1.0]), True, layer)
 
 
-def box(x: float, y: float, width: float, height: float, fillet: float = 0.0, layer: str = "0") -> Contour:
+def box(
+    x: float, y: float, width: float, height: float, fillet: float = 0.0, layer: str = "0"
+) -> Contour:
     """A rectangle from its lower left corner, counter-clockwise, its corners rounded by ``fillet``."""
     low, high, r = np.array([x, y]), np.array([x + width, y + height]), fillet
     if not fillet:
@@ -64,7 +66,14 @@ def test_a_plate_with_holes_counterbores_a_pocket_and_slots() -> None:
         *(("drill", 5.5, 1), ("drill", 8.0, 2), ("end mill", 6.0, 3)),
     ]
     assert found.operations[-1].row == {
-        **{"kind": "follow", "tool": "mill 6", "nesting": "outer", "depth": 3.5, "tabs": 4, "passes": 2},
+        **{
+            "kind": "follow",
+            "tool": "mill 6",
+            "nesting": "outer",
+            "depth": 3.5,
+            "tabs": 4,
+            "passes": 2,
+        },
     }
     # 3 mm, 0.5 mm through, and the tip of 118 degrees: 2.75 mm / tan(59 deg) = 1.65 mm.
     assert rows(found, "holes", "nesting", "depth")[0] == ([5.49, 5.51], "inner", 5.2)
@@ -110,14 +119,24 @@ def test_holes_without_an_outline_are_drilled() -> None:
 def test_holes_of_one_size_that_are_not_all_meant_are_named() -> None:
     """The circle that stands in a hole too large to be its counterbore is a loose disc: it is cut round."""
     found = proposed(PLATE, circle(20, 20, 5), circle(60, 30, 40), circle(60, 30, 5))
-    assert rows(found, "kind", "ids") == [("drill", ["c2"]), ("follow", ["c3", "c4"]), ("follow", None)]
+    assert rows(found, "kind", "ids") == [
+        ("drill", ["c2"]),
+        ("follow", ["c3", "c4"]),
+        ("follow", None),
+    ]
 
 
 @pytest.mark.parametrize(
     ("diameters", "ranges"),
-    [((5.0, 5.01), [[4.99, 5.02]]), ((5.0, 5.1), [[4.99, 5.01], [5.09, 5.11]]), ((5.0, 5.03), [[4.99, 5.04]])],
+    [
+        ((5.0, 5.01), [[4.99, 5.02]]),
+        ((5.0, 5.1), [[4.99, 5.01], [5.09, 5.11]]),
+        ((5.0, 5.03), [[4.99, 5.04]]),
+    ],
 )
-def test_no_range_of_diameters_holds_two_sizes(diameters: Sequence[float], ranges: list[list[float]]) -> None:
+def test_no_range_of_diameters_holds_two_sizes(
+    diameters: Sequence[float], ranges: list[list[float]]
+) -> None:
     found = proposed(PLATE, *(circle(20 + 20 * k, 20, d) for k, d in enumerate(diameters)))
     assert [one.row["holes"] for one in found.operations[:-1]] == ranges
     # No hole becomes wider than it is drawn.
@@ -144,7 +163,10 @@ def test_the_mill_fits_the_narrowest_place_and_the_fillets(inner: Contour, mill:
 def test_fillets_of_an_outline_are_run_into_only_where_they_are_hollow() -> None:
     assert sizes(proposed(box(0, 0, 60, 40, fillet=1))) == [6.0]
     notch = Contour(
-        frozen([(0, 0), (60, 0), (60, 40), (32, 40), (28, 40), (0, 40)]), frozen([0, 0, 0, -1, 0, 0]), True, "0"
+        frozen([(0, 0), (60, 0), (60, 40), (32, 40), (28, 40), (0, 40)]),
+        frozen([0, 0, 0, -1, 0, 0]),
+        True,
+        "0",
     )
     assert sizes(proposed(notch)) == [4.0]
 

@@ -86,7 +86,9 @@ def test_open_chains_of_arcs_keep_their_ends_and_the_tolerance(
         step = (1 if k % 2 else -1) * sweep / count
         for _ in range(count):
             heading += step
-            points.append(points[-1] + radius * abs(step) * np.array([math.cos(heading), math.sin(heading)]))
+            points.append(
+                points[-1] + radius * abs(step) * np.array([math.cos(heading), math.sin(heading)])
+            )
     drawn = contour(points, closed=False)
     (found,), _ = recover([drawn], tolerance)
     assert off(drawn, found) <= tolerance + 1e-9

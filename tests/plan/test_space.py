@@ -32,7 +32,11 @@ def points(folder: Path, text: str) -> Path:
 
 def work(result: Result) -> list[MoveL | MoveC]:
     """The motions along the curves."""
-    return [move for move in result.program.columns.moves if isinstance(move, (MoveL, MoveC)) and move.work]
+    return [
+        move
+        for move in result.program.columns.moves
+        if isinstance(move, (MoveL, MoveC)) and move.work
+    ]
 
 
 def ends(result: Result) -> FloatArray:
@@ -40,10 +44,14 @@ def ends(result: Result) -> FloatArray:
 
 
 def turned(result: Result) -> FloatArray:
-    return np.array([move.target.rotation for move in work(result) if isinstance(move.target, Pose)])
+    return np.array(
+        [move.target.rotation for move in work(result) if isinstance(move.target, Pose)]
+    )
 
 
-def refused(part: Path | list[Path], post: str, job: Tables, kind: type[CamgenError] = JobError) -> str:
+def refused(
+    part: Path | list[Path], post: str, job: Tables, kind: type[CamgenError] = JobError
+) -> str:
     with pytest.raises(kind) as caught:
         camgen.build(part, post=post, job=job)
     return str(caught.value)
@@ -58,24 +66,43 @@ def test_a_mill_follows_a_curve_point_by_point_and_travels_above_it(tmp_path: Pa
     result = camgen.build(file, post="gcode", job={"tour": {"method": "as-drawn"}})
     assert ends(result).tolist() == rows[1:]
     assert (turned(result) == np.diag([1, -1, -1])).all()
-    rapids = [m for m in result.program.columns.moves if isinstance(m, MoveJ) and isinstance(m.target, Pose)]
+    rapids = [
+        m
+        for m in result.program.columns.moves
+        if isinstance(m, MoveJ) and isinstance(m.target, Pose)
+    ]
     travel = [m.target.origin for m in rapids if m.target.origin[2] != 4]  # type: ignore[union-attr]
     assert {z for _, _, z in travel if z < 30} == {20}
-    lines = [line for line in result.text.splitlines() if "G1" in line or line.startswith(("X", "Y", "Z"))]
+    lines = [
+        line
+        for line in result.text.splitlines()
+        if "G1" in line or line.startswith(("X", "Y", "Z"))
+    ]
     assert any("Z-4" in line for line in lines)
 
 
-def test_a_flat_arc_of_a_spatial_drawing_is_an_arc_for_a_mill_and_an_upright_one_chords_within_tolerance() -> None:
+def test_a_flat_arc_of_a_spatial_drawing_is_an_arc_for_a_mill_and_an_upright_one_chords_within_tolerance() -> (
+    None
+):
     result = camgen.build(SPACE, post="gcode", job=TRACE)
     assert sum(isinstance(move, MoveC) for move in work(result)) == 2
     upright = np.array([end for end in ends(result) if abs(end[1] - 25) < 1e-9 and end[0] >= 10])
     assert np.hypot(upright[:, 0] - 20, upright[:, 2] - 3) == pytest.approx(10, abs=1e-6)
-    assert np.hypot(*((upright[1:] + upright[:-1]) / 2 - (20, 25, 3))[:, [0, 2]].T).min() >= 10 - 0.0101
+    assert (
+        np.hypot(*((upright[1:] + upright[:-1]) / 2 - (20, 25, 3))[:, [0, 2]].T).min()
+        >= 10 - 0.0101
+    )
 
 
 def test_depth_and_passes_go_below_the_curve() -> None:
-    job: Tables = {"operation": {"kind": "trace", "depth": 3, "passes": 2}, "process": {"spindle": 9000}}
-    plain, deep = camgen.build(SPACE, post="gcode", job=TRACE), camgen.build(SPACE, post="gcode", job=job)
+    job: Tables = {
+        "operation": {"kind": "trace", "depth": 3, "passes": 2},
+        "process": {"spindle": 9000},
+    }
+    plain, deep = (
+        camgen.build(SPACE, post="gcode", job=TRACE),
+        camgen.build(SPACE, post="gcode", job=job),
+    )
     assert len(ends(deep)) == 2 * len(ends(plain))
     assert ends(deep)[:, 2].min() == pytest.approx(ends(plain)[:, 2].min() - 3)
 
@@ -92,7 +119,9 @@ def test_a_mill_does_not_lean(tmp_path: Path) -> None:
     assert camgen.build(file, post="gcode").tour.paths  # a turn about the spindle is none
     assert "keeps its tool straight down, curve c1 leans it by 15 deg" in refused(SEAM, "gcode", {})
     assert camgen.build(SEAM, post="gcode", job={"tool": {"axis": "fixed"}}).tour.paths
-    assert "leans it by 10 deg" in refused(SPACE, "gcode", TRACE | {"tool": {"angles": [170, 0, 0]}})
+    assert "leans it by 10 deg" in refused(
+        SPACE, "gcode", TRACE | {"tool": {"angles": [170, 0, 0]}}
+    )
     assert '"normal" needs an arm' in refused(SPACE, "gcode", TRACE | {"tool": {"axis": "normal"}})
 
 
@@ -112,7 +141,9 @@ def test_arcs_in_space_stay_arcs(post: str) -> None:
     for before, move in arcs:
         assert isinstance(before.target, Pose)
         assert isinstance(move.target, Pose)
-        centre, radius, axis, sweep = circle(before.target.origin, move.via.origin, move.target.origin)
+        centre, radius, axis, sweep = circle(
+            before.target.origin, move.via.origin, move.target.origin
+        )
         name = "arch" if radius == pytest.approx(10, abs=1e-9) else "ring"
         want, normal = ((20, 25, 3), 1) if name == "arch" else ((20, 45, 4), 2)
         assert centre == pytest.approx(want, abs=1e-9)
@@ -128,7 +159,9 @@ def test_a_fixed_tool_stands_as_its_angles_say_and_the_joints_agree() -> None:
     about_x = np.array([[1, 0, 0], [0, math.cos(a), -math.sin(a)], [0, math.sin(a), math.cos(a)]])
     about_y = np.array([[math.cos(b), 0, math.sin(b)], [0, 1, 0], [-math.sin(b), 0, math.cos(b)]])
     about_z = np.array([[math.cos(c), -math.sin(c), 0], [math.sin(c), math.cos(c), 0], [0, 0, 1]])
-    assert turned(result) == pytest.approx(np.broadcast_to(about_z @ about_y @ about_x, (len(work(result)), 3, 3)))
+    assert turned(result) == pytest.approx(
+        np.broadcast_to(about_z @ about_y @ about_x, (len(work(result)), 3, 3))
+    )
     base, tool = matrix(result.program.base_from_work), matrix(result.program.flange_from_tool)
     seen = 0
     for move in work(result):
@@ -146,7 +179,12 @@ def matrix(pose: Pose) -> FloatArray:
 
 
 def test_the_angles_of_the_points_are_those_of_the_tool(tmp_path: Path) -> None:
-    rows = [(0, 0, 5, 180, 0, 0), (40, 0, 9, 170, 0, 0), (40, 0, 9, 170, 12, 0), (80, 20, 5, 180, 12, 0)]
+    rows = [
+        (0, 0, 5, 180, 0, 0),
+        (40, 0, 9, 170, 0, 0),
+        (40, 0, 9, 170, 12, 0),
+        (80, 20, 5, 180, 12, 0),
+    ]
     file = points(tmp_path, "\n".join(" ".join(map(str, row)) for row in rows))
     result = camgen.build(file, post="rapid")
     forward = ends(result)[-1].tolist() == [80, 20, 5]
@@ -173,7 +211,11 @@ def test_a_smooth_curve_is_run_without_stops_and_a_corner_with_one(tmp_path: Pat
 
 
 def test_a_force_presses_along_the_tool() -> None:
-    job = TRACE | {"process": {"force": 7}, "tool": {"angles": [170, 0, 0]}, "post": {"force_load": "lTool"}}
+    job = TRACE | {
+        "process": {"force": 7},
+        "tool": {"angles": [170, 0, 0]},
+        "post": {"force_load": "lTool"},
+    }
     result = camgen.build(SPACE, post="rapid", job=job)
     axis = (0, -math.sin(math.radians(170)), math.cos(math.radians(170)))
     assert {item.newtons for item in result.program.columns.of(Force)} == {0, 7}
@@ -186,7 +228,11 @@ def test_a_force_presses_along_the_tool() -> None:
 def test_the_tool_comes_and_leaves_along_its_axis_above_all_curves(tmp_path: Path) -> None:
     file = points(tmp_path, "0 0 5 165 0 0\n60 0 25 165 0 0")
     result = camgen.build(file, post="rapid")
-    moves = [m for m in result.program.columns.moves if isinstance(m, MoveL) and isinstance(m.target, Pose)]
+    moves = [
+        m
+        for m in result.program.columns.moves
+        if isinstance(m, MoveL) and isinstance(m.target, Pose)
+    ]
     places = np.array([m.target.origin for m in moves if isinstance(m.target, Pose)])
     start = next(k for k, move in enumerate(moves) if move.work) - 1
     axis = np.array([0, -math.sin(math.radians(165)), math.cos(math.radians(165))])
@@ -198,12 +244,16 @@ def test_the_tool_comes_and_leaves_along_its_axis_above_all_curves(tmp_path: Pat
 
 
 def test_a_scara_cannot_lean_and_says_so() -> None:
-    assert "cannot lean its tool, and it has to by 15 deg" in refused(SEAM, "vplus", {}, NoSafeProgram)
+    assert "cannot lean its tool, and it has to by 15 deg" in refused(
+        SEAM, "vplus", {}, NoSafeProgram
+    )
 
 
 def test_what_is_out_of_reach_or_in_the_way_is_left_out_and_the_rest_is_run(tmp_path: Path) -> None:
     file = points(tmp_path, "0 0 5\n60 0 9\n\n0 40 5\n2000 40 5\n\n0 80 5\n60 80 9")
-    result = camgen.build(file, post="rapid", job={"cell": {"fixtures": [[20, 70, -10, 40, 90, 40]]}})
+    result = camgen.build(
+        file, post="rapid", job={"cell": {"fixtures": [[20, 70, -10, 40, 90, 40]]}}
+    )
     left = {note.ids[0]: str(note) for note in result.notes if note.kind == "skipped"}
     assert set(left) == {"c2", "c3"}
     assert left["c2"].startswith("skipped: curve c2, 2000 mm (")
@@ -217,7 +267,10 @@ def test_what_is_out_of_reach_or_in_the_way_is_left_out_and_the_rest_is_run(tmp_
 def test_a_turn_of_no_certain_sense_is_left_out(tmp_path: Path) -> None:
     file = points(tmp_path, "0 0 5 180 0 0\n60 0 9 180 0 175\n")
     said = refused(file, "rapid", {}, NoSafeProgram)
-    assert "the tool turns by 175 deg from point 1 to the next, either way round: give points between them" in said
+    assert (
+        "the tool turns by 175 deg from point 1 to the next, either way round: give points between them"
+        in said
+    )
 
 
 # Square to the faces of a part.
@@ -232,7 +285,10 @@ def on_cylinder(folder: Path, offset: float = 0.0) -> list[Path]:
     t = np.linspace(-0.6, 0.6, 25)
     reach = 40 + offset
     rows = np.column_stack([60 + 20 * t, 60 + reach * np.sin(t), -20 + reach * np.cos(t)])
-    return [points(folder, "\n".join(" ".join(f"{v:.5f}" for v in row) for row in rows)), folder / "pipe.stl"]
+    return [
+        points(folder, "\n".join(" ".join(f"{v:.5f}" for v in row) for row in rows)),
+        folder / "pipe.stl",
+    ]
 
 
 NORMAL: Tables = {"tool": {"axis": "normal", "symmetric": True, "diameter": 2}, "process": {"feed": 10},
@@ -269,7 +325,9 @@ def test_a_long_line_over_a_bent_face_gets_the_rows_that_the_axis_needs(tmp_path
     assert len(work(result)) > 3
     places = np.concatenate([start, ends(result)])
     along = np.array([1, 1, 0]) / math.sqrt(2)
-    assert np.linalg.norm(np.cross(places - (30, 30, 25), along), axis=1) == pytest.approx(0, abs=1e-9)
+    assert np.linalg.norm(np.cross(places - (30, 30, 25), along), axis=1) == pytest.approx(
+        0, abs=1e-9
+    )
     axes = np.concatenate([result.tour.paths[0].axis[:1], turned(result)[:, :, 2]])
     # Up to 54 mm from the axis, a place whose foot is the corner of two flats is up to 2.5 (1 - 40 / 54) deg off it.
     assert lean_off(places, axes).max() < 0.66
@@ -291,7 +349,9 @@ def test_a_part_that_is_given_stands_in_the_way(tmp_path: Path) -> None:
     box.apply_translation((30, 10, 10))
     box.export(tmp_path / "box.stl")
     file = points(tmp_path, "0 10 10\n60 10 10\n\n0 10 30\n60 10 30")
-    result = camgen.build([file, tmp_path / "box.stl"], post="rapid", job={"input": {"units": "mm"}})
+    result = camgen.build(
+        [file, tmp_path / "box.stl"], post="rapid", job={"input": {"units": "mm"}}
+    )
     assert [path.id for path in result.tour.paths] == ["c2"]
     (left,) = [note for note in result.notes if note.kind == "skipped"]
     assert "part" in left.why
@@ -305,7 +365,11 @@ def test_what_goes_together_and_what_does_not() -> None:
     assert "not tested against a part" in refused([SEAM, box], "gcode", {"tool": {"axis": "fixed"}})
     assert "or with one 3-D part" in refused([SEAM, PARTS / "plate.dxf"], "rapid", {}, InputError)
     two = camgen.build([SEAM, SPACE], post="rapid", job=TRACE | {"tool": {"symmetric": True}})
-    assert {path.id for path in two.tour.paths} == {"1/c1", "1/c2", *(f"2/c{k}" for k in range(1, 6))}
+    assert {path.id for path in two.tour.paths} == {
+        "1/c1",
+        "1/c2",
+        *(f"2/c{k}" for k in range(1, 6)),
+    }
 
 
 @pytest.mark.parametrize(("post", "table", "key", "value"), [
@@ -314,7 +378,9 @@ def test_what_goes_together_and_what_does_not() -> None:
     ("gcode", "operation", "side", "left"), ("rapid", "tolerance", "simplify", 1.0),
     ("rapid", "input", "min_length", 1.0),
 ])  # fmt: skip
-def test_settings_without_effect_are_refused(post: str, table: str, key: str, value: object) -> None:
+def test_settings_without_effect_are_refused(
+    post: str, table: str, key: str, value: object
+) -> None:
     job: Tables = {"operation": {"kind": "trace"}}
     job[table] = job.get(table, {}) | {key: value}
     assert refused(SPACE, post, job).startswith("job: has no effect on curves in space")
@@ -338,15 +404,28 @@ def test_what_cannot_be_meant_of_the_tool(tool: dict[str, object], what: str) ->
 def test_only_tracing_follows_curves_in_space() -> None:
     for kind in ("follow", "fill", "drill", "edges", "replay"):
         said = refused(SEAM, "rapid", {"operation": {"kind": kind}})
-        assert said.endswith('these are curves in space (operation.kind); set operation.kind to "trace"')
+        assert said.endswith(
+            'these are curves in space (operation.kind); set operation.kind to "trace"'
+        )
     part = camgen.read(SEAM)
     assert isinstance(part, Part)
     with pytest.raises(JobError, match="give the cell"):
         camgen.plan(part)
 
 
-def test_the_command_line_says_what_is_in_space(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    words = ["build", str(SPACE), "--post", "rapid", "--set", "operation.kind=trace", "-o", str(tmp_path)]
+def test_the_command_line_says_what_is_in_space(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = [
+        "build",
+        str(SPACE),
+        "--post",
+        "rapid",
+        "--set",
+        "operation.kind=trace",
+        "-o",
+        str(tmp_path),
+    ]
     for ending in ("svg", "png", "html"):
         assert main([*words, "--preview", str(tmp_path / f"a.{ending}")]) == 0
     said = capsys.readouterr().err

@@ -52,7 +52,9 @@ def step(kind: str, tool: str) -> Step:
         (["follow", "drill", "pocket"], ["a", "a", "b"], ["pocket", "follow", "drill"]),
     ],
 )
-def test_holes_come_before_pockets_before_profiles(listed: list[str], worked: list[str], run: list[str]) -> None:
+def test_holes_come_before_pockets_before_profiles(
+    listed: list[str], worked: list[str], run: list[str]
+) -> None:
     found = arrange([step(kind, kind) for kind in listed], [frozenset(ids) for ids in worked])
     assert [listed[k] for k in found] == run
 
@@ -85,13 +87,20 @@ def test_each_operation_works_on_what_it_chooses_and_knows_its_side() -> None:
 def test_the_report_has_a_row_for_each_operation() -> None:
     result = camgen.build(BRACKET, post="grbl", job=job(OUTER, DRILL | {"holes": [7.9, 8.1]}))
     drilled, cut = result.report["operations"]  # type: ignore[misc]
-    assert (drilled["number"], drilled["kind"], drilled["tool"], drilled["paths"]) == (1, "drill", "drill 5", 2)
+    assert (drilled["number"], drilled["kind"], drilled["tool"], drilled["paths"]) == (
+        1,
+        "drill",
+        "drill 5",
+        2,
+    )
     assert drilled["removed_mm3"] == pytest.approx(2 * 7.0 * np.pi * 2.5**2, rel=5e-3)
     # A ring of 6 mm around 80 x 50 with corners of 10, 6 mm deep.
     around = 2 * (60 + 30) + 2 * np.pi * 10
     assert cut["removed_mm3"] == pytest.approx(6.0 * (around * 6 + np.pi * 36), rel=5e-3)
     stock = result.report["stock"]
-    assert stock["removed_mm3"] == pytest.approx(drilled["removed_mm3"] + cut["removed_mm3"], abs=0.2)  # type: ignore[index]
+    assert stock["removed_mm3"] == pytest.approx(
+        drilled["removed_mm3"] + cut["removed_mm3"], abs=0.2
+    )  # type: ignore[index]
     assert drilled["time_s"] + cut["time_s"] <= result.report["time_s"]  # type: ignore[operator]
 
 
@@ -110,7 +119,9 @@ def test_the_tool_is_changed_at_home_with_everything_off() -> None:
     changes = [k for k, item in enumerate(body) if isinstance(item, ToolChange)]
     assert [item.number for item in body if isinstance(item, ToolChange)] == [1, 2]
     for k in changes:
-        spindle = [item.value for item in body[:k] if isinstance(item, Output) and item.signal == "spindle"]
+        spindle = [
+            item.value for item in body[:k] if isinstance(item, Output) and item.signal == "spindle"
+        ]
         assert spindle[-1] == 0.0
         following = next(item for item in body[k + 1 :] if isinstance(item, MoveJ))
         assert following.target.origin == (0.0, 0.0, 50.0)  # type: ignore[union-attr]
@@ -152,7 +163,8 @@ def test_a_controller_without_tool_changes_gets_a_program_a_tool() -> None:
     assert not first.faults
     assert not second.faults
     lowest = [
-        min(item.target.origin[2] for item in one.body if isinstance(item, MoveL | MoveC)) for one in (first, second)
+        min(item.target.origin[2] for item in one.body if isinstance(item, MoveL | MoveC))
+        for one in (first, second)
     ]
     assert lowest == [-7.0, -6.0]
     assert "drill 5" in result.files[0].text
@@ -161,18 +173,28 @@ def test_a_controller_without_tool_changes_gets_a_program_a_tool() -> None:
 
 def test_every_program_of_a_robot_has_the_frame_of_its_tool() -> None:
     tools = [TOOLS[0] | {"length": 120.0}, TOOLS[1] | {"length": 90.0}]
-    tables = job(OUTER, DRILL) | {"tools": tools, "post": {"signals": {"spindle": "aoSpindle", "process": "doProcess"}}}
+    tables = job(OUTER, DRILL) | {
+        "tools": tools,
+        "post": {"signals": {"spindle": "aoSpindle", "process": "doProcess"}},
+    }
     result = camgen.build(BRACKET, post="rapid", job=tables | {"cell": {"robot": "IRB 120"}})
     assert [one.name for one in result.files] == ["bracket_1.mod", "bracket_2.mod"]
-    readings = [find_readback("rapid")({one.name: one.text}, tables["post"]) for one in result.files]  # type: ignore[arg-type]
+    readings = [
+        find_readback("rapid")({one.name: one.text}, tables["post"]) for one in result.files
+    ]  # type: ignore[arg-type]
     assert [one.tool.origin[2] for one in readings if one.tool] == [120.0, 90.0]
     assert result.reach is not None
     assert result.reach.samples > 100
 
 
 def test_one_tool_without_a_number_is_not_changed() -> None:
-    rows = [{"kind": "follow", "nesting": "outer", "depth": 2}, {"kind": "trace", "layers": ["HOLES"], "depth": 0.5}]
-    result = camgen.build(BRACKET, post="grbl", job={"operations": rows, "process": {"spindle": 9000.0}})
+    rows = [
+        {"kind": "follow", "nesting": "outer", "depth": 2},
+        {"kind": "trace", "layers": ["HOLES"], "depth": 0.5},
+    ]
+    result = camgen.build(
+        BRACKET, post="grbl", job={"operations": rows, "process": {"spindle": 9000.0}}
+    )
     assert [one.name for one in result.files] == ["bracket.nc"]
     assert not [item for item in result.program.body if isinstance(item, ToolChange)]
     assert next(path.operation for path in result.tour.paths) == "trace"
@@ -181,13 +203,21 @@ def test_one_tool_without_a_number_is_not_changed() -> None:
 @pytest.mark.parametrize(
     ("rows", "error", "says"),
     [
-        ([OUTER | {"tool": "mill 7"}], JobError, 'job: there is no tool "mill 7" ([[operations]] 0)'),
+        (
+            [OUTER | {"tool": "mill 7"}],
+            JobError,
+            'job: there is no tool "mill 7" ([[operations]] 0)',
+        ),
         ([{"kind": "follow"}], JobError, "job: names no tool ([[operations]] 0)"),
         ([OUTER | {"dept": 3}], JobError, 'job: unknown key "dept" ([[operations]] 0)'),
         ([OUTER | {"depth": "deep"}], JobError, "job: depth must be a number >= 0"),
         ([OUTER | {"ids": ["c99"]}], InputError, "there is no contour 'c99'"),
         ([OUTER | {"layers": ["NOTHING"]}], InputError, "chooses no contour"),
-        ([OUTER | {"colors": ["redd"]}], JobError, 'job: there is no color "redd" ([[operations]] 0); one of red, '),
+        (
+            [OUTER | {"colors": ["redd"]}],
+            JobError,
+            'job: there is no color "redd" ([[operations]] 0); one of red, ',
+        ),
         (
             [OUTER | {"colors": ["blue"]}],
             InputError,
@@ -211,7 +241,9 @@ def test_an_operation_works_on_what_has_its_colors(asked: list[str], tmp_path: P
     file = tmp_path / "part.dxf"
     document.saveas(file)
     rows = [{"kind": "trace", "colors": asked}]
-    result = camgen.build(file, post="gcode", job={"operations": rows, "process": {"spindle": 9000.0}})
+    result = camgen.build(
+        file, post="gcode", job={"operations": rows, "process": {"spindle": 9000.0}}
+    )
     wanted = {"c1", "c4"} | ({"c2"} if "blue" in asked else set())
     assert {name for path in result.tour.paths for name in path.contours} == wanted
 
@@ -223,14 +255,25 @@ def test_a_tool_without_a_number_is_refused_where_tools_are_changed() -> None:
         camgen.build(BRACKET, post="gcode", job={"tools": tools, "operations": rows})
 
 
-@pytest.mark.parametrize(("post", "names"), [("gcode", ["bracket.ngc"]), ("grbl", ["bracket_1.nc", "bracket_2.nc"])])
+@pytest.mark.parametrize(
+    ("post", "names"), [("gcode", ["bracket.ngc"]), ("grbl", ["bracket_1.nc", "bracket_2.nc"])]
+)
 def test_the_commands_build_and_verify_it(
-    post: str, names: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    post: str,
+    names: list[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    rows = ["[[tools]]\nname = 'a'\nnumber = 1\ndiameter = 4", "[[tools]]\nname = 'b'\nnumber = 2\ndiameter = 6"]
+    rows = [
+        "[[tools]]\nname = 'a'\nnumber = 1\ndiameter = 4",
+        "[[tools]]\nname = 'b'\nnumber = 2\ndiameter = 6",
+    ]
     rows += ["[[operations]]\ntool = 'a'\nkind = 'trace'\ndepth = 0.5\nlayers = ['holes']"]
-    rows += ["[[operations]]\ntool = 2\nkind = 'follow'\nnesting = 'outer'\n[process]\nspindle = 9000"]
+    rows += [
+        "[[operations]]\ntool = 2\nkind = 'follow'\nnesting = 'outer'\n[process]\nspindle = 9000"
+    ]
     Path("job.toml").write_text("\n".join(rows))
     command = ["build", str(BRACKET), "--post", post, "--job", "job.toml", "--plan", "plan.json"]
     assert main([*command, "--set", "operations.1.depth=3"]) == 0
@@ -241,7 +284,9 @@ def test_the_commands_build_and_verify_it(
         assert main(["verify", name, "--post", post, "--plan", "plan.json"]) == 0
     assert "z -3 to 50" in capsys.readouterr().out
     assert main([*command, "--set", "operations.2.depth=3"]) == 2
-    assert "there is no operations.2: the job has 2 rows of [[operations]]" in capsys.readouterr().err
+    assert (
+        "there is no operations.2: the job has 2 rows of [[operations]]" in capsys.readouterr().err
+    )
 
 
 @needs_rs274
@@ -261,7 +306,11 @@ def test_the_interpreter_of_linuxcnc_changes_the_tools() -> None:
         elif isinstance(item, MoveJ | MoveL | MoveC):
             assert isinstance(item.target, Pose)
             wanted.append(item.target.origin)
-    calls = [call for call in canon.calls if call.kind in ("STRAIGHT_TRAVERSE", "STRAIGHT_FEED", "ARC_FEED")]
+    calls = [
+        call
+        for call in canon.calls
+        if call.kind in ("STRAIGHT_TRAVERSE", "STRAIGHT_FEED", "ARC_FEED")
+    ]
     for place, call in zip(wanted, calls[len(calls) - len(wanted) :], strict=True):
         assert place is None or call.end == pytest.approx(place, abs=5.6e-4)
     without = run(result.text, "T1 P1 Z0 D5\n")
@@ -279,13 +328,18 @@ def test_a_program_of_several_tools_is_proven_against_its_job(
     lost = [k for k, line in enumerate(lines) if line == "G0 Z10"][3]
     Path("good.ngc").write_text(text)
     Path("bad.ngc").write_text("\n".join([*lines[:lost], *lines[lost + 1 :]]) + "\n")
-    part, job = str(fixtures / "parts" / "motor.dxf"), str(fixtures / "cases" / "motor-plate" / "job.toml")
+    part, job = (
+        str(fixtures / "parts" / "motor.dxf"),
+        str(fixtures / "cases" / "motor-plate" / "job.toml"),
+    )
     command = ["--post", "gcode", "--part", part, "--job", job]
     assert main(["verify", "good.ngc", *command]) == 0
     assert "no gouge, no rapid motion in material" in capsys.readouterr().out
     assert main(["verify", "bad.ngc", *command]) == 3
     told = capsys.readouterr()
-    dragged = next(k for k, line in enumerate(lines) if k > lost and line.startswith("G"))  # one line less before it
+    dragged = next(
+        k for k, line in enumerate(lines) if k > lost and line.startswith("G")
+    )  # one line less before it
     assert f"bad.ngc line {dragged:,}".replace(",", " ") in told.err
     assert "rapid motion through material" in told.out
     Path("none.ngc").write_text(text.replace("T3 M6", "T9 M6").replace("G43 H3", "G43 H9"))
@@ -295,12 +349,19 @@ def test_a_program_of_several_tools_is_proven_against_its_job(
 
 def test_the_outline_of_the_stock_is_not_machined() -> None:
     """The outline of the bracket as the stock: its holes are outer contours then, and cut outside."""
-    tables = {"stock": {"layer": "OUTLINE", "thickness": 4.0}, "operation": {"depth": 2.0, "side": "inside"}}
+    tables = {
+        "stock": {"layer": "OUTLINE", "thickness": 4.0},
+        "operation": {"depth": 2.0, "side": "inside"},
+    }
     result = camgen.build(BRACKET, post="gcode", job=tables | {"process": {"spindle": 9000.0}})
     assert {name for path in result.tour.paths for name in path.contours} == {"c2", "c3", "c4"}
     assert any("the stock, not machined" in note.what for note in result.notes)
     with pytest.raises(InputError, match="no closed contour on layer 'RAW'"):
-        camgen.build(BRACKET, post="gcode", job=tables | {"stock": {"layer": "RAW"}, "process": {"spindle": 9000.0}})
+        camgen.build(
+            BRACKET,
+            post="gcode",
+            job=tables | {"stock": {"layer": "RAW"}, "process": {"spindle": 9000.0}},
+        )
 
 
 @pytest.mark.parametrize("number", [0, 7])
@@ -321,12 +382,19 @@ def test_a_robot_with_one_tool_has_its_frame_whether_it_has_a_number_or_not(numb
 def test_an_operation_that_finds_nothing_costs_no_other_one() -> None:
     result = camgen.build(BRACKET, post="gcode", job=job(OUTER, DRILL | {"holes": [1.0, 2.0]}))
     assert {path.operation for path in result.tour.paths} == {"follow"}
-    assert any(note.kind == "skipped" and "operation 1 (drill): no hole to drill" in note.what for note in result.notes)
+    assert any(
+        note.kind == "skipped" and "operation 1 (drill): no hole to drill" in note.what
+        for note in result.notes
+    )
     with pytest.raises(NoSafeProgram, match="--strict"):
-        camgen.build(BRACKET, post="gcode", job=job(OUTER, DRILL | {"holes": [1.0, 2.0]}), strict=True)
+        camgen.build(
+            BRACKET, post="gcode", job=job(OUTER, DRILL | {"holes": [1.0, 2.0]}), strict=True
+        )
 
 
-@pytest.mark.parametrize(("row", "who"), [({"kind": "fill"}, "fill"), ({"planner": "image"}, "the image planner")])
+@pytest.mark.parametrize(
+    ("row", "who"), [({"kind": "fill"}, "fill"), ({"planner": "image"}, "the image planner")]
+)
 def test_of_a_picture_some_operations_take_all(row: dict[str, object], who: str) -> None:
     gear = BRACKET.parent / "gear.png"
     tables = {"image": {"width_mm": 60.0}, "tool": {"diameter": 2.0}}
@@ -336,9 +404,15 @@ def test_of_a_picture_some_operations_take_all(row: dict[str, object], who: str)
 
 def test_the_image_planner_is_not_judged_by_contours() -> None:
     """It runs to a part of a pixel beside them: that is no gouge, and the summary says that nothing was judged."""
-    tables = {"image": {"width_mm": 60.0}, "tool": {"diameter": 2.0}, "process": {"spindle": 9000.0}}
+    tables = {
+        "image": {"width_mm": 60.0},
+        "tool": {"diameter": 2.0},
+        "process": {"spindle": 9000.0},
+    }
     result = camgen.build(
-        BRACKET.parent / "gear.png", post="gcode", job=tables | {"operation": {"planner": "image", "depth": 1.0}}
+        BRACKET.parent / "gear.png",
+        post="gcode",
+        job=tables | {"operation": {"planner": "image", "depth": 1.0}},
     )
     assert result.proof is None
     assert why_unproven(result.job).startswith("the image planner")
@@ -352,6 +426,11 @@ def test_a_row_has_no_setting_of_the_whole_program(key: str) -> None:
 
 def test_one_frame_is_not_that_of_tools_of_several_lengths() -> None:
     tools = [TOOLS[0] | {"length": 120.0}, TOOLS[1] | {"length": 90.0}]
-    tables = job(OUTER, DRILL) | {"tools": tools, "post": {"signals": {"spindle": "aoSpindle", "process": "doProcess"}}}
+    tables = job(OUTER, DRILL) | {
+        "tools": tools,
+        "post": {"signals": {"spindle": "aoSpindle", "process": "doProcess"}},
+    }
     with pytest.raises(JobError, match="is one frame, and the tools have several lengths"):
-        camgen.build(BRACKET, post="rapid", job=tables | {"cell": {"flange_from_tool": [0, 0, 150, 0, 0, 0]}})
+        camgen.build(
+            BRACKET, post="rapid", job=tables | {"cell": {"flange_from_tool": [0, 0, 150, 0, 0, 0]}}
+        )

@@ -62,15 +62,22 @@ def test_another_tool_that_turns_keeps_to_its_line():
     back = TOOLS[0].inverse() @ TOOLS[1]  # tool 0 from tool 1
     for piece in pieces:
         for share in (0.25, 0.5, 0.75, 1.0):
-            x, y, z = (a + share * (b - a) for a, b in zip(at.origin, piece.target.origin, strict=True))
+            x, y, z = (
+                a + share * (b - a) for a, b in zip(at.origin, piece.target.origin, strict=True)
+            )
             here = Pose(rotation_between(at.rotation, piece.target.rotation, share), (x, y, z))
             tip = (here @ back).origin
             assert math.hypot(tip[1], tip[2] - 50) < 0.02
         at = piece.target
     assert close(at @ back, end)
     # The same time: 100 mm at 50 mm/s.
-    length = [math.dist(a.target.origin, b.target.origin) for a, b in zip(told.body[3:], pieces, strict=False)]
-    assert sum(s / p.speed for s, p in zip(length, pieces, strict=True)) == pytest.approx(2.0, rel=1e-3)
+    length = [
+        math.dist(a.target.origin, b.target.origin)
+        for a, b in zip(told.body[3:], pieces, strict=False)
+    ]
+    assert sum(s / p.speed for s, p in zip(length, pieces, strict=True)) == pytest.approx(
+        2.0, rel=1e-3
+    )
 
 
 def test_another_tool_that_turns_keeps_to_its_arc():
@@ -167,7 +174,12 @@ def test_the_same_arm_keeps_its_joint_values(tmp_path, monkeypatch):
 
 
 def test_outputs_are_off_at_both_ends_and_corners_before_them_stop(tmp_path, monkeypatch):
-    body = [MoveJ(at(HIGH), 200.0), MoveL(at(LOW), 50.0, 5.0), Output("process", 1.0), MoveL(at(HIGH), 50.0)]
+    body = [
+        MoveJ(at(HIGH), 200.0),
+        MoveL(at(LOW), 50.0, 5.0),
+        Output("process", 1.0),
+        MoveL(at(HIGH), 50.0),
+    ]
     result = build(tmp_path, monkeypatch, body)
     outputs = [item.value for item in result.program.body if isinstance(item, Output)]
     assert outputs == [0.0, 1.0, 0.0]
@@ -177,7 +189,11 @@ def test_outputs_are_off_at_both_ends_and_corners_before_them_stop(tmp_path, mon
 
 def test_what_has_no_effect_is_an_error(tmp_path, monkeypatch):
     body = [MoveJ(at(HIGH), 200.0), MoveL(at(LOW), 50.0)]
-    for table in ({"operation": {"depth": 3}}, {"process": {"feed": 9}}, {"process": {"max_feed": 9}}):
+    for table in (
+        {"operation": {"depth": 3}},
+        {"process": {"feed": 9}},
+        {"process": {"max_feed": 9}},
+    ):
         with pytest.raises(camgen.CamgenError, match=r"robot program|taught program"):
             build(tmp_path, monkeypatch, body, job=table)
     assert Job().operation.taught_on == ""

@@ -11,11 +11,18 @@ from camgen.plan import Plan, plan
 from tests.support.drawn import circle, contour, part, rectangle, rounded
 from tests.support.swept import centre_line, enclosed, swept
 
-PLATE = (rectangle(0, 0, 100, 60, "c1"), circle(30, 30, 10, "c2"), circle(70, 30, 2, "c3"), rounded(20, 10, 4, "c4"))
+PLATE = (
+    rectangle(0, 0, 100, 60, "c1"),
+    circle(30, 30, 10, "c2"),
+    circle(70, 30, 2, "c3"),
+    rounded(20, 10, 4, "c4"),
+)
 
 
 def planned(shapes: tuple[Contour, ...], worked: set[str], **operation: object) -> Plan:
-    job = Job(tool=ToolTable(diameter=6.0), operation=OperationTable(**{"kind": "follow", **operation}))  # type: ignore[arg-type]
+    job = Job(
+        tool=ToolTable(diameter=6.0), operation=OperationTable(**{"kind": "follow", **operation})
+    )  # type: ignore[arg-type]
     return plan(Part("p", "p.dxf", "mm", shapes, (), worked=frozenset(worked)), job)
 
 
@@ -30,7 +37,11 @@ def test_notes_are_of_what_is_worked_on() -> None:
     shapes = (*PLATE[:3], contour([(200, 0), (210, 0)], closed=False, name="c5"))
     assert {name for note in planned(shapes, {"c1", "c3"}).notes for name in note.ids} == {"c3"}
     assert {name for note in planned(shapes, {"c1", "c2"}).notes for name in note.ids} == set()
-    everything = {name for note in plan(part(*shapes), Job(tool=ToolTable(diameter=6.0))).notes for name in note.ids}
+    everything = {
+        name
+        for note in plan(part(*shapes), Job(tool=ToolTable(diameter=6.0))).notes
+        for name in note.ids
+    }
     assert everything == {"c3", "c5"}
 
 
@@ -50,7 +61,10 @@ def test_the_tool_keeps_clear_of_a_neighbour() -> None:
 
 def test_all_worked_on_is_as_no_choice() -> None:
     shapes = (rectangle(0, 0, 40, 40, "c1"), rectangle(45, 10, 40, 20, "c2"))
-    chosen, every = planned(shapes, {"c1", "c2"}), plan(part(*shapes), Job(tool=ToolTable(diameter=6.0)))
+    chosen, every = (
+        planned(shapes, {"c1", "c2"}),
+        plan(part(*shapes), Job(tool=ToolTable(diameter=6.0))),
+    )
     for one, two in zip(chosen.paths, every.paths, strict=True):
         assert (one.position == two.position).all()
 
@@ -58,7 +72,9 @@ def test_all_worked_on_is_as_no_choice() -> None:
 def test_what_has_no_clear_inside_is_not_kept_clear_of_and_that_is_said() -> None:
     bow = contour([(120, 0), (140, 20), (140, 0), (120, 20)], name="c5")
     (note,) = planned((PLATE[0], bow), {"c1"}).notes
-    assert str(note) == "warning: 1 contour not kept clear of: c5 (no clear inside, and not worked on)"
+    assert (
+        str(note) == "warning: 1 contour not kept clear of: c5 (no clear inside, and not worked on)"
+    )
 
 
 @pytest.mark.parametrize("side", ["left", "right", "inside", "outside"])
@@ -109,9 +125,16 @@ def test_the_rough_passes_leave_what_the_last_takes() -> None:
 
 
 def test_a_last_pass_in_a_slot_goes_down_pass_by_pass() -> None:
-    shapes = (rectangle(0, 0, 100, 60, "c1"), contour([(20, 20), (60, 20), (60, 26.4), (20, 26.4)], name="c2"))
+    shapes = (
+        rectangle(0, 0, 100, 60, "c1"),
+        contour([(20, 20), (60, 20), (60, 26.4), (20, 26.4)], name="c2"),
+    )
     made = planned(shapes, {"c1", "c2"}, finish=0.3, depth=6.0, passes=3)
-    assert {path.id: len(path.depths) for path in made.paths} == {"c1": 3, "c1.finish": 1, "c2.finish": 3}
+    assert {path.id: len(path.depths) for path in made.paths} == {
+        "c1": 3,
+        "c1.finish": 1,
+        "c2.finish": 3,
+    }
     (note,) = [note for note in made.notes if "pass by pass" in note.what]
     assert note.ids == ("c2",)
 

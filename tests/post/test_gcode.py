@@ -15,7 +15,17 @@ from camgen.model.program import Comment, Force, Joints, MoveC, MoveJ, MoveL, Ou
 from camgen.post import Fault, Remark
 from camgen.post.kit import Case, cases, check_case
 from camgen.post.plugins import find_post, find_readback, make_post
-from tests.support.rs274 import assert_moves, at, difference, moves, needs_rs274, posted, program, programs, run
+from tests.support.rs274 import (
+    assert_moves,
+    at,
+    difference,
+    moves,
+    needs_rs274,
+    posted,
+    program,
+    programs,
+    run,
+)
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data" / "gcode"
 UNSAID = "not said before the first motion: the program before may have left it otherwise"
@@ -103,7 +113,9 @@ def test_text_of_a_part():
 
 @pytest.mark.parametrize(("stop", "word"), [(Stop(), "M0"), (Stop(optional=True), "M1")])
 def test_a_stop_waits_for_the_operator_and_is_read_back(stop, word):
-    ready, text = posted(gcode(), program(MoveJ(at(5, 5, 10), 100.0), stop, MoveL(at(5, 5, 5), 2.0)))
+    ready, text = posted(
+        gcode(), program(MoveJ(at(5, 5, 10), 100.0), stop, MoveL(at(5, 5, 5), 2.0))
+    )
     assert f"\n{word}\n" in text
     assert difference(ready, read(text), gcode().tolerance()) == ""
 
@@ -132,7 +144,9 @@ def test_linuxcnc_cancels_a_length_that_is_on_at_the_top_of_the_machine():
     ready, text = posted(gcode(), PART)
     canon = run(BEFORE + text, LONG_TOOL)
     assert canon.error == ""
-    start, top, across, home = [call for call in canon.calls if call.kind == "STRAIGHT_TRAVERSE"][:4]
+    start, top, across, home = [call for call in canon.calls if call.kind == "STRAIGHT_TRAVERSE"][
+        :4
+    ]
     assert start.end == (70, 80, 2)
     # With the length on, the machine's own zero is as far below in the work frame as the tool is long.
     assert top.end[:2] == (70, 80)
@@ -145,7 +159,8 @@ def test_linuxcnc_cancels_a_length_that_is_on_at_the_top_of_the_machine():
 
 @needs_rs274
 @pytest.mark.parametrize(
-    ("before", "refused"), [("G91\n", True), ("G91 ", True), ("", False), ("G90 ", False), ("G91\nG90 ", False)]
+    ("before", "refused"),
+    [("G91\n", True), ("G91 ", True), ("", False), ("G90 ", False), ("G91\nG90 ", False)],
 )
 def test_reader_and_linuxcnc_agree_on_machine_coordinates(before, refused):
     """LinuxCNC refuses G53 among increments, also those of its own line, and takes it else."""
@@ -163,10 +178,22 @@ def test_reader_and_linuxcnc_agree_on_machine_coordinates(before, refused):
 @pytest.mark.parametrize(
     ("line", "options", "says"),
     [
-        ("G53 G0 Z0", {"lift": False}, "G53 has sent the tool to the machine's zero of Z, but post.lift is false"),
+        (
+            "G53 G0 Z0",
+            {"lift": False},
+            "G53 has sent the tool to the machine's zero of Z, but post.lift is false",
+        ),
         ("G53 G0 Z5", {}, "G53 is not read: goes to machine coordinates, which are not known here"),
-        ("G53 G0 X0 Z0", {}, "G53 is not read: goes to machine coordinates, which are not known here"),
-        ("G53 G1 Z0 F100", {}, "G53 is not read: goes to machine coordinates, which are not known here"),
+        (
+            "G53 G0 X0 Z0",
+            {},
+            "G53 is not read: goes to machine coordinates, which are not known here",
+        ),
+        (
+            "G53 G1 Z0 F100",
+            {},
+            "G53 is not read: goes to machine coordinates, which are not known here",
+        ),
         ("G49", {}, "G49 lowers the next height by a tool length that is on; G53 G0 Z0 first"),
         ("", {}, "X or Y moves while Z is not known; read as from 0"),
     ],
@@ -209,7 +236,9 @@ def test_arcs_that_the_machine_lacks_become_chords(via, target):
 def test_shallow_arcs_keep_their_radius():
     # 5 mm chords of r = 1000: sagitta 0.003 mm, where three points of three digits tell nothing.
     step = 0.005
-    points = [(1000 * math.sin(a), 1000 - 1000 * math.cos(a)) for a in (step * k / 2 for k in range(9))]
+    points = [
+        (1000 * math.sin(a), 1000 - 1000 * math.cos(a)) for a in (step * k / 2 for k in range(9))
+    ]
     arcs = [MoveC(at(*points[k - 1], 0), at(*points[k], 0), 10.0) for k in range(2, 9, 2)]
     _, text = posted(gcode(), program(MoveL(at(0, 0, 0), 10.0), *arcs))
     centres = [line.split()[3:5] for line in text.splitlines() if line.startswith("G3")]
@@ -219,7 +248,9 @@ def test_shallow_arcs_keep_their_radius():
 
 
 def test_a_motion_without_change_keeps_one_word():
-    plan = program(MoveL(at(1, 2, 3), 10.0), MoveL(at(1.0001, 2, 3), 10.0), MoveJ(at(1, 2, 3), 10.0))
+    plan = program(
+        MoveL(at(1, 2, 3), 10.0), MoveL(at(1.0001, 2, 3), 10.0), MoveJ(at(1, 2, 3), 10.0)
+    )
     _, text = posted(gcode(), plan)
     assert text.splitlines()[-4:] == ["G1 X1 Y2 Z3 F600", "G1 X1", "G0 X1", "M2"]
     assert len(read(text).body) == 4
@@ -227,7 +258,14 @@ def test_a_motion_without_change_keeps_one_word():
 
 @pytest.mark.parametrize(
     ("speed", "word"),
-    [(10.0, "F600"), (100 / 3, "F2000"), (1 / 3, "F20"), (0.001, "F0.06"), (0.00123456, "F0.07407"), (1e4, "F600000")],
+    [
+        (10.0, "F600"),
+        (100 / 3, "F2000"),
+        (1 / 3, "F20"),
+        (0.001, "F0.06"),
+        (0.00123456, "F0.07407"),
+        (1e4, "F600000"),
+    ],
 )
 def test_feeds_within_a_thousandth(speed, word):
     _, text = posted(gcode(), program(MoveL(at(1, 0, 0), speed)))
@@ -279,7 +317,11 @@ def test_feeds_within_a_thousandth(speed, word):
             0,
             'G-code has no force control; set process.force = 0 or post.force = "ignore"',
         ),
-        (program(MoveC(at(1, 1, 50), at(2, 2, 50), 10.0)), 1, "the three points of the arc are on one line"),
+        (
+            program(MoveC(at(1, 1, 50), at(2, 2, 50), 10.0)),
+            1,
+            "the three points of the arc are on one line",
+        ),
     ],
 )
 def test_refusals_name_index_and_remedy(plan, index, says):
@@ -297,7 +339,9 @@ def test_the_turn_of_the_tool_about_itself_does_not_matter():
 
 def test_a_turned_work_frame_is_refused():
     plan = replace(PART, base_from_work=pose_from_values([10, 20, 30, 0, 0, 5]))
-    with pytest.raises(Refused, match="G54 cannot turn the work frame; align the part with the axes"):
+    with pytest.raises(
+        Refused, match="G54 cannot turn the work frame; align the part with the axes"
+    ):
         gcode().prepare(plan, 0.01)
     shifted = replace(PART, base_from_work=pose_from_values([10, 20, 30, 0, 0, 0]))
     assert posted(gcode(), shifted)[1] == TEXT
@@ -309,10 +353,16 @@ def test_a_turned_work_frame_is_refused():
         ({"work": "G53"}, "'G53' is no work offset"),
         ({"decimals": 1}, "not between 2 and 6"),
         ({"tool": -1}, "no tool number"),
-        ({"path_tolerance": 0.00001}, "without a tolerance LinuxCNC would round corners by any amount"),
+        (
+            {"path_tolerance": 0.00001},
+            "without a tolerance LinuxCNC would round corners by any amount",
+        ),
         ({"path_tolerance": -1.0}, "is not 0.0001 to 10 mm"),
         ({"path_tolerance": math.nan}, "is not 0.0001 to 10 mm"),
-        ({"signals": {"process": "P0\nG0 Z-99"}}, "is no output of this controller; one of M7 to P63"),
+        (
+            {"signals": {"process": "P0\nG0 Z-99"}},
+            "is no output of this controller; one of M7 to P63",
+        ),
         ({"signals": {"process": "P64"}}, "is no output"),
         ({"signals": {"process": "M3"}}, "is no output"),
         ({"signals": {"spindle": "P1"}}, "is not a free name"),
@@ -368,13 +418,17 @@ def test_force_left_out_by_the_user():
 
 def test_a_force_too_small_to_print_is_refused():
     plan = program(Force(0.01, (1.0, 0.0, 0.0)), MoveL(at(1, 0, 0), 10.0), Force(0.0))
-    with pytest.raises(Refused, match=r"0\.01 N is nothing at post\.force_scale = 0\.001; raise the scale"):
+    with pytest.raises(
+        Refused, match=r"0\.01 N is nothing at post\.force_scale = 0\.001; raise the scale"
+    ):
         gcode(force="analog", force_scale=0.001).prepare(plan, 0.01)
 
 
 @pytest.mark.parametrize("case", cases(), ids=str)
 @pytest.mark.parametrize(
-    "force", [{"force": "ignore"}, {"force": "analog", "force_scale": 0.1}], ids=["ignore", "analog"]
+    "force",
+    [{"force": "ignore"}, {"force": "analog", "force_scale": 0.1}],
+    ids=["ignore", "analog"],
 )
 def test_conformance(case: Case, force):
     signals = {name: f"P{n}" for n, name in enumerate(("process", "glue", "vacuum", "air"))}
@@ -392,7 +446,9 @@ def test_linuxcnc_moves_as_planned(options):
     canon = run(text)
     assert canon.error == ""
     assert_moves(ready, canon)
-    switches = [(c.kind, c.value) for c in canon.calls if not c.kind.startswith(("STRAIGHT", "ARC"))]
+    switches = [
+        (c.kind, c.value) for c in canon.calls if not c.kind.startswith(("STRAIGHT", "ARC"))
+    ]
     stops = [("STOP_SPINDLE_TURNING", 0.0)] if "tool" in options else []  # M6 stops the spindle
     assert switches == [
         ("STOP_SPINDLE_TURNING", 0.0),
@@ -497,10 +553,14 @@ def test_every_line_matters():
 def test_a_mode_that_is_not_said_is_a_fault_of_our_program(word, options):
     """The program before may have been aborted in another one. A foreign text may rely on the machine's."""
     _, text = posted(gcode(**options), PART)
-    left = text.replace(f"{word} ", "", 1) if f"{word} " in text else text.replace(f"{word}\n", "\n")
+    left = (
+        text.replace(f"{word} ", "", 1) if f"{word} " in text else text.replace(f"{word}\n", "\n")
+    )
     first = next(k for k, line in enumerate(left.splitlines(), 1) if "G0 " in line)
     assert read(left, **options).faults == (Remark(first, f"{word} {UNSAID}"),)
-    assert f"{word} not said" in difference(PART, read(left, **options), gcode(**options).tolerance())
+    assert f"{word} not said" in difference(
+        PART, read(left, **options), gcode(**options).tolerance()
+    )
 
 
 @pytest.mark.parametrize(
@@ -509,11 +569,25 @@ def test_a_mode_that_is_not_said_is_a_fault_of_our_program(word, options):
         (
             "G0 X5",
             "G61\nG0 X5",
-            Remark(15, "G61 where post.path_tolerance asks for G64 P0.01: corners take another time"),
+            Remark(
+                15, "G61 where post.path_tolerance asks for G64 P0.01: corners take another time"
+            ),
         ),
-        ("M64 P0", "M64 P99", Fault(17, "M64 P99: the machine has 4 such outputs from P0 (post.outputs)")),
-        ("M64 P0", "M62 P4", Fault(17, "M62 P4: the machine has 4 such outputs from P0 (post.outputs)")),
-        ("M64 P0", "M64 P0\nM68 E4 Q1", Fault(18, "M68 E4: the machine has 4 such outputs from E0 (post.outputs)")),
+        (
+            "M64 P0",
+            "M64 P99",
+            Fault(17, "M64 P99: the machine has 4 such outputs from P0 (post.outputs)"),
+        ),
+        (
+            "M64 P0",
+            "M62 P4",
+            Fault(17, "M62 P4: the machine has 4 such outputs from P0 (post.outputs)"),
+        ),
+        (
+            "M64 P0",
+            "M64 P0\nM68 E4 Q1",
+            Fault(18, "M68 E4: the machine has 4 such outputs from E0 (post.outputs)"),
+        ),
         ("M2\n", "", Fault(26, "the program has no end (M2 or M30)")),
         (
             "G1 X45",
@@ -533,7 +607,10 @@ def test_the_outputs_of_the_machine_are_an_option():
     assert not read(TEXT.replace("P0\n", "P7\n"), signals={"process": "P7"}).faults
     assert not read(more, signals={"process": "P0", "glue": "P6"}).faults
     assert not read(
-        TEXT.replace("M64 P0", "M64 P0\nM68 E7 Q1"), force="analog", force_scale=1.0, force_channel=7
+        TEXT.replace("M64 P0", "M64 P0\nM68 E7 Q1"),
+        force="analog",
+        force_scale=1.0,
+        force_channel=7,
     ).faults
     with pytest.raises(JobError, match="65 is not 1 to 64"):
         gcode(outputs=65)
@@ -543,7 +620,9 @@ def test_the_exact_path_is_that_of_the_option():
     exact = posted(gcode(path_tolerance=0.0), PART)[1]
     assert not read(exact, path_tolerance=0.0).faults
     said = read(exact.replace("G61\n", "G61.1\n"), path_tolerance=0.0).faults
-    assert said == (Remark(6, "G61.1 where post.path_tolerance asks for G61: corners take another time"),)
+    assert said == (
+        Remark(6, "G61.1 where post.path_tolerance asks for G61: corners take another time"),
+    )
 
 
 @pytest.mark.parametrize("step", range(1, 10))
@@ -554,7 +633,9 @@ def test_every_digit_matters(step):
         if character.isdigit() and not TEXT.splitlines()[line].startswith("("):
             other = TEXT[:k] + str((int(character) + step) % 10) + TEXT[k + 1 :]
             if not difference(PART, read(other), gcode().tolerance()):
-                passed |= set(other.splitlines()[line].split()) - set(TEXT.splitlines()[line].split())
+                passed |= set(other.splitlines()[line].split()) - set(
+                    TEXT.splitlines()[line].split()
+                )
     # What these replace may be left out, or is said again; M62 switches with the motion that follows.
     assert passed <= {"G00", "G61.1", "G97", "G98", "G99", "M62", "M63"}
 
@@ -628,7 +709,10 @@ FOREIGN = "a word that camgen does not write; the program is read as LinuxCNC ru
         ("F100 G2 X2 I1.02", "the radii of the arc differ by 0.0400 mm (start 1.0200, end 0.9800)"),
         ("F100 G2 X2 I0", "arc of no radius"),
         ("F100 G2 X0 I1 P1.5", "P1.5 is no number of turns"),
-        ("F100 G2 X0 I1 P99999", "an arc of more than 20,000 pieces cannot be meant (limits.gcode_pieces)"),
+        (
+            "F100 G2 X0 I1 P99999",
+            "an arc of more than 20,000 pieces cannot be meant (limits.gcode_pieces)",
+        ),
         ("G90.1 F100 G2 X2 I1", "an absolute centre (G90.1) needs both its words"),
     ],
 )
@@ -646,7 +730,10 @@ def test_faults_of_the_whole_program():
         (3, "the program ends before the position is known in all axes"),
     ]
     assert [
-        (f.line, f.what) for f in read("G17 G40 G54 G80 G90 G91.1 G94 G64 P0.01 Q0 G49\nG0 X1 Y1\nM2\nG0 X2\n").faults
+        (f.line, f.what)
+        for f in read(
+            "G17 G40 G54 G80 G90 G91.1 G94 G64 P0.01 Q0 G49\nG0 X1 Y1\nM2\nG0 X2\n"
+        ).faults
     ] == [
         (1, "G49 lowers the next height by a tool length that is on; G53 G0 Z0 first"),
         (2, "a motion before G20 or G21; read as mm"),
@@ -659,9 +746,18 @@ def test_faults_of_the_whole_program():
 @pytest.mark.parametrize(
     ("lines", "says"),
     [
-        (["G61 G21", "G0 Z5", "G0 Z-5", "G0 X0 Y0"], "an axis moves again before the position is known in all axes"),
-        (["G61 G21", "G0 Z5", "G1 X0 Y0 F10"], "a feed motion from a position that is not known; read as from 0"),
-        (["G61 G21", "G91 G0 Z5"], "an incremental motion from a position that is not known; read as from 0"),
+        (
+            ["G61 G21", "G0 Z5", "G0 Z-5", "G0 X0 Y0"],
+            "an axis moves again before the position is known in all axes",
+        ),
+        (
+            ["G61 G21", "G0 Z5", "G1 X0 Y0 F10"],
+            "a feed motion from a position that is not known; read as from 0",
+        ),
+        (
+            ["G61 G21", "G91 G0 Z5"],
+            "an incremental motion from a position that is not known; read as from 0",
+        ),
         (["G61 G21 G55", "G0 X0 Y0 Z5"], "work offset G55, but post.work is G54"),
         (
             ["G61 G20 F10", "G0 X0 Y0 Z5"],
@@ -674,7 +770,9 @@ def test_faults_before_the_position_is_known(lines, says):
 
 
 def test_reading_goes_on_at_the_end_of_what_is_refused():
-    text = f"{SAFE} G64 P0.01 Q0 G49\nG0 Z5\nG0 X0 Y0\nF60 G2 X2 Y7 I1\nG1 X3 A9\nX4\nM2 P1\nG0 X9\n"
+    text = (
+        f"{SAFE} G64 P0.01 Q0 G49\nG0 Z5\nG0 X0 Y0\nF60 G2 X2 Y7 I1\nG1 X3 A9\nX4\nM2 P1\nG0 X9\n"
+    )
     reading = read(text, lift=False)
     assert [(fault.line, fault.what.split(" (")[0]) for fault in reading.faults] == [
         (4, "the radii of the arc differ by 6.0711 mm"),
@@ -737,7 +835,9 @@ def test_reader_agrees_with_the_interpreter(text):
         "neither G61 nor G64 P before the first motion: corners may be rounded by any amount",
     ]
     unusual = (UNSAID, "where posts write in", "posts write M2", "Z moves together with X or Y")
-    assert [f.what for f in reading.faults if not any(words in f.what for words in unusual)] == allowed
+    assert [
+        f.what for f in reading.faults if not any(words in f.what for words in unusual)
+    ] == allowed
     canon = run(text)
     assert canon.error == ""
     calls = [call for call in canon.calls if call.kind.startswith(("STRAIGHT", "ARC"))]
@@ -753,7 +853,9 @@ def test_reader_agrees_with_the_interpreter(text):
         if call.kind == "ARC_FEED":
             assert_on_arc(start, items, call)
         else:
-            assert [type(item) for item in items] == [MoveJ if call.kind == "STRAIGHT_TRAVERSE" else MoveL]
+            assert [type(item) for item in items] == [
+                MoveJ if call.kind == "STRAIGHT_TRAVERSE" else MoveL
+            ]
         if not isinstance(items[0], MoveJ):
             assert all(abs(item.speed * 60 - call.feed) < 3e-3 for item in items)
         start = call.end
@@ -766,7 +868,11 @@ def assert_on_arc(start, items, call):
     radius = math.hypot(call.end[a] - call.centre[0], call.end[b] - call.centre[1])
     points = [start]
     for item in items:
-        points += [item.via.origin, item.target.origin] if isinstance(item, MoveC) else [item.target.origin]
+        points += (
+            [item.via.origin, item.target.origin]
+            if isinstance(item, MoveC)
+            else [item.target.origin]
+        )
     angles = [math.atan2(p[b] - call.centre[1], p[a] - call.centre[0]) for p in points]
     steps = [math.remainder(q - p, math.tau) for p, q in pairwise(angles)]
     least = math.copysign((abs(call.turns) - 1) * math.tau, call.turns)
@@ -809,7 +915,21 @@ def test_changed_texts_never_raise(chance: random.Random):
     for _ in range(chance.randint(1, 12)):
         k = chance.randrange(len(text))
         text[k] = chance.choice(
-            ["", "9" * 300, "\n", "G2", "I", "R-", "%", "(", "P7", "Z\x00", "é", "ı", *"0123456789.-;/#NO"]
+            [
+                "",
+                "9" * 300,
+                "\n",
+                "G2",
+                "I",
+                "R-",
+                "%",
+                "(",
+                "P7",
+                "Z\x00",
+                "é",
+                "ı",
+                *"0123456789.-;/#NO",
+            ]
         )
     reading = read("".join(text))
     assert len(reading.body) == len(reading.lines)
@@ -822,7 +942,9 @@ def test_changed_texts_never_raise(chance: random.Random):
 def test_any_text_gives_a_reading(text):
     reading = read(text)
     # Only a text that ends as a program does can be without a fault.
-    assert reading.faults or any(end in text.upper().replace(" ", "") for end in ("M2", "M02", "M30"))
+    assert reading.faults or any(
+        end in text.upper().replace(" ", "") for end in ("M2", "M02", "M30")
+    )
 
 
 @pytest.mark.skipif(not DATA.is_dir(), reason="no shared/data/gcode beside the repository")
@@ -877,7 +999,9 @@ def test_found_programs_have_the_length_that_linuxcnc_gives(name):
     st.lists(
         st.tuples(
             st.sampled_from(["", "G0", "G1", "G2", "G3"]),
-            st.dictionaries(st.sampled_from("XYZIJF"), st.decimals(-999, 999, places=3), max_size=6),
+            st.dictionaries(
+                st.sampled_from("XYZIJF"), st.decimals(-999, 999, places=3), max_size=6
+            ),
         ),
         max_size=6,
     )
@@ -909,12 +1033,24 @@ IDLE = "G17 G21 G40 G54 G80 G90 G94\nG91.1\nG64 P0.01 Q0\nG53 G0 Z0\nG49\nG0 X0 
         ("G1 Z2", "T0 Z2", 9, "T0 selects a tool that no M6 changes to"),
         ("G1 Z2", "G18 Z2", 9, "G18 where posts write in G17"),
         ("G1 Z2", "G90.1 Z2", 9, "G90.1 where posts write in G91.1"),
-        ("G53 G0 Z0\n", "G53 G0 Z0\nM5\n", 5, "an output is switched when the machine has moved already (G53)"),
+        (
+            "G53 G0 Z0\n",
+            "G53 G0 Z0\nM5\n",
+            5,
+            "an output is switched when the machine has moved already (G53)",
+        ),
         (" Q0", "", 3, "G64 without Q joins lines within P"),
-        ("G0 X0 Y0\nG0 Z50", "G0 Z50\nG0 X0 Y0", 6, "Z comes down from the top of the machine before X and Y are over"),
+        (
+            "G0 X0 Y0\nG0 Z50",
+            "G0 Z50\nG0 X0 Y0",
+            6,
+            "Z comes down from the top of the machine before X and Y are over",
+        ),
     ],
 )
-def test_what_changes_the_machine_and_no_motion_is_remarked(old: str, new: str, line: int, said: str) -> None:
+def test_what_changes_the_machine_and_no_motion_is_remarked(
+    old: str, new: str, line: int, said: str
+) -> None:
     assert read(IDLE).faults == ()
     found = read(IDLE.replace(old, new)).faults
     assert [(type(one), one.line) for one in found] == [(Remark, line)]
@@ -932,7 +1068,11 @@ HEAD = "G17 G21 G40 G54 G80 G90 G91.1 G94\nG64 P0.01 Q0\nG49\n"
         ("G0 Z50 S9\nG0 X0 Y0\nM3\nM5\nM2\n", 4, ""),
         ("S9\nS8\nM3\nG0 Z50\nG0 X0 Y0\nM5\nM2\n", 4, "S9 without M3 or M4"),
         ("G0 X0 Y0 Z50\nM2\n", 4, "Z moves together with X or Y while it is not known"),
-        ("G0 Z50\nG0 X0\nY0\nM2\n", 5, "X and Y move one after the other to where the program begins"),
+        (
+            "G0 Z50\nG0 X0\nY0\nM2\n",
+            5,
+            "X and Y move one after the other to where the program begins",
+        ),
         ("G18\nG0 Z50\nG0 X0 Y0\nM2\n", 4, "G18 where posts write in G17"),
         ("G0 Z50\nG0 X0 Y0\nM30\n", 6, "M30 exchanges pallets before the end; posts write M2"),
         (
@@ -951,9 +1091,9 @@ def test_what_no_program_of_ours_says_is_a_remark(body, line, what):
 
 def test_a_tool_that_is_changed_to_twice_is_a_remark():
     head = HEAD.replace("G49", "T3 M6\nT3 M6\nG43 H3")
-    assert [(f.line, f.what) for f in read(head + "G0 Z50\nG0 X0 Y0\nM2\n", tool=3, lift=False).faults] == [
-        (4, "M6 a second time")
-    ]
+    assert [
+        (f.line, f.what) for f in read(head + "G0 Z50\nG0 X0 Y0\nM2\n", tool=3, lift=False).faults
+    ] == [(4, "M6 a second time")]
 
 
 def test_corners_before_the_lift_are_remarked_on():
@@ -981,5 +1121,9 @@ def test_corners_before_the_lift_are_remarked_on():
 def test_comments_between_motions_are_looked_at(comment, says):
     found = faults("G1 X1 F100", comment, "G1 X2")
     assert [what for line, what in found if line == 2] == ([says] if says else [])
-    body = read("\n".join([f"{SAFE} G64 P0.01 Q0", "G0 Z5", "G0 X0 Y0", "G1 X1 F100", comment, "G1 X2", "M2", ""])).body
+    body = read(
+        "\n".join(
+            [f"{SAFE} G64 P0.01 Q0", "G0 Z5", "G0 X0 Y0", "G1 X1 F100", comment, "G1 X2", "M2", ""]
+        )
+    ).body
     assert body[-1].target.origin == (2.0, 0.0, body[-1].target.origin[2])

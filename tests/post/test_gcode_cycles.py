@@ -46,7 +46,9 @@ def told(*body, **options):
 
 
 def test_holes_of_one_depth_share_a_cycle():
-    lines, ready, text = told(*hole(5, 6, -1.6), *hole(9, 6, -1.6), *hole(9, 2, -3), MoveJ(at(0, 0, 50), 100.0))
+    lines, ready, text = told(
+        *hole(5, 6, -1.6), *hole(9, 6, -1.6), *hole(9, 2, -3), MoveJ(at(0, 0, 50), 100.0)
+    )
     assert lines == [
         "G0 X5 Y6 Z20",
         "G98 G81 X5 Y6 Z-1.6 R2 F300",
@@ -58,7 +60,12 @@ def test_holes_of_one_depth_share_a_cycle():
     ]
     assert text.count("(path c1 layer 0)") == 3
     # The stop at the face and the one on the way up are gone, nothing else.
-    assert [m.target.origin for m in ready.columns.moves[1:5]] == [(5, 6, 20), (5, 6, 2), (5, 6, -1.6), (5, 6, 20)]
+    assert [m.target.origin for m in ready.columns.moves[1:5]] == [
+        (5, 6, 20),
+        (5, 6, 2),
+        (5, 6, -1.6),
+        (5, 6, 20),
+    ]
 
 
 def test_pecks_from_the_height_of_approach_are_g83():
@@ -92,7 +99,15 @@ def test_a_last_peck_that_rounding_takes_away_is_no_cycle():
         [*hole(5, 6, -1.6)[:-2], MoveL(at(7, 6, -1.6), 5.0), MoveJ(at(7, 6, 20), 100.0)],
         [*hole(5, 6, -1.6)[:-1], MoveJ(at(5, 6, 25), 100.0)],
     ],
-    ids=["equal pecks", "signal", "wait", "feed of travel", "up at the feed", "a slot", "higher than before"],
+    ids=[
+        "equal pecks",
+        "signal",
+        "wait",
+        "feed of travel",
+        "up at the feed",
+        "a slot",
+        "higher than before",
+    ],
 )
 def test_what_is_no_cycle_stays_as_it_is(body):
     _, ready, text = told(*body)
@@ -111,7 +126,11 @@ def drilled(chosen) -> list[Instruction]:
     body: list[Instruction] = []
     for kind, x, y, depth, count, near, peck in chosen:
         if kind == "slot":
-            body += [MoveJ(at(x, y, 20), 100.0), MoveL(at(x, y, -depth), 5.0), MoveL(at(x + 1, y, -depth), 5.0)]
+            body += [
+                MoveJ(at(x, y, 20), 100.0),
+                MoveL(at(x, y, -depth), 5.0),
+                MoveL(at(x + 1, y, -depth), 5.0),
+            ]
             body.append(MoveJ(at(x + 1, y, 20), 100.0))
             continue
         step = max(peck, near + 0.3)
@@ -153,13 +172,25 @@ def test_linuxcnc_drills_as_planned(chosen):
     assert not canon.error
     # The interpreter begins a cycle with a motion to where it is.
     known = canon.calls[:2]
-    moving = [two for one, two in pairwise(canon.calls[1:]) if two.end != one.end or "STRAIGHT" not in two.kind]
+    moving = [
+        two
+        for one, two in pairwise(canon.calls[1:])
+        if two.end != one.end or "STRAIGHT" not in two.kind
+    ]
     assert_moves(ready, replace(canon, calls=(*known, *moving)))
     assert not difference(ready, read(text), gcode().tolerance())
 
 
 KINDS = st.sampled_from(["plain", "pecked"])
-HOLES = st.tuples(KINDS, st.just(1.0), st.just(2.0), st.just(1.5), st.integers(2, 4), st.just(2.0), st.floats(0.5, 4))
+HOLES = st.tuples(
+    KINDS,
+    st.just(1.0),
+    st.just(2.0),
+    st.just(1.5),
+    st.integers(2, 4),
+    st.just(2.0),
+    st.floats(0.5, 4),
+)
 
 
 @given(st.lists(HOLES, min_size=1, max_size=4))
@@ -174,7 +205,9 @@ def _way(plan) -> list[float]:
     moves = [m for m in plan.body if isinstance(m, (MoveJ, MoveL, MoveC))]
     z = [m.target.origin[2] for m in moves]
     turns = [b for a, b, c in zip(z, z[1:], z[2:], strict=False) if (b - a) * (c - b) < 0]
-    cut = sum(abs(b.target.origin[2] - a.target.origin[2]) for a, b in pairwise(moves) if b.speed < 100)
+    cut = sum(
+        abs(b.target.origin[2] - a.target.origin[2]) for a, b in pairwise(moves) if b.speed < 100
+    )
     return [*turns, cut]
 
 
@@ -205,7 +238,13 @@ def test_a_cycle_that_no_post_writes_is_never_ours(line):
 
 
 def test_a_wait_at_the_bottom_is_read():
-    lead = ["G17 G21 G40 G54 G80 G90 G91.1 G94 G64 P0.01 Q0", "G53 G0 Z0", "G49", "G0 X0 Y0", "G0 Z5"]
+    lead = [
+        "G17 G21 G40 G54 G80 G90 G91.1 G94 G64 P0.01 Q0",
+        "G53 G0 Z0",
+        "G49",
+        "G0 X0 Y0",
+        "G0 Z5",
+    ]
     found = read("\n".join([*lead, "G98 G82 X1 Y1 Z-1 R1 P0.5 F60", "G80", "M2", ""]))
     assert not found.faults
     assert kinds(found.body) == [MoveJ, MoveJ, MoveJ, MoveL, Wait, MoveJ]

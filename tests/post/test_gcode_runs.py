@@ -65,7 +65,10 @@ def test_wherever_the_text_is_cut(size: int) -> None:
     chance = random.Random(size)
     with patch.object(gcode_runs, "_SOME", size):
         for _ in range(20):
-            rows = [chance.choice(["G1 X{} Y1 F100", "G0 Z{}", "M64 P0", "(x)", "G1 Y{}", "G4 P1"]) for _ in range(30)]
+            rows = [
+                chance.choice(["G1 X{} Y1 F100", "G0 Z{}", "M64 P0", "(x)", "G1 Y{}", "G4 P1"])
+                for _ in range(30)
+            ]
             both(HEAD + "\n".join(row.format(k / 8) for k, row in enumerate(rows)) + "\n" + END)
 
 
@@ -94,7 +97,8 @@ def test_a_long_program_is_read_by_column() -> None:
 
 
 @pytest.mark.parametrize(
-    "texts", [[], ["a\nb\n"], ["a\nb"], ["\n"], [""], ["a\n\nb\n\n"], ["a\n", "b\nc"], ["a", ""], ["", ""]]
+    "texts",
+    [[], ["a\nb\n"], ["a\nb"], ["\n"], [""], ["a\n\nb\n\n"], ["a\n", "b\nc"], ["a", ""], ["", ""]],
 )
 def test_lines_of_texts(texts: list[str]) -> None:
     expected = [line for text in texts for line in text.removesuffix("\n").split("\n")]

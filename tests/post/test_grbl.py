@@ -13,7 +13,16 @@ from camgen.model.program import Comment, Force, MoveC, MoveJ, MoveL, Output, St
 from camgen.post import Fault, Remark
 from camgen.post.kit import Case, cases, check_case
 from camgen.post.plugins import find_post, find_readback, make_post
-from tests.support.rs274 import assert_moves, at, difference, needs_rs274, posted, program, programs, run
+from tests.support.rs274 import (
+    assert_moves,
+    at,
+    difference,
+    needs_rs274,
+    posted,
+    program,
+    programs,
+    run,
+)
 
 SLOW = settings(max_examples=40, suppress_health_check=[HealthCheck.too_slow])
 S = 10 / math.sqrt(2)
@@ -33,7 +42,9 @@ def read(text, **options):
 
 
 def faults(*lines, **options):
-    text = "\n".join(["G17 G21 G40 G49 G54 G80 G90 G91.1 G94", "G0 Z5", "G0 X0 Y0", *lines, "M2", ""])
+    text = "\n".join(
+        ["G17 G21 G40 G49 G54 G80 G90 G91.1 G94", "G0 Z5", "G0 X0 Y0", *lines, "M2", ""]
+    )
     return [(fault.line - 3, fault.what) for fault in read(text, **options).faults]
 
 
@@ -50,7 +61,9 @@ def assert_takes(text):
 
 
 def test_a_stop_waits_for_the_operator_and_is_read_back():
-    ready, text = posted(grbl(), program(MoveJ(at(5, 5, 10), 100.0), Stop(), MoveL(at(5, 5, 5), 2.0)))
+    ready, text = posted(
+        grbl(), program(MoveJ(at(5, 5, 10), 100.0), Stop(), MoveL(at(5, 5, 5), 2.0))
+    )
     assert "\nM0\n" in text
     assert difference(ready, read(text), grbl().tolerance()) == ""
 
@@ -146,7 +159,9 @@ def test_a_spindle_is_not_a_signal():
 
 def test_a_line_of_another_power_is_no_signal():
     twice = TEXT.replace("G1 X5 Y5 F2000", "M3 S999\nG1 X5 Y5 F2000")
-    assert [i.value for i in read(twice).body if isinstance(i, Output) and i.signal == "spindle"] == [0, 1000, 999, 0]
+    assert [
+        i.value for i in read(twice).body if isinstance(i, Output) and i.signal == "spindle"
+    ] == [0, 1000, 999, 0]
 
 
 @pytest.mark.parametrize(
@@ -178,7 +193,12 @@ def test_refusals(plan, options, says):
 
 
 def test_spindle_and_coolant_go_together():
-    plan = program(Output("spindle", 1000.0), Output("process", 1.0), Output("process", 0.0), Output("spindle", 0.0))
+    plan = program(
+        Output("spindle", 1000.0),
+        Output("process", 1.0),
+        Output("process", 0.0),
+        Output("spindle", 0.0),
+    )
     options = {"signals": {"process": "M8"}}
     _, text = posted(grbl(**options), plan)
     assert text.splitlines()[-5:] == ["M3 S1000", "M8", "M9", "M5", "M2"]
@@ -200,7 +220,10 @@ def test_force_left_out_by_the_user():
     ("options", "says"),
     [
         ({"work": "G59.1"}, "is no work offset; one of G54, G55, G56, G57, G58, G59"),
-        ({"signals": {"process": "P0"}}, "'P0' is no output of this controller; one of M3, M4, M7, M8"),
+        (
+            {"signals": {"process": "P0"}},
+            "'P0' is no output of this controller; one of M3, M4, M7, M8",
+        ),
         ({"signals": {"process": "M3 S1\nG0 Z-9"}}, "is no output of this controller"),
         ({"signals": {"a": "M3", "b": "M4"}}, "M3 is switched off by another signal too"),
         ({"power": 0.0}, "0 is not more than 0 and at most 99999"),
@@ -222,11 +245,26 @@ def test_conformance(case: Case):
     check_case(post, find_readback("grbl"), case, {}, lacks)
 
 
-HOSTILE = ["!", "~", "?", "a) M3 S1000 (b", "a\nM3 S1000", "%", "$H", "Größe", "\x18", "\x85", "ä" * 300, "x" * 300]
+HOSTILE = [
+    "!",
+    "~",
+    "?",
+    "a) M3 S1000 (b",
+    "a\nM3 S1000",
+    "%",
+    "$H",
+    "Größe",
+    "\x18",
+    "\x85",
+    "ä" * 300,
+    "x" * 300,
+]
 
 
 def test_hostile_comments_reach_no_interrupt():
-    plan = program(*(Comment(text) for text in HOSTILE), MoveL(at(1, 0, 0), 10.0), name="a!b", header=("?",))
+    plan = program(
+        *(Comment(text) for text in HOSTILE), MoveL(at(1, 0, 0), 10.0), name="a!b", header=("?",)
+    )
     ready, text = posted(grbl(), plan)
     assert_takes(text)
     assert difference(ready, read(text), grbl().tolerance()) == ""
@@ -236,7 +274,9 @@ def test_the_longest_lines_fit():
     big = 99_998.999999
     via = (big - 10_000 * (1 - math.cos(0.5)), -big + 10_000 * math.sin(0.5))
     end = (big - 10_000 * (1 - math.cos(1.0)), -big + 10_000 * math.sin(1.0))
-    plan = program(MoveL(at(big, -big, -big), 1.0), MoveC(at(*via, -big), at(*end, -big), 999_998.99 / 60))
+    plan = program(
+        MoveL(at(big, -big, -big), 1.0), MoveC(at(*via, -big), at(*end, -big), 999_998.99 / 60)
+    )
     _, text = posted(grbl(decimals=6), plan)
     assert "G3" in text
     assert_takes(text)
@@ -261,7 +301,11 @@ def test_arcs_hold_in_32_bits(plan):
     _, text = posted(grbl(), plan)
     x = y = np.float32(0)
     for line in text.splitlines():
-        words = {w[0]: np.float32(w[1:]) for w in line.split() if w[0] in "XYIJ" and not line.startswith("(")}
+        words = {
+            w[0]: np.float32(w[1:])
+            for w in line.split()
+            if w[0] in "XYIJ" and not line.startswith("(")
+        }
         nx, ny = words.get("X", x), words.get("Y", y)
         if line.startswith(("G2 ", "G3 ")):
             i, j = words["I"], words["J"]
@@ -290,10 +334,16 @@ def test_arcs_hold_in_32_bits(plan):
         ("(wait!)", "character '!' acts at once or is no ASCII, which GRBL minds in comments too"),
         ("; ~", "character '~' acts at once or is no ASCII, which GRBL minds in comments too"),
         ("(ä)", "character 'ä' acts at once or is no ASCII, which GRBL minds in comments too"),
-        ("G0 X1 \x18", "character '\\x18' acts at once or is no ASCII, which GRBL minds in comments too"),
+        (
+            "G0 X1 \x18",
+            "character '\\x18' acts at once or is no ASCII, which GRBL minds in comments too",
+        ),
         ("G1 F100 X" + "0" * 72 + "1", "80 characters without blanks and comments, GRBL reads 79"),
         ("G2 I5 F100", "G2 without an end point"),
-        ("F100 G2 X2 I1.006", "the radii of the arc differ by 0.0120 mm (start 1.0060, end 0.9940)"),
+        (
+            "F100 G2 X2 I1.006",
+            "the radii of the arc differ by 0.0120 mm (start 1.0060, end 0.9940)",
+        ),
         ("F100 G2 X2 R0.9999", "R0.9999 does not reach the end point"),
         ("F100 G2 X2 I1 P2", "P2 has no meaning in an arc"),
         ("G4 P-1", "G4 without its seconds (P)"),
@@ -309,7 +359,9 @@ UNSAID = "not said before the first motion: the program before may have left it 
 
 @pytest.mark.parametrize("word", ["G17", "G40", "G54", "G80", "G90", "G91.1", "G94"])
 def test_a_mode_that_is_not_said_is_a_fault_of_our_program(word):
-    left = TEXT.replace(f"{word} ", "", 1) if f"{word} " in TEXT else TEXT.replace(f"{word}\n", "\n")
+    left = (
+        TEXT.replace(f"{word} ", "", 1) if f"{word} " in TEXT else TEXT.replace(f"{word}\n", "\n")
+    )
     assert read(left).faults == (Remark(7, f"{word} {UNSAID}"),)
     assert f"{word} not said" in difference(PART, read(left), grbl().tolerance())
 
@@ -320,7 +372,11 @@ def test_a_mode_that_is_not_said_is_a_fault_of_our_program(word):
         ("G0 X5", "T300\nG0 X5", Fault(9, "T300: GRBL has tools to T255")),
         ("G0 X5", "T256\nG0 X5", Fault(9, "T256: GRBL has tools to T255")),
         ("G1 Z10", "N10000001 G1 Z10", Fault(19, "N10000001: GRBL numbers lines to 10000000")),
-        ("G0 X5", "G61\nG0 X5", Remark(9, "G61 changes nothing: GRBL rounds corners by its own setting")),
+        (
+            "G0 X5",
+            "G61\nG0 X5",
+            Remark(9, "G61 changes nothing: GRBL rounds corners by its own setting"),
+        ),
         ("M2\n", "", Fault(20, "the program has no end (M2 or M30)")),
         (
             "G1 X45",
@@ -339,7 +395,9 @@ def test_tools_and_numbers_within_the_firmware():
 
 
 def test_what_grbl_takes():
-    assert faults("/G0 X1", "(a (b)", "; x ( y", "N7 g1 x 1 0 f1 00", "T1", "(" + "c" * 200 + ") G0 X1") == [
+    assert faults(
+        "/G0 X1", "(a (b)", "; x ( y", "N7 g1 x 1 0 f1 00", "T1", "(" + "c" * 200 + ") G0 X1"
+    ) == [
         (2, "a comment that is not closed, or closed twice"),
         (5, "T1 selects a tool that no M6 changes to"),
     ]
@@ -371,4 +429,6 @@ def test_changed_texts_never_raise(chance: random.Random):
 def test_any_text_gives_a_reading(text):
     reading = read(text)
     # Only a text that ends as a program does can be without a fault.
-    assert reading.faults or any(end in text.upper().replace(" ", "") for end in ("M2", "M02", "M30"))
+    assert reading.faults or any(
+        end in text.upper().replace(" ", "") for end in ("M2", "M02", "M30")
+    )

@@ -27,7 +27,12 @@ def test_the_example_conforms(case):
 
 
 def test_options_go_to_post_and_readback():
-    options = {**FAST, "signals": {"process": 3, "glue": 4, "spindle": 9}, "spindle_rpm": 12000.0, "decimals": 4}
+    options = {
+        **FAST,
+        "signals": {"process": 3, "glue": 4, "spindle": 9},
+        "spindle_rpm": 12000.0,
+        "decimals": 4,
+    }
     assert conformance(KRL, READ, options, {"force", "split"}) == []
 
 
@@ -61,7 +66,9 @@ class Radians(KRL):
 class Metres(KRL):
     def movel(self, motion):
         x, y, z = motion.target.origin
-        return super().movel(replace(motion, target=Pose(motion.target.rotation, (x / 1000, y / 1000, z / 1000))))
+        return super().movel(
+            replace(motion, target=Pose(motion.target.rotation, (x / 1000, y / 1000, z / 1000)))
+        )
 
 
 class Milliseconds(KRL):
@@ -102,7 +109,9 @@ class Stops(KRL):
 
 class TransposesRotations(KRL):
     def _place(self, pose):
-        return super()._place(Pose(pose.rotation.T, pose.origin) if isinstance(pose, Pose) else pose)
+        return super()._place(
+            Pose(pose.rotation.T, pose.origin) if isinstance(pose, Pose) else pose
+        )
 
 
 class FewDigits(KRL):
@@ -133,7 +142,9 @@ class MinusZero(KRL):
 
 class Exponents(KRL):
     def wait(self, item):
-        return (f"WAIT SEC {item.seconds}" if item.seconds > 0.01 else f"WAIT SEC {item.seconds:.1e}",)
+        return (
+            f"WAIT SEC {item.seconds}" if item.seconds > 0.01 else f"WAIT SEC {item.seconds:.1e}",
+        )
 
 
 class NotANumber(KRL):
@@ -151,12 +162,17 @@ class Restless(KRL):
 
 class NoNewline(KRL):
     def assemble(self, program, parts):
-        return tuple(OutputFile(f.name, f.text.rstrip("\n")) for f in super().assemble(program, parts))
+        return tuple(
+            OutputFile(f.name, f.text.rstrip("\n")) for f in super().assemble(program, parts)
+        )
 
 
 class CarriageReturns(KRL):
     def assemble(self, program, parts):
-        return tuple(OutputFile(f.name, f.text.replace("\n", "\r\n")) for f in super().assemble(program, parts))
+        return tuple(
+            OutputFile(f.name, f.text.replace("\n", "\r\n"))
+            for f in super().assemble(program, parts)
+        )
 
 
 class Elsewhere(KRL):
@@ -240,7 +256,10 @@ def test_a_fault_is_found(post):
 
 
 def test_a_post_may_not_refuse_everything_at_once():
-    assert any("refused as a whole" in line for line in conformance(Sweeping, READ, FAST, LACKS - {"split"}))
+    assert any(
+        "refused as a whole" in line
+        for line in conformance(Sweeping, READ, FAST, LACKS - {"split"})
+    )
 
 
 def test_what_is_not_declared_may_not_be_refused():
@@ -270,7 +289,15 @@ def test_check_case_raises_all_findings_of_a_case():
 
 def test_the_cases_use_every_instruction_and_every_feature():
     items = [item for case in cases() for item in case.body]
-    assert {type(item).__name__ for item in items} == {"MoveJ", "MoveL", "MoveC", "Output", "Wait", "Force", "Comment"}
+    assert {type(item).__name__ for item in items} == {
+        "MoveJ",
+        "MoveL",
+        "MoveC",
+        "Output",
+        "Wait",
+        "Force",
+        "Comment",
+    }
     assert [name for name, uses in FEATURES.items() if not any(map(uses, items))] == []
     assert len({case.name for case in cases()}) == len(cases())
     assert set(WHOLE).isdisjoint(FEATURES)

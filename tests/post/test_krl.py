@@ -26,7 +26,9 @@ def at(x, y, z=0.0, rotation=TOOL_DOWN):
 def text(*body, name="part", **options):
     cell = KRL.cell()
     post = make_post(KRL, options)
-    program = Program(name, cell.base_from_work, cell.flange_from_tool, whole((HOME, *body)), ("FOLD the rest",))
+    program = Program(
+        name, cell.base_from_work, cell.flange_from_tool, whole((HOME, *body)), ("FOLD the rest",)
+    )
     (file,) = post.render(post.prepare(program, 0.01))
     return file
 
@@ -55,14 +57,26 @@ def test_everything_a_motion_depends_on_stands_before_the_first():
 
 def test_speeds_are_metres_a_second_and_said_when_they_change():
     moves = [MoveL(at(x, 0), speed) for x, speed in ((0, 20.0), (1, 20.0), (2, 1500.0))]
-    assert [line for line in lines(*moves) if "VEL" in line] == ["$VEL.CP=0.020000", "$VEL.CP=1.500000"]
+    assert [line for line in lines(*moves) if "VEL" in line] == [
+        "$VEL.CP=0.020000",
+        "$VEL.CP=1.500000",
+    ]
 
 
 def test_angles_turn_about_z_then_y_then_x():
     # The tool's x along the work's y: a quarter turn about z. Its x down: a quarter turn about y.
-    turned = [MoveL(at(0, 0, k, rotation_about(axis, math.pi / 2)), 10.0) for k, axis in ((0, 2), (1, 1), (2, 0))]
-    said = [line.partition("A ")[2].rstrip("}") for line in lines(*turned) if line.startswith("LIN")]
-    assert said == ["90.0000, B 0.0000, C 0.0000", "0.0000, B 90.0000, C 0.0000", "0.0000, B 0.0000, C 90.0000"]
+    turned = [
+        MoveL(at(0, 0, k, rotation_about(axis, math.pi / 2)), 10.0)
+        for k, axis in ((0, 2), (1, 1), (2, 0))
+    ]
+    said = [
+        line.partition("A ")[2].rstrip("}") for line in lines(*turned) if line.startswith("LIN")
+    ]
+    assert said == [
+        "90.0000, B 0.0000, C 0.0000",
+        "0.0000, B 90.0000, C 0.0000",
+        "0.0000, B 0.0000, C 90.0000",
+    ]
 
 
 def test_a_blend_is_a_distance_and_a_flag():
@@ -77,7 +91,9 @@ def test_a_blend_is_a_distance_and_a_flag():
 
 
 def test_ptp_stops():
-    assert not any("C_" in line for line in lines(MoveJ(at(0, 0), 10.0, 5.0), MoveJ(at(9, 0), 10.0)))
+    assert not any(
+        "C_" in line for line in lines(MoveJ(at(0, 0), 10.0, 5.0), MoveJ(at(9, 0), 10.0))
+    )
 
 
 def test_an_arc_is_its_auxiliary_point_and_its_end():
@@ -101,10 +117,23 @@ def test_outputs_and_the_spindle():
         Output("spindle", 0.0),
         Output("process", 0.0),
     )
-    said = text(*body, signals={"process": 3, "spindle": 4}, spindle_rpm=9000.0).text.splitlines()[-10:]
+    said = text(*body, signals={"process": 3, "spindle": 4}, spindle_rpm=9000.0).text.splitlines()[
+        -10:
+    ]
     assert [line for line in said if not line.startswith("PTP")] == [
-        *("$TOOL={X 0.000, Y 0.000, Z 100.000, A 0.0000, B 0.0000, C 0.0000}", "$OUT[3]=FALSE", "$OUT[4]=FALSE"),
-        *("$OUT[3]=TRUE", "$OUT[4]=TRUE", "WAIT SEC 1.500", "$OUT[4]=FALSE", "$OUT[3]=FALSE", "END"),
+        *(
+            "$TOOL={X 0.000, Y 0.000, Z 100.000, A 0.0000, B 0.0000, C 0.0000}",
+            "$OUT[3]=FALSE",
+            "$OUT[4]=FALSE",
+        ),
+        *(
+            "$OUT[3]=TRUE",
+            "$OUT[4]=TRUE",
+            "WAIT SEC 1.500",
+            "$OUT[4]=FALSE",
+            "$OUT[3]=FALSE",
+            "END",
+        ),
     ]
     assert said[3].startswith("PTP {A1 ")
 
@@ -174,7 +203,12 @@ def test_options_that_cannot_be_meant(options):
 
 # What the read-back finds in a text that was changed.
 
-BODY = (MoveL(at(0, 0), 20.0, 1.0), MoveC(at(5, 5), at(10, 0), 20.0), Output("process", 1.0), Wait(0.5))
+BODY = (
+    MoveL(at(0, 0), 20.0, 1.0),
+    MoveC(at(5, 5), at(10, 0), 20.0),
+    Output("process", 1.0),
+    Wait(0.5),
+)
 
 
 def test_what_is_read_back_by_hand():
@@ -190,7 +224,9 @@ def test_what_is_read_back_by_hand():
     assert (output, wait) == (Output("process", 1.0), Wait(0.5))
     assert reading.work.origin == (500, 0, 0)
     assert reading.tool.origin == (0, 0, 100)
-    assert [text(*BODY).text.splitlines()[number - 1].split()[0] for number in reading.lines[:3]] == [
+    assert [
+        text(*BODY).text.splitlines()[number - 1].split()[0] for number in reading.lines[:3]
+    ] == [
         *("$OUT[1]=FALSE", "PTP", "LIN"),
     ]
 

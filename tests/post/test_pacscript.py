@@ -52,7 +52,9 @@ def down(x: float, y: float, z: float = 0.0) -> Pose:
 
 
 def program(*body: Instruction, name: str = "bracket", header: tuple[str, ...] = ()) -> Program:
-    return Program(name, WORK, TOOL, whole((MoveJ(HOME, 100.0), MoveJ(down(0, 0, 20), 100.0), *body)), header)
+    return Program(
+        name, WORK, TOOL, whole((MoveJ(HOME, 100.0), MoveJ(down(0, 0, 20), 100.0), *body)), header
+    )
 
 
 def text_of(plan: Program, **options: object) -> str:
@@ -106,7 +108,9 @@ def turn_of(item: MoveJ | MoveL | MoveC) -> float:
     return item.turn if isinstance(item, MoveL) else 0.0
 
 
-def assert_place(want: Pose | Joints, got: Pose | Joints, mm: float, angle: float, joint: float) -> None:
+def assert_place(
+    want: Pose | Joints, got: Pose | Joints, mm: float, angle: float, joint: float
+) -> None:
     if isinstance(want, Joints):
         assert isinstance(got, Joints)
         assert got.values == pytest.approx(want.values, abs=joint, rel=0)
@@ -199,7 +203,9 @@ def test_line_ends_of_the_file_make_no_difference() -> None:
 
 
 def test_documentation_shows_this_text_and_every_option() -> None:
-    page = (Path(__file__).parents[2] / "docs" / "posts" / "pacscript.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[2] / "docs" / "posts" / "pacscript.md").read_text(
+        encoding="utf-8"
+    )
     assert SMALL in page
     assert [f.name for f in fields(PacScript) if f.init and f"`{f.name}`" not in page] == []
 
@@ -223,10 +229,15 @@ def test_defined_frames_are_written_and_read() -> None:
 def test_orientation_is_rz_ry_rx_in_degrees() -> None:
     rx, ry, rz = 25.0, -40.0, 110.0
     rotation = (
-        rotation_about(2, math.radians(rz)) @ rotation_about(1, math.radians(ry)) @ rotation_about(0, math.radians(rx))
+        rotation_about(2, math.radians(rz))
+        @ rotation_about(1, math.radians(ry))
+        @ rotation_about(0, math.radians(rx))
     )
     (line,) = body_of(program(MoveL(Pose(rotation, (1, 2, 3)), 20.0)))
-    assert line == "Move L, @0 P(1.000, 2.000, 3.000, 25.0000, -40.0000, 110.0000, -1), Speed = Mps(20 * unit)"
+    assert (
+        line
+        == "Move L, @0 P(1.000, 2.000, 3.000, 25.0000, -40.0000, 110.0000, -1), Speed = Mps(20 * unit)"
+    )
 
 
 def test_posture_without_a_joint_move_is_said_to_be_open() -> None:
@@ -255,7 +266,12 @@ def test_speed_in_percent_of_what_the_external_speed_leaves() -> None:
 def test_written_speed_is_exact_to_a_thousandth(speed: float, external: float) -> None:
     for mps, metres in (("ask", 1), ("mm/s", 1), ("m/s", 1000)):
         (line,) = body_of(program(MoveL(down(1, 0), speed)), ext_speed=external, mps=mps)
-        written = float(re.search(r"Mps\(([0-9.]+)( \* unit)?\)$", line)[1]) * metres * (external or 100) / 100
+        written = (
+            float(re.search(r"Mps\(([0-9.]+)( \* unit)?\)$", line)[1])
+            * metres
+            * (external or 100)
+            / 100
+        )
         assert written == pytest.approx(speed, rel=1e-3)
 
 
@@ -266,7 +282,9 @@ def test_splits_into_subs_at_stops() -> None:
     main, *subs = re.split(r"^Sub ", text, flags=re.MULTILINE)[1:]
     names = [sub.split("(")[0] for sub in subs]
     assert names == [f"bracket_part{i}" for i in range(1, len(subs) + 1)]
-    assert [line.split()[1] for line in main.splitlines() if "Call" in line] == [f"{name}(unit)" for name in names]
+    assert [line.split()[1] for line in main.splitlines() if "Call" in line] == [
+        f"{name}(unit)" for name in names
+    ]
     for sub in subs:
         lines = sub.splitlines()[1:-1]
         assert len(lines) <= 12
@@ -330,7 +348,12 @@ def test_cell_is_within_the_reach_of_the_arm() -> None:
     ("item", "options", "index", "message"),
     [
         # A signal that the post does not have is refused where it is put off first.
-        (Output("coolant", 1.0), {}, 0, "the signal coolant has no IO number; add it to post.signals"),
+        (
+            Output("coolant", 1.0),
+            {},
+            0,
+            "the signal coolant has no IO number; add it to post.signals",
+        ),
         (Output("process", 0.5), {}, 3, "an IO is on or off, not 0.5; use 0 or 1"),
         (
             Output("spindle", 9000.0),
@@ -339,7 +362,12 @@ def test_cell_is_within_the_reach_of_the_arm() -> None:
             'an IO does not carry a spindle speed; set the speed at its drive and post.spindle to "on-off"',
         ),
         (Wait(3e6), {}, 2, "the wait is longer than a Delay holds; shorten it"),
-        (MoveL(down(1, 0), 0.01), {}, 2, "0.01 mm/s is too slow to be written to 0.1 %; raise the speed"),
+        (
+            MoveL(down(1, 0), 0.01),
+            {},
+            2,
+            "0.01 mm/s is too slow to be written to 0.1 %; raise the speed",
+        ),
         (
             MoveL(down(1, 0), 120.0),
             {"rated": 100.0},
@@ -393,26 +421,35 @@ def test_refusal_names_index_reason_and_remedy(
 
 def test_fractional_pass_mark_is_refused_in_millimetres() -> None:
     plan = program(MoveL(down(1, 0), 20.0, 0.3), MoveL(down(2, 0), 20.0))
-    with pytest.raises(Refused, match=r'0.3 mm is no whole number; set post.pass_mark to "P" \(instruction 2\)'):
+    with pytest.raises(
+        Refused, match=r'0.3 mm is no whole number; set post.pass_mark to "P" \(instruction 2\)'
+    ):
         PacScript(pass_mark="mm").prepare(plan, 0.01)
 
 
 def test_three_points_on_a_line_are_no_arc() -> None:
     with pytest.raises(
-        Refused, match=r"the three points of the arc are on one line \(instruction \d+\); give the arc a via point"
+        Refused,
+        match=r"the three points of the arc are on one line \(instruction \d+\); give the arc a via point",
     ):
-        PacScript().prepare(program(MoveL(down(0, 0), 20.0), MoveC(down(1, 0), down(2, 0), 20.0)), 0.01)
+        PacScript().prepare(
+            program(MoveL(down(0, 0), 20.0), MoveC(down(1, 0), down(2, 0), 20.0)), 0.01
+        )
 
 
 def test_arc_from_joints_is_refused() -> None:
     plan = Program("a", WORK, TOOL, (MoveJ(HOME, 10.0), MoveC(down(1, 1), down(2, 0), 20.0)))
-    with pytest.raises(Refused, match=r"an arc starts where the text gives no pose; move to a pose first"):
+    with pytest.raises(
+        Refused, match=r"an arc starts where the text gives no pose; move to a pose first"
+    ):
         PacScript().prepare(plan, 0.01)
 
 
 @pytest.mark.parametrize("option", ["tool", "work"])
 def test_frame_that_the_controller_fixes_must_be_meant(option: str) -> None:
-    with pytest.raises(Refused, match=f"{option} 0 is the controller's own, .*; give post.{option} from 1 on"):
+    with pytest.raises(
+        Refused, match=f"{option} 0 is the controller's own, .*; give post.{option} from 1 on"
+    ):
         make_post(PacScript, {option: 0}).prepare(program(), 0.01)
     own = Program("a", translation(0, 0, 0), translation(0, 0, 0), (MoveJ(HOME, 10.0),))
     assert f"Change{option.title()} 0\n" in text_of(own, **{option: 0})
@@ -421,10 +458,16 @@ def test_frame_that_the_controller_fixes_must_be_meant(option: str) -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"speed": "percent"}, '[post] speed = "percent": needs rated; give the arm\'s speed at 100 % in mm/s'),
+        (
+            {"speed": "percent"},
+            '[post] speed = "percent": needs rated; give the arm\'s speed at 100 % in mm/s',
+        ),
         ({"tool": 64}, "[post] tool: is 64; give 0 to 63"),
         ({"accel": math.nan}, "[post] accel: is nan; give 0.0001 to 100"),
-        ({"define": True, "tool": 0}, "[post] define: cannot define tool 0 or work 0; give tool and work from 1 on"),
+        (
+            {"define": True, "tool": 0},
+            "[post] define: cannot define tool 0 or work 0; give tool and work from 1 on",
+        ),
         (
             {"program": "2nd"},
             "[post] program: 2nd cannot name a program; a letter, then letters, digits and _, at most 64, "
@@ -439,10 +482,19 @@ def test_frame_that_the_controller_fixes_must_be_meant(option: str) -> None:
             "[post] force_on: has the places ['newtons']; use ['x', 'y', 'z'], of ['n', 'newtons', 'x', 'y', 'z']",
         ),
         ({"force_off": ["Off {n:3}"]}, "[post] force_off: has the places ['n']; use [], of ['n']"),
-        ({"force_off": ["Off {"]}, "[post] force_off: has a brace without its other half; write {{ for a brace"),
+        (
+            {"force_off": ["Off {"]},
+            "[post] force_off: has a brace without its other half; write {{ for a brace",
+        ),
         ({"force_off": ["Off {x}"]}, "[post] force_off: has the places ['x']; use [], of ['n']"),
-        ({"force_off": []}, "[post] force_off: must be lines of ASCII text; give one list item per line"),
-        ({"force_off": ["a\nb"]}, "[post] force_off: must be lines of ASCII text; give one list item per line"),
+        (
+            {"force_off": []},
+            "[post] force_off: must be lines of ASCII text; give one list item per line",
+        ),
+        (
+            {"force_off": ["a\nb"]},
+            "[post] force_off: must be lines of ASCII text; give one list item per line",
+        ),
         ({"pass_mark": "Q"}, "[post] pass_mark: Invalid enum value 'Q'"),
     ],
 )
@@ -456,7 +508,9 @@ def test_line_that_is_too_long_is_refused() -> None:
     template = ["Call Press({x}, {y}, {z}) " + "x" * 1000]
     post = PacScript(force="template", force_on=template)
     plan = program(Force(1.0, (1.0, 0.0, 0.0)), Force(0.0))
-    with pytest.raises(Refused, match=r"a line of 10[0-9][0-9] bytes, the controller takes 1024; shorten it"):
+    with pytest.raises(
+        Refused, match=r"a line of 10[0-9][0-9] bytes, the controller takes 1024; shorten it"
+    ):
         post.render(post.prepare(plan, 0.01))
 
 
@@ -561,7 +615,9 @@ def test_own_template_is_written_and_read() -> None:
     assert "    Call PressOn(4, -(0.000), -(10.000), -(0.000))\n    Delay 200\n" in text
     assert "    Call PressTo(8.000, -4.000, 6.928, 0.000)\n" in text
     assert_same(pressed(), read({"a": text}, OWN), make_post(PacScript, OWN))
-    assert read({"a": text}, {}).faults  # without the template these are calls of what the text does not have
+    assert read(
+        {"a": text}, {}
+    ).faults  # without the template these are calls of what the text does not have
 
 
 def test_own_template_with_wrong_newtons_is_a_fault() -> None:
@@ -575,7 +631,10 @@ def test_force_ignored_leaves_no_trace_and_the_prepared_program_says_so() -> Non
     post = PacScript(force="ignore")
     prepared = post.prepare(pressed(), 0.01)
     assert not any(isinstance(item, Force) for item in prepared.body)
-    assert not any(isinstance(item, MoveL) and (item.force or any(item.force_direction)) for item in prepared.body)
+    assert not any(
+        isinstance(item, MoveL) and (item.force or any(item.force_direction))
+        for item in prepared.body
+    )
     text = text_of(pressed(), force="ignore")
     assert "Force" not in text
     assert_same(prepared, read({"a": text}, {}), post)
@@ -583,14 +642,21 @@ def test_force_ignored_leaves_no_trace_and_the_prepared_program_says_so() -> Non
 
 def test_pressing_arc_becomes_lines_whose_force_turns() -> None:
     line, bend = arc(10.0, math.radians(90.0), 10.0)
-    plan = program(Force(10.0, (1.0, 0.0, 0.0)), line, replace(bend, force_direction=(0.0, 1.0, 0.0)), Force(0.0))
+    plan = program(
+        Force(10.0, (1.0, 0.0, 0.0)),
+        line,
+        replace(bend, force_direction=(0.0, 1.0, 0.0)),
+        Force(0.0),
+    )
     post = PacScript(force="template")
     prepared = post.prepare(plan, 0.01)
     lines = [item for item in prepared.body if isinstance(item, MoveL)][1:]
     assert len(lines) > 5
     for item in lines:
         x, y = item.target.origin[0] + 10, item.target.origin[1]
-        assert item.force_direction == pytest.approx((x / 10, y / 10, 0.0), abs=1e-9)  # away from the centre (-10, 0)
+        assert item.force_direction == pytest.approx(
+            (x / 10, y / 10, 0.0), abs=1e-9
+        )  # away from the centre (-10, 0)
     (file,) = post.render(prepared)
     assert_same(prepared, read({"a": file.text}, {}), post)
 
@@ -599,7 +665,9 @@ def test_pressing_arc_becomes_lines_whose_force_turns() -> None:
 
 coordinate = st.floats(-900.0, 900.0)
 speed = st.floats(0.1, 2000.0)
-angle = st.one_of(st.sampled_from([-180.0, -90.0, -1e-4, 0.0, 1e-7, 45.0, 90.0, 180.0]), st.floats(-180.0, 180.0))
+angle = st.one_of(
+    st.sampled_from([-180.0, -90.0, -1e-4, 0.0, 1e-7, 45.0, 90.0, 180.0]), st.floats(-180.0, 180.0)
+)
 
 
 @st.composite
@@ -607,7 +675,9 @@ def rotations(draw: st.DrawFn) -> Pose:
     """An orientation: free, or by angles among which the degenerate ones are frequent."""
     if draw(st.booleans()):
         return pose_from_values((0, 0, 0, draw(angle), draw(angle), draw(angle)))
-    quaternion = draw(st.tuples(*[st.floats(-1.0, 1.0)] * 4).filter(lambda q: sum(v * v for v in q) > 1e-3))
+    quaternion = draw(
+        st.tuples(*[st.floats(-1.0, 1.0)] * 4).filter(lambda q: sum(v * v for v in q) > 1e-3)
+    )
     return Pose(rotation_from_quaternion(quaternion), (0.0, 0.0, 0.0))
 
 
@@ -623,8 +693,14 @@ def arcs(draw: st.DrawFn) -> list[Instruction]:
     sweep = math.radians(draw(st.floats(0.5, 180.0)))
     first = draw(rotations()).rotation
     turn = rotation_about_axis(first[:, 2], draw(st.floats(-1.5, 1.5)))
-    start, via, end = (centre.apply((radius * math.cos(a), radius * math.sin(a), 0.0)) for a in (0.0, sweep / 2, sweep))
-    return [MoveL(Pose(first, start), draw(speed)), MoveC(Pose(first, via), Pose(turn @ first, end), draw(speed))]
+    start, via, end = (
+        centre.apply((radius * math.cos(a), radius * math.sin(a), 0.0))
+        for a in (0.0, sweep / 2, sweep)
+    )
+    return [
+        MoveL(Pose(first, start), draw(speed)),
+        MoveC(Pose(first, via), Pose(turn @ first, end), draw(speed)),
+    ]
 
 
 @st.composite
@@ -648,11 +724,15 @@ def bodies(draw: st.DrawFn) -> tuple[Instruction, ...]:
         st.builds(Wait, st.floats(0.0, 100.0)),
         st.builds(Comment, st.text(max_size=90)),
     )
-    for chunk in draw(st.lists(st.one_of(single.map(lambda item: [item]), arcs(), turns()), max_size=12)):
+    for chunk in draw(
+        st.lists(st.one_of(single.map(lambda item: [item]), arcs(), turns()), max_size=12)
+    ):
         items += chunk
     items.append(MoveL(down(0, 0), 20.0))
     for i, item in enumerate(items):
-        following = next((other for other in items[i + 1 :] if not isinstance(other, Comment)), None)
+        following = next(
+            (other for other in items[i + 1 :] if not isinstance(other, Comment)), None
+        )
         if isinstance(item, MoveL) and not isinstance(following, (MoveJ, MoveL, MoveC)):
             items[i] = replace(item, blend=0.0)
     return turning(items, 1.0)
@@ -669,7 +749,9 @@ OPTIONS: list[dict[str, object]] = [
 def test_round_trip(body: tuple[Instruction, ...], options: dict[str, object]) -> None:
     if "rated" in options:
         body = tuple(
-            replace(item, speed=max(item.speed, 5.0)) if isinstance(item, (MoveJ, MoveL, MoveC)) else item
+            replace(item, speed=max(item.speed, 5.0))
+            if isinstance(item, (MoveJ, MoveL, MoveC))
+            else item
             for item in body
         )
     post = make_post(PacScript, options)
@@ -686,7 +768,12 @@ def test_round_trip(body: tuple[Instruction, ...], options: dict[str, object]) -
 
 def script(*lines: str, before: tuple[str, ...] = ()) -> str:
     """A program that owns the arm and stands at (0, 0, 50), tool down; its first line is line 4 after ``before``."""
-    head = (*before, "Sub Main", "TakeArm Keep = 0", "Move P, @0 P(0, 0, 50, 180, 0, 0), Speed = Mps(0.1)")
+    head = (
+        *before,
+        "Sub Main",
+        "TakeArm Keep = 0",
+        "Move P, @0 P(0, 0, 50, 180, 0, 0), Speed = Mps(0.1)",
+    )
     return "\n".join((*head, *lines, "GiveArm", "End Sub", ""))
 
 
@@ -694,7 +781,9 @@ def script(*lines: str, before: tuple[str, ...] = ()) -> str:
 METRES: dict[str, object] = {"mps": "m/s", "tool": 0, "work": 0}
 
 
-def reading_of(*lines: str, options: dict[str, object] | None = None, before: tuple[str, ...] = ()) -> Reading:
+def reading_of(
+    *lines: str, options: dict[str, object] | None = None, before: tuple[str, ...] = ()
+) -> Reading:
     return read({"part.pcs": script(*lines, before=before)}, METRES | (options or {}))
 
 
@@ -727,14 +816,43 @@ FIRST = "the first motion is not Move P: where it starts is open"
         (("Approach P, P(5, 6, 7, 180), @0 40" + S,), (5, 6, 47)),
         (("Approach L, P(5, 6, 7, 180, 0, 0, -1), 2 * (3 + 4)" + S,), (5, 6, 21)),
         (("Draw L, @0 V(1, -2, 3)" + S,), (1, -2, 53)),
-        (("Dim a As Position = P(1, 2, 3), b As Integer", "b = 7", "Move L, @0 a" + S, "Draw L, V(b)" + S), (8, 2, 3)),
+        (
+            (
+                "Dim a As Position = P(1, 2, 3), b As Integer",
+                "b = 7",
+                "Move L, @0 a" + S,
+                "Draw L, V(b)" + S,
+            ),
+            (8, 2, 3),
+        ),
         (("P[3] = P(4, 5, 6)", "Move L, @0 P3" + S), (4, 5, 6)),
         (("P12 = P(4, 5, 6)", "Move L, @0 P[10 + 2]" + S), (4, 5, 6)),
         (("Move L, @P P(1), @0 P(2, , 4)" + S,), (2, 0, 4)),
         (("Rem Move L, @0 P(9)", "Move L, @0 P(1) " + S + " ' not P(2)"), (1, 0, 0)),
-        (("Call Go(3, 2 * 2)", "End Sub", "Sub Go(ByVal a As Integer, b)", "Move L, @0 P(a, b)" + S), (3, 4, 0)),
-        (("Call Go", "End Sub", "Sub Go()", "Move L, @0 P(1)" + S, "Exit Sub", "Move L, P(2)" + S), (1, 0, 0)),
-        (("PrintDbg 5", "Motor On", "Accel 50, 20", "Decel 5", "Move L, P(&B101, &H1F)" + S), (5, 31, 0)),
+        (
+            (
+                "Call Go(3, 2 * 2)",
+                "End Sub",
+                "Sub Go(ByVal a As Integer, b)",
+                "Move L, @0 P(a, b)" + S,
+            ),
+            (3, 4, 0),
+        ),
+        (
+            (
+                "Call Go",
+                "End Sub",
+                "Sub Go()",
+                "Move L, @0 P(1)" + S,
+                "Exit Sub",
+                "Move L, P(2)" + S,
+            ),
+            (1, 0, 0),
+        ),
+        (
+            ("PrintDbg 5", "Motor On", "Accel 50, 20", "Decel 5", "Move L, P(&B101, &H1F)" + S),
+            (5, 31, 0),
+        ),
     ],
 )
 def test_statements_that_move(lines: tuple[str, ...], origin: tuple[float, float, float]) -> None:
@@ -782,8 +900,15 @@ def test_internal_times_external_speed(lines: tuple[str, ...], mm_s: float) -> N
 
 
 def test_macros_name_numbers_and_text() -> None:
-    before = ("#Define PEN 24", "#define FEED Speed = Mps(0.02)", "#Define UP PEN_UP", "#Define PEN_UP 5")
-    reading = reading_of("Set IO[PEN]", "Move L, @0 P(0, 0, UP), FEED", "Reset io[ pen ]", before=before)
+    before = (
+        "#Define PEN 24",
+        "#define FEED Speed = Mps(0.02)",
+        "#Define UP PEN_UP",
+        "#Define PEN_UP 5",
+    )
+    reading = reading_of(
+        "Set IO[PEN]", "Move L, @0 P(0, 0, UP), FEED", "Reset io[ pen ]", before=before
+    )
     assert reading.faults == ()
     on, move, off = reading.body[1:]
     assert (on, off) == (Output("process", 1.0), Output("process", 0.0))
@@ -792,7 +917,9 @@ def test_macros_name_numbers_and_text() -> None:
 
 
 def test_outputs_are_named_by_the_signals() -> None:
-    reading = reading_of("Set IO[24]", "Set IO[7]", "Delay 1500", options={"signals": {"coolant": 7}})
+    reading = reading_of(
+        "Set IO[24]", "Set IO[7]", "Delay 1500", options={"signals": {"coolant": 7}}
+    )
     assert reading.body[1:] == (Output("IO[24]", 1.0), Output("coolant", 1.0), Wait(1.5))
 
 
@@ -886,7 +1013,10 @@ def test_fault_of_the_frame_of_a_program(text: str, line: int, what: str) -> Non
 
 def test_calls_that_multiply_come_to_an_end(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("camgen_posts.readback.pacscript._STEPS", 5000)
-    subs = "".join(f"Sub s{i}\n" + f"Call s{i + 1}\n" * 10 + "End Sub\n" for i in range(15)) + "Sub s15\nEnd Sub\n"
+    subs = (
+        "".join(f"Sub s{i}\n" + f"Call s{i + 1}\n" * 10 + "End Sub\n" for i in range(15))
+        + "Sub s15\nEnd Sub\n"
+    )
     reading = read({"a.pcs": "Sub Main\nCall s0\nEnd Sub\n" + subs}, {})
     assert "more statements than a program can have" in {fault.what for fault in reading.faults}
 
@@ -907,7 +1037,11 @@ def test_damaged_program_never_ends_in_an_exception(data: st.DataObject) -> None
     for _ in range(data.draw(st.integers(1, 6))):
         at = data.draw(st.integers(0, len(text)))
         end = data.draw(st.integers(at, min(len(text), at + 40)))
-        patch = data.draw(st.one_of(st.text(max_size=6), st.lists(st.sampled_from(WORDS), max_size=5).map(" ".join)))
+        patch = data.draw(
+            st.one_of(
+                st.text(max_size=6), st.lists(st.sampled_from(WORDS), max_size=5).map(" ".join)
+            )
+        )
         text = text[:at] + patch + text[end:]
     reading = read({"a.pcs": text}, OWN if data.draw(st.booleans()) else {})
     assert len(reading.body) == len(reading.lines)
@@ -933,7 +1067,9 @@ def foreign() -> Iterator[Path]:
         yield from sorted(path for path in (SHARED / "data" / "robot").rglob("*") if path.is_file())
 
 
-@pytest.mark.skipif(not SHARED.is_dir(), reason="the shared data folder beside the repository is absent")
+@pytest.mark.skipif(
+    not SHARED.is_dir(), reason="the shared data folder beside the repository is absent"
+)
 def test_programs_of_other_makers_are_faults() -> None:
     paths = list(foreign())
     assert paths

@@ -9,7 +9,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.support.damage import damaged, one_sign_changed
-from tests.support.pacscript_ways import BY_HAND, CALLED, LONG_S, MOVED, PARTS, PERCENT, TEXTS, check
+from tests.support.pacscript_ways import (
+    BY_HAND,
+    CALLED,
+    LONG_S,
+    MOVED,
+    PARTS,
+    PERCENT,
+    TEXTS,
+    check,
+)
 
 STATEMENTS = (
     """TakeArm|TakeArm Keep = 0|GiveArm|Speed 50|Speed Mps(0.03)|Speed v|ExtSpeed 20|ExtSpeed 0|Accel 50|ChangeWork 2
@@ -27,7 +36,22 @@ Move L, P(1.0, 2.0, 3.0), Speed = 0.01|Move C, P(1.0, 2.0, 3.0)|Move L, @0 P(1.0
     .replace("\n", "|")
     .split("|")
 )
-NUMBERS = ["-0", "0", "-0.0", "-0.000", "00.5", "007", "1.", ".5", "1e3", "+1.0", "--1.0", "1234567890.0", "", " 1.0"]
+NUMBERS = [
+    "-0",
+    "0",
+    "-0.0",
+    "-0.000",
+    "00.5",
+    "007",
+    "1.",
+    ".5",
+    "1e3",
+    "+1.0",
+    "--1.0",
+    "1234567890.0",
+    "",
+    " 1.0",
+]
 NUMBERS += [
     "123456789.5",
     "0.1234567891",
@@ -42,11 +66,66 @@ NUMBERS += [
     "&HF",
     "１.0",
 ]
-NUMBERS += ["1.0.0", "1 2", "-", ".", "1,", "1, 2", "1.0, 2.0, 3.0, 4.0, 5.0", "(1.0)", "180", "3.25"]
-WORDS = ["Move", "move", "L", "P", "C", "l", "S", "PTP", "T", "J", "Speed", "S", "speed", "Mps", "MPS", "Accel", "Next"]
+NUMBERS += [
+    "1.0.0",
+    "1 2",
+    "-",
+    ".",
+    "1,",
+    "1, 2",
+    "1.0, 2.0, 3.0, 4.0, 5.0",
+    "(1.0)",
+    "180",
+    "3.25",
+]
+WORDS = [
+    "Move",
+    "move",
+    "L",
+    "P",
+    "C",
+    "l",
+    "S",
+    "PTP",
+    "T",
+    "J",
+    "Speed",
+    "S",
+    "speed",
+    "Mps",
+    "MPS",
+    "Accel",
+    "Next",
+]
 WORDS += ["Sub", "End", "Other", "v", "h", "IO", "ſpeed"]
-MARKS = ["@0", "@P", "@E", "@p", "@e", "@5", "@10", "@007", "@[5]", "@5.5", "@Q", "@", "@ 0", "@0,", "@-1", "@1234567"]
-SIGNS = [*"0159.,-+eE()@:;\" '\t\r\n\v\fMOVESPLCmoveslp=#[]_&", "\r\n", "\n\r", "\x00", "\x85", "\u2028", "é", "K"]
+MARKS = [
+    "@0",
+    "@P",
+    "@E",
+    "@p",
+    "@e",
+    "@5",
+    "@10",
+    "@007",
+    "@[5]",
+    "@5.5",
+    "@Q",
+    "@",
+    "@ 0",
+    "@0,",
+    "@-1",
+    "@1234567",
+]
+SIGNS = [
+    *"0159.,-+eE()@:;\" '\t\r\n\v\fMOVESPLCmoveslp=#[]_&",
+    "\r\n",
+    "\n\r",
+    "\x00",
+    "\x85",
+    "\u2028",
+    "é",
+    "K",
+]
 NUMBER = re.compile(r"-?\d+(?:\.\d+)?")
 WORD = re.compile(r"[A-Za-z]+")
 MARK = re.compile(r"@\w+")
@@ -56,16 +135,22 @@ def changed_line(line: str, chance: random.Random) -> str:
     """One line with one thing changed."""
     kind = chance.randrange(9)
     if kind < 4:
-        pattern, news = chance.choice([(NUMBER, NUMBERS), (NUMBER, NUMBERS), (WORD, WORDS), (MARK, MARKS)])
+        pattern, news = chance.choice(
+            [(NUMBER, NUMBERS), (NUMBER, NUMBERS), (WORD, WORDS), (MARK, MARKS)]
+        )
         if places := list(pattern.finditer(line)):
             place = chance.choice(places)
             return line[: place.start()] + chance.choice(news) + line[place.end() :]
     if kind == 4:
         return chance.choice([line.lower(), line.upper(), line.swapcase(), line.title()])
     if kind == 5:
-        return chance.choice([" ", "\t", "", "' ", "#", "\v", " " * 40, " " * 300, " " * 1100]) + line.lstrip(" ")
+        return chance.choice(
+            [" ", "\t", "", "' ", "#", "\v", " " * 40, " " * 300, " " * 1100]
+        ) + line.lstrip(" ")
     if kind == 6:
-        return line + chance.choice([" ", "\t", " ' a remark", "'", ' "', ", Next", ")", ",", "\x85", ", Accel = 50"])
+        return line + chance.choice(
+            [" ", "\t", " ' a remark", "'", ' "', ", Next", ")", ",", "\x85", ", Accel = 50"]
+        )
     return one_sign_changed(line, chance, SIGNS)
 
 
@@ -74,11 +159,18 @@ def files_of(text: str, chance: random.Random) -> dict[str, str]:
     at = chance.randrange(len(text) + 1)
     if chance.random() < 0.7:
         return {"a.pcs": text}
-    return {"a.pcs": text[:at], "Other.pcs": chance.choice(["", "Sub Main\n", "Sub Main(h)\n"]) + text[at:]}
+    return {
+        "a.pcs": text[:at],
+        "Other.pcs": chance.choice(["", "Sub Main\n", "Sub Main(h)\n"]) + text[at:],
+    }
 
 
 @settings(max_examples=300)
-@given(st.randoms(use_true_random=True), st.sampled_from(TEXTS), st.sampled_from([None, None, None, 5, 17, 30]))
+@given(
+    st.randoms(use_true_random=True),
+    st.sampled_from(TEXTS),
+    st.sampled_from([None, None, None, 5, 17, 30]),
+)
 def test_damaged_texts_are_read_alike(
     chance: random.Random, source: tuple[str, dict[str, object]], steps: int | None
 ) -> None:
@@ -99,7 +191,9 @@ def test_every_statement_beside_motions(statement: str) -> None:
 
 @pytest.mark.parametrize("spelling", [*NUMBERS, *WORDS, *MARKS])
 def test_every_spelling_within_a_motion(spelling: str) -> None:
-    straight, arc = (row.strip() for row in BY_HAND.split("\n") if "-0.000" in row or "@P P(20" in row)
+    straight, arc = (
+        row.strip() for row in BY_HAND.split("\n") if "-0.000" in row or "@P P(20" in row
+    )
     for row in (straight, arc):
         for pattern in (NUMBER, WORD, MARK):
             for place in pattern.finditer(row):

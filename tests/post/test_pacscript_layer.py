@@ -22,7 +22,9 @@ def test_goldens_are_run_as_they_are_read_back(path: Path) -> None:
     reading = read({path.name: text}, options)
     found = LANGUAGE.run({path.name: text}, Ask())
     signals = [
-        Output(item.signal.removeprefix("IO[").removesuffix("]"), item.value) if isinstance(item, Output) else item
+        Output(item.signal.removeprefix("IO[").removesuffix("]"), item.value)
+        if isinstance(item, Output)
+        else item
         for item in reading.body
     ]
     assert found.stopped is None
@@ -34,7 +36,9 @@ def rounded(body: object, lines: tuple[int, ...]) -> list[str]:
     """A body as text, speeds to nine digits: the interpreter has them by way of a percentage."""
     rows = said(Reading(body, lines, ()))[0]  # type: ignore[arg-type]
     assert isinstance(rows, list)
-    return [" ".join(_round(part) for part in row) if isinstance(row, tuple) else row for row in rows]
+    return [
+        " ".join(_round(part) for part in row) if isinstance(row, tuple) else row for row in rows
+    ]
 
 
 def _round(part: object) -> str:
@@ -44,11 +48,17 @@ def _round(part: object) -> str:
 
 
 def _flat(value: object) -> list[float]:
-    return [one for part in value for one in _flat(part)] if isinstance(value, tuple) else [float(value)]  # type: ignore[arg-type]
+    return (
+        [one for part in value for one in _flat(part)]
+        if isinstance(value, tuple)
+        else [float(value)]
+    )  # type: ignore[arg-type]
 
 
 def test_procedures_that_call_each_other_twice_end_at_once() -> None:
     began = time.process_time()
     reading = read({"part.pcs": "Sub Main\nCall Main\nCall Main\nEnd Sub\n"}, {})
-    assert [(one.line, one.what) for one in reading.faults] == [(2, "procedures that call each other without end")]
+    assert [(one.line, one.what) for one in reading.faults] == [
+        (2, "procedures that call each other without end")
+    ]
     assert time.process_time() - began < 1

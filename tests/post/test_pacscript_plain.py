@@ -50,17 +50,27 @@ def test_the_pieces_are_the_whole_text() -> None:
     ]:
         pieces = [piece[0] for piece in PIECE.finditer(text)]
         assert "".join(pieces) == text
-        assert len(pieces) == len(LINE.findall(text)) == text.count("\n") + (text != "" and text[-1] != "\n")
+        assert (
+            len(pieces)
+            == len(LINE.findall(text))
+            == text.count("\n") + (text != "" and text[-1] != "\n")
+        )
 
 
 def test_turns_on_the_spot_are_read_the_short_way() -> None:
     """Two at the start of each of the five pieces, of 1 and 0.5 rad/s, 11.4592 and 5.7296 % of 500 deg/s."""
     text = printed(5, {}, turning=True)
     assert text.count(", Speed = 11.4592\n") == text.count(", Speed = 5.7296\n") == 5
-    turns = [item.turn for item in check({"a.pcs": text}, {}).body if isinstance(item, MoveL) and item.turn]
+    turns = [
+        item.turn
+        for item in check({"a.pcs": text}, {}).body
+        if isinstance(item, MoveL) and item.turn
+    ]
     assert turns == pytest.approx([1.0, 0.5] * 5, abs=1e-5)
     assert all(
-        match.lastindex for match in PIECE.finditer(text) if "Speed = 11" in match[0] or "Speed = 5." in match[0]
+        match.lastindex
+        for match in PIECE.finditer(text)
+        if "Speed = 11" in match[0] or "Speed = 5." in match[0]
     )
 
 
@@ -69,7 +79,9 @@ def test_numbers_to_the_last_bit(numbers: list[str]) -> None:
     one, two = ", ".join(numbers[:3]), ", ".join(numbers[3:])
     moves = f"Move P, P({one})\nMove L, @P P({one}, {two})\nMove C, P({two}), @0 P({two}, {one})\n"
     reading = check({"a.pcs": f"Sub Main\nTakeArm\n{moves}GiveArm\nEnd Sub\n"}, PERCENT)
-    origins = [item.target.origin for item in reading.body if isinstance(item, (MoveJ, MoveL, MoveC))]  # type: ignore[union-attr]
+    origins = [
+        item.target.origin for item in reading.body if isinstance(item, (MoveJ, MoveL, MoveC))
+    ]  # type: ignore[union-attr]
     assert origins == [tuple(map(float, numbers[k : k + 3])) for k in (0, 0, 3)]
 
 
@@ -84,9 +96,12 @@ def counted(calls: list[int]) -> Callable[[Machine, Plain], None]:
 
 
 @pytest.mark.parametrize(
-    ("options", "open_"), [({}, True), (SIGNED, True), (CALLED, True), (MOVED, False), (LONG_S, False)]
+    ("options", "open_"),
+    [({}, True), (SIGNED, True), (CALLED, True), (MOVED, False), (LONG_S, False)],
 )
-def test_the_short_way_is_open_and_the_long_way_shuts_it(options: dict[str, object], open_: bool) -> None:
+def test_the_short_way_is_open_and_the_long_way_shuts_it(
+    options: dict[str, object], open_: bool
+) -> None:
     """Without this the comparison could hold the long way against itself. A template for motions shuts it, too."""
     calls: list[int] = []
     with patch(PARTS + "pacscript.carry_out", counted(calls)):

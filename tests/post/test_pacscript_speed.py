@@ -100,12 +100,18 @@ def test_every_arm_runs_the_planned_speed(
     plan = plan.with_body((plan.body[0], MoveJ(down(0), 100.0), *plan.body[1:]))
     found = run(text_of(plan, **options), lambda said: max(100 * said * unit / fastest, least))
     external = float(str(options.get("ext_speed", 100.0)))
-    wanted = [max(100 * speed / fastest * 100 / external, least) for speed in (100.0, 100.0, *SPEEDS)]
+    wanted = [
+        max(100 * speed / fastest * 100 / external, least) for speed in (100.0, 100.0, *SPEEDS)
+    ]
     assert found == pytest.approx(wanted)
 
 
-@pytest.mark.parametrize("mps", [lambda said: said, lambda said: -said, lambda said: 1e6 * said, lambda _: 0.0])
-def test_a_controller_that_gives_no_percentage_makes_no_motion(mps: Callable[[float], float]) -> None:
+@pytest.mark.parametrize(
+    "mps", [lambda said: said, lambda said: -said, lambda said: 1e6 * said, lambda _: 0.0]
+)
+def test_a_controller_that_gives_no_percentage_makes_no_motion(
+    mps: Callable[[float], float],
+) -> None:
     assert run(text_of(small()), mps) == []
 
 
@@ -124,16 +130,31 @@ OFF = ["Reset IO[24]", "Reset IO[7]", "ForceCtrl False ' verify"]
 TEMPLATE = {"force": "template", "signals": {"process": 24, "coolant": 7}}
 
 
-@pytest.mark.parametrize("options", [{}, {"max_lines": 2}, {"mps": "mm/s"}, {"speed": "percent", "rated": 2000.0}])
+@pytest.mark.parametrize(
+    "options", [{}, {"max_lines": 2}, {"mps": "mm/s"}, {"speed": "percent", "rated": 2000.0}]
+)
 def test_all_is_off_whether_the_program_goes_on_or_not(options: dict[str, object]) -> None:
     """The question about Mps may leave the Sub: what an aborted run has left on is off by then."""
     text = text_of(program(*PRESSING), **TEMPLATE, **options)
     switched: list[str] = []
     assert (run(text, lambda _: 0.0, switched) == []) == (not options.keys() & {"mps", "speed"})
     assert switched[:3] == OFF
-    on = (line for line in text.splitlines() if re.match(r" *(If|Set|Move|Call|ForceCtrl True)\b", line))
-    assert text.index("TakeArm Keep = 0") < text.index(OFF[0]) < text.index(OFF[2]) < text.index(next(on))
-    assert [text.count(line) for line in OFF] == [2, 2, 2]  # at the start, and where the program itself does so
+    on = (
+        line
+        for line in text.splitlines()
+        if re.match(r" *(If|Set|Move|Call|ForceCtrl True)\b", line)
+    )
+    assert (
+        text.index("TakeArm Keep = 0")
+        < text.index(OFF[0])
+        < text.index(OFF[2])
+        < text.index(next(on))
+    )
+    assert [text.count(line) for line in OFF] == [
+        2,
+        2,
+        2,
+    ]  # at the start, and where the program itself does so
     verify(program(*PRESSING), text, **TEMPLATE, **options)
 
 
@@ -143,7 +164,10 @@ def test_all_is_off_whether_the_program_goes_on_or_not(options: dict[str, object
 )
 def test_a_reset_at_the_start_that_is_lost_is_found(line: str, what: str) -> None:
     text = text_of(program(*PRESSING), **TEMPLATE)
-    with pytest.raises(VerifyError, match=rf"instruction {OFF.index(line)}: instruction reads .*, planned is {what}"):
+    with pytest.raises(
+        VerifyError,
+        match=rf"instruction {OFF.index(line)}: instruction reads .*, planned is {what}",
+    ):
         verify(program(*PRESSING), text.replace(f"    {line}\n", "", 1), **TEMPLATE)
 
 
@@ -167,7 +191,12 @@ def test_percent_needs_no_unit() -> None:
 def test_the_text_says_the_same_in_both_units() -> None:
     reading = read({"part.pcs": text_of(small())}, {})
     assert reading.faults == ()
-    assert [item.speed for item in reading.body if isinstance(item, (MoveJ, MoveL))] == [100.0, 60.0, 12.5, 20.0]
+    assert [item.speed for item in reading.body if isinstance(item, (MoveJ, MoveL))] == [
+        100.0,
+        60.0,
+        12.5,
+        20.0,
+    ]
     verify(small(), text_of(small()))
     verify(small(), text_of(small(), max_lines=2), max_lines=2)
 
@@ -208,13 +237,23 @@ def test_a_wrong_question_is_a_fault(before: str, after: str, fault: str) -> Non
 
 def test_a_wrong_factor_is_another_speed() -> None:
     """1.5 and 0.0015 instead of 1 and 0.001: the same speed in both units, but another one."""
-    text = text_of(small()).replace("Single = 1\n", "Single = 1.5\n").replace("unit = 0.001", "unit = 0.0015")
+    text = (
+        text_of(small())
+        .replace("Single = 1\n", "Single = 1.5\n")
+        .replace("unit = 0.001", "unit = 0.0015")
+    )
     faults = read({"part.pcs": text}, {}).faults
-    assert [one.what for one in faults if not isinstance(one, Remark)] == [f"whether 150 mm/s is over 20 % {ARM}"]
+    assert [one.what for one in faults if not isinstance(one, Remark)] == [
+        f"whether 150 mm/s is over 20 % {ARM}"
+    ]
     begin, end = text.index("    If Mps(100"), text.index("    Speed 10\n")
     with pytest.raises(VerifyError, match=OTHERWISE):
         verify(small(), text[:begin] + text[end:])
-    speeds = [item.speed for item in read({"part.pcs": text[:begin] + text[end:]}, {}).body if isinstance(item, MoveL)]
+    speeds = [
+        item.speed
+        for item in read({"part.pcs": text[:begin] + text[end:]}, {}).body
+        if isinstance(item, MoveL)
+    ]
     planned = [item.speed for item in small().body if isinstance(item, MoveL)]
     assert speeds == pytest.approx([1.5 * speed for speed in planned])
 
@@ -247,7 +286,9 @@ def test_a_foreign_program_that_does_not_ask_leaves_its_speeds_open() -> None:
 )  # fmt: skip
 def test_other_ways_to_ask(lines: tuple[str, ...], speed: float) -> None:
     reading = script(*lines, "Move L, P(1), Speed = Mps(a * 40)")
-    assert [(isinstance(fault, Remark), fault.what) for fault in reading.faults] == [(True, OTHERWISE)]
+    assert [(isinstance(fault, Remark), fault.what) for fault in reading.faults] == [
+        (True, OTHERWISE)
+    ]
     assert reading.body[-1].speed == pytest.approx(speed)  # type: ignore[union-attr]
 
 
@@ -266,7 +307,9 @@ def shared(share: float) -> Program:
     return program(MoveJ(down(0, 0, 20), 60.0, share=share), MoveL(down(0), 12.5))
 
 
-@pytest.mark.parametrize("options", [{}, {"speed": "percent", "rated": 2000.0}, {"ext_speed": 40.0}])
+@pytest.mark.parametrize(
+    "options", [{}, {"speed": "percent", "rated": 2000.0}, {"ext_speed": 40.0}]
+)
 def test_a_share_is_a_percentage(options: dict[str, object]) -> None:
     text = text_of(shared(0.123456), **options)
     external = float(str(options.get("ext_speed", 100.0)))
@@ -277,7 +320,10 @@ def test_a_share_is_a_percentage(options: dict[str, object]) -> None:
 
 @pytest.mark.parametrize(
     ("said", "what"),
-    [("12.3457", "share of the joints' speeds reads"), ("Mps(60 * unit)", "share of the joints' speeds reads 0,")],
+    [
+        ("12.3457", "share of the joints' speeds reads"),
+        ("Mps(60 * unit)", "share of the joints' speeds reads 0,"),
+    ],
 )
 def test_another_percentage_is_found(said: str, what: str) -> None:
     text = text_of(shared(0.123456)).replace("Speed = 12.3456\n", f"Speed = {said}\n")
@@ -289,17 +335,25 @@ def test_a_post_without_shares_carries_the_speed() -> None:
     """Of another controller the share says nothing."""
     plan = shared(0.5)
     reading = Reading(
-        tuple(replace(item, share=0.0) if isinstance(item, MoveJ) else item for item in plan.body), (1,) * 3, ()
+        tuple(replace(item, share=0.0) if isinstance(item, MoveJ) else item for item in plan.body),
+        (1,) * 3,
+        (),
     )
     carries = PacScript.verified_fields - {"joint-share"}
     compare(plan, reading, PacScript().tolerance(), carries, "part")
-    slower = Reading((*reading.body[:1], replace(reading.body[1], speed=59.0), *reading.body[2:]), (1,) * 3, ())
+    slower = Reading(
+        (*reading.body[:1], replace(reading.body[1], speed=59.0), *reading.body[2:]), (1,) * 3, ()
+    )
     with pytest.raises(VerifyError, match="speed reads 59, planned is 60"):
         compare(plan, slower, PacScript().tolerance(), carries, "part")
 
 
-@pytest.mark.parametrize(("share", "external", "percent"), [(0.0005, 0.0, "0.05"), (0.5, 30.0, "166.7")])
-def test_a_percentage_that_no_controller_takes_is_refused(share: float, external: float, percent: str) -> None:
+@pytest.mark.parametrize(
+    ("share", "external", "percent"), [(0.0005, 0.0, "0.05"), (0.5, 30.0, "166.7")]
+)
+def test_a_percentage_that_no_controller_takes_is_refused(
+    share: float, external: float, percent: str
+) -> None:
     message = (
         f"pacscript: 60 mm/s is {percent} % of what the joints can do on this way (instruction 1); "
         "the controller takes 0.1 to 100 %; change the speed or post.ext_speed"
@@ -330,10 +384,15 @@ def turning(degrees: float) -> Program:
         ({"speed": "percent", "rated": 2000.0}, "12"),
     ],
 )
-def test_a_turn_on_the_spot_is_a_percentage_of_the_rated_turn(options: dict[str, object], percent: str) -> None:
+def test_a_turn_on_the_spot_is_a_percentage_of_the_rated_turn(
+    options: dict[str, object], percent: str
+) -> None:
     text = text_of(turning(60.0), **options)
     there, turn, on = (row.strip() for row in text.splitlines() if "Move L" in row)
-    assert turn == f"Move L, @0 P(0.000, 0.000, 0.000, 180.0000, 0.0000, 90.0000, -1), Speed = {percent}"
+    assert (
+        turn
+        == f"Move L, @0 P(0.000, 0.000, 0.000, 180.0000, 0.0000, 90.0000, -1), Speed = {percent}"
+    )
     if "speed" not in options:
         assert "Mps(" in there
         assert "Mps(" in on
@@ -346,20 +405,32 @@ def test_a_turn_on_the_spot_is_a_percentage_of_the_rated_turn(options: dict[str,
 
 @pytest.mark.parametrize(
     ("said", "reads"),
-    [("100", "8.726646"), ("12.0002", "1.047215"), ("11.9998", "1.04718"), ("Mps(20 * unit)", "0"), ("Mps(20)", None)],
+    [
+        ("100", "8.726646"),
+        ("12.0002", "1.047215"),
+        ("11.9998", "1.04718"),
+        ("Mps(20 * unit)", "0"),
+        ("Mps(20)", None),
+    ],
 )
 def test_another_speed_of_turning_is_found(said: str, reads: str | None) -> None:
     """rad/s: 100 % are 500 deg/s. By Mps, of which 20 alone would also be another speed, a turn has none."""
     text = text_of(turning(60.0))
     assert text.count("Speed = 12\n") == 1
-    what = "20 or 20000 mm/s" if reads is None else f"speed of turning reads {reads}, planned is 1.047198"
+    what = (
+        "20 or 20000 mm/s"
+        if reads is None
+        else f"speed of turning reads {reads}, planned is 1.047198"
+    )
     with pytest.raises(VerifyError, match=what):
         verify(turning(60.0), text.replace("Speed = 12\n", f"Speed = {said}\n"))
 
 
 def test_a_turn_that_its_digits_do_not_show_is_one_too() -> None:
     little = frozen(rotation_about(2, 1e-9) @ TOOL_DOWN)
-    plan = program(MoveL(down(0), 12.5), MoveL(Pose(little, (0.0, 0.0, 0.0)), 20.0, turn=math.radians(60.0)))
+    plan = program(
+        MoveL(down(0), 12.5), MoveL(Pose(little, (0.0, 0.0, 0.0)), 20.0, turn=math.radians(60.0))
+    )
     text = text_of(plan)
     verify(plan, text)
     with pytest.raises(VerifyError, match="speed of turning reads"):
@@ -380,7 +451,9 @@ def test_a_turn_that_was_written_for_another_arm_is_found() -> None:
         (60.0, {"ext_speed": 10.0}, "a turn at 60 deg/s is 120 % of 500"),
     ],
 )
-def test_a_turn_that_no_controller_makes_is_refused(degrees: float, options: dict[str, object], numbers: str) -> None:
+def test_a_turn_that_no_controller_makes_is_refused(
+    degrees: float, options: dict[str, object], numbers: str
+) -> None:
     with pytest.raises(Refused) as refused:
         text_of(turning(degrees), **options)
     assert str(refused.value) == (
@@ -414,7 +487,9 @@ def test_a_turn_while_pressing_keeps_its_force() -> None:
         (5.0, {"rated": 2000.0, "speed": "percent"}, ""),
     ],
 )
-def test_a_speed_that_may_be_below_the_least_one_is_told(speed: float, options: dict[str, object], told: str) -> None:
+def test_a_speed_that_may_be_below_the_least_one_is_told(
+    speed: float, options: dict[str, object], told: str
+) -> None:
     plan = program(MoveJ(down(0, 0, 20), 60.0), MoveL(down(0), speed))
     assert (f"' slowest motion: {told}\n" in text_of(plan, **options)) == bool(told)
     assert ("slowest" in text_of(plan, **options)) == bool(told)
@@ -424,7 +499,9 @@ def test_a_speed_that_may_be_below_the_least_one_is_told(speed: float, options: 
 
 def test_the_speed_of_a_turn_is_none_of_these() -> None:
     plan = turning(60.0)
-    slow = plan.with_body(tuple(replace(one, speed=1.0) if getattr(one, "turn", 0) else one for one in plan.body))
+    slow = plan.with_body(
+        tuple(replace(one, speed=1.0) if getattr(one, "turn", 0) else one for one in plan.body)
+    )
     assert "slowest" not in text_of(slow)
     assert make_post(PacScript, {}).warn(slow) == ()
 
@@ -453,7 +530,9 @@ def test_a_statement_over_several_lines() -> None:
 
 
 def test_marks_and_tuples() -> None:
-    reading = script("Move L, @C (1, 2, 3, 180, 0, 90, 5), Speed = 10", "Move L, @0 (4, 5, 6), Speed = 10")
+    reading = script(
+        "Move L, @C (1, 2, 3, 180, 0, 90, 5), Speed = 10", "Move L, @0 (4, 5, 6), Speed = 10"
+    )
     faults = [fault.what for fault in reading.faults]
     assert faults == [
         "a speed in percent, taken of 1000 mm/s; give the option rated",
@@ -466,7 +545,11 @@ def test_marks_and_tuples() -> None:
     assert (one.target.origin, one.blend > 0) == ((1.0, 2.0, 3.0), True)
     assert one.posture is not None
     assert one.posture.figure == 5
-    assert one.target.rotation[:, 0].round(9).tolist() == [0.0, 1.0, 0.0]  # Rz(90) Rx(180): x along +y
+    assert one.target.rotation[:, 0].round(9).tolist() == [
+        0.0,
+        1.0,
+        0.0,
+    ]  # Rz(90) Rx(180): x along +y
     assert (two.target.origin, two.blend) == ((4.0, 5.0, 6.0), 0.0)
 
 

@@ -9,7 +9,17 @@ from camgen_posts.readback.pacscript import read
 
 from camgen.model.errors import VerifyError
 from camgen.model.pose import TOOL_DOWN, Pose, translation
-from camgen.model.program import Instruction, Joints, MoveC, MoveJ, MoveL, Output, Posture, Program, Wait
+from camgen.model.program import (
+    Instruction,
+    Joints,
+    MoveC,
+    MoveJ,
+    MoveL,
+    Output,
+    Posture,
+    Program,
+    Wait,
+)
 from camgen.post import Remark
 from camgen.post.plugins import make_post
 from camgen.post.verify import compare
@@ -26,7 +36,9 @@ def at(x: float, y: float, z: float = 0.0) -> Pose:
 
 def text_of(body: tuple[Instruction, ...], options: Mapping[str, object]) -> str:
     post = make_post(PacScript, options)
-    program = Program("part", translation(300, -75, 150), translation(0, 0, 100), whole((HOME, *body)))
+    program = Program(
+        "part", translation(300, -75, 150), translation(0, 0, 100), whole((HOME, *body))
+    )
     (file,) = post.render(post.prepare(program, 0.01))
     return file.text
 
@@ -73,12 +85,27 @@ FAULTS = [
         "TakeArm Keep = 0 after the first motion: the frames may change",
     ),
     ("plain", "End Sub", "End Sub\nSub Move\nEnd Sub", "Move is a word of the language"),
-    ("plain", "End Sub", f"End Sub\nSub {'m' * 65}\nEnd Sub", f"the name {'m' * 20}... is longer than 64 characters"),
+    (
+        "plain",
+        "End Sub",
+        f"End Sub\nSub {'m' * 65}\nEnd Sub",
+        f"the name {'m' * 20}... is longer than 64 characters",
+    ),
     ("plain", "End Sub", "End Sub\nSub x(Speed)\nEnd Sub", "speed is a word of the language"),
     ("plain", "Sub Main", "#Define Then 5\nSub Main", "Then is a word of the language"),
-    ("plain", "Sub Main", "Sub Main(ByVal a As Single)", "Main has parameters, and nobody calls it with values"),
+    (
+        "plain",
+        "Sub Main",
+        "Sub Main(ByVal a As Single)",
+        "Main has parameters, and nobody calls it with values",
+    ),
     ("plain", "    Speed 10", "    Dim unit As Single = 1\n    Speed 10", "unit is declared twice"),
-    ("plain", "    Speed 10", "    Dim Timer As Single\n    Speed 10", "Timer is a word of the language"),
+    (
+        "plain",
+        "    Speed 10",
+        "    Dim Timer As Single\n    Speed 10",
+        "Timer is a word of the language",
+    ),
     (
         "plain",
         "    Speed 10",
@@ -87,8 +114,18 @@ FAULTS = [
     ),
     ("plain", "    Speed 10", "    Dim b As Simple\n    Speed 10", "simple is no type"),
     ("plain", "unit As Single", "unit As Integer", "unit is Integer and does not hold this value"),
-    ("plain", "unit As Single", "unit As Position", "unit is Position and does not hold this value"),
-    ("parts", "ByVal unit As Single", "ByVal unit As Integer", "unit is Integer and does not hold this value"),
+    (
+        "plain",
+        "unit As Single",
+        "unit As Position",
+        "unit is Position and does not hold this value",
+    ),
+    (
+        "parts",
+        "ByVal unit As Single",
+        "ByVal unit As Integer",
+        "unit is Integer and does not hold this value",
+    ),
     ("plain", "ChangeTool 1", "ChangeTool 99", "tool 99; there are 0 to 63"),
     ("plain", "ChangeWork 1", "ChangeWork 64", "work 64; there are 0 to 63"),
     ("other", "    Tool 3,", "    Tool 0,", "tool 0; there are 1 to 63"),
@@ -121,14 +158,24 @@ REMARKS = [
     ("plain", GIVE, "    GiveArm\n    Reset IO[24]\nEnd Sub", "an output after GiveArm"),
     ("plain", GIVE, "    GiveArm\n    Delay 5\nEnd Sub", "a delay after GiveArm"),
     ("plain", "    Speed 10", "    TakeArm Keep = 1\n    Speed 10", "the arm is taken twice"),
-    ("plain", "TakeArm Keep = 0", "TakeArm 1 Keep = 0", "arm group 1, which no program of the post takes"),
+    (
+        "plain",
+        "TakeArm Keep = 0",
+        "TakeArm 1 Keep = 0",
+        "arm group 1, which no program of the post takes",
+    ),
     (
         "plain",
         "@0 P(30.000, 0.000, 0.000, 180.0000, 0.0000, 0.0000, 5)",
         "@0 P(30.000, 0.000, 0.000, 180.0000, 0.0000, 0.0000, 1)",
         "from figure 5 to 1 along a line",
     ),
-    ("plain", "Delay 150", "Delay 0.15", "a delay of 0.15 ms, no whole number; seconds are not meant"),
+    (
+        "plain",
+        "Delay 150",
+        "Delay 0.15",
+        "a delay of 0.15 ms, no whole number; seconds are not meant",
+    ),
     (
         "plain",
         "    ChangeTool 1",
@@ -137,7 +184,12 @@ REMARKS = [
     ),
     ("plain", GIVE, f"    ExtSpeed 100\n{GIVE}", "ExtSpeed 100, by post.ext_speed it is 0: none"),
     ("other", "    ExtSpeed 50\n", "", "no ExtSpeed, by post.ext_speed it is 50"),
-    ("other", "ExtSpeed 50", "ExtSpeed 50, 20, 20", "ExtSpeed with an acceleration, which no option asks for"),
+    (
+        "other",
+        "ExtSpeed 50",
+        "ExtSpeed 50, 20, 20",
+        "ExtSpeed with an acceleration, which no option asks for",
+    ),
     ("plain", "Accel 50, 50", "Accel 100, 100", "Accel is 100, 100, by post.accel it is 50, 50"),
     ("other", "Accel 80, 80", "Accel 80, 100", "Accel is 80, 100, by post.accel it is 80, 80"),
     ("plain", "    Accel 50, 50\n", "", "Accel is not set after Speed, by post.accel it is 50, 50"),
@@ -147,7 +199,12 @@ REMARKS = [
         "    Accel 50, 50\n    Speed 10\n",
         "Accel is not set after Speed, by post.accel it is 50, 50",
     ),
-    ("plain", "    Set IO[24]", "    Decel 5\n    Set IO[24]", "Accel is 50, 5, by post.accel it is 50, 50"),
+    (
+        "plain",
+        "    Set IO[24]",
+        "    Decel 5\n    Set IO[24]",
+        "Accel is 50, 5, by post.accel it is 50, 50",
+    ),
     ("plain", GIVE, f"    Accel 5\n{GIVE}", "Accel is 5, 50, by post.accel it is 50, 50"),
     (
         "plain",
@@ -158,7 +215,12 @@ REMARKS = [
     ("plain", "Speed 10", "Speed 20", "Speed 20, by post.internal_speed it is 10"),
     ("plain", "Speed 10", "Speed Mps(9)", "Speed by Mps, by post.internal_speed it is 10"),
     ("plain", "    Speed 10\n", "", "no Speed, by post.internal_speed it is 10"),
-    ("plain", "Keep = 0", "Keep = 1", "TakeArm without Keep = 0, so that what the last program has set may hold"),
+    (
+        "plain",
+        "Keep = 0",
+        "Keep = 1",
+        "TakeArm without Keep = 0, so that what the last program has set may hold",
+    ),
     (
         "plain",
         "TakeArm Keep = 0",
@@ -177,15 +239,30 @@ REMARKS = [
         "    ForceCtrl False\n    TakeArm Keep = 0\n",
         "a force change before TakeArm",
     ),
-    ("plain", VIA, VIA.replace(", 5)", ", -1)"), "the via point of an arc leaves its figure open, its end has 5"),
+    (
+        "plain",
+        VIA,
+        VIA.replace(", 5)", ", -1)"),
+        "the via point of an arc leaves its figure open, its end has 5",
+    ),
     (
         "plain",
         ARC_END,
         ARC_END.replace(", 5)", ", -1)"),
         "the via point of an arc has figure 5, its end leaves it open",
     ),
-    ("plain", f"@0 {TARGET}", f"@E {TARGET}", "the pass mark @E, which no program of the post says"),
-    ("plain", f"@0 {TARGET}", f"@C {TARGET}", "the pass mark @C, which no program of the post says"),
+    (
+        "plain",
+        f"@0 {TARGET}",
+        f"@E {TARGET}",
+        "the pass mark @E, which no program of the post says",
+    ),
+    (
+        "plain",
+        f"@0 {TARGET}",
+        f"@C {TARGET}",
+        "the pass mark @C, which no program of the post says",
+    ),
     ("plain", f"@0 {TARGET}", f"@2 {TARGET}", "a blend in mm, by post.pass_mark it is @P"),
     ("mm", f"@0 {TARGET}", f"@P {TARGET}", "@P, by post.pass_mark blends are in mm"),
     ("plain", f"@0 {TARGET}", f"@0 {TARGET[1:]}", BARE),
@@ -196,7 +273,12 @@ REMARKS = [
     ("plain", TARGET, TARGET.replace("0.000, 180", ", 180"), LEFT_OUT),
     ("plain", HOME_JOINTS, HOME_JOINTS.replace("30.0000, 0.0000)", "30.0000, )"), LEFT_OUT),
     ("plain", HOME_JOINTS, HOME_JOINTS.replace("(0.0000, ", "(, "), LEFT_OUT),
-    ("plain", "    Set IO[24]", "    ForceParam 1, 2, P(0, 5, 0, 0, , 0)\n    Set IO[24]", LEFT_OUT),
+    (
+        "plain",
+        "    Set IO[24]",
+        "    ForceParam 1, 2, P(0, 5, 0, 0, , 0)\n    Set IO[24]",
+        LEFT_OUT,
+    ),
     ("plain", TARGET, TARGET.replace(", 180.0000", ", --180.0000"), SIGNS),
     ("plain", TARGET, TARGET.replace(", 5)", ", 10 / +2)"), SIGNS),
     ("plain", OUT, "        Exit Sub\n", OTHERWISE),
@@ -224,16 +306,23 @@ TAKEN = [
 
 def found(options: Mapping[str, object], before: str, after: str) -> list[tuple[bool, str]]:
     """Whether each thing that is found in a program with one change is a remark, and its words."""
-    return [(remark, what) for _, remark, what in find_after(read, text_of(CUT, options), options, before, after)]
+    return [
+        (remark, what)
+        for _, remark, what in find_after(read, text_of(CUT, options), options, before, after)
+    ]
 
 
 @pytest.mark.parametrize(("options", "before", "after", "what"), FAULTS)
-def test_what_no_controller_takes_is_a_fault(options: str, before: str, after: str, what: str) -> None:
+def test_what_no_controller_takes_is_a_fault(
+    options: str, before: str, after: str, what: str
+) -> None:
     assert (False, what) in found(OPTIONS[options], before, after)
 
 
 @pytest.mark.parametrize(("options", "before", "after", "what"), REMARKS)
-def test_what_no_option_asks_for_is_a_remark(options: str, before: str, after: str, what: str) -> None:
+def test_what_no_option_asks_for_is_a_remark(
+    options: str, before: str, after: str, what: str
+) -> None:
     remarks = [one for one in found(OPTIONS[options], before, after) if one[1] == what]
     assert remarks == [(True, what)]
 
@@ -245,19 +334,35 @@ def test_what_means_the_same_needs_no_remark(options: str, before: str, after: s
 
 def test_the_internal_speed_is_left_alone_where_motions_run_at_it() -> None:
     """Then it is compared with theirs."""
-    lines = "TakeArm Keep = 0", "Speed 30", "Accel 50, 50", "ChangeTool 1", "ChangeWork 1", "Move P, @0 P(1, 2, 3)"
+    lines = (
+        "TakeArm Keep = 0",
+        "Speed 30",
+        "Accel 50, 50",
+        "ChangeTool 1",
+        "ChangeWork 1",
+        "Move P, @0 P(1, 2, 3)",
+    )
     for last in ("Move P, @0 P(4, 5, 6)", "Move P, @0 P(4.0, 5.0, 6.0), Speed = 5"):
         text = "\n".join(("Sub Main", *lines, last, "GiveArm", "End Sub", ""))
         assert read({"a": text}, {}).faults == ()
     text = text.replace("P(1, 2, 3)", "P(1, 2, 3), Speed = 5")
-    assert [one.what for one in read({"a": text}, {}).faults] == ["Speed 30, by post.internal_speed it is 10"]
+    assert [one.what for one in read({"a": text}, {}).faults] == [
+        "Speed 30, by post.internal_speed it is 10"
+    ]
 
 
 def test_another_radius_of_a_blend_is_found_where_it_is_in_mm() -> None:
     options: dict[str, object] = {"pass_mark": "mm"}
     post = make_post(PacScript, options)
-    body = (HOME, MoveJ(at(0, 0, 20), 100.0), MoveL(at(9, 0, 20), 20.0, 2.0), MoveL(at(9, 9, 20), 20.0))
-    program = post.prepare(Program("part", translation(300, -75, 150), translation(0, 0, 100), whole(body)), 0.01)
+    body = (
+        HOME,
+        MoveJ(at(0, 0, 20), 100.0),
+        MoveL(at(9, 0, 20), 20.0, 2.0),
+        MoveL(at(9, 9, 20), 20.0),
+    )
+    program = post.prepare(
+        Program("part", translation(300, -75, 150), translation(0, 0, 100), whole(body)), 0.01
+    )
     (file,) = post.render(program)
     assert file.text.count("@2 ") == 1
     compare(program, read({"a": file.text}, options), post.tolerance(), post.list_verified(), "a")
@@ -288,7 +393,9 @@ def test_a_figure_that_is_left_open_is_not_held_against_the_next() -> None:
     text = text_of(CUT, {})
     lines = text.splitlines(keepends=True)
     at_once = [k for k, line in enumerate(lines) if "Move L" in line]
-    opened = [line.replace(", 5)", ", -1)") if k == at_once[0] else line for k, line in enumerate(lines)]
+    opened = [
+        line.replace(", 5)", ", -1)") if k == at_once[0] else line for k, line in enumerate(lines)
+    ]
     arc = next(k for k, line in enumerate(lines) if "Move C" in line)
     other = [line.replace(", 5)", ", 1)") if k >= arc else line for k, line in enumerate(opened)]
     assert read({"a": "".join(opened)}, {}).faults == ()

@@ -36,7 +36,9 @@ def arcs(draw):
 
     def point(fraction):
         a = sweep * fraction
-        return tuple((centre + plane @ (radius * np.array([math.cos(a), math.sin(a), 0.0]))).tolist())
+        return tuple(
+            (centre + plane @ (radius * np.array([math.cos(a), math.sin(a), 0.0]))).tolist()
+        )
 
     first = rotation_from_fixed_xyz(draw(ANGLES), draw(ANGLES), draw(ANGLES))
     turn = draw(st.sampled_from([0.0, 0.5, 2.0]))
@@ -61,7 +63,8 @@ def test_a_circle_through_three_points(drawn):
 
 
 @pytest.mark.parametrize(
-    "points", [((0, 0, 0), (1, 0, 0), (2, 0, 0)), ((0, 0, 0),) * 3, ((0, 0, 0), (1, 1, 1), (1, 1, 1))]
+    "points",
+    [((0, 0, 0), (1, 0, 0), (2, 0, 0)), ((0, 0, 0),) * 3, ((0, 0, 0), (1, 1, 1), (1, 1, 1))],
 )
 def test_three_points_on_a_line_are_no_circle(points):
     with pytest.raises(ValueError, match="on one line"):
@@ -91,7 +94,9 @@ def test_chords_stay_within_the_tolerance_and_reach_the_end(drawn, tolerance):
         assert line.blend > 0
         assert zone * math.sin(sweep / len(lines) / 2) / 2 <= tolerance * (1 + 1e-9)
     turns = [angle_between(start.rotation, line.target.rotation) for line in lines]
-    assert turns == pytest.approx([turn * (i + 1) / len(lines) for i in range(len(lines))], abs=1e-6)
+    assert turns == pytest.approx(
+        [turn * (i + 1) / len(lines) for i in range(len(lines))], abs=1e-6
+    )
 
 
 @given(arcs())
@@ -104,11 +109,15 @@ def test_halves_are_the_same_arc(drawn):
         begin, middle, end = here.origin, piece.via.origin, piece.target.origin
         for point in (begin, middle, end):
             arm = np.array(point) - centre
-            assert np.linalg.norm(arm) == pytest.approx(radius, abs=1e-9 * max(1, radius / sweep**2))
+            assert np.linalg.norm(arm) == pytest.approx(
+                radius, abs=1e-9 * max(1, radius / sweep**2)
+            )
             assert float(arm @ axis) == pytest.approx(0, abs=1e-8 * max(1, radius))
         assert math.dist(begin, middle) == pytest.approx(2 * radius * math.sin(sweep / 8), abs=1e-7)
         assert math.dist(middle, end) == pytest.approx(2 * radius * math.sin(sweep / 8), abs=1e-7)
-        assert angle_between(here.rotation, piece.target.rotation) == pytest.approx(turn / 2, abs=1e-6)
+        assert angle_between(here.rotation, piece.target.rotation) == pytest.approx(
+            turn / 2, abs=1e-6
+        )
         here = piece.target
     assert pieces[0].target.origin == pytest.approx(arc.via.origin, abs=1e-7)
     assert pieces[0].blend > 0
@@ -126,13 +135,19 @@ LEVEL = st.tuples(*[st.floats(-300, 300)] * 2, RADII, ANGLES, st.floats(-math.pi
 def test_halves_by_column_are_the_same_to_the_last_bit(drawn, blend, z):
     body = [MoveJ(Joints((0.0,) * 6), 50.0)]
     for x, y, radius, begin, sweep in drawn:
-        points = [(x + radius * math.cos(a), y + radius * math.sin(a), z) for a in np.linspace(begin, begin + sweep, 3)]
+        points = [
+            (x + radius * math.cos(a), y + radius * math.sin(a), z)
+            for a in np.linspace(begin, begin + sweep, 3)
+        ]
         try:
             circle(*points)
         except ValueError:
             continue
         via, end = (Pose(TOOL_DOWN, point) for point in points[1:])
-        body += [MoveL(Pose(TOOL_DOWN, points[0]), 40.0), MoveC(via, end, 20.0, blend, path=3, work=True)]
+        body += [
+            MoveL(Pose(TOOL_DOWN, points[0]), 40.0),
+            MoveC(via, end, 20.0, blend, path=3, work=True),
+        ]
     found, made = halve_each(Columns(body), np.arange(2, len(body), 2))
     assert found.tolist() == list(range(2, len(body), 2))
     planned = [piece for k in found for piece in halves(body[k - 1].target, body[k], 0.01)]
@@ -173,7 +188,9 @@ def test_the_press_turns_with_the_arc(name, drawn):
 
 def test_a_press_of_nothing_stays_nothing():
     arc = MoveC(Pose(TOOL_DOWN, (5.0, 5.0, 0.0)), Pose(TOOL_DOWN, (0.0, 10.0, 0.0)), 10.0)
-    pieces = [p for one in PASSES.values() for p in one(Pose(TOOL_DOWN, (0.0, 0.0, 0.0)), arc, 0.05)]
+    pieces = [
+        p for one in PASSES.values() for p in one(Pose(TOOL_DOWN, (0.0, 0.0, 0.0)), arc, 0.05)
+    ]
     assert {piece.force_direction for piece in pieces} == {(0.0, 0.0, 0.0)}
 
 
@@ -200,7 +217,9 @@ def test_a_replacement_that_is_turned_down_says_why() -> None:
 
     class Fussy(VPlus):
         def why_not(self, item, start):  # type: ignore[no-untyped-def]
-            return super().why_not(item, start) or ("this line is too short" if isinstance(item, MoveL) else "")
+            return super().why_not(item, start) or (
+                "this line is too short" if isinstance(item, MoveL) else ""
+            )
 
     home = MoveJ(Joints((0.0,) * 4), 100.0)
     start = Pose(TOOL_DOWN, (0.0, 0.0, 0.0))
@@ -214,7 +233,9 @@ def test_a_replacement_that_is_turned_down_says_why() -> None:
 def test_a_tool_that_presses_along_itself_does_so_on_all_pieces_of_an_arc() -> None:
     """The tool leans and does not turn, the arc does: its pieces press as it does, not turned with the arc."""
     rotation = frozen([[1, 0, 0], [0, -0.8, -0.6], [0, 0.6, -0.8]])
-    start, via, end = (Pose(rotation, place) for place in ((10.0, 0.0, 0.0), (0.0, 10.0, 0.0), (-10.0, 0.0, 0.0)))
+    start, via, end = (
+        Pose(rotation, place) for place in ((10.0, 0.0, 0.0), (0.0, 10.0, 0.0), (-10.0, 0.0, 0.0))
+    )
     press = (0.0, -0.6, -0.8)
     arc = MoveC(via, end, 20.0, 0.0, 5.0, press)
     for pieces in (halves(start, arc, 0.01), chords(start, arc, 0.5)):

@@ -15,7 +15,15 @@ from camgen.cli import main
 from camgen.model import plugins
 from camgen.model.errors import JobError
 from camgen.post import Post
-from camgen.post.plugins import POSTS, READBACKS, fill_tables, find_post, find_readback, list_installed, make_post
+from camgen.post.plugins import (
+    POSTS,
+    READBACKS,
+    fill_tables,
+    find_post,
+    find_readback,
+    list_installed,
+    make_post,
+)
 
 POST = """
 from dataclasses import dataclass, field
@@ -116,9 +124,16 @@ def install(tmp_path, monkeypatch, posts, readbacks, module):
 
 def test_a_foreign_post_is_listed_with_where_it_came_from(tmp_path, monkeypatch):
     module = POST.format(name="Mini") + "def read(files, options): return None\n"
-    found = install(tmp_path, monkeypatch, ["strange=strange_post:Mini"], ["strange=strange_post:read"], module)
+    found = install(
+        tmp_path, monkeypatch, ["strange=strange_post:Mini"], ["strange=strange_post:read"], module
+    )
     entry = found["strange"]
-    assert (entry.origin, entry.suffix, entry.about, entry.broken) == ("strange 3.1", ".min", "a post in a file", "")
+    assert (entry.origin, entry.suffix, entry.about, entry.broken) == (
+        "strange 3.1",
+        ".min",
+        "a post in a file",
+        "",
+    )
 
 
 @pytest.mark.parametrize(
@@ -133,9 +148,13 @@ def test_a_foreign_post_is_listed_with_where_it_came_from(tmp_path, monkeypatch)
         ("try:\n    while True: pass\nexcept Exception: pass\n", "TooLong: it takes more than 1 s"),
     ],
 )
-def test_a_broken_plug_in_is_listed_with_its_reason_and_stops_no_other(tmp_path, monkeypatch, module, says):
+def test_a_broken_plug_in_is_listed_with_its_reason_and_stops_no_other(
+    tmp_path, monkeypatch, module, says
+):
     monkeypatch.setattr(plugins, "SECONDS", 1)
-    found = install(tmp_path, monkeypatch, ["strange=strange_post:Mini"], ["strange=strange_post:read"], module)
+    found = install(
+        tmp_path, monkeypatch, ["strange=strange_post:Mini"], ["strange=strange_post:read"], module
+    )
     assert says in found["strange"].broken
     assert found["strange"].origin == "strange 3.1"
     assert {"gcode", "rapid"} <= set(found)
@@ -143,8 +162,12 @@ def test_a_broken_plug_in_is_listed_with_its_reason_and_stops_no_other(tmp_path,
 
 def test_what_a_plug_in_prints_is_no_result(tmp_path, monkeypatch, capsys):
     """Standard output is what scripts read."""
-    module = "print('welcome')\n" + POST.format(name="Mini") + "def read(files, options): return None\n"
-    install(tmp_path, monkeypatch, ["strange=strange_post:Mini"], ["strange=strange_post:read"], module)
+    module = (
+        "print('welcome')\n" + POST.format(name="Mini") + "def read(files, options): return None\n"
+    )
+    install(
+        tmp_path, monkeypatch, ["strange=strange_post:Mini"], ["strange=strange_post:read"], module
+    )
     monkeypatch.delitem(sys.modules, "strange_post", raising=False)
     capsys.readouterr()
     assert main(["posts"]) == 0
@@ -154,7 +177,9 @@ def test_what_a_plug_in_prints_is_no_result(tmp_path, monkeypatch, capsys):
 
 
 @pytest.mark.parametrize("does", ["raise SystemExit(0)", "raise RuntimeError('dongle')"])
-def test_a_post_that_fails_at_its_work_is_told_and_leaves_nothing(tmp_path, monkeypatch, capsys, does):
+def test_a_post_that_fails_at_its_work_is_told_and_leaves_nothing(
+    tmp_path, monkeypatch, capsys, does
+):
     """An end with 0 and without a program would be taken for one."""
     text = f"from camgen_posts.gcode import GCode\nclass Own(GCode):\n    def end(self, program): {does}\n"
     path = write(tmp_path, text + "def read(files, options): return None\n")
@@ -167,7 +192,9 @@ def test_a_post_that_fails_at_its_work_is_told_and_leaves_nothing(tmp_path, monk
 
 
 def test_a_post_without_a_readback_is_listed_as_broken(tmp_path, monkeypatch):
-    found = install(tmp_path, monkeypatch, ["strange=strange_post:Mini"], [], POST.format(name="Mini"))
+    found = install(
+        tmp_path, monkeypatch, ["strange=strange_post:Mini"], [], POST.format(name="Mini")
+    )
     assert "has no read-back" in found["strange"].broken
 
 
@@ -184,7 +211,13 @@ class Options(Post):
 
 def test_options_are_those_of_the_post():
     post = make_post(Options, {"count": 3, "ratio": 1, "numbers": {"a": 1}, "decimals": 4})
-    assert (post.count, post.ratio, post.numbers, post.decimals, post.program) == (3, 1, {"a": 1}, 4, "")
+    assert (post.count, post.ratio, post.numbers, post.decimals, post.program) == (
+        3,
+        1,
+        {"a": 1},
+        4,
+        "",
+    )
 
 
 @pytest.mark.parametrize(
@@ -215,7 +248,10 @@ def test_options_that_cannot_be_meant_are_named(options, says):
 )
 def test_a_signal_that_is_given_leaves_the_default_ones(name, process, other):
     post = find_post(name)
-    assert make_post(post, {"signals": {"flood": other}}).signals == {"process": process, "flood": other}
+    assert make_post(post, {"signals": {"flood": other}}).signals == {
+        "process": process,
+        "flood": other,
+    }
     assert make_post(post, {"signals": {"process": other}}).signals == {"process": other}
     # The output of the default is given to another signal.
     assert make_post(post, {"signals": {"dout0": process}}).signals == {"dout0": process}
@@ -223,9 +259,13 @@ def test_a_signal_that_is_given_leaves_the_default_ones(name, process, other):
     assert fill_tables(post, {"signals": 3, "decimals": 4}) == {"signals": 3, "decimals": 4}
 
 
-@pytest.mark.parametrize(("name", "flood"), [("rapid", "doFlood"), ("pacscript", 30), ("vplus", 40), ("gcode", "M8")])
+@pytest.mark.parametrize(
+    ("name", "flood"), [("rapid", "doFlood"), ("pacscript", 30), ("vplus", 40), ("gcode", "M8")]
+)
 def test_a_build_with_one_more_signal_is_read_back_with_it(name, flood):
     square = part([(0, 0), (40, 0), (40, 30), (0, 30), (0, 0)])
-    plain, more = (build(square, post=name, job={"post": post}) for post in ({}, {"signals": {"flood": flood}}))
+    plain, more = (
+        build(square, post=name, job={"post": post}) for post in ({}, {"signals": {"flood": flood}})
+    )
     strip = re.compile(r"job [0-9a-f]{12}")
     assert strip.sub("", more.text) == strip.sub("", plain.text)

@@ -50,10 +50,18 @@ def bodies(draw: st.DrawFn) -> list[object]:
     for kind in draw(st.lists(st.sampled_from("JLLAAACOWT"), max_size=14)):
         owner = draw(path)
         if kind == "A":
-            radius, begin, sweep = draw(st.floats(3, 40)), draw(st.floats(-3, 3)), draw(st.sampled_from([1.5, -1.5]))
+            radius, begin, sweep = (
+                draw(st.floats(3, 40)),
+                draw(st.floats(-3, 3)),
+                draw(st.sampled_from([1.5, -1.5])),
+            )
             centre = here[0] - radius * math.cos(begin), here[1] - radius * math.sin(begin)
             ends = [
-                (centre[0] + radius * math.cos(begin + a), centre[1] + radius * math.sin(begin + a), here[2])
+                (
+                    centre[0] + radius * math.cos(begin + a),
+                    centre[1] + radius * math.sin(begin + a),
+                    here[2],
+                )
                 for a in (sweep / 2, sweep)
             ]
             here = ends[1]
@@ -62,16 +70,25 @@ def bodies(draw: st.DrawFn) -> list[object]:
         elif kind in "JLT":
             here = draw(point)
             made = MoveJ if kind == "J" else MoveL
-            posture = Posture(confdata=(0, 1, 0, 0)) if kind == "T" and draw(st.booleans()) else None
-            body.append(made(Pose(TOOL_DOWN, here), draw(speed), draw(blend), posture=posture, path=owner))
+            posture = (
+                Posture(confdata=(0, 1, 0, 0)) if kind == "T" and draw(st.booleans()) else None
+            )
+            body.append(
+                made(Pose(TOOL_DOWN, here), draw(speed), draw(blend), posture=posture, path=owner)
+            )
         elif kind == "C":
             body.append(Comment(draw(st.sampled_from(["100 %", "c1", "%s %d"]))))
         else:
-            body.append(Output("process", draw(st.sampled_from([0.0, 1.0]))) if kind == "O" else Wait(0.5))
+            body.append(
+                Output("process", draw(st.sampled_from([0.0, 1.0]))) if kind == "O" else Wait(0.5)
+            )
     body += [MoveL(Pose(TOOL_DOWN, (1.0, 1.0, 20.0)), 30.0), Output("process", 0.0)]
     spoken = [item for item in body if not isinstance(item, Comment)]
     stops = {id(a) for a, b in pairwise(spoken) if not isinstance(b, MoveJ | MoveL | MoveC)}
-    return [replace(item, blend=0.0) if id(item) in stops and hasattr(item, "blend") else item for item in body]
+    return [
+        replace(item, blend=0.0) if id(item) in stops and hasattr(item, "blend") else item
+        for item in body
+    ]
 
 
 def _one_by_one(name: str) -> type[Post]:
@@ -90,12 +107,19 @@ def _program(name: str, body: list[object]) -> Program:
 
 @pytest.mark.parametrize("name", POSTS)
 @given(body=bodies(), most=st.sampled_from([0, 0, 8]))
-def test_by_column_a_post_prints_what_it_prints_one_by_one(name: str, body: list[object], most: int) -> None:
+def test_by_column_a_post_prints_what_it_prints_one_by_one(
+    name: str, body: list[object], most: int
+) -> None:
     options: dict[str, object] = {"max_lines": most} if name == "rapid" else {}
     texts = []
     for kind in (find_post(name), _one_by_one(name)):
         post = make_post(kind, options)
-        texts.append([(file.name, file.text) for file in post.render(post.prepare(_program(name, body), 0.05))])
+        texts.append(
+            [
+                (file.name, file.text)
+                for file in post.render(post.prepare(_program(name, body), 0.05))
+            ]
+        )
     assert texts[0] == texts[1]
 
 
@@ -103,7 +127,10 @@ def test_by_column_a_post_prints_what_it_prints_one_by_one(name: str, body: list
 def test_usual_motions_are_printed_by_column(name: str) -> None:
     post = make_post(find_post(name), {})
     body = [MoveJ(Pose(TOOL_DOWN, (0.0, 0.0, 50.0)), 100.0)]
-    body += [MoveL(Pose(TOOL_DOWN, (k / 7, k % 5 / 3, 0.0)), 10.0 + k % 3, float(k < 99)) for k in range(100)]
+    body += [
+        MoveL(Pose(TOOL_DOWN, (k / 7, k % 5 / 3, 0.0)), 10.0 + k % 3, float(k < 99))
+        for k in range(100)
+    ]
     program = post.prepare(_program(name, body), 0.05)
     post.render(program)
     forms = post.forms(program)
@@ -118,7 +145,10 @@ def test_a_class_that_prints_motions_otherwise_than_its_parent_is_asked_for_each
         def movel(self, motion: MoveL) -> list[str]:
             return [*super().movel(motion), "(line)"]
 
-    body = [MoveJ(Pose(TOOL_DOWN, (0.0, 0.0, 50.0)), 100.0), *(MoveL(Pose(TOOL_DOWN, (k, 0, 0)), 10.0) for k in (1, 2))]
+    body = [
+        MoveJ(Pose(TOOL_DOWN, (0.0, 0.0, 50.0)), 100.0),
+        *(MoveL(Pose(TOOL_DOWN, (k, 0, 0)), 10.0) for k in (1, 2)),
+    ]
     (file,) = make_post(Loud, {}).render(_program("gcode", body))
     assert file.text.count("(line)") == 2
 
@@ -127,7 +157,9 @@ def test_a_class_that_prints_motions_otherwise_than_its_parent_is_asked_for_each
 @given(values=st.lists(st.one_of(number, st.floats(-1e5, 1e5)), max_size=6))
 def test_numbers_are_rounded_as_their_text_is(decimals: int, values: list[float]) -> None:
     found = rounded(np.array(values), decimals)
-    assert [fixed(value, decimals) for value in found.tolist()] == [fixed(value, decimals) for value in values]
+    assert [fixed(value, decimals) for value in found.tolist()] == [
+        fixed(value, decimals) for value in values
+    ]
     assert not np.signbit(found[found == 0]).any()
 
 
@@ -156,7 +188,9 @@ def test_lines_are_a_sequence_of_lines() -> None:
 
 def test_lines_that_are_given_are_cut_between_instructions() -> None:
     given_lines = [["a"], [], ["b", "c", "d"], ["e"], ["f"], []]
-    columns = _program("gcode", [MoveJ(Pose(TOOL_DOWN, (0.0, 0.0, k)), 100.0) for k in range(6)]).columns
+    columns = _program(
+        "gcode", [MoveJ(Pose(TOOL_DOWN, (0.0, 0.0, k)), 100.0) for k in range(6)]
+    ).columns
     printed = as_printed(columns, given_lines)
     assert as_printed(columns, printed) is printed
     assert [list(part) for part in printed.parts(2)] == [["a"], ["b", "c", "d"], ["e", "f"]]
@@ -169,7 +203,9 @@ def test_each_instruction_has_its_lines() -> None:
     arc = MoveC(Pose(TURNED, (8.0, 2.0, 0.0)), Pose(TURNED, (10.0, 10.0, 0.0)), 10.0)
     program = _program("rapid", [MoveL(Pose(TURNED, (0.0, 0.0, 0.0)), 10.0), arc, Comment("5 %")])
     post.render(program)
-    printed = Printed(program.columns, lambda items: map(post.line, items), lambda: post.forms(program))
+    printed = Printed(
+        program.columns, lambda items: map(post.line, items), lambda: post.forms(program)
+    )
     found = list(printed)
     assert [len(lines) for lines in found] == [1, 1, 2, 1] == printed.counts().tolist()
     assert found == [list(post.line(item)) for item in program.body]

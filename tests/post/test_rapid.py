@@ -58,7 +58,9 @@ def at(x: float, y: float, z: float) -> Pose:
 
 
 def program(*body: Instruction, name: str = "plate") -> Program:
-    return Program(name, translation(300, -75, 100), translation(0, 0, 100), whole(body), ("made by hand",))
+    return Program(
+        name, translation(300, -75, 100), translation(0, 0, 100), whole(body), ("made by hand",)
+    )
 
 
 def posted(plan: Program, **options: object) -> tuple[Program, dict[str, str]]:
@@ -87,9 +89,13 @@ def assert_same(plan: Program, reading: Reading, tolerance: Tolerance) -> None:
             assert_near(getattr(want, name, None), getattr(got, name, None), tolerance)
         for name, limit in (("speed", tolerance.speed), ("blend", tolerance.mm), ("seconds", tolerance.seconds),
                             ("value", 5e-4), ("force", tolerance.force), ("newtons", tolerance.force)):  # fmt: skip
-            assert getattr(got, name, 0) == pytest.approx(getattr(want, name, 0), rel=0, abs=limit + 1e-9)
+            assert getattr(got, name, 0) == pytest.approx(
+                getattr(want, name, 0), rel=0, abs=limit + 1e-9
+            )
         if getattr(want, "turn", 0):  # any motion of the text has a speed of turning
-            assert getattr(got, "turn", 0) == pytest.approx(getattr(want, "turn", 0), rel=0, abs=tolerance.turn)
+            assert getattr(got, "turn", 0) == pytest.approx(
+                getattr(want, "turn", 0), rel=0, abs=tolerance.turn
+            )
         assert getattr(got, "signal", "") == getattr(want, "signal", "")
         if getattr(want, "force", 0) or getattr(want, "newtons", 0):
             assert getattr(got, "force_direction", None) == pytest.approx(
@@ -97,7 +103,9 @@ def assert_same(plan: Program, reading: Reading, tolerance: Tolerance) -> None:
             )
 
 
-def assert_near(want: Pose | Joints | None, got: Pose | Joints | None, tolerance: Tolerance) -> None:
+def assert_near(
+    want: Pose | Joints | None, got: Pose | Joints | None, tolerance: Tolerance
+) -> None:
     assert type(got) is type(want)
     if isinstance(want, Joints) and isinstance(got, Joints):
         assert got.values == pytest.approx(want.values, rel=0, abs=tolerance.joint + 1e-12)
@@ -132,7 +140,9 @@ def test_small_program_to_the_letter() -> None:
         Output("process", 0),
     )
     tool = "[[0.000,0.000,100.000],[1.0000000,0.0000000,0.0000000,0.0000000]],[0.001,[0,0,0.001],[1,0,0,0],0,0,0]"
-    work = "[[300.000,-75.000,100.000],[1.0000000,0.0000000,0.0000000,0.0000000]],[[0,0,0],[1,0,0,0]]"
+    work = (
+        "[[300.000,-75.000,100.000],[1.0000000,0.0000000,0.0000000,0.0000000]],[[0,0,0],[1,0,0,0]]"
+    )
     tail = "tCamgen\\WObj:=wCamgen;"
     expected = f"""MODULE plate
     ! made by hand
@@ -189,14 +199,18 @@ def test_the_page_shows_a_program_that_is_read_and_is_safe() -> None:
 
 def test_confdata_is_stated_and_supervised_where_it_is_known() -> None:
     known = Posture((-1, 1, 2, 0), 5)
-    plan = program(HOME, MoveJ(at(0, 0, 9), 100.0, posture=known), MoveL(at(0, 0, 0), 20.0, posture=known))
+    plan = program(
+        HOME, MoveJ(at(0, 0, 9), 100.0, posture=known), MoveL(at(0, 0, 0), 20.0, posture=known)
+    )
     text = posted(plan)[1]["plate.mod"]
     assert "ConfJ\\On;" in text
     assert "ConfL\\On;" in text
     assert text.count(f",[-1,1,2,0],{E9}") == 2
     unknown = program(*plan.body, MoveL(at(5, 0, 0), 20.0))
     assert "ConfL\\Off;" in posted(unknown)[1]["plate.mod"]
-    unsure = program(*plan.body, MoveL(at(5, 0, 0), 20.0, joints=Joints((0.1,) * 6), posture=Posture(None, 5)))
+    unsure = program(
+        *plan.body, MoveL(at(5, 0, 0), 20.0, joints=Joints((0.1,) * 6), posture=Posture(None, 5))
+    )
     assert "ConfL\\Off;" in posted(unsure)[1]["plate.mod"]
     stated = posted(plan, conf="state")[1]["plate.mod"]
     assert "ConfJ\\Off;" in stated
@@ -212,7 +226,9 @@ def test_confdata_is_stated_and_supervised_where_it_is_known() -> None:
     [(5.0, 0.0, "v5,fine"), (7000.0, 0.3, "v7000,z0"), (6.0, 1.0, "vCam6,z1"), (20.0004, 200.0, "v20,z200"),
      (0.001, 0.0, "vCam0_001,fine"), (90.125, 199.9, "vCam90_125,zCam199_9")],
 )  # fmt: skip
-def test_predefined_speeds_and_zones_only_where_they_exist(speed: float, blend: float, names: str) -> None:
+def test_predefined_speeds_and_zones_only_where_they_exist(
+    speed: float, blend: float, names: str
+) -> None:
     plan = program(HOME, MoveL(at(0, 0, 0), speed, blend), MoveL(at(900, 0, 0), 20.0))
     assert lines(plan)[1].endswith(f"{names},tCamgen\\WObj:=wCamgen;")
     assert_same(plan, read(posted(plan)[1], {}), Rapid().tolerance())
@@ -249,7 +265,9 @@ def test_a_stop_waits_for_the_operator_and_is_read_back() -> None:
 def test_rapid_has_no_optional_stop() -> None:
     post = make_post(Rapid, {})
     with pytest.raises(Refused, match="no optional stop"):
-        post.render(post.prepare(program(HOME, MoveJ(at(0, 0, 5), 50.0), Stop(optional=True)), 0.01))
+        post.render(
+            post.prepare(program(HOME, MoveJ(at(0, 0, 5), 50.0), Stop(optional=True)), 0.01)
+        )
 
 
 def test_spindle_is_an_analog_output() -> None:
@@ -287,7 +305,14 @@ def inward(angle: float) -> tuple[float, float, float]:
 
 
 def pressing(*body: Instruction) -> Program:
-    return program(HOME, MoveL(on_disc(0), 50.0), Force(25.0, inward(0)), *body, Force(0.0), MoveL(on_disc(0, 9), 50.0))
+    return program(
+        HOME,
+        MoveL(on_disc(0), 50.0),
+        Force(25.0, inward(0)),
+        *body,
+        Force(0.0),
+        MoveL(on_disc(0, 9), 50.0),
+    )
 
 
 def pressed(angle: float, force: float = 25.0, blend: float = 0.0) -> MoveL:
@@ -297,7 +322,13 @@ def pressed(angle: float, force: float = 25.0, blend: float = 0.0) -> MoveL:
 @pytest.mark.parametrize(("sign", "plus"), [(1, ""), (-1, "-")])
 def test_a_pressing_section(sign: int, plus: str) -> None:
     options: dict[str, object] = {"force_sign": sign, "force_load": "lTool", "force_change": 10.0}
-    plan = pressing(Output("process", 1), pressed(0), pressed(0.1, 24.5, 1.0), pressed(0.2), Output("process", 0))
+    plan = pressing(
+        Output("process", 1),
+        pressed(0),
+        pressed(0.1, 24.5, 1.0),
+        pressed(0.2),
+        Output("process", 0),
+    )
     got = lines(plan, **options)
     start = f"[[20.000,0.000,-2.000],[0.0000000,0.0000000,1.0000000,0.0000000],[0,0,0,0],{E9}]"
     tail = "tCamgen\\WObj:=wCamgen;"
@@ -318,10 +349,21 @@ def test_a_pressing_section(sign: int, plus: str) -> None:
 
 def test_pressing_against_the_tool_axis_is_negative() -> None:
     up = (0.0, 0.0, 1.0)
-    plan = program(HOME, MoveL(at(0, 0, 0), 9.0), Force(5, up), MoveL(at(9, 0, 0), 9.0, 0, 5, up), Force(0), HOME)
-    with pytest.raises(Refused, match=r"^rapid: the motion that leaves the surface must be straight"):
+    plan = program(
+        HOME,
+        MoveL(at(0, 0, 0), 9.0),
+        Force(5, up),
+        MoveL(at(9, 0, 0), 9.0, 0, 5, up),
+        Force(0),
+        HOME,
+    )
+    with pytest.raises(
+        Refused, match=r"^rapid: the motion that leaves the surface must be straight"
+    ):
         posted(plan)
-    plan = program(*plan.body[:-1], MoveC(at(9, 3, 3), at(9, 0, 6), 9.0, 1.0), MoveL(at(0, 0, 9), 9.0))
+    plan = program(
+        *plan.body[:-1], MoveC(at(9, 3, 3), at(9, 0, 6), 9.0, 1.0), MoveL(at(0, 0, 9), 9.0)
+    )
     prepared, files = posted(plan)
     assert "\\Fz:=-5,50,fine," in files["plate.mod"]
     assert_same(prepared, read(files, {}), Rapid().tolerance())
@@ -396,12 +438,18 @@ def test_refused(plan: Program, message: str) -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"program": "1st"}, "[post] program: '1st' is not a RAPID name: a letter, then letters, digits and _;"),
+        (
+            {"program": "1st"},
+            "[post] program: '1st' is not a RAPID name: a letter, then letters, digits and _;",
+        ),
         ({"program": "x" * 33}, "is longer than 32 characters"),
         ({"tool": "tToolWithALongName", "s4": True}, "is longer than 16 characters"),
         ({"tool": "Robtarget"}, "is taken already"),
         ({"signals": {"process": "do it"}}, "[post] signals.process: 'do it' is not a RAPID name"),
-        ({"signals": {"process": "END"}, "tool": "end"}, "[post] signals.process: 'END' is the name of tool already"),
+        (
+            {"signals": {"process": "END"}, "tool": "end"},
+            "[post] signals.process: 'END' is the name of tool already",
+        ),
         ({"signals": {"process": "Trap"}}, "'Trap' is a reserved word of RAPID"),
         ({"force_load": "[1,[0,0]]"}, "[post] force_load"),
         ({"mass": 0.0}, "[post] mass: 0 is not 0.001 to 1000"),
@@ -409,11 +457,20 @@ def test_refused(plan: Program, message: str) -> None:
         ({"cog": [1.0]}, "[post] cog: 1 number; give x, y, z in mm"),
         ({"decimals": 9}, "[post] decimals: 9 is not 0 to 6"),
         ({"force": "hard"}, "Invalid enum value 'hard'"),
-        ({"program": "user"}, "'user' is taken already: predefined, of a system module, or given by the post itself"),
+        (
+            {"program": "user"},
+            "'user' is taken already: predefined, of a system module, or given by the post itself",
+        ),
         ({"work": "wobj1"}, "[post] work: 'wobj1' is taken already"),
         ({"signals": {"process": "Edge"}}, "'Edge' is taken already"),
-        ({"fixture": [1, 2, 3]}, "[post] fixture: 3 numbers; give x, y, z in mm and rx, ry, rz in deg"),
-        ({"fixture": [0] * 6, "declare": False}, "[post] fixture: the work object is on the controller"),
+        (
+            {"fixture": [1, 2, 3]},
+            "[post] fixture: 3 numbers; give x, y, z in mm and rx, ry, rz in deg",
+        ),
+        (
+            {"fixture": [0] * 6, "declare": False},
+            "[post] fixture: the work object is on the controller",
+        ),
         ({"fixture": [9e9, 0, 0, 0, 0, 0]}, "[post] fixture[0]: 9e+09 is not -8388 to 8388"),
         ({"acc_set": [50]}, "[post] acc_set: 1 number; give acceleration and ramp in %"),
         ({"acc_set": [10, 50]}, "[post] acc_set[0]: 10 is not 20 to 100"),
@@ -429,7 +486,9 @@ def test_arcs_are_halved_or_become_lines() -> None:
     start = MoveL(at(0, 0, 0), 9.0)
     half = program(HOME, start, MoveC(at(5, 5, 0), at(10, 0, 0), 9.0))
     assert [type(item) for item in posted(half)[0].body] == [MoveJ, MoveL, MoveC, MoveC]
-    third = program(HOME, start, MoveC(at(5, 5 / math.sqrt(3), 0), at(10, 0, 0), 9.0))  # 120 deg, as it is
+    third = program(
+        HOME, start, MoveC(at(5, 5 / math.sqrt(3), 0), at(10, 0, 0), 9.0)
+    )  # 120 deg, as it is
     assert posted(third)[0] is third
     wider = program(HOME, start, MoveC(at(5, 5 / math.sqrt(3) + 0.01, 0), at(10, 0, 0), 9.0))
     assert [type(item) for item in posted(wider)[0].body] == [MoveJ, MoveL, MoveC, MoveC]
@@ -447,7 +506,11 @@ quaternions = st.one_of(
     st.tuples(*[st.floats(-1, 1)] * 4).filter(lambda q: sum(v * v for v in q) > 1e-3),
 )  # fmt: skip
 poses = st.builds(
-    lambda x, y, z, q: Pose(rotation_from_quaternion(q), (x, y, z)), coordinate, coordinate, coordinate, quaternions
+    lambda x, y, z, q: Pose(rotation_from_quaternion(q), (x, y, z)),
+    coordinate,
+    coordinate,
+    coordinate,
+    quaternions,
 )
 joint_values = st.tuples(*[st.floats(-6.5, 6.5)] * 6).map(Joints)
 speeds = st.one_of(st.sampled_from([5.0, 20.0, 37.5, 7000.0]), st.floats(0.001, 9000))
@@ -471,16 +534,24 @@ def settled(body: list[Instruction]) -> tuple[Instruction, ...]:
     for item in [*body, Wait(0.0)]:
         before = result[last]
         assert isinstance(before, (MoveJ, MoveL, MoveC))
-        if isinstance(item, MoveC) and (not isinstance(before.target, Pose) or not proper(before.target, item)):
+        if isinstance(item, MoveC) and (
+            not isinstance(before.target, Pose) or not proper(before.target, item)
+        ):
             continue
         if isinstance(item, MoveL) and item.turn:
             if isinstance(before.target, Pose) and not half_turn(before.target, item.target):
-                result.append(replace(item, target=Pose(item.target.rotation, before.target.origin)))
+                result.append(
+                    replace(item, target=Pose(item.target.rotation, before.target.origin))
+                )
                 last = len(result) - 1
             continue
         if isinstance(item, (Wait, Output)):
             result[last] = replace(before, blend=0.0)
-        if isinstance(item, MoveL) and isinstance(before.target, Pose) and half_turn(before.target, item.target):
+        if (
+            isinstance(item, MoveL)
+            and isinstance(before.target, Pose)
+            and half_turn(before.target, item.target)
+        ):
             result.append(MoveJ(item.target, item.speed, item.blend))
         else:
             result.append(item)
@@ -502,10 +573,14 @@ def proper(start: Pose, arc: MoveC) -> bool:
 
 @settings(max_examples=150)
 @given(st.lists(instructions, max_size=12), st.integers(0, 6), st.sampled_from([0, 3]))
-def test_post_then_read_back_is_the_identity(body: list[Instruction], decimals: int, max_lines: int) -> None:
+def test_post_then_read_back_is_the_identity(
+    body: list[Instruction], decimals: int, max_lines: int
+) -> None:
     options: dict[str, object] = {"decimals": decimals, "max_lines": max_lines}
     prepared, files = posted(program(*settled(body)), **options)
-    tolerance = replace(Rapid(decimals=decimals).tolerance(), mm=max(0.5 * 10**-decimals, 5e-4))  # a blend has 3 digits
+    tolerance = replace(
+        Rapid(decimals=decimals).tolerance(), mm=max(0.5 * 10**-decimals, 5e-4)
+    )  # a blend has 3 digits
     assert_same(prepared, read(files, options), tolerance)
 
 
@@ -515,11 +590,15 @@ def test_a_long_program_is_split_into_modules() -> None:
     assert list(files) == ["plate.mod", "plate_part1.mod", "plate_part2.mod", "plate_part3.mod"]
     main = files["plate.mod"]
     assert main.index("part_1;") < main.index("part_2;") < main.index("part_3;")
-    assert files["plate_part2.mod"].startswith("MODULE plate_part2\n\n    PROC part_2()\n        MoveL [[8.000,")
+    assert files["plate_part2.mod"].startswith(
+        "MODULE plate_part2\n\n    PROC part_2()\n        MoveL [[8.000,"
+    )
     assert all(text.count("tooldata") == (name == "plate.mod") for name, text in files.items())
     reading = read(files, {})
     assert_same(prepared, reading, Rapid().tolerance())
-    assert reading.lines[0] == main.count("\n") + 4  # MODULE, a line of its own and PROC of the first part come before
+    assert (
+        reading.lines[0] == main.count("\n") + 4
+    )  # MODULE, a line of its own and PROC of the first part come before
     backwards = read(dict(reversed(files.items())), {})
     assert backwards.faults == ()
 
@@ -541,7 +620,14 @@ def along(path: int, x: float, rise: bool = True, signal: str = "process") -> li
 
 
 def pathed(*body: Instruction, ids: Sequence[str] = ("c1", "c2"), name: str = "plate") -> Program:
-    return Program(name, translation(300, -75, 100), translation(0, 0, 100), whole(body), (), tuple(map(Origin, ids)))
+    return Program(
+        name,
+        translation(300, -75, 100),
+        translation(0, 0, 100),
+        whole(body),
+        (),
+        tuple(map(Origin, ids)),
+    )
 
 
 def routines(files: Mapping[str, str]) -> dict[str, list[str]]:
@@ -552,7 +638,14 @@ def routines(files: Mapping[str, str]) -> dict[str, list[str]]:
 
 def test_each_path_is_a_routine_that_main_calls() -> None:
     spindle = {"signals": {"process": "doAir", "spindle": "aoRpm"}}
-    body = [HOME, Output("spindle", 900), *along(0, 10, rise=False), *along(1, 20), Output("spindle", 0), HOME]
+    body = [
+        HOME,
+        Output("spindle", 900),
+        *along(0, 10, rise=False),
+        *along(1, 20),
+        Output("spindle", 0),
+        HOME,
+    ]
     prepared, files = posted(pathed(*body), **spindle)
     assert list(files) == ["plate.mod"]
     settings = ["ConfJ", "ConfL"]
@@ -583,9 +676,23 @@ def test_each_path_is_a_routine_that_main_calls() -> None:
 
 
 def test_what_is_reset_before_the_first_motion_stands_in_main() -> None:
-    files = posted(pathed(Output("process", 0), HOME, *along(0, 10), *along(1, 20), HOME, Output("process", 0)))[1]
+    files = posted(
+        pathed(Output("process", 0), HOME, *along(0, 10), *along(1, 20), HOME, Output("process", 0))
+    )[1]
     assert routines(files)["main"] == [
-        *("ConfJ", "ConfL", "SetDO", "MoveAbsJ", "c1", "c2", "MoveAbsJ", "SetDO", "ERROR", "camSafe", "RAISE"),
+        *(
+            "ConfJ",
+            "ConfL",
+            "SetDO",
+            "MoveAbsJ",
+            "c1",
+            "c2",
+            "MoveAbsJ",
+            "SetDO",
+            "ERROR",
+            "camSafe",
+            "RAISE",
+        ),
     ]
     assert read(files, {}).faults == ()
 
@@ -622,7 +729,9 @@ def test_paths_that_do_not_fit_into_a_module_stand_in_others() -> None:
     assert found["main"][2:4] == ["part_1", "part_2"]
     assert found["part_2"][-4:] == ["long", "MoveAbsJ", "ERROR", "RAISE"]
     sizes = [text.count("\n") - 2 for name, text in files.items() if name != "plate.mod"]
-    assert max(sizes) <= 20 + 5  # PROC, ERROR, RAISE, ENDPROC and the empty line of one that is 20 long
+    assert (
+        max(sizes) <= 20 + 5
+    )  # PROC, ERROR, RAISE, ENDPROC and the empty line of one that is 20 long
     reading = read(files, {})
     assert reading.faults == ()
     compare(prepared, reading, Rapid().tolerance(), Rapid().list_verified(), "plate.mod")
@@ -637,7 +746,16 @@ def test_a_routine_that_presses_also_leaves_the_surface() -> None:
         replace(pressed(0.1), path=0),
     ]
     up = MoveL(on_disc(0.1, 9), 50.0, path=1)
-    body = [HOME, *pressing_on, Output("process", 0), Force(0.0), Comment("path c2"), up, *along(1, 10), HOME]
+    body = [
+        HOME,
+        *pressing_on,
+        Output("process", 0),
+        Force(0.0),
+        Comment("path c2"),
+        up,
+        *along(1, 10),
+        HOME,
+    ]
     prepared, files = posted(pathed(*body))
     text = files["plate.mod"]
     work = ["SetDO", "FCPress1LStart", "v20", "SetDO", "FCPressEnd"]
@@ -684,12 +802,24 @@ UNASKED = r"fcdeact without IF FCIsForceMode\(\): it may be an error where force
 @pytest.mark.parametrize(
     ("before", "after", "what"),
     [
-        (ASKED, "", "instruction 1: instruction reads MoveJ to 6 joint values, planned is force 0 N"),
+        (
+            ASKED,
+            "",
+            "instruction 1: instruction reads MoveJ to 6 joint values, planned is force 0 N",
+        ),
         (ASKED, "        FCDeact;\n", UNASKED),
         (f"camSafe;\n{ASKED}", "camSafe;\n        FCDeact;\n", UNASKED),
-        (ASKED, "        IF FCIsForceMode() FCAct;\n", r"IF is read as IF FCIsForceMode\(\) FCDeact; alone"),
+        (
+            ASKED,
+            "        IF FCIsForceMode() FCAct;\n",
+            r"IF is read as IF FCIsForceMode\(\) FCDeact; alone",
+        ),
         (ASKED, "        IF NOT FCIsForceMode() FCDeact;\n", "IF is a statement that is not read"),
-        ("        SetDO doProcess,0;\n", "", "instruction 0: instruction reads force 0 N, planned is output process 0"),
+        (
+            "        SetDO doProcess,0;\n",
+            "",
+            "instruction 0: instruction reads force 0 N, planned is output process 0",
+        ),
     ],
 )
 def test_what_puts_off_at_the_start_is_verified(before: str, after: str, what: str) -> None:
@@ -697,7 +827,13 @@ def test_what_puts_off_at_the_start_is_verified(before: str, after: str, what: s
     prepared, files = posted(plan)
     wrong = files["plate.mod"].replace(before, after, 1)
     with pytest.raises(VerifyError, match=what):
-        compare(prepared, read({"a": wrong}, {}), Rapid().tolerance(), Rapid().list_verified(), "plate.mod")
+        compare(
+            prepared,
+            read({"a": wrong}, {}),
+            Rapid().tolerance(),
+            Rapid().list_verified(),
+            "plate.mod",
+        )
 
 
 def test_an_end_of_force_control_that_does_not_ask_is_read() -> None:
@@ -728,8 +864,14 @@ def test_a_post_prints_a_program_twice_alike() -> None:
         ("camSafe;", "the ERROR handler of main goes on behind the error; end it with RAISE"),
         ("SetDO doProcess,1;\n        RAISE;", "an ERROR handler that switches something on"),
         ("camSafe;\n        RAISE;\n        SetDO doProcess,0;", "statements after RAISE"),
-        ("camSafe;\n        WaitTime 1;\n        RAISE;", "waittime in an ERROR handler is not read"),
-        ("camSafe;\n        IF x FCDeact;\n        RAISE;", "IF is read as IF FCIsForceMode() FCDeact; alone"),
+        (
+            "camSafe;\n        WaitTime 1;\n        RAISE;",
+            "waittime in an ERROR handler is not read",
+        ),
+        (
+            "camSafe;\n        IF x FCDeact;\n        RAISE;",
+            "IF is read as IF FCIsForceMode() FCDeact; alone",
+        ),
         ("camSafe;\n        TRYNEXT;", "TRYNEXT is a statement that is not read"),
         ("nowhere;\n        RAISE;", "the statement nowhere is not read"),
     ],
@@ -744,7 +886,9 @@ def test_what_a_handler_leaves_on_is_a_fault(handler: str, fault: str) -> None:
 def test_a_routine_that_ends_the_program_drops_the_process_too() -> None:
     text = posted(ONE)[1]["plate.mod"]
     ends = text.replace("ERROR\n        RAISE;", "ERROR\n        EXIT;", 1)
-    assert [one.what for one in read({"a": ends}, {}).faults] == ["the ERROR handler of c1 leaves process on"]
+    assert [one.what for one in read({"a": ends}, {}).faults] == [
+        "the ERROR handler of c1 leaves process on"
+    ]
 
 
 # Turns on the spot ----------------------------------------------------------------------------------------------
@@ -759,14 +903,18 @@ def test_a_routine_that_ends_the_program_drops_the_process_too() -> None:
         (500.0, 100.0, "v100", ""),
     ],
 )
-def test_a_turn_on_the_spot_has_its_v_ori(degrees: float, speed: float, name: str, data: str) -> None:
+def test_a_turn_on_the_spot_has_its_v_ori(
+    degrees: float, speed: float, name: str, data: str
+) -> None:
     """The second component of a speeddata limits it, deg/s; in a predefined one that is 500."""
     prepared, files = posted(spot(degrees, speed))
     text = files["plate.mod"]
     assert re.findall(r"CONST speeddata (\S+):=(.*);", text) == ([(name, data)] if data else [])
-    assert [re.findall(r"],(\w+),fine,tCamgen", line)[0] for line in text.splitlines() if "MoveL" in line] == [
-        *("v100", name, "v100")
-    ]
+    assert [
+        re.findall(r"],(\w+),fine,tCamgen", line)[0]
+        for line in text.splitlines()
+        if "MoveL" in line
+    ] == [*("v100", name, "v100")]
     reading = read(files, {})
     turns = [item.turn for item in reading.body if isinstance(item, MoveL)]
     assert turns == pytest.approx([0.0, math.radians(degrees), 0.0], abs=1e-5)
@@ -787,7 +935,9 @@ def test_a_turn_at_another_speed_is_found(before: str, after: str, reads: str) -
     assert files["plate.mod"].count(before) == 1
     wrong = read({"a": files["plate.mod"].replace(before, after)}, {})
     assert wrong.faults == ()
-    with pytest.raises(VerifyError, match=f"instruction 2: speed of turning reads {reads}, planned is 1.047198"):
+    with pytest.raises(
+        VerifyError, match=f"instruction 2: speed of turning reads {reads}, planned is 1.047198"
+    ):
         compare(prepared, wrong, Rapid().tolerance(), Rapid().list_verified(), "plate.mod")
 
 
@@ -809,7 +959,13 @@ def test_a_turn_while_pressing_has_its_v_ori() -> None:
     """A tool that presses along its axis turns about it."""
     along = (0.0, 0.0, -1.0)
     held = MoveL(turned(9, 1.0), 20.0, 0.0, 5.0, along, turn=math.radians(60.0))
-    body = [MoveL(at(0, 0, 0), 9.0), Force(5.0, along), MoveL(at(9, 0, 0), 20.0, 0.0, 5.0, along), held, Force(0.0)]
+    body = [
+        MoveL(at(0, 0, 0), 9.0),
+        Force(5.0, along),
+        MoveL(at(9, 0, 0), 20.0, 0.0, 5.0, along),
+        held,
+        Force(0.0),
+    ]
     prepared, files = posted(program(HOME, *body, MoveL(at(9, 0, 50), 20.0)))
     (line,) = (line for line in files["plate.mod"].splitlines() if "FCPressL" in line)
     assert line.endswith(",vCam20t60,5,fine,tCamgen\\WObj:=wCamgen;")
@@ -821,7 +977,11 @@ def test_a_turn_while_pressing_has_its_v_ori() -> None:
 
 def test_few_speeds_have_a_name() -> None:
     speeds = [10.5 + k / 8 for k in range(29)]
-    body = [MoveL(at(k, j, 0), speed) for k, speed in enumerate(speeds) for j in range(2 if k in (3, 20) else 1)]
+    body = [
+        MoveL(at(k, j, 0), speed)
+        for k, speed in enumerate(speeds)
+        for j in range(2 if k in (3, 20) else 1)
+    ]
     prepared, files = posted(program(HOME, *body))
     text = files["plate.mod"]
     assert re.findall(r"CONST speeddata (\w+):=", text) == [
@@ -834,7 +994,9 @@ def test_few_speeds_have_a_name() -> None:
 
 def test_a_fixture_is_the_user_frame_and_the_work_lies_in_it() -> None:
     """Turned by 90 deg about z at 1000, 0, 500, a work frame at 900, 200, 510 lies at 200, 100, 10 of the fixture."""
-    plan = replace(program(HOME, MoveL(at(0, 0, 0), 20.0)), base_from_work=translation(900, 200, 510))
+    plan = replace(
+        program(HOME, MoveL(at(0, 0, 0), 20.0)), base_from_work=translation(900, 200, 510)
+    )
     prepared, files = posted(plan, fixture=[1000, 0, 500, 0, 0, 90])
     user = "[[1000.000,0.000,500.000],[0.7071068,0.0000000,0.0000000,0.7071068]]"
     thing = "[[200.0000,100.0000,10.0000],[0.7071068,0.0000000,0.0000000,-0.7071068]]"
@@ -849,7 +1011,9 @@ def test_a_fixture_is_the_user_frame_and_the_work_lies_in_it() -> None:
     st.lists(st.floats(-180, 180), min_size=3, max_size=3),
     st.integers(0, 6),
 )
-def test_a_fixture_anywhere_does_not_move_the_work(place: list[float], turn: list[float], decimals: int) -> None:
+def test_a_fixture_anywhere_does_not_move_the_work(
+    place: list[float], turn: list[float], decimals: int
+) -> None:
     options: dict[str, object] = {"fixture": [*place, *turn], "decimals": decimals}
     prepared, files = posted(program(HOME, MoveL(at(1, 2, 3), 20.0)), **options)
     post = make_post(Rapid, options)
@@ -859,7 +1023,10 @@ def test_a_fixture_anywhere_does_not_move_the_work(place: list[float], turn: lis
 def test_a_load_that_nobody_weighed_is_told() -> None:
     remark = "! load: 0.001 kg is no tool's, and loading this module overwrites tCamgen"
     assert remark in posted(ONE)[1]["plate.mod"]
-    for options in ({"mass": 1.8, "cog": [0, 0, 55]}, {"declare": False, "tool": "tMine", "work": "wMine"}):
+    for options in (
+        {"mass": 1.8, "cog": [0, 0, 55]},
+        {"declare": False, "tool": "tMine", "work": "wMine"},
+    ):
         assert "! load:" not in posted(ONE, **options)[1]["plate.mod"]
 
 
@@ -870,8 +1037,12 @@ def test_settings_of_the_arm_stand_before_the_first_motion() -> None:
     asked: dict[str, object] = {"sing_area": "wrist", "acc_set": [50, 40]}
     assert read({"a": text}, asked).faults == ()
     assert "SingArea\\Off;" in posted(ONE, sing_area="off")[1]["plate.mod"]
-    wrong = text.replace("SingArea\\Wrist", "SingArea\\Hand").replace("AccSet 50,40", "AccSet 50,140")
-    assert [one.what for one in read({"a": wrong}, asked).faults if not isinstance(one, Remark)] == [
+    wrong = text.replace("SingArea\\Wrist", "SingArea\\Hand").replace(
+        "AccSet 50,40", "AccSet 50,140"
+    )
+    assert [
+        one.what for one in read({"a": wrong}, asked).faults if not isinstance(one, Remark)
+    ] == [
         *("singarea needs \\Wrist or \\Off", "accset is in %, up to 100"),
     ]
 
@@ -880,18 +1051,33 @@ def test_settings_of_the_arm_stand_before_the_first_motion() -> None:
 
 
 def test_pressing_with_a_sensor_that_is_not_zero_is_refused() -> None:
-    with pytest.raises(Refused, match="the force sensor is not set to zero before pressing") as caught:
+    with pytest.raises(
+        Refused, match="the force sensor is not set to zero before pressing"
+    ) as caught:
         make_post(Rapid, {}).prepare(pressing(pressed(0)), 0.01)
-    assert "give post.force_load, or say post.force_calibrated = true where the cell does it" in str(caught.value)
-    assert caught.value.index == 3  # after what puts force control off, the home position and the way there
+    assert (
+        "give post.force_load, or say post.force_calibrated = true where the cell does it"
+        in str(caught.value)
+    )
+    assert (
+        caught.value.index == 3
+    )  # after what puts force control off, the home position and the way there
 
 
 def sections(*between: Instruction) -> list[str]:
     """The statements of a program that presses twice, with ``between`` on the way to the second section."""
     plan = pressing(pressed(0.1))
     body = [HOME, MoveL(on_disc(0, 30), 90.0, 5.0), MoveL(on_disc(0, 1), 90.0), *plan.body[1:-1]]
-    again = [MoveL(on_disc(0.1), 20.0), *between, MoveL(on_disc(0), 50.0), Force(25.0, inward(0)), pressed(0.1)]
-    got = lines(program(*body, *again, Force(0.0), MoveL(on_disc(0.1, 9), 50.0)), force_load="lTool")
+    again = [
+        MoveL(on_disc(0.1), 20.0),
+        *between,
+        MoveL(on_disc(0), 50.0),
+        Force(25.0, inward(0)),
+        pressed(0.1),
+    ]
+    got = lines(
+        program(*body, *again, Force(0.0), MoveL(on_disc(0.1, 9), 50.0)), force_load="lTool"
+    )
     return [line for line in got if not line.startswith("v")]
 
 
@@ -913,7 +1099,9 @@ def test_each_section_that_is_reached_through_the_air_has_its_own_zero() -> None
     assert ",fine," in got[at_once[1] - 2]
     over = sections(HOME)
     assert over.count("FCCalib lTool;") == 2
-    assert over[[k for k, line in enumerate(over) if line == "FCCalib lTool;"][1] - 2].startswith("MoveAbsJ ")
+    assert over[[k for k, line in enumerate(over) if line == "FCCalib lTool;"][1] - 2].startswith(
+        "MoveAbsJ "
+    )
 
 
 def test_a_zero_in_the_air_is_needed_before_the_first_section() -> None:
@@ -922,13 +1110,18 @@ def test_a_zero_in_the_air_is_needed_before_the_first_section() -> None:
     with pytest.raises(Refused, match="pressing from a pose that is not known"):
         posted(program(HOME, *body[3:]), force_load="lTool")
     low = program(MoveJ(on_disc(0.5), 9.0), far, *body[2:])
-    with pytest.raises(Refused, match="no motion in the air before pressing, where the force sensor can be set to"):
+    with pytest.raises(
+        Refused, match="no motion in the air before pressing, where the force sensor can be set to"
+    ):
         choose_calibrations("rapid", low.body)
 
 
 def test_a_force_program_says_what_it_assumes() -> None:
     text = posted(pressing(pressed(0)), force_sign=-1, force_threshold=30.0)[1]["plate.mod"]
-    assert "! force: Machining FC is installed; a positive force pushes against the axis of the tool" in text
+    assert (
+        "! force: Machining FC is installed; a positive force pushes against the axis of the tool"
+        in text
+    )
     assert "! force: travel begins when 30 % of the force is felt" in text
     assert "! force: the sensor is set to zero by the cell, before this program" in text
     zeroed = posted(pressing(pressed(0)), force_load="lTool")[1]["plate.mod"]
@@ -1018,7 +1211,9 @@ def test_reads_what_people_write() -> None:
     ],
 )  # fmt: skip
 def test_faults_by_line(body: str, faults: list[tuple[int, str]]) -> None:
-    assert [(fault.line, fault.what) for fault in read({"m.mod": module(body)}, BY_HAND).faults] == faults
+    assert [
+        (fault.line, fault.what) for fault in read({"m.mod": module(body)}, BY_HAND).faults
+    ] == faults
 
 
 @pytest.mark.parametrize(
@@ -1058,7 +1253,9 @@ def test_whole_line_and_general_rules_read_the_same() -> None:
     assert_same(program(*compact.body), spaced, Tolerance(0, 0, 0, 0, 0, 0))
 
 
-GOOD = posted(pressing(pressed(0), pressed(0.3), Output("process", 1), Comment("x"), Wait(1)))[1]["plate.mod"]
+GOOD = posted(pressing(pressed(0), pressed(0.3), Output("process", 1), Comment("x"), Wait(1)))[1][
+    "plate.mod"
+]
 TOKENS = re.findall(r"\w+|[^\w\s]|\s+", GOOD)
 PIECES = [
     *"[];,\\!\n-()é\x00\"", ":=", "9E999", "PROC x()", "ENDPROC", "MODULE y", "IF", "THEN", "%%%", "[" * 3000, "main;",
@@ -1075,7 +1272,9 @@ def test_no_text_breaks_the_reader(changes: list[tuple[int, str, bool]]) -> None
         tokens[place] = f"{tokens[place]} {piece} " if insert else piece
     text = "".join(tokens)
     reading = read({"a": text}, {})
-    assert all(1 <= fault.line <= text.count("\n") + text.count("\r") + 1 for fault in reading.faults)
+    assert all(
+        1 <= fault.line <= text.count("\n") + text.count("\r") + 1 for fault in reading.faults
+    )
     assert len(reading.body) == len(reading.lines)
 
 
@@ -1084,7 +1283,9 @@ def test_no_text_at_all_breaks_the_reader(one: str, two: str) -> None:
     assert read({"a": one, "b": two}, {}).faults
 
 
-@pytest.mark.skipif(not (SHARED / "data").is_dir(), reason="the folder shared is not beside the repository")
+@pytest.mark.skipif(
+    not (SHARED / "data").is_dir(), reason="the folder shared is not beside the repository"
+)
 def test_programs_from_elsewhere_give_faults_not_errors() -> None:
     paths = sorted((SHARED / "data" / "robot").rglob("*.*"))
     assert paths
@@ -1108,7 +1309,11 @@ def test_a_sheet_is_within_reach_of_the_built_in_cell() -> None:
                 arm, reach = math.hypot(302, 70), math.hypot(r, h)
                 inner = math.acos((270**2 + arm**2 - reach**2) / (2 * 270 * arm))
                 q3 = math.pi - math.atan2(302, 70) - inner
-                q2 = math.pi / 2 - math.atan2(h, r) - math.acos((270**2 + reach**2 - arm**2) / (2 * 270 * reach))
+                q2 = (
+                    math.pi / 2
+                    - math.atan2(h, r)
+                    - math.acos((270**2 + reach**2 - arm**2) / (2 * 270 * reach))
+                )
                 q5 = math.pi / 2 - q2 - q3
                 assert abs(math.degrees(math.atan2(py, px))) < 165
                 assert -110 < math.degrees(q2) < 110

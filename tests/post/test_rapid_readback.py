@@ -63,7 +63,9 @@ def module(body: str, data: str = "") -> str:
 def kinds(text: str) -> list[tuple[str, str]]:
     """How each statement of a text was taken, and its name."""
     modules, *_ = parse(text, 1, Spellings(Written))
-    calls: list[Call | Inline] = [call for m in modules for r in m.routines for call in calls_of(r.body)]
+    calls: list[Call | Inline] = [
+        call for m in modules for r in m.routines for call in calls_of(r.body)
+    ]
     return [("inline", c.shape.name) if isinstance(c, Inline) else ("call", c.name) for c in calls]
 
 
@@ -77,7 +79,9 @@ def at(x: float, y: float, z: float = 0.0) -> Pose:
 def posted(*body: Instruction, **options: object) -> str:
     home = MoveJ(Joints((0.0, 0.0, 0.0, 0.0, 0.5, 0.0)), 200.0)
     post = make_post(Rapid, {"force_calibrated": True} | options)
-    prepared = post.prepare(Program("part", translation(3, 4, 5), translation(0, 0, 9), whole((home, *body))), 0.01)
+    prepared = post.prepare(
+        Program("part", translation(3, 4, 5), translation(0, 0, 9), whole((home, *body))), 0.01
+    )
     return post.render(prepared)[0].text
 
 
@@ -125,11 +129,18 @@ def test_numbers_stand_in_their_places() -> None:
     assert isinstance(again, MoveL)
     assert isinstance(last, MoveC)
     assert (line.target.origin, line.speed, line.blend) == ((-1.25, 0.5, 3.0), 100.0, 5.0)
-    assert (arc.via.origin, arc.target.origin, arc.speed, arc.blend) == ((4, 5, 6), (7, 8, -0.001), 5.0, 0.0)
+    assert (arc.via.origin, arc.target.origin, arc.speed, arc.blend) == (
+        (4, 5, 6),
+        (7, 8, -0.001),
+        5.0,
+        0.0,
+    )
     assert (again.target.origin, again.speed, again.blend) == ((-9, 0.5, 3), 100.0, 5.0)
     assert (last.via.origin, last.target.origin) == ((1, 5, 7), (8, 8, 8))
     # q = (0.6, 0, -0.8, 0) turns about -y by 2 acos(0.6): cos = 0.36 - 0.64, sin = 2 * 0.6 * 0.8
-    assert last.target.rotation.ravel().tolist() == pytest.approx([-0.28, 0, -0.96, 0, 1, 0, 0.96, 0, -0.28])
+    assert last.target.rotation.ravel().tolist() == pytest.approx(
+        [-0.28, 0, -0.96, 0, 1, 0, 0.96, 0, -0.28]
+    )
     assert last.via.rotation.tolist() == [[-1, 0, 0], [0, 1, 0], [0, 0, -1]]
 
 
@@ -137,21 +148,34 @@ def test_one_text_means_what_its_routine_sees() -> None:
     move = f"MoveL {POINT},vOwn,zOwn,{TAIL}"
     own = "LOCAL CONST speeddata vOwn:=[{},500,5000,1000];\nLOCAL CONST zonedata zOwn:=[FALSE,{},1,1,1,1,1];\n"
     files = {
-        "a.mod": module(f"{move}{move}sub;\n{move}other;\nMoveL {POINT},v5,fine,{TAIL}", own.format(11, 2)),
+        "a.mod": module(
+            f"{move}{move}sub;\n{move}other;\nMoveL {POINT},v5,fine,{TAIL}", own.format(11, 2)
+        ),
         "b.mod": f"MODULE b\n{own.format(22, 3)}PROC sub()\nCONST speeddata vOwn:=[33,500,5000,1000];\n{move}ENDPROC\n"
         f"PROC other()\n{move}ENDPROC\nENDMODULE\n",
     }
     reading = both(files, {})
     assert reading.faults == ()
     moves = [item for item in reading.body if isinstance(item, MoveL)]
-    assert [(m.speed, m.blend) for m in moves] == [(11, 2), (11, 2), (33, 3), (11, 2), (22, 3), (5, 0)]
+    assert [(m.speed, m.blend) for m in moves] == [
+        (11, 2),
+        (11, 2),
+        (33, 3),
+        (11, 2),
+        (22, 3),
+        (5, 0),
+    ]
 
 
 def test_an_arc_with_one_point_by_name() -> None:
     arc = f"MoveC [[{{}},5,1],[0,1,0,0],[0,0,0,0],{E9}],p1,v5,fine,{TAIL}"
     text = module("".join(arc.format(x) for x in (4, 5, 6)), f"CONST robtarget p1:={POINT};\n")
     arcs = both({"m.mod": text}, {}).body[1:]
-    assert [item.via.origin for item in arcs if isinstance(item, MoveC)] == [(4, 5, 1), (5, 5, 1), (6, 5, 1)]
+    assert [item.via.origin for item in arcs if isinstance(item, MoveC)] == [
+        (4, 5, 1),
+        (5, 5, 1),
+        (6, 5, 1),
+    ]
     assert [item.target.origin for item in arcs if isinstance(item, MoveC)] == [(1, 2, 3)] * 3
 
 
@@ -197,7 +221,9 @@ NINES = f"0,{'9' * 50},0,0]"
                                                                       (7, "the statement sub is not read")]),
     ],
 )  # fmt: skip
-def test_what_is_not_usual_is_read_by_the_general_rules(body: str, faults: list[tuple[int, str]]) -> None:
+def test_what_is_not_usual_is_read_by_the_general_rules(
+    body: str, faults: list[tuple[int, str]]
+) -> None:
     reading = both({"m.mod": module(body)}, {"on_error": "none"})
     assert [(fault.line, fault.what) for fault in reading.faults] == faults
 
@@ -215,17 +241,23 @@ def test_what_is_left_to_the_general_rules(text: str) -> None:
     body: list[Call | Inline] = []
     usual = "\n  SetDO do1,1;\n ! x;\nSetDO do1,1;"
     assert read_plain(f"{usual}{text}", 0, 7, body, Written) == (len(usual), 10)
-    assert [(call.name, call.line) for call in body if isinstance(call, Call)] == [("setdo", 8), ("setdo", 10)]
+    assert [(call.name, call.line) for call in body if isinstance(call, Call)] == [
+        ("setdo", 8),
+        ("setdo", 10),
+    ]
 
 
 def test_a_routine_that_is_never_called_is_read_but_not_run() -> None:
     spare = (
-        f"PROC spare()\nMoveL {POINT},v37,fine,{TAIL}MoveL [[1,2,3],[{'9' * 40},0,0,0],[0,0,0,0],{E9}],v5,fine,{TAIL}"
+        f"PROC spare()\nMoveL {POINT},v37,fine,{TAIL}MoveL "
+        f"[[1,2,3],[{'9' * 40},0,0,0],[0,0,0,0],{E9}],v5,fine,{TAIL}"
     )
     text = module(f"MoveL {POINT},v5,fine,{TAIL}", f"{spare}ENDPROC\n")
     reading = both({"m.mod": text}, {})
     assert len(reading.body) == 2
-    assert [(f.line, f.what) for f in reading.faults] == [(6, "a number of a robtarget is larger than a num can be")]
+    assert [(f.line, f.what) for f in reading.faults] == [
+        (6, "a number of a robtarget is larger than a num can be")
+    ]
 
 
 @given(st.lists(st.one_of(
@@ -272,7 +304,13 @@ DOWN = "0.0000000,1.0000000,0.0000000,0.0000000"
 def rows_of(text: str) -> list[int]:
     """How many statements each run of a text has."""
     modules, *_ = parse(text, 1, Spellings(Written))
-    return [item.last - item.first for m in modules for r in m.routines for item in r.body if isinstance(item, Run)]
+    return [
+        item.last - item.first
+        for m in modules
+        for r in m.routines
+        for item in r.body
+        if isinstance(item, Run)
+    ]
 
 
 def plate(paths: int) -> str:
@@ -280,8 +318,17 @@ def plate(paths: int) -> str:
     body: list[Instruction] = [MoveJ(Joints((0.0, 0.0, 0.0, 0.0, 0.5, 0.0)), 100.0)]
     for k in range(paths):
         x, up = 40.0 * k, MoveL(at(40.0 * k, 0.0, 20.0), 100.0, path=k)
-        quarter = [MoveC(at(x + 3, 1.2, 0), at(x + 4, 4, 0), 12.0, 1.0, path=k), MoveL(at(x, 9.9, 0), 15.5, path=k)]
-        body += [up, MoveL(at(x, 0.0), 5.0, path=k), Output("process", 1.0), *quarter, Output("process", 0.0)]
+        quarter = [
+            MoveC(at(x + 3, 1.2, 0), at(x + 4, 4, 0), 12.0, 1.0, path=k),
+            MoveL(at(x, 9.9, 0), 15.5, path=k),
+        ]
+        body += [
+            up,
+            MoveL(at(x, 0.0), 5.0, path=k),
+            Output("process", 1.0),
+            *quarter,
+            Output("process", 0.0),
+        ]
         body.append(MoveL(at(x, 9.9, 20.0), 100.0, 5.0 if k + 1 < paths else 0.0, path=k))
     post = make_post(Rapid, {"mass": 1.0})
     paths_of = tuple(Origin(f"c{k}") for k in range(paths))
@@ -344,7 +391,9 @@ def test_posted_programs_with_damage_by_chance(seed: int) -> None:
         both({"plate.mod": text}, {"mass": 1.0})
 
 
-def test_a_program_without_end_is_told_in_the_statement_that_is_one_too_many(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_program_without_end_is_told_in_the_statement_that_is_one_too_many(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(readback, "_MOST_STATEMENTS", 20)
     reading = both({"plate.mod": plate(4)}, {"mass": 1.0})
     assert [fault.what for fault in reading.faults][:1] == ["more than 20 statements are run"]

@@ -12,7 +12,17 @@ from camgen_posts.readback.rapid import read
 
 from camgen.model.errors import Refused, VerifyError
 from camgen.model.pose import IDENTITY, TOOL_DOWN, Pose, frozen, rotation_about, translation
-from camgen.model.program import Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Posture, Program
+from camgen.model.program import (
+    Force,
+    Instruction,
+    Joints,
+    MoveC,
+    MoveJ,
+    MoveL,
+    Output,
+    Posture,
+    Program,
+)
 from camgen.post import Remark
 from camgen.post.plugins import make_post
 from camgen.post.verify import compare
@@ -30,7 +40,9 @@ def at(x: float, y: float, z: float = 0.0) -> Pose:
 
 def text_of(body: tuple[Instruction, ...], options: Mapping[str, object]) -> str:
     post = make_post(Rapid, options)
-    program = Program("part", translation(300, -75, 100), translation(0, 0, 100), whole((HOME, *body)))
+    program = Program(
+        "part", translation(300, -75, 100), translation(0, 0, 100), whole((HOME, *body))
+    )
     (file,) = post.render(post.prepare(program, 0.01))
     return file.text
 
@@ -65,7 +77,10 @@ KNOWN = Posture((0, -1, 0, 4))
 POSED = (MoveJ(at(0, 0, 20), 100.0, posture=KNOWN), MoveL(at(0, 0), 20.0, posture=KNOWN))
 BODIES = {
     "cut": (CUT, SIGNALS),
-    "weighed": (CUT, SIGNALS | {"mass": 1.8, "cog": [0, 0, 55], "acc_set": [50, 40], "sing_area": "wrist"}),
+    "weighed": (
+        CUT,
+        SIGNALS | {"mass": 1.8, "cog": [0, 0, 55], "acc_set": [50, 40], "sing_area": "wrist"},
+    ),
     "pressed": (PRESSED, {"force_load": "lTool", "force_change": 20.0, "force_distance": 5.0}),
     "posed": (POSED, {}),
     "stated": (POSED, {"conf": "state"}),
@@ -81,7 +96,10 @@ BODIES = {
         {"force_load": "lTool"},
     ),
     "glued": (TWO_OUTPUTS, {"signals": {"process": "doProcess", "air": "doAir"}}),
-    "ground": ((Output("process", 1.0), *PRESSED, Output("process", 0.0)), {"force_calibrated": True}),
+    "ground": (
+        (Output("process", 1.0), *PRESSED, Output("process", 0.0)),
+        {"force_calibrated": True},
+    ),
     "taken": (CUT, SIGNALS | {"declare": False}),
     "old": (CUT, SIGNALS | {"s4": True}),
     "exit": (CUT, SIGNALS | {"on_error": "exit"}),
@@ -99,26 +117,56 @@ VIA = "MoveC [[5.000,2.000,0.000]"
 #: What a controller refuses: program, what stands there and what then does, the words of the fault.
 FAULTS = [
     ("cut", VIA, "MoveC [[5.000,50.000,0.000]", "an arc of 337 deg; MoveC takes up to 240"),
-    ("cut", VIA, "MoveC [[9.999,0.050,0.000]", "the circle point of an arc is at an end of it, or nearly on its chord"),
-    ("cut", VIA, "MoveC [[5.000,0.020,0.000]", "the circle point of an arc is at an end of it, or nearly on its chord"),
+    (
+        "cut",
+        VIA,
+        "MoveC [[9.999,0.050,0.000]",
+        "the circle point of an arc is at an end of it, or nearly on its chord",
+    ),
+    (
+        "cut",
+        VIA,
+        "MoveC [[5.000,0.020,0.000]",
+        "the circle point of an arc is at an end of it, or nearly on its chord",
+    ),
     ("cut", VIA, "MoveC [[5.000,0.000,0.000]", "the points of an arc are on one line"),
-    ("cut", "\nENDMODULE", "\n    CONST num n:=1;\nENDMODULE", "CONST after the first routine of the module"),
+    (
+        "cut",
+        "\nENDMODULE",
+        "\n    CONST num n:=1;\nENDMODULE",
+        "CONST after the first routine of the module",
+    ),
     ("cut", 'TRUE,"",', f'TRUE,"{"m" * 81}",', "a string of 81 characters; a controller takes 80"),
     ("cut", "[0,0,0,0],[9E9", "[0,0,0,8],[9E9", "cfx is 8, not 0 to 7"),
     ("cut", "[[0.0000,0.0000,", "[[0.0000,9999.0000,", "axis 2 at 9999 deg"),
-    ("cut", "        SetDO doProcess,1;", "        SetAO doProcess,1;", "setao of process, which is a digital output"),
+    (
+        "cut",
+        "        SetDO doProcess,1;",
+        "        SetAO doProcess,1;",
+        "setao of process, which is a digital output",
+    ),
     (
         "cut",
         "        SetAO aoSpindle,9000;",
         "        SetDO aoSpindle,1;",
         "setdo of spindle, which is an analog output",
     ),
-    ("cut", "        SetAO aoSpindle,9000;", "        Set aoSpindle;", "set of spindle, which is an analog output"),
+    (
+        "cut",
+        "        SetAO aoSpindle,9000;",
+        "        Set aoSpindle;",
+        "set of spindle, which is an analog output",
+    ),
     ("cut", "vCam37:=[37,500,", "vCam37:=[37,0,", "a speed that is not positive"),
     ("cut", "vCam37:=[37,500,", "vCam37:=[37,-500,", "a speed that is not positive"),
     ("cut", "PROC camSafe()", "PROC TPWrite()", "TPWrite is predefined"),
     ("cut", "MODULE part", "MODULE robtarget", "robtarget is predefined"),
-    ("cut", "    CONST speeddata", "    CONST num Offs:=1;\n    CONST speeddata", "Offs is predefined"),
+    (
+        "cut",
+        "    CONST speeddata",
+        "    CONST num Offs:=1;\n    CONST speeddata",
+        "Offs is predefined",
+    ),
 ]
 #: What it takes, and no program of ours says.
 REMARKS = [
@@ -142,27 +190,72 @@ REMARKS = [
         "MoveL [[30.000,0.000,0.000],[1.0000000,0.0000000,",
         "the tool turns by 180 deg in one straight motion; its sense is open",
     ),
-    ("cut", "TASK PERS tooldata", "PERS tooldata", "tCamgen is PERS, one for all tasks, not TASK PERS"),
-    ("cut", "TASK PERS wobjdata", "PERS wobjdata", "wCamgen is PERS, one for all tasks, not TASK PERS"),
+    (
+        "cut",
+        "TASK PERS tooldata",
+        "PERS tooldata",
+        "tCamgen is PERS, one for all tasks, not TASK PERS",
+    ),
+    (
+        "cut",
+        "TASK PERS wobjdata",
+        "PERS wobjdata",
+        "wCamgen is PERS, one for all tasks, not TASK PERS",
+    ),
     ("old", "PERS tooldata", "TASK PERS tooldata", "tCamgen is TASK PERS, which S4 has not"),
     ("old", "ENGLISH", "ENGLISHH", BANNER),
     ("old", "VERSION:1\n", "VERSION:1 ", BANNER),
-    ("cut", "MODULE part\n", "! x\nMODULE part\n", "a comment outside of a module, where the kernel manual has none"),
-    ("cut", "ENDMODULE\n", "ENDMODULE\n! x\n", "a comment outside of a module, where the kernel manual has none"),
-    ("taken", "WObj:=wCamgen", "WObj:=WaitTime", "WaitTime is not declared, by post.work it is wCamgen"),
+    (
+        "cut",
+        "MODULE part\n",
+        "! x\nMODULE part\n",
+        "a comment outside of a module, where the kernel manual has none",
+    ),
+    (
+        "cut",
+        "ENDMODULE\n",
+        "ENDMODULE\n! x\n",
+        "a comment outside of a module, where the kernel manual has none",
+    ),
+    (
+        "taken",
+        "WObj:=wCamgen",
+        "WObj:=WaitTime",
+        "WaitTime is not declared, by post.work it is wCamgen",
+    ),
     ("pressed", SETTLE, "", UNSETTLED),
     ("pressed", SETTLE + CALIBRATE, CALIBRATE + SETTLE, UNSETTLED),
     ("pressed", SETTLE, SETTLE + "        SetDO doOther,0;\n", UNSETTLED),
     ("pressed", CALIBRATE, CALIBRATE * 2, UNSETTLED),
     ("twice", CALIBRATE, "", "no FCCalib before pressing, though post.force_load asks for it"),
-    ("glued", "    PROC camSafe()\n" + PROCESS_OFF + AIR_OFF, "    PROC camSafe()\n" + AIR_OFF + PROCESS_OFF, ORDER),
+    (
+        "glued",
+        "    PROC camSafe()\n" + PROCESS_OFF + AIR_OFF,
+        "    PROC camSafe()\n" + AIR_OFF + PROCESS_OFF,
+        ORDER,
+    ),
     ("ground", "        camSafe;\n" + DEACT, DEACT + "        camSafe;\n", ORDER),
     ("cut", CONFJ, "", "a configuration of zeros, and ConfJ is not off"),
     ("cut", CONFL, "", "a configuration of zeros, and ConfL is not off"),
     ("stated", CONFL, CONFL.replace("Off", "On"), "ConfL is on, though post.conf is state"),
-    ("posed", "ConfJ\\On", "ConfJ\\Off", "ConfJ is off, though each of its motions states a configuration"),
-    ("posed", "ConfL\\On", "ConfL\\Off", "ConfL is off, though each of its motions states a configuration"),
-    ("cut", "vCam37:=[37,500,", "vCam37:=[37,50,", "a speed of 50 deg/s limits a motion that travels"),
+    (
+        "posed",
+        "ConfJ\\On",
+        "ConfJ\\Off",
+        "ConfJ is off, though each of its motions states a configuration",
+    ),
+    (
+        "posed",
+        "ConfL\\On",
+        "ConfL\\Off",
+        "ConfL is off, though each of its motions states a configuration",
+    ),
+    (
+        "cut",
+        "vCam37:=[37,500,",
+        "vCam37:=[37,50,",
+        "a speed of 50 deg/s limits a motion that travels",
+    ),
     (
         "weighed",
         f"{TOOL}[1.8,",
@@ -185,21 +278,56 @@ REMARKS = [
     ),
     ("weighed", "AccSet 50,40", "AccSet 50,90", "AccSet is not what post.acc_set asks for, 50, 40"),
     ("weighed", "        AccSet 50,40;\n", "", "AccSet is not what post.acc_set asks for, 50, 40"),
-    ("cut", CONFL, f"{CONFL}        AccSet 50,50;\n", "AccSet is not what post.acc_set asks for, none"),
-    ("weighed", "SingArea\\Wrist", "SingArea\\Off", "SingArea is not what post.sing_area asks for, wrist"),
+    (
+        "cut",
+        CONFL,
+        f"{CONFL}        AccSet 50,50;\n",
+        "AccSet is not what post.acc_set asks for, none",
+    ),
+    (
+        "weighed",
+        "SingArea\\Wrist",
+        "SingArea\\Off",
+        "SingArea is not what post.sing_area asks for, wrist",
+    ),
     ("pressed", ",50\\Force", ",5\\Force", "threshold is 5 %, by post.force_threshold it is 50"),
-    ("pressed", "\\ForceChange:=20", "\\ForceChange:=200", "forcechange is 200 N/s, by post.force_change it is 20"),
+    (
+        "pressed",
+        "\\ForceChange:=20",
+        "\\ForceChange:=200",
+        "forcechange is 200 N/s, by post.force_change it is 20",
+    ),
     ("pressed", "\\ForceChange:=20", "", "forcechange is 0 N/s, by post.force_change it is 20"),
-    ("pressed", "\\PosSupvDist:=5", "\\PosSupvDist:=50", "possupvdist is 50 mm, by post.force_distance it is 5"),
-    ("pressed", "\\PosSupvDist:=5", "\\PosSupvDist:=5\\UseSpdFFW", "UseSpdFFW, which no option asks for"),
-    ("pressed", "        FCCalib lTool;\n", "", "no FCCalib before pressing, though post.force_load asks for it"),
+    (
+        "pressed",
+        "\\PosSupvDist:=5",
+        "\\PosSupvDist:=50",
+        "possupvdist is 50 mm, by post.force_distance it is 5",
+    ),
+    (
+        "pressed",
+        "\\PosSupvDist:=5",
+        "\\PosSupvDist:=5\\UseSpdFFW",
+        "UseSpdFFW, which no option asks for",
+    ),
+    (
+        "pressed",
+        "        FCCalib lTool;\n",
+        "",
+        "no FCCalib before pressing, though post.force_load asks for it",
+    ),
     (
         "pressed",
         "FCCalib lTool;",
         "FCCalib [9,[0,0,1],[1,0,0,0],0,0,0];",
         "FCCalib with another load than post.force_load = lTool",
     ),
-    ("pressed", f"    ERROR\n{DEACT}", "    ERROR\n", "the ERROR handler of main leaves force control on"),
+    (
+        "pressed",
+        f"    ERROR\n{DEACT}",
+        "    ERROR\n",
+        "the ERROR handler of main leaves force control on",
+    ),
     ("cut", ERROR, "", "main has no ERROR handler, which post.on_error asks for"),
     (
         "exit",
@@ -227,20 +355,30 @@ def test_what_no_controller_takes_is_a_fault(name: str, before: str, after: str,
 
 @pytest.mark.parametrize(("name", "before", "after", "what"), REMARKS)
 def test_what_no_option_asks_for_is_a_remark(name: str, before: str, after: str, what: str) -> None:
-    assert [(remark, words) for _, remark, words in noted(name, before, after) if words == what] == [(True, what)]
+    assert [
+        (remark, words) for _, remark, words in noted(name, before, after) if words == what
+    ] == [(True, what)]
 
 
 def test_an_arc_that_is_a_point_to_the_controller_is_a_remark() -> None:
     body, options = BODIES["cut"]
-    text = text_of(body, options).replace(VIA, "MoveC [[0.040,0.020,0.000]").replace("[[10.000,", "[[0.080,")
+    text = (
+        text_of(body, options)
+        .replace(VIA, "MoveC [[0.040,0.020,0.000]")
+        .replace("[[10.000,", "[[0.080,")
+    )
     found = read({"a": text}, options).faults
-    assert [one.what for one in found if isinstance(one, Remark)] == ["the points of an arc are less than 0.1 mm apart"]
+    assert [one.what for one in found if isinstance(one, Remark)] == [
+        "the points of an arc are less than 0.1 mm apart"
+    ]
 
 
 def test_a_routine_that_hands_no_error_on_is_a_remark() -> None:
     body, options = BODIES["cut"]
     post = make_post(Rapid, options)
-    program = Program("part", translation(300, -75, 100), translation(0, 0, 100), whole((HOME, *body)))
+    program = Program(
+        "part", translation(300, -75, 100), translation(0, 0, 100), whole((HOME, *body))
+    )
     text = post.render(post.prepare(program, 0.01))[0].text
     called = text.replace("        MoveJ ", "        sub;\n        MoveJ ").replace(
         "\nENDMODULE", "\n    PROC sub()\n        WaitTime 1;\n    ENDPROC\nENDMODULE"
@@ -255,7 +393,9 @@ def test_a_calibration_as_the_options_have_it_is_none(load: str) -> None:
     options: dict[str, object] = {"force_load": load}
     text = text_of(PRESSED, options)
     assert read({"a": text}, options).faults == ()
-    heavier = text.replace("FCCalib [1.2,", "FCCalib [1.3,").replace("FCCalib lTool", "FCCalib lOther")
+    heavier = text.replace("FCCalib [1.2,", "FCCalib [1.3,").replace(
+        "FCCalib lTool", "FCCalib lOther"
+    )
     assert read({"a": heavier}, options).faults != ()
 
 
@@ -282,13 +422,19 @@ def test_the_post_refuses_a_turn_whose_sense_is_open() -> None:
 
 
 def test_the_post_refuses_joints_that_no_arm_has() -> None:
-    with pytest.raises(Refused, match="an axis at 630 deg, which arms do not turn to; give 450 at most"):
+    with pytest.raises(
+        Refused, match="an axis at 630 deg, which arms do not turn to; give 450 at most"
+    ):
         text_of((MoveJ(Joints((0.0, 0.0, 0.0, 0.0, 0.0, math.radians(630))), 50.0),), {})
 
 
 def test_an_arc_that_its_digits_make_flat_becomes_lines() -> None:
     """4.2 deg as planned; its printed circle point is 0.8 deg above its chord, seen from the ends."""
-    start, via, end = at(0.99482, 0.9494, 0.54418), at(0.96233, 0.74076, 0.54502), at(0.9226, 0.53337, 0.54418)
+    start, via, end = (
+        at(0.99482, 0.9494, 0.54418),
+        at(0.96233, 0.74076, 0.54502),
+        at(0.9226, 0.53337, 0.54418),
+    )
     text = text_of((MoveJ(start, 50.0), MoveC(via, end, 20.0)), {})
     assert "MoveC" not in text
     assert read({"a": text}, {}).faults == ()
@@ -304,8 +450,15 @@ def test_each_section_that_was_planned_with_a_calibration_has_it() -> None:
     assert text.count("FCCalib lTool;") == 2
     place = text.rindex(CALIBRATE)
     found = read({"a": text[:place] + text[place + len(CALIBRATE) :]}, options).faults
-    assert [one.what for one in found] == ["no FCCalib before pressing, though post.force_load asks for it"]
-    again = (MoveL(at(0, 0, 0.5), 20.0), Force(9.0, PRESS), MoveL(at(20, 0), 20.0, 0.0, 9.0, PRESS), Force(0.0))
+    assert [one.what for one in found] == [
+        "no FCCalib before pressing, though post.force_load asks for it"
+    ]
+    again = (
+        MoveL(at(0, 0, 0.5), 20.0),
+        Force(9.0, PRESS),
+        MoveL(at(20, 0), 20.0, 0.0, 9.0, PRESS),
+        Force(0.0),
+    )
     low = (*PRESSED[:-1], MoveL(at(30, 0, 0.5), 20.0), *again, MoveL(at(20, 0, 30), 20.0))
     text = text_of(low, options)
     assert text.count("FCCalib lTool;") == 1
@@ -323,7 +476,11 @@ def test_the_orientation_at_a_circle_point_is_compared() -> None:
     for one, same in ((text, True), (turned, False)):
         reading = read({"a": one}, SIGNALS)
         assert reading.faults == ()
-        with nullcontext() if same else pytest.raises(VerifyError, match="orientation half-way reads"):
+        with (
+            nullcontext()
+            if same
+            else pytest.raises(VerifyError, match="orientation half-way reads")
+        ):
             compare(prepared, reading, post.tolerance(), post.list_verified(), "a")
 
 
@@ -344,7 +501,9 @@ def test_arcs_that_are_legal_by_column_are_so_one_by_one() -> None:
     radius = 10.0 ** rng.uniform(-1.5, 3, (4000, 1))
     sweep = rng.uniform(0.03, 2.4, (4000, 1))
     part = sweep * rng.uniform(0.1, 0.9, (4000, 1))
-    via, end = (start + radius * (np.sin(t) * along + (1 - np.cos(t)) * across) for t in (part, sweep))
+    via, end = (
+        start + radius * (np.sin(t) * along + (1 - np.cos(t)) * across) for t in (part, sweep)
+    )
     points = [list(map(tuple, column.tolist())) for column in (start, via, end)]
     legal = np.array([not arc_fault(*arc, 3) for arc in zip(*points, strict=True)])
     found = find_round(start, via, end, 3)

@@ -10,7 +10,9 @@ from hypothesis import strategies as st
 
 usual = st.builds("{}{}{}".format, st.sampled_from(["", "-"]), st.from_regex(r"\A[0-9]{1,7}\Z"),
                   st.from_regex(r"\A(\.[0-9]{1,8})?\Z"))  # fmt: skip
-odd = st.one_of(st.text("0123456789.-", max_size=18), st.text("0 9.-+eE_\u0663\u00e9/:", max_size=6))
+odd = st.one_of(
+    st.text("0123456789.-", max_size=18), st.text("0 9.-+eE_\u0663\u00e9/:", max_size=6)
+)
 
 
 @given(st.lists(st.one_of(usual, odd), min_size=1, max_size=12))
@@ -44,7 +46,9 @@ def test_lines_are_those_of_the_patterns(texts: list[str]) -> None:
     assert chunk.moves.tolist() == [re.fullmatch(MOTION, text) is not None for text in texts]
     # An output that the machine has not is another line.
     assert chunk.other.tolist() == [not re.fullmatch(f"{MOTION}|{REMARK}", text) for text in texts]
-    assert set(said) == {(one[1], one[2]) for text in texts if (one := re.fullmatch("M6([45]) P([0-9]{1,2})", text))}
+    assert set(said) == {
+        (one[1], one[2]) for text in texts if (one := re.fullmatch("M6([45]) P([0-9]{1,2})", text))
+    }
     for row, text in enumerate(texts):
         if found := re.fullmatch(MOTION, text):
             expected = [float(word) if word else np.nan for word in found.groups()[1:]]

@@ -48,7 +48,9 @@ def simulate(post: str, job: dict[str, object]) -> list[tuple[Motion, Motion, se
     assert not reading.faults
     chord = 0.01
     poster = find_post(post)(**job.get("post", {}))
-    planned = [item for item in poster.prepare(made.program, chord).body if not isinstance(item, Comment)]
+    planned = [
+        item for item in poster.prepare(made.program, chord).body if not isinstance(item, Comment)
+    ]
     assert len(planned) == len(reading.body)
     used = {item.signal for item in reading.body if isinstance(item, Output)}
     on = used | ({"force"} if any(isinstance(item, Force) for item in reading.body) else set())
@@ -84,7 +86,9 @@ def test_a_tool_that_turns_is_on_from_above_its_path_until_it_is_above_again(pos
 
 
 @pytest.mark.parametrize("post", MILLS)
-def test_a_spindle_turns_before_the_cutter_is_in_the_material_and_until_it_is_out(post: str) -> None:
+def test_a_spindle_turns_before_the_cutter_is_in_the_material_and_until_it_is_out(
+    post: str,
+) -> None:
     job = {"operation": {"depth": 3.0}, "process": {"spindle": 9000.0}}
     moves = simulate(post, job)
     low = [bool(item.target.origin[2] < 0) for _, item, _ in moves]
@@ -96,7 +100,9 @@ def test_a_spindle_turns_before_the_cutter_is_in_the_material_and_until_it_is_ou
 
 @pytest.mark.parametrize("post", MILLS)
 def test_a_cut_with_the_spindle_at_rest_is_refused(post: str) -> None:
-    with pytest.raises(camgen.CamgenError, match=r"a cut of 3 mm .*process\.spindle.*process\.switch"):
+    with pytest.raises(
+        camgen.CamgenError, match=r"a cut of 3 mm .*process\.spindle.*process\.switch"
+    ):
         camgen.build(PART, post=post, job={"operation": {"depth": 3.0}})
     relay = {"operation": {"depth": 3.0}, "process": {"switch": "air", "signal": ""}}
     with pytest.raises(camgen.CamgenError, match=r"a cut of 3 mm .*process\.spindle"):
@@ -106,9 +112,17 @@ def test_a_cut_with_the_spindle_at_rest_is_refused(post: str) -> None:
 
 
 @pytest.mark.parametrize("post", PRESSES)
-def test_force_presses_along_the_paths_alone_and_a_driven_tool_is_off_after_the_retract(post: str) -> None:
-    job = {"tool": {"orient": "follow"} if post in ROBOTS else {}, "process": {"force": 5.0}, "post": PRESSES[post]}
-    if post == "vplus":  # a SCARA takes no tool that turns on and on about its axis with its built-in cell
+def test_force_presses_along_the_paths_alone_and_a_driven_tool_is_off_after_the_retract(
+    post: str,
+) -> None:
+    job = {
+        "tool": {"orient": "follow"} if post in ROBOTS else {},
+        "process": {"force": 5.0},
+        "post": PRESSES[post],
+    }
+    if (
+        post == "vplus"
+    ):  # a SCARA takes no tool that turns on and on about its axis with its built-in cell
         job["tool"] = {}
     moves = simulate(post, job)
     assert not moves[0][2]
@@ -130,21 +144,42 @@ HOME = MoveJ(Joints((0.0,) * 6), 100.0)
 @pytest.mark.parametrize(
     ("body", "why"),
     [
-        ((HOME, Output("glue", 1.0), Output("glue", 0.0)), "output glue is not switched off before the first motion"),
-        ((Output("glue", 1.0), HOME, Output("glue", 0.0)), "output glue is not switched off before the first motion"),
+        (
+            (HOME, Output("glue", 1.0), Output("glue", 0.0)),
+            "output glue is not switched off before the first motion",
+        ),
+        (
+            (Output("glue", 1.0), HOME, Output("glue", 0.0)),
+            "output glue is not switched off before the first motion",
+        ),
         ((Output("glue", 0.0), HOME, Output("glue", 1.0)), "output glue must be off at the end"),
-        ((Output("glue", 0.0), HOME, Output("spindle", 9.0), Output("spindle", 0.0)), "output spindle is not switched"),
-        ((HOME, Force(1.0, (0.0, 0.0, -1.0)), Force(0.0)), "force control is not switched off before the first motion"),
+        (
+            (Output("glue", 0.0), HOME, Output("spindle", 9.0), Output("spindle", 0.0)),
+            "output spindle is not switched",
+        ),
+        (
+            (HOME, Force(1.0, (0.0, 0.0, -1.0)), Force(0.0)),
+            "force control is not switched off before the first motion",
+        ),
         ((Force(0.0), HOME, Force(1.0, (0.0, 0.0, -1.0))), "force control must be off at the end"),
     ],
 )
-def test_a_program_that_does_not_know_its_outputs_off_is_none(body: tuple[object, ...], why: str) -> None:
+def test_a_program_that_does_not_know_its_outputs_off_is_none(
+    body: tuple[object, ...], why: str
+) -> None:
     with pytest.raises(Refused, match=why):
         program(*body)
 
 
 def test_outputs_are_put_off_before_all_else() -> None:
-    body = (HOME, Output("a", 1.0), Output("b", 1.0), Output("a", 0.0), Force(0.0), Output("b", 0.0))
+    body = (
+        HOME,
+        Output("a", 1.0),
+        Output("b", 1.0),
+        Output("a", 0.0),
+        Force(0.0),
+        Output("b", 0.0),
+    )
     assert put_off_first(body) == (Output("a", 0.0), Output("b", 0.0), Force(0.0), *body)
     assert program(*put_off_first(body)).body[:1] == (Output("a", 0.0),)
     assert put_off_first((HOME,)) == (HOME,)

@@ -10,7 +10,15 @@ from msgspec.structs import replace
 
 from camgen.geometry.arcs import arc_middles
 from camgen.model.errors import VerifyError
-from camgen.model.pose import IDENTITY, TOOL_DOWN, Pose, frozen, rotation_about, rotation_about_axis, translation
+from camgen.model.pose import (
+    IDENTITY,
+    TOOL_DOWN,
+    Pose,
+    frozen,
+    rotation_about,
+    rotation_about_axis,
+    translation,
+)
 from camgen.model.program import Comment, Force, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
 from camgen.post import Fault, Reading, Tolerance
 from camgen.post import verify as judge
@@ -57,7 +65,9 @@ def program(body=BODY):
 
 
 def reading(body=BODY, **more):
-    return Reading(tuple(body), tuple(10 * i + 1 for i in range(len(body))), more.pop("faults", ()), **more)
+    return Reading(
+        tuple(body), tuple(10 * i + 1 for i in range(len(body))), more.pop("faults", ()), **more
+    )
 
 
 def changed(index, **fields):
@@ -89,7 +99,11 @@ def test_a_fault_goes_before_everything():
 @pytest.mark.parametrize(
     ("index", "fields", "says"),
     [
-        (2, {"target": Joints((0.1, 0.2, 0.3001))}, "joint values reads 0.1 0.2 0.3001, planned is 0.1 0.2 0.3"),
+        (
+            2,
+            {"target": Joints((0.1, 0.2, 0.3001))},
+            "joint values reads 0.1 0.2 0.3001, planned is 0.1 0.2 0.3",
+        ),
         (2, {"target": Joints((0.1, 0.2))}, "MoveJ to 2 joint values, planned is MoveJ to 3"),
         (2, {"target": at(0, 0)}, "MoveJ to 0 0 0, planned is MoveJ to 3 joint values"),
         (2, {"speed": 101.0}, "speed reads 101, planned is 100"),
@@ -97,20 +111,36 @@ def test_a_fault_goes_before_everything():
         (4, {"blend": 0.0}, "blend reads 0, planned is 1"),
         (5, {"target": at(0, 10)}, "target reads 0 10 0, planned is 10 0 0"),
         (5, {"target": at(10, math.nan)}, "target reads 10 nan 0"),
-        (5, {"target": at(10, 0, 0, IDENTITY)}, "orientation reads q 1 0 0 0, planned is q 0 1 0 0"),
+        (
+            5,
+            {"target": at(10, 0, 0, IDENTITY)},
+            "orientation reads q 1 0 0 0, planned is q 0 1 0 0",
+        ),
         (5, {"speed": 20.02}, "speed reads 20.02, planned is 20"),
         (5, {"blend": 0.0001}, "blend reads 0.0001, planned is 0"),
         (6, {"signal": "glue"}, "reads output glue 1, planned is output process 1"),
         (6, {"value": 0.0}, "output reads 0, planned is 1"),
         (7, {"seconds": 0.252}, "wait reads 0.252, planned is 0.25"),
         (8, {"newtons": 5.02}, "force reads 5.02, planned is 5"),
-        (8, {"force_direction": (1.0, 0.0, 0.0)}, "force along x y z reads 5 0 0, planned is 0 5 0"),
+        (
+            8,
+            {"force_direction": (1.0, 0.0, 0.0)},
+            "force along x y z reads 5 0 0, planned is 0 5 0",
+        ),
         (9, {"force": 0.0}, "force reads 0, planned is 5"),
-        (9, {"force_direction": (0.0, 0.0, 0.0)}, "force along x y z reads 0 0 0, planned is 0 5 0"),
+        (
+            9,
+            {"force_direction": (0.0, 0.0, 0.0)},
+            "force along x y z reads 0 0 0, planned is 0 5 0",
+        ),
         (10, {"via": at(20, 20)}, "middle of the arc reads 20 20 0, planned is 30 10 0"),
         (10, {"via": at(10, 10)}, "middle of the arc reads 10 10 0, planned is 30 10 0"),
         (10, {"via": at(30, 10, 1)}, "middle of the arc"),
-        (10, {"force_direction": (0.0, 1.0, 0.0)}, "force along x y z reads 0 5 0, planned is 0 -5 0"),
+        (
+            10,
+            {"force_direction": (0.0, 1.0, 0.0)},
+            "force along x y z reads 0 5 0, planned is 0 -5 0",
+        ),
     ],
 )
 def test_a_difference_is_named(index, fields, says):
@@ -134,20 +164,32 @@ def test_the_speed_of_a_turn_on_the_spot_is_compared_where_the_text_carries_it(t
     read = reading([*TURNS[:2], replace(TURNS[2], turn=turn), TURNS[3]])
     verify(read, body=TURNS)
     near = replace(TOLERANCE, turn=0.001)
-    with pytest.raises(VerifyError, match=rf"instruction 2: speed of turning reads {turn:g}, planned is 0.5 .line 21"):
+    with pytest.raises(
+        VerifyError,
+        match=rf"instruction 2: speed of turning reads {turn:g}, planned is 0.5 .line 21",
+    ):
         verify(read, carries=ALL | {"turn"}, body=TURNS, tolerance=near)
     verify(read, carries=ALL | {"turn"}, body=TURNS, tolerance=replace(TOLERANCE, turn=10.0))
     verify(reading(TURNS), carries=ALL | {"turn"}, body=TURNS, tolerance=near)
 
 
 def test_a_turn_that_the_text_rounds_away_has_no_speed_there():
-    slight = (*TURNS[:2], replace(TURNS[2], target=at(0, 0, 20, frozen(TOOL_DOWN @ rotation_about(2, 1e-7)))))
+    slight = (
+        *TURNS[:2],
+        replace(TURNS[2], target=at(0, 0, 20, frozen(TOOL_DOWN @ rotation_about(2, 1e-7)))),
+    )
     read = reading([*TURNS[:2], MoveL(at(0, 0, 20), 20.0)])
     verify(read, carries=ALL | {"turn"}, body=slight)
 
 
 def test_the_first_of_several_differences_is_named():
-    body = [*BODY[:4], replace(BODY[4], speed=1.0), replace(BODY[5], speed=1.0), Output("no", 1.0), *BODY[7:]]
+    body = [
+        *BODY[:4],
+        replace(BODY[4], speed=1.0),
+        replace(BODY[5], speed=1.0),
+        Output("no", 1.0),
+        *BODY[7:],
+    ]
     with pytest.raises(VerifyError, match="instruction 4: speed"):
         verify(reading(body))
 
@@ -160,10 +202,13 @@ def test_a_missing_instruction_is_found(index):
 
 def test_too_much_and_too_little_at_the_end_are_found():
     with pytest.raises(
-        VerifyError, match=r"instruction 13: instruction reads wait 1 s, planned is nothing \(line 131\)"
+        VerifyError,
+        match=r"instruction 13: instruction reads wait 1 s, planned is nothing \(line 131\)",
     ):
         verify(reading([*BODY, Wait(1.0)]))
-    with pytest.raises(VerifyError, match="instruction 12: instruction reads nothing, planned is output process 0"):
+    with pytest.raises(
+        VerifyError, match="instruction 12: instruction reads nothing, planned is output process 0"
+    ):
         verify(reading(BODY[:-1]))
 
 
@@ -229,7 +274,9 @@ def test_the_deviation_of_an_arc_is_that_of_its_middle():
 @pytest.mark.parametrize("angle", [1e-9, 1e-7, 3e-6, 9.9e-6])
 def test_a_small_angle_is_measured_as_it_is(angle):
     rotation = frozen(TOOL_DOWN @ rotation_about_axis(np.array([0.6, 0.0, 0.8]), angle))
-    assert verify(changed(5, target=at(10, 0, 0, rotation))).max_angle == pytest.approx(angle, rel=1e-6)
+    assert verify(changed(5, target=at(10, 0, 0, rotation))).max_angle == pytest.approx(
+        angle, rel=1e-6
+    )
 
 
 def test_a_half_turn_is_not_mistaken_for_none():
@@ -264,12 +311,20 @@ def test_degenerate_arcs_have_a_middle():
 
 
 @settings(max_examples=200)
-@given(st.floats(0.001, math.pi), st.floats(0.01, 0.99), st.sampled_from([1e-2, 1.0, 1e3, 1e6]), st.integers(0, 999))
+@given(
+    st.floats(0.001, math.pi),
+    st.floats(0.01, 0.99),
+    st.sampled_from([1e-2, 1.0, 1e3, 1e6]),
+    st.integers(0, 999),
+)
 def test_the_middle_of_an_arc_agrees_with_turning_about_its_centre(sweep, fraction, radius, seed):
     random = np.random.default_rng(seed)
     normal = random.normal(size=3)
     turn = rotation_about_axis(normal / np.linalg.norm(normal), 2.0)
-    points = (turn @ (radius * np.array([np.cos(a), np.sin(a), 0.0])) for a in (0, sweep * fraction, sweep, sweep / 2))
+    points = (
+        turn @ (radius * np.array([np.cos(a), np.sin(a), 0.0]))
+        for a in (0, sweep * fraction, sweep, sweep / 2)
+    )
     start, via, end, middle = points
     # What the points themselves lose in double precision is magnified where the circle hangs on a short sweep.
     slack = 1e-14 * radius / (sweep * min(fraction, 1 - fraction)) ** 2 + 1e-12
@@ -289,7 +344,9 @@ def test_the_bound_of_arcs_holds_for_texts_with_a_via_and_for_texts_with_a_centr
     sweep = least + (math.pi - least) * random.uniform(0, 1, count)
     begin, centre = random.uniform(0, 2 * math.pi, count), random.uniform(-50, 50, (count, 2))
     p, m, q = (
-        np.column_stack([centre + radius[:, None] * np.column_stack([np.cos(a), np.sin(a)]), np.zeros(count)])
+        np.column_stack(
+            [centre + radius[:, None] * np.column_stack([np.cos(a), np.sin(a)]), np.zeros(count)]
+        )
         for a in (begin, begin + sweep / 2, begin + sweep)
     )
     normal = random.normal(size=(count, 3))
@@ -302,9 +359,13 @@ def test_the_bound_of_arcs_holds_for_texts_with_a_via_and_for_texts_with_a_centr
     heart = start[:, :2] + _rounded(centre - start[:, :2], unit)
     # What an interpreter of I and J does: radius from the start, half-way between the two directions.
     a, b = start[:, :2] - heart, end[:, :2] - heart
-    angle = np.arctan2(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], np.einsum("ni,ni->n", a, b)) % (2 * math.pi)
+    angle = np.arctan2(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], np.einsum("ni,ni->n", a, b)) % (
+        2 * math.pi
+    )
     half = np.arctan2(a[:, 1], a[:, 0]) + angle / 2
-    with_centre = heart + np.linalg.norm(a, axis=1)[:, None] * np.column_stack([np.cos(half), np.sin(half)])
+    with_centre = heart + np.linalg.norm(a, axis=1)[:, None] * np.column_stack(
+        [np.cos(half), np.sin(half)]
+    )
     worst_centre = np.linalg.norm(with_centre - m[:, :2], axis=1).max() / (unit / 2)
     assert 2.0 < worst_via < ARC_SLACK
     assert 2.0 < worst_centre < ARC_SLACK
@@ -320,9 +381,15 @@ def test_rounded_programs_are_accepted(seed, sweep):
     body += [MoveL(at(*p), 20.0) for p in points[1:]]
     radius = float(random.uniform(0.05, 80))
     start = at(*(points[3] + 0.0))
-    side = at(points[3][0] + radius * math.sin(sweep), points[3][1] + radius * (1 - math.cos(sweep)), points[3][2])
+    side = at(
+        points[3][0] + radius * math.sin(sweep),
+        points[3][1] + radius * (1 - math.cos(sweep)),
+        points[3][2],
+    )
     half = at(
-        points[3][0] + radius * math.sin(sweep / 2), points[3][1] + radius * (1 - math.cos(sweep / 2)), points[3][2]
+        points[3][0] + radius * math.sin(sweep / 2),
+        points[3][1] + radius * (1 - math.cos(sweep / 2)),
+        points[3][2],
     )
     arc = MoveC(half, side, 20.0)
     assert along(start, arc, np.array([0.5]))[0].origin == pytest.approx(half.origin, abs=1e-9)

@@ -7,16 +7,24 @@ import pytest
 from camgen.cli import main
 
 SHARED = Path(__file__).parents[2].parent / "shared" / "data"
-needs_shared = pytest.mark.skipif(not SHARED.is_dir(), reason="the folder shared/data is not beside the repository")
+needs_shared = pytest.mark.skipif(
+    not SHARED.is_dir(), reason="the folder shared/data is not beside the repository"
+)
 
 
 def verified(capsys, path, post):
     """Exit code, the page by its labels, the lines about lines, and the error."""
     code = main(["verify", str(path), "--post", post])
     shown = capsys.readouterr()
-    page = {line[:10].strip(): line[10:].strip() for line in shown.out.splitlines() if " line " not in line[:60]}
+    page = {
+        line[:10].strip(): line[10:].strip()
+        for line in shown.out.splitlines()
+        if " line " not in line[:60]
+    }
     told = [
-        line.removeprefix(f"{path.name} ") for line in shown.out.splitlines() if line.startswith(f"{path.name} line")
+        line.removeprefix(f"{path.name} ")
+        for line in shown.out.splitlines()
+        if line.startswith(f"{path.name} line")
     ]
     return code, page, told, shown.err
 
@@ -64,7 +72,9 @@ def test_faults_of_a_rapid_program_have_their_lines(capsys, tmp_path):
 def test_a_sound_foreign_program_says_what_it_does(capsys, tmp_path):
     lines = RAPID.splitlines()
     kept = [line for k, line in enumerate(lines, 1) if k not in (4, 6, 9, 11, 12, 13, 14)]
-    text = "\n".join(kept).replace("SetDO doGrip,1;", "MoveL p3,v50,fine,tA;\n        SetDO doGrip,1;")
+    text = "\n".join(kept).replace(
+        "SetDO doGrip,1;", "MoveL p3,v50,fine,tA;\n        SetDO doGrip,1;"
+    )
     code, page, told, error = verified(capsys, written(tmp_path, "good.mod", text), "rapid")
     assert (code, error) == (0, "")
     assert told == []
@@ -80,7 +90,9 @@ def test_a_sound_foreign_program_says_what_it_does(capsys, tmp_path):
             "vplus",
             "a.v2",
             ".PROGRAM main()\n    SPEED 100 MMPS ALWAYS\n    MOVES p2\n    SIGNAL 5\n    CLOSEI\n.END\n",
-            {"line 4: dangerous: signal 5 switches while the motion before it still runs: BREAK is missing"},
+            {
+                "line 4: dangerous: signal 5 switches while the motion before it still runs: BREAK is missing"
+            },
         ),
         (
             "pacscript",
@@ -88,7 +100,12 @@ def test_a_sound_foreign_program_says_what_it_does(capsys, tmp_path):
             "Sub Main\n  TakeArm\n  P1 = P(\n  GiveArm\nEnd Sub\n",
             {"line 3: refused: a value is missing"},
         ),
-        ("grbl", "a.nc", "G21\nG81 X1 Z-1 R1 F9\nG1 X1 F9\nM2\n", {"line 2: refused: G81 is not a code of grbl"}),
+        (
+            "grbl",
+            "a.nc",
+            "G21\nG81 X1 Z-1 R1 F9\nG1 X1 F9\nM2\n",
+            {"line 2: refused: G81 is not a code of grbl"},
+        ),
     ],
 )
 def test_what_is_not_known_is_named(capsys, tmp_path, post, name, text, said):
@@ -99,7 +116,9 @@ def test_what_is_not_known_is_named(capsys, tmp_path, post, name, text, said):
 
 def test_g_code_with_words_that_no_post_writes_is_run(capsys, tmp_path):
     """Three holes on a square of 10 mm, 8 mm down each: 3 times 7 mm at feed."""
-    text = "G21 G90 G64 P0.01\n#1=10\nG0 Z20\nG0 X0 Y0\nG98 G81 X0 Y0 Z-5 R2 F60\nX#1\nY#1\nG80\nM2\n"
+    text = (
+        "G21 G90 G64 P0.01\n#1=10\nG0 Z20\nG0 X0 Y0\nG98 G81 X0 Y0 Z-5 R2 F60\nX#1\nY#1\nG80\nM2\n"
+    )
     code, page, told, error = verified(capsys, written(tmp_path, "holes.ngc", text), "gcode")
     assert (code, error) == (0, "")
     assert told == []
@@ -110,7 +129,10 @@ def test_g_code_with_words_that_no_post_writes_is_run(capsys, tmp_path):
 def test_a_remark_is_a_fault_in_a_program_of_our_own(capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     old = written(tmp_path, "old.nc", "G21\nG0 X0 Y0 Z5\nG1 Z0 F60\nX9\nM2\n")
-    assert main(["build", str(old), "--post", "gcode", "-o", "new.ngc", "--plan", "plan.json", "-q"]) == 0
+    assert (
+        main(["build", str(old), "--post", "gcode", "-o", "new.ngc", "--plan", "plan.json", "-q"])
+        == 0
+    )
     assert main(["verify", "new.ngc", "--post", "gcode", "--plan", "plan.json"]) == 0
     text = (tmp_path / "new.ngc").read_text()
     (tmp_path / "new.ngc").write_text(text.replace("M2", "#1=2\nM2"))

@@ -15,7 +15,15 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from camgen.model.errors import CamgenError, JobError, Refused, VerifyError
-from camgen.model.pose import TOOL_DOWN, FloatArray, Pose, angle_between, frozen, rotation_about, translation
+from camgen.model.pose import (
+    TOOL_DOWN,
+    FloatArray,
+    Pose,
+    angle_between,
+    frozen,
+    rotation_about,
+    translation,
+)
 from camgen.model.program import (
     Columns,
     Comment,
@@ -49,7 +57,9 @@ def program(*body: Instruction, name: str = "part", header: tuple[str, ...] = ()
     return Program(name, CELL.base_from_work, CELL.flange_from_tool, whole(body), header)
 
 
-def render(source: Program, options: dict[str, object] | None = None, chord: float = 0.01) -> tuple[Program, str]:
+def render(
+    source: Program, options: dict[str, object] | None = None, chord: float = 0.01
+) -> tuple[Program, str]:
     post = make_post(VPlus, options or {})
     prepared = post.prepare(source, chord)
     (file,) = post.render(prepared)
@@ -81,9 +91,13 @@ def agree(planned: Program, found: Reading, options: dict[str, object] | None = 
         if isinstance(item, MoveL) and isinstance(other, MoveL) and item.turn and other.turn:
             assert abs(item.turn - other.turn) <= tolerance.turn + slack
         if isinstance(item.target, Joints):
-            assert np.allclose(item.target.values, other.target.values, rtol=0, atol=tolerance.joint)
+            assert np.allclose(
+                item.target.values, other.target.values, rtol=0, atol=tolerance.joint
+            )
         else:
-            assert np.allclose(item.target.origin, other.target.origin, rtol=0, atol=tolerance.mm + slack)
+            assert np.allclose(
+                item.target.origin, other.target.origin, rtol=0, atol=tolerance.mm + slack
+            )
             assert angle_between(item.target.rotation, other.target.rotation) <= tolerance.angle
 
 
@@ -162,7 +176,11 @@ def test_a_turn_on_the_spot_states_its_rotational_speed(rated: float, percent: s
     """SPEED v, r MMPS: r % of the arm's rotational speed, which bounds a motion whose point stays; then 100 again."""
     options: dict[str, object] = {"rated_turn": rated}
     prepared, text = render(program(*TURNING), options)
-    said = [line.split(maxsplit=1)[1] for line in text.splitlines() if "MMPS" in line and not line.startswith(";")]
+    said = [
+        line.split(maxsplit=1)[1]
+        for line in text.splitlines()
+        if "MMPS" in line and not line.startswith(";")
+    ]
     assert said == [f"20, {percent} MMPS ALWAYS", "20, 100 MMPS ALWAYS"]
     found = read({"a": text}, options)
     tolerance = make_post(VPlus, options).tolerance()
@@ -172,7 +190,8 @@ def test_a_turn_on_the_spot_states_its_rotational_speed(rated: float, percent: s
     for wrong in ("4", "6", "100"):
         slow = text.replace(f"20, {percent} MMPS", f"20, {wrong} MMPS")
         with pytest.raises(
-            VerifyError, match=r"instruction 2: speed of turning reads .*, planned is 1\.047198 .line 18"
+            VerifyError,
+            match=r"instruction 2: speed of turning reads .*, planned is 1\.047198 .line 18",
         ):
             compare(prepared, read({"a": slow}, options), tolerance, VPlus.verified_fields, "a")
     left = text.replace(f"20, {percent} MMPS", "20 MMPS")
@@ -216,7 +235,14 @@ def test_the_page_about_this_post_shows_that_text() -> None:
 
 def test_the_class_says_what_it_carries() -> None:
     assert (VPlus.newline, VPlus.suffix, VPlus.passes) == ("\r\n", ".v2", ("chords",))
-    assert {"orientation", "speed", "joint-speed", "stop", "turn", "switches"} == VPlus.verified_fields
+    assert {
+        "orientation",
+        "speed",
+        "joint-speed",
+        "stop",
+        "turn",
+        "switches",
+    } == VPlus.verified_fields
 
 
 def test_arc_becomes_chords_on_its_circle() -> None:
@@ -236,7 +262,9 @@ def test_tool_and_frame_on_the_controller() -> None:
     with pytest.raises(JobError, match="ends like the parts"):
         make_post(VPlus, options)
     options["work"] = "Table.b"
-    prepared, text = render(program(HOME, MoveJ(down(1, 2, 3), 100), MoveL(down(1, 2, 0), 20), HOME), options)
+    prepared, text = render(
+        program(HOME, MoveJ(down(1, 2, 3), 100), MoveL(down(1, 2, 0), 20), HOME), options
+    )
     assert "AUTO" not in text
     assert "SET" not in text
     assert "    TOOL pen\n" in text
@@ -288,35 +316,107 @@ TILTED = MoveJ(Pose(zyz_degrees(0, 179.9, 180), (0, 0, 0)), 100)
 ON_OFF: dict[str, object] = {"spindle": "on-off", "signals": {"spindle": 5}}
 VALVE: dict[str, object] = {"force": "signal", "signals": {"force": 9}}
 REFUSED: list[tuple[dict[str, object], tuple[Instruction, ...], str]] = [
-    ({}, (HOME, TILTED), "a SCARA cannot tilt its tool, and this pose is 0.1 deg from straight down; check cell.base"),
-    ({}, (HOME, MoveJ(down(1e4, 0, 0), 9)), "at (10000, 0, 0) mm is beyond 8192 mm, where a V+ real is too coarse; mo"),
-    ({}, (HOME, MoveC(UP.target, down(9, 9, 0), 9)), "V+ has no arc, and no pose is known where this one starts; move"),
-    ({}, (HOME, MoveJ(UP.target, 7501)), "7501 mm/s is 100 % of post.rated = 7500 mm/s, more than 100 %; lower proce"),
-    ({}, (HOME, MoveJ(UP.target, 3)), "3 mm/s is 0.04 % of post.rated = 7500 mm/s, below the least that prints exact"),
-    ({}, (HOME, UP, MoveL(UP.target, 0.04)), "0.04 mm/s is below 0.05 mm/s, the least that prints exactly; raise pro"),
+    (
+        {},
+        (HOME, TILTED),
+        "a SCARA cannot tilt its tool, and this pose is 0.1 deg from straight down; check cell.base",
+    ),
+    (
+        {},
+        (HOME, MoveJ(down(1e4, 0, 0), 9)),
+        "at (10000, 0, 0) mm is beyond 8192 mm, where a V+ real is too coarse; mo",
+    ),
+    (
+        {},
+        (HOME, MoveC(UP.target, down(9, 9, 0), 9)),
+        "V+ has no arc, and no pose is known where this one starts; move",
+    ),
+    (
+        {},
+        (HOME, MoveJ(UP.target, 7501)),
+        "7501 mm/s is 100 % of post.rated = 7500 mm/s, more than 100 %; lower proce",
+    ),
+    (
+        {},
+        (HOME, MoveJ(UP.target, 3)),
+        "3 mm/s is 0.04 % of post.rated = 7500 mm/s, below the least that prints exact",
+    ),
+    (
+        {},
+        (HOME, UP, MoveL(UP.target, 0.04)),
+        "0.04 mm/s is below 0.05 mm/s, the least that prints exactly; raise pro",
+    ),
     ({}, (HOME, Output("laser", 1)), "signal laser has no number; add it to post.signals"),
-    ({}, (HOME, Output("process", 0.5)), "signal process can be 0 or 1, not 0.5; use a signal that is on or off"),
-    ({}, (HOME, Output("spindle", 9)), "V+ has no spindle speed; set post.spindle to on-off and map spindle in post.s"),
-    ({"spindle": "on-off"}, (HOME, Output("spindle", 9)), "signal spindle has no number; add it to post.signals"),
-    (ON_OFF, (HOME, Output("spindle", -9)), "a spindle turning backwards is more than on or off; give a positive"),
+    (
+        {},
+        (HOME, Output("process", 0.5)),
+        "signal process can be 0 or 1, not 0.5; use a signal that is on or off",
+    ),
+    (
+        {},
+        (HOME, Output("spindle", 9)),
+        "V+ has no spindle speed; set post.spindle to on-off and map spindle in post.s",
+    ),
+    (
+        {"spindle": "on-off"},
+        (HOME, Output("spindle", 9)),
+        "signal spindle has no number; add it to post.signals",
+    ),
+    (
+        ON_OFF,
+        (HOME, Output("spindle", -9)),
+        "a spindle turning backwards is more than on or off; give a positive",
+    ),
     (
         ON_OFF,
         (HOME, Output("spindle", 9), Output("spindle", 8)),
         "asks for 9 and 8 rpm (instruction 3); plan one value",
     ),
-    ({}, (HOME, Wait(0.0)), "a wait of 0 s cannot be written; leave it out or wait 0.001 s or more (instruction 1)"),
-    ({}, (HOME, Force(5, DOWN), Force(0)), "V+ has no confirmed force control; set post.force to signal (a pressure"),
-    ({"force": "signal"}, (HOME, Force(5, DOWN), Force(0)), "the output named force has no number; add it to post.sig"),
-    (VALVE, (HOME, UP, Force(5, DOWN), MoveL(UP.target, 9, 0, 4), Force(0)), "5 and 4 N (instruction 4); plan one"),
-    ({}, (HOME, HOME6), "a position has 6 joint values, another 4 (instruction 1); give all for one arm"),
-    ({}, (MoveJ(Joints((0.0,) * 5), 9),), "a position has 5 joint values (instruction 0); give 4 values (SCARA: deg, "),
-    ({"posture": ["LEFTY"]}, (HOME,), "LEFTY, but the first position has joint 2 at 45 deg; RIGHTY goes with joint 2"),
+    (
+        {},
+        (HOME, Wait(0.0)),
+        "a wait of 0 s cannot be written; leave it out or wait 0.001 s or more (instruction 1)",
+    ),
+    (
+        {},
+        (HOME, Force(5, DOWN), Force(0)),
+        "V+ has no confirmed force control; set post.force to signal (a pressure",
+    ),
+    (
+        {"force": "signal"},
+        (HOME, Force(5, DOWN), Force(0)),
+        "the output named force has no number; add it to post.sig",
+    ),
+    (
+        VALVE,
+        (HOME, UP, Force(5, DOWN), MoveL(UP.target, 9, 0, 4), Force(0)),
+        "5 and 4 N (instruction 4); plan one",
+    ),
+    (
+        {},
+        (HOME, HOME6),
+        "a position has 6 joint values, another 4 (instruction 1); give all for one arm",
+    ),
+    (
+        {},
+        (MoveJ(Joints((0.0,) * 5), 9),),
+        "a position has 5 joint values (instruction 0); give 4 values (SCARA: deg, ",
+    ),
+    (
+        {"posture": ["LEFTY"]},
+        (HOME,),
+        "LEFTY, but the first position has joint 2 at 45 deg; RIGHTY goes with joint 2",
+    ),
     ({"posture": ["FLIP"]}, (HOME,), "FLIP: a SCARA has no such posture; give LEFTY or RIGHTY"),
 ]
 
 
-@pytest.mark.parametrize(("options", "body", "message"), REFUSED, ids=[m[:30] for _, _, m in REFUSED])
-def test_refusals_name_the_remedy(options: dict[str, object], body: tuple[Instruction, ...], message: str) -> None:
+@pytest.mark.parametrize(
+    ("options", "body", "message"), REFUSED, ids=[m[:30] for _, _, m in REFUSED]
+)
+def test_refusals_name_the_remedy(
+    options: dict[str, object], body: tuple[Instruction, ...], message: str
+) -> None:
     with pytest.raises(CamgenError) as caught:
         render(program(*body), options)
     assert message in str(caught.value)
@@ -325,8 +425,16 @@ def test_refusals_name_the_remedy(options: dict[str, object], body: tuple[Instru
 @pytest.mark.parametrize(
     ("work", "tool", "message"),
     [
-        (translation(0, 9000, 0), CELL.flange_from_tool, "vplus: the work frame: at (0, 9000, 0) mm is beyond 8192 mm"),
-        (CELL.base_from_work, translation(0, 0, -9000), "vplus: the tool: at (0, 0, -9000) mm is beyond 8192 mm"),
+        (
+            translation(0, 9000, 0),
+            CELL.flange_from_tool,
+            "vplus: the work frame: at (0, 9000, 0) mm is beyond 8192 mm",
+        ),
+        (
+            CELL.base_from_work,
+            translation(0, 0, -9000),
+            "vplus: the tool: at (0, 0, -9000) mm is beyond 8192 mm",
+        ),
     ],
 )
 def test_frames_that_cannot_be_printed(work: Pose, tool: Pose, message: str) -> None:
@@ -338,17 +446,38 @@ def test_frames_that_cannot_be_printed(work: Pose, tool: Pose, message: str) -> 
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"rated": 0.0}, "[post] rated: cannot be 0.0; the TCP speed of a MOVE at 100 %, up to 20000 mm/s"),
+        (
+            {"rated": 0.0},
+            "[post] rated: cannot be 0.0; the TCP speed of a MOVE at 100 %, up to 20000 mm/s",
+        ),
         ({"rated_turn": 0.0}, "[post] rated_turn: cannot be 0.0; deg/s at 100 %, up to 10000"),
         ({"decimals": 6}, "[post] decimals: cannot be 6; 1 to 4: a V+ real is single precision"),
         ({"max_lines": -1}, "[post] max_lines: cannot be -1; 0 for no limit"),
-        ({"program": "a.very.long.name"}, "'a.very.long.name' is longer than 15 characters, of which V+ ignores the"),
-        ({"program": "1st"}, "[post] program: '1st' is not a letter followed by letters, digits, dots and underscor"),
+        (
+            {"program": "a.very.long.name"},
+            "'a.very.long.name' is longer than 15 characters, of which V+ ignores the",
+        ),
+        (
+            {"program": "1st"},
+            "[post] program: '1st' is not a letter followed by letters, digits, dots and underscor",
+        ),
         ({"tool": "Tool"}, "[post] tool: 'Tool' is a word of V+; give another name"),
-        ({"tool": "A", "work": "a"}, "[post] program, tool, work: have the same name; give three names"),
-        ({"signals": {"process": 1005}}, "[post] signals: process cannot be 1005; outputs are 1 to 1000, soft sig"),
-        ({"signals": {"process": 7, "force": 7}}, "[post] signals: process and force are both 7; give each its own"),
-        ({"posture": ["RIGHTY", "LEFTY"]}, "[post] posture: LEFTY and RIGHTY are one choice; give one of them, once"),
+        (
+            {"tool": "A", "work": "a"},
+            "[post] program, tool, work: have the same name; give three names",
+        ),
+        (
+            {"signals": {"process": 1005}},
+            "[post] signals: process cannot be 1005; outputs are 1 to 1000, soft sig",
+        ),
+        (
+            {"signals": {"process": 7, "force": 7}},
+            "[post] signals: process and force are both 7; give each its own",
+        ),
+        (
+            {"posture": ["RIGHTY", "LEFTY"]},
+            "[post] posture: LEFTY and RIGHTY are one choice; give one of them, once",
+        ),
         ({"posture": ["UPSIDE"]}, "[post] posture: Invalid enum value 'UPSIDE'"),
         ({"force": "hard"}, "[post] force: Invalid enum value 'hard'"),
     ],
@@ -409,14 +538,20 @@ def test_every_part_says_its_speed() -> None:
     assert len(parts) > 4
     for part in parts:
         lines = [line.split()[0] for line in part.splitlines()]
-        assert lines.index("SPEED") < next(i for i, word in enumerate(lines) if word.startswith("MOVE"))
+        assert lines.index("SPEED") < next(
+            i for i, word in enumerate(lines) if word.startswith("MOVE")
+        )
 
 
 def test_a_given_name_is_not_cut() -> None:
     source = long_program(100, "a")
-    with pytest.raises(Refused, match=r"outline_of_part is too long a name for 6 parts; shorten post.program to 13"):
+    with pytest.raises(
+        Refused, match=r"outline_of_part is too long a name for 6 parts; shorten post.program to 13"
+    ):
         render(source, {"program": "outline_of_part", "max_lines": 20})
-    assert render(source, {"program": "outline_of_part"})[1].startswith(".PROGRAM outline_of_part()\n")
+    assert render(source, {"program": "outline_of_part"})[1].startswith(
+        ".PROGRAM outline_of_part()\n"
+    )
 
 
 @given(st.text(max_size=30))
@@ -429,7 +564,14 @@ def test_any_input_name_becomes_a_name_of_its_own(name: str) -> None:
 
 @pytest.mark.parametrize(
     ("name", "expected"),
-    [("tool", "p_tool"), ("CG.WORK", "p_cg.work"), ("1st", "p_1st"), ("Größe 7", "gr__e_7"), ("", "p"), ("...", "p")],
+    [
+        ("tool", "p_tool"),
+        ("CG.WORK", "p_cg.work"),
+        ("1st", "p_1st"),
+        ("Größe 7", "gr__e_7"),
+        ("", "p"),
+        ("...", "p"),
+    ],
 )
 def test_names_that_are_taken(name: str, expected: str) -> None:
     _, text = render(Program(name, CELL.base_from_work, CELL.flange_from_tool, (HOME,)))
@@ -461,13 +603,17 @@ ANY = st.builds(zyz_degrees, ANGLES, st.floats(0, 180) | DEGENERATE, ANGLES)
 STRAIGHT = st.builds(lambda roll: zyz_degrees(0, 180, roll), ANGLES)
 
 
-def bodies(rotations: st.SearchStrategy[FloatArray], home: MoveJ) -> st.SearchStrategy[tuple[Instruction, ...]]:
+def bodies(
+    rotations: st.SearchStrategy[FloatArray], home: MoveJ
+) -> st.SearchStrategy[tuple[Instruction, ...]]:
     places = st.tuples(NUMBERS, NUMBERS, NUMBERS) | st.just((1.0, 2.0, 3.0))
     poses = st.builds(Pose, rotations, places)
     blends = st.sampled_from([0.0, 0.3, 5.0])
     item = st.one_of(
         st.builds(MoveJ, poses, st.floats(4, 7500), blends),
-        st.builds(MoveL, poses, st.floats(0.05, 3000), blends, turn=st.floats(0.02, math.radians(1200))),
+        st.builds(
+            MoveL, poses, st.floats(0.05, 3000), blends, turn=st.floats(0.02, math.radians(1200))
+        ),
         st.builds(Output, st.just("process"), st.sampled_from([0, 1])),
         st.builds(Wait, st.floats(0.001, 60)),
         st.builds(Comment, st.text(max_size=60)),
@@ -488,7 +634,9 @@ def settled(items: list[Instruction]) -> tuple[Instruction, ...]:
             stop = True
     columns = Columns(items)
     travels = np.flatnonzero(columns.moves_are(MoveL) & ~columns.turned)
-    return splice(items, {int(columns.at[k]): (replace(columns.moves[k], turn=0.0),) for k in travels})
+    return splice(
+        items, {int(columns.at[k]): (replace(columns.moves[k], turn=0.0),) for k in travels}
+    )
 
 
 @settings(max_examples=200)
@@ -504,9 +652,13 @@ def test_what_is_printed_is_read_scara(body: tuple[Instruction, ...]) -> None:
 
 
 @given(st.text(max_size=80), ANY, st.tuples(NUMBERS, NUMBERS, NUMBERS))
-def test_any_remark_and_any_frame(remark: str, rotation: FloatArray, origin: tuple[float, float, float]) -> None:
+def test_any_remark_and_any_frame(
+    remark: str, rotation: FloatArray, origin: tuple[float, float, float]
+) -> None:
     frame = Pose(rotation, origin)
-    source = Program("a", frame, frame, (HOME6, MoveJ(down(1, 2, 3), 100)), (remark, "; .END\r\n.END"))
+    source = Program(
+        "a", frame, frame, (HOME6, MoveJ(down(1, 2, 3), 100)), (remark, "; .END\r\n.END")
+    )
     found = round_trip(source, {})
     for pose in (found.work, found.tool):
         assert pose is not None
@@ -539,7 +691,11 @@ def faults(found: Reading) -> list[tuple[int, str]]:
 
 
 def origins(found: Reading) -> list[tuple[float, ...]]:
-    return [tuple(round(v, 6) for v in i.target.origin) for i in found.body if isinstance(i, (MoveJ, MoveL))]
+    return [
+        tuple(round(v, 6) for v in i.target.origin)
+        for i in found.body
+        if isinstance(i, (MoveJ, MoveL))
+    ]
 
 
 def test_a_program_as_people_write_it() -> None:
@@ -554,7 +710,14 @@ def test_a_program_as_people_write_it() -> None:
         rated=1000, signals={"pen": 33},
     )  # fmt: skip
     assert faults(found) == []
-    assert origins(found) == [(10, 10, 25), (10, 10, 0), (40, 10, 0), (55, 25, 0), (40, 40, 0), (40, 40, 25)]
+    assert origins(found) == [
+        (10, 10, 25),
+        (10, 10, 0),
+        (40, 10, 0),
+        (55, 25, 0),
+        (40, 40, 0),
+        (40, 40, 25),
+    ]
     kinds = [type(i).__name__[0] + type(i).__name__[-1] for i in found.body]
     assert kinds == ["MJ", "ML", "Ot", "Ot", "Wt", "ML", "ML", "ML", "ML"]
     moves = [i for i in found.body if isinstance(i, (MoveJ, MoveL))]
@@ -626,24 +789,44 @@ def test_speeds() -> None:
 
 
 def test_stops() -> None:
-    found = reading("MOVE TRANS(1)", "DISABLE CP", "MOVE TRANS(2)", "ENABLE CP", "MOVE TRANS(3)", "BASE", "MOVE NULL")
+    found = reading(
+        "MOVE TRANS(1)",
+        "DISABLE CP",
+        "MOVE TRANS(2)",
+        "ENABLE CP",
+        "MOVE TRANS(3)",
+        "BASE",
+        "MOVE NULL",
+    )
     assert [m.blend > 0 for m in found.body if isinstance(m, MoveJ)] == [True, False, False, True]
     assert faults(found) == []
 
 
 def test_here_and_dest() -> None:
-    found = reading("MOVE TRANS(1)", "SET a = DEST", "BREAK", "MOVE HERE:TRANS(,5)", "MOVE a", "SET b = HERE")
+    found = reading(
+        "MOVE TRANS(1)", "SET a = DEST", "BREAK", "MOVE HERE:TRANS(,5)", "MOVE a", "SET b = HERE"
+    )
     assert origins(found) == [(1, 0, 0), (1, 5, 0), (1, 0, 0)]
     assert faults(found) == [(7, "HERE while the robot may still move: BREAK is missing before it")]
 
 
 def test_targets_in_several_frames_are_given_in_the_base() -> None:
-    found = reading("SET f = TRANS(10)", "SET g = TRANS(,10)", "MOVE f:TRANS(1)", "MOVE g:TRANS(1)", "MOVE TRANS(5)")
+    found = reading(
+        "SET f = TRANS(10)",
+        "SET g = TRANS(,10)",
+        "MOVE f:TRANS(1)",
+        "MOVE g:TRANS(1)",
+        "MOVE TRANS(5)",
+    )
     assert origins(found) == [(11, 0, 0), (1, 10, 0), (5, 0, 0)]
     assert found.work is not None
     assert found.work.origin == (0, 0, 0)
-    mixed = reading("SET f = TRANS(10)", "MOVE f:TRANS(1)", "MOVE w:TRANS(1)", declare=False, work="w")
-    assert faults(mixed) == [(4, "the frames of the targets differ, and location w is only on the controller")]
+    mixed = reading(
+        "SET f = TRANS(10)", "MOVE f:TRANS(1)", "MOVE w:TRANS(1)", declare=False, work="w"
+    )
+    assert faults(mixed) == [
+        (4, "the frames of the targets differ, and location w is only on the controller")
+    ]
 
 
 def test_a_text_with_several_programs() -> None:
@@ -801,8 +984,12 @@ STRICT: list[tuple[str, str, Fault]] = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("old", "new", "fault"), STRICT, ids=[f"{new.strip()[:24]}-{f.line}" for _, new, f in STRICT])
-def test_what_the_controller_refuses_is_a_fault_and_what_it_takes_a_remark(old: str, new: str, fault: Fault) -> None:
+@pytest.mark.parametrize(
+    ("old", "new", "fault"), STRICT, ids=[f"{new.strip()[:24]}-{f.line}" for _, new, f in STRICT]
+)
+def test_what_the_controller_refuses_is_a_fault_and_what_it_takes_a_remark(
+    old: str, new: str, fault: Fault
+) -> None:
     text = EXPECTED.replace(old, new, 1)
     assert text != EXPECTED
     assert fault in read({"a": text}, {"rated": 1000.0}).faults
@@ -826,9 +1013,19 @@ def test_the_words_of_post_posture_stand_before_the_first_move() -> None:
 
 def test_what_a_call_keeps_is_not_taken_for_granted() -> None:
     """Speed and posture are said again after a CALL and after its RETURN."""
-    head = ["AUTO wf", "SELECT ROBOT = 1", "ATTACH ()", "ENABLE CP", "ACCEL (0) 100, 100", "TOOL NULL", "RIGHTY"]
+    head = [
+        "AUTO wf",
+        "SELECT ROBOT = 1",
+        "ATTACH ()",
+        "ENABLE CP",
+        "ACCEL (0) 100, 100",
+        "TOOL NULL",
+        "RIGHTY",
+    ]
     sub = ".PROGRAM sub()\nAUTO wf\nSET wf = NULL\n{}MOVES wf:NULL\nBREAK\n.END\n"
-    main = "\n".join([".PROGRAM main()", *head, "SPEED 20 MMPS ALWAYS", "CALL sub()", "{}DETACH ()", ".END\n"])
+    main = "\n".join(
+        [".PROGRAM main()", *head, "SPEED 20 MMPS ALWAYS", "CALL sub()", "{}DETACH ()", ".END\n"]
+    )
     again = "SPEED 20 MMPS ALWAYS\nRIGHTY\n"
     assert remarks(main.format("") + sub.format(again), {}) == []
     speed = "no SPEED since a CALL or its RETURN: whether that keeps the speed is not confirmed"
@@ -855,7 +1052,12 @@ def test_what_the_controller_has_is_what_the_options_name() -> None:
 
 def test_four_axes_take_no_tilt_in_whatever_frames() -> None:
     """The flange counts: a tool that is bent by 30 deg is held tilted. What only the controller knows is not judged."""
-    frames = ["SET t = TRANS(0,0,100,0,30,0)", "TOOL t", "SET wf = TRANS(300,0,0,90,0,0)", "MOVE #PPOINT(0,45,50,0)"]
+    frames = [
+        "SET t = TRANS(0,0,100,0,30,0)",
+        "TOOL t",
+        "SET wf = TRANS(300,0,0,90,0,0)",
+        "MOVE #PPOINT(0,45,50,0)",
+    ]
     upright = reading(*frames, "MOVE wf:TRANS(1,2,3,0,150,180)", "MOVE TRANS(1,2,3,40,150,180)")
     assert faults(upright) == []
     tilted = reading(*frames, "MOVE wf:TRANS(1,2,3,0,180,180)", "MOVES wf:TRANS(1,2,3,0,150.1,180)")
@@ -917,7 +1119,9 @@ def test_the_fast_way_for_plain_targets_says_the_same() -> None:
             assert np.array_equal(one.target.rotation, other.target.rotation)  # type: ignore[union-attr]
 
 
-@pytest.mark.parametrize("victim", ["BREAK", "SPEED", "SIGNAL", "WAIT.EVENT", "MOVES", "TOOL", "SET cg.work"])
+@pytest.mark.parametrize(
+    "victim", ["BREAK", "SPEED", "SIGNAL", "WAIT.EVENT", "MOVES", "TOOL", "SET cg.work"]
+)
 def test_a_missing_line_is_noticed(victim: str) -> None:
     """Every line that a machine obeys matters: without it there is a fault, or the comparison fails."""
     source = program(
@@ -937,7 +1141,10 @@ def test_a_missing_line_is_noticed(victim: str) -> None:
                 agree(prepared, found)
 
 
-GOOD = EXPECTED + ".PROGRAM x()\nFOR i = 1 TO 3\nAPPRO p:RX(i*2), 5\nSHIFT(p BY 1,2)\nEND\nIF a THEN\nEND\n.END\n"
+GOOD = (
+    EXPECTED
+    + ".PROGRAM x()\nFOR i = 1 TO 3\nAPPRO p:RX(i*2), 5\nSHIFT(p BY 1,2)\nEND\nIF a THEN\nEND\n.END\n"
+)
 PIECES = [
     "",
     " ",
@@ -960,9 +1167,23 @@ PIECES = [
     "é",
     "\t",
 ]
-PIECES += [".END\n", "TRANS(", "FOR ", "END\n", "CALL x()\n", "IF ", "HERE", "NULL", "INVERSE(", "SET ", "AUTO "]
+PIECES += [
+    ".END\n",
+    "TRANS(",
+    "FOR ",
+    "END\n",
+    "CALL x()\n",
+    "IF ",
+    "HERE",
+    "NULL",
+    "INVERSE(",
+    "SET ",
+    "AUTO ",
+]
 EDITS = st.lists(
-    st.tuples(st.integers(0, len(GOOD)), st.integers(0, 40), st.sampled_from(PIECES) | st.text(max_size=3)),
+    st.tuples(
+        st.integers(0, len(GOOD)), st.integers(0, 40), st.sampled_from(PIECES) | st.text(max_size=3)
+    ),
     min_size=1,
     max_size=6,
 )
@@ -998,7 +1219,9 @@ def test_programs_of_other_controllers_are_faults(name: str) -> None:
     if not paths:
         pytest.skip(f"{name}: the folder shared/data/robot is not there")
     found = read({name: paths[0].read_text(encoding="utf-8")}, {})
-    assert any("unknown statement" in f.what or "outside of a .PROGRAM" in f.what for f in found.faults)
+    assert any(
+        "unknown statement" in f.what or "outside of a .PROGRAM" in f.what for f in found.faults
+    )
 
 
 def test_a_stop_waits_for_the_operator_and_is_read_back() -> None:
@@ -1011,7 +1234,13 @@ def test_a_stop_waits_for_the_operator_and_is_read_back() -> None:
     compare(prepared, found, make_post(VPlus, {}).tolerance(), VPlus.verified_fields, "a")
     lost = text.replace("    PAUSE\n", "")
     with pytest.raises(VerifyError):
-        compare(prepared, read({"a": lost}, {}), make_post(VPlus, {}).tolerance(), VPlus.verified_fields, "a")
+        compare(
+            prepared,
+            read({"a": lost}, {}),
+            make_post(VPlus, {}).tolerance(),
+            VPlus.verified_fields,
+            "a",
+        )
     early = text.replace("    BREAK\n    PAUSE\n", "    PAUSE\n")
     what = "PAUSE while the robot may still move: BREAK is missing before it"
     assert what in [fault.what for fault in read({"a": early}, {}).faults]

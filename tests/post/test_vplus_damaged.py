@@ -28,8 +28,31 @@ MOVES wf:TRANS(1,2,3,0,90,0)|DISABLE CP
     .replace("\n", "|")
     .split("|")
 )
-NAMES = ["cg.work", "CG.WORK", "wf", "other", "Wf", "p", "p.1", "v", "a_very_long_name_1", "a_very_long_name_2", "here"]
-NAMES += ["DEST", "NULL", "TRANS", "a.very_long.nam", "A.very_long.name", "pen", "#p", "1a", "wf:wf", "é"]
+NAMES = [
+    "cg.work",
+    "CG.WORK",
+    "wf",
+    "other",
+    "Wf",
+    "p",
+    "p.1",
+    "v",
+    "a_very_long_name_1",
+    "a_very_long_name_2",
+    "here",
+]
+NAMES += [
+    "DEST",
+    "NULL",
+    "TRANS",
+    "a.very_long.nam",
+    "A.very_long.name",
+    "pen",
+    "#p",
+    "1a",
+    "wf:wf",
+    "é",
+]
 NUMBERS = [
     "-0",
     "0",
@@ -61,7 +84,17 @@ NUMBERS += [
     "180",
     "0.1234567891",
 ]
-SIGNS = [*'0159.,-+eE():;" \t\r\n\v\fMOVESTRANSmovestrans=#$_', "\r\n", "\n\r", "\x00", "\x85", "\u2028", "é", "ſ", "K"]
+SIGNS = [
+    *'0159.,-+eE():;" \t\r\n\v\fMOVESTRANSmovestrans=#$_',
+    "\r\n",
+    "\n\r",
+    "\x00",
+    "\x85",
+    "\u2028",
+    "é",
+    "ſ",
+    "K",
+]
 NUMBER = re.compile(r"-?\d+(?:\.\d+)?")
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9._]*")
 
@@ -72,14 +105,18 @@ def changed_line(line: str, chance: random.Random) -> str:
     kind = chance.randrange(8)
     if kind < 3 and places:
         place = chance.choice(places)
-        new = chance.choice(NUMBERS if place[0][0] in "-0123456789" else [*NAMES, "MOVE", "MOVES", "TRANS", "moves"])
+        new = chance.choice(
+            NUMBERS if place[0][0] in "-0123456789" else [*NAMES, "MOVE", "MOVES", "TRANS", "moves"]
+        )
         return line[: place.start()] + new + line[place.end() :]
     if kind == 3:
         return chance.choice([line.lower(), line.upper(), line.swapcase(), line.title()])
     if kind == 4:
         return chance.choice([" ", "\t", "100 ", "70000 ", "", "; ", ". ", "\v"]) + line.lstrip(" ")
     if kind == 5:
-        return line + chance.choice([" ", "\t", " ; a remark", ";", ' "', ":NULL", ")", ",", "\x85", "\f"])
+        return line + chance.choice(
+            [" ", "\t", " ; a remark", ";", ' "', ":NULL", ")", ",", "\x85", "\f"]
+        )
     return one_sign_changed(line, chance, SIGNS)
 
 
@@ -90,7 +127,11 @@ def files_of(text: str, chance: random.Random) -> dict[str, str]:
 
 
 @settings(max_examples=300)
-@given(st.randoms(use_true_random=True), st.sampled_from(TEXTS), st.sampled_from([None, None, None, -60, -15, 0, 30]))
+@given(
+    st.randoms(use_true_random=True),
+    st.sampled_from(TEXTS),
+    st.sampled_from([None, None, None, -60, -15, 0, 30]),
+)
 def test_damaged_texts_are_read_alike(
     chance: random.Random, source: tuple[str, dict[str, object]], looped: int | None
 ) -> None:
@@ -120,6 +161,7 @@ def test_every_statement_beside_a_stretch(statement: str, place: str) -> None:
 def test_every_spelling_within_a_stretch(spelling: str) -> None:
     for old in ("9.5", "0", "wf"):
         text = BY_HAND.replace(
-            "MOVES wf:TRANS(7,8,9.5,0,180,180)", "MOVES wf:TRANS(7,8,9.5,0,180,180)".replace(old, spelling)
+            "MOVES wf:TRANS(7,8,9.5,0,180,180)",
+            "MOVES wf:TRANS(7,8,9.5,0,180,180)".replace(old, spelling),
         )
         check({"a": text}, {})

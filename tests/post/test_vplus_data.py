@@ -19,7 +19,17 @@ from bench.reliability.modal.reader import carry_out
 from camgen.cli import main
 from camgen.model.errors import CamgenError, JobError, Refused, VerifyError
 from camgen.model.pose import TOOL_DOWN, Pose, frozen, rotation_about
-from camgen.model.program import Comment, Instruction, Joints, MoveJ, MoveL, Output, Posture, Program, Wait
+from camgen.model.program import (
+    Comment,
+    Instruction,
+    Joints,
+    MoveJ,
+    MoveL,
+    Output,
+    Posture,
+    Program,
+    Wait,
+)
 from camgen.post import Reading
 from camgen.post.kit import Case, cases, check_case
 from camgen.post.plugins import make_post
@@ -99,7 +109,11 @@ def test_the_same_program_in_both_ways_reads_alike() -> None:
 
 def test_postures_and_six_axes_are_records_too() -> None:
     words = Posture(switches=("LEFTY", "ABOVE", "NOFLIP", "SINGLE"))
-    body = (HOME6, MoveJ(down(1, 2, 3), 100, posture=words), MoveL(down(4, 5, 6), 20, posture=words))
+    body = (
+        HOME6,
+        MoveJ(down(1, 2, 3), 100, posture=words),
+        MoveL(down(4, 5, 6), 20, posture=words),
+    )
     prepared, files = made(program(*body))
     reading = read(files, FILE)
     assert reading.faults == ()
@@ -109,7 +123,11 @@ def test_postures_and_six_axes_are_records_too() -> None:
     assert read(given, {**FILE, "posture": ["RIGHTY"]}).faults
 
 
-KIT: dict[str, object] = {"signals": {"process": 33, "glue": 34, "spindle": 35}, "spindle": "on-off", "force": "ignore"}
+KIT: dict[str, object] = {
+    "signals": {"process": 33, "glue": 34, "spindle": 35},
+    "spindle": "on-off",
+    "force": "ignore",
+}
 
 
 @pytest.mark.parametrize("points", ["program", "file"])
@@ -130,7 +148,10 @@ def test_names_that_a_disk_does_not_take_stay_apart() -> None:
     names = ["bracket_left", "bracket_right", "PART", "Part", "a b", "a_b ", "ü", ""]
     files = {data_name(name) for name in names}
     assert len(files) == len(names)
-    assert all(len(file) <= 12 and file.isascii() and " " not in file and file == file.lower() for file in files)
+    assert all(
+        len(file) <= 12 and file.isascii() and " " not in file and file == file.lower()
+        for file in files
+    )
 
 
 @pytest.mark.parametrize(
@@ -170,7 +191,9 @@ MOTION = st.builds(lambda x, y, z, a, v: MoveL(down(x, y, z, a), v), NUMBER, NUM
 @given(st.lists(MOTION, min_size=1, max_size=8), st.floats(-6, 6), st.floats(-8000, 8000))
 def test_a_run_does_what_was_planned(motions: list[MoveL], angle: float, slide: float) -> None:
     ends = [motion.target.origin for motion in motions]
-    assume(all(math.dist(a, b) > 1 for a, b in itertools.pairwise(ends)))  # a turn on the spot has a speed of its own
+    assume(
+        all(math.dist(a, b) > 1 for a, b in itertools.pairwise(ends))
+    )  # a turn on the spot has a speed of its own
     prepared, files = made(program(MoveJ(Joints((angle, 0.5, slide, 0)), 100), *motions))
     agree(prepared, read(files, FILE))
     run = carry_out(*files.values())
@@ -179,10 +202,17 @@ def test_a_run_does_what_was_planned(motions: list[MoveL], angle: float, slide: 
     text = "\n".join(line for line in run if "auto real" not in line) + "\n"
     done = read({"a": text.replace(" ( ", "(").replace("- ", "-").replace("auto", "AUTO")}, {})
     assert [f for f in done.faults if "AUTO" not in f.what] == []
-    for one, other in zip(prepared.columns.moves, [i for i in done.body if isinstance(i, (MoveJ, MoveL))], strict=True):
-        a, b = (m.target.values if isinstance(m.target, Joints) else m.target.origin for m in (one, other))
+    for one, other in zip(
+        prepared.columns.moves, [i for i in done.body if isinstance(i, (MoveJ, MoveL))], strict=True
+    ):
+        a, b = (
+            m.target.values if isinstance(m.target, Joints) else m.target.origin
+            for m in (one, other)
+        )
         assert np.abs(np.subtract(a, b)).max() < 1.1e-3  # half a digit and the step of a single
-        assert one.speed == pytest.approx(other.speed, abs=0.004 * (1 if isinstance(one, MoveJ) else 0.5))
+        assert one.speed == pytest.approx(
+            other.speed, abs=0.004 * (1 if isinstance(one, MoveJ) else 0.5)
+        )
 
 
 def motions(lines: list[str]) -> list[str]:
@@ -246,7 +276,13 @@ def test_a_file_that_is_changed_between_the_two_passes_stops_at_once() -> None:
     assert len(motions(carry_out(second, data))) == 6
     run = carry_out(second, data.replace("1,0,-1,", "1,0,-2,", 1))
     assert len(motions(run)) == 3
-    assert run[-5:] == ["signal - 33", next(x for x in run if x.startswith("type")), "detach ( )", "stop", ".end"]
+    assert run[-5:] == [
+        "signal - 33",
+        next(x for x in run if x.startswith("type")),
+        "detach ( )",
+        "stop",
+        ".end",
+    ]
 
 
 # What the read-back refuses.
@@ -311,7 +347,12 @@ def test_a_record_that_is_none_though_its_check_is_right(record: str, what: str)
 
 def test_comments_blanks_and_case_do_not_count() -> None:
     prepared, files = made(program(*BODY))
-    text = files["part.v2"].replace("WHILE", "while").replace(" MOD ", "  mod ").replace("BREAK", "BREAK ; stop")
+    text = (
+        files["part.v2"]
+        .replace("WHILE", "while")
+        .replace(" MOD ", "  mod ")
+        .replace("BREAK", "BREAK ; stop")
+    )
     reading = read({**files, "part.v2": text}, FILE)
     assert reading.faults == ()
     agree(prepared, reading)

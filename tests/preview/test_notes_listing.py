@@ -27,7 +27,9 @@ def test_notes_keep_their_order_and_know_the_lines_and_paths_they_are_about() ->
     assert [(n.kind, n.what, n.why) for n in found.notes] == [(n.kind, n.what, n.why) for n in own]
     assert [n.strict for n in found.notes] == [n.fails_strict for n in own]
     (left,) = [n for n in found.notes if n.kind == "skipped" and n.lines]
-    assert {found.lines[k].id for k in left.lines} == {line.id for line in found.lines if line.state == "skipped"}
+    assert {found.lines[k].id for k in left.lines} == {
+        line.id for line in found.lines if line.state == "skipped"
+    }
     last = found.notes[-1]
     # Its contour, and the ring around its place; c1 has a path.
     assert [found.lines[k].id for k in last.lines] == ["c1", "3.00, 4.00 mm"]
@@ -37,7 +39,9 @@ def test_notes_keep_their_order_and_know_the_lines_and_paths_they_are_about() ->
     assert plain["notes"][-1][6][0] == pytest.approx(np.array((3.0, 4.0, 0.0)) - plain["origin"])  # type: ignore[index]
 
 
-def test_of_an_edge_that_is_run_in_part_the_note_is_about_the_ends_that_are_not(solid: Result) -> None:
+def test_of_an_edge_that_is_run_in_part_the_note_is_about_the_ends_that_are_not(
+    solid: Result,
+) -> None:
     found = view(solid)
     for note in found.notes:
         if note.kind == "skipped":
@@ -72,7 +76,9 @@ def test_lines_are_counted_through_the_programs_of_several_tools() -> None:
         assert words[int(kinds[e])] in rows[line - 1], (e, line)
 
 
-def test_a_program_that_is_too_long_is_left_out_and_said_so(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_program_that_is_too_long_is_left_out_and_said_so(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     result: Result = camgen.build(PARTS / "bracket.dxf", post="gcode")
     monkeypatch.setattr(listing, "MOST_LINES", 20)
     told = data(page(view(result)))["listing"]

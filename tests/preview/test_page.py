@@ -49,14 +49,25 @@ def changed() -> Result:
 def changing() -> dict[str, object]:
     """A job of a robot with two operations and two tools."""
     tools = [
-        {"name": "drill", "number": 1, "kind": "drill", "diameter": 5.0, "length": 120.0, "speed": 3000.0},
+        {
+            "name": "drill",
+            "number": 1,
+            "kind": "drill",
+            "diameter": 5.0,
+            "length": 120.0,
+            "speed": 3000.0,
+        },
         {"name": "mill", "number": 2, "diameter": 6.0, "length": 90.0, "speed": 9000.0},
     ]
     rows = [
         {"kind": "drill", "tool": "drill", "depth": 7.0, "holes": [7.9, 8.1]},
         {"kind": "follow", "tool": "mill", "nesting": "outer", "depth": 6.0, "passes": 2},
     ]
-    return ROBOT | {"tools": tools, "operations": rows, "post": {"signals": {"spindle": "aoSpindle"}}}
+    return ROBOT | {
+        "tools": tools,
+        "operations": rows,
+        "post": {"signals": {"spindle": "aoSpindle"}},
+    }
 
 
 def data(text: str) -> dict[str, object]:
@@ -142,7 +153,9 @@ def test_every_path_of_a_tour_is_worked_on_in_its_order(flat: Result) -> None:
 
 
 @pytest.mark.parametrize("name", ["robot", "changed"])
-def test_a_robot_stands_where_the_program_is_at_the_same_time(name: str, request: pytest.FixtureRequest) -> None:
+def test_a_robot_stands_where_the_program_is_at_the_same_time(
+    name: str, request: pytest.FixtureRequest
+) -> None:
     result = request.getfixturevalue(name)
     found = view(result)
     assert found.arm is not None
@@ -193,7 +206,9 @@ def test_rows_that_come_again_and_again_take_little_of_the_page(flat: Result) ->
     axis = np.tile([[0.0, 0.0, -1.0]], (many, 1))
     position = np.random.default_rng(1).normal(size=(many, 3))
     event = np.repeat(np.arange(10), 100)
-    long = replace(shown.track, position=position, axis=axis, time=np.arange(many) / 9.0, event=event)
+    long = replace(
+        shown.track, position=position, axis=axis, time=np.arange(many) / 9.0, event=event
+    )
     track = data(page(replace(shown, track=long)))["track"]
     assert unpack(track["axis"], "<f4").reshape(-1, 3).tolist() == axis.tolist()  # type: ignore[index]
     assert unpack(track["event"], "<u4").tolist() == event.tolist()  # type: ignore[index]
@@ -302,16 +317,25 @@ def test_a_picture_lies_under_its_paths_and_has_no_layers() -> None:
     job = {"operation": {"kind": "follow"}, "image": {"mm_per_px": 0.1}}
     result = camgen.build(PARTS / "gear.png", post="gcode", job=job)
     found = view(result)
-    assert {row.layer for row in found.rows} == {line.layer for line in found.lines if line.state == "done"} == {""}
+    assert (
+        {row.layer for row in found.rows}
+        == {line.layer for line in found.lines if line.state == "done"}
+        == {""}
+    )
     assert found.photo is not None
     raster = result.part.raster
     assert raster is not None
     shown = cv2.imdecode(np.frombuffer(found.photo.image, np.uint8), cv2.IMREAD_GRAYSCALE)
     assert max(shown.shape) <= 1600
-    assert shown.shape[1] / shown.shape[0] == pytest.approx(raster.view.shape[1] / raster.view.shape[0], rel=2e-3)
+    assert shown.shape[1] / shown.shape[0] == pytest.approx(
+        raster.view.shape[1] / raster.view.shape[0], rel=2e-3
+    )
     # Corners are half a pixel outside the centres of the first and the last one.
     first, last = found.photo.corners[0], found.photo.corners[2]
-    centres = raster.work_from_view @ np.array([(0, 0, 1), (raster.view.shape[1] - 1, raster.view.shape[0] - 1, 1)]).T
+    centres = (
+        raster.work_from_view
+        @ np.array([(0, 0, 1), (raster.view.shape[1] - 1, raster.view.shape[0] - 1, 1)]).T
+    )
     assert first == pytest.approx(centres[:, 0] + (-0.05, 0.05))
     assert last == pytest.approx(centres[:, 1] + (0.05, -0.05))
     plain = data(page(found))
@@ -323,7 +347,9 @@ def test_links_of_a_urdf_that_are_meshes_are_drawn_by_them() -> None:
     file = PARTS.parent / "robots" / "six.urdf"
     frames = {"base_from_work": [300, -60, -50, 0, 0, 0], "flange_from_tool": [0, 0, 100, 0, 0, 0]}
     cell = {"robot": str(file), **frames, "home": [0, -100, 0, 0, 30, 0]}
-    links = data(page(view(camgen.build(PARTS / "bracket.dxf", post="rapid", job={"cell": cell}))))["arm"]["links"]  # type: ignore[index]
+    links = data(page(view(camgen.build(PARTS / "bracket.dxf", post="rapid", job={"cell": cell}))))[
+        "arm"
+    ]["links"]  # type: ignore[index]
     meshes = {name: mesh for name, _, mesh in links if mesh}
     assert set(meshes) == {"link_1", "link_2"}
     # As large as the cuboids that were found around it.
@@ -341,7 +367,9 @@ def test_a_mesh_of_too_many_triangles_becomes_coarser_and_keeps_its_size() -> No
     points = np.column_stack([40 * np.cos(around.ravel()), 40 * np.sin(around.ravel()), up.ravel()])
     k = np.arange(119 * 160)
     right = k // 160 * 160 + (k + 1) % 160
-    faces = np.concatenate([np.column_stack([k, right, k + 160]), np.column_stack([right, right + 160, k + 160])])
+    faces = np.concatenate(
+        [np.column_stack([k, right, k + 160]), np.column_stack([right, right + 160, k + 160])]
+    )
     found = one_mesh([Surface(points, faces)])
     assert found is not None
     vertices, coarse = found

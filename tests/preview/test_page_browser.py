@@ -43,7 +43,9 @@ def opened(browser: Driven, files: dict[str, Path]) -> Iterator[Any]:
 
 @pytest.mark.parametrize("name", ["flat", "robot", "solid"])
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_a_page_shows_a_picture_without_errors_and_without_a_network(opened: Any, name: str, scheme: str) -> None:
+def test_a_page_shows_a_picture_without_errors_and_without_a_network(
+    opened: Any, name: str, scheme: str
+) -> None:
     one = opened(name, scheme=scheme)
     picture = one.picture()
     background = picture[picture.shape[0] // 2, 3].astype(int)
@@ -110,7 +112,9 @@ def test_the_picture_stays_where_it_was_moved_to_when_the_window_changes(opened:
     one.page.mouse.move(700, 400)
     one.page.mouse.wheel(0, -240)
     one.page.wait_for_function("() => camgen.look.own")
-    before = one.run("[...camgen.look.target.slice(0, 2), camgen.look.height / canvas.clientHeight]")
+    before = one.run(
+        "[...camgen.look.target.slice(0, 2), camgen.look.height / canvas.clientHeight]"
+    )
     one.page.set_viewport_size({"width": 1000, "height": 600})
     one.page.wait_for_function("() => canvas.width < 700")
     after = one.run("[...camgen.look.target.slice(0, 2), camgen.look.height / canvas.clientHeight]")
@@ -130,14 +134,17 @@ def test_the_slider_moves_the_robot_to_the_joints_that_were_found(opened: Any) -
     one = opened("robot")
     before = one.picture()
     one.page.evaluate(
-        "s => { const e = document.getElementById('slider'); e.value = s; e.dispatchEvent(new Event('input')); }", 15.0
+        "s => { const e = document.getElementById('slider'); e.value = s; e.dispatchEvent(new Event('input')); }",
+        15.0,
     )
     after = one.picture()
     assert (np.abs(before.astype(int) - after.astype(int)).max(axis=2) > 30).mean() > 0.01
     result = camgen.build(PARTS / "bracket.dxf", post="rapid", job=ROBOT)
     arm = view(result).arm
     assert arm is not None
-    joints = np.array([np.interp(15.0, arm.time, arm.joints[:, k]) for k in range(arm.joints.shape[1])])
+    joints = np.array(
+        [np.interp(15.0, arm.time, arm.joints[:, k]) for k in range(arm.joints.shape[1])]
+    )
     rotation, origin = flange(arm.robot, joints[None])
     tool = result.program.flange_from_tool
     base = origin[0] + rotation[0] @ np.asarray(tool.origin)
@@ -155,7 +162,10 @@ def test_the_list_names_and_highlights_a_path(opened: Any) -> None:
     assert one.run("camgen.chosen.path") == 3
     assert "picked" in rows.nth(3).get_attribute("class")
     # The outline in the colour of what is chosen: it was not on the screen before.
-    marked = [(np.abs(p.astype(int) - (0, 149, 255)).max(axis=2) < 12).sum() for p in (before, one.picture())]
+    marked = [
+        (np.abs(p.astype(int) - (0, 149, 255)).max(axis=2) < 12).sum()
+        for p in (before, one.picture())
+    ]
     assert marked[0] == 0
     assert marked[1] > 500
 
@@ -163,7 +173,9 @@ def test_the_list_names_and_highlights_a_path(opened: Any) -> None:
 def test_a_double_click_in_the_list_goes_to_where_the_path_begins(opened: Any) -> None:
     one = opened("flat")
     one.page.locator("#rows .row").nth(2).dblclick()
-    begins = one.run("camgen.track.time[camgen.track.event.findIndex((e) => camgen.track.path[e] === 2) - 1]")
+    begins = one.run(
+        "camgen.track.time[camgen.track.event.findIndex((e) => camgen.track.path[e] === 2) - 1]"
+    )
     assert one.run("camgen.player.time") == pytest.approx(begins) != 0
     assert one.run("camgen.chosen.path") == 2
 
@@ -193,7 +205,9 @@ def test_keys_play_step_turn_and_measure(opened: Any) -> None:
     assert one.run("camgen.player.time") > first > 0
     keys.press("ArrowLeft")
     assert one.run("camgen.player.time") == pytest.approx(first)
-    one.run("camgen.player.speed = 0.01")  # so that the end is far, however long the next look takes
+    one.run(
+        "camgen.player.speed = 0.01"
+    )  # so that the end is far, however long the next look takes
     keys.press(" ")
     one.page.wait_for_function("first => camgen.player.on && camgen.player.time > first", arg=first)
     keys.press(" ")
@@ -212,7 +226,9 @@ def test_keys_play_step_turn_and_measure(opened: Any) -> None:
 def test_a_graphics_card_that_forgets_all_is_told_all_again(opened: Any) -> None:
     one = opened("solid")
     before = one.picture().astype(int)
-    one.run("() => { window.card = camgen.gl.getExtension('WEBGL_lose_context'); window.card.loseContext(); }")
+    one.run(
+        "() => { window.card = camgen.gl.getExtension('WEBGL_lose_context'); window.card.loseContext(); }"
+    )
     one.page.wait_for_function("() => camgen.gl.isContextLost()")
     one.page.keyboard.press("t")
     one.page.keyboard.press("i")
@@ -253,7 +269,9 @@ def test_f_fits_the_part_and_shift_f_the_robot_too(opened: Any) -> None:
 
 def test_an_arm_is_drawn_as_shapes_within_the_cuboids_that_a_layer_shows(opened: Any) -> None:
     one = opened("robot")
-    assert one.run("camgen.layers.boxes.off && camgen.layers.boxes.things.every((thing) => !thing.visible)")
+    assert one.run(
+        "camgen.layers.boxes.off && camgen.layers.boxes.things.every((thing) => !thing.visible)"
+    )
     # Of every link: how far its bodies stick out of its cuboids, and how many bodies there are.
     found = one.run(
         """() => camgen.arm.links3.map((link, k) => {
@@ -335,7 +353,9 @@ def test_names_that_are_markup_are_shown_and_do_nothing(opened: Any) -> None:
 
 
 @pytest.mark.parametrize("name", ["robot", "solid"])
-def test_on_a_phone_nothing_is_wider_than_the_screen_and_nothing_overlaps(opened: Any, name: str) -> None:
+def test_on_a_phone_nothing_is_wider_than_the_screen_and_nothing_overlaps(
+    opened: Any, name: str
+) -> None:
     one = opened(name, size=PHONE)
     assert one.run("document.documentElement.scrollWidth") <= PHONE["width"]
     boxes = one.run(

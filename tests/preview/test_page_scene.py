@@ -19,7 +19,9 @@ from tests.preview.test_page import PARTS, data
 
 def test_the_reason_for_a_name_is_that_of_the_first_note_about_it() -> None:
     notes = [
-        Note("skipped", "2 contours not followed, open: c2, 2/c9 on layer A", "gap", ("c2", "2/c9")),
+        Note(
+            "skipped", "2 contours not followed, open: c2, 2/c9 on layer A", "gap", ("c2", "2/c9")
+        ),
         Note("skipped", "edge e7, line", "", ("e7",)),
         Note("skipped", "contour c2", "other", ("c2",)),
         Note("skipped", "c5 on a layer of that name", "no name of it"),
@@ -33,7 +35,9 @@ def test_a_contour_without_a_path_is_shown_with_its_reason() -> None:
     skipped = [line for line in lines.values() if line.state == "skipped"]
     assert skipped
     assert all(line.why for line in skipped)
-    assert {line.id for line in lines.values() if line.state == "done"} == {p.id for p in result.tour.paths}
+    assert {line.id for line in lines.values() if line.state == "done"} == {
+        p.id for p in result.tour.paths
+    }
 
 
 def test_contours_that_are_run_in_the_path_of_another_are_done(tmp_path: Path) -> None:
@@ -43,7 +47,9 @@ def test_contours_that_are_run_in_the_path_of_another_are_done(tmp_path: Path) -
         lines += ["0", "VERTEX", "8", "A", "10", str(x), "20", str(y)]
     lines += ["0", "SEQEND", "0", "LINE", "8", "A", "10", "0", "20", "0", "11", "10", "21", "10"]
     (tmp_path / "square.dxf").write_text("\n".join([*lines, "0", "ENDSEC", "0", "EOF\n"]))
-    result = camgen.build(tmp_path / "square.dxf", post="gcode", job={"operation": {"kind": "trace"}})
+    result = camgen.build(
+        tmp_path / "square.dxf", post="gcode", job={"operation": {"kind": "trace"}}
+    )
     assert len(result.tour.paths) == 1
     assert [line.state for line in view(result).lines] == ["done", "done"]
 
@@ -63,7 +69,9 @@ def test_an_edge_that_is_run_in_part_is_cut_beside_the_ends_of_the_work(turned: 
 
 def test_ends_of_edges_that_are_not_run_are_left_out() -> None:
     job = tomllib.loads((PARTS / "rfa2.toml").read_text())
-    result = camgen.build(PARTS / "rfa2.stl", post="rapid", job=job | {"operation": {"offset": 2, "trim": 6}})
+    result = camgen.build(
+        PARTS / "rfa2.stl", post="rapid", job=job | {"operation": {"offset": 2, "trim": 6}}
+    )
     lines = view(result).lines
     left = [line for line in lines if line.state == "skipped"]
     # Four edges of 55 mm stand on the table; the summary says which ends of them are not run.
@@ -109,7 +117,10 @@ def test_the_tool_is_drawn_as_long_as_it_is_tested_and_fixtures_that_are_meshes_
 
 
 def test_without_a_robot_fixtures_and_holder_are_drawn_as_the_job_has_them() -> None:
-    job = {"cell": {"fixtures": [[0, 0, -10, 20, 30, 0]]}, "tool": {"holder": [[-5, -5, 0, 5, 5, 40]]}}
+    job = {
+        "cell": {"fixtures": [[0, 0, -10, 20, 30, 0]]},
+        "tool": {"holder": [[-5, -5, 0, 5, 5, 40]]},
+    }
     found = view(camgen.build(PARTS / "bracket.dxf", post="gcode", job=job))
     assert [(body.name, body.boxes[0].half) for body in found.bodies] == [("holder", (5, 5, 20))]
     assert found.standing[0].boxes[0].link_from_box.origin == (10, 15, -5)

@@ -27,7 +27,9 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     }
     views = {name: view(result) for name, result in results.items()}
     # A program whose text is longer than a page takes.
-    views["huge"] = replace(views["left"], listing=Listing((), views["left"].listing.lines, "left.ngc: too long"))
+    views["huge"] = replace(
+        views["left"], listing=Listing((), views["left"].listing.lines, "left.ngc: too long")
+    )
     for name, shown in views.items():
         (folder / f"{name}.html").write_text(page(shown), encoding="utf-8")
     return {name: folder / f"{name}.html" for name in views}
@@ -117,9 +119,9 @@ def test_the_line_that_runs_is_marked_and_a_click_on_a_line_goes_there(opened: A
     # A comment moves nothing: the next motion does.
     one.page.locator(".code", has_text="(path c4 layer HOLES)").click()
     assert one.page.locator(".code.now span").inner_text() == "(path c4 layer HOLES)"
-    assert one.run("camgen.placeAt(camgen.player.time).at[0] + camgen.data.origin[0]") == pytest.approx(
-        40.472, abs=1e-3
-    )
+    assert one.run(
+        "camgen.placeAt(camgen.player.time).at[0] + camgen.data.origin[0]"
+    ) == pytest.approx(40.472, abs=1e-3)
 
 
 def test_of_a_long_program_only_what_is_seen_is_in_the_page(opened: Any) -> None:
@@ -149,7 +151,9 @@ def test_the_switch_goes_through_the_colours_and_is_remembered(opened: Any) -> N
     assert one.run(back) == dark
     one.page.locator("#theme").click()
     one.page.emulate_media(color_scheme="light")
-    one.page.wait_for_function("light => getComputedStyle(document.body).backgroundColor === light", arg=light)
+    one.page.wait_for_function(
+        "light => getComputedStyle(document.body).backgroundColor === light", arg=light
+    )
 
 
 # -- in a frame
@@ -168,7 +172,9 @@ def framed(browser: Driven, files: dict[str, Path]) -> Iterator[Any]:
         "http://camgen.test/**",
         lambda route: route.fulfill(
             content_type="text/html",
-            body=PARENT if route.request.url.endswith("/") else files["flat"].read_text(encoding="utf-8"),
+            body=PARENT
+            if route.request.url.endswith("/")
+            else files["flat"].read_text(encoding="utf-8"),
         ),
     )
     tab = context.new_page()
@@ -193,7 +199,9 @@ def test_a_page_in_a_frame_gives_its_state_and_takes_it_again(framed: Any) -> No
     inner.locator("[data-tab=text]").click()
     inner.locator("#canvas").hover()
     framed.mouse.wheel(0, -240)
-    framed.evaluate("say({ camgen: 'restore', state: { time: 5.0, layers: { travel: false }, colouring: 'feed' } })")
+    framed.evaluate(
+        "say({ camgen: 'restore', state: { time: 5.0, layers: { travel: false }, colouring: 'feed' } })"
+    )
     later = ask(framed)
     assert (later["tab"], later["time"], later["colouring"]) == ("text", 5.0, "feed")
     assert later["layers"]["travel"] is False
@@ -202,7 +210,10 @@ def test_a_page_in_a_frame_gives_its_state_and_takes_it_again(framed: Any) -> No
     framed.evaluate("state => say({ camgen: 'restore', state })", later)
     assert ask(framed) == later
     # A path that is gone: none is chosen; what is no state does nothing.
-    framed.evaluate("state => say({ camgen: 'restore', state })", later | {"id": "gone", "tab": "none", "side": "x;y"})
+    framed.evaluate(
+        "state => say({ camgen: 'restore', state })",
+        later | {"id": "gone", "tab": "none", "side": "x;y"},
+    )
     framed.evaluate("say({ camgen: 'restore', state: 7 }); say({ camgen: 'other' }); say(null)")
     assert ask(framed)["id"] == ""
 

@@ -21,13 +21,18 @@ PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
 @pytest.fixture(scope="module")
 def built() -> Result:
     """Nominal: three of the block's edges are left out."""
-    sets = {"tool": {"holder": [[-35, -35, 0, 35, 35, 100]]}, "input": {"select": "convex, not bottom"}}
+    sets = {
+        "tool": {"holder": [[-35, -35, 0, 35, 35, 100]]},
+        "input": {"select": "convex, not bottom"},
+    }
     cell = {
         "robot": "IRB 2400", "base_from_work": [937.5, -47.5, 640, 0, 0, 0],
         "flange_from_tool": [-103.923, 0, 160, 0, -60, 0],
         "fixtures": [[-100, -100, -60, 225, 195, -40.5], str(PARTS / "rfa1_base.stl")],
     }  # fmt: skip
-    return camgen.build(PARTS / "rfa1.stl", post="rapid", job={**sets, "operation": {"offset": 2}, "cell": cell})
+    return camgen.build(
+        PARTS / "rfa1.stl", post="rapid", job={**sets, "operation": {"offset": 2}, "cell": cell}
+    )
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +51,11 @@ def edges(shown: View) -> dict[str, FigureEdge]:
 def test_numbers_are_the_places_in_the_tour(built: Result, edges: dict[str, FigureEdge]) -> None:
     for k, path in enumerate(built.tour.paths, start=1):
         assert edges[path.contours[0]].text == str(k)
-    assert {name for name, edge in edges.items() if edge.state == "skipped"} == {"e12", "e13", "e15"}
+    assert {name for name, edge in edges.items() if edge.state == "skipped"} == {
+        "e12",
+        "e13",
+        "e15",
+    }
     assert all(edges[name].text == name for name in ("e12", "e13", "e15"))
     # The six at the bottom are not asked for.
     assert sum(edge.text == "" for edge in edges.values()) == 6
@@ -83,7 +92,9 @@ def test_the_svg_has_every_number_and_what_is_left_out_in_red(built: Result) -> 
 def test_the_page_and_the_picture_have_the_numbers(shown: View) -> None:
     numbers = page._plain(shown, None)["numbers"]
     assert isinstance(numbers, list)
-    assert sorted(row[0] for row in numbers) == sorted([*(str(k) for k in range(1, 13)), "e12", "e13", "e15"])
+    assert sorted(row[0] for row in numbers) == sorted(
+        [*(str(k) for k in range(1, 13)), "e12", "e13", "e15"]
+    )
     assert {row[0]: row[4] for row in numbers}["3"] == 2
     assert {row[0]: row[4] for row in numbers}["e13"] == -1
     image = cv2.imdecode(np.frombuffer(png.png(shown), np.uint8), cv2.IMREAD_COLOR)

@@ -19,7 +19,10 @@ from camgen.preview.stock import Mark, profile_of
 from camgen.preview.view import View, view
 from tests.preview.test_page import PARTS, data, unpack
 
-MILLED: dict[str, object] = {"operation": {"depth": 6.0, "passes": 3}, "process": {"spindle": 9000.0}}
+MILLED: dict[str, object] = {
+    "operation": {"depth": 6.0, "passes": 3},
+    "process": {"spindle": 9000.0},
+}
 
 #: A tool that rounds edges: it presses on what is there.
 PRESSED: dict[str, object] = {
@@ -32,7 +35,14 @@ DRILLED: dict[str, object] = {"kind": "drill", "tool": 1, "depth": 7.0, "holes":
 SEVERAL: dict[str, object] = {
     "tools": [
         {"name": "mill 6", "number": 2, "diameter": 6.0, "speed": 12000.0, "feed": 15.0},
-        {"name": "drill 5", "number": 1, "kind": "drill", "diameter": 5.0, "speed": 3000.0, "feed": 3.0},
+        {
+            "name": "drill 5",
+            "number": 1,
+            "kind": "drill",
+            "diameter": 5.0,
+            "speed": 3000.0,
+            "feed": 3.0,
+        },
     ],
     "operations": [
         {"kind": "follow", "tool": "mill 6", "nesting": "outer", "depth": 6.0, "passes": 3},
@@ -67,7 +77,9 @@ def height(tool: ToolTable, radius: float) -> float:
         (ToolTable(kind="drill", diameter=6.0), 3.0, 1.80258),
     ],
 )
-def test_the_outline_of_a_tool_is_that_of_its_kind(tool: ToolTable, radius: float, expected: float) -> None:
+def test_the_outline_of_a_tool_is_that_of_its_kind(
+    tool: ToolTable, radius: float, expected: float
+) -> None:
     # Round ones are chords of 90 / 23 deg, within 3 (1 - cos 2 deg) mm.
     assert height(tool, radius) == pytest.approx(expected, abs=0.003)
     assert profile_of(tool)[-1][0] == tool.diameter / 2
@@ -87,7 +99,9 @@ def test_the_stock_is_the_part_with_a_margin_and_as_thick_as_the_job_says() -> N
     assert dict(found.facts)["Stock"] == "94 x 64 x 8 mm"
 
 
-def test_without_a_thickness_the_stock_is_as_thick_as_the_program_is_deep_and_the_page_says_so() -> None:
+def test_without_a_thickness_the_stock_is_as_thick_as_the_program_is_deep_and_the_page_says_so() -> (
+    None
+):
     found = shown(MILLED)
     assert found.stock is not None
     assert found.stock.low[2] == -6
@@ -113,7 +127,9 @@ def test_the_outline_of_the_stock_may_be_drawn() -> None:
         ("space.dxf", {"operation": {"kind": "trace"}}),
     ],
 )
-def test_a_job_that_takes_no_material_away_from_above_has_no_stock(part: str, job: dict[str, object]) -> None:
+def test_a_job_that_takes_no_material_away_from_above_has_no_stock(
+    part: str, job: dict[str, object]
+) -> None:
     found = shown(job, part, "rapid")
     assert found.stock is None
     assert "Stock" not in dict(found.facts)
@@ -129,11 +145,18 @@ def test_a_page_without_a_stock_has_not_the_script_that_plays_the_cut() -> None:
 
 def test_every_motion_has_the_tool_that_is_in_the_spindle() -> None:
     found = shown(SEVERAL, "motor.dxf")
-    assert [(tool.name, tool.diameter) for tool in found.tools] == [("drill 5", 5.0), ("mill 6", 6.0)]
+    assert [(tool.name, tool.diameter) for tool in found.tools] == [
+        ("drill 5", 5.0),
+        ("mill 6", 6.0),
+    ]
     # The one of a path is that of its operation.
     events = found.track.events
     names = [found.tools[tool].name for tool in found.tool_of.tolist()]
-    work = [(names[k], found.rows[path].operation) for k, path in enumerate(events.path.tolist()) if path >= 0]
+    work = [
+        (names[k], found.rows[path].operation)
+        for k, path in enumerate(events.path.tolist())
+        if path >= 0
+    ]
     assert all(name in operation for name, operation in work)
     # Two runs: the drill goes home before it is changed, and the mill comes from there.
     change = int(np.argmax(found.tool_of))
@@ -158,7 +181,11 @@ def test_tools_and_stock_are_in_the_page() -> None:
 def test_a_mark_is_in_the_page_with_its_outline_and_its_fill() -> None:
     # An L of 10 x 10 mm, 3 mm wide: 3 * 10 + 3 * 7 mm2.
     corners = frozen([(0, 0), (10, 0), (10, 3), (3, 3), (3, 10), (0, 10)])
-    plain = data(page(replace(shown(MILLED), marks=(Mark("gouge", corners, -2.0, 0.125, "of </script> c1"),))))
+    plain = data(
+        page(
+            replace(shown(MILLED), marks=(Mark("gouge", corners, -2.0, 0.125, "of </script> c1"),))
+        )
+    )
     (mark,) = plain["marks"]  # type: ignore[misc]
     assert (mark["kind"], mark["number"], mark["text"]) == ("gouge", 0.125, "of </script> c1")
     outline, fill = (
@@ -174,7 +201,9 @@ def test_a_mark_is_in_the_page_with_its_outline_and_its_fill() -> None:
 
 def test_what_the_proof_finds_to_be_left_is_marked_the_widest_first() -> None:
     # No path bends by less than 8 mm: two holes of 8 mm and a slot of 30 x 10 mm stay where they are.
-    found = shown({"operation": {"depth": 1.0, "corner_radius": 8.0}, "process": {"spindle": 9000.0}})
+    found = shown(
+        {"operation": {"depth": 1.0, "corner_radius": 8.0}, "process": {"spindle": 9000.0}}
+    )
     assert [mark.kind for mark in found.marks] == ["excess"] * 3
     assert [mark.number for mark in found.marks] == pytest.approx([10, 8, 8], abs=0.05)
     areas = [Polygon(mark.polygon).area for mark in found.marks]
@@ -185,7 +214,9 @@ def test_what_the_proof_finds_to_be_left_is_marked_the_widest_first() -> None:
 
 
 def test_the_fill_of_a_mark_has_its_holes() -> None:
-    square, hole = ([(x, y), (x + w, y), (x + w, y + w), (x, y + w)] for x, y, w in ((0, 0, 10), (4, 4, 2)))
+    square, hole = (
+        [(x, y), (x + w, y), (x + w, y + w), (x, y + w)] for x, y, w in ((0, 0, 10), (4, 4, 2))
+    )
     mark = Mark("excess", frozen(square), 0.0, 1.0, "", (frozen(hole),))
     (plain,) = data(page(replace(shown(MILLED), marks=(mark,))))["marks"]  # type: ignore[misc]
     fill = np.frombuffer(base64.b64decode(plain["triangles"]), "<f4").reshape(-1, 3, 3)
@@ -206,12 +237,24 @@ def test_where_tabs_stand_is_noted_and_not_wrong() -> None:
 
 
 def test_the_picture_shows_what_is_left_in_amber() -> None:
-    found = shown({"operation": {"depth": 1.0, "corner_radius": 8.0}, "process": {"spindle": 9000.0}})
-    marked, plain = (cv2.imdecode(np.frombuffer(png(one), np.uint8), 1) for one in (found, replace(found, marks=())))
+    found = shown(
+        {"operation": {"depth": 1.0, "corner_radius": 8.0}, "process": {"spindle": 9000.0}}
+    )
+    marked, plain = (
+        cv2.imdecode(np.frombuffer(png(one), np.uint8), 1)
+        for one in (found, replace(found, marks=()))
+    )
     amber = (np.abs(marked.astype(int) - (0, 160, 245)).max(axis=2) < 8).sum()
     assert not (np.abs(plain.astype(int) - (0, 160, 245)).max(axis=2) < 8).any()
     # The picture is as wide as the part and its paths: the share of it that three marks have.
-    (x,) = {round(float(np.ptp(found.track.position[found.track.events.path[found.track.event] >= 0][:, 0])), 3)}
+    (x,) = {
+        round(
+            float(
+                np.ptp(found.track.position[found.track.events.path[found.track.event] >= 0][:, 0])
+            ),
+            3,
+        )
+    }
     per_mm = 1480 / x
     area = sum(Polygon(mark.polygon).area for mark in found.marks)
     assert amber == pytest.approx(area * per_mm**2, rel=0.25)

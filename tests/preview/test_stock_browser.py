@@ -41,7 +41,10 @@ GROOVE = {
 @pytest.fixture(scope="module")
 def views() -> dict[str, View]:
     jobs = {"profile": MILLED, "pocket": POCKET, "groove": GROOVE}
-    found = {name: view(camgen.build(PARTS / "bracket.dxf", post="gcode", job=job)) for name, job in jobs.items()}
+    found = {
+        name: view(camgen.build(PARTS / "bracket.dxf", post="gcode", job=job))
+        for name, job in jobs.items()
+    }
     found["several"] = view(camgen.build(PARTS / "motor.dxf", post="gcode", job=SEVERAL))
     found["robot"] = view(camgen.build(PARTS / "bracket.dxf", post="rapid", job=changing()))
     # A tool of a few cells: the grid is as coarse for it as for no other.
@@ -80,7 +83,9 @@ def opened(browser: Driven, views: dict[str, View], tmp_path: Path) -> Iterator[
 
 
 @pytest.fixture(scope="module")
-def shared(browser: Driven, views: dict[str, View], tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+def shared(
+    browser: Driven, views: dict[str, View], tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Any]:
     """Pages that are opened once for all tests that ask them for the surface at times of their own."""
     pages: dict[str, Opened] = {}
     folder = tmp_path_factory.mktemp("shared")
@@ -117,7 +122,9 @@ class Surface:
         one.page.evaluate(GO, time)
         found = one.run(FIELD)
         shape = (found["ny"], found["nx"])
-        self.heights = np.frombuffer(base64.b64decode(found["heights"]), "<f4").reshape(shape).astype(float)
+        self.heights = (
+            np.frombuffer(base64.b64decode(found["heights"]), "<f4").reshape(shape).astype(float)
+        )
         self.struck = np.frombuffer(base64.b64decode(found["struck"]), np.uint8).reshape(shape)
         self.cell = float(found["cell"])
         origin = one.run("camgen.data.origin")
@@ -129,9 +136,15 @@ class Surface:
 def ways(track: Track, until: float, z: float) -> shapely.Geometry:
     """Where the tool centre runs at a height, up to a time, without rapids."""
     at = track.position
-    keep = (np.diff(at[:, 2], prepend=99.0) == 0) & (np.abs(at[:, 2] - z) < 1e-9) & (track.time <= until)
+    keep = (
+        (np.diff(at[:, 2], prepend=99.0) == 0)
+        & (np.abs(at[:, 2] - z) < 1e-9)
+        & (track.time <= until)
+    )
     keep &= track.events.kind[track.event] != 0
-    found = shapely.union_all([shapely.LineString(at[s - 1 : s + 1, :2]) for s in np.flatnonzero(keep)])
+    found = shapely.union_all(
+        [shapely.LineString(at[s - 1 : s + 1, :2]) for s in np.flatnonzero(keep)]
+    )
     # Long chains that are prepared are measured three times as fast.
     merged = shapely.line_merge(found)
     shapely.prepare(merged)
@@ -166,7 +179,10 @@ def test_what_is_left_is_the_stock_less_the_swept_tool_level_by_level(
     cut = -left.heights.sum() * left.cell**2
     above = [0.0, *levels]
     swept = [ways(shown.track, until, z).buffer(radius, quad_segs=64) for z in levels]
-    exact = sum((high - low) * shapely.union_all(swept[k:]).area for k, (high, low) in enumerate(pairwise(above)))
+    exact = sum(
+        (high - low) * shapely.union_all(swept[k:]).area
+        for k, (high, low) in enumerate(pairwise(above))
+    )
     assert cut == pytest.approx(exact, rel=0.01)
 
 
@@ -189,7 +205,9 @@ SWEEP = """([tool, from, to]) => {
 }"""
 
 
-@pytest.mark.parametrize(("a", "b"), [((0, 0, 0), (20, 3, -2)), ((20, 0, -4), (3, -4, -1)), ((5, 5, 2), (5, 5, -3))])
+@pytest.mark.parametrize(
+    ("a", "b"), [((0, 0, 0), (20, 3, -2)), ((20, 0, -4), (3, -4, -1)), ((5, 5, 2), (5, 5, -3))]
+)
 def test_a_ramp_and_a_plunge_leave_what_every_place_of_the_tool_leaves(
     shared: Any, a: tuple[float, ...], b: tuple[float, ...]
 ) -> None:
@@ -225,17 +243,23 @@ def test_going_back_shows_what_was_there(opened: Any, views: dict[str, View]) ->
 
 
 @pytest.mark.parametrize("name", ["profile", "pocket", "groove", "several", "thin"])
-def test_a_rapid_out_of_what_was_cut_is_in_no_material(shared: Any, views: dict[str, View], name: str) -> None:
+def test_a_rapid_out_of_what_was_cut_is_in_no_material(
+    shared: Any, views: dict[str, View], name: str
+) -> None:
     one = shared(name)
     assert not Surface(one, float(views[name].track.time[-1])).struck.any()
     assert one.run("camgen.cutting.stock.met.size") == 0
 
 
-def test_a_rapid_through_material_is_marked_where_it_runs(shared: Any, views: dict[str, View]) -> None:
+def test_a_rapid_through_material_is_marked_where_it_runs(
+    shared: Any, views: dict[str, View]
+) -> None:
     end = float(views["profile"].track.time[-1])
     one = shared("dips")
     left = Surface(one, end)
-    moved = np.flatnonzero(views["dips"].track.position[:, 2] != views["profile"].track.position[:, 2])
+    moved = np.flatnonzero(
+        views["dips"].track.position[:, 2] != views["profile"].track.position[:, 2]
+    )
     way = shapely.LineString(views["dips"].track.position[moved, :2])
     points = shapely.points(left.x, left.y)
     assert (shapely.distance(points[left.struck > 0], way) <= 3.0).all()
@@ -246,7 +270,9 @@ def test_a_rapid_through_material_is_marked_where_it_runs(shared: Any, views: di
     assert one.page.locator("#hint").inner_text() == "Red: a rapid through material"
 
 
-@pytest.mark.parametrize(("name", "scheme"), [("profile", "dark"), ("several", "light"), ("marked", "light")])
+@pytest.mark.parametrize(
+    ("name", "scheme"), [("profile", "dark"), ("several", "light"), ("marked", "light")]
+)
 def test_the_page_begins_with_what_is_left_in_the_end_and_says_nothing_on_the_console(
     opened: Any, name: str, scheme: str
 ) -> None:
@@ -271,12 +297,16 @@ def test_the_stock_is_switched_off_like_other_layers(opened: Any) -> None:
     assert (np.abs(one.picture().astype(int) - before).max(axis=2) > 24).mean() > 0.2
 
 
-def test_the_tool_that_works_is_shown_and_its_operation_listed(opened: Any, views: dict[str, View]) -> None:
+def test_the_tool_that_works_is_shown_and_its_operation_listed(
+    opened: Any, views: dict[str, View]
+) -> None:
     one = opened("several")
     shown = views["several"]
     tools = "camgen.toolGroup.parts.map((one) => [one.name, one.visible])"
     for path, expected in ((0, [True, False]), (len(shown.rows) - 1, [False, True])):
-        at = float(shown.track.time[np.flatnonzero(shown.track.events.path[shown.track.event] == path)[0]])
+        at = float(
+            shown.track.time[np.flatnonzero(shown.track.events.path[shown.track.event] == path)[0]]
+        )
         one.page.evaluate(GO, at)
         assert [seen for name, seen in one.run(tools) if name == "tool"] == expected
     one.page.locator("[data-tab=paths]").click()
@@ -286,7 +316,9 @@ def test_the_tool_that_works_is_shown_and_its_operation_listed(opened: Any, view
     assert one.page.locator("#rows .row").count() == 1
 
 
-def test_the_arm_holds_the_tip_of_the_tool_that_works_where_the_program_is(shared: Any, views: dict[str, View]) -> None:
+def test_the_arm_holds_the_tip_of_the_tool_that_works_where_the_program_is(
+    shared: Any, views: dict[str, View]
+) -> None:
     one = shared("robot")
     track = views["robot"].track
     for path in (0, len(views["robot"].rows) - 1):

@@ -15,11 +15,15 @@ from camgen.preview.svg import svg
 SVG = "{http://www.w3.org/2000/svg}"
 
 
-def contour(points: list[tuple[float, float]], bulges: list[float], closed: bool = True, ident: str = "c1") -> Contour:
+def contour(
+    points: list[tuple[float, float]], bulges: list[float], closed: bool = True, ident: str = "c1"
+) -> Contour:
     return Contour(frozen(points), frozen(bulges), closed, "holes", ident)
 
 
-def path(position: list[tuple[float, float]], via: dict[int, tuple[float, float]], ident: str = "c1") -> ToolPath:
+def path(
+    position: list[tuple[float, float]], via: dict[int, tuple[float, float]], ident: str = "c1"
+) -> ToolPath:
     n = len(position)
     tops = np.full((n, 3), np.nan)
     for row, (x, y) in via.items():
@@ -46,7 +50,9 @@ def test_an_arc_of_a_contour_keeps_its_radius_and_turns_the_same_way_on_the_page
 
 
 def test_a_clockwise_arc_has_the_other_sweep() -> None:
-    (data,) = path_data(of_contours([contour([(0, 0), (10, 0)], [-1, 0], closed=False)]), Paper(1.0, 0.0, 0.0))
+    (data,) = path_data(
+        of_contours([contour([(0, 0), (10, 0)], [-1, 0], closed=False)]), Paper(1.0, 0.0, 0.0)
+    )
     assert data == "M0.00 0.00A5.00 5.00 0 0 1 10.00 0.00"
 
 
@@ -75,7 +81,9 @@ def test_bounds_of_an_arc_are_those_of_its_points(bulge: float) -> None:
     centre = np.linalg.solve(a, [end @ end - start @ start, top @ top - start @ start])
     first = math.atan2(*(start - centre)[::-1])
     angles = first + np.linspace(0, 4 * math.atan(bulge), 20001)
-    points = centre + np.hypot(*(start - centre)) * np.column_stack([np.cos(angles), np.sin(angles)])
+    points = centre + np.hypot(*(start - centre)) * np.column_stack(
+        [np.cos(angles), np.sin(angles)]
+    )
     assert points[-1] == pytest.approx(end)
     assert low == pytest.approx(points.min(axis=0), abs=1e-6)
     assert high == pytest.approx(points.max(axis=0), abs=1e-6)
@@ -95,14 +103,20 @@ def test_the_arrow_of_an_arc_sits_on_the_arc() -> None:
     assert found == [(0.0, 10.0, 0.0)]  # the bottom, which is y = +10 on the page, towards +x
 
 
-def picture(paths: tuple[ToolPath, ...], notes: tuple[Note, ...] = (), part: Part = PART) -> ET.Element:
-    return ET.fromstring(svg(part, Tour(paths, 12.0, "nearest neighbour"), notes, "plate.dxf, rapid"))
+def picture(
+    paths: tuple[ToolPath, ...], notes: tuple[Note, ...] = (), part: Part = PART
+) -> ET.Element:
+    return ET.fromstring(
+        svg(part, Tour(paths, 12.0, "nearest neighbour"), notes, "plate.dxf, rapid")
+    )
 
 
 def test_everything_is_there_and_sized_in_mm() -> None:
     root = picture((ring(50, 25, 7, "c2"),))
     assert re.fullmatch(r"[\d.]+mm", root.attrib["width"])
-    assert root.attrib["viewBox"].split()[2:] == [root.attrib[k].removesuffix("mm") for k in ("width", "height")]
+    assert root.attrib["viewBox"].split()[2:] == [
+        root.attrib[k].removesuffix("mm") for k in ("width", "height")
+    ]
     classes = [e.attrib.get("class") for e in root.iter(f"{SVG}path")]
     assert classes.count("part") == 1
     assert classes.count("path") == 1
@@ -110,7 +124,9 @@ def test_everything_is_there_and_sized_in_mm() -> None:
 
 
 def test_a_contour_without_a_path_is_marked_and_said() -> None:
-    root = picture((ring(50, 25, 7, "c2.1"),), (Note("skipped", "c1", "too small"), Note("joined", "3 ends")))
+    root = picture(
+        (ring(50, 25, 7, "c2.1"),), (Note("skipped", "c1", "too small"), Note("joined", "3 ends"))
+    )
     (unused,) = [e for e in root.iter(f"{SVG}path") if e.attrib.get("class") == "unused"]
     assert unused.attrib["d"].startswith("M")
     assert unused.attrib["d"].count("L") == 4  # the plate, closed
@@ -131,7 +147,9 @@ def test_the_scale_bar_is_true() -> None:
     root = picture((ring(50, 25, 7, "c2"),))
     (bar,) = [e for e in root.iter(f"{SVG}path") if e.attrib.get("class") == "bar"]
     label = next(
-        e.text for e in root.iter(f"{SVG}text") if (e.text or "").endswith(" mm") and "," not in (e.text or "")
+        e.text
+        for e in root.iter(f"{SVG}text")
+        if (e.text or "").endswith(" mm") and "," not in (e.text or "")
     )
     left, _, _, right, _ = (float(v) for v in re.findall(r"-?[\d.]+", bar.attrib["d"]))
     (plate,) = [e for e in root.iter(f"{SVG}path") if e.attrib.get("class") == "unused"]
@@ -142,14 +160,18 @@ def test_the_scale_bar_is_true() -> None:
 
 def test_text_of_the_drawing_cannot_break_the_file() -> None:
     evil = replace(ring(50, 25, 7, "c2"), layer='</title><script>alert(1)</script>&"\x00\x1b')
-    root = picture((evil,), (Note("skipped", "<b>\x07</svg>", "a & b"),), replace(PART, source="<&>.dxf"))
+    root = picture(
+        (evil,), (Note("skipped", "<b>\x07</svg>", "a & b"),), replace(PART, source="<&>.dxf")
+    )
     assert not list(root.iter(f"{SVG}script"))
     assert "left out: <b> </svg> (a & b)" in "".join(root.itertext())
 
 
 def test_numbers_go_when_there_are_many_paths() -> None:
     few = picture(tuple(ring(x, 25, 1, f"c{x}") for x in range(10)))
-    assert [e.text for e in few.iter(f"{SVG}text") if e.attrib.get("class") == "n"] == [str(k) for k in range(1, 11)]
+    assert [e.text for e in few.iter(f"{SVG}text") if e.attrib.get("class") == "n"] == [
+        str(k) for k in range(1, 11)
+    ]
     many = picture(tuple(ring(x, 25, 1, f"c{x}") for x in range(300)))
     assert not [e for e in many.iter(f"{SVG}text") if e.attrib.get("class") == "n"]
     crowd = picture(tuple(ring(x, 25, 1, f"c{x}") for x in range(2000)))

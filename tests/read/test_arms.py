@@ -46,12 +46,21 @@ def last(executed: Executed) -> tuple[float, float, float]:
 @pytest.mark.parametrize(
     ("body", "place"),
     [
-        ("p:=CRobT(\\Tool:=tG\\WObj:=wT);\nMoveL Offs(p,0,0,5),v100,fine,tG\\WObj:=wT;", (-990, 20, 85)),
+        (
+            "p:=CRobT(\\Tool:=tG\\WObj:=wT);\nMoveL Offs(p,0,0,5),v100,fine,tG\\WObj:=wT;",
+            (-990, 20, 85),
+        ),
         ("p:=CRobT(\\Tool:=tG\\WObj:=wobj0);\nMoveL p,v100,fine,tG;", (10, 20, 130)),
         ("p:=CRobT(\\Tool:=tool0\\WObj:=wobj0);\nMoveL p,v100,fine,tool0;", (10, 20, 30)),
-        ("p:=CalcRobT(j1,tG\\WObj:=wT);\nMoveL RelTool(p,0,0,-5),v100,fine,tG\\WObj:=wT;", (-990, 20, 75)),
+        (
+            "p:=CalcRobT(j1,tG\\WObj:=wT);\nMoveL RelTool(p,0,0,-5),v100,fine,tG\\WObj:=wT;",
+            (-990, 20, 75),
+        ),
         ("p:=CalcRobT([[1,2,3,0,0,0],j1.extax],tool0);\nMoveL p,v100,fine,tool0;", (1, 2, 3)),
-        ("p.trans:=CPos(\\Tool:=tG\\WObj:=wT);\np.rot:=[1,0,0,0];\nMoveL p,v100,fine,tG\\WObj:=wT;", (-990, 20, 80)),
+        (
+            "p.trans:=CPos(\\Tool:=tG\\WObj:=wT);\np.rot:=[1,0,0,0];\nMoveL p,v100,fine,tG\\WObj:=wT;",
+            (-990, 20, 80),
+        ),
     ],
 )
 def test_rapid(body: str, place: tuple[float, float, float]) -> None:
@@ -63,7 +72,9 @@ def test_rapid(body: str, place: tuple[float, float, float]) -> None:
 
 def test_rapid_does_not_guess_a_displaced_position() -> None:
     found = run("rapid", RAPID.format("PDispSet [[1,0,0],[1,0,0,0]];\np:=CalcRobT(j1,tG);"))
-    assert [one.what for one in found.assumed] == ["calcrobt needs the arm: what it gives is not known"]
+    assert [one.what for one in found.assumed] == [
+        "calcrobt needs the arm: what it gives is not known"
+    ]
 
 
 @pytest.mark.parametrize(
@@ -89,7 +100,10 @@ def test_vplus(lines: str, place: tuple[float, float, float]) -> None:
     [
         ("p1 = CurPos\nMove L, @0 p1 + P(0, 0, 5)", (10, 20, 35)),
         ("Depart L, @0 5", (10, 20, 25)),
-        ("Tool 1, P(0, 0, 100)\nWork 1, P(1, 0, 0)\nChangeTool 1\nChangeWork 1\nMove L, @0 CurPos", (9, 20, 130)),
+        (
+            "Tool 1, P(0, 0, 100)\nWork 1, P(1, 0, 0)\nChangeTool 1\nChangeWork 1\nMove L, @0 CurPos",
+            (9, 20, 130),
+        ),
         ("Draw L, @0 V(1, 0, 0)", (11, 20, 30)),
     ],
 )
@@ -102,5 +116,7 @@ def test_pacscript(lines: str, place: tuple[float, float, float]) -> None:
 
 
 def test_an_arm_of_other_joints_says_nothing() -> None:
-    found = run("pacscript", "Sub Main\nTakeArm\nMove P, @0 J(10, 20, 30, 0)\nDepart L, @0 5\nEnd Sub\n")
+    found = run(
+        "pacscript", "Sub Main\nTakeArm\nMove P, @0 J(10, 20, 30, 0)\nDepart L, @0 5\nEnd Sub\n"
+    )
     assert any("joint values of line 3" in frame.work for frame in found.frames)

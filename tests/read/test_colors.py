@@ -54,7 +54,9 @@ def _source(document: Any) -> Source:
         ({"color": 5, "true_color": 0x102030}, "#102030"),
     ],
 )
-def test_an_entity_of_a_drawing_has_its_own_color_or_that_of_its_layer(attributes: dict[str, Any], color: str) -> None:
+def test_an_entity_of_a_drawing_has_its_own_color_or_that_of_its_layer(
+    attributes: dict[str, Any], color: str
+) -> None:
     document, space = new()
     space.add_circle((0, 0), 5, dxfattribs=attributes)
     space.add_ellipse((20, 0), (4, 0), 0.5, dxfattribs=attributes)
@@ -71,7 +73,9 @@ def test_in_a_block_a_color_may_be_that_of_the_reference_or_of_its_layer() -> No
     outer.add_blockref("INNER", (0, 0), dxfattribs={"color": 0})
     space.add_blockref("INNER", (0, 0), dxfattribs={"color": 6, "layer": "RED"})
     space.add_blockref("OUTER", (0, 20), dxfattribs={"true_color": 0x445566, "layer": "SKY"})
-    found = {tuple(np.round(c.points.mean(axis=0)).tolist()): c.color for c in part_of(document).contours}
+    found = {
+        tuple(np.round(c.points.mean(axis=0)).tolist()): c.color for c in part_of(document).contours
+    }
     assert found == {
         **{(0, 0): "#ff00ff", (4, 0): "#ff0000", (8, 0): "#00ff00"},
         **{(0, 20): "#445566", (4, 20): "#87ceeb", (8, 20): "#00ff00"},
@@ -86,7 +90,10 @@ def test_pieces_of_one_color_meet_before_others() -> None:
         for a, b in zip(corners, corners[1:] + corners[:1], strict=True):
             space.add_line(a, b, dxfattribs={"color": color})
     found = part_of(document).contours
-    assert sorted((c.color, c.closed, len(c.points)) for c in found) == [("#0000ff", True, 4), ("#ff0000", True, 4)]
+    assert sorted((c.color, c.closed, len(c.points)) for c in found) == [
+        ("#0000ff", True, 4),
+        ("#ff0000", True, 4),
+    ]
 
 
 def test_a_contour_has_the_color_of_its_first_piece() -> None:
@@ -155,8 +162,15 @@ def test_a_contour_made_in_code_keeps_its_color() -> None:
 
 def test_a_color_is_kept_on_a_page_and_by_what_thins_out_and_joins() -> None:
     lines = [[(0, 0), (10, 0), (20, 0.01), (30, 0)], [(30, 0), (30, 30)]]
-    made = [Contour(np.array(p, dtype=float), np.zeros(len(p)), False, "0", color="#ff0000") for p in lines]
-    tables = {"operation": {"kind": "trace"}, "page": {"size": "A4"}, "tolerance": {"simplify": 0.1}}
+    made = [
+        Contour(np.array(p, dtype=float), np.zeros(len(p)), False, "0", color="#ff0000")
+        for p in lines
+    ]
+    tables = {
+        "operation": {"kind": "trace"},
+        "page": {"size": "A4"},
+        "tolerance": {"simplify": 0.1},
+    }
     planned = camgen.plan(make_part(made), tables)
     assert [c.color for c in planned.part.contours] == ["#ff0000", "#ff0000"]
     assert [len(c.points) for c in planned.part.contours] == [2, 2]
@@ -171,4 +185,11 @@ def test_the_table_of_css_is_whole() -> None:
     """148 names; spot checks by the table of the standard."""
     assert len(colors.CSS) == 148
     named = ("rebeccapurple", "darkseagreen", "gray", "grey", "papayawhip", "green")
-    assert [colors.CSS[name] for name in named] == ["#663399", "#8fbc8f", "#808080", "#808080", "#ffefd5", "#008000"]
+    assert [colors.CSS[name] for name in named] == [
+        "#663399",
+        "#8fbc8f",
+        "#808080",
+        "#808080",
+        "#ffefd5",
+        "#008000",
+    ]

@@ -74,7 +74,9 @@ def length(contour: Contour) -> float:
 def area(contour: Contour) -> float:
     """Signed, by the shoelace formula plus the segments of the arcs."""
     total = 0.0
-    for p, q, b in zip(contour.points, np.roll(contour.points, -1, axis=0), contour.bulges, strict=True):
+    for p, q, b in zip(
+        contour.points, np.roll(contour.points, -1, axis=0), contour.bulges, strict=True
+    ):
         total += (p[0] * q[1] - p[1] * q[0]) / 2
         if b:
             sweep = 4 * math.atan(b)
@@ -120,7 +122,9 @@ def test_smooth() -> None:
     assert area(oval) == pytest.approx(math.pi * 50 * 20, rel=1e-4)
     u = np.linspace(0, 1, 200001)[:, None]
     c = np.array([(100, 0), (140, 60), (60, 60), (100, 0.0)])
-    bezier = (1 - u) ** 3 * c[0] + 3 * u * (1 - u) ** 2 * c[1] + 3 * u * u * (1 - u) * c[2] + u**3 * c[3]
+    bezier = (
+        (1 - u) ** 3 * c[0] + 3 * u * (1 - u) ** 2 * c[1] + 3 * u * u * (1 - u) * c[2] + u**3 * c[3]
+    )
     assert length(drop) == pytest.approx(np.hypot(*np.diff(bezier, axis=0).T).sum(), rel=1e-4)
 
 
@@ -188,7 +192,9 @@ def test_mirrored_by_extrusion() -> None:
     """Under extrusion (0, 0, -1) x is mirrored: an arc from 0 to 90 degrees runs from (-15, 0) to (-10, 5)."""
     document, space = new()
     space.add_arc((10, 0), 5, 0, 90, dxfattribs={"extrusion": (0, 0, -1)})
-    space.add_lwpolyline([(0, 20, 1), (10, 20, 0)], format="xyb", dxfattribs={"extrusion": (0, 0, -1)})
+    space.add_lwpolyline(
+        [(0, 20, 1), (10, 20, 0)], format="xyb", dxfattribs={"extrusion": (0, 0, -1)}
+    )
     arc, bow = read(document).contours
     assert arc.points == pytest.approx(np.array([(-15, 0), (-10, 5)]), abs=1e-12)
     assert arc.bulges[0] == pytest.approx(-math.tan(math.pi / 8))
@@ -222,10 +228,16 @@ def test_rotated_array_with_spacing_not_scaled() -> None:
     document, space = new()
     document.blocks.new("P").add_circle((1, 0), 1)
     attributes = {"rotation": 90, "xscale": 2, "yscale": 2, "row_count": 2, "column_count": 3}
-    space.add_blockref("P", (0, 0), dxfattribs={**attributes, "row_spacing": 20, "column_spacing": 10})
-    centers = sorted(tuple(np.round(c.points.mean(axis=0), 9) + 0.0) for c in read(document).contours)
+    space.add_blockref(
+        "P", (0, 0), dxfattribs={**attributes, "row_spacing": 20, "column_spacing": 10}
+    )
+    centers = sorted(
+        tuple(np.round(c.points.mean(axis=0), 9) + 0.0) for c in read(document).contours
+    )
     # Columns run along the rotated x (up), rows along the rotated y (left); the circle is at 2 up from each cell.
-    assert centers == sorted((-20.0 * row, 10.0 * column + 2) for row in range(2) for column in range(3))
+    assert centers == sorted(
+        (-20.0 * row, 10.0 * column + 2) for row in range(2) for column in range(3)
+    )
 
 
 def test_layer_0_in_a_block_is_the_layer_of_the_reference() -> None:
@@ -239,7 +251,11 @@ def test_layer_0_in_a_block_is_the_layer_of_the_reference() -> None:
     space.add_blockref("B", (0, 0), dxfattribs={"layer": "CUT"})
     space.add_blockref("B", (50, 0), dxfattribs={"layer": "GONE"})
     part = read(document)
-    assert [(c.layer, round(float(c.points[0][0]))) for c in part.contours] == [("CUT", 5), ("OWN", 8), ("OWN", 58)]
+    assert [(c.layer, round(float(c.points[0][0]))) for c in part.contours] == [
+        ("CUT", 5),
+        ("OWN", 8),
+        ("OWN", 58),
+    ]
     document.layers.get("GONE").on()
     document.layers.get("GONE").freeze()
     part = read(document)
@@ -278,7 +294,9 @@ def test_a_clipped_reference_is_skipped() -> None:
     XClip(space.add_blockref("B", (0, 0))).set_block_clipping_path([(0, 0), (4, 4)])
     part = read(document)
     assert len(part.contours) == 1
-    assert notes(part) == ["skipped: 1 INSERT on layer 0 (clipped (XCLIP), which cannot be honoured; explode it)"]
+    assert notes(part) == [
+        "skipped: 1 INSERT on layer 0 (clipped (XCLIP), which cannot be honoured; explode it)"
+    ]
 
 
 def test_blocks_that_multiply_are_stopped() -> None:
@@ -357,7 +375,9 @@ def test_full_turns_and_none() -> None:
     space.add_arc((150, 0), 10, 350, 300)
     part = read(document)
     assert [c.closed for c in part.contours] == [True, True, False]
-    assert [length(c) for c in part.contours] == pytest.approx([20 * math.pi, 20 * math.pi, 20 * math.pi * 310 / 360])
+    assert [length(c) for c in part.contours] == pytest.approx(
+        [20 * math.pi, 20 * math.pi, 20 * math.pi * 310 / 360]
+    )
     assert len(part.contours[1].points) == 2
     assert "repaired: dropped: 1 ARC on layer 0 (without length)" in notes(part)
 
@@ -424,7 +444,9 @@ def test_a_file_without_header_has_no_unit() -> None:
 def test_unknown_unit() -> None:
     document, space = new()
     space.add_circle((0, 0), 2)
-    with pytest.raises(JobError, match=r"test.dxf: unknown unit 'inchs' \(input.units\); did you mean inch"):
+    with pytest.raises(
+        JobError, match=r"test.dxf: unknown unit 'inchs' \(input.units\); did you mean inch"
+    ):
         read(document, units="inchs")
 
 
@@ -445,14 +467,18 @@ def test_layer_globs(globs: list[str], radii: list[int]) -> None:
     part = read(document, layers=globs)
     assert [round(length(c) / (2 * math.pi)) for c in part.contours] == radii
     left = 3 - len(radii)
-    assert sum("left out by input.layers" in n.why and n.kind == "assumed" for n in part.notes) == (left > 0)
+    assert sum("left out by input.layers" in n.why and n.kind == "assumed" for n in part.notes) == (
+        left > 0
+    )
 
 
 @pytest.mark.parametrize("glob", ["holse*", "!holse*"])
 def test_a_glob_without_layer_is_a_slip(glob: str) -> None:
     document, space = new()
     space.add_circle((0, 0), 2, dxfattribs={"layer": "HOLES"})
-    with pytest.raises(JobError, match=r"no layer fits .*holse.*; nearest is HOLES; camgen inspect lists them"):
+    with pytest.raises(
+        JobError, match=r"no layer fits .*holse.*; nearest is HOLES; camgen inspect lists them"
+    ):
         read(document, layers=[glob])
 
 
@@ -470,7 +496,9 @@ def test_names_from_the_file_stay_on_one_line() -> None:
 def test_a_file_cut_short_is_read_as_far_as_it_goes() -> None:
     data = (FIXTURES / "parts" / "bracket.dxf").read_bytes()
     part = read_bytes("cut.dxf", data[:1500], InputTable(), 0.01)
-    assert notes(part)[0] == "skipped: the file ends before its end mark (what would follow is lost)"
+    assert (
+        notes(part)[0] == "skipped: the file ends before its end mark (what would follow is lost)"
+    )
     assert [c.closed for c in part.contours] == [True, True, True]
 
 
@@ -487,10 +515,16 @@ def test_no_prefix_of_a_file_is_a_fault(name: str) -> None:
     data = (FIXTURES / "parts" / f"{name}.dxf").read_bytes()
     for end in range(0, len(data) - 6, 41):
         found = outcome(data[:end])
-        assert found.isprintable() if isinstance(found, str) else any("end mark" in n.what for n in found.notes)
+        assert (
+            found.isprintable()
+            if isinstance(found, str)
+            else any("end mark" in n.what for n in found.notes)
+        )
 
 
-@pytest.mark.parametrize("value", [b"nan", b"inf", b"-1e308", b"1e300", b"", b"xyz", b"1e9", b"99999999999", b"-1"])
+@pytest.mark.parametrize(
+    "value", [b"nan", b"inf", b"-1e308", b"1e300", b"", b"xyz", b"1e9", b"99999999999", b"-1"]
+)
 @pytest.mark.parametrize("name", ["bracket", "blocks", "smooth", "layers"])
 def test_no_wrong_value_is_a_fault(name: str, value: bytes) -> None:
     lines = (FIXTURES / "parts" / f"{name}.dxf").read_bytes().split(b"\n")
@@ -499,7 +533,10 @@ def test_no_wrong_value_is_a_fault(name: str, value: bytes) -> None:
         if isinstance(found, str):
             assert found.isprintable()
         else:
-            assert all(np.isfinite(c.points).all() and (np.abs(c.bulges) <= 1).all() for c in found.contours)
+            assert all(
+                np.isfinite(c.points).all() and (np.abs(c.bulges) <= 1).all()
+                for c in found.contours
+            )
 
 
 def test_a_document_without_model_space() -> None:
@@ -521,7 +558,10 @@ def test_a_folder_and_a_missing_file(tmp_path: Path) -> None:
 
 def test_line_ends_of_the_old_macintosh() -> None:
     text = (FIXTURES / "parts" / "bracket.dxf").read_bytes().replace(b"\r\n", b"\n")
-    plain, old = (read_bytes("old.dxf", data, InputTable(), 0.01) for data in (text, text.replace(b"\n", b"\r")))
+    plain, old = (
+        read_bytes("old.dxf", data, InputTable(), 0.01)
+        for data in (text, text.replace(b"\n", b"\r"))
+    )
     assert len(plain.contours) > 1
     assert old.units == plain.units
     assert old.notes == plain.notes

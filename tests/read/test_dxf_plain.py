@@ -25,14 +25,18 @@ from tests.read.test_dxf import new, written
 
 FIXTURES = Path(__file__).parents[2] / "fixtures"
 SHARED = Path(__file__).parents[2].parent / "shared" / "data"
-FILES = sorted(p for folder in (FIXTURES, SHARED) for p in folder.rglob("*") if p.suffix.lower() == ".dxf")
+FILES = sorted(
+    p for folder in (FIXTURES, SHARED) for p in folder.rglob("*") if p.suffix.lower() == ".dxf"
+)
 _HANDLE = re.compile(rb"\n *0\r?\n[A-Z0-9]+\r?\n *5\r?\n")
 FLAT, IN_SPACE = Job(), Job(operation=OperationTable(kind="trace"))
 
 
 def read_both(data: bytes, job: Job = FLAT, least: int = 1) -> Part | str:
     """The part, or the message; the same, by ezdxf alone and with runs of plain entities taken out of the text."""
-    found = [_read(data, job, split) for split in (lambda _: None, partial(plain.split, least=least))]
+    found = [
+        _read(data, job, split) for split in (lambda _: None, partial(plain.split, least=least))
+    ]
     assert_same(found[0], found[1], handles=_HANDLE.search(data) is not None)
     return found[1]
 
@@ -58,7 +62,9 @@ def assert_same(one: Part | str, other: Part | str, handles: bool) -> None:
     if isinstance(one, str) or isinstance(other, str):
         assert _told(one, handles) == _told(other, handles)
         return
-    assert [_told(note, handles) for note in one.notes] == [_told(note, handles) for note in other.notes]
+    assert [_told(note, handles) for note in one.notes] == [
+        _told(note, handles) for note in other.notes
+    ]
     assert one.units == other.units
     for those, these in ((one.contours, other.contours), (one.curves, other.curves)):
         assert len(those) == len(these)
@@ -81,7 +87,11 @@ def drawing(seed: int, version: str) -> Drawing:
     document.layers.add("off").off()
 
     def point() -> tuple[float, float, float]:
-        return draw.uniform(-500, 500), draw.choice([0.0, 1e-3, draw.uniform(-50, 50)]), draw.choice([0.0, 0.0, 1.0])
+        return (
+            draw.uniform(-500, 500),
+            draw.choice([0.0, 1e-3, draw.uniform(-50, 50)]),
+            draw.choice([0.0, 0.0, 1.0]),
+        )
 
     unusual = {
         "invisible": [0, 1], "extrusion": [(0, 0, 1), (0, 0, -1)], "thickness": [0.0, 2.0], "paperspace": [1],
@@ -90,20 +100,28 @@ def drawing(seed: int, version: str) -> Drawing:
     add: list[Callable[[dict[str, Any]], Any]] = [
         lambda said: space.add_line(point(), point(), said),
         lambda said: space.add_circle(point(), draw.choice([0.0, 1.0, 7.25]), said),
-        lambda said: space.add_arc(point(), 3.0, draw.choice([0, 90, 400]), draw.choice([0, 180.5]), dxfattribs=said),
+        lambda said: space.add_arc(
+            point(), 3.0, draw.choice([0, 90, 400]), draw.choice([0, 180.5]), dxfattribs=said
+        ),
         lambda said: space.add_polyline2d([(0, 0), (5, 5), (9, 0)], dxfattribs=said),
         lambda said: space.add_blockref("HOLE", point(), {"layer": said["layer"]}),
     ]
     for _ in range(draw.randint(1, 12)):
         said = {"layer": draw.choice(["0", "cut", "off", "Mull", "Müll", "a b"])}
-        said |= {name: draw.choice(values) for name, values in unusual.items() if draw.random() < 0.1}
+        said |= {
+            name: draw.choice(values) for name, values in unusual.items() if draw.random() < 0.1
+        }
         kind = draw.choice([0, 0, 0, 1, 1, 2, 2, 3, 4])
         for _ in range(draw.randint(1, 5)):
             add[kind](said)
     return document
 
 
-@given(seed=st.integers(0, 2**32), version=st.sampled_from(["R12", "R2000", "R2018"]), least=st.integers(1, 4))
+@given(
+    seed=st.integers(0, 2**32),
+    version=st.sampled_from(["R12", "R2000", "R2018"]),
+    least=st.integers(1, 4),
+)
 def test_mixed_drawings_read_the_same(seed: int, version: str, least: int) -> None:
     read_both(written(drawing(seed, version)).encode(), least=least)
 
@@ -117,7 +135,20 @@ def test_damaged_drawings_read_the_same(seed: int, damage: int) -> None:
     for _ in range(draw.randint(1, 3)):
         k = draw.randrange(first, last)
         lines[k] = draw.choice(
-            [b"", b"x", b" 1", b"nan", b"1e999", b"-3", b"1_0", b"\\U+00e4", b"LINE", b" 40", b"999", lines[k + 1]]
+            [
+                b"",
+                b"x",
+                b" 1",
+                b"nan",
+                b"1e999",
+                b"-3",
+                b"1_0",
+                b"\\U+00e4",
+                b"LINE",
+                b" 40",
+                b"999",
+                lines[k + 1],
+            ]
         )
     read_both(b"\n".join(lines))
 
@@ -170,12 +201,19 @@ def test_plain_entities_count_against_the_limit() -> None:
 def test_names_and_handles_of_what_leaves_the_plane() -> None:
     document, space = new()
     lines = [space.add_line((10 * k, 0, 0), (10 * k + 5, 0, 1 if k == 7 else 0)) for k in range(20)]
-    part = read_both(written(document).encode(), Job(input=InputTable(), operation=OperationTable(kind="follow")))
+    part = read_both(
+        written(document).encode(), Job(input=InputTable(), operation=OperationTable(kind="follow"))
+    )
     assert isinstance(part, Part)
-    assert any(f"LINE #{lines[7].dxf.handle} on layer 0 leaves the plane" in str(note) for note in part.notes)
+    assert any(
+        f"LINE #{lines[7].dxf.handle} on layer 0 leaves the plane" in str(note)
+        for note in part.notes
+    )
 
 
-def test_runs_of_a_section_that_another_one_replaces_are_not_lost_in_another_way_than_before() -> None:
+def test_runs_of_a_section_that_another_one_replaces_are_not_lost_in_another_way_than_before() -> (
+    None
+):
     document, space = new()
     for k in range(30):
         space.add_circle((10 * k, 0), 3)

@@ -18,7 +18,9 @@ from tests.support.files import source
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data"
 FILES = sorted(p for p in DATA.glob("dxf/*/*") if p.suffix.lower() == ".dxf")
-pytestmark = pytest.mark.skipif(not FILES, reason="the folder shared/data beside the repository is absent")
+pytestmark = pytest.mark.skipif(
+    not FILES, reason="the folder shared/data beside the repository is absent"
+)
 
 #: Nothing in them can be machined; the start of the reason.
 REFUSED = {
@@ -74,7 +76,9 @@ def test_all_drawings_are_there() -> None:
 def test_length_is_the_measured_one(path: Path) -> None:
     entry = TRUTH[str(path.relative_to(DATA))]
     part = dxf.read(source(path), Job(), Files())
-    expected = (entry["visible_exact"] - TWICE.get(path.name, 0) + MISSING.get(path.name, 0)) * scale(entry)
+    expected = (
+        entry["visible_exact"] - TWICE.get(path.name, 0) + MISSING.get(path.name, 0)
+    ) * scale(entry)
     assert sum(map(length, part.contours)) == pytest.approx(expected, rel=0.005)
     assert all(str(n).isprintable() for n in part.notes)
 
@@ -91,7 +95,9 @@ def test_refused_in_one_line(path: Path) -> None:
 NOT_COUNTED = {"cycloidal.dxf", "BlockClippedBasicTransform.dxf", "TransformedBlockClipped.dxf"}
 
 
-@pytest.mark.parametrize("path", [p for p in FILES if p.name not in NOT_COUNTED], ids=lambda p: p.name)
+@pytest.mark.parametrize(
+    "path", [p for p in FILES if p.name not in NOT_COUNTED], ids=lambda p: p.name
+)
 def test_inspect_counts_at_least_what_was_measured(path: Path) -> None:
     """At least: the measurement leaves out what is damaged and what it cannot expand."""
     found = dict(dxf.inspect(source(path), Job(), Files()).counts)
@@ -101,7 +107,13 @@ def test_inspect_counts_at_least_what_was_measured(path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("name", "loops"),
-    [("gear.dxf", 2), ("forms.dxf", 40), ("LM2.dxf", 40), ("ChuteHolderPrint.DXF", 43), ("redox_rev1-brd.dxf", 41)],
+    [
+        ("gear.dxf", 2),
+        ("forms.dxf", 40),
+        ("LM2.dxf", 40),
+        ("ChuteHolderPrint.DXF", 43),
+        ("redox_rev1-brd.dxf", 41),
+    ],
 )
 def test_loops(name: str, loops: int) -> None:
     path = next(p for p in FILES if p.name == name)

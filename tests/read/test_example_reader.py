@@ -21,7 +21,9 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_the_page_shows_the_package_as_it_is() -> None:
     text = (DOCS / "writing-a-reader.md").read_text()
     blocks = dict(re.findall(r'```\w+ title="(.+?)"\n(.*?)```', text, re.S))
-    assert blocks == {name: (EXAMPLE / name).read_text() for name in ("point_lists.py", "pyproject.toml")}
+    assert blocks == {
+        name: (EXAMPLE / name).read_text() for name in ("point_lists.py", "pyproject.toml")
+    }
 
 
 def test_it_is_as_short_as_promised() -> None:
@@ -41,7 +43,9 @@ def test_the_installed_reader_builds_a_program(site: Path, tmp_path: Path) -> No
 def test_it_is_asked_for_standard_input_by_name_and_by_suffix(site: Path, tmp_path: Path) -> None:
     said = []
     for name in ("points", "xy"):
-        done = run(site, "-m", "camgen", "inspect", "-", "--format", name, data=SLOT, folder=tmp_path)
+        done = run(
+            site, "-m", "camgen", "inspect", "-", "--format", name, data=SLOT, folder=tmp_path
+        )
         assert done.returncode == 0, done.stderr
         said.append(done.stdout.splitlines())
     assert said[0] == said[1]
@@ -59,7 +63,9 @@ def test_it_is_asked_for_standard_input_by_name_and_by_suffix(site: Path, tmp_pa
         ("# nothing\n", "bad.xy: nothing to machine; give two or more lines x,y"),
     ],
 )
-def test_what_is_no_list_is_refused_in_one_line(site: Path, tmp_path: Path, text: str, says: str) -> None:
+def test_what_is_no_list_is_refused_in_one_line(
+    site: Path, tmp_path: Path, text: str, says: str
+) -> None:
     (tmp_path / "bad.xy").write_text(text)
     done = run(site, "-m", "camgen", "build", "bad.xy", "--post", "gcode", folder=tmp_path)
     assert (done.returncode, done.stderr) == (2, f"camgen: error: {says}\n")

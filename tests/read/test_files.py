@@ -102,7 +102,11 @@ print(json.dumps([code, opened]))
 
 def opened(*words: str) -> dict[str, int]:
     done = subprocess.run(
-        [sys.executable, "-c", _COUNT, *words, "-q"], capture_output=True, text=True, check=False, cwd=Path.cwd()
+        [sys.executable, "-c", _COUNT, *words, "-q"],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=Path.cwd(),
     )
     assert done.returncode == 0, done.stderr
     code, counts = json.loads(done.stdout.splitlines()[-1])

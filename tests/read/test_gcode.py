@@ -41,20 +41,30 @@ def test_units_distances_and_feeds():
 
 
 @pytest.mark.parametrize(
-    "lead", [("G53 G0 Z0", "G0 X1 Y2", "G0 Z3"), ("G0 Z9", "G53 G0 Z0", "G0 X1 Y2", "Z3"), ("g53 g0 z0", "G0 X1 Y2 Z3")]
+    "lead",
+    [
+        ("G53 G0 Z0", "G0 X1 Y2", "G0 Z3"),
+        ("G0 Z9", "G53 G0 Z0", "G0 X1 Y2", "Z3"),
+        ("g53 g0 z0", "G0 X1 Y2 Z3"),
+    ],
 )
 def test_the_top_of_the_machine_is_no_place_of_the_program(lead):
     """G53 G0 Z0 before anything else: nothing is written down until X, Y and Z of the work frame are known."""
     found = interpret(["G21 G90", *lead, "G1 X5 F60", "M2"])
     assert found.stopped is None
-    assert [(type(i), i.target.origin) for i in found.body] == [(MoveJ, (1, 2, 3)), (MoveL, (5, 2, 3))]
+    assert [(type(i), i.target.origin) for i in found.body] == [
+        (MoveJ, (1, 2, 3)),
+        (MoveL, (5, 2, 3)),
+    ]
     assert not found.remarks
 
 
 def test_a_cut_from_the_top_of_the_machine_begins_at_a_height_that_is_assumed():
     found = interpret(["G21 G90", "G0 Z9", "G53 G0 Z0", "G0 X1 Y2", "G1 Z-1 F60", "M2"])
     assert [i.target.origin for i in found.body] == [(1, 2, 0), (1, 2, -1)]
-    assert [str(note) for _, note in found.remarks] == ["assumed: the program begins at Z0 (it does not say where)"]
+    assert [str(note) for _, note in found.remarks] == [
+        "assumed: the program begins at Z0 (it does not say where)"
+    ]
 
 
 @pytest.mark.parametrize(
@@ -86,7 +96,11 @@ def test_the_spelling_does_not_matter():
         ("G3 X10 Y10 R10", (10, 10, 0), (10 * math.sqrt(0.5), 10 - 10 * math.sqrt(0.5), 0)),
         ("G18 G3 X10 Z10 I10 K0", (10, 0, 10), (10 - 10 * math.sqrt(0.5), 0, 10 * math.sqrt(0.5))),
         ("G19 G2 Y10 Z10 J10 K0", (0, 10, 10), (0, 10 - 10 * math.sqrt(0.5), 10 * math.sqrt(0.5))),
-        ("G90.1 G2 X10 Y10 I10 J0", (10, 10, 0), (10 - 10 * math.sqrt(0.5), 10 * math.sqrt(0.5), 0)),
+        (
+            "G90.1 G2 X10 Y10 I10 J0",
+            (10, 10, 0),
+            (10 - 10 * math.sqrt(0.5), 10 * math.sqrt(0.5), 0),
+        ),
     ],
 )
 def test_arcs(line, end, via):
@@ -98,7 +112,10 @@ def test_arcs(line, end, via):
 
 def test_a_full_circle_is_two_halves():
     arcs = [i for i in run("G2 I5").body if isinstance(i, MoveC)]
-    assert [a.target.origin for a in arcs] == [pytest.approx((10, 0, 0)), pytest.approx((0, 0, 0), abs=1e-9)]
+    assert [a.target.origin for a in arcs] == [
+        pytest.approx((10, 0, 0)),
+        pytest.approx((0, 0, 0), abs=1e-9),
+    ]
     assert arcs[0].via.origin == pytest.approx((5, 5, 0))
 
 
@@ -119,7 +136,13 @@ def test_a_helix_is_lines_on_it():
 
 
 def test_parameters_expressions_and_names():
-    lines = ("#1=2", "#<a>=[#1 * 3 ** 2 - 1]", "G1 X#<a> Y[ATAN[1]/[1]] Z-#1", "#1=7 X#1", "X[#5420 + 1] Y[#5421 * 2]")
+    lines = (
+        "#1=2",
+        "#<a>=[#1 * 3 ** 2 - 1]",
+        "G1 X#<a> Y[ATAN[1]/[1]] Z-#1",
+        "#1=7 X#1",
+        "X[#5420 + 1] Y[#5421 * 2]",
+    )
     assert ends(run(*lines)) == [(17, 45, -2), (2, 45, -2), (3, 90, -2)]
 
 
@@ -130,7 +153,17 @@ def test_branches_loops_and_subroutines():
         "o6 repeat [3]", "G91 G1 X1", "G90", "o6 endrepeat", "o7 do", "#3=[#3-1]", "o8 if [#3 LT 0]", "o7 break",
         "o8 endif", "o7 while [1]", "G1 Y[#<_value>]",
     )  # fmt: skip
-    x = [(3, 0, 0), (2, 0, 0), (2, 0, 0), (2, 0, 1), (2, 0, 2), (3, 0, 2), (4, 0, 2), (5, 0, 2), (5, 3, 2)]
+    x = [
+        (3, 0, 0),
+        (2, 0, 0),
+        (2, 0, 0),
+        (2, 0, 1),
+        (2, 0, 2),
+        (3, 0, 2),
+        (4, 0, 2),
+        (5, 0, 2),
+        (5, 3, 2),
+    ]
     assert ends(run(*lines)) == x
 
 
@@ -138,7 +171,9 @@ def test_a_program_that_never_ends_is_stopped():
     line, why = stopped("o1 while [1]", "o1 endwhile")
     assert line in (1, 2)
     assert why == "the program has not ended after 500,000 lines in loops (limits.gcode_steps)"
-    assert stopped("o1 sub", "o1 call", "o1 endsub", "o1 call")[1].startswith("o1 call: more than 10 subroutines")
+    assert stopped("o1 sub", "o1 call", "o1 endsub", "o1 call")[1].startswith(
+        "o1 call: more than 10 subroutines"
+    )
     assert "pieces" in stopped("G2 I900000 Z1")[1]
     assert "pecks" in stopped("G83 X1 Z-100 R1 Q0.0001")[1]
     assert "nested too deeply" in stopped("G1 X" + "[" * 100_000)[1]
@@ -155,9 +190,18 @@ def test_polar_words():
 
 
 def test_shifts_of_the_origin():
-    found = run("G1 X10", "G92 X0", "X5", "G92.1", "X5", "G10 L20 P1 X100", "X101", "G10 L2 P2 X0", "X102")
+    found = run(
+        "G1 X10", "G92 X0", "X5", "G92.1", "X5", "G10 L20 P1 X100", "X101", "G10 L2 P2 X0", "X102"
+    )
     assert ends(found) == [(10, 0, 0), (15, 0, 0), (5, 0, 0), (6, 0, 0), (7, 0, 0)]
-    known = ("G10 L2 P1 X1", "G10 L2 P2 X11 Y0 Z0", "G10 L2 P1 Y0 Z0", "G0 X0 Y0 Z0", "G1 F60 X1", "G55 X1")
+    known = (
+        "G10 L2 P1 X1",
+        "G10 L2 P2 X11 Y0 Z0",
+        "G10 L2 P1 Y0 Z0",
+        "G0 X0 Y0 Z0",
+        "G1 F60 X1",
+        "G55 X1",
+    )
     assert ends(run(*known, lead=("G21",))) == [(1, 0, 0), (11, 0, 0)]
     assert stopped("G1 X1", "G55 X1") == (
         2, "G55 after motions in G54: how far apart they are is known to the machine alone",
@@ -186,7 +230,9 @@ def test_a_line_with_block_delete_is_run_and_noted():
 
 
 def test_outputs_and_waits():
-    found = run("M3 S1000", "G4 P0.5", "S500", "M8", "M64 P2", "M67 E1 Q2.5", "G1 X1", "M9", "M5", "M2")
+    found = run(
+        "M3 S1000", "G4 P0.5", "S500", "M8", "M64 P2", "M67 E1 Q2.5", "G1 X1", "M9", "M5", "M2"
+    )
     assert [i for i in found.body if isinstance(i, Output | Wait)] == [
         Output("spindle", 1000), Wait(0.5), Output("spindle", 500), Output("flood", 1), Output("dout2", 1),
         Output("aout1", 2.5), Output("flood", 0), Output("spindle", 0),
@@ -195,7 +241,10 @@ def test_outputs_and_waits():
 
 def test_the_end_switches_off_what_is_on():
     found = run("M4 S900", "M7", "G1 X1", "M30", "G1 X9")
-    assert [i for i in found.body if isinstance(i, Output)][-2:] == [Output("spindle", 0.0), Output("mist", 0.0)]
+    assert [i for i in found.body if isinstance(i, Output)][-2:] == [
+        Output("spindle", 0.0),
+        Output("mist", 0.0),
+    ]
     assert Output("spindle", -900.0) in found.body
     assert ends(found) == [(1, 0, 0)]
 
@@ -209,7 +258,9 @@ def test_a_spindle_without_a_speed_is_a_switch():
 def test_feed_modes():
     """10 mm in half a minute; 0.1 mm a turn at 600 turns a minute is 60 mm a minute."""
     found = run("G93 G1 X10 F2", "G94 F60 X0", "M3 S600", "G95 F0.1", "X10")
-    assert [i.speed for i in found.body if isinstance(i, MoveL)] == pytest.approx([10 / 30, 1.0, 1.0])
+    assert [i.speed for i in found.body if isinstance(i, MoveL)] == pytest.approx(
+        [10 / 30, 1.0, 1.0]
+    )
     assert stopped("G93 G1 X1 F1", "X2") == (2, "G1 without F: with G93 every motion has its own")
     assert stopped("G95 F1 G1 X1") == (1, "a feed per turn (G95) while the spindle stands")
 
@@ -228,15 +279,24 @@ def test_exact_stop_and_path_allow_no_rounding():
             'its number and diameter, or operation.compensation = "as-programmed"',
         ),
         (["G38.2 Z-1"], "G38.2 probes: how far it goes is not in the text"),
-        (["G84 Z-1 R1"], "G84 taps: the spindle keeps step with the feed, for which programs here have no word"),
-        (["G74 Z-1 R1"], "G74 taps: the spindle keeps step with the feed, for which programs here have no word"),
+        (
+            ["G84 Z-1 R1"],
+            "G84 taps: the spindle keeps step with the feed, for which programs here have no word",
+        ),
+        (
+            ["G74 Z-1 R1"],
+            "G74 taps: the spindle keeps step with the feed, for which programs here have no word",
+        ),
         (
             ["G33 Z-1 K1"],
             "G33 cuts a thread: the spindle keeps step with the feed, for which programs here have no word",
         ),
         (["G87 X1 Z-1 R1 K1 I1"], "G87 stops the spindle at an angle and goes in beside the hole"),
         (["G88 X1 Z-1 R1 P1"], "G88 lets the operator bring the tool up"),
-        (["S100 M3", "G96 D9 S9"], "G96 is of a lathe: the spindle turns faster towards the centre"),
+        (
+            ["S100 M3", "G96 D9 S9"],
+            "G96 is of a lathe: the spindle turns faster towards the centre",
+        ),
         (["M19 R9"], "M19 turns the spindle to an angle"),
         (["G7"], "G7 is of a lathe: X is a diameter"),
         (["M150"], "M150: a program or remap of the user's"),
@@ -306,7 +366,9 @@ _MOTION = st.tuples(
     st.sampled_from(["G0 ", "G1 ", "", "G01", "N7 "]),
     _NUMBER,
     _NUMBER,
-    st.sampled_from(["", " F90", "Z1", " (X9)", ";X9", " (a,b)", "(open", " Z1 (a) (b)", "; py,1", " G4"]),
+    st.sampled_from(
+        ["", " F90", "Z1", " (X9)", ";X9", " (a,b)", "(open", " Z1 (a) (b)", "; py,1", " G4"]
+    ),
 )
 
 
@@ -361,7 +423,9 @@ def test_a_file_without_a_program(tmp_path, text, says):
 
 
 def test_inspect_tells_what_is_in_a_program(tmp_path):
-    path = file(tmp_path, "G20 G90\nG0 X0 Y0 Z1\nM3 S100\nG1 Z0 F60\nX2\nG2 X0 I-1\nG33 K1\n", "old.tap")
+    path = file(
+        tmp_path, "G20 G90\nG0 X0 Y0 Z1\nM3 S100\nG1 Z0 F60\nX2\nG2 X0 I-1\nG33 K1\n", "old.tap"
+    )
     assert str(inspect(path, Job())).split("\n") == [
         "G-code of 7 lines, units inch",
         "does: 1 rapid motion, 3 lines, 1 arc, 2 outputs, 0 waits",

@@ -43,7 +43,10 @@ def test_the_languages_are_installed():
     assert set(GCODE.dialects) == set(DIALECTS) == {
         "linuxcnc", "grbl", "fanuc", "fanuc-lathe", "mach3", "marlin", "iso",
     }  # fmt: skip
-    assert GRBL_LANGUAGE.run({"a.nc": "G21\nG81 X1 Z-1 R2\n"}, Ask()).findings[0].what == "G81 is not a code of grbl"
+    assert (
+        GRBL_LANGUAGE.run({"a.nc": "G21\nG81 X1 Z-1 R2\n"}, Ask()).findings[0].what
+        == "G81 is not a code of grbl"
+    )
 
 
 @pytest.mark.parametrize(
@@ -107,7 +110,13 @@ def test_a_wait_in_the_unit_of_its_controller(dialect, line, seconds):
 
 def test_increments_of_fanuc_and_diameters_of_its_lathes():
     assert ends(run("G0 X10 Y5", "U5 W-1", dialect="fanuc")) == [(10, 5, 5), (15, 5, 4)]
-    found = run("G0 X10 Z5", "U4", "G99 G1 Z0 F0.2", dialect="fanuc-lathe", lead=("G21", "G0 X0 Z5", "G97 S600 M3"))
+    found = run(
+        "G0 X10 Z5",
+        "U4",
+        "G99 G1 Z0 F0.2",
+        dialect="fanuc-lathe",
+        lead=("G21", "G0 X0 Z5", "G97 S600 M3"),
+    )
     moves = [item for item in found.body if isinstance(item, MoveL)]
     assert [item.target.origin for item in moves] == [(7, 0, 0)]
     assert moves[0].speed == pytest.approx(0.2 * 600 / 60)
@@ -117,14 +126,23 @@ def test_increments_of_fanuc_and_diameters_of_its_lathes():
 def test_subprograms_by_number_in_this_file_and_in_others():
     sub = ["O100", "G91 G1 X1", "G90 M99"]
     assert ends(run("M98 P100 L3", end=("M2", *sub))) == [(1, 0, 5), (2, 0, 5), (3, 0, 5)]
-    assert ends(run("M98 P30100", end=("M2", *sub), dialect="fanuc")) == [(1, 0, 5), (2, 0, 5), (3, 0, 5)]
+    assert ends(run("M98 P30100", end=("M2", *sub), dialect="fanuc")) == [
+        (1, 0, 5),
+        (2, 0, 5),
+        (3, 0, 5),
+    ]
     other = {"O100.nc": "G91 G1 X1\nG90\nM99\n"}
     assert ends(run("M98 P100", "G1 Y2", files=other)) == [(1, 0, 5), (1, 2, 5)]
-    assert ends(run("o<a> call [4]", files={"a.ngc": "o<a> sub\nG1 X#1\no<a> endsub\n"})) == [(4, 0, 5)]
+    assert ends(run("o<a> call [4]", files={"a.ngc": "o<a> sub\nG1 X#1\no<a> endsub\n"})) == [
+        (4, 0, 5)
+    ]
     found = run("M98 P7", "G1 X1")
     assert ends(found) == [(1, 0, 5)]
     assert found.assumed[0].what == "M98 P7: the subprogram is not in this file; it is left out"
-    assert ends(run("M97 P50", "G1 X9", end=("M30", "N50 G1 Y3", "M99"), dialect="fanuc")) == [(0, 3, 5), (9, 3, 5)]
+    assert ends(run("M97 P50", "G1 X9", end=("M30", "N50 G1 Y3", "M99"), dialect="fanuc")) == [
+        (0, 3, 5),
+        (9, 3, 5),
+    ]
 
 
 def test_the_end_of_the_first_file_is_the_end():
@@ -135,7 +153,9 @@ def test_the_end_of_the_first_file_is_the_end():
 def test_stops_and_tool_changes():
     found = run("M0", "M1", "T2 M6", "G1 X1", "M60")
     kinds = [
-        (type(item), getattr(item, "optional", None)) for item in found.body if isinstance(item, Stop | ToolChange)
+        (type(item), getattr(item, "optional", None))
+        for item in found.body
+        if isinstance(item, Stop | ToolChange)
     ]
     assert kinds == [(Stop, False), (Stop, True), (ToolChange, None), (Stop, False)]
     assert [one.tool for one in found.frames] == ["", "T2"]
@@ -161,7 +181,9 @@ def test_an_input_is_what_the_user_says():
 
 def test_values_of_the_machine_are_zero_or_given():
     assert ends(run("G1 X[#5221+1] Y#<_hal[a.b]>")) == [(1, 0, 5)]
-    found = run_gcode({"a.ngc": "G21 G90\nG0 X0 Y0 Z0\nG1 X#5221 F60\nM2\n"}, Ask("", {"#5221": 7.0}))
+    found = run_gcode(
+        {"a.ngc": "G21 G90\nG0 X0 Y0 Z0\nG1 X#5221 F60\nM2\n"}, Ask("", {"#5221": 7.0})
+    )
     assert found.body[-1].target.origin == (7, 0, 0)
 
 
@@ -173,7 +195,9 @@ def test_a_probe_runs_to_its_end():
 
 def test_lines_with_a_slash_depend_on_a_switch():
     assert ends(run("/G1 X1", "G1 Y1")) == [(1, 0, 5), (1, 1, 5)]
-    found = run_gcode({"a.ngc": "\n".join([*LEAD, "/G1 X1", "G1 Y1", "M2"])}, Ask("", {"block_delete": 1.0}))
+    found = run_gcode(
+        {"a.ngc": "\n".join([*LEAD, "/G1 X1", "G1 Y1", "M2"])}, Ask("", {"block_delete": 1.0})
+    )
     assert ends(found) == [(0, 1, 5)]
 
 
@@ -235,7 +259,9 @@ def test_levels_of_findings():
     assert told(run("G43 H1", "G1 Z1", "G49", "G1 Z4"), "dangerous") == [
         (7, "Z moves after G49 without the length of the tool: its tip goes lower by as much")
     ]
-    assert told(run("G1 X1", end=()), "dangerous") == [(4, "the file ends with the spindle on, and without M2 or M30")]
+    assert told(run("G1 X1", end=()), "dangerous") == [
+        (4, "the file ends with the spindle on, and without M2 or M30")
+    ]
     assert told(run("M5", "G1 X1", end=()), "unusual") == [
         (5, "the program has no end (M2, M30 or per cent signs): LinuxCNC stops here with an error")
     ]
@@ -243,7 +269,9 @@ def test_levels_of_findings():
     assert told(run("G92 X5", "G1 X1"), "unusual") == [
         (6, "the shift of the origin by G92 or G52 is still on at the end")
     ]
-    assert told(run("F600", "G20 F60", "G1 X1"), "unusual") == [(5, "F60 counts in the unit before G20")]
+    assert told(run("F600", "G20 F60", "G1 X1"), "unusual") == [
+        (5, "F60 counts in the unit before G20")
+    ]
     assert told(run("G41.5"), "refused") == [(4, "G41.5 is not a code of linuxcnc")]
     assert told(run("M77", dialect="iso"), "refused") == []
     assert dict(run("M77", dialect="iso").facts)["not evaluated"] == "M77 (line 4)"
@@ -263,13 +291,30 @@ def test_after_a_refused_line_the_run_goes_on():
 
 
 def test_a_program_that_never_ends_is_stopped():
-    found = run_gcode({"a.ngc": "o1 while [1]\n#1=2\no1 endwhile\n"}, Ask(limits=Limits(gcode_steps=1000)))
+    found = run_gcode(
+        {"a.ngc": "o1 while [1]\n#1=2\no1 endwhile\n"}, Ask(limits=Limits(gcode_steps=1000))
+    )
     assert found.stopped is not None
-    assert found.stopped[1] == "the program has not ended after 1,000 lines in loops (limits.gcode_steps)"
+    assert (
+        found.stopped[1]
+        == "the program has not ended after 1,000 lines in loops (limits.gcode_steps)"
+    )
 
 
 @pytest.mark.parametrize(
-    "line", ["G1 X1 X2", "G77 X1", "G28", "(a", "G41 D3", "M98 P5", "G92.1", "T3 M6", "WHILE[0 EQ 1]DO1", "GOTO 5"]
+    "line",
+    [
+        "G1 X1 X2",
+        "G77 X1",
+        "G28",
+        "(a",
+        "G41 D3",
+        "M98 P5",
+        "G92.1",
+        "T3 M6",
+        "WHILE[0 EQ 1]DO1",
+        "GOTO 5",
+    ],
 )
 @pytest.mark.parametrize("dialect", ["linuxcnc", "fanuc"])
 def test_twenty_thousand_faults_take_seconds(line, dialect):
@@ -291,12 +336,16 @@ _WORDS = st.sampled_from(
 )  # fmt: skip
 
 
-@given(st.lists(st.lists(_WORDS, max_size=7).map(" ".join), max_size=14), st.sampled_from(["", *DIALECTS]))
+@given(
+    st.lists(st.lists(_WORDS, max_size=7).map(" ".join), max_size=14),
+    st.sampled_from(["", *DIALECTS]),
+)
 @settings(max_examples=600, deadline=None)
 def test_any_text_is_executed_or_stops(lines, dialect):
     text = "\n".join(lines)
     found = run_gcode(
-        {"a.nc": text}, Ask(dialect, {"t1.diameter": 3.0}, limits=Limits(gcode_steps=2000, gcode_motions=5000))
+        {"a.nc": text},
+        Ask(dialect, {"t1.diameter": 3.0}, limits=Limits(gcode_steps=2000, gcode_motions=5000)),
     )
     assert len(found.body) == len(found.lines)
     assert not found.frame or len(found.frame) == len(found.body)
@@ -357,7 +406,10 @@ def test_what_grbl_turns_down(line, what):
 
 def test_a_macro_with_arguments():
     end = ("M30", "O900", "G1 X#24 Y#2", "M99")
-    assert ends(run("#2=5", "G65 P900 X4 B6", "G1 Z#2", end=end, dialect="fanuc")) == [(4, 6, 5), (4, 6, 5)]
+    assert ends(run("#2=5", "G65 P900 X4 B6", "G1 Z#2", end=end, dialect="fanuc")) == [
+        (4, 6, 5),
+        (4, 6, 5),
+    ]
 
 
 @pytest.mark.parametrize(
@@ -369,5 +421,7 @@ def test_a_macro_with_arguments():
     ],
 )
 def test_macros_that_lead_nowhere(line, what):
-    found = run(*(["#1=0", "WHILE[#1]DO1"] if line.startswith("WHILE") else [line]), dialect="fanuc")
+    found = run(
+        *(["#1=0", "WHILE[#1]DO1"] if line.startswith("WHILE") else [line]), dialect="fanuc"
+    )
     assert [one.what for one in found.findings] == [what]

@@ -51,7 +51,9 @@ def test_passes_are_those_of_linuxcnc(cycle, profile):
     theirs: list[tuple[str, float, float]] = []
     for kind, (x, _, z), *_ in judge.moves:
         if not theirs or math.dist(theirs[-1][1:], (x, z)) > 1e-6:
-            theirs.append(("MoveJ" if kind == "STRAIGHT_TRAVERSE" else "MoveL", round(x, 4), round(z, 4)))
+            theirs.append(
+                ("MoveJ" if kind == "STRAIGHT_TRAVERSE" else "MoveL", round(x, 4), round(z, 4))
+            )
     assert moves(run_gcode({"a.ngc": text}, Ask("linuxcnc"))) == theirs
 
 
@@ -86,9 +88,15 @@ def test_fanuc_roughs_between_two_numbers_and_goes_on_behind_them():
     along = [("MoveJ", 10.2, 2.1), ("MoveL", 10.2, -9.9), ("MoveL", 20.2, -9.9), begin]
     finish = [("MoveJ", 10.0, 2.0), ("MoveL", 10.0, -10.0), ("MoveL", 20.0, -10.0), begin]
     assert moves(found) == [begin, *passes, *along, *finish, ("MoveJ", 25.0, 9.0)]
-    speeds = {line: item.speed for item, line in zip(found.body, found.lines, strict=True) if isinstance(item, MoveL)}
+    speeds = {
+        line: item.speed
+        for item, line in zip(found.body, found.lines, strict=True)
+        if isinstance(item, MoveL)
+    }
     assert speeds == {6: 2.0, 8: 1.0, 9: 1.0}
-    assert any("G71: passes to where each first meets the profile" in one.what for one in found.assumed)
+    assert any(
+        "G71: passes to where each first meets the profile" in one.what for one in found.assumed
+    )
 
 
 def test_no_other_machine_runs_them():
@@ -104,13 +112,22 @@ def test_compensation_that_is_on_is_told():
     text = linuxcnc("G42.1 D1 L3\nG1 X30 Z5\nG70 Q100 X20 Z2\nG40", STEPS)
     found = run_gcode({"a.ngc": text}, Ask("linuxcnc"))
     assert [one for one in found.findings if one.level == "refused"] == []
-    assert moves(found)[-4:] == [("MoveL", 10, -10), ("MoveL", 15, -15), ("MoveL", 15, -20), ("MoveL", 20, -20)]
+    assert moves(found)[-4:] == [
+        ("MoveL", 10, -10),
+        ("MoveL", 15, -15),
+        ("MoveL", 15, -20),
+        ("MoveL", 20, -20),
+    ]
     assert any("the profile is run as programmed" in one.what for one in found.assumed)
 
 
 def test_one_line_of_haas_has_the_depth_in_d():
     text = FANUC.replace("G71 U2. R0.5\n", "").replace("W0.1 F120.", "W0.1 D2. F120.")
-    levels = [x for kind, x, z in moves(run_gcode({"a.nc": text}, Ask("fanuc-lathe"))) if kind == "MoveL" and z == -9.9]
+    levels = [
+        x
+        for kind, x, z in moves(run_gcode({"a.nc": text}, Ask("fanuc-lathe")))
+        if kind == "MoveL" and z == -9.9
+    ]
     assert levels == [18, 16, 14, 12, 10.2, 20.2]
 
 

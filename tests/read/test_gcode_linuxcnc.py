@@ -160,23 +160,49 @@ def test_each_word_does_what_linuxcnc_says(program):
 
 
 def _axes(chance, letters="XYZ"):
-    return " ".join(f"{a}{chance.uniform(-20, 20):.3f}" for a in letters if chance.random() < 0.6) or letters[0] + "1"
+    return (
+        " ".join(f"{a}{chance.uniform(-20, 20):.3f}" for a in letters if chance.random() < 0.6)
+        or letters[0] + "1"
+    )
 
 
 def _stored(chance):
-    return [chance.choice(["G28 ", "G30 ", "G53 G0 ", "G53 G1 ", "G52 ", "G10 L2 P1 ", "G92 "]) + _axes(chance)]
+    return [
+        chance.choice(["G28 ", "G30 ", "G53 G0 ", "G53 G1 ", "G52 ", "G10 L2 P1 ", "G92 "])
+        + _axes(chance)
+    ]
 
 
 def _modes(chance):
     line = chance.choice(
-        ["M70", "M72", "M71", "G92.1", "G92.2", "G92.3", "G28.1", "G91", "G90", "G98", "G99", "M0", "G43", "G49"]
+        [
+            "M70",
+            "M72",
+            "M71",
+            "G92.1",
+            "G92.2",
+            "G92.3",
+            "G28.1",
+            "G91",
+            "G90",
+            "G98",
+            "G99",
+            "M0",
+            "G43",
+            "G49",
+        ]
     )
     return [line, "G1 " + _axes(chance)]
 
 
 def _tap(chance):
     high, pause = chance.uniform(-5, 30), chance.choice(["", " P0.5"])
-    return ["G90", f"G84 {_axes(chance, 'XY')} Z{high - 5:.3f} R{high:.3f}{pause}", _axes(chance, "XY"), "G80"]
+    return [
+        "G90",
+        f"G84 {_axes(chance, 'XY')} Z{high - 5:.3f} R{high:.3f}{pause}",
+        _axes(chance, "XY"),
+        "G80",
+    ]
 
 
 def _thread(chance):
@@ -185,7 +211,9 @@ def _thread(chance):
 
 
 def _passes(chance):
-    taper = f" L{chance.randint(0, 3)} E{chance.uniform(0.1, 2):.2f}" if chance.random() < 0.6 else ""
+    taper = (
+        f" L{chance.randint(0, 3)} E{chance.uniform(0.1, 2):.2f}" if chance.random() < 0.6 else ""
+    )
     peak, first, last = (
         chance.choice([-1, 1]) * chance.uniform(0.5, 2),
         chance.uniform(0.2, 0.5),
@@ -208,7 +236,10 @@ def _beside(chance):
     for _ in range(chance.randint(2, 8)):
         u, v = x + chance.uniform(-15, 15), y + chance.uniform(-15, 15)
         if chance.random() < 0.6:
-            lines.append(f"G{chance.choice('011')} X{u:.3f} Y{v:.3f}" + (" Z3" if chance.random() < 0.2 else ""))
+            lines.append(
+                f"G{chance.choice('011')} X{u:.3f} Y{v:.3f}"
+                + (" Z3" if chance.random() < 0.2 else "")
+            )
         else:
             lines.append(
                 f"G{chance.choice('23')} X{u:.3f} Y{v:.3f} R{chance.uniform(0.6, 3) * abs(complex(u - x, v - y)):.3f}"

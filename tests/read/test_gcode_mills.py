@@ -38,7 +38,11 @@ def test_coordinates_turn_about_the_centre(dialect, text):
 
 
 def test_increments_turn_with_them_whatever_the_centre():
-    assert ends(run("G68 X99. Y99. R90.\nG91 G1 X4.\nY2.\nG69\nX1.")) == [(0, 4, 5), (-2, 4, 5), (-1, 4, 5)]
+    assert ends(run("G68 X99. Y99. R90.\nG91 G1 X4.\nY2.\nG69\nX1.")) == [
+        (0, 4, 5),
+        (-2, 4, 5),
+        (-1, 4, 5),
+    ]
 
 
 def test_arcs_and_holes_turn_too():
@@ -61,13 +65,24 @@ def test_an_angle_of_the_machine_is_told_and_lost_to_others():
 
 
 def test_linuxcnc_has_no_rotation():
-    assert next(one.what for one in run("G68 X0 Y0 R9", "linuxcnc").findings) == "G68 is not a code of linuxcnc"
+    assert (
+        next(one.what for one in run("G68 X0 Y0 R9", "linuxcnc").findings)
+        == "G68 is not a code of linuxcnc"
+    )
 
 
 def test_a_modal_macro_runs_behind_every_motion():
     """Not for its own motions, nor for lines that move nothing."""
     text = "G66 P2000 A3.\nG1 X5.\nM8\nY5. F300.\nG67\nX0\nM30\nO2000\nG91 Z#1\nZ-#1\nG90\nM99"
-    assert ends(run(text)) == [(5, 0, 5), (5, 0, 8), (5, 0, 5), (5, 5, 5), (5, 5, 8), (5, 5, 5), (0, 5, 5)]
+    assert ends(run(text)) == [
+        (5, 0, 5),
+        (5, 0, 8),
+        (5, 0, 5),
+        (5, 5, 5),
+        (5, 5, 8),
+        (5, 5, 5),
+        (0, 5, 5),
+    ]
     assert run("G66 P1\nG1 X5.").lost == ((4, "G65 P1: the subprogram is not in this file"),)
 
 
@@ -119,4 +134,7 @@ def test_a_circular_pocket_that_is_none(line, what):
     ],
 )
 def test_another_language_is_named(text, line, name):
-    assert run_gcode({"a.nc": text}, Ask()).stopped == (line, f"a program of {name}: its language is not read")
+    assert run_gcode({"a.nc": text}, Ask()).stopped == (
+        line,
+        f"a program of {name}: its language is not read",
+    )

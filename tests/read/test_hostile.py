@@ -63,7 +63,9 @@ def drawing(blocks: str, entities: str) -> str:
 
 
 def nested(levels: int, each: int, inmost: str = LINE) -> str:
-    inner = (block(f"b{k}", "".join(insert(f"b{k + 1}", i) for i in range(each))) for k in range(levels))
+    inner = (
+        block(f"b{k}", "".join(insert(f"b{k + 1}", i) for i in range(each))) for k in range(levels)
+    )
     return drawing("".join(inner) + block(f"b{levels}", inmost), insert("b0"))
 
 
@@ -86,11 +88,23 @@ HOSTILE = {
     "a thousand deep.dxf": (nested(1000, 1), "blocks stand more than 64 deep within each other"),
     "array.dxf": (array(1700, 1700), "blocks expand to more than 1,000,000 entities"),
     "empty array.dxf": (array(30_000, 30_000, ""), "blocks expand to more than 1,000,000 entities"),
-    "digits.dxf": (ENTITIES + CIRCLE.replace("\n40\n10\n", f"\n40\n{DIGITS}\n") + END, "nothing to machine"),
-    "uses.svg": (svg(USES + '<g id="g10"><path d="M0 0h9"/></g>'), "more than 100,000 elements come of its references"),
-    "small arc.svg": (svg('<path d="M0 0 A1e-300 1e-300 0 0 1 9 9"/>'), "an arc beyond all measure"),
+    "digits.dxf": (
+        ENTITIES + CIRCLE.replace("\n40\n10\n", f"\n40\n{DIGITS}\n") + END,
+        "nothing to machine",
+    ),
+    "uses.svg": (
+        svg(USES + '<g id="g10"><path d="M0 0h9"/></g>'),
+        "more than 100,000 elements come of its references",
+    ),
+    "small arc.svg": (
+        svg('<path d="M0 0 A1e-300 1e-300 0 0 1 9 9"/>'),
+        "an arc beyond all measure",
+    ),
     "large arc.svg": (svg('<path d="M0 0 A1e308 1e308 0 0 1 9 9"/>'), "an arc beyond all measure"),
-    "page.svg": (svg('<path d="M0 0h9"/>', 'width="1e308mm" height="9"'), "width is beyond 1,000,000 mm"),
+    "page.svg": (
+        svg('<path d="M0 0h9"/>', 'width="1e308mm" height="9"'),
+        "width is beyond 1,000,000 mm",
+    ),
     "no format.ply": ("ply\n" + PLY, "is damaged or no PLY mesh"),
 }
 
@@ -138,7 +152,9 @@ def test_a_number_of_5000_digits_in_a_job_file(here: Path, capsys: Captured) -> 
 
 @pytest.mark.parametrize("kind", ["[[1, 2]]", "{a = 1}", "3", "true"])
 def test_a_kind_of_another_type(kind: str, here: Path, capsys: Captured) -> None:
-    (here / "a.dxf").write_text("0\nSECTION\n2\nENTITIES\n0\nCIRCLE\n10\n5\n20\n5\n40\n3\n0\nENDSEC\n0\nEOF\n")
+    (here / "a.dxf").write_text(
+        "0\nSECTION\n2\nENTITIES\n0\nCIRCLE\n10\n5\n20\n5\n40\n3\n0\nENDSEC\n0\nEOF\n"
+    )
     (here / "a.toml").write_text(f"[operation]\nkind = {kind}\n")
     assert "kind" in refused(["build", "a.dxf", "--post", "gcode"], here, capsys)
 
@@ -175,8 +191,12 @@ ODD = [0x80, 0x85, 0xA0, 0xAA, 0xB2, 0xB3, 0xB9, 0xBC, 0xDF, 0xFF]
 
 
 @pytest.mark.parametrize("post", ["gcode", "grbl"])
-@pytest.mark.parametrize("line", ["G1 X# F100", "N# G1 X1", "T# M6", "G#", "O# sub", "##=1", "G1 X1 #"])
-def test_bytes_beyond_ascii_in_a_program(post: str, line: str, here: Path, capsys: Captured) -> None:
+@pytest.mark.parametrize(
+    "line", ["G1 X# F100", "N# G1 X1", "T# M6", "G#", "O# sub", "##=1", "G1 X1 #"]
+)
+def test_bytes_beyond_ascii_in_a_program(
+    post: str, line: str, here: Path, capsys: Captured
+) -> None:
     for byte in ODD:
         text = f"G21 G90\nG1 X9 F100\n{line}\nM2\n".encode().replace(b"#", bytes([byte]))
         (here / "p.ngc").write_bytes(text)
@@ -193,7 +213,9 @@ def test_a_name_that_is_no_text_in_a_batch(here: Path, capsys: Captured) -> None
     assert main(["batch", "*.dxf", "--post", "gcode", "-o", "out", "--report", "report.json"]) == 2
     said = capsys.readouterr()
     assert "failed    p .dxf: its name is no UTF-8 text; rename it\n" in said.err
-    assert [part["exit_code"] for part in json.loads((here / "report.json").read_text())["parts"]] == [0, 2]
+    assert [
+        part["exit_code"] for part in json.loads((here / "report.json").read_text())["parts"]
+    ] == [0, 2]
     assert (here / "out" / "plate.ngc").exists()
 
 
@@ -244,7 +266,9 @@ def png(side: int, bits: int, colour: int) -> bytes:
     """The head of a PNG and no more: its size is told before anything is decoded."""
 
     def chunk(name: bytes, data: bytes) -> bytes:
-        return struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
+        return (
+            struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
+        )
 
     head = struct.pack(">IIBBBBB", side, side, bits, colour, 0, 0, 0)
     return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", b"") + chunk(b"IEND", b"")

@@ -23,7 +23,11 @@ from camgen.model.program import Joints, MoveC, MoveL
 from camgen.read import image
 from camgen.vision.boards.sheet import DICTIONARY, sheet
 
-FEW = Lens(np.array([[1300.0, 0, 402], [0, 1300, 297], [0, 0, 1]]), (-0.12, 0.05, 8e-4, -5e-4, 0), (800, 600))
+FEW = Lens(
+    np.array([[1300.0, 0, 402], [0, 1300, 297], [0, 0, 1]]),
+    (-0.12, 0.05, 8e-4, -5e-4, 0),
+    (800, 600),
+)
 PART, BENCH = 0.25, 0.75
 PLATE = tuple(replace(loop, points=loop.points + (45 + 40j)) for loop in NAMED["plate"]())
 #: Where the corners of the part's box are in the work frame, and two points more.
@@ -59,7 +63,10 @@ def camera_file(folder: Path) -> str:
 
 
 def pairs(seen: Shot) -> dict[str, Any]:
-    px = [[float(v) for v in photo_from_work(seen, np.array(x, float), np.array(y, float))] for x, y in MARKS]
+    px = [
+        [float(v) for v in photo_from_work(seen, np.array(x, float), np.array(y, float))]
+        for x, y in MARKS
+    ]
     return {"points_px": px, "points_mm": [[float(x), float(y)] for x, y in MARKS]}
 
 
@@ -88,7 +95,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def plain(folder: Path) -> tuple[Path, dict[str, Any]]:
     """A photo with its point pairs, and the job."""
     seen = shot()
-    return photo(folder, "plate.png", scene(), seen), {"camera": {"file": camera_file(folder), **pairs(seen)}}
+    return photo(folder, "plate.png", scene(), seen), {
+        "camera": {"file": camera_file(folder), **pairs(seen)}
+    }
 
 
 @pytest.mark.parametrize("planner", ["geometric", "image"])
@@ -112,10 +121,17 @@ def test_markers_show_where_the_plane_is(folder: Path) -> None:
     paper = sheet("A4", 20.0)
     rotation, origin = looking(FEW, 110 + 62j, 402 + 297j, 0.38, 8, 40, 5)
     seen = Shot(FEW, rotation, origin, blur=0.6, read=1.0, seed=3)
-    page = (-paper.origin[0], -paper.origin[1], paper.page[0] - paper.origin[0], paper.page[1] - paper.origin[1])
+    page = (
+        -paper.origin[0],
+        -paper.origin[1],
+        paper.page[0] - paper.origin[0],
+        paper.page[1] - paper.origin[1],
+    )
     layers = markers(page, paper.ids, paper.corners, DICTIONARY)
     file = photo(folder, "sheet.png", Scene(0.45, (*layers, Layer(PLATE, PART))), seen)
-    result = camgen.build(file, post="rapid", job={"camera": {"file": camera_file(folder), "markers": "A4"}})
+    result = camgen.build(
+        file, post="rapid", job={"camera": {"file": camera_file(folder), "markers": "A4"}}
+    )
     most, rms = errors(result)
     assert most < 0.1
     assert rms < 0.03
@@ -123,7 +139,9 @@ def test_markers_show_where_the_plane_is(folder: Path) -> None:
 
 def test_a_charuco_board_shows_where_the_plane_is(tmp_path: Path) -> None:
     """Board of 7 x 5 squares of 20 mm, 10 px a mm; a square part of 40 mm stands to its right, 20 mm up."""
-    board = cv2.aruco.CharucoBoard((7, 5), 20.0, 15.0, cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50))
+    board = cv2.aruco.CharucoBoard(
+        (7, 5), 20.0, 15.0, cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
+    )
     pixels = np.full((1200, 2400), 205, np.uint8)
     pixels[100:1100, 100:1500] = board.generateImage((1400, 1000), marginSize=0)
     pixels[500:900, 1700:2100] = 50
@@ -141,7 +159,10 @@ def test_a_photo_of_the_empty_bench_tells_the_part(folder: Path) -> None:
     seen, dim = shot(seed=5), shot(seed=6, exposure=0.85)
     file = photo(folder, "with.png", scene(PART, BENCH), seen)
     empty = photo(folder, "empty.png", Scene(BENCH), dim)
-    job = {"camera": {"file": camera_file(folder), **pairs(seen)}, "image": {"background": str(empty)}}
+    job = {
+        "camera": {"file": camera_file(folder), **pairs(seen)},
+        "image": {"background": str(empty)},
+    }
     result = camgen.build(file, post="rapid", job=job)
     assert any("background" in note.what for note in result.notes)
     assert errors(result)[1] < 0.0125
@@ -168,7 +189,9 @@ def square(file: Path, mm_per_px: float, grey: int = 60) -> None:
     cv2.imwrite(str(file), pixels)
 
 
-@pytest.mark.parametrize("scale", [{"mm_per_px": 0.1}, {"width_mm": 60.0}], ids=["mm_per_px", "width"])
+@pytest.mark.parametrize(
+    "scale", [{"mm_per_px": 0.1}, {"width_mm": 60.0}], ids=["mm_per_px", "width"]
+)
 def test_a_picture_to_scale_needs_only_that(tmp_path: Path, scale: dict[str, float]) -> None:
     square(tmp_path / "square.png", 0.1)
     result = camgen.build(tmp_path / "square.png", post="gcode", job={"image": scale})
@@ -199,12 +222,16 @@ def test_a_large_picture_is_looked_at_closely_only_around_the_part(
 def test_force_and_its_direction_reach_the_program(plain: tuple[Path, dict[str, Any]]) -> None:
     source, job = plain
     more = {"process": {"force": 2.0, "feed": 5.0}, "tool": {"orient": "follow"}}
-    result = camgen.build(source, post="rapid", job={**job, **more, "post": {"force_load": "lTool"}})
+    result = camgen.build(
+        source, post="rapid", job={**job, **more, "post": {"force_load": "lTool"}}
+    )
     pressing = [m for m in result.program.body if isinstance(m, (MoveL, MoveC)) and m.force > 0]
     assert pressing
     assert all(not isinstance(m.target, Joints) for m in pressing)
     for motion in pressing:
-        assert motion.force_direction == pytest.approx(tuple(motion.target.rotation[:, 0]), abs=1e-9)
+        assert motion.force_direction == pytest.approx(
+            tuple(motion.target.rotation[:, 0]), abs=1e-9
+        )
     assert "FCPressL" in result.text
     template = {"process": {"force": 2.0}, "post": {"force": "template"}}
     assert "2.0" in camgen.build(source, post="pacscript", job={**job, **template}).text
@@ -222,8 +249,23 @@ def test_the_same_photo_gives_the_same_bytes_wherever_its_files_are(
         (there / "plate.png").write_bytes(source.read_bytes())
         table = {k: v for k, v in job["camera"].items() if k != "file"}
         lines = [f"{key} = {json.dumps(value)}" for key, value in table.items()]
-        (there / "plate.toml").write_text("\n".join(["[camera]", 'file = "camera.yaml"', *lines]) + "\n")
-        assert main(["build", str(there / "plate.png"), "--post", "rapid", "-q", "-o", str(there / "plate.mod")]) == 0
+        (there / "plate.toml").write_text(
+            "\n".join(["[camera]", 'file = "camera.yaml"', *lines]) + "\n"
+        )
+        assert (
+            main(
+                [
+                    "build",
+                    str(there / "plate.png"),
+                    "--post",
+                    "rapid",
+                    "-q",
+                    "-o",
+                    str(there / "plate.mod"),
+                ]
+            )
+            == 0
+        )
         texts.append((there / "plate.mod").read_text())
     assert texts[0] == texts[1]
 
@@ -231,7 +273,17 @@ def test_the_same_photo_gives_the_same_bytes_wherever_its_files_are(
 def test_the_stages_are_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     square(tmp_path / "square.png", 0.1)
-    words = ["build", "square.png", "--post", "gcode", "--set", "image.mm_per_px=0.1", "--preview", "s.svg", "-q"]
+    words = [
+        "build",
+        "square.png",
+        "--post",
+        "gcode",
+        "--set",
+        "image.mm_per_px=0.1",
+        "--preview",
+        "s.svg",
+        "-q",
+    ]
     assert main(words) == 0
     root = ElementTree.parse("s.svg").getroot()
     space = "{http://www.w3.org/2000/svg}"
@@ -253,28 +305,54 @@ def test_inspect_says_what_is_there(tmp_path: Path, capsys: pytest.CaptureFixtur
 PAIR = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]
 REFUSED = [
     ({}, "square.png: has no scale"),
-    ({"image": {"mm_per_px": 0.1, "width_mm": 60.0}}, "[image]: mm_per_px and width_mm are both given"),
-    ({"camera": {"points_px": PAIR, "points_mm": PAIR, "markers": "A4"}}, "points_px and markers are both given"),
+    (
+        {"image": {"mm_per_px": 0.1, "width_mm": 60.0}},
+        "[image]: mm_per_px and width_mm are both given",
+    ),
+    (
+        {"camera": {"points_px": PAIR, "points_mm": PAIR, "markers": "A4"}},
+        "points_px and markers are both given",
+    ),
     ({"camera": {"points_px": PAIR}}, "points_px and points_mm belong together"),
     ({"camera": {"plane_from": [0, 0, 500, 180, 0, 0]}}, "a pose needs the camera"),
     ({"camera": {"file": "CAMERA"}}, "a lens without a work plane"),
-    ({"image": {"mm_per_px": 0.1}, "camera": {"markers": "A4"}}, "[image] mm_per_px: has no effect"),
+    (
+        {"image": {"mm_per_px": 0.1}, "camera": {"markers": "A4"}},
+        "[image] mm_per_px: has no effect",
+    ),
     ({"image": {"mm_per_px": 0.1}, "camera": {"height": 2.0}}, "[camera] height: has no effect"),
-    ({"image": {"mm_per_px": 0.1}, "camera": {"printed_length": 99.0}}, "[camera] printed_length: has no effect"),
-    ({"image": {"mm_per_px": 0.1, "mask": "otsu", "background": "SELF"}}, "[image] background: has no effect"),
+    (
+        {"image": {"mm_per_px": 0.1}, "camera": {"printed_length": 99.0}},
+        "[camera] printed_length: has no effect",
+    ),
+    (
+        {"image": {"mm_per_px": 0.1, "mask": "otsu", "background": "SELF"}},
+        "[image] background: has no effect",
+    ),
     ({"camera": {"file": "no.yaml"}}, "no.yaml: no such file"),
     ({"camera": {"markers": "A4"}}, "shows 0 of the"),
     ({"camera": {"markers": "A9"}}, "no size 'A9'"),
     ({"image": {"mm_per_px": 0.1, "region": [0.0, 0.0, 5.0]}}, "[image] region: has 3 values"),
-    ({"image": {"mm_per_px": 0.1, "region": [900.0, 900.0, 950.0, 950.0]}}, "does not show the region"),
+    (
+        {"image": {"mm_per_px": 0.1, "region": [900.0, 900.0, 950.0, 950.0]}},
+        "does not show the region",
+    ),
     ({"image": {"mm_per_px": 0.1, "background": "none.png"}}, "none.png: no such file"),
-    ({"image": {"mm_per_px": 0.1}, "operation": {"planner": "image", "kind": "trace"}}, "cannot trace"),
-    ({"image": {"mm_per_px": 0.1}, "operation": {"planner": "image", "side": "left"}}, '"left" is not known'),
+    (
+        {"image": {"mm_per_px": 0.1}, "operation": {"planner": "image", "kind": "trace"}},
+        "cannot trace",
+    ),
+    (
+        {"image": {"mm_per_px": 0.1}, "operation": {"planner": "image", "side": "left"}},
+        '"left" is not known',
+    ),
 ]
 
 
 @pytest.mark.parametrize(("job", "line"), REFUSED, ids=[line for _, line in REFUSED])
-def test_what_cannot_be_meant_is_refused_in_one_line(tmp_path: Path, job: dict[str, Any], line: str) -> None:
+def test_what_cannot_be_meant_is_refused_in_one_line(
+    tmp_path: Path, job: dict[str, Any], line: str
+) -> None:
     square(tmp_path / "square.png", 0.1)
     if job.get("camera", {}).get("file") == "CAMERA":
         job = {"camera": {"file": camera_file(tmp_path)}}
@@ -290,6 +368,8 @@ def test_pictures_are_built_alone_and_drawings_not_in_image_space(tmp_path: Path
     square(tmp_path / "square.png", 0.1)
     drawing = Path(__file__).parents[2] / "fixtures" / "parts" / "bracket.dxf"
     with pytest.raises(CamgenError, match=r"square\.png: a picture makes a program by itself"):
-        camgen.build([tmp_path / "square.png", drawing], post="gcode", job={"image": {"mm_per_px": 0.1}})
+        camgen.build(
+            [tmp_path / "square.png", drawing], post="gcode", job={"image": {"mm_per_px": 0.1}}
+        )
     with pytest.raises(CamgenError, match='"image" plans in a picture'):
         camgen.build(drawing, post="gcode", job={"operation": {"planner": "image"}})

@@ -11,16 +11,31 @@ from camgen.model.errors import CamgenError
 
 IMAGES = Path(__file__).parents[2].parent / "shared" / "data" / "image"
 SUFFIXES = {".png", ".jpg", ".jpeg", ".tif", ".bmp"}
-FILES = sorted(path for path in IMAGES.rglob("*") if path.suffix.lower() in SUFFIXES) if IMAGES.is_dir() else []
-needs_shared = pytest.mark.skipif(not FILES, reason="the shared pictures are not beside the repository")
+FILES = (
+    sorted(path for path in IMAGES.rglob("*") if path.suffix.lower() in SUFFIXES)
+    if IMAGES.is_dir()
+    else []
+)
+needs_shared = pytest.mark.skipif(
+    not FILES, reason="the shared pictures are not beside the repository"
+)
 
 #: Outer outlines that a person counts: coins, objects on a table, one gear, one saw blade.
-PARTS = {"coins.png": 24, "stuff.jpg": 7, "horse.png": 1, "shape14.png": 1, "shape18.png": 1, "3.jpg": 1}
+PARTS = {
+    "coins.png": 24,
+    "stuff.jpg": 7,
+    "horse.png": 1,
+    "shape14.png": 1,
+    "shape18.png": 1,
+    "3.jpg": 1,
+}
 
 
 def built(path: Path) -> Result | str:
     try:
-        return camgen.build(path, post="gcode", job={"image": {"mm_per_px": 0.1}, "tool": {"diameter": 0.4}})
+        return camgen.build(
+            path, post="gcode", job={"image": {"mm_per_px": 0.1}, "tool": {"diameter": 0.4}}
+        )
     except CamgenError as error:
         return str(error)
 

@@ -67,7 +67,9 @@ def test_a_square_of_lines() -> None:
 
 @given(st.integers(0, 10**6), st.integers(1, 4), st.integers(3, 9), st.sampled_from([0.0, 0.02]))
 @settings(max_examples=60)
-def test_order_and_direction_of_the_pieces_do_not_matter(seed: int, count: int, corners: int, jitter: float) -> None:
+def test_order_and_direction_of_the_pieces_do_not_matter(
+    seed: int, count: int, corners: int, jitter: float
+) -> None:
     """Random star-shaped polygons, shuffled and reversed, with ends up to ``jitter`` apart."""
     rng = random.Random(seed)
     polygons, pieces = [], []
@@ -88,14 +90,19 @@ def test_order_and_direction_of_the_pieces_do_not_matter(seed: int, count: int, 
     assert {ring(c) for c in made} == {ring(c) for c in straight}
     for contour in made:
         corners_of = np.array(polygons[round(float(contour.points[:, 0].mean()) / 100)])
-        away = np.hypot(*(contour.points[:, None] - corners_of[None]).transpose(2, 0, 1)).min(axis=0)
+        away = np.hypot(*(contour.points[:, None] - corners_of[None]).transpose(2, 0, 1)).min(
+            axis=0
+        )
         assert away.max() <= jitter + 1e-9
 
 
 def test_two_lines_meet_half_way_and_the_largest_gap_is_told() -> None:
     made, notes = joined([line((0, 0), (10, 0)), line((10, 0.04), (10, 10))])
     assert made[0].points.tolist() == [[0, 0], [10, 0.02], [10, 10]]
-    assert "joined: gaps closed: 1, largest 0.04 mm (ends closer than input.join = 0.05 mm meet)" in notes
+    assert (
+        "joined: gaps closed: 1, largest 0.04 mm (ends closer than input.join = 0.05 mm meet)"
+        in notes
+    )
 
 
 def test_a_line_moves_to_the_end_of_an_arc() -> None:
@@ -116,7 +123,9 @@ def test_two_arcs_stay_as_they_are_with_a_short_line_between() -> None:
 def test_wider_gaps_stay_open() -> None:
     made, notes = joined([line((0, 0), (10, 0)), line((10, 0.06), (10, 10))])
     assert [c.closed for c in made] == [False, False]
-    assert notes == ["warning: open contours: 2 (gap of 0.06 mm near x 10, y 0.03: input.join = 0.061 closes it)"]
+    assert notes == [
+        "warning: open contours: 2 (gap of 0.06 mm near x 10, y 0.03: input.join = 0.061 closes it)"
+    ]
 
 
 def test_each_gap_of_an_outline_is_told_with_what_closes_all() -> None:
@@ -137,7 +146,9 @@ def test_each_gap_of_an_outline_is_told_with_what_closes_all() -> None:
 
 def test_ends_that_are_far_apart_are_taken_as_meant() -> None:
     _, notes = joined([line((0, 0), (10, 0)), line((20, 20), (30, 0))])
-    assert notes == ["warning: open contours: 2 (their ends meet no free end within input.join = 0.05 mm)"]
+    assert notes == [
+        "warning: open contours: 2 (their ends meet no free end within input.join = 0.05 mm)"
+    ]
 
 
 def test_a_row_of_close_points_does_not_collapse() -> None:
@@ -170,9 +181,17 @@ def test_the_nearest_end_wins() -> None:
 
 
 def test_straight_on_at_a_junction() -> None:
-    cross = [line((-5, 0), (0, 0)), line((0, 5), (0, 0)), line((0, 0), (5, 0)), line((0, 0), (0, -5))]
+    cross = [
+        line((-5, 0), (0, 0)),
+        line((0, 5), (0, 0)),
+        line((0, 0), (5, 0)),
+        line((0, 0), (0, -5)),
+    ]
     made, _ = joined(cross)
-    assert sorted(c.points.tolist() for c in made) == [[[-5, 0], [0, 0], [5, 0]], [[0, 5], [0, 0], [0, -5]]]
+    assert sorted(c.points.tolist() for c in made) == [
+        [[-5, 0], [0, 0], [5, 0]],
+        [[0, 5], [0, 0], [0, -5]],
+    ]
 
 
 def test_straight_on_looks_at_the_tangent_of_an_arc() -> None:
@@ -183,7 +202,10 @@ def test_straight_on_looks_at_the_tangent_of_an_arc() -> None:
 
 
 def test_many_ends_at_one_point_pair_with_their_opposite() -> None:
-    spokes = [line((0, 0), (10 * math.cos(t), 10 * math.sin(t))) for t in np.linspace(0, math.tau, 201)[:-1]]
+    spokes = [
+        line((0, 0), (10 * math.cos(t), 10 * math.sin(t)))
+        for t in np.linspace(0, math.tau, 201)[:-1]
+    ]
     made, _ = joined(spokes)
     assert len(made) == 100
     for c in made:
@@ -199,13 +221,24 @@ def test_the_own_layer_comes_first() -> None:
 def test_a_loop_on_two_layers_is_a_loop() -> None:
     made, notes = joined([*sides(SQUARE, "A")[:2], *sides(SQUARE, "B")[2:]])
     assert [(c.layer, c.closed) for c in made] == [("A", True)]
-    assert notes == ["joined: contours over more than one layer: 1 (each counts to the layer of its first piece)"]
+    assert notes == [
+        "joined: contours over more than one layer: 1 (each counts to the layer of its first piece)"
+    ]
 
 
-@given(st.lists(st.tuples(st.integers(0, 3), st.integers(0, 3), st.integers(0, 3), st.integers(0, 3)), max_size=30))
-def test_of_lines_drawn_more_than_once_the_first_is_used(drawn: list[tuple[int, int, int, int]]) -> None:
+@given(
+    st.lists(
+        st.tuples(st.integers(0, 3), st.integers(0, 3), st.integers(0, 3), st.integers(0, 3)),
+        max_size=30,
+    )
+)
+def test_of_lines_drawn_more_than_once_the_first_is_used(
+    drawn: list[tuple[int, int, int, int]],
+) -> None:
     ends = [frozenset([(a, b), (c, d)]) for a, b, c, d in drawn]
-    kept = first_of_its_kind(soup([line((float(a), float(b)), (float(c), float(d))) for a, b, c, d in drawn]))
+    kept = first_of_its_kind(
+        soup([line((float(a), float(b)), (float(c), float(d))) for a, b, c, d in drawn])
+    )
     assert kept.tolist() == [one not in ends[:k] for k, one in enumerate(ends)]
 
 
@@ -230,7 +263,9 @@ def test_a_closed_piece_is_known_again_from_any_start(turn: int, back: bool) -> 
 
 
 def test_pieces_that_differ_in_a_bulge_are_both_used() -> None:
-    made, _ = joined([(list(SQUARE), [0.0] * 4, True, "0"), (list(SQUARE), [0.0, 0.0, 0.1, 0.0], True, "0")])
+    made, _ = joined(
+        [(list(SQUARE), [0.0] * 4, True, "0"), (list(SQUARE), [0.0, 0.0, 0.1, 0.0], True, "0")]
+    )
     assert len(made) == 2
 
 
@@ -259,7 +294,12 @@ def test_an_arc_beyond_a_half_circle_is_halved() -> None:
 
 def test_repeated_points_and_damage() -> None:
     pieces: list[Piece] = [
-        ([(0.0, 0.0), (0.0, 0.0), (5.0, 0.0), (5.0, 0.0), (5.0, 5.0)], [0.0, 0.5, 0.0, 0.2, 0.0], False, "0"),
+        (
+            [(0.0, 0.0), (0.0, 0.0), (5.0, 0.0), (5.0, 0.0), (5.0, 5.0)],
+            [0.0, 0.5, 0.0, 0.2, 0.0],
+            False,
+            "0",
+        ),
         line((1, 1), (1, 1)),
         line((math.nan, 0), (1, 1)),
         line((0, math.inf), (1, 1)),

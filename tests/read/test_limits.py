@@ -26,7 +26,9 @@ Captured = pytest.CaptureFixture[str]
 FIXTURES = Path(__file__).parents[2] / "fixtures"
 DXF = (FIXTURES / "parts" / "plate.dxf").read_bytes()
 SVG = svg('<g id="a"><path d="M9 9h9"/></g><use href="#a"/><use href="#a"/>').encode()
-DEEP = svg('<g id="a"><path d="M9 9h9"/></g><g id="b"><use href="#a"/></g><use href="#b"/>').encode()
+DEEP = svg(
+    '<g id="a"><path d="M9 9h9"/></g><g id="b"><use href="#a"/></g><use href="#b"/>'
+).encode()
 RAPID = b"MODULE m\nPROC main()\nFOR i FROM 1 TO 40 DO\n"
 RAPID += b"MoveL [[300,i,0],[0,1,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v100,fine,tool0;\n"
 RAPID += b"ENDFOR\nENDPROC\nENDMODULE\n"
@@ -75,17 +77,29 @@ CASES = {
     "chord": Case("a.dxf", DXF, 0.1, "chord must be 0.1 at least, not 0.01"),
     "motions": Case("a.dxf", DXF, 3, "motions come of its paths and passes, more than 3"),
     "edges": Case("a.stl", STL, 3, "edges are to be processed, more than 3"),
-    "dxf_depth": Case("a.dxf", nested(4, 1).encode(), 3, "blocks stand more than 3 deep within each other"),
-    "dxf_entities": Case("a.dxf", array(3, 4).encode(), 10, "blocks expand to more than 10 entities"),
-    "points": Case("a.xyz", b"0,0,0\n9,0,0\n9,9,9\n", 2, "has more than 2 points", ("process.clearance=50",)),
+    "dxf_depth": Case(
+        "a.dxf", nested(4, 1).encode(), 3, "blocks stand more than 3 deep within each other"
+    ),
+    "dxf_entities": Case(
+        "a.dxf", array(3, 4).encode(), 10, "blocks expand to more than 10 entities"
+    ),
+    "points": Case(
+        "a.xyz", b"0,0,0\n9,0,0\n9,9,9\n", 2, "has more than 2 points", ("process.clearance=50",)
+    ),
     "svg_bytes": Case("a.svg", SVG, 20, "has more than 20 bytes"),
     "svg_depth": Case("a.svg", DEEP, 0.5, "references stand more than 0.5 deep within each other"),
     "svg_uses": Case("a.svg", SVG, 3, "more than 3 elements come of its references"),
     "svg_elements": Case("a.svg", SVG, 2, "has more than 2 elements"),
     "svg_page": Case("a.svg", SVG, 50, "width is beyond 50 mm"),
-    "picture_pixels": Case("a.png", png(9, 8, 0), 80, "has 9 x 9 pixels, more than 80", ("image.mm_per_px=1",)),
+    "picture_pixels": Case(
+        "a.png", png(9, 8, 0), 80, "has 9 x 9 pixels, more than 80", ("image.mm_per_px=1",)
+    ),
     "picture_bytes": Case(
-        "a.png", png(9, 16, 6), 80, "its pixels take 648 bytes, more than 80", ("image.mm_per_px=1",)
+        "a.png",
+        png(9, 16, 6),
+        80,
+        "its pixels take 648 bytes, more than 80",
+        ("image.mm_per_px=1",),
     ),
     "camera_bytes": Case("a.png", GEAR, 5, "has more than 5 bytes: no camera file", CAMERA),
     "mesh_place": Case("a.stl", STL, 1, "beyond all measure"),
@@ -97,9 +111,13 @@ CASES = {
     "gcode_motions": Case("a.nc", GCODE.replace(b"9]", b"99]"), 5, "instructions cannot be meant"),
     "gcode_pieces": Case("a.nc", PECKS, 5, "G83 with more than 5 pecks cannot be meant"),
     "rapid_steps": Case("a.mod", RAPID, 5, "the program has not ended after what is run of it"),
-    "pacscript_steps": Case("a.pcs", PACSCRIPT, 5, "the program has not ended after 5 statements in loops"),
+    "pacscript_steps": Case(
+        "a.pcs", PACSCRIPT, 5, "the program has not ended after 5 statements in loops"
+    ),
     "vplus_steps": Case("a.v2", VPLUS, 5, "the program has not ended after what is run of it"),
-    "urdf_bytes": Case("a.stl", STL, 100, "has more than 100 bytes: no description of a robot", (ARM,)),
+    "urdf_bytes": Case(
+        "a.stl", STL, 100, "has more than 100 bytes: no description of a robot", (ARM,)
+    ),
     "urdf_joints": Case("a.stl", STL, 5, "has 6 joints between", (ARM,)),
 }
 POSTS = {".stl": "rapid", ".step": "rapid"}
@@ -149,13 +167,20 @@ def test_a_limit_that_is_lowered_refuses(limit: str, here: Path, capsys: Capture
 def test_repeats_of_old_programs(data: bytes, here: Path, capsys: Captured) -> None:
     (here / "a.nc").write_bytes(data)
     words = ["build", "a.nc", "--post", "gcode"]
-    assert "cannot be meant (limits.gcode_pieces)" in refused([*words, "--set", "limits.gcode_pieces=5"], capsys)
+    assert "cannot be meant (limits.gcode_pieces)" in refused(
+        [*words, "--set", "limits.gcode_pieces=5"], capsys
+    )
     assert main(words) == 0
 
 
 RAISED = {
     "number": ("a.dxf", DXF, "2e7", ("tool.length=1.5e7",)),
-    "passes": ("a.dxf", DXF, "1001", ("operation.passes=1001", "operation.depth=1", "process.spindle=100")),
+    "passes": (
+        "a.dxf",
+        DXF,
+        "1001",
+        ("operation.passes=1001", "operation.depth=1", "process.spindle=100"),
+    ),
     "stepover": ("a.dxf", DXF, "0.001", ("operation.stepover=0.005", "operation.kind=fill")),
     "chord": ("a.dxf", DXF, "1e-9", ("tolerance.chord=1e-7",)),
     "dxf_depth": ("a.dxf", nested(70, 1).encode(), "100", ("operation.kind=trace",)),
@@ -195,7 +220,9 @@ def test_limits_hold_for_standard_input(capsys: Captured, monkeypatch: pytest.Mo
     words = ["build", "-", "--format", "dxf", "--post", "gcode", "-o", "a.ngc"]
     monkeypatch.setattr("sys.stdin", SimpleNamespace(buffer=io.BytesIO(DXF)))
     said = refused([*words, "--set", "limits.file_bytes=100"], capsys)
-    assert said == "camgen: error: -: has more than 100 bytes; split it, or raise limits.file_bytes\n"
+    assert (
+        said == "camgen: error: -: has more than 100 bytes; split it, or raise limits.file_bytes\n"
+    )
     monkeypatch.setattr("sys.stdin", SimpleNamespace(buffer=io.BytesIO(DXF)))
     assert main(words) == 0
 

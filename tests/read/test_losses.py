@@ -16,7 +16,13 @@ def lost(language: str, text: str) -> list[tuple[str, str]]:
 @pytest.mark.parametrize(
     ("language", "text", "old", "new", "said"),
     [
-        ("rapid", RAPID, "    Set doGun;\n", "    elsewhere;\n", "elsewhere is in none of the files: it is left out"),
+        (
+            "rapid",
+            RAPID,
+            "    Set doGun;\n",
+            "    elsewhere;\n",
+            "elsewhere is in none of the files: it is left out",
+        ),
         ("rapid", RAPID, "    Set doGun;\n", "    ActUnit STN1;\n", None),
         (
             "rapid",
@@ -32,7 +38,13 @@ def lost(language: str, text: str) -> list[tuple[str, str]]:
             "[0,0,0,0],[100,",
             "external axes: have values in the targets; they are not shown",
         ),
-        ("vplus", VPLUS, "        SIGNAL 5\n", "        CALL other\n", "program other is not in these files: left out"),
+        (
+            "vplus",
+            VPLUS,
+            "        SIGNAL 5\n",
+            "        CALL other\n",
+            "program other is not in these files: left out",
+        ),
         ("vplus", VPLUS, "        SIGNAL 5\n", "        TYPE 5\n", None),
         (
             "pacscript",

@@ -104,7 +104,9 @@ def test_settings_that_a_list_has_no_use_for_are_refused() -> None:
             points("0,0,0\n1,1,1", Job(input=table))
 
 
-def test_every_suffix_and_standard_input_is_read(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_every_suffix_and_standard_input_is_read(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     for suffix in (".xyz", ".pts", ".csv", ".txt"):
         file = tmp_path / f"a{suffix}"
         file.write_text("0,0,0\n1,1,1\n")
@@ -117,7 +119,9 @@ def test_every_suffix_and_standard_input_is_read(tmp_path: Path, capsys: pytest.
     assert shown[1].endswith(" mm, closed")
 
 
-def test_other_formats_are_known_by_their_content_before_this_one_by_its_suffix(tmp_path: Path) -> None:
+def test_other_formats_are_known_by_their_content_before_this_one_by_its_suffix(
+    tmp_path: Path,
+) -> None:
     file = tmp_path / "a.txt"
     file.write_bytes((SEAM.parent / "plate.dxf").read_bytes())
     assert not read(file).curves

@@ -32,8 +32,12 @@ def test_lines_that_do_not_run_are_judged_as_those_that_do() -> None:
     """V+, behind a jump over them."""
     count = 0
     for form in read_forms("vplus"):
-        if form.whole.startswith(f".PROGRAM a()\n{form.text}\n7\n") and not form.text.startswith("GLOBAL"):
-            skipped = replace(form, whole=form.whole.replace(".PROGRAM a()\n", ".PROGRAM a()\nGOTO 7\n", 1))
+        if form.whole.startswith(f".PROGRAM a()\n{form.text}\n7\n") and not form.text.startswith(
+            "GLOBAL"
+        ):
+            skipped = replace(
+                form, whole=form.whole.replace(".PROGRAM a()\n", ".PROGRAM a()\nGOTO 7\n", 1)
+            )
             assert bool(refusing("vplus", skipped)) is not form.taken, form.text
             count += 1
     assert count > 250

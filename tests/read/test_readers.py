@@ -55,7 +55,9 @@ def test_the_built_in_readers_are_registered_like_others() -> None:
         assert reader is not None
         assert (reader.name, table[name].broken) == (name, "")
         assert table[name].origin.startswith("camgen ")
-    suffixes = [suffix for name in BUILT_IN for suffix in getattr(table[name].reader, "suffixes", ())]
+    suffixes = [
+        suffix for name in BUILT_IN for suffix in getattr(table[name].reader, "suffixes", ())
+    ]
     assert len(suffixes) == len(set(suffixes))
 
 
@@ -74,7 +76,9 @@ def test_the_built_in_readers_are_registered_like_others() -> None:
         ("a.tap", b"%\nO1\n", "gcode"),
     ],
 )
-def test_a_file_is_recognised_by_content_then_by_suffix(name: str, data: bytes, reader: str) -> None:
+def test_a_file_is_recognised_by_content_then_by_suffix(
+    name: str, data: bytes, reader: str
+) -> None:
     assert find_reader(Source(Path(name), data)).name == reader
 
 
@@ -101,10 +105,15 @@ def test_a_reader_that_fails_at_files_of_others_spoils_none(
     monkeypatch.setattr(plugins, "SECONDS", 1)
     module = LINE.replace('lambda head: head.startswith(b"LINE")', f"lambda head: {does}")
     register(
-        tmp_path, monkeypatch, "line = strange_reader:LINE", "import time\nexit = __import__('sys').exit\n" + module
+        tmp_path,
+        monkeypatch,
+        "line = strange_reader:LINE",
+        "import time\nexit = __import__('sys').exit\n" + module,
     )
     assert find_reader(Source(Path("a.svg"), b"<svg/>")).name == "svg"
-    with pytest.raises(InputError, match=r"is not a kind of file.*plug-in line: cannot look at a file: "):
+    with pytest.raises(
+        InputError, match=r"is not a kind of file.*plug-in line: cannot look at a file: "
+    ):
         find_reader(Source(Path("a.zzz"), b"what is this"))
 
 
@@ -118,15 +127,27 @@ def test_another_file_that_is_missing_is_told(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("entry", "module", "says"),
     [
-        ("strange_reader:LINE", "import no_such_module\n", "plug-in line: cannot be loaded: ModuleNotFoundError: No "),
-        ("strange_reader:LINE", "raise RuntimeError('dongle')\n", "plug-in line: cannot be loaded: RuntimeError: dong"),
+        (
+            "strange_reader:LINE",
+            "import no_such_module\n",
+            "plug-in line: cannot be loaded: ModuleNotFoundError: No ",
+        ),
+        (
+            "strange_reader:LINE",
+            "raise RuntimeError('dongle')\n",
+            "plug-in line: cannot be loaded: RuntimeError: dong",
+        ),
         ("strange_reader:LINE", "", "AttributeError"),
         (
             "strange_reader:LINE",
             "LINE = 3\n",
             "reader line: is not a camgen.read.Reader (strange_reader:LINE); ",
         ),
-        ("strange_reader:LINE", LINE.replace('Reader("line"', 'Reader("lint"'), "reader line: is called lint"),
+        (
+            "strange_reader:LINE",
+            LINE.replace('Reader("line"', 'Reader("lint"'),
+            "reader line: is called lint",
+        ),
     ],
 )
 def test_a_broken_reader_is_listed_with_its_reason_and_stops_no_other(
@@ -137,7 +158,9 @@ def test_a_broken_reader_is_listed_with_its_reason_and_stops_no_other(
     assert says in line.broken
     assert line.reader is None
     assert find_reader(Source(Path("a.dxf"), b"")).name == "dxf"
-    with pytest.raises(InputError, match="is not a kind of file that camgen reads; give a DXF drawing, ") as caught:
+    with pytest.raises(
+        InputError, match="is not a kind of file that camgen reads; give a DXF drawing, "
+    ) as caught:
         find_reader(Source(Path("a.line"), b""))
     assert str(caught.value).endswith(f"; {line.broken}")
     with pytest.raises(JobError) as refused:
@@ -145,9 +168,13 @@ def test_a_broken_reader_is_listed_with_its_reason_and_stops_no_other(
     assert line.broken in str(refused.value)
 
 
-def test_a_suffix_that_two_readers_claim_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_suffix_that_two_readers_claim_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     register(tmp_path, monkeypatch, "line = strange_reader:LINE", LINE.replace('".lin"', '".nc"'))
-    with pytest.raises(InputError, match=r"a\.nc: is claimed by the readers gcode and line; remove"):
+    with pytest.raises(
+        InputError, match=r"a\.nc: is claimed by the readers gcode and line; remove"
+    ):
         find_reader(Source(Path("a.nc"), b"G21"))
 
 

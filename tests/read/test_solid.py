@@ -38,7 +38,9 @@ def test_a_job_file_can_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert (tmp_path / "part.toml").exists()
 
 
-@pytest.mark.parametrize(("name", "kind"), [("a.STL", "solid"), ("a.stp", "solid"), ("a.glb", "solid"), ("a", "dxf")])
+@pytest.mark.parametrize(
+    ("name", "kind"), [("a.STL", "solid"), ("a.stp", "solid"), ("a.glb", "solid"), ("a", "dxf")]
+)
 def test_kinds_by_name(tmp_path: Path, name: str, kind: str) -> None:
     (tmp_path / name).write_bytes(b"\0")
     assert find_reader(source(tmp_path / name)).name == kind

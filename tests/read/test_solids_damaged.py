@@ -140,7 +140,11 @@ def ascii_stl(corner: str) -> str:
     for k, face in enumerate(block().tolist()):
         lines = [" ".join(map(str, p)) for p in face]
         lines[0] = corner if k == 3 and corner else lines[0]
-        text += "facet normal 0 0 0\nouter loop\n" + "".join(f"vertex {v}\n" for v in lines) + "endloop\nendfacet\n"
+        text += (
+            "facet normal 0 0 0\nouter loop\n"
+            + "".join(f"vertex {v}\n" for v in lines)
+            + "endloop\nendfacet\n"
+        )
     return text + "endsolid x\n"
 
 
@@ -157,8 +161,14 @@ def nan_binary() -> bytes:
 
 
 REFUSED = {
-    "numbers.stl": (nan_binary(), "that are not numbers, or beyond all measure (the first is face 5)"),
-    "text.stl": (ascii_stl("nan 0 0").encode(), "that are not numbers, or beyond all measure (the first is face 4)"),
+    "numbers.stl": (
+        nan_binary(),
+        "that are not numbers, or beyond all measure (the first is face 5)",
+    ),
+    "text.stl": (
+        ascii_stl("nan 0 0").encode(),
+        "that are not numbers, or beyond all measure (the first is face 4)",
+    ),
     "short.stl": (nan_binary()[:300], "the file ends before its last face, 4 of 12 are there"),
     "empty.stl": (b"", "the file is empty"),
     "none.stl": (b"solid a\nendsolid a\n", "has no faces"),

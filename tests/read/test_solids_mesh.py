@@ -34,7 +34,9 @@ L_PROFILE = [(0, 0), (40, 0), (40, 10), (15, 10), (15, 30), (0, 30)]
 def extruded(outline: Any, height: float, holes: Any = ()) -> Array:
     """Triangles of a prism over a polygon with holes, outline counter-clockwise, holes clockwise."""
     polygon = shapely.Polygon(outline, holes)
-    flat = np.array([t.exterior.coords[:3] for t in shapely.constrained_delaunay_triangles(polygon).geoms])
+    flat = np.array(
+        [t.exterior.coords[:3] for t in shapely.constrained_delaunay_triangles(polygon).geoms]
+    )
     u, v = flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]
     flat = np.where((u[:, 0] * v[:, 1] > u[:, 1] * v[:, 0])[:, None, None], flat, flat[:, ::-1])
     top = np.concatenate([flat, np.full((*flat.shape[:2], 1), height)], axis=2)
@@ -116,13 +118,19 @@ def test_a_tessellated_cylinder_has_two_circles_of_its_own_radius(tmp_path: Path
             outward = {k: normals[:, k] for k in (0, 1) if abs(normals[0, k, 2]) < 0.5}
             (radial,) = outward.values()
             assert np.allclose(radial, away / 12.5, atol=1e-5)
-        assert np.allclose(edge.via[0], 2 * np.array([5, 7, edge.points[0, 2]]) - edge.via[1], atol=1e-4)
+        assert np.allclose(
+            edge.via[0], 2 * np.array([5, 7, edge.points[0, 2]]) - edge.via[1], atol=1e-4
+        )
 
 
 @pytest.mark.parametrize("sides", [9, 12, 36, 300])
 def test_a_hole_is_a_circle_whatever_it_is_drawn_with(tmp_path: Path, sides: int) -> None:
     hole = ring(20, 15, 6, sides)[::-1]
-    solid = read(tmp_path, extruded([(0, 0), (40, 0), (40, 30), (0, 30)], 5, [hole]), feature_angle=math.radians(45))
+    solid = read(
+        tmp_path,
+        extruded([(0, 0), (40, 0), (40, 30), (0, 30)], 5, [hole]),
+        feature_angle=math.radians(45),
+    )
     assert kinds(solid) == {("line", True): 12, ("circle", True): 2}
     for edge in (e for e in solid.edges if e.kind == "circle"):
         assert edge.radius == pytest.approx(6, abs=1e-5)
@@ -140,9 +148,14 @@ def test_an_l_shape_has_one_concave_edge(tmp_path: Path) -> None:
     assert inner.angle == pytest.approx(math.pi / 2)
 
 
-@given(st.lists(st.floats(-1, 1), min_size=4, max_size=4), st.lists(st.floats(-80, 80), min_size=3, max_size=3))
+@given(
+    st.lists(st.floats(-1, 1), min_size=4, max_size=4),
+    st.lists(st.floats(-80, 80), min_size=3, max_size=3),
+)
 @settings(max_examples=15)
-def test_tilting_a_part_tilts_its_edges(tmp_path_factory: Any, turn: list[float], move: list[float]) -> None:
+def test_tilting_a_part_tilts_its_edges(
+    tmp_path_factory: Any, turn: list[float], move: list[float]
+) -> None:
     if math.hypot(*turn) < 0.1:
         turn = [1.0, 0.0, 0.0, 0.0]
     rotation = rotation_from_quaternion(turn)
@@ -174,7 +187,9 @@ def test_a_rounded_plate_is_lines_and_arcs(tmp_path: Path) -> None:
             assert edge.radius == pytest.approx(6, abs=1e-4)
             assert edge.length == pytest.approx(3 * math.pi, abs=1e-4)
         else:
-            assert edge.length == pytest.approx(28 if abs(np.ptp(edge.points[:, 0])) > 1 else 18, abs=1e-4)
+            assert edge.length == pytest.approx(
+                28 if abs(np.ptp(edge.points[:, 0])) > 1 else 18, abs=1e-4
+            )
 
 
 def test_the_order_of_faces_does_not_matter(tmp_path: Path) -> None:
@@ -199,7 +214,9 @@ def test_units_scale_the_part(tmp_path: Path) -> None:
     assert "assumed: 1 unit" not in said(solid)
 
 
-@pytest.mark.parametrize(("kind", "scale"), [("obj", 1), ("ply", 1), ("off", 1), ("glb", 1000), ("3mf", 1)])
+@pytest.mark.parametrize(
+    ("kind", "scale"), [("obj", 1), ("ply", 1), ("off", 1), ("glb", 1000), ("3mf", 1)]
+)
 def test_every_format_holds_the_same_edges(tmp_path: Path, kind: str, scale: float) -> None:
     if kind == "3mf":
         pytest.importorskip("lxml", reason="3MF needs the extra 3mf: lxml is missing")
@@ -215,14 +232,28 @@ def test_every_format_holds_the_same_edges(tmp_path: Path, kind: str, scale: flo
 
 def test_a_material_needs_no_package_that_is_not_there(tmp_path: Path) -> None:
     """Two faces of one material with places on its picture, read where the package for pictures is missing."""
-    rows = ["v 0 0 0", "v 10 0 0", "v 10 10 0", "v 0 10 0", "vt 0 0", "vt 1 0", "vt 1 1", "vt 0 1", "usemtl brick"]
-    (tmp_path / "wall.obj").write_text("\n".join([*rows, "f 1/1 2/2 3/3", "usemtl stone", "f 1/1 3/3 4/4", ""]))
+    rows = [
+        "v 0 0 0",
+        "v 10 0 0",
+        "v 10 10 0",
+        "v 0 10 0",
+        "vt 0 0",
+        "vt 1 0",
+        "vt 1 1",
+        "vt 0 1",
+        "usemtl brick",
+    ]
+    (tmp_path / "wall.obj").write_text(
+        "\n".join([*rows, "f 1/1 2/2 3/3", "usemtl stone", "f 1/1 3/3 4/4", ""])
+    )
     code = (
         "import sys; sys.modules['PIL'] = None; from camgen.read.files import Files;"
         "from camgen.read.solid import mesh;"
         "print(len(mesh.read(Files().read('wall.obj')).faces))"
     )
-    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
     assert (done.stdout, done.stderr) == ("2\n", "")
 
 
@@ -231,7 +262,9 @@ def test_a_3mf_without_its_extra_names_it(package: str, tmp_path: Path) -> None:
     pytest.importorskip("lxml", reason="a 3MF to read is made with lxml")
     trimesh.Trimesh(*_indexed(extruded(L_PROFILE, 25))).export(tmp_path / "part.3mf")
     code = f"import sys; sys.modules['{package}'] = None; from camgen.cli import main; main(['inspect', 'part.3mf'])"
-    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
     assert done.stderr == (
         "camgen: error: part.3mf: reading 3MF needs the packages lxml and networkx; "
         "pip install 'camgen[3mf]', or export it again from the CAD program\n"
@@ -270,7 +303,9 @@ def strips(rows: list[list[int]], binary: bool) -> bytes:
         body += b"".join(struct.pack(f"<{len(row) + 1}i", len(row), *row) for row in rows)
     else:
         lines = [" ".join(map(str, corner)) for corner in corners]
-        body = "\n".join([*lines, *(" ".join(map(str, [len(row), *row])) for row in rows), ""]).encode()
+        body = "\n".join(
+            [*lines, *(" ".join(map(str, [len(row), *row])) for row in rows), ""]
+        ).encode()
     return "\n".join([*head, ""]).encode() + body
 
 
@@ -295,7 +330,9 @@ def test_strips_beside_faces_and_what_is_cut_off(tmp_path: Path) -> None:
     assert (kinds(solid), len(solid.faces)) == ({("line", True): 12}, 12)
     for binary in (False, True):
         (tmp_path / "part.ply").write_bytes(strips(STRIPS, binary)[:-5])
-        with pytest.raises(InputError, match=r"part\.ply: is damaged or no PLY mesh: .*; export it again"):
+        with pytest.raises(
+            InputError, match=r"part\.ply: is damaged or no PLY mesh: .*; export it again"
+        ):
             mesh.read(source(tmp_path / "part.ply"))
 
 
@@ -308,8 +345,14 @@ def test_every_other_triangle_of_a_strip_is_turned() -> None:
 @pytest.mark.parametrize(
     ("mm", "says"),
     [
-        (0.005, "warning: the part is 0.15 x 0.1 x 0.05 mm, which is small (drawn in mm; set input.units if that"),
-        (300.0, "warning: the part is 9000 x 6000 x 3000 mm, which is large (drawn in mm; set input.units if that"),
+        (
+            0.005,
+            "warning: the part is 0.15 x 0.1 x 0.05 mm, which is small (drawn in mm; set input.units if that",
+        ),
+        (
+            300.0,
+            "warning: the part is 9000 x 6000 x 3000 mm, which is large (drawn in mm; set input.units if that",
+        ),
         (1.0, ""),
     ],
 )

@@ -16,10 +16,14 @@ Array = NDArray[np.float64]
 TIGHT = 1e-7
 
 
-def arc(radius: float, start: float, end: float, sides: int, center: tuple[float, float] = (0.0, 0.0)) -> Array:
+def arc(
+    radius: float, start: float, end: float, sides: int, center: tuple[float, float] = (0.0, 0.0)
+) -> Array:
     angle = np.radians(np.linspace(start, end, sides + 1))
     x, y = center
-    return np.column_stack([x + radius * np.cos(angle), y + radius * np.sin(angle), np.zeros(sides + 1)])
+    return np.column_stack(
+        [x + radius * np.cos(angle), y + radius * np.sin(angle), np.zeros(sides + 1)]
+    )
 
 
 def kinds(runs: list[SideRun]) -> list[str]:
@@ -32,7 +36,11 @@ def kinds(runs: list[SideRun]) -> list[str]:
 )  # fmt: skip
 @settings(max_examples=60)
 def test_an_arc_anywhere_in_space_is_one_arc(
-    radius: float, sweep: float, sides: int, turn: tuple[float, float, float], move: tuple[float, float, float]
+    radius: float,
+    sweep: float,
+    sides: int,
+    turn: tuple[float, float, float],
+    move: tuple[float, float, float],
 ) -> None:
     points = arc(radius, 0, sweep, sides) @ rotation_from_fixed_xyz(*turn).T + move
     _, (run,) = recognise(points, False, 1e-5 * radius, TIGHT * radius)
@@ -102,5 +110,8 @@ def test_circles_by_three_points_and_by_many_agree_with_the_formula() -> None:
 
 
 def test_lengths_of_spans_are_exact() -> None:
-    ends, via = np.array([[1.0, 0, 0], [-1, 0, 0], [-1, 0, 5]]), np.array([[0.0, 1, 0], [-1, 0, 2.5]])
+    ends, via = (
+        np.array([[1.0, 0, 0], [-1, 0, 0], [-1, 0, 5]]),
+        np.array([[0.0, 1, 0], [-1, 0, 2.5]]),
+    )
     assert np.allclose(span_lengths(ends, via), [math.pi, 5])

@@ -21,12 +21,16 @@ SHARED = Path(__file__).parents[2].parent / "shared" / "data"
 
 
 occ = kernel.part
-with_kernel = pytest.mark.skipif(find_spec("OCP") is None, reason="the extra step (the package OCP) is not installed")
+with_kernel = pytest.mark.skipif(
+    find_spec("OCP") is None, reason="the extra step (the package OCP) is not installed"
+)
 
 
 def written(path: Path, shape: Any) -> Path:
     message = occ("Message")
-    message.Message.DefaultMessenger_s().RemovePrinters(message.Message_PrinterOStream.get_type_descriptor_s())
+    message.Message.DefaultMessenger_s().RemovePrinters(
+        message.Message_PrinterOStream.get_type_descriptor_s()
+    )
     control = occ("STEPControl")
     writer = control.STEPControl_Writer()
     writer.Transfer(shape, control.STEPControl_StepModelType.STEPControl_AsIs)
@@ -62,14 +66,19 @@ def test_without_the_extra_one_line_says_which(monkeypatch: pytest.MonkeyPatch) 
         raise ModuleNotFoundError(f"No module named OCP.{name}")
 
     monkeypatch.setattr(kernel, "part", missing)
-    with pytest.raises(InputError, match=r"rfa1.step: STEP needs the CAD kernel; pip install 'camgen\[step\]'"):
+    with pytest.raises(
+        InputError, match=r"rfa1.step: STEP needs the CAD kernel; pip install 'camgen\[step\]'"
+    ):
         step.read(source(PARTS / "rfa1.step"))
 
 
 @with_kernel
 @pytest.mark.parametrize("name", ["rfa1", "rfa2"])
 def test_exact_and_meshed_parts_have_the_same_edges(name: str) -> None:
-    exact, meshed = step.read(source(PARTS / f"{name}.step")), mesh.read(source(PARTS / f"{name}.stl"))
+    exact, meshed = (
+        step.read(source(PARTS / f"{name}.step")),
+        mesh.read(source(PARTS / f"{name}.stl")),
+    )
     assert exact.units == "mm"
     assert len(exact.edges) == len(meshed.edges)
     for a, b in zip(exact.edges, meshed.edges, strict=True):
@@ -117,14 +126,19 @@ def test_an_ellipse_is_a_curve_within_the_tolerance(tmp_path: Path) -> None:
     for place, (a, b) in zip(edge.points, edge.normals, strict=True):
         radial = place * [0.1, 0.1, 0]
         assert (
-            min(np.abs(a - slope).max() + np.abs(b - radial).max(), np.abs(b - slope).max() + np.abs(a - radial).max())
+            min(
+                np.abs(a - slope).max() + np.abs(b - radial).max(),
+                np.abs(b - slope).max() + np.abs(a - radial).max(),
+            )
             < 1e-6
         )
 
 
 @with_kernel
 def test_splines_that_are_lines_and_circles_are_found_out(tmp_path: Path) -> None:
-    ring = occ("BRepAlgoAPI").BRepAlgoAPI_Cut(box((-20, -20, 0), (20, 20, 8)), cylinder(9, 8)).Shape()
+    ring = (
+        occ("BRepAlgoAPI").BRepAlgoAPI_Cut(box((-20, -20, 0), (20, 20, 8)), cylinder(9, 8)).Shape()
+    )
     splines = occ("BRepBuilderAPI").BRepBuilderAPI_NurbsConvert(ring, True).Shape()
     path = written(tmp_path / "splines.step", splines)
     assert b"=CIRCLE" not in path.read_bytes().replace(b" ", b"")
@@ -138,12 +152,16 @@ def test_splines_that_are_lines_and_circles_are_found_out(tmp_path: Path) -> Non
 
 @with_kernel
 def test_a_fillet_leaves_no_edge_and_a_step_a_concave_one(tmp_path: Path) -> None:
-    fuse = occ("BRepAlgoAPI").BRepAlgoAPI_Fuse(box((0, 0, 0), (40, 30, 10)), box((0, 0, 10), (15, 30, 20)))
+    fuse = occ("BRepAlgoAPI").BRepAlgoAPI_Fuse(
+        box((0, 0, 0), (40, 30, 10)), box((0, 0, 10), (15, 30, 20))
+    )
     fuse.SimplifyResult()
     solid = step.read(source(written(tmp_path / "step.step", fuse.Shape())))
     assert kinds(solid) == {("line", True): 17, ("line", False): 1}
     block = box((0, 0, 0), (40, 30, 10))
-    upright = next(m.edge for m in kernel.meetings(block) if abs(kernel.Curve(m.edge).tangent(0.0)[2]) > 0.5)
+    upright = next(
+        m.edge for m in kernel.meetings(block) if abs(kernel.Curve(m.edge).tangent(0.0)[2]) > 0.5
+    )
     fillet = occ("BRepFilletAPI").BRepFilletAPI_MakeFillet(block)
     fillet.Add(4.0, upright)
     rounded = step.read(source(written(tmp_path / "round.step", fillet.Shape())))
@@ -158,7 +176,10 @@ def test_an_open_shell_has_borders(tmp_path: Path) -> None:
     build = occ("BRepBuilderAPI")
     gp = occ("gp")
     sewing = build.BRepBuilderAPI_Sewing()
-    for corners in (((0, 0, 0), (10, 0, 0), (10, 10, 0), (0, 10, 0)), ((0, 0, 0), (0, 0, 10), (10, 0, 10), (10, 0, 0))):
+    for corners in (
+        ((0, 0, 0), (10, 0, 0), (10, 10, 0), (0, 10, 0)),
+        ((0, 0, 0), (0, 0, 10), (10, 0, 10), (10, 0, 0)),
+    ):
         wire = build.BRepBuilderAPI_MakePolygon(*[gp.gp_Pnt(*c) for c in corners], True).Wire()
         sewing.Add(build.BRepBuilderAPI_MakeFace(wire, True).Face())
     sewing.Perform()
@@ -174,8 +195,14 @@ def test_an_open_shell_has_borders(tmp_path: Path) -> None:
     [
         (b"", "is no STEP file"),
         (b"solid x\nendsolid x\n", "is no STEP file"),
-        (b"ISO-10303-21;\nHEADER;\nENDSEC;\nDATA;\n#1=FOO(;\nENDSEC;\n", "is no STEP file, or damaged"),
-        (b"ISO-10303-21;\nHEADER;\nENDSEC;\nDATA;\nENDSEC;\nEND-ISO-10303-21;\n", "is damaged: entities are missing"),
+        (
+            b"ISO-10303-21;\nHEADER;\nENDSEC;\nDATA;\n#1=FOO(;\nENDSEC;\n",
+            "is no STEP file, or damaged",
+        ),
+        (
+            b"ISO-10303-21;\nHEADER;\nENDSEC;\nDATA;\nENDSEC;\nEND-ISO-10303-21;\n",
+            "is damaged: entities are missing",
+        ),
     ],
 )
 def test_what_is_no_step_file_is_refused(tmp_path: Path, data: bytes, message: str) -> None:
@@ -210,7 +237,11 @@ def test_damage_is_refused_before_the_kernel_leaves_something_out(
 
 #: Faults in what no edge needs, as CAD programs write them: what stands in the text, what in its place, what is said.
 SPARED = [
-    (r"ADVANCED_FACE\('[^']*'", "ADVANCED_FACE($", "10 texts that are not given were taken as empty"),
+    (
+        r"ADVANCED_FACE\('[^']*'",
+        "ADVANCED_FACE($",
+        "10 texts that are not given were taken as empty",
+    ),
     (r"\bPRODUCT\('[^']*'", "PRODUCT($", "1 text that is not given was taken as empty"),
     (
         r"(UNCERTAINTY_MEASURE_WITH_UNIT\(LENGTH_MEASURE\([^)]*\),\s*#\d+),[^)]*\)",
@@ -243,7 +274,9 @@ SPARED = [
 
 @with_kernel
 @pytest.mark.parametrize(("old", "new", "says"), SPARED)
-def test_what_no_edge_needs_need_not_be_sound(tmp_path: Path, old: str, new: str, says: str) -> None:
+def test_what_no_edge_needs_need_not_be_sound(
+    tmp_path: Path, old: str, new: str, says: str
+) -> None:
     text = (PARTS / "rfa1.step").read_text()
     spoiled, count = re.subn(old, new, text, flags=re.DOTALL)
     assert count
@@ -270,7 +303,11 @@ def test_what_no_edge_needs_need_not_be_sound(tmp_path: Path, old: str, new: str
         ),
         # The unit in which all lengths are.
         (r"\(\(#662,#663,#664\)\)", "((#15,#663,#664))", "CONTEXT"),
-        (r"SHAPE_DEFINITION_REPRESENTATION\(#(\d+),#(\d+)\)", r"SHAPE_DEFINITION_REPRESENTATION(#\1,#662)", ""),
+        (
+            r"SHAPE_DEFINITION_REPRESENTATION\(#(\d+),#(\d+)\)",
+            r"SHAPE_DEFINITION_REPRESENTATION(#\1,#662)",
+            "",
+        ),
     ],
 )
 def test_what_the_edges_need_must_be_sound(tmp_path: Path, old: str, new: str, needed: str) -> None:
@@ -278,7 +315,9 @@ def test_what_the_edges_need_must_be_sound(tmp_path: Path, old: str, new: str, n
     spoiled, count = re.subn(old, new, text, count=1, flags=re.DOTALL)
     assert count
     (tmp_path / "rfa1.step").write_text(spoiled)
-    with pytest.raises(InputError, match=f"is damaged: .* and the part needs #.*{needed}|holds no shape") as caught:
+    with pytest.raises(
+        InputError, match=f"is damaged: .* and the part needs #.*{needed}|holds no shape"
+    ) as caught:
         step.read(source(tmp_path / "rfa1.step"))
     assert not needed or needed in str(caught.value)
 
@@ -286,7 +325,9 @@ def test_what_the_edges_need_must_be_sound(tmp_path: Path, old: str, new: str, n
 @with_kernel
 def test_a_wireframe_and_parts_in_other_files_have_their_own_reason(tmp_path: Path) -> None:
     gp, build = occ("gp"), occ("BRepBuilderAPI")
-    wire = build.BRepBuilderAPI_MakePolygon(gp.gp_Pnt(0, 0, 0), gp.gp_Pnt(9, 0, 0), gp.gp_Pnt(9, 9, 0)).Wire()
+    wire = build.BRepBuilderAPI_MakePolygon(
+        gp.gp_Pnt(0, 0, 0), gp.gp_Pnt(9, 0, 0), gp.gp_Pnt(9, 9, 0)
+    ).Wire()
     path = written(tmp_path / "wire.step", wire)
     with pytest.raises(InputError) as caught:
         step.read(source(path))
@@ -298,19 +339,32 @@ def test_a_wireframe_and_parts_in_other_files_have_their_own_reason(tmp_path: Pa
     both = path.read_text().replace("ENDSEC;\nEND-ISO", f"{document}ENDSEC;\nEND-ISO")
     (tmp_path / "wire.step").write_text(both)
     with pytest.raises(
-        InputError, match=r"holds no shape: its parts are in another file \(a _left_\.stp\); build these"
+        InputError,
+        match=r"holds no shape: its parts are in another file \(a _left_\.stp\); build these",
     ):
         step.read(source(path))
-    whole = (PARTS / "rfa1.step").read_text().replace("ENDSEC;\nEND-ISO", f"{document}ENDSEC;\nEND-ISO")
+    whole = (
+        (PARTS / "rfa1.step").read_text().replace("ENDSEC;\nEND-ISO", f"{document}ENDSEC;\nEND-ISO")
+    )
     (tmp_path / "more.step").write_text(whole)
-    notes = [str(note) for note in step.read(source(tmp_path / "more.step")).notes if note.kind == "skipped"]
+    notes = [
+        str(note)
+        for note in step.read(source(tmp_path / "more.step")).notes
+        if note.kind == "skipped"
+    ]
     assert notes == ["skipped: what is in other files: a _left_.stp (build them one by one)"]
 
 
 @with_kernel
 def test_a_size_that_cannot_be_meant_is_doubted(tmp_path: Path) -> None:
-    for size, says in ((0.17, "0.17 x 0.17 x 0.17 mm, which is small"), (9999.0, "which is large"), (100.0, "")):
-        solid = step.read(source(written(tmp_path / "cube.step", box((0, 0, 0), (size, size, size)))))
+    for size, says in (
+        (0.17, "0.17 x 0.17 x 0.17 mm, which is small"),
+        (9999.0, "which is large"),
+        (100.0, ""),
+    ):
+        solid = step.read(
+            source(written(tmp_path / "cube.step", box((0, 0, 0), (size, size, size))))
+        )
         doubts = [note for note in solid.notes if "which is" in note.what]
         assert bool(doubts) == bool(says)
         for note in doubts:
@@ -320,7 +374,10 @@ def test_a_size_that_cannot_be_meant_is_doubted(tmp_path: Path) -> None:
 
 @with_kernel
 def test_shared_twins_agree() -> None:
-    exact, meshed = SHARED / "step/trimesh/featuretype.STEP", SHARED / "mesh/trimesh/featuretype.STL"
+    exact, meshed = (
+        SHARED / "step/trimesh/featuretype.STEP",
+        SHARED / "mesh/trimesh/featuretype.STL",
+    )
     if not exact.exists():
         pytest.skip("shared/data/step/trimesh/featuretype.STEP is not beside the repository")
     radii = [
@@ -336,10 +393,16 @@ def test_shared_twins_agree() -> None:
     ("was", "says", "why"),
     [
         (b"(200.,45.,100.)", b"(200.,45.100.)", "is damaged: it ends the CAD kernel"),
-        (b"(200.,45.,100.)", b"(200.,1e20,100.)", "is damaged: a point at 1e20, no part is so large"),
+        (
+            b"(200.,45.,100.)",
+            b"(200.,1e20,100.)",
+            "is damaged: a point at 1e20, no part is so large",
+        ),
     ],
 )
-def test_a_file_that_ends_the_kernel_ends_nothing_else(was: bytes, says: bytes, why: str, tmp_path: Path) -> None:
+def test_a_file_that_ends_the_kernel_ends_nothing_else(
+    was: bytes, says: bytes, why: str, tmp_path: Path
+) -> None:
     """Found by bench.reliability.inputs: both end the process that gives them to OCCT."""
     sound = (PARTS / "rfa2.step").read_bytes()
     assert was in sound

@@ -60,7 +60,9 @@ def test_a_spline_is_followed_within_the_tolerance(space: dict[str, Curve]) -> N
     curve = np.hstack([(1 - t) ** 3, 3 * t * (1 - t) ** 2, 3 * t**2 * (1 - t), t**3]) @ control
     assert space["c3"].points[[0, -1]].tolist() == control[[0, -1]].tolist()
     assert max(gap(curve, p) for p in space["c3"].points) < 2e-3
-    assert max(gap(curve, p) for p in (space["c3"].points[1:] + space["c3"].points[:-1]) / 2) <= 0.0101
+    assert (
+        max(gap(curve, p) for p in (space["c3"].points[1:] + space["c3"].points[:-1]) / 2) <= 0.0101
+    )
 
 
 def gap(curve: FloatArray, place: FloatArray) -> float:
@@ -89,7 +91,9 @@ def test_what_is_flat_is_told_with_its_height(space: dict[str, Curve]) -> None:
     assert told.what == "4 curves in space: c1, c2, c3, c4; 1 flat one: c5 at z = 4 mm"
 
 
-def test_other_operations_leave_them_out_and_say_what_follows_them(capsys: pytest.CaptureFixture[str]) -> None:
+def test_other_operations_leave_them_out_and_say_what_follows_them(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     part = camgen.read(FIXTURE, {"operation": {"kind": "follow"}})
     assert not part.curves
     (skipped,) = [note for note in part.notes if note.kind == "skipped"]
@@ -112,7 +116,9 @@ def test_a_page_is_flat() -> None:
     assert not part.curves
 
 
-def test_blocks_place_arcs_in_space_and_a_stretched_circle_is_an_ellipse(tmp_path: Path, sheet: Modelspace) -> None:
+def test_blocks_place_arcs_in_space_and_a_stretched_circle_is_an_ellipse(
+    tmp_path: Path, sheet: Modelspace
+) -> None:
     assert sheet.doc is not None
     block = sheet.doc.blocks.new("RING")
     block.add_circle((0, 0), 5)
@@ -128,7 +134,9 @@ def test_blocks_place_arcs_in_space_and_a_stretched_circle_is_an_ellipse(tmp_pat
 
 
 def test_an_ellipse_with_equal_axes_is_a_circle_in_space(tmp_path: Path, sheet: Modelspace) -> None:
-    sheet.add_ellipse((0, 0, 9), major_axis=(0, 6, 8), ratio=1.0, dxfattribs={"extrusion": (1, 0, 0)})
+    sheet.add_ellipse(
+        (0, 0, 9), major_axis=(0, 6, 8), ratio=1.0, dxfattribs={"extrusion": (1, 0, 0)}
+    )
     (found,) = drawn(tmp_path, sheet).curves
     assert found.closed
     assert found.curved.all()
@@ -145,10 +153,15 @@ def test_a_bulge_of_more_than_half_a_circle_is_cut(tmp_path: Path, sheet: Models
 
 
 def test_ends_meet_in_space_and_not_above_each_other() -> None:
-    found, notes = curves([line((0, 0, 0), (9, 0, 0)), line((9, 0, 5), (9, 9, 5)), line((9, 0, 0.02), (0, 5, 5))], 0.05)
+    found, notes = curves(
+        [line((0, 0, 0), (9, 0, 0)), line((9, 0, 5), (9, 9, 5)), line((9, 0, 0.02), (0, 5, 5))],
+        0.05,
+    )
     assert [len(curve.points) for curve in found] == [4, 2]
     assert found[0].points[[1, 2], 2].tolist() == [0, 0.02]
-    assert [str(note) for note in notes] == ["joined: 1 gap between ends, up to 0.02 mm (input.join)"]
+    assert [str(note) for note in notes] == [
+        "joined: 1 gap between ends, up to 0.02 mm (input.join)"
+    ]
 
 
 def test_a_chain_goes_straight_on_where_four_ends_meet() -> None:
@@ -185,11 +198,15 @@ def test_a_crowd_of_ends_is_no_quadratic_affair() -> None:
     assert sum(len(curve.points) - 1 for curve in found) == 3000
 
 
-def test_damaged_numbers_are_told_and_too_many_spans_refused(tmp_path: Path, sheet: Modelspace) -> None:
+def test_damaged_numbers_are_told_and_too_many_spans_refused(
+    tmp_path: Path, sheet: Modelspace
+) -> None:
     sheet.add_line((0, 0, 0), (9, 9, 9))
     sheet.add_line((0, 0, 0), (9, 9, 1e300))
     part = drawn(tmp_path, sheet)
     assert len(part.curves) == 1
     assert "skipped: 1 LINE on layer 0 (damaged numbers)" in map(str, part.notes)
-    with pytest.raises(InputError, match=r"come to more than 20 lines and arcs; raise tolerance\.chord"):
+    with pytest.raises(
+        InputError, match=r"come to more than 20 lines and arcs; raise tolerance\.chord"
+    ):
         camgen.read(FIXTURE, TRACE | {"limits": {"motions": 20}})

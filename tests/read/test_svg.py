@@ -24,7 +24,9 @@ HEAD = (
 PAGE = 'width="100mm" height="100mm" viewBox="0 0 100 100"'
 
 
-def drawn(tmp_path: Path, body: str, page: str = PAGE, job: dict[str, object] | None = None) -> Part:
+def drawn(
+    tmp_path: Path, body: str, page: str = PAGE, job: dict[str, object] | None = None
+) -> Part:
     path = tmp_path / "part.svg"
     path.write_text(f"<svg {HEAD} {page}>{body}</svg>")
     return read(path, from_mapping(job or {}))
@@ -110,12 +112,16 @@ def test_y_runs_up_from_the_lower_edge_of_the_page(tmp_path: Path) -> None:
 @settings(max_examples=60)
 @given(
     st.lists(
-        st.tuples(st.sampled_from("LHVCSQTA"), st.lists(st.integers(-50, 50), min_size=7, max_size=7)),
+        st.tuples(
+            st.sampled_from("LHVCSQTA"), st.lists(st.integers(-50, 50), min_size=7, max_size=7)
+        ),
         min_size=1,
         max_size=8,
     )
 )
-def test_relative_commands_draw_what_absolute_ones_do(commands: list[tuple[str, list[int]]]) -> None:
+def test_relative_commands_draw_what_absolute_ones_do(
+    commands: list[tuple[str, list[int]]],
+) -> None:
     size = {"L": 2, "H": 1, "V": 1, "C": 6, "S": 4, "Q": 4, "T": 2}
     absolute, relative = ["M3 4"], ["m3 4"]
     x, y = 3, 4
@@ -130,7 +136,13 @@ def test_relative_commands_draw_what_absolute_ones_do(commands: list[tuple[str, 
         offset = {"H": [x], "V": [y]}.get(letter, [x, y] * 3)
         absolute.append(letter + " ".join(str(a + b) for a, b in zip(w, offset, strict=False)))
         relative.append(letter.lower() + " ".join(map(str, w)))
-        x, y = (x + w[0], y) if letter == "H" else (x, y + w[0]) if letter == "V" else (x + w[-2], y + w[-1])
+        x, y = (
+            (x + w[0], y)
+            if letter == "H"
+            else (x, y + w[0])
+            if letter == "V"
+            else (x + w[-2], y + w[-1])
+        )
     (one, fault), (other, no_fault) = tracks("".join(absolute)), tracks("".join(relative))
     assert (fault, no_fault) == ("", "")
     flat = [[np.concatenate([[*getattr(r, "center", []), *getattr(r, "first", [])] if hasattr(r, "center")
@@ -141,7 +153,9 @@ def test_relative_commands_draw_what_absolute_ones_do(commands: list[tuple[str, 
 def test_many_lines_at_once_are_the_lines_one_by_one() -> None:
     steps = [(k % 7 - 3, k % 5 - 2) for k in range(1, 40)]
     together = "M1 2l" + " ".join(f"{a},{b}" for a, b in steps)
-    (one,), (other,) = (tracks(d)[0] for d in (together, "M1 2" + "".join(f"l{a} {b}" for a, b in steps)))
+    (one,), (other,) = (
+        tracks(d)[0] for d in (together, "M1 2" + "".join(f"l{a} {b}" for a, b in steps))
+    )
     assert np.array_equal(one.runs[0], other.runs[0])
 
 
@@ -172,7 +186,9 @@ def test_shapes(tmp_path: Path, body: str, length: float) -> None:
     assert lengths(part) == pytest.approx([length], abs=1e-9)
 
 
-@pytest.mark.parametrize("how", ["rotate(33)", "scale(-2)", "scale(1,-1)", "rotate(10) translate(3 4) scale(.5)"])
+@pytest.mark.parametrize(
+    "how", ["rotate(33)", "scale(-2)", "scale(1,-1)", "rotate(10) translate(3 4) scale(.5)"]
+)
 def test_a_circle_that_stays_one_is_two_exact_arcs(tmp_path: Path, how: str) -> None:
     part = drawn(tmp_path, f'<circle cx="20" cy="20" r="10" transform="{how}"/>')
     assert np.abs(part.contours[0].bulges).tolist() == [1.0, 1.0]
@@ -208,7 +224,9 @@ def test_transforms(text: str, point: tuple[float, float], expected: tuple[float
     assert (matrix @ (*point, 1.0)).tolist() == pytest.approx(expected)
 
 
-@pytest.mark.parametrize("text", ["turn(3)", "scale()", "matrix(1 2 3)", "rotate(1 2)", "scale(2) x"])
+@pytest.mark.parametrize(
+    "text", ["turn(3)", "scale()", "matrix(1 2 3)", "rotate(1 2)", "scale(2) x"]
+)
 def test_a_transform_that_is_none_is_malformed(text: str) -> None:
     with pytest.raises(Malformed):
         transform(text)
@@ -235,7 +253,9 @@ def test_a_transform_that_is_none_is_malformed(text: str) -> None:
 def test_units(tmp_path: Path, page: str, line: float) -> None:
     part = drawn(tmp_path, '<line x1="0" y1="5" x2="10" y2="5"/>', page)
     assert lengths(part) == pytest.approx([line], rel=1e-12)
-    certain = "mm" in page or "cm" in page or "in" in page or "pt" in page or "pc" in page or "q" in page
+    certain = (
+        "mm" in page or "cm" in page or "in" in page or "pt" in page or "pc" in page or "q" in page
+    )
     assert bool(notes(part, "assumed")) != certain
 
 
@@ -367,14 +387,18 @@ def test_deep_nesting_is_no_problem(tmp_path: Path) -> None:
         ("M0 0h3v3h-3z4 4L9 9", 12.0),
     ],
 )
-def test_damaged_path_data_is_drawn_up_to_its_fault(tmp_path: Path, data: str, length: float) -> None:
+def test_damaged_path_data_is_drawn_up_to_its_fault(
+    tmp_path: Path, data: str, length: float
+) -> None:
     part = drawn(tmp_path, f'<path d="{data}"/>')
     assert lengths(part) == pytest.approx([length])
     assert "drawn up to there" in notes(part, "skipped")
 
 
 def test_numbers_beyond_all_measure_are_left_out(tmp_path: Path) -> None:
-    part = drawn(tmp_path, '<path d="M0 0L1e999 3"/><path d="M0 0C1e300 1 2 3 4 5"/><path d="M0 0h9"/>')
+    part = drawn(
+        tmp_path, '<path d="M0 0L1e999 3"/><path d="M0 0C1e300 1 2 3 4 5"/><path d="M0 0h9"/>'
+    )
     assert lengths(part) == [9.0]
     assert "2 path" in notes(part, "skipped")
 
@@ -385,7 +409,10 @@ REFUSED = [
     (b'<?xml version="1.0"?><html/>', "is XML, but no SVG"),
     (b"<svg></svg>", "has no namespace of SVG"),
     (b'<!DOCTYPE svg [<!ENTITY a "b">]><svg/>', "defines entities"),
-    ('<?xml version="1.0"?><!DOCTYPE svg [<!ENTITY a "b">]><svg/>'.encode("utf-16"), "defines entities"),
+    (
+        '<?xml version="1.0"?><!DOCTYPE svg [<!ENTITY a "b">]><svg/>'.encode("utf-16"),
+        "defines entities",
+    ),
     (b"\x1f\x8b\x08", "is compressed"),
     (f"<svg {HEAD}/>".encode(), "nothing to machine"),
     (f'<svg {HEAD} viewBox="0 0 0 5"><path d="M0 0h9"/></svg>'.encode(), "viewBox is no box"),
@@ -413,7 +440,9 @@ def test_a_doctype_without_entities_is_read(tmp_path: Path) -> None:
 
 
 def test_ends_that_meet_are_joined_and_what_is_drawn_twice_is_used_once(tmp_path: Path) -> None:
-    part = drawn(tmp_path, '<path d="M0 0h9"/><path d="M9 0.01v9"/><path d="M0 50h9"/><path d="M9 50h-9"/>')
+    part = drawn(
+        tmp_path, '<path d="M0 0h9"/><path d="M9 0.01v9"/><path d="M0 50h9"/><path d="M9 50h-9"/>'
+    )
     assert lengths(part) == pytest.approx([18, 9], abs=0.02)
     assert "gaps closed: 1" in notes(part, "joined")
     assert "drawn twice" in notes(part, "repaired")
@@ -421,7 +450,9 @@ def test_ends_that_meet_are_joined_and_what_is_drawn_twice_is_used_once(tmp_path
 
 def test_inspect_tells_page_layers_and_counts(tmp_path: Path) -> None:
     path = tmp_path / "part.svg"
-    path.write_text(f'<svg {HEAD} {PAGE}><g id="cut"><circle cx="20" cy="20" r="10"/><path d="M0 0h9"/></g></svg>')
+    path.write_text(
+        f'<svg {HEAD} {PAGE}><g id="cut"><circle cx="20" cy="20" r="10"/><path d="M0 0h9"/></g></svg>'
+    )
     page = str(inspect(path, from_mapping({})))
     assert "units mm, page 100 x 100 mm" in page
     assert "elements: 1 circle, 1 path" in page
@@ -430,8 +461,15 @@ def test_inspect_tells_page_layers_and_counts(tmp_path: Path) -> None:
 
 
 def test_an_old_inkscape_is_named(tmp_path: Path) -> None:
-    for version, warned in [("0.48.4 r9939", True), ("0.91 r13725", True), ("0.92.3", False), ("1.2", False)]:
-        part = drawn(tmp_path, '<path d="M0 0h9"/>', f'width="90" height="90" inkscape:version="{version}"')
+    for version, warned in [
+        ("0.48.4 r9939", True),
+        ("0.91 r13725", True),
+        ("0.92.3", False),
+        ("1.2", False),
+    ]:
+        part = drawn(
+            tmp_path, '<path d="M0 0h9"/>', f'width="90" height="90" inkscape:version="{version}"'
+        )
         assert ("90 px for an inch" in notes(part, "warning")) == warned
 
 

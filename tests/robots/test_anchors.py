@@ -26,7 +26,9 @@ def down(x: float, y: float, z: float = 0.0) -> Pose:
 
 
 def program(*motions: Instruction) -> Program:
-    own = (replace(one, path=0) if isinstance(one, (MoveJ, MoveL, MoveC)) else one for one in motions)
+    own = (
+        replace(one, path=0) if isinstance(one, (MoveJ, MoveL, MoveC)) else one for one in motions
+    )
     body = (MoveJ(HOME, 100.0), Comment("edge e1"), *own, MoveJ(HOME, 100.0))
     return Program("part", BASE, TOOL, body, paths=(Origin("e1", operation="edges"),))
 
@@ -105,7 +107,11 @@ def test_two_stretches_in_two_postures() -> None:
 
 def test_lines_and_arcs_are_looked_at_from_an_anchor_on() -> None:
     first = solution(down(0, 0), True)
-    found = sound(check_reach(program(MoveJ(first, 9.0), MoveC(down(50, 50), down(100, 0), 20.0)), ARM, "part"))
+    found = sound(
+        check_reach(
+            program(MoveJ(first, 9.0), MoveC(down(50, 50), down(100, 0), 20.0)), ARM, "part"
+        )
+    )
     arc = tips(found)[found.owner == 3]
     assert np.hypot(arc[:, 0] - 50, arc[:, 1]) == pytest.approx(np.full(len(arc), 50.0), abs=1e-6)
     assert len(arc) >= math.pi * 50 / 10
@@ -126,7 +132,11 @@ def test_a_stretch_ends_in_the_values_of_the_next_anchor() -> None:
 
 def test_an_anchor_in_another_posture_is_gone_to_all_the_same() -> None:
     first, told = solution(down(0, 0, 30), False), solution(down(40, 0, 30), True)
-    found = sound(check_reach(program(MoveJ(first, 9.0), MoveL(down(40, 0, 30), 20.0), MoveJ(told, 50.0)), ARM, "part"))
+    found = sound(
+        check_reach(
+            program(MoveJ(first, 9.0), MoveL(down(40, 0, 30), 20.0), MoveJ(told, 50.0)), ARM, "part"
+        )
+    )
     assert ends(found, 3)[4] > 0
     assert ends(found, 4).tolist() == list(told.values)
     assert (found.owner == 4).sum() > 20
@@ -135,7 +145,9 @@ def test_an_anchor_in_another_posture_is_gone_to_all_the_same() -> None:
 def test_a_long_joint_motion_to_a_pose_is_no_jump_and_keeps_the_posture() -> None:
     """Axis 1 turns by 53 deg at once from one side to the other."""
     first = solution(down(0, -100, 30), True)
-    plan = program(MoveJ(first, 50.0), MoveJ(down(-100, 300, 30), 50.0), MoveL(down(-100, 280, 30), 20.0))
+    plan = program(
+        MoveJ(first, 50.0), MoveJ(down(-100, 300, 30), 50.0), MoveL(down(-100, 280, 30), 20.0)
+    )
     found = sound(check_reach(plan, ARM, "part"))
     way = found.joints[found.owner == 3]
     assert np.degrees(abs(way[-1, 0] - way[0, 0])) > 45
@@ -151,17 +163,23 @@ def test_a_line_does_not_leap_into_another_posture() -> None:
     assert ahead.values[5] - back.values[5] == pytest.approx(math.tau)
     assert math.degrees(ahead.values[5]) > 360 - 200
     way = [
-        MoveL(Pose(frozen(rotation_about(2, math.radians(-a)) @ TOOL_DOWN), (a / 10, 0.0, 0.0)), 20.0)
+        MoveL(
+            Pose(frozen(rotation_about(2, math.radians(-a)) @ TOOL_DOWN), (a / 10, 0.0, 0.0)), 20.0
+        )
         for a in (100, 200)
     ]
     sound(check_reach(program(MoveJ(back, 9.0), *way), ARM, "part"))
-    with pytest.raises(NoSafeProgram, match=r"cannot run edge e1 at .*: axis 6 is beyond its limit by"):
+    with pytest.raises(
+        NoSafeProgram, match=r"cannot run edge e1 at .*: axis 6 is beyond its limit by"
+    ):
         check_reach(program(MoveJ(ahead, 9.0), *way), ARM, "part")
 
 
 def test_a_line_that_starts_where_the_anchor_is_not_is_told_by_its_path() -> None:
     plan = program(MoveJ(solution(down(0, 0, 30), False), 9.0), MoveL(down(500, 0), 20.0))
-    with pytest.raises(NoSafeProgram, match=r"IRB 1200 cannot run edge e1 at [0-9.]+ 0 [0-9.]+ mm: .*instruction 3"):
+    with pytest.raises(
+        NoSafeProgram, match=r"IRB 1200 cannot run edge e1 at [0-9.]+ 0 [0-9.]+ mm: .*instruction 3"
+    ):
         check_reach(plan, ARM, "part")
 
 
@@ -182,7 +200,9 @@ def test_an_anchor_that_the_arm_has_not_is_refused(values: tuple[float, ...], li
 
 
 def test_joint_values_alone_are_rows_as_well() -> None:
-    found = sound(check_reach(program(MoveJ(Joints((0.5, 0.4, -0.3, 0.2, 0.1, 3.0)), 100.0)), ARM, "part"))
+    found = sound(
+        check_reach(program(MoveJ(Joints((0.5, 0.4, -0.3, 0.2, 0.1, 3.0)), 100.0)), ARM, "part")
+    )
     # Axis 6 turns by 3 rad, 172 deg, there and back; every part is at most 2 deg.
     assert found.samples >= 1 + 2 * 86
     assert np.bincount(found.owner).tolist()[0] == 1
@@ -197,7 +217,9 @@ def test_half_a_turn_along_an_arc_goes_the_way_of_its_via_point() -> None:
     ]
     last = []
     for via, end in (turned, other):
-        found = sound(check_reach(program(MoveJ(down(0, 0), 9.0), MoveC(via, end, 20.0)), ARM, "part"))
+        found = sound(
+            check_reach(program(MoveJ(down(0, 0), 9.0), MoveC(via, end, 20.0)), ARM, "part")
+        )
         arc = found.joints[found.owner == 3, 5]
         last.append(math.degrees(arc[-1] - ends(found, 2)[5]))
         assert np.abs(np.diff(np.degrees(arc))).max() <= 15
@@ -208,8 +230,13 @@ def test_half_a_turn_along_an_arc_goes_the_way_of_its_via_point() -> None:
 
 def test_costs_that_add_up_are_those_that_are_chosen(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where there is nothing to choose the search takes a short cut; step by step it finds the same."""
-    there = [Pose(frozen(rotation_about(2, math.radians(a)) @ TOOL_DOWN), (a / 4, 9.0, 0.0)) for a in range(0, 400, 8)]
-    plan = program(MoveJ(down(0, 0, 9), 9.0), *(MoveL(pose, 20.0) for pose in there), MoveJ(down(0, 0, 9), 9.0))
+    there = [
+        Pose(frozen(rotation_about(2, math.radians(a)) @ TOOL_DOWN), (a / 4, 9.0, 0.0))
+        for a in range(0, 400, 8)
+    ]
+    plan = program(
+        MoveJ(down(0, 0, 9), 9.0), *(MoveL(pose, 20.0) for pose in there), MoveJ(down(0, 0, 9), 9.0)
+    )
 
     def stepwise(cost, source, times, usable, backs):  # type: ignore[no-untyped-def]
         costs = []

@@ -26,7 +26,9 @@ CLOSED = [of for of in robots() if of.arm]
 WRISTS = [robot(name) for name in ARMS]
 
 
-def errors(of: Robot, solutions: np.ndarray, rotations: np.ndarray, origins: np.ndarray) -> tuple[float, float]:
+def errors(
+    of: Robot, solutions: np.ndarray, rotations: np.ndarray, origins: np.ndarray
+) -> tuple[float, float]:
     """mm and rad by which solutions (N, B, J), those there are, miss base_from_flange (N, 3, 3), (N, 3)."""
     count, columns, _ = solutions.shape
     every = solutions.reshape(count * columns, -1)
@@ -38,7 +40,9 @@ def errors(of: Robot, solutions: np.ndarray, rotations: np.ndarray, origins: np.
         angle = np.linalg.norm(skew[:, :2, 2], axis=1)
     else:
         angle = np.linalg.norm(skew - np.eye(3), axis=(1, 2))
-    return float(np.linalg.norm(placed - np.repeat(origins, columns, axis=0)[good], axis=1).max()), float(angle.max())
+    return float(
+        np.linalg.norm(placed - np.repeat(origins, columns, axis=0)[good], axis=1).max()
+    ), float(angle.max())
 
 
 def same(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -52,7 +56,9 @@ def configurations(draw: st.DrawFn, of: Robot) -> np.ndarray:
     values = []
     for (low, high), joint in zip(of.limits.tolist(), of.joints, strict=True):
         quarter = 1.0 if joint.sliding else math.pi / 12
-        round_ones = st.integers(math.ceil(low / quarter), math.floor(high / quarter)).map(lambda n, q=quarter: n * q)
+        round_ones = st.integers(math.ceil(low / quarter), math.floor(high / quarter)).map(
+            lambda n, q=quarter: n * q
+        )
         values.append(draw(st.one_of(st.floats(low, high), round_ones)))
     return np.array(values)
 
@@ -103,18 +109,25 @@ def test_the_textbooks_arm_is_where_the_solutions_put_it() -> None:
 
 
 def test_all_branches_agree_with_another_program() -> None:
-    opw = pytest.importorskip("py_opw_kinematics", reason="py-opw-kinematics, the oracle, is not installed")
+    opw = pytest.importorskip(
+        "py_opw_kinematics", reason="py-opw-kinematics, the oracle, is not installed"
+    )
     transforms = pytest.importorskip("scipy.spatial.transform", reason="scipy is not installed")
     arm: dict[str, Any] = {"a1": 75, "a2": -90, "b": 0, "c1": 335, "c2": 270, "c3": 295, "c4": 80}
     other = opw.Robot(opw.KinematicModel(**arm), degrees=False)
     of = robot("VS-6556")
     rng = np.random.default_rng(7)
     rotations, origins = flange(of, rng.uniform(of.limits[:, 0], of.limits[:, 1], (300, 6)))
-    poses = transforms.RigidTransform.from_components(origins, transforms.Rotation.from_matrix(rotations))
+    poses = transforms.RigidTransform.from_components(
+        origins, transforms.Rotation.from_matrix(rotations)
+    )
     theirs = np.asarray(other.reach(poses).joints)
     ours = inverse(of, rotations, origins)
     for row in range(len(ours)):
-        mine, his = ours[row][np.isfinite(ours[row, :, 0])], theirs[row][np.isfinite(theirs[row, :, 0])]
+        mine, his = (
+            ours[row][np.isfinite(ours[row, :, 0])],
+            theirs[row][np.isfinite(theirs[row, :, 0])],
+        )
         assert len(mine) == len(his)
         assert same(mine[:, None], his[None]).min(axis=1).max() < 1e-6
 
@@ -157,7 +170,10 @@ def test_out_of_reach_is_said_in_millimetres() -> None:
     of = robot("IRB 120")
     assert isinstance(of.arm, Spherical)
     most = 270 + math.hypot(302, 70)
-    at, turned = np.array([[most - 0.001, 0, 290 - 72], [0, most + 0.25, 290 - 72]]), np.stack([DOWN, DOWN])
+    at, turned = (
+        np.array([[most - 0.001, 0, 290 - 72], [0, most + 0.25, 290 - 72]]),
+        np.stack([DOWN, DOWN]),
+    )
     solutions = inverse(of, turned, at)
     assert np.isfinite(solutions[0]).all()
     assert np.isnan(solutions[1]).all()
@@ -189,7 +205,9 @@ def test_an_arm_is_recognised_by_its_axes_alone() -> None:
     crooked = Pose(rotation_from_fixed_xyz(0.1, 0.2, 0.3), (5.0, 6, 70))
     arm = recognise(tuple(joints), crooked)
     assert isinstance(arm, Spherical)
-    assert (arm.a1, arm.a2, arm.b, arm.c2, arm.c3) == pytest.approx((75, -90, 0, 270, 295), abs=1e-9)
+    assert (arm.a1, arm.a2, arm.b, arm.c2, arm.c3) == pytest.approx(
+        (75, -90, 0, 270, 295), abs=1e-9
+    )
     other = replace(of, joints=tuple(joints), flange=crooked, arm=arm)
     values = np.radians([[10, 20, 30, 40, 50, 60], [-100, -30, 80, 100, -70, -20]])
     rotations, origins = flange(other, values)
@@ -207,7 +225,9 @@ def test_the_sign_of_an_axis_does_not_change_what_a_branch_is() -> None:
     )
     other = replace(of, joints=joints, limits=frozen(np.tile([-math.pi, math.pi], (6, 1))))
     other = replace(other, arm=recognise(joints, of.flange))
-    rotations, origins = flange(of, np.radians([[10, 20, 30, 40, 50, 60], [-100, -30, 80, 100, -70, -20]]))
+    rotations, origins = flange(
+        of, np.radians([[10, 20, 30, 40, 50, 60], [-100, -30, 80, 100, -70, -20]])
+    )
     theirs, ours = inverse(other, rotations, origins) * signs, inverse(of, rotations, origins)
     assert (np.isnan(theirs) == np.isnan(ours)).all()
     assert np.nanmax(same(theirs, ours)) < 1e-9
@@ -228,18 +248,30 @@ def test_slides_at_an_angle_and_a_flange_beside_the_last_axis() -> None:
         assert np.abs(solutions[0] - joints).max(axis=1).min() < 1e-9
     # Three slides, each along an axis of a frame that the one before has turned: by hand for the first two.
     place, origin = turned.rotation, np.array(turned.origin)
-    hand = origin + place @ np.array([100.0, 0, 0]) + place @ (origin + place @ np.array([0, 200.0, 0]))
+    hand = (
+        origin
+        + place @ np.array([100.0, 0, 0])
+        + place @ (origin + place @ np.array([0, 200.0, 0]))
+    )
     assert frames(crooked, np.array([[100.0, 200, -300]]))[1][0, 2] == pytest.approx(hand)
 
 
 @pytest.mark.parametrize(
     ("index", "change", "taken"),
     [
-        (1, translation(75, 40, 132), True),  # axis 2 shifted along itself: the same axis, and a side offset
+        (
+            1,
+            translation(75, 40, 132),
+            True,
+        ),  # axis 2 shifted along itself: the same axis, and a side offset
         (4, translation(2, 0, 187), False),  # axis 5 passes axis 4
         (5, translation(0, 5, 80), False),  # axis 6 passes axis 5
         (5, Pose(rotation_about(0, 0.1), (0.0, 0, 80)), False),  # and is not square to it
-        (2, Pose(rotation_about(2, 0.01), (0.0, 0, 270)), False),  # axis 3 is not parallel to axis 2
+        (
+            2,
+            Pose(rotation_about(2, 0.01), (0.0, 0, 270)),
+            False,
+        ),  # axis 3 is not parallel to axis 2
     ],
 )
 def test_only_a_spherical_wrist_is_taken_for_one(index: int, change: Pose, taken: bool) -> None:
@@ -283,7 +315,9 @@ def test_cobotta_by_iteration() -> None:
     assert np.nanmin(apart) > 1e-6
 
 
-def along(of: Robot, origins: np.ndarray, rotations: np.ndarray, bound: float = 30, **options: Any) -> Choice:
+def along(
+    of: Robot, origins: np.ndarray, rotations: np.ndarray, bound: float = 30, **options: Any
+) -> Choice:
     """The joints of a path, checked: on the path, within the limits, no jump."""
     choice = follow(of, rotations, origins, **options)
     assert isinstance(choice, Choice), why(of, rotations, origins, choice).text
@@ -300,15 +334,23 @@ def reason(of: Robot, origins: np.ndarray, rotations: np.ndarray, **options: Any
     return why(of, rotations, origins, stuck, **options)
 
 
-def ring(x: float, y: float, z: float, radius: float, count: int = 360) -> tuple[np.ndarray, np.ndarray]:
+def ring(
+    x: float, y: float, z: float, radius: float, count: int = 360
+) -> tuple[np.ndarray, np.ndarray]:
     turn = np.linspace(0, math.tau, count)
-    origins = np.column_stack([x + radius * np.cos(turn), y + radius * np.sin(turn), np.full(count, z)])
+    origins = np.column_stack(
+        [x + radius * np.cos(turn), y + radius * np.sin(turn), np.full(count, z)]
+    )
     return origins, np.broadcast_to(DOWN, (count, 3, 3))
 
 
-def spun(origin: tuple[float, float, float], degrees: float, count: int) -> tuple[np.ndarray, np.ndarray]:
+def spun(
+    origin: tuple[float, float, float], degrees: float, count: int
+) -> tuple[np.ndarray, np.ndarray]:
     """The tool turning about its axis by ``degrees`` in one place."""
-    turned = [DOWN @ rotation_about(2, angle) for angle in np.radians(np.linspace(0, degrees, count))]
+    turned = [
+        DOWN @ rotation_about(2, angle) for angle in np.radians(np.linspace(0, degrees, count))
+    ]
     return np.tile(origin, (count, 1)), np.array(turned)
 
 
@@ -318,7 +360,9 @@ def spun(origin: tuple[float, float, float], degrees: float, count: int) -> tupl
      ("VS-060", 350, 0, 300), ("VS-6556", 400, 0, 300), ("Viper s650", 400, 0, 300), ("Cobra s600", 400, 0, 200),
      ("COBOTTA", 200, 60, 150), ("3-axis mill", 400, 250, -100)],
 )  # fmt: skip
-def test_a_circle_is_followed_and_closed_on_one_branch(name: str, x: float, y: float, z: float) -> None:
+def test_a_circle_is_followed_and_closed_on_one_branch(
+    name: str, x: float, y: float, z: float
+) -> None:
     of = robot(name)
     choice = along(of, *ring(x, y, z, 50, 60 if name == "COBOTTA" else 360))
     assert len(set(choice.branches.tolist())) == 1
@@ -377,7 +421,9 @@ def test_a_row_that_only_limits_forbid_is_named() -> None:
     """Straight behind the IRB 120 axis 1 would stand at 180 deg, and its limit is 165."""
     of = robot("IRB 120")
     origins = ring(0, 0, 300, 400)[0][: 180 + 1]
-    turned = np.array([rotation_about(2, angle) @ DOWN for angle in np.linspace(0, math.tau, 360)[:181]])
+    turned = np.array(
+        [rotation_about(2, angle) @ DOWN for angle in np.linspace(0, math.tau, 360)[:181]]
+    )
     found = reason(of, origins, turned)
     assert (found.kind, of.joints[found.joint].name) == ("limit", "axis 1")
     assert found.row == math.floor(165 / (360 / 359)) + 1
@@ -439,7 +485,11 @@ def test_a_leaning_tool_is_named() -> None:
     leaning = np.array(rotations)
     leaning[7] = DOWN @ rotation_about(0, math.radians(2))
     found = reason(robot("Cobra s600"), origins, leaning)
-    assert (found.row, found.kind, found.text) == (7, "lean", "the robot cannot lean its tool, and it has to by 2 deg")
+    assert (found.row, found.kind, found.text) == (
+        7,
+        "lean",
+        "the robot cannot lean its tool, and it has to by 2 deg",
+    )
 
 
 def test_slides_end_where_they_end() -> None:
@@ -453,9 +503,13 @@ def test_the_whole_path_decides_and_not_its_first_row() -> None:
     """From home the other elbow is nearer, but only one of them comes along the whole way."""
     of = robot("Cobra s600")
     angles = np.radians(np.linspace(25, 85, 61))
-    joints = np.column_stack([angles, np.full(61, math.radians(80)), np.full(61, 100.0), np.zeros(61)])
+    joints = np.column_stack(
+        [angles, np.full(61, math.radians(80)), np.full(61, 100.0), np.zeros(61)]
+    )
     rotations, origins = flange(of, joints)
-    start = inverse(of, rotations[:1], origins[:1])[0, 1]  # stands exactly where the lefty solution begins
+    start = inverse(of, rotations[:1], origins[:1])[
+        0, 1
+    ]  # stands exactly where the lefty solution begins
     assert within(of, start)
     left = inverse(of, rotations, origins)[:, 1]
     assert not within(of, left).all()
@@ -474,7 +528,10 @@ def test_a_single_pose_is_a_path_too() -> None:
 @pytest.mark.parametrize("name", ["IRB 120", "Cobra s600"])
 def test_links_set_out_as_differences_tell(name: str) -> None:
     of, rng, little = robot(name), np.random.default_rng(2), 1e-6
-    joints, moved = rng.uniform(-1.0, 1.0, (20, len(of.joints))), rng.normal(0.0, 1.0, (20, 3, len(of.joints)))
+    joints, moved = (
+        rng.uniform(-1.0, 1.0, (20, len(of.joints))),
+        rng.normal(0.0, 1.0, (20, 3, len(of.joints))),
+    )
     links = frames(of, joints)
     found = set_out(of, links, moved @ of.coupling.T)
     point = rng.normal(0.0, 300.0, 3)
@@ -484,4 +541,6 @@ def test_links_set_out_as_differences_tell(name: str) -> None:
             places = [rotation[:, link] @ point + origin[:, link] for rotation, origin in ends]
             here = links[0][:, link] @ point + links[1][:, link]
             turn, shift = np.split(found[link, :, way], 2, axis=1)
-            assert np.allclose(np.cross(turn, here) + shift, (places[0] - places[1]) / (2 * little), atol=1e-3)
+            assert np.allclose(
+                np.cross(turn, here) + shift, (places[0] - places[1]) / (2 * little), atol=1e-3
+            )

@@ -51,17 +51,23 @@ def test_a_robot_is_found_however_its_name_is_spelled(name: str) -> None:
     assert robot(name).name == "IRB 2400"
 
 
-@pytest.mark.parametrize("file", [entry.name for entry in (resources.files("camgen.robots") / "data").iterdir()])
+@pytest.mark.parametrize(
+    "file", [entry.name for entry in (resources.files("camgen.robots") / "data").iterdir()]
+)
 def test_a_file_is_called_like_one_of_the_names_of_its_robot(file: str) -> None:
     """By which it is found without a look at the others."""
     told = tomllib.loads((resources.files("camgen.robots") / "data" / file).read_text())
     stem = file.removesuffix(".toml")
-    assert stem in ["".join(c for c in name.casefold() if c.isalnum()) for name in (told["name"], *told["also"])]
+    assert stem in [
+        "".join(c for c in name.casefold() if c.isalnum()) for name in (told["name"], *told["also"])
+    ]
     assert robot(stem).name == told["name"]
 
 
 def test_the_nearest_robot_is_named() -> None:
-    with pytest.raises(JobError, match=r"^robot irb 2401: there is no such robot; nearest is IRB 2400; "):
+    with pytest.raises(
+        JobError, match=r"^robot irb 2401: there is no such robot; nearest is IRB 2400; "
+    ):
         robot("irb 2401")
 
 
@@ -86,7 +92,9 @@ def test_irb_120_at_zero_reaches_374_mm_ahead_at_630_mm() -> None:
 def test_the_rod_keeps_the_forearm_level() -> None:
     """IRB 2400 with axis 2 at 30 deg and axis 3 at 0: the forearm stays level, so that only the upper arm has moved."""
     rotation, origin = pose_of(robot("IRB 2400"), 0, 30, 0, 0, 0, 0)
-    assert origin == pytest.approx([100 + 705 * 0.5 + 755 + 85, 0, 615 + 705 * math.sqrt(0.75) + 135], abs=1e-9)
+    assert origin == pytest.approx(
+        [100 + 705 * 0.5 + 755 + 85, 0, 615 + 705 * math.sqrt(0.75) + 135], abs=1e-9
+    )
     assert rotation[:, 2] == pytest.approx([1, 0, 0], abs=1e-12)
 
 
@@ -104,7 +112,9 @@ def test_cobra_stretched_bent_and_let_down() -> None:
     assert origin == pytest.approx([325 * math.sqrt(0.75), 325 * 0.5 + 275, 287], abs=1e-9)
     assert rotation == pytest.approx(np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1]]), abs=1e-12)
     # J4 turns clockwise seen from above: tool x from +y towards +x.
-    assert pose_of(of, 30, 60, 100, 30)[0][:, 0] == pytest.approx([0.5, math.sqrt(0.75), 0], abs=1e-12)
+    assert pose_of(of, 30, 60, 100, 30)[0][:, 0] == pytest.approx(
+        [0.5, math.sqrt(0.75), 0], abs=1e-12
+    )
 
 
 def test_the_viper_is_the_vs_6556_with_other_zeros() -> None:
@@ -114,22 +124,30 @@ def test_the_viper_is_the_vs_6556_with_other_zeros() -> None:
     b = flange(viper, joints + np.radians([0, -90, 90, 0, 0, 0]))
     assert np.abs(a[0] - b[0]).max() < 1e-12
     assert np.abs(a[1] - b[1]).max() < 1e-9
-    assert viper.limits[:5] == pytest.approx(denso.limits[:5] + np.radians([0, -90, 90, 0, 0])[:, None])
+    assert viper.limits[:5] == pytest.approx(
+        denso.limits[:5] + np.radians([0, -90, 90, 0, 0])[:, None]
+    )
 
 
-@pytest.mark.skipif(not SHARED.is_dir(), reason="the folder shared, with the descriptions of robots, is not there")
+@pytest.mark.skipif(
+    not SHARED.is_dir(), reason="the folder shared, with the descriptions of robots, is not there"
+)
 @pytest.mark.parametrize("stem", STEMS)
 def test_models_are_as_described(stem: str) -> None:
     data, of = shared_robot(stem), robot(stem)
     order = [1, 0, 2] if stem == "cnc_3axis" else range(len(of.joints))  # Y, X, Z there
     unit = units(of)
     rows = [data["joint"][k] for k in order]
-    assert of.limits * unit[:, None] == pytest.approx(np.array([[row["min"], row["max"]] for row in rows]))
+    assert of.limits * unit[:, None] == pytest.approx(
+        np.array([[row["min"], row["max"]] for row in rows])
+    )
     assert of.speeds * unit == pytest.approx([row["max_speed"] for row in rows])
     assert of.home * unit == pytest.approx(np.array(data["home"]["q"])[list(order)])
     assert [list(pair) for pair in of.touching] == data["collision"]["ignore_pairs"]
     boxes = [[[*box.link_from_box.origin, *box.half] for box in link.boxes] for link in of.links]
-    assert boxes == [[[*box["center_mm"], *box["half_mm"]] for box in link["boxes"]] for link in data["link"]]
+    assert boxes == [
+        [[*box["center_mm"], *box["half_mm"]] for box in link["boxes"]] for link in data["link"]
+    ]
     joints = some(of, 10)
     rotations, origins = frames(of, joints)
     tips = flange(of, joints)
@@ -220,7 +238,12 @@ def test_cobotta_keeps_the_figure_it_has() -> None:
 
 def test_quarter_turns_of_abb() -> None:
     of = robot("IRB 120")
-    rows = [[0, 0, 0, 0, 30, 0], [-1e-9, 0, 0, 90, 30, 89.9999], [-91, 0, 0, -90, -30, 180], [100, 0, 0, -150, 0, -361]]
+    rows = [
+        [0, 0, 0, 0, 30, 0],
+        [-1e-9, 0, 0, 90, 30, 89.9999],
+        [-91, 0, 0, -90, -30, 180],
+        [100, 0, 0, -150, 0, -361],
+    ]
     data = abb_confdata(of, np.radians(rows))
     assert data.values[:, :3].tolist() == [[0, 0, 0], [0, 1, 0], [-2, -1, 2], [1, -2, -5]]
     assert (data.values[:, 3] & 1).tolist() == [0, 0, 1, 0]
@@ -253,8 +276,13 @@ def test_an_arm_with_a_rod_has_no_cfx() -> None:
 
 
 def test_switches_of_vplus() -> None:
-    viper = vplus_switches(robot("Viper s650"), np.radians([[0, -90, 180, 0, 0, 0], [0, -45, 60, 0, -30, 200]]))
-    assert viper.words == (("LEFTY", "ABOVE", "NOFLIP", "SINGLE"), ("LEFTY", "BELOW", "FLIP", "MULTIPLE"))
+    viper = vplus_switches(
+        robot("Viper s650"), np.radians([[0, -90, 180, 0, 0, 0], [0, -45, 60, 0, -30, 200]])
+    )
+    assert viper.words == (
+        ("LEFTY", "ABOVE", "NOFLIP", "SINGLE"),
+        ("LEFTY", "BELOW", "FLIP", "MULTIPLE"),
+    )
     assert viper.sure.all()
     back = vplus_switches(robot("Viper s650"), np.radians([[0, -150, 90, 0, 30, 0]]))
     assert (back.words[0][0], back.sure.tolist()) == ("RIGHTY", [False])

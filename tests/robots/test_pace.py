@@ -22,21 +22,37 @@ def driven(way: float, speed: float, gain: float) -> float:
     return time
 
 
-@pytest.mark.parametrize(("way", "speed", "gain"), [(2.0, 1.0, 4.0), (0.1, 1.0, 4.0), (0.25, 1.0, 4.0)])
+@pytest.mark.parametrize(
+    ("way", "speed", "gain"), [(2.0, 1.0, 4.0), (0.1, 1.0, 4.0), (0.25, 1.0, 4.0)]
+)
 def test_from_rest_to_rest(way: float, speed: float, gain: float) -> None:
-    assert float(from_rest(np.array(way), speed, gain)) == pytest.approx(driven(way, speed, gain), rel=0.01)
+    assert float(from_rest(np.array(way), speed, gain)) == pytest.approx(
+        driven(way, speed, gain), rel=0.01
+    )
 
 
 def test_the_slowest_joint_or_the_tip_counts() -> None:
     moved = np.array([[0.5, 0.5], [0.0, 3.0], [0.0, 0.0]])
-    expected = [max(driven(0.5, 1, 4), driven(0.5, 2, 5)), driven(3.0, 2, 5), driven(50.0, 100, 1000)]
-    assert PACE.seconds(moved, np.array([0.0, 0.0, 50.0])).tolist() == pytest.approx(expected, rel=0.01)
+    expected = [
+        max(driven(0.5, 1, 4), driven(0.5, 2, 5)),
+        driven(3.0, 2, 5),
+        driven(50.0, 100, 1000),
+    ]
+    assert PACE.seconds(moved, np.array([0.0, 0.0, 50.0])).tolist() == pytest.approx(
+        expected, rel=0.01
+    )
 
 
 def test_a_table_of_times_is_each_of_them() -> None:
     rng = np.random.default_rng(2)
-    start, end, way = rng.uniform(-2, 2, (7, 2)), rng.uniform(-2, 2, (5, 2)), rng.uniform(0, 90, (7, 5))
-    each = np.array([[float(PACE.seconds(end[k] - start[i], way[i, k])) for k in range(5)] for i in range(7)])
+    start, end, way = (
+        rng.uniform(-2, 2, (7, 2)),
+        rng.uniform(-2, 2, (5, 2)),
+        rng.uniform(0, 90, (7, 5)),
+    )
+    each = np.array(
+        [[float(PACE.seconds(end[k] - start[i], way[i, k])) for k in range(5)] for i in range(7)]
+    )
     np.testing.assert_allclose(PACE.between(start, end, way), each)
 
 

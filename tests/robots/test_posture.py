@@ -30,7 +30,9 @@ def at(x: float, y: float, z: float = 0.0) -> Pose:
 
 
 def program(*body: Instruction) -> Program:
-    return Program("part", translation(300, -75, 100), translation(0, 0, 100), (MoveJ(HOME6, 100.0), *body))
+    return Program(
+        "part", translation(300, -75, 100), translation(0, 0, 100), (MoveJ(HOME6, 100.0), *body)
+    )
 
 
 def posted(name: str, plan: Program, **options: Any) -> tuple[str, Program]:
@@ -81,7 +83,10 @@ def test_switches_are_known_for_all_or_for_none() -> None:
 def test_scara_and_iterated_arms() -> None:
     cobra = np.array([[0.0, 0.5, 10.0, 0.0], [0.0, -0.5, 10.0, 3.5]])
     found = postures(robot("Cobra s600"), cobra, np.zeros(2, bool))
-    assert found == [Posture(switches=("RIGHTY", "SINGLE")), Posture(switches=("LEFTY", "MULTIPLE"))]
+    assert found == [
+        Posture(switches=("RIGHTY", "SINGLE")),
+        Posture(switches=("LEFTY", "MULTIPLE")),
+    ]
     assert named("COBOTTA", np.degrees(robot("COBOTTA").home).tolist()) == [None]
     assert postures(robot("mill"), np.zeros((1, 3)), np.zeros(1, bool)) == [None]
 
@@ -145,20 +150,30 @@ def test_each_part_of_a_long_vplus_program_states_its_posture() -> None:
     assert len(parts) > 2
     for part in parts:
         before = part[: part.index(":TRANS")]
-        assert [line.strip() for line in before.splitlines() if line.strip() in FRONT] == list(FRONT)
+        assert [line.strip() for line in before.splitlines() if line.strip() in FRONT] == list(
+            FRONT
+        )
 
 
 def test_words_of_an_option_and_of_a_plan_are_not_mixed() -> None:
     with pytest.raises(JobError, match=r"cell\.robot plans the posture"):
         posted("vplus", program(*WAY), posture=["RIGHTY"])
-    unsure = program(*(replace(item, posture=None) if isinstance(item, (MoveJ, MoveL)) else item for item in WAY[:4]))
+    unsure = program(
+        *(
+            replace(item, posture=None) if isinstance(item, (MoveJ, MoveL)) else item
+            for item in WAY[:4]
+        )
+    )
     assert posted("vplus", unsure, posture=["RIGHTY"])[0].count("RIGHTY") == 1
 
 
 TAMPERED = {
     "rapid": (("[-1,0,", "[0,0,"), "confdata reads"),
     "pacscript": ((", 5)", ", 1)"), "figure reads 1, planned is 5"),
-    "vplus": (("    RIGHTY\n", "    LEFTY\n"), "switches reads LEFTY SINGLE, planned is RIGHTY SINGLE"),
+    "vplus": (
+        ("    RIGHTY\n", "    LEFTY\n"),
+        "switches reads LEFTY SINGLE, planned is RIGHTY SINGLE",
+    ),
 }
 
 
@@ -172,7 +187,13 @@ def test_a_text_with_another_posture_is_refused(name: str) -> None:
         reading = find_readback(name)({file.name: text}, {})
         assert all(isinstance(one, Remark) for one in reading.faults)
         with pytest.raises(VerifyError, match=rf"{message}|from figure 1 to 5 along a line"):
-            compare(result.program, reading, result.post.tolerance(), result.post.list_verified(), file.name)
+            compare(
+                result.program,
+                reading,
+                result.post.tolerance(),
+                result.post.list_verified(),
+                file.name,
+            )
 
 
 @pytest.mark.parametrize("name", ARMS)
@@ -180,10 +201,16 @@ def test_a_posture_that_nobody_planned_is_refused(name: str) -> None:
     """What a text adds to a program without a robot."""
     result = camgen.build(PARTS / "bracket.dxf", post=name)
     (file,) = result.files
-    added = {"rapid": ("[0,0,0,0]", "[0,0,0,4]"), "pacscript": (", -1)", ", 0)"), "vplus": ("BREAK", "BREAK\nLEFTY")}
+    added = {
+        "rapid": ("[0,0,0,0]", "[0,0,0,4]"),
+        "pacscript": (", -1)", ", 0)"),
+        "vplus": ("BREAK", "BREAK\nLEFTY"),
+    }
     reading = find_readback(name)({file.name: file.text.replace(*added[name], 1)}, {})
     with pytest.raises(VerifyError, match=r"reads|ConfJ is off, though each of its motions states"):
-        compare(result.program, reading, result.post.tolerance(), result.post.list_verified(), file.name)
+        compare(
+            result.program, reading, result.post.tolerance(), result.post.list_verified(), file.name
+        )
 
 
 def test_the_golden_programs_agree_with_the_geometry() -> None:
@@ -196,13 +223,17 @@ def test_the_golden_programs_agree_with_the_geometry() -> None:
     text = (folder / "part.mod").read_text()
     # Of an arc the end counts, whose line begins with its point.
     ends = re.findall(
-        rf"(?:Move[LJ] |^ +)\[\[{number},{number},{number}\],\S*?\],\[(-?\d,-?\d,-?\d,-?\d)\]", text, re.M
+        rf"(?:Move[LJ] |^ +)\[\[{number},{number},{number}\],\S*?\],\[(-?\d,-?\d,-?\d,-?\d)\]",
+        text,
+        re.M,
     )
     assert {conf for *_, conf in ends} == {"-1,0,1,0", "0,0,2,0"}
     for _, y, _, conf in ends:
         assert conf == ("0,0,2,0" if float(y) > 25 else "-1,0,1,0")
     text = (folder / "part.pcs").read_text()
-    places = re.findall(rf"P\({number}, {number}, {number}, 180.0000, 0.0000, 0.0000, (-?\d+)\), Speed", text)
+    places = re.findall(
+        rf"P\({number}, {number}, {number}, 180.0000, 0.0000, 0.0000, (-?\d+)\), Speed", text
+    )
     assert {figure for *_, figure in places} == {"5", "13", "-1"}
     for _, y, _, figure in places:
         assert figure in ("-1", "13" if float(y) > 25 else "5")
@@ -220,9 +251,18 @@ def test_points_of_an_arc_with_two_figures_are_a_fault() -> None:
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_the_plan_file_holds_the_posture(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_plan_file_holds_the_posture(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     text, plan = tmp_path / "part.txt", tmp_path / "plan.json"
-    words = ["build", str(PARTS / "bracket.dxf"), "--post", name, "--set", f"cell.robot={ARMS[name]}"]
+    words = [
+        "build",
+        str(PARTS / "bracket.dxf"),
+        "--post",
+        name,
+        "--set",
+        f"cell.robot={ARMS[name]}",
+    ]
     assert main([*words, "-o", str(text), "--plan", str(plan)]) == 0
     assert "in the posture that the text states (" in capsys.readouterr().err
     check = ["verify", str(text), "--post", name, "--plan", str(plan)]
@@ -233,7 +273,9 @@ def test_the_plan_file_holds_the_posture(name: str, tmp_path: Path, capsys: pyte
     assert main(check) == 4
 
 
-def test_the_summary_says_where_the_text_is_silent(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_summary_says_where_the_text_is_silent(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     words = ["build", str(PARTS / "bracket.dxf"), "-o", str(tmp_path), "--set", "cell.robot=VS-060"]
     assert main([*words, "--post", "rapid", "--set", "post.conf=off"]) == 0
     assert "in a posture that the text does not state (" in capsys.readouterr().err

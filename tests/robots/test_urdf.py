@@ -46,7 +46,9 @@ def written(folder: Path, text: str, name: str = "arm.urdf") -> str:
 
 
 def some(of: Robot, count: int) -> np.ndarray:
-    return np.random.default_rng(3).uniform(of.limits[:, 0], of.limits[:, 1], (count, len(of.joints)))
+    return np.random.default_rng(3).uniform(
+        of.limits[:, 0], of.limits[:, 1], (count, len(of.joints))
+    )
 
 
 def metres(of: Robot) -> np.ndarray:
@@ -55,7 +57,9 @@ def metres(of: Robot) -> np.ndarray:
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
 @pytest.mark.parametrize("stem", KINDS)
-def test_frames_limits_and_joints_are_those_of_the_text(stem: str, seed: int, tmp_path: Path) -> None:
+def test_frames_limits_and_joints_are_those_of_the_text(
+    stem: str, seed: int, tmp_path: Path
+) -> None:
     """Seeds above 0: the same arm in frames that lie any way, with other zeros."""
     arm = disguised(built_in(stem), seed) if seed else built_in(stem)
     of = robot(written(tmp_path, urdf(arm)))
@@ -75,7 +79,9 @@ def test_frames_limits_and_joints_are_those_of_the_text(stem: str, seed: int, tm
     assert set(np.isfinite(found[:, :, 0]).sum(axis=1).tolist()) <= count
     sliding = np.array([joint.sliding for joint in of.joints])
     apart = found - joints[:, None]
-    apart = np.abs(np.where(sliding, apart, np.remainder(apart + math.pi, math.tau) - math.pi)).max(axis=2)
+    apart = np.abs(np.where(sliding, apart, np.remainder(apart + math.pi, math.tau) - math.pi)).max(
+        axis=2
+    )
     assert np.nanmin(apart, axis=1).max() < 1e-6
     for row, column in np.argwhere(np.isfinite(found[:, :, 0])):
         reached = tip(arm, found[row, column] * metres(of))
@@ -231,7 +237,10 @@ def joint(name: str, parent: str, child: str, kind: str = "fixed", more: str = "
 
 def tree(*joints: str, links: str = "abcdef") -> str:
     return (
-        "<robot>" + "".join(f'<link name="{name}"/>' for name in links.split() or links) + "".join(joints) + "</robot>"
+        "<robot>"
+        + "".join(f'<link name="{name}"/>' for name in links.split() or links)
+        + "".join(joints)
+        + "</robot>"
     )
 
 
@@ -248,19 +257,28 @@ def test_the_tip_is_the_flange_the_longest_or_the_one_that_is_named(tmp_path: Pa
         robot(fork)
     assert robot(f"{fork}#right").joints[1].name == "j3"
     assert robot(f"{fork}#a").convention == "The joints of the URDF, from link root to link a."
-    longer = written(tmp_path, tree(*FORK, joint("j4", "left", "hand", "revolute"), links="root a left right hand"))
+    longer = written(
+        tmp_path,
+        tree(*FORK, joint("j4", "left", "hand", "revolute"), links="root a left right hand"),
+    )
     of = robot(longer)
     assert [one.name for one in of.joints] == ["j1", "j2", "j4"]
     assert "the tip is hand, farthest from root, not right" in of.notes
-    flanged = written(tmp_path, tree(*FORK, joint("f", "right", "my_tool0"), links="root a left right my_tool0"))
+    flanged = written(
+        tmp_path, tree(*FORK, joint("f", "right", "my_tool0"), links="root a left right my_tool0")
+    )
     assert [one.name for one in robot(flanged).joints] == ["j1", "j3"]
 
 
 def test_the_controllers_base_is_the_base(tmp_path: Path) -> None:
     """REP 199: a link named base is the frame in which the controller counts, wherever the root is."""
     lift = joint("stand", "world", "base_link", more='<origin xyz="0 0 0.5"/>')
-    seat = joint("seat", "base_link", "base", more='<origin xyz="0 0 0.1" rpy="0 0 3.14159265359"/>')
-    arm = joint("j1", "base_link", "tip", "revolute", more='<origin xyz="0.2 0 0.3"/><axis xyz="0 0 1"/>')
+    seat = joint(
+        "seat", "base_link", "base", more='<origin xyz="0 0 0.1" rpy="0 0 3.14159265359"/>'
+    )
+    arm = joint(
+        "j1", "base_link", "tip", "revolute", more='<origin xyz="0.2 0 0.3"/><axis xyz="0 0 1"/>'
+    )
     of = robot(written(tmp_path, tree(lift, seat, arm, links="world base_link base tip")))
     assert flange(of, np.zeros((1, 1)))[1][0] == pytest.approx([-200, 0, 200], abs=1e-9)
     assert of.convention == "The joints of the URDF, from link base to link tip."
@@ -300,11 +318,21 @@ def test_the_recognised_arm_is_the_chain(tmp_path: Path) -> None:
 
 
 def bracket(name: str, home: list[float], **more: object) -> camgen.Result:
-    cell = {"robot": name, "base_from_work": [300, -60, -50, 0, 0, 0], "flange_from_tool": [0, 0, 100, 0, 0, 0]}
-    return build(FIXTURES / "parts" / "bracket.dxf", post="rapid", job={"cell": {**cell, "home": home, **more}})
+    cell = {
+        "robot": name,
+        "base_from_work": [300, -60, -50, 0, 0, 0],
+        "flange_from_tool": [0, 0, 100, 0, 0, 0],
+    }
+    return build(
+        FIXTURES / "parts" / "bracket.dxf",
+        post="rapid",
+        job={"cell": {**cell, "home": home, **more}},
+    )
 
 
-@pytest.mark.parametrize(("name", "home"), [(SIX, [0, -100, 0, 0, 30, 0]), (COBOT, [180, -90, 100, -100, -90, 0])])
+@pytest.mark.parametrize(
+    ("name", "home"), [(SIX, [0, -100, 0, 0, 30, 0]), (COBOT, [180, -90, 100, -100, -90, 0])]
+)
 def test_a_program_for_an_arm_of_a_urdf(name: Path, home: list[float]) -> None:
     made = bracket(str(name), home)
     assert made.reach is not None
@@ -346,20 +374,31 @@ def hashed(folder: Path, text: str, mesh: bytes) -> str:
     meshes = folder / "six_description" / "meshes"
     meshes.mkdir(parents=True, exist_ok=True)
     (meshes / "turn.stl").write_bytes(mesh)
-    (meshes / "upper.stl").write_bytes((SIX.parent / "six_description" / "meshes" / "upper.stl").read_bytes())
+    (meshes / "upper.stl").write_bytes(
+        (SIX.parent / "six_description" / "meshes" / "upper.stl").read_bytes()
+    )
     (folder / "six.urdf").write_text(text)
     return next(
-        line for line in bracket(str(folder / "six.urdf"), [0, -100, 0, 0, 30, 0]).text.split("\n") if "job" in line
+        line
+        for line in bracket(str(folder / "six.urdf"), [0, -100, 0, 0, 30, 0]).text.split("\n")
+        if "job" in line
     )
 
 
 def test_the_job_hash_covers_the_urdf_and_its_meshes_wherever_they_lie(tmp_path: Path) -> None:
-    text, mesh = SIX.read_text(), (SIX.parent / "six_description" / "meshes" / "turn.stl").read_bytes()
+    text, mesh = (
+        SIX.read_text(),
+        (SIX.parent / "six_description" / "meshes" / "turn.stl").read_bytes(),
+    )
     first = hashed(tmp_path / "a", text, mesh)
     assert hashed(tmp_path / "b", text, mesh) == first
     assert hashed(tmp_path / "c", text.replace('velocity="3', 'velocity="4', 1), mesh) != first
     assert hashed(tmp_path / "d", text, b"other".ljust(80) + mesh[80:]) != first
-    assert [path.name for path in urdf_files(str(SIX), Files())] == ["six.urdf", "turn.stl", "upper.stl"]
+    assert [path.name for path in urdf_files(str(SIX), Files())] == [
+        "six.urdf",
+        "turn.stl",
+        "upper.stl",
+    ]
 
 
 def test_camgen_robots_says_what_was_understood(capsys: pytest.CaptureFixture[str]) -> None:
@@ -370,7 +409,17 @@ def test_camgen_robots_says_what_was_understood(capsys: pytest.CaptureFixture[st
         "The joints of the URDF, from link world to link tool0.",
         "joints by iteration: no spherical wrist",
     ]
-    assert lines[6].split() == ["elbow", "forearm", "-180", "deg", "180", "deg", "179.909/s", "-30", "2"]
+    assert lines[6].split() == [
+        "elbow",
+        "forearm",
+        "-180",
+        "deg",
+        "180",
+        "deg",
+        "179.909/s",
+        "-30",
+        "2",
+    ]
     assert "note: wrist_3_joint has no limits: -360 to 360 deg are taken" in lines
     assert main(["robots", "IRB 120"]) == 0
     assert "spherical wrist, 8 branches" in capsys.readouterr().out

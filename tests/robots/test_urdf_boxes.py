@@ -58,18 +58,23 @@ def boxes(name: str) -> list[tuple[list[float], list[float]]]:
 def inside(points: np.ndarray, all_boxes: list[Box]) -> np.ndarray:
     """Which points (N, 3) are in one of the boxes, give or take a micrometre."""
     held = [
-        (np.abs((points - box.link_from_box.origin) @ box.link_from_box.rotation) <= np.array(box.half) + 1e-3).all(
-            axis=1
-        )
+        (
+            np.abs((points - box.link_from_box.origin) @ box.link_from_box.rotation)
+            <= np.array(box.half) + 1e-3
+        ).all(axis=1)
         for box in all_boxes
     ]
     return np.asarray(np.any(held, axis=0))
 
 
-def sampled(vertices: np.ndarray, faces: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
+def sampled(
+    vertices: np.ndarray, faces: np.ndarray, count: int, rng: np.random.Generator
+) -> np.ndarray:
     """Points (count, 3) on triangles."""
     weights = rng.dirichlet((1, 1, 1), count)
-    return np.asarray((weights[:, :, None] * vertices[faces[rng.integers(len(faces), size=count)]]).sum(axis=1))
+    return np.asarray(
+        (weights[:, :, None] * vertices[faces[rng.integers(len(faces), size=count)]]).sum(axis=1)
+    )
 
 
 def volume(all_boxes: list[Box]) -> float:
@@ -78,7 +83,9 @@ def volume(all_boxes: list[Box]) -> float:
 
 def test_simple_shapes(tmp_path: Path) -> None:
     at = '<origin xyz="0.1 0 -0.2" rpy="0 0 1.5707963267948966"/>'
-    text = shape('<box size="0.2 0.4 0.6"/>', at=at) + shape('<cylinder radius="0.05" length="0.3"/>')
+    text = shape('<box size="0.2 0.4 0.6"/>', at=at) + shape(
+        '<cylinder radius="0.05" length="0.3"/>'
+    )
     text += shape('<sphere radius="0.07"/>')
     assert boxes(arm(tmp_path, text)) == [
         ([pytest.approx(100), 0, -200], [100, 200, 300]),
@@ -108,8 +115,12 @@ def test_shapes_for_collisions_come_before_those_to_be_seen(tmp_path: Path) -> N
     assert [half for _, half in boxes(arm(tmp_path, seen))] == [[200, 200, 200]]
 
 
-@pytest.mark.parametrize(("scale", "half"), [("", [10, 20, 30]), ('scale="0.001 0.002 -0.003"', [0.01, 0.04, 0.09])])
-def test_a_mesh_is_scaled_and_becomes_millimetres(scale: str, half: list[float], tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("scale", "half"), [("", [10, 20, 30]), ('scale="0.001 0.002 -0.003"', [0.01, 0.04, 0.09])]
+)
+def test_a_mesh_is_scaled_and_becomes_millimetres(
+    scale: str, half: list[float], tmp_path: Path
+) -> None:
     (tmp_path / "body.obj").write_text(obj(CORNERS * [0.01, 0.02, 0.03] + [0, 0, 0.03]))
     (box,) = boxes(arm(tmp_path, shape(f'<mesh filename="body.obj" {scale}/>')))
     assert box[1] == pytest.approx(half)
@@ -158,7 +169,8 @@ def test_boxes_hold_the_whole_surface(seed: int) -> None:
     """A heap of turned bars: every point of every triangle is in a box, and the boxes are no larger than the one."""
     rng = np.random.default_rng(seed)
     parts = [
-        CORNERS * rng.uniform(5, 80, 3) @ rpy(*rng.uniform(-3, 3, 3)).T + rng.uniform(-200, 200, 3) for _ in range(3)
+        CORNERS * rng.uniform(5, 80, 3) @ rpy(*rng.uniform(-3, 3, 3)).T + rng.uniform(-200, 200, 3)
+        for _ in range(3)
     ]
     vertices = np.concatenate(parts)
     faces = np.concatenate([FACES + 8 * k for k in range(3)])
@@ -215,7 +227,8 @@ def test_overlap_agrees_with_points() -> None:
         said = bool(overlaps(a, b)[0, 0, 0])
         points = [grid * one[2][0] @ one[0][0, 0].T + one[1][0, 0] for one in (a, b)]
         solid = [
-            Box(Pose(frozen(one[0][0, 0]), tuple(one[1][0, 0].tolist())), tuple(one[2][0].tolist())) for one in (a, b)
+            Box(Pose(frozen(one[0][0, 0]), tuple(one[1][0, 0].tolist())), tuple(one[2][0].tolist()))
+            for one in (a, b)
         ]
         common = bool(inside(points[0], [solid[1]]).any() or inside(points[1], [solid[0]]).any())
         hits += said and common

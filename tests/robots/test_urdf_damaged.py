@@ -49,7 +49,10 @@ BAD = {
         '<?xml version="1.0" encoding="klingon"?><robot/>',
         "is not XML: unknown encoding: klingon; save it as UTF-8",
     ),
-    "still": ('<robot><link name="b"/></robot>', "nothing moves between b and b; name another tip: FILE.urdf#LINK"),
+    "still": (
+        '<robot><link name="b"/></robot>',
+        "nothing moves between b and b; name another tip: FILE.urdf#LINK",
+    ),
     "xacro": (
         '<robot xmlns:xacro="http://ros.org/wiki/xacro"><xacro:include filename="a"/></robot>',
         "is xacro, from which a URDF is made; expand it: xacro arm.xacro > arm.urdf",
@@ -71,10 +74,17 @@ BAD = {
         "links hang on each other in a loop: d; camgen moves chains",
     ),
     "two parents": (
-        more('<link name="d"/>', SECOND.format("b", "d")[:-8], SECOND.format("c", "d").replace('"k"', '"m"')[:-8]),
+        more(
+            '<link name="d"/>',
+            SECOND.format("b", "d")[:-8],
+            SECOND.format("c", "d").replace('"k"', '"m"')[:-8],
+        ),
         "link d hangs on two joints (joints k and m); camgen moves chains, no loops",
     ),
-    "two roots": (more('<link name="d"/>'), "has 2 roots: b, d; join them, or remove what is loose"),
+    "two roots": (
+        more('<link name="d"/>'),
+        "has 2 roots: b, d; join them, or remove what is loose",
+    ),
     "two links": (more('<link name="c"/>'), "there are two links c; rename one"),
     "two joints": (
         more('<link name="d"/>', SECOND.format("c", "d").replace('"k"', '"j"')[:-8]),
@@ -86,7 +96,10 @@ BAD = {
         changed('joint name="j"', f'joint name="{"j" * 600}"'),
         f"joint {'j' * 20}... has a name of 600 letters; shorten it",
     ),
-    "bell": (changed('joint name="j"', 'joint name="j&#x9b;2J"'), "joint has a name that cannot be printed; rename it"),
+    "bell": (
+        changed('joint name="j"', 'joint name="j&#x9b;2J"'),
+        "joint has a name that cannot be printed; rename it",
+    ),
     "no type": (changed(' type="revolute"', ""), 'joint has no type (joint j); give it type="..."'),
     "type": (
         changed("revolute", "screw"),
@@ -100,22 +113,40 @@ BAD = {
         changed("revolute", "planar"),
         "a planar joint is none of an arm (joint j); make it fixed, or name another tip",
     ),
-    "no parent": (changed('<parent link="b"/>', ""), 'it has no parent (joint j); give it <parent link="..."/>'),
+    "no parent": (
+        changed('<parent link="b"/>', ""),
+        'it has no parent (joint j); give it <parent link="..."/>',
+    ),
     "mimic": (
         changed("</joint>", '<mimic joint="q"/></joint>'),
         "it follows joint q (mimic) (joint j); camgen moves each joint by itself: use a built-in robot",
     ),
     "nan": (changed("0 0 0.1", "0 0 nan"), '"nan" is not a number (joint j, xyz)'),
     "inf": (changed('upper="1"', 'upper="inf"'), '"inf" is not a number (joint j, limit, upper)'),
-    "far": (changed("0 0 0.1", "0 0 1e300"), "1e300 is beyond all measure (joint j, xyz); lengths are m, angles rad"),
-    "huge": (changed("0 0 0.1", "0 0 1e999"), "1e999 is beyond all measure (joint j, xyz); lengths are m, angles rad"),
+    "far": (
+        changed("0 0 0.1", "0 0 1e300"),
+        "1e300 is beyond all measure (joint j, xyz); lengths are m, angles rad",
+    ),
+    "huge": (
+        changed("0 0 0.1", "0 0 1e999"),
+        "1e999 is beyond all measure (joint j, xyz); lengths are m, angles rad",
+    ),
     "comma": (changed("0 0 0.1", "0,0,0.1"), "three numbers are needed, not 1 (joint j, xyz)"),
-    "two numbers": (changed('rpy="0 0 0"', 'rpy="0 0"'), "three numbers are needed, not 2 (joint j, rpy)"),
-    "no numbers": (changed('rpy="0 0 0"', 'rpy=""'), "three numbers are needed, not 0 (joint j, rpy)"),
+    "two numbers": (
+        changed('rpy="0 0 0"', 'rpy="0 0"'),
+        "three numbers are needed, not 2 (joint j, rpy)",
+    ),
+    "no numbers": (
+        changed('rpy="0 0 0"', 'rpy=""'),
+        "three numbers are needed, not 0 (joint j, rpy)",
+    ),
     "underscore": (changed("0 0 0.1", "0 0 1_0"), '"1_0" is not a number (joint j, xyz)'),
     "other digits": (changed("0 0 0.1", "0 0 ٣"), '"٣" is not a number (joint j, xyz)'),
     "formula": (changed("0 0 0.1", "0 0 ${h}"), '"${h}" is not a number (joint j, xyz)'),
-    "no axis": (changed("0 0 1", "0 0 0"), "the axis has no direction (joint j); give axis xyz, of length 1"),
+    "no axis": (
+        changed("0 0 1", "0 0 0"),
+        "the axis has no direction (joint j); give axis xyz, of length 1",
+    ),
     "no limit": (
         changed('<limit lower="-1" upper="1" velocity="2"/>', ""),
         'it states no speed (joint j); give <limit velocity="..."/>, rad/s',
@@ -149,18 +180,26 @@ BAD = {
         "visual needs one shape, box, cylinder, sphere, mesh (link c)",
     ),
     "flat": (
-        changed('<link name="c"/>', '<link name="c"><visual><geometry><sphere radius="0"/></geometry></visual></link>'),
+        changed(
+            '<link name="c"/>',
+            '<link name="c"><visual><geometry><sphere radius="0"/></geometry></visual></link>',
+        ),
         "a sphere has no size (link c); give lengths above 0, m",
     ),
     "box": (
-        changed('<link name="c"/>', '<link name="c"><visual><geometry><box size="1 2"/></geometry></visual></link>'),
+        changed(
+            '<link name="c"/>',
+            '<link name="c"><visual><geometry><box size="1 2"/></geometry></visual></link>',
+        ),
         "three numbers are needed, not 2 (link c, box, size)",
     ),
 }
 
 
 @pytest.mark.parametrize("name", BAD)
-def test_a_bad_file_is_refused_in_one_line(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_bad_file_is_refused_in_one_line(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     text, expected = BAD[name]
     file = tmp_path / "arm.urdf"
     file.write_text(text)
@@ -188,7 +227,8 @@ def test_a_doctype_is_found_in_every_encoding(tmp_path: Path) -> None:
 
 def test_what_is_no_file(tmp_path: Path) -> None:
     with pytest.raises(
-        CamgenError, match=r"none\.urdf: no such file \(cell\.robot\); a job file names it from its own"
+        CamgenError,
+        match=r"none\.urdf: no such file \(cell\.robot\); a job file names it from its own",
     ):
         robot(str(tmp_path / "none.urdf"))
     folder = tmp_path / "folder.urdf"
@@ -207,7 +247,9 @@ def test_a_file_too_large_is_not_read(tmp_path: Path) -> None:
     file = tmp_path / "large.urdf"
     with file.open("wb") as stream:
         stream.truncate(8_000_001)
-    with pytest.raises(CamgenError, match="has more than 8,000,000 bytes: no description of a robot"):
+    with pytest.raises(
+        CamgenError, match="has more than 8,000,000 bytes: no description of a robot"
+    ):
         robot(str(file))
 
 
@@ -215,7 +257,8 @@ def test_xacro_is_refused_by_name(tmp_path: Path) -> None:
     file = tmp_path / "arm.urdf.xacro"
     file.write_text("<robot><xacro:macro/></robot>")
     with pytest.raises(
-        CamgenError, match=r"is xacro, from which a URDF is made; expand it: xacro arm\.xacro > arm\.urdf"
+        CamgenError,
+        match=r"is xacro, from which a URDF is made; expand it: xacro arm\.xacro > arm\.urdf",
     ):
         robot(str(file))
 
@@ -234,10 +277,16 @@ def test_deep_and_wide_files_end_soon(tmp_path: Path) -> None:
         robot(str(deep))
     names = [f"l{k}" for k in range(20_000)]
     joints = [
-        f'<joint name="j{k}" type="fixed"><parent link="l{k}"/><child link="l{k + 1}"/></joint>' for k in range(19_999)
+        f'<joint name="j{k}" type="fixed"><parent link="l{k}"/><child link="l{k + 1}"/></joint>'
+        for k in range(19_999)
     ]
     long = tmp_path / "long.urdf"
-    long.write_text("<robot>" + "".join(f'<link name="{name}"/>' for name in names) + "".join(joints) + "</robot>")
+    long.write_text(
+        "<robot>"
+        + "".join(f'<link name="{name}"/>' for name in names)
+        + "".join(joints)
+        + "</robot>"
+    )
     with pytest.raises(CamgenError, match="nothing moves between l0 and l19999"):
         robot(str(long))
 
@@ -252,14 +301,19 @@ def test_arms_with_too_many_joints_or_turns(count: int, tmp_path: Path) -> None:
     )
     file = tmp_path / "snake.urdf"
     file.write_text(f"<robot>{links}{joints}</robot>")
-    expected = {13: "has 13 joints between l0 and l13, 12 at most", 8: "its joints can make too many whole turns"}
+    expected = {
+        13: "has 13 joints between l0 and l13, 12 at most",
+        8: "its joints can make too many whole turns",
+    }
     with pytest.raises(CamgenError, match=expected[count]):
         robot(str(file))
 
 
 @given(data=st.data())
 @settings(max_examples=150)
-def test_damage_anywhere_is_one_line_or_an_arm(data: st.DataObject, tmp_path_factory: pytest.TempPathFactory) -> None:
+def test_damage_anywhere_is_one_line_or_an_arm(
+    data: st.DataObject, tmp_path_factory: pytest.TempPathFactory
+) -> None:
     raw = bytearray(COBOT.encode())
     for _ in range(data.draw(st.integers(1, 3))):
         at = data.draw(st.integers(0, len(raw) - 1))

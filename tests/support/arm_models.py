@@ -21,7 +21,12 @@ def dh(rows: Sequence[tuple[float, float, float, float]]) -> Matrix:
     for theta, d, a, alpha in rows:
         ct, st = math.cos(math.radians(theta)), math.sin(math.radians(theta))
         ca, sa = math.cos(math.radians(alpha)), math.sin(math.radians(alpha))
-        step = [[ct, -st * ca, st * sa, a * ct], [st, ct * ca, -ct * sa, a * st], [0, sa, ca, d], [0, 0, 0, 1]]
+        step = [
+            [ct, -st * ca, st * sa, a * ct],
+            [st, ct * ca, -ct * sa, a * st],
+            [0, sa, ca, d],
+            [0, 0, 0, 1],
+        ]
         product = product @ np.array(step)
     return product
 
@@ -45,7 +50,10 @@ ARMS: dict[str, tuple[Callable[..., Matrix], Callable[..., tuple[float, ...]]]] 
     "VS-060": (six(0, 345, 305, 10, 300, 70), lambda *q: (q[0], q[1], q[2] - 90, *q[3:])),
     "VS-6556": (six(75, 335, 270, 90, 295, 80), lambda *q: (q[0], q[1], q[2] - 90, *q[3:])),
     "VS-6577": (six(75, 335, 365, 90, 405, 80), lambda *q: (q[0], q[1], q[2] - 90, *q[3:])),
-    "Viper s650": (six(75, 335, 270, 90, 295, 80), lambda *q: (q[0], q[1] + 90, q[2] - 180, *q[3:])),
+    "Viper s650": (
+        six(75, 335, 270, 90, 295, 80),
+        lambda *q: (q[0], q[1] + 90, q[2] - 180, *q[3:]),
+    ),
 }
 
 
@@ -71,7 +79,9 @@ def _step(origin: Sequence[float], rpy: Sequence[float]) -> Matrix:
 
 def shared_frames(data: dict[str, Any], values: Sequence[float]) -> list[Matrix]:
     """Base, every link and the flange (4, 4) of a shared description at controller values (deg, mm)."""
-    serial = np.array(data["coupling"]["matrix"]) @ values if "coupling" in data else np.asarray(values)
+    serial = (
+        np.array(data["coupling"]["matrix"]) @ values if "coupling" in data else np.asarray(values)
+    )
     frames = [np.eye(4)]
     for joint, value in zip(data["joint"], serial, strict=True):
         axis = np.array(joint["axis"])

@@ -36,7 +36,11 @@ class Bench:
     ) -> tuple[int, bytes, http.client.HTTPMessage]:
         """Status, body and headers of an answer. headers: instead of those of the workbench's own page."""
         link = http.client.HTTPConnection("127.0.0.1", self.port, timeout=LONG)
-        own = {"Origin": f"http://{self.host}", "Content-Type": "application/json"} if method == "POST" else {}
+        own = (
+            {"Origin": f"http://{self.host}", "Content-Type": "application/json"}
+            if method == "POST"
+            else {}
+        )
         link.request(method, path, body, own if headers is None else headers)
         answer = link.getresponse()
         data = answer.read()
@@ -88,7 +92,9 @@ class Bench:
 def open_bench(folder: Path, words: Sequence[str]) -> Iterator[Bench]:
     """``camgen open`` with these words, run in ``folder``; ended afterwards."""
     command = [sys.executable, "-m", "camgen", "open", *words, "--no-browser"]
-    process = subprocess.Popen(command, cwd=folder, stderr=subprocess.PIPE, text=True, env={**os.environ})
+    process = subprocess.Popen(
+        command, cwd=folder, stderr=subprocess.PIPE, text=True, env={**os.environ}
+    )
     assert process.stderr is not None
     try:
         line = process.stderr.readline()

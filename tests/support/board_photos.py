@@ -35,16 +35,25 @@ def chess(columns: int, rows: int, square: float) -> tuple[Drawing, np.ndarray]:
     def drawing(x: np.ndarray, y: np.ndarray) -> np.ndarray:
         i, j = np.floor(x / square + 1), np.floor(y / square + 1)
         inside = (i >= 0) & (i <= columns) & (j >= 0) & (j <= rows)
-        rim = (x > -2 * square) & (x < (columns + 1) * square) & (y > -2 * square) & (y < (rows + 1) * square)
+        rim = (
+            (x > -2 * square)
+            & (x < (columns + 1) * square)
+            & (y > -2 * square)
+            & (y < (rows + 1) * square)
+        )
         return np.where(inside & ((i + j) % 2 == 0), INK, np.where(rim, PAPER, BENCH))
 
     v, u = np.mgrid[:rows, :columns]
     return drawing, np.column_stack([u.ravel(), v.ravel()]) * square
 
 
-def charuco(columns: int, rows: int, square: float, marker: float, dictionary: int) -> tuple[Drawing, np.ndarray]:
+def charuco(
+    columns: int, rows: int, square: float, marker: float, dictionary: int
+) -> tuple[Drawing, np.ndarray]:
     """A ChArUco board of ``columns`` x ``rows`` squares as OpenCV draws it, and its corners (N, 2) mm by number."""
-    board = cv2.aruco.CharucoBoard((columns, rows), square, marker, cv2.aruco.getPredefinedDictionary(dictionary))
+    board = cv2.aruco.CharucoBoard(
+        (columns, rows), square, marker, cv2.aruco.getPredefinedDictionary(dictionary)
+    )
     # 60 px per square, a multiple of the marker's modules where marker / square is 0.8 or 0.7: edges on whole pixels.
     dots = 60
     picture = board.generateImage((columns * dots, rows * dots), marginSize=0)
@@ -53,14 +62,21 @@ def charuco(columns: int, rows: int, square: float, marker: float, dictionary: i
         u, v = np.floor(x / square * dots).astype(int), np.floor(y / square * dots).astype(int)
         inside = (u >= 0) & (u < columns * dots) & (v >= 0) & (v < rows * dots)
         dark = picture[v.clip(0, rows * dots - 1), u.clip(0, columns * dots - 1)] < 128
-        rim = (x > -square) & (x < (columns + 1) * square) & (y > -square) & (y < (rows + 1) * square)
+        rim = (
+            (x > -square) & (x < (columns + 1) * square) & (y > -square) & (y < (rows + 1) * square)
+        )
         return np.where(inside & dark, INK, np.where(inside | rim, PAPER, BENCH))
 
     return drawing, np.asarray(board.getChessboardCorners())[:, :2].astype(float)
 
 
 def poses(
-    camera: Camera, size: tuple[float, float], count: int, seed: int = 0, tilt: float = 35, fill: float = 0.6
+    camera: Camera,
+    size: tuple[float, float],
+    count: int,
+    seed: int = 0,
+    tilt: float = 35,
+    fill: float = 0.6,
 ) -> list[tuple[np.ndarray, np.ndarray]]:
     """(rotation vector, translation) of boards ``size`` mm that lie around the photo, tilted up to ``tilt`` deg.
 
@@ -74,15 +90,26 @@ def poses(
         turn = cv2.Rodrigues(np.array([0, 0, rng.uniform(-0.4, 0.4)]))[0]
         rotation = cv2.Rodrigues(lean * np.array([np.cos(about), np.sin(about), 0]))[0] @ turn
         distance = focal * max(size[0] / width, size[1] / height) / (fill * rng.uniform(0.8, 1.1))
-        at = np.array([rng.uniform(-1, 1) * width, rng.uniform(-1, 1) * height]) * 0.5 * (1 - 0.9 * fill)
+        at = (
+            np.array([rng.uniform(-1, 1) * width, rng.uniform(-1, 1) * height])
+            * 0.5
+            * (1 - 0.9 * fill)
+        )
         middle = np.array([*(at * distance / focal), distance])
-        found.append((cv2.Rodrigues(rotation)[0], middle - rotation @ np.array([size[0] / 2, size[1] / 2, 0])))
+        found.append(
+            (
+                cv2.Rodrigues(rotation)[0],
+                middle - rotation @ np.array([size[0] / 2, size[1] / 2, 0]),
+            )
+        )
         if not _in_photo(camera, found[-1], size):
             found.pop()
     return found
 
 
-def _in_photo(camera: Camera, pose: tuple[np.ndarray, np.ndarray], size: tuple[float, float]) -> bool:
+def _in_photo(
+    camera: Camera, pose: tuple[np.ndarray, np.ndarray], size: tuple[float, float]
+) -> bool:
     outline = np.array([(0, 0), (size[0], 0), size, (0, size[1])], dtype=float)
     px = projected(camera, pose, outline)
     return bool(np.all((px > 5) & (px < np.array(camera.size) - 6)))
@@ -115,12 +142,17 @@ def photo(
     around = _expanded(mm, v + 1, u + 1)
     for i in range(_FINE):
         down, right = (i + 0.5) / _FINE - 0.5, (i * _STEP + 0.5) / _FINE % 1 - 0.5
-        total += drawing(*np.tensordot([1, right, down, right**2, down**2, right * down], around, 1))
+        total += drawing(
+            *np.tensordot([1, right, down, right**2, down**2, right * down], around, 1)
+        )
     middle[v, u] = total / _FINE
     middle = cv2.GaussianBlur(middle, (0, 0), blur) if blur else middle
     middle = middle * (1 - shading * np.arange(width) / width)
     middle = middle + np.random.default_rng(seed).normal(0, noise, middle.shape)
-    return View(np.rint(middle).clip(0, 255).astype(np.uint8).reshape(height, width), projected(camera, pose, corners))
+    return View(
+        np.rint(middle).clip(0, 255).astype(np.uint8).reshape(height, width),
+        projected(camera, pose, corners),
+    )
 
 
 def _on_board(camera: Camera, pose: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
@@ -129,7 +161,9 @@ def _on_board(camera: Camera, pose: tuple[np.ndarray, np.ndarray]) -> np.ndarray
     v, u = np.mgrid[-1 : height + 1, -1 : width + 1].astype(float)
     rounds = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 40, 1e-12)
     pixels = np.column_stack([u.ravel(), v.ravel()])[:, None]
-    rays = cv2.undistortPoints(pixels, camera.matrix, camera.distortion, criteria=rounds).reshape(-1, 2)
+    rays = cv2.undistortPoints(pixels, camera.matrix, camera.distortion, criteria=rounds).reshape(
+        -1, 2
+    )
     rotation, translation = cv2.Rodrigues(pose[0])[0], pose[1]
     back = np.linalg.inv(np.column_stack([rotation[:, :2], translation]))
     found = rays @ back[:, :2].T + back[:, 2]

@@ -20,7 +20,11 @@ def surface(corners, count, rng):
     which = rng.choice(len(corners), count, p=areas / areas.sum())
     s, t = rng.random((2, count))
     root = np.sqrt(s)
-    points = (1 - root)[:, None] * a[which] + (root * (1 - t))[:, None] * b[which] + (root * t)[:, None] * c[which]
+    points = (
+        (1 - root)[:, None] * a[which]
+        + (root * (1 - t))[:, None] * b[which]
+        + (root * t)[:, None] * c[which]
+    )
     return points, cross[which] / areas[which, None]
 
 
@@ -66,7 +70,9 @@ def scan(mesh, count, seed, views=None, noise=0.1, table=0.0):
 def placed(rng, degrees, mm):
     """A random rotation of at most ``degrees`` (by angle) and a random shift of at most ``mm`` in each coordinate."""
     axis = rng.normal(size=3)
-    turn = trimesh.transformations.rotation_matrix(np.radians(rng.uniform(0, degrees)), axis)[:3, :3]
+    turn = trimesh.transformations.rotation_matrix(np.radians(rng.uniform(0, degrees)), axis)[
+        :3, :3
+    ]
     return turn, rng.uniform(-mm, mm, 3)
 
 

@@ -88,5 +88,9 @@ def swept(found: list[Cut], level: float, radius: float) -> Any:
     """What a flat tool of ``radius`` has removed at ``level``, as a shapely geometry."""
     lines = []
     for a, b in below(found, level):
-        lines.append(shapely.Point(a[:2]) if math.dist(a[:2], b[:2]) < 1e-9 else shapely.LineString([a[:2], b[:2]]))
+        lines.append(
+            shapely.Point(a[:2])
+            if math.dist(a[:2], b[:2]) < 1e-9
+            else shapely.LineString([a[:2], b[:2]])
+        )
     return shapely.union_all([line.buffer(radius, quad_segs=32) for line in lines])

@@ -7,7 +7,10 @@ ENDS = [["\n"], ["\n"], ["\r\n"], ["\n", "\r\n", "\r", "\n\r", "\r\r\n", "\n\n"]
 
 
 def damaged(
-    text: str, chance: random.Random, statements: Sequence[str], changed_line: Callable[[str, random.Random], str]
+    text: str,
+    chance: random.Random,
+    statements: Sequence[str],
+    changed_line: Callable[[str, random.Random], str],
 ) -> str:
     """The text with some lines changed, moved, doubled, left out or put in, and some line ends."""
     lines = text.split("\n")

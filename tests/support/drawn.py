@@ -14,10 +14,16 @@ QUARTER = math.tan(math.pi / 8)
 
 
 def contour(
-    points: Sequence[Sequence[float]], bulges: Sequence[float] | None = None, *, closed: bool = True, name: str = "c1"
+    points: Sequence[Sequence[float]],
+    bulges: Sequence[float] | None = None,
+    *,
+    closed: bool = True,
+    name: str = "c1",
 ) -> Contour:
     shape = frozen(points)
-    return Contour(shape, frozen(np.zeros(len(shape)) if bulges is None else bulges), closed, "0", name)
+    return Contour(
+        shape, frozen(np.zeros(len(shape)) if bulges is None else bulges), closed, "0", name
+    )
 
 
 def circle(x: float, y: float, r: float, name: str = "c1") -> Contour:

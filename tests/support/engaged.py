@@ -36,7 +36,9 @@ def engaged(paths: Sequence[ToolPath], radius: float) -> np.ndarray:
         area = np.convolve(np.array(cut[1:]) * cell**2, np.ones(WINDOW), "same")
         way = line.length / count
         spread = np.convolve(np.ones(count), np.ones(WINDOW), "same") * way
-        found.append(np.column_stack([places[1:], area / spread / (2 * radius), np.full(count, way)]))
+        found.append(
+            np.column_stack([places[1:], area / spread / (2 * radius), np.full(count, way)])
+        )
     return np.concatenate(found)
 
 

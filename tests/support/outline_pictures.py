@@ -31,7 +31,10 @@ class Drawn(NamedTuple):
 
     def gaps(self, points: np.ndarray) -> np.ndarray:
         """The distance (N,) px from complex points to the nearest loop."""
-        lines = [np.stack([loop, np.roll(loop, -1)], axis=1).view(float).reshape(-1, 2, 2) for loop in self.loops]
+        lines = [
+            np.stack([loop, np.roll(loop, -1)], axis=1).view(float).reshape(-1, 2, 2)
+            for loop in self.loops
+        ]
         tree = shapely.STRtree(shapely.linestrings(np.concatenate(lines)))
         places = shapely.points(points.real, points.imag)
         return np.asarray(shapely.distance(places, tree.geometries[tree.nearest(places)]))
@@ -43,7 +46,9 @@ class Drawn(NamedTuple):
 
 def drawn(*loops: list[Corner]) -> Drawn:
     found = [rounded(loop) for loop in loops]
-    return Drawn(found, np.array([complex(u, v) for loop in loops for u, v, radius in loop if not radius]))
+    return Drawn(
+        found, np.array([complex(u, v) for loop in loops for u, v, radius in loop if not radius])
+    )
 
 
 def disc(radius: float) -> Drawn:
@@ -71,7 +76,9 @@ def rounded(corners: list[Corner]) -> np.ndarray:
         ahead = into / abs(into)
         begin = at[k] - ahead * radius * np.tan(abs(turn) / 2)
         side = 1j * np.sign(turn)
-        points.append(arc(begin + ahead * radius * side, radius, float(np.angle(-ahead * side)), turn))
+        points.append(
+            arc(begin + ahead * radius * side, radius, float(np.angle(-ahead * side)), turn)
+        )
     return np.concatenate(points)
 
 
@@ -126,7 +133,13 @@ def _crossings(loop: np.ndarray, lines: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 def picture(
-    part: Drawn, height: int, width: int, blur: float = 0.7, noise: float = 0.0, low: float = 60.0, high: float = 180.0
+    part: Drawn,
+    height: int,
+    width: int,
+    blur: float = 0.7,
+    noise: float = 0.0,
+    low: float = 60.0,
+    high: float = 180.0,
 ) -> np.ndarray:
     """(H, W) uint8: grey value ``high`` on the part, ``low`` beside it."""
     grey = low + (high - low) * covered(part, height, width)

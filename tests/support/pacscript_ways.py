@@ -13,7 +13,17 @@ from camgen_posts.readback.pacscript import read
 from camgen_posts.readback.pacscript.motion import LINE, PIECE
 
 from camgen.model.pose import TOOL_DOWN, Pose, frozen, pose_from_values, rotation_about, translation
-from camgen.model.program import Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
+from camgen.model.program import (
+    Force,
+    Instruction,
+    Joints,
+    MoveC,
+    MoveJ,
+    MoveL,
+    Output,
+    Program,
+    Wait,
+)
 from camgen.post import Reading
 from camgen.post.plugins import make_post
 from tests.support.whole import whole
@@ -36,14 +46,23 @@ def said(reading: Reading) -> list[object]:
     body: list[object] = []
     for item in reading.body:
         if isinstance(item, MoveJ):
-            target = repr(item.target.values) if isinstance(item.target, Joints) else pose(item.target)
+            target = (
+                repr(item.target.values) if isinstance(item.target, Joints) else pose(item.target)
+            )
             body.append(("J", target, repr((item.speed, item.share, item.blend)), item.posture))
         elif isinstance(item, MoveL):
             manner = (item.speed, item.blend, item.force, item.force_direction, item.turn)
             body.append(("L", pose(item.target), repr(manner), item.posture))
         elif isinstance(item, MoveC):
             ends = pose(item.via), pose(item.target)
-            body.append(("C", *ends, repr((item.speed, item.blend, item.force, item.force_direction)), item.posture))
+            body.append(
+                (
+                    "C",
+                    *ends,
+                    repr((item.speed, item.blend, item.force, item.force_direction)),
+                    item.posture,
+                )
+            )
         else:
             body.append(repr(item))
     return [body, reading.lines, reading.faults, pose(reading.work), pose(reading.tool)]
@@ -59,13 +78,20 @@ def check(files: Mapping[str, str], options: Mapping[str, object]) -> Reading:
 # -- texts ---------------------------------------------------------------------------------------------------------
 
 
-def printed(count: int, options: dict[str, object], force: float = 0.0, turning: bool = False) -> str:
+def printed(
+    count: int, options: dict[str, object], force: float = 0.0, turning: bool = False
+) -> str:
     home = Joints(tuple(math.radians(v) for v in (0.0, 0.0, 90.0, 0.0, 30.0, 0.0)))
     body: list[Instruction] = [MoveJ(home, 100.0), MoveJ(Pose(TOOL_DOWN, (0, 0, 20)), 100.0)]
     press = (0.0, -1.0, 0.0) if force else (0.0, 0.0, 0.0)
     for k in range(count):
-        x, rotation = k * 8.0, frozen(rotation_about(2, 0.1 * k) @ TOOL_DOWN) if turning else TOOL_DOWN
-        start, via, end = (Pose(rotation, p) for p in ((x, 0.125, 0.0), (x + 2, 2.125, 0.0), (x + 4, 0.125, 0.0)))
+        x, rotation = (
+            k * 8.0,
+            frozen(rotation_about(2, 0.1 * k) @ TOOL_DOWN) if turning else TOOL_DOWN,
+        )
+        start, via, end = (
+            Pose(rotation, p) for p in ((x, 0.125, 0.0), (x + 2, 2.125, 0.0), (x + 4, 0.125, 0.0))
+        )
         body += [MoveJ(start, 200.0), Output("process", 1.0)]
         if turning:
             aside = frozen(rotation_about(2, 0.5) @ rotation)
@@ -142,14 +168,20 @@ Sub Other(h)
     Move P, @0 P(12.000, 20.500, 9.250, 180.0000, 0.0000, 45.0000, -1), Speed = Mps(0.02)
 End Sub
 """
-BY_TEMPLATE = BY_HAND.replace("    ForceCtrl False\n", "    Move L, @P P(1.000, 2.000, 3.000), Speed = Mps(0.02)\n")
+BY_TEMPLATE = BY_HAND.replace(
+    "    ForceCtrl False\n", "    Move L, @P P(1.000, 2.000, 3.000), Speed = Mps(0.02)\n"
+)
 TEXTS: list[tuple[str, dict[str, object]]] = [
     (BY_HAND, {}),
     (BY_HAND, PERCENT),
     (BY_TEMPLATE, MOVED),
     (BY_HAND, SIGNED),
     (BY_HAND, LONG_S),
-    ("#Define h2 5\n#Define FEED Speed = Mps(0.02)\n" + BY_HAND.replace("Speed = Mps(0.02)", "FEED"), PERCENT),
+    (
+        "#Define h2 5\n#Define FEED Speed = Mps(0.02)\n"
+        + BY_HAND.replace("Speed = Mps(0.02)", "FEED"),
+        PERCENT,
+    ),
     ("#Define MPS J\n" + BY_HAND, {}),
     (printed(5, {}), {}),
     (printed(5, {"max_lines": 12, "define": True}), {}),

@@ -12,7 +12,22 @@ START = f"ConfJ\\Off;ConfL\\Off;MoveAbsJ [[0,0,0,0,90,0],{E9}],v100,fine,t1;\n"
 TAIL = "t1\\WObj:=w1;\n"
 
 NUMBERS = ["0", "1", "2.5", "-3.125", "10.000", "-0.000", "7", "-12", "99.999"]
-ODD_NUMBERS = [".5", "5.", "+3", "1E1", "2e-1", "123456789012", "--1", "1.2.3", "", "-", "9E99", "1_0", " 4", "9" * 39]
+ODD_NUMBERS = [
+    ".5",
+    "5.",
+    "+3",
+    "1E1",
+    "2e-1",
+    "123456789012",
+    "--1",
+    "1.2.3",
+    "",
+    "-",
+    "9E99",
+    "1_0",
+    " 4",
+    "9" * 39,
+]
 TURNS = ["0,1,0,0", "1,0,0,0", "0.0000000,0.7071068,0.7071068,0.0000000", "0.6,0,-.8,0", "0,-0,1,0"]
 ODD_TURNS = ["0,1,.1,0", "1,0,0", "1E0,0,0,0", "9" * 50 + ",0,0,0", "1,0,0,0,0", "1, 0,0,0"]
 CALLS = ["sub1;", "sub1;sub2;", "sub1;sub2;sub3;", "Sub3;sub1;SUB2;"]
@@ -29,7 +44,19 @@ ODD_POINTS = [
     f"MoveL P,P,v5,fine,{TAIL}", "MoveL P,v5,fine,t1\\WObj:=P;", f"MoveL Offs(P,1,0,\n0),vOwn,fine,{TAIL}",
     "MoveL P,v5,fine,t1;", f"FCPressC P,p1,v5,5,fine,{TAIL}", f"MoveC P,P,v5,fine,t1;MoveL P\n,v5,fine,{TAIL}",
 ]  # fmt: skip
-MARKS = [*';!"()[],\\ \n9.-+E:', "[[", "]]", "\t", "\f", "\u00a0", "!x;\n", "\r\n", "ENDPROC\n", "1E3", "FCPressEnd"]
+MARKS = [
+    *';!"()[],\\ \n9.-+E:',
+    "[[",
+    "]]",
+    "\t",
+    "\f",
+    "\u00a0",
+    "!x;\n",
+    "\r\n",
+    "ENDPROC\n",
+    "1E3",
+    "FCPressEnd",
+]
 
 
 def either(chance: Random, usual: list[str], odd: list[str]) -> str:
@@ -45,7 +72,10 @@ def point(chance: Random) -> str:
 def tail(chance: Random, force: str = "") -> str:
     speed = either(chance, ["v100", "v5", "vOwn"], ["v37", "fine", "V100", "vSub"])
     zone = either(chance, ["fine", "fine", "z5", "zOwn"], ["z3", "v5", "FINE"])
-    tool, work = either(chance, ["t1"], ["T1", "t2", "p1"]), either(chance, ["w1"], ["W1", "w2", "wobj0"])
+    tool, work = (
+        either(chance, ["t1"], ["T1", "t2", "p1"]),
+        either(chance, ["w1"], ["W1", "w2", "wobj0"]),
+    )
     return f"{speed},{force}{zone},{tool}\\WObj:={work};"
 
 
@@ -62,7 +92,10 @@ def statement(chance: Random) -> str:
             return chance.choice(STATEMENTS)
         case 4:
             start = f"FCPress1LStart {point(chance)}{split}v5,\\Fz:=5,50,fine,{TAIL}"
-            lines = [f"FCPressL {point(chance)},{tail(chance, either(chance, ['5,', '7.5,'], ['-5,']))}" for _ in "123"]
+            lines = [
+                f"FCPressL {point(chance)},{tail(chance, either(chance, ['5,', '7.5,'], ['-5,']))}"
+                for _ in "123"
+            ]
             lines[1] = f"FCPressC {point(chance)}{split}{point(chance)},{tail(chance, '5,')}"
             return start + "\n".join([*lines, f"FCPressEnd {point(chance)},v5,{TAIL}"])
         case 5 | 6 | 7 | 8 | 9:
@@ -90,7 +123,9 @@ def program(chance: Random) -> list[str]:
         if k == 0 or chance.random() < 0.1:
             data += TOOL.format("t1", 9 + k) + WORK.format("w1", 100 + k)
         names = ["main", "sub1"] if k == 0 else [f"sub{k + 1}", chance.choice(["sub1", "spare"])]
-        routines = "".join((local if name == "sub1" else "") + routine(chance, name, 30 + k) for name in names)
+        routines = "".join(
+            (local if name == "sub1" else "") + routine(chance, name, 30 + k) for name in names
+        )
         texts.append(f"MODULE m{k}\n{data}{routines}ENDMODULE\n")
     return texts
 
@@ -111,7 +146,9 @@ def _put(chance: Random, text: str) -> str:
 def _broken(chance: Random, text: str) -> str:
     """With a line end or a remark between two tokens."""
     place = chance.choice([found.start() for found in re.finditer(r"[,;\[\]\\ \n]", text)] or [0])
-    return text[:place] + chance.choice(["\n", "\n\n  ", " ", "! r; [[1,2,3]\n", "\r"]) + text[place:]
+    return (
+        text[:place] + chance.choice(["\n", "\n\n  ", " ", "! r; [[1,2,3]\n", "\r"]) + text[place:]
+    )
 
 
 def _moved(chance: Random, text: str) -> str:

@@ -18,13 +18,26 @@ import pytest
 from hypothesis import strategies as st
 
 from camgen.model.pose import TOOL_DOWN, Pose, Vec3, translation
-from camgen.model.program import Comment, Force, Instruction, MoveC, MoveJ, MoveL, Output, Program, Stop, Wait
+from camgen.model.program import (
+    Comment,
+    Force,
+    Instruction,
+    MoveC,
+    MoveJ,
+    MoveL,
+    Output,
+    Program,
+    Stop,
+    Wait,
+)
 from camgen.post import Post, Reading, Tolerance
 from tests.support.waiting import LONG
 from tests.support.whole import whole
 
 RS274 = shutil.which("rs274")
-needs_rs274 = pytest.mark.skipif(RS274 is None, reason="rs274 is not installed (Debian package linuxcnc-uspace)")
+needs_rs274 = pytest.mark.skipif(
+    RS274 is None, reason="rs274 is not installed (Debian package linuxcnc-uspace)"
+)
 #: Which argument of a call is its value.
 _SWITCHES = {
     "DWELL": 0, "SET_AUX_OUTPUT_BIT": 0, "CLEAR_AUX_OUTPUT_BIT": 0, "SET_AUX_OUTPUT_VALUE": 1,
@@ -70,7 +83,9 @@ def run(text: str, tools: str = "T1 P1 Z0 D3.0 ;cutter\n") -> Canon:
         # Two at once share memory by a fixed key and fail now and then.
         with (Path(tempfile.gettempdir()) / "camgen-rs274.lock").open("w") as alone:
             fcntl.flock(alone, fcntl.LOCK_EX)
-            done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=LONG, check=False)
+            done = subprocess.run(
+                command, cwd=folder, capture_output=True, text=True, timeout=LONG, check=False
+            )
     error = "" if done.returncode == 0 else done.stderr.replace("executing\n", "") or "rs274 failed"
     return replace(_parse(done.stdout, error), lead=2 if _LIFT.search(text) else 1)
 
@@ -97,11 +112,15 @@ def _parse(output: str, error: str) -> Canon:
         elif name == "ARC_FEED":
             point = {axes[0]: v[0] * unit, axes[1]: v[1] * unit, axes[2]: v[5] * unit}
             centre = (v[2] * unit, v[3] * unit)
-            calls.append(Call(name, (point[0], point[1], point[2]), feed, centre, int(v[4]), axes=axes[:2]))
+            calls.append(
+                Call(name, (point[0], point[1], point[2]), feed, centre, int(v[4]), axes=axes[:2])
+            )
         elif name in ("STRAIGHT_TRAVERSE", "STRAIGHT_FEED"):
             calls.append(Call(name, (v[0] * unit, v[1] * unit, v[2] * unit), feed))
         elif name in _SWITCHES:
-            calls.append(Call(name, value=speed if name == "START_SPINDLE_CLOCKWISE" else v[_SWITCHES[name]]))
+            calls.append(
+                Call(name, value=speed if name == "START_SPINDLE_CLOCKWISE" else v[_SWITCHES[name]])
+            )
     return Canon(tuple(calls), tuple(names), error)
 
 
@@ -157,7 +176,9 @@ def angle(point: Vec3, centre: tuple[float, float]) -> float:
 def close(a: object, b: object, tolerance: float) -> bool:
     """Whether two sequences of numbers are of one length and agree."""
     left, right = list(a), list(b)  # type: ignore[call-overload]
-    return len(left) == len(right) and all(abs(p - q) <= tolerance for p, q in zip(left, right, strict=True))
+    return len(left) == len(right) and all(
+        abs(p - q) <= tolerance for p, q in zip(left, right, strict=True)
+    )
 
 
 KINDS = {MoveJ: "STRAIGHT_TRAVERSE", MoveL: "STRAIGHT_FEED", MoveC: "ARC_FEED"}
@@ -188,7 +209,10 @@ def _same(item: Instruction, got: Instruction, tolerance: Tolerance) -> bool:
                 and not close(item.via.origin, got.via.origin, 3 * near)
             ):
                 return False
-            same = close(item.target.origin, got.target.origin, near) and abs(item.force - got.force) <= tolerance.force
+            same = (
+                close(item.target.origin, got.target.origin, near)
+                and abs(item.force - got.force) <= tolerance.force
+            )
             return same and abs(item.speed - got.speed) <= tolerance.speed
         case Output(), Output():
             return item.signal == got.signal and abs(item.value - got.value) < 1e-6
@@ -226,7 +250,9 @@ def programs() -> object:
     """A hypothesis strategy for whole programs."""
     length = st.floats(-300, 300, allow_nan=False)
     speed = st.one_of(st.floats(0.001, 900), st.sampled_from([20.0, 20.0, 33.3333]))
-    straight = st.tuples(st.sampled_from(["J", "L", "L"]), length, length, st.floats(-60, 80), speed)
+    straight = st.tuples(
+        st.sampled_from(["J", "L", "L"]), length, length, st.floats(-60, 80), speed
+    )
     radius = st.one_of(st.floats(0.02, 2), st.floats(2, 400), st.floats(400, 12000))
     sweep = st.one_of(st.floats(1e-3, math.pi), st.just(math.pi), st.just(math.pi / 2))
     arc = st.tuples(st.just("C"), radius, st.floats(-4, 4), sweep, st.sampled_from([1, -1]), speed)

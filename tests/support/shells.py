@@ -51,7 +51,9 @@ def sheet(thick=1.6):
     """A flat sheet of 120 x 80 mm with a notch at a corner and two windows of different size."""
 
     def filled(x, y, _):
-        hole = (_within(x, 15, 45) and _within(y, 15, 30)) or (_within(x, 70, 85) and _within(y, 40, 65))
+        hole = (_within(x, 15, 45) and _within(y, 15, 30)) or (
+            _within(x, 70, 85) and _within(y, 40, 65)
+        )
         return not (hole or (x > 95 and y > 55))
 
     return blocks((0, 15, 45, 70, 85, 95, 120), (0, 15, 30, 40, 55, 65, 80), (0, thick), filled)
@@ -77,7 +79,9 @@ def step_sheet(thick=1.2):
         ledge = z > 30 - thick and x > 40 - thick and not (x > 70 and y > 60)
         return foot or wall or ledge
 
-    return blocks((0, 10, 25, 40 - thick, 40, 70, 85), (0, 20, 60, 90), (0, thick, 30 - thick, 30), filled)
+    return blocks(
+        (0, 10, 25, 40 - thick, 40, 70, 85), (0, 20, 60, 90), (0, thick, 30 - thick, 30), filled
+    )
 
 
 def tray(wall=3.0):
@@ -98,14 +102,20 @@ def housing(wall=4.0):
     """A closed box of 100 x 80 x 60 mm with a window in the top and one in a side, and a wall inside."""
 
     def filled(x, y, z):
-        shell = not (_within(x, wall, 100 - wall) and _within(y, wall, 80 - wall) and _within(z, wall, 60 - wall))
+        shell = not (
+            _within(x, wall, 100 - wall)
+            and _within(y, wall, 80 - wall)
+            and _within(z, wall, 60 - wall)
+        )
         top = z > 60 - wall and _within(x, 15, 70) and _within(y, 15, 65)
         side = x > 100 - wall and _within(y, 20, 45) and _within(z, 15, 45)
         inner = _within(x, 50, 50 + wall) and z < 30
         return (shell and not top and not side) or inner
 
     xs = (0, wall, 15, 50, 50 + wall, 70, 100 - wall, 100)
-    return blocks(xs, (0, wall, 15, 20, 45, 65, 80 - wall, 80), (0, wall, 15, 30, 45, 60 - wall, 60), filled)
+    return blocks(
+        xs, (0, wall, 15, 20, 45, 65, 80 - wall, 80), (0, wall, 15, 30, 45, 60 - wall, 60), filled
+    )
 
 
 def channel(wall=3.0):

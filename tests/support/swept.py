@@ -29,7 +29,9 @@ def outline(contour: Contour) -> shapely.Polygon:
     """A closed contour as a polygon."""
     ends = np.vstack([contour.points, contour.points[:1]])
     spans = zip(ends[:-1], ends[1:], contour.bulges, strict=True)
-    return shapely.Polygon([point for a, b, bulge in spans for point in _bulged(a, b, float(bulge))])
+    return shapely.Polygon(
+        [point for a, b, bulge in spans for point in _bulged(a, b, float(bulge))]
+    )
 
 
 def _bulged(a: np.ndarray, b: np.ndarray, bulge: float) -> list[np.ndarray]:
@@ -65,12 +67,16 @@ def centre_line(path: ToolPath) -> shapely.LineString:
 def swept(paths: Sequence[ToolPath], radius: float) -> shapely.Geometry:
     """What a disc of ``radius`` mm covers along ``paths``."""
     # Piece by piece: GEOS fills holes of a long line that lies over itself many times.
-    return shapely.union_all([piece.buffer(radius, quad_segs=QUARTER) for path in paths for piece in _pieces(path)])
+    return shapely.union_all(
+        [piece.buffer(radius, quad_segs=QUARTER) for path in paths for piece in _pieces(path)]
+    )
 
 
 def _pieces(path: ToolPath) -> list[shapely.LineString]:
     points = shapely.get_coordinates(centre_line(path))
-    return [shapely.LineString(points[k : k + _PIECE + 1]) for k in range(0, len(points) - 1, _PIECE)]
+    return [
+        shapely.LineString(points[k : k + _PIECE + 1]) for k in range(0, len(points) - 1, _PIECE)
+    ]
 
 
 def reachable(region: shapely.Geometry, radius: float) -> shapely.Geometry:

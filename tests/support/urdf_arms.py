@@ -53,7 +53,11 @@ def rpy(roll: float, pitch: float, yaw: float) -> Matrix:
 def rpy_of(rotation: Matrix) -> tuple[float, float, float]:
     """Roll, pitch and yaw of a rotation that does not point up or down."""
     pitch = math.atan2(-rotation[2, 0], math.hypot(rotation[0, 0], rotation[1, 0]))
-    return math.atan2(rotation[2, 1], rotation[2, 2]), pitch, math.atan2(rotation[1, 0], rotation[0, 0])
+    return (
+        math.atan2(rotation[2, 1], rotation[2, 2]),
+        pitch,
+        math.atan2(rotation[1, 0], rotation[0, 0]),
+    )
 
 
 def built_in(stem: str) -> Arm:
@@ -81,7 +85,9 @@ def disguised(arm: Arm, seed: int) -> Arm:
     rng = np.random.default_rng(seed)
     steps, axes, limits = [], [], []
     before = np.eye(4)
-    for own, axis, kind, (low, high) in zip(arm.steps, arm.axes, arm.kinds, arm.limits, strict=True):
+    for own, axis, kind, (low, high) in zip(
+        arm.steps, arm.axes, arm.kinds, arm.limits, strict=True
+    ):
         frame = turn(_unit(rng), rng.uniform(0, 3))
         moved = step(axis * rng.uniform(-0.2, 0.2), frame)
         zero = 0.0 if kind == "prismatic" else rng.uniform(-1, 1)
@@ -89,7 +95,9 @@ def disguised(arm: Arm, seed: int) -> Arm:
         axes.append(frame.T @ axis)
         limits.append((low - zero, high - zero))
         before = np.linalg.inv(moved)
-    return arm._replace(steps=tuple(steps), axes=tuple(axes), limits=tuple(limits), flange=before @ arm.flange)
+    return arm._replace(
+        steps=tuple(steps), axes=tuple(axes), limits=tuple(limits), flange=before @ arm.flange
+    )
 
 
 def _unit(rng: np.random.Generator) -> Matrix:

@@ -73,7 +73,9 @@ def printed(count: int, options: dict[str, object], turning: bool = False) -> st
         rotation = frozen(rotation_about(2, 0.1 * k) @ TOOL_DOWN) if turning else TOOL_DOWN
         target = Pose(rotation, (k * 1.5 - 20, -k * 0.125, 0.0))
         blend = 0.0 if k % 7 == 6 else 1.0
-        body.append(MoveJ(target, 200.0, blend) if k % 9 == 0 else MoveL(target, 20.0 + k // 5, blend))
+        body.append(
+            MoveJ(target, 200.0, blend) if k % 9 == 0 else MoveL(target, 20.0 + k // 5, blend)
+        )
         if not blend:
             body += [Output("process", float(k % 2)), Wait(0.25)]
     body += [MoveL(Pose(TOOL_DOWN, (0, 0, 20)), 50), MoveJ(CELL.home, 100.0)]

@@ -37,4 +37,6 @@ def turning(body: Iterable[Instruction], speed: float) -> tuple[Instruction, ...
 
 
 def _is_off(item: Instruction) -> bool:
-    return (isinstance(item, Output) and item.value == 0) or (isinstance(item, Force) and item.newtons == 0)
+    return (isinstance(item, Output) and item.value == 0) or (
+        isinstance(item, Force) and item.newtons == 0
+    )

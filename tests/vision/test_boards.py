@@ -21,7 +21,11 @@ CAMERA = Camera(
 )
 CHESS = boards.chessboard(9, 6, 25)
 DICTIONARY = cv2.aruco.DICT_4X4_50
-KINDS: dict[str, dict[str, float]] = {"sharp": {}, "blurred": {"blur": 2.0, "noise": 5.0}, "shaded": {"shading": 0.7}}
+KINDS: dict[str, dict[str, float]] = {
+    "sharp": {},
+    "blurred": {"blur": 2.0, "noise": 5.0},
+    "shaded": {"shading": 0.7},
+}
 
 
 @cache
@@ -53,8 +57,12 @@ def test_corners_are_exact_and_better_than_opencv(kind: str, fill: float, limit:
         _, rough = cv2.findChessboardCorners(view.pixels, (9, 6))
         until = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 100, 1e-4)
         for window in (5, 11):
-            fine = cv2.cornerSubPix(view.pixels, rough.copy(), (window, window), (-1, -1), until).reshape(-1, 2)
-            opencv.append(min(np.linalg.norm(fine[::s] - view.corners, axis=1).mean() for s in (1, -1)))
+            fine = cv2.cornerSubPix(
+                view.pixels, rough.copy(), (window, window), (-1, -1), until
+            ).reshape(-1, 2)
+            opencv.append(
+                min(np.linalg.norm(fine[::s] - view.corners, axis=1).mean() for s in (1, -1))
+            )
     rms = np.sqrt(np.mean(np.concatenate(own) ** 2))
     assert rms < limit
     assert np.mean(np.concatenate(own)) < 0.8 * np.mean(opencv)
@@ -108,8 +116,12 @@ def test_a_corner_under_a_bright_spot_is_left_out() -> None:
     assert off(found, view, 9).max() < 0.3
 
 
-@pytest.mark.parametrize(("columns", "rows", "marker", "covered"), [(7, 5, 20.0, False), (6, 8, 17.5, True)])
-def test_charuco_boards_may_be_partly_covered(columns: int, rows: int, marker: float, covered: bool) -> None:
+@pytest.mark.parametrize(
+    ("columns", "rows", "marker", "covered"), [(7, 5, 20.0, False), (6, 8, 17.5, True)]
+)
+def test_charuco_boards_may_be_partly_covered(
+    columns: int, rows: int, marker: float, covered: bool
+) -> None:
     drawn = charuco(columns, rows, 25, marker, DICTIONARY)
     pose = poses(CAMERA, (columns * 25.0, rows * 25.0), 1, seed=3, fill=0.8)[0]
     view = photo(CAMERA, drawn, pose)
@@ -130,7 +142,9 @@ def test_charuco_boards_as_opencv_drew_them_before() -> None:
     """With an even number of rows the colours were the other way round until OpenCV 4.6."""
     drawn = cv2.aruco.CharucoBoard((5, 6), 25, 20, cv2.aruco.getPredefinedDictionary(DICTIONARY))
     drawn.setLegacyPattern(True)
-    picture = cv2.copyMakeBorder(drawn.generateImage((400, 480)), 40, 40, 40, 40, cv2.BORDER_CONSTANT, value=255)
+    picture = cv2.copyMakeBorder(
+        drawn.generateImage((400, 480)), 40, 40, 40, 40, cv2.BORDER_CONSTANT, value=255
+    )
     found = find_board(cv2.GaussianBlur(picture, (0, 0), 0.8), boards.charuco(5, 6, 25, 20))
     assert found is not None
     # Squares of 80 px from (40, 40) on; the border of a pixel is half a pixel before its centre.
@@ -144,10 +158,19 @@ def test_charuco_boards_as_opencv_drew_them_before() -> None:
         (lambda: boards.chessboard(2, 6, 25), "--board: 2x6 inner corners cannot be found"),
         (lambda: boards.chessboard(9, 6, 0), "--square: 0 is no length in mm"),
         (lambda: boards.chessboard(9, 6, float("nan")), "--square: nan is no length"),
-        (lambda: boards.charuco(7, 5, 25, 25), "--marker: markers of 25 mm do not fit into squares of 25 mm"),
+        (
+            lambda: boards.charuco(7, 5, 25, 25),
+            "--marker: markers of 25 mm do not fit into squares of 25 mm",
+        ),
         (lambda: boards.charuco(7, 5, 25, -3), "--marker: -3 is no length"),
-        (lambda: boards.charuco(7, 5, 25, 18, "9X9"), "--dictionary: there is no '9X9'; give one of 4X4_100,"),
-        (lambda: boards.charuco(20, 20, 25, 18), "4X4_50 has 50 markers, a board of 20x20 needs 200"),
+        (
+            lambda: boards.charuco(7, 5, 25, 18, "9X9"),
+            "--dictionary: there is no '9X9'; give one of 4X4_100,",
+        ),
+        (
+            lambda: boards.charuco(20, 20, 25, 18),
+            "4X4_50 has 50 markers, a board of 20x20 needs 200",
+        ),
         (lambda: boards.charuco(2, 5, 25, 18), "--board: 2x5 squares cannot be used"),
     ],
 )

@@ -35,10 +35,14 @@ _, MM = chess(9, 6, 25)
 NOISE = 0.05
 
 
-def taken(camera: Camera, pose: tuple[np.ndarray, np.ndarray], name: str, seed: int, noise: float = NOISE) -> Photo:
+def taken(
+    camera: Camera, pose: tuple[np.ndarray, np.ndarray], name: str, seed: int, noise: float = NOISE
+) -> Photo:
     """A photo whose corners are those of the camera, and noise."""
     errors = np.random.default_rng(seed).normal(0, noise, MM.shape)
-    return Photo(name, camera.size, SeenBoard(frozen(projected(camera, pose, MM) + errors), frozen(MM), 54))
+    return Photo(
+        name, camera.size, SeenBoard(frozen(projected(camera, pose, MM) + errors), frozen(MM), 54)
+    )
 
 
 def photos(camera: Camera, count: int, tilt: float = 35, fill: float = 0.6) -> list[Photo]:
@@ -63,7 +67,11 @@ def test_the_true_camera_comes_out_within_its_deviations() -> None:
     assert found.rms == pytest.approx(NOISE * np.sqrt(2 * (1296 - 81) / 1296), rel=0.06)
     assert np.all(np.abs(four(found.camera) - four(CAMERA)) < 4 * found.deviations[:4])
     assert found.deviations[:4].max() < 1
-    assert (found.camera.size, found.camera.name, len(found.camera.distortion)) == ((640, 480), "camera", 5)
+    assert (found.camera.size, found.camera.name, len(found.camera.distortion)) == (
+        (640, 480),
+        "camera",
+        5,
+    )
     assert found.left_out == ()
 
 
@@ -71,7 +79,9 @@ def test_the_deviations_are_those_of_many_calibrations() -> None:
     places = poses(CAMERA, SIZE, 6, seed=8)
     results, said = [], []
     for run in range(20):
-        one = fit_camera([taken(CAMERA, p, f"p{i}", 100 * run + i) for i, p in enumerate(places)], BOARD, "x")
+        one = fit_camera(
+            [taken(CAMERA, p, f"p{i}", 100 * run + i) for i, p in enumerate(places)], BOARD, "x"
+        )
         results.append(np.concatenate([four(one.camera), one.camera.distortion]))
         said.append(one.deviations)
     # Twenty of them tell a deviation to 16 %.
@@ -79,7 +89,9 @@ def test_the_deviations_are_those_of_many_calibrations() -> None:
 
 
 def test_a_photo_that_contradicts_the_others_is_left_out_and_named() -> None:
-    zoomed = Camera(frozen(CAMERA.matrix * [[1.05], [1.05], [1]]), CAMERA.distortion, CAMERA.size, "zoomed")
+    zoomed = Camera(
+        frozen(CAMERA.matrix * [[1.05], [1.05], [1]]), CAMERA.distortion, CAMERA.size, "zoomed"
+    )
     good = photos(CAMERA, 8)
     pose = poses(CAMERA, SIZE, 1, seed=3, fill=0.5)[0]
     found = fit_camera([*good[:4], taken(zoomed, pose, "zoomed.jpg", 5), *good[4:]], BOARD, "x")
@@ -93,7 +105,10 @@ def test_a_board_that_was_bent_in_one_photo() -> None:
     places = poses(CAMERA, SIZE, 6, seed=6)
     bent = np.column_stack([MM, 3 * np.sin(np.pi * MM[:, 0] / SIZE[0])])
     px = cv2.projectPoints(bent, *places[0], CAMERA.matrix, CAMERA.distortion)[0].reshape(-1, 2)
-    all_photos = [Photo("bent", CAMERA.size, SeenBoard(frozen(px), frozen(MM), 54)), *photos(CAMERA, 6)[1:]]
+    all_photos = [
+        Photo("bent", CAMERA.size, SeenBoard(frozen(px), frozen(MM), 54)),
+        *photos(CAMERA, 6)[1:],
+    ]
     found = fit_camera(all_photos, BOARD, "x")
     assert [one.name for one in found.left_out] == ["bent"]
 
@@ -102,7 +117,10 @@ def test_sound_photos_are_never_left_out() -> None:
     """Not even the one that alone shows the corners of the view."""
     alone = poses(CAMERA, SIZE, 1, seed=2, fill=0.95, tilt=15)[0]
     for count in (3, 5, 10):
-        middle = [taken(CAMERA, p, f"m{i}", i) for i, p in enumerate(poses(CAMERA, SIZE, count, seed=count, fill=0.4))]
+        middle = [
+            taken(CAMERA, p, f"m{i}", i)
+            for i, p in enumerate(poses(CAMERA, SIZE, count, seed=count, fill=0.4))
+        ]
         found = fit_camera([*middle, taken(CAMERA, alone, "alone", 99)], BOARD, "x")
         assert found.left_out == ()
 
@@ -110,7 +128,12 @@ def test_sound_photos_are_never_left_out() -> None:
 def test_a_wide_angle_lens_gets_more_coefficients_and_only_it() -> None:
     """An equidistant fisheye: r = f theta, which five coefficients cannot follow to 65 deg."""
     focal, size = 300.0, (640, 480)
-    guide = Camera(frozen([[250, 0, 318], [0, 250, 243], [0, 0, 1]]), frozen([-0.2, 0.02, 0, 0, 0]), size, "guide")
+    guide = Camera(
+        frozen([[250, 0, 318], [0, 250, 243], [0, 0, 1]]),
+        frozen([-0.2, 0.02, 0, 0, 0]),
+        size,
+        "guide",
+    )
     wide = []
     for i, pose in enumerate(poses(guide, SIZE, 25, seed=2, fill=0.35)):
         at = np.column_stack([MM, np.zeros(len(MM))]) @ cv2.Rodrigues(pose[0])[0].T + pose[1]
@@ -131,23 +154,36 @@ def test_a_wide_angle_lens_gets_more_coefficients_and_only_it() -> None:
 
 def test_boards_that_were_not_tilted() -> None:
     for tilt in (0.01, 0.5):
-        with pytest.raises(InputError, match=r"p0 and 5 more: the photos do not tell the focal length; .* tilted"):
+        with pytest.raises(
+            InputError, match=r"p0 and 5 more: the photos do not tell the focal length; .* tilted"
+        ):
             fit_camera(photos(CAMERA, 6, tilt=tilt), BOARD, "x")
     found = fit_camera(photos(CAMERA, 6, tilt=4), BOARD, "x")
     assert any("focal length known to" in note.what for note in found.notes)
 
 
 def test_parts_of_the_view_without_a_board() -> None:
-    middle = [taken(CAMERA, p, f"p{i}", i) for i, p in enumerate(poses(CAMERA, SIZE, 6, seed=1, fill=0.25))]
+    middle = [
+        taken(CAMERA, p, f"p{i}", i)
+        for i, p in enumerate(poses(CAMERA, SIZE, 6, seed=1, fill=0.25))
+    ]
     near = [p for p in middle if p.seen and np.abs(p.seen.corners - [320, 240]).max() < 200]
     assert len(near) >= 3
     notes = fit_camera(near, BOARD, "x").notes
-    assert any("no corner seen beyond" in note.what or "nothing in the corners" in note.what for note in notes)
-    assert not any("corner" in note.what for note in fit_camera(photos(CAMERA, 12), BOARD, "x").notes)
+    assert any(
+        "no corner seen beyond" in note.what or "nothing in the corners" in note.what
+        for note in notes
+    )
+    assert not any(
+        "corner" in note.what for note in fit_camera(photos(CAMERA, 12), BOARD, "x").notes
+    )
 
 
 def test_large_errors_are_said() -> None:
-    rough = [taken(CAMERA, p, f"p{i}", i, noise=1.5) for i, p in enumerate(poses(CAMERA, SIZE, 10, seed=1))]
+    rough = [
+        taken(CAMERA, p, f"p{i}", i, noise=1.5)
+        for i, p in enumerate(poses(CAMERA, SIZE, 10, seed=1))
+    ]
     assert any(note.what.startswith("errors of ") for note in fit_camera(rough, BOARD, "x").notes)
 
 
@@ -159,13 +195,18 @@ def test_photos_that_cannot_be_used_together() -> None:
         ("bench.jpg", "chessboard 9x6 not found"),
         ("again.jpg", "the same picture as p1"),
     ]
-    with pytest.raises(InputError, match="2 of 3 photos can be used with the chessboard 9x6, 3 are needed"):
+    with pytest.raises(
+        InputError, match="2 of 3 photos can be used with the chessboard 9x6, 3 are needed"
+    ):
         fit_camera([none, *good[:2]], BOARD, "x")
 
 
 def test_photos_of_another_size_are_left_out_with_their_reason() -> None:
     good = photos(CAMERA, 5)
-    small = [Photo(f"small{k}.jpg", (320, 240), board) for k, board in enumerate([*(p.seen for p in good[:2]), None])]
+    small = [
+        Photo(f"small{k}.jpg", (320, 240), board)
+        for k, board in enumerate([*(p.seen for p in good[:2]), None])
+    ]
     found = fit_camera([*small, *good], BOARD, "x")
     assert [(one.name, one.why) for one in found.left_out] == [
         (one.name, "is 320 x 240 px, not 640 x 480: a calibration is for one size") for one in small
@@ -175,7 +216,9 @@ def test_photos_of_another_size_are_left_out_with_their_reason() -> None:
     # What shows no board does not decide which size is calibrated.
     benches = [Photo(f"bench{k}.jpg", (320, 240), None) for k in range(9)]
     assert fit_camera([*benches, *good], BOARD, "x").camera.size == (640, 480)
-    with pytest.raises(InputError, match=r"2 of 3 photos can be used .*small0\.jpg: is 320 x 240 px, not 640 x 480"):
+    with pytest.raises(
+        InputError, match=r"2 of 3 photos can be used .*small0\.jpg: is 320 x 240 px, not 640 x 480"
+    ):
         fit_camera([small[0], *good[:2]], BOARD, "x")
 
 
@@ -185,7 +228,9 @@ def test_photos_of_another_size_are_left_out_with_their_reason() -> None:
 @cache
 def rendered() -> tuple[np.ndarray, ...]:
     drawn = chess(9, 6, 25)
-    return tuple(photo(HALF, drawn, p, seed=i).pixels for i, p in enumerate(poses(HALF, SIZE, 6, seed=4)))
+    return tuple(
+        photo(HALF, drawn, p, seed=i).pixels for i, p in enumerate(poses(HALF, SIZE, 6, seed=4))
+    )
 
 
 def written(folder: Path, pictures: tuple[np.ndarray, ...]) -> list[str]:
@@ -223,11 +268,15 @@ def test_from_files_to_files(tmp_path: Path, capsys: pytest.CaptureFixture[str])
 def test_from_charuco_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     drawn = charuco(7, 5, 25, 20, cv2.aruco.DICT_5X5_100)
     places = poses(CAMERA, (175.0, 125.0), 4, seed=4, fill=0.7)
-    paths = written(tmp_path, tuple(photo(CAMERA, drawn, p, seed=i).pixels for i, p in enumerate(places)))
+    paths = written(
+        tmp_path, tuple(photo(CAMERA, drawn, p, seed=i).pixels for i, p in enumerate(places))
+    )
     arguments = options(tmp_path, paths, board="7x5", marker=20.0, dictionary="5X5_100")
     assert cli_calibrate.run(arguments, voice(quiet=False, verbose=0)) == 0
     assert "ChArUco board 7x5, squares of 25 mm" in capsys.readouterr().err
-    assert np.all(np.abs(four(read_camera(source(tmp_path / "camera.yaml"))) / four(CAMERA) - 1) < 0.005)
+    assert np.all(
+        np.abs(four(read_camera(source(tmp_path / "camera.yaml"))) / four(CAMERA) - 1) < 0.005
+    )
 
 
 def test_a_board_given_by_its_squares_is_recognised(tmp_path: Path) -> None:
@@ -236,7 +285,8 @@ def test_a_board_given_by_its_squares_is_recognised(tmp_path: Path) -> None:
         calibrate([source(path) for path in paths], chessboard(10, 7, 25), "x", lambda _: None)
     cv2.imwrite(str(tmp_path / "bench.png"), np.full((480, 640), 120, np.uint8))
     with pytest.raises(
-        InputError, match=r"bench\.png: no photo shows the chessboard 9x6; --board counts inner corners"
+        InputError,
+        match=r"bench\.png: no photo shows the chessboard 9x6; --board counts inner corners",
     ):
         calibrate([source(tmp_path / "bench.png")], BOARD, "x", lambda _: None)
 
@@ -273,7 +323,9 @@ def test_options_that_cannot_be(tmp_path: Path, given: dict[str, object], says: 
 
 def test_no_photo_is_overwritten(tmp_path: Path) -> None:
     with pytest.raises(JobError, match="would overwrite"):
-        cli_calibrate.run(options(tmp_path, [str(tmp_path / "camera.yaml")]), voice(quiet=True, verbose=0))
+        cli_calibrate.run(
+            options(tmp_path, [str(tmp_path / "camera.yaml")]), voice(quiet=True, verbose=0)
+        )
 
 
 def test_the_picture_shows_every_corner_and_every_photo() -> None:
@@ -290,7 +342,9 @@ def test_the_picture_shows_every_corner_and_every_photo() -> None:
     assert any(f"{found.rms:.3f} px rms" in (line or "") for line in text)
 
 
-@pytest.mark.skipif(not SHARED.is_dir(), reason="the photo set opencv-left of the shared data is not there")
+@pytest.mark.skipif(
+    not SHARED.is_dir(), reason="the photo set opencv-left of the shared data is not there"
+)
 def test_real_photos_against_opencv() -> None:
     """cornerSubPix with a window of 7 is the best that OpenCV does on these: 0.183 px."""
     paths = sorted(SHARED.glob("*.jpg"))
@@ -298,7 +352,10 @@ def test_real_photos_against_opencv() -> None:
     assert len(found.used) == 13
     greys = [cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) for path in paths]
     until = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 100, 1e-4)
-    corners = [cv2.cornerSubPix(g, cv2.findChessboardCorners(g, (9, 6))[1], (7, 7), (-1, -1), until) for g in greys]
+    corners = [
+        cv2.cornerSubPix(g, cv2.findChessboardCorners(g, (9, 6))[1], (7, 7), (-1, -1), until)
+        for g in greys
+    ]
     places = np.column_stack([MM, np.zeros(54)]).astype(np.float32)
     rms, matrix, *_ = cv2.calibrateCamera([places] * 13, corners, (640, 480), None, None)
     assert found.rms < rms + 0.05

@@ -22,7 +22,22 @@ LENSES = {
     5: [-0.28, 0.1, 0.001, -0.0007, -0.02],
     8: [0.9, 0.15, 0.0005, -0.0003, 0.002, 1.25, 0.4, 0.02],
     12: [0.9, 0.15, 0.0005, -0.0003, 0.002, 1.25, 0.4, 0.02, 0.001, -0.002, 0.0015, 0.0007],
-    14: [0.9, 0.15, 0.0005, -0.0003, 0.002, 1.25, 0.4, 0.02, 0.001, -0.002, 0.0015, 0.0007, 0.03, -0.02],
+    14: [
+        0.9,
+        0.15,
+        0.0005,
+        -0.0003,
+        0.002,
+        1.25,
+        0.4,
+        0.02,
+        0.001,
+        -0.002,
+        0.0015,
+        0.0007,
+        0.03,
+        -0.02,
+    ],
 }
 
 
@@ -54,7 +69,9 @@ def test_undistorted_is_the_inverse_to_1e_9_px(count: int) -> None:
 
 
 def test_skew_is_part_of_the_matrix() -> None:
-    skewed = Camera(frozen([[800.0, 3, 321], [0, 802, 236], [0, 0, 1]]), frozen(LENSES[5]), (640, 480), "skew")
+    skewed = Camera(
+        frozen([[800.0, 3, 321], [0, 802, 236], [0, 0, 1]]), frozen(LENSES[5]), (640, 480), "skew"
+    )
     px = grid()
     assert np.abs(distort(skewed, undistort(skewed, px)) - px).max() < 1e-9
     assert np.allclose(undistort(skewed, np.array([[321.0, 236]])), [[321, 236]])
@@ -72,7 +89,13 @@ def test_beyond_the_turn_of_the_model_there_is_nothing() -> None:
 
 
 @settings(max_examples=60, derandomize=True)
-@given(st.floats(-0.5, 0.5), st.floats(-0.3, 0.3), st.floats(-0.01, 0.01), st.floats(-0.01, 0.01), st.floats(-0.2, 0.2))
+@given(
+    st.floats(-0.5, 0.5),
+    st.floats(-0.3, 0.3),
+    st.floats(-0.01, 0.01),
+    st.floats(-0.01, 0.01),
+    st.floats(-0.2, 0.2),
+)
 def test_what_is_answered_is_right(k1: float, k2: float, p1: float, p2: float, k3: float) -> None:
     """Any lens: an ideal point that is returned is seen at the place asked for, and lies before the fold."""
     lens = np.array([k1, k2, p1, p2, k3])

@@ -18,7 +18,9 @@ from camgen.vision.image import Header, Picture, header, load
 from tests.support.files import source
 
 SHARED = Path(__file__).parents[2].parent / "shared" / "data" / "image"
-shared = pytest.mark.skipif(not SHARED.is_dir(), reason="the developer data set is not beside the repository")
+shared = pytest.mark.skipif(
+    not SHARED.is_dir(), reason="the developer data set is not beside the repository"
+)
 
 CORNER = (200, 100, 0)  # blue, green, red of the upper left corner in every picture below
 
@@ -49,7 +51,9 @@ def refusal(folder: Path, data: bytes, name: str = "p.png") -> str:
     return str(caught.value)
 
 
-def exif(entries: list[tuple[int, int, int | tuple[int, int]]], order: str = "<", camera: bool = False) -> bytes:
+def exif(
+    entries: list[tuple[int, int, int | tuple[int, int]]], order: str = "<", camera: bool = False
+) -> bytes:
     """A TIFF structure with one directory; a pair is a ratio, put after it. camera: with a FocalLength."""
     entries = [*entries, *([(0x8769, 4, 0)] if camera else [])]
     after = 8 + 2 + 12 * len(entries) + 4
@@ -59,7 +63,9 @@ def exif(entries: list[tuple[int, int, int | tuple[int, int]]], order: str = "<"
             rows += struct.pack(order + "HHII", tag, kind, 1, after + len(tail))
             tail += struct.pack(order + "II", *value)
         else:
-            packed = struct.pack(order + ("HH" if kind == 3 else "I"), *((value, 0) if kind == 3 else (value,)))
+            packed = struct.pack(
+                order + ("HH" if kind == 3 else "I"), *((value, 0) if kind == 3 else (value,))
+            )
             rows += struct.pack(order + "HHI", tag, kind, 1) + packed
     if camera:
         at = after + len(tail)
@@ -67,7 +73,14 @@ def exif(entries: list[tuple[int, int, int | tuple[int, int]]], order: str = "<"
         tail += struct.pack(order + "H", 1) + struct.pack(order + "HHII", 0x920A, 5, 1, at + 18)
         tail += struct.pack(order + "I", 0) + struct.pack(order + "II", 85, 10)
     magic = b"II*\0" if order == "<" else b"MM\0*"
-    return magic + struct.pack(order + "I", 8) + struct.pack(order + "H", len(entries)) + rows + b"\0" * 4 + tail
+    return (
+        magic
+        + struct.pack(order + "I", 8)
+        + struct.pack(order + "H", len(entries))
+        + rows
+        + b"\0" * 4
+        + tail
+    )
 
 
 def jpeg(parts: list[tuple[int, bytes]], pixels: np.ndarray | None = None) -> bytes:
@@ -75,7 +88,9 @@ def jpeg(parts: list[tuple[int, bytes]], pixels: np.ndarray | None = None) -> by
     data = encoded(".jpg", drawn() if pixels is None else pixels)
     assert data[2:4] == b"\xff\xe0"
     rest = data[4 + struct.unpack(">H", data[4:6])[0] :]
-    return b"\xff\xd8" + b"".join(struct.pack(">BBH", 255, m, len(b) + 2) + b for m, b in parts) + rest
+    return (
+        b"\xff\xd8" + b"".join(struct.pack(">BBH", 255, m, len(b) + 2) + b for m, b in parts) + rest
+    )
 
 
 def jfif(unit: int, x: int, y: int) -> tuple[int, bytes]:
@@ -90,7 +105,8 @@ def png(chunks: list[tuple[bytes, bytes]], pixels: np.ndarray | None = None) -> 
     """A PNG with these chunks after its IHDR."""
     data = encoded(".png", drawn() if pixels is None else pixels)
     made = b"".join(
-        struct.pack(">I", len(body)) + name + body + struct.pack(">I", zlib.crc32(name + body)) for name, body in chunks
+        struct.pack(">I", len(body)) + name + body + struct.pack(">I", zlib.crc32(name + body))
+        for name, body in chunks
     )
     return data[:33] + made + data[33:]
 
@@ -140,13 +156,24 @@ def test_transparent_pixels_become_white(tmp_path: Path) -> None:
 
 
 def test_an_opaque_alpha_says_nothing(tmp_path: Path) -> None:
-    picture = loaded(tmp_path, encoded(".png", np.dstack([drawn(), np.full((20, 30), 255, np.uint8)])))
+    picture = loaded(
+        tmp_path, encoded(".png", np.dstack([drawn(), np.full((20, 30), 255, np.uint8)]))
+    )
     assert np.array_equal(picture.pixels, drawn())
     assert picture.notes == ()
 
 
 #: Exif 2.3, tag 274: where row 0 and column 0 of the stored picture are in the upright one.
-CORNERS = {1: (0, 0), 2: (0, -1), 3: (-1, -1), 4: (-1, 0), 5: (0, 0), 6: (0, -1), 7: (-1, -1), 8: (-1, 0)}
+CORNERS = {
+    1: (0, 0),
+    2: (0, -1),
+    3: (-1, -1),
+    4: (-1, 0),
+    5: (0, 0),
+    6: (0, -1),
+    7: (-1, -1),
+    8: (-1, 0),
+}
 
 
 @pytest.mark.parametrize("orientation", range(1, 9))
@@ -166,15 +193,31 @@ def test_orientation_is_honoured(orientation: int, kind: str, tmp_path: Path) ->
     blue = picture.pixels[CORNERS[orientation]]
     assert np.abs(blue.astype(int) - CORNER).max() < 12
     # A mirrored corner would be in the right place and still be 5 x 8 instead of 8 x 5.
-    assert np.count_nonzero(picture.pixels[CORNERS[orientation][0], :, 0] > 150) == (8 if orientation < 5 else 5)
+    assert np.count_nonzero(picture.pixels[CORNERS[orientation][0], :, 0] > 150) == (
+        8 if orientation < 5 else 5
+    )
     assert picture.turned == (orientation != 1)
     assert bool(picture.notes) == picture.turned
 
 
-def tiff(tags: list[tuple[int, int]] | None = None, density: tuple[int, int] | None = None, pages: int = 1) -> bytes:
+def tiff(
+    tags: list[tuple[int, int]] | None = None,
+    density: tuple[int, int] | None = None,
+    pages: int = 1,
+) -> bytes:
     """An uncompressed RGB TIFF of the drawn picture, written by hand."""
     rows = drawn()[..., ::-1].tobytes()
-    given = {256: 30, 257: 20, 259: 1, 262: 2, 273: 8, 277: 3, 278: 20, 279: len(rows), **dict(tags or [])}
+    given = {
+        256: 30,
+        257: 20,
+        259: 1,
+        262: 2,
+        273: 8,
+        277: 3,
+        278: 20,
+        279: len(rows),
+        **dict(tags or []),
+    }
     at = 8 + len(rows)
     entries = [(tag, 3 if tag not in (273, 279) else 4, value) for tag, value in given.items()]
     size = 2 + 12 * (len(entries) + 1 + (3 if density else 0)) + 4
@@ -208,7 +251,12 @@ def test_only_the_first_page_is_read_and_a_note_says_so(tmp_path: Path) -> None:
         (jpeg([jfif(1, 300, 300)]), 300),
         (jpeg([jfif(2, 118, 118)]), 299.72),
         (jpeg([app1(exif([(282, 5, (6000, 10)), (283, 5, (6000, 10)), (296, 3, 2)], ">"))]), 600),
-        (jpeg([jfif(1, 72, 72), app1(exif([(282, 5, (200, 1)), (283, 5, (200, 1)), (296, 3, 3)]))]), 508),
+        (
+            jpeg(
+                [jfif(1, 72, 72), app1(exif([(282, 5, (200, 1)), (283, 5, (200, 1)), (296, 3, 3)]))]
+            ),
+            508,
+        ),
         (tiff(density=(400, 2)), 400),
         (tiff(density=(100, 3)), 254),
     ],
@@ -226,7 +274,14 @@ def test_density_of_a_bmp(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "data", [png([]), png(per_metre(3000, 3000, unit=0)), jpeg([]), jpeg([jfif(0, 300, 300)]), tiff(density=(400, 1))]
+    "data",
+    [
+        png([]),
+        png(per_metre(3000, 3000, unit=0)),
+        jpeg([]),
+        jpeg([jfif(0, 300, 300)]),
+        tiff(density=(400, 1)),
+    ],
 )
 def test_a_file_without_density_has_none(data: bytes, tmp_path: Path) -> None:
     picture = loaded(tmp_path, data)
@@ -245,11 +300,19 @@ def test_a_file_without_density_has_none(data: bytes, tmp_path: Path) -> None:
         (jpeg([jfif(1, 0, 0)]), "no scanner has it"),
         (png(per_metre(2**31, 2**31)), "no scanner has it"),
         (jpeg([jfif(1, 300, 600)]), "it is 600 DPI in the other direction"),
-        (jpeg([app1(exif([(282, 5, (300, 0)), (283, 5, (300, 0)), (296, 3, 2)]))]), "no scanner has it"),
-        (jpeg([app1(exif([(282, 5, (300, 1)), (283, 5, (300, 1)), (296, 3, 2)], camera=True))]), "a camera does not"),
+        (
+            jpeg([app1(exif([(282, 5, (300, 0)), (283, 5, (300, 0)), (296, 3, 2)]))]),
+            "no scanner has it",
+        ),
+        (
+            jpeg([app1(exif([(282, 5, (300, 1)), (283, 5, (300, 1)), (296, 3, 2)], camera=True))]),
+            "a camera does not",
+        ),
     ],
 )
-def test_a_density_that_is_no_scale_is_named_and_not_used(data: bytes, why: str, tmp_path: Path) -> None:
+def test_a_density_that_is_no_scale_is_named_and_not_used(
+    data: bytes, why: str, tmp_path: Path
+) -> None:
     picture = loaded(tmp_path, data)
     assert picture.dpi is None
     (note,) = picture.notes
@@ -266,13 +329,18 @@ def test_the_way_out_of_a_screen_default_is_in_the_note(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("kind", ["png", "jpeg", "tiff", "bmp"])
-def test_a_file_that_is_cut_off_is_refused(kind: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_a_file_that_is_cut_off_is_refused(
+    kind: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
     rng = np.random.default_rng(1)
     pixels = cv2.GaussianBlur(rng.integers(0, 255, (120, 160, 3), dtype=np.uint8), (0, 0), 2)
     data = encoded({"png": ".png", "jpeg": ".jpg", "tiff": ".tif", "bmp": ".bmp"}[kind], pixels)
     loaded(tmp_path, data)
     cuts = [1, 4, 10, 30, 60, len(data) // 3, len(data) - 40]
-    for cut in [*cuts, *([len(data) - 3] if kind != "tiff" else [])]:  # OpenCV's TIFF ends with a directory
+    for cut in [
+        *cuts,
+        *([len(data) - 3] if kind != "tiff" else []),
+    ]:  # OpenCV's TIFF ends with a directory
         refusal(tmp_path, data[:cut])
     assert capfd.readouterr() == ("", "")  # libjpeg and libpng keep quiet
 
@@ -289,7 +357,9 @@ def test_a_jpeg_that_the_decoder_would_fill_with_grey_is_refused(tmp_path: Path)
 
 def test_bytes_before_the_end_mark_do_no_harm(tmp_path: Path) -> None:
     data = jpeg([])
-    picture = loaded(tmp_path, data[:-2] + b"\x12" * 7 + data[-2:])  # libjpeg has read the first few ahead
+    picture = loaded(
+        tmp_path, data[:-2] + b"\x12" * 7 + data[-2:]
+    )  # libjpeg has read the first few ahead
     assert np.array_equal(picture.pixels, loaded(tmp_path, data).pixels)
     assert [n.kind for n in picture.notes] == ["warning"]
 
@@ -330,7 +400,12 @@ def test_without_a_standard_error_pictures_load_all_the_same(tmp_path: Path) -> 
     assert picture.pixels.shape == (20, 30, 3)
 
 
-@given(st.sampled_from([png(per_metre(9, 9)), jpeg([jfif(1, 9, 9), app1(exif([(274, 3, 3)]))]), tiff()]), st.data())
+@given(
+    st.sampled_from(
+        [png(per_metre(9, 9)), jpeg([jfif(1, 9, 9), app1(exif([(274, 3, 3)]))]), tiff()]
+    ),
+    st.data(),
+)
 def test_the_head_of_a_spoilt_file_never_raises(data: bytes, draw: st.DataObject) -> None:
     spoilt = bytearray(data[: draw.draw(st.integers(0, len(data)))])
     for at in draw.draw(st.lists(st.integers(0, max(len(spoilt) - 1, 0)), max_size=6)):
@@ -343,7 +418,9 @@ def test_the_head_of_a_spoilt_file_never_raises(data: bytes, draw: st.DataObject
 
 
 @shared
-@pytest.mark.parametrize("path", sorted(SHARED.glob("*/*")) if SHARED.is_dir() else [], ids=lambda p: p.name)
+@pytest.mark.parametrize(
+    "path", sorted(SHARED.glob("*/*")) if SHARED.is_dir() else [], ids=lambda p: p.name
+)
 def test_every_picture_of_the_data_set(path: Path) -> None:
     if path.name == "truncated.jpg":
         with pytest.raises(InputError, match=r"^truncated.jpg: is "):
@@ -368,7 +445,10 @@ def test_the_deep_board_of_the_data_set_keeps_its_contrast() -> None:
         (b"P2 3 2 255 0 10 20 30 40 50", [0, 10, 20, 30, 40, 50]),
         (b"P5 3 2 15\n" + bytes([0, 1, 2, 3, 14, 15]), [0, 17, 34, 51, 238, 255]),
         (b"P2 3 2 15\n0 1 2 3 14 15\n", [0, 17, 34, 51, 238, 255]),
-        (b"P5 3 2 65535\n" + struct.pack(">6H", 0, 257, 514, 771, 65278, 65535), [0, 1, 2, 3, 254, 255]),
+        (
+            b"P5 3 2 65535\n" + struct.pack(">6H", 0, 257, 514, 771, 65278, 65535),
+            [0, 1, 2, 3, 254, 255],
+        ),
     ],
 )
 def test_grey_maps_as_text_and_as_bytes(tmp_path: Path, data: bytes, values: list[int]) -> None:
@@ -379,6 +459,8 @@ def test_grey_maps_as_text_and_as_bytes(tmp_path: Path, data: bytes, values: lis
     assert picture.pixels.ravel().tolist() == values
 
 
-@pytest.mark.parametrize("data", [b"P5 3 2 255\n" + bytes(5), b"P2 3 2 255\n1 2 3", b"P5 3", b"P5 0 2 255\n"])
+@pytest.mark.parametrize(
+    "data", [b"P5 3 2 255\n" + bytes(5), b"P2 3 2 255\n1 2 3", b"P5 3", b"P5 0 2 255\n"]
+)
 def test_a_grey_map_that_is_cut_off_is_refused(tmp_path: Path, data: bytes) -> None:
     assert "cut off" in refusal(tmp_path, data, "p.pgm")

@@ -19,7 +19,16 @@ from camgen.vision.lines_arcs.fit import circles, join_sums, lines, move_sums, s
 from camgen.vision.lines_arcs.polish import FittedChain, no_fillets, polish, to_arcs
 from camgen.vision.lines_arcs.spots import make_sound
 from camgen.vision.outline import Outline, outlines
-from tests.support.outline_pictures import Drawn, disc, drawn, gear, mask_of, picture, plate, with_holes
+from tests.support.outline_pictures import (
+    Drawn,
+    disc,
+    drawn,
+    gear,
+    mask_of,
+    picture,
+    plate,
+    with_holes,
+)
 
 #: mm are pixels, y up.
 PIXELS = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
@@ -172,11 +181,18 @@ def test_contours_are_in_mm_and_their_directions_right() -> None:
     found = areas(contours)
     assert [area > 0 for area in found] == [not loop.hole for loop in loops]
     slot, holes = np.pi * 12**2 + 24 * 96, [np.pi * r**2 for r in (5, 10, 25, 40)]
-    assert sorted(-a for a in found if a < 0) == pytest.approx(sorted(scale**2 * a for a in [slot, *holes]), rel=0.008)
-    hole = min(contours, key=lambda c: np.abs(c.bulges - -1).sum() + abs(np.hypot(*np.ptp(c.points, axis=0)) - 2.86))
+    assert sorted(-a for a in found if a < 0) == pytest.approx(
+        sorted(scale**2 * a for a in [slot, *holes]), rel=0.008
+    )
+    hole = min(
+        contours,
+        key=lambda c: np.abs(c.bulges - -1).sum() + abs(np.hypot(*np.ptp(c.points, axis=0)) - 2.86),
+    )
     # The hole of radius 10 px is drawn at (-60, -90) px.
     centre = (-60 - 90j) * np.exp(0.3j) + 300 + 250j
-    assert hole.points.mean(axis=0) == pytest.approx([10 + scale * centre.real, 80 - scale * centre.imag], abs=0.005)
+    assert hole.points.mean(axis=0) == pytest.approx(
+        [10 + scale * centre.real, 80 - scale * centre.imag], abs=0.005
+    )
     assert max(fit.rms_mm for fit in fits) < 0.03 * 1.3 * scale
 
 
@@ -200,7 +216,9 @@ def test_fillets_are_tangential_and_corners_are_not() -> None:
     arc = segments.is_arc
     at_arc = arc | np.roll(arc, -1)
     assert turn[at_arc].max() < 1e-4
-    assert np.degrees(np.sort(turn[~at_arc])) == pytest.approx([36.87, 53.13, 90, 90, 90, 90], abs=0.2)
+    assert np.degrees(np.sort(turn[~at_arc])) == pytest.approx(
+        [36.87, 53.13, 90, 90, 90, 90], abs=0.2
+    )
 
 
 @pytest.mark.parametrize("blur", [0.5, 0.7, 1.0])
@@ -226,8 +244,13 @@ def test_a_slot_is_two_lines_and_two_half_circles() -> None:
 
 def test_arcs_of_more_than_half_a_circle_are_divided() -> None:
     # A keyhole: a disc with a narrow slit.
-    ring, slit = 40 * np.exp(1j * np.linspace(0.125, 2 * np.pi - 0.125, 2000)), np.array([10 - 4.99j, 10 + 4.99j])
-    part = Drawn([np.concatenate([ring, slit])], np.concatenate([ring[[0, -1]], slit])).placed(0.4, 60 + 60j)
+    ring, slit = (
+        40 * np.exp(1j * np.linspace(0.125, 2 * np.pi - 0.125, 2000)),
+        np.array([10 - 4.99j, 10 + 4.99j]),
+    )
+    part = Drawn([np.concatenate([ring, slit])], np.concatenate([ring[[0, -1]], slit])).placed(
+        0.4, 60 + 60j
+    )
     contours, fits = recovered(part, 120, 120)
     assert np.abs(contours[0].bulges).max() <= 1.0
     assert (fits[0].lines, fits[0].arcs) == (3, 2)
@@ -237,7 +260,9 @@ def test_arcs_of_more_than_half_a_circle_are_divided() -> None:
 @pytest.mark.parametrize("radius", [3.0, 4.0, 6.0])
 def test_small_radii_are_not_taken_for_the_rounding_of_the_picture(radius: float) -> None:
     # Sharp, such a corner would be 0.41 of the radius off.
-    part = drawn([(-40, -30, 0), (40, -30, radius), (40, 30, radius), (-40, 30, 0)]).placed(0.4, 60 + 60.3j)
+    part = drawn([(-40, -30, 0), (40, -30, radius), (40, 30, radius), (-40, 30, 0)]).placed(
+        0.4, 60 + 60.3j
+    )
     contours, fits = recovered(part, 120, 120)
     assert (fits[0].lines, fits[0].arcs) == (4, 2)
     assert errors(part, contours).max() < 0.15
@@ -271,7 +296,9 @@ def test_contours_do_not_cross_themselves_however_ragged() -> None:
 
 
 def test_an_outline_that_nothing_fits_keeps_its_points_and_says_so() -> None:
-    eight = np.column_stack([30 * np.sin(np.linspace(0, 2 * np.pi, 200)), 20 * np.sin(np.linspace(0, 4 * np.pi, 200))])
+    eight = np.column_stack(
+        [30 * np.sin(np.linspace(0, 2 * np.pi, 200)), 20 * np.sin(np.linspace(0, 4 * np.pi, 200))]
+    )
     contours, fits, notes = primitives([Outline(eight, eight, False, 0.03, 0.7)], PIXELS)
     assert (contours, fits) == ((), ())
     assert [note.kind for note in notes] == ["skipped"]
@@ -295,7 +322,9 @@ def spotted(seed: int) -> Drawn:
     """A plate with rounded corners, and a ragged spot of 20 px on one side."""
     rng = np.random.default_rng(seed)
     spot = [(-10 + 0.5 * k, -60 + float(rng.normal(0, 2.5)), 0.0) for k in range(41)]
-    return drawn([(-90, -60, 12), *spot, (90, -60, 12), (90, 60, 0), (-90, 60, 20)]).placed(0.3, 110 + 90j)
+    return drawn([(-90, -60, 12), *spot, (90, -60, 12), (90, 60, 0), (-90, 60, 20)]).placed(
+        0.3, 110 + 90j
+    )
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -320,7 +349,9 @@ def test_the_scale_of_a_picture_has_no_say_in_its_pieces() -> None:
     for seed in range(4):
         grey = picture(spotted(seed), 190, 220, 0.5, 3.0)
         loops = outlines(grey, mask_of(grey))[0]
-        found = [primitives(loops, PIXELS * scale)[0] for scale in (1.0, 0.11574, 0.115741, 1 / 3, 40.0)]
+        found = [
+            primitives(loops, PIXELS * scale)[0] for scale in (1.0, 0.11574, 0.115741, 1 / 3, 40.0)
+        ]
         for contours, scale in zip(found, (1.0, 0.11574, 0.115741, 1 / 3, 40.0), strict=True):
             for one, other in zip(found[0], contours, strict=True):
                 assert np.allclose(one.points * scale, other.points, atol=1e-9)
@@ -337,7 +368,9 @@ def test_points_that_cross_are_cut_off_there_alone() -> None:
     sound = make_sound(chain, no_fillets(chain), one, points, np.zeros(200, dtype=np.int64), 0.01)
     assert sound is not None
     assert 0 < sound.cut < 4
-    assert shapely.is_valid(shapely.Polygon(np.column_stack([sound.ring.corners.real, sound.ring.corners.imag])))
+    assert shapely.is_valid(
+        shapely.Polygon(np.column_stack([sound.ring.corners.real, sound.ring.corners.imag]))
+    )
     assert len(sound.ring.corners) > 190
 
 
@@ -358,7 +391,9 @@ def test_the_same_picture_gives_the_same_numbers() -> None:
     turn=st.floats(0, 2 * math.pi), u=st.floats(-0.5, 0.5), v=st.floats(-0.5, 0.5), width=st.floats(25, 60),
     height=st.floats(25, 60), radius=st.floats(5, 8),
 )  # fmt: skip
-def test_any_rectangle_with_a_hole(turn: float, u: float, v: float, width: float, height: float, radius: float) -> None:
+def test_any_rectangle_with_a_hole(
+    turn: float, u: float, v: float, width: float, height: float, radius: float
+) -> None:
     a, b = width / 2, height / 2
     part = with_holes(drawn([(-a, -b, 0), (a, -b, 0), (a, b, 0), (-a, b, 0)]), (0, radius))
     part = part.placed(turn, complex(55 + u, 55 + v))
@@ -389,7 +424,9 @@ def test_sums_can_be_moved_and_joined() -> None:
 
 def test_a_line_and_a_circle_are_found_exactly() -> None:
     t = np.linspace(0, 1, 9)
-    points = np.concatenate([100 + 50j + 40 * np.exp(1j * (0.3 + 0.4 * t)), 5 + 3j + t * (30 + 40j)])
+    points = np.concatenate(
+        [100 + 50j + 40 * np.exp(1j * (0.3 + 0.4 * t)), 5 + 3j + t * (30 + 40j)]
+    )
     runs = sum_runs(points, np.ones(18), np.array([0, 9]))
     round_ = circles(runs)
     assert 1 / abs(round_.curvature[0]) == pytest.approx(40, rel=1e-6)

@@ -40,7 +40,9 @@ def rectangles_of_pdf(data: bytes) -> tuple[np.ndarray, tuple[float, float]]:
     places = [int(m) for m in re.findall(r"(\d{10}) 00000 n ", text[start:])]
     for number, place in enumerate(places, 1):
         assert text[place:].startswith(f"{number} 0 obj\n")
-    length, stream = re.search(r"/Length (\d+) >>\nstream\n(.*)\nendstream", text, re.DOTALL).groups()  # type: ignore[union-attr]
+    length, stream = re.search(
+        r"/Length (\d+) >>\nstream\n(.*)\nendstream", text, re.DOTALL
+    ).groups()  # type: ignore[union-attr]
     assert int(length) == len(stream)
     box = re.search(r"/MediaBox \[0 0 (\S+) (\S+)\]", text).groups()  # type: ignore[union-attr]
     a, b, c, d, e, f = map(float, stream.split(" cm")[0].split())
@@ -56,7 +58,9 @@ def rectangles_of_svg(data: bytes) -> tuple[np.ndarray, tuple[float, float]]:
     assert root.attrib["viewBox"] == f"0 0 {size[0]:g} {size[1]:g}"
     found = []
     for path in root.iter("{http://www.w3.org/2000/svg}path"):
-        for x, y, w, h, back in re.findall(r"M(\S+) (\S+)h(\S+?)v(\S+?)h(-\S+?)z", path.attrib["d"]):
+        for x, y, w, h, back in re.findall(
+            r"M(\S+) (\S+)h(\S+?)v(\S+?)h(-\S+?)z", path.attrib["d"]
+        ):
             assert float(back) == -float(w)
             found.append([float(x), size[1] - float(y) - float(h), float(w), float(h)])
     return np.array(found), (size[0], size[1])
@@ -88,7 +92,12 @@ def rays_of_the_lens() -> np.ndarray:
 
 
 def photo(
-    camera: Camera, pose: Pose, page: np.ndarray, origin: tuple[float, float], blur: float = 0.7, noise: float = 2
+    camera: Camera,
+    pose: Pose,
+    page: np.ndarray,
+    origin: tuple[float, float],
+    blur: float = 0.7,
+    noise: float = 2,
 ) -> Picture:
     """A photo of the page (18 px/mm, its ``origin`` from its lower left corner is the work frame).
 
@@ -106,7 +115,9 @@ def photo(
         for du in (np.arange(4) - 1.5) / 4:
             column, row = (places + dv * down + du * right).astype(np.float32)
             looked += cv2.remap(grey, column, row, cv2.INTER_LINEAR, borderValue=120)
-    looked = cv2.GaussianBlur(looked / 16, (0, 0), blur) + np.random.default_rng(7).normal(0, noise, looked.shape)
+    looked = cv2.GaussianBlur(looked / 16, (0, 0), blur) + np.random.default_rng(7).normal(
+        0, noise, looked.shape
+    )
     return Picture("bench.png", np.clip(np.rint(looked), 0, 255).astype(np.uint8))
 
 
@@ -130,12 +141,16 @@ def test_markers_have_white_around_them_and_leave_the_middle_free(size: str, mar
     assert 8 <= len(what.ids) == len(set(what.ids)) <= 50
     assert max(what.ids) < 50  # as many as the dictionary has
     left, low = what.corners[:, 3].T
-    assert np.allclose(what.corners[:, 1] - what.corners[:, 3], marker)  # square, upright, corners in their order
+    assert np.allclose(
+        what.corners[:, 1] - what.corners[:, 3], marker
+    )  # square, upright, corners in their order
     assert np.allclose(what.corners[:, 0] - what.corners[:, 3], (0, marker))
     # Apart by more than a module in x or in y, from each other, from the free area, from the paper's edge.
     gap_x, gap_y = np.abs(left[:, None] - left) - marker, np.abs(low[:, None] - low) - marker
     assert np.all((np.maximum(gap_x, gap_y) > marker / 6) | np.eye(len(left), dtype=bool))
-    outside = np.maximum.reduce([left - what.free[0], -left - marker, low - what.free[1], -low - marker])
+    outside = np.maximum.reduce(
+        [left - what.free[0], -left - marker, low - what.free[1], -low - marker]
+    )
     assert outside.min() > marker / 6
     page = np.array([left + what.origin[0], low + what.origin[1]])
     assert page.min() >= 10 - 1e-9
@@ -149,10 +164,13 @@ def test_sizes_of_the_a4_sheet() -> None:
 
 
 @pytest.mark.parametrize(
-    ("drawn", "read", "unit"), [(draw_svg, rectangles_of_svg, 1.0), (draw_pdf, rectangles_of_pdf, 25.4 / 72)]
+    ("drawn", "read", "unit"),
+    [(draw_svg, rectangles_of_svg, 1.0), (draw_pdf, rectangles_of_pdf, 25.4 / 72)],
 )
 @pytest.mark.parametrize("size", ["A4", "letter"])
-def test_what_is_drawn_is_what_the_sheet_says(drawn: object, read: object, unit: float, size: str) -> None:
+def test_what_is_drawn_is_what_the_sheet_says(
+    drawn: object, read: object, unit: float, size: str
+) -> None:
     """Painted from the file and looked at by OpenCV: every marker upright and in its place, to 0.06 mm."""
     what = sheet(size)
     rectangles, page = read(drawn(what))  # type: ignore[operator]
@@ -163,7 +181,12 @@ def test_what_is_drawn_is_what_the_sheet_says(drawn: object, read: object, unit:
     found = {number: place for (number, _), place in zip(seen_there, measured, strict=True)}
     assert sorted(found) == list(what.ids)
     for number, corners in zip(what.ids, what.corners, strict=True):
-        mm = np.column_stack([found[number][:, 0] + 0.5, pixels.shape[0] - 0.5 - found[number][:, 1]]) / 10
+        mm = (
+            np.column_stack(
+                [found[number][:, 0] + 0.5, pixels.shape[0] - 0.5 - found[number][:, 1]]
+            )
+            / 10
+        )
         assert np.abs(mm - what.origin - corners).max() < 0.06  # painted in whole pixels
     # The ruler: the lowest group of rectangles is 100 mm over all.
     ruler = (rectangles * unit)[rectangles[:, 1] * unit < 14]
@@ -173,7 +196,9 @@ def test_what_is_drawn_is_what_the_sheet_says(drawn: object, read: object, unit:
     ends = (rectangles * unit)[:, :2] + (rectangles * unit)[:, 2:]
     assert np.allclose(ends[-2:], what.origin, atol=1e-3)
     begins = (rectangles * unit)[:, :2] - what.origin
-    assert not np.any(np.all((ends - what.origin > 0.01) & (begins < np.array(what.free) - 0.01), axis=1))
+    assert not np.any(
+        np.all((ends - what.origin > 0.01) & (begins < np.array(what.free) - 0.01), axis=1)
+    )
 
 
 def test_the_pdf_asks_for_no_scaling_and_says_what_to_measure() -> None:
@@ -249,7 +274,10 @@ def test_the_sheet_may_lie_turned_in_the_photo() -> None:
     plain = Camera(matrix=CAMERA.matrix, distortion=frozen([]), size=CAMERA.size, name="plain")
     there, here = find(picture, None, A4), find(turned, None, A4)
     px = map_points(there.pixel_from_work, INSIDE)
-    assert np.abs(map_points(here.pixel_from_work, INSIDE) - (np.array(plain.size) - 1 - px)).max() < 0.02
+    assert (
+        np.abs(map_points(here.pixel_from_work, INSIDE) - (np.array(plain.size) - 1 - px)).max()
+        < 0.02
+    )
     assert pose.origin[2] > 0
 
 
@@ -257,7 +285,9 @@ def test_a_sheet_that_printed_small_makes_the_part_smaller() -> None:
     _, picture = sheet_photo(0)
     small, full = find(picture, CAMERA, sheet("A4", printed=99.0)), find(picture, CAMERA, A4)
     px = np.array([[640.0, 460], [900, 500]])
-    assert np.allclose(map_points(small.work_from_pixel, px), map_points(full.work_from_pixel, px) * 0.99)
+    assert np.allclose(
+        map_points(small.work_from_pixel, px), map_points(full.work_from_pixel, px) * 0.99
+    )
 
 
 def test_a_part_that_stands_above_the_sheet() -> None:
@@ -288,7 +318,9 @@ def covered(picture: Picture, pose: Pose, numbers: list[int]) -> Picture:
     """The photo with these markers under white paper."""
     pixels = picture.pixels.copy()
     for number in numbers:
-        cv2.fillConvexPoly(pixels, np.rint(seen(CAMERA, pose, A4.corners[number])).astype(np.int32), 225)
+        cv2.fillConvexPoly(
+            pixels, np.rint(seen(CAMERA, pose, A4.corners[number])).astype(np.int32), 225
+        )
     return with_grey(picture, pixels)
 
 
@@ -312,7 +344,9 @@ def test_markers_of_another_sheet_and_doubles_are_named() -> None:
     pixels = picture.pixels.copy()
     inside = np.rint(seen(CAMERA, pose, np.array([[60.0, 60], [120, 60]]))).astype(int)
     for number, (u, v) in zip((41, 5), inside, strict=True):
-        stamp = cv2.aruco.generateImageMarker(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50), number, 72)
+        stamp = cv2.aruco.generateImageMarker(
+            cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50), number, 72
+        )
         pixels[v : v + 100, u : u + 100] = 225
         pixels[v + 14 : v + 86, u + 14 : u + 86] = np.clip(stamp, 30, 225)
     plane = find(with_grey(picture, pixels), CAMERA, A4)
@@ -380,14 +414,20 @@ def test_a_board_that_is_not_there() -> None:
     with pytest.raises(InputError, match="shows 0 corners of the ChArUco board 8x6"):
         find(Picture("p.png", np.full((920, 1280), 128, np.uint8)), CAMERA, BOARD)
     with pytest.raises(JobError, match="no dictionary '9X9'"):
-        find(Picture("p.png", np.full((920, 1280), 128, np.uint8)), CAMERA, Board(8, 6, 15, 11, "9X9"))
+        find(
+            Picture("p.png", np.full((920, 1280), 128, np.uint8)),
+            CAMERA,
+            Board(8, 6, 15, 11, "9X9"),
+        )
 
 
 # -- command
 
 
 @pytest.mark.parametrize("name", ["sheet.pdf", "sheet.SVG"])
-def test_the_command_writes_the_sheet(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_writes_the_sheet(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     target = tmp_path / name
     arguments = Namespace(output=str(target), size="A3", marker=25.0)
     assert cli_markers.run(arguments, voice(quiet=False, verbose=0)) == 0
@@ -400,5 +440,7 @@ def test_the_command_writes_the_sheet(name: str, tmp_path: Path, capsys: pytest.
 
 def test_the_command_refuses_other_kinds_of_file(tmp_path: Path) -> None:
     with pytest.raises(JobError, match=r"end the name in \.pdf or \.svg"):
-        cli_markers.run(Namespace(output=str(tmp_path / "s.png"), size="A4", marker=20.0), voice(True, 0))
+        cli_markers.run(
+            Namespace(output=str(tmp_path / "s.png"), size="A4", marker=20.0), voice(True, 0)
+        )
     assert list(tmp_path.iterdir()) == []

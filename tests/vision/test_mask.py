@@ -40,7 +40,10 @@ def covered(circle: tuple[float, float, float]) -> np.ndarray:
     share = (far < radius).astype(np.float32)
     edge = np.abs(far - radius) < 1
     at = (np.arange(12) + 0.5) / 12 - 0.5
-    fine = np.hypot((x[edge] - u)[:, None, None] + at, (y[edge] - v)[:, None, None] + at[:, None]) < radius
+    fine = (
+        np.hypot((x[edge] - u)[:, None, None] + at, (y[edge] - v)[:, None, None] + at[:, None])
+        < radius
+    )
     share[edge] = fine.mean(axis=(1, 2))
     return share
 
@@ -55,7 +58,12 @@ def light(slope: float) -> np.ndarray:
 
 
 def scene(
-    part: object, bench: object, slope: float = 0.0, noise: float = 2.0, blur: float = 0.8, shape: np.ndarray = SHAPE
+    part: object,
+    bench: object,
+    slope: float = 0.0,
+    noise: float = 2.0,
+    blur: float = 0.8,
+    shape: np.ndarray = SHAPE,
 ) -> np.ndarray:
     """The picture of the part on the bench; tones are numbers, BGR or whole pictures."""
     part, bench = np.asarray(part, np.float64), np.asarray(bench, np.float64)
@@ -73,7 +81,10 @@ def seen(pixels: np.ndarray, valid: np.ndarray | None = None) -> ScaledView:
 
 
 def part_mask(
-    view: ScaledView, background: ScaledView | None = None, name: str = "picture", **settings: object
+    view: ScaledView,
+    background: ScaledView | None = None,
+    name: str = "picture",
+    **settings: object,
 ) -> Mask:
     return masked(view, msgspec.convert(settings, ImageTable), background, name)
 
@@ -84,7 +95,9 @@ def overlap(mask: Mask, shape: np.ndarray = SHAPE) -> float:
     return np.count_nonzero(found & true) / np.count_nonzero(found | true)
 
 
-def off_circle(mask: Mask, circle: tuple[float, float, float], sectors: int = 1) -> tuple[np.ndarray, float]:
+def off_circle(
+    mask: Mask, circle: tuple[float, float, float], sectors: int = 1
+) -> tuple[np.ndarray, float]:
     """Mean distance of the level's crossings outside the circle, by sector, and their spread, px.
 
     The grey value is interpolated along 360 rays.
@@ -94,7 +107,11 @@ def off_circle(mask: Mask, circle: tuple[float, float, float], sectors: int = 1)
     steps = np.arange(-4, 4.01, 0.1)
     x = (u + np.cos(angles)[:, None] * (radius + steps)).astype(np.float32)
     y = (v + np.sin(angles)[:, None] * (radius + steps)).astype(np.float32)
-    level = np.full(mask.grey.shape, mask.level, np.float32) if isinstance(mask.level, float) else mask.level
+    level = (
+        np.full(mask.grey.shape, mask.level, np.float32)
+        if isinstance(mask.level, float)
+        else mask.level
+    )
     above = cv2.remap(mask.grey.astype(np.float32) - level, x, y, cv2.INTER_LINEAR)
     crossed = above[:, :-1] * above[:, 1:] <= 0
     assert crossed.any(axis=1).all()
@@ -161,7 +178,8 @@ def test_low_contrast(part: float, bench: float, slope: float) -> None:
     assert overlap(mask) > 0.99
     assert mask.grey.dtype == np.float32
     said = re.fullmatch(
-        r"assumed: picture smoothed by 0\.[89] px \(its noise is ([\d.]+), part and bench are (\d+) apart\)", rule(mask)
+        r"assumed: picture smoothed by 0\.[89] px \(its noise is ([\d.]+), part and bench are (\d+) apart\)",
+        rule(mask),
     )
     assert said is not None
     assert float(said[1]) == pytest.approx(4.0, abs=0.3)
@@ -199,7 +217,9 @@ def test_colour_where_grey_shows_nothing() -> None:
         assert overlap(mask) > 0.998
         assert np.abs(off_circle(mask, DISC, sectors=8)[0]).max() < 0.03
         assert np.abs(off_circle(mask, HOLE, sectors=4)[0]).max() < 0.03
-    assert part_mask(seen(pixels)).why.startswith("part and bench differ in colour more clearly than in grey; ")
+    assert part_mask(seen(pixels)).why.startswith(
+        "part and bench differ in colour more clearly than in grey; "
+    )
 
 
 def test_colour_in_light_of_two_to_one() -> None:
@@ -243,8 +263,12 @@ def test_background_with_changed_light(part: float) -> None:
 
 @pytest.mark.parametrize("tint", [(1.0,), (0.5, 0.8, 1.0)])
 def test_background_and_a_part_darker_here_and_lighter_there(tint: tuple[float, ...]) -> None:
-    empty = scene(0.0, np.dstack([wood(6) * k for k in tint]), shape=np.zeros_like(SHAPE)).reshape(HEIGHT, WIDTH, -1)
-    tones = np.where((np.arange(WIDTH) < 250)[None, :, None], 20.0, 250.0) * np.ones((HEIGHT, 1, len(tint)))
+    empty = scene(0.0, np.dstack([wood(6) * k for k in tint]), shape=np.zeros_like(SHAPE)).reshape(
+        HEIGHT, WIDTH, -1
+    )
+    tones = np.where((np.arange(WIDTH) < 250)[None, :, None], 20.0, 250.0) * np.ones(
+        (HEIGHT, 1, len(tint))
+    )
     now = scene(tones, empty.astype(np.float64) * 0.9, noise=1.0).reshape(empty.shape)
     mask = part_mask(seen(now.squeeze()), seen(empty.squeeze()))
     assert overlap(mask) > 0.98
@@ -277,7 +301,9 @@ def test_turned_pictures_have_turned_masks() -> None:
     straight = part_mask(seen(pixels)).pixels
     for turn in (1, 2, 3):
         turned = part_mask(seen(np.ascontiguousarray(np.rot90(pixels, turn)))).pixels
-        assert np.count_nonzero(np.rot90(turned, -turn) != straight) < 0.0005 * np.count_nonzero(straight)
+        assert np.count_nonzero(np.rot90(turned, -turn) != straight) < 0.0005 * np.count_nonzero(
+            straight
+        )
 
 
 def test_specks_and_small_holes_are_counted() -> None:
@@ -312,10 +338,14 @@ def test_cleaning_against_labels(seed: int) -> None:
     count, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
     specks = [k for k in range(1, count) if stats[k, 4] < least]
     wanted[np.isin(labels, specks)] = 0
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(cv2.bitwise_not(wanted), connectivity=4)
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(
+        cv2.bitwise_not(wanted), connectivity=4
+    )
     holes = [k for k in range(1, count) if stats[k, 4] < least]
     wanted[np.isin(labels, holes)] = 255
-    notes = " ".join(map(str, clean(mask, seen(mask.copy()), least * SCALE**2 * 0.999, "noise.png")))
+    notes = " ".join(
+        map(str, clean(mask, seen(mask.copy()), least * SCALE**2 * 0.999, "noise.png"))
+    )
     assert np.array_equal(mask, wanted)
     assert specks or holes
     assert not specks or f"{len(specks)} speck" in notes
@@ -343,7 +373,9 @@ def test_what_the_photo_does_not_show_is_neither() -> None:
     assert np.abs(off_circle(mask, DISC, sectors=8)[0]).max() < 0.03
     cut = x < 440
     pixels[~cut] = 200
-    with pytest.raises(InputError, match=r"^part\.png: the part, or something .* touches the border"):
+    with pytest.raises(
+        InputError, match=r"^part\.png: the part, or something .* touches the border"
+    ):
         part_mask(seen(pixels, cut), name="part.png")
 
 
@@ -353,7 +385,9 @@ def test_invert_takes_the_other_side_and_the_note_says_so() -> None:
     mask = part_mask(seen(pixels))
     assert mask.dark
     assert overlap(mask, two[1]) > 0.997
-    assert rule(mask).startswith("warning: what is lighter than the bench is not taken for the part (it is 5")
+    assert rule(mask).startswith(
+        "warning: what is lighter than the bench is not taken for the part (it is 5"
+    )
     other = part_mask(seen(pixels), invert=True)
     assert overlap(other, two[0]) > 0.997
     assert not other.dark
@@ -389,7 +423,9 @@ OUTSIDE = "; leave bench all round the part, crop or cover what is no part"
             " (near x 0.1, y 74.5 mm)" + OUTSIDE,
         ),
         (
-            lambda: np.ascontiguousarray(scene(60, 200, shape=covered((60.0, 240.0, 12.0)), noise=0.0)[:, :60]),
+            lambda: np.ascontiguousarray(
+                scene(60, 200, shape=covered((60.0, 240.0, 12.0)), noise=0.0)[:, :60]
+            ),
             "part.png: the part, or something as dark or bright, touches the border of the picture"
             " (near x 11.9, y 45.7 mm)" + OUTSIDE,
         ),
@@ -420,8 +456,14 @@ def test_a_frame_or_a_part_all_over() -> None:
 @pytest.mark.parametrize(
     ("settings", "line"),
     [
-        ({"mask": "threshold"}, '[image] mask: "threshold" needs [image] threshold; give it, or choose another'),
-        ({"mask": "background"}, '[image] mask: "background" needs [image] background; give it, or choose another'),
+        (
+            {"mask": "threshold"},
+            '[image] mask: "threshold" needs [image] threshold; give it, or choose another',
+        ),
+        (
+            {"mask": "background"},
+            '[image] mask: "background" needs [image] background; give it, or choose another',
+        ),
         (
             {"color": [1, 2, 300]},
             "[image] color: [1.0, 2.0, 300.0] is no colour; give [red, green, blue], each 0 to 255",
@@ -442,12 +484,17 @@ def test_settings_that_make_no_sense(settings: dict, line: str) -> None:
 def test_color_needs_colour() -> None:
     with pytest.raises(InputError) as refused:
         part_mask(seen(scene(60, 200)), mask="color", name="part.png")
-    assert str(refused.value) == 'part.png: is grey; [image] mask = "color" needs a picture in colour'
+    assert (
+        str(refused.value) == 'part.png: is grey; [image] mask = "color" needs a picture in colour'
+    )
 
 
 def test_a_bench_of_one_tone_and_a_large_part() -> None:
     """Where the gain cannot be told from the offset, and the part covers a third."""
-    mask = part_mask(seen(scene(60, 190, shape=covered((310.0, 240.0, 190.0)))), seen(scene(0, 200, shape=0 * SHAPE)))
+    mask = part_mask(
+        seen(scene(60, 190, shape=covered((310.0, 240.0, 190.0)))),
+        seen(scene(0, 200, shape=0 * SHAPE)),
+    )
     assert overlap(mask, covered((310.0, 240.0, 190.0))) > 0.998
     assert np.abs(off_circle(mask, (310.0, 240.0, 190.0), sectors=8)[0]).max() < 0.03
 
@@ -469,7 +516,10 @@ def test_another_bench_is_refused() -> None:
 @pytest.mark.parametrize("method", ["auto", "otsu", "adaptive", "color"])
 def test_tiny_pictures_give_one_line(shape: tuple[int, int], method: str) -> None:
     rng = np.random.default_rng(1)
-    for pixels in (np.zeros((*shape, 3), np.uint8), rng.integers(0, 255, (*shape, 3)).astype(np.uint8)):
+    for pixels in (
+        np.zeros((*shape, 3), np.uint8),
+        rng.integers(0, 255, (*shape, 3)).astype(np.uint8),
+    ):
         with pytest.raises(CamgenError):
             part_mask(seen(pixels), mask=method)
 
@@ -516,7 +566,10 @@ def test_parts_of_shared_pictures(name: str) -> None:
 def lit(kind: str) -> np.ndarray:
     """A bench without a part under uneven light, grey levels."""
     v, u = np.mgrid[0:480, 0:620] / 480
-    one, other = np.exp(-((u - 0.2) ** 2 + (v - 0.2) ** 2) * 8), np.exp(-((u - 1.1) ** 2 + (v - 0.8) ** 2) * 8)
+    one, other = (
+        np.exp(-((u - 0.2) ** 2 + (v - 0.2) ** 2) * 8),
+        np.exp(-((u - 1.1) ** 2 + (v - 0.8) ** 2) * 8),
+    )
     return {"lamp": 120 + 60 * other, "two lamps": 90 + 60 * one + 50 * other}[kind]
 
 
@@ -554,7 +607,12 @@ def test_what_uneven_light_invents_on_a_bare_bench_is_told(kind: str, noise: flo
 
 
 def test_a_part_that_is_clear_is_not_doubted() -> None:
-    for pixels in (scene(60, 200), scene(200, 70, slope=0.5), scene(RED, GREEN), scene(60, 200, noise=8, blur=2.5)):
+    for pixels in (
+        scene(60, 200),
+        scene(200, 70, slope=0.5),
+        scene(RED, GREEN),
+        scene(60, 200, noise=8, blur=2.5),
+    ):
         assert part_mask(seen(pixels)).doubt is None
 
 
@@ -566,7 +624,16 @@ def drawn_on_bench(*parts: tuple[float, float, float, float, float]) -> np.ndarr
     """Dark ellipses (u, v, half axes, deg) on a light bench, 600 x 400 px."""
     share = np.zeros((1600, 2400), np.uint8)
     for u, v, a, b, turn in parts:
-        cv2.ellipse(share, (round(4 * u), round(4 * v)), (round(4 * a), round(4 * b)), turn, 0, 360, 255, cv2.FILLED)
+        cv2.ellipse(
+            share,
+            (round(4 * u), round(4 * v)),
+            (round(4 * a), round(4 * b)),
+            turn,
+            0,
+            360,
+            255,
+            cv2.FILLED,
+        )
     grey = 200 - 140 / 255 * cv2.resize(share, (600, 400), interpolation=cv2.INTER_AREA)
     return np.rint(grey + np.random.default_rng(2).normal(0, 2, grey.shape)).astype(np.uint8)
 

@@ -115,7 +115,9 @@ def test_outer_borders_run_counter_clockwise_and_holes_clockwise() -> None:
     round_holes = sorted(-area(loop) for loop in loops if loop.hole)
     slot = np.pi * 12**2 + 24 * 96
     # Chords of a pixel cut off 1 % of the smallest.
-    assert round_holes == pytest.approx(sorted([np.pi * r**2 for r in (5, 10, 25, 40)] + [slot]), rel=0.013)
+    assert round_holes == pytest.approx(
+        sorted([np.pi * r**2 for r in (5, 10, 25, 40)] + [slot]), rel=0.013
+    )
 
 
 def test_points_go_ahead_one_per_pixel_and_do_not_cross() -> None:
@@ -133,7 +135,10 @@ def test_points_go_ahead_one_per_pixel_and_do_not_cross() -> None:
 def test_narrow_slots_and_webs(width: int) -> None:
     # The plateau is hardly reached: what the other edge disturbs must not count.
     outline = [(-50, -30, 0), (50, -30, 0), (50, 30, 0), (-50, 30, 0)]
-    slots = [[(-35, v, 0), (35, v, 0), (35, v + width, 0), (-35, v + width, 0)] for v in (-10, -10 + 2 * width)]
+    slots = [
+        [(-35, v, 0), (35, v, 0), (35, v + width, 0), (-35, v + width, 0)]
+        for v in (-10, -10 + 2 * width)
+    ]
     part = drawn(outline, *slots).placed(0.2, 80 + 60j)
     grey = picture(part, 120, 160, 0.7, 1.0)
     points = places(found(grey))
@@ -212,4 +217,8 @@ def test_a_picture_is_left_as_it_was() -> None:
     mask = mask_of(grey)
     before = (grey.copy(), mask.copy())
     outlines(grey, mask)
-    assert cv2.countNonZero(cv2.absdiff(grey, before[0])) == cv2.countNonZero(cv2.absdiff(mask, before[1])) == 0
+    assert (
+        cv2.countNonZero(cv2.absdiff(grey, before[0]))
+        == cv2.countNonZero(cv2.absdiff(mask, before[1]))
+        == 0
+    )

@@ -22,14 +22,19 @@ from camgen.vision.plane import (
 
 MATRIX = np.array([[5090.0, 0, 1921], [0, 5092, 1370], [0, 0, 1]])
 LENS = Camera(
-    matrix=frozen(MATRIX), distortion=frozen([-0.11, 0.09, 0.0006, -0.0004, -0.02]), size=(3840, 2748), name="lens"
+    matrix=frozen(MATRIX),
+    distortion=frozen([-0.11, 0.09, 0.0006, -0.0004, -0.02]),
+    size=(3840, 2748),
+    name="lens",
 )
 PINHOLE = Camera(matrix=frozen(MATRIX), distortion=frozen([]), size=(3840, 2748), name="pinhole")
 GRID = np.array([(x, y) for y in (0.0, 90, 180, 300) for x in (0.0, 120, 260, 400)])
 SIX = np.array([(0, 0), (300, 0), (300, 200), (0, 200), (140, 90), (220, 40)], float)
 
 
-def looking(tilt: float = 12, about: float = 30, at: tuple[float, float] = (200, 150), height: float = 700) -> Pose:
+def looking(
+    tilt: float = 12, about: float = 30, at: tuple[float, float] = (200, 150), height: float = 700
+) -> Pose:
     """camera_from_work: above the point ``at``, tilted by ``tilt`` deg about an axis at ``about`` deg in the plane."""
     turn = rotation_from_fixed_xyz(0, 0, np.radians(about))
     tip = rotation_from_fixed_xyz(np.radians(180 + tilt), 0, 0)
@@ -48,7 +53,9 @@ def seen(camera: Camera, pose: Pose, points: np.ndarray, z: float = 0.0) -> np.n
 
 def error_mm(plane: Plane, camera: Camera, pose: Pose, points: np.ndarray = GRID) -> float:
     """How far off work points are that the plane finds at their true ideal pixels."""
-    ideal = seen(Camera(matrix=camera.matrix, distortion=frozen([]), size=camera.size, name=""), pose, points)
+    ideal = seen(
+        Camera(matrix=camera.matrix, distortion=frozen([]), size=camera.size, name=""), pose, points
+    )
     return float(np.linalg.norm(map_points(plane.work_from_pixel, ideal) - points, axis=1).max())
 
 
@@ -91,12 +98,18 @@ def test_the_distortion_matters_and_is_taken_out() -> None:
     assert error_mm(plane_from_points(LENS, seen(LENS, pose, GRID), GRID), LENS, pose) < 1e-6
 
 
-@given(st.lists(st.floats(-1, 1), min_size=8, max_size=8), st.floats(1e-2, 1e3), st.floats(-1e4, 1e4))
+@given(
+    st.lists(st.floats(-1, 1), min_size=8, max_size=8), st.floats(1e-2, 1e3), st.floats(-1e4, 1e4)
+)
 def test_any_exact_homography_is_found(numbers: list[float], scale: float, away: float) -> None:
     """Whatever the units and however far off the origin, as long as the points are in front."""
-    true = np.append(np.array(numbers) * ([0.4] * 6 + [0.3] * 2), 1.0).reshape(3, 3) + np.diag([1.0, -1.0, 0])
+    true = np.append(np.array(numbers) * ([0.4] * 6 + [0.3] * 2), 1.0).reshape(3, 3) + np.diag(
+        [1.0, -1.0, 0]
+    )
     unit = np.array([(0, 0), (1, 0), (1, 1), (0, 1), (0.3, 0.6)])
-    assume(np.linalg.det(true[:2, :2] - np.outer(map_points(true, unit[:1])[0], true[2, :2])) < -0.2)
+    assume(
+        np.linalg.det(true[:2, :2] - np.outer(map_points(true, unit[:1])[0], true[2, :2])) < -0.2
+    )
     assume(scales(true, unit)[:, 0].min() > 0.1)
     image = map_points(true, unit)
     assume(in_line(image) is None)
@@ -210,7 +223,9 @@ def test_a_doubtful_pair_is_noted() -> None:
 def test_mirrored_points_are_refused_with_a_hint() -> None:
     pose = looking(10)
     px = seen(PINHOLE, pose, SIX)
-    assert "the points are mirrored; seen from above, y runs up where v runs down" in refusal(px, SIX * [1, -1])
+    assert "the points are mirrored; seen from above, y runs up where v runs down" in refusal(
+        px, SIX * [1, -1]
+    )
     assert "mirrored" in refusal(px, SIX[:, ::-1])
     assert "mirrored" in refusal(px[:4], SIX[:4] * [-1, 1])
     # Turned by any angle is right, whatever the camera's roll.
@@ -228,7 +243,10 @@ def test_points_in_the_wrong_order_are_refused() -> None:
     [
         ([(0, 0), (100, 0), (200, 0), (0, 100)], "pair 1, pair 2, pair 3 lie on one line in mm"),
         ([(0, 0), (50, 80), (100, 0.5), (200, 0)], "pair 1, pair 3, pair 4 lie on one line"),
-        ([(0, 0), (100, 0), (200, 0), (300, 0), (120, 90)], "all points but pair 5 lie on one line"),
+        (
+            [(0, 0), (100, 0), (200, 0), (300, 0), (120, 90)],
+            "all points but pair 5 lie on one line",
+        ),
         ([(0, 0), (10, 10), (20, 20), (30, 30)], "lie on one line"),
         ([(0, 0), (100, 0), (100, 0), (0, 100)], "pair 2 and pair 3 are the same point"),
     ],
@@ -244,11 +262,19 @@ def test_degenerate_points_are_named(points: list[tuple[float, float]], what: st
     ("px", "mm", "what"),
     [
         ([[1, 2], [3, 4], [5, 7]], [[1, 2], [3, 4], [5, 7]], "3 point pairs, a plane needs four"),
-        ([[1, 2], [3, 4], [5, 7], [8, 1]], [[1, 2], [3, 4], [5, 7]], "4 points in the photo and 3 in mm"),
+        (
+            [[1, 2], [3, 4], [5, 7], [8, 1]],
+            [[1, 2], [3, 4], [5, 7]],
+            "4 points in the photo and 3 in mm",
+        ),
         ([1, 2, 3], [[1, 2]], "no list of points"),
         ([[1, 2], [3]], [[1, 2], [3, 4]], "no list of points"),
         ([["a", "b"]] * 4, [[1, 2]] * 4, "no list of points"),
-        ([[1, 2], [3, 4], [5, 7], [8, float("nan")]], [[1, 2], [3, 4], [5, 7], [8, 1]], "not finite"),
+        (
+            [[1, 2], [3, 4], [5, 7], [8, float("nan")]],
+            [[1, 2], [3, 4], [5, 7], [8, 1]],
+            "not finite",
+        ),
         (SIX, np.column_stack([SIX, np.full(6, -8.0)]), "a z other than 0"),
     ],
 )

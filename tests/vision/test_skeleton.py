@@ -36,7 +36,10 @@ def test_thinning_keeps_pieces_and_holes(seed: int) -> None:
     lines = skeleton(mask)
     assert not (lines & ~mask).any()
     # As many pieces, and as many holes: the pieces of what is outside, joined by direct neighbours only.
-    assert cv2.connectedComponents(lines, connectivity=8)[0] == cv2.connectedComponents(mask, connectivity=8)[0]
+    assert (
+        cv2.connectedComponents(lines, connectivity=8)[0]
+        == cv2.connectedComponents(mask, connectivity=8)[0]
+    )
     outside = [np.pad(255 - m, 1, constant_values=255) for m in (lines, mask)]
     assert len({cv2.connectedComponents(m, connectivity=4)[0] for m in outside}) == 1
 
@@ -78,7 +81,10 @@ def test_a_bar_is_one_stroke_in_its_middle() -> None:
 
 def test_a_crossing_is_two_strokes_that_run_through() -> None:
     found = found_in(drawn(BAR, [(120, 10), (130, 10), (130, 150), (120, 150)]))
-    assert sorted(round(max(np.ptp(s.points.real), np.ptp(s.points.imag)), -1) for s in found) == [130, 140]
+    assert sorted(round(max(np.ptp(s.points.real), np.ptp(s.points.imag)), -1) for s in found) == [
+        130,
+        140,
+    ]
 
 
 def test_a_branch_ends_in_the_line_that_runs_on() -> None:
@@ -107,4 +113,6 @@ def test_every_pixel_between_junctions_is_in_one_branch() -> None:
     net = graph(lines, None, np.ones(mask.shape, dtype=np.float32))
     inner = np.concatenate([b.points[1:-1] for b in net.branches])
     assert len(np.unique(inner)) == len(inner)
-    assert {*np.concatenate([b.points for b in net.branches]).tolist()} == {u + 1j * v for v, u in np.argwhere(lines)}
+    assert {*np.concatenate([b.points for b in net.branches]).tolist()} == {
+        u + 1j * v for v, u in np.argwhere(lines)
+    }

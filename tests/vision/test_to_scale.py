@@ -38,12 +38,18 @@ def places(view: ScaledView) -> np.ndarray:
 
 
 def photo_of(camera: Camera, values: np.ndarray) -> Picture:
-    return Picture("photo.png", np.ascontiguousarray(values.reshape(camera.size[1], camera.size[0]).astype(np.uint8)))
+    return Picture(
+        "photo.png",
+        np.ascontiguousarray(values.reshape(camera.size[1], camera.size[0]).astype(np.uint8)),
+    )
 
 
 #: The big camera of the plane's tests with a quarter of its pixels.
 QUARTER = Camera(
-    matrix=frozen(MATRIX * [[0.25], [0.25], [1]]), distortion=LENS.distortion, size=(960, 687), name="quarter"
+    matrix=frozen(MATRIX * [[0.25], [0.25], [1]]),
+    distortion=LENS.distortion,
+    size=(960, 687),
+    name="quarter",
 )
 
 
@@ -120,7 +126,9 @@ def test_points_found_in_the_view_are_where_they_were_drawn() -> None:
     for dot in DOTS:
         near = np.hypot(*np.moveaxis(where - dot, 2, 0)) < 1.2
         weight = 220.0 - view.pixels[near]
-        assert np.linalg.norm((where[near] * weight[:, None]).sum(axis=0) / weight.sum() - dot) < 0.01
+        assert (
+            np.linalg.norm((where[near] * weight[:, None]).sum(axis=0) / weight.sum() - dot) < 0.01
+        )
 
 
 DOTS = np.array([(5.0, 6), (35, 6), (34, 25), (6, 26), (20, 15)])
@@ -141,7 +149,9 @@ def test_the_view_is_nowhere_coarser_than_the_photo(camera: Camera, tilt: float)
     longest = 0.0
     for angle in np.linspace(0, np.pi, 12, endpoint=False):
         step = view.mm_per_px * np.array([np.cos(angle), np.sin(angle)])
-        moved = np.linalg.norm(seen(camera, pose, mm[valid] + step) - seen(camera, pose, mm[valid]), axis=1)
+        moved = np.linalg.norm(
+            seen(camera, pose, mm[valid] + step) - seen(camera, pose, mm[valid]), axis=1
+        )
         longest = max(longest, float(moved.max()))
     assert 0.97 < longest < 1.003  # the finest place is between the samples
     assert f"{view.mm_per_px:.3g}" == f"{view.mm_per_px:g}"  # three digits
@@ -187,9 +197,13 @@ def test_a_lens_model_that_turns_back_shows_nothing_twice(focal: float) -> None:
     With the shorter focal length the photo's own corners lie further out than the model shows anything.
     """
     matrix = frozen([[focal, 0, 321], [0, focal, 236], [0, 0, 1]])
-    folding = Camera(matrix=matrix, distortion=frozen([-0.5, 0, 0, 0, 0]), size=(640, 480), name="folding")
+    folding = Camera(
+        matrix=matrix, distortion=frozen([-0.5, 0, 0, 0, 0]), size=(640, 480), name="folding"
+    )
     far = np.array([[1.2, 0, 1.0]])
-    turned = cv2.projectPoints(far, np.zeros(3), np.zeros(3), folding.matrix, folding.distortion)[0].ravel()
+    turned = cv2.projectPoints(far, np.zeros(3), np.zeros(3), folding.matrix, folding.distortion)[
+        0
+    ].ravel()
     assert 0 < turned[0] < 640  # OpenCV's formula finds it in the photo: the trap is there
     assert np.isnan(distort(folding, np.array([[321 + 1.2 * focal, 236]]))).all()
     plane = plane_from_pose(folding, looking(0, height=110, at=(200, 150)))
@@ -206,7 +220,9 @@ def test_a_lens_model_that_turns_back_shows_nothing_twice(focal: float) -> None:
     assert radius.max() < np.sqrt(2 / 3)
     px = ideal * (1 - 0.5 * radius**2)[:, None] * focal + folding.matrix[:2, 2]
     assert np.all((px > -0.1) & (px < np.array(folding.size) - 0.9))
-    assert radius.max() > (0.55 if focal > 700 else 0.78)  # and nearly all that the photo shows is there
+    assert radius.max() > (
+        0.55 if focal > 700 else 0.78
+    )  # and nearly all that the photo shows is there
 
 
 def test_a_region_is_cut_out_and_may_be_finer() -> None:
@@ -259,7 +275,9 @@ def test_without_a_camera() -> None:
     shown = show_by(None, plane, SMALL.size)
     assert np.abs(photo_from_work(shown, DOTS) - seen(pinhole, pose, DOTS)).max() < 1e-6
     view = rectify(blank(SMALL), None, plane)
-    corners = map_points(plane.work_from_pixel, np.array([[0.0, 0], [639, 0], [0, 479], [639, 479]]))
+    corners = map_points(
+        plane.work_from_pixel, np.array([[0.0, 0], [639, 0], [0, 479], [639, 479]])
+    )
     assert np.abs(corners.min(axis=0) - places(view)[-1, 0]).max() < view.mm_per_px
     assert np.abs(corners.max(axis=0) - places(view)[0, -1]).max() < view.mm_per_px
 
@@ -267,14 +285,22 @@ def test_without_a_camera() -> None:
 def test_colour_stays() -> None:
     photo = np.zeros((480, 640, 3), np.uint8)
     photo[:] = (10, 120, 240)
-    view = rectify(Picture("p", photo), SMALL, plane_from_pose(SMALL, looking(0, height=110, at=(20, 15))))
+    view = rectify(
+        Picture("p", photo), SMALL, plane_from_pose(SMALL, looking(0, height=110, at=(20, 15)))
+    )
     assert view.pixels.shape[2] == 3
-    assert view.pixels[view.pixels.shape[0] // 2, view.pixels.shape[1] // 2].tolist() == [10, 120, 240]
+    assert view.pixels[view.pixels.shape[0] // 2, view.pixels.shape[1] // 2].tolist() == [
+        10,
+        120,
+        240,
+    ]
 
 
 def test_a_photo_that_the_camera_cannot_have_taken_is_refused() -> None:
     plane = plane_from_pose(SMALL, looking(0, height=110))
-    with pytest.raises(InputError, match="is 480 x 640 px, camera small was calibrated with 640 x 480"):
+    with pytest.raises(
+        InputError, match="is 480 x 640 px, camera small was calibrated with 640 x 480"
+    ):
         rectify(Picture("p.jpg", np.zeros((640, 480), np.uint8)), SMALL, plane)
     with pytest.raises(InputError, match="turned by its Exif orientation"):
         rectify(Picture("p.jpg", np.zeros((480, 640), np.uint8), turned=True), SMALL, plane)
@@ -318,7 +344,9 @@ def test_scales_that_are_none(given: dict[str, float]) -> None:
 
 def test_two_scales_are_one_too_many() -> None:
     with pytest.raises(JobError, match="mm_per_px and width_mm are both given"):
-        already_to_scale(Picture("scan.png", np.zeros((20, 30), np.uint8)), mm_per_px=0.1, width_mm=50)
+        already_to_scale(
+            Picture("scan.png", np.zeros((20, 30), np.uint8)), mm_per_px=0.1, width_mm=50
+        )
 
 
 def test_linear_interpolation_of_this_opencv_is_exact_enough() -> None:

@@ -90,7 +90,9 @@ def tab(browser: Driven, bench: Bench) -> Iterator[Tab]:
     one.context.close()
 
 
-def test_a_change_is_built_at_once_and_saved_as_the_command_line_does(tab: Tab, folder: Path, tmp_path: Path) -> None:
+def test_a_change_is_built_at_once_and_saved_as_the_command_line_does(
+    tab: Tab, folder: Path, tmp_path: Path
+) -> None:
     first = tab.rest()["built"]["number"]
     before = tab.shown(first).locator("#rows").inner_text()
     tab.enter("process.feed", "31")
@@ -105,7 +107,20 @@ def test_a_change_is_built_at_once_and_saved_as_the_command_line_does(tab: Tab, 
     assert (folder / "part.toml").read_text().endswith("\n[process]\nfeed = 31\n")
     program = (folder / "part.ngc").read_bytes()
     (tmp_path / "again").mkdir()
-    assert main(["build", str(folder / "part.dxf"), "--post", "gcode", "-o", str(tmp_path / "again"), "-q"]) == 0
+    assert (
+        main(
+            [
+                "build",
+                str(folder / "part.dxf"),
+                "--post",
+                "gcode",
+                "-o",
+                str(tmp_path / "again"),
+                "-q",
+            ]
+        )
+        == 0
+    )
     assert (tmp_path / "again" / "part.ngc").read_bytes() == program
     assert tab.said == []
     own = tab.bench.address.rpartition("/")[0]
@@ -126,7 +141,9 @@ def test_what_is_looked_at_survives_a_new_program(tab: Tab) -> None:
     before = frame.evaluate("camgen.viewState()")
     assert before["id"]
     tab.enter("process.feed", "31")
-    after = tab.shown(tab.rest("s.tables.process")["built"]["number"]).evaluate("camgen.viewState()")
+    after = tab.shown(tab.rest("s.tables.process")["built"]["number"]).evaluate(
+        "camgen.viewState()"
+    )
     for name in ("id", "tab", "colouring", "layers"):
         assert after[name] == before[name]
     for name in ("turn", "tilt", "height"):
@@ -168,7 +185,10 @@ def test_settings_are_found_by_their_words_and_by_what_was_changed(tab: Tab) -> 
     tab.enter("page.size", "A4")
     tab.rest("s.tables.page")
     assert tab.field("process.clearance").input_value() == "3"
-    assert "default: 3 here, else 20" in tab.page.locator('[data-path=\'["process","clearance"]\'] .usual').inner_text()
+    assert (
+        "default: 3 here, else 20"
+        in tab.page.locator('[data-path=\'["process","clearance"]\'] .usual').inner_text()
+    )
     tab.page.locator("#undo").click()
     tab.rest("!s.tables.page")
     tab.page.locator("#only").check()
@@ -200,11 +220,21 @@ def test_a_second_tab_and_a_reload_show_the_same_session(tab: Tab, browser: Driv
 
 def test_a_click_leaves_out_and_a_layer_is_switched(tab: Tab) -> None:
     frame = tab.shown(tab.rest()["built"]["number"])
-    said = {"camgen": "picked", "path": 3, "id": "c1", "layer": "OUTLINE", "source": "path", "x": 0, "y": 0}
+    said = {
+        "camgen": "picked",
+        "path": 3,
+        "id": "c1",
+        "layer": "OUTLINE",
+        "source": "path",
+        "x": 0,
+        "y": 0,
+    }
     frame.evaluate("said => parent.postMessage(said, location.origin)", said)
     card = tab.page.locator("#picked")
     card.get_by_text("Leave out c1").click()
-    assert tab.rest("s.tables.operations")["tables"] == {"operations": [{"ids": ["c2", "c3", "c4"]}]}
+    assert tab.rest("s.tables.operations")["tables"] == {
+        "operations": [{"ids": ["c2", "c3", "c4"]}]
+    }
     assert not card.is_visible()
     tab.page.locator("[data-tab=layers]").click()
     tab.page.get_by_text("Take in").click()
@@ -240,11 +270,15 @@ def test_a_seam_is_dragged_along_its_path_and_a_row_to_another_place(tab: Tab) -
     assert frame.locator(".seam.set").is_visible()
     run = state["looked"]["runs"][3]
     assert run["point"] == point
-    assert run["seam"][:2] == pytest.approx(point, abs=0.11)  # at a corner, or within the last digit
+    assert run["seam"][:2] == pytest.approx(
+        point, abs=0.11
+    )  # at a corner, or within the last digit
     # By keys: one step of 1 mm along the path.
     frame.locator(".seam").press("ArrowRight")
     frame.locator(".seam").press("Enter")
-    state = tab.rest(f"s.tables.tour?.seams?.[0][0] !== {point[0]} || s.tables.tour?.seams?.[0][1] !== {point[1]}")
+    state = tab.rest(
+        f"s.tables.tour?.seams?.[0][0] !== {point[0]} || s.tables.tour?.seams?.[0][1] !== {point[1]}"
+    )
     moved = state["looked"]["runs"][3]["seam"]
     assert 0.5 < float(np.hypot(moved[0] - run["seam"][0], moved[1] - run["seam"][1])) <= 1.01
     # The list: dragged, and by keys; the row that is chosen stays chosen, and the keyboard with it.
@@ -274,7 +308,9 @@ def test_a_seam_is_dragged_along_its_path_and_a_row_to_another_place(tab: Tab) -
 
 def test_what_is_no_page_of_the_workbench_is_not_heard(tab: Tab) -> None:
     tab.shown(tab.rest()["built"]["number"])
-    tab.page.evaluate("postMessage({ camgen: 'picked', path: 3, id: 'c1', layer: 'OUTLINE' }, location.origin)")
+    tab.page.evaluate(
+        "postMessage({ camgen: 'picked', path: 3, id: 'c1', layer: 'OUTLINE' }, location.origin)"
+    )
     tab.page.evaluate(
         """() => new Promise((done) => {
           const frame = document.createElement("iframe");
@@ -308,7 +344,9 @@ def test_operations_are_added_set_moved_and_removed(tab: Tab) -> None:
     state = tab.rest("s.tables.operations[1].kind === 'drill'")
     assert state["tables"]["operations"] == [{}, {"kind": "drill", "layers": ["HOLES"]}]
     tab.page.locator("[data-row='operations.0']").get_by_text("Remove").click()
-    assert tab.rest("s.tables.operations.length === 1")["tables"]["operations"][0]["kind"] == "drill"
+    assert (
+        tab.rest("s.tables.operations.length === 1")["tables"]["operations"][0]["kind"] == "drill"
+    )
     assert tab.said == []
 
 
@@ -328,7 +366,9 @@ def test_a_photo_shows_its_stages_live(browser: Driven, tmp_path: Path) -> None:
         tab.field("image.mask").select_option("threshold")
         tab.page.locator(".field:has(#f-image-threshold) input[type=range]").fill("200")
         now = tab.rest("s.tables.image.threshold === 200")["picture"]
-        tab.page.wait_for_function(f"() => document.querySelector('#picture img').src.endsWith('/{now}')")
+        tab.page.wait_for_function(
+            f"() => document.querySelector('#picture img').src.endsWith('/{now}')"
+        )
         tab.page.wait_for_function("() => document.querySelector('#picture img').complete")
         after = image(picture.screenshot())
         assert after.shape != before.shape or np.abs(after.astype(int) - before).max() > 50

@@ -47,16 +47,27 @@ class Called(BaseException):
         super().__init__()
         #: Who watches, and what is read already, make no byte of the program.
         self.asked = {key: value for key, value in asked.items() if key not in ("watch", "files")}
-        self.asked = {"name": "", "strict": False, **self.asked, "inputs": [path.resolve() for path in inputs]}
+        self.asked = {
+            "name": "",
+            "strict": False,
+            **self.asked,
+            "inputs": [path.resolve() for path in inputs],
+        }
 
 
 def call(inputs: Sequence[Path], **asked: object) -> None:
     raise Called(inputs, **asked)
 
 
-def asked_by_workbench(source: Path, job: Path | None, tables: dict[str, Any], post: str, place: Path) -> Called:
+def asked_by_workbench(
+    source: Path, job: Path | None, tables: dict[str, Any], post: str, place: Path
+) -> Called:
     session = open_session([source], str(job) if job else None, [], post, place, [post])
-    asked = [Change([table, key], value) for table in ("post", "cell") for key, value in tables.get(table, {}).items()]
+    asked = [
+        Change([table, key], value)
+        for table in ("post", "cell")
+        for key, value in tables.get(table, {}).items()
+    ]
     session = change(session, asked) if job else session
     # As it would be saved, elsewhere: fixtures stay as they are.
     saved = place / "job.toml" if job else session.job_file
@@ -76,11 +87,16 @@ def asked_by_line(source: Path, job: Path | None, post: str, place: Path) -> Cal
 
 
 DRAWN = sorted(path for path in PARTS.iterdir() if path.suffix != ".toml")
-EVERY = [(next(part for part in parts(case) if part.exists()), case / "job.toml", post) for case, post in ALL]
+EVERY = [
+    (next(part for part in parts(case) if part.exists()), case / "job.toml", post)
+    for case, post in ALL
+]
 EVERY += [(part, None, post) for part in DRAWN for post in POSTS]
 
 
-def test_every_fixture_is_built_as_the_command_line_builds_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_fixture_is_built_as_the_command_line_builds_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The same job, input, controller and name to the same ``build``, whose program is written as it is by both: that
     the bytes are the same is then looked at for some.
     """
@@ -91,7 +107,10 @@ def test_every_fixture_is_built_as_the_command_line_builds_it(tmp_path: Path, mo
         place = tmp_path / str(number)
         place.mkdir()
         tables = tables_of(job.parent, post) if job else {}
-        bench, line = asked_by_workbench(source, job, tables, post, place), asked_by_line(source, job, post, place)
+        bench, line = (
+            asked_by_workbench(source, job, tables, post, place),
+            asked_by_line(source, job, post, place),
+        )
         assert bench.asked == line.asked, (source.name, job, post)
         assert isinstance(bench.asked["job"], Job)
         jobs.add(hash(repr(bench.asked["job"])))
@@ -105,17 +124,25 @@ SOME += [pair for pair in ALL if pair[0] not in {case for case, _ in SOME}]
 
 
 @pytest.mark.parametrize(("case", "post"), SOME, ids=lambda one: getattr(one, "name", one))
-def test_a_program_is_that_of_the_command_line_byte_for_byte(case: Path, post: str, tmp_path: Path) -> None:
+def test_a_program_is_that_of_the_command_line_byte_for_byte(
+    case: Path, post: str, tmp_path: Path
+) -> None:
     source = next(part for part in parts(case) if part.exists())
     (tmp_path / "bench").mkdir()
     (tmp_path / "line").mkdir()
     session = open_session([source], str(case / "job.toml"), [], post, tmp_path / "bench", [post])
     wanted = tables_of(case, post)
-    asked = [Change([table, key], value) for table in ("post", "cell") for key, value in wanted.get(table, {}).items()]
+    asked = [
+        Change([table, key], value)
+        for table in ("post", "cell")
+        for key, value in wanted.get(table, {}).items()
+    ]
     session = change(session, asked)
     # As it would be saved, elsewhere: fixtures stay as they are.
     job = tmp_path / "job.toml"
-    outcome = perform(Ask(1, session.inputs, post, job, session.text, session.output), ignore_stages, rows)
+    outcome = perform(
+        Ask(1, session.inputs, post, job, session.text, session.output), ignore_stages, rows
+    )
     assert isinstance(outcome, Built), outcome
     job.write_text(session.text)
     words = [str(source), "--post", post, "--job", str(job), "-o", str(tmp_path / "line"), "-q"]
@@ -130,17 +157,29 @@ def test_a_program_is_that_of_the_command_line_byte_for_byte(case: Path, post: s
 
 def test_every_setting_stands_in_the_form_once() -> None:
     found = form("rapid")
-    fields = [(group.table, field.key) for group in found.groups if group.table != "post" for field in group.fields]
+    fields = [
+        (group.table, field.key)
+        for group in found.groups
+        if group.table != "post"
+        for field in group.fields
+    ]
     assert sorted(fields) == sorted((s.table, s.key) for s in settings())
     for name, groups in found.rows.items():
         keys = [field.key for group in groups for field in group.fields]
         assert sorted(keys) == sorted({s.key for s in row_settings() if s.table == name})
-    options = {field.key: field for group in found.groups if group.table == "post" for field in group.fields}
+    options = {
+        field.key: field
+        for group in found.groups
+        if group.table == "post"
+        for field in group.fields
+    }
     assert options["conf"].kind == "choice"
 
 
 def test_a_field_has_unit_kind_and_bounds_of_its_setting() -> None:
-    fields = {(group.table, field.key): field for group in form("gcode").groups for field in group.fields}
+    fields = {
+        (group.table, field.key): field for group in form("gcode").groups for field in group.fields
+    }
     feed, threshold = fields["process", "feed"], fields["image", "threshold"]
     assert (feed.unit, feed.kind, feed.default) == ("mm/s", "number", 20.0)
     assert (threshold.least, threshold.most) == (0, 255)
@@ -156,13 +195,31 @@ def test_a_field_has_unit_kind_and_bounds_of_its_setting() -> None:
 @pytest.mark.parametrize(
     ("error", "place"),
     [
-        (JobError("part.toml", "feed must be a number > 0, not -1", "[process]"), ["process", "feed"]),
-        (JobError("job", "has no effect without an arm", "cell.joint_speeds"), ["cell", "joint_speeds"]),
-        (JobError("part.dxf", "there is no contour 'c9'", "operations.1.ids"), ["operations", 1, "ids"]),
-        (JobError("part.dxf", "chooses no contour of the drawing", "operations.0"), ["operations", 0]),
-        (JobError("part.toml", "depth must be a number >= 0, not -2", "[[operations]] 1"), ["operations", 1, "depth"]),
+        (
+            JobError("part.toml", "feed must be a number > 0, not -1", "[process]"),
+            ["process", "feed"],
+        ),
+        (
+            JobError("job", "has no effect without an arm", "cell.joint_speeds"),
+            ["cell", "joint_speeds"],
+        ),
+        (
+            JobError("part.dxf", "there is no contour 'c9'", "operations.1.ids"),
+            ["operations", 1, "ids"],
+        ),
+        (
+            JobError("part.dxf", "chooses no contour of the drawing", "operations.0"),
+            ["operations", 0],
+        ),
+        (
+            JobError("part.toml", "depth must be a number >= 0, not -2", "[[operations]] 1"),
+            ["operations", 1, "depth"],
+        ),
         (JobError("part.toml", 'conf must be one of "on", not 5', "[post] conf"), ["post", "conf"]),
-        (JobError("rapid", "no output is named for spindle", "", "set post.signals"), ["post", "signals"]),
+        (
+            JobError("rapid", "no output is named for spindle", "", "set post.signals"),
+            ["post", "signals"],
+        ),
         (JobError("part.dxf", "is empty"), []),
     ],
 )
@@ -175,7 +232,11 @@ def test_an_error_names_its_setting(error: JobError, place: list[str | int]) -> 
 
 def usual(tmp_path: Path, post: str, *sets: str) -> dict[str, dict[str, object]]:
     session = open_session([PARTS / "bracket.dxf"], None, sets, post, tmp_path, [post])
-    outcome = perform(Ask(1, session.inputs, post, tmp_path / "job.toml", session.text, tmp_path), ignore_stages, rows)
+    outcome = perform(
+        Ask(1, session.inputs, post, tmp_path / "job.toml", session.text, tmp_path),
+        ignore_stages,
+        rows,
+    )
     assert isinstance(outcome, Built), outcome
     return outcome.usual
 
@@ -242,7 +303,9 @@ depth = 3.0
         (["post", "signals"], {"spindle": "aoSpeed", "a b": "c"}),
     ],
 )
-def test_a_change_leaves_the_rest_of_the_file_as_it_was(path: list[str | int], value: object) -> None:
+def test_a_change_leaves_the_rest_of_the_file_as_it_was(
+    path: list[str | int], value: object
+) -> None:
     wanted = put(tomllib.loads(FILE), path, value)
     text = write_job(FILE, wanted, "part.dxf")
     assert tomllib.loads(text) == wanted
@@ -257,11 +320,22 @@ def test_a_file_that_nothing_changes_stays_byte_for_byte() -> None:
 
 def test_a_new_file_holds_only_what_differs() -> None:
     tables: dict[str, Any] = {}
-    for path, value in ((["process", "feed"], 20.0), (["process", "plunge"], 5), (["tool", "kind"], "drill")):
+    for path, value in (
+        (["process", "feed"], 20.0),
+        (["process", "plunge"], 5),
+        (["tool", "kind"], "drill"),
+    ):
         tables = put(tables, path, value)
     text = write_job("", {**tables, "operations": [{"kind": "drill"}]}, "part\n.dxf")
     kept = [line for line in text.splitlines() if line and not line.startswith("#")]
-    assert kept == ["[tool]", 'kind = "drill"', "[process]", "plunge = 5", "[[operations]]", 'kind = "drill"']
+    assert kept == [
+        "[tool]",
+        'kind = "drill"',
+        "[process]",
+        "plunge = 5",
+        "[[operations]]",
+        'kind = "drill"',
+    ]
     assert put(tables, ["process", "plunge"], None) == {"tool": {"kind": "drill"}}
 
 
@@ -274,18 +348,26 @@ def test_changes_can_be_undone(tmp_path: Path) -> None:
     assert undo(undo(second)).tables == undo(undo(undo(second))).tables == {}
 
 
-def test_a_file_of_set_is_named_from_the_job_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_file_of_set_is_named_from_the_job_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (tmp_path / "parts").mkdir()
     (tmp_path / "cell.toml").write_text("[cell]\nsafety = 20\n")
     monkeypatch.chdir(tmp_path)
-    session = open_session([Path("parts/part.dxf")], None, ["cell.file=cell.toml"], "gcode", tmp_path, ["gcode"])
+    session = open_session(
+        [Path("parts/part.dxf")], None, ["cell.file=cell.toml"], "gcode", tmp_path, ["gcode"]
+    )
     assert session.tables == {"cell": {"file": "../cell.toml"}}
-    assert change(session, [Change(["process", "feed"], 12)]).tables["cell"] == {"file": "../cell.toml"}
+    assert change(session, [Change(["process", "feed"], 12)]).tables["cell"] == {
+        "file": "../cell.toml"
+    }
     with pytest.raises(JobError, match="outside the folder"):
         change(session, [Change(["cell", "file"], "../other.toml")])
 
 
-@pytest.mark.parametrize("path", [["nothing", "feed"], ["operations"], ["process"], ["operations", 0, "depth"], []])
+@pytest.mark.parametrize(
+    "path", [["nothing", "feed"], ["operations"], ["process"], ["operations", 0, "depth"], []]
+)
 def test_a_place_that_no_job_has_is_refused(tmp_path: Path, path: list[str | int]) -> None:
     session = open_session([tmp_path / "part.dxf"], None, [], "gcode", tmp_path, ["gcode"])
     if path == ["operations"]:
@@ -312,14 +394,21 @@ def test_edges_are_words_of_the_selection() -> None:
     assert out == {"input": {"select": "convex, not e3"}}
     assert take_in(out, solid, ["e3"]) == {}
     assert take_in({}, solid, ["e4"]) == {"input": {"select": "convex e4"}}
-    assert leave_out({"input": {"select": "e3, e5-e9"}}, solid, ["e3"], -1) == {"input": {"select": "e5-e9, not e3"}}
+    assert leave_out({"input": {"select": "e3, e5-e9"}}, solid, ["e3"], -1) == {
+        "input": {"select": "e5-e9, not e3"}
+    }
 
 
 def test_a_contour_is_left_out_of_the_row_that_works_on_it() -> None:
-    looked = Looked("drawing", contours=(("c1", "0"), ("c2", "0"), ("c3", "0")), worked=(("c1",), ("c2", "c3")))
+    looked = Looked(
+        "drawing", contours=(("c1", "0"), ("c2", "0"), ("c3", "0")), worked=(("c1",), ("c2", "c3"))
+    )
     tables = {"operations": [{"nesting": "outer"}, {"nesting": "inner", "depth": 2}]}
     out = leave_out(tables, looked, ["c3"], 1)
-    assert out["operations"] == [{"nesting": "outer"}, {"nesting": "inner", "depth": 2, "ids": ["c2"]}]
+    assert out["operations"] == [
+        {"nesting": "outer"},
+        {"nesting": "inner", "depth": 2, "ids": ["c2"]},
+    ]
     assert leave_out(tables, looked, ["c1"], -1)["operations"] == [{"nesting": "inner", "depth": 2}]
     assert take_in(out, looked, ["c3"])["operations"][1]["ids"] == ["c2", "c3"]
     with pytest.raises(JobError, match="nothing would be left"):
@@ -345,7 +434,9 @@ def test_what_a_page_knows_of_an_input(
     else:
         shutil.copy(PARTS / name, source)
     session = open_session([source], None, sets, post, tmp_path, [post])
-    found = perform(Ask(1, session.inputs, post, session.job_file, session.text, tmp_path), ignore_stages, rows)
+    found = perform(
+        Ask(1, session.inputs, post, session.job_file, session.text, tmp_path), ignore_stages, rows
+    )
     assert isinstance(found, Built), found
     assert found.looked.kind == kind
     assert bool(found.looked.layers) == layers

@@ -21,7 +21,9 @@ PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
 @pytest.fixture
 def session(tmp_path: Path) -> Session:
     shutil.copy(PARTS / "bracket.dxf", tmp_path / "part.dxf")
-    return open_session([tmp_path / "part.dxf"], None, ["tool.diameter=4"], "gcode", tmp_path, ["gcode"])
+    return open_session(
+        [tmp_path / "part.dxf"], None, ["tool.diameter=4"], "gcode", tmp_path, ["gcode"]
+    )
 
 
 def made(session: Session) -> Built:
@@ -35,7 +37,9 @@ def worked(built: Built) -> list[str]:
     return [run.contours[0] for run in built.looked.runs]
 
 
-def test_a_path_that_is_moved_runs_there_and_what_comes_before_it_stays(session: Session, tmp_path: Path) -> None:
+def test_a_path_that_is_moved_runs_there_and_what_comes_before_it_stays(
+    session: Session, tmp_path: Path
+) -> None:
     first = made(session)
     before = worked(first)
     assert before[-1] == "c1"  # the outline comes last
@@ -54,7 +58,12 @@ def test_a_path_that_is_moved_runs_there_and_what_comes_before_it_stays(session:
     # The file that is saved is the job of the command line.
     session.job_file.write_text(session.text)
     (tmp_path / "line").mkdir()
-    assert main(["build", str(session.inputs[0]), "--post", "gcode", "-o", str(tmp_path / "line"), "-q"]) == 0
+    assert (
+        main(
+            ["build", str(session.inputs[0]), "--post", "gcode", "-o", str(tmp_path / "line"), "-q"]
+        )
+        == 0
+    )
     assert [(tmp_path / "line" / path.name).read_bytes() for path, _ in third.programs] == [
         data for _, data in third.programs
     ]
@@ -75,7 +84,9 @@ def test_a_seam_that_is_moved_is_one_point_of_the_job_and_can_be_given_up(sessio
     assert run.point == tuple(seams[0])
     assert run.seam is not None
     # Moved on: the same point of the job, not one more.
-    again = move_seam(session.tables, second.looked, worked(second).index("c1"), (run.seam[0] + 3, run.seam[1]))
+    again = move_seam(
+        session.tables, second.looked, worked(second).index("c1"), (run.seam[0] + 3, run.seam[1])
+    )
     assert len(again["tour"]["seams"]) == 1
     assert again["tour"]["seams"] != seams
     assert "tour" not in move_seam(session.tables, second.looked, worked(second).index("c1"), None)
@@ -83,7 +94,9 @@ def test_a_seam_that_is_moved_is_one_point_of_the_job_and_can_be_given_up(sessio
 
 def test_leads_do_not_move_the_seam_that_is_shown(session: Session) -> None:
     plain = made(session)
-    with_leads = step(session, {**session.tables, "operation": {"lead_in": 2, "lead_out": 2, "overlap": 1}})
+    with_leads = step(
+        session, {**session.tables, "operation": {"lead_in": 2, "lead_out": 2, "overlap": 1}}
+    )
     path = worked(plain).index("c1")
     seam = plain.looked.runs[path].seam
     assert seam is not None
@@ -111,11 +124,23 @@ SHARED = (
         (Looked("drawing", runs=runs(0, 0, 1, 1)), 3, 2, ["c3"]),
         (Looked("drawing", runs=runs(-1, -1, -1, -1)), 0, 2, ["c1", "c2", "c0"]),
         # What other operations have named stays, in the order in which they run.
-        (Looked("drawing", runs=(replace(runs(0)[0], ordered=True), *runs(0, 1, 1)[1:])), 2, 1, ["c0", "c2"]),
-        (Looked("drawing", runs=(*runs(0, 0), replace(runs(1, 1, 1)[2], ordered=True))), 1, 0, ["c1", "c2"]),
+        (
+            Looked("drawing", runs=(replace(runs(0)[0], ordered=True), *runs(0, 1, 1)[1:])),
+            2,
+            1,
+            ["c0", "c2"],
+        ),
+        (
+            Looked("drawing", runs=(*runs(0, 0), replace(runs(1, 1, 1)[2], ordered=True))),
+            1,
+            0,
+            ["c1", "c2"],
+        ),
     ],
 )
-def test_an_order_is_within_an_operation(looked: Looked, path: int, to: int, order: list[str]) -> None:
+def test_an_order_is_within_an_operation(
+    looked: Looked, path: int, to: int, order: list[str]
+) -> None:
     assert move_path({}, looked, path, to) == {"tour": {"order": order}}
 
 
@@ -137,9 +162,14 @@ def test_a_point_of_a_contour_stays_for_the_other_paths_along_it() -> None:
         (Looked("drawing", runs=runs(0)), "older program"),
         (Looked("drawing", runs=runs(0, 1)), "another operation"),
         (Looked("drawing", runs=(Run(("c1",), 0), Run(("c2",), 1))), "is not closed"),
-        (Looked("drawing", runs=(Run(("c1", "c2"), 0), Run(("c2", "c1"), 0))), "work on the same contours"),
+        (
+            Looked("drawing", runs=(Run(("c1", "c2"), 0), Run(("c2", "c1"), 0))),
+            "work on the same contours",
+        ),
     ],
 )
 def test_what_has_no_words_is_refused(looked: Looked, said: str) -> None:
     with pytest.raises(JobError, match=said):
-        move_seam({}, looked, 0, (1.0, 1.0)) if said == "is not closed" else move_path({}, looked, 0, 1)
+        move_seam({}, looked, 0, (1.0, 1.0)) if said == "is not closed" else move_path(
+            {}, looked, 0, 1
+        )

@@ -60,8 +60,12 @@ def bench(folder: Path) -> Iterator[Bench]:
         ("{root}/page/999", None),
     ],
 )
-def test_what_is_not_asked_for_by_its_own_address_is_refused(bench: Bench, path: str, host: str | None) -> None:
-    status, body, headers = bench.ask("GET", path.format(root=bench.root), headers={"Host": host} if host else {})
+def test_what_is_not_asked_for_by_its_own_address_is_refused(
+    bench: Bench, path: str, host: str | None
+) -> None:
+    status, body, headers = bench.ask(
+        "GET", path.format(root=bench.root), headers={"Host": host} if host else {}
+    )
     assert status in (404, 421)
     assert b"camgen" not in body or b"terminal" in body
     assert headers["cache-control"] == "no-store"
@@ -74,14 +78,19 @@ def test_what_is_not_asked_for_by_its_own_address_is_refused(bench: Bench, path:
         ({"Content-Type": "application/json", "Origin": "null"}, 403),
         ({"Content-Type": "application/json", "Origin": "http://evil.example"}, 403),
         ({"Content-Type": "application/json", "Origin": "http://127.0.0.1:1"}, 403),
-        ({"Content-Type": "application/json", "Origin": "{own}", "Sec-Fetch-Site": "cross-site"}, 403),
+        (
+            {"Content-Type": "application/json", "Origin": "{own}", "Sec-Fetch-Site": "cross-site"},
+            403,
+        ),
         ({"Content-Type": "text/plain", "Origin": "{own}"}, 415),
         ({"Content-Type": "application/x-www-form-urlencoded", "Origin": "{own}"}, 415),
         ({"Origin": "{own}"}, 415),
         ({"Content-Type": "application/json", "Origin": "{own}"}, 200),
     ],
 )
-def test_a_change_comes_from_its_own_page(bench: Bench, headers: dict[str, str], status: int) -> None:
+def test_a_change_comes_from_its_own_page(
+    bench: Bench, headers: dict[str, str], status: int
+) -> None:
     own = {name: value.format(own=f"http://{bench.host}") for name, value in headers.items()}
     assert bench.ask("POST", f"{bench.root}/undo", b"{}", own)[0] == status
 
@@ -97,10 +106,15 @@ def test_another_origin_reads_nothing(bench: Bench) -> None:
 
 def test_what_is_sent_is_bounded(bench: Bench) -> None:
     own = {"Origin": f"http://{bench.host}", "Content-Type": "application/json"}
-    assert bench.ask("POST", f"{bench.root}/change", headers={**own, "Content-Length": "2000001"})[0] == 413
+    assert (
+        bench.ask("POST", f"{bench.root}/change", headers={**own, "Content-Length": "2000001"})[0]
+        == 413
+    )
     with socket.create_connection(("127.0.0.1", bench.port), timeout=LONG) as link:
         head = f"POST {bench.root}/change HTTP/1.1\r\nHost: {bench.host}\r\nOrigin: http://{bench.host}\r\n"
-        link.sendall((head + "Content-Type: application/json\r\nTransfer-Encoding: chunked\r\n\r\n").encode())
+        link.sendall(
+            (head + "Content-Type: application/json\r\nTransfer-Encoding: chunked\r\n\r\n").encode()
+        )
         try:
             for _ in range(40):
                 link.sendall(b"f4240\r\n" + 1_000_000 * b" " + b"\r\n")
@@ -111,7 +125,9 @@ def test_what_is_sent_is_bounded(bench: Bench) -> None:
     assert bench.wait()["tables"] == {}
 
 
-@pytest.mark.parametrize("text", [b"", b"[]", b"{", b'{"changes": 5}', b'{"changes": [], "more": 1}', b"\xff"])
+@pytest.mark.parametrize(
+    "text", [b"", b"[]", b"{", b'{"changes": 5}', b'{"changes": [], "more": 1}', b"\xff"]
+)
 def test_what_makes_no_sense_is_said(bench: Bench, text: bytes) -> None:
     status, data, _ = bench.ask("POST", f"{bench.root}/change", text)
     assert status == 400
@@ -121,7 +137,8 @@ def test_what_makes_no_sense_is_said(bench: Bench, text: bytes) -> None:
 def test_pages_may_load_nothing_from_elsewhere(bench: Bench) -> None:
     number = bench.wait()["built"]["number"]
     shell, page = (
-        bench.ask("GET", f"{bench.root}/{path}")[2]["content-security-policy"] for path in ("", f"page/{number}")
+        bench.ask("GET", f"{bench.root}/{path}")[2]["content-security-policy"]
+        for path in ("", f"page/{number}")
     )
     assert "default-src 'none'" in shell
     assert "frame-ancestors 'none'" in shell
@@ -130,7 +147,10 @@ def test_pages_may_load_nothing_from_elsewhere(bench: Bench) -> None:
 
 
 def test_only_this_machine_is_listened_to(bench: Bench) -> None:
-    other = next((a[4][0] for a in socket.getaddrinfo(socket.gethostname(), None, socket.AF_INET)), "127.0.0.1")
+    other = next(
+        (a[4][0] for a in socket.getaddrinfo(socket.gethostname(), None, socket.AF_INET)),
+        "127.0.0.1",
+    )
     if other.startswith("127."):
         pytest.skip("the machine has no other address")
     with pytest.raises(OSError, match=r"refused|unreachable|timed out|No route"):
@@ -150,7 +170,9 @@ def test_only_this_machine_is_listened_to(bench: Bench) -> None:
         (["cell", "robot"], "../arm.urdf#tool0"),
     ],
 )
-def test_a_page_names_only_files_of_the_folder(bench: Bench, folder: Path, path: list[str], name: str) -> None:
+def test_a_page_names_only_files_of_the_folder(
+    bench: Bench, folder: Path, path: list[str], name: str
+) -> None:
     outside = folder.parent / "outside.png"
     outside.write_bytes(b"")
     if not (folder / "link.png").is_symlink():
@@ -162,7 +184,9 @@ def test_a_page_names_only_files_of_the_folder(bench: Bench, folder: Path, path:
 
 
 def test_a_page_names_no_mesh_outside_the_folder_and_no_post_that_is_a_file(bench: Bench) -> None:
-    status, said = bench.post("change", changes=[{"path": ["cell", "fixtures"], "value": ["/tmp/vice.stl"]}])
+    status, said = bench.post(
+        "change", changes=[{"path": ["cell", "fixtures"], "value": ["/tmp/vice.stl"]}]
+    )
     assert (status, "outside the folder" in said["line"]) == (409, True)
     status, said = bench.post("post", post="/tmp/post.py")
     assert (status, "is not installed" in said["line"]) == (409, True)
@@ -192,7 +216,9 @@ def test_changes_are_built_and_saved_as_the_command_line_does(tmp_path: Path) ->
         assert saved
     again = tmp_path / "again"
     again.mkdir()
-    assert main(["build", str(tmp_path / "part.dxf"), "--post", "rapid", "-o", str(again), "-q"]) == 0
+    assert (
+        main(["build", str(tmp_path / "part.dxf"), "--post", "rapid", "-o", str(again), "-q"]) == 0
+    )
     assert {path.name: path.read_bytes() for path in again.iterdir()} == saved
 
 
@@ -202,7 +228,10 @@ def test_an_error_is_the_line_of_the_command_line_with_its_setting(tmp_path: Pat
         good = bench.wait()["built"]
         bench.change("process", "force", value=-1)
         state = bench.wait(lambda state: state["failed"])
-        assert state["failed"]["line"] == "error: part.toml: force must be a number >= 0, not -1 ([process])"
+        assert (
+            state["failed"]["line"]
+            == "error: part.toml: force must be a number >= 0, not -1 ([process])"
+        )
         assert state["failed"]["place"] == ["process", "force"]
         assert state["built"] == good
         status, said = bench.post("save")
@@ -251,7 +280,20 @@ def test_proposed_operations_make_a_program(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     "raw",
-    ["2020-01-01", "nan", "-inf", "1e400", "9" * 30, "12:30:00", "\x00", "[1, {a = 2}]", "{", "'", '"', "a\u2028"],
+    [
+        "2020-01-01",
+        "nan",
+        "-inf",
+        "1e400",
+        "9" * 30,
+        "12:30:00",
+        "\x00",
+        "[1, {a = 2}]",
+        "{",
+        "'",
+        '"',
+        "a\u2028",
+    ],
 )
 def test_whatever_is_typed_is_told_and_can_be_undone(bench: Bench, raw: str) -> None:
     bench.change("process", "feed", raw=raw)
@@ -265,12 +307,17 @@ def test_whatever_is_typed_is_told_and_can_be_undone(bench: Bench, raw: str) -> 
 
 def test_a_job_file_with_anything_in_it_opens(tmp_path: Path) -> None:
     shutil.copy(PARTS / "bracket.dxf", tmp_path / "part.dxf")
-    (tmp_path / "part.toml").write_text(f"operations = 5\ncell = 6\nwhen = 2020-01-01\nbig = {'9' * 40}\n")
+    (tmp_path / "part.toml").write_text(
+        f"operations = 5\ncell = 6\nwhen = 2020-01-01\nbig = {'9' * 40}\n"
+    )
     with open_bench(tmp_path, ["part.dxf"]) as bench:
         state = bench.wait()
         assert state["failed"]["code"] == 2
         assert state["tables"]["when"] == "2020-01-01"
-        assert bench.post("change", changes=[{"path": ["cell", "safety"], "value": 5}])[0] in (409, 500)
+        assert bench.post("change", changes=[{"path": ["cell", "safety"], "value": 5}])[0] in (
+            409,
+            500,
+        )
         (tmp_path / "part.toml").write_text("[process]\nfeed = 5\n")
         assert bench.wait(lambda state: not state["stage"] and not state["failed"])["tables"] == {
             "process": {"feed": 5}
@@ -287,7 +334,10 @@ def test_a_program_that_is_built_while_the_job_changes_is_not_saved_for_it(tmp_p
         assert (tmp_path / "part.toml").read_text().endswith("feed = 29.5\n")
         again = tmp_path / "again"
         again.mkdir()
-        assert main(["build", str(tmp_path / "part.dxf"), "--post", "gcode", "-o", str(again), "-q"]) == 0
+        assert (
+            main(["build", str(tmp_path / "part.dxf"), "--post", "gcode", "-o", str(again), "-q"])
+            == 0
+        )
         assert (again / "part.ngc").read_bytes() == (tmp_path / "part.ngc").read_bytes()
 
 
@@ -299,13 +349,17 @@ def test_a_file_that_changes_is_built_again(tmp_path: Path) -> None:
     with open_bench(tmp_path, ["part.dxf"]) as bench:
         assert len(bench.wait()["looked"]["contours"]) == 4
         shutil.copy(PARTS / "plate.dxf", tmp_path / "part.dxf")
-        state = bench.wait(lambda state: not state["stage"] and len(state["looked"]["contours"]) != 4)
+        state = bench.wait(
+            lambda state: not state["stage"] and len(state["looked"]["contours"]) != 4
+        )
         assert "part.dxf" in state["told"]
         (tmp_path / "part.toml").write_text("[process]\nfeed = 12\n")
         assert bench.wait(lambda state: state["tables"])["tables"] == {"process": {"feed": 12}}
         bench.change("process", "feed", value=13)
         (tmp_path / "part.toml").write_text("[process]\nfeed = 14\n")
-        assert bench.wait(lambda state: state["changed_outside"])["tables"] == {"process": {"feed": 13}}
+        assert bench.wait(lambda state: state["changed_outside"])["tables"] == {
+            "process": {"feed": 13}
+        }
         assert bench.post("save")[0] == 409
         assert (tmp_path / "part.toml").read_text() == "[process]\nfeed = 14\n"
         bench.post("file", counts=True)
@@ -362,7 +416,9 @@ class _Clock:
         self.later.append(call)
 
 
-def building(stage: str, monkeypatch: pytest.MonkeyPatch) -> tuple[Builder, _Pipe, list[Heard], Ask]:
+def building(
+    stage: str, monkeypatch: pytest.MonkeyPatch
+) -> tuple[Builder, _Pipe, list[Heard], Ask]:
     """A builder that is in a stage, without a process."""
     heard: list[Heard] = []
     builder = Builder(rows, heard.append, _Clock())
@@ -374,7 +430,9 @@ def building(stage: str, monkeypatch: pytest.MonkeyPatch) -> tuple[Builder, _Pip
 
 
 def test_a_second_cancel_kills(monkeypatch: pytest.MonkeyPatch) -> None:
-    builder, pipe, heard, _ = building("ordering 3%, Cancel takes the best tour so far", monkeypatch)
+    builder, pipe, heard, _ = building(
+        "ordering 3%, Cancel takes the best tour so far", monkeypatch
+    )
     builder.stop()
     assert pipe.sent == ["end the search"]
     assert not [one for one in heard if isinstance(one, Stopped)]
@@ -440,7 +498,9 @@ def test_a_port_that_is_taken_is_said(capsys: pytest.CaptureFixture[str]) -> Non
     assert f"--port: {port} cannot be used" in capsys.readouterr().err
 
 
-def test_a_job_file_stands_for_the_input_of_its_name(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_job_file_stands_for_the_input_of_its_name(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     (tmp_path / "part.toml").write_text("[process]\nfeed = 12\n")
     assert main(["open", str(tmp_path / "part.toml"), "--no-browser"]) == 2
     assert "no input of its name" in capsys.readouterr().err
@@ -451,7 +511,9 @@ def test_a_job_file_stands_for_the_input_of_its_name(tmp_path: Path, capsys: pyt
         assert state["tables"] == {"process": {"feed": 12}}
 
 
-def test_a_post_that_is_not_there_is_told_before_a_page_is_opened(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_post_that_is_not_there_is_told_before_a_page_is_opened(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     part = Path(__file__).parents[2] / "fixtures" / "parts" / "bracket.dxf"
     assert main(["open", str(part), "--no-browser", "--post", "kuka"]) == 2
     assert "post kuka: is not installed; one of gcode" in capsys.readouterr().err

@@ -18,7 +18,11 @@ _ENTITIES = {
     "CIRCLE": (f"{_POINT} 40n", f"{_POINT} 40n 210n 220n 230n"),
     "ARC": (f"{_POINT} 40n 50n 51n", f"{_POINT} 40n 50n 51n {_EXTRUDED}"),
     "ELLIPSE": (f"{_POINT} 11n 21n 31p 40n 41n 42n",),
-    "LWPOLYLINE": (f"90c 70c {_VERTICES}", f"90c 70:1 43n 38n {_VERTICES}", f"90:3 70:1 40n 41n {_VERTICES}"),
+    "LWPOLYLINE": (
+        f"90c 70c {_VERTICES}",
+        f"90c 70:1 43n 38n {_VERTICES}",
+        f"90:3 70:1 40n 41n {_VERTICES}",
+    ),
     "SPLINE": (
         f"70c 71:3 72:8 73:4 74:0 {_KNOTS} {_POINT} {_POINT} {_POINT} {_POINT}",
         f"70:4 71c 72c 73c {_KNOTS} 41n 41n 41n 41n {_POINT} {_POINT} {_POINT} {_POINT}",
@@ -27,7 +31,11 @@ _ENTITIES = {
     "POINT": (_POINT,),
     "TEXT": (f"{_POINT} 40n 1t 50n 72c 11n 21n 31p",),
     "MTEXT": (f"{_POINT} 40n 41n 71c 1t",),
-    "INSERT": (f"2:a {_POINT} 41n 42n 43n 50n", f"2:b {_POINT} 70c 71c 44n 45n", f"2t {_POINT} 41n {_EXTRUDED}"),
+    "INSERT": (
+        f"2:a {_POINT} 41n 42n 43n 50n",
+        f"2:b {_POINT} 70c 71c 44n 45n",
+        f"2t {_POINT} 41n {_EXTRUDED}",
+    ),
     "HATCH": (
         f"{_POINT} 2:SOLID 70:1 71:0 91:1 92:2 72:1 73:1 93:3 10n 20n 42n 10n 20n 42p 10n 20n 42p 97:0 75:0 76:1 98:0",
         f"{_POINT} 2t 70c 71c 91c 92:1 93:2 72:1 10n 20n 11n 21n 72:2 10n 20n 40n 50n 51n 73c 97c 75c 76c 98c",
@@ -37,7 +45,9 @@ _ENTITIES = {
     "SOLID": (f"{_POINT} 11n 21n 31p 12n 22n 32p 13n 23n 33p",),
     "3DFACE": (f"{_POINT} 11n 21n 31n 12n 22n 32n 13n 23n 33n 70c",),
     "RAY": (f"{_POINT} 11n 21n 31p",),
-    "MLINE": (f"2:STANDARD 40n 70c 71c 72:2 73:1 {_POINT} 11n 21n 31p 12n 22n 32p 13n 23n 33p 74c 41n 75:0",),
+    "MLINE": (
+        f"2:STANDARD 40n 70c 71c 72:2 73:1 {_POINT} 11n 21n 31p 12n 22n 32p 13n 23n 33p 74c 41n 75:0",
+    ),
     "LEADER": (f"76:2 {_POINT} {_POINT}",),
     "DIMENSION": (f"2:a {_POINT} 70c 13n 23n 14n 24n",),
     "HELIX": (f"71:3 72:8 73:4 {_KNOTS} {_POINT} {_POINT} {_POINT} {_POINT} 40n 41n 42n",),
@@ -72,7 +82,9 @@ def _pairs(draw: st.DrawFn, codes: str) -> list[tuple[str, str]]:
         found.append((code, value))
     if draw(rarely):
         at = draw(st.integers(0, len(found) - 1))
-        found[at : at + 1] = draw(st.sampled_from(([], [found[at]] * 2, [("1071", "x"), found[at]], [("x", "0")])))
+        found[at : at + 1] = draw(
+            st.sampled_from(([], [found[at]] * 2, [("1071", "x"), found[at]], [("x", "0")]))
+        )
     return found
 
 
@@ -97,16 +109,51 @@ def dxf(draw: st.DrawFn) -> bytes:
     """A drawing of the old kind, without handles: header, layers, blocks that may name each other, entities."""
     pairs = [("0", "SECTION"), ("2", "HEADER")]
     if draw(st.booleans()):
-        pairs += [("9", "$ACADVER"), ("1", draw(st.sampled_from(("AC1009", "AC1015", "AC1024", "AC1032", "AC9999"))))]
-    pairs += [("9", "$INSUNITS"), ("70", draw(_UNITS)), ("9", "$MEASUREMENT"), ("70", draw(counts)), ("0", "ENDSEC")]
+        pairs += [
+            ("9", "$ACADVER"),
+            ("1", draw(st.sampled_from(("AC1009", "AC1015", "AC1024", "AC1032", "AC9999")))),
+        ]
+    pairs += [
+        ("9", "$INSUNITS"),
+        ("70", draw(_UNITS)),
+        ("9", "$MEASUREMENT"),
+        ("70", draw(counts)),
+        ("0", "ENDSEC"),
+    ]
     if draw(st.booleans()):
-        layer = [("0", "LAYER"), ("2", draw(names)), ("70", draw(counts)), ("62", draw(numbers)), ("6", "CONTINUOUS")]
-        pairs += [("0", "SECTION"), ("2", "TABLES"), ("0", "TABLE"), ("2", "LAYER"), ("70", "1"), *layer]
+        layer = [
+            ("0", "LAYER"),
+            ("2", draw(names)),
+            ("70", draw(counts)),
+            ("62", draw(numbers)),
+            ("6", "CONTINUOUS"),
+        ]
+        pairs += [
+            ("0", "SECTION"),
+            ("2", "TABLES"),
+            ("0", "TABLE"),
+            ("2", "LAYER"),
+            ("70", "1"),
+            *layer,
+        ]
         pairs += [("0", "ENDTAB"), ("0", "ENDSEC")]
     pairs += [("0", "SECTION"), ("2", "BLOCKS")]
     for name in draw(st.sampled_from(("", "a", "ab", "ab"))):
-        head = [("0", "BLOCK"), ("8", "0"), ("2", name), ("70", "0"), ("10", draw(numbers)), ("20", "0"), ("30", "0")]
-        pairs += [*head, *(pair for one in draw(_entities) for pair in one), ("0", "ENDBLK"), ("8", "0")]
+        head = [
+            ("0", "BLOCK"),
+            ("8", "0"),
+            ("2", name),
+            ("70", "0"),
+            ("10", draw(numbers)),
+            ("20", "0"),
+            ("30", "0"),
+        ]
+        pairs += [
+            *head,
+            *(pair for one in draw(_entities) for pair in one),
+            ("0", "ENDBLK"),
+            ("8", "0"),
+        ]
     pairs += [("0", "ENDSEC"), ("0", "SECTION"), ("2", "ENTITIES")]
     pairs += [pair for one in draw(_entities) for pair in one]
     pairs += [("0", "ENDSEC"), ("0", "EOF")]
@@ -115,10 +162,22 @@ def dxf(draw: st.DrawFn) -> bytes:
 
 # SVG: elements with their attributes, some of which hold a language of their own.
 
-_LENGTHS = st.builds(str.__add__, numbers, st.sampled_from(("",) * 4 + ("mm", "cm", "in", "px", "%", "pt", "em", "x")))
+_LENGTHS = st.builds(
+    str.__add__,
+    numbers,
+    st.sampled_from(("",) * 4 + ("mm", "cm", "in", "px", "%", "pt", "em", "x")),
+)
 _SEPARATOR = st.sampled_from((" ", " ", ",", ", ", "", "\n"))
 _PATH_COUNTS = {"M": 2, "L": 2, "H": 1, "V": 1, "C": 6, "S": 4, "Q": 4, "T": 2, "A": 7, "Z": 0}
-_TRANSFORM_COUNTS = {"translate": 2, "scale": 2, "rotate": 3, "skewX": 1, "skewY": 1, "matrix": 6, "turn": 1}
+_TRANSFORM_COUNTS = {
+    "translate": 2,
+    "scale": 2,
+    "rotate": 3,
+    "skewX": 1,
+    "skewY": 1,
+    "matrix": 6,
+    "turn": 1,
+}
 _FLAGS = ("0", "1", "0", "1", "2", "-1", "")
 
 
@@ -145,7 +204,9 @@ def _transform(draw: st.DrawFn) -> str:
 
 _POINTS = st.builds(" ".join, st.lists(numbers, max_size=7))
 _IDS = st.sampled_from(("a", "b", "c", "d"))
-_COLOUR = st.sampled_from(("none", "red", "#f00", "rgb(1,2,3)", "url(#a)", "", "#x", "currentColor", "inherit"))
+_COLOUR = st.sampled_from(
+    ("none", "red", "#f00", "rgb(1,2,3)", "url(#a)", "", "#x", "currentColor", "inherit")
+)
 _STYLE = st.sampled_from(
     (
         "fill:none",
@@ -187,7 +248,9 @@ _COMMON = {
 
 
 def _quoted(text: str) -> str:
-    return text.replace("&", "&amp;").replace("<", "&lt;").replace('"', "&quot;").replace("\x00", "")
+    return (
+        text.replace("&", "&amp;").replace("<", "&lt;").replace('"', "&quot;").replace("\x00", "")
+    )
 
 
 @st.composite
@@ -196,7 +259,10 @@ def _element(draw: st.DrawFn, depth: int = 0) -> str:
     table = _BOXES if box else _SHAPES
     tag = draw(st.sampled_from(tuple(table)))
     own = {key: draw(value) for key, value in table[tag].items() if not draw(rarely)}
-    own |= {key: draw(_COMMON[key]) for key in draw(st.lists(st.sampled_from(tuple(_COMMON)), max_size=3, unique=True))}
+    own |= {
+        key: draw(_COMMON[key])
+        for key in draw(st.lists(st.sampled_from(tuple(_COMMON)), max_size=3, unique=True))
+    }
     attributes = "".join(f' {key}="{_quoted(value)}"' for key, value in own.items())
     if not box:
         return f"<{tag}{attributes}/>"
@@ -208,7 +274,9 @@ def _element(draw: st.DrawFn, depth: int = 0) -> str:
 def svg(draw: st.DrawFn) -> bytes:
     """A page of shapes, groups and uses."""
     length = _LENGTHS if draw(rarely) else st.sampled_from(("100mm", "200", "8in"))
-    size = "".join(f' {key}="{_quoted(draw(length))}"' for key in ("width", "height") if draw(st.booleans()))
+    size = "".join(
+        f' {key}="{_quoted(draw(length))}"' for key in ("width", "height") if draw(st.booleans())
+    )
     box = _VIEW if draw(rarely) else st.sampled_from(("0 0 100 80", "-5,3,10,10"))
     view = f' viewBox="{_quoted(draw(box))}"' if draw(st.booleans()) else ""
     spaces = ' xmlns:inkscape="http://www.inkscape.org/namespaces/inkscape"'

@@ -8,14 +8,45 @@ from collections.abc import Callable, Sequence
 from hypothesis import strategies as st
 
 #: Numbers as files have them, and those that no file should.
-_PLAIN = ("0", "1", "-1", "2", "3", "10", "2.5", "-7.25", "0.001", "45", "90", "100", "12.345", "-20", "5e-3", "64")
+_PLAIN = (
+    "0",
+    "1",
+    "-1",
+    "2",
+    "3",
+    "10",
+    "2.5",
+    "-7.25",
+    "0.001",
+    "45",
+    "90",
+    "100",
+    "12.345",
+    "-20",
+    "5e-3",
+    "64",
+)
 _ODD = (
     "1e308", "-1e308", "1e-320", "1e-300", "nan", "inf", "-inf", "1e20", "-1e20", "1e9", "2147483648", "-2147483649",
     "99999999999999999999", "-0.0", ".", "+5", "1.", "0x10", "", "1e400", "\u00b2", "\u0663", "1_000", "1e", "--1",
     "9" * 400, "360", "1e-9", "65536", "*", "1,5",
 )  # fmt: skip
 _NAMES = ("a", "b", "c", "0", "part", "A B", "")
-_ODD_NAMES = ("\u00e4\u2603", "*Model_Space", "x" * 300, "../a", "a#b", "'", '"', "%s", "{}", "\\", "\ud7ff", "-1", "$")
+_ODD_NAMES = (
+    "\u00e4\u2603",
+    "*Model_Space",
+    "x" * 300,
+    "../a",
+    "a#b",
+    "'",
+    '"',
+    "%s",
+    "{}",
+    "\\",
+    "\ud7ff",
+    "-1",
+    "$",
+)
 
 numbers = st.sampled_from(_PLAIN * 60 + _ODD)
 plain_numbers = st.sampled_from(_PLAIN)
@@ -106,4 +137,16 @@ def _junk(draw: st.DrawFn, pieces: list[str], at: int, words: Sequence[str]) -> 
 
 
 _Change = Callable[[st.DrawFn, list[str], int, Sequence[str]], None]
-_CHANGES: tuple[_Change, ...] = (_put, _put, _put, _put, _drop, _double, _swap, _move, _move, _cut, _junk)
+_CHANGES: tuple[_Change, ...] = (
+    _put,
+    _put,
+    _put,
+    _put,
+    _drop,
+    _double,
+    _swap,
+    _move,
+    _move,
+    _cut,
+    _junk,
+)

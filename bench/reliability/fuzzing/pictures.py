@@ -25,25 +25,44 @@ def _pixels(draw: st.DrawFn, count: int) -> bytes:
 
 
 def _chunk(kind: bytes, data: bytes, sound: bool = True) -> bytes:
-    return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data) ^ (not sound))
+    return (
+        struct.pack(">I", len(data))
+        + kind
+        + data
+        + struct.pack(">I", zlib.crc32(kind + data) ^ (not sound))
+    )
 
 
 @st.composite
 def _png(draw: st.DrawFn) -> bytes:
     width, height = draw(_SIZES), draw(_SIZES)
-    bits, colour = draw(st.sampled_from(((8, 0), (8, 2), (8, 6), (16, 0), (16, 6), (1, 0), (8, 3), (8, 4), (3, 7))))
+    bits, colour = draw(
+        st.sampled_from(((8, 0), (8, 2), (8, 6), (16, 0), (16, 6), (1, 0), (8, 3), (8, 4), (3, 7)))
+    )
     channels = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}.get(colour, 1)
     stride = (width * channels * bits + 7) // 8
     body = draw(_pixels(stride * height))
-    rows = b"".join(bytes([draw(rarely)]) + body[y * stride : (y + 1) * stride] for y in range(height))
+    rows = b"".join(
+        bytes([draw(rarely)]) + body[y * stride : (y + 1) * stride] for y in range(height)
+    )
     told = (draw(_ODD_SIZES), height) if draw(rarely) else (width, height)
     head = struct.pack(">IIBBBBB", *told, bits, colour, 0, 0, draw(rarely))
     extra = b""
     if draw(st.booleans()):
-        kind = draw(st.sampled_from((b"pHYs", b"tEXt", b"gAMA", b"PLTE", b"tRNS", b"eXIf", b"zzzz", b"acTL", b"iCCP")))
+        kind = draw(
+            st.sampled_from(
+                (b"pHYs", b"tEXt", b"gAMA", b"PLTE", b"tRNS", b"eXIf", b"zzzz", b"acTL", b"iCCP")
+            )
+        )
         extra = _chunk(kind, draw(st.binary(max_size=12)), not draw(rarely))
     data = zlib.compress(rows[: len(rows) // 2] if draw(rarely) else rows)
-    return b"\x89PNG\r\n\x1a\n" + _chunk(b"IHDR", head) + extra + _chunk(b"IDAT", data) + _chunk(b"IEND", b"")
+    return (
+        b"\x89PNG\r\n\x1a\n"
+        + _chunk(b"IHDR", head)
+        + extra
+        + _chunk(b"IDAT", data)
+        + _chunk(b"IEND", b"")
+    )
 
 
 @st.composite
@@ -56,7 +75,9 @@ def _bmp(draw: st.DrawFn) -> bytes:
     offset = draw(st.sampled_from((0, 2**31, 20))) if draw(rarely) else 54 + len(palette)
     sign = -1 if draw(rarely) else 1
     packing = draw(st.sampled_from((1, 2, 3, 9))) if draw(rarely) else 0
-    head = struct.pack("<IiiHHIIiiII", 40, _signed(told), sign * height, 1, bits, packing, 0, 0, 0, 0, 0)
+    head = struct.pack(
+        "<IiiHHIIiiII", 40, _signed(told), sign * height, 1, bits, packing, 0, 0, 0, 0, 0
+    )
     body = draw(_pixels(stride * height))
     return b"BM" + struct.pack("<IHHI", 0, 0, 0, offset) + head + palette + body
 
@@ -87,7 +108,13 @@ def _coded() -> tuple[bytes, ...]:
     grey = np.full((40, 40), 230, np.uint8)
     grey[8:30, 10:33] = 40
     colour = np.repeat(grey[:, :, None], 3, axis=2)
-    kinds = ((".jpg", colour), (".jpg", grey), (".tif", grey), (".tif", colour), (".tif", grey.astype(np.uint16) * 257))
+    kinds = (
+        (".jpg", colour),
+        (".jpg", grey),
+        (".tif", grey),
+        (".tif", colour),
+        (".tif", grey.astype(np.uint16) * 257),
+    )
     return tuple(bytes(cv2.imencode(suffix, pixels)[1]) for suffix, pixels in kinds)
 
 

@@ -34,8 +34,41 @@ _PARAMETERS = (
     "##1",
     "#-1",
 )
-_FUNCTIONS = ("sin", "cos", "tan", "sqrt", "abs", "round", "fix", "fup", "ln", "exp", "asin", "acos", "exists", "frob")
-_OPERATORS = ("+", "-", "*", "/", "**", "mod", "and", "or", "xor", "eq", "ne", "lt", "gt", "le", "ge", "atan", "")
+_FUNCTIONS = (
+    "sin",
+    "cos",
+    "tan",
+    "sqrt",
+    "abs",
+    "round",
+    "fix",
+    "fup",
+    "ln",
+    "exp",
+    "asin",
+    "acos",
+    "exists",
+    "frob",
+)
+_OPERATORS = (
+    "+",
+    "-",
+    "*",
+    "/",
+    "**",
+    "mod",
+    "and",
+    "or",
+    "xor",
+    "eq",
+    "ne",
+    "lt",
+    "gt",
+    "le",
+    "ge",
+    "atan",
+    "",
+)
 
 
 @st.composite
@@ -64,7 +97,12 @@ def _block(draw: st.DrawFn) -> str:
     kind = draw(st.integers(0, 59))
     if kind >= 20:
         axes = draw(st.lists(st.sampled_from("XYZ"), min_size=1, max_size=3, unique=True))
-        return " ".join((draw(st.sampled_from(("G0", "G1", "G1", ""))), *(axis + draw(plain_numbers) for axis in axes)))
+        return " ".join(
+            (
+                draw(st.sampled_from(("G0", "G1", "G1", ""))),
+                *(axis + draw(plain_numbers) for axis in axes),
+            )
+        )
     if kind <= 1:
         return f"{draw(st.sampled_from(_PARAMETERS))} = {draw(_expression())}"
     if kind == 2:
@@ -89,14 +127,32 @@ def _flow(draw: st.DrawFn, depth: int = 0) -> list[str]:
     kind = draw(st.integers(0, 8 if depth < 2 else 3)) if not draw(rarely) else 9
     inner = draw(_BLOCKS) if kind < 4 or depth > 1 else draw(_BLOCKS) + draw(_flow(depth + 1))
     odd = draw(rarely)
-    number = draw(st.sampled_from(("1", "", "-1", "[1+1]", "x"))) if odd else f"<a{draw(st.integers(0, 99))}>"
-    condition = draw(_expression()) if odd else draw(st.sampled_from(("1", "0", "#1", "3", "#1 lt 2")))
+    number = (
+        draw(st.sampled_from(("1", "", "-1", "[1+1]", "x")))
+        if odd
+        else f"<a{draw(st.integers(0, 99))}>"
+    )
+    condition = (
+        draw(_expression()) if odd else draw(st.sampled_from(("1", "0", "#1", "3", "#1 lt 2")))
+    )
     # A loop without an end is read until its bound, which takes seconds.
     step = [f"#1 = [#1 + {draw(plain_numbers) if odd and draw(rarely) else '1'}]"]
     return {
         4: [f"o{number} repeat [{draw(numbers) if odd else 3}]", *inner, f"o{number} endrepeat"],
-        5: ["#1 = 0", f"o{number} while [#1 lt [{condition}]]", *inner, *step, f"o{number} endwhile"],
-        6: [f"o{number} if [{condition}]", *inner, f"o{number} else", *inner[:1], f"o{number} endif"],
+        5: [
+            "#1 = 0",
+            f"o{number} while [#1 lt [{condition}]]",
+            *inner,
+            *step,
+            f"o{number} endwhile",
+        ],
+        6: [
+            f"o{number} if [{condition}]",
+            *inner,
+            f"o{number} else",
+            *inner[:1],
+            f"o{number} endif",
+        ],
         7: [
             f"o{number} sub",
             *inner,
@@ -146,7 +202,9 @@ def _words(post: str) -> tuple[str, ...]:
     found = dict.fromkeys(LANGUAGES[post].words)
     for line in _lines(post):
         found |= dict.fromkeys(
-            one.text for one in tokens(line, LANGUAGES[post]) if one.kind in ("word", "sign", "text")
+            one.text
+            for one in tokens(line, LANGUAGES[post])
+            if one.kind in ("word", "sign", "text")
         )
     return tuple(found)
 
@@ -165,7 +223,9 @@ def _soup(draw: st.DrawFn, post: str) -> str:
     """Statements in the place of some lines of a program."""
     lines = draw(st.sampled_from(_texts(post))).splitlines()
     at = draw(st.integers(0, len(lines)))
-    lines[at : at + draw(st.integers(0, 6))] = draw(st.lists(_statement(post), min_size=1, max_size=4))
+    lines[at : at + draw(st.integers(0, 6))] = draw(
+        st.lists(_statement(post), min_size=1, max_size=4)
+    )
     return "\n".join(lines) + "\n"
 
 

@@ -81,13 +81,19 @@ def stl(draw: st.DrawFn) -> bytes:
             rows = [f"vertex {' '.join(corners[k])}" for k in face]
             normal = " ".join(draw(numbers) for _ in range(3)) if draw(rarely) else "0 0 1"
             lines += [f"facet normal {normal}", "outer loop", *rows, "endloop", "endfacet"]
-        return "\n".join([*lines, draw(st.sampled_from(("endsolid", "endsolid", "")))]).encode("utf-8", "replace")
+        return "\n".join([*lines, draw(st.sampled_from(("endsolid", "endsolid", "")))]).encode(
+            "utf-8", "replace"
+        )
     body = b""
     for face in faces:
         values = [0.0, 0.0, 1.0, *(_float(v) for k in face for v in corners[k])]
         body += struct.pack("<12fH", *values, 0)
     count = draw(st.sampled_from((0, 1, 2**32 - 1, len(faces) + 1))) if draw(rarely) else len(faces)
-    return draw(st.sampled_from((b"solid x", b"", b"\xff"))).ljust(80) + struct.pack("<I", count) + body
+    return (
+        draw(st.sampled_from((b"solid x", b"", b"\xff"))).ljust(80)
+        + struct.pack("<I", count)
+        + body
+    )
 
 
 @st.composite
@@ -110,30 +116,44 @@ def obj(draw: st.DrawFn) -> bytes:
 def off(draw: st.DrawFn) -> bytes:
     """With counts that need not be so."""
     corners, faces = draw(_soup())
-    told = (draw(counts), draw(counts), "0") if draw(rarely) else (str(len(corners)), str(len(faces)), "0")
+    told = (
+        (draw(counts), draw(counts), "0")
+        if draw(rarely)
+        else (str(len(corners)), str(len(faces)), "0")
+    )
     head = draw(st.sampled_from(("OFF", "OFF", "COFF", "NOFF", "STOFF", "off", "")))
     lines = [head, " ".join(told), *(" ".join(corner) for corner in corners)]
     lines += [f"{len(face)} {' '.join(map(str, face))}" for face in faces]
     return "\n".join(lines).encode("utf-8", "replace")
 
 
-_PLY_TYPES = st.sampled_from(("float",) * 6 + ("double", "int", "uchar", "short", "float32", "uint8", "x", "list"))
+_PLY_TYPES = st.sampled_from(
+    ("float",) * 6 + ("double", "int", "uchar", "short", "float32", "uint8", "x", "list")
+)
 
 
 @st.composite
-def _ply(draw: st.DrawFn, corners: list[tuple[str, ...]], faces: list[tuple[int, ...]], cloud: bool) -> bytes:
-    way = draw(st.sampled_from(("ascii", "ascii", "binary_little_endian", "binary_big_endian", "x", "")))
+def _ply(
+    draw: st.DrawFn, corners: list[tuple[str, ...]], faces: list[tuple[int, ...]], cloud: bool
+) -> bytes:
+    way = draw(
+        st.sampled_from(("ascii", "ascii", "binary_little_endian", "binary_big_endian", "x", ""))
+    )
     told = draw(counts) if draw(rarely) else str(len(corners))
     lines = ["ply", f"format {way} 1.0", "comment " + draw(names), f"element vertex {told}"]
     kinds = [draw(_PLY_TYPES) if draw(rarely) else "float" for _ in "xyz"]
     lines += [f"property {kind} {axis}" for kind, axis in zip(kinds, "xyz", strict=True)]
     if not cloud:
         told = draw(counts) if draw(rarely) else str(len(faces))
-        lists = st.sampled_from(("uchar int", "uchar int", "uchar uint", "int int", "char float", "float int", "x"))
+        lists = st.sampled_from(
+            ("uchar int", "uchar int", "uchar uint", "int int", "char float", "float int", "x")
+        )
         lines += [f"element face {told}", f"property list {draw(lists)} vertex_indices"]
     if draw(rarely):
         at = draw(st.integers(0, len(lines) - 1))
-        lines[at : at + 1] = draw(st.sampled_from(([], [lines[at]] * 2, ["property"], ["element"], ["format"])))
+        lines[at : at + 1] = draw(
+            st.sampled_from(([], [lines[at]] * 2, ["property"], ["element"], ["format"]))
+        )
     head = ("\n".join([*lines, "end_header"]) + "\n").encode("utf-8", "replace")
     if way.startswith("binary"):
         order = ">" if "big" in way else "<"
@@ -142,7 +162,9 @@ def _ply(draw: st.DrawFn, corners: list[tuple[str, ...]], faces: list[tuple[int,
         body += b"".join(struct.pack(f"{order}B{len(face)}i", len(face), *face) for face in rows)
         return head + (body[: len(body) // 2] if draw(rarely) else body)
     rows = [] if cloud else [f"{len(face)} {' '.join(map(str, face))}" for face in faces]
-    return head + "\n".join([*(" ".join(corner) for corner in corners), *rows]).encode("utf-8", "replace")
+    return head + "\n".join([*(" ".join(corner) for corner in corners), *rows]).encode(
+        "utf-8", "replace"
+    )
 
 
 @st.composite
@@ -156,13 +178,17 @@ def three_mf(draw: st.DrawFn) -> bytes:
     """An archive with a model, at times one of components."""
     corners, faces = draw(_soup())
     rows = "".join('<vertex x="{}" y="{}" z="{}"/>'.format(*corner) for corner in corners)
-    cells = "".join('<triangle v1="{}" v2="{}" v3="{}"/>'.format(*face) for face in faces if len(face) == 3)
+    cells = "".join(
+        '<triangle v1="{}" v2="{}" v3="{}"/>'.format(*face) for face in faces if len(face) == 3
+    )
     unit = draw(st.sampled_from(("millimeter", "millimeter", "inch", "micron", "x", "")))
     matrix = ""
     if draw(st.booleans()):
         matrix = ' transform="' + " ".join(draw(numbers) for _ in range(12 - draw(rarely))) + '"'
     other = draw(st.sampled_from(("1", "2", "1", "9", "")))
-    component = f'<object id="2"><components><component objectid="{other}"{matrix}/></components></object>'
+    component = (
+        f'<object id="2"><components><component objectid="{other}"{matrix}/></components></object>'
+    )
     mesh = f"<mesh><vertices>{rows}</vertices><triangles>{cells}</triangles></mesh>"
     item = f'<item objectid="{draw(st.sampled_from(("1", "1", "2", "x")))}"{matrix}/>'
     space = "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
@@ -210,7 +236,12 @@ def glb(draw: st.DrawFn) -> bytes:
         _change(draw, tree)
     text = json.dumps(tree).encode()
     text += b" " * (-len(text) % 4)
-    chunks = struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(body), b"BIN\0") + body
+    chunks = (
+        struct.pack("<I4s", len(text), b"JSON")
+        + text
+        + struct.pack("<I4s", len(body), b"BIN\0")
+        + body
+    )
     length = draw(st.sampled_from((0, 12, 2**32 - 1))) if draw(rarely) else 12 + len(chunks)
     return struct.pack("<4sII", b"glTF", 1 if draw(rarely) else 2, length) + chunks
 
@@ -234,10 +265,16 @@ def _change(draw: st.DrawFn, tree: object) -> None:
 
 @st.composite
 def _points(draw: st.DrawFn) -> list[tuple[str, ...]]:
-    rows: list[tuple[str, ...]] = [(str(k % 7), str(k % 11), str(k % 13)) for k in range(draw(st.integers(90, 130)))]
+    rows: list[tuple[str, ...]] = [
+        (str(k % 7), str(k % 11), str(k % 13)) for k in range(draw(st.integers(90, 130)))
+    ]
     for _ in range(draw(st.integers(0, 4))):
         at = draw(st.integers(0, len(rows) - 1))
-        rows[at] = tuple(draw(st.lists(numbers, min_size=2, max_size=4))) if draw(rarely) else (draw(numbers), "2", "3")
+        rows[at] = (
+            tuple(draw(st.lists(numbers, min_size=2, max_size=4)))
+            if draw(rarely)
+            else (draw(numbers), "2", "3")
+        )
     return rows
 
 
@@ -274,8 +311,13 @@ def pcd(draw: st.DrawFn) -> bytes:
     elif way == "binary":
         body = b"".join(struct.pack("<3f", *row) for row in values)
     else:
-        plain = b"".join(struct.pack(f"<{len(values)}f", *column) for column in zip(*values, strict=True))
-        packed = b"".join(bytes([len(plain[k : k + 32]) - 1]) + plain[k : k + 32] for k in range(0, len(plain), 32))
+        plain = b"".join(
+            struct.pack(f"<{len(values)}f", *column) for column in zip(*values, strict=True)
+        )
+        packed = b"".join(
+            bytes([len(plain[k : k + 32]) - 1]) + plain[k : k + 32]
+            for k in range(0, len(plain), 32)
+        )
         packed = packed[: draw(st.integers(0, len(packed)))] if draw(rarely) else packed
         body = struct.pack("<II", len(packed), len(plain)) + packed
         if draw(st.booleans()):
@@ -289,7 +331,9 @@ def text_cloud(draw: st.DrawFn) -> bytes:
     """x, y, z and whatever follows, with heads and comments."""
     mark = draw(st.sampled_from((" ", ",", ";", "\t", ", ")))
     rows = [mark.join(row) for row in draw(_points())]
-    others = st.sampled_from(("x,y,z", "# 1 2 3", "", "// a", "1 2", "a b c", "1 2 3 4 5 6", "110", "\xe4 \xf6 \xfc"))
+    others = st.sampled_from(
+        ("x,y,z", "# 1 2 3", "", "// a", "1 2", "a b c", "1 2 3 4 5 6", "110", "\xe4 \xf6 \xfc")
+    )
     for other in draw(st.lists(others, max_size=3)):
         rows.insert(0 if draw(st.booleans()) else draw(st.integers(0, len(rows))), other)
     return draw(st.sampled_from(("\n", "\n", "\r\n", "\r"))).join(rows).encode("utf-8", "replace")

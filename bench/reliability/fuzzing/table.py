@@ -164,7 +164,11 @@ def _read_part(suffix: str, data: bytes, job: Job = _PHOTO) -> object:
 def _read_job(data: bytes) -> object:
     """A job with the cell and the posts that it makes. What other files it names is not there."""
     job = load_job(Path("job.toml"), (), Files([Source(Path("job.toml"), data)]))
-    return [job, equip(find_post("rapid").cell(), job), *(_post_errors(name, job) for name in POSTS)]
+    return [
+        job,
+        equip(find_post("rapid").cell(), job),
+        *(_post_errors(name, job) for name in POSTS),
+    ]
 
 
 def _post_errors(name: str, job: Job) -> str:
@@ -242,5 +246,10 @@ TABLE = (
     Fuzzed("cloud-ply", solids.ply_cloud(), partial(_read_cloud, ".ply")),
     Fuzzed("cloud-pcd", solids.pcd(), partial(_read_cloud, ".pcd")),
     Fuzzed("cloud-text", solids.text_cloud(), partial(_read_cloud, ".xyz")),
-    *(Fuzzed(f"verify-{post}", programs.program(post), partial(_read_back, post), never_fails=True) for post in POSTS),
+    *(
+        Fuzzed(
+            f"verify-{post}", programs.program(post), partial(_read_back, post), never_fails=True
+        )
+        for post in POSTS
+    ),
 )

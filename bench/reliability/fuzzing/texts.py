@@ -40,7 +40,11 @@ def _allowed() -> dict[tuple[str, str], tuple[str, ...]]:
 
     found = {}
     for one in settings():
-        words = one.allowed.removeprefix("one of ").split(", ") if one.allowed.startswith("one of") else []
+        words = (
+            one.allowed.removeprefix("one of ").split(", ")
+            if one.allowed.startswith("one of")
+            else []
+        )
         default = [] if one.default is None else [json.dumps(one.default)]
         found[one.table, one.key] = (*default, *words)
     return found
@@ -71,7 +75,18 @@ def job(draw: st.DrawFn) -> bytes:
         tables.setdefault(home, []).append(f"{name} = {draw(_value((table, key)))}")
     lines = [line for table, rows in tables.items() for line in (f"[{table}]", *rows)]
     if draw(rarely):
-        junk = ("[x]", "[[cell]]", "a", "[cell", "= 1", "a.b.c = 1", "[post.signals]", "x = 1", "# \x7f", "[a.b]")
+        junk = (
+            "[x]",
+            "[[cell]]",
+            "a",
+            "[cell",
+            "= 1",
+            "a.b.c = 1",
+            "[post.signals]",
+            "x = 1",
+            "# \x7f",
+            "[a.b]",
+        )
         lines.insert(draw(st.integers(0, len(lines))), draw(st.sampled_from(junk)))
     return "\n".join(lines).encode("utf-8", "replace")
 
@@ -84,7 +99,9 @@ def cell(draw: st.DrawFn) -> bytes:
         f"{key[1]} = {draw(_frame() | _value(key))}"
         for key in draw(st.lists(st.sampled_from(keys), max_size=4, unique=True))
     ]
-    return "\n".join([draw(st.sampled_from(("[cell]",) * 7 + ("", "[tool]"))), *rows]).encode("utf-8", "replace")
+    return "\n".join([draw(st.sampled_from(("[cell]",) * 7 + ("", "[tool]"))), *rows]).encode(
+        "utf-8", "replace"
+    )
 
 
 def _frame() -> st.SearchStrategy[str]:
@@ -96,19 +113,28 @@ def assignment(draw: st.DrawFn) -> bytes:
     """What follows --set."""
     table, key = draw(_pick())
     name = draw(
-        st.sampled_from((f"{table}.{key}",) * 6 + (table, key, f"{table}.x", f"x.{key}", "", ".", f"{table}.a.b"))
+        st.sampled_from(
+            (f"{table}.{key}",) * 6
+            + (table, key, f"{table}.x", f"x.{key}", "", ".", f"{table}.a.b")
+        )
     )
-    return f"{name}{'' if draw(rarely) else '='}{draw(_value((table, key)))}".encode("utf-8", "replace")
+    return f"{name}{'' if draw(rarely) else '='}{draw(_value((table, key)))}".encode(
+        "utf-8", "replace"
+    )
 
 
 # URDF: a chain of links and joints.
 
-_JOINT_TYPES = st.sampled_from(("revolute",) * 5 + ("continuous", "prismatic", "fixed", "floating", "planar", "x", ""))
+_JOINT_TYPES = st.sampled_from(
+    ("revolute",) * 5 + ("continuous", "prismatic", "fixed", "floating", "planar", "x", "")
+)
 _SHAPES = (
     '<box size="{} {} {}"/>', '<cylinder radius="{}" length="{}"/>', '<sphere radius="{}"/>', '<mesh filename="{}"/>',
     "<capsule/>", "",
 )  # fmt: skip
-_AXES = st.sampled_from(("0 0 1", "0 1 0", "1 0 0", "0 1 0", "0 -1 0", "0 0 0", "1 1 1", "1 2", "1e-9 0 0", "nan 0 1"))
+_AXES = st.sampled_from(
+    ("0 0 1", "0 1 0", "1 0 0", "0 1 0", "0 -1 0", "0 0 0", "1 1 1", "1 2", "1e-9 0 0", "nan 0 1")
+)
 _RIGHT = st.sampled_from(("0 0 0", "1.5708 0 0", "0 1.57 0", "0 0 -1.5708", "0 0 0.3"))
 
 
@@ -116,7 +142,11 @@ _RIGHT = st.sampled_from(("0 0 0", "1.5708 0 0", "0 1.57 0", "0 0 -1.5708", "0 0
 def _origin(draw: st.DrawFn) -> str:
     if draw(rarely):
         return ""
-    xyz = " ".join(draw(numbers) for _ in range(3)) if draw(rarely) else draw(st.sampled_from(("0 0 0.3", "0.2 0 0")))
+    xyz = (
+        " ".join(draw(numbers) for _ in range(3))
+        if draw(rarely)
+        else draw(st.sampled_from(("0 0 0.3", "0.2 0 0")))
+    )
     rpy = " ".join(draw(numbers) for _ in range(3)) if draw(rarely) else draw(_RIGHT)
     return f'<origin xyz="{xyz}" rpy="{rpy}"/>'
 
@@ -126,7 +156,11 @@ def _link(draw: st.DrawFn, name: str) -> str:
     shape = draw(st.sampled_from(_SHAPES))
     shape = shape.format(*(draw(numbers) for _ in range(shape.count("{}"))))
     tag = draw(st.sampled_from(("collision", "collision", "visual")))
-    body = f"<{tag}>{draw(_origin())}<geometry>{shape}</geometry></{tag}>" if draw(st.booleans()) else ""
+    body = (
+        f"<{tag}>{draw(_origin())}<geometry>{shape}</geometry></{tag}>"
+        if draw(st.booleans())
+        else ""
+    )
     return f'<link name="{name}">{body}</link>'
 
 
@@ -147,10 +181,14 @@ def _joint(draw: st.DrawFn, k: int) -> str:
 def urdf(draw: st.DrawFn) -> bytes:
     """An arm of up to seven joints."""
     count = draw(st.integers(0, 7))
-    parts = [draw(_link(f"l{k}")) for k in range(count + 1)] + [draw(_joint(k)) for k in range(count)]
+    parts = [draw(_link(f"l{k}")) for k in range(count + 1)] + [
+        draw(_joint(k)) for k in range(count)
+    ]
     if draw(rarely):
         at = draw(st.integers(0, len(parts) - 1))
-        parts[at : at + 1] = draw(st.sampled_from(([], [parts[at]] * 2, ["<link/>"], ["<joint/>"], ["text"])))
+        parts[at : at + 1] = draw(
+            st.sampled_from(([], [parts[at]] * 2, ["<link/>"], ["<joint/>"], ["text"]))
+        )
     return f'<robot name="{draw(st.sampled_from(("arm", "arm", "", "x" * 600)))}">{"".join(parts)}</robot>'.encode()
 
 
@@ -174,7 +212,9 @@ _PLAN_WORDS = (
 
 def plan() -> st.SearchStrategy[bytes]:
     """A plan file with changes."""
-    return st.deferred(lambda: edited(_plans(), _PLAN_WORDS)).map(lambda text: text.encode("utf-8", "replace"))
+    return st.deferred(lambda: edited(_plans(), _PLAN_WORDS)).map(
+        lambda text: text.encode("utf-8", "replace")
+    )
 
 
 _CAMERAS = (

@@ -47,7 +47,9 @@ def _is_alike(one: Event, other: Event) -> bool:
 
 def _is_close(one: Atom, other: Atom) -> bool:
     if isinstance(one, Number) and isinstance(other, Number):
-        return one.unit == other.unit and abs(one.value - other.value) <= DIGITS[one.unit] * (1 + 1e-6)
+        return one.unit == other.unit and abs(one.value - other.value) <= DIGITS[one.unit] * (
+            1 + 1e-6
+        )
     return one == other
 
 
@@ -85,7 +87,9 @@ class Machine:
 
     def move(self, *event: Atom) -> None:
         """A motion, with all that holds for it."""
-        self.say(*event, *(part for name in sorted(self.state) for part in (name, *self.state[name])))
+        self.say(
+            *event, *(part for name in sorted(self.state) for part in (name, *self.state[name]))
+        )
 
     def end(self) -> list[Event]:
         """The whole trace, with the state that is left behind."""
@@ -136,7 +140,12 @@ def atoms(words: Sequence[str]) -> Event:
     kept = [
         word
         for k, word in enumerate(words)
-        if not (word == "-" and words[k - 1 : k] and words[k - 1] in bare and as_number(words[k : k + 2]) == 0)
+        if not (
+            word == "-"
+            and words[k - 1 : k]
+            and words[k - 1] in bare
+            and as_number(words[k : k + 2]) == 0
+        )
     ]
     return tuple(map(atom, kept))
 
@@ -154,7 +163,9 @@ def split(words: Sequence[str], mark: str = ",") -> list[list[str]]:
     return parts
 
 
-def arguments(words: Sequence[str], name: str, count: int, omitted: bool = False) -> list[float] | None:
+def arguments(
+    words: Sequence[str], name: str, count: int, omitted: bool = False
+) -> list[float] | None:
     """The numbers of ``name(...)``, at least one and at most ``count``; None where ``words`` is nothing like that.
 
     omitted: what stands empty between commas is 0.
@@ -179,7 +190,9 @@ def turned(*rotations: Matrix) -> Event:
     """The entries of a product of rotations: triples of angles that turn alike are alike."""
     product = rotations[0]
     for other in rotations[1:]:
-        product = tuple(tuple(sum(row[k] * other[k][j] for k in range(3)) for j in range(3)) for row in product)
+        product = tuple(
+            tuple(sum(row[k] * other[k][j] for k in range(3)) for j in range(3)) for row in product
+        )
     return tuple(Number(value, "turn") for row in product for value in row)
 
 
@@ -205,7 +218,13 @@ def arc(start: Point, via: Point, end: Point) -> Event:
     if not 0.2 < to_via / to_end < 0.8:
         return ("via near an end", *plain)
     c, s = math.cos(to_end / 2), math.sin(to_end / 2)
-    return ("half-way", *(Number(o + radius * (c * p + s * q), "arc") for o, p, q in zip(centre, x, y, strict=True)))
+    return (
+        "half-way",
+        *(
+            Number(o + radius * (c * p + s * q), "arc")
+            for o, p, q in zip(centre, x, y, strict=True)
+        ),
+    )
 
 
 def _minus(a: Sequence[float], b: Sequence[float]) -> list[float]:

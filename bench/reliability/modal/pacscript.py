@@ -22,7 +22,10 @@ from bench.reliability.modal.machine import (
 )
 
 _WORD = re.compile(r'"[^"]*"|\d+\.?\d*(?:e[+-]?\d+)?|\.\d+|[a-z_]\w*|<>|<=|>=|\S')
-_OPENS, _CLOSES = ("if", "for", "do", "select"), (("end", "if"), ("next",), ("loop",), ("end", "select"))
+_OPENS, _CLOSES = (
+    ("if", "for", "do", "select"),
+    (("end", "if"), ("next",), ("loop",), ("end", "select")),
+)
 _LONGEST = 1024
 _SETTINGS = {"speed", "extspeed", "changetool", "changework", "motor", "payload"}
 _NAMES = {"ptp": "p", "s": "speed"}
@@ -109,9 +112,15 @@ def _plain_parameters(words: list[str], after: Sequence[list[str]]) -> list[str]
     inside = after[: after.index(["end", "sub"])] if ["end", "sub"] in after else after
     if any("=" in one[1:2] or one[:1] in (["call"], ["sub"], ["dim"], ["for"]) for one in inside):
         return words
-    plain = [word for k, word in enumerate(words) if word != "byval" or words[k - 1] not in ("(", ",")]
+    plain = [
+        word for k, word in enumerate(words) if word != "byval" or words[k - 1] not in ("(", ",")
+    ]
     used = {word for one in inside for word in one}
-    named = [k for k, word in enumerate(plain[:-1]) if plain[k + 1] == "as" and plain[k - 1] in ("(", ",")]
+    named = [
+        k
+        for k, word in enumerate(plain[:-1])
+        if plain[k + 1] == "as" and plain[k - 1] in ("(", ",")
+    ]
     return ["" if k in named and word not in used else word for k, word in enumerate(plain)]
 
 
@@ -145,13 +154,21 @@ def _set(machine: _Robot, words: list[str]) -> bool:
     name, rest, number = words[0], split(words[1:]), as_number(words[1:])
     if name in _SETTINGS and len(words) > 1:
         machine.hold(name, *atoms(words[1:]))
-    elif name in ("accel", "decel") and all(as_number(part) is not None for part in rest) and len(rest) < 3:
+    elif (
+        name in ("accel", "decel")
+        and all(as_number(part) is not None for part in rest)
+        and len(rest) < 3
+    ):
         for key, part in zip((name, "decel"), rest, strict=False):
             machine.hold(key, *atoms(part))
     elif name in ("tool", "work") and len(rest) > 1:
-        machine.hold(f"{name} {' '.join(rest[0])}", *(each for part in rest[1:] for each in _target(part)))
+        machine.hold(
+            f"{name} {' '.join(rest[0])}", *(each for part in rest[1:] for each in _target(part))
+        )
     elif name == "forceparam" and len(rest) > 1:
-        machine.fill(" ".join(rest[0]), tuple(each for part in rest[1:] for each in _target(part, "N")))
+        machine.fill(
+            " ".join(rest[0]), tuple(each for part in rest[1:] for each in _target(part, "N"))
+        )
     elif name == "forcectrl" and len(words) > 1:
         machine.press(*atoms(words[1:]))
     elif name in ("set", "reset") and re.fullmatch(r"io \[ \d+ \]", " ".join(words[1:])):
@@ -179,7 +196,12 @@ def _target(words: Sequence[str], unit: str = "mm") -> Event:
     if pose:
         x, y, z, a, b, c, *figure = [*pose, *[0.0] * (6 - len(pose))]
         place = tuple(Number(value, unit) for value in (x, y, z))
-        return ("p", *place, *turned(turn(2, c), turn(1, b), turn(0, a)), Number(figure[0] if figure else -1.0))
+        return (
+            "p",
+            *place,
+            *turned(turn(2, c), turn(1, b), turn(0, a)),
+            Number(figure[0] if figure else -1.0),
+        )
     joints = arguments(words, "j", 8)
     if joints:
         return ("j", *(Number(value, "deg") for value in [*joints, *[0.0] * (8 - len(joints))]))
@@ -208,7 +230,11 @@ def _move(words: list[str], here: Point | None) -> tuple[Event, Point | None]:
         if not point:
             return (), None
         # The orientation of the via point is ignored (reference, Move C), not its figure.
-        via = arc(here, point, there) if here and there else tuple(Number(value, "mm") for value in point)
+        via = (
+            arc(here, point, there)
+            if here and there
+            else tuple(Number(value, "mm") for value in point)
+        )
         via = (*via, *_target(parts[1])[-1:])
     options: list[list[Atom]] = []
     for part in parts[1 + count :]:
@@ -218,7 +244,14 @@ def _move(words: list[str], here: Point | None) -> tuple[Event, Point | None]:
     if len({str(option[0]) for option in options}) < len(options):
         return (), None
     told = sorted(options, key=lambda option: str(option[0]))
-    return ("move", kind, *mark, *via, *_target(end), *(each for option in told for each in option)), there
+    return (
+        "move",
+        kind,
+        *mark,
+        *via,
+        *_target(end),
+        *(each for option in told for each in option),
+    ), there
 
 
 def _place(words: Sequence[str]) -> Point | None:
@@ -231,7 +264,9 @@ def _speed(words: Sequence[str]) -> Event:
     if words[:2] == ["mps", "("] and words[-1:] == [")"]:
         factors = split(words[2:-1], "*")
         values = [as_number(factor) for factor in factors]
-        names = sorted(" ".join(f) for f, value in zip(factors, values, strict=True) if value is None)
+        names = sorted(
+            " ".join(f) for f, value in zip(factors, values, strict=True) if value is None
+        )
         if all(re.fullmatch(r"[a-z_]\w*", name) for name in names):
             product = 1.0
             for value in values:

@@ -6,7 +6,17 @@ import re
 from collections.abc import Iterator
 from itertools import takewhile
 
-from bench.reliability.modal.machine import Atom, Event, Machine, Number, Point, arc, as_number, atom, split
+from bench.reliability.modal.machine import (
+    Atom,
+    Event,
+    Machine,
+    Number,
+    Point,
+    arc,
+    as_number,
+    atom,
+    split,
+)
 
 _WORD = re.compile(r'"(?:[^"]|"")*"|\d+\.?\d*(?:e[+-]?\d+)?|\.\d+|[a-z_]\w*|:=|<>|<=|>=|[^\s]')
 _SPEEDS = """
@@ -55,7 +65,10 @@ def trace(text: str) -> list[Event]:
     """The trace of one module."""
     # The name of an optional argument belongs to its instruction alone (kernel manual, parameter lists).
     statements = list(_statements(text))
-    module = _Module(re.findall(r"(?<!\\)\b\w+", re.sub("![^\n]*", "", text.lower())), _list_switching(statements))
+    module = _Module(
+        re.findall(r"(?<!\\)\b\w+", re.sub("![^\n]*", "", text.lower())),
+        _list_switching(statements),
+    )
     for words in statements:
         module.read(words)
     module.leave()
@@ -75,14 +88,22 @@ def _statements(text: str) -> Iterator[list[str]]:
         if plain and not begun and not re.match(r"\s*module\b", plain, re.IGNORECASE):
             yield plain.split()
             continue
-        code = "".join(part if part[:1] == '"' else part.lower() for part in re.split(r'("(?:[^"]|"")*")', plain))
+        code = "".join(
+            part if part[:1] == '"' else part.lower()
+            for part in re.split(r'("(?:[^"]|"")*")', plain)
+        )
         for word in _WORD.findall(code):
             if word == "!" and begun and not done and not words:
                 break
             words.append(word)
             begun, done = begun or word == "module", done or word == "endmodule"
             header = words[0] in ("proc", "local") and word == ")"
-            if word == ";" or header or word in _WHOLE or (words[0] == "module" and len(words) == 2):
+            if (
+                word == ";"
+                or header
+                or word in _WHOLE
+                or (words[0] == "module" and len(words) == 2)
+            ):
                 yield words
                 words = []
     if words:
@@ -116,8 +137,12 @@ class _Module:
         self.machine, self.words, self.bodies = Machine(), words, bodies
         self.persistent: dict[str, Event] = {}
         self.here: Point | None = None
-        self.data: dict[str, Event] = {f"v{v}": self._flat("speed", [v, "500", "5000", "1000"]) for v in _SPEEDS}
-        self.data |= {name: ("false", *(Number(float(v)) for v in zone)) for name, zone in _ZONES.items()}
+        self.data: dict[str, Event] = {
+            f"v{v}": self._flat("speed", [v, "500", "5000", "1000"]) for v in _SPEEDS
+        }
+        self.data |= {
+            name: ("false", *(Number(float(v)) for v in zone)) for name, zone in _ZONES.items()
+        }
         self.routines, self.routine = False, ""
 
     def leave(self) -> None:
@@ -134,7 +159,9 @@ class _Module:
         machine, name = self.machine, words[0]
         if any(word[:1] == '"' and len(word) > _LONGEST_TEXT + 2 for word in words):
             machine.say("a long text", *words)
-        if ":=" in words and any(word in _KINDS for word in takewhile(lambda word: word != ":=", words)):
+        if ":=" in words and any(
+            word in _KINDS for word in takewhile(lambda word: word != ":=", words)
+        ):
             self._declare(words)
         elif name == "module" and self._is_free(words[1]):
             # Nothing in the text says its name: it is no matter which it is.
@@ -172,7 +199,11 @@ class _Module:
         machine = self.machine
         if name in _SETTINGS:
             machine.hold(name, *map(atom, words[1:-1]))
-        elif name in ("setdo", "setao", "setgo") and words[2:3] == [","] and as_number(words[3:-1]) is not None:
+        elif (
+            name in ("setdo", "setao", "setgo")
+            and words[2:3] == [","]
+            and as_number(words[3:-1]) is not None
+        ):
             machine.switch(words[1], Number(as_number(words[3:-1]) or 0.0))
         elif name in ("set", "reset") and len(words) == 3:
             machine.switch(words[1], Number(float(name == "set")))
@@ -189,12 +220,27 @@ class _Module:
         """A datum, known by its value from here on. A persistent one keeps it: it counts even where nothing uses it."""
         at = words.index(":=")
         kind, name = words[: at - 1], words[at - 1]
-        if self.routines or name in self.data or len(name) > _LONGEST or words[-1] != ";" or len(kind) < 2:
+        if (
+            self.routines
+            or name in self.data
+            or len(name) > _LONGEST
+            or words[-1] != ";"
+            or len(kind) < 2
+        ):
             self.machine.say("a wrong declaration", *words)
             return
-        units = {"tooldata": "tool", "wobjdata": "frame", "speeddata": "speed", "zonedata": "zone"}.get(kind[-1], "")
+        units = {
+            "tooldata": "tool",
+            "wobjdata": "frame",
+            "speeddata": "speed",
+            "zonedata": "zone",
+        }.get(kind[-1], "")
         value = self._flat(units, words[at + 1 : -1])
-        self.data[name] = value if kind[0] == "const" and kind[-1] in ("speeddata", "zonedata") else (*kind, *value)
+        self.data[name] = (
+            value
+            if kind[0] == "const" and kind[-1] in ("speeddata", "zonedata")
+            else (*kind, *value)
+        )
         if "pers" in kind:
             self.persistent[name] = (*kind, *value)
 
@@ -225,7 +271,9 @@ class _Module:
                 atoms[k] = Number(each.value, unit) if isinstance(each, Number) else each
             _settle_signs(atoms)
         if units in ("speed", "zone", "newtons"):
-            atoms = [each for k, each in enumerate(atoms) if k in leaves] if _is_list(words) else atoms
+            atoms = (
+                [each for k, each in enumerate(atoms) if k in leaves] if _is_list(words) else atoms
+            )
         return tuple(atoms)
 
     def _value(self, units: str, words: list[str]) -> Event:
@@ -251,7 +299,9 @@ class _Module:
             # The comma before an optional argument may be left out (kernel manual, argument lists).
             place += bool(value)
             for option in options:
-                units = {"wobj": "frame", "fx": "newtons", "fy": "newtons", "fz": "newtons"}.get(option[0], "")
+                units = {"wobj": "frame", "fx": "newtons", "fy": "newtons", "fz": "newtons"}.get(
+                    option[0], ""
+                )
                 atoms += [f"\\{place}", *option[:2], *self._value(units, option[2:])]
         self._show(name, atoms)
 
@@ -261,7 +311,9 @@ class _Module:
         """
         machine, state = self.machine, self.machine.state
         about = {"moveabsj": "", "movej": "confj"}.get(name, "confl")
-        machine.state = {key: value for key, value in state.items() if key == about or key not in _SUPERVISIONS}
+        machine.state = {
+            key: value for key, value in state.items() if key == about or key not in _SUPERVISIONS
+        }
         machine.move(name, *atoms)
         machine.state = state
         for words in _STATES:
@@ -273,9 +325,15 @@ class _Module:
         """
         poses = [k for k, kind in enumerate(kinds) if kind == "pose"]
         ends = [[each for each in values[k] if isinstance(each, Number)] for k in poses]
-        points = [(end[0].value, end[1].value, end[2].value) if len(end) == 17 else None for end in ends]
+        points = [
+            (end[0].value, end[1].value, end[2].value) if len(end) == 17 else None for end in ends
+        ]
         if len(points) == 2 and self.here and points[0] and points[1]:
-            turned = tuple(each for each in values[poses[0]] if not (isinstance(each, Number) and each.unit == "mm"))
+            turned = tuple(
+                each
+                for each in values[poses[0]]
+                if not (isinstance(each, Number) and each.unit == "mm")
+            )
             values[poses[0]] = (*arc(self.here, points[0], points[1]), *turned)
         speed = values[kinds.index("speed")]
         if ends and all(each.value == 9e9 for each in ends[-1][-6:]):
@@ -292,7 +350,9 @@ def _settle_signs(atoms: list[Atom]) -> None:
     """A quaternion and its negative are one orientation: the first entry that is not 0 becomes positive."""
     turns = [k for k, each in enumerate(atoms) if isinstance(each, Number) and each.unit == "turn"]
     for first in range(0, len(turns), 4):
-        group = [(k, each) for k in turns[first : first + 4] if isinstance(each := atoms[k], Number)]
+        group = [
+            (k, each) for k in turns[first : first + 4] if isinstance(each := atoms[k], Number)
+        ]
         if next((each.value for _, each in group if abs(each.value) > 1e-4), 0.0) < 0:
             for k, each in group:
                 atoms[k] = Number(-each.value, "turn")
@@ -300,4 +360,7 @@ def _settle_signs(atoms: list[Atom]) -> None:
 
 def _is_list(words: list[str]) -> bool:
     """``[a,b,...]`` as it should stand."""
-    return bool(re.fullmatch(r"\[ (?:-? ?[\w.]+ , )*-? ?[\w.]+ \]", " ".join(words))) or "[" not in words
+    return (
+        bool(re.fullmatch(r"\[ (?:-? ?[\w.]+ , )*-? ?[\w.]+ \]", " ".join(words)))
+        or "[" not in words
+    )

@@ -148,7 +148,9 @@ class _Run:
         depth = 0
         for k in range(at + 1, self.end(at)):
             words = self.lines[k]
-            if depth == 0 and (words == ["any"] or (words[0] == "value" and self.value(words[1:-1]) == value)):
+            if depth == 0 and (
+                words == ["any"] or (words[0] == "value" and self.value(words[1:-1]) == value)
+            ):
                 return k + 1
             depth += (words[0] in ("while", "if", "case")) - (words[0] == "end")
         return self.end(at) + 1

@@ -87,7 +87,12 @@ class _Controller:
         words = {letter: float(number) for letter, number in pairs if letter not in "GM"}
         groups = [_GROUP.get(code, "") for code in codes]
         once = len(set(groups)) == len(groups) and len(words) == len(pairs) - len(codes)
-        if not once or "" in groups or (self.grbl and _NOT_GRBL & set(codes)) or not self._numbered(words):
+        if (
+            not once
+            or "" in groups
+            or (self.grbl and _NOT_GRBL & set(codes))
+            or not self._numbered(words)
+        ):
             self.machine.say("says", plain)
             return
         self._run(dict(zip(groups, codes, strict=True)), words, plain)
@@ -128,7 +133,10 @@ class _Controller:
         self.back = codes.get("return", self.back)
         for group in _ORDER:
             if group in codes:
-                value = [Number(words.pop(letter, -1.0)) for letter in {"path": "PQ", "length": "H"}.get(group, "")]
+                value = [
+                    Number(words.pop(letter, -1.0))
+                    for letter in {"path": "PQ", "length": "H"}.get(group, "")
+                ]
                 self.machine.hold(group, codes[group], *value)
 
     def _output(self, digital: str, analog: str, words: dict[str, float]) -> None:
@@ -136,7 +144,9 @@ class _Controller:
             number = f"{words.pop('P', -1.0) + 0.0:g}"
             self.machine.switch(("next " if digital in ("M62", "M63") else "") + number, digital)
         if analog:
-            self.machine.switch(f"analog {words.pop('E', -1.0) + 0.0:g}", analog, Number(words.pop("Q", math.nan)))
+            self.machine.switch(
+                f"analog {words.pop('E', -1.0) + 0.0:g}", analog, Number(words.pop("Q", math.nan))
+            )
 
     def _switch(self, codes: dict[str, str]) -> None:
         """Spindle and coolant."""
@@ -169,7 +179,9 @@ class _Controller:
         else:
             self._line(ends, "m" if "machine" in codes else "w")
 
-    def _target(self, ends: dict[str, float], frame: str = "w") -> dict[str, tuple[str, float] | None]:
+    def _target(
+        self, ends: dict[str, float], frame: str = "w"
+    ) -> dict[str, tuple[str, float] | None]:
         """Where a motion leads."""
         target = dict(self.here)
         for axis, value in ends.items():
@@ -203,7 +215,9 @@ class _Controller:
         level = self.machine.state.get("plane") == ("G17",) and ("I" in words or "J" in words)
         if not known or not level or self.machine.state.get("arcs") == ("G90.1",):
             self.here = target
-            self.machine.move("arc", self.mode, str(sorted(words.items())), *self._place(), Number(self.feed))
+            self.machine.move(
+                "arc", self.mode, str(sorted(words.items())), *self._place(), Number(self.feed)
+            )
             words.clear()
             return
         (x, y), (u, v) = ([side[axis][1] for axis in "XY"] for side in (start, target))  # type: ignore[index]
@@ -211,15 +225,24 @@ class _Controller:
         first, last = math.hypot(x - a, y - b), math.hypot(u - a, v - b)
         if abs(first - last) > max(_RADII[self.grbl], _OF_RADIUS * first):
             self.machine.say("two radii", Number(first), Number(last))
-        begin, end, way = math.atan2(y - b, x - a), math.atan2(v - b, u - a), 1 if self.mode == "G3" else -1
+        begin, end, way = (
+            math.atan2(y - b, x - a),
+            math.atan2(v - b, u - a),
+            1 if self.mode == "G3" else -1,
+        )
         sweep = (way * (end - begin)) % (2 * math.pi)
         if sweep < 1e-9:
             sweep = 2 * math.pi
         angle, radius = begin + way * sweep / 2, (first + last) / 2
-        middle = Number(a + radius * math.cos(angle), "arc"), Number(b + radius * math.sin(angle), "arc")
+        middle = (
+            Number(a + radius * math.cos(angle), "arc"),
+            Number(b + radius * math.sin(angle), "arc"),
+        )
         self.here = target
         turns = Number(words.pop("P", 1.0))
-        self.machine.move("arc", self.mode, *middle, turns, *self._place(), Number(self.feed / 60, "mm/s"))
+        self.machine.move(
+            "arc", self.mode, *middle, turns, *self._place(), Number(self.feed / 60, "mm/s")
+        )
 
     def _cycle(self, ends: dict[str, float], words: dict[str, float]) -> None:
         """A drilling cycle as it is, with all that it takes from the lines before it."""
@@ -231,6 +254,8 @@ class _Controller:
         self.here = self._target(ends)
         sizes = [Number(self.sticky[letter], "" if letter == "P" else "mm") for letter in "ZRQP"]
         turns, feed = Number(words.pop("L", 1.0)), Number(self.feed / 60, "mm/s")
-        self.machine.move("cycle", self.mode, self.back, *self._place(), *before[4:], *sizes, turns, feed)
+        self.machine.move(
+            "cycle", self.mode, self.back, *self._place(), *before[4:], *sizes, turns, feed
+        )
         if self.back != "G98":
             self.here["Z"] = ("w", self.sticky["R"])

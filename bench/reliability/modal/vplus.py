@@ -28,7 +28,13 @@ _POSTURE = {
     "lefty": "arm", "righty": "arm", "above": "elbow", "below": "elbow", "flip": "wrist", "noflip": "wrist",
     "single": "turns", "multiple": "turns",
 }  # fmt: skip
-_SETTINGS = {"accel": "accel", "coarse": "settling", "fine": "settling", "null": "nulling", "nonull": "nulling"}
+_SETTINGS = {
+    "accel": "accel",
+    "coarse": "settling",
+    "fine": "settling",
+    "null": "nulling",
+    "nonull": "nulling",
+}
 
 _KEYWORDS = """
     pi base frame time state here dest trans break auto local global real call return pause stop halt attach detach
@@ -47,7 +53,9 @@ class _Program(NamedTuple):
 def trace(text: str) -> list[Event]:
     """The trace of one file: of its first program, and of what that calls."""
     lines = [_WORD.findall(line.split(";")[0].lower()) for line in text.split("\n")]
-    lines = [[word if word == "wait.event" else _cut(word) for word in words] for words in lines if words]
+    lines = [
+        [word if word == "wait.event" else _cut(word) for word in words] for words in lines if words
+    ]
     programs = _part(lines)
     if not programs:
         machine = Machine()
@@ -218,7 +226,9 @@ class _Task:
             if numbers:
                 x, y, z, yaw, pitch, roll = [*numbers, *[0.0] * (6 - len(numbers))]
                 place = tuple(Number(value, "mm") for value in (x, y, z))
-                found.append(("trans", *place, *turned(turn(2, yaw), turn(1, pitch), turn(2, roll))))
+                found.append(
+                    ("trans", *place, *turned(turn(2, yaw), turn(1, pitch), turn(2, roll)))
+                )
             elif joints:
                 found.append(("#ppoint", *(Number(value, "deg") for value in joints)))
             else:
@@ -262,7 +272,9 @@ class _Task:
         key = "monitor" if unit == "monitor" else "speed" if always else "next speed"
         if len(numbers) == 1:
             before = self.machine.state.get(key, ())
-            numbers += [one for one in before[2:3] if isinstance(one, Number) and before[0] != "kept?"]
+            numbers += [
+                one for one in before[2:3] if isinstance(one, Number) and before[0] != "kept?"
+            ]
         self.machine.hold(key, unit, *numbers)
         return True
 

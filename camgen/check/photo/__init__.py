@@ -78,7 +78,9 @@ def inspect_photo(photo: Part, drawing: Part, job: Job, least: float | None = No
     fit = lay_on(photo.source, borders, expected.region, expected.source)
     seen = enclose([fit.apply(border) for border in borders])
     found = differ(seen, expected, limit, raster.blur * pixel)
-    return Inspection(photo, expected, seen, fit, limit, found, (*photo.notes, *drawing.notes, *_note(fit, pixel)))
+    return Inspection(
+        photo, expected, seen, fit, limit, found, (*photo.notes, *drawing.notes, *_note(fit, pixel))
+    )
 
 
 def list_rework(found: Inspection, job: Job, removal: float) -> tuple[Rework, ...]:
@@ -87,7 +89,11 @@ def list_rework(found: Inspection, job: Job, removal: float) -> tuple[Rework, ..
     Under a constant force the material that goes away per second is the same, hence its height is as one over the feed.
     """
     if not (math.isfinite(removal) and removal > 0):
-        raise JobError("--removal", f"cannot be {removal:g} mm", remedy="give what one pass takes off, above 0 mm")
+        raise JobError(
+            "--removal",
+            f"cannot be {removal:g} mm",
+            remedy="give what one pass takes off, above 0 mm",
+        )
     by: dict[str, list[float]] = {}
     for one in found.burrs:
         by.setdefault(one.contour, []).append(one.height)

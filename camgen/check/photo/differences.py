@@ -58,7 +58,9 @@ class _Compared(Struct, frozen=True, eq=False):
     corners: shapely.Geometry
 
 
-def differ(seen: shapely.Geometry, expected: Expected, least: float, blur: float) -> tuple[Difference, ...]:
+def differ(
+    seen: shapely.Geometry, expected: Expected, least: float, blur: float
+) -> tuple[Difference, ...]:
     """What is too much of ``seen`` and what is missing, from ``least`` mm on, the greatest first.
 
     blur: of the outline seen, mm, a standard deviation.
@@ -98,7 +100,11 @@ def _beyond(more: shapely.Geometry, less: shapely.Geometry, least: float) -> lis
     for piece in shapely.get_parts(base):
         if piece.geom_type == "Polygon" and piece.area > _NOTHING:
             whole = shapely.intersection(gone, shapely.buffer(piece, 1.5 * foot, quad_segs=_CHORDS))
-            pieces.append(shapely.union_all([part for part in shapely.get_parts(whole) if part.intersects(piece)]))
+            pieces.append(
+                shapely.union_all(
+                    [part for part in shapely.get_parts(whole) if part.intersects(piece)]
+                )
+            )
     return pieces
 
 
@@ -111,13 +117,28 @@ def _tell(piece: shapely.Geometry, both: _Compared, much: bool) -> Difference:
     place = shapely.points(points[top])
     lines = [shapely.LineString(np.concatenate([ring, ring[:1]])) for ring in expected.rings]
     nearest = int(np.argmin(shapely.distance(np.array(lines), place)))
-    whole = not shapely.intersects(piece, shapely.buffer(expected.region if much else both.seen, _TOUCH))
-    length = _own_length(piece) if whole or expected.inked else _along(points[1:], expected.rings[nearest])
+    whole = not shapely.intersects(
+        piece, shapely.buffer(expected.region if much else both.seen, _TOUCH)
+    )
+    length = (
+        _own_length(piece)
+        if whole or expected.inked
+        else _along(points[1:], expected.rings[nearest])
+    )
     height = float(off[top])
     if top and not whole and shapely.distance(place, both.corners) > _CORNER_BLURS * both.blur:
         height += _lost(both, points[top], much)
     x, y = points[top].tolist()
-    return Difference(much, (x, y), height, length, float(shapely.area(piece)), expected.names[nearest], whole, piece)
+    return Difference(
+        much,
+        (x, y),
+        height,
+        length,
+        float(shapely.area(piece)),
+        expected.names[nearest],
+        whole,
+        piece,
+    )
 
 
 def _lost(both: _Compared, tip: FloatArray, much: bool) -> float:
@@ -151,7 +172,9 @@ def _lost(both: _Compared, tip: FloatArray, much: bool) -> float:
 
 def _middle(piece: shapely.Geometry) -> FloatArray:
     """The centre (1, 2) of the greatest circle in it."""
-    return np.asarray(shapely.get_coordinates(shapely.maximum_inscribed_circle(piece, tolerance=1e-3))[:1])
+    return np.asarray(
+        shapely.get_coordinates(shapely.maximum_inscribed_circle(piece, tolerance=1e-3))[:1]
+    )
 
 
 def _own_length(piece: shapely.Geometry) -> float:

@@ -39,7 +39,9 @@ def expect(drawing: Part, job: Job) -> Expected:
     """What ``job`` makes of ``drawing``. InputError where nothing of it has an inside or it is not flat."""
     if drawing.solid is not None or not drawing.contours:
         remedy = "give a drawing, or a picture that is drawn"
-        raise InputError(drawing.source, "has no flat contours to compare a photo with", remedy=remedy)
+        raise InputError(
+            drawing.source, "has no flat contours to compare a photo with", remedy=remedy
+        )
     if find_operation(drawing, job).name in _INKED:
         return _ink(plan(drawing, job), job)
     laid = on_page(drawing, job)
@@ -50,17 +52,26 @@ def _material(part: Part) -> Expected:
     closed = [contour for contour in part.contours if contour.closed]
     if not closed:
         remedy = "close its outlines, or raise input.join"
-        raise InputError(part.source, "no closed contour, so that nothing of it has an inside", remedy=remedy)
+        raise InputError(
+            part.source, "no closed contour, so that nothing of it has an inside", remedy=remedy
+        )
     rings = tuple(_line(contour) for contour in closed)
-    return Expected(part.source, enclose(rings), rings, tuple(contour.id for contour in closed), inked=False)
+    return Expected(
+        part.source, enclose(rings), rings, tuple(contour.id for contour in closed), inked=False
+    )
 
 
 def enclose(rings: Sequence[FloatArray]) -> shapely.Geometry:
     """What closed lines (N, 2) enclose, even-odd."""
     shapes = [shapely.make_valid(shapely.Polygon(ring)) for ring in rings if len(ring) >= 3]
-    while len(shapes) > 1:  # by halves: neighbours first, so that no step has to do with all of them
+    while (
+        len(shapes) > 1
+    ):  # by halves: neighbours first, so that no step has to do with all of them
         odd = shapes[len(shapes) // 2 * 2 :]
-        shapes = [shapely.symmetric_difference(a, b) for a, b in zip(shapes[::2], shapes[1::2], strict=False)] + odd
+        shapes = [
+            shapely.symmetric_difference(a, b)
+            for a, b in zip(shapes[::2], shapes[1::2], strict=False)
+        ] + odd
     return shapes[0] if shapes else shapely.Polygon()
 
 
@@ -71,18 +82,24 @@ def _line(contour: Contour) -> FloatArray:
 
 def _ink(made: Plan, job: Job) -> Expected:
     if not made.paths:
-        raise JobError("job", "no path is left that would leave ink", remedy="camgen build says why")
+        raise JobError(
+            "job", "no path is left that would leave ink", remedy="camgen build says why"
+        )
     radius = job.tool.diameter / 2
     strokes = [shapely.buffer(_stroke(path), radius, quad_segs=_PEN_CHORDS) for path in made.paths]
     region = shapely.union_all(strokes)
     rings = tuple(path.position[:, :2] for path in made.paths)
-    return Expected(made.part.source, region, rings, tuple(path.id for path in made.paths), inked=True)
+    return Expected(
+        made.part.source, region, rings, tuple(path.id for path in made.paths), inked=True
+    )
 
 
 def _stroke(path: ToolPath) -> shapely.Geometry:
     """The line that the pen draws, arcs as chords."""
     points = [path.position[:1, :2]]
-    for start, via, end in zip(path.position[:-1, :2], path.via[1:, :2], path.position[1:, :2], strict=True):
+    for start, via, end in zip(
+        path.position[:-1, :2], path.via[1:, :2], path.position[1:, :2], strict=True
+    ):
         points.append(end[None] if np.isnan(via).any() else _arc(start, via, end))
     line = np.concatenate(points)
     return shapely.LineString(line) if len(line) > 1 else shapely.Point(line[0])

@@ -68,9 +68,16 @@ def lay_on(name: str, borders: Sequence[FloatArray], region: shapely.Geometry, s
     few, many = (_some(points, count) for count in (_FEW, _MANY))
     near = max(_NEAR_SHARE * line.size, 0.2)
     starts = [Fit(0.0, (0.0, 0.0), 0.0, 0.0), *_starts(borders, region)]
-    tried = [_score(_refine(line, few, start, _ROUNDS, line.size / 10), line, few, near) for start in starts]
+    tried = [
+        _score(_refine(line, few, start, _ROUNDS, line.size / 10), line, few, near)
+        for start in starts
+    ]
     best = max(tried, key=lambda fit: (round(fit.share, 2), -fit.rms))
-    alike = [fit for fit in tried if fit.share >= _AS_WELL * best.share and fit.rms <= 1.5 * best.rms + 0.02]
+    alike = [
+        fit
+        for fit in tried
+        if fit.share >= _AS_WELL * best.share and fit.rms <= 1.5 * best.rms + 0.02
+    ]
     # Of turns that fit as well the least: the part lies as the photo says, more or less.
     chosen = min(alike, key=lambda fit: round(abs(fit.turn), 1))
     found = _score(_refine(line, many, chosen, _FINE_ROUNDS, near * 3), line, many, near)
@@ -101,7 +108,9 @@ def _some(points: FloatArray, count: int) -> FloatArray:
 def _starts(borders: Sequence[FloatArray], region: shapely.Geometry) -> list[Fit]:
     """Turns all around, the middles on each other."""
     hull = shapely.convex_hull(shapely.MultiPoint(np.concatenate(borders)))
-    ours, theirs = (np.array(shapely.centroid(one).coords[0]) for one in (hull, shapely.convex_hull(region)))
+    ours, theirs = (
+        np.array(shapely.centroid(one).coords[0]) for one in (hull, shapely.convex_hull(region))
+    )
     found = []
     for k in range(_TURNS):
         turn = k * math.tau / _TURNS
@@ -115,7 +124,9 @@ def _nearest(line: _Line, at: FloatArray) -> tuple[FloatArray, FloatArray]:
     which = line.tree.nearest(shapely.points(at))
     start, end = line.start[which], line.end[which]
     along = end - start
-    t = np.clip(np.einsum("ni,ni->n", at - start, along) / np.einsum("ni,ni->n", along, along), 0.0, 1.0)
+    t = np.clip(
+        np.einsum("ni,ni->n", at - start, along) / np.einsum("ni,ni->n", along, along), 0.0, 1.0
+    )
     foot = start + t[:, None] * along
     normal = line.normal[which]
     gap = at - foot
@@ -137,14 +148,20 @@ def _refine(line: _Line, points: FloatArray, fit: Fit, rounds: int, gate: float)
         middle = at[near].mean(axis=0)
         weight = (1 - (off[near] / reach) ** 2) ** 2
         arm = at[near] - middle
-        rows = np.column_stack([normal[near], arm[:, 0] * normal[near, 1] - arm[:, 1] * normal[near, 0]])
+        rows = np.column_stack(
+            [normal[near], arm[:, 0] * normal[near, 1] - arm[:, 1] * normal[near, 0]]
+        )
         matrix = (rows * weight[:, None]).T @ rows + 1e-9 * np.eye(3)
         step = np.linalg.solve(matrix, -(rows * weight[:, None]).T @ off[near])
-        moved = Fit(float(step[2]), (0.0, 0.0), 0.0, 0.0).apply(np.array(fit.shift)[None] - middle)[0]
+        moved = Fit(float(step[2]), (0.0, 0.0), 0.0, 0.0).apply(np.array(fit.shift)[None] - middle)[
+            0
+        ]
         shift = moved + middle + step[:2]
         fit = Fit(fit.turn + float(step[2]), (float(shift[0]), float(shift[1])), 0.0, 0.0)
         sigma = max(float(np.median(np.abs(off[near]))) * SIGMAS_OF_MEDIAN, _LEAST_SIGMA)
-        settled = np.abs(step[:2]).max() + abs(step[2]) * line.size < 1e-6 and reach <= _TUKEY * sigma
+        settled = (
+            np.abs(step[:2]).max() + abs(step[2]) * line.size < 1e-6 and reach <= _TUKEY * sigma
+        )
         reach = min(reach, max(_TUKEY * sigma, 0.6 * reach))
         if settled:
             break

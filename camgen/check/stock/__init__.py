@@ -88,7 +88,9 @@ class StockProof(Struct, frozen=True, eq=False):
     @property
     def excess(self) -> float:
         """mm3 that should be gone and is not; without what inner corners and tabs explain."""
-        return float(sum((one.top - one.bottom) * one.excess.unexplained.area for one in self.levels))
+        return float(
+            sum((one.top - one.bottom) * one.excess.unexplained.area for one in self.levels)
+        )
 
 
 def prove(cuts: Sequence[Cut], design: Design) -> StockProof:
@@ -120,11 +122,15 @@ def prove(cuts: Sequence[Cut], design: Design) -> StockProof:
 def _notes(moves: Moves, unseen: int) -> list[str]:
     found = []
     if moves.tilted:
-        found.append(f"{counted(moves.tilted, 'motion')} with the tool not straight down not judged")
+        found.append(
+            f"{counted(moves.tilted, 'motion')} with the tool not straight down not judged"
+        )
     if moves.lost:
         found.append(f"{counted(moves.lost, 'motion')} to joint values not judged")
     if unseen:
-        found.append(f"{counted(unseen, 'more motion')} as deep as those with the holder in material not looked at")
+        found.append(
+            f"{counted(unseen, 'more motion')} as deep as those with the holder in material not looked at"
+        )
     return found
 
 
@@ -154,7 +160,9 @@ def _gouge(moves: Moves, cuts: Sequence[Cut], one: Gouge) -> Fault:
 
 
 def _rapid(moves: Moves, cuts: Sequence[Cut], one: Struck) -> Fault:
-    text = f"rapid motion through material, {short(one.depth, 3)} mm below the top, {_at(one.place)}"
+    text = (
+        f"rapid motion through material, {short(one.depth, 3)} mm below the top, {_at(one.place)}"
+    )
     return _fault(moves, cuts, "rapid", one.row, one.place, one.mm, text)
 
 
@@ -167,8 +175,18 @@ def _loose(moves: Moves, cuts: Sequence[Cut], one: Loose) -> Fault:
     x, y, z = moves.end[one.row].tolist()
     text = f"the part within {one.contour} comes loose"
     if one.again < 0 and one.tabs:
-        return _fault(moves, cuts, "loose", one.row, (x, y, z), 0.0, f"{text}: no bridge is left that holds it")
+        return _fault(
+            moves,
+            cuts,
+            "loose",
+            one.row,
+            (x, y, z),
+            0.0,
+            f"{text}: no bridge is left that holds it",
+        )
     if one.again < 0:
-        return _fault(moves, cuts, "loose", one.row, (x, y, z), 0.0, f"{text} at its last cut", serious=False)
+        return _fault(
+            moves, cuts, "loose", one.row, (x, y, z), 0.0, f"{text} at its last cut", serious=False
+        )
     text += f" before its last cut, which begins at line {int(moves.line[one.again])}"
     return _fault(moves, cuts, "loose", one.row, (x, y, z), 0.0, text)

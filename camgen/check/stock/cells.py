@@ -51,7 +51,9 @@ class Cells(Struct, frozen=True, eq=False):
         cell = np.full(len(points), self.outside)
         if not len(self):
             return cell
-        point, ring = shapely.STRtree(self.rings).query(shapely.points(points), predicate="intersects")
+        point, ring = shapely.STRtree(self.rings).query(
+            shapely.points(points), predicate="intersects"
+        )
         large_first = np.argsort(-self.area[ring], kind="stable")
         cell[point[large_first]] = ring[large_first]
         return cell
@@ -71,7 +73,11 @@ class Cells(Struct, frozen=True, eq=False):
     def shape(self, cell: int) -> Any:
         """One cell as a polygon; the one outside has none."""
         children = np.flatnonzero(self.parent == cell)
-        return self.rings[cell] if not len(children) else self.rings[cell] - shapely.union_all(self.rings[children])
+        return (
+            self.rings[cell]
+            if not len(children)
+            else self.rings[cell] - shapely.union_all(self.rings[children])
+        )
 
     def shapes(self, cells: IntArray) -> Shapes:
         """Several cells, none of them the outside, as polygons."""
@@ -88,10 +94,14 @@ def divide(contours: Sequence[Contour]) -> Cells:
     closed = [contour for contour in contours if contour.closed]
     left = [contour for contour in contours if not contour.closed]
     nesting = nest(from_contours(closed), len(closed)) if closed else None
-    sound = [] if nesting is None else np.flatnonzero((nesting.crossed < 0) & ~nesting.empty).tolist()
+    sound = (
+        [] if nesting is None else np.flatnonzero((nesting.crossed < 0) & ~nesting.empty).tolist()
+    )
     if nesting is None or not sound:
         none = np.zeros(0, dtype=np.int64)
-        return Cells((), from_contours([]), none, none, np.zeros(0, object), np.zeros(0), tuple(contours))
+        return Cells(
+            (), from_contours([]), none, none, np.zeros(0, object), np.zeros(0), tuple(contours)
+        )
     left += [closed[k] for k in sorted(set(range(len(closed))) - set(sound))]
     new = np.full(len(closed) + 1, len(sound))
     new[sound] = np.arange(len(sound))

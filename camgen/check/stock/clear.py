@@ -70,7 +70,10 @@ def find_rapids(gone: Gone, design: Design) -> list[Struck]:
         tool = gone.cuts[int(moves.cut[row])].tool
         depths = [0.0] if is_flat(tool) else [0.0, 0.5]
         struck = [
-            one for share in depths for part in _parts(moves, row) if (one := _strike(gone, design, row, part, share))
+            one
+            for share in depths
+            for part in _parts(moves, row)
+            if (one := _strike(gone, design, row, part, share))
         ]
         found += sorted(struck, key=lambda one: -one.mm)[:1]
     return found
@@ -130,7 +133,13 @@ def _strike(gone: Gone, design: Design, row: int, part: _Part, share: float) -> 
 
 
 def _meet(
-    gone: Gone, design: Design, row: int, part: _Part, radius: float, depth: float, with_itself: bool
+    gone: Gone,
+    design: Design,
+    row: int,
+    part: _Part,
+    radius: float,
+    depth: float,
+    with_itself: bool,
 ) -> Struck | None:
     """What a disc of ``radius`` meets along a part of a motion at ``depth``; none where all of it is gone."""
     if radius <= _SLACK_MM:
@@ -158,18 +167,26 @@ def find_holders(gone: Gone, design: Design) -> tuple[list[Struck], int]:
     for number, cut in enumerate(gone.cuts):
         for height, radius in _bodies(cut):
             rows = np.flatnonzero(
-                (moves.cut == number) & (moves.deepest > height + TOLERANCE_MM) & np.isfinite(moves.deepest)
+                (moves.cut == number)
+                & (moves.deepest > height + TOLERANCE_MM)
+                & np.isfinite(moves.deepest)
             )
             for row in rows.tolist():
                 if len(found) >= MOST_TOLD:
                     unseen += 1
                     continue
-                struck = [one for part in _parts(moves, row) if (one := _hold(gone, design, row, part, radius, height))]
+                struck = [
+                    one
+                    for part in _parts(moves, row)
+                    if (one := _hold(gone, design, row, part, radius, height))
+                ]
                 found += sorted(struck, key=lambda one: -one.mm)[:1]
     return sorted(found, key=lambda one: one.row), unseen
 
 
-def _hold(gone: Gone, design: Design, row: int, part: _Part, radius: float, height: float) -> Struck | None:
+def _hold(
+    gone: Gone, design: Design, row: int, part: _Part, radius: float, height: float
+) -> Struck | None:
     if part.depth - height <= TOLERANCE_MM:
         return None
     return _meet(gone, design, row, part, radius, part.depth - height, True)

@@ -41,7 +41,9 @@ class Task(Struct, frozen=True, eq=False):
 
 def task_on(part: Part, job: Job, own: Part) -> Task:
     """One of several operations on ``part``. own: the part as it works on it, with what bounds material for it."""
-    return Task(job, replace(part, worked=own.worked), frozenset(contour.id for contour in own.contours))
+    return Task(
+        job, replace(part, worked=own.worked), frozenset(contour.id for contour in own.contours)
+    )
 
 
 class Lines(Struct, frozen=True, eq=False):
@@ -123,7 +125,9 @@ def lay_out(design: Design, wanted: Sequence[Wanted]) -> list[Wanted]:
         if rooms.get(one.cell) is None:
             outer = cells.rings[cells.parent == cells.outside]
             whole = one.cell == cells.outside
-            rooms[one.cell] = design.outline - shapely.union_all(outer) if whole else cells.shape(one.cell)
+            rooms[one.cell] = (
+                design.outline - shapely.union_all(outer) if whole else cells.shape(one.cell)
+            )
         room, ring = rooms[one.cell], cells.rings[one.loop]
         edge = ring if one.cell != one.loop else shapely.boundary(ring)
         band = shapely.buffer(edge, 2 * one.radius, quad_segs=_QUARTER)
@@ -173,10 +177,16 @@ def design(tasks: Sequence[Task], stock: StockTable, untaken: Any = None) -> Des
                 draft,
                 task,
                 number,
-                [contour for contour in own if task.part.works_on(contour.sources or (contour.id,))],
+                [
+                    contour
+                    for contour in own
+                    if task.part.works_on(contour.sources or (contour.id,))
+                ],
             )
     if stock.thickness is None:
-        draft.notes.append("stock.thickness is not set: what lies below, and parts that come loose, are not judged")
+        draft.notes.append(
+            "stock.thickness is not set: what lies below, and parts that come loose, are not judged"
+        )
     return Design(
         draft.cells,
         draft.depth,
@@ -194,10 +204,16 @@ def design(tasks: Sequence[Task], stock: StockTable, untaken: Any = None) -> Des
 
 def _outline(contours: Sequence[Contour], stock: StockTable) -> Any:
     """The stock seen from above: the contours of its layer, or a box around the drawing."""
-    drawn = [contour for contour in contours if stock.layer and contour.layer == stock.layer and contour.closed]
+    drawn = [
+        contour
+        for contour in contours
+        if stock.layer and contour.layer == stock.layer and contour.closed
+    ]
     if drawn:
         points, owner = flatten(from_contours(drawn), CHORD_MM)
-        return shapely.union_all(shapely.make_valid(shapely.polygons(shapely.linearrings(points, indices=owner))))
+        return shapely.union_all(
+            shapely.make_valid(shapely.polygons(shapely.linearrings(points, indices=owner)))
+        )
     if not contours:
         return shapely.box(-1e6, -1e6, 1e6, 1e6)
     boxes = bounds(from_contours(contours))
@@ -234,7 +250,9 @@ def _follow(draft: _Draft, task: Task, number: int, worked: Sequence[Contour]) -
         _follow_one_side(draft, task, worked)
         return
     loops = _loops(draft, worked)
-    inside = _are_holes(cells, loops, task) if side == "auto" else np.full(len(loops), side == "inside")
+    inside = (
+        _are_holes(cells, loops, task) if side == "auto" else np.full(len(loops), side == "inside")
+    )
     inner, outer = loops[inside], loops[~inside]
     if side == "auto":
         removed = _joined(cells, task, np.unique(np.concatenate([inner, cells.parent[outer]])))
@@ -323,7 +341,9 @@ def _bore(draft: _Draft, task: Task, number: int, worked: Sequence[Contour]) -> 
     cells, deep = draft.cells, _depth(task)
     loops = _circles(draft, task, worked)
     draft.allow(np.flatnonzero(cells.within(loops.tolist())).tolist(), deep)
-    draft.wanted += [Wanted(cells.rings[k], cells.rings[k], 0.0, deep, number) for k in loops.tolist()]
+    draft.wanted += [
+        Wanted(cells.rings[k], cells.rings[k], 0.0, deep, number) for k in loops.tolist()
+    ]
 
 
 def _drill(draft: _Draft, task: Task, number: int, worked: Sequence[Contour]) -> None:
@@ -332,10 +352,16 @@ def _drill(draft: _Draft, task: Task, number: int, worked: Sequence[Contour]) ->
     loops = _circles(draft, task, worked)
     if task.part.raster is not None:
         draft.free = True
-        draft.notes.append("holes at marks of a picture are not judged: nothing is taken for a gouge")
+        draft.notes.append(
+            "holes at marks of a picture are not judged: nothing is taken for a gouge"
+        )
         return
     draft.allow(np.flatnonzero(cells.within(loops.tolist())).tolist(), deep)
-    middles = shapely.points([_middle(cells.rings[k]) for k in loops.tolist()]) if len(loops) else np.zeros(0, object)
+    middles = (
+        shapely.points([_middle(cells.rings[k]) for k in loops.tolist()])
+        if len(loops)
+        else np.zeros(0, object)
+    )
     wide = np.minimum(radius, np.sqrt(cells.area[loops] / np.pi))
     discs = shapely.buffer(middles, wide, quad_segs=2 * _QUARTER)
     draft.wanted += [Wanted(disc, disc, 0.0, deep, number) for disc in discs]
@@ -345,7 +371,9 @@ def _circles(draft: _Draft, task: Task, worked: Sequence[Contour]) -> IntArray:
     """The innermost circles about each centre whose diameters are wanted; of those to bore, of the wanted ones."""
     cells = draft.cells
     low, high = task.job.operation.holes or (0.0, float("inf"))
-    found = np.array([k for k in _loops(draft, worked).tolist() if _is_round(cells, k)], dtype=np.int64)
+    found = np.array(
+        [k for k in _loops(draft, worked).tolist() if _is_round(cells, k)], dtype=np.int64
+    )
     wide = 2 * np.sqrt(cells.area / np.pi)
     chosen = (wide[found] >= low - _ROUND_MM) & (wide[found] <= high + _ROUND_MM)
     if _kind(task) == "bore":
@@ -398,7 +426,9 @@ def _chamfer(draft: _Draft, task: Task, number: int, worked: Sequence[Contour]) 
     loops = _loops(draft, worked)
     draft.bevels.append(Bevel(width, slope(tool), loops, tool.diameter))
     auto = operation.side == "auto"
-    inside = _are_holes(cells, loops, task) if auto else np.full(len(loops), operation.side == "inside")
+    inside = (
+        _are_holes(cells, loops, task) if auto else np.full(len(loops), operation.side == "inside")
+    )
     beside = np.concatenate([loops[inside], cells.parent[loops[~inside]]])
     draft.allow(beside.tolist(), operation.depth or (width + _TIP_MM) / slope(tool))
 
@@ -422,7 +452,9 @@ def show_stay(design: Design, depth: float) -> Any:
             points, owner = flatten(lines.segments, CHORD_MM)
             ways = [
                 shapely.LineString(
-                    np.concatenate([points[owner == k], lines.segments.end[lines.segments.owner == k][-1:]])
+                    np.concatenate(
+                        [points[owner == k], lines.segments.end[lines.segments.owner == k][-1:]]
+                    )
                 )
                 for k in np.unique(owner)
             ]

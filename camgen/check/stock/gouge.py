@@ -18,7 +18,15 @@ from camgen.check.stock.moves import TOLERANCE_MM, Cut, Moves, Portions
 from camgen.check.stock.profile import reach
 from camgen.check.stock.sweep import same_ways
 from camgen.geometry.intersect import box, distances, gaps
-from camgen.geometry.segments import BoolArray, IntArray, Segments, bounds, make, points_at, tangents_at
+from camgen.geometry.segments import (
+    BoolArray,
+    IntArray,
+    Segments,
+    bounds,
+    make,
+    points_at,
+    tangents_at,
+)
 from camgen.model.pose import FloatArray
 
 #: A traced line is drawn within the chord tolerance and the rounding of its corners, mm.
@@ -46,7 +54,9 @@ def find_gouges(moves: Moves, cuts: Sequence[Cut], design: Design) -> list[Gouge
     """The worst gouge of every motion that has one, in order."""
     if design.free or not len(moves):
         return []
-    rows = np.flatnonzero((moves.deepest > TOLERANCE_MM) & ~moves.rising & ~_explained(moves, cuts, design))
+    rows = np.flatnonzero(
+        (moves.deepest > TOLERANCE_MM) & ~moves.rising & ~_explained(moves, cuts, design)
+    )
     worst: dict[int, Gouge] = {}
     for limit in _limits(design):
         for gouge in _beyond(moves, cuts, design, rows, limit):
@@ -61,7 +71,9 @@ def _limits(design: Design) -> list[float]:
     return [float(depth) for depth in np.unique(depths[np.isfinite(depths)])]
 
 
-def _beyond(moves: Moves, cuts: Sequence[Cut], design: Design, rows: IntArray, limit: float) -> list[Gouge]:
+def _beyond(
+    moves: Moves, cuts: Sequence[Cut], design: Design, rows: IntArray, limit: float
+) -> list[Gouge]:
     """Gouges of what may be cut down to ``limit`` mm and no deeper."""
     cells = design.cells
     deep = moves.below(limit + TOLERANCE_MM, rows)
@@ -76,12 +88,17 @@ def _beyond(moves: Moves, cuts: Sequence[Cut], design: Design, rows: IntArray, l
     chord = moves.chord[deep.row]
     near = apart < radius - TOLERANCE_MM
     # A straight motion in the place of an arc leaves it between its ends; at its ends it does not.
-    doubtful = np.flatnonzero(near & ~within & (chord > 0) & (apart >= radius - TOLERANCE_MM - chord))
+    doubtful = np.flatnonzero(
+        near & ~within & (chord > 0) & (apart >= radius - TOLERANCE_MM - chord)
+    )
     near[doubtful] = _at_ends(deep, doubtful, design, walls, stays, radius, allowed)
     hit = np.flatnonzero(within | near)
     for _, chosen, more in allowed:
         radius = np.where(chosen, radius - more, radius)
-    found = (_measure(moves, design, deep, k, float(radius[k]), walls, stays, limit) for k in hit[:_MEASURED].tolist())
+    found = (
+        _measure(moves, design, deep, k, float(radius[k]), walls, stays, limit)
+        for k in hit[:_MEASURED].tolist()
+    )
     aside = np.where(within, radius, radius - apart)
     rest = (_estimate(moves, deep, k, float(aside[k]), limit) for k in hit[_MEASURED:].tolist())
     return [gouge for gouge in (*found, *rest) if gouge]
@@ -99,7 +116,10 @@ def _at_ends(
     """(R,) which of the portions ``rows`` are too near to the walls at an end of their motion."""
     found = np.zeros(len(rows), dtype=np.bool_)
     own = [(bevel, chosen[rows], more) for bevel, chosen, more in allowed]
-    for whole, place in ((deep.low[rows] == 0.0, deep.plane.start), (deep.high[rows] == 1.0, deep.plane.end)):
+    for whole, place in (
+        (deep.low[rows] == 0.0, deep.plane.start),
+        (deep.high[rows] == 1.0, deep.plane.end),
+    ):
         points = place[rows]
         tips = make(points, points, np.zeros(len(rows)), rows)
         apart, _ = _apart(tips, design, walls, stays, float(radius.max()), own)
@@ -131,7 +151,10 @@ def _allowed(
     """For each chamfer, which portions are of its tool, and how far those may go into its contours at ``limit``, mm."""
     found = []
     for bevel in design.bevels:
-        own = [cut.tool.kind == "v" and abs(cut.tool.diameter - bevel.diameter) < TOLERANCE_MM for cut in cuts]
+        own = [
+            cut.tool.kind == "v" and abs(cut.tool.diameter - bevel.diameter) < TOLERANCE_MM
+            for cut in cuts
+        ]
         chosen = np.array(own)[moves.cut[deep.row]]
         found.append((bevel, chosen, max(bevel.width - limit * bevel.slope, 0.0)))
     return found
@@ -171,7 +194,14 @@ def _off_stock(deep: Portions, radius: FloatArray, design: Design) -> BoolArray:
 
 
 def _measure(
-    moves: Moves, design: Design, deep: Portions, k: int, radius: float, walls: IntArray, stays: BoolArray, limit: float
+    moves: Moves,
+    design: Design,
+    deep: Portions,
+    k: int,
+    radius: float,
+    walls: IntArray,
+    stays: BoolArray,
+    limit: float,
 ) -> Gouge | None:
     """How far portion ``k`` is in material that stays, and where most; none where that is only beside the stock."""
     share = np.linspace(0.0, 1.0, _SAMPLES)
@@ -191,7 +221,12 @@ def _measure(
     mm = min(aside, up)
     if not mm > TOLERANCE_MM:
         return None
-    return Gouge(row, (float(points[best, 0]), float(points[best, 1]), float(tip[2])), float(mm), bool(up < aside))
+    return Gouge(
+        row,
+        (float(points[best, 0]), float(points[best, 1]), float(tip[2])),
+        float(mm),
+        bool(up < aside),
+    )
 
 
 def _signed(points: FloatArray, design: Design, walls: IntArray, stays: BoolArray) -> FloatArray:
@@ -224,7 +259,9 @@ def _explained(moves: Moves, cuts: Sequence[Cut], design: Design) -> BoolArray:
     for lines in design.lines:
         own = np.array([abs(cut.tool.diameter - lines.diameter) < TOLERANCE_MM for cut in cuts])
         rows = np.flatnonzero(
-            own[moves.cut] & (moves.deepest > TOLERANCE_MM) & (moves.deepest <= lines.depth + TOLERANCE_MM)
+            own[moves.cut]
+            & (moves.deepest > TOLERANCE_MM)
+            & (moves.deepest <= lines.depth + TOLERANCE_MM)
         )
         rows = rows[~found[rows]]
         found[rows[_along(moves.plane.take(rows), lines)]] = True

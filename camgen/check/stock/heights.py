@@ -61,7 +61,9 @@ def carve(moves: Moves, cuts: Sequence[Cut], outline: Any) -> Grid:
     return Grid(depth, (float(low[0]), float(low[1])), pitch, tuple(volumes))
 
 
-def _stamp(depth: FloatArray, low: FloatArray, pitch: float, cut: Cut, moves: Moves, rows: IntArray) -> None:
+def _stamp(
+    depth: FloatArray, low: FloatArray, pitch: float, cut: Cut, moves: Moves, rows: IntArray
+) -> None:
     """Every motion in steps of a cell, in each of which the tool leaves its shape."""
     count = np.maximum(np.ceil(moves.plane.length[rows] / pitch), 1).astype(np.int64) + 1
     which, share = owners(count), ramp(count) / np.maximum(count - 1, 1)[owners(count)]
@@ -78,7 +80,11 @@ def _stamp(depth: FloatArray, low: FloatArray, pitch: float, cut: Cut, moves: Mo
         apart = np.hypot(*np.moveaxis(cell - place[:, None], -1, 0)) * pitch
         below = tip[part][:, None] - _rise(cut, apart)
         inside = (apart <= cut.tool.diameter / 2) & (below > 0)
-        inside &= (cell >= 0).all(axis=2) & (cell[..., 0] < depth.shape[1]) & (cell[..., 1] < depth.shape[0])
+        inside &= (
+            (cell >= 0).all(axis=2)
+            & (cell[..., 0] < depth.shape[1])
+            & (cell[..., 1] < depth.shape[0])
+        )
         np.maximum.at(depth, (cell[..., 1][inside], cell[..., 0][inside]), below[inside])
 
 

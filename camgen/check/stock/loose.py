@@ -53,12 +53,18 @@ def _frees(gone: Gone, design: Design, cell: int, bottom: float) -> Loose | None
     around = shapely.buffer(part, wide + _BEYOND_MM, quad_segs=4)
     near = np.sort(gone.rows[gone.tree.query(around)])
     through = near[(moves.deepest[near] > bottom) & ~moves.rapid[near]]
-    through = through[shapely.distance(_chords(moves, through), shapely.boundary(part)) <= wide + _BEYOND_MM]
-    if not len(through) or not _is_free(_cut_away(gone, through, bottom), part, around, design.outline):
+    through = through[
+        shapely.distance(_chords(moves, through), shapely.boundary(part)) <= wide + _BEYOND_MM
+    ]
+    if not len(through) or not _is_free(
+        _cut_away(gone, through, bottom), part, around, design.outline
+    ):
         return None
     # Most are cut free by the last way around them, which is told as its end.
     last = int(np.searchsorted(moves.stroke[through], moves.stroke[through[-1]]))
-    if last == 0 or not _is_free(_cut_away(gone, through[:last], bottom), part, around, design.outline):
+    if last == 0 or not _is_free(
+        _cut_away(gone, through[:last], bottom), part, around, design.outline
+    ):
         low = high = len(through)
     else:
         low, high = 0, last

@@ -129,7 +129,9 @@ def _join(tables: list[Moves]) -> Moves:
     bulge = np.concatenate([one.plane.bulge for one in tables])
     plane = make(start[:, :2], end[:, :2], bulge, np.arange(len(bulge)))
     lost, tilted = sum(one.lost for one in tables), sum(one.tilted for one in tables)
-    return Moves(start, end, plane, down, rapid, cut, line, _strokes(down, rapid), chord, tilted, lost)
+    return Moves(
+        start, end, plane, down, rapid, cut, line, _strokes(down, rapid), chord, tilted, lost
+    )
 
 
 def _strokes(down: FloatArray, rapid: BoolArray) -> IntArray:
@@ -144,12 +146,16 @@ def _table(cut: Cut, number: int, before: FloatArray) -> Moves:
     start = np.roll(end, 1, axis=0)
     start[:1] = before
     start = np.where(np.isnan(start), end, start)
-    rapid = columns.moves_are(MoveJ) | (columns.moves_are(MoveL) & (columns.speed >= _NEARLY * cut.travel))
+    rapid = columns.moves_are(MoveJ) | (
+        columns.moves_are(MoveL) & (columns.speed >= _NEARLY * cut.travel)
+    )
     line = np.asarray(cut.lines, dtype=np.int64)[columns.at]
     down = _depths(cut, columns, start, end, rapid)
     straight = _straight_down(columns)
     known = columns.posed & straight
-    row, low, high, bulge, start, end = _pieces(cut.tool, start, columns.vias, end, np.flatnonzero(known))
+    row, low, high, bulge, start, end = _pieces(
+        cut.tool, start, columns.vias, end, np.flatnonzero(known)
+    )
     first, last = down[row].T
     with np.errstate(invalid="ignore"):
         part = np.where(np.isfinite(first) & np.isfinite(last), last - first, 0.0)
@@ -162,11 +168,17 @@ def _table(cut: Cut, number: int, before: FloatArray) -> Moves:
     return Moves(start, end, plane, down, rapid[row], many, line[row], many, chord, tilted, lost)
 
 
-def _depths(cut: Cut, columns: Columns, start: FloatArray, end: FloatArray, rapid: BoolArray) -> FloatArray:
+def _depths(
+    cut: Cut, columns: Columns, start: FloatArray, end: FloatArray, rapid: BoolArray
+) -> FloatArray:
     """(M, 2) how deep the tip is at both ends, of a beam or a blade whether it is on."""
     down = -np.column_stack([start[:, 2], end[:, 2]])
     if cut.tool.kind in BEAMS:
-        on = ~rapid & (_switched_on(columns) if columns.are(Output).any() else (down >= -TOLERANCE_MM).all(axis=1))
+        on = ~rapid & (
+            _switched_on(columns)
+            if columns.are(Output).any()
+            else (down >= -TOLERANCE_MM).all(axis=1)
+        )
         return np.where(on[:, None], np.inf, -np.inf) * np.ones(2)
     return np.full_like(down, -np.inf) if cut.tool.kind == "pen" else down
 
@@ -201,19 +213,26 @@ def _straight_down(columns: Columns) -> BoolArray:
 _Pieces = tuple[IntArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]
 
 
-def _pieces(tool: ToolTable, start: FloatArray, via: FloatArray, end: FloatArray, rows: IntArray) -> _Pieces:
+def _pieces(
+    tool: ToolTable, start: FloatArray, via: FloatArray, end: FloatArray, rows: IntArray
+) -> _Pieces:
     """Motions ``rows`` as lines and level arcs: which, from and to what fraction, bulges, starts (N, 3), ends (N, 3).
 
     Arcs that leave the level are chords; slanted ones of a tool that is no cylinder, short ones.
     """
     start, via, end = start[rows], via[rows], end[rows]
     curved = ~np.isnan(via[:, 0])
-    flat = np.abs(end[:, 2] - start[:, 2]) + np.where(curved, np.abs(via[:, 2] - start[:, 2]), 0.0) <= 1e-6
+    flat = (
+        np.abs(end[:, 2] - start[:, 2]) + np.where(curved, np.abs(via[:, 2] - start[:, 2]), 0.0)
+        <= 1e-6
+    )
     chords = np.flatnonzero(curved & ~flat)
     count = np.ones(len(rows), dtype=np.int64)
     span = spans(start, via, end)
     if len(chords):
-        step = 2 * np.arccos(np.clip(1 - _CHORD_MM / np.maximum(span.radius[chords], 1e-9), -1.0, 1.0))
+        step = 2 * np.arccos(
+            np.clip(1 - _CHORD_MM / np.maximum(span.radius[chords], 1e-9), -1.0, 1.0)
+        )
         count[chords] = np.maximum(np.ceil(span.sweep[chords] / np.maximum(step, 1e-3)), 1)
     if not is_flat(tool):
         fall = np.ceil(np.abs(end[:, 2] - start[:, 2]) / _STEP_MM).astype(np.int64)
@@ -223,7 +242,10 @@ def _pieces(tool: ToolTable, start: FloatArray, via: FloatArray, end: FloatArray
     low, high = place / count[which], (place + 1) / count[which]
     many = count[which] > 1
     first, last = start[which], end[which]
-    first[many], last[many] = span.point(low[many], which[many]), span.point(high[many], which[many])
+    first[many], last[many] = (
+        span.point(low[many], which[many]),
+        span.point(high[many], which[many]),
+    )
     bulge = np.where(curved & flat, _bulges(start, via, end), 0.0)[which]
     return rows[which], low, high, bulge, first, last
 

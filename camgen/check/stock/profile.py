@@ -17,7 +17,9 @@ _V_ANGLE = 90.0
 
 def is_flat(tool: ToolTable) -> bool:
     """Whether the tool is as wide at its tip as above; a drill counts as one, its tip is not looked at."""
-    return tool.kind not in ("ball mill", "bull nose", "v") or (tool.kind == "bull nose" and tool.corner_radius == 0)
+    return tool.kind not in ("ball mill", "bull nose", "v") or (
+        tool.kind == "bull nose" and tool.corner_radius == 0
+    )
 
 
 def slope(tool: ToolTable) -> float:
@@ -48,4 +50,8 @@ def height_of_widest(tool: ToolTable) -> float:
         return 0.0
     if tool.kind == "v":
         return max(tool.diameter - tool.tip_diameter, 0.0) / 2 / slope(tool)
-    return tool.diameter / 2 if tool.kind == "ball mill" else min(tool.corner_radius, tool.diameter / 2)
+    return (
+        tool.diameter / 2
+        if tool.kind == "ball mill"
+        else min(tool.corner_radius, tool.diameter / 2)
+    )

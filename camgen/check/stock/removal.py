@@ -69,7 +69,10 @@ def find_levels(moves: Moves, cuts: Sequence[Cut], design: Design) -> list[float
     down = moves.deepest
     cutting = (down > TOLERANCE_MM) & ~moves.rapid
     depths = [down[cutting & moves.level & ~moves.upright], down[cutting & moves.upright]]
-    depths += [np.array([wanted.depth for wanted in design.wanted]), down[cutting].max(initial=0.0, keepdims=True)]
+    depths += [
+        np.array([wanted.depth for wanted in design.wanted]),
+        down[cutting].max(initial=0.0, keepdims=True),
+    ]
     every = np.concatenate([np.round(one, 3) for one in depths])
     if design.thickness is not None and cutting.any():
         every = np.append(np.minimum(every, design.thickness), design.thickness)
@@ -77,7 +80,9 @@ def find_levels(moves: Moves, cuts: Sequence[Cut], design: Design) -> list[float
         every = np.array([1.0])
     every = np.unique(every[np.isfinite(every) & (every > TOLERANCE_MM)])
     if len(every) and not all(is_flat(cut.tool) for cut in cuts):
-        every = np.unique(np.concatenate([every, np.linspace(0, float(every[-1]), _SLICES + 1)[1:]]))
+        every = np.unique(
+            np.concatenate([every, np.linspace(0, float(every[-1]), _SLICES + 1)[1:]])
+        )
     kept = every[np.diff(every, prepend=-np.inf) > _SAME_MM] if len(every) else every
     return [0.0, *kept.tolist()]
 
@@ -90,7 +95,9 @@ def remove(
     slabs: list[Level] = []
     seen: list[set[bytes]] = [set() for _ in cuts]
     gone: list[Any] = [shapely.Polygon() for _ in cuts]
-    rows = [np.flatnonzero((moves.cut == k) & (moves.deepest > TOLERANCE_MM)) for k in range(len(cuts))]
+    rows = [
+        np.flatnonzero((moves.cut == k) & (moves.deepest > TOLERANCE_MM)) for k in range(len(cuts))
+    ]
     excess: _Left | None = None
     # From below, since what is gone at one depth is gone above it too.
     for top, bottom in reversed(list(pairwise(depths))):
@@ -129,7 +136,12 @@ class _Left(Struct, frozen=True, eq=False):
 
 
 def _left(
-    moves: Moves, cuts: Sequence[Cut], design: Design, slab: tuple[float, float], gone: Any, below: _Left | None
+    moves: Moves,
+    cuts: Sequence[Cut],
+    design: Design,
+    slab: tuple[float, float],
+    gone: Any,
+    below: _Left | None,
 ) -> _Left:
     """slab: the depths of its top and bottom, mm."""
     depth = slab[1]
@@ -143,7 +155,9 @@ def _left(
         return below
     wanted = [design.wanted[k] for k in chosen]
     done = _all_along(moves, cuts, design, wanted, sum(slab) / 2)
-    open_ = lay_out(design, [one for one, all_ in zip(wanted, done.tolist(), strict=True) if not all_])
+    open_ = lay_out(
+        design, [one for one, all_ in zip(wanted, done.tolist(), strict=True) if not all_]
+    )
     return _Left(chosen, gone, _excess(open_, gone, depth, design.untaken))
 
 
@@ -191,7 +205,9 @@ def _excess(wanted: Sequence[Wanted], gone: Any, depth: float, untaken: Any) -> 
     reachable = _reachable(pieces, owner, wanted)
     corners = shapely.difference(pieces, reachable)
     plain = _without_slivers(shapely.intersection(pieces, reachable))
-    bridge = np.array([_is_tab(one, wanted[k], depth) for one, k in zip(plain, owner.tolist(), strict=True)])
+    bridge = np.array(
+        [_is_tab(one, wanted[k], depth) for one, k in zip(plain, owner.tolist(), strict=True)]
+    )
     tabs = float(shapely.area(plain[bridge]).sum())
     rest = plain[~bridge & ~shapely.is_empty(plain)]
     whole = float(shapely.area(rest).sum())
@@ -250,7 +266,11 @@ def _reachable(pieces: Shapes, owner: Any, wanted: Sequence[Wanted]) -> Shapes:
         # A slot that is just as wide as the tool is too narrow for it.
         radius = want.radius + TOLERANCE_MM
         free = want.ring is None
-        centres = shapely.buffer(room, -radius, quad_segs=QUARTER) if free else _beside(room, want, around)
+        centres = (
+            shapely.buffer(room, -radius, quad_segs=QUARTER)
+            if free
+            else _beside(room, want, around)
+        )
         found[k] = shapely.buffer(centres, radius, quad_segs=QUARTER)
     return found
 
@@ -262,9 +282,13 @@ def _beside(room: Any, want: Wanted, around: tuple[float, float, float, float]) 
     inside = want.cell == want.loop
     way = shapely.boundary(shapely.buffer(own, -radius if inside else radius, quad_segs=QUARTER))
     behind = shapely.box(*around) - own if inside else own
-    others = shapely.union(shapely.buffer(room, _SEAM_MM, quad_segs=1), shapely.buffer(behind, _SEAM_MM, quad_segs=1))
+    others = shapely.union(
+        shapely.buffer(room, _SEAM_MM, quad_segs=1), shapely.buffer(behind, _SEAM_MM, quad_segs=1)
+    )
     # A little more than from the contour itself: a wall that goes on in its line ends the way.
-    return shapely.intersection(way, shapely.buffer(others, -radius - TOLERANCE_MM, quad_segs=QUARTER))
+    return shapely.intersection(
+        way, shapely.buffer(others, -radius - TOLERANCE_MM, quad_segs=QUARTER)
+    )
 
 
 def _grown(bounds: Any, by: float) -> tuple[float, float, float, float]:

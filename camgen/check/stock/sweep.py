@@ -23,7 +23,11 @@ QUARTER = 12
 
 
 def sweep(
-    moves: Moves, cuts: Sequence[Cut], depth: float, rows: IntArray | None = None, seen: set[bytes] | None = None
+    moves: Moves,
+    cuts: Sequence[Cut],
+    depth: float,
+    rows: IntArray | None = None,
+    seen: set[bytes] | None = None,
 ) -> Shapes:
     """Polygons of what ``rows`` (else all) take away at ``depth``, mm, one for each way of a tool.
 
@@ -51,8 +55,16 @@ def _without_idle(moves: Moves, portions: Portions) -> Portions:
     upright = moves.upright[row]
     after, before = np.minimum(row + 1, len(moves) - 1), np.maximum(row - 1, 0)
     moved = ~moves.upright & ~moves.rapid
-    goes_on = moved[after] & (moves.cut[after] == moves.cut[row]) & (_apart(moves.end[row], moves.start[after]) < 1e-6)
-    came = moved[before] & (moves.cut[before] == moves.cut[row]) & (_apart(moves.start[row], moves.end[before]) < 1e-6)
+    goes_on = (
+        moved[after]
+        & (moves.cut[after] == moves.cut[row])
+        & (_apart(moves.end[row], moves.start[after]) < 1e-6)
+    )
+    came = (
+        moved[before]
+        & (moves.cut[before] == moves.cut[row])
+        & (_apart(moves.start[row], moves.end[before]) < 1e-6)
+    )
     deeper = moves.down[row, 1] >= moves.down[row, 0]
     shown = np.isin(np.where(deeper, after, before), row)
     keep = np.flatnonzero(~(upright & np.where(deeper, goes_on, came) & shown))
@@ -68,7 +80,9 @@ def radii(moves: Moves, cuts: Sequence[Cut], portions: Portions, depth: float) -
     deep = moves.down[portions.row]
     with np.errstate(invalid="ignore"):
         mean = deep[:, 0] + np.where(
-            np.isfinite(deep[:, 0]), (portions.low + portions.high) / 2 * (deep[:, 1] - deep[:, 0]), 0
+            np.isfinite(deep[:, 0]),
+            (portions.low + portions.high) / 2 * (deep[:, 1] - deep[:, 0]),
+            0,
         )
     height = np.where(moves.upright[portions.row], moves.deepest[portions.row], mean) - depth
     radius = np.empty(len(height))
@@ -110,7 +124,10 @@ def _ways(plane: Segments, chain: IntArray, radius: FloatArray) -> tuple[Shapes,
     points, owner = flatten(make(plane.start, plane.end, plane.bulge, chain), 2 * CHORD_MM)
     last = np.cumsum(run_lengths(chain)) - 1
     order = np.argsort(np.concatenate([owner, chain[last]]), kind="stable")
-    points, owner = np.concatenate([points, plane.end[last]])[order], np.concatenate([owner, chain[last]])[order]
+    points, owner = (
+        np.concatenate([points, plane.end[last]])[order],
+        np.concatenate([owner, chain[last]])[order],
+    )
     return np.asarray(shapely.linestrings(np.round(points, 6), indices=owner)), radius[last]
 
 
@@ -129,7 +146,9 @@ def same_ways(ways: Segments) -> tuple[IntArray, IntArray]:
     keys = np.round(np.column_stack([ways.start, ways.end, ways.bulge]), 6) + 0.0
     data = np.ascontiguousarray(keys).view(f"V{keys.itemsize * keys.shape[1]}").ravel()
     places: dict[bytes, int] = {}
-    same = np.fromiter((places.setdefault(key, len(places)) for key in map(bytes, data)), np.int64, len(data))
+    same = np.fromiter(
+        (places.setdefault(key, len(places)) for key in map(bytes, data)), np.int64, len(data)
+    )
     first = np.full(len(places), len(ways), dtype=np.int64)
     np.minimum.at(first, same, np.arange(len(ways)))
     return first, same

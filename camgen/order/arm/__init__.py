@@ -15,7 +15,15 @@ from camgen.model.part import Note
 from camgen.model.path import ToolPath, Tour
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, short
-from camgen.order.arm.items import Item, States, find_states, join_states, lay_out, stand, turn_round
+from camgen.order.arm.items import (
+    Item,
+    States,
+    find_states,
+    join_states,
+    lay_out,
+    stand,
+    turn_round,
+)
 from camgen.order.arm.lattice import GRAZE
 from camgen.order.arm.layers import WALL, Ground
 from camgen.order.arm.links import Links, link_up
@@ -91,7 +99,13 @@ def order_by_time(tour: Tour, rules: matrix.Rules, job: Job, cell: Workcell, wat
 
 
 def order_with_turns(
-    tour: Tour, rules: matrix.Rules, job: Job, cell: Workcell, watch: Watch, fixed: bool, prove: bool = True
+    tour: Tour,
+    rules: matrix.Rules,
+    job: Job,
+    cell: Workcell,
+    watch: Watch,
+    fixed: bool,
+    prove: bool = True,
 ) -> ArmTour:
     """``tour`` with the turns of its tool, and the postures, chosen with the order. fixed: order, directions and starts
     stay as they are. prove: what is chosen is tested for collisions.
@@ -113,8 +127,14 @@ def order_with_turns(
         found, links = _search(work, kept, prove, tell)
     for k in sorted(work.lost):
         lost[k] = "it collides in every posture and with every turn that is tried"
-    what = "turns of the tool chosen by joint time" if freedom.roll else "ways between the paths chosen by joint time"
-    free, share = (job.process.travel, 0.0) if job.process.travel else (cell.pace.fastest, cell.pace.most)
+    what = (
+        "turns of the tool chosen by joint time"
+        if freedom.roll
+        else "ways between the paths chosen by joint time"
+    )
+    free, share = (
+        (job.process.travel, 0.0) if job.process.travel else (cell.pace.fastest, cell.pace.most)
+    )
     quick = Quick(job.process.travel_speed, free, share, cell.pace.acceleration)
     return _tour(tour, work, found, links, profiles, lost | links.lost, what, quick)
 
@@ -146,7 +166,21 @@ def _search_with_margin(
 def _fresh(work: Work, states: Sequence[States], setup: Setup) -> Work:
     """The same task, of which nothing is known."""
     own = list(states)
-    return Work(setup, work.room, work.ground, own, work.rules, work.wish, set(), [], set(), set(), set(), {}, {})
+    return Work(
+        setup,
+        work.room,
+        work.ground,
+        own,
+        work.rules,
+        work.wish,
+        set(),
+        [],
+        set(),
+        set(),
+        set(),
+        {},
+        {},
+    )
 
 
 def _search(work: Work, kept: Sequence[int], prove: bool, tell: Tell) -> tuple[Found, Links]:
@@ -158,11 +192,18 @@ def _search(work: Work, kept: Sequence[int], prove: bool, tell: Tell) -> tuple[F
 
 
 def _search_paths(
-    work: Work, kept: Sequence[int], prove: bool, tell: Tell, best: tuple[Found, Links] | None = None
+    work: Work,
+    kept: Sequence[int],
+    prove: bool,
+    tell: Tell,
+    best: tuple[Found, Links] | None = None,
 ) -> tuple[Found, Links]:
     """The same for paths of any kind. best: what is known already."""
     for _ in range(_BEGINNINGS if prove else 1):
-        found, links = find_tour(work, [k for k in kept if k not in work.lost], prove, tell), Links({}, (), {})
+        found, links = (
+            find_tour(work, [k for k in kept if k not in work.lost], prove, tell),
+            Links({}, (), {}),
+        )
         if found.order:
             found = better_tour(work, found, prove, tell)
         if found.order and prove:
@@ -193,7 +234,12 @@ def _prove_again(work: Work, found: Found, tell: Tell) -> Found:
 
 
 def _begin(
-    asked: _Asked, job: Job, cell: Workcell, angles: Sequence[float], lines: bool, free: Freedom | None = None
+    asked: _Asked,
+    job: Job,
+    cell: Workcell,
+    angles: Sequence[float],
+    lines: bool,
+    free: Freedom | None = None,
 ) -> tuple[Work, dict[int, _Profile], dict[int, str], Clear | None]:
     """What the search begins with; the turns of paths that no single one does for; why paths have no state; and which
     joint values keep the margin, None where there is none.
@@ -213,14 +259,20 @@ def _begin(
         items = [replace(item, reversible=False) for item in items]
     turns = np.array(angles)
     states = find_states(setup, items, turns, _beside(turns))
-    profiles, lost = _find_others(setup, asked.paths, items, states, turns, job, free) if free is not None else ({}, {})
+    profiles, lost = (
+        _find_others(setup, asked.paths, items, states, turns, job, free)
+        if free is not None
+        else ({}, {})
+    )
     pace = pace_of(arm, cell.pace, job.process.travel_speed)
     ground = Ground(tuple(items), pace, home_of(arm, cell, where.scene), lines)
     # The tip keeps above the part where it goes from path to path.
     loose, floor = job.tool.symmetric and arm.arm is not None, job.process.least_height
     wish = Wish(not asked.fixed and job.tour.method == "best", loose, floor)
     room = room_of(replace(where, margin=GRAZE), setup)
-    work = Work(setup, room, ground, states, asked.rules, wish, set(), [], set(), set(), set(), {}, {})
+    work = Work(
+        setup, room, ground, states, asked.rules, wish, set(), [], set(), set(), set(), {}, {}
+    )
     if free is None or wide.margin == 0:
         return work, profiles, lost, None
     return work, profiles, lost, roomy_of(wide, ground.home, _find_contacts(work, lost))
@@ -260,7 +312,11 @@ def _find_others(
 
 def _find_contacts(work: Work, lost: Container[int]) -> FloatArray:
     """(K, J) joint values where some of the paths begin, at the contact."""
-    some = [k for k, states in enumerate(work.states) if k not in lost and len(states) and states.branch[0] >= 0]
+    some = [
+        k
+        for k, states in enumerate(work.states)
+        if k not in lost and len(states) and states.branch[0] >= 0
+    ]
     some = some[:: max(len(some) // _CONTACTS, 1)]
     if not some:
         return np.zeros((0, len(work.ground.home)))
@@ -295,14 +351,20 @@ def _turn_along(
         return made
     if not _goes_with_passes(path, made, job.operation.entry):
         return Unreached(
-            path.id, "jump", "no single turn reaches all of it, and its passes do not go on from a turned end"
+            path.id,
+            "jump",
+            "no single turn reaches all of it, and its passes do not go on from a turned end",
         )
-    lengths = np.append(0.0, np.cumsum(made.looks.length)) - float(np.linalg.norm(begin[0] - way.position[1]))
+    lengths = np.append(0.0, np.cumsum(made.looks.length)) - float(
+        np.linalg.norm(begin[0] - way.position[1])
+    )
     whole = float(lengths_along(path)[-1])
     inside = np.clip(lengths[made.at], 0.0, whole)
     profile = _Profile(np.clip(lengths, 0.0, whole), np.unwrap(made.roll), np.unique(inside))
     last = 0 if item.closed else len(item.gates) - 1
-    one = States(made.joints[[0]], made.joints[[-1]], np.array([[0, last]]), np.zeros(1), np.array([-1]))
+    one = States(
+        made.joints[[0]], made.joints[[-1]], np.array([[0, last]]), np.zeros(1), np.array([-1])
+    )
     return profile, join_states([one, turn_round(one)]) if item.reversible else one
 
 
@@ -342,7 +404,9 @@ def _time_ways(work: Work, found: Found, links: Links) -> float:
     return total + float(work.ground.pace.seconds(np.diff(rows, axis=0), 0.0).sum())
 
 
-def _pace_ways(work: Work, found: Found | None, links: Links, quick: Quick) -> list[tuple[tuple[float, float], ...]]:
+def _pace_ways(
+    work: Work, found: Found | None, links: Links, quick: Quick
+) -> list[tuple[tuple[float, float], ...]]:
     """How fast the motions of the joints to each path, and last those back, are run: as fast as the joints may be."""
     at, paces = work.ground.home, []
     for k in [*found.order, -1] if found is not None else [-1]:
@@ -364,9 +428,16 @@ def _tour(
     quick: Quick,
 ) -> ArmTour:
     order = found.order if found is not None else []
-    made = [_run(tour.paths[k], work.ground.items[k], found.now, k, profiles.get(k)) for k in order if found]
+    made = [
+        _run(tour.paths[k], work.ground.items[k], found.now, k, profiles.get(k))
+        for k in order
+        if found
+    ]
     paths = tuple(path for path, _ in made)
-    notes = [Note("skipped", f"path {tour.paths[k].id}", why, (tour.paths[k].id,)) for k, why in sorted(lost.items())]
+    notes = [
+        Note("skipped", f"path {tour.paths[k].id}", why, (tour.paths[k].id,))
+        for k, why in sorted(lost.items())
+    ]
     changed = [tour.paths[k].id for k in order if k in profiles]
     if changed:
         turned = f"{counted(len(changed), 'path')} along which the tool is turned: {', '.join(changed[:8])}"

@@ -73,13 +73,20 @@ def find_blocks(work: Work, kept: Sequence[int], most: int) -> list[Blocks]:
     every = set(kept)
     took: dict[tuple[int, int], float] = {}
     for count in range(1, _POSTURES + 1):
-        some = [s for s in itertools.combinations(branches, count) if set().union(*(reached[b] for b in s)) == every]
+        some = [
+            s
+            for s in itertools.combinations(branches, count)
+            if set().union(*(reached[b] for b in s)) == every
+        ]
         found = []
         for chosen in some:
             for ring in itertools.permutations(chosen):
                 if ring > ring[::-1]:
                     continue
-                seconds = sum(_cross(work, group, pair, took) for pair in itertools.pairwise([HOME, *ring, HOME]))
+                seconds = sum(
+                    _cross(work, group, pair, took)
+                    for pair in itertools.pairwise([HOME, *ring, HOME])
+                )
                 if math.isfinite(seconds):
                     found.append(Blocks(ring, _assign(work, ring, reached), seconds))
         if found:
@@ -107,7 +114,9 @@ def _gather(work: Work, items: Sequence[int]) -> _Group:
     return _Group(join_states([work.states[k] for k in items]), np.repeat(np.array(items), count))
 
 
-def _cross(work: Work, group: _Group, pair: tuple[int, int], took: dict[tuple[int, int], float]) -> float:
+def _cross(
+    work: Work, group: _Group, pair: tuple[int, int], took: dict[tuple[int, int], float]
+) -> float:
     """Seconds of the quickest link that is found to be clear from a posture to another, or home; inf: none is."""
     pair = min(pair, pair[::-1])
     if pair not in took:
@@ -136,14 +145,25 @@ def _home(work: Work, group: _Group) -> _Group:
 
 def narrow_states(work: Work, blocks: Blocks) -> list[States]:
     """By item the states of its block's posture; of an item with few of them also those with turns in between."""
-    made = [own if b < 0 else own.pick(own.branch == b) for own, b in zip(work.states, blocks.branch, strict=True)]
-    few = [k for k, b in enumerate(blocks.branch) if b >= 0 and len(np.unique(made[k].turn)) < _FEW_TURNS]
+    made = [
+        own if b < 0 else own.pick(own.branch == b)
+        for own, b in zip(work.states, blocks.branch, strict=True)
+    ]
+    few = [
+        k
+        for k, b in enumerate(blocks.branch)
+        if b >= 0 and len(np.unique(made[k].turn)) < _FEW_TURNS
+    ]
     finer = frozen(np.arange(_FINER) * (math.tau / _FINER) - math.pi)
     items = [work.ground.items[k] for k in few]
     found = find_states(work.setup, items, finer, np.arange(_FINER)[None]) if few else []
     more = [own.pick(own.branch == blocks.branch[k]) for k, own in zip(few, found, strict=True)]
     if more:
-        clear = ~find_hits(work, np.repeat(few, [len(own) for own in more]).tolist(), join_states(more))
-        for k, own, good in zip(few, more, np.split(clear, np.cumsum([len(own) for own in more])[:-1]), strict=True):
+        clear = ~find_hits(
+            work, np.repeat(few, [len(own) for own in more]).tolist(), join_states(more)
+        )
+        for k, own, good in zip(
+            few, more, np.split(clear, np.cumsum([len(own) for own in more])[:-1]), strict=True
+        ):
             made[k] = join_states([made[k], own.pick(good)])
     return made

@@ -23,7 +23,12 @@ Clear = Callable[[FloatArray], "np.ndarray[tuple[int, ...], np.dtype[np.bool_]]"
 
 
 def find_detour(
-    robot: Robot, pace: Pace, ends: tuple[FloatArray, FloatArray], others: FloatArray, clear: Clear, blocked: Blocked
+    robot: Robot,
+    pace: Pace,
+    ends: tuple[FloatArray, FloatArray],
+    others: FloatArray,
+    clear: Clear,
+    blocked: Blocked,
 ) -> tuple[FloatArray, ...] | None:
     """The joint values (J,) to go through between both ``ends``, or None where none are found.
 

@@ -70,7 +70,9 @@ def lay_out(path: ToolPath, clearance: float, seams: bool) -> Item:
     whole = float(length[-1])
     closed = path.closed and whole > 0
     count = min(math.ceil(whole / _LOOK_MM), _MOST_LOOKS) if whole > 0 else 0
-    gates = min(max(_LEAST_GATES, math.ceil(whole / _GATE_MM)), _MOST_GATES) if closed and seams else 1
+    gates = (
+        min(max(_LEAST_GATES, math.ceil(whole / _GATE_MM)), _MOST_GATES) if closed and seams else 1
+    )
     count = max(count, gates if closed else 1) if whole > 0 else 0
     looked = np.linspace(0.0, whole, count + 1)
     position, axis = _at(path, length, looked)
@@ -99,7 +101,9 @@ def _at(path: ToolPath, length: FloatArray, looked: FloatArray) -> tuple[FloatAr
     whole = length[segment + 1] - length[segment]
     part = np.divide(looked - length[segment], whole, out=np.zeros(len(looked)), where=whole > 0)
     axis = path.axis[segment] + part[:, None] * (path.axis[segment + 1] - path.axis[segment])
-    return chain(path.position, path.via[1:]).point(part, segment), axis / np.linalg.norm(axis, axis=1)[:, None]
+    return chain(path.position, path.via[1:]).point(part, segment), axis / np.linalg.norm(
+        axis, axis=1
+    )[:, None]
 
 
 def _lifts(position: FloatArray, axis: FloatArray, clearance: float) -> FloatArray:
@@ -124,16 +128,22 @@ class States(Struct, frozen=True, eq=False):
 
     def pick(self, rows: IntArray | BoolArray) -> States:
         """Some of them."""
-        return States(self.enter[rows], self.leave[rows], self.gate[rows], self.turn[rows], self.branch[rows])
+        return States(
+            self.enter[rows], self.leave[rows], self.gate[rows], self.turn[rows], self.branch[rows]
+        )
 
 
 def join_states(several: Sequence[States]) -> States:
     """All of ``several``, in order."""
-    columns = (np.concatenate([getattr(one, name) for one in several]) for name in States.__struct_fields__)
+    columns = (
+        np.concatenate([getattr(one, name) for one in several]) for name in States.__struct_fields__
+    )
     return States(*columns)
 
 
-def find_states(setup: Setup, items: Sequence[Item], angles: FloatArray, around: IntArray) -> list[States]:
+def find_states(
+    setup: Setup, items: Sequence[Item], angles: FloatArray, around: IntArray
+) -> list[States]:
     """For each item all postures and turns, of ``angles`` (C,), in which it can be run as a whole with one turn, from
     its first gate to its last, or, of a closed one, from its first: joints keep their limits, 2 deg from singularities
     and go on without a jump. around: (M, C) as ``Grid.moves``, for arms whose joints are followed.
@@ -152,7 +162,10 @@ def find_states(setup: Setup, items: Sequence[Item], angles: FloatArray, around:
         else:
             rows = [slice(*pair) for pair in pairwise(ends.tolist())]
             joints = [solutions(robot, goal[0][own], goal[1][own], around) for own in rows]
-        found += [_states(robot, item, own, table, angles) for item, own in zip(group, joints, strict=True)]
+        found += [
+            _states(robot, item, own, table, angles)
+            for item, own in zip(group, joints, strict=True)
+        ]
     return found
 
 
@@ -172,7 +185,11 @@ def _unwind(robot: Robot, item: Item, found: FloatArray) -> tuple[FloatArray, Bo
     """``found`` (R, ..., J) without whole turns between looks, and where no joint jumps (...)."""
     turning = np.array([not joint.sliding for joint in robot.joints])
     moved = np.nan_to_num(found[1:] - found[item.before[1:]], nan=math.inf)
-    whole = np.where(turning & np.isfinite(moved), np.rint(np.where(np.isfinite(moved), moved, 0.0) / math.tau), 0.0)
+    whole = np.where(
+        turning & np.isfinite(moved),
+        np.rint(np.where(np.isfinite(moved), moved, 0.0) / math.tau),
+        0.0,
+    )
     steady = (np.abs(moved - math.tau * whole) <= _JUMP)[..., turning].all(axis=-1).all(axis=0)
     sums = np.concatenate([np.zeros((1, *whole.shape[1:])), np.cumsum(whole, axis=0)])
     if item.closed:
@@ -185,13 +202,19 @@ def _unwind(robot: Robot, item: Item, found: FloatArray) -> tuple[FloatArray, Bo
     return found - math.tau * sums, np.asarray(steady)
 
 
-def _states(robot: Robot, item: Item, found: FloatArray, table: IntArray, angles: FloatArray) -> States:
+def _states(
+    robot: Robot, item: Item, found: FloatArray, table: IntArray, angles: FloatArray
+) -> States:
     """The states of an item with joints (R, C, B, J)."""
     unwound, steady = _unwind(robot, item, found)
     there = np.isfinite(found).all(axis=(0, 3))
-    away = from_singular(robot, np.where(np.isfinite(found), found, 0.0)).min(axis=(0, -1), initial=math.inf)
+    away = from_singular(robot, np.where(np.isfinite(found), found, 0.0)).min(
+        axis=(0, -1), initial=math.inf
+    )
     sound: BoolArray = np.logical_and.reduce([steady, there, away >= item.off])
-    good = sound.reshape(*sound.shape, 1) & np.logical_and.reduce(within_turned(robot, unwound, table), axis=0)
+    good = sound.reshape(*sound.shape, 1) & np.logical_and.reduce(
+        within_turned(robot, unwound, table), axis=0
+    )
     turn, branch, copy = np.nonzero(good)
     shift = math.tau * table[copy]
     enter = unwound[item.gates[0], turn, branch] + shift
@@ -223,7 +246,12 @@ class Stood(Struct, frozen=True, eq=False):
 
 
 def stand(
-    setup: Setup, items: Sequence[Item], turn: FloatArray, branch: IntArray, gate: IntArray, near: FloatArray
+    setup: Setup,
+    items: Sequence[Item],
+    turn: FloatArray,
+    branch: IntArray,
+    gate: IntArray,
+    near: FloatArray,
 ) -> Stood:
     """Items (E) each with one turn (E,), in one branch (E,), with joints near to ``near`` (E, J) above ``gate`` (E,);
     of an arm without a closed form that is the first.
@@ -239,11 +267,22 @@ def stand(
         found = inverse(robot, *goal, robot.home)[np.arange(len(owner)), branch[owner]]
     unwound, steady = _unwind_all(robot, items, found, first)
     turning = np.array([not joint.sliding for joint in robot.joints])
-    off = near - unwound[first[:-1] + [item.gates[g] for item, g in zip(items, gate.tolist(), strict=True)]]
-    off = np.where(turning & np.isfinite(off), np.rint(np.where(np.isfinite(off), off, 0.0) / math.tau) * math.tau, 0.0)
+    off = (
+        near
+        - unwound[
+            first[:-1] + [item.gates[g] for item, g in zip(items, gate.tolist(), strict=True)]
+        ]
+    )
+    off = np.where(
+        turning & np.isfinite(off),
+        np.rint(np.where(np.isfinite(off), off, 0.0) / math.tau) * math.tau,
+        0.0,
+    )
     joints = unwound + off[owner]
     off = np.array([item.off for item in items])[owner]
-    sound = within(robot, joints) & (from_singular(robot, joints).min(axis=-1, initial=math.inf) >= off)
+    sound = within(robot, joints) & (
+        from_singular(robot, joints).min(axis=-1, initial=math.inf) >= off
+    )
     return Stood(joints, first, steady & np.logical_and.reduceat(sound, first[:-1]))
 
 
@@ -256,12 +295,18 @@ def _unwind_all(
     before = np.concatenate([item.before for item in items]) + first[owner]
     before[first[:-1]] = first[:-1]
     moved = np.nan_to_num(found - found[before], nan=math.inf)
-    whole = np.where(turning & np.isfinite(moved), np.rint(np.where(np.isfinite(moved), moved, 0.0) / math.tau), 0.0)
+    whole = np.where(
+        turning & np.isfinite(moved),
+        np.rint(np.where(np.isfinite(moved), moved, 0.0) / math.tau),
+        0.0,
+    )
     jumps = (np.abs(moved - math.tau * whole) > _JUMP)[:, turning].any(axis=1)
     steady = ~np.logical_or.reduceat(jumps, first[:-1])
     sums = np.cumsum(whole, axis=0)
     sums -= sums[first[:-1]][owner]
-    extra = np.flatnonzero((before != np.arange(-1, len(before) - 1)) & (before != np.arange(len(before))))
+    extra = np.flatnonzero(
+        (before != np.arange(-1, len(before) - 1)) & (before != np.arange(len(before)))
+    )
     sums[extra] = sums[before[extra]] + whole[extra]
     loops = np.array([k for k, item in enumerate(items) if item.closed], dtype=np.int64)
     if len(loops):
@@ -271,7 +316,11 @@ def _unwind_all(
 
 
 def _follow(
-    robot: Robot, goal: tuple[FloatArray, FloatArray], items: Sequence[Item], first: IntArray, near: FloatArray
+    robot: Robot,
+    goal: tuple[FloatArray, FloatArray],
+    items: Sequence[Item],
+    first: IntArray,
+    near: FloatArray,
 ) -> FloatArray:
     """Joints (S, J) of looks followed one after the other, of all items together."""
     found = np.full((first[-1], near.shape[1]), np.nan)

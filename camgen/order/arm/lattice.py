@@ -44,7 +44,11 @@ _NEAR, _NEAREST = 0.02, 0.5
 
 
 def settle_points(
-    work: Work, order: Sequence[int], states: Sequence[States], known: Known, barred: Barred = _NO_BARS
+    work: Work,
+    order: Sequence[int],
+    states: Sequence[States],
+    known: Known,
+    barred: Barred = _NO_BARS,
 ) -> Found | None:
     """The soonest of ``states`` along ``order``, from home and back, where a link that collides costs a way round;
     None: no state of an item is clear. known: is told what links take whose quickest ones collide.
@@ -75,14 +79,25 @@ def settle_points(
         stops = _find_met(work, [(ends[place], ends[place + 1]) for place in new])
         for place in new:
             looked[place].add(steps[place][1])
-        met = [p for p, stop in zip(new, stops, strict=True) if stop and not weighed[p][steps[p][1]]]
+        met = [
+            p for p, stop in zip(new, stops, strict=True) if stop and not weighed[p][steps[p][1]]
+        ]
         if not met:
             break
         for place in met:
             table = tables[place]
             before = ahead[place - 1][:, None] if place else 0.0
             after = back[place] if place < len(order) else 0.0
-            _weigh(work, order, states, place, table, weighed[place], before + table + after, asked[place])
+            _weigh(
+                work,
+                order,
+                states,
+                place,
+                table,
+                weighed[place],
+                before + table + after,
+                asked[place],
+            )
             asked[place] = min(asked[place] * _MORE, _MOST)
             known[pairs[place]] = float(table.min())
     every = list(states)
@@ -106,7 +121,9 @@ def _bar(
     for a, b, near in bars:
         starts = home if pair[0] < 0 else states[pair[0]].leave
         ends = home if pair[1] < 0 else states[pair[1]].enter
-        beside = np.outer(np.abs(starts - a).max(axis=1) < near, np.abs(ends - b).max(axis=1) < near)
+        beside = np.outer(
+            np.abs(starts - a).max(axis=1) < near, np.abs(ends - b).max(axis=1) < near
+        )
         table[beside] += _NO_WAY
 
 
@@ -135,12 +152,17 @@ def go_round(work: Work, found: Found) -> Found:
             kind = _kind_key(*(-1 if k < 0 else int(now.branch[k]) for k in (one, other)))
             work.around[pair_key(one, other)] = cost
             work.around[kind] = min(work.around.get(kind, cost), cost)
-        seconds += float(work.ground.pace.seconds(b - a, _measure_way(work, one, other))) + work.around.get(key, 0.0)
+        seconds += float(
+            work.ground.pace.seconds(b - a, _measure_way(work, one, other))
+        ) + work.around.get(key, 0.0)
     return Found(found.order, now, seconds)
 
 
 def _guess_around(
-    work: Work, link: tuple[FloatArray, FloatArray], items: tuple[int, int], branches: tuple[int, int]
+    work: Work,
+    link: tuple[FloatArray, FloatArray],
+    items: tuple[int, int],
+    branches: tuple[int, int],
 ) -> float:
     """s, what a way round a link costs beside it, or one like it: between the same items, or the same postures."""
     for key in (link_key(*link), pair_key(*items)):
@@ -161,7 +183,9 @@ def prove_links(work: Work, found: Found) -> list[int]:
     home = work.ground.home
     ends = list(pairwise([home, *(found.now.enter[k] for k in found.order), home]))
     keys = [link_key(*pair) for pair in ends]
-    new = [k for k, key in enumerate(keys) if b"wide " + key not in work.free and key not in work.shut]
+    new = [
+        k for k, key in enumerate(keys) if b"wide " + key not in work.free and key not in work.shut
+    ]
     stops = work.room.look([Track(np.stack(ends[k])) for k in new])
     bad = [isinstance(stop, Hit) for stop in stops]
     for row, stop in enumerate(stops):
@@ -181,7 +205,9 @@ def _measure_way(work: Work, one: int, other: int) -> float:
         return 0.0
     items = work.ground.items
     return float(
-        np.linalg.norm(items[one].position[items[one].gates[0]] - items[other].position[items[other].gates[0]])
+        np.linalg.norm(
+            items[one].position[items[one].gates[0]] - items[other].position[items[other].gates[0]]
+        )
     )
 
 
@@ -194,7 +220,11 @@ def _lay(work: Work, order: Sequence[int], states: Sequence[States]) -> list[Flo
     """Seconds from home to each state of the first item, from each item to the next, and back home."""
     ground = work.ground
     home = [ground.pace.seconds(states[k].enter - ground.home, 0.0) for k in (order[0], order[-1])]
-    return [home[0][None], *(table.copy() for table in all_links(ground, order, states, CHANGE)), home[1][:, None]]
+    return [
+        home[0][None],
+        *(table.copy() for table in all_links(ground, order, states, CHANGE)),
+        home[1][:, None],
+    ]
 
 
 def _add_up(tables: Sequence[FloatArray]) -> tuple[list[FloatArray], list[FloatArray]]:
@@ -218,7 +248,9 @@ def _trace(tables: Sequence[FloatArray], ahead: Sequence[FloatArray]) -> list[in
     return chosen[::-1]
 
 
-def _find_hits(work: Work, order: Sequence[int], states: Sequence[States], now: States) -> list[tuple[int, IntArray]]:
+def _find_hits(
+    work: Work, order: Sequence[int], states: Sequence[States], now: States
+) -> list[tuple[int, IntArray]]:
     """By place in the order where the chosen state collides: all states of that item that do."""
     new = [p for p, k in enumerate(order) if key_of(now, p, k) not in work.free]
     if not new:
@@ -229,7 +261,9 @@ def _find_hits(work: Work, order: Sequence[int], states: Sequence[States], now: 
     for p in bad:
         k, own = order[p], states[order[p]]
         _learn(work, [k] * len(own), own)
-        found.append((p, np.flatnonzero([key_of(own, row, k) in work.shut for row in range(len(own))])))
+        found.append(
+            (p, np.flatnonzero([key_of(own, row, k) in work.shut for row in range(len(own))]))
+        )
     return found
 
 
@@ -242,12 +276,16 @@ def _learn(work: Work, numbers: Sequence[int], states: States) -> None:
         work.shut.update(keys[row] for row, stops in zip(new, hit.tolist(), strict=True) if stops)
 
 
-def _find_met(work: Work, links: Sequence[tuple[FloatArray, FloatArray]], few: bool = False) -> list[bool]:
+def _find_met(
+    work: Work, links: Sequence[tuple[FloatArray, FloatArray]], few: bool = False
+) -> list[bool]:
     """Which links collide, as far as is seen at places on the way, or at ``few`` of them; what is seen is kept."""
     keys = [link_key(*pair) for pair in links]
     enough = (b"", b"seen ", b"few ") if few else (b"", b"seen ")
     new = [
-        k for k, key in enumerate(keys) if key not in work.shut and not any(how + key in work.free for how in enough)
+        k
+        for k, key in enumerate(keys)
+        if key not in work.shut and not any(how + key in work.free for how in enough)
     ]
     if new:
         for k, met in zip(new, find_met(work, [links[k] for k in new], few).tolist(), strict=True):
@@ -275,8 +313,14 @@ def _weigh(
     rows = rows[np.isfinite(cost[rows])]
     start, end = np.divmod(rows, table.shape[1])
     home = work.ground.home
-    starts = states[order[place - 1]].leave[start] if place else np.repeat(home[None], len(rows), axis=0)
-    ends = states[order[place]].enter[end] if place < len(order) else np.repeat(home[None], len(rows), axis=0)
+    starts = (
+        states[order[place - 1]].leave[start] if place else np.repeat(home[None], len(rows), axis=0)
+    )
+    ends = (
+        states[order[place]].enter[end]
+        if place < len(order)
+        else np.repeat(home[None], len(rows), axis=0)
+    )
     links = list(zip(starts, ends, strict=True))
     met = np.array(_find_met(work, links, few=True), dtype=np.bool_)
     one, other = order[place - 1] if place else -1, order[place] if place < len(order) else -1

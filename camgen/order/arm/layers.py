@@ -54,7 +54,9 @@ def gate_places(item: Item, gate: IntArray) -> FloatArray:
     return item.position[item.gates[gate]]
 
 
-def link_seconds(ground: Ground, one: int, other: int, start: States, end: States, change: float) -> FloatArray:
+def link_seconds(
+    ground: Ground, one: int, other: int, start: States, end: States, change: float
+) -> FloatArray:
     """Seconds (M, K) from each state of the item ``one`` to each of the item ``other``, collisions aside. change: what
     another posture is weighed with.
     """
@@ -115,7 +117,9 @@ def _find_near(states: Sequence[States], walls: Walls) -> _Near:
     if not walls:
         none: BoolArray = np.zeros((0, 2, 0), dtype=np.bool_)
         return _Near(none, none, first)
-    enter, leave = (np.concatenate([getattr(one, name) for one in states]) for name in ("enter", "leave"))
+    enter, leave = (
+        np.concatenate([getattr(one, name) for one in states]) for name in ("enter", "leave")
+    )
     shape = (len(walls), 2, len(enter))
     near = np.zeros((2, *shape), dtype=np.bool_)
     for k, wall in enumerate(walls):
@@ -125,7 +129,9 @@ def _find_near(states: Sequence[States], walls: Walls) -> _Near:
     return _Near(near[0], near[1], first)
 
 
-def all_links(ground: Ground, order: Sequence[int], states: Sequence[States], change: float) -> Iterator[FloatArray]:
+def all_links(
+    ground: Ground, order: Sequence[int], states: Sequence[States], change: float
+) -> Iterator[FloatArray]:
     """``link_seconds`` from each item of ``order`` to the next: of few states all at once. change: as there."""
     most = max(len(states[k]) for k in order)
     if len(order) < 2 or most * most * len(order) > _AT_ONCE:
@@ -145,14 +151,18 @@ def all_links(ground: Ground, order: Sequence[int], states: Sequence[States], ch
         yield table[: count[k], : count[k + 1]]
 
 
-def choose(ground: Ground, order: Sequence[int], states: Sequence[States], walls: Walls) -> tuple[float, IntArray]:
+def choose(
+    ground: Ground, order: Sequence[int], states: Sequence[States], walls: Walls
+) -> tuple[float, IntArray]:
     """The state of each item (n,), by item, with the least seconds in all from and back to home; and these."""
     near = _find_near(states, walls)
     first = order[0]
     cost = home_seconds(ground, states[first].enter, walls)
     backs: list[IntArray] = []
     before = first
-    for item, links in zip(order[1:], all_links(ground, order, states, WALL if ground.lines else CHANGE), strict=True):
+    for item, links in zip(
+        order[1:], all_links(ground, order, states, WALL if ground.lines else CHANGE), strict=True
+    ):
         total = cost[:, None] + near.add(links, before, item, walls)
         best = total.argmin(axis=0)
         backs.append(best)

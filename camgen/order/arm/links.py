@@ -98,7 +98,9 @@ def _goes_straight(work: Work, found: Found, one: int, other: int) -> bool:
     )
     dense = divide(way, dense_parts(way))
     goal = flange_poses(work.setup, dense.position, dense.rotation)
-    made = follow(work.setup.robot, *goal, now.leave[one], min(items[one].off, items[other].off), JUMP)
+    made = follow(
+        work.setup.robot, *goal, now.leave[one], min(items[one].off, items[other].off), JUMP
+    )
     if not isinstance(made, Choice):
         return False
     ends = np.abs(made.joints[[0, -1]] - [now.leave[one], now.enter[other]]).max()

@@ -41,11 +41,18 @@ def roomy_of(where: Surroundings, home: FloatArray, worked: FloatArray) -> Clear
     tool's contact: what the tool is nearer to in most of them, however it is turned, it is meant to be near to.
     """
     scene, near = where.apart, where.margin + _SLACK
-    close = [k for k in range(len(scene.pairs)) if _is_close(narrow(scene, [k]), home, worked, near)]
-    bare = [
-        k for k, pair in enumerate(where.scene.pairs) if pair not in {scene.pairs[k] for k in _others(scene, close)}
+    close = [
+        k for k in range(len(scene.pairs)) if _is_close(narrow(scene, [k]), home, worked, near)
     ]
-    apart, beside = clear_of(narrow(scene, _others(scene, close)), near), clear_of(narrow(where.scene, bare))
+    bare = [
+        k
+        for k, pair in enumerate(where.scene.pairs)
+        if pair not in {scene.pairs[k] for k in _others(scene, close)}
+    ]
+    apart, beside = (
+        clear_of(narrow(scene, _others(scene, close)), near),
+        clear_of(narrow(where.scene, bare)),
+    )
 
     def clear(joints: FloatArray) -> BoolArray:
         good = apart(joints)
@@ -63,9 +70,13 @@ def _is_close(scene: Scene, home: FloatArray, worked: FloatArray, near: float) -
     """Whether the one pair of ``scene`` is nearer at home, or at most of the contacts."""
     if clearance(scene, home[None], near)[0] < near:
         return True
-    if "tool" not in scene.pairs[0] or {link.name for link in scene.robot.links} & set(scene.pairs[0]):
+    if "tool" not in scene.pairs[0] or {link.name for link in scene.robot.links} & set(
+        scene.pairs[0]
+    ):
         return False
-    return bool(len(worked) and np.count_nonzero(hits(scene, worked, near=near) >= 0) > len(worked) / 2)
+    return bool(
+        len(worked) and np.count_nonzero(hits(scene, worked, near=near) >= 0) > len(worked) / 2
+    )
 
 
 def put_in(work: Work, found: Found, more: Sequence[int], fixed: bool) -> list[int]:
@@ -83,7 +94,9 @@ def put_in(work: Work, found: Found, more: Sequence[int], fixed: bool) -> list[i
             low = high = int(np.count_nonzero(np.array(order) < k))
         places = {item: at for at, item in enumerate(order)}
         low = max([low, *(places[item] + 1 for item in order if rules.parent[item] == k)])
-        high = max(min([high, *([places[rules.parent[k]]] if rules.parent[k] in places else [])]), low)
+        high = max(
+            min([high, *([places[rules.parent[k]]] if rules.parent[k] in places else [])]), low
+        )
         leave = [work.ground.home[None], *(own[item].leave for item in order)]
         enter = [*(own[item].enter for item in order), work.ground.home[None]]
         cost = [

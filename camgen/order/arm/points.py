@@ -12,7 +12,15 @@ from msgspec.structs import replace
 from camgen.geometry.ragged import offsets
 from camgen.order.arm.blocks import find_blocks, leave_clear, narrow_states
 from camgen.order.arm.items import States, join_states
-from camgen.order.arm.lattice import Barred, Known, bar_links, go_round, pair_key, prove_links, settle_points
+from camgen.order.arm.lattice import (
+    Barred,
+    Known,
+    bar_links,
+    go_round,
+    pair_key,
+    prove_links,
+    settle_points,
+)
 from camgen.order.arm.layers import WALL, change_cost
 from camgen.order.arm.search import STEPS, Found, Tell, Work, blocked_paths, shift_turns
 from camgen.order.solver.ring import shorten_ring
@@ -56,7 +64,9 @@ def are_points(work: Work, kept: Sequence[int]) -> bool:
         return False
     if (work.rules.parent[some] >= 0).any() or len(set(work.rules.rank[some].tolist())) > 1:
         return False
-    return all(len(work.ground.items[k].gates) == 1 and work.states[k].branch.min() >= 0 for k in some)
+    return all(
+        len(work.ground.items[k].gates) == 1 and work.states[k].branch.min() >= 0 for k in some
+    )
 
 
 def find_points(work: Work, kept: Sequence[int], tell: Tell) -> Found | None:
@@ -92,7 +102,8 @@ def _prove(work: Work, found: Found, known: Known) -> Found | None:
             # The one beside it would graze as well.
             bar_links(work, found, bad, barred)
         states = [
-            join_states([own, _near(work, found.now, k)]) for k, own in enumerate(shift_turns(work, found, STEPS[-1]))
+            join_states([own, _near(work, found.now, k)])
+            for k, own in enumerate(shift_turns(work, found, STEPS[-1]))
         ]
         made = settle_points(work, found.order, states, known, barred)
         if made is None:
@@ -114,10 +125,16 @@ def _begin(work: Work, order: list[int]) -> Iterator[tuple[Work, list[int], list
     yield work, order, own
     if found:
         rank = {b: k for k, b in enumerate(found[0].branches)}
-        yield work, sorted(order, key=lambda k: rank[found[0].branch[k]]), narrow_states(work, found[0])
+        yield (
+            work,
+            sorted(order, key=lambda k: rank[found[0].branch[k]]),
+            narrow_states(work, found[0]),
+        )
 
 
-def _search(work: Work, order: list[int], states: list[States], known: Known, tell: Tell) -> Found | None:
+def _search(
+    work: Work, order: list[int], states: list[States], known: Known, tell: Tell
+) -> Found | None:
     best = settle_points(work, order, states, known)
     if best is None:
         return None
@@ -145,7 +162,8 @@ def _round(work: Work, found: Found, known: Known, attempt: int) -> Found:
         return Found(order, found.now, np.inf)
     turning = _find_turning(found, order)
     states = [
-        join_states([own, work.states[k] if k in turning else _near(work, found.now, k)]) for k, own in enumerate(fine)
+        join_states([own, work.states[k] if k in turning else _near(work, found.now, k)])
+        for k, own in enumerate(fine)
     ]
     made = settle_points(work, order, states, known)
     if made is None or made.seconds > (_HOPELESS if len(order) <= _FEW else 1.0) * found.seconds:
@@ -200,7 +218,9 @@ def _reorder(work: Work, found: Found, fine: list[States], known: Known, attempt
     every = np.concatenate(joints)
     table = np.zeros((count + 1, count + 1))
     for k, own in enumerate(joints, 1):
-        table[k, 1:] = np.minimum.reduceat(ground.pace.between(own, every, 0.0).min(axis=0), first[:-1])
+        table[k, 1:] = np.minimum.reduceat(
+            ground.pace.between(own, every, 0.0).min(axis=0), first[:-1]
+        )
         table[k, 0] = table[0, k] = ground.pace.seconds(own - ground.home, 0.0).min()
     at = np.array([ground.items[k].position[ground.items[k].gates[0]] for k in order])
     way = np.sqrt(((at[:, None] - at[None]) ** 2).sum(axis=-1))

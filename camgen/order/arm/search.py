@@ -20,7 +20,17 @@ from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
 from camgen.order.arm.detours import find_detour
 from camgen.order.arm.items import States, Stood, join_states, stand, turn_round
-from camgen.order.arm.layers import SAME, WALL, Ground, Wall, add_walls, change_cost, choose, gate_places, home_seconds
+from camgen.order.arm.layers import (
+    SAME,
+    WALL,
+    Ground,
+    Wall,
+    add_walls,
+    change_cost,
+    choose,
+    gate_places,
+    home_seconds,
+)
 from camgen.order.solver import matrix
 from camgen.order.solver.ring import shorten_ring
 from camgen.plan.edges.motion import Hit, Room, Setup, Track
@@ -127,7 +137,9 @@ def better_tour(work: Work, found: Found, prove: bool, tell: Tell) -> Found:
     return found
 
 
-def settle(work: Work, order: list[int], states: list[States], prove: bool, known: States | None = None) -> Found:
+def settle(
+    work: Work, order: list[int], states: list[States], prove: bool, known: States | None = None
+) -> Found:
     """The best of ``states`` along ``order`` that collide with nothing. known: (n) states that need no test."""
     ground = work.ground
     while True:
@@ -137,7 +149,11 @@ def settle(work: Work, order: list[int], states: list[States], prove: bool, know
         hit = find_hits(work, new, now.pick(np.array(new, dtype=np.int64)))
         if not hit.any():
             return Found(order, now, cost)
-        asked = [(k, states[k], int(chosen[k])) for k, stops in zip(new, hit.tolist(), strict=True) if stops]
+        asked = [
+            (k, states[k], int(chosen[k]))
+            for k, stops in zip(new, hit.tolist(), strict=True)
+            if stops
+        ]
         for (k, _, _), left in zip(asked, _prune(work, asked), strict=True):
             if not len(left):
                 work.lost.add(k)
@@ -148,7 +164,11 @@ def settle(work: Work, order: list[int], states: list[States], prove: bool, know
 
 
 def _is_known(work: Work, now: States, known: States | None, item: int) -> bool:
-    same = known is not None and known.turn[item] == now.turn[item] and known.branch[item] == now.branch[item]
+    same = (
+        known is not None
+        and known.turn[item] == now.turn[item]
+        and known.branch[item] == now.branch[item]
+    )
     return bool(now.branch[item] < 0 or same or key_of(now, item) in work.free)
 
 
@@ -165,7 +185,9 @@ def _stand(work: Work, numbers: Sequence[int], states: States) -> Stood:
     loop = np.array([item.closed for item in items], dtype=np.bool_)
     forward = loop | (states.gate[:, 0] == 0)
     near = np.where(forward[:, None], states.enter, states.leave)
-    return stand(work.setup, items, states.turn, states.branch, np.where(loop, states.gate[:, 0], 0), near)
+    return stand(
+        work.setup, items, states.turn, states.branch, np.where(loop, states.gate[:, 0], 0), near
+    )
 
 
 def find_hits(work: Work, numbers: Sequence[int], states: States, looks: int = 0) -> BoolArray:
@@ -176,7 +198,13 @@ def find_hits(work: Work, numbers: Sequence[int], states: States, looks: int = 0
     keys = [key_of(states, row, item) for row, item in enumerate(numbers)]
     place = {key: row for row, key in reversed(list(enumerate(keys)))}
     once = np.array(list(place.values()))
-    bad = dict(zip(place, _find_hits(work, [numbers[k] for k in once], states.pick(once), looks).tolist(), strict=True))
+    bad = dict(
+        zip(
+            place,
+            _find_hits(work, [numbers[k] for k in once], states.pick(once), looks).tolist(),
+            strict=True,
+        )
+    )
     if not looks:
         work.free.update(key for key, stops in bad.items() if not stops)
     return np.array([bad[key] or key in work.shut for key in keys], dtype=np.bool_)
@@ -212,12 +240,17 @@ def _prune(work: Work, asked: Sequence[tuple[int, States, int]]) -> list[States]
         same = (states.branch == states.branch[chosen]) & (states.turn == states.turn[chosen])
         left.append(states.pick(~same))
     open_ = [
-        k for k, (item, states, _) in enumerate(asked) if not (item in work.tested and states is work.states[item])
+        k
+        for k, (item, states, _) in enumerate(asked)
+        if not (item in work.tested and states is work.states[item])
     ]
     numbers = [asked[k][0] for k in open_ for _ in range(len(left[k]))]
     if numbers:
         every = join_states([left[k] for k in open_])
-        free = np.array([key_of(every, row, item) in work.free for row, item in enumerate(numbers)], dtype=np.bool_)
+        free = np.array(
+            [key_of(every, row, item) in work.free for row, item in enumerate(numbers)],
+            dtype=np.bool_,
+        )
         tried = np.flatnonzero(~free & (every.branch >= 0))
         bad = np.zeros(len(numbers), dtype=np.bool_)
         bad[tried] = find_hits(work, [numbers[k] for k in tried], every.pick(tried), _FEW)
@@ -259,7 +292,9 @@ def _loosen(work: Work, found: Found, prove: bool) -> Found:
 def _is_plain(work: Work, found: Found) -> bool:
     """Whether all items are left where they are entered, and may come in any order."""
     own = found.now.pick(np.array(found.order))
-    free = (work.rules.parent[found.order] < 0).all() and len(set(work.rules.rank[found.order].tolist())) == 1
+    free = (work.rules.parent[found.order] < 0).all() and len(
+        set(work.rules.rank[found.order].tolist())
+    ) == 1
     return bool(free and not (own.enter != own.leave).any())
 
 
@@ -270,7 +305,9 @@ def move_turns(work: Work, found: Found, prove: bool, still: Set[int] = frozense
         return found
     for step in STEPS:
         while True:
-            better = settle(work, found.order, shift_turns(work, found, step, still), prove, found.now)
+            better = settle(
+                work, found.order, shift_turns(work, found, step, still), prove, found.now
+            )
             gained = found.seconds - better.seconds
             found = better if gained > 0 else found
             if gained < _GAIN * found.seconds:
@@ -278,7 +315,9 @@ def move_turns(work: Work, found: Found, prove: bool, still: Set[int] = frozense
     return found
 
 
-def shift_turns(work: Work, found: Found, step: float, still: Set[int] = frozenset()) -> list[States]:
+def shift_turns(
+    work: Work, found: Found, step: float, still: Set[int] = frozenset()
+) -> list[States]:
     """By item its state and, but of the items ``still``, those with other turns within ``_SIDES`` steps."""
     now = found.now
     asked = [k for k in found.order if now.branch[k] >= 0 and k not in still]
@@ -290,7 +329,9 @@ def shift_turns(work: Work, found: Found, step: float, still: Set[int] = frozens
     wanted = States(wanted.enter, wanted.leave, wanted.gate, turn, wanted.branch)
     made, good = _place(work, own.tolist(), wanted)
     # Where the arm cannot go there evenly it is another state, which the grid has.
-    good &= np.abs(made.enter - now.enter[own]).max(axis=1, initial=0.0) < 4 * _SIDES * step + math.radians(10)
+    good &= np.abs(made.enter - now.enter[own]).max(
+        axis=1, initial=0.0
+    ) < 4 * _SIDES * step + math.radians(10)
     states = [now.pick(np.array([k])) for k in range(len(now))]
     for place, k in enumerate(asked):
         rows = np.arange(place * len(shifts), (place + 1) * len(shifts))
@@ -304,9 +345,14 @@ def _place(work: Work, numbers: Sequence[int], states: States) -> tuple[States, 
         return states, np.zeros(0, dtype=np.bool_)
     stood = _stand(work, numbers, states)
     gates = [work.ground.items[k].gates for k in numbers]
-    at = np.array([own[pair] for own, pair in zip(gates, states.gate, strict=True)]) + stood.first[:-1, None]
+    at = (
+        np.array([own[pair] for own, pair in zip(gates, states.gate, strict=True)])
+        + stood.first[:-1, None]
+    )
     good = stood.good & np.isfinite(stood.joints[at]).all(axis=(1, 2))
-    return States(stood.joints[at[:, 0]], stood.joints[at[:, 1]], states.gate, states.turn, states.branch), good
+    return States(
+        stood.joints[at[:, 0]], stood.joints[at[:, 1]], states.gate, states.turn, states.branch
+    ), good
 
 
 def _move_gates(work: Work, found: Found) -> Found:
@@ -357,14 +403,25 @@ def _reorder(work: Work, found: Found, seed: int) -> Found:
         return better if seconds < found.seconds - 1e-9 else found
     start = (list(range(count)), [False] * count)
     effort = _EFFORT if count <= _CROWD else 0.0
-    items, backs = matrix.shortest(table, first, last, seed, effort, start, None if plain else rules)
+    items, backs = matrix.shortest(
+        table, first, last, seed, effort, start, None if plain else rules
+    )
     seconds = matrix.total(table, first, last, items, backs)
     if seconds >= found.seconds - 1e-9:
         return found
-    turned = np.array([order[k] for k, back in zip(items, backs, strict=True) if back and flips[k]], dtype=np.int64)
+    turned = np.array(
+        [order[k] for k, back in zip(items, backs, strict=True) if back and flips[k]],
+        dtype=np.int64,
+    )
     enter, leave, gate = now.enter.copy(), now.leave.copy(), now.gate.copy()
-    enter[turned], leave[turned], gate[turned] = now.leave[turned], now.enter[turned], now.gate[turned][:, ::-1]
-    return Found([order[k] for k in items], States(enter, leave, gate, now.turn, now.branch), seconds)
+    enter[turned], leave[turned], gate[turned] = (
+        now.leave[turned],
+        now.enter[turned],
+        now.gate[turned][:, ::-1],
+    )
+    return Found(
+        [order[k] for k in items], States(enter, leave, gate, now.turn, now.branch), seconds
+    )
 
 
 def _inner(parent: IntArray, order: Sequence[int]) -> IntArray:
@@ -374,13 +431,15 @@ def _inner(parent: IntArray, order: Sequence[int]) -> IntArray:
     return np.asarray(place[parent[list(order)]])
 
 
-def _tables(work: Work, order: Sequence[int], own: States) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _tables(
+    work: Work, order: Sequence[int], own: States
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Seconds (n, 2, n, 2) from end to end, (n, 2) from and to home."""
     ground, count = work.ground, len(order)
     ends = np.stack([own.enter, own.leave], axis=1).reshape(2 * count, -1)
-    places = np.stack([gate_places(ground.items[k], own.gate[i]) for i, k in enumerate(order)], axis=0).reshape(
-        2 * count, 3
-    )
+    places = np.stack(
+        [gate_places(ground.items[k], own.gate[i]) for i, k in enumerate(order)], axis=0
+    ).reshape(2 * count, 3)
     branch = np.repeat(own.branch, 2)
     table = ground.pace.between(ends, ends, np.linalg.norm(places[:, None] - places[None], axis=-1))
     table += change_cost(ground, branch, branch)
@@ -409,9 +468,15 @@ def _repair(work: Work, found: Found, touched: set[int]) -> Found:
     place = {item: k for k, item in enumerate(order)}
     beside = {p + d for p in (place[item] for item in touched) for d in (-1, 0, 1)}
     near = {order[p] for p in beside if 0 <= p < len(order)}
-    fine = shift_turns(work, found, STEPS[0]) if work.wish.loose else [now.pick(np.array([k])) for k in range(len(now))]
+    fine = (
+        shift_turns(work, found, STEPS[0])
+        if work.wish.loose
+        else [now.pick(np.array([k])) for k in range(len(now))]
+    )
     states = [
-        join_states([own, work.states[k]]) if k in near and len(work.states[k]) else now.pick(np.array([k]))
+        join_states([own, work.states[k]])
+        if k in near and len(work.states[k])
+        else now.pick(np.array([k]))
         for k, own in enumerate(fine)
     ]
     return settle(work, order, states, True)
@@ -419,7 +484,11 @@ def _repair(work: Work, found: Found, touched: set[int]) -> Found:
 
 def blocked_paths(work: Work, found: Found) -> set[int]:
     """The items whose states, new ones, collide between two looks."""
-    asked = [k for k in found.order if found.now.branch[k] >= 0 and _proved(found.now, k) not in work.free]
+    asked = [
+        k
+        for k in found.order
+        if found.now.branch[k] >= 0 and _proved(found.now, k) not in work.free
+    ]
     if not asked:
         return set()
     stood = _stand(work, asked, found.now.pick(np.array(asked)))
@@ -430,7 +499,9 @@ def blocked_paths(work: Work, found: Found) -> set[int]:
         tracks.append(Track(joints[: item.last + 1]))
         tracks += [Track(joints[[item.before[gate], gate]]) for gate in item.gates[1:].tolist()]
         owner += [k] * len(item.gates)
-    hit = {k for k, stop in zip(owner, work.room.look(tracks), strict=True) if isinstance(stop, Hit)}
+    hit = {
+        k for k, stop in zip(owner, work.room.look(tracks), strict=True) if isinstance(stop, Hit)
+    }
     work.shut.update(key_of(found.now, k) for k in hit)
     work.free.difference_update(key_of(found.now, k) for k in hit)
     work.free.update(_proved(found.now, k) for k in asked if k not in hit)
@@ -444,7 +515,9 @@ def _proved(now: States, item: int) -> bytes:
 def blocked_links(work: Work, found: Found) -> set[int]:
     """The items at the ends of links, new ones, that collide, or on which the tip comes too low."""
     blocked = find_blocked_links(work, found)
-    work.walls.extend(wall_between(work, *_ends_of(work, found.now, pair), _LONG) for pair in blocked)
+    work.walls.extend(
+        wall_between(work, *_ends_of(work, found.now, pair), _LONG) for pair in blocked
+    )
     return {item for pair in blocked for item in pair if item >= 0}
 
 
@@ -452,8 +525,16 @@ def find_blocked_links(work: Work, found: Found) -> list[tuple[int, int]]:
     """The links, new ones, that collide or on which the tip comes too low: the items at their ends, -1 for home."""
     pairs = list(zip([-1, *found.order], [*found.order, -1], strict=True))
     ends = {pair: _ends_of(work, found.now, pair) for pair in pairs}
-    new = [one for one in pairs if link_key(*ends[one]) not in work.free and detour_of(work, *ends[one]) is None]
-    return [one for one, met in zip(new, find_blocked(work, [ends[one] for one in new]), strict=True) if met]
+    new = [
+        one
+        for one in pairs
+        if link_key(*ends[one]) not in work.free and detour_of(work, *ends[one]) is None
+    ]
+    return [
+        one
+        for one, met in zip(new, find_blocked(work, [ends[one] for one in new]), strict=True)
+        if met
+    ]
 
 
 def block_links(work: Work, found: Found) -> list[tuple[int, int]]:
@@ -461,7 +542,9 @@ def block_links(work: Work, found: Found) -> list[tuple[int, int]]:
     blocked = find_blocked_links(work, found)
     for pair in blocked:
         a, b = _ends_of(work, found.now, pair)
-        work.walls.append(Wall(a, b, max(min(_ALIKE * float(np.abs(b - a).max()), _CLOSE), SAME), WALL))
+        work.walls.append(
+            Wall(a, b, max(min(_ALIKE * float(np.abs(b - a).max()), _CLOSE), SAME), WALL)
+        )
     return blocked
 
 
@@ -471,7 +554,9 @@ def _ends_of(work: Work, now: States, pair: tuple[int, int]) -> tuple[FloatArray
     return (home if a < 0 else now.leave[a], home if b < 0 else now.enter[b])
 
 
-def find_blocked(work: Work, links: Sequence[tuple[FloatArray, FloatArray]], surely: bool = True) -> list[bool]:
+def find_blocked(
+    work: Work, links: Sequence[tuple[FloatArray, FloatArray]], surely: bool = True
+) -> list[bool]:
     """Which motions of the joints collide, or lead the tip too low. surely: what is not found at some places on the way
     is proved, and noted as clear.
     """
@@ -491,12 +576,17 @@ def find_blocked(work: Work, links: Sequence[tuple[FloatArray, FloatArray]], sur
     return [bool(stop) for stop in blocked]
 
 
-def find_met(work: Work, links: Sequence[tuple[FloatArray, FloatArray]], few: bool = False) -> BoolArray:
+def find_met(
+    work: Work, links: Sequence[tuple[FloatArray, FloatArray]], few: bool = False
+) -> BoolArray:
     """Which motions of the joints collide at some places on the way, or lead the tip below ``Wish.floor``. few: at
     every eighth place only.
     """
     counts = [max(math.ceil(float(np.abs(b - a).max()) / _LOOK), 2) for a, b in links]
-    rows = [a + np.linspace(0.0, 1.0, n + 1)[:, None] * (b - a) for (a, b), n in zip(links, counts, strict=True)]
+    rows = [
+        a + np.linspace(0.0, 1.0, n + 1)[:, None] * (b - a)
+        for (a, b), n in zip(links, counts, strict=True)
+    ]
     owner = np.repeat(np.arange(len(links)), [len(own) for own in rows])
     flat = np.concatenate(rows)
     met = np.zeros(len(links), dtype=np.bool_)
@@ -527,15 +617,24 @@ def wall_between(work: Work, a: FloatArray, b: FloatArray, least: float) -> Wall
     near = max((_ALIKE if far < _LONG else _FAR_ALIKE) * far, SAME)
     if far < least:
         return Wall(a, b, near, WALL)
-    others = np.concatenate([work.ground.home[None], *(np.stack(way) for way in work.detours.values())])
+    others = np.concatenate(
+        [work.ground.home[None], *(np.stack(way) for way in work.detours.values())]
+    )
     found = find_detour(
-        work.setup.robot, work.ground.pace, (a, b), others, work.setup.clear, partial(find_blocked, work, surely=False)
+        work.setup.robot,
+        work.ground.pace,
+        (a, b),
+        others,
+        work.setup.clear,
+        partial(find_blocked, work, surely=False),
     )
     if found is None or any(find_blocked(work, list(pairwise([a, *found, b])))):
         return Wall(a, b, near, WALL)
     work.detours[a.tobytes() + b.tobytes()] = found
     places = np.stack([a, *found, b])
-    longer = work.ground.pace.seconds(np.diff(places, axis=0), 0.0).sum() - work.ground.pace.seconds(b - a, 0.0)
+    longer = work.ground.pace.seconds(
+        np.diff(places, axis=0), 0.0
+    ).sum() - work.ground.pace.seconds(b - a, 0.0)
     return Wall(a, b, near, float(longer))
 
 

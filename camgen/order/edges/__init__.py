@@ -27,7 +27,9 @@ def order_edges(plan: EdgePlan, job: Job, cell: Cell | None, watch: Watch) -> Ed
     NoSafeProgram where no free way leads to any of them.
     """
     if not isinstance(cell, Workcell) or cell.arm is None:
-        raise JobError("job", "edges of 3-D parts need an arm", "--post", "give rapid, pacscript or vplus")
+        raise JobError(
+            "job", "edges of 3-D parts need an arm", "--post", "give rapid, pacscript or vplus"
+        )
     edges = {edge.id: edge for edge in plan.edges}
     setup = setup_of(cell.arm, cell, plan.where)
     home = home_of(cell.arm, cell, plan.where.scene)
@@ -35,7 +37,9 @@ def order_edges(plan: EdgePlan, job: Job, cell: Cell | None, watch: Watch) -> Ed
     best, lifted = job.tour.method == "best", job.process.force > 0
     room, process = room_of(plan.where, setup), job.process
     free, share = (process.travel, 0.0) if process.travel else (cell.pace.fastest, cell.pace.most)
-    wish = Wish(Pace(process.travel_speed, free, share, cell.pace.acceleration, lifted), best, lifted)
+    wish = Wish(
+        Pace(process.travel_speed, free, share, cell.pace.acceleration, lifted), best, lifted
+    )
 
     def tell(far: str) -> None:
         watch(f"linking {far}")
@@ -55,7 +59,15 @@ def order_edges(plan: EdgePlan, job: Job, cell: Cell | None, watch: Watch) -> Ed
     method = "best found" if best else "nearest neighbour"
     noun = plan.noun
     notes = (*left_out(made.dropped, edges), *_note_freed(made, noun), *_note_links(made, noun))
-    return EdgeTour(paths, _travel(made, setup, home), method, notes=notes, route=made, lengths=lengths, made=paths)
+    return EdgeTour(
+        paths,
+        _travel(made, setup, home),
+        method,
+        notes=notes,
+        route=made,
+        lengths=lengths,
+        made=paths,
+    )
 
 
 def _note_freed(made: Route, noun: str) -> list[Note]:
@@ -65,7 +77,10 @@ def _note_freed(made: Route, noun: str) -> list[Note]:
         if leg.motion.freed is not None:
             tilt, roll = (short(value, 1) for value in leg.motion.freed)
             notes.append(
-                Note("assumed", f"{noun} {leg.motion.id} is reached with {tilt} deg of tilt, {roll} deg of roll")
+                Note(
+                    "assumed",
+                    f"{noun} {leg.motion.id} is reached with {tilt} deg of tilt, {roll} deg of roll",
+                )
             )
     for leg in made.legs:
         if sum(leg.motion.trimmed) > 0:
@@ -77,7 +92,9 @@ def _note_freed(made: Route, noun: str) -> list[Note]:
 
 def _note_links(made: Route, noun: str) -> list[Note]:
     kinds = [piece.kind for leg in made.legs for piece in leg.link if isinstance(piece, Along)]
-    free = sum(any(isinstance(p, Along) and p.kind == "approach" for p in leg.link) for leg in made.legs)
+    free = sum(
+        any(isinstance(p, Along) and p.kind == "approach" for p in leg.link) for leg in made.legs
+    )
     direct = len(made.legs) - free
     what = (
         f"links: {free} with approach from free space, {direct} direct, "

@@ -94,7 +94,9 @@ def find_detour(setup: Setup, room: Room, a: FloatArray, b: FloatArray) -> Float
     both = np.stack([a, b])
     setups = [setup]
     if setup.roomy(both).all():
-        setups.insert(0, replace(setup, clear=lambda joints: setup.clear(joints) & setup.roomy(joints)))
+        setups.insert(
+            0, replace(setup, clear=lambda joints: setup.clear(joints) & setup.roomy(joints))
+        )
     sliding = np.array([joint.sliding for joint in setup.robot.joints])
     scale = np.where(sliding, 1.0 / setup.robot.lever, 1.0)
     if not (within(setup.robot, both) & setup.clear(both)).all():
@@ -106,7 +108,9 @@ def find_detour(setup: Setup, room: Room, a: FloatArray, b: FloatArray) -> Float
             if way is None:
                 break
             short = _cut_short(space, way)
-            for each_way, said in zip((short, way), room.look([Track(short), Track(way)]), strict=True):
+            for each_way, said in zip(
+                (short, way), room.look([Track(short), Track(way)]), strict=True
+            ):
                 if not isinstance(said, Hit):
                     return frozen(each_way)
     return None
@@ -153,7 +157,11 @@ def _match(tree: _Tree, nodes: Sequence[int], wanted: FloatArray) -> list[int]:
     at = [tree.joints[node] for node in nodes]
     found = []
     for place in wanted:
-        same = [node for node, joints in zip(nodes, at, strict=True) if np.abs(joints - place).max() < 1e-9]
+        same = [
+            node
+            for node, joints in zip(nodes, at, strict=True)
+            if np.abs(joints - place).max() < 1e-9
+        ]
         found.append(same[0] if same else -1)
     return found
 
@@ -162,9 +170,14 @@ def _draw(space: _Space, rng: np.random.Generator, a: FloatArray, b: FloatArray)
     """Places at random (M, J): anywhere within the limits, and near the box around both ends."""
     low, high = space.setup.robot.limits.T
     close = _NEAR / space.scale
-    near = np.clip(np.minimum(a, b) - close, low, high), np.clip(np.maximum(a, b) + close, low, high)
+    near = (
+        np.clip(np.minimum(a, b) - close, low, high),
+        np.clip(np.maximum(a, b) + close, low, high),
+    )
     count = int(_TARGETS * _NEAR_SHARE)
-    return np.concatenate([rng.uniform(*near, (count, len(a))), rng.uniform(low, high, (_TARGETS - count, len(a)))])
+    return np.concatenate(
+        [rng.uniform(*near, (count, len(a))), rng.uniform(low, high, (_TARGETS - count, len(a)))]
+    )
 
 
 def _cut_short(space: _Space, way: FloatArray) -> FloatArray:

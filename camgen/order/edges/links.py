@@ -71,7 +71,9 @@ class Ends(Struct, frozen=True, eq=False):
 def seconds(robot: Robot, a: FloatArray, b: FloatArray, speed: float) -> FloatArray:
     """What the joints need from ``a`` to ``b`` (..., J), the slowest counting, or the flange at ``speed`` mm/s."""
     joints = (np.abs(b - a) / robot.fastest).max(axis=-1)
-    places = [flange(robot, x.reshape(-1, x.shape[-1]))[1].reshape(*x.shape[:-1], 3) for x in (a, b)]
+    places = [
+        flange(robot, x.reshape(-1, x.shape[-1]))[1].reshape(*x.shape[:-1], 3) for x in (a, b)
+    ]
     ways = np.linalg.norm(places[1] - places[0], axis=-1)
     return np.asarray(np.maximum(joints, ways / speed))
 
@@ -117,7 +119,13 @@ def steps(
 
 
 def pieces(
-    a: int, b: int, ends: Ends, first: IntArray, motions: Sequence[Reached], out: Sequence[Retraction], home: FloatArray
+    a: int,
+    b: int,
+    ends: Ends,
+    first: IntArray,
+    motions: Sequence[Reached],
+    out: Sequence[Retraction],
+    home: FloatArray,
 ) -> Iterator[Piece]:
     """The link from end ``a`` to end ``b`` as it is run. home: (J,)."""
     if first[a, b] < 0:
@@ -131,7 +139,9 @@ def pieces(
         over = int(first[a, b])
         if over == a ^ 1:
             motion = motions[a // 2] if a % 2 == 0 else motions[a // 2].reversed()
-            yield Along(motion.way, motion.joints, np.full(len(motion.way) - 1, ends.speed), "shared edge")
+            yield Along(
+                motion.way, motion.joints, np.full(len(motion.way) - 1, ends.speed), "shared edge"
+            )
         else:
             yield Turn(ends.joints[over], free=False)
         a = over
@@ -183,4 +193,6 @@ def by_way_of(motion: Reached, end: int, other: Retraction, speed: float) -> Ret
 
 def _chain(one: Way, other: Way) -> Way:
     """``one`` and then ``other``, which begins where it ends."""
-    return Way(*(np.concatenate([getattr(one, f), getattr(other, f)[1:]]) for f in Way.__struct_fields__))
+    return Way(
+        *(np.concatenate([getattr(one, f), getattr(other, f)[1:]]) for f in Way.__struct_fields__)
+    )

@@ -14,7 +14,16 @@ from msgspec import Struct
 
 from camgen.model.pose import FloatArray, frozen
 from camgen.order.edges.pace import Pace, pace_lines
-from camgen.plan.edges.motion import JUMP, MARGIN, Hit, Room, Setup, Track, dense_parts, flange_poses
+from camgen.plan.edges.motion import (
+    JUMP,
+    MARGIN,
+    Hit,
+    Room,
+    Setup,
+    Track,
+    dense_parts,
+    flange_poses,
+)
 from camgen.plan.edges.ways import Way, divide, rows
 from camgen.robots.kinematics.continuity import Choice, follow_each
 from camgen.robots.kinematics.forward import flange, frames
@@ -53,7 +62,9 @@ class Retraction(Struct, frozen=True, eq=False):
         return float((self.way.length / self.speed).sum())
 
 
-def retractions(setup: Setup, room: Room, ends: Sequence[tuple[Way, FloatArray]], pace: Pace) -> list[Retraction | str]:
+def retractions(
+    setup: Setup, room: Room, ends: Sequence[tuple[Way, FloatArray]], pace: Pace
+) -> list[Retraction | str]:
     """For each end, a pose (one row) and the joints (J,) it is taken in, the first way out that is free and keeps the
     margin, or as much of it as the end has; else the free one that keeps most; or why there is none.
     """
@@ -67,7 +78,9 @@ def retractions(setup: Setup, room: Room, ends: Sequence[tuple[Way, FloatArray]]
         led = [(k, named) for k in left if (named := next(ways[k], None)) is not None]
         ran = _run(setup, [named for _, named in led], [ends[k][1] for k, _ in led], pace)
         tried = [(k, way) for (k, _), way in zip(led, ran, strict=True)]
-        said = iter(room.look([Track(way.dense, way.looks) for _, way in tried if not isinstance(way, str)]))
+        said = iter(
+            room.look([Track(way.dense, way.looks) for _, way in tried if not isinstance(way, str)])
+        )
         for k, way in tried:
             if isinstance(way, str):
                 found[k] = found[k] or way
@@ -81,7 +94,9 @@ def retractions(setup: Setup, room: Room, ends: Sequence[tuple[Way, FloatArray]]
     return [one or "the tool points up" for one in found]
 
 
-def shorter(setup: Setup, room: Room, end: Way, joints: FloatArray, pace: Pace) -> Retraction | None:
+def shorter(
+    setup: Setup, room: Room, end: Way, joints: FloatArray, pace: Pace
+) -> Retraction | None:
     """A way out of one end that does not lead up to the level: the longest back along the tool that is free."""
     base_from_work = setup.base_from_work
     start = base_from_work.rotation @ end.position[0] + np.asarray(base_from_work.origin)
@@ -89,7 +104,9 @@ def shorter(setup: Setup, room: Room, end: Way, joints: FloatArray, pace: Pace) 
     ways = (("back", _chain(setup, end, [start, start + far * back])) for far in _BACK)
     for named in ways:
         (way,) = _run(setup, [named], [joints], pace)
-        if isinstance(way, Retraction) and not isinstance(room.look([Track(way.dense, way.looks)])[0], Hit):
+        if isinstance(way, Retraction) and not isinstance(
+            room.look([Track(way.dense, way.looks)])[0], Hit
+        ):
             return way
     return None
 
@@ -103,12 +120,18 @@ def _run(
     goals = [flange_poses(setup, one.position, one.rotation) for one in dense]
     made: list[Retraction | str] = []
     followed = follow_each(setup.robot, goals, starts, MARGIN, JUMP)
-    for (name, way), own, looks, joints, found in zip(ways, parts, dense, starts, followed, strict=True):
+    for (name, way), own, looks, joints, found in zip(
+        ways, parts, dense, starts, followed, strict=True
+    ):
         if isinstance(found, Choice) and np.abs(found.joints[0] - joints).max() < 1e-6:
             at = rows(own)
             speed = pace_lines(setup, pace, looks, found.joints, at)
             none = frozen(joints[None][:0])
-            made.append(Retraction(way, frozen(found.joints[at]), looks, frozen(found.joints), speed, name, none))
+            made.append(
+                Retraction(
+                    way, frozen(found.joints[at]), looks, frozen(found.joints), speed, name, none
+                )
+            )
         else:
             made.append(f"{name} the arm cannot follow")
     return made
@@ -121,7 +144,9 @@ def _ways(setup: Setup, room: Room, end: Way, joints: FloatArray) -> Iterator[tu
     back = -(base_from_work.rotation @ end.rotation[0])[:, 2]
     up = np.array([0.0, 0.0, 1.0])
     straight = _straight(setup, room, start, back, end)
-    low_wrist = frames(setup.robot, joints[None])[1][0, 5, 2] < room.level if len(joints) == 6 else False
+    low_wrist = (
+        frames(setup.robot, joints[None])[1][0, 5, 2] < room.level if len(joints) == 6 else False
+    )
     over = _over_wrist(setup, room, end, joints) if low_wrist else None
     if straight is not None:
         yield "along the tool", straight
@@ -130,7 +155,11 @@ def _ways(setup: Setup, room: Room, end: Way, joints: FloatArray) -> Iterator[tu
     beside = start + back * _out_of(room, start, back)
     yield (
         "back and up",
-        _chain(setup, end, [start, beside, beside + up * max(room.level - beside[2], _LEAST_WAY_OUT_MM)]),
+        _chain(
+            setup,
+            end,
+            [start, beside, beside + up * max(room.level - beside[2], _LEAST_WAY_OUT_MM)],
+        ),
     )
     turns = np.arange(_DIRECTIONS) * (math.tau / _DIRECTIONS) + math.atan2(back[1], back[0])
     order = sorted(range(_DIRECTIONS), key=lambda k: (min(k, _DIRECTIONS - k), k))
@@ -141,11 +170,17 @@ def _ways(setup: Setup, room: Room, end: Way, joints: FloatArray) -> Iterator[tu
             yield name, way
 
 
-def _straight(setup: Setup, room: Room, start: FloatArray, along: FloatArray, end: Way) -> Way | None:
+def _straight(
+    setup: Setup, room: Room, start: FloatArray, along: FloatArray, end: Way
+) -> Way | None:
     """In one direction up to the level (equation 1)."""
     if along[2] < _STEEP:
         return None
-    return _chain(setup, end, [start, start + along * max((room.level - start[2]) / along[2], _LEAST_WAY_OUT_MM)])
+    return _chain(
+        setup,
+        end,
+        [start, start + along * max((room.level - start[2]) / along[2], _LEAST_WAY_OUT_MM)],
+    )
 
 
 def _over_wrist(setup: Setup, room: Room, end: Way, joints: FloatArray) -> Way | None:
@@ -161,9 +196,16 @@ def _over_wrist(setup: Setup, room: Room, end: Way, joints: FloatArray) -> Way |
         return None
     top = wrist + back * max((room.level - wrist[2]) / back[2], _LEAST_WAY_OUT_MM)
     work_from_base = setup.base_from_work.inverse()
-    position = [end.position[0], *(np.stack([wrist, top]) @ work_from_base.rotation.T + work_from_base.origin)]
+    position = [
+        end.position[0],
+        *(np.stack([wrist, top]) @ work_from_base.rotation.T + work_from_base.origin),
+    ]
     rotation = work_from_base.rotation @ turned
-    return Way(frozen(position), frozen(np.full((3, 3), np.nan)), frozen([end.rotation[0], rotation, rotation]))
+    return Way(
+        frozen(position),
+        frozen(np.full((3, 3), np.nan)),
+        frozen([end.rotation[0], rotation, rotation]),
+    )
 
 
 def _chain(setup: Setup, end: Way, points: list[FloatArray]) -> Way:

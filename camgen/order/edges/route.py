@@ -138,16 +138,22 @@ def route(
         lost = _find_lost(work, found, attempt >= _PASSES)
         if not lost:
             legs, back = _pace(setup, *_legs(work, found), home, wish.pace)
-            return Route(legs, back, tuple(dropped), found.seconds, found.nearest, _count_searched(work))
+            return Route(
+                legs, back, tuple(dropped), found.seconds, found.nearest, _count_searched(work)
+            )
         if turned := _find_one_sided(work, lost):
             work = _turn_back(work, turned, wish.pace.speed)
             continue
         tell(f"{counted(len(work.motions), 'edge')}, ways round what stands between")
-        if opened := {k: way for k in sorted(lost) if (way := _search_home(detours, work, k)) is not None}:
+        if opened := {
+            k: way for k in sorted(lost) if (way := _search_home(detours, work, k)) is not None
+        }:
             work = _open(work, opened, setup.robot, wish.pace)
             continue
         names = [work.motions[k].id for k in sorted(lost)]
-        dropped += [Unreached(name, "collision", "no free motion leads to it", _REMEDY) for name in names]
+        dropped += [
+            Unreached(name, "collision", "no free motion leads to it", _REMEDY) for name in names
+        ]
         if len(lost) == len(work.motions):
             return Route((), (), tuple(dropped), 0.0, 0.0)
         work = _without(work, lost)
@@ -189,7 +195,9 @@ def _left(
         if len(texts) == 2:
             pair = [_search_out(detours, end, pace) or texts[0] for end in _ends(motion)]
         if isinstance(pair[0], str) and isinstance(pair[1], str):
-            dropped.append(Unreached(motion.id, "collision", f"no way back from it: {texts[0]}", _REMEDY))
+            dropped.append(
+                Unreached(motion.id, "collision", f"no way back from it: {texts[0]}", _REMEDY)
+            )
             continue
         ways = [one for one in pair if isinstance(one, Retraction)]
         if isinstance(pair[0], str):
@@ -232,12 +240,16 @@ def _work(
     out = np.array([out.seconds for out in outs])
     through = np.array([motion.way.length.sum() for motion in motions]) / speed
     free = links.seconds(setup.robot, safe[:, None], safe[None], wish.pace.free)
-    vertices = np.concatenate([_vertices(motion, edge) for motion, edge in zip(motions, edges, strict=True)])
+    vertices = np.concatenate(
+        [_vertices(motion, edge) for motion, edge in zip(motions, edges, strict=True)]
+    )
     direct = links.seconds(setup.robot, joints[:, None], joints[None], speed)
     direct[wish.lifted | ~links.distinct(vertices, _VERTEX)] = math.inf
     direct[direct >= free + out[:, None] + out[None]] = math.inf
     near = np.argwhere(np.triu(np.isfinite(direct)))
-    for (a, b), seen in zip(near.tolist(), _look(room, [joints[pair] for pair in near]), strict=True):
+    for (a, b), seen in zip(
+        near.tolist(), _look(room, [joints[pair] for pair in near]), strict=True
+    ):
         if seen != "clear":
             direct[a, b] = direct[b, a] = math.inf if seen == "blocked" else direct[a, b] + _NEAR
     ends = links.Ends(joints, safe, out, free, direct, through, speed)
@@ -270,7 +282,9 @@ def _without(work: _Work, lost: set[int]) -> _Work:
     at = np.array([2 * k + end for k in kept for end in (0, 1)])
     ends, square, all_of = work.ends, np.ix_(at, at), np.ix_([*at, -1], [*at, -1])
     places = ends.joints[at], ends.safe[at], ends.out[at]
-    ends = links.Ends(*places, ends.free[square], ends.direct[square], ends.through[kept], ends.speed)
+    ends = links.Ends(
+        *places, ends.free[square], ends.direct[square], ends.through[kept], ends.speed
+    )
     return _Work(
         room=work.room,
         motions=tuple(work.motions[k] for k in kept),
@@ -407,7 +421,9 @@ def _search_home(detours: _Detours, work: _Work, motion: int) -> tuple[int, Floa
     return next(((end, via) for end, via in found if via is not None and len(via)), None)
 
 
-def _open(work: _Work, opened: Mapping[int, tuple[int, FloatArray]], robot: Robot, pace: Pace) -> _Work:
+def _open(
+    work: _Work, opened: Mapping[int, tuple[int, FloatArray]], robot: Robot, pace: Pace
+) -> _Work:
     """With the ways home that were found from ends of motions."""
     out, to_home, known = list(work.out), work.to_home.copy(), work.known
     for end, via in opened.values():
@@ -421,7 +437,9 @@ def _open(work: _Work, opened: Mapping[int, tuple[int, FloatArray]], robot: Robo
 
 def _count_searched(work: _Work) -> int:
     """The motions with a way home that was searched for."""
-    return sum(any(len(one.via) for one in work.out[2 * k : 2 * k + 2]) for k in range(len(work.motions)))
+    return sum(
+        any(len(one.via) for one in work.out[2 * k : 2 * k + 2]) for k in range(len(work.motions))
+    )
 
 
 def _find_one_sided(work: _Work, motions: Iterable[int]) -> list[int]:
@@ -438,14 +456,23 @@ def _turn_back(work: _Work, turned: Sequence[int], speed: float) -> _Work:
     here, there = np.array(turned), np.array(turned) ^ 1
     for end in turned:
         out[end] = links.by_way_of(work.motions[end // 2], end % 2, out[end ^ 1], speed)
-    safe, seconds, free, to_home = ends.safe.copy(), ends.out.copy(), ends.free.copy(), work.to_home.copy()
+    safe, seconds, free, to_home = (
+        ends.safe.copy(),
+        ends.out.copy(),
+        ends.free.copy(),
+        work.to_home.copy(),
+    )
     safe[here], to_home[here] = safe[there], to_home[there]
     seconds[here] = [out[end].seconds for end in turned]
     for table in (free, known.blocked, known.clear, known.near):
         table[here], table[:, here] = table[there], table[:, there]
         table[here[:, None], here] = table[there[:, None], there]
     return replace(
-        work, out=tuple(out), ends=replace(ends, safe=safe, out=seconds, free=free), to_home=to_home, known=known
+        work,
+        out=tuple(out),
+        ends=replace(ends, safe=safe, out=seconds, free=free),
+        to_home=to_home,
+        known=known,
     )
 
 
@@ -474,9 +501,16 @@ def _legs(work: _Work, found: _Found) -> tuple[tuple[Leg, ...], tuple[links.Piec
             turns = [links.Turn(joints) for joints in (*out.via[::-1], work.ends.safe[enter])]
             link: tuple[links.Piece, ...] = (*turns, links.entering(out))
         else:
-            link = tuple(links.pieces(before, enter, work.ends, found.first, work.motions, work.out, work.home))
+            link = tuple(
+                links.pieces(
+                    before, enter, work.ends, found.first, work.motions, work.out, work.home
+                )
+            )
         motion = work.motions[item]
         legs.append(Leg(link, motion.reversed() if back else motion))
         before = leave
     out = work.out[before]
-    return tuple(legs), (links.leaving(out), *(links.Turn(joints) for joints in (*out.via, work.home)))
+    return tuple(legs), (
+        links.leaving(out),
+        *(links.Turn(joints) for joints in (*out.via, work.home)),
+    )

@@ -53,7 +53,9 @@ class Dense(Struct, frozen=True, eq=False):
     radius: FloatArray
 
 
-def at_least(items: Items, home: FloatArray | None, known: float, rounds: int, dense: Dense | None = None) -> float:
+def at_least(
+    items: Items, home: FloatArray | None, known: float, rounds: int, dense: Dense | None = None
+) -> float:
     """A length, mm, that no tour of ``items`` is below, whatever the order, the directions and the starts.
 
     home: x, y where every tour begins and ends, None: nowhere. known: the length of some tour, mm, which sets the size
@@ -121,8 +123,12 @@ def _measure(dense: Dense, closed: NDArray[np.bool_], one: IntArray, two: IntArr
         size = counts[part]
         pair, step = owners(size), ramp(size)
         wide = (end - begin)[b][pair]
-        gap = dense.points[begin[a][pair] + step // wide] - dense.points[begin[b][pair] + step % wide]
-        found[part] = np.sqrt(np.minimum.reduceat((gap**2).sum(axis=1), begins(size))) if len(part) else 0.0
+        gap = (
+            dense.points[begin[a][pair] + step // wide] - dense.points[begin[b][pair] + step % wide]
+        )
+        found[part] = (
+            np.sqrt(np.minimum.reduceat((gap**2).sum(axis=1), begins(size))) if len(part) else 0.0
+        )
     radius = dense.radius[item]
     return np.maximum(found - radius[one] - radius[two], 0.0)
 
@@ -137,7 +143,9 @@ def _tree(graph: _Graph, price: FloatArray) -> tuple[float, IntArray]:
     two = np.concatenate([graph.two, np.full(count - 1, hub)])
     # Two nodes that are not listed are farther apart than either is sure: half of both is less still, and then the
     # cheapest of all these pairs make a star.
-    cost = np.concatenate([graph.apart + price[graph.one] + price[graph.two], half[rest] + half[hub]])
+    cost = np.concatenate(
+        [graph.apart + price[graph.one] + price[graph.two], half[rest] + half[hub]]
+    )
     taken = _spanning(count, one, two, cost, graph.forced)
     ways = graph.home + price
     ends = np.argpartition(ways, 1)[:2]
@@ -147,7 +155,9 @@ def _tree(graph: _Graph, price: FloatArray) -> tuple[float, IntArray]:
     return total, links
 
 
-def _spanning(count: int, one: IntArray, two: IntArray, cost: FloatArray, forced: IntArray) -> NDArray[np.intp]:
+def _spanning(
+    count: int, one: IntArray, two: IntArray, cost: FloatArray, forced: IntArray
+) -> NDArray[np.intp]:
     """Indices of the edges of the cheapest tree that holds the ``forced`` ones (Boruvka: all parts grow at once)."""
     label = np.arange(count)
     label[forced[:, 1]] = forced[:, 0]
@@ -170,7 +180,9 @@ def _spanning(count: int, one: IntArray, two: IntArray, cost: FloatArray, forced
         picked = np.unique(cheapest[parts])
         taken.append(order[picked])
         target = np.arange(count)
-        target[parts] = np.where(a[cheapest[parts]] == parts, b[cheapest[parts]], a[cheapest[parts]])
+        target[parts] = np.where(
+            a[cheapest[parts]] == parts, b[cheapest[parts]], a[cheapest[parts]]
+        )
         # Of two parts that chose each other the lower one stays.
         mutual = target[target] == np.arange(count)
         target = np.where(mutual & (np.arange(count) < target), np.arange(count), target)

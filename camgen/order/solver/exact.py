@@ -59,16 +59,22 @@ def best_through(ways: Ways, sets: IntArray, most: float) -> tuple[FloatArray, l
     for one, own in enumerate(table.columns):
         alone = table.place[1 << one]
         if alone >= 0:
-            begun[alone, own] = np.where(ways.out[own] + rest[alone, own] <= most, ways.out[own], np.inf)
+            begun[alone, own] = np.where(
+                ways.out[own] + rest[alone, own] <= most, ways.out[own], np.inf
+            )
     for size in range(2, len(table.sizes)):
         low, high = table.sizes[size - 1], table.sizes[size]
         for one, own in enumerate(table.columns):
-            before = np.where(table.sets[low:high] >> one & 1, table.place[table.sets[low:high] & ~(1 << one)], -1)
+            before = np.where(
+                table.sets[low:high] >> one & 1, table.place[table.sets[low:high] & ~(1 << one)], -1
+            )
             rows, before = low + np.flatnonzero(before >= 0), before[before >= 0]
             last = np.flatnonzero(np.isfinite(begun[before]).any(axis=0))
             if not len(last):
                 continue
-            begun[rows, own] = _least_sums(begun[np.ix_(before, last)], ways.cost[last, own].T.copy())
+            begun[rows, own] = _least_sums(
+                begun[np.ix_(before, last)], ways.cost[last, own].T.copy()
+            )
         begun[low:high][begun[low:high] + rest[low:high] > most] = np.inf
     through = (begun + rest).min(axis=0)
     return through, _follow(ways, table, rest), table.sets[np.isfinite(begun).any(axis=1)]
@@ -117,13 +123,17 @@ def _rest(ways: Ways, table: _Table) -> FloatArray:
     for size in range(len(table.sizes) - 2, 0, -1):
         low, high = table.sizes[size - 1], table.sizes[size]
         for one, own in enumerate(table.columns):
-            after = np.where(table.sets[low:high] >> one & 1, -1, table.place[table.sets[low:high] | 1 << one])
+            after = np.where(
+                table.sets[low:high] >> one & 1, -1, table.place[table.sets[low:high] | 1 << one]
+            )
             rows, after = low + np.flatnonzero(after >= 0), after[after >= 0]
             if not len(rows):
                 continue
             here = np.flatnonzero(table.last[rows].any(axis=0))
             found = np.ix_(rows, here)
-            rest[found] = np.minimum(rest[found], _least_sums(rest[after, own], ways.cost[here, own]))
+            rest[found] = np.minimum(
+                rest[found], _least_sums(rest[after, own], ways.cost[here, own])
+            )
         rest[low:high][~table.last[low:high]] = np.inf
     return rest
 
@@ -147,7 +157,11 @@ def _follow(ways: Ways, table: _Table, rest: FloatArray) -> list[int]:
     done, steps = 0, ways.out
     for _ in range(len(table.sizes) - 1):
         after = table.place[done | 1 << ways.item]
-        cost = np.where((after >= 0) & (done >> ways.item & 1 == 0), steps + rest[after, np.arange(len(after))], np.inf)
+        cost = np.where(
+            (after >= 0) & (done >> ways.item & 1 == 0),
+            steps + rest[after, np.arange(len(after))],
+            np.inf,
+        )
         tour.append(int(cost.argmin()))
         done |= 1 << int(ways.item[tour[-1]])
         steps = ways.cost[tour[-1]]

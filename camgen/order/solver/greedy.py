@@ -62,9 +62,14 @@ def settle_all(items: Items, tour: Start, home: FloatArray | None, rounds: int) 
             place = place[loop[order[place]]]
             if not len(place):
                 continue
-            place = place[np.argsort(order[place])]  # neighbours in the tables are looked at together
+            place = place[
+                np.argsort(order[place])
+            ]  # neighbours in the tables are looked at together
             leave = np.where(closed, enter, both_ends(items) - enter)
-            before, after = items.points[leave[order[place - 1]]], items.points[enter[order[(place + 1) % count]]]
+            before, after = (
+                items.points[leave[order[place - 1]]],
+                items.points[enter[order[(place + 1) % count]]],
+            )
             for edge, side, other in ((0, before, after), (count - 1, after, before)):
                 side[place == edge] = other[place == edge] if home is None else home
             enter[order[place]] = _best_samples(items, order[place], before, after)

@@ -123,21 +123,34 @@ def nearest(between: FloatArray, first: FloatArray) -> Order:
 
 
 def total(
-    between: FloatArray, first: FloatArray, last: FloatArray, order: Sequence[int], flipped: Sequence[bool]
+    between: FloatArray,
+    first: FloatArray,
+    last: FloatArray,
+    order: Sequence[int],
+    flipped: Sequence[bool],
 ) -> float:
     """What the order costs, from home and back to it."""
     if not order:
         return 0.0
     enter = [int(back) for back in flipped]
     legs = [float(first[order[0], enter[0]]), float(last[order[-1], 1 - enter[-1]])]
-    legs += [float(between[order[k - 1], 1 - enter[k - 1], order[k], enter[k]]) for k in range(1, len(order))]
+    legs += [
+        float(between[order[k - 1], 1 - enter[k - 1], order[k], enter[k]])
+        for k in range(1, len(order))
+    ]
     return math.fsum(legs)
 
 
 def _check(between: FloatArray, first: FloatArray, last: FloatArray) -> int:
     count = len(first)
-    if first.shape != (count, 2) or last.shape != (count, 2) or between.shape != (count, 2, count, 2):
-        raise ValueError(f"tables of shapes {between.shape}, {first.shape}, {last.shape} do not belong together")
+    if (
+        first.shape != (count, 2)
+        or last.shape != (count, 2)
+        or between.shape != (count, 2, count, 2)
+    ):
+        raise ValueError(
+            f"tables of shapes {between.shape}, {first.shape}, {last.shape} do not belong together"
+        )
     own = np.arange(count)
     read = between.copy()
     read[own, :, own, :] = 0.0
@@ -155,7 +168,9 @@ def _steps(between: FloatArray, first: FloatArray, last: FloatArray) -> FloatArr
     count = len(first)
     home = 2 * count
     steps = np.zeros((home + 1, home + 1))
-    steps[:home, :home] = between[:, ::-1].reshape(home, home)  # item i entered at end o is left at end 1 - o
+    steps[:home, :home] = between[:, ::-1].reshape(
+        home, home
+    )  # item i entered at end o is left at end 1 - o
     steps[home, :home] = first.reshape(home)
     steps[:home, home] = last[:, ::-1].reshape(home)
     own = np.arange(home).reshape(-1, 2)
@@ -198,7 +213,9 @@ def _exact(steps: FloatArray) -> IntArray:
     return np.array(states[::-1])
 
 
-def _iterate(states: IntArray, steps: FloatArray, seed: int, effort: float, rules: Rules | None) -> IntArray:
+def _iterate(
+    states: IntArray, steps: FloatArray, seed: int, effort: float, rules: Rules | None
+) -> IntArray:
     """Local search, then again and again from the best order with two neighbouring stretches exchanged and one item
     turned round; so many at once that the work is done in large arrays.
     """
@@ -261,7 +278,10 @@ def _keeps(states: IntArray, rules: Rules) -> bool:
     place = np.empty(len(items), dtype=np.int64)
     place[items] = np.arange(len(items))
     below = rules.parent >= 0
-    return bool((np.diff(rules.rank[items]) >= 0).all() and (place[rules.parent[below]] > place[below]).all())
+    return bool(
+        (np.diff(rules.rank[items]) >= 0).all()
+        and (place[rules.parent[below]] > place[below]).all()
+    )
 
 
 def _improve(states: IntArray, steps: FloatArray, rules: Rules | None = None) -> IntArray:
@@ -311,14 +331,19 @@ def _sums(states: IntArray, steps: FloatArray) -> tuple[FloatArray, FloatArray]:
     return there, back
 
 
-def _reversals(states: IntArray, steps: FloatArray, eps: float, moves: list[list[_Move]], rooms: _Rooms | None) -> None:
+def _reversals(
+    states: IntArray, steps: FloatArray, eps: float, moves: list[list[_Move]], rooms: _Rooms | None
+) -> None:
     """Of each order, for each first position the best stretch to reverse (2-opt, with the costs of the other
     direction).
     """
     inner, before, after = states[:, 1:-1], states[:, :-2], states[:, 2:]
     there, back = _sums(states, steps)
     turn = back - there
-    gain = steps[before[:, :, None], _flip(inner)[:, None, :]] + steps[_flip(inner)[:, :, None], after[:, None, :]]
+    gain = (
+        steps[before[:, :, None], _flip(inner)[:, None, :]]
+        + steps[_flip(inner)[:, :, None], after[:, None, :]]
+    )
     gain -= steps[before, inner][:, :, None] + steps[inner, after][:, None, :]
     gain += turn[:, None, :] - turn[:, :, None]
     gain[:, np.tri(inner.shape[1], k=-1, dtype=bool)] = 0.0
@@ -333,7 +358,9 @@ def _reversals(states: IntArray, steps: FloatArray, eps: float, moves: list[list
         moves[k].append((i + 1, j + 1, i + 1, j + 1 - i, True, float(least[k, i])))
 
 
-def _transfers(states: IntArray, steps: FloatArray, eps: float, moves: list[list[_Move]], rooms: _Rooms | None) -> None:
+def _transfers(
+    states: IntArray, steps: FloatArray, eps: float, moves: list[list[_Move]], rooms: _Rooms | None
+) -> None:
     """Of each order, for each short stretch its best other place, in either direction (Or-opt)."""
     count = states.shape[1] - 2
     there, back = _sums(states, steps)
@@ -349,7 +376,11 @@ def _transfers(states: IntArray, steps: FloatArray, eps: float, moves: list[list
             head, tail = states[:, low, None], states[:, high, None]
             if back_to_front:
                 head, tail = _flip(tail), _flip(head)
-            cost = steps[states[:, None, :-1], head] + steps[tail, states[:, None, 1:]] - gap[:, None, :]
+            cost = (
+                steps[states[:, None, :-1], head]
+                + steps[tail, states[:, None, 1:]]
+                - gap[:, None, :]
+            )
             cost += (turned * back_to_front - saved)[:, :, None]
             cost[:, own] = 0.0
             for k, room in enumerate(rooms or ()):
@@ -357,7 +388,9 @@ def _transfers(states: IntArray, steps: FloatArray, eps: float, moves: list[list
             best = cost.argmin(axis=2)
             least = np.take_along_axis(cost, best[:, :, None], axis=2)[:, :, 0]
             for k, i in np.argwhere(least < -eps).tolist():
-                moves[k].append(_move(i + 1, size, int(best[k, i]), back_to_front, float(least[k, i])))
+                moves[k].append(
+                    _move(i + 1, size, int(best[k, i]), back_to_front, float(least[k, i]))
+                )
 
 
 def _forbidden(

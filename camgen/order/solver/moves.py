@@ -37,7 +37,9 @@ from camgen.order.solver.kernel import (
 _LONGEST_CARRIED = 3
 
 
-def pair(s: Scene, a: int, pa: int, out_a: int, b: int, pb: int, out_b: int) -> tuple[float, int, int]:
+def pair(
+    s: Scene, a: int, pa: int, out_a: int, b: int, pb: int, out_b: int
+) -> tuple[float, int, int]:
     """Items a and b joined at their points pa and pb, closed ones begun anew: what that saves, and their points.
 
     out_a, out_b: the points from which the other way of each leads; of a closed item only, else not read.
@@ -90,8 +92,12 @@ def relink(s: Scene, r: Run, a: int, forward: bool) -> float:
             own_c, end_c = (way(s, pc, out_c), out_c) if s.kind[c] == CLOSED else (0.0, pc)
             own_d, end_d = (way(s, pd, out_d), out_d) if s.kind[d] == CLOSED else (0.0, pd)
             # No less than what ``pair`` can save: nothing is shorter than the straight way.
-            first = 0.0 if end_a == pa and end_c == pc else own_a + own_c + ac - way(s, end_a, end_c)
-            second = 0.0 if end_b == pb and end_d == pd else own_b + own_d + bd - way(s, end_b, end_d)
+            first = (
+                0.0 if end_a == pa and end_c == pc else own_a + own_c + ac - way(s, end_a, end_c)
+            )
+            second = (
+                0.0 if end_b == pb and end_d == pd else own_b + own_d + bd - way(s, end_b, end_d)
+            )
             if change - first - second < best:
                 gain, ma, mc = pair(s, a, pa, out_a, c, pc, out_c)
                 change -= gain
@@ -263,8 +269,16 @@ def shuffle(s: Scene, r: Run) -> float:
     a, b = r.ring[low - 1], r.ring[low]
     c, d = r.ring[low + one - 1], r.ring[low + one]
     e, f = r.ring[high], r.ring[(high + 1) % size]
-    old = way(s, r.leave[a], r.enter[b]) + way(s, r.leave[c], r.enter[d]) + way(s, r.leave[e], r.enter[f])
-    new = way(s, r.leave[a], r.enter[d]) + way(s, r.leave[e], r.enter[b]) + way(s, r.leave[c], r.enter[f])
+    old = (
+        way(s, r.leave[a], r.enter[b])
+        + way(s, r.leave[c], r.enter[d])
+        + way(s, r.leave[e], r.enter[f])
+    )
+    new = (
+        way(s, r.leave[a], r.enter[d])
+        + way(s, r.leave[e], r.enter[b])
+        + way(s, r.leave[c], r.enter[f])
+    )
     carry(r, low, one, two, 0)
     push(r, a)
     push(r, b)

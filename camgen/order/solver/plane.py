@@ -161,7 +161,9 @@ def shorten(
     """
     scene, run = _make(items, start, home, near, seed)
     search: speed.Search = rounds.search
-    compiled = (budget >= _WORTH if clock is None else clock.seconds >= _WORTH_SECONDS) and speed.available()
+    compiled = (
+        budget >= _WORTH if clock is None else clock.seconds >= _WORTH_SECONDS
+    ) and speed.available()
     pause = _PAUSE[compiled] if clock is None else _TICK[compiled] + len(run.ring) // 10
     # An interrupt may come in the middle of a move: what is given back is the tour before it.
     ring, enter = run.ring[:], run.enter[:]
@@ -204,7 +206,9 @@ def _as_start(items: Items, ring: list[int], enter: list[int], end: int = DONE) 
     return Start(order, np.asarray(enter)[:count], end)
 
 
-def _make(items: Items, start: Start, home: FloatArray | None, near: Near, seed: int) -> tuple[Scene, Run]:
+def _make(
+    items: Items, start: Start, home: FloatArray | None, near: Near, seed: int
+) -> tuple[Scene, Run]:
     """The problem and its first tour as plain lists; home is the last item and the first in the ring."""
     count, points = len(items.kind), len(items.points)
     place = np.zeros((1, 2)) if home is None else np.asarray(home, dtype=np.float64)[None, :]
@@ -216,7 +220,11 @@ def _make(items: Items, start: Start, home: FloatArray | None, near: Near, seed:
     counts = np.bincount(items.parent[items.parent >= 0], minlength=count + 1)
     first = np.concatenate([items.first, [points + 1]])
     rank = np.concatenate([items.rank, [0]])
-    directed = bool((items.kind == kernel.ONE_WAY).any() or (items.parent >= 0).any() or len(np.unique(items.rank)) > 1)
+    directed = bool(
+        (items.kind == kernel.ONE_WAY).any()
+        or (items.parent >= 0).any()
+        or len(np.unique(items.rank)) > 1
+    )
     scene = Scene(
         x=xy[:, 0].tolist(), y=xy[:, 1].tolist(), first=first.tolist(), kind=[*items.kind.tolist(), CLOSED],
         step=[*items.step.tolist(), 1.0], near=table.reshape(-1).tolist(), apart=apart.reshape(-1).tolist(),
@@ -248,7 +256,9 @@ def with_home(
     count = len(items.kind)
     near, far = np.full((1, WIDTH), -1), np.full((1, WIDTH), np.inf)
     if not nowhere and count:
-        gap = np.minimum.reduceat(np.sqrt(((items.points - home) ** 2).sum(axis=1)), items.first[:-1])
+        gap = np.minimum.reduceat(
+            np.sqrt(((items.points - home) ** 2).sum(axis=1)), items.first[:-1]
+        )
         order = np.argsort(gap, kind="stable")[:WIDTH]
         near[0, : len(order)], far[0, : len(order)] = order, gap[order]
     return np.concatenate([table, near]), np.concatenate([apart, far])

@@ -118,8 +118,15 @@ def carry(r: Ring, a: int) -> float:
     for step in (1, -1):
         before = r.places[(at - step) % count]
         for size in range(1, CARRIED + 1):
-            end, after = r.places[(at + step * (size - 1)) % count], r.places[(at + step * size) % count]
-            saved = r.cost[before * count + a] + r.cost[end * count + after] - r.cost[before * count + after]
+            end, after = (
+                r.places[(at + step * (size - 1)) % count],
+                r.places[(at + step * size) % count],
+            )
+            saved = (
+                r.cost[before * count + a]
+                + r.cost[end * count + after]
+                - r.cost[before * count + after]
+            )
             for k in range(nears, nears + r.width):
                 c = r.near[k]
                 if r.cost[row + c] >= saved - EPS:
@@ -130,7 +137,12 @@ def carry(r: Ring, a: int) -> float:
                     d = r.places[(r.where[c] + side) % count]
                     if (r.where[d] - at) * step % count < size:
                         continue
-                    gain = saved + r.cost[c * count + d] - r.cost[c * count + a] - r.cost[end * count + d]
+                    gain = (
+                        saved
+                        + r.cost[c * count + d]
+                        - r.cost[c * count + a]
+                        - r.cost[end * count + d]
+                    )
                     if gain > EPS:
                         put(r, at, step, size, c, d)
                         for one in (before, after, c, d, end):

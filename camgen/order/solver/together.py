@@ -80,7 +80,11 @@ def shorten_together(items: Items, tour: Start, home: FloatArray | None, near: N
         _cut_anew(now)
         touched = np.arange(len(now.order))
         for _ in range(_ROUNDS):
-            found = [_find_joins(now, touched, 1), _find_joins(now, touched, -1), *_find_carries(now, touched)]
+            found = [
+                _find_joins(now, touched, 1),
+                _find_joins(now, touched, -1),
+                *_find_carries(now, touched),
+            ]
             touched = _apply(now, found)
             if not len(touched):
                 break
@@ -112,7 +116,9 @@ def _cut_anew(now: _Tour) -> None:
         out, following = now.leave[run], np.roll(now.enter[run], -1)
         link = now.way(out, following)
         # Behind each item; the last is where it is cut now. A home that is nowhere costs no way.
-        ahead = np.nan_to_num(now.way(before, following)) + np.nan_to_num(now.way(out, after)) - link
+        ahead = (
+            np.nan_to_num(now.way(before, following)) + np.nan_to_num(now.way(out, after)) - link
+        )
         back = np.nan_to_num(now.way(before, out)) + np.nan_to_num(now.way(following, after)) - link
         best = min(float(ahead.min()), float(back.min()))
         if best > ahead[-1] - EPS:
@@ -139,7 +145,12 @@ def _find_joins(now: _Tour, touched: IntArray, step: int) -> _Moves:
     inside = _has_next(now, c, step)
     a, b, c, old = a[inside], b[inside], c[inside], old[inside]
     d = now.order[now.place[c] + step]
-    change = now.way(leave[a], leave[c]) + now.way(enter[b], enter[d]) - old - now.way(leave[c], enter[d])
+    change = (
+        now.way(leave[a], leave[c])
+        + now.way(enter[b], enter[d])
+        - old
+        - now.way(leave[c], enter[d])
+    )
     return _better(change, a, b, c, d, np.full(len(a), _JOIN))
 
 
@@ -161,7 +172,9 @@ def _find_carries(now: _Tour, touched: IntArray) -> list[_Moves]:
         turned = now.way(leave, last) + now.way(first, enter)
         change = np.minimum(ahead, turned) - now.way(leave, enter) - saved
         change[beside == a] = 0.0
-        found.append(_better(change, a, before, one, two, np.where(turned < ahead, _CARRY_TURNED, _CARRY)))
+        found.append(
+            _better(change, a, before, one, two, np.where(turned < ahead, _CARRY_TURNED, _CARRY))
+        )
     return found
 
 
@@ -180,13 +193,19 @@ def _apply(now: _Tour, found: list[_Moves]) -> IntArray:
     rising = np.argsort(np.concatenate([moves.change for moves in found]), kind="stable")
     columns = [
         np.concatenate(each)[rising].tolist()
-        for each in zip(*((moves.a, moves.b, moves.c, moves.d, moves.kind) for moves in found), strict=True)
+        for each in zip(
+            *((moves.a, moves.b, moves.c, moves.d, moves.kind) for moves in found), strict=True
+        )
     ]
     # A link stands as long as neither of its items is touched; it may run the other way by now.
     touched: set[int] = set()
     for a, b, c, d, kind in zip(*columns, strict=True):
         if touched.isdisjoint((a, c, d)) and (kind != _JOIN or b not in touched):
-            cut = _join(now, a, b, c, d) if kind == _JOIN else _carry(now, a, b, c, d, kind == _CARRY_TURNED)
+            cut = (
+                _join(now, a, b, c, d)
+                if kind == _JOIN
+                else _carry(now, a, b, c, d, kind == _CARRY_TURNED)
+            )
             touched.update(cut)
     return np.array(sorted(touched), dtype=np.int64)
 

@@ -29,7 +29,17 @@ from camgen.plan import EdgePlan, Watch
 from camgen.plan.edges.contact import own_contact
 from camgen.plan.edges.courses import APART, Course, follow_all
 from camgen.plan.edges.last_face import offset_along
-from camgen.plan.edges.motion import Freedom, Hit, Reached, Room, Setup, Track, Unreached, all_clear, feed_of
+from camgen.plan.edges.motion import (
+    Freedom,
+    Hit,
+    Reached,
+    Room,
+    Setup,
+    Track,
+    Unreached,
+    all_clear,
+    feed_of,
+)
 from camgen.plan.edges.reach import can_end, poses, reach_each, reach_ways, trimmed
 from camgen.plan.edges.remedy import Attempts, Ends, remedies
 from camgen.plan.edges.select import select
@@ -55,7 +65,9 @@ def plan_edges(part: Part, job: Job, cell: Cell | None, watch: Watch) -> EdgePla
     """
     solid = part.solid
     if not isinstance(cell, Workcell) or cell.arm is None or solid is None:
-        raise JobError("job", "edges of 3-D parts need an arm", "--post", "give rapid, pacscript or vplus")
+        raise JobError(
+            "job", "edges of 3-D parts need an arm", "--post", "give rapid, pacscript or vplus"
+        )
     robot = cell.arm
     _check(job, cell)
     edges = choose(solid, job)
@@ -100,7 +112,9 @@ def plan_ways(
     good = tuple(one for one in found if isinstance(one, Reached))
     lost = [one for one in found if isinstance(one, Unreached)]
     watch("reaching, what would help others")
-    attempts = _attempts(job, cell, cell.arm, {line.id: (line, way) for line, way in listed}, surround)
+    attempts = _attempts(
+        job, cell, cell.arm, {line.id: (line, way) for line, way in listed}, surround
+    )
     lost, more = remedies(lost, lines, job, attempts, noun)
     if not good:
         raise none_left(part, len(lines), lost[0], noun)
@@ -119,7 +133,11 @@ def plan_ways(
 
 
 def _attempts(
-    job: Job, cell: Workcell, arm: Robot, ways: Mapping[str, tuple[Line, Way | Unreached]], surround: Surround
+    job: Job,
+    cell: Workcell,
+    arm: Robot,
+    ways: Mapping[str, tuple[Line, Way | Unreached]],
+    surround: Surround,
 ) -> Attempts:
     """What ``ways`` come to with other settings of the tool or a trim, in the same cell."""
 
@@ -141,15 +159,24 @@ def _attempts(
     def part(other: Job, ends: Mapping[str, Ends]) -> list[bool]:
         here, room = place(other.tool.axis_tilt)
         able = {name: way for name in ends if isinstance(way := ways[name][1], Way)}
-        tried = reach_each(here, [(name, trimmed(way, ends[name])) for name, way in able.items()], freedom_of(other))
+        tried = reach_each(
+            here,
+            [(name, trimmed(way, ends[name])) for name, way in able.items()],
+            freedom_of(other),
+        )
         found = dict(zip(able, _clear_between(tried, room), strict=True))
         return [isinstance(found.get(name), Reached) for name in ends]
 
     def stands(other: Job, less: Mapping[str, float], last: bool) -> list[bool]:
         here, _ = place(other.tool.axis_tilt)
         able = {name: way for name in less if isinstance(way := ways[name][1], Way)}
-        cut = [trimmed(way, (0.0, less[name]) if last else (less[name], 0.0)) for name, way in able.items()]
-        found = dict(zip(able, can_end(here, cut, freedom_of(other), (-last,)).tolist(), strict=True))
+        cut = [
+            trimmed(way, (0.0, less[name]) if last else (less[name], 0.0))
+            for name, way in able.items()
+        ]
+        found = dict(
+            zip(able, can_end(here, cut, freedom_of(other), (-last,)).tolist(), strict=True)
+        )
         return [found.get(name, False) for name in less]
 
     return Attempts(whole, part, stands)
@@ -174,11 +201,15 @@ def none_left(part: Part, count: int, first: Unreached, noun: str = "edge") -> N
     return NoSafeProgram(part.source, what, first.text, first.remedy)
 
 
-def _clear_between(found: Sequence[Reached | Unreached], room: Room) -> tuple[Reached | Unreached, ...]:
+def _clear_between(
+    found: Sequence[Reached | Unreached], room: Room
+) -> tuple[Reached | Unreached, ...]:
     """``found``, without the motions that collide between two of the places where they were looked at; of one that was
     taken for its margin the one that it was preferred to, where that does not.
     """
-    said = iter(room.look([Track(one.dense, one.looks) for one in found if isinstance(one, Reached)]))
+    said = iter(
+        room.look([Track(one.dense, one.looks) for one in found if isinstance(one, Reached)])
+    )
     proved = [_stop(one, next(said)) if isinstance(one, Reached) else one for one in found]
     for k, (one, now) in enumerate(zip(found, proved, strict=True)):
         if isinstance(one, Reached) and one.nearer and isinstance(now, Unreached):
@@ -199,7 +230,9 @@ def _stop(motion: Reached, hit: Hit | float) -> Reached | Unreached:
 def choose(solid: Solid, job: Job) -> dict[str, Edge]:
     """The selected edges by their ids. InputError for more than may be: of a noisy mesh every triangle has some."""
     if not solid.edges:
-        raise InputError(solid.source, "has no sharp edges", remedy="camgen inspect shows what is in it")
+        raise InputError(
+            solid.source, "has no sharp edges", remedy="camgen inspect shows what is in it"
+        )
     chosen = set(select(solid, [job.input.select]))
     if not chosen:
         what = f"picks no edge; the part has {counted(len(solid.edges), 'edge')}"
@@ -213,9 +246,16 @@ def choose(solid: Solid, job: Job) -> dict[str, Edge]:
 
 def _check(job: Job, cell: Cell) -> None:
     if job.tour.method == "as-drawn":
-        raise JobError("job", "the edges of a part have no drawn order", "tour.method", 'set it to "best" or "nearest"')
+        raise JobError(
+            "job",
+            "the edges of a part have no drawn order",
+            "tour.method",
+            'set it to "best" or "nearest"',
+        )
     if not isinstance(cell.home, Joints):
-        raise JobError("job", "edges of 3-D parts need an arm", "--post", "give rapid, pacscript or vplus")
+        raise JobError(
+            "job", "edges of 3-D parts need an arm", "--post", "give rapid, pacscript or vplus"
+        )
     no_idle(job, "a 3-D part")
 
 
@@ -229,7 +269,10 @@ def home_of(robot: Robot, cell: Cell, scene: Scene) -> FloatArray:
     pair = int(hits(scene, home[None])[0])
     if pair >= 0:
         raise NoSafeProgram(
-            "job", f"home collides: {name_pair(scene, pair)}", "cell.home", "give another, or move the part"
+            "job",
+            f"home collides: {name_pair(scene, pair)}",
+            "cell.home",
+            "give another, or move the part",
         )
     return home
 
@@ -244,7 +287,9 @@ def setup_of(robot: Robot, cell: Cell, where: Surroundings) -> Setup:
         lambda joints: hits(scene, joints) < 0,
         lambda joints: name_pair(scene, int(hits(scene, joints[None])[0])),
         partial(measure_apart, scene),
-        (lambda joints: hits(where.apart, joints, near=where.margin) < 0) if where.margin > 0 else all_clear,
+        (lambda joints: hits(where.apart, joints, near=where.margin) < 0)
+        if where.margin > 0
+        else all_clear,
     )
 
 
@@ -261,7 +306,11 @@ def room_of(where: Surroundings, setup: Setup) -> Room:
         return [_say(where, *one) for one in zip(courses, beside, working, strict=True)]
 
     def gaps(joints: FloatArray) -> FloatArray:
-        return clearance(where.apart, joints, where.margin) if where.margin > 0 else np.zeros(len(joints))
+        return (
+            clearance(where.apart, joints, where.margin)
+            if where.margin > 0
+            else np.zeros(len(joints))
+        )
 
     return Room(where.level, where.low, where.high, where.room, where.margin, look, gaps)
 
@@ -271,7 +320,9 @@ def _say(where: Surroundings, course: Course, beside: Meeting, working: Meeting)
     if len(course.lost):
         return Hit("jump", "the joints cannot follow", float(course.lost[0]))
     found = [
-        (met.at, scene.pairs[met.pair]) for scene, met in ((where.apart, beside), (where.work, working)) if met.hit
+        (met.at, scene.pairs[met.pair])
+        for scene, met in ((where.apart, beside), (where.work, working))
+        if met.hit
     ]
     if not found:
         return beside.clearance
@@ -304,7 +355,9 @@ def edge_path(motion: Reached, edge: Line, job: Job) -> ToolPath:
     )
 
 
-def leave_out(plan: EdgePlan, lost: Sequence[tuple[str, Literal["collision", "jump"], str]]) -> EdgePlan:
+def leave_out(
+    plan: EdgePlan, lost: Sequence[tuple[str, Literal["collision", "jump"], str]]
+) -> EdgePlan:
     """The plan without some motions. lost: id, kind and reason of each. NoSafeProgram if none is left."""
     more = tuple(Unreached(*one) for one in lost)
     gone = {one.id for one in more}
@@ -325,7 +378,12 @@ def leave_out(plan: EdgePlan, lost: Sequence[tuple[str, Literal["collision", "ju
 def left_out(lost: Sequence[Unreached], edges: Mapping[str, Line]) -> list[Note]:
     """Notes on edges and curves without a motion."""
     return [
-        Note("skipped", _describe(edges[one.id]), "; ".join(filter(None, (one.text, one.remedy))), (one.id,))
+        Note(
+            "skipped",
+            _describe(edges[one.id]),
+            "; ".join(filter(None, (one.text, one.remedy))),
+            (one.id,),
+        )
         for one in lost
     ]
 

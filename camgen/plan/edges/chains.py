@@ -70,14 +70,18 @@ def steps(robot: Robot, states: States, jump: float) -> Steps:
         bad = bad | ~(moved <= (math.inf if joint.sliding else jump))
         moved /= robot.speeds[k]
         time = np.maximum(time, moved)
-    time = np.where(bad, math.inf, time + CHANGE * (np.arange(len(states.moves)) > 0)[:, None, None])
+    time = np.where(
+        bad, math.inf, time + CHANGE * (np.arange(len(states.moves)) > 0)[:, None, None]
+    )
     # Few numbers of whole turns come up: what each of their combinations does to the table is looked up.
     code, index = np.zeros(bad.shape, dtype=np.int64), np.zeros((1, len(table)), dtype=np.int16)
     lost = np.zeros(index.shape, dtype=bool)
     for k, turns in whole.items():
         low, high = int(turns.min(initial=0)), int(turns.max(initial=0))
         turned = (table[:, k] + np.arange(low, high + 1)[:, None]).astype(np.int16)
-        index = (index[:, None] * np.int16(2 * most[k] + 1) + turned + np.int16(most[k])).reshape(-1, len(table))
+        index = (index[:, None] * np.int16(2 * most[k] + 1) + turned + np.int16(most[k])).reshape(
+            -1, len(table)
+        )
         lost = (lost[:, None] | (np.abs(turned) > most[k])).reshape(-1, len(table))
         code = code * (high + 1 - low) + (turns - low)
     return Steps(time, np.where(lost, np.int16(len(table)), index).take(code, axis=0))
@@ -93,7 +97,9 @@ def cheapest(robot: Robot, states: States, ways: Steps, start: FloatArray) -> Po
     unreachable = np.full((*cost.shape[:2], 1), math.inf)
     # Where a move comes from in the costs of a row, laid out in one line, one more for "from none".
     count, branches, turns = cost.shape
-    places = (states.moves[:, :, None] % count * branches + np.arange(branches))[..., None] * (turns + 1)
+    places = (states.moves[:, :, None] % count * branches + np.arange(branches))[..., None] * (
+        turns + 1
+    )
     costs = []
     for row, (time, before) in enumerate(zip(ways.time, ways.before, strict=True), start=1):
         padded = np.concatenate([cost, unreachable], axis=2)
@@ -117,7 +123,10 @@ def _trace(states: States, ways: Steps, cost: FloatArray, costs: list[FloatArray
     orientation, branch, turns = (int(k) for k in here)
     chain, moves = [(orientation, turns)], []
     for row in reversed(range(len(costs))):
-        sources, before = states.moves[:, orientation], ways.before[row, :, orientation, branch, turns]
+        sources, before = (
+            states.moves[:, orientation],
+            ways.before[row, :, orientation, branch, turns],
+        )
         total = costs[row][sources, branch, before] + ways.time[row, :, orientation, branch]
         total[~states.open[row, :, orientation, branch, turns]] = math.inf
         move = int(total.argmin())
@@ -126,4 +135,6 @@ def _trace(states: States, ways: Steps, cost: FloatArray, costs: list[FloatArray
         moves.append(move)
     chosen, turned = np.array(chain[::-1]).T
     joints = states.joints[np.arange(len(chosen)), chosen, branch] + math.tau * states.table[turned]
-    return PoseChain(chosen, np.array(moves[::-1], dtype=np.int64), branch, joints, float(cost.min()))
+    return PoseChain(
+        chosen, np.array(moves[::-1], dtype=np.int64), branch, joints, float(cost.min())
+    )

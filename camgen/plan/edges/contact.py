@@ -39,7 +39,11 @@ def _depth(edge: Edge, job: Job, radius: float, direction: Offset) -> float:
     points = divide(drawn, counts(drawn, _LOOK_MM, _LOOK_TURN)).position
     looks = divide(tool, dense_parts(tool))
     return max(
-        (_enter(points, *pose, radius) for pose in zip(looks.position, looks.rotation, strict=True)), default=0.0
+        (
+            _enter(points, *pose, radius)
+            for pose in zip(looks.position, looks.rotation, strict=True)
+        ),
+        default=0.0,
     )
 
 

@@ -71,7 +71,10 @@ def follow_all(setup: Setup, tracks: Sequence[Track]) -> list[Course]:
     """``follow_closely`` of each of several, in one."""
     bound = [k for k, track in enumerate(tracks) if track.way is not None]
     plain = {k: track.joints for k, track in enumerate(tracks) if track.way is None}
-    found = {k: Course(q, np.arange(len(q), dtype=np.float64), np.zeros(0, np.int64)) for k, q in plain.items()}
+    found = {
+        k: Course(q, np.arange(len(q), dtype=np.float64), np.zeros(0, np.int64))
+        for k, q in plain.items()
+    }
     if bound:
         found |= zip(bound, _split(setup, [tracks[k] for k in bound]), strict=True)
     return [found[k] for k in range(len(tracks))]
@@ -81,7 +84,9 @@ def _split(setup: Setup, tracks: Sequence[Track]) -> list[Course]:
     """The courses of tracks that are bound to a way."""
     ways = [track.way for track in tracks if track.way is not None]
     first = offsets([len(way) for way in ways])
-    whole = Way(*(np.concatenate([getattr(way, name) for way in ways]) for name in Way.__struct_fields__))
+    whole = Way(
+        *(np.concatenate([getattr(way, name) for way in ways]) for name in Way.__struct_fields__)
+    )
     along = np.ones(len(whole) - 1, dtype=bool)
     along[first[1:-1] - 1] = False
     one = follow_closely(setup, whole, np.concatenate([track.joints for track in tracks]), along)

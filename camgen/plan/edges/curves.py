@@ -29,14 +29,25 @@ def plan_curves(part: Part, job: Job, cell: Cell, watch: Watch) -> EdgePlan:
     """
     if not isinstance(cell, Workcell) or cell.arm is None:
         what = "an arm follows curves in space only where it is known"
-        raise JobError("job", what, "cell.robot", "name it: camgen robots lists those that there are")
+        raise JobError(
+            "job", what, "cell.robot", "name it: camgen robots lists those that there are"
+        )
     if job.tour.method == "as-drawn":
-        raise JobError("job", "an arm takes curves in space in its own order", "tour.method", 'set it to "best"')
+        raise JobError(
+            "job",
+            "an arm takes curves in space in its own order",
+            "tour.method",
+            'set it to "best"',
+        )
     if len(part.curves) > job.limits.edges:
         what = f"{counted(len(part.curves), 'curve')} in space, more than {tell(job.limits.edges)}"
-        raise InputError(part.source, what, remedy="build them in several programs, or raise limits.edges")
+        raise InputError(
+            part.source, what, remedy="build them in several programs, or raise limits.edges"
+        )
     ways = [(curve, stand(curve, job, part.solid)) for curve in part.curves]
-    points = np.concatenate([column for curve in part.curves for column in (curve.points, curve.middles)])
+    points = np.concatenate(
+        [column for curve in part.curves for column in (curve.points, curve.middles)]
+    )
     arm = cell.arm
 
     def surround(other: Job) -> Surroundings:
@@ -55,5 +66,7 @@ def _note_faces(part: Part, job: Job) -> tuple[Note, ...]:
     far = tuple(name for name, way in apart.items() if way > _ON_IT)
     if not far:
         return ()
-    what = f"{counted(len(far), 'curve')} up to {short(max(apart.values()), 3)} mm off {solid.source}"
+    what = (
+        f"{counted(len(far), 'curve')} up to {short(max(apart.values()), 3)} mm off {solid.source}"
+    )
     return (Note("assumed", what, "the tool is square to the nearest face, wherever that is", far),)

@@ -34,7 +34,9 @@ class LastFace(Struct, frozen=True):
         along = mean @ np.asarray(self.looks)
         flat = np.linalg.norm(mean, axis=1)
         told = self.ranks.get(edge.id, (0, 0))
-        one, other = ((told[k], round(float(along[k]), 6), round(float(flat[k]), 6)) for k in (0, 1))
+        one, other = (
+            (told[k], round(float(along[k]), 6), round(float(flat[k]), 6)) for k in (0, 1)
+        )
         return int(other > one)
 
 
@@ -53,7 +55,10 @@ def offset_along(job: Job, solid: Solid, edges: Iterable[Edge]) -> Offset:
     if job.operation.offset_along == "mean":
         if value != "top":
             raise JobError(
-                "job", 'has no effect on an offset along the "mean"', _KEY, 'set operation.offset_along = "burr"'
+                "job",
+                'has no effect on an offset along the "mean"',
+                _KEY,
+                'set operation.offset_along = "burr"',
             )
         return "mean"
     if not isinstance(value, str):
@@ -79,8 +84,14 @@ def _ranks(words: list[str], solid: Solid, edges: Iterable[Edge]) -> dict[str, t
         raise JobError("job", "names no face", _KEY, _REMEDY)
     for rank, word in enumerate(words, start=1):
         if word not in known:
-            what = f"{solid.source} has no face {word}" if re.fullmatch("f[0-9]+", word) else f'"{word}" is no face'
-            remedy = f"its faces are f1 to f{len(known)}" if re.fullmatch("f[0-9]+", word) else _REMEDY
+            what = (
+                f"{solid.source} has no face {word}"
+                if re.fullmatch("f[0-9]+", word)
+                else f'"{word}" is no face'
+            )
+            remedy = (
+                f"its faces are f1 to f{len(known)}" if re.fullmatch("f[0-9]+", word) else _REMEDY
+            )
             raise JobError("job", what, _KEY, remedy)
         ranks[known[word]] = rank
     return {name: (ranks[a], ranks[b]) for name, (a, b) in beside(edges, solid, faces).items()}

@@ -161,7 +161,9 @@ def dense_parts(way: Way) -> Index:
     return counts(way, _LOOK_MM, _LOOK_TURN)
 
 
-def flange_poses(setup: Setup, position: FloatArray, rotation: FloatArray) -> tuple[FloatArray, FloatArray]:
+def flange_poses(
+    setup: Setup, position: FloatArray, rotation: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """base_from_flange, rotations (..., 3, 3) and origins (..., 3), for the TCP in the work frame."""
     tool_from_flange = setup.flange_from_tool.inverse()
     turned = setup.base_from_work.rotation @ rotation

@@ -15,7 +15,16 @@ from camgen.model.part import BoolArray, Edge, Line
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import short
 from camgen.plan.edges.last_face import Offset
-from camgen.plan.edges.motion import JUMP, MARGIN, Freedom, Reached, Setup, Unreached, dense_parts, flange_poses
+from camgen.plan.edges.motion import (
+    JUMP,
+    MARGIN,
+    Freedom,
+    Reached,
+    Setup,
+    Unreached,
+    dense_parts,
+    flange_poses,
+)
 from camgen.plan.edges.search import Grid, can_stand, grid, search
 from camgen.plan.edges.ways import Way, cut, divide, rows
 from camgen.robots.kinematics.continuity import Choice, follow_each
@@ -38,18 +47,25 @@ def poses(edge: Edge, offset: float, direction: Offset = "mean") -> Way | Unreac
     """
     away, middle = _directions(edge, direction)
     if not (np.isfinite(away).all() and np.isfinite(middle).all()):
-        return Unreached(edge.id, "shape", "its two faces are back to back: there is no direction between them")
+        return Unreached(
+            edge.id, "shape", "its two faces are back to back: there is no direction between them"
+        )
     position, via = edge.points + offset * away, edge.via + offset * middle
     before, after = np.diff(edge.points, axis=0), np.diff(position, axis=0)
     if ((before * after).sum(axis=1) < _CLOSED * (before * before).sum(axis=1)).any():
-        return Unreached(edge.id, "shape", f"an offset of {short(offset, 3)} mm leaves nothing of its inner radius")
+        return Unreached(
+            edge.id,
+            "shape",
+            f"an offset of {short(offset, 3)} mm leaves nothing of its inner radius",
+        )
     arc = are_bent(edge.points[:-1], edge.via, edge.points[1:])
     begins, ends = chain(edge.points, np.where(arc[:, None], edge.via, np.nan)).tangents()
     tangent = _at_rows(edge, begins, ends)
     wide = arc & ((begins * ends).sum(axis=1) < np.cos(SURE_TURN))
     at = np.flatnonzero(wide)
     away, tangent = (
-        np.insert(rows, at + 1, middles[at], axis=0) for rows, middles in ((away, middle), (tangent, _chords(edge)))
+        np.insert(rows, at + 1, middles[at], axis=0)
+        for rows, middles in ((away, middle), (tangent, _chords(edge)))
     )
     rotation = _frames(away, tangent, edge.closed)
     if not np.isfinite(rotation).all():
@@ -71,7 +87,9 @@ def _directions(edge: Edge, direction: Offset) -> tuple[FloatArray, FloatArray]:
 def _mean(normals: FloatArray) -> FloatArray:
     total = normals.sum(axis=1)
     length = np.linalg.norm(total, axis=1, keepdims=True)
-    return np.asarray(np.divide(total, length, out=np.full_like(total, np.nan), where=length > _OPPOSED))
+    return np.asarray(
+        np.divide(total, length, out=np.full_like(total, np.nan), where=length > _OPPOSED)
+    )
 
 
 def _chords(edge: Edge) -> FloatArray:
@@ -130,7 +148,9 @@ def reach(
     Each motion keeps the joint limits, 2 deg from singularities and clear of collisions wherever it is looked at, at
     least every 5 mm and 5 deg, and no joint turns by more than 15 deg from look to look.
     """
-    return reach_ways([(edge, poses(edge, offset, direction)) for edge in edges], setup, freedom, trim, tell)
+    return reach_ways(
+        [(edge, poses(edge, offset, direction)) for edge in edges], setup, freedom, trim, tell
+    )
 
 
 def reach_ways(
@@ -144,10 +164,16 @@ def reach_ways(
     listed, found = list(ways), []
     for begin in range(0, len(listed), _TOGETHER):
         some = listed[begin : begin + _TOGETHER]
-        plain = iter(_nominal(setup, [(line.id, way) for line, way in some if isinstance(way, Way)]))
+        plain = iter(
+            _nominal(setup, [(line.id, way) for line, way in some if isinstance(way, Way)])
+        )
         for done, (line, way) in enumerate(some, begin):
             tell(done)
-            found.append(_reach(line, way, setup, freedom, trim, next(plain)) if isinstance(way, Way) else way)
+            found.append(
+                _reach(line, way, setup, freedom, trim, next(plain))
+                if isinstance(way, Way)
+                else way
+            )
     return tuple(found)
 
 
@@ -175,7 +201,9 @@ def trimmed(way: Way, ends: tuple[float, float]) -> Way:
 _BOTH = (0, -1)
 
 
-def can_end(setup: Setup, ways: Sequence[Way], freedom: Freedom, ends: Sequence[int] = _BOTH) -> BoolArray:
+def can_end(
+    setup: Setup, ways: Sequence[Way], freedom: Freedom, ends: Sequence[int] = _BOTH
+) -> BoolArray:
     """Of which ``ways`` the arm can stand at these rows, both of its ends, in any orientation that ``freedom`` leaves
     (K,). Of others ``reach_along`` finds no motion either, and takes many times as long.
     """
@@ -187,14 +215,17 @@ def can_end(setup: Setup, ways: Sequence[Way], freedom: Freedom, ends: Sequence[
     return found
 
 
-def _can_end(setup: Setup, ways: Sequence[Way], choice: Grid, ends: Sequence[int] = _BOTH) -> BoolArray:
+def _can_end(
+    setup: Setup, ways: Sequence[Way], choice: Grid, ends: Sequence[int] = _BOTH
+) -> BoolArray:
     found = np.ones(len(ways), dtype=np.bool_)
     # Without a closed form joints depend on those before them.
     for end in ends if setup.robot.arm else ():
         left = np.flatnonzero(found)
         if len(left):
             position, rotation = (
-                np.stack([getattr(ways[k], name)[end] for k in left.tolist()]) for name in ("position", "rotation")
+                np.stack([getattr(ways[k], name)[end] for k in left.tolist()])
+                for name in ("position", "rotation")
             )
             found[left] = can_stand(setup, position, rotation, choice)
     return found
@@ -212,13 +243,19 @@ def reach_along(setup: Setup, name: str, way: Way, freedom: Freedom) -> Reached 
     return reach_each(setup, [(name, way)], freedom)[0]
 
 
-def reach_each(setup: Setup, ways: Sequence[tuple[str, Way]], freedom: Freedom) -> list[Reached | Unreached]:
+def reach_each(
+    setup: Setup, ways: Sequence[tuple[str, Way]], freedom: Freedom
+) -> list[Reached | Unreached]:
     """``reach_along`` of each of several, with their names."""
     nominal = _nominal(setup, ways)
-    return [_free(setup, way, freedom, plain) for (_, way), plain in zip(ways, nominal, strict=True)]
+    return [
+        _free(setup, way, freedom, plain) for (_, way), plain in zip(ways, nominal, strict=True)
+    ]
 
 
-def _free(setup: Setup, way: Way, freedom: Freedom, plain: Reached | Unreached) -> Reached | Unreached:
+def _free(
+    setup: Setup, way: Way, freedom: Freedom, plain: Reached | Unreached
+) -> Reached | Unreached:
     """``reach_along`` where the nominal orientation comes to ``plain``."""
     name = plain.id
     if isinstance(plain, Reached):
@@ -233,10 +270,14 @@ def _free(setup: Setup, way: Way, freedom: Freedom, plain: Reached | Unreached) 
         if isinstance(found, Reached):
             return _prefer(found, setup, way, grids[k:], freedom)
         collision = found
-    return Unreached(name, plain.kind, plain.text + _in_vain(freedom, collision)) if freedom else plain
+    return (
+        Unreached(name, plain.kind, plain.text + _in_vain(freedom, collision)) if freedom else plain
+    )
 
 
-def _prefer(found: Reached, setup: Setup, way: Way, grids: Sequence[Grid], freedom: Freedom) -> Reached:
+def _prefer(
+    found: Reached, setup: Setup, way: Way, grids: Sequence[Grid], freedom: Freedom
+) -> Reached:
     """``found`` where it keeps the margin, else what of ``grids`` keeps it, else ``found`` again."""
     if setup.roomy(found.dense).all():
         return found
@@ -262,8 +303,12 @@ def _grids(kind: str, freedom: Freedom, way: Way) -> list[Grid]:
 
 def _in_vain(freedom: Freedom, collision: str) -> str:
     parts = [f"{short(np.degrees(freedom.tilt), 2)} deg of tilt"] if freedom.tilt > 0 else []
-    parts += ["any roll" if freedom.turns is None else "any roll of tool.turn"] if freedom.roll else []
-    return f"; with {' and '.join(parts)}: " + (f"collision, {collision}" if collision else "no way either")
+    parts += (
+        ["any roll" if freedom.turns is None else "any roll of tool.turn"] if freedom.roll else []
+    )
+    return f"; with {' and '.join(parts)}: " + (
+        f"collision, {collision}" if collision else "no way either"
+    )
 
 
 def _nominal(setup: Setup, ways: Sequence[tuple[str, Way]]) -> list[Reached | Unreached]:
@@ -274,7 +319,9 @@ def _nominal(setup: Setup, ways: Sequence[tuple[str, Way]]) -> list[Reached | Un
     found = follow_each(setup.robot, goals, [setup.robot.home] * len(goals), MARGIN, JUMP)
     tested = [one.joints for one in found if isinstance(one, Choice)]
     clear = iter(
-        np.split(setup.clear(np.concatenate(tested)), np.cumsum([len(one) for one in tested])) if tested else []
+        np.split(setup.clear(np.concatenate(tested)), np.cumsum([len(one) for one in tested]))
+        if tested
+        else []
     )
     made: list[Reached | Unreached] = []
     for (name, way), own, looks, goal, one in zip(ways, parts, dense, goals, found, strict=True):
@@ -288,7 +335,11 @@ def _nominal(setup: Setup, ways: Sequence[tuple[str, Way]]) -> list[Reached | Un
             made.append(Unreached(name, "collision", text))
             continue
         at, none = rows(own), frozen(np.zeros(len(looks)))
-        made.append(Reached(name, False, way, frozen(one.joints[at]), looks, frozen(one.joints), at, none, none))
+        made.append(
+            Reached(
+                name, False, way, frozen(one.joints[at]), looks, frozen(one.joints), at, none, none
+            )
+        )
     return made
 
 

@@ -40,7 +40,11 @@ class Attempts(Struct, frozen=True, eq=False):
 
 
 def remedies(
-    lost: Sequence[Unreached], edges: Mapping[str, Line], job: Job, attempts: Attempts, noun: str = "edge"
+    lost: Sequence[Unreached],
+    edges: Mapping[str, Line],
+    job: Job,
+    attempts: Attempts,
+    noun: str = "edge",
 ) -> tuple[list[Unreached], list[Note]]:
     """``lost`` with what would help each of its first, and a note where there are more."""
     able = [one.id for one in lost if one.kind != "shape"]
@@ -48,7 +52,9 @@ def remedies(
     freedoms = _freedoms(job)
     found = _other_tools(tried, freedoms, attempts)
     trims = _trim([edges[name] for name in tried], job, attempts)
-    found |= {name: f"{found[name]}, {trim}" if name in found else trim for name, trim in trims.items()}
+    found |= {
+        name: f"{found[name]}, {trim}" if name in found else trim for name, trim in trims.items()
+    }
     if freedoms:
         other, words = freedoms[-1]
         trims = _trim([edges[name] for name in tried if name not in found], other, attempts)
@@ -63,7 +69,9 @@ def remedies(
     return told, [Note("assumed", what)]
 
 
-def _other_tools(names: Sequence[str], freedoms: Sequence[tuple[Job, str]], attempts: Attempts) -> dict[str, str]:
+def _other_tools(
+    names: Sequence[str], freedoms: Sequence[tuple[Job, str]], attempts: Attempts
+) -> dict[str, str]:
     """By id the least freedom of the tool that reaches the whole edge."""
     found: dict[str, str] = {}
     for job, words in freedoms:
@@ -76,7 +84,9 @@ def _other_tools(names: Sequence[str], freedoms: Sequence[tuple[Job, str]], atte
 def _freedoms(job: Job) -> list[tuple[Job, str]]:
     """More freedom than the tool of the job has, the least first: jobs without a trim, and how they are written."""
     tilts = [tilt for tilt in _TILTS if tilt > job.tool.axis_tilt]
-    tools = [(replace(job.tool, axis_tilt=tilt), f"tool.axis_tilt = {short(tilt, 0)}") for tilt in tilts]
+    tools = [
+        (replace(job.tool, axis_tilt=tilt), f"tool.axis_tilt = {short(tilt, 0)}") for tilt in tilts
+    ]
     if not job.tool.symmetric:
         turned = [(_free(tool), f"{words} with tool.symmetric = true") for tool, words in tools]
         tools = [(_free(job.tool), "tool.symmetric = true"), *tools[:1], *turned]
@@ -95,11 +105,16 @@ def _trim(edges: Sequence[Line], job: Job, attempts: Attempts) -> dict[str, str]
     missing: dict[str, tuple[int, float]] = {}
     for ends, share in _ENDS:
         most = {edge.id: share * edge.length for edge in edges if not edge.closed}
-        most |= {name: min(most[name], (less - 1) / sum(ends)) for name, (_, less) in missing.items()}
+        most |= {
+            name: min(most[name], (less - 1) / sum(ends)) for name, (_, less) in missing.items()
+        }
         least = _least(most, ends, stands, partial(attempts.part, job))
         missing |= {name: (trim, trim * sum(ends)) for name, trim in least.items()}
     told = {name: one for name, one in missing.items() if one[0] > job.operation.trim}
-    return {name: f"operation.trim = {trim} reaches all but {short(less, 1)} mm" for name, (trim, less) in told.items()}
+    return {
+        name: f"operation.trim = {trim} reaches all but {short(less, 1)} mm"
+        for name, (trim, less) in told.items()
+    }
 
 
 #: ``Attempts.stands`` of a job.
@@ -112,7 +127,13 @@ def _once(stands: _Stand) -> _Stand:
 
     def stand(less: Mapping[str, float], last: bool) -> list[bool]:
         new = {name: mm for name, mm in less.items() if (name, mm, last) not in known}
-        known.update(zip([(name, mm, last) for name, mm in new.items()], stands(new, last) if new else (), strict=True))
+        known.update(
+            zip(
+                [(name, mm, last) for name, mm in new.items()],
+                stands(new, last) if new else (),
+                strict=True,
+            )
+        )
         return [known[name, mm, last] for name, mm in less.items()]
 
     return stand
@@ -125,11 +146,19 @@ def _least(
     reach: Callable[[Mapping[str, Ends]], Sequence[bool]],
 ) -> dict[str, int]:
     """By id the least trim at these ends, ``most`` mm at most, of those that one helps."""
-    trims = {name: some for name, length in most.items() if (some := [trim for trim in _TRIMS if trim <= length])}
+    trims = {
+        name: some
+        for name, length in most.items()
+        if (some := [trim for trim in _TRIMS if trim <= length])
+    }
 
     def stand(some: Mapping[str, int]) -> list[bool]:
-        good = _those(some, lambda some: stands({name: trim * ends[0] for name, trim in some.items()}, False))
-        good = _those(good, lambda some: stands({name: trim * ends[1] for name, trim in some.items()}, True))
+        good = _those(
+            some, lambda some: stands({name: trim * ends[0] for name, trim in some.items()}, False)
+        )
+        good = _those(
+            good, lambda some: stands({name: trim * ends[1] for name, trim in some.items()}, True)
+        )
         return [name in good for name in some]
 
     def reaches(some: Mapping[str, int]) -> Sequence[bool]:
@@ -137,8 +166,12 @@ def _least(
 
     standing = _find_least(trims, stand)
     good = _those(standing, reaches)
-    more = {name: [trim for trim in trims[name] if trim > least] for name, least in standing.items()}
-    return good | _find_least({name: some for name, some in more.items() if some and name not in good}, reaches)
+    more = {
+        name: [trim for trim in trims[name] if trim > least] for name, least in standing.items()
+    }
+    return good | _find_least(
+        {name: some for name, some in more.items() if some and name not in good}, reaches
+    )
 
 
 #: Whether trims help, by id and in that order.
@@ -157,4 +190,6 @@ def _find_least(trims: Mapping[str, Sequence[int]], asked: _Helps) -> dict[str, 
 
 def _those(trims: Mapping[str, int], asked: _Helps) -> dict[str, int]:
     """Those of ``trims`` that help."""
-    return {name: trim for (name, trim), helps in zip(trims.items(), asked(trims), strict=True) if helps}
+    return {
+        name: trim for (name, trim), helps in zip(trims.items(), asked(trims), strict=True) if helps
+    }

@@ -13,7 +13,15 @@ from camgen.geometry.rotations import from_vectors, turns_about_z
 from camgen.model.part import BoolArray
 from camgen.model.pose import FloatArray, frozen
 from camgen.plan.edges.chains import PoseChain, States, cheapest, steps
-from camgen.plan.edges.motion import JUMP, MARGIN, Freedom, Reached, Setup, dense_parts, flange_poses
+from camgen.plan.edges.motion import (
+    JUMP,
+    MARGIN,
+    Freedom,
+    Reached,
+    Setup,
+    dense_parts,
+    flange_poses,
+)
 from camgen.plan.edges.turns import rolls_of
 from camgen.plan.edges.ways import Index, Way, counts, divide, rows
 from camgen.robots.kinematics import iterative as damped
@@ -45,18 +53,30 @@ def grid(freedom: Freedom) -> Grid:
     """Tilts across the edge (about y) and along it (about x) within the cone, each with all rolls (about z)."""
     steps = range(-_STEPS, _STEPS + 1) if freedom.tilt > 0 else range(1)
     rolls = rolls_of(freedom, _ROLLS)
-    cells = [(a, b, r) for a, b, r in product(steps, steps, range(len(rolls.angles))) if a * a + b * b <= _STEPS**2]
-    cells.sort(key=lambda cell: (cell[0] ** 2 + cell[1] ** 2, round(abs(rolls.angles[cell[2]]), 9), cell))
+    cells = [
+        (a, b, r)
+        for a, b, r in product(steps, steps, range(len(rolls.angles)))
+        if a * a + b * b <= _STEPS**2
+    ]
+    cells.sort(
+        key=lambda cell: (cell[0] ** 2 + cell[1] ** 2, round(abs(rolls.angles[cell[2]]), 9), cell)
+    )
     index = {cell: k for k, cell in enumerate(cells)}
     around = [(0, 0, 0), (1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)]
-    moves = [[index.get((a - u, b - v, rolls.beside(r, -w)), -1) for a, b, r in cells] for u, v, w in around]
+    moves = [
+        [index.get((a - u, b - v, rolls.beside(r, -w)), -1) for a, b, r in cells]
+        for u, v, w in around
+    ]
     across, along, roll = np.array(cells).T
     tilts = np.column_stack([along, across, 0 * roll]) * (freedom.tilt / _STEPS)
     turn = np.array(rolls.angles)[roll]
     spin = from_vectors(np.column_stack([0 * turn, 0 * turn, turn]))
     cost = _TILT * np.linalg.norm(tilts, axis=1) + _ROLL * np.abs(turn)
     # A grid without tilts or rolls has moves that lead nowhere, or to where they come from.
-    useful = [0, *(m for m in range(1, 7) if any(k >= 0 and k != c for c, k in enumerate(moves[m])))]
+    useful = [
+        0,
+        *(m for m in range(1, 7) if any(k >= 0 and k != c for c, k in enumerate(moves[m]))),
+    ]
     return Grid(from_vectors(tilts) @ spin, cost, np.array(moves, dtype=np.int64)[useful])
 
 
@@ -97,11 +117,15 @@ def solutions(robot: Robot, rotations: FloatArray, origins: FloatArray, moves: I
     return found
 
 
-def _follow(robot: Robot, rotations: FloatArray, origins: FloatArray, near: FloatArray) -> FloatArray:
+def _follow(
+    robot: Robot, rotations: FloatArray, origins: FloatArray, near: FloatArray
+) -> FloatArray:
     """Joints (C, B, J) for C poses from those of ``near`` (C, B, J)."""
     branches = near.shape[1]
     goal = np.repeat(rotations, branches, axis=0), np.repeat(origins, branches, axis=0)
-    return wrap(robot, damped.refine(robot, *goal, near.reshape(-1, near.shape[2]))).reshape(near.shape)
+    return wrap(robot, damped.refine(robot, *goal, near.reshape(-1, near.shape[2]))).reshape(
+        near.shape
+    )
 
 
 #: The orientation may change over so many mm and rad: the rows of the search.
@@ -160,7 +184,9 @@ def _states(setup: Setup, knots: Way, grid: Grid) -> States:
     parts = counts(knots, _LOOK_MM, _LOOK_TURN)
     at, looks = rows(parts), divide(knots, parts)
     orientations = looks.rotation[:, None] @ grid.nominal_from_tool
-    found = solutions(robot, *flange_poses(setup, looks.position[:, None], orientations), grid.moves)
+    found = solutions(
+        robot, *flange_poses(setup, looks.position[:, None], orientations), grid.moves
+    )
     usable = within_turned(robot, found[at], table)
     stands = usable.any(axis=-1) & _safe(robot, found[at])
     # A branch never becomes another: of use are those in which each row can be stood at.
@@ -182,7 +208,9 @@ def _safe(robot: Robot, found: FloatArray) -> BoolArray:
         return np.asarray(np.isfinite(found[..., 0]) & (away >= MARGIN))
 
 
-def _staying(robot: Robot, found: FloatArray, safe: BoolArray, parts: Index, table: Index) -> BoolArray:
+def _staying(
+    robot: Robot, found: FloatArray, safe: BoolArray, parts: Index, table: Index
+) -> BoolArray:
     """(K - 1, C, B, T): the orientation and branch can be kept through a stretch that arrives with these turns."""
     moved = np.diff(found, axis=0)
     turning: BoolArray = np.array([not joint.sliding for joint in robot.joints])
@@ -192,7 +220,9 @@ def _staying(robot: Robot, found: FloatArray, safe: BoolArray, parts: Index, tab
     whole[np.isnan(whole)] = 0.0
     if whole.any():
         # Whole turns from each look to the last one of its stretch.
-        left = np.concatenate([np.cumsum(whole[::-1], axis=0)[::-1], np.zeros((1, *whole.shape[1:]))])
+        left = np.concatenate(
+            [np.cumsum(whole[::-1], axis=0)[::-1], np.zeros((1, *whole.shape[1:]))]
+        )
         unwound = unwound + math.tau * (left[:-1] - left[np.repeat(rows(parts)[1:], parts)])
     good = within_turned(robot, unwound, table) & np.asarray(steady & safe[:-1])[..., None]
     return np.asarray(np.logical_and.reduceat(good, rows(parts)[:-1], axis=0))
@@ -230,10 +260,18 @@ def _prove(
     setup: Setup, edge: str, knots: Knots, grid: Grid, chain: PoseChain, most: float
 ) -> Reached | tuple[int, str]:
     """The motion of ``chain`` as the robot makes it, or the first stretch where it fails, and what it collides with."""
-    actual = replace(knots.way, rotation=frozen(knots.way.rotation @ grid.nominal_from_tool[chain.orientation]))
+    actual = replace(
+        knots.way, rotation=frozen(knots.way.rotation @ grid.nominal_from_tool[chain.orientation])
+    )
     parts = dense_parts(actual)
     dense, at = divide(actual, parts), rows(parts)
-    joints = follow(setup.robot, *flange_poses(setup, dense.position, dense.rotation), chain.joints[0], MARGIN, JUMP)
+    joints = follow(
+        setup.robot,
+        *flange_poses(setup, dense.position, dense.rotation),
+        chain.joints[0],
+        MARGIN,
+        JUMP,
+    )
     if not isinstance(joints, Choice):
         return _stretch(at, joints.row), ""
     hit = np.flatnonzero(~setup.clear(joints.joints))
@@ -247,7 +285,17 @@ def _prove(
         return _stretch(at, int(steep[0])), ""
     way = replace(few, rotation=frozen(actual.rotation[kept]))
     posture = frozen(joints.joints[at[kept]])
-    return Reached(edge, False, way, posture, dense, frozen(joints.joints), at[kept], frozen(tilt), frozen(roll))
+    return Reached(
+        edge,
+        False,
+        way,
+        posture,
+        dense,
+        frozen(joints.joints),
+        at[kept],
+        frozen(tilt),
+        frozen(roll),
+    )
 
 
 def _stretch(at: Index, row: int) -> int:

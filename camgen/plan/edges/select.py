@@ -34,7 +34,11 @@ def select(solid: Solid, words: Sequence[str]) -> tuple[str, ...]:
         (taken if negated else added).update(_resolve(solid, known, word))
         adds, negated = adds or not negated, False
     if negated:
-        raise JobError("input.select", 'nothing follows "not"', remedy='write what to leave out, like "not bottom"')
+        raise JobError(
+            "input.select",
+            'nothing follows "not"',
+            remedy='write what to leave out, like "not bottom"',
+        )
     if not adds:
         added = {edge.id for edge in solid.edges if edge.convex}
     return tuple(name for name in known if name in added - taken)
@@ -50,7 +54,9 @@ def _resolve(solid: Solid, known: dict[str, Edge], word: str) -> set[str]:
     first, dash, last = word.partition("-")
     ends = [_number(known, solid, end, word) for end in ((first, last) if dash else (first,))]
     if ends[0] > ends[-1]:
-        raise JobError("input.select", f'the range "{word}" runs backwards', remedy=f'write "{last}-{first}"')
+        raise JobError(
+            "input.select", f'the range "{word}" runs backwards', remedy=f'write "{last}-{first}"'
+        )
     return {f"e{number}" for number in range(ends[0], ends[-1] + 1)}
 
 
@@ -61,7 +67,9 @@ def _number(known: dict[str, Edge], solid: Solid, name: str, word: str) -> int:
         remedy = f"its edges are e1 to e{len(known)}"
         raise JobError("input.select", f"{solid.source} has no edge {name}", remedy=remedy)
     what = f'"{word}" is neither an id nor one of all, convex, bottom, not'
-    raise JobError("input.select", what, remedy=suggest(word, ["all", "convex", "bottom", "not", *known]))
+    raise JobError(
+        "input.select", what, remedy=suggest(word, ["all", "convex", "bottom", "not", *known])
+    )
 
 
 def _bottom(solid: Solid) -> set[str]:

@@ -44,9 +44,16 @@ def choose_axis(curve: Curve, job: Job) -> str:
     axis = tool.axis if tool.axis != "auto" else "given" if curve.rotations is not None else "fixed"
     if axis == "given" and curve.rotations is None:
         what = f"curve {curve.id} has no angles"
-        raise JobError("job", what, "tool.axis", 'give points with x,y,z,rx,ry,rz, or set it to "fixed" or "normal"')
+        raise JobError(
+            "job",
+            what,
+            "tool.axis",
+            'give points with x,y,z,rx,ry,rz, or set it to "fixed" or "normal"',
+        )
     if axis != "fixed" and tool.angles is not None:
-        raise JobError("job", f"has no effect on a tool that stands as {axis}", "tool.angles", "leave it out")
+        raise JobError(
+            "job", f"has no effect on a tool that stands as {axis}", "tool.angles", "leave it out"
+        )
     return axis
 
 
@@ -56,7 +63,12 @@ def fixed_rotation(job: Job) -> FloatArray:
     if values is None:
         return TOOL_DOWN
     if len(values) != 3 or not all(math.isfinite(v) for v in values):
-        raise JobError("job", f"has {counted(len(values), 'value')}", "tool.angles", "give three angles: [rx, ry, rz]")
+        raise JobError(
+            "job",
+            f"has {counted(len(values), 'value')}",
+            "tool.angles",
+            "give three angles: [rx, ry, rz]",
+        )
     return rotation_from_fixed_xyz(*(math.radians(v) for v in values))
 
 
@@ -88,7 +100,9 @@ def _square_to_faces(way: Way, name: str, solid: Solid) -> Way | Unreached:
         k = int(wide[0])
         place = " ".join(short(v, 2) for v in looks.position[k].tolist())
         what = f"the nearest face changes its direction by {short(math.degrees(jump[k]), 1)} deg at {place} mm"
-        return Unreached(name, "shape", f"{what}: end the curve there, or fix the tool: tool.axis, tool.angles")
+        return Unreached(
+            name, "shape", f"{what}: end the curve there, or fix the tool: tool.axis, tool.angles"
+        )
     at = rows(parts)
     kept = np.unique(np.concatenate([at, *(_needed(axis, a, b) for a, b in pairwise(at.tolist()))]))
     return _keep(way, parts, looks, kept, _carry(axis[kept]))

@@ -48,16 +48,24 @@ def turns_of(tool: ToolTable) -> tuple[float, ...] | None:
     if given is None:
         return None
     if tool.symmetric:
-        raise JobError("job", "a symmetric tool has any turn", "tool.turn", "leave out one of the two")
+        raise JobError(
+            "job", "a symmetric tool has any turn", "tool.turn", "leave out one of the two"
+        )
     if len(given) != 3 or not all(math.isfinite(v) for v in given):
-        raise JobError("job", f"has {counted(len(given), 'value')}", "tool.turn", "give [from, to, step], deg")
+        raise JobError(
+            "job", f"has {counted(len(given), 'value')}", "tool.turn", "give [from, to, step], deg"
+        )
     low, high, step = given
     if step <= 0 or not low <= 0 <= high or high - low > 360:
-        remedy = "give [from, to, step] with from <= 0 <= to, 360 deg apart at most, and a step above 0"
+        remedy = (
+            "give [from, to, step] with from <= 0 <= to, 360 deg apart at most, and a step above 0"
+        )
         raise JobError("job", f"{given} are no turns", "tool.turn", remedy)
     first, last = math.ceil(low / step - _EPS), math.floor(high / step + _EPS)
     if last - first >= _MOST:
-        raise JobError("job", f"has {counted(last - first + 1, 'turn')}", "tool.turn", "take a larger step")
+        raise JobError(
+            "job", f"has {counted(last - first + 1, 'turn')}", "tool.turn", "take a larger step"
+        )
     if last > first and (last - first) * step > 360 - _EPS:
         last -= 1  # a whole turn is none
     return tuple(math.radians(k * step) for k in range(first, last + 1))
@@ -70,6 +78,10 @@ def rolls_of(freedom: Freedom, count: int) -> Rolls:
     if freedom.turns is None:
         angles = ((k * math.tau / count + math.pi) % math.tau - math.pi for k in range(count))
         return Rolls(tuple(angles), True, False)
-    step = min((b - a for a, b in zip(freedom.turns, freedom.turns[1:], strict=False)), default=math.tau)
+    step = min(
+        (b - a for a, b in zip(freedom.turns, freedom.turns[1:], strict=False)), default=math.tau
+    )
     whole = freedom.turns[-1] - freedom.turns[0] + step > math.tau - _EPS
-    return Rolls(freedom.turns, whole and len(freedom.turns) > 1, step > math.radians(WIDEST_STEP) + _EPS)
+    return Rolls(
+        freedom.turns, whole and len(freedom.turns) > 1, step > math.radians(WIDEST_STEP) + _EPS
+    )

@@ -77,7 +77,9 @@ def divide(way: Way, parts: Index) -> Way:
     via[1:][np.isnan(way.via[1:, 0])[segment]] = np.nan
     whole = parts[segment] == 1
     via[1:][whole] = way.via[1:][segment[whole]]
-    rotation = np.concatenate([way.rotation[:1], between(way.rotation[:-1], way.rotation[1:], segment, after * share)])
+    rotation = np.concatenate(
+        [way.rotation[:1], between(way.rotation[:-1], way.rotation[1:], segment, after * share)]
+    )
     rotation[kept] = way.rotation
     return Way(frozen(position), frozen(via), frozen(rotation))
 
@@ -94,7 +96,9 @@ class Along(Struct, frozen=True, eq=False):
     @classmethod
     def of(cls, way: Way) -> Along:
         """All along ``way``."""
-        return cls(way, way.spans, vectors_of(np.swapaxes(way.rotation[:-1], 1, 2) @ way.rotation[1:]))
+        return cls(
+            way, way.spans, vectors_of(np.swapaxes(way.rotation[:-1], 1, 2) @ way.rotation[1:])
+        )
 
     def poses(self, at: FloatArray) -> tuple[FloatArray, FloatArray]:
         """The TCP (K, 3) and its rotation (K, 3, 3) at places (K,), in rows: 2.25 is a quarter of the way from row 2 to

@@ -61,7 +61,9 @@ def passes(field: Ground, radius: float, spacing: float) -> list[ComplexArray]:
         chains, _ = cv2.findContours(wide, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
         first = level == radius
         corner = np.array([u, v], dtype=np.float64)
-        pixels = [chain[:: 1 if first else _EVERY, 0] + corner for chain in chains if len(chain) > 2]
+        pixels = [
+            chain[:: 1 if first else _EVERY, 0] + corner for chain in chains if len(chain) > 2
+        ]
         found += _exact(field, pixels, level, 3 if first else 1)
         box = cv2.boundingRect(core)
         window = (max(u + box[0] - 1, 0), max(v + box[1] - 1, 0), box[2] + 2, box[3] + 2)
@@ -74,7 +76,9 @@ def core(field: Ground, radius: float) -> Pixels:
     return beyond(field.depth, radius + ROOM)
 
 
-def _exact(field: Ground, chains: Sequence[FloatArray], level: float, rounds: int) -> list[ComplexArray]:
+def _exact(
+    field: Ground, chains: Sequence[FloatArray], level: float, rounds: int
+) -> list[ComplexArray]:
     """Chains of pixels (N, 2) moved to exactly ``level`` px from the border.
 
     Beside a corner a point has two sides to keep away from: in further ``rounds`` its neighbours' feet are tried too.
@@ -135,7 +139,9 @@ def find_uncovered(field: Ground, ink: Pixels, radius: float, least: float) -> l
     left = worth & (bare.facts[:, cv2.CC_STAT_AREA] >= _TOUCH * least + _GRAIN)
     if lines:
         drawn = np.concatenate([line.points for line in lines])
-        left[bare.labels[np.rint(drawn.imag).astype(np.int64), np.rint(drawn.real).astype(np.int64)]] = False
+        left[
+            bare.labels[np.rint(drawn.imag).astype(np.int64), np.rint(drawn.real).astype(np.int64)]
+        ] = False
     touches = [_touch(field, ink, bare, k, radius) for k in np.flatnonzero(left).tolist()]
     return lines + [touch for touch in touches if touch is not None]
 
@@ -145,7 +151,9 @@ def _lines(field: Ground, bare: _Bare, wide: BoolArray, radius: float) -> list[C
     own = wide[bare.labels].astype(np.uint8) * np.uint8(255)
     if not cv2.countNonZero(own):
         return []
-    width = np.asarray(cv2.distanceTransform(own, cv2.DIST_L2, cv2.DIST_MASK_PRECISE), dtype=np.float32)
+    width = np.asarray(
+        cv2.distanceTransform(own, cv2.DIST_L2, cv2.DIST_MASK_PRECISE), dtype=np.float32
+    )
     found = strokes(graph(skeleton(own), None, width))
     result = []
     for stroke, points in zip(found, centre(found, field, radius)[1] if found else [], strict=True):
@@ -214,16 +222,26 @@ def fill(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...], 
     small for the picture or the drawing.
     """
     if not any(c.closed for c in part.contours):
-        raise InputError(part.source, "no closed contour to fill", remedy="trace it, or close its outlines")
+        raise InputError(
+            part.source, "no closed contour to fill", remedy="trace it, or close its outlines"
+        )
     field = ground(part, job.tool.diameter / 2)
-    kinds = _strokes(field, job.tool.diameter / 2 / field.mm_per_px, job, _thinning(part, field, job))
+    kinds = _strokes(
+        field, job.tool.diameter / 2 / field.mm_per_px, job, _thinning(part, field, job)
+    )
     region = _regions(field)
     of = _of_borders(field, region)
     paths = _paths(field, kinds, _borders(part, field, of), region, job)
-    coverage = measure_coverage(field, paths, [thin for kind in kinds for thin in kind.thin], job.tool.diameter / 2)
+    coverage = measure_coverage(
+        field, paths, [thin for kind in kinds for thin in kind.thin], job.tool.diameter / 2
+    )
     lines = [line for kind in kinds for line in kind.lines]
     ink = paint(*lines_of(lines), job.tool.diameter / 2 / field.mm_per_px, field.mask.shape[:2])
-    notes = (*_open(part), *_rules(kinds, region, job), *tell_joined(part, field, ink, region, of, job.tool.diameter))
+    notes = (
+        *_open(part),
+        *_rules(kinds, region, job),
+        *tell_joined(part, field, ink, region, of, job.tool.diameter),
+    )
     return paths, notes, coverage
 
 
@@ -233,7 +251,9 @@ def _thinning(part: Part, field: Ground, job: Job) -> float:
         return job.tolerance.simplify / field.mm_per_px
     near = max(job.tolerance.chord, _SIMPLIFY * field.mm_per_px)
     if part.raster is not None and part.raster.borders:
-        near = max(near, min(_SEEN * scale_of(part.raster.work_from_view), _OF_TOOL * job.tool.diameter))
+        near = max(
+            near, min(_SEEN * scale_of(part.raster.work_from_view), _OF_TOOL * job.tool.diameter)
+        )
     return near / field.mm_per_px
 
 
@@ -241,23 +261,38 @@ def _strokes(field: Ground, radius: float, job: Job, near: float) -> list[Kind]:
     arcs = job.tolerance.arc_fit > 0
     spacing = 2 * radius * job.operation.stepover
     rounds = passes(field, radius, spacing)
-    wide = [CentreLine(points, True, radius) for points in join_passes(field, rounds, radius, spacing)]
+    wide = [
+        CentreLine(points, True, radius) for points in join_passes(field, rounds, radius, spacing)
+    ]
     narrow = centre_lines(field, radius, core(field, radius))
     # As they were found: what is worth a stroke of its own does not hang on how they are thinned out.
-    drawn = [np.append(line.points, line.points[:1]) if line.closed else line.points for line in (*wide, *narrow)]
+    drawn = [
+        np.append(line.points, line.points[:1]) if line.closed else line.points
+        for line in (*wide, *narrow)
+    ]
     ink = paint(*lines_of(drawn), radius, field.mask.shape[:2])
     rest = find_uncovered(field, ink, radius, _WORTH_SHARE * np.pi * radius**2)
-    found = ("f", wide, 0.0, len(rounds)), ("m", narrow, radius, len(narrow)), ("r", rest, 0.0, len(rest))
+    found = (
+        ("f", wide, 0.0, len(rounds)),
+        ("m", narrow, radius, len(narrow)),
+        ("r", rest, 0.0, len(rest)),
+    )
     return [_kind(mark, lines, near, arcs, least, made_of) for mark, lines, least, made_of in found]
 
 
-def _kind(mark: str, lines: Sequence[CentreLine], near: float, arcs: bool, radius: float, made_of: int) -> Kind:
+def _kind(
+    mark: str, lines: Sequence[CentreLine], near: float, arcs: bool, radius: float, made_of: int
+) -> Kind:
     """radius: a place less than twice as wide is thinner than the tool."""
     drawn = tuple(_contour(line) for line in lines)
     if near > 0 and drawn:
         drawn = thin_out(drawn, near, arcs)
     points, owner = flatten(from_contours(drawn), _FLAT)
-    flat = np.split(points @ np.array([1, 1j]), np.searchsorted(owner, np.arange(1, len(drawn)))) if drawn else []
+    flat = (
+        np.split(points @ np.array([1, 1j]), np.searchsorted(owner, np.arange(1, len(drawn))))
+        if drawn
+        else []
+    )
     last = [stroke.points[0 if stroke.closed else -1] @ np.array([1, 1j]) for stroke in drawn]
     ended = [np.append(line, end) for line, end in zip(flat, last, strict=True)]
     return Kind(mark, drawn, ended, [line.wide < radius for line in lines], made_of)
@@ -291,7 +326,8 @@ def _of_borders(field: Ground, region: IntArray) -> IntArray:
     table = field.edge.table
     regions = int(region.max()) + 1
     beside = np.bincount(
-        table.loop * regions + _region_of(field.edge.points, region), minlength=len(table.count) * regions
+        table.loop * regions + _region_of(field.edge.points, region),
+        minlength=len(table.count) * regions,
     ).reshape(-1, regions)
     beside[:, 0] = 0
     return np.asarray(beside.argmax(axis=1))
@@ -306,7 +342,11 @@ def _borders(part: Part, field: Ground, of: IntArray) -> dict[int, list[Contour]
 
 
 def _paths(
-    field: Ground, kinds: Sequence[Kind], borders: dict[int, list[Contour]], region: IntArray, job: Job
+    field: Ground,
+    kinds: Sequence[Kind],
+    borders: dict[int, list[Contour]],
+    region: IntArray,
+    job: Job,
 ) -> tuple[ToolPath, ...]:
     strokes = [stroke for kind in kinds for stroke in kind.strokes]
     if not strokes:
@@ -318,9 +358,15 @@ def _paths(
     position = np.column_stack([field.placed(flat), np.zeros(len(flat))])
     via = np.column_stack([field.placed(middle), np.where(np.isnan(middle), np.nan, 0.0)])
     press = [0.0, 0.0, -1.0 if job.process.force else 0.0]
-    table = waypoints(position, via, job.process.feed, force_direction=press, force=job.process.force)
+    table = waypoints(
+        position, via, job.process.feed, force_direction=press, force=job.process.force
+    )
     some = borders[min(borders)]
-    names = [(f"{kind.mark}{k}", stroke.closed) for kind in kinds for k, stroke in enumerate(kind.strokes, 1)]
+    names = [
+        (f"{kind.mark}{k}", stroke.closed)
+        for kind in kinds
+        for k, stroke in enumerate(kind.strokes, 1)
+    ]
     rows = [slice(a, a + n) for a, n in zip(low.tolist(), counts.tolist(), strict=True)]
     return tuple(
         ToolPath(
@@ -351,7 +397,9 @@ def _rows(strokes: Sequence[Contour]) -> tuple[ComplexArray, ComplexArray]:
     return np.asarray(flat), np.asarray(middle)
 
 
-def measure_coverage(field: Ground, paths: Sequence[ToolPath], thin: Sequence[bool], radius: float) -> Coverage:
+def measure_coverage(
+    field: Ground, paths: Sequence[ToolPath], thin: Sequence[bool], radius: float
+) -> Coverage:
     """What the paths cover of the ground, mm2, from where the tool will be. thin: whose ink beside is counted apart."""
     edge = field.placed(field.edge.points) @ np.array([1, 1j])
     lines = [run_along(path, radius / SAG) @ np.array([1, 1j]) for path in paths]
@@ -363,20 +411,33 @@ def measure_coverage(field: Ground, paths: Sequence[ToolPath], thin: Sequence[bo
 def _open(part: Part) -> tuple[Note, ...]:
     ids = tuple(c.id for c in part.contours if not c.closed)
     why = "only what is closed has an inside; join gaps with input.join, or trace them"
-    return (Note("skipped", f"{counted(len(ids), 'open contour')} not filled", why, ids),) if ids else ()
+    return (
+        (Note("skipped", f"{counted(len(ids), 'open contour')} not filled", why, ids),)
+        if ids
+        else ()
+    )
 
 
 def _rules(kinds: Sequence[Kind], region: IntArray, job: Job) -> tuple[Note, ...]:
     """Which rule was used where."""
     round_, middle, rest = kinds
-    starts = (np.array([line[0] for line in kind.lines], dtype=complex) for kind in (round_, middle))
+    starts = (
+        np.array([line[0] for line in kind.lines], dtype=complex) for kind in (round_, middle)
+    )
     by, along = (set(_region_of(at, region).tolist()) for at in starts)
     apart = short(job.tool.diameter * job.operation.stepover, 3)
-    shares = ((by - along, f"by passes {apart} mm apart"), (along - by, "by centre lines"), (by & along, "by both"))
-    what = (
-        f"{counted(len(by | along), 'region')} to fill: {', '.join(f'{len(own)} {how}' for own, how in shares if own)}"
+    shares = (
+        (by - along, f"by passes {apart} mm apart"),
+        (along - by, "by centre lines"),
+        (by & along, "by both"),
     )
-    joined = f" in {counted(len(round_.lines), 'stroke')}" if len(round_.lines) < round_.made_of else ""
+    what = (
+        f"{counted(len(by | along), 'region')} to fill: "
+        f"{', '.join(f'{len(own)} {how}' for own, how in shares if own)}"
+    )
+    joined = (
+        f" in {counted(len(round_.lines), 'stroke')}" if len(round_.lines) < round_.made_of else ""
+    )
     why = (
         f"{counted(round_.made_of, 'pass', 'passes')}{joined}, {counted(len(middle.lines), 'centre line')} "
         f"({sum(middle.thin)} of places thinner than the tool), {counted(len(rest.lines), 'stroke')} for what they left"

@@ -37,7 +37,9 @@ class Bridge(Struct, frozen=True):
     arrives: int
 
 
-def join_passes(field: Ground, passes: Sequence[ComplexArray], radius: float, spacing: float) -> list[ComplexArray]:
+def join_passes(
+    field: Ground, passes: Sequence[ComplexArray], radius: float, spacing: float
+) -> list[ComplexArray]:
     """Closed strokes (N,) px of the closed ``passes``, joined where they can be. No first point again.
 
     radius: of the tool, spacing: from pass to pass, both px.
@@ -48,7 +50,9 @@ def join_passes(field: Ground, passes: Sequence[ComplexArray], radius: float, sp
         a, b = _root(group, one), _root(group, other)
         if a != b:
             group[b] = a
-            leaves, arrives = (int(np.argmin(np.abs(passes[k] - at))) for k, at in ((one, start), (other, end)))
+            leaves, arrives = (
+                int(np.argmin(np.abs(passes[k] - at))) for k, at in ((one, start), (other, end))
+            )
             bridges[one].append(Bridge(leaves, other, arrives))
             bridges[other].append(Bridge(arrives, one, leaves))
     heads = [k for k in range(len(passes)) if _root(group, k) == k]
@@ -62,12 +66,22 @@ def _find_bridges(
     thin = [_thinned(points) for points in passes]
     lines = np.array([shapely.LineString(points) for points in thin], dtype=object)
     one, other = _near_each_other(thin, most)
-    ends = shapely.get_coordinates(shapely.shortest_line(lines[one], lines[other])) @ np.array([1, 1j])
+    ends = shapely.get_coordinates(shapely.shortest_line(lines[one], lines[other])) @ np.array(
+        [1, 1j]
+    )
     start, end = ends[::2], ends[1::2]
     good = _has_room(field, start, end, radius)
     order = np.argsort(np.abs(end - start), kind="stable")
     rows = order[good[order]]
-    return list(zip(one[rows].tolist(), other[rows].tolist(), start[rows].tolist(), end[rows].tolist(), strict=True))
+    return list(
+        zip(
+            one[rows].tolist(),
+            other[rows].tolist(),
+            start[rows].tolist(),
+            end[rows].tolist(),
+            strict=True,
+        )
+    )
 
 
 def _near_each_other(passes: Sequence[FloatArray], most: float) -> IntArray:
@@ -78,7 +92,9 @@ def _near_each_other(passes: Sequence[FloatArray], most: float) -> IntArray:
     if not passes:
         return np.zeros((2, 0), dtype=np.int64)
     owner = owners([len(points) - 1 for points in passes])
-    ends = np.stack([np.concatenate([p[:-1] for p in passes]), np.concatenate([p[1:] for p in passes])], axis=1)
+    ends = np.stack(
+        [np.concatenate([p[:-1] for p in passes]), np.concatenate([p[1:] for p in passes])], axis=1
+    )
     lines = shapely.linestrings(ends)
     low, high = ends.min(axis=1) - most, ends.max(axis=1) + most
     pairs = shapely.STRtree(lines).query(shapely.box(*low.T, *high.T))
@@ -108,7 +124,9 @@ def _root(group: list[int], k: int) -> int:
     return k
 
 
-def _walk(passes: Sequence[ComplexArray], bridges: Sequence[Sequence[Bridge]], head: int) -> ComplexArray:
+def _walk(
+    passes: Sequence[ComplexArray], bridges: Sequence[Sequence[Bridge]], head: int
+) -> ComplexArray:
     """Once round the pass ``head``, over each bridge on the way to what is beyond it, and back."""
     pieces: list[ComplexArray] = []
     # Of each pass that is not done: where it began, what is left of its bridges by the way there, and where it stands.
@@ -127,10 +145,15 @@ def _walk(passes: Sequence[ComplexArray], bridges: Sequence[Sequence[Bridge]], h
     return np.concatenate(pieces)[:-1]
 
 
-def _by_way(points: ComplexArray, bridges: Sequence[Bridge], begin: int, came: int) -> list[tuple[int, Bridge]]:
+def _by_way(
+    points: ComplexArray, bridges: Sequence[Bridge], begin: int, came: int
+) -> list[tuple[int, Bridge]]:
     """The bridges of a pass but the one it was reached by, each with the steps from ``begin`` to it, in that order."""
     others = [bridge for bridge in bridges if bridge.to != came]
-    return sorted((((bridge.leaves - begin) % len(points), bridge) for bridge in others), key=lambda one: one[0])
+    return sorted(
+        (((bridge.leaves - begin) % len(points), bridge) for bridge in others),
+        key=lambda one: one[0],
+    )
 
 
 def _stretch(begin: int, first: int, last: int, size: int) -> IntArray:

@@ -33,7 +33,9 @@ def spans(
 ) -> tuple[IntArray, FloatArray, FloatArray]:
     """What a disc of ``radius`` that runs along lines covers of the rows v = n ``pitch``: n, u from and u to, (M,)."""
     low, high = np.minimum(start.imag, end.imag) - radius, np.maximum(start.imag, end.imag) + radius
-    line, row = spread(np.ceil(low / pitch).astype(np.int64), np.floor(high / pitch).astype(np.int64) + 1)
+    line, row = spread(
+        np.ceil(low / pitch).astype(np.int64), np.floor(high / pitch).astype(np.int64) + 1
+    )
     v = row * pitch
     along = end - start
     # The outline of a disc that ran along a line: on either side the disc is where the row meets the line that touches
@@ -46,7 +48,11 @@ def spans(
         t = np.clip((v - (start.imag + towards)[line]) / rise[line], 0.0, 1.0)
         t = np.where((along.imag == 0)[line], flat_end[line], t)
         off = v - (start.imag[line] + t * along.imag[line])
-        sides.append(start.real[line] + t * along.real[line] + sign * np.sqrt(np.maximum(radius**2 - off**2, 0.0)))
+        sides.append(
+            start.real[line]
+            + t * along.real[line]
+            + sign * np.sqrt(np.maximum(radius**2 - off**2, 0.0))
+        )
     left, right = sides
     return row, left, right
 
@@ -58,7 +64,9 @@ def paint(start: ComplexArray, end: ComplexArray, radius: float, shape: tuple[in
     row, left, right = row[inside], left[inside], right[inside]
     change = np.zeros((shape[0], shape[1] + 1), dtype=np.int16)
     flat = change.ravel()
-    first, last = (np.clip(x, 0, shape[1]).astype(np.int64) for x in (np.ceil(left), np.floor(right) + 1))
+    first, last = (
+        np.clip(x, 0, shape[1]).astype(np.int64) for x in (np.ceil(left), np.floor(right) + 1)
+    )
     np.add.at(flat, row * (shape[1] + 1) + first, np.int16(1))
     np.add.at(flat, row * (shape[1] + 1) + last, np.int16(-1))
     return np.asarray((np.cumsum(change[:, :-1], axis=1, dtype=np.int16) > 0) * np.uint8(255))
@@ -73,7 +81,11 @@ def lines_of(paths: Sequence[ComplexArray]) -> tuple[ComplexArray, ComplexArray]
 
 
 def measure(
-    table: Rings, borders: ComplexArray, passes: Sequence[ComplexArray], thin: Sequence[ComplexArray], radius: float
+    table: Rings,
+    borders: ComplexArray,
+    passes: Sequence[ComplexArray],
+    thin: Sequence[ComplexArray],
+    radius: float,
 ) -> Coverage:
     """The coverage of what ``borders`` enclose, even-odd, by polylines. All in mm."""
     borders = borders * _TURN
@@ -135,7 +147,9 @@ class Map(Struct, frozen=True, eq=False):
 def coverage_map(part: Part, paths: Sequence[ToolPath], diameter: float, most: int = 1600) -> Map:
     """What ``paths`` cover of the closed contours of ``part`` with a tool of ``diameter`` mm, at most ``most`` px."""
     counts, points, work_from_grid, _ = outlines(part, diameter / 2)
-    border = np.column_stack([points.real, points.imag]) @ work_from_grid[:, :2].T + work_from_grid[:, 2]
+    border = (
+        np.column_stack([points.real, points.imag]) @ work_from_grid[:, :2].T + work_from_grid[:, 2]
+    )
     strokes = [run_along(path, diameter / SAG) for path in paths]
     everything = np.concatenate([border, *strokes])
     low, high = everything.min(axis=0) - diameter, everything.max(axis=0) + diameter

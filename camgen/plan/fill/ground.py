@@ -60,7 +60,9 @@ def ground(part: Part, radius: float) -> Ground:
     corner = _whole(points, np.minimum) - _FREE_PIXELS * (1 + 1j)
     high = _whole(points, np.maximum) - corner + _FREE_PIXELS * (1 + 1j)
     points = points - corner
-    work_from_grid = work_from_grid @ np.array([[1, 0, corner.real], [0, 1, corner.imag], [0, 0, 1]])
+    work_from_grid = work_from_grid @ np.array(
+        [[1, 0, corner.real], [0, 1, corner.imag], [0, 0, 1]]
+    )
     shape = (int(high.imag) + 2, int(high.real) + 2)
     mask = even_odd(table, points, shape)
     far = cv2.distanceTransform(mask, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
@@ -74,7 +76,11 @@ def slope(field: Ground, pixels: ComplexArray) -> tuple[FloatArray, ComplexArray
     at = pixels.imag.astype(np.int64) * width + pixels.real.astype(np.int64)
     flat = field.depth.ravel()
     right, down = (
-        np.sum([flat[at + by + k] - flat[at - by + k] for k in (-side, 0, side)], axis=0, dtype=np.float64)
+        np.sum(
+            [flat[at + by + k] - flat[at - by + k] for k in (-side, 0, side)],
+            axis=0,
+            dtype=np.float64,
+        )
         for by, side in ((1, width), (width, 1))
     )
     return flat[at].astype(np.float64), unit(np.asarray(right + 1j * down))
@@ -117,7 +123,9 @@ def _of_drawing(part: Part, radius: float) -> tuple[IntArray, ComplexArray, Floa
     if radius / pixel < _LEAST_RADIUS_PX:
         wide, tall = (high - low).tolist()
         what = f"{2 * radius:g} mm is too small for a drawing of {wide:.0f} x {tall:.0f} mm"
-        raise JobError("job", what, "tool.diameter", "use a wider tool, or fill the drawing in parts")
+        raise JobError(
+            "job", what, "tool.diameter", "use a wider tool, or fill the drawing in parts"
+        )
     # Outer edges lie between the centres of pixels: one that ran through them would count half a pixel of paper.
     low, high = low - pixel / 2, high + pixel / 2
     moved = ((points[:, 0] - low[0]) + 1j * (high[1] - points[:, 1])) / pixel

@@ -43,7 +43,9 @@ def find_bridges(ink: Pixels, region: IntArray) -> FloatArray:
         pairs.append((u[both], v[both], (sides[0] * many + sides[1])[both]))
     u, v, pair = (np.concatenate(column) for column in zip(*pairs, strict=True))
     stretch = np.asarray(cv2.connectedComponents(joins)[1])[v, u]
-    return _middles(u, v, np.unique(np.column_stack([stretch, pair]), axis=0, return_inverse=True)[1].ravel())
+    return _middles(
+        u, v, np.unique(np.column_stack([stretch, pair]), axis=0, return_inverse=True)[1].ravel()
+    )
 
 
 def find_bare(ink: Pixels, region: IntArray) -> FloatArray:
@@ -57,7 +59,9 @@ def find_bare(ink: Pixels, region: IntArray) -> FloatArray:
 def _nearest(region: IntArray) -> IntArray:
     """(H, W) the region that is nearest to each pixel."""
     outside = (region == 0).astype(np.uint8)
-    _, label = cv2.distanceTransformWithLabels(outside, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)
+    _, label = cv2.distanceTransformWithLabels(
+        outside, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
+    )
     of = np.zeros(int(label.max()) + 1, dtype=np.int64)
     inside = region > 0
     of[label[inside]] = region[inside]
@@ -99,7 +103,10 @@ def _ring(field: Ground, loop: int) -> shapely.LinearRing:
 
 def find_lost(field: Ground, ink: Pixels, of: IntArray) -> tuple[FloatArray, FloatArray]:
     """(N, 2) px of the borders too small to hold a pixel: those beside all ink, and those under that of others."""
-    lost = [field.edge.points[field.edge.table.loop == k].mean() for k in np.flatnonzero(of == 0).tolist()]
+    lost = [
+        field.edge.points[field.edge.table.loop == k].mean()
+        for k in np.flatnonzero(of == 0).tolist()
+    ]
     places = np.array([(p.real, p.imag) for p in lost]).reshape(-1, 2)
     u, v = np.rint(places).astype(np.int64).T
     under = ink[v, u] > 0

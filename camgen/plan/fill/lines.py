@@ -55,7 +55,9 @@ def centre_lines(field: Ground, radius: float, kept: Pixels) -> list[CentreLine]
     return result
 
 
-def centre(found: Sequence[Stroke], field: Ground, radius: float) -> tuple[list[float], list[ComplexArray]]:
+def centre(
+    found: Sequence[Stroke], field: Ground, radius: float
+) -> tuple[list[float], list[ComplexArray]]:
     """Half the usual width of each stroke, px, and its points in the middle."""
     count = np.array([len(s.points) for s in found])
     first, stroke, place = begins(count), owners(count), ramp(count)
@@ -75,7 +77,10 @@ def centre(found: Sequence[Stroke], field: Ground, radius: float) -> tuple[list[
     normal = 1j * unit(points[along(reach)] - points[along(-reach)])
     here = sample_field(field.depth, points)
     off = _SIDE * here
-    left, right = (_depths(field, points + side * off * normal, points + side * here * normal) for side in (1, -1))
+    left, right = (
+        _depths(field, points + side * off * normal, points + side * here * normal)
+        for side in (1, -1)
+    )
     shift = np.clip((left - right) / 2, -_MOST_SHIFT_PX, _MOST_SHIFT_PX)
     half = (left + right) / 2 + off
     usual = np.array([float(np.median(part)) for part in np.split(here, first[1:])])
@@ -100,7 +105,9 @@ def _mean(columns: Sequence[ComplexArray]) -> ComplexArray:
     return np.asarray(sum(columns) / len(columns))
 
 
-def _close_ends(points: ComplexArray, stroke: Stroke, field: Ground, radius: float, half: float) -> ComplexArray:
+def _close_ends(
+    points: ComplexArray, stroke: Stroke, field: Ground, radius: float, half: float
+) -> ComplexArray:
     """The line with its free ends where the tool's round end and the end of what it covers leave each other least."""
     # As much of the end is missed as is inked beyond it where half of the end's width lies within the tool.
     from_tip = float(np.sqrt(radius**2 - min(half, radius) ** 2 / 4))
@@ -150,12 +157,16 @@ def _in_the_middle(point: ComplexArray, field: Ground) -> ComplexArray:
         here = sample_field(field.depth, point)
         for way in (1.0, 1j):
             off = _SIDE * here * way
-            ahead, behind = (_depths(field, point + s * off, point + s * here * way) for s in (1, -1))
+            ahead, behind = (
+                _depths(field, point + s * off, point + s * here * way) for s in (1, -1)
+            )
             point = point + way * np.clip((ahead - behind) / 2, -_MOST_SHIFT_PX, _MOST_SHIFT_PX)
     return point
 
 
-def _side_by_side(points: ComplexArray, closed: bool, half: float, radius: float) -> list[CentreLine]:
+def _side_by_side(
+    points: ComplexArray, closed: bool, half: float, radius: float
+) -> list[CentreLine]:
     """Two lines that together reach both borders; of an open line they are one, there and back."""
     ahead = np.roll(points, -1) - points if closed else np.diff(points, append=points[-1:])
     behind = points - np.roll(points, 1) if closed else np.diff(points, prepend=points[:1])

@@ -91,7 +91,9 @@ def labels(main: IntArray, parent: IntArray, sound: BoolArray) -> list[Label | N
         around = int(parent[k])
         while around >= 0 and place[around] < 0:
             around = int(parent[around])
-        result.append(Label(name, _LAYER, True, False, place[around] if around >= 0 else -1, (f"c{on + 1}",)))
+        result.append(
+            Label(name, _LAYER, True, False, place[around] if around >= 0 else -1, (f"c{on + 1}",))
+        )
     return result
 
 
@@ -104,7 +106,9 @@ def left_out(
     sound: (L,) false for paths that did not keep their distance.
     """
     tool = f"a {job.tool.diameter:g} mm tool" + (
-        f" with corner radius {job.operation.corner_radius:g}" if job.operation.corner_radius else ""
+        f" with corner radius {job.operation.corner_radius:g}"
+        if job.operation.corner_radius
+        else ""
     )
     count = len(edge.table.count)
     followed = np.isin(np.arange(count), main[sound])
@@ -122,12 +126,16 @@ def left_out(
     ]
     length = lengths(edge.table, edge.points) * mm_per_px
     whole = float(length.sum())
-    missing = np.where(touched & ~failed, np.bincount(edge.table.loop, np.where(reached, 0.0, length), count), 0.0)
+    missing = np.where(
+        touched & ~failed, np.bincount(edge.table.loop, np.where(reached, 0.0, length), count), 0.0
+    )
     total = float(missing.sum())
     if total > max(1e-3 * whole, _TOLD * mm_per_px):
         worst = int(np.argmax(missing)) + 1
         what = f"{total:.4g} mm of {whole:.6g} mm of contour not touched, most of it on c{worst}"
-        notes.append(Note("warning", what, f"inner corners and narrow places that {tool} does not reach"))
+        notes.append(
+            Note("warning", what, f"inner corners and narrow places that {tool} does not reach")
+        )
     return notes
 
 
@@ -186,19 +194,34 @@ def image_space(
     if not mask_pixels.any():
         return (), (Note("skipped", "no part in the mask", "choose another mask"),)
     picture = field(mask_pixels, distance + radius)
-    curves = between_pixels(chains(picture.part)) if borders is None else place_borders(borders, picture)
-    edge = border(*curves, picture.far.shape)
-    way = iso_way(picture, edge, distance, radius) if exact else pixel_way(picture, distance, radius)
-    step = max((job.operation.waypoint_spacing or _usual_spacing(job)) / mm_per_px, 1.0)
-    points, touched = _waypoints(way, edge, None if exact else picture, distance, step, job.process.max_feed_factor)
-    main = beside_which(edge, points.table, points.points, touched)
-    gouge = sample_field(picture.far, points.points) < distance - (_CONTACT_GAP_PX if exact else _PIXEL_GAP)
-    sound = np.bincount(points.table.loop, gouge, len(main)) == 0
-    notes = left_out(edge, check_reach(way, picture, edge, distance, radius), main, sound, job, mm_per_px)
-    chain = _chain(points, Limits(np.radians(job.operation.waypoint_turn) * mm_per_px, job.tolerance.chord / mm_per_px))
-    return _paths(chain, labels(main, way.parent, sound), _move_corner(work_from_view, picture.corner), job), tuple(
-        notes
+    curves = (
+        between_pixels(chains(picture.part)) if borders is None else place_borders(borders, picture)
     )
+    edge = border(*curves, picture.far.shape)
+    way = (
+        iso_way(picture, edge, distance, radius) if exact else pixel_way(picture, distance, radius)
+    )
+    step = max((job.operation.waypoint_spacing or _usual_spacing(job)) / mm_per_px, 1.0)
+    points, touched = _waypoints(
+        way, edge, None if exact else picture, distance, step, job.process.max_feed_factor
+    )
+    main = beside_which(edge, points.table, points.points, touched)
+    gouge = sample_field(picture.far, points.points) < distance - (
+        _CONTACT_GAP_PX if exact else _PIXEL_GAP
+    )
+    sound = np.bincount(points.table.loop, gouge, len(main)) == 0
+    notes = left_out(
+        edge, check_reach(way, picture, edge, distance, radius), main, sound, job, mm_per_px
+    )
+    chain = _chain(
+        points,
+        Limits(
+            np.radians(job.operation.waypoint_turn) * mm_per_px, job.tolerance.chord / mm_per_px
+        ),
+    )
+    return _paths(
+        chain, labels(main, way.parent, sound), _move_corner(work_from_view, picture.corner), job
+    ), tuple(notes)
 
 
 def _usual_spacing(job: Job) -> float:
@@ -209,7 +232,11 @@ def _usual_spacing(job: Job) -> float:
 def _insist(mask_pixels: Pixels, job: Job, distance: float) -> None:
     """What an image can be asked for."""
     if mask_pixels.ndim != 2 or mask_pixels.dtype != np.uint8:
-        raise InputError("mask", f"has shape {mask_pixels.shape} of {mask_pixels.dtype}", remedy="give (H, W) uint8")
+        raise InputError(
+            "mask",
+            f"has shape {mask_pixels.shape} of {mask_pixels.dtype}",
+            remedy="give (H, W) uint8",
+        )
     if job.operation.side != "auto":
         what = f'"{job.operation.side}" is not known to the image-space planner'
         raise JobError("job", what, "operation.side", "set operation.side to auto")
@@ -218,7 +245,9 @@ def _insist(mask_pixels: Pixels, job: Job, distance: float) -> None:
         raise JobError("job", what, "tool.diameter", "use a larger tool or a finer view")
     rim = (mask_pixels[0], mask_pixels[-1], mask_pixels[:, 0], mask_pixels[:, -1])
     if any(line.any() for line in rim):
-        raise InputError("mask", "the part touches the border of the view", remedy="show the whole part")
+        raise InputError(
+            "mask", "the part touches the border of the view", remedy="show the whole part"
+        )
 
 
 def _waypoints(
@@ -235,12 +264,16 @@ def _waypoints(
     # Opposite directions may cancel out in the filter; the one before holds.
     press = unit(press)[latest(table, np.abs(press) > 1e-6)]
     contact, along, run, touched = _contact(way, edge, picture, distance)
-    ratio = steady_ratio(table, along, run, (ANGLE_NOISE if picture is None else PIXEL_NOISE) * distance)
+    ratio = steady_ratio(
+        table, along, run, (ANGLE_NOISE if picture is None else PIXEL_NOISE) * distance
+    )
     below = standing_below(distance)
     ratio = sharpen(table, ratio, along, way.press, below)
     force = contact & moving(table, ratio, below)
     ratio = slowed(table, ratio)
-    waypoints = _Waypoints(table, points, press, feeds(ratio, contact, fastest), force, spaced(table, count))
+    waypoints = _Waypoints(
+        table, points, press, feeds(ratio, contact, fastest), force, spaced(table, count)
+    )
     return waypoints, touched
 
 
@@ -255,18 +288,24 @@ def _contact(
     contacts = contact_points(way.points, way.press, distance)
     gap, row = _gaps(edge, contacts, picture)
     along, run = observe(table, way.points, contacts)
-    half_way = contact_points((way.points + way.points[back]) / 2, unit(way.press + way.press[back]), distance)
+    half_way = contact_points(
+        (way.points + way.points[back]) / 2, unit(way.press + way.press[back]), distance
+    )
     far = _gaps(edge, half_way, picture)[0] > tolerance
     # In a sharp inner corner contact leaps from one side to the other: the tool touches both.
     leaps = far | (gap > tolerance) | (gap > tolerance)[back]
     # The way is bent there, within a pixel.
     leaps = leaps | leaps[back] | leaps[table.shifted(1)]
-    touches = touching(table, gap, tolerance) if way.back is not None else np.ones(len(table), dtype=bool)
+    touches = (
+        touching(table, gap, tolerance) if way.back is not None else np.ones(len(table), dtype=bool)
+    )
     contact = touches & touches[back]
     return contact, np.where(leaps, run, along), run, np.where(gap <= tolerance, row, -1)
 
 
-def _gaps(edge: Border, contacts: ComplexArray, picture: Field | None) -> tuple[FloatArray, IntArray]:
+def _gaps(
+    edge: Border, contacts: ComplexArray, picture: Field | None
+) -> tuple[FloatArray, IntArray]:
     """The gap (N,) px between contact points and part, and the row of ``edge`` there, -1 where none is near."""
     gap, row = nearest(edge, contacts)
     return (gap if picture is None else sample_field(picture.far, contacts)), row
@@ -288,10 +327,19 @@ def _chain(points: _Waypoints, limits: Limits) -> _Chain:
     count = points.table.count
     closed = rings(count + 1)
     row = points.table.first[closed.loop] + ramp(closed.count) % count[closed.loop]
-    here, press, force, feed = points.points[row], points.force_direction[row], points.force[row], points.feed[row]
+    here, press, force, feed = (
+        points.points[row],
+        points.force_direction[row],
+        points.force[row],
+        points.feed[row],
+    )
     # A segment ends in its row: what changes after a row changes there.
-    switched = np.append((force[1:] != force[:-1]) | (np.abs(np.log(feed[1:] / feed[:-1])) > _FEED_STEP), False)
-    keep = choose_needed(np.append(closed.first, len(closed)), here, press, points.spaced[row], switched, limits)
+    switched = np.append(
+        (force[1:] != force[:-1]) | (np.abs(np.log(feed[1:] / feed[:-1])) > _FEED_STEP), False
+    )
+    keep = choose_needed(
+        np.append(closed.first, len(closed)), here, press, points.spaced[row], switched, limits
+    )
     step = np.append(0.0, np.abs(np.diff(here)))
     run, time = np.cumsum(step), np.cumsum(step / feed)
     vertex = np.flatnonzero(keep)
@@ -310,7 +358,9 @@ def _move_corner(work_from_view: FloatArray, corner: complex) -> FloatArray:
     return matrix
 
 
-def _paths(chain: _Chain, names: list[Label | None], work_from_field: FloatArray, job: Job) -> tuple[ToolPath, ...]:
+def _paths(
+    chain: _Chain, names: list[Label | None], work_from_field: FloatArray, job: Job
+) -> tuple[ToolPath, ...]:
     """The curves that have a label as tool paths in the work frame (eq. 14 to 16), in the direction of the job.
 
     A direction goes through the same matrix as a position, without the shift. So it needs no angle, and a view whose v
@@ -329,7 +379,10 @@ def _paths(chain: _Chain, names: list[Label | None], work_from_field: FloatArray
     press = np.zeros((len(begin), 2, 3))
     towards = turned(chain.force_direction[used])
     press[:, :, :2] = towards / np.linalg.norm(towards, axis=2, keepdims=True)
-    feed, force = job.process.feed * chain.feed[used], np.where(chain.force[used], job.process.force, 0.0)
+    feed, force = (
+        job.process.feed * chain.feed[used],
+        np.where(chain.force[used], job.process.force, 0.0),
+    )
     # The part is on the left as the view is shown: in the work frame too, where v runs against y. Climb has it right.
     if (np.linalg.det(matrix) < 0) != (job.operation.direction == "conventional"):
         segments, back = backwards(segments)

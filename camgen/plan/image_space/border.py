@@ -84,10 +84,14 @@ def between_pixels(found: FieldCurves) -> tuple[Rings, ComplexArray]:
         place = np.arange(-half, half + 1)
         fit, good = _parabolas((place / half).astype(np.float32), (u, v), (right, down))
         at = row[(begin[good, None] + place + half).ravel()]
-        tent = np.broadcast_to(half**4 * (1 - np.abs(place) / (half + 1)), (len(at) // len(place), len(place))).ravel()
+        tent = np.broadcast_to(
+            half**4 * (1 - np.abs(place) / (half + 1)), (len(at) // len(place), len(place))
+        ).ravel()
         weight += np.bincount(at, tent, len(middle))
         curve = (fit[0][good] + 1j * fit[1][good]).ravel() + middle[table.first][table.loop[at]]
-        total += np.bincount(at, tent * curve.real, len(middle)) + 1j * np.bincount(at, tent * curve.imag, len(middle))
+        total += np.bincount(at, tent * curve.real, len(middle)) + 1j * np.bincount(
+            at, tent * curve.imag, len(middle)
+        )
     return table, total / weight
 
 
@@ -131,7 +135,9 @@ def _parabolas(
     u, v = (b + 2 * place * c for _, b, c in factors)
     # Across the travel (u, v) lies (-v, u), on the right and so outside. A link of half length h is crossed where the
     # parabola passes its middle by less than what h is long in that direction.
-    missed = np.abs((points[1] - fits[1]) * u - (points[0] - fits[0]) * v) - (links[1] * u - links[0] * v)
+    missed = np.abs((points[1] - fits[1]) * u - (points[0] - fits[0]) * v) - (
+        links[1] * u - links[0] * v
+    )
     crossed: BoolArray = (missed <= _MISS * np.sqrt(u * u + v * v)).all(axis=1)
     return (fits[0], fits[1]), crossed
 
@@ -150,19 +156,25 @@ def near(line: Border, about: ComplexArray) -> IntArray:
     return row
 
 
-def foot(line: Border, points: ComplexArray, start: IntArray, ways: IntArray) -> tuple[ComplexArray, IntArray]:
+def foot(
+    line: Border, points: ComplexArray, start: IntArray, ways: IntArray
+) -> tuple[ComplexArray, IntArray]:
     """The nearest point (N,) of the border and its row, found from the rows ``start`` by going along it: steps of
     ``ways`` (S, W), one row of them after the other.
     """
     row = start
     for way in ways:
         tried = line.table.along(row[:, None], way)
-        row = tried[np.arange(len(row)), np.argmin(_squares(line.points[tried] - points[:, None]), axis=1)]
+        row = tried[
+            np.arange(len(row)), np.argmin(_squares(line.points[tried] - points[:, None]), axis=1)
+        ]
     here = line.points[row]
     best, gap = here, np.abs(points - here)
     for by in (-1, 1):
         side = line.points[line.table.along(row, by)] - here
-        part = np.clip(((points - here) * side.conj()).real / np.maximum(_squares(side), 1e-18), 0.0, 1.0)
+        part = np.clip(
+            ((points - here) * side.conj()).real / np.maximum(_squares(side), 1e-18), 0.0, 1.0
+        )
         on = here + part * side
         size = np.abs(points - on)
         best, gap = np.where(size < gap, on, best), np.minimum(size, gap)
@@ -170,7 +182,12 @@ def foot(line: Border, points: ComplexArray, start: IntArray, ways: IntArray) ->
 
 
 def iso_line(
-    line: Border, table: Rings, points: ComplexArray, about: ComplexArray, far: FloatArray, level: float
+    line: Border,
+    table: Rings,
+    points: ComplexArray,
+    about: ComplexArray,
+    far: FloatArray,
+    level: float,
 ) -> tuple[ComplexArray, ComplexArray]:
     """``points`` (closed curves, ``table``) brought to the distance ``level`` px from the border, and the gradient of
     that distance there, unit vectors.

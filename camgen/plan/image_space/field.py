@@ -86,7 +86,9 @@ def chains(mask: Pixels, fewest: int = 1) -> FieldCurves:
     new = [-1] * len(found)
     keep: list[int] = []
     # A border begins at its topmost pixel, so one comes before those that it holds.
-    for k in sorted(range(len(found)), key=lambda k: (int(found[k][0, 0, 1]), int(found[k][0, 0, 0]))):
+    for k in sorted(
+        range(len(found)), key=lambda k: (int(found[k][0, 0, 1]), int(found[k][0, 0, 0]))
+    ):
         around = above[k]
         hole[k] = around >= 0 and not hole[around]
         if len(found[k]) >= fewest and (around < 0 or new[around] >= 0):
@@ -96,7 +98,10 @@ def chains(mask: Pixels, fewest: int = 1) -> FieldCurves:
     pixels = np.concatenate([found[k].reshape(-1, 2) for k in keep]) if keep else np.zeros((0, 2))
     parent = [new[above[k]] if above[k] >= 0 else -1 for k in keep]
     return FieldCurves(
-        table, pixels[:, 0] + 1j * pixels[:, 1], np.array([hole[k] for k in keep], dtype=bool), np.array(parent, int)
+        table,
+        pixels[:, 0] + 1j * pixels[:, 1],
+        np.array([hole[k] for k in keep], dtype=bool),
+        np.array(parent, int),
     )
 
 

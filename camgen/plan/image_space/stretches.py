@@ -64,7 +64,9 @@ def steady_ratio(table: Rings, along: FloatArray, step: FloatArray, noise: float
     gone, ran = (np.cumsum(run[row]) for run in (step, along))
     gone, ran = gone - gone[begin], ran - ran[begin]
     # Their difference has small numbers, and its slope is less by 1.
-    columns = np.column_stack([np.ones(len(row)), gone, ran - gone, gone**2, gone * (ran - gone), (ran - gone) ** 2])
+    columns = np.column_stack(
+        [np.ones(len(row)), gone, ran - gone, gone**2, gone * (ran - gone), (ran - gone) ** 2]
+    )
     first = _refine(_join(padded, columns, _WORSE * noise**2), padded, gone, columns)
     while len(fewer := _drop_bridges(first, padded, gone, columns, _WORSE * noise**2)) < len(first):
         first = _refine(fewer, padded, gone, columns)
@@ -121,7 +123,9 @@ def _refine(first: IntArray, padded: Rings, gone: FloatArray, columns: FloatArra
     return first
 
 
-def _drop_bridges(first: IntArray, padded: Rings, gone: FloatArray, columns: FloatArray, worse: float) -> IntArray:
+def _drop_bridges(
+    first: IntArray, padded: Rings, gone: FloatArray, columns: FloatArray, worse: float
+) -> IntArray:
     """Without the stretches that only bridge the bend between their neighbours: the lines of these, up to where they
     cross, fit nearly as well.
     """
@@ -138,7 +142,9 @@ def _drop_bridges(first: IntArray, padded: Rings, gone: FloatArray, columns: Flo
     line = np.where(gone[row] < cross[own], inner[own] - 1, inner[own] + 1)
     off = columns[row, 2] - height[line] - slope[line] * gone[row]
     cost = np.full(len(first) + 2, np.inf)
-    cost[inner + 1] = (np.bincount(own, off**2, len(inner)) - sums.misfit()[inner]) / sums.noise()[inner]
+    cost[inner + 1] = (np.bincount(own, off**2, len(inner)) - sums.misfit()[inner]) / sums.noise()[
+        inner
+    ]
     best = (cost[1:-1] < worse) & (cost[1:-1] <= cost[:-2]) & (cost[1:-1] < cost[2:])
     ends = first.copy()
     at = np.searchsorted(inner, np.flatnonzero(best))
@@ -146,7 +152,9 @@ def _drop_bridges(first: IntArray, padded: Rings, gone: FloatArray, columns: Flo
     return ends[~best]
 
 
-def _before(gone: FloatArray, first: IntArray, count: IntArray, chosen: IntArray, cross: FloatArray) -> IntArray:
+def _before(
+    gone: FloatArray, first: IntArray, count: IntArray, chosen: IntArray, cross: FloatArray
+) -> IntArray:
     """How many rows of each stretch in ``chosen`` lie before ``cross``."""
     row = stretches(first[chosen], count[chosen])
     own = np.repeat(np.arange(len(chosen)), count[chosen])
@@ -157,10 +165,16 @@ def _apart(moved: IntArray, first: IntArray) -> IntArray:
     """``moved`` where every stretch keeps two rows, else as it was."""
     good = np.append(np.diff(moved) >= 2, True)
     good[1:] &= good[:-1]
-    return np.where(good, moved, first) if (np.diff(np.where(good, moved, first)) >= 1).all() else first
+    return (
+        np.where(good, moved, first)
+        if (np.diff(np.where(good, moved, first)) >= 1).all()
+        else first
+    )
 
 
-def _slopes(first: IntArray, padded: Rings, gone: FloatArray, columns: FloatArray, worse: float) -> FloatArray:
+def _slopes(
+    first: IntArray, padded: Rings, gone: FloatArray, columns: FloatArray, worse: float
+) -> FloatArray:
     """(N,) slopes: of the stretch, or between the middles of two where what lies between is no sharper than a curve."""
     sums = _Sums(np.add.reduceat(columns, first, axis=0))
     slope = sums.slope()
@@ -179,7 +193,9 @@ def _slopes(first: IntArray, padded: Rings, gone: FloatArray, columns: FloatArra
     return np.asarray(result)
 
 
-def _knots_are_hard(first: IntArray, count: IntArray, padded: Rings, columns: FloatArray, worse: float) -> BoolArray:
+def _knots_are_hard(
+    first: IntArray, count: IntArray, padded: Rings, columns: FloatArray, worse: float
+) -> BoolArray:
     """(P - 1,) whether the slope jumps from each stretch to the next: half of the shorter one on both sides of the knot
     do not fit as one.
     """

@@ -12,7 +12,16 @@ from camgen.geometry.rings import ComplexArray, Rings, evenly, hold_switch, late
 from camgen.geometry.segments import BoolArray, IntArray
 from camgen.model.pose import FloatArray
 from camgen.plan.image_space.border import CLOSE, Border, border, foot, iso_line, near
-from camgen.plan.image_space.field import Distances, Field, beyond, chains, gradient, inside, sample_field, within
+from camgen.plan.image_space.field import (
+    Distances,
+    Field,
+    beyond,
+    chains,
+    gradient,
+    inside,
+    sample_field,
+    within,
+)
 
 #: A border of fewer pixels is no path: a spot of about two pixels, in which it is not sure that the tool centre fits.
 _FEWEST = 8
@@ -75,7 +84,9 @@ def iso_way(picture: Field, edge: Border, distance: float, radius: float) -> Pix
     return PixelWay(table, points, -unit(away), found.parent, back)
 
 
-def check_reach(way: PixelWay, picture: Field, edge: Border, distance: float, radius: float) -> BoolArray:
+def check_reach(
+    way: PixelWay, picture: Field, edge: Border, distance: float, radius: float
+) -> BoolArray:
     """(N,) of ``edge``: whether the tool may stand where it would touch that point of the part."""
     centre = edge.points + distance * edge.away
     if way.back is None:
@@ -89,7 +100,9 @@ def place_borders(borders: Sequence[FloatArray], picture: Field) -> tuple[Rings,
     points = np.concatenate([one[:, 0] + 1j * one[:, 1] for one in borders]) - picture.corner
     table, (points,) = evenly(table, points)
     right = unit(1j * (points[table.shifted(1)] - points[table.shifted(-1)]))
-    outside = sample_field(picture.far, points + 2 * right) - sample_field(picture.far, points - 2 * right)
+    outside = sample_field(picture.far, points + 2 * right) - sample_field(
+        picture.far, points - 2 * right
+    )
     turned = np.bincount(table.loop, outside, len(table.count)) < 0
     row = np.arange(len(table))
     first, count = table.first[table.loop], table.count[table.loop]
@@ -125,7 +138,9 @@ def contact_points(points: ComplexArray, press: ComplexArray, distance: float) -
     return points + distance * press
 
 
-def observe(table: Rings, points: ComplexArray, contacts: ComplexArray) -> tuple[FloatArray, FloatArray]:
+def observe(
+    table: Rings, points: ComplexArray, contacts: ComplexArray
+) -> tuple[FloatArray, FloatArray]:
     """(N,) px by which the contact point runs along, and the tool centre, on the segment that ends in each row.
 
     Their quotient is the observed feed for a tool centre of speed 1. The distance of contact points in eq. (11) is in
@@ -164,7 +179,9 @@ def moving(table: Rings, ratio: FloatArray, below: float) -> BoolArray:
     return hold_switch(table, ratio >= below + _MOVES - _STANDS, ratio < below, True)
 
 
-def sharpen(table: Rings, ratio: FloatArray, along: FloatArray, press: ComplexArray, below: float) -> FloatArray:
+def sharpen(
+    table: Rings, ratio: FloatArray, along: FloatArray, press: ComplexArray, below: float
+) -> FloatArray:
     """``ratio`` where the contact point stands still at sharp corners, and not about them.
 
     A photo shows a corner round, by a pixel or two, and the contact point seems to stand from where that begins. The
@@ -178,7 +195,9 @@ def sharpen(table: Rings, ratio: FloatArray, along: FloatArray, press: ComplexAr
     row = np.flatnonzero(still & (start >= 0))
     start, size = start[row], np.bincount(start[row], minlength=len(table))
     ran = np.bincount(start, along[row], len(table))
-    turn = np.bincount(start, np.abs(np.angle(press[row] * press[table.shifted(-1)[row]].conj())), len(table))
+    turn = np.bincount(
+        start, np.abs(np.angle(press[row] * press[table.shifted(-1)[row]].conj())), len(table)
+    )
     with np.errstate(divide="ignore", invalid="ignore"):
         shift = np.nan_to_num(ran / turn * np.tan(np.minimum(turn, _SHARPEST) / 2))
     shift = np.clip(np.floor(shift), 0, np.minimum(_ROUNDED, size // 3))
@@ -192,7 +211,9 @@ def sharpen(table: Rings, ratio: FloatArray, along: FloatArray, press: ComplexAr
 
 def slowed(table: Rings, ratio: FloatArray) -> FloatArray:
     """``ratio`` with the greater one of two neighbours: where it changes, the tool rather is slow too early."""
-    return np.asarray(np.maximum(np.maximum(ratio[table.shifted(-1)], ratio[table.shifted(1)]), ratio))
+    return np.asarray(
+        np.maximum(np.maximum(ratio[table.shifted(-1)], ratio[table.shifted(1)]), ratio)
+    )
 
 
 def nearest(edge: Border, contacts: ComplexArray) -> tuple[FloatArray, IntArray]:
@@ -236,7 +257,9 @@ def smooth(table: Rings, count: IntArray, *columns: ComplexArray) -> list[Comple
     tap = np.arange(-reach, reach + 1)
     # In zero crossings from the point.
     place = tap / factor[:, None]
-    weight = np.sinc(place) * np.where(np.abs(place) < _LOBES, 0.5 + 0.5 * np.cos(np.pi * place / _LOBES), 0.0)
+    weight = np.sinc(place) * np.where(
+        np.abs(place) < _LOBES, 0.5 + 0.5 * np.cos(np.pi * place / _LOBES), 0.0
+    )
     weight /= weight.sum(axis=1, keepdims=True)
     source = table.along(np.arange(len(table))[:, None], tap)
     return [np.einsum("nt,nt->n", column[source], weight) for column in columns]
@@ -252,7 +275,12 @@ def spaced(table: Rings, count: IntArray) -> BoolArray:
 
 
 def choose_needed(
-    first: IntArray, points: ComplexArray, press: ComplexArray, spaced: BoolArray, switched: BoolArray, limits: Limits
+    first: IntArray,
+    points: ComplexArray,
+    press: ComplexArray,
+    spaced: BoolArray,
+    switched: BoolArray,
+    limits: Limits,
 ) -> BoolArray:
     """Which waypoints (N,) remain when the redundant ones are removed [3.4.2].
 
@@ -280,7 +308,9 @@ def choose_needed(
         keep[hit] = True
 
 
-def _deviation(begin: IntArray, points: ComplexArray, press: ComplexArray, bound: float) -> FloatArray:
+def _deviation(
+    begin: IntArray, points: ComplexArray, press: ComplexArray, bound: float
+) -> FloatArray:
     """(N,) how far each waypoint is from the line between the kept ones around it, and its press from that between
     theirs, as a part of what is allowed.
     """

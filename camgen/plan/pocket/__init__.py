@@ -73,7 +73,11 @@ def pocket(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]
     _refuse(job)
     contours = [c for c in part.contours if part.works_on((c.id,))]
     if not any(c.closed for c in contours):
-        raise InputError(part.source, "no closed contour to clear", remedy="close its outlines, or raise input.join")
+        raise InputError(
+            part.source,
+            "no closed contour to clear",
+            remedy="close its outlines, or raise input.join",
+        )
     pockets, notes = _find(contours)
     if not pockets.names:
         return (), tuple(notes)
@@ -99,7 +103,12 @@ def _refuse(job: Job) -> None:
     if tool.kind == "drill":
         raise JobError("job", "a drill does not cut sideways", "tool.kind", "choose a mill")
     if job.process.force:
-        raise JobError("job", "a pocket goes to a depth, not to a force", "process.force", "set process.force to 0")
+        raise JobError(
+            "job",
+            "a pocket goes to a depth, not to a force",
+            "process.force",
+            "set process.force to 0",
+        )
     if operation.stepover > _MOST_STEP:
         what = f"passes {operation.stepover:g} of the diameter apart leave ridges between them"
         raise JobError("job", what, "operation.stepover", f"{_MOST_STEP:g} at most")
@@ -129,10 +138,16 @@ def _chosen(pieces: Sequence[Piece], kept: Sequence[int]) -> list[Piece]:
 def _bound(job: Job) -> Bound | None:
     """How much of the tool may be engaged; None: as much as there is."""
     operation, radius = job.operation, job.tool.diameter / 2
-    most = min(1.0, operation.stepover + _MORE) if operation.engagement is None else operation.engagement
+    most = (
+        min(1.0, operation.stepover + _MORE)
+        if operation.engagement is None
+        else operation.engagement
+    )
     if most >= _MOST_BOUND:
         return None
-    return Bound(radius, operation.stepover * job.tool.diameter, most, operation.direction != "conventional")
+    return Bound(
+        radius, operation.stepover * job.tool.diameter, most, operation.direction != "conventional"
+    )
 
 
 def _open(
@@ -153,7 +168,9 @@ def _open(
         return pieces, [()] * len(pieces)
     roots = [k for k, piece in enumerate(pieces) if piece.parent < 0]
     begin = shapely.points([(made.discs[0].x, made.discs[0].y) for made in found])
-    here, there = shapely.STRtree([pieces[k].area for k in roots]).query_nearest(begin, all_matches=False)
+    here, there = shapely.STRtree([pieces[k].area for k in roots]).query_nearest(
+        begin, all_matches=False
+    )
     opened: list[list[Channel]] = [[] for _ in pieces]
     for k, root in zip(here.tolist(), there.tolist(), strict=True):
         opened[roots[root]].append(found[k])
@@ -161,20 +178,29 @@ def _open(
     return _chosen(pieces, kept), [tuple(opened[k]) for k in kept]
 
 
-def _worth(pieces: Sequence[Piece], opened: Sequence[Sequence[Channel]], radius: float) -> list[int]:
+def _worth(
+    pieces: Sequence[Piece], opened: Sequence[Sequence[Channel]], radius: float
+) -> list[int]:
     """The pieces in which the channels leave something, or around which others do; radius: of the tool, mm.
 
     What they leave may be so thin that the pass around takes it along.
     """
     roots = outermost_of(pieces)
-    clear = {k: shapely.union_all([made.area(radius) for made in own]) for k, own in enumerate(opened) if own}
+    clear = {
+        k: shapely.union_all([made.area(radius) for made in own])
+        for k, own in enumerate(opened)
+        if own
+    }
     kept: set[int] = set()
     for k in range(len(pieces) - 1, -1, -1):
         piece = pieces[k]
         if k not in kept and piece.parent >= 0 and piece.ring and roots[k] in clear:
             left = piece.area.buffer(radius, quad_segs=QUARTER).difference(clear[roots[k]])
             around = pieces[piece.parent].area.boundary.buffer(radius - CHORD, quad_segs=QUARTER)
-            if left.buffer(-_THIN_SHARE * radius).is_empty and left.buffer(-CHORD).difference(around).is_empty:
+            if (
+                left.buffer(-_THIN_SHARE * radius).is_empty
+                and left.buffer(-CHORD).difference(around).is_empty
+            ):
                 continue
         kept.add(k)
         if piece.parent >= 0:
@@ -198,7 +224,9 @@ def _find(contours: Sequence[Contour]) -> tuple[_Pockets, list[Note]]:
     unfit = [(contours_of(closed, own), how, why) for own, how, why in _unfit(nesting)]
     loose = [c for c in contours if not c.closed]
     if loose:
-        unfit.append((loose, "open", "only what is closed has an inside; raise input.join to close gaps"))
+        unfit.append(
+            (loose, "open", "only what is closed has an inside; raise input.join to close gaps")
+        )
     notes = [_not_cleared(chosen, how, why) for chosen, how, why in unfit if chosen]
     sound = (nesting.crossed < 0) & ~nesting.empty
     outer = np.flatnonzero(sound & (nesting.depth % 2 == 0))
@@ -206,7 +234,9 @@ def _find(contours: Sequence[Contour]) -> tuple[_Pockets, list[Note]]:
     if spoiled:
         why = "what they are there for is not clear: as islands they would be cut away; mend or leave them out"
         names = [closed[k] for k in spoiled]
-        notes.append(_not_cleared(names, "with contours in them that are open or cross others", why))
+        notes.append(
+            _not_cleared(names, "with contours in them that are open or cross others", why)
+        )
     members = {
         k: [k, *np.flatnonzero(sound & (nesting.parent == k) & (nesting.depth % 2 == 1)).tolist()]
         for k in outer.tolist()
@@ -234,7 +264,9 @@ def _find_overlaps(closed: Sequence[Contour], nesting: Nesting) -> Nesting:
     points, owner = flatten(from_contours(closed), CHORD)
     many = np.flatnonzero((np.bincount(owner, minlength=len(closed)) >= 3) & (nesting.crossed < 0))
     rows = np.isin(owner, many)
-    loops = shapely.polygons(shapely.linearrings(points[rows], indices=np.searchsorted(many, owner[rows])))
+    loops = shapely.polygons(
+        shapely.linearrings(points[rows], indices=np.searchsorted(many, owner[rows]))
+    )
     edges = shapely.boundary(loops)
     one, two = shapely.STRtree(edges).query(edges, predicate="intersects")
     one, two = one[one < two], two[one < two]
@@ -264,7 +296,9 @@ def _unfit(nesting: Nesting) -> list[tuple[Any, str, str]]:
     ]
 
 
-def _with_doubt(closed: Sequence[Contour], outer: Sequence[int], doubtful: Sequence[Contour]) -> list[int]:
+def _with_doubt(
+    closed: Sequence[Contour], outer: Sequence[int], doubtful: Sequence[Contour]
+) -> list[int]:
     """Those of the ``outer`` loops in which one of the ``doubtful`` contours lies, or that it meets."""
     if not doubtful or not outer:
         return []
@@ -300,7 +334,11 @@ class _Run(Struct, frozen=True, eq=False):
 
 
 def _paths(
-    walks: Sequence[Walk], borders: Sequence[Piece], pieces: Sequence[Piece], pockets: _Pockets, job: Job
+    walks: Sequence[Walk],
+    borders: Sequence[Piece],
+    pieces: Sequence[Piece],
+    pockets: _Pockets,
+    job: Job,
 ) -> tuple[ToolPath, ...]:
     """The walks, then the finishing passes of each pocket, by pocket."""
     reached = _reached_by_roughing(borders, pieces, job)
@@ -321,7 +359,13 @@ def _paths(
     depths = pass_depths(job.operation.depth, job.operation.passes)
     none = np.zeros(len(table))
     paths = tool_paths(
-        table, [run.label for run in runs], sideways(table, 0), none, _feeds(table, runs, job), depths, "pocket"
+        table,
+        [run.label for run in runs],
+        sideways(table, 0),
+        none,
+        _feeds(table, runs, job),
+        depths,
+        "pocket",
     )
     return tuple(
         replace(path, entry_radius=run.room, depths=depths[-1:] if run.whole else depths)
@@ -346,7 +390,9 @@ def _rough_runs(
     return runs
 
 
-def _last_runs(number: int, last: Sequence[tuple[Segments, bool]], base: int, pockets: _Pockets) -> list[_Run]:
+def _last_runs(
+    number: int, last: Sequence[tuple[Segments, bool]], base: int, pockets: _Pockets
+) -> list[_Run]:
     """The last passes of a pocket one after the other, the first of them path ``base``."""
     runs = []
     for n, (chain, whole) in enumerate(last, 1):
@@ -377,9 +423,15 @@ def _reached_by_roughing(borders: Sequence[Piece], pieces: Sequence[Piece], job:
     most = max(job.operation.finish, job.operation.stepover * job.tool.diameter)
     result = []
     for border in borders:
-        inside = [piece.area for piece in pieces if piece.parent < 0 and piece.pocket == border.pocket]
+        inside = [
+            piece.area for piece in pieces if piece.parent < 0 and piece.pocket == border.pocket
+        ]
         rough = shapely.union_all(inside) if inside else shapely.Polygon()
-        far = border.area if rough.is_empty else border.area.difference(rough.buffer(most + CHORD, quad_segs=QUARTER))
+        far = (
+            border.area
+            if rough.is_empty
+            else border.area.difference(rough.buffer(most + CHORD, quad_segs=QUARTER))
+        )
         result.append(bool(far.is_empty))
     return result
 
@@ -387,16 +439,22 @@ def _reached_by_roughing(borders: Sequence[Piece], pieces: Sequence[Piece], job:
 # What is said of them.
 
 
-def _tell_failed(failed: frozenset[int], borders: Sequence[Piece], pockets: _Pockets, job: Job) -> list[Note]:
+def _tell_failed(
+    failed: frozenset[int], borders: Sequence[Piece], pockets: _Pockets, job: Job
+) -> list[Note]:
     """Notes on pockets without a path."""
     reached = {piece.pocket for piece in borders}
     narrow = [k for k in range(len(pockets.names)) if k not in reached and k not in failed]
     tool = f"a {job.tool.diameter:g} mm tool does not fit"
     report = (
-        "the passes did not keep their distance: draw one outline where edges lie on one line, else please report it"
+        "the passes did not keep their distance: draw one outline "
+        "where edges lie on one line, else please report it"
     )
     result = []
-    for chosen, how, why in ((narrow, "too narrow", tool), (sorted(failed), "check failed", report)):
+    for chosen, how, why in (
+        (narrow, "too narrow", tool),
+        (sorted(failed), "check failed", report),
+    ):
         if chosen:
             ids = [pockets.names[k] for k in chosen]
             layers = ", ".join(sorted({pockets.layers[k] for k in chosen}))
@@ -419,7 +477,11 @@ def _tell_passes(
     step, radius = job.operation.stepover * job.tool.diameter, job.tool.diameter / 2
     share, way = engagement(pieces, opened, radius, step, job.operation.direction != "conventional")
     made = [channel for own in opened for channel in own]
-    which = pockets.names[0] if len(pockets.names) == 1 else counted(len({w.pocket for w in walks}), "pocket")
+    which = (
+        pockets.names[0]
+        if len(pockets.names) == 1
+        else counted(len({w.pocket for w in walks}), "pocket")
+    )
     passes = sum(walk.rings for walk in walks)
     what = f"{which}: {counted(passes, 'pass', 'passes')} in {counted(len(walks), 'path')}, {short(step, 3)} mm apart"
     if made:
@@ -433,9 +495,13 @@ def _tell_passes(
         what += f", engagement {_percent(half)} % of the diameter or less on half of the way, {_percent(share.max())} %"
         what += f" at most, over {100 * _MUCH:.0f} % on {short(much, 1)} % of it"
     parents, roots = {piece.parent for piece in pieces}, outermost_of(pieces)
-    first = sum(k not in parents and piece.ring and not opened[roots[k]] for k, piece in enumerate(pieces))
+    first = sum(
+        k not in parents and piece.ring and not opened[roots[k]] for k, piece in enumerate(pieces)
+    )
     slots = f"the first pass in the middle of {counted(first, 'place')}, which is a slot"
-    why = f"not counted: {slots}" if first else "not counted: the first turns where the tool goes in"
+    why = (
+        f"not counted: {slots}" if first else "not counted: the first turns where the tool goes in"
+    )
     steep = sum(walk.steep for walk in walks)
     if made and steep:
         why += f", and {counted(steep, 'link')} for which there was no room to lean"
@@ -471,7 +537,9 @@ def _tell_unreached(borders: Sequence[Piece], pockets: _Pockets, job: Job) -> li
     if places:
         what += f", {counted(len(places), 'place')} of {short(places[0][0], 2)} mm2 or less"
     why = f"inner corners and narrow places that a {job.tool.diameter:g} mm tool does not reach"
-    return [Note("warning", what, why, tuple(ids), tuple((x, y) for _, x, y in places[:_MOST_PLACES]))]
+    return [
+        Note("warning", what, why, tuple(ids), tuple((x, y) for _, x, y in places[:_MOST_PLACES]))
+    ]
 
 
 def _region(ground: Ground, number: int) -> Any:
@@ -479,4 +547,6 @@ def _region(ground: Ground, number: int) -> Any:
     points, owner = flatten(ground.walls.take(ground.group == number), CHORD)
     loops = [shapely.make_valid(shapely.Polygon(points[owner == k])) for k in np.unique(owner)]
     loops.sort(key=lambda loop: -loop.area)
-    return shapely.difference(loops[0], shapely.union_all(loops[1:])) if len(loops) > 1 else loops[0]
+    return (
+        shapely.difference(loops[0], shapely.union_all(loops[1:])) if len(loops) > 1 else loops[0]
+    )

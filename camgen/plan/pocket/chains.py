@@ -62,7 +62,10 @@ def cut_out(chain: Segments, low: float, high: float) -> Segments:
     ends = np.cumsum(length)
     begin = ends - length
     first, last = np.maximum(low - begin, 0.0), np.minimum(high - begin, length)
-    first, last = np.where(first < _LEAST, 0.0, first), np.where(length - last < _LEAST, length, last)
+    first, last = (
+        np.where(first < _LEAST, 0.0, first),
+        np.where(length - last < _LEAST, length, last),
+    )
     rows = np.flatnonzero(last - first > np.minimum(_LEAST, length / 2))
     return split(chain, rows, first[rows] / length[rows], last[rows] / length[rows])
 
@@ -93,7 +96,9 @@ def join(chains: list[Segments]) -> Segments:
 
 def concatenate(chains: Sequence[Segments]) -> Segments:
     """The rows of all ``chains`` in order."""
-    return Segments(*(np.concatenate([getattr(c, name) for c in chains]) for name in Segments.__struct_fields__))
+    return Segments(
+        *(np.concatenate([getattr(c, name) for c in chains]) for name in Segments.__struct_fields__)
+    )
 
 
 def _with_start(chain: Segments, start: FloatArray) -> Segments:

@@ -95,7 +95,9 @@ class Channel(Struct, frozen=True, eq=False):
     def area(self, more: float) -> Any:
         """All discs, larger by ``more`` mm, as one polygon."""
         places = shapely.points([(disc.x, disc.y) for disc in self.discs])
-        return shapely.union_all(shapely.buffer(places, [disc.room + more for disc in self.discs], quad_segs=32))
+        return shapely.union_all(
+            shapely.buffer(places, [disc.room + more for disc in self.discs], quad_segs=32)
+        )
 
 
 def channels(axis: Ridge, first: float, bound: Bound, begun: float) -> list[Channel]:
@@ -120,7 +122,15 @@ def channels(axis: Ridge, first: float, bound: Bound, begun: float) -> list[Chan
             left -= set(ways)
             made = _cut(axis.points, room, root, _leaves(ways, root), ways, bound, begun)
             rim = _rim(made.discs[0], bound)
-            found.append(Channel(tuple(made.discs), float(axis.room[root]) - first, rim, made.chain(), *made.engaged()))
+            found.append(
+                Channel(
+                    tuple(made.discs),
+                    float(axis.room[root]) - first,
+                    rim,
+                    made.chain(),
+                    *made.engaged(),
+                )
+            )
     return found
 
 
@@ -173,7 +183,12 @@ class _Made:
     def chain(self) -> Segments:
         """All of the way so far."""
         points = np.array(self.ends)
-        return make(points[:-1], points[1:], np.array(self.bulges), np.zeros(len(points) - 1, dtype=np.int64))
+        return make(
+            points[:-1],
+            points[1:],
+            np.array(self.bulges),
+            np.zeros(len(points) - 1, dtype=np.int64),
+        )
 
     def engaged(self) -> tuple[FloatArray, FloatArray]:
         """Shares of the diameter along the arcs, and how long they last, mm."""
@@ -216,10 +231,14 @@ def _cut(
 def _rim(disc: Disc, bound: Bound) -> Segments:
     """All round a disc in two halves."""
     ends = np.array([[disc.x - disc.room, disc.y], [disc.x + disc.room, disc.y]])
-    return make(ends, ends[::-1], np.full(2, 1.0 if bound.ccw else -1.0), np.zeros(2, dtype=np.int64))
+    return make(
+        ends, ends[::-1], np.full(2, 1.0 if bound.ccw else -1.0), np.zeros(2, dtype=np.int64)
+    )
 
 
-def _covered(points: FloatArray, room: FloatArray, discs: Sequence[Disc], slack: float) -> np.ndarray:
+def _covered(
+    points: FloatArray, room: FloatArray, discs: Sequence[Disc], slack: float
+) -> np.ndarray:
     """Which discs about ``points`` lie in one that is clear already."""
     table = np.array([(disc.x, disc.y, disc.room) for disc in discs])
     gap = np.hypot(*np.moveaxis(points[:, None] - table[None, :, :2], 2, 0))
@@ -250,7 +269,12 @@ def _grow(made: _Made, room: float, begun: float) -> None:
 
 
 def _follow(
-    made: _Made, way: Sequence[int], points: FloatArray, room: FloatArray, here: int, at: dict[int, int]
+    made: _Made,
+    way: Sequence[int],
+    points: FloatArray,
+    room: FloatArray,
+    here: int,
+    at: dict[int, int],
 ) -> int:
     """Discs along a ``way`` of places from the disc ``here`` on; that of the last one."""
     place = 0
@@ -279,7 +303,9 @@ def _follow(
     return here
 
 
-def _engaged(middle: FloatArray, room: float, points: FloatArray, rooms: FloatArray, bound: Bound) -> FloatArray:
+def _engaged(
+    middle: FloatArray, room: float, points: FloatArray, rooms: FloatArray, bound: Bound
+) -> FloatArray:
     """(M, F) shares of the diameter along the fronts of discs about ``points``, when that about ``middle`` is clear.
 
     On the front the tool's centre is at u(phi) from the new middle. What of its rim is farther from the old middle

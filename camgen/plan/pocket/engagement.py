@@ -26,7 +26,11 @@ _CHIP = 0.02
 
 
 def engagement(
-    pieces: Sequence[Piece], channels: Sequence[Sequence[Channel]], radius: float, step: float, climb: bool
+    pieces: Sequence[Piece],
+    channels: Sequence[Sequence[Channel]],
+    radius: float,
+    step: float,
+    climb: bool,
 ) -> tuple[FloatArray, FloatArray]:
     """Radial engagements (M,) as shares of the diameter at places along the passes, and how long each lasts (M,), mm.
 
@@ -44,9 +48,13 @@ def engagement(
         at_level = np.flatnonzero(distance == level).tolist()
         rows = [k for k in at_level if k in inner or not pieces[k].ring or opened[k]]
         if rows:
-            cleared = np.flatnonzero((distance > level) & (distance <= level + 1.05 * step)).tolist()
+            cleared = np.flatnonzero(
+                (distance > level) & (distance <= level + 1.05 * step)
+            ).tolist()
             chains, of = _gather(pieces, cleared)
-            done = Obstacles(chains, np.array([pieces[k].pocket for k in cleared], dtype=np.int64)[of])
+            done = Obstacles(
+                chains, np.array([pieces[k].pocket for k in cleared], dtype=np.int64)[of]
+            )
             own, piece = _gather(pieces, rows)
             pocket = np.array([pieces[k].pocket for k in rows])[piece]
             share, way = _along(own, pocket, done, clear, radius, -1 if climb else 1)
@@ -58,11 +66,15 @@ def engagement(
     return np.concatenate(shares), np.concatenate(ways)
 
 
-def _clear(pieces: Sequence[Piece], channels: Sequence[Sequence[Channel]], radius: float) -> dict[int, Any]:
+def _clear(
+    pieces: Sequence[Piece], channels: Sequence[Sequence[Channel]], radius: float
+) -> dict[int, Any]:
     """What the channels of each pocket clear; what is thinner than a chip worth the name with it."""
     found: dict[int, list[Any]] = {}
     for piece, own in zip(pieces, channels, strict=True):
-        found.setdefault(piece.pocket, []).extend(channel.area(radius * (1 + _CHIP)) for channel in own)
+        found.setdefault(piece.pocket, []).extend(
+            channel.area(radius * (1 + _CHIP)) for channel in own
+        )
     made = {pocket: shapely.union_all(areas) for pocket, areas in found.items() if areas}
     for area in made.values():
         shapely.prepare(area)
@@ -72,12 +84,19 @@ def _clear(pieces: Sequence[Piece], channels: Sequence[Sequence[Channel]], radiu
 def _gather(pieces: Sequence[Piece], rows: Sequence[int]) -> tuple[Segments, IntArray]:
     """All segments of the pieces ``rows``, and the place in ``rows`` of each."""
     parts = [chain for k in rows for chain in pieces[k].chains]
-    of = np.repeat(np.arange(len(rows)), [sum(len(chain) for chain in pieces[k].chains) for k in rows])
+    of = np.repeat(
+        np.arange(len(rows)), [sum(len(chain) for chain in pieces[k].chains) for k in rows]
+    )
     return concatenate(parts) if parts else from_contours([]), of
 
 
 def _along(
-    chains: Segments, pocket: IntArray, done: Obstacles, clear: dict[int, Any], radius: float, side: int
+    chains: Segments,
+    pocket: IntArray,
+    done: Obstacles,
+    clear: dict[int, Any],
+    radius: float,
+    side: int,
 ) -> tuple[FloatArray, FloatArray]:
     """Engagements and their lengths; pocket: (N,) of each segment. side: +1: the walls on the left."""
     count = np.clip(np.ceil(chains.length / radius), 1, _MOST_PLACES).astype(np.int64)
@@ -86,7 +105,10 @@ def _along(
     way = (chains.length / count)[row]
     # Ends as well, where corners are; a moment long.
     row = np.concatenate([row, np.arange(len(chains))])
-    fraction, way = np.concatenate([fraction, np.ones(len(chains))]), np.concatenate([way, np.zeros(len(chains))])
+    fraction, way = (
+        np.concatenate([fraction, np.ones(len(chains))]),
+        np.concatenate([way, np.zeros(len(chains))]),
+    )
     places = chains.take(row)
     at, along = points_at(places, fraction), tangents_at(places, fraction)
     heading = np.arctan2(along[:, 1], along[:, 0])
@@ -114,6 +136,9 @@ def _along(
         for _ in range(_HALVINGS):
             middle = (inside[k] + outside[k]) / 2
             beyond = in_contact(middle, every)
-            inside[k], outside[k] = np.where(beyond, middle, inside[k]), np.where(beyond, outside[k], middle)
+            inside[k], outside[k] = (
+                np.where(beyond, middle, inside[k]),
+                np.where(beyond, outside[k], middle),
+            )
     share = (np.cos(outside[0]) - np.cos(outside[1])) / 2
     return np.where(some, share, 0.0), way

@@ -33,7 +33,9 @@ class Ridge(Struct, frozen=True, eq=False):
     links: IntArray
 
 
-def ridge(walls: Segments, following: IntArray, region: Any, first: float, spacing: float, turn: float) -> Ridge:
+def ridge(
+    walls: Segments, following: IntArray, region: Any, first: float, spacing: float, turn: float
+) -> Ridge:
     """The ridge in ``region``, which the closed ``walls`` enclose, where it is more than ``first`` mm from them.
 
     following: (N,) the next segment of each. spacing: mm between samples of the walls, and between places at most, with
@@ -57,7 +59,9 @@ def ridge(walls: Segments, following: IntArray, region: Any, first: float, spaci
     return Ridge(points, exact, links)
 
 
-def _divide(points: FloatArray, links: IntArray, room: FloatArray, spacing: float) -> tuple[FloatArray, IntArray]:
+def _divide(
+    points: FloatArray, links: IntArray, room: FloatArray, spacing: float
+) -> tuple[FloatArray, IntArray]:
     """Places and links with more places along the links: no farther apart than ``spacing`` mm, nor than a share of the
     ``room`` (N,) about them.
     """
@@ -121,14 +125,18 @@ def _circles(samples: FloatArray, triangles: IntArray) -> tuple[FloatArray, Floa
     flat = np.abs(twice) < 1e-12
     bb, cc = (b**2).sum(axis=1), (c**2).sum(axis=1)
     safe = np.where(flat, 1.0, twice)
-    arm = np.column_stack([c[:, 1] * bb - b[:, 1] * cc, b[:, 0] * cc - c[:, 0] * bb]) / safe[:, None]
+    arm = (
+        np.column_stack([c[:, 1] * bb - b[:, 1] * cc, b[:, 0] * cc - c[:, 0] * bb]) / safe[:, None]
+    )
     return a + arm, np.where(flat, np.inf, np.hypot(*arm.T))
 
 
 def _links(triangles: IntArray, after: IntArray) -> IntArray:
     """Pairs (E, 2) of triangles beside each other, but for those between which a wall runs, or that a spur to it."""
     count = len(triangles)
-    ends = np.sort(np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1)
+    ends = np.sort(
+        np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1
+    )
     of = np.tile(np.arange(count), 3)
     order = np.lexsort(ends.T)
     ends, of = ends[order], of[order]

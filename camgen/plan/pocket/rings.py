@@ -22,7 +22,14 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from camgen.geometry.nesting import loop_areas
-from camgen.geometry.segments import IntArray, Segments, backwards, flatten, from_contours, neighbours
+from camgen.geometry.segments import (
+    IntArray,
+    Segments,
+    backwards,
+    flatten,
+    from_contours,
+    neighbours,
+)
 from camgen.plan.beside import Beside, beside
 from camgen.plan.pocket.chains import concatenate, cut_out, places
 
@@ -126,7 +133,9 @@ def _append(pieces: list[Piece], found: Sequence[Piece], before: list[int]) -> l
 def _enclosing(piece: Piece, candidates: Sequence[Piece]) -> int:
     if len(candidates) < 2:
         return len(candidates) - 1
-    gaps = shapely.distance(piece.area.representative_point(), np.array([c.area for c in candidates]))
+    gaps = shapely.distance(
+        piece.area.representative_point(), np.array([c.area for c in candidates])
+    )
     distance = np.array([c.distance for c in candidates])
     # The innermost of those around it.
     near = np.flatnonzero(gaps <= gaps.min() + CHORD)
@@ -139,7 +148,9 @@ def _level(ground: Ground, by: float, climb: bool, walls: Ground | None = None) 
     walls: those of the pockets. Where the numbers are against a pocket it is tried at a little more or less, and from
     these; without them the distance is met exactly or not at all.
     """
-    tries = [(ground, by * (1 + nudge)) for nudge in (_NUDGES if walls is not None else _NUDGES[:1])]
+    tries = [
+        (ground, by * (1 + nudge)) for nudge in (_NUDGES if walls is not None else _NUDGES[:1])
+    ]
     if walls is not None:
         tries += [(walls, ground.distance + by * (1 + nudge)) for nudge in _NUDGES]
     pockets = frozenset(np.unique(ground.group).tolist())
@@ -162,14 +173,20 @@ def of_pockets(ground: Ground, pockets: frozenset[int]) -> Ground:
     new = np.full(len(ground.walls), -1)
     new[rows] = np.arange(len(rows))
     return Ground(
-        ground.walls.take(rows), new[ground.following[rows]], ground.group[rows], ground.count, ground.distance
+        ground.walls.take(rows),
+        new[ground.following[rows]],
+        ground.group[rows],
+        ground.count,
+        ground.distance,
     )
 
 
 def _join(grounds: Sequence[Ground], count: int) -> Ground:
     """The borders of several, each of other pockets, as one."""
     if not grounds:
-        return Ground(from_contours([]), np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), count)
+        return Ground(
+            from_contours([]), np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), count
+        )
     rows, owners = 0, 0
     following, owner = [], []
     for ground in grounds:
@@ -205,7 +222,9 @@ def _pieces(curve: Beside, ground: Ground, distance: float, climb: bool) -> _Lev
             polygon = shapely.Polygon(loops[members[0]], [loops[k] for k in members[1:]])
             pieces.append(Piece(number, distance, tuple(chains[k] for k in members), True, polygon))
     borders = curve.segments.take(worth[curve.segments.owner])
-    inner = Ground(borders, neighbours(borders, curve.closed), pocket[borders.owner], ground.count, distance)
+    inner = Ground(
+        borders, neighbours(borders, curve.closed), pocket[borders.owner], ground.count, distance
+    )
     return _Level(pieces, inner, frozenset(bad.tolist()))
 
 
@@ -252,7 +271,9 @@ def _between(
     return result, level.bad
 
 
-def _stretches(chains: Sequence[Segments], bare: Any, reach: float, radius: float) -> tuple[Segments, ...]:
+def _stretches(
+    chains: Sequence[Segments], bare: Any, reach: float, radius: float
+) -> tuple[Segments, ...]:
     """The stretches of closed ``chains`` that come within ``reach`` mm of what is ``bare``."""
     result: list[Segments] = []
     for chain in chains:

@@ -24,7 +24,16 @@ from camgen.geometry.intersect import gaps
 from camgen.geometry.ragged import owners, ramp
 from camgen.geometry.segments import IntArray, Segments, make, points_at, tangents_at
 from camgen.model.pose import FloatArray
-from camgen.plan.pocket.chains import begun_at, cut_out, join, locate, nearest, places, straight, tangents_along
+from camgen.plan.pocket.chains import (
+    begun_at,
+    cut_out,
+    join,
+    locate,
+    nearest,
+    places,
+    straight,
+    tangents_along,
+)
 from camgen.plan.pocket.channel import Bound, Channel
 from camgen.plan.pocket.rings import Piece
 
@@ -199,7 +208,9 @@ def _put_channels_first(walks: list[_Open]) -> None:
         own[-1].before = None
 
 
-def _cut(piece: Piece, walk: _Open | None, room: _Room, first: float, step: float, ended: list[_Open]) -> _Open:
+def _cut(
+    piece: Piece, walk: _Open | None, room: _Room, first: float, step: float, ended: list[_Open]
+) -> _Open:
     """The walk after the chains of ``piece``; those that were left for another one are appended to ``ended``."""
     left = list(piece.chains)
     while left:
@@ -242,7 +253,11 @@ def _reach(walk: _Open, chain: Segments, room: _Room, step: float) -> bool:
     if not _is_closed(chain):
         there = chain.start[:1]
         clear = room.lean and _is_linked(walk, there, replace(room, most=_CLEAR))
-        if not clear and not _is_linked(walk, there, room) and not len(_go_round(walk, there, room)):
+        if (
+            not clear
+            and not _is_linked(walk, there, room)
+            and not len(_go_round(walk, there, room))
+        ):
             return False
         walk.steep += not clear
         walk.add(chain, False)
@@ -273,7 +288,9 @@ def _reach(walk: _Open, chain: Segments, room: _Room, step: float) -> bool:
     return True
 
 
-def _reach_gently(walk: _Open, chain: Segments, foot: float, room: _Room) -> tuple[Segments, float] | None:
+def _reach_gently(
+    walk: _Open, chain: Segments, foot: float, room: _Room
+) -> tuple[Segments, float] | None:
     """A link to a closed ``chain`` that engages no more than is allowed, and where it ends, mm from its start."""
     total = float(chain.length.sum())
     near = foot + room.lean * np.linspace(-1, 1, _TRIES)
@@ -305,7 +322,9 @@ def _lean_on(walk: _Open, chain: Segments, room: _Room) -> tuple[Segments, float
     links = straight(here[0], locate(chain, ends))
     links = make(links.start, links.end, bulges(links.start, half, links.end), links.owner)
     lean = (tangents_at(links, np.ones(len(links))) * tangents_along(chain, ends)).sum(axis=1)
-    rows = np.flatnonzero((lean >= math.cos(room.turn)) & (gaps(links, room.walls, room.clear) >= room.clear))
+    rows = np.flatnonzero(
+        (lean >= math.cos(room.turn)) & (gaps(links, room.walls, room.clear) >= room.clear)
+    )
     return (links.take(rows[:1]), float(ends[rows[0]])) if len(rows) else None
 
 
@@ -330,7 +349,9 @@ def _go_round(walk: _Open, ends: FloatArray, room: _Room) -> IntArray:
             return np.zeros(0, dtype=np.int64)
         start = float(back[free[0]])
     gaps_between = np.hypot(*np.moveaxis(points[:, None] - ends[None], 2, 0))
-    one, two = np.unravel_index(np.argsort(gaps_between, axis=None)[: 2 * _TRIES], gaps_between.shape)
+    one, two = np.unravel_index(
+        np.argsort(gaps_between, axis=None)[: 2 * _TRIES], gaps_between.shape
+    )
     free = _first_free(_lines(points[one], ends[two]), room)
     if len(free):
         there = float(off[one[free[0]]])
@@ -349,7 +370,11 @@ def _first_free(links: Segments, room: _Room) -> IntArray:
         rows = np.arange(low, min(low + _AT_ONCE, len(links)))
         # What leads over nothing uncut is soon seen; how near the walls are takes longer.
         rows = rows[_uncut(links.take(rows), room) <= room.most]
-        rows = rows[gaps(links.take(rows), room.walls, room.clear) >= room.clear] if len(rows) else rows
+        rows = (
+            rows[gaps(links.take(rows), room.walls, room.clear) >= room.clear]
+            if len(rows)
+            else rows
+        )
         if len(rows):
             return np.asarray(rows[:1])
     return np.zeros(0, dtype=np.int64)

@@ -74,8 +74,14 @@ def _load(name: str, data: bytes) -> _Loaded:
     notes: list[Note] = []
     binary = data.startswith(_BINARY)
     # At the end of most files; what a program has written behind it is rare and costs a look at everything.
-    if not (b"\x00EOF\x00" in data if binary else _END.search(data, max(0, len(data) - _TAIL)) or _END.search(data)):
-        notes.append(Note("skipped", "the file ends before its end mark", "what would follow is lost"))
+    if not (
+        b"\x00EOF\x00" in data
+        if binary
+        else _END.search(data, max(0, len(data) - _TAIL)) or _END.search(data)
+    ):
+        notes.append(
+            Note("skipped", "the file ends before its end mark", "what would follow is lost")
+        )
         data = data if binary else _close_ends(data)
     plain = None if binary else split(data)
     document = plain and _load_rest(plain)
@@ -90,15 +96,25 @@ def _load(name: str, data: bytes) -> _Loaded:
         cause = _plain(error)
         if binary:
             # The tolerant reader of ezdxf takes text only.
-            raise InputError(name, f"damaged beyond repair: {cause}", "binary DXF", _SAVE_AGAIN) from error
+            raise InputError(
+                name, f"damaged beyond repair: {cause}", "binary DXF", _SAVE_AGAIN
+            ) from error
     try:
         document, auditor = recover.read(BytesIO(data))
         document.modelspace()
     except (DXFError, *_STUMBLES) as error:
-        raise InputError(name, f"damaged beyond repair: {_plain(error)}", "", _SAVE_AGAIN) from error
+        raise InputError(
+            name, f"damaged beyond repair: {_plain(error)}", "", _SAVE_AGAIN
+        ) from error
     count = len(auditor.fixes) + len(auditor.errors)
     mended = f" and was read tolerantly, {counted(count, 'fault')} mended" if count else ""
-    notes.append(Note("repaired", f"the file is damaged{mended}: {cause}", f"compare the contours, or {_SAVE_AGAIN}"))
+    notes.append(
+        Note(
+            "repaired",
+            f"the file is damaged{mended}: {cause}",
+            f"compare the contours, or {_SAVE_AGAIN}",
+        )
+    )
     return _Loaded(document, None, tuple(notes))
 
 
@@ -197,7 +213,10 @@ class DxfFacts(Struct, frozen=True):
             f"entities: {_list_counts(self.counts)}",
             f"contours: {self.closed} closed, {self.open} open"
             + (f"; {counted(self.space, 'curve')} in space" if self.space else ""),
-            *(f"layer {layer.name}: {layer.state}; {_list_counts(layer.counts)}" for layer in self.layers),
+            *(
+                f"layer {layer.name}: {layer.state}; {_list_counts(layer.counts)}"
+                for layer in self.layers
+            ),
             *filter(None, [self.colors]),
             *map(str, self.notes),
         ]
@@ -231,7 +250,12 @@ def read(source: Source, job: Job, _files: Files) -> Part:
     if not found.contours and not found.curves:
         damage = [n.what for n in found.about_file if n.kind in {"repaired", "skipped", "warning"}]
         left = "; ".join([*damage, *(f"{n.what}: {n.why}" for n in found.left)])
-        raise InputError(name, "nothing to machine", left or "the drawing is empty", "draw curves on a visible layer")
+        raise InputError(
+            name,
+            "nothing to machine",
+            left or "the drawing is empty",
+            "draw curves on a visible layer",
+        )
     return Part(source.stem, name, found.units, found.contours, found.notes, curves=found.curves)
 
 
@@ -245,7 +269,11 @@ def inspect(source: Source, job: Job, _files: Files) -> DxfFacts:
         kinds[kind] += count
         by_layer.setdefault(layer.casefold(), Counter())[kind] += count
     layers = tuple(
-        LayerFacts(harmless(drawn.layers.names[key]), drawn.layers.why_not(drawn.layers.names[key]) or "used", counts)
+        LayerFacts(
+            harmless(drawn.layers.names[key]),
+            drawn.layers.why_not(drawn.layers.names[key]) or "used",
+            counts,
+        )
         for key, counts in ((key, tuple(sorted(by_layer[key].items()))) for key in sorted(by_layer))
         if counts or key not in _ALWAYS
     )
@@ -281,16 +309,27 @@ def _read(source: Source, job: Job) -> _Read:
         del document, loaded
         flat = flatten(drawn, chord)
         if flat.tilted and _is_meant_in_space(job):
-            curves, joints = space.curves(place_in_space(name, drawn, chord, source.limits), settings.join)
-            left = (*_left(drawn), *_take(drawn), *joints, *([space.tell_which(curves)] if curves else []))
+            curves, joints = space.curves(
+                place_in_space(name, drawn, chord, source.limits), settings.join
+            )
+            left = (
+                *_left(drawn),
+                *_take(drawn),
+                *joints,
+                *([space.tell_which(curves)] if curves else []),
+            )
         else:
             contours, joints = join.contours(flat.soup, settings.join, job.chooses_colors)
             left = (*_left(drawn), *_not_flat(drawn, flat), *_level(flat), *_take(drawn), *joints)
     rows = [c.points for c in contours] + [c.points for c in curves]
     size = _size(rows)
-    doubts = units.doubts(size, unit, name) if rows and settings.units.strip().lower() == "auto" else ()
+    doubts = (
+        units.doubts(size, unit, name) if rows and settings.units.strip().lower() == "auto" else ()
+    )
     about_file = (*notes, *unit_notes, *doubts)
-    return _Read(version, unit, drawn, contours, curves, len(flat.tilted), size[:2], about_file, left)
+    return _Read(
+        version, unit, drawn, contours, curves, len(flat.tilted), size[:2], about_file, left
+    )
 
 
 def _is_meant_in_space(job: Job) -> bool:
@@ -310,7 +349,9 @@ def _state(name: str, document: Drawing, data: bytes) -> tuple[int, int | None]:
             found.append(None if value is None else int(value))
         except ValueError as error:
             remedy = "save it again from the CAD program, or mend the header"
-            raise InputError(name, f"is damaged: {str(value)[:20]!r} is no number", key, remedy) from error
+            raise InputError(
+                name, f"is damaged: {str(value)[:20]!r} is no number", key, remedy
+            ) from error
     insunits, measurement = found
     return insunits or 0, measurement
 
@@ -355,7 +396,9 @@ def _not_flat(drawn: DrawnEntities, flat: Flat) -> list[Note]:
         more = len(flat.tilted) - len(named)
         what = "; ".join(named) + (f"; and {more} more" if more else "")
         why = "curves must be flat and parallel to the XY plane; nothing is projected"
-        notes.append(Note("skipped", what, f'{why}; operation.kind = "trace" follows them in space'))
+        notes.append(
+            Note("skipped", what, f'{why}; operation.kind = "trace" follows them in space')
+        )
     return notes
 
 
@@ -373,7 +416,9 @@ def _level(flat: Flat) -> list[Note]:
     if max(-low, high) > FLAT_MM:
         low, high = float(heights.min()), float(heights.max())
         at = short(low, 3) if high - low <= FLAT_MM else f"{short(low, 3)} to {short(high, 3)}"
-        notes.append(Note("assumed", f"curves drawn at z = {at} mm", "taken as lying in the work plane"))
+        notes.append(
+            Note("assumed", f"curves drawn at z = {at} mm", "taken as lying in the work plane")
+        )
     return notes
 
 
@@ -381,7 +426,13 @@ def _take(drawn: DrawnEntities) -> list[Note]:
     """Notes on what was taken for something simpler: thickness, widths."""
     notes = []
     if drawn.flattened:
-        notes.append(Note("assumed", f"with thickness: {_count(drawn.flattened)}", "the curve itself is used"))
+        notes.append(
+            Note(
+                "assumed", f"with thickness: {_count(drawn.flattened)}", "the curve itself is used"
+            )
+        )
     if drawn.widths:
-        notes.append(Note("assumed", f"with width: {_count(drawn.widths)}", "the centre line is used"))
+        notes.append(
+            Note("assumed", f"with width: {_count(drawn.widths)}", "the centre line is used")
+        )
     return notes

@@ -53,7 +53,9 @@ def colors_of(document: Drawing) -> Colors:
     found = {}
     for layer in document.layers:
         true = layer.dxf.get("true_color")
-        found[str(layer.dxf.name).casefold()] = resolve_aci(layer.color) if true is None else _hex(true)
+        found[str(layer.dxf.name).casefold()] = (
+            resolve_aci(layer.color) if true is None else _hex(true)
+        )
     return Colors(found)
 
 

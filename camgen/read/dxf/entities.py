@@ -39,7 +39,9 @@ def ocs_matrix(extrusion: tuple[float, float, float]) -> FloatArray:
     if not 0 < size < math.inf:
         return np.eye(4)
     z /= size
-    x = np.cross((0.0, 1.0, 0.0) if abs(z[0]) < 1 / 64 and abs(z[1]) < 1 / 64 else (0.0, 0.0, 1.0), z)
+    x = np.cross(
+        (0.0, 1.0, 0.0) if abs(z[0]) < 1 / 64 and abs(z[1]) < 1 / 64 else (0.0, 0.0, 1.0), z
+    )
     x /= np.linalg.norm(x)
     matrix = np.eye(4)
     matrix[:3, 0], matrix[:3, 1], matrix[:3, 2] = x, np.cross(z, x), z
@@ -149,7 +151,9 @@ class DrawnEntities(Struct, eq=False):
         """Count entities that are not used."""
         self.left.setdefault(why, Counter())[kind, layer] += count
 
-    def own(self, place: _Place, kind: str, layer: str, closed: bool, attributes: Attributes, ocs: bool) -> int:
+    def own(
+        self, place: _Place, kind: str, layer: str, closed: bool, attributes: Attributes, ocs: bool
+    ) -> int:
         """A new piece; returns its owner number."""
         self.matrix.append(place.in_ocs(self, attributes.get("extrusion")) if ocs else place.index)
         self.layer.append(layer)
@@ -206,7 +210,9 @@ def walk(
         if layout.is_any_paperspace:
             for entity in layout:
                 if entity.dxftype() != "VIEWPORT":
-                    drawn.leave("in paper space", entity.dxftype(), entity.dxfattribs().get("layer", "0"))
+                    drawn.leave(
+                        "in paper space", entity.dxftype(), entity.dxfattribs().get("layer", "0")
+                    )
     return drawn
 
 
@@ -250,7 +256,9 @@ class _Sizes:
             return 0  # the walk says so
         if len(around) >= self.limits.dxf_depth:
             what = f"blocks stand more than {tell(self.limits.dxf_depth)} deep within each other"
-            raise InputError(self.name, what, harmless(block), "explode them, or raise limits.dxf_depth")
+            raise InputError(
+                self.name, what, harmless(block), "explode them, or raise limits.dxf_depth"
+            )
         if key not in self.known:
             self.known[key] = self._count(self.blocks.get(block), (*around, key))
         return self.known[key]
@@ -288,10 +296,15 @@ def _run(drawn: DrawnEntities, plain: PlainEntities, run: slice, place: _Place) 
     kind, numbers = plain.kind[run], plain.numbers[run]
     # What is the same of many is looked at once, where it first comes.
     said = (plain.color[run] * len(plain.layers) + plain.layer[run]) * len(KINDS) + kind
-    different, first, which, counts = np.unique(said, return_index=True, return_inverse=True, return_counts=True)
+    different, first, which, counts = np.unique(
+        said, return_index=True, return_inverse=True, return_counts=True
+    )
     color = np.full(len(different), -1)
     for k in np.argsort(first).tolist():
-        name, layer = KINDS[different[k] % len(KINDS)], plain.layers[different[k] // len(KINDS) % len(plain.layers)]
+        name, layer = (
+            KINDS[different[k] % len(KINDS)],
+            plain.layers[different[k] // len(KINDS) % len(plain.layers)],
+        )
         drawn.met[name, layer] += int(counts[k])
         why = drawn.layers.why_not(layer)
         if why:
@@ -331,7 +344,9 @@ def _line(drawn: DrawnEntities, _: Any, a: Attributes, layer: str, place: _Place
 
 
 def _arc(drawn: DrawnEntities, _: Any, a: Attributes, layer: str, place: _Place) -> str:
-    return _round(drawn, "ARC", a, layer, place, (a.get("start_angle", 0.0), a.get("end_angle", 360.0)))
+    return _round(
+        drawn, "ARC", a, layer, place, (a.get("start_angle", 0.0), a.get("end_angle", 360.0))
+    )
 
 
 def _circle(drawn: DrawnEntities, _: Any, a: Attributes, layer: str, place: _Place) -> str:
@@ -339,7 +354,12 @@ def _circle(drawn: DrawnEntities, _: Any, a: Attributes, layer: str, place: _Pla
 
 
 def _round(
-    drawn: DrawnEntities, kind: str, a: Attributes, layer: str, place: _Place, angles: tuple[float, float]
+    drawn: DrawnEntities,
+    kind: str,
+    a: Attributes,
+    layer: str,
+    place: _Place,
+    angles: tuple[float, float],
 ) -> str:
     center, radius = a.get("center"), a.get("radius", 1.0)
     if center is None or not all(map(math.isfinite, (radius, *angles))):
@@ -436,7 +456,9 @@ _KINDS: dict[str, Callable[[DrawnEntities, Any, Attributes, str, _Place], str]] 
 }
 
 
-def _insert(name: str, drawn: DrawnEntities, entity: Any, a: Attributes, layer: str, place: _Place) -> None:
+def _insert(
+    name: str, drawn: DrawnEntities, entity: Any, a: Attributes, layer: str, place: _Place
+) -> None:
     """The block's entities, once per cell of the array."""
     for attrib in entity.attribs:
         drawn.leave(_NO_CURVE, "ATTRIB", attrib.dxfattribs().get("layer", "0"))

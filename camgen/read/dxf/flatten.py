@@ -110,7 +110,12 @@ def _arcs(drawn: DrawnEntities) -> EntityRows:
     of = owners(counts)
     angle = np.radians(start[of] + (sweep / parts)[of] * ramp(counts))
     bulge = np.tan(np.radians(sweep / parts) / 4)
-    points = [x[of] + radius[of] * np.cos(angle), y[of] + radius[of] * np.sin(angle), z[of], bulge[of]]
+    points = [
+        x[of] + radius[of] * np.cos(angle),
+        y[of] + radius[of] * np.sin(angle),
+        z[of],
+        bulge[of],
+    ]
     rows = np.column_stack(points)
     rows[(np.cumsum(counts) - 1)[~closed], 3] = 0.0
     # Half circles exactly, so that circles are known again.
@@ -128,7 +133,9 @@ def _outlines(drawn: DrawnEntities) -> EntityRows:
 
 
 def _concatenate(parts: list[EntityRows]) -> EntityRows:
-    return EntityRows(*(np.concatenate([getattr(p, name) for p in parts]) for name in ("owner", "counts", "rows")))
+    return EntityRows(
+        *(np.concatenate([getattr(p, name) for p in parts]) for name in ("owner", "counts", "rows"))
+    )
 
 
 def _has_arcs(given: EntityRows) -> BoolArray:
@@ -157,9 +164,14 @@ def _place(
     chord = local.points[next_row(local)] - local.points
     right = np.column_stack([chord[:, 1], -chord[:, 0]])
     middle = np.column_stack([rows[:, :2] + chord / 2 + right * rows[:, 3:] / 2, rows[:, 2]])
-    z = np.stack([world[:, 2], np.where(rows[:, 3] != 0, _map(matrices, of_row, middle)[:, 2], world[:, 2])])
+    z = np.stack(
+        [world[:, 2], np.where(rows[:, 3] != 0, _map(matrices, of_row, middle)[:, 2], world[:, 2])]
+    )
     starts = local.first[:-1]
-    low, high = np.minimum.reduceat(z.min(axis=0), starts), np.maximum.reduceat(z.max(axis=0), starts)
+    low, high = (
+        np.minimum.reduceat(z.min(axis=0), starts),
+        np.maximum.reduceat(z.max(axis=0), starts),
+    )
     # A height that is no number must not pass as flat: it is told as damage together with x and y.
     world[~np.isfinite(world[:, 2]), 0] = np.nan
     return replace(local, points=world[:, :2].copy(), bulges=rows[:, 3].copy()), low, high
@@ -170,7 +182,9 @@ def _map(matrices: FloatArray, which: IntArray, points: FloatArray) -> FloatArra
     if len(which) and (which == which[0]).all():
         matrix = matrices[which[0]]
         return np.asarray(points @ matrix[:3, :3].T + matrix[:3, 3])
-    return np.asarray(np.einsum("vij,vj->vi", matrices[which, :3, :3], points) + matrices[which, :3, 3])
+    return np.asarray(
+        np.einsum("vij,vj->vi", matrices[which, :3, :3], points) + matrices[which, :3, 3]
+    )
 
 
 def _allow(soup: Soup) -> FloatArray:
@@ -183,7 +197,9 @@ def _allow(soup: Soup) -> FloatArray:
 # --- ellipses and splines --------------------------------------------------------------------------------------------
 
 
-def _oval(drawn: DrawnEntities, given: EntityRows, piece: int, matrix: FloatArray, height: float) -> _Chain:
+def _oval(
+    drawn: DrawnEntities, given: EntityRows, piece: int, matrix: FloatArray, height: float
+) -> _Chain:
     """A piece with arcs under a matrix that makes them elliptical."""
     first = int(given.counts[:piece].sum())
     rows = given.rows[first : first + given.counts[piece]]
@@ -198,7 +214,9 @@ def _oval(drawn: DrawnEntities, given: EntityRows, piece: int, matrix: FloatArra
         if bulge == 0 or not chord.any():
             runs.append((_flat_points(matrix, np.array([a[:3], e[:3]])), np.zeros(2)))
             continue
-        center = a[:2] + chord / 2 + np.array([-chord[1], chord[0]]) * (1 - bulge * bulge) / (4 * bulge)
+        center = (
+            a[:2] + chord / 2 + np.array([-chord[1], chord[0]]) * (1 - bulge * bulge) / (4 * bulge)
+        )
         out = a[:2] - center
         middle = _flat_points(matrix, np.array([[*center, a[2]]]))[0]
         turned = np.array([-out[1], out[0]])
@@ -242,17 +260,28 @@ def _ellipse(flat: FloatArray, start: float, end: float) -> FloatArray | curves.
         return curves.ellipse(center, u, v, start, end)
     count = max(1, math.ceil(abs(end - start) / math.pi - 1e-12))
     t = np.linspace(start, end, count + 1)
-    bulges = np.full(count + 1, math.tan((end - start) / count / 4) * math.copysign(1.0, u[0] * v[1] - u[1] * v[0]))
+    bulges = np.full(
+        count + 1,
+        math.tan((end - start) / count / 4) * math.copysign(1.0, u[0] * v[1] - u[1] * v[0]),
+    )
     return center + np.cos(t)[:, None] * u + np.sin(t)[:, None] * v, bulges
 
 
-def _stitch(chains: list[_Chain], chord: float) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
+def _stitch(
+    chains: list[_Chain], chord: float
+) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
     """Owner and counts (P,), points and bulges of the chains, their runs fitted and put end to end."""
-    fitted = iter(curves.fit([run for c in chains for run in c.runs if isinstance(run, np.ndarray)], chord))
+    fitted = iter(
+        curves.fit([run for c in chains for run in c.runs if isinstance(run, np.ndarray)], chord)
+    )
     points, bulges, counts = [np.zeros((0, 2))], [np.zeros(0)], []
     for chain in chains:
         runs = [next(fitted) if isinstance(run, np.ndarray) else run for run in chain.runs]
-        p = np.concatenate([*(run[0][:-1] for run in runs), runs[-1][0][-1:]]) if runs else np.zeros((1, 2))
+        p = (
+            np.concatenate([*(run[0][:-1] for run in runs), runs[-1][0][-1:]])
+            if runs
+            else np.zeros((1, 2))
+        )
         b = np.concatenate([*(run[1][:-1] for run in runs), [0.0]])
         points.append(p)
         bulges.append(b)

@@ -45,8 +45,18 @@ def _chains(drawn: DrawnEntities, chord: float) -> Iterator[tuple[int, Chain]]:
     """Owner and chain of each: lines, arcs and outlines, then what is smooth."""
     given = gather(drawn)
     ends = np.cumsum(given.counts)
-    for owner, low, high in zip(given.owner.tolist(), (ends - given.counts).tolist(), ends.tolist(), strict=True):
-        yield owner, _outline(given.rows[low:high], drawn.closed[owner], drawn.matrices[drawn.matrix[owner]], chord)
+    for owner, low, high in zip(
+        given.owner.tolist(), (ends - given.counts).tolist(), ends.tolist(), strict=True
+    ):
+        yield (
+            owner,
+            _outline(
+                given.rows[low:high],
+                drawn.closed[owner],
+                drawn.matrices[drawn.matrix[owner]],
+                chord,
+            ),
+        )
     for owner, curve in zip(drawn.smooth_owner, drawn.smooth, strict=True):
         yield owner, _smooth(curve, drawn.matrices[drawn.matrix[owner]], chord)
 
@@ -72,7 +82,9 @@ def _segment(a: FloatArray, b: FloatArray, matrix: FloatArray, chord: float) -> 
     out = a[:2] - center
     plane = matrix[:3, :2]
     u, v = plane @ out, plane @ np.array([-out[1], out[0]])
-    points, via = turn(_map(matrix, np.array([[*center, a[2]]]))[0], u, v, 0.0, 4 * math.atan(bulge), chord)
+    points, via = turn(
+        _map(matrix, np.array([[*center, a[2]]]))[0], u, v, 0.0, 4 * math.atan(bulge), chord
+    )
     points[[0, -1]] = _map(matrix, np.stack([a[:3], b[:3]]))
     return points, via
 

@@ -43,15 +43,23 @@ class Layers(Struct):
         globs = [glob.casefold() for glob in self.globs]
         wanted = [g for g in globs if not g.startswith("!")] or ["*"]
         unwanted = [g[1:] for g in globs if g.startswith("!")]
-        return any(fnmatchcase(folded, g) for g in wanted) and not any(fnmatchcase(folded, g) for g in unwanted)
+        return any(fnmatchcase(folded, g) for g in wanted) and not any(
+            fnmatchcase(folded, g) for g in unwanted
+        )
 
     def check(self, file: str) -> None:
         """``JobError`` for a glob that fits no layer: a slip of the pen would machine too much or too little."""
         for glob in self.globs:
             pattern = glob.removeprefix("!")
-            if pattern != "*" and not any(fnmatchcase(name, pattern.casefold()) for name in self.names):
-                near = suggest(harmless(pattern), [harmless(name) for name in sorted(self.names.values())])
-                raise JobError(file, f"no layer fits {harmless(glob)!r}", "input.layers", f"{near}; {_LISTS}")
+            if pattern != "*" and not any(
+                fnmatchcase(name, pattern.casefold()) for name in self.names
+            ):
+                near = suggest(
+                    harmless(pattern), [harmless(name) for name in sorted(self.names.values())]
+                )
+                raise JobError(
+                    file, f"no layer fits {harmless(glob)!r}", "input.layers", f"{near}; {_LISTS}"
+                )
 
 
 def layers_of(document: Drawing, globs: Iterable[str]) -> Layers:

@@ -28,17 +28,32 @@ Mask = NDArray[np.bool_]
 LINE, ARC, CIRCLE = range(3)
 #: The kinds by number, and the group codes of their six numbers: points and what follows them stand together.
 KINDS: Final = ("LINE", "ARC", "CIRCLE")
-_GEOMETRY: Final = (((10, 20, 30), (11, 21, 31)), ((10, 20, 30), (40,), (50,), (51,)), ((10, 20, 30), (40,)))
+_GEOMETRY: Final = (
+    ((10, 20, 30), (11, 21, 31)),
+    ((10, 20, 30), (40,), (50,), (51,)),
+    ((10, 20, 30), (40,)),
+)
 #: Kinds that belong to the entity before them.
 _PARTS: Final = ("VERTEX", "ATTRIB", "SEQEND")
 
-_HANDLE, _TYPE, _LAYER, _COLOR, _MARKER, _OWNER, _WEIGHT, _TRUE_COLOR = 5, 6, 8, 62, 100, 330, 370, 420
+_HANDLE, _TYPE, _LAYER, _COLOR, _MARKER, _OWNER, _WEIGHT, _TRUE_COLOR = (
+    5,
+    6,
+    8,
+    62,
+    100,
+    330,
+    370,
+    420,
+)
 #: The most letters that are looked at of what stands beside the geometry, and of numbers.
 _LONGEST, _LONGEST_NUMBER = 64, 32
 _WHOLE = re.compile(rb" *-?\d+ *")
 _HEX = re.compile(rb"[0-9A-Fa-f]+")
 #: A backslash or a caret may begin an escape, and what is not ASCII depends on the encoding.
-_NAME = re.compile(rb"[^\x00-\x20\x7f-\xff\\^](?:[^\x00-\x1f\x7f-\xff\\^]*[^\x00-\x20\x7f-\xff\\^])?")
+_NAME = re.compile(
+    rb"[^\x00-\x20\x7f-\xff\\^](?:[^\x00-\x1f\x7f-\xff\\^]*[^\x00-\x20\x7f-\xff\\^])?"
+)
 #: What may stand once beside the geometry: the most letters that are looked at, and what they are.
 _BESIDE: Final = {
     _HANDLE: (16, _HEX), _TYPE: (_LONGEST, _NAME), _LAYER: (_LONGEST, _NAME), _COLOR: (12, _WHOLE), _OWNER: (16, _HEX),
@@ -105,7 +120,9 @@ class _Tags(Struct, frozen=True, eq=False):
         length[length > widest] = 0
         width = max(1, int(length.max(initial=1)))
         # So many bytes from each place of the text on: to copy them at once takes less time than one by one.
-        windows = as_strided(self.text[:width].view(f"V{width}"), (len(self.text) - width + 1,), (1,))
+        windows = as_strided(
+            self.text[:width].view(f"V{width}"), (len(self.text) - width + 1,), (1,)
+        )
         found = windows[self.begin[tags]].view(np.uint8).reshape(-1, width)
         found *= np.arange(width, dtype=np.int32) < length[:, None]
         texts: Texts = found.view(f"S{width}")[:, 0]
@@ -157,7 +174,15 @@ def _tags(section: bytes) -> _Tags | None:
     if code is None or code[0] != 0:
         return None
     head = np.flatnonzero(code == 0)
-    return _Tags(text, begin[::2], code, begin[1::2], (ends - begin)[1::2], head, np.diff(head, append=len(code)))
+    return _Tags(
+        text,
+        begin[::2],
+        code,
+        begin[1::2],
+        (ends - begin)[1::2],
+        head,
+        np.diff(head, append=len(code)),
+    )
 
 
 def _codes(text: Bytes, begin: Places, end: Places) -> Places | None:
@@ -214,7 +239,9 @@ def _places(kind: int, codes: list[int]) -> dict[int, int] | None:
     for group in _GEOMETRY[kind]:
         # A height that is not said is 0.
         said = group if group[-1] in places else group[:2]
-        if [places.get(code, -1) - k for k, code in enumerate(said)] != [places.get(said[0], -2)] * len(said):
+        if [places.get(code, -1) - k for k, code in enumerate(said)] != [
+            places.get(said[0], -2)
+        ] * len(said):
             return None
         known |= set(said)
     return places if known.issuperset(places) else None
@@ -249,10 +276,14 @@ def _fill(columns: _Columns, tags: _Tags, kind: int, entities: Index) -> None:
         if code == _HANDLE:
             # No two are alike.
             letters = _OF_HANDLES[found.view(np.uint8).reshape(len(found), -1)]
-            good &= (np.strings.str_len(found) > 0) & (letters.sum(axis=1) == np.strings.str_len(found))
+            good &= (np.strings.str_len(found) > 0) & (
+                letters.sum(axis=1) == np.strings.str_len(found)
+            )
         else:
             different, which = _different(found)
-            good &= np.array([pattern.fullmatch(text) is not None for text in different.tolist()], np.bool_)[which]
+            good &= np.array(
+                [pattern.fullmatch(text) is not None for text in different.tolist()], np.bool_
+            )[which]
         columns.texts[code][entities] = found
     columns.kind[entities[good]] = kind
     columns.numbers[entities] = numbers
@@ -286,21 +317,29 @@ def _cut(data: bytes, section: slice, tags: _Tags, columns: _Columns, edges: Ind
         name += b"-"
     bounds = section.start + np.append(tags.at[tags.head], section.stop - section.start)[edges]
     pieces, runs, kept, taken = [], {}, 0, 0
-    for run, ((first, after), (begin, end)) in enumerate(zip(edges.tolist(), bounds.tolist(), strict=True)):
+    for run, ((first, after), (begin, end)) in enumerate(
+        zip(edges.tolist(), bounds.tolist(), strict=True)
+    ):
         layer = b"%b%d" % (name, run)
         said = b"".join(
-            b"%d\n%b\n" % (code, text) for code in (_HANDLE, _OWNER) if (text := columns.texts[code][first])
+            b"%d\n%b\n" % (code, text)
+            for code in (_HANDLE, _OWNER)
+            if (text := columns.texts[code][first])
         )
         pieces += [data[kept:begin], b"0\nPOINT\n%b8\n%b\n10\n0\n20\n0\n30\n0\n" % (said, layer)]
         runs[layer.decode()] = slice(taken, taken + after - first)
         kept, taken = end, taken + after - first
     pieces.append(data[kept:])
-    return Split(b"".join(pieces), _take(columns, stretches(edges[:, 0], np.diff(edges)[:, 0])), runs)
+    return Split(
+        b"".join(pieces), _take(columns, stretches(edges[:, 0], np.diff(edges)[:, 0])), runs
+    )
 
 
 def _take(columns: _Columns, rows: Index) -> PlainEntities:
     layers, layer = _different(columns.texts[_LAYER][rows])
-    (trues, true), (numbers, number) = (_different(columns.texts[code][rows]) for code in (_TRUE_COLOR, _COLOR))
+    (trues, true), (numbers, number) = (
+        _different(columns.texts[code][rows]) for code in (_TRUE_COLOR, _COLOR)
+    )
     colors, color = np.unique(true * len(numbers) + number, return_inverse=True)
     said = [(trues[k // len(numbers)], numbers[k % len(numbers)]) for k in colors.tolist()]
     owners, _ = _different(columns.texts[_OWNER][rows])
@@ -310,7 +349,9 @@ def _take(columns: _Columns, rows: Index) -> PlainEntities:
         layer=layer,
         layers=tuple(name.decode("ascii") for name in layers.tolist()),
         color=color,
-        colors=tuple((int(true) if true else None, int(aci) if aci else None) for true, aci in said),
+        colors=tuple(
+            (int(true) if true else None, int(aci) if aci else None) for true, aci in said
+        ),
         handles=columns.texts[_HANDLE][rows],
         owners=frozenset(owner.decode("ascii") for owner in owners.tolist()),
     )

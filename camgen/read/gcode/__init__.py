@@ -40,11 +40,19 @@ class ProgramFacts(Struct, frozen=True):
             f"G-code of {counted(self.lines, 'line')}, units {self.units}",
             f"does: {counts}",
             *(
-                ["work: " + ", ".join(f"{a} {short(b, 3)} to {short(c, 3)}" for a, b, c in spans) + " mm"]
+                [
+                    "work: "
+                    + ", ".join(f"{a} {short(b, 3)} to {short(c, 3)}" for a, b, c in spans)
+                    + " mm"
+                ]
                 if self.low
                 else []
             ),
-            *([f"feeds: {short(self.feeds[0], 3)} to {short(self.feeds[1], 3)} mm/s"] if self.low else []),
+            *(
+                [f"feeds: {short(self.feeds[0], 3)} to {short(self.feeds[1], 3)} mm/s"]
+                if self.low
+                else []
+            ),
             *([f"outputs: {', '.join(self.signals)}"] if self.signals else []),
             *map(str, self.notes),
             *([f"cannot be replayed: {self.stopped}"] if self.stopped else []),
@@ -66,12 +74,20 @@ def read_files(sources: Sequence[Source], job: Job) -> Recorded:
     if run.stopped:
         line, reason = run.stopped
         what, _, remedy = reason.partition("; ")
-        raise InputError(name, what, place(line), remedy or "mend the line, or build from the drawing")
+        raise InputError(
+            name, what, place(line), remedy or "mend the line, or build from the drawing"
+        )
     if not any(isinstance(item, (MoveL, MoveC)) for item in run.body):
-        raise InputError(name, "holds no motion at feed (G1, G2, G3 or a cycle)", remedy="give a program that cuts")
+        raise InputError(
+            name,
+            "holds no motion at feed (G1, G2, G3 or a cycle)",
+            remedy="give a program that cuts",
+        )
     notes = _notes(run, place)
     run = replace(run, body=rename_outputs(run.body, job.input.signals, name))
-    return Recorded(name=sources[0].stem, source=name, units=run.units, contours=(), notes=notes, run=run)
+    return Recorded(
+        name=sources[0].stem, source=name, units=run.units, contours=(), notes=notes, run=run
+    )
 
 
 def inspect(source: Source, job: Job, _files: Files) -> ProgramFacts:
@@ -80,7 +96,11 @@ def inspect(source: Source, job: Job, _files: Files) -> ProgramFacts:
     run = replay({source.name: text}, _ask(job, source), job.tolerance.chord)
     columns = Columns(run.body)
     working = ~columns.moves_are(MoveJ)
-    points = np.concatenate([columns.ends[working], columns.vias[working]]) if working.any() else np.zeros((0, 3))
+    points = (
+        np.concatenate([columns.ends[working], columns.vias[working]])
+        if working.any()
+        else np.zeros((0, 3))
+    )
     points = points[~np.isnan(points).any(axis=1)]
     speeds = columns.speed[working]
     names: dict[type[Instruction], str] = {
@@ -121,14 +141,19 @@ def _notes(run: ProgramRun, place: Callable[[int], str]) -> tuple[Note, ...]:
     notes = tuple(replace(note, what=f"{place(line)}: {note.what}") for line, note in run.remarks)
     if run.ended or run.stopped:
         return notes
-    return (*notes, Note("assumed", "the program ends with its file", "neither M2 nor M30 stands in it"))
+    return (
+        *notes,
+        Note("assumed", "the program ends with its file", "neither M2 nor M30 stands in it"),
+    )
 
 
 def _text_of(source: Source) -> str:
     data = source.data
     if not data.strip() or b"\0" in data:
         raise InputError(
-            source.name, "is empty" if not data.strip() else "is not a text", remedy="give a G-code program"
+            source.name,
+            "is empty" if not data.strip() else "is not a text",
+            remedy="give a G-code program",
         )
     # Comments may hold any byte; nothing else in a program does, so each byte is a character.
     return data.decode("latin-1").replace("\r\n", "\n").replace("\r", "\n")

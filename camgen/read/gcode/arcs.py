@@ -82,11 +82,17 @@ def find_centre(plane: str, code: str, start: Vec3, end: Vec3, words: dict[str, 
     """The centre of the arc of ``pieces``, in its plane. Raises LineError."""
     first, second, _ = _PLANES[plane]
     if "R" in words:
-        return _centre_of(code, start[first], start[second], end[first], end[second], words["R"], limits)
-    return _centre((words.get("IJK"[first]), words.get("IJK"[second])), (start[first], start[second]), absolute)
+        return _centre_of(
+            code, start[first], start[second], end[first], end[second], words["R"], limits
+        )
+    return _centre(
+        (words.get("IJK"[first]), words.get("IJK"[second])), (start[first], start[second]), absolute
+    )
 
 
-def _centre(offsets: tuple[float | None, float | None], start: tuple[float, float], absolute: bool) -> Vec2:
+def _centre(
+    offsets: tuple[float | None, float | None], start: tuple[float, float], absolute: bool
+) -> Vec2:
     first, second = offsets
     if first is None and second is None:
         raise LineError("arc without a centre or radius (I, J, K or R) in its plane")
@@ -97,7 +103,9 @@ def _centre(offsets: tuple[float | None, float | None], start: tuple[float, floa
     return start[0] + (first or 0.0), start[1] + (second or 0.0)
 
 
-def _centre_of(code: str, a0: float, b0: float, a1: float, b1: float, radius: float, limits: Limits) -> Vec2:
+def _centre_of(
+    code: str, a0: float, b0: float, a1: float, b1: float, radius: float, limits: Limits
+) -> Vec2:
     """The centre of the arc of ``radius``: up to half a circle where positive, the larger one where negative."""
     half = math.hypot(a1 - a0, b1 - b0) / 2
     if half == 0:
@@ -107,7 +115,9 @@ def _centre_of(code: str, a0: float, b0: float, a1: float, b1: float, radius: fl
     away = math.sqrt(max(0.0, radius * radius - half * half))
     # The centre of a short counter-clockwise arc lies to the left of its chord.
     side = away if (code == "G3") == (radius > 0) else -away
-    return (a0 + a1) / 2 - side * (b1 - b0) / (2 * half), (b0 + b1) / 2 + side * (a1 - a0) / (2 * half)
+    return (a0 + a1) / 2 - side * (b1 - b0) / (2 * half), (b0 + b1) / 2 + side * (a1 - a0) / (
+        2 * half
+    )
 
 
 def _check_radii(start: float, end: float, inch: bool, limits: Limits) -> None:
@@ -118,7 +128,9 @@ def _check_radii(start: float, end: float, inch: bool, limits: Limits) -> None:
         raise LineError("arc of no radius")
     differ = abs(start - end)
     if differ > most or (differ > least and differ > 0.001 * max(start, end)):
-        raise LineError(f"the radii of the arc differ by {differ:.4f} mm (start {start:.4f}, end {end:.4f})")
+        raise LineError(
+            f"the radii of the arc differ by {differ:.4f} mm (start {start:.4f}, end {end:.4f})"
+        )
 
 
 def _sweep(code: str, begin: float, finish: float, turns: float, limits: Limits) -> float:
@@ -166,5 +178,7 @@ def _divide(
 
 def _count(number: float, most: float) -> int:
     if number > most:
-        raise LineError(f"an arc of more than {tell(most)} pieces cannot be meant (limits.gcode_pieces)")
+        raise LineError(
+            f"an arc of more than {tell(most)} pieces cannot be meant (limits.gcode_pieces)"
+        )
     return max(1, math.ceil(number))

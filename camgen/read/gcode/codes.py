@@ -81,7 +81,9 @@ def _surface(m: Foreign, code: str, words: dict[str, float]) -> None:
     across = 2 * math.pi * max(abs(m.at[0]), 1e-6)
     surface = (m.speed or 0.0) * (304.8 if m.scale != 1.0 else 1000.0)
     m.speed = min(most, surface / across)
-    m.assume(f"the spindle turns at {m.speed:.0f} rpm where the surface speed begins (G96)", "", m.speed)
+    m.assume(
+        f"the spindle turns at {m.speed:.0f} rpm where the surface speed begins (G96)", "", m.speed
+    )
 
 
 def _outputs(m: Foreign, code: str, words: dict[str, float]) -> None:
@@ -93,13 +95,17 @@ def _outputs(m: Foreign, code: str, words: dict[str, float]) -> None:
     name = f"din{words.pop('P'):.0f}" if "P" in words else f"ain{words.pop('E', 0.0):.0f}"
     waits, _ = words.pop("L", 0.0), words.pop("Q", 0.0)
     default = {3.0: 1.0, 1.0: 1.0}.get(waits, 0.0)
-    value = m.assume(f"{name} is {default:g}" + (", and its wait over at once" if waits else ""), name, default)
+    value = m.assume(
+        f"{name} is {default:g}" + (", and its wait over at once" if waits else ""), name, default
+    )
     m.homes["5399"] = value
 
 
 def _dwell(m: Foreign, code: str, words: dict[str, float]) -> None:  # noqa: ARG001 (as all handlers)
     """G4: P in the unit of the controller, X and U of Fanuc and S of printers in s."""
-    scale = 1.0 if _POINTED.search(m.raw) and m.dialect.name.startswith("fanuc") else m.dialect.dwell
+    scale = (
+        1.0 if _POINTED.search(m.raw) and m.dialect.name.startswith("fanuc") else m.dialect.dwell
+    )
     if "P" not in words and m.dialect.open:
         for letter in "SXU":
             if letter in words and not (letter == "S" and not m.dialect.extruder):
@@ -111,7 +117,9 @@ def _dwell(m: Foreign, code: str, words: dict[str, float]) -> None:  # noqa: ARG
         raise LineError("G4 without its seconds (P)")
     if seconds >= 100:
         m.note(
-            "warning", f"G4 P{seconds / scale:g} waits for {seconds:g} s", "some controllers mean ms; these are seconds"
+            "warning",
+            f"G4 P{seconds / scale:g} waits for {seconds:g} s",
+            "some controllers mean ms; these are seconds",
         )
     m.add(Wait(seconds))
 
@@ -163,7 +171,9 @@ def _compensate(m: Foreign, code: str, words: dict[str, float]) -> None:
         first, second, normal = _BESIDE[m.plane]
         here = complex(m.at[first], m.at[second])
         m.height = m.at[normal]
-        m.path = Beside(m.side, radius, (first, second, normal), here, partial(_write, m), partial(_keep, m))
+        m.path = Beside(
+            m.side, radius, (first, second, normal), here, partial(_write, m), partial(_keep, m)
+        )
 
 
 #: The axes of compensation by plane, and its normal.
@@ -175,7 +185,10 @@ def find_radius(m: Foreign, code: str, number: float | None) -> float:
     if code.endswith(".1"):
         return (number or 0.0) * m.scale / 2
     if number is not None and number != int(number):
-        m.find("refused" if not m.dialect.open else "unusual", f"{code} with D{number:g}, which is no number of a tool")
+        m.find(
+            "refused" if not m.dialect.open else "unusual",
+            f"{code} with D{number:g}, which is no number of a tool",
+        )
         return 0.0
     name = m.changed_to or 0 if number is None else int(number)
     key = f"t{name}.diameter"
@@ -187,13 +200,24 @@ def find_radius(m: Foreign, code: str, number: float | None) -> float:
     if number == 0 and m.dialect.increments:
         return 0.0  # no offset at all
     if key in m.given:
-        return m.assume(f"{code}: tool {name} has a diameter of {m.given[key]:g} mm", key, m.given[key]) / 2
+        return (
+            m.assume(
+                f"{code}: tool {name} has a diameter of {m.given[key]:g} mm", key, m.given[key]
+            )
+            / 2
+        )
     if "tool.diameter" in m.given and len(m.tools) < 2:
         known = m.given["tool.diameter"]
-        return m.assume(f"{code}: the tool has a diameter of {known:g} mm", "tool.diameter", known) / 2
+        return (
+            m.assume(f"{code}: the tool has a diameter of {known:g} mm", "tool.diameter", known) / 2
+        )
     what = f"{code}: the path is run as programmed, the tool on it; the diameter of tool {name}, mm, is in no program"
     m.assume(what, key, 0.0)
-    ways = f"give tool {name} a row of [[tools]] with its number and diameter" if name else "set tool.diameter"
+    ways = (
+        f"give tool {name} a row of [[tools]] with its number and diameter"
+        if name
+        else "set tool.diameter"
+    )
     what = f"{code}: the path depends on the radius of {f'tool {name}' if name else 'the tool'}, which is not known"
     m.lose(f'{what}; {ways}, or operation.compensation = "as-programmed"')
     return 0.0
@@ -258,7 +282,11 @@ def _cancel(m: Foreign, code: str, words: dict[str, float]) -> None:
     """G92.1 and G92.2; the second keeps the shift for G92.3."""
     m.suspended[:] = [by or 0.0 for by in m.shifted]
     if None in m.shifted:
-        m.assume(f"{code} after a G92 at a position that the program does not say: the origin stays", "", 0.0)
+        m.assume(
+            f"{code} after a G92 at a position that the program does not say: the origin stays",
+            "",
+            0.0,
+        )
         m.shifted[:] = [by or 0.0 for by in m.shifted]
     set_offsets(m, code, words)
 
@@ -330,7 +358,14 @@ def _zero(m: Foreign, named: list[int], words: dict[str, float]) -> None:
     m.rapid(end, named)
 
 
-def go_away(m: Foreign, name: str, code: str, axes: list[int], stored: Mapping[str, float], work: bool = False) -> None:
+def go_away(
+    m: Foreign,
+    name: str,
+    code: str,
+    axes: list[int],
+    stored: Mapping[str, float],
+    work: bool = False,
+) -> None:
     """Axes to places that the user says, or the program has stored; else Z goes up, and X and Y are not shown.
 
     name: what the keys begin with. work: at feed.
@@ -340,7 +375,11 @@ def go_away(m: Foreign, name: str, code: str, axes: list[int], stored: Mapping[s
         axis = AXES[k].lower()
         key = f"{name}.{axis}"
         if key in stored or key in m.given:
-            end[k] = stored[key] if key in stored else m.assume(f"{code}: {AXES[k]} is at", key, m.given[key])
+            end[k] = (
+                stored[key]
+                if key in stored
+                else m.assume(f"{code}: {AXES[k]} is at", key, m.given[key])
+            )
             m.known[k] = True
             m.adrift.discard(k)
             told.append(k)
@@ -360,7 +399,11 @@ def go_away(m: Foreign, name: str, code: str, axes: list[int], stored: Mapping[s
             m.adrift.add(k)
             told.append(k)
         else:
-            m.assume(f"{code}: {AXES[k]} goes to a position that the machine stores, which is not shown", key, 0.0)
+            m.assume(
+                f"{code}: {AXES[k]} goes to a position that the machine stores, which is not shown",
+                key,
+                0.0,
+            )
             m.adrift.add(k)
     if not (m.begun or all(m.known)):
         m.held += bool(told) and name != "machine"  # the G0 beside G53 counts by itself
@@ -397,15 +440,20 @@ def _work(m: Foreign, code: str, words: dict[str, float]) -> None:
     words.pop("P", None)
     before = m.work or "G54"
     known = [
-        None not in (a, b) for a, b in zip(m.works.get(before, [None] * 3), m.works.get(code, [None] * 3), strict=True)
+        None not in (a, b)
+        for a, b in zip(m.works.get(before, [None] * 3), m.works.get(code, [None] * 3), strict=True)
     ]
     if code == before or all(known):
         work_offset(m, code, words)
     else:
         m.work = code
         if any(m.known):
-            m.assume(f"{code} after motions in {before}: each is shown in its own coordinates", "", 0.0)
-            m.lose(f"{code} after motions in {before}: how far apart they are is known to the machine alone")
+            m.assume(
+                f"{code} after motions in {before}: each is shown in its own coordinates", "", 0.0
+            )
+            m.lose(
+                f"{code} after motions in {before}: how far apart they are is known to the machine alone"
+            )
             m.adrift.update((0, 1, 2))
     if not m.marks or m.marks[-1][2] != m.work:
         m.marks.append((len(m.body), m.changed_to or 0, m.work))

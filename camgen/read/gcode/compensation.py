@@ -79,7 +79,9 @@ class Beside:
     def _climb(self, one: Segment) -> None:
         """Along the normal alone."""
         if self.last is None:
-            raise LineError("the first motion with G41 or G42 is not longer than the radius of the tool")
+            raise LineError(
+                "the first motion with G41 or G42 is not longer than the radius of the tool"
+            )
         self.behind.append(one)
 
     def _set_off(self, one: Segment) -> None:
@@ -98,7 +100,9 @@ class Beside:
         """The first motion comes from where the tool is to beside its end."""
         reach = abs(one.end - one.begin) if one.centre is None else abs(one.begin - one.centre)
         if reach <= self.radius:
-            raise LineError("the first motion with G41 or G42 is not longer than the radius of the tool")
+            raise LineError(
+                "the first motion with G41 or G42 is not longer than the radius of the tool"
+            )
         one.start = self.here
         if one.centre is None:
             return
@@ -107,7 +111,9 @@ class Beside:
         chord = self.here - one.stop
         along = (chord * inward.conjugate()).real
         if along <= _SAME:
-            raise LineError("the first motion with G41 or G42 is an arc that the tool cannot come to")
+            raise LineError(
+                "the first motion with G41 or G42 is an arc that the tool cannot come to"
+            )
         one.centre = one.stop + inward * (abs(chord) ** 2 / (2 * along))
 
     def _join(self, old: Segment, new: Segment) -> None:
@@ -120,7 +126,17 @@ class Beside:
         elif not -_STRAIGHT <= turned <= _STRAIGHT and abs(new.start - old.stop) > _SAME:
             height = self._height(old)
             self.flush()
-            around = Segment(old.end, old.end, self.here, new.start, old.end, -self.side, height, new.speed, new.line)
+            around = Segment(
+                old.end,
+                old.end,
+                self.here,
+                new.start,
+                old.end,
+                -self.side,
+                height,
+                new.speed,
+                new.line,
+            )
             self.write(around)
             self.here = new.start
         else:
@@ -145,7 +161,9 @@ class Beside:
         else:
             reached = _swept(old, best) <= (_swept(old, old.stop) or math.tau) + _SAME
         if not reached:
-            raise LineError("a corner inside that the tool cannot reach without cutting into the path")
+            raise LineError(
+                "a corner inside that the tool cannot reach without cutting into the path"
+            )
         return best
 
     def flush(self) -> None:
@@ -180,7 +198,9 @@ def _crossings(old: Segment, new: Segment) -> list[complex]:
         assert arc.centre is not None
         through = line.stop if line is old else line.start  # the first motion begins beside nothing
         return _of_line(through, line.heading(False), arc.centre, abs(arc.start - arc.centre))
-    return _of_circles(old.centre, abs(old.start - old.centre), new.centre, abs(new.start - new.centre))
+    return _of_circles(
+        old.centre, abs(old.start - old.centre), new.centre, abs(new.start - new.centre)
+    )
 
 
 def _of_line(a: complex, d: complex, centre: complex, radius: float) -> list[complex]:
@@ -202,7 +222,10 @@ def _of_circles(a: complex, r: float, b: complex, s: float) -> list[complex]:
     if rest < -1e-9:
         return []
     d = (b - a) / apart
-    return [a + d * along + d * 1j * half for half in (math.sqrt(max(rest, 0.0)), -math.sqrt(max(rest, 0.0)))]
+    return [
+        a + d * along + d * 1j * half
+        for half in (math.sqrt(max(rest, 0.0)), -math.sqrt(max(rest, 0.0)))
+    ]
 
 
 def place(point: complex, height: float, axes: tuple[int, int, int]) -> Vec3:

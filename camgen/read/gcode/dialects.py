@@ -126,7 +126,10 @@ FANUC = Dialect(
         r"\bg187\b",
     ),
     idle=_MACHINING,
-    codes=GROUP | _ROTATION | {"G65": "subprogram", "G66": "modal macro", "G67": "modal macro"} | _POCKETS,
+    codes=GROUP
+    | _ROTATION
+    | {"G65": "subprogram", "G66": "modal macro", "G67": "modal macro"}
+    | _POCKETS,
     names={"G31": "G38.2"},
     dwell=0.001,
     arcs=_LOOSE,
@@ -138,7 +141,8 @@ LATHE = Dialect(
     signs=_signs(r"\bg50[ \t]*s\d", r"\bt\d{4}\b(?![\s\S]{0,40}\bm0?6\b)"),
     names={"G98": "G94", "G99": "G95", "G32": "G33"},
     idle=_MACHINING | {f"G{n}": _LATHE for n in (73, 74, 75, 76, 90, 92, 94)},
-    codes={k: v for k, v in GROUP.items() if k not in ("G73", "G74", "G76", "G90", "G92", "G94")} | _TURNING,
+    codes={k: v for k, v in GROUP.items() if k not in ("G73", "G74", "G76", "G90", "G92", "G94")}
+    | _TURNING,
     dwell=0.001,
     arcs=_LOOSE,
     increments=True,
@@ -196,8 +200,14 @@ _AXES = re.compile(r"\by[ \t]*[-+.\d]", re.IGNORECASE)
 
 #: Languages of controllers that look like G-code, by what no G-code has.
 _OTHERS = (
-    ("Siemens' Sinumerik", _signs(r"^[ \t]*%_N_\w", r"^[ \t]*;\$PATH=", r"\bMCALL\b", r"\bCYCLE[89]\d+[ \t]*\(")),
-    ("Okuma's OSP", _signs(r"^\$\S+\.(?:MIN|SSB|LIB|SUB)\b", r"^[ \t]*CALL[ \t]+O[A-Z]", r"\bVC\d+[ \t]*=")),
+    (
+        "Siemens' Sinumerik",
+        _signs(r"^[ \t]*%_N_\w", r"^[ \t]*;\$PATH=", r"\bMCALL\b", r"\bCYCLE[89]\d+[ \t]*\("),
+    ),
+    (
+        "Okuma's OSP",
+        _signs(r"^\$\S+\.(?:MIN|SSB|LIB|SUB)\b", r"^[ \t]*CALL[ \t]+O[A-Z]", r"\bVC\d+[ \t]*="),
+    ),
     ("Philips' CNC 3000", _signs(r"^[ \t]*%P[MC]\b")),
     ("Heidenhain's TNC", _signs(r"^\d*[ \t]*BEGIN PGM\b", r"^\d+[ \t]+TOOL CALL\b")),
 )

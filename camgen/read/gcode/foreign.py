@@ -21,7 +21,16 @@ from camgen.read.gcode.machine import ARCS, AXES, Machine, feed, stop
 from camgen.read.gcode.macros import ARGUMENTS, assign, find_ends, jump
 from camgen.read.gcode.motion import CYCLES
 from camgen.read.gcode.rotation import Rotation
-from camgen.read.gcode.words import GROUP, Endless, Line, LineError, Parameters, UnknownWord, bare, without_number
+from camgen.read.gcode.words import (
+    GROUP,
+    Endless,
+    Line,
+    LineError,
+    Parameters,
+    UnknownWord,
+    bare,
+    without_number,
+)
 from camgen.read.programs import Assumption, Finding, Level
 
 #: Feed where a machine has one of its own and the text says none, mm/min.
@@ -29,7 +38,9 @@ FEED = 600.0
 _ROTARY = "ABC"
 #: A wait this long is ms that are read as s, more often than not.
 _LONG = 100.0
-_TEXT = re.compile(r"[ \t]*(?:[nN][0-9]+)?[ \t]*[mM](?:117|118|23|28|30|32|98[ \t]*P\")\b[^;]*[A-Za-z]{3}")
+_TEXT = re.compile(
+    r"[ \t]*(?:[nN][0-9]+)?[ \t]*[mM](?:117|118|23|28|30|32|98[ \t]*P\")\b[^;]*[A-Za-z]{3}"
+)
 _MACRO = re.compile(r"[ \t]*[A-Za-z_]{3,}(?![\[#])|[ \t]*\{")
 _BLANKS = str.maketrans("", "", " \t\r\f\v")
 _QUOTED = re.compile(r'"[^"]*"?')
@@ -47,7 +58,9 @@ _OF_ITS_MACHINE = {
     **dict.fromkeys(("G33", "G33.1", "G76"), f"cuts a thread: {_IN_STEP}"),
     **dict.fromkeys(("G74", "G84"), f"taps: {_IN_STEP}"),
     **dict.fromkeys(("G38.2", "G38.3", "G38.4", "G38.5"), _PROBES),
-    **dict.fromkeys(("G70", "G71", "G71.1", "G71.2", "G72", "G72.1", "G72.2"), "is of a lathe: the part turns"),
+    **dict.fromkeys(
+        ("G70", "G71", "G71.1", "G71.2", "G72", "G72.1", "G72.2"), "is of a lathe: the part turns"
+    ),
     "G7": "is of a lathe: X is a diameter",
     "G87": "stops the spindle at an angle and goes in beside the hole",
     "G88": "lets the operator bring the tool up",
@@ -177,7 +190,9 @@ class Foreign(Machine):
     def note(self, kind: NoteKind, what: str, why: str = "") -> None:
         """What the plain machine notes is an assumption, a fact or a finding."""
         if kind == "assumed":
-            self.assumed.setdefault((what, what), Assumption(self.line, f"{what} ({why})" if why else what))
+            self.assumed.setdefault(
+                (what, what), Assumption(self.line, f"{what} ({why})" if why else what)
+            )
         elif kind == "skipped":
             self.tell("left out", what)
         else:
@@ -216,14 +231,18 @@ class Foreign(Machine):
             if raw.lstrip()[:2].upper() in ("$J", "$H"):
                 self.lose(f"{raw.strip()[:40]}: a motion of GRBL beside the program")
             return ""
-        if dialect.extruder and (_TEXT.match(raw) or (_MACRO.match(raw) and not raw.lstrip().startswith("("))):
+        if dialect.extruder and (
+            _TEXT.match(raw) or (_MACRO.match(raw) and not raw.lstrip().startswith("("))
+        ):
             self.tell("not evaluated", raw.partition(";")[0].strip()[:40])
             self.lose(f"{raw.partition(';')[0].strip()[:40]} is not evaluated")
             return ""
         if dialect.name.startswith("fanuc") and raw.lstrip()[:1] in ("%", ":"):
             return ""
         why = "whether they are depends on a switch of the operator"
-        if raw.lstrip().startswith("/") and self.assume("lines with / are run", "block_delete", 0.0, why):
+        if raw.lstrip().startswith("/") and self.assume(
+            "lines with / are run", "block_delete", 0.0, why
+        ):
             return ""
         if dialect.nested or dialect.name == "grbl":
             text = _drop_comments(raw, dialect.nested)
@@ -262,8 +281,13 @@ class Foreign(Machine):
         """LineError for a line with more than the words of a controller that takes numbers alone."""
         odd = _PLAIN.sub("", text, count=1)
         if odd:
-            raise LineError(f"cannot read {odd[:12]!r}: {self.dialect.name} takes letters with plain numbers alone")
-        odd = next((letter for letter in text if letter.isalpha() and letter not in self.dialect.letters), "")
+            raise LineError(
+                f"cannot read {odd[:12]!r}: {self.dialect.name} takes letters with plain numbers alone"
+            )
+        odd = next(
+            (letter for letter in text if letter.isalpha() and letter not in self.dialect.letters),
+            "",
+        )
         if odd:
             raise LineError(f"{odd.upper()} is no word of {self.dialect.name}")
 
@@ -280,7 +304,9 @@ class Foreign(Machine):
             raise LineError(f"{code} is not a code of {dialect.name}")
         return f"unknown {code}"
 
-    def branch(self, raw: str, at: int, lines: Sequence[str], known: Parameters) -> int | str | None:
+    def branch(
+        self, raw: str, at: int, lines: Sequence[str], known: Parameters
+    ) -> int | str | None:
         """Of Fanuc's macros."""
         if not self.dialect.increments:
             return None
@@ -323,14 +349,20 @@ class Foreign(Machine):
         """What controllers of one kind turn down."""
         dialect = self.dialect
         if not dialect.open and "motion" in codes and codes.get("offsets") in _TAKE_AXES:
-            self.find("refused", f"{codes['motion']} and {codes['offsets']} both use the axis words of the line")
+            self.find(
+                "refused",
+                f"{codes['motion']} and {codes['offsets']} both use the axis words of the line",
+            )
         if not dialect.open and "mist" in codes and "flood" in codes:
             self.find("refused", "M7 and M8 are of one group (coolant)")
         arc = codes.get("motion", self.motion)
         if dialect.ends_arcs and arc in ("G2", "G3") and any(letter in words for letter in "IJKR"):
             plane = _PLANES[codes.get("plane", self.plane)]
             if not any(axis in words for axis in plane):
-                self.find("refused", f"{arc} names neither {plane[0]} nor {plane[1]}: {dialect.name} turns it down")
+                self.find(
+                    "refused",
+                    f"{arc} names neither {plane[0]} nor {plane[1]}: {dialect.name} turns it down",
+                )
 
     def _begin_wider(self, codes: dict[str, str], words: dict[str, float]) -> None:
         """The words of mills that not all controllers have."""
@@ -338,14 +370,20 @@ class Foreign(Machine):
         for group in ("circular pocket", "turning"):
             if group in codes:
                 used = "DIKLQXYZ" if group == "circular pocket" else "DEIKLPQRUWXZ"
-                self.cycle = group, codes.pop(group), {x: words.pop(x) for x in [*words] if x in used}
+                self.cycle = (
+                    group,
+                    codes.pop(group),
+                    {x: words.pop(x) for x in [*words] if x in used},
+                )
         for group in ("rotation", "modal macro"):
             if group in codes:
                 self.plane = codes.get("plane", self.plane)
                 self.handlers[group](self, codes.pop(group), words)
         self.moving = any(letter in words for letter in "XYZUVW") and "offsets" not in codes
         if self.rotation is not None and _SHIFTS & set(codes.values()):
-            self.find("unusual", "the origin is moved while the coordinates are rotated (G68)", "rotated")
+            self.find(
+                "unusual", "the origin is moved while the coordinates are rotated (G68)", "rotated"
+            )
             self.lose("the origin is moved while the coordinates are rotated (G68)")
 
     def _turn(self, codes: dict[str, str], words: dict[str, float]) -> None:
@@ -379,7 +417,9 @@ class Foreign(Machine):
         self.lose(f"{code} is not known and not evaluated")
         if code[0] == "G":
             self.find("unusual", f"{code} is not known and not evaluated", code)
-        if "motion" not in codes and (self.dialect.extruder or not any(axis in words for axis in "XYZ")):
+        if "motion" not in codes and (
+            self.dialect.extruder or not any(axis in words for axis in "XYZ")
+        ):
             for letter in [letter for letter in words if letter not in "FST"]:
                 del words[letter]
 
@@ -391,7 +431,9 @@ class Foreign(Machine):
             return
         given = None
         if code == "G65":
-            given = {ARGUMENTS[letter]: words.pop(letter) for letter in [*words] if letter in ARGUMENTS}
+            given = {
+                ARGUMENTS[letter]: words.pop(letter) for letter in [*words] if letter in ARGUMENTS
+            }
         self.leap = (code, number, min(times, 10_000), given)
 
     def leaves(self) -> bool:
@@ -436,7 +478,12 @@ class Foreign(Machine):
         if self.cycle is not None:
             group, code, own = self.cycle
             self.handlers[group](self, code, own)
-        if self.modal is not None and self.moving and self.leap is None and self.inside() == self.modal_depth:
+        if (
+            self.modal is not None
+            and self.moving
+            and self.leap is None
+            and self.inside() == self.modal_depth
+        ):
             self.leap = self.modal
         if not words.keys() - {"F"}:
             return
@@ -470,13 +517,17 @@ class Foreign(Machine):
         if self.feed > 0 or self.feed_mode == "G93":
             return
         if self.dialect.name == "iso":
-            self.find("unusual", f"{code} without a feed (F), which LinuxCNC and GRBL refuse", "feed")
+            self.find(
+                "unusual", f"{code} without a feed (F), which LinuxCNC and GRBL refuse", "feed"
+            )
         if self.dialect.default_feed:
             what = "the feed before the first F is one of the machine's, mm/min"
             self.feed = self.guess(what, "feed", FEED) / 60.0
             return
         if any(key.startswith("#") for key, _ in self.assumed):
-            self.feed = self.guess("a feed that depends on the machine, mm/min", "feed", FEED) / 60.0
+            self.feed = (
+                self.guess("a feed that depends on the machine, mm/min", "feed", FEED) / 60.0
+            )
             return
         self.find("refused", f"{code} without a feed (F)")
         self.feed = self.given.get("feed", FEED) / 60.0
@@ -498,7 +549,9 @@ class Foreign(Machine):
     def settle(self, code: str, words: Mapping[str, float], cycle: bool) -> None:
         """Units that nobody says, axes that have come back, and a length that is no longer on."""
         if self.unit is None:
-            inch = self.assume("lengths are mm", "inch", 0.0, "neither G20 nor G21 stands before the first motion")
+            inch = self.assume(
+                "lengths are mm", "inch", 0.0, "neither G20 nor G21 stands before the first motion"
+            )
             self.unit = 25.4 if inch else 1.0
         if self.adrift:
             said = {k for k, axis in enumerate(AXES) if axis in words and not self.incremental}
@@ -541,8 +594,17 @@ class Foreign(Machine):
             self.rotary[letter] = before + value if self.incremental else value
             turned = max(turned, abs(self.rotary[letter] - before))
             self.tell("axes that are not shown", letter)
-        if turned and (code or self.motion) != "G0" and self.feed > 0 and not any(axis in words for axis in AXES):
-            seconds = 1 / self.feed if self.feed_mode == "G93" else turned / (self.feed * 60.0 / self.scale) * 60.0
+        if (
+            turned
+            and (code or self.motion) != "G0"
+            and self.feed > 0
+            and not any(axis in words for axis in AXES)
+        ):
+            seconds = (
+                1 / self.feed
+                if self.feed_mode == "G93"
+                else turned / (self.feed * 60.0 / self.scale) * 60.0
+            )
             self.add(Wait(min(seconds, 1e6)))
 
     def trace(self, code: str, words: dict[str, float]) -> bool:
@@ -584,9 +646,13 @@ class Foreign(Machine):
             return ()
         if self.motion not in ARCS:
             return (0.0,)
-        return find_centre(self.plane, self.motion, start, end, words, self.absolute_centre, self.limits)
+        return find_centre(
+            self.plane, self.motion, start, end, words, self.absolute_centre, self.limits
+        )
 
-    def follow(self, start: Vec3, end: Vec3, speed: float | None, centre: tuple[float, ...] = ()) -> None:
+    def follow(
+        self, start: Vec3, end: Vec3, speed: float | None, centre: tuple[float, ...] = ()
+    ) -> None:
         """A motion beside which the tool runs."""
         assert self.path is not None
         first, second, normal = self.path.axes

@@ -17,7 +17,16 @@ from camgen.read.gcode.machine import (
     speed_and_tool,
 )
 from camgen.read.gcode.motion import move, read_plain
-from camgen.read.gcode.words import COMMENT, Endless, Line, LineError, Parameters, UnknownWord, bare, value_at
+from camgen.read.gcode.words import (
+    COMMENT,
+    Endless,
+    Line,
+    LineError,
+    Parameters,
+    UnknownWord,
+    bare,
+    value_at,
+)
 from camgen.read.recorded import ProgramRun
 
 _BOUNDS = Bounds()
@@ -95,7 +104,9 @@ def play(m: Machine, lines: Sequence[str], found: Blocks) -> None:
         try:
             if left < 0:
                 steps = tell(m.bounds.gcode_steps)
-                raise Endless(f"the program has not ended after {steps} lines in loops (limits.gcode_steps)")
+                raise Endless(
+                    f"the program has not ended after {steps} lines in loops (limits.gcode_steps)"
+                )
             m.insist_on_size()
             at = _step(m, lines, at, flow, remembered)
         except LineError as error:
@@ -115,7 +126,9 @@ def _run_lines(
         at = _step(m, lines, at, flow, remembered)
 
 
-def _step(m: Machine, lines: Sequence[str], at: int, flow: Flow, remembered: dict[str, Line]) -> int:
+def _step(
+    m: Machine, lines: Sequence[str], at: int, flow: Flow, remembered: dict[str, Line]
+) -> int:
     """Does what line ``at`` (from 0) says; the line that is next."""
     raw = lines[at]
     block = flow.blocks.at.get(at)
@@ -177,7 +190,9 @@ def _execute(m: Machine, found: dict[str, str], words: dict[str, float]) -> None
 # O-words: which line opens what, and where it ends. Found once, before anything runs.
 
 _START = re.compile(r"[ \t]*/?[ \t]*(?:[nN][ \t]*[0-9.]+)?[ \t]*[oO]")
-_PROGRAM = re.compile(r"[ \t%]*(?:[nN][ \t]*[0-9.]+)?[ \t]*[oO][ \t]*([0-9]{1,9})(?![0-9])(?![ \t]*[a-zA-Z])")
+_PROGRAM = re.compile(
+    r"[ \t%]*(?:[nN][ \t]*[0-9.]+)?[ \t]*[oO][ \t]*([0-9]{1,9})(?![0-9])(?![ \t]*[a-zA-Z])"
+)
 _NUMBERED = re.compile(r"[ \t]*/?[ \t]*[nN][ \t]*([0-9]{1,9})(?![0-9.])")
 _FILE = re.compile(r"[oO]?([0-9]{1,9})(?:\.[A-Za-z]+)?")
 _OWORD = re.compile(
@@ -212,7 +227,10 @@ class Blocks(Struct):
 
 
 def blocks(
-    lines: Sequence[str], flow: bool = True, files: Mapping[str, int] = NO_FILES, numbers: bool = True
+    lines: Sequence[str],
+    flow: bool = True,
+    files: Mapping[str, int] = NO_FILES,
+    numbers: bool = True,
 ) -> Blocks:
     """The O-words of a program. Raises LineError with ``line`` (1-based) in its arguments.
 
@@ -236,7 +254,9 @@ def blocks(
             found.numbers.setdefault(f"n{int(line[1])}", number)
     for name, start in files.items():
         if digits := _FILE.fullmatch(name):
-            found.numbers.setdefault(f"o{int(digits[1])}", start - 1)  # a program begins behind its number
+            found.numbers.setdefault(
+                f"o{int(digits[1])}", start - 1
+            )  # a program begins behind its number
     if opened:
         block = opened[-1]
         raise LineError(f"o{block.label} {block.word} has no end", block.places[0] + 1)
@@ -258,7 +278,9 @@ def _enter(found: Blocks, opened: list[Block], number: int, raw: str) -> None:
     if not match:
         raise LineError(f"cannot read the O-word {text[:16]!r}")
     name, digits, worked_out, word, rest = match.groups()
-    block = Block(worked_out or (f"<{name}>" if name is not None else str(int(digits))), word or "", rest)
+    block = Block(
+        worked_out or (f"<{name}>" if name is not None else str(int(digits))), word or "", rest
+    )
     found.at[number] = block
     top = opened[-1] if opened else None
     if word == "while" and top and top.word == "do" and top.label == block.label:
@@ -385,7 +407,11 @@ class Flow(Struct):
 
     def _repeat(self, at: int, block: Block) -> int:
         first = block.places[0]
-        left = int(self._values(block, 1)[0]) if block.word == "repeat" else self.counts.get(first, 1) - 1
+        left = (
+            int(self._values(block, 1)[0])
+            if block.word == "repeat"
+            else self.counts.get(first, 1) - 1
+        )
         if left > 0:
             self.counts[first] = left
             return first + 1
@@ -406,7 +432,14 @@ class Flow(Struct):
         self.known.named, self.counts = {}, {}
         return self.blocks.subs[label] + 1
 
-    def leap(self, at: int, code: str, number: float, times: int, given: Mapping[int, float] | None = None) -> int:
+    def leap(
+        self,
+        at: int,
+        code: str,
+        number: float,
+        times: int,
+        given: Mapping[int, float] | None = None,
+    ) -> int:
         """The line that runs after M97, M98, M99 or G65 in line ``at``. number: of the program or line. times: how
         often. given: parameters of its own.
         """

@@ -28,13 +28,19 @@ def play(
     """
     texts = {name: _lines_of(text) for name, text in files.items()}
     lines = [line for text in texts.values() for line in text]
-    starts = dict(zip(texts, accumulate((len(text) for text in texts.values()), initial=0), strict=False))
+    starts = dict(
+        zip(texts, accumulate((len(text) for text in texts.values()), initial=0), strict=False)
+    )
     name, text = next(iter(files.items()), ("", ""))
     dialect, sign = (usual, "") if usual else recognise(text, name)
     if ask.dialect:
         dialect, sign = DIALECTS.get(ask.dialect, dialect), ""
     m = Foreign(
-        replace(dialect.arcs, pieces=ask.limits.gcode_pieces, helix=dialect.arcs.helix if chord is None else chord),
+        replace(
+            dialect.arcs,
+            pieces=ask.limits.gcode_pieces,
+            helix=dialect.arcs.helix if chord is None else chord,
+        ),
         ask.limits,
         on_off=not has_speed(lines),
         dialect=dialect,
@@ -83,12 +89,18 @@ def _judge_end(m: Foreign, texts: list[list[str]]) -> None:
     if not m.ended and texts:
         m.line = len(texts[0])
         if m.dialect.needs_end:
-            m.find("unusual", "the program has no end (M2, M30 or per cent signs): LinuxCNC stops here with an error")
+            m.find(
+                "unusual",
+                "the program has no end (M2, M30 or per cent signs): LinuxCNC stops here with an error",
+            )
         left = {item.signal: item.value for item in m.body if isinstance(item, Output)}
         # What the end of the run switched off, the text does not.
         on = [name for name, value in left.items() if value and name.startswith(("dout", "aout"))]
         if m.left_on:
-            m.find("dangerous", f"the file ends with {' and '.join(m.left_on)} on, and without M2 or M30")
+            m.find(
+                "dangerous",
+                f"the file ends with {' and '.join(m.left_on)} on, and without M2 or M30",
+            )
         elif on:
             m.find("unusual", f"the program ends with {', '.join(on)} on")
     if any(by for by in m.shifted):
@@ -102,7 +114,9 @@ def _frames(m: Foreign) -> tuple[tuple[Frames, ...], tuple[int, ...]]:
     table: dict[tuple[str, str], int] = {}
     frame: list[int] = []
     marks = m.marks if m.marks[0][0] == 0 else [(0, 0, ""), *m.marks]
-    for (begin, tool, work), (end, *_) in zip(marks, [*marks[1:], (len(m.body), 0, "")], strict=True):
+    for (begin, tool, work), (end, *_) in zip(
+        marks, [*marks[1:], (len(m.body), 0, "")], strict=True
+    ):
         if end > begin:
             place = table.setdefault((f"T{tool}" if tool else "", work), len(table))
             frame += [place] * (end - begin)
@@ -112,14 +126,19 @@ def _frames(m: Foreign) -> tuple[tuple[Frames, ...], tuple[int, ...]]:
 
 def _facts(m: Foreign) -> tuple[tuple[str, str], ...]:
     """What else stands in the program."""
-    facts = [("dialect", next(iter(m.facts.pop("dialect")))), ("units", "mm" if m.scale == 1.0 else "inch")]
+    facts = [
+        ("dialect", next(iter(m.facts.pop("dialect")))),
+        ("units", "mm" if m.scale == 1.0 else "inch"),
+    ]
     if m.tools:
         facts.append(("tools", ", ".join(f"T{number}" for number in m.tools)))
     if m.filament:
         facts.append(("filament", f"{m.filament:.1f} mm"))
     for label, items in m.facts.items():
         some = [f"{what} (line {line})" for what, line in list(items.items())[:8]]
-        facts.append((label, ", ".join(some) + (f" and {len(items) - 8} more" if len(items) > 8 else "")))
+        facts.append(
+            (label, ", ".join(some) + (f" and {len(items) - 8} more" if len(items) > 8 else ""))
+        )
     return tuple(facts)
 
 

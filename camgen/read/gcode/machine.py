@@ -14,7 +14,16 @@ from camgen.model.part import Note, NoteKind
 from camgen.model.pose import TOOL_DOWN, Pose, Vec3
 from camgen.model.program import Instruction, MoveC, MoveJ, MoveL, Output, Packing, Wait
 from camgen.read.gcode.arcs import LINUXCNC, Limits, Piece
-from camgen.read.gcode.words import Endless, Line, LineError, Parameters, bare, group_of, not_read, words_of
+from camgen.read.gcode.words import (
+    Endless,
+    Line,
+    LineError,
+    Parameters,
+    bare,
+    group_of,
+    not_read,
+    words_of,
+)
 
 #: G0 runs at the machine's own speed, which no text tells; an instruction needs a positive one, mm/s.
 RAPID = 100.0
@@ -104,8 +113,13 @@ class Machine:
         None  # M97, M98 or M99 of the line, its number, and how often
     )
     inside: Callable[[], int] = lambda: 0  # how many subroutines run
-    run_lines: Callable[[int, int], None] = lambda _first, _last: None  # the lines (from 0) of a profile
-    find_lines: Callable[[float | None, float], tuple[int, int]] = lambda _first, _last: (0, -1)  # which these are
+    run_lines: Callable[[int, int], None] = lambda _first, _last: (
+        None
+    )  # the lines (from 0) of a profile
+    find_lines: Callable[[float | None, float], tuple[int, int]] = lambda _first, _last: (
+        0,
+        -1,
+    )  # which these are
     spun: tuple[float, float] | None = None  # radius and angle of the line
     pause: float = 1.0  # seconds in 1 of P
     fewest_holes: int = 1  # of one line, by L
@@ -115,7 +129,11 @@ class Machine:
         """The line without all that is no word (``words.bare``). Raises LineError."""
         text = bare(raw)
         if raw.lstrip().startswith("/"):
-            self.note("assumed", "lines with / are run", "whether they are depends on a switch of the operator")
+            self.note(
+                "assumed",
+                "lines with / are run",
+                "whether they are depends on a switch of the operator",
+            )
         return text
 
     def words(self, text: str, known: Parameters) -> Line:
@@ -207,7 +225,9 @@ class Machine:
         """Where the tool runs beside the path: the centre of an arc, or anything for a line; else nothing."""
         return ()
 
-    def follow(self, start: Vec3, end: Vec3, speed: float | None, centre: tuple[float, ...] = ()) -> None:
+    def follow(
+        self, start: Vec3, end: Vec3, speed: float | None, centre: tuple[float, ...] = ()
+    ) -> None:
         """A motion beside which the tool runs. centre: of an arc in its plane."""
 
     def numbers_programs(self) -> bool:
@@ -222,7 +242,13 @@ class Machine:
         """Whether a line may set this parameter of the machine."""
         return False
 
-    def branch(self, raw: str, at: int, lines: Sequence[str], known: Parameters) -> int | str | None:  # noqa: ARG002
+    def branch(
+        self,
+        raw: str,  # noqa: ARG002
+        at: int,  # noqa: ARG002
+        lines: Sequence[str],  # noqa: ARG002
+        known: Parameters,  # noqa: ARG002
+    ) -> int | str | None:
         """The place, or the number, n10, of the line that a macro jumps to; None: it is none. Raises LineError."""
         return None
 
@@ -232,7 +258,9 @@ class Machine:
 
     def is_settled(self) -> bool:
         """Whether nothing but the words of a line decides what it does."""
-        usual = self.begun and self.unit is not None and self.plane == "G17" and self.feed_mode == "G94"
+        usual = (
+            self.begun and self.unit is not None and self.plane == "G17" and self.feed_mode == "G94"
+        )
         unusual = self.ended or self.incremental or self.absolute_centre or self.sticky
         return usual and not unusual and self.length == self.length_at_z
 
@@ -250,7 +278,9 @@ class Machine:
     def insist_on_size(self) -> None:
         """LineError where the program has become longer than any that is meant."""
         if len(self.body) >= self.most:
-            raise Endless(f"more than {tell(self.most)} instructions cannot be meant (limits.gcode_motions)")
+            raise Endless(
+                f"more than {tell(self.most)} instructions cannot be meant (limits.gcode_motions)"
+            )
 
     def note(self, kind: NoteKind, what: str, why: str = "") -> None:
         """Notes what the user should know, once, with the first line that it concerns."""
@@ -277,7 +307,9 @@ class Machine:
         unknown = [name for name, known in zip(AXES, self.known, strict=True) if not known]
         if unknown:
             self.note(
-                "assumed", f"the program begins at {' '.join(name + '0' for name in unknown)}", "it does not say where"
+                "assumed",
+                f"the program begins at {' '.join(name + '0' for name in unknown)}",
+                "it does not say where",
             )
             self.entry = self.feed or RAPID
         self.known[:] = [True, True, True]
@@ -316,7 +348,9 @@ class Machine:
         """What must hold before a motion, or the holes of a cycle. code: as it stands in the line. Raises LineError."""
         if self.unit is None:
             self.unit = 1.0
-            self.note("assumed", "lengths are mm", "neither G20 nor G21 stands before the first motion")
+            self.note(
+                "assumed", "lengths are mm", "neither G20 nor G21 stands before the first motion"
+            )
         if not cycle and "Z" not in words:
             return
         if not self.length_at_z:
@@ -329,7 +363,9 @@ class Machine:
         """Takes in a motion code that leads nowhere. Raises LineError."""
         if code in ARCS:
             raise LineError(f"{code} without an end point or centre")
-        self.held += code in ("G0", "G1") and not self.begun  # to where the tool stands, as LinuxCNC sees it
+        self.held += (
+            code in ("G0", "G1") and not self.begun
+        )  # to where the tool stands, as LinuxCNC sees it
 
     def notes(self) -> tuple[tuple[int, Note], ...]:
         """What was noted, each with the first line that it concerns."""
@@ -375,7 +411,9 @@ def work_offset(m: Machine, code: str, words: dict[str, float]) -> None:  # noqa
     for axis in range(3):
         a, b = old[axis], new[axis]
         if m.known[axis] and (a is None or b is None):
-            raise LineError(f"{code} after motions in {before}: how far apart they are is known to the machine alone")
+            raise LineError(
+                f"{code} after motions in {before}: how far apart they are is known to the machine alone"
+            )
         m.shift[axis] += (b or 0.0) - (a or 0.0)
 
 
@@ -426,7 +464,9 @@ def _set(m: Machine, by_position: bool, target: str, axis: int, value: float) ->
     if not active or not m.known[axis]:
         return
     if old is None:
-        raise LineError(f"G10 L2 moves {target} after a motion in it: where it was is known to the machine alone")
+        raise LineError(
+            f"G10 L2 moves {target} after a motion in it: where it was is known to the machine alone"
+        )
     m.shift[axis] += value - old
 
 
@@ -435,7 +475,11 @@ def _read_as(m: Machine, axis: int, value: float) -> float | None:
     if not m.known[axis]:
         m.known[axis] = True
         m.at[axis] = value + m.shift[axis]
-        m.note("assumed", f"the tool stands at {AXES[axis]}{value:g} mm of the work frame", "the line says so")
+        m.note(
+            "assumed",
+            f"the tool stands at {AXES[axis]}{value:g} mm of the work frame",
+            "the line says so",
+        )
         return None
     moved = m.at[axis] - value - m.shift[axis]
     m.shift[axis] += moved
@@ -467,7 +511,9 @@ def feed(m: Machine, words: dict[str, float], codes: dict[str, str]) -> None:
     if value < 0:
         raise LineError(f"feed F{value:g} is negative")
     if codes.get("units") == ("G20" if m.scale == 1.0 else "G21") and mode != "G93":
-        raise LineError("F in the line that changes the unit: controllers differ in which unit it has")
+        raise LineError(
+            "F in the line that changes the unit: controllers differ in which unit it has"
+        )
     m.feed = value / 60.0 if mode == "G93" else value * m.scale / (1.0 if mode == "G95" else 60.0)
 
 
@@ -523,15 +569,25 @@ def _change(m: Machine, code: str, words: dict[str, float]) -> None:  # noqa: AR
     if m.changed_to is not None and m.tool != m.changed_to and m.cut:
         raise LineError(f"M6 changes to tool T{m.tool}: a program has one tool here")
     if m.cut and m.changed_to is None:
-        raise LineError(f"M6 changes to tool T{m.tool} after the first cut: a program has one tool here")
+        raise LineError(
+            f"M6 changes to tool T{m.tool} after the first cut: a program has one tool here"
+        )
     m.changed_to = m.tool
-    m.note("assumed", f"tool T{m.tool} is the tool of the job", "its length and diameter are in no program")
+    m.note(
+        "assumed",
+        f"tool T{m.tool} is the tool of the job",
+        "its length and diameter are in no program",
+    )
 
 
 def _spindle(m: Machine, code: str, words: dict[str, float]) -> None:  # noqa: ARG001
     m.spindle = code
     if m.on_off:
-        m.note("assumed", "the spindle is the signal process", "the program switches it and never says a speed")
+        m.note(
+            "assumed",
+            "the spindle is the signal process",
+            "the program switches it and never says a speed",
+        )
     m.turn()
 
 
@@ -555,7 +611,11 @@ def _dwell(m: Machine, code: str, words: dict[str, float]) -> None:  # noqa: ARG
     if seconds < 0:
         raise LineError("G4 without its seconds (P)")
     if seconds >= 100:
-        m.note("warning", f"G4 P{seconds:g} waits for {seconds:g} s", "some controllers mean ms; these are seconds")
+        m.note(
+            "warning",
+            f"G4 P{seconds:g} waits for {seconds:g} s",
+            "some controllers mean ms; these are seconds",
+        )
     m.add(Wait(seconds))
 
 

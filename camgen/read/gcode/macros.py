@@ -14,7 +14,9 @@ _BEGINS = ("if", "goto", "while", "end", "do")
 _END = re.compile(r"[ \t]*(?:[nN][0-9]+)?[ \t]*[eE][nN][dD][ \t]*([0-9]{1,6})")
 _DO = re.compile(r"do([0-9]+)")
 #: The parameters of the arguments of G65.
-ARGUMENTS = dict(zip("ABCIJKDEFHMQRSTUVWXYZ", [1, 2, 3, 4, 5, 6, 7, 8, 9, 11, 13, *range(17, 27)], strict=True))
+ARGUMENTS = dict(
+    zip("ABCIJKDEFHMQRSTUVWXYZ", [1, 2, 3, 4, 5, 6, 7, 8, 9, 11, 13, *range(17, 27)], strict=True)
+)
 
 
 def find_ends(lines: Sequence[str]) -> dict[int, list[int]]:

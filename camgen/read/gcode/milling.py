@@ -26,14 +26,22 @@ def _rotate(m: Foreign, code: str, words: dict[str, float]) -> None:
         return
     before, m.rotation = m.rotation, None
     axes = _PLANES[m.plane]
-    letters = ("A", "B") if "A" in words or "B" in words or m.dialect.name == "mach3" else tuple(AXES[k] for k in axes)
+    letters = (
+        ("A", "B")
+        if "A" in words or "B" in words or m.dialect.name == "mach3"
+        else tuple(AXES[k] for k in axes)
+    )
     usual = (0.0, 0.0) if letters[0] == "A" else tuple(m.at[axis] - m.shift[axis] for axis in axes)
     centre = [
         (words.pop(letter) * m.scale if letter in words else value) + m.shift[axis]
         for letter, value, axis in zip(letters, usual, axes, strict=True)
     ]
     adds = words.pop("I", None) is not None and before is not None
-    angle = words.pop("R") if "R" in words else m.guess("G68 without R: the angle is the machine's, deg", "g68.r", 0.0)
+    angle = (
+        words.pop("R")
+        if "R" in words
+        else m.guess("G68 without R: the angle is the machine's, deg", "g68.r", 0.0)
+    )
     turned = math.radians(angle) + (before.angle if adds and before else 0.0)
     m.rotation = Rotation(axes, complex(*centre), turned)
 
@@ -91,9 +99,16 @@ def _go_round(m: Foreign, code: str, radii: list[float]) -> None:
         for end in [there, there] if radius else [0.0]:
             start = (x + place, y, z)
             words = {"I": (end - place) / 2 if end != place else -place, "J": 0.0}
-            m.pieces(pieces("G17", code, start, (x + end, y, z), words, False, m.scale != 1.0, m.limits), speed_of(m))
+            m.pieces(
+                pieces("G17", code, start, (x + end, y, z), words, False, m.scale != 1.0, m.limits),
+                speed_of(m),
+            )
             place = end
 
 
 #: By modal group.
-MILLING: dict[str, Handler] = {"rotation": _rotate, "modal macro": _call_after_motions, "circular pocket": _pocket}
+MILLING: dict[str, Handler] = {
+    "rotation": _rotate,
+    "modal macro": _call_after_motions,
+    "circular pocket": _pocket,
+}

@@ -73,7 +73,11 @@ def target(m: Machine, words: dict[str, float]) -> list[float]:
     for axis, value in take_axes(m, words).items():
         if m.incremental and not m.known[axis]:
             m.known[axis] = True
-            m.note("assumed", f"{AXES[axis]} begins at 0", "an incremental motion does not say from where")
+            m.note(
+                "assumed",
+                f"{AXES[axis]} begins at 0",
+                "an incremental motion does not say from where",
+            )
         end[axis] = end[axis] + value if m.incremental else value + m.shift[axis]
     return m.turned(end)
 
@@ -114,7 +118,9 @@ def _curve(m: Machine, start: Vec3, end: Vec3, words: dict[str, float]) -> list[
         for k, letter in enumerate("IJK"):
             if letter in kept and not m.absolute_centre:
                 kept[letter] += m.shift[k]
-        return m.centre(lambda: pieces(m.plane, m.motion, start, end, kept, True, inch, m.limits), error)
+        return m.centre(
+            lambda: pieces(m.plane, m.motion, start, end, kept, True, inch, m.limits), error
+        )
 
 
 def _rate(m: Machine, start: Vec3, found: Sequence[Piece]) -> float:
@@ -195,7 +201,11 @@ def _holes(m: Machine, normal: int, words: dict[int, float], count: int) -> None
     if retract < bottom:
         raise LineError(f"{m.motion} begins (R) below its end")
     if m.to_start is None and level > retract:
-        m.note("assumed", "a cycle retracts to R", "the program says neither G98 nor G99; so does LinuxCNC")
+        m.note(
+            "assumed",
+            "a cycle retracts to R",
+            "the program says neither G98 nor G99; so does LinuxCNC",
+        )
     clear = max(level, retract) if m.to_start else retract
     if level < retract:
         _to(m, normal, retract)
@@ -286,7 +296,9 @@ def _peck(m: Machine, axis: int, retract: float, bottom: float, clear: float) ->
     count = math.ceil((retract - bottom) / step - 1e-9)
     if count > m.bounds.gcode_pieces:
         most = tell(m.bounds.gcode_pieces)
-        raise LineError(f"{m.motion} with more than {most} pecks cannot be meant (limits.gcode_pieces)")
+        raise LineError(
+            f"{m.motion} with more than {most} pecks cannot be meant (limits.gcode_pieces)"
+        )
     for peck in range(1, count):
         reached = retract - peck * step
         _in(m, axis, reached)
@@ -331,7 +343,10 @@ def _by_hand(m: Machine, axis: int, retract: float, bottom: float, clear: float)
 def _back_bore(m: Machine, axis: int, retract: float, bottom: float, clear: float) -> None:
     """G87: beside the hole down, into it, up to K at feed and back, beside it up."""
     hole = list(m.at)
-    aside = [a + m.sticky.get(letter, 0.0) * (k != axis) for k, (a, letter) in enumerate(zip(hole, "IJK", strict=True))]
+    aside = [
+        a + m.sticky.get(letter, 0.0) * (k != axis)
+        for k, (a, letter) in enumerate(zip(hole, "IJK", strict=True))
+    ]
     middle = m.sticky.get("IJK"[axis], 0.0) + (bottom if m.incremental else m.shift[axis])
 
     def go(place: list[float], height: float) -> None:
@@ -392,7 +407,11 @@ def read_plain(m: Machine, lines: Sequence[str], at: int, bound: int) -> int:
             cut = True
         elif digit == "0" and i is j is None:
             body.append(MoveJ(Pose(TOOL_DOWN, end), RAPID))
-        elif digit not in _ARC_DIGITS or rate <= 0 or not (arc := _read_arc(m, digit, (x, y, z), end, (i, j), rate)):
+        elif (
+            digit not in _ARC_DIGITS
+            or rate <= 0
+            or not (arc := _read_arc(m, digit, (x, y, z), end, (i, j), rate))
+        ):
             break
         else:
             body += arc
@@ -410,7 +429,12 @@ def read_plain(m: Machine, lines: Sequence[str], at: int, bound: int) -> int:
 
 
 def _read_arc(
-    m: Machine, digit: str, start: Vec3, end: Vec3, centre: tuple[str | None, str | None], feed: float
+    m: Machine,
+    digit: str,
+    start: Vec3,
+    end: Vec3,
+    centre: tuple[str | None, str | None],
+    feed: float,
 ) -> list[Instruction]:
     """The arc of a plain line; nothing where it is none. centre: I and J."""
     (i, j), unit = centre, m.scale
@@ -418,7 +442,9 @@ def _read_arc(
     if j is not None:
         words["J"] = float(j) * unit
     try:
-        found = pieces("G17", f"G{digit}", start, end, words, False, unit != 1.0, m.exact or m.limits)
+        found = pieces(
+            "G17", f"G{digit}", start, end, words, False, unit != 1.0, m.exact or m.limits
+        )
     except LineError:
         return []
     made: list[Instruction] = []

@@ -16,13 +16,17 @@ from camgen.read.recorded import ProgramRun
 _GIVEN: dict[str, float] = {}
 
 
-def interpret(lines: Sequence[str], given: Mapping[str, float] = _GIVEN, limits: Limits | None = None) -> ProgramRun:
+def interpret(
+    lines: Sequence[str], given: Mapping[str, float] = _GIVEN, limits: Limits | None = None
+) -> ProgramRun:
     """What the lines of a program do, as LinuxCNC runs them. given: what the user says that no text holds."""
     ask = Ask(assume=given, limits=limits or Limits())
     return replay({"": "\n".join(lines)}, ask, None, LINUXCNC)
 
 
-def replay(texts: Mapping[str, str], ask: Ask, chord: float | None, usual: Dialect | None = None) -> ProgramRun:
+def replay(
+    texts: Mapping[str, str], ask: Ask, chord: float | None, usual: Dialect | None = None
+) -> ProgramRun:
     """What the first of ``texts`` does, to be run by another machine. chord: of the lines of helices, mm. usual: the
     dialect where ``ask`` names none, None: what the text shows. Never raises for a text.
 
@@ -48,7 +52,9 @@ def replay(texts: Mapping[str, str], ask: Ask, chord: float | None, usual: Diale
 
 def _without_optional_stops(m: Foreign) -> tuple[tuple[Instruction, ...], tuple[int, ...]]:
     """The body without M1, which a switch of the machine decides on, and its lines."""
-    kept = [(item, line) for item, line in zip(m.body, m.lines, strict=True) if not _is_optional(item)]
+    kept = [
+        (item, line) for item, line in zip(m.body, m.lines, strict=True) if not _is_optional(item)
+    ]
     return tuple(item for item, _ in kept), tuple(line for _, line in kept)
 
 
@@ -63,5 +69,8 @@ def _remarks(m: Foreign) -> tuple[tuple[int, Note], ...]:
     found += [(line, Note("skipped", what)) for what, line in m.facts.get("left out", {}).items()]
     optional = [line for item, line in zip(m.body, m.lines, strict=True) if _is_optional(item)]
     why = "a program here runs through"
-    found += [(line, Note("skipped", "M1 stops where the operator wants it", why)) for line in optional[:1]]
+    found += [
+        (line, Note("skipped", "M1 stops where the operator wants it", why))
+        for line in optional[:1]
+    ]
     return tuple(sorted(found, key=lambda one: one[0]))

@@ -28,7 +28,9 @@ class Rotation(Struct, frozen=True):
         if not any(name in words for name in names):
             return
         origin = self.centre if absolute else 0j
-        way = (complex(*(words.get(name, 0.0) for name in names)) - origin) * _turn(self.angle) + origin
+        way = (complex(*(words.get(name, 0.0) for name in names)) - origin) * _turn(
+            self.angle
+        ) + origin
         words[names[0]], words[names[1]] = way.real, way.imag
 
 

@@ -105,7 +105,11 @@ def _knots(m: Foreign, code: str, words: dict[str, float]) -> None:
 def _nurbs(control: Sequence[tuple[Vec2, float]], order: int) -> Callable[[float], Vec2]:
     """The curve over clamped, even knots."""
     points, count = list(control), len(control)
-    knots = [0.0] * order + [float(k) for k in range(1, count - order + 1)] + [float(count - order + 1)] * order
+    knots = (
+        [0.0] * order
+        + [float(k) for k in range(1, count - order + 1)]
+        + [float(count - order + 1)] * order
+    )
 
     def at(t: float) -> Vec2:
         u = t * (count - order + 1)
@@ -115,7 +119,9 @@ def _nurbs(control: Sequence[tuple[Vec2, float]], order: int) -> Callable[[float
             for j in range(order - 1, level - 1, -1):
                 low, high = knots[span - order + 1 + j], knots[span + 1 + j - level]
                 part = (u - low) / (high - low) if high > low else 0.0
-                row[j] = tuple(a * (1 - part) + b * part for a, b in zip(row[j - 1], row[j], strict=True))  # type: ignore[assignment]
+                row[j] = tuple(
+                    a * (1 - part) + b * part for a, b in zip(row[j - 1], row[j], strict=True)
+                )  # type: ignore[assignment]
         x, y, w = row[order - 1]
         return x / w, y / w
 
@@ -132,7 +138,11 @@ def _turns(m: Foreign, code: str) -> float:
 
 def _thread(m: Foreign, code: str, words: dict[str, float]) -> None:
     """G33 K: with the spindle, K mm per turn. G33.1: there and back."""
-    pitch = abs(words.pop("K")) * m.scale if "K" in words else m.feed * (1.0 if m.feed_mode == "G95" else 60.0)
+    pitch = (
+        abs(words.pop("K")) * m.scale
+        if "K" in words
+        else m.feed * (1.0 if m.feed_mode == "G95" else 60.0)
+    )
     if not pitch:
         raise LineError(f"{code} without its pitch (K)")
     begin, end = m.here(), target(m, words)
@@ -146,7 +156,9 @@ def _threads(m: Foreign, code: str, words: dict[str, float]) -> None:
     w = {letter: words.pop(letter, 0.0) for letter in "IJKPQRHEL"}
     pitch, first, full, peak = (w[letter] * m.scale for letter in "PJKI")
     if pitch <= 0 or first <= 0 or full <= first:
-        raise LineError("G76 without a pitch (P), or with a first depth (J) that is not below the last (K)")
+        raise LineError(
+            "G76 without a pitch (P), or with a first depth (J) that is not below the last (K)"
+        )
     if m.plane != "G18":
         raise LineError("G76 outside the plane of X and Z (G18)")
     x0, y0, z0 = m.here()
@@ -186,7 +198,9 @@ def _probe(m: Foreign, code: str, words: dict[str, float]) -> None:
     """To its end: how far it goes is not in the text."""
     end = target(m, words)
     m.insist_on_feed(code)
-    m.assume(f"{code}: the probe runs to its end", "probe", 1.0, "where it touches is not in the text")
+    m.assume(
+        f"{code}: the probe runs to its end", "probe", 1.0, "where it touches is not in the text"
+    )
     _feed(m, [(end[0], end[1], end[2])], m.feed)
     for k in range(3):
         m.homes[str(5061 + k)] = (m.at[k] - m.shift[k]) / m.scale

@@ -45,7 +45,9 @@ def turn(m: Foreign, code: str, words: dict[str, float]) -> None:
     """One of the cycles. LinuxCNC names its profile as a subroutine (Q), Fanuc by the numbers of its lines (P, Q)."""
     fanuc = m.dialect.diameter
     if fanuc and "P" not in words:
-        m.first_line = words  # G71 U R: the depth of the cut and the retreat of the cycle that follows
+        m.first_line = (
+            words  # G71 U R: the depth of the cut and the retreat of the cycle that follows
+        )
         return
     if "Q" not in words:
         raise LineError(f"{code} without its profile (Q)")
@@ -71,18 +73,28 @@ def _leave_path(m: Foreign, code: str) -> Beside | None:
         m.path = beside
         beside.flush()
         m.path = None
-        m.assume(f"{code}: the profile is run as programmed, without the compensation that is on", "", 0.0)
+        m.assume(
+            f"{code}: the profile is run as programmed, without the compensation that is on",
+            "",
+            0.0,
+        )
     return beside
 
 
-def _remove(m: Foreign, code: str, words: dict[str, float], first: int, last: int, begin: Vec3) -> None:
+def _remove(
+    m: Foreign, code: str, words: dict[str, float], first: int, last: int, begin: Vec3
+) -> None:
     """G71 and G72."""
     fanuc = m.dialect.diameter
     m.insist_on_feed(code)
     profile = _record(m, first, last)
     if not profile:
         raise LineError(f"{code}: the profile moves nothing")
-    m.assume(f"{code}: passes to where each first meets the profile, as of one that does not go back", "", 0.0)
+    m.assume(
+        f"{code}: passes to where each first meets the profile, as of one that does not go back",
+        "",
+        0.0,
+    )
     _rough(m, _words_of(m, code, words, fanuc), profile, begin)
     if fanuc:
         m.leap = ("GOTO", words["Q"], 1, None)
@@ -102,7 +114,9 @@ def _words_of(m: Foreign, code: str, words: dict[str, float], fanuc: bool) -> _R
     if not fanuc:
         left = words.get("D", 0.0) * m.scale
         shift = (left, 0.0) if across == 0 else (0.0, left)
-        return _Roughing(across, words.get("I", 1.0) * m.scale, words.get("R", 0.5) * m.scale, shift, False)
+        return _Roughing(
+            across, words.get("I", 1.0) * m.scale, words.get("R", 0.5) * m.scale, shift, False
+        )
     before, m.first_line = m.first_line, {}
     cut = before.get("U" if across == 0 else "W", words.get("D", 0.0)) * m.scale
     if cut <= 0:
@@ -130,7 +144,9 @@ def _flush(m: Foreign) -> None:
         m.path.flush()
 
 
-def _finish(m: Foreign, words: dict[str, float], first: int, last: int, begin: Vec3, fanuc: bool) -> None:
+def _finish(
+    m: Foreign, words: dict[str, float], first: int, last: int, begin: Vec3, fanuc: bool
+) -> None:
     """G70: the profile as it stands, and of Fanuc back to where the cycle began. LinuxCNC: P times, from D to E off."""
     if fanuc:
         m.run_lines(first, last)
@@ -211,7 +227,9 @@ def _meet(points: Sequence[tuple[float, float]], across: int, level: float) -> f
     return None
 
 
-def _pass(m: Foreign, how: _Roughing, begin: Vec3, level: float, end: float, way: float, side: float) -> None:
+def _pass(
+    m: Foreign, how: _Roughing, begin: Vec3, level: float, end: float, way: float, side: float
+) -> None:
     """One pass: to its level, along, off by ``back`` at 45 degrees, and back."""
     across, along = how.across, 2 - how.across
 

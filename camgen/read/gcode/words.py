@@ -352,7 +352,9 @@ def words_of(text: str, known: Parameters, group: Callable[[str], str] = group_o
         if letter == "#":
             key, at = key_at(text, at, known)
             if text[at : at + 1] != "=":
-                raise LineError(f"cannot read {text[at : at + 12]!r}: a parameter that stands alone is set with =")
+                raise LineError(
+                    f"cannot read {text[at : at + 12]!r}: a parameter that stands alone is set with ="
+                )
             value, at = value_at(text, at + 1, known)
             setting.append((key, value))
             continue

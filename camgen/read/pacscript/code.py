@@ -25,7 +25,9 @@ from camgen.read.pacscript.statements import (
 from camgen.read.pacscript.values import Unreadable
 from camgen.read.pacscript.words import RESERVED
 
-_LABEL = re.compile(r"\*\s*([a-z_]\w*)\s*:?\s*(.*)|([a-z_]\w*)\s*:(?!=)\s*(.*)", re.IGNORECASE | re.DOTALL)
+_LABEL = re.compile(
+    r"\*\s*([a-z_]\w*)\s*:?\s*(.*)|([a-z_]\w*)\s*:(?!=)\s*(.*)", re.IGNORECASE | re.DOTALL
+)
 _COLON = re.compile(r'"[^"]*"|[()\[\]]|:')
 _IF = re.compile(r'((?:[^"]|"[^"]*")*?)\b(then|goto)\b(.*)', re.IGNORECASE | re.DOTALL)
 _ELSE = re.compile(r'"[^"]*"|\belse\b', re.IGNORECASE)
@@ -100,11 +102,20 @@ def compile_procedure(procedure: Procedure, say: Say, pac: bool) -> Code:
     for op in compiler.ops:
         speaks = op.do == "call" and op.a.said == "msgbox"
         acting.append(acting[-1] + (op.do in _ACTING and not speaks))
-    assigned = frozenset(str(op.a.said) for op in compiler.ops if op.do == "assign" and op.a.kind == "name")
+    assigned = frozenset(
+        str(op.a.said) for op in compiler.ops if op.do == "assign" and op.a.kind == "name"
+    )
     return Code(compiler.ops, compiler.labels, acting, assigned)
 
 
-_OPENS = {"if": "If", "for": "For", "do": "Do", "while": "While", "select": "Select Case", "repeat": "Repeat"}
+_OPENS = {
+    "if": "If",
+    "for": "For",
+    "do": "Do",
+    "while": "While",
+    "select": "Select Case",
+    "repeat": "Repeat",
+}
 _CLOSES = {
     "if": "End If", "for": "Next", "do": "Loop", "while": "Wend", "select": "End Select", "repeat": "Until",
 }  # fmt: skip
@@ -131,7 +142,11 @@ class _Compiler:
         self.line = line
         if ".\\" in text or "./" in text:
             text = _PATH.sub(lambda match: match[1] or match[0], text)
-        if text.startswith("Move ") and (match := STATEMENT.fullmatch(text)) and (item := plain(match, line, _manner)):
+        if (
+            text.startswith("Move ")
+            and (match := STATEMENT.fullmatch(text))
+            and (item := plain(match, line, _manner))
+        ):
             self.add("plain", item)
             return
         try:
@@ -195,7 +210,10 @@ class _Compiler:
             self.add("assign", target, parse(text[at + 1 :].strip()))
         else:
             target, values = read_call(text)
-            raises = target.kind == "member" and (target.said, target.parts[0].said) == ("raise", "err")
+            raises = target.kind == "member" and (target.said, target.parts[0].said) == (
+                "raise",
+                "err",
+            )
             self.add("raise" if raises else "call", target, values)
 
     # Blocks.
@@ -235,7 +253,9 @@ class _Compiler:
             return
         cut = next((m for m in _ELSE.finditer(tail) if m[0][0] != '"'), None)
         then, other = (
-            (tail[: cut.start()], tail[cut.end() :]) if cut and not tail.lower().startswith("if ") else (tail, "")
+            (tail[: cut.start()], tail[cut.end() :])
+            if cut and not tail.lower().startswith("if ")
+            else (tail, "")
         )
         self._branch(then)
         if other.strip():
@@ -348,7 +368,9 @@ class _Compiler:
         if len(self.ops) > block.start + 1:
             block.leaving.append(self.add("goto"))
         other = rest.strip().lower() == "else"
-        block.cases.append((None if other else [read_case(part) for part in arguments(rest)], len(self.ops)))
+        block.cases.append(
+            (None if other else [read_case(part) for part in arguments(rest)], len(self.ops))
+        )
 
     def exit(self, rest: str) -> None:
         """``Exit Sub|Function|For|Do|Loop``."""
@@ -429,4 +451,6 @@ _FLOW: dict[str, Callable[[_Compiler, str], object]] = {
 
 def _manner(kind: str, mark: str, speed: str) -> Manner:
     said = mark.strip()[1:]
-    return Manner(kind.lower(), said or "0", parse(speed.partition("=")[2].strip()) if speed else None)
+    return Manner(
+        kind.lower(), said or "0", parse(speed.partition("=")[2].strip()) if speed else None
+    )

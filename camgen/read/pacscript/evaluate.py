@@ -11,7 +11,15 @@ import numpy as np
 from camgen.model.pose import IDENTITY, Pose
 from camgen.model.program import Joints
 from camgen.read.pacscript.expressions import OPERATORS, Node
-from camgen.read.pacscript.functions import ASKED, FUNCTIONS, calculate, call, numbers, place, turned
+from camgen.read.pacscript.functions import (
+    ASKED,
+    FUNCTIONS,
+    calculate,
+    call,
+    numbers,
+    place,
+    turned,
+)
 from camgen.read.pacscript.machine import blank, copy_value
 from camgen.read.pacscript.running import Running
 from camgen.read.pacscript.values import (
@@ -35,9 +43,23 @@ from camgen.read.pacscript.values import (
 )
 
 _SHORT = re.compile(r"(io|[pjtvifds])(\d{1,9})", re.ASCII)
-_CONSTANTS: dict[str, Value] = {"on": 1.0, "off": 0.0, "true": 1.0, "false": 0.0, "pi": 3.141592653589793}
+_CONSTANTS: dict[str, Value] = {
+    "on": 1.0,
+    "off": 0.0,
+    "true": 1.0,
+    "false": 0.0,
+    "pi": 3.141592653589793,
+}
 #: Types of the header of the controller, which name what an array holds.
-_KINDS = {"vt_i2": 2.0, "vt_i4": 3.0, "vt_r4": 4.0, "vt_r8": 5.0, "vt_bstr": 8.0, "vt_bool": 11.0, "vt_variant": 12.0}
+_KINDS = {
+    "vt_i2": 2.0,
+    "vt_i4": 3.0,
+    "vt_r4": 4.0,
+    "vt_r8": 5.0,
+    "vt_bstr": 8.0,
+    "vt_bool": 11.0,
+    "vt_variant": 12.0,
+}
 #: Functions that tell where the arm is, by what they give.
 _PLACES = {
     "curpos": "pose",
@@ -83,7 +105,11 @@ def evaluate(run: Running, node: Node) -> Value:
 def _operate(run: Running, node: Node) -> Value:
     if node.kind == "sign":
         value = evaluate(run, node.parts[0])
-        return value if node.said == 1.0 and isinstance(value, (float, bool)) else negate(value, float(node.said))
+        return (
+            value
+            if node.said == 1.0 and isinstance(value, (float, bool))
+            else negate(value, float(node.said))
+        )
     if node.kind == "not":
         value = evaluate(run, node.parts[0])
         if isinstance(value, Unknown):
@@ -101,7 +127,11 @@ def _operate(run: Running, node: Node) -> Value:
 def _combine(sign: str, a: Value, b: Value) -> Value:
     if sign in ("and", "or"):  # What is known may decide it alone.
         for one, other in ((a, b), (b, a)):
-            if isinstance(one, Unknown) and isinstance(other, (bool, float)) and bool(other) == (sign == "or"):
+            if (
+                isinstance(one, Unknown)
+                and isinstance(other, (bool, float))
+                and bool(other) == (sign == "or")
+            ):
                 return other
     return calculate(sign, a, b)
 
@@ -130,7 +160,13 @@ def name(run: Running, said: str) -> Value:
         return stored(run, short[1], int(short[2]))
     if (found := run.port(said)) is not None:
         return found
-    if said in _PLACES or said in FUNCTIONS or said in ASKED or said in _OWN or run.find_function(said):
+    if (
+        said in _PLACES
+        or said in FUNCTIONS
+        or said in ASKED
+        or said in _OWN
+        or run.find_function(said)
+    ):
         return called(run, said, ())
     if said in _KINDS:
         return _KINDS[said]
@@ -227,7 +263,11 @@ def _constructed(said: str, values: list[Value]) -> Value:
     if said == "p" and values and isinstance(values[0], Vector):
         values = [
             *values[0].values,
-            *(values[1].values if len(values) > 1 and isinstance(values[1], Vector) else values[1:]),
+            *(
+                values[1].values
+                if len(values) > 1 and isinstance(values[1], Vector)
+                else values[1:]
+            ),
         ]
     return call(said, values)
 
@@ -239,7 +279,9 @@ def _of_object(run: Running, node: Node) -> Value:
         value = evaluate(run, of)
         values = [evaluate(run, part) for part in rest]
         return (
-            element(value, values) if isinstance(value, Array) else Unknown("an element of a value that is not known")
+            element(value, values)
+            if isinstance(value, Array)
+            else Unknown("an element of a value that is not known")
         )
     for part in rest:
         evaluate(run, part)
@@ -281,7 +323,9 @@ def _shifted(run: Running, values: list[Value]) -> Value:
     by = values[1] if len(values) > 1 else 0.0
     by = fit(by, "position") if isinstance(by, tuple) else by
     if isinstance(by, Pose) and not np.array_equal(by.rotation, IDENTITY):
-        run.machine.suppose("the angles of Dev are taken for turns about the axes of the work frame")
+        run.machine.suppose(
+            "the angles of Dev are taken for turns about the axes of the work frame"
+        )
     return call("dev", values)
 
 
@@ -379,14 +423,18 @@ def _assign_element(run: Running, target: Node, value: Value) -> None:
         of = Array((), of if isinstance(of, Unknown) else 0.0)
         run.scope.names[said] = of
     of.check(place_of)
-    of.items[place_of] = copy_value(fit(value, run.scope.kinds.get(said, run.module_scope.kinds.get(said, "variant"))))
+    of.items[place_of] = copy_value(
+        fit(value, run.scope.kinds.get(said, run.module_scope.kinds.get(said, "variant")))
+    )
 
 
 def fit(value: Value, kind: str) -> Value:
     """``value`` as a type holds it: lists of values become places, whole numbers are rounded."""
     if isinstance(value, Unknown) or kind == "variant":
         return value
-    if isinstance(value, tuple) and (unknown := next((one for one in value if isinstance(one, Unknown)), None)):
+    if isinstance(value, tuple) and (
+        unknown := next((one for one in value if isinstance(one, Unknown)), None)
+    ):
         return unknown
     if kind in ("position", "trans"):
         return value if isinstance(value, (Pose, Joints, Array)) else place(value)
@@ -419,7 +467,9 @@ def let(run: Running, which: str, target: Node, value: Value) -> None:
         assign(
             run,
             target,
-            old if which in ("f", "fig") else name_place(f"{old.base} as changed in line {run.machine.line}"),
+            old
+            if which in ("f", "fig")
+            else name_place(f"{old.base} as changed in line {run.machine.line}"),
         )
     elif isinstance(value, Unknown):
         assign(run, target, value)

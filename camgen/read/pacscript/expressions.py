@@ -46,7 +46,9 @@ def arguments(text: str) -> list[str]:
     flat = _PART.findall(text)
     if sum(map(len, map("".join, flat))) == len(text) and flat[-1][1] == "":
         # The usual case; an empty match after a last comma is its empty part.
-        return [part.strip() for part, _ in flat[: len(flat) if len(flat) == 1 or flat[-2][1] else -1]]
+        return [
+            part.strip() for part, _ in flat[: len(flat) if len(flat) == 1 or flat[-2][1] else -1]
+        ]
     parts, depth, start = [], 0, 0
     for match in _SEPARATOR.finditer(text):
         sign = match.group()
@@ -90,7 +92,11 @@ class _Parser:
 
     def take(self, *signs: str) -> str:
         """The next token if it is one of ``signs``, else empty."""
-        if self.at < len(self.tokens) and self.tokens[self.at][0] == "sign" and self.tokens[self.at][1] in signs:
+        if (
+            self.at < len(self.tokens)
+            and self.tokens[self.at][0] == "sign"
+            and self.tokens[self.at][1] in signs
+        ):
             self.at += 1
             return self.tokens[self.at - 1][1]
         return ""
@@ -109,7 +115,9 @@ class _Parser:
         while (operator := self.operator()) and _BINDS[operator] > least:
             self.at += 1
             other = self.expression(_BINDS[operator])
-            if operator == "+" and self.take_word("h"):  # Of the older dialect: along the axes of the hand.
+            if operator == "+" and self.take_word(
+                "h"
+            ):  # Of the older dialect: along the axes of the hand.
                 node = Node("call", "devh", (node, other))
             else:
                 node = Node(_SAME.get(operator, operator), 0.0, (node, other))
@@ -182,7 +190,10 @@ class _Parser:
         if not (closing == ")" and self.take(")")):
             values: list[Node] = []
             while True:
-                empty = self.at < len(self.tokens) and self.tokens[self.at] in (("sign", ","), ("sign", closing))
+                empty = self.at < len(self.tokens) and self.tokens[self.at] in (
+                    ("sign", ","),
+                    ("sign", closing),
+                )
                 values.append(LEFT_OUT if empty else self.expression(0))
                 if self.take(closing):
                     return tuple(values)

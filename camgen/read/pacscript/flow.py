@@ -65,7 +65,11 @@ def _choose(frame: Frame, at: int, op: Op) -> bool:
     """Whether to go into a branch whose condition is not known: rather not where it leaves, rather where it acts."""
     ops = frame.code.ops
     last = ops[op.to - 1] if op.to - 1 > at else None
-    other = (op.to, last.to) if last and last.do == "goto" and last.a is None and last.b is None else (op.to, op.to)
+    other = (
+        (op.to, last.to)
+        if last and last.do == "goto" and last.a is None and last.b is None
+        else (op.to, op.to)
+    )
     then = (at + 1, op.to - (other[1] > other[0]))
     leaves = [_leaves(ops, *span) for span in (then, other)]
     if leaves[0] != leaves[1]:
@@ -97,7 +101,9 @@ def _round(run: Running, frame: Frame, at: int, start: int, after: int) -> int:
     """
     ways = [way for step, way in frame.leaving.items() if start <= step < after]
     if ways:  # The one on which most is done: an error does little.
-        run.machine.guess(f"the loop from line {frame.code.ops[start].line} is left after one round")
+        run.machine.guess(
+            f"the loop from line {frame.code.ops[start].line} is left after one round"
+        )
         for step in [step for step in frame.leaving if start <= step < after]:
             del frame.leaving[step]
         return max(ways, key=lambda way: way[1] - way[0])[0]
@@ -120,7 +126,8 @@ def _stands_still(run: Running, frame: Frame, at: int) -> bool:
 
 def _has_way_out(ops: list[Op], start: int, after: int) -> bool:
     return any(
-        op.do in _LEAVING or (op.to != -1 and not start <= op.to < after and (op.do != "do" or op.a is not None))
+        op.do in _LEAVING
+        or (op.to != -1 and not start <= op.to < after and (op.do != "do" or op.a is not None))
         for op in ops[start : after - 1]
     )
 
@@ -133,7 +140,8 @@ def _names(run: Running) -> list[dict[Any, Value]]:
 def same(one: list[dict[Any, Value]], other: list[dict[Any, Value]]) -> bool:
     """Whether two snapshots hold the same."""
     return all(
-        a.keys() == b.keys() and all(same_value(a[key], b[key]) for key in a) for a, b in zip(one, other, strict=True)
+        a.keys() == b.keys() and all(same_value(a[key], b[key]) for key in a)
+        for a, b in zip(one, other, strict=True)
     )
 
 
@@ -144,7 +152,9 @@ def same_value(a: Value | None, b: Value | None) -> bool:
     if isinstance(a, Pose) and isinstance(b, Pose):
         return a.origin == b.origin and np.array_equal(a.rotation, b.rotation)
     if isinstance(a, Array) and isinstance(b, Array):
-        return a.items.keys() == b.items.keys() and all(same_value(a.items[key], b.items[key]) for key in a.items)
+        return a.items.keys() == b.items.keys() and all(
+            same_value(a.items[key], b.items[key]) for key in a.items
+        )
     return type(a) is type(b) and a == b
 
 
@@ -154,7 +164,9 @@ def start_for(run: Running, frame: Frame, at: int, op: Op) -> int | None:
     begin, end, by = (evaluate(run, node) for node in (first, last, step))
     for value in (begin, end, by):
         if isinstance(value, Unknown):
-            run.machine.guess(f"{value.what} is not known: the loop is gone through once", value.key)
+            run.machine.guess(
+                f"{value.what} is not known: the loop is gone through once", value.key
+            )
             assign(run, target, begin if not isinstance(begin, Unknown) else Unknown(begin.what))
             frame.loops.pop(at, None)
             return None
@@ -193,7 +205,8 @@ def enter(run: Running, frame: Frame, at: int, op: Op) -> int | None:
         acting = frame.code.acting
         acts = acting[op.to] - acting[at] > 0
         run.machine.guess(
-            f"{found.what} is not known: the loop {'is gone through once' if acts else 'ends'}", found.key
+            f"{found.what} is not known: the loop {'is gone through once' if acts else 'ends'}",
+            found.key,
         )
         return None if acts else op.to
     return None if found == op.b else op.to
@@ -212,20 +225,26 @@ def repeat(run: Running, frame: Frame, at: int, op: Op) -> int | None:
         if not _constant(op.a):
             return _again(run, frame, at, op.to, head)
     elif head.a is not None and not _constant(head.a):
-        if frame.rounds.pop(op.to, None) is not None and isinstance(truth(evaluate(run, head.a)), Unknown):
+        if frame.rounds.pop(op.to, None) is not None and isinstance(
+            truth(evaluate(run, head.a)), Unknown
+        ):
             return None
         return _again(run, frame, at, op.to, head)
     return _round(run, frame, at, op.to, at + 1)
 
 
 def _constant(node: Node) -> bool:
-    return node.kind == "number" or (node.kind == "name" and node.said in ("true", "on", "false", "off"))
+    return node.kind == "number" or (
+        node.kind == "name" and node.said in ("true", "on", "false", "off")
+    )
 
 
 def _again(run: Running, frame: Frame, at: int, start: int, head: Op) -> int | None:
     """Round again where a condition holds; where nothing changes it, something outside does, after one round."""
     if _stands_still(run, frame, at):
-        run.machine.guess(f"the condition of the loop from line {head.line} never changes here: the loop is left")
+        run.machine.guess(
+            f"the condition of the loop from line {head.line} never changes here: the loop is left"
+        )
         frame.rounds.pop(at, None)
         return None
     return start
@@ -235,7 +254,9 @@ def select(run: Running, frame: Frame, _at: int, op: Op) -> int | None:
     """``Select Case``."""
     value = evaluate(run, op.a)
     if isinstance(value, Unknown):
-        run.machine.guess(f"{value.what} is not known: the first Case that does something is taken", value.key)
+        run.machine.guess(
+            f"{value.what} is not known: the first Case that does something is taken", value.key
+        )
         return _first_case(frame, op)
     for tests, where in op.b:
         if tests is None or any(_matches(run, value, test) for test in tests):
@@ -300,7 +321,9 @@ def wait_for(run: Running, op: Op) -> None:
         if found is False and asked:
             raise Stopped(f"waits for ever: {asked} is given otherwise")
         what = found.what if isinstance(found, Unknown) else "what others set"
-        run.machine.guess(f"Wait for {what} is over at once", found.key if isinstance(found, Unknown) else "")
+        run.machine.guess(
+            f"Wait for {what} is over at once", found.key if isinstance(found, Unknown) else ""
+        )
         _learn(run, op.a)
     run.machine.passing = False
     if len(op.b) > 1 and op.b[1].kind in ("name", "index"):

@@ -146,7 +146,11 @@ def _figure(values: list[Value]) -> Value:
 
 
 def _array(values: list[Value]) -> Value:
-    return Array((len(values) - 1,), 0.0, {(k,): value for k, value in enumerate(values)}) if values else Array((), 0.0)
+    return (
+        Array((len(values) - 1,), 0.0, {(k,): value for k, value in enumerate(values)})
+        if values
+        else Array((), 0.0)
+    )
 
 
 def _create_array(values: list[Value]) -> Value:
@@ -355,7 +359,11 @@ def _compare(sign: str, a: Value, b: Value) -> bool:
         return compare(a, b)
     if isinstance(a, str) != isinstance(b, str):
         one, other = (a, b) if isinstance(a, str) else (b, a)
-        return compare(_value([one]), number(other)) if isinstance(a, str) else compare(number(other), _value([one]))
+        return (
+            compare(_value([one]), number(other))
+            if isinstance(a, str)
+            else compare(number(other), _value([one]))
+        )
     if isinstance(a, (Pose, Joints, Vector)) and sign in ("=", "<>"):
         same = type(a) is type(b) and _flat(a) == _flat(b)
         return same == (sign == "=")

@@ -20,5 +20,10 @@ def recognise(text: str) -> bool:
 
 
 LANGUAGE = Language(
-    "pacscript", "DENSO PacScript and PAC", (".pcs", ".pac", ".pns"), recognise, run_files, takes=("entry", "points")
+    "pacscript",
+    "DENSO PacScript and PAC",
+    (".pcs", ".pac", ".pns"),
+    recognise,
+    run_files,
+    takes=("entry", "points"),
 )

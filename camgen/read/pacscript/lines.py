@@ -14,7 +14,8 @@ GOES_ON = re.compile(r"(?:^|\W)_$")
 DEFINE = re.compile(r"#define\s+([a-z_]\w*)(?:\s+(.*)|$)", re.IGNORECASE | re.ASCII)
 CLOSING = re.compile(r"end\s*(sub|function)", re.IGNORECASE)
 PARAMETER = re.compile(
-    r"\s*(?:(byval|byref)\s+)?([a-z_]\w*[!#%$]?)\s*(\([^()]*\))?\s*(?:as\s+(\w+))?\s*", re.IGNORECASE
+    r"\s*(?:(byval|byref)\s+)?([a-z_]\w*[!#%$]?)\s*(\([^()]*\))?\s*(?:as\s+(\w+))?\s*",
+    re.IGNORECASE,
 )
 _QUOTED = re.compile(r'"[^"]*"|\'')
 _WORD = re.compile(r'"[^"]*"|\b[a-z_]\w*', re.IGNORECASE)
@@ -51,7 +52,10 @@ def expand(text: str, macros: Mapping[str, str]) -> str:
 
 def too_long(row: str) -> bool:
     """Whether a line has more bytes than the language allows."""
-    return len(row) > LONGEST_LINE // 4 and len(row.rstrip("\r").encode("utf-8", "replace")) > LONGEST_LINE
+    return (
+        len(row) > LONGEST_LINE // 4
+        and len(row.rstrip("\r").encode("utf-8", "replace")) > LONGEST_LINE
+    )
 
 
 def join(rows: list[str], before: int, say: Callable[[int, str], None]) -> list[tuple[int, str]]:

@@ -7,8 +7,28 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from camgen.model.pose import IDENTITY, Pose, Vec3, frozen
-from camgen.model.program import Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Posture, Stop, Wait
-from camgen.read.pacscript.values import Array, Figured, Placed, Rate, Unknown, Value, Vector, name_place
+from camgen.model.program import (
+    Force,
+    Instruction,
+    Joints,
+    MoveC,
+    MoveJ,
+    MoveL,
+    Output,
+    Posture,
+    Stop,
+    Wait,
+)
+from camgen.read.pacscript.values import (
+    Array,
+    Figured,
+    Placed,
+    Rate,
+    Unknown,
+    Value,
+    Vector,
+    name_place,
+)
 from camgen.read.programs import Assumption, Executed, Finding, Frames, Level
 
 #: mm/s at 100 %, and deg/s of a turn on the spot, where the user says nothing else.
@@ -52,7 +72,9 @@ class Machine:
     joints: where the axes are, None where the text does not say it.
     """
 
-    def __init__(self, assume: Mapping[str, float], points: Mapping[tuple[str, int], Value]) -> None:
+    def __init__(
+        self, assume: Mapping[str, float], points: Mapping[tuple[str, int], Value]
+    ) -> None:
         self.assume, self.points = assume, points
         #: base_from_flange from joint values, where the arm is known.
         self.flange: Callable[[Sequence[float]], Pose | None] | None = None
@@ -162,7 +184,9 @@ class Machine:
 
     def _find_frame(self, base: str) -> int:
         tool, work = self.numbers["tool"], self.numbers["work"]
-        frames = Frames(f"{tool}", base or f"{work}", self.pose_of("tool", tool), self.pose_of("work", work))
+        frames = Frames(
+            f"{tool}", base or f"{work}", self.pose_of("tool", tool), self.pose_of("work", work)
+        )
         if base:
             frames = Frames(frames.tool, base, frames.flange_from_tool)
         key = (frames.tool, frames.work, id(frames.flange_from_tool), id(frames.base_from_work))
@@ -220,27 +244,44 @@ class Machine:
         if value != self._told:
             self._told = value
             self.suppose(f"100 % is taken for {self.rated:g} mm/s", "rated", self.rated)
-        return value / 100 * self.rated * self.external / 100, min(1.0, value / 100 * self.external / 100)
+        return value / 100 * self.rated * self.external / 100, min(
+            1.0, value / 100 * self.external / 100
+        )
 
     def move(self, item: MoveJ | MoveL | MoveC, passing: bool, base: str = "") -> None:
         """Adds a motion. passing: what follows may happen before the arm is there. base: of ``Placed``."""
         self.own()
         if not self.moved and not isinstance(item, MoveJ):
-            self.find("unusual", "the first motion is a straight line or an arc from wherever the arm stands")
+            self.find(
+                "unusual",
+                "the first motion is a straight line or an arc from wherever the arm stands",
+            )
         self.emit(item, base)
         self.moved, self.passing = True, passing
         target = item.target
         if isinstance(target, Joints):
-            self.here = self._reach(target) or name_place(f"where the joint values of line {self.line} lead")
+            self.here = self._reach(target) or name_place(
+                f"where the joint values of line {self.line} lead"
+            )
             self.joints = target
         else:
-            self.here, self.joints = (Placed(target.rotation, target.origin, base) if base else target), None
+            self.here, self.joints = (
+                (Placed(target.rotation, target.origin, base) if base else target),
+                None,
+            )
 
     def _reach(self, joints: Joints) -> Pose | None:
         """Where joint values put the tool in the work frame in force, where the arm and both are known."""
         flange = self.flange(joints.values) if self.flange is not None else None
-        tool, work = self.pose_of("tool", self.numbers["tool"]), self.pose_of("work", self.numbers["work"])
-        return None if flange is None or tool is None or work is None else work.inverse() @ flange @ tool
+        tool, work = (
+            self.pose_of("tool", self.numbers["tool"]),
+            self.pose_of("work", self.numbers["work"]),
+        )
+        return (
+            None
+            if flange is None or tool is None or work is None
+            else work.inverse() @ flange @ tool
+        )
 
     def go_joints(self, target: Joints, speed: float, blend: float, at_once: bool = False) -> None:
         """Moves the axes to values of their own."""
@@ -252,24 +293,32 @@ class Machine:
         self.move(MoveJ(target, mm_s, blend, share=share), blend > 0 and not at_once)
         self.figure = None
 
-    def go(self, linear: bool, target: Pose, speed: float, blend: float, at_once: bool = False) -> None:
+    def go(
+        self, linear: bool, target: Pose, speed: float, blend: float, at_once: bool = False
+    ) -> None:
         """Moves the TCP to a place, straight or as the axes run."""
         posture, said = posture_of(target)
         base = target.base if isinstance(target, Placed) else ""
         if base:
-            self.suppose(f"{base} is not in the text: motions to it are told in a frame of that name")
+            self.suppose(
+                f"{base} is not in the text: motions to it are told in a frame of that name"
+            )
         place = Pose(target.rotation, target.origin) if posture or base else target
         passing = blend > 0 and not at_once
         mm_s, share = self.speed(speed)
         if not linear:
             self.move(MoveJ(place, mm_s, blend, posture=posture, share=share), passing, base)
-            self.figure = self.figure if said is None else said  # -1 keeps the one that the arm has.
+            self.figure = (
+                self.figure if said is None else said
+            )  # -1 keeps the one that the arm has.
             return
         turn = 0.0
         stands = self.here.base if isinstance(self.here, Placed) else ""
         if stands == base and self.here.origin == place.origin and not isinstance(speed, Rate):
             turn = math.radians(share * self.rated_turn)
-        self.move(MoveL(place, mm_s, blend, *self.pressing, posture=posture, turn=turn), passing, base)
+        self.move(
+            MoveL(place, mm_s, blend, *self.pressing, posture=posture, turn=turn), passing, base
+        )
         self.figure = said
 
     def switch(self, signal: str, value: float) -> None:
@@ -314,7 +363,9 @@ class Machine:
     def finish(self, stopped: tuple[int, str] | None) -> Executed:
         """All that was found."""
         if self.table is not None:
-            self.find("dangerous", "force control is on at the end", self.lines[-1] if self.lines else 1)
+            self.find(
+                "dangerous", "force control is on at the end", self.lines[-1] if self.lines else 1
+            )
         several = len(self.frames) > 1
         facts = tuple((label, ", ".join(list(texts)[:20])) for label, texts in self.facts.items())
         return Executed(

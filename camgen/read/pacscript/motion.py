@@ -10,7 +10,9 @@ from camgen.read.pacscript.values import Unreadable
 
 MARK = re.compile(r"@\s*(0|P|E|C|\[?\s*\d+\s*\]?)(?![\d.])\s*", re.IGNORECASE)
 #: The options of a motion that have a value.
-OPTION = re.compile(r"(speed|s|accel|a|decel|d|time|t|pose|static)\s*=\s*(.*)", re.IGNORECASE | re.DOTALL)
+OPTION = re.compile(
+    r"(speed|s|accel|a|decel|d|time|t|pose|static)\s*=\s*(.*)", re.IGNORECASE | re.DOTALL
+)
 EXTENDED = re.compile(r"\bExA?\s*\(", re.IGNORECASE)
 #: By interpolation, whether the TCP goes straight.
 LINEAR = {"l": True, "p": False, "ptp": False}

@@ -5,7 +5,14 @@ from __future__ import annotations
 import math
 
 from camgen.geometry.arcs import circle, turn_about
-from camgen.model.pose import Pose, Vec3, frozen, rotation_about, rotation_about_axis, rotation_between
+from camgen.model.pose import (
+    Pose,
+    Vec3,
+    frozen,
+    rotation_about,
+    rotation_about_axis,
+    rotation_between,
+)
 from camgen.model.program import Joints, MoveC
 from camgen.read.pacscript.code import Manner, Op
 from camgen.read.pacscript.evaluate import evaluate, fit
@@ -51,7 +58,10 @@ def blend_of(run: Running, mark: str | Node) -> float:
         return PASS_MM if said < 0 else said
     if mark in _MARKS:
         if mark in ("P", "C"):
-            run.machine.state("pass marks", f"@{mark} blends as near as the controller likes: {PASS_MM:g} mm is shown")
+            run.machine.state(
+                "pass marks",
+                f"@{mark} blends as near as the controller likes: {PASS_MM:g} mm is shown",
+            )
         return _MARKS[mark]
     return float(mark)
 
@@ -112,7 +122,9 @@ def place_of(run: Running, node: Node) -> Value:
     return value
 
 
-def go(run: Running, linear: bool, target: Value, speed: float, blend: float, at_once: bool = False) -> None:
+def go(
+    run: Running, linear: bool, target: Value, speed: float, blend: float, at_once: bool = False
+) -> None:
     """Moves to ``target``."""
     machine = run.machine
     if isinstance(target, Unknown):
@@ -120,7 +132,13 @@ def go(run: Running, linear: bool, target: Value, speed: float, blend: float, at
         where = target.what if stored else f"{target.what} of line {machine.line}"
         machine.go(linear, name_place(where), speed, blend, at_once)
     elif isinstance(target, Joints) and linear:
-        machine.go(True, name_place(f"where the joint values of line {machine.line} lead"), speed, blend, at_once)
+        machine.go(
+            True,
+            name_place(f"where the joint values of line {machine.line} lead"),
+            speed,
+            blend,
+            at_once,
+        )
         machine.joints = target
     elif isinstance(target, Joints):
         machine.go_joints(target, speed, blend, at_once)
@@ -138,7 +156,9 @@ def approach(run: Running, op: Op) -> None:
         target = Unknown("a place before joint values")
     if isinstance(target, Pose):
         target = (
-            Unknown(f"{back.what} before a place") if isinstance(back, Unknown) else behind(run, target, number(back))
+            Unknown(f"{back.what} before a place")
+            if isinstance(back, Unknown)
+            else behind(run, target, number(back))
         )
     go(run, LINEAR[motion.kind], target, speed, blend, motion.at_once)
 
@@ -195,14 +215,26 @@ def behind(run: Running, pose: Pose, length: float) -> Pose:
     return keep_frame(Pose(pose.rotation, origin), pose)
 
 
-def arc(run: Running, via: Value, end: Value, speed: float, blend: float, at_once: bool = False) -> None:
+def arc(
+    run: Running, via: Value, end: Value, speed: float, blend: float, at_once: bool = False
+) -> None:
     """Moves through ``via`` to ``end``, in arcs of at most half a circle with their via point half-way."""
     machine = run.machine
     start = machine.here
-    bases = {place.base if isinstance(place, Placed) else "" for place in (start, via, end) if isinstance(place, Pose)}
+    bases = {
+        place.base if isinstance(place, Placed) else ""
+        for place in (start, via, end)
+        if isinstance(place, Pose)
+    }
     if not (isinstance(via, Pose) and isinstance(end, Pose)) or len(bases) > 1:
-        goal = end if isinstance(end, Pose) else name_place(f"the end of the arc of line {machine.line}")
-        machine.suppose(f"the arc of line {machine.line} is told as a line: the text does not hold its three points")
+        goal = (
+            end
+            if isinstance(end, Pose)
+            else name_place(f"the end of the arc of line {machine.line}")
+        )
+        machine.suppose(
+            f"the arc of line {machine.line} is told as a line: the text does not hold its three points"
+        )
         machine.go(True, goal, speed, blend, at_once)
         return
     try:
@@ -213,7 +245,9 @@ def arc(run: Running, via: Value, end: Value, speed: float, blend: float, at_onc
         return
     said = posture_of(end)[1]
     if said is not None and machine.figure not in (None, said):
-        machine.find("unusual", f"an arc from figure {machine.figure} to {said}: an error may occur")
+        machine.find(
+            "unusual", f"an arc from figure {machine.figure} to {said}: an error may occur"
+        )
     middle = _half_way(start.origin, center, axis, sweep)
     if sweep <= _PIECE and math.dist(middle, via.origin) <= _HALF_WAY:
         item = MoveC(Pose(via.rotation, via.origin), Pose(end.rotation, end.origin), machine.speed(speed)[0], blend,
@@ -231,7 +265,13 @@ def _half_way(start: Vec3, center: Vec3, axis: Vec3, sweep: float) -> Vec3:
 
 
 def _turn(
-    run: Running, start: Pose, end: Pose, center: Vec3, axis: Vec3, sweep: float, manner: tuple[float, float, bool]
+    run: Running,
+    start: Pose,
+    end: Pose,
+    center: Vec3,
+    axis: Vec3,
+    sweep: float,
+    manner: tuple[float, float, bool],
 ) -> None:
     """The pieces of an arc about ``axis`` through ``center``; the tool turns evenly from its start to its end."""
     machine = run.machine
@@ -264,11 +304,20 @@ def rotate(run: Running, op: Op) -> None:
     if len(motion.goals) < 2:
         raise Wrong("Rotate needs a plane and an angle")
     angle = evaluate(run, motion.goals[1].value)
-    about = evaluate(run, motion.goals[2].value) if len(motion.goals) > 2 else Vector((0.0, 0.0, 0.0))
+    about = (
+        evaluate(run, motion.goals[2].value) if len(motion.goals) > 2 else Vector((0.0, 0.0, 0.0))
+    )
     speed, blend = speed_of(run, motion.options.get("speed")), blend_of(run, motion.goals[1].mark)
     start = machine.here
-    if normal is None or isinstance(start, Placed) or not isinstance(about, Vector) or isinstance(angle, Unknown):
-        machine.go(True, name_place(f"the end of the turn of line {op.line}"), speed, blend, motion.at_once)
+    if (
+        normal is None
+        or isinstance(start, Placed)
+        or not isinstance(about, Vector)
+        or isinstance(angle, Unknown)
+    ):
+        machine.go(
+            True, name_place(f"the end of the turn of line {op.line}"), speed, blend, motion.at_once
+        )
         return
     towards = start.rotation[:, 2].tolist()
     if not number(evaluate(run, motion.options.get("static", Node("number", 0.0)))):
@@ -276,14 +325,30 @@ def rotate(run: Running, op: Op) -> None:
         normal = tuple(-one for one in normal) if down else normal  # type: ignore[assignment]
     sweep = math.radians(number(angle))
     keeps = number(evaluate(run, motion.options.get("pose", Node("number", 2.0)))) != 1
-    turned = start.rotation if keeps else frozen(rotation_about_axis(frozen(normal), sweep) @ start.rotation)
+    turned = (
+        start.rotation
+        if keeps
+        else frozen(rotation_about_axis(frozen(normal), sweep) @ start.rotation)
+    )
     center = _foot(start.origin, about.values, normal)
-    offset = turn_about(tuple(a - c for a, c in zip(start.origin, center, strict=True)), normal, sweep)  # type: ignore[arg-type]
+    offset = turn_about(
+        tuple(a - c for a, c in zip(start.origin, center, strict=True)),  # type: ignore[arg-type]
+        normal,
+        sweep,
+    )
     x, y, z = (a + b for a, b in zip(center, offset, strict=True))
     if math.dist(start.origin, center) < 1e-6 or abs(sweep) < 1e-9:
         machine.go(True, Pose(turned, (x, y, z)), speed, blend, motion.at_once)
     else:
-        _turn(run, start, Pose(turned, (x, y, z)), center, normal, sweep, (speed, blend, motion.at_once))
+        _turn(
+            run,
+            start,
+            Pose(turned, (x, y, z)),
+            center,
+            normal,
+            sweep,
+            (speed, blend, motion.at_once),
+        )
 
 
 def _foot(point: Vec3, about: Vec3, normal: Vec3) -> Vec3:
@@ -316,11 +381,16 @@ def arch(run: Running, op: Op) -> None:
     here, speed = run.machine.here, speed_of(run, motion.options.get("speed"))
     stored = isinstance(target, Placed) or isinstance(here, Placed)
     if not isinstance(target, Pose) or stored or isinstance(height, Unknown):
-        run.machine.suppose(f"the arch of line {op.line} is told without its height: the text does not hold it")
+        run.machine.suppose(
+            f"the arch of line {op.line} is told without its height: the text does not hold it"
+        )
         go(run, False, target, speed, 0.0)
         return
     top = min(here.origin[2], target.origin[2]) + number(height)
-    for place in (Pose(here.rotation, (*here.origin[:2], top)), Pose(target.rotation, (*target.origin[:2], top))):
+    for place in (
+        Pose(here.rotation, (*here.origin[:2], top)),
+        Pose(target.rotation, (*target.origin[:2], top)),
+    ):
         run.machine.go(False, place, speed, PASS_MM)
     run.machine.go(False, target, speed, 0.0)
 
@@ -333,7 +403,9 @@ def drive(run: Running, op: Op) -> None:
     if isinstance(axes, Node):
         value = fit(evaluate(run, axes), "joint")
         if isinstance(value, Joints):
-            said: dict[int, Value] = {k + 1: math.degrees(one) for k, one in enumerate(value.values[:6])}
+            said: dict[int, Value] = {
+                k + 1: math.degrees(one) for k, one in enumerate(value.values[:6])
+            }
         elif isinstance(value, Unknown):
             go(run, False, value, speed, blend, motion.at_once)
             return
@@ -354,7 +426,9 @@ def _axis_value(value: Value, axis: int) -> Value:
     return value
 
 
-def _drive(run: Running, said: dict[int, Value], relative: bool, manner: tuple[float, float, bool]) -> None:
+def _drive(
+    run: Running, said: dict[int, Value], relative: bool, manner: tuple[float, float, bool]
+) -> None:
     machine = run.machine
     if any(axis > 6 for axis in said):
         machine.lose_axes(", ".join(f"axis {axis} moves" for axis in sorted(said) if axis > 6))

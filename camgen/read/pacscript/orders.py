@@ -22,7 +22,9 @@ def _declare(run: Running, op: Op) -> None:
             sizes = [evaluate(run, node) for node in tops]
             known = not any(isinstance(size, Unknown) for size in sizes)
             run.scope.kinds[name] = kind
-            run.scope.names[name] = Array(tuple(int(number(size)) for size in sizes) if known else (), blank(kind))
+            run.scope.names[name] = Array(
+                tuple(int(number(size)) for size in sizes) if known else (), blank(kind)
+            )
             if init is not None and isinstance(value := evaluate(run, init), Array):
                 run.scope.names[name] = value.copy()
         elif init is not None:
@@ -57,7 +59,9 @@ def _call(run: Running, op: Op) -> None:
         for part in op.b:
             evaluate(run, part)
         of = node.parts[0]
-        if of.said in run.stems and (found := run.read(run.stems[str(of.said)]).procedures.get(name)):
+        if of.said in run.stems and (
+            found := run.read(run.stems[str(of.said)]).procedures.get(name)
+        ):
             run.call((run.read(run.stems[str(of.said)]), found), op.b)
         else:
             run.machine.state("other devices", f"{of.said}.{name}")
@@ -118,7 +122,9 @@ def _signals(run: Running, which: Node, upto: Node | None) -> list[int | str]:
     if which.kind == "index" and which.said == "io" and which.parts:
         at = evaluate(run, which.parts[0])
         if isinstance(at, Unknown):
-            run.machine.leave_out(f"{at.what}, the number of an output, is not known: it is left out", at.key)
+            run.machine.leave_out(
+                f"{at.what}, the number of an output, is not known: it is left out", at.key
+            )
             return []
         return [index(number(at))]
     said = str(which.said)

@@ -43,7 +43,9 @@ class Plain(Struct, frozen=True, gc=False):
     target: Pose
 
 
-def plain(piece: re.Match[str], line: int, manner_of: Callable[[str, str, str], Any]) -> Plain | None:
+def plain(
+    piece: re.Match[str], line: int, manner_of: Callable[[str, str, str], Any]
+) -> Plain | None:
     """What a match of ``PIECE`` with groups says; nothing where the long way has to say what is wrong with it.
 
     manner_of: what L, P or C, the mark and the speed, as they stand in the text, mean; Unreadable for the long way.

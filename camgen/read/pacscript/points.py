@@ -8,10 +8,14 @@ from collections.abc import Iterator, Mapping
 from camgen.read.pacscript.values import Unreadable, Value, homogeneous, joints, position, vector
 
 _NAMED = re.compile(
-    r"\s*([pjtvifds])\s*\[?\s*(\d{1,9})\s*\]?\s*(?:[,;=\t]|$)\s*(?:[pjtv]\s*\()?(.*?)\)?\s*", re.IGNORECASE
+    r"\s*([pjtvifds])\s*\[?\s*(\d{1,9})\s*\]?\s*(?:[,;=\t]|$)\s*(?:[pjtv]\s*\()?(.*?)\)?\s*",
+    re.IGNORECASE,
 )
 _NUMBERED = re.compile(r"\s*\"?(\d{1,9})\"?\s*[,;\t]\s*(.*)")
-_LETTER = re.compile(r"(?:^|[_\W])([pjtvifd])(?:$|[_\W])|var[_\W]?([pjtvifd])\b|\b([pjtvifd])[_\W]?var", re.IGNORECASE)
+_LETTER = re.compile(
+    r"(?:^|[_\W])([pjtvifd])(?:$|[_\W])|var[_\W]?([pjtvifd])\b|\b([pjtvifd])[_\W]?var",
+    re.IGNORECASE,
+)
 _NUMBER = re.compile(r"\s*\"?\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,3})?)(?=$|[^\w.])")
 _FIELDS = re.compile(r"[,;\t]")
 

@@ -46,13 +46,17 @@ class Run:
 
     def __init__(self, files: Mapping[str, str], ask: Ask, read: Run | None = None) -> None:
         points, faulty = read_points(ask.points)
-        self.machine = Machine({key.lower(): float(value) for key, value in ask.assume.items()}, points)
+        self.machine = Machine(
+            {key.lower(): float(value) for key, value in ask.assume.items()}, points
+        )
         self.machine.flange = ask.flange
         for what in faulty:
             self.machine.suppose(what)
         self.ask = ask
         self.files: dict[str, File] = read.files if read else read_files(files, self.say)
-        self.most = ask.limits.pacscript_steps + sum(len(file.statements) for file in self.files.values())
+        self.most = ask.limits.pacscript_steps + sum(
+            len(file.statements) for file in self.files.values()
+        )
         self.modules: dict[str, Module] = read.modules if read else {}
         self.scopes: dict[str, Scope] = {}
         ranked = sorted(self.files, key=lambda name: name.endswith(".h"))
@@ -91,7 +95,9 @@ class Run:
     def _look_beside(self) -> None:
         """Runs the tasks that this one starts, each by itself: what they do is told, and what is wrong in them."""
         machine = self.machine
-        limits = replace(self.ask.limits, pacscript_steps=min(self.ask.limits.pacscript_steps, _MOST_OF_A_TASK))
+        limits = replace(
+            self.ask.limits, pacscript_steps=min(self.ask.limits.pacscript_steps, _MOST_OF_A_TASK)
+        )
         for name, line in list(machine.tasks.items())[:_MOST_BESIDE]:
             other = Run({}, replace(self.ask, entry=name, limits=limits), self)
             if isinstance(other._entry(), str):
@@ -101,11 +107,15 @@ class Run:
             done = other.whole(beside=False)
             machine.state("other tasks", f"{name}: {sum_up(done.body)}, not shown")
             if done.body:
-                machine.lost.setdefault(f"another task, {name}, is not shown: {sum_up(done.body)}", line)
+                machine.lost.setdefault(
+                    f"another task, {name}, is not shown: {sum_up(done.body)}", line
+                )
             for one in done.findings:
                 sure = one.level == "dangerous" or (one.line, one.what) in machine.findings
                 machine.line, machine.guessed = one.line, False
-                machine.find(one.level if sure else "unusual", one.what if sure else f"in {name}: {one.what}")
+                machine.find(
+                    one.level if sure else "unusual", one.what if sure else f"in {name}: {one.what}"
+                )
 
     def _start(self) -> tuple[int, str] | None:
         found = self._entry()
@@ -144,14 +154,18 @@ class Run:
         if not every:
             return "there is no procedure"
         names = ", ".join(one.name for _, one in every[:6])
-        return f"there is no Sub Main: choose where to begin of {names}" + (" ..." if len(every) > 6 else "")
+        return f"there is no Sub Main: choose where to begin of {names}" + (
+            " ..." if len(every) > 6 else ""
+        )
 
     def _modules(self) -> list[Module]:
         """The files that no other one includes, else the first."""
-        included = {one for name, file in self.files.items() for one in list_included(file) if one != name}
-        return [self.read(name) for name in self.files if name not in included or len(self.files) == 1] or [
-            self.read(name) for name in list(self.files)[:1]
-        ]
+        included = {
+            one for name, file in self.files.items() for one in list_included(file) if one != name
+        }
+        return [
+            self.read(name) for name in self.files if name not in included or len(self.files) == 1
+        ] or [self.read(name) for name in list(self.files)[:1]]
 
     def _read_rest(self) -> None:
         """What is wrong with procedures that did not run."""
@@ -217,7 +231,8 @@ class Run:
         values = [evaluate(self, part) for part in parts]
         if len(values) > len(procedure.parameters):
             self.machine.find(
-                "refused", f"{procedure.name} takes {len(procedure.parameters)} values, not {len(values)}"
+                "refused",
+                f"{procedure.name} takes {len(procedure.parameters)} values, not {len(values)}",
             )
         before, line = (self.module, self.scope, self.module_scope), self.machine.line
         self.depth += 1
@@ -253,9 +268,13 @@ class Run:
             value = values[k] if k < len(values) else blank(parameter.kind)
             scope.kinds[parameter.name] = parameter.kind
             value = copy_value(value) if parameter.by_value else value
-            scope.names[parameter.name] = value if isinstance(value, Array) else self._fit(value, parameter)
+            scope.names[parameter.name] = (
+                value if isinstance(value, Array) else self._fit(value, parameter)
+            )
         if procedure.returns not in ("", "program"):
-            scope.names[procedure.name] = blank(procedure.returns) if procedure.returns != "variant" else 0.0
+            scope.names[procedure.name] = (
+                blank(procedure.returns) if procedure.returns != "variant" else 0.0
+            )
             scope.kinds[procedure.name] = procedure.returns
         self.scope, code = scope, self._code(procedure)
         scope.assigned = code.assigned
@@ -276,7 +295,9 @@ class Run:
             machine.line = op.line
             machine.steps += 1
             if machine.steps > self.most:
-                bound = f"{tell(self.ask.limits.pacscript_steps)} statements in loops and procedures"
+                bound = (
+                    f"{tell(self.ask.limits.pacscript_steps)} statements in loops and procedures"
+                )
                 raise Stopped(f"the program has not ended after {bound} (limits.pacscript_steps)")
             try:
                 to = self._step(frame, at, op, procedure.returns == "program")
@@ -327,7 +348,9 @@ class Run:
 
     def _put(self, signal: str, value: Value) -> None:
         if isinstance(value, Unknown):
-            self.machine.suppose(f"{value.what}, to which IO[{signal}] is set, is taken for 0", value.key)
+            self.machine.suppose(
+                f"{value.what}, to which IO[{signal}] is set, is taken for 0", value.key
+            )
         self.machine.switch(signal, 0.0 if isinstance(value, Unknown) else number(value))
 
     def port(self, name: str) -> Value | None:
@@ -335,7 +358,9 @@ class Run:
         found = self.scope.ios.get(name) or self.module_scope.ios.get(name)
         if found is None:
             return None
-        return self.machine.outputs.get(name) or self.machine.unknown(f"{name}, IO[{found[1]}]", name)
+        return self.machine.outputs.get(name) or self.machine.unknown(
+            f"{name}, IO[{found[1]}]", name
+        )
 
     def write_port(self, name: str, value: Value) -> bool:
         """Sets such an output; whether there is one."""
@@ -354,7 +379,12 @@ class Run:
                 self.learned[index(number(at))] = value
         elif node.kind == "name" and said.startswith("io") and said[2:].isdecimal():
             self.learned[int(said[2:9])] = value
-        elif node.kind == "index" or said in self.scope.names or said in self.module_scope.names or is_stored(said):
+        elif (
+            node.kind == "index"
+            or said in self.scope.names
+            or said in self.module_scope.names
+            or is_stored(said)
+        ):
             assign(self, node, value)
 
     def told_by_user(self, node: Node) -> str:
@@ -381,7 +411,9 @@ class Run:
     def left_out(self, name: str) -> Value:
         """A procedure that is in no file."""
         self.machine.trusting = True
-        self.machine.leave_out(f"{name} is in no file that is given: left out, with all that it moves and sets")
+        self.machine.leave_out(
+            f"{name} is in no file that is given: left out, with all that it moves and sets"
+        )
         return Unknown(f"what {name} gives")
 
 

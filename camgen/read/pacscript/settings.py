@@ -16,7 +16,9 @@ _LONGEST_DELAY = 2**31 - 1
 def checked(run: Running, value: Value) -> float:
     """A speed in % that the controller takes."""
     if isinstance(value, Unknown):
-        run.machine.suppose(f"{value.what}, a speed, is taken for the one in force", value.key, run.machine.internal)
+        run.machine.suppose(
+            f"{value.what}, a speed, is taken for the one in force", value.key, run.machine.internal
+        )
         return run.machine.internal
     said = number(value, "a speed")
     if isinstance(said, Rate) or isinstance(value, Rate):
@@ -68,11 +70,15 @@ def external_speed(run: Running, op: Op) -> None:
     """``ExtSpeed`` in percent of the internal one."""
     value = evaluate(run, op.a[0]) if op.a else 100.0
     if isinstance(value, Unknown):
-        run.machine.suppose(f"{value.what}, the external speed, is taken for 100 %", value.key, 100.0)
+        run.machine.suppose(
+            f"{value.what}, the external speed, is taken for 100 %", value.key, 100.0
+        )
         return
     said = number(value)
     if not 0 < said <= 100:
-        run.machine.find("refused", f"an external speed of {said:g} %: the controller takes up to 100")
+        run.machine.find(
+            "refused", f"an external speed of {said:g} %: the controller takes up to 100"
+        )
         return
     run.machine.external = said
     run.machine.state("external speed", f"{said:g} %")
@@ -166,7 +172,9 @@ def nothing(run: Running, op: Op) -> None:
 def interrupt(run: Running, op: Op) -> None:
     """``Interrupt`` and ``MotionSkip``: motions may be cut short."""
     nothing(run, op)
-    run.machine.suppose(f"{op.do.capitalize()}: motions that something may cut short are taken to their end")
+    run.machine.suppose(
+        f"{op.do.capitalize()}: motions that something may cut short are taken to their end"
+    )
 
 
 def set_home(run: Running, op: Op) -> None:

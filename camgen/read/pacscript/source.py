@@ -14,7 +14,9 @@ from camgen.read.pacscript.motion import cut_bracket
 from camgen.read.pacscript.values import Unreadable
 from camgen.read.pacscript.words import name_fault
 
-_OPENING = re.compile(r"(?:(?:public|private|static)\s+)?(sub|function)\s+([a-z_]\w*)\s*(.*)", re.IGNORECASE)
+_OPENING = re.compile(
+    r"(?:(?:public|private|static)\s+)?(sub|function)\s+([a-z_]\w*)\s*(.*)", re.IGNORECASE
+)
 _PROGRAM = re.compile(r"program\s+([a-z_]\w*)\s*(\(.*\))?", re.IGNORECASE)
 _RETURNS = re.compile(r"as\s+(\w+)\s*(?:\(\s*\))?", re.IGNORECASE)
 _DECLARING = re.compile(r"(?:dim|public|static|private|defio|defint|defsng|defdbl|defstr|defpos|defjnt|defvec|deftrn"
@@ -111,15 +113,21 @@ def stem(name: str) -> str:
 def list_included(file: File) -> list[str]:
     """The names of the files that a file includes."""
     rests = [_DIRECTIVE.fullmatch(text) for _, text in file.statements if text[0] == "#"]
-    found = [_INCLUDE.fullmatch(one[2].strip()) for one in rests if one and one[1].lower() == "include"]
+    found = [
+        _INCLUDE.fullmatch(one[2].strip()) for one in rests if one and one[1].lower() == "include"
+    ]
     return [base_name(one[1]) for one in found if one]
 
 
-def read_module(name: str, files: Mapping[str, File], given: Mapping[str, float], say: Say) -> Module:
+def read_module(
+    name: str, files: Mapping[str, File], given: Mapping[str, float], say: Say
+) -> Module:
     """The module of a file. given: values that the user gives for names of the preprocessor, in small letters."""
     module = Module(stem(name))
     module.macros.update(_PREDEFINED)
-    module.macros.update({key: f"{value:g}" for key, value in given.items() if key.startswith("__")})
+    module.macros.update(
+        {key: f"{value:g}" for key, value in given.items() if key.startswith("__")}
+    )
     _Reader(module, files, say).file(name, 0)
     return module
 
@@ -162,7 +170,9 @@ class _Reader:
         word, rest = (found[1].lower(), found[2].strip()) if found else ("", "")
         if word in ("if", "ifdef", "ifndef"):
             outside = all(state == "on" for state in active)
-            active.append("over" if not outside else "on" if self.holds(line, word, rest) else "off")
+            active.append(
+                "over" if not outside else "on" if self.holds(line, word, rest) else "off"
+            )
         elif word in ("elif", "elseif", "else"):
             if not active:
                 self.say(line, f"#{word} without #If")
@@ -218,7 +228,9 @@ class _Reader:
         """Whether a condition of the preprocessor holds."""
         macros = self.module.macros
         if word != "if":
-            return (rest.split(maxsplit=1)[0].lower() in macros if rest else False) == (word == "ifdef")
+            return (rest.split(maxsplit=1)[0].lower() in macros if rest else False) == (
+                word == "ifdef"
+            )
         try:
             known = _DEFINED.sub(lambda m: "1" if m[1].lower() in macros else "0", rest)
             return bool(_constant(parse(expand(known, macros))))
@@ -248,7 +260,9 @@ class _Reader:
         """``End Sub`` or ``End Function``."""
         if self.current is None:
             self.say(line, f"{text} closes nothing")
-        elif self.current.returns != "program" and bool(self.current.returns) != (kind == "function"):
+        elif self.current.returns != "program" and bool(self.current.returns) != (
+            kind == "function"
+        ):
             opened = "Function" if self.current.returns else "Sub"
             self.say(line, f"{text} closes a {opened}, which ends with End {opened}")
         self.current = None
@@ -256,7 +270,9 @@ class _Reader:
     def program(self, line: int, found: re.Match[str], start: str) -> None:
         """``PROGRAM name`` of the older dialect: to the end of the file."""
         self.module.pac = True
-        self.current = Procedure(found[1].lower(), line, _parameters((found[2] or "")[1:-1]), "program")
+        self.current = Procedure(
+            found[1].lower(), line, _parameters((found[2] or "")[1:-1]), "program"
+        )
         self.module.procedures.setdefault(start, self.current)
 
     def open(self, line: int, found: re.Match[str], start: str) -> None:
@@ -276,7 +292,9 @@ class _Reader:
             self.say(line, f"{rest[:40]} is not understood")
         if what := "" if name == "main" else name_fault(found[2]):
             self.say(line, what)
-        kind = (returns[1].lower() if returns else "variant") if found[1].lower() == "function" else ""
+        kind = (
+            (returns[1].lower() if returns else "variant") if found[1].lower() == "function" else ""
+        )
         self.current = Procedure(name, line, parameters, kind)
         name = start if name == "main" else name
         if name in self.module.procedures and self.module.procedures[name].line != line:
@@ -294,7 +312,9 @@ def _parameters(inside: str) -> list[Parameter]:
             raise Unreadable("parameters that cannot be read")
         found.append(
             Parameter(
-                match[2].lower().rstrip("!#%$"), (match[4] or "variant").lower(), (match[1] or "").lower() == "byval"
+                match[2].lower().rstrip("!#%$"),
+                (match[4] or "variant").lower(),
+                (match[1] or "").lower() == "byval",
             )
         )
     return found
@@ -306,7 +326,13 @@ def _constant(node: Node) -> float:
         return float(node.said)
     if node.kind in ("tuple", "sign", "not") and len(node.parts) == 1:
         value = _constant(node.parts[0])
-        return value if node.kind == "tuple" else float(not value) if node.kind == "not" else float(node.said) * value
+        return (
+            value
+            if node.kind == "tuple"
+            else float(not value)
+            if node.kind == "not"
+            else float(node.said) * value
+        )
     if len(node.parts) == 2 and node.kind in _COMPARE:
         return float(_COMPARE[node.kind](*map(_constant, node.parts)))
     if node.kind == "name":

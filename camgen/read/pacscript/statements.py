@@ -17,7 +17,8 @@ _EQUALS = re.compile(r'"[^"]*"|[()\[\]]|[<>=]=|=[<>]|<>|=')
 _TAKE = re.compile(r"(?:(.+?)\s*)??(?:,?\s*keep\s*=\s*(.+))?", re.IGNORECASE | re.DOTALL)
 _DEFIO = re.compile(r"([a-z_]\w*[!#%$]?)\s*=\s*(\w+)\s*,\s*(.*)", re.IGNORECASE | re.DOTALL)
 _DECLARED = re.compile(
-    r"([a-z_]\w*[!#%$]?)\s*(\(.*?\)|\[.*?\])?\s*(?:as\s+(\w+))?\s*(?:=\s*(.+))?", re.IGNORECASE | re.DOTALL
+    r"([a-z_]\w*[!#%$]?)\s*(\(.*?\)|\[.*?\])?\s*(?:as\s+(\w+))?\s*(?:=\s*(.+))?",
+    re.IGNORECASE | re.DOTALL,
 )
 _CHANNEL = re.compile(r"#\s*[\w.]+\s*,?\s*", re.IGNORECASE)
 #: By the word that declares, the type of what it declares.
@@ -78,7 +79,21 @@ _LISTED = frozenset(
     ]
 )
 _LET = frozenset(
-    ["leta", "letf", "letj", "leto", "letp", "letr", "letrx", "letry", "letrz", "letx", "lety", "letz", "let"]
+    [
+        "leta",
+        "letf",
+        "letj",
+        "leto",
+        "letp",
+        "letr",
+        "letrx",
+        "letry",
+        "letrz",
+        "letx",
+        "lety",
+        "letz",
+        "let",
+    ]
 )
 
 
@@ -123,10 +138,14 @@ def read_call(text: str) -> tuple[Node, tuple[Node, ...]]:
     if rest.startswith("("):
         inside, tail = cut_bracket(rest)
         if not tail:
-            return name, tuple(parse(part) for part in arguments(inside) if part) if inside.strip() else ()
+            return name, tuple(
+                parse(part) for part in arguments(inside) if part
+            ) if inside.strip() else ()
         if tail.startswith("."):
             return parse(f"{found[1]}({inside}){_until_space(tail)}"), ()
-    values = tuple(LEFT_OUT if part == "" else parse(part) for part in arguments(rest)) if rest else ()
+    values = (
+        tuple(LEFT_OUT if part == "" else parse(part) for part in arguments(rest)) if rest else ()
+    )
     return name, values
 
 
@@ -134,7 +153,9 @@ def _until_space(text: str) -> str:
     return text.split(None, 1)[0]
 
 
-def read_declarations(word: str, rest: str, pac: bool) -> list[tuple[str, str, tuple[Node, ...] | None, Node | None]]:
+def read_declarations(
+    word: str, rest: str, pac: bool
+) -> list[tuple[str, str, tuple[Node, ...] | None, Node | None]]:
     """What ``Dim`` and its like declare: names, types, the tops of arrays, and what they begin with."""
     if word == "extern":
         return []
@@ -146,7 +167,9 @@ def read_declarations(word: str, rest: str, pac: bool) -> list[tuple[str, str, t
         inside = (match[2] or "")[1:-1]
         tops = tuple(parse(one) for one in arguments(inside) if one) if match[2] else None
         kind = _TYPED.get(word) or (match[3] or _SUFFIXES.get(match[1][-1], "variant")).lower()
-        found.append((match[1].lower().rstrip("!#%$"), kind, tops, parse(match[4]) if match[4] else None))
+        found.append(
+            (match[1].lower().rstrip("!#%$"), kind, tops, parse(match[4]) if match[4] else None)
+        )
     return found
 
 
@@ -173,16 +196,24 @@ def _read_drive(word: str, rest: str) -> Read:
 
 def _read_take(_word: str, rest: str) -> Read:
     match = _TAKE.fullmatch(rest)
-    return "takearm", [parse(part) if part else None for part in (match.groups() if match else (None, None))]
+    return "takearm", [
+        parse(part) if part else None for part in (match.groups() if match else (None, None))
+    ]
 
 
 def _read_switch(word: str, rest: str) -> Read:
     parts = arguments(rest)
     at = find_equals(parts[0])
-    target, value = (parts[0][:at].strip(), parse(parts[0][at + 1 :])) if at >= 0 else (parts[0], None)
+    target, value = (
+        (parts[0][:at].strip(), parse(parts[0][at + 1 :])) if at >= 0 else (parts[0], None)
+    )
     found = re.fullmatch(r"(io)\s*\[(.*?)\bto\b(.*)\]", target, re.IGNORECASE | re.DOTALL)
     which = (parse(found[2].strip()), parse(found[3].strip())) if found else (parse(target), None)
-    return "switch", (which, float(word == "set"), value), parse(parts[1]) if len(parts) > 1 else None
+    return (
+        "switch",
+        (which, float(word == "set"), value),
+        parse(parts[1]) if len(parts) > 1 else None,
+    )
 
 
 def _read_wait(_word: str, rest: str) -> Read:
@@ -214,7 +245,11 @@ def _read_defio(_word: str, rest: str) -> Read:
     match = _DEFIO.fullmatch(rest)
     if match is None:
         raise Unreadable("DefIO needs a name, a type and a number")
-    return "defio", match[1].lower().rstrip("!#%$"), (match[2].lower(), parse(arguments(match[3])[0]))
+    return (
+        "defio",
+        match[1].lower().rstrip("!#%$"),
+        (match[2].lower(), parse(arguments(match[3])[0])),
+    )
 
 
 def _read_run(_word: str, rest: str) -> Read:
@@ -226,7 +261,11 @@ def _read_callee(_word: str, rest: str) -> Read:
 
 
 def _read_input(word: str, rest: str) -> Read:
-    return "input", [parse(part) for part in arguments(_CHANNEL.sub("", rest, count=1)) if part], word
+    return (
+        "input",
+        [parse(part) for part in arguments(_CHANNEL.sub("", rest, count=1)) if part],
+        word,
+    )
 
 
 def _read_in_out(word: str, rest: str) -> Read:
@@ -251,6 +290,8 @@ READERS: dict[str, Callable[[str, str], Read]] = {
     "runbyname": _read_run,
     "call": _read_callee,
     "callbyname": _read_callee,
-    **dict.fromkeys(("input", "lineinput", "com_state", "getpublicvalue", "readbytearray"), _read_input),
+    **dict.fromkeys(
+        ("input", "lineinput", "com_state", "getpublicvalue", "readbytearray"), _read_input
+    ),
     **dict.fromkeys(("in", "out"), _read_in_out),
 }

@@ -9,7 +9,15 @@ from collections.abc import Sequence
 import numpy as np
 from msgspec import Struct
 
-from camgen.model.pose import IDENTITY, FloatArray, Pose, Vec3, fixed_xyz, frozen, rotation_from_fixed_xyz
+from camgen.model.pose import (
+    IDENTITY,
+    FloatArray,
+    Pose,
+    Vec3,
+    fixed_xyz,
+    frozen,
+    rotation_from_fixed_xyz,
+)
 from camgen.model.program import Joints
 
 
@@ -65,7 +73,9 @@ class Array:
 
     __slots__ = ("fill", "items", "tops")
 
-    def __init__(self, tops: tuple[int, ...], fill: Value, items: dict[tuple[int, ...], Value] | None = None) -> None:
+    def __init__(
+        self, tops: tuple[int, ...], fill: Value, items: dict[tuple[int, ...], Value] | None = None
+    ) -> None:
         self.tops, self.fill, self.items = tops, fill, items or {}
 
     def copy(self) -> Array:
@@ -75,10 +85,13 @@ class Array:
     def check(self, at: tuple[int, ...]) -> None:
         """Raises Wrong where the array has no such element."""
         if self.tops and (
-            len(at) != len(self.tops) or any(k < 0 or k > top for k, top in zip(at, self.tops, strict=True))
+            len(at) != len(self.tops)
+            or any(k < 0 or k > top for k, top in zip(at, self.tops, strict=True))
         ):
             said = ", ".join(map(str, at))
-            raise Wrong(f"there is no element ({said}): the array ends at ({', '.join(map(str, self.tops))})")
+            raise Wrong(
+                f"there is no element ({said}): the array ends at ({', '.join(map(str, self.tops))})"
+            )
 
     def get(self, at: tuple[int, ...]) -> Value:
         """The element at ``at``."""
@@ -126,7 +139,9 @@ def position(values: Sequence[float]) -> Pose:
     if key not in _rotations:
         if len(_rotations) > 100_000:
             _rotations.clear()
-        _rotations[key] = rotation_from_fixed_xyz(math.radians(rx), math.radians(ry), math.radians(rz))
+        _rotations[key] = rotation_from_fixed_xyz(
+            math.radians(rx), math.radians(ry), math.radians(rz)
+        )
     if len(values) < 7 or values[6] < 0:
         return Pose(_rotations[key], (x, y, z))
     return Figured(_rotations[key], (x, y, z), index(values[6]))

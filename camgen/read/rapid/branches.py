@@ -48,7 +48,9 @@ class Ways:
         for place in sound:
             if self.moves(blocks[place]):
                 return place
-        return next((place for place in sound if blocks[place]), sound[0] if sound else len(blocks) - 1)
+        return next(
+            (place for place in sound if blocks[place]), sound[0] if sound else len(blocks) - 1
+        )
 
     def survives(self, block: Block) -> bool:
         """Whether a block leaves its routine at most."""
@@ -74,7 +76,9 @@ class Ways:
         if not isinstance(item, Call):
             return False
         routine = self.machine.routine(item.name)
-        return self._routine_moves(routine) if routine is not None else form_of(item.name) is not None
+        return (
+            self._routine_moves(routine) if routine is not None else form_of(item.name) is not None
+        )
 
     def _routine_moves(self, routine: Routine) -> bool:
         key = routine.name.lower()

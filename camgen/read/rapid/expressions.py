@@ -109,7 +109,9 @@ class Calls:
                 options.append(self.option(depth))
             else:
                 value = self.expression(depth)
-                if self.whole and isinstance(value, Ref) and self.accept(":="):  # with the name of the parameter
+                if (
+                    self.whole and isinstance(value, Ref) and self.accept(":=")
+                ):  # with the name of the parameter
                     value = self.expression(depth)
                 args.append(value)
             if not self.accept(",") and self.token[1] != "\\":
@@ -204,7 +206,11 @@ class Calls:
             self.expect("]")
             return tuple(items)
         if text in ("+", "-") and self.token[0] == "number":
-            return number(text + self.take()[1], line) if text == "-" or not self.whole else self.primary(depth + 1)
+            return (
+                number(text + self.take()[1], line)
+                if text == "-" or not self.whole
+                else self.primary(depth + 1)
+            )
         if self.whole and text in _MARKED:
             return _MARKED[text](self, depth + 1)
         raise Wrong(line, f"a value expected, found {show_token(token)}")

@@ -225,13 +225,19 @@ class Flow(ABC):
         if machine.changes != before[0] and not self._stands_still(loop):
             return False
         waits = before[1] == len(machine.body)
-        what = "waits for what nothing in it changes: it ends at once" if waits else "repeats: it is shown once"
+        what = (
+            "waits for what nothing in it changes: it ends at once"
+            if waits
+            else "repeats: it is shown once"
+        )
         machine.assume(f"a loop {what}")
         return True
 
     def _stands_still(self, loop: Loop) -> bool:
         """Whether a pass left all data as the one before it did; looked at now and then, since it takes its time."""
-        if loop.passes < _LOOKED_AT or (loop.passes & (loop.passes - 1) and (loop.passes - 1) & (loop.passes - 2)):
+        if loop.passes < _LOOKED_AT or (
+            loop.passes & (loop.passes - 1) and (loop.passes - 1) & (loop.passes - 2)
+        ):
             return False
         machine = self.machine
         levels = (machine.scope.data, machine.scope.home.data, machine.data)

@@ -39,7 +39,9 @@ def call_function(machine: Machine, call: Call) -> Value:
     known = _PLAIN.get(call.name)
     if known is None:
         if call.name not in _UNKNOWN:
-            machine.assume(f"{call.name} is in none of the files: what it gives is not known", call.name)
+            machine.assume(
+                f"{call.name} is in none of the files: what it gives is not known", call.name
+            )
         return machine.ask_for(f"{call.name}()", call.name)
     unknown = find_unknown(values)
     if unknown is not None:
@@ -48,7 +50,9 @@ def call_function(machine: Machine, call: Call) -> Value:
         known = _WITH_OPTION.get((call.name, *sorted(name for name, _ in call.options)))
         values += [machine.value(value) for name, value in call.options if value is not None]
     if known is None or find_unknown(values) is not None:
-        machine.lose(f"{call.name} with \\{call.options[0][0]} is not evaluated: what it gives is not known")
+        machine.lose(
+            f"{call.name} with \\{call.options[0][0]} is not evaluated: what it gives is not known"
+        )
         return Unknown(f"{call.name}()")
     try:
         return known(*values)
@@ -62,7 +66,9 @@ def call_function(machine: Machine, call: Call) -> Value:
         AttributeError,
         np.linalg.LinAlgError,
     ):
-        raise Wrong(machine.line, f"{call.name} of {', '.join(map(tell_type, values)) or 'nothing'}") from None
+        raise Wrong(
+            machine.line, f"{call.name} of {', '.join(map(tell_type, values)) or 'nothing'}"
+        ) from None
 
 
 # Poses ----------------------------------------------------------------------------------------------------------
@@ -91,9 +97,13 @@ def _reltool(machine: Machine, call: Call) -> Value:
     values = [machine.value(arg) for arg in call.args]
     if len(values) != 4:
         raise Wrong(machine.line, "RelTool has a robtarget and three numbers")
-    turns = {name: machine.value(value) for name, value in call.options if _is_given(machine, value)}
+    turns = {
+        name: machine.value(value) for name, value in call.options if _is_given(machine, value)
+    }
     machine.fit("robtarget", values[0])
-    unknown = find_unknown(values[:1]) or find_unknown(values[1:]) or find_unknown(list(turns.values()))
+    unknown = (
+        find_unknown(values[:1]) or find_unknown(values[1:]) or find_unknown(list(turns.values()))
+    )
     if unknown is not None:
         return unknown
     point, x, y, z = values
@@ -148,7 +158,9 @@ def _frame_of_points(p1: Value, p2: Value, p3: Value, origin: float = 1.0) -> Va
     """DefFrame: its x axis leads from the first position to the second. origin: 1 the first, 2 the second, 3 where the
     y axis through the third meets the x axis.
     """
-    a, b, c = (np.array(p[0] if isinstance(p[0], tuple) else p, dtype=np.float64) for p in (p1, p2, p3))
+    a, b, c = (
+        np.array(p[0] if isinstance(p[0], tuple) else p, dtype=np.float64) for p in (p1, p2, p3)
+    )
     x = (b - a) / np.linalg.norm(b - a)
     z = np.cross(x, c - a)
     z = z / np.linalg.norm(z)
@@ -163,7 +175,9 @@ def _pose(value: Value) -> Pose:
 
 def _orient_zyx(z: float, y: float, x: float) -> Value:
     matrix = (
-        rotation_about(2, math.radians(z)) @ rotation_about(1, math.radians(y)) @ rotation_about(0, math.radians(x))
+        rotation_about(2, math.radians(z))
+        @ rotation_about(1, math.radians(y))
+        @ rotation_about(0, math.radians(x))
     )
     return quaternion(frozen(matrix))
 
@@ -174,7 +188,13 @@ def _euler(machine: Machine, call: Call) -> Value:
     if find_unknown(turn) is not None:
         return find_unknown(turn)
     names = [name for name, _ in call.options]
-    if not isinstance(turn, tuple) or len(turn) != 4 or not names or names[0] not in ("x", "y", "z") or not any(turn):
+    if (
+        not isinstance(turn, tuple)
+        or len(turn) != 4
+        or not names
+        or names[0] not in ("x", "y", "z")
+        or not any(turn)
+    ):
         raise Wrong(machine.line, "EulerZYX has \\X, \\Y or \\Z, and an orientation")
     return math.degrees(fixed_xyz(rotation_from_quaternion(turn))["xyz".index(names[0])])
 
@@ -196,7 +216,12 @@ def name_of(machine: Machine, expr: Expr | None) -> str:
     if isinstance(expr, Ref):
         variable = machine.variable(expr.name)
         value = machine.load(variable) if variable is not None else None
-        if isinstance(value, Unknown) and value.key and variable is not None and variable.storage == "parameter":
+        if (
+            isinstance(value, Unknown)
+            and value.key
+            and variable is not None
+            and variable.storage == "parameter"
+        ):
             return value.what
         return expr.name
     if isinstance(expr, Element):
@@ -251,7 +276,10 @@ def _find(text: str, start: float, wanted: str) -> float:
 
 def _find_other(text: str, start: float, wanted: str) -> float:
     """StrFind with NotInSet: the first character that is none of ``wanted``."""
-    return next((float(k + 1) for k in range(int(start) - 1, len(text)) if text[k] not in wanted), float(len(text) + 1))
+    return next(
+        (float(k + 1) for k in range(int(start) - 1, len(text)) if text[k] not in wanted),
+        float(len(text) + 1),
+    )
 
 
 def _match(text: str, start: float, pattern: str) -> float:
@@ -291,7 +319,11 @@ def _read_value(text: str) -> Value:
 
 
 def _is_plain(value: Value) -> bool:
-    return all(map(_is_plain, value)) if isinstance(value, tuple) else isinstance(value, (float, bool, str))
+    return (
+        all(map(_is_plain, value))
+        if isinstance(value, tuple)
+        else isinstance(value, (float, bool, str))
+    )
 
 
 # What the program itself is -------------------------------------------------------------------------------------
@@ -322,14 +354,21 @@ def _rounded(machine: Machine, call: Call) -> Value:
     if isinstance(value, Unknown) or isinstance(digits, Unknown):
         return value if isinstance(value, Unknown) else digits
     scale = 10.0 ** max(0.0, min(15.0, digits))
-    whole = math.trunc(value * scale) if call.name.startswith("trunc") else math.floor(value * scale + 0.5)
+    whole = (
+        math.trunc(value * scale)
+        if call.name.startswith("trunc")
+        else math.floor(value * scale + 0.5)
+    )
     return whole / scale
 
 
 def _data_in_force(name: str) -> Callable[[Machine, Call], Value]:
     def get(machine: Machine, _call: Call) -> Value:
         found = machine.facts.get("in force", {})
-        return next((machine._named(known[len(name) :]) for known in found if known.startswith(name)), NOTHING)
+        return next(
+            (machine._named(known[len(name) :]) for known in found if known.startswith(name)),
+            NOTHING,
+        )
 
     return get
 

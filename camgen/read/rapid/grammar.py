@@ -31,7 +31,9 @@ class Parser(Statements):
             if self.word() == "module":
                 found.append(self.module())
             else:
-                self.notes.append(Note(self.token[2], f"{show_token(self.token)} stands outside a module"))
+                self.notes.append(
+                    Note(self.token[2], f"{show_token(self.token)} stands outside a module")
+                )
                 while self.token[0] != "end" and self.word() != "module":
                     self.take()
         return found
@@ -76,7 +78,9 @@ class Parser(Statements):
             if kind == "end":
                 raise Wrong(line, ") of the module's attributes is missing")
             if kind != "name":
-                self.notes.append(Note(at, f"an attribute of the module expected, found {text[:12]!r}"))
+                self.notes.append(
+                    Note(at, f"an attribute of the module expected, found {text[:12]!r}")
+                )
                 if text == ")":
                     return tuple(found)
                 continue
@@ -85,7 +89,9 @@ class Parser(Statements):
             if self.accept(")"):
                 return tuple(found)
             if not self.accept(",") and self.token[0] != "end":
-                self.notes.append(Note(at, f", or ) expected behind {text[:40]}, found {show_token(self.token)}"))
+                self.notes.append(
+                    Note(at, f", or ) expected behind {text[:40]}, found {show_token(self.token)}")
+                )
 
     def judge_attribute(self, line: int, text: str, found: list[str]) -> None:
         """Notes an attribute that there is not, or that is given twice."""
@@ -170,7 +176,9 @@ class Parser(Statements):
         dims = self.listed(self.expression)
         self.expect("}")
         if len(dims) > _MOST_DIMENSIONS:
-            raise Wrong(line, f"{name} has {len(dims)} dimensions; an array has at most {_MOST_DIMENSIONS}")
+            raise Wrong(
+                line, f"{name} has {len(dims)} dimensions; an array has at most {_MOST_DIMENSIONS}"
+            )
         return dims
 
     # -- routines ------------------------------------------------------------------------------------------------
@@ -205,7 +213,18 @@ class Parser(Statements):
         if self.word() == end:
             self.take()
         handler = tuple(blocks["error"]) if "error" in blocks else None
-        return Routine(line, name, local, tuple(data), tuple(blocks[""]), handler, kind, parameters, gives, last)
+        return Routine(
+            line,
+            name,
+            local,
+            tuple(data),
+            tuple(blocks[""]),
+            handler,
+            kind,
+            parameters,
+            gives,
+            last,
+        )
 
     def enclosed(self, body: list[Statement], _clause: str) -> None:
         """A statement of a routine, in the clause ("" the body, error, undo, backward)."""
@@ -270,7 +289,9 @@ def is_literal(value: Expr | None) -> bool:
     """Whether a value is written out, as a PERS must have it (kernel manual, persistents)."""
     if isinstance(value, tuple):
         return all(is_literal(item) for item in value)
-    return value is None or isinstance(value, (float, bool, str)) or type(value).__name__ in ("Point",)
+    return (
+        value is None or isinstance(value, (float, bool, str)) or type(value).__name__ in ("Point",)
+    )
 
 
 def parse(text: str, first_line: int) -> tuple[list[Module], list[Note]]:

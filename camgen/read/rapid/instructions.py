@@ -46,7 +46,10 @@ def _set_to(machine: Machine, name: str, value: float, group: bool = False) -> N
 
 def _signal_of(machine: Machine, call: Call, count: int) -> str:
     if len(call.args) != count:
-        raise Wrong(machine.line, f"{call.name} has {count} argument{'s' * (count > 1)}, not {len(call.args)}")
+        raise Wrong(
+            machine.line,
+            f"{call.name} has {count} argument{'s' * (count > 1)}, not {len(call.args)}",
+        )
     return name_of(machine, call.args[0])
 
 
@@ -63,7 +66,9 @@ def _set_output(machine: Machine, call: Call) -> None:
         value = machine.given(name) or 1.0
     if call.name == "setdo" and value not in (0, 1, 2):
         raise Wrong(machine.line, f"{name} is set to {value:g}; a digital output is 0 or 1")
-    _set_to(machine, name, float(value == 1) if call.name == "setdo" else value, call.name == "setgo")
+    _set_to(
+        machine, name, float(value == 1) if call.name == "setdo" else value, call.name == "setgo"
+    )
 
 
 def _set_one(machine: Machine, call: Call) -> None:
@@ -164,7 +169,11 @@ def _displace_on(machine: Machine, call: Call) -> None:
     machine.displaced = None
     point = machine.value(call.args[0])
     there = options.get("exep")
-    at = machine.value(there) if there is not None else see_here(machine, Call(machine.line, "crobt"))
+    at = (
+        machine.value(there)
+        if there is not None
+        else see_here(machine, Call(machine.line, "crobt"))
+    )
     machine.fit("robtarget", point)
     machine.fit("robtarget", at)
     if find_unknown(point) is not None or find_unknown(at) is not None:
@@ -321,7 +330,10 @@ def _bit(machine: Machine, call: Call) -> None:
     now, place = machine.number(call.args[0]), machine.number(call.args[1])
     if type(now) is float and type(place) is float and 1 <= place <= 52 and 0 <= now < 2**52:
         mask = 1 << (int(place) - 1)
-        machine.assign(call.args[0], float(int(now) | mask if call.name.startswith("bitset") else int(now) & ~mask))
+        machine.assign(
+            call.args[0],
+            float(int(now) | mask if call.name.startswith("bitset") else int(now) & ~mask),
+        )
 
 
 def _move_alone(machine: Machine, _call: Call) -> None:

@@ -113,7 +113,9 @@ def judge_trap(machine: Machine, routine: Routine, run: Callable[[], object]) ->
     machine.tell("interrupts", f"{routine.name} (line {routine.line}): {sum_up(done)}")
     for level, line, what in findings:
         known = (level, line, what) in machine.findings or level == "dangerous"
-        if not known and not what.startswith("element "):  # an index is worth what the program has done so far
+        if not known and not what.startswith(
+            "element "
+        ):  # an index is worth what the program has done so far
             machine.find("unusual", f"in the TRAP {routine.name}, where it comes: {what}", line)
 
 

@@ -37,7 +37,9 @@ def run(files: Mapping[str, str], ask: Ask) -> Executed:
         plain = text.replace("\r\n", "\n").replace("\r", "\n").lstrip("\ufeff").rstrip("\x00\x1a")
         if "\x00" in plain[:1000]:
             machine.find(
-                "refused", f"{name[-60:]} is no text: controllers write modules that may not be seen like this", line
+                "refused",
+                f"{name[-60:]} is no text: controllers write modules that may not be seen like this",
+                line,
             )
             line += plain.count("\n") + 1
             continue

@@ -49,7 +49,10 @@ def _enter_record(machine: Machine, record: Record) -> None:
 def _check_names(machine: Machine, module: Module, seen: dict[str, int]) -> None:
     """Notes names that are too long or declared twice where they are seen."""
     own: dict[str, int] = {}
-    items = [*((d.name, d.line, d.local) for d in module.data), *((r.name, r.line, r.local) for r in module.routines)]
+    items = [
+        *((d.name, d.line, d.local) for d in module.data),
+        *((r.name, r.line, r.local) for r in module.routines),
+    ]
     for name, line, local in items:
         key = name.lower()
         if len(name) > _LONGEST_NAME:
@@ -68,7 +71,9 @@ def _check_names(machine: Machine, module: Module, seen: dict[str, int]) -> None
         for data in routine.data:
             key = data.name.lower()
             if key in inner:
-                machine.find("refused", f"{data.name[:40]} is declared twice in {routine.name}", data.line)
+                machine.find(
+                    "refused", f"{data.name[:40]} is declared twice in {routine.name}", data.line
+                )
             inner.add(key)
 
 
@@ -85,7 +90,9 @@ def _enter(machine: Machine, module: Module) -> None:
         key = data.name.lower()
         place = home.data if data.local else machine.data
         known = place.get(key)
-        if known is None or (known.storage == "pers" and known.start is None and data.value is not None):
+        if known is None or (
+            known.storage == "pers" and known.start is None and data.value is not None
+        ):
             place[key] = machine.declare(data, home)
 
 
@@ -96,17 +103,26 @@ def _find_entry(machine: Machine, modules: Sequence[Module]) -> Routine | None:
     if found is None and wanted:
         found = next((r for m in modules for r in m.routines if r.name.lower() == wanted), None)
         if found is None:
-            machine.find("refused", f"there is no PROC {machine.ask.entry[:40]}, which is asked for", 1)
+            machine.find(
+                "refused", f"there is no PROC {machine.ask.entry[:40]}, which is asked for", 1
+            )
             return None
     idle = found is not None and not wanted and not found.body
-    if found is not None and not idle and found.kind == "proc" and all(one.optional for one in found.parameters):
+    if (
+        found is not None
+        and not idle
+        and found.kind == "proc"
+        and all(one.optional for one in found.parameters)
+    ):
         machine.tell("entry", found.name)
         return found
     ready = [
         routine
         for module in modules
         for routine in module.routines
-        if routine.kind == "proc" and (routine.body or found is None) and all(p.optional for p in routine.parameters)
+        if routine.kind == "proc"
+        and (routine.body or found is None)
+        and all(p.optional for p in routine.parameters)
     ]
     if not ready and found is not None and found.kind == "proc":
         ready = [found]

@@ -13,9 +13,33 @@ from camgen.model.text import counted
 from camgen.read.programs import Ask, Assumption, Frames, Level
 
 from .tokens import Wrong
-from .tree import Call, Component, Data, Element, Expr, Hole, Maybe, Negation, Operation, Point, Ref, Routine
+from .tree import (
+    Call,
+    Component,
+    Data,
+    Element,
+    Expr,
+    Hole,
+    Maybe,
+    Negation,
+    Operation,
+    Point,
+    Ref,
+    Routine,
+)
 from .types import MORE, MORE_TYPES, NUMBERS, PREDEFINED, TEXTS, TYPES, USER
-from .values import NOTHING, Given, Unknown, Value, Variable, copied, find_unknown, negate, operate, put
+from .values import (
+    NOTHING,
+    Given,
+    Unknown,
+    Value,
+    Variable,
+    copied,
+    find_unknown,
+    negate,
+    operate,
+    put,
+)
 
 #: Longest array that is made: elements.
 _LONGEST_ARRAY = 100_000
@@ -76,7 +100,9 @@ class Machine:
     data: dict[str, Variable] = field(default_factory=dict)  # what is global
     routines: dict[str, Routine] = field(default_factory=dict)
     homes: dict[Routine, Home] = field(default_factory=dict)
-    types: dict[str, tuple[tuple[str, str], ...]] = field(default_factory=lambda: TYPES | MORE_TYPES)
+    types: dict[str, tuple[tuple[str, str], ...]] = field(
+        default_factory=lambda: TYPES | MORE_TYPES
+    )
     aliases: dict[str, str] = field(default_factory=dict)
     outputs: dict[str, float] = field(default_factory=dict)  # by name in lower case, as last set
     scope: Frame = field(default_factory=lambda: Frame(None, Home("")))
@@ -94,7 +120,9 @@ class Machine:
     pending: list[Variable] = field(default_factory=list)
     turns: dict[tuple[float, ...], FloatArray] = field(default_factory=dict)
     bound: dict[tuple[Value, ...], Value] = field(default_factory=dict)
-    connected: dict[tuple[int, tuple[int, ...]], Routine] = field(default_factory=dict)  # TRAPs by their interrupt
+    connected: dict[tuple[int, tuple[int, ...]], Routine] = field(
+        default_factory=dict
+    )  # TRAPs by their interrupt
     asleep: set[tuple[int, tuple[int, ...]]] = field(default_factory=set)
     come: set[Routine] = field(default_factory=set)  # TRAPs whose interrupt has come
     due: list[Routine] = field(default_factory=list)  # those that run next
@@ -220,7 +248,9 @@ class Machine:
             if not isinstance(value, tuple):
                 raise Wrong(self.line, f"a {kind} is needed{within and f' in a {within}'}")
             if len(value) != len(parts):
-                raise Wrong(self.line, f"{kind} has {counted(len(parts), 'component')}, not {len(value)}")
+                raise Wrong(
+                    self.line, f"{kind} has {counted(len(parts), 'component')}, not {len(value)}"
+                )
             for (_, part), item in zip(parts, value, strict=True):
                 self.fit(part, item, kind)
         elif kind in _ATOMS and type(value) is not _ATOMS[kind]:
@@ -292,7 +322,9 @@ class Machine:
         """The value that a declaration gives."""
         if variable in self.pending or len(self.pending) > _LONGEST_CHAIN:
             variable.value = Unknown(f"{variable.name}, which is defined by itself")
-            raise Wrong(variable.line, f"{variable.name} is defined by itself or through too many others")
+            raise Wrong(
+                variable.line, f"{variable.name} is defined by itself or through too many others"
+            )
         scope, line = self.scope, self.line
         self.pending.append(variable)
         if isinstance(variable.home, Home) and scope.home is not variable.home:
@@ -461,7 +493,9 @@ class Machine:
         """An element whose index is not known: the array is not known from here on."""
         while isinstance(target, (Component, Element)):
             if isinstance(target, Element):
-                unknown = next((v for v in map(self.value, target.index) if isinstance(v, Unknown)), None)
+                unknown = next(
+                    (v for v in map(self.value, target.index) if isinstance(v, Unknown)), None
+                )
                 if unknown is not None and isinstance(target.base, Ref):
                     self.assign(target.base, Unknown(unknown.what))
             target = target.base
@@ -499,7 +533,9 @@ def _operation(machine: Machine, expr: Operation) -> Value:
 
 
 _VALUES: Mapping[type, Callable[[Machine, Value], Value]] = {
-    tuple: lambda machine, expr: tuple(machine.settled("", value) for value in map(machine.value, expr)),
+    tuple: lambda machine, expr: tuple(
+        machine.settled("", value) for value in map(machine.value, expr)
+    ),
     Point: lambda _machine, expr: expr.value,
     Operation: _operation,
     Negation: lambda machine, expr: negate(expr.sign, machine.value(expr.value), machine.line),

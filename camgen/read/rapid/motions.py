@@ -110,7 +110,8 @@ def move(machine: Machine, call: Call) -> Bound | None:
     if form.kind == "abs":
         if any(name == "t" for name, _ in call.options):
             machine.tell(
-                "times", "motions to joint values are shown at the speed of their data, not in the time they ask for"
+                "times",
+                "motions to joint values are shown at the speed of their data, not in the time they ask for",
             )
         _move_joints(machine, machine.value(points[-1]), bound)
     else:
@@ -151,7 +152,9 @@ def inline(machine: Machine, item: Inline) -> None:
     bound = machine.bound.get(key)
     if bound is None:
         bound = move(machine, item.call())
-        if len(machine.bound) < _MOST_REMEMBERED and not any(name == "t" for name, _ in shape.options):
+        if len(machine.bound) < _MOST_REMEMBERED and not any(
+            name == "t" for name, _ in shape.options
+        ):
             machine.bound[key] = bound
         return
     _check_turn(machine, item.turn)
@@ -165,13 +168,17 @@ def inline(machine: Machine, item: Inline) -> None:
 # What a motion says beside its points ----------------------------------------------------------------------------
 
 
-def _bind(machine: Machine, form: Form, call: Call, speed: Expr, zone: Expr | None, tool: Expr) -> Bound:
+def _bind(
+    machine: Machine, form: Form, call: Call, speed: Expr, zone: Expr | None, tool: Expr
+) -> Bound:
     options = dict(call.options)
     machine.frame = choose_frame(machine, tool, options.get("wobj"), form.kind == "abs")
     mm_s, rad_s = _speed(machine, form, call, machine.value(speed), options)
     for name in _SENSED & options.keys():
         machine.tell("sensor", f"corrects the path where \\{name} says so; shown as programmed")
-    blend = 0.0 if zone is None or "inpos" in options else _blend(machine, machine.value(zone), options)
+    blend = (
+        0.0 if zone is None or "inpos" in options else _blend(machine, machine.value(zone), options)
+    )
     return Bound(mm_s, rad_s, blend, machine.frame)
 
 
@@ -211,7 +218,11 @@ def _name_of(machine: Machine, unknown: Unknown | None) -> str:
     """What is not known; a name like those that RAPID has itself is looked at twice."""
     name = unknown.what if unknown is not None else ""
     if _LIKE_PREDEFINED.fullmatch(name):
-        machine.find_once("unusual", name.lower(), f"{name} is no speed or zone of RAPID's own, and stands in no file")
+        machine.find_once(
+            "unusual",
+            name.lower(),
+            f"{name} is no speed or zone of RAPID's own, and stands in no file",
+        )
     return name
 
 
@@ -247,7 +258,10 @@ def _move_joints(machine: Machine, value: Value, bound: Bound) -> None:
 def _can_go(machine: Machine, point: Value) -> bool:
     """Whether a target is known; where it is not, the motion is left out. Wrong where it is no target."""
     machine.fit("robtarget", point)
-    if isinstance(point, Unknown) or find_unknown(point[:2] if isinstance(point, tuple) else ()) is not None:
+    if (
+        isinstance(point, Unknown)
+        or find_unknown(point[:2] if isinstance(point, tuple) else ()) is not None
+    ):
         _leave_out(machine, point)
         return False
     if machine.assumed and not any(point[1]):
@@ -283,7 +297,11 @@ def _move_pose(machine: Machine, form: Form, call: Call, points: list[Value], bo
 def _leave_out(machine: Machine, value: Value) -> None:
     """A motion whose target is not known."""
     unknown = find_unknown(value)
-    why = unknown.what if unknown is not None and unknown.what else "it is worked out on the controller"
+    why = (
+        unknown.what
+        if unknown is not None and unknown.what
+        else "it is worked out on the controller"
+    )
     machine.lose(f"a target is not known ({why[:60]}): motions there are left out")
     machine.here = Here(None, machine.frame)
 
@@ -294,13 +312,22 @@ def _check_turn(machine: Machine, turn: tuple[float, ...]) -> None:
     norm = sum(v * v for v in turn)
     off = abs(norm - 1)
     if off > WORST_NORM:
-        raise Wrong(machine.line, f"an orientation that is none (the sum of its squares is {norm:.3g})")
+        raise Wrong(
+            machine.line, f"an orientation that is none (the sum of its squares is {norm:.3g})"
+        )
     if off > _LOOSE_NORM:
         what = f"an orientation that is not normalised (the sum of its squares is off by {off:.2g})"
         machine.find_once("unusual", "norm", what)
 
 
-def _emit(machine: Machine, form: Form, via: Pose | None, target: Pose, bound: Bound, rest: tuple[Value, ...]) -> None:
+def _emit(
+    machine: Machine,
+    form: Form,
+    via: Pose | None,
+    target: Pose,
+    bound: Bound,
+    rest: tuple[Value, ...],
+) -> None:
     """The motion itself."""
     start = see_pose(machine)
     posture = _posture(rest)
@@ -310,7 +337,9 @@ def _emit(machine: Machine, form: Form, via: Pose | None, target: Pose, bound: B
         machine.add(MoveJ(target, bound.speed, bound.blend, posture=posture))
     elif via is None:
         if start is not None and is_half_turn(start, target):
-            machine.find("unusual", "the tool turns by 180 deg in one straight motion; its sense is open")
+            machine.find(
+                "unusual", "the tool turns by 180 deg in one straight motion; its sense is open"
+            )
         turn = bound.turn if start is not None and start.origin == target.origin else 0.0
         machine.add(MoveL(target, bound.speed, bound.blend, posture=posture, turn=turn))
     else:
@@ -327,7 +356,11 @@ def _confdata(conf: tuple[float, ...]) -> Posture | None:
 
 def _posture(rest: tuple[Value, ...]) -> Posture | None:
     conf = rest[0] if rest else None
-    if isinstance(conf, tuple) and len(conf) == 4 and all(type(v) is float and abs(v) < 1e6 for v in conf):
+    if (
+        isinstance(conf, tuple)
+        and len(conf) == 4
+        and all(type(v) is float and abs(v) < 1e6 for v in conf)
+    ):
         return _confdata(conf)
     return None
 
@@ -338,7 +371,12 @@ def _tell_external(machine: Machine, axes: Value) -> None:
 
 
 def _emit_arc(
-    machine: Machine, start: Pose | None, via: Pose, target: Pose, bound: Bound, posture: Posture | None
+    machine: Machine,
+    start: Pose | None,
+    via: Pose,
+    target: Pose,
+    bound: Bound,
+    posture: Posture | None,
 ) -> None:
     """An arc as one or more of at most half a circle, each with its point half-way."""
     if start is None:
@@ -355,7 +393,9 @@ def _emit_arc(
     for k in range(0, len(points), 2):
         last = k + 2 >= len(points)
         end = target if last else points[k + 1]
-        machine.add(MoveC(points[k], end, bound.speed, bound.blend if last else 0.0, posture=posture))
+        machine.add(
+            MoveC(points[k], end, bound.speed, bound.blend if last else 0.0, posture=posture)
+        )
 
 
 def _timed(machine: Machine, call: Call, bound: Bound, target: Pose) -> Bound:
@@ -376,11 +416,18 @@ def _triggers(machine: Machine, form: Form, call: Call) -> list[Trigger]:
     if not form.trigg or form.process:
         return []
     count = 2 if form.kind == "c" else 1
-    given = [call.args[count + 1], *(value for name, value in call.options if re.fullmatch(r"t\d", name))]
+    given = [
+        call.args[count + 1],
+        *(value for name, value in call.options if re.fullmatch(r"t\d", name)),
+    ]
     found: list[Trigger] = []
     for expr in given:
         value = machine.value(expr)
-        found += [one for one in (value if isinstance(value, list) else [value]) if isinstance(one, Trigger)]
+        found += [
+            one
+            for one in (value if isinstance(value, list) else [value])
+            if isinstance(one, Trigger)
+        ]
     return found
 
 
@@ -398,14 +445,23 @@ def _trigger_on_line(
     """A straight motion in the pieces between which something is switched; the arm does not stop there."""
     start = see_pose(machine)
     whole = math.dist(start.origin, target.origin) if start is not None else 0.0
-    places = sorted(((t.distance if t.start else whole - t.distance), k) for k, t in enumerate(triggers))
+    places = sorted(
+        ((t.distance if t.start else whole - t.distance), k) for k, t in enumerate(triggers)
+    )
     for way, k in places:
         if start is not None and 0.01 < way < whole - 0.01:
             part = way / whole
-            point = tuple(a + (b - a) * part for a, b in zip(start.origin, target.origin, strict=True))
+            point = tuple(
+                a + (b - a) * part for a, b in zip(start.origin, target.origin, strict=True)
+            )
             rotation = rotation_between(start.rotation, target.rotation, part)
-            machine.add(MoveL(Pose(frozen(rotation), _three(point)), bound.speed, posture=_posture(rest)))
-            machine.tell("triggers", "straight motions are shown in pieces, between which outputs are switched")
+            machine.add(
+                MoveL(Pose(frozen(rotation), _three(point)), bound.speed, posture=_posture(rest))
+            )
+            machine.tell(
+                "triggers",
+                "straight motions are shown in pieces, between which outputs are switched",
+            )
         elif way >= whole - 0.01:
             break
         _switch(machine, triggers[k])
@@ -420,11 +476,15 @@ def _three(point: tuple[float, ...]) -> Vec3:
     return (x, y, z)
 
 
-def _do_after(machine: Machine, form: Form, call: Call, points: tuple[Expr, ...], tail: tuple[Expr, ...]) -> None:
+def _do_after(
+    machine: Machine, form: Form, call: Call, points: tuple[Expr, ...], tail: tuple[Expr, ...]
+) -> None:
     """What a motion does at its end: a signal, a routine, a search."""
     if form.after == 2 and tail:
         options = dict(call.options)
-        value = options.get("value") or options.get("dvalue") or (tail[1] if len(tail) > 1 else None)
+        value = (
+            options.get("value") or options.get("dvalue") or (tail[1] if len(tail) > 1 else None)
+        )
         worth = machine.number(value)
         name = name_of(machine, tail[0])
         if type(worth) is float:
@@ -456,7 +516,14 @@ def _weld(machine: Machine, name: str) -> None:
 # With force -------------------------------------------------------------------------------------------------------
 
 
-def _press(machine: Machine, call: Call, bound: Bound, via: Pose | None, target: Pose, posture: Posture | None) -> None:
+def _press(
+    machine: Machine,
+    call: Call,
+    bound: Bound,
+    via: Pose | None,
+    target: Pose,
+    posture: Posture | None,
+) -> None:
     """FCPress1LStart, FCPressL, FCPressC, FCPressEnd: force along an axis of the tool."""
     if call.name == "fcpress1lstart":
         newtons = _begin_pressing(machine, call, target)

@@ -24,7 +24,9 @@ def pose_of(machine: Machine, value: Value) -> Pose:
     (x, y, z), turn = value[0], value[1]
     norm = sum(v * v for v in turn)
     if abs(norm - 1) > WORST_NORM:
-        raise Wrong(machine.line, f"an orientation that is none (the sum of its squares is {norm:.3g})")
+        raise Wrong(
+            machine.line, f"an orientation that is none (the sum of its squares is {norm:.3g})"
+        )
     return Pose(machine.rotation(turn), (x, y, z))
 
 
@@ -44,13 +46,19 @@ def choose_frame(machine: Machine, tool: Expr, work: Expr | None, joints: bool) 
         # The end of a motion to joint values does not depend on the work object: it stays that of the motion before.
         before = machine.frames[machine.frame]
         work_name = before.work
-        work_value = next((key[3] for key, at in machine.frame_keys.items() if at == machine.frame), None)
+        work_value = next(
+            (key[3] for key, at in machine.frame_keys.items() if at == machine.frame), None
+        )
     key = (tool_name, _stamp(tool_value), work_name, _stamp(work_value))
     found = machine.frame_keys.get(key)
     if found is None:
         found = machine.frame_keys[key] = len(machine.frames)
         flange = _tool_frame(machine, tool_name, tool_value)
-        base = translation(0, 0, 0) if work is None and not work_name else _work_frame(machine, work_name, work_value)
+        base = (
+            translation(0, 0, 0)
+            if work is None and not work_name
+            else _work_frame(machine, work_name, work_value)
+        )
         machine.frames.append(Frames(tool_name, work_name, flange, base))
     return found
 
@@ -70,7 +78,10 @@ def _persistent(machine: Machine, expr: Expr, kind: str) -> tuple[str, Value]:
         name = expr.name if variable is None else variable.name
         if variable is not None and variable.storage in ("var", "const") and variable.type == kind:
             word = variable.storage.upper()
-            machine.find("refused", f"{variable.name} is {word}: the {kind} of a motion must be a persistent (PERS)")
+            machine.find(
+                "refused",
+                f"{variable.name} is {word}: the {kind} of a motion must be a persistent (PERS)",
+            )
     machine.fit(kind, value)
     return name, value
 
@@ -91,7 +102,10 @@ def _tell_mass(machine: Machine, name: str, value: Value) -> None:
     if type(mass) is float and mass > _NO_MASS:
         machine.tell("load", f"{name} {mass:g} kg")
     if type(mass) is float and mass <= 0:
-        machine.find("unusual", f"the mass of the tool {name} is {mass:g} kg; the manual asks for more than 0")
+        machine.find(
+            "unusual",
+            f"the mass of the tool {name} is {mass:g} kg; the manual asks for more than 0",
+        )
 
 
 def _work_frame(machine: Machine, name: str, value: Value) -> Pose | None:
@@ -132,7 +146,9 @@ def see_pose(machine: Machine) -> Pose | None:
     return now.base_from_work.inverse() @ then.base_from_work @ flange
 
 
-def see_joints(machine: Machine, joints: Sequence[float], tool: Expr, work: Expr | None) -> Pose | None:
+def see_joints(
+    machine: Machine, joints: Sequence[float], tool: Expr, work: Expr | None
+) -> Pose | None:
     """Where joint values, deg, put a tool in a work object, None where nobody knows."""
     if machine.ask.flange is None:
         return None
@@ -145,10 +161,18 @@ def see_joints(machine: Machine, joints: Sequence[float], tool: Expr, work: Expr
 
 def _put(machine: Machine, joints: Sequence[float], frames: Frames) -> Pose | None:
     """Where joint values, deg, put the tool in the work object of ``frames``."""
-    if machine.ask.flange is None or frames.flange_from_tool is None or frames.base_from_work is None:
+    if (
+        machine.ask.flange is None
+        or frames.flange_from_tool is None
+        or frames.base_from_work is None
+    ):
         return None
     flange = machine.ask.flange([math.radians(value) for value in joints])
-    return None if flange is None else frames.base_from_work.inverse() @ flange @ frames.flange_from_tool
+    return (
+        None
+        if flange is None
+        else frames.base_from_work.inverse() @ flange @ frames.flange_from_tool
+    )
 
 
 def see_here(machine: Machine, call: Call) -> Value:
@@ -157,7 +181,9 @@ def see_here(machine: Machine, call: Call) -> Value:
     kept = machine.frame
     if machine.frames and ("tool" in options or "wobj" in options):
         tool = options.get("tool") or Ref(machine.frames[kept].tool or "tool0")
-        work = options.get("wobj") or (Ref(machine.frames[kept].work) if machine.frames[kept].work else None)
+        work = options.get("wobj") or (
+            Ref(machine.frames[kept].work) if machine.frames[kept].work else None
+        )
         machine.frame = choose_frame(machine, tool, work, False)
     pose, rest = see_pose(machine) if machine.frames else None, machine.here.rest
     machine.frame = kept

@@ -99,4 +99,6 @@ def shape_of(grammar: Callable[[str, int], Calls], *parts: str) -> Shape | None:
     found = [arg.value[2:] for arg in call.args[:points] if isinstance(arg, Point)]
     if len(found) < points:
         return None
-    return Shape(call.name, tuple(found), call.args[points:], call.options, call.line, text.count("\n"))
+    return Shape(
+        call.name, tuple(found), call.args[points:], call.options, call.line, text.count("\n")
+    )

@@ -100,7 +100,9 @@ class Runner(Flow):
         except Returned as returned:
             return returned.value
         except Jump as jump:
-            machine.find("refused", f"GOTO {jump.label[:40]}: there is no such label where it could go to")
+            machine.find(
+                "refused", f"GOTO {jump.label[:40]}: there is no such label where it could go to"
+            )
         finally:
             self.depth -= 1
             self.handling = handling
@@ -116,13 +118,19 @@ class Runner(Flow):
         for one in routine.parameters:
             if one.optional or one.name in options:
                 given = one.name in options
-                found[one.name] = self._parameter(one, options.get(one.name)) if given else _absent(one)
+                found[one.name] = (
+                    self._parameter(one, options.get(one.name)) if given else _absent(one)
+                )
             elif args:
                 found[one.name] = self._parameter(one, args.pop(0))
             else:
-                raise Wrong(call.line, f"{routine.name} has {len(needed)} arguments, not {len(call.args)}")
+                raise Wrong(
+                    call.line, f"{routine.name} has {len(needed)} arguments, not {len(call.args)}"
+                )
         if args:
-            raise Wrong(call.line, f"{routine.name} has {len(needed)} arguments, not {len(call.args)}")
+            raise Wrong(
+                call.line, f"{routine.name} has {len(needed)} arguments, not {len(call.args)}"
+            )
         for name in options:
             if name not in found:
                 raise Wrong(call.line, f"{routine.name} has no argument \\{name[:40]}")
@@ -153,7 +161,9 @@ class Runner(Flow):
                 return part
         if value is None:
             return Variable(one.name, "switch", "parameter", True)
-        made = Variable(one.name, one.type, "parameter", machine.settled(one.type, machine.value(value)))
+        made = Variable(
+            one.name, one.type, "parameter", machine.settled(one.type, machine.value(value))
+        )
         made.dims = (0.0,) * one.dims
         return self._named_frame(made, value)
 
@@ -196,7 +206,10 @@ def _leave_out(runner: Runner, call: Call) -> None:
     """An instruction of a package, or a routine of another file."""
     if call.name == "callbyvar" and call.args:
         machine = runner.machine
-        name, number = machine.value(call.args[0]), machine.number(call.args[1]) if len(call.args) > 1 else NOTHING
+        name, number = (
+            machine.value(call.args[0]),
+            machine.number(call.args[1]) if len(call.args) > 1 else NOTHING,
+        )
         if isinstance(name, str) and type(number) is float:
             _call_by_name(runner, f"{name}{number:g}", Call(call.line, "callbyvar"))
             return
@@ -231,7 +244,9 @@ def _run_in(runner: Runner, home: Home, routine: Routine, call: Call) -> None:
 
 
 def _run_late(runner: Runner, item: Late) -> None:
-    _call_by_name(runner, runner.machine.value(item.name), Call(item.line, "", item.args, item.options))
+    _call_by_name(
+        runner, runner.machine.value(item.name), Call(item.line, "", item.args, item.options)
+    )
 
 
 def _run_assign(runner: Runner, item: Assign) -> None:
@@ -263,7 +278,9 @@ def _run_connect(runner: Runner, item: Connect) -> None:
 
 
 def _run_empty(_runner: Runner, item: Empty) -> None:
-    raise Wrong(item.line, f"{item.text}: a place that is not filled in; the controller stops there")
+    raise Wrong(
+        item.line, f"{item.text}: a place that is not filled in; the controller stops there"
+    )
 
 
 def _run_inline(runner: Runner, item: Inline) -> None:
@@ -288,7 +305,11 @@ _RUN: dict[type, Callable[[Runner, Value], None]] = {
 def run_entry(machine: Machine, entry: Routine, most: int) -> tuple[int, str] | None:
     """Runs a program from its entry; line and reason where it is not run to its end."""
     runner = Runner(machine, Ways(machine), most, entry)
-    machine.call, machine.function, machine.interrupt = runner.call, call_function, runner.interrupt_motion
+    machine.call, machine.function, machine.interrupt = (
+        runner.call,
+        call_function,
+        runner.interrupt_motion,
+    )
     stopped = _run_whole(runner, lambda: _run_cycles(runner, entry))
     for routine in machine.homes:
         if routine.kind == "proc" and routine not in runner.ran:
@@ -297,7 +318,9 @@ def run_entry(machine: Machine, entry: Routine, most: int) -> tuple[int, str] | 
     for routine in waiting[:_MOST_TRAPS]:
         runner.depth, runner.steps, runner.most = 0, 0, _MOST_OF_A_TRAP
         call = Call(routine.line, routine.name.lower())
-        judge_trap(machine, routine, partial(_run_whole, runner, partial(runner.call, routine, call)))
+        judge_trap(
+            machine, routine, partial(_run_whole, runner, partial(runner.call, routine, call))
+        )
     return stopped
 
 

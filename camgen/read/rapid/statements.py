@@ -30,7 +30,9 @@ from .tree import (
 )
 
 #: Words at which a statement that lost its semicolon must have ended.
-STRUCTURE = frozenset(("module", "endmodule", "proc", "endproc", "func", "endfunc", "trap", "endtrap"))
+STRUCTURE = frozenset(
+    ("module", "endmodule", "proc", "endproc", "func", "endfunc", "trap", "endtrap")
+)
 #: Words that close or continue a compound statement, and what opens it.
 _CLOSES = {
     "endif": "IF", "else": "IF", "elseif": "IF", "then": "IF", "endfor": "FOR", "endwhile": "WHILE", "do": "WHILE",
@@ -162,7 +164,9 @@ class Statements(Calls):
         """Skips the rest of a head, in its line."""
         line = self.token[2]
         while (
-            self.token[0] != "end" and self.token[2] == line and self.take()[1].lower() not in (":", "then", "do", ";")
+            self.token[0] != "end"
+            and self.token[2] == line
+            and self.take()[1].lower() not in (":", "then", "do", ";")
         ):
             pass
 
@@ -190,7 +194,9 @@ class Statements(Calls):
         if self.word() == word:
             self.take()
         else:
-            self.notes.append(Note(self.token[2], f"{word.upper()} of the statement in line {line} is missing"))
+            self.notes.append(
+                Note(self.token[2], f"{word.upper()} of the statement in line {line} is missing")
+            )
 
     def head(self, word: str) -> Expr:
         """A condition and the word behind it; a fault in it is noted, and what follows is read on."""
@@ -219,7 +225,8 @@ def _read_if(parser: Statements) -> If:
         body: list[Statement] = []
         if parser.word() in _COMPOUND:
             what = (
-                f"{parser.word().upper()} behind the condition of an IF without THEN: a simple statement stands there"
+                f"{parser.word().upper()} behind the condition of "
+                "an IF without THEN: a simple statement stands there"
             )
             parser.notes.append(Note(parser.token[2], what))
         plain, parser.plain = parser.plain, False

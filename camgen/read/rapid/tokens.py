@@ -11,7 +11,9 @@ _POINT = rf"\[\[{_N},{_N},{_N}\],\[{_N},{_N},{_N},{_N}\],\[{_N},{_N},{_N},{_N}\]
 _NAME = r"[A-Za-z][A-Za-z0-9_]*"
 # The manual's letters are those of Latin-1; a text that was decoded otherwise keeps its own.
 _ANY_NAME = r"[^\W\d_]\w*"
-_NUMBER = r"0[xX][0-9a-fA-F]+|0[bB][01]+|0[oO][0-7]+|(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
+_NUMBER = (
+    r"0[xX][0-9a-fA-F]+|0[bB][01]+|0[oO][0-7]+|(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
+)
 # A robtarget written out compactly, and a whole straight motion to one, are single tokens: a long program is made of
 # these, and reading it takes seconds instead of half a minute. The general rules read the same from them.
 _TOKEN = re.compile(
@@ -91,10 +93,16 @@ def string(text: str, line: int) -> str:
     doubled nor stands before two hexadecimal digits (RAPID kernel manual, strings).
     """
     if "\\" in text and "\\" in _ESCAPED.sub("", text):
-        raise Wrong(line, "a backslash in a string is written twice, or before two hexadecimal digits")
-    value = _ESCAPED.sub(lambda found: chr(int(found[1], 16)) if found[1] else found[0][0], text[1:-1])
+        raise Wrong(
+            line, "a backslash in a string is written twice, or before two hexadecimal digits"
+        )
+    value = _ESCAPED.sub(
+        lambda found: chr(int(found[1], 16)) if found[1] else found[0][0], text[1:-1]
+    )
     if len(value) > LONGEST_STRING:
-        raise Wrong(line, f"a string of {len(value)} characters; a controller takes {LONGEST_STRING}")
+        raise Wrong(
+            line, f"a string of {len(value)} characters; a controller takes {LONGEST_STRING}"
+        )
     return value
 
 

@@ -123,7 +123,11 @@ class Inline(Struct, frozen=True, eq=False, gc=False):
 
     def call(self) -> Call:
         """The same motion as a statement like any other."""
-        ends = ((self.to, self.turn),) if self.via is None else ((self.via, self.via_turn), (self.to, self.turn))
+        ends = (
+            ((self.to, self.turn),)
+            if self.via is None
+            else ((self.via, self.via_turn), (self.to, self.turn))
+        )
         points = (Point((*end, *rest)) for end, rest in zip(ends, self.shape.points, strict=True))
         return Call(self.line, self.shape.name, (*points, *self.shape.args), self.shape.options)
 
@@ -221,7 +225,9 @@ class Empty(Struct, frozen=True, eq=False, gc=False):
     text: str
 
 
-Statement = Call | Inline | Assign | If | For | While | Test | Label | Goto | Word | Connect | Late | Empty
+Statement = (
+    Call | Inline | Assign | If | For | While | Test | Label | Goto | Word | Connect | Late | Empty
+)
 Block = tuple[Statement, ...]
 
 

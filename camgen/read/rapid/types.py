@@ -21,11 +21,27 @@ TYPES: dict[str, tuple[tuple[str, str], ...]] = {
     "speeddata": (("v_tcp", "num"), ("v_ori", "num"), ("v_leax", "num"), ("v_reax", "num")),
     "zonedata": (
         ("finep", "bool"),
-        *((n, "num") for n in ("pzone_tcp", "pzone_ori", "pzone_eax", "zone_ori", "zone_leax", "zone_reax")),
+        *(
+            (n, "num")
+            for n in ("pzone_tcp", "pzone_ori", "pzone_eax", "zone_ori", "zone_leax", "zone_reax")
+        ),
     ),
-    "loaddata": (("mass", "num"), ("cog", "pos"), ("aom", "orient"), ("ix", "num"), ("iy", "num"), ("iz", "num")),
+    "loaddata": (
+        ("mass", "num"),
+        ("cog", "pos"),
+        ("aom", "orient"),
+        ("ix", "num"),
+        ("iy", "num"),
+        ("iz", "num"),
+    ),
     "tooldata": (("robhold", "bool"), ("tframe", "pose"), ("tload", "loaddata")),
-    "wobjdata": (("robhold", "bool"), ("ufprog", "bool"), ("ufmec", "string"), ("uframe", "pose"), ("oframe", "pose")),
+    "wobjdata": (
+        ("robhold", "bool"),
+        ("ufprog", "bool"),
+        ("ufmec", "string"),
+        ("uframe", "pose"),
+        ("oframe", "pose"),
+    ),
 }
 LITERAL = {"num": float, "bool": bool, "string": str}
 UNUSED = 9e9  # an external axis that is not there
@@ -36,7 +52,9 @@ IDENTITY = (_ZERO, NO_TURN)
 _SPEEDS = (5, 10, 20, 30, 40, 50, 60, 80, 100, 150, 200, 300, 400, 500, 600, 800,
            1000, 1500, 2000, 2500, 3000, 4000, 5000, 6000, 7000)  # fmt: skip
 #: Radius at the TCP; the other components of a zone do not shape the path of the TCP.
-_ZONES = {"z0": 0.3} | {f"z{r}": float(r) for r in (1, 5, 10, 15, 20, 30, 40, 50, 60, 80, 100, 150, 200)}
+_ZONES = {"z0": 0.3} | {
+    f"z{r}": float(r) for r in (1, 5, 10, 15, 20, 30, 40, 50, 60, 80, 100, 150, 200)
+}
 PREDEFINED: dict[str, tuple[str, Value]] = (
     {f"v{v}": ("speeddata", (float(v), 500.0, 5000.0, 1000.0)) for v in _SPEEDS}
     | {name: ("zonedata", (False, r, r, r, r, r, r)) for name, r in _ZONES.items()}
@@ -78,10 +96,19 @@ MORE: dict[str, tuple[str, Value]] = {
     "stempty": ("string", ""),
     "edge": ("num", 2.0),
     "diskhome": ("string", "HOME:"),
-    **{name: ("num", float(k)) for k, name in enumerate(("op_undef", "op_auto", "op_man_prog", "op_man_test"))},
-    **{name: ("num", float(k)) for k, name in enumerate(("run_undef", "run_cont_cycle", "run_instr_fwd"))},
+    **{
+        name: ("num", float(k))
+        for k, name in enumerate(("op_undef", "op_auto", "op_man_prog", "op_man_test"))
+    },
+    **{
+        name: ("num", float(k))
+        for k, name in enumerate(("run_undef", "run_cont_cycle", "run_instr_fwd"))
+    },
     **{f"vrot{v}": ("speeddata", (0.01, 0.01, 0.01, float(v))) for v in (1, 2, 5, 10, 20, 50, 100)},
-    **{f"vlin{v}": ("speeddata", (0.01, 0.01, float(v), 0.01)) for v in (10, 20, 50, 100, 200, 500, 1000)},
+    **{
+        f"vlin{v}": ("speeddata", (0.01, 0.01, float(v), 0.01))
+        for v in (10, 20, 50, 100, 200, 500, 1000)
+    },
 }
 #: Variables of the system module ``user`` of older controllers.
 USER = {**{f"reg{k}": "num" for k in range(1, 6)}, "clock1": "clock", "wobj1": "wobjdata"}

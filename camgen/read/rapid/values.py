@@ -55,7 +55,9 @@ class Variable:
 
     __slots__ = ("base", "dims", "home", "line", "name", "start", "storage", "type", "value")
 
-    def __init__(self, name: str, kind: str, storage: str = "var", value: Value = None, line: int = 0) -> None:
+    def __init__(
+        self, name: str, kind: str, storage: str = "var", value: Value = None, line: int = 0
+    ) -> None:
         self.name, self.type, self.storage, self.value, self.line = name, kind, storage, value, line
         self.base: tuple[Variable, tuple[int, ...]] | None = None
         self.start: Expr | None = None
@@ -108,7 +110,9 @@ def operate(sign: str, a: Value, b: Value, line: int) -> Value:
     """``a sign b``. Wrong where no controller has such an operation, or it fails."""
     if type(a) is Given or type(b) is Given:
         logical = sign in ("and", "or", "xor")
-        a, b = (one.meet(logical or two) if type(one) is Given else one for one, two in ((a, b), (b, a)))
+        a, b = (
+            one.meet(logical or two) if type(one) is Given else one for one, two in ((a, b), (b, a))
+        )
     if sign in ("and", "or", "xor"):
         return _combine(sign, a, b, line)
     unknown = find_unknown(a) or find_unknown(b)
@@ -152,7 +156,9 @@ def _equal(a: Value, b: Value) -> bool:
 
 def _calculate(sign: str, a: float, b: float, line: int) -> Value:
     if sign in ("<", "<=", ">", ">="):
-        return a < b if sign == "<" else a <= b if sign == "<=" else a > b if sign == ">" else a >= b
+        return (
+            a < b if sign == "<" else a <= b if sign == "<=" else a > b if sign == ">" else a >= b
+        )
     if sign in ("/", "div", "mod") and b == 0:
         raise Wrong(line, "a division by 0")
     if sign in ("div", "mod") and abs(a / b) < 3.5e38:

@@ -42,7 +42,9 @@ def judge_arc(start: Vec3, via: Vec3, end: Vec3) -> tuple[str, str]:
         return "the circle point of an arc is at an end of it, or nearly on its chord", ""
     if min(math.dist(start, via), math.dist(via, end), math.dist(start, end)) < _CLOSEST:
         return "", f"the points of an arc are less than {_CLOSEST:g} mm apart"
-    return "", "the circle point of an arc is near an end of it" if min(first, last) < _SHORTER * (first + last) else ""
+    return "", "the circle point of an arc is near an end of it" if min(first, last) < _SHORTER * (
+        first + last
+    ) else ""
 
 
 def judge_arcs(start: FloatArray, via: FloatArray, end: FloatArray) -> BoolArray:
@@ -54,7 +56,9 @@ def judge_arcs(start: FloatArray, via: FloatArray, end: FloatArray) -> BoolArray
     least = np.minimum(first, last)
     near = np.minimum.reduce([dots(side, side) for side in sides])
     usual = (least > _FLATTEST + _SURE) & (2 * (first + last) < _WIDEST - _SURE)
-    return np.asarray(usual & (near > (_CLOSEST + _SURE) ** 2) & (least > _SHORTER * (first + last) + _SURE))
+    return np.asarray(
+        usual & (near > (_CLOSEST + _SURE) ** 2) & (least > _SHORTER * (first + last) + _SURE)
+    )
 
 
 def _angle_at(corner: Vec3, a: Vec3, b: Vec3) -> float:
@@ -107,7 +111,11 @@ def split_arc(start: Pose, via: Pose, target: Pose) -> list[Pose]:
     square = _dot(normal, normal)
     one, two = _cross(normal, ab), _cross(ac, normal)
     p, q = _dot(ac, ac) / (2 * square), _dot(ab, ab) / (2 * square)
-    out = (one[0] * p + two[0] * q, one[1] * p + two[1] * q, one[2] * p + two[2] * q)  # from the start to the centre
+    out = (
+        one[0] * p + two[0] * q,
+        one[1] * p + two[1] * q,
+        one[2] * p + two[2] * q,
+    )  # from the start to the centre
     u = (-out[0], -out[1], -out[2])
     length = math.sqrt(square)
     v = _cross((normal[0] / length, normal[1] / length, normal[2] / length), u)

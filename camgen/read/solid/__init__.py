@@ -55,8 +55,14 @@ class SolidFacts(Struct, frozen=True):
 
 def _describe_face(face: Face, edges: tuple[str, ...]) -> str:
     """One face: id, area, where a flat one looks to, and its edges."""
-    bent = "bent" if face.looks is None else "looks to " + " ".join(short(v + 0.0, 3) for v in face.looks.tolist())
-    return f"{face.id}: {short(face.area, 1)} mm2, {bent}, " + (f"edges {' '.join(edges)}" if edges else "no edges")
+    bent = (
+        "bent"
+        if face.looks is None
+        else "looks to " + " ".join(short(v + 0.0, 3) for v in face.looks.tolist())
+    )
+    return f"{face.id}: {short(face.area, 1)} mm2, {bent}, " + (
+        f"edges {' '.join(edges)}" if edges else "no edges"
+    )
 
 
 def _describe(edge: Edge) -> str:
@@ -73,7 +79,14 @@ def inspect(source: Source, job: Job, _files: Files) -> SolidFacts:
     found = solid(source, job)
     low, high = found.vertices.min(axis=0), found.vertices.max(axis=0)
     x, y, z = np.subtract(high, low).tolist()
-    return SolidFacts(harmless(found.units), (x, y, z), len(found.faces), found.edges, _surfaces(found), found.notes)
+    return SolidFacts(
+        harmless(found.units),
+        (x, y, z),
+        len(found.faces),
+        found.edges,
+        _surfaces(found),
+        found.notes,
+    )
 
 
 def _surfaces(found: Solid) -> tuple[tuple[Face, tuple[str, ...]], ...]:
@@ -100,14 +113,26 @@ def solid(source: Source, job: Job) -> Solid:
         from camgen.read.solid import step  # noqa: PLC0415 (3 ms, which a mesh does not need)
 
         if wanted != "auto":
-            raise JobError("[input] units", "a STEP file states its own", remedy='set input.units to "auto"')
+            raise JobError(
+                "[input] units", "a STEP file states its own", remedy='set input.units to "auto"'
+            )
         return step.read(source, job.tolerance.chord)
     if wanted != "auto" and wanted not in MM:
-        raise JobError("[input] units", f"unknown unit {harmless(wanted)!r}", remedy="give mm, cm, m, inch, ...")
+        raise JobError(
+            "[input] units",
+            f"unknown unit {harmless(wanted)!r}",
+            remedy="give mm, cm, m, inch, ...",
+        )
     return mesh.read(source, None if wanted == "auto" else MM[wanted], job.tolerance.chord)
 
 
 def read_fixtures(job: Job, files: Files) -> tuple[tuple[str, Solid], ...]:
     """The fixtures of ``job`` that are meshes, with their names, work frame. InputError for a file that is none."""
-    named = [(f"fixture {k}", one) for k, one in enumerate(job.cell.fixtures or (), 1) if isinstance(one, str)]
-    return tuple((name, mesh.read(files.read(file), tolerance=job.tolerance.chord)) for name, file in named)
+    named = [
+        (f"fixture {k}", one)
+        for k, one in enumerate(job.cell.fixtures or (), 1)
+        if isinstance(one, str)
+    ]
+    return tuple(
+        (name, mesh.read(files.read(file), tolerance=job.tolerance.chord)) for name, file in named
+    )

@@ -52,7 +52,9 @@ class SideRun(Struct, frozen=True):
     pieces: tuple[EdgePiece, ...]
 
 
-def recognise(points: FloatArray, closed: bool, tolerance: float, tight: float) -> tuple[int, list[SideRun]]:
+def recognise(
+    points: FloatArray, closed: bool, tolerance: float, tight: float
+) -> tuple[int, list[SideRun]]:
     """The runs of a chain of ``points`` (N, 3), and the vertex at which they begin.
 
     closed: the last point is the first again; the runs then count from the vertex named, round and round. tight: mm, a
@@ -62,11 +64,17 @@ def recognise(points: FloatArray, closed: bool, tolerance: float, tight: float) 
         kept = _corners(points, tight)
         return 0, _count(_runs(points[kept], _pieces(points[kept], tolerance)), kept)
     aside = _aside(np.concatenate([points[-2:-1], points]))
-    begin = int(np.argmax(aside >= aside.max() / 2))  # a corner, and the same one whatever rounding does
+    begin = int(
+        np.argmax(aside >= aside.max() / 2)
+    )  # a corner, and the same one whatever rounding does
     points = _from(points, begin)
     kept = _corners(points, tight)
     circle = fit_circle(points[kept[:-1]])
-    if circle is not None and len(kept) > 2 * _LEAST_SIDES and _once_round(circle, points[kept], tolerance):
+    if (
+        circle is not None
+        and len(kept) > 2 * _LEAST_SIDES
+        and _once_round(circle, points[kept], tolerance)
+    ):
         return begin, [SideRun("circle", (EdgePiece(0, len(points) - 1, circle),))]
     further = int(kept[_break(points[kept], _pieces(points[kept], tolerance))])
     points = _from(points, further)
@@ -114,7 +122,10 @@ def _count(runs: list[SideRun], kept: IntArray) -> list[SideRun]:
     def place(k: int) -> int:
         return int(kept[k]) if k <= last else around + int(kept[k - last])
 
-    return [SideRun(r.kind, tuple(EdgePiece(place(p.low), place(p.high), p.circle) for p in r.pieces)) for r in runs]
+    return [
+        SideRun(r.kind, tuple(EdgePiece(place(p.low), place(p.high), p.circle) for p in r.pieces))
+        for r in runs
+    ]
 
 
 def _once_round(circle: Circle, points: FloatArray, tolerance: float) -> bool:
@@ -220,9 +231,14 @@ def _together_pieces(points: FloatArray, a: EdgePiece, b: EdgePiece) -> bool:
     if a.circle is not None and b.circle is not None:
         radii = sorted([a.circle.radius, b.circle.radius])
         at = points[b.low]
-        return radii[1] < _LIKE_BENDS * radii[0] and float((a.circle.center - at) @ (b.circle.center - at)) > 0
+        return (
+            radii[1] < _LIKE_BENDS * radii[0]
+            and float((a.circle.center - at) @ (b.circle.center - at)) > 0
+        )
     # Half of what each side sweeps: a line sweeps nothing, a side of the curve what its length asks for.
-    circle, bent, side = (a.circle, *lengths) if a.circle is not None else (b.circle, *lengths[::-1])
+    circle, bent, side = (
+        (a.circle, *lengths) if a.circle is not None else (b.circle, *lengths[::-1])
+    )
     assert circle is not None
     share = (2 * turn * circle.radius - bent) / side
     return 1 / _LIKE_BENDS < share < _LIKE_BENDS
@@ -266,7 +282,9 @@ def order(edges: Iterable[Edge]) -> tuple[Edge, ...]:
     middle = np.array([_middle(e) for e in listed])
     ends = np.array([[*e.points[0], e.length] for e in listed])
     # A middle half-way between two steps must not fall to either side by rounding.
-    key = np.floor(np.column_stack([-middle[:, 2], middle[:, 1], middle[:, 0], ends]) / _ORDER_STEP_MM + 0.4637)
+    key = np.floor(
+        np.column_stack([-middle[:, 2], middle[:, 1], middle[:, 0], ends]) / _ORDER_STEP_MM + 0.4637
+    )
     order = np.lexsort(key.T[::-1])
     return tuple(replace(listed[k], id=f"e{i}") for i, k in enumerate(order.tolist(), start=1))
 
@@ -280,16 +298,33 @@ def _single(sides: SharpSides, vertices: FloatArray) -> list[Edge]:
     """Chains of one side: lines, all at once."""
     points = frozen(np.stack([vertices[sides.start], vertices[sides.end]], axis=1))
     via = frozen(points.mean(axis=1, keepdims=True))
-    normals, via_normals = frozen(np.stack([sides.normals] * 2, axis=1)), frozen(sides.normals[:, None])
+    normals, via_normals = (
+        frozen(np.stack([sides.normals] * 2, axis=1)),
+        frozen(sides.normals[:, None]),
+    )
     length = np.linalg.norm(points[:, 1] - points[:, 0], axis=1).tolist()
     angle, convex = sides.angle.tolist(), sides.convex.tolist()
     return [
-        Edge("", "line", points[k], via[k], normals[k], via_normals[k], angle[k], convex[k], False, 0.0, length[k])
+        Edge(
+            "",
+            "line",
+            points[k],
+            via[k],
+            normals[k],
+            via_normals[k],
+            angle[k],
+            convex[k],
+            False,
+            0.0,
+            length[k],
+        )
         for k in range(len(length))
     ]
 
 
-def _of_chain(sides: SharpSides, vertices: FloatArray, closed: bool, tolerance: float, tight: float) -> list[Edge]:
+def _of_chain(
+    sides: SharpSides, vertices: FloatArray, closed: bool, tolerance: float, tight: float
+) -> list[Edge]:
     points = vertices[np.append(sides.start, sides.end[-1])]
     begin, runs = recognise(points, closed, tolerance, tight)
     result = []
@@ -305,7 +340,9 @@ def _edge(run: SideRun, corners: FloatArray, sides: SharpSides) -> Edge:
     """One edge: ``corners`` (N, 3) are the vertices along it, ``sides`` the N - 1 sides between them."""
     base = run.pieces[0].low
     weight = np.linalg.norm(np.diff(corners, axis=0), axis=1)
-    spans = _together([_spans(p, p.low - base, p.high - base, corners, sides, weight) for p in run.pieces])
+    spans = _together(
+        [_spans(p, p.low - base, p.high - base, corners, sides, weight) for p in run.pieces]
+    )
     circle = run.pieces[0].circle if run.kind in ("arc", "circle") else None
     return Edge(
         "", run.kind, frozen(spans.points), frozen(spans.via), frozen(spans.normals), frozen(spans.via_normals),
@@ -315,7 +352,12 @@ def _edge(run: SideRun, corners: FloatArray, sides: SharpSides) -> Edge:
 
 
 def _spans(
-    piece: EdgePiece, low: int, high: int, corners: FloatArray, sides: SharpSides, weight: FloatArray
+    piece: EdgePiece,
+    low: int,
+    high: int,
+    corners: FloatArray,
+    sides: SharpSides,
+    weight: FloatArray,
 ) -> EdgeSpans:
     points, normals = corners[low : high + 1], sides.normals[low:high]
     if piece.circle is None:
@@ -325,14 +367,18 @@ def _spans(
 
 def _straight(points: FloatArray, normals: FloatArray, weight: FloatArray) -> EdgeSpans:
     """Spans of a line: one, unless the normals turn along it."""
-    steady = np.append(False, (np.einsum("ijk,ijk->ij", normals[1:], normals[:-1]) > STEADY_COSINE).all(axis=1))
+    steady = np.append(
+        False, (np.einsum("ijk,ijk->ij", normals[1:], normals[:-1]) > STEADY_COSINE).all(axis=1)
+    )
     kept = np.flatnonzero(~steady)
     via_normals = unit(np.add.reduceat(normals * weight[:, None, None], kept))
     chosen = points[np.append(kept, len(points) - 1)]
     return EdgeSpans(chosen, (chosen[1:] + chosen[:-1]) / 2, _between(via_normals), via_normals)
 
 
-def _round(circle: Circle, points: FloatArray, normals: FloatArray, weight: FloatArray) -> EdgeSpans:
+def _round(
+    circle: Circle, points: FloatArray, normals: FloatArray, weight: FloatArray
+) -> EdgeSpans:
     """Spans of an arc, at most half circles; side by side where the faces do not turn with it."""
     angles = circle.angles(points)
     angles[0], angles[-1] = 0.0, angles[-1] if angles[-1] > 1e-6 else 2 * np.pi
@@ -369,5 +415,7 @@ def _together(parts: list[EdgeSpans]) -> EdgeSpans:
     joints = [unit(a.normals[-1:] + b.normals[:1]) for a, b in pairwise(parts)]
     normals = [part for p, j in zip(parts, joints, strict=False) for part in (p.normals[1:-1], j)]
     normals = [parts[0].normals[:1], *normals, parts[-1].normals[1:]]
-    via, via_normals = (np.concatenate([getattr(p, name) for p in parts]) for name in ("via", "via_normals"))
+    via, via_normals = (
+        np.concatenate([getattr(p, name) for p in parts]) for name in ("via", "via_normals")
+    )
     return EdgeSpans(points, via, np.concatenate(normals), via_normals)

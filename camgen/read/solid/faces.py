@@ -44,7 +44,10 @@ def faces_of(solid: Solid) -> Faces:
     smooth = (solid.normals[a] * solid.normals[b]).sum(axis=1) > np.cos(FEATURE_ANGLE)
     roots, of = np.unique(components(len(solid.faces), a[smooth], b[smooth]), return_inverse=True)
     corners = solid.vertices[solid.faces]
-    areas = np.linalg.norm(cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
+    areas = (
+        np.linalg.norm(cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+        / 2
+    )
     low, high = np.full((len(roots), 3), np.inf), np.full((len(roots), 3), -np.inf)
     np.minimum.at(low, of, corners.min(axis=1))
     np.maximum.at(high, of, corners.max(axis=1))
@@ -71,12 +74,18 @@ def beside(edges: Iterable[Edge], solid: Solid, faces: Faces) -> dict[str, tuple
     found = {}
     for edge in edges:
         span = len(edge.via) // 2
-        point = (edge.points[span] + edge.points[span + 1]) / 2 if edge.kind == "line" else edge.via[span]
+        point = (
+            (edge.points[span] + edge.points[span + 1]) / 2
+            if edge.kind == "line"
+            else edge.via[span]
+        )
         far = np.linalg.norm(centre - point, axis=1)
         near = np.flatnonzero(far - round_ <= 2 * far.min() + _BESIDE)
         gap = _gaps(point, corners[near])
         near = near[gap <= 2 * gap.min() + _BESIDE]
-        one, other = (int(near[(solid.normals[near] @ normal).argmax()]) for normal in edge.via_normals[span])
+        one, other = (
+            int(near[(solid.normals[near] @ normal).argmax()]) for normal in edge.via_normals[span]
+        )
         found[edge.id] = int(faces.of[one]), int(faces.of[other])
     return found
 

@@ -53,10 +53,14 @@ def load(source: Source) -> tuple[Any, tuple[Note, ...]]:
     try:
         part("STEPControl")
     except ImportError as error:
-        raise InputError(source.name, "STEP needs the CAD kernel", "", "pip install 'camgen[step]'") from error
+        raise InputError(
+            source.name, "STEP needs the CAD kernel", "", "pip install 'camgen[step]'"
+        ) from error
     message = part("Message")
     # OCCT prints what it finds odd; the command line alone prints.
-    message.Message.DefaultMessenger_s().RemovePrinters(message.Message_PrinterOStream.get_type_descriptor_s())
+    message.Message.DefaultMessenger_s().RemovePrinters(
+        message.Message_PrinterOStream.get_type_descriptor_s()
+    )
     _try_aside(source)
     return _load(source)
 
@@ -91,7 +95,9 @@ def _load(source: Source) -> tuple[Any, tuple[Note, ...]]:
         reader, notes = _sound(source)
         shape = reader.OneShape() if reader.TransferRoots() else None
     except (failure, *STUMBLES) as error:
-        raise InputError(source.name, "is damaged: the CAD kernel cannot read it", "", _SAVE_AGAIN) from error
+        raise InputError(
+            source.name, "is damaged: the CAD kernel cannot read it", "", _SAVE_AGAIN
+        ) from error
     return (None if shape is None or shape.IsNull() else shape), notes
 
 
@@ -105,7 +111,9 @@ def _sound(source: Source) -> tuple[Any, tuple[Note, ...]]:
         raise InputError(source.name, what, "", _SAVE_AGAIN)
     if far := find_wild_place(data, source.limits.step_place):
         remedy = f"{_SAVE_AGAIN}, or raise limits.step_place"
-        raise InputError(source.name, f"is damaged: a point at {far}, no part is so large", "", remedy)
+        raise InputError(
+            source.name, f"is damaged: a point at {far}, no part is so large", "", remedy
+        )
     for _ in range(_ROUNDS):
         reader = part("STEPControl").STEPControl_Reader()
         if reader.ReadStream(source.name, BytesIO(data)).name != "IFSelect_RetDone":
@@ -114,12 +122,16 @@ def _sound(source: Source) -> tuple[Any, tuple[Note, ...]]:
         faults = _faults(model)
         if not faults:
             if model.GlobalCheck(True).HasFailed():
-                raise InputError(source.name, "is damaged: entities are missing or there twice", "", _SAVE_AGAIN)
+                raise InputError(
+                    source.name, "is damaged: entities are missing or there twice", "", _SAVE_AGAIN
+                )
             return reader, notes
         mended = take_out(data, faults)
         if mended.why:
             of = counted(int(model.NbEntities()), "entity", "entities")
-            what = f"is damaged: {len(faults)} of {of} cannot be read, and the part needs {mended.why}"
+            what = (
+                f"is damaged: {len(faults)} of {of} cannot be read, and the part needs {mended.why}"
+            )
             raise InputError(source.name, what, "", _SAVE_AGAIN)
         data, notes = mended.data, (*notes, *mended.notes)
     raise InputError(source.name, "is damaged: its entities cannot be read", "", _SAVE_AGAIN)
@@ -137,7 +149,9 @@ def _faults(model: Any) -> dict[int, list[str]]:
 
 def inside(shape: Any, kind: str) -> Iterator[Any]:
     """All sub-shapes of ``kind`` ("Face", "Edge") that ``shape`` uses, as it uses them."""
-    explorer = part("TopExp").TopExp_Explorer(shape, getattr(part("TopAbs"), f"TopAbs_{kind.upper()}"))
+    explorer = part("TopExp").TopExp_Explorer(
+        shape, getattr(part("TopAbs"), f"TopAbs_{kind.upper()}")
+    )
     topods = part("TopoDS").TopoDS
     cast = getattr(topods, f"{kind}_s", None) or getattr(topods, kind)
     while explorer.More():
@@ -188,7 +202,10 @@ class Curve:
         self._curve = part("BRepAdaptor").BRepAdaptor_Curve(edge)
         self._gp = part("gp")
         self.kind = str(self._curve.GetType().name).removeprefix("GeomAbs_")
-        self.low, self.high = float(self._curve.FirstParameter()), float(self._curve.LastParameter())
+        self.low, self.high = (
+            float(self._curve.FirstParameter()),
+            float(self._curve.LastParameter()),
+        )
 
     def points(self, at: FloatArray) -> FloatArray:
         """(N, 3) at the parameters ``at`` (N,)."""
@@ -204,7 +221,11 @@ class Curve:
         """Centre, axis and radius of a circle; parameters are angles about the axis."""
         circle = self._curve.Circle()
         axis = circle.Axis()
-        return np.array(circle.Location().Coord()), np.array(axis.Direction().Coord()), float(circle.Radius())
+        return (
+            np.array(circle.Location().Coord()),
+            np.array(axis.Direction().Coord()),
+            float(circle.Radius()),
+        )
 
 
 class FacesBeside:
@@ -233,7 +254,9 @@ class FacesBeside:
         normal = cross(slopes[:, 0], slopes[:, 1])
         size = np.linalg.norm(normal, axis=1)
         sound = size > 1e-9 * np.linalg.norm(slopes, axis=2).prod(axis=1)
-        return np.asarray(np.where(sound, self._sign / np.where(sound, size, 1.0), 0.0)[:, None] * normal)
+        return np.asarray(
+            np.where(sound, self._sign / np.where(sound, size, 1.0), 0.0)[:, None] * normal
+        )
 
     def _slopes(self, t: float) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
         place = self._trace.Value(t)
@@ -255,7 +278,9 @@ def triangles(shape: Any, deflection: float, angle: float) -> tuple[FloatArray, 
             continue
         move = place.Transformation()
         vertices += [mesh.Node(k).Transformed(move).Coord() for k in range(1, mesh.NbNodes() + 1)]
-        corners = np.array([mesh.Triangle(k).Get() for k in range(1, mesh.NbTriangles() + 1)], dtype=np.int64)
+        corners = np.array(
+            [mesh.Triangle(k).Get() for k in range(1, mesh.NbTriangles() + 1)], dtype=np.int64
+        )
         corners = corners.reshape(-1, 3) - 1 + count
         faces.append(corners if forward(face) else corners[:, ::-1])
         count = len(vertices)

@@ -21,7 +21,9 @@ from camgen.read.units import doubts
 # Faces wound so that their normals point out of the part, whatever the file says.
 
 
-def wrongly_wound(vertices: FloatArray, faces: IntArray, pairs: Pairs) -> tuple[BoolArray, int, int]:
+def wrongly_wound(
+    vertices: FloatArray, faces: IntArray, pairs: Pairs
+) -> tuple[BoolArray, int, int]:
     """(F,) the faces to turn round, how many of them disagree with their body, and how many bodies are inside out.
 
     Faces that hang together are wound like the most of them. A closed body is turned if its volume is negative, unless
@@ -31,7 +33,11 @@ def wrongly_wound(vertices: FloatArray, faces: IntArray, pairs: Pairs) -> tuple[
     turn = _minority(faces, pairs, body)
     odd = int(np.count_nonzero(turn))
     corners = vertices[faces] - vertices[faces].mean(axis=(0, 1))
-    volume = np.einsum("fi,fi->f", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6 * np.where(turn, -1, 1)
+    volume = (
+        np.einsum("fi,fi->f", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))
+        / 6
+        * np.where(turn, -1, 1)
+    )
     label, of = np.unique(body, return_inverse=True)
     total = np.asarray(np.bincount(of, volume, len(label)), dtype=np.float64)
     closed = np.ones(len(label), dtype=bool)
@@ -52,7 +58,9 @@ def _minority(faces: IntArray, pairs: Pairs, body: IntArray) -> BoolArray:
         return turn
     f, g = pairs.first // 3, pairs.second // 3
     swap = np.where(pairs.turned, count, 0)
-    label = components(2 * count, np.concatenate([f, f + count]), np.concatenate([g + swap, g + count - swap]))
+    label = components(
+        2 * count, np.concatenate([f, f + count]), np.concatenate([g + swap, g + count - swap])
+    )
     turn = label[:count] > label[count:]
     most = np.bincount(body, turn, count) * 2 > np.bincount(body, minlength=count)
     return np.asarray((turn ^ most[body]) & (label[:count] != label[count:]))
@@ -91,7 +99,10 @@ class Surface(Struct, frozen=True, eq=False):
 
 
 def read(
-    source: Source, mm: float | None = None, tolerance: float = 0.01, feature_angle: float = FEATURE_ANGLE
+    source: Source,
+    mm: float | None = None,
+    tolerance: float = 0.01,
+    feature_angle: float = FEATURE_ANGLE,
 ) -> Solid:
     """The solid in a mesh file. ``InputError`` if there is none.
 
@@ -100,7 +111,11 @@ def read(
     """
     found = make_solid(load(source), source.stem, source.name, mm, tolerance, feature_angle)
     size = np.ptp(found.vertices, axis=0).tolist()
-    return found if mm is not None else replace(found, notes=(*found.notes, *doubts(size, found.units, source.name)))
+    return (
+        found
+        if mm is not None
+        else replace(found, notes=(*found.notes, *doubts(size, found.units, source.name)))
+    )
 
 
 def make_solid(
@@ -121,7 +136,17 @@ def make_solid(
         convex = int(np.count_nonzero(sides.convex))
         what = f"{convex} convex and {len(sides) - convex} concave sides of triangles are {counted(len(edges), 'edge')}"
         notes.append(Note("joined", what, f"arcs where vertices lie on one within {limit:.3g} mm"))
-    return Solid(stem, name, mesh.units, mesh.vertices, mesh.faces, mesh.normals, edges, borders, tuple(notes))
+    return Solid(
+        stem,
+        name,
+        mesh.units,
+        mesh.vertices,
+        mesh.faces,
+        mesh.normals,
+        edges,
+        borders,
+        tuple(notes),
+    )
 
 
 def surface(source: Source, mm: float | None = None) -> tuple[Surface, list[Note]]:
@@ -132,7 +157,9 @@ def surface(source: Source, mm: float | None = None) -> tuple[Surface, list[Note
 def _surface(soup: MeshSoup, name: str, mm: float | None) -> tuple[Surface, list[Note]]:
     notes = list(soup.notes)
     if mm is None and not soup.unit:
-        notes.append(Note("assumed", "1 unit of the mesh = 1 mm", f"the file states no unit; {_SET_UNITS}"))
+        notes.append(
+            Note("assumed", "1 unit of the mesh = 1 mm", f"the file states no unit; {_SET_UNITS}")
+        )
     vertices, faces = _clean(name, soup, soup.mm if mm is None else mm, notes)
     pairs = pair(faces)
     useless = dangling(vertices, faces, pairs)
@@ -156,7 +183,9 @@ def _clean(name: str, soup: MeshSoup, mm: float, notes: list[Note]) -> tuple[Flo
     single = welding.without_duplicates(proper)
     joined, welds = welding.weld(vertices, single)
     if welds:
-        many = counted(welds, "vertex of rims that nearly meet was", "vertices of rims that nearly meet were")
+        many = counted(
+            welds, "vertex of rims that nearly meet was", "vertices of rims that nearly meet were"
+        )
         notes.append(Note("repaired", f"{many} welded"))
     whole = welding.without_duplicates(welding.without_degenerate(joined))
     _count(notes, len(faces) - len(proper) + len(single) - len(whole), "empty")
@@ -172,7 +201,10 @@ _MENDED = {
         "face without width that closes nothing was left out",
         "faces without width that close nothing were left out",
     ),
-    "flat": ("face without width lies in the face beside it", "faces without width lie in the face beside them"),
+    "flat": (
+        "face without width lies in the face beside it",
+        "faces without width lie in the face beside them",
+    ),
     "empty": ("face that has no area was left out", "faces that have no area were left out"),
     "twice": ("face that is there twice was left out", "faces that are there twice were left out"),
     "odd": (
@@ -188,7 +220,9 @@ def _count(notes: list[Note], count: int, what: str) -> None:
         notes.append(Note("repaired", counted(count, *_MENDED[what])))
 
 
-def _outward(vertices: FloatArray, faces: IntArray, pairs: Pairs, notes: list[Note]) -> tuple[IntArray, Pairs]:
+def _outward(
+    vertices: FloatArray, faces: IntArray, pairs: Pairs, notes: list[Note]
+) -> tuple[IntArray, Pairs]:
     """Faces wound with their normals outward, as far as that can be told."""
     wrong, odd, bodies = wrongly_wound(vertices, faces, pairs)
     _count(notes, odd, "odd")
@@ -198,7 +232,9 @@ def _outward(vertices: FloatArray, faces: IntArray, pairs: Pairs, notes: list[No
         pairs = pair(faces)
     if pairs.turned.any():
         between = "between faces that cannot be wound alike"
-        what = counted(int(pairs.turned.sum()), f"side {between} is no edge", f"sides {between} are no edges")
+        what = counted(
+            int(pairs.turned.sum()), f"side {between} is no edge", f"sides {between} are no edges"
+        )
         notes.append(Note("skipped", what, "inside and outside cannot be told apart there"))
     if len(pairs.crowded):
         start, end = ends(faces, pairs.crowded)
@@ -209,14 +245,18 @@ def _outward(vertices: FloatArray, faces: IntArray, pairs: Pairs, notes: list[No
     return faces, pairs
 
 
-def _borders(vertices: FloatArray, faces: IntArray, pairs: Pairs, notes: list[Note]) -> tuple[FloatArray, ...]:
+def _borders(
+    vertices: FloatArray, faces: IntArray, pairs: Pairs, notes: list[Note]
+) -> tuple[FloatArray, ...]:
     """Lines along which the surface ends."""
     if not len(pairs.open):
         return ()
     start, end = ends(faces, pairs.open)
     chains = _border_chains(start.tolist(), end.tolist())
     length = float(np.linalg.norm(vertices[end] - vertices[start], axis=1).sum())
-    sides = counted(len(pairs.open), f"side, {length:.6g} mm, belongs", f"sides, {length:.6g} mm, belong")
+    sides = counted(
+        len(pairs.open), f"side, {length:.6g} mm, belongs", f"sides, {length:.6g} mm, belong"
+    )
     what = f"the mesh is not closed: {sides} to one face only"
     notes.append(Note("warning", what, "they are borders, not edges"))
     return tuple(frozen(vertices[chain]) for chain in chains)

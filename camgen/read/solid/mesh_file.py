@@ -58,7 +58,12 @@ def load(source: Source) -> MeshSoup:
     """The triangles in ``source``. ``InputError`` if it is no mesh, has no faces, or holds numbers that are none."""
     name, kind = source.name, source.suffix
     if kind not in SUFFIXES:
-        raise InputError(name, "is not a kind of mesh that camgen reads", "", f"give one of {', '.join(SUFFIXES)}")
+        raise InputError(
+            name,
+            "is not a kind of mesh that camgen reads",
+            "",
+            f"give one of {', '.join(SUFFIXES)}",
+        )
     data, notes = source.data, tuple[Note, ...]()
     if not data.strip():
         raise InputError(name, "the file is empty")
@@ -68,16 +73,21 @@ def load(source: Source) -> MeshSoup:
         data = _model_alone(name, data, source.limits.model_bytes)
     if kind == ".glb":
         _insist_on_accessors(name, data, source.limits.accessor)
-    vertices, faces, unit = _parse(name, data, kind) if kind != ".stl" or _is_text(data) else _read_triangles(data)
+    vertices, faces, unit = (
+        _parse(name, data, kind) if kind != ".stl" or _is_text(data) else _read_triangles(data)
+    )
     if not len(faces):
         only = f"{counted(len(vertices), 'point')} only" if len(vertices) else ""
-        raise InputError(name, "has no faces", only, f"{_SAVE_AGAIN}; {SCAN}" if kind == ".ply" else _SAVE_AGAIN)
+        raise InputError(
+            name, "has no faces", only, f"{_SAVE_AGAIN}; {SCAN}" if kind == ".ply" else _SAVE_AGAIN
+        )
     if faces.min() < 0 or faces.max() >= len(vertices):
         raise InputError(name, "a face names a vertex that is not there", "", _SAVE_AGAIN)
     wrong = np.flatnonzero(~(np.abs(vertices[faces]) < source.limits.mesh_place).all(axis=(1, 2)))
     if len(wrong):
         what = (
-            f"{counted(len(wrong), 'face has', 'faces have')} coordinates that are not numbers, or beyond all measure"
+            f"{counted(len(wrong), 'face has', 'faces have')} "
+            "coordinates that are not numbers, or beyond all measure"
         )
         remedy = f"{_SAVE_AGAIN}, or raise limits.mesh_place"
         raise InputError(name, what, f"the first is face {int(wrong[0]) + 1}", remedy)
@@ -105,7 +115,11 @@ def _stl(name: str, data: bytes) -> tuple[bytes, tuple[Note, ...]]:
 
 def _read_triangles(data: bytes) -> tuple[FloatArray, IntArray, str]:
     """Vertices and faces of a binary STL: 80 bytes, their number, and for each normal, corners and two bytes more."""
-    rows = np.frombuffer(data, np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")]), offset=84)
+    rows = np.frombuffer(
+        data,
+        np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")]),
+        offset=84,
+    )
     vertices = rows["corners"].reshape(-1, 3).astype(np.float64)
     return vertices, np.arange(len(vertices), dtype=np.int64).reshape(-1, 3), ""
 
@@ -117,14 +131,20 @@ def _model_alone(name: str, data: bytes, most: float) -> bytes:
         with ZipFile(BytesIO(data)) as archive, ZipFile(slim, "w") as model:
             entries = [one for one in archive.infolist() if one.filename.lower().endswith(".model")]
             if not any(_MODEL in one.filename.lower() for one in entries):
-                raise InputError(name, "is no 3MF mesh: 3D/3dmodel.model is not in it", "", _SAVE_AGAIN)
+                raise InputError(
+                    name, "is no 3MF mesh: 3D/3dmodel.model is not in it", "", _SAVE_AGAIN
+                )
             if sum(one.file_size for one in entries) > most:
                 what = f"its model unpacks to more than {tell(most)} bytes"
-                raise InputError(name, what, "", "export it with fewer triangles, or raise limits.model_bytes")
+                raise InputError(
+                    name, what, "", "export it with fewer triangles, or raise limits.model_bytes"
+                )
             for one in entries:
                 model.writestr(one.filename, archive.read(one))
     except _STUMBLES as error:
-        raise InputError(name, f"is damaged or no 3MF mesh: {_plain(error)}", "", _SAVE_AGAIN) from error
+        raise InputError(
+            name, f"is damaged or no 3MF mesh: {_plain(error)}", "", _SAVE_AGAIN
+        ) from error
     return slim.getvalue()
 
 
@@ -134,7 +154,9 @@ def _insist_on_accessors(name: str, data: bytes, most: float) -> None:
     """
     try:
         (length,) = struct.unpack_from("<I", data, 12)
-        counts = [int(one["count"]) for one in json.loads(data[20 : 20 + length]).get("accessors", ())]
+        counts = [
+            int(one["count"]) for one in json.loads(data[20 : 20 + length]).get("accessors", ())
+        ]
     except _STUMBLES:
         return
     if max(counts, default=0) > most * len(data):
@@ -169,11 +191,15 @@ def _parse(name: str, data: bytes, kind: str) -> tuple[FloatArray, IntArray, str
         # trimesh takes 3MF for no format at all where one of its packages is missing, without an error that names it.
         if kind == ".3mf" and isinstance(error, ImportError):
             what = "reading 3MF needs the packages lxml and networkx"
-            raise InputError(name, what, "", f"pip install 'camgen[3mf]', or {_SAVE_AGAIN}") from error
+            raise InputError(
+                name, what, "", f"pip install 'camgen[3mf]', or {_SAVE_AGAIN}"
+            ) from error
         if package and package != _GUESSER:
             missing = f"reading this {kind[1:].upper()} needs the package {package}"
             raise InputError(name, missing, "", f"install {package}, or {_SAVE_AGAIN}") from error
-        raise InputError(name, f"is damaged or no {kind[1:].upper()} mesh: {_plain(error)}", "", _SAVE_AGAIN) from error
+        raise InputError(
+            name, f"is damaged or no {kind[1:].upper()} mesh: {_plain(error)}", "", _SAVE_AGAIN
+        ) from error
     return vertices, faces, unit
 
 

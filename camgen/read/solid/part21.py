@@ -29,7 +29,9 @@ _NAME = re.compile(rb"[A-Z][A-Z0-9_]*(?=\s*\()")
 #: A parameter that is a list of nothing but references.
 _LIST = re.compile(rb"[(,]\s*(\(\s*#[0-9]+(?:\s*,\s*#[0-9]+)*\s*\))")
 _DOCUMENT = re.compile(rb"\bDOCUMENT_FILE\s*\(\s*'((?:[^']|'')*)'")
-_CAD_FILE = re.compile(r"\.(?:stp|step|stpz|p21|prt|sldprt|ipt|catpart|asm|par|jt|x_t|igs|iges)$", re.IGNORECASE)
+_CAD_FILE = re.compile(
+    r"\.(?:stp|step|stpz|p21|prt|sldprt|ipt|catpart|asm|par|jt|x_t|igs|iges)$", re.IGNORECASE
+)
 
 #: How the kernel says that a text is missing, and at which parameter; that one of a list is of a type that cannot be.
 _NO_TEXT = re.compile(r"Parameter n0\.([0-9]+) \(.*\) not a quoted String")
@@ -48,7 +50,10 @@ _DRAUGHTING = re.compile(
     rb"(?<![A-Z])(?:STYLED?|ANNOTATION|TEXT|COLOUR|FONT|DRAUGHTING|CALLOUT|PRESENTATION|LEADER|SYMBOL|CAMERA|PLANAR_BOX|"
     rb"FILL_AREA|LAYER|APPEARANCE|UNCERTAINTY_MEASURE)(?![A-Z])"
 )
-_UNIT, _GEOMETRIC_UNIT = re.compile(rb"UNIT$"), {b"LENGTH_UNIT", b"PLANE_ANGLE_UNIT", b"SOLID_ANGLE_UNIT"}
+_UNIT, _GEOMETRIC_UNIT = (
+    re.compile(rb"UNIT$"),
+    {b"LENGTH_UNIT", b"PLANE_ANGLE_UNIT", b"SOLID_ANGLE_UNIT"},
+)
 
 
 class _Instance(Struct):
@@ -89,7 +94,9 @@ def take_out(data: bytes, faults: Mapping[int, Sequence[str]]) -> Mended:
         empty += text.fill(number, said)
         if all(_NO_TEXT.match(one) for one in said) and text.instances[number].edits:
             continue
-        if number in text.needed and not (text.is_dispensable(number) or text.take_from_lists(number, said)):
+        if number in text.needed and not (
+            text.is_dispensable(number) or text.take_from_lists(number, said)
+        ):
             return Mended(data, (), text.name(number))
         if not text.instances[number].edits:
             lost.add(number)
@@ -111,7 +118,9 @@ class _Text:
             names = tuple(_NAME.findall(value))
             types = names if value.lstrip().startswith(b"(") else names[:1]
             references = frozenset(map(int, _REFERENCE.findall(value)))
-            self.instances[int(found[1])] = _Instance(types, references, found.start(), found.start(2), found.end())
+            self.instances[int(found[1])] = _Instance(
+                types, references, found.start(), found.start(2), found.end()
+            )
 
     @cached_property
     def referrers(self) -> dict[int, list[int]]:
@@ -127,7 +136,9 @@ class _Text:
         """What shapes are made of, with their units, their places and the products they belong to."""
         holds = self._with(_HOLDS_SHAPE)
         useful = {k for k in holds if any(map(self._is_shape, self.instances[k].references))}
-        relates = {k: 2 if k in self._with(_RELATES_TWO) else 1 for k in self._with(_RELATES) - holds}
+        relates = {
+            k: 2 if k in self._with(_RELATES_TWO) else 1 for k in self._with(_RELATES) - holds
+        }
         grown = True
         while grown:
             known = holds | relates.keys()
@@ -145,7 +156,9 @@ class _Text:
 
     def _is_shape(self, number: int) -> bool:
         one = self.instances.get(number)
-        return one is None or not (self.is_dispensable(number) or any(b"CONTEXT" in name for name in one.types))
+        return one is None or not (
+            self.is_dispensable(number) or any(b"CONTEXT" in name for name in one.types)
+        )
 
     def _below(self, numbers: Iterable[int]) -> set[int]:
         """The numbers with all that they refer to, and what that refers to."""
@@ -170,7 +183,10 @@ class _Text:
         count = 0
         for found in filter(None, map(_NO_TEXT.match, said)):
             low, high = spans[int(found[1]) - 1] if int(found[1]) <= len(spans) else (0, 0)
-            if len(one.types) == 1 and self._bare[one.body + low : one.body + high].strip() in (b"$", b"*"):
+            if len(one.types) == 1 and self._bare[one.body + low : one.body + high].strip() in (
+                b"$",
+                b"*",
+            ):
                 one.edits[one.body + low, one.body + high] = b"''"
                 count += 1
         return count
@@ -184,7 +200,11 @@ class _Text:
             members = list(map(int, _REFERENCE.findall(found[1])))
             taken.update(members[k] for k in places if k is not None and k < len(members))
         taken = {member for member in taken if self.is_dispensable(member)}
-        return None not in places and bool(taken) and all(self._take(number, member) for member in taken)
+        return (
+            None not in places
+            and bool(taken)
+            and all(self._take(number, member) for member in taken)
+        )
 
     def _take(self, number: int, member: int) -> bool:
         """Takes ``member`` out of the lists of an entity; whether it stood in lists alone."""
@@ -193,7 +213,9 @@ class _Text:
         for found in _LIST.finditer(self._bare, one.body, one.end):
             if member in map(int, _REFERENCE.findall(found[1])):
                 before = one.edits.get(found.span(1), found[1])
-                rest = [b"#" + other for other in _REFERENCE.findall(before) if int(other) != member]
+                rest = [
+                    b"#" + other for other in _REFERENCE.findall(before) if int(other) != member
+                ]
                 one.edits[found.span(1)] = b"(" + b",".join(rest) + b")"
                 elsewhere = elsewhere.replace(found[1], b"", 1)
         return member not in map(int, _REFERENCE.findall(elsewhere))
@@ -224,7 +246,12 @@ class _Text:
     def without(self, lost: set[int]) -> bytes:
         """The text without the instances ``lost``, as edited."""
         edits = {(self.instances[k].start, self.instances[k].end): b"" for k in lost}
-        edits |= {span: new for k, one in self.instances.items() if k not in lost for span, new in one.edits.items()}
+        edits |= {
+            span: new
+            for k, one in self.instances.items()
+            if k not in lost
+            for span, new in one.edits.items()
+        }
         pieces, done = [], 0
         for (low, high), new in sorted(edits.items()):
             pieces += [self.data[done:low], new]
@@ -253,12 +280,22 @@ def _tell(types: Sequence[bytes]) -> str:
 def _notes(bad: Sequence[Sequence[bytes]], empty: int) -> tuple[Note, ...]:
     notes = []
     if bad:
-        kinds = ", ".join(f"{count} {name}" for name, count in Counter(map(_tell, bad)).most_common())
-        many = counted(len(bad), "entity that cannot be read was", "entities that cannot be read were")
+        kinds = ", ".join(
+            f"{count} {name}" for name, count in Counter(map(_tell, bad)).most_common()
+        )
+        many = counted(
+            len(bad), "entity that cannot be read was", "entities that cannot be read were"
+        )
         notes.append(Note("repaired", f"{many} left out: {kinds}", "no edge needs what they say"))
     if empty:
         many = counted(empty, "text that is not given was", "texts that are not given were")
-        notes.append(Note("repaired", f"{many} taken as empty", "the names of entities say nothing about the edges"))
+        notes.append(
+            Note(
+                "repaired",
+                f"{many} taken as empty",
+                "the names of entities say nothing about the edges",
+            )
+        )
     return tuple(notes)
 
 
@@ -281,7 +318,9 @@ def find_wild_place(data: bytes, most: float) -> str:
     """
     bare = _FREE.sub(b"' '", data)
     points = (number for found in _POINT.finditer(bare) for number in _REAL.findall(found[1]))
-    return next((number.decode("ascii")[:24] for number in points if not abs(float(number)) <= most), "")
+    return next(
+        (number.decode("ascii")[:24] for number in points if not abs(float(number)) <= most), ""
+    )
 
 
 def list_other_files(data: bytes) -> list[str]:

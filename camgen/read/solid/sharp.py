@@ -33,7 +33,13 @@ class SharpSides(Struct, frozen=True, eq=False):
 
     def take(self, rows: IntArray | BoolArray) -> SharpSides:
         """Those of ``rows``, in their order."""
-        return SharpSides(self.start[rows], self.end[rows], self.normals[rows], self.angle[rows], self.convex[rows])
+        return SharpSides(
+            self.start[rows],
+            self.end[rows],
+            self.normals[rows],
+            self.angle[rows],
+            self.convex[rows],
+        )
 
     def turned(self, which: BoolArray) -> SharpSides:
         """Those of ``which`` (M,) run the other way, so that left is right."""
@@ -146,7 +152,11 @@ def _mates(segments: SharpSides, vertices: FloatArray) -> IntArray:
     mates = np.full(2 * count, -1)
     at = np.column_stack([segments.start, segments.end]).reshape(-1)
     order = np.argsort(at, kind="stable")
-    new = np.flatnonzero(np.append(True, at[order][1:] != at[order][:-1])) if count else np.zeros(0, np.int64)
+    new = (
+        np.flatnonzero(np.append(True, at[order][1:] != at[order][:-1]))
+        if count
+        else np.zeros(0, np.int64)
+    )
     size = np.diff(np.append(new, 2 * count))
     a, b = order[new[size == 2]], order[new[size == 2] + 1]
     along = vertices[segments.end] - vertices[segments.start]

@@ -90,8 +90,12 @@ def _one(a: Edge, b: Edge, place: tuple[int, ...]) -> Edge | None:
         return None
     if a.kind == "arc" and _apart(a, b) > 2 * _MEET:
         return None
-    columns = {n: frozen(np.concatenate([getattr(a, n), getattr(b, n)])) for n in ("via", "via_normals")}
-    columns |= {n: frozen(np.concatenate([getattr(a, n), getattr(b, n)[1:]])) for n in ("points", "normals")}
+    columns = {
+        n: frozen(np.concatenate([getattr(a, n), getattr(b, n)])) for n in ("via", "via_normals")
+    }
+    columns |= {
+        n: frozen(np.concatenate([getattr(a, n), getattr(b, n)[1:]])) for n in ("points", "normals")
+    }
     share = a.length / (a.length + b.length)
     angle = share * a.angle + (1 - share) * b.angle
     return replace(a, **columns, angle=angle, length=a.length + b.length)
@@ -102,7 +106,10 @@ def _smooth(a: Edge, b: Edge) -> bool:
     if (np.einsum("si,si->s", a.normals[-1], b.normals[0]) < _SMOOTH_COSINE).any():
         return False
     return (
-        float(_tangent(a.points[-1], a.via[-1], a.points[-2]) @ _tangent(b.points[0], b.via[0], b.points[1]))
+        float(
+            _tangent(a.points[-1], a.via[-1], a.points[-2])
+            @ _tangent(b.points[0], b.via[0], b.points[1])
+        )
         < -_SMOOTH_COSINE
     )
 
@@ -114,7 +121,10 @@ def _tangent(p: FloatArray, via: FloatArray, q: FloatArray) -> FloatArray:
 
 def _apart(a: Edge, b: Edge) -> float:
     """How far the centres of two arcs are apart, mm."""
-    first, second = through(a.points[0], a.via[0], a.points[1]), through(b.points[0], b.via[0], b.points[1])
+    first, second = (
+        through(a.points[0], a.via[0], a.points[1]),
+        through(b.points[0], b.via[0], b.points[1]),
+    )
     if first is None or second is None:
         return np.inf
     return float(np.linalg.norm(first.center - second.center))
@@ -132,7 +142,9 @@ _WITHIN = 4
 _MOST_DIVISIONS = 20
 
 
-def edge(curve: Curve, left: FacesBeside, right: FacesBeside, convex: bool, tolerance: float) -> Edge:
+def edge(
+    curve: Curve, left: FacesBeside, right: FacesBeside, convex: bool, tolerance: float
+) -> Edge:
     """The edge along ``curve``, without id; ``left`` and ``right`` of growing parameters, seen from outside."""
     at = np.linspace(curve.low, curve.high, _SPLINE_SAMPLES)
     points = curve.points(at)
@@ -147,7 +159,9 @@ def edge(curve: Curve, left: FacesBeside, right: FacesBeside, convex: bool, tole
         ends = np.array(_divide(curve, curve.low, curve.high, tolerance, _MOST_DIVISIONS))
         places, middles = curve.points(ends), (ends[1:] + ends[:-1]) / 2
         via = _arc_middles(places, curve.points(middles))
-    normals, via_normals = (np.stack([left.normals(t), right.normals(t)], axis=1) for t in (ends, middles))
+    normals, via_normals = (
+        np.stack([left.normals(t), right.normals(t)], axis=1) for t in (ends, middles)
+    )
     closed = bool(np.linalg.norm(places[0] - places[-1]) < 1e-6)
     if closed:
         places[-1] = places[0]
@@ -158,7 +172,9 @@ def edge(curve: Curve, left: FacesBeside, right: FacesBeside, convex: bool, tole
     )  # fmt: skip
 
 
-def _is_line_or_arc(curve: Curve, points: FloatArray, tolerance: float) -> tuple[EdgeKind, Circle | None]:
+def _is_line_or_arc(
+    curve: Curve, points: FloatArray, tolerance: float
+) -> tuple[EdgeKind, Circle | None]:
     """Whether the curve is a line or an arc, by its kind or, within a part of ``tolerance``, by its points."""
     if curve.kind == "Line":
         return "line", None
@@ -188,7 +204,9 @@ def _line_parameters(at: FloatArray, left: FacesBeside, right: FacesBeside) -> F
     return at[[0, -1]] if steady else at
 
 
-def _round(circle: Circle, at: FloatArray, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+def _round(
+    circle: Circle, at: FloatArray, points: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Parameters of the ends and the middles of spans of at most half circles, and their places."""
     angles = circle.angles(points)
     angles[0], angles[-1] = 0.0, angles[-1] if angles[-1] > 1e-6 else 2 * np.pi
@@ -245,7 +263,14 @@ _CONTEXT = re.compile(rb"GLOBAL_UNIT_ASSIGNED_CONTEXT\s*\(\s*\(([^)]*)\)")
 _INSTANCE = re.compile(rb"#(\d+)\s*=\s*\((?=[^;]*\bLENGTH_UNIT\b)([^;]*);")
 _CONVERTED = re.compile(rb"CONVERSION_BASED_UNIT\s*\(\s*'([^']*)'")
 _SI = re.compile(rb"SI_UNIT\s*\(\s*(\$|\.\w+\.)\s*,\s*\.METRE\.")
-_PREFIX = {b"$": "m", b".MILLI.": "mm", b".CENTI.": "cm", b".DECI.": "dm", b".MICRO.": "um", b".KILO.": "km"}
+_PREFIX = {
+    b"$": "m",
+    b".MILLI.": "mm",
+    b".CENTI.": "cm",
+    b".DECI.": "dm",
+    b".MICRO.": "um",
+    b".KILO.": "km",
+}
 
 
 def read(source: Source, tolerance: float = 0.01, feature_angle: float = FEATURE_ANGLE) -> Solid:
@@ -268,21 +293,39 @@ def read(source: Source, tolerance: float = 0.01, feature_angle: float = FEATURE
         vertices, faces = welding.merge(*kernel.triangles(shape, deflection, _ANGLE))
     except (failure, *kernel.STUMBLES) as error:
         again = "export it again from the CAD program"
-        raise InputError(source.name, "the CAD kernel stumbles over its faces", "", again) from error
+        raise InputError(
+            source.name, "the CAD kernel stumbles over its faces", "", again
+        ) from error
     faces, _ = welding.weld(vertices, welding.without_degenerate(faces))
     faces = welding.without_duplicates(welding.without_degenerate(faces))
     if not len(faces):
         raise _no_faces(source.name, others, wires)
     if wires:
-        notes.append(Note("skipped", counted(wires, "curve beside the faces", "curves beside the faces"), "no edges"))
+        notes.append(
+            Note(
+                "skipped",
+                counted(wires, "curve beside the faces", "curves beside the faces"),
+                "no edges",
+            )
+        )
     if others:
-        notes.append(Note("skipped", f"what is in other files: {', '.join(others)}", "build them one by one"))
+        notes.append(
+            Note("skipped", f"what is in other files: {', '.join(others)}", "build them one by one")
+        )
     vertices, faces = welding.drop_unused(vertices, faces)
     normals, _ = face_normals(vertices, faces, pair(faces))
     faces.flags.writeable = False
     notes += doubts(np.ptp(vertices, axis=0).tolist(), units, source.name)
     return Solid(
-        source.stem, source.name, units, frozen(vertices), faces, frozen(normals), edges, borders, tuple(notes)
+        source.stem,
+        source.name,
+        units,
+        frozen(vertices),
+        faces,
+        frozen(normals),
+        edges,
+        borders,
+        tuple(notes),
     )
 
 
@@ -294,8 +337,12 @@ def _no_faces(name: str, others: Sequence[str], curves: int) -> InputError:
         return InputError(name, f"holds no shape: its parts are {them}", ", ".join(others), remedy)
     if curves:
         what = f"is a wireframe: {counted(curves, 'curve')} and no faces"
-        return InputError(name, what, "the edge of a solid lies between two faces", "export the part as a solid")
-    return InputError(name, "holds no shape", "neither faces nor curves", "export the part as a solid")
+        return InputError(
+            name, what, "the edge of a solid lies between two faces", "export the part as a solid"
+        )
+    return InputError(
+        name, "holds no shape", "neither faces nor curves", "export the part as a solid"
+    )
 
 
 def _units(source: Source) -> tuple[str, list[Note]]:
@@ -307,7 +354,9 @@ def _units(source: Source) -> tuple[str, list[Note]]:
     used = {ref.strip(b" \t\r\n#") for refs in _CONTEXT.findall(data) for ref in refs.split(b",")}
     names = sorted({_unit(lengths[ref]) for ref in used if ref in lengths})
     if not names:
-        return "mm", [Note("assumed", "1 unit of the file = 1 mm", "the file states no unit of length")]
+        return "mm", [
+            Note("assumed", "1 unit of the file = 1 mm", "the file states no unit of length")
+        ]
     return ", ".join(names), []
 
 
@@ -329,7 +378,13 @@ def _edges(
         what = _kind(meeting)
         if what == "border":
             curve = kernel.Curve(meeting.edge)
-            borders.append(frozen(curve.points(np.linspace(curve.low, curve.high, 2 if curve.kind == "Line" else 33))))
+            borders.append(
+                frozen(
+                    curve.points(
+                        np.linspace(curve.low, curve.high, 2 if curve.kind == "Line" else 33)
+                    )
+                )
+            )
         elif what:
             left_out[what] += 1
         else:
@@ -354,7 +409,9 @@ def _kind(meeting: kernel.Meeting) -> str:
         return "border"
     if len(meeting.uses) > 2:
         return "crowded"
-    return "" if kernel.forward(meeting.uses[0][0]) != kernel.forward(meeting.uses[1][0]) else "turned"
+    return (
+        "" if kernel.forward(meeting.uses[0][0]) != kernel.forward(meeting.uses[1][0]) else "turned"
+    )
 
 
 def _sharp(meeting: kernel.Meeting, tolerance: float, feature_angle: float) -> Edge | None:
@@ -375,14 +432,25 @@ def _sharp(meeting: kernel.Meeting, tolerance: float, feature_angle: float) -> E
     return edge(curve, left, right, bool(turn @ curve.tangent(float(middle[0])) > 0), tolerance)
 
 
-def _say(notes: list[Note], left_out: Counter[str], found: list[Edge], whole: int, feature_angle: float) -> None:
+def _say(
+    notes: list[Note], left_out: Counter[str], found: list[Edge], whole: int, feature_angle: float
+) -> None:
     """What became of the edges of the file, in numbers."""
     convex = sum(e.convex for e in found)
     below = f"{left_out['smooth']} below {np.degrees(feature_angle):.3g} deg"
     others = f"{counted(left_out['seam'], 'seam')} and {counted(left_out['degenerate'], 'point')}"
     what = f"{convex} convex and {len(found) - convex} concave edges of the file are {whole}"
-    notes.append(Note("joined", what, f"where one goes on as the same line or circle; {below}, {others} left out"))
-    for kind, why in (("crowded", "more than two faces meet"), ("turned", "inside and outside disagree")):
+    notes.append(
+        Note(
+            "joined",
+            what,
+            f"where one goes on as the same line or circle; {below}, {others} left out",
+        )
+    )
+    for kind, why in (
+        ("crowded", "more than two faces meet"),
+        ("turned", "inside and outside disagree"),
+    ):
         if left_out[kind]:
             what = f"{counted(left_out[kind], 'edge was', 'edges were')} left out"
             notes.append(Note("skipped", what, f"{why} there"))

@@ -111,9 +111,14 @@ def _take_binary(data: bytes, at: int, order: str) -> _Take:
 
 def _read(element: _Element, take: _Take) -> dict[str, list[FloatArray]]:
     """The columns of an element by name: for each row its number or its list; of numbers alone all at once."""
-    if len({one.kind for one in element.properties}) == 1 and not any(one.count for one in element.properties):
+    if len({one.kind for one in element.properties}) == 1 and not any(
+        one.count for one in element.properties
+    ):
         table = take(element.properties[0].kind, element.rows * len(element.properties))
-        return {one.name: [table[k :: len(element.properties)]] for k, one in enumerate(element.properties)}
+        return {
+            one.name: [table[k :: len(element.properties)]]
+            for k, one in enumerate(element.properties)
+        }
     columns: dict[str, list[FloatArray]] = {one.name: [] for one in element.properties}
     for _ in range(element.rows):
         for one in element.properties:
@@ -137,4 +142,6 @@ def unroll(strip: IntArray) -> IntArray:
 
 def _fan(corners: IntArray) -> IntArray:
     """The triangles (F, 3) of a face with the vertices (N,)."""
-    return np.column_stack([np.full(max(len(corners) - 2, 0), corners[:1].sum()), corners[1:-1], corners[2:]])
+    return np.column_stack(
+        [np.full(max(len(corners) - 2, 0), corners[:1].sum()), corners[1:-1], corners[2:]]
+    )

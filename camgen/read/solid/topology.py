@@ -40,11 +40,19 @@ def pair(faces: IntArray) -> Pairs:
     key = np.minimum(start, end) * count + np.maximum(start, end)
     order = np.argsort(key, kind="stable")
     sorted_key = key[order]
-    new = np.flatnonzero(np.append(True, sorted_key[1:] != sorted_key[:-1])) if len(key) else np.zeros(0, np.int64)
+    new = (
+        np.flatnonzero(np.append(True, sorted_key[1:] != sorted_key[:-1]))
+        if len(key)
+        else np.zeros(0, np.int64)
+    )
     size = np.diff(np.append(new, len(key)))
     first, second = order[new[size == 2]], order[new[size == 2] + 1]
     return Pairs(
-        first, second, start[first] == start[second], np.sort(order[new[size == 1]]), order[np.repeat(size > 2, size)]
+        first,
+        second,
+        start[first] == start[second],
+        np.sort(order[new[size == 1]]),
+        order[np.repeat(size > 2, size)],
     )
 
 
@@ -80,7 +88,9 @@ def merge(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
     for k, factor in enumerate(_SPREAD):
         mixed = (mixed ^ (words[:, k] >> np.uint64(29)) ^ words[:, k]) * np.uint64(factor)
     _, index, inverse = np.unique(mixed, return_index=True, return_inverse=True)
-    if not np.array_equal(places[index][inverse], places):  # two places with one hash: rare enough for the slow way
+    if not np.array_equal(
+        places[index][inverse], places
+    ):  # two places with one hash: rare enough for the slow way
         _, index, inverse = np.unique(places, axis=0, return_index=True, return_inverse=True)
     rank = np.argsort(np.argsort(index))
     return places[np.sort(index)], np.asarray(rank[inverse.reshape(-1)][faces])

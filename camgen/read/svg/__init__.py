@@ -27,7 +27,15 @@ from camgen.read.files import Files
 from camgen.read.pieces import tally
 from camgen.read.svg.flatten import flatten
 from camgen.read.svg.tree import DrawnShape, walk
-from camgen.read.svg.values import MM_PER_PX, Malformed, ViewBox, combine, fit_viewport, length, view_box
+from camgen.read.svg.values import (
+    MM_PER_PX,
+    Malformed,
+    ViewBox,
+    combine,
+    fit_viewport,
+    length,
+    view_box,
+)
 
 _DEFAULTS = Limits()
 
@@ -55,7 +63,9 @@ class SvgPage(Struct, frozen=True, eq=False):
     notes: tuple[Note, ...]
 
 
-def page_of(file: str, attributes: Mapping[str, str], wanted: str, limits: Limits = _DEFAULTS) -> SvgPage:
+def page_of(
+    file: str, attributes: Mapping[str, str], wanted: str, limits: Limits = _DEFAULTS
+) -> SvgPage:
     """The page by width, height, viewBox and preserveAspectRatio, or by ``input.units`` where it is given."""
     try:
         box = view_box(attributes.get("viewBox"))
@@ -75,10 +85,14 @@ def page_of(file: str, attributes: Mapping[str, str], wanted: str, limits: Limit
         matrix = fit_viewport(box, sizes[0] * MM_PER_PX, sizes[1] * MM_PER_PX, aspect)
         return _page(matrix, sizes[1] * MM_PER_PX, box, sizes, notes)
     except Malformed as error:
-        raise InputError(file, str(error), "the svg element", "mend it, or save the drawing again") from error
+        raise InputError(
+            file, str(error), "the svg element", "mend it, or save the drawing again"
+        ) from error
 
 
-def _sizes(attributes: Mapping[str, str], box: ViewBox | None, most: float) -> tuple[float, float] | None:
+def _sizes(
+    attributes: Mapping[str, str], box: ViewBox | None, most: float
+) -> tuple[float, float] | None:
     """Width and height in px; None where the file leaves them to whoever shows it. One follows from the other."""
     given: list[float | None] = []
     for name in ("width", "height"):
@@ -105,18 +119,29 @@ def _sizes(attributes: Mapping[str, str], box: ViewBox | None, most: float) -> t
 def _pixels(attributes: Mapping[str, str]) -> tuple[Note, ...]:
     """Notes on a size in px: what an inch is in them was not always the same."""
     if not all(
-        attributes.get(name, "0")[-1].isdigit() or attributes[name].endswith("px") for name in ("width", "height")
+        attributes.get(name, "0")[-1].isdigit() or attributes[name].endswith("px")
+        for name in ("width", "height")
     ):
         return ()
     version = attributes.get(_VERSION, "").split(" ")[0]
     if version.startswith("0.") and _OLD_INKSCAPE[0] <= version <= _OLD_INKSCAPE[1] + ".9":
         what = f"written by Inkscape {version[:8]}, which took 90 px for an inch"
-        return (Note("warning", what, "96 are assumed; set input.units or page.scale if the size is wrong"),)
+        return (
+            Note(
+                "warning",
+                what,
+                "96 are assumed; set input.units or page.scale if the size is wrong",
+            ),
+        )
     return (Note("assumed", "96 px = 1 inch", f"the file's size is in px; {_OVERRIDE}"),)
 
 
 def _even(
-    name: str, scale: float, box: ViewBox | None, sizes: tuple[float, float] | None, notes: tuple[Note, ...]
+    name: str,
+    scale: float,
+    box: ViewBox | None,
+    sizes: tuple[float, float] | None,
+    notes: tuple[Note, ...],
 ) -> SvgPage:
     """A page on which one unit is ``scale`` mm."""
     if box is None:
@@ -127,11 +152,19 @@ def _even(
 
 
 def _page(
-    matrix: FloatArray, height: float, box: ViewBox, sizes: tuple[float, float], notes: tuple[Note, ...]
+    matrix: FloatArray,
+    height: float,
+    box: ViewBox,
+    sizes: tuple[float, float],
+    notes: tuple[Note, ...],
 ) -> SvgPage:
     """A page whose box is laid into its size."""
     sx, sy = float(matrix[0, 0]), float(matrix[1, 1])
-    name = f"{short(sx, 9)} mm/unit" if abs(sx - sy) <= 1e-9 * sx else f"{short(sx, 6)} and {short(sy, 6)} mm/unit"
+    name = (
+        f"{short(sx, 9)} mm/unit"
+        if abs(sx - sy) <= 1e-9 * sx
+        else f"{short(sx, 6)} and {short(sy, 6)} mm/unit"
+    )
     if abs(sx - 1) <= 1e-6 and abs(sy - 1) <= 1e-6:
         name = "mm"
     page = _make(matrix, height, (box.width, box.height), name, notes)
@@ -139,11 +172,17 @@ def _page(
     return SvgPage(page.matrix, page.view, page.units, told, page.open, page.notes)
 
 
-def _make(matrix: FloatArray, height: float, view: tuple[float, float], name: str, notes: tuple[Note, ...]) -> SvgPage:
+def _make(
+    matrix: FloatArray, height: float, view: tuple[float, float], name: str, notes: tuple[Note, ...]
+) -> SvgPage:
     """With y turned up, from the lower edge of the page."""
     up = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, height]])
     known = height > 0
-    told = f"{short(view[0] * float(matrix[0, 0]), 3)} x {short(height, 3)} mm" if known else "of no stated size"
+    told = (
+        f"{short(view[0] * float(matrix[0, 0]), 3)} x {short(height, 3)} mm"
+        if known
+        else "of no stated size"
+    )
     return SvgPage(combine(up, matrix), view, name, told, not known, notes)
 
 
@@ -190,8 +229,15 @@ def read(source: Source, job: Job, _files: Files) -> Part:
     """
     found = _read(source, job)
     if not found.contours:
-        left = "; ".join(f"{n.what}: {n.why}" for n in found.notes if n.kind in ("skipped", "repaired"))
-        raise InputError(source.name, "nothing to machine", left or "the drawing is empty", "draw paths or shapes")
+        left = "; ".join(
+            f"{n.what}: {n.why}" for n in found.notes if n.kind in ("skipped", "repaired")
+        )
+        raise InputError(
+            source.name,
+            "nothing to machine",
+            left or "the drawing is empty",
+            "draw paths or shapes",
+        )
     return Part(source.stem, source.name, found.units, found.contours, found.notes)
 
 
@@ -204,14 +250,29 @@ def inspect(source: Source, job: Job, _files: Files) -> SvgFacts:
         kinds[kind] += count
         by_layer.setdefault(layer, Counter())[kind] += count
     why_not = found.drawn.layers.why_not
-    layers = tuple((harmless(name), why_not(name) or "used", _list_counts(by_layer[name])) for name in sorted(by_layer))
+    layers = tuple(
+        (harmless(name), why_not(name) or "used", _list_counts(by_layer[name]))
+        for name in sorted(by_layer)
+    )
     closed = sum(c.closed for c in found.contours)
-    points = np.concatenate([c.points for c in found.contours]) if found.contours else np.zeros((1, 2))
+    points = (
+        np.concatenate([c.points for c in found.contours]) if found.contours else np.zeros((1, 2))
+    )
     width, height = np.ptp(points, axis=0).tolist()
     opened = len(found.contours) - closed
     colors = count_colors([c.color for c in found.contours])
     counts = _list_counts(kinds)
-    return SvgFacts(found.units, found.page, layers, counts, closed, opened, (width, height), found.notes, colors)
+    return SvgFacts(
+        found.units,
+        found.page,
+        layers,
+        counts,
+        closed,
+        opened,
+        (width, height),
+        found.notes,
+        colors,
+    )
 
 
 def _read(source: Source, job: Job) -> _Read:
@@ -223,9 +284,13 @@ def _read(source: Source, job: Job) -> _Read:
     with np.errstate(all="ignore"):
         drawn = walk(source.name, root, page.matrix, page.view, layers, source.limits)
         layers.check(source.name)
-        contours, joints = join.contours(flatten(drawn, job.tolerance.chord), settings.join, job.chooses_colors)
+        contours, joints = join.contours(
+            flatten(drawn, job.tolerance.chord), settings.join, job.chooses_colors
+        )
     contours, notes = _from_corner(contours) if page.open else (contours, ())
-    return _Read(page.units, page.told, drawn, contours, (*page.notes, *notes, *_left(drawn), *joints))
+    return _Read(
+        page.units, page.told, drawn, contours, (*page.notes, *notes, *_left(drawn), *joints)
+    )
 
 
 def _parse(source: Source) -> ElementTree.Element:
@@ -243,11 +308,23 @@ def _parse(source: Source) -> ElementTree.Element:
         raise InputError(name, what, remedy="save it as plain SVG")
     try:
         root = ElementTree.fromstring(data)
-    except (ElementTree.ParseError, ValueError, LookupError) as error:  # LookupError: an encoding nobody knows
-        raise InputError(name, f"is not well-formed XML: {error}", remedy="save it again") from error
+    except (
+        ElementTree.ParseError,
+        ValueError,
+        LookupError,
+    ) as error:  # LookupError: an encoding nobody knows
+        raise InputError(
+            name, f"is not well-formed XML: {error}", remedy="save it again"
+        ) from error
     if root.tag != "{http://www.w3.org/2000/svg}svg":
-        what = "has no namespace of SVG" if root.tag == "svg" else f"is XML, but no SVG: <{harmless(root.tag, 60)}>"
-        raise InputError(name, what, remedy='the first element is <svg xmlns="http://www.w3.org/2000/svg">')
+        what = (
+            "has no namespace of SVG"
+            if root.tag == "svg"
+            else f"is XML, but no SVG: <{harmless(root.tag, 60)}>"
+        )
+        raise InputError(
+            name, what, remedy='the first element is <svg xmlns="http://www.w3.org/2000/svg">'
+        )
     return root
 
 
@@ -257,7 +334,9 @@ def _from_corner(contours: tuple[Contour, ...]) -> tuple[tuple[Contour, ...], tu
         return contours, ()
     low = np.min([c.points.min(axis=0) for c in contours], axis=0)
     moved = tuple(replace(c, points=_freeze(c.points - low)) for c in contours)
-    return moved, (Note("assumed", "the origin is the drawing's own lower left corner", "it states no page"),)
+    return moved, (
+        Note("assumed", "the origin is the drawing's own lower left corner", "it states no page"),
+    )
 
 
 def _freeze(points: FloatArray) -> FloatArray:
@@ -273,8 +352,15 @@ def _left(drawn: DrawnShape) -> list[Note]:
     """One note per reason for which something was not used, and for what was taken for something simpler."""
     notes = []
     for why, counts in drawn.left.items():
-        kinds, layers = [kind for kind, _ in counts.elements()], [layer for _, layer in counts if layer]
-        what = tally(kinds, layers) if layers else ", ".join(f"{n} {kind}" for kind, n in Counter(kinds).items())
+        kinds, layers = (
+            [kind for kind, _ in counts.elements()],
+            [layer for _, layer in counts if layer],
+        )
+        what = (
+            tally(kinds, layers)
+            if layers
+            else ", ".join(f"{n} {kind}" for kind, n in Counter(kinds).items())
+        )
         if why == NOT_ASKED:
             notes.append(Note("assumed", f"not used: {what}", why))
         else:

@@ -56,7 +56,12 @@ def _place(run: FloatArray | Oval, matrix: FloatArray) -> FloatArray | curves.Ou
     """A run under its matrix: points and bulges as they are, or rational Bezier segments to be fitted."""
     linear, shift = matrix[:, :2], matrix[:, 2]
     if isinstance(run, Oval):
-        return _oval(run.center @ linear.T + shift, linear @ run.first, linear @ run.second, (run.start, run.end))
+        return _oval(
+            run.center @ linear.T + shift,
+            linear @ run.first,
+            linear @ run.second,
+            (run.start, run.end),
+        )
     moved = run @ linear.T + shift
     if moved.ndim == 2:
         return moved, np.zeros(len(moved))
@@ -80,17 +85,29 @@ def _oval(
         return curves.ellipse(center, first, second, start, end)
     parts = max(1, math.ceil(abs(end - start) / math.pi - 1e-9))
     t = np.linspace(start, end, parts + 1)
-    bulge = math.tan((end - start) / parts / 4) * math.copysign(1.0, first[0] * second[1] - first[1] * second[0])
+    bulge = math.tan((end - start) / parts / 4) * math.copysign(
+        1.0, first[0] * second[1] - first[1] * second[0]
+    )
     # Half circles exactly, so that circles are known again.
     bulge = math.copysign(1.0, bulge) if abs(abs(bulge) - 1) < 1e-12 else bulge
-    return center + np.cos(t)[:, None] * first + np.sin(t)[:, None] * second, np.full(parts + 1, bulge)
+    return center + np.cos(t)[:, None] * first + np.sin(t)[:, None] * second, np.full(
+        parts + 1, bulge
+    )
 
 
 def _soup(
-    drawn: DrawnShape, rows: tuple[FloatArray, FloatArray], first: list[int], closed: list[bool], shape: list[int]
+    drawn: DrawnShape,
+    rows: tuple[FloatArray, FloatArray],
+    first: list[int],
+    closed: list[bool],
+    shape: list[int],
 ) -> Soup:
-    layers, kinds, colors = (sorted(set(names)) for names in (drawn.names, drawn.kinds, drawn.colors))
-    layer_of, kind_of, color_of = ({name: k for k, name in enumerate(names)} for names in (layers, kinds, colors))
+    layers, kinds, colors = (
+        sorted(set(names)) for names in (drawn.names, drawn.kinds, drawn.colors)
+    )
+    layer_of, kind_of, color_of = (
+        {name: k for k, name in enumerate(names)} for names in (layers, kinds, colors)
+    )
     return Soup(
         points=rows[0],
         bulges=rows[1],

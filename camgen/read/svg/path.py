@@ -177,7 +177,10 @@ class _Pen:
         self._l(v[:2], relative)
         ways = v[2::2], v[3::2]
         if relative:
-            xs, ys = (list(accumulate(way, initial=at))[1:] for way, at in zip(ways, (self.x, self.y), strict=True))
+            xs, ys = (
+                list(accumulate(way, initial=at))[1:]
+                for way, at in zip(ways, (self.x, self.y), strict=True)
+            )
         else:
             xs, ys = ways
         self.rows.extend(zip(xs, ys, strict=True))
@@ -219,24 +222,36 @@ class _Pen:
         if rx == 0 or ry == 0:
             self._to(x, y)
             return
-        if max(map(abs, (self.x, self.y, x, y, rx, ry))) > _FARTHEST or min(abs(rx), abs(ry)) < 1 / _FARTHEST:
+        if (
+            max(map(abs, (self.x, self.y, x, y, rx, ry))) > _FARTHEST
+            or min(abs(rx), abs(ry)) < 1 / _FARTHEST
+        ):
             raise Malformed("an arc beyond all measure")
         self._flush()
         self.size = 0
-        self.runs.append(_oval((self.x, self.y), (x, y), (abs(rx), abs(ry)), turn, bool(large), bool(sweep)))
+        self.runs.append(
+            _oval((self.x, self.y), (x, y), (abs(rx), abs(ry)), turn, bool(large), bool(sweep))
+        )
         self.x, self.y = x, y
         self.control = (x, y, 0)
 
 
 def _oval(
-    a: tuple[float, float], b: tuple[float, float], radii: tuple[float, float], turn: float, large: bool, sweep: bool
+    a: tuple[float, float],
+    b: tuple[float, float],
+    radii: tuple[float, float],
+    turn: float,
+    large: bool,
+    sweep: bool,
 ) -> Oval:
     """From end points to centre (appendix F.6): on the unit circle, where the radii are one."""
     c, s = math.cos(math.radians(turn)), math.sin(math.radians(turn))
     first, second = np.array([c, s]) * radii[0], np.array([-s, c]) * radii[1]
     start, end = np.array(a), np.array(b)
     # The chord in units of the radii; radii too small for it are enlarged until it is a diameter.
-    chord = np.array([(end - start) @ first / radii[0] ** 2, (end - start) @ second / radii[1] ** 2])
+    chord = np.array(
+        [(end - start) @ first / radii[0] ** 2, (end - start) @ second / radii[1] ** 2]
+    )
     half = float(np.hypot(*chord)) / 2
     if half >= 1:
         first, second, chord, half = first * half, second * half, chord / half, 1.0

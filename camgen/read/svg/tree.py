@@ -69,7 +69,12 @@ class StyleSheet(Struct):
         classes = attributes.get("class", "").split()
         name = attributes.get("id", "")
         found: Style = {}
-        keys = [("", "", ""), (tag, "", ""), *(("", c, "") for c in classes), *((tag, c, "") for c in classes)]
+        keys = [
+            ("", "", ""),
+            (tag, "", ""),
+            *(("", c, "") for c in classes),
+            *((tag, c, "") for c in classes),
+        ]
         for key in (*keys, ("", "", name), (tag, "", name)):
             found |= self.rules.get(key, {})
         return found
@@ -108,13 +113,21 @@ def unseen(style: Style) -> str:
     """Why a shape is not shown, "" where it is."""
     if style.get("visibility") in ("hidden", "collapse"):
         return "visibility is hidden"
-    return "" if _paint(style, "stroke", "none") or _paint(style, "fill", "black") else "neither stroke nor fill"
+    return (
+        ""
+        if _paint(style, "stroke", "none") or _paint(style, "fill", "black")
+        else "neither stroke nor fill"
+    )
 
 
 def _paint(style: Style, name: str, initial: str) -> str:
     """What stroke or fill is painted with, "" where it is not. initial: where nobody says it."""
     paint = style.get(name, initial)
-    return "" if paint in ("none", "transparent") or _zero(style.get(f"{name}-opacity", "1")) else paint
+    return (
+        ""
+        if paint in ("none", "transparent") or _zero(style.get(f"{name}-opacity", "1"))
+        else paint
+    )
 
 
 def _color(style: Style) -> str:
@@ -182,7 +195,12 @@ class _Place(Struct, frozen=True):
 
 
 def walk(
-    file: str, root: Element, matrix: FloatArray, view: tuple[float, float], layers: Layers, limits: Limits
+    file: str,
+    root: Element,
+    matrix: FloatArray,
+    view: tuple[float, float],
+    layers: Layers,
+    limits: Limits,
 ) -> DrawnShape:
     """All shapes below ``root``. matrix: (2, 3), mm of its user units. InputError for a document that never ends."""
     drawn = DrawnShape(layers)
@@ -205,12 +223,18 @@ def walk(
         uses += bool(place.inside)
         if uses > limits.svg_uses:
             what = f"more than {tell(limits.svg_uses)} elements come of its references"
-            raise InputError(file, what, remedy="draw the shapes themselves, or raise limits.svg_uses")
+            raise InputError(
+                file, what, remedy="draw the shapes themselves, or raise limits.svg_uses"
+            )
         if steps + len(todo) > limits.svg_elements:
             what = f"has more than {tell(limits.svg_elements)} elements"
             raise InputError(file, what, remedy="split the drawing, or raise limits.svg_elements")
     for selector in sheet.unknown:
-        drawn.leave("rules of the style sheet for other than elements, classes and ids", harmless(selector, 40), "")
+        drawn.leave(
+            "rules of the style sheet for other than elements, classes and ids",
+            harmless(selector, 40),
+            "",
+        )
     return drawn
 
 
@@ -274,7 +298,9 @@ class _Walk(Struct):
         drawn.met[tag, layer] += 1
         for child in element:
             if str(child.tag).removeprefix(_SVG).startswith(("animate", "set")):
-                drawn.leave("what moves is drawn where it begins", str(child.tag).removeprefix(_SVG), layer)
+                drawn.leave(
+                    "what moves is drawn where it begins", str(child.tag).removeprefix(_SVG), layer
+                )
         asked = drawn.layers.why_not(layer)
         why = unseen(place.style) or asked
         if why:
@@ -284,7 +310,9 @@ class _Walk(Struct):
         if fault:
             drawn.leave(f"{fault}: drawn up to there", tag, layer)
         if tracks:
-            drawn.effects["markers"] += any(place.style.get(name, "none") != "none" for name in _MARKERS)
+            drawn.effects["markers"] += any(
+                place.style.get(name, "none") != "none" for name in _MARKERS
+            )
             drawn.dashed += place.style.get("stroke-dasharray", "none") != "none"
             drawn.tracks.append(tuple(tracks))
             drawn.matrices.append(place.matrix)
@@ -301,13 +329,18 @@ class _Walk(Struct):
             raise Malformed("refers to itself")
         if len(place.inside) > self.deepest:
             what = f"references stand more than {tell(self.deepest)} deep within each other"
-            raise InputError(self.file, what, remedy="draw the shapes themselves, or raise limits.svg_depth")
+            raise InputError(
+                self.file, what, remedy="draw the shapes themselves, or raise limits.svg_depth"
+            )
         x, y = (length(element.attrib.get(key, "0"), key, place.view) for key in ("x", "y"))
         matrix = combine(place.matrix, np.array([[1.0, 0.0, x], [0.0, 1.0, y]]))
         inside = place.inside | {name}
         here = _Place(matrix, place.style, place.view, place.layer, place.layered, inside)
         if target.tag in (_SVG + "symbol", _SVG + "svg"):
-            size = {**target.attrib, **{k: v for k, v in element.attrib.items() if k in ("width", "height")}}
+            size = {
+                **target.attrib,
+                **{k: v for k, v in element.attrib.items() if k in ("width", "height")},
+            }
             style = is_styled(place.style, "symbol", target.attrib, self.sheet)
             if is_gone(style):
                 self.drawn.leave(is_gone(style), "use", layer)
@@ -334,7 +367,9 @@ def _viewport(element: Element, place: _Place, size: dict[str, str]) -> _Place:
     if box is not None:
         if width <= 0 or height <= 0:
             raise Malformed("a viewport without size")
-        matrix = combine(matrix, fit_viewport(box, width, height, element.attrib.get("preserveAspectRatio", "")))
+        matrix = combine(
+            matrix, fit_viewport(box, width, height, element.attrib.get("preserveAspectRatio", ""))
+        )
         view = (box.width, box.height)
     return _Place(matrix, place.style, view, place.layer, place.layered, place.inside)
 
@@ -345,7 +380,10 @@ def _group(element: Element, tag: str, place: _Place) -> _Place:
         return place
     name, layered = place.layer, place.layered
     if element.attrib.get(_INKSCAPE + "groupmode") == "layer":
-        name, layered = element.attrib.get(_INKSCAPE + "label") or element.attrib.get("id", "layer"), True
+        name, layered = (
+            element.attrib.get(_INKSCAPE + "label") or element.attrib.get("id", "layer"),
+            True,
+        )
     elif not name:
         name = element.attrib.get("id", "")
     return _Place(place.matrix, place.style, place.view, name, layered, place.inside)

@@ -52,7 +52,9 @@ class Arm(Variables):
         self.lines.append(line)
         self.frames.append(frame)
 
-    def travel(self, line: int, target: Location | Joints, straight: bool, blend: float, share: float = 0.0) -> None:
+    def travel(
+        self, line: int, target: Location | Joints, straight: bool, blend: float, share: float = 0.0
+    ) -> None:
         """A motion at the speed in force. share: see ``MoveJ``."""
         setting, self._once = self._once or self._always, None
         self._turn(setting)
@@ -62,24 +64,40 @@ class Arm(Variables):
         elif straight:
             self.add(line, MoveL(target.local, speed, blend, posture=self._posture), target.frame)
         else:
-            self.add(line, MoveJ(target.local, speed, blend, posture=self._posture, share=share), target.frame)
+            self.add(
+                line,
+                MoveJ(target.local, speed, blend, posture=self._posture, share=share),
+                target.frame,
+            )
         self._at, self._moving, self._last = target, True, len(self.body) - 1
 
     def follow(self, plain: Stretch, frame: Frame, share: float = 0.0) -> None:
         """The motions of a stretch, in ``frame``."""
         first, others, count = self._once or self._always, self._always, len(plain.poses)
         self._once = None
-        swing = partial(MoveJ, posture=self._posture, share=share) if share or self._posture else MoveJ
-        made = (partial(MoveL, posture=self._posture) if self._posture else MoveL) if plain.word == "MOVES" else swing
+        swing = (
+            partial(MoveJ, posture=self._posture, share=share) if share or self._posture else MoveJ
+        )
+        made = (
+            (partial(MoveL, posture=self._posture) if self._posture else MoveL)
+            if plain.word == "MOVES"
+            else swing
+        )
         blend = ROUNDED if self._path else 0.0
         self._turn(first)
         self.body.append(made(plain.poses[0], self._mm_per_second(first), blend))
         if count > 1:
             self._turn(others)
-            self.body += map(made, plain.poses[1:], repeat(self._mm_per_second(others)), repeat(blend))
+            self.body += map(
+                made, plain.poses[1:], repeat(self._mm_per_second(others)), repeat(blend)
+            )
         self.lines += range(plain.line, plain.line + count)
         self.frames += repeat(frame, count)
-        self._at, self._moving, self._last = Location(plain.poses[-1], frame), True, len(self.body) - 1
+        self._at, self._moving, self._last = (
+            Location(plain.poses[-1], frame),
+            True,
+            len(self.body) - 1,
+        )
 
     def rest(self) -> None:
         """The motion comes to its end."""
@@ -103,7 +121,9 @@ class Arm(Variables):
         pair = next(pair for pair in PAIRS if word in pair)
         words = {*(self._posture.switches if self._posture else ()), word}
         words -= {*pair} - {word}
-        self._posture = Posture(switches=tuple(word for both in PAIRS for word in both if word in words))
+        self._posture = Posture(
+            switches=tuple(word for both in PAIRS for word in both if word in words)
+        )
 
     def _turn(self, setting: Pace) -> None:
         """Notes the rotational speed of the next motion."""

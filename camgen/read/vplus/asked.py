@@ -110,7 +110,9 @@ class Surroundings(Arm):
         #: Inputs that were asked for and that the user has not set.
         self.consulted: dict[int, None] = {}
         self.timers: dict[float, float] = {}
-        self._assume: Mapping[str, float] = {key.lower(): float(value) for key, value in ask.assume.items()}
+        self._assume: Mapping[str, float] = {
+            key.lower(): float(value) for key, value in ask.assume.items()
+        }
         self._doubtful: set[tuple[int, str]] = set()
 
     # -- variables -----------------------------------------------------------------------------------------------
@@ -160,7 +162,8 @@ class Surroundings(Arm):
             raise Impossible(f"{name} is used as a {_kind(value)} and as a string")
         self.doubt = True
         self.notes.assume(
-            self.line, f"string {canonical(name).partition('[')[0]} is set outside of this text: taken as empty"
+            self.line,
+            f"string {canonical(name).partition('[')[0]} is set outside of this text: taken as empty",
         )
         return ""
 
@@ -191,7 +194,9 @@ class Surroundings(Arm):
         self.doubt = True
         word = f"defined({key})"
         taken = self._assume.get(word, -1.0)
-        self.notes.assume(self.line, f"{key} is taken as {'defined' if taken else 'not defined'}", word, taken)
+        self.notes.assume(
+            self.line, f"{key} is taken as {'defined' if taken else 'not defined'}", word, taken
+        )
         return taken != 0
 
     def answer(self, word: str, arguments: str, value: float) -> float:
@@ -201,12 +206,18 @@ class Surroundings(Arm):
         if word == "BITS":
             first, _, count = arguments.partition(",")
             return self.bits(int(float(first)), min(32, int(float(count.partition(",")[0] or 1.0))))
-        stored = self.switches if word == "SWITCH" else self.parameters if word == "PARAMETER" else {}
+        stored = (
+            self.switches if word == "SWITCH" else self.parameters if word == "PARAMETER" else {}
+        )
         name = "".join(arguments.split()).lower()
         if name in stored:
             return stored[name]
         self.doubt = True
-        key = word.lower() if word not in ("SWITCH", "PARAMETER", "STATE") else f"{word}({name})".lower()
+        key = (
+            word.lower()
+            if word not in ("SWITCH", "PARAMETER", "STATE")
+            else f"{word}({name})".lower()
+        )
         taken = self._assume.get(key, value)
         self.notes.assume(self.line, f"{word} is taken for {taken:g}", key, taken)
         return taken
@@ -239,7 +250,9 @@ class Surroundings(Arm):
             return self.outputs[number]
         given = self._assume.get(f"sig{number}", self._assume.get(str(number)))
         if given is not None:
-            self.notes.assume(self.line, f"signal {number} is {_state(given != 0)}", f"sig{number}", given)
+            self.notes.assume(
+                self.line, f"signal {number} is {_state(given != 0)}", f"sig{number}", given
+            )
             return given != 0
         self.doubt = True
         self.consulted.setdefault(number)
@@ -249,7 +262,9 @@ class Surroundings(Arm):
         """Tells which inputs the instruction has heard."""
         for number in self.consulted:
             on = self.inputs.setdefault(number, False)
-            self.notes.assume(self.line, f"signal {number} is {_state(on)}", f"sig{number}", float(on))
+            self.notes.assume(
+                self.line, f"signal {number} is {_state(on)}", f"sig{number}", float(on)
+            )
         self.consulted.clear()
 
     def bits(self, first: int, count: int) -> float:
@@ -264,7 +279,13 @@ class Surroundings(Arm):
 def _kind(value: Value) -> str:
     if isinstance(value, float):
         return "real"
-    return "string" if isinstance(value, str) else "location" if isinstance(value, Location) else "precision point"
+    return (
+        "string"
+        if isinstance(value, str)
+        else "location"
+        if isinstance(value, Location)
+        else "precision point"
+    )
 
 
 def _state(on: bool) -> str:

@@ -59,7 +59,13 @@ class _Reader(Machine):
         """Unreadable where the controller would not take the instruction."""
         if statement.word in _LOOKS:
             _LOOKS[statement.word](self, routine, index, statement)
-        elif statement.word not in ENDS and statement.word not in ("RETURN", "RETURNE", "AUTO", "LOCAL", "GLOBAL"):
+        elif statement.word not in ENDS and statement.word not in (
+            "RETURN",
+            "RETURNE",
+            "AUTO",
+            "LOCAL",
+            "GLOBAL",
+        ):
             self.do(statement)
 
     def _test(self, routine: Routine, index: int, statement: Statement) -> None:

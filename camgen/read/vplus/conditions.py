@@ -61,7 +61,10 @@ class Conditions(Statements):
         if holds and not open_ and not self.consulted:
             return
         if holds and not self.doubt:
-            self.notes.odd(self.line, f"WAIT takes a condition, and {rest} is one that always holds: it does not wait")
+            self.notes.odd(
+                self.line,
+                f"WAIT takes a condition, and {rest} is one that always holds: it does not wait",
+            )
             return
         self.rest()
         # An input that was heard before has changed meanwhile.

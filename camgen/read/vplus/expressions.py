@@ -17,7 +17,19 @@ from typing import Any, ClassVar, Protocol
 from camgen.model.program import Joints
 from camgen.model.text import counted
 
-from .functions import ASKED, NUMBERS, OF_STRINGS, TEXTS, decode, format_number, join, remainder, signed, truth, whole
+from .functions import (
+    ASKED,
+    NUMBERS,
+    OF_STRINGS,
+    TEXTS,
+    decode,
+    format_number,
+    join,
+    remainder,
+    signed,
+    truth,
+    whole,
+)
 from .text import Impossible, Location, Unreadable
 
 #: Brackets deeper than this are no program that somebody wrote.
@@ -25,7 +37,8 @@ _DEPTH = 40
 _LARGEST = 1e9
 #: A string, a number, a comparison, an integer to another base, a name, or any other sign; blanks are nowhere needed.
 _TOKEN = re.compile(
-    r'"[^"]*"|(?:\d+\.?\d*|\.\d+)(?:E[-+]?\d+)?|==|<>|<=|>=|=<|=>|\^[HBD]?[0-9A-F]+|[#$]?[A-Z][A-Z0-9._]*|\S', re.ASCII
+    r'"[^"]*"|(?:\d+\.?\d*|\.\d+)(?:E[-+]?\d+)?|==|<>|<=|>=|=<|=>|\^[HBD]?[0-9A-F]+|[#$]?[A-Z][A-Z0-9._]*|\S',
+    re.ASCII,
 )
 _DIGITS = frozenset("0123456789.")
 _CONSTANTS = {"TRUE": -1.0, "ON": -1.0, "FALSE": 0.0, "OFF": 0.0, "PI": math.pi}
@@ -42,13 +55,31 @@ _PRODUCTS = frozenset({"*", "/", "MOD", "BAND"})
 _SUMS = frozenset({"+", "-", "BOR", "BXOR"})
 #: Words between values: none of them is one.
 _JOINING = frozenset(
-    {"THEN", "DO", "OF", "TO", "STEP", "BY", "GOTO", "AND", "OR", "XOR", "MOD", "BAND", "BOR", "BXOR", "ALWAYS"}
+    {
+        "THEN",
+        "DO",
+        "OF",
+        "TO",
+        "STEP",
+        "BY",
+        "GOTO",
+        "AND",
+        "OR",
+        "XOR",
+        "MOD",
+        "BAND",
+        "BOR",
+        "BXOR",
+        "ALWAYS",
+    }
 )
 #: Functions of the surroundings that read more than numbers in their brackets.
 _FREE = frozenset({"PARAMETER", "INT.EVENT", "VPARAMETER"})
 #: Functions that the program itself answers, and those of the surroundings with numbers in their brackets.
 _OWN = frozenset({"SIG", "LAST", "DEFINED", "TIMER", "BITS", "SPEED", "ACCEL"})
-_NUMBERED = frozenset({"TIMER", "BITS", "SPEED", "ACCEL", "IOSTAT", "TASK", "STATE", "ERROR", "AIO.IN", "PENDANT"})
+_NUMBERED = frozenset(
+    {"TIMER", "BITS", "SPEED", "ACCEL", "IOSTAT", "TASK", "STATE", "ERROR", "AIO.IN", "PENDANT"}
+)
 _OF_LOCATIONS = frozenset({"DX", "DY", "DZ", "DISTANCE", "IDENTICAL"})
 
 
@@ -290,7 +321,12 @@ class Numbers(Reader, ABC):
             raise Unreadable(f"a number expected instead of {token}")
         if self.peek() == "(":
             return self._function(token)
-        if token in ASKED and not self._scope.strict and self.peek() != "[" and not self._scope.defined(token):
+        if (
+            token in ASKED
+            and not self._scope.strict
+            and self.peek() != "["
+            and not self._scope.defined(token)
+        ):
             return self._named().answer(token, "", ASKED[token])
         return self._named().real(token + self.subscripts())
 
@@ -375,7 +411,11 @@ class Numbers(Reader, ABC):
         """A function that the surroundings answer, or a name."""
         scope = self._named()
         if word not in ASKED and word not in _OWN and word not in _FREE:
-            raise Unreadable(f"{word} is no function") if not scope.strict else Unreadable(f"{word} is not defined")
+            raise (
+                Unreadable(f"{word} is no function")
+                if not scope.strict
+                else Unreadable(f"{word} is not defined")
+            )
         if scope.strict:
             raise Unreadable(f"{word} is not evaluated")
         self.take()

@@ -82,7 +82,9 @@ class Machine(Units):
             self._programs.setdefault(canonical(routine.name), routine)
         self._kept: dict[str, Table] = {}
         self._rounds = max(1, int(min(self._assume.get("rounds", 1.0), 1e6)))
-        self._budget = int(ask.limits.vplus_steps) + sum(map(_cost, (s for one in programs for s in one.statements)))
+        self._budget = int(ask.limits.vplus_steps) + sum(
+            map(_cost, (s for one in programs for s in one.statements))
+        )
         self.stopped: tuple[int, str] | None = None
         self.ran: set[str] = set()
         self.done: set[int] = set()
@@ -100,7 +102,9 @@ class Machine(Units):
         """The bound of the run pays for so many instructions."""
         self._budget -= count
         if self._budget < 0:
-            raise Exhausted("the program has not ended after what is run of it (limits.vplus_steps)")
+            raise Exhausted(
+                "the program has not ended after what is run of it (limits.vplus_steps)"
+            )
 
     def last(self, name: str) -> float:
         """The last index of an array."""
@@ -203,7 +207,12 @@ class Machine(Units):
         holds, _, _ = self.condition(rest, ("THEN",) if rest[-4:].upper() == "THEN" else ())
         branches, end = routine.branches.get(index, ()), routine.partner[index]
         first_end = branches[0] if branches else end
-        if holds and self.consulted and not branches and self._leaves(routine, index + 1, first_end):
+        if (
+            holds
+            and self.consulted
+            and not branches
+            and self._leaves(routine, index + 1, first_end)
+        ):
             holds = not self.wish(rest, False, fresh=True)
         return index + 1 if holds else first_end + 1
 
@@ -260,7 +269,10 @@ class Machine(Units):
         if open_:
             what = "a loop that nothing known ends is run for"
             self.notes.assume(
-                self.line, f"{what} {self._rounds} round{'s'[: self._rounds > 1]}", "rounds", self._rounds
+                self.line,
+                f"{what} {self._rounds} round{'s'[: self._rounds > 1]}",
+                "rounds",
+                self._rounds,
             )
             return False
         if count > _FIRST_ROUNDS and count & (count - 1):
@@ -269,7 +281,9 @@ class Machine(Units):
         before = running.seen.get(index)
         if state is not None and before is not None and before[0] == state:
             self._cut(before[1])
-            self.notes.assume(self.line, "a loop that repeats itself for ever is told for one of its rounds")
+            self.notes.assume(
+                self.line, "a loop that repeats itself for ever is told for one of its rounds"
+            )
             return False
         running.seen[index] = state, len(self.body)
         return True
@@ -288,8 +302,16 @@ class Machine(Units):
 
     def _cut(self, length: int) -> None:
         """Takes back what the repeated round has added."""
-        del self.body[length:], self.lines[length:], self.frames[length:], self.bases[length:], self.tool[length:]
-        found = (k for k in reversed(range(length)) if isinstance(self.body[k], (MoveJ, MoveL, MoveC)))
+        del (
+            self.body[length:],
+            self.lines[length:],
+            self.frames[length:],
+            self.bases[length:],
+            self.tool[length:],
+        )
+        found = (
+            k for k in reversed(range(length)) if isinstance(self.body[k], (MoveJ, MoveL, MoveC))
+        )
         self._last = next(found, None)
 
     def _for(self, running: _Running, index: int, statement: Statement) -> int:
@@ -447,13 +469,20 @@ def read_label(rest: str) -> int:
 
 
 def _cost(statement: Statement | Stretch) -> int:
-    return len(statement.poses) if isinstance(statement, Stretch) else 1 + len(statement.rest) // _LONG
+    return (
+        len(statement.poses) if isinstance(statement, Stretch) else 1 + len(statement.rest) // _LONG
+    )
 
 
 def _plain(value: object) -> object:
     """Something that can be compared."""
     if isinstance(value, Location):
-        return value.local.origin, value.local.rotation.tobytes(), value.frame.external, value.frame.pose.origin
+        return (
+            value.local.origin,
+            value.local.rotation.tobytes(),
+            value.frame.external,
+            value.frame.pose.origin,
+        )
     return value.values if isinstance(value, Joints) else value
 
 

@@ -198,7 +198,11 @@ def format_number(value: float, form: str = "") -> str:
             )
     if form[:1] == "I":
         width = form[1:]
-        return f"{whole(value):{min(int(width), 80)}d}" if width.isdigit() and int(width) else f"{whole(value)}"
+        return (
+            f"{whole(value):{min(int(width), 80)}d}"
+            if width.isdigit() and int(width)
+            else f"{whole(value)}"
+        )
     return f" {value:.7g}" if not form else f"{value:.7g}"
 
 

@@ -23,7 +23,9 @@ SILENT = frozenset(
     """.split()  # noqa: SIM905 (a table)
 )
 #: Motions that depend on sensors or options.
-NOT_EVALUATED = frozenset({"ALTER", "ALTOFF", "ALTON", "FORCE", "JOG", "MOVEC", "MOVEF", "MOVESF", "MOVESC"})
+NOT_EVALUATED = frozenset(
+    {"ALTER", "ALTOFF", "ALTON", "FORCE", "JOG", "MOVEC", "MOVEF", "MOVESF", "MOVESC"}
+)
 #: They set a reaction of the program to a signal or an error.
 REACTIONS = frozenset({"REACT", "REACTE", "REACTI"})
 

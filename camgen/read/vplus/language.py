@@ -35,7 +35,8 @@ _MOST_BESIDE = 20
 _MOST_OF_A_TASK = 5_000
 _CALL = re.compile(r"(?:CALL|EXECUTE)\b[^A-Za-z]*([A-Za-z][A-Za-z0-9._]*)", re.IGNORECASE)
 _SURE = re.compile(
-    r"^\s*\.PROGRAM\s+[A-Za-z][A-Za-z0-9._]*\s*(?:\([^()]*\))?\s*(?:;.*)?$", re.IGNORECASE | re.MULTILINE
+    r"^\s*\.PROGRAM\s+[A-Za-z][A-Za-z0-9._]*\s*(?:\([^()]*\))?\s*(?:;.*)?$",
+    re.IGNORECASE | re.MULTILINE,
 )
 #: Words that V+ has and that Kawasaki's AS, which looks alike, has not, and the other way round.
 _OURS = re.compile(
@@ -43,7 +44,8 @@ _OURS = re.compile(
     re.IGNORECASE,
 )
 _THEIRS = re.compile(
-    r"\b(?:[JL]MOVE\s*#?\[|LMOVE|[JL]APPRO|LDEPART|ACCURACY|TWAIT|SWAIT|POINT\s+\S+\s*=|C[12]MOVE)", re.IGNORECASE
+    r"\b(?:[JL]MOVE\s*#?\[|LMOVE|[JL]APPRO|LDEPART|ACCURACY|TWAIT|SWAIT|POINT\s+\S+\s*=|C[12]MOVE)",
+    re.IGNORECASE,
 )
 
 
@@ -68,7 +70,9 @@ def run(files: Mapping[str, str], ask: Ask) -> Executed:
         return Executed((), (), findings=notes.findings(), stopped=(1, what))
     notes.fact("entry", entry.name)
     machine.run(entry)
-    short = replace(ask, limits=replace(ask.limits, vplus_steps=min(ask.limits.vplus_steps, _MOST_OF_A_TASK)))
+    short = replace(
+        ask, limits=replace(ask.limits, vplus_steps=min(ask.limits.vplus_steps, _MOST_OF_A_TASK))
+    )
     _look_beside(machine, notes, lambda said: _ready(routines, short, said, beside, values))
     check_rest(routines, machine, notes)
     _tell_programs(routines, machine, notes)
@@ -80,7 +84,11 @@ def run(files: Mapping[str, str], ask: Ask) -> Executed:
 
 
 def _ready(
-    routines: Sequence[Routine], ask: Ask, notes: Notes, beside: Mapping[str, str], values: Mapping[str, Value]
+    routines: Sequence[Routine],
+    ask: Ask,
+    notes: Notes,
+    beside: Mapping[str, str],
+    values: Mapping[str, Value],
 ) -> Machine:
     machine = Machine(routines, ask, notes)
     machine.lay_beside(beside)
@@ -93,7 +101,9 @@ def _look_beside(machine: Machine, notes: Notes, ready: Callable[[Notes], Machin
     in it. Where a reaction comes is not known: what it meets there is unusual at most.
     """
     waiting = [(key, *told, "tasks beside it, not run") for key, told in machine.beside.items()]
-    waiting += [(key, *told, "reactions that do not come") for key, told in machine.reactions.items()]
+    waiting += [
+        (key, *told, "reactions that do not come") for key, told in machine.reactions.items()
+    ]
     for key, text, line, label in waiting[:_MOST_BESIDE]:
         routine = machine.find_program(key)
         if routine is None:
@@ -178,7 +188,9 @@ def _place(machine: Machine) -> tuple[tuple[Frames, ...], tuple[int, ...], Seque
 def _is_flat(machine: Machine) -> bool:
     """Whether there are too many work frames to name them."""
     seen: dict[tuple[object, ...], None] = {}
-    for frame in {id(one): one for one in machine.frames if one is not None and one.compound}.values():
+    for frame in {
+        id(one): one for one in machine.frames if one is not None and one.compound
+    }.values():
         pose = frame.pose
         seen[(pose.origin, pose.rotation.tobytes())] = None
     return len(seen) > _FRAMES
@@ -197,7 +209,9 @@ def _key(one: Frames, tool: int) -> object:
     return tool, one.work, None if pose is None else (pose.origin, pose.rotation.tobytes())
 
 
-def _turn(body: Sequence[Instruction], turning: Sequence[tuple[int, float]]) -> Sequence[Instruction]:
+def _turn(
+    body: Sequence[Instruction], turning: Sequence[tuple[int, float]]
+) -> Sequence[Instruction]:
     """The body with the speed of its turns on the spot. turning: % of the rated one, from which place on."""
     columns = Columns(body)
     at = columns.at[columns.turned].tolist()

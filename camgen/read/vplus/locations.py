@@ -22,7 +22,21 @@ _TURNS = {"RX": 0, "RY": 1, "RZ": 2}
 _PARTS = {"DX": 0, "DY": 1, "DZ": 2}
 #: Words that begin a location.
 BUILT = frozenset(
-    {"TRANS", "SHIFT", "INVERSE", "FRAME", "SCALE", "NORMAL", "TRANSB", "NULL", "HERE", "DEST", "TOOL", "BASE", "LATCH"}
+    {
+        "TRANS",
+        "SHIFT",
+        "INVERSE",
+        "FRAME",
+        "SCALE",
+        "NORMAL",
+        "TRANSB",
+        "NULL",
+        "HERE",
+        "DEST",
+        "TOOL",
+        "BASE",
+        "LATCH",
+    }
     | _TURNS.keys()
 )
 _SMALL = 1e-9
@@ -53,7 +67,10 @@ def _shift_unknown(location: Location, by: Vec3) -> Location:
     x, y, z = (a + b for a, b in zip(frame.by if again else (0.0, 0.0, 0.0), by, strict=True))
     if max(abs(x), abs(y), abs(z)) < _SMALL:
         return unknown(name)
-    return Location(NULL, Frame(external=f"SHIFT({name} BY {x:.6g},{y:.6g},{z:.6g})"[:120], of=name, by=(x, y, z)))
+    return Location(
+        NULL,
+        Frame(external=f"SHIFT({name} BY {x:.6g},{y:.6g},{z:.6g})"[:120], of=name, by=(x, y, z)),
+    )
 
 
 class Expression(Numbers):
@@ -86,7 +103,11 @@ class Expression(Numbers):
             return _BUILDS[token](self)
         if token in _TURNS:
             self.expect("(")
-            return Location(Pose(rotation_about(_TURNS[token], math.radians(self._bracketed())), (0.0, 0.0, 0.0)))
+            return Location(
+                Pose(
+                    rotation_about(_TURNS[token], math.radians(self._bracketed())), (0.0, 0.0, 0.0)
+                )
+            )
         if token == "NULL":
             return Location(NULL)
         if token in ("HERE", "DEST"):
@@ -263,7 +284,18 @@ class Expression(Numbers):
 
 #: Functions of locations of options and cameras.
 _ASKED = frozenset(
-    {"VLOC", "VISION.LOC", "VTRANS", "BELT", "LATCH", "DEST", "HERE", "SOLVE.TRANS", "NOMINAL", "VFRAME"}
+    {
+        "VLOC",
+        "VISION.LOC",
+        "VTRANS",
+        "BELT",
+        "LATCH",
+        "DEST",
+        "HERE",
+        "SOLVE.TRANS",
+        "NOMINAL",
+        "VFRAME",
+    }
 )
 _BUILDS = {"TRANS": Expression._trans, "SHIFT": Expression._shift, "INVERSE": Expression._inverse}
 _MORE = {

@@ -18,7 +18,9 @@ from .names import canonical
 from .text import SECTIONS, Location, Unreadable, rotation_zyz
 from .variables import Value
 
-_NAME = re.compile(r"(?:SET\s+)?([#$]?[A-Za-z][A-Za-z0-9._]*)\s*((?:\[[0-9,\s]*\])?)\s*=?\s*(.*)", re.IGNORECASE)
+_NAME = re.compile(
+    r"(?:SET\s+)?([#$]?[A-Za-z][A-Za-z0-9._]*)\s*((?:\[[0-9,\s]*\])?)\s*=?\s*(.*)", re.IGNORECASE
+)
 _CALL = re.compile(r"#?(?:TRANS|PPOINT)\s*\((.*)\)", re.IGNORECASE)
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 

@@ -20,7 +20,18 @@ from . import words
 from .arm import PAIRS, ROUNDED
 from .asked import MOST_SIGNAL, RATED, Notes, Surroundings
 from .locations import Expression, describe, to_joints, to_values, unknown
-from .text import NULL, Frame, Impossible, Location, Pace, Statement, Stretch, Unreadable, pace, rotation_zyz
+from .text import (
+    NULL,
+    Frame,
+    Impossible,
+    Location,
+    Pace,
+    Statement,
+    Stretch,
+    Unreadable,
+    pace,
+    rotation_zyz,
+)
 
 #: What 100 % rotational speed is taken to be, deg/s.
 RATED_TURN = 1200.0
@@ -65,7 +76,9 @@ class Robot(Surroundings):
         """HERE and DEST: where the last motion goes; TOOL and BASE."""
         if word == "TOOL":
             tool = self.tools[self._held]
-            return unknown(f"TOOL {tool.name}".strip()) if tool.pose is None else Location(tool.pose)
+            return (
+                unknown(f"TOOL {tool.name}".strip()) if tool.pose is None else Location(tool.pose)
+            )
         if word == "BASE":
             return Location(self._base or NULL)
         if isinstance(self._at, Joints):
@@ -132,7 +145,11 @@ class Robot(Surroundings):
         text.expect(",")
         distance = text.logic()
         text.finish()
-        place = (self._reach(target) or unknown(_spell(target))) if isinstance(target, Joints) else target
+        place = (
+            (self._reach(target) or unknown(_spell(target)))
+            if isinstance(target, Joints)
+            else target
+        )
         self.go(place.moved(translation(0, 0, -distance)), statement.word == "APPROS")
 
     def depart(self, statement: Statement) -> None:
@@ -181,19 +198,31 @@ class Robot(Surroundings):
     def go(self, target: Location | Joints, straight: bool) -> None:
         """A motion to a place."""
         if self.detached:
-            self.notes.refuse(self.line, "a motion after DETACH: the robot is not attached to this program")
+            self.notes.refuse(
+                self.line, "a motion after DETACH: the robot is not attached to this program"
+            )
             self.detached = False  # told once
         if self._hand is not None:
             self._switch_hand(self._hand)
         blend = ROUNDED if self._path and not self._once_exact else 0.0
         self._once_exact = False
-        share = 0.0 if straight and isinstance(target, Location) else self._share(self._once or self._always)
+        share = (
+            0.0
+            if straight and isinstance(target, Location)
+            else self._share(self._once or self._always)
+        )
         self.travel(self.line, target, straight, blend, share)
 
     def stretch(self, plain: Stretch) -> bool:
         """The motions of a stretch at once, if the state is the usual one; else nothing is done."""
         frame = self.frame(plain.name)
-        if frame is None or self.detached or self._hand is not None or self._once is not None or self._once_exact:
+        if (
+            frame is None
+            or self.detached
+            or self._hand is not None
+            or self._once is not None
+            or self._once_exact
+        ):
             return False
         self.follow(plain, frame, 0.0 if plain.word == "MOVES" else self._share(self._always))
         self.bases += repeat(self._base, len(plain.poses))
@@ -319,9 +348,15 @@ class Robot(Surroundings):
         text = Expression(statement.rest or "NULL", self)
         location = text.location()
         text.finish()
-        name = statement.rest.lower() if statement.rest.replace(".", "").replace("_", "").isalnum() else ""
+        name = (
+            statement.rest.lower()
+            if statement.rest.replace(".", "").replace("_", "").isalnum()
+            else ""
+        )
         name = "" if name == "null" else name
-        tool = Tool(location.frame.external or name, None if location.frame.external else location.in_base())
+        tool = Tool(
+            location.frame.external or name, None if location.frame.external else location.in_base()
+        )
         self.rest()
         for place, known in enumerate(self.tools):
             if known.name == tool.name and _alike(known.pose, tool.pose):
@@ -343,7 +378,9 @@ class Robot(Surroundings):
             raise Unreadable(f"BASE has {len(values)} values, at most four")
         x, y, z, turn = values + [0.0] * (4 - len(values))
         # The base of the robot is moved: the world frame the other way.
-        self._base = Pose(rotation_zyz(turn, 0.0, 0.0), (x, y, z)).inverse() if any(values) else None
+        self._base = (
+            Pose(rotation_zyz(turn, 0.0, 0.0), (x, y, z)).inverse() if any(values) else None
+        )
 
     # -- signals and hand ----------------------------------------------------------------------------------------
 
@@ -369,7 +406,9 @@ class Robot(Surroundings):
         if 1000 < number <= 2000:
             self.notes.odd(self.line, f"SIGNAL {number}: numbers 1001 to 2000 are inputs")
         elif self._moving and number <= 1000:
-            what = f"signal {number} switches while the motion before it still runs: BREAK is missing"
+            what = (
+                f"signal {number} switches while the motion before it still runs: BREAK is missing"
+            )
             self.notes.find("dangerous", self.line, what)
         self.outputs[number] = on
         self.rest_for_output()
@@ -423,7 +462,13 @@ class Robot(Surroundings):
     def forget(self) -> None:
         """As if nothing had been done."""
         del self.body[:], self.lines[:], self.frames[:], self.bases[:], self.tool[:], self.tools[1:]
-        self._last, self._moving, self._hand, self._held, self.detached = None, False, None, 0, False
+        self._last, self._moving, self._hand, self._held, self.detached = (
+            None,
+            False,
+            None,
+            0,
+            False,
+        )
 
     def finish(self) -> None:
         """The program ends: the robot stops, and a hand that waits for a motion acts no more."""

@@ -169,7 +169,9 @@ class Statements(Robot):
             self.assign(found, self._taught(key, "precision point"))
         else:
             value = 1.0 if given is None else given
-            self.notes.assume(self.line, f"{base} comes from outside: taken for {value:g}", base, value)
+            self.notes.assume(
+                self.line, f"{base} comes from outside: taken for {value:g}", base, value
+            )
             self.assign(found, value)
 
     def prompt(self, statement: Statement) -> None:
@@ -190,7 +192,9 @@ class Statements(Robot):
                 raise Unreadable(f"{name[:20]!r} is no name")
             key = canonical(name)
             if key in scope.others:
-                self.notes.odd(self.line, f"{word} {key}: the argument of that name is not seen any more")
+                self.notes.odd(
+                    self.line, f"{word} {key}: the argument of that name is not seen any more"
+                )
                 del scope.others[key]
             if word == "AUTO" and key in scope.own:
                 raise Unreadable(f"{key} is declared twice")
@@ -257,7 +261,9 @@ class Statements(Robot):
         if match is None:
             raise Unreadable("EXECUTE wants the name of a program")
         number = rest[: len(rest) - len(bare)].strip(" ,()")
-        self.beside.setdefault(canonical(match[1]), (f"{match[1]}{f' (task {number})' if number else ''}", self.line))
+        self.beside.setdefault(
+            canonical(match[1]), (f"{match[1]}{f' (task {number})' if number else ''}", self.line)
+        )
 
     def react(self, statement: Statement) -> str:
         """``REACT signal, program(arguments), priority``: the call that may come, "" where it names none."""
@@ -274,7 +280,9 @@ class Statements(Robot):
         if comes and key not in self.come:
             self.come.add(key)
             return call
-        self.reactions.setdefault(key, (f"{match[1]} ({statement.word}, line {self.line})", self.line))
+        self.reactions.setdefault(
+            key, (f"{match[1]} ({statement.word}, line {self.line})", self.line)
+        )
         return ""
 
     # -- arguments -----------------------------------------------------------------------------------------------

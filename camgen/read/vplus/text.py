@@ -75,7 +75,14 @@ def rotation_zyz(yaw: float, pitch: float, roll: float) -> FloatArray:
     if not (yaw or pitch or roll):
         return IDENTITY
     a, b, c = math.radians(yaw), math.radians(pitch), math.radians(roll)
-    ca, sa, cb, sb, cc, sc = math.cos(a), math.sin(a), math.cos(b), math.sin(b), math.cos(c), math.sin(c)
+    ca, sa, cb, sb, cc, sc = (
+        math.cos(a),
+        math.sin(a),
+        math.cos(b),
+        math.sin(b),
+        math.cos(c),
+        math.sin(c),
+    )
     return frozen(
         [
             [ca * cb * cc - sa * sc, -ca * cb * sc - sa * cc, ca * sb],
@@ -130,10 +137,14 @@ def stretch(piece: re.Match[str], line: int) -> Stretch:
     text, word, name, head, turn, end = piece.group(0, "word", "name", "head", "turn", "end")
     if text.count(turn) == text.count("\n"):
         # All are oriented alike.
-        origins = _rows_of_3.decode(f"[[{text[len(head) : -len(turn)].replace(turn + head, '],[')}]]")
+        origins = _rows_of_3.decode(
+            f"[[{text[len(head) : -len(turn)].replace(turn + head, '],[')}]]"
+        )
         poses = tuple(map(Pose, repeat(_rotation(turn)), origins))
     else:
-        rows = _rows_of_6.decode(f"[[{text[len(head) : -len(end) - 1].replace(f'){end}{head}', '],[')}]]")
+        rows = _rows_of_6.decode(
+            f"[[{text[len(head) : -len(end) - 1].replace(f'){end}{head}', '],[')}]]"
+        )
         poses = tuple(Pose(rotation_zyz(*row[3:]), row[:3]) for row in rows)
     return Stretch(line, word, name, poses, piece.string, *piece.span())
 
@@ -266,7 +277,11 @@ def read_files(
         if name in beside:
             number += len(text.splitlines())
             continue
-        bare = "" if _HAS_PROGRAM.search(text) else _STEM.sub("_", name.rpartition("/")[2].partition(".")[0]) or "main"
+        bare = (
+            ""
+            if _HAS_PROGRAM.search(text)
+            else _STEM.sub("_", name.rpartition("/")[2].partition(".")[0]) or "main"
+        )
         file = _File(number, report, remark, strict=False, name=bare)
         number = _read(text, file)
         found += file.found
@@ -337,7 +352,12 @@ def _line(raw: str, number: int, file: _File) -> None:
     elif file.current is not None:
         said = _add(file.current, code, number, file.report)
         # A declaration may be wrong further down; all else means the same in every place.
-        if said and said[0] not in _DECLARE and file.reports == before and len(file.usual) < _REMEMBERED:
+        if (
+            said
+            and said[0] not in _DECLARE
+            and file.reports == before
+            and len(file.usual) < _REMEMBERED
+        ):
             file.usual[raw] = said
     else:
         _outside(code, number, file)
@@ -376,7 +396,9 @@ def _code(raw: str, number: int, report: Report, strict: bool) -> str:
 def _check_long(name: str, number: int, file: _File) -> None:
     """A report on a long name that V+ takes for another one, a remark where it cuts one for the first time."""
     if len(name) > NAME and name[:NAME] not in file.long_names:
-        file.remark(number, f"{name} is longer than {NAME} characters, of which V+ ignores the rest")
+        file.remark(
+            number, f"{name} is longer than {NAME} characters, of which V+ ignores the rest"
+        )
     other = file.long_names.setdefault(name[:NAME], name)
     if other != name:
         file.report(number, f"{name} and {other} are one name: only {NAME} characters count")
@@ -442,14 +464,22 @@ def _add(routine: Routine, code: str, number: int, report: Report) -> tuple[str,
 
 def one_by_one(plain: Stretch) -> list[Statement]:
     """The instructions of a stretch."""
-    return [Statement(number, plain.word, raw.split()[1]) for number, raw in enumerate(plain.lines, start=plain.line)]
+    return [
+        Statement(number, plain.word, raw.split()[1])
+        for number, raw in enumerate(plain.lines, start=plain.line)
+    ]
 
 
 class _Blocks:
     """The blocks of a program. remark: see ``_match``; the read-back evaluates no block but FOR."""
 
     def __init__(self, routine: Routine, report: Report, remark: Report | None) -> None:
-        self._routine, self._report, self._remark, self._strict = routine, report, remark, remark is None
+        self._routine, self._report, self._remark, self._strict = (
+            routine,
+            report,
+            remark,
+            remark is None,
+        )
         self._open: list[int] = []
         self._around: list[int] = []
 

@@ -30,7 +30,9 @@ _ROBOT = frozenset({"", "()", "(0)"})
 def find_data(files: Mapping[str, str]) -> dict[str, str]:
     """The files among ``files`` that hold no program and that one of the others opens to read."""
     wanted = {base_name(name) for text in files.values() for name in _OPENED.findall(text)}
-    return {n: text for n, text in files.items() if base_name(n) in wanted and not _PROGRAM.search(text)}
+    return {
+        n: text for n, text in files.items() if base_name(n) in wanted and not _PROGRAM.search(text)
+    }
 
 
 def base_name(name: str) -> str:

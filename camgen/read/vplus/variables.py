@@ -133,7 +133,9 @@ class Variables:
 
     def no_location(self, name: str, value: Value | None) -> Location:
         """What stands for a location that has no value."""
-        raise Unreadable(f"location {name} is not defined" if value is None else f"{name} is no location")
+        raise Unreadable(
+            f"location {name} is not defined" if value is None else f"{name} is no location"
+        )
 
     def frame(self, name: str) -> Frame | None:
         """What a compound that starts with the location ``name`` is given in; nothing where that takes more to say."""

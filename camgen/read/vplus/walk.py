@@ -10,7 +10,10 @@ Fault = Callable[[Statement, Unreadable], None]
 
 
 def walk(
-    routine: Routine, step: Callable[[int, Statement], int], stretch: Callable[[Stretch], None], fault: Fault
+    routine: Routine,
+    step: Callable[[int, Statement], int],
+    stretch: Callable[[Stretch], None],
+    fault: Fault,
 ) -> None:
     """Carries out the statements of a program from its first on. step: carries out one and gives the index of the next;
     behind one that it cannot, which ``fault`` is told, the walk goes on, behind the whole block that it opens. stretch:

@@ -37,7 +37,11 @@ def speed(text: Expression) -> tuple[float, str, float, bool]:
     while text.peek():
         words.append(text.take())
     units = [w for w in words if w != "ALWAYS"]
-    if len(units) > 1 or len(set(words)) < len(words) or not set(words) <= {"ALWAYS", "MMPS", "IPS", "MONITOR"}:
+    if (
+        len(units) > 1
+        or len(set(words)) < len(words)
+        or not set(words) <= {"ALWAYS", "MMPS", "IPS", "MONITOR"}
+    ):
         raise Unreadable(f"SPEED cannot end with {' '.join(words)[:40]}")
     if value <= 0:
         raise Impossible("a speed must be positive")
@@ -45,7 +49,12 @@ def speed(text: Expression) -> tuple[float, str, float, bool]:
     return value * scale, unit, turning, "ALWAYS" in words
 
 
-_UNITS = {"": (1.0, "%"), "MMPS": (1.0, "mm/s"), "IPS": (_INCH, "mm/s"), "MONITOR": (1.0, "MONITOR")}
+_UNITS = {
+    "": (1.0, "%"),
+    "MMPS": (1.0, "mm/s"),
+    "IPS": (_INCH, "mm/s"),
+    "MONITOR": (1.0, "MONITOR"),
+}
 
 
 #: Outputs are 1 to 1000, inputs 1001 to 2000, soft signals the rest.

@@ -128,7 +128,9 @@ def _spherical(zero: AtZero, length: float, angle: float) -> Spherical | None:
         return None
     z = _upright(d[0])
     ahead = float((zero.points[1] - zero.points[0]) @ np.cross(d[1], z))
-    y = d[1] if ahead > -_LENGTH else -d[1]  # axis 2 lies in front of axis 1 where it is not above it
+    y = (
+        d[1] if ahead > -_LENGTH else -d[1]
+    )  # axis 2 lies in front of axis 1 where it is not above it
     base_from_arm = _frame(z, y, zero.points[0])
     points = (np.vstack([zero.points, wrist]) - base_from_arm.origin) @ base_from_arm.rotation
     flange = base_from_arm.inverse() @ zero.base_from_flange

@@ -28,7 +28,9 @@ from camgen.robots.models import Robot
 _FREE = 2e-9
 
 
-def candidates(robot: Robot, rotations: FloatArray, origins: FloatArray, start: FloatArray) -> FloatArray:
+def candidates(
+    robot: Robot, rotations: FloatArray, origins: FloatArray, start: FloatArray
+) -> FloatArray:
     """Joint values (N, B, J) of a path of base_from_flange (N, 3, 3), (N, 3); nan: none. start: (J,), for joints that
     the first rows leave free.
     """
@@ -38,7 +40,11 @@ def candidates(robot: Robot, rotations: FloatArray, origins: FloatArray, start: 
 
 
 def _solve(
-    robot: Robot, rotations: FloatArray, origins: FloatArray, start: FloatArray, paths: Sequence[slice]
+    robot: Robot,
+    rotations: FloatArray,
+    origins: FloatArray,
+    start: FloatArray,
+    paths: Sequence[slice],
 ) -> FloatArray:
     """``candidates`` of several paths one after the other, for arms with a closed form. start: (J,) or, of each row,
     (N, 1, J).
@@ -50,12 +56,18 @@ def _solve(
     if free.any():
         solutions = solutions.copy()
         for own in paths:
-            solutions[own] = _keep_free(robot, rotations[own], origins[own], solutions[own], free[own])
+            solutions[own] = _keep_free(
+                robot, rotations[own], origins[own], solutions[own], free[own]
+            )
     return solutions
 
 
 def _keep_free(
-    robot: Robot, rotations: FloatArray, origins: FloatArray, solutions: FloatArray, free: NDArray[np.bool_]
+    robot: Robot,
+    rotations: FloatArray,
+    origins: FloatArray,
+    solutions: FloatArray,
+    free: NDArray[np.bool_],
 ) -> FloatArray:
     """``solutions`` with free joints taken, in each branch, from the last row before in which they were not free, or
     the first after.
@@ -78,7 +90,10 @@ def _track(robot: Robot, rotations: FloatArray, origins: FloatArray) -> FloatArr
     rows[0] = inverse(robot, rotations[:1], origins[:1])[0]
     for row in range(1, len(origins)):
         alive = np.flatnonzero(np.isfinite(rows[row - 1, :, 0]))
-        goal = np.broadcast_to(rotations[row], (len(alive), 3, 3)), np.broadcast_to(origins[row], (len(alive), 3))
+        goal = (
+            np.broadcast_to(rotations[row], (len(alive), 3, 3)),
+            np.broadcast_to(origins[row], (len(alive), 3)),
+        )
         rows[row, alive] = wrap(robot, damped.refine(robot, *goal, rows[row - 1, alive]))
     return rows
 
@@ -149,7 +164,10 @@ def follow_each(
 ) -> list[Choice | Stuck]:
     """``follow`` for each of several paths and starts, in half the time where they are short."""
     if robot.arm is None or not paths:
-        return [follow(robot, *path, start, margin, jump) for path, start in zip(paths, starts, strict=True)]
+        return [
+            follow(robot, *path, start, margin, jump)
+            for path, start in zip(paths, starts, strict=True)
+        ]
     first = offsets([len(origins) for _, origins in paths])
     parts = [slice(low, high) for low, high in pairwise(first.tolist())]
     rotations, origins = (np.concatenate(columns) for columns in zip(*paths, strict=True))
@@ -157,12 +175,18 @@ def follow_each(
     found = _solve(robot, rotations, origins, each, parts)
     usable = _usable(robot, found, turns(robot), margin)
     return [
-        _choose(robot, found[own], usable[own], start, jump, Ties()) for own, start in zip(parts, starts, strict=True)
+        _choose(robot, found[own], usable[own], start, jump, Ties())
+        for own, start in zip(parts, starts, strict=True)
     ]
 
 
 def _choose(
-    robot: Robot, found: FloatArray, usable: NDArray[np.bool_], start: FloatArray, jump: float, ties: Ties
+    robot: Robot,
+    found: FloatArray,
+    usable: NDArray[np.bool_],
+    start: FloatArray,
+    jump: float,
+    ties: Ties,
 ) -> Choice | Stuck:
     """``follow`` among candidates (N, B, J), ``usable`` (N, B, T)."""
     table = turns(robot)
@@ -170,7 +194,9 @@ def _choose(
     few = _count_needed(table, usable)
     kept, usable, table = found[:, columns], usable[:, columns][:, :, few], table[few]
     first = _add_turns(kept[0], table) - start
-    cost = np.where(usable[0] & ~(ties.joined & _leaps(robot, first, jump)), _time(robot, first), math.inf)
+    cost = np.where(
+        usable[0] & ~(ties.joined & _leaps(robot, first, jump)), _time(robot, first), math.inf
+    )
     if not np.isfinite(cost).any():
         return Stuck(0, found, start[None] if ties.joined else np.empty((0, found.shape[2])))
     backs = np.empty((len(found), cost.size), dtype=np.int32)
@@ -187,7 +213,9 @@ def _choose(
         cost = costs[-1]
     states = _trace(_close_ends(robot, cost, _add_turns(kept[-1], table), ties.end), backs)
     branches, chosen = np.divmod(states, len(table))
-    return Choice(kept[np.arange(len(kept)), branches] + math.tau * table[chosen], columns[branches])
+    return Choice(
+        kept[np.arange(len(kept)), branches] + math.tau * table[chosen], columns[branches]
+    )
 
 
 def _count_needed(table: Index, usable: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -210,7 +238,11 @@ def _step(cost: FloatArray, source: Index, times: FloatArray) -> tuple[FloatArra
 
 
 def _along(
-    cost: FloatArray, source: Index, times: FloatArray, usable: NDArray[np.bool_], backs: NDArray[np.int32]
+    cost: FloatArray,
+    source: Index,
+    times: FloatArray,
+    usable: NDArray[np.bool_],
+    backs: NDArray[np.int32],
 ) -> FloatArray:
     """The least costs (n, B, T) of n rows from those of the row before them, infinite from the first row on that none
     reaches. source, times: ``_transitions``. backs: (n, B * T), filled in.
@@ -235,7 +267,9 @@ def _along(
     return costs
 
 
-def _close_ends(robot: Robot, cost: FloatArray, last: FloatArray, end: FloatArray | None) -> FloatArray:
+def _close_ends(
+    robot: Robot, cost: FloatArray, last: FloatArray, end: FloatArray | None
+) -> FloatArray:
     """The costs (B, T) of ending in ``last`` (B, T, J), with the way to ``end``; only the states there, if any is."""
     if end is None:
         return cost
@@ -280,9 +314,13 @@ def _transitions(
     most, size = table.max(axis=0), len(table)
     moved = found[1:, None, :, :] - found[:-1, :, None, :]
     moved = np.where(np.isnan(moved), math.inf, moved)
-    whole = np.where(most > 0, np.rint(np.where(np.isinf(moved), 0.0, moved) / math.tau), 0.0).astype(np.int64)
+    whole = np.where(
+        most > 0, np.rint(np.where(np.isinf(moved), 0.0, moved) / math.tau), 0.0
+    ).astype(np.int64)
     moved = moved - whole * math.tau
-    leaps = np.where(free[:, None, None], ~np.eye(found.shape[1], dtype=bool), _leaps(robot, moved, jump))
+    leaps = np.where(
+        free[:, None, None], ~np.eye(found.shape[1], dtype=bool), _leaps(robot, moved, jump)
+    )
     times = np.where(leaps, math.inf, _time(robot, moved))
     index = np.zeros((*times.shape, size), dtype=np.int64)
     lost = np.zeros_like(index, dtype=bool)

@@ -53,12 +53,19 @@ def set_out(robot: Robot, links: tuple[FloatArray, FloatArray], moved: FloatArra
     at each: (J + 1, N, C, 6), rad about the axes of the base, and mm of what is at its origin.
     """
     rotations, origins = links
-    axes = np.stack([rotations[:, k + 1] @ np.asarray(joint.axis) for k, joint in enumerate(robot.joints)], axis=1)
+    axes = np.stack(
+        [rotations[:, k + 1] @ np.asarray(joint.axis) for k, joint in enumerate(robot.joints)],
+        axis=1,
+    )
     sliding = np.array([joint.sliding for joint in robot.joints])[:, None]
     along = np.where(sliding, axes, cross(origins[:, 1:], axes))
     screws = np.concatenate([np.where(sliding, 0.0, axes), along], axis=2)
     found = np.zeros((len(robot.joints) + 1, *moved.shape[:2], 6))
-    np.cumsum(moved.transpose(2, 0, 1)[..., None] * screws.swapaxes(0, 1)[:, :, None], axis=0, out=found[1:])
+    np.cumsum(
+        moved.transpose(2, 0, 1)[..., None] * screws.swapaxes(0, 1)[:, :, None],
+        axis=0,
+        out=found[1:],
+    )
     return found
 
 

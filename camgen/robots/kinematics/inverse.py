@@ -15,7 +15,9 @@ from camgen.robots.kinematics.joint_limits import joints_of, theta_of, uncouplin
 from camgen.robots.models import Robot
 
 
-def inverse(robot: Robot, rotations: FloatArray, origins: FloatArray, near: FloatArray | None = None) -> FloatArray:
+def inverse(
+    robot: Robot, rotations: FloatArray, origins: FloatArray, near: FloatArray | None = None
+) -> FloatArray:
     """The controller's joint values (N, B, J) that bring the flange to base_from_flange (N, 3, 3), (N, 3), mm.
 
     B: 8 for spherical wrists (``spherical.BRANCHES`` says in which order), 2 for SCARA, 1 for slides,
@@ -24,7 +26,10 @@ def inverse(robot: Robot, rotations: FloatArray, origins: FloatArray, near: Floa
     leaves a joint free (axis 5 straight, wrist above axis 1) it is taken from ``near``, (J,) to (N, B, J); without it
     the angle of axis 4 is 0, and that of axis 1 is 0 facing the wrist and half a turn with the back to it.
     """
-    rotations, origins = np.asarray(rotations, dtype=np.float64), np.asarray(origins, dtype=np.float64)
+    rotations, origins = (
+        np.asarray(rotations, dtype=np.float64),
+        np.asarray(origins, dtype=np.float64),
+    )
     arm = robot.arm
     if isinstance(arm, Gantry):
         return flat.gantry_values(arm, rotations, origins)
@@ -33,10 +38,14 @@ def inverse(robot: Robot, rotations: FloatArray, origins: FloatArray, near: Floa
     if isinstance(arm, Scara):
         return joints_of(robot, arm, flat.scara_angles(arm, rotations, origins))
     kept = np.full(len(robot.joints), np.nan) if near is None else near
-    return joints_of(robot, arm, spherical.angles(arm, rotations, origins, theta_of(robot, arm, kept)))
+    return joints_of(
+        robot, arm, spherical.angles(arm, rotations, origins, theta_of(robot, arm, kept))
+    )
 
 
-def nearest(robot: Robot, rotations: FloatArray, origins: FloatArray, guess: FloatArray) -> FloatArray:
+def nearest(
+    robot: Robot, rotations: FloatArray, origins: FloatArray, guess: FloatArray
+) -> FloatArray:
     """Of the joint values for each pose (N, 3, 3), (N, 3), whole turns included, those nearest to ``guess`` (N, J), by
     the joint that differs most: (N, J); nan: none. Limits aside.
     """

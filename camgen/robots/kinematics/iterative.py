@@ -44,7 +44,9 @@ def _solve(robot: Robot, rotations: FloatArray, origins: FloatArray) -> FloatArr
     tries = _TRIES if resembling(robot.joints, robot.flange) is None else SEEDS
     near = guesses(robot, rotations, origins, tries)
     start = np.where(np.isnan(near), _spread(robot, tries), near).reshape(len(origins) * tries, -1)
-    found = refine(robot, np.repeat(rotations, tries, axis=0), np.repeat(origins, tries, axis=0), start)
+    found = refine(
+        robot, np.repeat(rotations, tries, axis=0), np.repeat(origins, tries, axis=0), start
+    )
     return _distinct(robot, found.reshape(len(origins), tries, -1))[:, :SEEDS]
 
 
@@ -62,10 +64,14 @@ def _spread(robot: Robot, tries: int) -> FloatArray:
     return np.vstack([robot.home, low + spread * (high - low)])
 
 
-def refine(robot: Robot, rotations: FloatArray, origins: FloatArray, start: FloatArray) -> FloatArray:
+def refine(
+    robot: Robot, rotations: FloatArray, origins: FloatArray, start: FloatArray
+) -> FloatArray:
     """Joint values (M, J) for M poses, each from its own start (M, J); nan where the iteration does not arrive."""
     joints = np.array(start, dtype=np.float64)
-    units = np.array([robot.lever if joint.sliding else 1.0 for joint in robot.joints])  # a slide moves in levers
+    units = np.array(
+        [robot.lever if joint.sliding else 1.0 for joint in robot.joints]
+    )  # a slide moves in levers
     done = np.zeros(len(joints), dtype=bool)
     active = np.flatnonzero(np.isfinite(joints).all(axis=1))
     for _ in range(_STEPS):
@@ -88,7 +94,12 @@ def _errors(
     away = origins - tip
     turn = vectors_of(rotations @ now.transpose(0, 2, 1))
     moved[:, :3] /= robot.lever
-    return moved, np.hstack([away / robot.lever, turn]), np.linalg.norm(away, axis=1), np.linalg.norm(turn, axis=1)
+    return (
+        moved,
+        np.hstack([away / robot.lever, turn]),
+        np.linalg.norm(away, axis=1),
+        np.linalg.norm(turn, axis=1),
+    )
 
 
 def _step(moved: FloatArray, error: FloatArray) -> FloatArray:

@@ -81,17 +81,27 @@ def turns(robot: Robot) -> NDArray[np.int64]:
     """Whole turns (T, J) by which a solution of ``inverse`` can be moved with hope of staying within the limits, from
     the most negative to the most positive, joint 1 slowest; joints at a rod stay.
     """
-    plain = (robot.coupling == np.eye(len(robot.joints))).all(axis=0) & np.isinf(robot.serial_limits[:, 0])
+    plain = (robot.coupling == np.eye(len(robot.joints))).all(axis=0) & np.isinf(
+        robot.serial_limits[:, 0]
+    )
     ranges = []
-    for joint, (low, high), alone in zip(robot.joints, robot.limits.tolist(), plain.tolist(), strict=True):
-        most = int(((high - low) / 2 + math.pi + _ON_LIMIT) // math.tau) if alone and not joint.sliding else 0
+    for joint, (low, high), alone in zip(
+        robot.joints, robot.limits.tolist(), plain.tolist(), strict=True
+    ):
+        most = (
+            int(((high - low) / 2 + math.pi + _ON_LIMIT) // math.tau)
+            if alone and not joint.sliding
+            else 0
+        )
         ranges.append(range(-most, most + 1))
     table = np.array(list(itertools.product(*ranges)), dtype=np.int64)
     table.setflags(write=False)
     return table
 
 
-def within_turned(robot: Robot, solutions: FloatArray, table: NDArray[np.int64]) -> NDArray[np.bool_]:
+def within_turned(
+    robot: Robot, solutions: FloatArray, table: NDArray[np.int64]
+) -> NDArray[np.bool_]:
     """Which of ``solutions`` (..., J), moved by each row of ``table`` (T, J), keep the limits (..., T)."""
     turning = table.any(axis=0)
     stays = np.ones(solutions.shape[:-1], dtype=np.bool_)
@@ -104,7 +114,9 @@ def within_turned(robot: Robot, solutions: FloatArray, table: NDArray[np.int64])
         # Rows of the table share their turns of one joint: each number of turns is tested once.
         own = table[:, k]
         numbers = np.arange(own.min(), own.max() + 1)
-        good &= _lies(solutions[..., k, None] + math.tau * numbers, robot.limits[k]).take(own - numbers[0], axis=-1)
+        good &= _lies(solutions[..., k, None] + math.tau * numbers, robot.limits[k]).take(
+            own - numbers[0], axis=-1
+        )
     return good
 
 

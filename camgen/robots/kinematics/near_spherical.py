@@ -35,7 +35,9 @@ def guesses(robot: Robot, rotations: FloatArray, origins: FloatArray, most: int)
     # that asks for 0 indeed is a solution.
     asked = np.remainder(theta[..., 5] + math.pi, math.tau) - math.pi
     theta[..., 5] = steps[:, None]
-    own = np.where((np.abs(asked[..., ::2]) < math.pi / 2)[..., None], theta[:, :, ::2], theta[:, :, 1::2])
+    own = np.where(
+        (np.abs(asked[..., ::2]) < math.pi / 2)[..., None], theta[:, :, ::2], theta[:, :, 1::2]
+    )
     asked = np.remainder(asked[..., ::2] + math.pi / 2, math.pi) - math.pi / 2
     own = np.where(_near(asked)[..., None], own, np.nan).reshape(len(origins), -1, 6)
     order = np.argsort(np.isnan(own[:, :, 0]), axis=1, kind="stable")[:, :most]
@@ -53,7 +55,9 @@ def _near(asked: FloatArray) -> NDArray[np.bool_]:
     return found
 
 
-def _at(robot: Robot, arm: Spherical, rotations: FloatArray, origins: FloatArray, steps: FloatArray) -> FloatArray:
+def _at(
+    robot: Robot, arm: Spherical, rotations: FloatArray, origins: FloatArray, steps: FloatArray
+) -> FloatArray:
     """Angles (N, K, 8, 6) of the arm for K of axis 6; the last column is what axis 5 asks for beyond it."""
     zero = at_zero(robot.joints, robot.flange)
     flange_from_wrist = arm.flange_from_wrist

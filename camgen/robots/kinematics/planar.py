@@ -18,10 +18,14 @@ def scara_angles(arm: Scara, rotations: FloatArray, origins: FloatArray) -> Floa
     above), then to the left. nan where out of reach or where the flange does not point along axis 4.
     """
     yaw, x, y, z = _axis_four(arm, rotations, origins)
-    bend = np.arccos(np.clip((x**2 + y**2 - arm.l1**2 - arm.l2**2) / (2 * arm.l1 * arm.l2), -1.0, 1.0))
+    bend = np.arccos(
+        np.clip((x**2 + y**2 - arm.l1**2 - arm.l2**2) / (2 * arm.l1 * arm.l2), -1.0, 1.0)
+    )
     lost = (scara_shortfall(arm, rotations, origins) > _REACH) | (scara_lean(arm, rotations) > LEAN)
     elbow = np.where(lost, np.nan, bend)[:, None] * np.array([1.0, -1.0])
-    theta1 = np.arctan2(y, x)[:, None] - np.arctan2(arm.l2 * np.sin(elbow), arm.l1 + arm.l2 * np.cos(elbow))
+    theta1 = np.arctan2(y, x)[:, None] - np.arctan2(
+        arm.l2 * np.sin(elbow), arm.l1 + arm.l2 * np.cos(elbow)
+    )
     height = np.broadcast_to(z[:, None], elbow.shape)
     return np.stack([theta1, elbow, height, yaw[:, None] - theta1 - elbow], axis=2)
 
@@ -40,7 +44,9 @@ def scara_shortfall(arm: Scara, rotations: FloatArray, origins: FloatArray) -> F
     """Mm by which N poses are out of reach sideways (N,), joint limits aside; 0: within reach."""
     _, x, y, _ = _axis_four(arm, rotations, origins)
     distance = np.hypot(x, y)
-    return np.asarray(np.maximum(distance - (arm.l1 + arm.l2), abs(arm.l1 - arm.l2) - distance).clip(0.0))
+    return np.asarray(
+        np.maximum(distance - (arm.l1 + arm.l2), abs(arm.l1 - arm.l2) - distance).clip(0.0)
+    )
 
 
 def scara_lean(arm: Scara, rotations: FloatArray) -> FloatArray:

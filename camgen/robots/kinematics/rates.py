@@ -21,7 +21,9 @@ def fastest(robot: Robot, joints: FloatArray, tip: Vec3) -> tuple[float, float]:
     rate = way / seconds
     moves, rotation, _ = jacobian(robot, joints)
     flange = moves @ rate
-    moved = np.linalg.norm(flange[:, :3] + np.cross(flange[:, 3:], rotation @ np.asarray(tip)), axis=1).max()
+    moved = np.linalg.norm(
+        flange[:, :3] + np.cross(flange[:, 3:], rotation @ np.asarray(tip)), axis=1
+    ).max()
     turning = np.abs(rate[[not joint.sliding for joint in robot.joints]]).max(initial=0.0)
     return float(moved), float(turning)
 

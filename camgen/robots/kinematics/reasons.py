@@ -35,7 +35,12 @@ class Reason(Struct, frozen=True):
 
 
 def why(
-    robot: Robot, rotations: FloatArray, origins: FloatArray, stuck: Stuck, margin: float = 0.0, jump: float = JUMP
+    robot: Robot,
+    rotations: FloatArray,
+    origins: FloatArray,
+    stuck: Stuck,
+    margin: float = 0.0,
+    jump: float = JUMP,
 ) -> Reason:
     """What ``stuck`` ran into, for the same path, margin and jump that ``follow`` was given."""
     row = stuck.row
@@ -62,7 +67,10 @@ def _no_solution(robot: Robot, rotation: FloatArray, origin: FloatArray, row: in
     if isinstance(arm, Gantry):
         lean = float(flat.gantry_lean(arm, rotation)[0])
     elif isinstance(arm, Scara):
-        lean, short_of = float(flat.scara_lean(arm, rotation)[0]), float(flat.scara_shortfall(arm, rotation, origin)[0])
+        lean, short_of = (
+            float(flat.scara_lean(arm, rotation)[0]),
+            float(flat.scara_shortfall(arm, rotation, origin)[0]),
+        )
     elif arm:
         short_of = float(spherical.shortfall(arm, rotation, origin)[0])
     else:
@@ -88,10 +96,18 @@ def _singular(robot: Robot, joints: FloatArray, row: int) -> Reason:
     away = from_singular(robot, joints)
     best = away[away.min(axis=1).argmax()]
     name = singularities(robot)[int(best.argmin())]
-    return Reason(row, "singular", -1, float(best.min()), f"singular, {name}: {_degrees(float(best.min()))} away")
+    return Reason(
+        row,
+        "singular",
+        -1,
+        float(best.min()),
+        f"singular, {name}: {_degrees(float(best.min()))} away",
+    )
 
 
-def _explain_gap(robot: Robot, own: FloatArray, reached: FloatArray, row: int, margin: float, jump: float) -> Reason:
+def _explain_gap(
+    robot: Robot, own: FloatArray, reached: FloatArray, row: int, margin: float, jump: float
+) -> Reason:
     """``own`` (B, J) solve the row, but nothing leads there from ``reached`` (M, J)."""
     turning = np.array([not joint.sliding for joint in robot.joints])
     moved = own[None] - reached[:, None]
@@ -99,7 +115,11 @@ def _explain_gap(robot: Robot, own: FloatArray, reached: FloatArray, row: int, m
     leaps = np.abs(moved)[..., turning].max(axis=-1)
     after = (reached[:, None] + moved)[leaps <= jump]
     if len(after):
-        return _limit(robot, after, row) if not within(robot, after).any() else _singular(robot, after, row)
+        return (
+            _limit(robot, after, row)
+            if not within(robot, after).any()
+            else _singular(robot, after, row)
+        )
     before, branch = np.unravel_index(leaps.argmin(), leaps.shape)
     joint = int(np.where(turning, np.abs(moved[before, branch]), 0.0).argmax())
     amount = float(leaps[before, branch])
@@ -107,9 +127,17 @@ def _explain_gap(robot: Robot, own: FloatArray, reached: FloatArray, row: int, m
     if _clearance(robot, ends).min() < max(_NEAR_SINGULAR, margin):
         away = from_singular(robot, ends)
         name = singularities(robot)[int(away.min(axis=0).argmin())]
-        text = f"singular, {name}: {robot.joints[joint].name} would turn by {_degrees(amount)} at once"
+        text = (
+            f"singular, {name}: {robot.joints[joint].name} would turn by {_degrees(amount)} at once"
+        )
         return Reason(row, "singular", joint, float(away.min()), text)
-    return Reason(row, "jump", joint, amount, f"{robot.joints[joint].name} would turn by {_degrees(amount)} at once")
+    return Reason(
+        row,
+        "jump",
+        joint,
+        amount,
+        f"{robot.joints[joint].name} would turn by {_degrees(amount)} at once",
+    )
 
 
 def _amount(robot: Robot, joint: int, value: float) -> str:

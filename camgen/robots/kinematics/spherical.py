@@ -64,7 +64,9 @@ def _beyond(arm: Spherical, seen: Wrists) -> FloatArray:
     return np.asarray(np.maximum(distance - (arm.c2 + fore), abs(arm.c2 - fore) - distance))
 
 
-def angles(arm: Spherical, rotations: FloatArray, origins: FloatArray, near: FloatArray) -> FloatArray:
+def angles(
+    arm: Spherical, rotations: FloatArray, origins: FloatArray, near: FloatArray
+) -> FloatArray:
     """Theta (N, 8, 6) of base_from_flange (N, 3, 3), (N, 3); nan where out of reach.
 
     near: theta (N, 8, 6) or broadcastable to it; axis 1 is kept from it where the wrist centre is above axis 1, and
@@ -93,7 +95,9 @@ def angles(arm: Spherical, rotations: FloatArray, origins: FloatArray, near: Flo
 
 def _wrist(theta: FloatArray, turn: FloatArray, keep: FloatArray) -> None:
     """Fills in axes 4 to 6. theta: (N, 2, 2, 2, 6). turn: arm_from_wrist (N, 3, 3). keep: theta 4 (N, 2, 2)."""
-    (ux, uy, uz), (vx, vy, vz), (wx, wy, wz) = turn.transpose(2, 1, 0)[..., None, None]  # the columns: x, y and z of it
+    (ux, uy, uz), (vx, vy, vz), (wx, wy, wz) = turn.transpose(2, 1, 0)[
+        ..., None, None
+    ]  # the columns: x, y and z of it
     c1, s1 = np.cos(theta[:, :, :, 0, 0]), np.sin(theta[:, :, :, 0, 0])
     at23 = theta[:, :, :, 0, 1] + theta[:, :, :, 0, 2]
     c, s = np.cos(at23), np.sin(at23)
@@ -109,7 +113,11 @@ def _wrist(theta: FloatArray, turn: FloatArray, keep: FloatArray) -> None:
     theta5, theta6 = np.arctan2(c4 * x + s4 * side, z), np.arctan2(across_u, across_v)
     for k, values in ((3, theta4), (4, theta5), (5, theta6)):
         theta[:, :, :, 0, k] = values
-    theta[:, :, :, 1, 3], theta[:, :, :, 1, 4], theta[:, :, :, 1, 5] = theta4 + math.pi, -theta5, theta6 + math.pi
+    theta[:, :, :, 1, 3], theta[:, :, :, 1, 4], theta[:, :, :, 1, 5] = (
+        theta4 + math.pi,
+        -theta5,
+        theta6 + math.pi,
+    )
 
 
 def branch(arm: Spherical, theta: FloatArray) -> NDArray[np.int64]:

@@ -42,7 +42,9 @@ def read_urdf(file: str, tip: str, files: Files) -> Robot:
     most = files.limits.urdf_joints
     if len(chain.joints) > most:
         what = f"has {len(chain.joints)} joints between {chain.base} and {chain.tip}, {tell(most)} at most"
-        raise InputError(file, what, remedy="name a nearer tip, FILE.urdf#LINK, or raise limits.urdf_joints")
+        raise InputError(
+            file, what, remedy="name a nearer tip, FILE.urdf#LINK, or raise limits.urdf_joints"
+        )
     links, notes = _links(described, chain, files)
     arm = _bare(described, chain, links, notes)
     if len(turns(arm)) > _TURNS:
@@ -55,11 +57,16 @@ def read_urdf(file: str, tip: str, files: Files) -> Robot:
 def _spare(robot: Robot) -> Robot:
     """With a note on links that are no neighbours, and yet not tested against each other."""
     pairs = [(robot.links[i].name, robot.links[j].name) for i, j in robot.touching if j > i + 1]
-    said = [f"{a} and {b} overlap in every posture: they are not tested against each other" for a, b in pairs]
+    said = [
+        f"{a} and {b} overlap in every posture: they are not tested against each other"
+        for a, b in pairs
+    ]
     return replace(robot, notes=(*robot.notes, *said))
 
 
-def _links(described: Description, chain: JointChain, files: Files) -> tuple[tuple[Link, ...], list[str]]:
+def _links(
+    described: Description, chain: JointChain, files: Files
+) -> tuple[tuple[Link, ...], list[str]]:
     """What moves together, with its boxes, and notes on what has none."""
     links: list[Link] = []
     notes: list[str] = []
@@ -71,7 +78,9 @@ def _links(described: Description, chain: JointChain, files: Files) -> tuple[tup
             own = shapes_of(part, described.links[part], Path(described.file).parent, files)
             boxes += [Box(body_from_part @ box.link_from_box, box.half) for box in own.boxes]
             turn, shift = body_from_part.rotation.T, body_from_part.origin
-            surfaces += [Surface(frozen(one.vertices @ turn + shift), one.faces) for one in own.surfaces]
+            surfaces += [
+                Surface(frozen(one.vertices @ turn + shift), one.faces) for one in own.surfaces
+            ]
             notes += own.notes
         # Meshes that leave a shape out would show a link with a gap.
         whole = len(surfaces) == sum(len(described.links[part]) for part in body)
@@ -79,7 +88,9 @@ def _links(described: Description, chain: JointChain, files: Files) -> tuple[tup
     return tuple(links), notes
 
 
-def _bare(described: Description, chain: JointChain, links: tuple[Link, ...], notes: list[str]) -> Robot:
+def _bare(
+    described: Description, chain: JointChain, links: tuple[Link, ...], notes: list[str]
+) -> Robot:
     """The robot, its home at the middle of the limits and no links taken for touching."""
     limits = frozen([limits_of(joint) for joint in chain.raw])
     count = len(chain.joints)
@@ -119,9 +130,13 @@ def _home(robot: Robot) -> FloatArray:
     rest = np.where((low < 0) & (high > 0) & turning, 0.0, (low + high) / 2)
     best, clear = rest, -1.0
     for bent in range(min(int(turning.sum()), 2) + 1):
-        every = np.array([_bend(rest, joints) for joints in _sign(np.flatnonzero(turning).tolist(), bent)])
+        every = np.array(
+            [_bend(rest, joints) for joints in _sign(np.flatnonzero(turning).tolist(), bent)]
+        )
         every = every[((low <= every) & (every <= high)).all(axis=1)]
-        clears = _clearness(robot, every, turning).round(9)  # of two bends that do as well, the first
+        clears = _clearness(robot, every, turning).round(
+            9
+        )  # of two bends that do as well, the first
         if clears.max(initial=-1.0) > clear:
             best, clear = every[clears.argmax()], float(clears.max())
         if clear >= _CLEAR_OF_SINGULAR:

@@ -48,7 +48,9 @@ def shapes_of(link: str, shapes: tuple[UrdfShape, ...], folder: Path, files: Fil
             continue
         path = mesh_path(shape.mesh, folder)
         if path is None:
-            notes.append(f"link {link} has no boxes of its mesh {shape.mesh}: there is no such file near the URDF")
+            notes.append(
+                f"link {link} has no boxes of its mesh {shape.mesh}: there is no such file near the URDF"
+            )
             continue
         try:
             soup = load(files.read(path))
@@ -56,9 +58,15 @@ def shapes_of(link: str, shapes: tuple[UrdfShape, ...], folder: Path, files: Fil
             notes.append(f"link {link} has no boxes of its mesh {error}")
             continue
         vertices = (soup.mm if soup.unit else 1000.0) * soup.vertices * np.array(shape.size)
-        boxes += [Box(shape.link_from_shape @ box.link_from_box, box.half) for box in around(vertices, soup.faces)]
+        boxes += [
+            Box(shape.link_from_shape @ box.link_from_box, box.half)
+            for box in around(vertices, soup.faces)
+        ]
         surfaces.append(
-            Surface(frozen(vertices @ shape.link_from_shape.rotation.T + shape.link_from_shape.origin), soup.faces)
+            Surface(
+                frozen(vertices @ shape.link_from_shape.rotation.T + shape.link_from_shape.origin),
+                soup.faces,
+            )
         )
     return Shapes(tuple(boxes), tuple(surfaces), tuple(notes))
 
@@ -68,7 +76,10 @@ def _simple(shape: UrdfShape) -> list[Box]:
     a, b, c = (size / 2 for size in shape.size)
     if shape.kind != "cylinder":
         return [Box(shape.link_from_shape, (a, b, c))]
-    return [Box(shape.link_from_shape, (a, b * _CROSS, c)), Box(shape.link_from_shape, (a * _CROSS, b, c))]
+    return [
+        Box(shape.link_from_shape, (a, b * _CROSS, c)),
+        Box(shape.link_from_shape, (a * _CROSS, b, c)),
+    ]
 
 
 def around(vertices: FloatArray, faces: IntArray) -> list[Box]:
@@ -119,7 +130,9 @@ def _slice(corners: FloatArray, axis: int) -> list[Box]:
             size = sum(float(sizes[a, b]) for a, b in itertools.pairwise(ends))
             if size < least:
                 best, least = ends, size
-    return [_upright(low[a:b].min(axis=0), high[a:b].max(axis=0)) for a, b in itertools.pairwise(best)]
+    return [
+        _upright(low[a:b].min(axis=0), high[a:b].max(axis=0)) for a, b in itertools.pairwise(best)
+    ]
 
 
 def _slices(corners: FloatArray, axis: int) -> tuple[FloatArray, FloatArray]:
@@ -140,7 +153,10 @@ def _slices(corners: FloatArray, axis: int) -> tuple[FloatArray, FloatArray]:
         if not crosses.any():
             continue
         start, end = a[crosses], b[crosses]
-        there = start + (end - start) * ((plane - start[:, axis]) / (end[:, axis] - start[:, axis]))[:, None]
+        there = (
+            start
+            + (end - start) * ((plane - start[:, axis]) / (end[:, axis] - start[:, axis]))[:, None]
+        )
         there[:, axis] = plane
         for slice_ in (k, k + 1):
             low[slice_] = np.minimum(low[slice_], there.min(axis=0))
@@ -161,7 +177,9 @@ def touching(robot: Robot) -> tuple[tuple[int, int], ...]:
     and in all of an even sample of configurations.
     """
     rng = np.random.default_rng(1)
-    spread = rng.uniform(robot.limits[:, 0], robot.limits[:, 1], (_OVERLAP_SAMPLES, len(robot.joints)))
+    spread = rng.uniform(
+        robot.limits[:, 0], robot.limits[:, 1], (_OVERLAP_SAMPLES, len(robot.joints))
+    )
     rotations, origins = frames(robot, np.vstack([robot.home, spread]))
     bodies = [
         _place(link.boxes, robot.pad, rotations[:, k], origins[:, k]) if link.boxes else None
@@ -175,7 +193,9 @@ def touching(robot: Robot) -> tuple[tuple[int, int], ...]:
     return tuple(pairs)
 
 
-def _place(boxes: tuple[Box, ...], pad: float, rotations: FloatArray, origins: FloatArray) -> _Boxes:
+def _place(
+    boxes: tuple[Box, ...], pad: float, rotations: FloatArray, origins: FloatArray
+) -> _Boxes:
     """B boxes of a link in S places of it: axes (S, B, 3, 3), centres (S, B, 3) and half edges (B, 3)."""
     own = np.stack([box.link_from_box.rotation for box in boxes])
     centres = np.array([box.link_from_box.origin for box in boxes])

@@ -47,7 +47,11 @@ def chain_of(of: Description, tip: str) -> JointChain:
     way = _way(above, tip)
     moving = [joint for joint in way if joint.type != "fixed"]
     if not moving:
-        raise InputError(of.file, f"nothing moves between {root} and {tip}", remedy="name another tip: FILE.urdf#LINK")
+        raise InputError(
+            of.file,
+            f"nothing moves between {root} and {tip}",
+            remedy="name another tip: FILE.urdf#LINK",
+        )
     for joint in moving:
         _check(of, joint)
     bodies, left = _bodies(of, root, moving)
@@ -56,7 +60,9 @@ def chain_of(of: Description, tip: str) -> JointChain:
     bodies = (_rebase(bodies[0], base_from_root), *bodies[1:])
     joints = _fold(moving, bodies)
     notes += [
-        f"{joint.name} has no limits: -360 to 360 deg are taken" for joint in moving if joint.type == "continuous"
+        f"{joint.name} has no limits: -360 to 360 deg are taken"
+        for joint in moving
+        if joint.type == "continuous"
     ]
     notes += [f"{name} moves by itself: it is left out" for name in left]
     return JointChain(joints, tuple(moving), bodies[-1][tip], base, tip, bodies, tuple(notes))
@@ -75,7 +81,12 @@ def _above(of: Description) -> dict[str, RawJoint]:
     for joint in of.joints:
         if joint.child in above:
             where = f"joints {above[joint.child].name} and {joint.name}"
-            raise InputError(of.file, f"link {joint.child} hangs on two joints", where, "camgen moves chains, no loops")
+            raise InputError(
+                of.file,
+                f"link {joint.child} hangs on two joints",
+                where,
+                "camgen moves chains, no loops",
+            )
         above[joint.child] = joint
     return above
 
@@ -87,13 +98,19 @@ def _root(of: Description, above: dict[str, RawJoint]) -> str:
         raise InputError(of.file, "has no links")
     if len(roots) > 1:
         raise InputError(
-            of.file, f"has {len(roots)} roots: {_list(roots)}", remedy="join them, or remove what is loose"
+            of.file,
+            f"has {len(roots)} roots: {_list(roots)}",
+            remedy="join them, or remove what is loose",
         )
     root = roots[0] if roots else ""
     depths = _depths(of, root)
     rest = [name for name in of.links if name not in depths]
     if rest:
-        raise InputError(of.file, f"links hang on each other in a loop: {_list(rest)}", remedy="camgen moves chains")
+        raise InputError(
+            of.file,
+            f"links hang on each other in a loop: {_list(rest)}",
+            remedy="camgen moves chains",
+        )
     return root
 
 
@@ -127,7 +144,9 @@ def _way(above: dict[str, RawJoint], tip: str) -> list[RawJoint]:
 
 def _name_tip(of: Description, tip: str) -> str:
     if tip not in of.links:
-        raise InputError(of.file, f"there is no link {tip}", remedy=f"there are {_list(list(of.links))}")
+        raise InputError(
+            of.file, f"there is no link {tip}", remedy=f"there are {_list(list(of.links))}"
+        )
     return tip
 
 
@@ -142,7 +161,9 @@ def _find(of: Description, depths: dict[str, int], root: str) -> tuple[str, list
     most = max(depths[name] for name in ends)
     tip = _only(of, [name for name in ends if depths[name] == most])
     others = [name for name in ends if name != tip]
-    return tip, [f"the tip is {tip}, farthest from {root}" + (f", not {_list(others)}" if others else "")]
+    return tip, [
+        f"the tip is {tip}, farthest from {root}" + (f", not {_list(others)}" if others else "")
+    ]
 
 
 def _only(of: Description, names: list[str]) -> str:
@@ -161,28 +182,41 @@ def _check(of: Description, joint: RawJoint) -> None:
     where = f"joint {joint.name}"
     if joint.type in ("floating", "planar"):
         raise InputError(
-            of.file, f"a {joint.type} joint is none of an arm", where, "make it fixed, or name another tip"
+            of.file,
+            f"a {joint.type} joint is none of an arm",
+            where,
+            "make it fixed, or name another tip",
         )
     if joint.follows:
         what = f"it follows joint {joint.follows} (mimic)"
-        raise InputError(of.file, what, where, "camgen moves each joint by itself: use a built-in robot")
+        raise InputError(
+            of.file, what, where, "camgen moves each joint by itself: use a built-in robot"
+        )
     if not (joint.limit.velocity or 0.0) > 0:
         unit = "m/s" if joint.sliding else "rad/s"
-        raise InputError(of.file, "it states no speed", where, f'give <limit velocity="..."/>, {unit}')
+        raise InputError(
+            of.file, "it states no speed", where, f'give <limit velocity="..."/>, {unit}'
+        )
     if joint.type == "continuous":
         return
     lower, upper = joint.limit.lower, joint.limit.upper
     unit = "m" if joint.sliding else "rad"
     if lower is None or upper is None:
-        raise InputError(of.file, "it states no limits", where, f'give <limit lower="..." upper="..."/>, {unit}')
+        raise InputError(
+            of.file, "it states no limits", where, f'give <limit lower="..." upper="..."/>, {unit}'
+        )
     if not lower < upper:
         what = f"its limits leave it no room: {short(lower, 4)} to {short(upper, 4)} {'mm' if joint.sliding else unit}"
         raise InputError(of.file, what, where, 'mend them, or make it type="fixed"')
     if not joint.sliding and max(-lower, upper) > _NO_LIMIT_RAD:
-        raise InputError(of.file, "its limits are more than four turns away", where, 'make it type="continuous"')
+        raise InputError(
+            of.file, "its limits are more than four turns away", where, 'make it type="continuous"'
+        )
 
 
-def _bodies(of: Description, root: str, moving: list[RawJoint]) -> tuple[tuple[dict[str, Pose], ...], list[str]]:
+def _bodies(
+    of: Description, root: str, moving: list[RawJoint]
+) -> tuple[tuple[dict[str, Pose], ...], list[str]]:
     """The links that stand, and those that move with each of the joints ``moving``: body_from_link by name; and the
     links below other joints.
     """

@@ -47,7 +47,11 @@ def name_of(element: Element, key: str, where: str = "") -> str:
     if not value:
         raise UrdfError(f"{element.tag} has no {key}", where, f'give it {key}="..."')
     if len(value) > _LONGEST:
-        raise UrdfError(f"{element.tag} {value[:20]}... has a {key} of {len(value)} letters", where, "shorten it")
+        raise UrdfError(
+            f"{element.tag} {value[:20]}... has a {key} of {len(value)} letters",
+            where,
+            "shorten it",
+        )
     if not value.isprintable():
         raise UrdfError(f"{element.tag} has a {key} that cannot be printed", where, "rename it")
     return value
@@ -214,7 +218,9 @@ def _joint(element: Element) -> RawJoint:
     where = f"joint {name}"
     kind = name_of(element, "type", where)
     if kind not in TYPES:
-        raise UrdfError(f'"{kind[:40]}" is not a type of joint', where, f"known are {', '.join(TYPES)}")
+        raise UrdfError(
+            f'"{kind[:40]}" is not a type of joint', where, f"known are {', '.join(TYPES)}"
+        )
     mimic = element.find("mimic")
     return RawJoint(
         name=name,
@@ -283,26 +289,37 @@ def _content(path: Path, files: Files) -> bytes:
         most = files.limits.urdf_bytes
         if state.st_size > most:
             what = f"has more than {tell(most)} bytes: no description of a robot"
-            raise InputError(file, what, remedy="name the URDF of the arm, or raise limits.urdf_bytes")
+            raise InputError(
+                file, what, remedy="name the URDF of the arm, or raise limits.urdf_bytes"
+            )
         return files.open(path).data
     except FileNotFoundError as error:
-        raise InputError(file, "no such file", "cell.robot", "a job file names it from its own folder") from error
+        raise InputError(
+            file, "no such file", "cell.robot", "a job file names it from its own folder"
+        ) from error
     except (OSError, ValueError) as error:  # ValueError: a zero byte in the name
         raise InputError(file, f"cannot be read: {reason(error)}") from error
 
 
 def _parse(file: str, data: bytes) -> Element:
-    xacro = InputError(file, "is xacro, from which a URDF is made", remedy="expand it: xacro arm.xacro > arm.urdf")
+    xacro = InputError(
+        file, "is xacro, from which a URDF is made", remedy="expand it: xacro arm.xacro > arm.urdf"
+    )
     if file.lower().endswith(".xacro"):
         raise xacro
     try:
         root: Element = fromstring(data, XMLParser(target=_Builder()))
     except _DeclaredError:
-        raise InputError(file, "declares a DOCTYPE, which a URDF does not need", remedy="remove it") from None
+        raise InputError(
+            file, "declares a DOCTYPE, which a URDF does not need", remedy="remove it"
+        ) from None
     except ParseError as error:
         what, _, where = str(error).partition(": ")
         raise InputError(file, f"is not XML: {what}", where) from error
-    except (LookupError, ValueError) as error:  # an encoding that Python does not have, or that is none of text
+    except (
+        LookupError,
+        ValueError,
+    ) as error:  # an encoding that Python does not have, or that is none of text
         raise InputError(file, f"is not XML: {error}", remedy="save it as UTF-8") from error
     if any("xacro}" in str(element.tag) for element in root.iter()):
         raise xacro
@@ -320,7 +337,9 @@ _FAR_UP = 6
 def urdf_files(file: str, files: Files) -> tuple[Path, ...]:
     """The URDF and the meshes that it names and that are there. InputError for a URDF that cannot be read."""
     described = read_description(Path(file), files)
-    names = dict.fromkeys(shape.mesh for shapes in described.links.values() for shape in shapes if shape.mesh)
+    names = dict.fromkeys(
+        shape.mesh for shapes in described.links.values() for shape in shapes if shape.mesh
+    )
     found = [mesh_path(name, Path(file).parent) for name in names]
     return (Path(file), *(path for path in found if path))
 

@@ -77,7 +77,11 @@ def fit_saddles(grey: Pixels, near: FloatArray, axes: FloatArray, radius: FloatA
         windows = _cut_out(grey, corners, radius)
         found = _with_contrast(windows, found)
         found, misfit = _fit(windows, found)
-        kept = kept & np.isfinite(found).all(axis=1) & (np.hypot(*(corners + found[:, :2] - near).T) < radius)
+        kept = (
+            kept
+            & np.isfinite(found).all(axis=1)
+            & (np.hypot(*(corners + found[:, :2] - near).T) < radius)
+        )
         found = np.where(kept[:, None], found, start)
         corners = np.where(kept[:, None], corners + found[:, :2], near)
         found[:, :2] = 0
@@ -96,7 +100,9 @@ def _cut_out(grey: Pixels, corners: FloatArray, radius: FloatArray) -> _Windows:
     inside = (u >= 0) & (v >= 0) & (u < width) & (v < height)
     x, y = u - corners[:, :1], v - corners[:, 1:]
     weight = inside * (radius[:, None] + 0.5 - np.hypot(x, y)).clip(0, 1)
-    return _Windows(x, y, grey[v.clip(0, height - 1), u.clip(0, width - 1)].astype(np.float64), weight)
+    return _Windows(
+        x, y, grey[v.clip(0, height - 1), u.clip(0, width - 1)].astype(np.float64), weight
+    )
 
 
 def _with_contrast(windows: _Windows, found: FloatArray) -> FloatArray:
@@ -136,7 +142,10 @@ def _fit(windows: _Windows, found: FloatArray) -> tuple[FloatArray, FloatArray]:
         better = tried_cost <= cost
         step = np.abs(tried - found)[better][:, :2].max(initial=0.0)
         found, cost = _model_saddle(better, tried, found), _model_saddle(better, tried_cost, cost)
-        error, slopes = _model_saddle(better, tried_error, error), _model_saddle(better, tried_slopes, slopes)
+        error, slopes = (
+            _model_saddle(better, tried_error, error),
+            _model_saddle(better, tried_slopes, slopes),
+        )
         damping = np.where(better, damping / 5, damping * 8)
         if step < _SETTLED and (better | (damping > 1e3)).all():
             break
@@ -227,7 +236,9 @@ def chessboard(columns: int, rows: int, square: float) -> Chessboard:
     return Chessboard(columns, rows, float(square))
 
 
-def charuco(columns: int, rows: int, square: float, marker: float, dictionary: str = DICTIONARY) -> Board:
+def charuco(
+    columns: int, rows: int, square: float, marker: float, dictionary: str = DICTIONARY
+) -> Board:
     """The ChArUco board of ``columns`` x ``rows`` squares. JobError for what cannot be, with the names that can."""
     if not (3 <= columns <= _MOST_CORNERS and 3 <= rows <= _MOST_CORNERS):
         remedy = "give the number of squares each way; 3x3 at least"
@@ -249,7 +260,11 @@ def find_board(pixels: Pixels, target: Target) -> SeenBoard | None:
     """The board in a photo, (H, W) grey or (H, W, 3) blue, green, red; None if it is not there."""
     import cv2  # noqa: PLC0415 (loaded only by what needs it)
 
-    grey = pixels if pixels.ndim == 2 else cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY).astype(np.uint8, copy=False)
+    grey = (
+        pixels
+        if pixels.ndim == 2
+        else cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY).astype(np.uint8, copy=False)
+    )
     reduction = math.ceil(math.sqrt(grey.size / _SOUGHT))
     for factor in (reduction, 1)[: 1 + (reduction > 1)]:
         for rough in _seek(grey, factor, target):
@@ -265,10 +280,20 @@ def _seek(grey: Pixels, factor: int, target: Target) -> Iterator[_Rough]:
 
     height, width = grey.shape
     size = (width // factor, height // factor)
-    small = grey if factor == 1 else cv2.resize(grey, size, interpolation=cv2.INTER_AREA).astype(np.uint8, copy=False)
-    found = _chess(small, target, factor > 1) if isinstance(target, Chessboard) else _charuco(small, target)
+    small = (
+        grey
+        if factor == 1
+        else cv2.resize(grey, size, interpolation=cv2.INTER_AREA).astype(np.uint8, copy=False)
+    )
+    found = (
+        _chess(small, target, factor > 1)
+        if isinstance(target, Chessboard)
+        else _charuco(small, target)
+    )
     for rough in found:
-        yield _Rough((rough.corners + 0.5) * (np.array([width, height]) / size) - 0.5, rough.numbers)
+        yield _Rough(
+            (rough.corners + 0.5) * (np.array([width, height]) / size) - 0.5, rough.numbers
+        )
 
 
 def _chess(grey: Pixels, target: Chessboard, reduced: bool) -> Iterator[_Rough]:
@@ -295,7 +320,9 @@ def _charuco(grey: Pixels, target: Board) -> Iterator[_Rough]:
     """As OpenCV draws boards now, and as it drew those with an even number of rows before version 4.6."""
     import cv2  # noqa: PLC0415 (loaded only by what needs it)
 
-    drawn = cv2.aruco.CharucoBoard((target.columns, target.rows), target.square, target.marker, _dictionary(target))
+    drawn = cv2.aruco.CharucoBoard(
+        (target.columns, target.rows), target.square, target.marker, _dictionary(target)
+    )
     for legacy in (False, True)[: 1 + (target.rows % 2 == 0)]:
         drawn.setLegacyPattern(legacy)
         corners, numbers, _, _ = cv2.aruco.CharucoDetector(drawn).detectBoard(grey)
@@ -314,7 +341,9 @@ def _measure(grey: Pixels, rough: _Rough, target: Target) -> SeenBoard | None:
     homography = fit_homography(places, rough.corners)
     if depth(homography, places).min() <= 0:
         return None
-    radius = _free(target) * scales(homography, places)[:, 0] - (0 if isinstance(target, Chessboard) else _BLUR)
+    radius = _free(target) * scales(homography, places)[:, 0] - (
+        0 if isinstance(target, Chessboard) else _BLUR
+    )
     saddles = fit_saddles(grey, rough.corners, _axes(homography, places), radius)
     contrast = saddles.contrast * np.where((row + column) % 2, -1, 1)
     sign = np.sign(np.median(contrast))
@@ -324,11 +353,17 @@ def _measure(grey: Pixels, rough: _Rough, target: Target) -> SeenBoard | None:
         return None
     limit = float(np.median(saddles.misfit[clear] / contrast[clear]) * _WORSE)
     good = clear & (saddles.misfit < min(max(limit, _ALWAYS), _NEVER) * contrast)
-    if good.sum() < max(_LEAST_CORNERS, _RIGHT_SHARE * len(good)) or in_line(places[good]) is not None:
+    if (
+        good.sum() < max(_LEAST_CORNERS, _RIGHT_SHARE * len(good))
+        or in_line(places[good]) is not None
+    ):
         return None
     corners, places = saddles.corners[good], places[good]
     if isinstance(target, Chessboard) and (columns + rows) % 2 and sign < 0:
-        corners, places = corners[::-1], (np.array([columns - 1, rows - 1]) * target.square - places)[::-1]
+        corners, places = (
+            corners[::-1],
+            (np.array([columns - 1, rows - 1]) * target.square - places)[::-1],
+        )
     return SeenBoard(frozen(corners), frozen(places), columns * rows)
 
 
@@ -349,7 +384,9 @@ def _axes(homography: FloatArray, places: FloatArray) -> FloatArray:
     """Directions of the board's x and y in the photo at each place, (N, 2, 2), as columns; of any length."""
     divisor = depth(homography, places)[:, None, None]
     at = places @ homography[:2, :2].T + homography[:2, 2]
-    axes: FloatArray = homography[None, :2, :2] - at[:, :, None] * homography[None, 2:, :2] / divisor
+    axes: FloatArray = (
+        homography[None, :2, :2] - at[:, :, None] * homography[None, 2:, :2] / divisor
+    )
     return axes
 
 
@@ -366,4 +403,6 @@ def _dictionary(board: Board) -> cv2.aruco.Dictionary:
 
 def _is_length(option: str, value: float) -> None:
     if not (math.isfinite(value) and value > 0):
-        raise JobError(option, f"{value} is no length in mm", remedy="measure it on the printed board")
+        raise JobError(
+            option, f"{value} is no length in mm", remedy="measure it on the printed board"
+        )

@@ -24,7 +24,14 @@ from camgen.model.text import counted
 from camgen.vision.boards.sheet import DICTIONARY, Board, Sheet
 from camgen.vision.camera.camera import Camera, distort, undistort
 from camgen.vision.image import Picture, Pixels
-from camgen.vision.plane import Plane, fit_homography, map_points, plane_from_points, same_pixels, suspect
+from camgen.vision.plane import (
+    Plane,
+    fit_homography,
+    map_points,
+    plane_from_points,
+    same_pixels,
+    suspect,
+)
 
 #: Markers are sought in a picture of at most so many pixels.
 _SOUGHT = 2_500_000
@@ -54,7 +61,9 @@ class _Found(NamedTuple):
     notes: tuple[Note, ...]
 
 
-def find(picture: Picture, camera: Camera | None, target: Sheet | Board, *, height: float = 0.0) -> Plane:
+def find(
+    picture: Picture, camera: Camera | None, target: Sheet | Board, *, height: float = 0.0
+) -> Plane:
     """The work plane of a sheet or board that lies in the photo; its work frame is that of Sheet or Board.
 
     height: how far the part's top face lies above the paper, mm; needs the camera. InputError if fewer than two
@@ -62,7 +71,9 @@ def find(picture: Picture, camera: Camera | None, target: Sheet | Board, *, heig
     """
     if camera is not None:
         same_pixels(picture, camera)
-    found = _sheet(picture, camera, target) if isinstance(target, Sheet) else _board(picture, target)
+    found = (
+        _sheet(picture, camera, target) if isinstance(target, Sheet) else _board(picture, target)
+    )
     kept, dropped = _agreeing(found, camera)
     plane = plane_from_points(
         camera,
@@ -96,34 +107,54 @@ def _sheet(picture: Picture, camera: Camera | None, sheet: Sheet) -> _Found:
     times = Counter(number for number, _ in seen)
     strange = sorted(set(times) - set(sheet.ids))
     double = sorted(number for number, count in times.items() if count > 1)
-    usable = sorted((pair for pair in seen if times[pair[0]] == 1 and pair[0] in sheet.ids), key=lambda pair: pair[0])
+    usable = sorted(
+        (pair for pair in seen if times[pair[0]] == 1 and pair[0] in sheet.ids),
+        key=lambda pair: pair[0],
+    )
     notes = []
     if strange:
         notes.append(Note("warning", f"marker {_list(strange)} ignored", "not on this sheet"))
     if double:
-        notes.append(Note("warning", f"marker {_list(double)} ignored", "in the photo more than once"))
+        notes.append(
+            Note("warning", f"marker {_list(double)} ignored", "in the photo more than once")
+        )
     if len(usable) < 2:
         extra = "".join(f"; {note.what}: {note.why}" for note in notes)
         what = f"shows {len(usable)} of the {len(sheet.ids)} markers of the {sheet.label}{extra}"
         raise InputError(
-            picture.name, what, remedy="two are needed, four or more are better: see that they are in view"
+            picture.name,
+            what,
+            remedy="two are needed, four or more are better: see that they are in view",
         )
     if len(usable) < 4:
         what = f"only {len(usable)} of {len(sheet.ids)} markers found"
-        notes.append(Note("warning", what, "the plane is less exact than with four or more around the part"))
+        notes.append(
+            Note("warning", what, "the plane is less exact than with four or more around the part")
+        )
     marks = [number for number, _ in usable]
     corners = _measure(grey, np.array([place for _, place in usable]), camera)
     names = [f"marker {number} corner {i}" for number in marks for i in (1, 2, 3, 4)]
     owners = np.repeat(marks, 4)
     rows = [sheet.ids.index(number) for number in marks]
-    return _Found(corners.reshape(-1, 2), sheet.corners[rows].reshape(-1, 2), owners, names, "marker", tuple(notes))
+    return _Found(
+        corners.reshape(-1, 2),
+        sheet.corners[rows].reshape(-1, 2),
+        owners,
+        names,
+        "marker",
+        tuple(notes),
+    )
 
 
 def _board(picture: Picture, board: Board) -> _Found:
     corners, owners = _corners(picture.pixels, board)
     if len(owners) < 4:
         what = f"shows {counted(len(owners), 'corner')} of the {board.label}"
-        raise InputError(picture.name, what, remedy="four are needed; check its squares, its dictionary and the light")
+        raise InputError(
+            picture.name,
+            what,
+            remedy="four are needed; check its squares, its dictionary and the light",
+        )
     row, column = np.divmod(owners, board.columns - 1)
     mm = np.column_stack([column + 1, board.rows - 1 - row]) * board.square
     names = [f"corner {number}" for number in owners.tolist()]
@@ -136,9 +167,13 @@ def _corners(pixels: Pixels, board: Board) -> tuple[FloatArray, NDArray[np.int64
 
     name = f"DICT_{board.dictionary}"
     if not hasattr(cv2.aruco, name):
-        raise JobError(board.label, f"no dictionary {board.dictionary!r}", remedy="give e.g. 4X4_50 or 5X5_100")
+        raise JobError(
+            board.label, f"no dictionary {board.dictionary!r}", remedy="give e.g. 4X4_50 or 5X5_100"
+        )
     dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
-    drawn = cv2.aruco.CharucoBoard((board.columns, board.rows), board.square, board.marker, dictionary)
+    drawn = cv2.aruco.CharucoBoard(
+        (board.columns, board.rows), board.square, board.marker, dictionary
+    )
     corners, ids, _, _ = cv2.aruco.CharucoDetector(drawn).detectBoard(_grey(pixels))
     owners = np.asarray(() if ids is None else ids).ravel().astype(np.int64)
     if not len(owners):
@@ -171,7 +206,11 @@ def _agreeing(found: _Found, camera: Camera | None) -> tuple[NDArray[np.bool_], 
 def _grey(pixels: Pixels) -> Pixels:
     import cv2  # noqa: PLC0415 (loaded only by what needs it)
 
-    return pixels if pixels.ndim == 2 else cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY).astype(np.uint8, copy=False)
+    return (
+        pixels
+        if pixels.ndim == 2
+        else cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY).astype(np.uint8, copy=False)
+    )
 
 
 def _detect(grey: Pixels, expected: int) -> list[tuple[int, FloatArray]]:
@@ -221,9 +260,13 @@ def _edges(grey: Pixels, corners: FloatArray, most: float) -> FloatArray:
     half = np.clip(_HALF_PART * length / _MODULES, _HALF_LEAST, most)
     across = half[..., None, None] * outwards[:, :, None, :]
     middles = corners[:, :, None, :] + _ALONG[:, None] * side[:, :, None, :]
-    places = (middles[:, :, :, None, :] + _ACROSS[:, None] * across[:, :, :, None, :]).reshape(-1, len(_ACROSS), 2)
+    places = (middles[:, :, :, None, :] + _ACROSS[:, None] * across[:, :, :, None, :]).reshape(
+        -1, len(_ACROSS), 2
+    )
     grid = places.astype(np.float32)
-    light = cv2.remap(grey, grid[..., 0], grid[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    light = cv2.remap(
+        grey, grid[..., 0], grid[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+    )
     rise = np.diff(np.asarray(light, dtype=np.float64), axis=1)
     total = rise.sum(axis=1)
     centre = (_ACROSS[:-1] + _ACROSS[1:]) / 2
@@ -237,10 +280,14 @@ def _intersections(edge: FloatArray) -> FloatArray:
     """Corners (M, 4, 2): where the lines through the points (M, 4, P, 2) of each side and of the one before it meet."""
     middle = edge.mean(axis=2)
     spread = edge - middle[:, :, None, :]
-    normal = np.linalg.eigh(np.einsum("mspi,mspj->msij", spread, spread))[1][..., 0]  # least spread first
+    normal = np.linalg.eigh(np.einsum("mspi,mspj->msij", spread, spread))[1][
+        ..., 0
+    ]  # least spread first
     before = np.roll(normal, 1, axis=1)
     walls = np.stack([before, normal], axis=2)
-    offsets = np.stack([(before * np.roll(middle, 1, axis=1)).sum(axis=2), (normal * middle).sum(axis=2)], axis=2)
+    offsets = np.stack(
+        [(before * np.roll(middle, 1, axis=1)).sum(axis=2), (normal * middle).sum(axis=2)], axis=2
+    )
     met: FloatArray = np.linalg.solve(walls, offsets[..., None])[..., 0]
     return met
 

@@ -82,14 +82,24 @@ def sheet(size: str = "A4", marker: float = 20.0, printed: float = RULER) -> She
     """
     page = SIZES.get(size.upper())
     if page is None:
-        raise JobError("marker sheet", f"no size {size!r}", remedy=f"give one of {', '.join(SIZES)}")
+        raise JobError(
+            "marker sheet", f"no size {size!r}", remedy=f"give one of {', '.join(SIZES)}"
+        )
     if not (math.isfinite(printed) and RULER * _PRINTED[0] <= printed <= RULER * _PRINTED[1]):
         what = f"the ruler of {short(RULER, 0)} mm cannot have printed as {short(printed, 3)} mm"
-        raise JobError("marker sheet", what, remedy="measure the printed ruler from its first to its last mark, in mm")
+        raise JobError(
+            "marker sheet",
+            what,
+            remedy="measure the printed ruler from its first to its last mark, in mm",
+        )
     most = (page[1] - _MARGIN - _FOOT - _LEAST_FREE) / (2 + 2 * _GAP_SHARE)
     if not _LEAST_MARKER <= marker <= most:
         what = f"markers of {short(marker, 2)} mm do not fit on {size.upper()}"
-        raise JobError("marker sheet", what, remedy=f"give {short(_LEAST_MARKER, 0)} to {short(most - 0.05, 1)} mm")
+        raise JobError(
+            "marker sheet",
+            what,
+            remedy=f"give {short(_LEAST_MARKER, 0)} to {short(most - 0.05, 1)} mm",
+        )
     left, low = _ring(page, marker)
     corner = (_MARGIN + marker * (1 + _GAP_SHARE), _FOOT + marker * (1 + _GAP_SHARE))
     free = (page[0] - 2 * corner[0], page[1] - _MARGIN - marker * (1 + _GAP_SHARE) - corner[1])
@@ -136,13 +146,18 @@ _Rectangle = tuple[float, float, float, float]
 def draw_svg(what: Sheet) -> bytes:
     """The sheet as an SVG page in mm, to be printed at 100 %."""
     width, height = what.page
-    paths = "".join(f'<path d="{"".join(_svg_rectangle(r, height) for r in group)}"/>\n' for group in _rectangles(what))
+    paths = "".join(
+        f'<path d="{"".join(_svg_rectangle(r, height) for r in group)}"/>\n'
+        for group in _rectangles(what)
+    )
     words = "".join(
         f'<text x="{_mm(x)}" y="{_mm(height - y)}" font-family="Helvetica, Arial, sans-serif" '
         f'font-size="{_mm(size)}">{text}</text>\n'
         for x, y, size, text in _words(what)
     )
-    page = f'width="{_mm(width)}mm" height="{_mm(height)}mm" viewBox="0 0 {_mm(width)} {_mm(height)}"'
+    page = (
+        f'width="{_mm(width)}mm" height="{_mm(height)}mm" viewBox="0 0 {_mm(width)} {_mm(height)}"'
+    )
     return f'<svg xmlns="http://www.w3.org/2000/svg" {page}>\n{paths}{words}</svg>\n'.encode()
 
 
@@ -215,7 +230,10 @@ def _marks(what: Sheet) -> list[_Rectangle]:
     left, low = _MARGIN * grow, 9.0 * grow
     length = RULER * grow
     ruler = [(left, low, length, thin)]
-    ruler += [(left + (length - thin) * i / 10, low + thin, thin, 4.0 if i in (0, 5, 10) else 2.5) for i in range(11)]
+    ruler += [
+        (left + (length - thin) * i / 10, low + thin, thin, 4.0 if i in (0, 5, 10) else 2.5)
+        for i in range(11)
+    ]
     x, y = what.origin
     return [*ruler, (x - 4, y - thin, 4.0, thin), (x - thin, y - 4, thin, 4.0)]
 
@@ -223,7 +241,10 @@ def _marks(what: Sheet) -> list[_Rectangle]:
 def _words(what: Sheet) -> list[tuple[float, float, float, str]]:
     grow = what.printed / RULER
     text = "Measure this: 100 mm over all. If it is not, give what it measures as printed_length."
-    return [((_MARGIN + RULER + 5) * grow, y * grow, 2.8, line) for y, line in ((12.0, text), (8.0, what.label))]
+    return [
+        ((_MARGIN + RULER + 5) * grow, y * grow, 2.8, line)
+        for y, line in ((12.0, text), (8.0, what.label))
+    ]
 
 
 def _svg_rectangle(rectangle: _Rectangle, height: float) -> str:

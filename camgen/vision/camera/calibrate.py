@@ -102,9 +102,15 @@ def best_fit(
     whole, whole_wide = (holds(Camera(fit.matrix, fit.lens, size, "")) for fit in (usual, wide))
     if not (len(odd_wide) < len(odd) or better) or (whole and not whole_wide):
         return usual, odd, []
-    agreed = [f"{len(fit.used)} photos agree within {short(rms(fit.used), 2)} px" for fit in (usual, wide)]
+    agreed = [
+        f"{len(fit.used)} photos agree within {short(rms(fit.used), 2)} px" for fit in (usual, wide)
+    ]
     why = f"with {_USUAL_LENS} of them {agreed[0]}, with all {_WIDE_ANGLE} {agreed[1]}"
-    return wide, odd_wide, [Note("assumed", f"a wide-angle lens of {_WIDE_ANGLE} coefficients", why)]
+    return (
+        wide,
+        odd_wide,
+        [Note("assumed", f"a wide-angle lens of {_WIDE_ANGLE} coefficients", why)],
+    )
 
 
 @contextmanager
@@ -141,7 +147,10 @@ def border(size: tuple[int, int]) -> FloatArray:
 def _fit(boards: Sequence[tuple[str, SeenBoard]], size: tuple[int, int], count: int) -> LensFit:
     import cv2  # noqa: PLC0415 (loaded only by what needs it)
 
-    places = [np.column_stack([seen.places, np.zeros(len(seen.places))]).astype(np.float32) for _, seen in boards]
+    places = [
+        np.column_stack([seen.places, np.zeros(len(seen.places))]).astype(np.float32)
+        for _, seen in boards
+    ]
     corners = [seen.corners.astype(np.float32) for _, seen in boards]
     flags = cv2.CALIB_RATIONAL_MODEL if count == _WIDE_ANGLE else 0
     until = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, _ROUNDS, _SETTLED)
@@ -153,7 +162,9 @@ def _fit(boards: Sequence[tuple[str, SeenBoard]], size: tuple[int, int], count: 
     _, _, _, turns, shifts = found
     matrix, lens = (np.asarray(values, dtype=np.float64) for values in found[1:3])
     if not (np.isfinite(matrix).all() and np.isfinite(lens).all()):
-        raise InputError(boards[0][0], "OpenCV finds no camera that took this photo and the others", remedy=TILT)
+        raise InputError(
+            boards[0][0], "OpenCV finds no camera that took this photo and the others", remedy=TILT
+        )
     lens = lens.ravel()[:count]
     used, known = [], np.zeros((4 + count, 4 + count))
     for (name, board), place, turn, shift in zip(boards, places, turns, shifts, strict=True):
@@ -187,7 +198,9 @@ def _agreeing(
         for i in np.argsort([-one.rms for one in fit.used], kind="stable")[:_TRIED].tolist():
             rest = _fit([*kept[:i], *kept[i + 1 :]], size, len(fit.lens))
             lost, corners = max(fit.squares - rest.squares, 0), len(fit.used[i].errors)
-            ratio = (lost / (2 * corners - 6)) / max(rest.squares / rest.freedom, np.finfo(float).tiny)
+            ratio = (lost / (2 * corners - 6)) / max(
+                rest.squares / rest.freedom, np.finfo(float).tiny
+            )
             tried.append((ratio, math.sqrt(lost / corners), i, rest))
         ratio, off, i, rest = max(tried, key=lambda one: one[0])
         if ratio < _CONTRADICTS or off < _OFF:
@@ -234,7 +247,9 @@ class Calibration(Struct, frozen=True, eq=False):
         return rms(self.used)
 
 
-def calibrate(sources: Sequence[Source], target: Target, name: str, stage: Callable[[str], None]) -> Calibration:
+def calibrate(
+    sources: Sequence[Source], target: Target, name: str, stage: Callable[[str], None]
+) -> Calibration:
     """The camera ``name`` that took these photos of the board. ``stage`` is told what is being done.
 
     Photos of another size than most are left out: a calibration is for one size. InputError for a photo that cannot be
@@ -246,7 +261,11 @@ def calibrate(sources: Sequence[Source], target: Target, name: str, stage: Calla
         photos.append(photograph(source, target))
     stage("calibrating")
     if not any(photo.seen for photo in photos):
-        raise InputError(_together(photos), f"no photo shows the {target.label}", remedy=_other_board(sources, target))
+        raise InputError(
+            _together(photos),
+            f"no photo shows the {target.label}",
+            remedy=_other_board(sources, target),
+        )
     return fit_camera(photos, target, name)
 
 
@@ -255,7 +274,11 @@ def photograph(source: Source, target: Target) -> Photo:
     picture = load(source, sensor=True)
     if picture.turned:
         what = "is a TIFF turned by its Exif orientation, a lens calibration belongs to the pixels of the sensor"
-        raise InputError(picture.name, what, remedy="save the photos without the orientation, or leave this one out")
+        raise InputError(
+            picture.name,
+            what,
+            remedy="save the photos without the orientation, or leave this one out",
+        )
     height, width = picture.pixels.shape[:2]
     return Photo(picture.name, (width, height), find_board(picture.pixels, target))
 
@@ -269,7 +292,9 @@ def fit_camera(photos: Sequence[Photo], target: Target, name: str) -> Calibratio
         usable = f"{len(good)} of {counted(len(photos), 'photo')}"
         what = f"{usable} can be used with the {target.label}, {LEAST_PHOTOS} are needed"
         why = f" ({left_out[0].name}: {left_out[0].why})" if left_out else ""
-        remedy = "take 10 to 20 different ones: the whole board, sharp, tilted, in all parts of the view"
+        remedy = (
+            "take 10 to 20 different ones: the whole board, sharp, tilted, in all parts of the view"
+        )
         raise InputError(_together(photos), what + why, remedy=remedy)
     fit, odd, notes = best_fit(good, size)
     if not fit.deviations[:2].max() < _UNKNOWN * fit.matrix[:2, :2].max():
@@ -288,22 +313,33 @@ def _of_one_size(photos: Sequence[Photo]) -> tuple[tuple[int, int], list[Photo],
     most = max(dict.fromkeys(sizes), key=sizes.count)
     usual = f"{most[0]} x {most[1]}"
     left_out = [
-        LeftOut(photo.name, f"is {photo.size[0]} x {photo.size[1]} px, not {usual}: a calibration is for one size")
+        LeftOut(
+            photo.name,
+            f"is {photo.size[0]} x {photo.size[1]} px, not {usual}: a calibration is for one size",
+        )
         for photo in photos
         if photo.size != most
     ]
     return most, [photo for photo in photos if photo.size == most], left_out
 
 
-def _distinct(photos: Sequence[Photo], target: Target) -> tuple[list[tuple[str, SeenBoard]], list[LeftOut]]:
+def _distinct(
+    photos: Sequence[Photo], target: Target
+) -> tuple[list[tuple[str, SeenBoard]], list[LeftOut]]:
     """The photos with a board, each once, and why not the others."""
     good: list[tuple[str, SeenBoard]] = []
     left_out: list[LeftOut] = []
     for photo in photos:
         if photo.seen is None:
-            left_out.append(LeftOut(photo.name, f"{target.label} not found: covered, cut off, blurred or not there"))
+            left_out.append(
+                LeftOut(
+                    photo.name, f"{target.label} not found: covered, cut off, blurred or not there"
+                )
+            )
             continue
-        twin = next((name for name, one in good if np.array_equal(one.corners, photo.seen.corners)), None)
+        twin = next(
+            (name for name, one in good if np.array_equal(one.corners, photo.seen.corners)), None
+        )
         if twin is None:
             good.append((photo.name, photo.seen))
         else:
@@ -337,12 +373,24 @@ def _doubts(camera: Camera, fit: LensFit) -> list[Note]:
         why = "is the board flat, are all photos of one camera with one zoom, and sharp?"
         notes.append(Note("warning", f"errors of {short(rms(fit.used), 2)} px are large", why))
     middle = camera.matrix[:2, 2]
-    seen_to = max(float(np.linalg.norm(one.seen.corners - middle, axis=1).max()) for one in fit.used)
+    seen_to = max(
+        float(np.linalg.norm(one.seen.corners - middle, axis=1).max()) for one in fit.used
+    )
     part = seen_to / float(np.linalg.norm(border(camera.size) - middle, axis=1).max())
     if not holds(camera):
         what = "the lens model shows nothing in the corners of the photo"
-        notes.append(Note("warning", what, "no board was seen there: take photos with the board in the corners"))
+        notes.append(
+            Note(
+                "warning",
+                what,
+                "no board was seen there: take photos with the board in the corners",
+            )
+        )
     elif part < _FAR_SHARE:
         what = f"no corner seen beyond {short(100 * part, 0)} % of the way to the photo's corners"
-        notes.append(Note("warning", what, "the lens is a guess further out: take photos with the board there"))
+        notes.append(
+            Note(
+                "warning", what, "the lens is a guess further out: take photos with the board there"
+            )
+        )
     return notes

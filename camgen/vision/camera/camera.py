@@ -64,7 +64,9 @@ def from_camera_info(file: str, text: str) -> CameraData:
     for key, shape in {"rectification_matrix": (3, 3), "projection_matrix": (3, 4)}.items():
         if key in root and _matrix_data(file, root, key).shape != shape:
             raise InputError(file, f"{key} is not {shape[0]} x {shape[1]}", remedy=AGAIN)
-    model = next((root[key] for key in ("distortion_model", "camera_model") if key in root), "plumb_bob")
+    model = next(
+        (root[key] for key in ("distortion_model", "camera_model") if key in root), "plumb_bob"
+    )
     return CameraData(
         matrix=_matrix_data(file, root, "camera_matrix"),
         matrix_key="camera_matrix",
@@ -79,7 +81,9 @@ def from_camera_info(file: str, text: str) -> CameraData:
 def _whole_frame(file: str, root: Mapping[str, object]) -> None:
     """A calibration for photos that are binned or cut out of the sensor's has another matrix than the file says."""
     roi = root.get("roi")
-    cut = isinstance(roi, dict) and any(str(roi.get(key, "0")) != "0" for key in ("x_offset", "y_offset"))
+    cut = isinstance(roi, dict) and any(
+        str(roi.get(key, "0")) != "0" for key in ("x_offset", "y_offset")
+    )
     if cut or any(str(root.get(key, "0")) not in ("0", "1") for key in ("binning_x", "binning_y")):
         what = "is for photos that are binned or cut out (binning_x, binning_y, roi)"
         raise InputError(file, what, remedy="calibrate with the photos as they are used")
@@ -88,7 +92,9 @@ def _whole_frame(file: str, root: Mapping[str, object]) -> None:
 def _value(file: str, root: Mapping[str, object], key: str) -> object:
     if key not in root:
         near = get_close_matches(key, list(root), 1)
-        raise InputError(file, f"has no {key}", remedy=f"{near[0]} looks like it: correct it" if near else AGAIN)
+        raise InputError(
+            file, f"has no {key}", remedy=f"{near[0]} looks like it: correct it" if near else AGAIN
+        )
     return root[key]
 
 
@@ -103,7 +109,9 @@ def _matrix_data(file: str, root: Mapping[str, object], key: str) -> FloatArray:
     found = _value(file, root, key)
     if not isinstance(found, dict):
         raise InputError(file, f"{key} has no rows, cols and data", remedy=AGAIN)
-    rows, columns = (_whole(file, {f"{key}: {k}": found.get(k, "")}, f"{key}: {k}") for k in ("rows", "cols"))
+    rows, columns = (
+        _whole(file, {f"{key}: {k}": found.get(k, "")}, f"{key}: {k}") for k in ("rows", "cols")
+    )
     data = found.get("data")
     if not isinstance(data, list):
         raise InputError(file, f"{key} has no list of data", remedy=AGAIN)
@@ -141,7 +149,9 @@ def _one_camera(file: str, keys: Sequence[str]) -> None:
     both = next((pair for pair in (("M1", "M2"), ("K1", "K2")) if set(pair) <= set(keys)), None)
     if both:
         what = f"holds two cameras, {both[0]} and {both[1]}"
-        raise InputError(file, what, remedy="keep the matrix and the distortion of the one that takes the photos")
+        raise InputError(
+            file, what, remedy="keep the matrix and the distortion of the one that takes the photos"
+        )
 
 
 def _name(file: str, keys: Sequence[str], known: Sequence[str], what: str) -> str:
@@ -150,7 +160,9 @@ def _name(file: str, keys: Sequence[str], known: Sequence[str], what: str) -> st
         held = f"it holds {cut(', '.join(keys))}" if keys else "it holds no named values"
         raise InputError(file, f"has no {what}, {held}", remedy=f"name it {known[0]}")
     if len(found) > 1:
-        raise InputError(file, f"has its {what} twice, {found[0]} and {found[1]}", remedy="keep one of them")
+        raise InputError(
+            file, f"has its {what} twice, {found[0]} and {found[1]}", remedy="keep one of them"
+        )
     return found[0]
 
 
@@ -166,13 +178,17 @@ def _is_number(text: str) -> bool:
 def _store_size(file: str, root: Mapping[str, Stored]) -> tuple[int, int]:
     pair = next((find_numbers(file, key, root[key]) for key in _PAIR_KEYS if key in root), None)
     if pair is None:
-        named = [next((key for key in which if key in root), "") for which in (_WIDTH_KEYS, _HEIGHT_KEYS)]
+        named = [
+            next((key for key in which if key in root), "") for which in (_WIDTH_KEYS, _HEIGHT_KEYS)
+        ]
         if "" in named:
             raise InputError(file, "does not say the size of the photos", remedy=_SIZE_REMEDY)
         found = [find_numbers(file, key, root[key]) for key in named]
         pair = np.array([one.item() if one.ndim == 0 else np.nan for one in found])
     if pair.size != 2 or not np.isfinite(pair).all() or (pair % 1).any():
-        raise InputError(file, "has a size of the photos that is not two whole numbers", remedy=_SIZE_REMEDY)
+        raise InputError(
+            file, "has a size of the photos that is not two whole numbers", remedy=_SIZE_REMEDY
+        )
     width, height = (int(value) for value in pair.ravel().tolist())
     return width, height
 
@@ -228,12 +244,16 @@ def read_camera(source: Source) -> Camera:
     name = source.name
     if len(source.data) > source.limits.camera_bytes:
         what = f"has more than {tell(source.limits.camera_bytes)} bytes: no camera file"
-        raise InputError(name, what, remedy="give the file of a calibration, or raise limits.camera_bytes")
+        raise InputError(
+            name, what, remedy="give the file of a calibration, or raise limits.camera_bytes"
+        )
     try:
         text = source.data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         remedy = "give camera_info YAML or OpenCV YAML, XML or JSON"
-        raise InputError(name, "cannot be read as a camera: not a text file", remedy=remedy) from error
+        raise InputError(
+            name, "cannot be read as a camera: not a text file", remedy=remedy
+        ) from error
     if not text.strip():
         raise InputError(name, "is empty", remedy=AGAIN)
     stored = text.lstrip().startswith(("%YAML:", "<", "{")) or "!!opencv-matrix" in text
@@ -280,7 +300,10 @@ def _check(data: CameraData, source: Source) -> Camera:
     if model not in _MODELS:
         what = f"has the lens model {model!r}, camgen knows {' and '.join(_MODELS)}"
         raise InputError(file, what, remedy="calibrate again with one of these")
-    matrix, lens = _array(file, data.matrix_key, data.matrix), _array(file, data.lens_key, data.lens).ravel()
+    matrix, lens = (
+        _array(file, data.matrix_key, data.matrix),
+        _array(file, data.lens_key, data.lens).ravel(),
+    )
     if matrix.shape != (3, 3):
         raise InputError(file, f"{data.matrix_key} is {_shape(matrix)}, not 3 x 3", remedy=AGAIN)
     counts = _MODELS[model]
@@ -295,7 +318,12 @@ def _check(data: CameraData, source: Source) -> Camera:
     if not (0 < width <= _MOST_PX and 0 < height <= _MOST_PX):
         remedy = "give the width and height of the calibrated photos in pixels"
         raise InputError(file, f"image size {width} x {height} cannot be", remedy=remedy)
-    return Camera(matrix=frozen(matrix), distortion=frozen(lens), size=(width, height), name=data.name or source.stem)
+    return Camera(
+        matrix=frozen(matrix),
+        distortion=frozen(lens),
+        size=(width, height),
+        name=data.name or source.stem,
+    )
 
 
 def _array(file: str, key: str, values: FloatArray) -> FloatArray:
@@ -308,7 +336,9 @@ def _is_camera_matrix(file: str, key: str, matrix: FloatArray) -> None:
     for name, focal in zip(("fx", "fy"), np.diag(matrix)[:2].tolist(), strict=True):
         if focal <= 0:
             zero = " (all 0: the camera was never calibrated)" if not matrix.any() else ""
-            raise InputError(file, f"{key}: focal length {name} is {focal:g}{zero}, not positive", remedy=AGAIN)
+            raise InputError(
+                file, f"{key}: focal length {name} is {focal:g}{zero}, not positive", remedy=AGAIN
+            )
     if matrix[2].tolist() != [0, 0, 1] or matrix[1, 0] != 0:
         remedy = "its rows are fx 0 cx, 0 fy cy, 0 0 1; look whether it is transposed"
         raise InputError(file, f"{key} is no camera matrix", remedy=remedy)

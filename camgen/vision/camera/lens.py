@@ -93,7 +93,9 @@ def _first_root(p: FloatArray) -> float:
     itself may be so small that the roots which matter drown.
     """
     inverse = polynomial.polyroots(np.where(np.abs(p) > _NOTHING, p, 0)[::-1])
-    real = inverse.real[(np.abs(inverse.imag) <= 1e-9 * np.abs(inverse)) & (inverse.real > _FARTHEST_RATIO**-2)]
+    real = inverse.real[
+        (np.abs(inverse.imag) <= 1e-9 * np.abs(inverse)) & (inverse.real > _FARTHEST_RATIO**-2)
+    ]
     roots = np.sort(1 / real)
     beyond = roots[polynomial.polyval(roots * (1 + 1e-4), p) < 0]
     return float(beyond[0]) if len(beyond) else np.inf
@@ -111,15 +113,29 @@ def _model(c: FloatArray, ideal: FloatArray) -> tuple[FloatArray, FloatArray]:
         s = x * x + y * y
         below = 1 + s * (k4 + s * (k5 + s * k6))
         f = (1 + s * (k1 + s * (k2 + s * k3))) / below
-        twice = 2 * (k1 + s * (2 * k2 + s * 3 * k3) - f * (k4 + s * (2 * k5 + s * 3 * k6))) / below  # 2 df/ds
+        twice = (
+            2 * (k1 + s * (2 * k2 + s * 3 * k3) - f * (k4 + s * (2 * k5 + s * 3 * k6))) / below
+        )  # 2 df/ds
         u = x * f + 2 * p1 * x * y + p2 * (s + 2 * x * x) + s * (s1 + s * s2)
         v = y * f + p1 * (s + 2 * y * y) + 2 * p2 * x * y + s * (s3 + s * s4)
         prism_u, prism_v = 2 * (s1 + 2 * s * s2), 2 * (s3 + 2 * s * s4)
         across = x * y * twice + 2 * p1 * x + 2 * p2 * y
         slopes = np.stack(
             [
-                np.stack([f + x * x * twice + 2 * p1 * y + 6 * p2 * x + x * prism_u, across + y * prism_u], axis=1),
-                np.stack([across + x * prism_v, f + y * y * twice + 6 * p1 * y + 2 * p2 * x + y * prism_v], axis=1),
+                np.stack(
+                    [
+                        f + x * x * twice + 2 * p1 * y + 6 * p2 * x + x * prism_u,
+                        across + y * prism_u,
+                    ],
+                    axis=1,
+                ),
+                np.stack(
+                    [
+                        across + x * prism_v,
+                        f + y * y * twice + 6 * p1 * y + 2 * p2 * x + y * prism_v,
+                    ],
+                    axis=1,
+                ),
             ],
             axis=1,
         )

@@ -74,7 +74,9 @@ def _arrows(found: Calibration, scale: float, factor: float) -> Iterator[str]:
     for step in range(_HUES):
         strokes = [
             f"M{x0:.2f} {y0:.2f}L{x1:.2f} {y1:.2f}"
-            for (x0, y0), (x1, y1) in zip(start[hue == step].tolist(), end[hue == step].tolist(), strict=True)
+            for (x0, y0), (x1, y1) in zip(
+                start[hue == step].tolist(), end[hue == step].tolist(), strict=True
+            )
         ]
         if strokes:
             yield f'<path class="arrow" stroke="{_colour(step)}" d="{"".join(strokes)}"/>'

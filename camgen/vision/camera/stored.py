@@ -48,7 +48,9 @@ def parse_yaml(file: str, text: str) -> Stored:
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark
         where = f"line {mark.line + 1}" if mark else ""
-        raise InputError(file, f"is no YAML: {error.problem or error.context}", where, AGAIN) from error
+        raise InputError(
+            file, f"is no YAML: {error.problem or error.context}", where, AGAIN
+        ) from error
     except (yaml.YAMLError, RecursionError) as error:
         reason = "nested too deep" if isinstance(error, RecursionError) else str(error)
         raise InputError(file, f"is no YAML: {reason}", remedy=AGAIN) from error
@@ -72,12 +74,16 @@ def _plain(value: object) -> Stored:
 
 def _xml(file: str, text: str) -> Stored:
     if "<!" in text.replace("<!--", ""):
-        raise InputError(file, "holds a document type or an entity, which no camera file needs", remedy=AGAIN)
+        raise InputError(
+            file, "holds a document type or an entity, which no camera file needs", remedy=AGAIN
+        )
     try:
         root = ElementTree.fromstring(text.lstrip())
     except ElementTree.ParseError as error:
         line = error.position[0]
-        raise InputError(file, f"is no XML: {str(error).partition(':')[0]}", f"line {line}", AGAIN) from error
+        raise InputError(
+            file, f"is no XML: {str(error).partition(':')[0]}", f"line {line}", AGAIN
+        ) from error
     return _element(root)
 
 
@@ -99,7 +105,11 @@ def find_numbers(file: str, key: str, value: Stored) -> FloatArray:
     if isinstance(value, dict) and all(name in value for name in _MATRIX):
         rows, columns = (_count(file, f"{key}: {name}", value[name]) for name in _MATRIX[:2])
         data = value["data"]
-        numbers = find_numbers(file, key, [data] if isinstance(data, str) else data) if data else np.zeros(0)
+        numbers = (
+            find_numbers(file, key, [data] if isinstance(data, str) else data)
+            if data
+            else np.zeros(0)
+        )
         if numbers.size != rows * columns:
             what = f"{key} says {rows} x {columns} and holds {counted(numbers.size, 'number')}"
             raise InputError(file, what, remedy=AGAIN)
@@ -107,7 +117,11 @@ def find_numbers(file: str, key: str, value: Stored) -> FloatArray:
     if isinstance(value, list):
         rows_of = [one if isinstance(one, list) else [one] for one in value[: _MOST_NUMBERS + 1]]
         lengths = {len(row) for row in rows_of}
-        flat = [one for row in rows_of for one in row[: _MOST_NUMBERS + 1]] if len(lengths) == 1 else []
+        flat = (
+            [one for row in rows_of for one in row[: _MOST_NUMBERS + 1]]
+            if len(lengths) == 1
+            else []
+        )
         if not flat or len(flat) > _MOST_NUMBERS:
             raise InputError(file, f"{key} is no matrix of numbers", remedy=AGAIN)
         found = np.array([_number(file, key, one) for one in flat])

@@ -17,7 +17,15 @@ from camgen.model.part import Contour, IntArray, Note
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, short
 from camgen.vision.lines_arcs.fit import BoolArray, Curves
-from camgen.vision.lines_arcs.joints import CornerJoints, clear, joints, normals, orient, small_corners, tangents
+from camgen.vision.lines_arcs.joints import (
+    CornerJoints,
+    clear,
+    joints,
+    normals,
+    orient,
+    small_corners,
+    tangents,
+)
 from camgen.vision.lines_arcs.polish import (
     FittedChain,
     astray,
@@ -28,7 +36,16 @@ from camgen.vision.lines_arcs.polish import (
     no_fillets,
     polish,
 )
-from camgen.vision.lines_arcs.runs import Runs, blocks, fit_runs, merge, relax, rougher, trim, within
+from camgen.vision.lines_arcs.runs import (
+    Runs,
+    blocks,
+    fit_runs,
+    merge,
+    relax,
+    rougher,
+    trim,
+    within,
+)
 from camgen.vision.lines_arcs.spots import FITTED, make_sound, stretches_of
 from camgen.vision.outline import Outline
 from camgen.vision.similarity import scale_of
@@ -54,12 +71,16 @@ class Divided(Struct, frozen=True, eq=False):
     counts: BoolArray
 
 
-def divide_loops(loops: Rings, halfway: ComplexArray, sigma: FloatArray, blur: FloatArray) -> Divided:
+def divide_loops(
+    loops: Rings, halfway: ComplexArray, sigma: FloatArray, blur: FloatArray
+) -> Divided:
     """Lines and arcs of closed loops of points where the grey value is half-way; sigma, blur (L,) px."""
     weight, told = np.ones(len(halfway)), sigma
     runs = merge(blocks(loops), loops, halfway, weight, sigma)
     for _ in range(_ROUNDS):
-        sigma = rougher(runs, loops, halfway, fit_runs(runs, loops, halfway, weight, sigma)[1], told)
+        sigma = rougher(
+            runs, loops, halfway, fit_runs(runs, loops, halfway, weight, sigma)[1], told
+        )
         for _ in range(_RELAXED):
             _, curves, _ = fit_runs(runs, loops, halfway, weight, sigma)
             runs = relax(runs, loops, halfway, curves, sigma)
@@ -68,7 +89,9 @@ def divide_loops(loops: Rings, halfway: ComplexArray, sigma: FloatArray, blur: F
         for _ in range(_CORNERS):
             runs, curves = _without_corners(runs, loops, halfway, weight, sigma, blur)
             found = joints(curves, runs, loops, halfway, sigma, blur)
-            weight = clear(found, curves, runs, loops, halfway) * trim(runs, loops, halfway, curves, sigma, blur)
+            weight = clear(found, curves, runs, loops, halfway) * trim(
+                runs, loops, halfway, curves, sigma, blur
+            )
         runs = merge(runs, loops, halfway, weight, sigma)
     curves = _curves(runs, loops, halfway, weight, sigma)
     points = _put_right(runs, loops, halfway, curves, blur)
@@ -77,16 +100,25 @@ def divide_loops(loops: Rings, halfway: ComplexArray, sigma: FloatArray, blur: F
     return Divided(points, runs, curves, found, clear(found, curves, runs, loops, points))
 
 
-def _curves(runs: Runs, loops: Rings, points: ComplexArray, weight: FloatArray, sigma: FloatArray) -> Curves:
+def _curves(
+    runs: Runs, loops: Rings, points: ComplexArray, weight: FloatArray, sigma: FloatArray
+) -> Curves:
     return orient(fit_runs(runs, loops, points, weight, sigma)[1], runs, loops, points)
 
 
 def _without_corners(
-    runs: Runs, loops: Rings, points: ComplexArray, weight: FloatArray, sigma: FloatArray, blur: FloatArray
+    runs: Runs,
+    loops: Rings,
+    points: ComplexArray,
+    weight: FloatArray,
+    sigma: FloatArray,
+    blur: FloatArray,
 ) -> tuple[Runs, Curves]:
     """The runs without those that are the picture's rounding of a corner, or next to nothing."""
     curves = _curves(runs, loops, points, weight, sigma)
-    small = small_corners(curves, runs, loops, points, blur) | ((runs.count < _LEAST_POINTS) & runs.several())
+    small = small_corners(curves, runs, loops, points, blur) | (
+        (runs.count < _LEAST_POINTS) & runs.several()
+    )
     if not small.any():
         return runs, curves
     runs = _give_away(runs, loops, small, curves)
@@ -112,7 +144,9 @@ def _give_away(runs: Runs, loops: Rings, small: BoolArray, curves: Curves) -> Ru
     return within(Runs(first[keep], count[keep], runs.loop[keep]), loops)
 
 
-def _put_right(runs: Runs, loops: Rings, points: ComplexArray, curves: Curves, blur: FloatArray) -> ComplexArray:
+def _put_right(
+    runs: Runs, loops: Rings, points: ComplexArray, curves: Curves, blur: FloatArray
+) -> ComplexArray:
     """The points of arcs moved away from their centre by what the blur has moved them towards it, s^2 / (2 r)."""
     rows, _ = runs.rows(loops)
     which = np.repeat(np.arange(len(runs)), runs.count)
@@ -171,7 +205,9 @@ def primitives(
         stop = begin[mine[-1]] + parts.runs.count[mine[-1]]
         found = _contour(parts, mine, rows[begin[mine[0]] : stop], outline, matrix)
         if found is None:
-            notes.append(Note("skipped", f"outline {k + 1} crosses itself", "the mask is too ragged there"))
+            notes.append(
+                Note("skipped", f"outline {k + 1} crosses itself", "the mask is too ragged there")
+            )
         else:
             contours.append(Contour(*found[0], True, layer, f"c{len(contours) + 1}"))
             fits.append(found[1])
@@ -186,7 +222,10 @@ def _tell_lines(contours: Sequence[Contour], fits: Sequence[OutlineFit]) -> tupl
         count, length = sum(fits[k].doubtful for k in of), sum(fits[k].lines_mm for k in of)
         what = f"{counted(count, 'stretch', 'stretches')} of {counted(len(of), 'outline')} kept as lines"
         what += f", {short(length, 1)} mm in all"
-        ids, places = tuple(contours[k].id for k in of), tuple(p for k in of for p in fits[k].places)
+        ids, places = (
+            tuple(contours[k].id for k in of),
+            tuple(p for k in of for p in fits[k].places),
+        )
         notes.append(Note("warning", what, "no lines and arcs follow them soundly", ids, places))
     cut = [k for k, fit in enumerate(fits) if fit.cut]
     if cut:
@@ -199,7 +238,9 @@ def _tell_lines(contours: Sequence[Contour], fits: Sequence[OutlineFit]) -> tupl
 _Found = tuple[tuple[FloatArray, FloatArray], OutlineFit]
 
 
-def _contour(parts: Divided, mine: IntArray, rows: IntArray, outline: Outline, matrix: FloatArray) -> _Found | None:
+def _contour(
+    parts: Divided, mine: IntArray, rows: IntArray, outline: Outline, matrix: FloatArray
+) -> _Found | None:
     """Points and bulges in mm of the runs ``mine`` of one outline, whose points are ``rows``; None if it fails."""
     points, counts = parts.points[rows], parts.counts[rows]
     sigma = float(np.hypot(outline.sigma, _HIDDEN))
@@ -225,7 +266,9 @@ def _contour(parts: Divided, mine: IntArray, rows: IntArray, outline: Outline, m
     fit = _fit(error, shape[1], matrix)
     places = tuple((x, y) for x, y in _in_work(middles, np.zeros(len(middles)), matrix)[0].tolist())
     lines_mm = scale_of(matrix) * float(lengths.sum())
-    return shape, replace(fit, doubtful=len(places), lines_mm=lines_mm, places=places, cut=sound.cut)
+    return shape, replace(
+        fit, doubtful=len(places), lines_mm=lines_mm, places=places, cut=sound.cut
+    )
 
 
 def _points_only(points: ComplexArray) -> FittedChain:
@@ -242,7 +285,9 @@ def _fit(error: FloatArray, bulges: FloatArray, matrix: FloatArray) -> OutlineFi
     return OutlineFit(rms, most, len(bulges) - arcs, arcs)
 
 
-def _circle(parts: Divided, mine: IntArray, points: ComplexArray, sigma: float, matrix: FloatArray) -> _Found | None:
+def _circle(
+    parts: Divided, mine: IntArray, points: ComplexArray, sigma: float, matrix: FloatArray
+) -> _Found | None:
     """A whole circle as two arcs; None where the points are not on one, or not all around."""
     curve = parts.curves.take(mine)
     bend = float(curve.curvature[0])
@@ -258,7 +303,9 @@ def _circle(parts: Divided, mine: IntArray, points: ComplexArray, sigma: float, 
     return shape, _fit(error, shape[1], matrix)
 
 
-def _chain(parts: Divided, mine: IntArray, points: ComplexArray, counts: BoolArray) -> tuple[FittedChain, IntArray]:
+def _chain(
+    parts: Divided, mine: IntArray, points: ComplexArray, counts: BoolArray
+) -> tuple[FittedChain, IntArray]:
     """Lines and arcs through the points of several runs, and which of them each point belongs to."""
     piece = np.repeat(np.arange(len(mine)), parts.runs.count[mine])
     curves = parts.curves.take(mine)
@@ -270,10 +317,14 @@ def _chain(parts: Divided, mine: IntArray, points: ComplexArray, counts: BoolArr
     turn += 2 * np.pi * np.round((curves.curvature * way - turn) / (2 * np.pi))
     straight = curves.curvature == 0
     bulges = np.where(straight, 0.0, np.tan(turn.clip(-6.25, 6.25) / 4))
-    return polish(FittedChain(corners, bulges, straight, smooth), points, piece, counts.astype(np.float64)), piece
+    return polish(
+        FittedChain(corners, bulges, straight, smooth), points, piece, counts.astype(np.float64)
+    ), piece
 
 
-def _in_work(corners: ComplexArray, bulges: FloatArray, matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _in_work(
+    corners: ComplexArray, bulges: FloatArray, matrix: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """Points (N, 2) mm and bulges, the part on the left."""
     points = np.column_stack([corners.real, corners.imag]) @ matrix[:, :2].T + matrix[:, 2]
     if np.linalg.det(matrix[:, :2]) < 0:

@@ -147,7 +147,9 @@ def _smallest(
     value = np.zeros_like(p)
     for _ in range(_NEWTON):
         slope = (3 * value - 2 * c2) * value + c1
-        value = value - (((value - c2) * value + c1) * value - c0) / np.where(np.abs(slope) > NONZERO, slope, 1.0)
+        value = value - (((value - c2) * value + c1) * value - c0) / np.where(
+            np.abs(slope) > NONZERO, slope, 1.0
+        )
     p, q, r = p - value, q - value, r - value
     # The vector is square to all rows: the cross product of those two that are least parallel.
     crosses = np.array(
@@ -170,8 +172,12 @@ def best(runs: Sums, sigma: FloatArray, price: float) -> tuple[Curves, FloatArra
     straight, round_ = lines(runs), circles(runs)
     cost0 = straight.sse / sigma**2 + _LINE_NUMBERS * price
     cost1 = round_.sse / sigma**2 + _ARC_NUMBERS * price
-    extent = np.sqrt(np.maximum(runs.sums[:, 3] + runs.sums[:, 5], 0) * 12 / np.maximum(runs.sums[:, 0], 1))
-    flat = (np.abs(round_.curvature) * extent**2 / 8 < _FLAT_PX) | (runs.sums[:, 0] < _FEWEST_FOR_ARC)
+    extent = np.sqrt(
+        np.maximum(runs.sums[:, 3] + runs.sums[:, 5], 0) * 12 / np.maximum(runs.sums[:, 0], 1)
+    )
+    flat = (np.abs(round_.curvature) * extent**2 / 8 < _FLAT_PX) | (
+        runs.sums[:, 0] < _FEWEST_FOR_ARC
+    )
     line = (cost0 <= cost1) | flat
     return Curves(
         np.where(line, straight.origin, round_.origin),

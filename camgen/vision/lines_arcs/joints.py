@@ -15,7 +15,9 @@ from camgen.vision.lines_arcs.runs import Runs, within
 #: Turn of a sharp corner, and how far from it the half-way level of its picture passes, in units of the blur:
 #: where a Gaussian of sigma 1 has half its weight in a wedge of that shape. Computed by quadrature.
 TURNS = np.radians([0, 10, 20, 30, 45, 60, 75, 90, 105, 120, 135, 150, 160, 170])
-PASSES = np.array([0, 0.07, 0.141, 0.213, 0.328, 0.454, 0.599, 0.771, 0.988, 1.285, 1.741, 2.604, 3.884, 7.739])
+PASSES = np.array(
+    [0, 0.07, 0.141, 0.213, 0.328, 0.454, 0.599, 0.771, 0.988, 1.285, 1.741, 2.604, 3.884, 7.739]
+)
 #: Beyond so many blurs from the other edge the picture of a corner is that of a straight edge, within 0.02 px.
 _ROUND = 2.5
 #: Roundings (px) that are lost in the noise, and that are not.
@@ -48,14 +50,22 @@ class CornerJoints(Struct, frozen=True, eq=False):
 def orient(curves: Curves, runs: Runs, loops: Rings, points: ComplexArray) -> Curves:
     """The same curves, signed so that 1j times the gradient of the form points along the run."""
     middle = _row(runs, loops, runs.count // 2)
-    before, after = _row(runs, loops, np.maximum(runs.count // 2 - 1, 0)), _row(runs, loops, runs.count // 2 + 1)
+    before, after = (
+        _row(runs, loops, np.maximum(runs.count // 2 - 1, 0)),
+        _row(runs, loops, runs.count // 2 + 1),
+    )
     along = 1j * _gradient(curves, points[middle])
     wrong = ((points[after] - points[before]) * along.conj()).real < 0
     return Curves(curves.origin, np.where(wrong[:, None], -curves.form, curves.form), curves.sse)
 
 
 def joints(
-    curves: Curves, runs: Runs, loops: Rings, points: ComplexArray, sigma: FloatArray, blur: FloatArray
+    curves: Curves,
+    runs: Runs,
+    loops: Rings,
+    points: ComplexArray,
+    sigma: FloatArray,
+    blur: FloatArray,
 ) -> CornerJoints:
     """Joints of oriented ``curves`` with those that follow; sigma, blur (L,) px."""
     after = runs.following()
@@ -90,7 +100,9 @@ def crossings(one: Curves, two: Curves, near: ComplexArray) -> tuple[ComplexArra
     return point, miss < 1e-6
 
 
-def small_corners(curves: Curves, runs: Runs, loops: Rings, points: ComplexArray, blur: FloatArray) -> BoolArray:
+def small_corners(
+    curves: Curves, runs: Runs, loops: Rings, points: ComplexArray, blur: FloatArray
+) -> BoolArray:
     """Which runs (P,) are no more than the picture's rounding of a corner between their neighbours."""
     after, before = runs.following(), runs.before()
     one, two = curves.take(before), curves.take(after)
@@ -99,19 +111,33 @@ def small_corners(curves: Curves, runs: Runs, loops: Rings, points: ComplexArray
     s = blur[runs.loop]
     turn = _turn(one, two, vertex)
     zone = _zone(turn, s)
-    first, last = points[_row(runs, loops, np.zeros_like(after))], points[_row(runs, loops, runs.count - 1)]
+    first, last = (
+        points[_row(runs, loops, np.zeros_like(after))],
+        points[_row(runs, loops, runs.count - 1)],
+    )
     reach = np.maximum(np.abs(first - vertex), np.abs(last - vertex))
     inwards = 1j * np.sign(turn) * tangents(one, vertex) * np.exp(0.5j * turn)
     # The place nearest to the vertex may just have gone to a neighbour.
-    depth = _depths(within(Runs(runs.first - 2, runs.count + 4, runs.loop), loops), loops, points, vertex, inwards)
+    depth = _depths(
+        within(Runs(runs.first - 2, runs.count + 4, runs.loop), loops),
+        loops,
+        points,
+        vertex,
+        inwards,
+    )
     expected = np.interp(np.abs(turn), TURNS, PASSES) * s
     found = (
-        crossing & (before != after) & (reach < 1.5 * zone + 2.0) & (depth < _ROUNDING_SLACK * expected + _ROUNDING_PX)
+        crossing
+        & (before != after)
+        & (reach < 1.5 * zone + 2.0)
+        & (depth < _ROUNDING_SLACK * expected + _ROUNDING_PX)
     )
     return np.asarray(found & (depth > -0.5))
 
 
-def _depths(runs: Runs, loops: Rings, points: ComplexArray, vertex: ComplexArray, inwards: ComplexArray) -> FloatArray:
+def _depths(
+    runs: Runs, loops: Rings, points: ComplexArray, vertex: ComplexArray, inwards: ComplexArray
+) -> FloatArray:
     """How far ``inwards`` (P,) of its vertex each run passes: the lowest point of a parabola over its lowest three."""
     rows, begin = runs.rows(loops)
     which = owners(runs.count)
@@ -120,7 +146,9 @@ def _depths(runs: Runs, loops: Rings, points: ComplexArray, vertex: ComplexArray
     place = np.full(len(runs), -1)
     hit = np.flatnonzero(local.real <= low[which])
     place[which[hit]] = hit - begin[which[hit]]
-    around = np.stack([(points[_row(runs, loops, place + k)] - vertex) * inwards.conj() for k in (-1, 0, 1)])
+    around = np.stack(
+        [(points[_row(runs, loops, place + k)] - vertex) * inwards.conj() for k in (-1, 0, 1)]
+    )
     return valley(around.imag, around.real)
 
 
@@ -132,11 +160,15 @@ def valley(x: FloatArray, y: FloatArray) -> FloatArray:
         slope = first + bend * (x[1] - x[0])
         lowest = y[1] - slope * slope / (4 * bend)
     low = y.min(axis=0)
-    found: FloatArray = np.where(np.isfinite(lowest) & (bend > 0) & (lowest > low - 0.5), lowest, low)
+    found: FloatArray = np.where(
+        np.isfinite(lowest) & (bend > 0) & (lowest > low - 0.5), lowest, low
+    )
     return found
 
 
-def clear(found: CornerJoints, curves: Curves, runs: Runs, loops: Rings, points: ComplexArray) -> BoolArray:
+def clear(
+    found: CornerJoints, curves: Curves, runs: Runs, loops: Rings, points: ComplexArray
+) -> BoolArray:
     """(N,) which points of the loops count: those that no corner has rounded, as long as a run keeps a few."""
     before = runs.before()
     rows, begin = runs.rows(loops)
@@ -199,7 +231,12 @@ def _between(one: Curves, two: Curves, near: ComplexArray) -> ComplexArray:
 
 
 def _touching(
-    one: Curves, two: Curves, near: ComplexArray, sigma: FloatArray, count: IntArray, other: IntArray
+    one: Curves,
+    two: Curves,
+    near: ComplexArray,
+    sigma: FloatArray,
+    count: IntArray,
+    other: IntArray,
 ) -> tuple[BoolArray, ComplexArray]:
     """Whether the curves touch within their noise close to ``near``, and where."""
     apart = one.distances(near) - two.distances(near)

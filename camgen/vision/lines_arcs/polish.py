@@ -39,7 +39,9 @@ class FittedChain(Struct, frozen=True, eq=False):
     smooth: BoolArray
 
 
-def polish(chain: FittedChain, points: ComplexArray, piece: IntArray, weight: FloatArray) -> FittedChain:
+def polish(
+    chain: FittedChain, points: ComplexArray, piece: IntArray, weight: FloatArray
+) -> FittedChain:
     """``chain`` moved to fit ``points`` (N,) best; piece (N,): ascending, which one each belongs to."""
     corners, bulges = chain.corners, chain.bulges
     for _ in range(_ROUNDS):
@@ -54,7 +56,9 @@ def polish(chain: FittedChain, points: ComplexArray, piece: IntArray, weight: Fl
     return FittedChain(corners, bulges, chain.straight, chain.smooth)
 
 
-def to_arcs(points: ComplexArray, a: ComplexArray, b: ComplexArray, bulge: FloatArray) -> FloatArray:
+def to_arcs(
+    points: ComplexArray, a: ComplexArray, b: ComplexArray, bulge: FloatArray
+) -> FloatArray:
     """Signed distances (N,) of points to the circles of the arcs a -> b, one each; to the line where bulge is 0."""
     chord = b - a
     c = np.maximum(np.abs(chord), 1e-9)
@@ -82,14 +86,18 @@ def _normal_equations(
     right[after, :2] -= products[:, 3:, 5]
     _add_tangents(chain, matrix, right)
     half = np.abs(chain.corners[after] - chain.corners) / 2
-    stay = np.stack([np.full(count, _STAY), np.full(count, _STAY), _STAY * half**2 + chain.straight], axis=1)
+    stay = np.stack(
+        [np.full(count, _STAY), np.full(count, _STAY), _STAY * half**2 + chain.straight], axis=1
+    )
     # The last part only matters where two corners have met, and one of them tells nothing.
     stay += 1e-6 + 1e-9 * np.trace(matrix[:, 2], axis1=1, axis2=2)[:, None]
     matrix[:, 2] += stay[:, :, None] * np.eye(3)
     return matrix, right
 
 
-def _products(chain: FittedChain, points: ComplexArray, piece: IntArray, weight: FloatArray) -> FloatArray:
+def _products(
+    chain: FittedChain, points: ComplexArray, piece: IntArray, weight: FloatArray
+) -> FloatArray:
     """(K, 5, 6): for each piece, sums of the products of the five slopes of its points' distances with one another and
     with the distances; the slopes are those by x, y of its start, its bulge, and x, y of its end.
     """
@@ -103,7 +111,9 @@ def _products(chain: FittedChain, points: ComplexArray, piece: IntArray, weight:
         (0, _STEP_PX, 0),
         (0, 1j * _STEP_PX, 0),
     )
-    columns = np.stack([*((to_arcs(points, a + p, b + q, g + r) - error) / _STEP_PX for p, q, r in shifts), error])
+    columns = np.stack(
+        [*((to_arcs(points, a + p, b + q, g + r) - error) / _STEP_PX for p, q, r in shifts), error]
+    )
     columns[2] *= ~chain.straight[piece]
     first = np.searchsorted(piece, np.arange(count))
     products = np.empty((count, 5, 6))
@@ -134,7 +144,11 @@ def _add_tangents(chain: FittedChain, matrix: FloatArray, right: FloatArray) -> 
     for i in range(3):
         np.add.at(right, places[:, i], -rows[:, i] * (error * _TANGENT)[:, None])
         for j in range(3):
-            np.add.at(matrix, (places[:, i], np.full(len(k), j - i + 2)), rows[:, i, :, None] * rows[:, j, None, :])
+            np.add.at(
+                matrix,
+                (places[:, i], np.full(len(k), j - i + 2)),
+                rows[:, i, :, None] * rows[:, j, None, :],
+            )
 
 
 def _solve(matrix: FloatArray, right: FloatArray) -> FloatArray:
@@ -153,7 +167,9 @@ def _solve(matrix: FloatArray, right: FloatArray) -> FloatArray:
         blocks = matrix[rows[:, inside], k + 2].swapaxes(0, 1)
         np.add.at(whole, (place[inside], column[inside] % size), blocks)
     whole = whole.transpose(2, 0, 3, 1, 4)
-    found = np.linalg.solve(whole.reshape(len(starts), size * 3, size * 3), right[rows].reshape(len(starts), -1, 1))
+    found = np.linalg.solve(
+        whole.reshape(len(starts), size * 3, size * 3), right[rows].reshape(len(starts), -1, 1)
+    )
     result = np.zeros((count, 3))
     kept = slice(0, count) if count <= _WINDOW else slice(_MARGIN, _MARGIN + step)
     found = found.reshape(len(starts), size, 3)
@@ -204,10 +220,14 @@ def along(chain: FittedChain, share: float | FloatArray) -> ComplexArray:
 
 def errors(chain: FittedChain, points: ComplexArray, piece: IntArray) -> FloatArray:
     """Signed distances (N,) px of points from their pieces."""
-    return to_arcs(points, chain.corners[piece], np.roll(chain.corners, -1)[piece], chain.bulges[piece])
+    return to_arcs(
+        points, chain.corners[piece], np.roll(chain.corners, -1)[piece], chain.bulges[piece]
+    )
 
 
-def beyond(chain: FittedChain, fillets: Fillets, points: ComplexArray, piece: IntArray) -> BoolArray:
+def beyond(
+    chain: FittedChain, fillets: Fillets, points: ComplexArray, piece: IntArray
+) -> BoolArray:
     """Which points (N,) no fillet has to do with."""
     after, reach = np.roll(chain.corners, -1)[piece], np.roll(fillets.reach, -1)[piece]
     at_start = np.abs(points - chain.corners[piece]) < fillets.reach[piece]
@@ -220,7 +240,12 @@ def astray_beyond(sigma: float) -> float:
 
 
 def astray(
-    chain: FittedChain, fillets: Fillets, points: ComplexArray, piece: IntArray, counts: BoolArray, sigma: float
+    chain: FittedChain,
+    fillets: Fillets,
+    points: ComplexArray,
+    piece: IntArray,
+    counts: BoolArray,
+    sigma: float,
 ) -> BoolArray:
     """Which pieces (K,) do not follow their points; of two that meet in a corner that is none, the one with fewer."""
     count = len(chain.corners)
@@ -237,7 +262,9 @@ def astray(
     return bad | ~np.isfinite(chain.bulges)
 
 
-def fillets_of(chain: FittedChain, points: ComplexArray, piece: IntArray, blur: float, sigma: float) -> Fillets:
+def fillets_of(
+    chain: FittedChain, points: ComplexArray, piece: IntArray, blur: float, sigma: float
+) -> Fillets:
     """The small radii at the corners of ``chain``, told by how far its points keep from the corner.
 
     The picture of a corner of radius r passes the vertex at the root of the sum of two squares: the distance of the
@@ -251,9 +278,18 @@ def fillets_of(chain: FittedChain, points: ComplexArray, piece: IntArray, blur: 
     depth = _depths(chain.corners, 1j * np.sign(turn) * into * np.exp(0.5j * turn), points, piece)
     own = _OWN * np.interp(np.abs(turn), TURNS, PASSES) * blur
     within = np.abs(turn).clip(*_TURN)
-    reach = np.sqrt(np.maximum(depth**2 - own**2, 0.0)) / (1 / np.cos(within / 2) - 1) * np.tan(within / 2)
+    reach = (
+        np.sqrt(np.maximum(depth**2 - own**2, 0.0))
+        / (1 / np.cos(within / 2) - 1)
+        * np.tan(within / 2)
+    )
     room = _ROOM_SHARE * np.minimum(size, np.roll(size, 1))
-    told = (depth > _ROUNDER * own + _MORE + sigma) & (within == np.abs(turn)) & (reach < room) & ~chain.smooth
+    told = (
+        (depth > _ROUNDER * own + _MORE + sigma)
+        & (within == np.abs(turn))
+        & (reach < room)
+        & ~chain.smooth
+    )
     told &= len(turn) > 2
     farthest = np.minimum(_ROUNDER * own + _LOST, _BLURS * blur + _TIP)
     return Fillets(np.where(told, reach, 0.0), turn, ~told & ~chain.smooth & (depth > farthest))
@@ -265,7 +301,9 @@ def no_fillets(chain: FittedChain) -> Fillets:
     return Fillets(none, none, none > 0)
 
 
-def _depths(corners: ComplexArray, inwards: ComplexArray, points: ComplexArray, piece: IntArray) -> FloatArray:
+def _depths(
+    corners: ComplexArray, inwards: ComplexArray, points: ComplexArray, piece: IntArray
+) -> FloatArray:
     """How far ``inwards`` (K,) of each corner the points around it pass."""
     size = np.bincount(piece, minlength=len(corners))
     begin = begins(size)
@@ -302,7 +340,11 @@ def repair(
         own = points[begin[k] : begin[k + 1]] if bad[k] else first[k : k + 1]
         corners.append(np.append(own, last[k]) if between else own)
         shape = np.zeros(len(own)) if bad[k] else bulges[k : k + 1]
-        shapes.append(np.append(shape, 0.0 if bad[after] else np.tan(fillets.turn[after] / 4)) if between else shape)
+        shapes.append(
+            np.append(shape, 0.0 if bad[after] else np.tan(fillets.turn[after] / 4))
+            if between
+            else shape
+        )
     counts = [len(own) for own in corners]
     return np.concatenate(corners), np.concatenate(shapes), np.repeat(np.arange(len(bad)), counts)
 
@@ -310,7 +352,9 @@ def repair(
 def _lengths(chain: FittedChain) -> FloatArray:
     chord, half = np.abs(np.roll(chain.corners, -1) - chain.corners), 2 * np.arctan(chain.bulges)
     safe = np.where(np.abs(half) > 1e-9, half, 1.0)
-    return np.asarray(np.maximum(chord * np.where(np.abs(half) > 1e-9, safe / np.sin(safe), 1.0), 1e-9))
+    return np.asarray(
+        np.maximum(chord * np.where(np.abs(half) > 1e-9, safe / np.sin(safe), 1.0), 1e-9)
+    )
 
 
 def _share(chain: FittedChain, points: ComplexArray) -> FloatArray:

@@ -84,7 +84,9 @@ def fit_runs(
     return sums, curves, cost
 
 
-def merge(runs: Runs, loops: Rings, points: ComplexArray, weight: FloatArray, sigma: FloatArray) -> Runs:
+def merge(
+    runs: Runs, loops: Rings, points: ComplexArray, weight: FloatArray, sigma: FloatArray
+) -> Runs:
     """Neighbours joined until none gains by it. Points that do not count at a corner must be paid when it goes."""
     sums, _, cost = fit_runs(runs, loops, points, weight, sigma)
     begins, ends = _left_out(runs, loops, weight)
@@ -133,7 +135,9 @@ def _choose_joins(runs: Runs, after: IntArray, gain: FloatArray) -> IntArray:
     return np.flatnonzero(low & (gain > 0))
 
 
-def relax(runs: Runs, loops: Rings, points: ComplexArray, curves: Curves, sigma: FloatArray) -> Runs:
+def relax(
+    runs: Runs, loops: Rings, points: ComplexArray, curves: Curves, sigma: FloatArray
+) -> Runs:
     """Every end between two runs where both together fit best; the middle of each run stays with it."""
     several, after = runs.several(), runs.following()
     half = runs.count // 2
@@ -172,12 +176,19 @@ def _lowest(total: FloatArray, begin: IntArray, size: IntArray) -> IntArray:
 
 
 def trim(
-    runs: Runs, loops: Rings, points: ComplexArray, curves: Curves, sigma: FloatArray, blur: FloatArray
+    runs: Runs,
+    loops: Rings,
+    points: ComplexArray,
+    curves: Curves,
+    sigma: FloatArray,
+    blur: FloatArray,
 ) -> FloatArray:
     """Weights (N,): 0 for points at the ends of a run, as far as the blur may round them, that are off its curve."""
     rows, begin = runs.rows(loops)
     which = owners(runs.count)
-    far = np.abs(curves.take(which).distances(points[rows])) >= _FAR_SIGMAS * sigma[runs.loop][which]
+    far = (
+        np.abs(curves.take(which).distances(points[rows])) >= _FAR_SIGMAS * sigma[runs.loop][which]
+    )
     place = ramp(runs.count)
     from_end = np.minimum(place, runs.count[which] - 1 - place)
     off = far & (from_end < _ROUNDED * blur[runs.loop][which] + 1)
@@ -187,7 +198,9 @@ def trim(
     return weight
 
 
-def rougher(runs: Runs, loops: Rings, points: ComplexArray, curves: Curves, sigma: FloatArray) -> FloatArray:
+def rougher(
+    runs: Runs, loops: Rings, points: ComplexArray, curves: Curves, sigma: FloatArray
+) -> FloatArray:
     """The noise (L,) px that neighbours share: what means of four points are off their curves, twice.
 
     Where a photo was rectified, linear interpolation has smoothed its noise, and differences of neighbours tell too

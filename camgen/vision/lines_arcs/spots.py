@@ -46,7 +46,12 @@ class Sound(Struct, frozen=True, eq=False):
 
 
 def make_sound(
-    chain: FittedChain, fillets: Fillets, bad: BoolArray, points: ComplexArray, piece: IntArray, off: float
+    chain: FittedChain,
+    fillets: Fillets,
+    bad: BoolArray,
+    points: ComplexArray,
+    piece: IntArray,
+    off: float,
 ) -> Sound | None:
     """``chain`` as a ring that does not cross itself, ``bad`` (K,) pieces as lines within ``off`` px of their points.
 
@@ -72,7 +77,9 @@ def make_sound(
             sound = _cut(ring, drawn)
             if sound is not None:
                 return sound
-            crossing = np.unique(np.concatenate([crossing - 1, crossing, crossing + 1]) % len(drawn))
+            crossing = np.unique(
+                np.concatenate([crossing - 1, crossing, crossing + 1]) % len(drawn)
+            )
             raised = np.minimum(drawn[crossing] + 1, POINTS)
         drawn = drawn.copy()
         drawn[crossing] = raised
@@ -81,7 +88,12 @@ def make_sound(
 
 
 def _lay(
-    chain: FittedChain, fillets: Fillets, drawn: IntArray, points: ComplexArray, piece: IntArray, off: float
+    chain: FittedChain,
+    fillets: Fillets,
+    drawn: IntArray,
+    points: ComplexArray,
+    piece: IntArray,
+    off: float,
 ) -> Ring:
     bad = drawn != FITTED
     kept = np.ones(len(points), dtype=np.bool_)
@@ -98,7 +110,9 @@ def _few(points: ComplexArray, thinned: BoolArray, off: float) -> BoolArray:
     rows = np.flatnonzero(fixed)
     plane = np.column_stack([points.real, points.imag])
     kept = np.zeros(len(points), dtype=np.bool_)
-    kept[thin(Polylines(plane, np.zeros(len(points)), np.array([0, len(points)]), rows), off)] = True
+    kept[thin(Polylines(plane, np.zeros(len(points)), np.array([0, len(points)]), rows), off)] = (
+        True
+    )
     return kept
 
 
@@ -109,7 +123,11 @@ def halve(ring: Ring) -> Ring:
     large = np.flatnonzero(np.abs(ring.bulges) > 1)
     half = np.where(np.abs(ring.bulges) > 1, np.tan(np.arctan(ring.bulges) / 2), ring.bulges)
     corners = np.insert(ring.corners, large + 1, middle[large])
-    return Ring(corners, np.insert(half, large + 1, half[large]), np.insert(ring.piece, large + 1, ring.piece[large]))
+    return Ring(
+        corners,
+        np.insert(half, large + 1, half[large]),
+        np.insert(ring.piece, large + 1, ring.piece[large]),
+    )
 
 
 def _crossings(ring: Ring) -> IntArray:
@@ -137,7 +155,9 @@ def _flat(ring: Ring) -> tuple[FloatArray, IntArray]:
     chord = np.abs(np.roll(ring.corners, -1) - ring.corners)
     radius = chord / (2 * np.maximum(np.sin(sweep / 2), 1e-9))
     # An arc of angle a leaves its chord by r (1 - cos(a / 2)), about r a^2 / 8.
-    count = np.maximum(np.ceil(sweep / np.sqrt(8 * _CHORD / np.maximum(radius, _CHORD))), 1).astype(np.int64)
+    count = np.maximum(np.ceil(sweep / np.sqrt(8 * _CHORD / np.maximum(radius, _CHORD))), 1).astype(
+        np.int64
+    )
     owner, share = owners(count), ramp(count) / np.repeat(count, count)
     none = np.zeros(len(owner), dtype=np.bool_)
     places = _places(FittedChain(ring.corners, ring.bulges, none, none), owner, share)
@@ -155,7 +175,9 @@ def _far(ring: Ring, points: ComplexArray) -> FloatArray:
 
 def _places(chain: FittedChain, owner: IntArray, share: FloatArray) -> ComplexArray:
     """The place at ``share`` (N,) of the piece ``owner`` (N,) each."""
-    a, b, sweep = (c[owner] for c in (chain.corners, np.roll(chain.corners, -1), 4 * np.arctan(chain.bulges)))
+    a, b, sweep = (
+        c[owner] for c in (chain.corners, np.roll(chain.corners, -1), 4 * np.arctan(chain.bulges))
+    )
     arc = np.abs(sweep) > 1e-6
     safe = np.where(arc, sweep, 1.0)
     part = np.where(arc, np.expm1(1j * safe * share) / np.expm1(1j * safe), share)
@@ -190,7 +212,9 @@ def _area(corners: ComplexArray) -> float:
     return float((corners.conj() * np.roll(corners, -1)).imag.sum() / 2)
 
 
-def stretches_of(drawn: IntArray, points: ComplexArray, piece: IntArray) -> tuple[ComplexArray, FloatArray]:
+def stretches_of(
+    drawn: IntArray, points: ComplexArray, piece: IntArray
+) -> tuple[ComplexArray, FloatArray]:
     """The middles (S,) and the lengths (S,) px of the stretches that are drawn as lines."""
     lines = (drawn != FITTED)[piece]
     if not lines.any():

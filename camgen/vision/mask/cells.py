@@ -61,7 +61,9 @@ def surface(shape: tuple[int, ...], c: Doubles) -> NDArray[np.float32]:
     for (m, n), factor in zip(powers, c.tolist(), strict=True):
         table[n, m] = factor
     x, y = _axes(shape)
-    rows, columns = (np.vander(axis, degree + 1, increasing=True).astype(np.float32) for axis in (y, x))
+    rows, columns = (
+        np.vander(axis, degree + 1, increasing=True).astype(np.float32) for axis in (y, x)
+    )
     # Not by @: BLAS starts its threads for it, and waits for them on a busy machine.
     return np.asarray(np.einsum("im,jm->ij", rows @ table.astype(np.float32), columns), np.float32)
 
@@ -81,18 +83,28 @@ def robust(basis: Doubles, wanted: Doubles, turns: int = _ABSOLUTE) -> tuple[Dou
         c = np.asarray(np.linalg.solve(scaled.T @ basis + ridge, scaled.T @ wanted), np.float64)
         off = np.asarray(wanted - basis @ c, np.float64)
         sigma = spread(off)
-        weights = np.asarray(1 / np.maximum(np.abs(off), sigma / 4)) if turn < turns else biweight(off, sigma)
+        weights = (
+            np.asarray(1 / np.maximum(np.abs(off), sigma / 4))
+            if turn < turns
+            else biweight(off, sigma)
+        )
     return c, sigma
 
 
 def spread(off: NDArray[np.floating]) -> float:
     """Standard deviation of most of the values, from their median distance to 0; never 0."""
-    return max(_LEAST_SIGMA, SIGMAS_OF_MEDIAN * float(np.median(np.abs(off)))) if off.size else _LEAST_SIGMA
+    return (
+        max(_LEAST_SIGMA, SIGMAS_OF_MEDIAN * float(np.median(np.abs(off))))
+        if off.size
+        else _LEAST_SIGMA
+    )
 
 
 def biweight(off: Doubles, sigma: float) -> Doubles:
     """What each value counts: 1 to 0."""
-    return np.asarray(np.square(np.clip(1 - np.square(off / (_TUKEY * sigma)), 0, None)), np.float64)
+    return np.asarray(
+        np.square(np.clip(1 - np.square(off / (_TUKEY * sigma)), 0, None)), np.float64
+    )
 
 
 def covariance(values: Doubles) -> Doubles:

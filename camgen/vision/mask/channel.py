@@ -101,7 +101,9 @@ def otsu(values: Floats, cells: Cells) -> float:
     return float(cv2.threshold(seen, 0, 255, cv2.THRESH_BINARY | cv2.THRESH_OTSU)[0]) + 0.5
 
 
-def settle(channel: Channel, part: Bools | None, cells: Cells, bench: Bench | None = None) -> Found | None:
+def settle(
+    channel: Channel, part: Bools | None, cells: Cells, bench: Bench | None = None
+) -> Found | None:
     """``part`` drawn again at the local levels until it stays, twice at most. None: there is no part, or no bench."""
     bench = bench or bench_of(channel.cells, cells.valid)
     for _ in range(_TURNS):
@@ -147,7 +149,10 @@ def strips(cells: Floats, size: int, shape: tuple[int, ...]) -> Iterator[tuple[s
         whole = cv2.resize(cells[low:high], (cells.shape[1] * size, (high - low) * size))
         beside, below = shape[1] - whole.shape[1], max(0, bottom - low * size - whole.shape[0])
         whole = cv2.copyMakeBorder(whole, 0, below, 0, beside, cv2.BORDER_REPLICATE)
-        yield slice(top, bottom), np.asarray(whole[top - low * size : bottom - low * size], np.float32)
+        yield (
+            slice(top, bottom),
+            np.asarray(whole[top - low * size : bottom - low * size], np.float32),
+        )
 
 
 # The part as what differs from a photo of the empty bench.
@@ -188,7 +193,9 @@ def _light(before: Floats, now: Floats, valid: Bools, name: str) -> tuple[Floats
     """Gain (h, w) and offset that turn the empty bench into the bench of the photo, from the rim, then from all."""
     edge = rim(valid)
     gain, offset, sigma = _fit_gain(before, now, edge)
-    gain, offset, sigma = _fit_gain(before, now, edge | (valid & (np.abs(now - gain * before - offset) < 4 * sigma)))
+    gain, offset, sigma = _fit_gain(
+        before, now, edge | (valid & (np.abs(now - gain * before - offset) < 4 * sigma))
+    )
     if sigma > _FIT:
         raise _other_bench(name)
     return gain, offset
@@ -207,7 +214,9 @@ def _fit_gain(before: Floats, now: Floats, where: Bools) -> tuple[Floats, float,
 
 def _other_bench(name: str) -> InputError:
     what = "the photo of the empty bench shows another place, or the camera was moved"
-    return InputError(name, what, remedy="take both with the camera fixed, or choose another [image] mask")
+    return InputError(
+        name, what, remedy="take both with the camera fixed, or choose another [image] mask"
+    )
 
 
 def _axis(apart: Floats, part: Bools, cells: Cells) -> Floats:
@@ -217,10 +226,16 @@ def _axis(apart: Floats, part: Bools, cells: Cells) -> Floats:
     axis = np.linalg.solve(spread, np.median(inside, axis=0))
     # Upwards in brightness, so that a dark part is below the level here as well.
     length = float(np.abs(axis).sum()) * (1 if axis.sum() >= 0 else -1)
-    return np.asarray(axis / length, np.float32)[None, :] if length else np.ones((1, len(axis)), np.float32)
+    return (
+        np.asarray(axis / length, np.float32)[None, :]
+        if length
+        else np.ones((1, len(axis)), np.float32)
+    )
 
 
-def _difference(pixels: Bytes, empty: Bytes, light: _Light, axis: Floats | None, size: int) -> Floats:
+def _difference(
+    pixels: Bytes, empty: Bytes, light: _Light, axis: Floats | None, size: int
+) -> Floats:
     """(H, W): the difference along ``axis`` at every pixel."""
     out = np.empty(pixels.shape[:2], np.float32)
     for rows, gain in strips(light.gains, size, out.shape):
@@ -325,18 +340,25 @@ _LEAST_NOISE, _MOST_NOISE = 0.8, 2.5
 _CLEAN = 5.0
 
 
-def quiet(grey: Bytes | Floats, found: Found, cells: Cells) -> tuple[Bytes | Floats, tuple[Note, ...]]:
+def quiet(
+    grey: Bytes | Floats, found: Found, cells: Cells
+) -> tuple[Bytes | Floats, tuple[Note, ...]]:
     """``grey``, or, where its noise is too strong for the contrast, smoothed (float32), with a note.
 
     A smoothed boundary of radius r moves by sigma^2 / 2 r towards its centre.
     """
     deep = 1 + _CLEAN / cells.size
-    noise = max(_noise(grey, depth(side) >= deep, cells.size) for side in (found.part, ~found.part & cells.valid))
+    noise = max(
+        _noise(grey, depth(side) >= deep, cells.size)
+        for side in (found.part, ~found.part & cells.valid)
+    )
     clear = abs(found.levels.contrast) / 2 / max(noise, 1e-6)
     if clear >= _CLEAR_SIGMAS:
         return grey, ()
     # Gauss's bell of this sigma reduces white noise by sigma * 2 sqrt(pi) (a half more is for neighbours that agree).
-    sigma = float(np.clip(1.5 * _CLEAR_SIGMAS / clear / (2 * np.sqrt(np.pi)), _LEAST_NOISE, _MOST_NOISE))
+    sigma = float(
+        np.clip(1.5 * _CLEAR_SIGMAS / clear / (2 * np.sqrt(np.pi)), _LEAST_NOISE, _MOST_NOISE)
+    )
     what = f"picture smoothed by {short(sigma, 1)} px"
     why = f"its noise is {short(noise, 1)}, part and bench are {short(abs(found.levels.contrast), 0)} apart"
     smooth = np.asarray(cv2.GaussianBlur(grey.astype(np.float32), (0, 0), sigma), np.float32)
@@ -349,7 +371,10 @@ def _noise(grey: Bytes | Floats, where: Bools, size: int) -> float:
     Two, since rectifying makes next neighbours agree.
     """
     rows, columns = some(where)
-    v, u = rows * size + size // 2, np.clip(columns * size + size // 2, 2, max(2, grey.shape[1] - 3))
+    v, u = (
+        rows * size + size // 2,
+        np.clip(columns * size + size // 2, 2, max(2, grey.shape[1] - 3)),
+    )
     if grey.shape[1] < 5:
         return 0.0
     left, centre, right = (grey[v, u + k].astype(np.float32) for k in (-2, 0, 2))

@@ -62,7 +62,10 @@ def clean(mask: Bytes, view: ScaledView, min_area: float, name: str) -> tuple[No
     _whole([rings[k] for k in np.flatnonzero(kept).tolist()], view, name)
     limit = f"below {short(least * mm2, 3)} mm2"
     why = "set [image] min_area lower if they are more than dirt, glare or noise"
-    told = (("speck", limit + " left out", specks, pixels), ("hole", limit + " filled", small, filled))
+    told = (
+        ("speck", limit + " left out", specks, pixels),
+        ("hole", limit + " filled", small, filled),
+    )
     return tuple(
         Note(
             "assumed",
@@ -83,12 +86,18 @@ def _erase(mask: Bytes, piece: MaskPiece) -> None:
     cv2.floodFill(mask, None, (u, v), 0, flags=8)
 
 
-def _nothing(view: ScaledView, outer: Bools, pixels: NDArray[np.float64], least: float, name: str) -> InputError:
+def _nothing(
+    view: ScaledView, outer: Bools, pixels: NDArray[np.float64], least: float, name: str
+) -> InputError:
     size = short(float(pixels[outer].sum()) * view.mm_per_px**2, 3)
     what = f"shows no part of {short(least, 3)} mm2 or more"
     if outer.any():
         what += f", only {counted(int(outer.sum()), 'speck')} of {size} mm2 in all"
-    return InputError(name, what, remedy="check its scale, set [image] min_area lower, or choose another [image] mask")
+    return InputError(
+        name,
+        what,
+        remedy="check its scale, set [image] min_area lower, or choose another [image] mask",
+    )
 
 
 def _whole(rings: list[Ring], view: ScaledView, name: str) -> None:
@@ -103,7 +112,9 @@ def _whole(rings: list[Ring], view: ScaledView, name: str) -> None:
             continue
         if sides.any(axis=1).all():
             what = "the part fills the picture, or a frame runs round it"
-            raise InputError(name, what, remedy="leave bench all round the part, crop what is no bench")
+            raise InputError(
+                name, what, remedy="leave bench all round the part, crop what is no bench"
+            )
         first = int(np.argmax(touching))
         x, y = (view.work_from_view @ (u[first], v[first], 1)).tolist()
         where = f"near x {short(x, 1)}, y {short(y, 1)} mm"

@@ -45,7 +45,8 @@ def other_levels(found: Found, cells: Cells) -> dict[str, Bools]:
     side = np.less if levels.contrast < 0 else np.greater
     return {
         f"a level nearer to {name}": np.asarray(
-            side(found.channel.cells, level + np.float32(share * levels.contrast)) & cells.valid, np.bool_
+            side(found.channel.cells, level + np.float32(share * levels.contrast)) & cells.valid,
+            np.bool_,
         )
         for name, share in (("the bench", -_MOVED), ("the part", _MOVED))
     }
@@ -56,7 +57,9 @@ def first_tone(found: Found) -> Bools | None:
     deep = depth(found.part) > MIXED
     # In the light of the bench: a part in uneven light has many tones.
     bench = np.maximum(found.bench.values, np.float32(1))
-    values = found.channel.cells * (np.median(bench) / bench if found.channel.black == 0 else np.float32(1))
+    values = found.channel.cells * (
+        np.median(bench) / bench if found.channel.black == 0 else np.float32(1)
+    )
     tones = values[deep]
     if not len(tones):
         return None
@@ -72,7 +75,9 @@ def first_tone(found: Found) -> Bools | None:
     return np.asarray(found.part & ((values > level) == (share > 0.5)), np.bool_)
 
 
-def find_doubt(part: Bools, others: Mapping[str, Bools], cells: Cells, least: float) -> Doubt | None:
+def find_doubt(
+    part: Bools, others: Mapping[str, Bools], cells: Cells, least: float
+) -> Doubt | None:
     """Where the ``others`` by name differ from ``part``; None where nothing does. least: px2 of a place."""
     where = np.zeros_like(part)
     by: dict[str, int] = {}
@@ -106,6 +111,10 @@ def _places_of(differs: Bools, small: float) -> Bools | None:
 def show_doubt(doubt: Doubt, cells: Cells, shape: tuple[int, ...]) -> Bytes:
     """(H, W): 255 at the pixels in doubt."""
     size = (doubt.where.shape[1] * cells.size, doubt.where.shape[0] * cells.size)
-    whole = cv2.resize(doubt.where.view(np.uint8) * np.uint8(255), size, interpolation=cv2.INTER_NEAREST)
+    whole = cv2.resize(
+        doubt.where.view(np.uint8) * np.uint8(255), size, interpolation=cv2.INTER_NEAREST
+    )
     below, beside = shape[0] - whole.shape[0], shape[1] - whole.shape[1]
-    return np.asarray(cv2.copyMakeBorder(whole, 0, below, 0, beside, cv2.BORDER_CONSTANT, value=0), np.uint8)
+    return np.asarray(
+        cv2.copyMakeBorder(whole, 0, below, 0, beside, cv2.BORDER_CONSTANT, value=0), np.uint8
+    )

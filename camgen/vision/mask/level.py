@@ -82,8 +82,12 @@ def _inside(values: Floats, inner: Bools, outside: Floats, black: float | None) 
     if black is None:
         return tone
     # Below ten levels a bench says nothing of the light.
-    light = np.maximum(np.abs(outside - black), 10.0) * (1 if float(np.median(outside)) >= black else -1)
-    lit = np.asarray(light * float(np.median((values[inner] - black) / light[inner])) + black, np.float32)
+    light = np.maximum(np.abs(outside - black), 10.0) * (
+        1 if float(np.median(outside)) >= black else -1
+    )
+    lit = np.asarray(
+        light * float(np.median((values[inner] - black) / light[inner])) + black, np.float32
+    )
     near = [float(np.median(np.abs(values[inner] - model[inner]))) for model in (lit, tone)]
     return lit if near[0] <= near[1] else tone
 

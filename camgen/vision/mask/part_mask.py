@@ -98,7 +98,9 @@ def choose_mask(pixels: Bytes, empty: Bytes | None, cells: Cells, asked: Asked) 
     what = "shows no part: nothing in it stands out from the bench along its border"
     if asked.method != "auto":
         what = f'shows no part that [image] mask = "{asked.method}" tells from the bench'
-    remedy = "put the part on a bench of another colour, in even light, or choose another [image] mask"
+    remedy = (
+        "put the part on a bench of another colour, in even light, or choose another [image] mask"
+    )
     raise InputError(asked.name, what, remedy=remedy)
 
 
@@ -106,14 +108,21 @@ def _grey(pixels: Bytes, cells: Cells) -> Channel:
     if pixels.ndim == 2:
         return Channel(lambda: pixels, cells.values)
     grey = cv2.cvtColor(cells.values, cv2.COLOR_BGR2GRAY)
-    return Channel(lambda: np.asarray(cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY), np.uint8), np.asarray(grey, np.float32))
+    return Channel(
+        lambda: np.asarray(cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY), np.uint8),
+        np.asarray(grey, np.float32),
+    )
 
 
 def _otsu(pixels: Bytes, cells: Cells, asked: Asked) -> MaskChoice | None:
     channel = _grey(pixels, cells)
     level = otsu(channel.cells, cells)
     found = settle(channel, split_at(channel.cells, cells, level, asked.invert), cells)
-    return MaskChoice("otsu", f"Otsu's threshold, {short(level, 1)}, finds the part", found) if found else None
+    return (
+        MaskChoice("otsu", f"Otsu's threshold, {short(level, 1)}, finds the part", found)
+        if found
+        else None
+    )
 
 
 def _threshold(pixels: Bytes, cells: Cells, asked: Asked) -> MaskChoice | None:
@@ -137,7 +146,10 @@ def _adaptive(pixels: Bytes, cells: Cells, asked: Asked) -> MaskChoice | None:
     if found is None:
         return None
     return MaskChoice(
-        "adaptive", "the threshold follows the light on the bench", found, notes=_other_side(found, cells)
+        "adaptive",
+        "the threshold follows the light on the bench",
+        found,
+        notes=_other_side(found, cells),
     )
 
 
@@ -156,9 +168,15 @@ def _other_side(found: Found, cells: Cells) -> tuple[Note, ...]:
 
 def _color(pixels: Bytes, cells: Cells, asked: Asked) -> MaskChoice | None:
     if pixels.ndim == 2:
-        raise InputError(asked.name, "is grey", remedy='[image] mask = "color" needs a picture in colour')
+        raise InputError(
+            asked.name, "is grey", remedy='[image] mask = "color" needs a picture in colour'
+        )
     found = find_by_colour(pixels, cells, asked.color)
-    why = "the bench's colour is measured along the border" if asked.color is None else "a colour is given"
+    why = (
+        "the bench's colour is measured along the border"
+        if asked.color is None
+        else "a colour is given"
+    )
     return MaskChoice("color", why, found) if found else None
 
 
@@ -199,8 +217,14 @@ def _choose(
     if grey is None:
         return None
     if grey.found.clear < _CLEAR_CONTRAST:
-        note = Note("warning", "part and bench hardly differ", "look at the mask, or give [image] background")
-        return MaskChoice(grey.method, f"{grey.why}; {_apart(grey.found)}", grey.found, notes=(*grey.notes, note))
+        note = Note(
+            "warning",
+            "part and bench hardly differ",
+            "look at the mask, or give [image] background",
+        )
+        return MaskChoice(
+            grey.method, f"{grey.why}; {_apart(grey.found)}", grey.found, notes=(*grey.notes, note)
+        )
     return _by_light(cells, asked, grey)
 
 
@@ -208,7 +232,9 @@ def _few_coloured(pixels: Bytes, cells: Cells, asked: Asked) -> MaskChoice | Non
     """The part by its colour in some of the cells, evenly spread."""
     step = _step(cells.valid.shape)
     few = Cells(
-        np.ascontiguousarray(cells.values[::step, ::step]), cells.valid[::step, ::step].copy(), cells.size * step
+        np.ascontiguousarray(cells.values[::step, ::step]),
+        cells.valid[::step, ::step].copy(),
+        cells.size * step,
     )
     return _color(pixels, few, asked)
 
@@ -220,7 +246,9 @@ def _step(shape: tuple[int, ...]) -> int:
 def _as_many(few: Bools, shape: tuple[int, ...]) -> Bools:
     """Some of the cells spread to all of ``shape``."""
     step = _step(shape)
-    return np.asarray(few.repeat(step, axis=0).repeat(step, axis=1)[: shape[0], : shape[1]], np.bool_)
+    return np.asarray(
+        few.repeat(step, axis=0).repeat(step, axis=1)[: shape[0], : shape[1]], np.bool_
+    )
 
 
 def _for_colour(colour: MaskChoice | None, grey: MaskChoice | None) -> str:
@@ -242,7 +270,10 @@ def _by_light(cells: Cells, asked: Asked, grey: MaskChoice) -> MaskChoice:
     channel = grey.found.channel
     plain = split_at(channel.cells, cells, otsu(channel.cells, cells), asked.invert)
     if not same(plain, grey.found.part):
-        return _because(grey, "one threshold for the whole picture finds something else than the bench's rim says")
+        return _because(
+            grey,
+            "one threshold for the whole picture finds something else than the bench's rim says",
+        )
     return _because(MaskChoice("otsu", "", grey.found, notes=grey.notes), "the light is even")
 
 
@@ -253,7 +284,9 @@ def _variation_of_light(found: Found, cells: Cells) -> float:
 
 
 def _because(choice: MaskChoice, reason: str) -> MaskChoice:
-    return MaskChoice(choice.method, f"{reason}; {_apart(choice.found)}", choice.found, notes=choice.notes)
+    return MaskChoice(
+        choice.method, f"{reason}; {_apart(choice.found)}", choice.found, notes=choice.notes
+    )
 
 
 def _apart(found: Found) -> str:
@@ -271,7 +304,10 @@ def _find_coloured(cells: Cells) -> bool:
     if cells.values.ndim == 2:
         return False
     blue, green, red = (cells.values[::2, ::2, k] for k in range(3))
-    return bool((np.abs(red - green) + np.abs(blue - green))[cells.valid[::2, ::2]].max(initial=0) > _COLOURED)
+    return bool(
+        (np.abs(red - green) + np.abs(blue - green))[cells.valid[::2, ::2]].max(initial=0)
+        > _COLOURED
+    )
 
 
 def _more(colour: Bools, grey: Bools) -> bool:
@@ -312,7 +348,10 @@ class Mask(Struct, frozen=True, eq=False):
 
 
 def part_mask(
-    view: ScaledView, settings: ImageTable = _DEFAULTS, background: ScaledView | None = None, name: str = "picture"
+    view: ScaledView,
+    settings: ImageTable = _DEFAULTS,
+    background: ScaledView | None = None,
+    name: str = "picture",
 ) -> Mask:
     """The mask of the part, or parts, in ``view``. ``name`` is the file's, for errors.
 
@@ -323,11 +362,17 @@ def part_mask(
     shows.
     """
     _check(view, background)
-    asked = Asked(_method(settings, background), settings.threshold, _colour(settings), settings.invert, name)
+    asked = Asked(
+        _method(settings, background), settings.threshold, _colour(settings), settings.invert, name
+    )
     cells = cells_of(view.pixels, view.valid)
     if not cells.valid.any():
-        raise InputError(name, "shows nothing of the work plane", remedy="check the work plane and the region")
-    choice = choose_mask(view.pixels, None if background is None else background.pixels, cells, asked)
+        raise InputError(
+            name, "shows nothing of the work plane", remedy="check the work plane and the region"
+        )
+    choice = choose_mask(
+        view.pixels, None if background is None else background.pixels, cells, asked
+    )
     channel, levels = choice.found.channel, choice.found.levels
     grey, notes = quiet(channel.pixels(), choice.found, cells)
     level: float | Floats = levels.middle if choice.level is None else float(choice.level)
@@ -338,7 +383,9 @@ def part_mask(
     if view.valid is not None:
         pixels[~view.valid] = 0
     notes += clean(pixels, view, settings.min_area, name)
-    doubt = find_doubt(choice.found.part, choice.others, cells, settings.min_area / view.mm_per_px**2)
+    doubt = find_doubt(
+        choice.found.part, choice.others, cells, settings.min_area / view.mm_per_px**2
+    )
     if doubt is not None:
         notes += (_note_doubt(doubt, cells, view),)
     # Views, since the grey picture may be the caller's own.
@@ -348,7 +395,9 @@ def part_mask(
             array.flags.writeable = False
     notes += _note_meetings(meetings(pixels, cells), cells, view)
     in_doubt = None if doubt is None else show_doubt(doubt, cells, pixels.shape)
-    return Mask(pixels, choice.method, choice.why, grey, level, dark, choice.notes + notes, in_doubt)
+    return Mask(
+        pixels, choice.method, choice.why, grey, level, dark, choice.notes + notes, in_doubt
+    )
 
 
 def _note_doubt(doubt: Doubt, cells: Cells, view: ScaledView) -> Note:
@@ -359,19 +408,35 @@ def _note_doubt(doubt: Doubt, cells: Cells, view: ScaledView) -> Note:
     what += f"{'are' if count > 1 else 'is'} part or bench by the method: a shadow, a shine, or uneven light?"
     by = ", ".join(f"{name} by {short(size * mm2, 1)} mm2" for name, size in doubt.by)
     why = f"others differ there: {by}; look at the preview, set image.mask or image.threshold, or give image.background"
-    return Note("warning", what, why, places=_in_work([(u, v) for v, u in doubt.places[:_MOST_PLACES]], cells, view))
+    return Note(
+        "warning",
+        what,
+        why,
+        places=_in_work([(u, v) for v, u in doubt.places[:_MOST_PLACES]], cells, view),
+    )
 
 
 def _note_meetings(found: list[Meeting], cells: Cells, view: ScaledView) -> tuple[Note, ...]:
     if not found:
         return ()
     what = f"parts seem to touch or overlap in {counted(len(found), 'place')}: taken for one, with one outline"
-    lengths = ", ".join(f"{short(m.length * cells.size * view.mm_per_px, 1)} mm" for m in found[:_MOST_PLACES])
+    lengths = ", ".join(
+        f"{short(m.length * cells.size * view.mm_per_px, 1)} mm" for m in found[:_MOST_PLACES]
+    )
     why = f"two sharp notches face each other there, {lengths} apart; move the parts apart, or crop with image.region"
-    return (Note("warning", what, why, places=_in_work([m.middle for m in found[:_MOST_PLACES]], cells, view)),)
+    return (
+        Note(
+            "warning",
+            what,
+            why,
+            places=_in_work([m.middle for m in found[:_MOST_PLACES]], cells, view),
+        ),
+    )
 
 
-def _in_work(places: Sequence[tuple[float, float]], cells: Cells, view: ScaledView) -> tuple[tuple[float, float], ...]:
+def _in_work(
+    places: Sequence[tuple[float, float]], cells: Cells, view: ScaledView
+) -> tuple[tuple[float, float], ...]:
     """Places u, v in cells as x, y in mm."""
     at = np.array([[*place, 1.0] for place in places]) * (cells.size, cells.size, 1.0)
     at[:, :2] += (cells.size - 1) / 2
@@ -387,7 +452,11 @@ def _method(settings: ImageTable, background: ScaledView | None) -> Method:
     }
     method = settings.mask
     if method in ("background", "threshold") and not given[method]:
-        raise JobError("[image] mask", f'"{method}" needs [image] {method}', remedy="give it, or choose another")
+        raise JobError(
+            "[image] mask",
+            f'"{method}" needs [image] {method}',
+            remedy="give it, or choose another",
+        )
     if method == "auto":
         return next((one for one, is_given in given.items() if is_given), method)
     return method
@@ -407,7 +476,9 @@ def _check(view: ScaledView, background: ScaledView | None) -> None:
     if background is not None and background.pixels.shape != view.pixels.shape:
         shapes = " and ".join(_describe(one) for one in (background, view))
         remedy = "take both with the same camera and settings, and treat both alike"
-        raise JobError("[image] background", f"its picture and the photo differ: {shapes}", remedy=remedy)
+        raise JobError(
+            "[image] background", f"its picture and the photo differ: {shapes}", remedy=remedy
+        )
 
 
 def _describe(view: ScaledView) -> str:

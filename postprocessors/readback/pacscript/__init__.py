@@ -30,7 +30,9 @@ _CALLS, _STEPS = 20, 2_000_000
 _MOST_FRAMES, _MOST_IO, _LONGEST_DELAY = 63, 24063, 2**31 - 1
 _SIGNALS = {"process": 24}
 _VERB = re.compile(r"([a-z]\w*)\s*(.*)", re.IGNORECASE | re.ASCII | re.DOTALL)
-_ASSIGNMENT = re.compile(r"(?:([a-z])\s*\[([^\]]*)\]|([a-z]\w*))\s*=\s*(.+)", re.IGNORECASE | re.ASCII)
+_ASSIGNMENT = re.compile(
+    r"(?:([a-z])\s*\[([^\]]*)\]|([a-z]\w*))\s*=\s*(.+)", re.IGNORECASE | re.ASCII
+)
 _DECLARATION = re.compile(r"([a-z]\w*)(?:\s+as\s+(\w+))?\s*(?:=\s*(.+))?", re.IGNORECASE | re.ASCII)
 _CALL = re.compile(r"(\w+)\s*(?:\((.*)\))?")
 _IO = re.compile(r"IO\s*\[([^\]]*)\]", re.IGNORECASE)
@@ -60,7 +62,9 @@ def read(files: Mapping[str, str], options: Mapping[str, object]) -> Reading:
     """
     templates = force.templates(options)
     source = read_source(files, short=not force.may_say(templates, "Move"))
-    rated, turning = (_positive(options, key, default) for key, default in (("rated", 0.0), ("rated_turn", 500.0)))
+    rated, turning = (
+        _positive(options, key, default) for key, default in (("rated", 0.0), ("rated_turn", 500.0))
+    )
     machine = Machine(rated, _names(options), turning, _units(options), read_asked(options))
     if main := source.procedures.get("main"):
         _Run(machine, source, templates).procedure(main)
@@ -89,11 +93,18 @@ def _units(options: Mapping[str, object]) -> tuple[float, ...]:
 def _names(options: Mapping[str, object]) -> dict[int, str]:
     """The signal of an IO number."""
     given = options.get("signals", _SIGNALS)
-    return {v: str(k) for k, v in given.items() if isinstance(v, int)} if isinstance(given, Mapping) else {}
+    return (
+        {v: str(k) for k, v in given.items() if isinstance(v, int)}
+        if isinstance(given, Mapping)
+        else {}
+    )
 
 
 def _finish(machine: Machine) -> None:
-    last = next((i for i in reversed(range(len(machine.body))) if isinstance(machine.body[i], _MOTIONS)), None)
+    last = next(
+        (i for i in reversed(range(len(machine.body))) if isinstance(machine.body[i], _MOTIONS)),
+        None,
+    )
     if machine.passing and last is not None:
         machine.faults.append(Fault(machine.lines[last], "the last motion passes its target"))
     if machine.table is not None:
@@ -109,7 +120,9 @@ _MOTIONS = (MoveJ, MoveL, MoveC)
 class _Run:
     """One pass through a source."""
 
-    def __init__(self, machine: Machine, source: SourceText, templates: list[force.Template]) -> None:
+    def __init__(
+        self, machine: Machine, source: SourceText, templates: list[force.Template]
+    ) -> None:
         self.machine, self.source, self.templates = machine, source, templates
         self.steps = 0
         #: Procedures have called each other too deep: what follows would be run over and over.
@@ -142,7 +155,9 @@ class _Run:
         """Carries out one statement; returns by how many statements to go on."""
         machine = self.machine
         try:
-            if self.templates and (force_lines := force.apply_template(machine, self.templates, statements, at)):
+            if self.templates and (
+                force_lines := force.apply_template(machine, self.templates, statements, at)
+            ):
                 return force_lines
             for what in find_unusual(text):
                 machine.remark(what)
@@ -195,7 +210,9 @@ class _Run:
             raise Unreadable(f"unknown procedure {rest}")
         values = [evaluate(part, machine.lookup) for part in arguments(match[2] or "") if part]
         if len(values) != len(called.parameters):
-            raise Unreadable(f"{match[1]} takes {counted(len(called.parameters), 'value')}, not {len(values)}")
+            raise Unreadable(
+                f"{match[1]} takes {counted(len(called.parameters), 'value')}, not {len(values)}"
+            )
         if len(machine.scopes) > _CALLS:
             self.ended = True
             raise Unreadable("procedures that call each other without end")
@@ -211,7 +228,11 @@ def _otherwise(machine: Machine, text: str, verb: str) -> None:
     assignment = _ASSIGNMENT.fullmatch(text)
     if assignment is None or verb == "io":
         known = verb in _NOT_EVALUATED
-        raise Unreadable(f"{text.split(maxsplit=1)[0]} is not evaluated" if known else f"unknown statement {text[:60]}")
+        raise Unreadable(
+            f"{text.split(maxsplit=1)[0]} is not evaluated"
+            if known
+            else f"unknown statement {text[:60]}"
+        )
     letter, position, name, expression = assignment.groups()
     value = evaluate(expression, machine.lookup)
     short = _SHORT.fullmatch(name.lower()) if name else None
@@ -302,7 +323,9 @@ def _define(kind: str) -> Callable[[Machine, str], None]:
             raise Unreadable(f"{kind.capitalize()} needs a number and a position")
         chosen = _frame_number(machine, parts[0], kind, 1 if kind == "tool" else 0)
         if not machine.wanted.define:
-            machine.remark(f"{kind} {chosen} is written to the controller, though post.define does not ask for it")
+            machine.remark(
+                f"{kind} {chosen} is written to the controller, though post.define does not ask for it"
+            )
         if machine.moved and chosen == machine.numbers[kind]:
             machine.fault(f"the {kind} frame changes after the first motion")
         machine.frames[(kind, chosen)] = frame
@@ -326,7 +349,9 @@ def _switch(value: float) -> Callable[[Machine, str], None]:
 def _delay(machine: Machine, rest: str) -> None:
     milliseconds = number(rest, machine.lookup)
     if not 0 <= milliseconds <= _LONGEST_DELAY:
-        raise Unreadable("a negative delay" if milliseconds < 0 else "a delay longer than a controller holds")
+        raise Unreadable(
+            "a negative delay" if milliseconds < 0 else "a delay longer than a controller holds"
+        )
     if milliseconds != int(milliseconds):
         machine.remark(f"a delay of {milliseconds:g} ms, no whole number; seconds are not meant")
     machine.emit_still(Wait(milliseconds / 1000))

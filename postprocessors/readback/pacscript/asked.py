@@ -31,7 +31,10 @@ class Asked(Struct, frozen=True):
 def read_asked(options: Mapping[str, object]) -> Asked:
     """The options that are given, and for the rest the defaults of the post."""
     numbers = {kind: int(_number(options, kind, 1)) for kind in ("tool", "work")}
-    external, internal = _number(options, "ext_speed", 0.0), _number(options, "internal_speed", 10.0)
+    external, internal = (
+        _number(options, "ext_speed", 0.0),
+        _number(options, "internal_speed", 10.0),
+    )
     define, in_mm = options.get("define", False) is True, options.get("pass_mark", "P") == "mm"
     return Asked(numbers, define, external, internal, _number(options, "accel", 50.0), in_mm)
 
@@ -42,7 +45,10 @@ def _number(options: Mapping[str, object], key: str, default: float) -> float:
 
 
 def judge_settings(
-    asked: Asked, numbers: Mapping[str, int], external: float, acceleration: tuple[float, ...] | None
+    asked: Asked,
+    numbers: Mapping[str, int],
+    external: float,
+    acceleration: tuple[float, ...] | None,
 ) -> Iterator[str]:
     """What a motion is made with otherwise than the options ask. numbers: of tool and work; external: %, 0 where the
     text does not say it; acceleration: of Accel and Decel in %, empty where they do not hold any more, None where the
@@ -53,7 +59,9 @@ def judge_settings(
             yield f"{kind} {numbers[kind]} is on, by post.{kind} it is {wanted}"
     if abs(external - asked.external) > _SAME:
         said = f"ExtSpeed {external:g}" if external else "no ExtSpeed"
-        yield f"{said}, by post.ext_speed it is {asked.external:g}" + ("" if asked.external else ": none")
+        yield f"{said}, by post.ext_speed it is {asked.external:g}" + (
+            "" if asked.external else ": none"
+        )
     if acceleration is None:
         return
     if len(acceleration) != 2 or max(abs(one - asked.acceleration) for one in acceleration) > _SAME:

@@ -75,7 +75,9 @@ def _text(statement: Statement) -> str:
     return "" if isinstance(statement, Plain) else statement[1]
 
 
-def _branches(statements: list[Statement], at: int) -> tuple[tuple[list[Statement], list[Statement]], int]:
+def _branches(
+    statements: list[Statement], at: int
+) -> tuple[tuple[list[Statement], list[Statement]], int]:
     """What stands before and after ``Else`` and how many statements the whole is; 0 for a block of another kind."""
     then: list[Statement] = []
     other: list[Statement] = []
@@ -149,5 +151,7 @@ def _holds(mm_s: float, greater: bool, percent: float) -> bool:
     high = max(high, min(_LEAST, 100 * mm_s))
     least, most = (low > percent, high > percent) if greater else (high < percent, low < percent)
     if least != most:
-        raise Unreadable(f"whether {mm_s:g} mm/s is {'over' if greater else 'under'} {percent:g} % depends on the arm")
+        raise Unreadable(
+            f"whether {mm_s:g} mm/s is {'over' if greater else 'under'} {percent:g} % depends on the arm"
+        )
     return least

@@ -29,7 +29,11 @@ def parameter(machine: Machine, rest: str) -> None:
     """``ForceParam table, frame, P(fx, fy, fz, ...)``: a force in N, here only in the work frame (frame 2)."""
     parts = arguments(rest)
     if len(parts) != 3:
-        raise Unreadable("ForceParam with options is not evaluated" if len(parts) > 3 else "ForceParam needs 3 values")
+        raise Unreadable(
+            "ForceParam with options is not evaluated"
+            if len(parts) > 3
+            else "ForceParam needs 3 values"
+        )
     table, frame = (index(number(part, machine.lookup)) for part in parts[:2])
     force = evaluate(parts[2], machine.lookup)
     if not isinstance(force, Pose):
@@ -94,7 +98,9 @@ def may_say(known: list[Template], word: str) -> bool:
     return any(_may_start(start, word) for template in known for start in template.starts)
 
 
-def apply_template(machine: Machine, known: list[Template], statements: list[Statement], at: int) -> int:
+def apply_template(
+    machine: Machine, known: list[Template], statements: list[Statement], at: int
+) -> int:
     """How many statements from ``at`` on are force lines of a template; they are carried out."""
     for template in known:
         values = _match(template, statements[at : at + len(template.patterns)])

@@ -95,7 +95,9 @@ class Machine:
     def judge_settings(self) -> None:
         """Holds what has been set against the options."""
         self.settled = True
-        for what in judge_settings(self.wanted, self.numbers, self.stated_external, self.acceleration):
+        for what in judge_settings(
+            self.wanted, self.numbers, self.stated_external, self.acceleration
+        ):
             self.remark(what)
 
     def judge_end(self) -> None:
@@ -170,17 +172,25 @@ class Machine:
     def emit_still(self, item: Output | Wait | Force) -> None:
         """Adds something that must not happen before the arm has arrived."""
         if self.passing:
-            self.fault(f"{_STILL[type(item)]} after a motion that passes its target: it may come too early")
+            self.fault(
+                f"{_STILL[type(item)]} after a motion that passes its target: it may come too early"
+            )
             self.passing = False
         if not self.armed:
-            self.remark(f"{_STILL[type(item)]} {'after GiveArm' if self.given else 'before TakeArm'}")
+            self.remark(
+                f"{_STILL[type(item)]} {'after GiveArm' if self.given else 'before TakeArm'}"
+            )
         self.emit(item)
 
     def pressing(self) -> tuple[float, Vec3]:
         """Newtons and direction of the force that is on, 0 and zero when none is."""
         x, y, z = (0.0, 0.0, 0.0) if self.table is None else self.forces[self.table]
         newtons = math.hypot(x, y, z)
-        return (newtons, (x / newtons, y / newtons, z / newtons)) if newtons else (0.0, (0.0, 0.0, 0.0))
+        return (
+            (newtons, (x / newtons, y / newtons, z / newtons))
+            if newtons
+            else (0.0, (0.0, 0.0, 0.0))
+        )
 
     def speed_of(self, text: str) -> float | Mps:
         """The speed that ``text`` says with the present values of the names."""
@@ -216,7 +226,9 @@ class Machine:
 
     def by_unit(self, value: Mps) -> list[float]:
         """mm/s for each of ``units``."""
-        said = value.said.values if isinstance(value.said, Either) else (value.said,) * len(self.units)
+        said = (
+            value.said.values if isinstance(value.said, Either) else (value.said,) * len(self.units)
+        )
         return [number * unit for number, unit in zip(said, self.units, strict=True)]
 
     def _one(self, speeds: list[float]) -> float:

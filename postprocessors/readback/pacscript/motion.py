@@ -67,7 +67,9 @@ def manner_of(kind: str, mark: str, speed: str) -> Manner:
         option = OPTION.fullmatch(part)
         if option is None:
             raise Unreadable(f"{part} is no speed")
-        said = option[2] if _NAMED.search(option[2]) else checked_speed(evaluate(option[2], nothing))
+        said = (
+            option[2] if _NAMED.search(option[2]) else checked_speed(evaluate(option[2], nothing))
+        )
     return Manner(LINEAR.get(kind.lower(), True), split_mark(f"{mark}P()")[0], said)
 
 
@@ -85,7 +87,14 @@ def approach(machine: Machine, rest: str) -> None:
     mark, expression = split_mark(length)
     if isinstance(pose, Joints):
         raise Unreadable("an approach to joints is not evaluated")
-    go(machine, linear, _back(pose, number(expression, machine.lookup)), machine.blend(mark), speed, at_once)
+    go(
+        machine,
+        linear,
+        _back(pose, number(expression, machine.lookup)),
+        machine.blend(mark),
+        speed,
+        at_once,
+    )
 
 
 def depart(machine: Machine, rest: str) -> None:
@@ -94,7 +103,14 @@ def depart(machine: Machine, rest: str) -> None:
     linear = _interpolation(parts)
     (length,), speed, at_once = _exactly(machine, parts[1:], 1)
     mark, expression = split_mark(length)
-    go(machine, linear, _back(_here(machine), number(expression, machine.lookup)), machine.blend(mark), speed, at_once)
+    go(
+        machine,
+        linear,
+        _back(_here(machine), number(expression, machine.lookup)),
+        machine.blend(mark),
+        speed,
+        at_once,
+    )
 
 
 def draw(machine: Machine, rest: str) -> None:
@@ -162,7 +178,9 @@ def _options(machine: Machine, parts: list[str]) -> tuple[list[str], float | Mps
             if option[1].lower() in ("speed", "s"):
                 speed = value
             elif option[1].lower() in ("accel", "decel"):
-                machine.remark(f"a motion with an {option[1].capitalize()} of its own, which no option asks for")
+                machine.remark(
+                    f"a motion with an {option[1].capitalize()} of its own, which no option asks for"
+                )
             else:
                 raise Unreadable(f"the option {option[1]} of a motion is not evaluated")
         elif part.lower() == "next":
@@ -204,7 +222,14 @@ def _back(pose: Pose, length: float) -> Pose:
     return Pose(pose.rotation, pose.apply((0.0, 0.0, -length)))
 
 
-def go(machine: Machine, linear: bool, target: Pose | Joints, blend: float, speed: float | Mps, at_once: bool) -> None:
+def go(
+    machine: Machine,
+    linear: bool,
+    target: Pose | Joints,
+    blend: float,
+    speed: float | Mps,
+    at_once: bool,
+) -> None:
     """Moves to ``target``. at_once: what follows does not wait for the arm."""
     passing = blend > 0 or at_once
     posture = _posture(target)
@@ -215,13 +240,21 @@ def go(machine: Machine, linear: bool, target: Pose | Joints, blend: float, spee
         machine.emit_motion(MoveJ(target, limit, blend, posture=posture, share=share), passing)
     elif isinstance(target, Joints):
         raise Unreadable("a straight line to joints is not evaluated")
-    elif not isinstance(speed, Mps) and machine.here is not None and machine.here.origin == target.origin:
+    elif (
+        not isinstance(speed, Mps)
+        and machine.here is not None
+        and machine.here.origin == target.origin
+    ):
         # A turn on the spot, though it may be less than a printed digit. Its speed in mm/s says nothing.
         limit, turn = machine.joint_speed(speed)[0], machine.turning(speed)
-        machine.emit_motion(MoveL(target, limit, blend, *machine.pressing(), posture=posture, turn=turn), passing)
+        machine.emit_motion(
+            MoveL(target, limit, blend, *machine.pressing(), posture=posture, turn=turn), passing
+        )
     else:
         mm_s = machine.mm_per_second(speed)
-        machine.emit_motion(MoveL(target, mm_s, blend, *machine.pressing(), posture=posture), passing)
+        machine.emit_motion(
+            MoveL(target, mm_s, blend, *machine.pressing(), posture=posture), passing
+        )
 
 
 def _arc(machine: Machine, targets: list[str], speed: float | Mps, at_once: bool) -> None:
@@ -234,7 +267,9 @@ def _arc(machine: Machine, targets: list[str], speed: float | Mps, at_once: bool
     arc(machine, via, end, machine.blend(mark), speed, at_once)
 
 
-def arc(machine: Machine, via: Pose, end: Pose, blend: float, speed: float | Mps, at_once: bool) -> None:
+def arc(
+    machine: Machine, via: Pose, end: Pose, blend: float, speed: float | Mps, at_once: bool
+) -> None:
     """Moves through ``via`` to ``end``."""
     if machine.here is None:
         machine.fault("an arc from a place that the text does not give")
@@ -244,7 +279,9 @@ def arc(machine: Machine, via: Pose, end: Pose, blend: float, speed: float | Mps
     posture = _posture(end)
     via, end = (Pose(place.rotation, place.origin) for place in (via, end))
     mm_s = machine.mm_per_second(speed)
-    machine.emit_motion(MoveC(via, end, mm_s, blend, *machine.pressing(), posture=posture), blend > 0 or at_once)
+    machine.emit_motion(
+        MoveC(via, end, mm_s, blend, *machine.pressing(), posture=posture), blend > 0 or at_once
+    )
 
 
 def _compare_figures(machine: Machine, via: Pose, end: Pose) -> None:

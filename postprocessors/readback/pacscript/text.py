@@ -76,7 +76,12 @@ def _read_file(pieces: Iterator[re.Match[str]], before: int, main: str, source: 
     current: Procedure | None = None
     number, first, begun = before, 0, ""
     for number, piece in enumerate(pieces, start=before + 1):
-        if piece.lastindex and current is not None and not begun and _is_plain(piece, number, macros, current):
+        if (
+            piece.lastindex
+            and current is not None
+            and not begun
+            and _is_plain(piece, number, macros, current)
+        ):
             continue
         text = begun + _read_row(piece[0].removesuffix("\n"), number, source)
         first = first if begun else number
@@ -96,12 +101,19 @@ def _read_row(row: str, number: int, source: SourceText) -> str:
         source.faults.append(Fault(number, f"a line of more than {LONGEST_LINE} bytes"))
     text = without_comment(row)
     if row.rstrip().endswith(" _") and not text.endswith("_"):
-        source.faults.append(Remark(number, "a comment that ends in _: the next line may be taken for a part of it"))
+        source.faults.append(
+            Remark(number, "a comment that ends in _: the next line may be taken for a part of it")
+        )
     return text
 
 
 def _read_statement(
-    text: str, number: int, macros: _Macros, current: Procedure | None, main: str, source: SourceText
+    text: str,
+    number: int,
+    macros: _Macros,
+    current: Procedure | None,
+    main: str,
+    source: SourceText,
 ) -> Procedure | None:
     """Files a statement of one line or several; returns the procedure that the next one belongs to."""
     if text.startswith("#"):
@@ -123,7 +135,9 @@ def _is_plain(piece: re.Match[str], number: int, macros: _Macros, current: Proce
     return True
 
 
-def _statement(text: str, number: int, current: Procedure | None, main: str, source: SourceText) -> Procedure | None:
+def _statement(
+    text: str, number: int, current: Procedure | None, main: str, source: SourceText
+) -> Procedure | None:
     """Files a statement; returns the procedure that the next one belongs to."""
     if CLOSING.fullmatch(text):
         if current is None:
@@ -169,7 +183,9 @@ def _open(opening: re.Match[str], number: int, main: str, source: SourceText) ->
     parameters = {m[2].lower(): (m[4] or "variant").lower() for m in matches if m and not m[3]}
     if len(parameters) < len(matches) or not TYPES.keys() >= set(parameters.values()):
         source.faults.append(Fault(number, "parameters that cannot be read"))
-        parameters = {name: kind if kind in TYPES else "variant" for name, kind in parameters.items()}
+        parameters = {
+            name: kind if kind in TYPES else "variant" for name, kind in parameters.items()
+        }
     _check_names(source, number, *(() if given == "main" else (opening[2],)), *parameters)
     if name == "main" and parameters:
         source.faults.append(Fault(number, "Main has parameters, and nobody calls it with values"))

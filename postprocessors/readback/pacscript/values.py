@@ -137,7 +137,9 @@ def calculate(sign: str, a: Value, b: Value) -> float | Either:
 def spread(*values: Value) -> list[tuple[float, ...]]:
     """Numbers, at least one of them an ``Either``, as so many values each."""
     count = next(len(value.values) for value in values if isinstance(value, Either))
-    return [value.values if isinstance(value, Either) else (_float(value),) * count for value in values]
+    return [
+        value.values if isinstance(value, Either) else (_float(value),) * count for value in values
+    ]
 
 
 def join(values: Sequence[float]) -> float | Either:

@@ -32,7 +32,18 @@ from .statements import (
     motion,
     switch,
 )
-from .syntax import DEACT_WHERE_ON, Call, Data, Inline, Module, Routine, Written, Wrong, calls_of, parse
+from .syntax import (
+    DEACT_WHERE_ON,
+    Call,
+    Data,
+    Inline,
+    Module,
+    Routine,
+    Written,
+    Wrong,
+    calls_of,
+    parse,
+)
 
 #: Names that the text may not give again.
 _SYSTEM = (INSTALLED | PREDEFINED.keys() | MOTIONS.keys() | STATEMENTS.keys()) - RESIDENT
@@ -51,10 +62,14 @@ class Linked:
     modules: list[Module] = field(default_factory=list)
     names: set[str] = field(default_factory=set)  # of the modules, in lower case
     scopes: dict[Routine, Scope] = field(default_factory=dict)
-    home: dict[Routine, dict[str, Routine]] = field(default_factory=dict)  # the local routines a routine sees
+    home: dict[Routine, dict[str, Routine]] = field(
+        default_factory=dict
+    )  # the local routines a routine sees
     worth: dict[Data, Value] = field(default_factory=dict)
     failed: dict[Data, Wrong] = field(default_factory=dict)
-    ran: dict[Routine, None] = field(default_factory=dict)  # in the order in which they were first run
+    ran: dict[Routine, None] = field(
+        default_factory=dict
+    )  # in the order in which they were first run
 
     def add(self, module: Module) -> None:
         """Enters a module; its names must be legal, and new where they are seen."""
@@ -78,7 +93,9 @@ class Linked:
         keys = {item.name.lower() for item in members}
         taken = (_SYSTEM, RESIDENT, self.names, self.data.keys(), self.routines.keys())
         short = max((len(item.name) for item in members), default=0) <= self.longest_name
-        return len(keys) == len(members) and short and all(keys.isdisjoint(names) for names in taken)
+        return (
+            len(keys) == len(members) and short and all(keys.isdisjoint(names) for names in taken)
+        )
 
     def _enter_each(self, members: Sequence[Data | Routine]) -> None:
         """Notes what is wrong with the names of members of a module."""
@@ -181,7 +198,9 @@ def read_with(files: Mapping[str, str], options: Mapping[str, object], *, plain:
     state = _run(program, known, line - 1)
     faults = sorted({*program.faults, *state.faults}, key=lambda fault: (fault.line, fault.what))
     frame = {kind: pose for kind, (_, pose) in state.frames.items()}
-    return Reading(state.body.body(), state.lines, tuple(faults), frame.get("work"), frame.get("tool"))
+    return Reading(
+        state.body.body(), state.lines, tuple(faults), frame.get("work"), frame.get("tool")
+    )
 
 
 def _run(program: Linked, known: Known, last_line: int) -> State:
@@ -217,7 +236,9 @@ def _run_routine(program: Linked, state: State, routine: Routine, depth: int) ->
             item, left = item.rows.statement(last), 0
         state.count += 1
         if left <= 0:
-            state.faults.append(Fault(item.line, f"more than {_MOST_STATEMENTS} statements are run"))
+            state.faults.append(
+                Fault(item.line, f"more than {_MOST_STATEMENTS} statements are run")
+            )
             return
         state.scope = scope
         try:
@@ -225,7 +246,13 @@ def _run_routine(program: Linked, state: State, routine: Routine, depth: int) ->
                 perform(state)
                 inline(state, item)
             else:
-                _run_call(program, state, routine, item.call() if isinstance(item, Inline) else item, depth)
+                _run_call(
+                    program,
+                    state,
+                    routine,
+                    item.call() if isinstance(item, Inline) else item,
+                    depth,
+                )
         except Wrong as wrong:
             state.faults.append(Fault(wrong.line, wrong.what))
 
@@ -267,10 +294,15 @@ def _check_handlers(program: Linked, state: State, main: Routine) -> None:
             off, end = _handle(program, state, routine, routine.handler, 0)
             line = routine.handler[-1].line if routine.handler else routine.line
             if not end:
-                raise Wrong(line, f"the ERROR handler of {routine.name} goes on behind the error; end it with RAISE")
+                raise Wrong(
+                    line,
+                    f"the ERROR handler of {routine.name} goes on behind the error; end it with RAISE",
+                )
             left = sorted(used.keys() - off.keys()) if end == "exit" or routine is main else []
             if left:
-                raise Wrong(line, f"the ERROR handler of {routine.name} leaves {', '.join(left)[:60]} on")
+                raise Wrong(
+                    line, f"the ERROR handler of {routine.name} leaves {', '.join(left)[:60]} on"
+                )
             if routine is main:
                 _judge_main_handler(state, line, [*used, DEACT_WHERE_ON], off, end)
         except Wrong as wrong:
@@ -282,21 +314,31 @@ def _hands_on(handler: Sequence[Statement]) -> bool:
     return len(handler) == 1 and isinstance(handler[0], Call) and handler[0].name == "raise"
 
 
-def _judge_main_handler(state: State, line: int, order: list[str], off: dict[str, None], end: str) -> None:
+def _judge_main_handler(
+    state: State, line: int, order: list[str], off: dict[str, None], end: str
+) -> None:
     """Notes where the handler of main leaves force control on, has another order, or ends otherwise than options ask.
 
     order: in which the program names its outputs; the force is last, so that nothing runs without it.
     """
     if [name for name in off if name in order] != [name for name in order if name in off]:
-        state.remark(line, "the ERROR handler of main switches off in another order than posts do, force control last")
+        state.remark(
+            line,
+            "the ERROR handler of main switches off in another order than posts do, force control last",
+        )
     wanted = state.known.asked.on_error
     if DEACT_WHERE_ON not in off and any(isinstance(item, Force) for item in state.body.objects):
         state.remark(line, "the ERROR handler of main leaves force control on")
     if end != wanted:
-        state.remark(line, f"the ERROR handler of main ends with {end.upper()}, by post.on_error it is {wanted}")
+        state.remark(
+            line,
+            f"the ERROR handler of main ends with {end.upper()}, by post.on_error it is {wanted}",
+        )
 
 
-def _find_missing_handlers(program: Linked, state: State, main: Routine, used: Mapping[str, None]) -> None:
+def _find_missing_handlers(
+    program: Linked, state: State, main: Routine, used: Mapping[str, None]
+) -> None:
     """Notes routines without an ERROR handler where the options ask for one: main's, then those that hand errors on."""
     drops = used or any(isinstance(item, Force) for item in state.body.objects)
     if state.known.asked.on_error == "none" or not drops:
@@ -306,7 +348,9 @@ def _find_missing_handlers(program: Linked, state: State, main: Routine, used: M
         return
     for routine in program.ran:
         if routine.handler is None:
-            state.remark(routine.line, f"{routine.name} has no ERROR handler that hands an error on to main")
+            state.remark(
+                routine.line, f"{routine.name} has no ERROR handler that hands an error on to main"
+            )
 
 
 def _handle(
@@ -342,7 +386,11 @@ def _handle(
 
 def _is_known(options: Mapping[str, object]) -> Known:
     given = options.get("signals", _SIGNALS)
-    signals = {str(name).lower(): str(key) for key, name in given.items()} if isinstance(given, Mapping) else {}
+    signals = (
+        {str(name).lower(): str(key) for key, name in given.items()}
+        if isinstance(given, Mapping)
+        else {}
+    )
     return Known(
         signals=signals,
         external=options.get("declare", True) is False,

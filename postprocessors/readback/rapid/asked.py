@@ -54,7 +54,10 @@ def read_asked(options: Mapping[str, object]) -> Asked:
         acceleration=_numbers(options, "acc_set"),
         calibration=str(options.get("force_load", "")),
         task=options.get("s4", False) is not True,
-        names={"tool": str(options.get("tool", "tCamgen")), "work": str(options.get("work", "wCamgen"))},
+        names={
+            "tool": str(options.get("tool", "tCamgen")),
+            "work": str(options.get("work", "wCamgen")),
+        },
     )
 
 
@@ -88,13 +91,21 @@ def judge_persistent(asked: Asked, name: str, task: bool) -> str:
     """What is wrong with the kind of a persistent that is not local (RAPID kernel manual, persistent declarations)."""
     if task == asked.task:
         return ""
-    return f"{name} is TASK PERS, which S4 has not" if task else f"{name} is PERS, one for all tasks, not TASK PERS"
+    return (
+        f"{name} is TASK PERS, which S4 has not"
+        if task
+        else f"{name} is PERS, one for all tasks, not TASK PERS"
+    )
 
 
 def judge_name(asked: Asked, kind: str, name: str) -> str:
     """What is wrong with the name of a tool or a work object that the text does not declare. kind: as in ``names``."""
     wanted = asked.names[kind]
-    return "" if name.lower() == wanted.lower() else f"{name[:40]} is not declared, by post.{kind} it is {wanted}"
+    return (
+        ""
+        if name.lower() == wanted.lower()
+        else f"{name[:40]} is not declared, by post.{kind} it is {wanted}"
+    )
 
 
 def judge_pressing(asked: Asked, values: Mapping[str, Value]) -> Iterator[str]:
@@ -119,7 +130,9 @@ def judge_calibration(asked: Asked, said: str | Value) -> str:
         same = said == asked.calibration.lower()
     else:
         same = _same(_flatten(said), tuple(map(float, _NUMBER.findall(asked.calibration))))
-    return "" if same else f"FCCalib with another load than post.force_load = {asked.calibration[:40]}"
+    return (
+        "" if same else f"FCCalib with another load than post.force_load = {asked.calibration[:40]}"
+    )
 
 
 def judge_acceleration(asked: Asked, said: tuple[float, ...]) -> str:
@@ -132,7 +145,11 @@ def judge_acceleration(asked: Asked, said: tuple[float, ...]) -> str:
 
 def judge_singularity(asked: Asked, said: str) -> str:
     """What is wrong with SingArea; nothing said: empty."""
-    return "" if said == asked.singularity else f"SingArea is not what post.sing_area asks for, {_or_none(asked)}"
+    return (
+        ""
+        if said == asked.singularity
+        else f"SingArea is not what post.sing_area asks for, {_or_none(asked)}"
+    )
 
 
 def _or_none(asked: Asked) -> str:

@@ -11,7 +11,15 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import cast
 
-from camgen.model.pose import IDENTITY, Pose, Vec3, frozen, quaternion, rotation_about, rotation_from_quaternion
+from camgen.model.pose import (
+    IDENTITY,
+    Pose,
+    Vec3,
+    frozen,
+    quaternion,
+    rotation_about,
+    rotation_from_quaternion,
+)
 from camgen.model.text import counted
 from camgen.read.rapid.types import LITERAL, PREDEFINED, TYPES, UNUSED, Value
 
@@ -34,7 +42,9 @@ class Scope:
     worth: dict[Data, Value]
     failed: dict[Data, Wrong]
     pending: list[Data] = field(default_factory=list)
-    seen: dict[tuple[str, str], Value] = field(default_factory=dict)  # by name and type: what names are worth
+    seen: dict[tuple[str, str], Value] = field(
+        default_factory=dict
+    )  # by name and type: what names are worth
 
     def find(self, name: str) -> Data | None:
         """The declaration that ``name`` means."""
@@ -74,8 +84,12 @@ class Scope:
         if not isinstance(expr, tuple):
             raise Wrong(line, f"a value of type {want} is needed")
         if len(expr) != len(components):
-            raise Wrong(line, f"{want} has {counted(len(components), 'component')}, not {len(expr)}")
-        value = tuple(self.value(item, part, line) for item, (_, part) in zip(expr, components, strict=True))
+            raise Wrong(
+                line, f"{want} has {counted(len(components), 'component')}, not {len(expr)}"
+            )
+        value = tuple(
+            self.value(item, part, line) for item, (_, part) in zip(expr, components, strict=True)
+        )
         _check_record(want, value, line)
         return value
 
@@ -181,7 +195,11 @@ def orient_fault(q: tuple[float, ...]) -> str:
     """What is wrong with a quaternion."""
     w, x, y, z = q
     off = abs(w * w + x * x + y * y + z * z - 1)
-    return f"a quaternion is not normalised (its square differs from 1 by {off:.2g})" if off > 1e-5 else ""
+    return (
+        f"a quaternion is not normalised (its square differs from 1 by {off:.2g})"
+        if off > 1e-5
+        else ""
+    )
 
 
 def _external(axes: tuple[float, ...]) -> str:

@@ -39,7 +39,9 @@ _NUMBERS = Decoder(list[float])
 #: mm: a position with one beyond this is not read here.
 _FARTHEST = 1e7
 #: Between the last statement of a PROC, in the usual spelling, and the first one of the next.
-_PARTING = re.compile(r"(\n *ERROR\n *RAISE;)?\n *ENDPROC(\n+) *PROC ([A-Za-z][A-Za-z0-9_]*)\(\)\n((?: *![^\n]*\n)*) *")
+_PARTING = re.compile(
+    r"(\n *ERROR\n *RAISE;)?\n *ENDPROC(\n+) *PROC ([A-Za-z][A-Za-z0-9_]*)\(\)\n((?: *![^\n]*\n)*) *"
+)
 #: Longer than any head of a statement that is spelled as usual.
 _LONGEST_HEAD = 60
 #: So many texts are remembered.
@@ -94,7 +96,9 @@ class Spellings:
         self._rows: list[tuple[int, int, int]] = []
         self._table = np.zeros((0, 3), np.intp)
 
-    def list_behind(self, texts: Sequence[str]) -> tuple[NDArray[np.int32], Indices, Indices, dict[int, Parting]]:
+    def list_behind(
+        self, texts: Sequence[str]
+    ) -> tuple[NDArray[np.int32], Indices, Indices, dict[int, Parting]]:
         """Of texts from behind the position of a point to the next one: the numbers of the quaternions, -1 where none
         ends the point; the numbers of what is between, -1 where that is not as usual; the lengths of the rest of the
         points; and by their places those that part two routines.
@@ -156,7 +160,11 @@ class Spellings:
             shape = plain.shape_of(self._grammar, *parts)
             known = _NONE
             read = _MOTIONS if len(parts) > 1 else _SWITCHES
-            if shape is not None and shape.name in read and (read is _SWITCHES or shape.lead == parts[0].count("\n")):
+            if (
+                shape is not None
+                and shape.name in read
+                and (read is _SWITCHES or shape.lead == parts[0].count("\n"))
+            ):
                 known = len(self.shapes)
                 self.shapes.append(shape)
             if known >= 0 or len(self._shapes) < _MOST_KNOWN:
@@ -192,7 +200,11 @@ class Spellings:
                 return _NONE
             found.append((shape, lines + self.shapes[shape].lead))
             lines += one.count("\n")
-        self.between.append(_Between(tail + ";" if left else "", head, tuple(found), lines + head.count("\n"), parts))
+        self.between.append(
+            _Between(
+                tail + ";" if left else "", head, tuple(found), lines + head.count("\n"), parts
+            )
+        )
         return len(self.between) - 1
 
 
@@ -245,7 +257,11 @@ class Rows:
     def statement(self, row: int) -> Inline | Call:
         """One row as a statement."""
         columns = self.columns
-        shape, line, point = self.spellings.shapes[columns.shape[row]], int(columns.line[row]), int(columns.point[row])
+        shape, line, point = (
+            self.spellings.shapes[columns.shape[row]],
+            int(columns.line[row]),
+            int(columns.point[row]),
+        )
         if point < 0:
             return Call(line, shape.name, shape.args, shape.options)
         x, y, z = self.points[point].tolist()
@@ -253,7 +269,9 @@ class Rows:
         if len(shape.points) == 1:
             return Inline(line, shape, (x, y, z), turn)
         u, v, w = self.points[point - 1].tolist()
-        return Inline(line, shape, (x, y, z), turn, (u, v, w), self.spellings.turns[self.turn[point - 1]])
+        return Inline(
+            line, shape, (x, y, z), turn, (u, v, w), self.spellings.turns[self.turn[point - 1]]
+        )
 
 
 class Run(Struct, frozen=True, eq=False):
@@ -304,7 +322,9 @@ class Cut:
         gaps = zip([0, *self._ends], [*self._starts, len(text)], strict=True)
         lines = self._of_between([one.lines for one in spellings.between])
         lines[odd] = [text.count("\n", *gap) for gap in compress(gaps, (between < 0).tolist())]
-        lines[list(self._partings)] += np.array([one.lines for one in self._partings.values()], np.intp)
+        lines[list(self._partings)] += np.array(
+            [one.lines for one in self._partings.values()], np.intp
+        )
         passed = np.cumsum(lines)
         self.line_ends = int(passed[-1])
         self._line = first_line + passed[:-1]
@@ -340,7 +360,9 @@ class Cut:
         rows = np.flatnonzero(begun & ended)
         keys = (between[first[rows]] * count + middle[rows]) * count + between[last[rows] + 1]
         _, one, back = np.unique(keys, return_index=True, return_inverse=True)
-        shape[rows] = np.array([self._shape_of(k, self._head(k)) for k in rows[one].tolist()], np.intp)[back]
+        shape[rows] = np.array(
+            [self._shape_of(k, self._head(k)) for k in rows[one].tolist()], np.intp
+        )[back]
         odd = np.flatnonzero(begun & ~ended)
         shape[odd] = [self._shape_of(k, self._head(k)) for k in odd.tolist()]
         return shape
@@ -360,7 +382,11 @@ class Cut:
         first, last = int(self._first[statement]), int(self._last[statement])
         tail = self._tail(statement)
         inside = [self.spellings.between[self._between[k]].head for k in range(first + 1, last + 1)]
-        return self.spellings.shape(head, *inside, tail) if tail and last - first < _MOST_POINTS else _NONE
+        return (
+            self.spellings.shape(head, *inside, tail)
+            if tail and last - first < _MOST_POINTS
+            else _NONE
+        )
 
     def run(self, start: int) -> Found | None:
         """The statements from the offset ``start`` on, where one begins; None where that one is not read here."""
@@ -381,7 +407,9 @@ class Cut:
         stop = self._stop[statement]
         last, tail = self._last_of[stop], self._tail(stop)
         run = Run(self.rows, self._row[statement], self._row[stop] + 1)
-        return Found(run, self._ends[last] + len(tail), self._line_of[last] + tail.count("\n"), stop)
+        return Found(
+            run, self._ends[last] + len(tail), self._line_of[last] + tail.count("\n"), stop
+        )
 
     def parted(self, found: Found) -> Parted | None:
         """What stands between a routine of the run ``found`` and the next one; None where that is not as usual."""
@@ -435,7 +463,9 @@ class _Points(Struct, frozen=True, eq=False):
 def _find_points(text: str, spellings: Spellings) -> _Points:
     """The points of a text that are written out."""
     first = text.find(_OPEN)
-    blocks = [_find_some(*block, spellings) for block in _cut_blocks(text, first)] if first >= 0 else []
+    blocks = (
+        [_find_some(*block, spellings) for block in _cut_blocks(text, first)] if first >= 0 else []
+    )
     if not blocks:
         none = np.zeros(0, np.intp)
         return _Points(none, none, np.zeros((0, 3)), none.astype(np.int32), np.array([_NONE]), {})
@@ -447,7 +477,11 @@ def _find_points(text: str, spellings: Spellings) -> _Points:
         np.concatenate([getattr(block, name) for block in blocks])
         for name in ("starts", "ends", "points", "turn", "between")
     )
-    partings = {k + at: one for block, at in zip(blocks, before, strict=True) for k, one in block.partings.items()}
+    partings = {
+        k + at: one
+        for block, at in zip(blocks, before, strict=True)
+        for k, one in block.partings.items()
+    }
     read = np.flatnonzero(turn >= 0)
     # Before the first point and behind the last one stands what is no end of a statement and beginning of another; as
     # behind one that is followed by what only begins like a point.
@@ -455,7 +489,11 @@ def _find_points(text: str, spellings: Spellings) -> _Points:
     known = np.append(_NONE, np.where(followed, between[read], _NONE))
     place = np.zeros(len(turn), np.intp)
     place[read[followed]] = np.flatnonzero(followed) + 1
-    parted = {at: parting for at, parting in zip(place[list(partings)].tolist(), partings.values(), strict=True) if at}
+    parted = {
+        at: parting
+        for at, parting in zip(place[list(partings)].tolist(), partings.values(), strict=True)
+        if at
+    }
     return _Points(starts[read], ends[read], points[read], turn[read], known, parted)
 
 
@@ -480,7 +518,9 @@ def _find_some(text: str, offset: int, spellings: Spellings) -> _Points:
     ends = starts + len(_OPEN) + np.fromiter(map(len, places), np.intp, len(places)) + rest
     read = np.flatnonzero(turn >= 0)
     points = np.zeros((len(places), 3))
-    points[read], sound = _read_places(places if len(read) == len(places) else [places[k] for k in read.tolist()])
+    points[read], sound = _read_places(
+        places if len(read) == len(places) else [places[k] for k in read.tolist()]
+    )
     turn[read[~sound]] = _NONE
     return _Points(starts, ends, points, turn, between, partings)
 
@@ -498,7 +538,11 @@ def _read_places(texts: Sequence[str]) -> tuple[FloatArray, Mask]:
         found = np.fromiter(numbers, np.float64, len(numbers))
         if np.abs(found).max() < _FARTHEST:
             return found.reshape(-1, 3), np.ones(len(texts), np.bool_)
-    sound = np.fromiter((_PLACE.fullmatch(text) is not None for text in texts), np.bool_, len(texts))
+    sound = np.fromiter(
+        (_PLACE.fullmatch(text) is not None for text in texts), np.bool_, len(texts)
+    )
     points = np.zeros((len(texts), 3))
-    points[sound] = [list(map(float, text.split(","))) for text in compress(texts, sound.tolist())] or np.zeros((0, 3))
+    points[sound] = [
+        list(map(float, text.split(","))) for text in compress(texts, sound.tolist())
+    ] or np.zeros((0, 3))
     return points, sound

@@ -82,7 +82,10 @@ def _together(state: State, rows: Rows, some: Indices) -> bool:
     point = columns.point[moves]
     ends, vias = rows.points[point], rows.points[columns.point[arcs] - 1]
     starts = np.concatenate([[state.here.origin], ends[:-1]])
-    turned = {number: state.turned(rows.spellings.turns[number]) for number in each_once(rows.turn).tolist()}
+    turned = {
+        number: state.turned(rows.spellings.turns[number])
+        for number in each_once(rows.turn).tolist()
+    }
     table = [rotation for rotation in turned.values() if rotation is not None]
     if (before & ~moves).any() or len(table) < len(turned):
         return False
@@ -134,7 +137,9 @@ def _find_effects(state: State, rows: Rows, some: Indices, columns: Columns) -> 
     outputs: dict[int, Output] = {}
     numbers, first = np.unique(columns.shape, return_index=True)
     bounds: list[tuple[int, Bound]] = []
-    for number, row in sorted(zip(numbers.tolist(), first.tolist(), strict=True), key=lambda one: one[1]):
+    for number, row in sorted(
+        zip(numbers.tolist(), first.tolist(), strict=True), key=lambda one: one[1]
+    ):
         statement = rows.statement(int(some[row]))
         try:
             if not isinstance(statement, Inline):

@@ -67,21 +67,33 @@ class State:
     body: Packing = field(default_factory=Packing)
     lines: array[int] = field(default_factory=partial(array, "q"))
     faults: list[Fault] = field(default_factory=list)
-    frames: dict[str, tuple[str, Pose | None]] = field(default_factory=dict)  # tool and work: name, frame
-    frame_of: dict[str, tuple[str, Scope]] = field(default_factory=dict)  # tool and work: what was checked last
-    bound: dict[tuple[Scope, Shape], Bound] = field(default_factory=dict)  # of motions that could be read
+    frames: dict[str, tuple[str, Pose | None]] = field(
+        default_factory=dict
+    )  # tool and work: name, frame
+    frame_of: dict[str, tuple[str, Scope]] = field(
+        default_factory=dict
+    )  # tool and work: what was checked last
+    bound: dict[tuple[Scope, Shape], Bound] = field(
+        default_factory=dict
+    )  # of motions that could be read
     here: Pose | None = None
     blending: int = 0  # line of the last motion, if it blends
     moved: bool = False
     pressing: tuple[int, int] | None = None  # tool axis 0..2 and direction +-1
     count: int = 0
     remarks: set[str] = field(default_factory=set)  # what has been remarked on, which is told once
-    supervised: dict[str, tuple[bool, int]] = field(default_factory=dict)  # ConfJ and ConfL: on, and the line
-    postures: set[tuple[str, bool]] = field(default_factory=set)  # of ConfJ and ConfL: whether targets state one
+    supervised: dict[str, tuple[bool, int]] = field(
+        default_factory=dict
+    )  # ConfJ and ConfL: on, and the line
+    postures: set[tuple[str, bool]] = field(
+        default_factory=set
+    )  # of ConfJ and ConfL: whether targets state one
     singularity: str = ""
     acceleration: tuple[float, ...] = ()
     calibrated: bool = False  # since the last section with force
-    settled: bool = False  # WaitTime\\InPos has waited for standstill, and nothing has been done since
+    settled: bool = (
+        False  # WaitTime\\InPos has waited for standstill, and nothing has been done since
+    )
     pressed: bool = False  # a section with force has begun
     # Targets since the last section with force; those of a run of statements are an array.
     way: list[Pose | Joints | FloatArray] = field(default_factory=list)
@@ -96,7 +108,12 @@ class State:
     def wait(self, run: Run, scope: Scope) -> None:
         """Statements that are to be done, with those before them where they go on."""
         before = self.waiting[-1] if self.waiting else None
-        if before is not None and before.last == run.first and before.rows is run.rows and before.scope is scope:
+        if (
+            before is not None
+            and before.last == run.first
+            and before.rows is run.rows
+            and before.scope is scope
+        ):
             before.last = run.last
         else:
             self.waiting.append(Waiting(run.rows, run.first, run.last, scope))

@@ -9,7 +9,18 @@ from typing import cast
 import numpy as np
 
 from camgen.model.pose import Pose, Vec3
-from camgen.model.program import Force, Joints, Motion, MoveC, MoveJ, MoveL, Output, Posture, Stop, Wait
+from camgen.model.program import (
+    Force,
+    Joints,
+    Motion,
+    MoveC,
+    MoveJ,
+    MoveL,
+    Output,
+    Posture,
+    Stop,
+    Wait,
+)
 from camgen.model.text import counted
 from camgen.post import Fault, Remark
 from camgen.read.rapid.types import Value
@@ -60,10 +71,15 @@ def switch(state: State, call: Call) -> Output:
     signal = _signal(state, call)
     analog = signal == _ANALOG
     if analog != (call.name == "setao") and (analog or signal in state.known.signals.values()):
-        raise Wrong(call.line, f"{call.name} of {signal}, which is {'an analog' if analog else 'a digital'} output")
+        raise Wrong(
+            call.line,
+            f"{call.name} of {signal}, which is {'an analog' if analog else 'a digital'} output",
+        )
     count = 2 if call.name in ("setdo", "setao") else 1
     if len(call.args) != count:
-        raise Wrong(call.line, f"{call.name} has {counted(count, 'argument')}, not {len(call.args)}")
+        raise Wrong(
+            call.line, f"{call.name} has {counted(count, 'argument')}, not {len(call.args)}"
+        )
     if count == 1:
         return Output(signal, 1.0 if call.name == "set" else 0.0)
     value = cast(float, state.scope.value(call.args[1], "num", call.line))
@@ -114,7 +130,10 @@ def _configuration(state: State, call: Call) -> None:
         state.remark(call.line, f"{_SUPERVISION[call.name]} changes after the first motion")
     state.supervised[call.name] = on, call.line
     if on and state.known.asked.conf != "auto":
-        state.remark(call.line, f"{_SUPERVISION[call.name]} is on, though post.conf is {state.known.asked.conf}")
+        state.remark(
+            call.line,
+            f"{_SUPERVISION[call.name]} is on, though post.conf is {state.known.asked.conf}",
+        )
 
 
 def _singularity(state: State, call: Call) -> None:
@@ -151,7 +170,9 @@ def _calibrate(state: State, call: Call) -> None:
         raise Wrong(call.line, "fccalib while pressing")
     state.remark(call.line, judge_calibration(asked, said))
     if not state.settled:
-        state.remark(call.line, "FCCalib without WaitTime\\InPos right before it: the arm may still swing")
+        state.remark(
+            call.line, "FCCalib without WaitTime\\InPos right before it: the arm may still swing"
+        )
     state.calibrated, state.settled = True, False
     state.stopped(call.name)
 
@@ -253,7 +274,11 @@ def is_usual(bound: Bound, move: Inline) -> bool:
     are written out.
     """
     plain = bound.name in ("movej", "movel", "movec") and bound.posture is None
-    return plain and ("via" in bound.values) == (move.via is not None) and abs(bound.turn - _ON_THE_WAY) <= _SAME_TURN
+    return (
+        plain
+        and ("via" in bound.values) == (move.via is not None)
+        and abs(bound.turn - _ON_THE_WAY) <= _SAME_TURN
+    )
 
 
 def _check_postures(state: State, line: int, values: Mapping[str, Value]) -> None:
@@ -313,7 +338,11 @@ def _turn(state: State, bound: Bound, target: Pose | Joints) -> float:
     text show; 0 where it travels.
     """
     here = state.here
-    return bound.turn if isinstance(target, Pose) and here is not None and here.origin == target.origin else 0.0
+    return (
+        bound.turn
+        if isinstance(target, Pose) and here is not None and here.origin == target.origin
+        else 0.0
+    )
 
 
 def _free(bound: Bound, via: Pose | None, target: Pose | Joints, turn: float) -> Motion:
@@ -396,26 +425,43 @@ def check_settings(state: State, line: int) -> None:
     """Notes at the end what the settings of the program are not."""
     asked = state.known.asked
     for word, (on, at) in state.supervised.items():
-        if not on and asked.conf == "auto" and (word, True) in state.postures and (word, False) not in state.postures:
-            state.remark(at, f"{_SUPERVISION[word]} is off, though each of its motions states a configuration")
+        if (
+            not on
+            and asked.conf == "auto"
+            and (word, True) in state.postures
+            and (word, False) not in state.postures
+        ):
+            state.remark(
+                at,
+                f"{_SUPERVISION[word]} is off, though each of its motions states a configuration",
+            )
     state.remark(line, judge_singularity(asked, state.singularity))
     state.remark(line, judge_acceleration(asked, state.acceleration))
 
 
-def _check_way(state: State, line: int, bound: Bound, start: Pose, via: Pose | None, target: Pose) -> None:
+def _check_way(
+    state: State, line: int, bound: Bound, start: Pose, via: Pose | None, target: Pose
+) -> None:
     """Notes what is wrong with the way of a motion, or open."""
     if bound.name == "movej":
         pass  # Its joints tell how it turns.
     elif via is None:
         if is_half_turn(start, target):
-            state.remark(line, "the tool turns by 180 deg in one straight motion; its sense is open")
+            state.remark(
+                line, "the tool turns by 180 deg in one straight motion; its sense is open"
+            )
     else:
         fault, remark = judge_arc(start.origin, via.origin, target.origin)
         if fault:
             state.faults.append(Fault(line, fault))
         state.remark(line, remark)
-    if abs(bound.turn - _ON_THE_WAY) > _SAME_TURN and math.dist(start.origin, target.origin) > _TRAVELS:
-        state.remark(line, f"a speed of {math.degrees(bound.turn):g} deg/s limits a motion that travels")
+    if (
+        abs(bound.turn - _ON_THE_WAY) > _SAME_TURN
+        and math.dist(start.origin, target.origin) > _TRAVELS
+    ):
+        state.remark(
+            line, f"a speed of {math.degrees(bound.turn):g} deg/s limits a motion that travels"
+        )
 
 
 def _blend(values: Mapping[str, Value]) -> float:
@@ -439,7 +485,10 @@ def _press(state: State, line: int, bound: Bound, via: Pose | None, target: Pose
         state.pressing, state.calibrated = None, False
         state.way.clear()
         state.add(Force(0.0), line)
-        state.add(MoveL(target, speed, blend, posture=bound.posture, turn=_turn(state, bound, target)), line)
+        state.add(
+            MoveL(target, speed, blend, posture=bound.posture, turn=_turn(state, bound, target)),
+            line,
+        )
         return
     else:
         force = cast(float, bound.values["force"]) * state.known.sign * state.pressing[1]
@@ -456,11 +505,17 @@ def _press(state: State, line: int, bound: Bound, via: Pose | None, target: Pose
 
 def _begin_pressing(state: State, line: int, values: Mapping[str, Value]) -> float:
     """Adds the Force that FCPress1LStart implies: along a tool axis at the point where it starts."""
-    given = [(axis, cast(float, values[name])) for axis, name in enumerate(("fx", "fy", "fz")) if name in values]
+    given = [
+        (axis, cast(float, values[name]))
+        for axis, name in enumerate(("fx", "fy", "fz"))
+        if name in values
+    ]
     if len(given) != 1 or given[0][1] == 0:
         raise Wrong(line, "FCPress1LStart needs a force along one axis of the tool")
     if state.pressing is not None or state.here is None:
-        raise Wrong(line, "FCPress1LStart " + ("twice" if state.pressing else "from an unknown pose"))
+        raise Wrong(
+            line, "FCPress1LStart " + ("twice" if state.pressing else "from an unknown pose")
+        )
     if not 0 <= cast(float, values["threshold"]) <= 100:
         raise Wrong(line, "the threshold of FCPress1LStart is 0 to 100 %")
     for what in judge_pressing(state.known.asked, values):
@@ -468,7 +523,11 @@ def _begin_pressing(state: State, line: int, values: Mapping[str, Value]) -> flo
     axis, force = given[0]
     state.stopped("fcpress1lstart")
     state.pressing = (axis, state.known.sign if force > 0 else -state.known.sign)
-    if state.known.asked.calibration and not state.calibrated and _was_in_the_air(state, state.here, state.pressing):
+    if (
+        state.known.asked.calibration
+        and not state.calibrated
+        and _was_in_the_air(state, state.here, state.pressing)
+    ):
         state.remark(line, "no FCCalib before pressing, though post.force_load asks for it")
     state.pressed = True
     state.add(Force(abs(force), _direction(state.here, state.pressing)), line)

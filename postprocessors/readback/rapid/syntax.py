@@ -15,12 +15,26 @@ from camgen.read.rapid.expressions import Calls
 from camgen.read.rapid.grammar import Parser
 from camgen.read.rapid.statements import STRUCTURE, Note
 from camgen.read.rapid.tokens import BANNER_LINES, RESERVED, Wrong, banner, show_token
-from camgen.read.rapid.tree import Call, Data, Expr, Inline, Module, Parameter, Point, Ref, Routine, Shape, Statement
+from camgen.read.rapid.tree import (
+    Call,
+    Data,
+    Expr,
+    Inline,
+    Module,
+    Parameter,
+    Point,
+    Ref,
+    Routine,
+    Shape,
+    Statement,
+)
 
 from .rows import Cut, Run, Spellings
 
 #: Words that only continue or close a control statement whose opening has been reported.
-_CONTINUES = frozenset(("else", "elseif", "endif", "endfor", "endwhile", "endtest", "case", "default", "then", "do"))
+_CONTINUES = frozenset(
+    ("else", "elseif", "endif", "endfor", "endwhile", "endtest", "case", "default", "then", "do")
+)
 #: Words with which a statement begins that is read in ERROR handlers alone.
 _HANDLES = frozenset(("if", "raise", "exit"))
 #: The name of the statement ``IF FCIsForceMode() FCDeact;``, one that no routine has.
@@ -39,7 +53,9 @@ class Written(Calls):
     whole: ClassVar[bool] = False
 
 
-def parse(text: str, first_line: int, spellings: Spellings | None) -> tuple[list[Module], list[Fault], int]:
+def parse(
+    text: str, first_line: int, spellings: Spellings | None
+) -> tuple[list[Module], list[Fault], int]:
     """The modules of one file whose first line has the number ``first_line``, what is wrong with its grammar, and how
     many line ends it has.
 
@@ -75,7 +91,9 @@ class _Parser(Parser):
         self.cut = None if spellings is None else Cut(text, first_line, spellings)
         found = [one.strip() for one in text[:start].strip().split("\n")]
         if start and found != BANNER_LINES:
-            self.notes.append(Note(first_line, f"a banner other than {' / '.join(BANNER_LINES)}", odd=True))
+            self.notes.append(
+                Note(first_line, f"a banner other than {' / '.join(BANNER_LINES)}", odd=True)
+            )
         self.outside = start
 
     # -- modules -------------------------------------------------------------------------------------------------
@@ -195,7 +213,11 @@ class _Parser(Parser):
 
     def run(self, body: list[Any]) -> bool:
         """Reads a run of statements at once, where there is one."""
-        found = self.cut.run(self.token[3]) if self.cut is not None and self.token[0] in ("name", "move") else None
+        found = (
+            self.cut.run(self.token[3])
+            if self.cut is not None and self.token[0] in ("name", "move")
+            else None
+        )
         if found is None:
             return False
         body.append(found.run)
@@ -220,7 +242,9 @@ class _Parser(Parser):
         token = self.take()
         if token[1] != ";":
             raise Wrong(token[2], f"a statement expected, found {show_token(token)}")
-        self.notes.append(Note(token[2], "an empty statement, which the kernel manual does not have", odd=True))
+        self.notes.append(
+            Note(token[2], "an empty statement, which the kernel manual does not have", odd=True)
+        )
 
     def named_statement(self) -> Statement:
         """A call."""

@@ -86,7 +86,9 @@ class Machine(RobotState):
     ) -> None:
         super().__init__(report, remark, rated, signals, known, accel)
         self._programs = programs
-        self._budget = _LOOPED + sum(map(_length, (s for p in programs.values() for s in p.statements)))
+        self._budget = _LOOPED + sum(
+            map(_length, (s for p in programs.values() for s in p.statements))
+        )
         self._line = 0
 
     def run(self, routine: Routine) -> None:
@@ -147,7 +149,9 @@ class Machine(RobotState):
             self._refuse(word)
         return index + 1
 
-    def _loop(self, statement: Statement, index: int, partner: Mapping[int, int], loops: list[_Loop]) -> int:
+    def _loop(
+        self, statement: Statement, index: int, partner: Mapping[int, int], loops: list[_Loop]
+    ) -> int:
         name, _, bounds = statement.rest.partition("=")
         name = variable(name.strip())
         text = Expression(bounds, self)
@@ -205,7 +209,10 @@ class Machine(RobotState):
         """``AUTO``, ``LOCAL`` and ``GLOBAL``."""
         self.declare(statement.rest, statement.word != "GLOBAL")
         if statement.word != "AUTO":
-            self.remark(statement.line, f"{statement.word}: its variables outlive the program, those of AUTO do not")
+            self.remark(
+                statement.line,
+                f"{statement.word}: its variables outlive the program, those of AUTO do not",
+            )
 
 
 def _length(statement: Statement | Stretch) -> int:
@@ -265,17 +272,25 @@ def read(files: Mapping[str, str], options: Mapping[str, object]) -> Reading:
     return Reading(body, tuple(lines), told, work, machine.tool)
 
 
-def _run(files: Mapping[str, str], options: Mapping[str, object], report: Report, remark: Report) -> Machine:
+def _run(
+    files: Mapping[str, str], options: Mapping[str, object], report: Report, remark: Report
+) -> Machine:
     """The machine after it has run what the files say."""
     found = routines(files, report, remark)
     programs: dict[str, Routine] = {}
     for routine in found:
         programs.setdefault(canonical(routine.name), routine)
-    rated, signals, known = _number(options, "rated", _RATED), _signal_names(options), _list_known(options)
+    rated, signals, known = (
+        _number(options, "rated", _RATED),
+        _signal_names(options),
+        _list_known(options),
+    )
     accel = int(_number(options, "profile", 0)), _number(options, "accel", 100.0)
     machine = Machine(programs, report, remark, rated, signals, known, accel)
     posture = options.get("posture", ())
-    machine.asked = frozenset(map(str, posture)) if isinstance(posture, (list, tuple)) else frozenset()
+    machine.asked = (
+        frozenset(map(str, posture)) if isinstance(posture, (list, tuple)) else frozenset()
+    )
     for start in _start(list(programs.values()), report):
         machine.run(start)
     return machine
@@ -302,7 +317,10 @@ def _with_turns(
 
 
 def _check_turning(
-    body: tuple[Instruction, ...], lines: Sequence[int], turning: Sequence[tuple[int, float]], remark: Report
+    body: tuple[Instruction, ...],
+    lines: Sequence[int],
+    turning: Sequence[tuple[int, float]],
+    remark: Report,
 ) -> None:
     """Remarks on a rotational speed below 100 % where the tool does not turn on the spot: it may slow the path."""
     if all(rate >= 100 for _, rate in turning):
@@ -317,24 +335,35 @@ def _check_turning(
         first = bisect_left(straight, begin)
         if rate < 100 and first < len(straight) and straight[first] < end:
             what = f"a straight motion at {rate:g} % rotational speed"
-            remark(lines[straight[first]], f"{what}: where the tool turns, it may be slower than its SPEED")
+            remark(
+                lines[straight[first]],
+                f"{what}: where the tool turns, it may be slower than its SPEED",
+            )
 
 
 def _signal_names(options: Mapping[str, object]) -> dict[int, str]:
     table = options.get("signals", _SIGNALS)
-    return {n: str(name) for name, n in table.items() if isinstance(n, int)} if isinstance(table, Mapping) else {}
+    return (
+        {n: str(name) for name, n in table.items() if isinstance(n, int)}
+        if isinstance(table, Mapping)
+        else {}
+    )
 
 
 def _list_known(options: Mapping[str, object]) -> frozenset[str]:
     """Locations that the text need not define."""
     if options.get("declare", True):
         return frozenset()
-    return frozenset(canonical(str(options.get(key, name))) for key, name in (("tool", _TOOL), ("work", _WORK)))
+    return frozenset(
+        canonical(str(options.get(key, name))) for key, name in (("tool", _TOOL), ("work", _WORK))
+    )
 
 
 def _check_given(machine: Machine, options: Mapping[str, object], remark: Report) -> None:
     """Remarks on a tool or a work frame of the controller that is not the one that the options name."""
-    tool, work = (canonical(str(options.get(key, name))) for key, name in (("tool", _TOOL), ("work", _WORK)))
+    tool, work = (
+        canonical(str(options.get(key, name))) for key, name in (("tool", _TOOL), ("work", _WORK))
+    )
     if machine.tool_name not in ("", tool):
         remark(1, f"the tool is {machine.tool_name}, not {tool} as post.tool has it")
     for line, frame in zip(machine.lines, machine.frames, strict=True):
@@ -357,7 +386,9 @@ def _start(found: list[Routine], report: Report) -> list[Routine]:
     return roots[:1]
 
 
-def _translate(robot: RobotState, report: Report) -> tuple[Pose | None, Sequence[Instruction], Sequence[int]]:
+def _translate(
+    robot: RobotState, report: Report
+) -> tuple[Pose | None, Sequence[Instruction], Sequence[int]]:
     """The common frame, the instructions with poses in it, and their lines."""
     # Most frames are the same object as the one before.
     given = [frame for frame, _ in groupby(robot.frames) if frame is not None]

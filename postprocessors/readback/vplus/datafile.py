@@ -128,12 +128,20 @@ DETACH ()
 STOP
 .END
 """
-_TOKEN = re.compile(r'"[^"]*"|\d+(?:\.\d+)?|[.$#]?[A-Za-z][A-Za-z0-9._]*|<[a-z]+(?:\.pose)?>|<>|<=|==|\S')
+_TOKEN = re.compile(
+    r'"[^"]*"|\d+(?:\.\d+)?|[.$#]?[A-Za-z][A-Za-z0-9._]*|<[a-z]+(?:\.pose)?>|<>|<=|==|\S'
+)
 _SLOT = re.compile(r"<([a-z]+)(\.pose)?>")
 _REAL = r"(?:- )?\d+(?:\.\d+)?"
 _POSE = rf"{_REAL}(?: , {_REAL}){{5}}"
 #: What may stand in a slot: a name, whole numbers, a file.
-_FILLS = {"name": r"[A-Za-z][A-Za-z0-9._]*", "file": r'"[^"]+"', "one": r"\d+", "two": r"\d+", "count": r"\d+"}
+_FILLS = {
+    "name": r"[A-Za-z][A-Za-z0-9._]*",
+    "file": r'"[^"]+"',
+    "one": r"\d+",
+    "two": r"\d+",
+    "count": r"\d+",
+}
 _FIRST = re.compile(r"1,(0|[1-9]\d*),(0|[1-9]\d*),(0|[1-9]\d*)")
 _RECORD = re.compile(r"(?:-?[1-9]\d{0,6}|0)(?:,(?:-?[1-9]\d{0,6}|0)){8}")
 _LARGEST, _SHIFT, _PRIME, _FACTOR = 2**23 - 1, 2**23, 65521, 31
@@ -174,13 +182,17 @@ def read_data(files: Mapping[str, str], options: Mapping[str, object], plain: Pl
         name = program.slots["file"].strip('"')
         if list(files)[1:] != [name]:
             given = ", ".join(list(files)[1:]) or "no data file"
-            raise _Wrong(program.file_line, f"the program reads {name}: give it that file, not {given}")
+            raise _Wrong(
+                program.file_line, f"the program reads {name}: give it that file, not {given}"
+            )
         text, where = _write_out(program, files[name], str(options.get("work", "cg.work")))
     except _Wrong as wrong:
         line, what = wrong.args
         return Reading((), (), (Fault(line, what),))
     reading = plain({name: text}, {**options, "points": "program"})
-    faults = tuple(replace(fault, line=where[min(fault.line, len(where)) - 1]) for fault in reading.faults)
+    faults = tuple(
+        replace(fault, line=where[min(fault.line, len(where)) - 1]) for fault in reading.faults
+    )
     return replace(reading, lines=tuple(where[line - 1] for line in reading.lines), faults=faults)
 
 
@@ -209,14 +221,20 @@ def _match(text: str, options: Mapping[str, object]) -> _Program:
     file_line, place = 1, 0
     for pattern in wanted:
         if pattern is None:
-            while place < len(said) and (signal := re.fullmatch(r"SIGNAL - (\d+)", said[place].words, re.IGNORECASE)):
+            while place < len(said) and (
+                signal := re.fullmatch(r"SIGNAL - (\d+)", said[place].words, re.IGNORECASE)
+            ):
                 off.append(int(signal[1]))
                 place += 1
             continue
         here = said[place] if place < len(said) else _Statement(lines, "")
         found = pattern.fullmatch(here.words)
-        if not found or any(slots.setdefault(key, value) != value for key, value in found.groupdict().items()):
-            raise _Wrong(here.line, f"not the reader of a data file: {here.words[:60] or 'nothing'}")
+        if not found or any(
+            slots.setdefault(key, value) != value for key, value in found.groupdict().items()
+        ):
+            raise _Wrong(
+                here.line, f"not the reader of a data file: {here.words[:60] or 'nothing'}"
+            )
         file_line = here.line if "file" in found.groupdict() else file_line
         place += 1
     if place < len(said):
@@ -236,7 +254,10 @@ def _wanted(options: Mapping[str, object]) -> list[re.Pattern[str] | None]:
     head = _HEAD.splitlines()
     if not options.get("declare", True):
         head = [line for k, line in enumerate(head) if k not in _DECLARED]
-    return [None if line == "<signals>" else _pattern(line, fills) for line in (*head, *_READER.splitlines())]
+    return [
+        None if line == "<signals>" else _pattern(line, fills)
+        for line in (*head, *_READER.splitlines())
+    ]
 
 
 def _pattern(line: str, fills: Mapping[str, str]) -> re.Pattern[str]:
@@ -265,7 +286,9 @@ def _write_out(program: _Program, data: str, work: str) -> tuple[str, list[int]]
     head = _FIRST.fullmatch(first)
     asked = tuple(program.slots[key] for key in ("one", "two", "count"))
     if head is None or head.groups() != asked:
-        raise _Wrong(program.lines + 1, f"the data of another program: {first[:40]}, not 1,{','.join(asked)}")
+        raise _Wrong(
+            program.lines + 1, f"the data of another program: {first[:40]}, not 1,{','.join(asked)}"
+        )
     if len(records) != int(asked[2]):
         last = program.lines + 1 + len(records)
         raise _Wrong(last, f"the program reads {asked[2]} records, here are {len(records)}")
@@ -283,7 +306,10 @@ def _write_out(program: _Program, data: str, work: str) -> tuple[str, list[int]]
         lines += said
         where += [number] * len(said)
     if program.off != tuple(sorted(outputs)):
-        raise _Wrong(program.file_line, "the outputs that are put off after an error are not those of the data")
+        raise _Wrong(
+            program.file_line,
+            "the outputs that are put off after an error are not those of the data",
+        )
     end = ["DETACH ()", "RETURN", ".END"]
     return "\n".join((*lines, *end)) + "\n", where + [program.lines + len(records) + 1] * len(end)
 
@@ -326,7 +352,9 @@ def _real(value: int, digits: int) -> str:
 
 
 def _pose(v: Sequence[int], work: str) -> str:
-    return f"{work}:TRANS({','.join([*(_real(x, 3) for x in v[:3]), *(_real(a, 4) for a in v[3:])])})"
+    return (
+        f"{work}:TRANS({','.join([*(_real(x, 3) for x in v[:3]), *(_real(a, 4) for a in v[3:])])})"
+    )
 
 
 def _point(*values: str) -> str:
@@ -340,7 +368,9 @@ def _pair(whole: int, part: int) -> str:
 _KINDS: Mapping[int, Callable[[Sequence[int], str], str]] = {
     1: lambda v, work: f"MOVES {_pose(v, work)}",
     2: lambda v, work: f"MOVE {_pose(v, work)}",
-    3: lambda v, _: _point(_real(v[0], 4), _real(v[1], 4), _real(100 * v[2] + v[4], 5), _real(v[3], 4)),
+    3: lambda v, _: _point(
+        _real(v[0], 4), _real(v[1], 4), _real(100 * v[2] + v[4], 5), _real(v[3], 4)
+    ),
     4: lambda v, _: _point(*(_real(x, 4) for x in v)),
     5: lambda v, _: f"SPEED {_pair(v[0], v[1])} ALWAYS",
     6: lambda v, _: f"SPEED {_pair(v[0], v[1])}, {_pair(v[2], v[3])} MMPS ALWAYS",

@@ -18,7 +18,16 @@ from camgen.read.vplus import words
 from camgen.read.vplus.arm import PAIRS, ROUNDED, Arm
 from camgen.read.vplus.locations import Expression
 from camgen.read.vplus.names import canonical
-from camgen.read.vplus.text import Location, Pace, Report, Statement, Stretch, Unreadable, pace, rotation_zyz
+from camgen.read.vplus.text import (
+    Location,
+    Pace,
+    Report,
+    Statement,
+    Stretch,
+    Unreadable,
+    pace,
+    rotation_zyz,
+)
 from camgen.read.vplus.variables import Table, variable
 
 #: So many texts are kept with what they say.
@@ -104,7 +113,9 @@ class RobotState(Arm):
     def finish(self, line: int) -> None:
         """What the text leaves behind. line: the last one that was carried out."""
         for place, word in self._unused.items():
-            self.remark(place, f"{word} after the last motion stays in force for the program after this one")
+            self.remark(
+                place, f"{word} after the last motion stays in force for the program after this one"
+            )
         if "ATTACH" in self._said and not self._detached:
             self.remark(line, "the program ends without DETACH: the robot stays attached")
 
@@ -150,7 +161,10 @@ class RobotState(Arm):
     def _point(self, text: Expression, statement: Statement) -> Joints:
         point = text.point()
         if text.omitted:
-            self.remark(statement.line, "a joint of #PPOINT left out, read as 0: what it means is not confirmed")
+            self.remark(
+                statement.line,
+                "a joint of #PPOINT left out, read as 0: what it means is not confirmed",
+            )
         return point
 
     def _read(self, text: str, what: Callable[[Expression], T]) -> T:
@@ -246,7 +260,10 @@ class RobotState(Arm):
         """Remarks on a speed that the text leaves open."""
         if self._crossed and self._once is None:
             self._crossed = False
-            self.remark(line, "no SPEED since a CALL or its RETURN: whether that keeps the speed is not confirmed")
+            self.remark(
+                line,
+                "no SPEED since a CALL or its RETURN: whether that keeps the speed is not confirmed",
+            )
         setting = self._once or self._always
         if straight and setting != self._straight:
             self._straight = setting
@@ -270,7 +287,9 @@ class RobotState(Arm):
 
     def _compare_posture(self, line: int) -> None:
         if {*(self._posture.switches if self._posture else ())} != self.asked:
-            self.remark(line, f"post.posture asks for {', '.join(sorted(self.asked))} before the first MOVE")
+            self.remark(
+                line, f"post.posture asks for {', '.join(sorted(self.asked))} before the first MOVE"
+            )
 
     def _count_axes(self, line: int, point: Joints) -> None:
         """A report on a precision point of another arm than the ones before."""
@@ -287,16 +306,24 @@ class RobotState(Arm):
 
     def speed(self, statement: Statement) -> None:
         """All forms of ``SPEED``."""
-        value, unit, turning, always = pace(statement.rest) or self._read(statement.rest, words.speed)
+        value, unit, turning, always = pace(statement.rest) or self._read(
+            statement.rest, words.speed
+        )
         if turning > 100 or (value > 100 and unit != "mm/s"):
-            self.remark(statement.line, "SPEED above 100 %: the controller takes the most that it has")
+            self.remark(
+                statement.line, "SPEED above 100 %: the controller takes the most that it has"
+            )
         if not always and unit != "MONITOR":
             self.remark(statement.line, "SPEED without ALWAYS holds for one motion")
         if _DISORDERED.search(statement.rest):
-            self.remark(statement.line, "ALWAYS stands last in a SPEED: another order is not confirmed")
+            self.remark(
+                statement.line, "ALWAYS stands last in a SPEED: another order is not confirmed"
+            )
         self._crossed = self._crossed and not (always and unit != "MONITOR")
         if unit == "MONITOR":
-            self.remark(statement.line, "SPEED MONITOR sets the operator's speed, for other programs too")
+            self.remark(
+                statement.line, "SPEED MONITOR sets the operator's speed, for other programs too"
+            )
         self.set_pace(value, unit, turning, always)
 
     def configure(self, statement: Statement) -> None:
@@ -335,7 +362,10 @@ class RobotState(Arm):
             raise Unreadable(f"{statement.word} {statement.rest[:20]} is not evaluated")
         self._path = statement.word == "ENABLE"
         if not self._path:
-            self.remark(statement.line, "DISABLE CP: every motion stops, those of the programs after this one too")
+            self.remark(
+                statement.line,
+                "DISABLE CP: every motion stops, those of the programs after this one too",
+            )
         self._said.add("ENABLE CP")
 
     def settle(self, statement: Statement) -> None:
@@ -344,14 +374,20 @@ class RobotState(Arm):
         numbered = statement.word in ("COARSE", "FINE")
         if form is None or (form[1] and not (numbered and float(form[1]) > 0)):
             raise Unreadable(f"{statement.word} {statement.rest[:30]} is not evaluated")
-        self.remark(statement.line, f"{statement.word} sets how exactly the robot stops, which camgen never writes")
+        self.remark(
+            statement.line,
+            f"{statement.word} sets how exactly the robot stops, which camgen never writes",
+        )
 
     def select(self, statement: Statement) -> None:
         """``SELECT ROBOT = 1``: the one that a program has anyway."""
         if not _ROBOT.fullmatch(statement.rest):
             raise Unreadable(f"SELECT {statement.rest[:30]} is not evaluated")
         if "ATTACH" in self._said and not self._detached:
-            self.remark(statement.line, "SELECT ROBOT after ATTACH, which took the robot that was selected before")
+            self.remark(
+                statement.line,
+                "SELECT ROBOT after ATTACH, which took the robot that was selected before",
+            )
         self._said.add("SELECT ROBOT")
 
     def set_tool(self, statement: Statement) -> None:
@@ -399,7 +435,10 @@ class RobotState(Arm):
 
     def delay(self, statement: Statement) -> None:
         """``DELAY``: read as a dwell and reported."""
-        self.report(statement.line, "DELAY is uncertain: it delays the next motion; WAIT.EVENT , s is a dwell")
+        self.report(
+            statement.line,
+            "DELAY is uncertain: it delays the next motion; WAIT.EVENT , s is a dwell",
+        )
         self._pause(statement, words.dwell)
 
     def _pause(self, statement: Statement, what: Callable[[Expression], float]) -> None:
@@ -409,9 +448,13 @@ class RobotState(Arm):
 
     def _standing(self, statement: Statement, what: str) -> None:
         if self._moving:
-            self.report(statement.line, f"{what} while the robot may still move: BREAK is missing before it")
+            self.report(
+                statement.line, f"{what} while the robot may still move: BREAK is missing before it"
+            )
         if self._detached:
-            self.remark(statement.line, f"{what} after DETACH: the robot may be another program's by then")
+            self.remark(
+                statement.line, f"{what} after DETACH: the robot may be another program's by then"
+            )
 
     def attach(self, statement: Statement) -> None:
         """``ATTACH``: the robot is this program's."""
@@ -431,7 +474,9 @@ class RobotState(Arm):
 
     def _check_brackets(self, statement: Statement) -> None:
         if not statement.rest:
-            self.remark(statement.line, f"{statement.word} without (): what that means is not confirmed")
+            self.remark(
+                statement.line, f"{statement.word} without (): what that means is not confirmed"
+            )
 
 
 def same(a: Pose | None, b: Pose | None) -> bool:

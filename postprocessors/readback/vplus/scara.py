@@ -26,7 +26,12 @@ def check_scara(robot: RobotState) -> None:
     #: By the arrays, of which most motions share theirs.
     tilts: dict[tuple[int, int], float] = {}
     for item, line, frame in zip(robot.body, robot.lines, robot.frames, strict=True):
-        if frame is None or frame.external or not isinstance(item, MoveJ | MoveL) or isinstance(item.target, Joints):
+        if (
+            frame is None
+            or frame.external
+            or not isinstance(item, MoveJ | MoveL)
+            or isinstance(item.target, Joints)
+        ):
             continue
         key = id(item.target.rotation), id(frame.pose)
         if key not in tilts:

@@ -34,11 +34,16 @@ def circle(x: float, y: float, radius: float, z: float) -> list[Instruction]:
     """Down to z at its right and once round, counter-clockwise, in two halves."""
     right, left = (x + radius, y, z), (x - radius, y, z)
     down: list[Instruction] = [rapid(x + radius, y, 5.0), feed(*right)]
-    halves = [MoveC(at(x, y + radius, z), at(*left), 10.0), MoveC(at(x, y - radius, z), at(*right), 10.0)]
+    halves = [
+        MoveC(at(x, y + radius, z), at(*left), 10.0),
+        MoveC(at(x, y - radius, z), at(*right), 10.0),
+    ]
     return [*down, *halves, rapid(x + radius, y, 5.0)]
 
 
-def around(low: float, high: float, radius: float, z: float, shift: float = 0.0) -> list[Instruction]:
+def around(
+    low: float, high: float, radius: float, z: float, shift: float = 0.0
+) -> list[Instruction]:
     """Outside of the square from ``low`` to ``high``, with arcs about its corners; all of it moved to the right."""
     a, b, r, h = low, high, radius, radius / math.sqrt(2)
     corners: list[tuple[Place, Place, Place]] = [
@@ -70,7 +75,13 @@ def part(*contours: Contour, worked: frozenset[str] | None = None) -> Part:
     return Part("p", "p.dxf", "mm", contours, (), worked=worked)
 
 
-def task(drawn: Part, kind: str = "follow", depth: float = 5.0, tool: ToolTable = MILL, **settings: object) -> Task:
+def task(
+    drawn: Part,
+    kind: str = "follow",
+    depth: float = 5.0,
+    tool: ToolTable = MILL,
+    **settings: object,
+) -> Task:
     operation = OperationTable(kind=kind, depth=depth, **settings)  # type: ignore[arg-type]  # kinds to come too
     return Task(Job(operation=operation, tool=tool, process=ProcessTable()), drawn)
 
@@ -90,7 +101,9 @@ def test_beside_a_square_nothing_is_cut_of_it(depth: float) -> None:
     assert proof(around(0, 40, 3.0, -depth), task(part(square("c1", 0, 40)))).refused == ()
 
 
-@pytest.mark.parametrize(("shift", "mm"), [(0.004, None), (0.006, 0.006), (0.1, 0.1), (2.0, 2.0), (9.0, 5.0)])
+@pytest.mark.parametrize(
+    ("shift", "mm"), [(0.004, None), (0.006, 0.006), (0.1, 0.1), (2.0, 2.0), (9.0, 5.0)]
+)
 def test_a_path_that_is_moved_aside_cuts_by_so_much(shift: float, mm: float | None) -> None:
     found = proof(around(0, 40, 3.0, -5.0, shift), task(part(square("c1", 0, 40)))).gouges
     if mm is None:
@@ -111,7 +124,9 @@ def test_an_arc_that_is_too_wide_cuts_into_the_hole_s_wall(radius: float, mm: fl
     found = proof(circle(0, 0, radius, -5.0), task(drawn)).gouges
     # The plunge, and both halves.
     assert [fault.line for fault in found] == ([] if mm is None else [2, 3, 4])
-    assert [fault.mm for fault in found] == ([] if mm is None else pytest.approx([mm] * 3, abs=1e-9))
+    assert [fault.mm for fault in found] == (
+        [] if mm is None else pytest.approx([mm] * 3, abs=1e-9)
+    )
 
 
 def test_the_plunge_and_all_of_a_path_in_the_material_are_gouges() -> None:
@@ -191,9 +206,19 @@ def test_a_ball_leaves_more_room_above_its_tip() -> None:
     body = [rapid(23, 30, 5), feed(23, 30, -2), feed(23, 31, -2), rapid(23, 31, 5)]
     assert max((one.mm for one in proof(body, deep, slot, tool=ball).gouges), default=0.0) == 0.0
     wide = math.sqrt(9 - 1)  # 2 mm above the tip
-    body = [rapid(20 + wide, 30, 5), feed(20 + wide, 30, -2), feed(20 + wide, 31, -2), rapid(20 + wide, 31, 5)]
+    body = [
+        rapid(20 + wide, 30, 5),
+        feed(20 + wide, 30, -2),
+        feed(20 + wide, 31, -2),
+        rapid(20 + wide, 31, 5),
+    ]
     assert proof(body, deep, slot, tool=ball).gouges == ()
-    body = [rapid(20 + wide - 0.1, 30, 5), feed(20 + wide - 0.1, 30, -2), feed(30, 31, -2), rapid(30, 31, 5)]
+    body = [
+        rapid(20 + wide - 0.1, 30, 5),
+        feed(20 + wide - 0.1, 30, -2),
+        feed(30, 31, -2),
+        rapid(30, 31, 5),
+    ]
     assert proof(body, deep, slot, tool=ball).gouges[0].mm == pytest.approx(0.1, abs=1e-6)
 
 
@@ -217,7 +242,13 @@ def test_a_rapid_motion_in_a_slot_is_none_through_material() -> None:
 
 def test_a_rapid_motion_before_the_slot_is_cut_goes_through_material() -> None:
     drawn = part(square("c1", 0, 40))
-    body = [rapid(40, -3, 5), rapid(40, -3, -4.9), rapid(0, -3, -4.9), rapid(0, -3, 5), *slot_then()]
+    body = [
+        rapid(40, -3, 5),
+        rapid(40, -3, -4.9),
+        rapid(0, -3, -4.9),
+        rapid(0, -3, 5),
+        *slot_then(),
+    ]
     assert [fault.line for fault in proof(body, task(drawn)).rapids] == [2, 3]
 
 
@@ -225,7 +256,14 @@ def test_a_rapid_motion_before_the_slot_is_cut_goes_through_material() -> None:
 def test_pecks_come_back_no_deeper_than_they_were(again: float, lines: list[int]) -> None:
     tool = ToolTable(kind="drill", diameter=6.0)
     hole = task(part(square("c1", -20, 20), disc("c2", 0, 0, 3.0)), "drill", 5.0, tool)
-    body = [rapid(0, 0, 5), feed(0, 0, -2), rapid(0, 0, 5), rapid(0, 0, again), feed(0, 0, -5), rapid(0, 0, 5)]
+    body = [
+        rapid(0, 0, 5),
+        feed(0, 0, -2),
+        rapid(0, 0, 5),
+        rapid(0, 0, again),
+        feed(0, 0, -5),
+        rapid(0, 0, 5),
+    ]
     assert [fault.line for fault in proof(body, hole, tool=tool).rapids] == lines
 
 
@@ -233,11 +271,16 @@ def test_a_holder_comes_into_what_is_beside_a_deep_slot() -> None:
     # From the flange to 10 mm above the tip: a cut 12 mm deep has it 2 mm below the top face.
     held = ToolTable(diameter=6.0, length=30.0, holder=[[-10.0, -10.0, 0.0, 10.0, 10.0, 20.0]])
     drawn = part(square("c1", 0, 40))
-    found = proof(around(0, 40, 3.0, -12.0), task(drawn, depth=12.0), tool=held, thickness=12.0).holders
+    found = proof(
+        around(0, 40, 3.0, -12.0), task(drawn, depth=12.0), tool=held, thickness=12.0
+    ).holders
     assert found
     assert found[0].line == 2
     assert "2 mm deep" in found[0].text
-    assert proof(around(0, 40, 3.0, -10.0), task(drawn, depth=10.0), tool=held, thickness=12.0).holders == ()
+    assert (
+        proof(around(0, 40, 3.0, -10.0), task(drawn, depth=10.0), tool=held, thickness=12.0).holders
+        == ()
+    )
 
 
 # Loose parts.
@@ -254,13 +297,19 @@ def test_a_hole_that_is_cut_after_the_outline_finds_the_part_loose() -> None:
     late = proof([*first, *circle(20, 20, 5.0, -5.0)], drawn).loose
     # Told where the way around it ends.
     assert [(fault.serious, fault.line) for fault in late] == [(True, len(first) - 1)]
-    assert [fault.serious for fault in proof([*circle(20, 20, 5.0, -5.0), *first], drawn).loose] == [False]
+    assert [
+        fault.serious for fault in proof([*circle(20, 20, 5.0, -5.0), *first], drawn).loose
+    ] == [False]
 
 
 def test_what_frees_a_part_may_not_be_the_last_that_is_cut_beside_it() -> None:
     drawn = task(part(square("c1", 0, 40)))
     # Once more round the lower left corner, down and up: the part is loose by then.
-    again = [rapid(-3, 0, 5), feed(-3, 0, -5), MoveC(at(-2.1213203, -2.1213203, -5), at(0, -3, -5), 10.0)]
+    again = [
+        rapid(-3, 0, 5),
+        feed(-3, 0, -5),
+        MoveC(at(-2.1213203, -2.1213203, -5), at(0, -3, -5), 10.0),
+    ]
     found = proof([*around(0, 40, 3.0, -5.0), *again, rapid(0, -3, 5)], drawn).loose
     assert [fault.serious for fault in found] == [True]
     assert found[0].line < 11
@@ -269,7 +318,14 @@ def test_what_frees_a_part_may_not_be_the_last_that_is_cut_beside_it() -> None:
 def test_a_bridge_or_a_thicker_stock_holds_the_part() -> None:
     drawn = task(part(square("c1", 0, 40)))
     whole = around(0, 40, 3.0, -5.0)
-    lifted = [*whole[:2], feed(10, -3, -5), feed(10, -3, -4), feed(20, -3, -4), feed(20, -3, -5), *whole[2:]]
+    lifted = [
+        *whole[:2],
+        feed(10, -3, -5),
+        feed(10, -3, -4),
+        feed(20, -3, -4),
+        feed(20, -3, -5),
+        *whole[2:],
+    ]
     assert proof(lifted, drawn).loose == ()
     assert proof(whole, drawn, thickness=6.0).loose == ()
     assert proof(whole, drawn, thickness=None).loose == ()
@@ -303,7 +359,14 @@ def test_the_volume_of_a_ramp_is_half_that_of_its_slot() -> None:
 
 def test_what_inner_corners_keep_is_explained_by_the_tool() -> None:
     drawn = task(part(square("c1", -50, 50), square("c2", 0, 20)))
-    body = [rapid(3, 3, 5), feed(3, 3, -5), feed(17, 3, -5), feed(17, 17, -5), feed(3, 17, -5), feed(3, 3, -5)]
+    body = [
+        rapid(3, 3, 5),
+        feed(3, 3, -5),
+        feed(17, 3, -5),
+        feed(17, 17, -5),
+        feed(3, 17, -5),
+        feed(3, 3, -5),
+    ]
     inner = task(part(*drawn.part.contours, worked=frozenset({"c2"})))
     excess = proof([*body, rapid(3, 3, 5)], inner).levels[-1].excess
     assert excess.area == pytest.approx((4 - math.pi) * 9, rel=0.02)
@@ -312,7 +375,9 @@ def test_what_inner_corners_keep_is_explained_by_the_tool() -> None:
     assert excess.unexplained.is_empty
 
 
-def test_what_the_tool_cannot_reach_beside_the_contour_is_explained_where_it_fits_only_farther_away() -> None:
+def test_what_the_tool_cannot_reach_beside_the_contour_is_explained_where_it_fits_only_farther_away() -> (
+    None
+):
     # Another square keeps the tool off the upper side, so that it cannot roll round the two upper corners.
     other = loop("c2", (0, 40.01), (40, 40.01), (40, 80), (0, 80))
     drawn = part(square("c1", 0, 40), other, worked=frozenset({"c1"}))
@@ -333,7 +398,14 @@ def test_what_the_tool_cannot_reach_beside_the_contour_is_explained_where_it_fit
 
 def test_a_side_that_is_not_cut_is_excess_as_wide_as_the_kerf() -> None:
     drawn = part(square("c1", -50, 50), square("c2", 0, 40), worked=frozenset({"c2"}))
-    body = [rapid(3, 3, 5), feed(3, 3, -5), feed(37, 3, -5), feed(37, 37, -5), feed(3, 37, -5), rapid(3, 37, 5)]
+    body = [
+        rapid(3, 3, 5),
+        feed(3, 3, -5),
+        feed(37, 3, -5),
+        feed(37, 37, -5),
+        feed(3, 37, -5),
+        rapid(3, 37, 5),
+    ]
     found = proof(body, task(drawn))
     assert found.gouges == ()
     assert found.levels[-1].excess.size == pytest.approx(6.0, abs=0.1)
@@ -346,7 +418,9 @@ def test_a_side_that_is_not_cut_is_excess_as_wide_as_the_kerf() -> None:
 def test_many_levels_are_a_grid_of_heights() -> None:
     line = Contour(np.array([[0.0, 0.0], [200.0, 0.0]]), np.zeros(2), False, "0", "c1")
     steps = [feed(2.0 * k, 0, -0.05 * k - 0.05 * j) for k in range(80) for j in (0, 1)]
-    found = proof([rapid(0, 0, 5), *steps, rapid(160, 0, 5)], task(part(line), "trace", 5.0), thickness=6.0)
+    found = proof(
+        [rapid(0, 0, 5), *steps, rapid(160, 0, 5)], task(part(line), "trace", 5.0), thickness=6.0
+    )
     assert found.grid is not None
     assert found.levels == ()
     # The disc of step k reaches sqrt(9 - y^2) ahead, 3 pi / 4 in the mean, and steps are half a step late; at the end
@@ -369,20 +443,39 @@ def test_a_beam_cuts_through_while_its_signal_is_on() -> None:
     laser = ToolTable(kind="laser", diameter=0.2)
     drawn = task(part(square("c1", 0, 40)), depth=0.0, tool=laser)
     way = around(0, 40, 0.1, 0.0)
-    off = [*way[:2], feed(20, 20, 0), feed(0, -0.1, 0), Output("process", 1.0), *way[2:-1], Output("process", 0.0)]
+    off = [
+        *way[:2],
+        feed(20, 20, 0),
+        feed(0, -0.1, 0),
+        Output("process", 1.0),
+        *way[2:-1],
+        Output("process", 0.0),
+    ]
     found = proof(off, drawn, tool=laser)
     assert found.refused == ()
     assert [fault.kind for fault in found.loose] == ["loose"]
-    through = [*way[:2], Output("process", 1.0), feed(20, 20, 0), *way[2:-1], Output("process", 0.0)]
+    through = [
+        *way[:2],
+        Output("process", 1.0),
+        feed(20, 20, 0),
+        *way[2:-1],
+        Output("process", 0.0),
+    ]
     assert proof(through, drawn, tool=laser).gouges
 
 
 def test_one_program_goes_on_from_where_the_tool_before_it_stopped() -> None:
     drawn = task(part(square("c1", 0, 40)))
     way = around(0, 40, 3.0, -5.0)
-    cuts = [Cut(way[:-1], range(1, len(way)), MILL, "p.ngc"), Cut([rapid(20, 20, 5)], [50], MILL, "p.ngc")]
+    cuts = [
+        Cut(way[:-1], range(1, len(way)), MILL, "p.ngc"),
+        Cut([rapid(20, 20, 5)], [50], MILL, "p.ngc"),
+    ]
     wanted = design([drawn], StockTable(thickness=5.0))
-    assert [(fault.kind, fault.line) for fault in prove(cuts, wanted).refused] == [("gouge", 50), ("rapid", 50)]
+    assert [(fault.kind, fault.line) for fault in prove(cuts, wanted).refused] == [
+        ("gouge", 50),
+        ("rapid", 50),
+    ]
     # Of another file nothing is known of where it begins.
     assert prove([cuts[0], Cut([rapid(20, 20, 5)], [50], MILL, "q.ngc")], wanted).refused == ()
 
@@ -395,7 +488,9 @@ def test_chords_may_leave_the_arcs_that_they_stand_for_but_not_at_their_ends() -
     def gouges(radius: float, chord: float) -> list[float]:
         ring = [feed(radius * math.cos(a), radius * math.sin(a), -5) for a in turns]
         body = [rapid(radius, 0, 5), *ring, rapid(radius, 0, 5)]
-        return [one.mm for one in prove([Cut(body, range(1, 100), MILL, chord=chord)], wanted).gouges]
+        return [
+            one.mm for one in prove([Cut(body, range(1, 100), MILL, chord=chord)], wanted).gouges
+        ]
 
     # Half-way a chord of 96 is nearer to the centre by r (1 - cos(pi / 96)), 0.007 mm.
     assert gouges(13.0, 0.0) == pytest.approx([13 * (1 - math.cos(math.pi / 96))] * 96, abs=1e-6)
@@ -417,10 +512,18 @@ def test_a_hole_in_a_pocket_that_another_operation_makes_is_no_island() -> None:
 def test_a_counterbore_goes_around_its_hole_and_no_deeper() -> None:
     drawn = part(square("c1", -40, 40), disc("c2", 0, 0, 5.0), disc("c3", 0, 0, 2.5))
     every = frozenset({"c2", "c3"})
-    wide = task(part(*drawn.contours, worked=every), "bore", 2.0, ToolTable(diameter=6.0), holes=[9.0, 11.0])
-    through = task(part(*drawn.contours, worked=every), "drill", 8.0, ToolTable(diameter=5.0, kind="drill"))
+    wide = task(
+        part(*drawn.contours, worked=every), "bore", 2.0, ToolTable(diameter=6.0), holes=[9.0, 11.0]
+    )
+    through = task(
+        part(*drawn.contours, worked=every), "drill", 8.0, ToolTable(diameter=5.0, kind="drill")
+    )
     bore = Cut(circle(0, 0, 2.0, -2.0), range(1, 6), MILL)
-    hole = Cut([rapid(0, 0, 5), feed(0, 0, -8), rapid(0, 0, 5)], range(1, 4), ToolTable(diameter=5.0, kind="drill"))
+    hole = Cut(
+        [rapid(0, 0, 5), feed(0, 0, -8), rapid(0, 0, 5)],
+        range(1, 4),
+        ToolTable(diameter=5.0, kind="drill"),
+    )
     wanted = design([through, wide], StockTable(thickness=8.0))
     assert prove([hole, bore], wanted).refused == ()
     deep = Cut(circle(0, 0, 2.0, -2.1), range(1, 6), MILL)

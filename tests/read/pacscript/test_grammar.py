@@ -58,7 +58,11 @@ REFUSED = [
     ("Dim a(3) As Integer\na(4) = 1", 4, "there is no element (4): the array ends at (3)"),
     ("Set IO[30000]", 3, "IO[30000]: the highest is IO[24063]"),
     ("Motor Off\nMove P, P(1, 2, 3)", 4, "a motion with the motor off"),
-    ("GiveArm\nMove P, P(1, 2, 3)", 4, "a motion without TakeArm: the controller stops with an error"),
+    (
+        "GiveArm\nMove P, P(1, 2, 3)",
+        4,
+        "a motion without TakeArm: the controller stops with an error",
+    ),
     ("#Nonsense", 3, "#nonsense is no directive"),
     ("#Error stop here", 3, "#Error stop here"),
     ("#Define A A B\nx = A", 4, "a macro that refers to itself or grows without end"),
@@ -76,7 +80,11 @@ OUTSIDE = [
     ("Sub Main\n", 1, "the procedure has no end"),
     ("End Sub\nSub Main\nEnd Sub\n", 1, "End Sub closes nothing"),
     ("Sub Main\nEnd Function\n", 2, "End Function closes a Sub, which ends with End Sub"),
-    ("Sub Main\nEnd Sub\nFunction F\nEnd Sub\n", 4, "End Sub closes a Function, which ends with End Function"),
+    (
+        "Sub Main\nEnd Sub\nFunction F\nEnd Sub\n",
+        4,
+        "End Sub closes a Function, which ends with End Function",
+    ),
     ("Sub Main\nSub Other\nEnd Sub\n", 2, "Sub Other begins inside another procedure"),
     ("Sub Main\nEnd Sub\nSub Other\nEnd Sub\nSub Other\nEnd Sub\n", 5, "a second procedure Other"),
     ("Sub Main\nEnd Sub\nSub Move\nEnd Sub\n", 3, "Move is a word of the language"),
@@ -110,7 +118,13 @@ def test_the_language_is_recognised(text: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "text", ["MODULE a\nPROC main()\nENDPROC\nENDMODULE\n", ".PROGRAM a()\nMOVE b\n.END\n", "G21\nG0 X1\n", ""]
+    "text",
+    [
+        "MODULE a\nPROC main()\nENDPROC\nENDMODULE\n",
+        ".PROGRAM a()\nMOVE b\n.END\n",
+        "G21\nG0 X1\n",
+        "",
+    ],
 )
 def test_other_languages_are_not(text: str) -> None:
     assert not LANGUAGE.recognise(text)

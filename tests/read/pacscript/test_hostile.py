@@ -46,11 +46,17 @@ def test_bytes(data: bytes) -> None:
 @given(st.binary(max_size=200))
 def test_files_of_points(data: bytes) -> None:
     points = {"P_Var.csv": data.decode("latin-1")}
-    LANGUAGE.run({"a.pcs": "Sub Main\nTakeArm\nMove P, P[1]\nMove P, J[1]\nEnd Sub\n"}, Ask(points=points))
+    LANGUAGE.run(
+        {"a.pcs": "Sub Main\nTakeArm\nMove P, P[1]\nMove P, J[1]\nEnd Sub\n"}, Ask(points=points)
+    )
 
 
-ACCEPTED = [form.text for form in read_forms("pacscript") if form.taken and form.production != "procedures"]
-WHOLE = "Sub Main\nTakeArm\n" + "\n".join(text for text in ACCEPTED if "#" not in text) + "\nEnd Sub\n"
+ACCEPTED = [
+    form.text for form in read_forms("pacscript") if form.taken and form.production != "procedures"
+]
+WHOLE = (
+    "Sub Main\nTakeArm\n" + "\n".join(text for text in ACCEPTED if "#" not in text) + "\nEnd Sub\n"
+)
 
 
 @pytest.mark.parametrize("text", [WHOLE, PAC, MAIN + NAMES + OTHER], ids=["whole", "pac", "files"])
@@ -68,23 +74,34 @@ def test_lines_left_out_doubled_and_damaged(text: str) -> None:
                 some.insert(at, some[rng.randrange(len(some))])
             else:
                 cut = rng.randint(0, len(some[at]))
-                some[at] = some[at][:cut] + rng.choice("()[],\"'=@_:.&*-\x00") + some[at][cut + rng.randint(0, 2) :]
+                some[at] = (
+                    some[at][:cut]
+                    + rng.choice("()[],\"'=@_:.&*-\x00")
+                    + some[at][cut + rng.randint(0, 2) :]
+                )
         run("\n".join(some))
 
 
 LONG = {
     "faulty": "Sub Main\n" + "Moove (L, +* ]\n" * 20_000 + "End Sub\n",
     "open blocks": "Sub Main\n" + "If a Then\n" * 20_000 + "End Sub\n",
-    "labels": "Sub Main\n" + "".join(f"l{k}: GoTo l{k + 1}\n" for k in range(20_000)) + "l20000:\nEnd Sub\n",
+    "labels": "Sub Main\n"
+    + "".join(f"l{k}: GoTo l{k + 1}\n" for k in range(20_000))
+    + "l20000:\nEnd Sub\n",
     "procedures": "".join(f"Sub a{k}\nCall a{k + 1}\nEnd Sub\n" for k in range(10_000))
     + "Sub Main\nCall a0\nEnd Sub\n",
-    "macros": "".join(f"#Define A{k} A{k + 1}\n" for k in range(20_000)) + "Sub Main\nx = A0\nEnd Sub\n",
+    "macros": "".join(f"#Define A{k} A{k + 1}\n" for k in range(20_000))
+    + "Sub Main\nx = A0\nEnd Sub\n",
     "a long line": "Sub Main\nx = " + "1 + " * 100_000 + "1\nEnd Sub\n",
     "a statement of many lines": "Sub Main\n" + "x = 1 + _\n" * 50_000 + "\nEnd Sub\n",
     "many statements of a line": "Sub Main\n" + "x=1:" * 50_000 + "\nEnd Sub\n",
     "brackets": "Sub Main\nx = " + "(" * 100_000 + "\nEnd Sub\n",
     "outputs": "Sub Main\nTakeArm\n" + "Move P, @P P(1, 2, 3)\nSet IO[1]\n" * 20_000 + "End Sub\n",
-    "loops": "Sub Main\n" + "For i = 1 To 1000000\n" * 3 + "x = x + 1\n" + "Next\n" * 3 + "End Sub\n",
+    "loops": "Sub Main\n"
+    + "For i = 1 To 1000000\n" * 3
+    + "x = x + 1\n"
+    + "Next\n" * 3
+    + "End Sub\n",
     "texts": 'Sub Main\ns = "a"\nFor i = 1 To 1000\ns = s & s\nNext\nEnd Sub\n',
 }
 

@@ -13,7 +13,9 @@ from camgen.read.programs import Ask, Executed
 HOME = "Move P, @0 P(400, 0, 300, 180, 0, 180, -1)"
 
 
-def run(*lines: str, tail: str = "", points: dict[str, str] | None = None, **assume: float) -> Executed:
+def run(
+    *lines: str, tail: str = "", points: dict[str, str] | None = None, **assume: float
+) -> Executed:
     """What a Main of these lines does; they begin at line 3."""
     text = "\n".join(["Sub Main", "TakeArm Keep = 0", *lines, "End Sub", tail])
     return LANGUAGE.run({"part.pcs": text}, Ask(assume=assume, points=points or {}))
@@ -36,7 +38,10 @@ def levels(found: Executed) -> list[tuple[str, int]]:
 
 def test_targets_marks_and_speeds_of_a_list_of_places() -> None:
     found = run(
-        "Speed 40", "Move P, @P P(1, 2, 3), @E P(4, 5, 6), @7 P(7, 8, 9), S = 20", "Move L, P(1, 1, 1)", rated=2000
+        "Speed 40",
+        "Move P, @P P(1, 2, 3), @E P(4, 5, 6), @7 P(7, 8, 9), S = 20",
+        "Move L, P(1, 1, 1)",
+        rated=2000,
     )
     motions = [item for item in found.body if isinstance(item, (MoveJ, MoveL))]
     assert origins(found) == [(1, 2, 3), (4, 5, 6), (7, 8, 9), (1, 1, 1)]
@@ -65,13 +70,23 @@ def test_the_unit_of_mps_is_an_assumption(assume: dict[str, float], speed: float
 
 
 def test_angles_are_fixed_ones_and_figures_are_kept() -> None:
-    found = run("Move P, P(1, 2, 3, 10, 20, 30, 5)", "Move P, P(1, 2, 3, 0, 0, 90)", "Move P, P(1, 2, 3, 0, 0, 0, -2)")
+    found = run(
+        "Move P, P(1, 2, 3, 10, 20, 30, 5)",
+        "Move P, P(1, 2, 3, 0, 0, 90)",
+        "Move P, P(1, 2, 3, 0, 0, 0, -2)",
+    )
     first, second, third = found.body
     rx, ry, rz = (np.radians(v) for v in (10, 20, 30))
     about = {
-        "x": np.array([[1, 0, 0], [0, math.cos(rx), -math.sin(rx)], [0, math.sin(rx), math.cos(rx)]]),
-        "y": np.array([[math.cos(ry), 0, math.sin(ry)], [0, 1, 0], [-math.sin(ry), 0, math.cos(ry)]]),
-        "z": np.array([[math.cos(rz), -math.sin(rz), 0], [math.sin(rz), math.cos(rz), 0], [0, 0, 1]]),
+        "x": np.array(
+            [[1, 0, 0], [0, math.cos(rx), -math.sin(rx)], [0, math.sin(rx), math.cos(rx)]]
+        ),
+        "y": np.array(
+            [[math.cos(ry), 0, math.sin(ry)], [0, 1, 0], [-math.sin(ry), 0, math.cos(ry)]]
+        ),
+        "z": np.array(
+            [[math.cos(rz), -math.sin(rz), 0], [math.sin(rz), math.cos(rz), 0], [0, 0, 1]]
+        ),
     }
     assert isinstance(first, MoveJ)
     assert isinstance(first.target, Pose)
@@ -81,13 +96,24 @@ def test_angles_are_fixed_ones_and_figures_are_kept() -> None:
 
 
 def test_joints_are_in_radians_and_extended_axes_left_out() -> None:
-    found = run("Move P, J(90, -45, 0, 0, 30, 180, 500, 600)", "DriveA (1, 0), (6, 90)", "Drive (2, 45), (7, 10)")
-    values = [item.target.values for item in found.body if isinstance(item, MoveJ) and isinstance(item.target, Joints)]
+    found = run(
+        "Move P, J(90, -45, 0, 0, 30, 180, 500, 600)",
+        "DriveA (1, 0), (6, 90)",
+        "Drive (2, 45), (7, 10)",
+    )
+    values = [
+        item.target.values
+        for item in found.body
+        if isinstance(item, MoveJ) and isinstance(item.target, Joints)
+    ]
     right = math.pi / 2
     assert values[0] == pytest.approx((right, -right / 2, 0, 0, math.pi / 6, math.pi))
     assert values[1] == pytest.approx((0, -right / 2, 0, 0, math.pi / 6, right))
     assert values[2] == pytest.approx((0, 0, 0, 0, math.pi / 6, right))
-    assert ("external axes", "joint values beyond the sixth are not shown, axis 7 moves") in found.facts
+    assert (
+        "external axes",
+        "joint values beyond the sixth are not shown, axis 7 moves",
+    ) in found.facts
 
 
 def test_approach_and_depart_go_back_along_the_tool_and_draw_along_the_frame() -> None:
@@ -99,7 +125,13 @@ def test_approach_and_depart_go_back_along_the_tool_and_draw_along_the_frame() -
         "Draw L, V(1, 2, 3)",
         "Approach L, P(400, 0, 300, 0, 90, 0), 10",
     )
-    assert origins(found) == [(400, 0, 340), (400, 0, 300), (400, 0, 325), (401, 2, 328), (390, 0, 300)]
+    assert origins(found) == [
+        (400, 0, 340),
+        (400, 0, 300),
+        (400, 0, 325),
+        (401, 2, 328),
+        (390, 0, 300),
+    ]
 
 
 def test_an_arc_keeps_its_via_point_where_it_is_half_way() -> None:
@@ -136,7 +168,9 @@ def test_an_arc_between_two_figures_is_unusual() -> None:
     arc = "Move C, P(500, 100, 300, 180, 0, 180, 13), P(600, 0, 300, 180, 0, 180, 13)"
     start = "P(400, 0, 300, 180, 0, 180, 5)"
     assert levels(run(f"Move P, {start}", arc)) == [("unusual", 4)]
-    assert levels(run(f"Move P, {start}", "Move P, P(400, 0, 300, 180, 0, 180)", arc)) == [("unusual", 5)]
+    assert levels(run(f"Move P, {start}", "Move P, P(400, 0, 300, 180, 0, 180)", arc)) == [
+        ("unusual", 5)
+    ]
     assert levels(run(f"Move P, {start}", "Move L, P(400, 0, 300, 180, 0, 180, -1)", arc)) == []
 
 
@@ -256,7 +290,9 @@ def test_force_in_the_work_frame_and_left_on() -> None:
         "Move L, P(9, 0, 300)",
     )
     assert found.body[1] == Force(10, (0, 0, -1))
-    assert [(item.force, item.force_direction) for item in found.body if isinstance(item, MoveL)] == [
+    assert [
+        (item.force, item.force_direction) for item in found.body if isinstance(item, MoveL)
+    ] == [
         (10, (0, 0, -1)),
         (5, (0.6, 0.8, 0)),
     ]
@@ -323,7 +359,10 @@ def test_procedures_with_values_and_references() -> None:
 
 def test_a_variable_is_given_back_only_if_it_changed() -> None:
     found = run(
-        "Dim x As Single = 2.6", "Call Look(x)", "Set IO[Int(x * 10)]", tail="Sub Look(n As Integer)\ny = n\nEnd Sub"
+        "Dim x As Single = 2.6",
+        "Call Look(x)",
+        "Set IO[Int(x * 10)]",
+        tail="Sub Look(n As Integer)\ny = n\nEnd Sub",
     )
     assert found.body == (Output("26", 1),)
 
@@ -357,7 +396,9 @@ def test_a_loop_that_goes_nowhere_and_one_that_is_too_long() -> None:
 def test_a_wait_is_over_at_once_and_what_it_waits_for_holds() -> None:
     found = run("Wait IO[8] = On", "If IO[8] = On Then Set IO[1] Else Set IO[2]")
     assert found.body == (Output("1", 1),)
-    assert [(one.line, one.what, one.key) for one in found.assumed] == [(3, "Wait for IO[8] is over at once", "io[8]")]
+    assert [(one.line, one.what, one.key) for one in found.assumed] == [
+        (3, "Wait for IO[8] is over at once", "io[8]")
+    ]
 
 
 def test_a_wait_against_what_the_user_says_stops() -> None:
@@ -389,16 +430,31 @@ def test_the_way_that_leads_on(text: str, outputs: str) -> None:
 
 
 def test_what_the_user_says_decides() -> None:
-    text = ("If I[3] = 2 Then Set IO[1]", "If IO[4] = Off Then Set IO[2]", "If speed_mode > 1 Then Set IO[3]")
+    text = (
+        "If I[3] = 2 Then Set IO[1]",
+        "If IO[4] = Off Then Set IO[2]",
+        "If speed_mode > 1 Then Set IO[3]",
+    )
     found = run(*text, **{"i3": 2.0, "io[4]": 1.0, "speed_mode": 5.0})
     assert [item.signal for item in found.body if isinstance(item, Output)] == ["1", "3"]
 
 
 def test_places_that_no_text_holds_are_frames_of_their_names() -> None:
     """An approach lies along the tool of the place, so its frame tells it; a way along the work frame is unknown."""
-    found = run("Approach P, P[1], 50", "Move L, P[1]", "Depart L, 20", "Draw L, V(1, 2, 3)", "Set IO[1]", HOME)
+    found = run(
+        "Approach P, P[1], 50",
+        "Move L, P[1]",
+        "Depart L, 20",
+        "Draw L, V(1, 2, 3)",
+        "Set IO[1]",
+        HOME,
+    )
     assert origins(found) == [(0, 0, -50), (0, 0, 0), (0, 0, -20), (0, 0, 0), (400, 0, 300)]
-    assert [one.work for one in found.frames] == ["P[1]", "a place beside where the arm stands of line 6", "0"]
+    assert [one.work for one in found.frames] == [
+        "P[1]",
+        "a place beside where the arm stands of line 6",
+        "0",
+    ]
     assert [one.base_from_work is None for one in found.frames] == [True, True, False]
     assert found.frame == (0, 0, 0, 1, 2, 2)
     assert "P[1] is not in the text: motions to it are told in a frame of that name" in [
@@ -470,10 +526,14 @@ def test_other_tasks_devices_and_routines_are_named() -> None:
 
 
 def test_another_task_is_looked_at_by_itself() -> None:
-    task = "Sub Watch\nTakeArm\nMove P, @P P(9, 9, 9)\nSet IO[30]\nDelay 5\nDelay -5\nHold\nEnd Sub\n"
+    task = (
+        "Sub Watch\nTakeArm\nMove P, @P P(9, 9, 9)\nSet IO[30]\nDelay 5\nDelay -5\nHold\nEnd Sub\n"
+    )
     found = LANGUAGE.run({"a.pcs": f"Sub Main\nRun Watch\nRun Watch\nEnd Sub\n{task}"}, Ask())
     assert not found.body
-    assert dict(found.facts)["other tasks"] == "watch: sets 30 to 1, stops, waits, 1 motion, not shown"
+    assert (
+        dict(found.facts)["other tasks"] == "watch: sets 30 to 1, stops, waits, 1 motion, not shown"
+    )
     assert [(one.level, one.line, one.what[:9]) for one in found.findings] == [
         ("dangerous", 8, found.findings[0].what[:9]), ("unusual", 9, "in watch:"), ("unusual", 10, "in watch:"),
     ]  # fmt: skip
@@ -481,7 +541,9 @@ def test_another_task_is_looked_at_by_itself() -> None:
 
 def test_a_task_in_a_file_of_its_own() -> None:
     other = "Sub Main\nSet IO[30]\nRun Main\nEnd Sub\n"
-    found = LANGUAGE.run({"a.pcs": "Sub Main\nRun Watch\nEnd Sub\n", "Watch.pcs": other}, Ask(entry="a"))
+    found = LANGUAGE.run(
+        {"a.pcs": "Sub Main\nRun Watch\nEnd Sub\n", "Watch.pcs": other}, Ask(entry="a")
+    )
     assert dict(found.facts)["other tasks"] == "watch: sets 30 to 1, not shown"
     assert found.lost == ((2, "another task, watch, is not shown: sets 30 to 1"),)
 
@@ -509,20 +571,27 @@ def test_files_that_are_missing_are_named() -> None:
 
 def test_where_to_begin() -> None:
     files = {"a.pcs": "Sub One\nSet IO[1]\nEnd Sub\nSub Two(n)\nSet IO[n]\nEnd Sub\n"}
-    assert LANGUAGE.run(files, Ask()).stopped == (1, "there is no Sub Main: choose where to begin of one, two")
+    assert LANGUAGE.run(files, Ask()).stopped == (
+        1,
+        "there is no Sub Main: choose where to begin of one, two",
+    )
     assert LANGUAGE.run(files, Ask(entry="One")).body == (Output("1", 1),)
     assert LANGUAGE.run(files, Ask(entry="two", assume={"n": 5})).body == (Output("5", 1),)
     assert LANGUAGE.run(files, Ask(entry="three")).stopped == (1, "there is no procedure three")
-    assert LANGUAGE.run({"a.pcs": "Sub Sample\nSet IO[1]\nEnd Sub\n"}, Ask()).body == (Output("1", 1),)
-    assert LANGUAGE.run({"a.pcs": OTHER, "b.pcs": "Sub Main\nSet IO[2]\nEnd Sub\n"}, Ask(entry="b")).body == (
-        Output("2", 1),
+    assert LANGUAGE.run({"a.pcs": "Sub Sample\nSet IO[1]\nEnd Sub\n"}, Ask()).body == (
+        Output("1", 1),
     )
+    assert LANGUAGE.run(
+        {"a.pcs": OTHER, "b.pcs": "Sub Main\nSet IO[2]\nEnd Sub\n"}, Ask(entry="b")
+    ).body == (Output("2", 1),)
 
 
 def test_a_predefined_name_can_be_given() -> None:
     text = "Sub Main\n#If __SCARA_ROBOT__ = 1\nSet IO[1]\n#Else\nSet IO[2]\n#EndIf\nEnd Sub\n"
     assert LANGUAGE.run({"a.pcs": text}, Ask()).body == (Output("2", 1),)
-    assert LANGUAGE.run({"a.pcs": text}, Ask(assume={"__scara_robot__": 1})).body == (Output("1", 1),)
+    assert LANGUAGE.run({"a.pcs": text}, Ask(assume={"__scara_robot__": 1})).body == (
+        Output("1", 1),
+    )
 
 
 def test_line_ends_of_any_kind() -> None:
@@ -595,7 +664,9 @@ def test_what_the_older_dialect_writes_otherwise() -> None:
     found = LANGUAGE.run({"old.pac": OLDER}, Ask())
     assert [item.signal for item in found.body if isinstance(item, Output)] == ["1", "2", "4"]
     assert not found.findings
-    assert "data from fill is not known: the branch is gone into" in [one.what for one in found.assumed]
+    assert "data from fill is not known: the branch is gone into" in [
+        one.what for one in found.assumed
+    ]
 
 
 def test_an_error_on_a_way_that_was_guessed_is_not_refused() -> None:
@@ -604,16 +675,26 @@ def test_an_error_on_a_way_that_was_guessed_is_not_refused() -> None:
 
 
 def test_a_program_beside_a_header_of_the_same_name_and_a_procedure_of_an_included_file() -> None:
-    files = {"a.h": "#Define PEN 24\n", "a.pcs": '#Include "a.h"\nSub Main\nSet IO[PEN]\nEnd Sub\n', "b.pcs": OTHER}
+    files = {
+        "a.h": "#Define PEN 24\n",
+        "a.pcs": '#Include "a.h"\nSub Main\nSet IO[PEN]\nEnd Sub\n',
+        "b.pcs": OTHER,
+    }
     assert LANGUAGE.run(files, Ask(entry="a")).body == (Output("24", 1),)
-    files = {"m.pcs": '#Include "n.pcs"\nSub Main\nEnd Sub\n', "n.pcs": "Sub Inner\nSet IO[3]\nEnd Sub\n"}
+    files = {
+        "m.pcs": '#Include "n.pcs"\nSub Main\nEnd Sub\n',
+        "n.pcs": "Sub Inner\nSet IO[3]\nEnd Sub\n",
+    }
     assert LANGUAGE.run(files, Ask(entry="inner")).body == (Output("3", 1),)
 
 
 @pytest.mark.parametrize(("scara", "above"), [(0.0, -30), (1.0, 30)])
 def test_an_arm_of_four_axes_departs_upwards(scara: float, above: float) -> None:
     found = run(
-        "Move P, P(400, 0, 0, 0, 0, 90)", "Depart L, 30", "Approach P, P(0, 0, 0), 30", **{"__scara_robot__": scara}
+        "Move P, P(400, 0, 0, 0, 0, 90)",
+        "Depart L, 30",
+        "Approach P, P(0, 0, 0), 30",
+        **{"__scara_robot__": scara},
     )
     assert origins(found) == [(400, 0, 0), (400, 0, above), (0, 0, above)]
     key = [one.key for one in found.assumed if "points up" in one.what]

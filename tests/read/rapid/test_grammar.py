@@ -128,7 +128,9 @@ def test_declarations_that_controllers_refuse(text: str, what: str) -> None:
 
 
 def test_a_parameter_has_its_mode_and_its_alternatives() -> None:
-    text = routine("", "FUNC num f(\\switch on | switch off, PERS num a{*} \\INOUT num b)", "ENDFUNC")
+    text = routine(
+        "", "FUNC num f(\\switch on | switch off, PERS num a{*} \\INOUT num b)", "ENDFUNC"
+    )
     found = parse(text, 1)[0][0].routines[0]
     assert isinstance(found, Routine)
     assert (found.kind, found.gives, found.last) == ("func", "num", 4)

@@ -19,18 +19,29 @@ def kinds(found: Executed) -> list[object]:
 
 
 def test_an_interrupt_does_not_come_and_is_told() -> None:
-    found = traps(f"ISignalDI di1,1,i1;\nMoveL p1,{TAIL}", "SetDO do1,1;\nWaitTime 1;\nStop;\nMoveL p0,v10,fine,tG;")
+    found = traps(
+        f"ISignalDI di1,1,i1;\nMoveL p1,{TAIL}",
+        "SetDO do1,1;\nWaitTime 1;\nStop;\nMoveL p0,v10,fine,tG;",
+    )
     assert kinds(found) == [MoveL]
     assert [(one.line, one.what, one.key, one.value) for one in found.assumed] == [
         (14, "the interrupt T_stop does not come", "t_stop", 0.0)
     ]
-    assert dict(found.facts)["interrupts"] == "t_stop (line 18): sets do1 to 1, stops, waits, 1 motion"
+    assert (
+        dict(found.facts)["interrupts"] == "t_stop (line 18): sets do1 to 1, stops, waits, 1 motion"
+    )
     assert not found.findings
 
 
 @pytest.mark.parametrize(
     "arm",
-    ["ISignalDI di1,1,i1;", "ITimer\\Single,2,i1;", "IPers n,i1;", "ISignalDO\\Single,do2,1,i1;", "IError 1,2,i1;"],
+    [
+        "ISignalDI di1,1,i1;",
+        "ITimer\\Single,2,i1;",
+        "IPers n,i1;",
+        "ISignalDO\\Single,do2,1,i1;",
+        "IError 1,2,i1;",
+    ],
 )
 def test_an_interrupt_comes_once_where_it_first_may(arm: str) -> None:
     found = traps(f"MoveL p0,{TAIL}\n{arm}\nMoveL p1,{TAIL}\nMoveL p2,{TAIL}", t_stop=1)
@@ -77,7 +88,8 @@ def test_what_depends_on_data_that_are_not_there_is_no_fault_of_a_trap() -> None
 
 def test_nothing_that_a_trap_does_aside_is_kept() -> None:
     trap = (
-        "SetDO do1,1;\nMoveL p2,v100,z50,tG\\WObj:=wT;\nFCPress1LStart p2,v10\\Fz:=9,50,z5,tG;\nWHILE TRUE DO\nENDWHILE"
+        "SetDO do1,1;\nMoveL p2,v100,z50,tG\\WObj:=wT;\nFCPress1LStart "
+        "p2,v10\\Fz:=9,50,z5,tG;\nWHILE TRUE DO\nENDWHILE"
     )
     found, alone = traps(f"MoveL p1,{TAIL}", trap), done(f"MoveL p1,{TAIL}")
     assert (places(found), len(found.body), len(found.frames)) == (places(alone), 1, 1)
@@ -97,4 +109,6 @@ def test_a_stop_and_a_wait_are_told() -> None:
 
 def test_a_trap_that_is_in_no_file_is_named() -> None:
     found = done("VAR intnum i1;\nCONNECT i1 WITH nobody;")
-    assert [one.what for one in found.assumed] == ["the TRAP nobody is in none of the files: it is left out"]
+    assert [one.what for one in found.assumed] == [
+        "the TRAP nobody is in none of the files: it is left out"
+    ]

@@ -73,7 +73,9 @@ def test_a_language_is_found_by_the_name_of_its_post() -> None:
 
 
 def test_joints_in_rad_lines_and_frames() -> None:
-    executed = done(f"MoveAbsJ [[90,0,0,0,45,0],{E9}],v200,z10,tG;\nMoveJ p1,v50,z5,tG\\WObj:=wT;\nMoveL p2,{TAIL}")
+    executed = done(
+        f"MoveAbsJ [[90,0,0,0,45,0],{E9}],v200,z10,tG;\nMoveJ p1,v50,z5,tG\\WObj:=wT;\nMoveL p2,{TAIL}"
+    )
     swing, jump, line = executed.body
     assert isinstance(swing, MoveJ)
     assert isinstance(jump, MoveJ)
@@ -107,14 +109,18 @@ def test_targets_that_are_worked_out(target: str, place: tuple[float, float, flo
 def test_reltool_turns_about_the_axes_of_the_tool() -> None:
     (item,) = sound(f"MoveL RelTool(p1,0,0,0\\Rz:=90),{TAIL}")
     assert isinstance(item, MoveL)
-    assert item.target.rotation == pytest.approx(np.array([[0, -1, 0], [-1, 0, 0], [0, 0, -1]]), abs=1e-7)
+    assert item.target.rotation == pytest.approx(
+        np.array([[0, -1, 0], [-1, 0, 0], [0, 0, -1]]), abs=1e-7
+    )
 
 
 def test_an_arc_has_its_point_half_way_and_is_halved_beyond_half_a_circle() -> None:
     """About 0, 0 from 100, 0: to 0, -100 by 0, 100 are 270 deg, too much; by 210 deg it is two pieces."""
     x, y = 100 * math.cos(math.radians(210)), 100 * math.sin(math.radians(210))
     via = "[[0,100,0],[0,1,0,0],[0,0,0,0],p1.extax]"
-    _, first, second = sound(f"MoveL p1,{TAIL}\nMoveC {via},[[{x:.6f},{y:.6f},0],[0,1,0,0],[0,0,0,0],p1.extax],{TAIL}")
+    _, first, second = sound(
+        f"MoveL p1,{TAIL}\nMoveC {via},[[{x:.6f},{y:.6f},0],[0,1,0,0],[0,0,0,0],p1.extax],{TAIL}"
+    )
     assert isinstance(first, MoveC)
     assert isinstance(second, MoveC)
     for arc, angle in ((first, 52.5), (second, 157.5)):
@@ -130,7 +136,11 @@ def test_options_of_a_motion() -> None:
     body = sound(
         "MoveL p0,v100\\V:=30,z10\\Z:=3,tG;\nMoveL p1,v100\\T:=5,fine,tG;\nMoveL p2,v100,z10\\Inpos:=inpos50,tG;"
     )
-    assert [(m.speed, m.blend) for m in body if isinstance(m, MoveL)] == [(30, 3), (20, 0), (100, 0)]
+    assert [(m.speed, m.blend) for m in body if isinstance(m, MoveL)] == [
+        (30, 3),
+        (20, 0),
+        (100, 0),
+    ]
 
 
 def test_speed_override_and_limit() -> None:
@@ -157,9 +167,11 @@ def test_where_the_arm_is_is_known_after_a_motion_to_a_pose() -> None:
         )
     )[1] == (100, 0, 9)
     # In the world: 1000 and 50 further.
-    assert places(sound(f"MoveL p1,v100,fine,tG\\WObj:=wT;\np:=CRobT(\\Tool:=tG\\WObj:=wobj0);\nMoveL p,{TAIL}"))[
-        1
-    ] == (1100, 0, 50)
+    assert places(
+        sound(
+            f"MoveL p1,v100,fine,tG\\WObj:=wT;\np:=CRobT(\\Tool:=tG\\WObj:=wobj0);\nMoveL p,{TAIL}"
+        )
+    )[1] == (1100, 0, 50)
     unknown = done(f"MoveAbsJ [[0,0,0,0,9,0],{E9}],{TAIL}\nMoveL Offs(CRobT(),0,0,9),{TAIL}")
     assert len(unknown.body) == 1
     assert "where the arm is is not known" in unknown.assumed[0].what
@@ -171,13 +183,20 @@ def test_outputs_along_a_motion() -> None:
     body += "TriggL p1,v100,t,fine,tG;\nMoveLDO p2,v10,z10,tG,doGlue,0;"
     items = sound(body)
     assert places(items) == [(0, 0, 0), (70, 0, 0), (100, 0, 0), (100, 50, 0)]
-    assert [(k, item.value) for k, item in enumerate(items) if isinstance(item, Output)] == [(2, 1.0), (5, 0.0)]
+    assert [(k, item.value) for k, item in enumerate(items) if isinstance(item, Output)] == [
+        (2, 1.0),
+        (5, 0.0),
+    ]
 
 
 def test_a_search_runs_to_its_end() -> None:
-    executed = done(f"MoveL p0,{TAIL}\nSearchL\\Stop,diHit,p,p1,v10,tG;\nMoveL Offs(p,0,0,5),{TAIL}")
+    executed = done(
+        f"MoveL p0,{TAIL}\nSearchL\\Stop,diHit,p,p1,v10,tG;\nMoveL Offs(p,0,0,5),{TAIL}"
+    )
     assert places(executed) == [(0, 0, 0), (100, 0, 0), (100, 0, 5)]
-    assert [one.what for one in executed.assumed] == ["diHit: a search does not stop before its end point"]
+    assert [one.what for one in executed.assumed] == [
+        "diHit: a search does not stop before its end point"
+    ]
 
 
 def test_welds_move_at_the_speed_of_their_data() -> None:
@@ -192,7 +211,8 @@ def test_welds_move_at_the_speed_of_their_data() -> None:
 
 def test_pressing() -> None:
     body = (
-        f"MoveL p0,{TAIL}\nFCPress1LStart p1,v10,\\Fz:=5,50,fine,tG;\nFCPressL p2,v10,5,z1,tG;\nFCPressEnd p1,v10,tG;"
+        f"MoveL p0,{TAIL}\nFCPress1LStart p1,v10,\\Fz:=5,50,fine,tG;\n"
+        "FCPressL p2,v10,5,z1,tG;\nFCPressEnd p1,v10,tG;"
     )
     items = sound(body)
     assert [type(item) for item in items] == [MoveL, Force, MoveL, MoveL, Force, MoveL]
@@ -224,7 +244,9 @@ def test_outputs_and_stops() -> None:
 
 
 def test_an_output_in_a_corner_is_dangerous() -> None:
-    executed = done("MoveL p1,v100,z10,tG;\nSetDO do1,1;\nMoveL p0,v100,z10,tG;\nWaitTime 1;\nSetDO do1,0;")
+    executed = done(
+        "MoveL p1,v100,z10,tG;\nSetDO do1,1;\nMoveL p0,v100,z10,tG;\nWaitTime 1;\nSetDO do1,0;"
+    )
     assert [(one.level, one.line) for one in executed.findings] == [("dangerous", 14)]
 
 
@@ -274,11 +296,13 @@ def test_conditions(condition: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("origin", "place"), [("", (0, 0, 0)), ("\\Origin:=2", (100, 0, 0)), ("\\Origin:=3", (30, 0, 0))]
+    ("origin", "place"),
+    [("", (0, 0, 0)), ("\\Origin:=2", (100, 0, 0)), ("\\Origin:=3", (30, 0, 0))],
 )
 def test_a_frame_through_three_points(origin: str, place: tuple[float, float, float]) -> None:
     body = (
-        f"VAR pose f;\nf:=DefFrame(p0,p1,Offs(p0,30,40,0){origin});\nMoveL [f.trans,f.rot,p1.robconf,p1.extax],{TAIL}"
+        f"VAR pose f;\nf:=DefFrame(p0,p1,Offs(p0,30,40,0){origin});\n"
+        f"MoveL [f.trans,f.rot,p1.robconf,p1.extax],{TAIL}"
     )
     assert places(sound(body)) == [place]
 
@@ -392,7 +416,9 @@ def test_a_loop_without_end_is_shown_once() -> None:
 
 
 def test_a_loop_that_waits_for_somebody_else_ends() -> None:
-    executed = done("WHILE b=FALSE DO\nWaitTime 0;\nENDWHILE\nWHILE di1=0 DO\nWaitTime 0.1;\nENDWHILE\nWaitTime 9;")
+    executed = done(
+        "WHILE b=FALSE DO\nWaitTime 0;\nENDWHILE\nWHILE di1=0 DO\nWaitTime 0.1;\nENDWHILE\nWaitTime 9;"
+    )
     assert waits(executed) == [0, 9]
     assert [(one.key, one.value) for one in executed.assumed] == [("", 0), ("di1", 1)]
 
@@ -401,7 +427,10 @@ def test_a_run_has_a_bound() -> None:
     executed = done("WHILE n>=0 DO\nn:=n+1;\nENDWHILE")
     assert executed.stopped is not None
     assert "limits.rapid_steps" in executed.stopped[1]
-    assert done("sub;", "PROC sub()\nsub;\nENDPROC").stopped == (16, "routines call each other more than 70 deep")
+    assert done("sub;", "PROC sub()\nsub;\nENDPROC").stopped == (
+        16,
+        "routines call each other more than 70 deep",
+    )
 
 
 # What no text holds ---------------------------------------------------------------------------------------------
@@ -410,12 +439,17 @@ BRANCH = f"IF di1=1 THEN\nMoveL p1,{TAIL}\nELSE\nMoveL p2,{TAIL}\nENDIF"
 
 
 @pytest.mark.parametrize(
-    ("assume", "place"), [({}, (100, 0, 0)), ({"di1": 1.0}, (100, 0, 0)), ({"di1": 0.0}, (100, 50, 0))]
+    ("assume", "place"),
+    [({}, (100, 0, 0)), ({"di1": 1.0}, (100, 0, 0)), ({"di1": 0.0}, (100, 50, 0))],
 )
-def test_an_input_is_assumed_or_said(assume: Mapping[str, float], place: tuple[float, float, float]) -> None:
+def test_an_input_is_assumed_or_said(
+    assume: Mapping[str, float], place: tuple[float, float, float]
+) -> None:
     executed = done(BRANCH, **assume)
     assert places(executed) == [place]
-    assert [(one.line, one.key, one.value) for one in executed.assumed] == ([] if assume else [(13, "di1", 1.0)])
+    assert [(one.line, one.key, one.value) for one in executed.assumed] == (
+        [] if assume else [(13, "di1", 1.0)]
+    )
 
 
 @pytest.mark.parametrize(
@@ -441,7 +475,9 @@ def test_the_operator_answers_what_the_user_says() -> None:
 
 
 def test_what_is_in_other_files_is_named() -> None:
-    executed = done(f"gripOpen 5;\nMoveL pThere,{TAIL}\nMoveL p1,vOwn,zOwn,tOwn\\WObj:=wOwn;\nWaitTime f(1);")
+    executed = done(
+        f"gripOpen 5;\nMoveL pThere,{TAIL}\nMoveL p1,vOwn,zOwn,tOwn\\WObj:=wOwn;\nWaitTime f(1);"
+    )
     assert places(executed) == [(100, 0, 0)]
     said = [one.what for one in executed.assumed]
     assert said[0] == "gripopen is in none of the files: it is left out"
@@ -511,7 +547,9 @@ def test_what_a_controller_turns_down(body: str, what: str) -> None:
     ],
 )
 def test_names_that_a_controller_turns_down(module: str, what: str) -> None:
-    assert [one.what for one in run({"m.mod": f"MODULE m\n{module}\nENDMODULE\n"}, Ask()).findings] == [what]
+    assert [
+        one.what for one in run({"m.mod": f"MODULE m\n{module}\nENDMODULE\n"}, Ask()).findings
+    ] == [what]
 
 
 def test_a_tool_must_be_a_persistent() -> None:
@@ -552,7 +590,9 @@ def test_what_changes_nothing_in_a_corner_is_not_dangerous() -> None:
 def test_what_was_assumed_can_be_given(condition: str, assume: Mapping[str, float]) -> None:
     body = f"IF {condition} THEN\nMoveL p1,{TAIL}\nELSE\nStop;\nENDIF"
     executed = done(body)
-    assert [(one.key, one.value) for one in executed.assumed if "asks" in one.what] == list(assume.items())
+    assert [(one.key, one.value) for one in executed.assumed if "asks" in one.what] == list(
+        assume.items()
+    )
     given = done(body, **assume)
     assert (places(given), given.assumed[1:], given.findings) == ([(100, 0, 0)], (), ())
 
@@ -571,15 +611,20 @@ def test_an_error_that_is_raised_to_the_user_is_handled() -> None:
 def test_what_instructions_of_newer_controllers_give_is_not_known() -> None:
     found = done("GetJointData 1\\Position:=n;\nSocketReceiveFrom s1\\Str:=s;\nStepBwdPath 30,1;")
     assert not found.findings
-    assert [what for _, what in found.lost] == ["stepbwdpath moves the arm as no text says: it is not shown"]
+    assert [what for _, what in found.lost] == [
+        "stepbwdpath moves the arm as no text says: it is not shown"
+    ]
 
 
 def test_a_handler_asks_for_the_error() -> None:
     more = "PROC sub(num k)\nIF k=1 RAISE mine;\nIF k=2 RAISE ERR_DIVZERO;\nRAISE ERR_OTHER;\nERROR\nRAISE;\nENDPROC"
     handler = (
-        "ERROR\nIF ERRNO=mine THEN\nWaitTime 7;\nTRYNEXT;\nELSEIF ERRNO=ERR_DIVZERO THEN\nWaitTime 8;\nTRYNEXT;\nENDIF"
+        "ERROR\nIF ERRNO=mine THEN\nWaitTime 7;\nTRYNEXT;\nELSEIF "
+        "ERRNO=ERR_DIVZERO THEN\nWaitTime 8;\nTRYNEXT;\nENDIF"
     )
-    text_of = text(f"VAR errnum mine;\nBookErrNo mine;\nsub 1;\nsub 2;\nWaitTime 9;\nsub 3;\n{handler}", more)
+    text_of = text(
+        f"VAR errnum mine;\nBookErrNo mine;\nsub 1;\nsub 2;\nWaitTime 9;\nsub 3;\n{handler}", more
+    )
     text_of = text_of.replace("PROC main()\nVAR errnum mine;", "VAR errnum mine;\nPROC main()")
     executed = run({"m.mod": text_of}, Ask())
     assert waits(executed) == [7, 8, 9]
@@ -589,14 +634,17 @@ def test_a_handler_asks_for_the_error() -> None:
 
 
 def test_a_motion_that_no_text_tells_is_said() -> None:
-    executed = done(f"MoveL p1,{TAIL}\nEGMRunPose id,EGM_STOP_HOLD\\X;\nMoveL Offs(CRobT(),0,0,9),{TAIL}")
+    executed = done(
+        f"MoveL p1,{TAIL}\nEGMRunPose id,EGM_STOP_HOLD\\X;\nMoveL Offs(CRobT(),0,0,9),{TAIL}"
+    )
     assert places(executed) == [(100, 0, 0)]
     assert executed.assumed[0].what == "egmrunpose moves the arm as no text says: it is not shown"
 
 
 def test_a_main_that_does_nothing_is_not_the_entry() -> None:
     executed = done(
-        "! nothing yet", "PROC Path_10()\nWaitTime 3;\nENDPROC\nPROC other()\nPath_10;\nWaitTime 4;\nENDPROC"
+        "! nothing yet",
+        "PROC Path_10()\nWaitTime 3;\nENDPROC\nPROC other()\nPath_10;\nWaitTime 4;\nENDPROC",
     )
     assert waits(executed) == [3, 4]
     assert dict(executed.facts) == {"entry": "other, as main does nothing", "not run": "main"}

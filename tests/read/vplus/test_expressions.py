@@ -46,21 +46,38 @@ def test_numbers(expression, expected):
 
 
 def test_arrays_with_several_subscripts():
-    found = execute("i = 2", "x[1,i] = 5", "x[i+1] = 6", "x[] = 1", "SET p[0] = TRANS(x[1,2], x[3], x[0])", "MOVE p[0]")
+    found = execute(
+        "i = 2",
+        "x[1,i] = 5",
+        "x[i+1] = 6",
+        "x[] = 1",
+        "SET p[0] = TRANS(x[1,2], x[3], x[0])",
+        "MOVE p[0]",
+    )
     assert found.body[0].target.origin == (5, 6, 0) or found.body[0].target.origin == (5, 6, 1)
 
 
 def test_the_last_index():
-    assert execute("x[3] = 1", "x[7] = 2", "y = LAST(x[])", "MOVE TRANS(y)").body[0].target.origin[0] == 7
+    assert (
+        execute("x[3] = 1", "x[7] = 2", "y = LAST(x[])", "MOVE TRANS(y)").body[0].target.origin[0]
+        == 7
+    )
 
 
 def test_pieces_of_a_string():
-    lines = ['$s = "12,34"', '$a = $DECODE($s,",",0)', '$b = $DECODE($s,",",1)', "MOVE TRANS(VAL($a),VAL($s),LEN($b))"]
+    lines = [
+        '$s = "12,34"',
+        '$a = $DECODE($s,",",0)',
+        '$b = $DECODE($s,",",1)',
+        "MOVE TRANS(VAL($a),VAL($s),LEN($b))",
+    ]
     assert execute(*lines).body[0].target.origin == (12, 34, 1)
 
 
 def pose(expression, *before):
-    (motion,) = [i for i in execute(*before, f"MOVE {expression}").body if isinstance(i, MoveJ | MoveL)]
+    (motion,) = [
+        i for i in execute(*before, f"MOVE {expression}").body if isinstance(i, MoveJ | MoveL)
+    ]
     return motion.target
 
 

@@ -104,20 +104,38 @@ def test_arguments_are_names_for_variables_and_values_in_brackets_are_not():
 
 def test_what_local_keeps_and_auto_does_not():
     main = ".PROGRAM main()\nCALL one()\nCALL one()\n.END\n"
-    counted = main + ".PROGRAM one()\n{} n\nIF DEFINED(n) THEN\nn = n+1\nELSE\nn = 1\nEND\nMOVE TRANS(n)\n.END\n"
+    counted = (
+        main
+        + ".PROGRAM one()\n{} n\nIF DEFINED(n) THEN\nn = n+1\nELSE\nn = 1\nEND\nMOVE TRANS(n)\n.END\n"
+    )
     assert places(run({"a": counted.format("LOCAL")}, Ask())) == [1, 2]
     assert places(run({"a": counted.format("AUTO")}, Ask())) == [1, 1]
 
 
 def test_recursion_and_what_is_left_out_of_a_list():
-    down = ["MOVE TRANS(n)", "IF DEFINED(m) THEN", "MOVE TRANS(99)", "END", "IF n > 1 THEN", "CALL down(n-1)", "END"]
-    text = "\n".join([".PROGRAM main()", "CALL down(3)", ".END", ".PROGRAM down(n, m)", *down, ".END"])
+    down = [
+        "MOVE TRANS(n)",
+        "IF DEFINED(m) THEN",
+        "MOVE TRANS(99)",
+        "END",
+        "IF n > 1 THEN",
+        "CALL down(n-1)",
+        "END",
+    ]
+    text = "\n".join(
+        [".PROGRAM main()", "CALL down(3)", ".END", ".PROGRAM down(n, m)", *down, ".END"]
+    )
     assert places(run({"a": text}, Ask())) == [3, 2, 1]
 
 
 def test_a_name_in_a_string_is_called():
     assert places(
-        run({"a": '.PROGRAM main()\n$p = "su"\nCALLS $p+"b"(4)\n.END\n.PROGRAM sub(x)\nMOVE TRANS(x)\n.END\n'}, Ask())
+        run(
+            {
+                "a": '.PROGRAM main()\n$p = "su"\nCALLS $p+"b"(4)\n.END\n.PROGRAM sub(x)\nMOVE TRANS(x)\n.END\n'
+            },
+            Ask(),
+        )
     ) == [4]
 
 
@@ -139,7 +157,10 @@ def test_the_program_that_is_run():
 
 
 def test_programs_of_several_files_and_their_lines():
-    found = run({"a": ".PROGRAM main()\nCALL b()\n.END\n", "b": ".PROGRAM b()\nMOVE TRANS(1)\n.END\n"}, Ask())
+    found = run(
+        {"a": ".PROGRAM main()\nCALL b()\n.END\n", "b": ".PROGRAM b()\nMOVE TRANS(1)\n.END\n"},
+        Ask(),
+    )
     assert (places(found), found.lines) == ([1], (5,))
 
 
@@ -166,7 +187,8 @@ def test_another_task_is_looked_at_by_itself():
 
 
 @pytest.mark.parametrize(
-    ("line", "name"), [("REACT 1001, halt.it(2), 5", "halt.it"), ("REACTI -1002, halt.it(2)", "halt.it")]
+    ("line", "name"),
+    [("REACT 1001, halt.it(2), 5", "halt.it"), ("REACTI -1002, halt.it(2)", "halt.it")],
 )
 def test_a_reaction_comes_where_the_user_says_so(line, name):
     text = f".PROGRAM main()\nMOVE TRANS(1)\n{line}\nMOVE TRANS(2)\n{line}\n.END\n"
@@ -181,7 +203,10 @@ def test_a_reaction_comes_where_the_user_says_so(line, name):
 def test_reactions_without_a_program_and_with_one_of_another_file():
     found = run({"a": ".PROGRAM main()\nREACT 1001\nREACTE other\n.END\n"}, Ask())
     assert dict(found.facts)["reactions"] == "REACT 1001"
-    assert dict(found.facts)["reactions that do not come"] == "other (REACTE, line 3): in none of the files"
+    assert (
+        dict(found.facts)["reactions that do not come"]
+        == "other (REACTE, line 3): in none of the files"
+    )
 
 
 @pytest.mark.parametrize(
@@ -203,13 +228,26 @@ def test_a_loop_that_nothing_ends_is_told_for_one_round(lines):
 
 
 def test_more_rounds():
-    assert places(execute("WHILE TRUE DO", "MOVE TRANS(1)", "END", assume={"rounds": 3})) == [1, 1, 1]
+    assert places(execute("WHILE TRUE DO", "MOVE TRANS(1)", "END", assume={"rounds": 3})) == [
+        1,
+        1,
+        1,
+    ]
 
 
 def test_the_bound_of_a_run():
-    found = execute("i = 0", "WHILE i < 1E6 DO", "i = i+1", "MOVE TRANS(i)", "END", limits=Limits(vplus_steps=300))
+    found = execute(
+        "i = 0",
+        "WHILE i < 1E6 DO",
+        "i = i+1",
+        "MOVE TRANS(i)",
+        "END",
+        limits=Limits(vplus_steps=300),
+    )
     assert found.stopped is not None
-    assert found.stopped[1] == "the program has not ended after what is run of it (limits.vplus_steps)"
+    assert (
+        found.stopped[1] == "the program has not ended after what is run of it (limits.vplus_steps)"
+    )
     assert 70 < len(found.body) < 80  # four instructions a round
     deep = run({"a": ".PROGRAM a()\nCALL a()\n.END\n"}, Ask())
     assert deep.stopped == (2, "more than 60 programs call each other")
@@ -248,7 +286,9 @@ def test_the_bound_of_a_run():
 def test_what_the_controller_would_not_take(line, what):
     for before in ([], ["GOTO 7"]):  # whether it is carried out or not
         found = execute(*before, *line.split("\n"), "7")
-        if before and ("division" in what or "root" in what or "no output" in what or "positive" in what):
+        if before and (
+            "division" in what or "root" in what or "no output" in what or "positive" in what
+        ):
             continue
         assert what in [text for _, text in told(found, "refused")], (line, before)
 
@@ -273,18 +313,37 @@ def test_what_the_controller_takes(line):
 
 def test_every_line_is_judged_but_each_once():
     found = execute("FOR i = 1 TO 5", "FROB", "END", "IF FALSE THEN", "FROB 2", "END")
-    assert told(found, "refused") == [(3, "FROB is no instruction of V+"), (6, "FROB is no instruction of V+")]
+    assert told(found, "refused") == [
+        (3, "FROB is no instruction of V+"),
+        (6, "FROB is no instruction of V+"),
+    ]
 
 
 def test_stops_waits_and_the_hand():
-    found = execute("PARAMETER HAND.TIME = 0.5", "MOVE TRANS(1)", "PAUSE", "DELAY 2", "CLOSEI", "OPEN", "MOVE TRANS(2)")
+    found = execute(
+        "PARAMETER HAND.TIME = 0.5",
+        "MOVE TRANS(1)",
+        "PAUSE",
+        "DELAY 2",
+        "CLOSEI",
+        "OPEN",
+        "MOVE TRANS(2)",
+    )
     assert [type(i) for i in found.body] == [MoveJ, Stop, Wait, Output, Wait, Output, MoveJ]
     assert [i.seconds for i in found.body if isinstance(i, Wait)] == [2, 0.5]
-    assert [(i.signal, i.value) for i in found.body if isinstance(i, Output)] == [("hand.open", 0), ("hand.open", 1)]
+    assert [(i.signal, i.value) for i in found.body if isinstance(i, Output)] == [
+        ("hand.open", 0),
+        ("hand.open", 1),
+    ]
 
 
 def test_a_program_without_brackets_without_end_and_with_the_marks_of_a_disk():
-    found = run({"a": ".PROGRAM a ; comment\nMOVE TRANS(1)\n.END\n\f\n.PROGRAM b\nMOVE TRANS(2)\n.END\n\x1a"}, Ask())
+    found = run(
+        {
+            "a": ".PROGRAM a ; comment\nMOVE TRANS(1)\n.END\n\f\n.PROGRAM b\nMOVE TRANS(2)\n.END\n\x1a"
+        },
+        Ask(),
+    )
     assert places(found) == [1]
     open_ended = run({"a": ".PROGRAM a()\nMOVE TRANS(1)\n"}, Ask())
     assert (places(open_ended), told(open_ended, "unusual")) == ([1], [(2, "a has no .END")])
@@ -292,7 +351,9 @@ def test_a_program_without_brackets_without_end_and_with_the_marks_of_a_disk():
 
 def test_a_text_without_a_program_line_is_refused_and_run():
     found = run({"pick.v2": "MOVE TRANS(1)\nBREAK\n"}, Ask())
-    assert told(found, "refused") == [(1, "the text has no .PROGRAM line: taken for a program pick")]
+    assert told(found, "refused") == [
+        (1, "the text has no .PROGRAM line: taken for a program pick")
+    ]
     assert len(found.body) == 1
 
 
@@ -302,4 +363,6 @@ def test_joints_and_names_with_dollar_signs():
 
 
 def test_more_behind_an_end_is_odd():
-    assert told(execute("IF TRUE THEN", "END l5"), "unusual") == [(3, "END stands alone, without l5")]
+    assert told(execute("IF TRUE THEN", "END l5"), "unusual") == [
+        (3, "END stands alone, without l5")
+    ]

@@ -81,7 +81,9 @@ def sound(found: Executed, lines: int) -> None:
     assert len(found.lines) == count
     assert found.frame == () or (len(found.frame) == count and max(found.frame) < len(found.frames))
     assert list(found.findings) == sorted(found.findings, key=lambda one: one.line)
-    assert all("\n" not in one.what and len(one.what) <= 160 and one.line >= 1 for one in found.findings)
+    assert all(
+        "\n" not in one.what and len(one.what) <= 160 and one.line >= 1 for one in found.findings
+    )
     assert all(one.line <= lines for one in found.findings)
     for item in found.body:
         if isinstance(item, MoveJ | MoveL | MoveC):
@@ -128,7 +130,9 @@ def test_damaged_lines(chance: random.Random) -> None:
             lines[at] = lines[at][: chance.randrange(len(lines[at]) + 1)]
         elif kind == 3:
             place = chance.randrange(len(lines[at]) + 1)
-            lines[at] = lines[at][:place] + chance.choice('()[]",:#$^-+.;\\x1a=<>0') + lines[at][place:]
+            lines[at] = (
+                lines[at][:place] + chance.choice('()[]",:#$^-+.;\\x1a=<>0') + lines[at][place:]
+            )
         else:
             lines[at] = lines[at].replace(
                 chance.choice(["1", "2", "3", "0", "i", "p", "s", "pick", "SET ", "("]),

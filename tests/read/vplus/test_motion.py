@@ -43,35 +43,73 @@ def test_corners():
         "CPOFF", "MOVES TRANS(5)", "MOVES TRANS(6)", "CPOFF ALWAYS", "MOVES TRANS(7)", "CPON ALWAYS", "MOVES TRANS(8)",
         "MOVES TRANS(9)",
     )  # fmt: skip
-    assert [m.blend for m in moves(found)] == [1, 0, 1, 0, 0, 1, 0, 1, 0]  # the last one: the program ends
+    assert [m.blend for m in moves(found)] == [
+        1,
+        0,
+        1,
+        0,
+        0,
+        1,
+        0,
+        1,
+        0,
+    ]  # the last one: the program ends
 
 
 def test_approaches_and_departures_go_along_the_tool():
-    found = execute("SET p = TRANS(1,2,3,0,180,0)", "APPRO p, 50", "MOVES p", "DEPARTS 20", "APPROS p, -5")
+    found = execute(
+        "SET p = TRANS(1,2,3,0,180,0)", "APPRO p, 50", "MOVES p", "DEPARTS 20", "APPROS p, -5"
+    )
     ends = [m.target.origin for m in moves(found)]
-    assert np.allclose(ends, [(1, 2, 53), (1, 2, 3), (1, 2, 23), (1, 2, -2)])  # the tool points down
+    assert np.allclose(
+        ends, [(1, 2, 53), (1, 2, 3), (1, 2, 23), (1, 2, -2)]
+    )  # the tool points down
     assert [type(m) for m in moves(found)] == [MoveJ, MoveL, MoveL, MoveL]
 
 
 def test_joints_and_single_ones():
-    found = execute("MOVE #PPOINT(0,-90,90,0,10,0)", "DRIVE 1, 30, 50", "JMOVE 1,2,3,4,5,6", "HERE #p", "MOVES #p")
+    found = execute(
+        "MOVE #PPOINT(0,-90,90,0,10,0)",
+        "DRIVE 1, 30, 50",
+        "JMOVE 1,2,3,4,5,6",
+        "HERE #p",
+        "MOVES #p",
+    )
     values = [tuple(round(math.degrees(v), 6) for v in m.target.values) for m in moves(found)]
-    assert values == [(0, -90, 90, 0, 10, 0), (30, -90, 90, 0, 10, 0), (1, 2, 3, 4, 5, 6), (1, 2, 3, 4, 5, 6)]
+    assert values == [
+        (0, -90, 90, 0, 10, 0),
+        (30, -90, 90, 0, 10, 0),
+        (1, 2, 3, 4, 5, 6),
+        (1, 2, 3, 4, 5, 6),
+    ]
     assert moves(found)[1].speed == 3750
 
 
 def test_where_the_robot_is():
-    found = execute("MOVE TRANS(1,2,3)", "BREAK", "HERE p", "MOVES SHIFT(p BY 10)", "MOVES SHIFT(DEST BY 10)")
+    found = execute(
+        "MOVE TRANS(1,2,3)", "BREAK", "HERE p", "MOVES SHIFT(p BY 10)", "MOVES SHIFT(DEST BY 10)"
+    )
     assert [m.target.origin for m in moves(found)] == [(1, 2, 3), (11, 2, 3), (21, 2, 3)]
 
 
 def test_what_is_only_known_to_the_controller_stays_a_name():
-    found = execute("MOVE #safe", "APPRO pick, 50", "MOVES pick", "DEPARTS 30", "MOVES SHIFT(pick BY 0,0,5)")
+    found = execute(
+        "MOVE #safe", "APPRO pick, 50", "MOVES pick", "DEPARTS 30", "MOVES SHIFT(pick BY 0,0,5)"
+    )
     assert [frame.work for frame in found.frames] == ["#safe", "pick", "SHIFT(pick BY 0,0,5)"]
     assert all(frame.base_from_work is None for frame in found.frames)
     assert found.frame == (0, 1, 1, 1, 2)
-    assert [m.target.origin for m in moves(found)] == [(0, 0, 0), (0, 0, -50), (0, 0, 0), (0, 0, -30), (0, 0, 0)]
-    assert [a.what.partition(" is only")[0] for a in found.assumed] == ["precision point #safe", "location pick"]
+    assert [m.target.origin for m in moves(found)] == [
+        (0, 0, 0),
+        (0, 0, -50),
+        (0, 0, 0),
+        (0, 0, -30),
+        (0, 0, 0),
+    ]
+    assert [a.what.partition(" is only")[0] for a in found.assumed] == [
+        "precision point #safe",
+        "location pick",
+    ]
     assert not told(found, "refused")
 
 
@@ -101,11 +139,19 @@ def test_points_from_a_file_and_from_sections(where):
         "END",
     ]
     text = "\n".join([".PROGRAM a()", *lines, ".END", ""])
-    found = run({"a": text}, Ask(points={"p.lc": POINTS})) if where == "file" else run({"a": text + POINTS}, Ask())
+    found = (
+        run({"a": text}, Ask(points={"p.lc": POINTS}))
+        if where == "file"
+        else run({"a": text + POINTS}, Ask())
+    )
     assert not found.findings
     assert not found.assumed
     assert isinstance(moves(found)[0].target, Joints)
-    assert [m.target.origin for m in moves(found)[1:]] == [(300.5, 20, 5), (1, 2, 3), (300.5, 20, -10)]
+    assert [m.target.origin for m in moves(found)[1:]] == [
+        (300.5, 20, 5),
+        (1, 2, 3),
+        (300.5, 20, -10),
+    ]
 
 
 def test_points_as_assignments_and_lines_that_are_none():
@@ -120,7 +166,12 @@ def test_tools_and_frames():
         "MOVE wf:TRANS(2)", "MOVE TRANS(3)", "TOOL grip",
         "MOVE TRANS(4)",
     )  # fmt: skip
-    assert [(f.tool, f.work) for f in found.frames] == [("t", "wf"), ("", "wf"), ("", ""), ("grip", "")]
+    assert [(f.tool, f.work) for f in found.frames] == [
+        ("t", "wf"),
+        ("", "wf"),
+        ("", ""),
+        ("grip", ""),
+    ]
     assert found.frames[0].flange_from_tool.origin == (0, 0, 100)
     assert found.frames[0].base_from_work.origin == (10, 20, 30)
     assert found.frames[3].flange_from_tool is None
@@ -130,7 +181,9 @@ def test_tools_and_frames():
 def test_the_base_is_moved():
     """BASE moves the robot's own frame: what lies at x 100 of the world is then 10 less away."""
     found = execute("BASE 10, 0, 0, 90", "MOVE TRANS(100,0,0)")
-    assert np.allclose(found.frames[0].base_from_work.apply(moves(found)[0].target.origin), (0, -90, 0))
+    assert np.allclose(
+        found.frames[0].base_from_work.apply(moves(found)[0].target.origin), (0, -90, 0)
+    )
 
 
 def test_many_frames_are_told_in_the_base():
@@ -151,11 +204,19 @@ def test_an_output_during_a_motion_is_dangerous():
 
 def test_bits_and_reset():
     found = execute("BITS 1,3 = 5", "RESET")
-    assert [(i.signal, i.value) for i in found.body] == [("1", 1), ("2", 0), ("3", 1), ("1", 0), ("3", 0)]
+    assert [(i.signal, i.value) for i in found.body] == [
+        ("1", 1),
+        ("2", 0),
+        ("3", 1),
+        ("1", 0),
+        ("3", 0),
+    ]
 
 
 def test_waits():
-    found = execute("MOVE TRANS(1)", "WAIT.EVENT , 0.5", "TIMER 1 = 0", "WAIT TIMER(1) > 2", "WAIT.EVENT 1, 3")
+    found = execute(
+        "MOVE TRANS(1)", "WAIT.EVENT , 0.5", "TIMER 1 = 0", "WAIT TIMER(1) > 2", "WAIT.EVENT 1, 3"
+    )
     assert [i.seconds for i in found.body if isinstance(i, Wait)] == [0.5, 2, 3]
     assert not told(found, "dangerous")
 
@@ -168,10 +229,18 @@ def test_waits():
         (["IF SIG(1002) THEN", "MOVE TRANS(1)", "END"], {}, []),
         (["IF SIG(1002) THEN", "MOVE TRANS(1)", "END"], {"sig1002": 1}, [1]),
         (["IF SIG(1002) THEN", "MOVE TRANS(1)", "END"], {"1002": 1}, [1]),
-        (["IF NOT SIG(1003) THEN", "HALT", "END", "MOVE TRANS(1)"], {}, [1]),  # the way that goes on
+        (
+            ["IF NOT SIG(1003) THEN", "HALT", "END", "MOVE TRANS(1)"],
+            {},
+            [1],
+        ),  # the way that goes on
         (["IF NOT SIG(1003) THEN", "HALT", "END", "MOVE TRANS(1)"], {"sig1003": 0}, []),
         (["IF SIG(-1003) GOTO 9", "MOVE TRANS(1)", "9"], {}, [1]),
-        (["SIGNAL 2001", "IF SIG(2001) THEN", "MOVE TRANS(1)", "END"], {}, [1]),  # what the program sets is known
+        (
+            ["SIGNAL 2001", "IF SIG(2001) THEN", "MOVE TRANS(1)", "END"],
+            {},
+            [1],
+        ),  # what the program sets is known
         (["FOR i = 1 TO n", "MOVE TRANS(i)", "END"], {}, [1]),
         (["FOR i = 1 TO n", "MOVE TRANS(i)", "END"], {"n": 2}, [1, 2]),
         (['PROMPT "how many? ", n', "MOVE TRANS(n)"], {"n": 7}, [7]),
@@ -188,7 +257,11 @@ def test_what_is_asked_of_the_surroundings(lines, assume, expected):
 
 def test_assumptions_have_keys():
     found = execute("WAIT SIG(1001)", "x = count+1", "READ (5) y")
-    assert [(a.line, a.key, a.value) for a in found.assumed] == [(2, "sig1001", 1), (3, "count", 1), (4, "y", 1)]
+    assert [(a.line, a.key, a.value) for a in found.assumed] == [
+        (2, "sig1001", 1),
+        (3, "count", 1),
+        (4, "y", 1),
+    ]
 
 
 def test_motions_in_place_have_a_speed_of_turning():
@@ -280,15 +353,25 @@ def test_the_motions_of_a_data_file_of_ours_are_told():
     assert found.stopped is None
     kinds = [MoveJ, MoveJ, MoveL, MoveL, MoveL, MoveL, Output, Wait, MoveJ]
     assert [type(i) for i in found.body if not (isinstance(i, Output) and i.value == 0)] == kinds
-    assert [m.target.origin for m in moves(found)[1:-1]] == [(0, 0, 20), *[(x, 5.25, 1) for x in range(1, 5)]]
+    assert [m.target.origin for m in moves(found)[1:-1]] == [
+        (0, 0, 20),
+        *[(x, 5.25, 1) for x in range(1, 5)],
+    ]
     assert [m.blend for m in moves(found)[2:6]] == [1, 1, 1, 0]
 
 
 def test_a_motion_after_detach_is_refused():
     found = execute(
-        'ATTACH (lun, 4) "TCP"', "MOVE TRANS(1)", "DETACH (lun)", "MOVE TRANS(2)", "DETACH ()", "MOVE TRANS(3)"
+        'ATTACH (lun, 4) "TCP"',
+        "MOVE TRANS(1)",
+        "DETACH (lun)",
+        "MOVE TRANS(2)",
+        "DETACH ()",
+        "MOVE TRANS(3)",
     )
-    assert told(found, "refused") == [(7, "a motion after DETACH: the robot is not attached to this program")]
+    assert told(found, "refused") == [
+        (7, "a motion after DETACH: the robot is not attached to this program")
+    ]
     assert not told(execute("DETACH ()", "ATTACH ()", "MOVE TRANS(3)"), "refused")
 
 
