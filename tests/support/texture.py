@@ -1,0 +1,297 @@
+"""Counts what makes a file hard to read: wide lines, nested expressions, long signatures, vague prose.
+
+    python -m tests.support.texture            the counts of each folder
+    python -m tests.support.texture --lower    writes lower counts into the table, never higher ones
+    python -m tests.support.texture FILE ...   each place of these files
+
+The rules of the prose are in `tests/texture/rules.tsv`. A pattern is searched in running text, in
+which a space also matches a line end. A pattern of the scope `identifier` matches a whole name.
+"""
+
+from __future__ import annotations
+
+import ast
+import csv
+import io
+import re
+import sys
+import tokenize
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+ROOT = Path(__file__).parents[2]
+RULES = ROOT / "tests" / "texture" / "rules.tsv"
+TABLE = ROOT / "tests" / "texture" / "counts.tsv"
+#: Folders and files that are counted, relative to the root of the repository.
+COUNTED = ("camgen", "postprocessors", "fixtures", "bench", "tests", "docs", "README.md")
+#: What is counted, in the order of the columns of the table.
+KINDS = ("wide", "nested", "conditional", "parameters", "prose")
+#: Characters of a line, and parameters of a function, that are not counted.
+MOST_CHARACTERS, MOST_PARAMETERS = 100, 6
+
+_COMPREHENSIONS = (ast.ListComp, ast.SetComp, ast.DictComp, ast.GeneratorExp)
+_TWO_WORDS = re.compile(r"[A-Za-z]{2,}[,;:]? [A-Za-z{]")
+_LIKE_A_PATTERN = re.compile(r"\\[bswdS]|\(\?|\[\^")
+
+
+class Rule(NamedTuple):
+    """A row of the rules: its name, the scopes in which it holds, and what it forbids."""
+
+    name: str
+    scopes: frozenset[str]
+    pattern: re.Pattern[str]
+
+
+class Place(NamedTuple):
+    """A line of a file that is counted. text: the rule, or what is wrong."""
+
+    kind: str
+    line: int
+    text: str
+
+
+@cache
+def read_rules() -> tuple[Rule, ...]:
+    """The rules of the prose."""
+    rules = []
+    with RULES.open(encoding="utf-8", newline="") as stream:
+        for row in csv.DictReader(stream, delimiter="\t", quoting=csv.QUOTE_NONE):
+            pattern = re.compile(row["pattern"].replace(" ", r"[ \n]"))
+            rules.append(Rule(row["rule"], frozenset(row["scopes"].split()), pattern))
+    return tuple(rules)
+
+
+@cache
+def rules_of(scope: str) -> tuple[Rule, ...]:
+    """The rules that hold in `scope`."""
+    return tuple(rule for rule in read_rules() if scope in rule.scopes)
+
+
+def list_files() -> list[Path]:
+    """The files that are counted, in order of name. Generated pages are left out."""
+    files: list[Path] = []
+    for name in COUNTED:
+        path = ROOT / name
+        files += [path] if path.is_file() else path.rglob("*.py")
+        files += [] if path.is_file() else path.rglob("*.md")
+    return sorted(file for file in files if file.name != "api.md")
+
+
+def list_places(file: Path) -> list[Place]:
+    """The places of a Python file or a Markdown page, in order of line."""
+    source = file.read_text(encoding="utf-8")
+    if file.suffix == ".md":
+        places = [place for text in _paragraphs(source) for place in _search("docs", *text)]
+    else:
+        tree = ast.parse(source)
+        places = [*_wide(source), *_tangled(tree), *_names(tree)]
+        for scope, line, text in (*_strings(tree), *_comments(source)):
+            places += _search(scope, line, text)
+    return sorted(places, key=lambda place: place.line)
+
+
+def count(file: Path) -> tuple[int, ...]:
+    """How many places of each of `KINDS` a file has."""
+    counted = Counter(place.kind for place in list_places(file))
+    return tuple(counted[kind] for kind in KINDS)
+
+
+def read_table() -> dict[str, tuple[int, ...]]:
+    """The counts that each file may have, by its name relative to the root; 0 for all others."""
+    rows = TABLE.read_text(encoding="utf-8").splitlines()[1:]
+    table = {}
+    for row in rows:
+        name, *numbers = row.split("\t")
+        table[name] = tuple(map(int, numbers))
+    return table
+
+
+def write_table(table: dict[str, tuple[int, ...]]) -> None:
+    """Writes the table, without the files that have nothing to count."""
+    rows = ["\t".join(("file", *KINDS))]
+    for name in sorted(table):
+        if any(table[name]):
+            rows.append("\t".join((name, *map(str, table[name]))))
+    TABLE.write_text("\n".join(rows) + "\n", encoding="utf-8")
+
+
+def folder_of(name: str) -> str:
+    """The folder in whose sum a file is counted, two levels deep at most."""
+    return "/".join(name.split("/")[:-1][:2]) or "."
+
+
+# Python
+
+
+def _wide(source: str) -> Iterator[Place]:
+    for number, line in enumerate(source.splitlines(), 1):
+        if len(line) > MOST_CHARACTERS:
+            yield Place("wide", number, f"{len(line)} characters")
+
+
+def _tangled(tree: ast.Module) -> Iterator[Place]:
+    """Comprehensions and conditional expressions within others, and long signatures."""
+    stack: list[tuple[ast.AST, bool, bool]] = [(tree, False, False)]
+    while stack:
+        node, in_comprehension, in_conditional = stack.pop()
+        if isinstance(node, _COMPREHENSIONS):
+            if in_comprehension or len(node.generators) > 1:
+                yield Place("nested", node.lineno, "comprehension within another")
+            in_comprehension = True
+        elif isinstance(node, ast.IfExp):
+            if in_conditional:
+                yield Place("conditional", node.lineno, "conditional expression within another")
+            in_conditional = True
+        elif isinstance(node, ast.stmt):
+            in_comprehension = in_conditional = False
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                yield from _long_signature(node)
+        for child in ast.iter_child_nodes(node):
+            stack.append((child, in_comprehension, in_conditional))
+
+
+def _long_signature(node: ast.FunctionDef | ast.AsyncFunctionDef) -> Iterator[Place]:
+    arguments = [*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs]
+    named = [argument for argument in arguments if argument.arg not in ("self", "cls")]
+    if len(named) > MOST_PARAMETERS:
+        yield Place("parameters", node.lineno, f"{node.name}: {len(named)} parameters")
+
+
+def _names(tree: ast.Module) -> Iterator[Place]:
+    """Names that a file binds and a rule forbids."""
+    for node in ast.walk(tree):
+        name = _bound_name(node)
+        for rule in rules_of("identifier") if name else ():
+            if rule.pattern.fullmatch(name):
+                yield Place("prose", getattr(node, "lineno", 1), f"{rule.name}: {name}")
+
+
+def _bound_name(node: ast.AST) -> str:
+    match node:
+        case ast.FunctionDef(name=name) | ast.AsyncFunctionDef(name=name) | ast.ClassDef(name=name):
+            return name
+        case ast.arg(arg=name) | ast.Name(id=name, ctx=ast.Store()):
+            return name
+        case ast.Attribute(attr=name, ctx=ast.Store()):
+            return name
+        case ast.ExceptHandler(name=str(name)) | ast.alias(asname=str(name)):
+            return name
+    return ""
+
+
+def _strings(tree: ast.Module) -> Iterator[tuple[str, int, str]]:
+    """Scope, line and text of docstrings and of messages of two words or more."""
+    alone: set[int] = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
+            alone.add(id(node.value))
+        elif isinstance(node, ast.JoinedStr):
+            alone.update(id(part) for part in ast.walk(node) if isinstance(part, ast.Constant))
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+            text = ast.get_docstring(node, clean=True)
+            if text:
+                yield "docstring", node.body[0].lineno, text
+        text = _message(node, alone)
+        if _TWO_WORDS.search(text) and not _LIKE_A_PATTERN.search(text):
+            yield "message", getattr(node, "lineno", 1), text
+
+
+def _message(node: ast.AST, alone: set[int]) -> str:
+    if isinstance(node, ast.JoinedStr):
+        parts = [part.value if isinstance(part, ast.Constant) else "{}" for part in node.values]
+        return "".join(map(str, parts))
+    if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in alone:
+        return node.value
+    return ""
+
+
+def _comments(source: str) -> Iterator[tuple[str, int, str]]:
+    """Scope, line and text of comments; whole lines directly below each other are one text."""
+    block: list[str] = []
+    first = last = 0
+    for token in tokenize.generate_tokens(io.StringIO(source).readline):
+        if token.type != tokenize.COMMENT or token.string.startswith(
+            ("# noqa", "# type:", "# fmt:")
+        ):
+            continue
+        line = token.start[0]
+        if block and line != last + 1:
+            yield "comment", first, "\n".join(block)
+            block = []
+        first = first if block else line
+        block.append(token.string.lstrip("#: "))
+        last = line
+    if block:
+        yield "comment", first, "\n".join(block)
+
+
+def _search(scope: str, line: int, text: str) -> Iterator[Place]:
+    for rule in rules_of(scope):
+        for match in rule.pattern.finditer(text):
+            at = line + text.count("\n", 0, match.start())
+            yield Place("prose", at, f"{rule.name}: {' '.join(match.group().split())}")
+
+
+# Markdown
+
+
+def _paragraphs(source: str) -> Iterator[tuple[int, str]]:
+    """Line and text of paragraphs, rows and items, without code."""
+    block: list[str] = []
+    first, code = 1, False
+    for number, row in enumerate([*source.splitlines(), ""], 1):
+        fence = row.lstrip().startswith("```")
+        code ^= fence
+        line = "" if fence else row
+        begins = not line.strip() or re.match(r"\s*(?:[-*|#]|\d+\.\s)", line)
+        if begins and block:
+            yield first, "\n".join(block)
+            block = []
+        if line.strip() and not code and not line.startswith("    "):
+            first = first if block else number
+            block.append(re.sub(r"`[^`]*`", "`code`", line))
+
+
+# The command
+
+
+def lower(table: dict[str, tuple[int, ...]]) -> dict[str, tuple[int, ...]]:
+    """The table with the counts of today where they are lower."""
+    lowered = {}
+    for file in list_files():
+        name = file.relative_to(ROOT).as_posix()
+        allowed = table.get(name, (0,) * len(KINDS))
+        lowered[name] = tuple(map(min, count(file), allowed))
+    return lowered
+
+
+def sum_folders(table: dict[str, tuple[int, ...]]) -> dict[str, tuple[int, ...]]:
+    """The sums of each folder."""
+    sums: dict[str, tuple[int, ...]] = {}
+    for name, counts in table.items():
+        before = sums.get(folder_of(name), (0,) * len(KINDS))
+        sums[folder_of(name)] = tuple(map(sum, zip(before, counts, strict=True)))
+    return sums
+
+
+def main(arguments: Iterable[str]) -> None:
+    """Runs the command that the docstring of this module describes."""
+    names = list(arguments)
+    if names == ["--lower"]:
+        write_table(lower(read_table()))
+    elif names:
+        for name in names:
+            for place in list_places(Path(name)):
+                print(f"{name}:{place.line}: {place.kind}: {place.text}")
+    else:
+        print("\t".join(("folder", *KINDS)))
+        for folder, counts in sorted(sum_folders(read_table()).items()):
+            print("\t".join((folder, *map(str, counts))))
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
