@@ -58,7 +58,7 @@ def test_the_page_gives_the_example() -> None:
 
 @pytest.mark.parametrize("name", ["krl.py", "krl_readback.py"])
 def test_the_example_is_as_short_as_promised(name: str) -> None:
-    assert len(files()[name].splitlines()) < 150
+    assert len(files()[name].splitlines()) < 200
 
 
 def test_the_readback_knows_nothing_of_the_post() -> None:
