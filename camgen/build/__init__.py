@@ -16,6 +16,7 @@ from msgspec.structs import replace
 import camgen.preview.notebook  # noqa: F401 (values draw themselves)
 from camgen.build.inputs import note_urdf, read_inputs
 from camgen.build.memory import give_back
+from camgen.build.motion import prove_motion
 from camgen.build.programs import Checked, Posted, check_programs, lines_of, post_programs
 from camgen.build.refusals import tell_by_input
 from camgen.build.stock import OperationSum, prove_stock, report_operations, sum_operations
@@ -54,6 +55,7 @@ from camgen.robots.workcell import Workcell
 
 if TYPE_CHECKING:
     from camgen.check.collide import Clear
+    from camgen.check.proof import MotionProof
     from camgen.check.reach import Reach
     from camgen.check.stock import StockProof
     from camgen.collision.cell import Surroundings
@@ -98,6 +100,7 @@ class Result(Struct, frozen=True, eq=False, dict=True):
     planned: tuple[ToolPath, ...] = ()
     counts: tuple[int, ...] = (1,)
     proof: StockProof | None = None
+    motion: MotionProof | None = None
 
     @cached_property
     def report(self) -> dict[str, object]:
@@ -176,7 +179,9 @@ def build(
     proof = prove_stock(asked, planned, tour, settings, read.cell, checks, posted)
     if len(tour.paths) < len(asked.paths):
         planned = _forget_coverage(planned)
-    return _sum_up(planned, tour, read.cell, settings, poster, checks, posted, proof)
+    result = _sum_up(planned, tour, read.cell, settings, poster, checks, posted, proof)
+    motion = prove_motion(read.part, planned, settings, checks, posted, result.notes)
+    return replace(result, motion=motion)
 
 
 def _program(

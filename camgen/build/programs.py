@@ -22,7 +22,7 @@ from camgen.model.part import IntArray
 from camgen.model.path import Tour
 from camgen.model.program import Comment, Instruction, Program, ToolChange, put_off_first
 from camgen.order import ArmTour, JobTour, ReplayTour
-from camgen.post import OutputFile, Post, Readback, Reading
+from camgen.post import OutputFile, Post, Readback, Reading, Tolerance
 from camgen.post.plugins import dynamics_of
 from camgen.post.verify import Deviation, compare
 from camgen.robots.workcell import Workcell
@@ -46,14 +46,20 @@ class Checked(Struct, frozen=True, eq=False):
 
 
 class Posted(Struct, frozen=True, eq=False):
-    """What was printed, one program after the other. readings: what the text of each says. files: of each how many.
-    deviation: the largest of all.
+    """The texts of all programs, one after the other.
+
+    files: of all programs.
+    counts: number of files of each program.
+    readings: of the text of each program.
+    deviation: the largest of all, from the programs.
+    tolerance: of the texts.
     """
 
     files: tuple[OutputFile, ...]
     counts: tuple[int, ...]
     readings: tuple[Reading, ...]
     deviation: Deviation
+    tolerance: Tolerance
 
 
 def check_programs(
@@ -226,4 +232,5 @@ def post_programs(checked: Checked, read: Readback, options: dict[str, object]) 
         max(one.max_angle for one in deviations),
         sum(one.instructions for one in deviations),
     )
-    return Posted(tuple(files), tuple(counts), tuple(readings), worst)
+    tolerance = checked.programs[0][0].tolerance()
+    return Posted(tuple(files), tuple(counts), tuple(readings), worst, tolerance)

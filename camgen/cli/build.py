@@ -59,26 +59,64 @@ def rows(
         *_tell_plan(result),
         *_operations(result),
         *_coverage(result),
-        *_stock(result),
-        ("cell", _cell(result), "look"),
+        ("cell", result.cell.name, "plain"),
         (
             "time",
             f"about {duration(result.cycle.total)}, {duration(result.cycle.travel)} of it travel",
             "plain",
         ),
         *_programs(result, programs),
-        ("verified", _tell_verified(result), "good"),
+        *_proofs(result),
     ]
 
 
-def _cell(result: Result) -> str:
+# Proofs: a line for each step, whether it ran or not.
+
+
+def _proofs(result: Result) -> list[Row]:
+    """Drawing to motion, motion to text, stock, reach and collision."""
+    compared = counted(result.deviation.instructions, "instruction")
+    largest = f"largest deviation {result.deviation.max_mm:.6f} mm"
+    return [
+        _motion(result),
+        ("verified", f"read back, {compared} equal, {largest}", "good"),
+        *_stock(result),
+        *_reach(result),
+    ]
+
+
+def _motion(result: Result) -> Row:
+    """The proof that the motions of the text work the contours of the drawing."""
+    proof = result.motion
+    if proof is None or not proof.motions:
+        reasons = "; ".join(proof.unproven) if proof else "it was not examined"
+        return ("motion", f"not proven: {reasons}", "look")
+    contours = counted(proof.contours, "contour")
+    what = f"{contours}, {length(proof.length)}, in {counted(proof.motions, 'motion')}"
+    if proof.joints:
+        what += f"; {counted(proof.joints, 'motion')} to joint values not compared"
+    if proof.unproven:
+        return ("motion", f"{what}; not proven: {'; '.join(proof.unproven)}", "look")
+    return ("motion", f"verified: {what}", "good")
+
+
+def _reach(result: Result) -> list[Row]:
+    """Whether the arm reaches all poses, and whether it collides."""
     if result.reach is None:
         usual = result.post.cell().robot
-        hint = f'; cell.robot = "{usual}" checks them, camgen robots lists others' if usual else ""
-        return f"{result.cell.name}; reach, collision and limits not checked: no robot model{hint}"
+        hint = ""
+        if usual:
+            hint = f'; cell.robot = "{usual}" checks it, camgen robots lists others'
+        return [
+            ("reach", f"not proven: no robot model{hint}", "look"),
+            ("collision", "not proven: no robot model", "look"),
+        ]
     samples = counted(result.reach.samples, "pose")
-    found = f"{result.reach.robot} reaches all of it within its limits, {_posture(result)}"
-    return f"{found} ({samples}); no collision, {_clearance(result)}"
+    robot = f"{result.reach.robot} reaches all of it within its limits, {_posture(result)}"
+    return [
+        ("reach", f"{robot} ({samples})", "good"),
+        ("collision", f"no collision, {_clearance(result)}", "good"),
+    ]
 
 
 def _clearance(result: Result) -> str:
@@ -213,14 +251,12 @@ def _volume(mm3: float) -> str:
 
 
 def _stock(result: Result) -> list[Row]:
-    """What the program does to the material."""
+    """The proof of what the program does to the material."""
     if result.proof is None:
-        deep = (
-            any(step.operation.depth for step in result.job.operations)
-            or result.job.operation.depth
-        )
-        why = why_unproven(result.job)
-        return [("stock", f"not judged: {why}", "look")] if why and deep else []
+        jobs = [step.operation for step in result.job.operations] or [result.job.operation]
+        deep = any(operation.depth or operation.width for operation in jobs)
+        why = why_unproven(result.job) if deep else "nothing is cut below the top face"
+        return [("stock", f"not proven: {why or 'the part is not flat'}", "look")]
     from camgen.cli.stock import rows_of_build  # noqa: PLC0415 (shapely, only for what cuts)
 
     return rows_of_build(result.proof)
@@ -256,11 +292,6 @@ def _above(tour: Tour) -> str:
 
 def _program(path: Path, file: ProgramFile) -> Row:
     return ("program", f"{path}, {counted(file.lines, 'line')}, {size(len(file))}", "plain")
-
-
-def _tell_verified(result: Result) -> str:
-    compared = counted(result.deviation.instructions, "instruction")
-    return f"read back, {compared} equal, largest deviation {result.deviation.max_mm:.6f} mm"
 
 
 #: Bytes at the beginning of a program among which camgen names itself.

@@ -336,7 +336,9 @@ def _left_out(
     if len(order) < len(curve.closed) and not (failed & ~touched).any():
         what = f"{counted(len(curve.closed) - len(order), 'piece', 'pieces')} of path left out"
         unsound = "they did not keep their distance from the drawing; please report it"
-        notes.append(Note("skipped", what, _COMMON if shared[failed].any() else unsound))
+        why = _COMMON if shared[failed].any() else unsound
+        ids = tuple(contours[k].id for k in np.flatnonzero(failed).tolist())
+        notes.append(Note("skipped", what, why, ids))
     return notes
 
 

@@ -14,18 +14,13 @@ from msgspec.structs import replace
 from camgen.geometry.segments import bounds, from_contours
 from camgen.model.errors import InputError, JobError
 from camgen.model.job import Job, PageTable
+from camgen.model.page import page_size
 from camgen.model.part import Contour, Note, Part, Raster
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, short
 from camgen.read.units import MM
 from camgen.vision.similarity import scale_of
 
-#: Width and height upright, mm: ISO 216 and ANSI.
-SIZES = {
-    "a0": (841.0, 1189.0), "a1": (594.0, 841.0), "a2": (420.0, 594.0), "a3": (297.0, 420.0), "a4": (210.0, 297.0),
-    "a5": (148.0, 210.0), "a6": (105.0, 148.0), "letter": (215.9, 279.4), "legal": (215.9, 355.6),
-    "tabloid": (279.4, 431.8),
-}  # fmt: skip
 #: A drawing may leave the page by so much, mm: rounding.
 _ROUNDING = 1e-6
 
@@ -117,23 +112,6 @@ def _lay(
         units=f"{short(unit, 5)} mm/px" if pixels else part.units,
         notes=(*part.notes, note),
     )
-
-
-def page_size(page: PageTable) -> tuple[float, float]:
-    """Width and height of the page, mm. JobError if it is not known or not a size."""
-    if isinstance(page.size, str):
-        name, _, turned = page.size.strip().lower().partition(" ")
-        turned = turned.strip()
-        if name not in SIZES or turned not in ("", "portrait", "landscape"):
-            remedy = f'use one of {", ".join(SIZES)}, with "landscape" behind it for the long side down, or [w, h]'
-            raise JobError("job", f'unknown page "{page.size[:40]}"', "page.size", remedy)
-        width, height = SIZES[name]
-        return (height, width) if turned == "landscape" else (width, height)
-    if len(page.size) != 2 or min(page.size) <= 0:
-        raise JobError(
-            "job", f"{page.size} is no width and height", "page.size", "give [width, height] in mm"
-        )
-    return page.size[0], page.size[1]
 
 
 def _ratio(part: Part, page: PageTable, drawn: FloatArray, room: FloatArray) -> float:

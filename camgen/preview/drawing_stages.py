@@ -12,13 +12,13 @@ from itertools import pairwise
 import numpy as np
 
 from camgen.model.job import Job
+from camgen.model.page import page_size
 from camgen.model.part import Note, Part, Raster
 from camgen.model.path import ToolPath, Tour
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted, short
 from camgen.order.arrange import measure_travel
 from camgen.plan.fill.cover import coverage_map
-from camgen.plan.page import page_size
 from camgen.preview.draw import Paper, by_order, of_contours, of_paths, path_data, spots
 from camgen.preview.panels import (
     WIDE,

@@ -74,7 +74,10 @@ def test_build_writes_the_program_and_sums_it_up(post: str, here: Path, capsys: 
     assert "2 contours (2 closed, 0 open), layers holes, outline" in rows["input"]
     # Outside the plate and inside the hole with a 6 mm tool: 300 + 6 pi and 2 pi (10 - 3).
     assert rows["plan"] == "2 paths, work 362.8 mm"
-    assert "reach, collision and limits not checked: no robot model" in rows["cell"]
+    assert rows["motion"].startswith("verified: 2 contours, ")
+    assert rows["stock"] == "not proven: nothing is cut below the top face"
+    assert rows["reach"].startswith("not proven: no robot model")
+    assert rows["collision"] == "not proven: no robot model"
     assert program in rows["program"]
     assert re.fullmatch(
         r"read back, \d+ instructions equal, largest deviation 0\.00\d+ mm", rows["verified"]

@@ -14,7 +14,8 @@ from camgen.model.part import Contour, Part
 from camgen.model.pose import frozen
 from camgen.model.text import short
 from camgen.plan import plan
-from camgen.plan.page import on_page, page_size
+from camgen.model.page import page_size
+from camgen.plan.page import on_page
 from camgen.read import read
 from camgen.read.job_file import from_mapping
 
@@ -109,8 +110,8 @@ def test_a_drawing_that_leaves_the_page_is_refused_with_the_numbers() -> None:
     ("page", "what"),
     [
         ({"size": "A9"}, 'unknown page "A9"'),
-        ({"size": [100]}, "is no width and height"),
-        ({"size": [100, -1]}, "is no width and height"),
+        ({"size": [100]}, "is not a width and a height"),
+        ({"size": [100, -1]}, "is not a width and a height"),
         ({"size": "A6", "margin": 60}, "leaves nothing of 105 x 148 mm"),
         ({"margin": 5}, "has no effect without a size"),
         ({"size": "A4", "scale": "huge"}, "scale must be one of"),

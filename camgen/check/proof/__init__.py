@@ -1,0 +1,464 @@
+"""The proof of motion: a text works the contours of the drawing, all of them, and nothing else.
+
+`prove_motion` takes the drawing as it was read, the job, and the motions that were read back from
+the text. It knows no plan, no tour and no post. Program and path are used as hints about where to
+look first; a wrong hint makes a proof fail, it never makes it pass. The table in docs/proof.md
+lists the facts that are proven for each operation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from itertools import chain, count, repeat
+from operator import attrgetter
+from typing import NamedTuple
+
+import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
+
+from camgen.check.proof.contours import ContourChecker, Matched
+from camgen.check.proof.findings import Finding, Findings
+from camgen.check.proof.heights import check_heights, find_levels, raised_levels, tab_top
+from camgen.check.proof.holes import check_bored, check_drilled, select_holes
+from camgen.check.proof.matching import Ragged, list_pieces
+from camgen.check.proof.motions import Motions, Rounding, tabulate
+from camgen.check.proof.nesting import find_unclear
+from camgen.check.proof.pieces import BoolArray, IntArray
+from camgen.check.proof.process import (
+    check_feeds,
+    check_forces,
+    check_joint_motions,
+    check_orientation,
+    check_outputs,
+    process_signal,
+)
+from camgen.check.proof.tasks import BESIDE, Drawing, Task, lay_drawing, make_tasks
+from camgen.check.proof.travel import Phases, check_travel, split_phases
+from camgen.model.job import Job
+from camgen.model.part import Note, Part
+from camgen.model.program import Instruction, Origin
+
+__all__ = ["Finding", "MotionProof", "Program", "Rounding", "prove_motion"]
+
+#: Kinds of operations that have a row in the table of docs/proof.md.
+PROVEN = ("follow", "trace", "chamfer", "drill", "bore", "pocket", "fill")
+#: Added to every limit, mm: rounding of binary numbers, and of the points of an arc.
+_SLACK_MM = 1e-3
+
+
+class Program(NamedTuple):
+    """One text as it was read back, with the hints of the program.
+
+    body: instructions without comments.
+    lines: number of the line of each instruction in the text, from 1.
+    path: (M,) index of the path of each motion, -1 for no path.
+    origins: contours and operation of each path.
+    file: name of the text.
+    """
+
+    body: Sequence[Instruction]
+    lines: Sequence[int]
+    path: IntArray
+    origins: Sequence[Origin]
+    file: str
+
+
+class MotionProof(Struct, frozen=True):
+    """The result of the proof.
+
+    contours: number of contours that are worked as the job asks for.
+    length: their length, mm.
+    motions: number of motions that were examined.
+    joints: number of motions to or from joint values, of which only the outputs were examined.
+    findings: differences in order of line, each with the name of its file.
+    unproven: steps that were not examined, each with its reason.
+    """
+
+    contours: int
+    length: float
+    motions: int
+    joints: int
+    findings: tuple[tuple[str, Finding], ...]
+    unproven: tuple[str, ...]
+
+
+def prove_motion(
+    part: Part, job: Job, programs: Sequence[Program], notes: Sequence[Note], rounding: Rounding
+) -> MotionProof:
+    """Compares the motions of `programs` with the drawing of `part` and the settings of `job`.
+
+    notes: all notes of the build; a contour that a note names as skipped may be left out.
+    rounding: rounding of the numbers of the text.
+    """
+    if part.solid is not None or part.curves:
+        return _prove_space(part, job, programs, Named.of(notes), rounding)
+    drawing = lay_drawing(part, job)
+    context = _Context(drawing, Named.of(notes), rounding)
+    totals = _Count(drawing)
+    findings: list[tuple[str, Finding]] = []
+    unproven: list[str] = []
+    for task in make_tasks(drawing, job, bool(job.page.size)):
+        if (reason := _why_not(task, part)) != "":
+            unproven.append(f"{task.kind}: {reason}")
+            continue
+        differences = Findings()
+        # An operation runs in one program; if all its contours are left out, it runs in none.
+        runs = [program for program in programs if _has_task(program, task)] or programs[:1]
+        for program in runs:
+            _prove_task(task, program, context, totals, differences)
+        findings += [(runs[0].file, item) for item in differences.items]
+        unproven += differences.unproven
+    for program in programs if job.operations else ():
+        differences = _check_unowned(program, job, rounding)
+        findings += [(program.file, item) for item in differences.items]
+    findings.sort(key=lambda pair: (pair[1].line == 0, pair[1].line))
+    done = totals.done
+    return MotionProof(
+        contours=int(done.sum()),
+        length=float(drawing.length[done].sum()),
+        motions=totals.motions,
+        joints=totals.joints,
+        findings=tuple(findings),
+        unproven=tuple(dict.fromkeys(unproven)),
+    )
+
+
+def _prove_space(
+    part: Part, job: Job, programs: Sequence[Program], named: Named, rounding: Rounding
+) -> MotionProof:
+    """The proof for edges of a 3-D part, or for curves in space."""
+    from camgen.check.proof.space import (  # noqa: PLC0415 (only for these)
+        SpaceChecker,
+        select_lines,
+    )
+
+    findings = Findings()
+    signal = process_signal(job.process)
+    program = programs[0]
+    motions = tabulate(program.body, program.lines, program.path, signal)
+    distance = 0.0 if part.curves else job.operation.offset
+    limit = 2 * rounding.mm + _SLACK_MM + job.tolerance.chord + job.tolerance.arc_fit
+    lines = select_lines(part, job, findings)
+    checker = SpaceChecker(job, motions, distance, limit)
+    done = checker.check(lines, program.origins, findings)
+    for line in lines:
+        if line.id not in done and line.id not in named.skipped:
+            findings.miss(f"{line.id} is not worked, and no note says so")
+            break
+    unknown = np.isnan(motions.start[:, 0]) | np.isnan(motions.end[:, 0])
+    check_joint_motions(job, motions, unknown, findings)
+    return MotionProof(
+        contours=len(done),
+        length=float(sum(line.length for line in lines if line.id in done)),
+        motions=int((~unknown).sum()),
+        joints=int(unknown.sum()),
+        findings=tuple((program.file, item) for item in findings.items),
+        unproven=tuple(findings.unproven),
+    )
+
+
+class Named(NamedTuple):
+    """Ids of contours that notes are about.
+
+    skipped: ids in notes on contours that are left out.
+    all: ids in any note.
+    """
+
+    skipped: frozenset[str]
+    all: frozenset[str]
+
+    @classmethod
+    def of(cls, notes: Sequence[Note]) -> Named:
+        """The ids that `notes` name."""
+        skipped, listed = set[str](), set[str]()
+        for note in notes:
+            listed.update(note.ids)
+            if note.kind == "skipped":
+                skipped.update(note.ids)
+        return cls(frozenset(skipped), frozenset(listed))
+
+
+class _Context(NamedTuple):
+    """Values that all tasks share: the drawing, the ids in notes, the rounding of the text."""
+
+    drawing: Drawing
+    named: Named
+    rounding: Rounding
+
+
+class _Count:
+    """The contours that are worked, and the number of motions examined, over all tasks."""
+
+    def __init__(self, drawing: Drawing) -> None:
+        self.done = np.zeros(len(drawing.contours), np.bool_)
+        self.motions = 0
+        self.joints = 0
+
+
+def _number_of(origin: Origin) -> int:
+    """The operation of a path: the number before the colon of its id, -1 in a job with one."""
+    number, colon, _ = origin.id.partition(":")
+    return int(number) if colon and number.isdigit() else -1
+
+
+def _of_task(program: Program, task: Task) -> BoolArray:
+    """(P + 1,) which paths belong to a task; the last place stands for motions without a path."""
+    if task.number < 0:
+        return np.ones(len(program.origins) + 1, np.bool_)
+    numbers = np.array([_number_of(origin) for origin in program.origins], np.intp)
+    return np.append(numbers == task.number, False)
+
+
+def _has_task(program: Program, task: Task) -> bool:
+    return bool(_of_task(program, task)[program.path].any())
+
+
+def _prove_task(
+    task: Task, program: Program, context: _Context, totals: _Count, findings: Findings
+) -> None:
+    drawing = context.drawing
+    signal = process_signal(task.job.process)
+    motions = tabulate(program.body, program.lines, program.path, signal)
+    of_task = _of_task(program, task)[motions.path]
+    slack = 2 * context.rounding.mm + _SLACK_MM
+    phases = split_phases(motions, task.job.process, slack)
+    totals.motions += int((phases.known & of_task).sum())
+    unknown = ~phases.known & of_task
+    totals.joints += int(unknown.sum())
+    check_joint_motions(task.job, motions, unknown, findings)
+    subject = _Subject(task, context, program, motions, phases, of_task, slack)
+    rows = np.flatnonzero(phases.works & of_task)
+    check_outputs(task, motions, rows, findings)
+    check_orientation(task.job, motions, rows, findings)
+    done, contact = _PROVERS[task.kind](subject, findings)
+    check_travel(motions, _only(phases, of_task), signal, contact, findings)
+    for index in np.flatnonzero(task.worked & ~done).tolist():
+        contour = drawing.contours[index]
+        names = {contour.id, *contour.sources}
+        if (
+            names.isdisjoint(context.named.skipped)
+            and drawing.length[index] >= task.job.input.min_length
+        ):
+            findings.miss(f"contour {contour.id} is not worked, and no note says so")
+            break
+    totals.done |= done
+
+
+def _check_unowned(program: Program, job: Job, rounding: Rounding) -> Findings:
+    """Finds motions that belong to no path of a job with several operations, and work."""
+    findings = Findings()
+    motions = tabulate(program.body, program.lines, program.path, "")
+    lowest = min((step.process for step in job.operations), key=lambda process: process.clearance)
+    phases = split_phases(motions, lowest, 2 * rounding.mm + _SLACK_MM)
+    for row in np.flatnonzero(phases.works & (program.path < 0))[:1].tolist():
+        findings.add(motions, row, "works, and belongs to no path")
+    return findings
+
+
+def _why_not(task: Task, part: Part) -> str:
+    """Why the motions of a task are not proven, empty if they are."""
+    if task.kind not in PROVEN:
+        return "this operation has no proof"
+    if task.operation.planner == "image":
+        return "the image planner follows pixels, and not the contours"
+    if task.kind == "drill" and part.raster is not None:
+        return "marks and rings are found in the pixels of a picture"
+    return ""
+
+
+def _only(phases: Phases, rows: BoolArray) -> Phases:
+    return Phases(
+        phases.known & rows,
+        phases.upright & rows,
+        phases.works & rows,
+        phases.chain,
+        phases.first,
+        phases.last,
+    )
+
+
+class _Subject(NamedTuple):
+    """The motions of one task in one program, M in all."""
+
+    task: Task
+    context: _Context
+    program: Program
+    motions: Motions
+    phases: Phases
+    of_task: BoolArray
+    slack: float
+
+    @property
+    def drawing(self) -> Drawing:
+        """The contours of the part."""
+        return self.context.drawing
+
+    @property
+    def limit(self) -> float:
+        """Distance, mm, that a motion may have from its place in the drawing."""
+        return self.slack + self.drawing.slack
+
+    @property
+    def works(self) -> IntArray:
+        """The motions in contact."""
+        return np.flatnonzero(self.phases.works & self.of_task)
+
+
+_Result = tuple[BoolArray, BoolArray]
+
+
+def _prove_contours(subject: _Subject, findings: Findings) -> _Result:
+    task, drawing, motions = subject.task, subject.drawing, subject.motions
+    phases, rows = subject.phases, subject.works
+    if task.kind in BESIDE and task.operation.side not in ("left", "right"):
+        # An open contour has no outside: a note has to say that it is left out.
+        task = replace(task, worked=task.worked & drawing.closed)
+    if task.kept_clear.any():
+        suspects = task.kept_clear & _are_named(drawing, subject.context.named.all)
+        unclear = find_unclear(drawing.pieces, suspects, task.near)
+        task = replace(task, kept_clear=task.kept_clear & ~unclear, worked=task.worked & ~unclear)
+    subject = subject._replace(task=task)
+    lists = _hint(drawing, subject.program.origins)
+    checker = ContourChecker(task, drawing, motions, lists, subject.limit)
+    matched = checker.match(rows, findings)
+    levels = find_levels(task, motions, rows, subject.slack)
+    leads = checker.find_leads(matched, phases.chain[rows], levels >= 0)
+    strange = ~matched.follows & ~leads & ~matched.rounds
+    for index in np.flatnonzero(strange)[:1].tolist():
+        findings.add(motions, int(rows[index]), "works where nothing is drawn to be worked")
+    checker.check_direction(matched, levels >= 0, findings)
+    checker.check_clear(matched, findings)
+    check_feeds(task, drawing, motions, matched, subject.context.rounding, findings)
+    check_forces(task, motions, matched, findings)
+    check_heights(task, motions, rows, levels, subject.slack, findings)
+    done = _check_passes(subject, checker, matched, levels, findings)
+    return done, phases.works
+
+
+def _hint(drawing: Drawing, origins: Sequence[Origin]) -> Ragged:
+    """For each path the pieces of the drawing at which to look first."""
+    place = dict(zip(map(attrgetter("id"), drawing.contours), count(), strict=False))
+    names = list(map(attrgetter("contours"), origins))
+    path = np.repeat(np.arange(len(names)), list(map(len, names)))
+    flat = map(place.get, chain.from_iterable(names), repeat(-1))
+    contour = np.fromiter(flat, np.intp, len(path))
+    known = contour >= 0
+    return list_pieces(drawing.pieces, len(names), path[known], contour[known])
+
+
+def _are_named(drawing: Drawing, names: frozenset[str]) -> BoolArray:
+    """(C,) contours that are among `names`, by their ids or by those that they were made of."""
+    if not names:
+        return np.zeros(len(drawing.contours), np.bool_)
+    listed = [
+        contour.id in names or not names.isdisjoint(contour.sources) for contour in drawing.contours
+    ]
+    return np.array(listed, np.bool_)
+
+
+def _check_passes(
+    subject: _Subject,
+    checker: ContourChecker,
+    matched: Matched,
+    levels: IntArray,
+    findings: Findings,
+) -> BoolArray:
+    """(C,) contours that are covered at each depth; a finding for the first that is not."""
+    task, drawing, motions = subject.task, subject.drawing, subject.motions
+    owner = drawing.pieces.owner
+    done = task.worked.copy()
+    chain = subject.phases.chain[matched.rows]
+    raised = raised_levels(task, motions, matched.rows, chain)
+    over_tab = motions.end[matched.rows, 2] <= tab_top(task) + subject.slack
+    level = np.where((levels < 0) & over_tab, raised, levels)
+    place = np.searchsorted(matched.rows, matched.covered.motion)
+    touched = np.zeros(len(done), np.bool_)
+    touched[owner[matched.piece[matched.follows]]] = True
+    for number, depth in enumerate(task.depths):
+        last = number == len(task.depths) - 1
+        chosen = level[place] == number
+        if last:
+            distance = task.distances[-1]
+            chosen &= np.abs(matched.distance[place] - distance) < 1e-9
+        else:
+            distance = task.distances[0]
+        gaps = checker.find_uncovered(matched, np.flatnonzero(chosen), distance)
+        for index in range(len(gaps.piece)):
+            contour = drawing.contours[int(owner[gaps.piece[index]])]
+            done[owner[gaps.piece[index]]] = False
+            if not subject.context.named.skipped.isdisjoint({contour.id, *contour.sources}):
+                continue
+            if not touched[owner[gaps.piece[index]]]:
+                continue
+            x, y = _place_of_gap(subject, gaps.piece[index], gaps.low[index], gaps.high[index])
+            what = f"contour {contour.id} is not worked at {x:.3f} {y:.3f} mm, depth {depth:g} mm"
+            findings.miss(what)
+            return done
+    # A contour that no motion touches has gaps everywhere, or the tool fits nowhere.
+    return np.asarray(done & touched)
+
+
+def _place_of_gap(subject: _Subject, piece: int, low: float, high: float) -> tuple[float, float]:
+    from camgen.check.proof.pieces import points_along  # noqa: PLC0415 (only for a message)
+
+    share = np.array([(low + high) / 2])
+    point = points_along(subject.drawing.pieces, np.array([piece]), share)[0]
+    return float(point[0]), float(point[1])
+
+
+def _prove_drilled(subject: _Subject, findings: Findings) -> _Result:
+    upright = np.flatnonzero(subject.phases.upright & subject.of_task)
+    contact, done = check_drilled(
+        subject.task, subject.drawing, subject.motions, upright, subject.context.rounding, findings
+    )
+    for row in subject.works[:1].tolist():
+        findings.add(subject.motions, row, "moves across in a hole")
+    return _without_others(subject, done), contact
+
+
+def _prove_bored(subject: _Subject, findings: Findings) -> _Result:
+    done = check_bored(
+        subject.task, subject.drawing, subject.motions, subject.works, subject.limit, findings
+    )
+    return _without_others(subject, done), subject.phases.works
+
+
+def _without_others(subject: _Subject, done: BoolArray) -> BoolArray:
+    """Counts contours that are not a hole of the task as done: nothing is to be worked there."""
+    holes = select_holes(subject.task, subject.drawing)
+    wanted = np.zeros(len(done), np.bool_)
+    wanted[holes.contour] = True
+    return np.asarray(done | (subject.task.worked & ~wanted))
+
+
+def _prove_area(subject: _Subject, findings: Findings) -> _Result:
+    from camgen.check.proof.areas import AreaChecker, make_region  # noqa: PLC0415 (only for areas)
+
+    task, motions, rows = subject.task, subject.motions, subject.works
+    region = make_region(task, subject.drawing, subject.context.named.skipped)
+    checker = AreaChecker(task, subject.drawing, region, motions, subject.limit)
+    checker.check_inside(rows, findings)
+    levels = find_levels(task, motions, rows, subject.slack)
+    check_heights(task, motions, rows, levels, subject.slack, findings)
+    last = len(task.depths) - 1
+    for number in range(len(task.depths)):
+        at_level = rows[levels == number]
+        if not len(at_level):
+            findings.miss(f"no motion at the depth of pass {number + 1}")
+            continue
+        left = task.operation.finish if number < last else 0.0
+        checker.check_covered(at_level, left, findings)
+    return task.worked & subject.drawing.closed, subject.phases.works
+
+
+_Prover = Callable[[_Subject, Findings], _Result]
+_PROVERS: dict[str, _Prover] = {
+    "follow": _prove_contours,
+    "trace": _prove_contours,
+    "chamfer": _prove_contours,
+    "drill": _prove_drilled,
+    "bore": _prove_bored,
+    "pocket": _prove_area,
+    "fill": _prove_area,
+}

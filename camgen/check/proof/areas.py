@@ -1,0 +1,112 @@
+"""Areas that are cleared or filled: inside their walls, and covered."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import shapely
+
+from camgen.check.proof.findings import Findings
+from camgen.check.proof.matching import PieceTree
+from camgen.check.proof.motions import Motions
+from camgen.check.proof.nesting import flatten
+from camgen.check.proof.pieces import IntArray
+from camgen.check.proof.tasks import Drawing, Task
+from camgen.model.pose import FloatArray
+
+#: The area is examined at about this number of places on a grid.
+_PLACES = 4_000
+#: A place that is nearer to the border of what the tool can reach, mm, is not examined.
+_BORDER_MM = 0.03
+#: Share of the places of a filled area that has to be covered (docs/fill.md).
+_FILLED = 0.98
+
+
+def make_region(task: Task, drawing: Drawing, skipped: frozenset[str]) -> Any:
+    """The area between walls and islands, by the even-odd rule, as a shapely geometry.
+
+    skipped: ids of contours that a note leaves out.
+    """
+    region = shapely.Polygon()
+    owner = drawing.pieces.owner
+    for index in np.flatnonzero(task.worked & drawing.closed).tolist():
+        if drawing.contours[index].id in skipped:
+            continue
+        ring = flatten(drawing.pieces.take(owner == index))
+        if len(ring) > 3:
+            area = shapely.make_valid(shapely.polygons(shapely.linearrings(ring)))
+            region = shapely.symmetric_difference(region, area)
+    return region
+
+
+class AreaChecker:
+    """Examines the motions of one task that clear or fill an area.
+
+    region: the area, see `make_region`.
+    limit: distance, mm, that a motion may have from its place in the drawing.
+    """
+
+    def __init__(
+        self, task: Task, drawing: Drawing, region: Any, motions: Motions, limit: float
+    ) -> None:
+        self.task, self.drawing, self.region = task, drawing, region
+        self.motions, self.limit = motions, limit
+        self._radius = task.job.tool.diameter / 2
+        shapely.prepare(region)
+
+    def check_inside(self, rows: IntArray, findings: Findings) -> None:
+        """Finds motions that leave the area, or come nearer to a wall than the tool's radius."""
+        plane, fills = self.motions.plane, self.task.kind == "fill"
+        points = np.concatenate([plane.start[rows], plane.middle[rows], plane.end[rows]])
+        room = 0.0 if fills else self._radius - self.limit
+        inside = shapely.contains_xy(self.region, points[:, 0], points[:, 1])
+        worked = self.task.worked[self.drawing.pieces.owner]
+        walls = PieceTree(self.drawing.pieces, np.flatnonzero(worked))
+        distance = walls.find(points, room + 2 * self.limit).distance
+        # A track thinner than the tool is filled along its middle, so a fill may touch its border.
+        outside = ~inside & (distance > self.limit if fills else True)
+        near = inside & (distance < room)
+        for index in np.flatnonzero(outside)[:1].tolist():
+            findings.add(self.motions, int(rows[index % len(rows)]), "leaves the area")
+        for index in np.flatnonzero(near)[:1].tolist():
+            what = "comes nearer to a wall than the tool's radius"
+            findings.add(self.motions, int(rows[index % len(rows)]), what)
+
+    def check_covered(self, rows: IntArray, left: float, findings: Findings) -> None:
+        """Finds places of the area that the tool can reach, and that no motion of `rows` clears.
+
+        left: material that is left at the walls, mm.
+        """
+        points = _grid_in(self.region)
+        if not len(points):
+            return
+        reach = self._radius + self.limit
+        bare = ~np.isfinite(PieceTree(self.motions.plane, rows).find(points, reach).distance)
+        if self.task.kind == "fill":
+            share = 1 - bare.mean()
+            if share < _FILLED:
+                findings.miss(f"only {100 * share:.1f} % of the area is filled")
+            return
+        reachable = shapely.buffer(self.region, -(reach + left), quad_segs=64)
+        places = points[bare]
+        if not len(places) or shapely.is_empty(reachable):
+            return
+        near = shapely.distance(shapely.points(places), reachable) < self._radius - _BORDER_MM
+        for x, y in places[near][:1].tolist():
+            what = f"the area is not cleared at {x:.3f} {y:.3f} mm, which the tool can reach"
+            findings.miss(what)
+
+
+def _grid_in(region: Any) -> FloatArray:
+    """(N, 2) places on a grid in the region."""
+    if shapely.is_empty(region):
+        return np.zeros((0, 2))
+    low_x, low_y, high_x, high_y = shapely.bounds(region).tolist()
+    step = max(np.sqrt(shapely.area(region) / _PLACES), 1e-3)
+    # Off round numbers, on which drawings have their walls.
+    x = np.arange(low_x + 0.381966 * step, high_x, step)
+    y = np.arange(low_y + 0.381966 * step, high_y, step)
+    grid = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    shapely.prepare(region)
+    return np.asarray(grid[shapely.contains_xy(region, grid[:, 0], grid[:, 1])])

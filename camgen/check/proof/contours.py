@@ -1,0 +1,327 @@
+"""Contours that are followed, traced or chamfered: each motion beside them, each of them covered.
+
+A motion is examined at its two ends and half-way. Two lines or arcs that agree at three places are
+the same within the tolerance, and a chord leaves its arc most half-way. A contour is examined along
+every stretch that no motion runs along.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from msgspec import Struct
+
+from camgen.check.proof.findings import Findings
+from camgen.check.proof.matching import (
+    Covered,
+    Nearest,
+    PieceTree,
+    Ragged,
+    cover,
+    find_gaps,
+    find_nearest,
+    join_ranges,
+    measure_ends,
+)
+from camgen.check.proof.motions import Motions
+from camgen.check.proof.nesting import contour_boxes
+from camgen.check.proof.pieces import (
+    BoolArray,
+    IntArray,
+    normals_along,
+    points_along,
+)
+from camgen.check.proof.tasks import Drawing, Task
+from camgen.model.pose import FloatArray
+
+#: A lead, or a link at working height, may be nearer to a contour than a path, mm: it is planned
+#: with this slack (docs/follow.md).
+_CLEAR_SLACK_MM = 0.006
+#: A stretch of a contour that is shorter, mm, is not examined on its own.
+_LEAST_GAP_MM = 0.05
+#: A place is within reach if the tool is nearer to a wall there by at most this share of the limit:
+#: beyond a shallow corner a place is a few times as far from the path as it is too near to the wall.
+_REACH_SHARE = 0.25
+#: Samples of a gap: step in mm, minimum and maximum number.
+_GAP_STEP_MM, _LEAST_SAMPLES, _MOST_SAMPLES = 1.0, 3, 64
+#: From this number of pieces near to the box of a contour on, each piece is tested alone.
+_MANY_PIECES = 256
+#: Places along a lead that are examined.
+_LEAD_SHARES = np.linspace(0.1, 0.9, 5)
+
+
+class Matched(Struct, frozen=True, eq=False):
+    """The motions of a task beside the drawing, W of them.
+
+    rows: (W,) their indices.
+    piece: (W,) the piece of the drawing that is nearest half-way.
+    distance: (W,) the distance at which a motion should run, mm; the nearest of the task's.
+    side: (W,) side of the piece on which it runs half-way: 1 left, -1 right, 0 beside an end.
+    follows: (W,) whether it runs at that distance, at both ends and half-way.
+    rounds: (W,) whether it may be the rounding of an inner corner, farther from the contour.
+    covered: the stretches of the drawing along which motions run.
+    """
+
+    rows: IntArray
+    piece: IntArray
+    distance: FloatArray
+    side: FloatArray
+    follows: BoolArray
+    rounds: BoolArray
+    covered: Covered
+
+
+class ContourChecker:
+    """Examines the motions of one task that run along contours.
+
+    limit: distance, mm, that a motion may have from its place in the drawing.
+    """
+
+    def __init__(
+        self, task: Task, drawing: Drawing, motions: Motions, lists: Ragged, limit: float
+    ) -> None:
+        self.task, self.drawing, self.motions = task, drawing, motions
+        self.lists, self.limit = lists, limit
+        self.pieces = drawing.pieces
+        owner = self.pieces.owner
+        self._tree_rows = np.flatnonzero((task.worked | task.kept_clear)[owner])
+        self._tree: PieceTree | None = None
+
+    # -- motions beside the drawing
+
+    def match(self, rows: IntArray, findings: Findings) -> Matched:
+        """Assigns the motions `rows` to pieces, with a finding for a motion on a wrong side."""
+        plane, size = self.motions.plane, len(rows)
+        points = np.concatenate([plane.middle[rows], plane.end[rows], plane.start[rows]])
+        path = self.motions.path[rows]
+        nearest = find_nearest(points[:size], path, self.pieces, self.lists)
+        # The ends are beside the same piece, as a rule.
+        nearest = measure_ends(points, nearest, self.pieces)
+        wanted = np.array(self.task.distances)
+        off = self._deviation(nearest, wanted)
+        lost = np.flatnonzero(off > self.limit)
+        if len(lost):
+            again = find_nearest(points[lost], np.tile(path, 3)[lost], self.pieces, self.lists)
+            nearest.put(lost, again)
+            lost = lost[self._deviation(again, wanted) > self.limit]
+        if len(lost):
+            reach = float(wanted.max()) + self.task.operation.corner_radius + self.limit
+            nearest.put(lost, self._all_pieces().find(points[lost], reach))
+        off = self._deviation(nearest, wanted)
+        follows = np.all((off <= self.limit).reshape(3, size), axis=0)
+        rounds = np.all(self._may_round(nearest, wanted).reshape(3, size), axis=0) & ~follows
+        piece, side = nearest.piece[:size], nearest.side[:size]
+        middle = nearest.distance[:size, None]
+        distance = wanted[np.abs(middle - wanted).argmin(axis=1)]
+        self._check_side(rows, piece, side, follows, findings)
+        along = np.flatnonzero(follows & (piece >= 0) & ((side != 0) | (distance == 0)))
+        covered = cover(plane, rows[along], piece[along], self.pieces)
+        return Matched(rows, piece, distance, side, follows, rounds, covered)
+
+    def _deviation(self, nearest: Nearest, wanted: FloatArray) -> FloatArray:
+        return np.asarray(np.abs(nearest.distance[:, None] - wanted).min(axis=1))
+
+    def _may_round(self, nearest: Nearest, wanted: FloatArray) -> BoolArray:
+        """Whether points are beside a rounded inner corner: farther by at most its radius."""
+        radius = self.task.operation.corner_radius
+        if not radius:
+            return np.zeros(len(nearest.distance), np.bool_)
+        beyond = nearest.distance - wanted.min()
+        return np.asarray((beyond >= -self.limit) & (beyond <= radius + self.limit))
+
+    def _all_pieces(self) -> PieceTree:
+        if self._tree is None:
+            self._tree = PieceTree(self.pieces, self._tree_rows)
+        return self._tree
+
+    def _check_side(
+        self,
+        rows: IntArray,
+        piece: IntArray,
+        side: FloatArray,
+        follows: BoolArray,
+        findings: Findings,
+    ) -> None:
+        contour = self.pieces.owner[piece]
+        expected = self.task.tool_side[contour]
+        wrong = follows & (piece >= 0) & (side * expected < 0)
+        for index in np.flatnonzero(wrong)[:1].tolist():
+            name = self.drawing.contours[int(contour[index])].id
+            what = f"runs on the wrong side of contour {name}"
+            findings.add(self.motions, int(rows[index]), what)
+
+    def check_direction(self, matched: Matched, level: BoolArray, findings: Findings) -> None:
+        """Finds motions against `operation.direction`. Climb: the part is on the right.
+
+        level: (W,) whether a motion runs at the depth of a pass, and not on a slope.
+        """
+        direction = self.task.operation.direction
+        covered = matched.covered
+        if direction == "any" or self.task.kind == "trace" or not len(covered.piece):
+            return
+        left = self.task.tool_side[self.pieces.owner[covered.piece]] > 0
+        climbs = covered.forward == left
+        wrong = climbs != (direction == "climb")
+        # A motion of no length has no direction, and a ramp may go back and forth.
+        wrong &= covered.high > covered.low
+        wrong &= level[np.searchsorted(matched.rows, covered.motion)]
+        for index in np.flatnonzero(wrong)[:1].tolist():
+            contour = self.drawing.contours[int(self.pieces.owner[covered.piece[index]])].id
+            what = f"runs along contour {contour} against operation.direction"
+            findings.add(self.motions, int(covered.motion[index]), what)
+
+    # -- motions that lead to a contour
+
+    def find_leads(self, matched: Matched, chain: IntArray, level: BoolArray) -> BoolArray:
+        """(W,) motions that lead to a contour or from it, or link two, and keep clear of all.
+
+        chain: (W,) number of the run of motions to which each belongs.
+        level: (W,) whether a motion runs at the depth of a pass, and not on a slope.
+        """
+        operation, process = self.task.operation, self.task.job.process
+        free = ~matched.follows
+        begins, ends = _stretch_of(chain, matched.follows & level)
+        place = np.arange(len(chain))
+        before, after = free & (place < begins[chain]), free & (place > ends[chain])
+        allowed = np.zeros(len(chain), np.bool_)
+        length = np.where(level, self.motions.plane.length[matched.rows], 0.0)
+        for candidates, wanted in ((before, operation.lead_in), (after, operation.lead_out)):
+            total = np.bincount(
+                chain[candidates], length[candidates], int(chain.max(initial=-1)) + 1
+            )
+            allowed |= candidates & (wanted > 0) & (total[chain] <= wanted + self.limit)
+        if process.stay_down:
+            allowed |= free & (self.motions.plane.turn[matched.rows] == 0)
+        chosen = np.flatnonzero(allowed)
+        if len(chosen) and self.task.kind in ("follow", "chamfer"):
+            points = self._points_on(matched.rows[chosen])
+            distance = self._all_pieces().find(points, max(self.task.distances)).distance
+            least = min(self.task.distances) - _CLEAR_SLACK_MM - self.limit
+            near = (distance.reshape(len(_LEAD_SHARES), -1) < least).any(axis=0)
+            allowed[chosen[near]] = False
+        return allowed
+
+    def _points_on(self, rows: IntArray) -> FloatArray:
+        shares = np.repeat(_LEAD_SHARES, len(rows))
+        return points_along(self.motions.plane, np.tile(rows, len(_LEAD_SHARES)), shares)
+
+    def check_clear(self, matched: Matched, findings: Findings) -> None:
+        """Finds motions that come nearer to another contour than the tool may."""
+        task = self.task
+        if not task.kept_clear.any() or not len(task.near):
+            return
+        lists = self._near_pieces()
+        contour = self.pieces.owner[matched.piece]
+        rows = np.flatnonzero(matched.follows & (lists.count[contour] > 0))
+        if not len(rows):
+            return
+        plane = self.motions.plane
+        points = np.concatenate([plane.middle[matched.rows[rows]], plane.end[matched.rows[rows]]])
+        nearest = find_nearest(points, np.tile(contour[rows], 2), self.pieces, lists)
+        near = nearest.distance.reshape(2, -1).min(axis=0) < min(task.distances) - self.limit
+        for index in np.flatnonzero(near)[:1].tolist():
+            other = nearest.piece.reshape(2, -1)[:, index]
+            name = self.drawing.contours[int(self.pieces.owner[other.max()])].id
+            what = f"comes nearer to contour {name} than the tool's radius"
+            findings.add(self.motions, int(matched.rows[rows[index]]), what)
+
+    def _near_pieces(self) -> Ragged:
+        """Pieces of other contours that are near to the box of each contour."""
+        task, count = self.task, len(self.drawing.contours)
+        reach = max(task.distances)
+        pairs = task.near[task.worked[task.near[:, 0]] & task.kept_clear[task.near[:, 1]]]
+        owner = self.pieces.owner
+        first = np.searchsorted(owner, np.arange(count + 1))
+        size = first[pairs[:, 1] + 1] - first[pairs[:, 1]]
+        piece = join_ranges(first[pairs[:, 1]], size)
+        contour = np.repeat(pairs[:, 0], size)
+        # The tool's centre runs in the box of its contour, widened by the distance.
+        box = contour_boxes(self.pieces, count)[contour] + np.array([-1, -1, 1, 1]) * 2 * reach
+        other = self.pieces.boxes[piece]
+        meet = np.all(other[:, :2] <= box[:, 2:], axis=1)
+        meet &= np.all(other[:, 2:] >= box[:, :2], axis=1)
+        meet[meet] = self._are_beside(contour[meet], piece[meet], 2 * reach)
+        order = np.argsort(contour[meet], kind="stable")
+        counts = np.bincount(contour[meet], minlength=count)
+        return Ragged(piece[meet][order], np.cumsum(counts) - counts, counts.astype(np.intp))
+
+    def _are_beside(self, contour: IntArray, piece: IntArray, reach: float) -> BoolArray:
+        """(N,) whether a piece is near to any piece of a contour, and not only to its box.
+
+        That is examined for contours around many others; all pieces of small ones stay.
+        """
+        kept = np.ones(len(piece), np.bool_)
+        boxes = self.pieces.boxes
+        counts = np.bincount(contour)
+        for index in np.flatnonzero(counts > _MANY_PIECES).tolist():
+            rows = np.flatnonzero(contour == index)
+            others = boxes[piece[rows]] + np.array([-1, -1, 1, 1]) * reach
+            near = np.zeros(len(rows), np.bool_)
+            for box in boxes[self.pieces.owner == index]:
+                near |= (others[:, :2] <= box[2:]).all(axis=1) & (others[:, 2:] >= box[:2]).all(
+                    axis=1
+                )
+            kept[rows] = near
+        return kept
+
+    # -- the drawing beside the motions
+
+    def find_uncovered(self, matched: Matched, rows: IntArray, distance: float) -> Covered:
+        """Stretches of the contours that could be worked on and are not.
+
+        rows: indices into `matched.covered` of the motions of one depth.
+        distance: distance of the tool's centre from the contour, mm.
+        """
+        covered = matched.covered.take(rows)
+        length = self.pieces.length
+        slack = np.minimum(_LEAST_GAP_MM / np.maximum(length, 1e-9), 1.0)
+        whole = (covered.low <= slack[covered.piece]) & (covered.high >= 1 - slack[covered.piece])
+        done = np.zeros(len(self.pieces), np.bool_)
+        done[covered.piece[whole]] = True
+        wanted = np.flatnonzero(self.task.worked[self.pieces.owner] & ~done)
+        gaps = find_gaps(covered.take(~done[covered.piece]), wanted, slack)
+        if not len(gaps.piece):
+            return gaps
+        return gaps.take(self._is_reachable(gaps, matched.rows, distance))
+
+    def _is_reachable(self, gaps: Covered, rows: IntArray, distance: float) -> BoolArray:
+        """(G,) whether the tool's centre could run beside a stretch, and no motion does."""
+        size = (gaps.high - gaps.low) * self.pieces.length[gaps.piece]
+        count = np.clip(np.ceil(size / _GAP_STEP_MM), _LEAST_SAMPLES, _MOST_SAMPLES).astype(np.intp)
+        gap = np.repeat(np.arange(len(count)), count)
+        place = join_ranges(np.zeros(len(count), np.intp), count) + 0.5
+        share = gaps.low[gap] + (gaps.high - gaps.low)[gap] * place / count[gap]
+        piece = gaps.piece[gap]
+        contour = self.pieces.owner[piece]
+        points = points_along(self.pieces, piece, share)
+        normal = normals_along(self.pieces, piece, share) * self.task.tool_side[contour][:, None]
+        open_ = np.ones(len(points), np.bool_)
+        if distance:
+            # With rounded inner corners the path is where a larger circle still fits.
+            room = distance + self.task.operation.corner_radius
+            wall_distance = self._distance_to_walls(points + room * normal, contour, room)
+            open_ = wall_distance >= room - _REACH_SHARE * self.limit
+        centre = points + distance * normal
+        chosen = np.flatnonzero(open_)
+        if len(chosen):
+            plane = self.motions.plane
+            reach = PieceTree(plane, rows).find(centre[chosen], self.limit).distance
+            open_[chosen[reach <= self.limit]] = False
+        return np.bincount(gap[open_], minlength=len(count)) > 0
+
+    def _distance_to_walls(self, points: FloatArray, contour: IntArray, reach: float) -> FloatArray:
+        """(N,) distance of points from what the tool keeps clear of, up to `reach` mm."""
+        if self.task.kept_clear.any():
+            return self._all_pieces().find(points, reach).distance
+        first = np.searchsorted(self.pieces.owner, np.arange(len(self.drawing.contours) + 1))
+        lists = Ragged(np.arange(len(self.pieces)), first[:-1], np.diff(first))
+        return find_nearest(points, contour, self.pieces, lists).distance
+
+
+def _stretch_of(chain: IntArray, chosen: BoolArray) -> tuple[IntArray, IntArray]:
+    """Per chain the places of its first and its last motion in the mask `chosen` (W,)."""
+    count = int(chain.max(initial=-1)) + 1
+    first, last = np.full(count, len(chain)), np.full(count, -1)
+    place = np.flatnonzero(chosen)
+    np.minimum.at(first, chain[place], place)
+    np.maximum.at(last, chain[place], place)
+    return first, last

@@ -1,0 +1,50 @@
+"""Differences between the drawing and the motions of a text, and steps that are not proven."""
+
+from __future__ import annotations
+
+import math
+
+from msgspec import Struct, field
+
+from camgen.check.proof.motions import Motions
+from camgen.model.text import short
+
+
+class Finding(Struct, frozen=True):
+    """One difference.
+
+    line: number of the line in the text, 0 for a difference that has no line.
+    text: the sentence.
+    """
+
+    line: int
+    text: str
+
+
+class Findings(Struct):
+    """The differences of one text, and the steps that could not be proven.
+
+    items: differences in the order in which they were found.
+    unproven: steps that were not examined, each with its reason.
+    """
+
+    items: list[Finding] = field(default_factory=list)
+    unproven: list[str] = field(default_factory=list)
+
+    def add(self, motions: Motions, row: int, what: str) -> None:
+        """Adds a difference of the motion `row`, with its line and the place where it ends."""
+        place = [float(value) for value in motions.end[row]]
+        where = ""
+        if all(map(math.isfinite, place)):
+            where = f", ends at {' '.join(short(value, 3) for value in place)} mm"
+        self.items.append(Finding(int(motions.line[row]), f"the motion {what}{where}"))
+
+    def miss(self, what: str) -> None:
+        """Adds a difference without a motion: something is missing in the text."""
+        self.items.append(Finding(0, what))
+
+    def leave(self, what: str, why: str) -> None:
+        """Adds a step that is not proven, with its reason."""
+        text = f"{what}: {why}"
+        if text not in self.unproven:
+            self.unproven.append(text)

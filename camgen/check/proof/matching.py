@@ -1,0 +1,208 @@
+"""Which piece of the drawing each motion runs along, and which parts of the drawing are covered.
+
+The path of a motion says at which contours to look first, so that a drawing of a hundred thousand
+contours needs no search. A place that is not right beside these is looked up among all pieces, by a
+tree of their boxes.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import shapely
+from msgspec import Struct
+
+from camgen.check.proof.pieces import (
+    BoolArray,
+    IntArray,
+    Pieces,
+    find_feet,
+    find_shares,
+)
+from camgen.model.pose import FloatArray
+
+#: A path with more pairs of a point and a piece uses the tree.
+_MOST_PAIRS = 1_000_000
+#: Pairs that are measured at a time, so that they stay in the cache of the processor.
+_BLOCK = 32_768
+
+
+class Nearest(Struct, frozen=True, eq=False):
+    """The nearest pieces of N points.
+
+    distance: (N,) mm, infinite if there are no pieces.
+    piece: (N,) index of the piece, -1 if there are no pieces.
+    side: (N,) 1 if the point is on its left, -1 on its right, 0 beside one of its ends.
+    """
+
+    distance: FloatArray
+    piece: IntArray
+    side: FloatArray
+
+    def put(self, rows: IntArray, others: Nearest) -> None:
+        """Replaces the entries at `rows`; changes this value."""
+        for name in self.__struct_fields__:
+            getattr(self, name)[rows] = getattr(others, name)
+
+
+class Ragged(Struct, frozen=True, eq=False):
+    """Lists of piece indices, one list per path.
+
+    rows: (L,) all lists, one after the other.
+    first: (P,) place in `rows` at which each list begins.
+    count: (P,) length of each list.
+    """
+
+    rows: IntArray
+    first: IntArray
+    count: IntArray
+
+
+def list_pieces(pieces: Pieces, paths: int, path: IntArray, contour: IntArray) -> Ragged:
+    """For each of `paths` paths the pieces of its contours.
+
+    path, contour: (L,) pairs of a path and the index of a contour, in order of path.
+    """
+    low, high = (np.searchsorted(pieces.owner, contour, side) for side in ("left", "right"))
+    rows = join_ranges(low, high - low)
+    count = np.bincount(path, high - low, paths).astype(np.intp)
+    return Ragged(rows, np.cumsum(count) - count, count)
+
+
+def join_ranges(first: IntArray, count: IntArray) -> IntArray:
+    """The whole numbers from `first` on, `count` of them, of each range, one after the other."""
+    total = np.cumsum(count)
+    size = int(total[-1]) if len(total) else 0
+    return np.arange(size) + np.repeat(first - total + count, count)
+
+
+def find_nearest(points: FloatArray, path: IntArray, pieces: Pieces, lists: Ragged) -> Nearest:
+    """The nearest piece of each of `points` (N, 2) among those of its `path` (N,)."""
+    nearest = Nearest(
+        np.full(len(points), np.inf),
+        np.full(len(points), -1, np.intp),
+        np.zeros(len(points)),
+    )
+    count = np.where(path >= 0, lists.count[path], 0) if len(lists.count) else 0 * path
+    often = np.bincount(np.maximum(path, 0), minlength=max(len(lists.count), 1))
+    small = (count > 0) & (often[np.maximum(path, 0)] * count <= _MOST_PAIRS)
+    chosen = np.flatnonzero(small)
+    total = np.cumsum(count[chosen])
+    blocks = np.searchsorted(total, np.arange(0, count[chosen].sum(), _BLOCK), "right")
+    for low, high in pairwise([*blocks.tolist(), len(chosen)]):
+        if low < high:
+            rows = chosen[low:high]
+            nearest.put(rows, _nearest_of(points, rows, path, pieces, lists))
+    return nearest
+
+
+def _nearest_of(
+    points: FloatArray, rows: IntArray, path: IntArray, pieces: Pieces, lists: Ragged
+) -> Nearest:
+    count = lists.count[path[rows]]
+    piece = lists.rows[join_ranges(lists.first[path[rows]], count)]
+    return _nearest_pairs(points, np.repeat(rows, count), piece, pieces, np.cumsum(count) - count)
+
+
+def _nearest_pairs(
+    points: FloatArray, row: IntArray, piece: IntArray, pieces: Pieces, first: IntArray
+) -> Nearest:
+    """The nearest piece of each run of pairs (`row`, `piece`); `first` is where the runs begin."""
+    feet = find_feet(points[row], pieces, piece)
+    least = np.minimum.reduceat(feet.distance, first)
+    size = np.diff(np.append(first, len(row)))
+    hits = np.flatnonzero(feet.distance == np.repeat(least, size))
+    run = np.repeat(np.arange(len(first)), size)[hits]
+    best = hits[np.append(True, run[1:] != run[:-1])]
+    return Nearest(least, piece[best], feet.side[best])
+
+
+def measure_ends(points: FloatArray, middles: Nearest, pieces: Pieces) -> Nearest:
+    """Measures the ends of motions beside the piece that is nearest half-way.
+
+    points: (3 N, 2) middles, ends and starts of N motions.
+    middles: nearest pieces of the N middles.
+    """
+    count = len(middles.piece)
+    piece = np.tile(middles.piece, 2)
+    feet = find_feet(points[count:], pieces, np.maximum(piece, 0))
+    distance = np.where(piece >= 0, feet.distance, np.inf)
+    return Nearest(
+        np.concatenate([middles.distance, distance]),
+        np.concatenate([middles.piece, piece]),
+        np.concatenate([middles.side, feet.side]),
+    )
+
+
+class PieceTree:
+    """Pieces that are looked up by place."""
+
+    def __init__(self, pieces: Pieces, rows: IntArray) -> None:
+        self._pieces, self._rows = pieces, rows
+        self._tree = shapely.STRtree(shapely.box(*pieces.take(rows).boxes.T))
+
+    def find(self, points: FloatArray, distance: float) -> Nearest:
+        """The nearest piece of each of `points` (N, 2), if it is within `distance` mm."""
+        nearest = Nearest(
+            np.full(len(points), np.inf),
+            np.full(len(points), -1, np.intp),
+            np.zeros(len(points)),
+        )
+        for low in range(0, len(points), 50_000):
+            part = shapely.points(points[low : low + 50_000])
+            row, piece = self._tree.query(part, predicate="dwithin", distance=distance)
+            if not len(row):
+                continue
+            first = np.flatnonzero(np.append(True, row[1:] != row[:-1]))
+            rows = row + low
+            hits = _nearest_pairs(points, rows, self._rows[piece], self._pieces, first)
+            nearest.put(rows[first], hits)
+        return nearest
+
+
+class Covered(Struct, frozen=True, eq=False):
+    """Stretches of pieces along which motions run.
+
+    piece: (N,) index of the piece.
+    low, high: (N,) shares of its length, 0 to 1.
+    forward: (N,) whether the motion runs in the direction of the piece.
+    motion: (N,) index of the motion.
+    """
+
+    piece: IntArray
+    low: FloatArray
+    high: FloatArray
+    forward: BoolArray
+    motion: IntArray
+
+    def take(self, rows: IntArray | BoolArray) -> Covered:
+        """The stretches at the indices or in the mask `rows`."""
+        return Covered(*(getattr(self, name)[rows] for name in self.__struct_fields__))
+
+
+def cover(motions: Pieces, rows: IntArray, piece: IntArray, pieces: Pieces) -> Covered:
+    """The stretch of `piece` (N,) along which each of the motions `rows` (N,) runs."""
+    begin = find_shares(motions.start[rows], pieces, piece)
+    end = find_shares(motions.end[rows], pieces, piece)
+    low, high = np.minimum(begin, end), np.maximum(begin, end)
+    return Covered(piece, np.clip(low, 0, 1), np.clip(high, 0, 1), begin <= end, rows)
+
+
+def find_gaps(covered: Covered, wanted: IntArray, slack: FloatArray) -> Covered:
+    """The stretches of the pieces `wanted` that nothing of `covered` runs along.
+
+    slack: (K,) share of the length of each piece that is not worth a gap.
+    """
+    names = np.concatenate([covered.piece, wanted, wanted])
+    low = np.concatenate([covered.low, np.zeros(len(wanted)), np.ones(len(wanted))])
+    high = np.concatenate([covered.high, np.zeros(len(wanted)), np.ones(len(wanted))])
+    order = np.lexsort((high, low, names))
+    names, low, high = names[order], low[order], high[order]
+    # The end of the covered part so far of each piece: the sum keeps the pieces apart.
+    reach = np.maximum.accumulate(high + 2.0 * names) - 2.0 * names
+    begins, ends = reach[:-1], low[1:]
+    gap = (names[1:] == names[:-1]) & (ends - begins > slack[names[1:]])
+    rows = np.flatnonzero(gap)
+    forward = np.ones(len(rows), np.bool_)
+    return Covered(names[rows], begins[rows], ends[rows], forward, np.full(len(rows), -1))

@@ -1,0 +1,150 @@
+"""Which closed contours lie in which others, and which come near to each other."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import shapely
+from msgspec import Struct
+
+from camgen.check.proof.pieces import BoolArray, IntArray, Pieces, points_along
+from camgen.model.pose import FloatArray
+
+#: Sagitta of the chords that stand for arcs where inside and outside are decided, mm.
+_CHORD_MM = 1e-3
+#: Places of a contour, as shares of its pieces, at which it is decided whether it lies inside.
+_PROBES = (0.0, 0.5)
+
+
+class Nesting(Struct, frozen=True, eq=False):
+    """Contours of a drawing in relation to each other.
+
+    depth: (C,) number of closed contours around each contour.
+    near: (N, 2) pairs of contours whose bounding boxes are within the distance that was asked for,
+        each pair twice.
+    inside_left: (C,) whether the inside of a closed contour is on the left of its direction.
+    """
+
+    depth: IntArray
+    near: IntArray
+    inside_left: BoolArray
+
+
+def nest(pieces: Pieces, closed: BoolArray, distance: float) -> Nesting:
+    """The nesting of contours, and the pairs that come nearer than `distance` mm.
+
+    pieces: lines and arcs of all contours.
+    closed: (C,) whether each contour is closed.
+    """
+    count = len(closed)
+    boxes = contour_boxes(pieces, count)
+    # A diagonal has the bounding box that the tree looks at, and is made faster than a polygon.
+    wide = boxes + np.array([-1, -1, 1, 1]) * distance
+    diagonals = shapely.linestrings(wide[np.isfinite(boxes[:, 0])].reshape(-1, 2, 2))
+    names = np.flatnonzero(np.isfinite(boxes[:, 0]))
+    pairs = names[shapely.STRtree(diagonals).query(diagonals).T]
+    pairs = pairs[pairs[:, 0] != pairs[:, 1]]
+    inner, outer = boxes[pairs[:, 0]], boxes[pairs[:, 1]]
+    around = (inner[:, :2] >= outer[:, :2]).all(axis=1) & (inner[:, 2:] <= outer[:, 2:]).all(axis=1)
+    around &= closed[pairs[:, 1]]
+    enclosed = _select_enclosed(pieces, pairs[around])
+    depth = np.bincount(enclosed[:, 0], minlength=count)
+    return Nesting(depth, pairs, _areas(pieces, count) > 0)
+
+
+def contour_boxes(pieces: Pieces, count: int) -> FloatArray:
+    """(C, 4) bounding boxes of contours: minimum x and y, maximum x and y."""
+    boxes = np.tile([np.inf, np.inf, -np.inf, -np.inf], (count, 1))
+    if len(pieces):
+        first = _first_rows(pieces.owner)
+        names = pieces.owner[first]
+        boxes[names, :2] = np.minimum.reduceat(pieces.boxes[:, :2], first)
+        boxes[names, 2:] = np.maximum.reduceat(pieces.boxes[:, 2:], first)
+    return boxes
+
+
+def _first_rows(owner: IntArray) -> IntArray:
+    return np.flatnonzero(np.append(True, owner[1:] != owner[:-1]))
+
+
+def _areas(pieces: Pieces, count: int) -> FloatArray:
+    """(C,) enclosed areas, mm2, positive if the contour runs counter-clockwise."""
+    start, end = pieces.start, pieces.end
+    origin = start[_first_rows(pieces.owner)] if len(pieces) else start
+    sizes = np.bincount(pieces.owner, minlength=count)
+    origin = np.repeat(origin, sizes[sizes > 0], axis=0)
+    a, b = start - origin, end - origin
+    area = (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) / 2
+    arc = pieces.turn != 0
+    half, radius = pieces.half[arc], pieces.radius[arc]
+    segment = radius**2 * (half - np.sin(half) * np.cos(half))
+    area[arc] += segment * pieces.turn[arc]
+    return np.bincount(pieces.owner, area, count).astype(np.float64)
+
+
+def _select_enclosed(pieces: Pieces, pairs: IntArray) -> IntArray:
+    """The pairs of which the first contour lies inside the second."""
+    kept = [np.zeros((0, 2), np.intp)]
+    by_owner = pieces.owner
+    low, high = (np.searchsorted(by_owner, pairs[:, 0], side) for side in ("left", "right"))
+    for outer in np.unique(pairs[:, 1]).tolist():
+        rows = np.flatnonzero(pairs[:, 1] == outer)
+        ring = flatten(pieces.take(by_owner == outer))
+        if len(ring) < 3:
+            continue
+        area = shapely.polygons(shapely.linearrings(ring))
+        inside = _is_inside(area, pieces.middle, low[rows], high[rows])
+        kept.append(pairs[rows[inside]])
+    return np.concatenate(kept)
+
+
+def find_unclear(pieces: Pieces, chosen: BoolArray, near: IntArray) -> BoolArray:
+    """(C,) contours in the mask `chosen` without a clear inside: they cross themselves or others.
+
+    near: (N, 2) pairs of contours that may cross.
+    """
+    unclear = np.zeros(len(chosen), np.bool_)
+    areas = {}
+    for index in np.flatnonzero(chosen).tolist():
+        ring = flatten(pieces.take(pieces.owner == index))
+        area = shapely.polygons(shapely.linearrings(ring)) if len(ring) > 3 else shapely.Point()
+        thin = shapely.area(area) <= 1e-6 * shapely.length(area)
+        unclear[index] = thin or not shapely.is_valid(area)
+        areas[index] = shapely.make_valid(area)
+    pairs = near[chosen[near].all(axis=1)] if len(near) else near
+    for first, second in pairs.tolist():
+        common = shapely.area(shapely.intersection(areas[first], areas[second]))
+        least = min(shapely.area(areas[first]), shapely.area(areas[second]))
+        slack = _CHORD_MM * min(shapely.length(areas[first]), shapely.length(areas[second]))
+        if common > slack and least - common > slack:
+            unclear[first] = unclear[second] = True
+    return unclear
+
+
+def _is_inside(area: Any, places: FloatArray, low: IntArray, high: IntArray) -> BoolArray:
+    """(N,) whether contours lie inside `area`. low, high: (N,) range of each one's `places`."""
+    shapely.prepare(area)
+    votes = np.zeros(len(low), np.intp)
+    for share in _PROBES:
+        probe = places[low + (share * (high - low)).astype(np.intp)]
+        votes += shapely.contains_xy(area, probe[:, 0], probe[:, 1])
+    inside = votes == len(_PROBES)
+    # Where they differ, some of the places touch the border: the one farthest from it decides.
+    for index in np.flatnonzero((votes > 0) & ~inside).tolist():
+        points = shapely.points(places[low[index] : high[index]])
+        best = points[np.argmax(shapely.distance(points, area.exterior))]
+        inside[index] = shapely.contains_properly(area, best)
+    return np.asarray(inside)
+
+
+def flatten(pieces: Pieces) -> FloatArray:
+    """(N, 2) the points of one chain of pieces, arcs as chords that leave them by `_CHORD_MM`."""
+    step = np.full(len(pieces), np.inf)
+    arc = pieces.turn != 0
+    step[arc] = 2 * np.arccos(np.clip(1 - _CHORD_MM / pieces.radius[arc], -1.0, 1.0))
+    counts = np.maximum(np.ceil(2 * pieces.half / np.maximum(step, 1e-3)), 1).astype(np.intp)
+    rows = np.repeat(np.arange(len(pieces)), counts)
+    place = np.arange(len(rows)) - np.repeat(np.cumsum(counts) - counts, counts)
+    points = points_along(pieces, rows, place / counts[rows])
+    return np.concatenate([points, pieces.end[-1:]])

@@ -1,0 +1,190 @@
+"""Feed, force, tool axis and outputs of the motions that work, as the job asks for them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from camgen.check.proof.contours import Matched
+from camgen.check.proof.findings import Findings
+from camgen.check.proof.motions import Motions, Rounding
+from camgen.check.proof.pieces import BoolArray, IntArray
+from camgen.check.proof.tasks import Drawing, Task
+from camgen.model.job import Job, ProcessTable
+from camgen.model.pose import FloatArray
+
+#: The tool's centre is never slower than this share of the feed (docs/follow.md).
+_SLOWEST = 0.02
+#: From this turn on, an outer corner is rolled about without a force (docs/follow.md).
+_SHARP = math.radians(15.0)
+#: A feed may differ by this share: a text gives it with a few digits.
+_FEED_SHARE = 1e-3
+#: The orientation and the direction of a force may differ by this angle, rad.
+_ANGLE = 1e-3
+
+
+def process_signal(process: ProcessTable) -> str:
+    """Name of the output that is on along a path, or ""."""
+    if process.signal == "auto":
+        return "" if process.spindle > 0 else "process"
+    return process.signal
+
+
+def plunge_speed(process: ProcessTable) -> float:
+    """Speed of going down to the contact, mm/s."""
+    return process.plunge or process.feed / 3
+
+
+def check_outputs(task: Task, motions: Motions, rows: IntArray, findings: Findings) -> None:
+    """Finds motions that work with the process output off, or at another spindle speed."""
+    process = task.job.process
+    signal = process_signal(process)
+    if signal:
+        off = rows[~motions.on[rows]]
+        for row in off[:1].tolist():
+            findings.add(motions, row, f"works with output {signal} off")
+    if process.spindle > 0:
+        turning = np.abs(motions.spindle[rows] - process.spindle) <= 1e-3 * process.spindle
+        switched = (motions.spindle[rows] == 1.0) & ~turning
+        if switched.any():
+            findings.leave("spindle speed", "the text only switches the spindle on and off")
+            turning |= switched
+        for row in rows[~turning][:1].tolist():
+            what = f"works at {motions.spindle[row]:g} rpm, process.spindle is {process.spindle:g}"
+            findings.add(motions, row, what)
+
+
+def is_switched_in_air(job: Job) -> bool:
+    """Whether the process output is switched above the part, and not in contact with it."""
+    if job.process.switch == "auto":
+        return bool(job.operation.depth or job.process.force)
+    return job.process.switch == "air"
+
+
+def check_joint_motions(job: Job, motions: Motions, unknown: BoolArray, findings: Findings) -> None:
+    """Finds motions to or from joint values, `unknown` (M,), that press or have the process on.
+
+    Their way is not known from the text. Reach and collision of the arm are proven elsewhere.
+    """
+    works = motions.force > 0
+    if not is_switched_in_air(job):
+        works = works | motions.on
+    for row in np.flatnonzero(unknown & works)[:1].tolist():
+        findings.add(motions, row, "goes to joint values with the process on")
+
+
+def check_orientation(job: Job, motions: Motions, rows: IntArray, findings: Findings) -> None:
+    """Finds motions whose tool axis is not straight down, or whose tool is turned."""
+    down = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]])
+    wrong = np.zeros(len(motions.axes) + 1, np.bool_)
+    turns = job.tool.orient == "follow" or job.tool.symmetric or job.tool.turn is not None
+    for index, rotation in enumerate(motions.axes):
+        off = rotation[:, 2] - down[:, 2] if turns else rotation - down
+        wrong[index] = float(np.abs(off).max()) > _ANGLE
+    for row in rows[wrong[motions.rotation[rows]]][:1].tolist():
+        what = "works with the tool not straight down"
+        findings.add(motions, row, what if turns else f"{what}, or turned about its axis")
+
+
+def check_feeds(
+    task: Task,
+    drawing: Drawing,
+    motions: Motions,
+    matched: Matched,
+    rounding: Rounding,
+    findings: Findings,
+) -> None:
+    """Finds motions along a contour at another feed than the job asks for."""
+    process = task.job.process
+    rows = matched.rows[matched.follows]
+    low, high = np.ones(len(rows)), np.ones(len(rows))
+    if task.kind in ("follow", "chamfer"):
+        low, high = _contact_factors(drawing, motions, matched, task.job, rounding.mm)
+    speed = motions.speed[rows]
+    slack = rounding.speed + _FEED_SHARE * process.feed
+    off = (speed < process.feed * low - slack) | (speed > process.feed * high + slack)
+    slope = np.abs(motions.end[rows, 2] - motions.start[rows, 2]) > 1e-4
+    off &= ~(slope & (speed <= process.feed + slack))
+    if task.operation.entry != "plunge" or task.operation.tabs or process.force:
+        slow = min(plunge_speed(process), process.feed)
+        off &= ~(np.abs(speed - slow) <= slack)
+    if task.operation.corner_radius:
+        # The rounding of a shallow inner corner follows the contour too, at the plain feed.
+        off &= ~(np.abs(speed - process.feed) <= slack)
+    for index in np.flatnonzero(off)[:1].tolist():
+        wanted = process.feed * np.clip(speed[index] / process.feed, low[index], high[index])
+        what = f"has a feed of {speed[index]:.4g} mm/s, the job asks for {wanted:.4g}"
+        findings.add(motions, int(rows[index]), what)
+
+
+def _contact_factors(
+    drawing: Drawing, motions: Motions, matched: Matched, job: Job, digit: float
+) -> tuple[FloatArray, FloatArray]:
+    """Speed of the tool's centre per speed of the contact: lowest and highest, (F,) each.
+
+    The tool's centre runs on an arc of radius R', the contact on one of radius R: the factor is
+    R' / R (PIST, eq. 11). Around an outer corner R is 0, and the factor is the largest allowed.
+    digit: rounding of a coordinate of the text, mm.
+    """
+    largest = job.process.max_feed_factor
+    rows = matched.rows[matched.follows]
+    piece, side = matched.piece[matched.follows], matched.side[matched.follows]
+    distance = matched.distance[matched.follows]
+    plane, arc = motions.plane, motions.plane.turn[rows] != 0
+    contact = drawing.pieces.radius[piece]
+    # The inside of a counter-clockwise arc is on its left.
+    bend = drawing.pieces.turn[piece] * side
+    factor = np.ones(len(rows))
+    drawn = bend != 0
+    factor[drawn] = 1 - bend[drawn] * distance[drawn] / contact[drawn]
+    factor[arc & (side == 0)] = largest
+    slack = np.zeros(len(rows))
+    # An arc beside short lines stands for an arc that was drawn by them.
+    fitted = np.flatnonzero(arc & ~drawn & (side != 0))
+    radius = plane.radius[rows[fitted]]
+    outside = _is_outside(drawing, motions, rows[fitted], piece[fitted])
+    shift = np.where(outside, -distance[fitted], distance[fitted])
+    factor[fitted] = radius / np.maximum(radius + shift, 1e-9)
+    sagitta = radius * (1 - np.cos(plane.half[rows[fitted]]))
+    slack[fitted] = factor[fitted] * 8 * digit / np.maximum(sagitta, digit)
+    low, high = factor - slack, factor + slack
+    # A short line may stand for a chord of an arc that was drawn by short lines.
+    chord = ~arc & ~drawn & _is_short(motions, rows, job)
+    low[chord], high[chord] = _SLOWEST, largest
+    return np.clip(low, _SLOWEST, largest), np.clip(high, _SLOWEST, largest)
+
+
+def _is_outside(drawing: Drawing, motions: Motions, rows: IntArray, piece: IntArray) -> BoolArray:
+    """Whether an arc of the tool's centre lies farther from its own centre than the piece."""
+    to_piece = drawing.pieces.middle[piece] - motions.plane.centre[rows]
+    return np.asarray((to_piece**2).sum(axis=1) < motions.plane.radius[rows] ** 2)
+
+
+def _is_short(motions: Motions, rows: IntArray, job: Job) -> BoolArray:
+    """Whether a line is no longer than a chord of the largest arc that a job would replace."""
+    longest = math.sqrt(8 * job.tolerance.chord * 1e3)
+    return np.asarray(motions.plane.length[rows] <= longest)
+
+
+def check_forces(task: Task, motions: Motions, matched: Matched, findings: Findings) -> None:
+    """Finds motions that press with another force, or in another direction, than they should."""
+    rows = matched.rows[matched.follows]
+    newtons = task.job.process.force
+    if newtons and "force" in task.job.post and not motions.force.any():
+        option = task.job.post["force"]
+        findings.leave("force", f'post.force = "{option}", no motion of the text has a force')
+        return
+    wanted = np.full(len(rows), newtons)
+    force = motions.force[rows]
+    if task.kind == "follow":
+        rolls = matched.side[matched.follows] == 0
+        wanted[rolls & (2 * motions.plane.half[rows] > _SHARP)] = 0.0
+        # The text may divide a sharp corner into arcs or chords that each turn by less.
+        wanted[rolls & (force == 0)] = 0.0
+    off = np.abs(force - wanted) > 0.01 + 1e-3 * newtons
+    if task.operation.corner_radius:
+        off &= force != 0
+    for index in np.flatnonzero(off)[:1].tolist():
+        what = f"presses with {force[index]:g} N, the job asks for {wanted[index]:g} N"
+        findings.add(motions, int(rows[index]), what)

@@ -1,0 +1,162 @@
+"""Edges of 3-D parts and curves in space: the TCP runs along them at the distance of the job.
+
+An edge or a curve becomes a dense chain of points. So does each motion of its path. Both are
+compared by the distance of the points of one from the chain of the other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from camgen.check.proof.findings import Findings
+from camgen.check.proof.motions import Motions
+from camgen.check.proof.pieces import BoolArray, IntArray
+from camgen.check.proof.process import process_signal
+from camgen.model.job import Job
+from camgen.model.part import Line, Part
+from camgen.model.pose import FloatArray
+from camgen.model.program import Origin
+
+#: Points along a line and along an arc, whose chords leave it by 1/3,200 of its radius at most.
+_LINE_POINTS, _ARC_POINTS = 9, 65
+#: A stretch of an edge that is shorter, mm, may be left out at its ends.
+_END_SLACK_MM = 0.05
+
+
+def select_lines(part: Part, job: Job, findings: Findings) -> list[Line]:
+    """The curves of `part`, or the edges that `input.select` names."""
+    if part.solid is None or part.curves:
+        return list(part.curves)
+    edges = part.solid.edges
+    select = job.input.select.strip()
+    if select == "all":
+        return list(edges)
+    names = {name.strip() for name in select.split(",")}
+    listed = [edge for edge in edges if edge.id in names]
+    if len(listed) == len(names):
+        return list(listed)
+    if select != "convex":
+        findings.leave("which edges are worked", f'input.select = "{select}" is not read again')
+        return []
+    return [edge for edge in edges if edge.convex]
+
+
+class SpaceChecker:
+    """Examines the motions along edges or curves.
+
+    distance: distance of the TCP from the edge, mm.
+    limit: distance, mm, that a motion may have from its place.
+    """
+
+    def __init__(self, job: Job, motions: Motions, distance: float, limit: float) -> None:
+        self.job, self.motions = job, motions
+        self.distance, self.limit = distance, limit
+        self.follows = np.zeros(len(motions), np.bool_)
+
+    def check(
+        self, lines: Sequence[Line], origins: Sequence[Origin], findings: Findings
+    ) -> list[str]:
+        """Checks all edges or curves; returns the ids of those that are worked."""
+        paths: dict[str, list[int]] = {}
+        for index, origin in enumerate(origins):
+            for name in origin.contours:
+                paths.setdefault(name, []).append(index)
+        done = []
+        for line in lines:
+            rows = np.flatnonzero(np.isin(self.motions.path, paths.get(line.id, [])))
+            if len(rows) and self._check_line(line, rows, findings):
+                done.append(line.id)
+        self._check_rest(findings)
+        return done
+
+    def _check_line(self, line: Line, rows: IntArray, findings: Findings) -> bool:
+        chain = chain_of(line.points, _vias(line))
+        motions = self.motions
+        bare = np.full(len(chain), np.inf)
+        for row in rows.tolist():
+            points = arc_points(motions.start[row], motions.via[row], motions.end[row])
+            if not np.isfinite(points).all():
+                continue
+            off = np.abs(distances(points, chain) - self.distance)
+            if (off <= self.limit).all():
+                self.follows[row] = True
+                bare = np.minimum(bare, distances(chain, points))
+        if not self.follows[rows].any():
+            findings.miss(f"no motion runs along {line.id}")
+            return False
+        uncovered = bare > self.distance + self.limit
+        if self._is_trimmed(chain, uncovered):
+            return True
+        x, y, z = chain[int(np.flatnonzero(uncovered)[0])].tolist()
+        findings.miss(f"{line.id} is not worked at {x:.3f} {y:.3f} {z:.3f} mm")
+        return False
+
+    def _is_trimmed(self, chain: FloatArray, bare: BoolArray) -> bool:
+        """Whether only the ends of an edge are left out, no more than `operation.trim` of each."""
+        steps = np.sqrt((np.diff(chain, axis=0) ** 2).sum(axis=1))
+        along = np.append(0.0, np.cumsum(steps))
+        trim = self.job.operation.trim + _END_SLACK_MM
+        inner = (along > trim) & (along < along[-1] - trim)
+        return not bool((bare & inner).any())
+
+    def _check_rest(self, findings: Findings) -> None:
+        """Finds motions that press, or have the process on, away from all edges."""
+        motions, process = self.motions, self.job.process
+        stray = (motions.force > 0) & ~self.follows
+        for row in np.flatnonzero(stray)[:1].tolist():
+            findings.add(motions, row, "presses where nothing is to be worked")
+        fastest = process.feed * process.max_feed_factor * (1 + 1e-3)
+        fast = self.follows & (motions.speed > fastest)
+        for row in np.flatnonzero(fast)[:1].tolist():
+            what = f"has a feed of {motions.speed[row]:.4g} mm/s, the job allows {fastest:.4g}"
+            findings.add(motions, row, what)
+        signal = process_signal(process)
+        off = self.follows & ~motions.on
+        for row in np.flatnonzero(off)[: int(bool(signal))].tolist():
+            findings.add(motions, row, f"works with output {signal} off")
+
+
+def _vias(line: Line) -> FloatArray:
+    """(N - 1, 3) points half-way along the spans of an edge or a curve."""
+    middles = getattr(line, "middles", None)
+    return np.asarray(line.via if middles is None else middles)
+
+
+def chain_of(points: FloatArray, vias: FloatArray) -> FloatArray:
+    """(M, 3) dense points along spans from `points` (N, 3) through `vias` (N - 1, 3)."""
+    parts = []
+    for start, via, end in zip(points[:-1], vias, points[1:], strict=True):
+        parts.append(arc_points(start, via, end))
+    return np.concatenate(parts)
+
+
+def arc_points(start: FloatArray, via: FloatArray, end: FloatArray) -> FloatArray:
+    """(M, 3) points from `start` through `via` to `end`: on a circle, or on a line."""
+    chord, arm = end - start, via - start
+    normal = np.cross(arm, chord)
+    size = float(normal @ normal)
+    if not size > 1e-14 * float(chord @ chord) ** 2:
+        return np.asarray(start + np.linspace(0.0, 1.0, _LINE_POINTS)[:, None] * chord)
+    level = float(arm @ arm) * chord - float(chord @ chord) * arm
+    to_centre = np.cross(level, normal) / (2 * size)
+    x_axis = -to_centre
+    y_axis = np.cross(normal / np.sqrt(size), x_axis)
+    to_end = chord - to_centre
+    angle = np.arctan2(float(to_end @ y_axis), float(to_end @ x_axis)) % (2 * np.pi)
+    turned = np.linspace(0.0, angle, _ARC_POINTS)[:, None]
+    return np.asarray(start + to_centre + np.cos(turned) * x_axis + np.sin(turned) * y_axis)
+
+
+def distances(points: FloatArray, chain: FloatArray) -> FloatArray:
+    """(N,) distance of `points` (N, 3) from the chain of lines through `chain` (M, 3)."""
+    start, along = chain[:-1], np.diff(chain, axis=0)
+    size = (along**2).sum(axis=1) + 1e-300
+    nearest = np.full(len(points), np.inf)
+    for low in range(0, len(points), 512):
+        part = points[low : low + 512, None, :] - start
+        share = np.clip((part * along).sum(axis=2) / size, 0.0, 1.0)
+        off = part - share[:, :, None] * along
+        nearest[low : low + 512] = np.sqrt((off**2).sum(axis=2).min(axis=1))
+    return nearest

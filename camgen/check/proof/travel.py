@@ -1,0 +1,73 @@
+"""Motions between paths: up and down at the ends of a path, across at the clearance height."""
+
+from __future__ import annotations
+
+import numpy as np
+from msgspec import Struct
+
+from camgen.check.proof.findings import Findings
+from camgen.check.proof.motions import Motions
+from camgen.check.proof.pieces import BoolArray, IntArray
+from camgen.model.job import ProcessTable
+
+
+class Phases(Struct, frozen=True, eq=False):
+    """The purpose of each of M motions.
+
+    known: (M,) whether both ends have positions.
+    upright: (M,) the TCP moves up or down, or only turns.
+    works: (M,) the TCP moves across, in contact: below the clearance height or with the process on.
+    chain: (M,) number of the run of working motions, -1 for the others.
+    first, last: (M,) whether a motion begins or ends its chain.
+    """
+
+    known: BoolArray
+    upright: BoolArray
+    works: BoolArray
+    chain: IntArray
+    first: BoolArray
+    last: BoolArray
+
+
+def split_phases(motions: Motions, process: ProcessTable, height_slack: float) -> Phases:
+    """The phases of the motions of one text.
+
+    height_slack: deviation of a height, mm.
+    """
+    known = ~np.isnan(motions.start[:, 0]) & ~np.isnan(motions.end[:, 0])
+    upright = known & motions.upright
+    high = np.minimum(motions.start[:, 2], motions.end[:, 2]) >= process.clearance - height_slack
+    if process.clearance <= height_slack:
+        # The tool marks without touching: only its output shows whether it works.
+        high &= ~motions.on
+    works = known & ~upright & ~high
+    before = np.append(False, works[:-1]) & np.append(False, motions.path[1:] == motions.path[:-1])
+    first = works & ~before
+    after = np.append(before[1:], False)
+    chain = np.where(works, np.cumsum(first) - 1, -1)
+    return Phases(known, upright, works, chain, first, works & ~after)
+
+
+def check_travel(
+    motions: Motions, phases: Phases, signal: str, contact: BoolArray, findings: Findings
+) -> None:
+    """Finds travel with the process on, and plunges where no path begins or ends.
+
+    contact: (M,) motions that reach the part: paths, and holes.
+    """
+    across = phases.known & ~phases.upright & ~phases.works
+    for row in np.flatnonzero(across & motions.on)[:1].tolist():
+        findings.add(motions, row, f"travels with output {signal} on")
+    low = phases.upright & (motions.end[:, 2] < motions.start[:, 2])
+    lost = low & ~_touches(phases.upright, contact)
+    for row in np.flatnonzero(lost)[:1].tolist():
+        findings.add(motions, row, "goes down where nothing is to be worked")
+
+
+def _touches(upright: BoolArray, contact: BoolArray) -> BoolArray:
+    """(M,) whether a run of upright motions is next to a motion in contact, or holds one."""
+    either = upright | contact
+    begins = either & ~np.append(False, either[:-1])
+    run = np.cumsum(begins)
+    touched = np.bincount(run[contact & either], minlength=int(run[-1]) + 1 if len(run) else 1) > 0
+    return np.asarray(either & touched[run])
