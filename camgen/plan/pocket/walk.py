@@ -58,6 +58,9 @@ _MOST_PLACES = 64
 _LEANS = (2.0, 1.4, 1.0)
 #: Links that are looked at together.
 _AT_ONCE = 16
+#: Digits of a length in mm. Lengths that agree in them are equal, and their order in the array
+#: decides, not the last bit of a sine, which differs between processors.
+_EQUAL_DIGITS = 6
 #: A piece with no more room than this, mm, is entered on its ring.
 _NO_ROOM = 0.01
 
@@ -217,7 +220,8 @@ def _cut(
         if walk is None:
             walk = _enter(piece, left, first)
             continue
-        for k in np.argsort([nearest(chain, walk.end)[1] for chain in left]).tolist():
+        gaps_to_chains = np.array([nearest(chain, walk.end)[1] for chain in left])
+        for k in _shortest_first(gaps_to_chains).tolist():
             if _reach(walk, left[k], room, step):
                 left.pop(k)
                 break
@@ -237,14 +241,15 @@ def _enter(piece: Piece, left: list[Segments], first: float) -> _Open:
         room = float(np.hypot(*(edge - middle)))
         if room > _NO_ROOM:
             at = [nearest(chain, middle) for chain in left]
-            k = int(np.argmin([gap for _, gap in at]))
+            k = int(_shortest_first(np.array([gap for _, gap in at]))[0])
             walk = _Open(piece.pocket, piece.distance - first + room)
             ring = begun_at(left.pop(k), at[k][0])
             walk.parts.append(straight(middle, ring.start[:1]))
             walk.add(ring, True)
             return walk
     walk = _Open(piece.pocket, piece.distance - first)
-    walk.add(left.pop(int(np.argmax([chain.length.sum() for chain in left]))), piece.ring)
+    lengths = np.array([chain.length.sum() for chain in left])
+    walk.add(left.pop(int(_shortest_first(-lengths)[0])), piece.ring)
     return walk
 
 
@@ -277,7 +282,7 @@ def _reach(walk: _Open, chain: Segments, room: _Room, step: float) -> bool:
         around = places(chain, total / _TRIES)[0][:-1]
         ends = locate(chain, around)
         links = straight(walk.end, ends)
-        order = np.argsort(links.length, kind="stable")
+        order = _shortest_first(links.length)
         good = around[order[_first_free(links.take(order), room)]]
         if not len(good):
             good = around[_go_round(walk, ends, room)]
@@ -296,7 +301,7 @@ def _reach_gently(
     near = foot + room.lean * np.linspace(-1, 1, _TRIES)
     around = np.concatenate([near % total, places(chain, total / _TRIES)[0][:-1]])
     links = straight(walk.end, locate(chain, around))
-    order = np.argsort(links.length, kind="stable")
+    order = _shortest_first(links.length)
     good = order[_first_free(links.take(order), replace(room, most=_CLEAR))]
     if len(good):
         return links.take(good), float(around[good[0]])
@@ -343,14 +348,14 @@ def _go_round(walk: _Open, ends: FloatArray, room: _Room) -> IntArray:
         # A stretch beside the ring was run since; back to it first.
         back = np.concatenate([[start], off])
         lines = straight(walk.end, locate(ring, back))
-        order = np.argsort(lines.length, kind="stable")
+        order = _shortest_first(lines.length)
         free = order[_first_free(lines.take(order), room)]
         if not len(free):
             return np.zeros(0, dtype=np.int64)
         start = float(back[free[0]])
     gaps_between = np.hypot(*np.moveaxis(points[:, None] - ends[None], 2, 0))
     one, two = np.unravel_index(
-        np.argsort(gaps_between, axis=None)[: 2 * _TRIES], gaps_between.shape
+        _shortest_first(gaps_between.ravel())[: 2 * _TRIES], gaps_between.shape
     )
     free = _first_free(_lines(points[one], ends[two]), room)
     if len(free):
@@ -362,6 +367,11 @@ def _go_round(walk: _Open, ends: FloatArray, room: _Room) -> IntArray:
 def _lines(starts: FloatArray, ends: FloatArray) -> Segments:
     lines = straight(np.zeros(2), ends)
     return Segments(starts, lines.end, lines.bulge, lines.centre, lines.radius, lines.owner)
+
+
+def _shortest_first(lengths: FloatArray) -> IntArray:
+    """The rows (N,) of ``lengths`` (N,), mm, in rising order; equal ones as they stand."""
+    return np.argsort(np.round(lengths, _EQUAL_DIGITS), kind="stable")
 
 
 def _first_free(links: Segments, room: _Room) -> IntArray:
