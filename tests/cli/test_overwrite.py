@@ -14,6 +14,7 @@ from camgen.batch.writing import write_all
 from camgen.cli import main
 from camgen.cli.stop import Stopped, Terminated, signals_as_interrupts
 from camgen.post import Post
+from tests.support.waiting import LONG
 
 PLATE = "0\nSECTION\n2\nENTITIES\n0\nCIRCLE\n8\n0\n10\n50\n20\n25\n40\n10\n0\nENDSEC\n0\nEOF\n"
 CUBE = "".join(
@@ -238,14 +239,14 @@ def test_sigterm_ends_a_batch_with_its_builders(here: Path) -> None:
         words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True
     ) as batch:
         state = here / "out" / "camgen-batch.jsonl"
-        until = time.monotonic() + 60
+        until = time.monotonic() + LONG
         while not state.exists() and batch.poll() is None and time.monotonic() < until:
             time.sleep(0.01)
         batch.terminate()
-        _, told = batch.communicate(timeout=60)
+        _, told = batch.communicate(timeout=LONG)
         assert batch.returncode == 143, told
         assert b"ended by SIGTERM: " in told
-    until = time.monotonic() + 10
+    until = time.monotonic() + LONG
     while group_lives(batch.pid) and time.monotonic() < until:
         time.sleep(0.05)
     assert not group_lives(batch.pid)

@@ -1,16 +1,18 @@
 """Whatever stands in a text, the run of it ends soon and says what is wrong; nothing is raised."""
 
 import random
-import time
+from collections.abc import Callable
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from bench.read.productions import read_forms
+from camgen.model.limits import Limits
 from camgen.read.pacscript.language import LANGUAGE
 from camgen.read.programs import Ask, Executed
 from tests.read.pacscript.test_run import MAIN, NAMES, OTHER, PAC
+from tests.support.steps import CALLS_OF_A_STEP, assert_linear, count_calls
 
 _WORDS = """
     Sub Main End If Then Else For i = 1 To 3 Step Next Do While Loop Until Select Case Move P , @P L C ( ) [ ] P1 IO
@@ -19,8 +21,13 @@ _WORDS = """
 WORDS = st.sampled_from([*_WORDS.split(), "\n"])
 
 
-def run(text: str) -> Executed:
-    found = LANGUAGE.run({"part.pcs": text}, Ask())
+#: Statements that a loop may run in these tests: enough to be far above the lines of a text.
+STEPS = 20_000
+DEFAULT = Limits()
+
+
+def run(text: str, limits: Limits = DEFAULT) -> Executed:
+    found = LANGUAGE.run({"part.pcs": text}, Ask(limits=limits))
     LANGUAGE.recognise(text)
     assert len(found.body) == len(found.lines)
     assert len(found.frame) in (0, len(found.body))
@@ -82,47 +89,51 @@ def test_lines_left_out_doubled_and_damaged(text: str) -> None:
         run("\n".join(some))
 
 
-LONG = {
-    "faulty": "Sub Main\n" + "Moove (L, +* ]\n" * 20_000 + "End Sub\n",
-    "open blocks": "Sub Main\n" + "If a Then\n" * 20_000 + "End Sub\n",
-    "labels": "Sub Main\n"
-    + "".join(f"l{k}: GoTo l{k + 1}\n" for k in range(20_000))
-    + "l20000:\nEnd Sub\n",
-    "procedures": "".join(f"Sub a{k}\nCall a{k + 1}\nEnd Sub\n" for k in range(10_000))
-    + "Sub Main\nCall a0\nEnd Sub\n",
-    "macros": "".join(f"#Define A{k} A{k + 1}\n" for k in range(20_000))
-    + "Sub Main\nx = A0\nEnd Sub\n",
-    "a long line": "Sub Main\nx = " + "1 + " * 100_000 + "1\nEnd Sub\n",
-    "a statement of many lines": "Sub Main\n" + "x = 1 + _\n" * 50_000 + "\nEnd Sub\n",
-    "many statements of a line": "Sub Main\n" + "x=1:" * 50_000 + "\nEnd Sub\n",
-    "brackets": "Sub Main\nx = " + "(" * 100_000 + "\nEnd Sub\n",
-    "outputs": "Sub Main\nTakeArm\n" + "Move P, @P P(1, 2, 3)\nSet IO[1]\n" * 20_000 + "End Sub\n",
-    "loops": "Sub Main\n"
-    + "For i = 1 To 1000000\n" * 3
-    + "x = x + 1\n"
-    + "Next\n" * 3
-    + "End Sub\n",
-    "texts": 'Sub Main\ns = "a"\nFor i = 1 To 1000\ns = s & s\nNext\nEnd Sub\n',
+LONG: dict[str, Callable[[int], str]] = {
+    "faulty": lambda count: "Moove (L, +* ]\n" * count,
+    "open blocks": lambda count: "If a Then\n" * count,
+    "labels": lambda count: (
+        "".join(f"l{k}: GoTo l{k + 1}\n" for k in range(count)) + f"l{count}:\n"
+    ),
+    "procedures": lambda count: "".join(f"Call a{k}\nEnd Sub\nSub a{k}\n" for k in range(1, count)),
+    "macros": lambda count: "".join(f"#Define A{k} A{k + 1}\n" for k in range(count)) + "x = A0\n",
+    "a long line": lambda count: "x = " + "1 + " * count + "1\n",
+    "a statement of many lines": lambda count: "x = 1 + _\n" * count + "\n",
+    "many statements of a line": lambda count: "x=1:" * count + "\n",
+    "brackets": lambda count: "x = " + "(" * count + "\n",
+    "outputs": lambda count: "TakeArm\n" + "Move P, @P P(1, 2, 3)\nSet IO[1]\n" * count,
 }
 
 
 @pytest.mark.parametrize("name", LONG)
-def test_long_texts_take_seconds(name: str) -> None:
-    began = time.process_time()
-    run(LONG[name])
-    assert time.process_time() - began < 10
+def test_each_line_of_a_long_text_costs_the_same(name: str) -> None:
+    assert_linear(lambda count: run(f"Sub Main\n{LONG[name](count)}End Sub\n"), 4000)
 
 
-def test_a_megabyte_is_run_in_seconds() -> None:
-    lines = [
-        f"    ppp = P( {k * 0.01:.2f}, {k % 9}, 400, 180, 0, {k % 180}, -1 )\n"
-        f"    Move L, @P Dev(ppp, P({k % 5}, 2, 3)), S = 20 ' go\n"
-        f"    If IO[{k % 100}] = On Then\n        Delay 100\n    End If\n    Set IO[{k % 20 + 100}]\n"
-        for k in range(6000)
-    ]
-    text = "Sub Main\n    TakeArm\n    Dim ppp As Position\n" + "".join(lines) + "End Sub\n"
-    assert len(text) > 900_000
-    began = time.process_time()
-    found = run(text)
-    assert sum(type(item).__name__ == "MoveL" for item in found.body) == 6000
-    assert time.process_time() - began < 10
+@pytest.mark.parametrize(
+    "loops",
+    [
+        "For i = 1 To 1000000\n" * 3 + "x = x + 1\n" + "Next\n" * 3,
+        's = "a"\nFor i = 1 To 1000\ns = s & s\nNext\n',
+    ],
+)
+def test_loops_end_at_the_limit_of_steps(loops: str) -> None:
+    limits = Limits(pacscript_steps=STEPS)
+    calls = count_calls(lambda: run(f"Sub Main\n{loops}End Sub\n", limits))
+    assert calls < CALLS_OF_A_STEP * STEPS
+
+
+def test_each_line_of_a_long_program_costs_the_same() -> None:
+    def execute(count: int) -> None:
+        lines = [
+            f"    ppp = P( {k * 0.01:.2f}, {k % 9}, 400, 180, 0, {k % 180}, -1 )\n"
+            f"    Move L, @P Dev(ppp, P({k % 5}, 2, 3)), S = 20 ' go\n"
+            f"    If IO[{k % 100}] = On Then\n        Delay 100\n    End If\n"
+            f"    Set IO[{k % 20 + 100}]\n"
+            for k in range(count)
+        ]
+        head = "Sub Main\n    TakeArm\n    Dim ppp As Position\n"
+        executed = run(head + "".join(lines) + "End Sub\n")
+        assert sum(type(item).__name__ == "MoveL" for item in executed.body) == count
+
+    assert_linear(execute, 1000)

@@ -1,7 +1,7 @@
 """No text makes the interpreter of V+ fail, or take long."""
 
 import random
-import time
+from collections.abc import Callable
 
 import pytest
 from hypothesis import given, settings
@@ -11,6 +11,7 @@ from camgen.model.limits import Limits
 from camgen.model.program import MoveC, MoveJ, MoveL
 from camgen.read.programs import Ask, Executed
 from camgen.read.vplus.language import recognise, run
+from tests.support.steps import CALLS_OF_A_STEP, assert_linear, count_calls
 
 #: A bit of everything.
 WHOLE = """\
@@ -141,20 +142,40 @@ def test_damaged_lines(chance: random.Random) -> None:
     check("\n".join(lines) + "\n")
 
 
+#: Statements that a loop may run in these tests: enough to be far above the lines of a text.
+STEPS = 20_000
+
+LONG: dict[str, Callable[[int], str]] = {
+    "brackets": lambda count: "x = " + "(" * count + "\n",
+    "not": lambda count: "x = " + "NOT " * count + "1\n",
+    "complements": lambda count: "x = " + "COM " * count + "1\n",
+    "inverses": lambda count: "MOVE " + "INVERSE(" * count + "\n",
+    "open blocks": lambda count: "IF x THEN\nEXIT\n" * count,
+    "open loops": lambda count: "WHILE TRUE DO\nEXIT\n" * count,
+    "unknown words": lambda count: "FROB 1\n" * count,
+    "ends": lambda count: "END\n" * count,
+    "variables": lambda count: (
+        "RETURN\n" + "".join(f"SIGNAL {k % 900 + 1}, x{k}\n" for k in range(count))
+    ),
+    "programs": lambda count: "".join(
+        f"CALL a{k}()\n.END\n.PROGRAM a{k}()\n" for k in range(1, count)
+    ),
+}
+
+
+@pytest.mark.parametrize("name", LONG)
+def test_each_line_of_a_long_text_costs_the_same(name: str) -> None:
+    def execute(count: int) -> None:
+        text = f".PROGRAM a()\n{LONG[name](count)}.END\n"
+        sound(run({"a.v2": text}, Ask()), text.count("\n") + 2)
+
+    assert_linear(execute, 4000)
+
+
 @pytest.mark.parametrize(
     "text",
     [
-        ".PROGRAM a()\nx = " + "(" * 20000 + "\n.END\n",
-        ".PROGRAM a()\nx = " + "NOT " * 20000 + "1\n.END\n",
-        ".PROGRAM a()\nx = " + "COM " * 20000 + "1\n.END\n",
-        ".PROGRAM a()\nMOVE " + "INVERSE(" * 20000 + "\n.END\n",
-        ".PROGRAM a()\n" + "IF x THEN\nEXIT\n" * 10000 + ".END\n",
-        ".PROGRAM a()\n" + "WHILE TRUE DO\nEXIT\n" * 10000 + ".END\n",
-        ".PROGRAM a()\n" + "FROB 1\n" * 20000 + ".END\n",
-        ".PROGRAM a()\n" + "END\n" * 20000 + ".END\n",
-        ".PROGRAM a()\nRETURN\n" + "".join(f"SIGNAL {k % 900 + 1}, x{k}\n" for k in range(120_000)) + ".END\n",
         ".PROGRAM a()\nSPEED 1E-300 ALWAYS\nSPEED 1E29 MMPS\nMOVE TRANS(1)\nSPEED 1, 1E-300 MMPS\nMOVE NULL\n.END\n",
-        "".join(f".PROGRAM a{k}()\nCALL a{k + 1}()\n.END\n" for k in range(5000)),
         ".PROGRAM a()\nCALL a()\nCALL a()\n.END\n",
         ".PROGRAM a()\nFOR i = 1 TO 1E6\nBITS 1,32 = i\nEND\n.END\n",
         ".PROGRAM a()\nFOR i = 1 TO 1E6\n x[i] = LAST(x[])\nEND\n.END\n",
@@ -163,22 +184,27 @@ def test_damaged_lines(chance: random.Random) -> None:
         ".PROGRAM a()\nSET w = NULL\nFOR i = 1 TO 1E6\n" + "MOVES w:TRANS(1,2,3,0,180,180)\n" * 300 + "END\n.END\n",
     ],
 )  # fmt: skip
-def test_texts_that_would_take_long(text: str) -> None:
-    begun = time.process_time()  # of this process: others share the machine
-    sound(run({"a.v2": text}, Ask()), text.count("\n") + 2)
-    assert time.process_time() - begun < 10
+def test_loops_end_at_the_limit_of_steps(text: str) -> None:
+    def execute() -> None:
+        options = Ask(limits=Limits(vplus_steps=STEPS))
+        sound(run({"a.v2": text}, options), text.count("\n") + 2)
+
+    assert count_calls(execute) < CALLS_OF_A_STEP * STEPS
 
 
-def test_a_megabyte_is_read_in_seconds() -> None:
+def test_each_line_of_a_long_program_costs_the_same() -> None:
     block = [
         "SET p[{0}] = SHIFT(wf BY x,0,{0})", "APPRO p[{0}], 50", "SPEED 20", "MOVES p[{0}]", "BREAK", "SIGNAL 5, -6",
         "x = {0}*2+SIN(30)", "IF x > 5 THEN", "DEPARTS 50", "END",
     ]  # fmt: skip
-    lines = [line.format(k % 10) for k in range(8000) for line in block]
-    text = "\n".join([".PROGRAM a()", "SET wf = TRANS(1,2,3)", *lines, ".END", ""])
-    assert len(text) > 1_000_000
-    begun = time.process_time()  # of this process: others share the machine
-    found = run({"a.v2": text}, Ask())
-    assert time.process_time() - begun < 5
-    assert found.stopped is None
-    assert not [one for one in found.findings if one.level == "refused"]
+
+    def execute(count: int) -> None:
+        lines: list[str] = []
+        for k in range(count):
+            lines += [line.format(k % 10) for line in block]
+        text = "\n".join([".PROGRAM a()", "SET wf = TRANS(1,2,3)", *lines, ".END", ""])
+        executed = run({"a.v2": text}, Ask())
+        assert executed.stopped is None
+        assert "refused" not in [finding.level for finding in executed.findings]
+
+    assert_linear(execute, 1000)
