@@ -19,6 +19,7 @@ from camgen.robots.kinematics.inverse import inverse
 from camgen.robots.kinematics.joint_limits import within
 from camgen.robots.models import Robot
 from camgen.robots.urdf.xml import urdf_files
+from tests.support.rounding import rounding_bound
 from tests.support.urdf_arms import Arm, built_in, disguised, rpy, step, tip, turn, urdf
 
 FIXTURES = Path(__file__).parents[2] / "fixtures"
@@ -205,7 +206,8 @@ def test_angles_rounded_from_multiples_of_90_deg(text: str, angle: float, tmp_pa
     arm = urdf(SEVEN).replace('rpy="0 -0 0"', f'rpy="{text} 0 0"', 1)
     assert text in arm
     of = robot(written(tmp_path, arm))
-    assert np.abs(of.joints[0].previous_from_joint.rotation - turn((1, 0, 0), angle)).max() < 1e-15
+    difference = of.joints[0].previous_from_joint.rotation - turn((1, 0, 0), angle)
+    assert np.abs(difference).max() < rounding_bound(operations=10, functions=8)
 
 
 def test_rounded_angles_leave_the_closed_form(tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ from camgen.robots.catalogue import robot
 from camgen.robots.models import Box
 from camgen.robots.urdf.boxes import around, overlaps
 from camgen.robots.urdf.xml import mesh_path
+from tests.support.rounding import rounding_bound
 from tests.support.urdf_arms import rpy
 
 ROBOTS = Path(__file__).parents[2] / "fixtures" / "robots"
@@ -94,7 +95,8 @@ def test_simple_shapes(tmp_path: Path) -> None:
         ([0, 0, 0], [pytest.approx(70)] * 3),
     ]
     turned = robot(str(tmp_path / "arm.urdf")).links[1].boxes[0].link_from_box.rotation
-    assert turned == pytest.approx(rpy(0, 0, math.pi / 2), abs=1e-15)
+    rounding = rounding_bound(operations=10, functions=12)
+    assert turned == pytest.approx(rpy(0, 0, math.pi / 2), abs=rounding)
 
 
 def test_two_boxes_hold_a_cylinder(tmp_path: Path) -> None:

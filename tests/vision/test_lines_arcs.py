@@ -29,6 +29,7 @@ from tests.support.outline_pictures import (
     plate,
     with_holes,
 )
+from tests.support.rounding import rounding_bound
 
 #: mm are pixels, y up.
 PIXELS = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
@@ -432,7 +433,9 @@ def test_a_line_and_a_circle_are_found_exactly() -> None:
     assert 1 / abs(round_.curvature[0]) == pytest.approx(40, rel=1e-6)
     assert np.abs(round_.distances(np.array([100 + 90j, 35 + 43j]))).max() < 1e-6
     straight = lines(runs)
-    assert straight.sse[1] == pytest.approx(0, abs=1e-18)
+    # A difference of sums of squares: nine points, 50 px from end to end.
+    rounding = 9 * 50**2 * rounding_bound(operations=30)
+    assert straight.sse[1] == pytest.approx(0, abs=rounding)
     assert np.abs(straight.distances(np.array([0j, 5 + 3j + 4 - 3j]))[1]) == pytest.approx(5.0)
 
 
