@@ -18,6 +18,9 @@ from camgen.model.text import escape
 #: From the first path to the last: blue, violet, orange; mid lightness, legible on white and on black.
 _RAMP = ((31, 111, 235), (163, 59, 196), (235, 94, 40))
 
+#: Digits of page coordinates, mm: more than a picture prints, fewer than differ between processors.
+#: A coordinate in the middle of two printed numbers is then printed alike on each of them.
+_PLACE_DIGITS = 9
 #: Radius of a spot at least, page mm.
 _LEAST_SPOT = 1.2
 
@@ -41,9 +44,8 @@ class Paper(Struct, frozen=True, eq=False):
 
     def place(self, points: FloatArray) -> FloatArray:
         """Page coordinates (N, 2) of ``points`` (N, 2 or more)."""
-        return np.asarray(
-            points[:, :2] * (self.scale, -self.scale) + (self.x, self.y), dtype=np.float64
-        )
+        places = points[:, :2] * (self.scale, -self.scale) + (self.x, self.y)
+        return np.asarray(np.round(places, _PLACE_DIGITS), dtype=np.float64)
 
 
 class PageChains(Struct, frozen=True, eq=False):
@@ -95,7 +97,7 @@ def path_data(chains: PageChains, page: Paper) -> list[str]:
     # Flatter than a hundredth of a page mm is a line.
     curved = size * chord > 0.02
     with np.errstate(divide="ignore", invalid="ignore"):
-        radius = np.where(curved, chord * (1 + size**2) / (4 * size), 0.0)
+        radius = np.where(curved, chord * (1 + size**2) / (4 * size), 0.0).round(_PLACE_DIGITS)
     # The page's y points down: counter-clockwise in the drawing is sweep flag 0.
     words = [
         f"A{r:.2f} {r:.2f} 0 0 {flag} {x:.2f} {y:.2f}" if arc else f"L{x:.2f} {y:.2f}"

@@ -58,7 +58,7 @@ _MOST_PLACES = 64
 _LEANS = (2.0, 1.4, 1.0)
 #: Links that are looked at together.
 _AT_ONCE = 16
-#: Digits of a length in mm. Lengths that agree in them are equal, and their order in the array
+#: Digits of a size in mm or mm2. Sizes that agree in them are equal, and their order in the array
 #: decides, not the last bit of a sine, which differs between processors.
 _EQUAL_DIGITS = 6
 #: A piece with no more room than this, mm, is entered on its ring.
@@ -155,7 +155,8 @@ def lay(
     for k in range(len(pieces) - 1, -1, -1):
         piece, root = pieces[k], outermost[k]
         # The largest one leads on.
-        within = sorted((j for j in inside[k]), key=lambda j: float(pieces[j].area.area))
+        areas = np.array([pieces[j].area.area for j in inside[k]])
+        within = [inside[k][row] for row in _smallest_first(areas).tolist()]
         walk = done.pop(within[-1]) if within else begun.pop(root, None)
         others = [done.pop(j) for j in within[:-1]]
         mine: list[_Open] = []
@@ -221,7 +222,7 @@ def _cut(
             walk = _enter(piece, left, first)
             continue
         gaps_to_chains = np.array([nearest(chain, walk.end)[1] for chain in left])
-        for k in _shortest_first(gaps_to_chains).tolist():
+        for k in _smallest_first(gaps_to_chains).tolist():
             if _reach(walk, left[k], room, step):
                 left.pop(k)
                 break
@@ -237,11 +238,13 @@ def _enter(piece: Piece, left: list[Segments], first: float) -> _Open:
     ``left``.
     """
     if piece.ring and len(left) == len(piece.chains):
-        middle, edge = shapely.get_coordinates(shapely.maximum_inscribed_circle(piece.area, 0.01))
+        # A symmetric area has several such circles, and the last bit of a corner would choose one.
+        area = shapely.transform(piece.area, lambda points: np.round(points, _EQUAL_DIGITS))
+        middle, edge = shapely.get_coordinates(shapely.maximum_inscribed_circle(area, 0.01))
         room = float(np.hypot(*(edge - middle)))
         if room > _NO_ROOM:
             at = [nearest(chain, middle) for chain in left]
-            k = int(_shortest_first(np.array([gap for _, gap in at]))[0])
+            k = int(_smallest_first(np.array([gap for _, gap in at]))[0])
             walk = _Open(piece.pocket, piece.distance - first + room)
             ring = begun_at(left.pop(k), at[k][0])
             walk.parts.append(straight(middle, ring.start[:1]))
@@ -249,7 +252,7 @@ def _enter(piece: Piece, left: list[Segments], first: float) -> _Open:
             return walk
     walk = _Open(piece.pocket, piece.distance - first)
     lengths = np.array([chain.length.sum() for chain in left])
-    walk.add(left.pop(int(_shortest_first(-lengths)[0])), piece.ring)
+    walk.add(left.pop(int(_smallest_first(-lengths)[0])), piece.ring)
     return walk
 
 
@@ -282,7 +285,7 @@ def _reach(walk: _Open, chain: Segments, room: _Room, step: float) -> bool:
         around = places(chain, total / _TRIES)[0][:-1]
         ends = locate(chain, around)
         links = straight(walk.end, ends)
-        order = _shortest_first(links.length)
+        order = _smallest_first(links.length)
         good = around[order[_first_free(links.take(order), room)]]
         if not len(good):
             good = around[_go_round(walk, ends, room)]
@@ -301,7 +304,7 @@ def _reach_gently(
     near = foot + room.lean * np.linspace(-1, 1, _TRIES)
     around = np.concatenate([near % total, places(chain, total / _TRIES)[0][:-1]])
     links = straight(walk.end, locate(chain, around))
-    order = _shortest_first(links.length)
+    order = _smallest_first(links.length)
     good = order[_first_free(links.take(order), replace(room, most=_CLEAR))]
     if len(good):
         return links.take(good), float(around[good[0]])
@@ -348,14 +351,14 @@ def _go_round(walk: _Open, ends: FloatArray, room: _Room) -> IntArray:
         # A stretch beside the ring was run since; back to it first.
         back = np.concatenate([[start], off])
         lines = straight(walk.end, locate(ring, back))
-        order = _shortest_first(lines.length)
+        order = _smallest_first(lines.length)
         free = order[_first_free(lines.take(order), room)]
         if not len(free):
             return np.zeros(0, dtype=np.int64)
         start = float(back[free[0]])
     gaps_between = np.hypot(*np.moveaxis(points[:, None] - ends[None], 2, 0))
     one, two = np.unravel_index(
-        _shortest_first(gaps_between.ravel())[: 2 * _TRIES], gaps_between.shape
+        _smallest_first(gaps_between.ravel())[: 2 * _TRIES], gaps_between.shape
     )
     free = _first_free(_lines(points[one], ends[two]), room)
     if len(free):
@@ -369,9 +372,9 @@ def _lines(starts: FloatArray, ends: FloatArray) -> Segments:
     return Segments(starts, lines.end, lines.bulge, lines.centre, lines.radius, lines.owner)
 
 
-def _shortest_first(lengths: FloatArray) -> IntArray:
-    """The rows (N,) of ``lengths`` (N,), mm, in rising order; equal ones as they stand."""
-    return np.argsort(np.round(lengths, _EQUAL_DIGITS), kind="stable")
+def _smallest_first(sizes: FloatArray) -> IntArray:
+    """The rows (N,) of ``sizes`` (N,), mm or mm2, in rising order; equal ones as they stand."""
+    return np.argsort(np.round(sizes, _EQUAL_DIGITS), kind="stable")
 
 
 def _first_free(links: Segments, room: _Room) -> IntArray:
