@@ -174,11 +174,13 @@ def tell_wrong(notes: Sequence[Note]) -> list[tuple[str, str]]:
 def arrows(path: ToolPath, page: Paper, every: float) -> list[tuple[float, float, float]]:
     """Page x, y and direction (deg, clockwise) of arrows, one for about ``every`` page mm, one at least."""
     lengths = span_lengths(path.position, path.via[1:]) * page.scale
-    ends = np.cumsum(lengths)
+    ends = np.cumsum(lengths).round(_PLACE_DIGITS)
     if not len(ends) or ends[-1] <= 0:
         return []
     count = 1 + int(ends[-1] / every)
-    rows = sorted({int(np.searchsorted(ends, (i + 0.5) / count * ends[-1])) for i in range(count)})
+    # An arrow at the end of a segment belongs to that segment, whatever the last bits are.
+    middles = ((np.arange(count) + 0.5) / count * ends[-1]).round(_PLACE_DIGITS)
+    rows = np.unique(np.searchsorted(ends, middles)).tolist()
     at = page.place(path.position)
     via = page.place(path.via)
     found = []
