@@ -116,6 +116,10 @@ class Rapid(RapidOptions):
 
     # -- legality ------------------------------------------------------------------------------------------------
 
+    def list_changed(self) -> frozenset[str]:
+        """Force, where it is left out."""
+        return frozenset({"force"} if self.force == "ignore" else ())
+
     def prepare(self, program: Program, chord: float) -> Program:
         """See ``Post``; each change of force is moved to its motion, or all pressing left out where options say so."""
         if self.force == "ignore":
@@ -203,6 +207,8 @@ class Rapid(RapidOptions):
                 return self._why_not_motion(item) or _why_not_turn(item, start)
             case MoveJ():
                 return self._why_not_motion(item)
+            case Stop(optional=True):
+                return "RAPID has no optional stop; leave it out, or make it a stop"
         return ""
 
     def _why_not_output(self, item: Output) -> str:
@@ -301,12 +307,8 @@ class Rapid(RapidOptions):
         """WaitTime, s."""
         return (f"{_IN2}WaitTime {short(item.seconds, DIGITS)};",)
 
-    def stop(self, item: Stop) -> Sequence[str]:
-        """Stop. RAPID has none that a switch of the operator decides on."""
-        if item.optional:
-            raise Refused(
-                self.name, -1, "RAPID has no optional stop", "leave it out, or make it a stop"
-            )
+    def stop(self, item: Stop) -> Sequence[str]:  # noqa: ARG002 (an optional one is refused)
+        """Stop."""
         return (f"{_IN2}Stop;",)
 
     def comment(self, text: str) -> str:
