@@ -354,6 +354,11 @@ class GCode(Rs274):
             acceleration=500.0, corner="arc", deviation=rounded, across=0.866, along=0.5, last=last
         )
 
+    def list_changed(self) -> frozenset[str]:
+        """Force, where it is left out, and holes, which become cycles."""
+        changes = {"force": self.force == "ignore", "cycles": self.cycles}
+        return frozenset(word for word, is_changed in changes.items() if is_changed)
+
     def prepare(self, program: Program, chord: float) -> Program:
         """See ``Rs274``; drops force where the user said so, and makes cycles of holes."""
         program = super().prepare(

@@ -56,6 +56,10 @@ class Grbl(Rs274):
         """A small mill or plotter. Corners by the junction deviation, $11, as the firmware has it: 0.01 mm."""
         return Dynamics(acceleration=500.0, corner="junction", deviation=0.01)
 
+    def list_changed(self) -> frozenset[str]:
+        """Force, where it is left out."""
+        return frozenset({"force"} if self.force == "ignore" else ())
+
     def prepare(self, program: Program, chord: float) -> Program:
         """See ``Rs274``; drops force where the user said so, and keeps the spindle line to one use."""
         self._one_use(program)

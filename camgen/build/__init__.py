@@ -39,6 +39,8 @@ from camgen.plan import Coverage, EdgePlan, Plan, ReplayPlan, Watch, ignore_stag
 from camgen.plan.leave_out import find_dependent, leave_out_paths
 from camgen.plan.steps import job_of
 from camgen.post import OutputFile, Post
+from camgen.post.contract import list_warnings
+from camgen.post.limits import limit_tolerance
 from camgen.post.plugins import (
     cell_of,
     dynamics_of,
@@ -175,7 +177,9 @@ def build(
     )
     give_back()
     watch("verifying")
-    posted = post_programs(checks, readback, fill_tables(type(poster), settings.post))
+    posted = post_programs(
+        checks, readback, fill_tables(type(poster), settings.post), settings.tolerance.chord
+    )
     proof = prove_stock(asked, planned, tour, settings, read.cell, checks, posted)
     if len(tour.paths) < len(asked.paths):
         planned = _forget_coverage(planned)
@@ -298,7 +302,7 @@ def _sum_up(
             (checks.clear.notes if checks.clear else ()),
             (
                 *_note_corners(checks.program, dynamics_of(post, job), job),
-                *post.warn(checks.program),
+                *list_warnings(post, checks.program),
             ),
         ),
         program=checks.program,
@@ -355,10 +359,15 @@ def settings_of(job: JobLike, files: Files) -> Job:
 
 
 def poster_of(name: str, job: Job, origin: str) -> Post:
-    """The post with its options; what is wrong with one is told with the file that it stands in."""
+    """The post with its options; what is wrong with one is told with the file that it stands in.
+
+    Raises JobError for a post that prints coarser than the job allows.
+    """
     kind = find_post(name)
     try:
-        return make_post(kind, job.post)
+        post = make_post(kind, job.post)
+        limit_tolerance(post.tolerance(), job.tolerance.chord)
+        return post
     except JobError as error:
         raise JobError(origin, error.what, error.file, error.remedy) from error
 

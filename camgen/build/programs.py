@@ -23,6 +23,8 @@ from camgen.model.path import Tour
 from camgen.model.program import Comment, Instruction, Program, ToolChange, put_off_first
 from camgen.order import ArmTour, JobTour, ReplayTour
 from camgen.post import OutputFile, Post, Readback, Reading, Tolerance
+from camgen.post.contract import prepare_program, render_program
+from camgen.post.limits import limit_tolerance
 from camgen.post.plugins import dynamics_of
 from camgen.post.verify import Deviation, compare
 from camgen.robots.workcell import Workcell
@@ -82,7 +84,7 @@ def check_programs(
         job = replace(job, tool=tools[0])  # whose holder is there; with several each is told below
     flow = _flow_of(tour, job)
     if len(parts) == 1:
-        program = poster.prepare(parts[0], job.tolerance.chord)
+        program = prepare_program(poster, parts[0], job.tolerance.chord)
         give_back()
         whole = check(program, job, cell, where, source, flow)
         return _add_up(((poster, whole.program),), whole, poster, job, cell)
@@ -92,7 +94,7 @@ def check_programs(
     posters = [dataclasses.replace(poster, program="") for _ in parts]
     for part, tool, own in zip(parts, tools, posters, strict=True):
         try:
-            prepared = own.prepare(part, job.tolerance.chord)
+            prepared = prepare_program(own, part, job.tolerance.chord)
             found.append(check(prepared, replace(job, tool=tool), cell, where, source, flow))
         except Blocked as error:
             blocked.append(error)
@@ -206,23 +208,29 @@ def lines_of(checked: Checked, posted: Posted) -> IntArray:
     return lines
 
 
-def post_programs(checked: Checked, read: Readback, options: dict[str, object]) -> Posted:
-    """The texts of the programs, read back and compared with what was planned.
+def post_programs(
+    checked: Checked, read: Readback, options: dict[str, object], chord: float
+) -> Posted:
+    """The texts of the programs, read back and compared with the prepared programs.
 
-    read, options: the read-back of the post, and what it is told. VerifyError with the first line that says something
-    else.
+    read: the read-back of the post.
+    options: of the post, for the read-back.
+    chord: `tolerance.chord` of the job, mm.
+
+    Raises VerifyError for the first line that says something else.
     """
     several = len(checked.programs) > 1
     told = {key: value for key, value in options.items() if not (several and key == "program")}
     files: list[OutputFile] = []
     counts, readings, deviations = [], [], []
     for poster, program in checked.programs:
-        posted = poster.render(program)
+        posted = render_program(poster, program)
         give_back()
         reading = read({file.name: file.text for file in posted}, told)
         give_back()
+        tolerance = limit_tolerance(poster.tolerance(), chord)
         deviations.append(
-            compare(program, reading, poster.tolerance(), poster.list_verified(), posted[0].name)
+            compare(program, reading, tolerance, poster.list_verified(), posted[0].name)
         )
         readings.append(reading)
         counts.append(len(posted))
@@ -232,5 +240,4 @@ def post_programs(checked: Checked, read: Readback, options: dict[str, object]) 
         max(one.max_angle for one in deviations),
         sum(one.instructions for one in deviations),
     )
-    tolerance = checked.programs[0][0].tolerance()
     return Posted(tuple(files), tuple(counts), tuple(readings), worst, tolerance)

@@ -26,6 +26,8 @@ from camgen.order import order as order_plan
 from camgen.plan import EdgePlan, Plan, Watch, ignore_stages
 from camgen.plan import plan as plan_part
 from camgen.post import OutputFile, Reading
+from camgen.post.contract import prepare_program, render_program
+from camgen.post.limits import limit_tolerance
 from camgen.post.plugins import cell_of, fill_tables, find_post, find_readback
 from camgen.post.verify import Deviation, compare
 from camgen.preview.drawings import draw
@@ -114,7 +116,7 @@ def post(program: Program, post: str, job: JobLike = None) -> tuple[OutputFile, 
     """``program`` as the files of the controller ``post``. Refused for an instruction that it cannot do."""
     settings = settings_of(job, Files())
     poster = poster_of(post, settings, "job")
-    return poster.render(poster.prepare(program, settings.tolerance.chord))
+    return render_program(poster, prepare_program(poster, program, settings.tolerance.chord))
 
 
 def read_back(
@@ -131,9 +133,11 @@ def verify(
     """How far the text is from ``program``. VerifyError with the first line that does not say what was planned."""
     settings = settings_of(job, Files())
     poster = poster_of(post, settings, "job")
-    planned = poster.prepare(program, settings.tolerance.chord)
+    chord = settings.tolerance.chord
+    planned = prepare_program(poster, program, chord)
     reading = read_back(files, post, settings)
-    return compare(planned, reading, poster.tolerance(), poster.list_verified(), files[0].name)
+    tolerance = limit_tolerance(poster.tolerance(), chord)
+    return compare(planned, reading, tolerance, poster.list_verified(), files[0].name)
 
 
 def preview(result: Result, suffix: str = ".svg") -> bytes:

@@ -31,6 +31,8 @@ from camgen.model.plugins import entries
 from camgen.model.program import Columns, Program
 from camgen.model.text import counted, duration, short
 from camgen.post import Fault, Post, Reading, Remark
+from camgen.post.contract import prepare_program
+from camgen.post.limits import limit_tolerance
 from camgen.post.plugins import fill_tables, find_post, find_readback, make_post
 from camgen.post.verify import compare
 from camgen.read.files import Files
@@ -156,8 +158,10 @@ def _compare(asked: _Asked, says: Voice) -> int:
         )
     if plan:
         says.stage("comparing")
-        prepared = post.prepare(_planned(plan.program, post, paths[0]), plan.chord)
-        found = compare(prepared, reading, post.tolerance(), post.list_verified(), str(paths[0]))
+        tolerance = limit_tolerance(post.tolerance(), plan.chord)
+        planned = _planned(plan.program, post, paths[0])
+        prepared = prepare_program(post, planned, plan.chord)
+        found = compare(prepared, reading, tolerance, post.list_verified(), str(paths[0]))
         says.clear()
         rows.append(("plan", f"{counted(found.instructions, 'instruction')} equal"))
         rows.append(("deviation", f"{found.max_mm:.6f} mm"))

@@ -38,9 +38,10 @@ from camgen.model.tolerance import SAME_POINT_MM
 
 #: All that a program is made of is found here.
 __all__ = [
-    "Body", "Columns", "Comment", "Force", "Indices", "Instruction", "Joints", "Mask", "Motion", "MoveC", "MoveJ",
-    "MoveL", "Origin", "Output", "Packing", "Posture", "Program", "Stop", "ToolChange", "Wait", "check", "check_frame",
-    "column", "distinct", "join", "motions", "numbers", "pack", "put_at", "put_off_first", "splice", "take",
+    "RULES", "Body", "Columns", "Comment", "Force", "Indices", "Instruction", "Joints", "Mask",
+    "Motion", "MoveC", "MoveJ", "MoveL", "Origin", "Output", "Packing", "Posture", "Program",
+    "Stop", "ToolChange", "Wait", "check", "check_frame", "column", "distinct", "join",
+    "motions", "numbers", "pack", "put_at", "put_off_first", "splice", "take",
 ]  # fmt: skip
 
 # Instructions by column: a program may hold half a million of them, and a loop over them in Python takes seconds.
@@ -362,6 +363,8 @@ def distinct(items: Sequence[Any], name: str) -> list[Any]:
 
 # The rules that every program keeps, looked at by column: a body may hold a hundred thousand motions.
 
+#: The name by which a body that breaks one is refused.
+RULES = "program"
 _BLENDS = "a motion before an output, a wait or a force change must not blend"
 
 
@@ -398,13 +401,13 @@ def check(columns: Columns, paths: int = 0) -> None:
     ]
     if broken:
         index, what = min(broken, key=lambda one: one[0])
-        raise Refused("program", index, what)
+        raise Refused(RULES, index, what)
 
 
 def check_frame(frame: Pose) -> None:
     """Raises Refused for a frame with a number that is not finite."""
     if not (np.isfinite(frame.rotation).all() and all(map(math.isfinite, frame.origin))):
-        raise Refused("program", -1, "a number is not finite")
+        raise Refused(RULES, -1, "a number is not finite")
 
 
 def _first(indices: Indices, what: str) -> Iterator[tuple[int, str]]:

@@ -127,8 +127,8 @@ class Post(ABC):
     A post object renders one program: options come in through the constructor, state may live in private fields.
 
     *Must override*: begin, end, movej, movel, output, wait, comment. *May*: movec, print_force, why_not, accepts,
-    refuses, forms, split, assemble, cell, tolerance, dynamics, warn, list_verified; prepare only around a call of the
-    base's.
+    refuses, forms, split, assemble, cell, tolerance, dynamics, warn, list_verified,
+    list_changed; prepare only around a call of the base's.
     *Don't*: render, line, note.
     """
 
@@ -285,6 +285,13 @@ class Post(ABC):
         frames.
         """
         return self.verified_fields
+
+    def list_changed(self) -> frozenset[str]:
+        """The changes that ``prepare`` makes because of an option: words of ``preparation.CHANGES``.
+
+        Any other change than a replacement of motions is a fault of the post.
+        """
+        return frozenset()
 
     # -- don't override ------------------------------------------------------------------------------------------
 

@@ -14,13 +14,15 @@ import math
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping
 from itertools import pairwise
+from typing import Literal, NamedTuple
 
 import numpy as np
 from msgspec import Struct, field
 from msgspec.structs import replace
 
 from camgen.model.cell import Cell
-from camgen.model.errors import CamgenError, Refused
+from camgen.model.contract import check_members
+from camgen.model.errors import CamgenError, Refused, VerifyError
 from camgen.model.pose import (
     IDENTITY,
     TOOL_DOWN,
@@ -43,11 +45,22 @@ from camgen.model.program import (
     MoveL,
     Output,
     Program,
+    Stop,
+    ToolChange,
     Wait,
     put_off_first,
 )
 from camgen.model.program_text import dump
-from camgen.post import OutputFile, Post, Readback
+from camgen.post import OutputFile, Post, Readback, Reading, Tolerance
+from camgen.post.altered import alter_numbers, is_excused
+from camgen.post.contract import (
+    CORRECT_POST,
+    POST_CLASS,
+    CheckedReadback,
+    name_post,
+    prepare_program,
+)
+from camgen.post.limits import limit_tolerance
 from camgen.post.plugins import fill_tables, make_post
 from camgen.post.verify import compare
 
@@ -57,10 +70,16 @@ Body = tuple[Instruction, ...]
 
 
 class Case(Struct, frozen=True):
-    """A program that starts at the home position of the post's cell. name: what it is about. body: after home, joint
-    values for as many axes as that has. work: its work frame, that of the cell if none. title, header: of the program.
-    options: of the post, added to those of the test. clean: its comments are harmless
-    words, so that numbers in the text can be judged.
+    """A program that starts at the home position of the cell of the post.
+
+    name: its subject.
+    body: the instructions after home, with joint values for as many axes as home has. The machine is
+        at home before and after each tool change; a program with tool changes starts with one.
+    title, header: of the program.
+    options: of the post, added to those of the test.
+    clean: the comments are harmless words, so that numbers in the text can be judged.
+    work: the work frame; None: the one of the cell.
+    altered: the numbers of the text that are changed one at a time; "body": those of instructions.
     """
 
     name: str
@@ -70,6 +89,7 @@ class Case(Struct, frozen=True):
     options: Mapping[str, object] = field(default_factory=dict)
     clean: bool = True
     work: Pose | None = None
+    altered: Literal["", "body", "all"] = ""
 
     def __str__(self) -> str:
         return self.name
@@ -77,14 +97,19 @@ class Case(Struct, frozen=True):
     def program(self, cell: Cell) -> Program:
         """The program in the frames of ``cell``."""
         axes = len(cell.home.values) if isinstance(cell.home, Joints) else None
-        body = [
-            replace(item, target=Joints(item.target.values[:axes]))
-            if isinstance(item, MoveJ) and isinstance(item.target, Joints)
-            else item
-            for item in self.body
-        ]
+        home = MoveJ(cell.home, 100.0)
+        is_at_home = bool(self.body) and isinstance(self.body[0], ToolChange)
+        body: list[Instruction] = [] if is_at_home else [home]
+        for item in self.body:
+            if isinstance(item, ToolChange):
+                body += [item, home] if is_at_home else [home, item, home]
+            elif isinstance(item, MoveJ) and isinstance(item.target, Joints):
+                body.append(replace(item, target=Joints(item.target.values[:axes])))
+            else:
+                body.append(item)
+            is_at_home = False
         work = self.work or cell.base_from_work
-        safe = put_off_first((MoveJ(cell.home, 100.0), *body))
+        safe = put_off_first(tuple(body))
         return Program(self.title, work, cell.flange_from_tool, safe, self.header)
 
 
@@ -175,6 +200,7 @@ def _arcs() -> Iterator[Case]:
     yield Case(
         "quarter arcs",
         (_ABOVE, *(i for k in range(4) for i in _arc((20.0, 20.0, 0.0), 10.0, k, quarter))),
+        altered="body",
     )
     yield Case(
         "half circles",
@@ -207,7 +233,8 @@ def _forces() -> Iterator[Case]:
         MoveL(_at(20.0 + 10 * i, 0.0), 20.0, 0.0, n, (0.0, 1.0, 0.0))
         for i, n in enumerate((12.5, 8.25))
     )
-    yield Case("force", (_ABOVE, *on, *along, Force(0.0), _line(30.0, 0.0, 20.0)))
+    pressing: Body = (_ABOVE, *on, *along, Force(0.0), _line(30.0, 0.0, 20.0))
+    yield Case("force", pressing, altered="body")
     s = math.sqrt(0.5)
     arc = MoveC(_at(10 * s, 10 * s), _at(0.0, 10.0), 20.0, 0.0, 12.0, (0.0, -1.0, 0.0))
     round_corner = (
@@ -267,9 +294,13 @@ def cases() -> list[Case]:
             "straight moves",
             (_ABOVE, _line(10.0, 10.0), _line(40.0, 10.0), _line(40.0, 30.125, -1.5)),
         ),
-        Case("blends", (_ABOVE, *blends)),
+        Case("blends", (_ABOVE, *blends), altered="body"),
         Case("blending arcs", (_ABOVE, *(_blending_arcs()))),
-        Case("process", (_ABOVE, on, _line(40.0, 10.0), off, _line(0.0, 0.0), on, Wait(0.25), off)),
+        Case(
+            "process",
+            (_ABOVE, on, _line(40.0, 10.0), off, _line(0.0, 0.0), on, Wait(0.25), off),
+            altered="body",
+        ),
         Case("signals", (_ABOVE, Output("glue", 1.0), _line(40.0, 10.0), Output("glue", 0.0))),
         Case(
             "spindle",
@@ -280,12 +311,18 @@ def cases() -> list[Case]:
                 _line(10.0, 10.0),
                 Output("spindle", 0.0),
             ),
+            altered="body",
         ),
         Case(
             "frames",
             (_ABOVE, _line(40.0, 10.0)),
             work=Pose(rotation_about(2, 0.5), (450.125, -120.5, 35.0625)),
         ),
+        Case("numbers of the text", (_ABOVE, _line(40.0, 10.0)), altered="all"),
+        Case("stops", (_ABOVE, on, _line(40.0, 10.0), off, Stop(), _line(0.0, 0.0), Stop())),
+        Case("optional stops", (_ABOVE, Stop(True), _line(40.0, 10.0), Stop(True))),
+        Case("tool changes", _change_tools(), altered="body"),
+        *_reorientations(),
         Case("many lines", (_ABOVE, *many)),
         Case("several files", (_ABOVE, *many, on, Wait(0.5), off), options={"max_lines": 50}),
         *_numbers(),
@@ -294,6 +331,25 @@ def cases() -> list[Case]:
         *_forces(),
         *_words(),
     ]
+
+
+def _change_tools() -> Body:
+    """Two tools, each with a cut."""
+    cut = (_ABOVE, _line(10.0, 10.0), _line(40.0, 10.0), _line(40.0, 10.0, 20.0))
+    mill, drill = ToolChange(2, "mill", 6.0, 50.0), ToolChange(12, "drill", 3.5, 62.5)
+    return (mill, *cut, drill, *cut)
+
+
+def _reorientations() -> Iterator[Case]:
+    """The tool turns where the TCP stays: about the vertical, and with a tilt."""
+    upright = [TOOL_DOWN @ rotation_about(2, math.radians(a)) for a in (30.0, -45.0)]
+    tilted = [TOOL_DOWN @ rotation_about(0, math.radians(a)) for a in (15.0, 40.0)]
+    for name, rotations in (("turns on the spot", upright), ("tilts on the spot", tilted)):
+        body: list[Instruction] = [_ABOVE, _line(10.0, 10.0, 5.0)]
+        for rotation, speed in zip(rotations, (0.25, 0.5), strict=True):
+            body.append(MoveL(_at(10.0, 10.0, 5.0, frozen(rotation)), 20.0, turn=speed))
+        body.append(MoveL(_at(30.0, 10.0, 5.0, frozen(rotations[-1])), 20.0))
+        yield Case(name, tuple(body), altered="body")
 
 
 def _blending_arcs() -> Iterator[Instruction]:
@@ -330,6 +386,10 @@ FEATURES: Mapping[str, Callable[[Instruction], bool]] = {
     "process": lambda item: isinstance(item, Output) and item.signal == "process",
     "spindle": lambda item: isinstance(item, Output) and item.signal == "spindle",
     "signals": lambda item: isinstance(item, Output) and item.signal not in ("process", "spindle"),
+    "stops": lambda item: isinstance(item, Stop),
+    "optional stops": lambda item: isinstance(item, Stop) and item.optional,
+    "tool changes": lambda item: isinstance(item, ToolChange),
+    "reorientations": lambda item: isinstance(item, MoveL) and item.turn > 0,
     "short waits": lambda item: isinstance(item, Wait) and item.seconds < 0.002,
     "fine blends": lambda item: isinstance(item, (MoveJ, MoveL, MoveC)) and 0 < item.blend < 1,
     "slow": lambda item: isinstance(item, (MoveJ, MoveL, MoveC)) and item.speed < 1,
@@ -340,17 +400,34 @@ FEATURES: Mapping[str, Callable[[Instruction], bool]] = {
 WHOLE = ("names", "split")
 
 
+class _Kit(Struct, frozen=True):
+    """A post and read-back under test, with the statements of their author: see `check_case`."""
+
+    post: type[Post]
+    readback: Readback
+    options: Mapping[str, object]
+    lacks: Collection[str]
+    meaningless: Collection[str]
+
+
 def check_case(
     post: type[Post],
     readback: Readback,
     case: Case,
     options: Mapping[str, object] | None = None,
     lacks: Collection[str] = (),
+    meaningless: Collection[str] = (),
 ) -> None:
-    """AssertionError with all findings of one case. lacks: keys of ``FEATURES`` or ``WHOLE``."""
-    found = list(_findings(post, readback, case, dict(options or {}), lacks))
-    if found:
-        raise AssertionError("\n".join(found))
+    """Raises AssertionError with all findings of one case.
+
+    lacks: keys of ``FEATURES`` or ``WHOLE`` that the controller has not.
+    meaningless: patterns of what may change in the text without a meaning, such as remarks; where a
+        pattern has a group, the group is meant.
+    """
+    kit = _Kit(post, readback, dict(options or {}), lacks, meaningless)
+    findings = list(_findings(kit, case))
+    if findings:
+        raise AssertionError("\n".join(findings))
 
 
 def conformance(
@@ -358,31 +435,29 @@ def conformance(
     readback: Readback,
     options: Mapping[str, object] | None = None,
     lacks: Collection[str] = (),
+    meaningless: Collection[str] = (),
 ) -> list[str]:
     """The findings of all cases, one line each; none for a post that conforms."""
-    return [
-        line
-        for case in cases()
-        for line in _findings(post, readback, case, dict(options or {}), lacks)
-    ]
+    kit = _Kit(post, readback, dict(options or {}), lacks, meaningless)
+    findings: list[str] = []
+    for case in cases():
+        findings += _findings(kit, case)
+    return findings
 
 
-def _findings(
-    post: type[Post],
-    readback: Readback,
-    case: Case,
-    options: Mapping[str, object],
-    lacks: Collection[str],
-) -> Iterator[str]:
+def _findings(kit: _Kit, case: Case) -> Iterator[str]:
+    post, lacks = kit.post, kit.lacks
     unknown = set(lacks) - set(FEATURES) - set(WHOLE)
     if unknown:
         raise ValueError(f"no such feature: {sorted(unknown)}; there are {[*FEATURES, *WHOLE]}")
-    options = fill_tables(post, {**options, **case.options})
+    options = fill_tables(post, {**kit.options, **case.options})
     program = case.program(post.cell())
     before = dump(program)
     try:
+        check_members(name_post(post), POST_CLASS, post, CORRECT_POST)
         maker, other = make_post(post, options), make_post(post, options)
-        prepared = maker.prepare(program, CHORD)
+        tolerance = limit_tolerance(maker.tolerance(), CHORD)
+        prepared = prepare_program(maker, program, CHORD)
         files = maker.render(prepared)
         again = other.render(other.prepare(program, CHORD))
     except Refused as refusal:
@@ -399,11 +474,49 @@ def _findings(
     if len({file.name for file in files}) < len(files) or not files:
         yield f"{case}: no file, or two with one name"
         return
+    read = CheckedReadback(post.name, kit.readback)
     try:
-        reading = readback({file.name: file.text for file in files}, options)
-        compare(prepared, reading, maker.tolerance(), maker.list_verified(), files[0].name)
+        reading = read({file.name: file.text for file in files}, options)
+        compare(prepared, reading, tolerance, maker.list_verified(), files[0].name)
     except CamgenError as error:
         yield f"{case}: {error}"
+        return
+    if case.altered and len(files) == 1:
+        check = _Check(maker, read, options, prepared, tolerance)
+        yield from (f"{case}: {line}" for line in _find_unseen(kit, case, check, files[0]))
+
+
+class _Check(NamedTuple):
+    """How a text of a case is judged: by the read-back with its options, and the comparison."""
+
+    post: Post
+    readback: Readback
+    options: Mapping[str, object]
+    prepared: Program
+    tolerance: Tolerance
+
+    def judge(self, file: OutputFile) -> Reading:
+        """Reads a text. Raises VerifyError for a text that is not the prepared program."""
+        reading = self.readback({file.name: file.text}, self.options)
+        words = self.post.list_verified()
+        compare(self.prepared, reading, self.tolerance, words, file.name)
+        return reading
+
+
+def _find_unseen(kit: _Kit, case: Case, check: _Check, file: OutputFile) -> Iterator[str]:
+    """The changes of a number that the read-back and the comparison accept."""
+    lines = check.judge(file).lines
+    first_line = int(lines[0]) if case.altered == "body" else 1
+    for change in alter_numbers(file.text, first_line):
+        try:
+            check.judge(OutputFile(file.name, change.text))
+        except VerifyError:
+            continue
+        except CamgenError as error:
+            yield str(error)
+            return
+        if not is_excused(change, file.text, kit.meaningless):
+            yield f"a changed number is not seen: line {change.line}, {change.what}"
 
 
 def _find_unfounded(refusal: Refused, program: Program, lacks: Collection[str]) -> Iterator[str]:

@@ -7,21 +7,24 @@ import importlib.util
 import sys
 from collections.abc import Mapping
 from pathlib import Path
-from typing import get_type_hints
+from typing import Any, get_type_hints
 
 import msgspec
 from msgspec import Struct
 from msgspec.structs import replace
 
 from camgen.model.cell import Cell, Dynamics
+from camgen.model.contract import check_members, check_value
 from camgen.model.errors import JobError
 from camgen.model.job import Job
 from camgen.model.plugins import entries, find, load, origin
 from camgen.model.text import suggest
 from camgen.post import Post, Readback
+from camgen.post.contract import CELL, CORRECT_POST, POST, POST_CLASS, CheckedReadback, name_post
 
 POSTS, READBACKS = "camgen.posts", "camgen.readbacks"
 _LISTS = "camgen posts lists them"
+_REMEDY = "correct the post, or its options in [post]"
 
 
 class Installed(Struct, frozen=True):
@@ -37,27 +40,32 @@ class Installed(Struct, frozen=True):
 def find_post(name: str) -> type[Post]:
     """The post class called ``name``, or defined in the file ``name`` (a path that ends in .py). JobError if none."""
     if name.endswith(".py"):
-        return _only(name)
-    post = load(find(entries(POSTS), name, "post", _LISTS))
-    if not (isinstance(post, type) and issubclass(post, Post)):
-        raise JobError(
-            f"post {name}", "is not a camgen.post.Post", remedy="mend or remove its package"
-        )
+        post = _only(name)
+    else:
+        loaded = load(find(entries(POSTS), name, "post", _LISTS))
+        if not (isinstance(loaded, type) and issubclass(loaded, Post)):
+            raise JobError(
+                f"post {name}", "is not a camgen.post.Post", remedy="mend or remove its package"
+            )
+        post = loaded
+    check_members(f"post {name}", POST_CLASS, post, CORRECT_POST)
     return post
 
 
 def find_readback(name: str) -> Readback:
-    """The read-back that belongs to the post ``name``; for a file it is its function ``read``. JobError if none."""
+    """The read-back that belongs to the post ``name``; for a file it is its function ``read``. JobError if none.
+
+    What it returns is checked each time.
+    """
+    read: Any = None
     if name.endswith(".py"):
-        read = getattr(_module(name), "read", None)
-        if not callable(read):
-            raise JobError(
-                name,
-                "has no function read(files, options)",
-                remedy="a post is posted with its read-back",
-            )
-        return read  # type: ignore[no-any-return]
-    return load(find(entries(READBACKS), name, "read-back", _LISTS))  # type: ignore[return-value]
+        read, place = getattr(_module(name), "read", None), name
+    else:
+        read, place = load(find(entries(READBACKS), name, "read-back", _LISTS)), f"read-back {name}"
+    if not callable(read):
+        what, remedy = "has no function read(files, options)", "a post is posted with its read-back"
+        raise JobError(place, what, remedy=remedy)
+    return CheckedReadback(name, read)
 
 
 def list_installed() -> list[Installed]:
@@ -93,7 +101,9 @@ def make_post(post: type[Post], options: Mapping[str, object]) -> Post:
         except msgspec.ValidationError as error:
             raise JobError(where, str(error)) from error
     # Checked above, against the post's own annotations.
-    return post(**fill_tables(post, options))  # type: ignore[arg-type]
+    instance = post(**fill_tables(post, options))  # type: ignore[arg-type]
+    check_members(name_post(instance), POST, instance, _REMEDY)
+    return instance
 
 
 def fill_tables(post: type[Post], options: Mapping[str, object]) -> dict[str, object]:
@@ -155,7 +165,9 @@ def _only(path: str) -> type[Post]:
 
 def cell_of(post: Post, job: Job) -> Cell:
     """The built-in cell of the post, with what its machine is taken to do by the options of the post and the job."""
-    return replace(post.cell(), pace=dynamics_of(post, job))
+    cell = post.cell()
+    check_value(name_post(post), CELL, cell, CORRECT_POST)
+    return replace(cell, pace=dynamics_of(post, job))
 
 
 def dynamics_of(post: Post, job: Job) -> Dynamics:

@@ -17,14 +17,15 @@ What is compared, and how exactly:
   at most to tell in which sense.
 * Postures: ABB's confdata, DENSO's figure or the switches of V+ are equal, or neutral where the plan has none.
 * The share of the joints' greatest speeds instead of a joint motion's speed, where it is known and the text gives it.
-* Joints, speeds, blends, waits, forces within their tolerances, as far as the post ``verified_fields`` them.
+* Joints, speeds, blends, waits, forces within their tolerances, as far as ``verified_fields`` of
+  the post holds their word of ``COMPARED``.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from itertools import pairwise
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import chain, pairwise
 from operator import eq, ne
 from typing import Any
 
@@ -56,7 +57,8 @@ from camgen.model.program import (
     numbers,
 )
 from camgen.model.text import counted, short
-from camgen.post import Reading, Tolerance
+from camgen.post import Post, Reading, Tolerance
+from camgen.post.preparation import CHANGES
 
 #: What the point half-way along an arc may move per ``tolerance.mm``: see above.
 ARC_SLACK = 6.0
@@ -172,8 +174,11 @@ def compare(
 ) -> Deviation:
     """The deviation of what was read from ``planned``, the program as prepared for the post.
 
-    carries: what the text holds (``Post.carried``). file: for messages. Raises VerifyError for the first fault of the
-    reading or the first instruction that differs, with its index in the planned body, its line, and both values.
+    carries: words of ``COMPARED`` (``Post.list_verified``).
+    file: name for messages.
+
+    Raises VerifyError for the first fault of the reading, or for the first instruction that
+    differs, with its index in the planned body, its line, and both values.
     """
     for fault in reading.faults[:1]:
         raise VerifyError(file, fault.what, fault.line, _REMEDY)
@@ -306,10 +311,10 @@ def _compare_frames(
 ) -> None:
     """The frames that the text states, and that it states those it should."""
     both = (
-        ("work", planned.base_from_work, reading.work),
-        ("tool", planned.flange_from_tool, reading.tool),
+        (planned.base_from_work, reading.work),
+        (planned.flange_from_tool, reading.tool),
     )
-    for name, was, says in both:
+    for name, (was, says) in zip(_FRAMES, both, strict=True):
         if says is None:
             # What goes to joint values alone is in no frame.
             if name in carries and planned.columns.posed.any():
@@ -327,12 +332,17 @@ def _compare_frames(
 # Columns.
 
 
-def _columns(both: _Both, tolerance: Tolerance, carries: frozenset[str]) -> Iterator[_Column]:
-    """All that is compared."""
+def _columns(both: _Both, tolerance: Tolerance, words: frozenset[str]) -> Iterator[_Column]:
+    """All columns; the frames are compared elsewhere. words: keys of `COMPARED`."""
     posed = both.plan.posed[: both.moves]
+    manner = _Manner(both, posed, tolerance, words)
     yield from _places(both, posed, tolerance)
-    yield from _manners(both, posed, tolerance, carries)
-    yield from _others(both, tolerance, carries)
+    yield from _joint_values(manner)
+    yield from _newtons(manner)
+    yield from _others(both, tolerance)
+    for word, compared in COMPARED.items():
+        if word in words and compared.columns is not None:
+            yield from compared.columns(manner)
 
 
 def _places(both: _Both, posed: Mask, tolerance: Tolerance) -> Iterator[_Column]:
@@ -370,59 +380,128 @@ def _turns(a: _Looked, b: _Looked) -> FloatArray:
     return np.asarray(angles_between(p, q)[back])
 
 
-def _manners(
-    both: _Both, posed: Mask, tolerance: Tolerance, carries: frozenset[str]
-) -> Iterator[_Column]:
-    """How motions are made: orientation, joints, speed, blend, force."""
-    places, sides = both.places(MoveJ, MoveL, MoveC), (both.plan, both.read)
-    if "orientation" in carries:
-        a, b = (
-            _Looked(side.table, side.rotation[: both.moves][posed].astype(np.intp))
-            for side in sides
-        )
-        yield _Column(_TURN, places[posed], a, b, _turns(a, b), tolerance.angle)
-    if "via-orientation" in carries:
-        arcs = both.plan.arcs[both.plan.arcs < both.moves]
-        a, b = (
-            _Looked(side.table, side.via_rotation[: len(arcs)].astype(np.intp)) for side in sides
-        )
-        yield _Column("orientation half-way", places[arcs], a, b, _turns(a, b), tolerance.angle)
-    was, says = (
-        [item.target.values for item in side.pick(side.at[where])]
-        for side, where in both.each(~posed)
+class _Manner(Struct, frozen=True, eq=False):
+    """The input of the functions in `COMPARED`.
+
+    both: the bodies, M motions of each.
+    posed: (M,) motions whose target is a pose.
+    tolerance: limits of the comparison.
+    words: all compared words, since "joint-share" stands in for "joint-speed".
+    """
+
+    both: _Both
+    posed: Mask
+    tolerance: Tolerance
+    words: frozenset[str]
+
+    @property
+    def joint(self) -> Mask:
+        """(M,): which motions are joint-interpolated."""
+        return self.both.plan.moves_are(MoveJ)[: self.both.moves]
+
+    @property
+    def shared(self) -> Mask:
+        """(M,): motions that are compared by their share of the maximum joint speeds."""
+        return (self.both.plan.share[: self.both.moves] > 0) & ("joint-share" in self.words)
+
+    @property
+    def every(self) -> Mask:
+        """(M,): all motions."""
+        return np.ones(self.both.moves, np.bool_)
+
+
+def _orientations(manner: _Manner) -> Iterator[_Column]:
+    both, posed = manner.both, manner.posed
+    a, b = (
+        _Looked(side.table, side.rotation[: both.moves][posed].astype(np.intp))
+        for side in (both.plan, both.read)
     )
+    places = both.places(MoveJ, MoveL, MoveC)[posed]
+    yield _Column(_TURN, places, a, b, _turns(a, b), manner.tolerance.angle)
+
+
+def _via_orientations(manner: _Manner) -> Iterator[_Column]:
+    both = manner.both
+    arcs = both.plan.arcs[both.plan.arcs < both.moves]
+    a, b = (
+        _Looked(side.table, side.via_rotation[: len(arcs)].astype(np.intp))
+        for side in (both.plan, both.read)
+    )
+    places = both.places(MoveJ, MoveL, MoveC)[arcs]
+    turns = _turns(a, b)
+    yield _Column("orientation half-way", places, a, b, turns, manner.tolerance.angle)
+
+
+def _joint_values(manner: _Manner) -> Iterator[_Column]:
+    both, posed = manner.both, manner.posed
+    (plan, chosen), (text, chosen_in_text) = both.each(~posed)
+    planned = [motion.target.values for motion in plan.pick(plan.at[chosen])]
+    read = [motion.target.values for motion in text.pick(text.at[chosen_in_text])]
     error = np.array(
-        [np.abs(np.subtract(p, q)).max(initial=0.0) for p, q in zip(was, says, strict=True)]
+        [np.abs(np.subtract(p, q)).max(initial=0.0) for p, q in zip(planned, read, strict=True)]
     )
-    yield _Column("joint values", places[~posed], was, says, error, tolerance.joint)
-    rapid = both.plan.moves_are(MoveJ)[: both.moves]
-    shared = (both.plan.share[: both.moves] > 0) & ("joint-share" in carries)
-    yield both.moving("share of the joints' speeds", "share", shared, tolerance.share)
-    if "joint-speed" in carries:
-        yield both.moving("speed", "speed", rapid & ~shared, tolerance.speed)
-    if "speed" in carries:
-        # Where only the tool turns, the TCP has none.
-        yield both.moving(
-            "speed", "speed", ~rapid & (both.plan.turn[: both.moves] == 0), tolerance.speed
-        )
-    every = np.ones(both.moves, np.bool_)
-    if "turn" in carries and np.any(both.plan.turn[: both.moves]):
-        # A turn of less than half the last digit may be none in the text.
-        read = both.read.turned[: both.moves] | (both.read.turn[: both.moves] > 0)
-        turned = (both.plan.turn[: both.moves] > 0) & read
-        yield both.moving("speed of turning", "turn", turned, tolerance.turn)
-    if "blend" in carries:
-        yield both.moving("blend", "blend", every, tolerance.mm)
-    for name in (name for name in _NEUTRAL if name in carries):
-        yield _postures(both, posed, name)
-    if "stop" in carries:
-        stop = both.moving("blend", "blend", every, 0.0)
-        yield replace(stop, error=((stop.planned > 0) != (stop.read > 0)) * 1.0)
-    newtons = both.moving("force", "force", ~rapid, tolerance.force)
-    yield newtons
-    if "force-direction" in carries and np.any(newtons.planned):
-        pressed = [side.force_direction[where] for side, where in both.each(~rapid)]
-        yield _along(newtons, pressed[0], pressed[1], tolerance)
+    places = both.places(MoveJ, MoveL, MoveC)[~posed]
+    yield _Column("joint values", places, planned, read, error, manner.tolerance.joint)
+
+
+def _joint_shares(manner: _Manner) -> Iterator[_Column]:
+    what, limit = "share of the joints' speeds", manner.tolerance.share
+    yield manner.both.moving(what, "share", manner.shared, limit)
+
+
+def _joint_speeds(manner: _Manner) -> Iterator[_Column]:
+    where = manner.joint & ~manner.shared
+    yield manner.both.moving("speed", "speed", where, manner.tolerance.speed)
+
+
+def _speeds(manner: _Manner) -> Iterator[_Column]:
+    # In a reorientation the TCP has no speed.
+    travels = manner.both.plan.turn[: manner.both.moves] == 0
+    yield manner.both.moving("speed", "speed", ~manner.joint & travels, manner.tolerance.speed)
+
+
+def _turning_speeds(manner: _Manner) -> Iterator[_Column]:
+    both = manner.both
+    planned = both.plan.turn[: both.moves] > 0
+    if not planned.any():
+        return
+    # A text may lose a reorientation of less than half the last digit.
+    read = both.read.turned[: both.moves] | (both.read.turn[: both.moves] > 0)
+    yield both.moving("speed of turning", "turn", planned & read, manner.tolerance.turn)
+
+
+def _blends(manner: _Manner) -> Iterator[_Column]:
+    yield manner.both.moving("blend", "blend", manner.every, manner.tolerance.mm)
+
+
+def _stops(manner: _Manner) -> Iterator[_Column]:
+    stop = manner.both.moving("blend", "blend", manner.every, 0.0)
+    yield replace(stop, error=((stop.planned > 0) != (stop.read > 0)) * 1.0)
+
+
+def _newtons(manner: _Manner) -> Iterator[_Column]:
+    yield manner.both.moving("force", "force", ~manner.joint, manner.tolerance.force)
+
+
+def _force_directions(manner: _Manner) -> Iterator[_Column]:
+    both, tolerance = manner.both, manner.tolerance
+    (newtons,) = _newtons(manner)
+    if np.any(newtons.planned):
+        a, b = (side.force_direction[where] for side, where in both.each(~manner.joint))
+        yield _along(newtons, a, b, tolerance)
+    changes = both.others(Force, "force", "newtons", tolerance.force)
+    if np.any(changes.planned):
+        press = both.others(Force, "force_direction", "force_direction", 0.0, 3)
+        yield _along(changes, np.asarray(press.planned), np.asarray(press.read), tolerance)
+
+
+def _postures_in(name: str) -> Callable[[_Manner], Iterator[_Column]]:
+    """The column of the postures in the words of a controller, the field `name` of `Posture`."""
+
+    def columns(manner: _Manner) -> Iterator[_Column]:
+        yield _postures(manner.both, manner.posed, name)
+
+    return columns
 
 
 def _postures(both: _Both, posed: Mask, name: str) -> _Column:
@@ -460,14 +539,59 @@ def _along(newtons: _Column, a: FloatArray, b: FloatArray, tolerance: Tolerance)
     )
 
 
-def _others(both: _Both, tolerance: Tolerance, carries: frozenset[str]) -> Iterator[_Column]:
-    """Outputs, waits and force control."""
+def _others(both: _Both, tolerance: Tolerance) -> Iterator[_Column]:
+    """Outputs, waits, tool changes, stops and force changes."""
     yield both.others(Output, "output", "value", _VALUE)
     yield both.others(Wait, "wait", "seconds", tolerance.seconds)
     yield both.others(ToolChange, "tool change", "number", 0.0)
     yield both.others(Stop, "stop", "optional", 0.0)
-    newtons = both.others(Force, "force", "newtons", tolerance.force)
-    yield newtons
-    if "force-direction" in carries and np.any(newtons.planned):
-        press = both.others(Force, "force_direction", "force_direction", 0.0, 3)
-        yield _along(newtons, np.asarray(press.planned), np.asarray(press.read), tolerance)
+    yield both.others(Force, "force", "newtons", tolerance.force)
+
+
+class Compared(Struct, frozen=True):
+    """The meaning of a word of `Post.verified_fields`.
+
+    aspects: the properties that it compares, in the words of the summary; another word may compare
+        them too.
+    columns: makes the columns of the comparison; None for a frame (`_compare_frames`).
+    """
+
+    aspects: tuple[str, ...]
+    columns: Callable[[_Manner], Iterator[_Column]] | None = None
+
+
+_STOPS, _JOINT_SPEEDS = "stops at targets", "speeds of joint motions"
+_POSTURES = "postures of the arm"
+#: The properties that a text may or may not carry, by the word of `Post.verified_fields`. There are no
+#: other words, and nothing else selects them. The rest is always compared: kinds and order of
+#: instructions, targets, arcs, joint values, outputs, waits, tool changes, stops, newtons.
+COMPARED: Mapping[str, Compared] = {
+    "work": Compared(("the work frame",)),
+    "tool": Compared(("the tool frame",)),
+    "orientation": Compared(("orientations at targets",), _orientations),
+    "via-orientation": Compared(("orientations half-way along arcs",), _via_orientations),
+    "joint-share": Compared((_JOINT_SPEEDS,), _joint_shares),
+    "joint-speed": Compared((_JOINT_SPEEDS,), _joint_speeds),
+    "speed": Compared(("speeds of linear and circular motions",), _speeds),
+    "turn": Compared(("speeds of reorientations",), _turning_speeds),
+    "blend": Compared(("blend radii", _STOPS), _blends),
+    "confdata": Compared((_POSTURES,), _postures_in("confdata")),
+    "figure": Compared((_POSTURES,), _postures_in("figure")),
+    "switches": Compared((_POSTURES,), _postures_in("switches")),
+    "stop": Compared((_STOPS,), _stops),
+    "force-direction": Compared(("directions of forces",), _force_directions),
+}
+_FRAMES = tuple(word for word, compared in COMPARED.items() if compared.columns is None)
+
+
+def list_uncompared(post: Post) -> list[str]:
+    """The properties of a program that are not compared for `post`, in the words of the summary.
+
+    First those that its text does not carry, then those that an option lets `Post.prepare` change.
+    """
+    words = post.list_verified()
+    covered = {aspect for word in words for aspect in COMPARED[word].aspects}
+    aspects = dict.fromkeys(chain.from_iterable(row.aspects for row in COMPARED.values()))
+    missing = [aspect for aspect in aspects if aspect not in covered]
+    changed = [text for word, text in CHANGES.items() if text and word in post.list_changed()]
+    return missing + changed

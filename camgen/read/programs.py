@@ -9,16 +9,32 @@ from __future__ import annotations
 import itertools
 from bisect import bisect_left
 from collections.abc import Callable, Mapping, Sequence
-from typing import Literal
+from importlib.metadata import EntryPoint
+from typing import Any, Literal
 
 from msgspec import Struct, field
+from msgspec.structs import replace
 
+from camgen.model.contract import (
+    Member,
+    be,
+    be_all,
+    be_between,
+    be_body,
+    be_callable,
+    be_each,
+    be_struct,
+    be_text,
+    be_words,
+    check_value,
+    find_wrong_lines,
+)
 from camgen.model.errors import InputError
 from camgen.model.limits import Limits
 from camgen.model.plugins import entries, find, load
 from camgen.model.pose import Pose
 from camgen.model.program import Instruction, Output
-from camgen.model.text import grouped
+from camgen.model.text import counted, grouped
 
 LANGUAGES = "camgen.languages"
 
@@ -114,12 +130,88 @@ class Language(Struct, frozen=True):
 
 def find_language(name: str) -> Language:
     """The language of the controller that the post ``name`` writes for. JobError if none is installed."""
-    return load(find(entries(LANGUAGES), name, "language", "camgen posts lists them"))  # type: ignore[return-value]
+    return _load(find(entries(LANGUAGES), name, "language", "camgen posts lists them"))
 
 
 def list_languages() -> list[Language]:
     """All that are installed, by name."""
-    return [load(entry) for entry in entries(LANGUAGES)]  # type: ignore[misc]
+    return [_load(entry) for entry in entries(LANGUAGES)]
+
+
+def _load(entry: EntryPoint) -> Language:
+    """The language of an entry point; what its `run` returns is checked each time."""
+    language: Any = load(entry)
+    plug_in = f"language {entry.name}"
+    check_value(plug_in, _LANGUAGE, language, _REMEDY)
+    run = CheckedRun(plug_in, language.run)
+    return replace(language, run=run)  # type: ignore[no-any-return]
+
+
+class CheckedRun(Struct, frozen=True):
+    """The interpreter of a language, whose result is checked.
+
+    plug_in: the language, for the message.
+    run: the function of the plug-in.
+    """
+
+    plug_in: str
+    run: Callable[[Mapping[str, str], Ask], Executed]
+
+    def __call__(self, files: Mapping[str, str], ask: Ask) -> Executed:
+        """Runs the program. Raises JobError for a result that is not an Executed."""
+        executed: Any = self.run(files, ask)
+        check_value(self.plug_in, _RUN, executed, _REMEDY)
+        return executed  # type: ignore[no-any-return]
+
+
+_REMEDY = "correct or remove its package"
+_TEXT = be(str, "a text")
+_SUFFIX = be_text(lambda text: text[:1] == "." and text == text.lower(), "a lower-case file ending")
+_LANGUAGE = Member(
+    "the entry point",
+    be_struct(
+        Language,
+        {
+            "name": be_text(str.strip, "a name"),
+            "about": be_text(str.strip, "a line of text"),
+            "suffixes": be_each(tuple, _SUFFIX, "a tuple of file endings"),
+            "recognise": be_callable,
+            "run": be_callable,
+            "dialects": be_each(tuple, _TEXT, "a tuple of names"),
+            "takes": be_words(tuple, ("entry", "points"), "a tuple of words"),
+        },
+    ),
+)
+_LINE = be_between(0)
+_FINDING = be_struct(
+    Finding, {"level": be_text(LEVELS.__contains__, "a level"), "line": _LINE, "what": _TEXT}
+)
+_ASSUMPTION = be_struct(Assumption, {"line": _LINE, "what": _TEXT, "key": _TEXT})
+_EXECUTED = {
+    "body": be_body,
+    "lines": be(tuple, "a tuple of line numbers"),
+    "frames": be_each(tuple, be(Frames, "Frames"), "a tuple of Frames"),
+    "frame": be(tuple, "a tuple of places in frames"),
+    "findings": be_each(tuple, _FINDING, "a tuple of Finding"),
+    "assumed": be_each(tuple, _ASSUMPTION, "a tuple of Assumption"),
+    "facts": be(tuple, "a tuple of pairs of texts"),
+    "lost": be(tuple, "a tuple of lines with texts"),
+}
+
+
+def _find_wrong_lines(executed: Executed) -> str:
+    size = len(executed.body)
+    fault = find_wrong_lines(executed.lines, size)
+    if fault:
+        return f"has lines that {fault}"
+    if executed.frame and len(executed.frame) != size:
+        return f"has {len(executed.frame)} places of frames for {counted(size, 'instruction')}"
+    if executed.frame and max(executed.frame) >= len(executed.frames):
+        return "has a place of a frame that is not there"
+    return ""
+
+
+_RUN = Member("run()", be_all(be_struct(Executed, _EXECUTED), _find_wrong_lines))
 
 
 def rename_outputs(

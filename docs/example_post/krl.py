@@ -45,7 +45,7 @@ class Krl(Post):
     about: ClassVar[str] = "KUKA KRL, the worked example of the post tutorial"
     newline: ClassVar[str] = "\r\n"
     verified_fields: ClassVar[frozenset[str]] = frozenset(
-        {"orientation", "speed", "blend", "stop", "work", "tool"}
+        {"orientation", "via-orientation", "speed", "blend", "stop", "work", "tool"}
     )
 
     signals: dict[str, int] = field(
@@ -184,7 +184,7 @@ class Krl(Post):
 
     def tolerance(self) -> Tolerance:
         """Half the last digit printed: 0.00005 deg is 0.9e-6 rad. Three angles add up in an orientation."""
-        return Tolerance(0.5 * 10**-self.decimals, 2.7e-6, 0.9e-6, 0.0005, 0.0, 0.0005)
+        return Tolerance(0.5 * 10**-self.decimals, 2.7e-6, 0.9e-6, 0.0005, 0.0005, 0.0005)
 
     @classmethod
     def cell(cls) -> Cell:

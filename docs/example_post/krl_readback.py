@@ -22,18 +22,24 @@ _SETTINGS = (
     "$TOOL",
     *(f"$VEL_AXIS[{k}]" for k in range(1, 7)),
 )
+#: Options that are numbers, with the defaults of the post.
+_NUMBERS = {"spindle_rpm": 0.0, "joint_speed": 10}
 
 
 @dataclass
 class _Reader:
     """The controller as it goes through a program: what it has been told, and what it has done.
 
-    signals: names by number of output. rpm: of the spindle while it is on. settings: those of ``_SETTINGS`` that are
-    set. speed and zone: mm/s and mm, 0 until they are set.
+    signals: names by number of output.
+    rpm: of the spindle while it is on.
+    percent: speed of PTP, `joint_speed` of the job.
+    settings: those of ``_SETTINGS`` that are set.
+    speed, zone: mm/s and mm, 0 until they are set.
     """
 
     signals: Mapping[int, str]
     rpm: float
+    percent: float
     number: int = 0
     settings: list[str] = field(default_factory=list)
     frames: dict[str, Pose] = field(default_factory=dict)
@@ -60,7 +66,7 @@ class _Reader:
         self.body.append(item)
         self.lines.append(self.number)
 
-    def settle(self, name: str, percent: str = "100") -> None:
+    def settle(self, name: str, percent: str = "") -> None:
         """A setting for the whole program. BAS(#INITMOV, 0) gives every variable of motions a default."""
         self.need(
             (name == "BAS") != bool(self.settings or self.speed or self.zone),
@@ -70,7 +76,10 @@ class _Reader:
             name not in self.settings and not self.body,
             f"{name} must be set once, before the first motion",
         )
-        self.need(0 < float(percent) <= 100, f"{name} must be above 0 and at most 100 %")
+        if percent:
+            self.need(0 < float(percent) <= 100, f"{name} must be above 0 and at most 100 %")
+            wanted = self.percent
+            self.need(float(percent) == wanted, f"{name} must be joint_speed, {wanted:g} %")
         self.settings.append(name)
 
     def place(self, name: str, *values: str) -> None:
@@ -124,6 +133,10 @@ class _Reader:
         self.do(Output(name, (self.rpm if name == "spindle" else 1.0) if value == "TRUE" else 0.0))
 
 
+def _number(value: object) -> float:
+    return float(value) if isinstance(value, (int, float)) else 0.0
+
+
 def _pose(values: Sequence[str]) -> Pose:
     """X, Y, Z in mm; A about z, then B about the new y, then C about the new x, in degrees."""
     x, y, z, *angles = map(float, values)
@@ -154,9 +167,10 @@ _STATEMENTS: dict[str, Callable[..., None]] = {
 
 def read(files: Mapping[str, str], options: Mapping[str, object]) -> Reading:
     """What the files say. options: as in ``[post]``, for what the outputs mean."""
-    given, rpm = options.get("signals", {"process": 1}), options.get("spindle_rpm", 0.0)
+    given = options.get("signals", {"process": 1})
+    rpm, percent = (_number(options.get(name, default)) for name, default in _NUMBERS.items())
     names = {number: name for name, number in given.items()} if isinstance(given, dict) else {}
-    reader = _Reader(names, float(rpm) if isinstance(rpm, (int, float)) else 0.0)
+    reader = _Reader(names, rpm, percent)
     text = [line for content in files.values() for line in content.splitlines()]
     for line in text:
         reader.take(line)

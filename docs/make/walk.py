@@ -27,9 +27,9 @@ ARROWS = {
     "camgen.plan.plan": "plan",
     "camgen.order.order": "order",
     "camgen.lower.lower": "lower",
-    "prepare": "post (replace what the controller lacks)",
+    "camgen.post.contract.prepare_program": "post (replace what the controller lacks)",
     "camgen.check.check": "check",
-    "render": "post (print)",
+    "camgen.post.contract.render_program": "post (print)",
     "camgen.post.verify.compare": "verify",
 }
 _BUILD = ("camgen.build", "camgen.build.programs")

@@ -200,6 +200,11 @@ class PacScript(PacScriptOptions):
         frames = {option for option in ("tool", "work") if self.define and getattr(self, option)}
         return self.verified_fields | frames | ({"blend"} if self.pass_mark == "mm" else set())
 
+    def list_changed(self) -> frozenset[str]:
+        """Force, where it is left out, and the speed of the spindle, which an IO does not carry."""
+        changes = {"force": self.force == "ignore", "spindle": self.spindle == "on-off"}
+        return frozenset(word for word, is_changed in changes.items() if is_changed)
+
     def prepare(self, program: Program, chord: float) -> Program:
         """As the base does; then states what the text will say where an option gives something up."""
         for option, frame in (("tool", program.flange_from_tool), ("work", program.base_from_work)):

@@ -199,6 +199,11 @@ class VPlus(Post):
         frames: frozenset[str] = frozenset({"work", "tool"}) if self.declare else frozenset()
         return (self.verified_fields | frames) - ({"switches"} if self.posture else frozenset())
 
+    def list_changed(self) -> frozenset[str]:
+        """Force, left out or an output, and the speed of the spindle, which no output carries."""
+        changes = {"force": self.force != "refuse", "spindle": self.spindle == "on-off"}
+        return frozenset(word for word, is_changed in changes.items() if is_changed)
+
     def prepare(self, program: Program, chord: float) -> Program:
         """As the base; forces and spindles become what the options say. Refused: also axes, posture or frames."""
         self._orientations.clear()

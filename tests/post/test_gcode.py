@@ -424,6 +424,10 @@ def test_a_force_too_small_to_print_is_refused():
         gcode(force="analog", force_scale=0.001).prepare(plan, 0.01)
 
 
+#: Remarks; and the last digit of a centre, since an arc may be off by six times half a digit.
+MEANINGLESS = (r"\(.*\)", r"[IJ]-?\d+\.\d\d(\d)")
+
+
 @pytest.mark.parametrize("case", cases(), ids=str)
 @pytest.mark.parametrize(
     "force",
@@ -433,7 +437,8 @@ def test_a_force_too_small_to_print_is_refused():
 def test_conformance(case: Case, force):
     signals = {name: f"P{n}" for n, name in enumerate(("process", "glue", "vacuum", "air"))}
     post, lacks = find_post("gcode"), {"joints", "tilt", "signals", "large", "split"}
-    check_case(post, find_readback("gcode"), case, {"signals": signals, **force}, lacks)
+    options = {"signals": signals, **force}
+    check_case(post, find_readback("gcode"), case, options, lacks, MEANINGLESS)
 
 
 # The outside judge.

@@ -14,7 +14,7 @@ from camgen.build.stages import part
 from camgen.cli import main
 from camgen.model import plugins
 from camgen.model.errors import JobError
-from camgen.post import Post
+from camgen.post import Fault, Post
 from camgen.post.plugins import (
     POSTS,
     READBACKS,
@@ -28,7 +28,7 @@ from camgen.post.plugins import (
 POST = """
 from dataclasses import dataclass, field
 from typing import ClassVar
-from camgen.post import Post
+from camgen.post import Fault, Post
 
 @dataclass
 class {name}(Post):
@@ -43,6 +43,12 @@ class {name}(Post):
     def output(self, item): return ()
     def wait(self, item): return ()
     def comment(self, text): return text
+"""
+READ = """
+from camgen.post import Fault, Reading
+
+def read(files, options):
+    return Reading((), (), tuple(Fault(1, text) for text in files.values()))
 """
 
 
@@ -62,9 +68,9 @@ def test_the_built_in_posts_are_found_with_their_readbacks(name):
 
 
 def test_a_post_is_found_by_path(tmp_path):
-    path = write(tmp_path, POST.format(name="Mini") + "def read(files, options): return files\n")
+    path = write(tmp_path, POST.format(name="Mini") + READ)
     assert find_post(path).name == "mini"
-    assert find_readback(path)({"a": "b"}, {}) == {"a": "b"}
+    assert find_readback(path)({"a": "b"}, {}).faults == (Fault(1, "b"),)
 
 
 def test_a_post_file_may_postpone_its_annotations(tmp_path):
@@ -196,6 +202,173 @@ def test_a_post_without_a_readback_is_listed_as_broken(tmp_path, monkeypatch):
         tmp_path, monkeypatch, ["strange=strange_post:Mini"], [], POST.format(name="Mini")
     )
     assert "has no read-back" in found["strange"].broken
+
+
+# Each member of a plug-in is checked by one table. A line is put into the class of a post.
+
+
+@pytest.mark.parametrize(
+    ("line", "says"),
+    [
+        ("wait = Post.wait", "__abstractmethods__ must be defined: wait"),
+        ("name = 'a b'", "name is 'a b', not a name of letters, digits and _"),
+        ("name = 3", "name is 3, not a name"),
+        ("suffix = 'min'", "suffix is 'min', not a file name ending"),
+        ("suffix = '/../x'", "suffix is '/../x', not a file name ending"),
+        ("about = ''", "about is '', not a line of text"),
+        ("newline = 'x'", "newline is 'x', not a line end"),
+        ("data_suffixes = '.dat'", "data_suffixes is '.dat', not a tuple"),
+        ("data_suffixes = ('dat',)", "data_suffixes has an element that is 'dat'"),
+        ("changes_tools = 1", "changes_tools is 1, not True or False"),
+        ("passes = 'chords'", "passes is 'chords', not a tuple"),
+        ("passes = ('cords',)", "passes has the unknown word 'cords', nearest is chords"),
+        (
+            "verified_fields = frozenset({'spede'})",
+            "has the unknown word 'spede', nearest is speed",
+        ),
+        ("verified_fields = frozenset({3})", "verified_fields has 3, which is not a word"),
+        ("verified_fields = 'speed'", "verified_fields is 'speed', not a set of words"),
+    ],
+)
+def test_a_class_with_a_wrong_member_is_no_post(tmp_path, line, says):
+    path = write(tmp_path, POST.format(name="Mini") + f"    {line}\n")
+    with pytest.raises(JobError) as caught:
+        find_post(path)
+    assert says in str(caught.value)
+    assert str(caught.value).startswith(f"post {path}: ")
+    assert str(caught.value).endswith("; correct the post")
+    assert caught.value.exit_code == 2
+
+
+def tolerance(**fields):
+    numbers = ", ".join(f"{name}={value}" for name, value in fields.items())
+    return f"def tolerance(self): return replace(Post.tolerance(self), {numbers})"
+
+
+@pytest.mark.parametrize(
+    ("line", "says"),
+    [
+        ("decimals: int = -2", "decimals is -2, not a whole number from 0 to 9"),
+        ("decimals: int = 10", "decimals is 10, not a whole number from 0 to 9"),
+        ("decimals: int = 2.5", "decimals is 2.5, not a whole number"),
+        ("decimals: int = True", "decimals is True, not a whole number"),
+        ("max_lines: int = -1", "max_lines is -1, not a whole number of 0 or more"),
+        ("program: str = None", "program is None, not a text"),
+        (
+            "def list_verified(self): return {'spede'}",
+            "list_verified() has the unknown word 'spede'",
+        ),
+        ("def list_verified(self): return None", "list_verified() is None, not a set of words"),
+        ("def list_changed(self): return {'feeds'}", "list_changed() has the unknown word 'feeds'"),
+        ("def tolerance(self): return 0.001", "tolerance() is 0.001, not a Tolerance"),
+        (tolerance(mm="math.inf"), "tolerance() mm = inf is not finite"),
+        (tolerance(mm="math.nan"), "tolerance() mm = nan is not finite"),
+        (tolerance(mm=0.0), "tolerance() mm = 0 is not above 0"),
+        (tolerance(speed=-1.0), "tolerance() speed = -1 is not above 0"),
+        (tolerance(share=-1e-9), "tolerance() share = -1e-09 is not above 0"),
+        (tolerance(speed="'x'"), "tolerance() speed = 'x' is not a number"),
+        (tolerance(angle=0.1), "tolerance() angle = 0.1 is more than 8.7"),
+        (tolerance(joint=0.1), "tolerance() joint = 0.1 is more than 1.7"),
+        (tolerance(speed=0.2), "tolerance() speed = 0.2 is more than 0.1"),
+        (tolerance(force=0.2), "tolerance() force = 0.2 is more than 0.1"),
+        (tolerance(seconds=0.02), "tolerance() seconds = 0.02 is more than 0.01"),
+        (tolerance(turn=0.01), "tolerance() turn = 0.01 is more than 0.001"),
+        (tolerance(share=0.01), "tolerance() share = 0.01 is more than 0.001"),
+        ("def dynamics(self): return 5", "dynamics() is 5, not a Dynamics"),
+        ("def dynamics(self): return Dynamics(ramp=0.0)", "ramp = 0, which is not above 0"),
+        (
+            "def dynamics(self): return Dynamics(turning=math.inf)",
+            "turning = inf, which is not a fin",
+        ),
+        (
+            "def dynamics(self): return Dynamics(corner='round')",
+            "corner that is 'round', not a kind",
+        ),
+        ("def dynamics(self): return Dynamics(shares=1)", "shares that is 1, not True or False"),
+    ],
+)
+def test_a_post_with_a_wrong_member_is_not_made(tmp_path, line, says):
+    head = (
+        "import math\nfrom msgspec.structs import replace\nfrom camgen.model.cell import Dynamics\n"
+    )
+    path = write(tmp_path, head + POST.format(name="Mini") + f"    {line}\n")
+    with pytest.raises(JobError) as caught:
+        make_post(find_post(path), {})
+    assert says in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert caught.value.exit_code == 2
+
+
+@pytest.mark.parametrize("decimals", [-1, 10, 400])
+def test_an_option_has_the_bounds_of_a_member(tmp_path, decimals):
+    path = write(tmp_path, POST.format(name="Mini"))
+    with pytest.raises(JobError, match=f"decimals is {decimals}, not a whole number from 0 to 9"):
+        make_post(find_post(path), {"decimals": decimals})
+
+
+GCODE = """
+from camgen.model.cell import Cell
+from camgen.model.pose import translation
+from camgen.post import Fault, OutputFile, Reading
+from camgen.model.program import MoveL
+from camgen_posts.gcode import GCode
+from camgen_posts.readback.gcode import read as proper
+
+class Own(GCode):
+    {post}
+
+def read(files, options):
+    {read}
+"""
+PROPER = "return proper(files, options)"
+
+
+@pytest.mark.parametrize(
+    ("post", "read", "says"),
+    [
+        ("def prepare(self, *_): return None", PROPER, "prepare() is None, not a Program"),
+        ("def render(self, _): return None", PROPER, "render() is None, not a tuple"),
+        ("def render(self, _): return ('x',)", PROPER, "element that is 'x', not an OutputFile"),
+        (
+            "def render(self, _): return (OutputFile('a', b''),)",
+            PROPER,
+            "text that is b'', not a t",
+        ),
+        ("def render(self, _): return ()", PROPER, "has no file"),
+        (
+            "def warn(self, _): return ('careful',)",
+            PROPER,
+            "warn() has an element that is 'careful'",
+        ),
+        ("@classmethod\n    def cell(cls): return 'mill'", PROPER, "cell() is 'mill', not a Cell"),
+        (
+            "@classmethod\n    def cell(cls): return Cell('mill', 1, 2, 3)",
+            PROPER,
+            "cell() has base_from_work that is 1, not a Pose",
+        ),
+        ("", "return None", "read() is None, not a Reading"),
+        ("", "return Reading(('x',), (1,), ())", "body that has an element of the type str"),
+        ("", "return Reading('x', (1,), ())", "body that is 'x', not a sequence"),
+        ("", "return Reading((), (1,), ())", "lines that has 1 number for 0 instructions"),
+        ("", "return Reading((), (), ['x'])", "faults that is ['x'], not a tuple of Fault"),
+        ("", "return Reading((), (), ('x',))", "faults that has an element that is 'x'"),
+        ("", "return Reading((), (), (), 3)", "work that is 3, not a Pose"),
+        (
+            "",
+            "return Reading((MoveL(translation(0, 0, 0), 1.0),), ('one',), ())",
+            "lines that has an element that is not a line number",
+        ),
+    ],
+)
+def test_a_wrong_result_ends_a_build(tmp_path, monkeypatch, capsys, post, read, says):
+    path = write(tmp_path, GCODE.format(post=post or "pass", read=read))
+    bracket = Path(__file__).parents[2] / "fixtures" / "parts" / "bracket.dxf"
+    monkeypatch.chdir(tmp_path)
+    assert main(["build", str(bracket), "--post", path, "-q"]) == 2
+    error = capsys.readouterr().err
+    assert says in error
+    assert error.count("\n") == 1
+    assert {file.name for file in tmp_path.iterdir()} <= {"mini_post.py", "__pycache__"}
 
 
 @dataclass
