@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 from camgen.geometry.segments import bounds, from_contours
 from camgen.model.errors import InputError, JobError
 from camgen.model.job import PageTable
+from camgen.model.page import page_size
 from camgen.model.part import Contour, Part
 from camgen.model.pose import frozen
 from camgen.model.text import short
 from camgen.plan import plan
-from camgen.model.page import page_size
 from camgen.plan.page import on_page
 from camgen.read import read
 from camgen.read.job_file import from_mapping
