@@ -28,7 +28,7 @@ LIBRARIES = {
     "machine", "check.judge", "check.peer", "check.peer_freecad", "check.scenes",
     "photo.paper", "photo.observed", "photo.contact", "photo.pist_figures", "robots.plain_loop",
     "read.goldens", "read.mills",
-    "reliability.programs", "reliability.mutations",
+    "reliability.programs", "reliability.mutations", "reliability.drawn_jobs",
     "reliability.wheel_cases", "read.bnf", "read.judges", "read.productions",
     *(f"reliability.fuzzing.{name}" for name in ("odd", "drawings", "pictures", "solids", "texts", "programs")),
     "reliability.fuzzing.table",
@@ -69,6 +69,9 @@ SMOKES = [
     # They start processes of their own, which a process with threads must not.
     Smoke("reliability.inputs 24 0 1", (12,), {"mutants": (2, 2), "misses": (0, 0)}, alone=True),
     Smoke("reliability.fuzz svg verify-grbl --examples 5", (2,), {"misses": (0, 0), "examples": (5, 5)}, alone=True),
+    Smoke(
+        "reliability.combinations --count 8", (6,), {"cases": (0, 8), "other": (0, 0)}, alone=True
+    ),
     Smoke("reliability.kills 2 1", (2,), {"files damaged": (0, 0)}, alone=True),
     Smoke("tours.order 50", (2,), {"paths": (50, 50), "of it": (5, 60)}),
     Smoke(
