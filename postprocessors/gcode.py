@@ -333,7 +333,7 @@ class GCode(Rs274):
                 remedy="num_dio and num_aio of motmod",
             )
         if not 0 <= self.force_channel <= 63:
-            raise JobError("[post] force_channel", f"{self.force_channel} is not 0 to 63")
+            raise JobError("[post] force_channel", f"must be 0 to 63, not {self.force_channel}")
         if self.force == "analog" and not 1e-3 <= self.force_scale <= 1e3:
             raise JobError(
                 "[post] force_scale",

@@ -50,7 +50,8 @@ class Grbl(Rs274):
         super().__post_init__()
         check_signals(self.signals, (*_SPINDLE, *COOLANT), [_SPINDLE, COOLANT])
         if not 0 < self.power <= 99_999:
-            raise JobError("[post] power", f"{self.power:g} is not more than 0 and at most 99999")
+            what = f"must be more than 0 and at most 99999, not {self.power:g}"
+            raise JobError("[post] power", what)
 
     def dynamics(self) -> Dynamics:
         """A small mill or plotter. Corners by the junction deviation, $11, as the firmware has it: 0.01 mm."""

@@ -35,6 +35,7 @@ from collections import Counter
 from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
+from pkgutil import walk_packages
 from typing import NamedTuple
 
 from bench.machine import machine
@@ -44,6 +45,11 @@ from bench.reliability.drawn_jobs import POSTS, ROOT, Case, draw_case, list_sett
 PROCESSOR_SECONDS, CLOCK_SECONDS = 60, 300
 #: Bytes of address space that a build may have.
 MEMORY = 8 * 1024**3
+#: Packages that builds import.
+_FOLDERS = (
+    *(f"camgen.{name}" for name in ("read", "collision", "plan", "order", "lower", "check")),
+    *("camgen.post", "camgen.build", "camgen.cli", "postprocessors"),
+)
 #: A sentence of this form says what to give, and needs no remedy beside it.
 _SAYS_WHAT_TO_GIVE = re.compile(r"\bmust be\b.*, not ", re.DOTALL)
 
@@ -214,7 +220,10 @@ def names_setting(post: str, text: str, place: str) -> bool:
 
 def prepare_worker() -> None:
     """Imports the program once; the processes of the cases are copies of this one."""
-    import_module("camgen.cli.build")
+    for folder in _FOLDERS:
+        package = import_module(folder)
+        for module in walk_packages(package.__path__, f"{folder}."):
+            import_module(module.name)
     for post in POSTS:
         list_settings(post)
 
@@ -223,6 +232,7 @@ def measure(count: int, seed: int, first: int, processes: int) -> int:
     """Prints the table and the misses; returns the number of misses."""
     began = time.perf_counter()
     cases = [draw_case(seed, number) for number in range(first, first + count)]
+    os.environ["OPENBLAS_NUM_THREADS"] = "1"  # a process with threads must not fork
     context = multiprocessing.get_context("spawn")
     runs = []
     with context.Pool(processes, prepare_worker) as pool:

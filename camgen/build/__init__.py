@@ -14,7 +14,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 import camgen.preview.notebook  # noqa: F401 (values draw themselves)
-from camgen.build.inputs import note_urdf, read_inputs
+from camgen.build.inputs import note_urdf, note_work_frame, read_inputs
 from camgen.build.memory import give_back
 from camgen.build.motion import prove_motion
 from camgen.build.programs import Checked, Posted, check_programs, lines_of, post_programs
@@ -298,7 +298,7 @@ def _sum_up(
         notes=sort_notes(
             plan.part.notes,
             plan.notes,
-            (*tour.notes, *note_urdf(job.cell.robot, cell.arm)),
+            (*tour.notes, *note_urdf(job.cell.robot, cell.arm), *note_work_frame(job, cell)),
             (checks.clear.notes if checks.clear else ()),
             (
                 *_note_corners(checks.program, dynamics_of(post, job), job),

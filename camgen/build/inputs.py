@@ -20,7 +20,8 @@ from camgen.model.job import Choice, Job, OperationTable, ProcessTable, ToolTabl
 from camgen.model.job_tables import ROWS, split_name
 from camgen.model.part import Note, Part, Solid
 from camgen.model.pose import FloatArray, frozen
-from camgen.model.text import counted
+from camgen.model.program import Joints
+from camgen.model.text import counted, short
 from camgen.read import find_reader, read
 from camgen.read.files import Files, identity
 from camgen.read.programs import Frames
@@ -247,11 +248,22 @@ def digest_of(job: Job, sources: Sequence[Path | Part], files: Files) -> str:
         from camgen.robots.urdf.xml import urdf_files  # noqa: PLC0415 (only arms from a URDF need it)
 
         arm = urdf_files(described[0], files)
-    meshes = [one for one in job.cell.fixtures or () if isinstance(one, str)]
-    for name in (job.image.background, job.camera.file, *map(str, arm), *meshes):
-        if name:
-            total.update(files.read(name).data)
+    named = [("image.background", job.image.background), ("camera.file", job.camera.file)]
+    named += [("cell.robot", str(path)) for path in arm]
+    named += [("cell.fixtures", one) for one in job.cell.fixtures or () if isinstance(one, str)]
+    for setting, name in named:
+        if name or setting == "cell.fixtures":
+            total.update(_read_setting(setting, name, files))
     return total.hexdigest()[:12]
+
+
+def _read_setting(setting: str, name: str, files: Files) -> bytes:
+    """The bytes of a file that a setting names. InputError with the setting."""
+    try:
+        return files.read(name).data
+    except InputError as error:
+        where, remedy = error.where or setting, error.remedy or "give a file that exists"
+        raise InputError(error.file, error.what, where, remedy) from error
 
 
 def _bytes_of(part: Part) -> bytes:
@@ -313,6 +325,15 @@ def _own(job: Job) -> dict[str, object]:
 
 def _changed(table: dict[str, object], default: dict[str, object]) -> dict[str, object]:
     return {key: value for key, value in table.items() if value != default.get(key)}
+
+
+def note_work_frame(job: Job, cell: Workcell) -> tuple[Note, ...]:
+    """The work zero of a machine whose travel is checked, if the job does not state it."""
+    if cell.arm is None or isinstance(cell.home, Joints) or job.cell.base_from_work is not None:
+        return ()
+    position = " ".join(short(value, 3) for value in cell.base_from_work.origin)
+    what = f"the work zero is at {position} mm of {cell.arm.name}"
+    return (Note("assumed", what, "set cell.base_from_work to the work offset of the machine"),)
 
 
 def note_urdf(name: str, arm: Robot | None) -> tuple[Note, ...]:

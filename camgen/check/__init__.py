@@ -12,6 +12,7 @@ from msgspec.structs import replace
 from camgen.lower.runs import plunge
 from camgen.model.cell import Cell
 from camgen.model.job import Job
+from camgen.model.pose import Pose
 from camgen.model.program import Program
 from camgen.robots.workcell import Workcell
 
@@ -59,6 +60,11 @@ def check(
     """
     if not isinstance(cell, Workcell) or cell.arm is None:
         return Checks(program)
+    if isinstance(cell.home, Pose):
+        from camgen.check.machine import check_machine  # noqa: PLC0415 (as below)
+
+        result = check_machine(program, job, cell, name or program.name)
+        return Checks(program, result.reach, result.clear, result.where)
     from camgen.check.collide import check_clear  # noqa: PLC0415 (fcl and kinematics, only for what needs them)
     from camgen.check.flow import let_flow  # noqa: PLC0415
     from camgen.check.reach import check_reach, trace  # noqa: PLC0415

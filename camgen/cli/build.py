@@ -26,7 +26,7 @@ from camgen.model.errors import JobError, rename_errors
 from camgen.model.part import GRAVEST, Note, NoteKind
 from camgen.model.path import PLAIN, Tour
 from camgen.model.pose import Pose
-from camgen.model.program import ToolChange
+from camgen.model.program import Joints, ToolChange
 from camgen.model.text import counted, duration, grouped, short
 from camgen.plan.steps import name_of
 from camgen.preview.drawings import check_preview, draw
@@ -112,7 +112,10 @@ def _reach(result: Result) -> list[Row]:
             ("collision", "not proven: no robot model", "look"),
         ]
     samples = counted(result.reach.samples, "pose")
-    robot = f"{result.reach.robot} reaches all of it within its limits, {_posture(result)}"
+    is_arm = isinstance(result.cell.home, Joints)
+    bounds = "limits" if is_arm else "travel"
+    posture = f", {_posture(result)}" if is_arm else ""
+    robot = f"{result.reach.robot} reaches all of it within its {bounds}{posture}"
     return [
         ("reach", f"{robot} ({samples})", "good"),
         ("collision", f"no collision, {_clearance(result)}", "good"),

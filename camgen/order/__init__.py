@@ -154,7 +154,10 @@ def _order_paths(plan: Plan, job: Job, cell: Cell | None, watch: Watch, ways: bo
     told = None if watch is ignore_stages else tell
     wish = (choice.method, start, inside, choice.seconds, choice.seed, choice.layers, choice.seam)
     found = arrange(plan.paths, *wish, told, choice.order)
-    arm = cell if isinstance(cell, Workcell) and cell.arm is not None and plan.paths else None
+    arm = None
+    # The travel of a machine whose home is a pose is that of the plane already.
+    if isinstance(cell, Workcell) and cell.arm is not None and start is None and plan.paths:
+        arm = cell
     free = arm is not None and (_turns(job) or (ways and _may_choose(job)))
     # Leads and tabs change the paths that turns are chosen for: order and starts first, turns at the end.
     later = free and any(

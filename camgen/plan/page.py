@@ -123,7 +123,9 @@ def _ratio(part: Part, page: PageTable, drawn: FloatArray, room: FloatArray) -> 
     # A drawing without height, a single line, is limited by its width alone.
     ratios = [r / d for r, d in zip(room.tolist(), drawn.tolist(), strict=True) if d > 0]
     if not ratios:
-        raise InputError(part.source, "the drawing has no size that could fit the page")
+        remedy = 'set page.scale to "true" or to mm per unit'
+        what = "the drawing has no size that could fit the page"
+        raise InputError(part.source, what, "page.scale", remedy)
     return float(min(ratios))
 
 
@@ -174,7 +176,8 @@ def _move_raster(raster: Raster, ratio: float, shift: FloatArray) -> Raster:
     matrix = raster.work_from_view * ratio
     matrix[:, 2] += shift
     if not math.isfinite(float(matrix.sum())):
-        raise InputError("picture", "has no finite scale on this page")
+        remedy = "set page.scale to mm per pixel"
+        raise InputError("picture", "has no finite scale on this page", "page.scale", remedy)
     return replace(raster, work_from_view=frozen(matrix))
 
 

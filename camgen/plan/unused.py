@@ -9,6 +9,7 @@ from msgspec.structs import asdict, replace
 from camgen.model.cell import Cell
 from camgen.model.errors import JobError
 from camgen.model.job import Job, OperationTable
+from camgen.model.pose import Pose
 from camgen.robots.workcell import Workcell
 
 _ALL = ("*",)
@@ -150,6 +151,10 @@ def insist_on_turns(job: Job, cell: Cell | None) -> None:
     if not tool.symmetric and tool.turn is None:
         return
     key = "tool.symmetric" if tool.symmetric else "tool.turn"
+    if cell is not None and isinstance(cell.home, Pose):
+        raise JobError(
+            "job", "has no effect on a machine, which turns no tool", key, "leave it out"
+        )
     if not isinstance(cell, Workcell) or cell.arm is None:
         raise JobError(
             "job",

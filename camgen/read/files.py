@@ -14,6 +14,8 @@ from camgen.model.files import Source
 from camgen.model.limits import Limits, tell
 
 _DEFAULTS = Limits()
+#: Bytes that are read at a time, at least.
+_BLOCK = 1 << 26
 
 
 class Files:
@@ -71,7 +73,8 @@ class Files:
         if same not in self._data:
             _insist_on_regular(path)
             with path.open("rb") as stream:
-                self._data[same] = _bounded(str(path), stream, self.limits.file_bytes)
+                size = os.fstat(stream.fileno()).st_size
+                self._data[same] = _bounded(str(path), stream, self.limits.file_bytes, size)
             self.opened[same] = path
         return Source(path, self._data[same], self.limits, self._notes.get(same, ()))
 
@@ -104,9 +107,16 @@ def _insist_on_regular(path: Path) -> None:
         raise InputError(str(path), "is not a regular file", remedy="copy it to a file")
 
 
-def _bounded(name: str, stream: BinaryIO, most: float) -> bytes:
-    """All of a stream. InputError where it is longer than ``most`` bytes."""
-    data = stream.read(int(most) + 1)
+def _bounded(name: str, stream: BinaryIO, most: float, size: int = 0) -> bytes:
+    """All of a stream. InputError where it is longer than ``most`` bytes. size: bytes of a file."""
+    block_size = max(_BLOCK, int(min(size, most)) + 1)
+    blocks: list[bytes] = []
+    read = 0
+    # Python allocates the size that is asked for, and a job may raise its limit beyond the memory.
+    while read <= most and (block := stream.read(block_size)):
+        blocks.append(block)
+        read += len(block)
+    data = b"".join(blocks)
     if len(data) > most:
         raise InputError(
             name, f"has more than {tell(most)} bytes", remedy="split it, or raise limits.file_bytes"

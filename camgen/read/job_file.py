@@ -94,7 +94,7 @@ def _cell_filled(tree: Tree, origins: dict[tuple[str, str], str], files: Files) 
         )
     if not name:
         return
-    other = _tables_of(_toml(Path(name), files), name)
+    other = _tables_of(_toml(Path(name), files, "cell.file"), name)
     for table in other:
         if table != "cell":
             raise JobError(
@@ -154,11 +154,13 @@ def _plain(value: object) -> object:
     return value.tolist() if hasattr(value, "tolist") else value
 
 
-def _toml(file: Path, files: Files) -> dict[str, Any]:
+def _toml(file: Path, files: Files, setting: str = "--job") -> dict[str, Any]:
+    """The tables of a file. JobError. setting: the one that names the file."""
     try:
         return tomllib.loads(files.open(file).data.decode("utf-8-sig"))
     except OSError as error:
-        raise JobError(str(file), f"cannot be read: {error.strerror}") from error
+        what = f"cannot be read: {error.strerror}"
+        raise JobError(str(file), what, setting, "give a file that can be read") from error
     except UnicodeDecodeError as error:
         line = error.object[: error.start].count(b"\n") + 1
         raise JobError(

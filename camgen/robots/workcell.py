@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+import numpy as np
+
 from camgen.model.cell import Cell
 from camgen.model.errors import JobError
 from camgen.model.job import Job
@@ -35,6 +37,8 @@ def equip(cell: Cell, job: Job, arm: Robot | None = None, meshes: Meshes = ()) -
     in mm, work frame, tool down. Raises JobError for a wrong count or value.
     """
     table = job.cell
+    if arm is not None and isinstance(cell.home, Pose) and arm.kind != "cartesian":
+        raise machine_wanted()
     work = cell.base_from_work
     if table.base_from_work is not None:
         work = pose_from_values(_values("base_from_work", table.base_from_work, 6))
@@ -57,8 +61,30 @@ def equip(cell: Cell, job: Job, arm: Robot | None = None, meshes: Meshes = ()) -
         )
         values = enumerate(_values("home", table.home, count))
         home = Joints(tuple(v if k in sliding else math.radians(v) for k, v in values))
+    if arm is not None and isinstance(home, Pose) and table.base_from_work is None:
+        work = _home_work(arm, home, tool)
     name, robot = _name(table.robot) or cell.name, table.robot or cell.robot
     return Workcell(name, work, tool, home, cell.sliding, robot, cell.pace, arm, meshes)
+
+
+def machine_wanted() -> JobError:
+    """The error about an arm in the cell of a machine."""
+    return JobError(
+        "job", "the post is for a machine, not for an arm", "cell.robot", "leave it out"
+    )
+
+
+def _home_work(machine: Robot, home: Pose, tool: Pose) -> Pose:
+    """The work frame of a job that states none: the home of the job is the machine's own home.
+
+    home: pose of the tool in the work frame.
+    tool: pose of the tool at the flange.
+    """
+    from camgen.robots.kinematics.forward import flange  # noqa: PLC0415 (only jobs with a robot)
+
+    _, origins = flange(machine, machine.home[None])
+    x, y, z = (origins[0] - np.asarray((home @ tool.inverse()).origin)).tolist()
+    return translation(x, y, z)
 
 
 def _name(robot: str) -> str:

@@ -366,7 +366,7 @@ def _check(px: ArrayLike, mm: ArrayLike, source: str) -> tuple[FloatArray, Float
             remedy="give four or more",
         )
     if not (np.isfinite(image).all() and np.isfinite(work).all()):
-        raise JobError(source, "holds a number that is not finite")
+        raise JobError(source, "holds a number that is not finite", remedy="correct the number")
     if work.shape[1] == 3 and np.abs(work[:, 2]).max() > 1e-9:
         remedy = "give x and y, and how far they lie below the top face as height"
         raise JobError(source, "points with a z other than 0", remedy=remedy)

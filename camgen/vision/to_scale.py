@@ -333,7 +333,7 @@ def already_to_scale(
         )
     for name, value in given.items():
         if not (math.isfinite(value) and value > 0):
-            raise JobError(f"[image] {name}", f"{value} is no positive number")
+            raise JobError(f"[image] {name}", f"must be more than 0, not {value}")
     if mm_per_px is None:
         dots = dpi if dpi is not None else picture.dpi
         if width_mm is not None:

@@ -40,6 +40,16 @@ arm can be read from a URDF file: [cells](cells.md).
 With `cell.robot` every motion is checked for reach, joint limits and collisions of the boxes. Without it nothing of
 this is checked, and the summary says so.
 
+The `3-axis mill` is a machine with linear axes, for the posts `gcode` and `grbl`. The others are
+arms, for the other posts. The travel of the mill is checked along the whole program:
+
+    camgen build bracket.dxf --post gcode --set cell.robot="3-axis mill"
+
+A part that leaves the travel of an axis ends with exit code 3 and a line that names the axis, the
+limit and the value. `cell.base_from_work` is the work offset (G54) in machine coordinates. Without
+it the work zero is assumed at the position where the home of the job is the home of the machine;
+the summary gives the position.
+
 - **Reach** is how far the centre of the flange can come from axis 1, measured level, within the joint limits. It is
   found by a search over the model, and is not the figure of a data sheet, which often ends at the wrist.
 - **Trust** says how well the numbers are known. *Confirmed*: two independent sources agree. *Derived*: one good

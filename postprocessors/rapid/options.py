@@ -285,7 +285,7 @@ class RapidOptions(Post):
         ranges |= {f"acc_set[{k}]": (value, *limits[k]) for k, value in enumerate(self.acc_set[:2])}
         for option, (value, least, most) in ranges.items():
             if not least <= value <= most:
-                raise JobError(f"[post] {option}", f"{value:g} is not {least:g} to {most:g}")
+                raise JobError(f"[post] {option}", f"must be {least:g} to {most:g}, not {value:g}")
         self._check_lists()
 
     def _check_lists(self) -> None:

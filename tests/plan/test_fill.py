@@ -355,3 +355,13 @@ def test_real_boards_meet_the_goals(name: str) -> None:
         covered, outside = shares(planned(part, diameter).paths, diameter, copper_of(part))
         assert covered >= least
         assert outside <= most
+
+
+def test_a_tool_of_millions_of_pixels_draws_a_thin_bar_as_one_stroke(tmp_path: Path) -> None:
+    """Nothing is averaged farther than the longest stroke, which is 60 px here."""
+    picture = np.full((60, 90), 255, np.uint8)
+    picture[28:32, 15:75] = 0
+    cv2.imwrite(str(tmp_path / "bar.png"), picture)
+    job = {"operation": {"kind": "fill"}, "image": {"mm_per_px": 1e-7, "min_area": 0}}
+    result = camgen.build(tmp_path / "bar.png", post="gcode", job=job)
+    assert len(result.tour.paths) == 1

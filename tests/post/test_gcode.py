@@ -369,7 +369,7 @@ def test_a_turned_work_frame_is_refused():
         ({"signals": {"a": "P1", "b": "P1"}}, "P1 is switched off by another signal too"),
         ({"signals": {"a": "M7", "b": "M8"}}, "M7 is switched off by another signal too"),
         ({"force": "analog"}, "analog force needs the output's value per N"),
-        ({"force": "analog", "force_scale": 0.1, "force_channel": 64}, "64 is not 0 to 63"),
+        ({"force": "analog", "force_scale": 0.1, "force_channel": 64}, "must be 0 to 63, not 64"),
     ],
 )
 def test_options_that_cannot_be_meant(options, says):

@@ -451,10 +451,10 @@ def test_refused(plan: Program, message: str) -> None:
         ),
         ({"signals": {"process": "Trap"}}, "'Trap' is a reserved word of RAPID"),
         ({"force_load": "[1,[0,0]]"}, "[post] force_load"),
-        ({"mass": 0.0}, "[post] mass: 0 is not 0.001 to 1000"),
-        ({"mass": math.nan}, "[post] mass: nan is not 0.001 to 1000"),
+        ({"mass": 0.0}, "[post] mass: must be 0.001 to 1000, not 0"),
+        ({"mass": math.nan}, "[post] mass: must be 0.001 to 1000, not nan"),
         ({"cog": [1.0]}, "[post] cog: 1 number; give x, y, z in mm"),
-        ({"decimals": 9}, "[post] decimals: 9 is not 0 to 6"),
+        ({"decimals": 9}, "[post] decimals: must be 0 to 6, not 9"),
         ({"force": "hard"}, "Invalid enum value 'hard'"),
         (
             {"program": "user"},
@@ -470,9 +470,9 @@ def test_refused(plan: Program, message: str) -> None:
             {"fixture": [0] * 6, "declare": False},
             "[post] fixture: the work object is on the controller",
         ),
-        ({"fixture": [9e9, 0, 0, 0, 0, 0]}, "[post] fixture[0]: 9e+09 is not -8388 to 8388"),
+        ({"fixture": [9e9, 0, 0, 0, 0, 0]}, "[post] fixture[0]: must be -8388 to 8388, not 9e+09"),
         ({"acc_set": [50]}, "[post] acc_set: 1 number; give acceleration and ramp in %"),
-        ({"acc_set": [10, 50]}, "[post] acc_set[0]: 10 is not 20 to 100"),
+        ({"acc_set": [10, 50]}, "[post] acc_set[0]: must be 20 to 100, not 10"),
     ],
 )
 def test_options_that_make_no_sense(options: Mapping[str, object], message: str) -> None:

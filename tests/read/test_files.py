@@ -1,5 +1,6 @@
 """The door for input files: what is none, and that every build opens each of its files once."""
 
+import io
 import json
 import os
 import subprocess
@@ -13,6 +14,7 @@ import trimesh
 
 from camgen.model.errors import InputError
 from camgen.model.files import Source
+from camgen.model.limits import Limits
 from camgen.read import inspect, read
 from camgen.read.files import Files
 from tests.support.clouds import scan
@@ -192,3 +194,18 @@ def test_verify_opens_program_and_plan_once() -> None:
     assert opened("verify", "bracket.ngc", "--post", "gcode", "--plan", "plan.json") == {
         "bracket.ngc": 1, "plan.json": 1
     }  # fmt: skip
+
+
+def test_a_limit_beyond_the_memory_allocates_no_more_than_the_file(tmp_path: Path) -> None:
+    """Python allocates as many bytes as a read may return."""
+    (tmp_path / "small.txt").write_bytes(b"abc")
+    files = Files(limits=Limits(file_bytes=1e18))
+    assert files.read(tmp_path / "small.txt").data == b"abc"
+    pipe = Files(limits=Limits(file_bytes=1e18), streams={Path("-"): io.BytesIO(b"x" * 100)})
+    assert pipe.open("-").data == b"x" * 100
+
+
+def test_a_stream_of_one_byte_too_many_is_refused() -> None:
+    pipe = Files(limits=Limits(file_bytes=99), streams={Path("-"): io.BytesIO(b"x" * 100)})
+    with pytest.raises(InputError, match="has more than 99 bytes"):
+        pipe.open("-")

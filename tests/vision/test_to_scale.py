@@ -338,7 +338,7 @@ def test_without_a_scale_the_ways_are_listed() -> None:
 
 @pytest.mark.parametrize("given", [{"mm_per_px": 0.0}, {"width_mm": -3.0}, {"dpi": float("nan")}])
 def test_scales_that_are_none(given: dict[str, float]) -> None:
-    with pytest.raises(JobError, match="no positive number"):
+    with pytest.raises(JobError, match="must be more than 0"):
         already_to_scale(Picture("scan.png", np.zeros((20, 30), np.uint8)), **given)
 
 

@@ -63,7 +63,8 @@ def centre(
     first, stroke, place = begins(count), owners(count), ramp(count)
     closed = np.array([s.closed for s in found])
     raw = np.concatenate([s.points for s in found])
-    reach = max(2, round(radius / 2))
+    # Farther than the longest stroke there is nothing to average.
+    reach = min(max(2, round(radius / 2)), int(count.max()))
 
     def along(by: int) -> IntArray:
         size = count[stroke]
