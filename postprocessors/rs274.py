@@ -195,6 +195,9 @@ class Rs274(Post):
                 f"{self.decimals} is not between 2 and 6",
                 remedy="3 is usual for mm",
             )
+        if self.max_lines < 0:
+            what = f"must be 0 or more, not {self.max_lines}"
+            raise JobError("[post] max_lines", what, remedy="0: the program is not split")
 
     @classmethod
     def cell(cls) -> Cell:

@@ -246,7 +246,7 @@ def _draw_number(schema: Mapping[str, Any], chance: random.Random) -> float:
     if number == schema.get("exclusiveMinimum"):
         return number + 1e-6
     if number == schema.get("exclusiveMaximum"):
-        return number - 1e-6
+        return number - 1e-3
     return number
 
 

@@ -70,7 +70,8 @@ SMOKES = [
     Smoke("reliability.inputs 24 0 1", (12,), {"mutants": (2, 2), "misses": (0, 0)}, alone=True),
     Smoke("reliability.fuzz svg verify-grbl --examples 5", (2,), {"misses": (0, 0), "examples": (5, 5)}, alone=True),
     Smoke(
-        "reliability.combinations --count 8", (6,), {"cases": (0, 8), "other": (0, 0)}, alone=True
+        "reliability.combinations --count 8", (6,),
+        {"cases": (0, 8), "other": (0, 0), "misses": (0, 0)}, alone=True,
     ),
     Smoke("reliability.kills 2 1", (2,), {"files damaged": (0, 0)}, alone=True),
     Smoke("tours.order 50", (2,), {"paths": (50, 50), "of it": (5, 60)}),

@@ -370,6 +370,7 @@ def test_a_turned_work_frame_is_refused():
         ({"signals": {"a": "M7", "b": "M8"}}, "M7 is switched off by another signal too"),
         ({"force": "analog"}, "analog force needs the output's value per N"),
         ({"force": "analog", "force_scale": 0.1, "force_channel": 64}, "must be 0 to 63, not 64"),
+        ({"max_lines": -1}, "must be 0 or more, not -1; 0: the program is not split"),
     ],
 )
 def test_options_that_cannot_be_meant(options, says):

@@ -231,6 +231,7 @@ def test_force_left_out_by_the_user():
         ({"tool": 1}, "grbl has no such option"),
         ({"path_tolerance": 0.01}, "grbl has no such option"),
         ({"force": "analog"}, "Invalid enum value 'analog'"),
+        ({"max_lines": -1}, "must be 0 or more, not -1; 0: the program is not split"),
     ],
 )
 def test_options_that_cannot_be_meant(options, says):
