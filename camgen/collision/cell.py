@@ -82,7 +82,11 @@ def around(
     )
     walls = tuple((name, make_mesh(shape), cell.base_from_work) for name, shape in meshes)
     holder = [corners_of("tool.holder", box) for box in job.tool.holder or ()]
-    bodies = [Link("tool", (_shaft(job, cell, holder),))]
+    contact = job.tool.diameter / 2 * math.sin(math.radians(job.tool.axis_tilt)) + _TOUCH
+    contact = min(contact, job.tool.diameter / 2 * 0.99)
+    shaft = _shaft(job, cell, holder)
+    _check_length(job, shaft, contact)
+    bodies = [Link("tool", (shaft,))]
     if holder:
         bodies.append(
             Link(
@@ -92,8 +96,6 @@ def around(
         )
     tool = tuple(bodies)
     part = make_mesh(solid) if solid is not None else ()
-    contact = job.tool.diameter / 2 * math.sin(math.radians(job.tool.axis_tilt)) + _TOUCH
-    contact = min(contact, job.tool.diameter / 2 * 0.99)
     overlaps = _overlaps(robot, tool)
     made = scene(robot, tool, standing, part, cell.base_from_work, (contact, tip), overlaps, walls)
     close = _close(robot, made, tool, job.cell.margin)
@@ -230,6 +232,23 @@ def _shaft(job: Job, cell: Cell, holder: Sequence[Corners]) -> Box:
         raise JobError("job", what, "tool.holder", "give the holder's boxes at the flange")
     half = job.tool.diameter / 2
     return Box(flange_from_tool @ translation(0.0, 0.0, -length / 2), (half, half, length / 2))
+
+
+def _check_length(job: Job, shaft: Box, contact: float) -> None:
+    """JobError for a tool that is not longer than its contact with the part allows.
+
+    contact: mm that the tool may enter the part.
+    """
+    length, least = 2 * shaft.half[2], 2 * contact
+    if length > least:
+        return
+    setting = "tool.length"
+    if job.cell.flange_from_tool is not None:
+        setting = "cell.flange_from_tool"
+    if job.tool.holder:
+        setting = "tool.holder"
+    what = f"the tool is {short(length, 3)} mm long, from its tip to the flange or holder"
+    raise JobError("job", what, setting, f"make it longer than {short(least, 3)} mm")
 
 
 def _until(start: FloatArray, along: FloatArray, low: FloatArray, high: FloatArray) -> float | None:

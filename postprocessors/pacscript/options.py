@@ -52,6 +52,8 @@ _RANGES = {
     "internal_speed": (0.1, 100),
     "accel": (0.0001, 100), "force_table": (1, 10), "decimals": (1, 6), "max_lines": (0, 10**9),
 }  # fmt: skip
+#: The highest number of an IO (manual 5512).
+_LAST_IO = 24063
 
 
 @dataclass
@@ -120,6 +122,9 @@ class PacScriptOptions(Post):
                     f"is {getattr(self, name)}",
                     remedy=f"give {least:g} to {most:g}",
                 )
+        if 0 < self.ext_speed < _RANGES["accel"][0]:
+            what = f"must be 0, or {_RANGES['accel'][0]:g} to 100, not {self.ext_speed:g}"
+            raise JobError("[post] ext_speed", what, remedy="smaller ones are printed as 0")
         if self.speed == "percent" and not self.rated:
             raise JobError(
                 '[post] speed = "percent"',
@@ -142,6 +147,9 @@ class PacScriptOptions(Post):
                 "two signals share an IO, or one is negative",
                 remedy="one IO per signal",
             )
+        if max(numbers, default=0) > _LAST_IO:
+            what = f"IO {max(numbers)} must be at most {_LAST_IO}"
+            raise JobError("[post] signals", what, remedy="give an IO of the controller")
         _check_template("force_on", self.force_on, {"x", "y", "z"})
         _check_template("force_change", self.force_change, {"x", "y", "z"})
         _check_template("force_off", self.force_off, set())

@@ -166,3 +166,36 @@ def test_the_job_is_not_changed(solid: Solid) -> None:
     before = replace(job)
     around(job, ARM, equip(Rapid.cell(), job), solid, read_fixtures(job, Files()))
     assert job == before
+
+
+@pytest.mark.parametrize(
+    ("tool", "cell", "line"),
+    [
+        (
+            {"length": 0.2},
+            {},
+            "job: the tool is 0.2 mm long, from its tip to the flange or holder (tool.length); "
+            "make it longer than 0.2 mm",
+        ),
+        (
+            {},
+            {"flange_from_tool": [0, 0, 0.1, 0, 0, 0]},
+            "job: the tool is 0.1 mm long, from its tip to the flange or holder "
+            "(cell.flange_from_tool); make it longer than 0.2 mm",
+        ),
+        (
+            {"length": 90.1, "holder": [[-30, -20, 0, 30, 20, 90]]},
+            {},
+            "job: the tool is 0.1 mm long, from its tip to the flange or holder (tool.holder); "
+            "make it longer than 0.2 mm",
+        ),
+    ],
+    ids=["length", "frame", "holder"],
+)
+def test_a_tool_shorter_than_its_contact_names_the_setting(
+    tool: dict[str, object], cell: dict[str, object], line: str
+) -> None:
+    """An upright tool enters the part by 0.1 mm from each end of its box."""
+    with pytest.raises(JobError) as refused:
+        made(tool, cell, None)
+    assert str(refused.value) == line

@@ -478,6 +478,15 @@ def test_frame_that_the_controller_fixes_must_be_meant(option: str) -> None:
             "[post] signals: two signals share an IO, or one is negative; one IO per signal",
         ),
         (
+            {"signals": {"process": 24064}},
+            "[post] signals: IO 24064 must be at most 24063; give an IO of the controller",
+        ),
+        (
+            {"ext_speed": 1e-6},
+            "[post] ext_speed: must be 0, or 0.0001 to 100, not 1e-06; "
+            "smaller ones are printed as 0",
+        ),
+        (
             {"force_on": ["Press {newtons}"]},
             "[post] force_on: has the places ['newtons']; use ['x', 'y', 'z'], of ['n', 'newtons', 'x', 'y', 'z']",
         ),
