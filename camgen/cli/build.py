@@ -12,6 +12,7 @@ from pathlib import Path
 from time import perf_counter
 
 import msgspec
+import numpy as np
 from msgspec import Struct, field
 
 from camgen.batch.writing import check_targets, write_all
@@ -29,6 +30,7 @@ from camgen.model.pose import Pose
 from camgen.model.program import Joints, ToolChange
 from camgen.model.text import counted, duration, grouped, short
 from camgen.plan.steps import name_of
+from camgen.post.verify import list_uncompared
 from camgen.preview.drawings import check_preview, draw
 from camgen.read.files import Files
 from camgen.read.job_file import beside, load
@@ -75,14 +77,30 @@ def rows(
 
 def _proofs(result: Result) -> list[Row]:
     """Drawing to motion, motion to text, stock, reach and collision."""
+    return [_motion(result), _text(result), *_stock(result), *_reach(result)]
+
+
+#: Properties that matter only in some programs, with the column of motions that shows them.
+_ONLY_WITH = {
+    "directions of forces": "force",
+    "speeds of reorientations": "turn",
+    "orientations half-way along arcs": "arcs",
+}
+
+
+def _text(result: Result) -> Row:
+    """The comparison of the text with the program, and what the text does not carry."""
     compared = counted(result.deviation.instructions, "instruction")
-    largest = f"largest deviation {result.deviation.max_mm:.6f} mm"
-    return [
-        _motion(result),
-        ("verified", f"read back, {compared} equal, {largest}", "good"),
-        *_stock(result),
-        *_reach(result),
-    ]
+    equal = f"read back, {compared} equal, largest deviation {result.deviation.max_mm:.6f} mm"
+    columns = result.program.columns
+    missing = []
+    for aspect in list_uncompared(result.post):
+        column = _ONLY_WITH.get(aspect)
+        if column is None or np.any(getattr(columns, column)):
+            missing.append(aspect)
+    if missing:
+        return ("text", f"{equal}; not in the text: {', '.join(missing)}", "look")
+    return ("text", f"verified: {equal}", "good")
 
 
 def _motion(result: Result) -> Row:

@@ -175,7 +175,7 @@ def test_the_commands_of_the_page_run(followed: tuple[Path, dict[str, str]]) -> 
         "cp",
         "camgen",
     ]
-    assert "verified  read back" in printed["camgen build bracket.dxf --post krl"]
+    assert "read back, " in printed["camgen build bracket.dxf --post krl"]
 
 
 def test_the_conformance_kit_of_the_page_is_green(followed: tuple[Path, dict[str, str]]) -> None:
