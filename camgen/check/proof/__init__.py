@@ -383,7 +383,8 @@ def _check_passes(
             chosen &= np.abs(matched.distance[place] - distance) < 1e-9
         else:
             distance = task.distances[0]
-        gaps = checker.find_uncovered(matched, np.flatnonzero(chosen), distance)
+        rows = matched.rows[level == number]
+        gaps = checker.find_uncovered(matched, np.flatnonzero(chosen), rows, distance)
         for index in range(len(gaps.piece)):
             contour = drawing.contours[int(owner[gaps.piece[index]])]
             done[owner[gaps.piece[index]]] = False

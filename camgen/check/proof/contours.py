@@ -27,6 +27,7 @@ from camgen.check.proof.nesting import contour_boxes
 from camgen.check.proof.pieces import (
     BoolArray,
     IntArray,
+    dot,
     normals_along,
     points_along,
 )
@@ -38,13 +39,15 @@ from camgen.model.pose import FloatArray
 _CLEAR_SLACK_MM = 0.006
 #: A stretch of a contour that is shorter, mm, is not examined on its own.
 _LEAST_GAP_MM = 0.05
-#: A place is within reach if the tool is nearer to a wall there by at most this share of the limit:
-#: beyond a shallow corner a place is a few times as far from the path as it is too near to the wall.
+#: A place is within reach if the tool is too near to a wall by at most this share of the limit.
+#: Beyond a shallow corner the path is a few times as far away as the tool is too near.
 _REACH_SHARE = 0.25
 #: Samples of a gap: step in mm, minimum and maximum number.
 _GAP_STEP_MM, _LEAST_SAMPLES, _MOST_SAMPLES = 1.0, 3, 64
 #: From this number of pieces near to the box of a contour on, each piece is tested alone.
 _MANY_PIECES = 256
+#: A lead and its path run in one direction if the cosine between them is at least this.
+_TANGENT = 0.95
 #: Places along a lead that are examined.
 _LEAD_SHARES = np.linspace(0.1, 0.9, 5)
 
@@ -198,7 +201,18 @@ class ContourChecker:
             least = min(self.task.distances) - _CLEAR_SLACK_MM - self.limit
             near = (distance.reshape(len(_LEAD_SHARES), -1) < least).any(axis=0)
             allowed[chosen[near]] = False
+        kinked = self._are_kinked(matched.rows)
+        # A lead runs into the path without a corner, and out of it too.
+        allowed[:-1] &= ~(before & level)[:-1] | matched.follows[:-1] | ~kinked
+        allowed[1:] &= ~(after & level)[1:] | matched.follows[1:] | ~kinked
         return allowed
+
+    def _are_kinked(self, rows: IntArray) -> BoolArray:
+        """(W - 1,) whether two motions that follow each other meet at a corner."""
+        plane = self.motions.plane
+        ahead = normals_along(plane, rows[:-1], np.ones(len(rows) - 1))
+        after = normals_along(plane, rows[1:], np.zeros(len(rows) - 1))
+        return np.asarray(dot(ahead, after) < _TANGENT)
 
     def _points_on(self, rows: IntArray) -> FloatArray:
         shares = np.repeat(_LEAD_SHARES, len(rows))
@@ -265,10 +279,13 @@ class ContourChecker:
 
     # -- the drawing beside the motions
 
-    def find_uncovered(self, matched: Matched, rows: IntArray, distance: float) -> Covered:
+    def find_uncovered(
+        self, matched: Matched, rows: IntArray, motions: IntArray, distance: float
+    ) -> Covered:
         """Stretches of the contours that could be worked on and are not.
 
-        rows: indices into `matched.covered` of the motions of one depth.
+        rows: indices into `matched.covered` of the stretches at one depth.
+        motions: indices of the motions at that depth.
         distance: distance of the tool's centre from the contour, mm.
         """
         covered = matched.covered.take(rows)
@@ -281,7 +298,7 @@ class ContourChecker:
         gaps = find_gaps(covered.take(~done[covered.piece]), wanted, slack)
         if not len(gaps.piece):
             return gaps
-        return gaps.take(self._is_reachable(gaps, matched.rows, distance))
+        return gaps.take(self._is_reachable(gaps, motions, distance))
 
     def _is_reachable(self, gaps: Covered, rows: IntArray, distance: float) -> BoolArray:
         """(G,) whether the tool's centre could run beside a stretch, and no motion does."""

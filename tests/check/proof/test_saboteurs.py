@@ -1,0 +1,336 @@
+"""Mistakes between the drawing and the text: each is made on purpose, and each ends a build.
+
+A saboteur changes one function of planning, ordering, lowering, a pass or a post. The build has to
+end with exit code 4, or 3 if the stock proof comes first, and with a line that names a place.
+"""
+
+import importlib
+import re
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+
+import camgen
+from camgen.model.body import Body
+from camgen.model.errors import NoSafeProgram, VerifyError
+from camgen.model.program import MoveL, Output, Program
+
+PARTS = Path(__file__).parents[3] / "fixtures" / "parts"
+MILL: dict[str, Any] = {
+    "operation": {"depth": 2.0, "passes": 2},
+    "process": {"spindle": 9000.0, "feed": 15.0},
+    "tool": {"diameter": 4.0},
+}
+Patch = pytest.MonkeyPatch
+#: mm.
+SHIFT = np.array([0.1, 0.0, 0.0])
+
+
+def module(name: str) -> Any:
+    return importlib.import_module(f"camgen.{name}")
+
+
+def change_result(patch: Patch, where: str, name: str, change: Callable[[Any], Any]) -> None:
+    """Replaces a function of a module by one whose result is changed."""
+    target = module(where)
+    original = getattr(target, name)
+
+    def changed(*given: Any, **named: Any) -> Any:
+        return change(original(*given, **named))
+
+    patch.setattr(target, name, changed)
+
+
+def change_program(patch: Patch, change: Callable[[Body], Body]) -> None:
+    """Changes the body of the program that `lower` makes."""
+
+    def changed(program: Program) -> Program:
+        return program.with_body(change(program.body))
+
+    change_result(patch, "build", "lower", changed)
+
+
+def with_columns(body: Body, **columns: Any) -> Body:
+    return Body(replace(body.packed, **columns), body.rotations, body.objects)
+
+
+def shift(patch: Patch) -> None:
+    """All targets 0.1 mm beside their places."""
+    change_program(patch, lambda body: with_columns(body, end=body.packed.end + SHIFT))
+
+
+def mirror(patch: Patch) -> None:
+    """The part mirrored."""
+    flip = np.array([-1.0, 1.0, 1.0])
+    change_program(
+        patch,
+        lambda body: with_columns(body, end=body.packed.end * flip, via=body.packed.via * flip),
+    )
+
+
+def faster(patch: Patch) -> None:
+    """All speeds three times as high."""
+    change_program(patch, lambda body: with_columns(body, speed=body.packed.speed * 3))
+
+
+def deeper(patch: Patch) -> None:
+    """Each target below the top face is 1 mm deeper."""
+
+    def change(body: Body) -> Body:
+        end = body.packed.end.copy()
+        end[end[:, 2] < 0, 2] -= 1.0
+        return with_columns(body, end=end)
+
+    change_program(patch, change)
+
+
+def low_travel(patch: Patch) -> None:
+    """Travel at a quarter of the clearance height."""
+
+    def change(body: Body) -> Body:
+        end = body.packed.end.copy()
+        end[end[:, 2] > 10, 2] /= 4
+        return with_columns(body, end=end)
+
+    change_program(patch, change)
+
+
+def chords_as_lines(patch: Patch) -> None:
+    """Each arc becomes one straight line."""
+
+    def change(body: Body) -> Body:
+        items = []
+        for item in body:
+            if hasattr(item, "via"):
+                items.append(MoveL(item.target, item.speed, path=item.path, work=item.work))
+            else:
+                items.append(item)
+        return module("model.body").pack(items)
+
+    change_program(patch, change)
+
+
+def half(patch: Patch) -> None:
+    """The second half of the motions along paths is missing."""
+
+    def change(body: Body) -> Body:
+        works = np.flatnonzero(body.packed.work)
+        dropped = body.at[works[len(works) // 2 :]]
+        return body.take(np.setdiff1d(np.arange(len(body)), dropped))
+
+    change_program(patch, change)
+
+
+def without_last_path(patch: Patch) -> None:
+    """The last path of the tour is missing, and no note says so."""
+    change_result(patch, "build", "order", lambda tour: replace(tour, paths=tour.paths[:-1]))
+
+
+def one_pass(patch: Patch) -> None:
+    """The last pass in depth is missing."""
+
+    def change(tour: Any) -> Any:
+        paths = [replace(path, depths=path.depths[:-1]) for path in tour.paths]
+        return replace(tour, paths=tuple(paths))
+
+    change_result(patch, "build", "order", change)
+
+
+def against(patch: Patch) -> None:
+    """The paths are run against their direction."""
+
+    def change(tour: Any) -> Any:
+        return replace(tour, paths=tuple(path.reversed() for path in tour.paths))
+
+    change_result(patch, "build", "order", change)
+
+
+def backwards(drawn: Any) -> Any:
+    return module("geometry.segments").backwards(drawn)[0]
+
+
+def swapped_side(patch: Patch) -> None:
+    """Outer contours are followed on their inside, and holes on their outside."""
+    change_result(patch, "plan.follow", "turn_round", backwards)
+
+
+def wrong_radius(patch: Patch) -> None:
+    """The offset is 0.1 mm too small."""
+    original = module("plan.follow").run_beside
+
+    def changed(part: Any, job: Any, distance: float, *given: Any) -> Any:
+        return original(part, job, distance - 0.1, *given)
+
+    patch.setattr(module("plan.follow"), "run_beside", changed)
+
+
+def half_depth(patch: Patch) -> None:
+    """Every pass is half as deep."""
+    change_result(patch, "plan.follow", "pass_depths", lambda depths: tuple(d / 2 for d in depths))
+
+
+def lead_to_the_other_side(patch: Patch) -> None:
+    """Leads come from within the part."""
+    change_result(patch, "order.leads", "_travel_sign", lambda sign: -sign)
+    patch.setattr(module("order.leads"), "_is_clear", lambda *_: True)
+
+
+def signal_off(patch: Patch) -> None:
+    """The process output is never switched on."""
+    patch.setattr(module("lower.contours"), "switch_on", lambda _process: iter(()))
+
+
+def signal_stays_on(patch: Patch) -> None:
+    """The process output is on during travel."""
+
+    def change(body: Body) -> Body:
+        items = []
+        outputs = 0
+        for item in body:
+            outputs += isinstance(item, Output)
+            if not (isinstance(item, Output) and item.value == 0 and outputs > 2):
+                items.append(item)
+        items.insert(len(items) - 1, Output("process", 0.0))
+        return module("model.body").pack(items)
+
+    change_program(patch, change)
+
+
+def slow_spindle(patch: Patch) -> None:
+    """The spindle turns at a tenth of its speed."""
+
+    def change(body: Body) -> Body:
+        items = []
+        for item in body:
+            if isinstance(item, Output) and item.signal == "spindle":
+                items.append(Output("spindle", item.value / 10))
+            else:
+                items.append(item)
+        return module("model.body").pack(items)
+
+    change_program(patch, change)
+
+
+def without_force(patch: Patch) -> None:
+    """The force is half of what the job asks for."""
+
+    def change(tour: Any) -> Any:
+        paths = [path.with_columns(force=path.force / 2) for path in tour.paths]
+        return replace(tour, paths=tuple(paths))
+
+    change_result(patch, "build", "order", change)
+
+
+def neighbours_gouged(patch: Patch) -> None:
+    """Other contours are not kept clear of."""
+    original = module("plan.follow").beside
+
+    def changed(source: Any, following: Any, closed: Any, *given: Any) -> Any:
+        return original(source, following, closed, source.owner, *given[1:])
+
+    patch.setattr(module("plan.follow"), "beside", changed)
+
+
+def drilled_beside(patch: Patch) -> None:
+    """Holes are drilled 0.2 mm beside their centres."""
+    original = module("plan.drill")._path
+
+    def changed(hole: Any, job: Any) -> Any:
+        return original(replace(hole, x=hole.x + 0.2), job)
+
+    patch.setattr(module("plan.drill"), "_path", changed)
+
+
+def shallow_holes(patch: Patch) -> None:
+    """Holes end 1 mm too early."""
+    change_result(patch, "plan.drill", "_levels", lambda levels: [z + 1.0 for z in levels])
+
+
+def narrow_bores(patch: Patch) -> None:
+    """The last circle of a bore is missing."""
+    original = module("plan.bore")._round
+    patch.setattr(module("plan.bore"), "_round", lambda radius, sense: original(radius / 2, sense))
+
+
+def half_cleared(patch: Patch) -> None:
+    """Every second path of a pocket is missing."""
+    change_result(patch, "build", "order", lambda tour: replace(tour, paths=tour.paths[:1]))
+
+
+FORCE = {
+    "process": {"force": 5.0},
+    "tool": {"orient": "follow"},
+    "post": {"force_calibrated": True},
+}
+LEADS = {**MILL, "operation": {"depth": 2.0, "lead_in": 3.0, "lead_out": 3.0}}
+DRILL = {
+    "operation": {"kind": "drill", "depth": 5.0},
+    "tool": {"diameter": 3.3},
+    "process": {"spindle": 2000.0, "feed": 3.0},
+}
+BORE = {"operation": {"kind": "bore", "depth": 2.0}, "tool": {"diameter": 5.0}}
+BORE |= {"process": {"spindle": 9000.0}}
+POCKET = {**MILL, "operation": {"kind": "pocket", "depth": 2.0}, "tool": {"diameter": 3.0}}
+
+Case = tuple[Callable[[Patch], None], str, str, Mapping[str, Any]]
+CASES: list[Case] = [
+    (shift, "bracket.dxf", "gcode", {}),
+    (shift, "blocks.dxf", "rapid", {"operation": {"kind": "trace"}}),
+    (mirror, "bracket.dxf", "grbl", {}),
+    (faster, "bracket.dxf", "gcode", {}),
+    (faster, "logo.svg", "pacscript", {"operation": {"kind": "trace"}}),
+    (deeper, "bracket.dxf", "gcode", MILL),
+    (low_travel, "bracket.dxf", "rapid", {}),
+    (chords_as_lines, "bracket.dxf", "gcode", {}),
+    (chords_as_lines, "bracket.dxf", "vplus", {}),
+    (half, "bracket.dxf", "gcode", {}),
+    (half, "blocks.dxf", "vplus", {"operation": {"kind": "trace"}}),
+    (without_last_path, "bracket.dxf", "gcode", {}),
+    (one_pass, "bracket.dxf", "gcode", MILL),
+    (against, "bracket.dxf", "gcode", {}),
+    (swapped_side, "bracket.dxf", "rapid", {}),
+    (wrong_radius, "bracket.dxf", "gcode", {}),
+    (half_depth, "bracket.dxf", "gcode", MILL),
+    (lead_to_the_other_side, "bracket.dxf", "gcode", LEADS),
+    (signal_off, "bracket.dxf", "rapid", {}),
+    (signal_stays_on, "bracket.dxf", "gcode", {}),
+    (slow_spindle, "bracket.dxf", "gcode", MILL),
+    (without_force, "bracket.dxf", "rapid", FORCE),
+    (drilled_beside, "plate.dxf", "gcode", DRILL),
+    (shallow_holes, "plate.dxf", "gcode", DRILL),
+    (narrow_bores, "bracket.dxf", "gcode", BORE),
+    (half_cleared, "bracket.dxf", "gcode", POCKET),
+]
+
+
+@pytest.mark.parametrize(
+    ("saboteur", "part", "post", "job"),
+    CASES,
+    ids=[f"{case[0].__name__}-{case[1]}-{case[2]}" for case in CASES],
+)
+def test_a_saboteur_is_found(
+    saboteur: Callable[[Patch], None],
+    part: str,
+    post: str,
+    job: Mapping[str, Any],
+    monkeypatch: Patch,
+) -> None:
+    camgen.build(PARTS / part, post=post, job=dict(job))  # without the saboteur it builds
+    saboteur(monkeypatch)
+    with pytest.raises((VerifyError, NoSafeProgram)) as caught:
+        camgen.build(PARTS / part, post=post, job=dict(job))
+    text = str(caught.value)
+    assert re.search(r"instruction \d+|line \d+|contour c\d+| mm\b", text), text
+
+
+def test_a_path_that_gouges_a_neighbour_is_found(monkeypatch: Patch) -> None:
+    plates = [[(x, 0), (x + 40, 0), (x + 40, 20), (x, 20), (x, 0)] for x in (0, 44)]
+    part = camgen.part([np.array(plate, float) for plate in plates])
+    camgen.build(part, post="gcode", job={})
+    neighbours_gouged(monkeypatch)
+    with pytest.raises(VerifyError, match=r"nearer to contour c\d|works where nothing is drawn"):
+        camgen.build(part, post="gcode", job={})
