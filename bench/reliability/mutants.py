@@ -1,13 +1,21 @@
-"""Programs with one change each: does the read-back see it, and if not, does it mean anything?
+"""Programs with one change each: does the read-back refuse the change, or is it harmless?
 
-    python -m bench.reliability.mutants [POST ...] [--most N]
+    python -m bench.reliability.mutants [POST ...] [--kind KIND ...] [--most N] [--seed N]
 
-Every token of the programs of ``programs`` is changed, dropped, doubled and swapped, every line dropped, doubled and
-swapped (``mutations``). Each mutant is read back and compared with the plan as a build does. One that passes is run by
-a simulation of the modal state written from the manuals (``modal``), beside the text as it was: the same motions,
-outputs, waits, forces and settings within the printed digits, and it is harmless; anything else is left over. --most:
-so many mutants a post, spread evenly over all of them. Prints a table for docs/reliability.md, then each mutant that is
-left over, and exits with 1 if there is one.
+There are four kinds of changes of the programs of `programs`:
+
+- single (`mutations`): every token is changed, dropped, doubled and swapped, and every line is
+  dropped, doubled and swapped.
+- structural, global and paired (`wide_mutations`): see there.
+
+Each mutant is read back and compared with the plan as a build does it. If a mutant passes, a
+simulation of the modal state, written from the manuals (`modal`), runs it and the text without the
+change. It is harmless if both have the same motions, outputs, waits, forces and settings within
+the printed digits. Anything else is left over.
+
+--most N takes N mutants of each post and kind, spread evenly over all of them. --seed N draws other
+structural and global changes. The command prints a table for docs/reliability.md, then each mutant
+that is left over, and exits with 1 if there is one.
 """
 
 from __future__ import annotations
@@ -25,8 +33,8 @@ from typing import NamedTuple
 from bench.machine import machine
 from bench.reliability.modal import pacscript, rapid, reader, rs274, vplus
 from bench.reliability.modal.machine import Event, is_same
-from bench.reliability.mutations import LANGUAGES, Edit, edits
 from bench.reliability.programs import SOURCES, Made, make
+from bench.reliability.wide_mutations import KINDS, Mutation, mutate
 
 TRACES: dict[str, Callable[[str], list[Event]]] = {
     "rapid": rapid.trace,
@@ -39,10 +47,27 @@ _PROCESSES, _CHUNK = 2, 500
 CAUGHT, HARMLESS, LEFT = "caught", "harmless", "left over"
 
 
-class Task(NamedTuple):
-    """Mutants ``first``, ``first + step``, ... before ``last`` of a program."""
+class Family(NamedTuple):
+    """Mutants of a post that are counted in one row.
+
+    post: name of the post
+    kind: member of `KINDS`
+    seed: number that draws the changes
+    """
 
     post: str
+    kind: str
+    seed: int = 0
+
+    def list_mutants(self, program: int) -> list[Mutation]:
+        """The mutants of a program, by its index in `SOURCES`."""
+        return _list_mutants(self, program)
+
+
+class Task(NamedTuple):
+    """The mutants `first`, `first + step`, ... before `last` of a program of a family."""
+
+    family: Family
     program: int
     first: int
     last: int
@@ -50,20 +75,32 @@ class Task(NamedTuple):
 
 
 class LeftOver(NamedTuple):
-    """A mutant that is neither caught nor harmless. crash: of the read-back, which is no verdict."""
+    """A mutant that is neither caught nor harmless.
 
-    post: str
+    family: kind of mutants
+    program: name of its source
+    line: first line with a change, from 1
+    change: kind of the change
+    was, now: lines with a change, without and with it
+    crash: error that ended the read-back, empty without one
+    """
+
+    family: Family
     program: str
     line: int
-    edit: str
+    change: str
     was: str
     now: str
     crash: str = ""
 
 
+#: Changes of a mutant that are listed.
+_LISTED = 3
+
+
 @cache
-def _edits(post: str, program: int) -> list[Edit]:
-    return edits(make(post, program).text, LANGUAGES[post])
+def _list_mutants(family: Family, program: int) -> list[Mutation]:
+    return mutate(make(family.post, program).text, family.post, family.kind, family.seed)
 
 
 def trace(post: str, made: Made, text: str) -> list[Event]:
@@ -77,92 +114,113 @@ def _trace(post: str, program: int) -> list[Event]:
     return trace(post, made, made.text)
 
 
-def judge(task: Task) -> tuple[str, Counter[str], list[LeftOver]]:
+def judge(task: Task) -> tuple[Family, Counter[str], list[LeftOver]]:
     """The verdicts on the mutants of one task."""
-    made, counts, left = make(task.post, task.program), Counter[str](), list[LeftOver]()
-    for edit in _edits(task.post, task.program)[task.first : task.last : task.step]:
-        text, crash = edit.apply(made.text), ""
+    post = task.family.post
+    program, counts, left = make(post, task.program), Counter[str](), list[LeftOver]()
+    mutants = task.family.list_mutants(task.program)
+    for mutation in mutants[task.first : task.last : task.step]:
+        text, crash = mutation.apply(program.text), ""
         try:
-            verdict = CAUGHT if made.is_caught(text) else ""
-        # A read-back that fails in any way at all has not judged its text: that is a finding, and the others go on.
+            verdict = CAUGHT if program.is_caught(text) else ""
+        # A read-back that fails in any way has not judged its text. The other mutants are judged.
         except Exception as error:
             verdict, crash = LEFT, f"{type(error).__name__}: {error}"
         if not verdict:
-            same = is_same(_trace(task.post, task.program), trace(task.post, made, text))
+            same = is_same(_trace(post, task.program), trace(post, program, text))
             verdict = HARMLESS if same else LEFT
         counts[verdict] += 1
         if verdict == LEFT:
-            left.append(_describe(task, made.text, edit, crash))
-    return task.post, counts, left
+            left.append(_describe(task, program.text, mutation, crash))
+    return task.family, counts, left
 
 
-def _describe(task: Task, text: str, edit: Edit, crash: str) -> LeftOver:
-    """The lines that an edit touches, before and after it."""
-    begin = text.rfind("\n", 0, edit.begin) + 1
-    joined = "\n" in text[edit.begin : edit.end] and edit.begin > begin
-    end = text.find("\n", edit.end if joined else max(edit.begin, edit.end - 1))
-    end = len(text) if end < 0 else end
-    now = text[begin : edit.begin] + edit.new + text[edit.end : max(end, edit.end)]
-    line = text.count("\n", 0, edit.begin) + 1
-    name = SOURCES[task.post][task.program].name
-    return LeftOver(task.post, name, line, edit.kind, text[begin:end].strip(), now.strip(), crash)
+def _describe(task: Task, text: str, mutation: Mutation, crash: str) -> LeftOver:
+    """The first lines that a mutant changes, before and after it."""
+    was, now = [], []
+    for edit in mutation.edits[:_LISTED]:
+        begin = text.rfind("\n", 0, edit.begin) + 1
+        joined = "\n" in text[edit.begin : edit.end] and edit.begin > begin
+        end = text.find("\n", edit.end if joined else max(edit.begin, edit.end - 1))
+        end = len(text) if end < 0 else end
+        was.append(text[begin:end].strip())
+        now.append(f"{text[begin : edit.begin]}{edit.new}{text[edit.end : max(end, edit.end)]}")
+    line = text.count("\n", 0, mutation.edits[0].begin) + 1
+    name = SOURCES[task.family.post][task.program].name
+    lines = " ... ".join(was), " ... ".join(text.strip() for text in now)
+    return LeftOver(task.family, name, line, mutation.kind, *lines, crash)
 
 
-def plan_tasks(posts: list[str], most: int) -> list[Task]:
-    """The work in small pieces, the posts one after the other."""
+def plan_tasks(families: list[Family], most: int) -> list[Task]:
+    """The work in small pieces, family after family. most: mutants of each, 0 for all of them."""
     tasks: list[Task] = []
-    for post in posts:
-        sizes = [len(_edits(post, k)) for k in range(len(SOURCES[post]))]
+    for family in families:
+        programs = range(len(SOURCES[family.post]))
+        sizes = [len(family.list_mutants(k)) for k in programs]
         step = math.ceil(sum(sizes) / most) if most else 1
         for k, size in enumerate(sizes):
-            firsts = range(-sum(sizes[:k]) % step, size, _CHUNK * step)
-            tasks += (
-                Task(post, k, first, min(first + _CHUNK * step, size), step) for first in firsts
-            )
+            for first in range(-sum(sizes[:k]) % step, size, _CHUNK * step):
+                last = min(first + _CHUNK * step, size)
+                tasks.append(Task(family, k, first, last, step))
     return tasks
 
 
 def main() -> int:
-    """The table, and what is left over."""
-    parser = argparse.ArgumentParser(prog="python -m bench.reliability.mutants")
-    parser.add_argument(
-        "posts", nargs="*", metavar="POST", choices=[*SOURCES, []], help=", ".join(SOURCES)
-    )
-    parser.add_argument(
-        "--most", type=int, default=0, metavar="N", help="mutants a post at most; 0: all"
-    )
-    given = parser.parse_args()
-    if given.most < 0:
-        parser.error("--most: give 1 or more, or 0 for all")
-    posts = given.posts or list(SOURCES)
-    tasks = plan_tasks(posts, given.most)
-    counts: dict[str, Counter[str]] = {post: Counter() for post in posts}
+    """Prints the table, then the mutants that are left over."""
+    arguments = _parse_arguments()
+    families = []
+    for kind in arguments.kind or KINDS:
+        families += [Family(post, kind, arguments.seed) for post in arguments.posts or SOURCES]
+    counts: dict[Family, Counter[str]] = {family: Counter() for family in families}
     left: list[LeftOver] = []
+    tasks = plan_tasks(families, arguments.most)
     with ProcessPoolExecutor(_PROCESSES, mp_context=get_context("fork")) as pool:
-        for done, (post, found, over) in enumerate(pool.map(judge, tasks), 1):
-            counts[post] += found
+        for done, (family, verdicts, over) in enumerate(pool.map(judge, tasks), 1):
+            counts[family] += verdicts
             left += over
-            print(
-                f"\r{done} of {len(tasks)} pieces, {len(left)} left over",
-                end="",
-                file=sys.stderr,
-                flush=True,
-            )
+            progress = f"\r{done} of {len(tasks)} pieces, {len(left)} left over"
+            print(progress, end="", file=sys.stderr, flush=True)
     print(file=sys.stderr)
-    print(machine(), end="\n\n")
-    print(f"| post | programs | made | {CAUGHT} | {HARMLESS} | {LEFT} |\n|---|---|---|---|---|---|")
-    total = sum(counts.values(), Counter[str]())
-    for post, row in [*counts.items(), ("all", total)]:
-        programs = sum(len(SOURCES[each]) for each in (posts if post == "all" else [post]))
-        print(
-            f"| {post} | {programs} | {row.total():,} | {row[CAUGHT]:,} | {row[HARMLESS]:,} | {row[LEFT]:,} |"
-        )
-    for one in left:
-        crash = f" ({one.crash})" if one.crash else ""
-        print(
-            f"\n{one.post}, {one.program}, line {one.line}, {one.edit}{crash}\n  was {one.was!r}\n  now {one.now!r}"
-        )
+    _print_table(counts)
+    for mutant in left:
+        crash = f" ({mutant.crash})" if mutant.crash else ""
+        place = f"{mutant.family.post}, {mutant.program}, line {mutant.line}"
+        print(f"\n{place}, {mutant.family.kind}: {mutant.change}{crash}")
+        print(f"  was {mutant.was!r}\n  now {mutant.now!r}")
     return 1 if left else 0
+
+
+def _parse_arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="python -m bench.reliability.mutants")
+    posts = ", ".join(SOURCES)
+    parser.add_argument("posts", nargs="*", metavar="POST", choices=[*SOURCES, []], help=posts)
+    parser.add_argument("--kind", action="append", choices=KINDS, help="all kinds without it")
+    parser.add_argument(
+        "--most", type=int, default=0, metavar="N", help="mutants of a post and kind, 0: all"
+    )
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="draws other changes")
+    arguments = parser.parse_args()
+    if arguments.most < 0:
+        parser.error("--most: give 1 or more, or 0 for all")
+    return arguments
+
+
+def _print_table(counts: dict[Family, Counter[str]]) -> None:
+    """Prints a row for each post and kind, and the sums."""
+    print(machine(), end="\n\n")
+    print(f"| kind | post | programs | mutants | {CAUGHT} | {HARMLESS} | {LEFT} |")
+    print("|---|---|---|---|---|---|---|")
+    for family, verdicts in counts.items():
+        print(_format_row(family.kind, family.post, [family.post], verdicts))
+    for kind in dict.fromkeys(family.kind for family in counts):
+        rows = {family.post: counts[family] for family in counts if family.kind == kind}
+        print(_format_row(kind, "all", list(rows), sum(rows.values(), Counter[str]())))
+
+
+def _format_row(kind: str, name: str, posts: list[str], verdicts: Counter[str]) -> str:
+    programs = sum(len(SOURCES[post]) for post in posts)
+    numbers = [programs, verdicts.total(), *(verdicts[key] for key in (CAUGHT, HARMLESS, LEFT))]
+    return " | ".join((f"| {kind}", name, *(f"{number:,}" for number in numbers))) + " |"
 
 
 if __name__ == "__main__":

@@ -80,7 +80,9 @@ def edits(text: str, language: Language) -> list[Edit]:
     found = tokens(text, language)
     made: list[Edit] = []
     for k, token in enumerate(found):
-        made += (Edit(token.begin, token.end, new, "changed") for new in _others(token, language))
+        made += (
+            Edit(token.begin, token.end, new, "changed") for new in replacements(token, language)
+        )
         made.append(Edit(token.begin, token.end, "", "dropped"))
         made.append(Edit(token.begin, token.end, _twice(token), "doubled"))
         made += _swaps(text, found, k)
@@ -88,8 +90,8 @@ def edits(text: str, language: Language) -> list[Edit]:
     return [edit for edit in dict.fromkeys(made) if text[edit.begin : edit.end] != edit.new]
 
 
-def _others(token: Token, language: Language) -> Iterator[str]:
-    """What may stand in the place of a token."""
+def replacements(token: Token, language: Language) -> Iterator[str]:
+    """Texts that replace a token: other digits, signs, words and names."""
     text, pick = token.text, crc32(f"{token.begin} {token.text}".encode())
     if token.kind in ("number", "word") and re.search(r"\d", text):
         yield from _digits(text)

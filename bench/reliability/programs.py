@@ -62,6 +62,29 @@ force 0 press 0 0 0
 movel 30 40 60 q 0 1 0 0 speed 100
 output process 0
 """,
+    # Two tools that the machine changes.
+    "tools": """camgen-ir 1
+name tools
+work 300 -75 100 q 1 0 0 0
+tool 0 0 80 q 1 0 0 0
+body
+output spindle 0
+toolchange 1 5.5 80 frame 0 0 80 q 1 0 0 0 name drill
+movej joints 0 0 0 0 0.523598776 0 speed 100
+output spindle 3500
+movej 12 12 10 q 0 1 0 0 speed 100
+movel 12 12 -2 q 0 1 0 0 speed 5
+movel 12 12 10 q 0 1 0 0 speed 100
+output spindle 0
+toolchange 2 6 70 frame 0 0 70 q 1 0 0 0 name mill
+movej joints 0 0 0 0 0.523598776 0 speed 100
+output spindle 12000
+movej 20 12 10 q 0 1 0 0 speed 100
+movel 20 12 -1 q 0 1 0 0 speed 5
+movel 40 12 -1 q 0 1 0 0 speed 20
+movel 40 12 10 q 0 1 0 0 speed 100
+output spindle 0
+""",
 }
 
 
@@ -165,6 +188,8 @@ SOURCES: dict[str, tuple[Source, ...]] = {
         Source("copper-fill", 120, {}),
         Source("output_named.ir", 40, {"signals": {"glue": "P1", "air": "P2"}}),
         Source("wait.ir", 40, {"work": "G55"}),
+        Source("tools", 40, {}),
+        Source("tools", 40, {"lift": False, "work": "G56"}),
     ),
     "grbl": (
         Source("bracket-follow", 60, {}),

@@ -7,9 +7,10 @@ from pathlib import Path
 import pytest
 
 from bench.reliability.modal.machine import Number, arc, is_same, work_out
-from bench.reliability.mutants import TRACES, plan_tasks, trace
+from bench.reliability.mutants import TRACES, Family, plan_tasks, trace
 from bench.reliability.mutations import LANGUAGES, edits
 from bench.reliability.programs import SOURCES, make
+from bench.reliability.wide_mutations import KINDS, mutate
 
 ROOT = Path(__file__).parents[2]
 POSTS = sorted(SOURCES)
@@ -208,23 +209,80 @@ def test_the_changes_of_a_line():
     assert text + text in mutants
 
 
+@pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("post", POSTS)
-def test_every_mutant_has_its_task_and_a_sample_is_spread(post):
-    sizes = [len(edits(make(post, k).text, LANGUAGES[post])) for k in range(len(SOURCES[post]))]
-    whole = plan_tasks([post], 0)
+def test_every_mutant_has_its_task_and_a_sample_is_spread(post, kind):
+    family = Family(post, kind)
+    programs = range(len(SOURCES[post]))
+    sizes = [len(family.list_mutants(k)) for k in programs]
+    whole = plan_tasks([family], 0)
     assert sum(len(range(task.first, task.last, task.step)) for task in whole) == sum(sizes)
-    some = plan_tasks([post], 100)
-    assert 90 <= sum(len(range(task.first, task.last, task.step)) for task in some) <= 100
-    assert {task.program for task in some} == set(range(len(sizes)))
+    sample = plan_tasks([family], 100)
+    assert 50 < sum(len(range(task.first, task.last, task.step)) for task in sample) <= 100
+    step = math.ceil(sum(sizes) / 100)
+    large = {k for k in programs if sizes[k] >= step}
+    assert {task.program for task in sample} >= large
 
 
-def test_there_are_a_hundred_thousand_mutants():
-    assert (
-        sum(
-            len(edits(make(p, k).text, LANGUAGES[p])) for p in POSTS for k in range(len(SOURCES[p]))
-        )
-        >= 100_000
-    )
+@pytest.mark.parametrize(
+    ("kind", "least"),
+    [("single", 100_000), ("structural", 40_000), ("global", 25_000), ("paired", 10_000)],
+)
+def test_there_are_enough_mutants(kind, least):
+    total = 0
+    for post in POSTS:
+        for k in range(len(SOURCES[post])):
+            total += len(mutate(make(post, k).text, post, kind))
+    assert total >= least
+
+
+TEXT = """MODULE m
+    CONST num a:=1;
+    PROC main()
+        ConfJ\\Off;
+        ConfL\\Off;
+        MoveJ p1,v10;
+        MoveL p1,v10;
+    ENDPROC
+ENDMODULE
+"""
+#: Changes of `TEXT` that each kind has to make, and their mutants.
+PROC, END = "    PROC main()\n", "    ENDPROC\n"
+DATA, CONFJ, CONFL = "    CONST num a:=1;\n", "        ConfJ\\Off;\n", "        ConfL\\Off;\n"
+MOVEJ, MOVEL = "        MoveJ p1,v10;\n", "        MoveL p1,v10;\n"
+WIDE = [
+    ("structural", "bounds of a block dropped", TEXT.replace(PROC, "").replace(END, "")),
+    ("structural", "moved after an end", TEXT.replace(MOVEJ, "").replace(END, END + MOVEJ)),
+    (
+        "structural",
+        "an end moved before the line",
+        TEXT.replace(END, "").replace(MOVEL, END + MOVEL),
+    ),
+    ("structural", "repeated after an end", TEXT + MOVEJ),
+    ("global", "v10 replaced everywhere", TEXT.replace("v10", "v20")),
+    ("global", "p1 dropped everywhere", TEXT.replace("p1", "")),
+    ("paired", "two lines dropped", TEXT.replace(CONFJ, "").replace(CONFL, "")),
+    ("paired", "two lines dropped", TEXT.replace(DATA, "").replace(CONFL, "")),
+]
+
+
+@pytest.mark.parametrize(("kind", "change", "mutant"), WIDE)
+def test_the_wide_changes_of_a_program(kind, change, mutant):
+    assert (change, mutant) in [
+        (mutation.kind, mutation.apply(TEXT)) for mutation in mutate(TEXT, "rapid", kind)
+    ]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_mutants_are_no_copies_and_depend_on_the_seed_alone(kind):
+    mutants = [mutation.apply(TEXT) for mutation in mutate(TEXT, "rapid", kind)]
+    assert TEXT not in mutants
+    assert mutants == [mutation.apply(TEXT) for mutation in mutate(TEXT, "rapid", kind)]
+
+
+def test_another_seed_draws_other_mutants():
+    first, second = (mutate(TEXT, "rapid", "structural", seed) for seed in (0, 1))
+    assert first != second
 
 
 def test_simulations_and_read_backs_know_nothing_of_each_other():

@@ -29,6 +29,7 @@ LIBRARIES = {
     "photo.paper", "photo.observed", "photo.contact", "photo.pist_figures", "robots.plain_loop",
     "read.goldens", "read.mills",
     "reliability.programs", "reliability.mutations", "reliability.drawn_jobs",
+    "reliability.programs", "reliability.mutations", "reliability.wide_mutations",
     "reliability.wheel_cases", "read.bnf", "read.judges", "read.productions",
     *(f"reliability.fuzzing.{name}" for name in ("odd", "drawings", "pictures", "solids", "texts", "programs")),
     "reliability.fuzzing.table",
@@ -118,7 +119,10 @@ SMOKES = [
         {"gouge mm": (0, 0.005), "left unexplained mm2": (0, 0.01), "built": (1, 1), "miss a goal": (0, 0)},
     ),
     # It forks, as above.
-    Smoke("reliability.mutants --most 40", (6,), {"made": (30, 200), "caught": (15, 200)}, alone=True),
+    Smoke(
+        "reliability.mutants --most 30", (24,),
+        {"mutants": (20, 150), "caught": (8, 150)}, alone=True,
+    ),
     Smoke("read.localize 1 1 2000 rfa1", (4,), {"found": (0, 1)}),
     Smoke(
         "read.one_sided 2 6000 1 - rfa1 rfa2", (4,),
