@@ -54,6 +54,8 @@ _MODES = {
     "arc distance": "G91.1",
     "feed mode": "G94",
 }
+#: Modes that a program of a post never leaves, by modal group: a mode that no motion feels is left to the next program.
+_HELD = {group: code for group, code in _MODES.items() if group != "cycle off"} | {"units": "G21"}
 #: Groups that are one here, of which LinuxCNC takes two codes in one line or the interpreter does.
 _ONE_GROUP = {"motion": ("cycle off", "motion"), "coolant": ("mist", "flood", "coolant off")}
 _COOLANTS = {"M7": "mist", "M8": "flood"}
@@ -148,6 +150,8 @@ class Strict(Machine):
     due: int = 0
     idle: dict[str, tuple[int, str]] = field(default_factory=dict)
     chunk: Chunk | None = None
+    #: Codes of modes that no post sets, each of which is noted once.
+    unusual: set[str] = field(default_factory=set)
 
     def fault(self, what: str) -> None:
         """Notes a fault of the line that is read."""
@@ -231,11 +235,17 @@ class Strict(Machine):
             raise LineError(
                 f"{len(text)} characters without blanks and comments, {rules.name} reads {rules.limit}"
             )
-        if text.startswith("/") and rules.linuxcnc:
+        if text.startswith("/"):
+            self.note_slash()
+        return _words(text.lower().removeprefix("/"), rules)
+
+    def note_slash(self) -> None:
+        """A slash before a line. UnknownWord if a switch of the operator decides about the line."""
+        if self.rules.linuxcnc:
             raise UnknownWord(
                 "block delete: whether the line runs depends on a switch of the operator"
             )
-        return _words(text.lower().removeprefix("/"), rules)
+        self.remark(f"a slash before a line, which {self.rules.name} ignores and no post writes")
 
     def take(self, codes: Mapping[str, str], words: Mapping[str, float]) -> None:
         """LineError for a code that no post writes, for two of one group, and for a tool that cannot be."""
@@ -266,9 +276,11 @@ class Strict(Machine):
             self.idle.pop("S", None)
         if self.rules.linuxcnc and "M30" in codes.values():
             self.remark("M30 exchanges pallets before the end; posts write M2")
-        for group, usual in (("plane", "G17"), ("arc distance", "G91.1")):
-            if codes.get(group, usual) != usual:
-                self.remark(f"{codes[group]} where posts write in {usual}")
+        for group, usual in _HELD.items():
+            code = codes.get(group, usual)
+            if code != usual and code not in self.unusual:
+                self.unusual.add(code)
+                self.remark(f"{code} where posts write in {usual}")
 
     def _wait_for(self, letter: str, what: str) -> None:
         """Keeps a word until its code comes, and notes the one before it that has none."""
@@ -512,6 +524,7 @@ def _change_among(m: Strict) -> None:
     """One of several tools: where the machine stands afterwards, and how long the tool is, is not known."""
     if m.tool == 0 or m.tool is None:
         raise LineError("T0 M6 takes the tool out")
+    _check_first_change(m)
     if m.spindle != "M5" or m.coolants or m.pressing:
         m.fault(f"tool {m.tool} is changed while the spindle, a coolant or a force is on")
     if m.due:
@@ -519,6 +532,18 @@ def _change_among(m: Strict) -> None:
     m.add(ToolChange(m.tool))
     m.due, m.applied, m.begun, m.lifted = m.tool, "", False, False
     m.known[:] = [False, False, False]
+
+
+def _check_first_change(m: Strict) -> None:
+    """Remarks on settings that posts write before the first change: a machine moves to change a tool."""
+    if any(isinstance(item, ToolChange) for item in m.body):
+        return
+    _check_modes(m)
+    _check_path(m)
+    if m.expect.lift and not m.lifted:
+        m.remark("G53 G0 Z0 is missing before the first tool change")
+    if m.applied != "G49":
+        m.remark("G49 is missing before the first tool change: a length that is on shifts Z")
 
 
 def _spindle(m: Strict, code: str, words: dict[str, float]) -> None:
@@ -537,6 +562,8 @@ def _coolant_off(m: Strict, code: str, words: dict[str, float]) -> None:
 
 def _length(m: Strict, code: str, words: dict[str, float]) -> None:
     if code == "G43" and m.due:
+        if "H" not in words:
+            m.remark(f"G43 without H: the length of tool {m.due} is asked for by H{m.due}")
         number = words.pop("H", m.due)
         if number != m.due:
             raise LineError(f"G43 H{number:g} shifts z by the length of another tool than T{m.due}")

@@ -402,6 +402,7 @@ def test_what_grbl_takes():
     assert faults(
         "/G0 X1", "(a (b)", "; x ( y", "N7 g1 x 1 0 f1 00", "T1", "(" + "c" * 200 + ") G0 X1"
     ) == [
+        (1, "a slash before a line, which GRBL ignores and no post writes"),
         (2, "a comment that is not closed, or closed twice"),
         (5, "T1 selects a tool that no M6 changes to"),
     ]

@@ -54,6 +54,10 @@ def both(files: Mapping[str, str], options: Mapping[str, object]) -> Reading:
     return reading
 
 
+#: The tool and the work object of `module`.
+NAMES: dict[str, object] = {"tool": "t1", "work": "w1"}
+
+
 def module(body: str, data: str = "") -> str:
     """A module whose main starts to move in line 5, and whose statements begin in line 6."""
     frames = TOOL.format("t1", 9) + WORK.format("w1", 100)
@@ -120,7 +124,7 @@ def test_numbers_stand_in_their_places() -> None:
         f"MoveL [[-9,.5,3.],[0.6,0,-.8,0],[0,0,0,0],{E9}],v100,z5,{TAIL}"
         f"! a remark; [[1,2,3]\n\nMoveC [[1,5,7],[0,0,1,0],[0,-1,0,0],{E9}],\n  [[8,8,8],{turned},{E9}],v5,fine,{TAIL}"
     )
-    reading = both({"m.mod": text}, {})
+    reading = both({"m.mod": text}, NAMES)
     assert reading.faults == ()
     assert tuple(reading.lines) == (5, 6, 7, 9, 12)
     line, arc, again, last = reading.body[1:]
@@ -154,7 +158,7 @@ def test_one_text_means_what_its_routine_sees() -> None:
         "b.mod": f"MODULE b\n{own.format(22, 3)}PROC sub()\nCONST speeddata vOwn:=[33,500,5000,1000];\n{move}ENDPROC\n"
         f"PROC other()\n{move}ENDPROC\nENDMODULE\n",
     }
-    reading = both(files, {})
+    reading = both(files, NAMES)
     assert reading.faults == ()
     moves = [item for item in reading.body if isinstance(item, MoveL)]
     assert [(m.speed, m.blend) for m in moves] == [
@@ -170,7 +174,7 @@ def test_one_text_means_what_its_routine_sees() -> None:
 def test_an_arc_with_one_point_by_name() -> None:
     arc = f"MoveC [[{{}},5,1],[0,1,0,0],[0,0,0,0],{E9}],p1,v5,fine,{TAIL}"
     text = module("".join(arc.format(x) for x in (4, 5, 6)), f"CONST robtarget p1:={POINT};\n")
-    arcs = both({"m.mod": text}, {}).body[1:]
+    arcs = both({"m.mod": text}, NAMES).body[1:]
     assert [item.via.origin for item in arcs if isinstance(item, MoveC)] == [
         (4, 5, 1),
         (5, 5, 1),
@@ -224,7 +228,7 @@ NINES = f"0,{'9' * 50},0,0]"
 def test_what_is_not_usual_is_read_by_the_general_rules(
     body: str, faults: list[tuple[int, str]]
 ) -> None:
-    reading = both({"m.mod": module(body)}, {"on_error": "none"})
+    reading = both({"m.mod": module(body)}, NAMES | {"on_error": "none"})
     assert [(fault.line, fault.what) for fault in reading.faults] == faults
 
 
@@ -253,10 +257,11 @@ def test_a_routine_that_is_never_called_is_read_but_not_run() -> None:
         f"[[1,2,3],[{'9' * 40},0,0,0],[0,0,0,0],{E9}],v5,fine,{TAIL}"
     )
     text = module(f"MoveL {POINT},v5,fine,{TAIL}", f"{spare}ENDPROC\n")
-    reading = both({"m.mod": text}, {})
+    reading = both({"m.mod": text}, NAMES)
     assert len(reading.body) == 2
     assert [(f.line, f.what) for f in reading.faults] == [
-        (6, "a number of a robtarget is larger than a num can be")
+        (4, "spare is declared and never used"),
+        (6, "a number of a robtarget is larger than a num can be"),
     ]
 
 

@@ -1014,7 +1014,7 @@ def test_the_words_of_post_posture_stand_before_the_first_move() -> None:
 def test_what_a_call_keeps_is_not_taken_for_granted() -> None:
     """Speed and posture are said again after a CALL and after its RETURN."""
     head = [
-        "AUTO wf",
+        "AUTO cg.work",
         "SELECT ROBOT = 1",
         "ATTACH ()",
         "ENABLE CP",
@@ -1022,7 +1022,7 @@ def test_what_a_call_keeps_is_not_taken_for_granted() -> None:
         "TOOL NULL",
         "RIGHTY",
     ]
-    sub = ".PROGRAM sub()\nAUTO wf\nSET wf = NULL\n{}MOVES wf:NULL\nBREAK\n.END\n"
+    sub = ".PROGRAM sub()\nAUTO cg.work\nSET cg.work = NULL\n{}MOVES cg.work:NULL\nBREAK\n.END\n"
     main = "\n".join(
         [".PROGRAM main()", *head, "SPEED 20 MMPS ALWAYS", "CALL sub()", "{}DETACH ()", ".END\n"]
     )

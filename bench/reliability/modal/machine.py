@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 #: By how much a number may differ and still be the printed one: of a speed and a force what a build forgives, of an
@@ -30,6 +30,8 @@ class Number(NamedTuple):
     unit: str = ""
 
 
+#: Words after which a value begins.
+_BEGINS_VALUE = ("(", ",", "=", "+", "-", "*", "/", "speed")
 Atom = str | Number
 Event = tuple[Atom, ...]
 Point = tuple[float, float, float]
@@ -126,6 +128,42 @@ def work_out(words: Sequence[str]) -> float | None:
         elif word == "-":
             sign = -sign
     return total + (product or 0.0)
+
+
+def rename(
+    lines: Sequence[list[str]], names: Sequence[str], is_free: Callable[[str], bool]
+) -> list[list[str]]:
+    """Statements in which routines are named by the order in which they appear.
+
+    The name of a routine means nothing: callers and declaration agree, or the text is refused.
+
+    lines: words of each statement
+    names: declared routines that may have any name; all keep theirs if two are alike or not free
+    is_free: whether the language takes a name for a routine
+    """
+    if len(set(names)) < len(names) or not all(map(is_free, names)):
+        return list(lines)
+    order: dict[str, str] = dict.fromkeys(names, "")
+    count = 0
+    renamed = []
+    for words in lines:
+        for word in words:
+            if order.get(word) == "":
+                count += 1
+                order[word] = f"routine.{count}"
+        renamed.append([order.get(word, word) for word in words])
+    return renamed
+
+
+def unbracket(words: Sequence[str]) -> list[str]:
+    """Words without the brackets around a single number that begins a value."""
+    plain: list[str] = []
+    for word in words:
+        plain.append(word)
+        bracket = plain[-3:-2] == ["("] and word == ")" and as_number(plain[-2:-1]) is not None
+        if bracket and plain[-4:-3] and plain[-4] in _BEGINS_VALUE:
+            plain[-3:] = [plain[-2]]
+    return plain
 
 
 def atom(word: str) -> Atom:

@@ -16,16 +16,19 @@ from bench.reliability.modal.machine import (
     as_number,
     atom,
     atoms,
+    rename,
     split,
     turn,
     turned,
 )
+from bench.reliability.mutations import LANGUAGES
 
 _WORD = re.compile(r'"[^"]*"|\d+\.?\d*(?:e[+-]?\d+)?|\.\d+|[a-z_]\w*|<>|<=|>=|\S')
 _OPENS, _CLOSES = (
     ("if", "for", "do", "select"),
     (("end", "if"), ("next",), ("loop",), ("end", "select")),
 )
+_TAKEN = frozenset(word.lower() for word in LANGUAGES["pacscript"].words)
 _LONGEST = 1024
 _SETTINGS = {"speed", "extspeed", "changetool", "changework", "motor", "payload"}
 _NAMES = {"ptp": "p", "s": "speed"}
@@ -77,6 +80,8 @@ def trace(text: str) -> list[Event]:
     machine, depth, here = _Robot(), 0, None
     lines = text.split("\n")
     read = [_words(line) for line in lines]
+    names = [words[1] for words in read if words[:1] == ["sub"] and len(words) > 1]
+    read = rename(read, [name for name in names if name != "main"], _is_free)
     for k, (line, said) in enumerate(zip(lines, read, strict=True)):
         words = _plain_parameters(said, read[k + 1 :])
         if len(line.encode()) > _LONGEST:
@@ -91,6 +96,11 @@ def trace(text: str) -> list[Event]:
         else:
             here = _read(machine, words, here)
     return machine.end()
+
+
+def _is_free(name: str) -> bool:
+    """Whether a Sub may have that name."""
+    return re.fullmatch(r"[a-z]\w*", name) is not None and name not in _TAKEN
 
 
 def _words(line: str) -> list[str]:

@@ -15,6 +15,7 @@ from bench.reliability.modal.machine import (
     arc,
     as_number,
     atom,
+    rename,
     split,
 )
 
@@ -65,6 +66,9 @@ def trace(text: str) -> list[Event]:
     """The trace of one module."""
     # The name of an optional argument belongs to its instruction alone (kernel manual, parameter lists).
     statements = list(_statements(text))
+    names = [words[words.index("proc") + 1] for words in statements if _is_header(words)]
+    routines = [name for name in names if name != "main"]
+    statements = rename(statements, routines, _is_routine_name)
     module = _Module(
         re.findall(r"(?<!\\)\b\w+", re.sub("![^\n]*", "", text.lower())),
         _list_switching(statements),
@@ -110,12 +114,21 @@ def _statements(text: str) -> Iterator[list[str]]:
         yield words
 
 
+def _is_header(words: list[str]) -> bool:
+    return words[-1] == ")" and "proc" in words[:2]
+
+
+def _is_routine_name(name: str) -> bool:
+    taken = name in _RESERVED or name in _MOTIONS or name in _SETTINGS
+    return re.fullmatch(r"[a-z]\w*", name) is not None and len(name) <= _LONGEST and not taken
+
+
 def _list_switching(statements: list[list[str]]) -> dict[str, list[list[str]]]:
     """The bodies of the routines; empty for one that holds anything else than outputs set to a number."""
     bodies: dict[str, list[list[str]]] = {}
     name = ""
     for words in statements:
-        if words[-1] == ")" and "proc" in words[:2]:
+        if _is_header(words):
             name = words[words.index("proc") + 1]
             bodies[name] = []
         elif words == ["endproc"]:

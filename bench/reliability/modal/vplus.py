@@ -13,9 +13,11 @@ from bench.reliability.modal.machine import (
     arguments,
     as_number,
     atom,
+    rename,
     split,
     turn,
     turned,
+    unbracket,
     work_out,
 )
 
@@ -56,6 +58,8 @@ def trace(text: str) -> list[Event]:
     lines = [
         [word if word == "wait.event" else _cut(word) for word in words] for words in lines if words
     ]
+    called = [words[1] for words in lines if words[0] == ".program" and len(words) > 1][1:]
+    lines = [unbracket(words) for words in rename(lines, called, _is_free)]
     programs = _part(lines)
     if not programs:
         machine = Machine()

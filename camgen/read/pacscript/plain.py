@@ -72,7 +72,7 @@ def _read_turn(turn: str) -> tuple[FloatArray, int]:
     if not _TURN.fullmatch(turn):
         raise Unreadable(f"{turn} is no rotation")
     values = [0.0, 0.0, 0.0, *map(float, turn.split(",")[1:])]
-    if len(values) > 6 and values[6] < UNDEFINED:
+    if len(values) > 6 and values[6] != UNDEFINED and values[6] < 0:
         raise Unreadable(f"{turn} has another figure")
     place = position(values)
     return place.rotation, place.figure if isinstance(place, Figured) else UNDEFINED

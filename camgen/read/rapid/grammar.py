@@ -113,6 +113,9 @@ class Parser(Statements):
                 self.late_data(line, word)
             data.append(self.data(line, local, task))
         elif word in ("proc", "func", "trap"):
+            if task:
+                what = f"TASK before {word.upper()}: it belongs to data alone"
+                self.notes.append(Note(line, what))
             self.take()
             routines.append(self.routine(line, local, word))
         elif word in ("record", "alias"):

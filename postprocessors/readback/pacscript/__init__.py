@@ -38,9 +38,11 @@ _CALL = re.compile(r"(\w+)\s*(?:\((.*)\))?")
 _IO = re.compile(r"IO\s*\[([^\]]*)\]", re.IGNORECASE)
 _TAKE = re.compile(r"(?:(.+?)\s*)??(?:,?\s*keep\s*=\s*(.+))?", re.IGNORECASE)
 _SHORT = re.compile(r"([pjtvifds])(\d{1,9})", re.ASCII)
+#: The only variable of a program of the post, and its type.
+_VARIABLE = ("unit", "single")
 #: First word of a block -> the word that closes it.
 _BLOCKS = {"if": "end if", "for": "next", "do": "loop", "select": "end select"}
-#: Statements that neither move the arm nor set an output.
+#: Statements that neither move the arm nor set an output. Posts do not write them.
 _WITHOUT_EFFECT = frozenset({"printdbg", "printmsg"})
 _NOT_EVALUATED = frozenset(
     {
@@ -67,7 +69,9 @@ def read(files: Mapping[str, str], options: Mapping[str, object]) -> Reading:
     )
     machine = Machine(rated, _names(options), turning, _units(options), read_asked(options))
     if main := source.procedures.get("main"):
-        _Run(machine, source, templates).procedure(main)
+        run = _Run(machine, source, templates)
+        run.called = main.line
+        run.procedure(main)
         _finish(machine)
     faults = sorted({*source.faults, *machine.faults}, key=_place_fault)
     work, tool = (machine.frames.get((kind, machine.numbers[kind])) for kind in ("work", "tool"))
@@ -111,6 +115,7 @@ def _finish(machine: Machine) -> None:
         machine.fault("force control is on at the end")
     if machine.armed:
         machine.remark("the arm is not given back")
+    force.finish(machine)
     machine.judge_end()
 
 
@@ -125,6 +130,8 @@ class _Run:
     ) -> None:
         self.machine, self.source, self.templates = machine, source, templates
         self.steps = 0
+        #: Line of the procedure that was called last.
+        self.called = 0
         #: Procedures have called each other too deep: what follows would be run over and over.
         self.ended = False
 
@@ -168,12 +175,15 @@ class _Run:
             if verb in _BLOCKS:
                 return self._skip(statements, at, text.lower(), verb)
             if match and verb == "exit" and match[2].lower() in ("sub", "function"):
-                return len(statements)
+                machine.remark("the procedure is left outside the question of the post for Mps")
+                return len(statements) - at
             if match and verb == "call":
                 self._call(match[2])
             elif match and verb in _STATEMENTS:
                 _STATEMENTS[verb](machine, match[2])
-            elif verb not in _WITHOUT_EFFECT:
+            elif verb in _WITHOUT_EFFECT:
+                machine.remark(f"{text.split(maxsplit=1)[0]}, which no program of the post has")
+            else:
                 _otherwise(machine, text, verb)
         except Unreadable as error:
             machine.fault(str(error))
@@ -216,6 +226,9 @@ class _Run:
         if len(machine.scopes) > _CALLS:
             self.ended = True
             raise Unreadable("procedures that call each other without end")
+        if called.line < self.called:
+            machine.remark("procedures are called in another order than they are written")
+        self.called = called.line
         machine.enter(called.parameters, values)
         here = machine.line
         self.procedure(called)
@@ -234,7 +247,10 @@ def _otherwise(machine: Machine, text: str, verb: str) -> None:
             else f"unknown statement {text[:60]}"
         )
     letter, position, name, expression = assignment.groups()
+    if name and (what := name_fault(name)):
+        raise Unreadable(what)
     value = evaluate(expression, machine.lookup)
+    machine.remark("a variable gets a value, outside the question of the post for Mps")
     short = _SHORT.fullmatch(name.lower()) if name else None
     if letter:
         machine.name((letter.lower(), index(number(position, machine.lookup))), value)
@@ -252,6 +268,8 @@ def _declare(machine: Machine, rest: str) -> None:
         if what := name_fault(match[1]):
             raise Unreadable(what)
         machine.declare(match[1].lower(), (match[2] or "variant").lower())
+        if (match[1].lower(), (match[2] or "").lower()) != _VARIABLE:
+            machine.remark(f"the variable {match[1]}, which no program of the post has")
         if match[3] and (match[2] or "").lower() != "string":
             machine.name(match[1].lower(), evaluate(match[3], machine.lookup))
 
@@ -260,6 +278,8 @@ def _take_arm(machine: Machine, rest: str) -> None:
     """``TakeArm [group] [Keep = 0|1]``."""
     if machine.armed:
         machine.remark("the arm is taken twice")
+    if machine.questions:
+        machine.remark("TakeArm after a question for Mps, which may leave the program")
     machine.armed, machine.given = True, False
     match = _TAKE.fullmatch(rest)
     group = index(number(match[1], machine.lookup)) if match and match[1] else 0
@@ -292,8 +312,7 @@ def _motor(machine: Machine, rest: str) -> None:
     if state not in (0, 1):
         raise Unreadable(f"Motor {rest[:40]} is not On or Off")
     machine.motor = bool(state)
-    if not state:
-        machine.remark("Motor Off, which no option asks for")
+    machine.remark(f"Motor {'On' if state else 'Off'}, which no option asks for")
 
 
 def _change(kind: str) -> Callable[[Machine, str], None]:

@@ -48,11 +48,11 @@ def judge_settings(
     asked: Asked,
     numbers: Mapping[str, int],
     external: float,
-    acceleration: tuple[float, ...] | None,
+    acceleration: tuple[float, ...],
 ) -> Iterator[str]:
     """What a motion is made with otherwise than the options ask. numbers: of tool and work; external: %, 0 where the
-    text does not say it; acceleration: of Accel and Decel in %, empty where they do not hold any more, None where the
-    text has said neither them nor Speed.
+    text does not say it; acceleration: of Accel and Decel in %, empty before them and after Speed, which changes
+    it.
     """
     for kind, wanted in asked.numbers.items():
         if numbers[kind] != wanted:
@@ -62,10 +62,8 @@ def judge_settings(
         yield f"{said}, by post.ext_speed it is {asked.external:g}" + (
             "" if asked.external else ": none"
         )
-    if acceleration is None:
-        return
     if len(acceleration) != 2 or max(abs(one - asked.acceleration) for one in acceleration) > _SAME:
-        said = ", ".join(f"{one:g}" for one in acceleration) or "not set after Speed"
+        said = ", ".join(f"{one:g}" for one in acceleration) or "not set, or not after Speed"
         yield f"Accel is {said}, by post.accel it is {asked.acceleration:g}, {asked.acceleration:g}"
 
 

@@ -57,9 +57,19 @@ def carry_out_if(machine: Machine, statements: list[Statement], at: int) -> int 
 
 
 def _hold_question(machine: Machine, statements: list[Statement]) -> None:
-    """A remark where neither question of the post stands: what a branch would do that no arm goes into, nobody sees."""
-    if [_words(_text(statement)) for statement in statements] not in _known_questions():
+    """Notes which question of the post is asked, and a remark on any other one.
+
+    A branch that no arm takes is not carried out, so it has to be the one of the post.
+    """
+    words = [_words(_text(statement)) for statement in statements]
+    if words not in _known_questions():
         machine.remark("Mps is asked otherwise than by the programs of the post")
+    elif machine.moved:
+        machine.remark("Mps is asked after the first motion")
+    elif machine.forces:
+        machine.remark("a force table is written before Mps is asked, which may leave the program")
+    else:
+        machine.questions.append(_known_questions().index(words))
 
 
 def _words(text: str) -> list[str]:

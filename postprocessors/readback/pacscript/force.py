@@ -12,6 +12,7 @@ import numpy as np
 
 from camgen.model.pose import Pose, Vec3
 from camgen.model.program import Force
+from camgen.post import Remark
 from camgen.read.pacscript.lines import without_comment
 
 from .machine import Machine
@@ -44,7 +45,28 @@ def parameter(machine: Machine, rest: str) -> None:
         raise Unreadable("a force outside the work frame is not evaluated")
     if not 1 <= table <= _TABLES:
         raise Unreadable(f"the force table {table}; there are 1 to {_TABLES}")
-    machine.forces[table] = force.origin
+    _set_force(machine, table, force.origin)
+
+
+def _set_force(machine: Machine, table: int, force: Vec3) -> None:
+    """Writes a force table, N in the work frame. A remark on a force before it that never was on."""
+    machine.forces[table] = force
+    _note_unused(machine, table)
+    if machine.table != table:
+        machine.unused_forces[table] = machine.line
+
+
+def _note_unused(machine: Machine, *tables: int) -> None:
+    """Remarks on forces of tables that were set and never on."""
+    for table in tables:
+        line = machine.unused_forces.pop(table, 0)
+        if line:
+            machine.faults.append(Remark(line, f"force table {table} is set and never on"))
+
+
+def finish(machine: Machine) -> None:
+    """Remarks on forces that are set and never on."""
+    _note_unused(machine, *machine.unused_forces)
 
 
 def control(machine: Machine, rest: str) -> None:
@@ -64,6 +86,7 @@ def _on(machine: Machine, table: int) -> None:
     if machine.table is not None:
         raise Unreadable("force control is on already")
     machine.table = table
+    machine.unused_forces.pop(table, None)
     newtons, press = machine.pressing()
     if not newtons:
         machine.fault("force control with no force")
@@ -117,12 +140,19 @@ def _carry_out(machine: Machine, kind: str, values: dict[str, float]) -> None:
     vector: Vec3 = (values["x"], values["y"], values["z"])
     if "newtons" in values and abs(math.hypot(*vector) - values["newtons"]) > 0.01:
         machine.fault("the newtons of a force line are not those of its vector")
-    table = int(values["n"]) if "n" in values else machine.table or 1
-    machine.forces[table] = vector
+    table = _read_table(values["n"]) if "n" in values else machine.table or 1
+    _set_force(machine, table, vector)
     if kind == "on" and machine.table is None:
         _on(machine, table)
     elif machine.table != table:
         machine.fault("a change of a force that is not on")
+
+
+def _read_table(number_of_table: float) -> int:
+    """The table of a force line. Unreadable for a fraction."""
+    if number_of_table != int(number_of_table):
+        raise Unreadable(f"the force table {number_of_table:g} is not a whole number")
+    return int(number_of_table)
 
 
 def _template(kind: str, lines: object) -> Template | None:

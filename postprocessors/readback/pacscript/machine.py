@@ -20,6 +20,8 @@ _RATED = 1000.0
 _BLENDS = {"@0": 0.0, "@E": 0.0, "@P": 1.0, "@C": 1.0}
 #: mm/s that ``Mps(1)`` is, by the unit that the controller reads; the first one is taken where a text leaves it open.
 UNITS = {"mm/s": 1.0, "m/s": 1000.0}
+#: Indices of the questions in which unit ``Mps`` is, and whether it is a percentage at all.
+_QUESTIONS = [0, 1]
 #: Two speeds are the same within so much of them: single precision.
 _SAME = 1e-6
 
@@ -44,10 +46,10 @@ class Machine:
     moved: bool = False
     #: Nothing was set since the settings were last held against the options.
     settled: bool = False
-    #: ExtSpeed as the text says it, 0: not at all; acceleration and deceleration, empty after ``Speed``, all in %; None
-    #: where it says none of these.
+    #: ExtSpeed as the text says it, 0: not at all; acceleration and deceleration, all in %, empty before them
+    #: and after ``Speed``.
     stated_external: float = 0.0
-    acceleration: tuple[float, ...] | None = None
+    acceleration: tuple[float, ...] = ()
     #: The internal speed as the text says it, None: not at all; whether a motion runs at it.
     stated_internal: float | Mps | None = None
     leans: bool = False
@@ -57,6 +59,12 @@ class Machine:
     figure: int | None = None
     #: The text compares ``Mps`` with a percentage.
     asked: bool = False
+    #: Indices of the questions of the post that the text has asked before its first motion.
+    questions: list[int] = field(default_factory=list)
+    #: All instructions so far put an output or a force off. Posts write these before the questions.
+    only_off: bool = True
+    #: Lines of ``ForceParam`` by table, whose force is not on yet.
+    unused_forces: dict[int, int] = field(default_factory=dict)
     #: The last motion passes its target: what follows may happen before the arm is there.
     passing: bool = False
     here: Pose | None = None
@@ -105,11 +113,19 @@ class Machine:
         if self.moved and not self.settled:
             self.judge_settings()
         if (
-            not self.leans
-            and self.acceleration is not None
+            self.moved
+            and not self.leans
             and (what := judge_internal(self.wanted, self.stated_internal))
         ):
             self.remark(what)
+
+    def check_questions(self) -> None:
+        """A remark on a speed by ``unit`` before the text has asked for its value and guarded it."""
+        if self.questions != _QUESTIONS:
+            self.remark(
+                "a speed that depends on the unit of Mps, and the questions of the post for it are"
+                " not asked before"
+            )
 
     def lean(self) -> float | Mps:
         """The internal speed, for a motion without its own."""
@@ -176,6 +192,9 @@ class Machine:
                 f"{_STILL[type(item)]} after a motion that passes its target: it may come too early"
             )
             self.passing = False
+        self.only_off = self.only_off and not self.moved and _is_off(item)
+        if self.questions and self.only_off:
+            self.remark("an output or a force is put off after Mps is asked, not before")
         if not self.armed:
             self.remark(
                 f"{_STILL[type(item)]} {'after GiveArm' if self.given else 'before TakeArm'}"
@@ -202,6 +221,8 @@ class Machine:
     def mm_per_second(self, value: float | Mps) -> float:
         """An internal speed times the external one (manual: both are multiplied)."""
         if isinstance(value, Mps):
+            if isinstance(value.said, Either):
+                self.check_questions()
             if value is not self._last[0]:
                 self._last = value, self._one(self.by_unit(value))
             return self._last[1] * self.external / 100
@@ -273,6 +294,13 @@ class Machine:
         if not TYPES[kind](value):
             raise Unreadable(f"{key} is {kind.capitalize()} and does not hold this value")
         self.scopes[-1][key] = value
+
+
+def _is_off(item: Output | Wait | Force) -> bool:
+    """Whether an instruction puts an output or a force off."""
+    if isinstance(item, Output):
+        return item.value == 0
+    return isinstance(item, Force) and item.newtons == 0
 
 
 _STILL: dict[type, str] = {Output: "an output", Wait: "a delay", Force: "a force change"}

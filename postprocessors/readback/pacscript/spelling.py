@@ -8,6 +8,7 @@ _QUOTED = re.compile(r'"[^"]*"')
 #: RC8 manual 456 has numbers left out of a position, not how; published programs have positions without their ``P``.
 _UNUSUAL = (
     (re.compile(r"[(\[,]\s*(?=,)|,\s*(?=[)\]])"), "a value is left out between commas"),
+    (re.compile(r"(?<!\w)\(\s*[-+]?[\d.]+\s*\)"), "a bracket stands around a single number"),
     (re.compile(r"[-+*/]\s*[-+]"), "a sign stands right after another or after an operator"),
     (
         re.compile(r"(?:[,=]|@\s*\[?\s*(?:[0PEC]|\d+)\s*\]?)\s*\([^(),]*,[^(),]*,", re.IGNORECASE),

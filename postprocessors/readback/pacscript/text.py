@@ -156,6 +156,7 @@ def _statement(
 
 def _directive(text: str, number: int, macros: _Macros, source: SourceText) -> None:
     if define := DEFINE.fullmatch(text):
+        source.faults.append(Remark(number, "#Define, which no program of the post has"))
         _check_names(source, number, define[1])
         macros.texts[define[1].lower()] = define[2] or ""
         macros.pattern = re.compile(rf"\b(?:{'|'.join(macros.texts)})\b", re.IGNORECASE | re.ASCII)

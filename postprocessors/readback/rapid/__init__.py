@@ -6,7 +6,7 @@ pressing. Everything else is a fault that names it. Written from the RAPID manua
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import cast
 
@@ -70,6 +70,7 @@ class Linked:
     ran: dict[Routine, None] = field(
         default_factory=dict
     )  # in the order in which they were first run
+    handling: set[Routine] = field(default_factory=set)  # called by ERROR handlers
 
     def add(self, module: Module) -> None:
         """Enters a module; its names must be legal, and new where they are seen."""
@@ -158,6 +159,20 @@ class Linked:
             except Wrong as wrong:
                 self.faults.append(Fault(wrong.line, wrong.what))
 
+    def list_unused(self, needed: Iterable[str]) -> Iterator[Data | Routine]:
+        """Routines and data of modules that neither main nor an ERROR handler uses.
+
+        needed: names of data that may be unused
+        """
+        names = {name.lower() for name in needed}
+        for scope in self.scopes.values():
+            names |= {name.lower() for name, _ in scope.seen}
+        for module in self.modules:
+            yield from (item for item in module.data if item.name.lower() not in names)
+            for routine in module.routines:
+                if routine not in self.ran and routine not in self.handling:
+                    yield routine
+
     def find(self, caller: Routine, name: str) -> Routine | None:
         """The PROC that ``name`` means in ``caller``."""
         return self.home[caller].get(name) or self.routines.get(name)
@@ -215,6 +230,8 @@ def _run(program: Linked, known: Known, last_line: int) -> State:
     state.stopped("the end")
     check_settings(state, main.line)
     _check_handlers(program, state, main)
+    for item in program.list_unused(known.asked.names.values()):
+        state.remark(item.line, f"{item.name[:40]} is declared and never used")
     if state.pressing is not None:
         state.faults.append(Fault(last_line, "FCPressEnd is missing at the end"))
     return state
@@ -290,6 +307,7 @@ def _check_handlers(program: Linked, state: State, main: Routine) -> None:
     for routine in program.scopes:
         if routine.handler is None or (routine is not main and _hands_on(routine.handler)):
             continue
+        _check_form(state, routine, main)
         try:
             off, end = _handle(program, state, routine, routine.handler, 0)
             line = routine.handler[-1].line if routine.handler else routine.line
@@ -307,6 +325,22 @@ def _check_handlers(program: Linked, state: State, main: Routine) -> None:
                 _judge_main_handler(state, line, [*used, DEACT_WHERE_ON], off, end)
         except Wrong as wrong:
             state.faults.append(Fault(wrong.line, wrong.what))
+
+
+def _check_form(state: State, routine: Routine, main: Routine) -> None:
+    """Remarks on a handler that does more than those of posts.
+
+    In main it calls routines, ends force control and ends. In another routine it is RAISE alone.
+    """
+    for item in calls_of(routine.handler or ()):
+        if routine is not main:
+            what = f"the ERROR handler of {routine.name} does more than RAISE"
+        elif item.shape.name in SWITCHES if isinstance(item, Inline) else item.name in SWITCHES:
+            what = "the ERROR handler of main switches an output itself, not in a routine"
+        else:
+            continue
+        state.remark(item.line, what)
+        return
 
 
 def _hands_on(handler: Sequence[Statement]) -> bool:
@@ -380,6 +414,7 @@ def _handle(
             raise Wrong(call.line, f"{call.name} in an ERROR handler is not read")
         else:
             called = _find_called(program, routine, call, depth)
+            program.handling.add(called)
             off |= _handle(program, state, called, called.body, depth + 1)[0]
     return off, ""
 

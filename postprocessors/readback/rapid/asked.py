@@ -18,6 +18,9 @@ from camgen.read.rapid.types import Value
 #: Two numbers are the same within half of the last digit that the post prints of them.
 _SAME = 0.00051
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
+_FRAMES = {"tool": "tool", "work": "work object"}
+#: Speeds of external axes in all speeddata of the system and of posts: mm/s and deg/s.
+_EXTERNAL_SPEED = (5000.0, 1000.0)
 _NO_TURN = (1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
@@ -98,14 +101,28 @@ def judge_persistent(asked: Asked, name: str, task: bool) -> str:
     )
 
 
-def judge_name(asked: Asked, kind: str, name: str) -> str:
-    """What is wrong with the name of a tool or a work object that the text does not declare. kind: as in ``names``."""
+def judge_name(asked: Asked, kind: str, name: str, unknown: bool) -> str:
+    """The fault of a tool or a work object with another name than the option; empty without one.
+
+    kind: key of `Asked.names`
+    unknown: whether the text leaves its declaration to the controller
+    """
     wanted = asked.names[kind]
-    return (
-        ""
-        if name.lower() == wanted.lower()
-        else f"{name[:40]} is not declared, by post.{kind} it is {wanted}"
-    )
+    if name.lower() == wanted.lower():
+        return ""
+    state = "not declared" if unknown else f"the {_FRAMES[kind]} of a motion"
+    return f"{name[:40]} is {state}, by post.{kind} it is {wanted}"
+
+
+def judge_external_speed(speed: Sequence[float]) -> str:
+    """The fault of a speed whose external axes have other limits than posts write; empty without one.
+
+    speed: numbers of a speeddata: mm/s, deg/s, mm/s of linear and deg/s of rotating external axes
+    """
+    if len(speed) < 4 or tuple(speed[2:4]) == _EXTERNAL_SPEED:
+        return ""
+    numbers = ", ".join(f"{value:g}" for value in speed[2:4])
+    return f"a speed with {numbers} for external axes, where posts write 5000, 1000"
 
 
 def judge_pressing(asked: Asked, values: Mapping[str, Value]) -> Iterator[str]:

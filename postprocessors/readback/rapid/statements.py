@@ -36,6 +36,7 @@ from camgen.read.rapid.ways import (
 from .asked import (
     judge_acceleration,
     judge_calibration,
+    judge_external_speed,
     judge_name,
     judge_persistent,
     judge_pressing,
@@ -253,6 +254,7 @@ def _say(state: State, call: Call) -> Bound:
     values = _bind(state, call)
     speed = cast(float, values["v"] if "v" in values else numbers(values["speed"])[0])
     turn = math.radians(numbers(values["speed"])[1])
+    state.remark(call.line, judge_external_speed(numbers(values["speed"])))
     bound = Bound(call.name, speed, _blend(values), values, _posture(values), turn)
     _check_postures(state, call.line, values)
     return bound
@@ -403,9 +405,9 @@ def _frame_argument(state: State, kind: str, data_type: str, expr: Expr | None, 
     if data is not None and not data.local:
         state.remark(data.line, judge_persistent(state.known.asked, data.name, data.task))
     unknown = state.known.external and not state.scope.known(expr)
-    if unknown:
-        state.remark(line, judge_name(state.known.asked, kind, expr.name))
-    state.frame(kind, expr, None if unknown else state.scope.value(expr, data_type, line), line)
+    value = None if unknown else state.scope.value(expr, data_type, line)
+    state.remark(line, judge_name(state.known.asked, kind, expr.name, unknown))
+    state.frame(kind, expr, value, line)
     state.frame_of[kind] = (expr.name, state.scope)
 
 

@@ -31,10 +31,10 @@ from camgen.read.rapid.tree import (
 
 from .rows import Cut, Run, Spellings
 
-#: Words that only continue or close a control statement whose opening has been reported.
-_CONTINUES = frozenset(
-    ("else", "elseif", "endif", "endfor", "endwhile", "endtest", "case", "default", "then", "do")
-)
+#: Words that open a compound statement, and words that continue or close one.
+_OPENS = frozenset(("if", "for", "while", "test"))
+_CLOSES = frozenset(("endif", "endfor", "endwhile", "endtest"))
+_CONTINUES = _CLOSES | frozenset(("else", "elseif", "case", "default", "then", "do"))
 #: Words with which a statement begins that is read in ERROR handlers alone.
 _HANDLES = frozenset(("if", "raise", "exit"))
 #: The name of the statement ``IF FCIsForceMode() FCDeact;``, one that no routine has.
@@ -89,6 +89,8 @@ class _Parser(Parser):
         start = banner(text)
         super().__init__(text, first_line, spellings is not None)
         self.cut = None if spellings is None else Cut(text, first_line, spellings)
+        #: Compound statements that are open. Each of them is a fault already.
+        self.compounds = 0
         found = [one.strip() for one in text[:start].strip().split("\n")]
         if start and found != BANNER_LINES:
             self.notes.append(
@@ -189,6 +191,9 @@ class _Parser(Parser):
         if kind != "proc":
             self.skip_past(f"end{kind}")
             raise Wrong(line, f"{kind.upper()} is not read")
+        if local:
+            what = "a routine that is LOCAL, which the controller cannot call by an event"
+            self.notes.append(Note(line, what, odd=True))
         return super().routine(line, local, kind)
 
     def parameters(self, line: int, name: str) -> tuple[Parameter, ...]:
@@ -251,10 +256,17 @@ class _Parser(Parser):
         return self.statement_call()
 
     def control(self, _body: list[Statement]) -> None:
-        """Reports a control statement and skips its head, so that the statements inside it are still looked at."""
+        """Reports a control statement and skips its head; the statements inside it are read.
+
+        A word that continues or closes a compound statement is reported too, unless one is open.
+        """
         word, line = self.word(), self.token[2]
         if word not in _CONTINUES:
             self.notes.append(Note(line, f"{word.upper()} is a statement that is not read"))
+        elif self.compounds == 0:
+            self.notes.append(Note(line, f"{word.upper()} belongs to no statement before it"))
+        self.compounds += word in _OPENS
+        self.compounds -= word in _CLOSES and self.compounds > 0
         self.take()
         while self.token[0] != "end" and self.token[2] == line and self.word() not in STRUCTURE:
             if self.word() in ("then", "do"):

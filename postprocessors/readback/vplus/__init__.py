@@ -53,6 +53,10 @@ _OTHERS = frozenset(
     HERE IF MC OPENI PARAMETER REACT REACTI READ RESET RETURNE STOP TIMER UNTIL VALUE WAIT WHILE WRITE
     """.split()  # noqa: SIM905 (a table)
 )
+#: Words that instructions take, beside those of ``camgen.read.vplus.names``: they name no program either.
+_ARGUMENTS = frozenset(
+    {"CP", "EVENT", "IPS", "MMPS", "MONITOR", "PPOINT", "PROGRAM", "REAL", "ROBOT", "WORLD"}
+)
 #: After these, and after a motion that cannot be read, nobody knows where the robot is.
 _MOTIONS = frozenset({"APPRO", "APPROS", "DEPART", "DEPARTS", "MOVE", "MOVES"})
 _OTHER_MOTIONS = frozenset({"ALIGN", "ALTER", "CLOSE", "DRIVE", "MOVEST", "MOVET", "OPEN", "READY"})
@@ -101,6 +105,9 @@ class Machine(RobotState):
 
     def _run(self, routine: Routine) -> None:
         self.enter()
+        for label, index in routine.labels.items():
+            line = _line_at(routine, index)
+            self.remark(line, f"label {label}, to which no statement of a post jumps")
         walk(routine, partial(self._next, routine, []), self._stretch, self._unreadable)
         self.leave()
 
@@ -136,6 +143,9 @@ class Machine(RobotState):
         if word == "RETURN":
             if statement.rest:
                 self.report(statement.line, "RETURN stands alone")
+            if index + 1 < len(routine.statements):
+                line = _line_at(routine, index + 1)
+                self.report(line, "a statement after RETURN never runs")
             return len(routine.statements)
         if word in ("MOVES", "MOVE") and self.plain(statement):
             return index + 1
@@ -145,7 +155,9 @@ class Machine(RobotState):
             return self._again(index, loops)
         if word in _DOES:
             _DOES[word](self, statement)
-        elif word != "TYPE":  # to the monitor
+        elif word == "TYPE":
+            self.remark(statement.line, "TYPE, which no program of the post has")
+        else:
             self._refuse(word)
         return index + 1
 
@@ -215,6 +227,13 @@ class Machine(RobotState):
             )
 
 
+def _line_at(routine: Routine, index: int) -> int:
+    """Line of a statement by its index; of the program where the index is behind the last one."""
+    if index < len(routine.statements):
+        return routine.statements[index].line
+    return routine.line
+
+
 def _length(statement: Statement | Stretch) -> int:
     return len(statement.poses) if isinstance(statement, Stretch) else 1
 
@@ -239,6 +258,8 @@ _LONGEST_FAULT = 160
 _SPOT = 0.2
 #: The defaults of the post's options that give numbers their meaning (docs/posts/vplus.md).
 _RATED, _RATED_TURN, _SIGNALS, _TOOL, _WORK = 7500.0, 1200.0, {"process": 33}, "cg.tool", "cg.work"
+#: The options that name the tool and the work frame, with their defaults.
+_FRAMES = (("tool", _TOOL), ("work", _WORK))
 
 
 def read(files: Mapping[str, str], options: Mapping[str, object]) -> Reading:
@@ -287,11 +308,12 @@ def _run(
     )
     accel = int(_number(options, "profile", 0)), _number(options, "accel", 100.0)
     machine = Machine(programs, report, remark, rated, signals, known, accel)
+    machine.names = frozenset(_list_frames(options))
     posture = options.get("posture", ())
     machine.asked = (
         frozenset(map(str, posture)) if isinstance(posture, (list, tuple)) else frozenset()
     )
-    for start in _start(list(programs.values()), report):
+    for start in _start(list(programs.values()), report, remark):
         machine.run(start)
     return machine
 
@@ -352,18 +374,18 @@ def _signal_names(options: Mapping[str, object]) -> dict[int, str]:
 
 def _list_known(options: Mapping[str, object]) -> frozenset[str]:
     """Locations that the text need not define."""
-    if options.get("declare", True):
-        return frozenset()
-    return frozenset(
-        canonical(str(options.get(key, name))) for key, name in (("tool", _TOOL), ("work", _WORK))
-    )
+    return frozenset() if options.get("declare", True) else frozenset(_list_frames(options))
+
+
+def _list_frames(options: Mapping[str, object]) -> tuple[str, str]:
+    """The names of the tool and of the work frame, as V+ keeps them."""
+    tool, work = (str(options.get(key, name)) for key, name in _FRAMES)
+    return canonical(tool), canonical(work)
 
 
 def _check_given(machine: Machine, options: Mapping[str, object], remark: Report) -> None:
     """Remarks on a tool or a work frame of the controller that is not the one that the options name."""
-    tool, work = (
-        canonical(str(options.get(key, name))) for key, name in (("tool", _TOOL), ("work", _WORK))
-    )
+    tool, work = _list_frames(options)
     if machine.tool_name not in ("", tool):
         remark(1, f"the tool is {machine.tool_name}, not {tool} as post.tool has it")
     for line, frame in zip(machine.lines, machine.frames, strict=True):
@@ -371,7 +393,7 @@ def _check_given(machine: Machine, options: Mapping[str, object], remark: Report
             remark(line, f"a target in {frame.external}, not in {work} as post.work has it")
 
 
-def _start(found: list[Routine], report: Report) -> list[Routine]:
+def _start(found: list[Routine], report: Report, remark: Report) -> list[Routine]:
     """The program that no other calls; several: the first."""
     called = set()
     for routine in found:
@@ -379,8 +401,13 @@ def _start(found: list[Routine], report: Report) -> list[Routine]:
             if not isinstance(statement, Stretch) and statement.word == "CALL":
                 called.add(canonical(statement.rest.partition("(")[0].strip()))
     roots = [r for r in found if canonical(r.name) not in called] or found[:1]
+    if roots and roots[0] is not found[0]:
+        remark(roots[0].line, f"{roots[0].name} calls the others and is not the first program")
     for other in roots[1:]:
         report(other.line, f"program {other.name} is called by no other and not evaluated")
+    for routine in found:
+        if routine.name.upper() in _ARGUMENTS:
+            report(routine.line, f"{routine.name} is a word of V+, not the name of a program")
     if not roots:
         report(1, "there is no .PROGRAM")
     return roots[:1]

@@ -78,6 +78,7 @@ class RobotState(Arm):
         self.axes = 0
         self.bent: dict[int, str] = {}
         self.asked: frozenset[str] = frozenset()
+        self.names: frozenset[str] = frozenset()
         self.tool_name = ""
         self.stated: dict[str, Pose] = {}
         self._signals = signals
@@ -153,6 +154,8 @@ class RobotState(Arm):
     def store(self, line: int, name: str, value: float | Location | Joints) -> None:
         """``assign``, with a remark on the first variable that is not the program's own."""
         self.assign(name, value)
+        if canonical(name) not in self.names:
+            self.remark(line, f"{name} gets a value: programs of the post set tool and work alone")
         if not self._shares and not self.is_own(name):
             self._shares = True
             what = "a global variable, which other programs share and which outlives this one"
