@@ -54,7 +54,7 @@ _MODES = {
     "arc distance": "G91.1",
     "feed mode": "G94",
 }
-#: Modes that a program of a post never leaves, by modal group: a mode that no motion feels is left to the next program.
+#: Modes that a program of a post never leaves, by modal group; the next program starts in them.
 _HELD = {group: code for group, code in _MODES.items() if group != "cycle off"} | {"units": "G21"}
 #: Groups that are one here, of which LinuxCNC takes two codes in one line or the interpreter does.
 _ONE_GROUP = {"motion": ("cycle off", "motion"), "coolant": ("mist", "flood", "coolant off")}
@@ -266,9 +266,11 @@ class Strict(Machine):
     def _take_idle(self, codes: Mapping[str, str], words: Mapping[str, float]) -> None:
         """Remarks on what changes no motion of a program, and the machine all the same."""
         changes = self.expect.tool and int(words.get("T", 0.0)) == self.expect.tool
-        if "T" in words and not changes:
+        if "T" in words and changes:
+            self.note_idle("T")
+        elif "T" in words:
             self._wait_for("T", f"T{words['T']:g} selects a tool that no M6 changes to")
-        if "S" in words and self.spindle == "M5":
+        if "S" in words and codes.get("spindle", self.spindle) == "M5":
             self._wait_for("S", f"S{words['S']:g} without M3 or M4")
         if "tool change" in codes:
             self.idle.pop("T", None)
@@ -535,7 +537,7 @@ def _change_among(m: Strict) -> None:
 
 
 def _check_first_change(m: Strict) -> None:
-    """Remarks on settings that posts write before the first change: a machine moves to change a tool."""
+    """Remarks on settings that are missing before the first change, for which a machine moves."""
     if any(isinstance(item, ToolChange) for item in m.body):
         return
     _check_modes(m)

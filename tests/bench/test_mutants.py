@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from bench.reliability.modal.machine import Number, arc, is_same, work_out
-from bench.reliability.mutants import TRACES, Family, plan_tasks, trace
+from bench.reliability.mutants import TRACES, Family, judge, plan_tasks, trace
 from bench.reliability.mutations import LANGUAGES, edits
 from bench.reliability.programs import SOURCES, make
 from bench.reliability.wide_mutations import KINDS, mutate
@@ -222,6 +222,17 @@ def test_every_mutant_has_its_task_and_a_sample_is_spread(post, kind):
     step = math.ceil(sum(sizes) / 100)
     large = {k for k in programs if sizes[k] >= step}
     assert {task.program for task in sample} >= large
+
+
+@pytest.mark.parametrize("kind", KINDS[1:])
+@pytest.mark.parametrize("post", POSTS)
+def test_no_mutant_of_a_sample_is_left_over(post, kind):
+    verdicts = 0
+    for task in plan_tasks([Family(post, kind, seed=7)], 60):
+        _, counts, left = judge(task)
+        assert not left
+        verdicts += counts.total()
+    assert verdicts > 30
 
 
 @pytest.mark.parametrize(

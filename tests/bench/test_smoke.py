@@ -121,7 +121,7 @@ SMOKES = [
     # It forks, as above.
     Smoke(
         "reliability.mutants --most 30", (24,),
-        {"mutants": (20, 150), "caught": (8, 150)}, alone=True,
+        {"mutants": (20, 150), "caught": (8, 150), "left over": (0, 0)}, alone=True,
     ),
     Smoke("read.localize 1 1 2000 rfa1", (4,), {"found": (0, 1)}),
     Smoke(

@@ -49,7 +49,7 @@ def parameter(machine: Machine, rest: str) -> None:
 
 
 def _set_force(machine: Machine, table: int, force: Vec3) -> None:
-    """Writes a force table, N in the work frame. A remark on a force before it that never was on."""
+    """Writes a force table, N in the work frame. Remarks on a force of it that was never on."""
     machine.forces[table] = force
     _note_unused(machine, table)
     if machine.table != table:

@@ -46,8 +46,8 @@ class Machine:
     moved: bool = False
     #: Nothing was set since the settings were last held against the options.
     settled: bool = False
-    #: ExtSpeed as the text says it, 0: not at all; acceleration and deceleration, all in %, empty before them
-    #: and after ``Speed``.
+    #: ExtSpeed as the text says it, 0: not at all; acceleration and deceleration, all in %,
+    #: empty before them and after ``Speed``.
     stated_external: float = 0.0
     acceleration: tuple[float, ...] = ()
     #: The internal speed as the text says it, None: not at all; whether a motion runs at it.
@@ -120,7 +120,7 @@ class Machine:
             self.remark(what)
 
     def check_questions(self) -> None:
-        """A remark on a speed by ``unit`` before the text has asked for its value and guarded it."""
+        """A remark on a speed by ``unit`` before the text has asked for it and guarded it."""
         if self.questions != _QUESTIONS:
             self.remark(
                 "a speed that depends on the unit of Mps, and the questions of the post for it are"

@@ -53,7 +53,7 @@ _OTHERS = frozenset(
     HERE IF MC OPENI PARAMETER REACT REACTI READ RESET RETURNE STOP TIMER UNTIL VALUE WAIT WHILE WRITE
     """.split()  # noqa: SIM905 (a table)
 )
-#: Words that instructions take, beside those of ``camgen.read.vplus.names``: they name no program either.
+#: Words of instructions, beside those of ``camgen.read.vplus.names``, that name no program.
 _ARGUMENTS = frozenset(
     {"CP", "EVENT", "IPS", "MMPS", "MONITOR", "PPOINT", "PROGRAM", "REAL", "ROBOT", "WORLD"}
 )
