@@ -181,6 +181,41 @@ def test_what_means_the_same_is_the_same(post, index, was, now):
     assert is_same(TRACES[post](text), TRACES[post](text.replace(was, now, 1)))
 
 
+#: Routines whose name is replaced at all its places: a free one, and one that the language keeps.
+RENAMED = [
+    ("rapid", 0, "c3", "drill", "movel"),
+    ("rapid", 0, "camSafe", "safe", "error"),
+    ("vplus", 9, "part.2", "second", "move"),
+    ("pacscript", 10, "part_part2", "second", "Move"),
+]
+
+
+@pytest.mark.parametrize(("post", "index", "name", "free", "taken"), RENAMED)
+def test_a_routine_may_have_any_free_name(post, index, name, free, taken):
+    text = make(post, index).text
+    trace_of = TRACES[post]
+    assert is_same(trace_of(text), trace_of(text.replace(name, free)))
+    assert not is_same(trace_of(text), trace_of(text.replace(name, free, 1)))
+    assert not is_same(trace_of(text), trace_of(text.replace(name, taken)))
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "same"),
+    [
+        ("SPEED 5,", "SPEED (5),", True),
+        ("TRANS(300,", "TRANS((300),", True),
+        ("SPEED 5,", "SPEED (6),", False),
+        ("ACCEL (0) 100", "ACCEL 0 100", False),
+        ("ATTACH ()", "ATTACH (0)", False),
+    ],
+)
+def test_a_bracket_around_a_number_is_the_number(before, after, same):
+    text = make("vplus", 0).text
+    assert before in text
+    changed = TRACES["vplus"](text.replace(before, after, 1))
+    assert is_same(TRACES["vplus"](text), changed) is same
+
+
 @pytest.mark.parametrize("sweep", [1.0, -1.0, 3.0, 4.0])
 def test_an_arc_is_the_same_wherever_its_via_point_lies(sweep):
     def at(angle):
