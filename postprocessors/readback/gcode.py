@@ -56,6 +56,8 @@ _MODES = {
 }
 #: Modes that a program of a post never leaves, by modal group; the next program starts in them.
 _HELD = {group: code for group, code in _MODES.items() if group != "cycle off"} | {"units": "G21"}
+#: The codes of the line that lifts the tool.
+_LIFT = ("G53", "G0")
 #: Groups that are one here, of which LinuxCNC takes two codes in one line or the interpreter does.
 _ONE_GROUP = {"motion": ("cycle off", "motion"), "coolant": ("mist", "flood", "coolant off")}
 _COOLANTS = {"M7": "mist", "M8": "flood"}
@@ -278,6 +280,8 @@ class Strict(Machine):
             self.idle.pop("S", None)
         if self.rules.linuxcnc and "M30" in codes.values():
             self.remark("M30 exchanges pallets before the end; posts write M2")
+        if "G53" in codes.values() and len(codes) > len(_LIFT):
+            self.remark("a code in the line of G53 G0 Z0, which posts write alone")
         for group, usual in _HELD.items():
             code = codes.get(group, usual)
             if code != usual and code not in self.unusual:

@@ -361,6 +361,12 @@ def test_a_word_whose_code_does_not_come(
     assert what in sample.faults_after(before, after)
 
 
+@pytest.mark.parametrize("code", ["G43 H1", "G49", "M9", "G90", "G64 P0.01 Q0", "M5"])
+def test_the_lift_is_alone_in_its_line(code: str) -> None:
+    faults = TOOLS.faults_after("T1 M6\nG53 G0 Z0\n", f"T1 M6\nG53 G0 Z0 {code}\n")
+    assert "a code in the line of G53 G0 Z0, which posts write alone" in faults
+
+
 #: Whole numbers of G-code words: another tool, output or line number is never rounded to one.
 GCODE_FRACTIONS = [
     (NUMBERED, "T3 M6", "T3.5 M6"), (NUMBERED, "T3 M6", "T2.9999 M6"), (TOOLS, "T1 M6", "T1.5 M6"),
