@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
+
+import numpy as np
+from msgspec.structs import replace
 
 from camgen.model.errors import VerifyError
 from camgen.model.job import Job
 from camgen.model.part import Note, Part
+from camgen.model.program import Columns, Instruction
+from camgen.model.text import counted
 from camgen.plan import Plan, ReplayPlan
 
 if TYPE_CHECKING:
     from camgen.build.programs import Checked, Posted
     from camgen.check.proof import MotionProof
 
+#: Rounding of a text, mm and mm/s, whose digits are not known.
+_DIGIT_MM = 1e-3
 _REMEDY = "do not run the program: camgen or one of its plug-ins planned it wrong; please report it"
 
 
@@ -48,6 +55,42 @@ def prove_motion(
             file, f"the text is not what the drawing asks for: {what}", finding.line, _REMEDY
         )
     return result
+
+
+def compare_text(
+    part: Part,
+    job: Job,
+    body: Sequence[Instruction],
+    lines: Sequence[int],
+    place: Callable[[int], str],
+) -> str:
+    """The result of the proof for a text that was not built here, as a line of the summary.
+
+    place: names file and line of a line that is counted through all files.
+    """
+    from camgen.check import proof  # noqa: PLC0415 (shapely, only for this)
+
+    if job.operations:
+        return "not proven: the text does not say which motion belongs to which operation"
+    columns = Columns(body)
+    named = {output.signal for output in columns.outputs}
+    signal = proof.process_signal(job.process)
+    unnamed = [f"output {signal}: the text names none so"] if signal not in {"", *named} else []
+    if unnamed:
+        job = replace(job, process=replace(job.process, signal=""))
+    path = np.full(len(columns.at), -1, np.intp)
+    program = proof.Program(body, lines, path, (), "")
+    # The number of digits of a text of another hand is not known: a thousandth is usual.
+    rounding = proof.Rounding(_DIGIT_MM, _DIGIT_MM)
+    result = proof.prove_motion(part, job, [program], (), rounding)
+    what = f"{counted(result.contours, 'contour')} in {counted(result.motions, 'motion')}"
+    if not result.findings:
+        reasons = "; ".join([*unnamed, *result.unproven])
+        return f"{what}; not proven: {reasons}" if reasons else f"verified: {what}"
+    _, first = result.findings[0]
+    where = f"{place(first.line)}: " if first.line else ""
+    more = counted(len(result.findings), "difference")
+    return f"not proven: {more} from what the job asks for, first {where}{first.text}"
 
 
 def why_unproven(plan: Plan) -> str:

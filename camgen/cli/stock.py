@@ -18,8 +18,6 @@ from camgen.model.text import counted, short
 from camgen.plan.page import on_page
 from camgen.plan.steps import job_of, share_out
 from camgen.post import Reading
-from camgen.read import read
-from camgen.read.files import Files
 from camgen.read.programs import Executed
 
 #: So many faults of a kind are listed.
@@ -36,22 +34,24 @@ class StockSays(Struct, frozen=True):
 
 def judge(
     program: str,
-    drawing: Path,
+    drawn: Part,
     job: Job,
     reading: Reading | Executed,
-    files: Files,
     place: Callable[[int], str],
 ) -> StockSays:
-    """The proof of what was read. place: file and line of a line counted through all files.
+    """The stock proof of a program that was read.
+
+    drawn: the drawing of the part.
+    place: names file and line of a line that is counted through all files.
 
     With a depth the job says what is done to the contours of the drawing; without one they are the part, cut around
     as deep as the program goes.
     """
-    part = on_page(read(drawing, job, files), job)
+    part = on_page(drawn, job)
     if part.solid is not None or part.curves or not part.contours:
         remedy = "give the drawing of the part"
         raise InputError(
-            str(drawing), "has no flat contours to prove a program against", remedy=remedy
+            part.source, "has no flat contours to prove a program against", remedy=remedy
         )
     columns = Columns(reading.body)
     if job.operations:

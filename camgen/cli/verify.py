@@ -35,6 +35,7 @@ from camgen.post.contract import prepare_program
 from camgen.post.limits import limit_tolerance
 from camgen.post.plugins import fill_tables, find_post, find_readback, make_post
 from camgen.post.verify import compare
+from camgen.read import read
 from camgen.read.files import Files
 from camgen.read.job_file import beside, load
 from camgen.read.programs import LANGUAGES, Executed, Places
@@ -109,7 +110,7 @@ def _judge(asked: _Asked, says: Voice) -> int:
         )
     if arguments.report:
         _report(Path(arguments.report), asked, executed, told, rows, says)
-    more: list[Row] = []
+    more = list(_UNEXAMINED)
     also = ""
     if drawing is not None and error is None:
         more, also, error = _prove(asked, drawing, executed, place, says)
@@ -166,7 +167,7 @@ def _compare(asked: _Asked, says: Voice) -> int:
         rows.append(("plan", f"{counted(found.instructions, 'instruction')} equal"))
         rows.append(("deviation", f"{found.max_mm:.6f} mm"))
     if drawing is None:
-        say()
+        say(_UNEXAMINED)
         return 0
     more, also, error = _prove(asked, drawing, reading, place, says)
     say(more, also)
@@ -190,13 +191,25 @@ def _insist_on_post(arguments: Namespace) -> None:
 def _prove(
     asked: _Asked, drawing: Path, said: Reading | Executed, place: Callable[[int], str], says: Voice
 ) -> tuple[list[Row], str, CamgenError | None]:
-    """What the program does to the material: rows, a line for each fault, and the error for which it is refused."""
-    from camgen.cli.stock import judge  # noqa: PLC0415 (shapely, only for what needs it)
+    """The proofs against a drawing: rows, a line for each fault, and the error of a refusal."""
+    from camgen.build.motion import compare_text  # noqa: PLC0415 (shapely, only for what needs it)
+    from camgen.cli.stock import judge  # noqa: PLC0415
 
     says.stage("proving")
-    stock = judge(str(asked.paths[0]), drawing, asked.job, said, asked.files, place)
+    part = read(drawing, asked.job, asked.files)
+    stock = judge(str(asked.paths[0]), part, asked.job, said, place)
+    motion = ("motion", compare_text(part, asked.job, said.body, said.lines, place))
     says.clear()
-    return list(stock.rows), stock.told, stock.error
+    return [motion, *stock.rows, *_UNEXAMINED[2:]], stock.told, stock.error
+
+
+#: Proofs that a text alone does not allow, with the reason.
+_UNEXAMINED: list[Row] = [
+    ("motion", "not proven: no drawing is given, --part names one"),
+    ("stock", "not proven: no drawing is given, --part names one"),
+    ("reach", "not proven: verify examines the text, camgen build the arm"),
+    ("collision", "not proven: verify examines the text, camgen build the arm"),
+]
 
 
 def _report(

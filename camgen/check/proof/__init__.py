@@ -39,7 +39,7 @@ from camgen.model.job import Job
 from camgen.model.part import Note, Part
 from camgen.model.program import Instruction, Origin
 
-__all__ = ["Finding", "MotionProof", "Program", "Rounding", "prove_motion"]
+__all__ = ["Finding", "MotionProof", "Program", "Rounding", "process_signal", "prove_motion"]
 
 #: Kinds of operations that have a row in the table of docs/proof.md.
 PROVEN = ("follow", "trace", "chamfer", "drill", "bore", "pocket", "fill")
@@ -139,7 +139,7 @@ def _prove_space(
     motions = tabulate(program.body, program.lines, program.path, signal)
     distance = 0.0 if part.curves else job.operation.offset
     limit = 2 * rounding.mm + _SLACK_MM + job.tolerance.chord + job.tolerance.arc_fit
-    lines = select_lines(part, job, findings)
+    lines = select_lines(part, job, program.origins, findings)
     checker = SpaceChecker(job, motions, distance, limit)
     done = checker.check(lines, program.origins, findings)
     for line in lines:

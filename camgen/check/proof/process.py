@@ -70,7 +70,7 @@ def check_joint_motions(job: Job, motions: Motions, unknown: BoolArray, findings
     works = motions.force > 0
     if not is_switched_in_air(job):
         works = works | motions.on
-    for row in np.flatnonzero(unknown & works)[:1].tolist():
+    for row in np.flatnonzero(unknown & motions.joint & works)[:1].tolist():
         findings.add(motions, row, "goes to joint values with the process on")
 
 

@@ -7,6 +7,7 @@ compared by the distance of the points of one from the chain of the other.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import chain as join
 
 import numpy as np
 
@@ -25,8 +26,12 @@ _LINE_POINTS, _ARC_POINTS = 9, 65
 _END_SLACK_MM = 0.05
 
 
-def select_lines(part: Part, job: Job, findings: Findings) -> list[Line]:
-    """The curves of `part`, or the edges that `input.select` names."""
+def select_lines(part: Part, job: Job, origins: Sequence[Origin], findings: Findings) -> list[Line]:
+    """The curves of `part`, or the edges that `input.select` names.
+
+    origins: of the paths. Where the setting has more than ids in it, the edges that have a path
+        are examined, and it is not proven that these are all.
+    """
     if part.solid is None or part.curves:
         return list(part.curves)
     edges = part.solid.edges
@@ -38,8 +43,9 @@ def select_lines(part: Part, job: Job, findings: Findings) -> list[Line]:
     if len(listed) == len(names):
         return list(listed)
     if select != "convex":
-        findings.leave("which edges are worked", f'input.select = "{select}" is not read again')
-        return []
+        findings.leave("that no edge is missing", f'input.select = "{select}" is not read again')
+        worked = set(join.from_iterable(origin.contours for origin in origins))
+        return [edge for edge in edges if edge.id in worked]
     return [edge for edge in edges if edge.convex]
 
 
@@ -75,23 +81,37 @@ class SpaceChecker:
         chain = chain_of(line.points, _vias(line))
         motions = self.motions
         bare = np.full(len(chain), np.inf)
-        for row in rows.tolist():
+        open_start = False
+        # An edge that is run with the process off is a way to another edge.
+        switched = bool(process_signal(self.job.process))
+        for row in rows[motions.on[rows] | (not switched)].tolist():
             points = arc_points(motions.start[row], motions.via[row], motions.end[row])
             if not np.isfinite(points).all():
+                open_start |= self._ends_on(row, chain)
                 continue
             off = np.abs(distances(points, chain) - self.distance)
             if (off <= self.limit).all():
                 self.follows[row] = True
                 bare = np.minimum(bare, distances(chain, points))
-        if not self.follows[rows].any():
+        if not self.follows[rows].any() and not open_start:
             findings.miss(f"no motion runs along {line.id}")
             return False
         uncovered = bare > self.distance + self.limit
         if self._is_trimmed(chain, uncovered):
             return True
+        if open_start:
+            findings.leave(f"the start of {line.id}", "it is given by joint values")
+            return True
         x, y, z = chain[int(np.flatnonzero(uncovered)[0])].tolist()
         findings.miss(f"{line.id} is not worked at {x:.3f} {y:.3f} {z:.3f} mm")
         return False
+
+    def _ends_on(self, row: int, chain: FloatArray) -> bool:
+        """Whether a straight motion whose start is not known ends beside the edge."""
+        end = self.motions.end[row : row + 1]
+        if self.motions.joint[row] or not np.isfinite(end).all():
+            return False
+        return bool(abs(distances(end, chain)[0] - self.distance) <= self.limit)
 
     def _is_trimmed(self, chain: FloatArray, bare: BoolArray) -> bool:
         """Whether only the ends of an edge are left out, no more than `operation.trim` of each."""
@@ -112,10 +132,6 @@ class SpaceChecker:
         for row in np.flatnonzero(fast)[:1].tolist():
             what = f"has a feed of {motions.speed[row]:.4g} mm/s, the job allows {fastest:.4g}"
             findings.add(motions, row, what)
-        signal = process_signal(process)
-        off = self.follows & ~motions.on
-        for row in np.flatnonzero(off)[: int(bool(signal))].tolist():
-            findings.add(motions, row, f"works with output {signal} off")
 
 
 def _vias(line: Line) -> FloatArray:
