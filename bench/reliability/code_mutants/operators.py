@@ -1,0 +1,330 @@
+"""Mutation operators for numeric code: small changes of a syntax tree, like typing errors.
+
+`OPERATORS` is the committed list. An operator takes a node and gives its replacements. Annotations,
+decorators, imports, docstrings and the guards of type checkers are never changed, because no build
+runs them.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Callable, Iterator
+from copy import deepcopy
+from typing import NamedTuple
+
+#: Fields of nodes, and nodes, that are never changed.
+_SKIPPED_FIELDS = frozenset({"annotation", "returns", "decorator_list"})
+_SKIPPED_NODES = (ast.Import, ast.ImportFrom, ast.Global, ast.Nonlocal)
+
+_COMPARISONS: dict[type, tuple[type, ...]] = {
+    ast.Lt: (ast.LtE, ast.Gt),
+    ast.LtE: (ast.Lt, ast.GtE),
+    ast.Gt: (ast.GtE, ast.Lt),
+    ast.GtE: (ast.Gt, ast.LtE),
+    ast.Eq: (ast.NotEq,),
+    ast.NotEq: (ast.Eq,),
+    ast.Is: (ast.IsNot,),
+    ast.IsNot: (ast.Is,),
+    ast.In: (ast.NotIn,),
+    ast.NotIn: (ast.In,),
+}
+_ARITHMETIC: dict[type, type] = {
+    ast.Add: ast.Sub,
+    ast.Sub: ast.Add,
+    ast.Mult: ast.Div,
+    ast.Div: ast.Mult,
+    ast.FloorDiv: ast.Mult,
+    ast.Mod: ast.FloorDiv,
+    ast.Pow: ast.Mult,
+    ast.MatMult: ast.Mult,
+}
+_LOGIC: dict[type, type] = {
+    ast.And: ast.Or,
+    ast.Or: ast.And,
+    ast.BitAnd: ast.BitOr,
+    ast.BitOr: ast.BitAnd,
+}
+#: Functions of which one is written for the other.
+_TWINS = {
+    "min": "max",
+    "max": "min",
+    "minimum": "maximum",
+    "maximum": "minimum",
+    "argmin": "argmax",
+    "argmax": "argmin",
+    "any": "all",
+    "all": "any",
+    "floor": "ceil",
+    "ceil": "floor",
+    "sin": "cos",
+    "cos": "sin",
+    "degrees": "radians",
+    "radians": "degrees",
+}
+#: Functions whose arguments are exchanged, and which two of them.
+_EXCHANGED = {
+    "where": (1, 2),
+    "clip": (1, 2),
+    "atan2": (0, 1),
+    "arctan2": (0, 1),
+    "cross": (0, 1),
+    "subtract": (0, 1),
+}
+
+
+def _flip_comparison(node: ast.AST) -> list[ast.AST]:
+    if not isinstance(node, ast.Compare):
+        return []
+    replacements: list[ast.AST] = []
+    for index, operator in enumerate(node.ops):
+        for other in _COMPARISONS[type(operator)]:
+            mutant = deepcopy(node)
+            mutant.ops[index] = other()
+            replacements.append(mutant)
+    return replacements
+
+
+def _change_arithmetic(node: ast.AST) -> list[ast.AST]:
+    if not isinstance(node, ast.BinOp | ast.AugAssign) or type(node.op) not in _ARITHMETIC:
+        return []
+    mutant = deepcopy(node)
+    mutant.op = _ARITHMETIC[type(node.op)]()
+    return [mutant]
+
+
+def _drop_sign(node: ast.AST) -> list[ast.AST]:
+    is_signed = isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub)
+    return [node.operand] if is_signed else []
+
+
+def _change_arguments(node: ast.AST) -> list[ast.AST]:
+    if not isinstance(node, ast.Call):
+        return []
+    name = _name_of(node.func)
+    replacements: list[ast.AST] = []
+    if name in _TWINS:
+        mutant = deepcopy(node)
+        _rename(mutant.func, _TWINS[name])
+        replacements.append(mutant)
+    first, second = _EXCHANGED.get(name, (0, 0))
+    if first != second and len(node.args) > second:
+        mutant = deepcopy(node)
+        mutant.args[first], mutant.args[second] = mutant.args[second], mutant.args[first]
+        replacements.append(mutant)
+    return replacements
+
+
+def _name_of(function: ast.expr) -> str:
+    match function:
+        case ast.Name(id=name) | ast.Attribute(attr=name):
+            return name
+    return ""
+
+
+def _rename(function: ast.expr, name: str) -> None:
+    if isinstance(function, ast.Name):
+        function.id = name
+    elif isinstance(function, ast.Attribute):
+        function.attr = name
+
+
+def _shift_index(node: ast.AST) -> list[ast.AST]:
+    """Changes whole numbers in an index, or at an end of a slice, by one."""
+    if not isinstance(node, ast.Subscript):
+        return []
+    replacements: list[ast.AST] = []
+    for number, _ in enumerate(_indices(node)):
+        for step in (-1, 1):
+            mutant = deepcopy(node)
+            index = _indices(mutant)[number]
+            index.value = index.value + step
+            replacements.append(mutant)
+    return replacements
+
+
+def _indices(node: ast.Subscript) -> list[ast.Constant]:
+    """The whole numbers that are an index by themselves, with or without a sign, or end a slice."""
+    parts = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
+    bounds: list[ast.expr | None] = []
+    for part in parts:
+        bounds += [part.lower, part.upper] if isinstance(part, ast.Slice) else [part]
+    bare = [bound.operand if isinstance(bound, ast.UnaryOp) else bound for bound in bounds]
+    return [bound for bound in bare if _is_number(bound) and isinstance(bound.value, int)]
+
+
+def _is_number(node: ast.AST | None) -> bool:
+    return isinstance(node, ast.Constant) and type(node.value) in (int, float)
+
+
+def _change_constant(node: ast.AST) -> list[ast.AST]:
+    """Replaces a number by 0, its double and its negative."""
+    if not _is_number(node):
+        return []
+    values = [value for value in (0, node.value * 2, -node.value) if value != node.value]
+    return [ast.Constant(value) for value in dict.fromkeys(values)]
+
+
+def _drop_statement(node: ast.AST) -> list[ast.AST]:
+    kinds = (ast.Assign, ast.AugAssign, ast.Expr, ast.Return, ast.Raise, ast.If, ast.For)
+    if not isinstance(node, (*kinds, ast.While, ast.Continue, ast.Break)):
+        return []
+    if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
+        return []
+    return [ast.Pass()]
+
+
+def _negate_condition(node: ast.AST) -> list[ast.AST]:
+    if isinstance(node, ast.If | ast.While | ast.IfExp):
+        mutant = deepcopy(node)
+        mutant.test = ast.UnaryOp(ast.Not(), mutant.test)
+        return [mutant]
+    if not isinstance(node, ast.comprehension):
+        return []
+    replacements: list[ast.AST] = []
+    for index, test in enumerate(node.ifs):
+        mutant = deepcopy(node)
+        mutant.ifs[index] = ast.UnaryOp(ast.Not(), test)
+        replacements.append(mutant)
+    return replacements
+
+
+def _skip_call(node: ast.AST) -> list[ast.AST]:
+    is_call = isinstance(node, ast.Call) and len(node.args) > 0
+    return [node.args[0]] if is_call and not isinstance(node.args[0], ast.Starred) else []
+
+
+def _change_logic(node: ast.AST) -> list[ast.AST]:
+    if isinstance(node, ast.BoolOp | ast.BinOp | ast.AugAssign) and type(node.op) in _LOGIC:
+        mutant = deepcopy(node)
+        mutant.op = _LOGIC[type(node.op)]()
+        return [mutant]
+    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not | ast.Invert):
+        return [node.operand]
+    if isinstance(node, ast.Constant) and isinstance(node.value, bool):
+        return [ast.Constant(not node.value)]
+    return []
+
+
+def _drop_element(node: ast.AST) -> list[ast.AST]:
+    is_sequence = isinstance(node, ast.Tuple | ast.List) and isinstance(node.ctx, ast.Load)
+    if not is_sequence or len(node.elts) < 2:
+        return []
+    replacements: list[ast.AST] = []
+    for index in range(len(node.elts)):
+        mutant = deepcopy(node)
+        del mutant.elts[index]
+        replacements.append(mutant)
+    return replacements
+
+
+class Operator(NamedTuple):
+    """A kind of change.
+
+    name: its key in the tables.
+    meaning: an example.
+    replace: gives the replacements of a node, none if the operator does not apply to it.
+    """
+
+    name: str
+    meaning: str
+    replace: Callable[[ast.AST], list[ast.AST]]
+
+
+OPERATORS = (
+    Operator("comparison", "a < b -> a <= b, a > b; == -> !=; in -> not in", _flip_comparison),
+    Operator("arithmetic", "a + b -> a - b; a * b -> a / b; a % b -> a // b", _change_arithmetic),
+    Operator("sign", "-a -> a", _drop_sign),
+    Operator("arguments", "where(m, a, b) -> where(m, b, a); min -> max", _change_arguments),
+    Operator("index", "a[1:] -> a[0:], a[2:]; a[-1] -> a[-2], a[0]", _shift_index),
+    Operator("constant", "2.0 -> 0, 4.0, -2.0", _change_constant),
+    Operator("statement", "a = b -> pass; return a -> pass", _drop_statement),
+    Operator("condition", "if a: -> if not a:", _negate_condition),
+    Operator("call", "f(a, b) -> a", _skip_call),
+    Operator("logic", "a and b -> a or b; not a -> a; True -> False", _change_logic),
+    Operator("element", "(a, b, c) -> (a, c)", _drop_element),
+)
+_BY_NAME = {operator.name: operator for operator in OPERATORS}
+
+
+class Site(NamedTuple):
+    """A change at a place of a module.
+
+    slot: index of the node in the order in which `_list_slots` visits them.
+    operator: name of an operator.
+    variant: index of the replacement among those of the operator.
+    line: line of the node in the source, from 1.
+    """
+
+    slot: int
+    operator: str
+    variant: int
+    line: int
+
+
+class _Slot(NamedTuple):
+    """A node and the field of its parent that holds it. index: -1 if the field is not a list."""
+
+    parent: ast.AST
+    field: str
+    index: int
+    node: ast.AST
+
+
+def _list_slots(tree: ast.AST) -> Iterator[_Slot]:
+    """All nodes below `tree` that may be changed, parents first."""
+    for field, value in ast.iter_fields(tree):
+        if field in _SKIPPED_FIELDS:
+            continue
+        children = value if isinstance(value, list) else [value]
+        for index, child in enumerate(children):
+            if not isinstance(child, ast.AST) or _is_skipped(child):
+                continue
+            yield _Slot(tree, field, index if isinstance(value, list) else -1, child)
+            yield from _list_slots(child)
+
+
+def _is_skipped(node: ast.AST) -> bool:
+    if isinstance(node, _SKIPPED_NODES):
+        return True
+    return isinstance(node, ast.If) and _name_of(node.test) == "TYPE_CHECKING"
+
+
+def find_sites(source: str) -> list[Site]:
+    """All changes that the operators make in a module, in the order of its tree."""
+    sites = []
+    for number, slot in enumerate(_list_slots(ast.parse(source))):
+        line = getattr(slot.node, "lineno", getattr(slot.parent, "lineno", 0))
+        for operator in OPERATORS:
+            for variant, _ in enumerate(operator.replace(slot.node)):
+                sites.append(Site(number, operator.name, variant, line))
+    return sites
+
+
+def mutate(source: str, site: Site) -> ast.Module:
+    """The tree of a module with one change."""
+    tree = ast.parse(source)
+    slots = list(_list_slots(tree))
+    slot = slots[site.slot]
+    replacement = _BY_NAME[site.operator].replace(slot.node)[site.variant]
+    ast.copy_location(replacement, slot.node)
+    if slot.index < 0:
+        setattr(slot.parent, slot.field, replacement)
+    else:
+        getattr(slot.parent, slot.field)[slot.index] = replacement
+    return ast.fix_missing_locations(tree)
+
+
+def describe(source: str, site: Site) -> tuple[str, str]:
+    """The changed node before and after, on one line each, for a table."""
+    slot = list(_list_slots(ast.parse(source)))[site.slot]
+    replacement = _BY_NAME[site.operator].replace(slot.node)[site.variant]
+    return _spell(slot.node), _spell(replacement)
+
+
+def _spell(node: ast.AST) -> str:
+    text = " ".join(ast.unparse(node).split())
+    return text if len(text) <= _LONGEST_SPELLING else text[: _LONGEST_SPELLING - 3] + "..."
+
+
+#: Characters of a node in a table.
+_LONGEST_SPELLING = 90
