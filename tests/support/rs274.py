@@ -1,18 +1,8 @@
-"""The outside judge of G-code: LinuxCNC's own interpreter, run without a machine, and what its output must equal.
-
-``rs274`` belongs to the Debian package linuxcnc-uspace. It prints the canonical calls of a program instead of moving.
-"""
+"""Comparison of programs with the motion that LinuxCNC's interpreter makes of their text."""
 
 from __future__ import annotations
 
-import fcntl
 import math
-import re
-import shutil
-import subprocess
-import tempfile
-from dataclasses import dataclass, replace
-from pathlib import Path
 
 import pytest
 from hypothesis import strategies as st
@@ -31,97 +21,13 @@ from camgen.model.program import (
     Wait,
 )
 from camgen.post import Post, Reading, Tolerance
-from tests.support.waiting import LONG
+from tests.support.canon import RS274, Call, Canon, run
 from tests.support.whole import whole
 
-RS274 = shutil.which("rs274")
+__all__ = ["Call", "Canon", "run"]
 needs_rs274 = pytest.mark.skipif(
     RS274 is None, reason="rs274 is not installed (Debian package linuxcnc-uspace)"
 )
-#: Which argument of a call is its value.
-_SWITCHES = {
-    "DWELL": 0, "SET_AUX_OUTPUT_BIT": 0, "CLEAR_AUX_OUTPUT_BIT": 0, "SET_AUX_OUTPUT_VALUE": 1,
-    "SET_MOTION_OUTPUT_VALUE": 1, "START_SPINDLE_CLOCKWISE": 0, "STOP_SPINDLE_TURNING": 0,
-}  # fmt: skip
-_LIFT = re.compile(r"\bG53 G0 Z0$", re.M)
-_CALL = re.compile(r"\s*\d+ N\S+\s+(\w+)\((.*)\)\s*$")
-
-
-@dataclass(frozen=True)
-class Call:
-    """One canonical call that moves, waits or switches, mm. feed: mm/min. An arc's centre and turns (+ = ccw) are those
-    in its plane, given by its two axes.
-    """
-
-    kind: str
-    end: Vec3 = (0.0, 0.0, 0.0)
-    feed: float = 0.0
-    centre: tuple[float, float] = (0.0, 0.0)
-    turns: int = 0
-    value: float = 0.0
-    axes: tuple[int, int] = (0, 1)
-
-
-@dataclass(frozen=True)
-class Canon:
-    """calls in order; names of all calls, for those that are not kept; error: empty when the program was accepted.
-    lead: so many motions go up and across before the position is known in all axes.
-    """
-
-    calls: tuple[Call, ...]
-    names: tuple[str, ...]
-    error: str
-    lead: int = 1
-
-
-def run(text: str, tools: str = "T1 P1 Z0 D3.0 ;cutter\n") -> Canon:
-    """What LinuxCNC makes of ``text``."""
-    with tempfile.TemporaryDirectory() as folder:
-        for name, content in (("in.ngc", text), ("tool.tbl", tools), ("my.var", "")):
-            Path(folder, name).write_text(content, encoding="utf-8")
-        command = [str(RS274), "-g", "-v", "my.var", "-t", "tool.tbl", "in.ngc"]
-        # Two at once share memory by a fixed key and fail now and then.
-        with (Path(tempfile.gettempdir()) / "camgen-rs274.lock").open("w") as alone:
-            fcntl.flock(alone, fcntl.LOCK_EX)
-            done = subprocess.run(
-                command, cwd=folder, capture_output=True, text=True, timeout=LONG, check=False
-            )
-    error = "" if done.returncode == 0 else done.stderr.replace("executing\n", "") or "rs274 failed"
-    return replace(_parse(done.stdout, error), lead=2 if _LIFT.search(text) else 1)
-
-
-def _parse(output: str, error: str) -> Canon:
-    """The calls in mm: coordinates and feeds are printed in the unit of the program."""
-    calls: list[Call] = []
-    names: list[str] = []
-    feed = speed = 0.0
-    unit = 1.0
-    axes = (0, 1, 2)
-    for match in filter(None, map(_CALL.match, output.splitlines())):
-        name, arguments = match.groups()
-        names.append(name)
-        v = [float(n) for n in re.findall(r"-?\d+\.?\d*", arguments)] if name != "COMMENT" else []
-        if name == "USE_LENGTH_UNITS":
-            unit = 25.4 if "INCH" in arguments else 1.0
-        elif name == "SELECT_PLANE":
-            axes = {"XY": (0, 1, 2), "XZ": (2, 0, 1), "YZ": (1, 2, 0)}[arguments[-2:]]
-        elif name == "SET_FEED_RATE":
-            feed = v[0] * unit
-        elif name == "SET_SPINDLE_SPEED":
-            speed = v[1]
-        elif name == "ARC_FEED":
-            point = {axes[0]: v[0] * unit, axes[1]: v[1] * unit, axes[2]: v[5] * unit}
-            centre = (v[2] * unit, v[3] * unit)
-            calls.append(
-                Call(name, (point[0], point[1], point[2]), feed, centre, int(v[4]), axes=axes[:2])
-            )
-        elif name in ("STRAIGHT_TRAVERSE", "STRAIGHT_FEED"):
-            calls.append(Call(name, (v[0] * unit, v[1] * unit, v[2] * unit), feed))
-        elif name in _SWITCHES:
-            calls.append(
-                Call(name, value=speed if name == "START_SPINDLE_CLOCKWISE" else v[_SWITCHES[name]])
-            )
-    return Canon(tuple(calls), tuple(names), error)
 
 
 def moves(canon: Canon) -> list[Call]:

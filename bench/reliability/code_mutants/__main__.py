@@ -1,0 +1,168 @@
+"""Mutants of camgen's code: does a build notice them, and is the text right if it does not?
+
+    python -m bench.reliability.code_mutants [--count 1000] [--only NAME] [--table FILE]
+    python -m bench.reliability.code_mutants survivors [--count 130]
+
+The first command draws mutants of posts, passes, lowering and order, builds the jobs of `cases`
+with each, and judges every text that differs from that of the unchanged code. The second draws
+mutants of core modules and runs the tests of their folder. Both print a table for
+docs/reliability.md. The exit code is 1 if a wrong text was written, or if a survivor is not in
+`survivors.tsv`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from multiprocessing import get_context
+from pathlib import Path
+from typing import NamedTuple
+
+from bench.machine import machine
+from bench.reliability.code_mutants.cases import CASES, Case
+from bench.reliability.code_mutants.running import (
+    WRITTEN,
+    Called,
+    is_run,
+    list_called,
+    run_cases,
+    warm_up,
+)
+from bench.reliability.code_mutants.targets import PROGRAM_GROUPS, Mutant, draw
+from bench.reliability.code_mutants.verdicts import (
+    RIGHT,
+    SAME_MOTION,
+    UNKNOWN,
+    WRONG,
+    find_fault,
+    find_verdict,
+)
+
+_PROCESSES = 2
+#: Outcomes of a mutant over all jobs, the most serious first, as columns of the table.
+COLUMNS = (WRONG, UNKNOWN, RIGHT, SAME_MOTION, "error", "same text")
+
+
+class Judged(NamedTuple):
+    """A mutant with an outcome of each job: an error, the same text, or the verdict on another."""
+
+    mutant: Mutant
+    outcomes: dict[str, tuple[str, str]]
+
+    @property
+    def kind(self) -> str:
+        """The most serious outcome over all jobs."""
+        kinds = {kind for kind, _ in self.outcomes.values()}
+        return next(column for column in COLUMNS if column in kinds)
+
+
+class Original(NamedTuple):
+    """A job with the unchanged code.
+
+    case: the job.
+    text: its program.
+    called: file and first line of the functions that it calls.
+    """
+
+    case: Case
+    text: str
+    called: Called
+
+
+def judge_mutant(originals: Sequence[Original], mutant: Mutant) -> Judged:
+    """Builds the jobs that a mutant may change, and judges the texts that differ."""
+    outcomes = dict.fromkeys((original.case.name for original in originals), ("same text", ""))
+    affected = [original for original in originals if is_run(mutant, original.called)]
+    results = run_cases(mutant, [original.case for original in affected]) if affected else []
+    for original, outcome in zip(affected, results, strict=True):
+        name = original.case.name
+        if outcome.kind != WRITTEN:
+            outcomes[name] = ("error", f"{outcome.kind}: {outcome.text}")
+        elif outcome.text != original.text:
+            verdict = find_verdict(original.case, outcome.text, original.text)
+            outcomes[name] = (verdict.kind, verdict.reason)
+    return Judged(mutant, outcomes)
+
+
+def build_originals() -> list[Original]:
+    """The programs of the unchanged code. ValueError if one is not built, or judged wrong."""
+    originals = []
+    for case, outcome, called in zip(CASES, run_cases(None), list_called(), strict=True):
+        if outcome.kind != WRITTEN:
+            raise ValueError(f"{case.name}: {outcome.kind} {outcome.text}")
+        fault = find_fault(case, outcome.text)
+        if fault:
+            raise ValueError(f"{case.name}: {fault}")
+        originals.append(Original(case, outcome.text, called))
+    return originals
+
+
+def judge_all(mutants: Sequence[Mutant], originals: Sequence[Original]) -> Iterator[Judged]:
+    """Judges mutants in parallel, in their order."""
+    with ProcessPoolExecutor(
+        _PROCESSES, mp_context=get_context("fork"), initializer=warm_up
+    ) as pool:
+        yield from pool.map(partial(judge_mutant, originals), mutants)
+
+
+def main() -> int:
+    """Runs the command that the docstring of this module describes."""
+    parser = argparse.ArgumentParser(prog="python -m bench.reliability.code_mutants")
+    parser.add_argument("--count", type=int, default=1000, help="mutants that are drawn")
+    parser.add_argument("--first", type=int, default=0, help="number of the first that is run")
+    parser.add_argument("--last", type=int, default=None, help="number after the last one")
+    parser.add_argument("--only", default="", help="name of a mutant, or a part of names")
+    parser.add_argument("--table", type=Path, help="file for the mutants written and judged")
+    given = parser.parse_args()
+    mutants = draw(PROGRAM_GROUPS, given.count)[given.first : given.last]
+    mutants = [mutant for mutant in mutants if given.only in mutant.name]
+    originals = build_originals()
+    judged: list[Judged] = []
+    for result in judge_all(mutants, originals):
+        judged.append(result)
+        wrong = sum(each.kind == WRONG for each in judged)
+        print(f"\r{len(judged)} of {len(mutants)}, {wrong} wrong", end="", file=sys.stderr)
+    print(file=sys.stderr)
+    print(machine(), end="\n\n")
+    print(make_summary(judged))
+    if given.table:
+        given.table.write_text(make_table(judged), encoding="utf-8")
+    if given.only:
+        print(make_table(judged))
+    return int(any(result.kind == WRONG for result in judged))
+
+
+def make_summary(judged: Sequence[Judged]) -> str:
+    """A table of the most serious outcomes by group of modules."""
+    rows = [f"| modules | mutants | {' | '.join(COLUMNS)} |", "|---" * (len(COLUMNS) + 2) + "|"]
+    for name in (*PROGRAM_GROUPS, "all"):
+        members = [each for each in judged if name in (each.mutant.group, "all")]
+        counts = Counter(result.kind for result in members)
+        cells = " | ".join(str(counts[column]) for column in COLUMNS)
+        rows.append(f"| {name} | {len(members)} | {cells} |")
+    return "\n".join(rows)
+
+
+def make_table(judged: Sequence[Judged]) -> str:
+    """A row for each mutant that wrote another text: where, what, and the verdicts."""
+    rows = ["verdict\tmutant\tbefore\tafter\tjobs\treason"]
+    for result in judged:
+        if result.kind in ("error", "same text"):
+            continue
+        before, after = result.mutant.describe()
+        jobs, reasons = [], []
+        for name, (kind, reason) in result.outcomes.items():
+            if kind == result.kind:
+                jobs.append(name)
+                reasons.append(reason)
+        fields = (result.kind, result.mutant.name, before, after, ", ".join(jobs), reasons[0])
+        rows.append("\t".join(fields))
+    return "\n".join(rows) + "\n"
+
+
+if __name__ == "__main__":
+    sys.exit(main())

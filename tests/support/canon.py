@@ -1,0 +1,119 @@
+"""LinuxCNC's own interpreter, run without a machine: the canonical calls of a program.
+
+`rs274` belongs to the Debian package linuxcnc-uspace. It prints these calls instead of moving. This
+module imports nothing of camgen, so that an independent judge can use it.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import re
+import shutil
+import subprocess
+import tempfile
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from tests.support.waiting import LONG
+
+RS274 = shutil.which("rs274")
+#: Index of the argument that is the value of a call.
+_SWITCHES = {
+    "DWELL": 0,
+    "SET_AUX_OUTPUT_BIT": 0,
+    "CLEAR_AUX_OUTPUT_BIT": 0,
+    "SET_AUX_OUTPUT_VALUE": 1,
+    "SET_MOTION_OUTPUT_VALUE": 1,
+    "START_SPINDLE_CLOCKWISE": 0,
+    "STOP_SPINDLE_TURNING": 0,
+}
+_PLANES = {"XY": (0, 1, 2), "XZ": (2, 0, 1), "YZ": (1, 2, 0)}
+_LIFT = re.compile(r"\bG53 G0 Z0$", re.M)
+_CALL = re.compile(r"\s*\d+ N\S+\s+(\w+)\((.*)\)\s*$")
+
+Point = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Call:
+    """A canonical call that moves, waits or switches.
+
+    end: mm.
+    feed: mm/min.
+    centre: centre of an arc in its plane, mm.
+    turns: turns of an arc, positive counter-clockwise.
+    value: seconds, number of an output or rpm.
+    axes: indices of the two axes of the plane.
+    """
+
+    kind: str
+    end: Point = (0.0, 0.0, 0.0)
+    feed: float = 0.0
+    centre: tuple[float, float] = (0.0, 0.0)
+    turns: int = 0
+    value: float = 0.0
+    axes: tuple[int, int] = (0, 1)
+
+
+@dataclass(frozen=True)
+class Canon:
+    """The calls of a program.
+
+    calls: calls of a kind that `Call` describes, in order.
+    names: names of all calls.
+    error: message of the interpreter, empty if it accepted the program.
+    lead: number of motions up and across before the position is known in all axes.
+    """
+
+    calls: tuple[Call, ...]
+    names: tuple[str, ...]
+    error: str
+    lead: int = 1
+
+
+def run(text: str, tools: str = "T1 P1 Z0 D3.0 ;cutter\n") -> Canon:
+    """Runs a program with a tool table."""
+    with tempfile.TemporaryDirectory() as folder:
+        for name, content in (("in.ngc", text), ("tool.tbl", tools), ("my.var", "")):
+            Path(folder, name).write_text(content, encoding="utf-8")
+        command = [str(RS274), "-g", "-v", "my.var", "-t", "tool.tbl", "in.ngc"]
+        # Two at once share memory by a fixed key and fail now and then.
+        with (Path(tempfile.gettempdir()) / "camgen-rs274.lock").open("w") as alone:
+            fcntl.flock(alone, fcntl.LOCK_EX)
+            done = subprocess.run(
+                command, cwd=folder, capture_output=True, text=True, timeout=LONG, check=False
+            )
+    error = "" if done.returncode == 0 else done.stderr.replace("executing\n", "") or "rs274 failed"
+    return replace(_parse(done.stdout, error), lead=2 if _LIFT.search(text) else 1)
+
+
+def _parse(output: str, error: str) -> Canon:
+    """Converts the calls to mm: coordinates and feeds are printed in the unit of the program."""
+    calls: list[Call] = []
+    names: list[str] = []
+    feed = speed = 0.0
+    unit = 1.0
+    axes = (0, 1, 2)
+    for match in filter(None, map(_CALL.match, output.splitlines())):
+        name, arguments = match.groups()
+        names.append(name)
+        v = [float(n) for n in re.findall(r"-?\d+\.?\d*", arguments)] if name != "COMMENT" else []
+        if name == "USE_LENGTH_UNITS":
+            unit = 25.4 if "INCH" in arguments else 1.0
+        elif name == "SELECT_PLANE":
+            axes = _PLANES[arguments[-2:]]
+        elif name == "SET_FEED_RATE":
+            feed = v[0] * unit
+        elif name == "SET_SPINDLE_SPEED":
+            speed = v[1]
+        elif name == "ARC_FEED":
+            point = {axes[0]: v[0] * unit, axes[1]: v[1] * unit, axes[2]: v[5] * unit}
+            centre = (v[2] * unit, v[3] * unit)
+            end = (point[0], point[1], point[2])
+            calls.append(Call(name, end, feed, centre, int(v[4]), axes=axes[:2]))
+        elif name in ("STRAIGHT_TRAVERSE", "STRAIGHT_FEED"):
+            calls.append(Call(name, (v[0] * unit, v[1] * unit, v[2] * unit), feed))
+        elif name in _SWITCHES:
+            value = speed if name == "START_SPINDLE_CLOCKWISE" else v[_SWITCHES[name]]
+            calls.append(Call(name, value=value))
+    return Canon(tuple(calls), tuple(names), error)
