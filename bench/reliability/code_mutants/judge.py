@@ -113,6 +113,8 @@ def check_program(case: Case, steps: Sequence[Step]) -> list[Run]:
             is_open = False
             continue
         _check_set_up(case, piece)
+        if piece.is_known and piece.length < DIGIT_MM:
+            continue
         if _is_work(case, piece):
             if not is_open:
                 runs.append(Run([]))
@@ -268,7 +270,7 @@ def _check_air(case: Case, piece: Piece) -> None:
             raise piece.complain("travel with the signal on")
         _check_speed(piece, case.setting("process", "travel"), "travel")
         return
-    if piece.length < DIGIT_MM or case.kind == "drill":
+    if case.kind == "drill":
         return
     if _is_lift_between(case, piece):
         _check_lift(case, piece)
@@ -322,8 +324,7 @@ def _check_speed(piece: Piece, wanted: float, label: str) -> None:
     """Checks the speed of a motion; a free one may state none."""
     speed = piece.motion.speed
     if math.isnan(speed):
-        turns_only = piece.length < DIGIT_MM
-        if piece.motion.kind != FREE and not turns_only:
+        if piece.motion.kind != FREE:
             raise piece.complain("a line without a speed")
         return
     if abs(speed - wanted) > _SPEED_FRACTION * wanted:
