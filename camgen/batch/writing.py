@@ -130,6 +130,49 @@ def check_targets(targets: Iterable[Path], sources: Iterable[Path]) -> None:
         taken.add(same)
 
 
+#: Bytes at the start of a program in which its header stands.
+HEADER_BYTES = 4000
+_PART_LINE = re.compile(rb"^[^A-Za-z0-9\r\n]*(part: [^\r\n]*?)\)?\r?$", re.MULTILINE)
+
+
+def check_programs(programs: Sequence[tuple[Path, bytes]]) -> None:
+    """Raises JobError if a program would replace that of another part, by the headers of both.
+
+    programs: paths, each with the first `HEADER_BYTES` of its new file or more.
+    """
+    for target, data in programs:
+        parts = find_parts(_read_head(target))
+        if parts and parts != find_parts(data):
+            what = "is the program of another part"
+            remedy = "give another name or folder with -o, or move that file away"
+            raise JobError(str(target), what, b", ".join(parts).decode("ascii", "replace"), remedy)
+
+
+def check_foreign(target: Path) -> None:
+    """Raises JobError if a file is not a program of camgen.
+
+    It may be a program that was taught by hand, of which there is no copy.
+    """
+    head = _read_head(target)
+    if head and b"camgen" not in head:
+        what = "is there already, and camgen did not write it"
+        raise JobError(str(target), what, remedy="name the program with -o, or move that file away")
+
+
+def find_parts(program: bytes) -> list[bytes]:
+    """The lines of a program's header that name its parts; empty without such a header."""
+    head = program[:HEADER_BYTES]
+    return _PART_LINE.findall(head) if b"camgen" in head else []
+
+
+def _read_head(target: Path) -> bytes:
+    """The first bytes of a file; empty if there is no file."""
+    if not target.is_file():
+        return b""
+    with _name_errors(target), target.open("rb") as stream:
+        return stream.read(HEADER_BYTES)
+
+
 def _would_overwrite(target: Path, read: Path) -> JobError:
     return JobError(
         str(target), f"would overwrite {read}, which is read", remedy="give another name"

@@ -5,6 +5,7 @@ Nothing is printed and nothing written here; the command line does that with the
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -32,7 +33,7 @@ from camgen.model.part import IntArray, Note, Part, sort_notes
 from camgen.model.path import ToolPath, Tour
 from camgen.model.pose import tell_frame
 from camgen.model.program import MoveJ, Program
-from camgen.model.text import counted, short
+from camgen.model.text import counted, harmless, short
 from camgen.model.version import __version__
 from camgen.order import ArmTour, may_choose_ways, order
 from camgen.plan import Coverage, EdgePlan, Plan, ReplayPlan, Watch, ignore_stages, plan
@@ -66,6 +67,8 @@ if TYPE_CHECKING:
 Input = str | Path | Part
 #: So often a program is made and checked, each time without what the check before has lost.
 _ROUNDS = 16
+#: Characters of a name, and digits of its digest, in a header line that cannot hold the name.
+_LONGEST_NAME, _DIGITS = 40, 12
 #: A job: its tables, its file, or the value itself; None: the defaults.
 JobLike = Mapping[str, object] | Job | str | Path | None
 
@@ -404,7 +407,7 @@ def _header(
 ) -> tuple[str, ...]:
     return (
         f"camgen {__version__} - job {digest}",
-        *(f"part: {one.name}" for one in sources),
+        *(_spell_part(one.name) for one in sources),
         f"post: {post.name} - cell: {cell.name.replace(',', ' -')}",
         f"units: mm - drawing: {part.units}",
         *(
@@ -415,6 +418,17 @@ def _header(
         *_tool_lines(job, cell),
         f"work frame: {tell_frame(cell.base_from_work)}",
     )
+
+
+def _spell_part(name: str) -> str:
+    """The header line that names a part. Two parts have two lines, also where their names cannot be
+    printed: the digest of a name follows it if characters are replaced or cut off.
+    """
+    line = f"part: {name}"
+    if harmless(line) == line:
+        return line
+    digest = hashlib.sha256(name.encode("utf-8", "surrogateescape")).hexdigest()
+    return f"part: {harmless(name, _LONGEST_NAME)} - name {digest[:_DIGITS]}"
 
 
 def _is_taught(part: Part) -> bool:
@@ -442,6 +456,10 @@ class ProgramFile(Struct, frozen=True):
 
     def __bytes__(self) -> bytes:
         return self.text.replace("\n", self.newline).encode("ascii")
+
+    def head(self, count: int) -> bytes:
+        """The first bytes, `count` or more, without making all of them."""
+        return bytes(ProgramFile(self.text[:count], self.newline))
 
     @property
     def lines(self) -> int:

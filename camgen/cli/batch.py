@@ -17,7 +17,7 @@ from camgen.batch import cluster, pool, state
 from camgen.batch.inputs import find_inputs
 from camgen.batch.parts import BatchPart, Order, look_at
 from camgen.batch.state import BuildSums, Outcome, Task
-from camgen.batch.writing import check_targets, write_all
+from camgen.batch.writing import check_programs, check_targets, write_all
 from camgen.check.report import clean
 from camgen.cli.say import Voice, table
 from camgen.cli.stop import Stopped, exit_code, say_why
@@ -179,6 +179,7 @@ class _Batch(Struct):
             raise JobError(str(target), f"cannot be made: {error.strerror}") from error
         files = [(target / name, data) for name, data in outcome.files]
         check_targets([*self.reports, *(path for path, _ in files)], [part.input.source])
+        check_programs(files)
         write_all(files, self.read)
         return tuple(str(path) for path, _ in files)
 

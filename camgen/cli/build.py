@@ -15,7 +15,13 @@ import msgspec
 import numpy as np
 from msgspec import Struct, field
 
-from camgen.batch.writing import check_targets, write_all
+from camgen.batch.writing import (
+    HEADER_BYTES,
+    check_foreign,
+    check_programs,
+    check_targets,
+    write_all,
+)
 from camgen.build import ProgramFile, Result, build, program_files
 from camgen.build.memory import no_collector
 from camgen.build.stock import why_unproven
@@ -317,6 +323,9 @@ def _program(path: Path, file: ProgramFile) -> Row:
 
 #: Bytes at the beginning of a program among which camgen names itself.
 _HEAD = 4000
+def _tell_verified(result: Result) -> str:
+    compared = counted(result.deviation.instructions, "instruction")
+    return f"read back, {compared} equal, largest deviation {result.deviation.max_mm:.6f} mm"
 
 
 class _Stages(Struct):
@@ -381,7 +390,8 @@ def run(arguments: Namespace, says: Voice) -> int:
         written = [] if aloud else programs
         check_targets([*(path for path, _ in written), *extra], read)
         if program is None and written:
-            _spare_others(written[0][0])
+            check_foreign(written[0][0])
+        check_programs([(path, file.head(HEADER_BYTES)) for path, file in written])
         write_all(
             [*written, *_extras(arguments, result, [path.name for path, _ in programs])],
             files.opened,
@@ -401,15 +411,6 @@ def run(arguments: Namespace, says: Voice) -> int:
             ]
         )
     return 0
-
-
-def _spare_others(target: Path) -> None:
-    """JobError where a program of somebody else has the name that this one would get by itself: old.v2 beside old.mod
-    may be all there is of what was taught by hand.
-    """
-    if target.is_file() and b"camgen" not in target.read_bytes()[:_HEAD]:
-        what = "is there already, and camgen did not write it"
-        raise JobError(str(target), what, remedy="name the program with -o, or move that file away")
 
 
 def _place(output: str | None) -> tuple[Path, Path | None]:

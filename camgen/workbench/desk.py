@@ -12,7 +12,7 @@ from typing import Any
 
 from msgspec.structs import replace
 
-from camgen.batch.writing import check_targets, write_all
+from camgen.batch.writing import check_programs, check_targets, write_all
 from camgen.model.errors import CamgenError, JobError
 from camgen.read.files import Files, identity
 from camgen.workbench import session as steps
@@ -157,6 +157,7 @@ class Desk:
         files = [(one.job_file, text.encode())] if one.tables or one.base else []
         files += built.programs
         check_targets([path for path, _ in files], built.opened.values())
+        check_programs(built.programs)
         write_all(files, built.opened)
         lost = one.base and not keeps_comments(one.base, text)
         self.session = replace(one, base=text if files[0][0] == one.job_file else "")

@@ -301,6 +301,20 @@ def test_a_program_of_several_files_never_takes_anothers_name(here: Path, capsys
     assert set(files(here / "out")) == {"a_part1.mod", state.NAME}
 
 
+@pytest.mark.usefixtures("here")
+def test_a_later_batch_replaces_no_program_of_another_part(capsys: Captured) -> None:
+    words = ["--post", "pacscript", "-o", "out"]
+    for name in ("日本", "中国"):
+        Path(f"{name}.dxf").write_text(PLATE.format(radius=8))
+    assert main(["batch", "日本.dxf", *words]) == 0
+    before = files(Path("out"))
+    assert main(["batch", "中国.dxf", *words]) == 2
+    assert "job___.pcs: is the program of another part" in capsys.readouterr().out
+    assert files(Path("out"))["job___.pcs"] == before["job___.pcs"]
+    assert main(["batch", "日本.dxf", *words, "--set", "process.feed=10"]) == 0
+    assert files(Path("out"))["job___.pcs"] != before["job___.pcs"]
+
+
 def test_a_fault_tells_its_trace_when_asked(here: Path, capsys: Captured) -> None:
     (here / "fatal.py").write_text(FATAL)
     shutil.copy("parts/a.dxf", "parts/memory.dxf")

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from camgen.batch.writing import write_all
+from camgen.batch.writing import find_parts, write_all
 from camgen.cli import main
 from camgen.cli.stop import Stopped, Terminated, signals_as_interrupts
 from camgen.post import Post
@@ -271,3 +271,57 @@ def test_a_program_that_somebody_else_wrote_is_not_written_over_by_default(
     # Who names it means it, and our own is renewed.
     assert main([*words, "-o", "plate.mod"]) == 0
     assert main(words) == 0
+
+
+@pytest.mark.usefixtures("here")
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        ("日本", "中国"),
+        ("a" * 66 + "1", "a" * 66 + "2"),
+        ("left", "right"),
+    ],
+)
+def test_a_program_of_another_part_is_not_replaced(
+    first: str, second: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """PacScript prints `__` for both names, and a header line ends after 72 characters."""
+    Path("plate.dxf").rename(f"{first}.dxf")
+    shutil.copy(f"{first}.dxf", f"{second}.dxf")
+    Path("own.toml").write_text("")
+    words = ["--post", "pacscript", "--job", "own.toml", "-q", "-o", "program.pcs"]
+    assert main(["build", f"{first}.dxf", *words]) == 0
+    before = contents(Path())
+    assert main(["build", f"{second}.dxf", *words]) == 2
+    errors = capsys.readouterr().err.splitlines()
+    assert len(errors) == 1
+    assert "program.pcs: is the program of another part (part: " in errors[0]
+    assert "give another name or folder with -o" in errors[0]
+    assert contents(Path()) == before
+    # The same part replaces its program, and the other one goes where `-o` says.
+    assert main(["build", f"{first}.dxf", *words, "--set", "process.feed=10"]) == 0
+    assert contents(Path())["program.pcs"] != before["program.pcs"]
+    assert main(["build", f"{second}.dxf", *words[:-1], "other.pcs"]) == 0
+
+
+@pytest.mark.usefixtures("here")
+def test_names_in_other_scripts_have_one_program_name_and_two_headers(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """The error names the file that was chosen for the user."""
+    Path("own.toml").write_text("")
+    for name in ("日本", "中国"):
+        shutil.copy("plate.dxf", f"{name}.dxf")
+    words = ["--post", "pacscript", "--job", "own.toml", "-q"]
+    assert main(["build", "日本.dxf", *words]) == 0
+    assert main(["build", "中国.dxf", *words]) == 2
+    assert "job___.pcs: is the program of another part" in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("here")
+@pytest.mark.parametrize("post", ["rapid", "pacscript", "vplus", "gcode", "grbl"])
+def test_the_header_of_every_post_names_its_part(post: str) -> None:
+    Path("own.toml").write_text("")
+    words = ["--post", post, "--job", "own.toml", "-q", "-o", "program"]
+    assert main(["build", "plate.dxf", *words]) == 0
+    assert find_parts(Path("program").read_bytes()) == [b"part: plate.dxf"]
