@@ -1,7 +1,7 @@
 """Mutants of camgen's code: does a build notice them, and is the text right if it does not?
 
     python -m bench.reliability.code_mutants [--count 1000] [--only NAME] [--table FILE]
-    python -m bench.reliability.code_mutants survivors [--count 130]
+    python -m bench.reliability.code_mutants survivors [--count 130] [--at FILE:LINE ...]
 
 The first command draws mutants of posts, passes, lowering and order, builds the jobs of `cases`
 with each, and judges every text that differs from that of the unchanged code. The second draws
@@ -32,7 +32,13 @@ from bench.reliability.code_mutants.running import (
     run_cases,
     warm_up,
 )
-from bench.reliability.code_mutants.targets import PROGRAM_GROUPS, Mutant, draw
+from bench.reliability.code_mutants.survivors import find_survivors, list_at, read_reasons
+from bench.reliability.code_mutants.targets import (
+    CORE_GROUPS,
+    PROGRAM_GROUPS,
+    Mutant,
+    draw,
+)
 from bench.reliability.code_mutants.verdicts import (
     RIGHT,
     SAME_MOTION,
@@ -112,17 +118,24 @@ def judge_all(mutants: Sequence[Mutant], originals: Sequence[Original]) -> Itera
 def main() -> int:
     """Runs the command that the docstring of this module describes."""
     parser = argparse.ArgumentParser(prog="python -m bench.reliability.code_mutants")
-    parser.add_argument("--count", type=int, default=1000, help="mutants that are drawn")
+    parser.add_argument("command", nargs="?", choices=["judge", "survivors"], default="judge")
+    parser.add_argument("--count", type=int, help="mutants that are drawn: 1000, survivors: 130")
     parser.add_argument("--first", type=int, default=0, help="number of the first that is run")
     parser.add_argument("--last", type=int, default=None, help="number after the last one")
     parser.add_argument("--only", default="", help="name of a mutant, or a part of names")
+    parser.add_argument("--at", nargs="*", default=[], help="survivors: all mutants at FILE:LINE")
     parser.add_argument("--table", type=Path, help="file for the mutants written and judged")
     given = parser.parse_args()
-    mutants = draw(PROGRAM_GROUPS, given.count)[given.first : given.last]
+    if given.command == "survivors":
+        return _run_survivors(given)
+    return _run_judge(given)
+
+
+def _run_judge(given: argparse.Namespace) -> int:
+    mutants = draw(PROGRAM_GROUPS, given.count or 1000)[given.first : given.last]
     mutants = [mutant for mutant in mutants if given.only in mutant.name]
-    originals = build_originals()
     judged: list[Judged] = []
-    for result in judge_all(mutants, originals):
+    for result in judge_all(mutants, build_originals()):
         judged.append(result)
         wrong = sum(each.kind == WRONG for each in judged)
         print(f"\r{len(judged)} of {len(mutants)}, {wrong} wrong", end="", file=sys.stderr)
@@ -134,6 +147,25 @@ def main() -> int:
     if given.only:
         print(make_table(judged))
     return int(any(result.kind == WRONG for result in judged))
+
+
+def _run_survivors(given: argparse.Namespace) -> int:
+    mutants = draw(CORE_GROUPS, given.count or 130)[given.first : given.last]
+    if given.at:
+        mutants = list_at(given.at)
+    mutants = [mutant for mutant in mutants if given.only in mutant.name]
+    reasons = read_reasons()
+    survivors = listed = 0
+    for mutant, survives in find_survivors(mutants):
+        if not survives:
+            continue
+        survivors += 1
+        before, after = mutant.describe()
+        reason = reasons.get((mutant.module, before, after), "")
+        listed += bool(reason)
+        print(f"{mutant.name}\t{before}\t{after}\t{reason or 'NO REASON'}", flush=True)
+    print(f"\n{machine()}: {len(mutants)} mutants, {survivors} survive, {listed} with a reason")
+    return int(survivors > listed)
 
 
 def make_summary(judged: Sequence[Judged]) -> str:

@@ -47,7 +47,7 @@ class Outcome(NamedTuple):
     text: str
 
 
-class _MutatingFinder(importlib.abc.MetaPathFinder, importlib.abc.Loader):
+class MutatingFinder(importlib.abc.MetaPathFinder, importlib.abc.Loader):
     """Finds one module, and runs its changed tree in place of its file."""
 
     def __init__(self, module: str, site: Site) -> None:
@@ -169,7 +169,7 @@ def _run_child(
     for stream in (0, 1, 2):
         os.dup2(quiet, stream)
     if mutant is not None:
-        sys.meta_path.insert(0, _MutatingFinder(mutant.module, mutant.site))
+        sys.meta_path.insert(0, MutatingFinder(mutant.module, mutant.site))
     signal.signal(signal.SIGPROF, _stop_job)
     with tempfile.TemporaryDirectory() as folder, os.fdopen(writer, "wb") as stream:
         for case in cases:
