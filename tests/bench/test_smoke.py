@@ -32,6 +32,10 @@ LIBRARIES = {
     "reliability.wheel_cases", "read.bnf", "read.judges", "read.productions",
     *(f"reliability.fuzzing.{name}" for name in ("odd", "drawings", "pictures", "solids", "texts", "programs")),
     "reliability.fuzzing.table",
+    *(f"reliability.code_mutants.{name}" for name in (
+        "cases", "contours", "judge", "operators", "plugin", "running", "shapes", "survivors",
+        "targets", "traces", "verdicts",
+    )),
     *(f"reliability.modal.{name}" for name in ("machine", "rs274", "rapid", "pacscript", "vplus", "reader")),
 }  # fmt: skip
 #: Installs packages from an index, which no test does: .ci/run runs it whole.
@@ -122,6 +126,12 @@ SMOKES = [
         "reliability.mutants --most 30", (24,),
         {"mutants": (20, 150), "caught": (8, 150), "left over": (0, 0)}, alone=True,
     ),
+    Smoke("reliability.mutants --most 40", (6,), {"made": (30, 200), "caught": (15, 200)}, alone=True),
+    Smoke(
+        "reliability.code_mutants --last 4", (5,), {"mutants": (0, 4)},
+        lacking(program="rs274"), alone=True,
+    ),
+    Smoke("reliability.code_mutants survivors --last 1", (), {}, alone=True),
     Smoke("read.localize 1 1 2000 rfa1", (4,), {"found": (0, 1)}),
     Smoke(
         "read.one_sided 2 6000 1 - rfa1 rfa2", (4,),
@@ -221,7 +231,7 @@ def test_a_bench_prints_its_tables(
 
 def test_every_bench_has_a_smoke_run_and_a_line_in_its_readme() -> None:
     modules = {
-        ".".join(p.relative_to(ROOT / "bench").with_suffix("").parts)
+        ".".join(p.relative_to(ROOT / "bench").with_suffix("").parts).removesuffix(".__main__")
         for p in (ROOT / "bench").rglob("*.py")
     }
     commands = {name for name in modules if not name.startswith("render.")} - LIBRARIES

@@ -147,6 +147,7 @@ CASES = (
         _job(
             _SPINNING,
             operation={"kind": "follow", "depth": 3.0, "passes": 2, "lead_in": 2.0},
+            tour={"method": "nearest"},
         ),
         spindle="S",
     ),
@@ -258,6 +259,7 @@ CASES = (
         _job(
             {**_PROCESS, "stay_down": True},
             operation={"kind": "follow"},
+            tour={"method": "nearest"},
             cell=_CELL,
         ),
         signal="doprocess",

@@ -290,9 +290,18 @@ def _nearest(points: FloatArray, segments: Segments, most: float) -> tuple[Float
     apart = distances(points[point], segments, row)
     order = np.argsort(-apart, kind="stable")
     near[point[order]] = apart[order]
-    tangent = tangents_at(segments.take(row), np.full(len(row), 0.5))
-    rel = points[point] - segments.start[row]
-    left = np.sign(tangent[:, 0] * rel[:, 1] - tangent[:, 1] * rel[:, 0])
-    side[point[order]] = left[order]
+    side[point[order]] = _sides(points[point], segments.take(row))[order]
     near[near > most] = np.inf
     return near, side
+
+
+def _sides(points: FloatArray, segments: Segments) -> FloatArray:
+    """(N,) the side of each segment on which each point lies: left 1, right -1.
+
+    The left side of an arc that turns left is its inside.
+    """
+    tangent = tangents_at(segments, np.full(len(segments), 0.5))
+    offset = points - segments.start
+    left = np.sign(tangent[:, 0] * offset[:, 1] - tangent[:, 1] * offset[:, 0])
+    inside = np.sign(segments.radius - np.hypot(*(points - segments.centre).T))
+    return np.asarray(np.where(segments.is_arc, np.sign(segments.bulge) * inside, left))

@@ -1,0 +1,62 @@
+"""Which side of an open line may be cut, and which short cuts of the sweep take nothing away."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from camgen.check.stock import Cut, Task, design, prove
+from camgen.model.job import Job, OperationTable, ProcessTable, StockTable, ToolTable
+from camgen.model.part import Contour, Part
+from camgen.model.pose import TOOL_DOWN, Pose
+from camgen.model.program import Instruction, MoveJ, MoveL
+
+MILL = ToolTable(diameter=6.0)
+CORNERS = [(-50.0, -50.0), (50.0, -50.0), (50.0, 50.0), (-50.0, 50.0)]
+
+
+def _rapid(*place: float) -> Instruction:
+    return MoveJ(Pose(TOOL_DOWN, place), 100.0)  # type: ignore[arg-type]
+
+
+def _feed(*place: float) -> Instruction:
+    return MoveL(Pose(TOOL_DOWN, place), 10.0)  # type: ignore[arg-type]
+
+
+def _plate(*others: Contour, worked: frozenset[str]) -> Part:
+    plate = Contour(np.array(CORNERS), np.zeros(4), True, "0", "plate")
+    return Part("p", "p.dxf", "mm", (plate, *others), (), worked=worked)
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+@pytest.mark.parametrize("bulge", [0.0, 1.0], ids=["line", "half circle"])
+def test_only_the_side_of_an_open_line_that_is_worked_may_be_cut(side: str, bulge: float) -> None:
+    """From (0, -20) to (0, 20); left of it is x < 0. The half circle bulges to the right."""
+    line = Contour(np.array([[0.0, -20.0], [0.0, 20.0]]), np.array([bulge, 0.0]), False, "0", "c1")
+    operation = OperationTable(kind="follow", side=side, depth=2.0)
+    job = Job(operation=operation, tool=MILL, process=ProcessTable())
+    task = Task(job, _plate(line, worked=frozenset({"c1"})))
+    for sign in (-1.0, 1.0):
+        x = 20.0 * bulge + 3.0 * sign if bulge else 3.0 * sign
+        body = [_rapid(x, 0, 5), _feed(x, 0, -2), _feed(x, 0.01, -2), _rapid(x, 0.01, 5)]
+        cut = Cut(body, range(1, len(body) + 1), MILL, "p.ngc")
+        proof = prove([cut], design([task], StockTable(thickness=5.0)))
+        assert bool(proof.gouges) == ((sign < 0) != (side == "left"))
+
+
+def test_a_hole_of_one_program_is_not_lost_where_the_next_program_begins() -> None:
+    """A drill of 8 mm ends where a mill of 2 mm begins to run level: both take their own part."""
+    drill, mill = ToolTable(diameter=8.0), ToolTable(diameter=2.0)
+    operation = OperationTable(kind="pocket", depth=2.0)
+    job = Job(operation=operation, tool=mill, process=ProcessTable())
+    task = Task(job, _plate(worked=frozenset({"plate"})))
+    first = Cut([_rapid(0, 0, 5), _feed(0, 0, -2)], range(1, 3), drill, "a.ngc")
+    second = Cut([_rapid(0, 0, -2), _feed(10, 0, -2)], range(1, 3), mill, "b.ngc")
+    proof = prove([first, second], design([task], StockTable(thickness=2.0)))
+    # The slot is 2 mm wide from x = 0 to 10 and ends in a half disc. The hole has taken the part of
+    # it below x = sqrt(16 - y^2), the integral of which over y from -1 to 1 is this.
+    common = math.sqrt(15.0) + 16.0 * math.asin(0.25)
+    expected = 2.0 * (16.0 * math.pi + 20.0 + math.pi / 2.0 - common)
+    assert proof.volume == pytest.approx(expected, rel=3e-3)

@@ -1,0 +1,58 @@
+"""The side and the direction of leads, by the distance from the contour and by the travel."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from camgen.model.job import Job, OperationTable
+from camgen.model.path import ToolPath
+from camgen.order.leads import add_leads
+from camgen.plan import plan
+from tests.support.drawn import circle, clockwise, part
+
+RADIUS, TOOL = 20.0, 3.0
+LENGTH = 4.0
+
+
+def _lead(direction: str, side: str, is_clockwise: bool) -> ToolPath:
+    """The path beside a circle of two half circles, with leads of `LENGTH`."""
+    shape = circle(0, 0, RADIUS)
+    drawing = part(clockwise(shape) if is_clockwise else shape)
+    operation = OperationTable(side=side, direction=direction, lead_in=LENGTH, lead_out=LENGTH)
+    job = Job(operation=operation)
+    (path,), notes = add_leads(plan(drawing, job).paths, drawing, job)
+    assert not notes
+    return path
+
+
+@pytest.mark.parametrize("is_clockwise", [False, True])
+@pytest.mark.parametrize("side", ["outside", "inside"])
+@pytest.mark.parametrize("direction", ["climb", "conventional"])
+def test_leads_come_from_behind_and_from_the_free_side(
+    direction: str, side: str, is_clockwise: bool
+) -> None:
+    path = _lead(direction, side, is_clockwise)
+    position = path.position[:, :2]
+    # The centre of a quarter circle of this length is that far from the curve, on the free side.
+    size = LENGTH / (math.pi / 2)
+    outward = 1.0 if side == "outside" else -1.0
+    curve = RADIUS + outward * TOOL
+    for free, touch in ((position[0], position[1]), (position[-1], position[-2])):
+        assert math.hypot(*touch) == pytest.approx(curve)
+        radial, along = _split(free - touch, touch)
+        assert radial == pytest.approx(outward * size)
+        assert abs(along) == pytest.approx(size)
+    # Climb keeps the part on the right: clockwise outside of the disc, counter-clockwise in a hole.
+    is_ccw = (side == "inside") == (direction == "climb")
+    sense = 1.0 if is_ccw else -1.0
+    assert _split(position[0] - position[1], position[1])[1] == pytest.approx(-sense * size)
+    assert _split(position[-1] - position[-2], position[-2])[1] == pytest.approx(sense * size)
+
+
+def _split(offset: np.ndarray, place: np.ndarray) -> tuple[float, float]:
+    """The parts of an offset along the radius and counter-clockwise across it."""
+    radial = place / np.hypot(*place)
+    return float(offset @ radial), float(offset @ [-radial[1], radial[0]])
