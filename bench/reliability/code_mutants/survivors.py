@@ -16,6 +16,7 @@ from functools import cache
 from pathlib import Path
 
 from bench.reliability.code_mutants.operators import find_sites
+from bench.reliability.code_mutants.running import module_name
 from bench.reliability.code_mutants.targets import CORE_GROUPS, ROOT, Mutant, list_modules
 
 TABLE = Path(__file__).with_name("survivors.tsv")
@@ -48,22 +49,18 @@ def list_at(places: Sequence[str]) -> list[Mutant]:
 
 @cache
 def list_tests(group: str, module: str) -> list[str]:
-    """The test files of a group's folder that name a module, or the whole folder without one."""
-    name = module_name_of(module)
+    """Test files of a group's folder that import a module, or else its package."""
+    name = module_name(module)
     package, _, last = name.rpartition(".")
-    spellings = (name, f"from {package} import {last}")
-    files = sorted((ROOT / _TESTS[group]).rglob("test_*.py"))
-    naming = []
-    for file in files:
-        text = file.read_text(encoding="utf-8")
-        if any(spelling in text for spelling in spellings):
-            naming.append(str(file.relative_to(ROOT)))
-    return naming or [_TESTS[group]]
-
-
-def module_name_of(module: str) -> str:
-    """The name by which a module is imported."""
-    return module.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
+    for spellings in ((f"{name} import", f"{package} import {last}"), (package,)):
+        naming = []
+        for file in sorted((ROOT / _TESTS[group]).rglob("test_*.py")):
+            text = file.read_text(encoding="utf-8")
+            if any(spelling in text for spelling in spellings):
+                naming.append(str(file.relative_to(ROOT)))
+        if naming:
+            return naming
+    return [_TESTS[group]]
 
 
 def is_found(mutant: Mutant) -> bool:

@@ -1,0 +1,33 @@
+"""The height at which the feed begins, over passes that do not start at the plan's height."""
+
+from __future__ import annotations
+
+import pytest
+
+from camgen.build import build
+from camgen.model.program import MoveJ
+from tests.support.drawn import contour, part, rectangle
+
+APPROACH, CLEARANCE = 1.5, 12.0
+
+
+@pytest.mark.parametrize("entry", ["plunge", "ramp"])
+@pytest.mark.parametrize("shape", ["closed", "open"])
+def test_every_pass_is_approached_above_the_top_of_the_material(entry: str, shape: str) -> None:
+    """A ramp begins at the pass above it, and the rapid motion ends above the top all the same."""
+    drawn = rectangle(0, 0, 60, 40)
+    side = "auto"
+    if shape == "open":
+        drawn, side = contour([(0, 0), (60, 0)], closed=False), "left"
+    operation = {
+        "kind": "follow", "side": side, "depth": 6.0, "passes": 3, "entry": entry, "lead_in": 4.0,
+    }  # fmt: skip
+    process = {"spindle": 9000, "approach": APPROACH, "clearance": CLEARANCE, "plunge": 5}
+    result = build(part(drawn), post="gcode", job={"operation": operation, "process": process})
+    heights = []
+    for motion in result.program.body:
+        if isinstance(motion, MoveJ):
+            heights.append(motion.target.origin[2])
+    assert heights.count(pytest.approx(APPROACH)) >= 1
+    assert all(height >= APPROACH - 1e-9 for height in heights)
+    assert set(heights) <= {APPROACH, CLEARANCE, 50.0}
