@@ -251,10 +251,12 @@ def test_an_approach_above_the_clearance_is_an_error():
         program(SQUARE, job=Job(process=ProcessTable(approach=21.0)))
 
 
-def test_a_tilted_tool_goes_back_along_its_own_axis():
+@pytest.mark.parametrize("depth", [0.0, 6.0])
+def test_a_tilted_tool_goes_back_along_its_own_axis(depth):
+    """All heights count from the plan, whatever the depth."""
     axis = np.array([math.sin(0.5), 0.0, -math.cos(0.5)])
-    tilted = path([(0, 0), (0, 9)]).with_columns(axis=np.array(axis))
-    body = program(tilted).body
+    tilted = path([(0, 0), (0, 9)], depths=(depth,)).with_columns(axis=np.array(axis))
+    body = program(tilted, job=Job(process=ProcessTable(switch="contact"))).body
     assert body[3].target.origin == pytest.approx(tuple(-20 * axis))
     assert body[4].target.origin == pytest.approx(tuple(-2 * axis))
     assert body[9].target.origin == pytest.approx(tuple(np.array([0, 9, 0]) - 20 * axis))
