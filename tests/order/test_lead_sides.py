@@ -14,12 +14,14 @@ from camgen.plan import plan
 from tests.support.drawn import circle, clockwise, part
 
 RADIUS, TOOL = 20.0, 3.0
+#: Far from the origin, so that a place is not mistaken for a direction.
+CENTRE = np.array([150.0, -90.0])
 LENGTH = 4.0
 
 
 def _lead(direction: str, side: str, is_clockwise: bool) -> ToolPath:
     """The path beside a circle of two half circles, with leads of `LENGTH`."""
-    shape = circle(0, 0, RADIUS)
+    shape = circle(*CENTRE, RADIUS)
     drawing = part(clockwise(shape) if is_clockwise else shape)
     operation = OperationTable(side=side, direction=direction, lead_in=LENGTH, lead_out=LENGTH)
     job = Job(operation=operation)
@@ -35,7 +37,7 @@ def test_leads_come_from_behind_and_from_the_free_side(
     direction: str, side: str, is_clockwise: bool
 ) -> None:
     path = _lead(direction, side, is_clockwise)
-    position = path.position[:, :2]
+    position = path.position[:, :2] - CENTRE
     # The centre of a quarter circle of this length is that far from the curve, on the free side.
     size = LENGTH / (math.pi / 2)
     outward = 1.0 if side == "outside" else -1.0
