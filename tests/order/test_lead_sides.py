@@ -11,7 +11,8 @@ from camgen.model.job import Job, OperationTable
 from camgen.model.path import ToolPath
 from camgen.order.leads import add_leads
 from camgen.plan import plan
-from tests.support.drawn import circle, clockwise, part
+from camgen.plan.starting import starting_at
+from tests.support.drawn import circle, clockwise, part, rectangle
 
 RADIUS, TOOL = 20.0, 3.0
 #: Far from the origin, so that a place is not mistaken for a direction.
@@ -58,3 +59,27 @@ def _split(offset: np.ndarray, place: np.ndarray) -> tuple[float, float]:
     """The parts of an offset along the radius and counter-clockwise across it."""
     radial = place / np.hypot(*place)
     return float(offset @ radial), float(offset @ [-radial[1], radial[0]])
+
+
+@pytest.mark.parametrize("fraction", [0.0, 0.5])
+def test_leads_come_from_behind_wherever_a_rounded_path_starts(fraction: float) -> None:
+    """The path outside of a rectangle has lines and arcs, and starts at or in each of them."""
+    operation = OperationTable(lead_in=LENGTH, lead_out=LENGTH)
+    job = Job(operation=operation)
+    drawing = part(rectangle(100, 50, 80, 60))
+    (planned,) = plan(drawing, job).paths
+    size = LENGTH / (math.pi / 2)
+    for row in range(1, len(planned.position)):
+        shifted = starting_at(planned, row, fraction)
+        ((path,), _) = add_leads([shifted], drawing, job)
+        free, touch = path.position[0], path.position[1]
+        # Climb runs clockwise outside: the travel is the outward normal turned to the right.
+        outward = _outward(touch[:2])
+        travel = np.array([outward[1], -outward[0]])
+        assert (free - touch)[:2] == pytest.approx(size * (outward - travel))
+
+
+def _outward(place: np.ndarray) -> np.ndarray:
+    """The direction from the nearest point of the rectangle to a place outside of it."""
+    nearest = np.clip(place, [100, 50], [180, 110])
+    return (place - nearest) / np.hypot(*(place - nearest))

@@ -47,13 +47,13 @@ def test_only_the_side_of_an_open_line_that_is_worked_may_be_cut(side: str, bulg
 
 
 def test_a_hole_of_one_program_is_not_lost_where_the_next_program_begins() -> None:
-    """A drill of 8 mm ends where a mill of 2 mm begins to run level: both take their own part."""
+    """A mill of 2 mm goes on level from the bottom of a hole of 8 mm: both take a part."""
     drill, mill = ToolTable(diameter=8.0), ToolTable(diameter=2.0)
     operation = OperationTable(kind="pocket", depth=2.0)
     job = Job(operation=operation, tool=mill, process=ProcessTable())
     task = Task(job, _plate(worked=frozenset({"plate"})))
     first = Cut([_rapid(0, 0, 5), _feed(0, 0, -2)], range(1, 3), drill, "a.ngc")
-    second = Cut([_rapid(0, 0, -2), _feed(10, 0, -2)], range(1, 3), mill, "b.ngc")
+    second = Cut([_feed(10, 0, -2)], range(1, 2), mill, "a.ngc")
     proof = prove([first, second], design([task], StockTable(thickness=2.0)))
     # The slot is 2 mm wide from x = 0 to 10 and ends in a half disc. The hole has taken the part of
     # it below x = sqrt(16 - y^2), the integral of which over y from -1 to 1 is this.
