@@ -60,3 +60,17 @@ def test_a_hole_of_one_program_is_not_lost_where_the_next_program_begins() -> No
     common = math.sqrt(15.0) + 16.0 * math.asin(0.25)
     expected = 2.0 * (16.0 * math.pi + 20.0 + math.pi / 2.0 - common)
     assert proof.volume == pytest.approx(expected, rel=3e-3)
+
+
+def test_a_rapid_motion_may_go_through_a_hole_that_another_tool_has_drilled() -> None:
+    """The hole of 8 mm is the last motion of its program, and a slot of 2 mm begins in it."""
+    drill, mill = ToolTable(diameter=8.0), ToolTable(diameter=2.0)
+    operation = OperationTable(kind="pocket", depth=2.0)
+    job = Job(operation=operation, tool=mill, process=ProcessTable())
+    task = Task(job, _plate(worked=frozenset({"plate"})))
+    first = Cut([_rapid(0, 0, 5), _feed(0, 0, -2)], range(1, 3), drill, "a.ngc")
+    for x, faults in ((-2.9, 0), (-4.0, 1)):
+        body = [_feed(10, 0, -2), _rapid(x, 0, -2)]
+        second = Cut(body, range(3, 5), mill, "a.ngc")
+        proof = prove([first, second], design([task], StockTable(thickness=2.0)))
+        assert len(proof.rapids) == faults
