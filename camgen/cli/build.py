@@ -321,13 +321,6 @@ def _program(path: Path, file: ProgramFile) -> Row:
     return ("program", f"{path}, {counted(file.lines, 'line')}, {size(len(file))}", "plain")
 
 
-#: Bytes at the beginning of a program among which camgen names itself.
-_HEAD = 4000
-def _tell_verified(result: Result) -> str:
-    compared = counted(result.deviation.instructions, "instruction")
-    return f"read back, {compared} equal, largest deviation {result.deviation.max_mm:.6f} mm"
-
-
 class _Stages(Struct):
     """Tells the terminal the stage that runs and remembers how long each took. files: the inputs, which nobody asks for
     behind the first stage.

@@ -126,7 +126,6 @@ SMOKES = [
         "reliability.mutants --most 30", (24,),
         {"mutants": (20, 150), "caught": (8, 150), "left over": (0, 0)}, alone=True,
     ),
-    Smoke("reliability.mutants --most 40", (6,), {"made": (30, 200), "caught": (15, 200)}, alone=True),
     Smoke(
         "reliability.code_mutants --last 4", (5,), {"mutants": (0, 4)},
         lacking(program="rs274"), alone=True,
