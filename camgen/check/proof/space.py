@@ -14,7 +14,7 @@ import numpy as np
 from camgen.check.proof.findings import Findings
 from camgen.check.proof.motions import Motions
 from camgen.check.proof.pieces import BoolArray, IntArray
-from camgen.check.proof.process import process_signal
+from camgen.check.proof.process import is_switched_in_air, process_signal
 from camgen.model.job import Job
 from camgen.model.part import Line, Part
 from camgen.model.pose import FloatArray
@@ -29,8 +29,8 @@ _END_SLACK_MM = 0.05
 def select_lines(part: Part, job: Job, origins: Sequence[Origin], findings: Findings) -> list[Line]:
     """The curves of `part`, or the edges that `input.select` names.
 
-    origins: of the paths. Where the setting has more than ids in it, the edges that have a path
-        are examined, and it is not proven that these are all.
+    origins: contours of each path. If the setting has more than ids in it, the edges that have a
+        path are examined, and it is not proven that these are all.
     """
     if part.solid is None or part.curves:
         return list(part.curves)
@@ -128,7 +128,10 @@ class SpaceChecker:
         for row in np.flatnonzero(stray)[:1].tolist():
             findings.add(motions, row, "presses where nothing is to be worked")
         fastest = process.feed * process.max_feed_factor * (1 + 1e-3)
-        fast = self.follows & (motions.speed > fastest)
+        works = motions.force > 0
+        if not process.force and not is_switched_in_air(self.job):
+            works = motions.on
+        fast = self.follows & works & (motions.speed > fastest)
         for row in np.flatnonzero(fast)[:1].tolist():
             what = f"has a feed of {motions.speed[row]:.4g} mm/s, the job allows {fastest:.4g}"
             findings.add(motions, row, what)
