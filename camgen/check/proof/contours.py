@@ -38,16 +38,19 @@ from camgen.model.pose import FloatArray
 #: with this slack (docs/follow.md).
 _CLEAR_SLACK_MM = 0.006
 #: A stretch of a contour that is shorter, mm, is not examined on its own.
-_LEAST_GAP_MM = 0.05
+_LEAST_GAP_MM = 0.1
 #: A place is within reach if the tool is too near to a wall by at most this share of the limit.
 #: Beyond a shallow corner the path is a few times as far away as the tool is too near.
 _REACH_SHARE = 0.25
+#: An arc about a corner has the tool's radius within this, mm; the text rounds its points.
+_ROLL_MM = 0.05
 #: Samples of a gap: step in mm, minimum and maximum number.
 _GAP_STEP_MM, _LEAST_SAMPLES, _MOST_SAMPLES = 1.0, 3, 64
 #: From this number of pieces near to the box of a contour on, each piece is tested alone.
 _MANY_PIECES = 256
-#: A lead and its path run in one direction if the cosine between them is at least this.
-_TANGENT = 0.95
+#: A lead and its path run in one direction if the cosine between them is at least this: the text
+#: may have short chords in place of a small arc.
+_TANGENT = 0.8
 #: Places along a lead that are examined.
 _LEAD_SHARES = np.linspace(0.1, 0.9, 5)
 
@@ -71,6 +74,15 @@ class Matched(Struct, frozen=True, eq=False):
     follows: BoolArray
     rounds: BoolArray
     covered: Covered
+
+
+def find_rolling(motions: Motions, matched: Matched) -> BoolArray:
+    """(W,) motions that roll about an outer corner: arcs about it, or chords of such an arc."""
+    plane, rows = motions.plane, matched.rows
+    about_end = matched.side == 0
+    arc = plane.turn[rows] != 0
+    about_end[arc] &= np.abs(plane.radius[rows] - matched.distance)[arc] <= _ROLL_MM
+    return np.asarray(about_end)
 
 
 class ContourChecker:

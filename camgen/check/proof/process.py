@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from camgen.check.proof.contours import Matched
+from camgen.check.proof.contours import Matched, find_rolling
 from camgen.check.proof.findings import Findings
 from camgen.check.proof.motions import Motions, Rounding
 from camgen.check.proof.pieces import BoolArray, IntArray
@@ -138,10 +138,11 @@ def _contact_factors(
     factor = np.ones(len(rows))
     drawn = bend != 0
     factor[drawn] = 1 - bend[drawn] * distance[drawn] / contact[drawn]
-    factor[arc & (side == 0)] = largest
+    rolls = find_rolling(motions, matched)[matched.follows]
+    factor[arc & rolls] = largest
     slack = np.zeros(len(rows))
     # An arc beside short lines stands for an arc that was drawn by them.
-    fitted = np.flatnonzero(arc & ~drawn & (side != 0))
+    fitted = np.flatnonzero(arc & ~drawn & ~rolls)
     radius = plane.radius[rows[fitted]]
     outside = _is_outside(drawing, motions, rows[fitted], piece[fitted])
     shift = np.where(outside, -distance[fitted], distance[fitted])
@@ -178,7 +179,7 @@ def check_forces(task: Task, motions: Motions, matched: Matched, findings: Findi
     wanted = np.full(len(rows), newtons)
     force = motions.force[rows]
     if task.kind == "follow":
-        rolls = matched.side[matched.follows] == 0
+        rolls = find_rolling(motions, matched)[matched.follows]
         wanted[rolls & (2 * motions.plane.half[rows] > _SHARP)] = 0.0
         # The text may divide a sharp corner into arcs or chords that each turn by less.
         wanted[rolls & (force == 0)] = 0.0
