@@ -396,8 +396,8 @@ def _check_passes(
             what = f"contour {contour.id} is not worked at {x:.3f} {y:.3f} mm, depth {depth:g} mm"
             findings.miss(what)
             return done
-    # A contour that no motion touches has gaps everywhere, or the tool fits nowhere.
-    return np.asarray(done & touched)
+    # Beside a contour that no motion touches there may be no room. On a line there always is.
+    return np.asarray(done & (touched | (task.distances[-1] == 0)))
 
 
 def _place_of_gap(subject: _Subject, piece: int, low: float, high: float) -> tuple[float, float]:

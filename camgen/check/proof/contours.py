@@ -27,7 +27,9 @@ from camgen.check.proof.nesting import contour_boxes
 from camgen.check.proof.pieces import (
     BoolArray,
     IntArray,
+    Pieces,
     dot,
+    find_shares,
     normals_along,
     points_along,
 )
@@ -44,6 +46,8 @@ _LEAST_GAP_MM = 0.1
 _REACH_SHARE = 0.25
 #: An arc about a corner has the tool's radius within this, mm; the text rounds its points.
 _ROLL_MM = 0.05
+#: Error of the sagitta of an arc in a text with three digits, mm.
+_DIGITS_MM = 4e-3
 #: Samples of a gap: step in mm, minimum and maximum number.
 _GAP_STEP_MM, _LEAST_SAMPLES, _MOST_SAMPLES = 1.0, 3, 64
 #: From this number of pieces near to the box of a contour on, each piece is tested alone.
@@ -78,11 +82,28 @@ class Matched(Struct, frozen=True, eq=False):
 
 def find_rolling(motions: Motions, matched: Matched) -> BoolArray:
     """(W,) motions that roll about an outer corner: arcs about it, or chords of such an arc."""
-    plane, rows = motions.plane, matched.rows
     about_end = matched.side == 0
-    arc = plane.turn[rows] != 0
-    about_end[arc] &= np.abs(plane.radius[rows] - matched.distance)[arc] <= _ROLL_MM
+    arc = motions.plane.turn[matched.rows] != 0
+    about_end[arc] &= _have_tool_radius(motions, matched)[arc]
     return np.asarray(about_end)
+
+
+def may_roll(motions: Motions, matched: Matched, pieces: Pieces) -> BoolArray:
+    """(W,) arcs that may roll about a corner, as far as the digits of the text show."""
+    shares = find_shares(motions.plane.middle[matched.rows], pieces, matched.piece)
+    to_end = np.minimum(np.abs(shares), np.abs(1 - shares)) * pieces.length[matched.piece]
+    return np.asarray(_have_tool_radius(motions, matched) & (to_end <= _ROLL_MM))
+
+
+def _have_tool_radius(motions: Motions, matched: Matched) -> BoolArray:
+    """(W,) arcs whose radius is the distance from the contour, as far as the text shows it.
+
+    A radius through three rounded points is the less certain, the flatter the arc.
+    """
+    radius, half = motions.plane.radius[matched.rows], motions.plane.half[matched.rows]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        uncertain = _ROLL_MM + _DIGITS_MM / (1 - np.cos(half))
+        return np.asarray(np.abs(radius - matched.distance) <= uncertain)
 
 
 class ContourChecker:
