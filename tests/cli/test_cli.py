@@ -231,7 +231,10 @@ REFUSED = {
     ),
     "plate.dxf --post gcode --format dxf": (
         2, "--format: is for standard input; leave it out, or give - as the input"),
-    "plate.dxf --post gcode --job none.toml": (2, "none.toml: cannot be read: No such file or directory"),
+    "plate.dxf --post gcode --job none.toml": (
+        2,
+        "none.toml: cannot be read: No such file or directory (--job); give a file that can be read",
+    ),
     "plate.dxf --post gcode --set post.wrk=1": (2, "job: gcode has no such option ([post] wrk); nearest is work"),
     "plate.dxf --post gcode -o plate.dxf": (
         2, "plate.dxf: would overwrite plate.dxf, which is read; give another name"),
@@ -462,7 +465,7 @@ def test_a_stage_is_shown_on_a_terminal_only(
     assert main(["build", "plate.dxf", "--post", "gcode"]) == 0
     said = capsys.readouterr().err
     assert "\r\x1b[2Kreading ..." in said
-    assert "\x1b[32mverified" in said
+    assert "\x1b[32mmotion" in said
     monkeypatch.setenv("NO_COLOR", "1")
     assert main(["build", "plate.dxf", "--post", "gcode"]) == 0
     assert "\x1b[32m" not in capsys.readouterr().err

@@ -37,8 +37,8 @@ def waits(found):
 
 
 def test_the_languages_are_installed():
-    assert find_language("gcode") is GCODE
-    assert find_language("grbl") is GRBL_LANGUAGE
+    assert find_language("gcode").about == GCODE.about
+    assert find_language("grbl").about == GRBL_LANGUAGE.about
     assert set(GCODE.dialects) == set(DIALECTS) == {
         "linuxcnc", "grbl", "fanuc", "fanuc-lathe", "mach3", "marlin", "iso",
     }  # fmt: skip

@@ -9,7 +9,7 @@ lists the facts that are proven for each operation.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from itertools import chain, count, repeat
+from itertools import chain, compress, count, repeat
 from operator import attrgetter
 from typing import NamedTuple
 
@@ -371,19 +371,23 @@ def _check_passes(
     chain = subject.phases.chain[matched.rows]
     raised = raised_levels(task, motions, matched.rows, chain)
     over_tab = motions.end[matched.rows, 2] <= tab_top(task) + subject.slack
-    level = np.where((levels < 0) & over_tab, raised, levels)
+    level = np.where(over_tab, raised, levels)
     place = np.searchsorted(matched.rows, matched.covered.motion)
+    depths = np.array(task.depths)
     touched = np.zeros(len(done), np.bool_)
     touched[owner[matched.piece[matched.follows]]] = True
     for number, depth in enumerate(task.depths):
         last = number == len(task.depths) - 1
-        chosen = level[place] == number
+        # Passes that the digits of the text do not distinguish are covered together.
+        at_depth = np.abs(depths[level] - depth) <= subject.slack
+        at_depth &= level >= 0
+        chosen = at_depth[place]
         if last:
             distance = task.distances[-1]
             chosen &= np.abs(matched.distance[place] - distance) < 1e-9
         else:
             distance = task.distances[0]
-        rows = matched.rows[level == number]
+        rows = matched.rows[at_depth]
         gaps = checker.find_uncovered(matched, np.flatnonzero(chosen), rows, distance)
         for index in range(len(gaps.piece)):
             contour = drawing.contours[int(owner[gaps.piece[index]])]
@@ -396,8 +400,9 @@ def _check_passes(
             what = f"contour {contour.id} is not worked at {x:.3f} {y:.3f} mm, depth {depth:g} mm"
             findings.miss(what)
             return done
-    # Beside a contour that no motion touches there may be no room. On a line there always is.
-    return np.asarray(done & (touched | (task.distances[-1] == 0)))
+    # A contour without a gap is worked, unless a note says that the tool does not fit beside it.
+    skipped = _are_named(drawing, subject.context.named.skipped)
+    return np.asarray(done & (touched | ~skipped))
 
 
 def _place_of_gap(subject: _Subject, piece: int, low: float, high: float) -> tuple[float, float]:
@@ -408,8 +413,16 @@ def _place_of_gap(subject: _Subject, piece: int, low: float, high: float) -> tup
     return float(point[0]), float(point[1])
 
 
+def _start_at_joints(motions: Motions) -> BoolArray:
+    """(M,) straight motions after joint values: their start is not known, but their end is."""
+    unknown = np.isnan(motions.start[:, 0]) & ~np.isnan(motions.end[:, 0])
+    return np.asarray(unknown & ~motions.joint)
+
+
 def _prove_drilled(subject: _Subject, findings: Findings) -> _Result:
-    upright = np.flatnonzero(subject.phases.upright & subject.of_task)
+    motions = subject.motions
+    strokes = subject.phases.upright | _start_at_joints(motions)
+    upright = np.flatnonzero(strokes & subject.of_task)
     contact, done = check_drilled(
         subject.task, subject.drawing, subject.motions, upright, subject.context.rounding, findings
     )
@@ -436,12 +449,19 @@ def _without_others(subject: _Subject, done: BoolArray) -> BoolArray:
 def _prove_area(subject: _Subject, findings: Findings) -> _Result:
     from camgen.check.proof.areas import AreaChecker, make_region  # noqa: PLC0415 (only for areas)
 
-    task, motions, rows = subject.task, subject.motions, subject.works
-    region = make_region(task, subject.drawing, subject.context.named.skipped)
+    task, motions, phases = subject.task, subject.motions, subject.phases
+    rows = subject.works
+    region = make_region(task, subject.drawing)
     checker = AreaChecker(task, subject.drawing, region, motions, subject.limit)
     checker.check_inside(rows, findings)
     levels = find_levels(task, motions, rows, subject.slack)
     check_heights(task, motions, rows, levels, subject.slack, findings)
+    worked = {contour.id for contour in compress(subject.drawing.contours, task.worked)}
+    if not worked.isdisjoint(subject.context.named.skipped):
+        findings.leave(
+            "that the area is cleared", "a note says that paths or contours are left out"
+        )
+        task = replace(task, depths=())
     last = len(task.depths) - 1
     for number in range(len(task.depths)):
         at_level = rows[levels == number]
@@ -450,7 +470,11 @@ def _prove_area(subject: _Subject, findings: Findings) -> _Result:
             continue
         left = task.operation.finish if number < last else 0.0
         checker.check_covered(at_level, left, findings)
-    return task.worked & subject.drawing.closed, subject.phases.works
+    # A dot, or the place of a helix, is reached from above only.
+    strokes = phases.upright | _start_at_joints(motions)
+    dots = strokes & subject.of_task & (motions.end[:, 2] <= subject.slack)
+    dots[dots] = checker.are_inside(np.flatnonzero(dots))
+    return task.worked & subject.drawing.closed, phases.works | dots
 
 
 _Prover = Callable[[_Subject, Findings], _Result]

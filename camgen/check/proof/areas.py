@@ -11,7 +11,7 @@ from camgen.check.proof.findings import Findings
 from camgen.check.proof.matching import PieceTree
 from camgen.check.proof.motions import Motions
 from camgen.check.proof.nesting import flatten
-from camgen.check.proof.pieces import IntArray
+from camgen.check.proof.pieces import BoolArray, IntArray
 from camgen.check.proof.tasks import Drawing, Task
 from camgen.model.pose import FloatArray
 
@@ -23,16 +23,11 @@ _BORDER_MM = 0.03
 _FILLED = 0.98
 
 
-def make_region(task: Task, drawing: Drawing, skipped: frozenset[str]) -> Any:
-    """The area between walls and islands, by the even-odd rule, as a shapely geometry.
-
-    skipped: ids of contours that a note leaves out.
-    """
+def make_region(task: Task, drawing: Drawing) -> Any:
+    """The area between walls and islands, by the even-odd rule, as a shapely geometry."""
     region = shapely.Polygon()
     owner = drawing.pieces.owner
     for index in np.flatnonzero(task.worked & drawing.closed).tolist():
-        if drawing.contours[index].id in skipped:
-            continue
         ring = flatten(drawing.pieces.take(owner == index))
         if len(ring) > 3:
             area = shapely.make_valid(shapely.polygons(shapely.linearrings(ring)))
@@ -72,6 +67,13 @@ class AreaChecker:
         for index in np.flatnonzero(near)[:1].tolist():
             what = "comes nearer to a wall than the tool's radius"
             findings.add(self.motions, int(rows[index % len(rows)]), what)
+
+    def are_inside(self, rows: IntArray) -> BoolArray:
+        """(N,) whether motions end inside the area, or on its border."""
+        points = self.motions.end[rows, :2]
+        inside = shapely.contains_xy(self.region, points[:, 0], points[:, 1])
+        near = shapely.distance(shapely.points(points), self.region) <= self.limit
+        return np.asarray(inside | near)
 
     def check_covered(self, rows: IntArray, left: float, findings: Findings) -> None:
         """Finds places of the area that the tool can reach, and that no motion of `rows` clears.

@@ -23,7 +23,7 @@ from camgen.check.proof.matching import (
     measure_ends,
 )
 from camgen.check.proof.motions import Motions
-from camgen.check.proof.nesting import contour_boxes
+from camgen.check.proof.nesting import contour_boxes, crosses_itself
 from camgen.check.proof.pieces import (
     BoolArray,
     IntArray,
@@ -41,9 +41,12 @@ from camgen.model.pose import FloatArray
 _CLEAR_SLACK_MM = 0.006
 #: A stretch of a contour that is shorter, mm, is not examined on its own.
 _LEAST_GAP_MM = 0.1
-#: A place is within reach if the tool is too near to a wall by at most this share of the limit.
-#: Beyond a shallow corner the path is a few times as far away as the tool is too near.
-_REACH_SHARE = 0.25
+#: A place is within reach if the tool is too near to a wall there by at most this, mm. The path
+#: ends where the tool touches both walls, so a place that is blocked by less is beside the path.
+_REACH_MM = 1e-4
+#: A shorter motion, mm, may lie beside two pieces: its side, direction
+#: and exact feed are not examined.
+SHORT_MM = 0.5
 #: An arc about a corner has the tool's radius within this, mm; the text rounds its points.
 _ROLL_MM = 0.05
 #: Error of the sagitta of an arc in a text with three digits, mm.
@@ -148,7 +151,12 @@ class ContourChecker:
         piece, side = nearest.piece[:size], nearest.side[:size]
         middle = nearest.distance[:size, None]
         distance = wanted[np.abs(middle - wanted).argmin(axis=1)]
-        self._check_side(rows, piece, side, follows, findings)
+        # A path may also run beside a contour that meets its own, whose side is then not its own.
+        foreign = np.zeros(size, np.bool_)
+        foreign[lost[lost < size]] = True
+        foreign &= path >= 0
+        foreign |= plane.length[rows] < SHORT_MM
+        self._check_side(rows, piece, side, follows & ~foreign, findings)
         along = np.flatnonzero(follows & (piece >= 0) & ((side != 0) | (distance == 0)))
         covered = cover(plane, rows[along], piece[along], self.pieces)
         return Matched(rows, piece, distance, side, follows, rounds, covered)
@@ -182,6 +190,9 @@ class ContourChecker:
         wrong = follows & (piece >= 0) & (side * expected < 0)
         for index in np.flatnonzero(wrong)[:1].tolist():
             name = self.drawing.contours[int(contour[index])].id
+            if crosses_itself(self.pieces, int(contour[index])):
+                findings.leave(f"the side of contour {name}", "it crosses itself")
+                continue
             what = f"runs on the wrong side of contour {name}"
             findings.add(self.motions, int(rows[index]), what)
 
@@ -199,11 +210,22 @@ class ContourChecker:
         wrong = climbs != (direction == "climb")
         # A motion of no length has no direction, and a ramp may go back and forth.
         wrong &= covered.high > covered.low
-        wrong &= level[np.searchsorted(matched.rows, covered.motion)]
+        place = np.searchsorted(matched.rows, covered.motion)
+        wrong &= level[place]
+        wrong &= ~self._are_ambiguous(matched)[place]
         for index in np.flatnonzero(wrong)[:1].tolist():
-            contour = self.drawing.contours[int(self.pieces.owner[covered.piece[index]])].id
-            what = f"runs along contour {contour} against operation.direction"
+            contour = int(self.pieces.owner[covered.piece[index]])
+            name = self.drawing.contours[contour].id
+            if crosses_itself(self.pieces, contour):
+                findings.leave(f"the direction along contour {name}", "it crosses itself")
+                continue
+            what = f"runs along contour {name} against operation.direction"
             findings.add(self.motions, int(covered.motion[index]), what)
+
+    def _are_ambiguous(self, matched: Matched) -> BoolArray:
+        """(W,) motions so short, or of such a radius, that they may belong to another piece."""
+        short = self.motions.plane.length[matched.rows] < SHORT_MM
+        return np.asarray(short | _have_tool_radius(self.motions, matched))
 
     # -- motions that lead to a contour
 
@@ -243,6 +265,8 @@ class ContourChecker:
     def _are_kinked(self, rows: IntArray) -> BoolArray:
         """(W - 1,) whether two motions that follow each other meet at a corner."""
         plane = self.motions.plane
+        if len(rows) < 2:
+            return np.zeros(0, np.bool_)
         ahead = normals_along(plane, rows[:-1], np.ones(len(rows) - 1))
         after = normals_along(plane, rows[1:], np.zeros(len(rows) - 1))
         return np.asarray(dot(ahead, after) < _TANGENT)
@@ -349,7 +373,7 @@ class ContourChecker:
             # With rounded inner corners the path is where a larger circle still fits.
             room = distance + self.task.operation.corner_radius
             wall_distance = self._distance_to_walls(points + room * normal, contour, room)
-            open_ = wall_distance >= room - _REACH_SHARE * self.limit
+            open_ = wall_distance >= room - _REACH_MM
         centre = points + distance * normal
         chosen = np.flatnonzero(open_)
         if len(chosen):

@@ -13,6 +13,8 @@ from camgen.model.pose import FloatArray
 
 #: Sagitta of the chords that stand for arcs where inside and outside are decided, mm.
 _CHORD_MM = 1e-3
+#: Sagitta where it is decided whether a contour crosses itself, mm.
+_FINE_CHORD_MM = 1e-6
 #: Places of a contour, as shares of its pieces, at which it is decided whether it lies inside.
 _PROBES = (0.0, 0.5)
 
@@ -122,6 +124,12 @@ def find_unclear(pieces: Pieces, chosen: BoolArray, near: IntArray) -> BoolArray
     return unclear
 
 
+def crosses_itself(pieces: Pieces, contour: int) -> bool:
+    """Whether a closed contour crosses itself, however little."""
+    ring = flatten(pieces.take(pieces.owner == contour), _FINE_CHORD_MM)
+    return len(ring) > 3 and not shapely.is_valid(shapely.polygons(shapely.linearrings(ring)))
+
+
 def _is_inside(area: Any, places: FloatArray, low: IntArray, high: IntArray) -> BoolArray:
     """(N,) whether contours lie inside `area`. low, high: (N,) range of each one's `places`."""
     shapely.prepare(area)
@@ -138,12 +146,12 @@ def _is_inside(area: Any, places: FloatArray, low: IntArray, high: IntArray) -> 
     return np.asarray(inside)
 
 
-def flatten(pieces: Pieces) -> FloatArray:
-    """(N, 2) the points of one chain of pieces, arcs as chords that leave them by `_CHORD_MM`."""
+def flatten(pieces: Pieces, chord: float = _CHORD_MM) -> FloatArray:
+    """(N, 2) the points of one chain of pieces, arcs as chords that leave them by `chord` mm."""
     step = np.full(len(pieces), np.inf)
     arc = pieces.turn != 0
-    step[arc] = 2 * np.arccos(np.clip(1 - _CHORD_MM / pieces.radius[arc], -1.0, 1.0))
-    counts = np.maximum(np.ceil(2 * pieces.half / np.maximum(step, 1e-3)), 1).astype(np.intp)
+    step[arc] = 2 * np.arccos(np.clip(1 - chord / pieces.radius[arc], -1.0, 1.0))
+    counts = np.maximum(np.ceil(2 * pieces.half / np.maximum(step, 1e-4)), 1).astype(np.intp)
     rows = np.repeat(np.arange(len(pieces)), counts)
     place = np.arange(len(rows)) - np.repeat(np.cumsum(counts) - counts, counts)
     points = points_along(pieces, rows, place / counts[rows])

@@ -72,13 +72,17 @@ class Pieces(Struct, frozen=True, eq=False, dict=True):
     @cached_property
     def boxes(self) -> FloatArray:
         """(K, 4) bounding boxes: minimum x and y, maximum x and y."""
-        low = np.minimum(np.minimum(self.start, self.end), self.middle)
-        high = np.maximum(np.maximum(self.start, self.end), self.middle)
-        # An arc bulges beyond its three points by at most the sagitta of its halves.
-        arc = self.turn != 0
-        bulge = np.zeros((len(self), 1))
-        bulge[arc, 0] = self.radius[arc] * (1 - np.cos(self.half[arc] / 2))
-        return np.hstack([low - bulge, high + bulge])
+        low, high = np.minimum(self.start, self.end), np.maximum(self.start, self.end)
+        arc = np.flatnonzero(self.turn)
+        centre, radius = self.centre[arc], self.radius[arc]
+        to_middle, reach = self.middle[arc] - centre, self.cosine[arc] * radius
+        for axis in (0, 1):
+            # An arc passes the right or the upper end of its circle, or the left or lower one.
+            above = arc[to_middle[:, axis] >= reach]
+            high[above, axis] = self.centre[above, axis] + self.radius[above]
+            below = arc[-to_middle[:, axis] >= reach]
+            low[below, axis] = self.centre[below, axis] - self.radius[below]
+        return np.hstack([low, high])
 
 
 def arcs_through(start: FloatArray, via: FloatArray, end: FloatArray, owner: IntArray) -> Pieces:

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from camgen.check.proof.contours import Matched, find_rolling, may_roll
+from camgen.check.proof.contours import SHORT_MM, Matched, find_rolling, may_roll
 from camgen.check.proof.findings import Findings
 from camgen.check.proof.motions import Motions, Rounding
 from camgen.check.proof.pieces import BoolArray, IntArray
@@ -152,6 +152,9 @@ def _contact_factors(
     low, high = factor - slack, factor + slack
     either = may_roll(motions, matched, drawing.pieces)[matched.follows]
     high[either] = largest
+    # A short motion may lie beside two pieces of different radius.
+    short = plane.length[rows] < SHORT_MM
+    low[short], high[short] = _SLOWEST, largest
     # A short line may stand for a chord of an arc that was drawn by short lines.
     chord = ~arc & ~drawn & _is_short(motions, rows, job)
     low[chord], high[chord] = _SLOWEST, largest

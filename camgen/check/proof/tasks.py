@@ -110,7 +110,7 @@ def _fit_page(part: Part, pieces: Pieces, job: Job) -> tuple[float, FloatArray]:
     page = job.page
     if not page.size or not len(pieces):
         return 1.0, np.zeros(2)
-    low, high = _extent(pieces)
+    low, high = pieces.boxes[:, :2].min(axis=0), pieces.boxes[:, 2:].max(axis=0)
     size = np.array(page_size(page))
     if page.scale == "true":
         ratio = 1.0
@@ -130,18 +130,6 @@ def _unit(part: Part) -> float:
 
     name = part.units.split(" + ")[0]
     return MM[name] if name in MM else float(name.partition(" mm/")[0])
-
-
-def _extent(pieces: Pieces) -> tuple[FloatArray, FloatArray]:
-    """The lower left and the upper right corner of all pieces, mm."""
-    points = [pieces.start, pieces.end]
-    arcs = pieces.take(pieces.turn != 0)
-    to_middle = (arcs.middle - arcs.centre) / arcs.radius[:, None]
-    for direction in ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)):
-        passed = to_middle @ direction >= np.cos(arcs.half)
-        points.append((arcs.centre + arcs.radius[:, None] * direction)[passed])
-    corners = np.concatenate(points)
-    return corners.min(axis=0), corners.max(axis=0)
 
 
 def _allowed_slack(part: Part, job: Job, ratio: float) -> float:
