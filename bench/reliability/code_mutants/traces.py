@@ -120,7 +120,7 @@ def _read_rapid(text: str) -> list[Step]:
     name, handles = "", False
     for event in rapid.trace(text):
         words = _spell(event)
-        header = re.match(r"says (?:local )?proc (\w+)", words)
+        header = re.match(r"says (?:local )?proc ([\w.]+)", words)
         if header:
             name, handles = header[1], False
             routines[name] = []
@@ -143,7 +143,7 @@ def _run_rapid(name: str, routines: dict[str, list[Event]], depth: int) -> list[
     steps: list[Step] = []
     for event in routines[name]:
         words = _spell(event)
-        called = re.fullmatch(r"says (\w+) ;", words)
+        called = re.fullmatch(r"says ([\w.]+) ;", words)
         if called and called[1] in routines:
             steps += _run_rapid(called[1], routines, depth + 1)
         elif event[0] == "output":
