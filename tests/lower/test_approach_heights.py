@@ -5,6 +5,8 @@ from __future__ import annotations
 import pytest
 
 from camgen.build import build
+from camgen.lower.runs import plunge
+from camgen.model.job import ProcessTable
 from camgen.model.program import MoveJ
 from tests.support.drawn import contour, part, rectangle
 
@@ -31,3 +33,8 @@ def test_every_pass_is_approached_above_the_top_of_the_material(entry: str, shap
     assert heights.count(pytest.approx(APPROACH)) >= 1
     assert all(height >= APPROACH - 1e-9 for height in heights)
     assert set(heights) <= {APPROACH, CLEARANCE, 50.0}
+
+
+def test_a_tool_goes_down_at_a_third_of_the_feed_unless_it_is_set() -> None:
+    assert plunge(ProcessTable(feed=9.0)) == pytest.approx(3.0)
+    assert plunge(ProcessTable(feed=9.0, plunge=2.0)) == 2.0

@@ -49,18 +49,16 @@ def list_at(places: Sequence[str]) -> list[Mutant]:
 
 @cache
 def list_tests(group: str, module: str) -> list[str]:
-    """Test files of a group's folder that import a module, or else its package."""
+    """Test files of a group's folder that import a module or its package."""
     name = module_name(module)
-    package, _, last = name.rpartition(".")
-    for spellings in ((f"{name} import", f"{package} import {last}"), (package,)):
-        naming = []
-        for file in sorted((ROOT / _TESTS[group]).rglob("test_*.py")):
-            text = file.read_text(encoding="utf-8")
-            if any(spelling in text for spelling in spellings):
-                naming.append(str(file.relative_to(ROOT)))
-        if naming:
-            return naming
-    return [_TESTS[group]]
+    package = name.rpartition(".")[0]
+    spellings = (f"from {name} import", f"from {package} import")
+    naming = []
+    for file in sorted((ROOT / _TESTS[group]).rglob("test_*.py")):
+        text = file.read_text(encoding="utf-8")
+        if any(spelling in text for spelling in spellings):
+            naming.append(str(file.relative_to(ROOT)))
+    return naming or [_TESTS[group]]
 
 
 def is_found(mutant: Mutant) -> bool:
