@@ -79,7 +79,12 @@ class Unreadable(Exception):
 
 def read_steps(post: str, text: str) -> list[Step]:
     """The steps of a program of one file. Unreadable if the controller would refuse it."""
-    return _READERS[post](text)
+    steps = _READERS[post](text)
+    for step in steps:
+        is_placed = isinstance(step, Motion) and step.kind != JOINTS
+        if is_placed and not (step.end.shape == (3,) and np.isfinite(step.end).all()):
+            raise Unreadable("a motion without an end")
+    return steps
 
 
 def read_events(post: str, text: str) -> list[Event]:
@@ -91,6 +96,14 @@ def read_events(post: str, text: str) -> list[Event]:
 
 def _numbers(event: Sequence[object], unit: str) -> list[float]:
     return [atom.value for atom in event if isinstance(atom, Number) and atom.unit == unit]
+
+
+def _read_via(atoms: Sequence[object]) -> Array:
+    """The via point of an arc, mm: half-way along it, or as it stands if it is near an end."""
+    via = _numbers(atoms, "arc") or _numbers(atoms, "mm")[:3]
+    if len(via) != 3:
+        raise Unreadable("an arc without a via point")
+    return np.array(via)
 
 
 def _spell(event: Event) -> str:
@@ -167,7 +180,7 @@ def _read_rapid_motion(event: Event) -> Motion:
     name, rest = str(event[0]), groups[1:]
     via = None
     if name in ("movec", "fcpressc"):
-        via = np.array(_numbers(rest.pop(0), "arc") or _NOWHERE)
+        via = _read_via(rest.pop(0))
     pose, speed = rest[0], _numbers(rest[1], "mm/s")
     force = 0.0
     if name in _PRESSING:
@@ -266,14 +279,13 @@ def _read_pacscript_motion(event: Event) -> Motion:
     begin = event.index("speed") if "speed" in event else len(event)
     setup = tuple(atom for atom in _spell(event[begin:]).split()[3:])
     places, turns = _numbers(event[:begin], "mm"), _numbers(event[:begin], "turn")
-    if len(places) != 3:
+    if "j" in event[:begin]:
         return Motion(JOINTS, _NOWHERE, None, speed, None, 0.0, blend, (), setup)
-    middle = _numbers(event[:begin], "arc")
-    if kind == ARC and len(middle) != 3:
+    via = _read_via(event[:begin]) if kind == ARC else None
+    if len(places) < 3 or len(turns) != 9:
         raise Unreadable(_spell(event)[:80])
-    via = np.array(middle) if kind == ARC else None
     rotation = np.array(turns).reshape(3, 3)
-    return Motion(kind, np.array(places), via, speed, rotation, 0.0, blend, (), setup)
+    return Motion(kind, np.array(places[-3:]), via, speed, rotation, 0.0, blend, (), setup)
 
 
 # G-code
