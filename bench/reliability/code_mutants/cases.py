@@ -82,6 +82,10 @@ _CELL = {
 }
 
 
+#: The mark between the files of a program.
+FILE_MARK = "\f"
+
+
 class Case(NamedTuple):
     """A job and the drawing that it works on.
 

@@ -86,9 +86,11 @@ def _judge_follow(case: Case, shapes: list[Shape], runs: list[Run]) -> None:
         shape, ring = shapes[number], rings[number]
         contour = _split_leads(case, run, ring, shapes)
         travelled = _measure_travel(case, contour, ring, shape)
+        has_pressed = False
         for piece in contour:
             _check_contour_feed(case, piece, shapes)
-            _check_force(case, piece, shapes)
+            _check_force(case, piece, shapes, has_pressed)
+            has_pressed |= piece.motion.force > 0.0
         if has_ramp:
             _check_ramp(case, contour, ring, shape)
             level = len(_list_levels(case)) - 1
@@ -268,17 +270,18 @@ def _find_contact(case: Case, place: Array, shapes: list[Shape]) -> tuple[Segmen
     return None, shapes[0]
 
 
-def _check_force(case: Case, piece: Piece, shapes: list[Shape]) -> None:
+def _check_force(case: Case, piece: Piece, shapes: list[Shape], has_pressed: bool) -> None:
     """Checks the force, which is 0 about sharp corners, and that tool x points at the part.
 
-    A tool that presses runs about corners at the retract height.
+    A tool that has pressed runs about corners at the retract height.
     """
     wanted = case.setting("process", "force")
     middle = piece.points[[len(piece.points) // 2], :2]
     segment, _ = _find_contact(case, middle, shapes)
     expected = wanted if segment is not None else 0.0
     if wanted:
-        height = 0.0 if segment is not None else case.setting("process", "retract")
+        is_raised = segment is None and has_pressed
+        height = case.setting("process", "retract") if is_raised else 0.0
         if np.abs(piece.points[:, 2] - height).max() > DIGIT_MM:
             raise piece.complain(f"not at height {height:g}")
     if not abs(piece.motion.force - expected) <= 1e-3:

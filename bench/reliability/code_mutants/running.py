@@ -23,7 +23,7 @@ from pathlib import Path
 from types import FrameType, ModuleType
 from typing import NamedTuple, NoReturn, TypeVar
 
-from bench.reliability.code_mutants.cases import CASES, Case, write_drawing
+from bench.reliability.code_mutants.cases import CASES, FILE_MARK, Case, write_drawing
 from bench.reliability.code_mutants.operators import Site, mutate
 from bench.reliability.code_mutants.targets import ROOT, Mutant
 
@@ -193,7 +193,7 @@ def _run_case(case: Case, folder: Path) -> Outcome:
         from camgen.build import build  # noqa: PLC0415 (the mutated module is imported here)
 
         result = build(drawing, post=case.post, job=case.job)
-        return Outcome(WRITTEN, "".join(f.text for f in result.files))
+        return Outcome(WRITTEN, FILE_MARK.join(file.text for file in result.files))
     except _Slow:
         return Outcome("limit", f"more than {_JOB_S} s")
     # A mutant may fail in any way at all: each is an outcome, and the other jobs follow.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from bench.reliability.code_mutants.cases import Case
+from bench.reliability.code_mutants.cases import FILE_MARK, Case
 from bench.reliability.code_mutants.contours import judge
 from bench.reliability.code_mutants.judge import Wrong
 from bench.reliability.code_mutants.traces import (
@@ -32,6 +32,8 @@ class Verdict(NamedTuple):
 
 def find_verdict(case: Case, text: str, original: str) -> Verdict:
     """The verdict on a text. original: the program of the unchanged code."""
+    if FILE_MARK in text:
+        return Verdict(UNKNOWN, "a program of several files")
     if is_same(read_events(case.post, text), read_events(case.post, original)):
         return Verdict(SAME_MOTION)
     fault = find_fault(case, text)
