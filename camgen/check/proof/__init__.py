@@ -428,7 +428,20 @@ def _prove_drilled(subject: _Subject, findings: Findings) -> _Result:
     )
     for row in subject.works[:1].tolist():
         findings.add(subject.motions, row, "moves across in a hole")
-    return _without_others(subject, done), contact
+    done = _without_others(subject, done)
+    by_joints = _are_reached_by_joints(subject) & subject.task.worked & ~done
+    if by_joints.any():
+        findings.leave(f"{int(by_joints.sum())} of the holes", "joint values lead the tool to them")
+    return done | by_joints, contact
+
+
+def _are_reached_by_joints(subject: _Subject) -> BoolArray:
+    """(C,) contours with a path that has motions to joint values, whose place is not in the text."""
+    motions = subject.motions
+    paths = np.unique(motions.path[np.isnan(motions.end[:, 0]) & (motions.path >= 0)])
+    origins = [subject.program.origins[path] for path in paths.tolist()]
+    names = frozenset(chain.from_iterable(origin.contours for origin in origins))
+    return _are_named(subject.drawing, names)
 
 
 def _prove_bored(subject: _Subject, findings: Findings) -> _Result:
