@@ -436,7 +436,7 @@ def _prove_drilled(subject: _Subject, findings: Findings) -> _Result:
 
 
 def _are_reached_by_joints(subject: _Subject) -> BoolArray:
-    """(C,) contours with a path that has motions to joint values, whose place is not in the text."""
+    """(C,) contours with a path that has motions to joint values, which give no place."""
     motions = subject.motions
     paths = np.unique(motions.path[np.isnan(motions.end[:, 0]) & (motions.path >= 0)])
     origins = [subject.program.origins[path] for path in paths.tolist()]
