@@ -182,7 +182,7 @@ RAISED = {
         ("operation.passes=1001", "operation.depth=1", "process.spindle=100"),
     ),
     "stepover": ("a.dxf", DXF, "0.001", ("operation.stepover=0.005", "operation.kind=fill")),
-    "chord": ("a.dxf", DXF, "1e-9", ("tolerance.chord=1e-7", "post.decimals=7")),
+    "chord": ("a.dxf", DXF, "1e-9", ("tolerance.chord=6e-7", "post.decimals=6")),
     "dxf_depth": ("a.dxf", nested(70, 1).encode(), "100", ("operation.kind=trace",)),
     "dxf_depth ": ("a.dxf", nested(150, 1).encode(), "200", ("operation.kind=trace",)),
     "svg_page": (
