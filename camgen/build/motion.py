@@ -61,7 +61,7 @@ def prove_motion(
 
 
 def _tell_picture(result: MotionProof) -> MotionProof:
-    """The proof of a picture: a difference from its borders is no error, but nothing is verified."""
+    """The proof of a picture: a difference from its borders is reported, not refused."""
     reasons = [*result.unproven]
     for _, finding in result.findings[:1]:
         reasons.append(f"against the borders in the picture, {finding.text}")

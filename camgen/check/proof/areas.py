@@ -19,6 +19,8 @@ from camgen.model.pose import FloatArray
 _PLACES = 4_000
 #: A place that is nearer to the border of what the tool can reach, mm, is not examined.
 _BORDER_MM = 0.03
+#: A fill is planned on a raster: its strokes may leave the area by this share of the diameter.
+_FILL_SHARE = 0.05
 #: Share of the places of a filled area that has to be covered (docs/fill.md).
 _FILLED = 0.98
 
@@ -58,11 +60,19 @@ class AreaChecker:
         inside = shapely.contains_xy(self.region, points[:, 0], points[:, 1])
         worked = self.task.worked[self.drawing.pieces.owner]
         walls = PieceTree(self.drawing.pieces, np.flatnonzero(worked))
-        distance = walls.find(points, room + 2 * self.limit).distance
+        distance = walls.find(points, room + 2 * self.limit + fills * self._radius).distance
         # A track thinner than the tool is filled along its middle, so a fill may touch its border.
-        outside = ~inside & (distance > self.limit if fills else True)
+        beyond = self.limit + (_FILL_SHARE * self.task.job.tool.diameter if fills else 0.0)
+        outside = ~inside & ((distance > beyond) | (not fills))
         near = inside & (distance < room)
         for index in np.flatnonzero(outside)[:1].tolist():
+            if fills:
+                # Thin tracks are filled along a middle that follows a raster.
+                x, y = points[index].tolist()
+                findings.leave(
+                    "that strokes stay inside", f"one leaves the area at {x:.2f} {y:.2f}"
+                )
+                continue
             findings.add(self.motions, int(rows[index % len(rows)]), "leaves the area")
         for index in np.flatnonzero(near)[:1].tolist():
             what = "comes nearer to a wall than the tool's radius"
@@ -88,7 +98,7 @@ class AreaChecker:
         if self.task.kind == "fill":
             share = 1 - bare.mean()
             if share < _FILLED:
-                findings.miss(f"only {100 * share:.1f} % of the area is filled")
+                findings.leave("that all is filled", f"{100 * share:.1f} % of the area is")
             return
         reachable = shapely.buffer(self.region, -(reach + left), quad_segs=64)
         places = points[bare]
