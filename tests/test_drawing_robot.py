@@ -27,7 +27,7 @@ WORK, TOOL = (250.0, -75.0, 150.0), 100.0
 
 
 def program(tmp_path: Path, name: str, *words: str) -> str:
-    target = tmp_path / "drawn.v2"
+    target = tmp_path / f"{Path(name).stem}.v2"
     assert (
         main(["build", str(PARTS / name), "--post", "vplus", *words, "-q", "-o", str(target)]) == 0
     )
