@@ -229,7 +229,8 @@ def _prove_task(
     check_joint_motions(task.job, motions, unknown, findings)
     subject = _Subject(task, context, program, motions, phases, of_task, slack)
     rows = np.flatnonzero(phases.works & of_task)
-    check_outputs(task, motions, rows, findings)
+    if not task.job.process.stay_down:
+        check_outputs(task, motions, rows, findings)
     check_orientation(task.job, motions, rows, findings)
     done, contact = _PROVERS[task.kind](subject, findings)
     check_travel(motions, _only(phases, of_task), signal, contact, findings)
@@ -322,6 +323,9 @@ def _prove_contours(subject: _Subject, findings: Findings) -> _Result:
     lists = _hint(drawing, subject.program.origins)
     checker = ContourChecker(task, drawing, motions, lists, subject.limit)
     matched = checker.match(rows, findings)
+    if task.job.process.stay_down:
+        # Links at working height may have the process off.
+        check_outputs(task, motions, rows[matched.follows], findings)
     levels = find_levels(task, motions, rows, subject.slack)
     leads = checker.find_leads(matched, phases.chain[rows], levels >= 0)
     strange = ~matched.follows & ~leads & ~matched.rounds

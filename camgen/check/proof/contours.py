@@ -256,7 +256,7 @@ class ContourChecker:
             least = min(self.task.distances) - _CLEAR_SLACK_MM - self.limit
             near = (distance.reshape(len(_LEAD_SHARES), -1) < least).any(axis=0)
             allowed[chosen[near]] = False
-        kinked = self._are_kinked(matched.rows)
+        kinked = self._are_kinked(matched.rows) & (not process.stay_down)
         # A lead runs into the path without a corner, and out of it too.
         allowed[:-1] &= ~(before & level)[:-1] | matched.follows[:-1] | ~kinked
         allowed[1:] &= ~(after & level)[1:] | matched.follows[1:] | ~kinked
