@@ -198,7 +198,7 @@ def test_a_path_that_no_turn_reaches_costs_no_other_one() -> None:
 
 REFUSED = [
     ("rapid", {}, {"symmetric": True}, {}, "tool.symmetric", "without an arm"),
-    ("gcode", {}, {"turn": [-90, 90, 10]}, {}, "tool.turn", "without an arm"),
+    ("gcode", {}, {"turn": [-90, 90, 10]}, {}, "tool.turn", "a machine, which turns no tool"),
     ("rapid", CELL, {"symmetric": True, "turn": [-90, 90, 10]}, {}, "tool.turn", "any turn"),
     ("rapid", CELL, {"turn": [10, 90, 10]}, {}, "tool.turn", "no turns"),
     ("rapid", CELL, {"turn": [-90, 90]}, {}, "tool.turn", "2 values"),
