@@ -377,7 +377,8 @@ def planned(shape: Contour, side: str = "outside") -> ToolPath:
     return path
 
 
-@settings(max_examples=30, deadline=None)
+# Always the same examples: among others are pieces of arcs that three points determine to 5e-5 mm.
+@settings(max_examples=30, deadline=None, derandomize=True)
 @given(stars(), st.lists(st.floats(0, 1), min_size=1, max_size=6))
 def test_a_path_is_the_same_way_however_it_is_cut(shape, parts) -> None:
     (path, *_) = camgen.plan(part(shape), {}).paths
