@@ -14,10 +14,12 @@ from camgen.model.part import Note, Part
 from camgen.model.program import Columns, Instruction
 from camgen.model.text import counted
 from camgen.plan import Plan, ReplayPlan
+from camgen.post.plugins import dynamics_of
 
 if TYPE_CHECKING:
     from camgen.build.programs import Checked, Posted
     from camgen.check.proof import MotionProof
+    from camgen.post import Post
 
 #: Rounding of a text, mm and mm/s, whose digits are not known.
 _DIGIT_MM = 1e-3
@@ -47,7 +49,9 @@ def prove_motion(
         path = program.columns.path
         programs.append(proof.Program(reading.body, reading.lines, path, program.paths, file))
     rounding = proof.Rounding(posted.tolerance.mm, posted.tolerance.speed)
-    result = proof.prove_motion(part, job, programs, notes, rounding)
+    post = checked.programs[0][0]
+    controller = proof.Controller(dynamics_of(post, job), frozenset(post.list_verified()))
+    result = proof.prove_motion(part, job, programs, notes, rounding, controller)
     if part.raster is not None:
         # Borders of a picture are planned with less than a pixel of freedom, in ways of their own.
         return _tell_picture(result)
@@ -74,10 +78,12 @@ def compare_text(
     body: Sequence[Instruction],
     lines: Sequence[int],
     place: Callable[[int], str],
+    post: Post | None,
 ) -> str:
     """The result of the proof for a text that was not built here, as a line of the summary.
 
     place: names file and line of a line that is counted through all files.
+    post: the post of the text. None for a text of another hand: its controller is not known.
     """
     from camgen.check import proof  # noqa: PLC0415 (shapely, only for this)
 
@@ -86,17 +92,23 @@ def compare_text(
     columns = Columns(body)
     named = {output.signal for output in columns.outputs}
     signal = proof.process_signal(job.process)
-    unnamed = [f"output {signal}: the text names none so"] if signal not in {"", *named} else []
-    if unnamed:
+    unknown = []
+    if signal not in {"", *named}:
+        unknown.append(f"output {signal}: the text names none so")
         job = replace(job, process=replace(job.process, signal=""))
     path = np.full(len(columns.at), -1, np.intp)
     program = proof.Program(body, lines, path, (), "")
     # The number of digits of a text of another hand is not known: a thousandth is usual.
     rounding = proof.Rounding(_DIGIT_MM, _DIGIT_MM)
-    result = proof.prove_motion(part, job, [program], (), rounding)
+    controller = None
+    if post is None:
+        unknown.append("rounded corners: it is not known how the controller passes them")
+    else:
+        controller = proof.Controller(dynamics_of(post, job), frozenset(post.list_verified()))
+    result = proof.prove_motion(part, job, [program], (), rounding, controller)
     what = f"{counted(result.contours, 'contour')} in {counted(result.motions, 'motion')}"
     if not result.findings:
-        reasons = "; ".join([*unnamed, *result.unproven])
+        reasons = "; ".join([*unknown, *result.unproven])
         return f"{what}; not proven: {reasons}" if reasons else f"verified: {what}"
     _, first = result.findings[0]
     where = f"{place(first.line)}: " if first.line else ""

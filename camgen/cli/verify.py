@@ -169,7 +169,7 @@ def _compare(asked: _Asked, says: Voice) -> int:
     if drawing is None:
         say(_UNEXAMINED)
         return 0
-    more, also, error = _prove(asked, drawing, reading, place, says)
+    more, also, error = _prove(asked, drawing, reading, place, says, post)
     say(more, also)
     if error is not None:
         raise error
@@ -189,16 +189,24 @@ def _insist_on_post(arguments: Namespace) -> None:
 
 
 def _prove(
-    asked: _Asked, drawing: Path, said: Reading | Executed, place: Callable[[int], str], says: Voice
+    asked: _Asked,
+    drawing: Path,
+    said: Reading | Executed,
+    place: Callable[[int], str],
+    says: Voice,
+    post: Post | None = None,
 ) -> tuple[list[Row], str, CamgenError | None]:
-    """The proofs against a drawing: rows, a line for each fault, and the error of a refusal."""
+    """The proofs against a drawing: rows, a line for each fault, and the error of a refusal.
+
+    post: the post of a program of ours, None for any other.
+    """
     from camgen.build.motion import compare_text  # noqa: PLC0415 (shapely, only for what needs it)
     from camgen.cli.stock import judge  # noqa: PLC0415
 
     says.stage("proving")
     part = read(drawing, asked.job, asked.files)
     stock = judge(str(asked.paths[0]), part, asked.job, said, place)
-    motion = ("motion", compare_text(part, asked.job, said.body, said.lines, place))
+    motion = ("motion", compare_text(part, asked.job, said.body, said.lines, place, post))
     says.clear()
     return [motion, *stock.rows, *_UNEXAMINED[2:]], stock.told, stock.error
 

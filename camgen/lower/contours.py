@@ -116,6 +116,18 @@ def _insist_on_size(tour: Tour, most: float) -> None:
         raise JobError("job", what, "operation.passes", remedy)
 
 
+def _insist_on_height(cell: Cell, job: Job) -> None:
+    """JobError for a machine whose home is lower than the height of travel.
+
+    The way from there to the first path would lead across the part below that height.
+    """
+    clearance = job.process.clearance
+    if isinstance(cell.home, Pose) and cell.home.origin[2] < clearance - SAME_POINT_MM:
+        height = cell.home.origin[2]
+        what = f"a home at z {height:g} mm is below the height of travel, {clearance:g} mm"
+        raise JobError("job", what, "cell.home", "raise it, or lower process.clearance")
+
+
 def lower_paths(
     tour: Tour, cell: Cell, job: Job, name: str = "part", header: tuple[str, ...] = ()
 ) -> Program:
@@ -152,6 +164,7 @@ def run_paths(draft: Draft, tour: Tour, cell: Cell, job: Job, before: int = 0) -
     before: how many paths of the program come before them.
     """
     _insist_on_size(tour, job.limits.motions)
+    _insist_on_height(cell, job)
     # A machine without joints has no axis that winds up.
     cartesian = isinstance(cell.home, Pose)
     winds = job.tool.orient == "follow" and not cartesian

@@ -22,6 +22,7 @@ class Note(Struct, frozen=True):
 
     ids: of the contours and edges that it is about, all of them. places: mm, where it is in the part, for the preview.
     strict: --strict makes it an error, as it does of all that was skipped.
+    lacks: the part of their paths of which there is less than the job asks for.
     """
 
     kind: NoteKind
@@ -30,6 +31,7 @@ class Note(Struct, frozen=True):
     ids: tuple[str, ...] = ()
     places: tuple[tuple[float, float], ...] = ()
     strict: bool = False
+    lacks: Literal["", "leads", "tabs"] = ""
 
     @property
     def fails_strict(self) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 #: What may stand in a comment of any dialect: no bracket, quote, semicolon, percent sign, comma (LinuxCNC's active
 #: comments are ``(MSG,..)``), nor GRBL's real-time characters ``! ~ ?``.
@@ -106,6 +106,15 @@ def suggest(word: str, names: Iterable[str]) -> str:
         return f"nearest is {folded[near[0]]}"
     more = ", ..." if len(folded) > _LISTED else ""
     return f"one of {', '.join(list(folded.values())[:_LISTED])}{more}" if folded else ""
+
+
+def name_first(ids: Sequence[str]) -> str:
+    """The first eight of ``ids``.
+
+    >>> name_first(["c1", "c2"])
+    'c1, c2'
+    """
+    return ", ".join(ids[:8]) + (" ..." if len(ids) > 8 else "")
 
 
 def name_ranges(ids: list[str]) -> list[str]:

@@ -8,6 +8,7 @@ then another place of a closed path, then none, with a note.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import chain
 
 import numpy as np
 from msgspec import Struct
@@ -20,7 +21,7 @@ from camgen.model.job import Job
 from camgen.model.part import Note, Part
 from camgen.model.path import ToolPath, join_paths, waypoints
 from camgen.model.pose import FloatArray
-from camgen.model.text import counted
+from camgen.model.text import counted, name_first
 from camgen.order.stay_down import CLEARANCE_SLACK_MM
 from camgen.plan.starting import starting_at
 
@@ -47,28 +48,31 @@ def add_leads(paths: Sequence[ToolPath], part: Part, job: Job) -> tuple[list[Too
     drawn = from_contours(part.contours)
     obstacles = Obstacles(drawn, np.zeros(len(drawn), dtype=np.int64))
     result: list[ToolPath] = []
-    short: list[str] = []
-    without: list[str] = []
+    short: list[ToolPath] = []
+    without: list[ToolPath] = []
     for path in paths:
         # Only what runs beside a contour has a free side to lead in from.
         followed = bool(path.force_direction[:, :, :2].any())
         led, scale = _with_leads(path, job, obstacles) if followed else (path, 1.0)
         result.append(led)
         if scale < 1.0:
-            (short if scale else without).append(path.id)
-    notes = [
-        Note(
-            "warning",
-            f"{counted(len(ids), 'path')} {how}: {', '.join(ids[:8])}{' ...' if len(ids) > 8 else ''}",
-            why,
-        )
-        for ids, how, why in (
-            (short, "with a shorter lead", "the part or a neighbour is too near"),
-            (without, "without a lead", "there is no place where it would keep clear of the part"),
-        )
-        if ids
-    ]
+            (short if scale else without).append(path)
+    near = "the part or a neighbour is too near"
+    nowhere = "there is no place where it would keep clear of the part"
+    notes = []
+    for shorter, how, why in (
+        (short, "with a shorter lead", near),
+        (without, "without a lead", nowhere),
+    ):
+        if shorter:
+            notes.append(_tell(shorter, how, why))
     return result, notes
+
+
+def _tell(paths: Sequence[ToolPath], how: str, why: str) -> Note:
+    ids = tuple(chain.from_iterable(path.contours for path in paths))
+    names = name_first([path.id for path in paths])
+    return Note("warning", f"{counted(len(paths), 'path')} {how}: {names}", why, ids, lacks="leads")
 
 
 def _with_leads(path: ToolPath, job: Job, obstacles: Obstacles) -> tuple[ToolPath, float]:

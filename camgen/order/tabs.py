@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import chain as join
 from itertools import pairwise
 
 import numpy as np
@@ -23,7 +24,7 @@ from camgen.model.job import Job
 from camgen.model.part import Note
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray, frozen
-from camgen.model.text import counted, short
+from camgen.model.text import counted, name_first, short
 from camgen.model.tolerance import SAME_POINT_MM
 from camgen.order.pieces import chorded, lengths_along, nearest, point_at, shortest, split_at
 
@@ -80,7 +81,10 @@ def add_tabs(
     outer = [k for k, path in enumerate(planned) if _cuts_out(path)]
     tab = _size(job, min((shortest(planned[k], job.tolerance.chord) for k in outer), default=1.0))
     loops = [_find_loop(k, planned[k], led[k], job, tab) for k in outer]
-    result, held, near, without = list(led), list[str](), list[str](), list[str]()
+    result = list(led)
+    held: list[str] = []
+    near: list[str] = []
+    without: list[_Loop] = []
     middles: list[tuple[float, float]] = []
     for group in _beside_each_other(loops, job.tool.diameter):
         first, ids = group[0], [loop.path.id for loop in group]
@@ -95,8 +99,8 @@ def add_tabs(
         middles += [(x, y) for x, y, _ in map(np.ndarray.tolist, points)]
         held += ids if places else []
         near += ids if close else []
-        without += ids if len(places) < wanted else []
-    pieces = [path.id for path in planned if path.operation == "follow" and not path.closed]
+        without += group if len(places) < wanted else []
+    pieces = [path for path in planned if path.operation == "follow" and not path.closed]
     return result, _tell(held, middles, near, without, pieces, job)
 
 
@@ -283,15 +287,15 @@ def _tell(
     held: Sequence[str],
     middles: Sequence[tuple[float, float]],
     near: Sequence[str],
-    without: Sequence[str],
-    pieces: Sequence[str],
+    without: Sequence[_Loop],
+    pieces: Sequence[ToolPath],
     job: Job,
 ) -> list[Note]:
     """How many tabs there are, of what size and where; and what is not as it was asked."""
     size = f"{short(job.operation.tab_width, 3)} x {short(job.operation.tab_height, 3)} mm"
     notes = []
     if held:
-        what = f"{counted(len(middles), 'tab')} of {size} on {_list(held)}"
+        what = f"{counted(len(middles), 'tab')} of {size} on {name_first(held)}"
         notes.append(
             Note(
                 "assumed",
@@ -305,15 +309,15 @@ def _tell(
         notes.append(Note("warning", "no tabs: no path cuts anything out", why))
     if near:
         why = "no place is as far from all corners as the tool's radius and half the tab's width"
-        notes.append(Note("warning", f"tabs near corners on {_list(near)}", why))
+        notes.append(Note("warning", f"tabs near corners on {name_first(near)}", why))
     if without:
         why = "there is no room for them beside the seam, its leads and each other; fewer or shorter ones may fit"
-        notes.append(Note("warning", f"fewer tabs than asked on {_list(without)}", why))
+        what = f"fewer tabs than asked on {name_first([loop.path.id for loop in without])}"
+        ids = tuple(join.from_iterable(loop.path.contours for loop in without))
+        notes.append(Note("warning", what, why, ids, lacks="tabs"))
     if pieces and (held or without):
         why = "only a path that runs all round has tabs; what others cut free comes loose"
-        notes.append(Note("warning", f"no tabs on {_list(pieces)}", why))
+        what = f"no tabs on {name_first([path.id for path in pieces])}"
+        ids = tuple(join.from_iterable(path.contours for path in pieces))
+        notes.append(Note("warning", what, why, ids, lacks="tabs"))
     return notes
-
-
-def _list(ids: Sequence[str]) -> str:
-    return ", ".join(ids[:8]) + (" ..." if len(ids) > 8 else "")

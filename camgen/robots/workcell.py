@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from msgspec.structs import replace
 
 from camgen.model.cell import Cell
 from camgen.model.errors import JobError
@@ -48,6 +49,8 @@ def equip(cell: Cell, job: Job, arm: Robot | None = None, meshes: Meshes = ()) -
     home = cell.home
     if isinstance(home, Joints) and table.robot and arm is not None and table.home is None:
         home = _own_home(arm, cell, home)
+    if table.home is None and isinstance(home, Pose):
+        home = _above_travel(home, job)
     if table.home is not None and isinstance(home, Pose):
         x, y, z = _values("home", table.home, 3)
         home = Pose(TOOL_DOWN, (x, y, z))
@@ -65,6 +68,13 @@ def equip(cell: Cell, job: Job, arm: Robot | None = None, meshes: Meshes = ()) -
         work = _home_work(arm, home, tool)
     name, robot = _name(table.robot) or cell.name, table.robot or cell.robot
     return Workcell(name, work, tool, home, cell.sliding, robot, cell.pace, arm, meshes)
+
+
+def _above_travel(home: Pose, job: Job) -> Pose:
+    """The built-in home of a machine, no lower than the height of travel of any operation."""
+    heights = [step.process.clearance for step in job.operations]
+    x, y, z = home.origin
+    return replace(home, origin=(x, y, max(z, job.process.clearance, *heights)))
 
 
 def machine_wanted() -> JobError:

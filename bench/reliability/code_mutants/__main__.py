@@ -1,6 +1,6 @@
 """Mutants of camgen's code: does a build notice them, and is the text right if it does not?
 
-    python -m bench.reliability.code_mutants [--count 1000] [--only NAME] [--table FILE]
+    python -m bench.reliability.code_mutants [--count 1000] [--seed N] [--only NAME] [--table FILE]
     python -m bench.reliability.code_mutants survivors [--count 130] [--at FILE:LINE ...]
 
 The first command draws mutants of posts, passes, lowering and order, builds the jobs of `cases`
@@ -36,6 +36,7 @@ from bench.reliability.code_mutants.survivors import find_survivors, list_at, re
 from bench.reliability.code_mutants.targets import (
     CORE_GROUPS,
     PROGRAM_GROUPS,
+    SEED,
     Mutant,
     draw,
 )
@@ -120,6 +121,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m bench.reliability.code_mutants")
     parser.add_argument("command", nargs="?", choices=["judge", "survivors"], default="judge")
     parser.add_argument("--count", type=int, help="mutants that are drawn: 1000, survivors: 130")
+    parser.add_argument("--seed", type=int, default=SEED, help="of the draw")
     parser.add_argument("--first", type=int, default=0, help="number of the first that is run")
     parser.add_argument("--last", type=int, default=None, help="number after the last one")
     parser.add_argument("--only", default="", help="name of a mutant, or a part of names")
@@ -132,7 +134,7 @@ def main() -> int:
 
 
 def _run_judge(given: argparse.Namespace) -> int:
-    mutants = draw(PROGRAM_GROUPS, given.count or 1000)[given.first : given.last]
+    mutants = draw(PROGRAM_GROUPS, given.count or 1000, given.seed)[given.first : given.last]
     mutants = [mutant for mutant in mutants if given.only in mutant.name]
     judged: list[Judged] = []
     for result in judge_all(mutants, build_originals()):
@@ -150,7 +152,7 @@ def _run_judge(given: argparse.Namespace) -> int:
 
 
 def _run_survivors(given: argparse.Namespace) -> int:
-    mutants = draw(CORE_GROUPS, given.count or 130)[given.first : given.last]
+    mutants = draw(CORE_GROUPS, given.count or 130, given.seed)[given.first : given.last]
     if given.at:
         mutants = list_at(given.at)
     mutants = [mutant for mutant in mutants if given.only in mutant.name]

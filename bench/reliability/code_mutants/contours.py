@@ -165,7 +165,10 @@ def _check_lead(
     """Checks a quarter circle of the given length beside the part, tangent to the curve."""
     wanted = case.setting("operation", key)
     length = sum(piece.length for piece in lead)
-    if abs(length - wanted) > _LENGTH_MM:
+    # The first chord of a quarter circle may be as near to the curve as a motion along it.
+    chord = case.setting("tolerance", "chord") if len(lead) > 1 else 0.0
+    touching = math.sqrt(8.0 * chord * wanted / (math.pi / 2.0))
+    if abs(length - wanted) > _LENGTH_MM + touching:
         raise neighbour.complain(f"{key} of {length:.3f} mm, not {wanted:g} mm")
     if not lead:
         return
@@ -177,11 +180,12 @@ def _check_lead(
     if np.ptp(np.append(points[:, 2], neighbour.points[:, 2])) > DIGIT_MM:
         raise lead[0].complain("a lead at another height than its curve")
     far = lead[-1] if key == "lead_out" else lead[0]
-    directions = _end_directions(lead, neighbour, key)
-    touching, turning = directions
-    if touching > math.radians(6.0):
+    corner, turning = _end_directions(lead, neighbour, key)
+    # The chords that the job allows leave a quarter circle by half of the angle that each spans.
+    half = math.acos(1.0 - chord / (wanted / (math.pi / 2.0)))
+    if corner > math.radians(6.0) + half:
         raise far.complain("a lead that is not tangent to its curve")
-    if abs(turning - math.pi / 2.0) > math.radians(12.0):
+    if abs(turning - math.pi / 2.0) > math.radians(12.0) + 2.0 * half:
         raise far.complain("a lead that is not a quarter circle")
     speed = min(case.setting("process", "feed"), neighbour.motion.speed)
     for piece in lead:
@@ -319,11 +323,14 @@ def _check_ramp(case: Case, contour: list[Piece], ring: shapely.Geometry, shape:
             raise piece.complain(f"a slope of {math.degrees(math.atan(slope)):.1f} deg")
         if end < start - DIGIT_MM:
             _check_down(case, piece, slope, is_tab)
-        positions = shapely.line_locate_point(ring, shapely.points(piece.points[:, :2]))
+        # Samples are as far apart as bins are long: with those between them no bin is left out.
+        between = (piece.points[1:] + piece.points[:-1]) / 2.0
+        points = np.concatenate([piece.points, between])
+        positions = shapely.line_locate_point(ring, shapely.points(points[:, :2]))
         places = np.floor(positions / _BIN_MM).astype(int)
-        if (piece.points[:, 2] < bins[places] + step - 0.05).any():
+        if (points[:, 2] < bins[places] + step - 0.05).any():
             raise piece.complain("cuts deeper at once than one pass")
-        np.minimum.at(bins, places, piece.points[:, 2])
+        np.minimum.at(bins, places, points[:, 2])
     _check_depths(case, bins[: int(ring.length / _BIN_MM)], shape)
 
 

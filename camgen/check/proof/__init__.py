@@ -18,28 +18,50 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from camgen.check.proof.contours import ContourChecker, Matched
+from camgen.check.proof.corners import check_corners
+from camgen.check.proof.descents import DescentChecker
 from camgen.check.proof.findings import Finding, Findings
-from camgen.check.proof.heights import check_heights, find_levels, raised_levels, tab_top
+from camgen.check.proof.heights import check_heights, find_levels, tab_top
 from camgen.check.proof.holes import check_bored, check_drilled, select_holes
+from camgen.check.proof.leads import LeadChecker
 from camgen.check.proof.matching import Ragged, list_pieces
-from camgen.check.proof.motions import Motions, Rounding, tabulate
+from camgen.check.proof.motions import Controller, Motions, Rounding, tabulate
 from camgen.check.proof.nesting import find_unclear
+from camgen.check.proof.passes import (
+    check_inside_first,
+    check_pass_order,
+    check_path_order,
+    check_repeats,
+)
 from camgen.check.proof.pieces import BoolArray, IntArray
 from camgen.check.proof.process import (
+    check_dwells,
     check_feeds,
+    check_force_directions,
     check_forces,
     check_joint_motions,
     check_orientation,
     check_outputs,
+    check_tool_turns,
     process_signal,
 )
+from camgen.check.proof.slopes import SlopeChecker, TabChecker
 from camgen.check.proof.tasks import BESIDE, Drawing, Task, lay_drawing, make_tasks
 from camgen.check.proof.travel import Phases, check_travel, split_phases
+from camgen.check.proof.visits import Laps, find_laps, find_reached, number_visits
 from camgen.model.job import Job
 from camgen.model.part import Note, Part
 from camgen.model.program import Instruction, Origin
 
-__all__ = ["Finding", "MotionProof", "Program", "Rounding", "process_signal", "prove_motion"]
+__all__ = [
+    "Controller",
+    "Finding",
+    "MotionProof",
+    "Program",
+    "Rounding",
+    "process_signal",
+    "prove_motion",
+]
 
 #: Kinds of operations that have a row in the table of docs/proof.md.
 PROVEN = ("follow", "trace", "chamfer", "drill", "bore", "pocket", "fill")
@@ -84,22 +106,29 @@ class MotionProof(Struct, frozen=True):
 
 
 def prove_motion(
-    part: Part, job: Job, programs: Sequence[Program], notes: Sequence[Note], rounding: Rounding
+    part: Part,
+    job: Job,
+    programs: Sequence[Program],
+    notes: Sequence[Note],
+    rounding: Rounding,
+    controller: Controller | None = None,
 ) -> MotionProof:
     """Compares the motions of `programs` with the drawing of `part` and the settings of `job`.
 
     notes: all notes of the build; a contour that a note names as skipped may be left out.
     rounding: rounding of the numbers of the text.
+    controller: the controller of the text. None: rounded corners and turns of the tool are not
+        examined.
     """
     if part.solid is not None or part.curves:
         return _prove_space(part, job, programs, Named.of(notes), rounding)
     drawing = lay_drawing(part, job)
-    context = _Context(drawing, Named.of(notes), rounding)
+    context = _Context(drawing, Named.of(notes), rounding, controller)
     totals = _Count(drawing)
     findings: list[tuple[str, Finding]] = []
     unproven: list[str] = []
     for task in make_tasks(drawing, job, bool(job.page.size)):
-        if (reason := _why_not(task, part)) != "":
+        if (reason := _why_not(task, part, drawing.slack)) != "":
             unproven.append(f"{task.kind}: {reason}")
             continue
         differences = Findings()
@@ -165,29 +194,34 @@ class Named(NamedTuple):
     """Ids of contours that notes are about.
 
     skipped: ids in notes on contours that are left out.
-    all: ids in any note.
+    leads: ids in notes on shorter leads.
+    tabs: ids in notes on fewer tabs.
+    others: ids in all other notes, and in those on contours that are left out.
     """
 
     skipped: frozenset[str]
-    all: frozenset[str]
+    leads: frozenset[str]
+    tabs: frozenset[str]
+    others: frozenset[str]
 
     @classmethod
     def of(cls, notes: Sequence[Note]) -> Named:
         """The ids that `notes` name."""
-        skipped, listed = set[str](), set[str]()
-        for note in notes:
-            listed.update(note.ids)
-            if note.kind == "skipped":
-                skipped.update(note.ids)
-        return cls(frozenset(skipped), frozenset(listed))
+        skipped = [note.ids for note in notes if note.kind == "skipped"]
+        leads = [note.ids for note in notes if note.lacks == "leads"]
+        tabs = [note.ids for note in notes if note.lacks == "tabs"]
+        others = [note.ids for note in notes if not note.lacks]
+        groups = (skipped, leads, tabs, others)
+        return cls(*(frozenset(chain.from_iterable(ids)) for ids in groups))
 
 
 class _Context(NamedTuple):
-    """Values that all tasks share: the drawing, the ids in notes, the rounding of the text."""
+    """Values that all tasks share: the drawing, the ids in notes, the text and its controller."""
 
     drawing: Drawing
     named: Named
     rounding: Rounding
+    controller: Controller | None
 
 
 class _Count:
@@ -235,6 +269,12 @@ def _prove_task(
     if not task.job.process.stay_down:
         check_outputs(task, motions, rows, findings)
     check_orientation(task.job, motions, rows, findings)
+    check_dwells(task.job, program.body, of_task, findings)
+    DescentChecker(task, motions, phases, of_task, slack, context.rounding).check(findings)
+    if context.controller is not None:
+        goes_on = (np.diff(phases.chain) == 0) & (phases.works & of_task)[:-1]
+        pace = context.controller.pace
+        check_corners(task, motions, np.flatnonzero(goes_on), pace, slack, findings)
     done, contact = _PROVERS[task.kind](subject, findings)
     check_travel(motions, _only(phases, of_task), signal, contact, findings)
     for index in np.flatnonzero(task.worked & ~done).tolist():
@@ -260,10 +300,15 @@ def _check_unowned(program: Program, job: Job, rounding: Rounding) -> Findings:
     return findings
 
 
-def _why_not(task: Task, part: Part) -> str:
-    """Why the motions of a task are not proven, empty if they are."""
+def _why_not(task: Task, part: Part, slack: float) -> str:
+    """Why the motions of a task are not proven, empty if they are.
+
+    slack: deviation from the drawing that the job allows, mm.
+    """
     if task.kind not in PROVEN:
         return "this operation has no proof"
+    if task.kind in BESIDE and slack > min(task.distances) / 2:
+        return "the tolerances of the job are larger than half of the distance from the contour"
     if task.operation.planner == "image":
         return "the image planner follows pixels, and not the contours"
     if task.kind == "drill" and part.raster is not None:
@@ -319,7 +364,7 @@ def _prove_contours(subject: _Subject, findings: Findings) -> _Result:
         # An open contour has no outside: a note has to say that it is left out.
         task = replace(task, worked=task.worked & drawing.closed)
     if task.kept_clear.any():
-        suspects = task.kept_clear & _are_named(drawing, subject.context.named.all)
+        suspects = task.kept_clear & _are_named(drawing, subject.context.named.others)
         unclear = find_unclear(drawing.pieces, suspects, task.near)
         task = replace(task, kept_clear=task.kept_clear & ~unclear, worked=task.worked & ~unclear)
     subject = subject._replace(task=task)
@@ -330,17 +375,62 @@ def _prove_contours(subject: _Subject, findings: Findings) -> _Result:
         # Links at working height may have the process off.
         check_outputs(task, motions, rows[matched.follows], findings)
     levels = find_levels(task, motions, rows, subject.slack)
-    leads = checker.find_leads(matched, phases.chain[rows], levels >= 0)
-    strange = ~matched.follows & ~leads & ~matched.rounds
+    leads = LeadChecker(checker, matched)
+    leading = leads.find(phases.chain[rows], levels >= 0)
+    strange = ~matched.follows & ~leading & ~matched.rounds
     for index in np.flatnonzero(strange)[:1].tolist():
         findings.add(motions, int(rows[index]), "works where nothing is drawn to be worked")
+    laps = _check_laps(subject, leads, levels, findings)
     checker.check_direction(matched, levels >= 0, findings)
+    check_pass_order(checker, matched, levels, findings)
+    check_inside_first(checker, matched, findings)
     checker.check_clear(matched, findings)
     check_feeds(task, drawing, motions, matched, subject.context.rounding, findings)
     check_forces(task, motions, matched, findings)
+    _check_directions(subject, matched, findings)
     check_heights(task, motions, rows, levels, subject.slack, findings)
-    done = _check_passes(subject, checker, matched, levels, findings)
+    done = _check_passes(subject, checker, matched, laps, levels, findings)
     return done, phases.works
+
+
+def _check_laps(
+    subject: _Subject, leads: LeadChecker, levels: IntArray, findings: Findings
+) -> Laps | None:
+    """Checks leads, overlaps, slopes and tabs; None if the job asks for nothing of these."""
+    task, drawing, motions = subject.task, subject.drawing, subject.motions
+    operation, matched = task.operation, leads.matched
+    has_ends = operation.lead_in or operation.lead_out or operation.overlap
+    has_slopes = operation.entry != "plunge" or np.isfinite(tab_top(task))
+    if not has_ends and not has_slopes and operation.passes == 1:
+        return None
+    clearance = task.job.process.clearance
+    visit = number_visits(motions, subject.phases, clearance, subject.slack)[matched.rows]
+    laps = find_laps(task, motions, matched, visit, drawing.pieces.owner, subject.limit)
+    names = subject.context.named
+    leads.check(laps, _laps_named(subject, matched, laps, names.leads), findings)
+    leads.check_overlap(laps, levels, findings)
+    slopes = SlopeChecker(task, motions, matched.rows, laps.reached, subject.slack)
+    slopes.check(visit, levels, findings)
+    slopes.check_linked(laps, findings)
+    fewer = _laps_named(subject, matched, laps, names.tabs)
+    TabChecker(task, drawing, motions, subject.slack).check(matched, laps, fewer, findings)
+    return laps
+
+
+def _check_directions(subject: _Subject, matched: Matched, findings: Findings) -> None:
+    """Compares tool x and the direction of the force with the way to the contour."""
+    task, controller = subject.task, subject.context.controller
+    if controller is None or task.kind not in BESIDE:
+        return
+    drawing, motions, limit = subject.drawing, subject.motions, subject.limit
+    if "force-direction" in controller.stated:
+        check_force_directions(task, drawing, motions, matched, limit, findings)
+    elif motions.force.any():
+        findings.leave("the direction of the force", "the text does not state it")
+    if "orientation" in controller.stated:
+        check_tool_turns(task, drawing, motions, matched, limit, findings)
+    elif task.job.tool.orient == "follow":
+        findings.leave("that tool x points at the contour", "the text states no orientation")
 
 
 def _hint(drawing: Drawing, origins: Sequence[Origin]) -> Ragged:
@@ -364,10 +454,23 @@ def _are_named(drawing: Drawing, names: frozenset[str]) -> BoolArray:
     return np.array(listed, np.bool_)
 
 
+def _laps_named(
+    subject: _Subject, matched: Matched, laps: Laps, names: frozenset[str]
+) -> BoolArray:
+    """(L,) laps along a contour that is among `names`, or on a path beside one."""
+    if not names:
+        return np.zeros(len(laps.first), np.bool_)
+    on_path = [not names.isdisjoint(origin.contours) for origin in subject.program.origins]
+    path = subject.motions.path[matched.rows[laps.first]]
+    by_path = np.array([*on_path, False], np.bool_)[path]
+    return np.asarray(by_path | _are_named(subject.drawing, names)[laps.contour])
+
+
 def _check_passes(
     subject: _Subject,
     checker: ContourChecker,
     matched: Matched,
+    laps: Laps | None,
     levels: IntArray,
     findings: Findings,
 ) -> BoolArray:
@@ -375,25 +478,26 @@ def _check_passes(
     task, drawing, motions = subject.task, subject.drawing, subject.motions
     owner = drawing.pieces.owner
     done = task.worked.copy()
-    chain = subject.phases.chain[matched.rows]
-    raised = raised_levels(task, motions, matched.rows, chain)
-    over_tab = motions.end[matched.rows, 2] <= tab_top(task) + subject.slack
     place = np.searchsorted(matched.rows, matched.covered.motion)
     depths = np.array(task.depths)
+    in_lap = levels >= 0
+    lap_depth = depths[levels]
+    if laps is not None:
+        # Over a tab a lap is as high as the tab, which may be the depth of an earlier pass.
+        in_lap |= motions.end[matched.rows, 2] <= tab_top(task) + subject.slack
+        lap_depth = np.append(depths[laps.depth], np.inf)[laps.lap]
     touched = np.zeros(len(done), np.bool_)
     touched[owner[matched.piece[matched.follows]]] = True
     for number, depth in enumerate(task.depths):
-        last = number == len(task.depths) - 1
         # Passes that the digits of the text do not distinguish are covered together.
-        at_depth = (np.abs(depths[levels] - depth) <= subject.slack) & (levels >= 0)
-        # Over a tab a pass is as high as the tab, which may be the depth of an earlier pass.
-        at_depth |= (np.abs(depths[raised] - depth) <= subject.slack) & over_tab
+        at_depth = in_lap & (np.abs(lap_depth - depth) <= subject.slack)
+        last = number == len(task.depths) - 1
+        distance = task.distances[-1] if last else task.distances[0]
         chosen = at_depth[place]
+        at_distance = chosen & (np.abs(matched.distance[place] - distance) < 1e-9)
+        check_repeats(checker, matched.covered.take(at_distance), depth, findings)
         if last:
-            distance = task.distances[-1]
-            chosen &= np.abs(matched.distance[place] - distance) < 1e-9
-        else:
-            distance = task.distances[0]
+            chosen = at_distance
         rows = matched.rows[at_depth]
         gaps = checker.find_uncovered(matched, np.flatnonzero(chosen), rows, distance)
         for index in range(len(gaps.piece)):
@@ -405,10 +509,6 @@ def _check_passes(
                 continue
             x, y = _place_of_gap(subject, gaps.piece[index], gaps.low[index], gaps.high[index])
             what = f"contour {contour.id} is not worked at {x:.3f} {y:.3f} mm, depth {depth:g} mm"
-            if tab_top(task) > -depth + subject.slack:
-                # Below the tops of tabs it is not examined which gap belongs to which tab.
-                findings.leave("that only tabs leave gaps", what)
-                return done | task.worked
             findings.miss(what)
             return done
     # A contour without a gap is worked, unless a note says that the tool does not fit beside it.
@@ -480,6 +580,12 @@ def _prove_area(subject: _Subject, findings: Findings) -> _Result:
     checker.check_inside(rows, findings)
     levels = find_levels(task, motions, rows, subject.slack)
     check_heights(task, motions, rows, levels, subject.slack, findings)
+    visit = number_visits(motions, phases, task.job.process.clearance, subject.slack)[rows]
+    reached = find_reached(task, motions, rows, visit)
+    SlopeChecker(task, motions, rows, reached, subject.slack).check(visit, levels, findings)
+    check_path_order(task, motions, rows, levels, subject.slack, findings)
+    level_rows = rows[levels >= 0]
+    checker.check_speeds(level_rows, subject.context.rounding.speed, findings)
     worked = {contour.id for contour in compress(subject.drawing.contours, task.worked)}
     if not worked.isdisjoint(subject.context.named.skipped):
         findings.leave(
@@ -487,17 +593,21 @@ def _prove_area(subject: _Subject, findings: Findings) -> _Result:
         )
         task = replace(task, depths=())
     last = len(task.depths) - 1
-    for number in range(len(task.depths)):
-        at_level = rows[levels == number]
+    depths = np.array(subject.task.depths)
+    for number, depth in enumerate(task.depths):
+        # Passes that the digits of the text do not distinguish are one.
+        at_level = rows[(levels >= 0) & (np.abs(depths[levels] - depth) <= subject.slack)]
         if not len(at_level):
             findings.miss(f"no motion at the depth of pass {number + 1}")
             continue
         left = task.operation.finish if number < last else 0.0
+        if not left:
+            checker.check_direction(at_level, findings)
         checker.check_covered(at_level, left, findings)
     # A dot, or the place of a helix, is reached from above only.
     strokes = phases.upright | _start_at_joints(motions)
     dots = strokes & subject.of_task & (motions.end[:, 2] <= subject.slack)
-    dots[dots] = checker.are_inside(np.flatnonzero(dots))
+    dots[dots] = checker.are_inside(np.flatnonzero(dots), findings)
     return task.worked & subject.drawing.closed, phases.works | dots
 
 

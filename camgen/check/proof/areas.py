@@ -11,7 +11,14 @@ from camgen.check.proof.findings import Findings
 from camgen.check.proof.matching import PieceTree
 from camgen.check.proof.motions import Motions
 from camgen.check.proof.nesting import flatten
-from camgen.check.proof.pieces import BoolArray, IntArray
+from camgen.check.proof.pieces import (
+    BoolArray,
+    IntArray,
+    dot,
+    find_shares,
+    normals_along,
+    points_along,
+)
 from camgen.check.proof.tasks import Drawing, Task
 from camgen.model.pose import FloatArray
 
@@ -21,6 +28,10 @@ _PLACES = 4_000
 _BORDER_MM = 0.03
 #: A fill is planned on a raster: its strokes may leave the area by this share of the diameter.
 _FILL_SHARE = 0.05
+#: A feed may differ by this share: a text gives it with a few digits.
+_FEED_SHARE = 1e-3
+#: The tool's centre is never slower than this share of the feed (docs/follow.md).
+_SLOWEST = 0.02
 #: Share of the places of a filled area that has to be covered (docs/fill.md).
 _FILLED = 0.98
 
@@ -78,12 +89,59 @@ class AreaChecker:
             what = "comes nearer to a wall than the tool's radius"
             findings.add(self.motions, int(rows[index % len(rows)]), what)
 
-    def are_inside(self, rows: IntArray) -> BoolArray:
-        """(N,) whether motions end inside the area, or on its border."""
+    def check_direction(self, rows: IntArray, findings: Findings) -> None:
+        """Finds walls that are run along against `operation.direction` for most of the length.
+
+        Climb: the wall is on the right. Links and the loops of a channel may touch a wall in any
+        direction. rows: the motions at the depth of one pass.
+        """
+        direction, plane = self.task.operation.direction, self.motions.plane
+        if self.task.kind != "pocket" or direction == "any" or not len(rows):
+            return
+        pieces = self.drawing.pieces
+        walls = PieceTree(pieces, np.flatnonzero(self.task.worked[pieces.owner]))
+        points = np.concatenate([plane.middle[rows], plane.start[rows], plane.end[rows]])
+        nearest = walls.find(points, self._radius + self.limit)
+        at_wall = (nearest.distance >= self._radius - self.limit).reshape(3, -1)
+        at_wall &= np.isfinite(nearest.distance).reshape(3, -1)
+        along = at_wall.all(axis=0) & (nearest.side[: len(rows)] != 0)
+        rows, piece = rows[along], nearest.piece[: len(along)][along]
+        share = np.clip(find_shares(plane.middle[rows], pieces, piece), 0.0, 1.0)
+        to_wall = points_along(pieces, piece, share) - plane.middle[rows]
+        on_left = dot(normals_along(plane, rows, np.full(len(rows), 0.5)), to_wall) > 0
+        against = on_left == (direction == "climb")
+        length = np.where(against, plane.length[rows], -plane.length[rows])
+        wall = pieces.owner[piece]
+        wrong = np.bincount(wall, length, len(self.drawing.contours)) > 0
+        for index in np.flatnonzero(against & wrong[wall])[:1].tolist():
+            name = self.drawing.contours[int(wall[index])].id
+            what = f"and others run along wall {name} against operation.direction"
+            findings.add(self.motions, int(rows[index]), what)
+
+    def check_speeds(self, rows: IntArray, speed_slack: float, findings: Findings) -> None:
+        """Finds motions at the depth of a pass that are faster than the feed.
+
+        speed_slack: rounding of a speed, mm/s.
+        """
+        feed, speed = self.task.job.process.feed, self.motions.speed[rows]
+        slack = speed_slack + _FEED_SHARE * feed
+        off = (speed > feed + slack) | (speed < _SLOWEST * feed - slack)
+        for index in np.flatnonzero(off)[:1].tolist():
+            what = f"has a feed of {speed[index]:.4g} mm/s, the job asks for {feed:.4g}"
+            findings.add(self.motions, int(rows[index]), what)
+
+    def are_inside(self, rows: IntArray, findings: Findings) -> BoolArray:
+        """(N,) whether motions end inside the area or on its border; a fill may touch it only."""
         points = self.motions.end[rows, :2]
-        inside = shapely.contains_xy(self.region, points[:, 0], points[:, 1])
-        near = shapely.distance(shapely.points(points), self.region) <= self.limit
-        return np.asarray(inside | near)
+        distance = shapely.distance(shapely.points(points), self.region)
+        distance[shapely.contains_xy(self.region, points[:, 0], points[:, 1])] = 0.0
+        if self.task.kind != "fill":
+            return np.asarray(distance <= self.limit)
+        beyond = self.limit + _FILL_SHARE * self.task.job.tool.diameter
+        outside = (distance > beyond) & (distance <= self._radius)
+        for x, y in points[outside][:1].tolist():
+            findings.leave("that strokes stay inside", f"one leaves the area at {x:.2f} {y:.2f}")
+        return np.asarray(distance <= max(beyond, self._radius))
 
     def check_covered(self, rows: IntArray, left: float, findings: Findings) -> None:
         """Finds places of the area that the tool can reach, and that no motion of `rows` clears.

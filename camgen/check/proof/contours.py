@@ -28,7 +28,6 @@ from camgen.check.proof.pieces import (
     BoolArray,
     IntArray,
     Pieces,
-    dot,
     find_shares,
     normals_along,
     points_along,
@@ -36,30 +35,24 @@ from camgen.check.proof.pieces import (
 from camgen.check.proof.tasks import Drawing, Task
 from camgen.model.pose import FloatArray
 
-#: A lead, or a link at working height, may be nearer to a contour than a path, mm: it is planned
-#: with this slack (docs/follow.md).
-_CLEAR_SLACK_MM = 0.006
 #: A stretch of a contour that is shorter, mm, is not examined on its own.
 _LEAST_GAP_MM = 0.1
 #: A place is within reach if the tool is too near to a wall there by at most this, mm. The path
 #: ends where the tool touches both walls, so a place that is blocked by less is beside the path.
 _REACH_MM = 1e-4
+#: Least room beside the tool, mm, in a place that it can reach.
+_ROOM_MM = 5e-3
 #: A shorter motion, mm, may lie beside two pieces: its side, direction
 #: and exact feed are not examined.
 SHORT_MM = 0.5
 #: An arc about a corner has the tool's radius within this, mm; the text rounds its points.
 _ROLL_MM = 0.05
+#: An arc that covers less of a piece, mm, may be one about a corner.
+_LEAST_ROLL_MM = 0.3
 #: Error of the sagitta of an arc in a text with three digits, mm.
 _DIGITS_MM = 4e-3
 #: Samples of a gap: step in mm, minimum and maximum number.
 _GAP_STEP_MM, _LEAST_SAMPLES, _MOST_SAMPLES = 1.0, 3, 64
-#: From this number of pieces near to the box of a contour on, each piece is tested alone.
-_MANY_PIECES = 256
-#: A lead and its path run in one direction if the cosine between them is at least this: the text
-#: may have short chords in place of a small arc.
-_TANGENT = 0.8
-#: Places along a lead that are examined.
-_LEAD_SHARES = np.linspace(0.1, 0.9, 5)
 
 
 class Matched(Struct, frozen=True, eq=False):
@@ -130,24 +123,27 @@ class ContourChecker:
     def match(self, rows: IntArray, findings: Findings) -> Matched:
         """Assigns the motions `rows` to pieces, with a finding for a motion on a wrong side."""
         plane, size = self.motions.plane, len(rows)
-        points = np.concatenate([plane.middle[rows], plane.end[rows], plane.start[rows]])
+        # A motion starts where the one before it ends, if that is in contact too.
+        first = np.flatnonzero(np.diff(rows, prepend=-2) != 1)
+        points = np.concatenate([plane.middle[rows], plane.end[rows], plane.start[rows[first]]])
         path = self.motions.path[rows]
         nearest = find_nearest(points[:size], path, self.pieces, self.lists)
         # The ends are beside the same piece, as a rule.
-        nearest = measure_ends(points, nearest, self.pieces)
+        nearest = measure_ends(points, nearest, first, self.pieces)
         wanted = np.array(self.task.distances)
         off = self._deviation(nearest, wanted)
         lost = np.flatnonzero(off > self.limit)
         if len(lost):
-            again = find_nearest(points[lost], np.tile(path, 3)[lost], self.pieces, self.lists)
+            paths = np.concatenate([path, path, path[first]])
+            again = find_nearest(points[lost], paths[lost], self.pieces, self.lists)
             nearest.put(lost, again)
             lost = lost[self._deviation(again, wanted) > self.limit]
         if len(lost):
             reach = float(wanted.max()) + self.task.operation.corner_radius + self.limit
-            nearest.put(lost, self._all_pieces().find(points[lost], reach))
+            nearest.put(lost, self.all_pieces().find(points[lost], reach))
         off = self._deviation(nearest, wanted)
-        follows = np.all((off <= self.limit).reshape(3, size), axis=0)
-        rounds = np.all(self._may_round(nearest, wanted).reshape(3, size), axis=0) & ~follows
+        follows = _join_ends(off <= self.limit, first, size)
+        rounds = _join_ends(self._may_round(nearest, wanted), first, size) & ~follows
         piece, side = nearest.piece[:size], nearest.side[:size]
         middle = nearest.distance[:size, None]
         distance = wanted[np.abs(middle - wanted).argmin(axis=1)]
@@ -155,8 +151,9 @@ class ContourChecker:
         foreign = np.zeros(size, np.bool_)
         foreign[lost[lost < size]] = True
         foreign &= path >= 0
-        foreign |= plane.length[rows] < SHORT_MM
-        self._check_side(rows, piece, side, follows & ~foreign, findings)
+        short = plane.length[rows] < SHORT_MM
+        self._check_side(rows, piece, side, follows & ~foreign & ~short, findings)
+        self._check_short_sides(rows, piece, side, follows & ~foreign & short, findings)
         along = np.flatnonzero(follows & (piece >= 0) & ((side != 0) | (distance == 0)))
         covered = cover(plane, rows[along], piece[along], self.pieces)
         return Matched(rows, piece, distance, side, follows, rounds, covered)
@@ -172,7 +169,8 @@ class ContourChecker:
         beyond = nearest.distance - wanted.min()
         return np.asarray((beyond >= -self.limit) & (beyond <= radius + self.limit))
 
-    def _all_pieces(self) -> PieceTree:
+    def all_pieces(self) -> PieceTree:
+        """All pieces that are worked or kept clear of, by place."""
         if self._tree is None:
             self._tree = PieceTree(self.pieces, self._tree_rows)
         return self._tree
@@ -196,6 +194,39 @@ class ContourChecker:
             what = f"runs on the wrong side of contour {name}"
             findings.add(self.motions, int(rows[index]), what)
 
+    def _check_short_sides(
+        self,
+        rows: IntArray,
+        piece: IntArray,
+        side: FloatArray,
+        short: BoolArray,
+        findings: Findings,
+    ) -> None:
+        """Finds paths whose short motions run on the wrong side for most of their length."""
+        contour = self.pieces.owner[piece]
+        turned = side * self.task.tool_side[contour]
+        chosen = np.flatnonzero(short & (turned != 0))
+        for index in self._find_majority(rows[chosen], contour[chosen], turned[chosen] < 0):
+            name = self.drawing.contours[int(contour[chosen[index]])].id
+            if crosses_itself(self.pieces, int(contour[chosen[index]])):
+                findings.leave(f"the side of contour {name}", "it crosses itself")
+                continue
+            what = f"and others beside it run on the wrong side of contour {name}"
+            findings.add(self.motions, int(rows[chosen[index]]), what)
+
+    def _find_majority(self, rows: IntArray, contour: IntArray, wrong: BoolArray) -> list[int]:
+        """The place of the first motion whose path is wrong for most of its length; or none.
+
+        rows: (N,) motions, each with its `contour` (N,), and whether it is `wrong` (N,).
+        """
+        if not wrong.any():
+            return []
+        group = (self.motions.path[rows] + 1) * len(self.drawing.contours) + contour
+        _, number = np.unique(group, return_inverse=True)
+        length = self.motions.plane.length[rows]
+        share = np.bincount(number, length * wrong) / np.maximum(np.bincount(number, length), 1e-9)
+        return list(np.flatnonzero(wrong & (share[number] > 0.5))[:1].tolist())
+
     def check_direction(self, matched: Matched, level: BoolArray, findings: Findings) -> None:
         """Finds motions against `operation.direction`. Climb: the part is on the right.
 
@@ -205,75 +236,36 @@ class ContourChecker:
         covered = matched.covered
         if direction == "any" or self.task.kind == "trace" or not len(covered.piece):
             return
-        left = self.task.tool_side[self.pieces.owner[covered.piece]] > 0
+        contour = self.pieces.owner[covered.piece]
+        left = self.task.tool_side[contour] > 0
         climbs = covered.forward == left
-        wrong = climbs != (direction == "climb")
-        # A motion of no length has no direction, and a ramp may go back and forth.
-        wrong &= covered.high > covered.low
         place = np.searchsorted(matched.rows, covered.motion)
-        wrong &= level[place]
-        wrong &= ~self._are_ambiguous(matched)[place]
-        for index in np.flatnonzero(wrong)[:1].tolist():
-            contour = int(self.pieces.owner[covered.piece[index]])
-            name = self.drawing.contours[contour].id
-            if crosses_itself(self.pieces, contour):
+        # A motion of no length has no direction, and a ramp may go back and forth.
+        judged = (covered.high > covered.low) & level[place]
+        wrong = judged & (climbs != (direction == "climb"))
+        short = self._are_ambiguous(matched, covered)
+        first = np.flatnonzero(wrong & ~short)[:1].tolist()
+        for index in self._find_majority(
+            covered.motion[judged & short], contour[judged & short], wrong[judged & short]
+        ):
+            first.append(int(np.flatnonzero(judged & short)[index]))
+        for index in first[:1]:
+            name = self.drawing.contours[int(contour[index])].id
+            if crosses_itself(self.pieces, int(contour[index])):
                 findings.leave(f"the direction along contour {name}", "it crosses itself")
                 continue
             what = f"runs along contour {name} against operation.direction"
             findings.add(self.motions, int(covered.motion[index]), what)
 
-    def _are_ambiguous(self, matched: Matched) -> BoolArray:
-        """(W,) motions so short, or of such a radius, that they may belong to another piece."""
-        short = self.motions.plane.length[matched.rows] < SHORT_MM
-        return np.asarray(short | _have_tool_radius(self.motions, matched))
+    def _are_ambiguous(self, matched: Matched, covered: Covered) -> BoolArray:
+        """(N,) stretches so short that their motions may belong to another piece, or to a corner.
 
-    # -- motions that lead to a contour
-
-    def find_leads(self, matched: Matched, chain: IntArray, level: BoolArray) -> BoolArray:
-        """(W,) motions that lead to a contour or from it, or link two, and keep clear of all.
-
-        chain: (W,) number of the run of motions to which each belongs.
-        level: (W,) whether a motion runs at the depth of a pass, and not on a slope.
+        An arc about a corner covers next to nothing of the pieces beside it.
         """
-        operation, process = self.task.operation, self.task.job.process
-        free = ~matched.follows
-        begins, ends = _stretch_of(chain, matched.follows & level)
-        place = np.arange(len(chain))
-        before, after = free & (place < begins[chain]), free & (place > ends[chain])
-        allowed = np.zeros(len(chain), np.bool_)
-        length = np.where(level, self.motions.plane.length[matched.rows], 0.0)
-        for candidates, wanted in ((before, operation.lead_in), (after, operation.lead_out)):
-            total = np.bincount(
-                chain[candidates], length[candidates], int(chain.max(initial=-1)) + 1
-            )
-            allowed |= candidates & (wanted > 0) & (total[chain] <= wanted + self.limit)
-        if process.stay_down:
-            allowed |= free & (self.motions.plane.turn[matched.rows] == 0)
-        chosen = np.flatnonzero(allowed)
-        if len(chosen) and self.task.kind in ("follow", "chamfer"):
-            points = self._points_on(matched.rows[chosen])
-            distance = self._all_pieces().find(points, max(self.task.distances)).distance
-            least = min(self.task.distances) - _CLEAR_SLACK_MM - self.limit
-            near = (distance.reshape(len(_LEAD_SHARES), -1) < least).any(axis=0)
-            allowed[chosen[near]] = False
-        kinked = self._are_kinked(matched.rows) & (not process.stay_down)
-        # A lead runs into the path without a corner, and out of it too.
-        allowed[:-1] &= ~(before & level)[:-1] | matched.follows[:-1] | ~kinked
-        allowed[1:] &= ~(after & level)[1:] | matched.follows[1:] | ~kinked
-        return allowed
-
-    def _are_kinked(self, rows: IntArray) -> BoolArray:
-        """(W - 1,) whether two motions that follow each other meet at a corner."""
-        plane = self.motions.plane
-        if len(rows) < 2:
-            return np.zeros(0, np.bool_)
-        ahead = normals_along(plane, rows[:-1], np.ones(len(rows) - 1))
-        after = normals_along(plane, rows[1:], np.zeros(len(rows) - 1))
-        return np.asarray(dot(ahead, after) < _TANGENT)
-
-    def _points_on(self, rows: IntArray) -> FloatArray:
-        shares = np.repeat(_LEAD_SHARES, len(rows))
-        return points_along(self.motions.plane, np.tile(rows, len(_LEAD_SHARES)), shares)
+        length = (covered.high - covered.low) * self.pieces.length[covered.piece]
+        place = np.searchsorted(matched.rows, covered.motion)
+        rolls = _have_tool_radius(self.motions, matched)[place] & (length < _LEAST_ROLL_MM)
+        return np.asarray(rolls | (self.motions.plane.length[covered.motion] < SHORT_MM))
 
     def check_clear(self, matched: Matched, findings: Findings) -> None:
         """Finds motions that come nearer to another contour than the tool may."""
@@ -310,29 +302,9 @@ class ContourChecker:
         other = self.pieces.boxes[piece]
         meet = np.all(other[:, :2] <= box[:, 2:], axis=1)
         meet &= np.all(other[:, 2:] >= box[:, :2], axis=1)
-        meet[meet] = self._are_beside(contour[meet], piece[meet], 2 * reach)
         order = np.argsort(contour[meet], kind="stable")
         counts = np.bincount(contour[meet], minlength=count)
         return Ragged(piece[meet][order], np.cumsum(counts) - counts, counts.astype(np.intp))
-
-    def _are_beside(self, contour: IntArray, piece: IntArray, reach: float) -> BoolArray:
-        """(N,) whether a piece is near to any piece of a contour, and not only to its box.
-
-        That is examined for contours around many others; all pieces of small ones stay.
-        """
-        kept = np.ones(len(piece), np.bool_)
-        boxes = self.pieces.boxes
-        counts = np.bincount(contour)
-        for index in np.flatnonzero(counts > _MANY_PIECES).tolist():
-            rows = np.flatnonzero(contour == index)
-            others = boxes[piece[rows]] + np.array([-1, -1, 1, 1]) * reach
-            near = np.zeros(len(rows), np.bool_)
-            for box in boxes[self.pieces.owner == index]:
-                near |= (others[:, :2] <= box[2:]).all(axis=1) & (others[:, 2:] >= box[:2]).all(
-                    axis=1
-                )
-            kept[rows] = near
-        return kept
 
     # -- the drawing beside the motions
 
@@ -370,8 +342,9 @@ class ContourChecker:
         normal = normals_along(self.pieces, piece, share) * self.task.tool_side[contour][:, None]
         open_ = np.ones(len(points), np.bool_)
         if distance:
-            # With rounded inner corners the path is where a larger circle still fits.
-            room = distance + self.task.operation.corner_radius
+            # With rounded inner corners the path is where a larger circle still fits. A slot that
+            # is as wide as the tool is too narrow (docs/planning.md).
+            room = distance + self.task.operation.corner_radius + _ROOM_MM
             wall_distance = self._distance_to_walls(points + room * normal, contour, room)
             open_ = wall_distance >= room - _REACH_MM
         centre = points + distance * normal
@@ -385,17 +358,19 @@ class ContourChecker:
     def _distance_to_walls(self, points: FloatArray, contour: IntArray, reach: float) -> FloatArray:
         """(N,) distance of points from what the tool keeps clear of, up to `reach` mm."""
         if self.task.kept_clear.any():
-            return self._all_pieces().find(points, reach).distance
+            return self.all_pieces().find(points, reach).distance
         first = np.searchsorted(self.pieces.owner, np.arange(len(self.drawing.contours) + 1))
         lists = Ragged(np.arange(len(self.pieces)), first[:-1], np.diff(first))
         return find_nearest(points, contour, self.pieces, lists).distance
 
 
-def _stretch_of(chain: IntArray, chosen: BoolArray) -> tuple[IntArray, IntArray]:
-    """Per chain the places of its first and its last motion in the mask `chosen` (W,)."""
-    count = int(chain.max(initial=-1)) + 1
-    first, last = np.full(count, len(chain)), np.full(count, -1)
-    place = np.flatnonzero(chosen)
-    np.minimum.at(first, chain[place], place)
-    np.maximum.at(last, chain[place], place)
-    return first, last
+def _join_ends(right: BoolArray, first: IntArray, size: int) -> BoolArray:
+    """(W,) whether motions are right half-way, at their end and at their start.
+
+    right: (2 W + F,) for the middles, the ends, and the starts of the motions `first` (F,). The
+        others start where the motion before them ends.
+    """
+    middle, end = right[:size], right[size : 2 * size]
+    start = np.append(True, end[:-1])
+    start[first] = right[2 * size :]
+    return np.asarray(middle & end & start)

@@ -21,14 +21,6 @@ def find_levels(task: Task, motions: Motions, rows: IntArray, slack: float) -> I
     return np.where(exact, index, -1)
 
 
-def raised_levels(task: Task, motions: Motions, rows: IntArray, chain: IntArray) -> IntArray:
-    """(W,) index of the pass to which the deepest motion of each chain belongs."""
-    heights = -np.array(task.depths)
-    deepest = np.full(int(chain.max(initial=-1)) + 1, np.inf)
-    np.minimum.at(deepest, chain, motions.end[rows, 2])
-    return np.asarray(np.abs(deepest[chain][:, None] - heights).argmin(axis=1))
-
-
 def tab_top(task: Task) -> float:
     """Height of the top of the tabs in the work frame, mm; negative infinity without tabs."""
     operation = task.operation

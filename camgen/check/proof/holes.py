@@ -100,14 +100,47 @@ def check_drilled(
         at = rows[(hole == index) & (motions.end[rows, 2] == deepest[index])]
         what = f"ends {-deepest[index]:.4g} mm deep in hole {name}, the job asks for {depth:.4g}"
         findings.add(motions, int(at[0]), what)
-    feed = task.job.process.feed
-    cuts = (motions.end[rows, 2] < motions.start[rows, 2] - limit) & (motions.end[rows, 2] < -limit)
-    fast = cuts & (motions.speed[rows] > feed + rounding.speed + 1e-3 * feed)
-    # Between pecks the tool returns quickly to just above where it was.
-    deeper = motions.end[rows, 2] < _deepest_before(motions, rows, hole) - limit
-    for row in rows[fast & deeper & (hole >= 0)][:1].tolist():
-        findings.add(motions, row, f"drills at {motions.speed[row]:.4g} mm/s, the feed is {feed:g}")
+    _check_strokes(task, motions, rows[hole >= 0], hole[hole >= 0], (limit, rounding), findings)
     return contact, done
+
+
+def _check_strokes(
+    task: Task,
+    motions: Motions,
+    rows: IntArray,
+    hole: IntArray,
+    limits: tuple[float, Rounding],
+    findings: Findings,
+) -> None:
+    """Finds motions into new depth at another feed, from too high, or deeper than a peck.
+
+    hole: (W,) index of the hole of each of the motions `rows`.
+    limits: deviation of a height, mm, and the rounding of the text.
+    """
+    limit, rounding = limits
+    process, operation = task.job.process, task.operation
+    feed = process.feed
+    start, end = motions.start[rows, 2], motions.end[rows, 2]
+    before = _deepest_before(motions, rows, hole)
+    # Between pecks the tool returns quickly to just above where it was.
+    deeper = (end < start - limit) & (end < before - limit)
+    off = np.abs(motions.speed[rows] - feed) > rounding.speed + 1e-3 * feed
+    for row in rows[deeper & off][:1].tolist():
+        findings.add(motions, row, f"drills at {motions.speed[row]:.4g} mm/s, the feed is {feed:g}")
+    # Down to the part, and back to the bottom, with the feed or quickly through air.
+    quick = motions.joint[rows] | (
+        np.abs(motions.speed[rows] - process.travel_speed) <= rounding.speed + 1e-3 * feed
+    )
+    returns = (end < start - limit) & (end < process.approach - limit) & ~deeper
+    for row in rows[returns & off & ~(quick & (end < -limit))][:1].tolist():
+        what = f"goes down at {motions.speed[row]:.4g} mm/s, the feed is {feed:g}"
+        findings.add(motions, row, what)
+    highest = np.maximum(process.approach, before) + limit
+    for row in rows[deeper & (start > highest)][:1].tolist():
+        findings.add(motions, row, "drills from above process.approach")
+    peck = operation.depth / operation.passes
+    for row in rows[deeper & (before - end > peck + limit)][:1].tolist():
+        findings.add(motions, row, f"drills deeper at once than {peck:.4g} mm")
 
 
 def _deepest_before(motions: Motions, rows: IntArray, hole: IntArray) -> FloatArray:

@@ -118,14 +118,14 @@ def _nearest_pairs(
     return Nearest(least, piece[best], feet.side[best])
 
 
-def measure_ends(points: FloatArray, middles: Nearest, pieces: Pieces) -> Nearest:
+def measure_ends(points: FloatArray, middles: Nearest, first: IntArray, pieces: Pieces) -> Nearest:
     """Measures the ends of motions beside the piece that is nearest half-way.
 
-    points: (3 N, 2) middles, ends and starts of N motions.
+    points: (2 N + F, 2) middles and ends of N motions, and starts of the motions `first` (F,).
     middles: nearest pieces of the N middles.
     """
     count = len(middles.piece)
-    piece = np.tile(middles.piece, 2)
+    piece = np.concatenate([middles.piece, middles.piece[first]])
     feet = find_feet(points[count:], pieces, np.maximum(piece, 0))
     distance = np.where(piece >= 0, feet.distance, np.inf)
     return Nearest(

@@ -9,6 +9,7 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.check.proof.pieces import BoolArray, IntArray, Pieces, arcs_through
+from camgen.model.cell import Dynamics
 from camgen.model.pose import FloatArray
 from camgen.model.program import Columns, Instruction, MoveC, MoveJ, Output
 
@@ -27,6 +28,17 @@ class Rounding(Struct, frozen=True):
     speed: float
 
 
+class Controller(Struct, frozen=True):
+    """The controller of a text, as far as the proof has to know it.
+
+    pace: the way in which it passes corners.
+    stated: words for what its texts state, such as "orientation" (`camgen.post.verify.COMPARED`).
+    """
+
+    pace: Dynamics
+    stated: frozenset[str]
+
+
 class Motions(Struct, frozen=True, eq=False):
     """M motions of one text, in order. Positions in the work frame, mm.
 
@@ -37,6 +49,7 @@ class Motions(Struct, frozen=True, eq=False):
     plane: the same seen from above, as pieces; `owner` is the path.
     path: (M,) index of the path in the program, or -1. It is a hint only: nothing is proven by it.
     speed: (M,) mm/s.
+    blend: (M,) distance from the end at which rounding may begin, mm; 0 for a stop.
     force: (M,) N.
     force_direction: (M, 3) unit vector towards the surface.
     rotation: (M,) index into `axes` of the rotation at the end, -1 if only joints are known.
@@ -53,6 +66,7 @@ class Motions(Struct, frozen=True, eq=False):
     plane: Pieces
     path: IntArray
     speed: FloatArray
+    blend: FloatArray
     force: FloatArray
     force_direction: FloatArray
     rotation: IntArray
@@ -96,6 +110,7 @@ def tabulate(
         plane=arcs_through(start[:, :2], via[:, :2], end[:, :2], path),
         path=path,
         speed=columns.speed,
+        blend=columns.blend,
         force=columns.force,
         force_direction=columns.force_direction,
         rotation=columns.rotation.astype(np.intp),

@@ -15,6 +15,8 @@ from camgen.model.pose import FloatArray
 _CHORD_MM = 1e-3
 #: Sagitta where it is decided whether a contour crosses itself, mm.
 _FINE_CHORD_MM = 1e-6
+#: A contour with more neighbours than these, and no more pieces, is tested piece by piece.
+_MANY = 256
 #: Places of a contour, as shares of its pieces, at which it is decided whether it lies inside.
 _PROBES = (0.0, 0.5)
 
@@ -23,12 +25,14 @@ class Nesting(Struct, frozen=True, eq=False):
     """Contours of a drawing in relation to each other.
 
     depth: (C,) number of closed contours around each contour.
-    near: (N, 2) pairs of contours whose bounding boxes are within the distance that was asked for,
-        each pair twice.
+    enclosed: (E, 2) pairs of a contour and a closed one around it.
+    near: (N, 2) pairs of contours whose bounding boxes are within twice the distance that was asked
+        for, each pair twice. A contour around many others has only those near to one of its pieces.
     inside_left: (C,) whether the inside of a closed contour is on the left of its direction.
     """
 
     depth: IntArray
+    enclosed: IntArray
     near: IntArray
     inside_left: BoolArray
 
@@ -52,7 +56,25 @@ def nest(pieces: Pieces, closed: BoolArray, distance: float) -> Nesting:
     around &= closed[pairs[:, 1]]
     enclosed = _select_enclosed(pieces, pairs[around])
     depth = np.bincount(enclosed[:, 0], minlength=count)
-    return Nesting(depth, pairs, _areas(pieces, count) > 0)
+    pairs = _keep_near(pieces, boxes, pairs, 2 * distance)
+    return Nesting(depth, enclosed, pairs, enclosed_areas(pieces, count) > 0)
+
+
+def _keep_near(pieces: Pieces, boxes: FloatArray, pairs: IntArray, distance: float) -> IntArray:
+    """The pairs without those of a contour around many others that are far from all its pieces."""
+    kept = np.ones(len(pairs), np.bool_)
+    left, bottom, right, top = boxes.T.copy()
+    for index in np.flatnonzero(np.bincount(pairs[:, 0]) > _MANY).tolist():
+        rows = np.flatnonzero(pieces.owner == index)
+        if len(rows) > _MANY:
+            continue
+        near = np.zeros(len(boxes), np.bool_)
+        for low_x, low_y, high_x, high_y in pieces.boxes[rows].tolist():
+            meets = (left <= high_x + distance) & (right >= low_x - distance)
+            near |= meets & (bottom <= high_y + distance) & (top >= low_y - distance)
+        kept &= (pairs[:, 0] != index) | near[pairs[:, 1]]
+        kept &= (pairs[:, 1] != index) | near[pairs[:, 0]]
+    return pairs[kept]
 
 
 def contour_boxes(pieces: Pieces, count: int) -> FloatArray:
@@ -70,7 +92,7 @@ def _first_rows(owner: IntArray) -> IntArray:
     return np.flatnonzero(np.append(True, owner[1:] != owner[:-1]))
 
 
-def _areas(pieces: Pieces, count: int) -> FloatArray:
+def enclosed_areas(pieces: Pieces, count: int) -> FloatArray:
     """(C,) enclosed areas, mm2, positive if the contour runs counter-clockwise."""
     start, end = pieces.start, pieces.end
     origin = start[_first_rows(pieces.owner)] if len(pieces) else start
@@ -127,6 +149,7 @@ def find_unclear(pieces: Pieces, chosen: BoolArray, near: IntArray) -> BoolArray
 def crosses_itself(pieces: Pieces, contour: int) -> bool:
     """Whether a closed contour crosses itself, however little."""
     ring = flatten(pieces.take(pieces.owner == contour), _FINE_CHORD_MM)
+    ring[-1] = ring[0]
     return len(ring) > 3 and not shapely.is_valid(shapely.polygons(shapely.linearrings(ring)))
 
 
@@ -155,4 +178,6 @@ def flatten(pieces: Pieces, chord: float = _CHORD_MM) -> FloatArray:
     rows = np.repeat(np.arange(len(pieces)), counts)
     place = np.arange(len(rows)) - np.repeat(np.cumsum(counts) - counts, counts)
     points = points_along(pieces, rows, place / counts[rows])
+    # The ends of pieces are exact, so that a ring does not cross itself by a rounding.
+    points[place == 0] = pieces.start[rows[place == 0]]
     return np.concatenate([points, pieces.end[-1:]])

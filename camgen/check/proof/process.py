@@ -3,16 +3,25 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
 from camgen.check.proof.contours import SHORT_MM, Matched, find_rolling, may_roll
 from camgen.check.proof.findings import Findings
 from camgen.check.proof.motions import Motions, Rounding
-from camgen.check.proof.pieces import BoolArray, IntArray
+from camgen.check.proof.pieces import (
+    BoolArray,
+    IntArray,
+    dot,
+    find_shares,
+    normals_along,
+    points_along,
+)
 from camgen.check.proof.tasks import Drawing, Task
 from camgen.model.job import Job, ProcessTable
 from camgen.model.pose import FloatArray
+from camgen.model.program import Columns, Instruction, Output, Wait
 
 #: The tool's centre is never slower than this share of the feed (docs/follow.md).
 _SLOWEST = 0.02
@@ -20,6 +29,10 @@ _SLOWEST = 0.02
 _SHARP = math.radians(15.0)
 #: A feed may differ by this share: a text gives it with a few digits.
 _FEED_SHARE = 1e-3
+#: Angle, rad, by which the digits of a text may turn a direction, and a chord at most.
+_TURN, _MOST_TURN = 0.02, 0.35
+#: A wait may differ by this, s: a text gives it with a few digits.
+_DWELL_S = 1e-2
 #: The orientation and the direction of a force may differ by this angle, rad.
 _ANGLE = 1e-3
 
@@ -38,12 +51,17 @@ def plunge_speed(process: ProcessTable) -> float:
 
 def check_outputs(task: Task, motions: Motions, rows: IntArray, findings: Findings) -> None:
     """Finds motions that work with the process output off, or at another spindle speed."""
-    process = task.job.process
-    signal = process_signal(process)
+    signal = process_signal(task.job.process)
     if signal:
         off = rows[~motions.on[rows]]
         for row in off[:1].tolist():
             findings.add(motions, row, f"works with output {signal} off")
+    check_spindle(task, motions, rows, findings)
+
+
+def check_spindle(task: Task, motions: Motions, rows: IntArray, findings: Findings) -> None:
+    """Finds motions during which the spindle does not turn at the speed of the job."""
+    process = task.job.process
     if process.spindle > 0:
         turning = np.abs(motions.spindle[rows] - process.spindle) <= 1e-3 * process.spindle
         switched = (motions.spindle[rows] == 1.0) & ~turning
@@ -53,6 +71,33 @@ def check_outputs(task: Task, motions: Motions, rows: IntArray, findings: Findin
         for row in rows[~turning][:1].tolist():
             what = f"works at {motions.spindle[row]:g} rpm, process.spindle is {process.spindle:g}"
             findings.add(motions, row, what)
+
+
+def check_dwells(
+    job: Job, body: Sequence[Instruction], of_task: BoolArray, findings: Findings
+) -> None:
+    """Finds an output or spindle that is switched on without the wait of `process.dwell`.
+
+    of_task: (M,) which motions belong to the task; an output belongs to the motion after it.
+    """
+    columns = Columns(body)
+    signal = process_signal(job.process)
+    names = {"spindle", signal} - {""}
+    on = columns.alike(Output, lambda item: item.signal in names and item.value > 0)
+    places = np.flatnonzero(on)
+    following = np.searchsorted(columns.at, places)
+    kept = np.append(of_task, False)[following]
+    places, following = places[kept], following[kept]
+    # Waits between the output and the motion after it.
+    seconds = np.zeros(len(body) + 1)
+    waits = np.flatnonzero(columns.are(Wait))
+    seconds[waits + 1] = [item.seconds for item in columns.pick(waits)]
+    total = np.cumsum(seconds)
+    waited = total[columns.at[following]] - total[places]
+    for index in np.flatnonzero(np.abs(waited - job.process.dwell) > _DWELL_S)[:1].tolist():
+        name = body[int(places[index])].signal  # type: ignore[union-attr]
+        what = f"output {name} is switched on with a wait of {waited[index]:g} s"
+        findings.miss(f"{what}, process.dwell is {job.process.dwell:g} s")
 
 
 def is_switched_in_air(job: Job) -> bool:
@@ -194,3 +239,65 @@ def check_forces(task: Task, motions: Motions, matched: Matched, findings: Findi
     for index in np.flatnonzero(off)[:1].tolist():
         what = f"presses with {force[index]:g} N, the job asks for {wanted[index]:g} N"
         findings.add(motions, int(rows[index]), what)
+
+
+def check_tool_turns(
+    task: Task,
+    drawing: Drawing,
+    motions: Motions,
+    matched: Matched,
+    limit: float,
+    findings: Findings,
+) -> None:
+    """Finds motions at whose end tool x does not point at the contour (`tool.orient`).
+
+    limit: distance, mm, that a motion may have from its place in the drawing.
+    """
+    tool = task.job.tool
+    if tool.orient != "follow" or tool.symmetric or tool.turn is not None:
+        return
+    rows, towards, least = _directions_to(drawing, motions, matched, limit)
+    points = motions.axes[np.maximum(motions.rotation[rows], 0), :2, 0]
+    off = (motions.rotation[rows] >= 0) & (dot(points, towards) < least)
+    for index in np.flatnonzero(off)[:1].tolist():
+        findings.add(motions, int(rows[index]), "ends with tool x away from the contour")
+
+
+def check_force_directions(
+    task: Task,
+    drawing: Drawing,
+    motions: Motions,
+    matched: Matched,
+    limit: float,
+    findings: Findings,
+) -> None:
+    """Finds motions that press in another direction than that of the contour.
+
+    limit: distance, mm, that a motion may have from its place in the drawing.
+    """
+    if not task.job.process.force:
+        return
+    rows, towards, least = _directions_to(drawing, motions, matched, limit)
+    off = (motions.force[rows] > 0) & (dot(motions.force_direction[rows, :2], towards) < least)
+    for index in np.flatnonzero(off)[:1].tolist():
+        findings.add(motions, int(rows[index]), "presses away from the contour")
+
+
+def _directions_to(
+    drawing: Drawing, motions: Motions, matched: Matched, limit: float
+) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Directions to the contour at the end of each motion along one that is not short.
+
+    Returns (N,) the motions, (N, 2) unit vectors, and (N,) the least cosine to be within limits.
+    """
+    plane, pieces = motions.plane, drawing.pieces
+    places = np.flatnonzero(matched.follows & (plane.length[matched.rows] >= SHORT_MM))
+    rows, piece = matched.rows[places], matched.piece[places]
+    middle = plane.middle[rows]
+    share = np.clip(find_shares(middle, pieces, piece), 0.0, 1.0)
+    to_contour = points_along(pieces, piece, share) - middle
+    on_left = np.sign(dot(normals_along(plane, rows, np.full(len(rows), 0.5)), to_contour))
+    towards = normals_along(plane, rows, np.ones(len(rows))) * on_left[:, None]
+    # A chord that leaves its arc by s turns away from it by 4 s / length.
+    turn = _TURN + np.minimum(4 * limit / plane.length[rows], _MOST_TURN)
+    return rows, towards, np.cos(turn)

@@ -15,7 +15,7 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.check.proof.nesting import nest
+from camgen.check.proof.nesting import Nesting, nest
 from camgen.check.proof.pieces import BoolArray, IntArray, Pieces, drawn_pieces
 from camgen.model.job import Choice, Job, OperationTable
 from camgen.model.page import page_size
@@ -64,6 +64,7 @@ class Task(Struct, frozen=True, eq=False):
     distances: distances of the tool's centre from the contours, mm, the one of the last pass last.
     depths: depths of the passes below the top face, mm, in order.
     near: (N, 2) pairs of contours that come near to each other, for `kept_clear`.
+    enclosed: (E, 2) pairs of a contour and a closed one around it, where nesting decides the sides.
     """
 
     number: int
@@ -75,6 +76,7 @@ class Task(Struct, frozen=True, eq=False):
     distances: tuple[float, ...]
     depths: tuple[float, ...]
     near: IntArray
+    enclosed: IntArray
 
     @property
     def operation(self) -> OperationTable:
@@ -178,11 +180,15 @@ def _make_task(
         kind = "trace"
     side = np.zeros(len(drawing.contours), np.intp)
     kept_clear = np.zeros(len(drawing.contours), np.bool_)
-    near = np.zeros((0, 2), np.intp)
+    near = enclosed = np.zeros((0, 2), np.intp)
     distances, depths = _distances(kind, job)
-    if kind in BESIDE:
-        side, kept_clear, near = _choose_sides(drawing, job, shown, max(distances))
-    return Task(number, kind, job, worked, kept_clear, side, distances, depths, near)
+    if kind in BESIDE and operation.side in ("left", "right"):
+        side = np.full(len(drawing.contours), 1 if operation.side == "left" else -1)
+    elif kind in BESIDE:
+        nesting = _nest_shown(drawing, shown, max(distances))
+        near, enclosed = nesting.near, nesting.enclosed
+        side, kept_clear = _choose_sides(drawing, operation.side, shown, nesting)
+    return Task(number, kind, job, worked, kept_clear, side, distances, depths, near, enclosed)
 
 
 def _distances(kind: str, job: Job) -> tuple[tuple[float, ...], tuple[float, ...]]:
@@ -202,23 +208,23 @@ def _distances(kind: str, job: Job) -> tuple[tuple[float, ...], tuple[float, ...
     return distances, tuple(depth * (k + 1) / passes for k in range(passes))
 
 
+def _nest_shown(drawing: Drawing, shown: BoolArray, distance: float) -> Nesting:
+    rows = (shown & drawing.closed)[drawing.pieces.owner]
+    pieces = drawing.pieces if rows.all() else drawing.pieces.take(rows)
+    return nest(pieces, drawing.closed, distance)
+
+
 def _choose_sides(
-    drawing: Drawing, job: Job, shown: BoolArray, distance: float
-) -> tuple[IntArray, BoolArray, IntArray]:
-    """The side of the tool at each contour, the contours to keep clear of, and the near pairs."""
-    side = job.operation.side
+    drawing: Drawing, side: str, shown: BoolArray, nesting: Nesting
+) -> tuple[IntArray, BoolArray]:
+    """The side of the tool at each contour, and the contours to keep clear of."""
     count = len(drawing.contours)
-    nothing = np.zeros(count, np.bool_)
-    if side in ("left", "right"):
-        return np.full(count, 1 if side == "left" else -1), nothing, np.zeros((0, 2), np.intp)
-    rows = shown[drawing.pieces.owner] & drawing.closed[drawing.pieces.owner]
-    nesting = nest(drawing.pieces.take(rows), drawing.closed, distance)
     inside = np.full(count, side == "inside")
+    kept_clear = np.zeros(count, np.bool_)
     if side == "auto":
         inside = nesting.depth % 2 == 1
-    left = inside == nesting.inside_left
-    kept_clear = shown & drawing.closed if side == "auto" else nothing
-    return np.where(left, 1, -1), kept_clear, nesting.near
+        kept_clear = shown & drawing.closed
+    return np.where(inside == nesting.inside_left, 1, -1), kept_clear
 
 
 # Contours of several operations.

@@ -4,10 +4,8 @@ A saboteur changes one function of planning, ordering, lowering, a pass or a pos
 end with exit code 4, or 3 if the stock proof comes first, and with a line that names a place.
 """
 
-import importlib
 import re
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,45 +15,23 @@ from msgspec.structs import replace
 import camgen
 from camgen.model.body import Body
 from camgen.model.errors import NoSafeProgram, VerifyError
-from camgen.model.program import MoveL, Output, Program
+from camgen.model.program import MoveL, Output
+from tests.support.sabotage import (
+    PARTS,
+    Patch,
+    change_program,
+    change_result,
+    module,
+    with_columns,
+)
 
-PARTS = Path(__file__).parents[3] / "fixtures" / "parts"
 MILL: dict[str, Any] = {
     "operation": {"depth": 2.0, "passes": 2},
     "process": {"spindle": 9000.0, "feed": 15.0},
     "tool": {"diameter": 4.0},
 }
-Patch = pytest.MonkeyPatch
 #: mm.
 SHIFT = np.array([0.1, 0.0, 0.0])
-
-
-def module(name: str) -> Any:
-    return importlib.import_module(f"camgen.{name}")
-
-
-def change_result(patch: Patch, where: str, name: str, change: Callable[[Any], Any]) -> None:
-    """Replaces a function of a module by one whose result is changed."""
-    target = module(where)
-    original = getattr(target, name)
-
-    def changed(*given: Any, **named: Any) -> Any:
-        return change(original(*given, **named))
-
-    patch.setattr(target, name, changed)
-
-
-def change_program(patch: Patch, change: Callable[[Body], Body]) -> None:
-    """Changes the body of the program that `lower` makes."""
-
-    def changed(program: Program) -> Program:
-        return program.with_body(change(program.body))
-
-    change_result(patch, "build", "lower", changed)
-
-
-def with_columns(body: Body, **columns: Any) -> Body:
-    return Body(replace(body.packed, **columns), body.rotations, body.objects)
 
 
 def shift(patch: Patch) -> None:
