@@ -85,6 +85,9 @@ def _judge_follow(case: Case, shapes: list[Shape], runs: list[Run]) -> None:
         number = _find_ring(case, run, rings)
         shape, ring = shapes[number], rings[number]
         contour = _split_leads(case, run, ring, shapes)
+        before, after = run.pieces.index(contour[0]), run.pieces.index(contour[-1]) + 1
+        slack = _LENGTH_MM + _find_touching(case, run.pieces[:before], "lead_in")
+        slack += _find_touching(case, run.pieces[after:], "lead_out")
         travelled = _measure_travel(case, contour, ring, shape)
         has_pressed = False
         for piece in contour:
@@ -97,7 +100,7 @@ def _judge_follow(case: Case, shapes: list[Shape], runs: list[Run]) -> None:
         else:
             level = _find_level(case, contour)
             wanted = ring.length + case.setting("operation", "overlap")
-            if abs(travelled - wanted) > _LENGTH_MM:
+            if abs(travelled - wanted) > slack:
                 message = f"{shape.name} is run for {travelled:.3f} mm, not {wanted:.3f} mm"
                 raise contour[-1].complain(message)
         key = (number, level)
@@ -165,10 +168,7 @@ def _check_lead(
     """Checks a quarter circle of the given length beside the part, tangent to the curve."""
     wanted = case.setting("operation", key)
     length = sum(piece.length for piece in lead)
-    # The first chord of a quarter circle may be as near to the curve as a motion along it.
-    chord = case.setting("tolerance", "chord") if len(lead) > 1 else 0.0
-    touching = math.sqrt(8.0 * chord * wanted / (math.pi / 2.0))
-    if abs(length - wanted) > _LENGTH_MM + touching:
+    if abs(length - wanted) > _LENGTH_MM + _find_touching(case, lead, key):
         raise neighbour.complain(f"{key} of {length:.3f} mm, not {wanted:g} mm")
     if not lead:
         return
@@ -182,8 +182,9 @@ def _check_lead(
     far = lead[-1] if key == "lead_out" else lead[0]
     corner, turning = _end_directions(lead, neighbour, key)
     # The chords that the job allows leave a quarter circle by half of the angle that each spans.
+    chord = case.setting("tolerance", "chord") if len(lead) > 1 else 0.0
     half = math.acos(1.0 - chord / (wanted / (math.pi / 2.0)))
-    if corner > math.radians(6.0) + half:
+    if corner > math.radians(6.0) + 2.0 * half:
         raise far.complain("a lead that is not tangent to its curve")
     if abs(turning - math.pi / 2.0) > math.radians(12.0) + 2.0 * half:
         raise far.complain("a lead that is not a quarter circle")
@@ -192,6 +193,15 @@ def _check_lead(
         _check_speed(piece, speed)
         if piece.motion.force:
             raise piece.complain("force on a lead")
+
+
+def _find_touching(case: Case, lead: list[Piece], key: str) -> float:
+    """Length of a lead made of chords, mm, that may be as near to the curve as a motion along it.
+
+    That is its first chord.
+    """
+    chord = case.setting("tolerance", "chord") if len(lead) > 1 else 0.0
+    return math.sqrt(8.0 * chord * case.setting("operation", key) / (math.pi / 2.0))
 
 
 def _end_directions(lead: list[Piece], neighbour: Piece, key: str) -> tuple[float, float]:

@@ -35,21 +35,21 @@ from camgen.check.proof.passes import (
 )
 from camgen.check.proof.pieces import BoolArray, IntArray
 from camgen.check.proof.process import (
-    check_dwells,
     check_feeds,
     check_force_directions,
     check_forces,
     check_joint_motions,
     check_orientation,
     check_outputs,
+    check_switches,
     check_tool_turns,
     process_signal,
 )
 from camgen.check.proof.slopes import SlopeChecker, TabChecker
 from camgen.check.proof.tasks import BESIDE, Drawing, Task, lay_drawing, make_tasks
-from camgen.check.proof.travel import Phases, check_travel, split_phases
+from camgen.check.proof.travel import Phases, check_rest, check_travel, split_phases
 from camgen.check.proof.visits import Laps, find_laps, find_reached, number_visits
-from camgen.model.job import Job
+from camgen.model.job import Job, ProcessTable
 from camgen.model.part import Note, Part
 from camgen.model.program import Instruction, Origin
 
@@ -123,7 +123,7 @@ def prove_motion(
     if part.solid is not None or part.curves:
         return _prove_space(part, job, programs, Named.of(notes), rounding)
     drawing = lay_drawing(part, job)
-    context = _Context(drawing, Named.of(notes), rounding, controller)
+    context = _Context(drawing, Named.of(notes), rounding, controller, {})
     totals = _Count(drawing)
     findings: list[tuple[str, Finding]] = []
     unproven: list[str] = []
@@ -138,8 +138,9 @@ def prove_motion(
             _prove_task(task, program, context, totals, differences)
         findings += [(runs[0].file, item) for item in differences.items]
         unproven += differences.unproven
-    for program in programs if job.operations else ():
-        differences = _check_unowned(program, job, rounding)
+    for program in programs:
+        differences = Findings()
+        _check_whole(program, job, context, differences)
         findings += [(program.file, item) for item in differences.items]
     findings.sort(key=lambda pair: (pair[1].line == 0, pair[1].line))
     done = totals.done
@@ -216,12 +217,28 @@ class Named(NamedTuple):
 
 
 class _Context(NamedTuple):
-    """Values that all tasks share: the drawing, the ids in notes, the text and its controller."""
+    """Values that all tasks share.
+
+    drawing: the contours of the part.
+    named: ids in notes.
+    rounding: rounding of the numbers of the texts.
+    controller: the controller of the texts, if it is known.
+    tables: the motions of each program by its name and by the output that is the signal.
+    """
 
     drawing: Drawing
     named: Named
     rounding: Rounding
     controller: Controller | None
+    tables: dict[tuple[str, str], Motions]
+
+    def tabulate(self, program: Program, process: ProcessTable) -> Motions:
+        """The motions of a program, with the output of `process` as the signal."""
+        signal = process_signal(process)
+        key = program.file, signal
+        if key not in self.tables:
+            self.tables[key] = tabulate(program.body, program.lines, program.path, signal)
+        return self.tables[key]
 
 
 class _Count:
@@ -256,7 +273,7 @@ def _prove_task(
 ) -> None:
     drawing = context.drawing
     signal = process_signal(task.job.process)
-    motions = tabulate(program.body, program.lines, program.path, signal)
+    motions = context.tabulate(program, task.job.process)
     of_task = _of_task(program, task)[motions.path]
     slack = 2 * context.rounding.mm + _SLACK_MM
     phases = split_phases(motions, task.job.process, slack)
@@ -269,7 +286,7 @@ def _prove_task(
     if not task.job.process.stay_down:
         check_outputs(task, motions, rows, findings)
     check_orientation(task.job, motions, rows, findings)
-    check_dwells(task.job, program.body, of_task, findings)
+    check_switches(task.job, program.body, of_task, findings)
     DescentChecker(task, motions, phases, of_task, slack, context.rounding).check(findings)
     if context.controller is not None:
         goes_on = (np.diff(phases.chain) == 0) & (phases.works & of_task)[:-1]
@@ -289,15 +306,17 @@ def _prove_task(
     totals.done |= done
 
 
-def _check_unowned(program: Program, job: Job, rounding: Rounding) -> Findings:
-    """Finds motions that belong to no path of a job with several operations, and work."""
-    findings = Findings()
-    motions = tabulate(program.body, program.lines, program.path, "")
-    lowest = min((step.process for step in job.operations), key=lambda process: process.clearance)
-    phases = split_phases(motions, lowest, 2 * rounding.mm + _SLACK_MM)
-    for row in np.flatnonzero(phases.works & (program.path < 0))[:1].tolist():
-        findings.add(motions, row, "works, and belongs to no path")
-    return findings
+def _check_whole(program: Program, job: Job, context: _Context, findings: Findings) -> None:
+    """Finds motions of a program that belong to no path and work, or leave the rest position low."""
+    slack = 2 * context.rounding.mm + _SLACK_MM
+    processes = [step.process for step in job.operations] or [job.process]
+    lowest = min(processes, key=lambda process: process.clearance)
+    motions = context.tabulate(program, lowest)
+    phases = split_phases(motions, lowest, slack)
+    if job.operations:
+        for row in np.flatnonzero(phases.works & (program.path < 0))[:1].tolist():
+            findings.add(motions, row, "works, and belongs to no path")
+    check_rest(motions, phases, lowest.clearance - slack, findings)
 
 
 def _why_not(task: Task, part: Part, slack: float) -> str:
@@ -380,8 +399,8 @@ def _prove_contours(subject: _Subject, findings: Findings) -> _Result:
     strange = ~matched.follows & ~leading & ~matched.rounds
     for index in np.flatnonzero(strange)[:1].tolist():
         findings.add(motions, int(rows[index]), "works where nothing is drawn to be worked")
-    laps = _check_laps(subject, leads, levels, findings)
-    checker.check_direction(matched, levels >= 0, findings)
+    laps, directed = _check_laps(subject, leads, levels, findings)
+    checker.check_direction(matched, directed, findings)
     check_pass_order(checker, matched, levels, findings)
     check_inside_first(checker, matched, findings)
     checker.check_clear(matched, findings)
@@ -395,14 +414,18 @@ def _prove_contours(subject: _Subject, findings: Findings) -> _Result:
 
 def _check_laps(
     subject: _Subject, leads: LeadChecker, levels: IntArray, findings: Findings
-) -> Laps | None:
-    """Checks leads, overlaps, slopes and tabs; None if the job asks for nothing of these."""
+) -> tuple[Laps | None, BoolArray]:
+    """Checks leads, overlaps, slopes and tabs.
+
+    Returns the laps, or None if the job asks for nothing of these, and (W,) motions that have the
+    direction of their path: level ones, and ramps around it.
+    """
     task, drawing, motions = subject.task, subject.drawing, subject.motions
     operation, matched = task.operation, leads.matched
     has_ends = operation.lead_in or operation.lead_out or operation.overlap
     has_slopes = operation.entry != "plunge" or np.isfinite(tab_top(task))
     if not has_ends and not has_slopes and operation.passes == 1:
-        return None
+        return None, levels >= 0
     clearance = task.job.process.clearance
     visit = number_visits(motions, subject.phases, clearance, subject.slack)[matched.rows]
     laps = find_laps(task, motions, matched, visit, drawing.pieces.owner, subject.limit)
@@ -414,7 +437,7 @@ def _check_laps(
     slopes.check_linked(laps, findings)
     fewer = _laps_named(subject, matched, laps, names.tabs)
     TabChecker(task, drawing, motions, subject.slack).check(matched, laps, fewer, findings)
-    return laps
+    return laps, (levels >= 0) | slopes.goes_round(laps)
 
 
 def _check_directions(subject: _Subject, matched: Matched, findings: Findings) -> None:

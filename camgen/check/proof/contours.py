@@ -227,10 +227,10 @@ class ContourChecker:
         share = np.bincount(number, length * wrong) / np.maximum(np.bincount(number, length), 1e-9)
         return list(np.flatnonzero(wrong & (share[number] > 0.5))[:1].tolist())
 
-    def check_direction(self, matched: Matched, level: BoolArray, findings: Findings) -> None:
+    def check_direction(self, matched: Matched, directed: BoolArray, findings: Findings) -> None:
         """Finds motions against `operation.direction`. Climb: the part is on the right.
 
-        level: (W,) whether a motion runs at the depth of a pass, and not on a slope.
+        directed: (W,) whether a motion has to run in the direction of its path.
         """
         direction = self.task.operation.direction
         covered = matched.covered
@@ -240,8 +240,8 @@ class ContourChecker:
         left = self.task.tool_side[contour] > 0
         climbs = covered.forward == left
         place = np.searchsorted(matched.rows, covered.motion)
-        # A motion of no length has no direction, and a ramp may go back and forth.
-        judged = (covered.high > covered.low) & level[place]
+        # A motion of no length has no direction.
+        judged = (covered.high > covered.low) & directed[place]
         wrong = judged & (climbs != (direction == "climb"))
         short = self._are_ambiguous(matched, covered)
         first = np.flatnonzero(wrong & ~short)[:1].tolist()

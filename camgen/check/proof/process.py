@@ -73,16 +73,20 @@ def check_spindle(task: Task, motions: Motions, rows: IntArray, findings: Findin
             findings.add(motions, row, what)
 
 
-def check_dwells(
+def check_switches(
     job: Job, body: Sequence[Instruction], of_task: BoolArray, findings: Findings
 ) -> None:
-    """Finds an output or spindle that is switched on without the wait of `process.dwell`.
+    """Finds an output or spindle that is on at the end, or on without the wait of `process.dwell`.
 
     of_task: (M,) which motions belong to the task; an output belongs to the motion after it.
     """
     columns = Columns(body)
     signal = process_signal(job.process)
     names = {"spindle", signal} - {""}
+    for name in sorted(names):
+        values = [item.value for item in columns.of(Output) if item.signal == name]
+        if values and values[-1] != 0:
+            findings.miss(f"output {name} is on at the end of the program")
     on = columns.alike(Output, lambda item: item.signal in names and item.value > 0)
     places = np.flatnonzero(on)
     following = np.searchsorted(columns.at, places)

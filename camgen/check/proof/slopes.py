@@ -112,20 +112,22 @@ class SlopeChecker:
             findings,
         )
 
+    def goes_round(self, laps: Laps) -> BoolArray:
+        """(W,) motions of closed paths without leads, which ramps go down around (docs/follow.md)."""
+        operation, path = self.task.operation, self.motions.path[self.rows]
+        closed = np.zeros(int(path.max(initial=-1)) + 2, np.bool_)
+        if not (operation.lead_in or operation.lead_out or operation.overlap):
+            closed[path[laps.first]] = laps.closed
+        closed[-1] = False
+        return np.asarray(closed[path] & (operation.entry != "plunge"))
+
     def check_linked(self, laps: Laps, findings: Findings) -> None:
         """Finds ramps after a lift; the passes around a closed path without leads need none."""
-        operation = self.task.operation
-        if operation.entry == "plunge" or not len(laps.first):
-            return
-        if operation.lead_in or operation.lead_out or operation.overlap:
-            return
         path = self.motions.path[self.rows]
-        closed = np.zeros(int(path.max()) + 2, np.bool_)
-        closed[path[laps.first]] = laps.closed
-        closed[-1] = False
-        first = np.append(True, path[1:] != path[:-1])
-        begins = np.append(True, np.diff(self.rows) > 1) & ~first
-        self._report(begins & closed[path], "begins a pass of a closed path after a lift", findings)
+        lifted = np.append(True, np.diff(self.rows) > 1)
+        lifted &= ~np.append(True, path[1:] != path[:-1])
+        what = "begins a pass of a closed path after a lift"
+        self._report(lifted & self.goes_round(laps), what, findings)
 
     def _report(self, wrong: BoolArray, what: str, findings: Findings) -> None:
         for place in np.flatnonzero(wrong)[:1].tolist():

@@ -48,6 +48,25 @@ def split_phases(motions: Motions, process: ProcessTable, height_slack: float) -
     return Phases(known, upright, works, chain, first, works & ~after)
 
 
+def check_rest(motions: Motions, phases: Phases, clearance: float, findings: Findings) -> None:
+    """Finds a first, a last or another motion from or to the rest position below the clearance.
+
+    clearance: height of travel less the deviation of a height, mm. Motions to joint values without
+    a path go to the rest position.
+    """
+    unknown = np.isnan(motions.end[:, 0])
+    rests = unknown & (motions.path < 0)
+    low = motions.end[:, 2] < clearance
+    leaves = rests & np.append(False, low[:-1])
+    arrives = low & np.append(False, rests[:-1])
+    for row in np.flatnonzero(leaves)[:1].tolist():
+        findings.add(motions, row, "goes to the rest position from below process.clearance")
+    for row in np.flatnonzero(arrives)[:1].tolist():
+        findings.add(motions, row, "comes from the rest position to below process.clearance")
+    if len(motions) and low[-1] and not phases.works[-1]:
+        findings.add(motions, len(motions) - 1, "ends the program below process.clearance")
+
+
 def check_travel(
     motions: Motions, phases: Phases, signal: str, contact: BoolArray, findings: Findings
 ) -> None:

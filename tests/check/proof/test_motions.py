@@ -253,7 +253,7 @@ Case = tuple[Callable[[Patch], None], str, str, Mapping[str, Any], str]
 CASES: list[Case] = [
     (fast_plunge, "bracket.dxf", "gcode", MILL, "has a speed of 15 mm/s, the job asks for 5"),
     (without_approach, "bracket.dxf", "rapid", {}, "without a stop at process.approach"),
-    (low_retract, "bracket.dxf", "rapid", {}, "works|goes up to less than process.clearance"),
+    (low_retract, "bracket.dxf", "rapid", {}, "works|to less than process.clearance|from below"),
     (
         without_wait,
         "bracket.dxf",
