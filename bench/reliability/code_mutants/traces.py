@@ -259,7 +259,7 @@ def _read_vplus_motion(event: Event) -> Motion:
 def _read_pacscript(text: str) -> list[Step]:
     """The motion of a PacScript program; the branch that checks the unit of speed is not run."""
     steps: list[Step] = []
-    for event in pacscript.trace(text):
+    for event in pacscript.trace(_inline_subs(text)):
         if event[0] == "move":
             steps.append(_read_pacscript_motion(event))
         elif event[0] == "output":
@@ -269,6 +269,19 @@ def _read_pacscript(text: str) -> list[Step]:
         elif event[0] not in ("end", "leaves"):
             steps.append(Statement(_spell(event)))
     return steps
+
+
+def _inline_subs(text: str) -> str:
+    """The text with the lines of each `Sub` in the place of its one `Call`.
+
+    A `Sub` runs with the tool, the work frame and the speeds of its caller.
+    """
+    for name, body in re.findall(r"^Sub (\w+)\(.*\)\n((?:    .*\n)*)End Sub\n", text, re.M):
+        call = re.compile(rf"^    Call {name}\(.*\)\n", re.M)
+        if name != "Main" and len(call.findall(text)) == 1:
+            text = re.sub(rf"^Sub {name}\(.*\)\n(?:    .*\n)*End Sub\n", "", text, flags=re.M)
+            text = call.sub(lambda _match, lines=body: lines, text)
+    return text
 
 
 def _read_pacscript_motion(event: Event) -> Motion:

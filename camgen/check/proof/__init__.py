@@ -307,7 +307,7 @@ def _prove_task(
 
 
 def _check_whole(program: Program, job: Job, context: _Context, findings: Findings) -> None:
-    """Finds motions of a program that belong to no path and work, or leave the rest position low."""
+    """Finds motions that belong to no path and work, or go to or from the rest position low."""
     slack = 2 * context.rounding.mm + _SLACK_MM
     processes = [step.process for step in job.operations] or [job.process]
     lowest = min(processes, key=lambda process: process.clearance)

@@ -113,7 +113,7 @@ class SlopeChecker:
         )
 
     def goes_round(self, laps: Laps) -> BoolArray:
-        """(W,) motions of closed paths without leads, which ramps go down around (docs/follow.md)."""
+        """(W,) motions of closed paths without leads, which have ramps around them."""
         operation, path = self.task.operation, self.motions.path[self.rows]
         closed = np.zeros(int(path.max(initial=-1)) + 2, np.bool_)
         if not (operation.lead_in or operation.lead_out or operation.overlap):
