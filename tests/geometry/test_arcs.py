@@ -179,3 +179,16 @@ def test_a_circle_is_fitted_to_its_points(arc: Known, count: int) -> None:
     assert np.allclose(found.center, arc.centre, rtol=0, atol=near)
     assert found.radius == pytest.approx(arc.radius, abs=near)
     assert np.allclose(found.axis, arc.plane[:, 2], rtol=0, atol=1e-5)
+
+
+@pytest.mark.parametrize("size", [1.0, 100.0, 10_000.0])
+def test_points_in_space_that_leave_a_line_by_a_rounding_are_no_arc_at_any_size(
+    size: float,
+) -> None:
+    # The sine of the angle between both chords is 4e-10, less than the 1e-9 of a line.
+    start, end = (0.0, 0.0, 0.0), (size, 0.0, size)
+    via = (size / 2, math.sqrt(2) * size / 2 * 4e-10, size / 2)
+    with pytest.raises(ValueError, match="on one line"):
+        circle(start, via, end)
+    clear = (size / 2, math.sqrt(2) * size / 2 * 4e-9, size / 2)
+    assert circle(start, clear, end)[1] > 1e6 * size

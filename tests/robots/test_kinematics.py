@@ -13,7 +13,7 @@ from camgen.robots.chain import Joint
 from camgen.robots.kinematics.arms import Spherical, recognise
 from camgen.robots.kinematics.continuity import Choice, Stuck, follow
 from camgen.robots.kinematics.forward import flange, frames, set_out
-from camgen.robots.kinematics.inverse import inverse
+from camgen.robots.kinematics.inverse import inverse, nearest
 from camgen.robots.kinematics.joint_limits import copies, theta_of, turns, within
 from camgen.robots.kinematics.reasons import Reason, why
 from camgen.robots.kinematics.singular import from_singular
@@ -544,3 +544,17 @@ def test_links_set_out_as_differences_tell(name: str) -> None:
             assert np.allclose(
                 np.cross(turn, here) + shift, (places[0] - places[1]) / (2 * little), atol=1e-3
             )
+
+
+@pytest.mark.parametrize("name", ["Cobra s600", "3-axis mill"])
+def test_the_nearest_values_leave_sliding_joints_where_the_pose_has_them(name: str) -> None:
+    of = robot(name)
+    low, high = of.limits.T
+    values = low + 0.4 * (high - low)
+    rotations, origins = flange(of, values[None])
+    sliding = np.array([joint.sliding for joint in of.joints])
+    # 10 mm away, more than a whole turn would be if millimetres were radians.
+    guess = np.where(sliding, values + 10.0, values)
+    found = nearest(of, rotations, origins, guess[None])
+    assert found[0][sliding] == pytest.approx(values[sliding], abs=1e-9)
+    assert flange(of, found)[1] == pytest.approx(origins, abs=1e-9)

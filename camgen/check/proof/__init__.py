@@ -432,6 +432,7 @@ def _check_laps(
     names = subject.context.named
     leads.check(laps, _laps_named(subject, matched, laps, names.leads), findings)
     leads.check_overlap(laps, levels, findings)
+    leads.check_feeds(laps, subject.context.rounding.speed, findings)
     slopes = SlopeChecker(task, motions, matched.rows, laps.reached, subject.slack)
     slopes.check(visit, levels, findings)
     slopes.check_linked(laps, findings)

@@ -37,6 +37,8 @@ _TURN, _MOST_TURN = 0.02, 0.35
 #: Angles of a quarter circle that are examined, rad, and the room that the tool needs there, mm.
 _LEAD_ANGLES = np.linspace(0.4, math.pi / 2, 12)
 _CLEAR_ROOM_MM = 0.02
+#: A feed may differ by this share: a text gives it with a few digits.
+_FEED_SHARE = 1e-3
 #: Deviation of the length of a lead and of an overlap: mm, and a share.
 _LENGTH_MM, _LENGTH_SHARE = 0.05, 0.02
 
@@ -258,6 +260,26 @@ class LeadChecker:
             end = self._find_end(laps, name, nothing)
             part += (end.count > 1) * followed_part(end.wanted, self.checker.limit)
         return part
+
+    def check_feeds(self, laps: Laps, speed_slack: float, findings: Findings) -> None:
+        """Finds leads at another feed than that of the contour beside them, or the job's if lower.
+
+        speed_slack: rounding of a speed, mm/s.
+        """
+        rows, lap = self.matched.rows, laps.lap
+        feed, speed = self.task.job.process.feed, self.motions.speed
+        place = np.arange(len(rows))
+        leads = (lap >= 0) & ~self.matched.follows & ~self.matched.rounds
+        if not len(laps.first) or self.task.job.process.stay_down:
+            return
+        before, after = leads & (place < laps.first[lap]), leads & (place > laps.last[lap])
+        for chosen, edge in ((before, laps.first), (after, laps.last)):
+            wanted = np.minimum(speed[rows[edge[lap]]], feed)
+            off = chosen & (np.abs(speed[rows] - wanted) > speed_slack + _FEED_SHARE * feed)
+            for index in np.flatnonzero(off)[:1].tolist():
+                what = f"has a feed of {speed[rows[index]]:.4g} mm/s on a lead"
+                what += f", the job asks for {wanted[index]:.4g}"
+                findings.add(self.motions, int(rows[index]), what)
 
     # -- overlap
 

@@ -102,6 +102,17 @@ def straight_leads(patch: Patch) -> None:
     patch.setattr(module("order.leads"), "_lead", changed)
 
 
+def fast_leads(patch: Patch) -> None:
+    """Leads are run half as fast again as the job asks for."""
+    original = module("order.leads")._lead
+
+    def changed(path: Any, length: float, end: int, ring: bool, feed: float) -> Any:
+        faster = path.with_columns(feed=path.feed * 1.5)
+        return original(faster, length, end, ring, feed * 1.5)
+
+    patch.setattr(module("order.leads"), "_lead", changed)
+
+
 def no_place_for_leads(patch: Patch) -> None:
     """Leads are left out, with a note that there is no room for them."""
     patch.setattr(module("order.leads"), "_is_clear", lambda *_: False)
@@ -235,6 +246,7 @@ def swapped_side(patch: Patch) -> None:
 
 
 LEADS = milled(lead_in=3.0, lead_out=2.0)
+LEADS_IN_AIR = {"operation": {"lead_in": 3.0, "lead_out": 2.0}}
 RAMPS = milled(entry="ramp", entry_angle=10.0)
 TABS = milled(entry="ramp", entry_angle=10.0, tabs=3, tab_width=4.0, tab_height=1.0)
 FORCE = {
@@ -262,6 +274,7 @@ CASES: list[Case] = [
         "with a wait of 0 s, process.dwell is 1 s",
     ),
     (half_leads, "bracket.dxf", "gcode", LEADS, "has a lead_in of 1.500 mm"),
+    (fast_leads, "bracket.dxf", "rapid", LEADS_IN_AIR, "mm/s on a lead, the job asks for"),
     (straight_leads, "plate.dxf", "gcode", LEADS, "differs from a quarter circle|lead_in of 0.000"),
     (no_place_for_leads, "bracket.dxf", "gcode", LEADS, "although there is room for it"),
     (without_overlap, "bracket.dxf", "gcode", milled(overlap=2.0), "2 mm behind the seam|again"),
