@@ -447,7 +447,7 @@ def test_a_floor_runs_straight_on_between_its_waypoints() -> None:
 def test_neighbours_have_tabs_of_their_own() -> None:
     # The paths are 1 mm apart, nearer than the tool is wide.
     result = built([rectangle(0, 0, 60, 60, "c1"), rectangle(67, 0, 60, 60, "c2")], tabs=4)
-    (told,) = [note.what for note in result.notes if " tabs of " in note.what]
-    assert told.startswith("8 tabs of 5 x 1.5 mm on c")
+    (text,) = [note.what for note in result.notes if " tabs of " in note.what]
+    assert text.startswith("8 tabs of 5 x 1.5 mm on c")
     for number in (0, 1):
         assert len(bridges(result, -2.5 - 1e-6, number)) == 4

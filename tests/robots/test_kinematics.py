@@ -555,6 +555,6 @@ def test_the_nearest_values_leave_sliding_joints_where_the_pose_has_them(name: s
     sliding = np.array([joint.sliding for joint in of.joints])
     # 10 mm away, more than a whole turn would be if millimetres were radians.
     guess = np.where(sliding, values + 10.0, values)
-    found = nearest(of, rotations, origins, guess[None])
-    assert found[0][sliding] == pytest.approx(values[sliding], abs=1e-9)
-    assert flange(of, found)[1] == pytest.approx(origins, abs=1e-9)
+    solution = nearest(of, rotations, origins, guess[None])
+    assert solution[0][sliding] == pytest.approx(values[sliding], abs=1e-9)
+    assert flange(of, solution)[1] == pytest.approx(origins, abs=1e-9)

@@ -1,4 +1,4 @@
-"""Pieces of slanted motions, and the widest disc in what is left."""
+"""Pieces of slanted motions, and the widest disc of the excess."""
 
 import math
 
@@ -24,7 +24,7 @@ def test_a_piece_of_a_slanted_motion_goes_down_by_no_more_than_five_micrometres(
     assert fall / len(which) <= 0.005 + 1e-12
 
 
-def test_the_widest_disc_is_told_with_its_middle() -> None:
+def test_the_widest_disc_has_its_middle() -> None:
     narrow = shapely.box(0.0, 0.0, 50.0, 2.0)
     # Its sides slant, so that the disc touches them beside and above its middle.
     wide = shapely.Polygon([(100.0, 200.0), (105.0, 205.0), (110.0, 200.0), (105.0, 195.0)])
