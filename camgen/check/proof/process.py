@@ -154,7 +154,8 @@ def check_feeds(
     slack = rounding.speed + _FEED_SHARE * process.feed
     off = (speed < process.feed * low - slack) | (speed > process.feed * high + slack)
     slope = np.abs(motions.end[rows, 2] - motions.start[rows, 2]) > 1e-4
-    off &= ~(slope & (speed <= process.feed + slack))
+    # Down from a tab the speed may be lower (docs/follow.md): it is compared with the plunge.
+    off &= ~(slope & (speed <= process.feed * high + slack))
     if task.operation.entry != "plunge" or task.operation.tabs or process.force:
         slow = min(plunge_speed(process), process.feed)
         off &= ~(np.abs(speed - slow) <= slack)
