@@ -55,7 +55,11 @@ def main(shapes: list[int], runs: int) -> None:
             words = ["draw", str(drawing), str(count - 1 - slots), str(slots)]
             subprocess.run([sys.executable, "-m", "bench.speed.processes", *words], check=True)
             for post in POSTS:
-                pairs = [measure(drawing, post) for _ in range(runs)]
+                try:
+                    pairs = [measure(drawing, post) for _ in range(runs)]
+                except camgen.CamgenError as error:
+                    print(f"| {count} | {post} | refused: {str(error).partition(';')[0]} | | |")
+                    continue
                 proof = statistics.median(pair[0] for pair in pairs)
                 build = statistics.median(pair[1] for pair in pairs)
                 share = 100 * proof / build

@@ -312,11 +312,11 @@ def _check_whole(program: Program, job: Job, context: _Context, findings: Findin
     processes = [step.process for step in job.operations] or [job.process]
     lowest = min(processes, key=lambda process: process.clearance)
     motions = context.tabulate(program, lowest)
-    phases = split_phases(motions, lowest, slack)
     if job.operations:
-        for row in np.flatnonzero(phases.works & (program.path < 0))[:1].tolist():
+        works = split_phases(motions, lowest, slack).works
+        for row in np.flatnonzero(works & (program.path < 0))[:1].tolist():
             findings.add(motions, row, "works, and belongs to no path")
-    check_rest(motions, phases, lowest.clearance - slack, findings)
+    check_rest(motions, lowest.clearance - slack, findings)
 
 
 def _why_not(task: Task, part: Part, slack: float) -> str:

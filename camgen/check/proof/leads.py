@@ -82,6 +82,8 @@ class LeadChecker:
         matched, task, plane = self.matched, self.task, self.motions.plane
         operation, process = task.operation, task.job.process
         free = ~matched.follows
+        if not free.any():
+            return free
         begins, ends = _stretch_of(chain, matched.follows & level)
         place = np.arange(len(chain))
         before, after = free & (place < begins[chain]), free & (place > ends[chain])

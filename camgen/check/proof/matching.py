@@ -17,8 +17,8 @@ from camgen.check.proof.pieces import (
     BoolArray,
     IntArray,
     Pieces,
+    find_all_shares,
     find_feet,
-    find_shares,
 )
 from camgen.model.pose import FloatArray
 
@@ -183,8 +183,8 @@ class Covered(Struct, frozen=True, eq=False):
 
 def cover(motions: Pieces, rows: IntArray, piece: IntArray, pieces: Pieces) -> Covered:
     """The stretch of `piece` (N,) along which each of the motions `rows` (N,) runs."""
-    begin = find_shares(motions.start[rows], pieces, piece)
-    end = find_shares(motions.end[rows], pieces, piece)
+    ends = [motions.start[rows], motions.end[rows]]
+    begin, end = find_all_shares(ends, pieces, piece)
     low, high = np.minimum(begin, end), np.maximum(begin, end)
     return Covered(piece, np.clip(low, 0, 1), np.clip(high, 0, 1), begin <= end, rows)
 

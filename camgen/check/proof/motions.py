@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from operator import attrgetter
 
 import numpy as np
@@ -39,7 +40,7 @@ class Controller(Struct, frozen=True):
     stated: frozenset[str]
 
 
-class Motions(Struct, frozen=True, eq=False):
+class Motions(Struct, frozen=True, eq=False, dict=True):
     """M motions of one text, in order. Positions in the work frame, mm.
 
     line: (M,) line of the text, counted from 1.
@@ -77,11 +78,11 @@ class Motions(Struct, frozen=True, eq=False):
     def __len__(self) -> int:
         return len(self.line)
 
-    @property
+    @cached_property
     def upright(self) -> BoolArray:
         """(M,) whether the TCP moves up or down only, or not at all."""
-        step = np.abs(self.end[:, :2] - self.start[:, :2]).max(axis=1, initial=0.0)
-        return np.asarray((step <= UPRIGHT_MM) & (self.plane.turn == 0))
+        x, y = np.abs(self.end[:, 0] - self.start[:, 0]), np.abs(self.end[:, 1] - self.start[:, 1])
+        return np.asarray((x <= UPRIGHT_MM) & (y <= UPRIGHT_MM) & (self.plane.turn == 0))
 
 
 def tabulate(
@@ -132,6 +133,8 @@ def _switched(columns: Columns, signal: str) -> BoolArray:
 
 def _spindle(columns: Columns) -> FloatArray:
     """(M,) spindle speed during each motion, rpm."""
+    if not any(item.signal == "spindle" for item in columns.outputs):
+        return np.zeros(len(columns.at))
     setting = columns.alike(Output, lambda item: item.signal == "spindle")
     places = np.flatnonzero(setting)
     values = np.array([0.0, *(item.value for item in columns.pick(places))])

@@ -93,25 +93,28 @@ def arcs_through(start: FloatArray, via: FloatArray, end: FloatArray, owner: Int
     turn = np.zeros(len(start))
     half = np.zeros(len(start))
     rows = np.flatnonzero(~np.isnan(via[:, 0]))
-    c, b = end[rows] - start[rows], via[rows] - start[rows]
-    size = np.sqrt(dot(c, c))
-    height = cross(c, b)
-    arc = np.abs(height) > FLAT_MM * size
-    rows, b, c, size, height = rows[arc], b[arc], c[arc], size[arc], height[arc]
+    begin = start[rows]
+    (cx, cy), (bx, by) = (end[rows] - begin).T, (via[rows] - begin).T
+    cc = cx * cx + cy * cy
+    height = cx * by - cy * bx
+    arc = np.abs(height) > FLAT_MM * np.sqrt(cc)
+    if not arc.all():
+        rows, begin, cc, height = rows[arc], begin[arc], cc[arc], height[arc]
+        cx, cy, bx, by = cx[arc], cy[arc], bx[arc], by[arc]
     if len(rows):
-        bb, cc = dot(b, b), dot(c, c)
-        x = (c[:, 1] * bb - b[:, 1] * cc) / (-2 * height)
-        y = (b[:, 0] * cc - c[:, 0] * bb) / (-2 * height)
-        to_centre = np.column_stack([x, y])
-        centre[rows] = start[rows] + to_centre
-        radius[rows] = np.sqrt(x * x + y * y)
+        bb = bx * bx + by * by
+        x = (cy * bb - by * cc) / (-2 * height)
+        y = (bx * cc - cx * bb) / (-2 * height)
+        size = np.sqrt(x * x + y * y)
         # The via point lies to the right of the chord of a counter-clockwise arc.
-        turn[rows] = -np.sign(height)
-        to_right = np.column_stack([c[:, 1], -c[:, 0]]) * (turn[rows] / size)[:, None]
-        to_middle = to_centre + radius[rows][:, None] * to_right
-        middle[rows] = start[rows] + to_middle
+        sense = -np.sign(height)
+        reach = size * sense / np.sqrt(cc)
+        to_x, to_y = x + reach * cy, y - reach * cx
+        centre[rows, 0], centre[rows, 1] = begin[:, 0] + x, begin[:, 1] + y
+        middle[rows, 0], middle[rows, 1] = begin[:, 0] + to_x, begin[:, 1] + to_y
+        radius[rows], turn[rows] = size, sense
         # The chord to the middle of the arc subtends half of its angle.
-        share = np.sqrt(dot(to_middle, to_middle)) / (2 * radius[rows])
+        share = np.sqrt(to_x * to_x + to_y * to_y) / (2 * size)
         half[rows] = 2 * np.arcsin(np.clip(share, 0.0, 1.0))
     return Pieces(start, end, middle, centre, radius, turn, half, owner)
 
@@ -207,20 +210,32 @@ def _beside_arcs(
 
 def find_shares(points: FloatArray, pieces: Pieces, rows: IntArray) -> FloatArray:
     """(N,) how far along the piece the nearest point of its line or circle is: 0 start, 1 end."""
-    share = np.empty(len(rows))
+    return find_all_shares([points], pieces, rows)[0]
+
+
+def find_all_shares(
+    places: Sequence[FloatArray], pieces: Pieces, rows: IntArray
+) -> list[FloatArray]:
+    """`find_shares` for several sets of N points beside the same pieces."""
     is_arc = pieces.turn[rows] != 0
     arc, line = np.flatnonzero(is_arc), np.flatnonzero(~is_arc)
+    shares = [np.empty(len(rows)) for _ in places]
     if len(line):
         start = pieces.start[rows[line]]
         along = pieces.end[rows[line]] - start
-        share[line] = dot(along, points[line] - start) / (dot(along, along) + _NONZERO)
+        size = dot(along, along) + _NONZERO
+        for share, points in zip(shares, places, strict=True):
+            share[line] = dot(along, points[line] - start) / size
     if len(arc):
         chosen = rows[arc]
-        to_middle = pieces.middle[chosen] - pieces.centre[chosen]
-        from_centre = points[arc] - pieces.centre[chosen]
-        angle = np.arctan2(cross(to_middle, from_centre), dot(to_middle, from_centre))
-        share[arc] = 0.5 + angle * pieces.turn[chosen] / (2 * pieces.half[chosen])
-    return share
+        centre = pieces.centre[chosen]
+        to_middle = pieces.middle[chosen] - centre
+        scale = pieces.turn[chosen] / (2 * pieces.half[chosen])
+        for share, points in zip(shares, places, strict=True):
+            from_centre = points[arc] - centre
+            angle = np.arctan2(cross(to_middle, from_centre), dot(to_middle, from_centre))
+            share[arc] = 0.5 + angle * scale
+    return shares
 
 
 def points_along(pieces: Pieces, rows: IntArray, shares: FloatArray) -> FloatArray:

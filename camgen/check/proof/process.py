@@ -82,11 +82,18 @@ def check_switches(
     """
     columns = Columns(body)
     signal = process_signal(job.process)
-    names = {"spindle", signal} - {""}
-    for name in sorted(names):
-        values = [item.value for item in columns.of(Output) if item.signal == name]
-        if values and values[-1] != 0:
-            findings.miss(f"output {name} is on at the end of the program")
+    names = {signal} - {""}
+    if job.process.spindle > 0:
+        names.add("spindle")
+    seen = set[str]()
+    for place in reversed(np.flatnonzero(columns.are(Output)).tolist()):
+        output = body[place]
+        if isinstance(output, Output) and output.signal in names - seen:
+            seen.add(output.signal)
+            if output.value != 0:
+                findings.miss(f"output {output.signal} is on at the end of the program")
+        if seen == names:
+            break
     on = columns.alike(Output, lambda item: item.signal in names and item.value > 0)
     places = np.flatnonzero(on)
     following = np.searchsorted(columns.at, places)

@@ -48,7 +48,7 @@ def split_phases(motions: Motions, process: ProcessTable, height_slack: float) -
     return Phases(known, upright, works, chain, first, works & ~after)
 
 
-def check_rest(motions: Motions, phases: Phases, clearance: float, findings: Findings) -> None:
+def check_rest(motions: Motions, clearance: float, findings: Findings) -> None:
     """Finds a first, a last or another motion from or to the rest position below the clearance.
 
     clearance: height of travel less the deviation of a height, mm. Motions to joint values without
@@ -63,7 +63,7 @@ def check_rest(motions: Motions, phases: Phases, clearance: float, findings: Fin
         findings.add(motions, row, "goes to the rest position from below process.clearance")
     for row in np.flatnonzero(arrives)[:1].tolist():
         findings.add(motions, row, "comes from the rest position to below process.clearance")
-    if len(motions) and low[-1] and not phases.works[-1]:
+    if len(motions) and low[-1]:
         findings.add(motions, len(motions) - 1, "ends the program below process.clearance")
 
 
