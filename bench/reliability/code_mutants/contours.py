@@ -186,7 +186,8 @@ def _check_lead(
     half = math.acos(1.0 - chord / (wanted / (math.pi / 2.0)))
     if corner > math.radians(6.0) + 2.0 * half:
         raise far.complain("a lead that is not tangent to its curve")
-    if abs(turning - math.pi / 2.0) > math.radians(12.0) + 2.0 * half:
+    # Half of a chord is missing at both ends, and the chord at the curve may count as part of it.
+    if abs(turning - math.pi / 2.0) > math.radians(12.0) + 4.0 * half:
         raise far.complain("a lead that is not a quarter circle")
     speed = min(case.setting("process", "feed"), neighbour.motion.speed)
     for piece in lead:
