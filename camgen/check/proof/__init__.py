@@ -435,7 +435,7 @@ def _check_laps(
     leads.check_feeds(laps, subject.context.rounding.speed, findings)
     slopes = SlopeChecker(task, motions, matched.rows, laps.reached, subject.slack)
     slopes.check(visit, levels, findings)
-    slopes.check_linked(laps, findings)
+    slopes.check_linked(laps, visit, findings)
     fewer = _laps_named(subject, matched, laps, names.tabs)
     TabChecker(task, drawing, motions, subject.slack).check(matched, laps, fewer, findings)
     return laps, (levels >= 0) | slopes.goes_round(laps)

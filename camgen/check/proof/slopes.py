@@ -32,6 +32,8 @@ _FASTER = 1.01
 _TAB_MM = 0.05
 #: Lengths of laps are known with this slack, mm.
 _ROOM_MM = 1.0
+#: Two motions at heights that differ by more, mm, have a lift or a plunge between them.
+_LIFT_MM = 0.02
 #: A motion that is shorter, mm, has no slope in a text with three digits.
 _FLAT_MM = 0.05
 
@@ -102,7 +104,7 @@ class SlopeChecker:
         operation = self.task.operation
         if operation.entry == "plunge" or not len(self.rows):
             return
-        begins = np.append(True, (visit[1:] != visit[:-1]) | (np.diff(self.rows) > 1))
+        begins = self._begins(visit)
         start = self.motions.start[self.rows, 2]
         heights = np.append(-np.array(self.task.depths), 0.0)[levels]
         done = _lowest_before(self.motions.path[self.rows], np.minimum(heights, 0.0))
@@ -121,11 +123,23 @@ class SlopeChecker:
         closed[-1] = False
         return np.asarray(closed[path] & (operation.entry != "plunge"))
 
-    def check_linked(self, laps: Laps, findings: Findings) -> None:
-        """Finds ramps after a lift; the passes around a closed path without leads need none."""
+    def _begins(self, visit: IntArray) -> BoolArray:
+        """(W,) motions before which the tool is lifted or plunges.
+
+        The chord of a ramp may be so short that it counts as upright.
+        """
+        start, end = self.motions.start[self.rows, 2], self.motions.end[self.rows, 2]
+        begins = np.ones(len(self.rows), np.bool_)
+        begins[1:] = (visit[1:] != visit[:-1]) | (np.abs(start[1:] - end[:-1]) > _LIFT_MM)
+        return begins
+
+    def check_linked(self, laps: Laps, visit: IntArray, findings: Findings) -> None:
+        """Finds ramps after a lift; the passes around a closed path without leads need none.
+
+        visit: (W,) number of the visit of each motion.
+        """
         path = self.motions.path[self.rows]
-        lifted = np.append(True, np.diff(self.rows) > 1)
-        lifted &= ~np.append(True, path[1:] != path[:-1])
+        lifted = self._begins(visit) & ~np.append(True, path[1:] != path[:-1])
         what = "begins a pass of a closed path after a lift"
         self._report(lifted & self.goes_round(laps), what, findings)
 
