@@ -523,7 +523,7 @@ def _check_passes(
         if last:
             chosen = at_distance
         rows = matched.rows[at_depth]
-        gaps = checker.find_uncovered(matched, np.flatnonzero(chosen), rows, distance)
+        gaps = checker.find_uncovered(matched, np.flatnonzero(chosen), rows, distance, findings)
         for index in range(len(gaps.piece)):
             contour = drawing.contours[int(owner[gaps.piece[index]])]
             done[owner[gaps.piece[index]]] = False

@@ -42,6 +42,8 @@ _LEAST_GAP_MM = 0.1
 _REACH_MM = 1e-4
 #: Least room beside the tool, mm, in a place that it can reach.
 _ROOM_MM = 5e-3
+#: A stretch is a room of its own if it is no longer, mm, and no motion is nearer, mm.
+_ROOM_LENGTH_MM, _NEAR_MM = 2.0, 0.5
 #: A shorter motion, mm, may lie beside two pieces: its side, direction
 #: and exact feed are not examined.
 SHORT_MM = 0.5
@@ -153,7 +155,7 @@ class ContourChecker:
         foreign &= path >= 0
         short = plane.length[rows] < SHORT_MM
         self._check_side(rows, piece, side, follows & ~foreign & ~short, findings)
-        self._check_short_sides(rows, piece, side, follows & ~foreign & short, findings)
+        self._check_short_sides(rows, piece, side, follows & ~foreign, findings)
         along = np.flatnonzero(follows & (piece >= 0) & ((side != 0) | (distance == 0)))
         covered = cover(plane, rows[along], piece[along], self.pieces)
         return Matched(rows, piece, distance, side, follows, rounds, covered)
@@ -199,14 +201,16 @@ class ContourChecker:
         rows: IntArray,
         piece: IntArray,
         side: FloatArray,
-        short: BoolArray,
+        follows: BoolArray,
         findings: Findings,
     ) -> None:
-        """Finds paths whose short motions run on the wrong side for most of their length."""
+        """Finds paths that run on the wrong side, in short motions, for most of their length."""
         contour = self.pieces.owner[piece]
         turned = side * self.task.tool_side[contour]
-        chosen = np.flatnonzero(short & (turned != 0))
-        for index in self._find_majority(rows[chosen], contour[chosen], turned[chosen] < 0):
+        chosen = np.flatnonzero(follows & (turned != 0))
+        short = self.motions.plane.length[rows[chosen]] < SHORT_MM
+        wrong = short & (turned[chosen] < 0)
+        for index in self._find_majority(rows[chosen], contour[chosen], wrong):
             name = self.drawing.contours[int(contour[chosen[index]])].id
             if crosses_itself(self.pieces, int(contour[chosen[index]])):
                 findings.leave(f"the side of contour {name}", "it crosses itself")
@@ -246,9 +250,9 @@ class ContourChecker:
         short = self._are_ambiguous(matched, covered)
         first = np.flatnonzero(wrong & ~short)[:1].tolist()
         for index in self._find_majority(
-            covered.motion[judged & short], contour[judged & short], wrong[judged & short]
+            covered.motion[judged], contour[judged], (wrong & short)[judged]
         ):
-            first.append(int(np.flatnonzero(judged & short)[index]))
+            first.append(int(np.flatnonzero(judged)[index]))
         for index in first[:1]:
             name = self.drawing.contours[int(contour[index])].id
             if crosses_itself(self.pieces, int(contour[index])):
@@ -309,9 +313,17 @@ class ContourChecker:
     # -- the drawing beside the motions
 
     def find_uncovered(
-        self, matched: Matched, rows: IntArray, motions: IntArray, distance: float
+        self,
+        matched: Matched,
+        rows: IntArray,
+        motions: IntArray,
+        distance: float,
+        findings: Findings,
     ) -> Covered:
         """Stretches of the contours that could be worked on and are not.
+
+        A short one away from all motions is a room that the tool just fits: it is not proven that
+        the tool should go there.
 
         rows: indices into `matched.covered` of the stretches at one depth.
         motions: indices of the motions at that depth.
@@ -327,10 +339,22 @@ class ContourChecker:
         gaps = find_gaps(covered.take(~done[covered.piece]), wanted, slack)
         if not len(gaps.piece):
             return gaps
-        return gaps.take(self._is_reachable(gaps, motions, distance))
+        reachable, isolated = self._is_reachable(gaps, motions, distance)
+        for index in np.flatnonzero(isolated)[:1].tolist():
+            piece, share = gaps.piece[index : index + 1], gaps.low[index : index + 1]
+            x, y = points_along(self.pieces, piece, share)[0].tolist()
+            name = self.drawing.contours[int(self.pieces.owner[piece[0]])].id
+            why = f"near {x:.3f} {y:.3f} mm it just fits, and no motion is near"
+            findings.leave(f"that contour {name} is worked wherever the tool fits", why)
+        return gaps.take(reachable & ~isolated)
 
-    def _is_reachable(self, gaps: Covered, rows: IntArray, distance: float) -> BoolArray:
-        """(G,) whether the tool's centre could run beside a stretch, and no motion does."""
+    def _is_reachable(
+        self, gaps: Covered, rows: IntArray, distance: float
+    ) -> tuple[BoolArray, BoolArray]:
+        """(G,) whether the tool's centre could run beside a stretch, and no motion does.
+
+        The second mask has the short stretches without a motion near.
+        """
         size = (gaps.high - gaps.low) * self.pieces.length[gaps.piece]
         count = np.clip(np.ceil(size / _GAP_STEP_MM), _LEAST_SAMPLES, _MOST_SAMPLES).astype(np.intp)
         gap = np.repeat(np.arange(len(count)), count)
@@ -351,9 +375,15 @@ class ContourChecker:
         chosen = np.flatnonzero(open_)
         if len(chosen):
             plane = self.motions.plane
-            reach = PieceTree(plane, rows).find(centre[chosen], self.limit).distance
-            open_[chosen[reach <= self.limit]] = False
-        return np.bincount(gap[open_], minlength=len(count)) > 0
+            near = np.full(len(points), np.inf)
+            near[chosen] = PieceTree(plane, rows).find(centre[chosen], _NEAR_MM).distance
+            open_[near <= self.limit] = False
+        samples = np.bincount(gap[open_], minlength=len(count))
+        alone = np.ones(len(count), np.bool_)
+        if len(chosen):
+            alone[gap[open_ & np.isfinite(near)]] = False
+        short = samples * size / count <= _ROOM_LENGTH_MM
+        return samples > 0, (samples > 0) & alone & short
 
     def _distance_to_walls(self, points: FloatArray, contour: IntArray, reach: float) -> FloatArray:
         """(N,) distance of points from what the tool keeps clear of, up to `reach` mm."""

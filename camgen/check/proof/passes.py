@@ -121,6 +121,9 @@ def check_inside_first(checker: ContourChecker, matched: Matched, findings: Find
     np.maximum.at(last, contour, motion)
     inner, outer = task.enclosed[:, 0], task.enclosed[:, 1]
     early = (last[outer] >= 0) & (last[outer] < first[inner]) & (first[inner] < _NEVER)
+    # One path may run beside both, where the tool does not pass between them.
+    path = checker.motions.path
+    early[early] = path[last[outer[early]]] != path[first[inner[early]]]
     for index in np.flatnonzero(early)[:1].tolist():
         name = checker.drawing.contours[int(inner[index])].id
         what = f"works around contour {name}, which is worked later"
