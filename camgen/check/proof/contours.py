@@ -376,7 +376,8 @@ class ContourChecker:
         if len(chosen):
             plane = self.motions.plane
             near = np.full(len(points), np.inf)
-            near[chosen] = PieceTree(plane, rows).find(centre[chosen], _NEAR_MM).distance
+            farthest = max(_NEAR_MM, self.limit)
+            near[chosen] = PieceTree(plane, rows).find(centre[chosen], farthest).distance
             open_[near <= self.limit] = False
         samples = np.bincount(gap[open_], minlength=len(count))
         alone = np.ones(len(count), np.bool_)
