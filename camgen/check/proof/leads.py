@@ -37,6 +37,8 @@ _TURN, _MOST_TURN = 0.02, 0.35
 #: Angles of a quarter circle that are examined, rad, and the room that the tool needs there, mm.
 _LEAD_ANGLES = np.linspace(0.4, math.pi / 2, 12)
 _CLEAR_ROOM_MM = 0.02
+#: A motion that rises or falls by less, mm, has one height in a text with three digits.
+_FLAT_MM = 5e-4
 #: A feed may differ by this share: a text gives it with a few digits.
 _FEED_SHARE = 1e-3
 #: Deviation of the length of a lead and of an overlap: mm, and a share.
@@ -88,6 +90,7 @@ class LeadChecker:
         place = np.arange(len(chain))
         before, after = free & (place < begins[chain]), free & (place > ends[chain])
         allowed = np.zeros(len(chain), np.bool_)
+        level = level & self._are_flat()
         length = np.where(level, plane.length[matched.rows], 0.0)
         count = int(chain.max(initial=-1)) + 1
         lead_in, lead_out = operation.lead_in, operation.lead_out
@@ -111,6 +114,12 @@ class LeadChecker:
         allowed[:-1] &= ~(before & level)[:-1] | matched.follows[:-1] | ~kinked
         allowed[1:] &= ~(after & level)[1:] | matched.follows[1:] | ~kinked
         return allowed
+
+    def _are_flat(self) -> BoolArray:
+        """(W,) motions at one height. The last chords of a ramp are slopes, however flat."""
+        rows = self.matched.rows
+        rise = self.motions.end[rows, 2] - self.motions.start[rows, 2]
+        return np.asarray(np.abs(rise) < _FLAT_MM)
 
     def _are_kinked(self, rows: IntArray) -> BoolArray:
         """(W - 1,) whether two motions that follow each other meet at a corner."""
@@ -160,7 +169,7 @@ class LeadChecker:
 
     def _find_end(self, laps: Laps, name: str, shorter: BoolArray) -> _End:
         """The leads of one end; what may round an inner corner counts as lead where it fits."""
-        free = ~self.matched.follows
+        free = ~self.matched.follows & self._are_flat()
         end = self._measure_end(laps, name, free & ~self.matched.rounds)
         if not self.matched.rounds.any():
             return end
@@ -271,7 +280,7 @@ class LeadChecker:
         rows, lap = self.matched.rows, laps.lap
         feed, speed = self.task.job.process.feed, self.motions.speed
         place = np.arange(len(rows))
-        leads = (lap >= 0) & ~self.matched.follows & ~self.matched.rounds
+        leads = (lap >= 0) & ~self.matched.follows & ~self.matched.rounds & self._are_flat()
         if not len(laps.first) or self.task.job.process.stay_down:
             return
         before, after = leads & (place < laps.first[lap]), leads & (place > laps.last[lap])

@@ -6,6 +6,7 @@ import numpy as np
 
 from camgen.check.proof.contours import ContourChecker, Matched
 from camgen.check.proof.findings import Findings
+from camgen.check.proof.heights import tab_top
 from camgen.check.proof.matching import Covered
 from camgen.check.proof.motions import Motions
 from camgen.check.proof.pieces import IntArray
@@ -101,6 +102,10 @@ def check_repeats(
     allowed = task.operation.overlap + _AGAIN_MM + _AGAIN_SHARE * whole
     for lead in (task.operation.lead_in, task.operation.lead_out):
         allowed = allowed + followed_part(lead, checker.limit)
+    if abs(tab_top(task) + depth) <= _SAME_DEPTH_MM and task.operation.entry != "plunge":
+        # A ramp that begins over a tab runs level there, at the depth of the pass before.
+        allowed = allowed + task.operation.tab_width + task.job.tool.diameter
+        allowed = allowed + 2 * task.operation.tab_height
     for index in np.flatnonzero(total > allowed)[:1].tolist():
         name = checker.drawing.contours[index].id
         what = f"contour {name} is run again for {total[index]:.3f} mm, depth {depth:g} mm"

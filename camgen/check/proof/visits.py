@@ -16,8 +16,8 @@ from camgen.model.pose import FloatArray
 
 #: A lap is closed if its ends are nearer, mm.
 _SAME_MM = 0.01
-#: Deviation of the height of a pass, mm.
-_HEIGHT_MM = 2e-3
+#: Deviation of the height of a pass, mm, and a fall that the digits of a text show.
+_HEIGHT_MM, _FALL_MM = 2e-3, 2e-4
 
 
 def number_visits(motions: Motions, phases: Phases, clearance: float, slack: float) -> IntArray:
@@ -103,7 +103,11 @@ def find_laps(
 
 def find_reached(task: Task, motions: Motions, rows: IntArray, visit: IntArray) -> IntArray:
     """(W,) index of the deepest pass of each visit when its motions begin: `Laps.reached`."""
-    return _deepest_so_far(visit, _level_of(task, motions.start[rows, 2]))
+    start, end = motions.start[rows, 2], motions.end[rows, 2]
+    level = _level_of(task, start)
+    # The last chords of a ramp are as deep as the pass, and still go down.
+    falls = (end < start - _FALL_MM) & (_level_of(task, end) == level)
+    return _deepest_so_far(visit, np.where(falls, -1, level))
 
 
 def _level_of(task: Task, height: FloatArray) -> IntArray:
