@@ -272,7 +272,7 @@ def _read_pacscript(text: str) -> list[Step]:
 
 
 def _inline_subs(text: str) -> str:
-    """The text with the lines of each `Sub` in the place of its one `Call`.
+    """The text with the lines of each `Sub` instead of its one `Call`.
 
     A `Sub` runs with the tool, the work frame and the speeds of its caller.
     """

@@ -189,12 +189,8 @@ class ContourChecker:
         expected = self.task.tool_side[contour]
         wrong = follows & (piece >= 0) & (side * expected < 0)
         for index in np.flatnonzero(wrong)[:1].tolist():
-            name = self.drawing.contours[int(contour[index])].id
-            if crosses_itself(self.pieces, int(contour[index])):
-                findings.leave(f"the side of contour {name}", "it crosses itself")
-                continue
-            what = f"runs on the wrong side of contour {name}"
-            findings.add(self.motions, int(rows[index]), what)
+            what = "runs on the wrong side of contour"
+            self._report(int(rows[index]), int(contour[index]), what, findings)
 
     def _check_short_sides(
         self,
@@ -211,12 +207,17 @@ class ContourChecker:
         short = self.motions.plane.length[rows[chosen]] < SHORT_MM
         wrong = short & (turned[chosen] < 0)
         for index in self._find_majority(rows[chosen], contour[chosen], wrong):
-            name = self.drawing.contours[int(contour[chosen[index]])].id
-            if crosses_itself(self.pieces, int(contour[chosen[index]])):
-                findings.leave(f"the side of contour {name}", "it crosses itself")
-                continue
-            what = f"and others beside it run on the wrong side of contour {name}"
-            findings.add(self.motions, int(rows[chosen[index]]), what)
+            what = "and others beside it run on the wrong side of contour"
+            row, number = int(rows[chosen[index]]), int(contour[chosen[index]])
+            self._report(row, number, what, findings)
+
+    def _report(self, row: int, contour: int, what: str, findings: Findings) -> None:
+        """Adds a difference; a contour that crosses itself has neither sides nor a direction."""
+        name = self.drawing.contours[contour].id
+        if crosses_itself(self.pieces, contour):
+            findings.leave(f"side and direction of contour {name}", "it crosses itself")
+            return
+        findings.add(self.motions, row, f"{what} {name}")
 
     def _find_majority(self, rows: IntArray, contour: IntArray, wrong: BoolArray) -> list[int]:
         """The place of the first motion whose path is wrong for most of its length; or none.
@@ -254,12 +255,8 @@ class ContourChecker:
         ):
             first.append(int(np.flatnonzero(judged)[index]))
         for index in first[:1]:
-            name = self.drawing.contours[int(contour[index])].id
-            if crosses_itself(self.pieces, int(contour[index])):
-                findings.leave(f"the direction along contour {name}", "it crosses itself")
-                continue
-            what = f"runs along contour {name} against operation.direction"
-            findings.add(self.motions, int(covered.motion[index]), what)
+            what = "runs against operation.direction along contour"
+            self._report(int(covered.motion[index]), int(contour[index]), what, findings)
 
     def _are_ambiguous(self, matched: Matched, covered: Covered) -> BoolArray:
         """(N,) stretches so short that their motions may belong to another piece, or to a corner.

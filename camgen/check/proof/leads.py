@@ -1,4 +1,4 @@
-"""Leads onto a contour and off it, and the overlap behind the seam (docs/follow.md)."""
+"""Leads onto a contour and off it, and the overlap beyond the seam (docs/follow.md)."""
 
 from __future__ import annotations
 
@@ -295,7 +295,7 @@ class LeadChecker:
     # -- overlap
 
     def check_overlap(self, laps: Laps, levels: IntArray, findings: Findings) -> None:
-        """Finds laps that end before or behind the seam by another length than the job asks for."""
+        """Finds laps that end beyond the seam by another length than the job asks for."""
         overlap = self.task.operation.overlap
         matched, plane = self.matched, self.motions.plane
         if not overlap or not len(laps.first):
@@ -318,7 +318,7 @@ class LeadChecker:
         meets = np.bincount(lap[chosen[at_seam]], minlength=len(laps.first)) > 0
         fits = np.bincount(lap[chosen[right]], minlength=len(laps.first)) > 0
         for index in np.flatnonzero(meets & ~fits)[:1].tolist():
-            what = f"does not end {overlap:g} mm behind the seam, as operation.overlap asks for"
+            what = f"does not end {overlap:g} mm beyond the seam, as operation.overlap asks for"
             findings.add(self.motions, int(rows[laps.last[index]]), what)
 
 
