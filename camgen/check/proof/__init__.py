@@ -43,6 +43,7 @@ from camgen.check.proof.process import (
     check_outputs,
     check_switches,
     check_tool_turns,
+    find_directions,
     process_signal,
 )
 from camgen.check.proof.slopes import SlopeChecker, TabChecker
@@ -446,15 +447,21 @@ def _check_directions(subject: _Subject, matched: Matched, findings: Findings) -
     task, controller = subject.task, subject.context.controller
     if controller is None or task.kind not in BESIDE:
         return
-    drawing, motions, limit = subject.drawing, subject.motions, subject.limit
-    if "force-direction" in controller.stated:
-        check_force_directions(task, drawing, motions, matched, limit, findings)
+    tool, force = task.job.tool, task.job.process.force
+    follows = tool.orient == "follow" and not tool.symmetric and tool.turn is None
+    if not follows and not force:
+        return
+    motions = subject.motions
+    towards = find_directions(subject.drawing, motions, matched, subject.limit)
+    if force and "force-direction" in controller.stated:
+        check_force_directions(motions, towards, findings)
     elif motions.force.any():
         findings.leave("the direction of the force", "the text does not state it")
-    if "orientation" in controller.stated:
-        check_tool_turns(task, drawing, motions, matched, limit, findings)
-    elif task.job.tool.orient == "follow":
-        findings.leave("that tool x points at the contour", "the text states no orientation")
+    if follows and "orientation" in controller.stated:
+        check_tool_turns(motions, towards, findings)
+    elif tool.orient == "follow":
+        why = "the text states no orientation" if follows else "the tool may turn about its axis"
+        findings.leave("that tool x points at the contour", why)
 
 
 def _hint(drawing: Drawing, origins: Sequence[Origin]) -> Ragged:

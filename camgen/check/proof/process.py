@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -253,54 +254,23 @@ def check_forces(task: Task, motions: Motions, matched: Matched, findings: Findi
         findings.add(motions, int(rows[index]), what)
 
 
-def check_tool_turns(
-    task: Task,
-    drawing: Drawing,
-    motions: Motions,
-    matched: Matched,
-    limit: float,
-    findings: Findings,
-) -> None:
-    """Finds motions at whose end tool x does not point at the contour (`tool.orient`).
+class Towards(NamedTuple):
+    """Directions to the contour at the ends of N motions.
+
+    rows: (N,) indices of the motions.
+    direction: (N, 2) unit vectors.
+    least: (N,) cosine of the largest angle that is within limits.
+    """
+
+    rows: IntArray
+    direction: FloatArray
+    least: FloatArray
+
+
+def find_directions(drawing: Drawing, motions: Motions, matched: Matched, limit: float) -> Towards:
+    """The directions to the contour at the end of each motion along one that is not short.
 
     limit: distance, mm, that a motion may have from its place in the drawing.
-    """
-    tool = task.job.tool
-    if tool.orient != "follow" or tool.symmetric or tool.turn is not None:
-        return
-    rows, towards, least = _directions_to(drawing, motions, matched, limit)
-    points = motions.axes[np.maximum(motions.rotation[rows], 0), :2, 0]
-    off = (motions.rotation[rows] >= 0) & (dot(points, towards) < least)
-    for index in np.flatnonzero(off)[:1].tolist():
-        findings.add(motions, int(rows[index]), "ends with tool x away from the contour")
-
-
-def check_force_directions(
-    task: Task,
-    drawing: Drawing,
-    motions: Motions,
-    matched: Matched,
-    limit: float,
-    findings: Findings,
-) -> None:
-    """Finds motions that press in another direction than that of the contour.
-
-    limit: distance, mm, that a motion may have from its place in the drawing.
-    """
-    if not task.job.process.force:
-        return
-    rows, towards, least = _directions_to(drawing, motions, matched, limit)
-    off = (motions.force[rows] > 0) & (dot(motions.force_direction[rows, :2], towards) < least)
-    for index in np.flatnonzero(off)[:1].tolist():
-        findings.add(motions, int(rows[index]), "presses away from the contour")
-
-
-def _directions_to(
-    drawing: Drawing, motions: Motions, matched: Matched, limit: float
-) -> tuple[IntArray, FloatArray, FloatArray]:
-    """Directions to the contour at the end of each motion along one that is not short.
-
-    Returns (N,) the motions, (N, 2) unit vectors, and (N,) the least cosine to be within limits.
     """
     plane, pieces = motions.plane, drawing.pieces
     places = np.flatnonzero(matched.follows & (plane.length[matched.rows] >= SHORT_MM))
@@ -309,7 +279,24 @@ def _directions_to(
     share = np.clip(find_shares(middle, pieces, piece), 0.0, 1.0)
     to_contour = points_along(pieces, piece, share) - middle
     on_left = np.sign(dot(normals_along(plane, rows, np.full(len(rows), 0.5)), to_contour))
-    towards = normals_along(plane, rows, np.ones(len(rows))) * on_left[:, None]
+    direction = normals_along(plane, rows, np.ones(len(rows))) * on_left[:, None]
     # A chord that leaves its arc by s turns away from it by 4 s / length.
     turn = _TURN + np.minimum(4 * limit / plane.length[rows], _MOST_TURN)
-    return rows, towards, np.cos(turn)
+    return Towards(rows, direction, np.cos(turn))
+
+
+def check_tool_turns(motions: Motions, towards: Towards, findings: Findings) -> None:
+    """Finds motions at whose end tool x does not point at the contour (`tool.orient`)."""
+    rotation = motions.rotation[towards.rows]
+    tool_x = motions.axes[np.maximum(rotation, 0), :2, 0]
+    wrong = (rotation >= 0) & (dot(tool_x, towards.direction) < towards.least)
+    for row in towards.rows[wrong][:1].tolist():
+        findings.add(motions, row, "ends with tool x away from the contour")
+
+
+def check_force_directions(motions: Motions, towards: Towards, findings: Findings) -> None:
+    """Finds motions that press in another direction than that of the contour."""
+    pressed = motions.force_direction[towards.rows, :2]
+    wrong = (motions.force[towards.rows] > 0) & (dot(pressed, towards.direction) < towards.least)
+    for row in towards.rows[wrong][:1].tolist():
+        findings.add(motions, row, "presses away from the contour")
