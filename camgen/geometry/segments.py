@@ -9,7 +9,7 @@ from msgspec import Struct
 from numpy.typing import NDArray
 
 from camgen.geometry.ragged import begins, following, owners, ramp, run_lengths
-from camgen.model.part import Contour
+from camgen.model.part import Contour, tabulate_contours
 from camgen.model.pose import FloatArray
 
 IntArray = NDArray[np.int64]
@@ -86,12 +86,7 @@ def make(start: FloatArray, end: FloatArray, bulge: FloatArray, owner: IntArray)
 
 def from_contours(contours: Sequence[Contour]) -> Segments:
     """All segments of ``contours`` in order, ``owner`` counting the contours."""
-    if not contours:
-        return make(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0), np.zeros(0, dtype=np.int64))
-    points = np.concatenate([c.points for c in contours])
-    bulges = np.concatenate([c.bulges for c in contours])
-    counts = np.array([len(c.points) for c in contours])
-    closed = np.array([c.closed for c in contours])
+    points, bulges, counts, closed = tabulate_contours(contours)
     keep = np.ones(len(points), dtype=bool)
     keep[(np.cumsum(counts) - 1)[~closed]] = False
     return make(points[keep], points[following(counts)[keep]], bulges[keep], owners(counts)[keep])

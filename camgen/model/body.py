@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from functools import cached_property
-from itertools import chain, compress, islice, repeat
+from itertools import chain, compress, count, islice, repeat
 from operator import attrgetter
-from typing import Any, overload
+from typing import Any, NamedTuple, overload
 
 import numpy as np
 from msgspec import Struct
@@ -92,6 +92,19 @@ class _Rotations:
         return np.fromiter(map(self._places.__getitem__, keys), np.int32, len(keys))
 
 
+class Distinct(NamedTuple):
+    """The K instructions of one type in a body.
+
+    items: each object once, in order of its first place.
+    at: (K,) where they stand in the body.
+    number: (K,) which of `items` each of them is.
+    """
+
+    items: list[Instruction]
+    at: Indices
+    number: Indices
+
+
 class Body(Sequence[Instruction]):
     """The instructions of a program by column; each is made when it is asked for, another object each time.
 
@@ -102,6 +115,7 @@ class Body(Sequence[Instruction]):
         self, packed: Packed, rotations: Sequence[FloatArray], objects: Sequence[Instruction]
     ) -> None:
         self.packed, self.rotations, self.objects = packed, rotations, objects
+        self._distinct: dict[type, Distinct] = {}
 
     def __len__(self) -> int:
         return len(self.packed.kind)
@@ -147,6 +161,26 @@ class Body(Sequence[Instruction]):
         if not self.packed.kept[indices].all():
             return list(self.take(indices)) if len(indices) else []
         return list(map(self.objects.__getitem__, self._ranks(self.kept_at, indices).tolist()))
+
+    def distinct(self, kind: type) -> Distinct:
+        """The instructions of one type, each object once: an output stands in many places."""
+        if kind not in self._distinct:
+            at, items = self._list(kind)
+            keys = list(map(id, items))
+            each = dict(zip(keys, items, strict=True))
+            number = dict(zip(each, count(), strict=False))
+            numbers = np.fromiter(map(number.__getitem__, keys), np.intp, len(keys))
+            self._distinct[kind] = Distinct(list(each.values()), at, numbers)
+        return self._distinct[kind]
+
+    def _list(self, kind: type) -> tuple[Indices, list[Instruction]]:
+        """(K,) places of the instructions of one type, and these."""
+        if NUMBER[kind] <= _ARC:
+            at = np.flatnonzero(self.packed.kind == NUMBER[kind])
+            return at, self.pick(at)
+        # Other instructions than motions are always kept.
+        ranks = np.flatnonzero(self.packed.kind[self.kept_at] == NUMBER[kind])
+        return self.kept_at[ranks], list(map(self.objects.__getitem__, ranks.tolist()))
 
     def take(self, indices: Indices) -> Body:
         """A body of the instructions at ``indices``."""

@@ -67,19 +67,17 @@ class Columns:
         return self.pick(np.flatnonzero(self.are(*kinds)))
 
     def alike(self, kind: type, test: Callable[[Any], bool]) -> Mask:
-        """(N,): which instructions of the type ``kind`` pass ``test``; each object is tested once."""
-        found = self.are(kind)
-        items = self.of(kind)
-        keys = list(map(id, items))
-        passed = {key: test(item) for key, item in dict(zip(keys, items, strict=True)).items()}
-        found[found] = list(map(passed.__getitem__, keys))
+        """(N,) which instructions of the type `kind` pass `test`; each object is tested once."""
+        distinct = self._packed.distinct(kind)
+        passed = np.array(list(map(test, distinct.items)), np.bool_)
+        found = np.zeros(len(self.body), np.bool_)
+        found[distinct.at[passed[distinct.number]]] = True
         return found
 
-    @cached_property
-    def outputs(self) -> list[Output]:
-        """The outputs in order, each object once: it stands in many places."""
-        items = self.of(Output)
-        return list(dict(zip(map(id, items), items, strict=True)).values())
+    @property
+    def outputs(self) -> list[Any]:
+        """The outputs, each object once, in order of its first place."""
+        return self._packed.distinct(Output).items
 
     def pick(self, indices: Indices) -> list[Any]:
         """The instructions at ``indices``, which rise."""

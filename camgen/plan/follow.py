@@ -163,7 +163,8 @@ def _choose_sides(part: Part, side: str, join: float) -> tuple[_Loops, list[Note
     if not index:
         none = np.zeros(0, dtype=np.int64)
         return _Loops([], from_contours([]), none == 0, none == 0, none, none, none), notes
-    drawn = from_contours([part.contours[k] for k in index])
+    everything = len(index) == len(part.contours)
+    drawn = from_contours(part.contours if everything else [part.contours[k] for k in index])
     nesting = nest(drawn, len(index))
     worked = chosen[index]
     keep = np.flatnonzero((nesting.crossed < 0) & ~nesting.empty)

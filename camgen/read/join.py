@@ -18,7 +18,7 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from camgen.geometry.ragged import each_once, following, offsets, ramp, stretches
-from camgen.model.part import Contour, Note
+from camgen.model.part import Contour, ContourColumns, Contours, Note
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, short
 from camgen.model.tolerance import NONZERO, OFF_GRID
@@ -173,14 +173,15 @@ def contours(
         notes.append(_open_note(soup, tolerance))
     points, bulges = frozen(soup.points), frozen(soup.bulges)
     spans = pairwise(soup.first.tolist())
+    columns = ContourColumns(points, bulges, np.diff(soup.first), soup.closed)
     rows = zip(spans, soup.closed.tolist(), soup.layer.tolist(), soup.color.tolist(), strict=True)
-    made = tuple(
+    made = (
         Contour(
             points[a:b], bulges[a:b], closed, soup.layers[layer], f"c{i}", (), soup.colors[color]
         )
         for i, ((a, b), closed, layer, color) in enumerate(rows, start=1)
     )
-    return made, tuple(notes)
+    return Contours.of(made, columns), tuple(notes)
 
 
 #: Of so many ends the gaps are looked for; the number of pairs grows with their square. So many are told.

@@ -9,50 +9,42 @@ lists the facts that are proven for each operation.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from itertools import chain, compress, count, repeat
-from operator import attrgetter
-from typing import NamedTuple
+from itertools import chain, compress
 
 import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.check.proof.contours import ContourChecker, Matched
+from camgen.check.proof.along import ContourProver
 from camgen.check.proof.corners import check_corners
 from camgen.check.proof.descents import DescentChecker
 from camgen.check.proof.findings import Finding, Findings
-from camgen.check.proof.heights import check_heights, find_levels, tab_top
+from camgen.check.proof.heights import check_heights, find_levels
 from camgen.check.proof.holes import check_bored, check_drilled, select_holes
-from camgen.check.proof.leads import LeadChecker
-from camgen.check.proof.matching import Ragged, list_pieces
 from camgen.check.proof.motions import Controller, Motions, Rounding, tabulate
-from camgen.check.proof.nesting import find_unclear
-from camgen.check.proof.passes import (
-    check_inside_first,
-    check_pass_order,
-    check_path_order,
-    check_repeats,
-)
-from camgen.check.proof.pieces import BoolArray, IntArray
+from camgen.check.proof.passes import check_path_order
+from camgen.check.proof.pieces import BoolArray
 from camgen.check.proof.process import (
-    check_feeds,
-    check_force_directions,
-    check_forces,
     check_joint_motions,
     check_orientation,
     check_outputs,
     check_switches,
-    check_tool_turns,
-    find_directions,
     process_signal,
 )
-from camgen.check.proof.slopes import SlopeChecker, TabChecker
+from camgen.check.proof.slopes import SlopeChecker
+from camgen.check.proof.subject import Context, Named, Program, Subject, are_named
 from camgen.check.proof.tasks import BESIDE, Drawing, Task, lay_drawing, make_tasks
-from camgen.check.proof.travel import Phases, check_rest, check_travel, split_phases
-from camgen.check.proof.visits import Laps, find_laps, find_reached, number_visits
-from camgen.model.job import Job, ProcessTable
+from camgen.check.proof.travel import (
+    Phases,
+    check_rest,
+    check_travel,
+    cut_at_clearance,
+    split_phases,
+)
+from camgen.check.proof.visits import find_reached, number_visits
+from camgen.model.job import Job
 from camgen.model.part import Note, Part
-from camgen.model.program import Instruction, Origin
+from camgen.model.program import Origin
 
 __all__ = [
     "Controller",
@@ -68,23 +60,6 @@ __all__ = [
 PROVEN = ("follow", "trace", "chamfer", "drill", "bore", "pocket", "fill")
 #: Added to every limit, mm: rounding of binary numbers, and of the points of an arc.
 _SLACK_MM = 1e-3
-
-
-class Program(NamedTuple):
-    """One text as it was read back, with the hints of the program.
-
-    body: instructions without comments.
-    lines: number of the line of each instruction in the text, from 1.
-    path: (M,) index of the path of each motion, -1 for no path.
-    origins: contours and operation of each path.
-    file: name of the text.
-    """
-
-    body: Sequence[Instruction]
-    lines: Sequence[int]
-    path: IntArray
-    origins: Sequence[Origin]
-    file: str
 
 
 class MotionProof(Struct, frozen=True):
@@ -124,7 +99,7 @@ def prove_motion(
     if part.solid is not None or part.curves:
         return _prove_space(part, job, programs, Named.of(notes), rounding)
     drawing = lay_drawing(part, job)
-    context = _Context(drawing, Named.of(notes), rounding, controller, {})
+    context = Context(drawing, Named.of(notes), rounding, controller, {})
     totals = _Count(drawing)
     findings: list[tuple[str, Finding]] = []
     unproven: list[str] = []
@@ -192,56 +167,6 @@ def _prove_space(
     )
 
 
-class Named(NamedTuple):
-    """Ids of contours that notes are about.
-
-    skipped: ids in notes on contours that are left out.
-    leads: ids in notes on shorter leads.
-    tabs: ids in notes on fewer tabs.
-    others: ids in all other notes, and in those on contours that are left out.
-    """
-
-    skipped: frozenset[str]
-    leads: frozenset[str]
-    tabs: frozenset[str]
-    others: frozenset[str]
-
-    @classmethod
-    def of(cls, notes: Sequence[Note]) -> Named:
-        """The ids that `notes` name."""
-        skipped = [note.ids for note in notes if note.kind == "skipped"]
-        leads = [note.ids for note in notes if note.lacks == "leads"]
-        tabs = [note.ids for note in notes if note.lacks == "tabs"]
-        others = [note.ids for note in notes if not note.lacks]
-        groups = (skipped, leads, tabs, others)
-        return cls(*(frozenset(chain.from_iterable(ids)) for ids in groups))
-
-
-class _Context(NamedTuple):
-    """Values that all tasks share.
-
-    drawing: the contours of the part.
-    named: ids in notes.
-    rounding: rounding of the numbers of the texts.
-    controller: the controller of the texts, if it is known.
-    tables: the motions of each program by its name and by the output that is the signal.
-    """
-
-    drawing: Drawing
-    named: Named
-    rounding: Rounding
-    controller: Controller | None
-    tables: dict[tuple[str, str], Motions]
-
-    def tabulate(self, program: Program, process: ProcessTable) -> Motions:
-        """The motions of a program, with the output of `process` as the signal."""
-        signal = process_signal(process)
-        key = program.file, signal
-        if key not in self.tables:
-            self.tables[key] = tabulate(program.body, program.lines, program.path, signal)
-        return self.tables[key]
-
-
 class _Count:
     """The contours that are worked, and the number of motions examined, over all tasks."""
 
@@ -270,31 +195,28 @@ def _has_task(program: Program, task: Task) -> bool:
 
 
 def _prove_task(
-    task: Task, program: Program, context: _Context, totals: _Count, findings: Findings
+    task: Task, program: Program, context: Context, totals: _Count, findings: Findings
 ) -> None:
-    drawing = context.drawing
-    signal = process_signal(task.job.process)
-    motions = context.tabulate(program, task.job.process)
+    drawing, process = context.drawing, task.job.process
+    motions = context.tabulate(program, process)
     of_task = _of_task(program, task)[motions.path]
     slack = 2 * context.rounding.mm + _SLACK_MM
-    phases = split_phases(motions, task.job.process, slack)
-    totals.motions += int((phases.known & of_task).sum())
-    unknown = ~phases.known & of_task
-    totals.joints += int(unknown.sum())
-    check_joint_motions(task.job, motions, unknown, findings)
-    subject = _Subject(task, context, program, motions, phases, of_task, slack)
-    rows = np.flatnonzero(phases.works & of_task)
-    if not task.job.process.stay_down:
-        check_outputs(task, motions, rows, findings)
-    check_orientation(task.job, motions, rows, findings)
     check_switches(task.job, program.body, of_task, findings)
-    DescentChecker(task, motions, phases, of_task, slack, context.rounding).check(findings)
-    if context.controller is not None:
-        goes_on = (np.diff(phases.chain) == 0) & (phases.works & of_task)[:-1]
-        pace = context.controller.pace
-        check_corners(task, motions, np.flatnonzero(goes_on), pace, slack, findings)
-    done, contact = _PROVERS[task.kind](subject, findings)
-    check_travel(motions, _only(phases, of_task), signal, contact, findings)
+    stretches = [(0, len(motions))]
+    prover: ContourProver | _Once
+    if task.kind in _PROVERS:
+        prover = _Once(_PROVERS[task.kind])
+    else:
+        prover = ContourProver(task, program, context, slack)
+        stretches = cut_at_clearance(motions, process, slack)
+    for low, high in stretches:
+        stretch, mine = motions.stretch(low, high), of_task[low:high]
+        phases = split_phases(stretch, process, slack)
+        subject = Subject(task, context, program, stretch, phases, mine, slack)
+        _check_motions(subject, totals, findings)
+        contact = prover.examine(subject, low, findings)
+        check_travel(stretch, _only(phases, mine), process_signal(process), contact, findings)
+    done = prover.finish(motions, findings)
     for index in np.flatnonzero(task.worked & ~done).tolist():
         contour = drawing.contours[index]
         names = {contour.id, *contour.sources}
@@ -307,7 +229,25 @@ def _prove_task(
     totals.done |= done
 
 
-def _check_whole(program: Program, job: Job, context: _Context, findings: Findings) -> None:
+def _check_motions(subject: Subject, totals: _Count, findings: Findings) -> None:
+    """Checks that are the same for all kinds of operations."""
+    task, context, slack = subject.task, subject.context, subject.slack
+    motions, phases, of_task = subject.motions, subject.phases, subject.of_task
+    totals.motions += int((phases.known & of_task).sum())
+    unknown = ~phases.known & of_task
+    totals.joints += int(unknown.sum())
+    check_joint_motions(task.job, motions, unknown, findings)
+    if not task.job.process.stay_down:
+        check_outputs(task, motions, subject.works, findings)
+    check_orientation(task.job, motions, subject.works, findings)
+    DescentChecker(task, motions, phases, of_task, slack, context.rounding).check(findings)
+    if context.controller is not None:
+        goes_on = (np.diff(phases.chain) == 0) & (phases.works & of_task)[:-1]
+        pace = context.controller.pace
+        check_corners(task, motions, np.flatnonzero(goes_on), pace, slack, findings)
+
+
+def _check_whole(program: Program, job: Job, context: Context, findings: Findings) -> None:
     """Finds motions that belong to no path and work, or go to or from the rest position low."""
     slack = 2 * context.rounding.mm + _SLACK_MM
     processes = [step.process for step in job.operations] or [job.process]
@@ -347,212 +287,25 @@ def _only(phases: Phases, rows: BoolArray) -> Phases:
     )
 
 
-class _Subject(NamedTuple):
-    """The motions of one task in one program, M in all."""
-
-    task: Task
-    context: _Context
-    program: Program
-    motions: Motions
-    phases: Phases
-    of_task: BoolArray
-    slack: float
-
-    @property
-    def drawing(self) -> Drawing:
-        """The contours of the part."""
-        return self.context.drawing
-
-    @property
-    def limit(self) -> float:
-        """Distance, mm, that a motion may have from its place in the drawing."""
-        return self.slack + self.drawing.slack
-
-    @property
-    def works(self) -> IntArray:
-        """The motions in contact."""
-        return np.flatnonzero(self.phases.works & self.of_task)
-
-
 _Result = tuple[BoolArray, BoolArray]
+_Prover = Callable[[Subject, Findings], _Result]
 
 
-def _prove_contours(subject: _Subject, findings: Findings) -> _Result:
-    task, drawing, motions = subject.task, subject.drawing, subject.motions
-    phases, rows = subject.phases, subject.works
-    if task.kind in BESIDE and task.operation.side not in ("left", "right"):
-        # An open contour has no outside: a note has to say that it is left out.
-        task = replace(task, worked=task.worked & drawing.closed)
-    if task.kept_clear.any():
-        suspects = task.kept_clear & _are_named(drawing, subject.context.named.others)
-        unclear = find_unclear(drawing.pieces, suspects, task.near)
-        task = replace(task, kept_clear=task.kept_clear & ~unclear, worked=task.worked & ~unclear)
-    subject = subject._replace(task=task)
-    lists = _hint(drawing, subject.program.origins)
-    checker = ContourChecker(task, drawing, motions, lists, subject.limit)
-    matched = checker.match(rows, findings)
-    if task.job.process.stay_down:
-        # Links at working height may have the process off.
-        check_outputs(task, motions, rows[matched.follows], findings)
-    levels = find_levels(task, motions, rows, subject.slack)
-    leads = LeadChecker(checker, matched)
-    leading = leads.find(phases.chain[rows], levels >= 0)
-    strange = ~matched.follows & ~leading & ~matched.rounds
-    for index in np.flatnonzero(strange)[:1].tolist():
-        findings.add(motions, int(rows[index]), "works where nothing is drawn to be worked")
-    laps, directed = _check_laps(subject, leads, levels, findings)
-    checker.check_direction(matched, directed, findings)
-    check_pass_order(checker, matched, levels, findings)
-    check_inside_first(checker, matched, findings)
-    checker.check_clear(matched, findings)
-    check_feeds(task, drawing, motions, matched, subject.context.rounding, findings)
-    check_forces(task, motions, matched, findings)
-    _check_directions(subject, matched, findings)
-    check_heights(task, motions, rows, levels, subject.slack, findings)
-    done = _check_passes(subject, checker, matched, laps, levels, findings)
-    return done, phases.works
+class _Once:
+    """Examines all motions of a task at once."""
 
+    def __init__(self, prover: _Prover) -> None:
+        self._prover = prover
+        self._done = np.zeros(0, np.bool_)
 
-def _check_laps(
-    subject: _Subject, leads: LeadChecker, levels: IntArray, findings: Findings
-) -> tuple[Laps | None, BoolArray]:
-    """Checks leads, overlaps, slopes and tabs.
+    def examine(self, subject: Subject, _first: int, findings: Findings) -> BoolArray:
+        """(M,) the motions in contact."""
+        self._done, contact = self._prover(subject, findings)
+        return contact
 
-    Returns the laps, or None if the job asks for nothing of these, and (W,) motions that have the
-    direction of their path: level ones, and ramps around it.
-    """
-    task, drawing, motions = subject.task, subject.drawing, subject.motions
-    operation, matched = task.operation, leads.matched
-    has_ends = operation.lead_in or operation.lead_out or operation.overlap
-    has_slopes = operation.entry != "plunge" or np.isfinite(tab_top(task))
-    if not has_ends and not has_slopes and operation.passes == 1:
-        return None, levels >= 0
-    clearance = task.job.process.clearance
-    visit = number_visits(motions, subject.phases, clearance, subject.slack)[matched.rows]
-    laps = find_laps(task, motions, matched, visit, drawing.pieces.owner, subject.limit)
-    names = subject.context.named
-    leads.check(laps, _laps_named(subject, matched, laps, names.leads), findings)
-    leads.check_overlap(laps, levels, findings)
-    leads.check_feeds(laps, subject.context.rounding.speed, findings)
-    slopes = SlopeChecker(task, motions, matched.rows, laps.reached, subject.slack)
-    slopes.check(visit, levels, findings)
-    slopes.check_linked(laps, visit, findings)
-    fewer = _laps_named(subject, matched, laps, names.tabs)
-    TabChecker(task, drawing, motions, subject.slack).check(matched, laps, fewer, findings)
-    return laps, (levels >= 0) | slopes.goes_round(laps)
-
-
-def _check_directions(subject: _Subject, matched: Matched, findings: Findings) -> None:
-    """Compares tool x and the direction of the force with the way to the contour."""
-    task, controller = subject.task, subject.context.controller
-    if controller is None or task.kind not in BESIDE:
-        return
-    tool, force = task.job.tool, task.job.process.force
-    follows = tool.orient == "follow" and not tool.symmetric and tool.turn is None
-    if not follows and not force:
-        return
-    motions = subject.motions
-    towards = find_directions(subject.drawing, motions, matched, subject.limit)
-    if force and "force-direction" in controller.stated:
-        check_force_directions(motions, towards, findings)
-    elif motions.force.any():
-        findings.leave("the direction of the force", "the text does not state it")
-    if follows and "orientation" in controller.stated:
-        check_tool_turns(motions, towards, findings)
-    elif tool.orient == "follow":
-        why = "the text states no orientation" if follows else "the tool may turn about its axis"
-        findings.leave("that tool x points at the contour", why)
-
-
-def _hint(drawing: Drawing, origins: Sequence[Origin]) -> Ragged:
-    """For each path the pieces of the drawing at which to look first."""
-    place = dict(zip(map(attrgetter("id"), drawing.contours), count(), strict=False))
-    names = list(map(attrgetter("contours"), origins))
-    path = np.repeat(np.arange(len(names)), list(map(len, names)))
-    flat = map(place.get, chain.from_iterable(names), repeat(-1))
-    contour = np.fromiter(flat, np.intp, len(path))
-    known = contour >= 0
-    return list_pieces(drawing.pieces, len(names), path[known], contour[known])
-
-
-def _are_named(drawing: Drawing, names: frozenset[str]) -> BoolArray:
-    """(C,) contours that are among `names`, by their ids or by those that they were made of."""
-    if not names:
-        return np.zeros(len(drawing.contours), np.bool_)
-    listed = [
-        contour.id in names or not names.isdisjoint(contour.sources) for contour in drawing.contours
-    ]
-    return np.array(listed, np.bool_)
-
-
-def _laps_named(
-    subject: _Subject, matched: Matched, laps: Laps, names: frozenset[str]
-) -> BoolArray:
-    """(L,) laps along a contour that is among `names`, or on a path beside one."""
-    if not names:
-        return np.zeros(len(laps.first), np.bool_)
-    on_path = [not names.isdisjoint(origin.contours) for origin in subject.program.origins]
-    path = subject.motions.path[matched.rows[laps.first]]
-    by_path = np.array([*on_path, False], np.bool_)[path]
-    return np.asarray(by_path | _are_named(subject.drawing, names)[laps.contour])
-
-
-def _check_passes(
-    subject: _Subject,
-    checker: ContourChecker,
-    matched: Matched,
-    laps: Laps | None,
-    levels: IntArray,
-    findings: Findings,
-) -> BoolArray:
-    """(C,) contours that are covered at each depth; a finding for the first that is not."""
-    task, drawing, motions = subject.task, subject.drawing, subject.motions
-    owner = drawing.pieces.owner
-    done = task.worked.copy()
-    place = np.searchsorted(matched.rows, matched.covered.motion)
-    depths = np.array(task.depths)
-    in_lap = levels >= 0
-    lap_depth = depths[levels]
-    if laps is not None:
-        # Over a tab a lap is as high as the tab, which may be the depth of an earlier pass.
-        in_lap |= motions.end[matched.rows, 2] <= tab_top(task) + subject.slack
-        lap_depth = np.append(depths[laps.depth], np.inf)[laps.lap]
-    touched = np.zeros(len(done), np.bool_)
-    touched[owner[matched.piece[matched.follows]]] = True
-    for number, depth in enumerate(task.depths):
-        # Passes that the digits of the text do not distinguish are covered together.
-        at_depth = in_lap & (np.abs(lap_depth - depth) <= subject.slack)
-        last = number == len(task.depths) - 1
-        distance = task.distances[-1] if last else task.distances[0]
-        chosen = at_depth[place]
-        at_distance = chosen & (np.abs(matched.distance[place] - distance) < 1e-9)
-        check_repeats(checker, matched.covered.take(at_distance), depth, findings)
-        if last:
-            chosen = at_distance
-        rows = matched.rows[at_depth]
-        gaps = checker.find_uncovered(matched, np.flatnonzero(chosen), rows, distance, findings)
-        for index in range(len(gaps.piece)):
-            contour = drawing.contours[int(owner[gaps.piece[index]])]
-            done[owner[gaps.piece[index]]] = False
-            if not subject.context.named.skipped.isdisjoint({contour.id, *contour.sources}):
-                continue
-            if not touched[owner[gaps.piece[index]]]:
-                continue
-            x, y = _place_of_gap(subject, gaps.piece[index], gaps.low[index], gaps.high[index])
-            what = f"contour {contour.id} is not worked at {x:.3f} {y:.3f} mm, depth {depth:g} mm"
-            findings.miss(what)
-            return done
-    # A contour without a gap is worked, unless a note says that the tool does not fit beside it.
-    skipped = _are_named(drawing, subject.context.named.skipped)
-    return np.asarray(done & (touched | ~skipped))
-
-
-def _place_of_gap(subject: _Subject, piece: int, low: float, high: float) -> tuple[float, float]:
-    from camgen.check.proof.pieces import points_along  # noqa: PLC0415 (only for a message)
-
-    share = np.array([(low + high) / 2])
-    point = points_along(subject.drawing.pieces, np.array([piece]), share)[0]
-    return float(point[0]), float(point[1])
+    def finish(self, _motions: Motions, _findings: Findings) -> BoolArray:
+        """(C,) the contours that are worked."""
+        return self._done
 
 
 def _start_at_joints(motions: Motions) -> BoolArray:
@@ -561,7 +314,7 @@ def _start_at_joints(motions: Motions) -> BoolArray:
     return np.asarray(unknown & ~motions.joint)
 
 
-def _prove_drilled(subject: _Subject, findings: Findings) -> _Result:
+def _prove_drilled(subject: Subject, findings: Findings) -> _Result:
     motions = subject.motions
     strokes = subject.phases.upright | _start_at_joints(motions)
     upright = np.flatnonzero(strokes & subject.of_task)
@@ -577,23 +330,23 @@ def _prove_drilled(subject: _Subject, findings: Findings) -> _Result:
     return done | by_joints, contact
 
 
-def _are_reached_by_joints(subject: _Subject) -> BoolArray:
+def _are_reached_by_joints(subject: Subject) -> BoolArray:
     """(C,) contours with a path that has motions to joint values, which give no place."""
     motions = subject.motions
     paths = np.unique(motions.path[np.isnan(motions.end[:, 0]) & (motions.path >= 0)])
     origins = [subject.program.origins[path] for path in paths.tolist()]
     names = frozenset(chain.from_iterable(origin.contours for origin in origins))
-    return _are_named(subject.drawing, names)
+    return are_named(subject.drawing, names)
 
 
-def _prove_bored(subject: _Subject, findings: Findings) -> _Result:
+def _prove_bored(subject: Subject, findings: Findings) -> _Result:
     done = check_bored(
         subject.task, subject.drawing, subject.motions, subject.works, subject.limit, findings
     )
     return _without_others(subject, done), subject.phases.works
 
 
-def _without_others(subject: _Subject, done: BoolArray) -> BoolArray:
+def _without_others(subject: Subject, done: BoolArray) -> BoolArray:
     """Counts contours that are not a hole of the task as done: nothing is to be worked there."""
     holes = select_holes(subject.task, subject.drawing)
     wanted = np.zeros(len(done), np.bool_)
@@ -601,7 +354,7 @@ def _without_others(subject: _Subject, done: BoolArray) -> BoolArray:
     return np.asarray(done | (subject.task.worked & ~wanted))
 
 
-def _prove_area(subject: _Subject, findings: Findings) -> _Result:
+def _prove_area(subject: Subject, findings: Findings) -> _Result:
     from camgen.check.proof.areas import AreaChecker, make_region  # noqa: PLC0415 (only for areas)
 
     task, motions, phases = subject.task, subject.motions, subject.phases
@@ -642,11 +395,8 @@ def _prove_area(subject: _Subject, findings: Findings) -> _Result:
     return task.worked & subject.drawing.closed, phases.works | dots
 
 
-_Prover = Callable[[_Subject, Findings], _Result]
+#: How the kinds of operations are examined that do not run along contours.
 _PROVERS: dict[str, _Prover] = {
-    "follow": _prove_contours,
-    "trace": _prove_contours,
-    "chamfer": _prove_contours,
     "drill": _prove_drilled,
     "bore": _prove_bored,
     "pocket": _prove_area,

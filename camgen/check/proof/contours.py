@@ -7,6 +7,8 @@ every stretch that no motion runs along.
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 from msgspec import Struct
 
@@ -19,11 +21,12 @@ from camgen.check.proof.matching import (
     cover,
     find_gaps,
     find_nearest,
+    find_whole,
     join_ranges,
     measure_ends,
 )
 from camgen.check.proof.motions import Motions
-from camgen.check.proof.nesting import contour_boxes, crosses_itself
+from camgen.check.proof.nesting import crosses_itself
 from camgen.check.proof.pieces import (
     BoolArray,
     IntArray,
@@ -31,6 +34,7 @@ from camgen.check.proof.pieces import (
     find_shares,
     normals_along,
     points_along,
+    rows_of,
 )
 from camgen.check.proof.tasks import Drawing, Task
 from camgen.model.pose import FloatArray
@@ -66,7 +70,11 @@ class Matched(Struct, frozen=True, eq=False):
     side: (W,) side of the piece on which it runs half-way: 1 left, -1 right, 0 beside an end.
     follows: (W,) whether it runs at that distance, at both ends and half-way.
     rounds: (W,) whether it may be the rounding of an inner corner, farther from the contour.
+    foreign: (W,) whether the piece is not of the contours of its path, whose side is then not its
+        own.
+    has_tool_radius: (W,) arcs whose radius is `distance`, as far as the text shows it.
     covered: the stretches of the drawing along which motions run.
+    place: (N,) the place in `rows` of the motion of each stretch.
     """
 
     rows: IntArray
@@ -75,33 +83,69 @@ class Matched(Struct, frozen=True, eq=False):
     side: FloatArray
     follows: BoolArray
     rounds: BoolArray
+    foreign: BoolArray
+    has_tool_radius: BoolArray
     covered: Covered
+    place: IntArray
 
 
 def find_rolling(motions: Motions, matched: Matched) -> BoolArray:
     """(W,) motions that roll about an outer corner: arcs about it, or chords of such an arc."""
-    about_end = matched.side == 0
-    arc = motions.plane.turn[matched.rows] != 0
-    about_end[arc] &= _have_tool_radius(motions, matched)[arc]
-    return np.asarray(about_end)
+    is_line = motions.plane.turn[matched.rows] == 0
+    return np.asarray((matched.side == 0) & (matched.has_tool_radius | is_line))
 
 
 def may_roll(motions: Motions, matched: Matched, pieces: Pieces) -> BoolArray:
     """(W,) arcs that may roll about a corner, as far as the digits of the text show."""
-    shares = find_shares(motions.plane.middle[matched.rows], pieces, matched.piece)
-    to_end = np.minimum(np.abs(shares), np.abs(1 - shares)) * pieces.length[matched.piece]
-    return np.asarray(_have_tool_radius(motions, matched) & (to_end <= _ROLL_MM))
+    may = matched.has_tool_radius.copy()
+    rows, piece = matched.rows[may], matched.piece[may]
+    shares = find_shares(motions.plane.middle[rows], pieces, piece)
+    to_end = np.minimum(np.abs(shares), np.abs(1 - shares)) * pieces.length[piece]
+    may[may] = to_end <= _ROLL_MM
+    return may
 
 
-def _have_tool_radius(motions: Motions, matched: Matched) -> BoolArray:
-    """(W,) arcs whose radius is the distance from the contour, as far as the text shows it.
+def _have_tool_radius(radius: FloatArray, cosine: FloatArray, distance: FloatArray) -> BoolArray:
+    """(W,) arcs whose radius is `distance`, as far as the text shows it.
 
     A radius through three rounded points is the less certain, the flatter the arc.
+    cosine: (W,) cosine of half of the angle that an arc sweeps.
     """
-    radius, half = motions.plane.radius[matched.rows], motions.plane.half[matched.rows]
     with np.errstate(invalid="ignore", divide="ignore"):
-        uncertain = _ROLL_MM + _DIGITS_MM / (1 - np.cos(half))
-        return np.asarray(np.abs(radius - matched.distance) <= uncertain)
+        return np.asarray(np.abs(radius - distance) <= _ROLL_MM + _DIGITS_MM / (1 - cosine))
+
+
+class Workplace:
+    """The pieces of the drawing where a task works.
+
+    lists: the pieces at which to look first, for each path.
+    """
+
+    def __init__(self, task: Task, drawing: Drawing, lists: Ragged) -> None:
+        self.task, self.drawing, self.lists = task, drawing, lists
+        self.pieces = drawing.pieces
+        bounds = (task.worked | task.kept_clear)[drawing.pieces.owner]
+        #: All pieces that are worked or kept clear of, by place.
+        self.walls = PieceTree(drawing.pieces, np.flatnonzero(bounds))
+
+    @cached_property
+    def near(self) -> Ragged:
+        """For each contour the pieces of others that the tool may come near to beside it."""
+        task, count = self.task, len(self.drawing.contours)
+        pairs = task.near[task.worked[task.near[:, 0]] & task.kept_clear[task.near[:, 1]]]
+        owner = self.pieces.owner
+        first = np.searchsorted(owner, np.arange(count + 1))
+        size = first[pairs[:, 1] + 1] - first[pairs[:, 1]]
+        piece = join_ranges(first[pairs[:, 1]], size)
+        contour = np.repeat(pairs[:, 0], size)
+        # The tool's centre runs in the box of its contour, widened by the distance.
+        box = self.drawing.boxes[contour] + np.array([-1, -1, 1, 1]) * 2 * max(task.distances)
+        other = self.pieces.boxes[piece]
+        meet = np.all(other[:, :2] <= box[:, 2:], axis=1)
+        meet &= np.all(other[:, 2:] >= box[:, :2], axis=1)
+        order = np.argsort(contour[meet], kind="stable")
+        counts = np.bincount(contour[meet], minlength=count)
+        return Ragged(piece[meet][order], np.cumsum(counts) - counts, counts.astype(np.intp))
 
 
 class ContourChecker:
@@ -110,15 +154,9 @@ class ContourChecker:
     limit: distance, mm, that a motion may have from its place in the drawing.
     """
 
-    def __init__(
-        self, task: Task, drawing: Drawing, motions: Motions, lists: Ragged, limit: float
-    ) -> None:
-        self.task, self.drawing, self.motions = task, drawing, motions
-        self.lists, self.limit = lists, limit
-        self.pieces = drawing.pieces
-        owner = self.pieces.owner
-        self._tree_rows = np.flatnonzero((task.worked | task.kept_clear)[owner])
-        self._tree: PieceTree | None = None
+    def __init__(self, place: Workplace, motions: Motions, limit: float) -> None:
+        self.place, self.motions, self.limit = place, motions, limit
+        self.task, self.drawing, self.pieces = place.task, place.drawing, place.pieces
 
     # -- motions beside the drawing
 
@@ -127,9 +165,10 @@ class ContourChecker:
         plane, size = self.motions.plane, len(rows)
         # A motion starts where the one before it ends, if that is in contact too.
         first = np.flatnonzero(np.diff(rows, prepend=-2) != 1)
-        points = np.concatenate([plane.middle[rows], plane.end[rows], plane.start[rows[first]]])
+        middles, ends = rows_of(plane.middle, rows), rows_of(plane.end, rows)
+        points = np.concatenate([middles, ends, rows_of(plane.start, rows[first])])
         path = self.motions.path[rows]
-        nearest = find_nearest(points[:size], path, self.pieces, self.lists)
+        nearest = find_nearest(middles, path, self.pieces, self.place.lists)
         # The ends are beside the same piece, as a rule.
         nearest = measure_ends(points, nearest, first, self.pieces)
         wanted = np.array(self.task.distances)
@@ -137,28 +176,29 @@ class ContourChecker:
         lost = np.flatnonzero(off > self.limit)
         if len(lost):
             paths = np.concatenate([path, path, path[first]])
-            again = find_nearest(points[lost], paths[lost], self.pieces, self.lists)
+            again = find_nearest(points[lost], paths[lost], self.pieces, self.place.lists)
             nearest.put(lost, again)
             lost = lost[self._deviation(again, wanted) > self.limit]
         if len(lost):
             reach = float(wanted.max()) + self.task.operation.corner_radius + self.limit
-            nearest.put(lost, self.all_pieces().find(points[lost], reach))
+            nearest.put(lost, self.place.walls.find(points[lost], reach))
         off = self._deviation(nearest, wanted)
         follows = _join_ends(off <= self.limit, first, size)
         rounds = _join_ends(self._may_round(nearest, wanted), first, size) & ~follows
         piece, side = nearest.piece[:size], nearest.side[:size]
         middle = nearest.distance[:size, None]
         distance = wanted[np.abs(middle - wanted).argmin(axis=1)]
-        # A path may also run beside a contour that meets its own, whose side is then not its own.
         foreign = np.zeros(size, np.bool_)
         foreign[lost[lost < size]] = True
         foreign &= path >= 0
-        short = plane.length[rows] < SHORT_MM
-        self._check_side(rows, piece, side, follows & ~foreign & ~short, findings)
-        self._check_short_sides(rows, piece, side, follows & ~foreign, findings)
         along = np.flatnonzero(follows & (piece >= 0) & ((side != 0) | (distance == 0)))
         covered = cover(plane, rows[along], piece[along], self.pieces)
-        return Matched(rows, piece, distance, side, follows, rounds, covered)
+        rolls = _have_tool_radius(plane.radius[rows], plane.cosine[rows], distance)
+        matched = Matched(
+            rows, piece, distance, side, follows, rounds, foreign, rolls, covered, place=along
+        )
+        self._check_sides(matched, findings)
+        return matched
 
     def _deviation(self, nearest: Nearest, wanted: FloatArray) -> FloatArray:
         return np.asarray(np.abs(nearest.distance[:, None] - wanted).min(axis=1))
@@ -171,45 +211,22 @@ class ContourChecker:
         beyond = nearest.distance - wanted.min()
         return np.asarray((beyond >= -self.limit) & (beyond <= radius + self.limit))
 
-    def all_pieces(self) -> PieceTree:
-        """All pieces that are worked or kept clear of, by place."""
-        if self._tree is None:
-            self._tree = PieceTree(self.pieces, self._tree_rows)
-        return self._tree
+    def _check_sides(self, matched: Matched, findings: Findings) -> None:
+        """Finds motions on the wrong side of their contour.
 
-    def _check_side(
-        self,
-        rows: IntArray,
-        piece: IntArray,
-        side: FloatArray,
-        follows: BoolArray,
-        findings: Findings,
-    ) -> None:
-        contour = self.pieces.owner[piece]
-        expected = self.task.tool_side[contour]
-        wrong = follows & (piece >= 0) & (side * expected < 0)
-        for index in np.flatnonzero(wrong)[:1].tolist():
+        A short one may lie beside two pieces: a path is wrong if most of its length is.
+        """
+        contour = self.pieces.owner[matched.piece]
+        turned = matched.side * self.task.tool_side[contour]
+        chosen = np.flatnonzero(matched.follows & ~matched.foreign & (turned != 0))
+        rows, contour, wrong = matched.rows[chosen], contour[chosen], turned[chosen] < 0
+        short = self.motions.plane.length[rows] < SHORT_MM
+        for index in np.flatnonzero(wrong & ~short)[:1].tolist():
             what = "runs on the wrong side of contour"
             self._report(int(rows[index]), int(contour[index]), what, findings)
-
-    def _check_short_sides(
-        self,
-        rows: IntArray,
-        piece: IntArray,
-        side: FloatArray,
-        follows: BoolArray,
-        findings: Findings,
-    ) -> None:
-        """Finds paths that run on the wrong side, in short motions, for most of their length."""
-        contour = self.pieces.owner[piece]
-        turned = side * self.task.tool_side[contour]
-        chosen = np.flatnonzero(follows & (turned != 0))
-        short = self.motions.plane.length[rows[chosen]] < SHORT_MM
-        wrong = short & (turned[chosen] < 0)
-        for index in self._find_majority(rows[chosen], contour[chosen], wrong):
+        for index in self._find_majority(rows, contour, wrong & short):
             what = "and others beside it run on the wrong side of contour"
-            row, number = int(rows[chosen[index]]), int(contour[chosen[index]])
-            self._report(row, number, what, findings)
+            self._report(int(rows[index]), int(contour[index]), what, findings)
 
     def _report(self, row: int, contour: int, what: str, findings: Findings) -> None:
         """Adds a difference; a contour that crosses itself has neither sides nor a direction."""
@@ -244,9 +261,8 @@ class ContourChecker:
         contour = self.pieces.owner[covered.piece]
         left = self.task.tool_side[contour] > 0
         climbs = covered.forward == left
-        place = np.searchsorted(matched.rows, covered.motion)
         # A motion of no length has no direction.
-        judged = (covered.high > covered.low) & directed[place]
+        judged = (covered.high > covered.low) & directed[matched.place]
         wrong = judged & (climbs != (direction == "climb"))
         short = self._are_ambiguous(matched, covered)
         first = np.flatnonzero(wrong & ~short)[:1].tolist()
@@ -264,22 +280,22 @@ class ContourChecker:
         An arc about a corner covers next to nothing of the pieces beside it.
         """
         length = (covered.high - covered.low) * self.pieces.length[covered.piece]
-        place = np.searchsorted(matched.rows, covered.motion)
-        rolls = _have_tool_radius(self.motions, matched)[place] & (length < _LEAST_ROLL_MM)
+        rolls = matched.has_tool_radius[matched.place] & (length < _LEAST_ROLL_MM)
         return np.asarray(rolls | (self.motions.plane.length[covered.motion] < SHORT_MM))
 
     def check_clear(self, matched: Matched, findings: Findings) -> None:
         """Finds motions that come nearer to another contour than the tool may."""
         task = self.task
-        if not task.kept_clear.any() or not len(task.near):
+        lists = self.place.near
+        if not len(lists.rows):
             return
-        lists = self._near_pieces()
         contour = self.pieces.owner[matched.piece]
         rows = np.flatnonzero(matched.follows & (lists.count[contour] > 0))
         if not len(rows):
             return
         plane = self.motions.plane
-        points = np.concatenate([plane.middle[matched.rows[rows]], plane.end[matched.rows[rows]]])
+        chosen = matched.rows[rows]
+        points = np.concatenate([rows_of(plane.middle, chosen), rows_of(plane.end, chosen)])
         nearest = find_nearest(points, np.tile(contour[rows], 2), self.pieces, lists)
         near = nearest.distance.reshape(2, -1).min(axis=0) < min(task.distances) - self.limit
         for index in np.flatnonzero(near)[:1].tolist():
@@ -288,52 +304,24 @@ class ContourChecker:
             what = f"comes nearer to contour {name} than the tool's radius"
             findings.add(self.motions, int(matched.rows[rows[index]]), what)
 
-    def _near_pieces(self) -> Ragged:
-        """Pieces of other contours that are near to the box of each contour."""
-        task, count = self.task, len(self.drawing.contours)
-        reach = max(task.distances)
-        pairs = task.near[task.worked[task.near[:, 0]] & task.kept_clear[task.near[:, 1]]]
-        owner = self.pieces.owner
-        first = np.searchsorted(owner, np.arange(count + 1))
-        size = first[pairs[:, 1] + 1] - first[pairs[:, 1]]
-        piece = join_ranges(first[pairs[:, 1]], size)
-        contour = np.repeat(pairs[:, 0], size)
-        # The tool's centre runs in the box of its contour, widened by the distance.
-        box = contour_boxes(self.pieces, count)[contour] + np.array([-1, -1, 1, 1]) * 2 * reach
-        other = self.pieces.boxes[piece]
-        meet = np.all(other[:, :2] <= box[:, 2:], axis=1)
-        meet &= np.all(other[:, 2:] >= box[:, :2], axis=1)
-        order = np.argsort(contour[meet], kind="stable")
-        counts = np.bincount(contour[meet], minlength=count)
-        return Ragged(piece[meet][order], np.cumsum(counts) - counts, counts.astype(np.intp))
-
     # -- the drawing beside the motions
 
     def find_uncovered(
-        self,
-        matched: Matched,
-        rows: IntArray,
-        motions: IntArray,
-        distance: float,
-        findings: Findings,
+        self, covered: Covered, motions: IntArray, distance: float, findings: Findings
     ) -> Covered:
         """Stretches of the contours that could be worked on and are not.
 
         A short one away from all motions is a room that the tool just fits: it is not proven that
         the tool should go there.
 
-        rows: indices into `matched.covered` of the stretches at one depth.
+        covered: the stretches at one depth.
         motions: indices of the motions at that depth.
         distance: distance of the tool's centre from the contour, mm.
         """
-        covered = matched.covered.take(rows)
         length = self.pieces.length
         slack = np.minimum(_LEAST_GAP_MM / np.maximum(length, 1e-9), 1.0)
-        whole = (covered.low <= slack[covered.piece]) & (covered.high >= 1 - slack[covered.piece])
-        done = np.zeros(len(self.pieces), np.bool_)
-        done[covered.piece[whole]] = True
-        wanted = np.flatnonzero(self.task.worked[self.pieces.owner] & ~done)
-        gaps = find_gaps(covered.take(~done[covered.piece]), wanted, slack)
+        wanted = self.task.worked[self.pieces.owner] & ~find_whole(covered, slack)
+        gaps = find_gaps(covered.take(wanted[covered.piece]), np.flatnonzero(wanted), slack)
         if not len(gaps.piece):
             return gaps
         reachable, isolated = self._is_reachable(gaps, motions, distance)
@@ -386,7 +374,7 @@ class ContourChecker:
     def _distance_to_walls(self, points: FloatArray, contour: IntArray, reach: float) -> FloatArray:
         """(N,) distance of points from what the tool keeps clear of, up to `reach` mm."""
         if self.task.kept_clear.any():
-            return self.all_pieces().find(points, reach).distance
+            return self.place.walls.find(points, reach).distance
         first = np.searchsorted(self.pieces.owner, np.arange(len(self.drawing.contours) + 1))
         lists = Ragged(np.arange(len(self.pieces)), first[:-1], np.diff(first))
         return find_nearest(points, contour, self.pieces, lists).distance

@@ -105,7 +105,7 @@ class LeadChecker:
         chosen = np.flatnonzero(allowed)
         if len(chosen) and task.kind in BESIDE:
             points = self._points_on(matched.rows[chosen])
-            distance = self.checker.all_pieces().find(points, max(task.distances)).distance
+            distance = self.checker.place.walls.find(points, max(task.distances)).distance
             least = min(task.distances) - _CLEAR_SLACK_MM - self.checker.limit
             near = (distance.reshape(len(_LEAD_SHARES), -1) < least).any(axis=0)
             allowed[chosen[near]] = False

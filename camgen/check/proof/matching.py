@@ -7,25 +7,28 @@ tree of their boxes.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from functools import cached_property
 from itertools import pairwise
+from typing import TypeVar
 
 import numpy as np
 import shapely
 from msgspec import Struct
 
 from camgen.check.proof.pieces import (
+    BLOCK,
     BoolArray,
     IntArray,
     Pieces,
     find_all_shares,
     find_feet,
+    rows_of,
 )
 from camgen.model.pose import FloatArray
 
 #: A path with more pairs of a point and a piece uses the tree.
 _MOST_PAIRS = 1_000_000
-#: Pairs that are measured at a time, so that they stay in the cache of the processor.
-_BLOCK = 32_768
 
 
 class Nearest(Struct, frozen=True, eq=False):
@@ -64,9 +67,10 @@ def list_pieces(pieces: Pieces, paths: int, path: IntArray, contour: IntArray) -
 
     path, contour: (L,) pairs of a path and the index of a contour, in order of path.
     """
-    low, high = (np.searchsorted(pieces.owner, contour, side) for side in ("left", "right"))
-    rows = join_ranges(low, high - low)
-    count = np.bincount(path, high - low, paths).astype(np.intp)
+    sizes = np.bincount(pieces.owner)
+    begins = np.cumsum(sizes) - sizes
+    rows = join_ranges(begins[contour], sizes[contour])
+    count = np.bincount(path, sizes[contour], paths).astype(np.intp)
     return Ragged(rows, np.cumsum(count) - count, count)
 
 
@@ -89,7 +93,7 @@ def find_nearest(points: FloatArray, path: IntArray, pieces: Pieces, lists: Ragg
     small = (count > 0) & (often[np.maximum(path, 0)] * count <= _MOST_PAIRS)
     chosen = np.flatnonzero(small)
     total = np.cumsum(count[chosen])
-    blocks = np.searchsorted(total, np.arange(0, count[chosen].sum(), _BLOCK), "right")
+    blocks = np.searchsorted(total, np.arange(0, count[chosen].sum(), BLOCK), "right")
     for low, high in pairwise([*blocks.tolist(), len(chosen)]):
         if low < high:
             rows = chosen[low:high]
@@ -109,7 +113,7 @@ def _nearest_pairs(
     points: FloatArray, row: IntArray, piece: IntArray, pieces: Pieces, first: IntArray
 ) -> Nearest:
     """The nearest piece of each run of pairs (`row`, `piece`); `first` is where the runs begin."""
-    feet = find_feet(points[row], pieces, piece)
+    feet = find_feet(rows_of(points, row), pieces, piece)
     least = np.minimum.reduceat(feet.distance, first)
     size = np.diff(np.append(first, len(row)))
     hits = np.flatnonzero(feet.distance == np.repeat(least, size))
@@ -135,12 +139,28 @@ def measure_ends(points: FloatArray, middles: Nearest, first: IntArray, pieces: 
     )
 
 
+Table = TypeVar("Table", bound=Struct)
+
+
+def join_tables(tables: Sequence[Table]) -> Table:
+    """One table of the rows of all `tables`, which may have tables among their columns."""
+    columns = []
+    for name in tables[0].__struct_fields__:
+        parts = [getattr(table, name) for table in tables]
+        is_table = isinstance(parts[0], Struct)
+        columns.append(join_tables(parts) if is_table else np.concatenate(parts))
+    return type(tables[0])(*columns)
+
+
 class PieceTree:
-    """Pieces that are looked up by place."""
+    """The pieces at the indices `rows`, looked up by place."""
 
     def __init__(self, pieces: Pieces, rows: IntArray) -> None:
         self._pieces, self._rows = pieces, rows
-        self._tree = shapely.STRtree(shapely.box(*pieces.take(rows).boxes.T))
+
+    @cached_property
+    def _tree(self) -> shapely.STRtree:
+        return shapely.STRtree(shapely.box(*self._pieces.take(self._rows).boxes.T))
 
     def find(self, points: FloatArray, distance: float) -> Nearest:
         """The nearest piece of each of `points` (N, 2), if it is within `distance` mm."""
@@ -168,6 +188,7 @@ class Covered(Struct, frozen=True, eq=False):
     low, high: (N,) shares of its length, 0 to 1.
     forward: (N,) whether the motion runs in the direction of the piece.
     motion: (N,) index of the motion.
+    length: (N,) length of the motion, mm.
     """
 
     piece: IntArray
@@ -175,34 +196,62 @@ class Covered(Struct, frozen=True, eq=False):
     high: FloatArray
     forward: BoolArray
     motion: IntArray
+    length: FloatArray
 
     def take(self, rows: IntArray | BoolArray) -> Covered:
         """The stretches at the indices or in the mask `rows`."""
+        if rows.dtype == np.bool_ and rows.all():
+            return self
         return Covered(*(getattr(self, name)[rows] for name in self.__struct_fields__))
 
 
 def cover(motions: Pieces, rows: IntArray, piece: IntArray, pieces: Pieces) -> Covered:
     """The stretch of `piece` (N,) along which each of the motions `rows` (N,) runs."""
-    ends = [motions.start[rows], motions.end[rows]]
+    ends = [rows_of(motions.start, rows), rows_of(motions.end, rows)]
     begin, end = find_all_shares(ends, pieces, piece)
     low, high = np.minimum(begin, end), np.maximum(begin, end)
-    return Covered(piece, np.clip(low, 0, 1), np.clip(high, 0, 1), begin <= end, rows)
+    low, high = np.clip(low, 0, 1), np.clip(high, 0, 1)
+    return Covered(piece, low, high, begin <= end, rows, motions.length[rows])
+
+
+def find_whole(covered: Covered, slack: FloatArray) -> BoolArray:
+    """(K,) pieces that one stretch covers, or two that meet: most of a usual drawing.
+
+    slack: (K,) share of the length of each piece that is not worth a gap.
+    """
+    rows, low, high = np.arange(len(covered.piece)), covered.low, covered.high
+    first, last = np.full(len(slack), -1), np.full(len(slack), -1)
+    last[covered.piece] = rows
+    first[covered.piece[::-1]] = rows[::-1]
+    piece = np.flatnonzero(last >= 0)
+    first, last, least = first[piece], last[piece], slack[piece]
+    turned = low[last] < low[first]
+    first, last = np.where(turned, last, first), np.where(turned, first, last)
+    covers = (low[first] <= least) & (low[last] - high[first] <= least)
+    covers &= np.maximum(high[first], high[last]) >= 1 - least
+    whole = np.zeros(len(slack), np.bool_)
+    whole[piece[covers]] = True
+    return whole
 
 
 def find_gaps(covered: Covered, wanted: IntArray, slack: FloatArray) -> Covered:
     """The stretches of the pieces `wanted` that nothing of `covered` runs along.
 
+    covered: stretches of these pieces.
     slack: (K,) share of the length of each piece that is not worth a gap.
     """
-    names = np.concatenate([covered.piece, wanted, wanted])
-    low = np.concatenate([covered.low, np.zeros(len(wanted)), np.ones(len(wanted))])
-    high = np.concatenate([covered.high, np.zeros(len(wanted)), np.ones(len(wanted))])
-    order = np.lexsort((high, low, names))
+    # The end of each piece is a stretch too, so that a gap is always ahead of a stretch.
+    names = np.concatenate([covered.piece, wanted])
+    low = np.concatenate([covered.low, np.ones(len(wanted))])
+    high = np.concatenate([covered.high, np.ones(len(wanted))])
+    # Stretches that begin at one place may come in any order.
+    order = np.argsort(2.0 * names + low)
     names, low, high = names[order], low[order], high[order]
     # The end of the covered part so far of each piece: the sum keeps the pieces apart.
     reach = np.maximum.accumulate(high + 2.0 * names) - 2.0 * names
-    begins, ends = reach[:-1], low[1:]
-    gap = (names[1:] == names[:-1]) & (ends - begins > slack[names[1:]])
-    rows = np.flatnonzero(gap)
+    goes_on = np.append(False, names[1:] == names[:-1])
+    begins = np.where(goes_on, np.append(0.0, reach[:-1]), 0.0)
+    rows = np.flatnonzero(low - begins > slack[names])
     forward = np.ones(len(rows), np.bool_)
-    return Covered(names[rows], begins[rows], ends[rows], forward, np.full(len(rows), -1))
+    no_motion, no_length = np.full(len(rows), -1), np.zeros(len(rows))
+    return Covered(names[rows], begins[rows], low[rows], forward, no_motion, no_length)

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from operator import attrgetter
+from typing import Any
 
 import numpy as np
 from msgspec import Struct
+from msgspec.structs import replace
+from numpy.typing import ArrayLike, NDArray
 
 from camgen.check.proof.pieces import BoolArray, IntArray, Pieces, arcs_through
 from camgen.model.cell import Dynamics
 from camgen.model.pose import FloatArray
-from camgen.model.program import Columns, Instruction, MoveC, MoveJ, Output
+from camgen.model.program import Columns, Instruction, MoveJ, Output
 
 #: A motion whose ends are nearer in the plane, mm, goes up or down only.
 UPRIGHT_MM = 2e-3
@@ -45,9 +47,10 @@ class Motions(Struct, frozen=True, eq=False, dict=True):
 
     line: (M,) line of the text, counted from 1.
     joint: (M,) whether the motion interpolates the joints.
-    start, end: (M, 3) TCP, NaN where only joint values are known.
-    via: (M, 3) point of an arc between its ends, NaN for other motions.
-    plane: the same seen from above, as pieces; `owner` is the path.
+    end: (M, 3) TCP, NaN where only joint values are known.
+    before: (3,) TCP at the start of the first motion, NaN if it is not known.
+    arc: (A,) indices of the arcs.
+    via: (A, 3) a point of each arc between its ends.
     path: (M,) index of the path in the program, or -1. It is a hint only: nothing is proven by it.
     speed: (M,) mm/s.
     blend: (M,) distance from the end at which rounding may begin, mm; 0 for a stop.
@@ -61,16 +64,16 @@ class Motions(Struct, frozen=True, eq=False, dict=True):
 
     line: IntArray
     joint: BoolArray
-    start: FloatArray
     end: FloatArray
+    before: FloatArray
+    arc: IntArray
     via: FloatArray
-    plane: Pieces
     path: IntArray
     speed: FloatArray
     blend: FloatArray
     force: FloatArray
     force_direction: FloatArray
-    rotation: IntArray
+    rotation: NDArray[np.int32]
     axes: FloatArray
     on: BoolArray
     spindle: FloatArray
@@ -79,10 +82,43 @@ class Motions(Struct, frozen=True, eq=False, dict=True):
         return len(self.line)
 
     @cached_property
+    def start(self) -> FloatArray:
+        """(M, 3) TCP at the start, NaN where only joint values are known."""
+        return np.vstack([self.before, self.end])[:-1]
+
+    @cached_property
+    def plane(self) -> Pieces:
+        """The motions seen from above; `owner` is the path."""
+        points = np.vstack([self.before[:2], self.end[:, :2]])
+        return arcs_through(points[:-1], points[1:], self.path, self.arc, self.via[:, :2])
+
+    def stretch(self, low: int, high: int) -> Motions:
+        """The motions from `low` to before `high`."""
+        columns = {name: getattr(self, name)[low:high] for name in _BY_MOTION}
+        first, last = np.searchsorted(self.arc, (low, high)).tolist()
+        before = self.end[low - 1] if low else self.before
+        arc, via = self.arc[first:last] - low, self.via[first:last]
+        return replace(self, before=before, arc=arc, via=via, **columns)
+
+    @cached_property
+    def vias(self) -> FloatArray:
+        """(M, 3) the points of `via`, NaN for other motions than arcs."""
+        vias = np.full(self.end.shape, np.nan)
+        vias[self.arc] = self.via
+        return vias
+
+    @cached_property
     def upright(self) -> BoolArray:
         """(M,) whether the TCP moves up or down only, or not at all."""
         x, y = np.abs(self.end[:, 0] - self.start[:, 0]), np.abs(self.end[:, 1] - self.start[:, 1])
         return np.asarray((x <= UPRIGHT_MM) & (y <= UPRIGHT_MM) & (self.plane.turn == 0))
+
+
+#: The columns with a row for each motion.
+_BY_MOTION = (
+    "line", "joint", "end", "path", "speed", "blend",
+    "force", "force_direction", "rotation", "on", "spindle",
+)  # fmt: skip
 
 
 def tabulate(
@@ -95,26 +131,21 @@ def tabulate(
     signal: name of the process output, or "".
     """
     columns = Columns(body)
-    at, end = columns.at, columns.ends
-    start = np.full_like(end, np.nan)
-    start[1:] = end[:-1]
-    via = np.full_like(end, np.nan)
-    arcs = columns.moves_are(MoveC)
-    via[arcs] = columns.via
+    at = columns.at
     axes = np.array(columns.table, np.float64).reshape(-1, 3, 3)
     return Motions(
         line=np.asarray(lines, np.intp)[at],
         joint=columns.moves_are(MoveJ),
-        start=start,
-        end=end,
-        via=via,
-        plane=arcs_through(start[:, :2], via[:, :2], end[:, :2], path),
+        end=columns.ends,
+        before=np.full(3, np.nan),
+        arc=columns.arcs,
+        via=columns.via,
         path=path,
         speed=columns.speed,
         blend=columns.blend,
         force=columns.force,
         force_direction=columns.force_direction,
-        rotation=columns.rotation.astype(np.intp),
+        rotation=columns.rotation,
         axes=axes,
         on=_switched(columns, signal) if signal else np.zeros(len(at), np.bool_),
         spindle=_spindle(columns),
@@ -123,12 +154,9 @@ def tabulate(
 
 def _switched(columns: Columns, signal: str) -> BoolArray:
     """(M,) whether the output `signal` is on during each motion."""
-    outputs = columns.of(Output)
-    named = np.fromiter(map(signal.__eq__, map(attrgetter("signal"), outputs)), np.bool_)
-    value = np.fromiter(map(attrgetter("value"), outputs), np.float64)
-    places = np.flatnonzero(columns.are(Output))[named]
-    on = np.append(False, value[named] > 0)
-    return np.asarray(on[np.searchsorted(places, columns.at)])
+    switches = columns.alike(Output, lambda item: item.signal == signal)
+    on = columns.alike(Output, lambda item: item.signal == signal and item.value > 0)
+    return np.asarray(_hold(columns.at, switches, on[switches], False))
 
 
 def _spindle(columns: Columns) -> FloatArray:
@@ -136,6 +164,17 @@ def _spindle(columns: Columns) -> FloatArray:
     if not any(item.signal == "spindle" for item in columns.outputs):
         return np.zeros(len(columns.at))
     setting = columns.alike(Output, lambda item: item.signal == "spindle")
-    places = np.flatnonzero(setting)
-    values = np.array([0.0, *(item.value for item in columns.pick(places))])
-    return np.asarray(values[np.searchsorted(places, columns.at)])
+    values = [item.value for item in columns.pick(np.flatnonzero(setting))]
+    return np.asarray(_hold(columns.at, setting, values, 0.0))
+
+
+def _hold(at: IntArray, settings: BoolArray, values: ArrayLike, before: float) -> NDArray[Any]:
+    """(M,) the value during each of the motions, which stand at the places `at` (M,) of a body.
+
+    settings: (N,) which instructions set the value.
+    values: the values that these instructions set, in order.
+    before: the value before the first of them.
+    """
+    earlier = np.searchsorted(at, np.flatnonzero(settings))
+    counts = np.diff(earlier, prepend=0, append=len(at))
+    return np.repeat(np.append(before, values), counts)

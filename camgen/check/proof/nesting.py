@@ -8,7 +8,7 @@ import numpy as np
 import shapely
 from msgspec import Struct
 
-from camgen.check.proof.pieces import BoolArray, IntArray, Pieces, points_along
+from camgen.check.proof.pieces import BoolArray, IntArray, Pieces, points_along, rows_of
 from camgen.model.pose import FloatArray
 
 #: Sagitta of the chords that stand for arcs where inside and outside are decided, mm.
@@ -37,23 +37,27 @@ class Nesting(Struct, frozen=True, eq=False):
     inside_left: BoolArray
 
 
-def nest(pieces: Pieces, closed: BoolArray, distance: float) -> Nesting:
+def nest(
+    pieces: Pieces, boxes: FloatArray, shown: BoolArray, closed: BoolArray, distance: float
+) -> Nesting:
     """The nesting of contours, and the pairs that come nearer than `distance` mm.
 
-    pieces: lines and arcs of all contours.
+    pieces: lines and arcs of the contours.
+    boxes: (C, 4) their bounding boxes.
+    shown: (C,) the contours that count.
     closed: (C,) whether each contour is closed.
     """
     count = len(closed)
-    boxes = contour_boxes(pieces, count)
     # A diagonal has the bounding box that the tree looks at, and is made faster than a polygon.
-    wide = boxes + np.array([-1, -1, 1, 1]) * distance
-    diagonals = shapely.linestrings(wide[np.isfinite(boxes[:, 0])].reshape(-1, 2, 2))
-    names = np.flatnonzero(np.isfinite(boxes[:, 0]))
-    pairs = names[shapely.STRtree(diagonals).query(diagonals).T]
-    pairs = pairs[pairs[:, 0] != pairs[:, 1]]
-    inner, outer = boxes[pairs[:, 0]], boxes[pairs[:, 1]]
-    around = (inner[:, :2] >= outer[:, :2]).all(axis=1) & (inner[:, 2:] <= outer[:, 2:]).all(axis=1)
-    around &= closed[pairs[:, 1]]
+    names = np.flatnonzero(shown & np.isfinite(boxes[:, 0]))
+    wide = rows_of(boxes, names) + np.array([-1, -1, 1, 1]) * distance
+    diagonals = shapely.linestrings(wide.reshape(-1, 2, 2))
+    first, second = shapely.STRtree(diagonals).query(diagonals)
+    others = np.flatnonzero(first != second)
+    pairs = np.column_stack([names[first[others]], names[second[others]]])
+    around = closed[pairs[:, 1]]
+    for side, sense in enumerate((1, 1, -1, -1)):
+        around &= sense * boxes[pairs[:, 0], side] >= sense * boxes[pairs[:, 1], side]
     enclosed = _select_enclosed(pieces, pairs[around])
     depth = np.bincount(enclosed[:, 0], minlength=count)
     pairs = _keep_near(pieces, boxes, pairs, 2 * distance)
@@ -83,8 +87,8 @@ def contour_boxes(pieces: Pieces, count: int) -> FloatArray:
     if len(pieces):
         first = _first_rows(pieces.owner)
         names = pieces.owner[first]
-        boxes[names, :2] = np.minimum.reduceat(pieces.boxes[:, :2], first)
-        boxes[names, 2:] = np.maximum.reduceat(pieces.boxes[:, 2:], first)
+        for side, extreme in enumerate((np.minimum, np.minimum, np.maximum, np.maximum)):
+            boxes[names, side] = extreme.reduceat(pieces.boxes[:, side], first)
     return boxes
 
 
@@ -111,7 +115,9 @@ def _select_enclosed(pieces: Pieces, pairs: IntArray) -> IntArray:
     """The pairs of which the first contour lies inside the second."""
     kept = [np.zeros((0, 2), np.intp)]
     by_owner = pieces.owner
-    low, high = (np.searchsorted(by_owner, pairs[:, 0], side) for side in ("left", "right"))
+    counts = np.bincount(by_owner, minlength=int(pairs.max(initial=0)) + 1)
+    high = np.cumsum(counts)[pairs[:, 0]]
+    low = high - counts[pairs[:, 0]]
     for outer in np.unique(pairs[:, 1]).tolist():
         rows = np.flatnonzero(pairs[:, 1] == outer)
         ring = flatten(pieces.take(by_owner == outer))

@@ -33,12 +33,16 @@ def check_pass_order(
     if len(depths) < 2:
         return
     covered = matched.covered
-    place = np.searchsorted(matched.rows, covered.motion)
     path = checker.motions.path[covered.motion]
-    far = matched.distance[place] > checker.task.distances[-1] + 1e-9
+    far = matched.distance[matched.place] > checker.task.distances[-1] + 1e-9
     group = (path + 1) * 2 * len(checker.pieces) + 2 * covered.piece + far
     _find_early(
-        checker.motions, covered.motion, group, levels[place], (depths, checker.limit), findings
+        checker.motions,
+        covered.motion,
+        group,
+        levels[matched.place],
+        (depths, checker.limit),
+        findings,
     )
 
 
@@ -91,9 +95,8 @@ def check_repeats(
     if task.kind not in BESIDE:
         return
     count = len(checker.drawing.contours)
-    length = checker.motions.plane.length[covered.motion]
     share = np.bincount(covered.piece, covered.high - covered.low, len(pieces))
-    run = np.bincount(covered.piece, length, len(pieces))
+    run = np.bincount(covered.piece, covered.length, len(pieces))
     # Several passes may have one height, as far as the digits of the text show.
     times = int((np.abs(np.array(task.depths) - depth) <= _SAME_DEPTH_MM).sum())
     again = run * np.maximum(share - times, 0) / np.maximum(share, 1)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -86,30 +87,29 @@ def check_switches(
     names = {signal} - {""}
     if job.process.spindle > 0:
         names.add("spindle")
-    seen = set[str]()
-    for place in reversed(np.flatnonzero(columns.are(Output)).tolist()):
-        output = body[place]
-        if isinstance(output, Output) and output.signal in names - seen:
-            seen.add(output.signal)
+    for name in sorted(names):
+        switches = columns.alike(Output, partial(_sets, name))
+        for output in columns.pick(np.flatnonzero(switches)[-1:]):
             if output.value != 0:
-                findings.miss(f"output {output.signal} is on at the end of the program")
-        if seen == names:
-            break
+                findings.miss(f"output {name} is on at the end of the program")
     on = columns.alike(Output, lambda item: item.signal in names and item.value > 0)
     places = np.flatnonzero(on)
     following = np.searchsorted(columns.at, places)
     kept = np.append(of_task, False)[following]
     places, following = places[kept], following[kept]
     # Waits between the output and the motion after it.
-    seconds = np.zeros(len(body) + 1)
     waits = np.flatnonzero(columns.are(Wait))
-    seconds[waits + 1] = [item.seconds for item in columns.pick(waits)]
-    total = np.cumsum(seconds)
-    waited = total[columns.at[following]] - total[places]
+    total = np.cumsum([0.0, *(item.seconds for item in columns.pick(waits))])
+    waited = total[np.searchsorted(waits, columns.at[following])]
+    waited -= total[np.searchsorted(waits, places)]
     for index in np.flatnonzero(np.abs(waited - job.process.dwell) > _DWELL_S)[:1].tolist():
         name = body[int(places[index])].signal  # type: ignore[union-attr]
         what = f"output {name} is switched on with a wait of {waited[index]:g} s"
         findings.miss(f"{what}, process.dwell is {job.process.dwell:g} s")
+
+
+def _sets(signal: str, output: Output) -> bool:
+    return output.signal == signal
 
 
 def is_switched_in_air(job: Job) -> bool:

@@ -85,7 +85,7 @@ class SpaceChecker:
         # An edge that is run with the process off is a way to another edge.
         switched = bool(process_signal(self.job.process))
         for row in rows[motions.on[rows] | (not switched)].tolist():
-            points = arc_points(motions.start[row], motions.via[row], motions.end[row])
+            points = arc_points(motions.start[row], motions.vias[row], motions.end[row])
             if not np.isfinite(points).all():
                 open_start |= self._ends_on(row, chain)
                 continue

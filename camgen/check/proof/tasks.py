@@ -10,16 +10,17 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from fnmatch import fnmatchcase
+from functools import cached_property
 
 import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.check.proof.nesting import Nesting, nest
+from camgen.check.proof.nesting import Nesting, contour_boxes, nest
 from camgen.check.proof.pieces import BoolArray, IntArray, Pieces, drawn_pieces
 from camgen.model.job import Choice, Job, OperationTable
 from camgen.model.page import page_size
-from camgen.model.part import Contour, Part
+from camgen.model.part import Contour, Part, tabulate_contours
 from camgen.model.pose import FloatArray
 from camgen.read.colors import resolve_named
 
@@ -35,7 +36,7 @@ _TIP_GAP_MM, _LEAST_TIP_GAP_MM = 0.5, 0.1
 _PIXELS = 1.0
 
 
-class Drawing(Struct, frozen=True, eq=False):
+class Drawing(Struct, frozen=True, eq=False, dict=True):
     """The contours of a part where they are worked on, mm.
 
     contours: (C,) as they were read, without the outline of the stock.
@@ -50,6 +51,11 @@ class Drawing(Struct, frozen=True, eq=False):
     closed: BoolArray
     length: FloatArray
     slack: float
+
+    @cached_property
+    def boxes(self) -> FloatArray:
+        """(C, 4) bounding boxes of the contours, infinite for one of no length."""
+        return contour_boxes(self.pieces, len(self.contours))
 
 
 class Task(Struct, frozen=True, eq=False):
@@ -98,7 +104,7 @@ def lay_drawing(part: Part, job: Job) -> Drawing:
         drawn, pieces = tuple(moved), drawn_pieces(moved)
     elif len(drawn) < len(part.contours):
         pieces = drawn_pieces(drawn)
-    closed = np.array([contour.closed for contour in drawn], np.bool_)
+    closed = tabulate_contours(drawn).closed
     length = np.bincount(pieces.owner, pieces.length, len(drawn)).astype(np.float64)
     return Drawing(drawn, pieces, closed, length, _allowed_slack(part, job, ratio))
 
@@ -209,9 +215,10 @@ def _distances(kind: str, job: Job) -> tuple[tuple[float, ...], tuple[float, ...
 
 
 def _nest_shown(drawing: Drawing, shown: BoolArray, distance: float) -> Nesting:
-    rows = (shown & drawing.closed)[drawing.pieces.owner]
+    shown = shown & drawing.closed
+    rows = shown[drawing.pieces.owner]
     pieces = drawing.pieces if rows.all() else drawing.pieces.take(rows)
-    return nest(pieces, drawing.closed, distance)
+    return nest(pieces, drawing.boxes, shown, drawing.closed, distance)
 
 
 def _choose_sides(
@@ -253,8 +260,7 @@ def _choose(drawing: Drawing, choice: Choice, operation: OperationTable) -> Bool
             and (not choice.colors or contour.color in colors)
         )
     if choice.nesting != "any":
-        rows = drawing.closed[drawing.pieces.owner]
-        depth = nest(drawing.pieces.take(rows), drawing.closed, 0.0).depth
+        depth = _nest_shown(drawing, drawing.closed, 0.0).depth
         chosen &= drawing.closed & ((depth > 0) == (choice.nesting == "inner"))
     if operation.holes is not None and operation.kind not in HOLES:
         chosen &= _are_circles(drawing, operation.holes)

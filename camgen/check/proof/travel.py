@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from msgspec import Struct
 
@@ -9,6 +11,9 @@ from camgen.check.proof.findings import Findings
 from camgen.check.proof.motions import Motions
 from camgen.check.proof.pieces import BoolArray, IntArray
 from camgen.model.job import ProcessTable
+
+#: Motions that are examined at a time, at least: fewer take longer, more leave the cache.
+_STRETCH = 60_000
 
 
 class Phases(Struct, frozen=True, eq=False):
@@ -46,6 +51,23 @@ def split_phases(motions: Motions, process: ProcessTable, height_slack: float) -
     after = np.append(before[1:], False)
     chain = np.where(works, np.cumsum(first) - 1, -1)
     return Phases(known, upright, works, chain, first, works & ~after)
+
+
+def cut_at_clearance(
+    motions: Motions, process: ProcessTable, height_slack: float
+) -> list[tuple[int, int]]:
+    """Stretches of motions, first and last + 1, that begin and end high between two paths.
+
+    height_slack: deviation of a height, mm.
+    """
+    high = motions.end[:-1, 2] >= process.clearance - height_slack
+    between = np.flatnonzero(high & (motions.path[1:] != motions.path[:-1])) + 1
+    if process.clearance <= height_slack:
+        # The height does not show whether the tool works.
+        between = between[:0]
+    wanted = np.searchsorted(between, np.arange(_STRETCH, len(motions), _STRETCH))
+    cuts = np.unique(between[wanted[wanted < len(between)]]).tolist()
+    return list(pairwise([0, *cuts, len(motions)]))
 
 
 def check_rest(motions: Motions, clearance: float, findings: Findings) -> None:
