@@ -495,6 +495,16 @@ def test_force_is_on_before_the_process_and_off_after_it():
     assert body[7] == Force(7.0, (0.0, 1.0, 0.0))
 
 
+def test_the_force_along_an_arc_begins_in_the_direction_at_its_start():
+    """A quarter circle about (0, 10), pressed to its centre: up at the start, left at the end."""
+    quarter = math.tan(math.pi / 8)
+    arc = path([(0, 0), (10, 10)], [quarter], [((0, 1), (-1, 0))], [7])
+    body = program(arc).body
+    assert [item for item in body if isinstance(item, Force)][1] == Force(7.0, (0.0, 1.0, 0.0))
+    (motion,) = [item for item in body if isinstance(item, MoveC)]
+    assert motion.force_direction == (-1.0, 0.0, 0.0)
+
+
 # Where the signal is switched.
 
 UP, DOWN = "Output MoveJ Comment MoveJ MoveL", "MoveL MoveL MoveL MoveL"

@@ -123,3 +123,14 @@ def test_traced_lines_have_no_leads() -> None:
     (path,), notes = led(circle(0, 0, 20), kind="trace", lead_in=5.0)
     assert path_length(path) == pytest.approx(40 * math.pi)
     assert not notes
+
+
+def test_a_lead_without_room_at_the_seam_begins_in_the_middle_of_a_long_side() -> None:
+    # The seam is at the lower left corner, and the lead to it would come from the lower right.
+    shapes = [rectangle(0, 0, 100, 60), circle(10, -9, 3, "c2")]
+    paths, notes = led(*shapes, lead_in=12.0)
+    (path,) = [path for path in paths if path.contours == ("c1",)]
+    assert not notes
+    # The tool of 6 mm runs 3 mm beside the long sides, whose middle is at x = 50.
+    x, y, _ = path.position[1]
+    assert (x, y) == pytest.approx((50.0, 63.0))
