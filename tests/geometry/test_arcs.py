@@ -13,6 +13,7 @@ from camgen.geometry.arcs import (
     are_bent,
     bulge_middles,
     bulges,
+    chain,
     circle,
     fit_circle,
     is_arc,
@@ -192,3 +193,10 @@ def test_points_in_space_that_leave_a_line_by_a_rounding_are_no_arc_at_any_size(
         circle(start, via, end)
     clear = (size / 2, math.sqrt(2) * size / 2 * 4e-9, size / 2)
     assert circle(start, clear, end)[1] > 1e6 * size
+
+
+def test_a_chain_goes_from_each_point_to_the_next() -> None:
+    points = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 2.0, 0.0], [1.0, 2.0, 4.0]])
+    spans_between = chain(points, np.full((3, 3), np.nan))
+    assert spans_between.start.tolist() == points[:3].tolist()
+    assert spans_between.length.tolist() == [1.0, 2.0, 4.0]

@@ -11,7 +11,7 @@ from camgen.geometry import intersect, offset, stitch, uncross
 from camgen.geometry.segments import Segments, from_contours, neighbours
 from camgen.model.part import Contour
 from camgen.plan import beside as beside_module
-from camgen.plan.beside import Beside, beside
+from camgen.plan.beside import Beside, beside, only_along
 from tests.support.drawn import circle, clockwise, contour, rectangle
 
 
@@ -76,3 +76,19 @@ def test_slips_are_the_same_where_every_corner_is_looked_at(drawn: list[Contour]
             uncross, "only_at_ends", lambda _, one, __: np.zeros(len(one), dtype=np.bool_)
         )
         assert np.array_equal(found, uncross.find_slips(source, following, count))
+
+
+def test_a_stretch_of_a_closed_chain_goes_over_the_end_of_the_chain() -> None:
+    triangle = contour([(0, 0), (9, 0), (0, 9)])
+    segments = from_contours([triangle, rectangle(20, 0, 10, 10)])
+    plain = np.zeros(7, np.bool_)
+    closed = np.ones(2, np.bool_)
+    both = Beside(segments, closed, np.arange(7), np.zeros(7), plain, closed)
+    chosen = np.ones(7, np.bool_)
+    chosen[4] = False  # the right side of the rectangle
+    kept = only_along(both, chosen)
+    assert kept.closed.tolist() == [True, False]
+    assert kept.segments.owner.tolist() == [0, 0, 0, 1, 1, 1]
+    stretch = kept.segments.take(kept.segments.owner == 1)
+    assert stretch.start.tolist() == [[30, 10], [20, 10], [20, 0]]
+    assert stretch.end.tolist() == [[20, 10], [20, 0], [30, 0]]

@@ -308,3 +308,11 @@ def test_a_hole_comes_before_the_first_of_the_paths_beside_its_outline() -> None
     outer = [index for index, path in enumerate(result.paths) if "c1" in path.contours]
     assert len(outer) == 2
     assert hole.parent == min(outer)
+
+
+def test_the_paths_of_one_contour_are_numbered_from_one() -> None:
+    # Two rooms of 20 mm, joined by a passage of 4 mm, in which the tool of 6 mm has no place.
+    lower = [(0, 0), (20, 0), (20, 8), (30, 8), (30, 0), (50, 0)]
+    upper = [(50, 20), (30, 20), (30, 12), (20, 12), (20, 20), (0, 20)]
+    paths = planned(contour(lower + upper), side="inside").paths
+    assert [path.id for path in paths] == ["c1.1", "c1.2"]

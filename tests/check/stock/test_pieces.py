@@ -1,14 +1,19 @@
 """Pieces of slanted motions, and the widest disc of the excess."""
 
 import math
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
 import shapely
 
-from camgen.check.stock.moves import _pieces
+from camgen.check.stock.loose import _chords
+from camgen.check.stock.moves import Moves, _pieces
 from camgen.check.stock.removal import _widest
+from camgen.geometry.segments import from_contours
 from camgen.model.job import ToolTable
+from tests.support.drawn import circle, contour
 
 V_TOOL = ToolTable(kind="v", diameter=6.0, tip_angle=90.0)
 
@@ -32,3 +37,21 @@ def test_the_widest_disc_has_its_middle() -> None:
     assert diameter == pytest.approx(10.0 / math.sqrt(2.0), abs=0.02)
     assert middle is not None
     assert math.dist(middle, (105.0, 200.0)) < 0.02
+
+
+def test_a_motion_as_a_line_has_both_its_ends() -> None:
+    plane = from_contours([contour([(0, 0), (100, 0)], closed=False)])
+    moves = cast("Moves", SimpleNamespace(plane=plane))
+    (line,) = _chords(moves, np.array([0]))
+    assert shapely.length(line) == pytest.approx(100.0)
+    assert shapely.distance(line, shapely.Point(100.0, 0.0)) == pytest.approx(0.0)
+
+
+def test_an_arc_as_a_line_is_four_chords_of_equal_length() -> None:
+    moves = cast("Moves", SimpleNamespace(plane=from_contours([circle(0, 0, 10)])))
+    half = _chords(moves, np.array([0]))[0]
+    # A half circle in four: each chord leaves it by r (1 - cos(22.5 deg)).
+    farthest = 10.0 * (1.0 - math.cos(math.pi / 8))
+    middles = shapely.line_interpolate_point(half, np.linspace(0.0, 1.0, 201), normalized=True)
+    gaps = 10.0 - shapely.distance(middles, shapely.Point(0.0, 0.0))
+    assert gaps.max() == pytest.approx(farthest, abs=1e-3)
