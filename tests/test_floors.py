@@ -10,8 +10,9 @@ import pytest
 ROOT = Path(__file__).parent.parent
 #: Low to high; folders on one line do not import each other.
 FLOORS = [
-    {"model"}, {"geometry"}, {"vision"}, {"read"}, {"robots"}, {"collision"}, {"plan"}, {"order"}, {"lower"}, {"check"},
-    {"post"}, {"preview", "localize"}, {"build"}, {"batch"}, {"workbench"}, {"cli"}, {"__main__"},
+    {"model"}, {"geometry"}, {"vision"}, {"read"}, {"robots"}, {"collision"}, {"motion"},
+    {"plan"}, {"order"}, {"lower"}, {"check"}, {"post"}, {"preview", "localize"}, {"build"}, {"batch"},
+    {"workbench"}, {"cli"}, {"__main__"},
 ]  # fmt: skip
 FLOOR = {folder: k for k, folders in enumerate(FLOORS) for folder in folders}
 #: What a post and a read-back may know of camgen: posts stay independent of whoever plans.

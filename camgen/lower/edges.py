@@ -29,10 +29,10 @@ from camgen.model.program import (
     Program,
 )
 from camgen.model.tolerance import SAME_POINT_MM
+from camgen.motion.pose_paths import Way
 from camgen.order import EdgeTour
 from camgen.order.edges.links import Along, Piece, Turn
 from camgen.plan.edges.motion import Reached, feed_of
-from camgen.plan.edges.ways import Way
 
 
 def lower_edges(

@@ -17,8 +17,8 @@ from camgen.model.errors import InputError, JobError, NoSafeProgram
 from camgen.model.job import Job
 from camgen.model.pose import FloatArray, Pose
 from camgen.model.program import Comment, Force, Joints, MoveC, MoveJ, MoveL, Output, Wait
+from camgen.motion.pose_paths import Way
 from camgen.order.edges.links import Along
-from camgen.plan.edges.ways import Way
 from camgen.read.solid import mesh
 from tests.support.arm_models import by_hand
 from tests.support.files import source

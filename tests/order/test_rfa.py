@@ -15,6 +15,7 @@ from camgen.collision.cell import around
 from camgen.collision.hits import hits
 from camgen.collision.scene import Scene
 from camgen.model.pose import FloatArray, Pose
+from camgen.motion.pose_paths import Way
 from camgen.order.edges.links import BY_HOME, FREE, Along, Ends, Turn, along, steps
 from camgen.order.edges.pace import Pace
 from camgen.order.edges.retract import Retraction, Room, retractions
@@ -23,7 +24,6 @@ from camgen.plan.edges import room_of, setup_of
 from camgen.plan.edges.motion import Freedom, Hit, Reached, Setup, Track
 from camgen.plan.edges.reach import reach
 from camgen.plan.edges.select import select
-from camgen.plan.edges.ways import Way
 from camgen.read.job_file import load
 from camgen.read.solid import mesh
 from camgen.robots.catalogue import robot

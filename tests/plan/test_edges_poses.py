@@ -8,10 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from camgen.model.pose import FloatArray, rotation_about
+from camgen.motion.pose_paths import Way, counts, divide, rows
 from camgen.plan.edges.last_face import TOP
 from camgen.plan.edges.motion import Unreached
 from camgen.plan.edges.reach import poses
-from camgen.plan.edges.ways import Way, counts, divide, rows
 from tests.support.edge_shapes import rim, straight
 
 H = math.sqrt(0.5)

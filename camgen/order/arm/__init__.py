@@ -15,6 +15,7 @@ from camgen.model.part import Note
 from camgen.model.path import ToolPath, Tour
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, short
+from camgen.motion.pose_paths import Way
 from camgen.order.arm.items import (
     Item,
     States,
@@ -40,7 +41,6 @@ from camgen.plan.edges import freedom_of, home_of, room_of, setup_of
 from camgen.plan.edges.motion import Freedom, Reached, Setup, Unreached
 from camgen.plan.edges.reach import reach_along
 from camgen.plan.edges.turns import rolls_of
-from camgen.plan.edges.ways import Way
 from camgen.robots.pace import pace_of
 from camgen.robots.workcell import Workcell
 

@@ -8,8 +8,8 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.model.pose import FloatArray, frozen
+from camgen.motion.pose_paths import Index, Way
 from camgen.plan.edges.motion import Setup
-from camgen.plan.edges.ways import Index, Way
 from camgen.robots.kinematics.rates import fastest, held_share
 
 #: mm/s: speeds of lines from here on are whole.

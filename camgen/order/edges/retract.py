@@ -13,6 +13,7 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.model.pose import FloatArray, frozen
+from camgen.motion.pose_paths import Way, divide, rows
 from camgen.order.edges.pace import Pace, pace_lines
 from camgen.plan.edges.motion import (
     JUMP,
@@ -24,7 +25,6 @@ from camgen.plan.edges.motion import (
     dense_parts,
     flange_poses,
 )
-from camgen.plan.edges.ways import Way, divide, rows
 from camgen.robots.kinematics.continuity import Choice, follow_each
 from camgen.robots.kinematics.forward import flange, frames
 

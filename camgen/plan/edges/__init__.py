@@ -25,6 +25,7 @@ from camgen.model.path import ToolPath, waypoints
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.program import Joints
 from camgen.model.text import counted, short
+from camgen.motion.pose_paths import Way
 from camgen.plan import EdgePlan, Watch
 from camgen.plan.edges.contact import own_contact
 from camgen.plan.edges.courses import APART, Course, follow_all
@@ -44,7 +45,6 @@ from camgen.plan.edges.reach import can_end, poses, reach_each, reach_ways, trim
 from camgen.plan.edges.remedy import Attempts, Ends, remedies
 from camgen.plan.edges.select import select
 from camgen.plan.edges.turns import turns_of
-from camgen.plan.edges.ways import Way
 from camgen.plan.unused import no_idle
 from camgen.robots.models import Robot
 from camgen.robots.workcell import Workcell

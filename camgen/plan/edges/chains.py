@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from camgen.model.part import BoolArray
 from camgen.model.pose import FloatArray
-from camgen.plan.edges.ways import Index
+from camgen.motion.pose_paths import Index
 from camgen.robots.models import Robot
 
 #: Seconds that a change of orientation is weighed with: each is a row of the program.

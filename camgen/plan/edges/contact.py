@@ -9,10 +9,10 @@ import numpy as np
 from camgen.model.job import Job
 from camgen.model.part import Edge
 from camgen.model.pose import FloatArray
+from camgen.motion.pose_paths import Way, counts, divide
 from camgen.plan.edges.last_face import Offset
 from camgen.plan.edges.motion import dense_parts
 from camgen.plan.edges.reach import poses
-from camgen.plan.edges.ways import Way, counts, divide
 
 #: Of the tool's radius: an edge that bends into its tip by more does not fit round it, and collides.
 _MOST = 0.25

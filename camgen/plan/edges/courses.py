@@ -10,8 +10,8 @@ from msgspec import Struct
 from camgen.geometry.ragged import each_once, offsets
 from camgen.model.part import BoolArray
 from camgen.model.pose import FloatArray
+from camgen.motion.pose_paths import Along, Index, Way
 from camgen.plan.edges.motion import Setup, Track, flange_poses
-from camgen.plan.edges.ways import Along, Index, Way
 from camgen.robots.kinematics.inverse import nearest
 
 #: mm: half-way between two rows no point of arm and tool is farther from where joints that run evenly have it.

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from camgen.model.job import ProcessTable
 from camgen.model.pose import FloatArray, Pose, frozen
-from camgen.plan.edges.ways import Index, Way, counts
+from camgen.motion.pose_paths import Index, Way, counts
 from camgen.robots.models import Robot
 
 

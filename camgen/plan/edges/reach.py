@@ -14,6 +14,7 @@ from camgen.geometry.vectors import cross
 from camgen.model.part import BoolArray, Edge, Line
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import short
+from camgen.motion.pose_paths import Way, cut, divide, rows
 from camgen.plan.edges.last_face import Offset
 from camgen.plan.edges.motion import (
     JUMP,
@@ -26,7 +27,6 @@ from camgen.plan.edges.motion import (
     flange_poses,
 )
 from camgen.plan.edges.search import Grid, can_stand, grid, search
-from camgen.plan.edges.ways import Way, cut, divide, rows
 from camgen.robots.kinematics.continuity import Choice, follow_each
 from camgen.robots.kinematics.reasons import why
 

@@ -12,6 +12,7 @@ from msgspec.structs import replace
 from camgen.geometry.rotations import from_vectors, turns_about_z
 from camgen.model.part import BoolArray
 from camgen.model.pose import FloatArray, frozen
+from camgen.motion.pose_paths import Index, Way, counts, divide, rows
 from camgen.plan.edges.chains import PoseChain, States, cheapest, steps
 from camgen.plan.edges.motion import (
     JUMP,
@@ -23,7 +24,6 @@ from camgen.plan.edges.motion import (
     flange_poses,
 )
 from camgen.plan.edges.turns import rolls_of
-from camgen.plan.edges.ways import Index, Way, counts, divide, rows
 from camgen.robots.kinematics import iterative as damped
 from camgen.robots.kinematics.continuity import Choice, follow
 from camgen.robots.kinematics.inverse import inverse
