@@ -27,7 +27,7 @@ from camgen.model.pose import FloatArray
 from camgen.model.program import MoveC, Program, ToolChange, put_off_first
 from camgen.model.text import short
 from camgen.motion.pose_paths import Way
-from camgen.plan.edges.motion import Setup, flange_poses
+from camgen.motion.setup import Setup, flange_poses
 from camgen.robots.kinematics.inverse import inverse
 from camgen.robots.kinematics.joint_limits import excess, within
 from camgen.robots.models import Robot

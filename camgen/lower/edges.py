@@ -30,9 +30,9 @@ from camgen.model.program import (
 )
 from camgen.model.tolerance import SAME_POINT_MM
 from camgen.motion.pose_paths import Way
+from camgen.motion.setup import Reached, feed_of
 from camgen.order import EdgeTour
 from camgen.order.edges.links import Along, Piece, Turn
-from camgen.plan.edges.motion import Reached, feed_of
 
 
 def lower_edges(

@@ -26,7 +26,7 @@ from camgen.read.recorded import Recorded
 if TYPE_CHECKING:
     from camgen.collision.cell import Surroundings
     from camgen.model.part import Contour, Line
-    from camgen.plan.edges.motion import Reached, Unreached
+    from camgen.motion.setup import Reached, Unreached
     from camgen.plan.tool_parts import ToolPart
     from camgen.read.recorded import ProgramRun
 

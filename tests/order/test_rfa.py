@@ -16,12 +16,12 @@ from camgen.collision.hits import hits
 from camgen.collision.scene import Scene
 from camgen.model.pose import FloatArray, Pose
 from camgen.motion.pose_paths import Way
+from camgen.motion.setup import Freedom, Hit, Reached, Setup, Track
 from camgen.order.edges.links import BY_HOME, FREE, Along, Ends, Turn, along, steps
 from camgen.order.edges.pace import Pace
 from camgen.order.edges.retract import Retraction, Room, retractions
 from camgen.order.edges.route import Route, Wish, route
 from camgen.plan.edges import room_of, setup_of
-from camgen.plan.edges.motion import Freedom, Hit, Reached, Setup, Track
 from camgen.plan.edges.reach import reach
 from camgen.plan.edges.select import select
 from camgen.read.job_file import load

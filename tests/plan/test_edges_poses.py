@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from camgen.model.pose import FloatArray, rotation_about
 from camgen.motion.pose_paths import Way, counts, divide, rows
+from camgen.motion.setup import Unreached
 from camgen.plan.edges.last_face import TOP
-from camgen.plan.edges.motion import Unreached
 from camgen.plan.edges.reach import poses
 from tests.support.edge_shapes import rim, straight
 

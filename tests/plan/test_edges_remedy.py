@@ -10,7 +10,7 @@ import pytest
 import camgen
 from camgen.model.job import Job
 from camgen.model.part import Edge
-from camgen.plan.edges.motion import Reached, Unreached
+from camgen.motion.setup import Reached, Unreached
 from camgen.plan.edges.remedy import Attempts, remedies
 from tests.support.edge_shapes import rim, straight
 

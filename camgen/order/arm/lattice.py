@@ -14,10 +14,10 @@ import numpy as np
 
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
+from camgen.motion.setup import Hit, Track
 from camgen.order.arm.items import States, join_states
 from camgen.order.arm.layers import CHANGE, all_links
 from camgen.order.arm.search import Found, Work, find_hits, find_met, key_of, link_key, wall_between
-from camgen.plan.edges.motion import Hit, Track
 
 #: Ways through the tables that are tested at most.
 _WAYS = 60

@@ -8,6 +8,7 @@ from msgspec import Struct
 from camgen.geometry.rotations import turned_about_z
 from camgen.model.pose import FloatArray, frozen
 from camgen.motion.pose_paths import Way, divide
+from camgen.motion.setup import JUMP, Hit, Track, dense_parts, flange_poses
 from camgen.order.arm.layers import SAME
 from camgen.order.arm.search import (
     Found,
@@ -19,7 +20,6 @@ from camgen.order.arm.search import (
     link_key,
     wall_between,
 )
-from camgen.plan.edges.motion import JUMP, Hit, Track, dense_parts, flange_poses
 from camgen.robots.kinematics.continuity import Choice, follow
 
 _NO_WAY = "no free motion leads to it: another place (camgen place), clearance or home may help"

@@ -18,6 +18,7 @@ from msgspec import Struct
 from camgen.geometry.ragged import offsets
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
+from camgen.motion.setup import Hit, Room, Setup, Track
 from camgen.order.arm.detours import find_detour
 from camgen.order.arm.items import States, Stood, join_states, stand, turn_round
 from camgen.order.arm.layers import (
@@ -33,7 +34,6 @@ from camgen.order.arm.layers import (
 )
 from camgen.order.solver import matrix
 from camgen.order.solver.ring import shorten_ring
-from camgen.plan.edges.motion import Hit, Room, Setup, Track
 from camgen.robots.kinematics.forward import flange
 
 #: So many paths are put in another order; of more the order by length is kept.

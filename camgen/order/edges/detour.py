@@ -17,7 +17,7 @@ from msgspec.structs import replace
 from camgen.geometry.ragged import owners, ramp
 from camgen.model.part import BoolArray
 from camgen.model.pose import FloatArray, frozen
-from camgen.plan.edges.motion import Hit, Room, Setup, Track
+from camgen.motion.setup import Hit, Room, Setup, Track
 from camgen.robots.kinematics.joint_limits import within
 
 #: Configurations that are looked at for one way at most, with the margin and without it.

@@ -17,9 +17,9 @@ from msgspec.structs import replace
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
 from camgen.motion.pose_paths import Way
+from camgen.motion.setup import Reached, Setup
 from camgen.order.edges.pace import Pace, pace_turn
 from camgen.order.edges.retract import Retraction
-from camgen.plan.edges.motion import Reached, Setup
 from camgen.robots.kinematics.forward import flange
 from camgen.robots.models import Robot
 

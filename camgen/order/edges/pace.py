@@ -9,7 +9,7 @@ from msgspec import Struct
 
 from camgen.model.pose import FloatArray, frozen
 from camgen.motion.pose_paths import Index, Way
-from camgen.plan.edges.motion import Setup
+from camgen.motion.setup import Setup
 from camgen.robots.kinematics.rates import fastest, held_share
 
 #: mm/s: speeds of lines from here on are whole.

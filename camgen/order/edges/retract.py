@@ -14,17 +14,8 @@ from msgspec import Struct
 
 from camgen.model.pose import FloatArray, frozen
 from camgen.motion.pose_paths import Way, divide, rows
+from camgen.motion.setup import JUMP, MARGIN, Hit, Room, Setup, Track, dense_parts, flange_poses
 from camgen.order.edges.pace import Pace, pace_lines
-from camgen.plan.edges.motion import (
-    JUMP,
-    MARGIN,
-    Hit,
-    Room,
-    Setup,
-    Track,
-    dense_parts,
-    flange_poses,
-)
 from camgen.robots.kinematics.continuity import Choice, follow_each
 from camgen.robots.kinematics.forward import flange, frames
 

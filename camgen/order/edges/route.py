@@ -18,12 +18,12 @@ from camgen.model.part import BoolArray, IntArray, Line
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted
 from camgen.motion.pose_paths import Way
+from camgen.motion.setup import Hit, Reached, Room, Setup, Track, Unreached
 from camgen.order.edges import links
 from camgen.order.edges.detour import find_detour
 from camgen.order.edges.pace import Pace
 from camgen.order.edges.retract import Retraction, retractions, shorter
 from camgen.order.solver import matrix
-from camgen.plan.edges.motion import Hit, Reached, Room, Setup, Track, Unreached
 from camgen.robots.models import Robot
 
 #: Ends of edges nearer than this are one vertex, mm.

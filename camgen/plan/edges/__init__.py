@@ -26,11 +26,7 @@ from camgen.model.pose import FloatArray, frozen
 from camgen.model.program import Joints
 from camgen.model.text import counted, short
 from camgen.motion.pose_paths import Way
-from camgen.plan import EdgePlan, Watch
-from camgen.plan.edges.contact import own_contact
-from camgen.plan.edges.courses import APART, Course, follow_all
-from camgen.plan.edges.last_face import offset_along
-from camgen.plan.edges.motion import (
+from camgen.motion.setup import (
     Freedom,
     Hit,
     Reached,
@@ -41,6 +37,10 @@ from camgen.plan.edges.motion import (
     all_clear,
     feed_of,
 )
+from camgen.plan import EdgePlan, Watch
+from camgen.plan.edges.contact import own_contact
+from camgen.plan.edges.courses import APART, Course, follow_all
+from camgen.plan.edges.last_face import offset_along
 from camgen.plan.edges.reach import can_end, poses, reach_each, reach_ways, trimmed
 from camgen.plan.edges.remedy import Attempts, Ends, remedies
 from camgen.plan.edges.select import select

@@ -11,7 +11,7 @@ from camgen.geometry.ragged import each_once, offsets
 from camgen.model.part import BoolArray
 from camgen.model.pose import FloatArray
 from camgen.motion.pose_paths import Along, Index, Way
-from camgen.plan.edges.motion import Setup, Track, flange_poses
+from camgen.motion.setup import Setup, Track, flange_poses
 from camgen.robots.kinematics.inverse import nearest
 
 #: mm: half-way between two rows no point of arm and tool is farther from where joints that run evenly have it.

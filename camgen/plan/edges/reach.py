@@ -15,8 +15,7 @@ from camgen.model.part import BoolArray, Edge, Line
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import short
 from camgen.motion.pose_paths import Way, cut, divide, rows
-from camgen.plan.edges.last_face import Offset
-from camgen.plan.edges.motion import (
+from camgen.motion.setup import (
     JUMP,
     MARGIN,
     Freedom,
@@ -26,6 +25,7 @@ from camgen.plan.edges.motion import (
     dense_parts,
     flange_poses,
 )
+from camgen.plan.edges.last_face import Offset
 from camgen.plan.edges.search import Grid, can_stand, grid, search
 from camgen.robots.kinematics.continuity import Choice, follow_each
 from camgen.robots.kinematics.reasons import why

@@ -12,7 +12,7 @@ from camgen.geometry.halving import find_first
 from camgen.model.job import Job, ToolTable
 from camgen.model.part import Line, Note
 from camgen.model.text import short
-from camgen.plan.edges.motion import Reached, Unreached
+from camgen.motion.setup import Reached, Unreached
 
 #: So many edges are looked at: each costs as much as several that are reached.
 _MOST = 8

@@ -17,7 +17,7 @@ from camgen.model.part import FEATURE_ANGLE, Curve, IntArray, Solid
 from camgen.model.pose import TOOL_DOWN, FloatArray, frozen, rotation_from_fixed_xyz
 from camgen.model.text import counted, short
 from camgen.motion.pose_paths import Way, counts, divide, rows
-from camgen.plan.edges.motion import Unreached
+from camgen.motion.setup import Unreached
 
 #: mm: a face is looked at so often along a curve; of the looks the rows stay that the axis needs to be so near, rad.
 _LOOK_MM, _AXIS = 1.0, math.radians(0.5)

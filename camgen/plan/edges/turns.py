@@ -9,7 +9,7 @@ from msgspec import Struct
 from camgen.model.errors import JobError
 from camgen.model.job import ToolTable
 from camgen.model.text import counted
-from camgen.plan.edges.motion import Freedom
+from camgen.motion.setup import Freedom
 
 #: deg: turns with wider steps stay as they are along a path; a tool that has so few is not led through others.
 WIDEST_STEP = 30.0
