@@ -22,9 +22,9 @@ from camgen.model.errors import Blocked, JobError, Loss
 from camgen.model.pose import FloatArray
 from camgen.model.program import Joints, MoveC, MoveJ, Program
 from camgen.model.text import short
+from camgen.motion.joint_paths import Course, follow_closely
 from camgen.motion.pose_paths import Index, Way, counts, divide, rows
 from camgen.motion.setup import Setup, flange_poses
-from camgen.plan.edges.courses import Course, follow_closely
 from camgen.robots.kinematics.continuity import Stuck, Ties, follow
 from camgen.robots.kinematics.forward import flange
 from camgen.robots.kinematics.joint_limits import within

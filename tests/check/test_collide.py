@@ -18,10 +18,10 @@ from camgen.collision.motion import measure_apart, motion
 from camgen.collision.scene import Scene, scene
 from camgen.model.errors import Blocked, Loss, NoSafeProgram
 from camgen.model.pose import IDENTITY, FloatArray, Pose, frozen, rotation_about, translation
+from camgen.motion.joint_paths import APART, Track, follow_all, follow_closely
 from camgen.motion.pose_paths import Way
 from camgen.motion.setup import Setup, flange_poses
 from camgen.plan.edges.contact import own_contact
-from camgen.plan.edges.courses import APART, Track, follow_all, follow_closely
 from camgen.robots.catalogue import robot
 from camgen.robots.kinematics.forward import flange
 from camgen.robots.kinematics.inverse import nearest

@@ -25,6 +25,7 @@ from camgen.model.path import ToolPath, waypoints
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.program import Joints
 from camgen.model.text import counted, short
+from camgen.motion.joint_paths import APART, Course, follow_all
 from camgen.motion.pose_paths import Way
 from camgen.motion.setup import (
     Freedom,
@@ -39,7 +40,6 @@ from camgen.motion.setup import (
 )
 from camgen.plan import EdgePlan, Watch
 from camgen.plan.edges.contact import own_contact
-from camgen.plan.edges.courses import APART, Course, follow_all
 from camgen.plan.edges.last_face import offset_along
 from camgen.plan.edges.reach import can_end, poses, reach_each, reach_ways, trimmed
 from camgen.plan.edges.remedy import Attempts, Ends, remedies
