@@ -12,10 +12,10 @@ from msgspec.structs import replace
 from camgen.geometry.rotations import from_vectors, turns_about_z
 from camgen.model.part import BoolArray
 from camgen.model.pose import FloatArray, frozen
+from camgen.motion.pose_chains import PoseChain, States, cheapest, steps
 from camgen.motion.pose_paths import Index, Way, counts, divide, rows
 from camgen.motion.rolls import rolls_of
 from camgen.motion.setup import JUMP, MARGIN, Freedom, Reached, Setup, dense_parts, flange_poses
-from camgen.plan.edges.chains import PoseChain, States, cheapest, steps
 from camgen.robots.kinematics import iterative as damped
 from camgen.robots.kinematics.continuity import Choice, follow
 from camgen.robots.kinematics.inverse import inverse
