@@ -19,9 +19,9 @@ from camgen.geometry.rotations import from_axes, sideways, turned_about_z
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
+from camgen.motion.search import solutions
 from camgen.motion.setup import MARGIN, Setup, flange_poses
 from camgen.order.pieces import lengths_along
-from camgen.plan.edges.search import solutions
 from camgen.robots.kinematics.inverse import inverse, nearest
 from camgen.robots.kinematics.joint_limits import turns, within, within_turned
 from camgen.robots.kinematics.singular import from_singular

@@ -15,6 +15,7 @@ from camgen.model.part import BoolArray, Edge, Line
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import short
 from camgen.motion.pose_paths import Way, cut, divide, rows
+from camgen.motion.search import Grid, can_stand, grid, search
 from camgen.motion.setup import (
     JUMP,
     MARGIN,
@@ -26,7 +27,6 @@ from camgen.motion.setup import (
     flange_poses,
 )
 from camgen.plan.edges.last_face import Offset
-from camgen.plan.edges.search import Grid, can_stand, grid, search
 from camgen.robots.kinematics.continuity import Choice, follow_each
 from camgen.robots.kinematics.reasons import why
 

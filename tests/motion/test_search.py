@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from camgen.model.pose import rotation_about, rotation_about_axis
 from camgen.motion.pose_chains import CHANGE, States, cheapest, steps
+from camgen.motion.search import grid, lean
 from camgen.motion.setup import Freedom
-from camgen.plan.edges.search import grid, lean
 from camgen.robots.catalogue import robot
 from camgen.robots.kinematics.joint_limits import turns
 
