@@ -36,7 +36,7 @@ from camgen.model.pose import FloatArray, Pose
 from camgen.model.program import MoveC, MoveJ, Program
 from camgen.motion.pose_paths import Way, divide
 from camgen.motion.setup import JUMP, MARGIN, Setup, dense_parts, flange_poses
-from camgen.plan.edges.reach import poses
+from camgen.plan.edges.poses import poses
 from camgen.read.solid import STEP, mesh_file
 from camgen.robots.kinematics.continuity import Choice, follow
 from camgen.robots.kinematics.forward import flange

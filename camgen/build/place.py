@@ -27,7 +27,7 @@ from camgen.plan import Watch, ignore_stages
 from camgen.plan.edges import choose, home_of, setup_of
 from camgen.plan.edges.contact import own_contact
 from camgen.plan.edges.last_face import Offset, offset_along
-from camgen.plan.edges.reach import poses, reach
+from camgen.plan.edges.poses import poses, reach
 from camgen.robots.kinematics.inverse import inverse
 from camgen.robots.kinematics.joint_limits import excess
 from camgen.robots.kinematics.singular import from_singular

@@ -16,7 +16,7 @@ from camgen.order.edges.pace import Pace
 from camgen.order.edges.retract import Retraction, retractions
 from camgen.order.edges.route import Wish, route
 from camgen.plan.edges import room_of, setup_of
-from camgen.plan.edges.reach import reach
+from camgen.plan.edges.poses import reach
 from camgen.read.solid import mesh
 from tests.support.files import source
 

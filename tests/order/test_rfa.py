@@ -16,13 +16,14 @@ from camgen.collision.hits import hits
 from camgen.collision.scene import Scene
 from camgen.model.pose import FloatArray, Pose
 from camgen.motion.pose_paths import Way
+from camgen.motion.reach import reach_ways
 from camgen.motion.setup import Freedom, Hit, Reached, Setup, Track
 from camgen.order.edges.links import BY_HOME, FREE, Along, Ends, Turn, along, steps
 from camgen.order.edges.pace import Pace
 from camgen.order.edges.retract import Retraction, Room, retractions
 from camgen.order.edges.route import Route, Wish, route
 from camgen.plan.edges import room_of, setup_of
-from camgen.plan.edges.reach import reach
+from camgen.plan.edges.poses import poses, reach
 from camgen.plan.edges.select import select
 from camgen.read.job_file import load
 from camgen.read.solid import mesh
@@ -378,5 +379,6 @@ def test_reaching_tells_how_far_it_is() -> None:
     setup, _, motions = cell("rfa1")
     known = {edge.id: edge for edge in mesh.read(source(PARTS / "rfa1.stl")).edges}
     told: list[int] = []
-    reach([known[one.id] for one in motions[:2]], setup, 2.0, tell=told.append)
+    edges = [known[one.id] for one in motions[:2]]
+    reach_ways([(edge, poses(edge, 2.0)) for edge in edges], setup, tell=told.append)
     assert told == [0, 1]

@@ -11,7 +11,7 @@ from camgen.model.errors import JobError
 from camgen.model.part import Solid
 from camgen.motion.pose_paths import Way
 from camgen.plan.edges.last_face import TOP, Offset, offset_along
-from camgen.plan.edges.reach import poses
+from camgen.plan.edges.poses import poses
 from camgen.read.files import Files
 from camgen.read.solid import inspect, mesh
 from camgen.read.solid.faces import beside, faces_of

@@ -11,7 +11,7 @@ from camgen.model.pose import FloatArray, rotation_about
 from camgen.motion.pose_paths import Way, counts, divide, rows
 from camgen.motion.setup import Unreached
 from camgen.plan.edges.last_face import TOP
-from camgen.plan.edges.reach import poses
+from camgen.plan.edges.poses import poses
 from tests.support.edge_shapes import rim, straight
 
 H = math.sqrt(0.5)

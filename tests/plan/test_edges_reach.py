@@ -14,7 +14,7 @@ from camgen.model.pose import FloatArray, Pose, pose_from_values, translation
 from camgen.motion.pose_paths import Way, cut
 from camgen.motion.setup import Freedom, Reached, Setup, Unreached
 from camgen.plan.edges.last_face import TOP as UPPER
-from camgen.plan.edges.reach import poses, reach
+from camgen.plan.edges.poses import poses, reach
 from camgen.read.solid import mesh
 from camgen.robots.catalogue import robot
 from camgen.robots.kinematics.forward import flange

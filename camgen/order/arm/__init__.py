@@ -16,6 +16,7 @@ from camgen.model.path import ToolPath, Tour
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, short
 from camgen.motion.pose_paths import Way
+from camgen.motion.reach import reach_along
 from camgen.motion.rolls import rolls_of
 from camgen.motion.setup import Freedom, Reached, Setup, Unreached
 from camgen.order.arm.items import (
@@ -40,7 +41,6 @@ from camgen.order.solver import matrix
 from camgen.order.tours import ArmTour
 from camgen.plan import Watch
 from camgen.plan.edges import freedom_of, home_of, room_of, setup_of
-from camgen.plan.edges.reach import reach_along
 from camgen.robots.pace import pace_of
 from camgen.robots.workcell import Workcell
 

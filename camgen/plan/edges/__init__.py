@@ -27,6 +27,7 @@ from camgen.model.program import Joints
 from camgen.model.text import counted, short
 from camgen.motion.joint_paths import APART, Course, follow_all
 from camgen.motion.pose_paths import Way
+from camgen.motion.reach import can_end, reach_each, reach_ways, trimmed
 from camgen.motion.rolls import turns_of
 from camgen.motion.setup import (
     Freedom,
@@ -42,7 +43,7 @@ from camgen.motion.setup import (
 from camgen.plan import EdgePlan, Watch
 from camgen.plan.edges.contact import own_contact
 from camgen.plan.edges.last_face import offset_along
-from camgen.plan.edges.reach import can_end, poses, reach_each, reach_ways, trimmed
+from camgen.plan.edges.poses import poses
 from camgen.plan.edges.remedy import Attempts, Ends, remedies
 from camgen.plan.edges.select import select
 from camgen.plan.unused import no_idle

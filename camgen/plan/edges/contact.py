@@ -12,7 +12,7 @@ from camgen.model.pose import FloatArray
 from camgen.motion.pose_paths import Way, counts, divide
 from camgen.motion.setup import dense_parts
 from camgen.plan.edges.last_face import Offset
-from camgen.plan.edges.reach import poses
+from camgen.plan.edges.poses import poses
 
 #: Of the tool's radius: an edge that bends into its tip by more does not fit round it, and collides.
 _MOST = 0.25

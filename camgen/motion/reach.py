@@ -1,4 +1,4 @@
-"""Can the robot process an edge, and how: the nominal pose first, the tool's freedom only where that fails."""
+"""Can the arm run a pose path, and how: the nominal pose first, the tool's freedom only where that fails."""
 
 from __future__ import annotations
 
@@ -8,11 +8,8 @@ from functools import cache
 import numpy as np
 from msgspec.structs import replace
 
-from camgen.geometry.arcs import are_bent, chain
-from camgen.geometry.rotations import SURE_TURN
-from camgen.geometry.vectors import cross
-from camgen.model.part import BoolArray, Edge, Line
-from camgen.model.pose import FloatArray, frozen
+from camgen.model.part import BoolArray, Line
+from camgen.model.pose import frozen
 from camgen.model.text import short
 from camgen.motion.pose_paths import Way, cut, divide, rows
 from camgen.motion.search import Grid, can_stand, grid, search
@@ -26,97 +23,8 @@ from camgen.motion.setup import (
     dense_parts,
     flange_poses,
 )
-from camgen.plan.edges.last_face import Offset
 from camgen.robots.kinematics.continuity import Choice, follow_each
 from camgen.robots.kinematics.reasons import why
-
-# TCP poses along an edge (RFA paper, section III.A): offset, tool z against it, y along the edge, x downwards.
-
-#: Below this the sum of two unit normals has no direction.
-_OPPOSED = 1e-3
-#: An offset that leaves less than this part of an arc has closed it.
-_CLOSED = 1e-3
-
-
-def poses(edge: Edge, offset: float, direction: Offset = "mean") -> Way | Unreached:
-    """The TCP poses along ``edge``, ``offset`` mm away from it, in its own direction; Unreached if it has none.
-
-    work_from_tool is right-handed: z against the offset, y along the edge or against it, so that x = y cross z points
-    downwards on the whole. Where x is level all along, y points upwards at the start; where that is level too, x goes
-    with the work's x, or else its y. The travel's direction does not change it: ``Way.reversed``.
-    """
-    away, middle = _directions(edge, direction)
-    if not (np.isfinite(away).all() and np.isfinite(middle).all()):
-        return Unreached(
-            edge.id, "shape", "its two faces are back to back: there is no direction between them"
-        )
-    position, via = edge.points + offset * away, edge.via + offset * middle
-    before, after = np.diff(edge.points, axis=0), np.diff(position, axis=0)
-    if ((before * after).sum(axis=1) < _CLOSED * (before * before).sum(axis=1)).any():
-        return Unreached(
-            edge.id,
-            "shape",
-            f"an offset of {short(offset, 3)} mm leaves nothing of its inner radius",
-        )
-    arc = are_bent(edge.points[:-1], edge.via, edge.points[1:])
-    begins, ends = chain(edge.points, np.where(arc[:, None], edge.via, np.nan)).tangents()
-    tangent = _at_rows(edge, begins, ends)
-    wide = arc & ((begins * ends).sum(axis=1) < np.cos(SURE_TURN))
-    at = np.flatnonzero(wide)
-    away, tangent = (
-        np.insert(rows, at + 1, middles[at], axis=0)
-        for rows, middles in ((away, middle), (tangent, _chords(edge)))
-    )
-    rotation = _frames(away, tangent, edge.closed)
-    if not np.isfinite(rotation).all():
-        return Unreached(edge.id, "shape", "it turns back on itself")
-    ways = np.full_like(position, np.nan)
-    ways[1:][arc] = via[arc]
-    whole = Way(position, ways, np.broadcast_to(np.eye(3), (len(position), 3, 3)))
-    return replace(divide(whole, 1 + wide), rotation=frozen(rotation))
-
-
-def _directions(edge: Edge, direction: Offset) -> tuple[FloatArray, FloatArray]:
-    """Unit offset directions at the rows (N, 3) and in the middles (N - 1, 3); NaN where there is none."""
-    if direction == "mean":
-        return _mean(edge.normals), _mean(edge.via_normals)
-    face = direction.of(edge)
-    return edge.normals[:, face], edge.via_normals[:, face]
-
-
-def _mean(normals: FloatArray) -> FloatArray:
-    total = normals.sum(axis=1)
-    length = np.linalg.norm(total, axis=1, keepdims=True)
-    return np.asarray(
-        np.divide(total, length, out=np.full_like(total, np.nan), where=length > _OPPOSED)
-    )
-
-
-def _chords(edge: Edge) -> FloatArray:
-    chord = np.diff(edge.points, axis=0)
-    return np.asarray(chord / np.linalg.norm(chord, axis=1, keepdims=True))
-
-
-def _at_rows(edge: Edge, begins: FloatArray, ends: FloatArray) -> FloatArray:
-    """(N, 3) along the edge at its points: between the spans that meet there."""
-    before = np.concatenate([ends[-1:] if edge.closed else begins[:1], ends])
-    after = np.concatenate([begins, begins[:1] if edge.closed else ends[-1:]])
-    return np.asarray(before + after)
-
-
-def _frames(away: FloatArray, tangent: FloatArray, closed: bool) -> FloatArray:
-    """(N, 3, 3): z against ``away``, y along ``tangent`` or, all of them, against it; NaN where they are parallel."""
-    z = -away
-    y = tangent - z * (z * tangent).sum(axis=1)[:, None]
-    length = np.linalg.norm(y, axis=1, keepdims=True)
-    y = np.divide(y, length, out=np.full_like(y, np.nan), where=length > _OPPOSED)
-    x = cross(y, z)
-    once = x[:-1] if closed else x
-    scores = np.array([-once[:, 2].mean(), y[0, 2], x[0, 0], x[0, 1]])
-    clear = scores[np.abs(scores) > 1e-6]
-    sign = -1.0 if len(clear) and clear[0] < 0 else 1.0
-    return np.stack([sign * x, sign * y, z], axis=2)
-
 
 _grid = cache(grid)
 _NONE = Freedom()
@@ -132,27 +40,6 @@ def _ignore(_: int) -> None:
     """For callers who do not look at it."""
 
 
-def reach(
-    edges: Iterable[Edge],
-    setup: Setup,
-    offset: float,
-    direction: Offset = "mean",
-    freedom: Freedom = _NONE,
-    trim: float = 0.0,
-    tell: Callable[[int], None] = _ignore,
-) -> tuple[Reached | Unreached, ...]:
-    """How each of ``edges`` is processed ``offset`` mm away from it (``poses.poses``), or why it cannot be. trim: mm at
-    either end that may be left out where the whole cannot be reached; closed edges have no ends. tell: is told how many
-    were tried.
-
-    Each motion keeps the joint limits, 2 deg from singularities and clear of collisions wherever it is looked at, at
-    least every 5 mm and 5 deg, and no joint turns by more than 15 deg from look to look.
-    """
-    return reach_ways(
-        [(edge, poses(edge, offset, direction)) for edge in edges], setup, freedom, trim, tell
-    )
-
-
 def reach_ways(
     ways: Iterable[tuple[Line, Way | Unreached]],
     setup: Setup,
@@ -160,7 +47,13 @@ def reach_ways(
     trim: float = 0.0,
     tell: Callable[[int], None] = _ignore,
 ) -> tuple[Reached | Unreached, ...]:
-    """``reach`` for edges and curves whose poses are known already, or why they have none."""
+    """How the arm runs each of ``ways``, which have their poses or the reason why there are none. trim: mm at either
+    end that may be left out where the whole cannot be reached; closed lines have no ends. tell: is told how many were
+    tried.
+
+    Each motion keeps the joint limits, 2 deg from singularities and clear of collisions wherever it is looked at, at
+    least every 5 mm and 5 deg, and no joint turns by more than 15 deg from look to look.
+    """
     listed, found = list(ways), []
     for begin in range(0, len(listed), _TOGETHER):
         some = listed[begin : begin + _TOGETHER]

@@ -1,0 +1,119 @@
+"""TCP poses along an edge at an offset: z against it, y along the edge, x downwards (RFA, III.A)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from msgspec.structs import replace
+
+from camgen.geometry.arcs import are_bent, chain
+from camgen.geometry.rotations import SURE_TURN
+from camgen.geometry.vectors import cross
+from camgen.model.part import Edge
+from camgen.model.pose import FloatArray, frozen
+from camgen.model.text import short
+from camgen.motion.pose_paths import Way, divide
+from camgen.motion.reach import reach_ways
+from camgen.motion.setup import Freedom, Reached, Setup, Unreached
+from camgen.plan.edges.last_face import Offset
+
+#: Below this the sum of two unit normals has no direction.
+_OPPOSED = 1e-3
+#: The tool keeps its nominal orientation.
+_NOMINAL = Freedom()
+#: An offset that leaves less than this part of an arc has closed it.
+_CLOSED = 1e-3
+
+
+def poses(edge: Edge, offset: float, direction: Offset = "mean") -> Way | Unreached:
+    """The TCP poses along ``edge``, ``offset`` mm away from it, in its own direction; Unreached if it has none.
+
+    work_from_tool is right-handed: z against the offset, y along the edge or against it, so that x = y cross z points
+    downwards on the whole. Where x is level all along, y points upwards at the start; where that is level too, x goes
+    with the work's x, or else its y. The travel's direction does not change it: ``Way.reversed``.
+    """
+    away, middle = _directions(edge, direction)
+    if not (np.isfinite(away).all() and np.isfinite(middle).all()):
+        return Unreached(
+            edge.id, "shape", "its two faces are back to back: there is no direction between them"
+        )
+    position, via = edge.points + offset * away, edge.via + offset * middle
+    before, after = np.diff(edge.points, axis=0), np.diff(position, axis=0)
+    if ((before * after).sum(axis=1) < _CLOSED * (before * before).sum(axis=1)).any():
+        return Unreached(
+            edge.id,
+            "shape",
+            f"an offset of {short(offset, 3)} mm leaves nothing of its inner radius",
+        )
+    arc = are_bent(edge.points[:-1], edge.via, edge.points[1:])
+    begins, ends = chain(edge.points, np.where(arc[:, None], edge.via, np.nan)).tangents()
+    tangent = _at_rows(edge, begins, ends)
+    wide = arc & ((begins * ends).sum(axis=1) < np.cos(SURE_TURN))
+    at = np.flatnonzero(wide)
+    away, tangent = (
+        np.insert(rows, at + 1, middles[at], axis=0)
+        for rows, middles in ((away, middle), (tangent, _chords(edge)))
+    )
+    rotation = _frames(away, tangent, edge.closed)
+    if not np.isfinite(rotation).all():
+        return Unreached(edge.id, "shape", "it turns back on itself")
+    ways = np.full_like(position, np.nan)
+    ways[1:][arc] = via[arc]
+    whole = Way(position, ways, np.broadcast_to(np.eye(3), (len(position), 3, 3)))
+    return replace(divide(whole, 1 + wide), rotation=frozen(rotation))
+
+
+def _directions(edge: Edge, direction: Offset) -> tuple[FloatArray, FloatArray]:
+    """Unit offset directions at the rows (N, 3) and in the middles (N - 1, 3); NaN where there is none."""
+    if direction == "mean":
+        return _mean(edge.normals), _mean(edge.via_normals)
+    face = direction.of(edge)
+    return edge.normals[:, face], edge.via_normals[:, face]
+
+
+def _mean(normals: FloatArray) -> FloatArray:
+    total = normals.sum(axis=1)
+    length = np.linalg.norm(total, axis=1, keepdims=True)
+    return np.asarray(
+        np.divide(total, length, out=np.full_like(total, np.nan), where=length > _OPPOSED)
+    )
+
+
+def _chords(edge: Edge) -> FloatArray:
+    chord = np.diff(edge.points, axis=0)
+    return np.asarray(chord / np.linalg.norm(chord, axis=1, keepdims=True))
+
+
+def _at_rows(edge: Edge, begins: FloatArray, ends: FloatArray) -> FloatArray:
+    """(N, 3) along the edge at its points: between the spans that meet there."""
+    before = np.concatenate([ends[-1:] if edge.closed else begins[:1], ends])
+    after = np.concatenate([begins, begins[:1] if edge.closed else ends[-1:]])
+    return np.asarray(before + after)
+
+
+def _frames(away: FloatArray, tangent: FloatArray, closed: bool) -> FloatArray:
+    """(N, 3, 3): z against ``away``, y along ``tangent`` or, all of them, against it; NaN where they are parallel."""
+    z = -away
+    y = tangent - z * (z * tangent).sum(axis=1)[:, None]
+    length = np.linalg.norm(y, axis=1, keepdims=True)
+    y = np.divide(y, length, out=np.full_like(y, np.nan), where=length > _OPPOSED)
+    x = cross(y, z)
+    once = x[:-1] if closed else x
+    scores = np.array([-once[:, 2].mean(), y[0, 2], x[0, 0], x[0, 1]])
+    clear = scores[np.abs(scores) > 1e-6]
+    sign = -1.0 if len(clear) and clear[0] < 0 else 1.0
+    return np.stack([sign * x, sign * y, z], axis=2)
+
+
+def reach(
+    edges: Iterable[Edge],
+    setup: Setup,
+    offset: float,
+    direction: Offset = "mean",
+    freedom: Freedom = _NOMINAL,
+    trim: float = 0.0,
+) -> tuple[Reached | Unreached, ...]:
+    """Run the arm along ``edges``, ``offset`` mm away from them, as ``reach_ways`` says."""
+    pose_paths = [(edge, poses(edge, offset, direction)) for edge in edges]
+    return reach_ways(pose_paths, setup, freedom, trim)
