@@ -88,3 +88,14 @@ def test_every_folder_is_packed() -> None:
     assert sorted(listed) == sorted(
         name.replace("postprocessors", "camgen_posts") for name in folders
     )
+
+
+def test_only_the_walk_imports_the_planner_of_edges() -> None:
+    # camgen.plan itself is among the modules outside, so that it re-exports nothing of the planner.
+    outside = set()
+    for name in FILES:
+        if name.startswith("camgen.plan."):
+            continue
+        if any(other.startswith("camgen.plan.edges") for other in imported(name)):
+            outside.add(name)
+    assert outside == {"camgen.build", "camgen.build.place"}

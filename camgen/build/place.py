@@ -21,10 +21,11 @@ from camgen.model.job import Job
 from camgen.model.part import Part, Solid
 from camgen.model.pose import FloatArray, Pose, fixed_xyz, rotation_about
 from camgen.model.text import counted
+from camgen.motion.cell import home_of, setup_of
 from camgen.motion.pose_paths import Way, counts, divide
 from camgen.motion.setup import MARGIN, Reached, Setup, flange_poses
 from camgen.plan import Watch, ignore_stages
-from camgen.plan.edges import choose, home_of, setup_of
+from camgen.plan.edges import choose
 from camgen.plan.edges.contact import own_contact
 from camgen.plan.edges.last_face import Offset, offset_along
 from camgen.plan.edges.poses import poses, reach

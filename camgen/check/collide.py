@@ -19,8 +19,8 @@ from camgen.model.errors import Blocked, Loss
 from camgen.model.part import IntArray, Note
 from camgen.model.program import Program
 from camgen.model.text import short
+from camgen.motion.cell import FINE, STEP
 from camgen.motion.joint_paths import APART, Course
-from camgen.plan.edges import FINE, STEP
 from camgen.robots.kinematics.forward import flange
 from camgen.robots.models import Robot
 

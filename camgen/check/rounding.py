@@ -19,8 +19,8 @@ from camgen.model.pose import FloatArray
 from camgen.model.program import Columns, Program
 from camgen.model.text import counted
 from camgen.model.tolerance import NONZERO
+from camgen.motion.cell import FINE, STEP
 from camgen.motion.joint_paths import APART, Course
-from camgen.plan.edges import FINE, STEP
 from camgen.robots.kinematics.forward import flange
 from camgen.robots.models import Robot
 

@@ -7,7 +7,7 @@ import math
 from msgspec import Struct
 
 from camgen.model.errors import JobError
-from camgen.model.job import ToolTable
+from camgen.model.job import Job, ToolTable
 from camgen.model.text import counted
 from camgen.motion.setup import Freedom
 
@@ -85,3 +85,9 @@ def rolls_of(freedom: Freedom, count: int) -> Rolls:
     return Rolls(
         freedom.turns, whole and len(freedom.turns) > 1, step > math.radians(WIDEST_STEP) + _EPS
     )
+
+
+def freedom_of(job: Job) -> Freedom:
+    """What the job leaves free of the tool's orientation."""
+    turns = turns_of(job.tool)
+    return Freedom(math.radians(job.tool.axis_tilt), job.tool.symmetric or turns is not None, turns)

@@ -18,10 +18,10 @@ from camgen.model.errors import NoSafeProgram
 from camgen.model.job import CellTable, Job
 from camgen.model.pose import FloatArray, translation
 from camgen.model.program import Joints, MoveJ
+from camgen.motion.cell import room_of, setup_of
 from camgen.motion.setup import Hit, Room, Setup, Track
 from camgen.order.edges import detour
 from camgen.order.edges.detour import find_detour
-from camgen.plan.edges import room_of, setup_of
 from camgen.robots.catalogue import robot
 from camgen.robots.kinematics.joint_limits import within
 from camgen.robots.workcell import equip

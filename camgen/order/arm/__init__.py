@@ -15,9 +15,10 @@ from camgen.model.part import Note
 from camgen.model.path import ToolPath, Tour
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, short
+from camgen.motion.cell import home_of, room_of, setup_of
 from camgen.motion.pose_paths import Way
 from camgen.motion.reach import reach_along
-from camgen.motion.rolls import rolls_of
+from camgen.motion.rolls import freedom_of, rolls_of
 from camgen.motion.setup import Freedom, Reached, Setup, Unreached
 from camgen.order.arm.items import (
     Item,
@@ -40,7 +41,6 @@ from camgen.order.pieces import begin_at, lengths_along, split_at
 from camgen.order.solver import matrix
 from camgen.order.tours import ArmTour
 from camgen.plan import Watch
-from camgen.plan.edges import freedom_of, home_of, room_of, setup_of
 from camgen.robots.pace import pace_of
 from camgen.robots.workcell import Workcell
 

@@ -10,13 +10,14 @@ from camgen.model.job import Job
 from camgen.model.part import Note
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted, short
+from camgen.motion.cell import home_of, room_of, setup_of
+from camgen.motion.edge_paths import edge_path, left_out, none_left
 from camgen.motion.setup import Reached, Setup
 from camgen.order.edges.links import Along, Turn
 from camgen.order.edges.pace import Pace
 from camgen.order.edges.route import Route, Wish, route
 from camgen.order.tours import EdgeTour
 from camgen.plan import EdgePlan, Watch
-from camgen.plan.edges import edge_path, home_of, left_out, none_left, room_of, setup_of
 from camgen.robots.kinematics.forward import flange
 from camgen.robots.workcell import Workcell
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import cache, partial
+from functools import cache
 from itertools import compress
 from typing import Literal
 
@@ -12,34 +11,19 @@ import numpy as np
 from msgspec.structs import replace
 
 from camgen.collision.cell import Surroundings, around
-from camgen.collision.hits import clearance, hits
-from camgen.collision.motion import Course as Meeting
-from camgen.collision.motion import measure_apart, motions
-from camgen.collision.scene import Scene, name_pair
 from camgen.model.cell import Cell
-from camgen.model.errors import InputError, JobError, NoSafeProgram
+from camgen.model.errors import InputError, JobError
 from camgen.model.job import Job
 from camgen.model.limits import tell
 from camgen.model.part import Edge, Line, Note, Part, Solid
-from camgen.model.path import ToolPath, waypoints
-from camgen.model.pose import FloatArray, frozen
 from camgen.model.program import Joints
 from camgen.model.text import counted, short
-from camgen.motion.joint_paths import APART, Course, follow_all
+from camgen.motion.cell import home_of, room_of, setup_of
+from camgen.motion.edge_paths import edge_path, left_out, none_left
 from camgen.motion.pose_paths import Way
 from camgen.motion.reach import can_end, reach_each, reach_ways, trimmed
-from camgen.motion.rolls import turns_of
-from camgen.motion.setup import (
-    Freedom,
-    Hit,
-    Reached,
-    Room,
-    Setup,
-    Track,
-    Unreached,
-    all_clear,
-    feed_of,
-)
+from camgen.motion.rolls import freedom_of
+from camgen.motion.setup import Hit, Reached, Room, Setup, Track, Unreached
 from camgen.plan import EdgePlan, Watch
 from camgen.plan.edges.contact import own_contact
 from camgen.plan.edges.last_face import offset_along
@@ -52,10 +36,6 @@ from camgen.robots.workcell import Workcell
 
 #: The cell with what stands in it, for a job.
 Surround = Callable[[Job], Surroundings]
-#: mm: what two bodies may enter each other before a motion in between is found to collide.
-STEP = 2.0
-#: The same where it is found how near they come, mm.
-FINE = 0.5
 
 
 def plan_edges(part: Part, job: Job, cell: Cell | None, watch: Watch) -> EdgePlan:
@@ -190,18 +170,6 @@ def _note_contact(tip: float) -> list[Note]:
     return [Note("assumed", "its own edge may enter the tool's tip", why)]
 
 
-def freedom_of(job: Job) -> Freedom:
-    """What the job leaves free of the tool's orientation."""
-    turns = turns_of(job.tool)
-    return Freedom(math.radians(job.tool.axis_tilt), job.tool.symmetric or turns is not None, turns)
-
-
-def none_left(part: Part, count: int, first: Unreached, noun: str = "edge") -> NoSafeProgram:
-    """The error where none of ``count`` edges can be processed. noun: what they are."""
-    what = f"none of {counted(count, noun)} can be processed: {first.id}"
-    return NoSafeProgram(part.source, what, first.text, first.remedy)
-
-
 def _clear_between(
     found: Sequence[Reached | Unreached], room: Room
 ) -> tuple[Reached | Unreached, ...]:
@@ -260,102 +228,6 @@ def _check(job: Job, cell: Cell) -> None:
     no_idle(job, "a 3-D part")
 
 
-def home_of(robot: Robot, cell: Cell, scene: Scene) -> FloatArray:
-    """The joint values (J,) at home. JobError for another count, NoSafeProgram where they collide."""
-    assert isinstance(cell.home, Joints)
-    home = frozen(cell.home.values)
-    if len(home) != len(robot.joints):
-        what = f"{robot.name} has {len(robot.joints)} joints, home has {len(home)}"
-        raise JobError("job", what, "cell.home", "give home for this robot")
-    pair = int(hits(scene, home[None])[0])
-    if pair >= 0:
-        raise NoSafeProgram(
-            "job",
-            f"home collides: {name_pair(scene, pair)}",
-            "cell.home",
-            "give another, or move the part",
-        )
-    return home
-
-
-def setup_of(robot: Robot, cell: Cell, where: Surroundings) -> Setup:
-    """What motions along edges are tried in."""
-    scene = where.scene
-    return Setup(
-        robot,
-        cell.base_from_work,
-        cell.flange_from_tool,
-        lambda joints: hits(scene, joints) < 0,
-        lambda joints: name_pair(scene, int(hits(scene, joints[None])[0])),
-        partial(measure_apart, scene),
-        (lambda joints: hits(where.apart, joints, near=where.margin) < 0)
-        if where.margin > 0
-        else all_clear,
-    )
-
-
-def room_of(where: Surroundings, setup: Setup) -> Room:
-    """What motions along edges and links are tried in."""
-
-    def look(several: Sequence[Track]) -> list[Hit | float]:
-        if not several:
-            return []
-        courses = follow_all(setup, several)
-        rows = [course.joints for course in courses]
-        beside = motions(where.apart, rows, FINE, where.margin, APART)
-        working = motions(where.work, rows, STEP, apart=APART)
-        return [_say(where, *one) for one in zip(courses, beside, working, strict=True)]
-
-    def gaps(joints: FloatArray) -> FloatArray:
-        return (
-            clearance(where.apart, joints, where.margin)
-            if where.margin > 0
-            else np.zeros(len(joints))
-        )
-
-    return Room(where.level, where.low, where.high, where.room, where.margin, look, gaps)
-
-
-def _say(where: Surroundings, course: Course, beside: Meeting, working: Meeting) -> Hit | float:
-    """What stops a motion: joints that do not lead along it, or what it collides with first; else how near it comes."""
-    if len(course.lost):
-        return Hit("jump", "the joints cannot follow", float(course.lost[0]))
-    found = [
-        (met.at, scene.pairs[met.pair])
-        for scene, met in ((where.apart, beside), (where.work, working))
-        if met.hit
-    ]
-    if not found:
-        return beside.clearance
-    first, pair = min(found, key=lambda one: (one[0], where.scene.pairs.index(one[1])))
-    at = np.interp(first, np.arange(len(course.at)), course.at)
-    return Hit("collision", f"collision, {' against '.join(pair)}", float(at))
-
-
-def edge_path(motion: Reached, edge: Line, job: Job) -> ToolPath:
-    """The motion along ``edge`` as a tool path."""
-    layer, operation = (edge.kind, "edges") if isinstance(edge, Edge) else (edge.layer, "trace")
-    way = motion.way
-    axis = frozen(way.rotation[:, :, 2])
-    press = np.stack([np.concatenate([axis[:1], axis[:-1]]), axis], axis=1)
-    feed = feed_of(motion, edge.length - sum(motion.trimmed), job.process)
-    return ToolPath(
-        id=motion.id,
-        layer=layer,
-        table=waypoints(
-            position=way.position,
-            via=way.via,
-            axis=axis,
-            force_direction=press,
-            force=job.process.force,
-            feed=feed,
-        ),
-        closed=edge.closed,
-        contours=(edge.id,),
-        operation=operation,
-    )
-
-
 def leave_out(
     plan: EdgePlan, lost: Sequence[tuple[str, Literal["collision", "jump"], str]]
 ) -> EdgePlan:
@@ -374,22 +246,3 @@ def leave_out(
         unreached=(*plan.unreached, *more),
         notes=(*plan.notes, *left_out(more, edges)),
     )
-
-
-def left_out(lost: Sequence[Unreached], edges: Mapping[str, Line]) -> list[Note]:
-    """Notes on edges and curves without a motion."""
-    return [
-        Note(
-            "skipped",
-            _describe(edges[one.id]),
-            "; ".join(filter(None, (one.text, one.remedy))),
-            (one.id,),
-        )
-        for one in lost
-    ]
-
-
-def _describe(line: Line) -> str:
-    if isinstance(line, Edge):
-        return f"edge {line.id}, {line.kind} of {short(line.length, 1)} mm"
-    return f"curve {line.id}, {short(line.length, 1)} mm"

@@ -1,0 +1,98 @@
+"""The set-up and the free space of a cell, with the collision tests that motions are asked."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+
+from camgen.collision.cell import Surroundings
+from camgen.collision.hits import clearance, hits
+from camgen.collision.motion import Course as Meeting
+from camgen.collision.motion import measure_apart, motions
+from camgen.collision.scene import Scene, name_pair
+from camgen.model.cell import Cell
+from camgen.model.errors import JobError, NoSafeProgram
+from camgen.model.pose import FloatArray, frozen
+from camgen.model.program import Joints
+from camgen.motion.joint_paths import APART, Course, follow_all
+from camgen.motion.setup import Hit, Room, Setup, Track, all_clear
+from camgen.robots.models import Robot
+
+#: mm: what two bodies may enter each other before a motion in between is found to collide.
+STEP = 2.0
+#: The same where it is found how near they come, mm.
+FINE = 0.5
+
+
+def home_of(robot: Robot, cell: Cell, scene: Scene) -> FloatArray:
+    """The joint values (J,) at home. JobError for another count, NoSafeProgram where they collide."""
+    assert isinstance(cell.home, Joints)
+    home = frozen(cell.home.values)
+    if len(home) != len(robot.joints):
+        what = f"{robot.name} has {len(robot.joints)} joints, home has {len(home)}"
+        raise JobError("job", what, "cell.home", "give home for this robot")
+    pair = int(hits(scene, home[None])[0])
+    if pair >= 0:
+        raise NoSafeProgram(
+            "job",
+            f"home collides: {name_pair(scene, pair)}",
+            "cell.home",
+            "give another, or move the part",
+        )
+    return home
+
+
+def setup_of(robot: Robot, cell: Cell, where: Surroundings) -> Setup:
+    """What motions along edges are tried in."""
+    scene = where.scene
+    return Setup(
+        robot,
+        cell.base_from_work,
+        cell.flange_from_tool,
+        lambda joints: hits(scene, joints) < 0,
+        lambda joints: name_pair(scene, int(hits(scene, joints[None])[0])),
+        partial(measure_apart, scene),
+        (lambda joints: hits(where.apart, joints, near=where.margin) < 0)
+        if where.margin > 0
+        else all_clear,
+    )
+
+
+def room_of(where: Surroundings, setup: Setup) -> Room:
+    """What motions along edges and links are tried in."""
+
+    def look(several: Sequence[Track]) -> list[Hit | float]:
+        if not several:
+            return []
+        courses = follow_all(setup, several)
+        rows = [course.joints for course in courses]
+        beside = motions(where.apart, rows, FINE, where.margin, APART)
+        working = motions(where.work, rows, STEP, apart=APART)
+        return [_say(where, *one) for one in zip(courses, beside, working, strict=True)]
+
+    def gaps(joints: FloatArray) -> FloatArray:
+        return (
+            clearance(where.apart, joints, where.margin)
+            if where.margin > 0
+            else np.zeros(len(joints))
+        )
+
+    return Room(where.level, where.low, where.high, where.room, where.margin, look, gaps)
+
+
+def _say(where: Surroundings, course: Course, beside: Meeting, working: Meeting) -> Hit | float:
+    """What stops a motion: joints that do not lead along it, or what it collides with first; else how near it comes."""
+    if len(course.lost):
+        return Hit("jump", "the joints cannot follow", float(course.lost[0]))
+    found = [
+        (met.at, scene.pairs[met.pair])
+        for scene, met in ((where.apart, beside), (where.work, working))
+        if met.hit
+    ]
+    if not found:
+        return beside.clearance
+    first, pair = min(found, key=lambda one: (one[0], where.scene.pairs.index(one[1])))
+    at = np.interp(first, np.arange(len(course.at)), course.at)
+    return Hit("collision", f"collision, {' against '.join(pair)}", float(at))
