@@ -272,6 +272,32 @@ class Lines(Sequence[str]):
         return list(self)[index]
 
 
+def are_forms_current(post: type) -> bool:
+    """Whether a class defines `forms` no further up than each method that prints a motion.
+
+    A class that overrides such a method alone prints other lines than the inherited `forms`.
+    """
+    classes = post.__mro__
+
+    def depth(name: str) -> int:
+        return next(k for k, base in enumerate(classes) if name in vars(base))
+
+    return depth("forms") <= min(map(depth, ("movej", "movel", "movec")))
+
+
+def cut_lines(printed: Iterable[Sequence[str]], max_lines: int) -> list[list[str]]:
+    """Lines in parts of at most `max_lines` (0: in one part), cut between instructions.
+
+    printed: the lines of each instruction.
+    """
+    parts: list[list[str]] = [[]]
+    for lines in printed:
+        if max_lines and len(parts[-1]) + len(lines) > max_lines and parts[-1]:
+            parts.append([])
+        parts[-1] += lines
+    return parts
+
+
 def as_printed(columns: Columns, lines: Iterable[Sequence[str]]) -> Printed:
     """The lines of each instruction of ``columns`` as what they print."""
     return (

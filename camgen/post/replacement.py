@@ -1,0 +1,187 @@
+"""Replaces the arcs that a controller lacks by motions that it has, in the columns of a program.
+
+`Post.prepare` calls `replace_refused`. A long program has half a million instructions, so most of
+them are decided by column: `accepts` and `refuses` of a post give masks. `why_not` decides on the
+others, one instruction after the other. A replaced arc becomes the motions of the first pass
+(`passes.PASSES`) whose motions are all accepted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import chain
+from typing import ClassVar, Protocol
+
+import numpy as np
+from msgspec import Struct
+
+from camgen.geometry.arcs import is_arc
+from camgen.geometry.ragged import begins, stretches
+from camgen.model.errors import Refused
+from camgen.model.pose import Pose
+from camgen.model.program import (
+    Body,
+    Columns,
+    Indices,
+    Instruction,
+    Mask,
+    MoveC,
+    MoveJ,
+    MoveL,
+    Packing,
+    Program,
+    join,
+    pack,
+    put_at,
+)
+from camgen.post.passes import PASSES, halve_each
+
+#: Number of instructions that are objects at a time. As objects they take more memory than the
+#: whole program by column.
+_BLOCK = 8192
+
+
+class Controller(Protocol):
+    """The members of a post that decide which instructions its controller has. See `Post`."""
+
+    name: ClassVar[str]
+    passes: ClassVar[tuple[str, ...]]
+
+    def accepts(self, columns: Columns) -> Mask:
+        """(N,): the instructions that the controller surely has."""
+
+    def refuses(self, columns: Columns) -> Mask:
+        """(M,): the motions that are arcs which the controller surely lacks."""
+
+    def why_not(self, item: Instruction, start: Pose | None) -> str:
+        """The reason why the controller lacks `item`; empty if it has it."""
+
+
+class _RefusedArc(Struct, frozen=True, eq=False):
+    """An arc that the controller cannot do.
+
+    index: its place in the body.
+    start: the pose at which it starts.
+    arc: the motion.
+    """
+
+    index: int
+    start: Pose
+    arc: MoveC
+
+
+def replace_refused(controller: Controller, program: Program, chord: float) -> Program:
+    """The program with each refused arc replaced; the program itself if nothing is refused.
+
+    chord: mm that a replacement may deviate from its arc.
+
+    Raises Refused with index and reason of the first refused instruction without a replacement.
+    """
+    body, columns = program.body, program.columns
+    accepted = controller.accepts(columns)
+    halved_at, halved = _halve_by_column(controller, columns, accepted)
+    accepted[halved_at] = True
+    undecided = np.flatnonzero(~accepted)
+    indices: list[int] = []
+    sizes: list[int] = []
+    replaced = Packing()
+    for low in range(0, len(undecided), _BLOCK):
+        arcs, refusal = _find_refused(controller, columns, undecided[low : low + _BLOCK])
+        for arc, pieces in zip(arcs, _replace_arcs(controller, arcs, chord), strict=True):
+            indices.append(arc.index)
+            sizes.append(len(pieces))
+            replaced.extend(pieces)
+        if refusal is not None:
+            raise refusal
+    if not indices and not len(halved_at):
+        return program
+    counts = np.append(np.full(len(halved_at), 2), np.array(sizes, np.intp))
+    places = np.append(halved_at, np.array(indices, np.intp))
+    order = np.argsort(places)
+    rows = stretches(begins(counts)[order], counts[order])
+    pieces_in_order = join(halved, replaced.body()).take(rows)
+    return program.with_body(put_at(pack(body), places[order], counts[order], pieces_in_order))
+
+
+def _halve_by_column(
+    controller: Controller, columns: Columns, accepted: Mask
+) -> tuple[Indices, Body]:
+    """The arcs that are halved by column: their indices (K,), and the two halves of each.
+
+    A controller whose first pass is not `halves` has no such arcs. Both halves are accepted for
+    sure.
+    """
+    if controller.passes[:1] != ("halves",):
+        return np.zeros(0, np.intp), pack(())
+    arcs = np.flatnonzero(controller.refuses(columns) & ~accepted[columns.at])
+    arcs, tried = halve_each(columns, arcs)
+    sound = controller.accepts(Columns(tried)).reshape(-1, 3)[:, 1:].all(axis=1)
+    rows = 3 * np.flatnonzero(sound)[:, None] + (1, 2)
+    return columns.at[arcs[sound]], tried.take(rows.ravel())
+
+
+def _find_refused(
+    controller: Controller, columns: Columns, undecided: Indices
+) -> tuple[list[_RefusedArc], Refused | None]:
+    """The refused arcs at the indices `undecided` that may have a replacement.
+
+    The list ends before the first refused instruction without one, which is the second value.
+    """
+    arcs: list[_RefusedArc] = []
+    starts = columns.poses(columns.before(undecided))
+    items = columns.pick(undecided)
+    for index, item, start in zip(undecided.tolist(), items, starts, strict=True):
+        if isinstance(item, MoveC) and start is not None and not _is_arc(start, item):
+            what = "the three points of the arc are on one line"
+            remedy = "give the arc a via point beside its chord, or plan a line"
+            return arcs, Refused(controller.name, index, what, remedy)
+        reason = controller.why_not(item, start)
+        if not reason:
+            continue
+        if not isinstance(item, MoveC) or start is None or not controller.passes:
+            return arcs, Refused(controller.name, index, reason)
+        arcs.append(_RefusedArc(index, start, item))
+    return arcs, None
+
+
+def _is_arc(start: Pose, arc: MoveC) -> bool:
+    return is_arc(start.origin, arc.via.origin, arc.target.origin)
+
+
+def _replace_arcs(
+    controller: Controller, arcs: Sequence[_RefusedArc], chord: float
+) -> list[list[MoveL | MoveC]]:
+    """The motions that replace each arc. Raises Refused for the first arc without a replacement."""
+    if not arcs:
+        return []
+    replace = PASSES[controller.passes[0]]
+    tried = [replace(refused.start, refused.arc, chord) for refused in arcs]
+    # The columns need the start of each arc, so a motion to it stands before its pieces.
+    bodies = [
+        [MoveJ(refused.start, refused.arc.speed), *pieces]
+        for refused, pieces in zip(arcs, tried, strict=True)
+    ]
+    accepted = controller.accepts(Columns(list(chain.from_iterable(bodies))))
+    counts = np.fromiter(map(len, tried), np.intp, len(tried))
+    ends, sums = np.cumsum(counts + 1), np.append(0, np.cumsum(accepted))
+    sound = sums[ends] - sums[ends - counts] == counts
+    return [
+        pieces if all_accepted else _replace_arc(controller, refused, chord)
+        for refused, pieces, all_accepted in zip(arcs, tried, sound.tolist(), strict=True)
+    ]
+
+
+def _replace_arc(controller: Controller, refused: _RefusedArc, chord: float) -> list[MoveL | MoveC]:
+    """The motions of the first pass that are all accepted. Raises Refused if no pass has such."""
+    reason = ""
+    for name in controller.passes:
+        pieces = PASSES[name](refused.start, refused.arc, chord)
+        start: Pose | None = refused.start
+        for piece in pieces:
+            reason = controller.why_not(piece, start)
+            if reason:
+                break
+            start = piece.target
+        else:
+            return pieces
+    raise Refused(controller.name, refused.index, reason)
