@@ -8,8 +8,10 @@ place in it.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import reduce
+from operator import attrgetter, or_
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, cast
 
 import msgspec
 import numpy as np
@@ -45,90 +47,61 @@ Matrix = tuple[Row, Row, Row]
 _NO_PRESS = (0.0, 0.0, 0.0)
 
 
-class _Line(
-    msgspec.Struct, frozen=True, tag_field="do", omit_defaults=True, forbid_unknown_fields=True
-):
-    """Base of the lines of ``body``; ``do`` names the instruction."""
-
-
-class _MoveJ(_Line, frozen=True, tag="movej"):
-    speed: _Number
-    to: Row | None = None
-    rotation: _Index = -1
-    joints: tuple[_Number, ...] | None = None
-    blend: _Number | None = None
-    posture: tuple[_Number, ...] | None = None
-    called: Posture | None = None
-    path: _Index = -1
-    work: bool = False
-    share: _Number | None = None
-
-
-class _MoveL(_Line, frozen=True, tag="movel"):
-    to: Row
-    rotation: _Index
-    speed: _Number
-    blend: _Number | None = None
-    force: _Number | None = None
-    press: Row | None = None
-    posture: tuple[_Number, ...] | None = None
-    called: Posture | None = None
-    path: _Index = -1
-    work: bool = False
-    turn: _Number | None = None
-
-
-class _MoveC(_Line, frozen=True, tag="movec"):
-    via: Row
-    via_rotation: _Index
-    to: Row
-    rotation: _Index
-    speed: _Number
-    blend: _Number | None = None
-    force: _Number | None = None
-    press: Row | None = None
-    posture: tuple[_Number, ...] | None = None
-    called: Posture | None = None
-    path: _Index = -1
-    work: bool = False
-
-
-class _Output(_Line, frozen=True, tag="output"):
-    signal: str
-    value: _Number
-
-
-class _Wait(_Line, frozen=True, tag="wait"):
-    seconds: _Number
-
-
-class _Force(_Line, frozen=True, tag="force"):
-    newtons: _Number
-    press: Row | None = None
-
-
-class _Frame(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class _Frame(Struct, frozen=True, forbid_unknown_fields=True):
     origin: Row
     rotation: _Index
 
 
-class _ToolChange(_Line, frozen=True, tag="toolchange"):
-    number: _Index
-    name: str
-    diameter: _Number
-    length: _Number
-    flange_from_tool: _Frame | None = None
+class _Line(Struct, frozen=True, tag_field="do", omit_defaults=True, forbid_unknown_fields=True):
+    """Base of the lines of `body`; `do` names the instruction."""
 
 
-class _Stop(_Line, frozen=True, tag="stop"):
-    optional: bool = False
+#: The keys of each instruction, in order. A key with `?` may be left out.
+_KEYS: Mapping[type[Struct], str] = {
+    MoveJ: "speed to? rotation? joints? blend? posture? called? path? work? share?",
+    MoveL: "to rotation speed blend? force? press? posture? called? path? work? turn?",
+    MoveC: "via via_rotation to rotation speed blend? force? press? posture? called? path? work?",
+    Output: "signal value",
+    Wait: "seconds",
+    Force: "newtons press?",
+    ToolChange: "number name diameter length flange_from_tool?",
+    Stop: "optional?",
+    Comment: "text",
+}
+#: The type of the value of a key; `_Number` for all other keys.
+_TYPES: Mapping[str, Any] = {
+    **dict.fromkeys(("to", "via", "press"), Row),
+    **dict.fromkeys(("rotation", "via_rotation", "path", "number"), _Index),
+    **dict.fromkeys(("joints", "posture"), tuple[_Number, ...]),
+    **dict.fromkeys(("work", "optional"), bool),
+    **dict.fromkeys(("signal", "name", "text"), str),
+    "called": Posture,
+    "flange_from_tool": _Frame,
+}
+#: The value of a key that is left out; None for all other keys.
+_DEFAULTS: Mapping[str, Any] = {"rotation": -1, "path": -1, "work": False, "optional": False}
 
 
-class _Comment(_Line, frozen=True, tag="comment"):
-    text: str
+def _define_line(kind: type[Struct], keys: str) -> type[_Line]:
+    """The type of the lines of an instruction."""
+    fields: list[Any] = []
+    for word in keys.split():
+        key = word.removesuffix("?")
+        of_value = _TYPES.get(key, _Number)
+        if key == word:
+            fields.append((key, of_value))
+        elif key in _DEFAULTS:
+            fields.append((key, of_value, _DEFAULTS[key]))
+        else:
+            fields.append((key, of_value | None, None))
+    tag = kind.__name__.lower()
+    line = msgspec.defstruct(f"_{kind.__name__}", fields, bases=(_Line,), tag=tag, frozen=True)
+    return cast("type[_Line]", line)
 
 
-_Any = _MoveJ | _MoveL | _MoveC | _Output | _Wait | _Force | _ToolChange | _Stop | _Comment
+_LINES = {kind: _define_line(kind, keys) for kind, keys in _KEYS.items()}
+_KINDS = {line: kind for kind, line in _LINES.items()}
+_AnyLine: Any = reduce(or_, _LINES.values())
 
 
 class _File(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -142,7 +115,7 @@ class _File(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     header: tuple[str, ...]
     rotations: tuple[Matrix, ...]
     paths: tuple[Origin, ...] = ()
-    body: tuple[_Any, ...]
+    body: tuple[_AnyLine, ...]
 
 
 class MotionFile(Struct, frozen=True, eq=False):
@@ -199,54 +172,53 @@ def _clean(origin: Origin) -> Origin:
     return Origin(clean(origin.id), clean(origin.layer), contours, origin.operation)
 
 
-def _line(item: Instruction, known: _Rotations) -> _Any:
-    match item:
-        case MoveJ():
-            return _joint_line(item, known)
-        case MoveL():
-            place = known.place(item.target.rotation)
-            return _MoveL(item.target.origin, place, item.speed, *_tail(item), item.turn or None)
-        case MoveC():
-            middle, place = known.place(item.via.rotation), known.place(item.target.rotation)
-            return _MoveC(
-                item.via.origin, middle, item.target.origin, place, item.speed, *_tail(item)
-            )
-        case Output():
-            return _Output(item.signal, float(item.value))
-        case Wait():
-            return _Wait(item.seconds)
-        case Force():
-            return _Force(
-                float(item.newtons), item.force_direction if any(item.force_direction) else None
-            )
-        case ToolChange():
-            pose = item.flange_from_tool
-            frame = None if pose is None else _Frame(pose.origin, known.place(pose.rotation))
-            return _ToolChange(item.number, clean(item.name), item.diameter, item.length, frame)
-        case Stop():
-            return _Stop(item.optional)
-        case Comment():
-            return _Comment(clean(item.text))
+def _frame(pose: Pose | None, known: _Rotations) -> _Frame | None:
+    return None if pose is None else _Frame(pose.origin, known.place(pose.rotation))
 
 
-def _joint_line(item: MoveJ, known: _Rotations) -> _MoveJ:
-    posture = item.joints.values if item.joints else None
-    rest = item.blend or None, posture, item.posture, item.path, item.work, item.share or None
-    if isinstance(item.target, Joints):
-        return _MoveJ(item.speed, None, -1, item.target.values, *rest)
-    return _MoveJ(item.speed, item.target.origin, known.place(item.target.rotation), None, *rest)
+_Write = Callable[[Any, _Rotations], Any]
+#: How the value of a key is made of an instruction, if the instruction has no such field.
+_WRITE: Mapping[str, _Write] = {
+    "to": lambda item, _: None if isinstance(item.target, Joints) else item.target.origin,
+    "rotation": lambda item, known: (
+        -1 if isinstance(item.target, Joints) else known.place(item.target.rotation)
+    ),
+    "joints": lambda item, _: item.target.values if isinstance(item.target, Joints) else None,
+    "via": lambda item, _: item.via.origin,
+    "via_rotation": lambda item, known: known.place(item.via.rotation),
+    "press": lambda item, _: item.force_direction if any(item.force_direction) else None,
+    "posture": lambda item, _: item.joints.values if item.joints else None,
+    "called": lambda item, _: item.posture,
+    "flange_from_tool": lambda item, known: _frame(item.flange_from_tool, known),
+    "value": lambda item, _: float(item.value),
+    "newtons": lambda item, _: float(item.newtons),
+    "name": lambda item, _: clean(item.name),
+    "text": lambda item, _: clean(item.text),
+}
 
 
-_Tail = tuple[
-    float | None, float | None, Vec3 | None, tuple[float, ...] | None, Posture | None, int, bool
-]
+def _find_writer(word: str) -> _Write:
+    """How the value of a key is made. word: the key as in `_KEYS`."""
+    key = word.removesuffix("?")
+    if key in _WRITE:
+        return _WRITE[key]
+    read = attrgetter(key)
+    if key == word or key in _DEFAULTS:
+        return lambda item, _: read(item)
+    return lambda item, _: read(item) or None
 
 
-def _tail(item: MoveL | MoveC) -> _Tail:
-    """Blend, force, press, posture and its names, None where there is none, and the path."""
-    press = item.force_direction if any(item.force_direction) else None
-    joints = item.joints.values if item.joints else None
-    return item.blend or None, item.force or None, press, joints, item.posture, item.path, item.work
+def _find_writers(keys: str) -> list[_Write]:
+    """How the values of `keys`, an entry of `_KEYS`, are made."""
+    return list(map(_find_writer, keys.split()))
+
+
+_WRITERS = {kind: _find_writers(keys) for kind, keys in _KEYS.items()}
+
+
+def _line(item: Instruction, known: _Rotations) -> _Line:
+    kind = type(item)
+    return _LINES[kind](*[write(item, known) for write in _WRITERS[kind]])
 
 
 def load(file: Path, files: Files) -> MotionFile:
@@ -286,55 +258,52 @@ def _rotation(matrix: Matrix) -> FloatArray:
     return rotation
 
 
-def _movej(line: _MoveJ, pose: Callable[[Vec3, int], Pose]) -> MoveJ:
-    posture = Joints(line.posture) if line.posture else None
-    owner = line.path, line.work, line.share or 0.0
-    if line.joints is not None:
-        return MoveJ(
-            Joints(line.joints), line.speed, line.blend or 0.0, posture, line.called, *owner
-        )
-    if line.to is None:
-        raise ValueError("a movej has neither joints nor to")
-    return MoveJ(
-        pose(line.to, line.rotation), line.speed, line.blend or 0.0, posture, line.called, *owner
-    )
+_FindPose = Callable[[Vec3, int], Pose]
+_Read = Callable[[Any, _FindPose], Any]
 
 
-def _instruction(line: _Any, pose: Callable[[Vec3, int], Pose]) -> Instruction:
-    match line:
-        case _MoveJ():
-            return _movej(line, pose)
-        case _MoveL():
-            return MoveL(pose(line.to, line.rotation), line.speed, *_end(line), line.turn or 0.0)
-        case _MoveC():
-            via, target = pose(line.via, line.via_rotation), pose(line.to, line.rotation)
-            return MoveC(via, target, line.speed, *_end(line))
-        case _Output():
-            return Output(line.signal, line.value)
-        case _Wait():
-            return Wait(line.seconds)
-        case _Force():
-            return Force(line.newtons, line.press or _NO_PRESS)
-        case _ToolChange():
-            frame = line.flange_from_tool
-            tool = None if frame is None else pose(frame.origin, frame.rotation)
-            return ToolChange(line.number, line.name, line.diameter, line.length, tool)
-        case _Stop():
-            return Stop(line.optional)
-        case _Comment():
-            return Comment(line.text)
+def _read_target(line: Any, pose: _FindPose) -> Pose | Joints:
+    if hasattr(line, "joints"):
+        if line.joints is not None:
+            return Joints(line.joints)
+        if line.to is None:
+            raise ValueError("a movej has neither joints nor to")
+    return pose(line.to, line.rotation)
 
 
-def _end(
-    line: _MoveL | _MoveC,
-) -> tuple[float, float, Vec3, Joints | None, Posture | None, int, bool]:
-    posture = Joints(line.posture) if line.posture else None
-    return (
-        line.blend or 0.0,
-        line.force or 0.0,
-        line.press or _NO_PRESS,
-        posture,
-        line.called,
-        line.path,
-        line.work,
-    )
+def _read_tool(line: Any, pose: _FindPose) -> Pose | None:
+    frame = line.flange_from_tool
+    return None if frame is None else pose(frame.origin, frame.rotation)
+
+
+#: How a field of an instruction is made of a line, if it is not the value of a key of its name.
+_READ: Mapping[str, _Read] = {
+    "target": _read_target,
+    "via": lambda line, pose: pose(line.via, line.via_rotation),
+    "force_direction": lambda line, _: line.press or _NO_PRESS,
+    "joints": lambda line, _: Joints(line.posture) if line.posture else None,
+    "posture": lambda line, _: line.called,
+    "flange_from_tool": _read_tool,
+}
+
+
+def _find_reader(name: str) -> _Read:
+    """How the field `name` of an instruction is made of a line."""
+    read = attrgetter(name)
+    if name in ("blend", "force", "turn", "share"):
+        return lambda line, _: read(line) or 0.0
+    return _READ.get(name, lambda line, _: read(line))
+
+
+def _find_readers(kind: type[Struct]) -> list[_Read]:
+    """How the fields of an instruction are made of a line."""
+    return list(map(_find_reader, kind.__struct_fields__))
+
+
+_READERS = {line: _find_readers(kind) for line, kind in _KINDS.items()}
+
+
+def _instruction(line: _Line, pose: _FindPose) -> Instruction:
+    kind = type(line)
+    values = [read(line, pose) for read in _READERS[kind]]
+    return cast("Instruction", _KINDS[kind](*values))
