@@ -6,10 +6,14 @@ from hypothesis import settings
 # As the command line does: threads of linear algebra take each other's time where every core runs tests already.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-# No deadline: how long an example takes depends on what else the machine does. In CI every run tries the same examples,
-# so one that fails can be run again. At a desk new ones are tried each time.
-settings.register_profile("desk", deadline=None)
-settings.register_profile("ci", deadline=None, derandomize=True)
+#: Examples of a property, where its own ``@settings`` does not ask for fewer.
+FEW, MANY = 25, 500
+# No deadline: the time of an example depends on what else the machine does. In CI each run tries
+# the same examples, so that a failure can be run again. At a desk new ones are tried each time.
+# ``pytest --hypothesis-profile=nightly`` tries many new ones.
+settings.register_profile("desk", deadline=None, max_examples=FEW)
+settings.register_profile("ci", deadline=None, max_examples=FEW, derandomize=True, database=None)
+settings.register_profile("nightly", deadline=None, max_examples=MANY)
 settings.load_profile("ci" if os.environ.get("CI") else "desk")
 
 

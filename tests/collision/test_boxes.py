@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from camgen.collision.boxes import Boxes, least_apart, meet
@@ -109,7 +109,6 @@ def test_boxes_meet_where_an_edge_of_one_enters_the_other() -> None:
     assert meet(a, b).tolist() == expected
 
 
-@settings(max_examples=60)
 @given(st.integers(0, 10**6), st.floats(0, 2))
 def test_growing_a_box_never_removes_a_hit(seed: int, by: float) -> None:
     a, b = some(40, seed, 1.5, 1.0), some(40, seed + 1, 1.5, 1.0)

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -92,7 +92,6 @@ def test_a_full_ellipse_takes_some_tens_of_arcs() -> None:
     st.floats(-7, 7), st.floats(0.01, math.tau), st.floats(0.01, 200), st.floats(0.01, 200), st.floats(-3, 3),
     st.booleans(),
 )  # fmt: skip
-@settings(max_examples=25)
 def test_any_elliptical_arc(
     start: float, sweep: float, a: float, b: float, skew: float, back: bool
 ) -> None:

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 import shapely
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from camgen.geometry.intersect import Obstacles
@@ -138,7 +138,6 @@ stars = st.integers(5, 12).flatmap(
 )
 
 
-@settings(max_examples=60)
 @example(star([20.0] * 11 + [24.0], [0.0] * 9 + [0.2, 0.0, 0.0]), 11.0, False)
 @given(shape=stars, distance=st.sampled_from([1.0, 3.0, 6.35, 11.0]), inside=st.booleans())
 def test_any_shape_agrees_with_geos(shape: Contour, distance: float, inside: bool) -> None:
@@ -160,7 +159,6 @@ def test_any_shape_agrees_with_geos(shape: Contour, distance: float, inside: boo
         assert worst([shape], curve, distance) < 2e-3
 
 
-@settings(max_examples=30)
 @given(shape=stars, shift=st.integers(0, 11), inside=st.booleans())
 def test_the_start_vertex_does_not_matter(shape: Contour, shift: int, inside: bool) -> None:
     shape = clockwise(shape) if inside else shape

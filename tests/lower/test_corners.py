@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import camgen
@@ -52,7 +52,6 @@ def chosen(
     return float(blend_corners(Corners(*column), tolerance, Dynamics(5000.0, corner="overlap"))[0])
 
 
-@settings(max_examples=150)
 @given(
     st.floats(0.05, np.pi),
     st.tuples(st.floats(0.05, 50), st.floats(0.05, 50)),

@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
@@ -290,7 +290,6 @@ def test_a_single_point_is_touched():
 # Blends.
 
 
-@settings(max_examples=60)
 @given(
     st.lists(st.tuples(st.floats(-3.1, 3.1), st.floats(0.05, 40.0)), min_size=2, max_size=8),
     st.sampled_from([0.001, 0.01, 0.3]),
@@ -665,7 +664,6 @@ def tours(draw):
     return paths
 
 
-@settings(max_examples=120)
 @given(
     tours(),
     st.sampled_from([ROBOT, MILL]),

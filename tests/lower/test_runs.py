@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
@@ -197,7 +197,6 @@ LEADS = st.one_of(st.just(0.0), st.floats(0.5, 6))
 sizes = st.tuples(st.floats(25, 90), st.floats(25, 60), st.floats(0.5, 12))
 
 
-@settings(max_examples=40, deadline=None)
 @given(
     sizes,
     st.floats(1, 8),
@@ -290,7 +289,6 @@ def test_without_room_for_a_helix_there_is_a_ramp() -> None:
     assert [cut.end for cut in cuts(helix)] == [cut.end for cut in cuts(ramp)]
 
 
-@settings(max_examples=50, deadline=None)
 @given(st.floats(0.05, 20), st.floats(0.3, 45), st.floats(0.01, 5), st.floats(1e-3, 0.2))
 def test_a_helix_of_any_size(radius, angle, depth, chord) -> None:
     _, path = pocket(2.7)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
@@ -262,7 +262,6 @@ def same(a, b):
     )
 
 
-@settings(max_examples=150)
 @given(BODIES, POSES, POSES, st.lists(WORDS, max_size=3))
 def test_parse_is_the_inverse_of_dump(body, work, tool, header):
     one = Program("a name", work, tool, body, tuple(header))

@@ -8,7 +8,7 @@ from pathlib import Path
 import ezdxf
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
@@ -130,7 +130,6 @@ def test_a_point_near_a_vertex_is_the_vertex_and_cuts_no_sliver_off(plate: Path)
     assert len(path.position) == len(next(p for p in made(plate).planned if p.id == "c1").position)
 
 
-@settings(max_examples=40, deadline=None)
 @given(
     st.integers(0, 10**6),
     st.integers(2, 40),
@@ -167,7 +166,6 @@ def test_contours_that_are_named_come_first_in_their_order_and_pinned_starts_sta
     assert tour.bound is None or tour.bound <= tour.travel + 1e-6
 
 
-@settings(max_examples=40, deadline=None)
 @given(st.integers(0, 10**6), st.integers(1, 12))
 def test_a_seam_is_the_nearest_point_of_the_nearest_path(seed: int, count: int) -> None:
     """By points laid closely along the paths, on circles through their complex numbers."""

@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from camgen.order.solver import matrix
@@ -57,7 +57,6 @@ def least(tables: Tables) -> float:
     )
 
 
-@settings(max_examples=60)
 @given(st.integers(0, 10**6), st.integers(1, 5), st.sampled_from([0.0, 0.3, 0.8]))
 def test_nothing_is_shorter_among_all_orders(seed: int, count: int, holes: float) -> None:
     costs = tables(random.Random(seed), count, holes)
@@ -196,7 +195,6 @@ def test_rules_are_kept_and_hardly_an_order_that_keeps_them_is_shorter() -> None
     assert best_found >= 36
 
 
-@settings(max_examples=60, deadline=None)
 @given(st.integers(0, 10**6), st.integers(2, 14))
 def test_rules_are_kept_whatever_the_costs(seed: int, count: int) -> None:
     rng = random.Random(seed)

@@ -7,7 +7,7 @@ import random
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from camgen.model.path import ToolPath, waypoints
@@ -71,7 +71,6 @@ def some_paths(
     return ids(paths), rings
 
 
-@settings(max_examples=60, deadline=None)
 @given(st.integers(0, 10**6), st.integers(1, 5), st.booleans(), st.booleans())
 def test_open_paths_are_run_in_the_best_order_there_is(
     seed: int, count: int, at_home: bool, layered: bool
@@ -94,7 +93,6 @@ def test_open_paths_are_run_in_the_best_order_there_is(
     assert tour.bound <= best
 
 
-@settings(max_examples=40, deadline=None)
 @given(st.integers(0, 10**6), st.integers(1, 4), st.booleans())
 @example(seed=220479, count=3, at_home=False)  # a start 0.09 mm beside a corner
 def test_no_start_of_closed_paths_is_better(seed: int, count: int, at_home: bool) -> None:
@@ -122,7 +120,6 @@ def polygon(x: float, y: float, radius: float, corners: int) -> ToolPath:
     return ToolPath("x", "0", waypoints(rows, np.nan, np.nan, axis=(0.0, 0.0, 1.0)), True, True)
 
 
-@settings(max_examples=25, deadline=None)
 @given(
     st.integers(0, 10**6), st.integers(2, 3), st.integers(3, 40), st.sampled_from(["any", "smooth"])
 )

@@ -7,7 +7,7 @@ import random
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from camgen.geometry.nearest import Discs, nearest_items
@@ -101,7 +101,6 @@ def check_rules(items: Items, tour: Start) -> None:
     assert (np.diff(items.rank[tour.order]) >= 0).all()
 
 
-@settings(max_examples=60)
 @given(st.integers(0, 10**6), st.integers(1, 40), st.booleans(), st.booleans())
 def test_a_search_keeps_all_items_and_rules_and_never_lengthens(
     seed: int, count: int, rules: bool, at: bool
@@ -113,7 +112,6 @@ def test_a_search_keeps_all_items_and_rules_and_never_lengthens(
     assert travel(items, tour, home) <= travel(items, drawn(items), home) + 1e-6
 
 
-@settings(max_examples=30)
 @given(st.integers(0, 10**6), st.integers(1, 4), st.booleans(), st.booleans())
 def test_small_scenes_are_solved_and_no_tour_is_below_the_bound(
     seed: int, count: int, rules: bool, at: bool
@@ -134,7 +132,6 @@ def test_small_scenes_are_solved_and_no_tour_is_below_the_bound(
         assert travel(items, tour, home) <= best * 1.1 + 1.0
 
 
-@settings(max_examples=30)
 @given(st.integers(0, 10**6), st.integers(2, 60), st.booleans())
 def test_the_bound_is_below_every_tour_found(seed: int, count: int, at: bool) -> None:
     items = scene(random.Random(seed), count, spread=random.Random(seed).choice([0.5, 20.0, 200.0]))
@@ -187,7 +184,6 @@ def test_compiled_and_plain_searches_find_the_same_tour(
     assert travel(items, plain, HOME) < 0.5 * travel(items, drawn(items), HOME)
 
 
-@settings(max_examples=40)
 @given(st.integers(0, 10**6), st.integers(4, 40), st.booleans())
 def test_a_shuffle_is_undone_and_every_change_is_what_it_says(
     seed: int, count: int, rules: bool
@@ -221,7 +217,6 @@ def test_a_shuffle_is_undone_and_every_change_is_what_it_says(
     assert run.marks[DICE] != seed
 
 
-@settings(max_examples=40)
 @given(
     st.integers(0, 10**6), st.integers(1, 90), st.integers(1, 3), st.sampled_from([0.0, 1.0, 30.0])
 )

@@ -6,7 +6,7 @@ import random
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from camgen.build import build
@@ -19,7 +19,6 @@ from camgen.model.program import MoveC, MoveJ, MoveL, Output
 from camgen.order.stay_down import stay_down
 
 
-@settings(max_examples=40)
 @given(st.integers(0, 10**6))
 def test_the_distance_of_a_way_is_that_of_its_points(seed: int) -> None:
     rng = np.random.default_rng(seed)

@@ -298,7 +298,7 @@ def stars(draw: Any) -> Contour:
     )
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(
     stars(),
     st.floats(2, 8),
@@ -378,7 +378,7 @@ def planned(shape: Contour, side: str = "outside") -> ToolPath:
 
 
 # Short pieces of arcs are determined by three points to 1e-4 mm, a tenth of a printed digit.
-@settings(max_examples=30, deadline=None, derandomize=True)
+@settings(derandomize=True)
 @given(stars(), st.lists(st.floats(0, 1), min_size=1, max_size=6))
 def test_a_path_is_the_same_way_however_it_is_cut(shape, parts) -> None:
     (path, *_) = camgen.plan(part(shape), {}).paths

@@ -4,7 +4,7 @@ import random
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from camgen.geometry.nearest import nearest_items
@@ -50,7 +50,6 @@ def travel(items: Items, tour: Start, home: np.ndarray | None) -> float:
 
 
 @given(st.integers(0, 10**6), st.integers(1, 60), st.booleans(), st.booleans())
-@settings(max_examples=60)
 def test_rules_are_kept_and_each_move_changes_what_it_says(
     seed: int, count: int, at: bool, rules: bool
 ) -> None:

@@ -8,7 +8,7 @@ import sys
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
@@ -198,7 +198,6 @@ def check_nearest_neighbour(paths: list[ToolPath], start: XY | None, inside_firs
     assert tour.travel == pytest.approx(walked, abs=1e-6)
 
 
-@settings(max_examples=100)
 @given(scene(), st.none() | spot, st.booleans())
 def test_each_step_takes_the_nearest_of_the_allowed_starts(
     paths: list[ToolPath], start: XY | None, inside_first: bool
@@ -206,7 +205,6 @@ def test_each_step_takes_the_nearest_of_the_allowed_starts(
     check_nearest_neighbour(paths, start, inside_first)
 
 
-@settings(max_examples=60)
 @given(scene(), st.none() | spot, st.booleans(), st.integers(0, 5))
 def test_the_search_keeps_every_path_and_rule_between_the_bound_and_nearest_neighbour(
     paths: list[ToolPath], start: XY | None, inside_first: bool, seed: int
@@ -303,7 +301,6 @@ def test_seconds_are_those_of_a_clock(seconds: float, monkeypatch: pytest.Monkey
 
 
 @given(st.integers(0, 10**6), st.integers(2, 80), st.booleans(), st.booleans())
-@settings(max_examples=40)
 def test_a_greedy_tour_runs_every_item_after_those_inside(
     seed: int, count: int, home: bool, rules: bool
 ) -> None:
@@ -432,7 +429,6 @@ def test_refuses_what_it_cannot_order() -> None:
                 arrange(paths, "nearest", start, inside_first=True)
 
 
-@settings(max_examples=200)
 @given(any_path().filter(lambda p: p.closed), st.data())
 def test_a_moved_start_keeps_the_path(path: ToolPath, data: st.DataObject) -> None:
     segment = data.draw(st.integers(1, len(path.position) - 1))
@@ -527,7 +523,6 @@ def test_a_start_that_is_not_on_the_path_is_refused() -> None:
             starting_at(path, segment, fraction)
 
 
-@settings(max_examples=50)
 @given(st.lists(any_path(), max_size=5))
 def test_many_are_reversed_as_one_is(paths: list[ToolPath]) -> None:
     for path, back in zip(paths, reverse_each(paths), strict=True):

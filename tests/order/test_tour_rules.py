@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
@@ -45,7 +45,6 @@ def square(x: float, y: float, side: float) -> ToolPath:
     return make(ring, [None] * 4, True)
 
 
-@settings(max_examples=40)
 @given(
     st.integers(0, 10**6),
     st.integers(1, 40),
@@ -97,7 +96,6 @@ def corner_gap(path: ToolPath) -> float:
     return float(np.linalg.norm(corners - path.position[0, :2], axis=1).min())
 
 
-@settings(max_examples=40)
 @given(st.integers(0, 10**6), st.integers(1, 30), st.sampled_from(["nearest", "best"]))
 def test_smooth_seams_are_off_the_corners(seed: int, count: int, method: str) -> None:
     rng = random.Random(seed)

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -71,7 +71,6 @@ def area(points: np.ndarray) -> float:
     return float(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2
 
 
-@settings(max_examples=60)
 @given(
     arrays(
         np.uint8,
@@ -165,7 +164,6 @@ def test_a_turned_square_is_four_lines_with_sharp_corners(tmp_path: Path) -> Non
     assert off.max() < 0.8  # px, at corners of 90 deg that no pixel shows whole
 
 
-@settings(max_examples=40)
 @given(
     arrays(np.uint8, (14, 14), elements=st.sampled_from([0, 255])),
     st.sampled_from([0.02, 0.05, 0.1, 0.3]),

@@ -7,7 +7,7 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from camgen.geometry.pairing import pair
@@ -79,7 +79,6 @@ def drawing(draw: st.DrawFn) -> list[Contour]:
     return contours
 
 
-@settings(max_examples=200)
 @given(drawing())
 def test_every_line_is_run_once_in_as_few_trails_as_its_odd_nodes_allow(
     contours: list[Contour],
@@ -181,7 +180,6 @@ def total(points: np.ndarray, partner: list[int]) -> float:
     return sum(math.dist(points[a], points[b]) for a, b in enumerate(partner)) / 2
 
 
-@settings(max_examples=60)
 @given(st.integers(0, 10**6), st.integers(0, 4))
 def test_few_points_are_paired_at_the_least_length(seed: int, pairs: int) -> None:
     points = np.random.default_rng(seed).uniform(0, 9, (2 * pairs, 2))

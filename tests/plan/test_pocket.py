@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import shapely
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 import camgen
@@ -120,7 +120,6 @@ def pockets(draw: st.DrawFn) -> tuple[Contour, ...]:
     return tuple(shapes)
 
 
-@settings(max_examples=40, deadline=None)
 @given(pockets(), st.floats(0.2, 0.95))
 def test_random_pockets_with_islands(shapes: tuple[Contour, ...], stepover: float) -> None:
     assume(all(outline(shape).is_valid for shape in shapes))

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from camgen.geometry.intersect import Obstacles
@@ -70,7 +70,6 @@ def test_arcs_and_circles_stay_themselves() -> None:
 
 
 @example([5.5625], 2.15923, 18, 0.01)
-@settings(max_examples=40)
 @given(
     radii=st.lists(st.floats(2.0, 40.0), min_size=1, max_size=4),
     sweep=st.floats(0.6, 3.0),

@@ -29,7 +29,7 @@ from tests.support.rs274 import (
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data" / "gcode"
 UNSAID = "not said before the first motion: the program before may have left it otherwise"
-SLOW = settings(max_examples=40, suppress_health_check=[HealthCheck.too_slow])
+SLOW = settings(suppress_health_check=[HealthCheck.too_slow])
 S = 10 / math.sqrt(2)
 
 
@@ -914,7 +914,6 @@ def test_helices_are_read_as_lines_close_to_them():
 # Nothing that a file may hold makes the reader fail.
 
 
-@settings(max_examples=150)
 @given(st.randoms(use_true_random=False))
 def test_changed_texts_never_raise(chance: random.Random):
     text = list(TEXT)
@@ -943,7 +942,6 @@ def test_changed_texts_never_raise(chance: random.Random):
     assert [f.line for f in reading.faults] == sorted(f.line for f in reading.faults)
 
 
-@settings(max_examples=150)
 @given(st.one_of(st.text(), st.text("GMXYZIJKRFSTPQ0123456789.-+ \n%()/;", max_size=200)))
 def test_any_text_gives_a_reading(text):
     reading = read(text)
@@ -1000,7 +998,6 @@ def test_found_programs_have_the_length_that_linuxcnc_gives(name):
     assert read_length == pytest.approx(true_length, rel=1e-4)
 
 
-@settings(max_examples=200)
 @given(
     st.lists(
         st.tuples(

@@ -5,7 +5,7 @@ from dataclasses import replace
 from itertools import pairwise
 
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from camgen.model.program import Comment, Instruction, MoveC, MoveJ, MoveL, Output, Wait
@@ -148,7 +148,6 @@ def drilled(chosen) -> list[Instruction]:
 
 
 @needs_rs274
-@settings(max_examples=25)
 @given(
     st.lists(
         st.tuples(

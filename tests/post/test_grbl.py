@@ -24,7 +24,7 @@ from tests.support.rs274 import (
     run,
 )
 
-SLOW = settings(max_examples=40, suppress_health_check=[HealthCheck.too_slow])
+SLOW = settings(suppress_health_check=[HealthCheck.too_slow])
 S = 10 / math.sqrt(2)
 #: The letters and codes of GRBL 1.1 that the firmware's parser takes, from its documentation of supported G-code.
 KNOWN = re.compile(
@@ -417,7 +417,6 @@ def test_every_line_matters():
             assert difference(PART, left, grbl().tolerance()), line
 
 
-@settings(max_examples=150)
 @given(st.randoms(use_true_random=False))
 def test_changed_texts_never_raise(chance: random.Random):
     text = list(TEXT)
@@ -429,7 +428,6 @@ def test_changed_texts_never_raise(chance: random.Random):
     assert len(reading.body) == len(reading.lines)
 
 
-@settings(max_examples=150)
 @given(st.one_of(st.text(), st.text("GMXYZIJKRFSTPQ0123456789.-+ \n%()/;", max_size=200)))
 def test_any_text_gives_a_reading(text):
     reading = read(text)

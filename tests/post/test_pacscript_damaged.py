@@ -5,7 +5,7 @@ import re
 from unittest.mock import patch
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.support.damage import damaged, one_sign_changed
@@ -165,7 +165,6 @@ def files_of(text: str, chance: random.Random) -> dict[str, str]:
     }
 
 
-@settings(max_examples=300)
 @given(
     st.randoms(use_true_random=True),
     st.sampled_from(TEXTS),

@@ -12,7 +12,7 @@ from camgen_posts.rapid import Rapid
 from camgen_posts.rapid.force import choose_calibrations
 from camgen_posts.rapid.options import legal_name
 from camgen_posts.readback.rapid import read
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
@@ -570,7 +570,6 @@ def proper(start: Pose, arc: MoveC) -> bool:
     return float(u @ w) < 0 and sine > 1e-3
 
 
-@settings(max_examples=150)
 @given(st.lists(instructions, max_size=12), st.integers(0, 6), st.sampled_from([0, 3]))
 def test_post_then_read_back_is_the_identity(
     body: list[Instruction], decimals: int, max_lines: int
@@ -1009,7 +1008,6 @@ def test_a_fixture_is_the_user_frame_and_the_work_lies_in_it() -> None:
     compare(prepared, reading, Rapid().tolerance(), Rapid().list_verified(), "plate.mod")
 
 
-@settings(max_examples=60)
 @given(
     st.lists(st.floats(-1500, 1500), min_size=3, max_size=3),
     st.lists(st.floats(-180, 180), min_size=3, max_size=3),
@@ -1280,7 +1278,6 @@ PIECES = [
 CHANGES = st.tuples(st.integers(0, len(TOKENS) - 1), st.sampled_from(PIECES), st.booleans())
 
 
-@settings(max_examples=300)
 @given(st.lists(CHANGES, min_size=1, max_size=4))
 def test_no_text_breaks_the_reader(changes: list[tuple[int, str, bool]]) -> None:
     tokens = list(TOKENS)

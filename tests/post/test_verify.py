@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
@@ -310,7 +310,6 @@ def test_degenerate_arcs_have_a_middle():
     assert middles == pytest.approx(np.array([[1.0, 0, 0], [3, 0, 0], [1, 1, 0], [0, 2, 0]]))
 
 
-@settings(max_examples=200)
 @given(
     st.floats(0.001, math.pi),
     st.floats(0.01, 0.99),
@@ -371,7 +370,6 @@ def test_the_bound_of_arcs_holds_for_texts_with_a_via_and_for_texts_with_a_centr
     assert 2.0 < worst_centre < ARC_SLACK
 
 
-@settings(max_examples=80)
 @given(st.integers(0, 10_000), st.floats(0.5, 3.1))
 def test_rounded_programs_are_accepted(seed, sweep):
     """Lines and arcs anywhere, each number rounded to three digits: never a false alarm."""

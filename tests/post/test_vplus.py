@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from camgen_posts.readback.vplus import read
 from camgen_posts.vplus import VPlus
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
@@ -639,13 +639,11 @@ def settled(items: list[Instruction]) -> tuple[Instruction, ...]:
     )
 
 
-@settings(max_examples=200)
 @given(bodies(ANY, HOME6), st.sampled_from([0, 5, 2000]))
 def test_what_is_printed_is_read_six_axes(body: tuple[Instruction, ...], max_lines: int) -> None:
     round_trip(program(*body, header=("any",)), {"max_lines": max_lines})
 
 
-@settings(max_examples=100)
 @given(bodies(STRAIGHT, HOME))
 def test_what_is_printed_is_read_scara(body: tuple[Instruction, ...]) -> None:
     round_trip(program(*body), {"posture": ["RIGHTY"], "rated": 7600})
@@ -1189,7 +1187,6 @@ EDITS = st.lists(
 )
 
 
-@settings(max_examples=500)
 @given(EDITS)
 def test_no_text_breaks_the_reader(edits: list[tuple[int, int, str]]) -> None:
     text = GOOD

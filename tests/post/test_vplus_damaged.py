@@ -5,7 +5,7 @@ import re
 from unittest.mock import patch
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.support.damage import damaged, one_sign_changed
@@ -126,7 +126,6 @@ def files_of(text: str, chance: random.Random) -> dict[str, str]:
     return {"a": text} if chance.random() < 0.7 else {"a": text[:at], "b": text[at:]}
 
 
-@settings(max_examples=300)
 @given(
     st.randoms(use_true_random=True),
     st.sampled_from(TEXTS),

@@ -12,7 +12,7 @@ import pytest
 from camgen_posts.readback.vplus import read
 from camgen_posts.vplus import VPlus
 from camgen_posts.vplus.records import data_name
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from bench.reliability.modal.reader import carry_out
@@ -192,7 +192,6 @@ MOTION = st.builds(lambda x, y, z, a, v: MoveL(down(x, y, z, a), v), NUMBER, NUM
                    st.floats(0.1, 20000))  # fmt: skip
 
 
-@settings(max_examples=60)
 @given(st.lists(MOTION, min_size=1, max_size=8), st.floats(-6, 6), st.floats(-8000, 8000))
 def test_a_run_does_what_was_planned(motions: list[MoveL], angle: float, slide: float) -> None:
     ends = [motion.target.origin for motion in motions]

@@ -4,7 +4,7 @@ import math
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from camgen.model.errors import InputError
@@ -353,7 +353,6 @@ _WORDS = st.sampled_from(
 
 
 @given(st.lists(st.lists(_WORDS, max_size=6).map(" ".join), max_size=12))
-@settings(max_examples=300)
 def test_any_text_gives_a_run_or_a_reason(lines):
     found = interpret(lines)
     assert len(found.body) == len(found.lines)
@@ -373,7 +372,6 @@ _MOTION = st.tuples(
 
 
 @given(st.lists(_MOTION, min_size=1, max_size=20), st.sampled_from(["G20", "G21"]))
-@settings(max_examples=100)
 def test_the_short_way_reads_as_the_long_way(motions, unit):
     lines = [
         unit,

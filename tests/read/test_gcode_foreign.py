@@ -1,7 +1,7 @@
 """G-code of others: what a program does in each dialect, what is assumed, what is found. It never raises."""
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from camgen.model.limits import Limits
@@ -340,7 +340,6 @@ _WORDS = st.sampled_from(
     st.lists(st.lists(_WORDS, max_size=7).map(" ".join), max_size=14),
     st.sampled_from(["", *DIALECTS]),
 )
-@settings(max_examples=600, deadline=None)
 def test_any_text_is_executed_or_stops(lines, dialect):
     text = "\n".join(lines)
     found = run_gcode(
@@ -355,7 +354,6 @@ def test_any_text_is_executed_or_stops(lines, dialect):
 
 
 @given(st.text(max_size=200), st.sampled_from(["", *DIALECTS]))
-@settings(max_examples=200, deadline=None)
 def test_random_characters_never_raise(text, dialect):
     run_gcode({"a.nc": text}, Ask(dialect))
     GCODE.recognise(text)

@@ -5,7 +5,7 @@ import random
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from camgen.model.part import Contour, Note
@@ -66,7 +66,6 @@ def test_a_square_of_lines() -> None:
 
 
 @given(st.integers(0, 10**6), st.integers(1, 4), st.integers(3, 9), st.sampled_from([0.0, 0.02]))
-@settings(max_examples=60)
 def test_order_and_direction_of_the_pieces_do_not_matter(
     seed: int, count: int, corners: int, jitter: float
 ) -> None:

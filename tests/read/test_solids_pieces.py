@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -34,7 +34,6 @@ def kinds(runs: list[SideRun]) -> list[str]:
     st.floats(0.5, 500), st.floats(20, 350), st.integers(10, 60), st.tuples(*[st.floats(-3, 3)] * 3),
     st.tuples(*[st.floats(-300, 300)] * 3),
 )  # fmt: skip
-@settings(max_examples=60)
 def test_an_arc_anywhere_in_space_is_one_arc(
     radius: float,
     sweep: float,

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from camgen.geometry.segments import bounds, flatten, from_contours
@@ -109,7 +109,6 @@ def test_y_runs_up_from_the_lower_edge_of_the_page(tmp_path: Path) -> None:
     assert part.contours[0].points.tolist() == [[10.0, 80.0], [30.0, 40.0]]
 
 
-@settings(max_examples=60)
 @given(
     st.lists(
         st.tuples(

@@ -3,7 +3,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
@@ -65,7 +65,6 @@ def configurations(draw: st.DrawFn, of: Robot) -> np.ndarray:
 
 @pytest.mark.parametrize("of", CLOSED, ids=lambda of: of.name)
 @given(data=st.data())
-@settings(max_examples=40)
 def test_joints_are_found_again(of: Robot, data: st.DataObject) -> None:
     joints = data.draw(configurations(of))
     rotations, origins = flange(of, joints[None])

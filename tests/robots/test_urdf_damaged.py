@@ -4,7 +4,7 @@ import os
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from camgen.cli import main
@@ -310,7 +310,6 @@ def test_arms_with_too_many_joints_or_turns(count: int, tmp_path: Path) -> None:
 
 
 @given(data=st.data())
-@settings(max_examples=150)
 def test_damage_anywhere_is_one_line_or_an_arm(
     data: st.DataObject, tmp_path_factory: pytest.TempPathFactory
 ) -> None:

@@ -88,7 +88,7 @@ def test_beyond_the_turn_of_the_model_there_is_nothing() -> None:
     assert np.isnan(straight(lens, np.array([[0.5444, 0]]))).all()
 
 
-@settings(max_examples=60, derandomize=True)
+@settings(derandomize=True)
 @given(
     st.floats(-0.5, 0.5),
     st.floats(-0.3, 0.3),

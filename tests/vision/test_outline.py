@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from camgen.geometry.rings import rings
@@ -197,7 +197,6 @@ def test_sums_around_a_loop_go_over_its_end() -> None:
     assert loops.mean(values).tolist() == [3, 15]
 
 
-@settings(max_examples=25)
 @given(
     radius=st.floats(5, 30), u=st.floats(-0.5, 0.5), v=st.floats(-0.5, 0.5), blur=st.floats(0.5, 1.2),
     hole=st.booleans(),

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from camgen_posts.readback.rapid import read
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from camgen.model.limits import Limits
@@ -40,14 +40,12 @@ def done(text: str, limits: Limits = DEFAULT) -> Executed:
     return run({"m.mod": text}, Ask(limits=limits))
 
 
-@settings(max_examples=150, deadline=None)
 @given(st.text())
 def test_any_text(text: str) -> None:
     done(text)
     done(HEAD + text + TAIL)
 
 
-@settings(max_examples=300, deadline=None)
 @given(st.lists(st.sampled_from([*WORDS, "\n", ";\n"]), max_size=60))
 def test_words_in_any_order(words: list[str]) -> None:
     done(HEAD + " ".join(words) + TAIL)

@@ -4,7 +4,7 @@ import random
 from collections.abc import Callable
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from camgen.model.limits import Limits
@@ -103,20 +103,17 @@ def test_the_whole_is_carried_out():
     assert len(found.body) == 26
 
 
-@settings(max_examples=200, deadline=None)
 @given(st.text(max_size=300))
 def test_any_text(text: str) -> None:
     check(text)
     check(f".PROGRAM a()\n{text}\n.END\n")
 
 
-@settings(max_examples=200, deadline=None)
 @given(st.lists(st.lists(st.sampled_from(PIECES), max_size=9).map(" ".join), max_size=30))
 def test_any_words(lines: list[str]) -> None:
     check("\n".join([".PROGRAM a()", *lines, ".END", ""]))
 
 
-@settings(max_examples=200, deadline=None)
 @given(st.randoms(use_true_random=False))
 def test_damaged_lines(chance: random.Random) -> None:
     lines = WHOLE.splitlines()
