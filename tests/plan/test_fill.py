@@ -362,6 +362,6 @@ def test_a_tool_of_millions_of_pixels_draws_a_thin_bar_as_one_stroke(tmp_path: P
     picture = np.full((60, 90), 255, np.uint8)
     picture[28:32, 15:75] = 0
     cv2.imwrite(str(tmp_path / "bar.png"), picture)
-    job = {"operation": {"kind": "fill"}, "image": {"mm_per_px": 1e-7}}
+    job = {"operation": {"kind": "fill"}, "image": {"mm_per_px": 1e-6}}
     result = camgen.build(tmp_path / "bar.png", post="gcode", job=job)
     assert len(result.tour.paths) == 1
