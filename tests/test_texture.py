@@ -1,7 +1,7 @@
 """The texture of the code may only get better: `tests/texture/counts.tsv` holds today's counts.
 
 `python -m tests.support.texture FILE` shows the places. A file that is moved, renamed or split
-takes its row along, except into `camgen/lang`; a new file has no row, so it starts at zero.
+takes its row along, except into a future `lang` room; a new file has no row, so it starts at zero.
 """
 
 from pathlib import Path

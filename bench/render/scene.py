@@ -1,7 +1,7 @@
 """Photos of flat things whose truth is known: an independent judge of the vision part, with no code of camgen in it.
 
 A photo is a sum over its layers (bench, paper, ink, part; the later ones above), each seen by its share of a pixel
-(render_optics.py); then light, grain, noise and coding. The grain is not blurred: it is smooth from the start.
+(optics.py); then light, grain, noise and coding. The grain is not blurred: it is smooth from the start.
 
 All things are flat. Walls of a thick part are not drawn; a layer may lie lower than the work plane by its z.
 """

@@ -50,7 +50,10 @@ def turned(q: FloatArray, v: FloatArray) -> FloatArray:
 
 
 def by_quaternions(of: Robot, joints: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """base_from_flange of (N, J) as quaternions (N, 4) and origins (N, 3), with nothing of camgen.robots.forward."""
+    """base_from_flange of (N, J) as quaternions (N, 4) and origins (N, 3).
+
+    Shares no code with camgen.robots.kinematics.forward.
+    """
     q = np.broadcast_to(np.array([1.0, 0, 0, 0]), (len(joints), 4))
     at = np.zeros((len(joints), 3))
     serial = np.einsum("jk,nk->nj", of.coupling, joints)

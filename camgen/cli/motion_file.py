@@ -235,7 +235,7 @@ def load(file: Path, files: Files) -> MotionFile:
 
 
 def decode(data: bytes) -> MotionFile:
-    """The plan that ``encode`` wrote. ValueError (msgspec's included) when it is none; Refused as ``ir.Program``."""
+    """The plan that ``encode`` wrote. ValueError (msgspec's included) when it is none; Refused as ``Program``."""
     file = msgspec.json.decode(data, type=_File)
     rotations = [_rotation(matrix) for matrix in file.rotations]
 

@@ -13,7 +13,7 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from camgen.geometry.ragged import begins, owners, ramp, stretches
+from camgen.geometry.ragged import begins, owners, ramp
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
 
@@ -62,12 +62,6 @@ def rings(counts: Sequence[int] | IntArray) -> Rings:
     """The table of curves with so many points each."""
     count = np.asarray(counts, dtype=np.int64)
     return Rings(begins(count), count, owners(count))
-
-
-def choose_rings(table: Rings, loops: IntArray) -> tuple[Rings, IntArray]:
-    """The curves ``loops`` in this order, and the old row (M,) of each of their rows."""
-    part = rings(table.count[loops])
-    return part, stretches(table.first[loops], part.count)
 
 
 def lengths(table: Rings, points: ComplexArray) -> FloatArray:

@@ -1,6 +1,6 @@
 """Where a CAD part stands in a point cloud: a coarse search from everywhere, an exact fit, and what speaks against it.
 
-``finding.localize`` is the walk; ``scans`` and ``records`` read clouds, ``starts`` and ``coarse`` search,
+``localize`` is the walk; ``scans`` reads clouds, ``starts`` and ``coarse`` search,
 ``nearest`` and ``fine`` refine, ``sight`` says what the scanner can have seen, ``rims`` whether the scan ends where the
 part does, ``doubt`` looks for other poses that fit as well.
 """

@@ -19,7 +19,8 @@ _FLATTER, _OUT = 0.7, 0.6
 _POINTS = 120
 #: Points of the model by which its symmetries are looked for.
 _ITSELF = 60
-#: Rounds: reach of a point and pull of the samples (see ``coarse.slid``), steps. Reaches are parts of the model's size.
+#: Rounds: reach of a point and pull of the samples (see ``coarse.slide``), steps.
+#: Reaches are parts of the model's size.
 _FAR = ((0.15, 1.0, 4), (0.08, 0.5, 4))
 _NARROWING = ((0.05, 0.2, 6), (0.03, 0.05, 6), (0.015, 0.02, 6))
 _KEPT = 60

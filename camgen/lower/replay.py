@@ -185,7 +185,7 @@ def _leave(last: Pose, cartesian: bool, job: Job) -> list[Instruction]:
 
 
 def _blends(columns: Columns, tolerance: float, pace: Dynamics) -> FloatArray:
-    """Blend radius (M,) at the end of each motion: as ``lower_rows.blends``, where both motions are at feed, nothing is
+    """Blend radius (M,) at the end of each motion: as ``columns.blends``, where both motions are at feed, nothing is
     switched between them and the program allows it (a recorded blend above 0).
     """
     ends, vias = columns.ends, columns.vias

@@ -1,7 +1,7 @@
 """The cheapest chain of (orientation, branch, turns) along an edge, by dynamic programming.
 
-As ``robots.continuity`` for one orientation per row; here each row has many, and from one row to the next the
-orientation may stay or go to a neighbour in the grid. Away from singularities a branch never becomes another.
+As ``robots/kinematics/continuity`` for one orientation per row; here each row has many, and from one row to the next
+the orientation may stay or go to a neighbour in the grid. Away from singularities a branch never becomes another.
 """
 
 from __future__ import annotations

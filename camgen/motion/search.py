@@ -83,7 +83,7 @@ def lean(nominal: FloatArray, actual: FloatArray) -> tuple[FloatArray, FloatArra
 
 
 def solutions(robot: Robot, rotations: FloatArray, origins: FloatArray, moves: Index) -> FloatArray:
-    """Joint values (D, C, B, J) for base_from_flange (D, C, 3, 3), (D, C, 3), nan: none. moves: ``Grid``'s.
+    """Joint values (D, C, B, J) for base_from_flange (D, C, 3, 3), (D, C, 3), nan: none. moves: ``Grid.moves``.
 
     Without a closed form those of the first pose are followed: from orientation to neighbouring orientation, then all
     from look to look.
@@ -122,7 +122,7 @@ def _follow(
 
 #: The orientation may change over so many mm and rad: the rows of the search.
 _ROW_MM, _ROW_TURN = 50.0, math.radians(30)
-#: mm, rad: what the search looks at in between; what it finds is proved by ``setup.dense_parts``.
+#: mm, rad: what the search looks at in between; what it finds is proved by ``dense_parts``.
 _LOOK_MM, _LOOK_TURN = 10.0, math.radians(10)
 #: rad: the most a joint may turn from one row of the search to the next, and from one look to the next.
 _KNOT_JUMP, _STEP_JUMP = math.radians(120), 2 * JUMP

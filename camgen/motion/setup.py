@@ -90,7 +90,7 @@ class Freedom(Struct, frozen=True):
 
 
 class Unreached(Struct, frozen=True):
-    """An edge that cannot be processed. kind: the shape itself; as in ``robots.reasons``; or a collision. text: the
+    """An edge that cannot be processed. kind: the shape itself; as in ``kinematics.reasons``; or a collision. text: the
     reason with its amount and the place along the edge. remedy: what would help, "" where that is not known.
     """
 

@@ -1,7 +1,7 @@
 """Drawings in black and white, to be traced, filled or drilled: the borders of the ink, point by point
 (continuous-path.md, 3), and where thin lines and lettering are traced their middles.
 
-``camgen.simplify`` makes lines and arcs of them once the size on the page is known.
+``plan/simplify`` makes lines and arcs of them once the size on the page is known.
 """
 
 from __future__ import annotations

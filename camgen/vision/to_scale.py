@@ -1,7 +1,7 @@
 """Photo to a to-scale view of the work plane: lens distortion and perspective out, in one remap (PIST, section 3.1).
 
 A view pixel is a place in mm, that is an undistorted pixel (homography), that is a photo pixel (distortion); the map is
-in remap.py. The photo is interpolated linearly, which OpenCV 5 does exactly; its cubic and Lanczos kernels, and
+in ``remap``. The photo is interpolated linearly, which OpenCV 5 does exactly; its cubic and Lanczos kernels, and
 pictures of two channels, are quantised to 1/32 px.
 
 The scale is the finest that the photo has anywhere in the region, rounded down to three digits: the view is nowhere

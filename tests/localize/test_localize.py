@@ -1,4 +1,7 @@
-"""Parts found in simulated scans, judged by the pose they were put at (tests/clouds.py shares no code with camgen)."""
+"""Parts found in simulated scans, judged by the pose they were put at.
+
+The scans are made by tests/support/clouds.py, which shares no code with camgen.
+"""
 
 from itertools import pairwise
 from pathlib import Path

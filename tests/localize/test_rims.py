@@ -1,6 +1,7 @@
 """Parts that are not in the scan, but fit into a larger one that is: there the scan runs on beyond their rims.
 
-Scans with known truth (tests/support/shells.py and clouds.py share no code with camgen).
+Scans with known truth. The modules
+tests/support/shells.py and tests/support/clouds.py share no code with camgen.
 """
 
 from pathlib import Path

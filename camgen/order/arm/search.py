@@ -537,17 +537,6 @@ def find_blocked_links(work: Work, found: Found) -> list[tuple[int, int]]:
     ]
 
 
-def block_links(work: Work, found: Found) -> list[tuple[int, int]]:
-    """``find_blocked_links``, each of which is a wall from now on, and those that differ little from it."""
-    blocked = find_blocked_links(work, found)
-    for pair in blocked:
-        a, b = _ends_of(work, found.now, pair)
-        work.walls.append(
-            Wall(a, b, max(min(_ALIKE * float(np.abs(b - a).max()), _CLOSE), SAME), WALL)
-        )
-    return blocked
-
-
 def _ends_of(work: Work, now: States, pair: tuple[int, int]) -> tuple[FloatArray, FloatArray]:
     """The joint values at both ends of the link between two items, -1 for home."""
     home, (a, b) = work.ground.home, pair

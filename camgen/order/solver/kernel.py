@@ -1,7 +1,7 @@
 """The moves of the search for a short tour in the plane, one item after another.
 
 Everything here is plain arithmetic over sequences of numbers, so that the same lines run in Python over lists and,
-compiled by ``camgen.tours.speed``, over arrays, with the same results to the last bit: no hypot, no powers, no sums of
+compiled by ``order.solver.speed``, over arrays, with the same results to the last bit: no hypot, no powers, no sums of
 arrays. A tour is a ring of items, one of them home. An open item is entered at one end and left at the other, a closed
 one is entered and left at the same point, any of its samples.
 """

@@ -1,9 +1,9 @@
 """The planner of the PIST paper: from the mask of a part in a to-scale view to tool paths, all of it in image space.
 
 MacMillan, Irani, Ahmadi: Planar image-space trajectory planning algorithm for contour following in robotic machining.
-Sections in square brackets and equations are that paper's. The pieces: ``image_space_way`` the path of the tool centre
-beside the part; ``image_space_resample`` waypoints; ``image_space_process`` contact, feed and force;
-``image_space_notes`` names, and what is left out.
+Sections in square brackets and equations are that paper's. The pieces: ``field`` has the
+distance image, ``border`` the border between the pixels, ``tool_path`` the path of the tool centre
+beside the part, ``stretches`` the pieces over which the observed feed is averaged.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 Blocks are expanded here and not by ezdxf: every entity keeps its own numbers and gets the index of the matrix that
 takes them into the work plane (block references, arrays and extrusion vectors multiplied out, mm). The arithmetic is
-then done once for all entities in ``dxf_flat``.
+then done once for all entities in ``flatten``.
 """
 
 from __future__ import annotations

@@ -35,7 +35,6 @@ from camgen.read.programs import Assumption, Finding, Level
 
 #: Feed where a machine has one of its own and the text says none, mm/min.
 FEED = 600.0
-_ROTARY = "ABC"
 #: A wait this long is ms that are read as s, more often than not.
 _LONG = 100.0
 _TEXT = re.compile(

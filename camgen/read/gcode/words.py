@@ -32,7 +32,6 @@ _EQUAL = 1e-4
 _DEEP = 60
 #: #1 to #30 belong to a subroutine, up to #5000 to the program, beyond to the machine.
 LOCALS, GLOBALS = 30, 5000
-_MOST_GLOBALS = 100_000
 
 
 @dataclass(slots=True)

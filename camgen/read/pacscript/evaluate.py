@@ -95,7 +95,7 @@ def evaluate(run: Running, node: Node) -> Value:
     if kind == "call":
         return called(run, str(node.said), node.parts)
     if kind == "tuple":
-        values = tuple(_value(run, part) for part in node.parts)
+        values = tuple(evaluate(run, part) for part in node.parts)
         return values[0] if len(values) == 1 else values
     if kind in ("member", "element"):
         return _of_object(run, node)
@@ -141,10 +141,6 @@ def negate(value: Value, sign: float) -> Value:
     if isinstance(value, (Vector, Joints)):
         return type(value)(tuple(sign * one for one in value.values))  # type: ignore[arg-type]
     return calculate("*", value, sign)
-
-
-def _value(run: Running, node: Node) -> Value:
-    return evaluate(run, node)
 
 
 def name(run: Running, said: str) -> Value:

@@ -33,7 +33,6 @@ from camgen.read.pacscript.values import (
 )
 
 _TEXT_MOST = 100_000
-_DEPTH_MOST = 1000
 
 
 def numbers(values: list[Value], most: int | None = None) -> list[float]:

@@ -125,11 +125,6 @@ def _is_given(machine: Machine, value: Expr | None) -> bool:
     return variable is not None and variable.storage != "absent"
 
 
-def _robot_here(machine: Machine, call: Call) -> Value:
-    """CRobT, CPos: where the last motion ended, where that is known."""
-    return see_here(machine, call)
-
-
 def _joints_here(machine: Machine, _call: Call) -> Value:
     if machine.here.joints is None:
         machine.assume("CJointT: the joints where the arm is are not known", "")
@@ -362,17 +357,6 @@ def _rounded(machine: Machine, call: Call) -> Value:
     return whole / scale
 
 
-def _data_in_force(name: str) -> Callable[[Machine, Call], Value]:
-    def get(machine: Machine, _call: Call) -> Value:
-        found = machine.facts.get("in force", {})
-        return next(
-            (machine._named(known[len(name) :]) for known in found if known.startswith(name)),
-            NOTHING,
-        )
-
-    return get
-
-
 def _degrees(function: Callable[[float], float]) -> Callable[[float], float]:
     return lambda value: math.degrees(function(value))
 
@@ -388,7 +372,7 @@ def _bits(function: Callable[[int, int], int]) -> Callable[[float, float], float
 #: The bits of a dnum that functions of bits work on.
 _DNUM = 2**52 - 1
 _SPECIAL: dict[str, Callable[[Machine, Call], Value]] = {
-    "offs": _offs, "reltool": _reltool, "crobt": _robot_here, "cpos": _robot_here, "cjointt": _joints_here,
+    "offs": _offs, "reltool": _reltool, "crobt": see_here, "cpos": see_here, "cjointt": _joints_here,
     "calcrobt": _robot_of_joints, "calcjointt": _of_arm, "eulerzyx": _euler, "strtoval": _number_of_text,
     "present": _present,
     "dim": _dimension, "testdi": _test_input, "round": _rounded, "trunc": _rounded, "rounddnum": _rounded,

@@ -44,7 +44,7 @@ class Meeting(Struct, frozen=True, eq=False):
 
 
 def part(name: str) -> Any:
-    """The module ``OCP.name``. ``ImportError`` if the extra is not installed."""
+    """A module of ``OCP`` by its name. ``ImportError`` if the extra is not installed."""
     return import_module(f"OCP.{name}")
 
 

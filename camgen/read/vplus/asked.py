@@ -18,7 +18,7 @@ from .functions import truth
 from .locations import unknown
 from .names import canonical
 from .text import Impossible, Location
-from .variables import Table, Value
+from .variables import Value
 
 #: Messages are one line of at most so many characters.
 _LONGEST = 160
@@ -270,10 +270,6 @@ class Surroundings(Arm):
     def bits(self, first: int, count: int) -> float:
         """``BITS(first, count)``: signals as a number."""
         return float(sum(1 << k for k in range(count) if self.is_on(first + k)))
-
-    def is_doubtful(self, table: Table, key: str) -> bool:
-        """Whether the value there rests on an assumption."""
-        return (id(table), key) in self._doubtful
 
 
 def _kind(value: Value) -> str:

@@ -288,13 +288,6 @@ class Robot(Surroundings):
                 return 100.0, "%", 100.0, "ALWAYS" in rest.upper()
             raise
 
-    def speed_now(self, which: float) -> float | None:
-        """SPEED(n): the monitor's, or the one in force."""
-        if which == 1:
-            return 100.0 * self._monitor
-        setting = (self._once or self._always) if which == 3 else self._always
-        return setting[0] if setting[1] == "%" else None
-
     def configure(self, statement: Statement) -> None:
         """A posture word: in force from the next motion on, and instead of the one that it excludes."""
         if statement.rest and statement.rest.upper() != "ALWAYS":

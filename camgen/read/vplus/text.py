@@ -161,7 +161,7 @@ Pace = tuple[float, str, float]
 
 
 def pace(rest: str) -> tuple[float, str, float, bool] | None:
-    """What ``vplus_words.speed`` says of a SPEED without names; nothing where it has more to say."""
+    """What ``words.speed`` says of a SPEED without names; nothing where it has more to say."""
     match = _PACE_PARTS.fullmatch(rest)
     if match is None or float(match[1]) <= 0 or float(match[2] or 1.0) <= 0:
         return None

@@ -21,10 +21,12 @@ def inverse(
     """The controller's joint values (N, B, J) that bring the flange to base_from_flange (N, 3, 3), (N, 3), mm.
 
     B: 8 for spherical wrists (``spherical.BRANCHES`` says in which order), 2 for SCARA, 1 for slides,
-    ``damped.SEEDS`` for others, found first. nan: no solution, by reach alone; ``values.within`` knows the limits. A
-    turning joint is given within half a turn of the middle of its limits; ``values.copies`` adds the rest. Where a pose
-    leaves a joint free (axis 5 straight, wrist above axis 1) it is taken from ``near``, (J,) to (N, B, J); without it
-    the angle of axis 4 is 0, and that of axis 1 is 0 facing the wrist and half a turn with the back to it.
+    ``damped.SEEDS`` for others, found first. nan: no solution, by reach alone;
+    ``joint_limits.within`` knows the limits. A turning joint is given within half a turn of the
+    middle of its limits; ``joint_limits.copies`` adds the rest.
+    Where a pose leaves a joint free (axis 5 straight, wrist above axis 1) it is taken from ``near``,
+    (J,) to (N, B, J); without it the angle of axis 4 is 0, and
+    that of axis 1 is 0 facing the wrist and half a turn with the back to it.
     """
     rotations, origins = (
         np.asarray(rotations, dtype=np.float64),

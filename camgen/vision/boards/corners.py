@@ -1,8 +1,8 @@
 """Calibration boards and their corners in a photo: chessboards, and ChArUco boards of which a part may be hidden.
 
-OpenCV finds the board in a reduced picture; the corners are then fitted in the full one (saddle.py). A corner counts
-when it is as black and white as the others, and dark in those quadrants in which its place on the board says so; a grid
-that OpenCV has laid wrongly does not pass.
+OpenCV finds the board in a reduced picture; the corners are then fitted in the full one (``fit_saddles``). A corner
+counts when it is as black and white as the others, and dark in those quadrants in which its place on the board says
+so; a grid that OpenCV has laid wrongly does not pass.
 
 The first corner of a chessboard is, where its colours tell one end from the other (one of columns and rows odd, the
 other even), the one whose inner square is black. So a corner has the same number in all photos.

@@ -1,6 +1,6 @@
 """Lens calibration from photos of a board: Zhang's method as OpenCV has it, on corners that are fitted more exactly.
 
-What is done with which photo, and what the user is told about the result; the fit itself is in calibrate_fit.py.
+Photos are measured, compared and left out, ``best_fit`` fits the lens, and notes name the doubts about the result.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Which pixels of a to-scale view show the part (PIST, section 3.2), and the grey value of its boundary.
 
 The bench is what touches the border of the picture. What is slow in the picture (light, tones) is learned in cells of
-some pixels, ``mask_cells``; ``mask_level`` has the grey value of the boundary and what is assumed of the camera's
-tones; ``mask_colour`` and ``mask_background`` make one channel of a coloured picture, or of two.
+some pixels, ``cells``; ``level`` has the grey value of the boundary and what is assumed of the camera's
+tones; ``channel`` makes one channel of a coloured picture, or of two.
 """
 
 from __future__ import annotations

@@ -1,0 +1,66 @@
+"""Names in docstrings, comments and pages lead to code that exists."""
+
+from pathlib import Path
+
+import pytest
+
+from tests.support.references import (
+    ROOT,
+    Reference,
+    leads_somewhere,
+    list_files,
+    list_lost,
+    list_references,
+)
+
+#: Names that look like references and are not, with the reason.
+NOT_REFERENCES = {
+    "a_from_b": "the pattern of the names of transforms",
+    "object.member": "a form of PacScript",
+    "p.trans": "a form of RAPID",
+    "ros.srv.cmd": "a file of a public V+ project",
+    "table.key": "the pattern of the names of settings",
+    "v2py.py": "a file of a public project",
+    "shared/data": "a folder beside the repository",
+    "DIR/left": "a folder of the user",
+}
+
+
+def test_each_reference_leads_somewhere() -> None:
+    lost = [str(reference) for reference in list_lost() if reference.name not in NOT_REFERENCES]
+    assert lost == []
+
+
+def test_each_exception_is_needed() -> None:
+    assert {reference.name for reference in list_lost()} == NOT_REFERENCES.keys()
+
+
+def test_references_are_found_in_all_folders() -> None:
+    counts = dict.fromkeys(("camgen", "postprocessors", "docs", "bench", "tests"), 0)
+    for file in list_files():
+        top = file.relative_to(ROOT).parts[0]
+        if top in counts:
+            counts[top] += len(list(list_references(file)))
+    assert min(counts.values()) > 20, counts
+
+
+#: Names beside those that exist: a module that has moved, a member, a class, a file, a setting.
+LOST = """`order/matrix` `matrix.Dices` `verify.COMPARE` `Part.contour` `check/corner.py`
+`tool.diametr` `read_modul` camgen.tours.speed and saddle.py are not there."""
+KNOWN = """`order/solver/matrix` `matrix.Dice` `verify.COMPARED` `Part.contours` `check/reach.py`
+`tool.diameter` `read_module` `part.dxf` `WAIT.EVENT` `np.cross` camgen.order.solver.speed."""
+
+
+@pytest.mark.parametrize(("text", "leads"), [(LOST, False), (KNOWN, True)])
+def test_a_reference_is_judged(text: str, leads: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = ROOT / "camgen" / "geometry" / "vectors.py"
+    monkeypatch.setattr("tests.support.references._list_texts", lambda _: [(1, text)])
+    references = list(list_references(file))
+    assert len(references) == 9
+    assert [leads_somewhere(reference) for reference in references] == [leads] * 9
+
+
+def test_a_page_may_speak_of_other_languages(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("`g28.x` is a parameter, `path.cut` a style, `verify.COMPARE` a mistake.\n")
+    assert list(list_references(page)) == [Reference(page, 1, "verify.COMPARE")]
