@@ -18,7 +18,7 @@ from camgen.model.cell import Dynamics
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.program import Comment, Mask, MoveJ, Program, Wait, column, take
 from camgen.model.tolerance import SAME_POINT_MM
-from camgen.robots.pace import from_rest
+from camgen.motion.limits import from_rest
 
 if TYPE_CHECKING:
     from camgen.check.reach import Reach

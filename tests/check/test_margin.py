@@ -11,9 +11,9 @@ import camgen
 from bench.robots.rfa import FREE, PARTS, cell, loop
 from camgen.build import Result
 from camgen.motion.cell import room_of, setup_of
+from camgen.motion.limits import LinkSpeeds
 from camgen.motion.pose_paths import Way
 from camgen.motion.setup import Hit, Reached, Track
-from camgen.order.edges.pace import Pace
 from camgen.order.edges.retract import Retraction, retractions
 from camgen.order.edges.route import Wish, route
 from camgen.plan.edges.poses import reach
@@ -21,7 +21,7 @@ from camgen.read.solid import mesh
 from tests.support.files import source
 
 SOLID = mesh.read(source(PARTS / "rfa1.stl"))
-PACE = Pace(100.0, 100.0, 0.0)
+SPEEDS = LinkSpeeds(100.0, 100.0, 0.0)
 TIGHT = "IRB 2000, nominal rfa1"
 
 
@@ -88,7 +88,7 @@ def test_of_two_ways_out_the_one_with_room_is_taken_and_else_the_one_with_most()
     bare = np.full((1, 3), np.nan)
     ends = [(Way(m.way.position[[0]], bare, m.way.rotation[[0]]), m.joints[0]) for m in motions[:4]]
     first = [
-        one.name for one in retractions(setup, room, ends, PACE) if isinstance(one, Retraction)
+        one.name for one in retractions(setup, room, ends, SPEEDS) if isinstance(one, Retraction)
     ]
     gaps = iter([0.5, 1.0, 0.25])
 
@@ -97,7 +97,7 @@ def test_of_two_ways_out_the_one_with_room_is_taken_and_else_the_one_with_most()
 
     seen = [
         one
-        for one in retractions(setup, replace(room, look=crowded), ends[:1], PACE)
+        for one in retractions(setup, replace(room, look=crowded), ends[:1], SPEEDS)
         if isinstance(one, Retraction)
     ]
     assert len(first) == 4
@@ -125,7 +125,7 @@ def test_a_free_motion_that_comes_near_is_taken_only_where_no_other_leads() -> N
         return [hit if isinstance(hit, Hit) else 0.1 for hit in room.look(tracks)]
 
     plain, by_home, near = (
-        route(setup, replace(room, look=look), motions, SOLID.edges, home, Wish(PACE, best=True))
+        route(setup, replace(room, look=look), motions, SOLID.edges, home, Wish(SPEEDS, best=True))
         for look in (room.look, crowded, all_crowded)
     )
     assert len(plain.legs) == len(by_home.legs) == len(near.legs) == len(motions)

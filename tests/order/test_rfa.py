@@ -16,11 +16,11 @@ from camgen.collision.hits import hits
 from camgen.collision.scene import Scene
 from camgen.model.pose import FloatArray, Pose
 from camgen.motion.cell import room_of, setup_of
+from camgen.motion.limits import LinkSpeeds
 from camgen.motion.pose_paths import Way
 from camgen.motion.reach import reach_ways
 from camgen.motion.setup import Freedom, Hit, Reached, Setup, Track
 from camgen.order.edges.links import BY_HOME, FREE, Along, Ends, Turn, along, steps
-from camgen.order.edges.pace import Pace
 from camgen.order.edges.retract import Retraction, Room, retractions
 from camgen.order.edges.route import Route, Wish, route
 from camgen.plan.edges.poses import poses, reach
@@ -34,7 +34,7 @@ from tests.support.files import source
 
 PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
 ARM = robot("IRB 2400")
-PACE = Pace(100.0, 100.0, 0.0)
+SPEEDS = LinkSpeeds(100.0, 100.0, 0.0)
 WALL = Hit("collision", "link 5 against wall", 0.0)
 
 
@@ -58,7 +58,7 @@ def routed(part: str, best: bool = True) -> Route:
         motions,
         mesh.read(source(PARTS / f"{part}.stl")).edges,
         ARM.home,
-        Wish(PACE, best),
+        Wish(SPEEDS, best),
     )
 
 
@@ -95,7 +95,7 @@ def ends(motions: tuple[Reached, ...]) -> list[tuple[Way, FloatArray]]:
 @pytest.mark.parametrize("part", ["rfa1", "rfa2"])
 def test_a_way_out_ends_above_the_level_and_the_joints_follow_it(part: str) -> None:
     setup, room, motions = cell(part)
-    found = retractions(setup, room, ends(motions), PACE)
+    found = retractions(setup, room, ends(motions), SPEEDS)
     ways = [one for one in found if isinstance(one, Retraction)]
     assert len(ways) >= len(found) - 2
     for end, one in zip(ends(motions), found, strict=True):
@@ -131,7 +131,7 @@ def test_a_tool_that_leans_goes_back_along_itself() -> None:
     setup, room, motions = cell("rfa1")
     one = next(
         way
-        for way in retractions(setup, room, ends(motions), PACE)
+        for way in retractions(setup, room, ends(motions), SPEEDS)
         if isinstance(way, Retraction) and way.name == "along the tool" and len(way.way) == 2
     )
     start, stop = in_base(setup, one.way)
@@ -154,7 +154,7 @@ def test_with_the_last_two_links_below_the_level_the_tool_goes_over_the_wrist() 
     chosen = ends(motions)
     found = [
         one
-        for one in retractions(setup, deep, chosen, PACE)
+        for one in retractions(setup, deep, chosen, SPEEDS)
         if isinstance(one, Retraction) and "wrist" in one.name
     ]
     assert found
@@ -170,7 +170,7 @@ def test_with_the_last_two_links_below_the_level_the_tool_goes_over_the_wrist() 
 def test_an_end_without_a_way_says_what_stands_in_it() -> None:
     setup, room, motions = cell("rfa1")
     walled = replace(room, look=lambda several: [WALL] * len(several))
-    (found,) = retractions(setup, walled, ends(motions)[:1], PACE)
+    (found,) = retractions(setup, walled, ends(motions)[:1], SPEEDS)
     assert isinstance(found, str)
     assert "link 5 against wall" in found
 
@@ -273,7 +273,7 @@ def test_edges_that_share_a_corner_are_linked_at_it() -> None:
 def test_where_a_force_presses_every_link_leaves_the_part() -> None:
     setup, room, motions = cell("rfa1")
     edges = mesh.read(source(PARTS / "rfa1.stl")).edges
-    made = route(setup, room, motions, edges, ARM.home, Wish(PACE, best=True, lifted=True))
+    made = route(setup, room, motions, edges, ARM.home, Wish(SPEEDS, best=True, lifted=True))
     assert len(made.legs) > 2
     for leg in made.legs[1:]:
         assert isinstance(leg.link[0], Along)
@@ -301,7 +301,9 @@ def test_a_free_motion_that_collides_is_not_taken() -> None:
         ]
 
     edges = mesh.read(source(PARTS / "rfa2.stl")).edges
-    made = route(setup, replace(room, look=walled), motions, edges, ARM.home, Wish(PACE, best=True))
+    made = route(
+        setup, replace(room, look=walled), motions, edges, ARM.home, Wish(SPEEDS, best=True)
+    )
     assert len(made.legs) == len(motions)
     assert made.seconds > routed("rfa2").seconds
     for leg in made.legs[1:]:
@@ -321,7 +323,7 @@ def test_what_no_way_leads_to_is_left_out_and_nothing_is_tested_twice(
     edges = mesh.read(source(PARTS / "rfa1.stl")).edges
     lost = motions[1]
     outs = retractions(
-        setup, room, [(_end(one, k), one.joints[k]) for one in motions for k in (0, -1)], PACE
+        setup, room, [(_end(one, k), one.joints[k]) for one in motions for k in (0, -1)], SPEEDS
     )
     safe = [out.joints[-1].tobytes() for out in outs if isinstance(out, Retraction)]
     assert len(safe) == 2 * len(motions)
@@ -339,7 +341,7 @@ def test_what_no_way_leads_to_is_left_out_and_nothing_is_tested_twice(
                 for two, is_free in zip(rows, free, strict=True)]  # fmt: skip
 
     told: list[str] = []
-    wish = Wish(PACE, best=True, lifted=True)
+    wish = Wish(SPEEDS, best=True, lifted=True)
     made = route(setup, replace(room, look=walled), motions, edges, ARM.home, wish, told.append)
     assert [one.id for one in made.dropped] == [lost.id]
     assert {leg.motion.id for leg in made.legs} == {one.id for one in motions} - {lost.id}
@@ -366,7 +368,7 @@ def test_a_search_that_finds_no_end_is_ended() -> None:
         ]
 
     told: list[str] = []
-    wish = Wish(PACE, best=True, lifted=True)
+    wish = Wish(SPEEDS, best=True, lifted=True)
     made = route(setup, replace(room, look=walled), motions, edges, ARM.home, wish, told.append)
     assert not made.dropped
     assert len(made.legs) == len(motions)

@@ -16,6 +16,7 @@ from camgen.model.path import ToolPath, Tour
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, short
 from camgen.motion.cell import home_of, room_of, setup_of
+from camgen.motion.limits import LinkSpeeds, limits_of, turn_speed
 from camgen.motion.pose_paths import Way
 from camgen.motion.reach import reach_along
 from camgen.motion.rolls import freedom_of, rolls_of
@@ -35,13 +36,10 @@ from camgen.order.arm.links import Links, link_up
 from camgen.order.arm.margin import Clear, clear_of, put_in, roomy_of
 from camgen.order.arm.points import are_points, find_points
 from camgen.order.arm.search import Found, Tell, Wish, Work, better_tour, find_tour, prove_tour
-from camgen.order.edges.pace import Pace as Quick
-from camgen.order.edges.pace import pace_turn
 from camgen.order.pieces import begin_at, lengths_along, split_at
 from camgen.order.solver import matrix
 from camgen.order.tours import ArmTour
 from camgen.plan import Watch
-from camgen.robots.pace import pace_of
 from camgen.robots.workcell import Workcell
 
 #: Turns of a tool that may have any, from which the finer ones are found; of an arm whose joints are iterated, fewer.
@@ -135,8 +133,8 @@ def order_with_turns(
     free, share = (
         (job.process.travel, 0.0) if job.process.travel else (cell.pace.fastest, cell.pace.most)
     )
-    quick = Quick(job.process.travel_speed, free, share, cell.pace.acceleration)
-    return _tour(tour, work, found, links, profiles, lost | links.lost, what, quick)
+    speeds = LinkSpeeds(job.process.travel_speed, free, share, cell.pace.acceleration)
+    return _tour(tour, work, found, links, profiles, lost | links.lost, what, speeds)
 
 
 def _search_with_margin(
@@ -264,8 +262,8 @@ def _begin(
         if free is not None
         else ({}, {})
     )
-    pace = pace_of(arm, cell.pace, job.process.travel_speed)
-    ground = Ground(tuple(items), pace, home_of(arm, cell, where.scene), lines)
+    limits = limits_of(arm, cell.pace, job.process.travel_speed)
+    ground = Ground(tuple(items), limits, home_of(arm, cell, where.scene), lines)
     # The tip keeps above the part where it goes from path to path.
     loose, floor = job.tool.symmetric and arm.arm is not None, job.process.least_height
     wish = Wish(not asked.fixed and job.tour.method == "best", loose, floor)
@@ -398,21 +396,21 @@ def _time_ways(work: Work, found: Found, links: Links) -> float:
     total = 0.0
     for k in found.order:
         rows += links.to.get(k) or (found.now.enter[k],)
-        total += float(work.ground.pace.seconds(np.diff(rows, axis=0), 0.0).sum())
+        total += float(work.ground.limits.seconds(np.diff(rows, axis=0), 0.0).sum())
         rows = [found.now.leave[k]]
     rows += [*links.back, work.ground.home]
-    return total + float(work.ground.pace.seconds(np.diff(rows, axis=0), 0.0).sum())
+    return total + float(work.ground.limits.seconds(np.diff(rows, axis=0), 0.0).sum())
 
 
 def _pace_ways(
-    work: Work, found: Found | None, links: Links, quick: Quick
+    work: Work, found: Found | None, links: Links, speeds: LinkSpeeds
 ) -> list[tuple[tuple[float, float], ...]]:
     """How fast the motions of the joints to each path, and last those back, are run: as fast as the joints may be."""
     at, paces = work.ground.home, []
     for k in [*found.order, -1] if found is not None else [-1]:
         ways = links.to.get(k, ()) if k >= 0 else links.back
         rows = [at, *ways]
-        paces.append(tuple(pace_turn(work.setup, a, b, quick) for a, b in pairwise(rows)))
+        paces.append(tuple(turn_speed(work.setup, a, b, speeds) for a, b in pairwise(rows)))
         at = found.now.leave[k] if found is not None and k >= 0 else at
     return paces
 
@@ -425,7 +423,7 @@ def _tour(
     profiles: dict[int, _Profile],
     lost: dict[int, str],
     what: str,
-    quick: Quick,
+    speeds: LinkSpeeds,
 ) -> ArmTour:
     order = found.order if found is not None else []
     made = [
@@ -443,7 +441,7 @@ def _tour(
         turned = f"{counted(len(changed), 'path')} along which the tool is turned: {', '.join(changed[:8])}"
         notes.append(Note("assumed", turned, "no single turn reaches all of it"))
     seconds = _time_ways(work, found, links) if found is not None else 0.0
-    paces = _pace_ways(work, found, links, quick)
+    paces = _pace_ways(work, found, links, speeds)
     notes.append(Note("assumed", f"{what}: {short(seconds, 1)} s between the paths"))
     return ArmTour(
         paths,

@@ -121,7 +121,7 @@ def _cross(
     pair = min(pair, pair[::-1])
     if pair not in took:
         ends = [_home(work, group) if b == HOME else _sample(group, b) for b in pair]
-        seconds = work.ground.pace.between(ends[0].states.leave, ends[1].states.enter, 0.0)
+        seconds = work.ground.limits.between(ends[0].states.leave, ends[1].states.enter, 0.0)
         # Of each state the quickest link, so that they differ.
         best = seconds.argmin(axis=0)
         own = seconds[best, np.arange(len(best))]

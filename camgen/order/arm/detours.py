@@ -8,8 +8,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from camgen.model.pose import FloatArray
+from camgen.motion.limits import MotionLimits
 from camgen.robots.models import Robot
-from camgen.robots.pace import Pace
 
 #: So many of the quickest places are tried at a time, of those that are clear, and so many rounds with more.
 _TRIED, _ROUNDS = 24, 3
@@ -24,7 +24,7 @@ Clear = Callable[[FloatArray], "np.ndarray[tuple[int, ...], np.dtype[np.bool_]]"
 
 def find_detour(
     robot: Robot,
-    pace: Pace,
+    limits: MotionLimits,
     ends: tuple[FloatArray, FloatArray],
     others: FloatArray,
     clear: Clear,
@@ -41,7 +41,7 @@ def find_detour(
     into: list[FloatArray] = []
     places = np.concatenate([_mixes(a, b), others])
     for _ in range(_ROUNDS):
-        found = _try(pace, ends, places[clear(places)], blocked, out, into)
+        found = _try(limits, ends, places[clear(places)], blocked, out, into)
         if found is not None:
             return found
         share = lot.random((_DRAWN, 1))
@@ -67,7 +67,7 @@ def _mixes(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def _try(
-    pace: Pace,
+    limits: MotionLimits,
     ends: tuple[FloatArray, FloatArray],
     places: FloatArray,
     blocked: Blocked,
@@ -79,7 +79,7 @@ def _try(
     """
     a, b = ends
     if len(places):
-        took = pace.seconds(places - a, 0.0) + pace.seconds(b - places, 0.0)
+        took = limits.seconds(places - a, 0.0) + limits.seconds(b - places, 0.0)
         best = places[np.argsort(took, kind="stable")[:_TRIED]]
         stops = blocked([(a, place) for place in best] + [(place, b) for place in best])
         first, second = stops[: len(best)], stops[len(best) :]
@@ -93,6 +93,6 @@ def _try(
     if not out or not into:
         return None
     ways = [(p, q) for p in out for q in into]
-    took = np.array([pace.seconds(np.stack([p - a, q - p, b - q]), 0.0).sum() for p, q in ways])
+    took = np.array([limits.seconds(np.stack([p - a, q - p, b - q]), 0.0).sum() for p, q in ways])
     tried = [ways[k] for k in np.argsort(took, kind="stable")[: 2 * _TRIED]]
     return next((way for way, stop in zip(tried, blocked(tried), strict=True) if not stop), None)

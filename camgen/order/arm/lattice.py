@@ -153,7 +153,7 @@ def go_round(work: Work, found: Found) -> Found:
             work.around[pair_key(one, other)] = cost
             work.around[kind] = min(work.around.get(kind, cost), cost)
         seconds += float(
-            work.ground.pace.seconds(b - a, _measure_way(work, one, other))
+            work.ground.limits.seconds(b - a, _measure_way(work, one, other))
         ) + work.around.get(key, 0.0)
     return Found(found.order, now, seconds)
 
@@ -219,7 +219,9 @@ def pair_key(one: int, other: int) -> bytes:
 def _lay(work: Work, order: Sequence[int], states: Sequence[States]) -> list[FloatArray]:
     """Seconds from home to each state of the first item, from each item to the next, and back home."""
     ground = work.ground
-    home = [ground.pace.seconds(states[k].enter - ground.home, 0.0) for k in (order[0], order[-1])]
+    home = [
+        ground.limits.seconds(states[k].enter - ground.home, 0.0) for k in (order[0], order[-1])
+    ]
     return [
         home[0][None],
         *(table.copy() for table in all_links(ground, order, states, CHANGE)),

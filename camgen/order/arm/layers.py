@@ -11,8 +11,8 @@ from msgspec import Struct
 from camgen.geometry.ragged import offsets
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
+from camgen.motion.limits import MotionLimits
 from camgen.order.arm.items import Item, States, join_states
-from camgen.robots.pace import Pace
 
 #: What a link that is not allowed costs, s: more than any tour, and a number.
 WALL = 1e6
@@ -25,12 +25,16 @@ SAME = 1e-6
 
 
 class Ground(Struct, frozen=True, eq=False):
-    """What all links have in common. items: the paths. pace. home: (J,). lines: the TCP goes straight from path to
-    path, and the arm stays in its posture.
+    """The facts that all links share.
+
+    items: the paths.
+    limits: of the joints and the TCP.
+    home: (J,) joint values.
+    lines: whether the TCP goes straight from path to path, and the arm stays in its posture.
     """
 
     items: tuple[Item, ...]
-    pace: Pace
+    limits: MotionLimits
     home: FloatArray
     lines: bool
 
@@ -64,7 +68,7 @@ def link_seconds(
     there = gate_places(ground.items[other], end.gate[:, 0])
     way = np.sqrt(((there[None] - here[:, None]) ** 2).sum(axis=-1))
     other = start.branch[:, None] != end.branch[None]
-    return np.asarray(ground.pace.between(start.leave, end.enter, way) + change * other)
+    return np.asarray(ground.limits.between(start.leave, end.enter, way) + change * other)
 
 
 def change_cost(ground: Ground, start: IntArray, end: IntArray) -> FloatArray:
@@ -74,7 +78,7 @@ def change_cost(ground: Ground, start: IntArray, end: IntArray) -> FloatArray:
 
 def home_seconds(ground: Ground, joints: FloatArray, walls: Walls) -> FloatArray:
     """Seconds (M,) of the ways between home and joint values (M, J)."""
-    cost = ground.pace.seconds(joints - ground.home, 0.0)[None]
+    cost = ground.limits.seconds(joints - ground.home, 0.0)[None]
     return np.asarray(add_walls(cost, ground.home[None], joints, walls)[0])
 
 
@@ -145,7 +149,7 @@ def all_links(
     enter, leave, branch = every.enter[rows], every.leave[rows], every.branch[rows]
     into, out = (np.concatenate([places[:, side] for places in gates])[rows] for side in (0, 1))
     way = np.sqrt(((into[1:, None] - out[:-1, :, None]) ** 2).sum(axis=-1))
-    seconds = ground.pace.between(leave[:-1], enter[1:], way)
+    seconds = ground.limits.between(leave[:-1], enter[1:], way)
     seconds += change * (branch[:-1, :, None] != branch[1:, None])
     for k, table in enumerate(seconds):
         yield table[: count[k], : count[k + 1]]

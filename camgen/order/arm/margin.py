@@ -84,7 +84,7 @@ def put_in(work: Work, found: Found, more: Sequence[int], fixed: bool) -> list[i
     rules have it. fixed: in the order of their numbers.
     """
     order = list(found.order)
-    now, pace, rules = found.now, work.ground.pace, work.rules
+    now, limits, rules = found.now, work.ground.limits, work.rules
     own = {k: work.states[k] for k in more} | {k: now.pick(np.array([k])) for k in order}
     for k in more:
         ranks = rules.rank[order]
@@ -101,8 +101,8 @@ def put_in(work: Work, found: Found, more: Sequence[int], fixed: bool) -> list[i
         enter = [*(own[item].enter for item in order), work.ground.home[None]]
         cost = [
             (
-                pace.between(leave[at], own[k].enter, 0.0).min(axis=0)
-                + pace.between(own[k].leave, enter[at], 0.0).min(axis=1)
+                limits.between(leave[at], own[k].enter, 0.0).min(axis=0)
+                + limits.between(own[k].leave, enter[at], 0.0).min(axis=1)
             ).min()
             for at in range(low, high + 1)
         ]

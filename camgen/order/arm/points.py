@@ -10,6 +10,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from camgen.geometry.ragged import offsets
+from camgen.motion.limits import from_rest
 from camgen.order.arm.blocks import find_blocks, leave_clear, narrow_states
 from camgen.order.arm.items import States, join_states
 from camgen.order.arm.lattice import (
@@ -24,7 +25,6 @@ from camgen.order.arm.lattice import (
 from camgen.order.arm.layers import WALL, change_cost
 from camgen.order.arm.search import STEPS, Found, Tell, Work, blocked_paths, shift_turns
 from camgen.order.solver.ring import shorten_ring
-from camgen.robots.pace import from_rest
 
 #: More points than this are searched as paths are; the fewest that are worth it.
 MOST, LEAST = 300, 5
@@ -219,12 +219,14 @@ def _reorder(work: Work, found: Found, fine: list[States], known: Known, attempt
     table = np.zeros((count + 1, count + 1))
     for k, own in enumerate(joints, 1):
         table[k, 1:] = np.minimum.reduceat(
-            ground.pace.between(own, every, 0.0).min(axis=0), first[:-1]
+            ground.limits.between(own, every, 0.0).min(axis=0), first[:-1]
         )
-        table[k, 0] = table[0, k] = ground.pace.seconds(own - ground.home, 0.0).min()
+        table[k, 0] = table[0, k] = ground.limits.seconds(own - ground.home, 0.0).min()
     at = np.array([ground.items[k].position[ground.items[k].gates[0]] for k in order])
     way = np.sqrt(((at[:, None] - at[None]) ** 2).sum(axis=-1))
-    table[1:, 1:] = np.maximum(table[1:, 1:], from_rest(way, ground.pace.travel, ground.pace.gain))
+    table[1:, 1:] = np.maximum(
+        table[1:, 1:], from_rest(way, ground.limits.speed, ground.limits.acceleration)
+    )
     table[1:, 1:] += change_cost(ground, found.now.branch[order], found.now.branch[order])
     place = {-1: 0} | {k: row for row, k in enumerate(order, 1)}
     for (a, b), seconds in known.items():

@@ -279,9 +279,9 @@ def _loosen(work: Work, found: Found, prove: bool) -> Found:
     first = offsets([len(own) for own in joints])
     every = np.concatenate(joints)
     for k, own in enumerate(joints, 1):
-        took = np.minimum.reduceat(ground.pace.between(own, every, 0.0).min(axis=0), first[:-1])
+        took = np.minimum.reduceat(ground.limits.between(own, every, 0.0).min(axis=0), first[:-1])
         ring[k, 1:] = took
-        ring[k, 0] = ring[0, k] = ground.pace.seconds(own - ground.home, 0.0).min()
+        ring[k, 0] = ring[0, k] = ground.limits.seconds(own - ground.home, 0.0).min()
     np.fill_diagonal(ring, 0.0)
     ring[1:, 1:] += change_cost(ground, now.branch[order], now.branch[order])
     ring = np.minimum(ring, ring.T)
@@ -441,7 +441,9 @@ def _tables(
         [gate_places(ground.items[k], own.gate[i]) for i, k in enumerate(order)], axis=0
     ).reshape(2 * count, 3)
     branch = np.repeat(own.branch, 2)
-    table = ground.pace.between(ends, ends, np.linalg.norm(places[:, None] - places[None], axis=-1))
+    table = ground.limits.between(
+        ends, ends, np.linalg.norm(places[:, None] - places[None], axis=-1)
+    )
     table += change_cost(ground, branch, branch)
     table = add_walls(table, ends, ends, work.walls)
     home = home_seconds(ground, ends, work.walls).reshape(count, 2)
@@ -611,7 +613,7 @@ def wall_between(work: Work, a: FloatArray, b: FloatArray, least: float) -> Wall
     )
     found = find_detour(
         work.setup.robot,
-        work.ground.pace,
+        work.ground.limits,
         (a, b),
         others,
         work.setup.clear,
@@ -621,9 +623,9 @@ def wall_between(work: Work, a: FloatArray, b: FloatArray, least: float) -> Wall
         return Wall(a, b, near, WALL)
     work.detours[a.tobytes() + b.tobytes()] = found
     places = np.stack([a, *found, b])
-    longer = work.ground.pace.seconds(
+    longer = work.ground.limits.seconds(
         np.diff(places, axis=0), 0.0
-    ).sum() - work.ground.pace.seconds(b - a, 0.0)
+    ).sum() - work.ground.limits.seconds(b - a, 0.0)
     return Wall(a, b, near, float(longer))
 
 

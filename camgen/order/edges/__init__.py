@@ -12,9 +12,9 @@ from camgen.model.pose import FloatArray
 from camgen.model.text import counted, short
 from camgen.motion.cell import home_of, room_of, setup_of
 from camgen.motion.edge_paths import edge_path, left_out, none_left
+from camgen.motion.limits import LinkSpeeds
 from camgen.motion.setup import Reached, Setup
 from camgen.order.edges.links import Along, Turn
-from camgen.order.edges.pace import Pace
 from camgen.order.edges.route import Route, Wish, route
 from camgen.order.tours import EdgeTour
 from camgen.plan import EdgePlan, Watch
@@ -39,7 +39,7 @@ def order_edges(plan: EdgePlan, job: Job, cell: Cell | None, watch: Watch) -> Ed
     room, process = room_of(plan.where, setup), job.process
     free, share = (process.travel, 0.0) if process.travel else (cell.pace.fastest, cell.pace.most)
     wish = Wish(
-        Pace(process.travel_speed, free, share, cell.pace.acceleration, lifted), best, lifted
+        LinkSpeeds(process.travel_speed, free, share, cell.pace.acceleration, lifted), best, lifted
     )
 
     def tell(far: str) -> None:

@@ -16,9 +16,9 @@ from msgspec.structs import replace
 
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
+from camgen.motion.limits import LinkSpeeds, turn_speed
 from camgen.motion.pose_paths import Way
 from camgen.motion.setup import Reached, Setup
-from camgen.order.edges.pace import Pace, pace_turn
 from camgen.order.edges.retract import Retraction
 from camgen.robots.kinematics.forward import flange
 from camgen.robots.models import Robot
@@ -147,14 +147,16 @@ def pieces(
         a = over
 
 
-def paced(setup: Setup, pieces: Sequence[Piece], here: FloatArray, pace: Pace) -> tuple[Piece, ...]:
+def paced(
+    setup: Setup, pieces: Sequence[Piece], here: FloatArray, speeds: LinkSpeeds
+) -> tuple[Piece, ...]:
     """``pieces`` of a link that begins at the joints ``here`` (J,), its motions of the joints in free space as fast as
-    the joints and ``pace`` allow.
+    the joints and ``speeds`` allow.
     """
     found: list[Piece] = []
     for piece in pieces:
         if isinstance(piece, Turn):
-            found.append(_pace_turn(setup, piece, here, pace))
+            found.append(_pace_turn(setup, piece, here, speeds))
             here = piece.joints
         else:
             found.append(piece)
@@ -162,8 +164,8 @@ def paced(setup: Setup, pieces: Sequence[Piece], here: FloatArray, pace: Pace) -
     return tuple(found)
 
 
-def _pace_turn(setup: Setup, turn: Turn, here: FloatArray, pace: Pace) -> Turn:
-    speed, share = pace_turn(setup, here, turn.joints, pace) if turn.free else (pace.speed, 0.0)
+def _pace_turn(setup: Setup, turn: Turn, here: FloatArray, speeds: LinkSpeeds) -> Turn:
+    speed, share = turn_speed(setup, here, turn.joints, speeds) if turn.free else (speeds.part, 0.0)
     return replace(turn, speed=speed, share=share)
 
 

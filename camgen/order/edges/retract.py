@@ -13,9 +13,9 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.model.pose import FloatArray, frozen
+from camgen.motion.limits import LinkSpeeds, line_speeds
 from camgen.motion.pose_paths import Way, divide, rows
 from camgen.motion.setup import JUMP, MARGIN, Hit, Room, Setup, Track, dense_parts, flange_poses
-from camgen.order.edges.pace import Pace, pace_lines
 from camgen.robots.kinematics.continuity import Choice, follow_each
 from camgen.robots.kinematics.forward import flange, frames
 
@@ -54,7 +54,7 @@ class Retraction(Struct, frozen=True, eq=False):
 
 
 def retractions(
-    setup: Setup, room: Room, ends: Sequence[tuple[Way, FloatArray]], pace: Pace
+    setup: Setup, room: Room, ends: Sequence[tuple[Way, FloatArray]], speeds: LinkSpeeds
 ) -> list[Retraction | str]:
     """For each end, a pose (one row) and the joints (J,) it is taken in, the first way out that is free and keeps the
     margin, or as much of it as the end has; else the free one that keeps most; or why there is none.
@@ -67,7 +67,7 @@ def retractions(
     left = list(range(len(ends)))
     while left:
         led = [(k, named) for k in left if (named := next(ways[k], None)) is not None]
-        ran = _run(setup, [named for _, named in led], [ends[k][1] for k, _ in led], pace)
+        ran = _run(setup, [named for _, named in led], [ends[k][1] for k, _ in led], speeds)
         tried = [(k, way) for (k, _), way in zip(led, ran, strict=True)]
         said = iter(
             room.look([Track(way.dense, way.looks) for _, way in tried if not isinstance(way, str)])
@@ -86,7 +86,7 @@ def retractions(
 
 
 def shorter(
-    setup: Setup, room: Room, end: Way, joints: FloatArray, pace: Pace
+    setup: Setup, room: Room, end: Way, joints: FloatArray, speeds: LinkSpeeds
 ) -> Retraction | None:
     """A way out of one end that does not lead up to the level: the longest back along the tool that is free."""
     base_from_work = setup.base_from_work
@@ -94,7 +94,7 @@ def shorter(
     back = -(base_from_work.rotation @ end.rotation[0])[:, 2]
     ways = (("back", _chain(setup, end, [start, start + far * back])) for far in _BACK)
     for named in ways:
-        (way,) = _run(setup, [named], [joints], pace)
+        (way,) = _run(setup, [named], [joints], speeds)
         if isinstance(way, Retraction) and not isinstance(
             room.look([Track(way.dense, way.looks)])[0], Hit
         ):
@@ -103,7 +103,7 @@ def shorter(
 
 
 def _run(
-    setup: Setup, ways: Sequence[tuple[str, Way]], starts: Sequence[FloatArray], pace: Pace
+    setup: Setup, ways: Sequence[tuple[str, Way]], starts: Sequence[FloatArray], speeds: LinkSpeeds
 ) -> list[Retraction | str]:
     """``ways`` out of where the joints are (J,), each with its name, as the arm runs them; or why it cannot."""
     parts = [dense_parts(way) for _, way in ways]
@@ -116,7 +116,7 @@ def _run(
     ):
         if isinstance(found, Choice) and np.abs(found.joints[0] - joints).max() < 1e-6:
             at = rows(own)
-            speed = pace_lines(setup, pace, looks, found.joints, at)
+            speed = line_speeds(setup, speeds, looks, found.joints, at)
             none = frozen(joints[None][:0])
             made.append(
                 Retraction(

@@ -17,11 +17,11 @@ from msgspec.structs import replace
 from camgen.model.part import BoolArray, IntArray, Line
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted
+from camgen.motion.limits import LinkSpeeds
 from camgen.motion.pose_paths import Way
 from camgen.motion.setup import Hit, Reached, Room, Setup, Track, Unreached
 from camgen.order.edges import links
 from camgen.order.edges.detour import find_detour
-from camgen.order.edges.pace import Pace
 from camgen.order.edges.retract import Retraction, retractions, shorter
 from camgen.order.solver import matrix
 from camgen.robots.models import Robot
@@ -48,11 +48,11 @@ _REMEDY = "cell.safety or another place (camgen place) may help"
 
 
 class Wish(Struct, frozen=True):
-    """pace: of the links. best: the shortest tour that is found, else the nearest neighbour's. lifted: every link
+    """speeds: of the links. best: the shortest tour that is found, else the nearest neighbour's. lifted: every link
     leaves the part, as it must do where a force presses.
     """
 
-    pace: Pace
+    speeds: LinkSpeeds
     best: bool
     lifted: bool = False
 
@@ -129,7 +129,7 @@ def route(
     """
     by_id = {edge.id: edge for edge in edges}
     detours = _Detours(setup, room, home)
-    left, outs, dropped = _left(detours, motions, wish.pace)
+    left, outs, dropped = _left(detours, motions, wish.speeds)
     if not left:
         return Route((), (), tuple(dropped), 0.0, 0.0)
     work = _work(setup, room, left, outs, [by_id[motion.id] for motion in left], home, wish)
@@ -137,18 +137,18 @@ def route(
         found = _order(work, wish.best, _AGAIN if attempt else _ROUNDS, tell)
         lost = _find_lost(work, found, attempt >= _PASSES)
         if not lost:
-            legs, back = _pace(setup, *_legs(work, found), home, wish.pace)
+            legs, back = _pace(setup, *_legs(work, found), home, wish.speeds)
             return Route(
                 legs, back, tuple(dropped), found.seconds, found.nearest, _count_searched(work)
             )
         if turned := _find_one_sided(work, lost):
-            work = _turn_back(work, turned, wish.pace.speed)
+            work = _turn_back(work, turned, wish.speeds.part)
             continue
         tell(f"{counted(len(work.motions), 'edge')}, ways round what stands between")
         if opened := {
             k: way for k in sorted(lost) if (way := _search_home(detours, work, k)) is not None
         }:
-            work = _open(work, opened, setup.robot, wish.pace)
+            work = _open(work, opened, setup.robot, wish.speeds)
             continue
         names = [work.motions[k].id for k in sorted(lost)]
         dropped += [
@@ -181,19 +181,19 @@ class _Detours(Struct, eq=False):
 
 
 def _left(
-    detours: _Detours, motions: Sequence[Reached], pace: Pace
+    detours: _Detours, motions: Sequence[Reached], speeds: LinkSpeeds
 ) -> tuple[list[Reached], list[Retraction], list[Unreached]]:
     """The motions with a way out of both ends, the two ways of each, and those without any."""
     kept: list[Reached] = []
     outs: list[Retraction] = []
     dropped: list[Unreached] = []
     ends = [end for motion in motions for end in _ends(motion)]
-    found = retractions(detours.setup, detours.room, ends, pace)
+    found = retractions(detours.setup, detours.room, ends, speeds)
     for motion, *both in zip(motions, found[::2], found[1::2], strict=True):
         texts = [one for one in both if isinstance(one, str)]
         pair = both
         if len(texts) == 2:
-            pair = [_search_out(detours, end, pace) or texts[0] for end in _ends(motion)]
+            pair = [_search_out(detours, end, speeds) or texts[0] for end in _ends(motion)]
         if isinstance(pair[0], str) and isinstance(pair[1], str):
             dropped.append(
                 Unreached(motion.id, "collision", f"no way back from it: {texts[0]}", _REMEDY)
@@ -201,9 +201,9 @@ def _left(
             continue
         ways = [one for one in pair if isinstance(one, Retraction)]
         if isinstance(pair[0], str):
-            ways.insert(0, links.by_way_of(motion, 0, ways[0], pace.speed))
+            ways.insert(0, links.by_way_of(motion, 0, ways[0], speeds.part))
         if isinstance(pair[1], str):
-            ways.append(links.by_way_of(motion, 1, ways[0], pace.speed))
+            ways.append(links.by_way_of(motion, 1, ways[0], speeds.part))
         kept.append(motion)
         outs += ways
     return kept, outs, dropped
@@ -214,9 +214,11 @@ def _ends(motion: Reached) -> tuple[tuple[Way, FloatArray], tuple[Way, FloatArra
     return (_row(motion.way, 0), motion.joints[0]), (_row(motion.way, -1), motion.joints[-1])
 
 
-def _search_out(detours: _Detours, end: tuple[Way, FloatArray], pace: Pace) -> Retraction | None:
+def _search_out(
+    detours: _Detours, end: tuple[Way, FloatArray], speeds: LinkSpeeds
+) -> Retraction | None:
     """A way out of one end and home that is no way of RFA's: back a little, and from there as a search finds it."""
-    out = shorter(detours.setup, detours.room, *end, pace)
+    out = shorter(detours.setup, detours.room, *end, speeds)
     via = None if out is None else detours.lead_home(out.joints[-1])
     return None if out is None or via is None else replace(out, via=via)
 
@@ -234,12 +236,12 @@ def _work(
     home: FloatArray,
     wish: Wish,
 ) -> _Work:
-    speed = wish.pace.speed
+    speed = wish.speeds.part
     joints = np.concatenate([motion.joints[[0, -1]] for motion in motions])
     safe = np.stack([out.joints[-1] for out in outs])
     out = np.array([out.seconds for out in outs])
     through = np.array([motion.way.length.sum() for motion in motions]) / speed
-    free = links.seconds(setup.robot, safe[:, None], safe[None], wish.pace.free)
+    free = links.seconds(setup.robot, safe[:, None], safe[None], wish.speeds.free)
     vertices = np.concatenate(
         [_vertices(motion, edge) for motion, edge in zip(motions, edges, strict=True)]
     )
@@ -253,11 +255,11 @@ def _work(
         if seen != "clear":
             direct[a, b] = direct[b, a] = math.inf if seen == "blocked" else direct[a, b] + _NEAR
     ends = links.Ends(joints, safe, out, free, direct, through, speed)
-    to_home = links.seconds(setup.robot, safe, home[None], wish.pace.free)
+    to_home = links.seconds(setup.robot, safe, home[None], wish.speeds.free)
     size = (len(joints) + 1,) * 2
     known = _Known(*(np.zeros(size, dtype=bool) for _ in range(3)))
     for end in (k for k, one in enumerate(outs) if len(one.via)):
-        to_home[end] = _time_home(setup.robot, outs[end], home, wish.pace)
+        to_home[end] = _time_home(setup.robot, outs[end], home, wish.speeds)
         known.clear[end, -1] = known.clear[-1, end] = True
     return _Work(room, tuple(motions), tuple(outs), ends, links.along(ends), home, to_home, known)
 
@@ -403,10 +405,10 @@ def _find_lost(work: _Work, found: _Found, strictly: bool) -> set[int]:
     return lost | {end // 2 for end in np.flatnonzero(away).tolist()} if strictly else lost
 
 
-def _time_home(robot: Robot, out: Retraction, home: FloatArray, pace: Pace) -> float:
+def _time_home(robot: Robot, out: Retraction, home: FloatArray, speeds: LinkSpeeds) -> float:
     """Seconds from the end of a way out to home."""
     way = np.concatenate([out.joints[-1:], out.via, home[None]])
-    return float(links.seconds(robot, way[:-1], way[1:], pace.free).sum())
+    return float(links.seconds(robot, way[:-1], way[1:], speeds.free).sum())
 
 
 def _search_home(detours: _Detours, work: _Work, motion: int) -> tuple[int, FloatArray] | None:
@@ -422,13 +424,13 @@ def _search_home(detours: _Detours, work: _Work, motion: int) -> tuple[int, Floa
 
 
 def _open(
-    work: _Work, opened: Mapping[int, tuple[int, FloatArray]], robot: Robot, pace: Pace
+    work: _Work, opened: Mapping[int, tuple[int, FloatArray]], robot: Robot, speeds: LinkSpeeds
 ) -> _Work:
     """With the ways home that were found from ends of motions."""
     out, to_home, known = list(work.out), work.to_home.copy(), work.known
     for end, via in opened.values():
         out[end] = replace(out[end], via=via)
-        to_home[end] = _time_home(robot, out[end], work.home, pace)
+        to_home[end] = _time_home(robot, out[end], work.home, speeds)
         known.clear[end, -1] = known.clear[-1, end] = True
         known.blocked[end, -1] = known.blocked[-1, end] = False
         known.near[end, -1] = known.near[-1, end] = False
@@ -482,14 +484,18 @@ def _states(order: matrix.Order) -> list[tuple[int, int]]:
 
 
 def _pace(
-    setup: Setup, legs: Sequence[Leg], back: tuple[links.Piece, ...], home: FloatArray, pace: Pace
+    setup: Setup,
+    legs: Sequence[Leg],
+    back: tuple[links.Piece, ...],
+    home: FloatArray,
+    speeds: LinkSpeeds,
 ) -> tuple[tuple[Leg, ...], tuple[links.Piece, ...]]:
     """The legs and the way back with the speeds of their links."""
     here, found = home, []
     for leg in legs:
-        found.append(replace(leg, link=links.paced(setup, leg.link, here, pace)))
+        found.append(replace(leg, link=links.paced(setup, leg.link, here, speeds)))
         here = leg.motion.joints[-1]
-    return tuple(found), links.paced(setup, back, here, pace)
+    return tuple(found), links.paced(setup, back, here, speeds)
 
 
 def _legs(work: _Work, found: _Found) -> tuple[tuple[Leg, ...], tuple[links.Piece, ...]]:

@@ -5,11 +5,11 @@ import pytest
 from msgspec.structs import replace
 
 from camgen.model.cell import Dynamics
+from camgen.motion.limits import MotionLimits, from_rest, limits_of
 from camgen.robots.catalogue import robot
 from camgen.robots.kinematics.rates import held_share
-from camgen.robots.pace import Pace, from_rest, pace_of
 
-PACE = Pace(np.array([1.0, 2.0]), np.array([4.0, 5.0]), 100.0, 1000.0)
+LIMITS = MotionLimits(np.array([1.0, 2.0]), np.array([4.0, 5.0]), 100.0, 1000.0)
 
 
 def driven(way: float, speed: float, gain: float) -> float:
@@ -38,7 +38,7 @@ def test_the_slowest_joint_or_the_tip_counts() -> None:
         driven(3.0, 2, 5),
         driven(50.0, 100, 1000),
     ]
-    assert PACE.seconds(moved, np.array([0.0, 0.0, 50.0])).tolist() == pytest.approx(
+    assert LIMITS.seconds(moved, np.array([0.0, 0.0, 50.0])).tolist() == pytest.approx(
         expected, rel=0.01
     )
 
@@ -51,15 +51,15 @@ def test_a_table_of_times_is_each_of_them() -> None:
         rng.uniform(0, 90, (7, 5)),
     )
     each = np.array(
-        [[float(PACE.seconds(end[k] - start[i], way[i, k])) for k in range(5)] for i in range(7)]
+        [[float(LIMITS.seconds(end[k] - start[i], way[i, k])) for k in range(5)] for i in range(7)]
     )
-    np.testing.assert_allclose(PACE.between(start, end, way), each)
+    np.testing.assert_allclose(LIMITS.between(start, end, way), each)
 
 
 def test_without_accelerations_full_speed_takes_the_ramp_of_the_controller() -> None:
     arm = robot("VS-060")
-    pace = pace_of(arm, Dynamics(ramp=0.5), 100.0)
-    np.testing.assert_allclose(pace.gains * 0.5, arm.speeds)
+    limits = limits_of(arm, Dynamics(ramp=0.5), 100.0)
+    np.testing.assert_allclose(limits.joint_accelerations * 0.5, arm.speeds)
 
 
 def test_joints_that_a_job_holds_back_are_held_back_in_free_space_too() -> None:

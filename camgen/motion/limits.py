@@ -1,0 +1,147 @@
+"""How fast an arm may move: limits of joints and TCP, and the speeds of links between paths."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from msgspec import Struct
+
+from camgen.model.cell import Dynamics
+from camgen.model.pose import FloatArray, frozen
+from camgen.motion.pose_paths import Index, Way
+from camgen.motion.setup import Setup
+from camgen.robots.kinematics.rates import fastest, held_share
+from camgen.robots.models import Robot
+
+#: From this speed on, mm/s, speeds of lines are whole numbers.
+_WHOLE = 10.0
+#: Samples of a joint path at which the speed of the tool is computed.
+_LOOKS = 33
+#: A share of the joints' maximum speeds is a whole number of these parts.
+_SHARES = 10**6
+
+
+class MotionLimits(Struct, frozen=True, eq=False):
+    """Maximum speeds and accelerations of the J joints and of the TCP.
+
+    joint_speeds: (J,) rad/s or mm/s.
+    joint_accelerations: (J,) rad/s2 or mm/s2.
+    speed: of the TCP, mm/s.
+    acceleration: of the TCP, mm/s2.
+    """
+
+    joint_speeds: FloatArray
+    joint_accelerations: FloatArray
+    speed: float
+    acceleration: float
+
+    def seconds(self, moved: FloatArray, length: FloatArray | float) -> FloatArray:
+        """(...) durations from rest to rest, s; all joints begin and end together.
+
+        moved: (..., J) changes of the joints, rad or mm.
+        length: (...) length of the way of the TCP, mm.
+        """
+        joints = from_rest(np.abs(moved), self.joint_speeds, self.joint_accelerations)
+        tool = from_rest(np.asarray(length), self.speed, self.acceleration)
+        return np.asarray(np.maximum(joints.max(axis=-1), tool))
+
+    def between(self, start: FloatArray, end: FloatArray, length: FloatArray | float) -> FloatArray:
+        """(..., M, K) `seconds` from each start to each end, without a table of all joints.
+
+        start: (..., M, J) joint values, rad or mm.
+        end: (..., K, J) joint values, rad or mm.
+        length: (..., M, K) length of the way of the TCP, mm.
+        """
+        shape = (*start.shape[:-1], end.shape[-2])
+        short, long = np.zeros(shape), np.zeros(shape)
+        limits = zip(self.joint_speeds.tolist(), self.joint_accelerations.tolist(), strict=True)
+        for joint, (speed, acceleration) in enumerate(limits):
+            moved = np.abs(start[..., :, None, joint] - end[..., None, :, joint])
+            # A joint that reaches its speed takes the time of the way and of one acceleration.
+            full = moved >= speed * speed / acceleration
+            time = moved / speed + speed / acceleration
+            np.maximum(long, np.where(full, time, 0.0), out=long)
+            np.maximum(short, moved / acceleration, out=short)
+        joints = np.maximum(2 * np.sqrt(short), long)
+        tool = from_rest(np.asarray(length), self.speed, self.acceleration)
+        return np.asarray(np.maximum(joints, tool))
+
+
+def limits_of(robot: Robot, dynamics: Dynamics, speed: float) -> MotionLimits:
+    """The limits of `robot` on a controller with `dynamics`. speed: of the TCP, mm/s."""
+    accelerations = robot.accelerations
+    if accelerations is None:
+        accelerations = robot.speeds / dynamics.ramp
+    return MotionLimits(robot.fastest, accelerations, speed, dynamics.acceleration)
+
+
+def from_rest(
+    length: FloatArray, speed: FloatArray | float, acceleration: FloatArray | float
+) -> FloatArray:
+    """Durations from rest to rest, s: a trapezoid of speed, or a triangle on a short way.
+
+    length: not negative; its unit is that of speed and acceleration.
+    """
+    speed, acceleration = np.asarray(speed), np.asarray(acceleration)
+    short = length * acceleration < speed * speed
+    trapezoid = length / speed + speed / acceleration
+    return np.where(short, 2 * np.sqrt(length / acceleration), trapezoid)
+
+
+class LinkSpeeds(Struct, frozen=True):
+    """Speeds of links at the part and in free space.
+
+    part: speed at the part, mm/s.
+    free: maximum speed in free space, mm/s.
+    share: maximum share of the joints' maximum speeds in free space; 0: `free` alone counts.
+    acceleration: of the TCP, mm/s2.
+    pressed: whether an edge is left and approached with a force.
+    """
+
+    part: float
+    free: float
+    share: float
+    acceleration: float = 5000.0
+    pressed: bool = False
+
+
+def line_speeds(
+    setup: Setup, speeds: LinkSpeeds, dense: Way, joints: FloatArray, at: Index
+) -> FloatArray:
+    """(N - 1,) speeds of the segments of a retraction, mm/s, that no joint limit is exceeded at.
+
+    A speed of 10 mm/s and more is a whole number. It is at most what is reached from rest half-way,
+    and for a tool that presses the speed at the part.
+
+    dense: D samples of the retraction.
+    joints: (D, J) joint values there.
+    at: (N,) the samples at which segments begin and end.
+    """
+    seconds = (np.abs(np.diff(joints, axis=0)) / setup.robot.fastest).max(axis=1)
+    with np.errstate(divide="ignore"):
+        most = np.minimum.reduceat(dense.length / seconds, at[:-1])
+    reached = np.sqrt(speeds.acceleration * np.add.reduceat(dense.length, at[:-1]))
+    allowed = speeds.part if speeds.pressed else speeds.free
+    most = np.minimum(np.minimum(most, reached), allowed)
+    return frozen(np.where(most >= _WHOLE, np.floor(most), most))
+
+
+def turn_speed(
+    setup: Setup, start: FloatArray, end: FloatArray, speeds: LinkSpeeds
+) -> tuple[float, float]:
+    """The speed of the TCP, mm/s, and the share of the joints' maximum speeds of a joint motion.
+
+    The share is 0 where the speed alone counts.
+    start, end: (J,) joint values, in free space.
+    """
+    if speeds.share == 0:
+        return speeds.free, 0.0
+    samples = start + np.linspace(0.0, 1.0, _LOOKS)[:, None] * (end - start)
+    moved, _ = fastest(setup.robot, samples, setup.flange_from_tool.origin)
+    if moved == 0:
+        return speeds.part, 0.0
+    most = min(speeds.share, held_share(setup.robot, end - start), speeds.free / moved)
+    share = math.floor(most * _SHARES) / _SHARES
+    # A whole number, not below the speed that the joints give: then the joints are the limit.
+    return min(float(math.ceil(share * moved)), speeds.free), share
