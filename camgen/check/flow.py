@@ -20,12 +20,12 @@ from camgen.collision.motion import measure_apart
 from camgen.collision.triangle import are_free
 from camgen.geometry.halving import find_first
 from camgen.geometry.ragged import owners, run_lengths
-from camgen.lower.corners import TURNING
 from camgen.model.cell import Dynamics
 from camgen.model.part import BoolArray, IntArray, Note
 from camgen.model.pose import FloatArray
 from camgen.model.program import Columns, Force, MoveJ, Program
 from camgen.model.text import counted
+from camgen.motion.corners import TURNING
 from camgen.robots.kinematics.forward import flange
 from camgen.robots.models import Robot
 

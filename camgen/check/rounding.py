@@ -12,14 +12,14 @@ from camgen.check.reach import Reach
 from camgen.collision.cell import Surroundings
 from camgen.collision.motion import measure_apart, measure_closer, motions
 from camgen.collision.scene import Scene
-from camgen.lower.corners import TURNING, ZONES
 from camgen.model.cell import Dynamics
 from camgen.model.part import BoolArray, IntArray, Note
 from camgen.model.pose import FloatArray
 from camgen.model.program import Columns, Program
 from camgen.model.text import counted
-from camgen.model.tolerance import NONZERO
+from camgen.model.tolerance import NONZERO, ZONES
 from camgen.motion.cell import FINE, STEP
+from camgen.motion.corners import TURNING
 from camgen.motion.joint_paths import APART, Course
 from camgen.robots.kinematics.forward import flange
 from camgen.robots.models import Robot

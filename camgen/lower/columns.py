@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from camgen.geometry.arcs import Spans, spans
 from camgen.geometry.rotations import SURE_TURN, angles_between, from_axes, sideways, turned_about_z
 from camgen.geometry.vectors import angles, dots, unit
-from camgen.lower.corners import JUMP, Corners, blend_corners
 from camgen.model.cell import Dynamics
 from camgen.model.path import PLACES, ToolPath
 from camgen.model.pose import TOOL_DOWN, FloatArray, frozen
+from camgen.motion.corners import JUMP, Corners, blend_corners
 
 Indices = NDArray[np.intp]
 Mask = NDArray[np.bool_]

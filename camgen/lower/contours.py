@@ -19,7 +19,6 @@ from camgen.geometry.rotations import SURE_TURN, turns_about_z
 from camgen.geometry.vectors import dots
 from camgen.lower import columns as lower_rows
 from camgen.lower.columns import Mask, Orientations, Places, Rows
-from camgen.lower.corners import ZONES, corner_tolerance
 from camgen.lower.draft import Draft
 from camgen.lower.runs import Run, make_runs, plunge
 from camgen.model.body import Poses, plain_motions
@@ -46,7 +45,8 @@ from camgen.model.program import (
     put_off_first,
     splice,
 )
-from camgen.model.tolerance import SAME_POINT_MM
+from camgen.model.tolerance import SAME_POINT_MM, ZONES
+from camgen.motion.corners import corner_tolerance
 from camgen.order.tours import ArmTour
 
 # How far a tool that turns with the contour winds up, and where it is turned back: in the air, between two paths.

@@ -11,7 +11,6 @@ from msgspec.structs import replace
 from camgen.geometry.rotations import between, vectors_of
 from camgen.lower.columns import blends, gather
 from camgen.lower.contours import dwell, finish, in_air, joints_of, signal, switch_on
-from camgen.lower.corners import corner_tolerance, hold_orientation
 from camgen.lower.runs import plunge
 from camgen.model.cell import Cell, Dynamics
 from camgen.model.job import Job, ProcessTable
@@ -29,6 +28,7 @@ from camgen.model.program import (
     Program,
 )
 from camgen.model.tolerance import SAME_POINT_MM
+from camgen.motion.corners import corner_tolerance, hold_orientation
 from camgen.motion.pose_paths import Way
 from camgen.motion.setup import Reached, feed_of
 from camgen.order import EdgeTour

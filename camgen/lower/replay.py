@@ -16,7 +16,6 @@ from msgspec.structs import replace
 from camgen.geometry.arcs import chain
 from camgen.geometry.vectors import dots
 from camgen.lower.contours import finish
-from camgen.lower.corners import Corners, blend_corners, corner_tolerance
 from camgen.lower.steps import frame_of
 from camgen.model.cell import Cell, Dynamics
 from camgen.model.job import Job
@@ -33,6 +32,7 @@ from camgen.model.program import (
     ToolChange,
 )
 from camgen.model.tolerance import SAME_POINT_MM
+from camgen.motion.corners import Corners, blend_corners, corner_tolerance
 from camgen.order import ReplayTour
 from camgen.plan.replay import moving, owners
 from camgen.plan.taught import stretches

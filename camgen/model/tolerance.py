@@ -17,3 +17,6 @@ PARALLEL_EDGES = 1e-9
 PECK_CLEARANCE_MM = 0.254
 #: From the median of absolute values to the standard deviation of normal noise.
 SIGMAS_OF_MEDIAN = 1.4826
+#: Distances, mm, from a corner at which its rounding may begin, largest first. Every controller has
+#: them: RAPID as z5, z1 and z0 (ABB, zonedata), the others as any number. 0 is an exact stop.
+ZONES = (5.0, 1.0, 0.3)

@@ -11,10 +11,10 @@ import numpy as np
 from msgspec.structs import replace
 
 from camgen.geometry.arcs import circle, minus, turn_about
-from camgen.lower.corners import ZONES
 from camgen.model.body import NUMBER, Body, Indices, Packed
 from camgen.model.pose import FloatArray, Pose, Vec3, rotation_between
 from camgen.model.program import Columns, Force, Instruction, MoveC, MoveJ, MoveL, Program, pack
+from camgen.model.tolerance import ZONES
 
 #: A unit vector as near as this to the tool's axis is along it.
 _ALONG = 1e-9

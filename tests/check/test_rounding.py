@@ -13,10 +13,10 @@ import camgen
 from bench.robots.rfa import FREE, PARTS, cell
 from camgen.build import Result
 from camgen.check.time import cycle
-from camgen.lower.corners import hold_orientation
 from camgen.model.cell import Dynamics
 from camgen.model.pose import FloatArray, rotation_between
 from camgen.model.program import Comment, Force, MoveC, MoveL, Output
+from camgen.motion.corners import hold_orientation
 from camgen.read.solid import mesh
 from tests.support.files import source
 

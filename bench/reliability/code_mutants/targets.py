@@ -37,13 +37,19 @@ PROGRAM_GROUPS = {
         0.4,
     ),
     "passes": Group(
-        ("camgen/post/passes.py", "camgen/post/__init__.py", "camgen/post/printed.py"), 0.1
+        (
+            "camgen/post/passes.py",
+            "camgen/post/__init__.py",
+            "camgen/post/printed.py",
+            "camgen/post/replacement.py",
+        ),
+        0.1,
     ),
     "lower": Group(
         (
             "camgen/lower/columns.py",
             "camgen/lower/contours.py",
-            "camgen/lower/corners.py",
+            "camgen/motion/corners.py",
             "camgen/lower/draft.py",
             "camgen/lower/runs.py",
             "camgen/lower/steps.py",

@@ -10,10 +10,8 @@ from msgspec import Struct
 from camgen.model.cell import Dynamics
 from camgen.model.job import Job
 from camgen.model.pose import FloatArray
-from camgen.model.tolerance import NONZERO
+from camgen.model.tolerance import NONZERO, ZONES
 
-#: Zones that every controller has, mm, as in ``passes.corner_blend``; 0 is an exact stop.
-ZONES = (5.0, 1.0, 0.3)
 #: From where on the tool is turned to the next motion with each of them, mm before the corner: z5, z1 and z0 of RAPID.
 _TURNS = (8.0, 1.0, 0.3)
 #: Share of the width of a pen, and mm at most: a line so much nearer to its corner is not seen.
