@@ -1,4 +1,4 @@
-"""How fast an arm may move: limits of joints and TCP, and the speeds of links between paths."""
+"""Speeds of an arm: the limits of joints and TCP, and the speeds of links between paths."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ class MotionLimits(Struct, frozen=True, eq=False):
 
     joint_speeds: (J,) rad/s or mm/s.
     joint_accelerations: (J,) rad/s2 or mm/s2.
-    speed: of the TCP, mm/s.
-    acceleration: of the TCP, mm/s2.
+    speed: maximum speed of the TCP, mm/s.
+    acceleration: maximum acceleration of the TCP, mm/s2.
     """
 
     joint_speeds: FloatArray
@@ -69,7 +69,10 @@ class MotionLimits(Struct, frozen=True, eq=False):
 
 
 def limits_of(robot: Robot, dynamics: Dynamics, speed: float) -> MotionLimits:
-    """The limits of `robot` on a controller with `dynamics`. speed: of the TCP, mm/s."""
+    """The limits of `robot` on a controller with `dynamics`.
+
+    speed: maximum speed of the TCP, mm/s.
+    """
     accelerations = robot.accelerations
     if accelerations is None:
         accelerations = robot.speeds / dynamics.ramp
@@ -95,7 +98,7 @@ class LinkSpeeds(Struct, frozen=True):
     part: speed at the part, mm/s.
     free: maximum speed in free space, mm/s.
     share: maximum share of the joints' maximum speeds in free space; 0: `free` alone counts.
-    acceleration: of the TCP, mm/s2.
+    acceleration: acceleration of the TCP, mm/s2.
     pressed: whether an edge is left and approached with a force.
     """
 
@@ -111,8 +114,8 @@ def line_speeds(
 ) -> FloatArray:
     """(N - 1,) speeds of the segments of a retraction, mm/s, that no joint limit is exceeded at.
 
-    A speed of 10 mm/s and more is a whole number. It is at most what is reached from rest half-way,
-    and for a tool that presses the speed at the part.
+    A speed of 10 mm/s and more is a whole number. It is no more than
+    the speed reached from rest half-way, and for a tool that presses the speed at the part.
 
     dense: D samples of the retraction.
     joints: (D, J) joint values there.
@@ -120,11 +123,11 @@ def line_speeds(
     """
     seconds = (np.abs(np.diff(joints, axis=0)) / setup.robot.fastest).max(axis=1)
     with np.errstate(divide="ignore"):
-        most = np.minimum.reduceat(dense.length / seconds, at[:-1])
+        by_joints = np.minimum.reduceat(dense.length / seconds, at[:-1])
     reached = np.sqrt(speeds.acceleration * np.add.reduceat(dense.length, at[:-1]))
     allowed = speeds.part if speeds.pressed else speeds.free
-    most = np.minimum(np.minimum(most, reached), allowed)
-    return frozen(np.where(most >= _WHOLE, np.floor(most), most))
+    speed = np.minimum(np.minimum(by_joints, reached), allowed)
+    return frozen(np.where(speed >= _WHOLE, np.floor(speed), speed))
 
 
 def turn_speed(
@@ -141,7 +144,7 @@ def turn_speed(
     moved, _ = fastest(setup.robot, samples, setup.flange_from_tool.origin)
     if moved == 0:
         return speeds.part, 0.0
-    most = min(speeds.share, held_share(setup.robot, end - start), speeds.free / moved)
-    share = math.floor(most * _SHARES) / _SHARES
+    allowed = min(speeds.share, held_share(setup.robot, end - start), speeds.free / moved)
+    share = math.floor(allowed * _SHARES) / _SHARES
     # A whole number, not below the speed that the joints give: then the joints are the limit.
     return min(float(math.ceil(share * moved)), speeds.free), share
