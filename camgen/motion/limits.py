@@ -112,10 +112,10 @@ class LinkSpeeds(Struct, frozen=True):
 def line_speeds(
     setup: Setup, speeds: LinkSpeeds, dense: Way, joints: FloatArray, at: Index
 ) -> FloatArray:
-    """(N - 1,) speeds of the segments of a retraction, mm/s, that no joint limit is exceeded at.
+    """(N - 1,) speeds of the segments of a retraction, mm/s, at which no joint exceeds its limit.
 
-    A speed of 10 mm/s and more is a whole number. It is no more than
-    the speed reached from rest half-way, and for a tool that presses the speed at the part.
+    A speed of 10 mm/s and more is a whole number. It is no more than the speed that is reached
+    from rest half-way, and for a tool that presses no more than the speed at the part.
 
     dense: D samples of the retraction.
     joints: (D, J) joint values there.

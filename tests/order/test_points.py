@@ -73,7 +73,7 @@ def test_the_states_are_the_soonest_of_all_where_a_link_that_collides_costs_a_wa
         seconds = 0.0
         for one, (a, b) in enumerate(itertools.pairwise([0, *chosen, 0])):
             start, end = links[one, a, b]
-            seconds += float(work.ground.pace.seconds(end - start, 0.0)) + AROUND * met[one, a, b]
+            seconds += float(work.ground.limits.seconds(end - start, 0.0)) + AROUND * met[one, a, b]
             # A change of the posture is weighed with a second.
             seconds += 0 < one < len(order) and branch[one - 1][a] != branch[one][b]
         best = min(best, seconds)
