@@ -235,7 +235,10 @@ def load(file: Path, files: Files) -> MotionFile:
 
 
 def decode(data: bytes) -> MotionFile:
-    """The plan that ``encode`` wrote. ValueError (msgspec's included) when it is none; Refused as ``Program``."""
+    """The plan that `encode` wrote.
+
+    Raises ValueError, also by msgspec, if the bytes are no such plan, and Refused as `Program`.
+    """
     file = msgspec.json.decode(data, type=_File)
     rotations = [_rotation(matrix) for matrix in file.rotations]
 

@@ -96,8 +96,8 @@ class Distinct(NamedTuple):
     """The K instructions of one type in a body.
 
     items: each object once, in order of its first place.
-    at: (K,) where they stand in the body.
-    number: (K,) which of `items` each of them is.
+    at: (K,) their indices in the body.
+    number: (K,) index into `items` of each instruction.
     """
 
     items: list[Instruction]
@@ -163,7 +163,7 @@ class Body(Sequence[Instruction]):
         return list(map(self.objects.__getitem__, self._ranks(self.kept_at, indices).tolist()))
 
     def distinct(self, kind: type) -> Distinct:
-        """The instructions of one type, each object once: an output stands in many places."""
+        """The instructions of one type, each object once: a body repeats its outputs."""
         if kind not in self._distinct:
             at, items = self._list(kind)
             keys = list(map(id, items))

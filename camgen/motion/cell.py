@@ -1,4 +1,4 @@
-"""The set-up and the free space of a cell, with the collision tests that motions are asked."""
+"""The set-up and the free space of a cell, with the collision tests of motions."""
 
 from __future__ import annotations
 
@@ -27,7 +27,10 @@ FINE = 0.5
 
 
 def home_of(robot: Robot, cell: Cell, scene: Scene) -> FloatArray:
-    """The joint values (J,) at home. JobError for another count, NoSafeProgram where they collide."""
+    """(J,) the joint values at home.
+
+    Raises JobError if their number is not that of the joints, NoSafeProgram if the arm collides.
+    """
     assert isinstance(cell.home, Joints)
     home = frozen(cell.home.values)
     if len(home) != len(robot.joints):
@@ -45,7 +48,7 @@ def home_of(robot: Robot, cell: Cell, scene: Scene) -> FloatArray:
 
 
 def setup_of(robot: Robot, cell: Cell, where: Surroundings) -> Setup:
-    """What motions along edges are tried in."""
+    """The set-up of a cell for motions along edges: arm, frames and collision tests."""
     scene = where.scene
     return Setup(
         robot,
@@ -61,7 +64,7 @@ def setup_of(robot: Robot, cell: Cell, where: Surroundings) -> Setup:
 
 
 def room_of(where: Surroundings, setup: Setup) -> Room:
-    """What motions along edges and links are tried in."""
+    """The free space of a cell, with the collision tests of motions along edges and links."""
 
     def look(several: Sequence[Track]) -> list[Hit | float]:
         if not several:
@@ -83,7 +86,7 @@ def room_of(where: Surroundings, setup: Setup) -> Room:
 
 
 def _say(where: Surroundings, course: Course, beside: Meeting, working: Meeting) -> Hit | float:
-    """What stops a motion: joints that do not lead along it, or what it collides with first; else how near it comes."""
+    """The first place where a motion fails, by its joints or a collision; else its clearance, mm."""
     if len(course.lost):
         return Hit("jump", "the joints cannot follow", float(course.lost[0]))
     found = [

@@ -40,7 +40,12 @@ def edge_path(motion: Reached, edge: Line, job: Job) -> ToolPath:
 
 
 def none_left(part: Part, count: int, first: Unreached, noun: str = "edge") -> NoSafeProgram:
-    """The error where none of ``count`` edges can be processed. noun: what they are."""
+    """The error if no line of a part can be processed.
+
+    count: number of the lines.
+    first: the first line, with its reason.
+    noun: "edge" or "curve".
+    """
     what = f"none of {counted(count, noun)} can be processed: {first.id}"
     return NoSafeProgram(part.source, what, first.text, first.remedy)
 

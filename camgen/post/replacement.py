@@ -108,8 +108,8 @@ def _halve_by_column(
 ) -> tuple[Indices, Body]:
     """The arcs that are halved by column: their indices (K,), and the two halves of each.
 
-    A controller whose first pass is not `halves` has no such arcs. Both halves are accepted for
-    sure.
+    A controller whose first pass is not `halves` has no such arcs. Both halves are
+    accepted.
     """
     if controller.passes[:1] != ("halves",):
         return np.zeros(0, np.intp), pack(())

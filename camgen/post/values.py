@@ -22,7 +22,7 @@ class OutputFile(Struct, frozen=True):
 
 
 class Tolerance(Struct, frozen=True):
-    """How exactly the text carries a program: half the last printed digit.
+    """The rounding of a text: half the last printed digit.
 
     The rounding of the angles of an orientation adds up.
 

@@ -156,7 +156,7 @@ def _switched(columns: Columns, signal: str) -> BoolArray:
     """(M,) whether the output `signal` is on during each motion."""
     switches = columns.alike(Output, lambda item: item.signal == signal)
     on = columns.alike(Output, lambda item: item.signal == signal and item.value > 0)
-    return np.asarray(_hold(columns.at, switches, on[switches], False))
+    return np.asarray(_during(columns.at, switches, on[switches], False))
 
 
 def _spindle(columns: Columns) -> FloatArray:
@@ -165,12 +165,13 @@ def _spindle(columns: Columns) -> FloatArray:
         return np.zeros(len(columns.at))
     setting = columns.alike(Output, lambda item: item.signal == "spindle")
     values = [item.value for item in columns.pick(np.flatnonzero(setting))]
-    return np.asarray(_hold(columns.at, setting, values, 0.0))
+    return np.asarray(_during(columns.at, setting, values, 0.0))
 
 
-def _hold(at: IntArray, settings: BoolArray, values: ArrayLike, before: float) -> NDArray[Any]:
-    """(M,) the value during each of the motions, which stand at the places `at` (M,) of a body.
+def _during(at: IntArray, settings: BoolArray, values: ArrayLike, before: float) -> NDArray[Any]:
+    """(M,) the value of a setting during each motion.
 
+    at: (M,) indices of the motions in a body of N instructions.
     settings: (N,) which instructions set the value.
     values: the values that these instructions set, in order.
     before: the value before the first of them.

@@ -58,10 +58,16 @@ def cut_at_clearance(
 ) -> list[tuple[int, int]]:
     """Stretches of motions, first and last + 1, that begin and end high between two paths.
 
+    All motions of a path are in one stretch, so that its passes are compared with each other.
     height_slack: deviation of a height, mm.
     """
+    path = motions.path
     high = motions.end[:-1, 2] >= process.clearance - height_slack
-    between = np.flatnonzero(high & (motions.path[1:] != motions.path[:-1])) + 1
+    # Motions without a path may lie on both sides of a cut.
+    later = np.where(path < 0, np.iinfo(path.dtype).max, path)
+    later = np.minimum.accumulate(later[::-1])[::-1]
+    ends = np.maximum.accumulate(path)[:-1] < later[1:]
+    between = np.flatnonzero(high & ends & (path[1:] != path[:-1])) + 1
     if process.clearance <= height_slack:
         # The height does not show whether the tool works.
         between = between[:0]

@@ -28,7 +28,7 @@ class Ground(Struct, frozen=True, eq=False):
     """The facts that all links share.
 
     items: the paths.
-    limits: of the joints and the TCP.
+    limits: maximum speeds and accelerations.
     home: (J,) joint values.
     lines: whether the TCP goes straight from path to path, and the arm stays in its posture.
     """

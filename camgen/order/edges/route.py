@@ -48,8 +48,11 @@ _REMEDY = "cell.safety or another place (camgen place) may help"
 
 
 class Wish(Struct, frozen=True):
-    """speeds: of the links. best: the shortest tour that is found, else the nearest neighbour's. lifted: every link
-    leaves the part, as it must do where a force presses.
+    """The wishes of a job for its links.
+
+    speeds: speeds of the links.
+    best: whether the shortest tour is searched for; else the nearest neighbour is next.
+    lifted: whether each link leaves the part, as a tool that presses has to.
     """
 
     speeds: LinkSpeeds

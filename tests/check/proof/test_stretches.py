@@ -9,6 +9,7 @@ import camgen
 from camgen.check.proof import travel
 from camgen.check.proof.pieces import BLOCK, arcs_through
 from camgen.model.errors import VerifyError
+from camgen.model.job import ProcessTable
 from camgen.model.part import ContourColumns, tabulate_contours
 from tests.support.sabotage import PARTS, Patch, change_program, module, with_columns
 
@@ -42,7 +43,7 @@ def count_stretches(patch: Patch, post: str) -> int:
 def test_stretches_prove_what_the_whole_proves(post: str, monkeypatch: Patch) -> None:
     whole = prove(monkeypatch, WHOLE, post)
     assert prove(monkeypatch, SHORT, post) == whole
-    # One for each path, one ahead of the first and one behind the last.
+    # One stretch for each path, one before the first path and one after the last.
     assert count_stretches(monkeypatch, post) == whole.contours + 2
 
 
@@ -61,6 +62,25 @@ def test_a_fault_in_the_last_stretch_is_found_at_its_line(monkeypatch: Patch) ->
             prove(monkeypatch, stretch, "gcode", plain)
         errors.append(str(caught.value))
     assert errors[0] == errors[1]
+
+
+class HighMotions:
+    """Motions at a clearance of 20 mm, each with its path."""
+
+    def __init__(self, path: list[int]) -> None:
+        self.path = np.array(path)
+        self.end = np.full((len(path), 3), 20.0)
+
+    def __len__(self) -> int:
+        return len(self.path)
+
+
+def test_a_path_that_is_visited_twice_is_in_one_stretch(monkeypatch: Patch) -> None:
+    monkeypatch.setattr(travel, "_STRETCH", SHORT)
+    # Path 1 is visited again after path 2.
+    motions = HighMotions([-1, 0, 0, 1, 1, 2, 2, 1, 3, -1])
+    stretches = travel.cut_at_clearance(motions, ProcessTable(clearance=20.0), 1e-3)
+    assert stretches == [(0, 1), (1, 3), (3, 8), (8, 9), (9, 10)]
 
 
 def test_arcs_are_the_same_in_blocks() -> None:
