@@ -12,21 +12,6 @@ from typing import TYPE_CHECKING
 from camgen.model.version import __version__
 
 if TYPE_CHECKING:
-    from camgen.build import Result, build
-    from camgen.build.stages import (
-        cell,
-        check,
-        job,
-        lower,
-        order,
-        part,
-        plan,
-        post,
-        preview,
-        read,
-        read_back,
-        verify,
-    )  # fmt: skip
     from camgen.model.errors import (
         CamgenError,
         InputError,
@@ -51,18 +36,33 @@ if TYPE_CHECKING:
         Program,
         Wait,
     )
+    from camgen.pipeline import Result, build
+    from camgen.pipeline.stages import (
+        cell,
+        check,
+        job,
+        lower,
+        order,
+        part,
+        plan,
+        post,
+        preview,
+        read,
+        read_back,
+        verify,
+    )  # fmt: skip
     from camgen.plan import Operation, Plan
     from camgen.post import Post, Reading
     from camgen.read import Reader
     from camgen.robots.workcell import Workcell
 
-#: What this package offers, and the module that each name comes from when it is first asked for: their imports take
-#: longer than ``--help`` may.
+#: The module that each name comes from. It is imported when the name is first asked for:
+#: all imports together take longer than ``--help`` may.
 _HOMES = {
     name: home
     for home, names in {
-        "build": "Result build",
-        "build.stages": "cell check job lower order part plan post preview read read_back verify",
+        "pipeline": "Result build",
+        "pipeline.stages": "cell check job lower order part plan post preview read read_back verify",
         "model.errors": "CamgenError InputError JobError NoSafeProgram Refused VerifyError",
         "model.job": "Job",
         "model.part": "Contour Edge Note Part Solid",
@@ -87,8 +87,9 @@ __all__ = [
 
 
 class _Door(ModuleType):
-    """A package whose functions go before its folders of the same name: ``camgen.plan`` is the function, also after
-    Python has imported the folder and would bind that to the name.
+    """A package whose functions go before its folders of the same name.
+
+    ``camgen.plan`` is the function, also after Python has imported the folder and would bind that to the name.
     """
 
     def __setattr__(self, name: str, value: object) -> None:

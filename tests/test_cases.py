@@ -13,9 +13,9 @@ from pathlib import Path
 import pytest
 
 import camgen
-from camgen.build import Result
 from camgen.lower import lower
 from camgen.model.program_text import dump, parse
+from camgen.pipeline import Result
 
 FIXTURES = Path(__file__).parents[1] / "fixtures"
 CASES = sorted(p for p in (FIXTURES / "cases").iterdir() if p.is_dir())

@@ -114,14 +114,14 @@ def test_every_name_is_there_and_dir_shows_them() -> None:
 
 def test_a_function_stays_one_after_its_folder_was_imported() -> None:
     code = (
-        "import camgen, camgen.plan, camgen.read.dxf, camgen.build.stages\n"
+        "import camgen, camgen.plan, camgen.read.dxf, camgen.pipeline.stages\n"
         "from camgen.order import order\n"
         "print(camgen.plan.__module__, camgen.read.__module__, camgen.order.__module__, callable(camgen.build))"
     )
     out = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True
     ).stdout
-    assert out.split() == ["camgen.build.stages"] * 3 + ["True"]
+    assert out.split() == ["camgen.pipeline.stages"] * 3 + ["True"]
 
 
 def test_values_are_short_to_print_and_draw_themselves() -> None:

@@ -11,7 +11,7 @@ ROOT = Path(__file__).parent.parent
 #: Low to high; folders on one line do not import each other.
 FLOORS = [
     {"model"}, {"geometry"}, {"vision"}, {"read"}, {"robots"}, {"collision"}, {"motion"},
-    {"plan"}, {"order"}, {"lower"}, {"check"}, {"post"}, {"preview", "localize"}, {"build"}, {"batch"},
+    {"plan"}, {"order"}, {"lower"}, {"check"}, {"post"}, {"preview", "localize"}, {"pipeline"}, {"batch"},
     {"workbench"}, {"cli"}, {"__main__"},
 ]  # fmt: skip
 FLOOR = {folder: k for k, folders in enumerate(FLOORS) for folder in folders}
@@ -98,4 +98,4 @@ def test_only_the_walk_imports_the_planner_of_edges() -> None:
             continue
         if any(other.startswith("camgen.plan.edges") for other in imported(name)):
             outside.add(name)
-    assert outside == {"camgen.build", "camgen.build.place"}
+    assert outside == {"camgen.pipeline", "camgen.pipeline.place"}

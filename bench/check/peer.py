@@ -11,7 +11,6 @@ from pathlib import Path
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.build import Result
 from camgen.check.stock import Cut
 from camgen.check.time import cycle
 from camgen.geometry.nesting import nest
@@ -21,6 +20,7 @@ from camgen.model.part import Contour
 from camgen.model.path import Tour
 from camgen.model.program import Instruction, MoveC, MoveJ, MoveL, Output, Program, ToolChange
 from camgen.order import JobTour
+from camgen.pipeline import Result
 from camgen.plan.drill import find_circles
 from camgen.post.plugins import dynamics_of
 from camgen.read.gcode.replayed import interpret

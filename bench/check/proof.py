@@ -26,8 +26,8 @@ POSTS = ("gcode", "rapid")
 
 def measure(drawing: Path, post: str) -> tuple[float, float]:
     """Processor seconds of the proof and of the whole build."""
-    build = importlib.import_module("camgen.build")
-    memory = importlib.import_module("camgen.build.memory")
+    build = importlib.import_module("camgen.pipeline")
+    memory = importlib.import_module("camgen.pipeline.memory")
     prove, spent = build.prove_motion, []
 
     def timed(*given: object) -> object:

@@ -13,7 +13,7 @@ from pathlib import Path
 from unittest.mock import patch
 
 import camgen
-import camgen.build
+import camgen.pipeline
 from bench.machine import machine
 from bench.speed.processes import draw
 from camgen.check.stock import Cut, Task, design, prove
@@ -28,7 +28,7 @@ def measure(drawing: str) -> tuple[dict[str, float], int, float, float]:
     """Seconds of the stages, motions, the deepest gouge (mm) and the excess (mm3)."""
     begun = time.perf_counter()
     # The build without its own proof.
-    with patch.object(sys.modules["camgen.build"], "prove_stock", lambda *_: None):
+    with patch.object(sys.modules["camgen.pipeline"], "prove_stock", lambda *_: None):
         result = camgen.build(drawing, post="gcode", job=JOB)
     built = time.perf_counter()
     texts = {file.name: file.text for file in result.files}

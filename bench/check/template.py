@@ -21,11 +21,11 @@ from msgspec import Struct
 
 from bench.check import peer
 from bench.machine import machine
-from camgen.build import Result, build
 from camgen.check.stock import TOLERANCE_MM, Cut, Design, Level, StockProof, prove
 from camgen.cli.init import template
 from camgen.model.errors import CamgenError
 from camgen.model.job import InputTable, Job
+from camgen.pipeline import Result, build
 from camgen.plan.propose import propose
 from camgen.read import read
 from camgen.read.files import Files

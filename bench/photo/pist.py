@@ -37,10 +37,10 @@ from bench.render.photos import Photo, of_paper, write
 from bench.render.shapes import Loop
 from bench.render.solid import sheet
 from bench.render.truth import Error, Truth, offset_truth, path_error
-from camgen.build import Result
 from camgen.cli import main as command
 from camgen.model.job import Job
 from camgen.model.pose import pose_from_values
+from camgen.pipeline import Result
 from camgen.preview.photo_stages import svg
 from camgen.read.job_file import load
 from tests.support.clouds import ROUND, scan

@@ -17,8 +17,8 @@ import numpy as np
 
 from bench.machine import machine
 from bench.plan.boards import board, part_of
-from camgen.build import Result, build
 from camgen.geometry.rings import rings
+from camgen.pipeline import Result, build
 from camgen.plan.fill.cover import measure
 from camgen.plan.fill.ground import outlines
 

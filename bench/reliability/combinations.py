@@ -48,7 +48,7 @@ MEMORY = 8 * 1024**3
 #: Packages that builds import.
 _FOLDERS = (
     *(f"camgen.{name}" for name in ("read", "collision", "plan", "order", "lower", "check")),
-    *("camgen.post", "camgen.build", "camgen.cli", "postprocessors"),
+    *("camgen.post", "camgen.pipeline", "camgen.cli", "postprocessors"),
 )
 #: A sentence of this form says what to give, and needs no remedy beside it.
 _SAYS_WHAT_TO_GIVE = re.compile(r"\bmust be\b.*, not ", re.DOTALL)

@@ -20,11 +20,11 @@ from msgspec.structs import replace
 import camgen
 from bench.machine import machine
 from bench.robots.rfa import FREE, PARTS, RAISED, cell
-from camgen.build import Result
 from camgen.check.passing import find_corners
 from camgen.check.time import cycle
 from camgen.model.program import MoveC, MoveJ, MoveL
 from camgen.model.text import short
+from camgen.pipeline import Result
 from camgen.read.files import Files
 from camgen.read.solid import mesh
 

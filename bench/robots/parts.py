@@ -27,7 +27,6 @@ import numpy as np
 
 import camgen
 from bench.machine import machine
-from camgen.build import Result
 from camgen.collision.hits import hits
 from camgen.collision.scene import Scene
 from camgen.model.errors import CamgenError
@@ -36,6 +35,7 @@ from camgen.model.pose import FloatArray, Pose
 from camgen.model.program import MoveC, MoveJ, Program
 from camgen.motion.pose_paths import Way, divide
 from camgen.motion.setup import JUMP, MARGIN, Setup, dense_parts, flange_poses
+from camgen.pipeline import Result
 from camgen.plan.edges.poses import poses
 from camgen.read.solid import STEP, mesh_file
 from camgen.robots.kinematics.continuity import Choice, follow

@@ -25,12 +25,12 @@ import numpy as np
 import camgen
 from bench.machine import machine
 from bench.robots.plain_loop import Loop
-from camgen.build import Result
 from camgen.check.reach import check_reach
 from camgen.model.errors import NoSafeProgram
 from camgen.model.part import Solid
 from camgen.model.pose import Pose, pose_from_values, rotation_about
 from camgen.model.program import Program
+from camgen.pipeline import Result
 from camgen.post.plugins import find_readback
 from camgen.preview.view import view
 from camgen.read.files import Files

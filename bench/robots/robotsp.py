@@ -28,8 +28,8 @@ import numpy as np
 
 import camgen
 from bench.machine import machine
-from camgen.build import Result
 from camgen.model.pose import FloatArray, fixed_xyz, frozen, pose_from_values
+from camgen.pipeline import Result
 from camgen.robots.catalogue import robot
 from camgen.robots.kinematics.forward import flange
 

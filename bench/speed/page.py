@@ -23,8 +23,8 @@ from playwright.sync_api import Browser, CDPSession, Page, sync_playwright
 
 import camgen
 from bench.machine import machine
-from camgen.build import Result
 from camgen.model.errors import CamgenError
+from camgen.pipeline import Result
 from camgen.preview.page import page
 from camgen.preview.view import view
 

@@ -10,10 +10,10 @@ from msgspec import Struct
 
 from camgen.batch.inputs import BatchInput
 from camgen.batch.state import NAME, Outcome, Record, Task, is_unchanged
-from camgen.build.inputs import digest_of
 from camgen.model.errors import CamgenError, InputError, JobError
 from camgen.model.plugins import entries
 from camgen.model.version import __version__
+from camgen.pipeline.inputs import digest_of
 from camgen.post.plugins import POSTS, find_post
 from camgen.read.files import Files, identity
 from camgen.read.job_file import beside, load

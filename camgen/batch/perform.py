@@ -11,12 +11,12 @@ import msgspec
 from msgspec import Struct
 
 from camgen.batch.state import BuildSums, Outcome, Task, fault
-from camgen.build import Result, build, program_files
-from camgen.build.memory import no_collector
 from camgen.model.errors import CamgenError, rename_errors
 from camgen.model.files import Source
 from camgen.model.job import Job
 from camgen.model.version import __version__
+from camgen.pipeline import Result, build, program_files
+from camgen.pipeline.memory import no_collector
 from camgen.read.files import Files
 
 

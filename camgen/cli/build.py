@@ -22,9 +22,6 @@ from camgen.batch.writing import (
     check_targets,
     write_all,
 )
-from camgen.build import ProgramFile, Result, build, program_files
-from camgen.build.memory import no_collector
-from camgen.build.stock import why_unproven
 from camgen.check.report import clean, path_sums
 from camgen.cli.inputs import open_inputs
 from camgen.cli.motion_file import encode
@@ -35,6 +32,9 @@ from camgen.model.path import PLAIN, Tour
 from camgen.model.pose import Pose
 from camgen.model.program import Joints, ToolChange
 from camgen.model.text import counted, duration, grouped, short
+from camgen.pipeline import ProgramFile, Result, build, program_files
+from camgen.pipeline.memory import no_collector
+from camgen.pipeline.stock import why_unproven
 from camgen.plan.steps import name_of
 from camgen.post.verify import list_uncompared
 from camgen.preview.drawings import check_preview, draw

@@ -94,7 +94,7 @@ def _propose(part: Part | None, source: str, asked: bool, says: Voice) -> Propos
 
 def _insist_on_program(part: Part, text: str, says: Voice) -> None:
     """InputError where the job of ``text`` makes no checked program of ``part``, with what its build says."""
-    from camgen.build import build  # noqa: PLC0415 (all of camgen, only for what is built)
+    from camgen.pipeline import build  # noqa: PLC0415 (all of camgen, only for what is built)
 
     says.stage("building")
     try:

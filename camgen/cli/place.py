@@ -11,15 +11,15 @@ from pathlib import Path
 from msgspec.structs import asdict
 
 from camgen.batch.writing import check_targets, write_all
-from camgen.build import poster_of
-from camgen.build.inputs import read_inputs
-from camgen.build.memory import no_collector
-from camgen.build.place import Found, Search, search_place
 from camgen.cli.say import Voice
 from camgen.model.errors import JobError, rename_errors
 from camgen.model.job import CellTable, Job
 from camgen.model.text import counted, duration, harmless, short
 from camgen.model.version import __version__
+from camgen.pipeline import poster_of
+from camgen.pipeline.inputs import read_inputs
+from camgen.pipeline.memory import no_collector
+from camgen.pipeline.place import Found, Search, search_place
 from camgen.read.files import Files
 from camgen.read.job_file import beside, load
 

@@ -200,8 +200,8 @@ def _prove(
 
     post: the post of a program of ours, None for any other.
     """
-    from camgen.build.motion import compare_text  # noqa: PLC0415 (shapely, only for what needs it)
     from camgen.cli.stock import judge  # noqa: PLC0415
+    from camgen.pipeline.motion import compare_text  # noqa: PLC0415 (shapely: only when needed)
 
     says.stage("proving")
     part = read(drawing, asked.job, asked.files)

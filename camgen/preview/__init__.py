@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class Built(Protocol):
-    """What a preview needs of the result of a build (``camgen.build.Result``)."""
+    """What a preview needs of the result of a build (``camgen.pipeline.Result``)."""
 
     @property
     def part(self) -> Part: ...  # noqa: D102 (as in Result)

@@ -11,14 +11,14 @@ from time import perf_counter
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.build import ProgramFile, Result, build, program_files
-from camgen.build.memory import no_collector
 from camgen.check.report import clean
 from camgen.model.errors import CamgenError, InputError, rename_errors
 from camgen.model.files import Source
 from camgen.model.part import Part, Raster
 from camgen.model.path import ToolPath, Tour
 from camgen.order.tours import JobTour
+from camgen.pipeline import ProgramFile, Result, build, program_files
+from camgen.pipeline.memory import no_collector
 from camgen.plan import Watch, kind_of
 from camgen.plan.propose import THICKNESS_MM, propose
 from camgen.preview.page import Edits, page

@@ -8,7 +8,6 @@ from typing import Any
 
 from msgspec.structs import replace
 
-from camgen.build import Result
 from camgen.lower.runs import plunge
 from camgen.model.errors import CamgenError
 from camgen.model.job import Job
@@ -16,6 +15,7 @@ from camgen.model.job_tables import defaults_beside
 from camgen.model.pose import Pose, fixed_xyz
 from camgen.motion.corners import corner_tolerance
 from camgen.order.tours import ArmTour, EdgeTour
+from camgen.pipeline import Result
 from camgen.plan import find_operation
 from camgen.post.plugins import dynamics_of
 

@@ -12,10 +12,10 @@ Outlined = ast.ClassDef | ast.FunctionDef
 
 #: Heading, module, and the names of it that are shown; "Name.method" is one method of a class.
 SECTIONS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
-    ("Build", "camgen.build", ("build", "Result", "Result.report", "Result.text")),
+    ("Build", "camgen.pipeline", ("build", "Result", "Result.report", "Result.text")),
     (
         "Stage by stage",
-        "camgen.build.stages",
+        "camgen.pipeline.stages",
         (
             "job", "read", "part", "cell", "plan", "order", "lower", "check", "post", "read_back", "verify", "preview",
         ),

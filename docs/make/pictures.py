@@ -20,7 +20,7 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from camgen.build import Result, build
+from camgen.pipeline import Result, build
 from camgen.preview import page as html
 from camgen.preview import png as picture
 from camgen.preview import view

@@ -17,7 +17,7 @@ from msgspec import Struct
 from playwright.sync_api import Browser, sync_playwright
 
 import camgen
-from camgen.build import Result
+from camgen.pipeline import Result
 from camgen.preview.page import page
 from camgen.preview.view import view
 

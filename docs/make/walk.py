@@ -23,7 +23,7 @@ ROOT = Path(__file__).parents[2]
 PARTS = ROOT / "fixtures" / "parts"
 #: The arrows by the function that each is, in order. Posts are asked twice: first to replace what they lack.
 ARROWS = {
-    "camgen.build.inputs.read_inputs": "read",
+    "camgen.pipeline.inputs.read_inputs": "read",
     "camgen.plan.plan": "plan",
     "camgen.order.order": "order",
     "camgen.lower.lower": "lower",
@@ -32,7 +32,7 @@ ARROWS = {
     "camgen.post.contract.render_program": "post (print)",
     "camgen.post.verify.compare": "verify",
 }
-_BUILD = ("camgen.build", "camgen.build.programs")
+_BUILD = ("camgen.pipeline", "camgen.pipeline.programs")
 
 
 class Walk:
@@ -57,7 +57,7 @@ class Walk:
         if event == "call" and self._open:
             folder = module.split(".")[1] if module.startswith("camgen.") else "postprocessors"
             folders = self.arrows[-1][1]
-            if folder not in folders and folder != "build":
+            if folder not in folders and folder != "pipeline":
                 folders.append(folder)
 
     @staticmethod

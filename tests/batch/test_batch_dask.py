@@ -27,7 +27,7 @@ from threading import Event
 def _stuck(*arguments):
     Path({begun!r}).touch()
     Event().wait()
-import_module("camgen.build.inputs").read = _stuck
+import_module("camgen.pipeline.inputs").read = _stuck
 """
 
 

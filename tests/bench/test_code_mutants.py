@@ -12,7 +12,7 @@ from bench.reliability.code_mutants.operators import OPERATORS, find_sites, muta
 from bench.reliability.code_mutants.running import find_function
 from bench.reliability.code_mutants.targets import CORE_GROUPS, PROGRAM_GROUPS, draw
 from bench.reliability.code_mutants.verdicts import find_fault
-from camgen.build import build
+from camgen.pipeline import build
 from tests.support.rs274 import needs_rs274
 
 

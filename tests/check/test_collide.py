@@ -12,7 +12,6 @@ import trimesh
 
 import camgen
 from bench.robots.parts import joints_on, on_way, touches, turned, unfounded
-from camgen.build import programs
 from camgen.check import Checks
 from camgen.collision.motion import measure_apart, motion
 from camgen.collision.scene import Scene, scene
@@ -21,6 +20,7 @@ from camgen.model.pose import IDENTITY, FloatArray, Pose, frozen, rotation_about
 from camgen.motion.joint_paths import APART, Track, follow_all, follow_closely
 from camgen.motion.pose_paths import Way
 from camgen.motion.setup import Setup, flange_poses
+from camgen.pipeline import programs
 from camgen.plan.edges.contact import own_contact
 from camgen.robots.catalogue import robot
 from camgen.robots.kinematics.forward import flange

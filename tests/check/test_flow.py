@@ -9,7 +9,6 @@ from msgspec.structs import replace
 
 import camgen
 from bench.robots.rfa import FREE, PARTS, cell, loop
-from camgen.build import Result
 from camgen.check.flow import let_flow
 from camgen.check.passing import legs_of
 from camgen.check.reach import check_reach
@@ -19,6 +18,7 @@ from camgen.collision.triangle import are_free
 from camgen.model.cell import Dynamics
 from camgen.model.pose import FloatArray, translation
 from camgen.model.program import Comment, Joints, MoveJ, MoveL, Program
+from camgen.pipeline import Result
 from camgen.read.solid import mesh
 from camgen.robots.catalogue import robot
 from camgen.robots.models import Robot

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 import camgen
-from camgen.build import Result, programs
 from camgen.cli import main
 from camgen.cli.stock import rows_of_build
 from camgen.model.errors import Blocked, Loss, NoSafeProgram
 from camgen.model.program import Program, ToolChange
 from camgen.order import ArmTour, JobTour
+from camgen.pipeline import Result, programs
 from camgen.plan.leave_out import find_dependent, leave_out_paths
 
 PARTS = Path(__file__).parents[2] / "fixtures" / "parts"

@@ -9,13 +9,13 @@ from msgspec.structs import replace
 
 import camgen
 from bench.robots.rfa import FREE, PARTS, cell, loop
-from camgen.build import Result
 from camgen.motion.cell import room_of, setup_of
 from camgen.motion.limits import LinkSpeeds
 from camgen.motion.pose_paths import Way
 from camgen.motion.setup import Hit, Reached, Track
 from camgen.order.edges.retract import Retraction, retractions
 from camgen.order.edges.route import Wish, route
+from camgen.pipeline import Result
 from camgen.plan.edges.poses import reach
 from camgen.read.solid import mesh
 from tests.support.files import source

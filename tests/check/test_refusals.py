@@ -3,8 +3,8 @@
 import ezdxf
 import pytest
 
-from camgen.build import build
 from camgen.model.errors import NoSafeProgram, Refused
+from camgen.pipeline import build
 
 
 def rectangle(folder, size, units, x=0.0):

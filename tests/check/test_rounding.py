@@ -11,12 +11,12 @@ from msgspec.structs import replace
 
 import camgen
 from bench.robots.rfa import FREE, PARTS, cell
-from camgen.build import Result
 from camgen.check.time import cycle
 from camgen.model.cell import Dynamics
 from camgen.model.pose import FloatArray, rotation_between
 from camgen.model.program import Comment, Force, MoveC, MoveL, Output
 from camgen.motion.corners import hold_orientation
+from camgen.pipeline import Result
 from camgen.read.solid import mesh
 from tests.support.files import source
 

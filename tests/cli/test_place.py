@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 import camgen
-from camgen.build import poster_of
-from camgen.build.inputs import read_inputs
-from camgen.build.place import Spot, _case, _far, _grid, _nominal
 from camgen.cli import main
 from camgen.model.pose import pose_from_values
+from camgen.pipeline import poster_of
+from camgen.pipeline.inputs import read_inputs
+from camgen.pipeline.place import Spot, _case, _far, _grid, _nominal
 from camgen.read.files import Files
 
 #: A plate of 60 x 40 x 10 mm in front of an IRB 120, too far away for some of its upper edges.

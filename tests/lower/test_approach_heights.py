@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from camgen.build import build
 from camgen.lower.runs import plunge
 from camgen.model.job import ProcessTable
 from camgen.model.program import MoveJ
+from camgen.pipeline import build
 from tests.support.drawn import contour, part, rectangle
 
 APPROACH, CLEARANCE = 1.5, 12.0

@@ -10,7 +10,6 @@ import pytest
 import trimesh
 
 import camgen
-from camgen.build import Result
 from camgen.cli import main
 from camgen.lower.edges import _approach
 from camgen.model.errors import InputError, JobError, NoSafeProgram
@@ -19,6 +18,7 @@ from camgen.model.pose import FloatArray, Pose
 from camgen.model.program import Comment, Force, Joints, MoveC, MoveJ, MoveL, Output, Wait
 from camgen.motion.pose_paths import Way
 from camgen.order.edges.links import Along
+from camgen.pipeline import Result
 from camgen.read.solid import mesh
 from tests.support.arm_models import by_hand
 from tests.support.files import source

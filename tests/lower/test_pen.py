@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from camgen.build import build
 from camgen.geometry.arcs import path_length
 from camgen.lower import lower
 from camgen.model.errors import NoSafeProgram
@@ -15,6 +14,7 @@ from camgen.model.part import Contour, Part
 from camgen.model.pose import Pose, frozen
 from camgen.model.program import MoveC, MoveJ, MoveL, Output
 from camgen.order.arrange import arrange
+from camgen.pipeline import build
 from camgen.plan.trace import trace
 from camgen.post.plugins import find_post, find_readback, make_post
 from camgen.post.verify import compare

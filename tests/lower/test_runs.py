@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 import camgen
-from camgen.build import Result, build
 from camgen.geometry.arcs import path_length
 from camgen.geometry.intersect import gaps
 from camgen.geometry.segments import from_contours, make
@@ -24,6 +23,7 @@ from camgen.model.part import Contour
 from camgen.model.path import ToolPath
 from camgen.model.pose import Pose
 from camgen.model.program import MoveC, MoveJ, MoveL, Output, Program
+from camgen.pipeline import Result, build
 from tests.support.cuts import Cut, below, cuts, swept
 from tests.support.drawn import circle, contour, part, rectangle, rounded
 from tests.support.rs274 import assert_moves, needs_rs274, run

@@ -9,7 +9,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import camgen
-from camgen.build.inputs import join_parts
 from camgen.cli.init import reference, template
 from camgen.model.errors import CamgenError, InputError, JobError, NoSafeProgram
 from camgen.model.job import Job
@@ -17,6 +16,7 @@ from camgen.model.job_tables import settings
 from camgen.model.part import Contour, Note, Part
 from camgen.model.pose import frozen
 from camgen.model.toml import toml
+from camgen.pipeline.inputs import join_parts
 from camgen.read.job_file import beside, from_mapping, load
 
 ROOT = Path(__file__).parents[2]

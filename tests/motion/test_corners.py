@@ -11,9 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import camgen
-from camgen.build import build
 from camgen.model.cell import Dynamics
 from camgen.motion.corners import Corners, blend_corners, corner_tolerance
+from camgen.pipeline import build
 from camgen.read.job_file import from_mapping
 
 PARTS = Path(__file__).parents[2] / "fixtures" / "parts"

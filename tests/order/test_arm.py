@@ -9,12 +9,12 @@ import pytest
 
 import camgen
 from bench.robots import robotsp
-from camgen.build import Result
 from camgen.geometry.rotations import angles_between
 from camgen.model.errors import CamgenError, JobError, NoSafeProgram
 from camgen.model.pose import Pose
 from camgen.model.program import MoveC, MoveJ, MoveL
 from camgen.order import ArmTour
+from camgen.pipeline import Result
 from camgen.plan.leave_out import leave_out_paths
 from camgen.robots.catalogue import robot
 from camgen.robots.kinematics.forward import flange

@@ -9,11 +9,11 @@ import pytest
 
 import camgen
 from bench.robots import robotsp
-from camgen.build import Result
 from camgen.check.flow import _keeps_above
 from camgen.check.passing import find_corners, legs_of
 from camgen.model.pose import Pose
 from camgen.model.program import MoveJ, Output
+from camgen.pipeline import Result
 from camgen.robots.catalogue import robot
 from camgen.robots.kinematics.forward import flange
 

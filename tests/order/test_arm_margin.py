@@ -9,9 +9,9 @@ import pytest
 
 import camgen
 from bench.robots import robotsp
-from camgen.build import Result
 from camgen.model.path import ToolPath
 from camgen.order import ArmTour
+from camgen.pipeline import Result
 
 CELL = {"robot": "IRB 1200", "base_from_work": [450, -60, 0, 0, 0, 0]}
 #: Beside the hole at 50 30, 1 mm from the tool there.

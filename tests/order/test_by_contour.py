@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 import camgen
-from camgen.build import Result, build
 from camgen.model.errors import CamgenError, JobError
 from camgen.model.job import Job, TourTable
 from camgen.model.part import Part
@@ -21,6 +20,7 @@ from camgen.model.path import ToolPath
 from camgen.order import ArmTour
 from camgen.order.arrange import arrange, measure_travel
 from camgen.order.starts import starts
+from camgen.pipeline import Result, build
 from camgen.plan.leave_out import leave_out_paths
 from camgen.plan.seams import pin_seams
 from camgen.plan.unused import no_idle

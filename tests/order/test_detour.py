@@ -10,7 +10,6 @@ import trimesh
 from msgspec.structs import replace
 
 import camgen
-from camgen.build import Result
 from camgen.collision.cell import around
 from camgen.collision.hits import hits
 from camgen.model.cell import Cell
@@ -22,6 +21,7 @@ from camgen.motion.cell import room_of, setup_of
 from camgen.motion.setup import Hit, Room, Setup, Track
 from camgen.order.edges import detour
 from camgen.order.edges.detour import find_detour
+from camgen.pipeline import Result
 from camgen.robots.catalogue import robot
 from camgen.robots.kinematics.joint_limits import within
 from camgen.robots.workcell import equip

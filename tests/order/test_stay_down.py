@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from camgen.build import build
 from camgen.geometry.intersect import gaps
 from camgen.geometry.segments import from_contours, make, points_at
 from camgen.model.job import CellTable, Job, OperationTable, ProcessTable, ToolTable
@@ -17,6 +16,7 @@ from camgen.model.part import Contour, Part
 from camgen.model.pose import Pose, frozen
 from camgen.model.program import MoveC, MoveJ, MoveL, Output
 from camgen.order.stay_down import stay_down
+from camgen.pipeline import build
 
 
 @given(st.integers(0, 10**6))

@@ -15,7 +15,6 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 import camgen
-from camgen.build import Result, build
 from camgen.model.errors import JobError, NoSafeProgram
 from camgen.model.part import Contour
 from camgen.model.path import ToolPath, join_paths
@@ -31,6 +30,7 @@ from camgen.order.pieces import (
     stretch,
 )
 from camgen.order.tabs import add_tabs
+from camgen.pipeline import Result, build
 from camgen.plan.starting import starting_at
 from tests.support.cuts import Cut, cuts, swept
 from tests.support.drawn import circle, contour, part, rectangle, rounded

@@ -10,10 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from camgen.build import build
 from camgen.model.job import Job
 from camgen.model.path import ToolPath
 from camgen.order.arrange import arrange, is_free, measure_travel
+from camgen.pipeline import build
 from camgen.plan.columns import straight_path
 from tests.order.test_tour import XY, circle, ids, line, make, slot
 

@@ -9,13 +9,13 @@ import pytest
 import trimesh
 
 import camgen
-from camgen.build import Result
 from camgen.cli import main
 from camgen.geometry.arcs import circle
 from camgen.model.errors import CamgenError, InputError, JobError, NoSafeProgram
 from camgen.model.part import Part
 from camgen.model.pose import FloatArray, Pose
 from camgen.model.program import Force, MoveC, MoveJ, MoveL
+from camgen.pipeline import Result
 from tests.support.arm_models import by_hand
 
 PARTS = Path(__file__).parents[2] / "fixtures" / "parts"

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 import camgen
-from camgen.build.stock import why_unproven
 from camgen.cli import main
 from camgen.model.errors import InputError, JobError, NoSafeProgram
 from camgen.model.job import Choice as Row
@@ -19,6 +18,7 @@ from camgen.model.pose import Pose, Vec3
 from camgen.model.program import MoveC, MoveJ, MoveL, Output, ToolChange
 from camgen.model.program_text import dump, parse
 from camgen.order import JobTour
+from camgen.pipeline.stock import why_unproven
 from camgen.plan.steps import arrange
 from camgen.post.plugins import find_readback
 from tests.support.rs274 import needs_rs274, run

@@ -6,10 +6,10 @@ from pathlib import Path
 import pytest
 from msgspec.structs import replace
 
-from camgen.build import build
-from camgen.build.stages import part
 from camgen.cli import main
 from camgen.model.errors import JobError
+from camgen.pipeline import build
+from camgen.pipeline.stages import part
 from camgen.post import Post, Tolerance
 from camgen.post.limits import BOUNDS, limit_tolerance
 from camgen.post.plugins import find_post, make_post

@@ -9,11 +9,11 @@ from typing import ClassVar
 
 import pytest
 
-from camgen.build import build
-from camgen.build.stages import part
 from camgen.cli import main
 from camgen.model import plugins
 from camgen.model.errors import JobError
+from camgen.pipeline import build
+from camgen.pipeline.stages import part
 from camgen.post import Fault, Post
 from camgen.post.plugins import (
     POSTS,

@@ -6,7 +6,6 @@ from pathlib import Path
 import pytest
 from msgspec.structs import replace
 
-from camgen.build import build
 from camgen.cli import main
 from camgen.model.errors import VerifyError
 from camgen.model.pose import TOOL_DOWN, Pose, rotation_about, translation
@@ -25,6 +24,7 @@ from camgen.model.program import (
     ToolChange,
     Wait,
 )
+from camgen.pipeline import build
 from camgen.post.passes import PASSES, chords, halves
 from camgen.post.plugins import find_post, make_post
 from camgen.post.preparation import CHANGES, check_preparation

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 import camgen
-from camgen.build import Result
+from camgen.pipeline import Result
 from tests.support.browsers import Driven, start_browser
 
 

@@ -7,8 +7,8 @@ import pytest
 from msgspec.structs import replace
 
 import camgen
-from camgen.build import Result
 from camgen.model.part import Note
+from camgen.pipeline import Result
 from camgen.preview import listing
 from camgen.preview.page import page
 from camgen.preview.view import view

@@ -15,10 +15,10 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 import camgen
-from camgen.build import Result
 from camgen.geometry.arcs import circle
 from camgen.model.part import Contour, Note
 from camgen.model.pose import frozen
+from camgen.pipeline import Result
 from camgen.preview.curves import draw_spans, of_contours
 from camgen.preview.meshes import MOST_FACES, one_mesh
 from camgen.preview.page import page

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import camgen
-from camgen.build import Result
+from camgen.pipeline import Result
 from camgen.preview.page import page
 from camgen.preview.view import view
 from camgen.robots.kinematics.forward import flange

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import camgen
-from camgen.build import Result
 from camgen.model.part import Note
+from camgen.pipeline import Result
 from camgen.preview.page import page
 from camgen.preview.view import cut, reasons, view
 from tests.preview.test_page import PARTS, data

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import camgen
-from camgen.build import Result
+from camgen.pipeline import Result
 from camgen.preview import page, png
 from camgen.preview.drawings import draw
 from camgen.preview.figure import FigureEdge, are_seen, figure_edges, oblique, shade

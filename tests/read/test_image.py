@@ -16,10 +16,10 @@ from bench.render.optics import Lens, Shot, looking, photo_from_work
 from bench.render.parts import NAMED
 from bench.render.scene import Layer, Scene, render, written
 from bench.render.truth import offset_truth, path_error
-from camgen.build import Result
 from camgen.cli import main
 from camgen.model.errors import CamgenError
 from camgen.model.program import Joints, MoveC, MoveL
+from camgen.pipeline import Result
 from camgen.read import image
 from camgen.vision.boards.sheet import DICTIONARY, sheet
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import camgen
-from camgen.build import Result
 from camgen.model.errors import CamgenError
+from camgen.pipeline import Result
 
 IMAGES = Path(__file__).parents[2].parent / "shared" / "data" / "image"
 SUFFIXES = {".png", ".jpg", ".jpeg", ".tif", ".bmp"}

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 import camgen
-from camgen.build import build
 from camgen.cli import main
 from camgen.model.errors import CamgenError, NoSafeProgram
+from camgen.pipeline import build
 from camgen.read.files import Files
 from camgen.robots.catalogue import robot
 from camgen.robots.kinematics import iterative as damped

@@ -36,7 +36,7 @@ def change_program(patch: Patch, change: Callable[[Body], Body]) -> None:
     def changed(program: Program) -> Program:
         return program.with_body(change(program.body))
 
-    change_result(patch, "build", "lower", changed)
+    change_result(patch, "pipeline", "lower", changed)
 
 
 def with_columns(body: Body, **columns: Any) -> Body:

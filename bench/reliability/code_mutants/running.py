@@ -190,7 +190,7 @@ def _run_case(case: Case, folder: Path) -> Outcome:
     drawing = write_drawing(case, folder)
     signal.setitimer(signal.ITIMER_PROF, _JOB_S)
     try:
-        from camgen.build import build  # noqa: PLC0415 (the mutated module is imported here)
+        from camgen.pipeline import build  # noqa: PLC0415 (the mutated module is imported here)
 
         result = build(drawing, post=case.post, job=case.job)
         return Outcome(WRITTEN, FILE_MARK.join(file.text for file in result.files))

@@ -181,7 +181,7 @@ def change_paths(patch: Patch, change: Callable[[Any], Any]) -> None:
     def changed(tour: Any) -> Any:
         return replace(tour, paths=tuple(change(path) for path in tour.paths))
 
-    change_result(patch, "build", "order", changed)
+    change_result(patch, "pipeline", "order", changed)
 
 
 def deepest_first(patch: Patch) -> None:
@@ -196,7 +196,7 @@ def against(patch: Patch) -> None:
 
 def around_first(patch: Patch) -> None:
     """The outline is run before the holes in it."""
-    change_result(patch, "build", "order", lambda tour: replace(tour, paths=tour.paths[::-1]))
+    change_result(patch, "pipeline", "order", lambda tour: replace(tour, paths=tour.paths[::-1]))
 
 
 def wide_zones(patch: Patch) -> None:

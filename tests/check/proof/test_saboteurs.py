@@ -103,7 +103,7 @@ def half(patch: Patch) -> None:
 
 def without_last_path(patch: Patch) -> None:
     """The last path of the tour is missing, and no note says so."""
-    change_result(patch, "build", "order", lambda tour: replace(tour, paths=tour.paths[:-1]))
+    change_result(patch, "pipeline", "order", lambda tour: replace(tour, paths=tour.paths[:-1]))
 
 
 def one_pass(patch: Patch) -> None:
@@ -113,7 +113,7 @@ def one_pass(patch: Patch) -> None:
         paths = [replace(path, depths=path.depths[:-1]) for path in tour.paths]
         return replace(tour, paths=tuple(paths))
 
-    change_result(patch, "build", "order", change)
+    change_result(patch, "pipeline", "order", change)
 
 
 def against(patch: Patch) -> None:
@@ -122,7 +122,7 @@ def against(patch: Patch) -> None:
     def change(tour: Any) -> Any:
         return replace(tour, paths=tuple(path.reversed() for path in tour.paths))
 
-    change_result(patch, "build", "order", change)
+    change_result(patch, "pipeline", "order", change)
 
 
 def backwards(drawn: Any) -> Any:
@@ -198,7 +198,7 @@ def without_force(patch: Patch) -> None:
         paths = [path.with_columns(force=path.force / 2) for path in tour.paths]
         return replace(tour, paths=tuple(paths))
 
-    change_result(patch, "build", "order", change)
+    change_result(patch, "pipeline", "order", change)
 
 
 def neighbours_gouged(patch: Patch) -> None:
@@ -234,7 +234,7 @@ def narrow_bores(patch: Patch) -> None:
 
 def half_cleared(patch: Patch) -> None:
     """Every second path of a pocket is missing."""
-    change_result(patch, "build", "order", lambda tour: replace(tour, paths=tour.paths[:1]))
+    change_result(patch, "pipeline", "order", lambda tour: replace(tour, paths=tour.paths[:1]))
 
 
 FORCE = {

@@ -10,7 +10,6 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.build.memory import give_back
 from camgen.check import Checks, Flow, check
 from camgen.check.report import Cycle, Motions, sum_up
 from camgen.check.time import cycle
@@ -22,6 +21,7 @@ from camgen.model.part import IntArray
 from camgen.model.path import Tour
 from camgen.model.program import Comment, Instruction, Program, ToolChange, put_off_first
 from camgen.order import ArmTour, JobTour, ReplayTour
+from camgen.pipeline.memory import give_back
 from camgen.post import OutputFile, Post, Readback, Reading, Tolerance
 from camgen.post.contract import prepare_program, render_program
 from camgen.post.limits import limit_tolerance

@@ -24,8 +24,8 @@ from camgen.plan.steps import job_of
 from camgen.robots.workcell import Workcell
 
 if TYPE_CHECKING:
-    from camgen.build.programs import Checked, Posted
     from camgen.check.stock import Cut, StockProof
+    from camgen.pipeline.programs import Checked, Posted
 
 
 def prove_stock(

@@ -15,12 +15,6 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 import camgen.preview.notebook  # noqa: F401 (values draw themselves)
-from camgen.build.inputs import note_urdf, note_work_frame, read_inputs
-from camgen.build.memory import give_back
-from camgen.build.motion import prove_motion
-from camgen.build.programs import Checked, Posted, check_programs, lines_of, post_programs
-from camgen.build.refusals import tell_by_input
-from camgen.build.stock import OperationSum, prove_stock, report_operations, sum_operations
 from camgen.check.report import Cycle, Motions, clearance_of
 from camgen.check.report import report as report_of
 from camgen.lower import lower
@@ -36,6 +30,12 @@ from camgen.model.program import MoveJ, Program
 from camgen.model.text import counted, harmless, short
 from camgen.model.version import __version__
 from camgen.order import ArmTour, may_choose_ways, order
+from camgen.pipeline.inputs import note_urdf, note_work_frame, read_inputs
+from camgen.pipeline.memory import give_back
+from camgen.pipeline.motion import prove_motion
+from camgen.pipeline.programs import Checked, Posted, check_programs, lines_of, post_programs
+from camgen.pipeline.refusals import tell_by_input
+from camgen.pipeline.stock import OperationSum, prove_stock, report_operations, sum_operations
 from camgen.plan import Coverage, EdgePlan, Plan, ReplayPlan, Watch, ignore_stages, plan
 from camgen.plan.leave_out import find_dependent, leave_out_paths
 from camgen.plan.steps import job_of

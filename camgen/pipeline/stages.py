@@ -11,8 +11,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from camgen.build import Input, JobLike, Result, path_or_part, poster_of, settings_of
-from camgen.build.inputs import read_cell, read_parts
 from camgen.check import Checks
 from camgen.check import check as check_program
 from camgen.lower import lower as lower_tour
@@ -23,6 +21,8 @@ from camgen.model.part import Part
 from camgen.model.path import Tour
 from camgen.model.program import Program
 from camgen.order import order as order_plan
+from camgen.pipeline import Input, JobLike, Result, path_or_part, poster_of, settings_of
+from camgen.pipeline.inputs import read_cell, read_parts
 from camgen.plan import EdgePlan, Plan, Watch, ignore_stages
 from camgen.plan import plan as plan_part
 from camgen.post import OutputFile, Reading

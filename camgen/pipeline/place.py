@@ -14,7 +14,6 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.build import Result, build
 from camgen.collision.cell import around
 from camgen.model.errors import JobError, NoSafeProgram
 from camgen.model.job import Job
@@ -24,6 +23,7 @@ from camgen.model.text import counted
 from camgen.motion.cell import home_of, setup_of
 from camgen.motion.pose_paths import Way, counts, divide
 from camgen.motion.setup import MARGIN, Reached, Setup, flange_poses
+from camgen.pipeline import Result, build
 from camgen.plan import Watch, ignore_stages
 from camgen.plan.edges import choose
 from camgen.plan.edges.contact import own_contact

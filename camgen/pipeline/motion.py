@@ -17,8 +17,8 @@ from camgen.plan import Plan, ReplayPlan
 from camgen.post.plugins import dynamics_of
 
 if TYPE_CHECKING:
-    from camgen.build.programs import Checked, Posted
     from camgen.check.proof import MotionProof
+    from camgen.pipeline.programs import Checked, Posted
     from camgen.post import Post
 
 #: Rounding of a text, mm and mm/s, whose digits are not known.
