@@ -2,10 +2,13 @@
 
 import ast
 import tomllib
+from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
+
+from tests.support.syntax import list_nodes
 
 ROOT = Path(__file__).parent.parent
 #: Low to high; folders on one line do not import each other.
@@ -36,11 +39,12 @@ FILES = {
 }
 
 
+@cache
 def imported(name: str) -> set[str]:
     """The modules of the house that ``name`` imports, those within functions included."""
     package = name if FILES[name].name == "__init__.py" else name.rpartition(".")[0]
     found = set()
-    for node in ast.walk(ast.parse(FILES[name].read_text())):
+    for node in list_nodes(ast.parse(FILES[name].read_text())):
         if isinstance(node, ast.ImportFrom):
             base = node.module or ""
             if node.level:

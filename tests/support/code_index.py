@@ -12,6 +12,8 @@ from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
+from tests.support.syntax import list_children, list_nodes
+
 ROOT = Path(__file__).parents[2]
 #: Folders of Python files, relative to the root of the repository.
 TOPS = ("camgen", "postprocessors", "bench", "docs", "fixtures", "tests")
@@ -57,7 +59,7 @@ def read_module(file: Path) -> Module:
     tree = ast.parse(file.read_text(encoding="utf-8"))
     module = Module(frozenset(_names_of(tree.body)), {}, {}, set(), {}, set(), [])
     quiet: set[ast.AST] = set()
-    for node in ast.walk(tree):
+    for node in list_nodes(tree):
         if isinstance(node, _DOCUMENTED) and ast.get_docstring(node, clean=False):
             quiet.add(node.body[0].value)
             module.docstrings.append((node.body[0].lineno, node.body[0].value.value))
@@ -93,13 +95,13 @@ def _names_of(body: list[ast.stmt]) -> Iterator[str]:
             case ast.Name(id=name, ctx=ast.Store()):
                 yield name
             case ast.stmt() | ast.ExceptHandler() | ast.Tuple() | ast.List():
-                stack += ast.iter_child_nodes(node)
+                stack += list_children(node)
 
 
 def _members(node: ast.ClassDef) -> Iterator[str]:
     """The names that the body of a class binds, and the attributes that its methods set."""
     yield from _names_of(node.body)
-    for inner in ast.walk(node):
+    for inner in list_nodes(node):
         if isinstance(inner, ast.Attribute) and isinstance(inner.ctx, ast.Store):
             yield inner.attr
 
@@ -120,7 +122,7 @@ def _imported_files(node: ast.Import | ast.ImportFrom) -> Iterator[tuple[str, Pa
 
 
 def _classes_of(hint: ast.expr) -> Iterator[str]:
-    for node in ast.walk(hint):
+    for node in list_nodes(hint):
         if isinstance(node, ast.Name):
             yield node.id
 

@@ -16,11 +16,10 @@ top folder or a class of the repository, or if its second part begins with a cap
 
 from __future__ import annotations
 
+import ast
 import dataclasses
-import io
 import re
 import sys
-import tokenize
 import tomllib
 from collections.abc import Iterator
 from functools import cache
@@ -43,6 +42,7 @@ from tests.support.code_index import (
     list_words,
     read_module,
 )
+from tests.support.syntax import list_comments, list_nodes
 
 #: Endings of files that are not Python files. Without a folder, such a name is a file of a user.
 FILE_ENDINGS = frozenset(
@@ -100,9 +100,7 @@ def _list_texts(file: Path) -> Iterator[tuple[int, str]]:
         return
     yield from read_module(file).docstrings
     if re.search(r"#.*(?:`|\.py)", source):
-        for token in tokenize.generate_tokens(io.StringIO(source).readline):
-            if token.type == tokenize.COMMENT:
-                yield token.start[0], token.string
+        yield from list_comments(source, list_nodes(ast.parse(source)))
 
 
 def _blank(match: re.Match[str]) -> str:

@@ -12,15 +12,15 @@ from __future__ import annotations
 
 import ast
 import csv
-import io
 import re
 import sys
-import tokenize
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
+
+from tests.support.syntax import list_children, list_comments, list_nodes
 
 ROOT = Path(__file__).parents[2]
 RULES = ROOT / "tests" / "texture" / "rules.tsv"
@@ -70,14 +70,15 @@ def rules_of(scope: str) -> tuple[Rule, ...]:
     return tuple(rule for rule in read_rules() if scope in rule.scopes)
 
 
-def list_files() -> list[Path]:
+@cache
+def list_files() -> tuple[Path, ...]:
     """The files that are counted, in order of name. Generated pages are left out."""
     files: list[Path] = []
     for name in COUNTED:
         path = ROOT / name
         files += [path] if path.is_file() else path.rglob("*.py")
         files += [] if path.is_file() else path.rglob("*.md")
-    return sorted(file for file in files if file.name != "api.md")
+    return tuple(sorted(file for file in files if file.name != "api.md"))
 
 
 def list_places(file: Path) -> list[Place]:
@@ -87,8 +88,9 @@ def list_places(file: Path) -> list[Place]:
         places = [place for text in _paragraphs(source) for place in _search("docs", *text)]
     else:
         tree = ast.parse(source)
-        places = [*_wide(source), *_tangled(tree), *_names(tree)]
-        for scope, line, text in (*_strings(tree), *_comments(source)):
+        nodes = list_nodes(tree)
+        places = [*_wide(source), *_tangled(tree), *_names(nodes)]
+        for scope, line, text in (*_strings(nodes), *_comments(source, nodes)):
             places += _search(scope, line, text)
     return sorted(places, key=lambda place: place.line)
 
@@ -149,7 +151,7 @@ def _tangled(tree: ast.Module) -> Iterator[Place]:
             in_comprehension = in_conditional = False
             if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
                 yield from _long_signature(node)
-        for child in ast.iter_child_nodes(node):
+        for child in list_children(node):
             stack.append((child, in_comprehension, in_conditional))
 
 
@@ -160,9 +162,9 @@ def _long_signature(node: ast.FunctionDef | ast.AsyncFunctionDef) -> Iterator[Pl
         yield Place("parameters", node.lineno, f"{node.name}: {len(named)} parameters")
 
 
-def _names(tree: ast.Module) -> Iterator[Place]:
+def _names(nodes: list[ast.AST]) -> Iterator[Place]:
     """Names that a file binds and a rule forbids."""
-    for node in ast.walk(tree):
+    for node in nodes:
         name = _bound_name(node)
         for rule in rules_of("identifier") if name else ():
             if rule.pattern.fullmatch(name):
@@ -182,15 +184,15 @@ def _bound_name(node: ast.AST) -> str:
     return ""
 
 
-def _strings(tree: ast.Module) -> Iterator[tuple[str, int, str]]:
+def _strings(nodes: list[ast.AST]) -> Iterator[tuple[str, int, str]]:
     """Scope, line and text of docstrings and of messages of two words or more."""
     alone: set[int] = set()
-    for node in ast.walk(tree):
+    for node in nodes:
         if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
             alone.add(id(node.value))
         elif isinstance(node, ast.JoinedStr):
-            alone.update(id(part) for part in ast.walk(node) if isinstance(part, ast.Constant))
-    for node in ast.walk(tree):
+            alone.update(id(part) for part in list_nodes(node) if isinstance(part, ast.Constant))
+    for node in nodes:
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
             text = ast.get_docstring(node, clean=True)
             if text:
@@ -209,21 +211,18 @@ def _message(node: ast.AST, alone: set[int]) -> str:
     return ""
 
 
-def _comments(source: str) -> Iterator[tuple[str, int, str]]:
+def _comments(source: str, nodes: list[ast.AST]) -> Iterator[tuple[str, int, str]]:
     """Scope, line and text of comments; whole lines directly below each other are one text."""
     block: list[str] = []
     first = last = 0
-    for token in tokenize.generate_tokens(io.StringIO(source).readline):
-        if token.type != tokenize.COMMENT or token.string.startswith(
-            ("# noqa", "# type:", "# fmt:")
-        ):
+    for line, comment in list_comments(source, nodes):
+        if comment.startswith(("# noqa", "# type:", "# fmt:")):
             continue
-        line = token.start[0]
         if block and line != last + 1:
             yield "comment", first, "\n".join(block)
             block = []
         first = first if block else line
-        block.append(token.string.lstrip("#: "))
+        block.append(comment.lstrip("#: "))
         last = line
     if block:
         yield "comment", first, "\n".join(block)
