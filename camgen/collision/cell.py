@@ -82,8 +82,8 @@ def around(
     )
     walls = tuple((name, make_mesh(shape), cell.base_from_work) for name, shape in meshes)
     holder = [corners_of("tool.holder", box) for box in job.tool.holder or ()]
-    contact = job.tool.diameter / 2 * math.sin(math.radians(job.tool.axis_tilt)) + _TOUCH
-    contact = min(contact, job.tool.diameter / 2 * 0.99)
+    contact = job.tool.radius * math.sin(math.radians(job.tool.axis_tilt)) + _TOUCH
+    contact = min(contact, job.tool.radius * 0.99)
     shaft = _shaft(job, cell, holder)
     _check_length(job, shaft, contact)
     bodies = [Link("tool", (shaft,))]
@@ -230,7 +230,7 @@ def _shaft(job: Job, cell: Cell, holder: Sequence[Corners]) -> Box:
     if length <= 0:
         what = "the way from the tip along the tool meets neither holder nor flange"
         raise JobError("job", what, "tool.holder", "give the holder's boxes at the flange")
-    half = job.tool.diameter / 2
+    half = job.tool.radius
     return Box(flange_from_tool @ translation(0.0, 0.0, -length / 2), (half, half, length / 2))
 
 

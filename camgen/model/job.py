@@ -386,6 +386,11 @@ class ToolTable(Table, frozen=True):
         ),
     ] = None
 
+    @property
+    def radius(self) -> float:
+        """Half the cutting diameter, mm."""
+        return self.diameter / 2
+
 
 class ToolRow(ToolTable, frozen=True):
     """[[tools]]: tools that operations name; keys as in [tool], and what they cut with."""

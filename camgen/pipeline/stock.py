@@ -79,7 +79,7 @@ def _sweep_lost(asked: Plan, tour: Tour, jobs: Sequence[Job]) -> Any:
                         [flatten(path_segments((path,)), CHORD_MM)[0], points[-1:]]
                     )
                 line = shapely.linestrings(points) if len(points) > 1 else shapely.points(points[0])
-                swept.append(shapely.buffer(line, job.tool.diameter / 2 + 2 * CHORD_MM))
+                swept.append(shapely.buffer(line, job.tool.radius + 2 * CHORD_MM))
     return shapely.union_all(swept) if swept else None
 
 

@@ -84,7 +84,7 @@ def _sort_out(
     for hole in holes:
         arm = (hole.diameter - job.tool.diameter) / 2
         helix = arm - job.operation.finish
-        tests = (arm <= _LARGER / 2, helix > job.tool.diameter / 2, helix <= _LARGER / 2)
+        tests = (arm <= _LARGER / 2, helix > job.tool.radius, helix <= _LARGER / 2)
         sorted_[tests.index(True) if any(tests) else 3].append(hole)
     return sorted_
 
@@ -146,7 +146,7 @@ def _path(hole: Hole, job: Job) -> ToolPath:
     middle = np.array([hole.x, hole.y, 0.0])
     # The feed is that of the edge on the wall; the centre runs on a smaller circle.
     radius = np.hypot(*position[:, :2].T)
-    share = np.maximum(radius / (radius + job.tool.diameter / 2), SLOWEST)
+    share = np.maximum(radius / (radius + job.tool.radius), SLOWEST)
     share[-1] = 1.0
     return ToolPath(
         id=hole.id,

@@ -69,9 +69,9 @@ def lay_bevel(job: Job) -> Bevel:
             "job", "a chamfer is beside a contour", "operation.side", "choose a side, or trace it"
         )
     tip = tool.tip_diameter / 2
-    room = tool.diameter / 2 - tip - width
+    room = tool.radius - tip - width
     if room < _LEAST_GAP - 1e-9:
-        most = tool.diameter / 2 - tip - _LEAST_GAP
+        most = tool.radius - tip - _LEAST_GAP
         what = (
             f"{width:g} mm is more than a V tool of {tool.diameter:g} "
             f"mm cuts, its tip {_LEAST_GAP:g} mm off the wall"

@@ -62,7 +62,7 @@ def follow(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]
     """
     if job.tool.kind == "drill":
         raise JobError("job", "a drill does not cut sideways", "tool.kind", "choose a mill")
-    radius, finish = job.tool.diameter / 2, job.operation.finish
+    radius, finish = job.tool.radius, job.operation.finish
     depths = pass_depths(job.operation.depth, job.operation.passes)
     if not finish:
         return run_beside(part, job, radius, depths, "follow")

@@ -111,7 +111,7 @@ def _fill(
     (left, right), (top, bottom) = on_panel(raster, crop).place(ends.T).T.tolist()
     picture = image(found.pixels, right - left, bottom - top, smooth=False)
     content = [f'<g transform="translate({left:.2f} {top:.2f})">{picture}</g>']
-    red = spots(notes, on_panel(raster, crop), job.tool.diameter / 2)
+    red = spots(notes, on_panel(raster, crop), job.tool.radius)
     content += red
     told = "green: covered, red: bare, yellow: ink outside" + (
         ", ring: not as drawn" if red else ""

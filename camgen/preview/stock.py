@@ -85,7 +85,7 @@ def profile_of(tool: ToolTable) -> tuple[tuple[float, float], ...]:
     """The outline of a tool from its tip to its side, as in ``Cutter``."""
     if tool.kind not in _MILLS:
         return ()
-    radius = tool.diameter / 2
+    radius = tool.radius
     corner = {"ball mill": radius, "bull nose": min(tool.corner_radius, radius)}.get(tool.kind, 0.0)
     if corner:
         turns = np.linspace(0.0, math.pi / 2, _ROUND_POINTS)

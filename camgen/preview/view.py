@@ -288,7 +288,7 @@ def _lines(result: Built, sag: float) -> tuple[tuple[ViewLine, ...], SpaceChains
 
 def _spots(result: Built) -> list[tuple[ViewLine, FloatArray]]:
     """A ring of the tool's size at every place that a note is about; what was decided there is not wrong."""
-    radius = result.job.tool.diameter / 2
+    radius = result.job.tool.radius
     turn = np.linspace(0.0, 2 * np.pi, _RING_POINTS)
     ring = np.column_stack([radius * np.cos(turn), radius * np.sin(turn), np.zeros(_RING_POINTS)])
     return [

@@ -85,7 +85,7 @@ def _ink(made: Plan, job: Job) -> Expected:
         raise JobError(
             "job", "no path is left that would leave ink", remedy="camgen build says why"
         )
-    radius = job.tool.diameter / 2
+    radius = job.tool.radius
     strokes = [shapely.buffer(_stroke(path), radius, quad_segs=_PEN_CHORDS) for path in made.paths]
     region = shapely.union_all(strokes)
     rings = tuple(path.position[:, :2] for path in made.paths)

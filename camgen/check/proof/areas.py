@@ -60,7 +60,7 @@ class AreaChecker:
     ) -> None:
         self.task, self.drawing, self.region = task, drawing, region
         self.motions, self.limit = motions, limit
-        self._radius = task.job.tool.diameter / 2
+        self._radius = task.job.tool.radius
         shapely.prepare(region)
 
     def check_inside(self, rows: IntArray, findings: Findings) -> None:

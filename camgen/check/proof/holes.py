@@ -167,7 +167,7 @@ def check_bored(
     once around at that distance.
     """
     holes = select_holes(task, drawing)
-    tool = task.job.tool.diameter / 2
+    tool = task.job.tool.radius
     done = np.zeros(len(drawing.contours), np.bool_)
     centres = holes.centre
     if not len(centres):

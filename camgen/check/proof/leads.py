@@ -231,7 +231,7 @@ class LeadChecker:
 
     def _have_room(self, laps: Laps) -> BoolArray:
         """(L,) whether both leads of full length, quarter circles, would keep clear of the part."""
-        radius = self.task.job.tool.diameter / 2
+        radius = self.task.job.tool.radius
         ring = laps.closed | (self.task.operation.overlap > 0)
         clear = ring & self.checker.drawing.closed[laps.contour]
         nothing = np.zeros(len(laps.first), np.bool_)

@@ -200,7 +200,7 @@ def _make_task(
 def _distances(kind: str, job: Job) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Distances of the tool's centre from the contours, and depths of the passes, mm."""
     operation, tool = job.operation, job.tool
-    depth, radius = operation.depth, tool.diameter / 2
+    depth, radius = operation.depth, tool.radius
     distances: tuple[float, ...] = (0.0,)
     if kind in ("follow", "pocket"):
         distances = (radius + operation.finish, radius) if operation.finish else (radius,)

@@ -54,7 +54,7 @@ class Gone(Struct, frozen=True, eq=False):
 def index(moves: Moves, cuts: Sequence[Cut]) -> Gone:
     """The motions in material, to be looked up by place."""
     rows = np.flatnonzero(moves.deepest > TOLERANCE_MM)
-    radius = np.array([cut.tool.diameter / 2 for cut in cuts] or [0.0])[moves.cut[rows]]
+    radius = np.array([cut.tool.radius for cut in cuts] or [0.0])[moves.cut[rows]]
     boxes = bounds(moves.plane.take(rows)) + radius[:, None] * np.array([-1, -1, 1, 1])
     return Gone(moves, tuple(cuts), rows, shapely.STRtree(box(boxes)))
 

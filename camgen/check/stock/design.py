@@ -301,14 +301,14 @@ def _want_kerf(draft: _Draft, task: Task, number: int, loops: IntArray, removed:
     asked = operation.tabs or operation.tab_spacing
     tabs = (operation.tab_height, operation.tab_width) if asked else (0.0, 0.0)
     draft.held.update(cells.ids[k] for k in outer.tolist() if asked)
-    deep, radius = _depth(task), tool.diameter / 2
+    deep, radius = _depth(task), tool.radius
     for k in (*inner.tolist(), *outer.tolist()):
         cell = k if k in inner else int(cells.parent[k])
         draft.wanted.append(Wanted(None, None, radius, deep, number, tabs, k, cell))
 
 
 def _follow_one_side(draft: _Draft, task: Task, worked: Sequence[Contour]) -> None:
-    operation, radius = task.job.operation, task.job.tool.diameter / 2
+    operation, radius = task.job.operation, task.job.tool.radius
     side = 1 if operation.side == "left" else -1
     far = radius + max(operation.lead_in, operation.lead_out) + operation.finish
     for contour in worked:
@@ -324,7 +324,7 @@ def _pocket(draft: _Draft, task: Task, number: int, worked: Sequence[Contour]) -
     # Around each cell, its own contour with it, so many of these: an odd number of them makes it a floor.
     around = _add_inwards(cells, np.isin(np.arange(len(cells)), loops))
     draft.allow(np.flatnonzero(around % 2 == 1).tolist(), deep)
-    radius = task.job.tool.diameter / 2
+    radius = task.job.tool.radius
     walls, islands = loops[around[loops] % 2 == 1], loops[around[loops] % 2 == 0]
     rooms = cells.rings[walls]
     if len(islands):
@@ -348,7 +348,7 @@ def _bore(draft: _Draft, task: Task, number: int, worked: Sequence[Contour]) -> 
 
 def _drill(draft: _Draft, task: Task, number: int, worked: Sequence[Contour]) -> None:
     """Of circles about one centre the smallest; a hole as wide as the tool. Marks of a picture are where planned."""
-    cells, deep, radius = draft.cells, _depth(task), task.job.tool.diameter / 2
+    cells, deep, radius = draft.cells, _depth(task), task.job.tool.radius
     loops = _circles(draft, task, worked)
     if task.part.raster is not None:
         draft.free = True
@@ -413,7 +413,7 @@ def _trace(draft: _Draft, task: Task, number: int, worked: Sequence[Contour]) ->
 def _fill(draft: _Draft, task: Task, number: int, worked: Sequence[Contour]) -> None:
     """What closed contours enclose, even-odd; thin places by their middle."""
     _pocket(draft, task, number, worked)
-    radius = task.job.tool.diameter / 2
+    radius = task.job.tool.radius
     if worked:
         lines = from_contours(worked)
         draft.lines.append(Lines(lines, _depth(task), task.job.tool.diameter, (0.0, radius)))

@@ -41,8 +41,8 @@ class Grid(Struct, frozen=True, eq=False):
 def carve(moves: Moves, cuts: Sequence[Cut], outline: Any) -> Grid:
     """The grid after all motions, in order of the cuts."""
     deep = np.flatnonzero((moves.deepest > TOLERANCE_MM) & np.isfinite(moves.deepest))
-    wide = max((cut.tool.diameter / 2 for cut in cuts), default=1.0)
-    narrow = min((cut.tool.diameter / 2 for cut in cuts), default=1.0)
+    wide = max((cut.tool.radius for cut in cuts), default=1.0)
+    narrow = min((cut.tool.radius for cut in cuts), default=1.0)
     ends = np.concatenate([moves.start[deep, :2], moves.end[deep, :2], np.zeros((0, 2))])
     low, high = ends.min(axis=0) - wide, ends.max(axis=0) + wide
     pitch = max(narrow / _ACROSS, float(np.sqrt(np.prod(high - low) / _MOST_CELLS)))
@@ -70,7 +70,7 @@ def _stamp(
     points = points_at(moves.plane.take(rows[which]), share)
     first, last = moves.down[rows[which]].T
     tip = first + share * (last - first)
-    around = int(np.ceil(cut.tool.diameter / 2 / pitch))
+    around = int(np.ceil(cut.tool.radius / pitch))
     offsets = np.stack(np.meshgrid(*(np.arange(-around, around + 1),) * 2), axis=-1).reshape(-1, 2)
     step = max(_CHUNK // max(len(offsets), 1), 1)
     for begin in range(0, len(points), step):
@@ -79,7 +79,7 @@ def _stamp(
         cell = np.rint(place).astype(np.int64)[:, None] + offsets
         apart = np.hypot(*np.moveaxis(cell - place[:, None], -1, 0)) * pitch
         below = tip[part][:, None] - _rise(cut, apart)
-        inside = (apart <= cut.tool.diameter / 2) & (below > 0)
+        inside = (apart <= cut.tool.radius) & (below > 0)
         inside &= (
             (cell >= 0).all(axis=2)
             & (cell[..., 0] < depth.shape[1])

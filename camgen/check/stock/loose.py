@@ -98,7 +98,7 @@ def _comes_back(gone: Gone, moves: Moves, near: IntArray, row: int, part: Any) -
     later = later[~moves.rising[later]]
     if not len(later):
         return -1
-    radius = np.array([cut.tool.diameter / 2 for cut in gone.cuts])[moves.cut[later]]
+    radius = np.array([cut.tool.radius for cut in gone.cuts])[moves.cut[later]]
     touching = later[shapely.distance(_chords(moves, later), part) <= radius + TOLERANCE_MM]
     return int(touching[0]) if len(touching) else -1
 

@@ -33,7 +33,7 @@ def reach(tool: ToolTable, height: FloatArray) -> FloatArray:
     A ball of radius R leaves sqrt(R^2 - (R - h)^2); a bull nose that of its corner beside the flat; a V tool its half
     flat and h tan(angle / 2), all of them R at most.
     """
-    most = tool.diameter / 2
+    most = tool.radius
     height = np.maximum(height, 0.0)
     if is_flat(tool):
         return np.full(height.shape, most)
@@ -50,8 +50,4 @@ def height_of_widest(tool: ToolTable) -> float:
         return 0.0
     if tool.kind == "v":
         return max(tool.diameter - tool.tip_diameter, 0.0) / 2 / slope(tool)
-    return (
-        tool.diameter / 2
-        if tool.kind == "ball mill"
-        else min(tool.corner_radius, tool.diameter / 2)
-    )
+    return tool.radius if tool.kind == "ball mill" else min(tool.corner_radius, tool.radius)

@@ -184,7 +184,7 @@ def _all_along(
     touched = np.zeros(len(points), dtype=np.bool_)
     for number, cut in enumerate(cuts):
         if is_flat(cut.tool):
-            most = cut.tool.diameter / 2
+            most = cut.tool.radius
             deep = moves.below(depth, np.flatnonzero(moves.cut == number))
             fits = radius[segments.owner[which]] <= most + TOLERANCE_MM
             touched |= fits & (_nearest(points, distinct(deep.plane), most + _TOUCH_MM) < np.inf)

@@ -26,7 +26,7 @@ def own_contact(edges: Iterable[Edge], job: Job, direction: Offset = "mean") -> 
     """Mm that the tip of the nominal tool may enter the part so that those of ``edges`` that bend into it by no more
     than a quarter of its radius are free of it: 0 where none does.
     """
-    radius = job.tool.diameter / 2
+    radius = job.tool.radius
     deep = (_depth(edge, job, radius, direction) for edge in edges if edge.kind != "line")
     return max((depth for depth in deep if _ANYWAY < depth <= _MOST * radius), default=0.0)
 

@@ -225,18 +225,16 @@ def fill(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...], 
         raise InputError(
             part.source, "no closed contour to fill", remedy="trace it, or close its outlines"
         )
-    field = ground(part, job.tool.diameter / 2)
-    kinds = _strokes(
-        field, job.tool.diameter / 2 / field.mm_per_px, job, _thinning(part, field, job)
-    )
+    field = ground(part, job.tool.radius)
+    kinds = _strokes(field, job.tool.radius / field.mm_per_px, job, _thinning(part, field, job))
     region = _regions(field)
     of = _of_borders(field, region)
     paths = _paths(field, kinds, _borders(part, field, of), region, job)
     coverage = measure_coverage(
-        field, paths, [thin for kind in kinds for thin in kind.thin], job.tool.diameter / 2
+        field, paths, [thin for kind in kinds for thin in kind.thin], job.tool.radius
     )
     lines = [line for kind in kinds for line in kind.lines]
-    ink = paint(*lines_of(lines), job.tool.diameter / 2 / field.mm_per_px, field.mask.shape[:2])
+    ink = paint(*lines_of(lines), job.tool.radius / field.mm_per_px, field.mask.shape[:2])
     notes = (
         *_open(part),
         *_rules(kinds, region, job),

@@ -189,7 +189,7 @@ def image_space(
     transform that cannot be used.
     """
     mm_per_px = scale_of(work_from_view)
-    distance, radius = job.tool.diameter / 2 / mm_per_px, job.operation.corner_radius / mm_per_px
+    distance, radius = job.tool.radius / mm_per_px, job.operation.corner_radius / mm_per_px
     _insist(mask_pixels, job, distance)
     if not mask_pixels.any():
         return (), (Note("skipped", "no part in the mask", "choose another mask"),)

@@ -81,7 +81,7 @@ def pocket(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]
     pockets, notes = _find(contours)
     if not pockets.names:
         return (), tuple(notes)
-    radius, finish = job.tool.diameter / 2, job.operation.finish
+    radius, finish = job.tool.radius, job.operation.finish
     step = job.operation.stepover * job.tool.diameter
     climb = job.operation.direction != "conventional"
     rough = peel(pockets.ground, radius + finish, step, radius, climb)
@@ -116,7 +116,7 @@ def _refuse(job: Job) -> None:
         what = f"passes {operation.stepover:g} of the diameter apart engage more of it than {operation.engagement:g}"
         remedy = f"{operation.stepover + _LEAST_MORE:g} at least, or a smaller operation.stepover"
         raise JobError("job", what, "operation.engagement", remedy)
-    if operation.finish > tool.diameter / 2:
+    if operation.finish > tool.radius:
         what = f"{operation.finish:g} mm is more than the radius of the tool, a last pass would leave some of it"
         raise JobError("job", what, "operation.finish", "leave less at the walls")
     if not operation.inside_first:
@@ -137,7 +137,7 @@ def _chosen(pieces: Sequence[Piece], kept: Sequence[int]) -> list[Piece]:
 
 def _bound(job: Job) -> Bound | None:
     """How much of the tool may be engaged; None: as much as there is."""
-    operation, radius = job.operation, job.tool.diameter / 2
+    operation, radius = job.operation, job.tool.radius
     most = (
         min(1.0, operation.stepover + _MORE)
         if operation.engagement is None
@@ -411,7 +411,7 @@ def _feeds(table: Segments, runs: Sequence[_Run], job: Job) -> FloatArray:
     wall = 1 if job.operation.direction == "conventional" else -1
     loops = np.concatenate([np.arange(len(run.chain)) < run.loops for run in runs])
     inner = table.is_arc & (np.sign(table.bulge) == -wall) & ~loops
-    share = 1 / (1 + job.tool.diameter / 2 / table.radius)
+    share = 1 / (1 + job.tool.radius / table.radius)
     return np.asarray(job.process.feed * np.maximum(np.where(inner, share, 1.0), SLOWEST))
 
 
@@ -474,7 +474,7 @@ def _tell_passes(
     """How many passes there are, how far apart, and how much of the tool is in the material."""
     if not walks:
         return []
-    step, radius = job.operation.stepover * job.tool.diameter, job.tool.diameter / 2
+    step, radius = job.operation.stepover * job.tool.diameter, job.tool.radius
     share, way = engagement(pieces, opened, radius, step, job.operation.direction != "conventional")
     made = [channel for own in opened for channel in own]
     which = (
@@ -515,7 +515,7 @@ def _percent(share: float) -> str:
 
 def _tell_unreached(borders: Sequence[Piece], pockets: _Pockets, job: Job) -> list[Note]:
     """What the tool leaves of the pockets that it clears: corners and narrow places."""
-    radius = job.tool.diameter / 2
+    radius = job.tool.radius
     total, whole = 0.0, 0.0
     places: list[tuple[float, float, float]] = []
     ids: list[str] = []
