@@ -15,7 +15,7 @@ from camgen.geometry.arcs import arc_lengths, span_lengths
 from camgen.geometry.vectors import in_blocks, lengths
 from camgen.model.part import Note, Part
 from camgen.model.path import ToolPath, Tour
-from camgen.model.pose import FloatArray, Vec3, frozen
+from camgen.model.pose import FloatArray, Vec3, frozen, to_vec3
 from camgen.model.program import Columns, Force, MoveC, MoveJ, MoveL, Output, Stop, ToolChange, Wait
 from camgen.plan import Coverage
 
@@ -106,10 +106,8 @@ def exact_sum(values: FloatArray) -> float:
 
 def _corner(outer: np.ufunc, *points: FloatArray) -> Vec3:
     """The ``outer`` one, fmin or fmax, of points (N, 3) by axis, without those that are not known."""
-    x, y, z = outer.reduce(
-        np.stack([outer.reduce(some, axis=0) for some in points if len(some)]), axis=0
-    ).tolist()
-    return (x, y, z)
+    corners = [outer.reduce(column, axis=0) for column in points if len(column)]
+    return to_vec3(outer.reduce(np.stack(corners), axis=0))
 
 
 def path_sums(paths: Sequence[ToolPath]) -> tuple[FloatArray, FloatArray]:

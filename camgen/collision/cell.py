@@ -15,7 +15,7 @@ from camgen.model.cell import Cell
 from camgen.model.errors import JobError
 from camgen.model.job import Job
 from camgen.model.part import Note, Solid
-from camgen.model.pose import IDENTITY, FloatArray, Pose, translation
+from camgen.model.pose import IDENTITY, FloatArray, Pose, to_vec3, translation
 from camgen.model.text import counted, short
 from camgen.robots.models import Box, Link, Robot
 
@@ -210,9 +210,7 @@ def corners_of(key: str, values: Sequence[float]) -> Corners:
 
 def box_between(frame: Pose, low: FloatArray, high: FloatArray) -> Box:
     """The box of two corners that are told in ``frame``."""
-    x, y, z = ((low + high) / 2).tolist()
-    a, b, c = ((high - low) / 2).tolist()
-    return Box(frame @ translation(x, y, z), (a, b, c))
+    return Box(frame @ translation(*to_vec3((low + high) / 2)), to_vec3((high - low) / 2))
 
 
 def _shaft(job: Job, cell: Cell, holder: Sequence[Corners]) -> Box:

@@ -36,7 +36,7 @@ from camgen.localize.sight import hidden
 from camgen.localize.starts import starts, symmetries, things
 from camgen.model.errors import InputError, NoSafeProgram
 from camgen.model.part import IntArray
-from camgen.model.pose import IDENTITY, FloatArray, Pose, angle_between, frozen
+from camgen.model.pose import IDENTITY, FloatArray, Pose, angle_between, frozen, to_vec3
 from camgen.model.text import short
 
 # The walk: search everywhere, refine the best, look for others that fit as well, and judge what was found.
@@ -282,11 +282,10 @@ def _judge(
     )
     free, away = freedom(model, samples, points[:_FEW], final, (others[2], _SAME_COST), eye)
     back = final.rotation.T
-    origin = told.middle - back @ final.origin
-    x, y, z = origin.tolist()
+    base_from_work = Pose(frozen(back), to_vec3(told.middle - back @ final.origin))
     weak = "" if free else weakness(final)
     found = Location(
-        Pose(frozen(back), (x, y, z)), len(points), overlap, within, final.rms, len(final.used), view, equal, following,
+        base_from_work, len(points), overlap, within, final.rms, len(final.used), view, equal, following,
         free, weak, noise_limit(model, final), run_on(model, samples, points, final),
     )  # fmt: skip
     _refuse_larger(told, model, found)
@@ -381,5 +380,4 @@ def _missing(name: str, why: str) -> InputError:
 
 
 def _sum(a: tuple[float, float, float], b: FloatArray) -> tuple[float, float, float]:
-    x, y, z = (np.asarray(a) + b).tolist()
-    return (x, y, z)
+    return to_vec3(np.asarray(a) + b)

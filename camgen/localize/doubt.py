@@ -14,7 +14,7 @@ from camgen.localize.model import Cloud, Model, candidates, find_touched
 from camgen.localize.sight import around, estimate_eye, far_eyes, look
 from camgen.localize.starts import corners
 from camgen.model.part import BoolArray
-from camgen.model.pose import FloatArray, Pose, angle_between, frozen
+from camgen.model.pose import FloatArray, Pose, angle_between, frozen, to_vec3
 
 #: Poses that put a corner of the model's box farther apart than this part of its size are different ones.
 _DIFFERENT_SHARE = 0.01
@@ -285,8 +285,8 @@ def _rival(
 ) -> Rival:
     turn = math.degrees(angle_between(frozen(final.rotation), frozen(fit.rotation)))
     shift = float(np.linalg.norm((_places(model, fit) - _places(model, final)).mean(axis=0)))
-    x, y, z = (middle - fit.rotation.T @ fit.origin).tolist()
-    return Rival(Pose(frozen(fit.rotation.T), (x, y, z)), turn, shift, worse, off)
+    origin = to_vec3(middle - fit.rotation.T @ fit.origin)
+    return Rival(Pose(frozen(fit.rotation.T), origin), turn, shift, worse, off)
 
 
 def freedom(

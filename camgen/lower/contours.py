@@ -27,7 +27,7 @@ from camgen.model.errors import JobError, NoSafeProgram
 from camgen.model.job import Job, ProcessTable
 from camgen.model.limits import tell
 from camgen.model.path import ToolPath, Tour
-from camgen.model.pose import TOOL_DOWN, FloatArray, Pose, Vec3, frozen
+from camgen.model.pose import TOOL_DOWN, FloatArray, Pose, frozen, to_vec3
 from camgen.model.program import (
     Body,
     Columns,
@@ -410,7 +410,7 @@ def _come(draft: Draft, table: _Table, job: Job, free: Mask) -> None:
     come: dict[int, list[MoveJ] | list[MoveJ | MoveL]] = {**table.ways}
     for run, backs in turned.items():
         kinds = [table.rapid if run or k else MoveJ for k in range(len(backs))]
-        poses = [Pose(back, _point(left[run])) for back in backs]
+        poses = [Pose(back, to_vec3(left[run])) for back in backs]
         number = int(table.number[run])
         come[run] = [
             kind(pose, process.travel_speed, path=number)
@@ -533,11 +533,6 @@ def _same(a: FloatArray, b: FloatArray) -> Mask:
     return np.asarray(_distances(a, b) < SAME_POINT_MM)
 
 
-def _point(row: FloatArray) -> Vec3:
-    x, y, z = row.tolist()
-    return (x, y, z)
-
-
 def dwell(process: ProcessTable) -> list[Instruction]:
     """The wait after something is switched on."""
     return [Wait(process.dwell)] if process.dwell > 0 else []
@@ -631,7 +626,7 @@ def _points(table: _Table, at: Indices, lifted: Mask, points: FloatArray) -> Flo
 
 def _forces(rows: Rows, at: Indices) -> list[Instruction]:
     """Force on for the segments that end in the rows ``at``."""
-    directions = map(_point, rows.force_direction[at, 0]) if len(at) else ()
+    directions = map(to_vec3, rows.force_direction[at, 0]) if len(at) else ()
     return list(map(Force, rows.force[at].tolist(), directions))
 
 
@@ -645,7 +640,7 @@ def _press(motions: Body, force: FloatArray, directions: FloatArray, at: Indices
     told = zip(
         motions.take(np.flatnonzero(pressed)),
         force[pressed].tolist(),
-        map(_point, directions[at[pressed]]),
+        map(to_vec3, directions[at[pressed]]),
         strict=True,
     )
     objects = [replace(move, force=newtons, force_direction=press) for move, newtons, press in told]

@@ -15,7 +15,7 @@ from camgen.lower.runs import plunge
 from camgen.model.cell import Cell, Dynamics
 from camgen.model.job import Job, ProcessTable
 from camgen.model.path import ToolPath
-from camgen.model.pose import FloatArray, Pose, Vec3, frozen
+from camgen.model.pose import FloatArray, Pose, frozen, to_vec3
 from camgen.model.program import (
     Comment,
     Force,
@@ -166,7 +166,7 @@ def _work(motion: Reached, feed: float, blend: Sequence[float], job: Job) -> Ite
     process, force = job.process, job.process.force
     name = "" if in_air(job) else signal(process)
     if force > 0:
-        yield Force(force, _vector(motion.way.rotation[0, :, 2]))
+        yield Force(force, to_vec3(motion.way.rotation[0, :, 2]))
     if name:
         yield from switch_on(process)
     for row in range(1, len(motion.way)):
@@ -180,7 +180,7 @@ def _work(motion: Reached, feed: float, blend: Sequence[float], job: Job) -> Ite
 def _segment(way: Way, row: int, speed: float, force: float, blend: float = 0.0) -> MoveL | MoveC:
     """One motion; it presses along the tool."""
     target = _pose(way.rotation[row], way.position[row])
-    press = _vector(way.rotation[row, :, 2]) if force > 0 else (0.0, 0.0, 0.0)
+    press = to_vec3(way.rotation[row, :, 2]) if force > 0 else (0.0, 0.0, 0.0)
     if math.isnan(way.via[row, 0]):
         return MoveL(target, speed, blend, force, press)
     rotation = between(
@@ -190,9 +190,4 @@ def _segment(way: Way, row: int, speed: float, force: float, blend: float = 0.0)
 
 
 def _pose(rotation: FloatArray, origin: FloatArray) -> Pose:
-    return Pose(frozen(rotation), _vector(origin))
-
-
-def _vector(values: FloatArray) -> Vec3:
-    x, y, z = values.tolist()
-    return (x, y, z)
+    return Pose(frozen(rotation), to_vec3(origin))

@@ -30,6 +30,12 @@ def frozen(values: object) -> FloatArray:
     return array
 
 
+def to_vec3(values: FloatArray) -> Vec3:
+    """A row of an array (3,) as a tuple of plain floats."""
+    x, y, z = values.tolist()
+    return (x, y, z)
+
+
 IDENTITY = frozen(np.eye(3))
 #: Tool z towards the part, tool x along the work x: the tool straight down (contract, frames).
 TOOL_DOWN = frozen(np.diag([1.0, -1.0, -1.0]))
@@ -52,8 +58,7 @@ class Pose(Struct, frozen=True, eq=False, gc=False):
     def inverse(self) -> Pose:
         """b_from_a."""
         back = self.rotation.T
-        x, y, z = (-(back @ np.asarray(self.origin))).tolist()
-        return Pose(frozen(back), (x, y, z))
+        return Pose(frozen(back), to_vec3(-(back @ np.asarray(self.origin))))
 
 
 def translation(x: float, y: float, z: float) -> Pose:

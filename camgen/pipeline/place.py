@@ -18,7 +18,7 @@ from camgen.collision.cell import around
 from camgen.model.errors import JobError, NoSafeProgram
 from camgen.model.job import Job
 from camgen.model.part import Part, Solid
-from camgen.model.pose import FloatArray, Pose, fixed_xyz, rotation_about
+from camgen.model.pose import FloatArray, Pose, fixed_xyz, rotation_about, to_vec3
 from camgen.model.text import counted
 from camgen.motion.cell import home_of, setup_of
 from camgen.motion.pose_paths import Way, counts, divide
@@ -103,8 +103,7 @@ class _Case(Struct, frozen=True, eq=False):
         """The work frame where the part stands at ``spot``."""
         turned = rotation_about(2, math.radians(spot.turn)) @ self.rotation
         away = math.cos(self.azimuth) * spot.distance, math.sin(self.azimuth) * spot.distance
-        x, y, z = (np.array([*away, spot.height]) - turned @ self.middle).tolist()
-        return Pose(turned, (x, y, z))
+        return Pose(turned, to_vec3(np.array([*away, spot.height]) - turned @ self.middle))
 
 
 def search_place(

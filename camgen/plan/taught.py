@@ -19,7 +19,7 @@ from camgen.model.errors import InputError, JobError
 from camgen.model.job import Job
 from camgen.model.part import Note
 from camgen.model.path import ToolPath, waypoints
-from camgen.model.pose import Pose, Vec3, frozen
+from camgen.model.pose import Pose, frozen, to_vec3
 from camgen.model.program import Instruction, Joints, Motion, MoveC, MoveJ, MoveL
 from camgen.model.text import counted
 from camgen.plan import ReplayPlan
@@ -163,7 +163,7 @@ def find_flange(name: str) -> Reach:
         if len(values) != len(arm.joints):
             return None
         rotation, origin = flange(arm, np.array([values]))
-        return Pose(frozen(rotation[0]), _point(origin[0].tolist()))
+        return Pose(frozen(rotation[0]), to_vec3(origin[0]))
 
     return reach
 
@@ -185,11 +185,6 @@ def _pose_of(
     if tool is None or work is None:
         raise JobError("cell", "is not given", remedy="joint values become poses in a cell")
     return work.inverse() @ flange @ tool
-
-
-def _point(values: list[float]) -> Vec3:
-    x, y, z = values
-    return (x, y, z)
 
 
 # Corners and paths.

@@ -12,7 +12,7 @@ from msgspec.structs import replace
 
 from camgen.geometry.arcs import circle, minus, turn_about
 from camgen.model.body import NUMBER, Body, Indices, Packed
-from camgen.model.pose import FloatArray, Pose, Vec3, rotation_between
+from camgen.model.pose import FloatArray, Pose, Vec3, rotation_between, to_vec3
 from camgen.model.program import Columns, Force, Instruction, MoveC, MoveJ, MoveL, Program, pack
 from camgen.model.tolerance import ZONES
 
@@ -196,5 +196,4 @@ def _press(arc: MoveC, poses: Sequence[Pose], axis: Vec3, sweep: float) -> list[
 
 
 def _axis_of(pose: Pose) -> Vec3:
-    x, y, z = pose.rotation[:, 2].tolist()
-    return (x, y, z)
+    return to_vec3(pose.rotation[:, 2])

@@ -19,7 +19,14 @@ from camgen.model.errors import InputError
 from camgen.model.files import Source
 from camgen.model.job import Job
 from camgen.model.part import Note
-from camgen.model.pose import IDENTITY, FloatArray, Pose, Vec3, angle_between, rotation_between
+from camgen.model.pose import (
+    IDENTITY,
+    Pose,
+    Vec3,
+    angle_between,
+    rotation_between,
+    to_vec3,
+)
 from camgen.model.program import (
     Columns,
     Force,
@@ -161,7 +168,7 @@ def inspect(source: Source, language: str) -> TaughtFacts:
         lines=text.count("\n") + (not text.endswith("\n")),
         language=language,
         counts={name: int(columns.are(kind).sum()) for kind, name in _NAMES.items()},
-        extents=(_point(points.min(axis=0)), _point(points.max(axis=0))) if len(points) else None,
+        extents=(to_vec3(points.min(axis=0)), to_vec3(points.max(axis=0))) if len(points) else None,
         frames=tuple((one.tool, one.work) for one in executed.frames),
         outputs=tuple(dict.fromkeys(item.signal for item in columns.of(Output))),
         facts=executed.facts,
@@ -205,7 +212,7 @@ class _Change(Struct, frozen=True, eq=False):
         return self.to_work @ pose @ self.to_tool
 
     def turn(self, direction: Vec3) -> Vec3:
-        return _point(self.to_work.rotation @ direction)
+        return to_vec3(self.to_work.rotation @ direction)
 
 
 def as_far_as_known(executed: Executed) -> Carried:
@@ -382,12 +389,12 @@ def _pose_at(begin: Pose, item: MoveL | MoveC, share: float) -> Pose:
     """Where the motion is after ``share`` of its way; along an arc it stands at the via point as that says."""
     if isinstance(item, MoveL):
         a, b = np.array(begin.origin), np.array(item.target.origin)
-        x, y, z = (a + share * (b - a)).tolist()
-        return Pose(rotation_between(begin.rotation, item.target.rotation, share), (x, y, z))
+        rotation = rotation_between(begin.rotation, item.target.rotation, share)
+        return Pose(rotation, to_vec3(a + share * (b - a)))
     centre, _, axis, sweep = circle(begin.origin, item.via.origin, item.target.origin)
     arm = np.subtract(begin.origin, centre)
     x, y, z = (
-        a + b for a, b in zip(turn_about(_point(arm), axis, share * sweep), centre, strict=True)
+        a + b for a, b in zip(turn_about(to_vec3(arm), axis, share * sweep), centre, strict=True)
     )
     over = np.subtract(item.via.origin, centre)
     turned = (
@@ -400,8 +407,3 @@ def _pose_at(begin: Pose, item: MoveL | MoveC, share: float) -> Pose:
             item.via.rotation, item.target.rotation, (share - turned) / (1 - turned)
         )
     return Pose(rotation, (x, y, z))
-
-
-def _point(values: FloatArray) -> Vec3:
-    x, y, z = values.tolist()
-    return (x, y, z)

@@ -93,8 +93,7 @@ def _home_work(machine: Robot, home: Pose, tool: Pose) -> Pose:
     from camgen.robots.kinematics.forward import flange  # noqa: PLC0415 (only jobs with a robot)
 
     _, origins = flange(machine, machine.home[None])
-    x, y, z = (origins[0] - np.asarray((home @ tool.inverse()).origin)).tolist()
-    return translation(x, y, z)
+    return translation(*(origins[0] - np.asarray((home @ tool.inverse()).origin)).tolist())
 
 
 def _name(robot: str) -> str:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from camgen.model.errors import InputError, JobError
 from camgen.model.part import Note
-from camgen.model.pose import FloatArray, Pose, frozen
+from camgen.model.pose import FloatArray, Pose, frozen, to_vec3
 from camgen.model.text import counted, short
 from camgen.vision.camera.camera import Camera, undistort
 from camgen.vision.image import Picture
@@ -314,8 +314,7 @@ def pose_of(plane_homography: FloatArray, matrix: FloatArray) -> Pose:
     axes = np.linalg.solve(matrix, plane_homography)
     axes = axes / np.linalg.norm(axes[:, :2], axis=0).mean()
     u, _, v = np.linalg.svd(np.column_stack([axes[:, :2], np.cross(axes[:, 0], axes[:, 1])]))
-    x, y, z = axes[:, 2].tolist()
-    return Pose(frozen(u @ v), (x, y, z))
+    return Pose(frozen(u @ v), to_vec3(axes[:, 2]))
 
 
 def _plane(found: FloatArray, off: FloatArray, residuals: FloatArray, notes: list[Note]) -> Plane:

@@ -16,6 +16,7 @@ from camgen.model.errors import CamgenError, InputError, rename_errors
 from camgen.model.files import Source
 from camgen.model.part import Part, Raster
 from camgen.model.path import ToolPath, Tour
+from camgen.model.pose import to_vec3
 from camgen.order.tours import JobTour
 from camgen.pipeline import ProgramFile, Result, build, program_files
 from camgen.pipeline.memory import no_collector
@@ -243,8 +244,7 @@ def _find_seam(path: ToolPath, planned: ToolPath) -> tuple[float, float, float]:
         from camgen.plan.seams import SAME_MM, project  # noqa: PLC0415 (shapely, only for few jobs)
 
         row = int(project(planned, path.position[0, :2])[2] > SAME_MM)
-    x, y, z = path.position[row].tolist()
-    return x, y, z
+    return to_vec3(path.position[row])
 
 
 def _edits(runs: Sequence[Run]) -> Edits:

@@ -27,7 +27,7 @@ from camgen.geometry.segments import (
     points_at,
     tangents_at,
 )
-from camgen.model.pose import FloatArray
+from camgen.model.pose import FloatArray, to_vec3
 
 #: A traced line is drawn within the chord tolerance and the rounding of its corners, mm.
 _TRACED_MM = 0.015
@@ -130,9 +130,8 @@ def _at_ends(
 def _estimate(moves: Moves, deep: Portions, k: int, aside: float, limit: float) -> Gouge:
     """A gouge of at least so much ``aside``, where so many are found that their worst places are not looked for."""
     row = int(deep.row[k])
-    x, y, z = moves.end[row].tolist()
     up = float(moves.deepest[row]) - limit
-    return Gouge(row, (x, y, z), min(aside, up), up < aside)
+    return Gouge(row, to_vec3(moves.end[row]), min(aside, up), up < aside)
 
 
 def _radius(moves: Moves, cuts: Sequence[Cut], deep: Portions, limit: float) -> FloatArray:

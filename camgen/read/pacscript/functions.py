@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from camgen.model.pose import Pose, Vec3, frozen, rotation_from_fixed_xyz
+from camgen.model.pose import Pose, Vec3, frozen, rotation_from_fixed_xyz, to_vec3
 from camgen.model.program import Joints
 from camgen.read.pacscript.values import (
     Array,
@@ -99,8 +99,7 @@ def _joint(values: list[Value]) -> Value:
 
 def _column(at: int) -> Callable[[list[Value]], Value]:
     def take(values: list[Value]) -> Value:
-        x, y, z = place(values[0]).rotation[:, at].tolist()
-        return Vector((x, y, z))
+        return Vector(to_vec3(place(values[0]).rotation[:, at]))
 
     return take
 
@@ -132,8 +131,7 @@ def _dot(values: list[Value]) -> Value:
 
 
 def _cross(values: list[Value]) -> Value:
-    x, y, z = np.cross(_vector(values[0]), _vector(values[1])).tolist()
-    return Vector((x, y, z))
+    return Vector(to_vec3(np.cross(_vector(values[0]), _vector(values[1]))))
 
 
 def _same(values: list[Value]) -> Value:

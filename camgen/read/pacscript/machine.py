@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from camgen.model.pose import IDENTITY, Pose, Vec3, frozen
+from camgen.model.pose import IDENTITY, Pose, Vec3, frozen, to_vec3
 from camgen.model.program import (
     Force,
     Instruction,
@@ -351,7 +351,7 @@ class Machine:
         if not size or frame not in (1, 2) or (frame == 1 and isinstance(self.here, Placed)):
             return False
         if frame == 1:
-            force = tuple((self.here.rotation @ frozen(force)).tolist())
+            force = to_vec3(self.here.rotation @ frozen(force))
         x, y, z = force
         self.pressing = (size, (x / size, y / size, z / size))
         return True

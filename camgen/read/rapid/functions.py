@@ -17,6 +17,7 @@ from camgen.model.pose import (
     quaternion,
     rotation_about,
     rotation_from_quaternion,
+    to_vec3,
     translation,
 )
 
@@ -161,7 +162,7 @@ def _frame_of_points(p1: Value, p2: Value, p3: Value, origin: float = 1.0) -> Va
     z = z / np.linalg.norm(z)
     rotation = frozen(np.column_stack([x, np.cross(z, x), z]))
     place = {1.0: a, 2.0: b, 3.0: a + x * float(x @ (c - a))}[origin]
-    return say_pose(Pose(rotation, (float(place[0]), float(place[1]), float(place[2]))))
+    return say_pose(Pose(rotation, to_vec3(place)))
 
 
 def _pose(value: Value) -> Pose:

@@ -12,7 +12,7 @@ from functools import lru_cache
 from msgspec import Struct
 
 from camgen.model.instructions import Force, Joints, MoveC, MoveJ, MoveL, Output, Posture
-from camgen.model.pose import Pose, Vec3, frozen, rotation_between
+from camgen.model.pose import Pose, Vec3, frozen, rotation_between, to_vec3
 
 from .functions import name_of
 from .machine import Here, Machine
@@ -561,5 +561,4 @@ def _begin_pressing(machine: Machine, call: Call, target: Pose) -> float:
 
 def _direction(at: Pose, pressing: tuple[int, int]) -> Vec3:
     axis, sign = pressing
-    x, y, z = at.rotation[:, axis].tolist()
-    return (x * sign, y * sign, z * sign)
+    return to_vec3(at.rotation[:, axis] * sign)

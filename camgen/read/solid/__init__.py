@@ -11,6 +11,7 @@ from camgen.model.errors import JobError
 from camgen.model.files import Source
 from camgen.model.job import Job
 from camgen.model.part import Edge, Note, Part, Solid
+from camgen.model.pose import to_vec3
 from camgen.model.text import counted, harmless, short
 from camgen.read.files import Files
 from camgen.read.solid import mesh
@@ -78,10 +79,9 @@ def inspect(source: Source, job: Job, _files: Files) -> SolidFacts:
     """What is in the 3-D part. InputError if there is none."""
     found = solid(source, job)
     low, high = found.vertices.min(axis=0), found.vertices.max(axis=0)
-    x, y, z = np.subtract(high, low).tolist()
     return SolidFacts(
         harmless(found.units),
-        (x, y, z),
+        to_vec3(np.subtract(high, low)),
         len(found.faces),
         found.edges,
         _surfaces(found),

@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from camgen.model.pose import FloatArray, Pose, Vec3, frozen, rotation_about
+from camgen.model.pose import FloatArray, Pose, Vec3, frozen, rotation_about, to_vec3
 from camgen.model.program import Joints
 from camgen.model.text import counted
 
@@ -194,7 +194,7 @@ class Expression(Numbers):
         up = np.cross(along, aside)
         if min(float(np.linalg.norm(along)), float(np.linalg.norm(up))) < _SMALL:
             raise Impossible("FRAME of points on one line")
-        return Location(Pose(_square(along, up), (float(o[0]), float(o[1]), float(o[2]))))
+        return Location(Pose(_square(along, up), to_vec3(o)))
 
     def _several(self, count: int) -> list[Location]:
         self.expect("(")

@@ -11,7 +11,7 @@ import math
 import numpy as np
 from msgspec import Struct
 
-from camgen.model.pose import FloatArray, Pose, frozen
+from camgen.model.pose import FloatArray, Pose, frozen, to_vec3
 from camgen.robots.chain import AtZero, Joint, at_zero
 
 #: Axes are parallel, square or meet to within this much: mm, and sines of angles.
@@ -150,8 +150,8 @@ def _measure(base_from_arm: Pose, points: FloatArray, d: FloatArray, flange: Pos
     across = np.array([math.cos(at23), 0.0, -math.sin(at23)])
     at4 = math.atan2(-float(d5 @ across), d5[1])
     at5 = math.atan2(float(d6 @ np.cross(d5, d4)), float(d6 @ d4))
-    x, y, z = points[6].tolist()
-    arm_from_wrist = Pose(frozen(np.column_stack([np.cross(d5, d6), d5, d6])), (x, y, z))
+    wrist_axes = frozen(np.column_stack([np.cross(d5, d6), d5, d6]))
+    arm_from_wrist = Pose(wrist_axes, to_vec3(points[6]))
     signs = (d[0][2], d[1][1], d[2][1], d4 @ d[3], d5 @ d[4], d6 @ d[5])
     return Spherical(
         base_from_arm=base_from_arm,
@@ -160,7 +160,7 @@ def _measure(base_from_arm: Pose, points: FloatArray, d: FloatArray, flange: Pos
         c2=math.hypot(upper[0], upper[2]),
         a2=float(fore @ across),
         c3=float(fore @ d4),
-        b=y,
+        b=float(points[6][1]),
         signs=frozen(np.sign(signs)),
         offsets=frozen([0.0, at2, at23 - at2, at4, at5, 0.0]),
         flange_from_wrist=flange.inverse() @ arm_from_wrist,

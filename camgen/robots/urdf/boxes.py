@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from camgen.model.errors import InputError
 from camgen.model.part import IntArray
-from camgen.model.pose import IDENTITY, FloatArray, Pose, frozen
+from camgen.model.pose import IDENTITY, FloatArray, Pose, frozen, to_vec3
 from camgen.model.tolerance import PARALLEL_EDGES
 from camgen.read.files import Files
 from camgen.read.solid.mesh_file import load
@@ -99,9 +99,8 @@ def _volume(boxes: list[Box]) -> float:
 
 def _upright(low: FloatArray, high: FloatArray, rotation: FloatArray = IDENTITY) -> Box:
     """The cuboid from ``low`` to ``high``, both in a frame with this rotation."""
-    x, y, z = (rotation @ ((low + high) / 2)).tolist()
-    a, b, c = np.maximum((high - low) / 2, _THIN).tolist()
-    return Box(Pose(rotation, (x, y, z)), (a, b, c))
+    centre = to_vec3(rotation @ ((low + high) / 2))
+    return Box(Pose(rotation, centre), to_vec3(np.maximum((high - low) / 2, _THIN)))
 
 
 def _box_along_axes(points: FloatArray) -> Box:

@@ -19,7 +19,7 @@ from msgspec.json import Decoder
 from numpy.typing import NDArray
 
 from camgen.geometry.ragged import begins, offsets, ramp
-from camgen.model.pose import FloatArray
+from camgen.model.pose import FloatArray, to_vec3
 from camgen.model.program import Indices, Mask
 from camgen.read.rapid import plain
 from camgen.read.rapid.expressions import Calls
@@ -264,14 +264,12 @@ class Rows:
         )
         if point < 0:
             return Call(line, shape.name, shape.args, shape.options)
-        x, y, z = self.points[point].tolist()
+        place = to_vec3(self.points[point])
         turn = self.spellings.turns[self.turn[point]]
         if len(shape.points) == 1:
-            return Inline(line, shape, (x, y, z), turn)
-        u, v, w = self.points[point - 1].tolist()
-        return Inline(
-            line, shape, (x, y, z), turn, (u, v, w), self.spellings.turns[self.turn[point - 1]]
-        )
+            return Inline(line, shape, place, turn)
+        before, turn_before = to_vec3(self.points[point - 1]), self.turn[point - 1]
+        return Inline(line, shape, place, turn, before, self.spellings.turns[turn_before])
 
 
 class Run(Struct, frozen=True, eq=False):

@@ -10,7 +10,7 @@ from msgspec import Struct
 
 from camgen.geometry.ragged import each_once, stretches
 from camgen.model.body import NUMBER, Body, Packed
-from camgen.model.pose import FloatArray, Pose
+from camgen.model.pose import FloatArray, Pose, to_vec3
 from camgen.model.program import Indices, Mask, MoveC, MoveJ, MoveL, Output
 from camgen.post import Fault
 from camgen.read.rapid.ways import is_half_turn, judge_arc, judge_arcs
@@ -97,7 +97,7 @@ def _together(state: State, rows: Rows, some: Indices) -> bool:
     still = (starts == ends).all(axis=1)
     if (still & lines).any() or not _are_arcs(starts[curved], vias, ends[curved]):
         return False
-    here = Pose(table[rotation[-1]], tuple(ends[-1].tolist()))
+    here = Pose(table[rotation[-1]], to_vec3(ends[-1]))
     poses = [Pose(one, here.origin) for one in table]
     turned_lines = [(poses[a], poses[b]) for a, b in _turns(rotation, lines)]
     if lines[0]:

@@ -8,7 +8,7 @@ from typing import cast
 
 import numpy as np
 
-from camgen.model.pose import Pose, Vec3
+from camgen.model.pose import Pose, Vec3, to_vec3
 from camgen.model.program import (
     Force,
     Joints,
@@ -552,5 +552,4 @@ def _was_in_the_air(state: State, start: Pose, pressing: tuple[int, int]) -> boo
 def _direction(at: Pose, pressing: tuple[int, int]) -> Vec3:
     """The signed tool axis in the work frame."""
     axis, sign = pressing
-    x, y, z = at.rotation[:, axis].tolist()
-    return (x * sign, y * sign, z * sign)
+    return to_vec3(at.rotation[:, axis] * sign)
