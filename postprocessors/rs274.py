@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from camgen.geometry.arcs import level_arms
+from camgen.geometry.ragged import starts_run
 from camgen.geometry.vectors import within
 from camgen.model.cell import Cell
 from camgen.model.errors import JobError, Refused
@@ -312,7 +313,7 @@ class Rs274(Post):
         place = {word: k for k, word in enumerate(feeds)}
         feed = np.array([place[word] for word in words], np.intp)[which]
         said = np.full(len(columns.at), len(feeds))
-        changed = np.append(True, feed[1:] != feed[:-1])[: len(feed)]
+        changed = starts_run(feed)
         said[working[changed]] = feed[changed]
         return feeds, said
 

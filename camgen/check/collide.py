@@ -14,7 +14,7 @@ from camgen.check.reach import Reach
 from camgen.collision.cell import Surroundings
 from camgen.collision.motion import motion, motions
 from camgen.collision.scene import PART
-from camgen.geometry.ragged import offsets, run_lengths
+from camgen.geometry.ragged import ends_run, offsets, run_lengths
 from camgen.model.errors import Blocked, Loss
 from camgen.model.part import IntArray, Note
 from camgen.model.program import Program
@@ -174,7 +174,7 @@ def _block(
     program, columns = reach.program, reach.program.columns
     motion_of = _motions(reach, course)
     losses: list[Loss] = []
-    last = np.append(motion_of[1:] != motion_of[:-1], True)
+    last = ends_run(motion_of)
     for one in sorted(found, key=lambda one: one.at):
         row = math.ceil(one.at)
         number = int(motion_of[row])

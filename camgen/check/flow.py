@@ -19,7 +19,7 @@ from camgen.collision.cell import Surroundings
 from camgen.collision.motion import measure_apart
 from camgen.collision.triangle import are_free
 from camgen.geometry.halving import find_first
-from camgen.geometry.ragged import owners, run_lengths
+from camgen.geometry.ragged import ends_run, owners, run_lengths, run_starts
 from camgen.model.cell import Dynamics
 from camgen.model.part import BoolArray, IntArray, Note
 from camgen.model.pose import FloatArray
@@ -106,11 +106,9 @@ def let_flow(
 def _have_touched(columns: Columns, slow: float) -> BoolArray:
     """(M,) the motions after which the tool may go to another path: what has only led to a path has not been there."""
     path, there = columns.path, columns.works | (columns.speed <= slow)
-    begins = np.flatnonzero(np.append(True, path[1:] != path[:-1]))
     counts = np.cumsum(there)
-    before: IntArray = np.repeat((counts - there)[begins], run_lengths(path))
-    leaves = np.append(path[1:] != path[:-1], True)
-    return np.asarray(~leaves | (counts > before))
+    before: IntArray = np.repeat((counts - there)[run_starts(path)], run_lengths(path))
+    return np.asarray(~ends_run(path) | (counts > before))
 
 
 def _ways(

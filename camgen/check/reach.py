@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from camgen.check.lost import Lost, Stretch, find_lost, join_losses
 from camgen.geometry.arcs import arc_middles
-from camgen.geometry.ragged import owners, ramp
+from camgen.geometry.ragged import ends_run, owners, ramp
 from camgen.model.errors import Blocked, JobError, Loss
 from camgen.model.pose import FloatArray
 from camgen.model.program import Joints, MoveC, MoveJ, Program
@@ -67,7 +67,7 @@ def sample_motions(program: Program, way: Way) -> MotionRows:
         ),
     )
     motion = np.concatenate([own[:1], np.repeat(own[1:], parts)])
-    at = np.flatnonzero(np.append(motion[1:] != motion[:-1], True))
+    at = np.flatnonzero(ends_run(motion))
     return MotionRows(divide(way, parts), motion, at, free[motion])
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from camgen.check.reach import Reach
+from camgen.geometry.ragged import ends_run
 from camgen.model.pose import FloatArray, Vec3
 from camgen.model.program import MoveJ, Program
 from camgen.robots.kinematics.rates import fastest, held_share
@@ -29,7 +30,7 @@ def share_joints(found: Reach, robot: Robot) -> Program:
     columns = program.columns
     swings = np.flatnonzero(columns.moves_are(MoveJ))[1:]
     motion = np.searchsorted(columns.at, found.owner)
-    ends = np.flatnonzero(np.append(motion[1:] != motion[:-1], True))
+    ends = np.flatnonzero(ends_run(motion))
     body = list(program.body)
     for swing in swings.tolist():
         rows = slice(int(ends[swing - 1]), int(ends[swing]) + 1)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from camgen.check.report import Cycle, exact_sum
 from camgen.geometry.arcs import arc_lengths, spans_through
-from camgen.geometry.ragged import each_once
+from camgen.geometry.ragged import each_once, ends_run
 from camgen.geometry.rotations import angles_between
 from camgen.geometry.vectors import in_blocks, lengths, unit
 from camgen.model.cell import Dynamics
@@ -342,7 +342,7 @@ def _run(
 ) -> FloatArray:
     """Seconds (M,) of the motions that the pieces belong to."""
     nodes = np.append(0.0, np.cumsum(pieces.length))
-    ends = nodes[1:][np.append(pieces.motion[1:] != pieces.motion[:-1], True)]
+    ends = nodes[1:][ends_run(pieces.motion)]
     wide = np.flatnonzero(reach > 0)
     begin, end = ends[wide] - reach[wide], ends[wide] + reach[wide]
     edges = each_once(np.concatenate([nodes, begin, end]))

@@ -296,6 +296,12 @@ class Obstacles:
         return best
 
 
+def nearest_distances(points: FloatArray, segments: Segments, reach: float) -> FloatArray:
+    """(N,) distance, mm, of points (N, 2) to the nearest of `segments`, inf beyond `reach`."""
+    obstacles = Obstacles(segments, np.zeros(len(segments), dtype=np.int64))
+    return obstacles.nearest(points, np.zeros(len(points), dtype=np.int64), reach)
+
+
 def gaps(ways: Segments, segments: Segments, reach: float) -> FloatArray:
     """(L,) distance of each line or arc to the nearest of ``segments``, inf when none is nearer than ``reach`` mm.
 

@@ -8,7 +8,7 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from camgen.geometry.ragged import begins, each_once, ramp, run_lengths
+from camgen.geometry.ragged import begins, each_once, ramp, run_lengths, run_starts, starts_run
 from camgen.model.pose import FloatArray
 
 __all__ = ["Discs", "Near", "nearest_items"]
@@ -74,11 +74,7 @@ def nearest_items(discs: Discs, count: int, wanted: int) -> Near:
     apart = np.concatenate([row[1] for row in rows])
     order = np.argsort(key)
     key, apart = key[order], apart[order]
-    first = (
-        np.flatnonzero(np.concatenate([[True], key[1:] != key[:-1]]))
-        if len(key)
-        else np.zeros(0, dtype=np.int64)
-    )
+    first = run_starts(key)
     key, apart = key[first], np.minimum.reduceat(apart, first) if len(key) else apart
     item, other = key // count, key % count
     order = _by_distance(item, apart)
@@ -101,7 +97,7 @@ def _by_distance(item: IntArray, apart: FloatArray) -> IntArray:
         rising = np.argsort(apart[begin:end])
         distances = apart[begin:end][rising]
         rank = np.empty(end - begin, dtype=np.int64)
-        rank[rising] = np.cumsum(np.concatenate([[False], distances[1:] != distances[:-1]]))
+        rank[rising] = np.cumsum(starts_run(distances)) - 1
         counts = run_lengths(item[begin:end])
         first, most = np.repeat(begins(counts), counts), int(counts.max())
         number = (first * len(rank) + rank) * most + ramp(counts)

@@ -14,6 +14,7 @@ from msgspec import Struct
 
 from camgen.geometry.apart import set_apart
 from camgen.geometry.intersect import Obstacles, cuts, near_pairs, only_at_ends
+from camgen.geometry.ragged import starts_run
 from camgen.geometry.segments import (
     BoolArray,
     IntArray,
@@ -209,7 +210,8 @@ def _pieces(candidates: Segments, label: IntArray) -> tuple[IntArray, FloatArray
     row, at = row[order], at[order]
     piece = (row[1:] == row[:-1]) & (at[1:] - at[:-1] > same[row[1:]])
     # Where cuts lie closer than one, the piece before them must still end where the next begins.
-    first = np.append(np.ones(min(len(row), 1), dtype=bool), piece | (row[1:] != row[:-1]))
+    first = starts_run(row)
+    first[1:] |= piece
     row, at = row[first], at[first]
     inner = row[1:] == row[:-1]
     return row[:-1][inner], at[:-1][inner], at[1:][inner]

@@ -8,7 +8,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from camgen.model.part import IntArray
+from camgen.model.part import BoolArray, IntArray
 
 #: Pairs of rows that are looked at together: bounds the memory.
 PAIRS = 500_000
@@ -79,19 +79,38 @@ def matches(
 def each_once(values: NDArray[_Value]) -> NDArray[_Value]:
     """The different ones of ``values`` (N,), in order. ``np.unique`` loads numpy's masked arrays, which takes 5 ms."""
     values = np.sort(values)
-    first = np.ones(len(values), dtype=np.bool_)
-    first[1:] = values[1:] != values[:-1]
-    return values[first]
+    return values[starts_run(values)]
 
 
 def first_of_each(values: IntArray) -> IntArray:
     """(K,) of each different one of ``values`` (N,), in order, where it is first; ``np.unique`` takes twice as long."""
     order = np.argsort(values)
-    return np.minimum.reduceat(order, begins(run_lengths(values[order]))) if len(values) else order
+    return np.minimum.reduceat(order, run_starts(values[order])) if len(values) else order
 
 
 def run_lengths(values: NDArray[_Value]) -> IntArray:
     """(R,) how many equal neighbours there are in ``values`` (N,), run after run."""
-    change = np.ones(len(values) + 1, dtype=np.bool_)
-    change[1:-1] = values[1:] != values[:-1]
-    return np.diff(np.flatnonzero(change)) if len(values) else np.zeros(0, dtype=np.int64)
+    return np.diff(np.append(run_starts(values), len(values)))
+
+
+def run_starts(values: NDArray[_Value]) -> IntArray:
+    """(R,) the first row of each run of equal neighbours in `values` (N, ...)."""
+    return np.flatnonzero(starts_run(values))
+
+
+def starts_run(values: NDArray[_Value]) -> BoolArray:
+    """(N,) whether each row of `values` (N, ...) differs from the row before it; the first does."""
+    first = np.ones(len(values), dtype=np.bool_)
+    differs = values[1:] != values[:-1]
+    first[1:] = differs.any(axis=tuple(range(1, values.ndim)))
+    return first
+
+
+def ends_run(values: NDArray[_Value]) -> BoolArray:
+    """(N,) whether each row of `values` (N, ...) differs from the row after it; the last does."""
+    return starts_run(values[::-1])[::-1]
+
+
+def true_runs(mask: BoolArray) -> IntArray:
+    """(R, 2) the first row of each run of true values in `mask` (N,), and the row after it."""
+    return np.flatnonzero(np.diff(mask, prepend=False, append=False)).reshape(-1, 2)

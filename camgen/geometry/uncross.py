@@ -15,6 +15,7 @@ from msgspec import Struct
 
 from camgen.geometry.intersect import crossings, near_pairs, only_at_ends
 from camgen.geometry.nesting import loop_areas
+from camgen.geometry.ragged import ends_run, run_starts
 from camgen.geometry.segments import BoolArray, IntArray, Segments, backwards, split, tangents_at
 from camgen.geometry.vectors import turns
 from camgen.model.pose import FloatArray
@@ -116,9 +117,9 @@ def _cut(
     low = np.concatenate([np.zeros(len(rows)), first, second])
     order = np.lexsort((low, row))
     row, low = row[order], low[order]
-    last = np.append(row[1:] != row[:-1], True)
+    last = ends_run(row)
     high = np.where(last, 1.0, np.append(low[1:], 1.0))
-    begin = np.flatnonzero(np.append(True, last[:-1]))
+    begin = run_starts(row)
     after = np.where(last, begin[np.searchsorted(rows, following[row])], np.arange(len(row)) + 1)
     leaving = np.empty(len(order), dtype=np.int64)
     leaving[order] = np.arange(len(order))

@@ -25,6 +25,11 @@ def in_blocks(function: Callable[..., NDArray[_Value]], *columns: FloatArray) ->
     return found[0] if len(found) == 1 else np.concatenate(found)
 
 
+def nearest_row(values: NDArray[_Value], wanted: complex) -> int:
+    """The row of `values` (N,), numbers or complex points, that is nearest to `wanted`."""
+    return int(np.argmin(np.abs(values - wanted)))
+
+
 def dots(a: FloatArray, b: FloatArray) -> FloatArray:
     """(...,) scalar products of vectors (..., D)."""
     return np.asarray(np.einsum("...d,...d->...", a, b))

@@ -7,7 +7,7 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.collision.tree import BoxTree, ask, grow
-from camgen.geometry.ragged import begins, owners, stretches
+from camgen.geometry.ragged import begins, owners, run_lengths, run_starts, starts_run, stretches
 from camgen.geometry.vectors import dots, unit
 from camgen.model.part import IntArray
 from camgen.model.pose import FloatArray
@@ -219,8 +219,7 @@ def _prune(
     radius = cell * np.sqrt(0.75)
     off = places[place] - closest(model.tree.corners[triangle], places[place])
     away = np.sqrt(dots(off, off))
-    begins = np.flatnonzero(np.diff(place, prepend=-1))
-    least = np.repeat(np.minimum.reduceat(away, begins), np.diff(begins, append=len(place)))
+    least = np.repeat(np.minimum.reduceat(away, run_starts(place)), run_lengths(place))
     kept = (away <= least + limits[1][place] + 2 * radius) & (least <= limits[0][place] + radius)
     return TouchPairs(place[kept], triangle[kept])
 
@@ -229,14 +228,12 @@ def find_touched(model: Model, pairs: TouchPairs, points: FloatArray) -> Touch:
     """The closest of the candidates for each point that has any."""
     at = closest(model.tree.corners[pairs.triangle], points[pairs.point])
     away = np.linalg.norm(points[pairs.point] - at, axis=1)
-    begins = np.flatnonzero(np.diff(pairs.point, prepend=-1))
-    least = (
-        np.repeat(np.minimum.reduceat(away, begins), np.diff(begins, append=len(away)))
-        if len(away)
-        else away
-    )
+    least = away
+    if len(away):
+        nearest = np.minimum.reduceat(away, run_starts(pairs.point))
+        least = np.repeat(nearest, run_lengths(pairs.point))
     best = np.flatnonzero(away == least)
-    first = best[np.flatnonzero(np.diff(pairs.point[best], prepend=-1))]
+    first = best[starts_run(pairs.point[best])]
     return Touch(pairs.point[first], at[first], pairs.triangle[first], away[first])
 
 

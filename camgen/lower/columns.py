@@ -10,6 +10,7 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from camgen.geometry.arcs import Spans, spans
+from camgen.geometry.ragged import starts_run
 from camgen.geometry.rotations import SURE_TURN, angles_between, from_axes, sideways, turned_about_z
 from camgen.geometry.vectors import angles, dots, unit
 from camgen.model.cell import Dynamics
@@ -190,7 +191,7 @@ def halve(rows: Rows) -> Rows:
     middle = arcs.to_middle(rows.force_direction[wide, 0])
     counts = 1 + wide.astype(np.intp)
     index = np.repeat(np.arange(len(wide)), counts)
-    second = np.flatnonzero(np.diff(index, prepend=-1) == 0)
+    second = np.flatnonzero(~starts_run(index))
     axis = unit(np.roll(rows.axis, 1, axis=0)[wide] + rows.axis[wide])
     out = replace(
         rows,
@@ -225,8 +226,7 @@ def _orientations(rows: Rows, begin: FloatArray, end: FloatArray, middle: Middle
 
 def _share(matrices: FloatArray, table: list[FloatArray]) -> Places:
     """The places (N,) in ``table`` of ``matrices`` (N, 3, 3), which are put there, equal neighbours as one object."""
-    new = np.ones(len(matrices), dtype=bool)
-    new[1:] = (matrices[1:] != matrices[:-1]).any(axis=(1, 2))
+    new = starts_run(matrices)
     places = np.cumsum(new, dtype=np.int32) - 1 + np.int32(len(table))
     table.extend(frozen(matrices[new]))
     return places

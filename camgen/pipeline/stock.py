@@ -11,6 +11,7 @@ from msgspec import Struct
 from numpy.typing import NDArray
 
 from camgen.check.report import Cycle, clean
+from camgen.geometry.ragged import run_starts
 from camgen.geometry.segments import flatten
 from camgen.model.errors import NoSafeProgram
 from camgen.model.job import Job, ToolTable
@@ -120,7 +121,7 @@ def _cuts(tour: Tour, job: Job, cell: Workcell, checked: Checked, posted: Posted
         name = posted.files[first].name
         first += count
         own = _own_step(program, step_of)
-        edges = [0, *(np.flatnonzero(np.diff(own)) + 1).tolist(), len(own)]
+        edges = [*run_starts(own).tolist(), len(own)]
         for start, end in pairwise(edges):
             tool, about = steps[int(own[start])]
             yield Cut(

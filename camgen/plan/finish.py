@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from msgspec.structs import replace
 
-from camgen.geometry.intersect import Obstacles
+from camgen.geometry.intersect import nearest_distances
 from camgen.geometry.segments import points_at
 from camgen.model.part import Note
 from camgen.model.path import ToolPath
@@ -59,10 +59,8 @@ def _is_more_left(path: ToolPath, rough: tuple[ToolPath, ...], most: float) -> b
     if not rough:
         return True
     spans = path_segments(rough)
-    obstacles = Obstacles(spans, np.zeros(len(spans), dtype=np.int64))
     own = path_segments((path,))
     points = np.concatenate(
         [points_at(own, np.full(len(own), f)) for f in np.linspace(0.0, 1.0, 9)]
     )
-    gap = obstacles.nearest(points, np.zeros(len(points), dtype=np.int64), most + EXACT)
-    return bool(np.isinf(gap).any())
+    return bool(np.isinf(nearest_distances(points, spans, most + EXACT)).any())

@@ -6,7 +6,7 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.geometry.intersect import Obstacles, distances, near_pairs
+from camgen.geometry.intersect import Obstacles, distances, near_pairs, nearest_distances
 from camgen.geometry.nesting import Nesting, nest
 from camgen.geometry.ragged import owners, ramp
 from camgen.geometry.segments import (
@@ -359,10 +359,7 @@ def _left_standing(curve: Beside, source: Segments, mine: BoolArray, distance: f
     of, place = owners(count), ramp(count)
     points = points_at(source.take(rows[of]), (place + 0.5) / count[of])
     ways = curve.segments.take(curve.sound[curve.segments.owner])
-    alike = np.zeros(len(ways), dtype=np.int64)
-    gap = Obstacles(ways, alike).nearest(
-        points, np.zeros(len(points), dtype=np.int64), distance + 2 * _UNSEEN_MM
-    )
+    gap = nearest_distances(points, ways, distance + 2 * _UNSEEN_MM)
     length = np.where(gap > distance + _UNSEEN_MM, source.length[rows[of]] / count[of], 0.0)
     return np.bincount(source.owner[rows[of]], length, len(mine)).astype(np.float64)
 

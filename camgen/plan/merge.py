@@ -18,7 +18,7 @@ from msgspec.structs import replace
 
 from camgen.geometry.nearest import IntArray
 from camgen.geometry.pairing import pair
-from camgen.geometry.ragged import offsets, owners
+from camgen.geometry.ragged import offsets, owners, starts_run
 from camgen.model.part import Contour, Note
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, short
@@ -303,7 +303,7 @@ def _vertices(contours: list[Contour]) -> _Vertices:
     reach = max(SAME_POINT_MM, 16 * float(np.spacing(np.abs(points).max())))
     cells = np.floor(points / reach + OFF_GRID).astype(np.int64)
     order = np.lexsort((cells[:, 1], cells[:, 0]))
-    fresh = np.concatenate([[True], (np.diff(cells[order], axis=0) != 0).any(axis=1)])
+    fresh = starts_run(cells[order])
     node = np.empty(len(points), dtype=np.int64)
     node[order] = np.cumsum(fresh) - 1
     return _Vertices(points, owners(counts), node, offsets(counts))

@@ -25,6 +25,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
+from camgen.geometry.ragged import ends_run, starts_run
 from camgen.geometry.rotations import angles_between
 from camgen.geometry.vectors import cross, dots, lengths
 from camgen.model.errors import VerifyError
@@ -435,10 +436,10 @@ def _check_arcs(match: _Match, rows: Indices, chord: float) -> Iterator[_Fault]:
     which, pieces = _list_pieces(match, rows)
     owner, circle = rows[which], circles.take(which)
     angle = circle.measure(b.ends[pieces])
-    is_last = np.append(which[1:] != which[:-1], True)
+    is_last = ends_run(which)
     angle[is_last] = circles.sweep
     begin = np.append(0.0, angle[:-1])
-    begin[np.append(True, which[1:] != which[:-1])] = 0.0
+    begin[starts_run(which)] = 0.0
     slack = _ON_CURVE / np.maximum(circle.radius, _ON_CURVE)
     yield from _first(~(angle >= begin - slack), owner, "runs back along an arc")
     starts, ends = b.ends[pieces - 1], b.ends[pieces]
@@ -545,7 +546,7 @@ def _check_lines(match: _Match, rows: Indices) -> Iterator[_Fault]:
     along = dots(arm, direction[which])
     off = lengths(arm - along[:, None] * direction[which])
     steps = np.diff(along, prepend=0.0)
-    steps[np.append(True, which[1:] != which[:-1])] = 0.0
+    steps[starts_run(which)] = 0.0
     sound = (off <= _ON_CURVE) & (steps >= -_ON_CURVE) & (along >= -_ON_CURVE)
     sound &= along <= length[which] + _ON_CURVE
     yield from _first(~sound, rows[which], "leaves a line")

@@ -11,6 +11,7 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
+from camgen.geometry.ragged import run_starts
 from camgen.model.part import BoolArray, Solid
 from camgen.model.pose import FloatArray
 from camgen.preview.aside import TILT, TURN, look_from
@@ -182,10 +183,8 @@ def _along(points: FloatArray, share: float) -> FloatArray:
 
 def runs(edge: FigureEdge) -> Iterator[tuple[bool, FloatArray]]:
     """The edge in stretches that are seen or hidden, each with its points."""
-    cuts = [0, *(np.flatnonzero(np.diff(edge.seen)) + 1).tolist(), len(edge.seen)]
-    for a, b in pairwise(cuts):
-        if b > a:
-            yield bool(edge.seen[a]), edge.points[a : b + 1]
+    for a, b in pairwise([*run_starts(edge.seen).tolist(), len(edge.seen)]):
+        yield bool(edge.seen[a]), edge.points[a : b + 1]
 
 
 def label_places(

@@ -15,6 +15,7 @@ from msgspec import Struct
 from numpy.typing import NDArray
 
 from camgen.check.report import clean
+from camgen.geometry.ragged import run_starts
 from camgen.model.errors import one_line
 from camgen.model.part import Solid
 from camgen.model.pose import FloatArray, Pose
@@ -298,7 +299,7 @@ def _pack_runs(
     """
     rows = values.astype(kind).reshape(len(values), -1)
     told = np.diff(rows.astype(np.int64), axis=0, prepend=0) if steps else rows
-    begun = np.flatnonzero(np.append(True, (told[1:] != told[:-1]).any(axis=1))[: len(told)])
+    begun = run_starts(told)
     if 2 * len(begun) > len(told):
         return _pack(rows, kind)
     counts = np.diff(np.append(begun, len(told)))

@@ -9,6 +9,7 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
+from camgen.geometry.ragged import run_starts
 from camgen.model.errors import one_line
 from camgen.model.part import Solid
 from camgen.model.pose import FloatArray
@@ -172,10 +173,10 @@ def _way(image: Pixels, view: View, sheet: _Sheet) -> None:
     way = view.track
     path = way.events.path[way.event]
     at = sheet.place(way.position)
-    cuts = np.flatnonzero(np.diff(path)) + 1
+    cuts = run_starts(path)
     strokes = [
         (int(path[a]), at[max(a - 1, 0) : b])
-        for a, b in zip([0, *cuts], [*cuts, len(path)], strict=True)
+        for a, b in zip(cuts, [*cuts[1:], len(path)], strict=True)
     ]
     travel = [points for owner, points in strokes if owner < 0]
     cv2.polylines(image, travel, False, _TRAVEL, 1, cv2.LINE_AA, _SHIFT)

@@ -17,7 +17,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from camgen.geometry.ragged import each_once, following, offsets, ramp, stretches
+from camgen.geometry.ragged import each_once, following, offsets, ramp, starts_run, stretches
 from camgen.model.part import Contour, ContourColumns, Contours, Note
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, short
@@ -329,8 +329,8 @@ def _pair_coincident(
     cells = np.floor(ends.points[loose] / same + OFF_GRID).astype(np.int64)
     order = np.lexsort([cells[:, 1], cells[:, 0], layer[loose]])
     loose, cells = loose[order], cells[order]
-    new = np.any(np.diff(cells, axis=0) != 0, axis=1) | (np.diff(layer[loose]) != 0)
-    starts = np.concatenate([[0], np.flatnonzero(new) + 1, [len(loose)]])
+    new = starts_run(cells) | starts_run(layer[loose])
+    starts = np.append(np.flatnonzero(new), len(loose))
     counts = np.diff(starts)
     two = starts[:-1][counts == 2]
     _marry(partner, loose[two], loose[two + 1])

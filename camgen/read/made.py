@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from camgen.geometry.ragged import starts_run
 from camgen.model.errors import InputError
 from camgen.model.part import Contour, Part
 from camgen.model.pose import FloatArray, frozen
@@ -84,8 +85,7 @@ def _chain(points: Any, name: str) -> _Chain:
     rows = np.array(points, dtype=np.float64)[:, :2]
     if not np.isfinite(rows).all():
         raise InputError(name, "a coordinate is not finite", remedy="give numbers, mm")
-    moved = np.append(True, (np.diff(rows, axis=0) != 0).any(axis=1))
-    rows = rows[moved]
+    rows = rows[starts_run(rows)]
     closed = len(rows) > 3 and bool((rows[0] == rows[-1]).all())
     rows = rows[:-1] if closed else rows
     if len(rows) < 2:

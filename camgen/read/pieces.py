@@ -11,7 +11,7 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from camgen.geometry.arcs import bulge_middles
-from camgen.geometry.ragged import following, offsets, owners, stretches
+from camgen.geometry.ragged import following, offsets, owners, run_starts, stretches
 from camgen.model.pose import FloatArray
 from camgen.model.text import harmless
 from camgen.model.tolerance import OFF_GRID, SAME_POINT_MM
@@ -169,7 +169,7 @@ def first_of_its_kind(soup: Soup) -> BoolArray:
     sorts = counts * 2 + soup.closed
     cell = same_distance(soup)
     order = np.argsort(sorts, kind="stable")
-    for members in np.split(order, np.flatnonzero(np.diff(sorts[order])) + 1):
+    for members in np.split(order, run_starts(sorts[order])[1:]):
         if len(members) < 2:
             continue
         rows = soup.first[members][:, None] + np.arange(counts[members[0]])

@@ -11,6 +11,7 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
+from camgen.geometry.ragged import run_starts
 from camgen.model.errors import JobError
 from camgen.model.pose import FloatArray
 from camgen.model.program import Posture
@@ -71,7 +72,7 @@ def postures(robot: Robot, joints: FloatArray, straight: NDArray[np.bool_]) -> l
     said = [conf.values, conf.sure[:, None], figure.values[:, None], kept[:, None]]
     seen: dict[tuple[str, ...], int] = {}
     table = np.column_stack([*said, [seen.setdefault(one, len(seen)) for one in words]])
-    starts = np.flatnonzero(np.append(True, (table[1:] != table[:-1]).any(axis=1))[:count])
+    starts = run_starts(table)
     made: dict[Posture, Posture] = {}
     found: list[Posture | None] = []
     for row, end in zip(starts.tolist(), [*starts[1:].tolist(), count], strict=True):

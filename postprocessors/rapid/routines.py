@@ -8,6 +8,7 @@ from typing import TypeVar
 import numpy as np
 from msgspec import Struct
 
+from camgen.geometry.ragged import run_starts
 from camgen.model.program import Comment, Force, Indices, MoveC, MoveJ, MoveL, Output, Program
 from camgen.post.printed import Lines, Printed
 
@@ -98,8 +99,8 @@ def cut(program: Program, printed: Printed, most: int, names: Names) -> list[Rou
     main: list[str | range] = []
     routines: list[Routine] = []
     owner = owners(program)
-    ends = np.append(np.flatnonzero(np.diff(owner)) + 1, len(owner)) if len(owner) else owner
-    starts = np.append(0, ends[:-1])[: len(ends)]
+    starts = run_starts(owner)
+    ends = np.append(starts, len(owner))[1:]
     sizes = printed.lines_before(ends) - printed.lines_before(starts)
     for start, end, path, size in zip(
         *(one.tolist() for one in (starts, ends, owner[starts], sizes)), strict=True

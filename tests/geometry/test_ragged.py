@@ -1,5 +1,7 @@
 """Ragged arrays, judged by lists of lists."""
 
+from itertools import chain, pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -9,6 +11,7 @@ from camgen.geometry import ragged
 from camgen.geometry.ragged import (
     begins,
     each_once,
+    ends_run,
     first_of_each,
     following,
     matches,
@@ -16,8 +19,12 @@ from camgen.geometry.ragged import (
     owners,
     ramp,
     run_lengths,
+    run_starts,
+    starts_run,
     stretches,
+    true_runs,
 )
+from camgen.geometry.vectors import nearest_row
 
 COUNTS = st.lists(st.integers(0, 4), max_size=8)
 
@@ -45,6 +52,30 @@ def test_runs_of_equal_neighbours(counts: list[int]) -> None:
     # Neighbours differ, but a number may come again.
     owner = np.repeat(np.arange(len(counts)) % 2, counts)
     assert run_lengths(owner).tolist() == counts
+    assert run_starts(owner).tolist() == begins(counts).tolist()
+    lasts = [sum(counts[: k + 1]) - 1 for k in range(len(counts))]
+    assert np.flatnonzero(ends_run(owner)).tolist() == lasts
+
+
+def test_rows_of_a_table_are_compared_whole() -> None:
+    table = np.array([[0, 1], [0, 1], [0, 2], [1, 2], [1, 2]])
+    assert starts_run(table).tolist() == [True, False, True, True, False]
+    assert ends_run(table).tolist() == [False, True, True, False, True]
+
+
+@given(st.lists(st.booleans(), max_size=12))
+def test_true_runs(mask: list[bool]) -> None:
+    runs = true_runs(np.array(mask, dtype=np.bool_)).tolist()
+    rows = chain.from_iterable(range(*run) for run in runs)
+    assert list(rows) == [row for row, value in enumerate(mask) if value]
+    # A row that is not true lies between two runs.
+    assert all(end < begin for (_, end), (begin, _) in pairwise(runs))
+
+
+def test_the_first_of_two_equally_near_rows_is_taken() -> None:
+    values = np.array([0.0, 2.0, 4.0])
+    assert [nearest_row(values, wanted) for wanted in (1.0, 1.1, 9.0)] == [0, 1, 2]
+    assert nearest_row(np.array([0j, 1 + 1j]), 1 + 0.4j) == 1
 
 
 @given(st.lists(st.integers(-3, 3), max_size=8))

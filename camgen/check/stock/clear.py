@@ -14,6 +14,7 @@ from camgen.check.stock.moves import TOLERANCE_MM, Cut, Moves
 from camgen.check.stock.profile import is_flat, reach
 from camgen.check.stock.sweep import QUARTER, sweep, unite
 from camgen.geometry.intersect import box
+from camgen.geometry.ragged import starts_run
 from camgen.geometry.segments import BoolArray, IntArray, bounds, points_at
 
 #: What is swept is taken narrower by this on each side, mm, since polygons leave arcs; what is left and narrower is
@@ -91,7 +92,7 @@ def _in_own_hole(moves: Moves, rows: IntArray) -> BoolArray:
     place = place.reshape(-1)
     order = np.argsort(place, kind="stable")
     reached = np.where(moves.rapid, -np.inf, moves.down[:, 1])[order]
-    first = np.concatenate([[True], np.diff(place[order]) != 0])
+    first = starts_run(place[order])
     deepest = np.full(len(moves), -np.inf)
     so_far = -np.inf
     for k, (new, value) in enumerate(zip(first.tolist(), reached.tolist(), strict=True)):

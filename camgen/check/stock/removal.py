@@ -16,10 +16,9 @@ from camgen.check.stock.design import Design, Wanted, lay_out
 from camgen.check.stock.moves import TOLERANCE_MM, Cut, Moves
 from camgen.check.stock.profile import is_flat
 from camgen.check.stock.sweep import QUARTER, distinct, sweep, unite
-from camgen.geometry.intersect import Obstacles
+from camgen.geometry.intersect import nearest_distances
 from camgen.geometry.ragged import owners, ramp
-from camgen.geometry.segments import Segments, points_at
-from camgen.model.pose import FloatArray
+from camgen.geometry.segments import points_at
 
 #: Depths nearer than this, mm, are one.
 _SAME_MM = 2 * TOLERANCE_MM
@@ -187,15 +186,11 @@ def _all_along(
             most = cut.tool.radius
             deep = moves.below(depth, np.flatnonzero(moves.cut == number))
             fits = radius[segments.owner[which]] <= most + TOLERANCE_MM
-            touched |= fits & (_nearest(points, distinct(deep.plane), most + _TOUCH_MM) < np.inf)
+            gap = nearest_distances(points, distinct(deep.plane), most + _TOUCH_MM)
+            touched |= fits & (gap < np.inf)
     bare = np.bincount(segments.owner[which], ~touched, len(design.cells)) > 0
     missed[kerfs] = bare[loops[kerfs]]
     return ~missed
-
-
-def _nearest(points: FloatArray, ways: Segments, most: float) -> FloatArray:
-    none = np.zeros(len(points), dtype=np.int64)
-    return Obstacles(ways, np.zeros(len(ways), dtype=np.int64)).nearest(points, none, most)
 
 
 def _excess(wanted: Sequence[Wanted], gone: Any, depth: float, untaken: Any) -> Excess:

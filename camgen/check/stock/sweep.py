@@ -12,7 +12,7 @@ import shapely
 from camgen.check.stock.cells import CHORD_MM, Shapes
 from camgen.check.stock.moves import Cut, Moves, Portions
 from camgen.check.stock.profile import reach
-from camgen.geometry.ragged import run_lengths
+from camgen.geometry.ragged import run_lengths, starts_run
 from camgen.geometry.segments import BoolArray, IntArray, Segments, flatten, make
 from camgen.model.pose import FloatArray
 
@@ -120,7 +120,7 @@ def _ways(plane: Segments, chain: IntArray, radius: FloatArray) -> tuple[Shapes,
     """A line for each chain, and its radius."""
     if not len(chain):
         return np.zeros(0, object), np.zeros(0)
-    chain = np.concatenate([[0], np.cumsum(np.diff(chain) != 0)])
+    chain = np.cumsum(starts_run(chain)) - 1
     points, owner = flatten(make(plane.start, plane.end, plane.bulge, chain), 2 * CHORD_MM)
     last = np.cumsum(run_lengths(chain)) - 1
     order = np.argsort(np.concatenate([owner, chain[last]]), kind="stable")

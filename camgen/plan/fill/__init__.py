@@ -16,7 +16,7 @@ from msgspec import Struct
 from numpy.typing import NDArray
 
 from camgen.geometry.arcs import bulge_middles
-from camgen.geometry.ragged import begins
+from camgen.geometry.ragged import begins, true_runs
 from camgen.geometry.rings import ComplexArray, latest, rings, unit
 from camgen.geometry.segments import BoolArray, IntArray, flatten, from_contours
 from camgen.model.errors import InputError
@@ -189,8 +189,7 @@ def _touch(field: Ground, ink: Pixels, bare: _Bare, piece: int, radius: float) -
 
 def _runs(points: ComplexArray, where: BoolArray) -> list[ComplexArray]:
     """The stretches of a line where it holds."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], where.astype(np.int8), [0]])))
-    return [points[a:b] for a, b in edges.reshape(-1, 2).tolist()]
+    return [points[a:b] for a, b in true_runs(where).tolist()]
 
 
 #: Strokes are thinned out within this, px of the grid, where the job does not say. Of a picture within so many of its

@@ -17,6 +17,7 @@ from msgspec import Struct
 from camgen.geometry.ragged import owners
 from camgen.geometry.rings import ComplexArray
 from camgen.geometry.segments import BoolArray, IntArray
+from camgen.geometry.vectors import nearest_row
 from camgen.model.pose import FloatArray
 from camgen.plan.fill.ground import Ground
 from camgen.plan.image_space.field import sample_field
@@ -50,9 +51,8 @@ def join_passes(
         a, b = _root(group, one), _root(group, other)
         if a != b:
             group[b] = a
-            leaves, arrives = (
-                int(np.argmin(np.abs(passes[k] - at))) for k, at in ((one, start), (other, end))
-            )
+            leaves = nearest_row(passes[one], start)
+            arrives = nearest_row(passes[other], end)
             bridges[one].append(Bridge(leaves, other, arrives))
             bridges[other].append(Bridge(arrives, one, leaves))
     heads = [k for k in range(len(passes)) if _root(group, k) == k]

@@ -9,6 +9,7 @@ import numpy as np
 import shapely
 
 from camgen.geometry.nesting import nest
+from camgen.geometry.ragged import run_starts
 from camgen.geometry.segments import IntArray, from_contours
 from camgen.model.part import Note, Part
 from camgen.model.pose import FloatArray
@@ -72,7 +73,7 @@ def _middles(u: IntArray, v: IntArray, own: IntArray) -> FloatArray:
     """(N, 2) of the pixels (u, v) of each kind ``own`` the one that is nearest to the middle of them."""
     order = np.argsort(own, kind="stable")
     pixels = np.column_stack([u, v])[order].astype(np.float64)
-    groups = np.split(pixels, np.flatnonzero(np.diff(own[order])) + 1) if len(own) else []
+    groups = np.split(pixels, run_starts(own[order])[1:]) if len(own) else []
     found = [group[np.argmin(((group - group.mean(axis=0)) ** 2).sum(axis=1))] for group in groups]
     return np.array(found).reshape(-1, 2)
 

@@ -17,6 +17,7 @@ from msgspec import Struct
 from camgen.geometry.ragged import ramp
 from camgen.geometry.rings import ComplexArray, Rings, latest, lengths, perimeters, rings, unit
 from camgen.geometry.segments import BoolArray, IntArray, backwards, make
+from camgen.geometry.vectors import nearest_row
 from camgen.model.errors import InputError, JobError
 from camgen.model.job import Job
 from camgen.model.part import Note
@@ -70,7 +71,7 @@ def beside_which(edge: Border, table: Rings, points: ComplexArray, touched: IntA
     often = np.bincount(key, minlength=len(table.count) * borders).reshape(-1, borders)
     main: IntArray = np.argmax(often, axis=1)
     for k in np.flatnonzero(~often.any(axis=1)).tolist():
-        main[k] = edge.table.loop[np.argmin(np.abs(edge.points - points[table.first[k]]))]
+        main[k] = edge.table.loop[nearest_row(edge.points, points[table.first[k]])]
     return main
 
 

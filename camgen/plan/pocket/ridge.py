@@ -12,7 +12,7 @@ import numpy as np
 import shapely
 from msgspec import Struct
 
-from camgen.geometry.intersect import Obstacles
+from camgen.geometry.intersect import nearest_distances
 from camgen.geometry.ragged import owners, ramp
 from camgen.geometry.segments import IntArray, Segments, points_at
 from camgen.model.pose import FloatArray
@@ -54,9 +54,7 @@ def ridge(
     links = _links(triangles[kept], after)
     points, links = _divide(centres[kept], links, room[kept] - first, spacing)
     reach = float(room[kept].max(initial=0.0)) + spacing
-    none = np.zeros(len(points), dtype=np.int64)
-    exact = Obstacles(walls, np.zeros(len(walls), dtype=np.int64)).nearest(points, none, reach)
-    return Ridge(points, exact, links)
+    return Ridge(points, nearest_distances(points, walls, reach), links)
 
 
 def _divide(

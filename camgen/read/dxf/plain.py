@@ -16,7 +16,7 @@ from msgspec import Struct
 from numpy.lib.stride_tricks import as_strided
 from numpy.typing import NDArray
 
-from camgen.geometry.ragged import begins, ramp, run_lengths, stretches
+from camgen.geometry.ragged import begins, ramp, run_lengths, run_starts, stretches, true_runs
 from camgen.model.pose import FloatArray
 
 Bytes = NDArray[np.uint8]
@@ -143,7 +143,7 @@ def split(data: bytes, least: int = LEAST) -> Split | None:
     columns = _find(tags)
     # What follows must not belong to an entity that is no longer there.
     plain = (columns.kind >= 0) & ~np.append(tags.are(_PARTS)[1:], False)
-    edges = np.flatnonzero(np.diff(plain, prepend=False, append=False)).reshape(-1, 2)
+    edges = true_runs(plain)
     edges = edges[edges[:, 1] - edges[:, 0] >= least]
     return _cut(data, section, tags, columns, edges) if len(edges) else None
 
@@ -222,7 +222,7 @@ def _find(tags: _Tags) -> _Columns:
     for kind, name in enumerate(KINDS):
         of_kind = np.flatnonzero(tags.are((name,)) & (tags.count <= _MOST_TAGS))
         of_kind = of_kind[np.argsort(key[of_kind], kind="stable")]
-        bounds = np.flatnonzero(np.diff(key[of_kind], prepend=np.uint64(0), append=np.uint64(0)))
+        bounds = np.append(run_starts(key[of_kind]), len(of_kind))
         many = np.argsort(-np.diff(bounds), kind="stable")[:_MOST_SEQUENCES]
         for k in many.tolist():
             _fill(columns, tags, kind, of_kind[bounds[k] : bounds[k + 1]])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from msgspec import Struct
 
+from camgen.geometry.ragged import run_starts
 from camgen.geometry.vectors import angles, cross, dots
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
@@ -152,11 +153,7 @@ def _mates(segments: SharpSides, vertices: FloatArray) -> IntArray:
     mates = np.full(2 * count, -1)
     at = np.column_stack([segments.start, segments.end]).reshape(-1)
     order = np.argsort(at, kind="stable")
-    new = (
-        np.flatnonzero(np.append(True, at[order][1:] != at[order][:-1]))
-        if count
-        else np.zeros(0, np.int64)
-    )
+    new = run_starts(at[order])
     size = np.diff(np.append(new, 2 * count))
     a, b = order[new[size == 2]], order[new[size == 2] + 1]
     along = vertices[segments.end] - vertices[segments.start]

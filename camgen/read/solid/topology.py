@@ -7,7 +7,7 @@ from itertools import product
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.ragged import each_once
+from camgen.geometry.ragged import each_once, run_starts
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
 
@@ -40,11 +40,7 @@ def pair(faces: IntArray) -> Pairs:
     key = np.minimum(start, end) * count + np.maximum(start, end)
     order = np.argsort(key, kind="stable")
     sorted_key = key[order]
-    new = (
-        np.flatnonzero(np.append(True, sorted_key[1:] != sorted_key[:-1]))
-        if len(key)
-        else np.zeros(0, np.int64)
-    )
+    new = run_starts(sorted_key)
     size = np.diff(np.append(new, len(key)))
     first, second = order[new[size == 2]], order[new[size == 2] + 1]
     return Pairs(

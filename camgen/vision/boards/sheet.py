@@ -14,6 +14,7 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
+from camgen.geometry.ragged import true_runs
 from camgen.model.errors import JobError
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import short
@@ -207,8 +208,7 @@ def _rectangles(what: Sheet) -> list[list[_Rectangle]]:
         step = what.marker / len(black)
         group = []
         for row, line in enumerate(black):
-            edges = np.flatnonzero(np.diff(np.concatenate([[0], line, [0]])))
-            for start, end in edges.reshape(-1, 2).tolist():
+            for start, end in true_runs(line).tolist():
                 y = low + what.marker - (row + 1) * step
                 group.append((left + start * step, y, (end - start) * step, step))
         groups.append(group)
