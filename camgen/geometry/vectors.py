@@ -25,7 +25,7 @@ def in_blocks(function: Callable[..., NDArray[_Value]], *columns: FloatArray) ->
     return found[0] if len(found) == 1 else np.concatenate(found)
 
 
-def nearest_row(values: NDArray[_Value], wanted: complex) -> int:
+def nearest_row(values: FloatArray | NDArray[np.complex128], wanted: complex) -> int:
     """The row of `values` (N,), numbers or complex points, that is nearest to `wanted`."""
     return int(np.argmin(np.abs(values - wanted)))
 

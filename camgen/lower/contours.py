@@ -21,7 +21,7 @@ from camgen.lower import columns as lower_rows
 from camgen.lower.columns import Mask, Orientations, Places, Rows
 from camgen.lower.draft import Draft
 from camgen.lower.runs import Run, make_runs, plunge
-from camgen.model.body import Poses, plain_motions
+from camgen.model.body import Targets, plain_motions
 from camgen.model.cell import Cell
 from camgen.model.errors import JobError, NoSafeProgram
 from camgen.model.job import Job, ProcessTable
@@ -165,29 +165,11 @@ def run_paths(draft: Draft, tour: Tour, cell: Cell, job: Job, before: int = 0) -
     """
     _insist_on_size(tour, job.limits.motions)
     _insist_on_height(cell, job)
-    # A machine without joints has no axis that winds up.
-    cartesian = isinstance(cell.home, Pose)
-    winds = job.tool.orient == "follow" and not cartesian
-    runs = make_runs(tour, job, winds, before)
-    table = _table(
-        runs, job, winds, cell, turns_of(runs, tour, before) if isinstance(tour, ArmTour) else None
-    )
-    if isinstance(tour, ArmTour):
-        own = {
-            k: run.number - before
-            for k, run in enumerate(runs)
-            if not (run.linked or run.low or run.down)
-        }
-        ways = {
-            k: [*_go(tour.ways[n], tour.paces[n], n + before)]
-            for k, n in own.items()
-            if len(tour.ways[n])
-        }
-        table = replace(table, ways=ways)
-    draft.open(len(table.run))
-    _enter(draft, table, job)
-    _work(draft, table, job)
-    _leave(draft, table, job)
+    runs = make_runs(tour, job, _winds(job, cell), before)
+    columns = _open_draft(draft, runs, tour, cell, job, before)
+    columns.enter()
+    columns.work()
+    columns.leave()
     if isinstance(tour, ArmTour):
         draft.add(*_go(tour.back, tour.back_paces, before + len(tour.paths) - 1))
 
@@ -253,17 +235,29 @@ def origins(paths: Sequence[ToolPath]) -> tuple[Origin, ...]:
     return tuple(Origin(path.id, path.layer, path.contours, path.operation) for path in paths)
 
 
-class _Table(Struct, frozen=True, eq=False):
-    """What the instructions are made of, by column: of N rows (segment i ends in row i) and of R runs.
+class _RunDraft(Struct, frozen=True, eq=False):
+    """The instructions of R runs in the making, by column: N rows (segment i ends in row i).
 
-    run: (N,) to which a row belongs. lifted: (N,) rows after the first pressed one of their run that do not press,
-    which are run above the part, ``over`` (R,) mm higher. number: (R,) of their paths. linked, down: (R,) see ``Run``.
-    above_start, above_end: (R, 3) where it travels to the run and from it. near: (R, 3) where the feed begins. unwound:
-    by run, the orientations to go through before it, where the one before it ended, before it travels. ways: by run,
-    the motions of the joints that lead to above its start, where an arm has chosen some; else a straight line does.
-    rapid: the kind of motion of travel: robots keep to the line, machines whose axes are the coordinates have one.
+    draft: the body that they are put into, which has a place for each row.
+    job: the speeds and heights of the runs.
+    runs: list of R runs.
+    rows: positions, axes, forces and feeds, one run after the other.
+    blend: (N,) mm.
+    orientations: orientations of the tool at the rows.
+    run: (N,) run to which a row belongs.
+    lifted: (N,) whether the tool is raised: no force, after the first pressed row of the run.
+    over: (R,) mm by which it is raised.
+    number: (R,) numbers of the paths.
+    linked, down: (R,) see `Run`.
+    above_start, above_end: (R, 3) mm, where the travel to the run ends and the travel from it begins.
+    near: (R, 3) mm, where the feed begins.
+    unwound: orientations to go through at the end of the run before, by run.
+    ways: joint motions to above the start, by run. A run without them has a straight line.
+    rapid: kind of the travel motions, a line for a robot.
     """
 
+    draft: Draft
+    job: Job
     runs: list[Run]
     rows: Rows
     blend: FloatArray
@@ -281,12 +275,176 @@ class _Table(Struct, frozen=True, eq=False):
     ways: dict[int, list[MoveJ]]
     rapid: type[MoveJ | MoveL]
 
-    def poses(self, origin: FloatArray, rotation: Places) -> Poses:
-        """K poses of the tool. origin: (K, 3). rotation: (K,) places in the table of the orientations."""
-        return Poses(origin, rotation, self.orientations.table)
+    def enter(self) -> None:
+        """From the end of each run to the start of the next, above which a spindle is switched on."""
+        rows, process, first = self.rows, self.job.process, self.rows.first
+        contact, speed = rows.position[first], process.travel_speed
+        apart = ~_same(rows.position[np.roll(rows.last, 1)], contact)
+        free = ~(self.linked | self.down)
+        remarks = [Comment(f"path {run.path.id} layer {run.path.layer}") for run in self.runs]
+        self.draft.put(first, remarks)
+        self._travel(MoveL, first, self.down & apart, contact, speed)
+        self._come(free)
+        low = free & ~_same(self.above_start, self.near)
+        self._travel(self.rapid, first, low, self.near, speed)
+        if in_air(self.job):
+            self._put_each(first[free], switch_on(process))
+        # A path that starts on an outer corner is faster there than the feed; the plunge before it
+        # must not be. A drill does nothing but go down.
+        slow = plunge(process)
+        most = [process.feed if run.path.operation == "drill" else slow for run in self.runs]
+        # A ramp goes on from where the pass before ended.
+        sinks = np.where(self.linked, apart, free & ~_same(self.near, contact))
+        self._travel(MoveL, first, sinks, contact, np.minimum(rows.feed[first], most))
+
+    def _come(self, free: Mask) -> None:
+        """From above the end of the run before, or from home, to above the start of `free` runs."""
+        rows, process, ends = self.rows, self.job.process, self.orientations.ends
+        above, near, contact = self.above_start, self.near, rows.position[rows.first]
+        straight = free & ~_among(self.ways, len(free))
+        left = np.roll(self.above_end, 1, axis=0)
+        turned = {run: backs for run, backs in self.unwound.items() if straight[run]}
+        if straight[0]:
+            # From home to the first orientation at once.
+            left[0] = above[0]
+            turned.setdefault(0, [self.orientations.table[ends[rows.first[0]]]])
+        come: dict[int, list[MoveJ] | list[MoveJ | MoveL]] = {**self.ways}
+        for run, backs in turned.items():
+            kinds = [self.rapid if run or k else MoveJ for k in range(len(backs))]
+            poses = [Pose(back, to_vec3(left[run])) for back in backs]
+            number = int(self.number[run])
+            come[run] = [
+                kind(pose, process.travel_speed, path=number)
+                for kind, pose in zip(kinds, poses, strict=True)
+            ]
+        self._put_several(rows.first, come)
+        at_once = _same(above, near)
+        way = _distances(left, above), _distances(above, np.where(at_once[:, None], contact, near))
+        zone = np.where(at_once & in_air(self.job), 0.0, _zone(process, *way))
+        moved = straight & ~_same(left, above)
+        self._travel(self.rapid, rows.first, moved, above, process.travel_speed, zone)
+
+    def leave(self) -> None:
+        """Up to the travel height, unless the next run starts where a run ends; there a spindle is off."""
+        process, up, last = self.job.process, self.above_end, self.rows.last
+        leaving = ~np.append((self.linked | self.down)[1:], False)
+        here = self._points(last, self.lifted[last], self.rows.position)
+        off = in_air(self.job) and bool(signal(process))
+        zone = np.zeros(len(last))
+        if not off:
+            led = _among(self.unwound, len(last)) | _among(self.ways, len(last))
+            on = ~np.append(led[1:], True)
+            way = _distances(here, up), _distances(up, np.roll(self.above_start, -1, axis=0))
+            zone = np.where(on, _zone(process, *way), 0.0)
+        self._travel(self.rapid, last, leaving & ~_same(here, up), up, process.travel_speed, zone)
+        if off:
+            self._put_each(last[leaving], [Output(signal(process), 0.0)])
+
+    def work(self) -> None:
+        """The segments of each run between force on, process on and process off, force off."""
+        rows, process, first, last = self.rows, self.job.process, self.rows.first, self.rows.last
+        # Points that are only touched have no segment, and nothing presses there.
+        second = first[last > first] + 1
+        pressed = second[rows.force[second] > 0]
+        self.draft.put(pressed - 1, _forces(rows, pressed))
+        if not in_air(self.job):
+            self._put_each(first, switch_on(process))
+        self._segments(second, plunge(process))
+        if signal(process) and not in_air(self.job):
+            self._put_each(last, [Output(signal(process), 0.0)])
+        self._put_each(last[(last > first) & (rows.force[last] > 0)], [Force(0.0)])
+
+    def _segments(self, second: Indices, slow: float) -> None:
+        """One motion a segment. Where force begins or ends it is switched; where the orientation
+        jumps the tool is turned.
+
+        The tool is raised where force ends, and leaves the surface for good; where force begins
+        again it goes down at `slow` mm/s.
+        second: the rows of the first segments, whose force is already on.
+        """
+        rows, turned, lifted = self.rows, self.orientations, self.lifted
+        feed, wanted = rows.feed, rows.force > 0
+        pressing = np.roll(wanted, 1)
+        pressing[second] = wanted[second]
+        segment = np.ones(len(feed), np.bool_)
+        segment[rows.first] = False
+        up = np.flatnonzero(segment & pressing & ~wanted)
+        self._put_each(up, [Force(0.0)])
+        down = np.flatnonzero(segment & wanted & np.roll(lifted, 1))
+        for at, speed in ((up, feed[up]), (down, np.minimum(slow, feed[down]))):
+            start = self._points(at - 1, lifted[at], rows.position)
+            self.draft.put(at, self._moves(at, self._targets(start, turned.ends[at - 1]), speed))
+        at = np.flatnonzero(segment & turned.turns)
+        start = self._points(at - 1, lifted[at], rows.position)
+        turns = self._moves(at, self._targets(start, turned.begins[at]), feed[at], work=True)
+        force = np.where(pressing[at], rows.force[at], 0.0)
+        self.draft.put(at, _press(turns, force, rows.force_direction[:, 0], at))
+        begin = np.flatnonzero(segment & wanted & ~pressing)
+        self.draft.put(begin, _forces(rows, begin))
+        at = np.flatnonzero(segment)
+        end, via = (self._points(at, lifted[at], column) for column in (rows.position, rows.via))
+        targets = Targets(end, turned.ends[at], turned.table, via, turned.vias[at])
+        along = self._moves(at, targets, feed[at], self.blend[at], work=True)
+        self.draft.put(at, _press(along, rows.force[at], rows.force_direction[:, 1], at))
+
+    def _travel(
+        self,
+        kind: type[MoveJ | MoveL],
+        rows: Indices,
+        where: Mask,
+        end: FloatArray,
+        speed: FloatArray | float,
+        blend: FloatArray | float = 0.0,
+    ) -> None:
+        """Motions of the runs `where` (R,) to `end` (R, 3), with the orientations of `rows` (R,)."""
+        runs = np.flatnonzero(where)
+        speed, blend = (np.broadcast_to(column, len(where))[runs] for column in (speed, blend))
+        at = rows[runs]
+        targets = self._targets(end[runs], self.orientations.ends[at])
+        self.draft.put(at, self._moves(at, targets, speed, blend, kind=kind))
+
+    def _moves(
+        self,
+        rows: Indices,
+        targets: Targets,
+        speed: FloatArray,
+        blend: FloatArray | float = 0.0,
+        work: bool = False,
+        kind: type[MoveJ | MoveL] = MoveL,
+    ) -> Body:
+        """Plain motions (K,) of the runs that ``rows`` (K,) belong to, see ``plain_motions``."""
+        path = self.number[self.run[rows]]
+        return plain_motions(kind, targets, speed=speed, blend=blend, path=path, work=work)
+
+    def _targets(self, origin: FloatArray, rotation: Places) -> Targets:
+        """K poses of the tool. origin: (K, 3) mm. rotation: (K,) places in the orientations."""
+        return Targets(origin, rotation, self.orientations.table)
+
+    def _points(self, at: Indices, lifted: Mask, points: FloatArray) -> FloatArray:
+        """(K, 3) of `points` (N, 3) the rows `at` (K,), raised along the axis where `lifted` (K,)."""
+        chosen = points[at]
+        high = at[lifted]
+        chosen[lifted] -= self.rows.axis[high] * self.over[self.run[high]][:, None]
+        return chosen
+
+    def _put_each(self, rows: Indices, items: Iterable[Instruction]) -> None:
+        """All of ``items`` at each of ``rows``."""
+        for item in items:
+            self.draft.put(rows, [item] * len(rows))
+
+    def _put_several(self, rows: Indices, items: Mapping[int, Sequence[Instruction]]) -> None:
+        """At the rows (R,) of some runs, those that are keys of ``items``, each its own."""
+        places = np.repeat(rows[np.array(list(items), np.intp)], list(map(len, items.values())))
+        self.draft.put(places, [*chain.from_iterable(items.values())])
 
 
-def _table(runs: list[Run], job: Job, winds: bool, cell: Cell, turns: FloatArray | None) -> _Table:
+def _open_draft(
+    draft: Draft, runs: list[Run], tour: Tour, cell: Cell, job: Job, before: int
+) -> _RunDraft:
+    """The columns of `runs`, with a place for each row behind the contents of `draft`.
+
+    before: number of paths before those of `tour`. Raises JobError if no contour can be followed.
+    """
     follow = job.tool.orient == "follow"
     depths = [run.depth for run in runs]
     rows = lower_rows.gather([run.path for run in runs], depths, follow)
@@ -297,8 +455,8 @@ def _table(runs: list[Run], job: Job, winds: bool, cell: Cell, turns: FloatArray
             raise JobError("job", what, "tool.orient", 'set tool.orient to "fixed"')
         rows = lower_rows.halve(rows)
         orientations = lower_rows.orient_along(rows)
-    elif turns is not None:
-        orientations = lower_rows.orient_turned(rows, turns)
+    elif isinstance(tour, ArmTour):
+        orientations = lower_rows.orient_turned(rows, turns_of(runs, tour, before))
     else:
         orientations = lower_rows.orient_fixed(rows)
     run = np.repeat(np.arange(len(runs)), rows.last - rows.first + 1)
@@ -306,8 +464,11 @@ def _table(runs: list[Run], job: Job, winds: bool, cell: Cell, turns: FloatArray
     blend = lower_rows.blends(rows, tolerance[run], cell.pace)
     blend[np.flatnonzero(orientations.turns) - 1] = 0.0
     above_start, near, above_end = _heights(rows, runs, job.process)
-    unwound = unwind(rows, orientations) if winds else []
-    return _Table(
+    unwound = unwind(rows, orientations) if _winds(job, cell) else []
+    draft.open(len(run))
+    return _RunDraft(
+        draft=draft,
+        job=job,
         runs=runs,
         rows=rows,
         blend=blend,
@@ -322,9 +483,24 @@ def _table(runs: list[Run], job: Job, winds: bool, cell: Cell, turns: FloatArray
         near=near,
         above_end=above_end,
         unwound={k: turned for k, turned in enumerate(unwound) if turned},
-        ways={},
+        ways=_chosen_ways(runs, tour, before) if isinstance(tour, ArmTour) else {},
         rapid=MoveJ if isinstance(cell.home, Pose) else MoveL,
     )
+
+
+def _chosen_ways(runs: Sequence[Run], tour: ArmTour, before: int) -> dict[int, list[MoveJ]]:
+    """Joint motions to above the start of a run, by run. before: paths before those of `tour`."""
+    chosen = {}
+    for k, run in enumerate(runs):
+        own = run.number - before
+        if not (run.linked or run.low or run.down) and len(tour.ways[own]):
+            chosen[k] = [*_go(tour.ways[own], tour.paces[own], run.number)]
+    return chosen
+
+
+def _winds(job: Job, cell: Cell) -> bool:
+    """Whether a tool that turns with the contour winds up an axis: a machine without joints has none that does."""
+    return job.tool.orient == "follow" and not isinstance(cell.home, Pose)
 
 
 def _heights(
@@ -365,150 +541,6 @@ def _lift(point: FloatArray, up: FloatArray, clearance: float) -> FloatArray:
     """The way (R,) from each point along ``up`` to the height of travel."""
     straight = up[:, 2] > 1 - 1e-12
     return np.where(straight, clearance - point[:, 2], clearance)
-
-
-def _enter(draft: Draft, table: _Table, job: Job) -> None:
-    """From the end of each run to the start of the next; a tool that turns is switched on above it."""
-    rows, process, first = table.rows, job.process, table.rows.first
-    contact, speed = rows.position[first], process.travel_speed
-    apart = ~_same(rows.position[np.roll(rows.last, 1)], contact)
-    free = ~(table.linked | table.down)
-    draft.put(first, [Comment(f"path {run.path.id} layer {run.path.layer}") for run in table.runs])
-    _travel(draft, table, MoveL, first, table.down & apart, contact, speed)
-    _come(draft, table, job, free)
-    _travel(
-        draft,
-        table,
-        table.rapid,
-        first,
-        free & ~_same(table.above_start, table.near),
-        table.near,
-        speed,
-    )
-    if in_air(job):
-        _put_each(draft, first[free], switch_on(process))
-    # A path that starts on an outer corner is faster there than the feed; the plunge before it must not be. A drill
-    # does nothing but go down.
-    slow = plunge(process)
-    most = [process.feed if run.path.operation == "drill" else slow for run in table.runs]
-    # A ramp goes on from where the pass before ended.
-    sinks = np.where(table.linked, apart, free & ~_same(table.near, contact))
-    _travel(draft, table, MoveL, first, sinks, contact, np.minimum(rows.feed[first], most))
-
-
-def _come(draft: Draft, table: _Table, job: Job, free: Mask) -> None:
-    """From above the end of the run before, or from home, to above the start of each run that is ``free``."""
-    rows, process, ends = table.rows, job.process, table.orientations.ends
-    above, near, contact = table.above_start, table.near, rows.position[rows.first]
-    straight = free & ~_among(table.ways, len(free))
-    left = np.roll(table.above_end, 1, axis=0)
-    turned = {run: backs for run, backs in table.unwound.items() if straight[run]}
-    if straight[0]:
-        # From home to the first orientation at once.
-        left[0] = above[0]
-        turned.setdefault(0, [table.orientations.table[ends[rows.first[0]]]])
-    come: dict[int, list[MoveJ] | list[MoveJ | MoveL]] = {**table.ways}
-    for run, backs in turned.items():
-        kinds = [table.rapid if run or k else MoveJ for k in range(len(backs))]
-        poses = [Pose(back, to_vec3(left[run])) for back in backs]
-        number = int(table.number[run])
-        come[run] = [
-            kind(pose, process.travel_speed, path=number)
-            for kind, pose in zip(kinds, poses, strict=True)
-        ]
-    _put_several(draft, rows.first, come)
-    at_once = _same(above, near)
-    way = _distances(left, above), _distances(above, np.where(at_once[:, None], contact, near))
-    zone = np.where(at_once & in_air(job), 0.0, _zone(process, *way))
-    _travel(
-        draft,
-        table,
-        table.rapid,
-        rows.first,
-        straight & ~_same(left, above),
-        above,
-        process.travel_speed,
-        zone,
-    )
-
-
-def _leave(draft: Draft, table: _Table, job: Job) -> None:
-    """Up to where it travels, unless the next run starts where one ended; there a tool that turns is off."""
-    process, up, last = job.process, table.above_end, table.rows.last
-    leaving = ~np.append((table.linked | table.down)[1:], False)
-    here = _points(table, last, table.lifted[last], table.rows.position)
-    off = in_air(job) and bool(signal(process))
-    zone = np.zeros(len(last))
-    if not off:
-        on = ~np.append(
-            (_among(table.unwound, len(last)) | _among(table.ways, len(last)))[1:], True
-        )
-        way = _distances(here, up), _distances(up, np.roll(table.above_start, -1, axis=0))
-        zone = np.where(on, _zone(process, *way), 0.0)
-    _travel(
-        draft, table, table.rapid, last, leaving & ~_same(here, up), up, process.travel_speed, zone
-    )
-    if off:
-        _put_each(draft, last[leaving], [Output(signal(process), 0.0)])
-
-
-def _travel(
-    draft: Draft,
-    table: _Table,
-    kind: type[MoveJ | MoveL],
-    rows: Indices,
-    where: Mask,
-    end: FloatArray,
-    speed: FloatArray | float,
-    blend: FloatArray | float = 0.0,
-) -> None:
-    """Motions of the runs ``where`` (R,), to ``end`` (R, 3), the tool as in one of their ``rows`` (R,)."""
-    runs = np.flatnonzero(where)
-    speed, blend = (np.broadcast_to(column, len(where))[runs] for column in (speed, blend))
-    at = rows[runs]
-    draft.put(
-        at,
-        _moves(
-            table, at, table.poses(end[runs], table.orientations.ends[at]), speed, blend, kind=kind
-        ),
-    )
-
-
-def _moves(
-    table: _Table,
-    rows: Indices,
-    target: Poses,
-    speed: FloatArray,
-    blend: FloatArray | float = 0.0,
-    work: bool = False,
-    via: Poses | None = None,
-    kind: type[MoveJ | MoveL] = MoveL,
-) -> Body:
-    """Plain motions (K,) of the runs that ``rows`` (K,) belong to, see ``plain_motions``."""
-    return plain_motions(
-        kind,
-        target,
-        speed=speed,
-        blend=blend,
-        path=table.number[table.run[rows]],
-        work=work,
-        via=via,
-    )
-
-
-def _put_each(draft: Draft, rows: Indices, items: Iterable[Instruction]) -> None:
-    """All of ``items`` at each of ``rows``."""
-    for item in items:
-        draft.put(rows, [item] * len(rows))
-
-
-def _put_several(draft: Draft, rows: Indices, items: Mapping[int, Sequence[Instruction]]) -> None:
-    """At the rows (R,) of some runs, those that are keys of ``items``, each its own."""
-    runs = np.array(list(items), np.intp)
-    draft.put(
-        np.repeat(rows[runs], list(map(len, items.values()))),
-        [*chain.from_iterable(items.values())],
-    )
 
 
 def _among(runs: Iterable[int], count: int) -> Mask:
@@ -561,67 +593,6 @@ def switch_on(process: ProcessTable) -> Iterator[Instruction]:
     if name:
         yield Output(name, 1.0)
         yield from dwell(process)
-
-
-def _work(draft: Draft, table: _Table, job: Job) -> None:
-    """The segments of each run between force on, process on and process off, force off."""
-    rows, first, last = table.rows, table.rows.first, table.rows.last
-    # Points that are only touched have no segment, and nothing presses there.
-    second = first[last > first] + 1
-    pressed = second[rows.force[second] > 0]
-    draft.put(pressed - 1, _forces(rows, pressed))
-    if not in_air(job):
-        _put_each(draft, first, switch_on(job.process))
-    _segments(draft, table, second, plunge(job.process))
-    if signal(job.process) and not in_air(job):
-        _put_each(draft, last, [Output(signal(job.process), 0.0)])
-    _put_each(draft, last[(last > first) & (rows.force[last] > 0)], [Force(0.0)])
-
-
-def _segments(draft: Draft, table: _Table, second: Indices, slow: float) -> None:
-    """One motion a segment; force is switched where it begins or ends, the tool turned where its orientation jumps.
-
-    What comes after pressing is run above the part, so that the tool leaves the surface for good: it goes up there, and
-    down again at ``slow`` mm/s. second: the rows of the first segments, before which their force is on already.
-    """
-    rows, turned, lifted = table.rows, table.orientations, table.lifted
-    feed, wanted = rows.feed, rows.force > 0
-    pressing = np.roll(wanted, 1)
-    pressing[second] = wanted[second]
-    segment = np.ones(len(feed), np.bool_)
-    segment[rows.first] = False
-    up = np.flatnonzero(segment & pressing & ~wanted)
-    _put_each(draft, up, [Force(0.0)])
-    down = np.flatnonzero(segment & wanted & np.roll(lifted, 1))
-    for at, speed in ((up, feed[up]), (down, np.minimum(slow, feed[down]))):
-        start = _points(table, at - 1, lifted[at], rows.position)
-        draft.put(at, _moves(table, at, table.poses(start, turned.ends[at - 1]), speed))
-    at = np.flatnonzero(segment & turned.turns)
-    start = _points(table, at - 1, lifted[at], rows.position)
-    turns = _moves(table, at, table.poses(start, turned.begins[at]), feed[at], work=True)
-    draft.put(
-        at,
-        _press(turns, np.where(pressing[at], rows.force[at], 0.0), rows.force_direction[:, 0], at),
-    )
-    begin = np.flatnonzero(segment & wanted & ~pressing)
-    draft.put(begin, _forces(rows, begin))
-    at = np.flatnonzero(segment)
-    end, via = (
-        table.poses(_points(table, at, lifted[at], points), places[at])
-        for points, places in ((rows.position, turned.ends), (rows.via, turned.vias))
-    )
-    along = _moves(table, at, end, feed[at], table.blend[at], True, via)
-    draft.put(at, _press(along, rows.force[at], rows.force_direction[:, 1], at))
-
-
-def _points(table: _Table, at: Indices, lifted: Mask, points: FloatArray) -> FloatArray:
-    """``points`` (N, 3) of the rows ``at`` (K,), where ``lifted`` (K,) along the axis to where a tool goes that ends
-    pressing.
-    """
-    chosen = points[at]
-    high = at[lifted]
-    chosen[lifted] -= table.rows.axis[high] * table.over[table.run[high]][:, None]
-    return chosen
 
 
 def _forces(rows: Rows, at: Indices) -> list[Instruction]:

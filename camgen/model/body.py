@@ -422,47 +422,57 @@ def _is_plain(move: Motion) -> bool:
 # Bodies that are made by column, a kind of instructions at a time, and put together by where they stand.
 
 
-class Poses(Struct, frozen=True, eq=False):
-    """K poses. origin: (K, 3) mm. rotation: (K,) places in ``table``."""
+class Targets(Struct, frozen=True, eq=False):
+    """The poses in which K motions end.
+
+    origin: (K, 3) mm.
+    rotation: (K,) places in `table`.
+    table: rotations (3, 3).
+    via: (K, 3) mm, half-way along an arc, NaN for other motions. None: no arcs.
+    via_rotation: (K,) places in `table`, half-way along an arc.
+    """
 
     origin: FloatArray
     rotation: NDArray[np.int32]
     table: Sequence[FloatArray]
+    via: FloatArray | None = None
+    via_rotation: NDArray[np.int32] | None = None
 
 
 def plain_motions(
     kind: type,
-    target: Poses,
+    targets: Targets,
     *,
     speed: FloatArray | float,
     blend: FloatArray | float,
     path: Indices,
     work: bool,
-    via: Poses | None = None,
 ) -> Body:
-    """K motions that columns say all of. speed, blend: (K,) or of all. via: in the table of ``target``, half-way along
-    those that are arcs instead, NaN for the others.
+    """K motions that columns describe in full: arcs where `targets` have a via point, else `kind`.
+
+    speed, blend: (K,) mm/s and mm, or a number for all motions.
+    path: (K,) number of the path of each motion.
+    work: whether the motions work on the part.
     """
-    size = len(target.origin)
-    half_way = (
-        Poses(np.full((size, 3), np.nan), target.rotation, target.table) if via is None else via
-    )
-    arcs = np.flatnonzero(~np.isnan(half_way.origin[:, 0]))
+    size = len(targets.origin)
+    via = np.full((size, 3), np.nan) if targets.via is None else targets.via
+    turned = targets.rotation if targets.via_rotation is None else targets.via_rotation
+    arcs = np.flatnonzero(~np.isnan(via[:, 0]))
     kinds = np.full(size, NUMBER[kind], np.int8)
     kinds[arcs] = _ARC
     packed = Packed(
         kind=kinds,
-        end=target.origin,
-        rotation=target.rotation,
+        end=targets.origin,
+        rotation=targets.rotation,
         speed=np.broadcast_to(np.float64(speed), size),
         blend=np.broadcast_to(np.float64(blend), size),
         path=path,
         work=np.broadcast_to(np.bool_(work), size),
-        via=half_way.origin[arcs],
-        via_rotation=half_way.rotation[arcs],
+        via=via[arcs],
+        via_rotation=turned[arcs],
         kept=np.broadcast_to(np.bool_(False), size),
     )
-    return Body(packed, target.table, [])
+    return Body(packed, targets.table, [])
 
 
 def merge(pieces: list[tuple[Indices, Body]]) -> Body:

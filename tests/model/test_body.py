@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from camgen.model import body as packed_body
-from camgen.model.body import Body, Packing, Poses, join, merge, pack, plain_motions
+from camgen.model.body import Body, Packing, Targets, join, merge, pack, plain_motions
 from camgen.model.errors import Refused
 from camgen.model.pose import IDENTITY, TOOL_DOWN, Pose
 from camgen.model.program import (
@@ -300,9 +300,9 @@ def test_merging_shares_rotations_and_leaves_out_those_that_are_not_used() -> No
 
 
 def lines(origin: np.ndarray, rotation: list[int], table: list[np.ndarray]) -> Body:
-    target = Poses(origin, np.array(rotation, np.int32), table)
+    targets = Targets(origin, np.array(rotation, np.int32), table)
     return plain_motions(
-        MoveL, target, speed=20.0, blend=0.0, path=np.zeros(len(origin), np.intp), work=True
+        MoveL, targets, speed=20.0, blend=0.0, path=np.zeros(len(origin), np.intp), work=True
     )
 
 
@@ -327,12 +327,17 @@ def test_plain_motions_are_those_made_one_by_one(
     middles = np.array([nowhere if one is None else one for one in via]).reshape(-1, 3)
     body = plain_motions(
         kind,
-        Poses(np.array(end, np.float64).reshape(-1, 3), np.array(turned, np.int32), table),
+        Targets(
+            np.array(end, np.float64).reshape(-1, 3),
+            np.array(turned, np.int32),
+            table,
+            via=middles,
+            via_rotation=np.array(via_turned, np.int32),
+        ),
         speed=np.array(speed, np.float64),
         blend=np.array(blend, np.float64),
         path=np.array(path, np.intp),
         work=work,
-        via=Poses(middles, np.array(via_turned, np.int32), table),
     )
     wanted = []
     for at, way, fast, zone, number, middle, half in rows:
