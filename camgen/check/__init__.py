@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -14,6 +13,7 @@ from camgen.model.cell import Cell
 from camgen.model.job import Job
 from camgen.model.pose import Pose
 from camgen.model.program import Program
+from camgen.motion.corners import Flow
 from camgen.robots.workcell import Workcell
 
 if TYPE_CHECKING:
@@ -31,16 +31,6 @@ class Checks(Struct, frozen=True, eq=False):
     reach: Reach | None = None
     clear: Clear | None = None
     where: Surroundings | None = None
-
-
-class Flow(Struct, frozen=True):
-    """What is rounded of the ways that an arm has chosen between the paths of a flat part. slow: mm/s, room and floor:
-    mm, as in ``let_flow``.
-    """
-
-    slow: float
-    room: float
-    floor: float
 
 
 def check(
@@ -80,12 +70,10 @@ def check(
     program = share_joints(reach, cell.arm)
     # Along a flat part the tool is where the job has it, fixtures near or not: what is rounded meets nothing there.
     held = where or replace(there, margin=0.0)
-    program, told = hold_clear(program, reach, course, held, cell.arm, cell.pace, clear.clearance)
+    program, told = hold_clear(program, reach, course, held, cell, clear.clearance)
     if where is not None:
-        flow = Flow(plunge(job.process), math.inf, -math.inf)
+        flow = Flow(plunge(job.process))
     if flow is not None:
-        program, notes = let_flow(
-            program, reach, there, cell.arm, cell.pace, flow.slow, flow.room, flow.floor
-        )
+        program, notes = let_flow(program, reach, there, cell, flow)
         told = (*told, *notes)
     return Checks(program, reach, replace(clear, notes=(*clear.notes, *told)), there)

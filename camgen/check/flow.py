@@ -20,14 +20,14 @@ from camgen.collision.motion import measure_apart
 from camgen.collision.triangle import are_free
 from camgen.geometry.halving import find_first
 from camgen.geometry.ragged import ends_run, owners, run_lengths, run_starts
-from camgen.model.cell import Dynamics
 from camgen.model.part import BoolArray, IntArray, Note
 from camgen.model.pose import FloatArray
 from camgen.model.program import Columns, Force, MoveJ, Program
 from camgen.model.text import counted
-from camgen.motion.corners import TURNING
+from camgen.motion.corners import TURNING, Flow
 from camgen.robots.kinematics.forward import flange
 from camgen.robots.models import Robot
+from camgen.robots.workcell import Workcell
 
 #: mm: zones that are tried, the largest first.
 _ZONES = (200.0, 150.0, 100.0, 80.0, 60.0, 50.0, 40.0, 30.0, 20.0, 15.0, 10.0, 5.0, 1.0)
@@ -54,27 +54,27 @@ def let_flow(
     program: Program,
     found: Reach,
     where: Surroundings,
-    robot: Robot,
-    pace: Dynamics,
-    slow: float,
-    room: float = math.inf,
-    floor: float = -math.inf,
+    cell: Workcell,
+    flow: Flow,
 ) -> tuple[Program, tuple[Note, ...]]:
     """``program`` with blends in those corners of its ways between paths that have room for one; a note says how many.
 
-    One that presses has none: the sensor of the force is set to zero at a stop. found: what was found of it. slow:
-    mm/s; a motion that is no faster leads to a contact, and is stopped before. room: mm at the end of a line that may
-    be rounded off at most: those of a flat part, which nothing stands for in ``where``, lead up from it and down to it.
-    floor: mm, z in the work frame, below which the tip does not come within a corner: what keeps it off a flat part.
+    A motion in contact has none: the sensor of the force is set to zero at a stop.
+
+    found: joint values of the program.
+    cell: cell with the arm that runs it.
+    flow: corners that may be rounded.
     """
+    robot, pace = cell.arm, cell.pace
+    assert robot is not None
     legs, columns = legs_of(program, found, robot), program.columns
-    link = ~columns.works & (columns.turn == 0) & (columns.speed > slow)
+    link = ~columns.works & (columns.turn == 0) & (columns.speed > flow.slow)
     runs = {
         k: one
         for k in np.flatnonzero(link).tolist()
         if k > 0 and (one := cruise(legs, program, k, pace))
     }
-    touched = _have_touched(columns, slow)
+    touched = _have_touched(columns, flow.slow)
     blends = {
         k: 0.0
         for k in find_corners(program).tolist()
@@ -84,7 +84,9 @@ def let_flow(
     if not blends or columns.are(Force).any():
         return program, ()
     zones = _ZONES if pace.corner == "zone" else (0.0,)
-    ways = {k: _ways(runs[k], runs[k + 1], zones, (lines[k], lines[k + 1]), room) for k in blends}
+    ways = {
+        k: _ways(runs[k], runs[k + 1], zones, (lines[k], lines[k + 1]), flow.room) for k in blends
+    }
 
     def free_of(some: Mapping[int, _Rounding]) -> list[bool]:
         corners = [
@@ -93,7 +95,7 @@ def let_flow(
         fans = [_fan(corner) for corner in corners]
         free = _are_free(where, fans, _bows(where, corners))
         return [
-            good and _keeps_above(program, robot, fan, floor)
+            good and _keeps_above(program, robot, fan, flow.floor)
             for good, fan in zip(free, fans, strict=True)
         ]
 

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import chain
-from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -128,20 +127,31 @@ def path_sums(paths: Sequence[ToolPath]) -> tuple[FloatArray, FloatArray]:
     )
 
 
+class Verified(Struct, frozen=True):
+    """The text of a program that was read back.
+
+    files: names of its files.
+    deviation: largest deviation of the text from the program, mm.
+    """
+
+    files: tuple[str, ...]
+    deviation: float
+
+
 def report(
     part: Part,
     tour: Tour,
     notes: Sequence[Note],
     time: Cycle,
-    verified: float,
-    files: Sequence[str],
-    checked: Mapping[str, str] = MappingProxyType({}),
+    text: Verified,
     coverage: Coverage | None = None,
 ) -> dict[str, object]:
     """The report of a build (contract, section 5): mm, s, N; lengths to 1e-3 mm, the deviation to 1e-6 mm.
 
-    time: of the program. verified: the largest deviation of the read-back, mm. files: names.
-    checked: what of reach, collision and limits was checked, and the result. coverage: of a fill.
+    time: time of the program.
+    text: its text.
+    coverage: coverage of a fill.
+    The report says that no robot has checked the program.
     """
     contours = part.curves or part.contours
     lengths, durations = path_sums(tour.paths)
@@ -171,9 +181,9 @@ def report(
         **({} if coverage is None else {"coverage": _coverage(coverage)}),
         "time_s": round(time.total, 1),
         "travel_s": round(time.travel, 1),
-        "checks": dict.fromkeys(("reach", "collision", "limits"), NOT_CHECKED) | dict(checked),
-        "verify": {"status": "equal", "max_deviation_mm": round(verified, 6)},
-        "files": [clean(name) for name in files],
+        "checks": dict.fromkeys(("reach", "collision", "limits"), NOT_CHECKED),
+        "verify": {"status": "equal", "max_deviation_mm": round(text.deviation, 6)},
+        "files": [clean(name) for name in text.files],
         "notes": [{"kind": n.kind, "what": clean(n.what), "why": clean(n.why)} for n in notes],
     }
 

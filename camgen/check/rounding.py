@@ -23,6 +23,7 @@ from camgen.motion.corners import TURNING
 from camgen.motion.joint_paths import APART, Course
 from camgen.robots.kinematics.forward import flange
 from camgen.robots.models import Robot
+from camgen.robots.workcell import Workcell
 
 #: Corners that are tested together: bounds the memory. Chords in place of what rounds one.
 _CORNERS, _CHORDS = 1000, 8
@@ -50,8 +51,7 @@ def hold_clear(
     found: Reach,
     course: Course,
     where: Surroundings,
-    robot: Robot,
-    pace: Dynamics,
+    cell: Workcell,
     gap: float = 0.0,
 ) -> tuple[Program, tuple[Note, ...]]:
     """``program`` with those blends along its paths that may stay, lesser ones or stops in place of others: a note says
@@ -62,11 +62,12 @@ def hold_clear(
     tested like any motion. found, course: of the program, which meets nothing without blends. gap: mm that all that is
     to keep the margin is apart all along it, as a test found it: a corner that needs no more is not tested again.
     """
-    columns = program.columns
+    columns, pace = program.columns, cell.pace
     corners = _find_rounded(columns, find_corners(program))
     if not len(corners):
         return program, ()
-    ways, blend = _follow(program, found, course, robot), columns.blend.copy()
+    assert cell.arm is not None
+    ways, blend = _follow(program, found, course, cell.arm), columns.blend.copy()
     left = corners
     while len(left):
         free = [

@@ -27,6 +27,20 @@ JUMP = math.radians(0.5)
 TURNING = 1.6
 
 
+class Flow(Struct, frozen=True):
+    """The corners of links that may be rounded.
+
+    slow: mm/s; a motion that is no faster leads to a contact, and is stopped before.
+    room: mm at the end of a line that may be rounded off. A line of a flat part leads up from it or
+        down to it, and the part has no body in the scene.
+    floor: mm, z in the work frame, below which the tip does not come within a corner.
+    """
+
+    slow: float
+    room: float = math.inf
+    floor: float = -math.inf
+
+
 class Corners(Struct, frozen=True, eq=False):
     """K corners between two motions. sine: (K,) of half the turn. before, after: (K,) mm, their lengths. fast: (K,)
     mm/s, the greater of their speeds.

@@ -15,7 +15,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 import camgen.preview.notebook  # noqa: F401 (values draw themselves)
-from camgen.check.report import Cycle, Motions, clearance_of
+from camgen.check.report import Cycle, Motions, Verified, clearance_of
 from camgen.check.report import report as report_of
 from camgen.lower import lower
 from camgen.lower.steps import frame_of
@@ -33,7 +33,14 @@ from camgen.order import ArmTour, may_choose_ways, order
 from camgen.pipeline.inputs import note_urdf, note_work_frame, read_inputs
 from camgen.pipeline.memory import give_back
 from camgen.pipeline.motion import prove_motion
-from camgen.pipeline.programs import Checked, Posted, check_programs, lines_of, post_programs
+from camgen.pipeline.programs import (
+    Checked,
+    Posted,
+    Request,
+    check_programs,
+    lines_of,
+    post_programs,
+)
 from camgen.pipeline.refusals import tell_by_input
 from camgen.pipeline.stock import OperationSum, prove_stock, report_operations, sum_operations
 from camgen.plan import Coverage, EdgePlan, Plan, ReplayPlan, Watch, ignore_stages, plan
@@ -110,20 +117,11 @@ class Result(Struct, frozen=True, eq=False, dict=True):
     @cached_property
     def report(self) -> dict[str, object]:
         """The contract's report as plain data."""
-        files = [file.name for file in self.files]
-        checked = {} if self.reach is None else {"reach": "ok", "limits": "ok", "collision": "ok"}
-        found = (
-            self.part,
-            self.tour,
-            self.notes,
-            self.cycle,
-            self.deviation.max_mm,
-            files,
-            checked,
-        )
-        told = report_of(*found, self.coverage) | report_operations(
-            self.job, self.operations, self.proof
-        )
+        text = Verified(tuple(file.name for file in self.files), self.deviation.max_mm)
+        told = report_of(self.part, self.tour, self.notes, self.cycle, text, self.coverage)
+        told |= report_operations(self.job, self.operations, self.proof)
+        if self.reach is not None:
+            told["checks"] = {"reach": "ok", "collision": "ok", "limits": "ok"}
         return told if self.clear is None else told | {"clearance": clearance_of(self.clear)}
 
     @property
@@ -175,56 +173,44 @@ def build(
     title = poster.program or name or planned.part.name
     header = _header(sources, planned.part, poster, settings, read.cell, read.digest)
     asked = planned
-    planned, tour, checks = _program(
-        planned, settings, read.cell, poster, title, header, strict, watch
-    )
+    request = Request(settings, read.cell, poster, title, header, strict, watch)
+    planned, tour, checks = _program(planned, request)
     give_back()
     watch("verifying")
     posted = post_programs(
         checks, readback, fill_tables(type(poster), settings.post), settings.tolerance.chord
     )
-    proof = prove_stock(asked, planned, tour, settings, read.cell, checks, posted)
+    proof = prove_stock(asked, planned, tour, request, checks, posted)
     if len(tour.paths) < len(asked.paths):
         planned = _forget_coverage(planned)
-    result = _sum_up(planned, tour, read.cell, settings, poster, checks, posted, proof)
+    result = _sum_up(planned, tour, request, checks, posted, proof)
     motion = prove_motion(read.part, planned, settings, checks, posted, result.notes)
     return replace(result, motion=motion)
 
 
-def _program(
-    planned: Plan,
-    job: Job,
-    cell: Workcell,
-    poster: Post,
-    title: str,
-    header: tuple[str, ...],
-    strict: bool,
-    watch: Watch,
-) -> tuple[Plan, Tour, Checked]:
+def _program(planned: Plan, request: Request) -> tuple[Plan, Tour, Checked]:
     """The checked program of ``planned``, without the paths that its check lost: found anew for the others. Where the
     last round finds some still, or none is left, it is refused for what was found.
     """
+    job, cell = request.job, request.cell
     where = planned.where if isinstance(planned, EdgePlan) else None
     first: Blocked | None = None
     ways = False
     for left in reversed(range(_ROUNDS)):
-        planned, tour = _order_whole(planned, job, cell, watch, ways)
+        planned, tour = _order_whole(planned, request, ways)
         if first is not None and not tour.paths:
             break
-        _insist(planned.part, (*planned.notes, *tour.notes), bool(tour.paths), strict)
-        watch("programming")
+        _insist(planned.part, (*planned.notes, *tour.notes), bool(tour.paths), request.strict)
+        request.watch("programming")
         give_back()
-        lowered = lower(tour, cell, job, title, header)
+        lowered = lower(tour, cell, job, request.title, request.header)
         give_back()
         try:
             with tell_by_input(planned.part, lowered):
                 if cell.arm:
-                    watch("checking")
-                return (
-                    planned,
-                    tour,
-                    check_programs(lowered, tour, poster, job, cell, where, planned.part.source),
-                )
+                    request.watch("checking")
+                checked = check_programs(lowered, tour, request, where, planned.part.source)
+                return planned, tour, checked
         except Blocked as error:
             first = first or error
             if not left:
@@ -232,15 +218,15 @@ def _program(
             planned, ways = _plan_again(planned, tour, job, error, ways)
             if not planned.paths:
                 break
-            _insist(planned.part, planned.notes, True, strict)
+            _insist(planned.part, planned.notes, True, request.strict)
     assert first is not None
     raise first
 
 
-def _order_whole(plan: Plan, job: Job, cell: Cell, watch: Watch, ways: bool) -> tuple[Plan, Tour]:
+def _order_whole(plan: Plan, request: Request, ways: bool) -> tuple[Plan, Tour]:
     """The tour, and the plan without what cannot be run because the tour has left out what comes before it."""
     while True:
-        tour = order(plan, job, cell, watch, ways)
+        tour = order(plan, request.job, request.cell, request.watch, ways)
         kept = {path.id for path in tour.paths}
         more = (
             find_dependent(plan, {path.id for path in plan.paths} - kept)
@@ -284,14 +270,12 @@ def _forget_coverage(plan: Plan) -> Plan:
 def _sum_up(
     plan: Plan,
     tour: Tour,
-    cell: Workcell,
-    job: Job,
-    post: Post,
+    request: Request,
     checked: Checked,
     posted: Posted,
     proof: StockProof | None,
 ) -> Result:
-    checks = checked.whole
+    checks, job, cell, post = checked.whole, request.job, request.cell, request.post
     return Result(
         part=plan.part,
         job=job,

@@ -10,7 +10,7 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.check import Checks, Flow, check
+from camgen.check import Checks, check
 from camgen.check.report import Cycle, Motions, sum_up
 from camgen.check.time import cycle
 from camgen.lower.runs import plunge
@@ -20,8 +20,10 @@ from camgen.model.job import Job, ToolTable
 from camgen.model.part import IntArray
 from camgen.model.path import Tour
 from camgen.model.program import Comment, Instruction, Program, ToolChange, put_off_first
+from camgen.motion.corners import Flow
 from camgen.order import ArmTour, JobTour, ReplayTour
 from camgen.pipeline.memory import give_back
+from camgen.plan import Watch
 from camgen.post import OutputFile, Post, Readback, Reading, Tolerance
 from camgen.post.contract import prepare_program, render_program
 from camgen.post.limits import limit_tolerance
@@ -33,6 +35,27 @@ if TYPE_CHECKING:
     from camgen.check.collide import Clear
     from camgen.check.reach import Reach
     from camgen.collision.cell import Surroundings
+
+
+class Request(Struct, frozen=True, eq=False):
+    """The program that a build has to make.
+
+    job: settings of the build.
+    cell: cell in which the program runs.
+    post: post that prints it.
+    title: name of the program.
+    header: remarks at its beginning.
+    strict: whether anything left out is an error.
+    watch: called with the name of each stage.
+    """
+
+    job: Job
+    cell: Workcell
+    post: Post
+    title: str
+    header: tuple[str, ...]
+    strict: bool
+    watch: Watch
 
 
 class Checked(Struct, frozen=True, eq=False):
@@ -65,18 +88,13 @@ class Posted(Struct, frozen=True, eq=False):
 
 
 def check_programs(
-    lowered: Program,
-    tour: Tour,
-    poster: Post,
-    job: Job,
-    cell: Workcell,
-    where: Surroundings | None,
-    source: str,
+    lowered: Program, tour: Tour, request: Request, where: Surroundings | None, source: str
 ) -> Checked:
     """The programs of ``lowered`` in instructions that the controller has, with what the checks of the arm found.
 
     Refused for an instruction that it has not, Blocked where the arm cannot run one. source: the input, for messages.
     """
+    poster, job, cell = request.post, request.job, request.cell
     whole_program = poster.changes_tools or not lowered.columns.are(ToolChange).any()
     parts = (lowered,) if whole_program else split_tools(lowered)
     tools = _tools(tour)
@@ -87,7 +105,7 @@ def check_programs(
         program = prepare_program(poster, parts[0], job.tolerance.chord)
         give_back()
         whole = check(program, job, cell, where, source, flow)
-        return _add_up(((poster, whole.program),), whole, poster, job, cell)
+        return _add_up(((poster, whole.program),), whole, request)
     found: list[Checks] = []
     blocked: list[Blocked] = []
     # A post prints one program; its name is in what it prints.
@@ -104,17 +122,12 @@ def check_programs(
         lost = tuple(loss for error in blocked for loss in error.lost)
         raise Blocked(one.file, one.what, one.where, one.remedy, lost)
     programs = tuple((own, checks.program) for own, checks in zip(posters, found, strict=True))
-    return _add_up(programs, _join(lowered, found), poster, job, cell)
+    return _add_up(programs, _join(lowered, found), request)
 
 
-def _add_up(
-    programs: tuple[tuple[Post, Program], ...],
-    whole: Checks,
-    poster: Post,
-    job: Job,
-    cell: Workcell,
-) -> Checked:
-    spent = cycle(whole.program, dynamics_of(poster, job), whole.reach, cell.arm)
+def _add_up(programs: tuple[tuple[Post, Program], ...], whole: Checks, request: Request) -> Checked:
+    pace = dynamics_of(request.post, request.job)
+    spent = cycle(whole.program, pace, whole.reach, request.cell.arm)
     return Checked(programs, whole, sum_up(whole.program.columns), spent)
 
 

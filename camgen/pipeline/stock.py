@@ -22,15 +22,14 @@ from camgen.order import JobTour
 from camgen.plan import EdgePlan, JobPlan, Plan, ReplayPlan
 from camgen.plan.columns import path_segments
 from camgen.plan.steps import job_of
-from camgen.robots.workcell import Workcell
 
 if TYPE_CHECKING:
     from camgen.check.stock import Cut, StockProof
-    from camgen.pipeline.programs import Checked, Posted
+    from camgen.pipeline.programs import Checked, Posted, Request
 
 
 def prove_stock(
-    asked: Plan, plan: Plan, tour: Tour, job: Job, cell: Workcell, checked: Checked, posted: Posted
+    asked: Plan, plan: Plan, tour: Tour, request: Request, checked: Checked, posted: Posted
 ) -> StockProof | None:
     """What the texts of ``posted`` do to the stock; None where nothing is cut, and of what is not flat.
 
@@ -41,6 +40,7 @@ def prove_stock(
     """
     if isinstance(plan, (EdgePlan, ReplayPlan)) or plan.part.curves:
         return None
+    job = request.job
     jobs = [job_of(job, step) for step in plan.steps] if isinstance(plan, JobPlan) else [job]
     if not any(one.operation.depth or one.operation.width for one in jobs) or why_unproven(job):
         return None
@@ -49,7 +49,7 @@ def prove_stock(
     plans = plan.plans if isinstance(plan, JobPlan) else (plan,)
     tasks = [task_on(plan.part, own, one.part) for own, one in zip(jobs, plans, strict=True)]
     proof = prove(
-        list(_cuts(tour, job, cell, checked, posted)),
+        list(_cuts(tour, request, checked, posted)),
         design(tasks, job.stock, _sweep_lost(asked, tour, jobs)),
     )
     if proof.refused:
@@ -94,7 +94,7 @@ def why_unproven(job: Job) -> str:
     return ""
 
 
-def _cuts(tour: Tour, job: Job, cell: Workcell, checked: Checked, posted: Posted) -> Iterator[Cut]:
+def _cuts(tour: Tour, request: Request, checked: Checked, posted: Posted) -> Iterator[Cut]:
     """What each operation does, in order, as the texts say it.
 
     The instructions that were read back are those of the program, one by one, but for its comments: that is what the
@@ -102,6 +102,7 @@ def _cuts(tour: Tour, job: Job, cell: Workcell, checked: Checked, posted: Posted
     """
     from camgen.check.stock import Cut  # noqa: PLC0415 (shapely, only for what cuts)
 
+    job, home = request.job, request.cell.home
     steps: list[tuple[ToolTable, str]] = [(job.tool, "")]
     step_of = np.zeros(len(tour.paths), dtype=np.intp)
     if isinstance(tour, JobTour):
@@ -113,7 +114,7 @@ def _cuts(tour: Tour, job: Job, cell: Workcell, checked: Checked, posted: Posted
     # With process.stay_down there is no stock beside the part that it could run through.
     process = job.process
     slower = process.feed * process.max_feed_factor < process.travel_speed and not process.stay_down
-    travel = process.travel_speed if slower and not isinstance(cell.home, Pose) else float("inf")
+    travel = process.travel_speed if slower and not isinstance(home, Pose) else float("inf")
     first = 0
     for count, reading, (_, program) in zip(
         posted.counts, posted.readings, checked.programs, strict=True

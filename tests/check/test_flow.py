@@ -18,6 +18,7 @@ from camgen.collision.triangle import are_free
 from camgen.model.cell import Dynamics
 from camgen.model.pose import FloatArray, translation
 from camgen.model.program import Comment, Joints, MoveJ, MoveL, Program
+from camgen.motion.corners import Flow
 from camgen.pipeline import Result
 from camgen.read.solid import mesh
 from camgen.robots.catalogue import robot
@@ -120,10 +121,9 @@ def test_more_margin_leaves_less_room_for_rounding() -> None:
         )
     )
     rest = bare, result.reach
-    wide, _ = let_flow(
-        *rest, replace(result.where, margin=60.0), arm_of(result), result.cell.pace, 10.0
-    )
-    narrow, _ = let_flow(*rest, result.where, arm_of(result), result.cell.pace, 10.0)
+    flow = Flow(slow=10.0)
+    wide, _ = let_flow(*rest, replace(result.where, margin=60.0), result.cell, flow)
+    narrow, _ = let_flow(*rest, result.where, result.cell, flow)
     assert narrow.columns.blend.tolist() == result.program.columns.blend.tolist()
     assert (wide.columns.blend <= narrow.columns.blend).all()
     assert wide.columns.blend.sum() < 0.8 * narrow.columns.blend.sum()

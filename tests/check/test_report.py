@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from camgen.check.report import Cycle, path_sums, report, sum_up
+from camgen.check.report import Cycle, Verified, path_sums, report, sum_up
 from camgen.geometry.arcs import arc_lengths
 from camgen.model.part import Contour, Note, Part
 from camgen.model.path import ToolPath, Tour, waypoints
@@ -94,7 +94,7 @@ def test_the_report_has_the_keys_of_the_contract() -> None:
     notes = (Note("skipped", "3 TEXT", "no curves"), Note("joined", "2 ends"))
     tour = Tour((tool_path("c1", [10, 10, 5], [0, 4, 2]),), 7.0, "nearest neighbour")
     time = Cycle(4.26, 1.06, frozen([3.2]), frozen([0.555]))
-    found = report(part, tour, notes, time, 0.00049, ["p.mod"])
+    found = report(part, tour, notes, time, Verified(("p.mod",), 0.00049))
     assert list(found) == [
         "input", "paths", "skipped", "tour", "time_s", "travel_s", "checks", "verify", "files", "notes",
     ]  # fmt: skip

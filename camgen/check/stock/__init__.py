@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from typing import Literal
 
 from msgspec import Struct
+from msgspec.structs import replace
 
 from camgen.check.stock.clear import Struck, find_holders, find_rapids, index
 from camgen.check.stock.design import Design, Task, design, show_stay, task_on
@@ -18,6 +19,7 @@ from camgen.check.stock.heights import Grid, carve
 from camgen.check.stock.loose import Loose, find_loose
 from camgen.check.stock.moves import TOLERANCE_MM, Cut, Moves, tabulate
 from camgen.check.stock.removal import MOST_LEVELS, Level, find_levels, remove
+from camgen.model.pose import to_vec3
 from camgen.model.text import counted, short
 
 __all__ = [
@@ -135,18 +137,10 @@ def _notes(moves: Moves, unseen: int) -> list[str]:
 
 
 def _fault(
-    moves: Moves,
-    cuts: Sequence[Cut],
-    kind: FaultKind,
-    row: int,
-    place: tuple[float, float, float],
-    mm: float,
-    text: str,
-    serious: bool = True,
+    moves: Moves, cuts: Sequence[Cut], kind: FaultKind, finding: Gouge | Struck, text: str
 ) -> Fault:
-    number = int(moves.cut[row])
-    x, y, z = place
-    return Fault(kind, int(moves.line[row]), cuts[number].file, x, y, z, mm, text, number, serious)
+    number, line = int(moves.cut[finding.row]), int(moves.line[finding.row])
+    return Fault(kind, line, cuts[number].file, *finding.place, finding.mm, text, number)
 
 
 def _at(place: tuple[float, float, float]) -> str:
@@ -156,37 +150,29 @@ def _at(place: tuple[float, float, float]) -> str:
 def _gouge(moves: Moves, cuts: Sequence[Cut], one: Gouge) -> Fault:
     way = "too deep in" if one.below else "into"
     text = f"cuts {short(one.mm, 3)} mm {way} material that must stay, {_at(one.place)}"
-    return _fault(moves, cuts, "gouge", one.row, one.place, one.mm, text)
+    return _fault(moves, cuts, "gouge", one, text)
 
 
 def _rapid(moves: Moves, cuts: Sequence[Cut], one: Struck) -> Fault:
     text = (
         f"rapid motion through material, {short(one.depth, 3)} mm below the top, {_at(one.place)}"
     )
-    return _fault(moves, cuts, "rapid", one.row, one.place, one.mm, text)
+    return _fault(moves, cuts, "rapid", one, text)
 
 
 def _holder(moves: Moves, cuts: Sequence[Cut], one: Struck) -> Fault:
     text = f"the holder is {short(one.depth, 3)} mm deep in material, {_at(one.place)}"
-    return _fault(moves, cuts, "holder", one.row, one.place, one.mm, text)
+    return _fault(moves, cuts, "holder", one, text)
 
 
 def _loose(moves: Moves, cuts: Sequence[Cut], one: Loose) -> Fault:
-    x, y, z = moves.end[one.row].tolist()
     text = f"the part within {one.contour} comes loose"
-    if one.again < 0 and one.tabs:
-        return _fault(
-            moves,
-            cuts,
-            "loose",
-            one.row,
-            (x, y, z),
-            0.0,
-            f"{text}: no bridge is left that holds it",
-        )
-    if one.again < 0:
-        return _fault(
-            moves, cuts, "loose", one.row, (x, y, z), 0.0, f"{text} at its last cut", serious=False
-        )
-    text += f" before its last cut, which begins at line {int(moves.line[one.again])}"
-    return _fault(moves, cuts, "loose", one.row, (x, y, z), 0.0, text)
+    if one.again >= 0:
+        text += f" before its last cut, which begins at line {int(moves.line[one.again])}"
+    elif one.tabs:
+        text += ": no bridge is left that holds it"
+    else:
+        text += " at its last cut"
+    freed = Struck(one.row, to_vec3(moves.end[one.row]), 0.0, 0.0)
+    fault = _fault(moves, cuts, "loose", freed, text)
+    return replace(fault, serious=one.again >= 0 or one.tabs)

@@ -130,7 +130,7 @@ def _strike(gone: Gone, design: Design, row: int, part: _Part, share: float) -> 
     tool = gone.cuts[int(gone.moves.cut[row])].tool
     depth = part.depth * (1 - share) if share else part.depth
     radius = float(reach(tool, np.array([part.depth * share]))[0])
-    return _meet(gone, design, row, part, radius, depth, False)
+    return _meet(gone, design, row, _Part(part.line, depth), radius, with_itself=False)
 
 
 def _meet(
@@ -139,10 +139,11 @@ def _meet(
     row: int,
     part: _Part,
     radius: float,
-    depth: float,
+    *,
     with_itself: bool,
 ) -> Struck | None:
-    """What a disc of ``radius`` meets along a part of a motion at ``depth``; none where all of it is gone."""
+    """Material that a disc meets at the depth of a part of a motion, None if all of it is gone."""
+    depth = part.depth
     if radius <= _SLACK_MM:
         return None
     swept = shapely.buffer(part.line, radius - _SLACK_MM, quad_segs=QUARTER) & design.outline
@@ -190,7 +191,8 @@ def _hold(
 ) -> Struck | None:
     if part.depth - height <= TOLERANCE_MM:
         return None
-    return _meet(gone, design, row, part, radius, part.depth - height, True)
+    above = _Part(part.line, part.depth - height)
+    return _meet(gone, design, row, above, radius, with_itself=True)
 
 
 def _bodies(cut: Cut) -> list[tuple[float, float]]:

@@ -50,6 +50,24 @@ class Gouge(Struct, frozen=True):
     below: bool
 
 
+class _Stays(Struct, frozen=True, eq=False):
+    """Material of a design that stays below a depth.
+
+    limit: the depth, mm below the top face.
+    cells: (C,) whether a cell stays.
+    walls: segments around the cells that stay.
+    """
+
+    design: Design
+    limit: float
+    cells: BoolArray
+    walls: IntArray
+
+    def contains(self, points: FloatArray) -> BoolArray:
+        """(N,) whether points (N, 2) lie in a cell that stays."""
+        return self.cells[self.design.cells.find(points)]
+
+
 def find_gouges(moves: Moves, cuts: Sequence[Cut], design: Design) -> list[Gouge]:
     """The worst gouge of every motion that has one, in order."""
     if design.free or not len(moves):
@@ -77,13 +95,14 @@ def _beyond(
     """Gouges of what may be cut down to ``limit`` mm and no deeper."""
     cells = design.cells
     deep = moves.below(limit + TOLERANCE_MM, rows)
-    stays = design.depth <= limit + TOLERANCE_MM / 2
-    if not len(deep.row) or not stays.any():
+    kept = design.depth <= limit + TOLERANCE_MM / 2
+    if not len(deep.row) or not kept.any():
         return []
     radius = _radius(moves, cuts, deep, limit)
-    walls = np.flatnonzero(np.isin(cells.segments.owner, cells.walls(stays)))
+    walls = np.flatnonzero(np.isin(cells.segments.owner, cells.walls(kept)))
+    stays = _Stays(design, limit, kept, walls)
     allowed = _allowed(moves, cuts, deep, design, limit)
-    apart, within = _apart(deep.plane, design, walls, stays, float(radius.max()), allowed)
+    apart, within = _apart(deep.plane, stays, float(radius.max()), allowed)
     within &= ~_off_stock(deep, radius, design)
     chord = moves.chord[deep.row]
     near = apart < radius - TOLERANCE_MM
@@ -91,14 +110,11 @@ def _beyond(
     doubtful = np.flatnonzero(
         near & ~within & (chord > 0) & (apart >= radius - TOLERANCE_MM - chord)
     )
-    near[doubtful] = _at_ends(deep, doubtful, design, walls, stays, radius, allowed)
+    near[doubtful] = _at_ends(deep, doubtful, stays, radius, allowed)
     hit = np.flatnonzero(within | near)
     for _, chosen, more in allowed:
         radius = np.where(chosen, radius - more, radius)
-    found = (
-        _measure(moves, design, deep, k, float(radius[k]), walls, stays, limit)
-        for k in hit[:_MEASURED].tolist()
-    )
+    found = (_measure(moves, stays, deep, k, float(radius[k])) for k in hit[:_MEASURED].tolist())
     aside = np.where(within, radius, radius - apart)
     rest = (_estimate(moves, deep, k, float(aside[k]), limit) for k in hit[_MEASURED:].tolist())
     return [gouge for gouge in (*found, *rest) if gouge]
@@ -107,9 +123,7 @@ def _beyond(
 def _at_ends(
     deep: Portions,
     rows: IntArray,
-    design: Design,
-    walls: IntArray,
-    stays: BoolArray,
+    stays: _Stays,
     radius: FloatArray,
     allowed: list[tuple[Bevel, BoolArray, float]],
 ) -> BoolArray:
@@ -122,7 +136,7 @@ def _at_ends(
     ):
         points = place[rows]
         tips = make(points, points, np.zeros(len(rows)), rows)
-        apart, _ = _apart(tips, design, walls, stays, float(radius.max()), own)
+        apart, _ = _apart(tips, stays, float(radius.max()), own)
         found |= whole & (apart < radius[rows] - TOLERANCE_MM)
     return found
 
@@ -161,14 +175,12 @@ def _allowed(
 
 def _apart(
     plane: Segments,
-    design: Design,
-    walls: IntArray,
-    stays: BoolArray,
+    stays: _Stays,
     most: float,
     allowed: list[tuple[Bevel, BoolArray, float]],
 ) -> tuple[FloatArray, BoolArray]:
     """(K,) how far each way keeps from the walls, and whether it begins in what stays."""
-    segments = design.cells.segments
+    segments, walls = stays.design.cells.segments, stays.walls
     apart = np.full(len(plane), np.inf)
     first, same = same_ways(plane)
     unique = plane.take(first)
@@ -179,7 +191,7 @@ def _apart(
         found = gaps(unique, segments.take(own), most + more)[same]
         apart = np.minimum(apart, np.where(chosen, found + more, found))
     apart = np.minimum(apart, gaps(unique, segments.take(walls[~bevelled[walls]]), most)[same])
-    within = stays[design.cells.find(points_at(unique, np.full(len(unique), 0.5)))][same]
+    within = stays.contains(points_at(unique, np.full(len(unique), 0.5)))[same]
     for _, chosen, more in allowed:
         within &= ~(chosen & (more > 0))
     return apart, within
@@ -192,31 +204,23 @@ def _off_stock(deep: Portions, radius: FloatArray, design: Design) -> BoolArray:
     return np.asarray(far - deep.plane.length / 2 > radius)
 
 
-def _measure(
-    moves: Moves,
-    design: Design,
-    deep: Portions,
-    k: int,
-    radius: float,
-    walls: IntArray,
-    stays: BoolArray,
-    limit: float,
-) -> Gouge | None:
+def _measure(moves: Moves, stays: _Stays, deep: Portions, k: int, radius: float) -> Gouge | None:
     """How far portion ``k`` is in material that stays, and where most; none where that is only beside the stock."""
     share = np.linspace(0.0, 1.0, _SAMPLES)
     way = deep.plane.take(np.full(_SAMPLES, k))
     points = points_at(way, share)
-    signed = _signed(points, design, walls, stays)
-    signed[shapely.distance(shapely.points(points), design.outline) > radius] = -np.inf
+    signed = _signed(points, stays)
+    signed[shapely.distance(shapely.points(points), stays.design.outline) > radius] = -np.inf
     best = int(np.argmax(signed))
     row = int(deep.row[k])
     at = deep.low[k] + share[best] * (deep.high[k] - deep.low[k])
     tip = moves.start[row] + at * (moves.end[row] - moves.start[row])
     aside = radius + float(signed[best])
     if signed[best] < 0:
-        gap = gaps(way.take(np.array([0])), design.cells.segments.take(walls), radius)[0]
+        walls = stays.design.cells.segments.take(stays.walls)
+        gap = gaps(way.take(np.array([0])), walls, radius)[0]
         aside = max(aside, radius - float(gap)) if np.isfinite(gap) else aside
-    up = float(moves.deepest[row]) - limit
+    up = float(moves.deepest[row]) - stays.limit
     mm = min(aside, up)
     if not mm > TOLERANCE_MM:
         return None
@@ -228,10 +232,10 @@ def _measure(
     )
 
 
-def _signed(points: FloatArray, design: Design, walls: IntArray, stays: BoolArray) -> FloatArray:
+def _signed(points: FloatArray, stays: _Stays) -> FloatArray:
     """(N,) how far points lie within what stays, mm; negative outside of it."""
-    segments = design.cells.segments
-    inside = stays[design.cells.find(points)]
+    segments, walls = stays.design.cells.segments, stays.walls
+    inside = stays.contains(points)
     if not len(walls):
         return np.where(inside, np.inf, -np.inf)
     near = np.full(len(points), np.inf)
