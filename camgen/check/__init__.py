@@ -64,7 +64,7 @@ def check(
     from camgen.collision.motion import measure_apart  # noqa: PLC0415
 
     reach = check_reach(program, cell.arm, name or program.name)
-    there = where or around(job, cell.arm, cell, None, cell.meshes)
+    there = where or around(job, cell, None)
     course = trace(reach, cell.arm, partial(measure_apart, there.scene), name or program.name)
     clear = check_clear(there, reach, course, cell.arm, name or program.name)
     program = share_joints(reach, cell.arm)

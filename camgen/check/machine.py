@@ -77,7 +77,7 @@ def check_machine(program: Program, job: Job, cell: Workcell, file: str) -> Mach
     for section in _split(program, job):
         reach = check_travel(section.program, machine, file)
         with_tool = replace(cell, flange_from_tool=section.program.flange_from_tool)
-        scene = around(replace(job, tool=section.tool), machine, with_tool, None, cell.meshes)
+        scene = around(replace(job, tool=section.tool), with_tool, None)
         course = trace(reach, machine, partial(measure_apart, scene.scene), file)
         clears.append(check_clear(scene, reach, course, machine, file))
         reaches.append(replace(reach, owner=reach.owner + section.shift))

@@ -18,6 +18,7 @@ from camgen.model.part import Note, Solid
 from camgen.model.pose import IDENTITY, FloatArray, Pose, to_vec3, translation
 from camgen.model.text import counted, short
 from camgen.robots.models import Box, Link, Robot
+from camgen.robots.workcell import Workcell
 
 #: mm between the lowest point of a part and a table that is assumed, its size beyond the part, and how thick it is.
 _TABLE_GAP_MM, _BEYOND, _THICK = 0.5, 200.0, 20.0
@@ -56,26 +57,22 @@ class Surroundings(Struct, frozen=True, eq=False):
     meshes: tuple[tuple[str, Solid], ...]
 
 
-#: Fixtures that are meshes, each with its name, work frame.
-Meshes = Sequence[tuple[str, Solid]]
-
-
 def around(
     job: Job,
-    robot: Robot,
-    cell: Cell,
+    cell: Workcell,
     solid: Solid | None,
-    meshes: Meshes,
     tip: float = 0.0,
     beside: FloatArray | None = None,
 ) -> Surroundings:
-    """The scene of ``cell`` with ``robot``, the tool, holder and fixtures of ``job`` and the part ``solid``.
-    meshes: of the fixtures those that are meshes. tip: mm that the tool's tip may enter the part beside what its
+    """The scene of ``cell`` with its arm and mesh fixtures, the tool, holder and other fixtures of ``job`` and the part
+    ``solid``. tip: mm that the tool's tip may enter the part beside what its
     leaning asks for: by so much the rims that it works bend into it. beside: (N, 3), work frame, what is worked on
     beside the part: the box that is left upwards holds it too.
 
     Without fixtures a 3-D part is taken to stand on a table. JobError for boxes that are none.
     """
+    robot, meshes = cell.arm, cell.meshes
+    assert robot is not None
     fixtures, notes = _fixtures(job, solid)
     standing = tuple(
         Link(name, (box_between(cell.base_from_work, low, high),)) for name, (low, high) in fixtures

@@ -75,7 +75,7 @@ def offset(
         candidates.take(kept), origin[kept], corner[kept], turn[kept], label[kept],
     )  # fmt: skip
     row, low, high = _pieces(candidates, label)
-    free = _has_room(candidates, row, low, high, label, obstacles, distance)
+    free = _has_room(candidates.take(row), low, high, label[row], obstacles, distance)
     row, low, high = row[free], low[free], high[free]
     chain = stitch(candidates, row, low, high, label[row])
     row, low, high = chain.row, chain.low, chain.high
@@ -218,8 +218,7 @@ def _pieces(candidates: Segments, label: IntArray) -> tuple[IntArray, FloatArray
 
 
 def _has_room(
-    candidates: Segments,
-    row: IntArray,
+    chosen: Segments,
     low: FloatArray,
     high: FloatArray,
     label: IntArray,
@@ -227,10 +226,9 @@ def _has_room(
     distance: float,
 ) -> BoolArray:
     """Pieces that lie at the distance: a step beyond their middle nothing of the source is nearer than that."""
-    chosen = candidates.take(row)
     middle = (low + high) / 2
     step = np.clip(0.001 * chosen.length * (high - low), *_BEYOND)
     points = points_at(chosen, middle)
     beyond = points + step[:, None] * _right(tangents_at(chosen, middle))
-    near = obstacles.nearer_than(points, label[row], np.full(len(row), distance - _NOISE))
-    return ~(near | obstacles.nearer_than(beyond, label[row], distance + step / 2))
+    near = obstacles.nearer_than(points, label, np.full(len(label), distance - _NOISE))
+    return ~(near | obstacles.nearer_than(beyond, label, distance + step / 2))

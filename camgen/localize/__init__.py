@@ -15,6 +15,7 @@ from msgspec import Struct
 
 from camgen.localize.coarse import Poses, field
 from camgen.localize.doubt import (
+    Alternatives,
     Rival,
     SeenShare,
     alike,
@@ -136,7 +137,11 @@ def localize(
     for some in (points[: 4 * _FEW], points):
         final = refine(model, samples, some, (final.rotation, final.origin), 1.1 * gate)
     return _judge(
-        _Told(name, points, middle, eye, start), model, samples, final, (fits, worth, gate)
+        _Told(name, points, middle, eye, start),
+        model,
+        samples,
+        final,
+        Alternatives(fits, worth, gate, _SAME_COST),
     )
 
 
@@ -256,7 +261,7 @@ def _judge(
     model: Model,
     samples: Cloud,
     final: ScanFit,
-    others: tuple[list[ScanFit], list[float], float],
+    others: Alternatives,
 ) -> Location:
     """What was found with all that speaks for and against it. ``InputError`` if it cannot be the part,
     ``NoSafeProgram`` if it could be elsewhere.
@@ -276,11 +281,9 @@ def _judge(
         raise _missing(
             name, f"at best its surface is {short(final.noise, 3)} mm rms off the points"
         )
-    view = _refuse_unseen(told, model, samples, final, others[2])
-    equal, following = rivals(
-        model, samples, points[: 4 * _FEW], final, others, _SAME_COST, told.middle
-    )
-    free, away = freedom(model, samples, points[:_FEW], final, (others[2], _SAME_COST), eye)
+    view = _refuse_unseen(told, model, samples, final, others.gate)
+    equal, following = rivals(model, samples, points[: 4 * _FEW], final, others, told.middle)
+    free, away = freedom(model, samples, points[:_FEW], final, (others.gate, others.same), eye)
     back = final.rotation.T
     base_from_work = Pose(frozen(back), to_vec3(told.middle - back @ final.origin))
     weak = "" if free else weakness(final)

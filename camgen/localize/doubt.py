@@ -68,32 +68,46 @@ class SeenShare(Struct, frozen=True):
     near: float
 
 
+class Alternatives(Struct, frozen=True, eq=False):
+    """Fits that were tried.
+
+    fits, costs: each fit with its cost, 0..1.
+    gate: distance of the costs, mm.
+    same: difference of two costs up to which fits are equally good.
+    """
+
+    fits: list[ScanFit]
+    costs: list[float]
+    gate: float
+    same: float
+
+
 def rivals(
     model: Model,
     samples: Cloud,
     points: FloatArray,
     final: ScanFit,
-    others: tuple[list[ScanFit], list[float], float],
-    same: float,
+    others: Alternatives,
     middle: FloatArray,
 ) -> tuple[tuple[Rival, ...], Rival | None]:
-    """Other poses that fit as well as the best, by turn, and the best of those that do not. ``others``: fits, costs and
-    the gate of the costs. ``points`` refine those of the first whose surface does not lie on that of the best.
+    """Other poses that fit as well as the best, by turn, and the best of those that do not. ``points`` refine those
+    of the first whose surface does not lie on that of the best.
     """
-    fits, costs, gate = others
-    best, limit = min(costs), _limit(model, final)
+    same = others.same
+    best, limit = min(others.costs), _limit(model, final)
     apart = [
         (fit, c - best)
-        for fit, c in zip(fits, costs, strict=True)
+        for fit, c in zip(others.fits, others.costs, strict=True)
         if _off(model, fit, final) > limit
     ]
     equal: list[tuple[ScanFit, float]] = []
     for fit, worse in sorted((pair for pair in apart if pair[1] <= same), key=lambda pair: pair[1]):
         if all(_off(model, fit, known) > limit for known, _ in equal):
             equal.append((fit, worse))
-    told = [
-        _compare(model, samples, points, final, (fit, worse), gate, middle) for fit, worse in equal
-    ]
+    told = []
+    for fit, worse in equal:
+        compared, off = _compare(model, samples, points, final, fit, others.gate)
+        told.append(_rival(model, compared, final, worse, middle, off))
     told.sort(key=lambda rival: (round(rival.turn, 1), rival.shift))
     less = min(((f, w) for f, w in apart if w > same), key=lambda pair: pair[1], default=None)
     return tuple(told), None if less is None else _rival(
@@ -106,19 +120,17 @@ def _compare(
     samples: Cloud,
     points: FloatArray,
     final: ScanFit,
-    other: tuple[ScanFit, float],
+    fit: ScanFit,
     gate: float,
-    middle: FloatArray,
-) -> Rival:
-    """The rival with its surface compared; refined with more points where few put it elsewhere."""
-    fit, worse = other
+) -> tuple[ScanFit, float]:
+    """The fit and its distance from the best surface, mm. A fit that is elsewhere is refined with more points."""
     off = surface_off(model, samples, final, fit)
     if off > noise_limit(model, final):
         fit = refine(model, samples, points, (fit.rotation, fit.origin), gate)
         off = surface_off(model, samples, final, fit)
     if off > noise_limit(model, final):
         off = min(off, _twin_off(model, samples, points, final, fit, gate))
-    return _rival(model, fit, final, worse, middle, off)
+    return fit, off
 
 
 def _twin_off(

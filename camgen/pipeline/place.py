@@ -277,7 +277,7 @@ def _look(case: _Case, spot: Spot, known: dict[Spot, tuple[int, float]]) -> tupl
 
 def _nominal(case: _Case, spot: Spot) -> int:
     cell = replace(case.cell, base_from_work=case.base_from_work(spot))
-    where = around(case.job, case.robot, cell, case.solid, cell.meshes, case.tip)
+    where = around(case.job, cell, case.solid, case.tip)
     try:
         home_of(case.robot, cell, where.scene)
     except NoSafeProgram:

@@ -51,9 +51,9 @@ def beside(
     out = _offset(source, following, group, distance + corner_radius)
     if corner_radius == 0.0:
         lost = np.zeros(len(out.segments), dtype=bool)
-        return _check(
-            out.segments, out.closed, out.source, out.turn, lost, source, closed, group, distance
-        )
+        sound = np.ones(len(out.closed), dtype=bool)
+        curve = Beside(out.segments, out.closed, out.source, out.turn, lost, sound)
+        return _check(curve, source, closed, group, distance)
     turned, rows = backwards(out.segments)
     label = group[out.source[rows]]
     back = _offset(turned, neighbours(turned, out.closed), label, corner_radius)
@@ -61,9 +61,9 @@ def beside(
     origin = rows[back.source[order]]
     lost = back.corner[order]
     turn = np.where(lost, 0.0, out.turn[origin])
-    return _check(
-        segments, back.closed, out.source[origin], turn, lost, source, closed, group, distance
-    )
+    sound = np.ones(len(back.closed), dtype=bool)
+    curve = Beside(segments, back.closed, out.source[origin], turn, lost, sound)
+    return _check(curve, source, closed, group, distance)
 
 
 def _offset(source: Segments, following: IntArray, group: IntArray, distance: float) -> Offset:
@@ -78,24 +78,16 @@ def _offset(source: Segments, following: IntArray, group: IntArray, distance: fl
     return result
 
 
-def _check(  # noqa: PLR0913, PLR0917 (the columns of Beside, and what they are measured against)
-    segments: Segments,
-    closed: BoolArray,
-    source: IntArray,
-    turn: FloatArray,
-    lost: BoolArray,
-    drawing: Segments,
-    drawn_closed: BoolArray,
-    group: IntArray,
-    distance: float,
+def _check(
+    curve: Beside, drawing: Segments, closed: BoolArray, group: IntArray, distance: float
 ) -> Beside:
     """The curve with the verdict of measuring it.
 
     Every sampled point must be at the distance, or farther where nothing is touched, and what runs beside closed loops
     must be closed.
     """
-    sound = np.ones(len(closed), dtype=bool)
-    open_piece = ~closed[segments.owner] & drawn_closed[drawing.owner[source]]
+    segments, source, lost, sound = curve.segments, curve.source, curve.lost, curve.sound.copy()
+    open_piece = ~curve.closed[segments.owner] & closed[drawing.owner[source]]
     sound[segments.owner[open_piece]] = False
     # Told anew of the curve as it is, whatever was taken to be apart on the way to it.
     group = set_apart(drawing, group, segments, source, distance)
@@ -107,7 +99,7 @@ def _check(  # noqa: PLR0913, PLR0917 (the columns of Beside, and what they are 
         # The first point of a rounded corner belongs to the segment before it as well; the others judge the corner.
         good |= (fraction == 0) & (lost | np.roll(lost, 1)) & (gap >= distance - EXACT)
         sound[segments.owner[~good]] = False
-    return Beside(segments, closed, source, turn, lost, sound)
+    return replace(curve, sound=sound)
 
 
 def only_along(curve: Beside, chosen: BoolArray) -> Beside:

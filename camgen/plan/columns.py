@@ -29,19 +29,27 @@ class Label(Struct, frozen=True):
     contours: tuple[str, ...]
 
 
+class SegmentWork(Struct, frozen=True, eq=False):
+    """Force and feed along each of N segments.
+
+    press: (N, 2, 3) unit direction of the force at the start and the end.
+    force: (N,) N.
+    feed: (N,) mm/s.
+    """
+
+    press: FloatArray
+    force: FloatArray
+    feed: FloatArray
+
+
 def tool_paths(
     segments: Segments,
     labels: Sequence[Label],
-    press: FloatArray,
-    force: FloatArray,
-    feed: FloatArray,
+    work: SegmentWork,
     depths: tuple[float, ...],
     operation: str,
 ) -> tuple[ToolPath, ...]:
-    """A path per owner of ``segments``, in order; the tool straight down, z = 0 at the top face.
-
-    press: (N, 2, 3) unit at start and end of each segment, force (N,) N, feed (N,) mm/s.
-    """
+    """A path per owner of ``segments``, in order; the tool straight down, z = 0 at the top face."""
     count = len(labels)
     sizes = np.bincount(segments.owner, minlength=count)
     first = begins(sizes)
@@ -59,9 +67,8 @@ def tool_paths(
     arc = np.flatnonzero(segments.is_arc)
     via[row_of[arc], :2] = points_at(segments.take(arc), np.full(len(arc), 0.5))
     via[row_of[arc], 2] = 0.0
-    table = waypoints(
-        position, via, feed[source], force_direction=press[source], force=force[source]
-    )
+    columns = {"force_direction": work.press[source], "force": work.force[source]}
+    table = waypoints(position, via, work.feed[source], **columns)
     paths = []
     for low, size, label in zip(begin.tolist(), sizes.tolist(), labels, strict=True):
         paths.append(

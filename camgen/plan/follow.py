@@ -26,7 +26,7 @@ from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted, name_ranges
 from camgen.plan.beside import EXACT, Beside, beside, only_along, only_chains
-from camgen.plan.columns import SLOWEST, Label, pass_depths, sideways, tool_paths
+from camgen.plan.columns import SLOWEST, Label, SegmentWork, pass_depths, sideways, tool_paths
 from camgen.plan.finish import rough_then_last
 from camgen.read.join import tell_gaps
 
@@ -120,8 +120,9 @@ def run_beside(
         if operation == "follow"
         else f"a V tool whose middle is {distance:.4g} mm off the wall"
     )
-    notes += _left_out(curve, source, contours, order, looked_at, tool, distance)
-    return _paths(curve, source, labels, order, job, depths, operation), tuple(notes)
+    notes += _left_out(curve, source, contours, looked_at, tool, distance)
+    segments, work = _order_chains(curve, source, order, job)
+    return tool_paths(segments, labels, work, depths, operation), tuple(notes)
 
 
 def _too_near(curve: Beside, source: Segments, loops: _Loops, reach: float) -> BoolArray:
@@ -297,7 +298,6 @@ def _left_out(
     curve: Beside,
     source: Segments,
     contours: list[Contour],
-    order: IntArray,
     worked: BoolArray,
     tool: str,
     distance: float,
@@ -334,10 +334,11 @@ def _left_out(
         notes.append(
             Note("warning", what, f"inner corners and narrow places that {tool} does not reach")
         )
-    if len(order) < len(curve.closed) and not (failed & ~touched).any():
-        what = f"{counted(len(curve.closed) - len(order), 'piece', 'pieces')} of path left out"
-        unsound = "they did not keep their distance from the drawing; please report it"
-        why = _COMMON if shared[failed].any() else unsound
+    unsound = int((~curve.sound).sum())
+    if unsound and not (failed & ~touched).any():
+        what = f"{counted(unsound, 'piece', 'pieces')} of path left out"
+        wrong = "they did not keep their distance from the drawing; please report it"
+        why = _COMMON if shared[failed].any() else wrong
         ids = tuple(contours[k].id for k in np.flatnonzero(failed).tolist())
         notes.append(Note("skipped", what, why, ids))
     return notes
@@ -396,16 +397,10 @@ def _contact(curve: Beside, source: Segments) -> FloatArray:
     return np.where((curve.turn > 0) | curve.lost, 0.0, length)
 
 
-def _paths(
-    curve: Beside,
-    source: Segments,
-    labels: list[Label],
-    order: IntArray,
-    job: Job,
-    depths: tuple[float, ...],
-    operation: str,
-) -> tuple[ToolPath, ...]:
-    """The sound chains in order as tool paths, in the direction of the job."""
+def _order_chains(
+    curve: Beside, source: Segments, order: IntArray, job: Job
+) -> tuple[Segments, SegmentWork]:
+    """The sound chains in order, in the direction of the job, with force and feed."""
     process = job.process
     rounding = (curve.turn > 0) & ~curve.lost
     factor = np.clip(_stretch(curve, source), SLOWEST, process.max_feed_factor)
@@ -418,18 +413,10 @@ def _paths(
     rows = np.flatnonzero(place[curve.segments.owner] >= 0)
     rows = rows[np.argsort(place[curve.segments.owner[rows]], kind="stable")]
     segments = curve.segments.take(rows)
-    segments = Segments(
-        segments.start,
-        segments.end,
-        segments.bulge,
-        segments.centre,
-        segments.radius,
-        place[segments.owner],
-    )
+    segments = replace(segments, owner=place[segments.owner])
     feed, force, side = feed[rows], force[rows], 1
     if job.operation.direction != "conventional":
         # Climb: the part on the right of the travel.
         segments, back = backwards(segments)
         feed, force, side = feed[back], force[back], -1
-    press = sideways(segments, side)
-    return tool_paths(segments, labels, press, force, feed, depths, operation)
+    return segments, SegmentWork(sideways(segments, side), force, feed)

@@ -10,7 +10,7 @@ from camgen.geometry.segments import from_contours
 from camgen.model.job import Job
 from camgen.model.part import Note, Part
 from camgen.model.path import ToolPath
-from camgen.plan.columns import Label, pass_depths, sideways, tool_paths
+from camgen.plan.columns import Label, SegmentWork, pass_depths, sideways, tool_paths
 from camgen.plan.merge import merge
 
 
@@ -31,7 +31,7 @@ def trace(part: Part, job: Job) -> tuple[ToolPath, ...]:
     force = np.full(len(segments), job.process.force)
     feed = np.full(len(segments), job.process.feed)
     depths = pass_depths(job.operation.depth, job.operation.passes)
-    return tool_paths(segments, labels, press, force, feed, depths, "trace")
+    return tool_paths(segments, labels, SegmentWork(press, force, feed), depths, "trace")
 
 
 def with_few_lifts(part: Part, job: Job) -> tuple[Part, tuple[Note, ...]]:

@@ -19,6 +19,7 @@ from camgen.model.pose import FloatArray
 from camgen.model.text import counted, short
 from camgen.order.arrange import measure_travel
 from camgen.plan.fill.cover import coverage_map
+from camgen.preview import Built
 from camgen.preview.draw import Paper, by_order, of_contours, of_paths, path_data, spots
 from camgen.preview.panels import (
     WIDE,
@@ -39,19 +40,9 @@ _DOT, _STROKE, _BINS = 0.55, 0.45, 32
 _MAP = 1000
 
 
-def svg(
-    part: Part,
-    raster: Raster,
-    tour: Tour,
-    planned: tuple[ToolPath, ...],
-    notes: tuple[Note, ...],
-    job: Job,
-    title: str,
-) -> str:
-    """The picture as SVG text, sized in mm. ``job`` says how wide the pen is and how large the page.
-
-    planned: the strokes before they were put in order.
-    """
+def svg(result: Built, raster: Raster, title: str) -> str:
+    """The picture as SVG text, sized in mm. ``raster``: of the drawing."""
+    part, tour, notes, job = result.part, result.tour, result.notes, result.job
     crop = make_crop(raster)
     height, width = raster.photo.shape[:2]
     points = counted(sum(len(border) for border in raster.borders), "point")
@@ -67,7 +58,7 @@ def svg(
             [faint(raster, crop), _borders(raster, crop)],
         ),
         *drawn,
-        _order(raster, planned, measure_travel(planned, None), "as found", job),
+        _order(raster, result.planned, measure_travel(result.planned, None), "as found", job),
         _order(raster, tour.paths, tour.travel, "by order", job),
     ]
     return sheet(panels, notes, title)

@@ -45,8 +45,7 @@ def _drawing(result: Built) -> bytes:
 
     part, title = result.part, f"{result.part.source}, {result.post.name}"
     if part.raster is not None and is_drawing(result.job):
-        shown = (part, part.raster, result.tour, result.planned)
-        return drawing_stages.svg(*shown, result.notes, result.job, title).encode("utf-8")
+        return drawing_stages.svg(result, part.raster, title).encode("utf-8")
     if part.raster is not None:
         return photo_stages.svg(part, part.raster, result.tour, result.notes, title).encode("utf-8")
     return svg.svg(part, result.tour, result.notes, title).encode("utf-8")

@@ -36,7 +36,7 @@ def solid() -> Solid:
 
 def made(tool: dict[str, object], cell: dict[str, object], solid: Solid | None) -> Surroundings:
     job = from_mapping({"tool": tool, "cell": {"robot": "IRB 1200", **cell}})
-    return around(job, ARM, equip(Rapid.cell(), job), solid, read_fixtures(job, Files()))
+    return around(job, equip(Rapid.cell(), job, ARM, read_fixtures(job, Files())), solid)
 
 
 def boxes(scene: Scene, name: str) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
@@ -130,10 +130,10 @@ def test_wrist_boxes_that_reach_past_the_flange_are_said() -> None:
         pose_from_values([0.0, 0, 100, 0, 0, 0]),
         Joints(()),
     )
-    where = around(Job(), arm, cell, None, ())
+    where = around(Job(), equip(cell, Job(), arm), None)
     assert [note.what for note in where.notes] == ["link 4 and tool do not meet"]
     assert hits(where.scene, arm.home[None])[0] < 0
-    assert not around(Job(), ARM, cell, None, ()).notes
+    assert not around(Job(), equip(cell, Job(), ARM), None).notes
 
 
 @pytest.mark.parametrize(
@@ -164,7 +164,7 @@ def test_a_fixture_that_is_no_mesh_is_told_by_its_name(tmp_path: Path) -> None:
 def test_the_job_is_not_changed(solid: Solid) -> None:
     job = from_mapping({"cell": {"robot": "IRB 1200", "fixtures": [[0, 0, -50, 1, 1, -40]]}})
     before = replace(job)
-    around(job, ARM, equip(Rapid.cell(), job), solid, read_fixtures(job, Files()))
+    around(job, equip(Rapid.cell(), job, ARM, read_fixtures(job, Files())), solid)
     assert job == before
 
 

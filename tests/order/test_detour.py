@@ -38,7 +38,7 @@ def scene(fixtures: list[list[float]], margin: float = 2.0) -> tuple[Setup, Room
     job = Job(cell=CellTable(robot="IRB 120", fixtures=fixtures, margin=margin))
     home = Joints(tuple(ARM.home.tolist()))
     cell = equip(Cell("arm", translation(0, 0, 0), translation(0, 0, 100), home), job, ARM)
-    where = around(job, ARM, cell, None, ())
+    where = around(job, cell, None)
     setup = setup_of(ARM, cell, where)
     return setup, room_of(where, setup)
 

@@ -41,7 +41,7 @@ WALL = Hit("collision", "link 5 against wall", 0.0)
 @cache
 def cell(part: str) -> tuple[Setup, Room, tuple[Reached, ...]]:
     solid, job = mesh.read(source(PARTS / f"{part}.stl")), load(PARTS / f"{part}.toml")
-    where = around(job, ARM, equip(Rapid.cell(), job), solid, ())
+    where = around(job, equip(Rapid.cell(), job, ARM), solid)
     setup = setup_of(ARM, equip(Rapid.cell(), job), where)
     chosen = select(solid, [job.input.select])
     edges = [edge for edge in solid.edges if edge.id in chosen]
@@ -116,12 +116,12 @@ def test_a_way_out_ends_above_the_level_and_the_joints_follow_it(part: str) -> N
 @cache
 def scene_of(part: str) -> Scene:
     solid, job = mesh.read(source(PARTS / f"{part}.stl")), load(PARTS / f"{part}.toml")
-    return around(job, ARM, equip(Rapid.cell(), job), solid, ()).scene
+    return around(job, equip(Rapid.cell(), job, ARM), solid).scene
 
 
 def test_the_level_is_half_the_holder_and_the_safety_above_the_part() -> None:
     solid, job = mesh.read(source(PARTS / "rfa1.stl")), load(PARTS / "rfa1.toml")
-    where = around(job, ARM, equip(Rapid.cell(), job), solid, ())
+    where = around(job, equip(Rapid.cell(), job, ARM), solid)
     top = 640.0 + 70.0  # the part stands at 640 mm and is 70 mm high
     assert where.level == pytest.approx(top + math.hypot(70, 70) / 2 + 10.0)
 

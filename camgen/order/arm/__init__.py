@@ -247,7 +247,7 @@ def _begin(
     arm = cell.arm
     assert arm is not None
     # What a search looks at collides or does not; the margin is asked for beside it.
-    wide = around(job, arm, cell, None, cell.meshes)
+    wide = around(job, cell, None)
     where = replace(wide, margin=0.0)
     setup = replace(setup_of(arm, cell, where), clear=clear_of(where.scene))
     high = job.process.clearance

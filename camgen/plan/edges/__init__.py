@@ -8,6 +8,7 @@ from itertools import compress
 from typing import Literal
 
 import numpy as np
+from msgspec import Struct
 from msgspec.structs import replace
 
 from camgen.collision.cell import Surroundings, around
@@ -49,40 +50,42 @@ def plan_edges(part: Part, job: Job, cell: Cell | None, watch: Watch) -> EdgePla
         raise JobError(
             "job", "edges of 3-D parts need an arm", "--post", "give rapid, pacscript or vplus"
         )
-    robot = cell.arm
     _check(job, cell)
     edges = choose(solid, job)
     direction = offset_along(job, solid, edges.values())
     tip = own_contact(edges.values(), job, direction)
 
     def surround(other: Job) -> Surroundings:
-        return around(other, robot, cell, solid, cell.meshes, tip)
+        return around(other, cell, solid, tip)
 
     ways = ((edge, poses(edge, job.operation.offset, direction)) for edge in edges.values())
-    return plan_ways(part, job, cell, watch, ways, surround, _note_contact(tip), "edge")
+    return plan_ways(part, job, cell, watch, LineTask(ways, surround, _note_contact(tip), "edge"))
 
 
-def plan_ways(
-    part: Part,
-    job: Job,
-    cell: Workcell,
-    watch: Watch,
-    ways: Iterable[tuple[Line, Way | Unreached]],
-    surround: Surround,
-    notes: Sequence[Note],
-    noun: str,
-) -> EdgePlan:
-    """The motions along ``ways``, those that the arm reaches. surround: the cell with what stands in it, for a
-    job. notes: beside those of part and cell. noun: what a line is called.
+class LineTask(Struct, frozen=True, eq=False):
+    """Lines of a part that are worked on.
 
-    NoSafeProgram where none can be run.
+    ways: each line with its pose path, or the reason why it has none.
+    surround: makes the scene of the cell, for a job.
+    notes: notes besides those of the part and of the cell.
+    noun: "edge" or "curve".
     """
+
+    ways: Iterable[tuple[Line, Way | Unreached]]
+    surround: Surround
+    notes: Sequence[Note]
+    noun: str
+
+
+def plan_ways(part: Part, job: Job, cell: Workcell, watch: Watch, task: LineTask) -> EdgePlan:
+    """The motions along the lines of ``task`` that the arm reaches. NoSafeProgram if it reaches none."""
     assert cell.arm is not None
+    surround, noun = task.surround, task.noun
     where = surround(job)
     home_of(cell.arm, cell, where.scene)
     watch("reaching")
     setup = setup_of(cell.arm, cell, where)
-    listed = list(ways)
+    listed = list(task.ways)
     lines = {line.id: line for line, _ in listed}
 
     def tell(done: int) -> None:
@@ -103,7 +106,7 @@ def plan_ways(
     return EdgePlan(
         part,
         paths,
-        (*part.notes, *where.notes, *notes, *left_out(lost, lines), *more),
+        (*part.notes, *where.notes, *task.notes, *left_out(lost, lines), *more),
         edges=tuple(lines.values()),
         motions=good,
         unreached=tuple(lost),

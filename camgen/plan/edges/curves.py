@@ -13,7 +13,7 @@ from camgen.model.limits import tell
 from camgen.model.part import Note, Part
 from camgen.model.text import counted, short
 from camgen.plan import EdgePlan, Watch
-from camgen.plan.edges import plan_ways
+from camgen.plan.edges import LineTask, plan_ways
 from camgen.plan.edges.stand import choose_axis, stand
 from camgen.robots.workcell import Workcell
 
@@ -48,12 +48,12 @@ def plan_curves(part: Part, job: Job, cell: Cell, watch: Watch) -> EdgePlan:
     points = np.concatenate(
         [column for curve in part.curves for column in (curve.points, curve.middles)]
     )
-    arm = cell.arm
 
     def surround(other: Job) -> Surroundings:
-        return around(other, arm, cell, part.solid, cell.meshes, beside=points)
+        return around(other, cell, part.solid, beside=points)
 
-    return plan_ways(part, job, cell, watch, ways, surround, _note_faces(part, job), "curve")
+    task = LineTask(ways, surround, _note_faces(part, job), "curve")
+    return plan_ways(part, job, cell, watch, task)
 
 
 def _note_faces(part: Part, job: Job) -> tuple[Note, ...]:

@@ -24,7 +24,7 @@ from camgen.model.part import Note
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted
-from camgen.plan.columns import Label, pass_depths, tool_paths
+from camgen.plan.columns import Label, SegmentWork, pass_depths, tool_paths
 from camgen.plan.image_space.border import Border, between_pixels, border
 from camgen.plan.image_space.field import Field, Pixels, chains, field, sample_field
 from camgen.plan.image_space.stretches import steady_ratio
@@ -390,4 +390,4 @@ def _paths(
         press, feed, force = press[back][:, ::-1], feed[back], force[back]
     depths = pass_depths(job.operation.depth, job.operation.passes)
     labels_ = [name for name in names if name is not None]
-    return tool_paths(segments, labels_, press, force, feed, depths, "follow")
+    return tool_paths(segments, labels_, SegmentWork(press, force, feed), depths, "follow")

@@ -23,7 +23,7 @@ from camgen.model.part import Contour, Note, Part
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted, name_ranges, short
-from camgen.plan.columns import SLOWEST, Label, pass_depths, sideways, tool_paths
+from camgen.plan.columns import SLOWEST, Label, SegmentWork, pass_depths, sideways, tool_paths
 from camgen.plan.follow import turn_round
 from camgen.plan.pocket.chains import concatenate
 from camgen.plan.pocket.channel import Bound, Channel, channels
@@ -357,16 +357,8 @@ def _paths(
     table = concatenate([run.chain for run in runs])
     table = replace(table, owner=np.repeat(np.arange(len(runs)), [len(run.chain) for run in runs]))
     depths = pass_depths(job.operation.depth, job.operation.passes)
-    none = np.zeros(len(table))
-    paths = tool_paths(
-        table,
-        [run.label for run in runs],
-        sideways(table, 0),
-        none,
-        _feeds(table, runs, job),
-        depths,
-        "pocket",
-    )
+    work = SegmentWork(sideways(table, 0), np.zeros(len(table)), _feeds(table, runs, job))
+    paths = tool_paths(table, [run.label for run in runs], work, depths, "pocket")
     return tuple(
         replace(path, entry_radius=run.room, depths=depths[-1:] if run.whole else depths)
         for path, run in zip(paths, runs, strict=True)

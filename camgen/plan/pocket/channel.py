@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 import shapely
 from msgspec import Struct
+from msgspec.structs import replace
 
 from camgen.geometry.segments import Segments, make
 from camgen.model.pose import FloatArray
@@ -112,6 +113,7 @@ def channels(axis: Ridge, first: float, bound: Bound, begun: float) -> list[Chan
     for a, b in axis.links[fit[axis.links].all(axis=1)].tolist():
         around[a].append(b)
         around[b].append(a)
+    inside = replace(axis, room=room)
     left = set(np.flatnonzero(fit).tolist())
     # Where there is most room first; that is in the middle of a basin.
     order = sorted(left, key=lambda k: (-float(axis.room[k]), k))
@@ -120,7 +122,7 @@ def channels(axis: Ridge, first: float, bound: Bound, begun: float) -> list[Chan
         if root in left:
             ways = _spread(axis.points, around, root)
             left -= set(ways)
-            made = _cut(axis.points, room, root, _leaves(ways, root), ways, bound, begun)
+            made = _cut(inside, root, _leaves(ways, root), ways, bound, begun)
             rim = _rim(made.discs[0], bound)
             found.append(
                 Channel(
@@ -197,14 +199,14 @@ class _Made:
 
 
 def _cut(
-    points: FloatArray,
-    room: FloatArray,
+    axis: Ridge,
     root: int,
     ends: Sequence[int],
     before: dict[int, int],
     bound: Bound,
     begun: float,
 ) -> _Made:
+    points, room = axis.points, axis.room
     made = _Made(bound, points[root])
     made.discs.append(_disc(points[root], float(room[root]), -1))
     _grow(made, float(room[root]), min(begun, float(room[root])))
