@@ -22,7 +22,7 @@ from bench.robots.plain_loop import Loop
 from camgen.collision.hits import clearance, hits
 from camgen.collision.mesh import Mesh, make_mesh
 from camgen.collision.motion import motion
-from camgen.collision.scene import Scene, scene
+from camgen.collision.scene import Allowed, Scene, scene
 from camgen.model.part import Solid
 from camgen.model.pose import FloatArray, frozen, pose_from_values, translation
 from camgen.robots.catalogue import robot
@@ -103,7 +103,7 @@ def table_of(
         "table", (Box(translation(centre[0], centre[1], centre[2] - 130), (150.0, 300.0, 30.0)),)
     )
     loop = Loop(of, solid, base_from_part, (table,), TOOL, CONTACT)
-    whole = scene(of, TOOL, (table,), mesh, base_from_part, CONTACT)
+    whole = scene(of, TOOL, (table,), mesh, base_from_part, Allowed(CONTACT))
     links = scene(of, (), (), mesh, base_from_part)
     good = True
     for where, joints in (

@@ -10,7 +10,7 @@ from msgspec import Struct
 
 from camgen.collision.hits import clearance, hits
 from camgen.collision.mesh import make_mesh
-from camgen.collision.scene import Scene, narrow, scene
+from camgen.collision.scene import Allowed, Scene, Wall, narrow, scene
 from camgen.model.cell import Cell
 from camgen.model.errors import JobError
 from camgen.model.job import Job
@@ -77,7 +77,7 @@ def around(
     standing = tuple(
         Link(name, (box_between(cell.base_from_work, low, high),)) for name, (low, high) in fixtures
     )
-    walls = tuple((name, make_mesh(shape), cell.base_from_work) for name, shape in meshes)
+    walls = tuple(Wall(name, make_mesh(shape), cell.base_from_work) for name, shape in meshes)
     holder = [corners_of("tool.holder", box) for box in job.tool.holder or ()]
     contact = job.tool.radius * math.sin(math.radians(job.tool.axis_tilt)) + _TOUCH
     contact = min(contact, job.tool.radius * 0.99)
@@ -94,7 +94,8 @@ def around(
     tool = tuple(bodies)
     part = make_mesh(solid) if solid is not None else ()
     overlaps = _overlaps(robot, tool)
-    made = scene(robot, tool, standing, part, cell.base_from_work, (contact, tip), overlaps, walls)
+    allowed = Allowed(contact, tip, overlaps)
+    made = scene(robot, tool, (*standing, *walls), part, cell.base_from_work, allowed)
     close = _close(robot, made, tool, job.cell.margin)
     work = [k for k, pair in enumerate(made.pairs) if pair == ("tool", "part") or pair in close]
     rest = [k for k in range(len(made.pairs)) if k not in work]
@@ -157,7 +158,7 @@ def _overlaps(robot: Robot, tool: tuple[Link, ...]) -> tuple[tuple[str, str], ..
     }
     found: list[tuple[str, str]] = []
     while True:
-        bare = scene(robot, tool, allowed=tuple(found))
+        bare = scene(robot, tool, allowed=Allowed(pairs=tuple(found)))
         pair = int(hits(bare, robot.home[None])[0])
         if pair < 0 or not wrist & set(bare.pairs[pair]):
             return tuple(found)

@@ -75,37 +75,52 @@ class _Body(Struct, frozen=True, eq=False):
     base_from_mesh: Pose = _HERE
 
 
+class Wall(Struct, frozen=True, eq=False):
+    """A body that stands and is a mesh, in the frame of the mesh."""
+
+    name: str
+    mesh: Mesh
+    base_from_mesh: Pose
+
+
+class Allowed(Struct, frozen=True):
+    """Contacts that the collision test permits.
+
+    contact: mm that the first body of the tool may enter the part.
+    tip: mm that its tip may enter the part beyond that: the last of its boxes' z, as long as half
+        their width.
+    pairs: pairs of names of bodies that are not tested.
+    """
+
+    contact: float = 0.0
+    tip: float = 0.0
+    pairs: tuple[tuple[str, str], ...] = ()
+
+
 def scene(
     robot: Robot,
     tool: tuple[Link, ...] = (),
-    obstacles: tuple[Link, ...] = (),
+    obstacles: tuple[Link | Wall, ...] = (),
     part: Mesh | tuple[Box, ...] = (),
     base_from_part: Pose = _HERE,
-    contact: float | tuple[float, float] = 0.0,
-    allowed: tuple[tuple[str, str], ...] = (),
-    meshes: tuple[tuple[str, Mesh, Pose], ...] = (),
+    allowed: Allowed = Allowed(),  # noqa: B008 (frozen)
 ) -> Scene:
     """A scene. tool: bodies fixed to the flange, their boxes as flange_from_box; obstacles: bodies that stand, their
     boxes as base_from_box; part: its boxes as part_from_box, or its mesh.
-
-    contact: mm that the first of ``tool`` may enter the part; of two numbers the second is what its tip may more: the
-    last of its boxes' z, as long as half their width. allowed: pairs of names that are not tested. meshes:
-    obstacles with a name, a mesh and base_from_mesh.
 
     Links are grown by the robot's pad. Links that touch anyway (``Robot.touching``) are not tested against each other,
     nor the tool against the last link; links that touch the last one, to which the flange may be closer than the pad,
     are tested against the tool without pad. The base stands: it is tested against what moves only.
 
-    JobError: two bodies of one name, a name in ``allowed`` that no body has, a tool thinner than its ``contact``.
+    JobError: two bodies of one name, a name in ``allowed`` that no body has, a tool thinner than its contact.
     """
     last = len(robot.joints)
     bare = [_Body(link.name, k, link.boxes) for k, link in enumerate(robot.links)]
     links = [_Body(body.name, body.frame, _grow(body.boxes, robot.pad)) for body in bare]
     tools = [_Body(body.name, last, _on_flange(robot, body.boxes)) for body in tool]
-    standing = [_Body(body.name, 0, body.boxes) for body in obstacles]
-    standing += [_Body(name, 0, (), mesh, place) for name, mesh, place in meshes]
+    standing = [_stand(body) for body in obstacles]
     target = _part(part, base_from_part)
-    _check([*links, *tools, *standing, *target], allowed)
+    _check([*links, *tools, *standing, *target], allowed.pairs)
     spared = {frozenset(pair) for pair in robot.touching}
     pairs = [
         (a, b)
@@ -119,11 +134,11 @@ def scene(
     ]
     pairs += [(body, other) for body in [*links[1:], *tools] for other in standing]
     working = [
-        *(_Body(body.name, last, _entering(body, contact)) for body in tools[:1]),
+        *(_Body(body.name, last, _entering(body, allowed)) for body in tools[:1]),
         *tools[1:],
     ]
     pairs += [(body, other) for body in [*links[1:], *working] for other in target]
-    without = {frozenset(names) for names in allowed}
+    without = {frozenset(names) for names in allowed.pairs}
     tested = [(a, b) for a, b in pairs if frozenset((a.name, b.name)) not in without]
     return _tabulate(robot, tested)
 
@@ -170,8 +185,14 @@ def _on_flange(robot: Robot, boxes: tuple[Box, ...]) -> tuple[Box, ...]:
     return tuple(Box(robot.flange @ box.link_from_box, box.half) for box in boxes)
 
 
-def _entering(body: _Body, both: float | tuple[float, float]) -> tuple[Box, ...]:
-    contact, tip = both if isinstance(both, tuple) else (both, 0.0)
+def _stand(body: Link | Wall) -> _Body:
+    if isinstance(body, Wall):
+        return _Body(body.name, 0, (), body.mesh, body.base_from_mesh)
+    return _Body(body.name, 0, body.boxes)
+
+
+def _entering(body: _Body, allowed: Allowed) -> tuple[Box, ...]:
+    contact, tip = allowed.contact, allowed.tip
     thin = min((min(box.half) for box in body.boxes), default=contact + 1)
     if thin <= contact:
         depth, width = short(contact, 3), short(2 * thin, 3)

@@ -30,7 +30,7 @@ from camgen.localize.doubt import (
     thin,
     weakness,
 )
-from camgen.localize.fine import TUKEY, ScanFit, costs, on, refine, refine_all
+from camgen.localize.fine import TUKEY, ScanFit, View, costs, on, refine, refine_all
 from camgen.localize.model import Cloud, Model, model_part
 from camgen.localize.rims import run_on
 from camgen.localize.sight import hidden
@@ -129,7 +129,7 @@ def localize(
     if not math.isfinite(best.noise):
         raise _missing(name, "no pose puts it on the points")
     gate = min(max(best.noise, 1e-6 * model.size) * TUKEY, WITHIN * model.size)
-    worth = costs(model, samples, few, fits, gate, eye, _SAME_COST)
+    worth = costs(model, samples, View(few, eye), fits, gate, _SAME_COST)
     equal = [fit for fit, c in zip(fits, worth, strict=True) if c <= min(worth) + _SAME_COST]
     chosen = _choose(model, equal, given, start is not None)
     stage("refining")
@@ -213,7 +213,7 @@ def _look(model: Model, samples: Cloud, few: FloatArray, found: Poses) -> list[S
     """Each pose refined with a few points, those that are far from the best with fewer."""
     poses = list(zip(found.rotations, found.origins, strict=True))
     fits = refine_all(model, samples, few[:_FEWER], poses, 0.02 * model.size)
-    worth = costs(model, samples, few[:_FEWER], fits, WITHIN * model.size)
+    worth = costs(model, samples, View(few[:_FEWER]), fits, WITHIN * model.size)
     near = [k for k, c in enumerate(worth) if c < min(worth) + _FAR_COST]
     again = [(fits[k].rotation, fits[k].origin) for k in near]
     for k, fit in zip(near, refine_all(model, samples, few, again, 0.01 * model.size), strict=True):
@@ -225,7 +225,7 @@ def _best(
     model: Model, samples: Cloud, few: FloatArray, fits: list[ScanFit], eye: FloatArray | None
 ) -> ScanFit:
     """The one that puts the points best onto the model."""
-    worth = costs(model, samples, few[:_FEWER], fits, WITHIN * model.size, eye)
+    worth = costs(model, samples, View(few[:_FEWER], eye), fits, WITHIN * model.size)
     return fits[int(np.argmin(worth))]
 
 

@@ -9,7 +9,7 @@ from msgspec import Struct
 
 from camgen.geometry.vectors import dots
 from camgen.localize.coarse import Poses, turn_poses
-from camgen.localize.fine import ScanFit, cost, costs, draw, on, refine
+from camgen.localize.fine import ScanFit, View, cost, costs, draw, on, refine
 from camgen.localize.model import Cloud, Model, candidates, find_touched
 from camgen.localize.sight import around, estimate_eye, far_eyes, look
 from camgen.localize.starts import corners
@@ -225,7 +225,7 @@ def _best_different(
 ) -> list[ScanFit]:
     """The best fits of which none is near another one."""
     kept: list[ScanFit] = []
-    worth = costs(model, samples, few, fits, 0.01 * model.size)
+    worth = costs(model, samples, View(few), fits, 0.01 * model.size)
     for fit in (fits[k] for k in sorted(range(len(fits)), key=worth.__getitem__)):
         if all(_off(model, fit, known) > 0.5 * _DIFFERENT_SHARE * model.size for known in kept):
             kept.append(fit)

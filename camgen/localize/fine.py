@@ -254,18 +254,25 @@ def _mean_cost(near: FloatArray, count: int, gate: float) -> float:
     return 1 - (len(near) - float(((near / gate) ** 2).sum())) / count
 
 
+class View(Struct, frozen=True, eq=False):
+    """Points of a scan (N, 3) and the scanner's place (3,), mm. eye: None if it is not known."""
+
+    points: FloatArray
+    eye: FloatArray | None = None
+
+
 def costs(
     model: Model,
     samples: Cloud,
-    points: FloatArray,
+    view: View,
     fits: list[ScanFit],
     gate: float,
-    eye: FloatArray | None = None,
     same: float = 0.0,
 ) -> list[float]:
-    """The ``cost`` of each fit. What is hidden from ``eye`` is only looked for where it may change the best, or what
-    is worse by at most ``same``; it makes no cost less.
+    """The ``cost`` of each fit. What is hidden from the scanner is only looked for where it may change the best, or
+    what is worse by at most ``same``; it makes no cost less.
     """
+    points, eye = view.points, view.eye
     if not fits:
         return []
     which, near, _ = on(model, samples, np.concatenate([fit.apply(points) for fit in fits]), gate)

@@ -14,7 +14,7 @@ import camgen
 from bench.robots.parts import joints_on, on_way, touches, turned, unfounded
 from camgen.check import Checks
 from camgen.collision.motion import measure_apart, motion
-from camgen.collision.scene import Scene, scene
+from camgen.collision.scene import Allowed, Scene, scene
 from camgen.model.errors import Blocked, Loss, NoSafeProgram
 from camgen.model.pose import IDENTITY, FloatArray, Pose, frozen, rotation_about, translation
 from camgen.motion.joint_paths import APART, Track, follow_all, follow_closely
@@ -311,7 +311,7 @@ def test_only_the_tip_may_enter_the_part_deeper(at: float, met: bool) -> None:
         Pose(turn, tuple((origin + turn @ [7.7, 0.0, at + 20.0]).tolist())), (5.0, 5.0, 20.0)
     )
     for tip, verdict in ((0.0, at < 99.9), (0.4, met)):
-        tested = scene(ARM, (rod,), (), (wall,), contact=(0.1, tip))
+        tested = scene(ARM, (rod,), (), (wall,), allowed=Allowed(0.1, tip))
         found = motion(tested, joints, 1.0)
         assert (found.pair >= 0 and tested.pairs[found.pair] == ("tool", "part")) is verdict
 

@@ -10,7 +10,7 @@ from camgen.collision.boxes import Boxes
 from camgen.collision.hits import clearance, hits, least, place
 from camgen.collision.mesh import Mesh, inside, make_mesh
 from camgen.collision.motion import closing, measure_apart, measure_closer, measure_moves, motion
-from camgen.collision.scene import Scene, name_pair, narrow, scene
+from camgen.collision.scene import Allowed, Scene, name_pair, narrow, scene
 from camgen.model.errors import JobError
 from camgen.model.part import Solid
 from camgen.model.pose import Pose, frozen, rotation_about, translation
@@ -131,7 +131,7 @@ def test_the_first_pair_in_order_is_named_whatever_else_is_hit() -> None:
     tested = scene(rods(), tool, (wall,), part, translation(600, 0, 300))
     assert name_of(tested, at(0, 0, 0, 0)) == ["link 2 against wall"]
     allowed = (("wall", "link 2"), ("wall", "tool"), ("holder", "wall"))
-    tested = scene(rods(), tool, (wall,), part, translation(600, 0, 300), allowed=allowed)
+    tested = scene(rods(), tool, (wall,), part, translation(600, 0, 300), Allowed(pairs=allowed))
     assert name_of(tested, at(0, 0, 0, 0)) == ["link 2 against part"]
     tested = scene(
         rods(),
@@ -139,7 +139,7 @@ def test_the_first_pair_in_order_is_named_whatever_else_is_hit() -> None:
         (wall,),
         part,
         translation(600, 0, 300),
-        allowed=(*allowed, ("part", "link 2")),
+        Allowed(pairs=(*allowed, ("part", "link 2"))),
     )
     assert name_of(tested, at(0, 0, 0, 0)) == ["holder against part"]
 
@@ -150,10 +150,14 @@ def test_the_tool_may_enter_the_part_by_its_contact_and_nothing_else(
 ) -> None:
     tool = (bar("tool", (0, 0, 50), (5, 5, 50)),)
     deep = at(0, 0, 387 - 100 - 100 + 1, 0)
-    tested = scene(rods(), tool, (), block((200, 200, 20)), translation(600, 0, 90), contact)
+    tested = scene(
+        rods(), tool, (), block((200, 200, 20)), translation(600, 0, 90), Allowed(contact)
+    )
     assert (hits(tested, deep) >= 0).tolist() == [met]
     table = (bar("table", (600, 0, 90), (100, 100, 10)),)
-    assert name_of(scene(rods(), tool, table, contact=contact), deep) == ["tool against table"]
+    assert name_of(scene(rods(), tool, table, allowed=Allowed(contact)), deep) == [
+        "tool against table"
+    ]
 
 
 def test_bodies_that_cannot_be_meant_are_refused_in_one_line() -> None:
@@ -161,11 +165,11 @@ def test_bodies_that_cannot_be_meant_are_refused_in_one_line() -> None:
     with pytest.raises(
         JobError, match=r"^tool tool: it may enter the part by 0.5 mm, but is 1 mm thin; allow "
     ):
-        scene(rods(), tool, contact=0.5)
+        scene(rods(), tool, allowed=Allowed(0.5))
     with pytest.raises(
         JobError, match=r"^body tol: it may touch, but there is no such body; nearest is tool$"
     ):
-        scene(rods(), tool, allowed=(("tol", "tool"),))
+        scene(rods(), tool, allowed=Allowed(pairs=(("tol", "tool"),)))
     with pytest.raises(JobError, match=r"^body base: there are two of this name; rename one$"):
         scene(rods(), tool, (bar("base", (0, 0, 0), (1, 1, 1)),))
 
@@ -465,7 +469,7 @@ def test_the_tool_may_enter_the_part_and_its_holder_may_not() -> None:
     tool, holder = bar("tool", (0, 0, 50), (5, 5, 50)), bar("holder", (0, 30, 50), (5, 5, 50))
     plate = block((100, 100, 20))
     for tools, met in (((tool,), ""), ((tool, holder), "holder against part")):
-        tested = scene(rods(), tools, (), plate, translation(600, 0, 178), 2.0)
+        tested = scene(rods(), tools, (), plate, translation(600, 0, 178), Allowed(2.0))
         assert name_of(tested, at(0, 0, 100, 0)) == [met]
     assert name_of(
         scene(rods(), (tool,), (), plate, translation(600, 0, 178)), at(0, 0, 100, 0)
