@@ -4,8 +4,10 @@ import random
 import numpy as np
 import pytest
 
-from camgen.order.solver import ring_moves
+from camgen.order.solver.kernel import LOGS
+from camgen.order.solver.local_search import ENDLESS, repair, search, try_shuffle
 from camgen.order.solver.ring import make_ring, shorten_ring
+from camgen.order.solver.ring_moves import move_between
 
 
 def table_of(points: np.ndarray) -> np.ndarray:
@@ -37,41 +39,38 @@ def test_a_circle_is_found_again() -> None:
     )
 
 
-def test_what_moves_gain_is_what_the_ring_is_shorter() -> None:
+def test_the_change_of_moves_is_the_change_of_the_length() -> None:
     table = table_of(np.random.default_rng(5).random((40, 2)))
-    ring = make_ring(table, range(40), 1)
-    before = length(table, ring.places)
-    for place in range(40):
-        ring_moves.push(ring, place)
-    gained = ring_moves.improve(ring)
-    assert before - gained == pytest.approx(length(table, ring.places))
-    now = length(table, ring.places)
+    scene, run = make_ring(table, range(40), 0, 1)
+    before = length(table, run.ring)
+    change = repair(scene, run)
+    assert before + change == pytest.approx(length(table, run.ring))
+    run.marks[LOGS] = 1
     for _ in range(200):
-        ring_moves.kick(ring)
-        assert length(table, ring.places) <= now + 1e-9
-        now = length(table, ring.places)
-        assert [ring.places[ring.where[k]] for k in range(40)] == list(range(40))
+        before = length(table, run.ring)
+        change = try_shuffle(scene, run)
+        assert change <= 0.0
+        assert before + change == pytest.approx(length(table, run.ring))
+        assert [run.ring[run.place[k]] for k in range(40)] == list(range(40))
 
 
 @pytest.mark.parametrize("count", [6, 9, 14])
-def test_a_stretch_goes_where_it_is_put_and_the_others_keep_their_order(count: int) -> None:
+def test_a_stretch_moves_between_neighbours_and_the_others_keep_their_order(count: int) -> None:
     table = table_of(np.random.default_rng(count).random((count, 2)))
-    for at, step, size, side in itertools.product(range(count), (1, -1), (1, 2, 3), (1, -1)):
-        stretch = [(at + step * k) % count for k in range(size)]
+    for start, step, size, side in itertools.product(range(count), (1, -1), (1, 2, 3), (1, -1)):
+        stretch = [(start + step * k) % count for k in range(size)]
         others = [k for k in range(count) if k not in stretch]
-        for c, d in ((c, (c + side) % count) for c in others):
+        for c in others:
+            d = (c + side) % count
             if d in stretch:
                 continue
-            ring = make_ring(table, range(count), 0)
-            ring_moves.put(ring, at, step, size, c, d)
-            assert [ring.places[ring.where[k]] for k in range(count)] == list(range(count))
-            begin = ring.where[c]
-            assert [ring.places[(begin + side * k) % count] for k in range(size + 2)] == [
-                c,
-                *stretch,
-                d,
-            ]
-            assert turned_to(others[0], [k for k in ring.places if k not in stretch]) == others
+            _, run = make_ring(table, range(count), 0, 0)
+            move_between(run, start, step * size, c, d)
+            assert [run.ring[run.place[k]] for k in range(count)] == list(range(count))
+            begin = run.place[c]
+            moved = [run.ring[(begin + side * k) % count] for k in range(size + 2)]
+            assert moved == [c, *stretch, d]
+            assert turned_to(others[0], [k for k in run.ring if k not in stretch]) == others
 
 
 def turned_to(first: int, ring: list[int]) -> list[int]:
@@ -82,10 +81,9 @@ def turned_to(first: int, ring: list[int]) -> list[int]:
 def test_the_compiled_search_finds_the_same_ring() -> None:
     pytest.importorskip("numba", reason="the extra `fast` is not installed")
     table = np.round(table_of(np.random.default_rng(9).random((60, 2))), 2)
-    plain = make_ring(table, range(60), 4)
-    ring_moves.search(plain, 1_200)
-    at = plain.places.index(0)
-    assert shorten_ring(table, range(60), 1_200, 4) == plain.places[at:] + plain.places[:at]
+    scene, run = make_ring(table, range(60), 1_200, 4)
+    search(scene, run, ENDLESS, ENDLESS)
+    assert shorten_ring(table, range(60), 1_200, 4) == turned_to(0, run.ring)
 
 
 def test_costs_that_differ_by_direction_are_refused() -> None:

@@ -11,8 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from camgen.geometry.nearest import Discs, nearest_items
-from camgen.order.solver import moves as rounds
-from camgen.order.solver import plane
+from camgen.order.solver import local_search, plane
 from camgen.order.solver.bound import at_least
 from camgen.order.solver.kernel import (
     BOTH_WAYS,
@@ -201,13 +200,13 @@ def test_a_shuffle_is_undone_and_every_change_is_what_it_says(
         )
 
     before = length()
-    assert before + rounds.search(parts, run, 60, 60) == pytest.approx(length())
+    assert before + local_search.search(parts, run, 60, 60) == pytest.approx(length())
     for _ in range(5):
         kept = [list(column) for column in (run.ring, run.place, run.enter, run.leave)]
         began = length()
         run.marks[LOGS], run.marks[LOGGED] = 1, 0
-        change = rounds.shuffle(parts, run)
-        change += rounds.repair(parts, run)
+        change = local_search.shuffle(parts, run)
+        change += local_search.repair(parts, run)
         assert began + change == pytest.approx(length())
         undo(parts, run)
         after = [run.ring, run.place, run.enter, run.leave]
@@ -272,7 +271,7 @@ def test_an_interrupt_gives_the_best_tour_so_far_wherever_it_comes(
     items = scene(random.Random(12), 80, rules=rules)
     monkeypatch.setattr(plane, "_WORTH", 10**9)
     monkeypatch.setattr(plane, "_PAUSE", (100, 100))
-    plain = rounds.search
+    plain = local_search.search
     lengths = []
     for calls in (0, 1, 5, 12):
         left = [calls]
@@ -285,7 +284,7 @@ def test_an_interrupt_gives_the_best_tour_so_far_wherever_it_comes(
                 raise KeyboardInterrupt
             return plain(s, r, budget, pause)
 
-        monkeypatch.setattr(rounds, "search", search)
+        monkeypatch.setattr(local_search, "search", search)
         tour = shorten(items, drawn(items), HOME, near_of(items), 3000, 1, lambda _: None)
         assert tour.end == plane.STOPPED
         check_rules(items, tour)

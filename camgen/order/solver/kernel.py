@@ -1,9 +1,12 @@
-"""The moves of the search for a short tour in the plane, one item after another.
+"""A tour as a ring of items, what its links cost, and the two changes that a local search makes.
 
-Everything here is plain arithmetic over sequences of numbers, so that the same lines run in Python over lists and,
-compiled by ``order.solver.speed``, over arrays, with the same results to the last bit: no hypot, no powers, no sums of
-arrays. A tour is a ring of items, one of them home. An open item is entered at one end and left at the other, a closed
-one is entered and left at the same point, any of its samples.
+This is plain arithmetic over sequences of numbers. The same lines run in Python over lists and,
+compiled by ``order.solver.speed``, over arrays, with the same results to the last bit. So there is
+no hypot, no power and no sum of an array.
+
+A link costs the distance of two points in the plane, or an entry of a table (``link_cost``). An
+open item is entered at one end and left at the other. A closed item is entered and left at the
+same point, which is any of its samples. An item of a table has a single point.
 """
 
 from __future__ import annotations
@@ -16,24 +19,39 @@ Floats = list[float]
 
 #: Kinds of items.
 BOTH_WAYS, ONE_WAY, CLOSED = 0, 1, 2
-#: Entries of ``Run.marks``.
-QUEUED, HEAD, LOGGED, LOGS, WORK, DICE, IDLE = 0, 1, 2, 3, 4, 5, 6
+#: Entries of ``Run.marks``: items in the queue and where it begins, entries of the log, whether
+#: changes are logged, work so far, state of the dice, shuffles in a row that no rule allowed, and
+#: all shuffles that were tried.
+QUEUED, HEAD, LOGGED, LOGS, WORK, DICE, IDLE, SHUFFLED = 0, 1, 2, 3, 4, 5, 6, 7
 #: Kinds of entries of ``Run.log``, each five numbers.
 _TURN, _CARRY, _POINT = 0, 1, 2
-#: Gain below which a move is not made, mm.
+#: A move in the plane that saves less, mm, is not made: that is rounding.
 EPS = 1e-7
-#: So many items moved in the ring are as much work as a look at one item.
+#: Moving this many items in the ring is as much work as evaluating one item.
 _BULK = 64
 
 
 class Scene(NamedTuple):
-    """What does not change. N items, the last one home; P points.
+    """The problem, which does not change: N items with P points.
 
-    x, y: (P,) mm. first: (N + 1,) of each item's points. kind: (N,). step: (N,) mm, the most that two neighbouring
-    samples of a closed item are apart. near: (N * width,) nearest items, -1 for none, apart: how far, at least, rising.
-    parent: (N,) the item that must come later, -1 for none. children, child: the same the other way round. rank: (N,)
-    items of a lower rank come first. nowhere: point of a home that costs no way, else -1. directed: some move is not
-    allowed, so that the tour may not be turned round.
+    x, y: (P,) coordinates of the points, mm; empty for a table.
+    first: (N + 1,) index of the first point of each item.
+    kind: (N,) BOTH_WAYS, ONE_WAY or CLOSED.
+    step: (N,) largest distance of neighbouring samples of a closed item, mm.
+    near: (N * width,) nearest items of each item, -1 behind the last of them.
+    apart: (N * width,) least cost of a link to each of ``near``, rising.
+    width: length of a row of ``near`` and ``apart``.
+    parent: (N,) item that has to come later, -1 for none.
+    children: (N + 1,) index into ``child`` where the children of each item begin.
+    child: items by parent.
+    rank: (N,) items of a lower rank come first.
+    nowhere: point of a home that costs no distance, -1 where home has a place.
+    directed: whether a rule forbids moves, so that the tour may not be reversed as a whole.
+    table: (N * N,) cost from item to item, the same in both directions; empty in the plane.
+    least: smallest improvement for which the shuffled tour replaces the one before.
+    longest: largest number of items in each of the two stretches that a shuffle exchanges.
+    shuffles: largest number of shuffles.
+    newest_first: whether the item that was queued last is evaluated first.
     """
 
     x: Floats
@@ -50,12 +68,23 @@ class Scene(NamedTuple):
     rank: Ints
     nowhere: int
     directed: bool
+    table: Floats
+    least: float
+    longest: int
+    shuffles: int
+    newest_first: bool
 
 
 class Run(NamedTuple):
-    """What changes. ring: (N,) items in order. place: (N,) where they are. enter, leave: (N,) points.
+    """The tour and the state of the search, which change.
 
-    queue: (N,) items to look at, ``waits`` (N,) tells which. log: what to undo. marks: counters, see above.
+    ring: (N,) items in order.
+    place: (N,) index of each item in ``ring``.
+    enter, leave: (N,) points at which each item is entered and left.
+    queue: items that wait for an evaluation, from ``marks[HEAD]`` on.
+    waits: (N,) 1 for an item in the queue, else 0.
+    log: changes for ``undo``, five numbers each.
+    marks: counters, see ``QUEUED`` and the others.
     """
 
     ring: Ints
@@ -69,12 +98,19 @@ class Run(NamedTuple):
 
 
 def way(s: Scene, p: int, q: int) -> float:
-    """Distance of two points, mm."""
+    """Distance of two points in the plane, mm."""
     x, y, nowhere = s.x, s.y, s.nowhere
     if nowhere >= 0 and nowhere in (p, q):
         return 0.0
     dx, dy = x[p] - x[q], y[p] - y[q]
     return sqrt(dx * dx + dy * dy)
+
+
+def link_cost(s: Scene, p: int, q: int) -> float:
+    """Cost of the link from point ``p`` to point ``q``, by the table or in the plane."""
+    if len(s.table) > 0:
+        return s.table[p * len(s.kind) + q]
+    return way(s, p, q)
 
 
 def after(r: Run, item: int) -> int:
@@ -89,7 +125,7 @@ def ahead(r: Run, item: int) -> int:
 
 
 def push(r: Run, item: int) -> None:
-    """The item is to be looked at."""
+    """Queues the item for an evaluation, unless it waits already."""
     if not r.waits[item]:
         r.waits[item] = 1
         size = len(r.queue)
@@ -97,11 +133,15 @@ def push(r: Run, item: int) -> None:
         r.marks[QUEUED] += 1
 
 
-def pop(r: Run) -> int:
-    """The item that waits longest."""
-    item = r.queue[r.marks[HEAD]]
-    r.marks[HEAD] = (r.marks[HEAD] + 1) % len(r.queue)
+def pop(s: Scene, r: Run) -> int:
+    """The item that waits longest, or shortest with ``Scene.newest_first``."""
     r.marks[QUEUED] -= 1
+    size = len(r.queue)
+    if s.newest_first:
+        item = r.queue[(r.marks[HEAD] + r.marks[QUEUED]) % size]
+    else:
+        item = r.queue[r.marks[HEAD]]
+        r.marks[HEAD] = (r.marks[HEAD] + 1) % size
     r.waits[item] = 0
     return item
 

@@ -13,8 +13,7 @@ from camgen.geometry.ragged import begins, offsets, owners, stretches
 from camgen.geometry.vectors import plane_lengths
 from camgen.model.pose import FloatArray
 from camgen.model.tolerance import NONZERO
-from camgen.order.solver import kernel, speed
-from camgen.order.solver import moves as rounds
+from camgen.order.solver import kernel, local_search, speed
 from camgen.order.solver.kernel import CLOSED, Run, Scene
 
 __all__ = [
@@ -160,7 +159,7 @@ def shorten(
     (KeyboardInterrupt), and gets the best tour so far.
     """
     scene, run = _make(items, start, home, near, seed)
-    search: speed.Search = rounds.search
+    search: speed.Search = local_search.search
     compiled = (
         budget >= _WORTH if clock is None else clock.seconds >= _WORTH_SECONDS
     ) and speed.available()
@@ -173,9 +172,9 @@ def shorten(
                 tell(0.0)
             search, scene, run, loaded = _compile(scene, run, budget)
             clock = clock and Clock(clock.until + loaded, clock.seconds)
-        while not rounds.is_done(run, budget):
+        while not local_search.is_done(scene, run, budget):
             search(scene, run, budget, budget if tell is None and clock is None else pause)
-            if rounds.is_done(run, budget):
+            if local_search.is_done(scene, run, budget):
                 break
             if clock is not None and clock.left() <= 0 and run.marks[kernel.WORK] >= len(run.ring):
                 return _as_start(items, run.ring, run.enter, TIMED)
@@ -192,8 +191,7 @@ def shorten(
 def _compile(scene: Scene, run: Run, budget: int) -> tuple[speed.Search, Scene, Run, float]:
     """The compiled search, what it works on as arrays, and the seconds that it took to load or to compile it."""
     begun = time.monotonic()
-    columns = (np.array(value) if isinstance(value, list) else value for value in scene)
-    scene, run = Scene(*columns), Run(*(np.array(column) for column in run))  # type: ignore[arg-type]
+    scene, run = speed.to_arrays(scene, run)
     search = speed.compile_search()
     search(scene, run, budget, 0)
     return search, scene, run, time.monotonic() - begun
@@ -230,6 +228,8 @@ def _make(
         step=[*items.step.tolist(), 1.0], near=table.reshape(-1).tolist(), apart=apart.reshape(-1).tolist(),
         width=WIDTH, parent=[*items.parent.tolist(), -1], children=offsets(counts).tolist(),
         child=children.tolist() or [0], rank=rank.tolist(), nowhere=points if home is None else -1, directed=directed,
+        table=[], least=kernel.EPS, longest=min(local_search.LONGEST_SHUFFLED, count // 2),
+        shuffles=local_search.ENDLESS, newest_first=False,
     )  # fmt: skip
     ring = np.concatenate([[count], start.order])
     where = np.empty(count + 1, dtype=np.int64)
@@ -239,7 +239,8 @@ def _make(
     leave = np.concatenate([np.where(items.kind == CLOSED, start.enter, turned), [points]])
     run = Run(
         ring=ring.tolist(), place=where.tolist(), enter=enter.tolist(), leave=leave.tolist(), queue=ring.tolist(),
-        waits=[1] * (count + 1), log=[0] * (5 * rounds.LOG), marks=[count + 1, 0, 0, 0, 0, seed & 0xFFFFFFFF, 0],
+        waits=[1] * (count + 1), log=[0] * (5 * local_search.LOG),
+        marks=[count + 1, 0, 0, 0, 0, seed & 0xFFFFFFFF, 0, 0],
     )  # fmt: skip
     return scene, run
 

@@ -1,7 +1,6 @@
-"""The shortest ring through places whose costs are a table, the same both ways: points that an arm goes to.
+"""The shortest ring through stops whose links cost an entry of a table: points that an arm visits.
 
-Moves that reverse a stretch (2-opt) or carry a short one elsewhere (Or-opt) are tried from one place to its nearest
-ones, and again where two neighbouring stretches were exchanged; what is longer after that is undone.
+The costs are the same in both directions.
 """
 
 from __future__ import annotations
@@ -11,54 +10,85 @@ from collections.abc import Sequence
 import numpy as np
 
 from camgen.model.pose import FloatArray
-from camgen.order.solver import ring_moves, speed
+from camgen.order.solver import local_search, ring_moves, speed
+from camgen.order.solver.kernel import BOTH_WAYS, Run, Scene
+from camgen.order.solver.local_search import ENDLESS, LOG
 from camgen.order.solver.matrix import Dice
-from camgen.order.solver.ring_moves import Ring
 
-#: Near places that are tried.
+#: Nearest stops to which moves are tried.
 _NEAR = 10
-#: Kicks above which the compiled search is worth its start, where it is installed.
-_WORTH = 500
+#: Stops below which there is no other ring.
+_FEWEST = 5
+#: Shuffles from which the compiled search saves more time than its start takes.
+_LEAST_COMPILED = 500
 
 
-def shorten_ring(table: FloatArray, start: Sequence[int], kicks: int, seed: int = 0) -> list[int]:
-    """A ring no longer than ``start``, which holds each of n places once, by ``kicks`` exchanges. table: (n, n) costs.
+def shorten_ring(
+    table: FloatArray, start: Sequence[int], shuffles: int, seed: int = 0
+) -> list[int]:
+    """A ring that holds each of n stops once and is no longer than ``start``.
 
-    The first place stays the first. Equal arguments, equal rings, compiled or not. ValueError for a table that is not
-    the same both ways.
+    table: (n, n) costs.
+    start: a ring; its first stop stays the first.
+    shuffles: number of shuffles of the search.
+
+    Equal arguments give equal rings, compiled or not. ValueError for a table that differs by
+    direction.
     """
     if not np.array_equal(table, table.T):
         raise ValueError("the costs of a ring are the same both ways")
-    if len(start) < 5:
+    if len(start) < _FEWEST:
         return list(start)
-    ring = make_ring(table, start, seed)
-    search: speed.Shorten = ring_moves.search
-    if kicks >= _WORTH and speed.available():
-        ring = Ring(*(np.array(column) if isinstance(column, list) else column for column in ring))  # type: ignore[arg-type]
-        search = speed.compile_ring()
-    search(ring, kicks)
-    places = list(map(int, ring.places))
-    at = places.index(start[0])
-    return places[at:] + places[:at]
+    scene, run = make_ring(table, start, shuffles, seed)
+    search: speed.Search = local_search.search
+    if shuffles >= _LEAST_COMPILED and speed.available():
+        scene, run = speed.to_arrays(scene, run)
+        search = speed.compile_search()
+    search(scene, run, ENDLESS, ENDLESS)
+    stops = list(map(int, run.ring))
+    first = stops.index(start[0])
+    return stops[first:] + stops[:first]
 
 
-def make_ring(table: FloatArray, start: Sequence[int], seed: int) -> Ring:
-    """The ring ``start`` made ready for the search, in lists."""
+def make_ring(
+    table: FloatArray, start: Sequence[int], shuffles: int, seed: int
+) -> tuple[Scene, Run]:
+    """The problem and the ring ``start`` as lists; all stops wait for an evaluation."""
     count = len(start)
     near = np.argsort(table + np.diag(np.full(count, np.inf)), axis=1, kind="stable")[:, :_NEAR]
-    places = list(start)
-    where = np.argsort(places).tolist()
-    return Ring(
-        cost=table.ravel().tolist(),
+    ring = list(start)
+    stops = list(range(count))
+    scene = Scene(
+        x=[0.0],
+        y=[0.0],
+        first=[*stops, count],
+        kind=[BOTH_WAYS] * count,
+        step=[1.0] * count,
         near=near.ravel().tolist(),
+        apart=np.take_along_axis(table, near, axis=1).ravel().tolist(),
         width=near.shape[1],
-        places=places,
-        where=where,
-        before=[0] * count,
-        where_before=[0] * count,
-        spare=[0] * count,
-        queue=[0] * (count + 6),
-        waits=[0] * count,
-        touched=[0] * 5,
-        marks=[0, 0, Dice(seed).state],
+        parent=[-1] * count,
+        children=[0] * (count + 1),
+        child=[0],
+        rank=[0] * count,
+        nowhere=-1,
+        directed=False,
+        table=table.ravel().tolist(),
+        least=ring_moves.EPS,
+        longest=min(local_search.LONGEST_SHUFFLED, (count - 2) // 2),
+        shuffles=shuffles,
+        newest_first=True,
     )
+    # A shuffle can queue six items beside all others.
+    queue = [*ring, *[0] * 6]
+    run = Run(
+        ring=ring,
+        place=np.argsort(ring).tolist(),
+        enter=stops.copy(),
+        leave=stops.copy(),
+        queue=queue,
+        waits=[1] * count,
+        log=[0] * (5 * LOG),
+        marks=[count, 0, 0, 0, 0, Dice(seed).state, 0, 0],
+    )
+    return scene, run

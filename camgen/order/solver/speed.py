@@ -1,7 +1,7 @@
-"""The search compiled, where the extra ``fast`` (numba) is installed and the work is worth the compiler's start.
+"""The local search compiled, where the extra ``fast`` (numba) is installed.
 
-The functions of ``kernel``, ``moves`` and ``ring_moves`` are compiled as they stand, and cached beside them. Results do
-not differ.
+The functions of ``kernel``, the moves and ``local_search`` are compiled as they stand, and cached
+beside them. Results do not differ.
 """
 
 from __future__ import annotations
@@ -14,12 +14,15 @@ from pathlib import Path
 from types import FunctionType, ModuleType
 from typing import Any
 
-from camgen.order.solver import kernel, moves, ring_moves
-from camgen.order.solver.kernel import Run, Scene
-from camgen.order.solver.ring_moves import Ring
+import numpy as np
 
+from camgen.order.solver import kernel, local_search, moves, ring_moves
+from camgen.order.solver.kernel import Run, Scene
+
+#: ``local_search.search``.
 Search = Callable[[Scene, Run, int, int], float]
-Shorten = Callable[[Ring, int], None]
+#: The modules of the search; later ones call earlier ones.
+_MODULES = (kernel, moves, ring_moves, local_search)
 
 
 def available() -> bool:
@@ -27,35 +30,35 @@ def available() -> bool:
     return importlib.util.find_spec("numba") is not None
 
 
+def to_arrays(scene: Scene, run: Run) -> tuple[Scene, Run]:
+    """The problem and the tour as arrays, which the compiled search takes."""
+    columns = [np.array(value) if isinstance(value, list) else value for value in scene]
+    return Scene(*columns), Run(*map(np.array, run))  # type: ignore[arg-type]
+
+
 @cache
 def compile_search() -> Search:
-    """``moves.search`` compiled. Its first call in a new installation takes some seconds."""
-    search: Search = _compile((kernel, moves))["search"]
-    return search
-
-
-@cache
-def compile_ring() -> Shorten:
-    """``ring_moves.search`` compiled, in the same way."""
-    search: Shorten = _compile((ring_moves,))["search"]
+    """``local_search.search`` compiled. Its first call in a new installation takes some seconds."""
+    search: Search = _compile(_MODULES)["search"]
     return search
 
 
 def _compile(modules: Sequence[ModuleType]) -> dict[str, Any]:
-    """All functions of ``modules``, of which later ones call earlier ones, by name."""
+    """All functions of ``modules`` by name. Their names must differ."""
     import numba  # noqa: PLC0415 (0.3 s, and an extra)
 
     sources = b"".join(Path(str(module.__file__)).read_bytes() for module in modules)
     digest = hashlib.sha256(sources).hexdigest()[:12]
     functions: dict[str, Any] = {}
     for module in modules:
-        own = vars(module).copy() | functions
+        scope = vars(module).copy() | functions
         for name, value in vars(module).items():
             if isinstance(value, FunctionType) and value.__module__ == module.__name__:
-                copy = FunctionType(value.__code__, own, name, value.__defaults__)
-                # The cache looks at the file of a function only, not at those of the functions that it calls.
+                copy = FunctionType(value.__code__, scope, name, value.__defaults__)
+                # The cache looks at the file of a function alone, so its name changes with the files
+                # of what it calls.
                 copy.__qualname__ = f"{name}_{digest}"
-                own[name] = functions[name] = _cache(numba.njit, copy)
+                scope[name] = functions[name] = _cache(numba.njit, copy)
     return functions
 
 
