@@ -20,7 +20,7 @@ from camgen.cli import main
 from camgen.geometry.segments import flatten, from_contours
 from camgen.model.errors import CamgenError
 from camgen.model.part import Contour, Part
-from camgen.order.arrange import arrange, measure_travel
+from camgen.order.arrange import Search, arrange, measure_travel
 from camgen.plan.page import on_page
 from camgen.plan.simplify import simplify
 from camgen.plan.trace import trace
@@ -67,7 +67,7 @@ def row(path: Path) -> str:
     arcs = sum(int((c.bulges != 0).sum()) for c in drawn.contours)
     paths = trace(drawn, JOB)
     ways = [
-        measure_travel(arrange(paths, method, (0.0, 0.0), False).paths, (0.0, 0.0)) / 1000
+        measure_travel(arrange(paths, Search(method, (0.0, 0.0), False)).paths, (0.0, 0.0)) / 1000
         for method in METHODS
     ]
     far = apart(raw, drawn, px / 4) / px

@@ -36,7 +36,7 @@ def million(chains: int) -> None:
     """Loose segments in no order, some drawn twice, joined to chains and ordered."""
     from camgen.model.job import Job, OperationTable  # noqa: PLC0415
     from camgen.model.part import Part  # noqa: PLC0415
-    from camgen.order.arrange import arrange  # noqa: PLC0415
+    from camgen.order.arrange import Search, arrange  # noqa: PLC0415
     from camgen.plan.trace import trace, with_few_lifts  # noqa: PLC0415
     from camgen.read.join import contours  # noqa: PLC0415
 
@@ -49,7 +49,7 @@ def million(chains: int) -> None:
     part, merged = with_few_lifts(Part("", "", "mm", made, notes), job)
     paths = trace(part, job)
     clock.append(time.perf_counter())
-    tour = arrange(paths, "best", None, inside_first=True)
+    tour = arrange(paths, Search("best", None, inside_first=True))
     clock.append(time.perf_counter())
     spent = [b - a for a, b in itertools.pairwise(clock)]
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (
@@ -124,7 +124,7 @@ def row(file: Path, tool: str | None) -> str | None:
     from bench.tours.search import between, measured  # noqa: PLC0415
     from camgen.model.errors import CamgenError  # noqa: PLC0415
     from camgen.model.job import Job, OperationTable  # noqa: PLC0415
-    from camgen.order.arrange import arrange, measure_travel  # noqa: PLC0415
+    from camgen.order.arrange import Search, arrange, measure_travel  # noqa: PLC0415
     from camgen.plan.trace import trace, with_few_lifts  # noqa: PLC0415
     from camgen.read import read  # noqa: PLC0415
 
@@ -139,12 +139,16 @@ def row(file: Path, tool: str | None) -> str | None:
     merged = trace(with_few_lifts(part, job)[0], job)
     found = [measure_travel(paths, None)]
     found += [
-        arrange(paths, method, None, inside_first=False).travel for method in ("nearest", "best")
+        arrange(paths, Search(method, None, inside_first=False)).travel
+        for method in ("nearest", "best")
     ]
     begun = time.perf_counter()
-    last = arrange(merged, "best", None, inside_first=False)
+    last = arrange(merged, Search("best", None, inside_first=False))
     took = time.perf_counter() - begun
-    found += [last.travel, arrange(merged, "best", None, inside_first=False, seconds=1.0).travel]
+    found += [
+        last.travel,
+        arrange(merged, Search("best", None, inside_first=False, seconds=1.0)).travel,
+    ]
     if tool:
         with tempfile.TemporaryDirectory() as folder:
             scene, result = Path(folder) / "scene.svg", Path(folder) / "result.svg"

@@ -13,7 +13,7 @@ import numpy as np
 
 from bench.machine import machine
 from camgen.model.path import ToolPath, waypoints
-from camgen.order.arrange import arrange
+from camgen.order.arrange import Search, arrange
 
 SIZES = (1_000, 10_000, 35_000, 100_000)
 HOME = (0.0, 0.0)
@@ -80,10 +80,10 @@ def main(sizes: list[int]) -> None:
     for name, scene in SCENES.items():
         for count in sizes:
             paths = scene(count, random.Random(count))
-            drawn = arrange(paths, "as-drawn", HOME, inside_first=False).travel
+            drawn = arrange(paths, Search("as-drawn", HOME, inside_first=False)).travel
             gc.collect()  # what the last scene left is not part of this one's time
             begun = time.perf_counter()
-            nearest = arrange(paths, "nearest", HOME, inside_first=False).travel
+            nearest = arrange(paths, Search("nearest", HOME, inside_first=False)).travel
             seconds = time.perf_counter() - begun
             metres = f"{drawn / 1000:.1f} | {nearest / 1000:.2f} | {100 * nearest / drawn:.2f} %"
             print(f"| {name} | {count:,} | {metres} | {seconds:.2f} |", flush=True)

@@ -140,20 +140,29 @@ def changed_paths() -> JobError:
 
 def _order_paths(plan: Plan, job: Job, cell: Cell | None, watch: Watch, ways: bool) -> Tour:
     """The paths of a flat part with their leads."""
-    from camgen.order.arrange import arrange, measure_travel  # noqa: PLC0415 (5 ms, which edges do not need)
+    from camgen.order.arrange import Search, arrange, measure_travel  # noqa: PLC0415 (5 ms, which edges do not need)
     from camgen.order.leads import add_leads  # noqa: PLC0415 (shapely is loaded only by what needs it)
     from camgen.order.stay_down import stay_down  # noqa: PLC0415
     from camgen.order.tabs import add_tabs  # noqa: PLC0415 (only for what needs it)
 
     start = cell.home.origin[:2] if cell is not None and isinstance(cell.home, Pose) else None
-    choice, inside, operation = job.tour, job.operation.inside_first, job.operation
+    choice, operation = job.tour, job.operation
 
     def tell(part: float) -> None:
         watch(f"ordering {part:.0%}, Ctrl-C {_ENDS}")
 
     told = None if watch is ignore_stages else tell
-    wish = (choice.method, start, inside, choice.seconds, choice.seed, choice.layers, choice.seam)
-    found = arrange(plan.paths, *wish, told, choice.order)
+    settings = Search(
+        choice.method,
+        start,
+        operation.inside_first,
+        choice.seconds,
+        choice.seed,
+        choice.layers,
+        choice.seam,
+        choice.order,
+    )
+    found = arrange(plan.paths, settings, told)
     arm = None
     # The travel of a machine whose home is a pose is that of the plane already.
     if isinstance(cell, Workcell) and cell.arm is not None and start is None and plan.paths:

@@ -41,39 +41,52 @@ _METHODS = {"as-drawn": "as drawn", "nearest": "nearest neighbour", "best": "loc
 _FEW_AROUND = 0.001
 
 
-def arrange(  # noqa: PLR0913, PLR0917 (each is a setting of its own)
-    paths: Sequence[ToolPath],
-    method: str,
-    start: tuple[float, float] | None,
-    inside_first: bool,
-    seconds: float = 0.0,
-    seed: int = 0,
-    layers: Sequence[str] = (),
-    seam: str = "any",
-    tell: Tell | None = None,
-    order: Sequence[str] = (),
-) -> Tour:
+class Search(Struct, frozen=True):
+    """The settings of a tour.
+
+    method: "as-drawn" keeps the order and the paths, whatever ``inside_first`` says; "nearest" takes
+        the nearest start next; "best" shortens that by a search.
+    start: x, y in the work frame where the tool starts and ends, mm; None for nowhere: then the
+        leftmost start is the first of "nearest".
+    inside_first: whether a path is run after all paths that it encloses.
+    seconds: duration of the search by the clock, s, in which every path is evaluated at least once;
+        0 for a number of evaluations, so that the search is the same on every machine.
+    seed: seed of the shuffles.
+    layers: layers in the order in which they are run; others come last.
+    seam: "any" for a start anywhere on a closed path, "smooth" for one off its corners.
+    order: contours that come first, before ``layers`` counts.
+    """
+
+    method: str
+    start: tuple[float, float] | None
+    inside_first: bool
+    seconds: float = 0.0
+    seed: int = 0
+    layers: Sequence[str] = ()
+    seam: str = "any"
+    order: Sequence[str] = ()
+
+
+def arrange(paths: Sequence[ToolPath], settings: Search, tell: Tell | None = None) -> Tour:
     """The paths in the order in which they are run, each once.
 
-    method: "as-drawn" keeps the order and the paths as they are, whatever ``inside_first`` says; "nearest" takes the
-    nearest next start; "best" shortens that by a search. start: x, y (work frame, mm) where the tool comes from and
-    goes back to; without it the leftmost start is the first of "nearest". inside_first: a path is run after all the
-    paths that it encloses. seconds: of a clock, from now to the end of the search, which looks at every path once at
-    least; 0: a short search, counted in looks at a path, so that it is the same one on every machine. seed: of its
-    shuffles. order: contours that come first, before what ``layers`` says; JobError where what is around another path
-    would come before it against ``inside_first``. Distances are measured in the plane, and arcs are taken to lie in it.
-    ``parent`` keeps the index in ``paths`` as given. ValueError for another method, or parents that enclose each other.
+    tell: callback that gets the used fraction of the search, 0 to 1; see ``plane.shorten``.
+
+    Distances are measured in the plane, and arcs are taken to lie in it. ``parent`` of a path remains
+    the index in ``paths``. JobError where ``Search.order`` has a path before one that it encloses,
+    against ``inside_first``. ValueError for an unknown method, or for parents that enclose each other.
     """
+    method, start, seconds = settings.method, settings.start, settings.seconds
     if method not in _METHODS:
         raise ValueError(f"unknown method {method!r}")
     if not paths:
         return Tour((), 0.0, _METHODS[method], 0.0)
     begun, count = time.monotonic(), len(paths)
-    where = starts(paths, seam)
-    ranks = _ranks(paths, layers, order)
-    if inside_first and method != "as-drawn":
-        _insist_inside_first(paths, ranks, order)
-    waits_for = _waits_for(paths, ranks) if inside_first else [-1] * count
+    where = starts(paths, settings.seam)
+    ranks = _ranks(paths, settings.layers, settings.order)
+    if settings.inside_first and method != "as-drawn":
+        _insist_inside_first(paths, ranks, settings.order)
+    waits_for = _waits_for(paths, ranks) if settings.inside_first else [-1] * count
     searched = method == "best" and count > 1
     told = is_bound_worth(seconds, count)
     known = sample_paths(paths, where, waits_for, ranks) if searched or told else None
@@ -85,9 +98,8 @@ def arrange(  # noqa: PLR0913, PLR0917 (each is a setting of its own)
         chosen = _nearest_neighbour(paths, where, start, waits_for, ranks)
         arranged = _arrange(paths, chosen)
     if searched and known:
-        found = search(
-            known, chosen, start, seed, tell, Clock(begun + seconds, seconds) if seconds else None
-        )
+        clock = Clock(begun + seconds, seconds) if seconds else None
+        found = search(known, chosen, start, settings.seed, tell, clock)
         end = found.end
         better = _arrange(paths, found)
         # A short search from samples may end above the first tour, whose starts lie anywhere.

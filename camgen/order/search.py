@@ -17,7 +17,17 @@ from camgen.model.tolerance import NONZERO
 from camgen.order.solver.bound import Dense, at_least
 from camgen.order.solver.greedy import join_greedily
 from camgen.order.solver.kernel import BOTH_WAYS, CLOSED, ONE_WAY
-from camgen.order.solver.plane import DONE, Clock, Items, Start, Tell, both_ends, discs_of, shorten
+from camgen.order.solver.plane import (
+    DONE,
+    Clock,
+    Items,
+    Problem,
+    Start,
+    Tell,
+    both_ends,
+    discs_of,
+    shorten,
+)
 from camgen.order.solver.speed import available
 from camgen.order.solver.together import shorten_together
 from camgen.order.starts import IntArray, Starts
@@ -216,8 +226,8 @@ def search(
     items = known.items
     count = len(items.kind)
     discs = discs_of(items)
-    near = nearest_items(discs, count, _NEAR_DISCS)
     place = None if home is None else np.array(home)
+    problem = Problem(items, nearest_items(discs, count, _NEAR_DISCS), place)
     greedy = join_greedily(items, discs, place)
     begun = [Start(np.array(first.order), _enter(known, first))] if first else []
     start = min(
@@ -225,9 +235,9 @@ def search(
     )
     together = start is greedy and is_crowd(count) and not is_compiled(count)
     if together:
-        start = shorten_together(items, start, place, near)
+        start = shorten_together(problem, start)
     budget = looks(count, together) if clock is None else _ENDLESS
-    found = shorten(items, start, place, near, budget, seed, tell, clock) if budget else start
+    found = shorten(problem, start, budget, seed, tell, clock) if budget else start
     closed = items.kind == CLOSED
     length = np.zeros(count)
     number = found.enter - items.first[:-1]

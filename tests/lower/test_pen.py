@@ -13,7 +13,7 @@ from camgen.model.errors import NoSafeProgram
 from camgen.model.part import Contour, Part
 from camgen.model.pose import Pose, frozen
 from camgen.model.program import MoveC, MoveJ, MoveL, Output
-from camgen.order.arrange import arrange
+from camgen.order.arrange import Search, arrange
 from camgen.pipeline import build
 from camgen.plan.trace import trace
 from camgen.post.plugins import find_post, find_readback, make_post
@@ -117,7 +117,7 @@ def test_the_pen_is_up_on_the_way_between_lines(
     job = from_mapping({"operation": {"kind": "trace"}, "process": way, "post": options})
     part = part_of(drawing)
     post = make_post(find_post(name), job.post)
-    tour = arrange(trace(part, job), "nearest", None, False)
+    tour = arrange(trace(part, job), Search("nearest", None, False))
     program = post.prepare(
         lower(tour, equip(post.cell(), job), job, "drawing", ()), job.tolerance.chord
     )

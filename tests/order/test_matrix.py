@@ -9,12 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from camgen.order.solver import matrix
-from camgen.order.solver.matrix import nearest, shortest, total
-
-Tables = tuple[np.ndarray, np.ndarray, np.ndarray]
+from camgen.order.solver.matrix import Table, nearest, shortest, total
 
 
-def tables(rng: random.Random, count: int, holes: float = 0.0) -> Tables:
+def tables(rng: random.Random, count: int, holes: float = 0.0) -> Table:
     """Costs without any order in them: asymmetric, each direction its own, some ways missing."""
 
     def cost(*shape: int) -> np.ndarray:
@@ -24,10 +22,10 @@ def tables(rng: random.Random, count: int, holes: float = 0.0) -> Tables:
         ]
         return np.array(values).reshape(shape)
 
-    return cost(count, 2, count, 2), cost(count, 2), cost(count, 2)
+    return Table(cost(count, 2, count, 2), cost(count, 2), cost(count, 2))
 
 
-def plane(rng: random.Random, count: int) -> Tables:
+def plane(rng: random.Random, count: int) -> Table:
     """Lines in a plane with home in a corner."""
     ends = np.array(
         [
@@ -36,11 +34,11 @@ def plane(rng: random.Random, count: int) -> Tables:
         ]
     )
     between = np.abs(ends[:, :, None, None] - ends[None, None, :, :])
-    return between, np.abs(ends), np.abs(ends)
+    return Table(between, np.abs(ends), np.abs(ends))
 
 
-def by_hand(tables: Tables, order: tuple[int, ...], ways: tuple[int, ...]) -> float:
-    between, first, last = tables
+def by_hand(table: Table, order: tuple[int, ...], ways: tuple[int, ...]) -> float:
+    between, first, last = table.between, table.first, table.last
     ways = tuple(map(int, ways))
     cost = first[order[0], ways[0]] + last[order[-1], 1 - ways[-1]]
     for k in range(len(order) - 1):
@@ -48,10 +46,10 @@ def by_hand(tables: Tables, order: tuple[int, ...], ways: tuple[int, ...]) -> fl
     return float(cost)
 
 
-def least(tables: Tables) -> float:
-    count = len(tables[1])
+def least(table: Table) -> float:
+    count = len(table.first)
     return min(
-        by_hand(tables, order, ways)
+        by_hand(table, order, ways)
         for order in itertools.permutations(range(count))
         for ways in itertools.product((0, 1), repeat=count)
     )
@@ -60,36 +58,36 @@ def least(tables: Tables) -> float:
 @given(st.integers(0, 10**6), st.integers(1, 5), st.sampled_from([0.0, 0.3, 0.8]))
 def test_nothing_is_shorter_among_all_orders(seed: int, count: int, holes: float) -> None:
     costs = tables(random.Random(seed), count, holes)
-    found = shortest(*costs)
+    found = shortest(costs)
     assert sorted(found[0]) == list(range(count))
-    assert total(*costs, *found) == pytest.approx(by_hand(costs, tuple(found[0]), tuple(found[1])))
-    assert total(*costs, *found) == pytest.approx(least(costs))
+    assert total(costs, *found) == pytest.approx(by_hand(costs, tuple(found[0]), tuple(found[1])))
+    assert total(costs, *found) == pytest.approx(least(costs))
 
 
 # Costs without any order in them are the hardest there are: there the search may stay a little above.
 @pytest.mark.parametrize(("make", "above"), [(plane, 1.0), (tables, 1.3)])
 @pytest.mark.parametrize("seed", range(6))
 def test_the_search_finds_what_the_exact_method_finds(
-    make: Callable[[random.Random, int], Tables],
+    make: Callable[[random.Random, int], Table],
     above: float,
     seed: int,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     costs = make(random.Random(seed), 8)
-    exact = total(*costs, *shortest(*costs))
+    exact = total(costs, *shortest(costs))
     monkeypatch.setattr(matrix, "EXACT", 0)
-    order, flipped = shortest(*costs)
+    order, flipped = shortest(costs)
     assert sorted(order) == list(range(8))
-    assert exact - 1e-9 <= total(*costs, order, flipped) <= above * exact + 1e-9
+    assert exact - 1e-9 <= total(costs, order, flipped) <= above * exact + 1e-9
 
 
 @pytest.mark.parametrize("count", [40, 120])
 def test_many_are_far_shorter_than_nearest_neighbour_and_no_move_is_left(count: int) -> None:
     costs = plane(random.Random(count), count)
-    order, flipped = shortest(*costs)
+    order, flipped = shortest(costs)
     assert sorted(order) == list(range(count))
-    found = total(*costs, order, flipped)
-    assert found < 0.9 * total(*costs, *nearest(*costs[:2]))
+    found = total(costs, order, flipped)
+    assert found < 0.9 * total(costs, *nearest(costs))
     ways = [int(back) for back in flipped]
     for i, j in itertools.combinations(range(count + 1), 2):
         turned = (
@@ -105,20 +103,16 @@ def test_many_are_far_shorter_than_nearest_neighbour_and_no_move_is_left(count: 
 
 def test_the_same_seed_gives_the_same_order() -> None:
     costs = plane(random.Random(5), 30)
-    assert shortest(*costs, seed=3) == shortest(*costs, seed=3)
+    assert shortest(costs, seed=3) == shortest(costs, seed=3)
 
 
 def test_a_search_goes_on_from_an_order() -> None:
     """From a good order it never ends with a worse one, and from any order it ends far below that."""
     tables = plane(random.Random(5), 40)
-    good = shortest(*tables)
-    assert (
-        total(*tables, *shortest(*tables, effort=0.0, start=good)) <= total(*tables, *good) + 1e-9
-    )
+    good = shortest(tables)
+    assert total(tables, *shortest(tables, effort=0.0, start=good)) <= total(tables, *good) + 1e-9
     drawn = list(range(40)), [False] * 40
-    assert total(*tables, *shortest(*tables, effort=0.0, start=drawn)) < 0.6 * total(
-        *tables, *drawn
-    )
+    assert total(tables, *shortest(tables, effort=0.0, start=drawn)) < 0.6 * total(tables, *drawn)
 
 
 def test_a_way_around_what_is_missing_is_found() -> None:
@@ -128,32 +122,33 @@ def test_a_way_around_what_is_missing_is_found() -> None:
     first, last = np.full((count, 2), math.inf), np.full((count, 2), math.inf)
     between[np.arange(1, count), 0, np.arange(count - 1), 1] = 1.0
     first[count - 1, 1] = last[0, 0] = 1.0
-    assert shortest(between, first, last) == (list(range(count))[::-1], [True] * count)
+    table = Table(between, first, last)
+    assert shortest(table) == (list(range(count))[::-1], [True] * count)
     first[:] = math.inf
-    assert total(between, first, last, *shortest(between, first, last)) == math.inf
+    assert total(table, *shortest(table)) == math.inf
 
 
 def test_nearest_takes_the_cheapest_end_each_time() -> None:
     costs = tables(random.Random(2), 7)
-    order, flipped = nearest(*costs[:2])
+    order, flipped = nearest(costs)
     left = set(range(7))
-    row = costs[1]
+    row = costs.first
     for item, back in zip(order, flipped, strict=True):
         assert row[item, int(back)] == min(row[i, a] for i in left for a in (0, 1))
         left.remove(item)
-        row = costs[0][item, 1 - int(back)]
+        row = costs.between[item, 1 - int(back)]
 
 
 def test_nothing_and_tables_that_are_none() -> None:
-    none = np.zeros((0, 2, 0, 2)), np.zeros((0, 2)), np.zeros((0, 2))
-    assert shortest(*none) == ([], [])
-    assert total(*none, [], []) == 0.0
-    between, first, last = tables(random.Random(1), 3)
+    none = Table(np.zeros((0, 2, 0, 2)), np.zeros((0, 2)), np.zeros((0, 2)))
+    assert shortest(none) == ([], [])
+    assert total(none, [], []) == 0.0
+    table = tables(random.Random(1), 3)
     with pytest.raises(ValueError, match="do not belong together"):
-        shortest(between, first[:2], last)
-    first[0, 0] = math.nan
+        shortest(Table(table.between, table.first[:2], table.last))
+    table.first[0, 0] = math.nan
     with pytest.raises(ValueError, match="a number or inf"):
-        shortest(between, first, last)
+        shortest(table)
 
 
 def keeps(order: tuple[int, ...], rules: matrix.Rules) -> bool:
@@ -184,14 +179,14 @@ def test_rules_are_kept_and_hardly_an_order_that_keeps_them_is_shorter() -> None
         count = rng.randint(2, 6)
         costs, rules = plane(rng, count), rules_for(rng, count)
         allowed = [order for order in itertools.permutations(range(count)) if keeps(order, rules)]
-        found = shortest(*costs, start=(list(allowed[0]), [False] * count), rules=rules)
+        found = shortest(costs, start=(list(allowed[0]), [False] * count), rules=rules)
         assert keeps(tuple(found[0]), rules)
         best = min(
             by_hand(costs, order, ways)
             for order in allowed
             for ways in itertools.product((0, 1), repeat=count)
         )
-        best_found += total(*costs, *found) <= best + 1e-9
+        best_found += total(costs, *found) <= best + 1e-9
     assert best_found >= 36
 
 
@@ -200,13 +195,13 @@ def test_rules_are_kept_whatever_the_costs(seed: int, count: int) -> None:
     rng = random.Random(seed)
     costs, rules = tables(rng, count), rules_for(rng, count)
     start = sorted(range(count), key=lambda item: (rules.rank[item], item))
-    found = shortest(*costs, start=(start, [False] * count), rules=rules)
+    found = shortest(costs, start=(start, [False] * count), rules=rules)
     assert sorted(found[0]) == list(range(count))
     assert keeps(tuple(found[0]), rules)
-    assert total(*costs, *found) <= by_hand(costs, tuple(start), (0,) * count) + 1e-9
+    assert total(costs, *found) <= by_hand(costs, tuple(start), (0,) * count) + 1e-9
 
 
 def test_rules_need_an_order_to_start_from() -> None:
     costs = tables(random.Random(1), 3)
     with pytest.raises(ValueError, match="start"):
-        shortest(*costs, rules=matrix.Rules(np.full(3, -1), np.zeros(3, dtype=np.int64)))
+        shortest(costs, rules=matrix.Rules(np.full(3, -1), np.zeros(3, dtype=np.int64)))

@@ -24,7 +24,7 @@ from camgen.order.solver.kernel import (
     Scene,
     undo,
 )
-from camgen.order.solver.plane import Items, Start, discs_of, shorten
+from camgen.order.solver.plane import Items, Problem, Start, discs_of, shorten
 
 HOME = np.array([0.0, 0.0])
 
@@ -106,7 +106,7 @@ def test_a_search_keeps_all_items_and_rules_and_never_lengthens(
 ) -> None:
     items = scene(random.Random(seed), count, rules=rules)
     home = HOME if at else None
-    tour = shorten(items, drawn(items), home, near_of(items), 300, seed)
+    tour = shorten(Problem(items, near_of(items), home), drawn(items), 300, seed)
     check_rules(items, tour)
     assert travel(items, tour, home) <= travel(items, drawn(items), home) + 1e-6
 
@@ -126,7 +126,7 @@ def test_small_scenes_are_solved_and_no_tour_is_below_the_bound(
             best = min(best, travel(items, Start(np.array(order), np.array(enter)), home))
     assert at_least(items, home, best, 30) <= best + 1e-6
     if not rules:
-        tour = shorten(items, drawn(items), home, near_of(items), 400, seed)
+        tour = shorten(Problem(items, near_of(items), home), drawn(items), 400, seed)
         # The search sees all samples, the trial every third one, and not all of these.
         assert travel(items, tour, home) <= best * 1.1 + 1.0
 
@@ -135,7 +135,7 @@ def test_small_scenes_are_solved_and_no_tour_is_below_the_bound(
 def test_the_bound_is_below_every_tour_found(seed: int, count: int, at: bool) -> None:
     items = scene(random.Random(seed), count, spread=random.Random(seed).choice([0.5, 20.0, 200.0]))
     home = HOME if at else None
-    found = travel(items, shorten(items, drawn(items), home, near_of(items), 500, 0), home)
+    found = travel(items, shorten(Problem(items, near_of(items), home), drawn(items), 500, 0), home)
     bounds = [at_least(items, home, found, rounds) for rounds in (1, 10, 100)]
     assert 0 <= bounds[0] <= bounds[1] <= bounds[2] <= found + 1e-9
 
@@ -160,7 +160,9 @@ def test_the_bound_is_near_the_best_for_short_lines() -> None:
     first = np.arange(0, 241, 2)
     zeros = np.zeros(120, dtype=np.int64)
     items = Items(first, points, zeros, np.ones(120), zeros - 1, zeros)
-    found = travel(items, shorten(items, drawn(items), HOME, near_of(items), 6000, 0), HOME)
+    found = travel(
+        items, shorten(Problem(items, near_of(items), HOME), drawn(items), 6000, 0), HOME
+    )
     assert 0.88 * found < at_least(items, HOME, found, 100) <= found
 
 
@@ -175,9 +177,9 @@ def test_compiled_and_plain_searches_find_the_same_tour(
     # Ranks and parents of ``scene`` are kept by the drawn order.
     near = near_of(items)
     monkeypatch.setattr(plane, "_WORTH", 10**9)
-    plain = shorten(items, drawn(items), HOME, near, 3000, 5)
+    plain = shorten(Problem(items, near, HOME), drawn(items), 3000, 5)
     monkeypatch.setattr(plane, "_WORTH", 0)
-    fast = shorten(items, drawn(items), HOME, near, 3000, 5)
+    fast = shorten(Problem(items, near, HOME), drawn(items), 3000, 5)
     assert plain.order.tolist() == fast.order.tolist()
     assert plain.enter.tolist() == fast.enter.tolist()
     assert travel(items, plain, HOME) < 0.5 * travel(items, drawn(items), HOME)
@@ -188,7 +190,7 @@ def test_a_shuffle_is_undone_and_every_change_is_what_it_says(
     seed: int, count: int, rules: bool
 ) -> None:
     items = scene(random.Random(seed), count, rules=rules)
-    parts, run = plane._make(items, drawn(items), HOME, near_of(items), seed)
+    parts, run = plane._make(Problem(items, near_of(items), HOME), drawn(items), seed)
 
     def length() -> float:
         ring = np.array(run.ring)
@@ -253,9 +255,9 @@ def test_a_search_in_slices_is_the_search_in_one_go(
     near = near_of(items)
     monkeypatch.setattr(plane, "_WORTH", 10**9)
     monkeypatch.setattr(plane, "_PAUSE", (37, 37))
-    whole = shorten(items, drawn(items), HOME, near, budget, 3)
+    whole = shorten(Problem(items, near, HOME), drawn(items), budget, 3)
     told: list[float] = []
-    sliced = shorten(items, drawn(items), HOME, near, budget, 3, told.append)
+    sliced = shorten(Problem(items, near, HOME), drawn(items), budget, 3, told.append)
     assert sliced.order.tolist() == whole.order.tolist()
     assert sliced.enter.tolist() == whole.enter.tolist()
     assert sliced.end == plane.DONE
@@ -285,13 +287,13 @@ def test_an_interrupt_gives_the_best_tour_so_far_wherever_it_comes(
             return plain(s, r, budget, pause)
 
         monkeypatch.setattr(local_search, "search", search)
-        tour = shorten(items, drawn(items), HOME, near_of(items), 3000, 1, lambda _: None)
+        tour = shorten(Problem(items, near_of(items), HOME), drawn(items), 3000, 1, lambda _: None)
         assert tour.end == plane.STOPPED
         check_rules(items, tour)
         lengths.append(travel(items, tour, HOME))
         left[0] = 0
         with pytest.raises(KeyboardInterrupt):
-            shorten(items, drawn(items), HOME, near_of(items), 3000, 1)
+            shorten(Problem(items, near_of(items), HOME), drawn(items), 3000, 1)
     assert lengths[0] == pytest.approx(travel(items, drawn(items), HOME))
     assert lengths == sorted(lengths, reverse=True)
     assert lengths[-1] < lengths[0]

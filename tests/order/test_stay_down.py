@@ -173,7 +173,7 @@ def test_what_keeps_a_lift(tmp_path, why, table, saved) -> None:
 
 def test_no_way_is_taken_down_that_comes_near_a_block() -> None:
     rng = random.Random(5)
-    from camgen.order.arrange import arrange  # noqa: PLC0415
+    from camgen.order.arrange import Search, arrange  # noqa: PLC0415
     from camgen.plan.follow import follow  # noqa: PLC0415
 
     cells = rng.sample([(x, y) for x in range(8) for y in range(8)], 30)
@@ -183,7 +183,7 @@ def test_no_way_is_taken_down_that_comes_near_a_block() -> None:
     part = Part("p", "p.dxf", "mm", contours, ())
     job = Job(operation=OperationTable(depth=1.0), tool=ToolTable(diameter=3.0), process=ProcessTable(stay_down=True),
               cell=CellTable())  # fmt: skip
-    tour = arrange(follow(part, job)[0], "best", (0.0, 0.0), True)
+    tour = arrange(follow(part, job)[0], Search("best", (0.0, 0.0), True))
     led, _ = stay_down(tour, part, job)
     assert 5 < len(led.down) < 30
     t = np.linspace(0, 1, 801)[:, None]

@@ -11,7 +11,7 @@ from camgen.geometry.nearest import nearest_items
 from camgen.order.solver import together
 from camgen.order.solver.greedy import join_greedily
 from camgen.order.solver.kernel import BOTH_WAYS, CLOSED
-from camgen.order.solver.plane import Items, Start, discs_of
+from camgen.order.solver.plane import Items, Problem, Start, discs_of
 from camgen.order.solver.together import shorten_together
 
 
@@ -64,7 +64,7 @@ def test_rules_are_kept_and_each_move_changes_what_it_says(
         saved: list[float] = []
         with pytest.MonkeyPatch.context() as patch:
             watch(patch, saved)
-            found = shorten_together(items, tour, home, near)
+            found = shorten_together(Problem(items, near, home), tour)
         order = found.order.tolist()
         assert sorted(order) == list(range(count))
         assert all(
@@ -129,5 +129,5 @@ def test_crossings_are_undone_and_strays_brought_home() -> None:
     order = np.array([0, 1, 2, 14, 13, 12, 11, 10, 9, 8, 6, 5, 4, 3, 15, 16, 17, 18, 19, 7])
     home = np.array([0.0, 3.5])
     near = nearest_items(discs_of(items), count, 10)
-    found = shorten_together(items, Start(order, np.arange(count)), home, near)
+    found = shorten_together(Problem(items, near, home), Start(order, np.arange(count)))
     assert travel(items, found, home) == pytest.approx(2 * 90 + 7 + 2 * 3.5)

@@ -16,7 +16,7 @@ from camgen.geometry.arcs import path_length
 from camgen.model.path import ToolPath, waypoints
 from camgen.model.pose import frozen
 from camgen.order import search, tree
-from camgen.order.arrange import arrange, measure_travel
+from camgen.order.arrange import Search, arrange, measure_travel
 from camgen.order.solver import speed
 from camgen.order.solver.greedy import join_greedily
 from camgen.order.solver.plane import discs_of
@@ -167,7 +167,7 @@ def encloses(paths: list[ToolPath], outer: int, inner: int) -> bool:
 
 
 def check_nearest_neighbour(paths: list[ToolPath], start: XY | None, inside_first: bool) -> None:
-    tour = arrange(paths, "nearest", start, inside_first)
+    tour = arrange(paths, Search("nearest", start, inside_first))
     assert sorted(p.id for p in tour.paths) == sorted(p.id for p in paths)
     assert tour.method == "nearest neighbour"
     left = list(range(len(paths)))
@@ -209,7 +209,7 @@ def test_each_step_takes_the_nearest_of_the_allowed_starts(
 def test_the_search_keeps_every_path_and_rule_between_the_bound_and_nearest_neighbour(
     paths: list[ToolPath], start: XY | None, inside_first: bool, seed: int
 ) -> None:
-    tour = arrange(paths, "best", start, inside_first, seed=seed)
+    tour = arrange(paths, Search("best", start, inside_first, seed=seed))
     ran = [int(path.id[1:]) for path in tour.paths]
     assert sorted(ran) == list(range(len(paths)))
     for k, index in enumerate(ran):
@@ -220,21 +220,23 @@ def test_the_search_keeps_every_path_and_rule_between_the_bound_and_nearest_neig
     assert tour.travel == measure_travel(tour.paths, start)
     assert tour.bound is not None
     assert 0 <= tour.bound <= tour.travel + 1e-6
-    nearest = arrange(paths, "nearest", start, inside_first)
+    nearest = arrange(paths, Search("nearest", start, inside_first))
     assert tour.travel <= nearest.travel
     assert nearest.bound is not None
     # No tour is below the bound, whatever tour it was worked out beside.
     assert nearest.bound <= tour.travel + 1e-6
-    assert arrange(paths, "as-drawn", start, inside_first).bound <= tour.travel + 1e-6
+    assert arrange(paths, Search("as-drawn", start, inside_first)).bound <= tour.travel + 1e-6
 
 
 def test_the_search_finds_the_shortest_way_over_a_circle() -> None:
     # From home round a circle to a line: the best start of the circle is where a ray would be reflected, (5, -3).
     tour = arrange(
         ids([circle(5, 0, 3), line((10, -8), (0, -9), reversible=False)]),
-        "best",
-        (0, -8),
-        inside_first=False,
+        Search(
+            "best",
+            (0, -8),
+            inside_first=False,
+        ),
     )
     assert [p.id for p in tour.paths] == ["c0", "c1"]
     assert tour.paths[0].position[0, :2].tolist() == pytest.approx([5, -3], abs=0.02)
@@ -257,15 +259,18 @@ def test_every_size_is_searched_without_being_asked(
         ]
     )
     few = many[:300]
-    searched = arrange(few, "best", None, False)
+    searched = arrange(few, Search("best", None, False))
     assert searched.method == "local search"
-    assert searched.travel < 0.86 * arrange(few, "nearest", None, False).travel
-    found, nearest = arrange(many, "best", None, False), arrange(many, "nearest", None, False)
+    assert searched.travel < 0.86 * arrange(few, Search("nearest", None, False)).travel
+    found, nearest = (
+        arrange(many, Search("best", None, False)),
+        arrange(many, Search("nearest", None, False)),
+    )
     assert found.method == ("local search, compiled" if fast else "local search, plain Python")
     assert found.travel < (0.82 if fast else 0.86) * nearest.travel
     assert found.bound is not None
     assert 0.7 * found.travel < found.bound <= found.travel
-    again = arrange(many, "best", None, False)
+    again = arrange(many, Search("best", None, False))
     assert [path.id for path in again.paths] == [path.id for path in found.paths]
     assert not found.timed
 
@@ -278,7 +283,10 @@ def test_a_crowd_is_shortened_at_all_paths_together(monkeypatch: pytest.MonkeyPa
     many = [line((x, y), (x + rng.uniform(-9, 9), y + 3))
             for x, y in ((rng.uniform(0, 3000), rng.uniform(0, 3000)) for _ in range(count - 1))]  # fmt: skip
     inside = ids([replace(path, parent=count - 1) for path in many] + [circle(1500, 1500, 2200)])
-    tour, nearest = arrange(inside, "best", (0, 0), True), arrange(inside, "nearest", (0, 0), True)
+    tour, nearest = (
+        arrange(inside, Search("best", (0, 0), True)),
+        arrange(inside, Search("nearest", (0, 0), True)),
+    )
     assert sorted(path.id for path in tour.paths) == sorted(path.id for path in inside)
     assert tour.paths[-1].id == inside[-1].id
     assert tour.travel < 0.84 * nearest.travel  # greedy alone: 0.92
@@ -292,11 +300,11 @@ def test_seconds_are_those_of_a_clock(seconds: float, monkeypatch: pytest.Monkey
     monkeypatch.setattr(speed, "available", lambda: False)
     rng = random.Random(5)
     many = ids([circle(rng.uniform(0, 900), rng.uniform(0, 900), 5) for _ in range(200)])
-    tour = arrange(many, "best", (0, 0), False, seconds=seconds)
+    tour = arrange(many, Search("best", (0, 0), False, seconds=seconds))
     assert tour.timed
     assert tour.method == f"local search of {seconds:g} s"
     assert next(ticks) <= 100 * seconds + 3
-    assert tour.travel < 0.9 * arrange(many, "nearest", (0, 0), False).travel
+    assert tour.travel < 0.9 * arrange(many, Search("nearest", (0, 0), False)).travel
     assert sorted(path.id for path in tour.paths) == sorted(path.id for path in many)
 
 
@@ -351,7 +359,9 @@ def test_each_step_takes_the_nearest_start_in_a_crowd(kind: str, seed: int) -> N
 def test_reverses_and_starts_between_vertices() -> None:
     far = line((100, 0), (20, 10))
     square = make([(0, 5), (10, 5), (10, 15), (0, 15), (0, 5)], [None] * 4, True)
-    tour = arrange(ids([far, square, circle(50, -30, 10)]), "nearest", (4, 0), inside_first=True)
+    tour = arrange(
+        ids([far, square, circle(50, -30, 10)]), Search("nearest", (4, 0), inside_first=True)
+    )
     assert [p.id for p in tour.paths] == ["c1", "c0", "c2"]
     # The square begins right above the start, the line at its end, the circle towards where the line leaves the tool.
     assert tour.paths[0].position[:, :2].tolist() == [
@@ -372,7 +382,9 @@ def test_reverses_and_starts_between_vertices() -> None:
 
 
 def test_a_one_way_path_is_entered_at_its_start() -> None:
-    tour = arrange([line((50, 0), (1, 0), reversible=False)], "nearest", (0, 0), inside_first=False)
+    tour = arrange(
+        [line((50, 0), (1, 0), reversible=False)], Search("nearest", (0, 0), inside_first=False)
+    )
     assert tour.paths[0].position[0].tolist() == [50, 0, 0]
     assert tour.travel == pytest.approx(51)
 
@@ -380,25 +392,27 @@ def test_a_one_way_path_is_entered_at_its_start() -> None:
 def test_without_a_start_the_leftmost_comes_first() -> None:
     tour = arrange(
         ids([line((0, 0), (5, 0)), circle(6, 40, 10), line((9, 9), (-3, 9))]),
-        "nearest",
-        None,
-        False,
+        Search(
+            "nearest",
+            None,
+            False,
+        ),
     )
     assert [p.id for p in tour.paths] == ["c1", "c2", "c0"]
     assert tour.paths[0].position[0].tolist() == pytest.approx([-4, 40, 0])
     twins = ids([line((0, 0), (1, 0)), line((0, 0), (1, 0))])
-    assert [p.id for p in arrange(twins, "nearest", None, False).paths] == ["c0", "c1"]
+    assert [p.id for p in arrange(twins, Search("nearest", None, False)).paths] == ["c0", "c1"]
 
 
 def test_holes_come_before_the_outline_around_them() -> None:
     island, hole, outline = circle(0, 0, 2, parent=1), circle(0, 0, 5, parent=2), circle(0, 0, 9)
     paths = ids([island, hole, outline])
-    assert [p.id for p in arrange(paths, "nearest", (20, 0), inside_first=False).paths] == [
+    assert [p.id for p in arrange(paths, Search("nearest", (20, 0), inside_first=False)).paths] == [
         "c2",
         "c1",
         "c0",
     ]
-    assert [p.id for p in arrange(paths, "nearest", (20, 0), inside_first=True).paths] == [
+    assert [p.id for p in arrange(paths, Search("nearest", (20, 0), inside_first=True)).paths] == [
         "c0",
         "c1",
         "c2",
@@ -407,7 +421,7 @@ def test_holes_come_before_the_outline_around_them() -> None:
 
 def test_as_drawn_changes_nothing() -> None:
     paths = ids([circle(0, 0, 9), circle(0, 0, 2, parent=0), line((9, 9), (20, 9))])
-    tour = arrange(paths, "as-drawn", (0, 0), inside_first=True)
+    tour = arrange(paths, Search("as-drawn", (0, 0), inside_first=True))
     assert list(tour.paths) == paths
     assert tour.method == "as drawn"
     assert tour.travel == pytest.approx(9 + 7 + math.hypot(7, 9) + math.hypot(20, 9))
@@ -415,18 +429,18 @@ def test_as_drawn_changes_nothing() -> None:
 
 def test_nothing_to_order() -> None:
     for method in ("nearest", "as-drawn"):
-        tour = arrange([], method, (1, 1), inside_first=True)
+        tour = arrange([], Search(method, (1, 1), inside_first=True))
         assert (tour.paths, tour.travel) == ((), 0.0)
 
 
 def test_refuses_what_it_cannot_order() -> None:
     with pytest.raises(ValueError, match="unknown method"):
-        arrange([circle(0, 0, 1)], "shortest", None, inside_first=False)
+        arrange([circle(0, 0, 1)], Search("shortest", None, inside_first=False))
     ring = [circle(0, 0, 1, parent=1), circle(0, 0, 2, parent=0), circle(9, 0, 1)]
     for paths in (ring, ring[:2]):
         for start in (None, (0.0, 0.0)):
             with pytest.raises(ValueError, match="enclose each other"):
-                arrange(paths, "nearest", start, inside_first=True)
+                arrange(paths, Search("nearest", start, inside_first=True))
 
 
 @given(any_path().filter(lambda p: p.closed), st.data())
@@ -543,7 +557,7 @@ def test_thousands_at_one_point_are_no_quadratic_work(monkeypatch: pytest.Monkey
     monkeypatch.setattr(tree, "_scan", counted)
     count = 5_000
     fan = [line((0, 0), (math.cos(i), math.sin(i))) for i in range(count)]
-    assert len(arrange(fan, "nearest", (0, 0), inside_first=False).paths) == count
+    assert len(arrange(fan, Search("nearest", (0, 0), inside_first=False)).paths) == count
     assert count <= looked[0] < 40 * count  # quadratic, it would be 2,500 times as many
 
 

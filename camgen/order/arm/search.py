@@ -387,15 +387,17 @@ def _reorder(work: Work, found: Found, seed: int) -> Found:
         return found
     own = now.pick(np.array(order))
     flips = np.array([ground.items[k].reversible for k in order])
-    table, first, last = _tables(work, order, own)
+    table = _tables(work, order, own)
     # What cannot be turned round is neither left where it is entered nor entered where it is left.
     stiff = ~flips & (np.abs(own.enter - own.leave).max(axis=1) > 0)
-    table[stiff, 0] = table[:, :, stiff, 1] = first[stiff, 1] = last[stiff, 0] = WALL
+    table.between[stiff, 0] = table.between[:, :, stiff, 1] = WALL
+    table.first[stiff, 1] = table.last[stiff, 0] = WALL
     rules = matrix.Rules(_inner(work.rules.parent, order), work.rules.rank[order])
     plain = bool((rules.parent < 0).all() and len(set(rules.rank.tolist())) == 1)
     if _is_plain(work, found):
         ring = np.zeros((count + 1, count + 1))
-        ring[1:, 1:], ring[0, 1:], ring[1:, 0] = table[:, 0, :, 0], first[:, 0], first[:, 0]
+        ring[1:, 1:] = table.between[:, 0, :, 0]
+        ring[0, 1:] = ring[1:, 0] = table.first[:, 0]
         ring = np.minimum(ring, ring.T)
         made = shorten_ring(ring, range(count + 1), min(_KICKS * count, _MOST_KICKS), seed)
         seconds = float(ring[made, np.roll(made, -1)].sum())
@@ -403,10 +405,8 @@ def _reorder(work: Work, found: Found, seed: int) -> Found:
         return better if seconds < found.seconds - 1e-9 else found
     start = (list(range(count)), [False] * count)
     effort = _EFFORT if count <= _CROWD else 0.0
-    items, backs = matrix.shortest(
-        table, first, last, seed, effort, start, None if plain else rules
-    )
-    seconds = matrix.total(table, first, last, items, backs)
+    items, backs = matrix.shortest(table, seed, effort, start, None if plain else rules)
+    seconds = matrix.total(table, items, backs)
     if seconds >= found.seconds - 1e-9:
         return found
     turned = np.array(
@@ -431,10 +431,8 @@ def _inner(parent: IntArray, order: Sequence[int]) -> IntArray:
     return np.asarray(place[parent[list(order)]])
 
 
-def _tables(
-    work: Work, order: Sequence[int], own: States
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Seconds (n, 2, n, 2) from end to end, (n, 2) from and to home."""
+def _tables(work: Work, order: Sequence[int], own: States) -> matrix.Table:
+    """The seconds of all links between the ends of the items, and from and to home."""
     ground, count = work.ground, len(order)
     ends = np.stack([own.enter, own.leave], axis=1).reshape(2 * count, -1)
     places = np.stack(
@@ -447,7 +445,7 @@ def _tables(
     table += change_cost(ground, branch, branch)
     table = add_walls(table, ends, ends, work.walls)
     home = home_seconds(ground, ends, work.walls).reshape(count, 2)
-    return table.reshape(count, 2, count, 2), home, home.copy()
+    return matrix.Table(table.reshape(count, 2, count, 2), home, home.copy())
 
 
 # What a tour uses is proved: the paths as they are run, and the links between them.

@@ -321,13 +321,14 @@ def _order(work: _Work, best: bool, rounds: int, tell: Callable[[str], None]) ->
             surely = True
             _test_home(work)
         between, first, home = _steps(work, surely)
-        table = _in_ticks(between).reshape(len(work.motions), 2, -1, 2)
         ends = _in_ticks(home + work.ends.out).reshape(-1, 2)
-        near = matrix.nearest(table, ends)
+        between = _in_ticks(between).reshape(len(work.motions), 2, -1, 2)
+        table = matrix.Table(between, ends, ends)
+        near = matrix.nearest(table)
         # A large tour goes on from the last one, of which little has changed.
         start = order if len(work.motions) > links.MANY else None
-        order = matrix.shortest(table, ends, ends, effort=effort, start=start) if best else near
-        costs = [matrix.total(table, ends, ends, *one) for one in (order, near)]
+        order = matrix.shortest(table, effort=effort, start=start) if best else near
+        costs = [matrix.total(table, *one) for one in (order, near)]
         if not surely and _collides(work, order, first):
             continue
         if effort == _FULL:

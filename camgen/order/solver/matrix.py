@@ -50,9 +50,28 @@ _GAIN = itemgetter(5, 0)
 _Rooms = list[tuple[IntArray, IntArray]]
 
 
+class Table(Struct, frozen=True, eq=False):
+    """Costs of all links of n items, inf for a link that is not possible.
+
+    between: (n, 2, n, 2) from end a of item i, where it is left, to end b of item j, where it is
+        entered; ``between[i, a, j, b]``. The entries of an item to itself are not read.
+    first: (n, 2) from home to each end of each item; zeros where nothing comes before.
+    last: (n, 2) from each end of each item to home; zeros where nothing comes after.
+
+    Infinite costs in ``first`` or ``last`` fix the first or the last item. What an item costs when it
+    is run backwards may be added to the links that enter it there.
+    """
+
+    between: FloatArray
+    first: FloatArray
+    last: FloatArray
+
+
 class Rules(Struct, frozen=True, eq=False):
-    """What an order must keep. parent: (n,) the item that comes later than each, -1 for none. rank: (n,) items of a
-    lower rank come first.
+    """The precedence that an order has to keep.
+
+    parent: (n,) the item that comes later than each item, -1 for none.
+    rank: (n,) items of a lower rank come first.
     """
 
     parent: IntArray
@@ -72,9 +91,7 @@ _EPS = 1e-12
 
 
 def shortest(
-    between: FloatArray,
-    first: FloatArray,
-    last: FloatArray,
+    table: Table,
     seed: int = 0,
     effort: float = 1.0,
     start: Order | None = None,
@@ -82,66 +99,63 @@ def shortest(
 ) -> Order:
     """The order and the directions of n items that cost least, from home through all items and back.
 
-    between[i, a, j, b]: (n, 2, n, 2), from end a of item i, where it is left, to end b of item j, where it is entered;
-    inf where there is no way; the entries of an item to itself are not read. first[i, a]: (n, 2), from home to end a;
-    last[i, a]: (n, 2), from end a to home; zeros where nothing comes before or after, and inf to fix the first or last
-    item. What an item itself costs when run backwards may be put on the ends that it is entered at. If no order is
-    finite, one with the fewest infinite steps that was met is given: ``total`` is then inf. Equal seeds, equal orders.
-    effort: how many shuffles are tried, as a share of the usual number. start: an order from which the search goes
-    on, else that of the nearest neighbour. rules: kept by every order that is looked at, and by ``start``, which they
-    need. ValueError for tables of other shapes, NaN or -inf, and for rules without a start.
+    seed: seed of the shuffles; equal seeds give equal orders.
+    effort: number of shuffles as a fraction of the usual number.
+    start: order from which the search goes on, None for that of the nearest neighbour.
+    rules: precedence that ``start`` keeps, and so does every order of the search.
+
+    If no order is finite, the result has the fewest infinite links of all orders that were
+    evaluated, and its ``total`` is inf. ValueError for tables of other shapes, for NaN or -inf, and
+    for rules without a start.
     """
     if rules is not None and start is None:
         raise ValueError("an order that keeps the rules is needed to start from")
-    count = _check(between, first, last)
+    count = _check(table)
     if count == 0:
         return [], []
-    steps = _steps(between, first, last)
+    steps = _steps(table)
     if count <= EXACT and rules is None:
         return _items(_exact(steps))
-    items, flipped = nearest(between, first) if start is None else start
+    items, flipped = nearest(table) if start is None else start
     home = 2 * count
     states = np.array([home, *(2 * i + back for i, back in zip(items, flipped, strict=True)), home])
     return _items(_iterate(states, steps, seed, effort, rules)[1:-1])
 
 
-def nearest(between: FloatArray, first: FloatArray) -> Order:
-    """Always the cheapest next end ("Following a continuous path", section 3.1), the lowest item of equal ones."""
-    count = _check(between, first, first)
-    left = np.ones(count, dtype=bool)
+def nearest(table: Table) -> Order:
+    """The order of the nearest neighbour ("Following a continuous path", section 3.1).
+
+    Of equally near items the one with the lowest index comes next.
+    """
+    count = _check(table)
+    is_pending = np.ones(count, dtype=bool)
     order: list[int] = []
     flipped: list[bool] = []
-    costs = first
+    costs = table.first
     for _ in range(count):
-        options = np.where(left[:, None], np.minimum(costs, np.finfo(float).max), np.inf)
+        options = np.where(is_pending[:, None], np.minimum(costs, np.finfo(float).max), np.inf)
         item, end = divmod(int(np.argmin(options)), 2)
-        left[item] = False
+        is_pending[item] = False
         order.append(item)
         flipped.append(end == 1)
-        costs = between[item, 1 - end]
+        costs = table.between[item, 1 - end]
     return order, flipped
 
 
-def total(
-    between: FloatArray,
-    first: FloatArray,
-    last: FloatArray,
-    order: Sequence[int],
-    flipped: Sequence[bool],
-) -> float:
-    """What the order costs, from home and back to it."""
+def total(table: Table, order: Sequence[int], flipped: Sequence[bool]) -> float:
+    """The cost of the order, from home and back to it."""
     if not order:
         return 0.0
     enter = [int(back) for back in flipped]
-    legs = [float(first[order[0], enter[0]]), float(last[order[-1], 1 - enter[-1]])]
-    legs += [
-        float(between[order[k - 1], 1 - enter[k - 1], order[k], enter[k]])
-        for k in range(1, len(order))
-    ]
-    return math.fsum(legs)
+    costs = [table.first[order[0], enter[0]], table.last[order[-1], 1 - enter[-1]]]
+    for k in range(1, len(order)):
+        costs.append(table.between[order[k - 1], 1 - enter[k - 1], order[k], enter[k]])
+    return math.fsum(costs)
 
 
-def _check(between: FloatArray, first: FloatArray, last: FloatArray) -> int:
+def _check(table: Table) -> int:
+    """The number of items. ValueError for tables of other shapes, NaN or -inf."""
+    between, first, last = table.between, table.first, table.last
     count = len(first)
     if (
         first.shape != (count, 2)
@@ -151,30 +165,30 @@ def _check(between: FloatArray, first: FloatArray, last: FloatArray) -> int:
         raise ValueError(
             f"tables of shapes {between.shape}, {first.shape}, {last.shape} do not belong together"
         )
-    own = np.arange(count)
-    read = between.copy()
-    read[own, :, own, :] = 0.0
-    for table in (read, first, last):
-        if np.isnan(table).any() or np.isneginf(table).any():
+    items = np.arange(count)
+    others = between.copy()
+    others[items, :, items, :] = 0.0
+    for costs in (others, first, last):
+        if np.isnan(costs).any() or np.isneginf(costs).any():
             raise ValueError("a cost is a number or inf")
     return count
 
 
-def _steps(between: FloatArray, first: FloatArray, last: FloatArray) -> FloatArray:
-    """Costs (2n + 1, 2n + 1) from state to state; state 2 i + o is item i entered at its end o, state 2n is home.
+def _steps(table: Table) -> FloatArray:
+    """Costs (2n + 1, 2n + 1) from state to state.
 
-    Infinite costs become large ones, more than any finite order: sums and differences then stay numbers.
+    State 2 i + o is item i entered at its end o, state 2n is home. An infinite cost becomes a number
+    above the cost of any finite order, so that sums and differences stay numbers.
     """
-    count = len(first)
+    count = len(table.first)
     home = 2 * count
     steps = np.zeros((home + 1, home + 1))
-    steps[:home, :home] = between[:, ::-1].reshape(
-        home, home
-    )  # item i entered at end o is left at end 1 - o
-    steps[home, :home] = first.reshape(home)
-    steps[:home, home] = last[:, ::-1].reshape(home)
-    own = np.arange(home).reshape(-1, 2)
-    steps[own[:, :, None], own[:, None, :]] = 0.0
+    # An item that is entered at end o is left at end 1 - o.
+    steps[:home, :home] = table.between[:, ::-1].reshape(home, home)
+    steps[home, :home] = table.first.reshape(home)
+    steps[:home, home] = table.last[:, ::-1].reshape(home)
+    own_states = np.arange(home).reshape(-1, 2)
+    steps[own_states[:, :, None], own_states[:, None, :]] = 0.0
     finite = np.isfinite(steps)
     steps[~finite] = (2 * float(np.abs(steps[finite]).max()) + 1) * (count + 2)
     return steps

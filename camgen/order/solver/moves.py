@@ -1,10 +1,12 @@
-"""What can be tried at one item: 2-opt and Or-opt over neighbour lists, with the choice of starts inside.
+"""The moves at an item in the plane: 2-opt and Or-opt to its nearest items, with the choice of starts.
 
-Written like ``kernel``: the same lines run in Python and compiled. "2-opt" turns a stretch round (Croes, 1958),
-"Or-opt" carries up to three items elsewhere (Or, 1976).
+2-opt reverses a stretch (Croes, 1958), Or-opt relocates up to three items (Or, 1976). The move that
+saves most is made. Like ``kernel`` this runs in Python and compiled.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 from camgen.order.solver.kernel import (
     BOTH_WAYS,
@@ -25,37 +27,51 @@ from camgen.order.solver.kernel import (
     way,
 )
 
-#: Longest stretch that is carried elsewhere.
-_LONGEST_CARRIED = 3
+#: Largest number of items that are relocated together.
+_LONGEST_RELOCATED = 3
 
 
-def pair(
-    s: Scene, a: int, pa: int, out_a: int, b: int, pb: int, out_b: int
-) -> tuple[float, int, int]:
-    """Items a and b joined at their points pa and pb, closed ones begun anew: what that saves, and their points.
+class End(NamedTuple):
+    """The end of an item that a move links to another item.
 
-    out_a, out_b: the points from which the other way of each leads; of a closed item only, else not read.
+    item: the item.
+    point: its point at that end.
+    beyond: point of the item on its other side; read of a closed item alone.
     """
-    na, nb = pa, pb
-    saved = way(s, pa, pb)
-    if s.kind[a] == CLOSED:
-        saved += way(s, out_a, pa)
-        na = choose_sample(s, a, out_a, pb, pa)
-    if s.kind[b] == CLOSED:
-        saved += way(s, pb, out_b)
-        nb = choose_sample(s, b, na, out_b, pb)
+
+    item: int
+    point: int
+    beyond: int
+
+
+def choose_samples(s: Scene, a: End, b: End) -> tuple[float, int, int]:
+    """The best samples of linked items: the mm that they save, and the point of each item.
+
+    An open item keeps its point.
+    """
+    na, nb = a.point, b.point
+    saved = way(s, a.point, b.point)
+    if s.kind[a.item] == CLOSED:
+        saved += way(s, a.beyond, a.point)
+        na = choose_sample(s, a.item, a.beyond, b.point, a.point)
+    if s.kind[b.item] == CLOSED:
+        saved += way(s, b.point, b.beyond)
+        nb = choose_sample(s, b.item, na, b.beyond, b.point)
     saved -= way(s, na, nb)
-    if s.kind[a] == CLOSED:
-        saved -= way(s, out_a, na)
-    if s.kind[b] == CLOSED:
-        saved -= way(s, nb, out_b)
+    if s.kind[a.item] == CLOSED:
+        saved -= way(s, a.beyond, na)
+    if s.kind[b.item] == CLOSED:
+        saved -= way(s, nb, b.beyond)
     return saved, na, nb
 
 
 def relink(s: Scene, r: Run, a: int, forward: bool) -> float:
-    """2-opt: ``a`` joined to a near item at the end where it is left (or entered), one stretch turned; the change."""
+    """2-opt: links ``a`` to a near item, and reverses the stretch between; the change.
+
+    forward: ``a`` is linked at the end where it is left, else at the end where it is entered.
+    """
     ring, place, size = r.ring, r.place, len(r.ring)
-    # A negative place counts from the end, in Python and compiled: so the ring has no ends here.
+    # A negative index counts from the end, in Python and compiled, so the ring has no ends.
     ahead_of, after_of = (-1, 1 - size) if forward else (1 - size, -1)
     leave, enter = (r.leave, r.enter) if forward else (r.enter, r.leave)
     b = ring[place[a] + after_of]
@@ -77,13 +93,13 @@ def relink(s: Scene, r: Run, a: int, forward: bool) -> float:
         ac, bd = way(s, pa, pc), way(s, pb, pd)
         change = ac + bd - old - way(s, pc, pd)
         ma, mb, mc, md = pa, pb, pc, pd
-        # Next to each other, or shared: then begun anew afterwards.
+        # Neighbours of a and b choose their samples after the move.
         e, f = ring[place[c] + ahead_of], ring[place[d] + after_of]
         if e not in (a, b) and f not in (a, b):
             out_c, out_d = leave[e], enter[f]
             own_c, end_c = (way(s, pc, out_c), out_c) if s.kind[c] == CLOSED else (0.0, pc)
             own_d, end_d = (way(s, pd, out_d), out_d) if s.kind[d] == CLOSED else (0.0, pd)
-            # No less than what ``pair`` can save: nothing is shorter than the straight way.
+            # At least as much as ``choose_samples`` saves: nothing is shorter than the straight line.
             first = (
                 0.0 if end_a == pa and end_c == pc else own_a + own_c + ac - way(s, end_a, end_c)
             )
@@ -91,10 +107,10 @@ def relink(s: Scene, r: Run, a: int, forward: bool) -> float:
                 0.0 if end_b == pb and end_d == pd else own_b + own_d + bd - way(s, end_b, end_d)
             )
             if change - first - second < best:
-                gain, ma, mc = pair(s, a, pa, out_a, c, pc, out_c)
-                change -= gain
-                gain, mb, md = pair(s, b, pb, out_b, d, pd, out_d)
-                change -= gain
+                saved, ma, mc = choose_samples(s, End(a, pa, out_a), End(c, pc, out_c))
+                change -= saved
+                saved, mb, md = choose_samples(s, End(b, pb, out_b), End(d, pd, out_d))
+                change -= saved
         if change < best:
             low, high = (place[b], place[c]) if forward else (place[c], place[b])
             if may_turn(s, r, low, high):
@@ -113,14 +129,16 @@ def relink(s: Scene, r: Run, a: int, forward: bool) -> float:
 
 
 def begin(s: Scene, r: Run, item: int, point: int) -> None:
-    """A closed item begun at ``point``."""
+    """Starts a closed item at ``point``."""
     if s.kind[item] == CLOSED and r.enter[item] != point:
         set_point(r, item, point)
 
 
 def between(s: Scene, r: Run, head: int, tail: int, p: int, q: int) -> tuple[float, int, int]:
-    """The stretch from ``head`` to ``tail`` between points p and q: what it adds, 1 if it is better run backwards, and
-    the point of a single closed item, else -1.
+    """The stretch from ``head`` to ``tail`` between the points p and q.
+
+    Returns the mm that it adds, 1 where it is run backwards, else 0, and the point of a single closed
+    item, else -1.
     """
     gap = way(s, p, q)
     if head == tail and s.kind[head] == CLOSED:
@@ -134,7 +152,10 @@ def between(s: Scene, r: Run, head: int, tail: int, p: int, q: int) -> tuple[flo
 
 
 def insert(s: Scene, r: Run, a: int, count: int, leading: bool) -> float:  # noqa: C901 (one loop with its exits)
-    """Or-opt: ``count`` items, ``a`` the first (or last) of them, carried to a place beside an item near a."""
+    """Or-opt: relocates ``count`` items to beside an item that is near ``a``; the change.
+
+    leading: ``a`` is the first of them, else the last.
+    """
     size = len(r.ring)
     low = r.place[a] if leading else (r.place[a] - count + 1) % size
     head, tail = r.ring[low], r.ring[(low + count - 1) % size]
@@ -182,8 +203,10 @@ def insert(s: Scene, r: Run, a: int, count: int, leading: bool) -> float:  # noq
 
 
 def shorter(s: Scene, low: int, count: int, past: int, size: int) -> int:
-    """Carried forward past ``past`` items is the same as back past the rest: the one that does not pass home, if the
-    tour may not be turned, else the shorter one.
+    """The number of items to pass, negative for backwards, where a stretch goes past ``past`` items.
+
+    Going back past all others leads to the same tour. A directed tour must not pass home; else
+    the smaller number is chosen.
     """
     rest = size - count - past
     if s.directed:
@@ -192,14 +215,14 @@ def shorter(s: Scene, low: int, count: int, past: int, size: int) -> int:
 
 
 def improve_in_plane(s: Scene, r: Run, a: int) -> float:
-    """The first kind of move that shortens the tour at ``a``; the change, 0 if there is none."""
+    """Makes a move of the first kind that shortens the tour at ``a``; the change, 0 for no move."""
     change = settle(s, r, a)
     if change < 0.0:
         push(r, ahead(r, a))
         push(r, after(r, a))
         push(r, a)
         return change
-    for count in range(1, _LONGEST_CARRIED + 1):
+    for count in range(1, _LONGEST_RELOCATED + 1):
         change = insert(s, r, a, count, True)
         if change < 0.0:
             return change

@@ -22,6 +22,7 @@ __all__ = [
     "TIMED",
     "Clock",
     "Items",
+    "Problem",
     "Start",
     "Tell",
     "both_ends",
@@ -70,6 +71,19 @@ class Start(Struct, frozen=True, eq=False):
     order: IntArray
     enter: IntArray
     end: int = DONE
+
+
+class Problem(Struct, frozen=True, eq=False):
+    """The items of a tour in the plane.
+
+    items: the items.
+    near: the nearest items of each.
+    home: (2,) x, y where the tour starts and ends, mm; None for nowhere.
+    """
+
+    items: Items
+    near: Near
+    home: FloatArray | None
 
 
 class Clock(Struct, frozen=True):
@@ -143,22 +157,25 @@ def _stretches(items: Items, loops: IntArray) -> tuple[IntArray, IntArray]:
 
 
 def shorten(
-    items: Items,
+    problem: Problem,
     start: Start,
-    home: FloatArray | None,
-    near: Near,
     budget: int,
     seed: int,
     tell: Tell | None = None,
     clock: Clock | None = None,
 ) -> Start:
-    """The tour ``start`` shortened by ``budget`` looks at an item.
+    """The tour ``start`` shortened within ``budget`` evaluations of an item.
 
-    start must keep the rules of ``items`` (parents and ranks). Equal arguments, equal tours, compiled or not, unless a
-    clock ends it. tell: is told now and then which part of the budget is used up; who watches may stop the search
-    (KeyboardInterrupt), and gets the best tour so far.
+    start: a tour that keeps the parents and ranks of the items.
+    seed: seed of the shuffles.
+    tell: callback that gets the used fraction of the budget, 0 to 1. A KeyboardInterrupt stops the
+        search then, and the result is the best tour so far.
+    clock: end of the search, None for the budget alone.
+
+    Equal arguments give equal tours, compiled or not, unless a clock ends the search.
     """
-    scene, run = _make(items, start, home, near, seed)
+    items = problem.items
+    scene, run = _make(problem, start, seed)
     search: speed.Search = local_search.search
     compiled = (
         budget >= _WORTH if clock is None else clock.seconds >= _WORTH_SECONDS
@@ -204,14 +221,13 @@ def _as_start(items: Items, ring: list[int], enter: list[int], end: int = DONE) 
     return Start(order, np.asarray(enter)[:count], end)
 
 
-def _make(
-    items: Items, start: Start, home: FloatArray | None, near: Near, seed: int
-) -> tuple[Scene, Run]:
-    """The problem and its first tour as plain lists; home is the last item and the first in the ring."""
+def _make(problem: Problem, start: Start, seed: int) -> tuple[Scene, Run]:
+    """The problem and its first tour as lists; home is the last item and the first in the ring."""
+    items, home = problem.items, problem.home
     count, points = len(items.kind), len(items.points)
     place = np.zeros((1, 2)) if home is None else np.asarray(home, dtype=np.float64)[None, :]
     xy = np.concatenate([items.points, place])
-    table, apart = near.table(count, WIDTH)
+    table, apart = problem.near.table(count, WIDTH)
     table, apart = with_home(items, xy[-1], table, apart, home is None)
     children = np.argsort(items.parent, kind="stable")
     children = children[np.sort(items.parent) >= 0]

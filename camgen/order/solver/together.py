@@ -18,12 +18,12 @@ from itertools import pairwise
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.nearest import IntArray, Near
+from camgen.geometry.nearest import IntArray
 from camgen.model.part import BoolArray
 from camgen.model.pose import FloatArray
 from camgen.order.solver.greedy import group_of, settle_all
 from camgen.order.solver.kernel import CLOSED, EPS
-from camgen.order.solver.plane import WIDTH, Items, Start, both_ends, with_home
+from camgen.order.solver.plane import WIDTH, Problem, Start, both_ends, with_home
 
 __all__ = ["shorten_together"]
 
@@ -75,13 +75,14 @@ class _Moves(Struct, frozen=True, eq=False):
     kind: IntArray
 
 
-def shorten_together(items: Items, tour: Start, home: FloatArray | None, near: Near) -> Start:
-    """``tour`` shortened; it must run group by group (``greedy.group_of``), and does so afterwards.
+def shorten_together(problem: Problem, tour: Start) -> Start:
+    """``tour`` shortened. It has to run group by group (``greedy.group_of``), and so does the result.
 
-    No item may be such that it runs one way only. home: x, y where it begins and ends, None: nowhere.
+    Each item may be run in both directions.
     """
+    items, home = problem.items, problem.home
     for _ in range(_PASSES):
-        now = _make(items, tour, home, near)
+        now = _make(problem, tour)
         _cut_anew(now)
         touched = np.arange(len(now.order))
         for _ in range(_ROUNDS):
@@ -97,10 +98,12 @@ def shorten_together(items: Items, tour: Start, home: FloatArray | None, near: N
     return tour
 
 
-def _make(items: Items, tour: Start, home: FloatArray | None, near: Near) -> _Tour:
+def _make(problem: Problem, tour: Start) -> _Tour:
+    """The tour as columns."""
+    items, home = problem.items, problem.home
     count, last = len(items.kind), len(items.points)
     xy = np.concatenate([items.points, np.full((1, 2), np.nan) if home is None else home[None]])
-    table, apart = with_home(items, xy[-1], *near.table(count, WIDTH), home is None)
+    table, apart = with_home(items, xy[-1], *problem.near.table(count, WIDTH), home is None)
     order = np.concatenate([[count], tour.order, [count + 1]])
     place = np.empty(count + 2, dtype=np.int64)
     place[order] = np.arange(count + 2)
