@@ -32,7 +32,7 @@ from camgen.motion.corners import corner_tolerance, hold_orientation
 from camgen.motion.pose_paths import Way
 from camgen.motion.setup import Reached, feed_of
 from camgen.order import EdgeTour
-from camgen.order.edges.links import Along, Piece, Turn
+from camgen.order.edges.links import JointLink, PathLink, Piece
 
 
 def lower_edges(
@@ -54,7 +54,7 @@ def lower_edges(
         noun = "edge" if tour.paths[number].operation == "edges" else "curve"
         body.append(Comment(f"{noun} {leg.motion.id}"))
         link = [*_link(way, job)]
-        if isinstance(leg.link[-1], Turn):
+        if isinstance(leg.link[-1], JointLink):
             link += _state(leg.motion.way, process)
         body += _belonging(link, number, False)
         feed = feed_of(leg.motion, length, process)
@@ -67,7 +67,7 @@ def lower_edges(
     if process.spindle > 0:
         body.append(Output("spindle", 0.0))
     last = route.back[-1]
-    assert isinstance(last, Turn)
+    assert isinstance(last, JointLink)
     body.append(_turn(last))
     return finish(body, tour.paths, cell, job, name, header)
 
@@ -82,7 +82,7 @@ def _belonging(items: Iterable[Instruction], path: int, work: bool) -> Iterator[
 
 def _split(link: Sequence[Piece]) -> tuple[Sequence[Piece], Sequence[Piece]]:
     """The way up from the edge before, and that to the next one."""
-    count = int(bool(link) and isinstance(link[0], Along) and link[0].kind == "retraction")
+    count = int(bool(link) and isinstance(link[0], PathLink) and link[0].kind == "retraction")
     return link[:count], link[count:]
 
 
@@ -91,7 +91,7 @@ def _link(link: Sequence[Piece], job: Job) -> Iterator[Instruction]:
     process, air = job.process, in_air(job)
     turned = False
     for piece in link:
-        if isinstance(piece, Turn):
+        if isinstance(piece, JointLink):
             yield _turn(piece)
         elif piece.kind == "approach":
             yield from switch_on(process) if air else ()
@@ -101,10 +101,10 @@ def _link(link: Sequence[Piece], job: Job) -> Iterator[Instruction]:
             yield from _along(piece.way, piece.speed)
             if air and signal(process) and piece.kind == "retraction":
                 yield Output(signal(process), 0.0)
-        turned = isinstance(piece, Turn)
+        turned = isinstance(piece, JointLink)
 
 
-def _turn(piece: Turn) -> MoveJ:
+def _turn(piece: JointLink) -> MoveJ:
     return MoveJ(joints_of(piece.joints), piece.speed, share=piece.share)
 
 
@@ -114,7 +114,7 @@ def _state(way: Way, process: ProcessTable) -> Iterator[Instruction]:
         yield MoveL(_pose(way.rotation[0], way.position[0]), process.travel_speed)
 
 
-def _approach(piece: Along, process: ProcessTable) -> Iterator[Instruction]:
+def _approach(piece: PathLink, process: ProcessTable) -> Iterator[Instruction]:
     """At its speed but for the last ``process.approach`` mm, which are run at the speed of plunging."""
     way = piece.way
     last = float(way.length[-1])

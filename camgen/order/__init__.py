@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 from msgspec.structs import replace
 
@@ -16,6 +17,9 @@ from camgen.model.pose import Pose
 from camgen.order.tours import ArmTour, EdgeTour, JobTour, ReplayTour
 from camgen.plan import EdgePlan, JobPlan, Plan, ReplayPlan, Watch, ignore_stages
 from camgen.robots.workcell import Workcell
+
+if TYPE_CHECKING:
+    from camgen.order.solver.matrix import Rules
 
 __all__ = [
     "ArmTour",
@@ -179,7 +183,7 @@ def _order_paths(plan: Plan, job: Job, cell: Cell | None, watch: Watch, ways: bo
         )
     )
     if arm is not None and choice.method == "best" and (later or not free):
-        found = _order_on_arm(plan, found, job, arm, watch, free, keep=False, prove=False)
+        found = _order_on_arm(plan, found, job, arm, watch, free)
     led, notes = add_leads(found.paths, plan.part, job)
     led, more = add_tabs(found.paths, led, job)
     notes = [*found.notes, *notes, *more]
@@ -200,31 +204,31 @@ def _order_paths(plan: Plan, job: Job, cell: Cell | None, watch: Watch, ways: bo
     tour = replace(tour, notes=(*notes, *saved))
     if arm is None or not free:
         return tour
-    tour = _order_on_arm(
-        plan, tour, job, arm, watch, free, keep=later or choice.method != "best", prove=True
-    )
+    from camgen.order.arm import TourRequest, order_with_turns  # noqa: PLC0415 (kinematics, fcl: only for arms)
+
+    request = TourRequest(tour, _rules(plan, tour, job), later or choice.method != "best")
+    tour = order_with_turns(request, job, arm, watch)
     return replace(tour, travel=measure_travel(tour.paths, start))
 
 
-def _order_on_arm(
-    plan: Plan,
-    tour: Tour,
-    job: Job,
-    cell: Workcell,
-    watch: Watch,
-    free: bool,
-    keep: bool,
-    prove: bool,
-) -> Tour:
-    """``tour`` by the time of the joints. free: with the turns that its tool may have, in ways of the joints. keep: the
-    order and the starts stay. prove: what is chosen is tested for collisions.
-    """
-    from camgen.order.arm import order_by_time, order_with_turns  # noqa: PLC0415 (kinematics, fcl: only for arms)
-    from camgen.order.arrange import rules_of  # noqa: PLC0415
+def _rules(plan: Plan, tour: Tour, job: Job) -> Rules:
+    """The precedence of the paths, by their index in ``tour``."""
+    from camgen.order.arrange import rules_of  # noqa: PLC0415 (5 ms, which edges do not need)
 
-    rules = rules_of(
-        plan.paths, tour.paths, job.operation.inside_first, job.tour.layers, job.tour.order
-    )
+    inside_first, settings = job.operation.inside_first, job.tour
+    return rules_of(plan.paths, tour.paths, inside_first, settings.layers, settings.order)
+
+
+def _order_on_arm(
+    plan: Plan, tour: Tour, job: Job, cell: Workcell, watch: Watch, free: bool
+) -> Tour:
+    """``tour`` by the time of the joints, without a test for collisions.
+
+    free: the rolls that the tool may have are chosen, and links are joint motions.
+    """
+    from camgen.order.arm import TourRequest, order_by_time, order_with_turns  # noqa: PLC0415 (kinematics, fcl: only for arms)
+
+    request = TourRequest(tour, _rules(plan, tour, job))
     if free:
-        return order_with_turns(tour, rules, job, cell, watch, keep, prove)
-    return order_by_time(tour, rules, job, cell, watch)
+        return order_with_turns(request, job, cell, watch, prove=False)
+    return order_by_time(request, job, cell, watch)

@@ -70,9 +70,13 @@ class _Tour(Struct, frozen=True, eq=False):
     length: float
 
 
-class _Family(Struct, frozen=True, eq=False):
-    """Tours that begin with these sets and run through these pieces. guide: a short one of them. bound: mm, no tour is
-    below; of a single order: none of this order.
+class _Subproblem(Struct, frozen=True, eq=False):
+    """One branch of the proof: the tours that begin with some sets and run through some stretches.
+
+    sets: sets of items (bits) with which the tours begin.
+    pieces: stretches through which the tours run.
+    guide: a short tour of the branch.
+    bound: lower bound of all tours, mm; of a branch of a single order the bound of that order.
     """
 
     sets: IntArray
@@ -81,9 +85,12 @@ class _Family(Struct, frozen=True, eq=False):
     bound: float
 
 
-class _Ovals(Struct, frozen=True, eq=False):
-    """What holds each stretch, P in all: an ellipse about its middle. enter, leave: (P, 2) mm, of closed paths both
-    are the middle. along: (P, 2) unit. half, wide: (P,) mm, half the axes along that and across.
+class _Ellipses(Struct, frozen=True, eq=False):
+    """The ellipse about its middle that encloses each of P stretches.
+
+    enter, leave: (P, 2) points, mm; of a closed path both are the middle.
+    along: (P, 2) unit vector of the first axis.
+    half, wide: (P,) half of the first and of the second axis, mm.
     """
 
     enter: FloatArray
@@ -93,7 +100,13 @@ class _Ovals(Struct, frozen=True, eq=False):
     wide: FloatArray
 
     def charge(self, rows: IntArray, towards: FloatArray) -> tuple[FloatArray, ...]:
-        """Of the ovals ``rows`` both axes (x, y, and ``towards`` along it), and last how far they reach ``towards``."""
+        """Both axes of the ellipses ``rows``, and how far the ellipses reach in a direction.
+
+        towards: (P, 2) the direction.
+
+        Returns x, y and the component along ``towards`` of the first and of the second axis, and
+        last the distance from the centre to the edge along ``towards``.
+        """
         t, half, wide = self.along[rows], self.half[rows], self.wide[rows]
         x, y = towards[rows, 0], towards[rows, 1]
         along, across = (half * t[..., 0], half * t[..., 1]), (-wide * t[..., 1], wide * t[..., 0])
@@ -111,7 +124,7 @@ def improve_few(
     place = None if home is None else np.array(home)
     order, along = np.array(start.order), lengths(known, start)
     first = _Tour(order, along, _travel(known, order, along, place))
-    family = _Family(first_sets(_needs(known, order)), _whole(known), first, 0.0)
+    family = _Subproblem(first_sets(_needs(known, order)), _whole(known), first, 0.0)
     best, family, left = _close_in(known, family, first, place, _MOST)
     bound, orders = family.bound, _orders(family.sets, len(order))
     if not _is_closed(best, bound) and len(orders) > 1:
@@ -123,7 +136,7 @@ def improve_few(
                 left // (len(orders) - rank),
             )
             best = _better(best, own)
-            alone = _Family(np.cumsum(1 << own.order), family.pieces, own, family.bound)
+            alone = _Subproblem(np.cumsum(1 << own.order), family.pieces, own, family.bound)
             best, alone, rest = _close_in(known, alone, best, place, share)
             left -= share - rest
             bounds.append(alone.bound)
@@ -134,8 +147,8 @@ def improve_few(
 
 
 def _close_in(
-    known: Sampled, family: _Family, best: _Tour, home: FloatArray | None, work: int
-) -> tuple[_Tour, _Family, int]:
+    known: Sampled, family: _Subproblem, best: _Tour, home: FloatArray | None, work: int
+) -> tuple[_Tour, _Subproblem, int]:
     """The best tour; what is left of the family, once it is closed in on or of a few orders; what is left of the work.
 
     A family whose tours all are above the best one has that one's length as its bound.
@@ -143,9 +156,9 @@ def _close_in(
     sets, pieces, guide, bound = family.sets, family.pieces, family.guide, family.bound
     loop, fresh = _loops(known), len(sets) > len(guide.order)
     for _ in range(_ROUNDS):
-        ovals = _ovals(known, pieces)
-        towards = _towards(known, ovals, pieces.item, guide, home)
-        ways = _ways(ovals, pieces.item, find_steps(sets, len(loop)), towards, home)
+        ellipses = _make_ellipses(known, pieces)
+        towards = _towards(known, ellipses, pieces.item, guide, home)
+        ways = _ways(ellipses, pieces.item, find_steps(sets, len(loop)), towards, home)
         if fresh:
             sets, fresh = best_through(_by_item(ways), sets, best.length + _NEAR)[2], False
         through, tour, sets = best_through(ways, sets, best.length + _NEAR)
@@ -161,7 +174,7 @@ def _close_in(
         pieces = cut
         if len(_orders(sets, len(loop))) > 1:
             break
-    return best, _Family(sets, pieces, guide, bound), max(work, 0)
+    return best, _Subproblem(sets, pieces, guide, bound), max(work, 0)
 
 
 def _shorter(
@@ -250,7 +263,7 @@ def _cut(pieces: _Stretches, kept: BoolArray, loop: BoolArray) -> _Stretches:
     return _Stretches(pieces.item[owner], pieces.low[owner] + number * long, long)
 
 
-def _ovals(known: Sampled, pieces: _Stretches) -> _Ovals:
+def _make_ellipses(known: Sampled, pieces: _Stretches) -> _Ellipses:
     """Of what runs from one end to the other no point is outside the ellipse about both that is as long as the way."""
     items, item, loop = known.items, pieces.item, _loops(known)
     back = ~loop[item] & (pieces.low > 0)
@@ -272,11 +285,11 @@ def _ovals(known: Sampled, pieces: _Stretches) -> _Ovals:
     straight = apart > 0
     along[own[straight]] = chord[straight] / apart[straight, None]
     enter[own] = leave[own] = (one + two) / 2
-    return _Ovals(enter, leave, along, half, wide)
+    return _Ellipses(enter, leave, along, half, wide)
 
 
 def _towards(
-    known: Sampled, ovals: _Ovals, item: IntArray, tour: _Tour, home: FloatArray | None
+    known: Sampled, ellipses: _Ellipses, item: IntArray, tour: _Tour, home: FloatArray | None
 ) -> FloatArray:
     """(P, 2) the mean of the directions in which the tour comes to and leaves each stretch; 0 for open paths."""
     enter, leave = ends_at(known, tour.along)
@@ -284,8 +297,8 @@ def _towards(
     nowhere = np.full((1, 2), np.nan) if home is None else home[None]
     before = np.concatenate([nowhere, leave[order]])[place]
     after = np.concatenate([enter[order], nowhere])[place + 1]
-    towards: FloatArray = (_units(ovals.enter - before) + _units(after - ovals.leave)) / 2
-    towards[ovals.half == 0] = 0.0
+    towards: FloatArray = (_units(ellipses.enter - before) + _units(after - ellipses.leave)) / 2
+    towards[ellipses.half == 0] = 0.0
     return towards
 
 
@@ -297,7 +310,11 @@ def _units(vectors: FloatArray) -> FloatArray:
 
 
 def _ways(
-    ovals: _Ovals, item: IntArray, steps: BoolArray, towards: FloatArray, home: FloatArray | None
+    ellipses: _Ellipses,
+    item: IntArray,
+    steps: BoolArray,
+    towards: FloatArray,
+    home: FloatArray | None,
 ) -> Ways:
     """What each step costs at least, when every stretch is charged for how far along ``towards`` it is left."""
     every = np.arange(len(item))
@@ -306,20 +323,20 @@ def _ways(
         own, other = np.flatnonzero(item == one), np.flatnonzero(steps[one][item])
         if len(other):
             cost[own[0] : own[-1] + 1, other] = _least(
-                ovals.enter[other][None] - ovals.leave[own][:, None],
-                [ovals.charge(own[:, None], towards), ovals.charge(other[None], towards)],
+                ellipses.enter[other][None] - ellipses.leave[own][:, None],
+                [ellipses.charge(own[:, None], towards), ellipses.charge(other[None], towards)],
             )
     if home is None:
-        free = ovals.charge(every, towards)[-1]
+        free = ellipses.charge(every, towards)[-1]
         return Ways(item, cost, -free, -free)
-    charge = ovals.charge(every, towards)
+    charge = ellipses.charge(every, towards)
     return Ways(
-        item, cost, _least(ovals.enter - home, [charge]), _least(home - ovals.leave, [charge])
+        item, cost, _least(ellipses.enter - home, [charge]), _least(home - ellipses.leave, [charge])
     )
 
 
 def _least(step: FloatArray, charges: list[tuple[FloatArray, ...]]) -> FloatArray:
-    """Costs of steps (..., 2) mm between the middles of ovals, with what both may take off."""
+    """Costs of steps (..., 2) mm between the middles of ellipses, with what both may take off."""
     x, y = step[..., 0], step[..., 1]
     found: FloatArray = np.sqrt(x * x + y * y)
     far = np.maximum(found, NONZERO)

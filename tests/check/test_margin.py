@@ -14,7 +14,7 @@ from camgen.motion.limits import LinkSpeeds
 from camgen.motion.pose_paths import Way
 from camgen.motion.setup import Hit, Reached, Track
 from camgen.order.edges.retract import Retraction, retractions
-from camgen.order.edges.route import Wish, route
+from camgen.order.edges.route import RouteCell, RouteOptions, route
 from camgen.pipeline import Result
 from camgen.plan.edges.poses import reach
 from camgen.read.solid import mesh
@@ -125,7 +125,12 @@ def test_a_free_motion_that_comes_near_is_taken_only_where_no_other_leads() -> N
         return [hit if isinstance(hit, Hit) else 0.1 for hit in room.look(tracks)]
 
     plain, by_home, near = (
-        route(setup, replace(room, look=look), motions, SOLID.edges, home, Wish(SPEEDS, best=True))
+        route(
+            RouteCell(setup, replace(room, look=look), home),
+            motions,
+            SOLID.edges,
+            RouteOptions(SPEEDS, best=True),
+        )
         for look in (room.look, crowded, all_crowded)
     )
     assert len(plain.legs) == len(by_home.legs) == len(near.legs) == len(motions)

@@ -158,6 +158,6 @@ def test_where_rfa_has_a_way_nothing_is_searched(monkeypatch: pytest.MonkeyPatch
 def test_after_some_searches_in_vain_no_more_is_searched(monkeypatch: pytest.MonkeyPatch) -> None:
     asked = []
     monkeypatch.setattr(ROUTE, "find_detour", lambda *found: asked.append(found))
-    detours = ROUTE._Detours(*scene(WALL), LEFT)
+    detours = ROUTE._Detours(ROUTE.RouteCell(*scene(WALL), LEFT))
     assert all(detours.lead_home(RIGHT) is None for _ in range(40))
     assert len(asked) == ROUTE._FRUITLESS

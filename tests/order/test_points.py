@@ -12,9 +12,16 @@ import camgen
 from bench.robots import robotsp
 from camgen.model.pose import FloatArray
 from camgen.order.arm.blocks import find_blocks, leave_clear, narrow_states
-from camgen.order.arm.lattice import AROUND, Barred, bar_links, go_round, prove_links, settle_points
+from camgen.order.arm.lattice import (
+    AROUND,
+    Barred,
+    bar_links,
+    choose_point_states,
+    go_round,
+    prove_links,
+)
 from camgen.order.arm.points import are_points, find_points
-from camgen.order.arm.search import Work, blocked_paths, find_met
+from camgen.order.arm.search import TourProblem, find_blocked_paths, find_met
 
 ARM = importlib.import_module("camgen.order.arm")
 
@@ -24,12 +31,12 @@ class _Begun(Exception):
 
 
 @pytest.fixture
-def work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Work:
+def problem(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> TourProblem:
     """What the search for the tour through twelve holes begins with."""
-    begun: list[Work] = []
+    begun: list[TourProblem] = []
 
-    def catch(work: Work, *_: object) -> None:
-        begun.append(work)
+    def catch(problem: TourProblem, *_: object) -> None:
+        begun.append(problem)
         raise _Begun
 
     monkeypatch.setattr(ARM, "_search", catch)
@@ -40,111 +47,116 @@ def work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Work:
     return begun[0]
 
 
-def thin(work: Work, items: list[int], count: int) -> Work:
-    """``work`` with so many clear states of each of ``items``, evenly taken."""
-    leave_clear(work, items)
-    states = list(work.states)
+def thin(problem: TourProblem, items: list[int], count: int) -> TourProblem:
+    """``problem`` with so many clear states of each of ``items``, evenly taken."""
+    leave_clear(problem, items)
+    states = list(problem.states)
     for k in items:
         states[k] = states[k].pick(
             np.unique(np.linspace(0, len(states[k]) - 1, count).astype(np.int64))
         )
-    return replace(work, states=states)
+    return replace(problem, states=states)
 
 
 def test_the_states_are_the_soonest_of_all_where_a_link_that_collides_costs_a_way_round(
-    work: Work,
+    problem: TourProblem,
 ) -> None:
     order = [4, 9, 2]
-    work = thin(work, order, 9)
-    found = settle_points(work, order, work.states, {})
-    assert found is not None
-    home, best = work.ground.home, np.inf
-    rows = [work.states[k].enter for k in order]
+    problem = thin(problem, order, 9)
+    solution = choose_point_states(problem, order, problem.states, {})
+    assert solution is not None
+    home, best = problem.cost_model.home, np.inf
+    rows = [problem.states[k].enter for k in order]
     links = {
         (one, a, b): (start, end)
         for one, (starts, ends) in enumerate(itertools.pairwise([home[None], *rows, home[None]]))
         for a, start in enumerate(starts)
         for b, end in enumerate(ends)
     }
-    met = dict(zip(links, find_met(work, list(links.values())).tolist(), strict=True))
+    met = dict(zip(links, find_met(problem, list(links.values())).tolist(), strict=True))
     assert any(met.values())
-    branch = [work.states[k].branch for k in order]
+    branch = [problem.states[k].branch for k in order]
     for chosen in itertools.product(*(range(len(own)) for own in rows)):
         seconds = 0.0
         for one, (a, b) in enumerate(itertools.pairwise([0, *chosen, 0])):
             start, end = links[one, a, b]
-            seconds += float(work.ground.limits.seconds(end - start, 0.0)) + AROUND * met[one, a, b]
+            seconds += (
+                float(problem.cost_model.limits.seconds(end - start, 0.0)) + AROUND * met[one, a, b]
+            )
             # A change of the posture is weighed with a second.
             seconds += 0 < one < len(order) and branch[one - 1][a] != branch[one][b]
         best = min(best, seconds)
-    own = found.now.branch[order]
-    assert found.seconds + int((own[1:] != own[:-1]).sum()) == pytest.approx(best, abs=1e-9)
+    own = solution.states.branch[order]
+    assert solution.seconds + int((own[1:] != own[:-1]).sum()) == pytest.approx(best, abs=1e-9)
 
 
-def test_what_was_tested_is_not_tested_again(work: Work) -> None:
+def test_what_was_tested_is_not_tested_again(problem: TourProblem) -> None:
     looked: list[int] = []
 
     def count(joints: FloatArray) -> np.ndarray:
         looked.append(len(joints))
-        return np.asarray(work.setup.clear(joints))
+        return np.asarray(problem.setup.clear(joints))
 
-    counting = replace(work, setup=replace(work.setup, clear=count))
+    counting = replace(problem, setup=replace(problem.setup, clear=count))
     order = list(range(12))
-    first = settle_points(counting, order, counting.states, {})
+    first = choose_point_states(counting, order, counting.states, {})
     begun = sum(looked)
-    again = settle_points(counting, order, counting.states, {})
+    again = choose_point_states(counting, order, counting.states, {})
     assert begun > 0
     assert sum(looked) == begun
     assert first is not None
     assert again is not None
-    assert first.now.enter.tolist() == again.now.enter.tolist()
+    assert first.states.enter.tolist() == again.states.enter.tolist()
 
 
-def test_a_tour_of_points_is_proved_and_as_long_as_it_says(work: Work) -> None:
+def test_a_tour_of_points_is_proved_and_as_long_as_it_says(problem: TourProblem) -> None:
     kept = list(range(12))
-    assert are_points(work, kept)
-    found = find_points(work, kept, lambda _: None)
-    assert found is not None
-    assert sorted(found.order) == kept
-    assert not blocked_paths(work, found)
-    assert not prove_links(work, found)
-    assert go_round(work, found).seconds == pytest.approx(found.seconds, abs=1e-9)
+    assert are_points(problem, kept)
+    solution = find_points(problem, kept, lambda _: None)
+    assert solution is not None
+    assert sorted(solution.order) == kept
+    assert not find_blocked_paths(problem, solution)
+    assert not prove_links(problem, solution)
+    assert go_round(problem, solution).seconds == pytest.approx(solution.seconds, abs=1e-9)
 
 
-def test_links_beside_one_that_was_turned_down_are_left(work: Work) -> None:
+def test_links_beside_one_that_was_turned_down_are_left(problem: TourProblem) -> None:
     order = list(range(12))
-    first = settle_points(work, order, work.states, {})
+    first = choose_point_states(problem, order, problem.states, {})
     assert first is not None
     barred: Barred = {}
     for places in ([0, 5], [0, 5], [0, 5], [0, 5], [0, 5], [0, 5], [5]):
-        bar_links(work, first, places, barred)
-    again = settle_points(work, order, work.states, {}, barred)
+        bar_links(problem, first, places, barred)
+    again = choose_point_states(problem, order, problem.states, {}, barred)
     assert again is not None
     assert again.seconds >= first.seconds
     # After five that were turned down one by one those 0.02 rad beside them too, then 0.04.
     for item, other, near in ((-1, 0, 0.02), (4, 5, 0.04)):
         ends = (
-            (found.now.leave[item] if item >= 0 else work.ground.home, found.now.enter[other])
+            (
+                found.states.leave[item] if item >= 0 else problem.cost_model.home,
+                found.states.enter[other],
+            )
             for found in (first, again)
         )
         (a, b), (c, d) = ends
         assert max(np.abs(a - c).max(), np.abs(b - d).max()) >= near
 
 
-def test_blocks_have_the_fewest_postures_that_reach_all(work: Work) -> None:
+def test_blocks_have_the_fewest_postures_that_reach_all(problem: TourProblem) -> None:
     kept = list(range(12))
-    leave_clear(work, kept)
-    found = find_blocks(work, kept, 3)
+    leave_clear(problem, kept)
+    found = find_blocks(problem, kept, 3)
     assert found
     for blocks in found:
         assert len(blocks.branches) == 1
         assert set(blocks.branch) <= set(blocks.branches)
-        for own, b in zip(narrow_states(work, blocks), blocks.branch, strict=True):
+        for own, b in zip(narrow_states(problem, blocks), blocks.branch, strict=True):
             assert len(own)
             assert set(own.branch.tolist()) == {b}
 
 
-def test_what_has_an_order_is_not_searched_as_points(work: Work) -> None:
-    rules = replace(work.rules, rank=np.arange(12))
-    assert not are_points(replace(work, rules=rules), list(range(12)))
-    assert not are_points(work, [0, 1, 2])
+def test_what_has_an_order_is_not_searched_as_points(problem: TourProblem) -> None:
+    rules = replace(problem.rules, rank=np.arange(12))
+    assert not are_points(replace(problem, rules=rules), list(range(12)))
+    assert not are_points(problem, [0, 1, 2])

@@ -20,9 +20,9 @@ from camgen.motion.limits import LinkSpeeds
 from camgen.motion.pose_paths import Way
 from camgen.motion.reach import reach_ways
 from camgen.motion.setup import Freedom, Hit, Reached, Setup, Track
-from camgen.order.edges.links import BY_HOME, FREE, Along, Ends, Turn, along, steps
+from camgen.order.edges.links import BY_HOME, FREE, JointLink, MotionEnds, PathLink, along, steps
 from camgen.order.edges.retract import Retraction, Room, retractions
-from camgen.order.edges.route import Route, Wish, route
+from camgen.order.edges.route import Route, RouteCell, RouteOptions, route
 from camgen.plan.edges.poses import poses, reach
 from camgen.plan.edges.select import select
 from camgen.read.job_file import load
@@ -52,14 +52,8 @@ def cell(part: str) -> tuple[Setup, Room, tuple[Reached, ...]]:
 @cache
 def routed(part: str, best: bool = True) -> Route:
     setup, room, motions = cell(part)
-    return route(
-        setup,
-        room,
-        motions,
-        mesh.read(source(PARTS / f"{part}.stl")).edges,
-        ARM.home,
-        Wish(SPEEDS, best),
-    )
+    edges = mesh.read(source(PARTS / f"{part}.stl")).edges
+    return route(RouteCell(setup, room, ARM.home), motions, edges, RouteOptions(SPEEDS, best))
 
 
 def matrix(pose: Pose) -> FloatArray:
@@ -178,7 +172,7 @@ def test_an_end_without_a_way_says_what_stands_in_it() -> None:
 # -- links -----------------------------------------------------------------------------------------------------------
 
 
-def table(n: int, seed: int) -> Ends:
+def table(n: int, seed: int) -> MotionEnds:
     rng = np.random.default_rng(seed)
     free = rng.uniform(2, 4, (2 * n, 2 * n))
     free = (free + free.T) / 2
@@ -188,7 +182,7 @@ def table(n: int, seed: int) -> Ends:
     direct = np.minimum(direct, direct.T)
     own = np.arange(2 * n) // 2
     direct[own[:, None] == own[None]] = math.inf
-    return Ends(
+    return MotionEnds(
         np.zeros((2 * n, 6)),
         np.zeros((2 * n, 6)),
         rng.uniform(0.5, 2, 2 * n),
@@ -237,7 +231,7 @@ def test_every_motion_is_run_once_and_each_piece_begins_where_the_last_one_ended
     assert not made.dropped
     here = ARM.home
     for piece in [p for leg in made.legs for p in (*leg.link, leg.motion)] + [*made.back]:
-        if isinstance(piece, Turn):
+        if isinstance(piece, JointLink):
             here = piece.joints
             continue
         assert np.allclose(piece.joints[0], here, atol=1e-9)
@@ -259,9 +253,9 @@ def test_edges_that_share_a_corner_are_linked_at_it() -> None:
     """Between e1 and e3, which meet, the tool need not leave the part."""
     made = routed("rfa1")
     kinds = [tuple(type(piece) for piece in leg.link) for leg in made.legs]
-    assert (Turn,) in kinds
+    assert (JointLink,) in kinds
     for before, leg in zip(made.legs, made.legs[1:], strict=False):
-        if [type(piece) for piece in leg.link] == [Turn]:
+        if [type(piece) for piece in leg.link] == [JointLink]:
             edges = {e.id: e for e in mesh.read(source(PARTS / "rfa1.stl")).edges}
             a, b = edges[before.motion.id], edges[leg.motion.id]
             assert (
@@ -273,10 +267,15 @@ def test_edges_that_share_a_corner_are_linked_at_it() -> None:
 def test_where_a_force_presses_every_link_leaves_the_part() -> None:
     setup, room, motions = cell("rfa1")
     edges = mesh.read(source(PARTS / "rfa1.stl")).edges
-    made = route(setup, room, motions, edges, ARM.home, Wish(SPEEDS, best=True, lifted=True))
+    made = route(
+        RouteCell(setup, room, ARM.home),
+        motions,
+        edges,
+        RouteOptions(SPEEDS, best=True, lifted=True),
+    )
     assert len(made.legs) > 2
     for leg in made.legs[1:]:
-        assert isinstance(leg.link[0], Along)
+        assert isinstance(leg.link[0], PathLink)
         assert leg.link[0].kind == "retraction"
 
 
@@ -302,13 +301,16 @@ def test_a_free_motion_that_collides_is_not_taken() -> None:
 
     edges = mesh.read(source(PARTS / "rfa2.stl")).edges
     made = route(
-        setup, replace(room, look=walled), motions, edges, ARM.home, Wish(SPEEDS, best=True)
+        RouteCell(setup, replace(room, look=walled), ARM.home),
+        motions,
+        edges,
+        RouteOptions(SPEEDS, best=True),
     )
     assert len(made.legs) == len(motions)
     assert made.seconds > routed("rfa2").seconds
     for leg in made.legs[1:]:
-        turns = [piece for piece in leg.link if isinstance(piece, Turn)]
-        if any(isinstance(p, Along) and p.kind == "retraction" for p in leg.link):
+        turns = [piece for piece in leg.link if isinstance(piece, JointLink)]
+        if any(isinstance(p, PathLink) and p.kind == "retraction" for p in leg.link):
             assert any(np.allclose(turn.joints, ARM.home) for turn in turns)
 
 
@@ -341,8 +343,10 @@ def test_what_no_way_leads_to_is_left_out_and_nothing_is_tested_twice(
                 for two, is_free in zip(rows, free, strict=True)]  # fmt: skip
 
     told: list[str] = []
-    wish = Wish(SPEEDS, best=True, lifted=True)
-    made = route(setup, replace(room, look=walled), motions, edges, ARM.home, wish, told.append)
+    options = RouteOptions(SPEEDS, best=True, lifted=True)
+    made = route(
+        RouteCell(setup, replace(room, look=walled), ARM.home), motions, edges, options, told.append
+    )
     assert [one.id for one in made.dropped] == [lost.id]
     assert {leg.motion.id for leg in made.legs} == {one.id for one in motions} - {lost.id}
     assert len(asked) == len(set(asked))
@@ -368,13 +372,15 @@ def test_a_search_that_finds_no_end_is_ended() -> None:
         ]
 
     told: list[str] = []
-    wish = Wish(SPEEDS, best=True, lifted=True)
-    made = route(setup, replace(room, look=walled), motions, edges, ARM.home, wish, told.append)
+    options = RouteOptions(SPEEDS, best=True, lifted=True)
+    made = route(
+        RouteCell(setup, replace(room, look=walled), ARM.home), motions, edges, options, told.append
+    )
     assert not made.dropped
     assert len(made.legs) == len(motions)
     assert len(told) <= 32
     for leg in made.legs[1:]:
-        assert sum(isinstance(piece, Turn) for piece in leg.link) == 2
+        assert sum(isinstance(piece, JointLink) for piece in leg.link) == 2
 
 
 def test_reaching_tells_how_far_it_is() -> None:

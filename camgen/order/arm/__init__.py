@@ -24,18 +24,26 @@ from camgen.motion.setup import Freedom, Reached, Setup, Unreached
 from camgen.order.arm.items import (
     Item,
     States,
+    compute_state_joints,
     find_states,
     join_states,
     lay_out,
-    stand,
     turn_round,
 )
 from camgen.order.arm.lattice import GRAZE
-from camgen.order.arm.layers import WALL, Ground
-from camgen.order.arm.links import Links, link_up
+from camgen.order.arm.layers import FORBIDDEN, CostModel
+from camgen.order.arm.links import LinkedTour, link_up
 from camgen.order.arm.margin import Clear, clear_of, put_in, roomy_of
 from camgen.order.arm.points import are_points, find_points
-from camgen.order.arm.search import Found, Tell, Wish, Work, better_tour, find_tour, prove_tour
+from camgen.order.arm.search import (
+    SearchOptions,
+    Solution,
+    Tell,
+    TourProblem,
+    find_tour,
+    improve_tour,
+    prove_tour,
+)
 from camgen.order.pieces import begin_at, lengths_along, split_at
 from camgen.order.solver import matrix
 from camgen.order.tours import ArmTour
@@ -54,9 +62,12 @@ _CONTACTS = 40
 _SAME_TURN = 1e-6
 
 
-class _Profile(Struct, frozen=True, eq=False):
-    """Turns that change along a path. at: (K,) mm along it; turn: (K,) rad there. vertices: (V,) mm, where the program
-    needs a waypoint.
+class RollProfile(Struct, frozen=True, eq=False):
+    """The roll of the tool along a path where it changes.
+
+    at: (K,) positions along the path, mm.
+    turn: (K,) roll at these positions, rad.
+    vertices: (V,) positions at which the program needs a waypoint, mm.
     """
 
     at: FloatArray
@@ -64,216 +75,229 @@ class _Profile(Struct, frozen=True, eq=False):
     vertices: FloatArray
 
 
-class _Asked(Struct, frozen=True, eq=False):
-    """paths: in an order to begin with. rules: between them. fixed: order, directions and starts stay."""
+class TourRequest(Struct, frozen=True, eq=False):
+    """A tour that an arm is to run in less time.
 
-    paths: tuple[ToolPath, ...]
-    rules: matrix.Rules
-    fixed: bool
-    seams: bool
-
-
-def order_by_time(tour: Tour, rules: matrix.Rules, job: Job, cell: Workcell, watch: Watch) -> Tour:
-    """``tour`` in the order, directions and starts that take the joints least time where the tool keeps its turn and
-    goes straight from path to path; as it is where no posture reaches all of its paths.
-
-    rules: what comes before what, by the places in ``tour``.
+    tour: paths in the order from which the search starts.
+    rules: precedence of the paths, by their index in ``tour``.
+    fixed: whether order, directions and starts stay.
     """
-    asked = _Asked(tour.paths, rules, False, job.tour.seam == "any")
-    work, _, _, _ = _begin(asked, job, cell, (0.0,), lines=True)
-    if not all(len(states) for states in work.states):
+
+    tour: Tour
+    rules: matrix.Rules
+    fixed: bool = False
+
+
+class _Rolls(Struct, frozen=True):
+    """The rolls that are tried.
+
+    angles: rolls of which one is to reach a whole path, rad.
+    free: freedom for a path that none of ``angles`` reaches, None: such a path has no state.
+    """
+
+    angles: Sequence[float]
+    free: Freedom | None = None
+
+
+class _Preparation(Struct, frozen=True, eq=False):
+    """The problem before the search.
+
+    problem: the items with their states.
+    profiles: by path, the roll that changes along it, where no single roll reaches all of it.
+    lost: by path, why it has no state.
+    roomy: test of joint values for the margin, None where there is no margin.
+    """
+
+    problem: TourProblem
+    profiles: dict[int, RollProfile]
+    lost: dict[int, str]
+    roomy: Clear | None
+
+
+def order_by_time(request: TourRequest, job: Job, cell: Workcell, watch: Watch) -> Tour:
+    """The tour that takes the joints least time, where the tool keeps its roll.
+
+    The TCP goes straight from path to path. The tour is unchanged where no posture reaches all of
+    its paths.
+    """
+    tour = request.tour
+    problem = _prepare(request, job, cell, _Rolls((0.0,)), lines=True).problem
+    if not all(len(states) for states in problem.states):
         return tour
 
-    def tell(said: str) -> None:
-        watch(f"ordering, {said}")
+    def tell(message: str) -> None:
+        watch(f"ordering, {message}")
 
-    found = better_tour(work, find_tour(work, range(len(tour.paths)), False, tell), False, tell)
-    if found.seconds >= WALL:
+    solution = find_tour(problem, range(len(tour.paths)), False, tell)
+    solution = improve_tour(problem, solution, False, tell)
+    if solution.seconds >= FORBIDDEN:
         return tour
-    paths = tuple(_run(tour.paths[k], work.ground.items[k], found.now, k)[0] for k in found.order)
-    if all(one is other for one, other in zip(paths, tour.paths, strict=True)):
+    items = problem.cost_model.items
+    paths = [_run(tour.paths[k], items[k], solution.states, k)[0] for k in solution.order]
+    if all(path is before for path, before in zip(paths, tour.paths, strict=True)):
         return tour
-    return replace(tour, paths=paths, method="joint time", bound=None)
+    return replace(tour, paths=tuple(paths), method="joint time", bound=None)
 
 
 def order_with_turns(
-    tour: Tour,
-    rules: matrix.Rules,
-    job: Job,
-    cell: Workcell,
-    watch: Watch,
-    fixed: bool,
-    prove: bool = True,
+    request: TourRequest, job: Job, cell: Workcell, watch: Watch, prove: bool = True
 ) -> ArmTour:
-    """``tour`` with the turns of its tool, and the postures, chosen with the order. fixed: order, directions and starts
-    stay as they are. prove: what is chosen is tested for collisions.
+    """The tour with the rolls of the tool and the postures chosen together with the order.
+
+    prove: whether the paths and links that are chosen are tested for collisions.
     """
     assert cell.arm is not None
+    tour = request.tour
     freedom = replace(freedom_of(job), tilt=0.0)
     rolls = rolls_of(freedom, _TURNS if cell.arm.arm is not None else _FEW_TURNS)
-    asked = _Asked(tour.paths, rules, fixed, job.tour.seam == "any" and not fixed)
-    work, profiles, lost, roomy = _begin(asked, job, cell, rolls.angles, lines=False, free=freedom)
+    prepared = _prepare(request, job, cell, _Rolls(rolls.angles, freedom), lines=False)
+    problem, lost = prepared.problem, prepared.lost
     kept = [k for k in range(len(tour.paths)) if k not in lost]
 
-    def tell(said: str) -> None:
-        watch(f"ordering, {said}")
+    def tell(message: str) -> None:
+        watch(f"ordering, {message}")
 
-    found, links = None, Links({}, (), {})
+    linked = LinkedTour(Solution([], problem.states[0], 0.0))
     if kept and prove:
-        work, found, links = _search_with_margin(work, roomy, kept, fixed, tell)
+        problem, linked = _search_with_margin(prepared, kept, request.fixed, tell)
     elif kept:
-        found, links = _search(work, kept, prove, tell)
-    for k in sorted(work.lost):
+        linked = _search(problem, kept, prove, tell)
+    for k in sorted(problem.lost):
         lost[k] = "it collides in every posture and with every turn that is tried"
-    what = (
-        "turns of the tool chosen by joint time"
-        if freedom.roll
-        else "ways between the paths chosen by joint time"
-    )
-    free, share = (
-        (job.process.travel, 0.0) if job.process.travel else (cell.pace.fastest, cell.pace.most)
-    )
+    prepared = replace(prepared, problem=problem, lost=lost | linked.lost)
+    what = "turns of the tool" if freedom.roll else "ways between the paths"
+    free, share = cell.pace.fastest, cell.pace.most
+    if job.process.travel:
+        free, share = job.process.travel, 0.0
     speeds = LinkSpeeds(job.process.travel_speed, free, share, cell.pace.acceleration)
-    return _tour(tour, work, found, links, profiles, lost | links.lost, what, speeds)
+    return _make_tour(tour, prepared, linked, f"{what} chosen by joint time", speeds)
 
 
 def _search_with_margin(
-    work: Work, roomy: Clear | None, kept: Sequence[int], fixed: bool, tell: Tell
-) -> tuple[Work, Found, Links]:
-    """The tour with the margin; paths that cannot keep it, or to which no way does, come in when the rest is found.
-    roomy: which joint values keep it; None: there is none to keep.
+    prepared: _Preparation, kept: Sequence[int], fixed: bool, tell: Tell
+) -> tuple[TourProblem, LinkedTour]:
+    """The tour over the paths ``kept`` with the margin, and the problem that it solves.
+
+    Paths that cannot keep the margin, or to which no link does, are added to the tour of the others.
     """
-    if roomy is None:
-        return work, *_search(work, kept, True, tell)
-    every = list(work.states)
-    wide = _fresh(work, every, replace(work.setup, clear=roomy))
-    # Of points the margin closes so many links that tables of all of them are mended for minutes: 245 holes.
-    found, links = _search_paths(wide, kept, True, tell)
-    tight = [k for k in kept if k not in found.order]
+    problem = prepared.problem
+    if prepared.roomy is None:
+        return problem, _search(problem, kept, True, tell)
+    every = list(problem.states)
+    wide = _restart(problem, every, replace(problem.setup, clear=prepared.roomy))
+    # Of points the margin blocks so many links that their tables take minutes: 245 holes.
+    linked = _search_paths(wide, kept, True, tell)
+    solution = linked.solution
+    tight = [k for k in kept if k not in solution.order]
     if not tight:
-        return wide, found, links
+        return wide, linked
     if len(tight) > _TIGHT * len(kept):
-        return work, *_search(work, kept, True, tell)
-    states = [every[k] if k in tight else found.now.pick(np.array([k])) for k in range(len(every))]
-    rest = replace(_fresh(work, states, work.setup), free=wide.free, detours=wide.detours)
-    rest = replace(rest, wish=replace(work.wish, loose=False))
-    made = prove_tour(rest, find_tour(rest, put_in(rest, found, tight, fixed), True, tell), tell)
-    return rest, *link_up(rest, made)
+        return problem, _search(problem, kept, True, tell)
+    states = [
+        every[k] if k in tight else solution.states.pick(np.array([k])) for k in range(len(every))
+    ]
+    rest = _restart(problem, states, problem.setup)
+    rest = replace(rest, free=wide.free, detours=wide.detours)
+    rest = replace(rest, options=replace(problem.options, any_roll=False))
+    order = put_in(rest, solution, tight, fixed)
+    return rest, link_up(rest, prove_tour(rest, find_tour(rest, order, True, tell), tell))
 
 
-def _fresh(work: Work, states: Sequence[States], setup: Setup) -> Work:
-    """The same task, of which nothing is known."""
-    own = list(states)
-    return Work(
+def _restart(problem: TourProblem, states: Sequence[States], setup: Setup) -> TourProblem:
+    """The problem with other states and another collision test, before anything is tested."""
+    return TourProblem(
         setup,
-        work.room,
-        work.ground,
-        own,
-        work.rules,
-        work.wish,
-        set(),
-        [],
-        set(),
-        set(),
-        set(),
-        {},
-        {},
+        problem.free_space,
+        problem.cost_model,
+        list(states),
+        problem.rules,
+        problem.options,
     )
 
 
-def _search(work: Work, kept: Sequence[int], prove: bool, tell: Tell) -> tuple[Found, Links]:
-    """The tour over the paths ``kept``, and its ways: begun anew, with what was learnt, while it leaves some out."""
-    best = _search_points(work, kept, tell) if prove and are_points(work, kept) else None
-    if best is not None and not best[1].lost:
+def _search(problem: TourProblem, kept: Sequence[int], prove: bool, tell: Tell) -> LinkedTour:
+    """The tour over the paths ``kept`` with its links, as points where they are points."""
+    best = None
+    if prove and are_points(problem, kept):
+        solution = find_points(problem, kept, tell)
+        best = None if solution is None else link_up(problem, solution)
+    if best is not None and not best.lost:
         return best
-    return _search_paths(work, kept, prove, tell, best)
+    return _search_paths(problem, kept, prove, tell, best)
 
 
 def _search_paths(
-    work: Work,
+    problem: TourProblem,
     kept: Sequence[int],
     prove: bool,
     tell: Tell,
-    best: tuple[Found, Links] | None = None,
-) -> tuple[Found, Links]:
-    """The same for paths of any kind. best: what is known already."""
+    best: LinkedTour | None = None,
+) -> LinkedTour:
+    """The tour over the paths ``kept`` with its links, for paths of any kind.
+
+    While the tour leaves out a path, the search starts again with what it has learnt.
+    best: the best tour so far, None before the first.
+    """
     for _ in range(_BEGINNINGS if prove else 1):
-        found, links = (
-            find_tour(work, [k for k in kept if k not in work.lost], prove, tell),
-            Links({}, (), {}),
-        )
-        if found.order:
-            found = better_tour(work, found, prove, tell)
-        if found.order and prove:
-            found, links = link_up(work, _prove_again(work, found, tell))
-        if best is None or len(found.order) > len(best[0].order):
-            best = found, links
-        if not links.lost:
+        order = [k for k in kept if k not in problem.lost]
+        linked = LinkedTour(find_tour(problem, order, prove, tell))
+        if linked.solution.order:
+            linked = LinkedTour(improve_tour(problem, linked.solution, prove, tell))
+        if linked.solution.order and prove:
+            linked = link_up(problem, _prove_again(problem, linked.solution, tell))
+        if best is None or len(linked.solution.order) > len(best.solution.order):
+            best = linked
+        if not linked.lost:
             break
     assert best is not None
     return best
 
 
-def _search_points(work: Work, kept: Sequence[int], tell: Tell) -> tuple[Found, Links] | None:
-    """The tour over points that may come in any order, and its ways; None where none is found."""
-    found = find_points(work, kept, tell)
-    return None if found is None else link_up(work, found)
-
-
-def _prove_again(work: Work, found: Found, tell: Tell) -> Found:
+def _prove_again(problem: TourProblem, solution: Solution, tell: Tell) -> Solution:
     """The best tour of some that are proved: what is learnt of links that collide goes into the next one."""
-    best = prove_tour(work, found, tell)
+    best = prove_tour(problem, solution, tell)
     for _ in range(_AGAIN):
-        other = prove_tour(work, better_tour(work, best, True, tell), tell)
+        other = prove_tour(problem, improve_tour(problem, best, True, tell), tell)
         if (len(other.order), -other.seconds) <= (len(best.order), -best.seconds):
             break
         best = other
     return best
 
 
-def _begin(
-    asked: _Asked,
-    job: Job,
-    cell: Workcell,
-    angles: Sequence[float],
-    lines: bool,
-    free: Freedom | None = None,
-) -> tuple[Work, dict[int, _Profile], dict[int, str], Clear | None]:
-    """What the search begins with; the turns of paths that no single one does for; why paths have no state; and which
-    joint values keep the margin, None where there is none.
-
-    free: what else is tried for a path that none of ``angles`` does for; None: nothing is.
-    """
+def _prepare(
+    request: TourRequest, job: Job, cell: Workcell, rolls: _Rolls, lines: bool
+) -> _Preparation:
+    """The problem of ``request``. lines: whether the TCP goes straight from path to path."""
     arm = cell.arm
     assert arm is not None
-    # What a search looks at collides or does not; the margin is asked for beside it.
+    # The search tests for collisions without the margin, which ``roomy`` tests beside it.
     wide = around(job, cell, None)
-    where = replace(wide, margin=0.0)
-    setup = replace(setup_of(arm, cell, where), clear=clear_of(where.scene))
-    high = job.process.clearance
-    seams = asked.seams and not asked.fixed and arm.arm is not None
-    items = [lay_out(path, high, seams and not path.pinned) for path in asked.paths]
-    if asked.fixed:
+    scene = replace(wide, margin=0.0)
+    setup = replace(setup_of(arm, cell, scene), clear=clear_of(scene.scene))
+    seams = job.tour.seam == "any" and not request.fixed and arm.arm is not None
+    paths = request.tour.paths
+    items = [lay_out(path, job.process.clearance, seams and not path.pinned) for path in paths]
+    if request.fixed:
         items = [replace(item, reversible=False) for item in items]
-    turns = np.array(angles)
-    states = find_states(setup, items, turns, _beside(turns))
-    profiles, lost = (
-        _find_others(setup, asked.paths, items, states, turns, job, free)
-        if free is not None
-        else ({}, {})
-    )
+    angles = np.array(rolls.angles)
+    states = find_states(setup, items, angles, _beside(angles))
+    profiles: dict[int, RollProfile] = {}
+    lost: dict[int, str] = {}
+    if rolls.free is not None:
+        profiles, lost = _find_others(setup, paths, items, states, rolls, job)
     limits = limits_of(arm, cell.pace, job.process.travel_speed)
-    ground = Ground(tuple(items), limits, home_of(arm, cell, where.scene), lines)
-    # The tip keeps above the part where it goes from path to path.
-    loose, floor = job.tool.symmetric and arm.arm is not None, job.process.least_height
-    wish = Wish(not asked.fixed and job.tour.method == "best", loose, floor)
-    room = room_of(replace(where, margin=GRAZE), setup)
-    work = Work(
-        setup, room, ground, states, asked.rules, wish, set(), [], set(), set(), set(), {}, {}
+    cost_model = CostModel(tuple(items), limits, home_of(arm, cell, scene.scene), lines)
+    options = SearchOptions(
+        may_reorder=not request.fixed and job.tour.method == "best",
+        any_roll=job.tool.symmetric and arm.arm is not None,
+        least_height=job.process.least_height,
     )
-    if free is None or wide.margin == 0:
-        return work, profiles, lost, None
-    return work, profiles, lost, roomy_of(wide, ground.home, _find_contacts(work, lost))
+    free_space = room_of(replace(scene, margin=GRAZE), setup)
+    problem = TourProblem(setup, free_space, cost_model, states, request.rules, options)
+    roomy = None
+    if rolls.free is not None and wide.margin != 0:
+        roomy = roomy_of(wide, cost_model.home, _find_contacts(problem, lost))
+    return _Preparation(problem, profiles, lost, roomy)
 
 
 def _find_others(
@@ -281,48 +305,52 @@ def _find_others(
     paths: Sequence[ToolPath],
     items: list[Item],
     states: list[States],
-    turns: FloatArray,
+    rolls: _Rolls,
     job: Job,
-    free: Freedom,
-) -> tuple[dict[int, _Profile], dict[int, str]]:
-    """States of the paths that no single turn does for, put into ``items`` and ``states``: with turns that change, or
-    else near a singularity, where the joints go on without a jump as those of a tool that keeps its turn may. The
-    turns that change; and why paths have no state, by path.
+) -> tuple[dict[int, RollProfile], dict[int, str]]:
+    """States for the paths that no single roll reaches, which are put into ``items`` and ``states``.
+
+    First the roll may change along the path. Then the path may come near a singularity, where the
+    joints go on without a jump. Returns by path the rolls that change, and why it has no state.
     """
-    profiles: dict[int, _Profile] = {}
+    assert rolls.free is not None
+    profiles: dict[int, RollProfile] = {}
     lost: dict[int, str] = {}
+    angles = np.array(rolls.angles)
     home = setup.robot.home[None]
-    for k in (k for k, own in enumerate(states) if not len(own)):
-        made = _turn_along(setup, paths[k], items[k], job, free)
-        if not isinstance(made, Unreached):
-            profiles[k], states[k] = made
+    for k in [k for k, path_states in enumerate(states) if not len(path_states)]:
+        turned = _turn_along(setup, paths[k], items[k], job, rolls.free)
+        if not isinstance(turned, Unreached):
+            profiles[k], states[k] = turned
             continue
         near = replace(items[k], off=0.0)
-        close = find_states(setup, [near], turns, _beside(turns))[0]
+        close = find_states(setup, [near], angles, _beside(angles))[0]
         if len(close):
             items[k], states[k] = near, close
         else:
-            # It has a state to stand in a table, and is in no order.
-            lost[k] = made.text
+            # A lost path has a state for the tables, and is in no order.
+            lost[k] = turned.text
             states[k] = States(home, home, np.zeros((1, 2), np.int64), np.zeros(1), np.array([-1]))
     return profiles, lost
 
 
-def _find_contacts(work: Work, lost: Container[int]) -> FloatArray:
+def _find_contacts(problem: TourProblem, lost: Container[int]) -> FloatArray:
     """(K, J) joint values where some of the paths begin, at the contact."""
     some = [
         k
-        for k, states in enumerate(work.states)
+        for k, states in enumerate(problem.states)
         if k not in lost and len(states) and states.branch[0] >= 0
     ]
     some = some[:: max(len(some) // _CONTACTS, 1)]
     if not some:
-        return np.zeros((0, len(work.ground.home)))
-    one = join_states([work.states[k].pick(np.array([0])) for k in some])
-    items = [work.ground.items[k] for k in some]
-    stood = stand(work.setup, items, one.turn, one.branch, one.gate[:, 0], one.enter)
-    joints = stood.joints[stood.first[:-1] + 1]
-    return joints[stood.good & np.isfinite(joints).all(axis=1)]
+        return np.zeros((0, len(problem.cost_model.home)))
+    one = join_states([problem.states[k].pick(np.array([0])) for k in some])
+    items = [problem.cost_model.items[k] for k in some]
+    state_joints = compute_state_joints(
+        problem.setup, items, one.turn, one.branch, one.gate[:, 0], one.enter
+    )
+    joints = state_joints.joints[state_joints.first[:-1] + 1]
+    return joints[state_joints.is_valid & np.isfinite(joints).all(axis=1)]
 
 
 def _beside(turns: FloatArray) -> np.ndarray[tuple[int, ...], np.dtype[np.int64]]:
@@ -333,7 +361,7 @@ def _beside(turns: FloatArray) -> np.ndarray[tuple[int, ...], np.dtype[np.int64]
 
 def _turn_along(
     setup: Setup, path: ToolPath, item: Item, job: Job, free: Freedom
-) -> tuple[_Profile, States] | Unreached:
+) -> tuple[RollProfile, States] | Unreached:
     """The one state of a path along which the turn changes, or why there is none."""
     begin, end = item.position[[0]], item.position[[item.gates[-1] if not item.closed else 0]]
     depth = np.array([0.0, 0.0, max(path.depths)])
@@ -358,7 +386,7 @@ def _turn_along(
     )
     whole = float(lengths_along(path)[-1])
     inside = np.clip(lengths[made.at], 0.0, whole)
-    profile = _Profile(np.clip(lengths, 0.0, whole), np.unwrap(made.roll), np.unique(inside))
+    profile = RollProfile(np.clip(lengths, 0.0, whole), np.unwrap(made.roll), np.unique(inside))
     last = 0 if item.closed else len(item.gates) - 1
     one = States(
         made.joints[[0]], made.joints[[-1]], np.array([[0, last]]), np.zeros(1), np.array([-1])
@@ -375,10 +403,10 @@ def _goes_with_passes(path: ToolPath, made: Reached, entry: str) -> bool:
 
 
 def _run(
-    path: ToolPath, item: Item, now: States, k: int, profile: _Profile | None = None
+    path: ToolPath, item: Item, current: States, k: int, profile: RollProfile | None = None
 ) -> tuple[ToolPath, FloatArray]:
     """The path as its state runs it, and its turns (N,)."""
-    gate = int(now.gate[k, 0])
+    gate = int(current.gate[k, 0])
     if profile is not None:
         made = split_at(path, profile.vertices)
         turn = np.interp(lengths_along(made), profile.at, profile.turn)
@@ -387,73 +415,70 @@ def _run(
         made = begin_at(path, float(item.along[gate])) if gate else path
     else:
         made = path.reversed() if gate else path
-    return made, np.full(len(made.position), now.turn[k])
+    return made, np.full(len(made.position), current.turn[k])
 
 
-def _time_ways(work: Work, found: Found, links: Links) -> float:
-    """Seconds of all ways between the paths, as the joints go; of straight ones those that the joints would take."""
-    rows = [work.ground.home]
+def _time_links(problem: TourProblem, linked: LinkedTour) -> float:
+    """Seconds of all links, as the joints go; of straight links the time that the joints would take."""
+    cost_model, states = problem.cost_model, linked.solution.states
+    rows = [cost_model.home]
     total = 0.0
-    for k in found.order:
-        rows += links.to.get(k) or (found.now.enter[k],)
-        total += float(work.ground.limits.seconds(np.diff(rows, axis=0), 0.0).sum())
-        rows = [found.now.leave[k]]
-    rows += [*links.back, work.ground.home]
-    return total + float(work.ground.limits.seconds(np.diff(rows, axis=0), 0.0).sum())
+    for k in linked.solution.order:
+        rows += linked.to.get(k) or (states.enter[k],)
+        total += float(cost_model.limits.seconds(np.diff(rows, axis=0), 0.0).sum())
+        rows = [states.leave[k]]
+    rows += [*linked.back, cost_model.home]
+    return total + float(cost_model.limits.seconds(np.diff(rows, axis=0), 0.0).sum())
 
 
-def _pace_ways(
-    work: Work, found: Found | None, links: Links, speeds: LinkSpeeds
+def _choose_speeds(
+    problem: TourProblem, linked: LinkedTour, speeds: LinkSpeeds
 ) -> list[tuple[tuple[float, float], ...]]:
-    """How fast the motions of the joints to each path, and last those back, are run: as fast as the joints may be."""
-    at, paces = work.ground.home, []
-    for k in [*found.order, -1] if found is not None else [-1]:
-        ways = links.to.get(k, ()) if k >= 0 else links.back
-        rows = [at, *ways]
-        paces.append(tuple(turn_speed(work.setup, a, b, speeds) for a, b in pairwise(rows)))
-        at = found.now.leave[k] if found is not None and k >= 0 else at
-    return paces
+    """The speeds of the joint motions to each path, and last of those back to home."""
+    start, chosen = problem.cost_model.home, []
+    for k in [*linked.solution.order, -1]:
+        rows = [start, *(linked.back if k < 0 else linked.to.get(k, ()))]
+        chosen.append(tuple(turn_speed(problem.setup, a, b, speeds) for a, b in pairwise(rows)))
+        start = start if k < 0 else linked.solution.states.leave[k]
+    return chosen
 
 
-def _tour(
-    tour: Tour,
-    work: Work,
-    found: Found | None,
-    links: Links,
-    profiles: dict[int, _Profile],
-    lost: dict[int, str],
-    what: str,
-    speeds: LinkSpeeds,
+def _make_tour(
+    tour: Tour, prepared: _Preparation, linked: LinkedTour, what: str, speeds: LinkSpeeds
 ) -> ArmTour:
-    order = found.order if found is not None else []
-    made = [
-        _run(tour.paths[k], work.ground.items[k], found.now, k, profiles.get(k))
-        for k in order
-        if found
-    ]
-    paths = tuple(path for path, _ in made)
-    notes = [
-        Note("skipped", f"path {tour.paths[k].id}", why, (tour.paths[k].id,))
-        for k, why in sorted(lost.items())
-    ]
+    """The result: the paths as their states run them, with the links. what: text of the note."""
+    problem, profiles, order = prepared.problem, prepared.profiles, linked.solution.order
+    paths: list[ToolPath] = []
+    rolls: list[FloatArray] = []
+    for k in order:
+        item, states = problem.cost_model.items[k], linked.solution.states
+        path, roll = _run(tour.paths[k], item, states, k, profiles.get(k))
+        paths.append(path)
+        rolls.append(frozen(roll))
+    notes = []
+    for k, reason in sorted(prepared.lost.items()):
+        path_id = tour.paths[k].id
+        notes.append(Note("skipped", f"path {path_id}", reason, (path_id,)))
     changed = [tour.paths[k].id for k in order if k in profiles]
     if changed:
-        turned = f"{counted(len(changed), 'path')} along which the tool is turned: {', '.join(changed[:8])}"
+        count, names = counted(len(changed), "path"), ", ".join(changed[:8])
+        turned = f"{count} along which the tool is turned: {names}"
         notes.append(Note("assumed", turned, "no single turn reaches all of it"))
-    seconds = _time_ways(work, found, links) if found is not None else 0.0
-    paces = _pace_ways(work, found, links, speeds)
+    seconds = _time_links(problem, linked) if order else 0.0
+    paces = _choose_speeds(problem, linked, speeds)
     notes.append(Note("assumed", f"{what}: {short(seconds, 1)} s between the paths"))
+    made = tuple(paths)
     return ArmTour(
-        paths,
+        made,
         tour.travel,
         "joint time",
         notes=(*tour.notes, *notes),
         stopped=tour.stopped,
-        turns=tuple(frozen(turn) for _, turn in made),
-        ways=tuple(links.to.get(k, ()) for k in order),
-        back=links.back,
+        turns=tuple(rolls),
+        ways=tuple(linked.to.get(k, ()) for k in order),
+        back=linked.back,
         paces=tuple(paces[:-1]),
         back_paces=paces[-1],
         seconds=seconds,
-        made=paths,
+        made=made,
     )

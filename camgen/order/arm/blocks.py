@@ -15,7 +15,7 @@ from msgspec import Struct
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import frozen
 from camgen.order.arm.items import States, find_states, join_states
-from camgen.order.arm.search import Work, find_hits, find_met
+from camgen.order.arm.search import TourProblem, find_hits, find_met
 
 #: So many states of a posture, and so many of the quickest links between two, tell whether one leads to the other.
 _SAMPLED, _ASKED = 400, 48
@@ -30,8 +30,13 @@ _FINER, _FEW_TURNS = 72, 12
 HOME = -1
 
 
-class Blocks(Struct, frozen=True):
-    """branches: in order. branch: by item, that of its block, -1: it is in none. seconds: of the links between them."""
+class PostureBlocks(Struct, frozen=True):
+    """Items in blocks of one posture each.
+
+    branches: branch of each block, in the order of the blocks.
+    branch: by item, the branch of its block, -1 for an item in no block.
+    seconds: time of the links between the blocks, s.
+    """
 
     branches: tuple[int, ...]
     branch: tuple[int, ...]
@@ -48,26 +53,26 @@ class _Group(Struct, frozen=True, eq=False):
         return _Group(self.states.pick(rows), self.owner[rows])
 
 
-def leave_clear(work: Work, kept: Sequence[int]) -> None:
+def leave_clear(problem: TourProblem, kept: Sequence[int]) -> None:
     """Leaves those states of the items ``kept`` that collide with nothing."""
-    group = _gather(work, kept)
-    bad = find_hits(work, group.owner.tolist(), group.states, 0)
-    ends = np.cumsum([len(work.states[k]) for k in kept])[:-1]
+    group = _gather(problem, kept)
+    bad = find_hits(problem, group.owner.tolist(), group.states, 0)
+    ends = np.cumsum([len(problem.states[k]) for k in kept])[:-1]
     for k, own in zip(kept, np.split(~bad, ends), strict=True):
-        work.tested.add(k)
+        problem.tested.add(k)
         if own.any():
-            work.states[k] = work.states[k].pick(own)
+            problem.states[k] = problem.states[k].pick(own)
         else:
             # One that is lost keeps a state to stand in a table, and is in no order.
-            work.lost.add(k)
-            work.states[k] = work.states[k].pick(np.array([0]))
+            problem.lost.add(k)
+            problem.states[k] = problem.states[k].pick(np.array([0]))
 
 
-def find_blocks(work: Work, kept: Sequence[int], most: int) -> list[Blocks]:
+def find_blocks(problem: TourProblem, kept: Sequence[int], most: int) -> list[PostureBlocks]:
     """Ways to part the items ``kept`` into blocks, at most so many, those first whose links take least time; none where
     ``_POSTURES`` are not enough, or no links between them are found.
     """
-    group = _gather(work, kept)
+    group = _gather(problem, kept)
     branches = np.unique(group.states.branch).tolist()
     reached = {b: set(group.owner[group.states.branch == b].tolist()) for b in branches}
     every = set(kept)
@@ -84,24 +89,26 @@ def find_blocks(work: Work, kept: Sequence[int], most: int) -> list[Blocks]:
                 if ring > ring[::-1]:
                     continue
                 seconds = sum(
-                    _cross(work, group, pair, took)
+                    _cross(problem, group, pair, took)
                     for pair in itertools.pairwise([HOME, *ring, HOME])
                 )
                 if math.isfinite(seconds):
-                    found.append(Blocks(ring, _assign(work, ring, reached), seconds))
+                    found.append(PostureBlocks(ring, _assign(problem, ring, reached), seconds))
         if found:
             return sorted(found, key=lambda one: (one.seconds, one.branches))[:most]
     return []
 
 
-def _assign(work: Work, ring: Sequence[int], reached: dict[int, set[int]]) -> tuple[int, ...]:
+def _assign(
+    problem: TourProblem, ring: Sequence[int], reached: dict[int, set[int]]
+) -> tuple[int, ...]:
     """By item the posture of its block: that which reaches most, where it leaves the item ``_EASY`` turns; else that
     which leaves it most.
     """
-    branch = [-1] * len(work.states)
+    branch = [-1] * len(problem.states)
     falling = sorted(ring, key=lambda b: (-len(reached[b]), b))
     for k in sorted(set().union(*(reached[b] for b in ring))):
-        own = work.states[k]
+        own = problem.states[k]
         turns = [len(np.unique(own.turn[own.branch == b])) for b in falling]
         branch[k] = next((b for b, count in zip(falling, turns, strict=True) if count >= _EASY), -1)
         if branch[k] < 0:
@@ -109,25 +116,27 @@ def _assign(work: Work, ring: Sequence[int], reached: dict[int, set[int]]) -> tu
     return tuple(branch)
 
 
-def _gather(work: Work, items: Sequence[int]) -> _Group:
-    count = [len(work.states[k]) for k in items]
-    return _Group(join_states([work.states[k] for k in items]), np.repeat(np.array(items), count))
+def _gather(problem: TourProblem, items: Sequence[int]) -> _Group:
+    count = [len(problem.states[k]) for k in items]
+    return _Group(
+        join_states([problem.states[k] for k in items]), np.repeat(np.array(items), count)
+    )
 
 
 def _cross(
-    work: Work, group: _Group, pair: tuple[int, int], took: dict[tuple[int, int], float]
+    problem: TourProblem, group: _Group, pair: tuple[int, int], took: dict[tuple[int, int], float]
 ) -> float:
     """Seconds of the quickest link that is found to be clear from a posture to another, or home; inf: none is."""
     pair = min(pair, pair[::-1])
     if pair not in took:
-        ends = [_home(work, group) if b == HOME else _sample(group, b) for b in pair]
-        seconds = work.ground.limits.between(ends[0].states.leave, ends[1].states.enter, 0.0)
+        ends = [_home(problem, group) if b == HOME else _sample(group, b) for b in pair]
+        seconds = problem.cost_model.limits.between(ends[0].states.leave, ends[1].states.enter, 0.0)
         # Of each state the quickest link, so that they differ.
         best = seconds.argmin(axis=0)
         own = seconds[best, np.arange(len(best))]
         asked = np.argsort(own, kind="stable")[:_ASKED]
         links = [(ends[0].states.leave[best[k]], ends[1].states.enter[k]) for k in asked.tolist()]
-        clear = ~find_met(work, links)
+        clear = ~find_met(problem, links)
         took[pair] = float(own[asked[clear]].min()) if clear.any() else math.inf
     return took[pair]
 
@@ -137,17 +146,17 @@ def _sample(group: _Group, branch: int) -> _Group:
     return group.pick(rows[:: math.ceil(len(rows) / _SAMPLED)])
 
 
-def _home(work: Work, group: _Group) -> _Group:
+def _home(problem: TourProblem, group: _Group) -> _Group:
     one = group.states.pick(np.array([0]))
-    home = work.ground.home[None]
+    home = problem.cost_model.home[None]
     return _Group(States(home, home, one.gate, one.turn, one.branch), np.array([HOME]))
 
 
-def narrow_states(work: Work, blocks: Blocks) -> list[States]:
+def narrow_states(problem: TourProblem, blocks: PostureBlocks) -> list[States]:
     """By item the states of its block's posture; of an item with few of them also those with turns in between."""
     made = [
         own if b < 0 else own.pick(own.branch == b)
-        for own, b in zip(work.states, blocks.branch, strict=True)
+        for own, b in zip(problem.states, blocks.branch, strict=True)
     ]
     few = [
         k
@@ -155,12 +164,12 @@ def narrow_states(work: Work, blocks: Blocks) -> list[States]:
         if b >= 0 and len(np.unique(made[k].turn)) < _FEW_TURNS
     ]
     finer = frozen(np.arange(_FINER) * (math.tau / _FINER) - math.pi)
-    items = [work.ground.items[k] for k in few]
-    found = find_states(work.setup, items, finer, np.arange(_FINER)[None]) if few else []
+    items = [problem.cost_model.items[k] for k in few]
+    found = find_states(problem.setup, items, finer, np.arange(_FINER)[None]) if few else []
     more = [own.pick(own.branch == blocks.branch[k]) for k, own in zip(few, found, strict=True)]
     if more:
         clear = ~find_hits(
-            work, np.repeat(few, [len(own) for own in more]).tolist(), join_states(more)
+            problem, np.repeat(few, [len(own) for own in more]).tolist(), join_states(more)
         )
         for k, own, good in zip(
             few, more, np.split(clear, np.cumsum([len(own) for own in more])[:-1]), strict=True

@@ -182,7 +182,7 @@ def _groups(items: Sequence[Item], choices: int) -> list[list[Item]]:
 
 
 def _unwind(robot: Robot, item: Item, found: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """``found`` (R, ..., J) without whole turns between looks, and where no joint jumps (...)."""
+    """``solution`` (R, ..., J) without whole turns between looks, and where no joint jumps (...)."""
     turning = np.array([not joint.sliding for joint in robot.joints])
     moved = np.nan_to_num(found[1:] - found[item.before[1:]], nan=math.inf)
     whole = np.where(
@@ -235,24 +235,27 @@ def turn_round(states: States) -> States:
     return States(states.leave, states.enter, states.gate[:, ::-1], states.turn, states.branch)
 
 
-class Stood(Struct, frozen=True, eq=False):
-    """E choices as they are run. joints: (S, J) at the looks of each, one after the other. first: (E + 1,) where each
-    begins. good: (E,) the arm can.
+class StateJoints(Struct, frozen=True, eq=False):
+    """The joint values at all samples of E states.
+
+    joints: (S, J) at the samples of each state, one state after the other.
+    first: (E + 1,) the first row of each state.
+    is_valid: (E,) whether the arm can run the state.
     """
 
     joints: FloatArray
     first: IntArray
-    good: BoolArray
+    is_valid: BoolArray
 
 
-def stand(
+def compute_state_joints(
     setup: Setup,
     items: Sequence[Item],
     turn: FloatArray,
     branch: IntArray,
     gate: IntArray,
     near: FloatArray,
-) -> Stood:
+) -> StateJoints:
     """Items (E) each with one turn (E,), in one branch (E,), with joints near to ``near`` (E, J) above ``gate`` (E,);
     of an arm without a closed form that is the first.
     """
@@ -283,7 +286,7 @@ def stand(
     sound = within(robot, joints) & (
         from_singular(robot, joints).min(axis=-1, initial=math.inf) >= off
     )
-    return Stood(joints, first, steady & np.logical_and.reduceat(sound, first[:-1]))
+    return StateJoints(joints, first, steady & np.logical_and.reduceat(sound, first[:-1]))
 
 
 def _unwind_all(

@@ -11,13 +11,22 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
+from msgspec import Struct
 
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
 from camgen.motion.setup import Hit, Track
 from camgen.order.arm.items import States, join_states
 from camgen.order.arm.layers import CHANGE, all_links
-from camgen.order.arm.search import Found, Work, find_hits, find_met, key_of, link_key, wall_between
+from camgen.order.arm.search import (
+    Solution,
+    TourProblem,
+    find_hits,
+    find_met,
+    key_of,
+    link_key,
+    make_blocked_link,
+)
 
 #: Ways through the tables that are tested at most.
 _WAYS = 60
@@ -43,19 +52,20 @@ _PATIENCE = 5
 _NEAR, _NEAREST = 0.02, 0.5
 
 
-def settle_points(
-    work: Work,
+def choose_point_states(
+    problem: TourProblem,
     order: Sequence[int],
     states: Sequence[States],
     known: Known,
     barred: Barred = _NO_BARS,
-) -> Found | None:
+) -> Solution | None:
     """The soonest of ``states`` along ``order``, from home and back, where a link that collides costs a way round;
     None: no state of an item is clear. known: is told what links take whose quickest ones collide.
     """
-    tables = _lay(work, order, states)
-    for place, pair in enumerate(pairwise([-1, *order, -1])):
-        _bar(work, states, pair, tables[place], barred.get(pair, ()))
+    tables = _lay(problem, order, states)
+    links = [_gather_ends(problem, states, items) for items in pairwise([-1, *order, -1])]
+    for ends, table in zip(links, tables, strict=True):
+        _bar(ends, table, barred.get(ends.items, ()))
     weighed = [np.zeros(table.shape, dtype=np.bool_) for table in tables]
     looked: list[set[tuple[int, int]]] = [set() for _ in tables]
     asked = [_BATCH] * len(tables)
@@ -66,17 +76,18 @@ def settle_points(
         seconds = float((ahead[-1] + tables[-1][:, 0]).min())
         if not np.isfinite(seconds):
             return None
-        now = [states[k].pick(np.array([at])) for k, at in zip(order, chosen, strict=True)]
-        hit = _find_hits(work, order, states, join_states(now))
+        current = [states[k].pick(np.array([at])) for k, at in zip(order, chosen, strict=True)]
+        hit = _find_hits(problem, order, states, join_states(current))
         for place, bad in hit:
             tables[place][:, bad] = np.inf
             tables[place + 1][bad] = np.inf
         if hit:
             continue
-        ends = [work.ground.home, *(one.enter[0] for one in now), work.ground.home]
+        home = problem.cost_model.home
+        joints = [home, *(state.enter[0] for state in current), home]
         steps = list(enumerate(pairwise([0, *chosen, 0])))
         new = [place for place, step in steps if step not in looked[place]]
-        stops = _find_met(work, [(ends[place], ends[place + 1]) for place in new])
+        stops = _find_met(problem, [(joints[place], joints[place + 1]) for place in new])
         for place in new:
             looked[place].add(steps[place][1])
         met = [
@@ -88,87 +99,108 @@ def settle_points(
             table = tables[place]
             before = ahead[place - 1][:, None] if place else 0.0
             after = back[place] if place < len(order) else 0.0
-            _weigh(
-                work,
-                order,
-                states,
-                place,
-                table,
-                weighed[place],
-                before + table + after,
-                asked[place],
-            )
+            through = before + table + after
+            _weigh(problem, links[place], table, weighed[place], through, asked[place])
             asked[place] = min(asked[place] * _MORE, _MOST)
             known[pairs[place]] = float(table.min())
     every = list(states)
-    for k, one in zip(order, now, strict=True):
+    for k, one in zip(order, current, strict=True):
         every[k] = one
     chosen_now = join_states([one.pick(np.array([0])) for one in every])
     branch = chosen_now.branch[list(order)]
     changes = int((branch[1:] != branch[:-1]).sum())
-    return Found(list(order), chosen_now, seconds - CHANGE * changes)
+    return Solution(list(order), chosen_now, seconds - CHANGE * changes)
+
+
+class _LinkEnds(Struct, frozen=True, eq=False):
+    """The states between which the links of a table go.
+
+    items: the item that is left and the item that is entered, -1 for home.
+    leave, enter: (M, J) and (K, J) joint values.
+    leave_branch, enter_branch: (M,) and (K,) branches, -1 for home.
+    """
+
+    items: tuple[int, int]
+    leave: FloatArray
+    enter: FloatArray
+    leave_branch: IntArray
+    enter_branch: IntArray
+
+
+def _gather_ends(
+    problem: TourProblem, states: Sequence[States], items: tuple[int, int]
+) -> _LinkEnds:
+    """The ends of the links between two items."""
+    one, other = items
+    leave = enter = problem.cost_model.home[None]
+    leave_branch = enter_branch = np.array([-1])
+    if one >= 0:
+        leave, leave_branch = states[one].leave, states[one].branch
+    if other >= 0:
+        enter, enter_branch = states[other].enter, states[other].branch
+    return _LinkEnds(items, leave, enter, leave_branch, enter_branch)
 
 
 def _bar(
-    work: Work,
-    states: Sequence[States],
-    pair: tuple[int, int],
+    ends: _LinkEnds,
     table: FloatArray,
     bars: Sequence[tuple[FloatArray, FloatArray, float]],
 ) -> None:
-    """Makes the links that are near to those turned down as dear as those without a way round."""
-    home = work.ground.home[None]
+    """Adds the cost of a link without a detour to the links that are near to rejected ones."""
     for a, b, near in bars:
-        starts = home if pair[0] < 0 else states[pair[0]].leave
-        ends = home if pair[1] < 0 else states[pair[1]].enter
-        beside = np.outer(
-            np.abs(starts - a).max(axis=1) < near, np.abs(ends - b).max(axis=1) < near
-        )
-        table[beside] += _NO_WAY
+        is_start = np.abs(ends.leave - a).max(axis=1) < near
+        is_end = np.abs(ends.enter - b).max(axis=1) < near
+        table[np.outer(is_start, is_end)] += _NO_WAY
 
 
-def bar_links(work: Work, found: Found, places: Sequence[int], barred: Barred) -> None:
-    """Adds the links of ``found`` at these places, counted from home, to those turned down."""
-    stops = [-1, *found.order, -1]
+def bar_links(
+    problem: TourProblem, solution: Solution, places: Sequence[int], barred: Barred
+) -> None:
+    """Adds the links of ``solution`` at these places, counted from home, to those turned down."""
+    stops = [-1, *solution.order, -1]
     for place in places:
         one, other = stops[place], stops[place + 1]
-        a, b = (work.ground.home if k < 0 else found.now.enter[k] for k in (one, other))
+        a, b = (
+            problem.cost_model.home if k < 0 else solution.states.enter[k] for k in (one, other)
+        )
         bars = barred.setdefault((one, other), [])
         more = len(bars) - _PATIENCE
         bars.append((a, b, min(_NEAR * 2**more, _NEAREST) if more >= 0 else 0.0))
 
 
-def go_round(work: Work, found: Found) -> Found:
-    """``found`` with the ways round its links that collide looked for, and what it takes with them."""
+def go_round(problem: TourProblem, solution: Solution) -> Solution:
+    """``solution`` with the ways round its links that collide looked for, and what it takes with them."""
     seconds = 0.0
-    now, home = found.now, work.ground.home
-    for one, other in pairwise([-1, *found.order, -1]):
-        a, b = (home if k < 0 else now.enter[k] for k in (one, other))
+    current, home = solution.states, problem.cost_model.home
+    for one, other in pairwise([-1, *solution.order, -1]):
+        a, b = (home if k < 0 else current.enter[k] for k in (one, other))
         key = link_key(a, b)
-        if key in work.shut and key not in work.around:
-            more = wall_between(work, a, b, 0.0).cost
-            work.around[key] = more
+        if key in problem.shut and key not in problem.around:
+            more = make_blocked_link(problem, a, b, 0.0).cost
+            problem.around[key] = more
             cost = min(more, _NO_WAY)
-            kind = _kind_key(*(-1 if k < 0 else int(now.branch[k]) for k in (one, other)))
-            work.around[pair_key(one, other)] = cost
-            work.around[kind] = min(work.around.get(kind, cost), cost)
+            kind = _kind_key(*(-1 if k < 0 else int(current.branch[k]) for k in (one, other)))
+            problem.around[pair_key(one, other)] = cost
+            problem.around[kind] = min(problem.around.get(kind, cost), cost)
         seconds += float(
-            work.ground.limits.seconds(b - a, _measure_way(work, one, other))
-        ) + work.around.get(key, 0.0)
-    return Found(found.order, now, seconds)
+            problem.cost_model.limits.seconds(b - a, _measure_way(problem, one, other))
+        ) + problem.around.get(key, 0.0)
+    return Solution(solution.order, current, seconds)
 
 
 def _guess_around(
-    work: Work,
+    problem: TourProblem,
     link: tuple[FloatArray, FloatArray],
     items: tuple[int, int],
     branches: tuple[int, int],
 ) -> float:
     """s, what a way round a link costs beside it, or one like it: between the same items, or the same postures."""
     for key in (link_key(*link), pair_key(*items)):
-        if key in work.around:
-            return work.around[key]
-    return work.around.get(_kind_key(*branches), AROUND) if branches[0] != branches[1] else AROUND
+        if key in problem.around:
+            return problem.around[key]
+    return (
+        problem.around.get(_kind_key(*branches), AROUND) if branches[0] != branches[1] else AROUND
+    )
 
 
 def _kind_key(one: int, other: int) -> bytes:
@@ -176,34 +208,36 @@ def _kind_key(one: int, other: int) -> bytes:
     return b"postures %d:%d" % (min(one, other), max(one, other))
 
 
-def prove_links(work: Work, found: Found) -> list[int]:
+def prove_links(problem: TourProblem, solution: Solution) -> list[int]:
     """The links that seemed clear and collide between the places that were looked at, or come within ``GRAZE`` where
     their ends do not: the check of the program looks at other places. They are known from now on.
     """
-    home = work.ground.home
-    ends = list(pairwise([home, *(found.now.enter[k] for k in found.order), home]))
+    home = problem.cost_model.home
+    ends = list(pairwise([home, *(solution.states.enter[k] for k in solution.order), home]))
     keys = [link_key(*pair) for pair in ends]
     new = [
-        k for k, key in enumerate(keys) if b"wide " + key not in work.free and key not in work.shut
+        k
+        for k, key in enumerate(keys)
+        if b"wide " + key not in problem.free and key not in problem.shut
     ]
-    stops = work.room.look([Track(np.stack(ends[k])) for k in new])
+    stops = problem.free_space.look([Track(np.stack(ends[k])) for k in new])
     bad = [isinstance(stop, Hit) for stop in stops]
     for row, stop in enumerate(stops):
         if not isinstance(stop, Hit) and stop < GRAZE - _EPS:
-            bad[row] = bool(work.room.gaps(np.stack(ends[new[row]])).min() >= GRAZE - _EPS)
+            bad[row] = bool(problem.free_space.gaps(np.stack(ends[new[row]])).min() >= GRAZE - _EPS)
     for k, met in zip(new, bad, strict=True):
         if met:
-            work.shut.add(keys[k])
+            problem.shut.add(keys[k])
         else:
-            work.free.update((keys[k], b"wide " + keys[k]))
+            problem.free.update((keys[k], b"wide " + keys[k]))
     return [k for k, met in zip(new, bad, strict=True) if met]
 
 
-def _measure_way(work: Work, one: int, other: int) -> float:
+def _measure_way(problem: TourProblem, one: int, other: int) -> float:
     """The mm that the TCP goes from point to point; from and to home none, which counts by its joints."""
     if min(one, other) < 0:
         return 0.0
-    items = work.ground.items
+    items = problem.cost_model.items
     return float(
         np.linalg.norm(
             items[one].position[items[one].gates[0]] - items[other].position[items[other].gates[0]]
@@ -216,15 +250,16 @@ def pair_key(one: int, other: int) -> bytes:
     return b"pair %d:%d" % (min(one, other), max(one, other))
 
 
-def _lay(work: Work, order: Sequence[int], states: Sequence[States]) -> list[FloatArray]:
+def _lay(problem: TourProblem, order: Sequence[int], states: Sequence[States]) -> list[FloatArray]:
     """Seconds from home to each state of the first item, from each item to the next, and back home."""
-    ground = work.ground
+    cost_model = problem.cost_model
     home = [
-        ground.limits.seconds(states[k].enter - ground.home, 0.0) for k in (order[0], order[-1])
+        cost_model.limits.seconds(states[k].enter - cost_model.home, 0.0)
+        for k in (order[0], order[-1])
     ]
     return [
         home[0][None],
-        *(table.copy() for table in all_links(ground, order, states, CHANGE)),
+        *(table.copy() for table in all_links(cost_model, order, states, CHANGE)),
         home[1][:, None],
     ]
 
@@ -251,35 +286,39 @@ def _trace(tables: Sequence[FloatArray], ahead: Sequence[FloatArray]) -> list[in
 
 
 def _find_hits(
-    work: Work, order: Sequence[int], states: Sequence[States], now: States
+    problem: TourProblem, order: Sequence[int], states: Sequence[States], current: States
 ) -> list[tuple[int, IntArray]]:
     """By place in the order where the chosen state collides: all states of that item that do."""
-    new = [p for p, k in enumerate(order) if key_of(now, p, k) not in work.free]
+    new = [p for p, k in enumerate(order) if key_of(current, p, k) not in problem.free]
     if not new:
         return []
-    _learn(work, [order[p] for p in new], now.pick(np.array(new)))
-    bad = [p for p in new if key_of(now, p, order[p]) in work.shut]
+    _learn(problem, [order[p] for p in new], current.pick(np.array(new)))
+    bad = [p for p in new if key_of(current, p, order[p]) in problem.shut]
     found = []
     for p in bad:
         k, own = order[p], states[order[p]]
-        _learn(work, [k] * len(own), own)
+        _learn(problem, [k] * len(own), own)
         found.append(
-            (p, np.flatnonzero([key_of(own, row, k) in work.shut for row in range(len(own))]))
+            (p, np.flatnonzero([key_of(own, row, k) in problem.shut for row in range(len(own))]))
         )
     return found
 
 
-def _learn(work: Work, numbers: Sequence[int], states: States) -> None:
+def _learn(problem: TourProblem, numbers: Sequence[int], states: States) -> None:
     """Tests those of the states (E,) of the items ``numbers`` that are not known."""
     keys = [key_of(states, row, k) for row, k in enumerate(numbers)]
-    new = [row for row, key in enumerate(keys) if key not in work.free and key not in work.shut]
+    new = [
+        row for row, key in enumerate(keys) if key not in problem.free and key not in problem.shut
+    ]
     if new:
-        hit = find_hits(work, [numbers[row] for row in new], states.pick(np.array(new)))
-        work.shut.update(keys[row] for row, stops in zip(new, hit.tolist(), strict=True) if stops)
+        hit = find_hits(problem, [numbers[row] for row in new], states.pick(np.array(new)))
+        problem.shut.update(
+            keys[row] for row, stops in zip(new, hit.tolist(), strict=True) if stops
+        )
 
 
 def _find_met(
-    work: Work, links: Sequence[tuple[FloatArray, FloatArray]], few: bool = False
+    problem: TourProblem, links: Sequence[tuple[FloatArray, FloatArray]], few: bool = False
 ) -> list[bool]:
     """Which links collide, as far as is seen at places on the way, or at ``few`` of them; what is seen is kept."""
     keys = [link_key(*pair) for pair in links]
@@ -287,48 +326,44 @@ def _find_met(
     new = [
         k
         for k, key in enumerate(keys)
-        if key not in work.shut and not any(how + key in work.free for how in enough)
+        if key not in problem.shut and not any(how + key in problem.free for how in enough)
     ]
     if new:
-        for k, met in zip(new, find_met(work, [links[k] for k in new], few).tolist(), strict=True):
+        for k, met in zip(
+            new, find_met(problem, [links[k] for k in new], few).tolist(), strict=True
+        ):
             if met:
-                work.shut.add(keys[k])
+                problem.shut.add(keys[k])
             else:
-                work.free.add((b"few " if few else b"seen ") + keys[k])
-    return [key in work.shut for key in keys]
+                problem.free.add((b"few " if few else b"seen ") + keys[k])
+    return [key in problem.shut for key in keys]
 
 
 def _weigh(
-    work: Work,
-    order: Sequence[int],
-    states: Sequence[States],
-    place: int,
+    problem: TourProblem,
+    ends: _LinkEnds,
     table: FloatArray,
     weighed: BoolArray,
     through: FloatArray,
     count: int,
 ) -> None:
-    """Adds the way round to those links of a table that collide, of the ``count`` that would be soonest."""
+    """Adds the detour to those of the ``count`` soonest links of a table that collide.
+
+    table: (M, K) seconds of the links, changed.
+    weighed: (M, K) whether a link has its detour already, changed.
+    through: (M, K) seconds of the soonest tour through each link, changed.
+    """
     cost = through.ravel()
     cost[weighed.ravel()] = np.inf
     rows = np.argsort(cost, kind="stable")[:count]
     rows = rows[np.isfinite(cost[rows])]
     start, end = np.divmod(rows, table.shape[1])
-    home = work.ground.home
-    starts = (
-        states[order[place - 1]].leave[start] if place else np.repeat(home[None], len(rows), axis=0)
-    )
-    ends = (
-        states[order[place]].enter[end]
-        if place < len(order)
-        else np.repeat(home[None], len(rows), axis=0)
-    )
-    links = list(zip(starts, ends, strict=True))
-    met = np.array(_find_met(work, links, few=True), dtype=np.bool_)
-    one, other = order[place - 1] if place else -1, order[place] if place < len(order) else -1
-    before = states[one].branch[start] if place else np.full(len(rows), -1)
-    after = states[other].branch[end] if place < len(order) else np.full(len(rows), -1)
-    kinds = zip(links, before.tolist(), after.tolist(), strict=True)
-    more = np.array([_guess_around(work, pair, (one, other), (a, b)) for pair, a, b in kinds])
-    table[start[met], end[met]] += more[met]
-    weighed[start[met], end[met]] = True
+    links = list(zip(ends.leave[start], ends.enter[end], strict=True))
+    collides = np.array(_find_met(problem, links, few=True), dtype=np.bool_)
+    branches = zip(ends.leave_branch[start].tolist(), ends.enter_branch[end].tolist(), strict=True)
+    detours = [
+        _guess_around(problem, link, ends.items, pair)
+        for link, pair in zip(links, branches, strict=True)
+    ]
+    table[start[collides], end[collides]] += np.array(detours)[collides]
+    weighed[start[collides], end[collides]] = True

@@ -14,9 +14,9 @@ from camgen.model.pose import FloatArray
 from camgen.motion.limits import MotionLimits
 from camgen.order.arm.items import Item, States, join_states
 
-#: What a link that is not allowed costs, s: more than any tour, and a number.
-WALL = 1e6
-#: What a change of the arm's posture is weighed with beside its time, s: most of them collide, or go a way round.
+#: Cost of a link that is not allowed, s: more than any tour takes, and still a number.
+FORBIDDEN = 1e6
+#: Cost of a change of the posture beside its time, s: most such links collide or need a detour.
 CHANGE = 1.0
 #: Links of a tour that are worked out together: bounds the memory.
 _AT_ONCE = 1_000_000
@@ -24,8 +24,8 @@ _AT_ONCE = 1_000_000
 SAME = 1e-6
 
 
-class Ground(Struct, frozen=True, eq=False):
-    """The facts that all links share.
+class CostModel(Struct, frozen=True, eq=False):
+    """The facts that the costs of all links share.
 
     items: the paths.
     limits: maximum speeds and accelerations.
@@ -39,18 +39,21 @@ class Ground(Struct, frozen=True, eq=False):
     lines: bool
 
 
-class Wall(Struct, frozen=True, eq=False):
-    """Links that are taken to collide: those whose ends are within ``near`` (rad or mm) of the joint values ``one`` and
-    ``other`` (J,), either way. cost: s, what a way round is taken to cost beside them.
+class BlockedLink(Struct, frozen=True, eq=False):
+    """A link that collides, and with it all links whose ends are near to its ends, in both directions.
+
+    start, end: (J,) joint values of its ends.
+    radius: largest difference of a joint value at an end that is near, rad or mm.
+    cost: time of the detour beside that of the link, s; ``FORBIDDEN`` where there is none.
     """
 
-    one: FloatArray
-    other: FloatArray
-    near: float
+    start: FloatArray
+    end: FloatArray
+    radius: float
     cost: float
 
 
-Walls = Sequence[Wall]
+BlockedLinks = Sequence[BlockedLink]
 
 
 def gate_places(item: Item, gate: IntArray) -> FloatArray:
@@ -59,38 +62,42 @@ def gate_places(item: Item, gate: IntArray) -> FloatArray:
 
 
 def link_seconds(
-    ground: Ground, one: int, other: int, start: States, end: States, change: float
+    cost_model: CostModel, one: int, other: int, start: States, end: States, change: float
 ) -> FloatArray:
     """Seconds (M, K) from each state of the item ``one`` to each of the item ``other``, collisions aside. change: what
     another posture is weighed with.
     """
-    here = gate_places(ground.items[one], start.gate[:, 1])
-    there = gate_places(ground.items[other], end.gate[:, 0])
+    here = gate_places(cost_model.items[one], start.gate[:, 1])
+    there = gate_places(cost_model.items[other], end.gate[:, 0])
     way = np.sqrt(((there[None] - here[:, None]) ** 2).sum(axis=-1))
     other = start.branch[:, None] != end.branch[None]
-    return np.asarray(ground.limits.between(start.leave, end.enter, way) + change * other)
+    return np.asarray(cost_model.limits.between(start.leave, end.enter, way) + change * other)
 
 
-def change_cost(ground: Ground, start: IntArray, end: IntArray) -> FloatArray:
+def change_cost(cost_model: CostModel, start: IntArray, end: IntArray) -> FloatArray:
     """What changes of the posture from branches (M,) to branches (K,) are weighed with, s (M, K)."""
-    return np.asarray((WALL if ground.lines else CHANGE) * (start[:, None] != end[None]))
+    return np.asarray((FORBIDDEN if cost_model.lines else CHANGE) * (start[:, None] != end[None]))
 
 
-def home_seconds(ground: Ground, joints: FloatArray, walls: Walls) -> FloatArray:
+def home_seconds(
+    cost_model: CostModel, joints: FloatArray, blocked_links: BlockedLinks
+) -> FloatArray:
     """Seconds (M,) of the ways between home and joint values (M, J)."""
-    cost = ground.limits.seconds(joints - ground.home, 0.0)[None]
-    return np.asarray(add_walls(cost, ground.home[None], joints, walls)[0])
+    cost = cost_model.limits.seconds(joints - cost_model.home, 0.0)[None]
+    return np.asarray(add_blocked_costs(cost, cost_model.home[None], joints, blocked_links)[0])
 
 
-def add_walls(cost: FloatArray, start: FloatArray, end: FloatArray, walls: Walls) -> FloatArray:
+def add_blocked_costs(
+    cost: FloatArray, start: FloatArray, end: FloatArray, blocked_links: BlockedLinks
+) -> FloatArray:
     """``cost`` (M, K) with that of links from ``start`` (M, J) to ``end`` (K, J) that are taken to collide."""
     extra = np.zeros((len(start), len(end)))
-    for wall in walls:
-        for a, b in ((wall.one, wall.other), (wall.other, wall.one)):
-            one = np.abs(start - a).max(axis=1) < wall.near
+    for blocked in blocked_links:
+        for a, b in ((blocked.start, blocked.end), (blocked.end, blocked.start)):
+            one = np.abs(start - a).max(axis=1) < blocked.radius
             if one.any():
-                both = one[:, None] & (np.abs(end - b).max(axis=1) < wall.near)[None]
-                extra = np.maximum(extra, wall.cost * both)
+                both = one[:, None] & (np.abs(end - b).max(axis=1) < blocked.radius)[None]
+                extra = np.maximum(extra, blocked.cost * both)
     return np.asarray(cost + extra)
 
 
@@ -103,76 +110,85 @@ class _Near(Struct, frozen=True, eq=False):
     leave: BoolArray
     first: IntArray
 
-    def add(self, cost: FloatArray, one: int, other: int, walls: Walls) -> FloatArray:
+    def add(
+        self, cost: FloatArray, one: int, other: int, blocked_links: BlockedLinks
+    ) -> FloatArray:
         """``cost`` (M, K) from item to item with what its walls add."""
         start = self.leave[:, :, self.first[one] : self.first[one + 1]]
         end = self.enter[:, :, self.first[other] : self.first[other + 1]]
         extra: FloatArray = np.zeros((1, 1))
-        if not walls:
+        if not blocked_links:
             return cost
-        for wall, side in np.argwhere(start.any(axis=2) & end[:, ::-1].any(axis=2)).tolist():
-            more = walls[wall].cost * (start[wall, side, :, None] & end[wall, 1 - side, None])
+        for blocked, side in np.argwhere(start.any(axis=2) & end[:, ::-1].any(axis=2)).tolist():
+            more = blocked_links[blocked].cost * (
+                start[blocked, side, :, None] & end[blocked, 1 - side, None]
+            )
             extra = np.maximum(extra, more)
         return np.asarray(cost + extra)
 
 
-def _find_near(states: Sequence[States], walls: Walls) -> _Near:
+def _find_near(states: Sequence[States], blocked_links: BlockedLinks) -> _Near:
     first = offsets([len(one) for one in states])
-    if not walls:
+    if not blocked_links:
         none: BoolArray = np.zeros((0, 2, 0), dtype=np.bool_)
         return _Near(none, none, first)
     enter, leave = (
         np.concatenate([getattr(one, name) for one in states]) for name in ("enter", "leave")
     )
-    shape = (len(walls), 2, len(enter))
+    shape = (len(blocked_links), 2, len(enter))
     near = np.zeros((2, *shape), dtype=np.bool_)
-    for k, wall in enumerate(walls):
-        for side, joints in enumerate((wall.one, wall.other)):
+    for k, blocked in enumerate(blocked_links):
+        for side, joints in enumerate((blocked.start, blocked.end)):
             for table, own in zip(near, (enter, leave), strict=True):
-                table[k, side] = np.abs(own - joints).max(axis=1) < wall.near
+                table[k, side] = np.abs(own - joints).max(axis=1) < blocked.radius
     return _Near(near[0], near[1], first)
 
 
 def all_links(
-    ground: Ground, order: Sequence[int], states: Sequence[States], change: float
+    cost_model: CostModel, order: Sequence[int], states: Sequence[States], change: float
 ) -> Iterator[FloatArray]:
     """``link_seconds`` from each item of ``order`` to the next: of few states all at once. change: as there."""
     most = max(len(states[k]) for k in order)
     if len(order) < 2 or most * most * len(order) > _AT_ONCE:
         for one, other in pairwise(order):
-            yield link_seconds(ground, one, other, states[one], states[other], change)
+            yield link_seconds(cost_model, one, other, states[one], states[other], change)
         return
     count = np.array([len(states[k]) for k in order])
     rows = np.minimum(np.arange(most), count[:, None] - 1) + offsets(count)[:-1, None]
     every = join_states([states[k] for k in order])
-    gates = [gate_places(ground.items[k], states[k].gate) for k in order]
+    gates = [gate_places(cost_model.items[k], states[k].gate) for k in order]
     enter, leave, branch = every.enter[rows], every.leave[rows], every.branch[rows]
     into, out = (np.concatenate([places[:, side] for places in gates])[rows] for side in (0, 1))
     way = np.sqrt(((into[1:, None] - out[:-1, :, None]) ** 2).sum(axis=-1))
-    seconds = ground.limits.between(leave[:-1], enter[1:], way)
+    seconds = cost_model.limits.between(leave[:-1], enter[1:], way)
     seconds += change * (branch[:-1, :, None] != branch[1:, None])
     for k, table in enumerate(seconds):
         yield table[: count[k], : count[k + 1]]
 
 
 def choose(
-    ground: Ground, order: Sequence[int], states: Sequence[States], walls: Walls
+    cost_model: CostModel,
+    order: Sequence[int],
+    states: Sequence[States],
+    blocked_links: BlockedLinks,
 ) -> tuple[float, IntArray]:
     """The state of each item (n,), by item, with the least seconds in all from and back to home; and these."""
-    near = _find_near(states, walls)
+    near = _find_near(states, blocked_links)
     first = order[0]
-    cost = home_seconds(ground, states[first].enter, walls)
+    cost = home_seconds(cost_model, states[first].enter, blocked_links)
     backs: list[IntArray] = []
     before = first
     for item, links in zip(
-        order[1:], all_links(ground, order, states, WALL if ground.lines else CHANGE), strict=True
+        order[1:],
+        all_links(cost_model, order, states, FORBIDDEN if cost_model.lines else CHANGE),
+        strict=True,
     ):
-        total = cost[:, None] + near.add(links, before, item, walls)
+        total = cost[:, None] + near.add(links, before, item, blocked_links)
         best = total.argmin(axis=0)
         backs.append(best)
         cost = total[best, np.arange(total.shape[1])]
         before = item
-    cost = cost + home_seconds(ground, states[before].leave, walls)
+    cost = cost + home_seconds(cost_model, states[before].leave, blocked_links)
     chosen = np.zeros(len(states), dtype=np.int64)
     at = int(cost.argmin())
     for place in range(len(order) - 1, -1, -1):

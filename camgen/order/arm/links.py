@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from msgspec import Struct
+from msgspec import Struct, field
 
 from camgen.geometry.rotations import turned_about_z
 from camgen.model.pose import FloatArray, frozen
@@ -11,14 +11,14 @@ from camgen.motion.pose_paths import Way, divide
 from camgen.motion.setup import JUMP, Hit, Track, dense_parts, flange_poses
 from camgen.order.arm.layers import SAME
 from camgen.order.arm.search import (
-    Found,
-    Work,
-    blocked_links,
-    blocked_paths,
+    Solution,
+    TourProblem,
     detour_of,
     find_blocked,
+    find_blocked_paths,
+    learn_blocked_links,
     link_key,
-    wall_between,
+    make_blocked_link,
 )
 from camgen.robots.kinematics.continuity import Choice, follow
 
@@ -26,45 +26,52 @@ _NO_WAY = "no free motion leads to it: another place (camgen place), clearance o
 _COLLIDES = "it collides with every turn that is tried"
 
 
-class Links(Struct, frozen=True):
-    """to: by path, the joint values that lead to above its start, none where a straight line does. back: those between
-    the last path and home. lost: why paths are left out.
+class LinkedTour(Struct, frozen=True):
+    """A tour with its links.
+
+    solution: the order, and the state of each path.
+    to: by path, the joint values (J,) that lead to above its start; empty for a straight line.
+    back: joint values (J,) between the last path and home.
+    lost: by path that is left out, the reason.
     """
 
-    to: dict[int, tuple[FloatArray, ...]]
-    back: tuple[FloatArray, ...]
-    lost: dict[int, str]
+    solution: Solution
+    to: dict[int, tuple[FloatArray, ...]] = field(default_factory=dict)
+    back: tuple[FloatArray, ...] = ()
+    lost: dict[int, str] = field(default_factory=dict)
 
 
-def link_up(work: Work, found: Found) -> tuple[Found, Links]:
-    """The tour with a way to each of its paths; those to which there is none are left out."""
-    lost = dict.fromkeys(sorted(blocked_paths(work, found)), _COLLIDES)
-    order = [k for k in found.order if k not in lost]
+def link_up(problem: TourProblem, solution: Solution) -> LinkedTour:
+    """The tour with a link to each of its paths. A path without one is left out."""
+    lost = dict.fromkeys(sorted(find_blocked_paths(problem, solution)), _COLLIDES)
+    order = [k for k in solution.order if k not in lost]
     while order:
-        found = Found(order, found.now, found.seconds)
-        blocked_links(work, found)
-        ways, bad = _ways(work, found)
+        solution = Solution(order, solution.states, solution.seconds)
+        learn_blocked_links(problem, solution)
+        ways, bad = _ways(problem, solution)
         if bad is None:
-            back = _way(work, found.now.leave[order[-1]], work.ground.home)
+            back = _way(problem, solution.states.leave[order[-1]], problem.cost_model.home)
             if back is not None:
-                return found, Links(ways, back[:-1], lost)
+                return LinkedTour(solution, ways, back[:-1], lost)
             bad = order[-1]
         lost[bad] = _NO_WAY
         order = [k for k in order if k != bad]
-    return Found([], found.now, 0.0), Links({}, (), lost)
+    return LinkedTour(Solution([], solution.states, 0.0), lost=lost)
 
 
-def _ways(work: Work, found: Found) -> tuple[dict[int, tuple[FloatArray, ...]], int | None]:
+def _ways(
+    problem: TourProblem, solution: Solution
+) -> tuple[dict[int, tuple[FloatArray, ...]], int | None]:
     """The ways to the paths, and the first one to which there is none."""
-    now, home, order = found.now, work.ground.home, found.order
+    current, home, order = solution.states, problem.cost_model.home, solution.order
     ways: dict[int, tuple[FloatArray, ...]] = {}
     for before, k in zip([-1, *order[:-1]], order, strict=True):
-        start = home if before < 0 else now.leave[before]
-        way = _way(work, start, now.enter[k])
-        if way is None and before >= 0 and _goes_straight(work, found, before, k):
+        start = home if before < 0 else current.leave[before]
+        way = _way(problem, start, current.enter[k])
+        if way is None and before >= 0 and _goes_straight(problem, solution, before, k):
             way = ()
         if way is None and before >= 0:
-            legs = _way(work, start, home), _way(work, home, now.enter[k])
+            legs = _way(problem, start, home), _way(problem, home, current.enter[k])
             way = None if legs[0] is None or legs[1] is None else (*legs[0], *legs[1])
         if way is None:
             return ways, k
@@ -72,36 +79,38 @@ def _ways(work: Work, found: Found) -> tuple[dict[int, tuple[FloatArray, ...]], 
     return ways, None
 
 
-def _way(work: Work, start: FloatArray, end: FloatArray) -> tuple[FloatArray, ...] | None:
+def _way(problem: TourProblem, start: FloatArray, end: FloatArray) -> tuple[FloatArray, ...] | None:
     """The joint values that lead from ``start`` to ``end``, which is the last of them."""
-    detour = detour_of(work, start, end)
+    detour = detour_of(problem, start, end)
     if detour is not None:
         return (*detour, end)
-    if link_key(start, end) in work.free or not find_blocked(work, [(start, end)])[0]:
+    if link_key(start, end) in problem.free or not find_blocked(problem, [(start, end)])[0]:
         return (end,)
-    work.walls.append(wall_between(work, start, end, 0.0))
-    detour = detour_of(work, start, end)
+    problem.blocked_links.append(make_blocked_link(problem, start, end, 0.0))
+    detour = detour_of(problem, start, end)
     return None if detour is None else (*detour, end)
 
 
-def _goes_straight(work: Work, found: Found, one: int, other: int) -> bool:
+def _goes_straight(problem: TourProblem, solution: Solution, one: int, other: int) -> bool:
     """Whether the TCP can go straight from above the end of a path to above the start of another."""
-    now, items = found.now, work.ground.items
-    if min(now.branch[one], now.branch[other]) < 0:
+    current, items = solution.states, problem.cost_model.items
+    if min(current.branch[one], current.branch[other]) < 0:
         return False
-    at = [items[one].gates[now.gate[one, 1]], items[other].gates[now.gate[other, 0]]]
-    turned = turned_about_z(now.turn[[one, other]])
+    at = [items[one].gates[current.gate[one, 1]], items[other].gates[current.gate[other, 0]]]
+    turned = turned_about_z(current.turn[[one, other]])
     way = Way(
         frozen([items[one].position[at[0]], items[other].position[at[1]]]),
         frozen(np.full((2, 3), np.nan)),
         frozen(np.stack([items[one].rotation[at[0]], items[other].rotation[at[1]]]) @ turned),
     )
     dense = divide(way, dense_parts(way))
-    goal = flange_poses(work.setup, dense.position, dense.rotation)
+    goal = flange_poses(problem.setup, dense.position, dense.rotation)
     made = follow(
-        work.setup.robot, *goal, now.leave[one], min(items[one].off, items[other].off), JUMP
+        problem.setup.robot, *goal, current.leave[one], min(items[one].off, items[other].off), JUMP
     )
     if not isinstance(made, Choice):
         return False
-    ends = np.abs(made.joints[[0, -1]] - [now.leave[one], now.enter[other]]).max()
-    return bool(ends < SAME) and not isinstance(work.room.look([Track(made.joints, dense)])[0], Hit)
+    ends = np.abs(made.joints[[0, -1]] - [current.leave[one], current.enter[other]]).max()
+    return bool(ends < SAME) and not isinstance(
+        problem.free_space.look([Track(made.joints, dense)])[0], Hit
+    )

@@ -14,7 +14,7 @@ from camgen.collision.hits import clearance, hits
 from camgen.collision.scene import Scene, narrow
 from camgen.model.part import BoolArray
 from camgen.model.pose import FloatArray
-from camgen.order.arm.search import Found, Work
+from camgen.order.arm.search import Solution, TourProblem
 
 #: mm: between two looks a link comes nearer by so much at most, mostly.
 _SLACK = 0.25
@@ -79,13 +79,13 @@ def _is_close(scene: Scene, home: FloatArray, worked: FloatArray, near: float) -
     )
 
 
-def put_in(work: Work, found: Found, more: Sequence[int], fixed: bool) -> list[int]:
-    """The order of ``found`` with the items ``more``, each where its quickest state takes least time, and where the
+def put_in(problem: TourProblem, solution: Solution, more: Sequence[int], fixed: bool) -> list[int]:
+    """The order of ``solution`` with the items ``more``, each where its quickest state takes least time, and where the
     rules have it. fixed: in the order of their numbers.
     """
-    order = list(found.order)
-    now, limits, rules = found.now, work.ground.limits, work.rules
-    own = {k: work.states[k] for k in more} | {k: now.pick(np.array([k])) for k in order}
+    order = list(solution.order)
+    current, limits, rules = solution.states, problem.cost_model.limits, problem.rules
+    own = {k: problem.states[k] for k in more} | {k: current.pick(np.array([k])) for k in order}
     for k in more:
         ranks = rules.rank[order]
         low = int(np.count_nonzero(ranks < rules.rank[k]))
@@ -97,8 +97,8 @@ def put_in(work: Work, found: Found, more: Sequence[int], fixed: bool) -> list[i
         high = max(
             min([high, *([places[rules.parent[k]]] if rules.parent[k] in places else [])]), low
         )
-        leave = [work.ground.home[None], *(own[item].leave for item in order)]
-        enter = [*(own[item].enter for item in order), work.ground.home[None]]
+        leave = [problem.cost_model.home[None], *(own[item].leave for item in order)]
+        enter = [*(own[item].enter for item in order), problem.cost_model.home[None]]
         cost = [
             (
                 limits.between(leave[at], own[k].enter, 0.0).min(axis=0)

@@ -17,13 +17,20 @@ from camgen.order.arm.lattice import (
     Barred,
     Known,
     bar_links,
+    choose_point_states,
     go_round,
     pair_key,
     prove_links,
-    settle_points,
 )
-from camgen.order.arm.layers import WALL, change_cost
-from camgen.order.arm.search import STEPS, Found, Tell, Work, blocked_paths, shift_turns
+from camgen.order.arm.layers import FORBIDDEN, change_cost
+from camgen.order.arm.search import (
+    STEPS,
+    Solution,
+    Tell,
+    TourProblem,
+    find_blocked_paths,
+    shift_turns,
+)
 from camgen.order.solver.ring import shorten_ring
 
 #: More points than this are searched as paths are; the fewest that are worth it.
@@ -43,7 +50,7 @@ _BESIDE = 1.5
 _GAIN, _FINER = 5e-4, 1e-3
 #: rad: steps of the turns with which an order is looked for as if every link had those that suit it best; 0: with the
 #: turns as they are.
-_LOOSE = (STEPS[0], STEPS[1], 0.0, STEPS[2], 0.0)
+_ANY_ROLL_ROUNDS = (STEPS[0], STEPS[1], 0.0, STEPS[2], 0.0)
 #: An order of few points whose first states take so many times as long as the best tour so far is left; of more points
 #: one that takes longer.
 _HOPELESS = 1.03
@@ -55,93 +62,100 @@ _AGAIN = 6
 _PROOFS = 40
 
 
-def are_points(work: Work, kept: Sequence[int]) -> bool:
+def are_points(problem: TourProblem, kept: Sequence[int]) -> bool:
     """Whether the items ``kept`` are each entered and left at one place, may come in any order, and are neither too
     many nor too few to be searched as points.
     """
     some = list(kept)
-    if not work.wish.search or not work.wish.loose or not LEAST <= len(some) <= MOST:
+    if (
+        not problem.options.may_reorder
+        or not problem.options.any_roll
+        or not LEAST <= len(some) <= MOST
+    ):
         return False
-    if (work.rules.parent[some] >= 0).any() or len(set(work.rules.rank[some].tolist())) > 1:
+    if (problem.rules.parent[some] >= 0).any() or len(set(problem.rules.rank[some].tolist())) > 1:
         return False
     return all(
-        len(work.ground.items[k].gates) == 1 and work.states[k].branch.min() >= 0 for k in some
+        len(problem.cost_model.items[k].gates) == 1 and problem.states[k].branch.min() >= 0
+        for k in some
     )
 
 
-def find_points(work: Work, kept: Sequence[int], tell: Tell) -> Found | None:
+def find_points(problem: TourProblem, kept: Sequence[int], tell: Tell) -> Solution | None:
     """The soonest tour that is found through the points ``kept``; None where there is none.
 
-    Leaves out the states that collide, as ``work.lost`` tells the points that have none.
+    Leaves out the states that collide, as ``problem.lost`` tells the points that have none.
     """
-    leave_clear(work, kept)
-    order = [k for k in kept if k not in work.lost]
+    leave_clear(problem, kept)
+    order = [k for k in kept if k not in problem.lost]
     if len(order) < LEAST:
         return None
     known: Known = {}
-    best: Found | None = None
-    for narrow, begun, states in _begin(work, order):
+    best: Solution | None = None
+    for narrow, begun, states in _begin(problem, order):
         found = _search(narrow, begun, states, known, tell)
         if found is not None and (best is None or found.seconds < best.seconds):
             best = found
-        if best is not None and best.seconds < WALL and len(order) > _FEW:
+        if best is not None and best.seconds < FORBIDDEN and len(order) > _FEW:
             break
-    if best is None or best.seconds >= WALL:
+    if best is None or best.seconds >= FORBIDDEN:
         return None
-    return _prove(work, best, known)
+    return _prove(problem, best, known)
 
 
-def _prove(work: Work, found: Found, known: Known) -> Found | None:
-    """``found`` with other states where its links or paths collide between the places that were looked at."""
+def _prove(problem: TourProblem, solution: Solution, known: Known) -> Solution | None:
+    """``solution`` with other states where its links or paths collide between the places that were looked at."""
     barred: Barred = {}
     for _ in range(_PROOFS):
-        if found.seconds < WALL and not blocked_paths(work, found):
-            bad = prove_links(work, found)
+        if solution.seconds < FORBIDDEN and not find_blocked_paths(problem, solution):
+            bad = prove_links(problem, solution)
             if not bad:
-                return found
+                return solution
             # The one beside it would graze as well.
-            bar_links(work, found, bad, barred)
+            bar_links(problem, solution, bad, barred)
         states = [
-            join_states([own, _near(work, found.now, k)])
-            for k, own in enumerate(shift_turns(work, found, STEPS[-1]))
+            join_states([own, _near(problem, solution.states, k)])
+            for k, own in enumerate(shift_turns(problem, solution, STEPS[-1]))
         ]
-        made = settle_points(work, found.order, states, known, barred)
+        made = choose_point_states(problem, solution.order, states, known, barred)
         if made is None:
             return None
-        found = go_round(work, made)
+        solution = go_round(problem, made)
     return None
 
 
-def _begin(work: Work, order: list[int]) -> Iterator[tuple[Work, list[int], list[States]]]:
+def _begin(
+    problem: TourProblem, order: list[int]
+) -> Iterator[tuple[TourProblem, list[int], list[States]]]:
     """What the search begins with: orders, and the states to choose from: those of the postures that promise most,
     then those of one posture each.
     """
-    found = find_blocks(work, order, _TRIED)
+    found = find_blocks(problem, order, _TRIED)
     found = [one for one in found if one.seconds < found[0].seconds + _WORSE]
     some = sorted({b for one in found for b in one.branches})
-    own = [one.pick(np.isin(one.branch, some)) if found else one for one in work.states]
-    own = [one if len(one) else other for one, other in zip(own, work.states, strict=True)]
-    work = replace(work, states=own)
-    yield work, order, own
+    own = [one.pick(np.isin(one.branch, some)) if found else one for one in problem.states]
+    own = [one if len(one) else other for one, other in zip(own, problem.states, strict=True)]
+    problem = replace(problem, states=own)
+    yield problem, order, own
     if found:
         rank = {b: k for k, b in enumerate(found[0].branches)}
         yield (
-            work,
+            problem,
             sorted(order, key=lambda k: rank[found[0].branch[k]]),
-            narrow_states(work, found[0]),
+            narrow_states(problem, found[0]),
         )
 
 
 def _search(
-    work: Work, order: list[int], states: list[States], known: Known, tell: Tell
-) -> Found | None:
-    best = settle_points(work, order, states, known)
+    problem: TourProblem, order: list[int], states: list[States], known: Known, tell: Tell
+) -> Solution | None:
+    best = choose_point_states(problem, order, states, known)
     if best is None:
         return None
-    best, idle = go_round(work, best), 0
+    best, idle = go_round(problem, best), 0
     tell(f"joints, {best.seconds:.1f} s")
     for attempt in range(_ROUNDS):
-        made = _round(work, best, known, attempt)
+        made = _round(problem, best, known, attempt)
         tell(f"joints, {made.seconds:.1f} s, round {attempt + 1}")
         if made.seconds < best.seconds * (1 - _GAIN):
             best, idle = made, 0
@@ -149,69 +163,77 @@ def _search(
             idle += 1
         if idle >= (_IDLE if len(order) <= _FEW else _IDLE - 1):
             break
-    fine = go_round(work, _refine(work, best, known, _LAST))
+    fine = go_round(problem, _refine(problem, best, known, _LAST))
     return fine if fine.seconds < best.seconds else best
 
 
-def _round(work: Work, found: Found, known: Known, attempt: int) -> Found:
+def _round(problem: TourProblem, solution: Solution, known: Known, attempt: int) -> Solution:
     """Another order, states for it, and finer turns."""
-    step = _LOOSE[attempt % len(_LOOSE)]
-    fine = shift_turns(work, found, step or STEPS[-1])
-    order = _reorder(work, found, fine if step else _as_is(found), known, attempt)
-    if order in (found.order, found.order[::-1]) and not step:
-        return Found(order, found.now, np.inf)
-    turning = _find_turning(found, order)
+    step = _ANY_ROLL_ROUNDS[attempt % len(_ANY_ROLL_ROUNDS)]
+    fine = shift_turns(problem, solution, step or STEPS[-1])
+    order = _reorder(problem, solution, fine if step else _as_is(solution), known, attempt)
+    if order in (solution.order, solution.order[::-1]) and not step:
+        return Solution(order, solution.states, np.inf)
+    turning = _find_turning(solution, order)
     states = [
-        join_states([own, work.states[k] if k in turning else _near(work, found.now, k)])
+        join_states(
+            [own, problem.states[k] if k in turning else _near(problem, solution.states, k)]
+        )
         for k, own in enumerate(fine)
     ]
-    made = settle_points(work, order, states, known)
-    if made is None or made.seconds > (_HOPELESS if len(order) <= _FEW else 1.0) * found.seconds:
-        return Found(order, found.now, np.inf)
-    made = go_round(work, _refine(work, made, known, STEPS))
+    made = choose_point_states(problem, order, states, known)
+    if made is None or made.seconds > (_HOPELESS if len(order) <= _FEW else 1.0) * solution.seconds:
+        return Solution(order, solution.states, np.inf)
+    made = go_round(problem, _refine(problem, made, known, STEPS))
     for _ in range(_AGAIN):
-        if made.seconds < WALL:
+        if made.seconds < FORBIDDEN:
             break
-        again = settle_points(work, order, states, known)
-        made = made if again is None else go_round(work, again)
+        again = choose_point_states(problem, order, states, known)
+        made = made if again is None else go_round(problem, again)
     return made
 
 
-def _as_is(found: Found) -> list[States]:
-    return [found.now.pick(np.array([k])) for k in range(len(found.now))]
+def _as_is(solution: Solution) -> list[States]:
+    return [solution.states.pick(np.array([k])) for k in range(len(solution.states))]
 
 
-def _refine(work: Work, found: Found, known: Known, steps: Sequence[float]) -> Found:
-    """``found`` with turns moved in finer and finer steps."""
+def _refine(
+    problem: TourProblem, solution: Solution, known: Known, steps: Sequence[float]
+) -> Solution:
+    """``solution`` with turns moved in finer and finer steps."""
     for step in steps:
         while True:
-            finer = settle_points(work, found.order, shift_turns(work, found, step), known)
-            gained = 0.0 if finer is None else found.seconds - finer.seconds
+            finer = choose_point_states(
+                problem, solution.order, shift_turns(problem, solution, step), known
+            )
+            gained = 0.0 if finer is None else solution.seconds - finer.seconds
             if finer is not None and gained > 0:
-                found = finer
-            if gained < _FINER * found.seconds:
+                solution = finer
+            if gained < _FINER * solution.seconds:
                 break
-    return found
+    return solution
 
 
-def _find_turning(found: Found, order: Sequence[int]) -> set[int]:
+def _find_turning(solution: Solution, order: Sequence[int]) -> set[int]:
     """The items beside home, or beside another posture."""
-    branch = found.now.branch
+    branch = solution.states.branch
     pairs = {k for pair in pairwise(order) if branch[pair[0]] != branch[pair[1]] for k in pair}
     return pairs | {order[0], order[-1]}
 
 
-def _near(work: Work, now: States, item: int) -> States:
+def _near(problem: TourProblem, current: States, item: int) -> States:
     """The states of an item that are near to that which is chosen, and some of all others."""
-    states = work.states[item]
-    return states.pick(np.abs(states.enter - now.enter[item]).max(axis=1) < _BESIDE)
+    states = problem.states[item]
+    return states.pick(np.abs(states.enter - current.enter[item]).max(axis=1) < _BESIDE)
 
 
-def _reorder(work: Work, found: Found, fine: list[States], known: Known, attempt: int) -> list[int]:
+def _reorder(
+    problem: TourProblem, solution: Solution, fine: list[States], known: Known, attempt: int
+) -> list[int]:
     """The order in which the points would be soonest gone through if each link had the turns of ``fine`` that suit it
     best.
     """
-    order, ground = found.order, work.ground
+    order, cost_model = solution.order, problem.cost_model
     count = len(order)
     joints = [fine[k].enter for k in order]
     first = offsets([len(own) for own in joints])
@@ -219,20 +241,22 @@ def _reorder(work: Work, found: Found, fine: list[States], known: Known, attempt
     table = np.zeros((count + 1, count + 1))
     for k, own in enumerate(joints, 1):
         table[k, 1:] = np.minimum.reduceat(
-            ground.limits.between(own, every, 0.0).min(axis=0), first[:-1]
+            cost_model.limits.between(own, every, 0.0).min(axis=0), first[:-1]
         )
-        table[k, 0] = table[0, k] = ground.limits.seconds(own - ground.home, 0.0).min()
-    at = np.array([ground.items[k].position[ground.items[k].gates[0]] for k in order])
+        table[k, 0] = table[0, k] = cost_model.limits.seconds(own - cost_model.home, 0.0).min()
+    at = np.array([cost_model.items[k].position[cost_model.items[k].gates[0]] for k in order])
     way = np.sqrt(((at[:, None] - at[None]) ** 2).sum(axis=-1))
     table[1:, 1:] = np.maximum(
-        table[1:, 1:], from_rest(way, ground.limits.speed, ground.limits.acceleration)
+        table[1:, 1:], from_rest(way, cost_model.limits.speed, cost_model.limits.acceleration)
     )
-    table[1:, 1:] += change_cost(ground, found.now.branch[order], found.now.branch[order])
+    table[1:, 1:] += change_cost(
+        cost_model, solution.states.branch[order], solution.states.branch[order]
+    )
     place = {-1: 0} | {k: row for row, k in enumerate(order, 1)}
     for (a, b), seconds in known.items():
         i, j = place[a], place[b]
         # Where no way round one of their links was found, others of theirs seldom have one.
-        more = work.around.get(pair_key(a, b), 0.0)
+        more = problem.around.get(pair_key(a, b), 0.0)
         table[i, j] = table[j, i] = max(table[i, j], min(max(seconds, more), _FAR))
     ring = np.minimum(table, table.T)
     np.fill_diagonal(ring, 0.0)

@@ -13,20 +13,26 @@ from functools import partial
 from itertools import pairwise
 
 import numpy as np
-from msgspec import Struct
+from msgspec import Struct, field
 
 from camgen.geometry.ragged import offsets
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
 from camgen.motion.setup import Hit, Room, Setup, Track
 from camgen.order.arm.detours import find_detour
-from camgen.order.arm.items import States, Stood, join_states, stand, turn_round
+from camgen.order.arm.items import (
+    StateJoints,
+    States,
+    compute_state_joints,
+    join_states,
+    turn_round,
+)
 from camgen.order.arm.layers import (
+    FORBIDDEN,
     SAME,
-    WALL,
-    Ground,
-    Wall,
-    add_walls,
+    BlockedLink,
+    CostModel,
+    add_blocked_costs,
     change_cost,
     choose,
     gate_places,
@@ -55,7 +61,7 @@ _BEGINNINGS = 12
 #: Rounds of repair before what still collides goes another way.
 _REPAIRS = 8
 #: So often the order is made anew as if every link had the turns that suit it best.
-_LOOSE = 3
+_ANY_ROLL_ROUNDS = 3
 #: rad: joints turn by no more between two places at which a link is looked at before it is proved.
 _LOOK = math.radians(2.5)
 #: Shuffles of the search for an order, as a share of the usual number; more paths than that have none.
@@ -64,112 +70,136 @@ _EFFORT, _CROWD = 0.3, 300
 _KICKS, _MOST_KICKS = 6, 4_000
 
 
-class Wish(Struct, frozen=True):
-    """search: the order may change. loose: any turn is as good, so that turns are moved in fine steps. floor: mm, work
-    frame, below which the tip does not go on a link.
+class SearchOptions(Struct, frozen=True):
+    """What the search may change.
+
+    may_reorder: whether the order of the items may change.
+    any_roll: whether every roll is as good, so that rolls are moved in fine steps.
+    least_height: least height of the TCP on a link, mm in the work frame.
     """
 
-    search: bool
-    loose: bool
-    floor: float
+    may_reorder: bool
+    any_roll: bool
+    least_height: float
 
 
-class Work(Struct, frozen=True, eq=False):
-    """What the search knows. states: by item; narrowed where some collide, as ``tested`` says. walls: links that
-    collide. free: links and states that are known to be clear. lost: items that no state is left of. shut: states
-    that collide between two looks. detours: ways round links that collide. around: s, by link, what they cost more.
+class TourProblem(Struct, frozen=True, eq=False):
+    """All that the search needs and learns; the collections are changed by the search.
+
+    setup: the arm, and the collision test of joint values.
+    free_space: the collision test of motions.
+    cost_model: the items, and the time of their links.
+    states: by item, its states; reduced where states collide, see ``tested``.
+    rules: the precedence of the items.
+    options: what the search may change.
+    tested: items whose states were reduced to those that do not collide.
+    blocked_links: links that collide.
+    free: keys of links and states that are known to be clear.
+    lost: items of which every state collides.
+    shut: keys of links and states that collide between the samples of a first test.
+    detours: joint values (J,) by way of which a blocked link goes, by the bytes of its ends.
+    around: seconds by which a detour takes longer than its link, by key.
     """
 
     setup: Setup
-    room: Room
-    ground: Ground
+    free_space: Room
+    cost_model: CostModel
     states: list[States]
     rules: matrix.Rules
-    wish: Wish
-    tested: set[int]
-    walls: list[Wall]
-    free: set[bytes]
-    lost: set[int]
-    shut: set[bytes]
-    detours: dict[bytes, tuple[FloatArray, ...]]
-    around: dict[bytes, float]
+    options: SearchOptions
+    tested: set[int] = field(default_factory=set)
+    blocked_links: list[BlockedLink] = field(default_factory=list)
+    free: set[bytes] = field(default_factory=set)
+    lost: set[int] = field(default_factory=set)
+    shut: set[bytes] = field(default_factory=set)
+    detours: dict[bytes, tuple[FloatArray, ...]] = field(default_factory=dict)
+    around: dict[bytes, float] = field(default_factory=dict)
 
 
-class Found(Struct, eq=False):
-    """A tour. order: items. now: (n) their states, by item. seconds: of its links."""
+class Solution(Struct, eq=False):
+    """A tour.
+
+    order: items in the order in which they are run.
+    states: (n,) the state of each item, by item.
+    seconds: time of its links, s.
+    """
 
     order: list[int]
-    now: States
+    states: States
     seconds: float
 
 
 Tell = Callable[[str], None]
 
 
-def find_tour(work: Work, order: Sequence[int], prove: bool, tell: Tell) -> Found:
+def find_tour(problem: TourProblem, order: Sequence[int], prove: bool, tell: Tell) -> Solution:
     """A first tour in the ``order``. prove: states, and links, are tested for collisions."""
-    found = settle(work, list(order), list(work.states), prove)
+    solution = choose_states(problem, list(order), list(problem.states), prove)
     for attempt in range(_BEGINNINGS if prove else 0):
-        tell(f"joints, {found.seconds:.1f} s, beginning {attempt + 1}")
-        if not found.order or not blocked_links(work, found):
+        tell(f"joints, {solution.seconds:.1f} s, beginning {attempt + 1}")
+        if not solution.order or not learn_blocked_links(problem, solution):
             break
-        found = settle(work, found.order, list(work.states), prove)
-    return found
+        solution = choose_states(problem, solution.order, list(problem.states), prove)
+    return solution
 
 
-def better_tour(work: Work, found: Found, prove: bool, tell: Tell) -> Found:
-    """``found`` with its states and its order bettered in turn."""
-    found = move_turns(work, found, prove)
-    for _ in range(_LOOSE if work.wish.search else 0):
-        loose = move_turns(work, _loosen(work, found, prove), prove)
-        if loose.seconds >= found.seconds:
+def improve_tour(problem: TourProblem, solution: Solution, prove: bool, tell: Tell) -> Solution:
+    """``solution`` with its states and its order bettered in turn."""
+    solution = move_turns(problem, solution, prove)
+    for _ in range(_ANY_ROLL_ROUNDS if problem.options.may_reorder else 0):
+        any_roll = move_turns(problem, _order_for_any_roll(problem, solution, prove), prove)
+        if any_roll.seconds >= solution.seconds:
             break
-        found = loose
+        solution = any_roll
     for attempt in range(_ROUNDS):
-        tell(f"joints, {found.seconds:.1f} s, round {attempt + 1}")
-        before = found.seconds
-        found = _move_gates(work, found)
-        if work.wish.search:
-            found = _reorder(work, found, attempt)
-        found = move_turns(work, found, prove)
-        if before - found.seconds < _GAIN * before:
+        tell(f"joints, {solution.seconds:.1f} s, round {attempt + 1}")
+        before = solution.seconds
+        solution = _move_gates(problem, solution)
+        if problem.options.may_reorder:
+            solution = _reorder(problem, solution, attempt)
+        solution = move_turns(problem, solution, prove)
+        if before - solution.seconds < _GAIN * before:
             break
-    return found
+    return solution
 
 
-def settle(
-    work: Work, order: list[int], states: list[States], prove: bool, known: States | None = None
-) -> Found:
+def choose_states(
+    problem: TourProblem,
+    order: list[int],
+    states: list[States],
+    prove: bool,
+    known: States | None = None,
+) -> Solution:
     """The best of ``states`` along ``order`` that collide with nothing. known: (n) states that need no test."""
-    ground = work.ground
+    cost_model = problem.cost_model
     while True:
-        cost, chosen = choose(ground, order, states, work.walls)
-        now = join_states([states[k].pick(chosen[[k]]) for k in range(len(states))])
-        new = [k for k in order if prove and not _is_known(work, now, known, k)]
-        hit = find_hits(work, new, now.pick(np.array(new, dtype=np.int64)))
+        cost, chosen = choose(cost_model, order, states, problem.blocked_links)
+        current = join_states([states[k].pick(chosen[[k]]) for k in range(len(states))])
+        new = [k for k in order if prove and not _is_known(problem, current, known, k)]
+        hit = find_hits(problem, new, current.pick(np.array(new, dtype=np.int64)))
         if not hit.any():
-            return Found(order, now, cost)
+            return Solution(order, current, cost)
         asked = [
             (k, states[k], int(chosen[k]))
             for k, stops in zip(new, hit.tolist(), strict=True)
             if stops
         ]
-        for (k, _, _), left in zip(asked, _prune(work, asked), strict=True):
+        for (k, _, _), left in zip(asked, _prune(problem, asked), strict=True):
             if not len(left):
-                work.lost.add(k)
+                problem.lost.add(k)
                 order = [item for item in order if item != k]
-            states[k] = left if len(left) else now.pick(np.array([k]))
+            states[k] = left if len(left) else current.pick(np.array([k]))
         if not order:
-            return Found(order, now, 0.0)
+            return Solution(order, current, 0.0)
 
 
-def _is_known(work: Work, now: States, known: States | None, item: int) -> bool:
+def _is_known(problem: TourProblem, current: States, known: States | None, item: int) -> bool:
     same = (
         known is not None
-        and known.turn[item] == now.turn[item]
-        and known.branch[item] == now.branch[item]
+        and known.turn[item] == current.turn[item]
+        and known.branch[item] == current.branch[item]
     )
-    return bool(now.branch[item] < 0 or same or key_of(now, item) in work.free)
+    return bool(current.branch[item] < 0 or same or key_of(current, item) in problem.free)
 
 
 def key_of(states: States, row: int, item: int | None = None) -> bytes:
@@ -179,18 +209,22 @@ def key_of(states: States, row: int, item: int | None = None) -> bytes:
     return b"%d:%d:%.6f" % (row if item is None else item, states.branch[row], states.turn[row])
 
 
-def _stand(work: Work, numbers: Sequence[int], states: States) -> Stood:
+def _compute_state_joints(
+    problem: TourProblem, numbers: Sequence[int], states: States
+) -> StateJoints:
     """E states of the items ``numbers`` (E,) as they are run."""
-    items = [work.ground.items[k] for k in numbers]
+    items = [problem.cost_model.items[k] for k in numbers]
     loop = np.array([item.closed for item in items], dtype=np.bool_)
     forward = loop | (states.gate[:, 0] == 0)
     near = np.where(forward[:, None], states.enter, states.leave)
-    return stand(
-        work.setup, items, states.turn, states.branch, np.where(loop, states.gate[:, 0], 0), near
+    return compute_state_joints(
+        problem.setup, items, states.turn, states.branch, np.where(loop, states.gate[:, 0], 0), near
     )
 
 
-def find_hits(work: Work, numbers: Sequence[int], states: States, looks: int = 0) -> BoolArray:
+def find_hits(
+    problem: TourProblem, numbers: Sequence[int], states: States, looks: int = 0
+) -> BoolArray:
     """Which of E states of the items ``numbers`` (E,) collide or cannot be run. looks: at so many, 0: at all."""
     if not len(numbers):
         return np.zeros(0, dtype=np.bool_)
@@ -201,39 +235,41 @@ def find_hits(work: Work, numbers: Sequence[int], states: States, looks: int = 0
     bad = dict(
         zip(
             place,
-            _find_hits(work, [numbers[k] for k in once], states.pick(once), looks).tolist(),
+            _find_hits(problem, [numbers[k] for k in once], states.pick(once), looks).tolist(),
             strict=True,
         )
     )
     if not looks:
-        work.free.update(key for key, stops in bad.items() if not stops)
-    return np.array([bad[key] or key in work.shut for key in keys], dtype=np.bool_)
+        problem.free.update(key for key, stops in bad.items() if not stops)
+    return np.array([bad[key] or key in problem.shut for key in keys], dtype=np.bool_)
 
 
-def _find_hits(work: Work, numbers: Sequence[int], states: States, looks: int) -> BoolArray:
-    stood = _stand(work, numbers, states)
-    bad = ~stood.good
+def _find_hits(
+    problem: TourProblem, numbers: Sequence[int], states: States, looks: int
+) -> BoolArray:
+    state_joints = _compute_state_joints(problem, numbers, states)
+    bad = ~state_joints.is_valid
     rows = []
-    for k in np.flatnonzero(stood.good).tolist():
-        own = np.arange(stood.first[k], stood.first[k + 1])
+    for k in np.flatnonzero(state_joints.is_valid).tolist():
+        own = np.arange(state_joints.first[k], state_joints.first[k + 1])
         if looks and len(own) > looks:
             own = own[np.unique(np.round(np.linspace(0, len(own) - 1, looks)).astype(np.int64))]
         # What stands at the height of travel is there twice.
-        moved = np.abs(np.diff(stood.joints[own], axis=0)).max(axis=1) > 0
+        moved = np.abs(np.diff(state_joints.joints[own], axis=0)).max(axis=1) > 0
         rows.append(own[np.append(moved, True)])
     if not rows:
         return bad
     flat = np.concatenate(rows)
-    owner = np.repeat(np.flatnonzero(stood.good), [len(own) for own in rows])
+    owner = np.repeat(np.flatnonzero(state_joints.is_valid), [len(own) for own in rows])
     # A state that collides at its last look is not looked at again.
     last = np.append(owner[1:] != owner[:-1], True)
     for some in (last, ~last):
         asked = np.flatnonzero(some & ~bad[owner])
-        bad[owner[asked[~work.setup.clear(stood.joints[flat[asked]])]]] = True
+        bad[owner[asked[~problem.setup.clear(state_joints.joints[flat[asked]])]]] = True
     return bad
 
 
-def _prune(work: Work, asked: Sequence[tuple[int, States, int]]) -> list[States]:
+def _prune(problem: TourProblem, asked: Sequence[tuple[int, States, int]]) -> list[States]:
     """For each item, its states and the chosen one, which collides: the states without that and all others that do."""
     left = []
     for _, states, chosen in asked:
@@ -242,185 +278,203 @@ def _prune(work: Work, asked: Sequence[tuple[int, States, int]]) -> list[States]
     open_ = [
         k
         for k, (item, states, _) in enumerate(asked)
-        if not (item in work.tested and states is work.states[item])
+        if not (item in problem.tested and states is problem.states[item])
     ]
     numbers = [asked[k][0] for k in open_ for _ in range(len(left[k]))]
     if numbers:
         every = join_states([left[k] for k in open_])
         free = np.array(
-            [key_of(every, row, item) in work.free for row, item in enumerate(numbers)],
+            [key_of(every, row, item) in problem.free for row, item in enumerate(numbers)],
             dtype=np.bool_,
         )
         tried = np.flatnonzero(~free & (every.branch >= 0))
         bad = np.zeros(len(numbers), dtype=np.bool_)
-        bad[tried] = find_hits(work, [numbers[k] for k in tried], every.pick(tried), _FEW)
+        bad[tried] = find_hits(problem, [numbers[k] for k in tried], every.pick(tried), _FEW)
         ends = np.cumsum([len(left[k]) for k in open_])[:-1]
         for k, own in zip(open_, np.split(bad, ends), strict=True):
             left[k] = left[k].pick(~own)
     for (item, states, chosen), rest in zip(asked, left, strict=True):
-        if states is work.states[item]:
-            work.tested.add(item)
+        if states is problem.states[item]:
+            problem.tested.add(item)
             # One that is lost keeps a state to stand in a table, and is in no order.
-            work.states[item] = rest if len(rest) else states.pick(np.array([chosen]))
+            problem.states[item] = rest if len(rest) else states.pick(np.array([chosen]))
     return left
 
 
-def _loosen(work: Work, found: Found, prove: bool) -> Found:
+def _order_for_any_roll(problem: TourProblem, solution: Solution, prove: bool) -> Solution:
     """The order in which the points would be soonest gone through if each link had the turns that suit it best, with
     the states that are chosen for it: other than the order that states were chosen for.
     """
-    order, ground, now = found.order, work.ground, found.now
-    if not _is_plain(work, found) or not work.wish.loose or not 4 < len(order) <= _CROWD:
-        return found
-    fine = shift_turns(work, found, STEPS[0])
+    order, cost_model, current = solution.order, problem.cost_model, solution.states
+    if (
+        not _is_plain(problem, solution)
+        or not problem.options.any_roll
+        or not 4 < len(order) <= _CROWD
+    ):
+        return solution
+    fine = shift_turns(problem, solution, STEPS[0])
     count = len(order)
     ring = np.zeros((count + 1, count + 1))
     joints = [fine[k].enter for k in order]
     first = offsets([len(own) for own in joints])
     every = np.concatenate(joints)
     for k, own in enumerate(joints, 1):
-        took = np.minimum.reduceat(ground.limits.between(own, every, 0.0).min(axis=0), first[:-1])
+        took = np.minimum.reduceat(
+            cost_model.limits.between(own, every, 0.0).min(axis=0), first[:-1]
+        )
         ring[k, 1:] = took
-        ring[k, 0] = ring[0, k] = ground.limits.seconds(own - ground.home, 0.0).min()
+        ring[k, 0] = ring[0, k] = cost_model.limits.seconds(own - cost_model.home, 0.0).min()
     np.fill_diagonal(ring, 0.0)
-    ring[1:, 1:] += change_cost(ground, now.branch[order], now.branch[order])
+    ring[1:, 1:] += change_cost(cost_model, current.branch[order], current.branch[order])
     ring = np.minimum(ring, ring.T)
     made = shorten_ring(ring, range(count + 1), min(_KICKS * count, _MOST_KICKS))
-    return settle(work, [order[k - 1] for k in made[1:]], fine, prove, now)
+    return choose_states(problem, [order[k - 1] for k in made[1:]], fine, prove, current)
 
 
-def _is_plain(work: Work, found: Found) -> bool:
+def _is_plain(problem: TourProblem, solution: Solution) -> bool:
     """Whether all items are left where they are entered, and may come in any order."""
-    own = found.now.pick(np.array(found.order))
-    free = (work.rules.parent[found.order] < 0).all() and len(
-        set(work.rules.rank[found.order].tolist())
+    own = solution.states.pick(np.array(solution.order))
+    free = (problem.rules.parent[solution.order] < 0).all() and len(
+        set(problem.rules.rank[solution.order].tolist())
     ) == 1
     return bool(free and not (own.enter != own.leave).any())
 
 
-def move_turns(work: Work, found: Found, prove: bool, still: Set[int] = frozenset()) -> Found:
+def move_turns(
+    problem: TourProblem, solution: Solution, prove: bool, still: Set[int] = frozenset()
+) -> Solution:
     """Turns a little to both sides of those that are chosen, in finer and finer steps, but of the items ``still``."""
-    sizes = [len(work.ground.items[k]) for k in found.order]
-    if not work.wish.loose or sum(sizes) > _WORTH:
-        return found
+    sizes = [len(problem.cost_model.items[k]) for k in solution.order]
+    if not problem.options.any_roll or sum(sizes) > _WORTH:
+        return solution
     for step in STEPS:
         while True:
-            better = settle(
-                work, found.order, shift_turns(work, found, step, still), prove, found.now
+            better = choose_states(
+                problem,
+                solution.order,
+                shift_turns(problem, solution, step, still),
+                prove,
+                solution.states,
             )
-            gained = found.seconds - better.seconds
-            found = better if gained > 0 else found
-            if gained < _GAIN * found.seconds:
+            gained = solution.seconds - better.seconds
+            solution = better if gained > 0 else solution
+            if gained < _GAIN * solution.seconds:
                 break
-    return found
+    return solution
 
 
 def shift_turns(
-    work: Work, found: Found, step: float, still: Set[int] = frozenset()
+    problem: TourProblem, solution: Solution, step: float, still: Set[int] = frozenset()
 ) -> list[States]:
     """By item its state and, but of the items ``still``, those with other turns within ``_SIDES`` steps."""
-    now = found.now
-    asked = [k for k in found.order if now.branch[k] >= 0 and k not in still]
+    current = solution.states
+    asked = [k for k in solution.order if current.branch[k] >= 0 and k not in still]
     shifts = step * np.array([k for k in range(-_SIDES, _SIDES + 1) if k])
     own = np.repeat(asked, len(shifts))
-    turn = now.turn[own] + np.tile(shifts, len(asked))
+    turn = current.turn[own] + np.tile(shifts, len(asked))
     turn = np.remainder(turn + math.pi, math.tau) - math.pi
-    wanted = now.pick(own)
+    wanted = current.pick(own)
     wanted = States(wanted.enter, wanted.leave, wanted.gate, turn, wanted.branch)
-    made, good = _place(work, own.tolist(), wanted)
+    made, good = _place(problem, own.tolist(), wanted)
     # Where the arm cannot go there evenly it is another state, which the grid has.
-    good &= np.abs(made.enter - now.enter[own]).max(
+    good &= np.abs(made.enter - current.enter[own]).max(
         axis=1, initial=0.0
     ) < 4 * _SIDES * step + math.radians(10)
-    states = [now.pick(np.array([k])) for k in range(len(now))]
+    states = [current.pick(np.array([k])) for k in range(len(current))]
     for place, k in enumerate(asked):
         rows = np.arange(place * len(shifts), (place + 1) * len(shifts))
         states[k] = join_states([states[k], made.pick(rows[good[rows]])])
     return states
 
 
-def _place(work: Work, numbers: Sequence[int], states: States) -> tuple[States, BoolArray]:
+def _place(
+    problem: TourProblem, numbers: Sequence[int], states: States
+) -> tuple[States, BoolArray]:
     """States of the items ``numbers`` with the joints at their gates worked out anew, and which can be run."""
     if not len(numbers):
         return states, np.zeros(0, dtype=np.bool_)
-    stood = _stand(work, numbers, states)
-    gates = [work.ground.items[k].gates for k in numbers]
+    state_joints = _compute_state_joints(problem, numbers, states)
+    gates = [problem.cost_model.items[k].gates for k in numbers]
     at = (
         np.array([own[pair] for own, pair in zip(gates, states.gate, strict=True)])
-        + stood.first[:-1, None]
+        + state_joints.first[:-1, None]
     )
-    good = stood.good & np.isfinite(stood.joints[at]).all(axis=(1, 2))
+    good = state_joints.is_valid & np.isfinite(state_joints.joints[at]).all(axis=(1, 2))
     return States(
-        stood.joints[at[:, 0]], stood.joints[at[:, 1]], states.gate, states.turn, states.branch
+        state_joints.joints[at[:, 0]],
+        state_joints.joints[at[:, 1]],
+        states.gate,
+        states.turn,
+        states.branch,
     ), good
 
 
-def _move_gates(work: Work, found: Found) -> Found:
+def _move_gates(problem: TourProblem, solution: Solution) -> Solution:
     """The same postures and turns, entered at other gates."""
-    now = found.now
-    states = [now.pick(np.array([k])) for k in range(len(now))]
-    for k in found.order:
-        item = work.ground.items[k]
+    current = solution.states
+    states = [current.pick(np.array([k])) for k in range(len(current))]
+    for k in solution.order:
+        item = problem.cost_model.items[k]
         if item.reversible:
             states[k] = join_states([states[k], turn_round(states[k])])
-        elif item.closed and len(item.gates) > 1 and now.branch[k] >= 0:
-            stood = _stand(work, [k], states[k])
-            joints = stood.joints[item.gates]
+        elif item.closed and len(item.gates) > 1 and current.branch[k] >= 0:
+            state_joints = _compute_state_joints(problem, [k], states[k])
+            joints = state_joints.joints[item.gates]
             numbers = np.arange(len(joints))
             count = len(numbers)
             every = States(
                 joints,
                 joints,
                 np.stack([numbers] * 2, axis=1),
-                np.full(count, now.turn[k]),
-                np.full(count, now.branch[k]),
+                np.full(count, current.turn[k]),
+                np.full(count, current.branch[k]),
             )
             states[k] = join_states([states[k], every])
-    return settle(work, found.order, states, False)
+    return choose_states(problem, solution.order, states, False)
 
 
-def _reorder(work: Work, found: Found, seed: int) -> Found:
+def _reorder(problem: TourProblem, solution: Solution, seed: int) -> Solution:
     """The states as they are in the shortest order that is found."""
-    order, now, ground = found.order, found.now, work.ground
+    order, current, cost_model = solution.order, solution.states, problem.cost_model
     count = len(order)
     if not 2 < count <= MANY:
-        return found
-    own = now.pick(np.array(order))
-    flips = np.array([ground.items[k].reversible for k in order])
-    table = _tables(work, order, own)
+        return solution
+    own = current.pick(np.array(order))
+    flips = np.array([cost_model.items[k].reversible for k in order])
+    table = _tables(problem, order, own)
     # What cannot be turned round is neither left where it is entered nor entered where it is left.
     stiff = ~flips & (np.abs(own.enter - own.leave).max(axis=1) > 0)
-    table.between[stiff, 0] = table.between[:, :, stiff, 1] = WALL
-    table.first[stiff, 1] = table.last[stiff, 0] = WALL
-    rules = matrix.Rules(_inner(work.rules.parent, order), work.rules.rank[order])
+    table.between[stiff, 0] = table.between[:, :, stiff, 1] = FORBIDDEN
+    table.first[stiff, 1] = table.last[stiff, 0] = FORBIDDEN
+    rules = matrix.Rules(_inner(problem.rules.parent, order), problem.rules.rank[order])
     plain = bool((rules.parent < 0).all() and len(set(rules.rank.tolist())) == 1)
-    if _is_plain(work, found):
+    if _is_plain(problem, solution):
         ring = np.zeros((count + 1, count + 1))
         ring[1:, 1:] = table.between[:, 0, :, 0]
         ring[0, 1:] = ring[1:, 0] = table.first[:, 0]
         ring = np.minimum(ring, ring.T)
         made = shorten_ring(ring, range(count + 1), min(_KICKS * count, _MOST_KICKS), seed)
         seconds = float(ring[made, np.roll(made, -1)].sum())
-        better = Found([order[k - 1] for k in made[1:]], now, seconds)
-        return better if seconds < found.seconds - 1e-9 else found
+        better = Solution([order[k - 1] for k in made[1:]], current, seconds)
+        return better if seconds < solution.seconds - 1e-9 else solution
     start = (list(range(count)), [False] * count)
     effort = _EFFORT if count <= _CROWD else 0.0
     items, backs = matrix.shortest(table, seed, effort, start, None if plain else rules)
     seconds = matrix.total(table, items, backs)
-    if seconds >= found.seconds - 1e-9:
-        return found
+    if seconds >= solution.seconds - 1e-9:
+        return solution
     turned = np.array(
         [order[k] for k, back in zip(items, backs, strict=True) if back and flips[k]],
         dtype=np.int64,
     )
-    enter, leave, gate = now.enter.copy(), now.leave.copy(), now.gate.copy()
+    enter, leave, gate = current.enter.copy(), current.leave.copy(), current.gate.copy()
     enter[turned], leave[turned], gate[turned] = (
-        now.leave[turned],
-        now.enter[turned],
-        now.gate[turned][:, ::-1],
+        current.leave[turned],
+        current.enter[turned],
+        current.gate[turned][:, ::-1],
     )
-    return Found(
-        [order[k] for k in items], States(enter, leave, gate, now.turn, now.branch), seconds
+    return Solution(
+        [order[k] for k in items], States(enter, leave, gate, current.turn, current.branch), seconds
     )
 
 
@@ -431,145 +485,151 @@ def _inner(parent: IntArray, order: Sequence[int]) -> IntArray:
     return np.asarray(place[parent[list(order)]])
 
 
-def _tables(work: Work, order: Sequence[int], own: States) -> matrix.Table:
+def _tables(problem: TourProblem, order: Sequence[int], own: States) -> matrix.Table:
     """The seconds of all links between the ends of the items, and from and to home."""
-    ground, count = work.ground, len(order)
+    cost_model, count = problem.cost_model, len(order)
     ends = np.stack([own.enter, own.leave], axis=1).reshape(2 * count, -1)
     places = np.stack(
-        [gate_places(ground.items[k], own.gate[i]) for i, k in enumerate(order)], axis=0
+        [gate_places(cost_model.items[k], own.gate[i]) for i, k in enumerate(order)], axis=0
     ).reshape(2 * count, 3)
     branch = np.repeat(own.branch, 2)
-    table = ground.limits.between(
+    table = cost_model.limits.between(
         ends, ends, np.linalg.norm(places[:, None] - places[None], axis=-1)
     )
-    table += change_cost(ground, branch, branch)
-    table = add_walls(table, ends, ends, work.walls)
-    home = home_seconds(ground, ends, work.walls).reshape(count, 2)
+    table += change_cost(cost_model, branch, branch)
+    table = add_blocked_costs(table, ends, ends, problem.blocked_links)
+    home = home_seconds(cost_model, ends, problem.blocked_links).reshape(count, 2)
     return matrix.Table(table.reshape(count, 2, count, 2), home, home.copy())
 
 
 # What a tour uses is proved: the paths as they are run, and the links between them.
 
 
-def prove_tour(work: Work, found: Found, tell: Tell) -> Found:
-    """``found`` with other states where paths or links collide, as far as there are any."""
-    for attempt in range(_REPAIRS if found.order else 0):
-        touched = blocked_paths(work, found) | blocked_links(work, found)
+def prove_tour(problem: TourProblem, solution: Solution, tell: Tell) -> Solution:
+    """``solution`` with other states where paths or links collide, as far as there are any."""
+    for attempt in range(_REPAIRS if solution.order else 0):
+        touched = find_blocked_paths(problem, solution) | learn_blocked_links(problem, solution)
         if not touched:
-            return found
-        tell(f"joints, {found.seconds:.1f} s, repair {attempt + 1}")
-        found = _repair(work, found, touched)
-    return found
+            return solution
+        tell(f"joints, {solution.seconds:.1f} s, repair {attempt + 1}")
+        solution = _repair(problem, solution, touched)
+    return solution
 
 
-def _repair(work: Work, found: Found, touched: set[int]) -> Found:
+def _repair(problem: TourProblem, solution: Solution, touched: set[int]) -> Solution:
     """The tour with states chosen anew for the items that are ``touched`` and those beside them."""
-    order, now = found.order, found.now
+    order, current = solution.order, solution.states
     place = {item: k for k, item in enumerate(order)}
     beside = {p + d for p in (place[item] for item in touched) for d in (-1, 0, 1)}
     near = {order[p] for p in beside if 0 <= p < len(order)}
     fine = (
-        shift_turns(work, found, STEPS[0])
-        if work.wish.loose
-        else [now.pick(np.array([k])) for k in range(len(now))]
+        shift_turns(problem, solution, STEPS[0])
+        if problem.options.any_roll
+        else [current.pick(np.array([k])) for k in range(len(current))]
     )
     states = [
-        join_states([own, work.states[k]])
-        if k in near and len(work.states[k])
-        else now.pick(np.array([k]))
+        join_states([own, problem.states[k]])
+        if k in near and len(problem.states[k])
+        else current.pick(np.array([k]))
         for k, own in enumerate(fine)
     ]
-    return settle(work, order, states, True)
+    return choose_states(problem, order, states, True)
 
 
-def blocked_paths(work: Work, found: Found) -> set[int]:
+def find_blocked_paths(problem: TourProblem, solution: Solution) -> set[int]:
     """The items whose states, new ones, collide between two looks."""
     asked = [
         k
-        for k in found.order
-        if found.now.branch[k] >= 0 and _proved(found.now, k) not in work.free
+        for k in solution.order
+        if solution.states.branch[k] >= 0 and _proved(solution.states, k) not in problem.free
     ]
     if not asked:
         return set()
-    stood = _stand(work, asked, found.now.pick(np.array(asked)))
+    state_joints = _compute_state_joints(problem, asked, solution.states.pick(np.array(asked)))
     tracks, owner = [], []
     for place, k in enumerate(asked):
-        joints = stood.joints[stood.first[place] : stood.first[place + 1]]
-        item = work.ground.items[k]
+        joints = state_joints.joints[state_joints.first[place] : state_joints.first[place + 1]]
+        item = problem.cost_model.items[k]
         tracks.append(Track(joints[: item.last + 1]))
         tracks += [Track(joints[[item.before[gate], gate]]) for gate in item.gates[1:].tolist()]
         owner += [k] * len(item.gates)
     hit = {
-        k for k, stop in zip(owner, work.room.look(tracks), strict=True) if isinstance(stop, Hit)
+        k
+        for k, stop in zip(owner, problem.free_space.look(tracks), strict=True)
+        if isinstance(stop, Hit)
     }
-    work.shut.update(key_of(found.now, k) for k in hit)
-    work.free.difference_update(key_of(found.now, k) for k in hit)
-    work.free.update(_proved(found.now, k) for k in asked if k not in hit)
+    problem.shut.update(key_of(solution.states, k) for k in hit)
+    problem.free.difference_update(key_of(solution.states, k) for k in hit)
+    problem.free.update(_proved(solution.states, k) for k in asked if k not in hit)
     return hit
 
 
-def _proved(now: States, item: int) -> bytes:
-    return b"path " + key_of(now, item)
+def _proved(current: States, item: int) -> bytes:
+    return b"path " + key_of(current, item)
 
 
-def blocked_links(work: Work, found: Found) -> set[int]:
+def learn_blocked_links(problem: TourProblem, solution: Solution) -> set[int]:
     """The items at the ends of links, new ones, that collide, or on which the tip comes too low."""
-    blocked = find_blocked_links(work, found)
-    work.walls.extend(
-        wall_between(work, *_ends_of(work, found.now, pair), _LONG) for pair in blocked
+    blocked = find_blocked_links(problem, solution)
+    problem.blocked_links.extend(
+        make_blocked_link(problem, *_ends_of(problem, solution.states, pair), _LONG)
+        for pair in blocked
     )
     return {item for pair in blocked for item in pair if item >= 0}
 
 
-def find_blocked_links(work: Work, found: Found) -> list[tuple[int, int]]:
+def find_blocked_links(problem: TourProblem, solution: Solution) -> list[tuple[int, int]]:
     """The links, new ones, that collide or on which the tip comes too low: the items at their ends, -1 for home."""
-    pairs = list(zip([-1, *found.order], [*found.order, -1], strict=True))
-    ends = {pair: _ends_of(work, found.now, pair) for pair in pairs}
+    pairs = list(zip([-1, *solution.order], [*solution.order, -1], strict=True))
+    ends = {pair: _ends_of(problem, solution.states, pair) for pair in pairs}
     new = [
         one
         for one in pairs
-        if link_key(*ends[one]) not in work.free and detour_of(work, *ends[one]) is None
+        if link_key(*ends[one]) not in problem.free and detour_of(problem, *ends[one]) is None
     ]
     return [
         one
-        for one, met in zip(new, find_blocked(work, [ends[one] for one in new]), strict=True)
+        for one, met in zip(new, find_blocked(problem, [ends[one] for one in new]), strict=True)
         if met
     ]
 
 
-def _ends_of(work: Work, now: States, pair: tuple[int, int]) -> tuple[FloatArray, FloatArray]:
+def _ends_of(
+    problem: TourProblem, current: States, pair: tuple[int, int]
+) -> tuple[FloatArray, FloatArray]:
     """The joint values at both ends of the link between two items, -1 for home."""
-    home, (a, b) = work.ground.home, pair
-    return (home if a < 0 else now.leave[a], home if b < 0 else now.enter[b])
+    home, (a, b) = problem.cost_model.home, pair
+    return (home if a < 0 else current.leave[a], home if b < 0 else current.enter[b])
 
 
 def find_blocked(
-    work: Work, links: Sequence[tuple[FloatArray, FloatArray]], surely: bool = True
+    problem: TourProblem, links: Sequence[tuple[FloatArray, FloatArray]], surely: bool = True
 ) -> list[bool]:
     """Which motions of the joints collide, or lead the tip too low. surely: what is not found at some places on the way
     is proved, and noted as clear.
     """
     if not links:
         return []
-    blocked = np.array([link_key(*pair) not in work.free for pair in links])
+    blocked = np.array([link_key(*pair) not in problem.free for pair in links])
     new = np.flatnonzero(blocked)
     if not len(new):
         return [False] * len(links)
-    met = find_met(work, [links[k] for k in new.tolist()])
+    met = find_met(problem, [links[k] for k in new.tolist()])
     blocked[new] = met
     left = new[~met]
     if surely and len(left):
-        stops = work.room.look([Track(np.stack(links[k])) for k in left.tolist()])
+        stops = problem.free_space.look([Track(np.stack(links[k])) for k in left.tolist()])
         blocked[left] = [isinstance(stop, Hit) for stop in stops]
-        work.free.update(link_key(*links[k]) for k in left[~blocked[left]].tolist())
+        problem.free.update(link_key(*links[k]) for k in left[~blocked[left]].tolist())
     return [bool(stop) for stop in blocked]
 
 
 def find_met(
-    work: Work, links: Sequence[tuple[FloatArray, FloatArray]], few: bool = False
+    problem: TourProblem, links: Sequence[tuple[FloatArray, FloatArray]], few: bool = False
 ) -> BoolArray:
-    """Which motions of the joints collide at some places on the way, or lead the tip below ``Wish.floor``. few: at
-    every eighth place only.
+    """Which joint motions collide at a sample, or lead the TCP below ``SearchOptions.least_height``.
+
+    few: only every eighth sample is tested.
     """
     counts = [max(math.ceil(float(np.abs(b - a).max()) / _LOOK), 2) for a, b in links]
     rows = [
@@ -579,16 +639,20 @@ def find_met(
     owner = np.repeat(np.arange(len(links)), [len(own) for own in rows])
     flat = np.concatenate(rows)
     met = np.zeros(len(links), dtype=np.bool_)
-    if math.isfinite(work.wish.floor):
-        rotation, origin = flange(work.setup.robot, flat)
-        tip = origin + rotation @ np.asarray(work.setup.flange_from_tool.origin)
-        base = work.setup.base_from_work
-        met[owner[(tip - np.asarray(base.origin)) @ base.rotation[:, 2] < work.wish.floor]] = True
+    if math.isfinite(problem.options.least_height):
+        rotation, origin = flange(problem.setup.robot, flat)
+        tip = origin + rotation @ np.asarray(problem.setup.flange_from_tool.origin)
+        base = problem.setup.base_from_work
+        met[
+            owner[
+                (tip - np.asarray(base.origin)) @ base.rotation[:, 2] < problem.options.least_height
+            ]
+        ] = True
     # Every eighth place first: most motions that collide do so for long.
     step = np.concatenate([np.arange(len(own)) for own in rows])
     for some in (step % 8 == 4,) if few else (step % 8 == 4, step % 8 != 4):
         asked = np.flatnonzero(some & ~met[owner])
-        met[owner[asked[~work.setup.clear(flat[asked])]]] = True
+        met[owner[asked[~problem.setup.clear(flat[asked])]]] = True
     return met
 
 
@@ -598,38 +662,40 @@ def link_key(a: FloatArray, b: FloatArray) -> bytes:
     return b"link " + ends[0] + ends[1]
 
 
-def wall_between(work: Work, a: FloatArray, b: FloatArray, least: float) -> Wall:
+def make_blocked_link(
+    problem: TourProblem, a: FloatArray, b: FloatArray, least: float
+) -> BlockedLink:
     """What is known of a link that collides, with a way round it, which is looked for where a joint goes ``least`` rad
     or mm or more.
     """
     far = float(np.abs(b - a).max())
     near = max((_ALIKE if far < _LONG else _FAR_ALIKE) * far, SAME)
     if far < least:
-        return Wall(a, b, near, WALL)
+        return BlockedLink(a, b, near, FORBIDDEN)
     others = np.concatenate(
-        [work.ground.home[None], *(np.stack(way) for way in work.detours.values())]
+        [problem.cost_model.home[None], *(np.stack(way) for way in problem.detours.values())]
     )
     found = find_detour(
-        work.setup.robot,
-        work.ground.limits,
+        problem.setup.robot,
+        problem.cost_model.limits,
         (a, b),
         others,
-        work.setup.clear,
-        partial(find_blocked, work, surely=False),
+        problem.setup.clear,
+        partial(find_blocked, problem, surely=False),
     )
-    if found is None or any(find_blocked(work, list(pairwise([a, *found, b])))):
-        return Wall(a, b, near, WALL)
-    work.detours[a.tobytes() + b.tobytes()] = found
+    if found is None or any(find_blocked(problem, list(pairwise([a, *found, b])))):
+        return BlockedLink(a, b, near, FORBIDDEN)
+    problem.detours[a.tobytes() + b.tobytes()] = found
     places = np.stack([a, *found, b])
-    longer = work.ground.limits.seconds(
+    longer = problem.cost_model.limits.seconds(
         np.diff(places, axis=0), 0.0
-    ).sum() - work.ground.limits.seconds(b - a, 0.0)
-    return Wall(a, b, near, float(longer))
+    ).sum() - problem.cost_model.limits.seconds(b - a, 0.0)
+    return BlockedLink(a, b, near, float(longer))
 
 
-def detour_of(work: Work, a: FloatArray, b: FloatArray) -> tuple[FloatArray, ...] | None:
+def detour_of(problem: TourProblem, a: FloatArray, b: FloatArray) -> tuple[FloatArray, ...] | None:
     """The way round that was found for a link, None where none was."""
-    if a.tobytes() + b.tobytes() in work.detours:
-        return work.detours[a.tobytes() + b.tobytes()]
-    back = work.detours.get(b.tobytes() + a.tobytes())
+    if a.tobytes() + b.tobytes() in problem.detours:
+        return problem.detours[a.tobytes() + b.tobytes()]
+    back = problem.detours.get(b.tobytes() + a.tobytes())
     return None if back is None else back[::-1]

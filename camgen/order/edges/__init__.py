@@ -14,8 +14,8 @@ from camgen.motion.cell import home_of, room_of, setup_of
 from camgen.motion.edge_paths import edge_path, left_out, none_left
 from camgen.motion.limits import LinkSpeeds
 from camgen.motion.setup import Reached, Setup
-from camgen.order.edges.links import Along, Turn
-from camgen.order.edges.route import Route, Wish, route
+from camgen.order.edges.links import JointLink, PathLink
+from camgen.order.edges.route import Route, RouteCell, RouteOptions, route
 from camgen.order.tours import EdgeTour
 from camgen.plan import EdgePlan, Watch
 from camgen.robots.kinematics.forward import flange
@@ -36,21 +36,21 @@ def order_edges(plan: EdgePlan, job: Job, cell: Cell | None, watch: Watch) -> Ed
     home = home_of(cell.arm, cell, plan.where.scene)
     watch("linking")
     best, lifted = job.tour.method == "best", job.process.force > 0
-    room, process = room_of(plan.where, setup), job.process
+    place, process = RouteCell(setup, room_of(plan.where, setup), home), job.process
     free, share = (process.travel, 0.0) if process.travel else (cell.pace.fastest, cell.pace.most)
-    wish = Wish(
+    options = RouteOptions(
         LinkSpeeds(process.travel_speed, free, share, cell.pace.acceleration, lifted), best, lifted
     )
 
     def tell(far: str) -> None:
         watch(f"linking {far}")
 
-    made = route(setup, room, plan.motions, plan.edges, home, wish, tell)
+    made = route(place, plan.motions, plan.edges, options, tell)
     # What the margin asks for costs no edge: the motion that was preferred but for it may have a way to it.
     lost_ids = {one.id for one in made.dropped}
     others = [one.nearer if one.nearer and one.id in lost_ids else one for one in plan.motions]
     if any(one is not other for one, other in zip(others, plan.motions, strict=True)):
-        again = route(setup, room, others, plan.edges, home, wish, tell)
+        again = route(place, others, plan.edges, options, tell)
         made = again if len(again.legs) > len(made.legs) else made
     lost = [*plan.unreached, *made.dropped]
     if not made.legs:
@@ -92,9 +92,9 @@ def _note_freed(made: Route, noun: str) -> list[Note]:
 
 
 def _note_links(made: Route, noun: str) -> list[Note]:
-    kinds = [piece.kind for leg in made.legs for piece in leg.link if isinstance(piece, Along)]
+    kinds = [piece.kind for leg in made.legs for piece in leg.link if isinstance(piece, PathLink)]
     free = sum(
-        any(isinstance(p, Along) and p.kind == "approach" for p in leg.link) for leg in made.legs
+        any(isinstance(p, PathLink) and p.kind == "approach" for p in leg.link) for leg in made.legs
     )
     direct = len(made.legs) - free
     what = (
@@ -116,7 +116,7 @@ def _travel(made: Route, setup: Setup, home: FloatArray) -> float:
     pieces = [piece for leg in made.legs for piece in (*leg.link, leg.motion)] + [*made.back]
     here = home
     for piece in pieces:
-        if isinstance(piece, Turn):
+        if isinstance(piece, JointLink):
             rows += [here, piece.joints]
             here = piece.joints
         else:

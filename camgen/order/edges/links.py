@@ -7,7 +7,7 @@ retraction, free motion and approach. One retraction for each end makes them all
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
@@ -29,9 +29,14 @@ MANY = 150
 FREE, BY_HOME = -1, -2
 
 
-class Turn(Struct, frozen=True, eq=False):
-    """A motion of the joints to ``joints`` (J,), all of them evenly. free: it is in free space, not at the part. speed:
-    mm/s of the TCP, and share: of the joints' greatest speeds, 0 where the speed alone holds; both by ``paced``.
+class JointLink(Struct, frozen=True, eq=False):
+    """A joint motion.
+
+    joints: (J,) joint values of its target.
+    free: whether it is in free space, not at the part.
+    speed: speed of the TCP, mm/s, from ``paced``.
+    share: fraction of the maximum speeds of the joints, from ``paced``; 0 where ``speed`` alone
+        holds.
     """
 
     joints: FloatArray
@@ -40,8 +45,14 @@ class Turn(Struct, frozen=True, eq=False):
     share: float = 0.0
 
 
-class Along(Struct, frozen=True, eq=False):
-    """A motion of the TCP along ``way``, from its first row. joints: (N, J). speed: (N - 1,) mm/s of each segment."""
+class PathLink(Struct, frozen=True, eq=False):
+    """A motion of the TCP along a pose path.
+
+    way: pose path, from its first row.
+    joints: (N, J) joint values at its rows.
+    speed: (N - 1,) speed of each segment, mm/s.
+    kind: its part in a link.
+    """
 
     way: Way
     joints: FloatArray
@@ -49,14 +60,19 @@ class Along(Struct, frozen=True, eq=False):
     kind: Literal["retraction", "approach", "shared edge"]
 
 
-Piece = Turn | Along
+Piece = JointLink | PathLink
 
 
-class Ends(Struct, frozen=True, eq=False):
-    """The ends of n motions, 2 i the start of motion i, 2 i + 1 its end. joints: (2 n, J). safe: (2 n, J) where the
-    retraction of each leads. out: (2 n,) s it takes. free: (2 n, 2 n) s from safe to safe. direct: (2 n, 2 n) s of the
-    direct motions that are clear, else infinite. through: (n,) s along each motion with the process off. speed: mm/s
-    at the part.
+class MotionEnds(Struct, frozen=True, eq=False):
+    """The ends of n motions; 2 i is the start of motion i, 2 i + 1 its end.
+
+    joints: (2 n, J) joint values.
+    safe: (2 n, J) joint values at the end of each retraction.
+    out: (2 n,) time of each retraction, s.
+    free: (2 n, 2 n) time of the joint motion between two ends of retractions, s.
+    direct: (2 n, 2 n) time of the direct motion, s; inf for a motion that is not possible.
+    through: (n,) time along each motion with the process off, s.
+    speed: speed of the TCP at the part, mm/s.
     """
 
     joints: FloatArray
@@ -86,7 +102,7 @@ def distinct(vertices: FloatArray, near: float) -> BoolArray:
     return np.asarray(same)
 
 
-def along(ends: Ends) -> tuple[FloatArray, IntArray]:
+def along(ends: MotionEnds) -> tuple[FloatArray, IntArray]:
     """Seconds (2 n, 2 n) of the cheapest link at the part from each end to each other, and the next end on its way."""
     best = ends.direct.copy()
     at = np.arange(len(best))
@@ -102,7 +118,7 @@ def along(ends: Ends) -> tuple[FloatArray, IntArray]:
 
 
 def steps(
-    ends: Ends, at_part: tuple[FloatArray, IntArray], blocked: BoolArray, home: FloatArray
+    ends: MotionEnds, at_part: tuple[FloatArray, IntArray], blocked: BoolArray, home: FloatArray
 ) -> tuple[FloatArray, IntArray]:
     """Seconds (2 n, 2 n) of the cheapest link from each end to each other, and how it begins (2 n, 2 n): the next end
     on the way, ``FREE`` for retraction, free motion and approach, ``BY_HOME`` for the same by way of the home position.
@@ -118,35 +134,6 @@ def steps(
     return np.where(rfa, free, best), np.where(rfa, begins, first)
 
 
-def pieces(
-    a: int,
-    b: int,
-    ends: Ends,
-    first: IntArray,
-    motions: Sequence[Reached],
-    out: Sequence[Retraction],
-    home: FloatArray,
-) -> Iterator[Piece]:
-    """The link from end ``a`` to end ``b`` as it is run. home: (J,)."""
-    if first[a, b] < 0:
-        yield leaving(out[a])
-        if first[a, b] == BY_HOME:
-            yield from (Turn(joints) for joints in (*out[a].via, home, *out[b].via[::-1]))
-        yield Turn(ends.safe[b])
-        yield entering(out[b])
-        return
-    while a != b:
-        over = int(first[a, b])
-        if over == a ^ 1:
-            motion = motions[a // 2] if a % 2 == 0 else motions[a // 2].reversed()
-            yield Along(
-                motion.way, motion.joints, np.full(len(motion.way) - 1, ends.speed), "shared edge"
-            )
-        else:
-            yield Turn(ends.joints[over], free=False)
-        a = over
-
-
 def paced(
     setup: Setup, pieces: Sequence[Piece], here: FloatArray, speeds: LinkSpeeds
 ) -> tuple[Piece, ...]:
@@ -155,7 +142,7 @@ def paced(
     """
     found: list[Piece] = []
     for piece in pieces:
-        if isinstance(piece, Turn):
+        if isinstance(piece, JointLink):
             found.append(_pace_turn(setup, piece, here, speeds))
             here = piece.joints
         else:
@@ -164,19 +151,19 @@ def paced(
     return tuple(found)
 
 
-def _pace_turn(setup: Setup, turn: Turn, here: FloatArray, speeds: LinkSpeeds) -> Turn:
+def _pace_turn(setup: Setup, turn: JointLink, here: FloatArray, speeds: LinkSpeeds) -> JointLink:
     speed, share = turn_speed(setup, here, turn.joints, speeds) if turn.free else (speeds.part, 0.0)
     return replace(turn, speed=speed, share=share)
 
 
-def leaving(out: Retraction) -> Along:
+def leaving(out: Retraction) -> PathLink:
     """A retraction."""
-    return Along(out.way, out.joints, out.speed, "retraction")
+    return PathLink(out.way, out.joints, out.speed, "retraction")
 
 
-def entering(out: Retraction) -> Along:
+def entering(out: Retraction) -> PathLink:
     """The same as an approach."""
-    return Along(out.way.reversed(), out.joints[::-1], out.speed[::-1], "approach")
+    return PathLink(out.way.reversed(), out.joints[::-1], out.speed[::-1], "approach")
 
 
 def by_way_of(motion: Reached, end: int, other: Retraction, speed: float) -> Retraction:

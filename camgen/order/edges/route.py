@@ -6,7 +6,7 @@ Only motions in free space that the tour takes are tested: one that collides is 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import count, pairwise
 from typing import Literal
 
@@ -47,8 +47,21 @@ _TICK = 2.0**-30
 _REMEDY = "cell.safety or another place (camgen place) may help"
 
 
-class Wish(Struct, frozen=True):
-    """The wishes of a job for its links.
+class RouteCell(Struct, frozen=True, eq=False):
+    """The place in which a route is searched.
+
+    setup: the arm, and the collision test of joint values.
+    free_space: the safety level, and the collision test of motions.
+    home: (J,) joint values from which the route starts and to which it returns.
+    """
+
+    setup: Setup
+    free_space: Room
+    home: FloatArray
+
+
+class RouteOptions(Struct, frozen=True):
+    """The settings of a job for its links.
 
     speeds: speeds of the links.
     best: whether the shortest tour is searched for; else the nearest neighbour is next.
@@ -68,9 +81,14 @@ class Leg(Struct, frozen=True, eq=False):
 
 
 class Route(Struct, frozen=True, eq=False):
-    """legs in order; back: from the last to home. dropped: motions to which no free way leads. seconds: of all links at
-    the joints' and the travel's speed. nearest: the same of the paper's nearest neighbour. searched: of how many
-    motions the way home was searched for.
+    """A tour over processing motions with all its links.
+
+    legs: motions in order, each with the link to it.
+    back: link from the last motion to home.
+    dropped: motions to which no free motion leads.
+    seconds: time of all links at the speeds of joints and travel, s.
+    nearest: the same time of the nearest neighbour's order of the paper, s.
+    searched: number of motions whose motion home was found by a search.
     """
 
     legs: tuple[Leg, ...]
@@ -81,9 +99,12 @@ class Route(Struct, frozen=True, eq=False):
     searched: int = 0
 
 
-class _Known(Struct, eq=False):
-    """What has been found out about free motions, filled in as tours need them: (2 n + 1, 2 n + 1) from end to end, the
-    last one home, those that collide and those that do not, and of these the ones that come nearer than the margin.
+class _TestedLinks(Struct, eq=False):
+    """The results of all collision tests so far, (2 n + 1, 2 n + 1) from end to end, home last.
+
+    blocked: whether the motion collides.
+    clear: whether it is tested and does not collide.
+    near: whether it is clear and comes nearer than the margin.
     """
 
     blocked: BoolArray
@@ -91,21 +112,35 @@ class _Known(Struct, eq=False):
     near: BoolArray
 
 
-class _Work(Struct, frozen=True, eq=False):
-    """n motions that can be left at both ends. at_part: as of ``links.along``."""
+class _RouteProblem(Struct, frozen=True, eq=False):
+    """All that the search of a route knows.
 
-    room: Room
+    cell: the place.
+    motions: n motions that can be left at both ends.
+    out: (2 n) retraction of each end.
+    ends: joint values and link times of the ends.
+    at_part: result of ``links.along``.
+    to_home: (2 n,) time from free space to home, s.
+    tested: results of the collision tests, which grow.
+    """
+
+    cell: RouteCell
     motions: tuple[Reached, ...]
     out: tuple[Retraction, ...]
-    ends: links.Ends
+    ends: links.MotionEnds
     at_part: tuple[FloatArray, IntArray]
-    home: FloatArray
     to_home: FloatArray
-    known: _Known
+    tested: _TestedLinks
 
 
-class _Found(Struct, frozen=True, eq=False):
-    """An order, how each link in it begins, its seconds and those of the nearest neighbour's order."""
+class _TourCandidate(Struct, frozen=True, eq=False):
+    """A tour before its links are known to be clear.
+
+    order: order and directions of the motions.
+    first: how each link begins, result of ``links.steps``.
+    seconds: time of its links, s.
+    nearest: the same time of the nearest neighbour's order, s.
+    """
 
     order: matrix.Order
     first: IntArray
@@ -118,59 +153,64 @@ def _ignore(_: str) -> None:
 
 
 def route(
-    setup: Setup,
-    room: Room,
+    cell: RouteCell,
     motions: Sequence[Reached],
     edges: Sequence[Line],
-    home: FloatArray,
-    wish: Wish,
+    options: RouteOptions,
     tell: Callable[[str], None] = _ignore,
 ) -> Route:
-    """The tour over ``motions`` along ``edges`` (one each), from ``home`` (J,). tell: is told how far the search is.
+    """The tour over ``motions`` along ``edges``, one each, from and back to home.
 
-    It ends after ``_ROUNDS`` and ``_PASSES`` times ``_AGAIN`` tours, and a few.
+    tell: callback that gets the progress of the search.
+
+    The search ends after at most ``_ROUNDS`` and ``_PASSES`` times ``_AGAIN`` tours, and a few.
     """
     by_id = {edge.id: edge for edge in edges}
-    detours = _Detours(setup, room, home)
-    left, outs, dropped = _left(detours, motions, wish.speeds)
+    detours = _Detours(cell)
+    left, outs, dropped = _left(detours, motions, options.speeds)
     if not left:
         return Route((), (), tuple(dropped), 0.0, 0.0)
-    work = _work(setup, room, left, outs, [by_id[motion.id] for motion in left], home, wish)
+    problem = _make_problem(cell, left, outs, [by_id[motion.id] for motion in left], options)
     for attempt in count():
-        found = _order(work, wish.best, _AGAIN if attempt else _ROUNDS, tell)
-        lost = _find_lost(work, found, attempt >= _PASSES)
+        candidate = _order(problem, options.best, _AGAIN if attempt else _ROUNDS, tell)
+        lost = _find_lost(problem, candidate, attempt >= _PASSES)
         if not lost:
-            legs, back = _pace(setup, *_legs(work, found), home, wish.speeds)
+            legs, back = _pace(cell, *_legs(problem, candidate), options.speeds)
             return Route(
-                legs, back, tuple(dropped), found.seconds, found.nearest, _count_searched(work)
+                legs,
+                back,
+                tuple(dropped),
+                candidate.seconds,
+                candidate.nearest,
+                _count_searched(problem),
             )
-        if turned := _find_one_sided(work, lost):
-            work = _turn_back(work, turned, wish.speeds.part)
+        if turned := _find_one_sided(problem, lost):
+            problem = _turn_back(problem, turned, options.speeds.part)
             continue
-        tell(f"{counted(len(work.motions), 'edge')}, ways round what stands between")
-        if opened := {
-            k: way for k in sorted(lost) if (way := _search_home(detours, work, k)) is not None
-        }:
-            work = _open(work, opened, setup.robot, wish.speeds)
+        tell(f"{counted(len(problem.motions), 'edge')}, ways round what stands between")
+        opened = _search_homes(detours, problem, lost)
+        if opened:
+            problem = _open(problem, opened, options.speeds)
             continue
-        names = [work.motions[k].id for k in sorted(lost)]
+        names = [problem.motions[k].id for k in sorted(lost)]
         dropped += [
             Unreached(name, "collision", "no free motion leads to it", _REMEDY) for name in names
         ]
-        if len(lost) == len(work.motions):
+        if len(lost) == len(problem.motions):
             return Route((), (), tuple(dropped), 0.0, 0.0)
-        work = _without(work, lost)
+        problem = _without(problem, lost)
     raise AssertionError("every attempt leaves at least one motion out")
 
 
 class _Detours(Struct, eq=False):
-    """Ways home that are searched for. fruitless: how many searches in all have found none. done: the ids of motions
-    whose ends were asked for.
+    """The search for detours to home.
+
+    cell: the place.
+    fruitless: number of searches that found no detour.
+    done: ids of the motions from whose ends a detour was searched.
     """
 
-    setup: Setup
-    room: Room
-    home: FloatArray
+    cell: RouteCell
     fruitless: int = 0
     done: set[str] = field(default_factory=set)
 
@@ -178,7 +218,7 @@ class _Detours(Struct, eq=False):
         """By way of which joint values (K, J) the joints go home from ``joints`` (J,); None where no way is found."""
         if self.fruitless >= _FRUITLESS:
             return None
-        way = find_detour(self.setup, self.room, joints, self.home)
+        way = find_detour(self.cell.setup, self.cell.free_space, joints, self.cell.home)
         self.fruitless += way is None
         return None if way is None else way[1:-1]
 
@@ -191,7 +231,7 @@ def _left(
     outs: list[Retraction] = []
     dropped: list[Unreached] = []
     ends = [end for motion in motions for end in _ends(motion)]
-    found = retractions(detours.setup, detours.room, ends, speeds)
+    found = retractions(detours.cell.setup, detours.cell.free_space, ends, speeds)
     for motion, *both in zip(motions, found[::2], found[1::2], strict=True):
         texts = [one for one in both if isinstance(one, str)]
         pair = both
@@ -221,7 +261,7 @@ def _search_out(
     detours: _Detours, end: tuple[Way, FloatArray], speeds: LinkSpeeds
 ) -> Retraction | None:
     """A way out of one end and home that is no way of RFA's: back a little, and from there as a search finds it."""
-    out = shorter(detours.setup, detours.room, *end, speeds)
+    out = shorter(detours.cell.setup, detours.cell.free_space, *end, speeds)
     via = None if out is None else detours.lead_home(out.joints[-1])
     return None if out is None or via is None else replace(out, via=via)
 
@@ -230,41 +270,43 @@ def _row(way: Way, k: int) -> Way:
     return Way(way.position[[k]], np.full((1, 3), np.nan), way.rotation[[k]])
 
 
-def _work(
-    setup: Setup,
-    room: Room,
+def _make_problem(
+    cell: RouteCell,
     motions: Sequence[Reached],
     outs: Sequence[Retraction],
     edges: Sequence[Line],
-    home: FloatArray,
-    wish: Wish,
-) -> _Work:
-    speed = wish.speeds.part
+    options: RouteOptions,
+) -> _RouteProblem:
+    """The problem with the times of all links, the direct ones tested."""
+    robot, home = cell.setup.robot, cell.home
+    speed = options.speeds.part
     joints = np.concatenate([motion.joints[[0, -1]] for motion in motions])
     safe = np.stack([out.joints[-1] for out in outs])
     out = np.array([out.seconds for out in outs])
     through = np.array([motion.way.length.sum() for motion in motions]) / speed
-    free = links.seconds(setup.robot, safe[:, None], safe[None], wish.speeds.free)
+    free = links.seconds(robot, safe[:, None], safe[None], options.speeds.free)
     vertices = np.concatenate(
         [_vertices(motion, edge) for motion, edge in zip(motions, edges, strict=True)]
     )
-    direct = links.seconds(setup.robot, joints[:, None], joints[None], speed)
-    direct[wish.lifted | ~links.distinct(vertices, _VERTEX)] = math.inf
+    direct = links.seconds(robot, joints[:, None], joints[None], speed)
+    direct[options.lifted | ~links.distinct(vertices, _VERTEX)] = math.inf
     direct[direct >= free + out[:, None] + out[None]] = math.inf
     near = np.argwhere(np.triu(np.isfinite(direct)))
     for (a, b), seen in zip(
-        near.tolist(), _look(room, [joints[pair] for pair in near]), strict=True
+        near.tolist(), _look(cell.free_space, [joints[pair] for pair in near]), strict=True
     ):
         if seen != "clear":
             direct[a, b] = direct[b, a] = math.inf if seen == "blocked" else direct[a, b] + _NEAR
-    ends = links.Ends(joints, safe, out, free, direct, through, speed)
-    to_home = links.seconds(setup.robot, safe, home[None], wish.speeds.free)
+    ends = links.MotionEnds(joints, safe, out, free, direct, through, speed)
+    to_home = links.seconds(robot, safe, home[None], options.speeds.free)
     size = (len(joints) + 1,) * 2
-    known = _Known(*(np.zeros(size, dtype=bool) for _ in range(3)))
+    tested = _TestedLinks(*(np.zeros(size, dtype=bool) for _ in range(3)))
     for end in (k for k, one in enumerate(outs) if len(one.via)):
-        to_home[end] = _time_home(setup.robot, outs[end], home, wish.speeds)
-        known.clear[end, -1] = known.clear[-1, end] = True
-    return _Work(room, tuple(motions), tuple(outs), ends, links.along(ends), home, to_home, known)
+        to_home[end] = _time_home(robot, outs[end], home, options.speeds)
+        tested.clear[end, -1] = tested.clear[-1, end] = True
+    return _RouteProblem(
+        cell, tuple(motions), tuple(outs), ends, links.along(ends), to_home, tested
+    )
 
 
 def _look(room: Room, several: Sequence[FloatArray]) -> list[Literal["blocked", "near", "clear"]]:
@@ -281,24 +323,27 @@ def _look(room: Room, several: Sequence[FloatArray]) -> list[Literal["blocked", 
     return found
 
 
-def _without(work: _Work, lost: set[int]) -> _Work:
+def _without(problem: _RouteProblem, lost: set[int]) -> _RouteProblem:
     """The others alone, with all that is known of them."""
-    kept = [k for k in range(len(work.motions)) if k not in lost]
+    kept = [k for k in range(len(problem.motions)) if k not in lost]
     at = np.array([2 * k + end for k in kept for end in (0, 1)])
-    ends, square, all_of = work.ends, np.ix_(at, at), np.ix_([*at, -1], [*at, -1])
+    ends, square, all_of = problem.ends, np.ix_(at, at), np.ix_([*at, -1], [*at, -1])
     places = ends.joints[at], ends.safe[at], ends.out[at]
-    ends = links.Ends(
+    ends = links.MotionEnds(
         *places, ends.free[square], ends.direct[square], ends.through[kept], ends.speed
     )
-    return _Work(
-        room=work.room,
-        motions=tuple(work.motions[k] for k in kept),
-        out=tuple(work.out[k] for k in at),
+    return _RouteProblem(
+        cell=problem.cell,
+        motions=tuple(problem.motions[k] for k in kept),
+        out=tuple(problem.out[k] for k in at),
         ends=ends,
         at_part=links.along(ends),
-        home=work.home,
-        to_home=work.to_home[at],
-        known=_Known(work.known.blocked[all_of], work.known.clear[all_of], work.known.near[all_of]),
+        to_home=problem.to_home[at],
+        tested=_TestedLinks(
+            problem.tested.blocked[all_of],
+            problem.tested.clear[all_of],
+            problem.tested.near[all_of],
+        ),
     )
 
 
@@ -309,30 +354,32 @@ def _vertices(motion: Reached, edge: Line) -> FloatArray:
     return np.asarray(ends)
 
 
-def _order(work: _Work, best: bool, rounds: int, tell: Callable[[str], None]) -> _Found:
+def _order(
+    problem: _RouteProblem, best: bool, rounds: int, tell: Callable[[str], None]
+) -> _TourCandidate:
     """The tour, all its links tested unless they are infinite. After so many rounds what is known to be clear alone is
     taken.
     """
     effort, surely = _QUICK, False
     order: matrix.Order | None = None
     for attempt in count():
-        tell(f"{counted(len(work.motions), 'edge')}, tour {attempt + 1}")
+        tell(f"{counted(len(problem.motions), 'edge')}, tour {attempt + 1}")
         if attempt == rounds:
             surely = True
-            _test_home(work)
-        between, first, home = _steps(work, surely)
-        ends = _in_ticks(home + work.ends.out).reshape(-1, 2)
-        between = _in_ticks(between).reshape(len(work.motions), 2, -1, 2)
+            _test_home(problem)
+        between, first, home = _steps(problem, surely)
+        ends = _in_ticks(home + problem.ends.out).reshape(-1, 2)
+        between = _in_ticks(between).reshape(len(problem.motions), 2, -1, 2)
         table = matrix.Table(between, ends, ends)
         near = matrix.nearest(table)
         # A large tour goes on from the last one, of which little has changed.
-        start = order if len(work.motions) > links.MANY else None
+        start = order if len(problem.motions) > links.MANY else None
         order = matrix.shortest(table, effort=effort, start=start) if best else near
         costs = [matrix.total(table, *one) for one in (order, near)]
-        if not surely and _collides(work, order, first):
+        if not surely and _collides(problem, order, first):
             continue
         if effort == _FULL:
-            return _Found(order, first, *(_bare(cost) for cost in costs))
+            return _TourCandidate(order, first, *(_bare(cost) for cost in costs))
         effort = _FULL
     raise AssertionError("every round tests at least one motion more")
 
@@ -342,15 +389,15 @@ def _bare(seconds: float) -> float:
     return math.fmod(seconds, _NEAR) if math.isfinite(seconds) else seconds
 
 
-def _steps(work: _Work, surely: bool) -> tuple[FloatArray, IntArray, FloatArray]:
+def _steps(problem: _RouteProblem, surely: bool) -> tuple[FloatArray, IntArray, FloatArray]:
     """What ``links.steps`` says of the links, and s home (2 n,), infinite where that collides; with more for those that
     come near. surely: whatever has not been tested is taken to collide.
     """
-    known = work.known
-    blocked, more = ~known.clear if surely else known.blocked, _NEAR * known.near
-    home = np.where(blocked[:-1, -1], math.inf, work.to_home + more[:-1, -1])
-    ends = replace(work.ends, free=work.ends.free + more[:-1, :-1])
-    return *links.steps(ends, work.at_part, blocked[:-1, :-1], home), home
+    tested = problem.tested
+    blocked, more = ~tested.clear if surely else tested.blocked, _NEAR * tested.near
+    home = np.where(blocked[:-1, -1], math.inf, problem.to_home + more[:-1, -1])
+    ends = replace(problem.ends, free=problem.ends.free + more[:-1, :-1])
+    return *links.steps(ends, problem.at_part, blocked[:-1, :-1], home), home
 
 
 def _in_ticks(seconds: FloatArray) -> FloatArray:
@@ -360,7 +407,7 @@ def _in_ticks(seconds: FloatArray) -> FloatArray:
     return np.asarray(np.rint(seconds / _TICK) * _TICK)
 
 
-def _collides(work: _Work, order: matrix.Order, first: IntArray) -> bool:
+def _collides(problem: _RouteProblem, order: matrix.Order, first: IntArray) -> bool:
     """Test the free motions of the tour that are not known yet. Does one collide?"""
     states = _states(order)
     pairs = {(states[0][0], -1), (states[-1][1], -1)}
@@ -369,36 +416,39 @@ def _collides(work: _Work, order: matrix.Order, first: IntArray) -> bool:
             pairs.add((max(a, b), min(a, b)))
         elif first[a, b] == links.BY_HOME:
             pairs |= {(a, -1), (b, -1)}
-    return _test(work, pairs)
+    return _test(problem, pairs)
 
 
-def _test(work: _Work, pairs: set[tuple[int, int]]) -> bool:
+def _test(problem: _RouteProblem, pairs: set[tuple[int, int]]) -> bool:
     """Test the free motions ``pairs`` of ends, -1 for home, that are not known yet. Does one collide or come near?"""
-    known, safe = work.known, work.ends.safe
-    new = [pair for pair in sorted(pairs) if not (known.clear[pair] or known.blocked[pair])]
-    seen = _look(work.room, [np.stack([safe[a], work.home if b < 0 else safe[b]]) for a, b in new])
+    tested, safe = problem.tested, problem.ends.safe
+    new = [pair for pair in sorted(pairs) if not (tested.clear[pair] or tested.blocked[pair])]
+    seen = _look(
+        problem.cell.free_space,
+        [np.stack([safe[a], problem.cell.home if b < 0 else safe[b]]) for a, b in new],
+    )
     for (a, b), what in zip(new, seen, strict=True):
-        table = known.blocked if what == "blocked" else known.clear
+        table = tested.blocked if what == "blocked" else tested.clear
         table[a, b] = table[b, a] = True
-        known.near[a, b] = known.near[b, a] = what == "near"
+        tested.near[a, b] = tested.near[b, a] = what == "near"
     return any(what != "clear" for what in seen)
 
 
-def _test_home(work: _Work) -> None:
+def _test_home(problem: _RouteProblem) -> None:
     """Test all ways home that are not known yet."""
-    _test(work, {(end, -1) for end in range(len(work.to_home))})
+    _test(problem, {(end, -1) for end in range(len(problem.to_home))})
 
 
-def _find_lost(work: _Work, found: _Found, strictly: bool) -> set[int]:
+def _find_lost(problem: _RouteProblem, candidate: _TourCandidate, strictly: bool) -> set[int]:
     """The motions to which the tour has no finite link; not those behind one of them, to which another may lead.
     strictly: and those from whose ends the way home is not known to be clear.
     """
-    if math.isfinite(found.seconds):
+    if math.isfinite(candidate.seconds):
         return set()
     if strictly:
-        _test_home(work)
-    states = _states(found.order)
-    between, _, home = _steps(work, surely=True)
+        _test_home(problem)
+    states = _states(candidate.order)
+    between, _, home = _steps(problem, surely=True)
     away = np.isinf(home)
     lost = {states[0][0] // 2} if away[states[0][0]] else set()
     lost |= {states[-1][1] // 2} if away[states[-1][1]] else set()
@@ -415,70 +465,77 @@ def _time_home(robot: Robot, out: Retraction, home: FloatArray, speeds: LinkSpee
     return float(links.seconds(robot, way[:-1], way[1:], speeds.free).sum())
 
 
-def _search_home(detours: _Detours, work: _Work, motion: int) -> tuple[int, FloatArray] | None:
-    """One of the ends of a motion and the way home that a search finds from there, by joint values (K, J). It is done
-    once.
-    """
-    name = work.motions[motion].id
-    if name in detours.done:
-        return None
-    detours.done.add(name)
-    found = ((end, detours.lead_home(work.ends.safe[end])) for end in (2 * motion, 2 * motion + 1))
-    return next(((end, via) for end, via in found if via is not None and len(via)), None)
+def _search_homes(
+    detours: _Detours, problem: _RouteProblem, lost: Iterable[int]
+) -> dict[int, FloatArray]:
+    """Detours to home for the motions ``lost``: by an end of each, the joint values (K, J)."""
+    opened = {}
+    for motion in sorted(lost):
+        name = problem.motions[motion].id
+        if name in detours.done:
+            continue
+        detours.done.add(name)
+        for end in (2 * motion, 2 * motion + 1):
+            via = detours.lead_home(problem.ends.safe[end])
+            if via is not None and len(via):
+                opened[end] = via
+                break
+    return opened
 
 
 def _open(
-    work: _Work, opened: Mapping[int, tuple[int, FloatArray]], robot: Robot, speeds: LinkSpeeds
-) -> _Work:
+    problem: _RouteProblem, opened: Mapping[int, FloatArray], speeds: LinkSpeeds
+) -> _RouteProblem:
     """With the ways home that were found from ends of motions."""
-    out, to_home, known = list(work.out), work.to_home.copy(), work.known
-    for end, via in opened.values():
+    out, to_home, tested = list(problem.out), problem.to_home.copy(), problem.tested
+    for end, via in opened.items():
         out[end] = replace(out[end], via=via)
-        to_home[end] = _time_home(robot, out[end], work.home, speeds)
-        known.clear[end, -1] = known.clear[-1, end] = True
-        known.blocked[end, -1] = known.blocked[-1, end] = False
-        known.near[end, -1] = known.near[-1, end] = False
-    return replace(work, out=tuple(out), to_home=to_home)
+        to_home[end] = _time_home(problem.cell.setup.robot, out[end], problem.cell.home, speeds)
+        tested.clear[end, -1] = tested.clear[-1, end] = True
+        tested.blocked[end, -1] = tested.blocked[-1, end] = False
+        tested.near[end, -1] = tested.near[-1, end] = False
+    return replace(problem, out=tuple(out), to_home=to_home)
 
 
-def _count_searched(work: _Work) -> int:
+def _count_searched(problem: _RouteProblem) -> int:
     """The motions with a way home that was searched for."""
     return sum(
-        any(len(one.via) for one in work.out[2 * k : 2 * k + 2]) for k in range(len(work.motions))
+        any(len(one.via) for one in problem.out[2 * k : 2 * k + 2])
+        for k in range(len(problem.motions))
     )
 
 
-def _find_one_sided(work: _Work, motions: Iterable[int]) -> list[int]:
+def _find_one_sided(problem: _RouteProblem, motions: Iterable[int]) -> list[int]:
     """The ends of some motions from which the way home collides while that from the other end does not."""
-    _test_home(work)
-    away = ~work.known.clear[:-1, -1]
+    _test_home(problem)
+    away = ~problem.tested.clear[:-1, -1]
     ends = (end for k in sorted(motions) for end in (2 * k, 2 * k + 1))
     return [end for end in ends if away[end] and not away[end ^ 1]]
 
 
-def _turn_back(work: _Work, turned: Sequence[int], speed: float) -> _Work:
+def _turn_back(problem: _RouteProblem, turned: Sequence[int], speed: float) -> _RouteProblem:
     """Out of each of the ends ``turned`` the way leads back along its motion and then as from the other end."""
-    ends, known, out = work.ends, work.known, list(work.out)
+    ends, tested, out = problem.ends, problem.tested, list(problem.out)
     here, there = np.array(turned), np.array(turned) ^ 1
     for end in turned:
-        out[end] = links.by_way_of(work.motions[end // 2], end % 2, out[end ^ 1], speed)
+        out[end] = links.by_way_of(problem.motions[end // 2], end % 2, out[end ^ 1], speed)
     safe, seconds, free, to_home = (
         ends.safe.copy(),
         ends.out.copy(),
         ends.free.copy(),
-        work.to_home.copy(),
+        problem.to_home.copy(),
     )
     safe[here], to_home[here] = safe[there], to_home[there]
     seconds[here] = [out[end].seconds for end in turned]
-    for table in (free, known.blocked, known.clear, known.near):
+    for table in (free, tested.blocked, tested.clear, tested.near):
         table[here], table[:, here] = table[there], table[:, there]
         table[here[:, None], here] = table[there[:, None], there]
     return replace(
-        work,
+        problem,
         out=tuple(out),
         ends=replace(ends, safe=safe, out=seconds, free=free),
         to_home=to_home,
-        known=known,
+        tested=tested,
     )
 
 
@@ -488,39 +545,55 @@ def _states(order: matrix.Order) -> list[tuple[int, int]]:
 
 
 def _pace(
-    setup: Setup,
-    legs: Sequence[Leg],
-    back: tuple[links.Piece, ...],
-    home: FloatArray,
-    speeds: LinkSpeeds,
+    cell: RouteCell, legs: Sequence[Leg], back: tuple[links.Piece, ...], speeds: LinkSpeeds
 ) -> tuple[tuple[Leg, ...], tuple[links.Piece, ...]]:
-    """The legs and the way back with the speeds of their links."""
-    here, found = home, []
+    """The legs and the link to home with the speeds of their links."""
+    start, paced = cell.home, []
     for leg in legs:
-        found.append(replace(leg, link=links.paced(setup, leg.link, here, speeds)))
-        here = leg.motion.joints[-1]
-    return tuple(found), links.paced(setup, back, here, speeds)
+        paced.append(replace(leg, link=links.paced(cell.setup, leg.link, start, speeds)))
+        start = leg.motion.joints[-1]
+    return tuple(paced), links.paced(cell.setup, back, start, speeds)
 
 
-def _legs(work: _Work, found: _Found) -> tuple[tuple[Leg, ...], tuple[links.Piece, ...]]:
+def _legs(
+    problem: _RouteProblem, candidate: _TourCandidate
+) -> tuple[tuple[Leg, ...], tuple[links.Piece, ...]]:
+    """The motions with their links, and the link to home."""
     legs = []
     before = -1
-    for (enter, leave), item, back in zip(_states(found.order), *found.order, strict=True):
+    for (enter, leave), item, back in zip(_states(candidate.order), *candidate.order, strict=True):
         if before < 0:
-            out = work.out[enter]
-            turns = [links.Turn(joints) for joints in (*out.via[::-1], work.ends.safe[enter])]
-            link: tuple[links.Piece, ...] = (*turns, links.entering(out))
+            out = problem.out[enter]
+            rows = (*out.via[::-1], problem.ends.safe[enter])
+            link: list[links.Piece] = [*map(links.JointLink, rows), links.entering(out)]
         else:
-            link = tuple(
-                links.pieces(
-                    before, enter, work.ends, found.first, work.motions, work.out, work.home
-                )
-            )
-        motion = work.motions[item]
-        legs.append(Leg(link, motion.reversed() if back else motion))
+            link = list(_link(problem, candidate.first, before, enter))
+        motion = problem.motions[item]
+        legs.append(Leg(tuple(link), motion.reversed() if back else motion))
         before = leave
-    out = work.out[before]
-    return tuple(legs), (
-        links.leaving(out),
-        *(links.Turn(joints) for joints in (*out.via, work.home)),
-    )
+    out = problem.out[before]
+    rows = (*out.via, problem.cell.home)
+    return tuple(legs), (links.leaving(out), *map(links.JointLink, rows))
+
+
+def _link(problem: _RouteProblem, first: IntArray, a: int, b: int) -> Iterator[links.Piece]:
+    """The motions of the link from end ``a`` to end ``b``. first: result of ``links.steps``."""
+    ends, out = problem.ends, problem.out
+    if first[a, b] < 0:
+        yield links.leaving(out[a])
+        if first[a, b] == links.BY_HOME:
+            rows = (*out[a].via, problem.cell.home, *out[b].via[::-1])
+            yield from map(links.JointLink, rows)
+        yield links.JointLink(ends.safe[b])
+        yield links.entering(out[b])
+        return
+    while a != b:
+        next_end = int(first[a, b])
+        if next_end == a ^ 1:
+            motion = problem.motions[a // 2]
+            motion = motion if a % 2 == 0 else motion.reversed()
+            speed = np.full(len(motion.way) - 1, ends.speed)
+            yield links.PathLink(motion.way, motion.joints, speed, "shared edge")
+        else:
+            yield links.JointLink(ends.joints[next_end], free=False)
+        a = next_end
