@@ -14,8 +14,8 @@ import pytest
 
 import camgen
 from camgen.lower import lower
-from camgen.model.program_text import dump, parse
 from camgen.pipeline import Result
+from fixtures.program_text import dump, parse
 
 FIXTURES = Path(__file__).parents[1] / "fixtures"
 CASES = sorted(p for p in (FIXTURES / "cases").iterdir() if p.is_dir())

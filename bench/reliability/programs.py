@@ -12,10 +12,10 @@ from msgspec.structs import replace
 from camgen.model.errors import VerifyError
 from camgen.model.pose import Pose
 from camgen.model.program import Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Program
-from camgen.model.program_text import parse
 from camgen.post import Post, Readback
 from camgen.post.plugins import fill_tables, find_post, find_readback, make_post
 from camgen.post.verify import compare
+from fixtures.program_text import parse
 
 _FIXTURES = Path(__file__).parents[2] / "fixtures"
 #: What replaces an arc may deviate, mm; few chords keep V+ short.

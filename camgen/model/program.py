@@ -565,7 +565,7 @@ def put_off_first(body: Sequence[Instruction]) -> Sequence[Instruction]:
     return join(pack(off), body) if isinstance(body, Body) else (*off, *body)
 
 
-# The typed program between planning and posts: few instructions, checked once, with a text form (``program_text``).
+# The typed program between planning and posts: few instructions, checked once.
 
 
 class Program(Struct, frozen=True, eq=False, dict=True):

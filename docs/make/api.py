@@ -29,7 +29,6 @@ SECTIONS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
         "camgen.model.instructions",
         ("Origin", "MoveJ", "MoveL", "MoveC", "Output", "Wait", "Force", "Comment", "Joints"),
     ),
-    ("Its text form", "camgen.model.program_text", ("dump", "parse")),
     ("Poses", "camgen.model.pose", ("Pose", "pose_from_values")),
     ("Cells", "camgen.robots.workcell", ("Workcell",)),
     ("Checks", "camgen.check", ("Checks",)),

@@ -13,10 +13,10 @@ from camgen.check.time import time_motions
 from camgen.model.cell import Dynamics
 from camgen.model.pose import TOOL_DOWN, Pose, translation
 from camgen.model.program import Joints, MoveJ, MoveL, Program
-from camgen.model.program_text import dump, parse
 from camgen.robots.catalogue import robot
 from camgen.robots.kinematics.forward import jacobian
 from camgen.robots.models import Robot
+from fixtures.program_text import dump, parse
 
 ARM = robot("VS-060")
 HOME = Joints(tuple(math.radians(v) for v in (0.0, 0.0, 90.0, 0.0, 30.0, 0.0)))

@@ -21,9 +21,9 @@ from camgen.cli.motion_file import decode, encode
 from camgen.model.errors import CamgenError, JobError
 from camgen.model.pose import TOOL_DOWN, Pose, rotation_from_fixed_xyz, translation
 from camgen.model.program import Comment, Force, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
-from camgen.model.program_text import dump
 from camgen.order import search
 from camgen.order.solver import speed
+from fixtures.program_text import dump
 
 PLATE = (
     "0\nSECTION\n2\nENTITIES\n"

@@ -24,9 +24,9 @@ from camgen.model.pose import (
     translation,
 )
 from camgen.model.program import Comment, Force, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
-from camgen.model.program_text import dump
 from camgen.post.passes import corner_blend
 from camgen.robots.workcell import equip
+from fixtures.program_text import dump
 
 ROBOT = Cell(
     "arm", translation(100, 0, 0), translation(0, 0, 0), Joints((0.0, 0.1, 0.2, 0.0, 0.3, 0.0))

@@ -25,7 +25,7 @@ from camgen.model.program import (
     motions,
     put_off_first,
 )
-from camgen.model.program_text import dump, parse
+from fixtures.program_text import dump, parse
 from tests.support.whole import whole
 
 PROGRAMS = sorted((Path(__file__).parents[2] / "fixtures" / "programs").glob("*.ir"))

@@ -16,11 +16,11 @@ from camgen.model.job import Choice as Row
 from camgen.model.job import OperationTable, ProcessTable, Step, ToolTable
 from camgen.model.pose import Pose, Vec3
 from camgen.model.program import MoveC, MoveJ, MoveL, Output, ToolChange
-from camgen.model.program_text import dump, parse
 from camgen.order import JobTour
 from camgen.pipeline.stock import why_unproven
 from camgen.plan.steps import arrange
 from camgen.post.plugins import find_readback
+from fixtures.program_text import dump, parse
 from tests.support.rs274 import needs_rs274, run
 
 BRACKET = Path(__file__).parents[2] / "fixtures" / "parts" / "bracket.dxf"
