@@ -64,8 +64,8 @@ def around(
     tip: float = 0.0,
     beside: FloatArray | None = None,
 ) -> Surroundings:
-    """The scene of ``cell`` with its arm and mesh fixtures, the tool, holder and other fixtures of ``job`` and the part
-    ``solid``. tip: mm that the tool's tip may enter the part beside what its
+    """The scene of ``cell`` with its arm and mesh fixtures, the tool, holder and boxes of ``job``
+    and the part ``solid``. tip: mm that the tool's tip may enter the part beside what its
     leaning asks for: by so much the rims that it works bend into it. beside: (N, 3), work frame, what is worked on
     beside the part: the box that is left upwards holds it too.
 

@@ -276,7 +276,7 @@ class _RunDraft(Struct, frozen=True, eq=False):
     rapid: type[MoveJ | MoveL]
 
     def enter(self) -> None:
-        """From the end of each run to the start of the next, above which a spindle is switched on."""
+        """From the end of each run to the start of the next. A process that starts in the air is on."""
         rows, process, first = self.rows, self.job.process, self.rows.first
         contact, speed = rows.position[first], process.travel_speed
         apart = ~_same(rows.position[np.roll(rows.last, 1)], contact)
@@ -443,7 +443,8 @@ def _open_draft(
 ) -> _RunDraft:
     """The columns of `runs`, with a place for each row behind the contents of `draft`.
 
-    before: number of paths before those of `tour`. Raises JobError if no contour can be followed.
+    before: number of paths before those of `tour`. Raises JobError if the tool turns with the
+    contour and a path has no surface beside it.
     """
     follow = job.tool.orient == "follow"
     depths = [run.depth for run in runs]

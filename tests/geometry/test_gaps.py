@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from camgen.geometry.intersect import gaps
+from camgen.geometry.intersect import gaps, nearest_distances
 from camgen.geometry.segments import Segments, make, points_at
 from camgen.model.pose import FloatArray
 
@@ -51,3 +51,11 @@ def test_arcs_about_one_centre_are_apart_by_their_radii() -> None:
     assert gaps(inner, outer, 10.0) == pytest.approx([2.0])
     away = one((-5, 0), (0, -5), np.tan(np.pi / 8))
     assert gaps(inner, away, 10.0) == pytest.approx([np.hypot(5, 3)])
+
+
+def test_the_nearest_of_several_segments_counts_within_reach() -> None:
+    # A line along y = 0 and a half circle about (20, 0) with the radius 5, above it.
+    start, end = np.array([[0.0, 0.0], [25.0, 0.0]]), np.array([[10.0, 0.0], [15.0, 0.0]])
+    segments = make(start, end, np.array([0.0, 1.0]), np.array([0, 1]))
+    points = np.array([[4.0, 3.0], [20.0, 8.0], [13.0, 0.0], [4.0, 30.0]])
+    assert nearest_distances(points, segments, 10.0) == pytest.approx([3.0, 3.0, 2.0, np.inf])

@@ -398,3 +398,7 @@ def test_all_errors_are_camgen_errors(plate: Path) -> None:
         with pytest.raises(CamgenError) as error:
             camgen.build(source, post="gcode")
         assert error.value.exit_code == 2
+
+
+def test_the_radius_of_a_tool_is_half_its_diameter() -> None:
+    assert from_mapping({"tool": {"diameter": 7.0}}).tool.radius == 3.5

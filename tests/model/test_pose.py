@@ -23,6 +23,7 @@ from camgen.model.pose import (
     rotation_from_fixed_xyz,
     rotation_from_quaternion,
     rotation_from_zyz,
+    to_vec3,
     translation,
     zyz,
 )
@@ -165,3 +166,9 @@ def test_rotations_cannot_be_changed():
     ):
         with pytest.raises(ValueError, match="read-only"):
             rotation[0, 0] = 2.0
+
+
+def test_a_row_of_an_array_becomes_plain_floats() -> None:
+    row = to_vec3(np.array([[1.0, 2.5, -3.0]])[0])
+    assert row == (1.0, 2.5, -3.0)
+    assert {type(value) for value in row} == {float}
