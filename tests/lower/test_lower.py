@@ -27,6 +27,7 @@ from camgen.model.program import Comment, Force, Joints, MoveC, MoveJ, MoveL, Ou
 from camgen.post.passes import corner_blend
 from camgen.robots.workcell import equip
 from fixtures.program_text import dump
+from tests.support.examples import fewer
 
 ROBOT = Cell(
     "arm", translation(100, 0, 0), translation(0, 0, 0), Joints((0.0, 0.1, 0.2, 0.0, 0.3, 0.0))
@@ -664,6 +665,7 @@ def tours(draw):
     return paths
 
 
+@fewer(12)
 @given(
     tours(),
     st.sampled_from([ROBOT, MILL]),

@@ -26,6 +26,7 @@ from camgen.model.program import MoveC, MoveJ, MoveL, Output, Program
 from camgen.pipeline import Result, build
 from tests.support.cuts import Cut, below, cuts, swept
 from tests.support.drawn import circle, contour, part, rectangle, rounded
+from tests.support.examples import fewer
 from tests.support.rs274 import assert_moves, needs_rs274, run
 
 BRACKET = Path(__file__).parents[2] / "fixtures" / "parts" / "bracket.dxf"
@@ -197,6 +198,7 @@ LEADS = st.one_of(st.just(0.0), st.floats(0.5, 6))
 sizes = st.tuples(st.floats(25, 90), st.floats(25, 60), st.floats(0.5, 12))
 
 
+@fewer(8)
 @given(
     sizes,
     st.floats(1, 8),
@@ -289,6 +291,7 @@ def test_without_room_for_a_helix_there_is_a_ramp() -> None:
     assert [cut.end for cut in cuts(helix)] == [cut.end for cut in cuts(ramp)]
 
 
+@fewer(8)
 @given(st.floats(0.05, 20), st.floats(0.3, 45), st.floats(0.01, 5), st.floats(1e-3, 0.2))
 def test_a_helix_of_any_size(radius, angle, depth, chord) -> None:
     _, path = pocket(2.7)

@@ -26,6 +26,8 @@ from camgen.plan.seams import pin_seams
 from camgen.plan.unused import no_idle
 from tests.order.test_tour import along, length, pieces, point
 from tests.order.test_tour_rules import mixed
+from tests.support import built
+from tests.support.examples import fewer
 
 Tables = dict[str, dict[str, object]]
 XY = tuple[float, float]
@@ -52,7 +54,7 @@ def made(
 ) -> Result:
     tour = {"seams": [[*one] for one in seams], "order": [*order], **tables.pop("tour", {})}
     job = {"operation": {"kind": "follow"}, "tool": {"diameter": TOOL}, **tables, "tour": tour}
-    return build(plate, post="gcode", job=job)
+    return built.build(plate, post="gcode", job=job)
 
 
 def begins(result: Result) -> dict[str, XY]:
@@ -130,6 +132,7 @@ def test_a_point_near_a_vertex_is_the_vertex_and_cuts_no_sliver_off(plate: Path)
     assert len(path.position) == len(next(p for p in made(plate).planned if p.id == "c1").position)
 
 
+@fewer(10)
 @given(
     st.integers(0, 10**6),
     st.integers(2, 40),

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from camgen.order.solver import matrix
 from camgen.order.solver.matrix import Table, nearest, shortest, total
+from tests.support.examples import fewer
 
 
 def tables(rng: random.Random, count: int, holes: float = 0.0) -> Table:
@@ -81,7 +82,7 @@ def test_the_search_finds_what_the_exact_method_finds(
     assert exact - 1e-9 <= total(costs, order, flipped) <= above * exact + 1e-9
 
 
-@pytest.mark.parametrize("count", [40, 120])
+@pytest.mark.parametrize("count", [40, 80])
 def test_many_are_far_shorter_than_nearest_neighbour_and_no_move_is_left(count: int) -> None:
     costs = plane(random.Random(count), count)
     order, flipped = shortest(costs)
@@ -174,7 +175,7 @@ def rules_for(rng: random.Random, count: int) -> matrix.Rules:
 
 def test_rules_are_kept_and_hardly_an_order_that_keeps_them_is_shorter() -> None:
     best_found = 0
-    for seed in range(40):
+    for seed in range(20):
         rng = random.Random(seed)
         count = rng.randint(2, 6)
         costs, rules = plane(rng, count), rules_for(rng, count)
@@ -187,9 +188,10 @@ def test_rules_are_kept_and_hardly_an_order_that_keeps_them_is_shorter() -> None
             for ways in itertools.product((0, 1), repeat=count)
         )
         best_found += total(costs, *found) <= best + 1e-9
-    assert best_found >= 36
+    assert best_found >= 18
 
 
+@fewer(10)
 @given(st.integers(0, 10**6), st.integers(2, 14))
 def test_rules_are_kept_whatever_the_costs(seed: int, count: int) -> None:
     rng = random.Random(seed)

@@ -16,6 +16,7 @@ from camgen.order.proven import FEW, is_proven
 from camgen.order.starts import starts
 from camgen.plan.starting import SEAM
 from tests.order.test_tour import circle, ids, line
+from tests.support.examples import fewer
 
 Way = tuple[complex, complex]
 
@@ -93,6 +94,7 @@ def test_open_paths_are_run_in_the_best_order_there_is(
     assert tour.bound <= best
 
 
+@fewer(12)
 @given(st.integers(0, 10**6), st.integers(1, 4), st.booleans())
 @example(seed=220479, count=3, at_home=False)  # a start 0.09 mm beside a corner
 def test_no_start_of_closed_paths_is_better(seed: int, count: int, at_home: bool) -> None:
@@ -120,6 +122,7 @@ def polygon(x: float, y: float, radius: float, corners: int) -> ToolPath:
     return ToolPath("x", "0", waypoints(rows, np.nan, np.nan, axis=(0.0, 0.0, 1.0)), True, True)
 
 
+@fewer(8)
 @given(
     st.integers(0, 10**6), st.integers(2, 3), st.integers(3, 40), st.sampled_from(["any", "smooth"])
 )

@@ -25,6 +25,7 @@ from camgen.order.solver.kernel import (
     undo,
 )
 from camgen.order.solver.plane import Items, Problem, Start, discs_of, shorten
+from tests.support.examples import fewer
 
 HOME = np.array([0.0, 0.0])
 
@@ -131,6 +132,7 @@ def test_small_scenes_are_solved_and_no_tour_is_below_the_bound(
         assert travel(items, tour, home) <= best * 1.1 + 1.0
 
 
+@fewer(10)
 @given(st.integers(0, 10**6), st.integers(2, 60), st.booleans())
 def test_the_bound_is_below_every_tour_found(seed: int, count: int, at: bool) -> None:
     items = scene(random.Random(seed), count, spread=random.Random(seed).choice([0.5, 20.0, 200.0]))

@@ -17,8 +17,10 @@ from camgen.model.pose import Pose, frozen
 from camgen.model.program import MoveC, MoveJ, MoveL, Output
 from camgen.order.stay_down import stay_down
 from camgen.pipeline import build
+from tests.support.examples import fewer
 
 
+@fewer(10)
 @given(st.integers(0, 10**6))
 def test_the_distance_of_a_way_is_that_of_its_points(seed: int) -> None:
     rng = np.random.default_rng(seed)

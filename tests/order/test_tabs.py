@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +35,7 @@ from camgen.pipeline import Result, build
 from camgen.plan.starting import starting_at
 from tests.support.cuts import Cut, cuts, swept
 from tests.support.drawn import circle, contour, part, rectangle, rounded
+from tests.support.examples import fewer
 
 BRACKET = Path(__file__).parents[2] / "fixtures" / "parts" / "bracket.dxf"
 PROCESS = {"spindle": 9000, "feed": 20, "plunge": 5}
@@ -52,12 +54,16 @@ def work(result: Result, path: int) -> list[Cut]:
     return [cut for cut in cuts(result.program) if cut.work and cut.path == path]
 
 
+@lru_cache(maxsize=8)
+def removed(result: Result, level: float, path: int) -> Any:
+    """What a path has taken away at ``level``."""
+    return swept(work(result, path), level, result.job.tool.diameter / 2)
+
+
 def bridges(result: Result, level: float, path: int = -1) -> list[Any]:
     """What is left at ``level`` of what the path would cut there without tabs, pieces of it that hold."""
     number = path % len(result.tour.paths)
-    own, radius = work(result, number), result.job.tool.diameter / 2
-    whole, gone = swept(own, 0.0, radius), swept(own, level, radius)
-    left = whole.difference(gone)
+    left = removed(result, 0.0, number).difference(removed(result, level, number))
     return [piece for piece in getattr(left, "geoms", [left]) if piece.area > 0.5]
 
 
@@ -298,7 +304,7 @@ def stars(draw: Any) -> Contour:
     )
 
 
-@settings(max_examples=15)
+@fewer(8)
 @given(
     stars(),
     st.floats(2, 8),

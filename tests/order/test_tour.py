@@ -22,6 +22,7 @@ from camgen.order.solver.greedy import join_greedily
 from camgen.order.solver.plane import discs_of
 from camgen.order.starts import starts
 from camgen.plan.starting import SEAM, reverse_each, starting_at
+from tests.support.examples import fewer
 
 XY = tuple[float, float]
 
@@ -198,6 +199,7 @@ def check_nearest_neighbour(paths: list[ToolPath], start: XY | None, inside_firs
     assert tour.travel == pytest.approx(walked, abs=1e-6)
 
 
+@fewer(12)
 @given(scene(), st.none() | spot, st.booleans())
 def test_each_step_takes_the_nearest_of_the_allowed_starts(
     paths: list[ToolPath], start: XY | None, inside_first: bool
@@ -205,6 +207,7 @@ def test_each_step_takes_the_nearest_of_the_allowed_starts(
     check_nearest_neighbour(paths, start, inside_first)
 
 
+@fewer(10)
 @given(scene(), st.none() | spot, st.booleans(), st.integers(0, 5))
 def test_the_search_keeps_every_path_and_rule_between_the_bound_and_nearest_neighbour(
     paths: list[ToolPath], start: XY | None, inside_first: bool, seed: int
@@ -443,6 +446,7 @@ def test_refuses_what_it_cannot_order() -> None:
                 arrange(paths, Search("nearest", start, inside_first=True))
 
 
+@fewer(12)
 @given(any_path().filter(lambda p: p.closed), st.data())
 def test_a_moved_start_keeps_the_path(path: ToolPath, data: st.DataObject) -> None:
     segment = data.draw(st.integers(1, len(path.position) - 1))

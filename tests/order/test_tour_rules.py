@@ -16,6 +16,7 @@ from camgen.order.arrange import Search, arrange, is_free, measure_travel
 from camgen.pipeline import build
 from camgen.plan.columns import straight_path
 from tests.order.test_tour import XY, circle, ids, line, make, slot
+from tests.support.examples import fewer
 
 LAYERS = ("a", "b", "c")
 
@@ -45,6 +46,7 @@ def square(x: float, y: float, side: float) -> ToolPath:
     return make(ring, [None] * 4, True)
 
 
+@fewer(10)
 @given(
     st.integers(0, 10**6),
     st.integers(1, 40),
@@ -100,6 +102,7 @@ def corner_gap(path: ToolPath) -> float:
     return float(np.linalg.norm(corners - path.position[0, :2], axis=1).min())
 
 
+@fewer(8)
 @given(st.integers(0, 10**6), st.integers(1, 30), st.sampled_from(["nearest", "best"]))
 def test_smooth_seams_are_off_the_corners(seed: int, count: int, method: str) -> None:
     rng = random.Random(seed)

@@ -13,6 +13,7 @@ from camgen.model.part import Contour
 from camgen.plan import beside as beside_module
 from camgen.plan.beside import Beside, beside, only_along
 from tests.support.drawn import circle, clockwise, contour, rectangle
+from tests.support.examples import fewer
 
 
 @st.composite
@@ -45,7 +46,7 @@ def curve(drawn: list[Contour], distance: float, corner: float) -> Beside:
     return beside(source, neighbours(source, closed), closed, label, distance, corner)
 
 
-@settings(deadline=None)
+@fewer(10)
 @given(loops(), st.floats(0.3, 6), st.sampled_from([0.0, 0.5]))
 def test_loops_apart_from_all_others_can_be_taken_by_themselves(
     drawn: list[Contour], distance: float, corner: float

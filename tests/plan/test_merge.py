@@ -17,6 +17,7 @@ from camgen.model.pose import frozen
 from camgen.plan import plan
 from camgen.plan.merge import merge
 from camgen.plan.trace import with_few_lifts
+from tests.support.examples import fewer
 
 XY = tuple[float, float]
 
@@ -180,6 +181,7 @@ def total(points: np.ndarray, partner: list[int]) -> float:
     return sum(math.dist(points[a], points[b]) for a, b in enumerate(partner)) / 2
 
 
+@fewer(10)
 @given(st.integers(0, 10**6), st.integers(0, 4))
 def test_few_points_are_paired_at_the_least_length(seed: int, pairs: int) -> None:
     points = np.random.default_rng(seed).uniform(0, 9, (2 * pairs, 2))

@@ -15,6 +15,7 @@ from camgen.model.job import Job, OperationTable, ProcessTable, ToolTable
 from camgen.model.part import Contour
 from camgen.plan import Plan, plan
 from tests.support.drawn import circle, clockwise, contour, part, rectangle, rounded
+from tests.support.examples import fewer
 from tests.support.swept import centre_line, enclosed, outline, reachable, swept
 
 RADIUS = 3.0
@@ -120,6 +121,7 @@ def pockets(draw: st.DrawFn) -> tuple[Contour, ...]:
     return tuple(shapes)
 
 
+@fewer(8)
 @given(pockets(), st.floats(0.2, 0.95))
 def test_random_pockets_with_islands(shapes: tuple[Contour, ...], stepover: float) -> None:
     assume(all(outline(shape).is_valid for shape in shapes))

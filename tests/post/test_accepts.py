@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from camgen.model.pose import TOOL_DOWN, Pose, translation
 from camgen.model.program import Columns, Comment, Instruction, Joints, MoveC, MoveJ, MoveL, Output
 from camgen.post.plugins import find_post, make_post
+from tests.support.examples import fewer
 
 POSTS = ("gcode", "grbl", "rapid", "pacscript", "vplus")
 TILTED = translation(0, 0, 0).rotation
@@ -32,6 +33,7 @@ motion = st.one_of(
 
 
 @pytest.mark.parametrize("name", POSTS)
+@fewer(12)
 @given(motions=st.lists(motion, max_size=6))
 def test_whatever_is_accepted_by_column_is_not_refused(
     name: str, motions: list[MoveJ | MoveL]

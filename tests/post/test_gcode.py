@@ -15,6 +15,7 @@ from camgen.model.program import Comment, Force, Joints, MoveC, MoveJ, MoveL, Ou
 from camgen.post import Fault, Remark
 from camgen.post.kit import Case, cases, check_case
 from camgen.post.plugins import find_post, find_readback, make_post
+from tests.support.examples import fewer
 from tests.support.rs274 import (
     assert_moves,
     at,
@@ -513,7 +514,7 @@ def test_hostile_comments_stay_comments():
 
 
 @needs_rs274
-@SLOW
+@fewer(12, [HealthCheck.too_slow])
 @given(programs())
 def test_interpreter_readback_and_program_agree(plan):
     ready, text = posted(gcode(), plan)
@@ -998,6 +999,7 @@ def test_found_programs_have_the_length_that_linuxcnc_gives(name):
     assert read_length == pytest.approx(true_length, rel=1e-4)
 
 
+@fewer(12)
 @given(
     st.lists(
         st.tuples(

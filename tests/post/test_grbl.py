@@ -13,6 +13,7 @@ from camgen.model.program import Comment, Force, MoveC, MoveJ, MoveL, Output, St
 from camgen.post import Fault, Remark
 from camgen.post.kit import Case, cases, check_case
 from camgen.post.plugins import find_post, find_readback, make_post
+from tests.support.examples import fewer
 from tests.support.rs274 import (
     assert_moves,
     at,
@@ -287,7 +288,7 @@ def test_the_longest_lines_fit():
 
 
 @needs_rs274
-@SLOW
+@fewer(12, [HealthCheck.too_slow])
 @given(programs())
 def test_interpreter_readback_and_program_agree(plan):
     ready, text = posted(grbl(), plan)

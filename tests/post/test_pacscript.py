@@ -39,6 +39,7 @@ from camgen.model.program import (
 )
 from camgen.post import Reading, Remark
 from camgen.post.plugins import make_post
+from tests.support.examples import fewer
 from tests.support.whole import turning, whole
 
 SHARED = Path(__file__).parents[2].parent / "shared"
@@ -754,6 +755,7 @@ OPTIONS: list[dict[str, object]] = [
 ]
 
 
+@fewer(12)
 @given(bodies(), st.sampled_from(OPTIONS))
 def test_round_trip(body: tuple[Instruction, ...], options: dict[str, object]) -> None:
     if "rated" in options:

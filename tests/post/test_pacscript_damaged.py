@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.support.damage import damaged, one_sign_changed
+from tests.support.examples import fewer
 from tests.support.pacscript_ways import (
     BY_HAND,
     CALLED,
@@ -165,6 +166,7 @@ def files_of(text: str, chance: random.Random) -> dict[str, str]:
     }
 
 
+@fewer(12)
 @given(
     st.randoms(use_true_random=True),
     st.sampled_from(TEXTS),

@@ -27,6 +27,7 @@ from camgen.model.text import fixed
 from camgen.post import Post
 from camgen.post.plugins import find_post, make_post
 from camgen.post.printed import Lines, Printed, as_printed, join_lines, rounded
+from tests.support.examples import fewer
 
 POSTS = ("gcode", "grbl", "rapid")
 TURNED = frozen(TOOL_DOWN @ rotation_about(2, 0.3))
@@ -106,6 +107,7 @@ def _program(name: str, body: list[object]) -> Program:
 
 
 @pytest.mark.parametrize("name", POSTS)
+@fewer(12)
 @given(body=bodies(), most=st.sampled_from([0, 0, 8]))
 def test_by_column_a_post_prints_what_it_prints_one_by_one(
     name: str, body: list[object], most: int

@@ -45,6 +45,7 @@ from camgen.model.program import (
 from camgen.post import Reading, Remark, Tolerance
 from camgen.post.plugins import find_post, find_readback, make_post
 from camgen.post.verify import compare
+from tests.support.examples import fewer
 from tests.support.whole import turning, whole
 
 SHARED = Path(__file__).parents[2].parent / "shared"
@@ -570,6 +571,7 @@ def proper(start: Pose, arc: MoveC) -> bool:
     return float(u @ w) < 0 and sine > 1e-3
 
 
+@fewer(12)
 @given(st.lists(instructions, max_size=12), st.integers(0, 6), st.sampled_from([0, 3]))
 def test_post_then_read_back_is_the_identity(
     body: list[Instruction], decimals: int, max_lines: int

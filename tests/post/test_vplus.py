@@ -42,6 +42,7 @@ from camgen.model.program import (
 from camgen.post import Fault, Reading, Remark
 from camgen.post.plugins import make_post
 from camgen.post.verify import compare
+from tests.support.examples import fewer
 from tests.support.whole import whole
 
 CELL = VPlus.cell()
@@ -639,6 +640,7 @@ def settled(items: list[Instruction]) -> tuple[Instruction, ...]:
     )
 
 
+@fewer(12)
 @given(bodies(ANY, HOME6), st.sampled_from([0, 5, 2000]))
 def test_what_is_printed_is_read_six_axes(body: tuple[Instruction, ...], max_lines: int) -> None:
     round_trip(program(*body, header=("any",)), {"max_lines": max_lines})
@@ -1187,6 +1189,7 @@ EDITS = st.lists(
 )
 
 
+@fewer(15)
 @given(EDITS)
 def test_no_text_breaks_the_reader(edits: list[tuple[int, int, str]]) -> None:
     text = GOOD

@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.support.damage import damaged, one_sign_changed
+from tests.support.examples import fewer
 from tests.support.vplus_ways import BY_HAND, PARTS, TEXTS, check
 
 STATEMENTS = (
@@ -126,6 +127,7 @@ def files_of(text: str, chance: random.Random) -> dict[str, str]:
     return {"a": text} if chance.random() < 0.7 else {"a": text[:at], "b": text[at:]}
 
 
+@fewer(12)
 @given(
     st.randoms(use_true_random=True),
     st.sampled_from(TEXTS),

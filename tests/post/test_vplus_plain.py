@@ -14,6 +14,7 @@ from camgen.model.program import MoveJ, MoveL, Output
 from camgen.post import Reading, Remark
 from camgen.read.vplus import text as vplus_text
 from camgen.read.vplus.text import PIECE
+from tests.support.examples import fewer
 from tests.support.vplus_ways import BY_HAND, LINES, PARTS, TEXTS, check, stretches, the_long_way
 
 
@@ -44,6 +45,7 @@ def test_the_pieces_are_the_whole_text() -> None:
         )
 
 
+@fewer(12)
 @given(st.lists(st.from_regex(r"\A-?[0-9]{1,9}(\.[0-9]{1,9})?\Z"), min_size=12, max_size=12))
 def test_numbers_to_the_last_bit(numbers: list[str]) -> None:
     rows = [f"    MOVES f:TRANS({','.join(numbers[k : k + 6])})\n" for k in (0, 6, 0)]

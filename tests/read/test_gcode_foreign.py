@@ -9,6 +9,7 @@ from camgen.model.program import MoveC, MoveJ, MoveL, Output, Stop, ToolChange, 
 from camgen.read.gcode.dialects import DIALECTS
 from camgen.read.gcode.language import GCODE, GRBL_LANGUAGE, run_gcode
 from camgen.read.programs import Ask, find_language
+from tests.support.examples import fewer
 from tests.support.steps import assert_linear
 
 LEAD = ("G21 G90 G17", "G0 X0 Y0 Z5", "F600 S1000 M3")
@@ -320,7 +321,7 @@ def test_each_fault_costs_the_same(line, dialect):
     def execute(count):
         run_gcode({"a.ngc": "\n".join([*LEAD, *[line] * count])}, Ask(dialect))
 
-    assert_linear(execute, 4000)
+    assert_linear(execute, 1600)
 
 
 _WORDS = st.sampled_from(
@@ -336,6 +337,7 @@ _WORDS = st.sampled_from(
 )  # fmt: skip
 
 
+@fewer(12)
 @given(
     st.lists(st.lists(_WORDS, max_size=7).map(" ".join), max_size=14),
     st.sampled_from(["", *DIALECTS]),

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from camgen.model.part import Contour, Note
 from camgen.read.join import contours
 from camgen.read.pieces import Soup, first_of_its_kind
+from tests.support.examples import fewer
 
 Point = tuple[float, float]
 Piece = tuple[list[Point], list[float], bool, str]
@@ -65,6 +66,7 @@ def test_a_square_of_lines() -> None:
     assert not made[0].points.flags.writeable
 
 
+@fewer(12)
 @given(st.integers(0, 10**6), st.integers(1, 4), st.integers(3, 9), st.sampled_from([0.0, 0.02]))
 def test_order_and_direction_of_the_pieces_do_not_matter(
     seed: int, count: int, corners: int, jitter: float

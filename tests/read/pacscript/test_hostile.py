@@ -12,6 +12,7 @@ from camgen.model.limits import Limits
 from camgen.read.pacscript.language import LANGUAGE
 from camgen.read.programs import Ask, Executed
 from tests.read.pacscript.test_run import MAIN, NAMES, OTHER, PAC
+from tests.support.examples import fewer
 from tests.support.steps import CALLS_OF_A_STEP, assert_linear, count_calls
 
 _WORDS = """
@@ -35,6 +36,7 @@ def run(text: str, limits: Limits = DEFAULT) -> Executed:
     return found
 
 
+@fewer(12)
 @given(st.text(max_size=300))
 def test_any_text(text: str) -> None:
     run(text)
@@ -107,7 +109,7 @@ LONG: dict[str, Callable[[int], str]] = {
 
 @pytest.mark.parametrize("name", LONG)
 def test_each_line_of_a_long_text_costs_the_same(name: str) -> None:
-    assert_linear(lambda count: run(f"Sub Main\n{LONG[name](count)}End Sub\n"), 4000)
+    assert_linear(lambda count: run(f"Sub Main\n{LONG[name](count)}End Sub\n"), 1600)
 
 
 @pytest.mark.parametrize(
