@@ -1,13 +1,11 @@
 """Ways between edges without stops: what is rounded is free by a plain loop over fcl, and stops are where they must."""
 
 import math
-from functools import cache
 
 import numpy as np
 import pytest
 from msgspec.structs import replace
 
-import camgen
 from bench.robots.rfa import FREE, PARTS, cell, loop
 from camgen.check.flow import let_flow
 from camgen.check.passing import legs_of
@@ -23,24 +21,25 @@ from camgen.pipeline import Result
 from camgen.read.solid import mesh
 from camgen.robots.catalogue import robot
 from camgen.robots.models import Robot
+from tests.support.built import build
 from tests.support.files import source
 from tests.support.whole import whole
 
 SOLID = mesh.read(source(PARTS / "rfa1.stl"))
 
 
-@cache
 def built(name: str, free: bool = False, post: str = "rapid", **process: float) -> Result:
     tables = cell(SOLID, name)
     tool = {**tables["tool"], **(FREE if free else {})}
     options: dict[str, object] = {"signals": {"process": 1}} if post == "vplus" else {}
     if "force" in process:
         options |= {"force_load": "load"}
-    return camgen.build(
-        PARTS / "rfa1.stl",
-        post=post,
-        job={**tables, "tool": tool, "process": process, "post": options},
-    )
+    job = {**tables, "tool": tool}
+    if process:
+        job["process"] = process
+    if options:
+        job["post"] = options
+    return build(PARTS / "rfa1.stl", post=post, job=job)
 
 
 def arm_of(result: Result) -> Robot:
@@ -58,7 +57,7 @@ def between(result: Result, motion: int, share: float) -> FloatArray:
 
 
 def rounded(result: Result, motion: int, zone: float) -> FloatArray:
-    """A parabola of the joints (21, J) from ``zone`` mm of the TCP before the corner to as much behind it."""
+    """A parabola of the joints (11, J) from ``zone`` mm of the TCP before the corner to as much behind it."""
     assert result.reach is not None
     legs = legs_of(result.program, result.reach, arm_of(result))
     long = [
@@ -70,7 +69,7 @@ def rounded(result: Result, motion: int, zone: float) -> FloatArray:
         between(result, motion, 1.0),
         between(result, motion + 1, min(zone / long[1], 0.5)),
     )
-    t = np.linspace(0, 1, 21)[:, None]
+    t = np.linspace(0, 1, 11)[:, None]
     return np.asarray((1 - t) ** 2 * a + 2 * t * (1 - t) * b + t**2 * c)
 
 

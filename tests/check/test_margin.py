@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-import camgen
 from bench.robots.rfa import FREE, PARTS, cell, loop
+from camgen.model.job import CellTable
 from camgen.motion.cell import room_of, setup_of
 from camgen.motion.limits import LinkSpeeds
 from camgen.motion.pose_paths import Way
@@ -18,6 +18,7 @@ from camgen.order.edges.route import RouteCell, RouteOptions, route
 from camgen.pipeline import Result
 from camgen.plan.edges.poses import reach
 from camgen.read.solid import mesh
+from tests.support.built import build
 from tests.support.files import source
 
 SOLID = mesh.read(source(PARTS / "rfa1.stl"))
@@ -25,13 +26,18 @@ SPEEDS = LinkSpeeds(100.0, 100.0, 0.0)
 TIGHT = "IRB 2000, nominal rfa1"
 
 
-@cache
+#: The margin of a job that names none, mm.
+USUAL = CellTable().margin
+
+
 def built(name: str, margin: float, free: bool = False) -> Result:
     tables = cell(SOLID, name)
-    tool, own = {**tables["tool"], **(FREE if free else {})}, {**tables["cell"], "margin": margin}
-    return camgen.build(PARTS / "rfa1.stl", post="rapid", job={**tables, "tool": tool, "cell": own})
+    tool = {**tables["tool"], **(FREE if free else {})}
+    own = tables["cell"] if margin == USUAL else {**tables["cell"], "margin": margin}
+    return build(PARTS / "rfa1.stl", post="rapid", job={**tables, "tool": tool, "cell": own})
 
 
+@cache
 def measured(result: Result) -> float:
     """The least distance at every row that was looked at, by a plain loop over fcl."""
     assert result.reach is not None

@@ -1,6 +1,7 @@
 """A photo against its drawing: rendered parts with known burrs and gaps, judged by the sizes they were made with."""
 
 import re
+import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from bench.render.optics import Lens, Shot, looking
 from bench.render.parts import bracket
 from bench.render.scene import Layer, Scene, render, written
 from bench.render.shapes import Loop, box, circle, hole, rounded
-from camgen.check.photo import Inspection, inspect_photo, list_rework
+from camgen.check.photo import Inspection, inspect_photo, list_rework, registration
 from camgen.check.photo.expected import expect
 from camgen.cli import main
 from camgen.model.errors import InputError, JobError
@@ -73,6 +74,12 @@ def bumped(loop: Loop, side: int, at: float, width: float, height: float) -> Loo
     return Loop(points, bulges)
 
 
+@pytest.fixture
+def few_turns(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A third of the turns is tried: the test is about other things."""
+    monkeypatch.setattr(registration, "_TURNS", 12)
+
+
 def look(
     folder: Path, made: Sequence[Loop], drawn: Sequence[Loop] = PLATE, turn: float = 0.0
 ) -> Inspection:
@@ -93,6 +100,7 @@ def test_a_part_as_drawn_has_no_difference(tmp_path: Path, turn: float) -> None:
     assert found.fit.rms < 0.1 * PIXEL
 
 
+@pytest.mark.usefixtures("few_turns")
 def test_burrs_and_dents_are_measured(tmp_path: Path) -> None:
     made = bumped(bumped(bumped(PLATE[0], 0, 10, 5, 0.8), 0, 6, 2, 0.3), 0, 40, 4, 0)
     made = bumped(made, len(made.points) - 2, 25, 4, -0.5)
@@ -113,6 +121,7 @@ def test_burrs_and_dents_are_measured(tmp_path: Path) -> None:
     assert found.area(much=True) == pytest.approx(high.area + low.area)
 
 
+@pytest.mark.usefixtures("few_turns")
 def test_a_hole_that_was_not_cut_is_too_much(tmp_path: Path) -> None:
     (one,) = look(tmp_path, PLATE[:1]).differences
     assert one.much
@@ -138,6 +147,7 @@ def test_another_part_is_refused(tmp_path: Path) -> None:
         look(tmp_path, bracket())
 
 
+@pytest.mark.usefixtures("few_turns")
 def test_more_passes_follow_from_what_one_takes_off(tmp_path: Path) -> None:
     found = look(tmp_path, (bumped(PLATE[0], 0, 10, 5, 0.8), PLATE[1]))
     (one,) = list_rework(found, Job(process=ProcessTable(feed=6.0)), 0.3)
@@ -186,23 +196,32 @@ def test_what_a_pen_left_out_or_spilt_is_found(tmp_path: Path) -> None:
 # -- the command
 
 
-@pytest.fixture
-def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.chdir(tmp_path)
+@pytest.fixture(scope="module")
+def files_of_desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("desk")
     made = (bumped(PLATE[0], 0, 10, 5, 0.8), PLATE[1])
-    photo(tmp_path / "photo.png", made, 0.3)
-    photo(tmp_path / "good.png", PLATE, 0.3)
+    photo(folder / "photo.png", made, 0.3)
+    photo(folder / "good.png", PLATE, 0.3)
     document = ezdxf.new("R2010", units=4)
     for loop in PLATE:
         rows = [(z.real, z.imag, bulge) for z, bulge in zip(loop.points, loop.bulges, strict=True)]
         document.modelspace().add_lwpolyline(rows, format="xyb", close=True)
-    document.saveas(tmp_path / "plate.dxf")
-    (tmp_path / "plate.toml").write_text("[process]\nfeed = 8.0\n")
+    document.saveas(folder / "plate.dxf")
+    (folder / "plate.toml").write_text("[process]\nfeed = 8.0\n")
     for name in ("photo", "good"):
-        (tmp_path / f"{name}.toml").write_text(f"[image]\nmm_per_px = {PIXEL}\n")
+        (folder / f"{name}.toml").write_text(f"[image]\nmm_per_px = {PIXEL}\n")
+    return folder
+
+
+@pytest.fixture
+def desk(files_of_desk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    for file in files_of_desk.iterdir():
+        shutil.copy(file, tmp_path)
+    monkeypatch.chdir(tmp_path)
     return tmp_path
 
 
+@pytest.mark.usefixtures("few_turns")
 def test_the_command_lists_draws_and_says_what_to_do(
     desk: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -236,6 +255,7 @@ def test_the_command_lists_draws_and_says_what_to_do(
     assert cv2.imread(str(desk / "a.png")).shape[1] > 1000
 
 
+@pytest.mark.usefixtures("few_turns")
 def test_strict_makes_differing_an_error(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["inspect", "good.png", "--against", "plate.dxf", "--strict"]) == 0
     capsys.readouterr()
@@ -249,6 +269,7 @@ def test_strict_makes_differing_an_error(desk: Path, capsys: pytest.CaptureFixtu
     assert not (desk / "a.svg").exists()
 
 
+@pytest.mark.usefixtures("few_turns")
 @pytest.mark.parametrize(
     ("words", "told"),
     [

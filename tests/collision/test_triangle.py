@@ -36,7 +36,7 @@ def test_nothing_is_near_in_what_is_called_free(name: str, near: float) -> None:
     arm = robot(name)
     tested, rng = cell_of(arm), np.random.default_rng(3)
     units = np.where([joint.sliding for joint in arm.joints], 100.0, 1.0)
-    middle = rng.uniform(arm.limits[:, 0], arm.limits[:, 1], (20000, len(arm.joints)))
+    middle = rng.uniform(arm.limits[:, 0], arm.limits[:, 1], (8000, len(arm.joints)))
     middle = middle[within(arm, middle)]
     # Those of them where something is near, but nothing meets: they are neither free nor not at first sight.
     middle = middle[
@@ -50,7 +50,7 @@ def test_nothing_is_near_in_what_is_called_free(name: str, near: float) -> None:
     )
     free = are_free(tested, corners, np.arange(groups), near)
     shares = np.concatenate(
-        [rng.dirichlet(np.ones(3), (groups, 60)), np.tile(np.eye(3), (groups, 1, 1))], axis=1
+        [rng.dirichlet(np.ones(3), (groups, 30)), np.tile(np.eye(3), (groups, 1, 1))], axis=1
     )
     inside = np.einsum("kns,ksj->knj", shares, corners)
     struck = hits(tested, inside.reshape(-1, inside.shape[-1]), near=near).reshape(groups, -1) >= 0

@@ -21,7 +21,7 @@ from camgen.model.program import Output
 from camgen.post import Reading
 from camgen.read.solid import mesh_file
 
-EXAMPLES = 30
+EXAMPLES = 15
 
 
 @pytest.mark.parametrize("one", TABLE, ids=lambda one: one.name)

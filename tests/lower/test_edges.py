@@ -21,6 +21,7 @@ from camgen.order.edges.links import PathLink
 from camgen.pipeline import Result
 from camgen.read.solid import mesh
 from tests.support.arm_models import by_hand
+from tests.support.built import build
 from tests.support.files import source
 
 PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
@@ -167,7 +168,7 @@ def test_an_approach_with_a_short_last_piece_keeps_the_others() -> None:
 def test_a_tool_that_turns_is_on_before_it_comes_to_the_part_and_until_it_has_left(
     plate: Path, process: dict[str, object]
 ) -> None:
-    result = camgen.build(plate, post="rapid", job={**PLATE, "process": process})
+    result = build(plate, post="rapid", job={**PLATE, "process": process})
     off, *body = result.program.body
     assert off == Output("process", 0.0)
     on, here, switched, last = False, np.zeros(3), 0, body[0]
@@ -195,7 +196,7 @@ def test_force_presses_with_a_tool_that_was_switched_on_in_the_air(plate: Path) 
     """``auto`` with a force: on, down, force on, the edge, force off, up, off."""
     job = {**PLATE, "process": {"force": 5.0}, "post": {"force": "template"}}
     job["cell"] = {"robot": "VS-6556", "base_from_work": [320, -20, 150, 0, 0, 0]}
-    result = camgen.build(plate, post="pacscript", job=job)
+    result = build(plate, post="pacscript", job=job)
     assert result.program.body[:2] == (Output("process", 0.0), Force(0.0))
     on = pressing = False
     before = edges = 0
@@ -224,7 +225,7 @@ def test_the_same_job_gives_the_same_bytes(built: Result) -> None:
 )
 def test_other_arms_and_controllers(plate: Path, post: str, arm: str) -> None:
     job = {**PLATE, "cell": {"robot": arm, "base_from_work": [320, -20, 150, 0, 0, 0]}}
-    result = camgen.build(plate, post=post, job=job)
+    result = build(plate, post=post, job=job)
     assert {path.id for path in result.tour.paths} <= {"e1", "e2", "e3", "e4"}
     assert result.tour.paths
     kinds = {type(item.target) for item in result.program.columns.moves}
@@ -243,14 +244,14 @@ def test_a_step_file_gives_the_program_of_its_mesh() -> None:
 
 def test_what_cannot_be_reached_is_left_out_with_its_reason(plate: Path) -> None:
     job = {**PLATE, "input": {"select": "all"}}
-    result = camgen.build(plate, post="rapid", job=job)
+    result = build(plate, post="rapid", job=job)
     skipped = [note for note in result.notes if note.kind == "skipped"]
     assert len(skipped) + len(result.tour.paths) == 12
     assert skipped
     assert all(note.what.startswith("edge e") and note.why for note in skipped)
     assert any("table" in note.why for note in skipped)
     assert any(note.what == "the part stands on a table" for note in result.notes)
-    nominal = camgen.build(plate, post="rapid", job={**job, "tool": {}})
+    nominal = build(plate, post="rapid", job={**job, "tool": {}})
     lost = [note.why for note in nominal.notes if note.kind == "skipped"]
     assert sum(" reaches " in why or "camgen place" in why for why in lost) >= min(len(lost), 8)
 
@@ -307,12 +308,12 @@ def test_settings_that_do_not_go_together(
 ) -> None:
     job = {**PLATE, table: {**PLATE.get(table, {}), **values}}
     with pytest.raises(JobError, match=message):
-        camgen.build(plate, post="rapid", job=job)
+        build(plate, post="rapid", job=job)
 
 
 def test_a_machine_without_joints_is_refused(plate: Path) -> None:
     with pytest.raises(JobError, match="need an arm"):
-        camgen.build(plate, post="gcode", job={"operation": {"kind": "edges"}})
+        build(plate, post="gcode", job={"operation": {"kind": "edges"}})
 
 
 def test_a_part_out_of_reach_has_no_program(plate: Path) -> None:
@@ -320,11 +321,11 @@ def test_a_part_out_of_reach_has_no_program(plate: Path) -> None:
     with pytest.raises(
         NoSafeProgram, match=r"none of 4 edges can be processed: e1 .out of reach by"
     ):
-        camgen.build(plate, post="rapid", job=job)
+        build(plate, post="rapid", job=job)
 
 
 def test_a_home_in_the_part_is_refused(plate: Path) -> None:
-    home = camgen.build(plate, post="rapid", job=PLATE).cell.home
+    home = build(plate, post="rapid", job=PLATE).cell.home
     assert isinstance(home, Joints)
     # At home the tip is 100 mm out of the flange, which points down by 30 deg: the part is put there.
     frame = by_hand("IRB 120", np.degrees(home.values))
@@ -334,7 +335,7 @@ def test_a_home_in_the_part_is_refused(plate: Path) -> None:
         "cell": {"robot": "IRB 120", "base_from_work": [x - 30, y - 20, z - 5, 0, 0, 0]},
     }
     with pytest.raises(NoSafeProgram, match=r"home collides: tool against (part|table)"):
-        camgen.build(plate, post="rapid", job=job)
+        build(plate, post="rapid", job=job)
 
 
 def test_a_part_without_edges_is_told(tmp_path: Path) -> None:
@@ -407,7 +408,7 @@ def test_what_is_wrong_in_the_file_of_a_cell(
     if text is not None:
         file.write_text(text)
     with pytest.raises(JobError, match=message):
-        camgen.build(plate, post="rapid", job={"cell": {"file": str(file)}})
+        build(plate, post="rapid", job={"cell": {"file": str(file)}})
 
 
 def test_what_stands_between_two_looks_leaves_its_edge_out(plate: Path) -> None:

@@ -18,6 +18,7 @@ from camgen.pipeline import Result
 from camgen.plan.leave_out import leave_out_paths
 from camgen.robots.catalogue import robot
 from camgen.robots.kinematics.forward import flange
+from tests.support.built import build
 
 PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
 CELL = {"robot": "IRB 1200", "base_from_work": [450, -60, 0, 0, 0, 0]}
@@ -32,7 +33,7 @@ def panel(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def drilled(panel: Path, post: str = "rapid", **tool: object) -> Result:
     made = robotsp.job([])
     made["tool"] = {**made["tool"], "symmetric": False, **tool}  # type: ignore[dict-item]
-    return camgen.build(panel, post=post, job=made)
+    return build(panel, post=post, job=made)
 
 
 def traced(post: str = "rapid", **tables: dict[str, object]) -> Result:
@@ -42,7 +43,7 @@ def traced(post: str = "rapid", **tables: dict[str, object]) -> Result:
         "tool": {"symmetric": True},
         **tables,
     }
-    return camgen.build(PARTS / "bracket.dxf", post=post, job=job)
+    return build(PARTS / "bracket.dxf", post=post, job=job)
 
 
 def poses(result: Result) -> list[Pose]:

@@ -16,6 +16,7 @@ from camgen.model.program import MoveJ, Output
 from camgen.pipeline import Result
 from camgen.robots.catalogue import robot
 from camgen.robots.kinematics.forward import flange
+from tests.support.built import build
 
 CELL = {
     "robot": "IRB 1200",
@@ -45,7 +46,7 @@ def drilled(
         "tool": {"symmetric": True, "diameter": 4.0},
         "process": process,
     }
-    return camgen.build(part, post=post, job=job)
+    return build(part, post=post, job=job)
 
 
 def test_a_corner_whose_inside_comes_down_to_the_part_is_not_cut(holes: Path) -> None:

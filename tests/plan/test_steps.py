@@ -21,6 +21,7 @@ from camgen.pipeline.stock import why_unproven
 from camgen.plan.steps import arrange
 from camgen.post.plugins import find_readback
 from fixtures.program_text import dump, parse
+from tests.support.built import build
 from tests.support.rs274 import needs_rs274, run
 
 BRACKET = Path(__file__).parents[2] / "fixtures" / "parts" / "bracket.dxf"
@@ -67,7 +68,7 @@ def test_the_tool_stays_where_the_order_allows_it() -> None:
 
 
 def test_each_operation_works_on_what_it_chooses_and_knows_its_side() -> None:
-    result = camgen.build(BRACKET, post="gcode", job=job(OUTER, INNER, DRILL))
+    result = build(BRACKET, post="gcode", job=job(OUTER, INNER, DRILL))
     assert isinstance(result.tour, JobTour)
     assert result.tour.numbers == (2, 0, 1)
     contours = {c.id: c for c in result.part.contours}
@@ -85,7 +86,7 @@ def test_each_operation_works_on_what_it_chooses_and_knows_its_side() -> None:
 
 
 def test_the_report_has_a_row_for_each_operation() -> None:
-    result = camgen.build(BRACKET, post="grbl", job=job(OUTER, DRILL | {"holes": [7.9, 8.1]}))
+    result = build(BRACKET, post="grbl", job=job(OUTER, DRILL | {"holes": [7.9, 8.1]}))
     drilled, cut = result.report["operations"]  # type: ignore[misc]
     assert (drilled["number"], drilled["kind"], drilled["tool"], drilled["paths"]) == (
         1,
@@ -106,7 +107,7 @@ def test_the_report_has_a_row_for_each_operation() -> None:
 
 def test_circles_of_a_size_may_be_followed() -> None:
     rows = [INNER | {"ids": [], "holes": [7.0, 9.0]}]
-    result = camgen.build(BRACKET, post="gcode", job=job(*rows))
+    result = build(BRACKET, post="gcode", job=job(*rows))
     assert {path.id for path in result.tour.paths} == {
         "0:c2",
         "0:c3",
@@ -114,7 +115,7 @@ def test_circles_of_a_size_may_be_followed() -> None:
 
 
 def test_the_tool_is_changed_at_home_with_everything_off() -> None:
-    result = camgen.build(BRACKET, post="gcode", job=job(OUTER, INNER, DRILL))
+    result = build(BRACKET, post="gcode", job=job(OUTER, INNER, DRILL))
     body = result.program.body
     changes = [k for k, item in enumerate(body) if isinstance(item, ToolChange)]
     assert [item.number for item in body if isinstance(item, ToolChange)] == [1, 2]
@@ -143,7 +144,7 @@ def test_the_tool_is_changed_at_home_with_everything_off() -> None:
     ],
 )
 def test_a_read_back_finds_what_is_wrong_with_a_tool_change(old: str, new: str, fault: str) -> None:
-    result = camgen.build(BRACKET, post="gcode", job=job(OUTER, DRILL))
+    result = build(BRACKET, post="gcode", job=job(OUTER, DRILL))
     assert not find_readback("gcode")({"a.ngc": result.text}, {}).faults
     assert result.text.count(old) == 1
     found = find_readback("gcode")({"a.ngc": result.text.replace(old, new)}, {})
@@ -156,7 +157,7 @@ def test_a_read_back_finds_what_is_wrong_with_a_tool_change(old: str, new: str, 
 
 
 def test_a_controller_without_tool_changes_gets_a_program_a_tool() -> None:
-    result = camgen.build(BRACKET, post="grbl", job=job(OUTER, INNER, DRILL))
+    result = build(BRACKET, post="grbl", job=job(OUTER, INNER, DRILL))
     assert [one.name for one in result.files] == ["bracket_1.nc", "bracket_2.nc"]
     assert result.counts == (1, 1)
     first, second = (find_readback("grbl")({one.name: one.text}, {}) for one in result.files)
@@ -229,7 +230,7 @@ def test_a_wrong_row_is_told_with_its_place(
     rows: Sequence[Mapping[str, object]], error: type[Exception], says: str
 ) -> None:
     with pytest.raises(error) as caught:
-        camgen.build(BRACKET, post="gcode", job=job(*rows))
+        build(BRACKET, post="gcode", job=job(*rows))
     assert says in str(caught.value)
 
 
@@ -292,7 +293,7 @@ def test_the_commands_build_and_verify_it(
 @needs_rs274
 def test_the_interpreter_of_linuxcnc_changes_the_tools() -> None:
     """After each change it goes up to the top, across and down, and then as planned."""
-    result = camgen.build(BRACKET, post="gcode", job=job(OUTER, DRILL, post={"cycles": False}))
+    result = build(BRACKET, post="gcode", job=job(OUTER, DRILL, post={"cycles": False}))
     canon = run(result.text, "T1 P1 Z0 D5\nT2 P2 Z0 D6\n")
     assert canon.error == ""
     assert [name for name in canon.names if name in ("CHANGE_TOOL", "USE_TOOL_LENGTH_OFFSET")] == [
@@ -380,7 +381,7 @@ def test_a_robot_with_one_tool_has_its_frame_whether_it_has_a_number_or_not(numb
 
 
 def test_an_operation_that_finds_nothing_costs_no_other_one() -> None:
-    result = camgen.build(BRACKET, post="gcode", job=job(OUTER, DRILL | {"holes": [1.0, 2.0]}))
+    result = build(BRACKET, post="gcode", job=job(OUTER, DRILL | {"holes": [1.0, 2.0]}))
     assert {path.operation for path in result.tour.paths} == {"follow"}
     assert any(
         note.kind == "skipped" and "operation 1 (drill): no hole to drill" in note.what

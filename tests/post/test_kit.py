@@ -312,9 +312,9 @@ SAYS = {
 }
 
 
-def is_found(post, read, lacks, says):
+def is_found(post, read, lacks, says, cases):
     """Whether a case has the finding. The cases after it are not run."""
-    for case in cases():
+    for case in cases:
         try:
             check_case(post, read, case, FAST, lacks, MEANINGLESS)
         except AssertionError as error:
@@ -326,7 +326,9 @@ def is_found(post, read, lacks, says):
 @pytest.mark.parametrize("post", SAYS, ids=lambda post: post.__name__)
 def test_a_fault_is_found(post):
     lacks = LACKS - {"stops", "tool changes"}
-    assert is_found(post, READ, lacks, SAYS[post])
+    # Changed numbers try the read-back, which is right here. They take most of the time.
+    plain = [replace(case, altered="") for case in cases()]
+    assert is_found(post, READ, lacks, SAYS[post], plain)
 
 
 # Read-backs that pass over a number of the text. The text of the post is right.
@@ -352,7 +354,7 @@ def spoil(pattern, replacement):
     ],
 )
 def test_a_number_that_the_readback_passes_over_is_found(pattern, replacement, says):
-    assert is_found(KRL, spoil(pattern, replacement), LACKS, says)
+    assert is_found(KRL, spoil(pattern, replacement), LACKS, says, cases())
 
 
 def test_each_change_of_a_number_is_made_and_excused_by_its_place():

@@ -2,15 +2,16 @@
 
 import json
 import math
+from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 
 from camgen.model.errors import InputError
 from camgen.model.job import Job
-from camgen.model.part import Contour
+from camgen.model.part import Contour, Part
 from camgen.read import dxf
 from camgen.read.files import Files
 from camgen.read.units import INSUNITS, MM
@@ -47,6 +48,30 @@ MISSING = {
 }
 
 
+class Look(NamedTuple):
+    """A drawing read and inspected; error: the refusal of reading it."""
+
+    part: Part | None
+    error: str
+    counts: dict[str, int]
+
+
+@cache
+def look(path: Path) -> Look:
+    """Loading takes most of the time: a drawing is loaded once for both."""
+    opened = source(path)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(dxf, "_load", cache(dxf._load))
+        try:
+            counts = dict(dxf.inspect(opened, Job(), Files()).counts)
+        except InputError:
+            counts = {}
+        try:
+            return Look(dxf.read(opened, Job(), Files()), "", counts)
+        except InputError as error:
+            return Look(None, str(error), counts)
+
+
 def truth() -> dict[str, Any]:
     lines = (DATA / "truth.jsonl").read_text().splitlines() if DATA.exists() else []
     return {entry["file"]: entry for entry in map(json.loads, lines) if "file" in entry}
@@ -75,7 +100,8 @@ def test_all_drawings_are_there() -> None:
 @pytest.mark.parametrize("path", [p for p in FILES if p.name not in REFUSED], ids=lambda p: p.name)
 def test_length_is_the_measured_one(path: Path) -> None:
     entry = TRUTH[str(path.relative_to(DATA))]
-    part = dxf.read(source(path), Job(), Files())
+    part = look(path).part
+    assert part is not None
     expected = (
         entry["visible_exact"] - TWICE.get(path.name, 0) + MISSING.get(path.name, 0)
     ) * scale(entry)
@@ -85,10 +111,9 @@ def test_length_is_the_measured_one(path: Path) -> None:
 
 @pytest.mark.parametrize("path", [p for p in FILES if p.name in REFUSED], ids=lambda p: p.name)
 def test_refused_in_one_line(path: Path) -> None:
-    with pytest.raises(InputError) as caught:
-        dxf.read(source(path), Job(), Files())
-    assert str(caught.value).startswith(f"{path.name}: {REFUSED[path.name]}")
-    assert str(caught.value).isprintable()
+    error = look(path).error
+    assert error.startswith(f"{path.name}: {REFUSED[path.name]}")
+    assert error.isprintable()
 
 
 #: No reading at all, or measured with clipped references expanded, which are not used (see REFUSED).
@@ -100,9 +125,9 @@ NOT_COUNTED = {"cycloidal.dxf", "BlockClippedBasicTransform.dxf", "TransformedBl
 )
 def test_inspect_counts_at_least_what_was_measured(path: Path) -> None:
     """At least: the measurement leaves out what is damaged and what it cannot expand."""
-    found = dict(dxf.inspect(source(path), Job(), Files()).counts)
+    counts = look(path).counts
     measured = TRUTH[str(path.relative_to(DATA))].get("curves", {})
-    assert all(found.get(kind, 0) >= count for kind, count in measured.items())
+    assert all(counts.get(kind, 0) >= count for kind, count in measured.items())
 
 
 @pytest.mark.parametrize(
@@ -117,4 +142,6 @@ def test_inspect_counts_at_least_what_was_measured(path: Path) -> None:
 )
 def test_loops(name: str, loops: int) -> None:
     path = next(p for p in FILES if p.name == name)
-    assert [c.closed for c in dxf.read(source(path), Job(), Files()).contours] == [True] * loops
+    part = look(path).part
+    assert part is not None
+    assert [c.closed for c in part.contours] == [True] * loops

@@ -1,17 +1,18 @@
 """The door for input files: what is none, and that every build opens each of its files once."""
 
 import io
-import json
 import os
-import subprocess
 import sys
+from collections import Counter
 from pathlib import Path
+from typing import ClassVar
 
 import cv2
 import numpy as np
 import pytest
 import trimesh
 
+from camgen.cli import main
 from camgen.model.errors import InputError
 from camgen.model.files import Source
 from camgen.model.limits import Limits
@@ -85,36 +86,38 @@ def test_what_cannot_be_opened_is_told(name: str, says: str) -> None:
 
 # Every file of a build is opened once. Opening is seen by Python's audit hooks, also that of os.open and of pathlib.
 
-_COUNT = """\
-import json, os, sys
-from collections import Counter
-opened, here = Counter(), os.getcwd() + os.sep
-def hook(event, arguments):
-    if event == "open" and isinstance(arguments[0], (str, bytes, os.PathLike)):
-        name = os.path.realpath(os.fsdecode(arguments[0]))
-        # ezdxf looks for settings of its own here, which are not there.
-        if name.startswith(here) and os.path.isfile(name) and not arguments[2] & (os.O_WRONLY | os.O_RDWR):
-            opened[name.removeprefix(here)] += 1
-sys.addaudithook(hook)
-from camgen.cli import main
-code = main(sys.argv[1:])
-print(json.dumps([code, opened]))
-"""
+
+class Watch:
+    """Counts the files below ``folder`` that are opened to be read; "": none is counted."""
+
+    folder = ""
+    counts: ClassVar[Counter[str]] = Counter()
+
+
+def _see(event: str, arguments: tuple[object, ...]) -> None:
+    if event != "open" or not Watch.folder:
+        return
+    path, _, flags = arguments
+    if not isinstance(path, (str, bytes, os.PathLike)) or not isinstance(flags, int):
+        return
+    name = os.path.realpath(os.fsdecode(path))
+    # ezdxf looks for settings of its own here, which are not there.
+    is_there = name.startswith(Watch.folder) and os.path.isfile(name)
+    if is_there and not flags & (os.O_WRONLY | os.O_RDWR):
+        Watch.counts[name.removeprefix(Watch.folder)] += 1
+
+
+# A hook stays to the end of the process.
+sys.addaudithook(_see)
 
 
 def opened(*words: str) -> dict[str, int]:
-    done = subprocess.run(
-        [sys.executable, "-c", _COUNT, *words, "-q"],
-        capture_output=True,
-        text=True,
-        check=False,
-        cwd=Path.cwd(),
-    )
-    assert done.returncode == 0, done.stderr
-    code, counts = json.loads(done.stdout.splitlines()[-1])
-    assert code == 0, done.stderr
-    assert isinstance(counts, dict)
-    return counts
+    Watch.folder, Watch.counts = os.path.realpath(".") + os.sep, Counter()
+    try:
+        assert main([*words, "-q"]) == 0
+    finally:
+        Watch.folder = ""
+    return dict(Watch.counts)
 
 
 def put(*paths: Path) -> list[str]:

@@ -1,5 +1,6 @@
 """Every picture of the shared data: a program or one plain line, never a traceback."""
 
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +32,7 @@ PARTS = {
 }
 
 
+@cache
 def built(path: Path) -> Result | str:
     try:
         return camgen.build(

@@ -82,8 +82,8 @@ def test_each_fault_costs_the_same(name: str) -> None:
     def execute(count: int) -> Executed:
         return done(HEAD + FAULTS[name](count) + TAIL)
 
-    assert_linear(execute, 4000)
-    executed = execute(4000)
+    assert_linear(execute, 1600)
+    executed = execute(1600)
     assert executed.findings or executed.assumed or executed.stopped
 
 

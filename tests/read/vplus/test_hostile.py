@@ -168,7 +168,7 @@ def test_each_line_of_a_long_text_costs_the_same(name: str) -> None:
         text = f".PROGRAM a()\n{LONG[name](count)}.END\n"
         sound(run({"a.v2": text}, Ask()), text.count("\n") + 2)
 
-    assert_linear(execute, 4000)
+    assert_linear(execute, 1600)
 
 
 @pytest.mark.parametrize(
