@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.support.damage import damaged, one_sign_changed
-from tests.support.examples import fewer
+from tests.support.examples import fewer, is_night
 from tests.support.pacscript_ways import (
     BY_HAND,
     CALLED,
@@ -19,6 +19,7 @@ from tests.support.pacscript_ways import (
     PERCENT,
     TEXTS,
     check,
+    short_lines,
 )
 
 STATEMENTS = (
@@ -184,10 +185,21 @@ def test_damaged_texts_are_read_alike(
 
 @pytest.mark.parametrize("statement", STATEMENTS)
 def test_every_statement_beside_motions(statement: str) -> None:
+    """At each place, and with all options; at night with all options at each place."""
     rows = BY_HAND.split("\n")
-    for options in ({}, PERCENT, CALLED, MOVED, LONG_S):
-        for k in (0, 3, 8, 11, 15, 23, 26, 28, 33):
+    places = (0, 3, 8, 11, 15, 23, 26, 28, 33)
+    for number, options in enumerate((PERCENT, CALLED, MOVED, LONG_S, {})):
+        for k in places if is_night() or not options else places[number::4]:
             check({"a.pcs": "\n".join([*rows[:k], statement, *rows[k:]])}, options)
+
+
+#: Lines of a program before and after a motion that is put in.
+BEFORE, AFTER = BY_HAND.split("\n")[:9], BY_HAND.split("\n")[10:12] + BY_HAND.split("\n")[34:36]
+
+
+def test_the_motion_of_many_spellings_is_read_at_once() -> None:
+    assert short_lines("\n".join([*BEFORE, *AFTER])) >= 4
+    assert AFTER[-1] == "End Sub"
 
 
 @pytest.mark.parametrize("spelling", [*NUMBERS, *WORDS, *MARKS])
@@ -199,4 +211,4 @@ def test_every_spelling_within_a_motion(spelling: str) -> None:
         for pattern in (NUMBER, WORD, MARK):
             for place in pattern.finditer(row):
                 changed = row[: place.start()] + spelling + row[place.end() :]
-                check({"a.pcs": BY_HAND.replace(row, changed)}, PERCENT)
+                check({"a.pcs": "\n".join([*BEFORE, changed, *AFTER])}, PERCENT)

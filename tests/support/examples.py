@@ -7,12 +7,15 @@ from collections.abc import Collection
 from hypothesis import HealthCheck, settings
 
 
+def is_night() -> bool:
+    """Whether the profile asks for more examples than CI."""
+    return settings().max_examples > settings.get_profile("ci").max_examples
+
+
 def fewer(examples: int, suppress: Collection[HealthCheck] = ()) -> settings:
     """``examples`` instead of those of CI; all of the profile where that asks for more.
 
     suppress: health checks that the property is known to fail.
     """
-    usual, profile = settings.get_profile("ci").max_examples, settings().max_examples
-    return settings(
-        max_examples=examples if profile <= usual else profile, suppress_health_check=suppress
-    )
+    count = settings().max_examples if is_night() else examples
+    return settings(max_examples=count, suppress_health_check=suppress)

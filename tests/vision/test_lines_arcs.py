@@ -347,7 +347,7 @@ def test_one_unsound_spot_leaves_the_rest_of_the_outline_fitted(seed: int) -> No
 
 def test_the_scale_of_a_picture_has_no_say_in_its_pieces() -> None:
     """What a photo gives at 0.11574 mm/px it gives at 0.115741, in mm of its own."""
-    for seed in range(4):
+    for seed in range(2):
         grey = picture(spotted(seed), 190, 220, 0.5, 3.0)
         loops = outlines(grey, mask_of(grey))[0]
         found = [
@@ -408,7 +408,7 @@ def test_any_rectangle_with_a_hole(
 
 def test_rectangles_are_four_lines() -> None:
     part = drawn([(-40, -25, 0), (40, -25, 0), (40, 25, 0), (-40, 25, 0)])
-    for turn in np.linspace(0, np.pi / 2, 31):
+    for turn in np.linspace(0, np.pi / 2, 11):
         contours, fits = recovered(part.placed(turn, 55.2 + 54.9j), 110, 110)
         assert [(fit.lines, fit.arcs) for fit in fits] == [(4, 0)]
         assert off(part.placed(turn, 55.2 + 54.9j), contours).max() < 0.1
