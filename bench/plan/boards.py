@@ -11,16 +11,16 @@ when a figure misses its goal.
 from __future__ import annotations
 
 import sys
-import time
+from collections.abc import Iterator
 from itertools import pairwise, product
 from pathlib import Path
-from statistics import median
 
 import cv2
 import numpy as np
 from msgspec import Struct
 
-from bench.machine import machine
+from bench.support.runner import Cells, Missed, Scenario, read_words, run
+from bench.support.timing import median_seconds
 from camgen.model.part import Contour, Part, Raster
 from camgen.model.pose import frozen
 from camgen.plan.fill import fill
@@ -30,6 +30,12 @@ from camgen.read import read
 from camgen.read.job_file import from_mapping
 from camgen.vision.crosses import crosses
 
+FILL_COLUMNS = (
+    "board | marker, mm {:g} | covered {:.2f} % | outside {:.2f} % | beside thin {:.2f} % "
+    "| copper, mm2 {:.0f} | bare {:.1f} | outside {:.1f} | thin {:.1f} | strokes | points "
+    "| s {:.2f}"
+)
+MARK_COLUMNS = "boards | marks | missed | invented | rms, px {:.3f} | largest, px {:.3f}"
 DPI = 300
 MM = 25.4 / DPI
 #: By marker, mm: the least share of the copper covered, and the most ink outside beside that of thin tracks.
@@ -132,55 +138,28 @@ def part_of(copper: np.ndarray) -> Part:
     return Part("board", "board.png", "px", (corner,), (), raster)
 
 
-def fill_row(name: str, part: Part, diameter: float, repeats: int) -> bool:
-    job = from_mapping({"operation": {"kind": "fill"}, "tool": {"diameter": diameter}})
-    seconds = []
-    for _ in range(repeats):
-        start = time.perf_counter()
-        paths, _, found = fill(part, job)
-        seconds.append(time.perf_counter() - start)
-    covered, outside, thin = (
-        100 * area / found.copper for area in (found.covered, found.outside, found.thin)
-    )
-    points = sum(len(path.position) for path in paths)
-    bare = found.copper - found.covered
-    shares = f"{covered:.2f} % | {outside:.2f} % | {thin:.2f} %"
-    areas = f"{found.copper:.0f} | {bare:.1f} | {found.outside:.1f} | {found.thin:.1f}"
-    print(
-        f"| {name} | {diameter:g} | {shares} | {areas} | {len(paths)} | {points} | {median(seconds):.2f} |",
-        flush=True,
-    )
-    least, most = GOALS[diameter]
-    return covered >= 100 * least and outside <= 100 * most
+def judge_fill(name: str, part: Part) -> Iterator[Cells]:
+    """A row for each marker."""
+    for diameter, (least, most) in GOALS.items():
+        job = from_mapping({"operation": {"kind": "fill"}, "tool": {"diameter": diameter}})
+        paths, _, area = fill(part, job)
+        seconds = median_seconds(lambda job=job: fill(part, job), 3)
+        shares = [100 * mm2 / area.copper for mm2 in (area.covered, area.outside, area.thin)]
+        areas = [area.copper, area.copper - area.covered, area.outside, area.thin]
+        points = sum(len(path.position) for path in paths)
+        is_met = shares[0] >= 100 * least and shares[1] <= 100 * most
+        covered = shares[0] if is_met else Missed(f"{shares[0]:.2f} %")
+        yield name, diameter, covered, *shares[1:], *areas, len(paths), points, seconds
 
 
-def fill_table(folder: Path, sizes: tuple[int, ...]) -> bool:
-    head = (
-        "board",
-        "marker, mm",
-        "covered",
-        "outside",
-        "beside thin",
-        "copper, mm2",
-        "bare",
-        "outside",
-        "thin",
-    )
-    print("|", " | ".join((*head, "strokes", "points", "s")), "|")
-    print(f"|{'---|' * 12}")
-    good = True
-    boards = [
-        (f"rendered {n} x {n}{', plane' if p else ''}", part_of(board(n, s, p)))
-        for s, (n, p) in enumerate(product(sizes, (False, True)), 1)
-    ]
+def fill_inputs(folder: Path, sizes: tuple[int, ...]) -> Iterator[tuple[str, Part]]:
+    """Name and part of each board, rendered and of the folder."""
+    for seed, (pixels, plane) in enumerate(product(sizes, (False, True)), 1):
+        name = f"rendered {pixels} x {pixels}{', plane' if plane else ''}"
+        yield name, part_of(board(pixels, seed, plane))
     scale = {"operation": {"kind": "fill"}, "image": {"mm_per_px": MM}}
-    boards += [
-        (path.name, read(path, from_mapping(scale))) for path in sorted(folder.glob("*_temp.jpg"))
-    ]
-    for name, part in boards:
-        for diameter in GOALS:
-            good &= fill_row(name, part, diameter, 3)
-    return good
+    for path in sorted(folder.glob("*_temp.jpg")):
+        yield path.name, read(path, from_mapping(scale))
 
 
 class Marks(Struct):
@@ -257,19 +236,16 @@ def mark_errors(board: Marks) -> tuple[int, int, np.ndarray]:
     )
 
 
-def mark_table(sets: dict[str, list[tuple[int, int]]]) -> bool:
-    """sets: of (seed, pixels) by name."""
-    print("\n| boards | marks | missed | invented | rms, px | largest, px |")
-    print(f"|{'---|' * 6}")
-    good = True
-    for name, chosen in sets.items():
-        results = [mark_errors(marks(seed, pixels)) for seed, pixels in chosen]
-        missed, invented = (sum(r[k] for r in results) for k in (0, 1))
-        off = np.concatenate([r[2] for r in results])
-        shares = f"{np.sqrt((off**2).mean()):.3f} | {off.max():.3f}"
-        print(f"| {name} | {len(off) + missed} | {missed} | {invented} | {shares} |", flush=True)
-        good &= missed == invented == 0 and bool(off.max() < CENTRE)
-    return good
+def judge_marks(name: str, chosen: list[tuple[int, int]]) -> Iterator[Cells]:
+    """The row of a set of boards, of which seed and pixels are given."""
+    results = [mark_errors(marks(seed, pixels)) for seed, pixels in chosen]
+    missed, invented = (sum(result[k] for result in results) for k in (0, 1))
+    off = np.concatenate([result[2] for result in results])
+    largest = off.max()
+    is_met = missed == invented == 0 and largest < CENTRE
+    counts = len(off) + missed, missed, invented
+    rms = np.sqrt((off**2).mean())
+    yield name, *counts, rms, largest if is_met else Missed(f"{largest:.3f}")
 
 
 def mark_sets(count: int) -> dict[str, list[tuple[int, int]]]:
@@ -283,13 +259,11 @@ def mark_sets(count: int) -> dict[str, list[tuple[int, int]]]:
 
 
 if __name__ == "__main__":
-    print(machine())
-    folder, count = (
-        Path(sys.argv[1]) if len(sys.argv) > 1 else Path(),
-        int(sys.argv[2]) if len(sys.argv) > 2 else 50,
+    folder, count, *sizes = read_words(Path(), 50)
+    pixels = tuple(map(int, sizes)) or (1000, 3000)
+    sys.exit(
+        run(
+            Scenario(FILL_COLUMNS, fill_inputs(folder, pixels), judge_fill),
+            Scenario(MARK_COLUMNS, mark_sets(count).items(), judge_marks),
+        )
     )
-    good = [
-        fill_table(folder, tuple(map(int, sys.argv[3:])) or (1000, 3000)),
-        mark_table(mark_sets(count)),
-    ]
-    sys.exit(0 if all(good) else 1)

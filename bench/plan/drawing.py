@@ -9,16 +9,16 @@ Every picture is traced on an A4 page. Distances are measured on points 0.25 px 
 from __future__ import annotations
 
 import sys
-import time
+from collections.abc import Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import shapely
 
-from bench.machine import machine
+from bench.support.runner import PARTS, SHARED, Cells, Scenario, find_files, run
+from bench.support.timing import timed
 from camgen.cli import main
 from camgen.geometry.segments import flatten, from_contours
-from camgen.model.errors import CamgenError
 from camgen.model.part import Contour, Part
 from camgen.order.arrange import Search, arrange, measure_travel
 from camgen.plan.page import on_page
@@ -28,10 +28,12 @@ from camgen.read import read
 from camgen.read.job_file import from_mapping
 from camgen.vision.similarity import scale_of
 
-DEFAULT = Path(__file__).parents[3] / "shared" / "data" / "image"
+COLUMNS = (
+    "picture | strokes | points | drawn | arcs | off (px) {:.2f} | travel as drawn (m) {:.2f} "
+    "| nearest {:.2f} | best {:.2f} | s {:.2f}"
+)
 JOB = from_mapping({"operation": {"kind": "trace"}, "page": {"size": "A4"}})
 METHODS = ("as-drawn", "nearest", "best")
-PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
 ARM = ["--post", "vplus", "--set", "cell.robot=Cobra s600"]
 WALKS = {
     "gear": [*ARM, "--set", "page.size=A5"],
@@ -56,36 +58,26 @@ def apart(a: Part, b: Part, step: float) -> float:
     return worst
 
 
-def row(path: Path) -> str:
-    start = time.perf_counter()
-    raw = on_page(read(path, JOB), JOB)
-    drawn = simplify(raw, JOB)
-    seconds = time.perf_counter() - start
+def judge(path: Path) -> Iterator[Cells]:
+    """The row of a picture."""
+    (raw, drawn), seconds = timed(lambda: simplified(path))
     assert raw.raster is not None
     px = scale_of(raw.raster.work_from_view)
     before, after = (sum(len(c.points) for c in part.contours) for part in (raw, drawn))
     arcs = sum(int((c.bulges != 0).sum()) for c in drawn.contours)
     paths = trace(drawn, JOB)
-    ways = [
-        measure_travel(arrange(paths, Search(method, (0.0, 0.0), False)).paths, (0.0, 0.0)) / 1000
-        for method in METHODS
-    ]
-    far = apart(raw, drawn, px / 4) / px
-    told = " | ".join(f"{way:.2f}" for way in ways)
-    return f"| {path.name} | {len(paths)} | {before} | {after} | {arcs} | {far:.2f} | {told} | {seconds:.2f} |"
+    travel = []
+    for method in METHODS:
+        tour = arrange(paths, Search(method, (0.0, 0.0), False))
+        travel.append(measure_travel(tour.paths, (0.0, 0.0)) / 1000)
+    off = apart(raw, drawn, px / 4) / px
+    yield path.name, len(paths), before, after, arcs, off, *travel, seconds
 
 
-def table(folder: Path) -> None:
-    print(machine())
-    print(
-        "\n| picture | strokes | points | drawn | arcs | off (px) | travel as drawn (m) | nearest | best | s |"
-    )
-    print("|---|---|---|---|---|---|---|---|---|---|")
-    for path in sorted(p for p in folder.rglob("*") if p.suffix in {".png", ".jpg", ".tif"}):
-        try:
-            print(row(path), flush=True)
-        except CamgenError as error:
-            print(f"| {path.name} | refused: {error.what} | | | | | | | | |")
+def simplified(path: Path) -> tuple[Part, Part]:
+    """The drawing of a picture on its page, before and after it is simplified."""
+    raw = on_page(read(path, JOB), JOB)
+    return raw, simplify(raw, JOB)
 
 
 def docs(folder: Path) -> None:
@@ -105,4 +97,6 @@ if __name__ == "__main__":
     if sys.argv[1:2] == ["docs"]:
         docs(Path(sys.argv[2]))
     else:
-        table(Path(sys.argv[1]) if sys.argv[1:] else DEFAULT)
+        folder = Path(sys.argv[1]) if sys.argv[1:] else SHARED / "image"
+        pictures = find_files(folder, (".png", ".jpg", ".tif"))
+        sys.exit(run(Scenario(COLUMNS, [(path,) for path in pictures], judge)))

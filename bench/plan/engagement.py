@@ -1,67 +1,65 @@
 """How much of the tool `pocket` engages: python -m bench.plan.engagement [COUNT | shapes COUNT]
 
-Pockets of COUNT (20) random shapes, and of real drawings without the word `shapes`: stepover 0.5, with the bound of the
-default, 0.65, and without one. Judged by counting the cells of a plate that a disc takes along the paths, links and
-entries and all: the way on which more than the bound and the judge's own noise is engaged. Prints a table for
-docs/benchmarks.md.
+Pockets of COUNT (20) random shapes, and of real drawings without the word `shapes`: stepover 0.5,
+with the bound of the default, 0.65, and without one. The judge counts the cells of a plate that a
+disc takes along the paths, links and entries included. It measures the length on which more than
+the bound and its own noise is engaged.
 """
 
 from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import camgen
-from bench.machine import machine
 from bench.plan.follow import DRAWINGS
 from bench.plan.pockets import shapes
-from camgen.model.errors import CamgenError
+from bench.support.runner import SHARED, Cells, Scenario, run
 from camgen.model.job import Job, OperationTable, ToolTable
 from camgen.model.part import Part
 from tests.support.engaged import engaged
 from tests.support.swept import enclosed
 
 STEPOVER, BOUND, NOISE = 0.5, 0.65, 0.06
-#: Ways longer than this, m, take too long to count.
+#: Paths longer than this, m, take too long to count.
 LONGEST = 8.0
+COLUMNS = (
+    "drawing | tool mm {:g} | m {:.2f} | s {:.2f} | above, mm {:.1f} | above {:.2f} % "
+    "| m, no bound {:.2f} | s, no bound {:.2f} | above, no bound, mm {:.1f} "
+    "| above, no bound {:.2f} %"
+)
+Input = tuple[str, Callable[[], Part], float]
 
 
-def judged(name: str, part: Part, diameter: float) -> str:
-    """One row of the table: with and without the bound metres, planning seconds, mm and percent above it."""
-    row = f"| {name} | {diameter:g}"
+def judge(name: str, read: Callable[[], Part], diameter: float) -> Iterator[Cells]:
+    """The row of a drawing: length, planning seconds, mm and percent above, twice."""
+    part = read()
+    if enclosed(part.contours).area / diameter >= 1000 * LONGEST:
+        return
+    figures: list[float] = []
     for most in (None, 1.0):
         operation = OperationTable(kind="pocket", stepover=STEPOVER, engagement=most)
         start = time.process_time()
-        made = camgen.plan(part, Job(tool=ToolTable(diameter=diameter), operation=operation))
+        plan = camgen.plan(part, Job(tool=ToolTable(diameter=diameter), operation=operation))
         seconds = time.process_time() - start
-        found = engaged(made.paths, diameter / 2)
-        way, above = found[:, 3].sum(), found[found[:, 2] > BOUND + NOISE, 3].sum()
-        row += f" | {way / 1000:.2f} | {seconds:.2f} | {above:.1f} | {100 * above / way:.2f} %"
-    return row + " |"
+        pieces = engaged(plan.paths, diameter / 2)
+        length = pieces[:, 3].sum()
+        above = pieces[pieces[:, 2] > BOUND + NOISE, 3].sum()
+        figures += [length / 1000, seconds, above, 100 * above / length]
+    yield Path(name).name, diameter, *figures
 
 
-def main() -> int:
-    count = int(sys.argv[-1]) if sys.argv[1:] else 20
-    folder = Path(__file__).parents[2].parent / "shared" / "data" / "dxf"
-    print(f"{machine()}\n")
-    print(
-        "| drawing | tool mm | m | s | above, mm | above "
-        "| m, no bound | s, no bound | above, no bound, mm | above, no bound |"
-    )
-    print("|---|---|---|---|---|---|---|---|---|---|")
-    print(judged(f"{count} shapes", shapes(count), 6.0), flush=True)
-    for name, diameter in (
-        DRAWINGS.items() if folder.is_dir() and sys.argv[1:2] != ["shapes"] else ()
-    ):
-        try:
-            part = camgen.read(folder / name)
-            if enclosed(part.contours).area / diameter < 1000 * LONGEST:
-                print(judged(Path(name).name, part, diameter), flush=True)
-        except CamgenError as error:
-            print(f"| {name} | {diameter:g} | {error} |")
-    return 0
+def inputs(words: list[str]) -> Iterator[Input]:
+    """Name, reader and diameter of the tool (mm) of each drawing."""
+    count = int(words[-1]) if words else 20
+    yield f"{count} shapes", lambda: shapes(count), 6.0
+    folder = SHARED / "dxf"
+    if words[:1] != ["shapes"] and folder.is_dir():
+        for name, diameter in DRAWINGS.items():
+            yield name, lambda name=name: camgen.read(folder / name), diameter
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run(Scenario(COLUMNS, inputs(sys.argv[1:]), judge)))

@@ -20,13 +20,16 @@ from ezdxf.disassemble import recursive_decompose
 from ezdxf.entities import DXFEntity
 
 import camgen
-from bench.machine import machine
-from camgen.geometry.arcs import circle
-from camgen.model.errors import CamgenError
-from camgen.model.pose import Pose, rotation_about_axis
+from bench.support.motions import sample_motion
+from bench.support.runner import SHARED, Cells, Scenario, run, verdict
+from camgen.model.pose import Pose
 from camgen.model.program import Instruction, MoveC, MoveL, Output
 from camgen.post.plugins import find_readback
 
+COLUMNS = (
+    "drawing | tool mm {:g} | paths | working points off mm {:.4f} | nearer than allowed mm {:.4f} "
+    "| posts apart mm {:.4f} | arcs: instr./m {:.0f} | chords: instr./m {:.0f} | "
+)
 POSTS = ("rapid", "pacscript", "vplus", "gcode", "grbl")
 GOAL = 0.02
 #: Drawings of closed loops only, and a tool that fits most of them, mm.
@@ -111,19 +114,8 @@ def working(body: tuple[Instruction, ...]) -> tuple[np.ndarray, np.ndarray, int,
 
 def along(start: np.ndarray, item: MoveL | MoveC) -> np.ndarray:
     """Points of a motion, not farther than 0.2 mm apart."""
-    end = np.array(item.target.origin)
-    if isinstance(item, MoveL):
-        count = max(2, int(np.linalg.norm(end - start) / 0.2) + 2)
-        return start + np.linspace(0, 1, count)[:, None] * (end - start)
-    centre, radius, axis, sweep = circle(tuple(start.tolist()), item.via.origin, item.target.origin)
-    axis = np.array(axis)
-    count = max(3, int(radius * sweep / 0.2) + 3)
-    return np.array(
-        [
-            centre + rotation_about_axis(axis, a) @ (start - centre)
-            for a in np.linspace(0, sweep, count)
-        ]
-    )
+    via = np.array(item.via.origin) if isinstance(item, MoveC) else None
+    return sample_motion(start, via, np.array(item.target.origin), 0.2)
 
 
 def gaps(points: np.ndarray, tree: shapely.STRtree) -> np.ndarray:
@@ -131,8 +123,13 @@ def gaps(points: np.ndarray, tree: shapely.STRtree) -> np.ndarray:
     return shapely.distance(shapely.points(points), tree.geometries[index])
 
 
-def judged(file: Path, diameter: float) -> str:
-    """One row of the table; raises AssertionError where a goal is missed."""
+def segments(points: np.ndarray) -> shapely.STRtree:
+    """The lines from point to point."""
+    return shapely.STRtree(shapely.linestrings(np.stack([points[:-1], points[1:]], axis=1)))
+
+
+def judge(file: Path, diameter: float) -> Iterator[Cells]:
+    """The row of a drawing."""
     tree = drawn_by_ezdxf(file)
     job = {"tool": {"diameter": diameter}}
     reference = None
@@ -144,38 +141,22 @@ def judged(file: Path, diameter: float) -> str:
         errors.append(np.abs(gaps(targets, tree) - diameter / 2).max())
         inside.append((diameter / 2 - gaps(samples, tree)).max())
         if reference is None:
-            reference = shapely.STRtree(
-                [shapely.LineString(samples[k : k + 2]) for k in range(len(samples) - 1)]
-            )
+            reference = segments(samples)
         apart = max(apart, float(gaps(samples, reference).max()))
-    verdict = "ok" if max(*errors, *inside, apart) <= GOAL else "**missed**"
-    return (
-        f"| {file.name} | {diameter:g} | {len(result.tour.paths)} | {max(errors):.4f} | {max(0.0, *inside):.4f} "
-        f"| {apart:.4f} | {counts['rapid'] / metres:.0f} | {counts['vplus'] / metres:.0f} | {verdict} |"
-    )
+    worst = max(errors), max(0.0, *inside), apart
+    density = counts["rapid"] / metres, counts["vplus"] / metres
+    is_met = max(worst) <= GOAL
+    yield file.name, diameter, len(result.tour.paths), *worst, *density, verdict(is_met)
 
 
-def main() -> int:
-    warnings.simplefilter("ignore")
-    default = Path(__file__).parents[2].parent / "shared" / "data" / "dxf"
-    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else default
-    print(f"{machine()}\n")
-    print(
-        "| drawing | tool mm | paths | working points off mm | nearer than allowed mm | posts apart mm |",
-        end="",
-    )
-    print(" arcs: instr./m | chords: instr./m | |\n|---|---|---|---|---|---|---|---|---|")
-    missed = 0
-    drawings = {folder.name: float(sys.argv[2])} if folder.is_file() else DRAWINGS
-    for name, diameter in drawings.items():
-        try:
-            row = judged(folder if folder.is_file() else folder / name, diameter)
-        except CamgenError as error:
-            row = f"| {name} | {diameter:g} | {error} | **missed** |"
-        missed += "missed" in row
-        print(row, flush=True)
-    return 1 if missed else 0
+def inputs(words: list[str]) -> list[tuple[Path, float]]:
+    """File and diameter of the tool (mm) of each drawing."""
+    folder = Path(words[0]) if words else SHARED / "dxf"
+    if folder.is_file():
+        return [(folder, float(words[1]))]
+    return [(folder / name, diameter) for name, diameter in DRAWINGS.items()]
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    warnings.simplefilter("ignore")
+    sys.exit(run(Scenario(COLUMNS, inputs(sys.argv[1:]), judge)))

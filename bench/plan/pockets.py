@@ -10,19 +10,23 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 
 import camgen
-from bench.machine import machine
 from bench.plan.follow import DRAWINGS
-from camgen.model.errors import CamgenError
+from bench.support.runner import SHARED, Cells, Scenario, run, verdict
 from camgen.model.job import Job, OperationTable, ToolTable
 from camgen.model.part import Contour, Part
 from camgen.model.pose import frozen
 from tests.support.swept import enclosed, reachable, swept
 
+COLUMNS = (
+    "drawing | tool mm {:g} | contours | left out | paths | chords m {:.1f} | bare mm2 {:.4f} "
+    "| gouged mm2 {:.4f} | processor s {:.2f} | "
+)
 #: What may be bare or cut too far, mm2, of all pockets of a drawing.
 GOAL = 1e-3
 
@@ -50,57 +54,38 @@ def _star(
     return Contour(frozen(points), frozen(bulges), True, "0", f"c{name + 1}")
 
 
-def judged(name: str, part: Part, diameter: float) -> str:
-    """One row of the table."""
+def judge(name: str, read: Callable[[], Part], diameter: float) -> Iterator[Cells]:
+    """The row of a drawing."""
+    part = read()
     job = Job(tool=ToolTable(diameter=diameter), operation=OperationTable(kind="pocket"))
     start = time.process_time()
-    made = camgen.plan(part, job)
+    plan = camgen.plan(part, job)
     seconds = time.process_time() - start
-    left_out = {i for note in made.notes if note.kind == "skipped" for i in note.ids}
+    left_out = {i for note in plan.notes if note.kind == "skipped" for i in note.ids}
     region = enclosed([c for c in part.contours if c.closed and c.id not in left_out])
-    covered = swept(made.paths, diameter / 2)
+    covered = swept(plan.paths, diameter / 2)
     bare = reachable(region, diameter / 2).difference(covered).buffer(-0.005).area
     gouged = covered.difference(region.buffer(0.005)).area
-    metres = (
-        sum(float(np.hypot(*np.diff(path.position[:, :2], axis=0).T).sum()) for path in made.paths)
-        / 1000
-    )
-    failed = sum("check failed" in note.what for note in made.notes)
-    verdict = "ok" if max(bare, gouged) <= GOAL and not failed else "**missed**"
-    return (
-        f"| {name} | {diameter:g} | {len(part.contours)} | {len(left_out)} | {len(made.paths)} | {metres:.1f} "
-        f"| {bare:.4f} | {gouged:.4f} | {seconds:.2f} | {verdict} |"
-    )
+    chords = [np.hypot(*np.diff(path.position[:, :2], axis=0).T).sum() for path in plan.paths]
+    failed = sum("check failed" in note.what for note in plan.notes)
+    counts = len(part.contours), len(left_out), len(plan.paths)
+    is_met = max(bare, gouged) <= GOAL and not failed
+    yield name, diameter, *counts, sum(chords) / 1000, bare, gouged, seconds, verdict(is_met)
 
 
-def main() -> int:
-    words = sys.argv[1:]
-    folder = Path(__file__).parents[2].parent / "shared" / "data" / "dxf"
-    print(f"{machine()}\n")
-    print(
-        "| drawing | tool mm | contours | left out | paths | chords m | bare mm2 | gouged mm2 | processor s | |"
-    )
-    print("|---|---|---|---|---|---|---|---|---|---|")
-    missed = 0
+def inputs(words: list[str]) -> Iterator[tuple[str, Callable[[], Part], float]]:
+    """Name, reader and diameter of the tool (mm) of each drawing."""
     if words[:1] == ["shapes"]:
-        asked = [(f"{words[1]} shapes", shapes(int(words[1])), 6.0)]
-    elif words and Path(words[0]).is_file():
-        asked = [(Path(words[0]).name, camgen.read(Path(words[0])), float(words[1]))]
-    else:
-        folder = Path(words[0]) if words else folder
-        asked = [("251 shapes", shapes(251), 6.0)]
-        asked += [
-            (Path(name).name, camgen.read(folder / name), size) for name, size in DRAWINGS.items()
-        ]
-    for name, part, diameter in asked:
-        try:
-            row = judged(name, part, diameter)
-        except CamgenError as error:
-            row = f"| {name} | {diameter:g} | {error} | **missed** |"
-        missed += "missed" in row
-        print(row, flush=True)
-    return 1 if missed else 0
+        yield f"{words[1]} shapes", lambda: shapes(int(words[1])), 6.0
+        return
+    folder = Path(words[0]) if words else SHARED / "dxf"
+    if folder.is_file():
+        yield folder.name, lambda: camgen.read(folder), float(words[1])
+        return
+    yield "251 shapes", lambda: shapes(251), 6.0
+    for name, diameter in DRAWINGS.items():
+        yield Path(name).name, lambda name=name: camgen.read(folder / name), diameter
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run(Scenario(COLUMNS, inputs(sys.argv[1:]), judge)))

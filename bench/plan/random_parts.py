@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from typing import NamedTuple
@@ -23,15 +23,19 @@ import numpy as np
 import shapely
 
 import camgen
-from bench.machine import machine
 from bench.plan.follow import along
 from bench.render.random_parts import DIAMETERS, RandomPart, random_part
+from bench.support.runner import Cells, Scenario, read_words, run
 from camgen.model.errors import CamgenError
 from camgen.model.part import Contour
 from camgen.model.pose import Pose, frozen
 from camgen.model.program import Instruction, MoveC, MoveL
 from camgen.post.plugins import find_readback
 
+COLUMNS = (
+    "tool mm | parts {:,} | contours with room {:,} | dropped | deepest gouge mm {:.4f} "
+    "| border not run mm {:.1f} | holes late | s {:.0f}"
+)
 #: Mm: of a gouge; by which a room must be wider than the tool; from the border of the room to the path.
 GOUGE, ROOM, BESIDE = 0.011, 0.004, 0.02
 _STEP = 0.15
@@ -208,28 +212,18 @@ def _late(part: RandomPart, ways: list[np.ndarray]) -> int:
     return late
 
 
-def _table(verdicts: list[Verdict]) -> Iterator[str]:
-    """Rows by the tool's diameter, and one of all."""
-    yield "| tool mm | parts | contours with room | dropped | deepest gouge mm | border not run mm | holes late | s |"
-    yield "|---|---|---|---|---|---|---|---|"
-    groups = {f"{d:g}": [v for v in verdicts if v.diameter == d] for d in DIAMETERS} | {
-        "all": verdicts
-    }
-    for name, some in groups.items():
-        if some:
-            room, dropped, late, missed, seconds = (
-                sum(getattr(v, column) for v in some)
-                for column in ("rooms", "dropped", "late", "missed", "seconds")
-            )
-            yield (
-                f"| {name} | {len(some):,} | {room:,} | {dropped} | {max(v.gouge for v in some):.4f} | {missed:.1f} "
-                f"| {late} | {seconds:.0f} |"
-            )
+def measure(name: str, group: Sequence[Verdict]) -> Iterator[Cells]:
+    """The row of a group of parts; none for an empty group."""
+    if group:
+        columns = ("rooms", "dropped", "late", "missed", "seconds")
+        rooms, dropped, late, missed, seconds = (
+            sum(getattr(each, column) for each in group) for column in columns
+        )
+        gouge = max(each.gouge for each in group)
+        yield name, len(group), rooms, dropped, gouge, missed, late, seconds
 
 
-def main() -> int:
-    given = [int(word) for word in sys.argv[1:4]]
-    count, first, processes = given + [2000, 0, 2][len(given) :]
+def main(count: int, first: int, processes: int) -> int:
     start = time.perf_counter()
     numbers = range(first, first + count)
     if processes > 1:
@@ -239,14 +233,13 @@ def main() -> int:
         verdicts = [judged(number) for number in numbers]
     wrong = [v for v in verdicts if v.dropped or v.gouge > GOUGE or v.late or v.missed]
     for v in wrong:
-        figures = (
-            f"{v.dropped} dropped, gouge {v.gouge:.4f} mm, {v.missed:.2f} mm not run, {v.late} late"
-        )
-        print(f"part {v.number}: {figures}; {v.why}")
-    print(f"\n{machine()}; {time.perf_counter() - start:.0f} s, {processes} at a time\n")
-    print("\n".join(_table(verdicts)))
+        counts = f"{v.dropped} dropped, gouge {v.gouge:.4f} mm"
+        print(f"part {v.number}: {counts}, {v.missed:.2f} mm not run, {v.late} late; {v.why}")
+    groups = [(f"{d:g}", [v for v in verdicts if v.diameter == d]) for d in DIAMETERS]
+    note = f"; {time.perf_counter() - start:.0f} s, {processes} at a time"
+    run(Scenario(COLUMNS, [*groups, ("all", verdicts)], measure), note=note)
     return 1 if wrong else 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(*read_words(2000, 0, 2)[:3]))

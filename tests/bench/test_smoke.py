@@ -25,7 +25,8 @@ PROGRAMS = ROOT / "fixtures" / "cases" / "bracket-follow" / "expected"
 NUMBER = re.compile(r"-?\d[\d,]*(?:\.\d+)?(?:e-?\d+)?")
 #: Modules of bench/ that others use, and no commands.
 LIBRARIES = {
-    "machine", "check.judge", "check.peer", "check.peer_freecad", "check.scenes",
+    "machine", "support.runner", "support.timing", "support.motions",
+    "check.judge", "check.peer", "check.peer_freecad", "check.scenes",
     "photo.paper", "photo.observed", "photo.contact", "photo.pist_figures", "robots.plain_loop",
     "read.goldens", "read.mills",
     "reliability.programs", "reliability.mutations", "reliability.drawn_jobs", "reliability.wide_mutations",
@@ -104,8 +105,6 @@ SMOKES = [
     Smoke("robots.robotsp made", (2,), {"not reached": (0, 0), "cost": (1, 12), "execution, s": (2, 15)}),
     Smoke("robots.parts {here} 20 rfa1", (2,), {"of these unfounded": (0, 0), "edges run": (1, 21)}),
     Smoke("photo.image_space 1 0", (12,), FIGURES | {"waypoints/m": (500, 5000)}),
-    Smoke("photo.outlines 1 0 'disc r 5'", (12,), {"rms": (0, 1), "pieces": (2, 2)}),
-    Smoke("photo.pictures {here}/image", (1,), {"outlines": (7, 9), "at points": (0, 0), "most": (0, 2)}),
     Smoke("photo.masks {here}/image 480 1", (5,), {"parts": (1, 1), "holes": (7, 12)}),
     Smoke("photo.photo render {here}/new 1 1", (), {}),
     Smoke("photo.photo judge {here}/photos", (1, 3), {"built": (1, 1), "max mm": (0, 1)}),

@@ -1,4 +1,4 @@
-"""Grey pictures of drawn parts with known outlines, for test_outlines, test_primitives and bench/photo/outlines.py.
+"""Grey pictures of drawn parts with known outlines, for test_outlines and test_primitives.
 
 A part is a list of loops, each a list of corners (u, v, radius) in pixels, radius 0 for a sharp one. What a pixel shows
 is the share of it that the part covers: exact along a row, and the mean of 16 lines per row. Then blur and noise.

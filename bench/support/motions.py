@@ -1,0 +1,57 @@
+"""Points along lines and arcs in space, by formulas of their own. Nothing here imports camgen."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+Array = np.ndarray
+
+
+def find_arc(start: Array, via: Array, end: Array) -> tuple[Array, Array, float]:
+    """Centre (mm), axis and angle (rad, 0 to 2 pi about the axis) of the arc through three points.
+
+    ValueError if they lie on a line.
+    """
+    a, b = via - start, end - start
+    normal = np.cross(a, b)
+    size = float(normal @ normal)
+    if size < 1e-12:
+        raise ValueError("three points of an arc on a line")
+    offset = (b @ b) * np.cross(normal, a) + (a @ a) * np.cross(b, normal)
+    centre = start + offset / (2.0 * size)
+    axis = normal / math.sqrt(size)
+    spoke = start - centre
+    across = np.cross(axis, spoke)
+    angle = math.atan2((end - centre) @ across, (end - centre) @ spoke) % math.tau
+    return centre, axis, angle
+
+
+def place_motion(start: Array, via: Array | None, end: Array, share: Array) -> Array:
+    """The places at shares (S,) of a line, or of an arc through `via`, (S, 3) mm."""
+    share = share[:, None]
+    if via is None:
+        return np.asarray(start + share * (end - start))
+    centre, axis, angle = find_arc(start, via, end)
+    spoke = start - centre
+    turn = share * angle
+    return np.asarray(centre + np.cos(turn) * spoke + np.sin(turn) * np.cross(axis, spoke))
+
+
+def measure_motion(start: Array, via: Array | None, end: Array) -> float:
+    """The length of a line, or of an arc through `via`, mm."""
+    if via is None:
+        return float(np.linalg.norm(end - start))
+    centre, _, angle = find_arc(start, via, end)
+    return float(np.linalg.norm(start - centre)) * angle
+
+
+def sample_motion(start: Array, via: Array | None, end: Array, step: float) -> Array:
+    """Points along a line or an arc, at most `step` mm apart, both ends included, (N, 3) mm."""
+    # The chords of an arc are shorter by one part: they are compared with other chords.
+    fewest = 2 if via is None else 3
+    count = max(1, math.ceil(measure_motion(start, via, end) / step)) + fewest - 1
+    points = place_motion(start, via, end, np.linspace(0.0, 1.0, count))
+    points[-1] = end
+    return points

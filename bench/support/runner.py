@@ -1,0 +1,131 @@
+"""Runs the scenarios of a bench: prints the machine and their tables, and returns the exit code.
+
+A scenario is a value: the columns of its table, its inputs, and the function that measures an
+input. This module imports nothing heavy: the peak memory of a child counts that of its parent.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from bench.machine import machine
+
+ROOT = Path(__file__).parents[2]
+PARTS, CASES = ROOT / "fixtures" / "parts", ROOT / "fixtures" / "cases"
+#: Drawings, pictures and meshes of others, which stand beside the repository.
+SHARED = ROOT.parent / "shared" / "data"
+
+Cells = Sequence[object]
+
+
+class Missed(str):
+    """A cell that says that a goal is missed. A table with such a cell fails its bench."""
+
+    __slots__ = ()
+
+
+def verdict(is_met: bool) -> str:
+    """The cell that says whether a goal is met."""
+    return "ok" if is_met else Missed("**missed**")
+
+
+class Table:
+    """A table in Markdown that is printed row by row.
+
+    heads: names of the columns.
+    formats: format of the cells of each column.
+    missed: number of rows with a missed goal.
+    """
+
+    def __init__(self, columns: str) -> None:
+        """Prints the head.
+
+        columns: the heads between bars, each followed by the format of its cells in braces. A
+            column without a format has texts.
+        """
+        self.heads, self.formats, self.missed = [], [], 0
+        for column in columns.split("|"):
+            head, brace, rest = column.strip().partition("{")
+            self.heads.append(head.strip())
+            self.formats.append(brace + rest or "{}")
+        print()
+        self._print(self.heads)
+        print(f"|{'---|' * len(self.heads)}", flush=True)
+
+    def add(self, *cells: object) -> None:
+        """Prints a row. A text stands as it is, None is empty, and so is a cell that is missing."""
+        texts = [_write(cell, form) for cell, form in zip(cells, self.formats, strict=False)]
+        self._print(texts + [""] * (len(self.heads) - len(texts)))
+        self.missed += any(isinstance(cell, Missed) for cell in cells)
+
+    @staticmethod
+    def _print(texts: Iterable[str]) -> None:
+        cells = [f"| {text} ".replace("\n", " ") if text else "| " for text in texts]
+        print("".join(cells) + "|", flush=True)
+
+
+def _write(cell: object, form: str) -> str:
+    if cell is None:
+        return ""
+    return str(cell) if isinstance(cell, str) else form.format(cell)
+
+
+class Scenario(NamedTuple):
+    """A table of a bench.
+
+    columns: heads and formats of the table, see `Table`.
+    inputs: arguments of `measure`, a tuple for each input.
+    measure: gives the rows of an input. A CamgenError becomes the last row.
+    title: a line above the table, empty without one.
+    """
+
+    columns: str
+    inputs: Iterable[tuple[Any, ...]]
+    measure: Callable[..., Iterable[Cells]]
+    title: str = ""
+
+
+def run(*scenarios: Scenario, note: str = "") -> int:
+    """Prints machine and tables. Returns the exit code: 1 if a goal is missed.
+
+    note: words after the machine.
+    """
+    print(f"{machine()}{note}")
+    return int(sum(fill(scenario).missed for scenario in scenarios) > 0)
+
+
+def fill(scenario: Scenario) -> Table:
+    """Prints the table of a scenario and returns it."""
+    from camgen.model.errors import CamgenError  # noqa: PLC0415 (not in what only starts processes)
+
+    if scenario.title:
+        print(f"\n{scenario.title}")
+    table = Table(scenario.columns)
+    for values in scenario.inputs:
+        try:
+            for cells in scenario.measure(*values):
+                table.add(*cells)
+        except CamgenError as error:
+            table.add(*_name(values), Missed(f"refused: {error}"))
+    return table
+
+
+def _name(values: tuple[Any, ...]) -> list[str]:
+    """The cell that names an input: a file by its name."""
+    return [value.name if isinstance(value, Path) else str(value) for value in values[:1]]
+
+
+def read_words(*defaults: Any) -> list[Any]:
+    """The words of the command line, each as the type of its default, then all further words."""
+    words = sys.argv[1:]
+    values = [type(default)(word) for default, word in zip(defaults, words, strict=False)]
+    return [*values, *defaults[len(words) :], *words[len(defaults) :]]
+
+
+def find_files(folder: Path, suffixes: Iterable[str]) -> list[Path]:
+    """The files below a folder whose name ends so, in order."""
+    endings = tuple(suffixes)
+    return sorted(path for path in folder.rglob("*") if path.name.lower().endswith(endings))
