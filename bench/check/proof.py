@@ -12,16 +12,19 @@ from __future__ import annotations
 import argparse
 import importlib
 import statistics
-import subprocess
 import sys
 import tempfile
+from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from time import process_time
 
 import camgen
-from bench.machine import machine
+from bench.support.runner import Cells, Scenario, run
+from bench.support.timing import measure_process, python
 
 POSTS = ("gcode", "rapid")
+COLUMNS = "shapes | post | proof s {:.3f} | build s {:.2f} | share % {:.1f}"
 
 
 def measure(drawing: Path, post: str) -> tuple[float, float]:
@@ -46,26 +49,20 @@ def measure(drawing: Path, post: str) -> tuple[float, float]:
         build.prove_motion = prove
 
 
-def main(shapes: list[int], runs: int) -> None:
-    """Prints a row for each drawing and post."""
-    print(machine())
-    print("\n| shapes | post | proof s | build s | share % |\n|---|---|---|---|---|")
+def judge(count: int, runs: int) -> Iterator[Cells]:
+    """A row for each post, for a drawing of `count` shapes."""
     with tempfile.TemporaryDirectory() as folder:
-        for count in shapes:
-            drawing = Path(folder, f"{count}.dxf")
-            slots = (count - 1) // 5
-            words = ["draw", str(drawing), str(count - 1 - slots), str(slots)]
-            subprocess.run([sys.executable, "-m", "bench.speed.processes", *words], check=True)
-            for post in POSTS:
-                try:
-                    pairs = [measure(drawing, post) for _ in range(runs)]
-                except camgen.CamgenError as error:
-                    print(f"| {count} | {post} | refused: {str(error).partition(';')[0]} | | |")
-                    continue
-                proof = statistics.median(pair[0] for pair in pairs)
-                build = statistics.median(pair[1] for pair in pairs)
-                share = 100 * proof / build
-                print(f"| {count} | {post} | {proof:.3f} | {build:.2f} | {share:.1f} |", flush=True)
+        drawing = Path(folder, "plate.dxf")
+        slots = (count - 1) // 5
+        measure_process(python("bench.speed.processes", "draw", drawing, count - 1 - slots, slots))
+        for post in POSTS:
+            try:
+                pairs = [measure(drawing, post) for _ in range(runs)]
+            except camgen.CamgenError as error:
+                yield count, post, f"refused: {str(error).partition(';')[0]}"
+                continue
+            proof, build = (statistics.median(column) for column in zip(*pairs, strict=True))
+            yield count, post, proof, build, 100 * proof / build
 
 
 if __name__ == "__main__":
@@ -73,4 +70,5 @@ if __name__ == "__main__":
     parser.add_argument("shapes", nargs="*", type=int, default=[251, 5001, 100001])
     parser.add_argument("--runs", type=int, default=3)
     options = parser.parse_args()
-    main(options.shapes, options.runs)
+    shapes = [(count,) for count in options.shapes]
+    sys.exit(run(Scenario(COLUMNS, shapes, partial(judge, runs=options.runs))))

@@ -16,6 +16,7 @@ import camgen
 import camgen.pipeline
 from bench.machine import machine
 from bench.speed.processes import draw
+from bench.support.runner import Table, read_words
 from camgen.check.stock import Cut, Task, design, prove
 from camgen.model.job import StockTable
 from camgen.post.plugins import fill_tables, find_readback
@@ -43,25 +44,24 @@ def measure(drawing: str) -> tuple[dict[str, float], int, float, float]:
     return seconds, len(reading.body), gouge, proof.excess
 
 
-def main(runs: int = 5, circles: int = 200, slots: int = 50) -> None:
+def main(runs: int, circles: int, slots: int) -> None:
     print(machine())
-    print("\n| stage | median s | range s |\n|---|---|---|")
     with tempfile.TemporaryDirectory() as folder:
         drawing = str(Path(folder) / "plate.dxf")
         draw(drawing, circles, slots)
         found = [measure(drawing) for _ in range(runs)]
+    table = Table("stage | median s **{:.3f}** | range s {:.3f} to {:.3f}")
     for stage in found[0][0]:
         values = [seconds[stage] for seconds, *_ in found]
-        print(
-            f"| {stage} | **{statistics.median(values):.3f}** | {min(values):.3f} to {max(values):.3f} |"
-        )
+        table.add(stage, statistics.median(values), (min(values), max(values)))
     ratio = statistics.median((one["design"] + one["proof"]) / one["build"] for one, *_ in found)
     _, count, gouge, excess = found[0]
-    print(
-        "\n| shapes | instructions | proof of the build | deepest gouge mm | excess mm3 |\n|---|---|---|---|---|"
+    table = Table(
+        "shapes | instructions | proof of the build {:.2f} | deepest gouge mm {:.4f} "
+        "| excess mm3 {:.2f}"
     )
-    print(f"| {circles + slots + 1} | {count} | {ratio:.2f} | {gouge:.4f} | {excess:.2f} |")
+    table.add(circles + slots + 1, count, ratio, gouge, excess)
 
 
 if __name__ == "__main__":
-    main(*map(int, sys.argv[1:]))
+    main(*read_words(5, 200, 50))

@@ -16,10 +16,15 @@ from msgspec.structs import replace
 from bench.check.judge import Harm, Judge
 from bench.check.scenes import Scene, scenes
 from bench.machine import machine
+from bench.support.runner import Table, read_words
 from camgen.check.stock import Cut, StockProof, prove
 from camgen.model.pose import Pose
 from camgen.model.program import Instruction, MoveC, MoveJ, MoveL
 
+COLUMNS = (
+    "fault | seeded | harmful | of these found | missed | harmless | of these reported "
+    "| deepest of these mm {:.3f}"
+)
 Body = list[Instruction]
 #: A fault: the cuts with it; none where the scene has nothing of the kind.
 Seed = Callable[[Scene, random.Random], tuple[Cut, ...] | None]
@@ -280,7 +285,7 @@ def found_of(proof: StockProof) -> bool:
     return any(fault.serious for fault in proof.faults)
 
 
-def main(count: int = 1000, seed: int = 1) -> int:
+def main(count: int, seed: int) -> int:
     chance = random.Random(seed)
     every = scenes()
     judges = [Judge(scene) for scene in every]
@@ -308,7 +313,15 @@ def main(count: int = 1000, seed: int = 1) -> int:
         tally[name].update(["seeded", _verdict(harm, found)])
         if harm.any and not found:
             missed.append((number, name, every[which].name, harm))
-    _print(tally, largest, time.perf_counter() - begun, spent)
+    seconds = time.perf_counter() - begun
+    print(f"{machine()}; {seconds:.0f} s, {spent:.0f} s of it the proofs")
+    table = Table(COLUMNS)
+    largest["all"] = max(largest.values())
+    for name, counts in [*tally.items(), ("all", sum(tally.values(), Counter()))]:
+        caught, silent = counts["harmful found"], counts["harmful silent"]
+        alarms, quiet = counts["harmless found"], counts["harmless silent"]
+        harmful = caught + silent, caught, silent
+        table.add(name, counts["seeded"], *harmful, alarms + quiet, alarms, largest[name])
     for one in missed:
         print(*one)
     return 1 if missed else 0
@@ -318,22 +331,5 @@ def _verdict(harm: Harm, found: bool) -> str:
     return f"{'harmful' if harm.any else 'harmless'} {'found' if found else 'silent'}"
 
 
-def _print(
-    tally: dict[str, Counter[str]], largest: dict[str, float], total: float, spent: float
-) -> None:
-    print(f"{machine()}; {total:.0f} s, {spent:.0f} s of it the proofs\n")
-    print(
-        "| fault | seeded | harmful | of these found | missed | harmless | of these reported | deepest of these mm |"
-    )
-    print("|---|---|---|---|---|---|---|---|")
-    whole: Counter[str] = sum(tally.values(), Counter())
-    for name, counts in [*tally.items(), ("all", whole)]:
-        found, missed = counts["harmful found"], counts["harmful silent"]
-        alarms, silent = counts["harmless found"], counts["harmless silent"]
-        row = [counts["seeded"], found + missed, found, missed, alarms + silent, alarms]
-        deepest = largest.get(name, max(largest.values()))
-        print(f"| {name} | {' | '.join(map(str, row))} | {deepest:.3f} |")
-
-
 if __name__ == "__main__":
-    sys.exit(main(*map(int, sys.argv[1:])))
+    sys.exit(main(*read_words(1000, 1)))

@@ -21,6 +21,7 @@ from msgspec import Struct
 
 from bench.check import peer
 from bench.machine import machine
+from bench.support.runner import SHARED, Table, find_files
 from camgen.check.stock import TOLERANCE_MM, Cut, Design, Level, StockProof, prove
 from camgen.cli.init import template
 from camgen.model.errors import CamgenError
@@ -33,15 +34,15 @@ from tests.support import rs274
 
 #: Gouges are told from here on, mm; coordinates are printed to 0.001 mm.
 FINE_MM = 0.001
-HEAD = (
-    "drawing", "closed loops", "in no operation", "operations", "tools", "rs274", "gouge mm", "left unexplained mm2",
-    "left in corners, tabs mm2", "loose early", "camgen min", "build s", "peer min", "peer gouge mm",
-    "peer left unexplained mm2", "peer loose early", "peer s",
-)  # fmt: skip
+COLUMNS = (
+    "drawing | closed loops | in no operation | operations | tools | rs274 | gouge mm "
+    "| left unexplained mm2 | left in corners, tabs mm2 | loose early | camgen min | build s "
+    "| peer min | peer gouge mm | peer left unexplained mm2 | peer loose early | peer s"
+)
 
 
 class Row(Struct, frozen=True):
-    """One drawing. cells: as ``HEAD`` names them, fewer where it has no program. bad: it misses a goal. minutes: of
+    """One drawing. cells: as ``COLUMNS`` names them, fewer where it has no program. bad: it misses a goal. minutes: of
     both programs, 0 for what is not there. built: it has a program. unexplained: mm2 at the worst level. loose: parts.
     """
 
@@ -169,20 +170,18 @@ def _theirs(found: peer.Peer, proof: StockProof | None) -> tuple[str, ...]:
 
 
 def main(folder: Path, names: Sequence[str], alone: bool) -> int:
-    files = sorted(path for path in folder.rglob("*") if path.suffix.lower() == ".dxf")
+    files = find_files(folder, (".dxf",))
     files = [path for path in files if not names or f"{path.parent.name}/{path.name}" in names]
     print(machine())
     there = peer.LACKING or "FreeCAD's Path workbench"
-    print(f"\npeer: {'none' if alone else there}\n")
-    print(f"| {' | '.join(HEAD)} |\n|{'---|' * len(HEAD)}")
+    print(f"\npeer: {'none' if alone else there}")
+    table = Table(COLUMNS)
     rows = []
     for path in files:
         row = judge(path, alone)
-        if row is None:
-            continue
-        cells = [cell.replace("|", "/") for cell in row.cells]
-        print(f"| {' | '.join([*cells, *[''] * (len(HEAD) - len(cells))])} |", flush=True)
-        rows.append(row)
+        if row is not None:
+            table.add(*(cell.replace("|", "/") for cell in row.cells))
+            rows.append(row)
     _sum_up(rows, len(files))
     return int(any(row.bad for row in rows))
 
@@ -204,12 +203,10 @@ def _sum_up(rows: Sequence[Row], files: int) -> None:
         "minutes of the peer": f"{sum(b for _, b in both):.1f}",
         "with both": len(both),
     }
-    print(
-        f"\n| {' | '.join(figures)} |\n|{'---|' * len(figures)}\n| {' | '.join(map(str, figures.values()))} |"
-    )
+    Table(" | ".join(figures)).add(*figures.values())
 
 
 if __name__ == "__main__":
     words = [word for word in sys.argv[1:] if word != "alone"]
-    default = Path(__file__).parents[2].parent / "shared" / "data" / "dxf"
-    sys.exit(main(Path(words[0]) if words else default, words[1:], "alone" in sys.argv[1:]))
+    folder = Path(words[0]) if words else SHARED / "dxf"
+    sys.exit(main(folder, words[1:], "alone" in sys.argv[1:]))

@@ -6,6 +6,7 @@ input. This module imports nothing heavy: the peak memory of a child counts that
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
@@ -19,6 +20,8 @@ PARTS, CASES = ROOT / "fixtures" / "parts", ROOT / "fixtures" / "cases"
 SHARED = ROOT.parent / "shared" / "data"
 
 Cells = Sequence[object]
+#: A head, and the format of its cells, which begins with the word that has the first brace.
+_COLUMN = re.compile(r"([^{]*?) *([^ {]*\{.*)?")
 
 
 class Missed(str):
@@ -43,14 +46,14 @@ class Table:
     def __init__(self, columns: str) -> None:
         """Prints the head.
 
-        columns: the heads between bars, each followed by the format of its cells in braces. A
-            column without a format has texts.
+        columns: the heads between bars, each followed by the format of its cells. A column
+            without a format has texts. A format of several numbers takes a tuple.
         """
         self.heads, self.formats, self.missed = [], [], 0
         for column in columns.split("|"):
-            head, brace, rest = column.strip().partition("{")
-            self.heads.append(head.strip())
-            self.formats.append(brace + rest or "{}")
+            head, form = _COLUMN.fullmatch(column.strip()).groups()
+            self.heads.append(head)
+            self.formats.append(form or "{}")
         print()
         self._print(self.heads)
         print(f"|{'---|' * len(self.heads)}", flush=True)
@@ -70,7 +73,9 @@ class Table:
 def _write(cell: object, form: str) -> str:
     if cell is None:
         return ""
-    return str(cell) if isinstance(cell, str) else form.format(cell)
+    if isinstance(cell, str):
+        return str(cell)
+    return form.format(*cell) if isinstance(cell, tuple) else form.format(cell)
 
 
 class Scenario(NamedTuple):
