@@ -14,7 +14,6 @@ import tempfile
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from time import perf_counter
 
 import numpy as np
 
@@ -24,6 +23,8 @@ from bench.render.optics import mm_per_px
 from bench.render.parts import NAMED, random_part
 from bench.render.photos import SIZES, Photo, photos, write
 from bench.render.shapes import Loop
+from bench.support.runner import Table, read_words
+from bench.support.timing import timed
 from camgen.check.photo import Difference, Inspection, inspect_photo
 from camgen.model.job import Job
 from camgen.model.part import Contour, Part
@@ -33,13 +34,12 @@ from camgen.read.job_file import load
 GOAL_MM, GOAL_PX = 0.05, 0.35
 
 
-def main(arguments: list[str]) -> int:
-    count, each, megapixels = (*map(int, arguments), *(10, 6, 10)[len(arguments) :])
-    print(
-        f"{machine()}\n\n| photo | mm/px | clean: false ones | burrs | found | height off: max mm | rms mm | ",
-        end="",
+def main(count: int, each: int, megapixels: int) -> int:
+    print(machine())
+    table = Table(
+        "photo | mm/px {:.3f} | clean: false ones | burrs | found | height off: max mm {:.3f} "
+        "| rms mm {:.3f} | length off: max mm {:.2f} | false ones | s {:.1f}"
     )
-    print("length off: max mm | false ones | s |\n|---|---|---|---|---|---|---|---|---|---|")
     errors: list[float] = []
     missed = false = 0
     with tempfile.TemporaryDirectory() as folder:
@@ -50,9 +50,11 @@ def main(arguments: list[str]) -> int:
                 named, each, np.random.default_rng([k, 7]), 1.4 * pixel, 7 * pixel
             )
             clean = inspected(Path(folder), photo, named, named)
-            begun = perf_counter()
-            found = inspected(Path(folder), photo, named, burred)
-            seconds = perf_counter() - begun
+            found, seconds = timed(
+                lambda photo=photo, named=named, burred=burred: inspected(
+                    Path(folder), photo, named, burred
+                )
+            )
             pairs, others = matched(burrs, found)
             off = np.array([one.height - abs(burr.height) for burr, one in pairs])
             wide = np.array([one.length - burr.width for burr, one in pairs])
@@ -60,16 +62,15 @@ def main(arguments: list[str]) -> int:
             missed += len(burrs) - len(pairs)
             false += len(clean.differences) + len(others)
             scale = mm_per_px(photo.shot, complex(photo.loops[0].points.mean()))
-            figures = f"{_most(off):.3f} | {_rms(off):.3f} | {_most(wide):.2f} | {len(others)} | {seconds:.1f}"
-            row = f"{photo.name} | {scale:.3f} | {len(clean.differences)} | {len(burrs)} | {len(pairs)}"
-            print(f"| {row} | {figures} |", flush=True)
+            counts = len(clean.differences), len(burrs), len(pairs)
+            figures = _most(off), _rms(off), _most(wide), len(others), seconds
+            table.add(photo.name, scale, *counts, *figures)
     most, rms = _most(np.array(errors)), _rms(np.array(errors))
-    print(
-        "\n| photos | burrs | missed | false ones | height off: max mm | rms mm |\n|---|---|---|---|---|---|"
+    table = Table(
+        "photos | burrs | missed | false ones | height off: max mm {:.3f} | rms mm {:.3f}"
     )
-    print(
-        f"| {count} clean, {count} burred | {len(errors) + missed} | {missed} | {false} | {most:.3f} | {rms:.3f} |"
-    )
+    name = f"{count} clean, {count} burred"
+    table.add(name, len(errors) + missed, missed, false, most, rms)
     goal = GOAL_MM if megapixels == 10 else GOAL_PX * 0.46
     return int(bool(missed or false or most > goal))
 
@@ -142,4 +143,4 @@ def _rms(values: np.ndarray) -> float:
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(main(*read_words(10, 6, 10)))

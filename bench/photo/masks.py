@@ -8,35 +8,24 @@ here, WIDTH px wide (10.5 megapixels). Prints tables for docs/benchmarks.md; exi
 from __future__ import annotations
 
 import sys
-import time
-from collections.abc import Callable
 from pathlib import Path
 
 import cv2
 import numpy as np
 
 from bench.machine import machine
+from bench.support.runner import SHARED, Table, find_files, read_words
+from bench.support.timing import best_seconds
 from camgen.model.errors import CamgenError
 from camgen.read.files import Files
 from camgen.vision.image import load
-from camgen.vision.mask.part_mask import Mask, part_mask
+from camgen.vision.mask.part_mask import part_mask
 from camgen.vision.to_scale import ScaledView, already_to_scale
 
 ENDS = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp"}
 GOAL = 1.3
 #: px
 WIDTH = 3840
-
-
-def seconds(call: Callable[[], object], runs: int) -> float:
-    """The best of so many, after one to warm up."""
-    call()
-    best = np.inf
-    for _ in range(runs):
-        start = time.perf_counter()
-        call()
-        best = min(best, time.perf_counter() - start)
-    return best
 
 
 def bare(pixels: np.ndarray) -> None:
@@ -46,34 +35,25 @@ def bare(pixels: np.ndarray) -> None:
     cv2.connectedComponentsWithStats(binary)
 
 
-def told(mask: Mask) -> str:
-    """The cells of a row that say what was found."""
-    count, _, stats, _ = cv2.connectedComponentsWithStats(mask.pixels)
-    holes = cv2.connectedComponents(cv2.bitwise_not(mask.pixels), connectivity=4)[0] - 2
-    level = (
-        f"{mask.level:.1f}"
-        if isinstance(mask.level, float)
-        else f"{mask.level.min():.0f} to {mask.level.max():.0f}"
-    )
-    return (
-        f"{mask.method} | {level} | {int(stats[1:, 4].sum())} | {count - 1} | {holes} | {mask.why}"
-    )
-
-
-def row(name: str, view: ScaledView, runs: int) -> tuple[str, float]:
-    """A row of the table, and how many times as long the mask took as the bare calls."""
+def judge(name: str, view: ScaledView, runs: int) -> tuple[list[object], float]:
+    """The cells of a picture, and how many times as long the mask took as the bare calls."""
     height, width = view.pixels.shape[:2]
-    plain = seconds(lambda: bare(view.pixels), runs)
+    size = f"{width} x {height}"
     try:
         mask = part_mask(view, name=name)
     except CamgenError as error:
-        return f"| {name} | {width} x {height} | refused | | | | | {error} | | |", 0.0
-    taken = seconds(lambda: part_mask(view, name=name), runs)
+        return [name, size, "refused", None, None, None, None, str(error)], 0.0
+    bare(view.pixels)  # the first run of each is slower
+    plain = best_seconds(lambda: bare(view.pixels), runs)
+    taken = best_seconds(lambda: part_mask(view, name=name), runs)
+    count, _, stats, _ = cv2.connectedComponentsWithStats(mask.pixels)
+    holes = cv2.connectedComponents(cv2.bitwise_not(mask.pixels), connectivity=4)[0] - 2
+    level = mask.level
+    if not isinstance(level, float):
+        level = f"{level.min():.0f} to {level.max():.0f}"
+    counts = int(stats[1:, 4].sum()), count - 1, holes
     times = taken / plain
-    return (
-        f"| {name} | {width} x {height} | {told(mask)} | {1000 * taken:.1f} | {times:.2f} |",
-        times,
-    )
+    return [name, size, mask.method, level, *counts, mask.why, 1000 * taken, times], times
 
 
 def drawn(part: float, bench: float, slope: float, noise: float, width: int) -> ScaledView:
@@ -95,34 +75,35 @@ def drawn(part: float, bench: float, slope: float, noise: float, width: int) -> 
     return ScaledView(pixels, np.array([[0.143, 0, 0], [0, -0.143, 0.143 * height]]), 0.143)
 
 
-def main() -> int:
-    default = Path(__file__).parents[2].parent / "shared" / "data" / "image"
-    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else default
-    width = int(sys.argv[2]) if len(sys.argv) > 2 else WIDTH
-    runs = int(sys.argv[3]) if len(sys.argv) > 3 else 5
-    head = "| picture | pixels | method | level | part px | parts | holes | why | ms | times the bare calls |"
-    print(f"{machine()}\n\n{head}\n" + "|---" * 10 + "|")
+SCENES = {
+    "even light": (60.0, 200.0, 0.0, 2.0),
+    "even light, light part": (200.0, 60.0, 0.0, 2.0),
+    "light 2:1": (60.0, 200.0, 0.5, 2.0),
+    "20 levels, noise 4": (110.0, 130.0, 0.0, 4.0),
+}
+
+
+def main(folder: Path, width: int, runs: int) -> int:
+    print(machine())
+    table = Table(
+        "picture | pixels | method | level {:.1f} | part px | parts | holes | why | ms {:.1f} "
+        "| times the bare calls {:.2f}"
+    )
     missed = False
-    scenes = {
-        "even light": (60.0, 200.0, 0.0, 2.0),
-        "even light, light part": (200.0, 60.0, 0.0, 2.0),
-        "light 2:1": (60.0, 200.0, 0.5, 2.0),
-        "20 levels, noise 4": (110.0, 130.0, 0.0, 4.0),
-    }
-    for name, scene in scenes.items():
-        line, times = row(name, drawn(*scene, width), runs)
+    for name, scene in SCENES.items():
+        cells, times = judge(name, drawn(*scene, width), runs)
         missed |= name.startswith("even") and times > GOAL
-        print(line, flush=True)
-    for path in sorted(path for path in folder.rglob("*") if path.suffix.lower() in ENDS):
+        table.add(*cells)
+    for path in find_files(folder, ENDS):
         name = path.relative_to(folder).as_posix()
         try:
             view = already_to_scale(load(Files().read(path)), mm_per_px=0.1)
         except CamgenError as error:
-            print(f"| {name} | | refused | | | | | {error} | | |")
+            table.add(name, None, "refused", None, None, None, None, str(error))
             continue
-        print(row(name, view, runs)[0], flush=True)
+        table.add(*judge(name, view, runs)[0])
     return 1 if missed else 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(*read_words(SHARED / "image", WIDTH, 5)))

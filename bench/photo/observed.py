@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bench.render.truth import Truth
+from bench.support.motions import sample_plane
 from camgen.model.program import Program
 
 #: mm between the places of the program that are looked at, at most.
@@ -48,8 +49,8 @@ def run(program: Program) -> Run:
     ends, vias, works = columns.ends, columns.vias, columns.works
     found = []
     for k in np.flatnonzero(works).tolist():
-        begin, end = (complex(*ends[j, :2]) for j in (k - 1, k))
-        places = _places(begin, complex(*vias[k, :2]), end)
+        via = vias[k] if np.isfinite(vias[k, 0]) else None
+        places = sample_plane(ends[k - 1], via, ends[k], STEP)
         count = len(places)
         found.append(
             (places, np.full(count, columns.speed[k]), np.full(count, columns.force[k] > 0))
@@ -57,17 +58,6 @@ def run(program: Program) -> Run:
     places, speed, pressed = (np.concatenate(column) for column in zip(*found, strict=True))
     time = np.abs(np.diff(places, append=places[-1])) / speed
     return Run(places, speed, pressed, time)
-
-
-def _places(begin: complex, via: complex, end: complex) -> np.ndarray:
-    """Along a line, or the arc through ``via``, which is NaN for a line."""
-    a, b = via - begin, end - begin
-    sweep = 2 * float(np.angle((b - a) / a)) if np.isfinite(a) else 0.0
-    if abs(sweep) < 1e-9:
-        return np.linspace(begin, end, int(abs(b) / STEP) + 2)
-    centre = begin + a * b * (a - b).conjugate() / (a.conjugate() * b - a * b.conjugate())
-    turns = np.linspace(0, sweep, int(abs(sweep) * abs(begin - centre) / STEP) + 2)
-    return centre + (begin - centre) * np.exp(1j * turns)
 
 
 def observe(found: Run, truth: Truth, feed: float) -> Observed:

@@ -26,7 +26,9 @@ import numpy as np
 from bench.machine import machine
 from bench.render.shapes import Loop
 from bench.render.truth import Error, Truth, offset_truth, path_error
-from bench.speed.processes import measured
+from bench.support.motions import sample_plane
+from bench.support.runner import Table
+from bench.support.timing import Process, best_seconds, measure_process, python
 from camgen.model.errors import CamgenError
 
 PLANNERS = ("geometric", "image")
@@ -82,12 +84,11 @@ def draw(what: str, folder: Path, numbers: list[int]) -> None:
 
 
 def judge(folder: Path, names: list[str]) -> int:
-    print(f"{machine()}\n\n| photo | plane by | tilt deg | mm/px |", end="")
-    print("".join(f" {route}: max, rms mm | px |" for route in ROUTES), end="")
-    print(
-        " near corners, mm | path missed |\n|---|---|---|---|"
-        + "---|---|" * len(ROUTES)
-        + "---|---|"
+    print(machine())
+    routes = " | ".join(f"{route}: max, rms mm | px" for route in ROUTES)
+    table = Table(
+        "photo | plane by | tilt deg {:.0f} | mm/px {:.3f} | "
+        f"{routes} | near corners, mm | path missed"
     )
     files = [folder / f"{name}.json" for name in names] or sorted(folder.glob("*-*mp.json"))
     files += [file for name in HARD if not names and (file := folder / f"{name}.json").is_file()]
@@ -96,23 +97,23 @@ def judge(folder: Path, names: list[str]) -> int:
         facts = json.loads(file.read_text())
         truth, scale = offset_truth(_loops(facts), facts["tool"] / 2), facts["mm_per_px"]
         results = [_result(folder, file.stem, facts["file"], truth, route) for route in ROUTES]
-        about = f"{file.stem} | {facts['way']} | {facts['tilt']:.0f} | {scale:.3f}"
-        print(f"| {about} | {_row(results, scale)}", flush=True)
+        table.add(file.stem, facts["way"], facts["tilt"], scale, *_row(results, scale))
         kind = "hard" if file.stem in HARD else file.stem.rsplit("-", 1)[-1]
         for route, result in zip(ROUTES, results, strict=True):
             found.setdefault((kind, route), []).append((result, scale))
-    print(
-        "\n| photos | route | built | max mm | px | rms mm | px | goal reached |\n|---|---|---|---|---|---|---|---|"
+    table = Table(
+        "photos | route | built | max mm {:.3f} | px {:.2f} | rms mm {:.4f} | px {:.3f} "
+        "| goal reached"
     )
     for (kind, route), pairs in sorted(found.items()):
-        print(f"| {kind} | {route} | {_sum(pairs)}", flush=True)
+        table.add(kind, route, *_sum(pairs))
     # The default is one of the two; it is enough that one of them reaches the goal everywhere.
     judged = {route: [_reached(*p) for (k, r), pairs in found.items() if r == route and k != "hard" for p in pairs]
               for route in PLANNERS}  # fmt: skip
     return 0 if any(all(reached) for reached in judged.values()) else 1
 
 
-def _row(results: list[Result], scale: float) -> str:
+def _row(results: list[Result], scale: float) -> list[str]:
     cells = []
     for result in results:
         if isinstance(result, str):
@@ -125,7 +126,7 @@ def _row(results: list[Result], scale: float) -> str:
     told = [result for result in results if isinstance(result, Error)]
     cells.append(", ".join(f"{error.near:.3f}" for error in told))
     cells.append(", ".join(f"{100 * error.missed:.1f} %" for error in told))
-    return " | ".join(cells) + " |"
+    return cells
 
 
 def _reached(result: Result, scale: float) -> bool:
@@ -136,17 +137,17 @@ def _reached(result: Result, scale: float) -> bool:
     return result.most <= MOST * larger and result.rms <= RMS * larger
 
 
-def _sum(pairs: list[tuple[Result, float]]) -> str:
+def _sum(pairs: list[tuple[Result, float]]) -> list[object]:
     told = [(result, scale) for result, scale in pairs if isinstance(result, Error)]
     if not told:
-        return f"0 of {len(pairs)} | | | | | |"
+        return [f"0 of {len(pairs)}"]
     most, rms, scale = (
         np.array(column) for column in zip(*((e.most, e.rms, s) for e, s in told), strict=True)
     )
     whole = [float(np.sqrt(np.mean(values**2))) for values in (rms, rms / scale)]
-    figures = f"{most.max():.3f} | {(most / scale).max():.2f} | {whole[0]:.4f} | {whole[1]:.3f}"
+    figures = most.max(), (most / scale).max(), *whole
     reached = sum(_reached(*pair) for pair in pairs)
-    return f"{len(told)} of {len(pairs)} | {figures} | {reached} of {len(pairs)} |"
+    return [f"{len(told)} of {len(pairs)}", *figures, f"{reached} of {len(pairs)}"]
 
 
 def _loops(facts: dict[str, Any]) -> list[Loop]:
@@ -178,7 +179,7 @@ def _result(folder: Path, name: str, photo: str, truth: Truth, route: str) -> Re
 def build(folder: Path, name: str, photo: str, output: Path, planner: str, *more: str) -> list[str]:
     files = [str(folder / photo), "--job", str(folder / f"{name}.toml"), "-o", str(output)]
     how = ["--post", "pacscript", "--set", f"operation.planner={planner}", "-q", *more]
-    return [sys.executable, "-m", "camgen", "build", *files, *how]
+    return python("camgen", "build", *files, *how)
 
 
 # -- the planned path
@@ -194,29 +195,10 @@ def planned(plan: Path) -> np.ndarray:
             continue
         there = np.array(line["to"])
         if on:
-            points.append(
-                _arc(here, np.array(line["via"]), there)
-                if line["do"] == "movec"
-                else _line(here, there)
-            )
+            via = line["via"] if line["do"] == "movec" else None
+            points.append(sample_plane(here, via, there, 0.1))
         here = there
     return np.concatenate(points)
-
-
-def _line(start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    a, b = complex(*start[:2]), complex(*end[:2])
-    return np.linspace(a, b, int(abs(b - a) / 0.1) + 2)
-
-
-def _arc(start: np.ndarray, via: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """The circle through three points. From chord to chord an arc turns by half its sweep."""
-    begin, a, b = complex(*start[:2]), complex(*(via - start)[:2]), complex(*(end - start)[:2])
-    sweep = 2 * float(np.angle((b - a) / a))
-    if abs(sweep) < 1e-9:
-        return _line(start, end)
-    centre = begin + a * b * (a - b).conjugate() / (a.conjugate() * b - a * b.conjugate())
-    turns = np.linspace(0, sweep, int(abs(sweep) * abs(begin - centre) / 0.1) + 2)
-    return centre + (begin - centre) * np.exp(1j * turns)
 
 
 # -- speed
@@ -228,44 +210,33 @@ def speed(folder: Path, names: list[str]) -> int:
     rounds = int(names[1]) if len(names) > 1 else 5
     photo = json.loads((folder / f"{name}.json").read_text())["file"]
     with tempfile.TemporaryDirectory() as scratch:
-        commands = {
-            "bare OpenCV calls": [
-                sys.executable,
-                "-m",
-                "bench.photo.photo",
-                "bare",
-                str(folder / photo),
-            ]
-        }
+        bare_calls = python("bench.photo.photo", "bare", folder / photo)
+        commands = {"bare OpenCV calls": bare_calls}
         for planner in PLANNERS:
-            commands[f"camgen build, {planner}"] = build(
-                folder, name, photo, Path(scratch), planner
-            )
-        values: dict[str, list[tuple[float, float]]] = {what: [] for what in commands}
+            command = build(folder, name, photo, Path(scratch), planner)
+            commands[f"camgen build, {planner}"] = command
+        values: dict[str, list[Process]] = {what: [] for what in commands}
         for _ in range(rounds):
             for what, command in commands.items():
-                seconds, _, peak = measured(command)
-                values[what].append((seconds, peak))
-    said = [_bare_said(folder / photo) for _ in range(rounds)]
+                values[what].append(measure_process(command))
+    said = [measure_process(bare_calls).text.splitlines() for _ in range(rounds)]
     calls = min(float(lines[-1].split()[1]) for lines in said)
-    print(f"{machine()}\n\nBare calls of one process, s: {', '.join(said[-1])}\n")
-    print(
-        "| process | best s | range s | peak MB | times the bare process | times the bare calls |"
+    print(f"{machine()}\n\nBare calls of one process, s: {', '.join(said[-1])}")
+    table = Table(
+        "process | best s {:.2f} | range s {:.2f} to {:.2f} | peak MB {:.0f} "
+        "| times the bare process {:.2f} | times the bare calls {:.2f}"
     )
-    print("|---|---|---|---|---|---|")
-    best = min(s for s, _ in values["bare OpenCV calls"])
+    best = min(run.seconds for run in values["bare OpenCV calls"])
     failed = False
     for what, runs in values.items():
-        memory = max(m for _, m in runs)
-        least, most = min(s for s, _ in runs), max(s for s, _ in runs)
+        memory = max(run.peak for run in runs)
+        seconds = [run.seconds for run in runs]
+        least, most = min(seconds), max(seconds)
         failed |= least / best > TIMES or memory > MEMORY
-        ratios = f"{least / best:.2f} | {least / calls:.2f}"
-        print(f"| {what} | {least:.2f} | {least:.2f} to {most:.2f} | {memory:.0f} | {ratios} |")
+        table.add(what, least, (least, most), memory, least / best, least / calls)
     for planner in PLANNERS:
-        print(
-            f"\nIn a process that runs already, {planner}: {_inside(folder, name, photo, planner, rounds):.2f} s",
-            end="",
-        )
+        seconds = _inside(folder, name, photo, planner, rounds)
+        print(f"\nIn a process that runs already, {planner}: {seconds:.2f} s", end="")
     print()
     return int(failed)
 
@@ -276,17 +247,7 @@ def _inside(folder: Path, name: str, photo: str, planner: str, rounds: int) -> f
     from camgen.read.job_file import load  # noqa: PLC0415
 
     job = load(folder / f"{name}.toml", [f"operation.planner={planner}"])
-    times = []
-    for _ in range(rounds):
-        begun = time.perf_counter()
-        camgen.build(folder / photo, post="pacscript", job=job)
-        times.append(time.perf_counter() - begun)
-    return min(times)
-
-
-def _bare_said(photo: Path) -> list[str]:
-    command = [sys.executable, "-m", "bench.photo.photo", "bare", str(photo)]
-    return subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
+    return best_seconds(lambda: camgen.build(folder / photo, post="pacscript", job=job), rounds)
 
 
 def bare(photo: Path) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import tomllib
 from pathlib import Path
 
@@ -10,13 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 import camgen
-from camgen.geometry.arcs import circle, turn_about
-from camgen.model.pose import Pose, frozen
+from bench.support.motions import measure_motion, sample_motion
+from bench.support.runner import ROOT
+from camgen.model.pose import Pose, Vec3, frozen
 from camgen.model.program import Joints, MoveC, MoveL
 from camgen.robots.kinematics.forward import flange
 from camgen.robots.models import Robot
 
-CASES = Path(__file__).parents[2] / "fixtures" / "cases"
+CASES = ROOT / "fixtures" / "cases"
 #: The robots' controllers, their suffixes, and what each calls output number k.
 POSTS = {"rapid": (".mod", "do{}"), "vplus": (".v2", "{}"), "pacscript": (".pcs", "{}")}
 #: Whose joint values the golden programs have.
@@ -44,22 +44,11 @@ def pose_of(arm: Robot, joints: Joints, base: Pose, tool: Pose) -> Pose:
     return base.inverse() @ Pose(frozen(turned[0]), (x, y, z)) @ tool
 
 
-def along(
-    start: tuple[float, float, float], item: MoveL | MoveC
-) -> tuple[list[tuple[float, float, float]], float]:
+def along(start: Vec3, item: MoveL | MoveC) -> tuple[list[Vec3], float]:
     """Points on a motion from ``start``, and its length, mm."""
-    end = item.target.origin
-    if isinstance(item, MoveL):
-        length = math.dist(start, end)
-        shares = np.linspace(0, 1, max(2, math.ceil(length / _STEP) + 1))[:, None]
-        return [
-            (x, y, z) for x, y, z in (start + shares * np.subtract(end, start)).tolist()
-        ], length
-    centre, radius, axis, sweep = circle(start, item.via.origin, end)
-    x, y, z = np.subtract(start, centre).tolist()
-    turned = np.linspace(0, sweep, max(2, math.ceil(radius * sweep / _STEP) + 1)).tolist()
-    arms = [turn_about((x, y, z), axis, angle) for angle in turned]
-    return [(a + centre[0], b + centre[1], c + centre[2]) for a, b, c in arms], radius * sweep
+    via = np.array(item.via.origin) if isinstance(item, MoveC) else None
+    ends = np.array(start), via, np.array(item.target.origin)
+    return sample_motion(*ends, _STEP).tolist(), measure_motion(*ends)
 
 
 def apart(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:

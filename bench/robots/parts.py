@@ -27,6 +27,7 @@ import numpy as np
 
 import camgen
 from bench.machine import machine
+from bench.support.motions import place_motion
 from camgen.collision.hits import hits
 from camgen.collision.scene import Scene
 from camgen.model.errors import CamgenError
@@ -76,24 +77,6 @@ def job(path: Path, arm: str) -> dict[str, dict[str, object]]:
 
 
 # Where the TCP is along a motion, from the text-book: a line or a circle through three points, and an even turn.
-
-
-def on_way(
-    start: FloatArray, via: FloatArray | None, end: FloatArray, share: FloatArray
-) -> FloatArray:
-    """(S, 3) at ``share`` of the line, or of the arc through ``via``."""
-    if via is None:
-        return np.asarray(start + share[:, None] * (end - start))
-    a, b = via - start, end - start
-    normal = np.cross(a, b)
-    middle = start + (np.cross(normal, a) * (b @ b) + np.cross(b, normal) * (a @ a)) / (
-        2 * normal @ normal
-    )
-    x = start - middle
-    y = np.cross(normal / np.linalg.norm(normal), x)
-    sweep = math.atan2(float((end - middle) @ y), float((end - middle) @ x)) % math.tau
-    angle = share * sweep
-    return np.asarray(middle + np.cos(angle)[:, None] * x + np.sin(angle)[:, None] * y)
 
 
 def turned(start: FloatArray, end: FloatArray, share: FloatArray) -> FloatArray:
@@ -176,7 +159,7 @@ def runs(program: Program, robot: Robot, samples: int) -> Iterator[tuple[int, Fl
                 robot,
                 base,
                 tool,
-                on_way(begin, via, np.array(item.target.origin), share),
+                place_motion(begin, via, np.array(item.target.origin), share),
                 rotation,
                 joints,
             )
@@ -238,7 +221,7 @@ def joints_along(cell: Workcell, way: Way, start: FloatArray, samples: int) -> F
     found = [start[None]]
     for k in range(1, len(way)):
         via = None if np.isnan(way.via[k, 0]) else way.via[k]
-        at = on_way(way.position[k - 1], via, way.position[k], share)
+        at = place_motion(way.position[k - 1], via, way.position[k], share)
         rotation = turned(way.rotation[k - 1], way.rotation[k], share)
         frames = cell.base_from_work, cell.flange_from_tool
         found.append(joints_on(cell.arm, *frames, at, rotation, found[-1][-1]))

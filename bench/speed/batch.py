@@ -19,28 +19,16 @@ from multiprocessing import get_context
 from pathlib import Path
 
 from bench.machine import machine
+from bench.support.runner import SHARED, Table, read_words
+from bench.support.timing import python, timed
 from camgen.batch import state
 from tests.support.damage import damaged, one_sign_changed
 
-SHARED = Path(__file__).parents[3] / "shared" / "data" / "dxf"
 SEED = 7
 SIGNS = [*"0123456789.-+eE", " ", "A", "\x00", "é"]
 STATEMENTS = [
-    "0",
-    "LINE",
-    "ENDSEC",
-    "EOF",
-    "10",
-    "1e308",
-    "-0",
-    "nan",
-    "999",
-    "SECTION",
-    "CIRCLE",
-    "40",
-    "0.0",
-    "SEQEND",
-]
+    "0", "LINE", "ENDSEC", "EOF", "10", "1e308", "-0", "nan", "999", "SECTION", "CIRCLE", "40", "0.0", "SEQEND",
+]  # fmt: skip
 
 
 def drawings(source: Path, folder: Path, count: int) -> list[Path]:
@@ -59,8 +47,8 @@ def drawings(source: Path, folder: Path, count: int) -> list[Path]:
 
 
 def batch(folder: Path, out: str, jobs: int) -> "subprocess.Popen[str]":
-    words = ["batch", "parts/*.dxf", "--post", "rapid", "--jobs", str(jobs), "-o", out]
-    command = [sys.executable, "-m", "camgen", *words]
+    words = "--post", "rapid", "--jobs", jobs, "-o", out
+    command = python("camgen", "batch", "parts/*.dxf", *words)
     return subprocess.Popen(
         command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
     )
@@ -71,13 +59,9 @@ def one_by_one(folder: Path, parts: list[Path]) -> Counter[int]:
     (folder / "alone").mkdir()
     codes: Counter[int] = Counter()
     for part in parts:
-        words = ["build", f"parts/{part.name}", "--post", "rapid", "-o", "alone", "-q"]
-        done = subprocess.run(
-            [sys.executable, "-m", "camgen", *words],
-            cwd=folder,
-            stderr=subprocess.DEVNULL,
-            check=False,
-        )
+        words = "--post", "rapid", "-o", "alone", "-q"
+        command = python("camgen", "build", f"parts/{part.name}", *words)
+        done = subprocess.run(command, cwd=folder, stderr=subprocess.DEVNULL, check=False)
         codes[done.returncode] += 1
     return codes
 
@@ -130,48 +114,42 @@ def start_methods(workers: int) -> Iterator[str]:
             process.join()
 
 
-def main() -> None:
-    source = Path(sys.argv[1]) if len(sys.argv) > 1 else SHARED
-    runs, count, most = (
-        int(word) for word in (*sys.argv[2:5], *("3", "200", "4")[len(sys.argv[2:5]) :])
-    )
+def main(source: Path, runs: int, count: int, most: int) -> None:
     sys.stdout.reconfigure(line_buffering=True)  # type: ignore[union-attr]  # rows as they come, also into a file
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         (folder / "parts").mkdir()
         parts = drawings(source, folder / "parts", count)
-        begun = time.perf_counter()
-        codes = one_by_one(folder, parts)
-        alone = time.perf_counter() - begun
+        codes, alone = timed(lambda: one_by_one(folder, parts))
         truth = programs(folder / "alone")
-        print(machine(), end="\n\n")
-        print(
-            "| way | seconds | exit code | programs | same as one by one |\n|---|---|---|---|---|"
-        )
-        print(
-            f"| `build`, a process for each | {alone:.1f} | {dict(sorted(codes.items()))} | {len(truth)} | |"
-        )
+        print(machine())
+        table = Table("way | seconds {:.1f} | exit code | programs | same as one by one")
+        table.add("`build`, a process for each", alone, dict(sorted(codes.items())), len(truth))
         for jobs in (one for one in (1, 2, 4) if one <= most):
             seconds = []
             for run in range(runs):
-                begun = time.perf_counter()
-                process = batch(folder, f"out-{jobs}-{run}", jobs)
-                process.communicate()
-                seconds.append(time.perf_counter() - begun)
+                code, taken = timed(
+                    lambda jobs=jobs, run=run: ended(folder, f"out-{jobs}-{run}", jobs)
+                )
+                seconds.append(taken)
             made = programs(folder / f"out-{jobs}-{runs - 1}")
-            row = f"{statistics.median(seconds):.1f} | {process.returncode} | {len(made)} | {made == truth}"
-            print(f"| `batch --jobs {jobs}` | {row} |")
-        begun = time.perf_counter()
-        again = batch(folder, f"out-{most}-{runs - 1}", most)
-        again.communicate()
-        print(f"| the same again | {time.perf_counter() - begun:.1f} | {again.returncode} | | |")
+            median = statistics.median(seconds)
+            table.add(f"`batch --jobs {jobs}`", median, code, len(made), made == truth)
+        code, taken = timed(lambda: ended(folder, f"out-{most}-{runs - 1}", most))
+        table.add("the same again", taken, code)
         there, left, code = killed_and_resumed(folder, len(truth) // 2, most)
         made = programs(folder / "killed")
-        print(
-            f"| killed at {there} programs, run again: {left} unchanged | | {code} | {len(made)} | {made == truth} |"
-        )
+        kill = f"killed at {there} programs, run again: {left} unchanged"
+        table.add(kill, None, code, len(made), made == truth)
         print(f"\nUntil {most} processes can build:", ", ".join(start_methods(most)))
 
 
+def ended(folder: Path, out: str, jobs: int) -> int:
+    """The exit code of a batch."""
+    process = batch(folder, out, jobs)
+    process.communicate()
+    return process.returncode
+
+
 if __name__ == "__main__":
-    main()
+    main(*read_words(SHARED / "dxf", 3, 200, 4))

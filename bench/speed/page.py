@@ -23,13 +23,19 @@ from playwright.sync_api import Browser, CDPSession, Page, sync_playwright
 
 import camgen
 from bench.machine import machine
+from bench.support.runner import PARTS, SHARED, Table, read_words
+from bench.support.timing import timed
 from camgen.model.errors import CamgenError
 from camgen.pipeline import Result
 from camgen.preview.page import page
 from camgen.preview.view import view
 
-DEFAULT = Path(__file__).parents[3] / "shared" / "data" / "dxf"
-PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
+COLUMNS = (
+    "part | points of the program {:,} | page {:.1f} MB | made in {:.2f} s "
+    "| in a new browser {:.2f} s | first picture, best {:.2f} s | median {:.2f} s "
+    "| whole, best {:.2f} s | processor, best {:.2f} s | frames/s turning {:.0f} "
+    "| frames/s playing {:.0f} | frames/s scrolling {:.0f} | script per frame {:.1f} ms"
+)
 SWITCHES = [
     "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader",
@@ -139,10 +145,11 @@ def opening(browser: Browser, file: Path) -> tuple[Page, float, float, float]:
     return tab, passed, taken, time.perf_counter() - begin
 
 
-def measured(browser: Browser, result: Result, folder: Path, turning: float, openings: int) -> str:
-    begin = time.perf_counter()
-    text = page(view(result))
-    made = time.perf_counter() - begin
+def measured(
+    browser: Browser, result: Result, folder: Path, turning: float, openings: int
+) -> tuple[object, ...]:
+    """The cells of a part."""
+    text, made = timed(lambda: page(view(result)))
     file = folder / "page.html"
     file.write_text(text, encoding="utf-8")
     found = []
@@ -150,39 +157,21 @@ def measured(browser: Browser, result: Result, folder: Path, turning: float, ope
         tab, *times = opening(browser, file)
         found.append(times)
         if k + 1 == openings:
-            frames = [tab.evaluate(FRAMES, [*move, turning]) for move in MOVES.items()]
+            rates = [tab.evaluate(FRAMES, [*move, turning]) for move in MOVES.items()]
             script = tab.evaluate(SCRIPT)
         tab.context.close()
     points = len(view(result).track.time)
     size = len(text.encode()) / 1e6
     # The first opening stands by itself.
     passed, taken, whole = zip(*(found[1:] or found), strict=True)
-    told = [found[0][0], min(passed), statistics.median(passed), min(whole), min(taken)]
-    rates = [f"{rate:.0f}" for rate in frames]
-    cells = (
-        f"{points:,}",
-        f"{size:.1f} MB",
-        f"{made:.2f} s",
-        *(f"{s:.2f} s" for s in told),
-        *rates,
-        f"{script:.1f} ms",
-    )
-    return f"| {result.part.source} | {' | '.join(cells)} |"
+    seconds = min(passed), statistics.median(passed), min(whole), min(taken)
+    return result.part.source, points, size, made, found[0][0], *seconds, *rates, script
 
 
-def main() -> None:
-    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else DEFAULT
-    segments = int(sys.argv[2]) if len(sys.argv) > 2 else 200_000
-    turning = float(sys.argv[3]) if len(sys.argv) > 3 else 4.0
-    openings = int(sys.argv[4]) if len(sys.argv) > 4 else 5
+def main(folder: Path, segments: int, turning: float, openings: int) -> None:
     results = [*ordinary(), largest(folder), by_hand(segments)]
-    print(machine(), end="\n\n")
-    rates = " | ".join(f"frames/s {move}" for move in MOVES)
-    first = "in a new browser | first picture, best | median | whole, best | processor, best"
-    print(
-        f"| part | points of the program | page | made in | {first} | {rates} | script per frame |"
-    )
-    print("|---|---|---|---|---|---|---|---|---|---|---|---|---|")
+    print(machine())
+    table = Table(COLUMNS)
     with sync_playwright() as started, tempfile.TemporaryDirectory() as pages:
         browser = None
         for result in results:
@@ -191,10 +180,10 @@ def main() -> None:
                 browser = started.chromium.launch(
                     executable_path=shutil.which("chromium"), args=SWITCHES
                 )
-            print(measured(browser, result, Path(pages), turning, openings), flush=True)
+            table.add(*measured(browser, result, Path(pages), turning, openings))
             if openings > 1:
                 browser.close()
 
 
 if __name__ == "__main__":
-    main()
+    main(*read_words(SHARED / "dxf", 200_000, 4.0, 5))

@@ -9,16 +9,15 @@ This process imports nothing heavy: on Linux a child's peak memory counts what i
 from __future__ import annotations
 
 import argparse
-import os
 import statistics
-import subprocess
 import sys
 import tempfile
-import time
 from dataclasses import dataclass
 from pathlib import Path
 
 from bench.machine import machine
+from bench.support.runner import PARTS, Table
+from bench.support.timing import Process, measure_process, python
 
 POSTS = ("gcode", "rapid")
 PITCH = (36.0, 24.0)
@@ -51,7 +50,6 @@ CASES = {
 HELP_GOAL, HELP_RUNS = 0.12, 15
 #: 3-D parts of ``fixtures/parts``, each with its job file; the goal in seconds of the processor.
 SOLIDS, SOLID_GOAL, SOLID_RUNS = ("rfa1", "rfa2"), 0.7, 9
-PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
 #: The goals of large drawings: times the processor seconds of ezdxf, and MB.
 TIMES, MOST_MB = {"gcode": 2.0, "rapid": 2.5}, 400
 
@@ -83,106 +81,65 @@ def draw(file: str, circles: int, slots: int) -> None:
     document.saveas(file)
 
 
-def measured(command: list[str]) -> tuple[float, float, float]:
-    """Seconds, processor seconds and peak memory (MB) of one process."""
-    with tempfile.TemporaryFile() as said:
-        begun = time.perf_counter()
-        process = subprocess.Popen(command, stdout=said, stderr=said)
-        _, status, usage = os.wait4(process.pid, 0)
-        seconds = time.perf_counter() - begun
-        process.returncode = os.waitstatus_to_exitcode(status)
-        if process.returncode:
-            said.seek(0)
-            sys.exit(f"{' '.join(command)}\n{said.read().decode()}")
-    unit = 1e6 if sys.platform == "darwin" else 1e3
-    return seconds, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / unit
+def row(table: Table, name: str, runs: list[Process], goal: str) -> None:
+    seconds = [run.seconds for run in runs]
+    spent = statistics.median(run.processor for run in runs)
+    span = min(seconds), max(seconds)
+    peak = max(run.peak for run in runs)
+    table.add(name, statistics.median(seconds), span, spent, peak, goal)
 
 
-def row(what: str, values: list[tuple[float, float, float]], goal: str) -> str:
-    seconds = [s for s, _, _ in values]
-    middle = f"**{statistics.median(seconds):.3f}** | {min(seconds):.3f} to {max(seconds):.3f}"
-    spent = statistics.median(s for _, s, _ in values)
-    return f"| {what} | {middle} | {spent:.3f} | {max(m for _, _, m in values):.0f} | {goal} |"
-
-
-def bench(folder: Path, name: str, case: Case, runs: int) -> None:
+def bench(table: Table, folder: Path, name: str, case: Case, runs: int) -> None:
     """The rows of one drawing: reading alone, then each post, taken in turns."""
     drawing = str(folder / "plate.dxf")
-    subprocess.run(
-        [
-            sys.executable,
-            "-m",
-            "bench.speed.processes",
-            "draw",
-            drawing,
-            str(case.circles),
-            str(case.slots),
-        ],
-        check=True,
-    )
+    measure_process(python("bench.speed.processes", "draw", drawing, case.circles, case.slots))
     commands = {"ezdxf": [sys.executable, "-c", f"import ezdxf; ezdxf.readfile({drawing!r})"]}
     settings = [word for one in case.settings for word in ("--set", one)]
     for post in case.posts:
         programs = folder / post
         programs.mkdir()
-        build = ["build", drawing, "--post", post, "-q", "-o", str(programs), *settings]
-        commands[post] = [sys.executable, "-m", "camgen", *build]
-    values: dict[str, list[tuple[float, float, float]]] = {who: [] for who in commands}
+        words = ["--post", post, "-q", "-o", programs, *settings]
+        commands[post] = python("camgen", "build", drawing, *words)
+    values: dict[str, list[Process]] = {who: [] for who in commands}
     for _ in range(runs or case.runs):
         for who, command in commands.items():
-            values[who].append(measured(command))
-    reading = statistics.median(s for _, s, _ in values["ezdxf"])
-    print(row(f"{name}: ezdxf.readfile alone", values["ezdxf"], ""))
+            values[who].append(measure_process(command))
+    reading = statistics.median(run.processor for run in values["ezdxf"])
+    row(table, f"{name}: ezdxf.readfile alone", values["ezdxf"], "")
     for post in case.posts:
-        goal = (
-            f"{case.goal} s"
-            if case.goal
-            else f"{TIMES[post] * reading:.1f} s of the processor, {MOST_MB} MB"
-        )
-        print(row(f"{name}: build --post {post}", values[post], goal), flush=True)
+        goal = f"{TIMES[post] * reading:.1f} s of the processor, {MOST_MB} MB"
+        if case.goal:
+            goal = f"{case.goal} s"
+        row(table, f"{name}: build --post {post}", values[post], goal)
 
 
-def bench_solid(folder: Path, name: str, runs: int) -> None:
+def bench_solid(table: Table, folder: Path, name: str, runs: int) -> None:
     """The row of a 3-D part."""
-    build = [
-        "build",
-        str(PARTS / f"{name}.stl"),
-        "--job",
-        str(PARTS / f"{name}.toml"),
-        "--post",
-        "rapid",
-        "-q",
-    ]
-    values = [
-        measured([sys.executable, "-m", "camgen", *build, "-o", str(folder)])
-        for _ in range(runs or SOLID_RUNS)
-    ]
-    print(
-        row(f"{name}.stl: build --post rapid", values, f"{SOLID_GOAL} s of the processor"),
-        flush=True,
-    )
+    words = [PARTS / f"{name}.stl", "--job", PARTS / f"{name}.toml", "--post", "rapid", "-q"]
+    command = python("camgen", "build", *words, "-o", folder)
+    values = [measure_process(command) for _ in range(runs or SOLID_RUNS)]
+    row(table, f"{name}.stl: build --post rapid", values, f"{SOLID_GOAL} s of the processor")
 
 
 def main(wanted: list[str], runs: int) -> None:
     """runs: of each process; 0: as many as its case says."""
     print(machine())
-    print(
-        "\n| process | median s | range s | processor s | peak MB | goal |\n|---|---|---|---|---|---|",
-        flush=True,
+    table = Table(
+        "process | median s **{:.3f}** | range s {:.3f} to {:.3f} | processor s {:.3f} "
+        "| peak MB {:.0f} | goal"
     )
     if not wanted or "help" in wanted:
-        calls = [
-            measured([sys.executable, "-m", "camgen", "--help"]) for _ in range(runs or HELP_RUNS)
-        ]
-        print(row("camgen --help", calls, f"{HELP_GOAL} s"), flush=True)
+        command = python("camgen", "--help")
+        calls = [measure_process(command) for _ in range(runs or HELP_RUNS)]
+        row(table, "camgen --help", calls, f"{HELP_GOAL} s")
     for name, case in CASES.items():
         if not wanted or name.split()[0] in wanted:
             with tempfile.TemporaryDirectory() as folder:
-                bench(Path(folder), name, case, runs)
+                bench(table, Path(folder), name, case, runs)
     for name in SOLIDS:
         if not wanted or name in wanted:
             with tempfile.TemporaryDirectory() as folder:
-                bench_solid(Path(folder), name, runs)
+                bench_solid(table, Path(folder), name, runs)
 
 
 if __name__ == "__main__":

@@ -47,11 +47,21 @@ def measure_motion(start: Array, via: Array | None, end: Array) -> float:
     return float(np.linalg.norm(start - centre)) * angle
 
 
-def sample_motion(start: Array, via: Array | None, end: Array, step: float) -> Array:
-    """Points along a line or an arc, at most `step` mm apart, both ends included, (N, 3) mm."""
-    # The chords of an arc are shorter by one part: they are compared with other chords.
-    fewest = 2 if via is None else 3
-    count = max(1, math.ceil(measure_motion(start, via, end) / step)) + fewest - 1
+def sample_motion(
+    start: Array, via: Array | None, end: Array, step: float, fewest: int = 2
+) -> Array:
+    """Points along a line or an arc, less than `step` mm apart, both ends included, (N, 3) mm.
+
+    fewest: number of points of a short motion.
+    """
+    count = max(fewest, int(measure_motion(start, via, end) / step) + 2)
     points = place_motion(start, via, end, np.linspace(0.0, 1.0, count))
     points[-1] = end
     return points
+
+
+def sample_plane(start: Array, via: Array | None, end: Array, step: float) -> Array:
+    """Points along a motion as seen from above, at most `step` mm apart, (N,) complex, mm."""
+    level = np.array([1.0, 1.0, 0.0])
+    middle = None if via is None else via * level
+    return sample_motion(start * level, middle, end * level, step)[:, :2] @ [1, 1j]

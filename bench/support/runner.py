@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 from bench.machine import machine
 
 ROOT = Path(__file__).parents[2]
-PARTS, CASES = ROOT / "fixtures" / "parts", ROOT / "fixtures" / "cases"
+PARTS = ROOT / "fixtures" / "parts"
 #: Drawings, pictures and meshes of others, which stand beside the repository.
 SHARED = ROOT.parent / "shared" / "data"
 

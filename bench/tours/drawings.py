@@ -10,21 +10,21 @@ nowhere, so that all count the same ways.
 
 from __future__ import annotations
 
-import itertools
 import os
-import resource
 import shutil
 import sys
 import tempfile
-import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bench.machine import machine
+from bench.support.runner import Table, find_files
+from bench.support.timing import measure_process, peak_mb, timed
 
 if TYPE_CHECKING:
+    from camgen.model.part import Contour, Note
     from camgen.model.path import ToolPath
     from camgen.read.pieces import Soup
 
@@ -40,28 +40,25 @@ def million(chains: int) -> None:
     from camgen.plan.trace import trace, with_few_lifts  # noqa: PLC0415
     from camgen.read.join import contours  # noqa: PLC0415
 
-    print(machine(), end="\n\n")
+    print(machine())
     soup = loose(np.random.default_rng(1), chains)
-    clock = [time.perf_counter()]
     job = Job(operation=OperationTable(kind="trace"))
-    made, notes = contours(soup, job.input.join)
-    clock.append(time.perf_counter())
-    part, merged = with_few_lifts(Part("", "", "mm", made, notes), job)
-    paths = trace(part, job)
-    clock.append(time.perf_counter())
-    tour = arrange(paths, Search("best", None, inside_first=True))
-    clock.append(time.perf_counter())
-    spent = [b - a for a, b in itertools.pairwise(clock)]
-    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (
-        1e6 if sys.platform == "darwin" else 1e3
+
+    def plan(contours: tuple[Contour, ...]) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]]:
+        part, merged = with_few_lifts(Part("", "", "mm", contours, notes), job)
+        return trace(part, job), merged
+
+    (joined, notes), joining = timed(lambda: contours(soup, job.input.join))
+    (paths, merged), planning = timed(lambda: plan(joined))
+    tour, ordering = timed(lambda: arrange(paths, "best", None, inside_first=True))
+    seconds = joining, planning, ordering, joining + planning + ordering
+    remarks = "; ".join(note.what for note in (*notes, *merged))
+    table = Table(
+        "segments {:,} | chains {:,} | joined, s {:.1f} | planned, s {:.1f} | ordered, s {:.1f} "
+        "| in all, s {:.1f} | peak MB {:.0f} | travel, m {:.1f} | order | notes"
     )
-    print(
-        "| segments | chains | joined, s | planned, s | ordered, s | in all, s | peak MB | travel, m | order | notes |"
-    )
-    print("|" + "---|" * 10)
-    seconds = " | ".join(f"{value:.1f}" for value in (*spent, sum(spent)))
-    told = f"{tour.travel / 1000:.1f} | {tour.method} | {'; '.join(note.what for note in (*notes, *merged))}"
-    print(f"| {len(soup):,} | {len(made):,} | {seconds} | {memory:.0f} | {told} |")
+    size = len(soup), len(joined)
+    table.add(*size, *seconds, peak_mb(), tour.travel / 1000, tour.method, remarks)
 
 
 def loose(rng: np.random.Generator, chains: int) -> Soup:
@@ -80,18 +77,8 @@ def loose(rng: np.random.Generator, chains: int) -> Soup:
     none = np.zeros(len(ends), dtype=np.intp)
     first = np.arange(0, 2 * len(ends) + 1, 2)
     bulges = np.zeros(2 * len(ends))
-    return Soup(
-        ends.reshape(-1, 2),
-        bulges,
-        first,
-        none.astype(bool),
-        none,
-        none,
-        none,
-        ("0",),
-        ("LINE",),
-        ("",),
-    )
+    places, flags = ends.reshape(-1, 2), none.astype(bool)
+    return Soup(places, bulges, first, flags, none, none, none, ("0",), ("LINE",), ("",))
 
 
 def draw(paths: tuple[ToolPath, ...], file: Path) -> None:
@@ -119,9 +106,9 @@ def draw(paths: tuple[ToolPath, ...], file: Path) -> None:
         out.write("</svg>")
 
 
-def row(file: Path, tool: str | None) -> str | None:
-    """The line of the table for one drawing; None for one with fewer than five contours or nothing to trace."""
-    from bench.tours.search import between, measured  # noqa: PLC0415
+def row(file: Path, tool: str | None) -> list[object] | None:
+    """The cells of a drawing; None for one with fewer than five contours or nothing to trace."""
+    from bench.tours.search import between  # noqa: PLC0415
     from camgen.model.errors import CamgenError  # noqa: PLC0415
     from camgen.model.job import Job, OperationTable  # noqa: PLC0415
     from camgen.order.arrange import Search, arrange, measure_travel  # noqa: PLC0415
@@ -142,49 +129,33 @@ def row(file: Path, tool: str | None) -> str | None:
         arrange(paths, Search(method, None, inside_first=False)).travel
         for method in ("nearest", "best")
     ]
-    begun = time.perf_counter()
-    last = arrange(merged, Search("best", None, inside_first=False))
-    took = time.perf_counter() - begun
-    found += [
-        last.travel,
-        arrange(merged, Search("best", None, inside_first=False, seconds=1.0)).travel,
-    ]
+    last, seconds = timed(lambda: arrange(merged, "best", None, inside_first=False))
+    found += [last.travel, arrange(merged, "best", None, inside_first=False, seconds=1.0).travel]
     if tool:
         with tempfile.TemporaryDirectory() as folder:
             scene, result = Path(folder) / "scene.svg", Path(folder) / "result.svg"
             draw(paths, scene)
             for options in ([], ["--two-opt"]):
-                measured(
-                    [
-                        tool,
-                        "read",
-                        "--no-crop",
-                        str(scene),
-                        "linesort",
-                        *options,
-                        "write",
-                        str(result),
-                    ]
-                )
+                sort = [tool, "read", "--no-crop", str(scene), "linesort", *options]
+                measure_process([*sort, "write", str(result)])
                 # vpype writes px of 1/96 inch as it read them.
                 found.append(between(result))
-    bound = "" if last.bound is None else f"{last.bound:.0f}"
-    cells = " | ".join(f"{value:.0f}" for value in found)
-    return f"| {file.name} | {len(paths)} | {len(merged)} | {cells} | {bound} | {took:.2f} |"
+    return [file.name, len(paths), len(merged), *found, last.bound, seconds]
 
 
 def main(folders: list[str]) -> None:
     tool = os.environ.get("VPYPE") or shutil.which("vpype")
     print(machine(), "" if tool else "; vpype is not installed: its columns are left out")
-    peers = "| vpype | --two-opt " if tool else ""
-    print(
-        f"\n| drawing | paths | merged | as drawn | nearest | default | merged | seconds = 1 {peers}| bound | s |"
+    peers = "| vpype {:.0f} | --two-opt {:.0f} " if tool else ""
+    table = Table(
+        "drawing | paths | merged | as drawn {:.0f} | nearest {:.0f} | default {:.0f} "
+        f"| merged {{:.0f}} | seconds = 1 {{:.0f}} {peers}| bound {{:.0f}} | s {{:.2f}}"
     )
-    print("|" + "---|" * (12 if tool else 10))
-    for file in sorted(file for folder in folders for file in Path(folder).rglob("*.[dD][xX][fF]")):
-        line = row(file, tool)
-        if line:
-            print(line, flush=True)
+    for folder in sorted(folders):
+        for file in find_files(Path(folder), (".dxf",)):
+            cells = row(file, tool)
+            if cells:
+                table.add(*cells)
 
 
 if __name__ == "__main__":

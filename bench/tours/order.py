@@ -6,12 +6,13 @@ import gc
 import math
 import random
 import sys
-import time
 from collections.abc import Callable
 
 import numpy as np
 
 from bench.machine import machine
+from bench.support.runner import Table
+from bench.support.timing import timed
 from camgen.model.path import ToolPath, waypoints
 from camgen.order.arrange import Search, arrange
 
@@ -74,19 +75,19 @@ SCENES: dict[str, Callable[[int, random.Random], list[ToolPath]]] = {
 
 def main(sizes: list[int]) -> None:
     print(machine())
-    print(
-        "\n| scene | paths | as drawn, m | nearest, m | of it | seconds |\n|---|---|---|---|---|---|"
+    table = Table(
+        "scene | paths {:,} | as drawn, m {:.1f} | nearest, m {:.2f} | of it {:.2f} % | seconds {:.2f}"
     )
     for name, scene in SCENES.items():
         for count in sizes:
             paths = scene(count, random.Random(count))
             drawn = arrange(paths, Search("as-drawn", HOME, inside_first=False)).travel
             gc.collect()  # what the last scene left is not part of this one's time
-            begun = time.perf_counter()
-            nearest = arrange(paths, Search("nearest", HOME, inside_first=False)).travel
-            seconds = time.perf_counter() - begun
-            metres = f"{drawn / 1000:.1f} | {nearest / 1000:.2f} | {100 * nearest / drawn:.2f} %"
-            print(f"| {name} | {count:,} | {metres} | {seconds:.2f} |", flush=True)
+            tour, seconds = timed(
+                lambda paths=paths: arrange(paths, "nearest", HOME, inside_first=False)
+            )
+            shares = drawn / 1000, tour.travel / 1000, 100 * tour.travel / drawn
+            table.add(name, count, *shares, seconds)
 
 
 if __name__ == "__main__":

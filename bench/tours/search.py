@@ -8,18 +8,20 @@ long search.
 
 from __future__ import annotations
 
-import math
 import os
 import random
 import re
 import shutil
-import subprocess
 import sys
 import tempfile
 import time
 import xml.etree.ElementTree as ET
 from importlib.util import find_spec
 from pathlib import Path
+
+from bench.machine import machine
+from bench.support.runner import Table
+from bench.support.timing import measure_process, python
 
 #: Paths; 20 is a size for a try, and only taken when asked for.
 SIZES = (100, 1_000, 10_000, 100_000)
@@ -35,7 +37,8 @@ BUDGETS = {
 TWO_OPT = 1_000
 #: By number of paths, how many starts of a closed one LKH is given and how often it begins anew.
 LKH = {100: (8, 10)}
-Row = tuple[str, float, float, float, float, float | None]
+#: Name, travel (mm), seconds, seconds of the processor, memory (MB), bound (mm).
+Row = tuple[str, float, float, float | None, float, float | None]
 
 
 def child(count: int, method: str, seconds: float, plain: bool) -> None:
@@ -57,43 +60,12 @@ def child(count: int, method: str, seconds: float, plain: bool) -> None:
     print(tour.travel, time.perf_counter() - begun, time.process_time() - worked, tour.bound)
 
 
-def measured(command: list[str]) -> tuple[str, float, float]:
-    """What a process prints, its seconds and its peak memory, MB."""
-    with tempfile.TemporaryFile() as said:
-        begun = time.perf_counter()
-        process = subprocess.Popen(command, stdout=said)
-        _, status, usage = os.wait4(process.pid, 0)
-        seconds = time.perf_counter() - begun
-        process.returncode = os.waitstatus_to_exitcode(status)
-        said.seek(0)
-        text = said.read().decode()
-    if process.returncode:
-        sys.exit(f"{' '.join(command)}\n{text}")
-    return text, seconds, usage.ru_maxrss / (1e6 if sys.platform == "darwin" else 1e3)
-
-
 def camgen(name: str, count: int, method: str, seconds: float, plain: bool = False) -> Row:
-    text, _, memory = measured(
-        [
-            sys.executable,
-            "-m",
-            "bench.tours.search",
-            "child",
-            str(count),
-            method,
-            str(seconds),
-            str(int(plain)),
-        ]
-    )
-    travel, taken, worked, bound = text.split()
-    return (
-        name,
-        float(travel),
-        float(taken),
-        float(worked),
-        memory,
-        None if bound == "None" else float(bound),
-    )
+    words = "child", count, method, seconds, int(plain)
+    process = measure_process(python("bench.tours.search", *words))
+    travel, taken, worked, bound = process.text.split()
+    floor = None if bound == "None" else float(bound)
+    return name, float(travel), float(taken), float(worked), process.peak, floor
 
 
 def draw(file: str, count: int) -> None:
@@ -141,34 +113,20 @@ def vpype(tool: str, folder: Path, options: list[str]) -> Row:
     scene, result = folder / "scene.svg", folder / "result.svg"
     common = [tool, "read", "--no-crop", str(scene)]
     # Reading and writing alone, the second time: what the first one loads is not part of it.
-    alone = [measured([*common, "write", str(result)])[1] for _ in range(2)][1]
+    alone = [measure_process([*common, "write", str(result)]).seconds for _ in range(2)][1]
     drawn = between(result)
-    _, seconds, memory = measured([*common, "linesort", *options, "write", str(result)])
+    process = measure_process([*common, "linesort", *options, "write", str(result)])
     assert between(result) < drawn
-    return (
-        " ".join(["vpype linesort", *options]),
-        between(result),
-        max(seconds - alone, 0.0),
-        math.nan,
-        memory,
-        None,
-    )
+    name = " ".join(["vpype linesort", *options])
+    return name, between(result), max(process.seconds - alone, 0.0), None, process.peak, None
 
 
 def lkh(count: int) -> Row:
     points, runs = LKH[count]
-    text, _, memory = measured(
-        [sys.executable, "-m", "bench.tours.lkh", str(count), str(points), str(runs)]
-    )
-    travel, taken = text.split()[-2:]
-    return (
-        f"LKH, {points} starts of a closed path",
-        float(travel),
-        float(taken),
-        math.nan,
-        memory,
-        None,
-    )
+    process = measure_process(python("bench.tours.lkh", count, points, runs))
+    travel, taken = process.text.split()[-2:]
+    name = f"LKH, {points} starts of a closed path"
+    return name, float(travel), float(taken), None, process.peak, None
 
 
 def rows(count: int, tool: str | None) -> list[Row]:
@@ -187,16 +145,8 @@ def rows(count: int, tool: str | None) -> list[Row]:
         ]
     if tool:
         with tempfile.TemporaryDirectory() as name:
-            measured(
-                [
-                    sys.executable,
-                    "-m",
-                    "bench.tours.search",
-                    "draw",
-                    str(Path(name) / "scene.svg"),
-                    str(count),
-                ]
-            )
+            scene = Path(name) / "scene.svg"
+            measure_process(python("bench.tours.search", "draw", scene, count))
             found.append(vpype(tool, Path(name), []))
             if count <= TWO_OPT:
                 found.append(vpype(tool, Path(name), ["--two-opt"]))
@@ -206,28 +156,21 @@ def rows(count: int, tool: str | None) -> list[Row]:
 
 
 def main(sizes: list[int]) -> None:
-    from bench.machine import machine  # noqa: PLC0415
-
     tool = os.environ.get("VPYPE") or shutil.which("vpype")
     print(machine(), "" if tool else "; vpype is not installed: its rows are left out")
     if not find_spec("elkai"):
         print("elkai is not installed: the rows of LKH are left out")
-    print(
-        "\n| paths | program | travel, m | above best known | seconds | of a processor | peak MB | bound, m |"
+    table = Table(
+        "paths {:,} | program | travel, m {:.3f} | above best known {:.1f} % | seconds {:.2f} "
+        "| of a processor {:.2f} | peak MB {:.0f} | bound, m {:.3f}"
     )
-    print("|---|---|---|---|---|---|---|---|")
     for count in sizes:
         found = rows(count, tool)
         best = min(row[1] for row in found)
         for name, travel, seconds, worked, memory, bound in found:
-            above = f"{100 * (travel / best - 1):.1f} %"
-            floor = "" if bound is None else f"{bound / 1000:.3f}"
-            own = "" if math.isnan(worked) else f"{worked:.2f}"
-            print(
-                f"| {count:,} | {name} | {travel / 1000:.3f} | {above} | {seconds:.2f} | {own} "
-                f"| {memory:.0f} | {floor} |",
-                flush=True,
-            )
+            floor = None if bound is None else bound / 1000
+            above = 100 * (travel / best - 1)
+            table.add(count, name, travel / 1000, above, seconds, worked, memory, floor)
 
 
 if __name__ == "__main__":

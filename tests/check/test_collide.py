@@ -11,7 +11,8 @@ import pytest
 import trimesh
 
 import camgen
-from bench.robots.parts import joints_on, on_way, touches, turned, unfounded
+from bench.robots.parts import joints_on, touches, turned, unfounded
+from bench.support.motions import place_motion
 from camgen.check import Checks
 from camgen.collision.motion import measure_apart, motion
 from camgen.collision.scene import Allowed, Scene, scene
@@ -75,7 +76,7 @@ def test_between_rows_no_point_leaves_the_way_of_the_tcp() -> None:
         ARM,
         BASE,
         TOOL,
-        on_way(*SHORT.position[[0]], None, SHORT.position[1], share),
+        place_motion(*SHORT.position[[0]], None, SHORT.position[1], share),
         rotation,
         ends()[0],
     )

@@ -15,12 +15,7 @@ import numpy as np
 import shapely
 
 from bench.reliability.code_mutants.cases import Case
-from bench.reliability.code_mutants.shapes import (
-    Array,
-    find_arc,
-    make_region,
-    sample_motion,
-)
+from bench.reliability.code_mutants.shapes import Array, make_region
 from bench.reliability.code_mutants.traces import (
     BY_ACCELERATION,
     FREE,
@@ -31,7 +26,10 @@ from bench.reliability.code_mutants.traces import (
     Step,
     Switch,
 )
+from bench.support.motions import find_arc, sample_motion
 
+#: Distance between samples of a motion, mm.
+STEP_MM = 0.2
 #: Positions may differ by the printed digits, mm.
 DIGIT_MM = 2e-3
 #: Speeds may differ by the printed digits, as a fraction.
@@ -161,7 +159,7 @@ def follow_state(case: Case, steps: Sequence[Step]) -> list[Piece]:
 def _sample(start: Array, motion: Motion) -> Array:
     if motion.kind == JOINTS or np.isnan(start).any():
         return motion.end[None]
-    return sample_motion(start, motion.via, motion.end)
+    return sample_motion(start, motion.via, motion.end, STEP_MM, 2 if motion.via is None else 3)
 
 
 def _check_switch(case: Case, switch: Switch, position: Array, after: Sequence[Step]) -> None:

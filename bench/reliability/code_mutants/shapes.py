@@ -14,8 +14,6 @@ import shapely
 
 #: Segments of a quarter circle in a flattened curve: they leave a radius of 10 mm by 8e-4 mm.
 _QUARTER = 64
-#: Distance between samples of a motion, mm.
-STEP_MM = 0.2
 Array = np.ndarray
 
 
@@ -146,36 +144,3 @@ def offset_ring(shape: Shape, distance: float) -> shapely.LinearRing:
     polygon = shapely.buffer(shapely.Polygon(shape.flatten()), signed, quad_segs=_QUARTER)
     ring = polygon.exterior
     return ring if ring.is_ccw else shapely.reverse(ring)
-
-
-def sample_motion(start: Array, via: Array | None, end: Array) -> Array:
-    """Points along a line, or along an arc through `via`, about `STEP_MM` apart, (N, 3) mm."""
-    if via is None:
-        count = max(2, math.ceil(float(np.linalg.norm(end - start)) / STEP_MM) + 1)
-        return start + np.linspace(0.0, 1.0, count)[:, None] * (end - start)
-    centre, normal, angle = find_arc(start, via, end)
-    spoke = start - centre
-    count = max(3, math.ceil(float(np.linalg.norm(spoke)) * angle / STEP_MM) + 1)
-    angles = np.linspace(0.0, angle, count)[:, None]
-    points = centre + np.cos(angles) * spoke + np.sin(angles) * np.cross(normal, spoke)
-    points[-1] = end
-    return points
-
-
-def find_arc(start: Array, via: Array, end: Array) -> tuple[Array, Array, float]:
-    """Centre (mm), axis and angle (rad, 0 to 2 pi about the axis) of the arc through three points.
-
-    ValueError if they lie on a line.
-    """
-    a, b = via - start, end - start
-    normal = np.cross(a, b)
-    size = float(normal @ normal)
-    if size < 1e-12:
-        raise ValueError("three points of an arc on a line")
-    offset = (b @ b) * np.cross(normal, a) + (a @ a) * np.cross(b, normal)
-    centre = start + offset / (2.0 * size)
-    axis = normal / math.sqrt(size)
-    spoke = start - centre
-    across = np.cross(axis, spoke)
-    angle = math.atan2((end - centre) @ across, (end - centre) @ spoke) % math.tau
-    return centre, axis, angle
