@@ -13,6 +13,7 @@ import sys
 import tempfile
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -50,11 +51,7 @@ def main(count: int, each: int, megapixels: int) -> int:
                 named, each, np.random.default_rng([k, 7]), 1.4 * pixel, 7 * pixel
             )
             clean = inspected(Path(folder), photo, named, named)
-            found, seconds = timed(
-                lambda photo=photo, named=named, burred=burred: inspected(
-                    Path(folder), photo, named, burred
-                )
-            )
+            found, seconds = timed(partial(inspected, Path(folder), photo, named, burred))
             pairs, others = matched(burrs, found)
             off = np.array([one.height - abs(burr.height) for burr, one in pairs])
             wide = np.array([one.length - burr.width for burr, one in pairs])

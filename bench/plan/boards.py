@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
+from functools import partial
 from itertools import pairwise, product
 from pathlib import Path
 
@@ -143,7 +144,7 @@ def judge_fill(name: str, part: Part) -> Iterator[Cells]:
     for diameter, (least, most) in GOALS.items():
         job = from_mapping({"operation": {"kind": "fill"}, "tool": {"diameter": diameter}})
         paths, _, area = fill(part, job)
-        seconds = median_seconds(lambda job=job: fill(part, job), 3)
+        seconds = median_seconds(partial(fill, part, job), 3)
         shares = [100 * mm2 / area.copper for mm2 in (area.covered, area.outside, area.thin)]
         areas = [area.copper, area.copper - area.covered, area.outside, area.thin]
         points = sum(len(path.position) for path in paths)

@@ -9,24 +9,24 @@ also needs the user's number in RTAPI_UID and a path of that user's in RTAPI_FIF
 from __future__ import annotations
 
 import argparse
-import statistics
 import subprocess
 import sys
 import tempfile
-import time
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 import camgen
 from bench.machine import machine
+from bench.support.runner import ROOT, Table
+from bench.support.timing import median_seconds
 from camgen.check.report import sum_up
 from camgen.check.time import cycle, time_motions
 from camgen.model.pose import TOOL_DOWN, Pose, translation
 from camgen.model.program import MoveC, MoveJ, MoveL, Program
 from camgen.post.plugins import find_post, make_post
 
-ROOT = Path(__file__).parents[2]
 JOBS: dict[str, tuple[str, dict[str, object]]] = {
     "bracket.dxf": ("parts/bracket.dxf", {}),
     "bracket.dxf, 100 mm/s": ("parts/bracket.dxf", {"process": {"feed": 100.0, "travel": 500.0}}),
@@ -86,7 +86,7 @@ def main() -> None:
     if "linuxcnc" in given.files:
         judged()
         return
-    print("\n| input | post | length over speed, s | time, s | travel, s |\n|---|---|---|---|---|")
+    table = Table("input | post | length over speed, s {:.1f} | time, s {:.1f} | travel, s {:.1f}")
     more: dict[str, tuple[str, dict[str, object]]] = {
         Path(file).name: (str(Path(file).resolve()), {}) for file in given.files
     }
@@ -95,21 +95,15 @@ def main() -> None:
             if post != "rapid" and ("rfa" in file or "cell" in job):
                 continue
             found = camgen.build(ROOT / "fixtures" / file, post=post, job=job)
-            times = (
-                f"{found.motions.seconds:.1f} | {found.cycle.total:.1f} | {found.cycle.travel:.1f}"
-            )
-            print(f"| {name} | {post} | {times} |")
-    print("\n| lines | post | timed in, s |\n|---|---|---|")
+            times = found.motions.seconds, found.cycle.total, found.cycle.travel
+            table.add(name, post, *times)
+    table = Table("lines {:,} | post | timed in, s {:.2f}")
     for count in given.lines:
         one = polyline(wave(count + 1, count / 10), 40.0)
         one.columns.ends, one.columns.speed, one.columns.blend  # noqa: B018 (read before the clock starts)
         for post in ("rapid", "gcode"):
-            pace, took = make_post(find_post(post), {}).dynamics(), []
-            for _ in range(3):
-                begun = time.perf_counter()
-                cycle(one, pace)
-                took.append(time.perf_counter() - begun)
-            print(f"| {count:,} | {post} | {statistics.median(took):.2f} |")
+            pace = make_post(find_post(post), {}).dynamics()
+            table.add(count, post, median_seconds(partial(cycle, one, pace), 3))
 
 
 def judged() -> None:
@@ -125,18 +119,15 @@ def judged() -> None:
         subprocess.run(
             ["linuxcnc", "-r", str(here / "mill.ini")], check=True, timeout=300, capture_output=True
         )
-        print(
-            "\n| program | length over speed, s | camgen, s | LinuxCNC, s | apart |\n|---|---|---|---|---|"
+        table = Table(
+            "program | length over speed, s {:.3f} | camgen, s {:.3f} | LinuxCNC, s {:.3f} "
+            "| apart {:+.2f} %"
         )
         for k, (name, one) in enumerate(zip(cases(), programs, strict=True)):
-            ours, theirs = (
-                float(time_motions(one, post.dynamics(), None, None)[0].sum()),
-                sampled(here / f"{k}.txt"),
-            )
+            ours = float(time_motions(one, post.dynamics(), None, None)[0].sum())
+            theirs = sampled(here / f"{k}.txt")
             naive = sum_up(one.columns).seconds
-            print(
-                f"| {name} | {naive:.3f} | {ours:.3f} | {theirs:.3f} | {100 * (ours / theirs - 1):+.2f} % |"
-            )
+            table.add(name, naive, ours, theirs, 100 * (ours / theirs - 1))
 
 
 def sampled(file: Path) -> float:

@@ -11,7 +11,6 @@ that of all but the tool and the part, told up to 2 mm. Exits with 1 where an ed
 from __future__ import annotations
 
 import sys
-import time
 from collections.abc import Mapping
 
 import numpy as np
@@ -19,7 +18,9 @@ from msgspec.structs import replace
 
 import camgen
 from bench.machine import machine
-from bench.robots.rfa import FREE, PARTS, RAISED, cell
+from bench.robots.rfa import FREE, RAISED, cell
+from bench.support.runner import PARTS, Table
+from bench.support.timing import timed
 from camgen.check.passing import find_corners
 from camgen.check.time import cycle
 from camgen.model.program import MoveC, MoveJ, MoveL
@@ -40,9 +41,7 @@ def build(
     job = cell(mesh.read(Files().read(path)), name)
     tables = {**more, "tool": FREE if free else {}}
     own = {key: {**job.get(key, {}), **tables.get(key, {})} for key in {*job, *tables}}
-    begun = time.perf_counter()
-    result = camgen.build(path, post="rapid", job=own)
-    return result, time.perf_counter() - begun
+    return timed(lambda: camgen.build(path, post="rapid", job=own))
 
 
 def stopped(result: Result) -> float:
@@ -72,28 +71,27 @@ def least(result: Result) -> str:
 
 def main(arguments: list[str]) -> int:
     parts, names = arguments[:1] or RAISED, arguments[1:2] or ARMS
-    print(f"{machine()}\n")
-    more = "| less | without blends, s | stops left | between rows | least distance | build, s |"
-    print(f"| part | robot | tool | edges | program, s {more}")
-    print("|---|---|---|---|---|---|---|---|---|---|---|")
+    print(machine())
+    table = Table(
+        "part | robot | tool | edges {}, {} | program, s {:.1f}, {:.1f} | less {:.0f} % "
+        "| without blends, s {:.1f} | stops left {} of {} | between rows | least distance {}, {} "
+        "| build, s {:.1f}, {:.1f}"
+    )
     lost, sums = False, [0.0, 0.0]
     for part, name, free in (
         (part, name, free) for part in parts for name in names for free in (False, True)
     ):
         (old, slow), (new, fast) = build(part, name, free, BEFORE), build(part, name, free, {})
-        seconds = [stopped(old), new.cycle.total]
+        seconds = stopped(old), new.cycle.total
         sums = [a + b for a, b in zip(sums, seconds, strict=True)]
-        counts = [len(result.tour.paths) for result in (old, new)]
+        counts = len(old.tour.paths), len(new.tour.paths)
         (passed,) = [note.what.split() for note in new.notes if "without a stop" in note.what]
-        row = [
-            *(part, name, "freed" if free else "nominal", f"{counts[0]}, {counts[1]}"),
-            f"{seconds[0]:.1f}, {seconds[1]:.1f}",
-            *(f"{100 * (1 - seconds[1] / seconds[0]):.0f} %", f"{stopped(new):.1f}"),
-            f"{int(passed[2]) - int(passed[0])} of {passed[2]}",
-            between_rows(new),
-            *(f"{least(old)}, {least(new)}", f"{slow:.1f}, {fast:.1f}"),
-        ]
-        print("| " + " | ".join(row) + " |", flush=True)
+        stops = int(passed[2]) - int(passed[0]), passed[2]
+        less = 100 * (1 - seconds[1] / seconds[0])
+        corners = stopped(new), stops, between_rows(new)
+        tool = "freed" if free else "nominal"
+        distances, builds = (least(old), least(new)), (slow, fast)
+        table.add(part, name, tool, counts, seconds, less, *corners, distances, builds)
         lost |= counts[1] < counts[0]
     print(
         f"\nAll: {sums[0]:.0f} s before, {sums[1]:.0f} s after, {100 * (1 - sums[1] / sums[0]):.0f} % less."

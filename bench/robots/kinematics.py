@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import importlib
 import math
-import sys
-import time
-from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
 from bench.machine import machine
+from bench.support.runner import Table, read_words
+from bench.support.timing import best_seconds, timed
 from camgen.model.pose import FloatArray, Pose, quaternion
 from camgen.robots.catalogue import robot, robots
 from camgen.robots.kinematics.arms import Spherical
@@ -82,16 +82,6 @@ def errors(of: Robot, solutions: FloatArray, joints: FloatArray) -> tuple[float,
     return float(np.linalg.norm(at - wanted_at[source], axis=1).max()), float(angle.max())
 
 
-def timed(work: Callable[[], object], times_over: int = 5) -> float:
-    """The least seconds of some runs."""
-    best = math.inf
-    for _ in range(times_over):
-        begun = time.perf_counter()
-        work()
-        best = min(best, time.perf_counter() - begun)
-    return best
-
-
 def drawn(of: Robot, count: int) -> FloatArray:
     """Configurations (count, J) within all limits."""
     rng = np.random.default_rng(0)
@@ -100,29 +90,24 @@ def drawn(of: Robot, count: int) -> FloatArray:
 
 
 def table_of_poses(poses: int) -> None:
-    print(
-        "\n| robot | poses | branches | found again | mm | rad | us per pose | poses/s | forward, us |"
+    table = Table(
+        "robot | poses {:,} | branches {} to {} | found again {:.2f} % | mm {:.1e} | rad {:.1e} "
+        "| us per pose {:.2f} | poses/s {:,.0f} | forward, us {:.2f}"
     )
-    print("|---|---|---|---|---|---|---|---|---|")
     for of in robots():
         joints = drawn(of, poses if of.arm else poses // 10)
         rotations, origins = flange(of, joints)
-        seconds = timed(lambda of=of, r=rotations, o=origins: inverse(of, r, o), 5 if of.arm else 1)
-        forward = timed(lambda of=of, q=joints: frames(of, q))
+        seconds = best_seconds(partial(inverse, of, rotations, origins), 5 if of.arm else 1)
+        forward = best_seconds(partial(frames, of, joints), 5)
         solutions = inverse(of, rotations, origins)
         mm, rad = errors(of, solutions, joints)
         every = copies(of, solutions).reshape(len(joints), -1, len(of.joints))
-        missed = (
-            np.abs(np.where(np.isnan(every), math.inf, every) - joints[:, None])
-            .max(axis=2)
-            .min(axis=1)
-        )
+        off = np.abs(np.where(np.isnan(every), math.inf, every) - joints[:, None]).max(axis=2)
+        again = 100 * (off.min(axis=1) < 1e-6).mean()
         count = np.isfinite(solutions[:, :, 0]).sum(axis=1)
         each, n = seconds / len(joints), len(joints)
-        print(
-            f"| {of.name} | {n:,} | {count.min()} to {count.max()} | {100 * (missed < 1e-6).mean():.2f} % | {mm:.1e} |"
-            f" {rad:.1e} | {1e6 * each:.2f} | {1 / each:,.0f} | {1e6 * forward / n:.2f} |"
-        )
+        rates = 1e6 * each, 1 / each, 1e6 * forward / n
+        table.add(of.name, n, (count.min(), count.max()), again, mm, rad, *rates)
 
 
 def table_of_oracle(count: int) -> None:
@@ -132,10 +117,10 @@ def table_of_oracle(count: int) -> None:
     except ImportError:
         print("\npy-opw-kinematics, the oracle, is not installed")
         return
-    print(
-        "\n| robot | same set of solutions as py-opw-kinematics | greatest difference, rad | its us per pose |"
+    table = Table(
+        "robot | same set of solutions as py-opw-kinematics {:,} of {:,} "
+        "| greatest difference, rad {:.1e} | its us per pose {:.2f}"
     )
-    print("|---|---|---|---|")
     for of in robots():
         arm = of.arm
         if not isinstance(arm, Spherical):
@@ -149,7 +134,7 @@ def table_of_oracle(count: int) -> None:
         poses = transform.RigidTransform.from_components(
             origins, transform.Rotation.from_matrix(rotations)
         )
-        seconds = timed(lambda other=other, poses=poses: other.reach(poses), 3)
+        seconds = best_seconds(partial(other.reach, poses), 3)
         theirs = np.asarray(other.reach(poses).joints)
         ours = theta_of(of, arm, inverse(of, rotations, origins))
         apart = np.abs(
@@ -161,12 +146,13 @@ def table_of_oracle(count: int) -> None:
             (nearest < 1e-6) | ~here
         ).all(axis=1)
         worst, n = nearest[here & same[:, None]].max(), len(ours)
-        print(f"| {of.name} | {same.sum():,} of {n:,} | {worst:.1e} | {1e6 * seconds / n:.2f} |")
+        table.add(of.name, (same.sum(), n), worst, 1e6 * seconds / n)
 
 
 def table_of_paths(count: int) -> None:
-    print(
-        "\n| robot | rows of a circle | seconds | us per row | greatest step, deg or mm |\n|---|---|---|---|---|"
+    table = Table(
+        "robot | rows of a circle {:,} | seconds {:.2f} | us per row {:.0f} "
+        "| greatest step, deg or mm {:.3f}"
     )
     for name, (x, y, z) in CENTRES.items():
         of = robot(name)
@@ -174,17 +160,15 @@ def table_of_paths(count: int) -> None:
         turn = np.linspace(0, math.tau, rows)
         origins = np.column_stack([x + 50 * np.cos(turn), y + 50 * np.sin(turn), np.full(rows, z)])
         rotations = np.broadcast_to(np.diag([1.0, -1, -1]), (rows, 3, 3))
-        begun = time.perf_counter()
-        choice = follow(of, rotations, origins)
-        seconds = time.perf_counter() - begun
+        choice, seconds = timed(partial(follow, of, rotations, origins))
         assert isinstance(choice, Choice)
         units = np.array([1.0 if joint.sliding else math.degrees(1) for joint in of.joints])
         step = (np.abs(np.diff(choice.joints, axis=0)) * units).max()
-        print(f"| {name} | {rows:,} | {seconds:.2f} | {1e6 * seconds / rows:.0f} | {step:.3f} |")
+        table.add(name, rows, seconds, 1e6 * seconds / rows, step)
 
 
 if __name__ == "__main__":
     print(machine())
-    asked = int(sys.argv[1]) if len(sys.argv) > 1 else POSES
-    for table in (table_of_poses, table_of_oracle, table_of_paths):
-        table(asked)
+    (count,) = read_words(POSES)
+    for measure in (table_of_poses, table_of_oracle, table_of_paths):
+        measure(count)

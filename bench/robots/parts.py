@@ -28,6 +28,7 @@ import numpy as np
 import camgen
 from bench.machine import machine
 from bench.support.motions import place_motion
+from bench.support.runner import SHARED, Table, find_files, read_words
 from camgen.collision.hits import hits
 from camgen.collision.scene import Scene
 from camgen.model.errors import CamgenError
@@ -45,7 +46,6 @@ from camgen.robots.kinematics.inverse import inverse
 from camgen.robots.models import Robot
 from camgen.robots.workcell import Workcell
 
-DEFAULT = Path(__file__).parents[3] / "shared" / "data"
 SAMPLES = 400
 #: mm: a touch may be so deep: half a step of the check between standing and moving bodies, and what it adds.
 PROMISED = 1.02
@@ -228,33 +228,28 @@ def joints_along(cell: Workcell, way: Way, start: FloatArray, samples: int) -> F
     return np.concatenate(found)
 
 
-def row(path: Path, arm: str, samples: int) -> tuple[str, bool, bool]:
-    """A line of the table; whether there is a program; whether all is as promised."""
+def row(path: Path, arm: str, samples: int) -> tuple[list[object], bool, bool]:
+    """The cells of a part; whether there is a program; whether all is as promised."""
     tables = job(path, arm)
     begin = time.process_time()
     try:
         result = camgen.build(path, post="rapid", job=tables)
     except CamgenError as error:
         seconds = time.process_time() - begin
-        verdict = f"exit {error.exit_code}: {error.what}" + (
-            f" ({error.where})" if error.where else ""
-        )
-        return (
-            f"| {path.name} | {arm} | - | - | - | - | - | {seconds:.2f} | {verdict} |",
-            False,
-            True,
-        )
+        place = f" ({error.where})" if error.where else ""
+        refusal = f"exit {error.exit_code}: {error.what}{place}"
+        return [path.name, arm, *"-----", seconds, refusal], False, True
     seconds = time.process_time() - begin
     skipped = [note for note in result.notes if note.kind == "skipped"]
-    run = len(result.tour.paths)
     deep = touches(result, samples)
-    # What a tilted tool collided with is not told by the motion that was tried last.
-    tilted = CELLS[arm][1] > 0
-    collided, none = ("-", "-") if tilted else unfounded(result, camgen.job(tables), samples)
+    # A tilted tool: the motion that was tried last does not say what it collided with.
+    collided, none = "-", "-"
+    if not CELLS[arm][1]:
+        collided, none = unfounded(result, camgen.job(tables), samples)
     good = max(deep, default=0.0) <= PROMISED and none in (0, "-")
     hit = f"{len(deep)}, {max(deep):.2f} mm" if deep else "0"
-    counts = f"{run} | {len(skipped)} | {collided} | {none} | {hit}"
-    return f"| {path.name} | {arm} | {counts} | {seconds:.2f} | program |", True, good
+    counts = len(result.tour.paths), len(skipped), collided, none, hit
+    return [path.name, arm, *counts, seconds, "program"], True, good
 
 
 def count_edges(path: Path) -> int:
@@ -269,26 +264,25 @@ def count_edges(path: Path) -> int:
 def main(folder: Path, samples: int, names: Sequence[str]) -> int:
     """Prints the table."""
     kinds = (*mesh_file.SUFFIXES, *STEP)
-    files = sorted(
-        p for p in folder.rglob("*") if p.suffix.lower() in kinds and (not names or p.stem in names)
+    print(machine())
+    table = Table(
+        "part | arm | edges run | left out | for a collision | of these unfounded | motions hit "
+        "| CPU s {:.2f} | verdict"
     )
-    print(machine(), end="\n\n")
-    print(
-        "| part | arm | edges run | left out | for a collision | of these unfounded | motions hit | CPU s | verdict |"
-    )
-    print("|---|---|---|---|---|---|---|---|---|")
     made, every, good = 0, 0, True
-    for path in files:
+    for path in find_files(folder, kinds):
+        if names and path.stem not in names:
+            continue
         if not 0 < count_edges(path) <= (math.inf if names else MOST):
             continue
         for arm in CELLS:
-            line, program, right = row(path, arm, samples)
-            print(line, flush=True)
+            cells, program, right = row(path, arm, samples)
+            table.add(*cells)
             made, every, good = made + program, every + 1, good and right
     print(f"\n{made} of {every} come to a program.")
     return int(not good)
 
 
 if __name__ == "__main__":
-    first, second, *others = [*sys.argv[1:], *[str(DEFAULT), str(SAMPLES)][len(sys.argv) - 1 :]]
-    sys.exit(main(Path(first), int(second), others))
+    shared, count, *parts = read_words(SHARED, SAMPLES)
+    sys.exit(main(shared, count, parts))

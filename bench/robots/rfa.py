@@ -13,18 +13,18 @@ where a verdict differs or the program is not what was planned.
 from __future__ import annotations
 
 import math
-import subprocess
 import sys
 import tempfile
-import time
+from functools import partial
 from pathlib import Path
-from statistics import median
 
 import numpy as np
 
 import camgen
 from bench.machine import machine
 from bench.robots.plain_loop import Loop
+from bench.support.runner import PARTS, Table
+from bench.support.timing import measure_process, median_seconds, python, timed
 from camgen.check.reach import check_reach
 from camgen.model.errors import NoSafeProgram
 from camgen.model.part import Solid
@@ -38,7 +38,6 @@ from camgen.read.solid import mesh
 from camgen.robots.catalogue import robot
 from camgen.robots.models import Box, Link
 
-PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
 RAISED = {"rfa1": 40.0, "rfa2": 0.0}
 #: By robot: x and z of the table under the part's middle, the part's yaw and the tool's lean (deg), the lengths of
 #: shaft and holder, half the holder's width (mm).
@@ -135,39 +134,18 @@ def differ(result: Result, solid: Solid) -> tuple[int, int]:
     return sum(judge.first(row) is not None for row in joints), len(joints)
 
 
-def whole(path: Path, job: dict[str, dict[str, object]]) -> float:
-    """Seconds of the whole process."""
-    sets = [
-        f"--set={table}.{key}={_toml(value)}"
-        for table, keys in job.items()
-        for key, value in keys.items()
-    ]
-    begun = time.perf_counter()
-    command = [
-        sys.executable,
-        "-m",
-        "camgen",
-        "build",
-        str(path),
-        "--post",
-        "rapid",
-        "-q",
-        "-o",
-        str(path.parent / "x.mod"),
-    ]
-    subprocess.run([*command, *sets], check=True)
-    return time.perf_counter() - begun
+def whole(path: Path, job: dict[str, dict[str, object]]) -> None:
+    """A build as a process of its own."""
+    words = ["--post", "rapid", "-q", "-o", path.parent / "x.mod"]
+    for table, keys in job.items():
+        words += [f"--set={table}.{key}={_toml(value)}" for key, value in keys.items()]
+    measure_process(python("camgen", "build", path, *words))
 
 
 def alone(runs: int) -> float:
     """Seconds of a process that loads the libraries and the mesh and does nothing."""
     read = f"import numpy, fcl, trimesh; trimesh.load_mesh({str(PARTS / 'rfa1.stl')!r})"
-    times = []
-    for _ in range(runs):
-        begun = time.perf_counter()
-        subprocess.run([sys.executable, "-c", read], check=True)
-        times.append(time.perf_counter() - begun)
-    return median(times)
+    return median_seconds(lambda: measure_process([sys.executable, "-c", read]), runs)
 
 
 def _toml(value: object) -> str:
@@ -179,18 +157,17 @@ def paper() -> int:
     print(f"{machine()}\n")
     for name, paper_edges, paper_seconds in (("rfa1", "13 of 15", 19), ("rfa2", "16 of 20", 26)):
         job = PARTS / f"{name}_nominal.toml"
-        begun = time.perf_counter()
-        result = camgen.build(PARTS / f"{name}.stl", post="rapid", job=job)
-        spent = time.perf_counter() - begun
+        file = PARTS / f"{name}.stl"
+        result, spent = timed(partial(camgen.build, file, post="rapid", job=job))
         skipped = [note for note in result.notes if note.kind == "skipped"]
         count = len(result.tour.paths)
         print(f"{name}: {count} of {count + len(skipped)} edges, paper {paper_edges};", end=" ")
-        print(f"{spent:.1f} s, paper {paper_seconds} s; program {result.cycle.total:.1f} s\n")
-        print("| order | edge | kind | mm | s |\n|---|---|---|---|---|")
+        print(f"{spent:.1f} s, paper {paper_seconds} s; program {result.cycle.total:.1f} s")
+        table = Table("order | edge | kind | mm {:.1f} | s {:.1f}")
         for k, line in enumerate(view(result).rows, start=1):
-            print(f"| {k} | {line.id} | {line.layer} | {line.length:.1f} | {line.seconds:.1f} |")
+            table.add(k, line.id, line.layer, line.length, line.seconds)
         for note in skipped:
-            print(f"| left out | {note.ids[0]} | {note.why} | | |")
+            table.add("left out", note.ids[0], note.why)
         print()
     return 0
 
@@ -204,11 +181,11 @@ def main(arguments: list[str]) -> int:
     print(
         f"A process that imports numpy, trimesh and fcl, reads rfa1 and does nothing: {alone(runs):.2f} s."
     )
-    print("Seconds of a build: nominal, freed.\n")
-    print(
-        "| part | robot | edges | nominal | tilt, roll | links, nearest | build, s | process, s | rows | collide |"
+    print("Seconds of a build: nominal, freed.")
+    table = Table(
+        "part | robot | edges | nominal | tilt, roll | links, nearest | build, s {:.2f}, {:.2f} "
+        "| process, s {:.2f}, {:.2f} | rows {:,} | collide"
     )
-    print("|---|---|---|---|---|---|---|---|---|---|")
     bad = 0
     with tempfile.TemporaryDirectory() as folder:
         for part in parts:
@@ -217,35 +194,34 @@ def main(arguments: list[str]) -> int:
             solid = mesh.read(Files().read(path))
             for name in names:
                 if "nominal" not in name or name.endswith(part):
-                    bad += row(path, solid, name, runs)
+                    bad += row(table, path, solid, name, runs)
     return 1 if bad else 0
 
 
-def row(path: Path, solid: Solid, name: str, runs: int) -> int:
+def row(table: Table, path: Path, solid: Solid, name: str, runs: int) -> int:
+    """The rows of a part and a robot; 1 if the plain loop finds a hit or nothing is built."""
     job = cell(solid, name)
     counts, built, spent = [], [], []
     lost: list[str] = []
     for free in ({}, FREE):
-        own = {**job, "tool": {**job["tool"], **free}}
+        tables = {**job, "tool": {**job["tool"], **free}}
         try:
-            begun = time.perf_counter()
-            result = camgen.build(path, post="rapid", job=own)
-            built.append(time.perf_counter() - begun)
-            counts.append(len(result.tour.paths))
-            lost = [f"{note.what}: {note.why}" for note in result.notes if note.kind == "skipped"]
+            result, seconds = timed(partial(camgen.build, path, post="rapid", job=tables))
         except NoSafeProgram as error:
-            print(f"| {solid.name} | {name} | {error} |" + " |" * 7)
+            table.add(solid.name, name, str(error))
             return 1
-        spent.append(median(whole(path, own) for _ in range(runs)))
+        built.append(seconds)
+        counts.append(len(result.tour.paths))
+        lost = [f"{note.what}: {note.why}" for note in result.notes if note.kind == "skipped"]
+        spent.append(median_seconds(partial(whole, path, tables), runs))
     collide, rows = differ(result, solid)
     links = next(note.what for note in result.notes if note.what.startswith("links"))
     times = links.rpartition("; ")[2].replace("nearest neighbour ", "")
     total = counts[1] + len(lost)
-    seconds = [f"{a:.2f}, {b:.2f}" for a, b in (built, spent)]
-    cells = [solid.name, name, total, *counts, times, *seconds, f"{rows:,}", collide]
-    print("| " + " | ".join(str(value) for value in cells) + " |")
+    seconds = tuple(built), tuple(spent)
+    table.add(solid.name, name, total, *counts, times, *seconds, rows, collide)
     for text in lost:
-        print(f"| {solid.name} | {name} | left out: {text} |" + " |" * (len(cells) - 3))
+        table.add(solid.name, name, f"left out: {text}")
     return int(collide > 0)
 
 

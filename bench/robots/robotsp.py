@@ -21,6 +21,7 @@ import math
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import ezdxf
@@ -28,6 +29,7 @@ import numpy as np
 
 import camgen
 from bench.machine import machine
+from bench.support.runner import Table
 from camgen.model.pose import FloatArray, fixed_xyz, frozen, pose_from_values
 from camgen.pipeline import Result
 from camgen.robots.catalogue import robot
@@ -163,22 +165,17 @@ def find_missed(joints: FloatArray, holes: FloatArray) -> int:
     return int((apart.min(axis=1, initial=math.inf) > 0.01).sum())
 
 
-def row(holes: FloatArray, jig: list[str], folder: Path, published: list[str]) -> tuple[str, bool]:
-    """A line of the table, and whether all is as it must be."""
+def rows(holes: FloatArray, jig: list[str], folder: Path) -> Iterator[tuple[list[object], bool]]:
+    """The cells of a size for each post, and whether all is as it must be."""
     drawing = draw(holes, folder)
-    cells, good = [], True
     for post in POSTS:
         begin, used = time.perf_counter(), time.process_time()
         result = camgen.build(drawing, post=post, job=job(jig))
         seconds, used = time.perf_counter() - begin, time.process_time() - used
         joints = joints_of(result)
         missed = find_missed(joints, holes)
-        cost, execution = measure(joints)
-        good &= missed == 0 and result.deviation.max_mm < 0.01
-        cells.append(
-            f"{len(holes)} | {post} | {missed} | {cost:.1f} | {execution:.1f} | {seconds:.1f} | {used:.1f}"
-        )
-    return "\n".join(f"| {cell} | {' | '.join(published)} |" for cell in cells), good
+        cells = [len(holes), post, missed, *measure(joints), seconds, used]
+        yield cells, missed == 0 and result.deviation.max_mm < 0.01
 
 
 def columns_of(data: dict[str, object], size: int) -> list[str]:
@@ -206,29 +203,38 @@ def columns_of(data: dict[str, object], size: int) -> list[str]:
 
 
 def main(arguments: list[str]) -> int:
-    print(machine() + "\n")
-    own = "holes | program | not reached | cost | execution, s | seconds | of the processor"
-    print(f"| {own} | RoboTSP: cost | GLKH: cost | execution, s | CPU s |\n|{'---|' * 11}")
+    print(machine())
+    table = Table(
+        "holes | program | not reached | cost {:.1f} | execution, s {:.1f} | seconds {:.1f} "
+        "| of the processor {:.1f} | RoboTSP: cost | GLKH: cost | execution, s | CPU s"
+    )
     good = True
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        if arguments[:1] == ["made"]:
-            text, good = row(made_holes(), [], folder, ["-"] * 4)
-            print(text)
-            return 0 if good else 1
-        data = Path(arguments[0])
-        published = json.loads((data / "published.json").read_text())
-        holes = np.loadtxt(data / "targets.csv", delimiter=",")[:, :3] * 1000
-        jig = [place_jig(data / "jig.stl", folder)]
-        for size in [int(one) for one in arguments[1:]] or published["number_of_targets"]:
-            # Of all holes in the order in which they are listed.
-            chosen = (
-                np.arange(len(holes)) if size == len(holes) else published["subsets"][str(size)]
-            )
-            text, fine = row(holes[chosen], jig, folder, columns_of(published, size))
-            print(text, flush=True)
-            good &= fine
+        for holes, jig, published in list_tasks(arguments, folder):
+            for cells, is_right in rows(holes, jig, folder):
+                table.add(*cells, *published)
+                good &= is_right
     return 0 if good else 1
+
+
+def list_tasks(
+    arguments: list[str], folder: Path
+) -> Iterator[tuple[FloatArray, list[str], list[str]]]:
+    """Holes, jig and published figures of each size."""
+    if arguments[:1] == ["made"]:
+        yield made_holes(), [], ["-"] * 4
+        return
+    data = Path(arguments[0])
+    published = json.loads((data / "published.json").read_text())
+    holes = np.loadtxt(data / "targets.csv", delimiter=",")[:, :3] * 1000
+    jig = [place_jig(data / "jig.stl", folder)]
+    for size in map(int, arguments[1:] or published["number_of_targets"]):
+        # All holes are in the order in which they are listed.
+        chosen = np.arange(len(holes))
+        if size < len(holes):
+            chosen = published["subsets"][str(size)]
+        yield holes[chosen], jig, columns_of(published, size)
 
 
 if __name__ == "__main__":

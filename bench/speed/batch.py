@@ -15,6 +15,7 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Iterator
+from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -128,9 +129,7 @@ def main(source: Path, runs: int, count: int, most: int) -> None:
         for jobs in (one for one in (1, 2, 4) if one <= most):
             seconds = []
             for run in range(runs):
-                code, taken = timed(
-                    lambda jobs=jobs, run=run: ended(folder, f"out-{jobs}-{run}", jobs)
-                )
+                code, taken = timed(partial(ended, folder, f"out-{jobs}-{run}", jobs))
                 seconds.append(taken)
             made = programs(folder / f"out-{jobs}-{runs - 1}")
             median = statistics.median(seconds)
