@@ -10,12 +10,14 @@ from __future__ import annotations
 
 import json
 import sys
-import time
+from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from bench.machine import machine
+from bench.support.runner import SHARED, Cells, Missed, Scenario, find_files, read_words, run
+from bench.support.timing import timed
 from camgen.model.errors import CamgenError
 from camgen.model.job import Job
 from camgen.model.part import Contour, Part
@@ -23,7 +25,7 @@ from camgen.read import dxf
 from camgen.read.files import Files
 from camgen.read.units import INSUNITS, MM
 
-DEFAULT = Path(__file__).parents[3] / "shared" / "data"
+COLUMNS = "file | used | skipped | repaired, assumed, warned | verdict"
 TOLERANCE = 0.005
 KNOWN = {
     "arrayed-holes.dxf": ": measured without the block array, which holds the outline and 14 holes",
@@ -53,40 +55,38 @@ def verdict(part: Part, truth: dict[str, object]) -> str:
     twice = [n.what for n in part.notes if "drawn twice" in n.why]
     if twice and share < 0:
         return f"{100 * share:+.2f} %: {'; '.join(twice)} as drawn twice"
-    return f"DIFFERS {100 * share:+.2f} %{KNOWN.get(part.source, '')}"
+    known = KNOWN.get(part.source)
+    differs = f"DIFFERS {100 * share:+.2f} %"
+    return Missed(differs) if known is None else f"{differs}{known}"
 
 
-def row(path: Path, truth: dict[str, object]) -> str:
-    start = time.perf_counter()
+def judge(path: Path, truth: dict[str, object]) -> Iterator[Cells]:
+    """The row of a drawing."""
+    name = f"{path.parent.name}/{path.name}"
     try:
-        part = dxf.read(Files().read(path), Job(), Files())
+        part, seconds = timed(partial(dxf.read, Files().read(path), Job(), Files()))
     except CamgenError as error:
-        return f"| {path.parent.name}/{path.name} | - | - | - | refused: {error} |"
-    seconds = time.perf_counter() - start
+        yield name, *"---", f"refused: {error}"
+        return
     closed = sum(c.closed for c in part.contours)
     used = f"{closed} closed, {len(part.contours) - closed} open, {part.units}, {seconds:.2f} s"
-    notes = {kinds: "; ".join(f"{n.what} ({n.why})" for n in part.notes if n.kind in kinds) or "-" for kinds in (
-        ("skipped",), ("repaired", "joined", "assumed", "warning"))}  # fmt: skip
-    skipped, repaired = notes.values()
-    return f"| {path.parent.name}/{path.name} | {used} | {skipped} | {repaired} | {verdict(part, truth)} |"
+    skipped, repaired = (
+        "; ".join(f"{n.what} ({n.why})" for n in part.notes if n.kind in kinds) or "-"
+        for kinds in (("skipped",), ("repaired", "joined", "assumed", "warning"))
+    )
+    yield name, used, skipped, repaired, verdict(part, truth)
 
 
-def main(folder: Path) -> int:
-    measured = {}
-    for line in (folder / "truth.jsonl").read_text().splitlines():
-        entry = json.loads(line)
-        if "file" in entry:
-            measured[entry["file"]] = entry
-    print(machine(), end="\n\n")
-    print("| file | used | skipped | repaired, assumed, warned | verdict |\n|---|---|---|---|---|")
-    unexplained = 0
-    for path in sorted((folder / "dxf").rglob("*")):
-        if path.suffix.lower() == ".dxf":
-            line = row(path, measured.get(str(path.relative_to(folder)), {}))
-            unexplained += "DIFFERS" in line and path.name not in KNOWN
-            print(line)
-    return int(unexplained > 0)
+def read_truth(folder: Path) -> dict[str, dict[str, object]]:
+    """The measured facts of each file of a folder, by its name."""
+    lines = (folder / "truth.jsonl").read_text().splitlines()
+    entries = [json.loads(line) for line in lines]
+    return {entry["file"]: entry for entry in entries if "file" in entry}
 
 
 if __name__ == "__main__":
-    sys.exit(main(Path(sys.argv[1]) if len(sys.argv) > 1 else DEFAULT))
+    (folder,) = read_words(SHARED)
+    truth = read_truth(folder)
+    files = find_files(folder / "dxf", (".dxf",))
+    inputs = [(path, truth.get(str(path.relative_to(folder)), {})) for path in files]
+    sys.exit(run(Scenario(COLUMNS, inputs, judge)))

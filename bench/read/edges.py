@@ -9,24 +9,29 @@ recognised stands beside it, and is longer where arcs were drawn with few sides.
 
 from __future__ import annotations
 
-import json
 import re
 import sys
-import time
 from collections import Counter
+from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from bench.machine import machine
+from bench.read.drawings import read_truth
+from bench.support.runner import SHARED, Cells, Missed, Scenario, find_files, read_words, run
+from bench.support.timing import timed
 from camgen.model.errors import CamgenError
 from camgen.model.part import FEATURE_ANGLE, Solid
 from camgen.read.files import Files
 from camgen.read.solid import STEP, mesh, step
 from camgen.read.solid import mesh_file as mesh_load
 
-DEFAULT = Path(__file__).parents[3] / "shared" / "data"
+COLUMNS = (
+    "file | convex + concave (measured) {} + {} ({} + {}) | convex mm (measured) {:.3f} ({}) "
+    "| edges | convex mm as edges {:.3f} | s {:.3f} | verdict"
+)
 TOLERANCE = 0.005
 COUNTED = re.compile(r"(\d+) convex and (\d+) concave")
 #: Parts that are mended before they are measured: convex length, mm, found in another way, and which.
@@ -80,50 +85,33 @@ def verdict(name: str, length: float, truth: float | None) -> str:
         return "ok" if not truth else f"ok, {100 * (length / truth - 1):+.3f} %"
     if name in KNOWN and abs(length - KNOWN[name][0]) <= TOLERANCE * KNOWN[name][0]:
         return f"ok, {100 * (length / KNOWN[name][0] - 1):+.3f} % of {KNOWN[name][0]:.4f} ({KNOWN[name][1]})"
-    return "DIFFERS" + (f" {100 * (length / truth - 1):+.2f} %" if truth else "")
+    return Missed("DIFFERS" + (f" {100 * (length / truth - 1):+.2f} %" if truth else ""))
 
 
-def row(path: Path, truth: dict[str, Any]) -> str:
-    exact = path.suffix.lower() in STEP
-    start = time.perf_counter()
+def judge(path: Path, truth: dict[str, Any]) -> Iterator[Cells]:
+    """The row of a part."""
+    reader = step if path.suffix.lower() in STEP else mesh
     try:
-        solid = (step if exact else mesh).read(Files().read(path))
+        solid, seconds = timed(partial(reader.read, Files().read(path)))
     except CamgenError as error:
-        return f"| {path.name} | - | - | - | - | - | refused: {error} |"
-    seconds = time.perf_counter() - start
-    convex, concave = counts(solid)
-    true_convex, true_concave, true_length = measured(truth)
-    found = f"{convex} + {concave} ({true_convex} + {true_concave})"
-    kinds = (
-        ", ".join(f"{n} {k}" for k, n in sorted(Counter(e.kind for e in solid.edges).items()))
-        or "none"
-    )
+        yield path.name, *"-----", f"refused: {error}"
+        return
+    *true_counts, true_length = measured(truth)
+    kinds = sorted(Counter(e.kind for e in solid.edges).items())
+    edges = ", ".join(f"{n} {k}" for k, n in kinds) or "none"
     length = convex_length(path, solid)
     recognised = sum(e.length for e in solid.edges if e.convex)
-    return (
-        f"| {path.name} | {found} | {length:.3f} ({true_length}) | {kinds} "
-        f"| {recognised:.3f} | {seconds:.3f} | {verdict(path.name, length, true_length)} |"
-    )
-
-
-def main(folder: Path) -> int:
-    truth = {}
-    for line in (folder / "truth.jsonl").read_text().splitlines():
-        entry = json.loads(line)
-        truth[entry.get("file")] = entry
-    print(machine(), end="\n\n")
-    print(
-        "| file | convex + concave (measured) | convex mm (measured) | edges | convex mm as edges | s | verdict |"
-    )
-    print("|---|---|---|---|---|---|---|")
-    wrong = 0
-    for path in sorted(p for kind in ("mesh", "step", "cloud") for p in (folder / kind).rglob("*")):
-        if path.suffix.lower() in (*mesh_load.SUFFIXES, *STEP):
-            line = row(path, truth.get(str(path.relative_to(folder)), {}))
-            wrong += "DIFFERS" in line
-            print(line)
-    return int(wrong > 0)
+    sides, lengths = (*counts(solid), *true_counts), (length, true_length)
+    judged = verdict(path.name, length, true_length)
+    yield path.name, sides, lengths, edges, recognised, seconds, judged
 
 
 if __name__ == "__main__":
-    sys.exit(main(Path(sys.argv[1]) if len(sys.argv) > 1 else DEFAULT))
+    (folder,) = read_words(SHARED)
+    truth = read_truth(folder)
+    suffixes = (*mesh_load.SUFFIXES, *STEP)
+    files = [
+        path for kind in ("mesh", "step", "cloud") for path in find_files(folder / kind, suffixes)
+    ]
+    inputs = [(path, truth.get(str(path.relative_to(folder)), {})) for path in sorted(files)]
+    sys.exit(run(Scenario(COLUMNS, inputs, judge)))

@@ -11,22 +11,20 @@ exits with 1 when a full scan misses the goal.
 from __future__ import annotations
 
 import importlib.util
-import sys
-import time
 from collections.abc import Callable
-from pathlib import Path
+from functools import partial
 
 import numpy as np
 import trimesh
 
 from bench.machine import machine
+from bench.support.runner import PARTS, Table, read_words
+from bench.support.timing import timed
 from camgen.localize import localize
 from camgen.model.errors import CamgenError
 from camgen.read.files import Files
 from camgen.read.solid import mesh as solids
 from tests.support.clouds import ASIDE, DOWN, ROUND, errors, placed, scan
-
-ROOT = Path(__file__).parents[2]
 
 NOISE = 0.1
 MM_GOAL, DEG_GOAL = 0.02, 0.01
@@ -40,7 +38,7 @@ SCANS = {
 Array = np.ndarray
 #: From points of a scan to the rotation and origin of the part.
 Way = Callable[[Array], tuple[Array, Array]]
-PATHS = {name: ROOT / "fixtures" / "parts" / f"{name}.stl" for name in ("rfa1", "rfa2")}
+PATHS = {name: PARTS / f"{name}.stl" for name in ("rfa1", "rfa2")}
 
 
 def own(name: str, _count: int) -> Way:
@@ -99,55 +97,41 @@ def measured(
     for seed in range(starts):
         truth = placed(np.random.default_rng(1000 + seed), 30.0, 50.0)
         points = scan(part, count, seed, views, NOISE, table) @ truth[0].T + truth[1]
-        begin = time.perf_counter()
         try:
-            found = way(points)
+            found, seconds = timed(partial(way, points))
         except CamgenError:
             continue
-        rows.append((*errors(found, truth, part.vertices), time.perf_counter() - begin))
+        rows.append((*errors(found, truth, part.vertices), seconds))
     return rows
 
 
-def told(rows: list[tuple[float, ...]]) -> str:
-    """The greatest errors and the median of the seconds."""
-    if not rows:
-        return "- | - | - | -"
-    table = np.array(rows)
-    origin, worst, angle = table[:, :3].max(axis=0)
-    return f"{origin:.4f} | {worst:.4f} | {angle:.4f} | {np.median(table[:, 3]):.1f}"
-
-
-def main() -> int:
-    words = sys.argv[1:]
-    starts, fewer, points = (
-        int(word) for word in (*words[:3], *("50", "3", "100000")[len(words[:3]) :])
-    )
+def main(starts: int, fewer: int, points: int, *names: str) -> int:
     ways = {"camgen": own}
     if importlib.util.find_spec("scipy"):  # which trimesh needs for it
         ways["trimesh ICP"] = icp
     if importlib.util.find_spec("small_gicp"):
         ways["small_gicp GICP"] = gicp
-    print(machine(), end="\n\n")
-    print(
-        "| part | scan | way | found | mm at origin, max | mm at worst vertex, max | deg, max | s, median |"
+    print(machine())
+    table = Table(
+        "part | scan | way | found {} of {} | mm at origin, max {:.4f} | mm at worst vertex, max {:.4f} "
+        "| deg, max {:.4f} | s, median {:.1f}"
     )
-    print("|---|---|---|---|---|---|---|---|")
     missed = False
-    for name in words[3:] or PATHS:
+    for name in names or PATHS:
         part = trimesh.load_mesh(PATHS[name])
         for kind, (views, _, share) in SCANS.items():
             for label, make in ways.items():
                 count = max(round(share * starts), 1) if label == "camgen" else fewer
-                rows = measured(make(name, points), part, kind, count, points)
-                good = sum(
-                    row[0] < MM_GOAL and row[1] < MM_GOAL and row[2] < DEG_GOAL for row in rows
-                )
+                rows = np.array(measured(make(name, points), part, kind, count, points))
+                good, figures = 0, [*"----"]
+                if len(rows):
+                    met = rows[:, :3] < [MM_GOAL, MM_GOAL, DEG_GOAL]
+                    good = int(met.all(axis=1).sum())
+                    figures = [*rows[:, :3].max(axis=0), np.median(rows[:, 3])]
                 missed |= label == "camgen" and views is None and good < count
-                print(
-                    f"| {name} | {kind} | {label} | {good} of {count} | {told(rows)} |", flush=True
-                )
+                table.add(name, kind, label, (good, count), *figures)
     return int(missed)
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    raise SystemExit(main(*read_words(50, 3, 100_000)))

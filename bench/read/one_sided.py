@@ -21,6 +21,7 @@ import numpy as np
 import trimesh
 
 from bench.machine import machine
+from bench.support.runner import PARTS, Table, read_words
 from camgen.localize import Location, localize
 from camgen.model.errors import CamgenError
 from camgen.read.files import Files
@@ -28,7 +29,6 @@ from camgen.read.solid import mesh as solids
 from tests.support import shells
 from tests.support.clouds import placed
 
-ROOT = Path(__file__).parents[2]
 NOISE, OFF, AWAY, SIZE = 0.05, 0.2, 600.0, 150.0
 #: In the scans of which other parts, so many places further in the list, a part is looked for.
 OTHERS = (1, 4)
@@ -56,9 +56,7 @@ OUTCOMES = ("right", "right, ambiguous", "exit 3", "exit 2", "wrong, ambiguous",
 def parts(folder: Path | None, names: list[str]) -> dict[str, tuple[str, trimesh.Trimesh]]:
     """Kind and mesh of each part."""
     found = {name: (kind, make()) for kind, some in KINDS.items() for name, make in some.items()}
-    found |= {
-        name: ("solid", load(ROOT / "fixtures" / "parts" / f"{name}.stl")) for name in FIXTURES
-    }
+    found |= {name: ("solid", load(PARTS / f"{name}.stl")) for name in FIXTURES}
     if folder is not None:
         found |= {
             Path(name).stem: (kind, load(folder / name, SIZE))
@@ -93,11 +91,11 @@ def off(mesh: trimesh.Trimesh, truth: tuple[Array, Array], found: Location) -> f
     spots = np.vstack(
         [mesh.vertices[rng.permutation(len(mesh.vertices))[:300]], mesh.sample(300, seed=0)]
     )
-    there = spots @ np.array(found.base_from_work.rotation).T + np.array(
-        found.base_from_work.origin
-    )
-    if np.linalg.norm(there - (spots @ truth[0].T + truth[1]), axis=1).max() < OFF:
-        return float(np.linalg.norm(there - (spots @ truth[0].T + truth[1]), axis=1).max())
+    pose = found.base_from_work
+    there = spots @ np.array(pose.rotation).T + np.array(pose.origin)
+    farthest = float(np.linalg.norm(there - (spots @ truth[0].T + truth[1]), axis=1).max())
+    if farthest < OFF:
+        return farthest
     back = (there - truth[1]) @ truth[0]
     corners = mesh.triangles
     least = [
@@ -156,29 +154,24 @@ def run(job: tuple[str, int, int, Path | None, list[str]]) -> list[Row]:
     return rows
 
 
-def main() -> int:
-    words = sys.argv[1:]
-    views, count, processes = (
-        int(word) for word in (*words[:3], *("4", "20000", "1")[len(words[:3]) :])
-    )
-    folder = Path(words[3]) if len(words) > 3 and words[3] != "-" else None
-    jobs = [(name, views, count, folder, words[4:]) for name in parts(folder, words[4:])]
-    print(machine(), end="\n\n")
+def main(views: int, count: int, processes: int, source: str, *names: str) -> int:
+    folder = None if source == "-" else Path(source)
+    jobs = [(name, views, count, folder, list(names)) for name in parts(folder, list(names))]
+    print(machine())
     if processes == 1:
-        found = [run(job) for job in jobs]
+        groups = [run(job) for job in jobs]
     else:
         with ProcessPoolExecutor(processes) as pool:
-            found = list(pool.map(run, jobs))
-    rows = [row for some in found for row in some]
-    print("| parts | told | runs | " + " | ".join(OUTCOMES) + " | s, median |")
-    print("|---|---|---" + "|---" * len(OUTCOMES) + "|---|")
+            groups = list(pool.map(run, jobs))
+    rows = [row for group in groups for row in group]
+    table = Table(f"parts | told | runs | {' | '.join(OUTCOMES)} | s, median {{:.1f}}")
     for kind, way in sorted({row[:2] for row in rows}):
-        tally = Counter(row[2] for row in rows if row[:2] == (kind, way))
-        cells = " | ".join(str(tally[outcome]) for outcome in OUTCOMES)
-        seconds = float(np.median([row[3] for row in rows if row[:2] == (kind, way)]))
-        print(f"| {kind} | {way} | {tally.total()} | {cells} | {seconds:.1f} |")
+        group = [row for row in rows if row[:2] == (kind, way)]
+        tally = Counter(row[2] for row in group)
+        counts = [tally[outcome] for outcome in OUTCOMES]
+        table.add(kind, way, len(group), *counts, np.median([row[3] for row in group]))
     return int(any(row[2].startswith("wrong") for row in rows))
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    raise SystemExit(main(*read_words(4, 20_000, 1, "-")))

@@ -11,11 +11,13 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
-from time import perf_counter
 from typing import NamedTuple
 
 from bench.machine import machine
+from bench.support.runner import Table
+from bench.support.timing import timed
 from camgen.read.programs import Ask, Executed, Language, list_languages
 
 
@@ -45,13 +47,12 @@ def run_all(folder: Path, seen: set[bytes]) -> Iterator[Ran]:
         seen.add(data)
         text = data.decode("latin-1").replace("\r\n", "\n").replace("\r", "\n")
         for language in languages_of(file, text)[:1]:
-            begin = perf_counter()
-            executed = language.run({file.name: text}, Ask())
-            yield Ran(file, language.name, executed, perf_counter() - begin)
+            executed, seconds = timed(partial(language.run, {file.name: text}, Ask()))
+            yield Ran(file, language.name, executed, seconds)
 
 
-def row(name: str, ran: list[Ran]) -> str:
-    """One row of the Markdown table."""
+def measure(name: str, ran: list[Ran]) -> list[object]:
+    """The cells of a project."""
     library = [one for one in ran if is_library(one)]
     stopped = [one for one in ran if one.executed.stopped and not is_library(one)]
     whole = [one for one in ran if not one.executed.stopped]
@@ -61,18 +62,8 @@ def row(name: str, ran: list[Ran]) -> str:
     ]
     kinds = ", ".join(sorted({one.language for one in ran}))
     seconds = sum(one.seconds for one in ran)
-    cells = (
-        name,
-        kinds,
-        len(ran),
-        len(library),
-        len(whole),
-        len(assumed),
-        len(stopped),
-        len(refused),
-        f"{seconds:.1f}",
-    )
-    return "| " + " | ".join(map(str, cells)) + " |"
+    groups = ran, library, whole, assumed, stopped, refused
+    return [name, kinds, *map(len, groups), seconds]
 
 
 def is_library(one: Ran) -> bool:
@@ -95,11 +86,11 @@ def main() -> None:
     """The table."""
     why = "--why" in sys.argv
     folders = [Path(name) for name in sys.argv[1:] if name != "--why"]
-    print(machine(), end="\n\n")
-    print(
-        "| project | language | programs | no start | to the end | assumptions | stopped | refused | s |"
+    print(machine())
+    table = Table(
+        "project | language | programs | no start | to the end | assumptions | stopped | refused "
+        "| s {:.1f}"
     )
-    print("|---|---|---|---|---|---|---|---|---|")
     seen: set[bytes] = set()
     every: list[Ran] = []
     for folder in folders:
@@ -107,8 +98,8 @@ def main() -> None:
             ran = list(run_all(project, seen))
             every += ran
             if ran:
-                print(row(project.name, ran), flush=True)
-    print(row("all", every))
+                table.add(*measure(project.name, ran))
+    table.add(*measure("all", every))
     if why:
         print("\n" + "\n".join(reasons(every)))
 

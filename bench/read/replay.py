@@ -18,6 +18,7 @@ from pathlib import Path
 from time import perf_counter
 
 from bench.machine import machine
+from bench.support.runner import Table
 from camgen.model.program import MoveC, MoveJ, MoveL
 from camgen.read.gcode.language import play
 from camgen.read.programs import Ask
@@ -246,13 +247,14 @@ def main() -> None:
     paths = [Path(name) for name in sys.argv[1:]]
     files = [f for p in paths for f in (sorted(p.rglob("*")) if p.is_dir() else [p])]
     counts: dict[str, int] = {}
-    print(f"{machine()}\n\n| program | | |\n|---|---|---|")
+    print(machine())
+    table = Table("program | | ")
     for file in files:
         if file.suffix.lower() not in (".ngc", ".nc", ".gcode", ".tap") or not file.is_file():
             continue
         kind, told = row(file)
         counts[kind] = counts.get(kind, 0) + 1
-        print(f"| {file.name} | {kind} | {told} |", flush=True)
+        table.add(file.name, kind, told)
     print("\n" + ", ".join(f"{kind} {count}" for kind, count in sorted(counts.items())))
 
 

@@ -15,6 +15,7 @@ from time import perf_counter
 from bench.machine import machine
 from bench.read.judges import JUDGES, POSTS, Judge, write_samples
 from bench.read.productions import Form, judge_form, read_forms, refusing
+from bench.support.runner import Table
 from camgen.model.text import counted
 
 
@@ -102,19 +103,16 @@ def main(words: list[str]) -> int:
     begin = perf_counter()
     wrong = against_reader(language, forms)
     productions = len({form.production for form in forms})
-    print(f"{machine()}\n\n{language}: {len(forms)} forms of {productions} productions\n")
-    print(
-        "| judge | forms | as the manual | differ, with a reason | differ |\n|---|---|---|---|---|"
-    )
-    print(
-        f"| camgen, {perf_counter() - begin:.1f} s | {len(forms)} | {len(forms) - len(wrong)} | 0 | {len(wrong)} |"
-    )
+    print(f"{machine()}\n\n{language}: {len(forms)} forms of {productions} productions")
+    table = Table("judge | forms | as the manual | differ, with a reason | differ")
+    seconds = perf_counter() - begin
+    table.add(f"camgen, {seconds:.1f} s", len(forms), len(forms) - len(wrong), 0, len(wrong))
     rows = {}
     for word in named:
         name, result = judge_all(language, word, forms)
         count, known, rest = rows[name] = result
         told = sum(map(len, known.values()))
-        print(f"| {name} | {count} | {count - told - len(rest)} | {told} | {len(rest)} |")
+        table.add(name, count, count - told - len(rest), told, len(rest))
     for name, (_, known, rest) in {"camgen": (0, {}, wrong), **rows}.items():
         if known or rest:
             told = [
