@@ -6,13 +6,17 @@ import tomllib
 from pathlib import Path
 
 import numpy as np
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
 import camgen
 from bench.support.motions import measure_motion, sample_motion
 from bench.support.runner import ROOT
 from camgen.model.pose import Pose, Vec3, frozen
-from camgen.model.program import Joints, MoveC, MoveL
+from camgen.model.program import Instruction, Joints, MoveC, MoveJ, MoveL
+from camgen.read.programs import Ask, Executed, find_language
+from camgen.read.taught import in_one_frame
+from camgen.robots.catalogue import robot
 from camgen.robots.kinematics.forward import flange
 from camgen.robots.models import Robot
 
@@ -42,6 +46,44 @@ def pose_of(arm: Robot, joints: Joints, base: Pose, tool: Pose) -> Pose:
     turned, origin = flange(arm, np.array([joints.values]))
     x, y, z = origin[0].tolist()
     return base.inverse() @ Pose(frozen(turned[0]), (x, y, z)) @ tool
+
+
+def execute(file: Path, language: str) -> Executed:
+    """Runs a program."""
+    return find_language(language).run({file.name: file.read_text(encoding="latin-1")}, Ask())
+
+
+def execute_whole(file: Path, language: str) -> Executed:
+    """Runs a program. ValueError if it stops or is refused."""
+    executed = execute(file, language)
+    if executed.stopped or any(finding.level == "refused" for finding in executed.findings):
+        raise ValueError(f"{file.name}: {executed.stopped or executed.findings}")
+    return executed
+
+
+def read_robot(
+    file: Path, language: str, frames: tuple[Pose, Pose]
+) -> tuple[list[Instruction], Pose]:
+    """The instructions of a robot's program with poses in one work frame, and base from work.
+
+    Joint values of its home stay: the home of another arm is elsewhere.
+
+    frames: base from work and flange from tool, for a text without them.
+    """
+    program = in_one_frame(execute_whole(file, language), file.name, 0.001)
+    base = program.frames.base_from_work or frames[0]
+    tool = program.frames.flange_from_tool or frames[1]
+    arm = robot(ARMS[language])
+    free = [item for item in program.body if isinstance(item, MoveJ)]
+    joints = [item.target.values for item in free if isinstance(item.target, Joints)]
+    homes = {*joints[:1], *joints[-1:]}
+    body: list[Instruction] = []
+    for item in program.body:
+        by_joints = isinstance(item, MoveJ) and isinstance(item.target, Joints)
+        if by_joints and item.target.values not in homes:
+            item = replace(item, target=pose_of(arm, item.target, base, tool))  # noqa: PLW2901
+        body.append(item)
+    return body, base
 
 
 def along(start: Vec3, item: MoveL | MoveC) -> tuple[list[Vec3], float]:

@@ -9,21 +9,29 @@ from __future__ import annotations
 import math
 import tempfile
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from msgspec.structs import replace
 from numpy.typing import NDArray
 
 import camgen
-from bench.read.goldens import ARMS, CHORD, POSTS, along, apart, frames_of, pose_of, to_lines
+from bench.read.goldens import (
+    ARMS,
+    CHORD,
+    POSTS,
+    along,
+    apart,
+    execute,
+    execute_whole,
+    frames_of,
+    read_robot,
+    to_lines,
+)  # fmt: skip
+from bench.support.runner import Cells
 from camgen.model.pose import Pose, Vec3
-from camgen.model.program import Instruction, Joints, MoveC, MoveJ, MoveL, Output, Wait
-from camgen.read.programs import Ask, Executed, find_language
-from camgen.read.taught import in_one_frame
-from camgen.robots.catalogue import robot
+from camgen.model.program import Instruction, MoveC, MoveJ, MoveL, Output, Wait
 
 #: The controllers of mills, as ``POSTS``; GRBL has a coolant for one signal.
 MILLS = {"gcode": (".ngc", "P{}"), "grbl": (".nc", "M8")}
@@ -90,33 +98,9 @@ def _is_rapid(item: MoveJ | MoveL | MoveC) -> bool:
 
 
 def _body_of(case: Path, file: Path, language: str) -> Sequence[Instruction]:
-    executed = _run(file, language)
-    if executed.stopped or any(one.level == "refused" for one in executed.findings):
-        raise ValueError(f"{file.name}: {executed.stopped or executed.findings}")
     if language in MILLS:
-        return executed.body
-    told = in_one_frame(executed, file.name, 0.001)
-    frames = frames_of(case, language)
-    base, tool = told.frames.base_from_work or frames[0], told.frames.flange_from_tool or frames[1]
-    at = [
-        item.target
-        for item in told.body
-        if isinstance(item, MoveJ) and isinstance(item.target, Joints)
-    ]
-    homes = {one.values for one in (*at[:1], *at[-1:])}
-    arm = robot(ARMS[language])
-    return [
-        replace(item, target=pose_of(arm, item.target, base, tool))
-        if isinstance(item, MoveJ)
-        and isinstance(item.target, Joints)
-        and item.target.values not in homes
-        else item
-        for item in told.body
-    ]
-
-
-def _run(file: Path, language: str) -> Executed:
-    return find_language(language).run({file.name: file.read_text(encoding="latin-1")}, Ask())
+        return execute_whole(file, language).body
+    return read_robot(file, language, frames_of(case, language))[0]
 
 
 def post_again(
@@ -127,32 +111,27 @@ def post_again(
     tables: of the job of the golden program.
     """
     suffix, form = _EVERY[target]
-    used = dict.fromkeys(
-        item.signal for item in _run(file, source).body if isinstance(item, Output)
-    )
-    # What a robot calls an analog output is the spindle of a mill.
-    old = {
-        name: "spindle" for name in used if source in POSTS and target in MILLS and "pindle" in name
-    }
-    job: dict[str, object] = (
-        {"process": {"travel": _TRAVEL}, "input": {"signals": old}} if source in MILLS else {}
-    )
-    job |= {"input": {"signals": old}} if old else {}
-    job |= {"operation": {"taught_on": ARMS[source]}} if source in ARMS else {}
-    job |= {"tools": tables["tools"]} if "tools" in tables and source in MILLS else {}
-    job["tolerance"] = {"chord": CHORD}
-    signals = {
-        name: _word(name, target, form)
-        for name in used
-        if name not in old and (name, target) not in _BUILT_IN
-    }
-    job["post"] = (
-        {"signals": signals}
-        if signals or target not in MILLS
-        else {"signals": {"process": form.format(0)}}
-    )
+    outputs = [item for item in execute(file, source).body if isinstance(item, Output)]
+    used = dict.fromkeys(item.signal for item in outputs)
+    old: dict[str, str] = {}
+    if source in POSTS and target in MILLS:
+        # An analog output of a robot is the spindle of a mill.
+        old = {name: "spindle" for name in used if "pindle" in name}
+    job: dict[str, object] = {"tolerance": {"chord": CHORD}}
+    if source in ARMS:
+        job["operation"] = {"taught_on": ARMS[source]}
+    if source in MILLS:
+        job |= {"process": {"travel": _TRAVEL}, "input": {"signals": old}}
+        job |= {"tools": tables["tools"]} if "tools" in tables else {}
+    elif old:
+        job["input"] = {"signals": old}
+    named = [name for name in used if name not in old and (name, target) not in _BUILT_IN]
+    signals = {name: _word(name, target, form) for name in named}
+    if target in MILLS and not signals:
+        signals = {"process": form.format(0)}
+    job["post"] = {"signals": signals}
     if target in _ON_OFF and "spindle" in used:
-        job["post"]["spindle"] = "on-off"  # type: ignore[index]  # made above
+        job["post"]["spindle"] = "on-off"  # type: ignore[index]  # set above
     result = camgen.build(file, post=target, job=job, name=file.stem)
     for one in result.files:
         (folder / one.name).write_text(one.text, encoding="latin-1")
@@ -213,11 +192,13 @@ def differ(before: Kept, after: Kept) -> str:
     return ", ".join(what)
 
 
-def tell(case: Path, source: str, target: str) -> str:
-    """How far the motion is off after there and back, how its time differs, and what is lost, or why it cannot be."""
+def judge(case: Path, source: str, target: str) -> Iterator[Cells]:
+    """The row of a golden program and a controller by way of which it goes and comes back."""
+    names = case.name, source, target
     try:
         a, b = there_and_back(case, source, target)
     except camgen.CamgenError as error:
-        return f"- | - | - | {error}"
+        yield *names, *"---", str(error)
+        return
     off, seconds = apart(a.points, b.points), abs(a.seconds - b.seconds)
-    return f"{off:.4f} | {seconds:.3f} | {rapids_apart(a, b):.4f} | {differ(a, b)}"
+    yield *names, off, seconds, rapids_apart(a, b), differ(a, b)

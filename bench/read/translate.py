@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 import sys
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -18,15 +19,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 import camgen
-from bench.machine import machine
 from bench.read import mills
-from bench.read.goldens import ARMS, CASES, CHORD, POSTS, along, apart, frames_of, pose_of
-from camgen.model.pose import Pose, fixed_xyz
-from camgen.model.program import Joints, MoveC, MoveJ, MoveL, Output
-from camgen.read.programs import Ask, find_language
-from camgen.read.taught import in_one_frame
-from camgen.robots.catalogue import robot
+from bench.read.goldens import (
+    ARMS,
+    CASES,
+    CHORD,
+    POSTS,
+    along,
+    apart,
+    execute,
+    frames_of,
+    read_robot,
+)  # fmt: skip
+from bench.support.runner import Cells, Scenario, run
+from camgen.model.pose import Pose, Vec3, fixed_xyz
+from camgen.model.program import MoveC, MoveJ, MoveL, Output
 
+COLUMNS = "case | from | by way of | mm apart {:.4f} | s apart {:.3f} | "
+MILL_COLUMNS = (
+    "case | from | by way of | mm apart {:.4f} | s apart {:.3f} | rapids, mm apart {:.4f} | "
+)
 #: mm: nearer ones are one.
 _SAME = 1e-6
 WITHIN = CHORD + 0.002
@@ -46,22 +58,11 @@ def way_of(file: Path, language: str, frames: tuple[Pose, Pose]) -> Way:
     """What a program does between its motions of the joints, but for lines that begin at home. frames: where the text
     says none.
     """
-    executed = find_language(language).run({file.name: file.read_text(encoding="latin-1")}, Ask())
-    if executed.stopped or any(one.level == "refused" for one in executed.findings):
-        raise ValueError(f"{file.name}: {executed.stopped or executed.findings}")
-    told = in_one_frame(executed, file.name, 0.001)
-    base, tool = told.frames.base_from_work or frames[0], told.frames.flange_from_tool or frames[1]
-    arm = robot(ARMS[language])
-    joints = [
-        item.target.values
-        for item in told.body
-        if isinstance(item, MoveJ) and isinstance(item.target, Joints)
-    ]
-    homes = {*joints[:1], *joints[-1:]}
-    points: list[tuple[float, float, float]] = []
+    body, base = read_robot(file, language, frames)
+    points: list[Vec3] = []
     outputs: list[tuple[str, float]] = []
     seconds, here = 0.0, None
-    for item in told.body:
+    for item in body:
         if isinstance(item, Output):
             outputs.append((item.signal, item.value))
         if not isinstance(item, MoveJ | MoveL | MoveC):
@@ -70,13 +71,7 @@ def way_of(file: Path, language: str, frames: tuple[Pose, Pose]) -> Way:
             some, length = along(here, item)
             points += some
             seconds += length / item.speed
-        target = item.target
-        if not isinstance(target, Pose) and target.values in homes:
-            here = None  # another arm's is elsewhere
-            continue
-        if not isinstance(target, Pose):
-            target = pose_of(arm, target, base, tool)
-        here = target.origin
+        here = item.target.origin if isinstance(item.target, Pose) else None
     moved = np.array(points or [(0.0, 0.0, 0.0)])
     # Where one motion ends another begins.
     moved = moved[np.append(True, np.abs(np.diff(moved, axis=0)).max(axis=1) > _SAME)]
@@ -87,8 +82,8 @@ def post_again(
     file: Path, source: str, target: str, folder: Path, frames: tuple[Pose, Pose]
 ) -> Path:
     """The program ``file`` of the controller ``source`` for another one; CamgenError where that cannot be."""
-    executed = find_language(source).run({file.name: file.read_text(encoding="latin-1")}, Ask())
-    names = dict.fromkeys(item.signal for item in executed.body if isinstance(item, Output))
+    body = execute(file, source).body
+    names = dict.fromkeys(item.signal for item in body if isinstance(item, Output))
     suffix, name = POSTS[target]
     signals = {one: _number(name.format(_digits(one))) for one in names}
     job: dict[str, object] = {
@@ -115,13 +110,11 @@ def _number(name: str) -> str | int:
     return int(name) if name.isdigit() else name
 
 
-def rows(case: Path) -> list[str]:
-    """A row of a Markdown table for each pair of controllers."""
+def pairs(case: Path) -> list[tuple[Path, str, str]]:
+    """A golden program of a case, its controller, and another one."""
     files = {source: case / "expected" / f"part{suffix}" for source, (suffix, _) in POSTS.items()}
-    pairs = [
-        (source, target) for source, file in files.items() for target in POSTS if file.exists()
-    ]
-    return [f"| {case.name} | {a} | {b} | {tell(files[a], a, b)} |" for a, b in pairs if a != b]
+    there = {source: file for source, file in files.items() if file.exists()}
+    return [(file, a, b) for a, file in there.items() for b in POSTS if a != b]
 
 
 def there_and_back(file: Path, source: str, target: str) -> tuple[Way, Way]:
@@ -133,36 +126,30 @@ def there_and_back(file: Path, source: str, target: str) -> tuple[Way, Way]:
         return way_of(file, source, frames), way_of(back, source, frames)
 
 
-def tell(file: Path, source: str, target: str) -> str:
-    """How far the motion is off after there and back, and how its time differs, or why it cannot be."""
+def judge(file: Path, source: str, target: str) -> Iterator[Cells]:
+    """The row of a golden program and a controller by way of which it goes and comes back."""
+    names = file.parents[1].name, source, target
     try:
         a, b = there_and_back(file, source, target)
     except camgen.CamgenError as error:
-        return f"- | - | {error}"
+        yield *names, *"--", str(error)
+        return
     same = [value for _, value in a.outputs] == [value for _, value in b.outputs]
-    return f"{apart(a.points, b.points):.4f} | {abs(a.seconds - b.seconds):.3f} | {'' if same else 'outputs differ'}"
-
-
-def main() -> None:
-    """The table."""
-    print(machine(), end="\n\n")
-    print("| case | from | by way of | mm apart | s apart | |")
-    print("|---|---|---|---|---|---|")
-    listed = [CASES / name for name in sys.argv[1:]] or sorted(
-        p for p in CASES.iterdir() if p.is_dir()
-    )
-    for case in listed:
-        for row in rows(case):
-            print(row, flush=True)
-    print("\nBy way of G-code, and G-code by way of the others:\n")
-    print("| case | from | by way of | mm apart | s apart | rapids, mm apart | |")
-    print("|---|---|---|---|---|---|---|")
-    for case in listed:
-        for pair in mills.pairs(case):
-            print(
-                f"| {case.name} | {pair[0]} | {pair[1]} | {mills.tell(case, *pair)} |", flush=True
-            )
+    off, seconds = apart(a.points, b.points), abs(a.seconds - b.seconds)
+    yield *names, off, seconds, "" if same else "outputs differ"
 
 
 if __name__ == "__main__":
-    main()
+    cases = [CASES / name for name in sys.argv[1:]]
+    cases = cases or sorted(path for path in CASES.iterdir() if path.is_dir())
+    robots, others = [], []
+    for case in cases:
+        robots += pairs(case)
+        others += [(case, *pair) for pair in mills.pairs(case)]
+    title = "By way of G-code, and G-code by way of the others:"
+    sys.exit(
+        run(
+            Scenario(COLUMNS, robots, judge),
+            Scenario(MILL_COLUMNS, others, mills.judge, title),
+        )
+    )
