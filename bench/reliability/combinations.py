@@ -39,7 +39,8 @@ from pkgutil import walk_packages
 from typing import NamedTuple
 
 from bench.machine import machine
-from bench.reliability.drawn_jobs import POSTS, ROOT, Case, draw_case, list_settings
+from bench.reliability.drawn_jobs import POSTS, Case, draw_case, list_settings
+from bench.support.runner import ROOT, Table
 
 #: Seconds of the processor and of the clock that a build may take.
 PROCESSOR_SECONDS, CLOCK_SECONDS = 60, 300
@@ -241,23 +242,20 @@ def measure(count: int, seed: int, first: int, processes: int) -> int:
             if run.miss:
                 command = f"camgen {shlex.join(run.case.words)}"
                 print(f"case {run.case.number}: {run.miss}\n    {command}", flush=True)
-    print(f"\n{machine()}; {time.perf_counter() - began:.0f} s\n")
+    print(f"\n{machine()}; {time.perf_counter() - began:.0f} s")
     print_table(runs)
     return sum(bool(run.miss) for run in runs)
 
 
 def print_table(runs: Sequence[Run]) -> None:
     """One row for each post and one for all: cases by exit code, and misses."""
-    print("| post | cases | exit 0 | exit 2 | exit 3 | other | misses |")
-    print("|---|---|---|---|---|---|---|")
+    table = Table("post | cases | exit 0 | exit 2 | exit 3 | other | misses")
     for post in (*POSTS, "all"):
         row = [run for run in runs if post in (run.case.post, "all")]
         codes = Counter(run.code for run in row)
         other = len(row) - codes[0] - codes[2] - codes[3]
         misses = sum(bool(run.miss) for run in row)
-        print(
-            f"| {post} | {len(row)} | {codes[0]} | {codes[2]} | {codes[3]} | {other} | {misses} |"
-        )
+        table.add(post, len(row), codes[0], codes[2], codes[3], other, misses)
 
 
 def main() -> None:

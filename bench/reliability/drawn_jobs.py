@@ -12,13 +12,13 @@ import json
 import random
 import re
 import subprocess
-import sys
 from collections.abc import Mapping
 from functools import cache
-from pathlib import Path
 from typing import Any, NamedTuple
 
-ROOT = Path(__file__).parents[2]
+from bench.support.runner import ROOT
+from bench.support.timing import python
+
 #: Settings that a job may have beside those of its part.
 _MOST_SETTINGS = 5
 #: Tables that few parts use are drawn a third as often.
@@ -137,8 +137,7 @@ class Case(NamedTuple):
 
 def ask_program(*words: str) -> Any:
     """The output of a command of camgen, from JSON."""
-    command = [sys.executable, "-m", "camgen", *words]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, check=True)
+    done = subprocess.run(python("camgen", *words), cwd=ROOT, capture_output=True, check=True)
     return json.loads(done.stdout)
 
 

@@ -25,6 +25,8 @@ from hypothesis import HealthCheck, Phase, given, seed, settings
 
 from bench.machine import machine
 from bench.reliability.fuzzing.table import TABLE, Fuzzed, judge
+from bench.support.runner import Table
+from bench.support.timing import peak_mb, python
 
 _NAMES = {one.name: one for one in TABLE}
 #: Bytes of an input that are printed, and of memory that a process may have.
@@ -32,13 +34,13 @@ _PRINTED, _MEMORY = 3000, 4 * 1024**3
 
 
 class Ran(NamedTuple):
-    """examples: that were tried, ``read`` of them a value. miss: "" or what it is and of which input. peak: bytes."""
+    """examples: that were tried, ``read`` of them a value. miss: "" or what it is and of which input. peak: MB."""
 
     examples: int
     read: int
     miss: str
     seconds: float
-    peak: int
+    peak: float
 
 
 def fuzz(one: Fuzzed, examples: int, start: int, last: Path) -> Ran:
@@ -68,27 +70,16 @@ def fuzz(one: Fuzzed, examples: int, start: int, last: Path) -> Ran:
         attempt()
     except Exception as error:  # whatever a reader raises is what is looked for
         miss = f"{type(error).__name__}: {error}: {latest[:_PRINTED]!r}"
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
-    return Ran(counts[0], counts[1], miss, time.perf_counter() - began, peak)
+    return Ran(counts[0], counts[1], miss, time.perf_counter() - began, peak_mb())
 
 
 def _in_process(name: str, examples: int, start: int) -> Ran:
     """``fuzz`` in a process of its own."""
     with tempfile.TemporaryDirectory() as folder:
         last = Path(folder) / "last"
-        words = [
-            sys.executable,
-            "-m",
-            "bench.reliability.fuzz",
-            name,
-            "--examples",
-            str(examples),
-            "--seed",
-            str(start),
-        ]
-        done = subprocess.run(
-            [*words, "--last", str(last)], capture_output=True, text=True, check=False
-        )
+        words = name, "--examples", examples, "--seed", start, "--last", last
+        command = python("bench.reliability.fuzz", *words)
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
         if done.returncode == 0:
             return Ran(*json.loads(done.stdout.splitlines()[-1]))
         data = last.read_bytes() if last.exists() else b""
@@ -116,17 +107,15 @@ def main() -> int:
         resource.setrlimit(resource.RLIMIT_AS, (_MEMORY, _MEMORY))
         print(json.dumps(fuzz(_NAMES[words.names[0]], words.examples, words.seed, words.last)))
         return 0
-    print(machine(), end="\n\n")
-    print(
-        "| input | examples | read | refused | misses | seconds | peak MB |\n|---|---|---|---|---|---|---|"
+    print(machine())
+    table = Table(
+        "input | examples {:,} | read {:,} | refused {:,} | misses | seconds {:.0f} | peak MB {:.0f}"
     )
     misses = []
     for name in words.names or _NAMES:
         ran = _in_process(name, max(1, round(words.examples * _NAMES[name].weight)), words.seed)
-        counts = (
-            f"{ran.examples:,} | {ran.read:,} | {ran.examples - ran.read:,} | {int(bool(ran.miss))}"
-        )
-        print(f"| {name} | {counts} | {ran.seconds:.0f} | {ran.peak / 1e6:.0f} |", flush=True)
+        counts = ran.examples, ran.read, ran.examples - ran.read, int(bool(ran.miss))
+        table.add(name, *counts, ran.seconds, ran.peak)
         misses += [f"{name}: {ran.miss}"] if ran.miss else []
     print()
     for miss in misses:

@@ -33,25 +33,19 @@ from pathlib import Path
 from typing import NamedTuple
 
 from bench.machine import machine
+from bench.support.runner import PARTS, ROOT, Table
+from bench.support.timing import peak_mb, python
 
-ROOT = Path(__file__).parents[2]
 #: Seconds that a command may take, and bytes of memory that a process may have.
 SECONDS, MEMORY = 30, 2 * 1024**3
+POSTS = {"rapid": "mod", "pacscript": "pcs", "vplus": "v2", "gcode": "ngc", "grbl": "nc"}
 _BUILD = ("build", "--post", "gcode")
 _OUTPUTS = 'post.signals={dout0="doTool",spindle="aoSpindle"}'
 _NUMBER = re.compile(rb"-?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?")
-_NUMBERS = (
-    b"1e308",
-    b"-1",
-    b"0",
-    b"nan",
-    b"1e-300",
-    b"99999999999999999999",
-    b"-0.0",
-    b"2147483648",
-    b"inf",
-    b"",
-)
+_NUMBERS = tuple(b"1e308 -1 0 nan 1e-300 99999999999999999999 -0.0 2147483648 inf ".split(b" "))
+_PUT_IN = (
+    b"\x00", b"\xff\xfe", b"\n", b"(", b"\xe2\x98\x83", b"%", b"'", b"<!--", bytes(300), b"\x1a",
+)  # fmt: skip
 
 
 class Reader(NamedTuple):
@@ -64,7 +58,7 @@ class Reader(NamedTuple):
 
 
 def _parts(*names: str) -> tuple[Path, ...]:
-    return tuple(ROOT / "fixtures" / "parts" / name for name in names)
+    return tuple(PARTS / name for name in names)
 
 
 def readers(made: Path) -> dict[str, Reader]:
@@ -78,26 +72,16 @@ def readers(made: Path) -> dict[str, Reader]:
     box = trimesh.creation.box((30, 20, 10))
     for suffix in ("stl", "ply", "obj", "off", "glb"):
         box.export(made / f"box.{suffix}")
-    (made / "job.toml").write_text(
-        (ROOT / "fixtures" / "cases" / "bracket-deburr" / "job.toml").read_text()
-    )
     cases = ROOT / "fixtures" / "cases"
+    shutil.copy(cases / "bracket-deburr" / "job.toml", made / "job.toml")
     programs = {
         name: cases / name / "expected"
         for name in ("bracket-follow", "plate-drill", "bracket-deburr")
     }
     drawn = _parts("bracket.dxf", "layers.dxf", "blocks.dxf", "smooth.dxf", "gaps.dxf")
     pictures = ("--set", "operation.kind=trace", "--set", "image.mm_per_px=0.1")
-    job = (
-        "build",
-        str(_parts("bracket.dxf")[0]),
-        "--post",
-        "rapid",
-        "--set",
-        "post.force_calibrated=true",
-        "--job",
-        "{}",
-    )
+    options = "--post", "rapid", "--set", "post.force_calibrated=true", "--job", "{}"
+    job = "build", str(PARTS / "bracket.dxf"), *options
     kinds = {
         "DXF": Reader(_BUILD, (*drawn, *_parts("bracket_binary.dxf"))),
         "SVG": Reader((*_BUILD, "--set", "operation.kind=trace"), _parts("logo.svg")),
@@ -114,13 +98,7 @@ def readers(made: Path) -> dict[str, Reader]:
         ),
         "job": Reader(job, (made / "job.toml",)),
     }
-    for post, end in (
-        ("rapid", "mod"),
-        ("pacscript", "pcs"),
-        ("vplus", "v2"),
-        ("gcode", "ngc"),
-        ("grbl", "nc"),
-    ):
+    for post, end in POSTS.items():
         texts = tuple(folder / f"part.{end}" for folder in programs.values())
         kinds[f"verify {post}"] = Reader(("verify", "{}", "--post", post), texts)
     return kinds
@@ -148,21 +126,7 @@ def _double(data: bytes, chance: random.Random) -> bytes:
 
 def _insert(data: bytes, chance: random.Random) -> bytes:
     at = chance.randrange(len(data))
-    what = chance.choice(
-        (
-            b"\x00",
-            b"\xff\xfe",
-            b"\n",
-            b"(",
-            b"\xe2\x98\x83",
-            b"%",
-            b"'",
-            b"<!--",
-            bytes(300),
-            b"\x1a",
-        )
-    )
-    return data[:at] + what + data[at:]
+    return data[:at] + chance.choice(_PUT_IN) + data[at:]
 
 
 def _swap(data: bytes, chance: random.Random) -> bytes:
@@ -230,13 +194,9 @@ def work(made: Path, numbers: Iterator[int], kinds: dict[str, Reader]) -> None:
         with redirect_stdout(out), redirect_stderr(err):
             code = main(words)
         left = sorted(path.name for path in folder.iterdir() if path != source)
-        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
-        what = _miss(code, err.getvalue(), left if words[0] == "build" else [])
-        print(
-            json.dumps({"number": number, "code": code, "miss": what, "peak": peak}),
-            file=tell,
-            flush=True,
-        )
+        miss = _miss(code, err.getvalue(), left if words[0] == "build" else [])
+        ending = {"number": number, "code": code, "miss": miss, "peak": peak_mb()}
+        print(json.dumps(ending), file=tell, flush=True)
         os.chdir(made)
         shutil.rmtree(folder)
 
@@ -267,12 +227,12 @@ def _miss(code: int, said: str, left: Sequence[str]) -> str:
 
 
 class Run(NamedTuple):
-    """One mutant. code: of the command, none where the process ended. miss: what is wrong. peak: bytes so far."""
+    """One mutant. code: of the command, none where the process ended. miss: what is wrong. peak: MB so far."""
 
     number: int
     code: int | None
     miss: str
-    peak: int
+    peak: float
 
 
 def drive(made: Path, numbers: Sequence[int], names: Sequence[str]) -> list[Run]:
@@ -280,14 +240,8 @@ def drive(made: Path, numbers: Sequence[int], names: Sequence[str]) -> list[Run]
     runs: list[Run] = []
     while len(runs) < len(numbers):
         left = numbers[len(runs) :]
-        command = [
-            sys.executable,
-            "-m",
-            "bench.reliability.inputs",
-            "--work",
-            str(made),
-            json.dumps([left[:400], names]),
-        ]
+        share = json.dumps([left[:400], names])
+        command = python("bench.reliability.inputs", "--work", made, share)
         with subprocess.Popen(
             command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=ROOT, text=True
         ) as process:
@@ -344,13 +298,11 @@ def measure(count: int, first: int, processes: int, names: Sequence[str]) -> int
                 print(f"mutant {run.number} ({kind}, {file.name}, {name}): {run.miss}")
     misses = sum(row["misses"] for row in table.values())
     peak = max((run.peak for run in found), default=0)
-    print(f"\n{machine()}; {time.perf_counter() - began:.0f} s; at most {peak / 1e6:.0f} MB\n")
-    print("| input | mutants | read or built | refused | misses |\n|---|---|---|---|---|")
+    print(f"\n{machine()}; {time.perf_counter() - began:.0f} s; at most {peak:.0f} MB")
+    columns = Table("input | mutants | read or built | refused | misses")
     for kind, row in table.items():
-        print(
-            f"| {kind} | {row['mutants']} | {row['built']} | {row['refused']} | {row['misses']} |"
-        )
-    return misses + (peak > MEMORY)
+        columns.add(kind, *(row[key] for key in ("mutants", "built", "refused", "misses")))
+    return misses + (1e6 * peak > MEMORY)
 
 
 def _chosen(kinds: dict[str, Reader], names: Sequence[str]) -> dict[str, Reader]:

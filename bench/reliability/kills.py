@@ -20,6 +20,8 @@ import time
 from pathlib import Path
 
 from bench.machine import machine
+from bench.support.runner import Table, read_words
+from bench.support.timing import python, timed
 
 NAMES = ("part.mod", "plan.json", "report.json", "part.html")
 _OLD = b"an older file\n"
@@ -45,9 +47,7 @@ def _start(folder: Path) -> subprocess.Popen[bytes]:
     words = ["build", "part.svg", "--post", "rapid", "--set", "operation.kind=trace", "-q"]
     for option, name in zip(("-o", "--plan", "--report", "--preview"), NAMES, strict=True):
         words += [option, name]
-    return subprocess.Popen(
-        [sys.executable, "-m", "camgen", *words], cwd=folder, stderr=subprocess.DEVNULL
-    )
+    return subprocess.Popen(python("camgen", *words), cwd=folder, stderr=subprocess.DEVNULL)
 
 
 def _digests(folder: Path) -> dict[str, str]:
@@ -56,19 +56,16 @@ def _digests(folder: Path) -> dict[str, str]:
 
 def measure(counts: dict[signal.Signals, int]) -> int:
     """Prints the table; how many files are damaged or left over."""
-    print(machine(), end="\n\n")
-    print(
-        "| signal | builds ended | files new | files damaged | files left over |\n|---|---|---|---|---|"
-    )
+    print(machine())
+    table = Table("signal | builds ended {} of {} | files new | files damaged | files left over")
     wrong = 0
     with tempfile.TemporaryDirectory() as text:
         folder = Path(text)
         _drawing(folder / "part.svg")
         _start(folder).wait()
-        began = time.perf_counter()
-        if _start(folder).wait():
+        failed, seconds = timed(lambda: _start(folder).wait())
+        if failed:
             sys.exit("the build fails without being killed")
-        seconds = time.perf_counter() - began
         whole, old = _digests(folder), hashlib.sha256(_OLD).hexdigest()
         for number, count in counts.items():
             ended = new = damaged = left = 0
@@ -86,12 +83,11 @@ def measure(counts: dict[signal.Signals, int]) -> int:
                 left += len(others)
                 for path in others:
                     path.unlink()
-            print(f"| {number.name} | {ended} of {count} | {new} | {damaged} | {left} |")
+            table.add(number.name, (ended, count), new, damaged, left)
             wrong += damaged + left
     return wrong
 
 
 if __name__ == "__main__":
-    given = [int(word) for word in sys.argv[1:]]
-    kills, terms = (*given, *(200, 100)[len(given) :])
+    kills, terms = read_words(200, 100)
     sys.exit(1 if measure({signal.SIGKILL: kills, signal.SIGTERM: terms}) else 0)

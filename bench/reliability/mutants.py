@@ -35,6 +35,7 @@ from bench.reliability.modal import pacscript, rapid, reader, rs274, vplus
 from bench.reliability.modal.machine import Event, is_same
 from bench.reliability.programs import SOURCES, Made, make
 from bench.reliability.wide_mutations import KINDS, Mutation, mutate
+from bench.support.runner import Table
 
 TRACES: dict[str, Callable[[str], list[Event]]] = {
     "rapid": rapid.trace,
@@ -207,20 +208,22 @@ def _parse_arguments() -> argparse.Namespace:
 
 def _print_table(counts: dict[Family, Counter[str]]) -> None:
     """Prints a row for each post and kind, and the sums."""
-    print(machine(), end="\n\n")
-    print(f"| kind | post | programs | mutants | {CAUGHT} | {HARMLESS} | {LEFT} |")
-    print("|---|---|---|---|---|---|---|")
+    print(machine())
+    figures = (
+        f"programs {{:,}} | mutants {{:,}} | {CAUGHT} {{:,}} | {HARMLESS} {{:,}} | {LEFT} {{:,}}"
+    )
+    table = Table(f"kind | post | {figures}")
     for family, verdicts in counts.items():
-        print(_format_row(family.kind, family.post, [family.post], verdicts))
+        table.add(family.kind, family.post, *_list_figures([family.post], verdicts))
     for kind in dict.fromkeys(family.kind for family in counts):
         rows = {family.post: counts[family] for family in counts if family.kind == kind}
-        print(_format_row(kind, "all", list(rows), sum(rows.values(), Counter[str]())))
+        sums = sum(rows.values(), Counter[str]())
+        table.add(kind, "all", *_list_figures(list(rows), sums))
 
 
-def _format_row(kind: str, name: str, posts: list[str], verdicts: Counter[str]) -> str:
+def _list_figures(posts: list[str], verdicts: Counter[str]) -> list[int]:
     programs = sum(len(SOURCES[post]) for post in posts)
-    numbers = [programs, verdicts.total(), *(verdicts[key] for key in (CAUGHT, HARMLESS, LEFT))]
-    return " | ".join((f"| {kind}", name, *(f"{number:,}" for number in numbers))) + " |"
+    return [programs, verdicts.total(), *(verdicts[key] for key in (CAUGHT, HARMLESS, LEFT))]
 
 
 if __name__ == "__main__":

@@ -15,12 +15,12 @@ import shutil
 import subprocess
 import sys
 import tempfile
-import time
 from pathlib import Path
 
 from bench.machine import machine
+from bench.support.runner import ROOT, Table
+from bench.support.timing import timed
 
-ROOT = Path(__file__).parents[2]
 PARTS_OF_WHEEL = ("camgen", "postprocessors", "pyproject.toml", "README.md", "LICENSE")
 PYTHONS = tuple(f"python3.{minor}" for minor in range(11, 15))
 _EXTRA = "pip install 'camgen[step]'"
@@ -60,40 +60,33 @@ def find_pythons() -> list[str]:
     ]
 
 
-def look(python: str, wheel: Path, folder: Path) -> tuple[str, list[str]]:
+def look(python: str, wheel: Path, folder: Path) -> tuple[list[object], list[str]]:
     """A row of the table, and what went wrong."""
     where = folder / f"environment-{len(list(folder.glob('environment-*')))}"
     _run(python, "-m", "venv", where)
-    began = time.perf_counter()
-    _run(where / "bin" / "pip", "install", "-q", wheel)
-    seconds = time.perf_counter() - began
-    text = _run(
-        where / "bin" / "python",
-        "-I",
-        Path(__file__).with_name("wheel_cases.py"),
-        ROOT / "fixtures",
-        cwd=folder,
-    )
+    _, seconds = timed(lambda: _run(where / "bin" / "pip", "install", "-q", wheel))
+    script = Path(__file__).with_name("wheel_cases.py")
+    text = _run(where / "bin" / "python", "-I", script, ROOT / "fixtures", cwd=folder)
     version, packages, built, refused, same, wrong = json.loads(text.splitlines()[-1])
     extra = [line for line in refused if _EXTRA in line]
-    row = f"| {version} | {len(packages)} | {seconds:.0f} | {built} | {len(extra)} | {same} | {len(wrong)} |"
+    row = [version, len(packages), seconds, built, len(extra), same, len(wrong)]
     return row, [*wrong, *(line for line in refused if line not in extra)]
 
 
 def main(pythons: list[str]) -> int:
     """The table; 1 where anything differs."""
     found = pythons or find_pythons()
-    print(machine(), end="\n\n")
-    print(
-        "| Python | packages | s to install | parts built | refused for an extra | programs the same | others |"
+    print(machine())
+    table = Table(
+        "Python | packages | s to install {:.0f} | parts built | refused for an extra "
+        "| programs the same | others"
     )
-    print("|---|---|---|---|---|---|---|")
     failed: list[str] = []
     with tempfile.TemporaryDirectory() as text:
         wheel = make_wheel(Path(text))
         for python in found:
             row, wrong = look(python, wheel, Path(text))
-            print(row, flush=True)
+            table.add(*row)
             failed += wrong
     print("".join(f"\n{line}" for line in failed), end="\n" if failed else "")
     return 1 if failed or not found else 0

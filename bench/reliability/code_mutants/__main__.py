@@ -48,6 +48,7 @@ from bench.reliability.code_mutants.verdicts import (
     find_fault,
     find_verdict,
 )
+from bench.support.runner import Table
 
 _PROCESSES = 2
 #: Outcomes of a mutant over all jobs, the most serious first, as columns of the table.
@@ -142,8 +143,8 @@ def _run_judge(given: argparse.Namespace) -> int:
         wrong = sum(each.kind == WRONG for each in judged)
         print(f"\r{len(judged)} of {len(mutants)}, {wrong} wrong", end="", file=sys.stderr)
     print(file=sys.stderr)
-    print(machine(), end="\n\n")
-    print(make_summary(judged))
+    print(machine())
+    print_summary(judged)
     if given.table:
         given.table.write_text(make_table(judged), encoding="utf-8")
     if given.only:
@@ -170,15 +171,13 @@ def _run_survivors(given: argparse.Namespace) -> int:
     return int(survivors > listed)
 
 
-def make_summary(judged: Sequence[Judged]) -> str:
-    """A table of the most serious outcomes by group of modules."""
-    rows = [f"| modules | mutants | {' | '.join(COLUMNS)} |", "|---" * (len(COLUMNS) + 2) + "|"]
+def print_summary(judged: Sequence[Judged]) -> None:
+    """Prints a table of the most serious outcomes by group of modules."""
+    table = Table(f"modules | mutants | {' | '.join(COLUMNS)}")
     for name in (*PROGRAM_GROUPS, "all"):
         members = [each for each in judged if name in (each.mutant.group, "all")]
         counts = Counter(result.kind for result in members)
-        cells = " | ".join(str(counts[column]) for column in COLUMNS)
-        rows.append(f"| {name} | {len(members)} | {cells} |")
-    return "\n".join(rows)
+        table.add(name, len(members), *(counts[column] for column in COLUMNS))
 
 
 def make_table(judged: Sequence[Judged]) -> str:
