@@ -19,56 +19,17 @@ _CODES = (
 )  # fmt: skip
 _LETTERS = "XYZIJKRABCPQFSLEUVWDHXYZXYZIJ"
 _PARAMETERS = (
-    "#1",
-    "#2",
-    "#<a>",
-    "#<_g>",
-    "#5221",
-    "#5420",
-    "#[1]",
-    "#[#1]",
-    "#0",
-    "#31",
-    "#99999",
-    "#<_x>",
-    "##1",
-    "#-1",
-)
+    "#1", "#2", "#<a>", "#<_g>", "#5221", "#5420", "#[1]", "#[#1]", "#0", "#31", "#99999", "#<_x>",
+    "##1", "#-1",
+)  # fmt: skip
 _FUNCTIONS = (
-    "sin",
-    "cos",
-    "tan",
-    "sqrt",
-    "abs",
-    "round",
-    "fix",
-    "fup",
-    "ln",
-    "exp",
-    "asin",
-    "acos",
-    "exists",
-    "frob",
-)
+    "sin", "cos", "tan", "sqrt", "abs", "round", "fix", "fup", "ln", "exp", "asin", "acos",
+    "exists", "frob",
+)  # fmt: skip
 _OPERATORS = (
-    "+",
-    "-",
-    "*",
-    "/",
-    "**",
-    "mod",
-    "and",
-    "or",
-    "xor",
-    "eq",
-    "ne",
-    "lt",
-    "gt",
-    "le",
-    "ge",
-    "atan",
+    "+", "-", "*", "/", "**", "mod", "and", "or", "xor", "eq", "ne", "lt", "gt", "le", "ge", "atan",
     "",
-)
+)  # fmt: skip
 
 
 @st.composite
