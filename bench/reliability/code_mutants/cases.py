@@ -1,8 +1,9 @@
-"""The jobs that each mutant builds: small drawings, every number given, all five posts."""
+"""The jobs that each mutant builds: small drawings, and the jobs of `cases.toml`."""
 
 from __future__ import annotations
 
 import math
+import tomllib
 from pathlib import Path
 from typing import NamedTuple
 
@@ -62,26 +63,6 @@ _PAIR = (
     Shape("right", ((32.0, 0.0, 0.0), (52.0, 0.0, 0.0), (52.0, 20.0, 0.0), (32.0, 20.0, 0.0))),
 )
 
-_PROCESS = {
-    "feed": 20.0,
-    "plunge": 5.0,
-    "travel": 90.0,
-    "approach": 2.0,
-    "clearance": 15.0,
-    "max_feed_factor": 1.5,
-    "acceleration": 1000.0,
-}
-_SPINNING = {**_PROCESS, "spindle": 8000.0, "dwell": 0.5, "signal": "", "switch": "contact"}
-#: A drill goes down at the feed.
-_DRILLING = {key: value for key, value in _SPINNING.items() if key != "plunge"}
-_PECKING = {key: value for key, value in _PROCESS.items() if key != "plunge"}
-_TOLERANCE = {"chord": 0.01, "arc_fit": 0.01, "corner": 0.05}
-_CELL = {
-    "base_from_work": [310.0, -40.0, 120.0, 0.0, 0.0, 0.0],
-    "flange_from_tool": [0.0, 0.0, 110.0, 0.0, 0.0, 0.0],
-}
-
-
 #: The mark between the files of a program.
 FILE_MARK = "\f"
 
@@ -109,185 +90,35 @@ class Case(NamedTuple):
         return float(value)
 
 
-def _job(process: dict[str, object], **tables: dict[str, object]) -> dict[str, dict[str, object]]:
-    return {
-        "process": process,
-        "tolerance": dict(_TOLERANCE),
-        "tool": {"diameter": 6.0},
-        **tables,
-    }
+_DRAWINGS = {
+    "plate": _PLATE,
+    "lines": _LINES,
+    "network": _NETWORK,
+    "holes": _HOLES,
+    "tray": _TRAY,
+    "pair": _PAIR,
+}
 
 
-CASES = (
-    Case(
-        "leads",
-        "rapid",
-        "follow",
-        _PLATE,
-        _job(
-            _PROCESS,
-            operation={"kind": "follow", "lead_in": 2.0, "lead_out": 1.5, "overlap": 1.0},
-            cell=_CELL,
-        ),
-        signal="doprocess",
-    ),
-    Case(
-        "conventional",
-        "vplus",
-        "follow",
-        _PLATE,
-        _job(
-            {**_PROCESS, "dwell": 0.25},
-            operation={"kind": "follow", "direction": "conventional"},
-            cell=_CELL,
-        ),
-        signal="signal 33",
-    ),
-    Case(
-        "passes",
-        "gcode",
-        "follow",
-        _PLATE,
-        _job(
-            _SPINNING,
-            operation={"kind": "follow", "depth": 3.0, "passes": 2, "lead_in": 2.0},
-            tour={"method": "nearest"},
-        ),
-        spindle="S",
-    ),
-    Case(
-        "tabs",
-        "grbl",
-        "follow",
-        _PLATE,
-        _job(
-            _SPINNING,
-            operation={
-                "kind": "follow",
-                "depth": 4.0,
-                "passes": 2,
-                "entry": "ramp",
-                "entry_angle": 10.0,
-                "tabs": 3,
-                "tab_width": 4.0,
-                "tab_height": 1.5,
-            },
-        ),
-        spindle="S",
-    ),
-    Case(
-        "lines",
-        "pacscript",
-        "trace",
-        _LINES,
-        _job({**_PROCESS, "dwell": 0.2}, operation={"kind": "trace"}, cell=_CELL),
-        signal="io 24",
-    ),
-    Case(
-        "open passes",
-        "gcode",
-        "trace",
-        _LINES,
-        _job(_SPINNING, operation={"kind": "trace", "depth": 1.0, "passes": 2}),
-        spindle="S",
-    ),
-    Case(
-        "network",
-        "vplus",
-        "trace",
-        _NETWORK,
-        _job(_PROCESS, operation={"kind": "trace"}, cell=_CELL),
-        signal="signal 33",
-    ),
-    Case(
-        "pecks",
-        "gcode",
-        "drill",
-        _HOLES,
-        _job(
-            _DRILLING,
-            operation={"kind": "drill", "depth": 4.0, "passes": 3},
-            tool={"kind": "drill", "diameter": 3.0},
-        ),
-        spindle="S",
-    ),
-    Case(
-        "holes",
-        "pacscript",
-        "drill",
-        _HOLES,
-        _job(
-            {**_PECKING, "switch": "air"},
-            operation={"kind": "drill", "depth": 2.0},
-            tool={"kind": "drill", "diameter": 3.0},
-            cell=_CELL,
-        ),
-        signal="io 24",
-    ),
-    Case(
-        "pocket",
-        "gcode",
-        "pocket",
-        _TRAY,
-        _job(
-            _SPINNING,
-            operation={
-                "kind": "pocket",
-                "depth": 2.0,
-                "passes": 2,
-                "stepover": 0.5,
-                "engagement": 1.0,
-            },
-        ),
-        spindle="S",
-    ),
-    Case(
-        "pressing",
-        "rapid",
-        "follow",
-        _PLATE,
-        _job(
-            {**_PROCESS, "force": 5.0, "retract": 4.0, "switch": "contact"},
-            operation={"kind": "follow", "lead_in": 1.5},
-            tool={"diameter": 6.0, "orient": "follow"},
-            post={"force_load": "lTool"},
-            cell=_CELL,
-        ),
-        signal="doprocess",
-    ),
-    Case(
-        "stay down",
-        "rapid",
-        "follow",
-        _PAIR,
-        _job(
-            {**_PROCESS, "stay_down": True},
-            operation={"kind": "follow"},
-            tour={"method": "nearest"},
-            cell=_CELL,
-        ),
-        signal="doprocess",
-    ),
-    Case(
-        "two tools",
-        "gcode",
-        "operations",
-        _PLATE,
-        {
-            "process": _SPINNING,
-            "tolerance": dict(_TOLERANCE),
-            "tools": [
-                {"name": "fine", "number": 1, "diameter": 4.0, "speed": 9000.0},
-                {"name": "coarse", "number": 2, "diameter": 6.0, "speed": 7000.0},
-            ],
-            "operations": [
-                {"kind": "follow", "tool": "fine", "nesting": "inner", "depth": 2.0},
-                {"kind": "follow", "tool": "coarse", "nesting": "outer", "depth": 3.0},
-            ],
-        },
-        spindle="S",
-    ),
-)
+def _read_cases() -> tuple[Case, ...]:
+    """The cases of `cases.toml`, which says how their tables are put together."""
+    tables = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
+    cases = []
+    for row in tables["cases"]:
+        job = {"tolerance": tables["tolerance"], **row["job"]}
+        job["process"] = tables["process"][row["process"]] | row["job"].get("process", {})
+        if "tools" not in job:
+            job.setdefault("tool", {"diameter": 6.0})
+        if row.get("arm"):
+            job["cell"] = tables["cell"]
+        kind = job["operation"]["kind"] if "operation" in job else "operations"
+        outputs = row.get("signal", ""), row.get("spindle", "")
+        drawing = _DRAWINGS[row["drawing"]]
+        cases.append(Case(row["name"], row["post"], kind, drawing, job, *outputs))
+    return tuple(cases)
+
+
+CASES = _read_cases()
 BY_NAME = {case.name: case for case in CASES}
 
 
