@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -13,13 +12,14 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 import camgen
+from bench.render.shapes import Loop, Pieces, flatten
+from bench.support.runner import PARTS
 from camgen.check.stock import Cut, Design, Task, design
 from camgen.model.job import Job, OperationTable, ProcessTable, StockTable, ToolTable
 from camgen.model.part import Contour, Part
 from camgen.model.pose import TOOL_DOWN, Pose
 from camgen.model.program import Comment, Instruction, MoveJ, MoveL
 
-PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
 Array = NDArray[np.float64]
 
 
@@ -203,27 +203,10 @@ def _ring(z: float, bridges: bool) -> list[Instruction]:
 
 def outline(contour: Contour, step: float = 0.1) -> Array:
     """Points (N, 2) along a closed contour, from the definition of a bulge: tan of a quarter of the angle."""
-    points: list[tuple[float, float]] = []
-    count = len(contour.points)
-    for k in range(count):
-        a, b, bulge = (
-            complex(*contour.points[k]),
-            complex(*contour.points[(k + 1) % count]),
-            float(contour.bulges[k]),
-        )
-        sweep = 4 * math.atan(bulge)
-        if abs(bulge) < 1e-9:
-            many = max(2, math.ceil(abs(b - a) / step))
-            points += [
-                ((a + (b - a) * j / many).real, (a + (b - a) * j / many).imag) for j in range(many)
-            ]
-            continue
-        # The centre sees the chord under the sweep.
-        centre = (a + b) / 2 + 1j * (b - a) / 2 / math.tan(sweep / 2)
-        many = max(8, math.ceil(abs(sweep) * abs(a - centre) / step))
-        for j in range(many):
-            turned = centre + (a - centre) * complex(
-                math.cos(sweep * j / many), math.sin(sweep * j / many)
-            )
-            points.append((turned.real, turned.imag))
-    return np.array(points)
+
+    def count(whole: Pieces) -> Array:
+        fewest = np.where(whole.sweep == 0, 2, 8)
+        return np.maximum(np.ceil(whole.length / step), fewest)
+
+    at = flatten(Loop(contour.points @ [1, 1j], contour.bulges), count)
+    return np.column_stack([at.real, at.imag])

@@ -14,10 +14,6 @@ the peak memory.
 
 from __future__ import annotations
 
-import resource
-import sys
-import time
-from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
 
@@ -26,6 +22,9 @@ import numpy as np
 import shapely
 
 from bench.machine import machine
+from bench.render.shapes import Pieces, flatten, rounded
+from bench.support.runner import Table, read_words
+from bench.support.timing import best_seconds, peak_mb
 from camgen.geometry.arcs import path_length
 from camgen.model.job import Job, OperationTable, ProcessTable, ToolTable
 from camgen.model.path import ToolPath
@@ -62,14 +61,13 @@ def main(count: int, runs: int) -> None:
 
 
 def accuracy(count: int) -> None:
-    print(
-        f"Tool {2 * RADIUS:g} mm, {count} parts each; errors of the tool centre and of the force angle.\n"
+    print(f"Tool {2 * RADIUS:g} mm, {count} parts each;", end=" ")
+    print("errors of the tool centre and of the force angle.")
+    table = Table(
+        "mask | mm/px {:g} | route | max mm {:.3f} | rms mm {:.4f} | max px {:.2f} | rms px {:.3f} "
+        "| at sharp corners max mm {:.3f} | angle max deg {:.1f} | rms deg {:.2f} "
+        "| waypoints/m {:.0f}"
     )
-    print(
-        "| mask | mm/px | route | max mm | rms mm | max px | rms px | at sharp corners max mm |",
-        end="",
-    )
-    print(" angle max deg | rms deg | waypoints/m |\n|---|---|---|---|---|---|---|---|---|---|---|")
     for kind in ("ideal", "photo"):
         for scale in SCALES:
             rows: dict[str, list[tuple[np.ndarray, ...]]] = {route: [] for route in ROUTES}
@@ -81,36 +79,30 @@ def accuracy(count: int) -> None:
                     paths = planned(pixels, view, route, part)
                     rows[route].append(errors(paths, part))
             for route, found in rows.items():
-                print(f"| {kind} | {scale:g} | {route} | {told(found, scale)} |", flush=True)
+                table.add(kind, scale, route, *measure(found, scale))
 
 
-def told(found: list[tuple[np.ndarray, ...]], scale: float) -> str:
+def measure(found: list[tuple[np.ndarray, ...]], scale: float) -> tuple[float, ...]:
+    """The figures of a route."""
     away, near, angle, sizes = (np.concatenate(column) for column in zip(*found, strict=True))
     density = 1000 * sizes[0::2].sum() / sizes[1::2].sum()
     off = float(np.abs(away).max())
-    return (
-        f"{off:.3f} | {rms(away):.4f} | {off / scale:.2f} | {rms(away) / scale:.3f} | {np.abs(near).max():.3f} "
-        f"| {np.abs(angle).max():.1f} | {rms(angle):.2f} | {density:.0f}"
-    )
+    path = off, rms(away), off / scale, rms(away) / scale, np.abs(near).max()
+    return *path, np.abs(angle).max(), rms(angle), density
 
 
 def rms(values: np.ndarray) -> float:
     return float(np.sqrt((values**2).mean()))
 
 
-def rounded(corners: list[tuple[float, float, float]]) -> np.ndarray:
+def drawn_loop(corners: list[tuple[float, float, float]]) -> np.ndarray:
     """The outline with arcs in half degrees."""
-    at = np.array([complex(x, y) for x, y, _ in corners])
-    points: list[complex] = []
-    for k, (_, _, radius) in enumerate(corners):
-        into, out = at[k] - at[k - 1], at[(k + 1) % len(at)] - at[k]
-        turn = float(np.angle(out / into))
-        ahead = into / abs(into)
-        begin = at[k] - ahead * radius * np.tan(abs(turn) / 2)
-        centre = begin + 1j * ahead * radius * np.sign(turn)
-        steps = np.linspace(0, turn, max(2, int(abs(np.degrees(turn)) * 2)) if radius else 1)
-        points += (centre + (begin - centre) * np.exp(1j * steps)).tolist()
-    return np.array(points)
+
+    def count(whole: Pieces) -> np.ndarray:
+        half_degrees = (np.degrees(np.abs(whole.sweep)) * 2).astype(int)
+        return np.where(whole.sweep == 0, 1, np.maximum(half_degrees - 1, 1))
+
+    return flatten(rounded(corners), count)
 
 
 def drawn(turn: float, place: complex) -> Drawn:
@@ -118,8 +110,8 @@ def drawn(turn: float, place: complex) -> Drawn:
     circle = np.exp(2j * np.pi * np.arange(720) / 720)
     at = np.array([complex(x, y) for x, y, _ in OUTLINE])
     loops = [
-        rounded(OUTLINE),
-        rounded(SLOT),
+        drawn_loop(OUTLINE),
+        drawn_loop(SLOT),
         *(complex(x, y) + r * circle for x, y, r in HOLES),
         at,
     ]
@@ -226,16 +218,15 @@ def speed(runs: int) -> None:
         "": Job(tool=tool),
         ", corner radius 2": Job(tool=tool, operation=OperationTable(corner_radius=2.0)),
     }
-    print(f"\n| 10.5 megapixels, 36 paths | best of {runs}, s |\n|---|---|")
-    print(f"| cv2.distanceTransform and cv2.findContours alone | {best(runs, bare, pixels):.3f} |")
-    before = peak()
+    table = Table(f"10.5 megapixels, 36 paths | best of {runs}, s {{:.3f}}")
+    opencv = "cv2.distanceTransform and cv2.findContours alone"
+    table.add(opencv, best_seconds(partial(bare, pixels), runs))
+    before = peak_mb()
     for name, exact in (("pixels", False), ("mask", True)):
-        for what, job in jobs.items():
-            print(
-                f"| route {name}{what} | {best(runs, partial(image_space, exact=exact), pixels, view, job):.3f} |",
-                flush=True,
-            )
-    print(f"\nPeak memory {peak():.0f} MB, of which {before:.0f} MB before the planner ran")
+        for corners, job in jobs.items():
+            plan = partial(image_space, pixels, view, job, exact=exact)
+            table.add(f"route {name}{corners}", best_seconds(plan, runs))
+    print(f"\nPeak memory {peak_mb():.0f} MB, of which {before:.0f} MB before the planner ran")
 
 
 def bare(pixels: np.ndarray) -> None:
@@ -245,20 +236,5 @@ def bare(pixels: np.ndarray) -> None:
     )
 
 
-def best(runs: int, call: Callable[..., object], *values: object) -> float:
-    seconds = []
-    for _ in range(runs):
-        begun = time.perf_counter()
-        call(*values)
-        seconds.append(time.perf_counter() - begun)
-    return min(seconds)
-
-
-def peak() -> float:
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (
-        1e6 if sys.platform == "darwin" else 1e3
-    )
-
-
 if __name__ == "__main__":
-    main(*(int(word) for word in (*sys.argv[1:3], *("20", "7")[len(sys.argv[1:3]) :])))
+    main(*read_words(20, 7))

@@ -14,6 +14,8 @@ import numpy as np
 import shapely
 from shapely import affinity
 
+from bench.render.shapes import Loop, Pieces, flatten
+
 #: Sagitta of flattened arcs, mm.
 CHORD = 2e-4
 DIAMETERS = (0.5, 1.0, 2.0, 3.0, 6.0, 10.0)
@@ -99,23 +101,16 @@ def _polygon(rows: np.ndarray) -> shapely.Geometry | None:
 
 def flat(rows: np.ndarray) -> np.ndarray:
     """Points (M, 2) along a contour, arcs within CHORD of it."""
-    points = []
-    for here, there in zip(rows, np.roll(rows, -1, axis=0), strict=True):
-        points.append(_along(here[:2], there[:2], float(here[2])))
-    return np.concatenate(points)
 
+    def count(whole: Pieces) -> np.ndarray:
+        is_arc = (whole.sweep != 0) & (whole.chord != 0)
+        turn = np.where(is_arc, np.abs(whole.sweep), 1.0)
+        radius = np.where(is_arc, whole.length, 1.0) / turn
+        chord_turn = 2 * np.arccos(np.maximum(1 - CHORD / radius, 0.0))
+        return np.where(is_arc, np.maximum(np.ceil(turn / chord_turn), 4), 1)
 
-def _along(start: np.ndarray, end: np.ndarray, bulge: float) -> np.ndarray:
-    """From ``start`` up to but without ``end``."""
-    chord = complex(*end) - complex(*start)
-    if bulge == 0.0 or chord == 0:
-        return start[None]
-    sweep = 4 * math.atan(bulge)
-    centre = (complex(*start) + complex(*end)) / 2 + 1j * chord / 2 / math.tan(sweep / 2)
-    radius = abs(complex(*start) - centre)
-    count = max(4, math.ceil(abs(sweep) / (2 * math.acos(max(1 - CHORD / radius, 0.0)))))
-    curve = centre + (complex(*start) - centre) * np.exp(1j * sweep * np.arange(count) / count)
-    return np.column_stack([curve.real, curve.imag])
+    at = flatten(Loop(rows[:, :2] @ [1, 1j], rows[:, 2]), count)
+    return np.column_stack([at.real, at.imag])
 
 
 def _signed_area(points: np.ndarray) -> float:

@@ -7,7 +7,7 @@ run counter-clockwise, holes clockwise.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -73,6 +73,18 @@ def pieces(loops: Sequence[Loop]) -> Pieces:
     start = np.concatenate([loop.points for loop in loops])
     chord = np.concatenate([np.roll(loop.points, -1) - loop.points for loop in loops])
     return Pieces(start, chord, 4 * np.arctan(np.concatenate([loop.bulges for loop in loops])))
+
+
+def flatten(loop: Loop, count: Callable[[Pieces], np.ndarray]) -> np.ndarray:
+    """Points along a loop, (N,) complex.
+
+    count: gives the number of points of each piece, (P,); they are even, from its start on.
+    """
+    whole = pieces([loop])
+    counts = np.asarray(count(whole)).astype(int)
+    which = np.repeat(np.arange(len(counts)), counts)
+    number = np.arange(len(which)) - np.repeat(np.cumsum(counts) - counts, counts)
+    return whole.at(which, number / counts[which])[0]
 
 
 def rounded(corners: Sequence[tuple[float, float, float]]) -> Loop:

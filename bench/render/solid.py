@@ -8,7 +8,7 @@ import numpy as np
 import shapely
 import trimesh
 
-from bench.render.shapes import Loop, pieces
+from bench.render.shapes import Loop, Pieces, flatten
 
 #: mm between points of an arc's chords.
 _STEP = 0.5
@@ -49,10 +49,9 @@ def sheet(loops: Sequence[Loop], thickness: float) -> trimesh.Trimesh:
 
 def _points(loop: Loop) -> np.ndarray:
     """(N, 2) mm: lines as they are, arcs as chords."""
-    whole = pieces([loop])
-    found = []
-    for k in range(len(whole.start)):
-        count = 1 if whole.sweep[k] == 0 else max(int(np.ceil(whole.length[k] / _STEP)), 2)
-        found.append(whole.at(np.full(count, k), np.arange(count) / count)[0])
-    at = np.concatenate(found)
+
+    def count(whole: Pieces) -> np.ndarray:
+        return np.where(whole.sweep == 0, 1, np.maximum(np.ceil(whole.length / _STEP), 2))
+
+    at = flatten(loop, count)
     return np.column_stack([at.real, at.imag])
