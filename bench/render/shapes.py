@@ -48,6 +48,12 @@ class Pieces:
         rate = np.where(straight, 1, 1j * sweep * np.exp(1j * sweep * t) / whole)
         return start + chord * along, chord * rate
 
+    def walk(self, counts: np.ndarray) -> np.ndarray:
+        """Points along the pieces, (N,) complex. counts: (P,), of each piece, from its start on."""
+        which = np.repeat(np.arange(len(counts)), counts)
+        number = np.arange(len(which)) - np.repeat(np.cumsum(counts) - counts, counts)
+        return self.at(which, number / counts[which])[0]
+
     def distance(self, places: np.ndarray) -> np.ndarray:
         """From each of the places (N,) to the nearest point of all pieces, mm."""
         least = np.full(len(places), np.inf)
@@ -81,10 +87,7 @@ def flatten(loop: Loop, count: Callable[[Pieces], np.ndarray]) -> np.ndarray:
     count: gives the number of points of each piece, (P,); they are even, from its start on.
     """
     whole = pieces([loop])
-    counts = np.asarray(count(whole)).astype(int)
-    which = np.repeat(np.arange(len(counts)), counts)
-    number = np.arange(len(which)) - np.repeat(np.cumsum(counts) - counts, counts)
-    return whole.at(which, number / counts[which])[0]
+    return whole.walk(np.asarray(count(whole)).astype(int))
 
 
 def rounded(corners: Sequence[tuple[float, float, float]]) -> Loop:

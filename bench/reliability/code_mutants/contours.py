@@ -18,7 +18,7 @@ from bench.reliability.code_mutants.judge import (
     find_angle,
     follow_state,
 )
-from bench.reliability.code_mutants.shapes import Array, Segment, Shape, make_region, offset_ring
+from bench.reliability.code_mutants.shapes import Array, Shape, make_region, offset_ring
 from bench.reliability.code_mutants.traces import FREE, Step, Switch
 
 #: A followed contour keeps its distance within this, and the chord tolerance of the job, mm.
@@ -254,34 +254,34 @@ def _check_contour_feed(case: Case, piece: Piece, shapes: list[Shape]) -> None:
     """Checks the feed of a level motion, which the radius of the touched arc decides."""
     if np.ptp(piece.points[:, 2]) > DIGIT_MM:
         return
-    middle = piece.points[[len(piece.points) // 2]]
-    _check_speed(piece, _find_feed(case, middle[:, :2], shapes))
+    middle = piece.points[len(piece.points) // 2, :2]
+    _check_speed(piece, _find_feed(case, middle, shapes))
 
 
 def _find_feed(case: Case, place: Array, shapes: list[Shape]) -> float:
     feed, radius = case.setting("process", "feed"), case.setting("tool", "diameter") / 2.0
-    segment, shape = _find_contact(case, place, shapes)
+    touched, shape = _find_contact(case, place, shapes)
     cap = feed * case.setting("process", "max_feed_factor")
-    if segment is None:
+    if touched is None:
         return cap
-    if math.isinf(segment.radius):
+    if math.isinf(touched):
         return feed
     is_inner = shape.is_hole
-    factor = (segment.radius - radius if is_inner else segment.radius + radius) / segment.radius
+    factor = (touched - radius if is_inner else touched + radius) / touched
     return min(feed * factor, cap)
 
 
-def _find_contact(case: Case, place: Array, shapes: list[Shape]) -> tuple[Segment | None, Shape]:
-    """The line or arc that the tool touches at a place, (1, 2) mm, and its contour.
+def _find_contact(case: Case, place: Array, shapes: list[Shape]) -> tuple[float | None, Shape]:
+    """The radius (mm) of the arc that the tool touches at a place, (2,) mm, and its contour.
 
-    None for a corner.
+    inf for a line, None for a corner.
     """
     radius = case.setting("tool", "diameter") / 2.0
     for shape in shapes:
-        for segment in shape.list_segments():
-            distance, is_inside = segment.find_feet(place)
-            if is_inside[0] and abs(distance[0] - radius) < _tolerance(case):
-                return segment, shape
+        distance, is_inside = shape.find_feet(place)
+        touching = np.flatnonzero(is_inside & (np.abs(distance - radius) < _tolerance(case)))
+        if len(touching):
+            return shape.find_radius(touching[0]), shape
     return None, shapes[0]
 
 
@@ -291,11 +291,11 @@ def _check_force(case: Case, piece: Piece, shapes: list[Shape], has_pressed: boo
     A tool that has pressed runs about corners at the retract height.
     """
     wanted = case.setting("process", "force")
-    middle = piece.points[[len(piece.points) // 2], :2]
-    segment, _ = _find_contact(case, middle, shapes)
-    expected = wanted if segment is not None else 0.0
+    middle = piece.points[len(piece.points) // 2, :2]
+    touched, _ = _find_contact(case, middle, shapes)
+    expected = wanted if touched is not None else 0.0
     if wanted:
-        is_raised = segment is None and has_pressed
+        is_raised = touched is None and has_pressed
         height = case.setting("process", "retract") if is_raised else 0.0
         if np.abs(piece.points[:, 2] - height).max() > DIGIT_MM:
             raise piece.complain(f"not at height {height:g}")

@@ -12,6 +12,8 @@ from typing import NamedTuple
 import numpy as np
 import shapely
 
+from bench.render.shapes import Loop, Pieces, pieces
+
 #: Segments of a quarter circle in a flattened curve: they leave a radius of 10 mm by 8e-4 mm.
 _QUARTER = 64
 Array = np.ndarray
@@ -32,93 +34,46 @@ class Shape(NamedTuple):
     is_closed: bool = True
     is_hole: bool = False
 
-    def list_segments(self) -> list[Segment]:
+    @property
+    def pieces(self) -> Pieces:
         """The lines and arcs in order."""
-        ends = self.vertices[1:] + (self.vertices[:1] if self.is_closed else ())
-        segments = []
-        for (x0, y0, bulge), (x1, y1, _) in zip(self.vertices, ends, strict=False):
-            segments.append(Segment((x0, y0), (x1, y1), bulge))
-        return segments
+        x, y, bulges = np.array(self.vertices).T
+        whole = pieces([Loop(x + 1j * y, bulges)])
+        last = len(x) if self.is_closed else len(x) - 1
+        return Pieces(whole.start[:last], whole.chord[:last], whole.sweep[:last])
 
     def flatten(self) -> Array:
         """Points along the contour, (N, 2) mm; a closed one ends where it begins."""
-        return np.concatenate([segment.sample(_QUARTER) for segment in self.list_segments()])
+        whole = self.pieces
+        fine = np.ceil(np.abs(whole.sweep) / (math.pi / 2.0) * _QUARTER)
+        counts = np.where(whole.sweep == 0.0, 1, np.maximum(fine, 2)).astype(int)
+        points = np.append(whole.walk(counts), whole.start[-1] + whole.chord[-1])
+        return np.column_stack([points.real, points.imag])
 
     @property
     def length(self) -> float:
         """The length in mm."""
-        return sum(segment.length for segment in self.list_segments())
+        return float(self.pieces.length.sum())
 
-
-class Segment(NamedTuple):
-    """A line or an arc between two points, mm.
-
-    bulge: tangent of a quarter of its angle, positive counter-clockwise, 0 for a line.
-    """
-
-    start: tuple[float, float]
-    end: tuple[float, float]
-    bulge: float
-
-    @property
-    def angle(self) -> float:
-        """The angle of an arc, rad, positive counter-clockwise."""
-        return 4.0 * math.atan(self.bulge)
-
-    @property
-    def chord(self) -> float:
-        """The distance of the ends, mm."""
-        return math.dist(self.start, self.end)
-
-    @property
-    def radius(self) -> float:
-        """The radius of an arc, mm; infinite for a line."""
-        if self.bulge == 0.0:
+    def find_radius(self, number: int) -> float:
+        """The radius of a piece, mm; inf for a line."""
+        whole = self.pieces
+        if whole.sweep[number] == 0.0:
             return math.inf
-        return self.chord / (2.0 * abs(math.sin(self.angle / 2.0)))
+        return float(whole.length[number] / abs(whole.sweep[number]))
 
-    @property
-    def length(self) -> float:
-        """The length in mm."""
-        return self.chord if self.bulge == 0.0 else self.radius * abs(self.angle)
-
-    @property
-    def centre(self) -> Array:
-        """The centre of an arc, mm: on the bisector of its chord, to the left if it turns left."""
-        start, end = np.array(self.start), np.array(self.end)
-        along = (end - start) / self.chord
-        left = np.array([-along[1], along[0]])
-        height = self.chord / (2.0 * math.tan(self.angle / 2.0))
-        return (start + end) / 2.0 + height * left
-
-    def sample(self, per_quarter: int) -> Array:
-        """Points from start to end, (N, 2) mm."""
-        if self.bulge == 0.0:
-            return np.array([self.start, self.end])
-        count = max(2, math.ceil(abs(self.angle) / (math.pi / 2.0) * per_quarter))
-        spokes = np.array(self.start) - self.centre
-        angles = np.linspace(0.0, self.angle, count + 1)
-        cos, sin = np.cos(angles), np.sin(angles)
-        x = cos * spokes[0] - sin * spokes[1]
-        y = sin * spokes[0] + cos * spokes[1]
-        return self.centre + np.column_stack([x, y])
-
-    def find_feet(self, points: Array) -> tuple[Array, Array]:
-        """The distance of points (N, 2) from the segment, and whether its inside is nearest.
-
-        The inside is nearest if the foot of the perpendicular lies between the ends.
-        """
-        if self.bulge == 0.0:
-            along = np.subtract(self.end, self.start) / self.chord
-            offsets = points - self.start
-            positions = offsets @ along
-            heights = np.abs(offsets @ [-along[1], along[0]])
-            return heights, (positions > 0.0) & (positions < self.chord)
-        spokes = points - self.centre
-        first = math.atan2(*(np.array(self.start) - self.centre)[::-1])
-        turns = (np.arctan2(spokes[:, 1], spokes[:, 0]) - first) * math.copysign(1.0, self.bulge)
-        inside = (turns % math.tau) < abs(self.angle)
-        return np.abs(np.hypot(*spokes.T) - self.radius), inside
+    def find_feet(self, place: Array) -> tuple[Array, Array]:
+        """The distance of each piece from a place (2,), and whether the foot lies inside of it."""
+        whole, point = self.pieces, complex(*place)
+        is_line = whole.sweep == 0.0
+        position = ((point - whole.start) / whole.chord).real
+        height = np.abs(((point - whole.start) / whole.chord).imag * whole.chord)
+        centre = whole.start - whole.chord / np.where(is_line, 1.0, np.expm1(1j * whole.sweep))
+        middle = (whole.start - centre) * np.exp(0.5j * whole.sweep)
+        around = np.abs(np.abs(point - centre) - np.abs(middle))
+        is_beside = np.abs(np.angle((point - centre) / middle)) < np.abs(whole.sweep) / 2.0
+        is_inside = np.where(is_line, (position > 0.0) & (position < 1.0), is_beside)
+        return np.where(is_line, height, around), is_inside
 
 
 def circle(name: str, x: float, y: float, radius: float) -> Shape:
