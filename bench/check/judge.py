@@ -6,7 +6,6 @@ depths what is gone, and OpenCV what hangs together.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -15,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.check.scenes import Rule, Scene, outline
+from bench.render.shapes import Pieces
 from camgen.check.stock import Cut
 from camgen.model.pose import Pose
 from camgen.model.program import MoveC, MoveJ, MoveL
@@ -45,15 +45,25 @@ class Harm:
 
 @dataclass(frozen=True)
 class _Way:
-    """A level motion. a, b: ends. via: of an arc. depth: mm below the top face."""
+    """A level motion.
+
+    a, b: its ends, mm.
+    sweep: angle of an arc, rad, positive counter-clockwise; 0 for a line.
+    depth: mm below the top face.
+    """
 
     a: complex
     b: complex
-    via: complex | None
+    sweep: float
     depth: float
     rapid: bool
     radius: float
     lifts: bool
+
+    @property
+    def piece(self) -> Pieces:
+        """The motion as a line or an arc."""
+        return Pieces(np.array([self.a]), np.array([self.b - self.a]), np.array([self.sweep]))
 
 
 def _even_odd(points: Array, lines: list[Array]) -> NDArray[np.bool_]:
@@ -216,62 +226,43 @@ def _ways(cut: Cut) -> list[_Way]:
         there = complex(x, y)
         start = there if here is None else here
         rapid = isinstance(item, MoveJ)
-        via = complex(*item.via.origin[:2]) if isinstance(item, MoveC) else None
+        sweep = 0.0
+        if isinstance(item, MoveC):
+            sweep = _sweep(start, complex(*item.via.origin[:2]), there)
         if abs(z - height) < 1e-9 or here is None:
-            found.append(_Way(start, there, via, -z, rapid, radius, lifts=False))
+            found.append(_Way(start, there, sweep, -z, rapid, radius, lifts=False))
         elif abs(there - start) < 1e-9:
             if not (rapid and z > height):
-                found.append(_Way(there, there, None, -min(z, height), rapid, radius, lifts=False))
+                found.append(_Way(there, there, 0.0, -min(z, height), rapid, radius, lifts=False))
         else:
-            places = _samples(_Way(start, there, via, 0, rapid, radius, lifts=False), _STEPS + 1)
+            places = _samples(_Way(start, there, sweep, 0, rapid, radius, lifts=False), _STEPS + 1)
             for k in range(_STEPS):
                 depth = -(height + (z - height) * (k + 0.5) / _STEPS)
-                found.append(
-                    _Way(places[k], places[k + 1], None, depth, rapid, radius, lifts=False)
-                )
+                found.append(_Way(places[k], places[k + 1], 0.0, depth, rapid, radius, lifts=False))
         if z > 0 and found:
-            found.append(_Way(there, there, None, -z, rapid, radius, lifts=True))
+            found.append(_Way(there, there, 0.0, -z, rapid, radius, lifts=True))
         here, height = there, z
     return found
 
 
-def _circle(way: _Way) -> tuple[complex, float, float] | None:
-    """Centre, angle at the start and sweep of an arc, from three points; none for a line."""
-    if way.via is None:
-        return None
-    a, b, c = way.a, way.via, way.b
-    cross = ((b - a).conjugate() * (c - a)).imag
+def _sweep(a: complex, via: complex, b: complex) -> float:
+    """The angle of the arc through three points; 0 if they lie on a line.
+
+    From its first chord to its second an arc turns by half its angle.
+    """
+    cross = ((b - a).conjugate() * (via - a)).imag
     if abs(cross) < 1e-9:
-        return None
-    top = abs(a) ** 2 * (b - c) + abs(b) ** 2 * (c - a) + abs(c) ** 2 * (a - b)
-    centre = -1j * top / (2 * cross)
-    first = math.atan2((a - centre).imag, (a - centre).real)
-    last = math.atan2((c - centre).imag, (c - centre).real)
-    sweep = (last - first) % (2 * math.pi) if cross > 0 else -((first - last) % (2 * math.pi))
-    return centre, first, sweep
+        return 0.0
+    return 2 * float(np.angle((b - via) / (via - a)))
 
 
 def _samples(way: _Way, count: int = 33) -> NDArray[np.complex128]:
-    share = np.linspace(0, 1, count)
-    arc = _circle(way)
-    if arc is None:
-        return np.asarray(way.a + share * (way.b - way.a))
-    centre, first, sweep = arc
-    return np.asarray(centre + abs(way.a - centre) * np.exp(1j * (first + share * sweep)))
+    return way.piece.at(np.zeros(count, dtype=int), np.linspace(0, 1, count))[0]
 
 
 def _apart(points: Array, way: _Way) -> Array:
     """(N,) mm from each point to the way."""
-    p = points[:, 0] + 1j * points[:, 1]
-    ends = np.minimum(np.abs(p - way.a), np.abs(p - way.b))
-    arc = _circle(way)
-    if arc is not None:
-        centre, first, sweep = arc
-        turn = np.angle((p - centre) * np.exp(-1j * first))
-        along = turn % (2 * math.pi) if sweep > 0 else (-turn) % (2 * math.pi)
-        return np.where(along <= abs(sweep), np.abs(np.abs(p - centre) - abs(way.a - centre)), ends)
-    chord = way.b - way.a
-    if abs(chord) < 1e-12:
-        return ends
-    share = ((p - way.a) * chord.conjugate()).real / abs(chord) ** 2
-    return np.asarray(np.abs(p - way.a - np.clip(share, 0, 1) * chord))
+    places = points[:, 0] + 1j * points[:, 1]
+    if abs(way.b - way.a) < 1e-12:
+        return np.abs(places - way.a)
+    return way.piece.distance(places)
