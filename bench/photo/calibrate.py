@@ -11,14 +11,16 @@ misses its goal.
 from __future__ import annotations
 
 import sys
-import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import cv2
 import numpy as np
 
 from bench.machine import machine
+from bench.support.runner import SHARED, Table, find_files, verdict
+from bench.support.timing import timed
 from camgen.model.pose import frozen
 from camgen.read.files import Files
 from camgen.vision.boards.corners import chessboard, find_board
@@ -86,39 +88,34 @@ def by_opencv(
     return len(found), rms, matrix[[0, 1, 0, 1], [0, 1, 2, 2]]
 
 
-def row(name: str, photos: int, rms: float, numbers: np.ndarray, seconds: float) -> str:
-    values = " | ".join(f"{value:.2f}" for value in numbers)
-    return f"| {name} | {photos} | {rms:.4f} | {values} | {seconds:.1f} |"
-
-
 def judged(folder: Path, board: tuple[int, int]) -> bool:
     """Prints the table of one set; whether it meets the goals."""
-    paths = sorted(
-        path
-        for path in folder.iterdir()
-        if path.suffix.lower() in (".jpg", ".jpeg", ".png", ".tif", ".bmp")
-    )
+    paths = find_files(folder, (".jpg", ".jpeg", ".png", ".tif", ".bmp"))
     greys = [cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) for path in paths]
-    print(f"\n{folder.name}, {len(paths)} photos, board {board[0]}x{board[1]}\n")
-    print("| way | photos | rms px | fx | fy | cx | cy | s |\n|---|---|---|---|---|---|---|---|")
+    print(f"\n{folder.name}, {len(paths)} photos, board {board[0]}x{board[1]}")
+    table = Table(
+        "way | photos | rms px {:.4f} | fx {:.2f} | fy {:.2f} | cx {:.2f} | cy {:.2f} | s {:.1f}"
+    )
     results = []
     for name, way in WAYS.items():
-        begun = time.perf_counter()
-        results.append(by_opencv(greys, board, way))
-        print(row(name, *results[-1], time.perf_counter() - begun), flush=True)
-    begun = time.perf_counter()
-    own = calibrate(
-        [Files().read(path) for path in paths], chessboard(*board, 25), "own", lambda _: None
+        result, seconds = timed(partial(by_opencv, greys, board, way))
+        photos, rms, numbers = result
+        results.append(result)
+        table.add(name, photos, rms, *numbers, seconds)
+    own, seconds = timed(
+        lambda: calibrate(
+            [Files().read(path) for path in paths], chessboard(*board, 25), "own", lambda _: None
+        )
     )
     numbers = own.camera.matrix[[0, 1, 0, 1], [0, 1, 2, 2]]
-    print(row("**camgen**", len(own.used), own.rms, numbers, time.perf_counter() - begun))
+    table.add("**camgen**", len(own.used), own.rms, *numbers, seconds)
     most = max(count for count, _, _ in results)
     _, rms, best = min((one for one in results if one[0] == most), key=lambda one: one[1])
     part = np.abs(numbers / best - 1)
     good = own.rms - rms <= RMS_GOAL and part.max() <= PART_GOAL
     print(
         f"\nAgainst OpenCV's best: rms {own.rms - rms:+.4f} px; fx, fy, cx, cy off by "
-        f"{', '.join(f'{100 * p:.2f} %' for p in part)}: {'ok' if good else '**missed**'}"
+        f"{', '.join(f'{100 * p:.2f} %' for p in part)}: {verdict(good)}"
     )
     return good
 
@@ -128,9 +125,9 @@ def rendered(count: int) -> None:
     columns, rows = 9, 6
     print(
         f"\nRendered boards of 9x6, 640 x 480 px, {count} photos each: rms of the corners' distance "
-        "from the truth, px\n"
+        "from the truth, px"
     )
-    print(f"| photos | {' | '.join(WAYS)} | **camgen** |\n|---|{'---|' * (len(WAYS) + 1)}")
+    table = Table(f"photos | {' | '.join(WAYS)} | **camgen**")
     for kind, (options, fill) in KINDS.items():
         errors: dict[str, list[np.ndarray]] = {name: [] for name in (*WAYS, "camgen")}
         for i, pose in enumerate(poses(CAMERA, (200, 125), count, seed=7, fill=fill)):
@@ -145,20 +142,16 @@ def rendered(count: int) -> None:
                         key=lambda e: float(np.abs(e).max()),
                     )
                     errors[name].append(off)
-        cells = [
-            f"{np.sqrt(np.mean(np.sum(np.concatenate(e) ** 2, axis=1))):.3f}" if e else "-"
-            for e in errors.values()
-        ]
-        lost = [f" ({count - len(e)} not found)" if len(e) < count else "" for e in errors.values()]
-        print(
-            f"| {kind} | {' | '.join(c + n for c, n in zip(cells, lost, strict=True))} |",
-            flush=True,
-        )
+        cells = []
+        for off in errors.values():
+            lost = f" ({count - len(off)} not found)" if len(off) < count else ""
+            rms = np.sqrt(np.mean(np.sum(np.concatenate(off) ** 2, axis=1))) if off else None
+            cells.append(f"-{lost}" if rms is None else f"{rms:.3f}{lost}")
+        table.add(kind, *cells)
 
 
 def main() -> int:
-    folder = Path(__file__).parents[2].parent / "shared" / "data" / "calib"
-    sets = {folder / name: board for name, board in SETS.items()}
+    sets = {SHARED / "calib" / name: board for name, board in SETS.items()}
     if len(sys.argv) > 2:
         columns, rows = sys.argv[2].split("x")
         sets = {Path(sys.argv[1]): (int(columns), int(rows))}

@@ -18,7 +18,6 @@ from __future__ import annotations
 import math
 import sys
 import tempfile
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -37,6 +36,8 @@ from bench.render.photos import Photo, of_paper, write
 from bench.render.shapes import Loop
 from bench.render.solid import sheet
 from bench.render.truth import Error, Truth, offset_truth, path_error
+from bench.support.runner import ROOT, Table
+from bench.support.timing import timed
 from camgen.cli import main as command
 from camgen.model.job import Job
 from camgen.model.pose import pose_from_values
@@ -45,7 +46,7 @@ from camgen.preview.photo_stages import svg
 from camgen.read.job_file import load
 from tests.support.clouds import ROUND, scan
 
-IMAGES = Path(__file__).parents[2] / "docs" / "images"
+IMAGES = ROOT / "docs" / "images"
 FEED, FORCE = 5.0, 2.0
 #: mm: thickness of the sheet, noise of the scanner, and how far from its place (mm, deg) the part is said to be.
 THICK, NOISE, ABOUT = 2.0, 0.05, (5.0, 4.0)
@@ -106,9 +107,8 @@ def main(figures: bool, small: bool) -> None:
             routes[PIXELS].append(judged(at_feed(pixels), truth, 0.0, 0.0, told=False))
             begins.append(complex(photo.loops[0].points[:2].mean()))
             shown.append((seen[EXACT][0], seen[IMAGE][0]))
-    print(
-        f"{machine()}\n\nPlacements: {len(places)}, tilt {', '.join(f'{photo.tilt:.1f}' for photo in places)} deg.\n"
-    )
+    tilts = ", ".join(f"{photo.tilt:.1f}" for photo in places)
+    print(f"{machine()}\n\nPlacements: {len(places)}, tilt {tilts} deg.")
     tell(routes, moves)
     if figures:
         draw(*shown[0], routes, begins)
@@ -116,10 +116,11 @@ def main(figures: bool, small: bool) -> None:
 
 def tell_feeds(small: bool) -> int:
     """A row a photo and planner. Of the small photos, in which an inner arc has five pixels, nothing is asked."""
-    print(
-        f"{machine()}\n\n| photo | planner | off 5 % | off 10 % | peak | without force mm | standing with force mm |"
+    print(machine())
+    table = Table(
+        "photo | planner | off 5 % {:.2f} % | off 10 % {:.2f} % | peak {:.2f} "
+        "| without force mm {:.2f} | standing with force mm {:.2f}"
     )
-    print("|---|---|---|---|---|---|---|")
     missed = False
     for photo in of_paper(1 if small else 10, 1 if small else 10):
         with tempfile.TemporaryDirectory() as scratch:
@@ -128,9 +129,8 @@ def tell_feeds(small: bool) -> int:
             for planner in ("geometric", "image"):
                 seen = observe(run(vision(Path(scratch), photo, planner)[0].program), truth, FEED)
                 missed |= seen.off5 > MOST_OFF and not small
-                shares = f"{100 * seen.off5:.2f} % | {100 * seen.off10:.2f} % | {seen.peak:.2f}"
-                forced = f"{seen.without:.2f} | {seen.too_much:.2f}"
-                print(f"| {photo.name} | {planner} | {shares} | {forced} |", flush=True)
+                shares = 100 * seen.off5, 100 * seen.off10, seen.peak
+                table.add(photo.name, planner, *shares, seen.without, seen.too_much)
     return int(missed)
 
 
@@ -138,9 +138,7 @@ def vision(folder: Path, photo: Photo, planner: str) -> tuple[Result, float]:
     """The program from the photo, and the seconds that it took."""
     file = folder / f"{photo.name}.png"
     job = load(folder / f"{photo.name}.toml", [f"operation.planner={planner}", *arm(photo)])
-    begun = time.perf_counter()
-    result = camgen.build(file, post="pacscript", job=job)
-    return result, time.perf_counter() - begun
+    return timed(lambda: camgen.build(file, post="pacscript", job=job))
 
 
 def arm(photo: Photo) -> list[str]:
@@ -168,32 +166,16 @@ def by_drawing(folder: Path, photo: Photo, k: int) -> tuple[tuple[Run, float], f
     solid = sheet(own, THICK)
     solid.export(model)
     c, s = math.cos(turn), math.sin(turn)
-    matrix, shift = (
-        np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]),
-        np.array([middle.real, middle.imag, 0.0]),
-    )
+    matrix = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    shift = np.array([middle.real, middle.imag, 0.0])
     np.savetxt(cloud, scan(solid, POINTS, k, ROUND, NOISE, 0.2) @ matrix.T + shift, fmt="%.4f")
-    about = (
-        middle.real + ABOUT[0],
-        middle.imag - ABOUT[0],
-        0.0,
-        0.0,
-        0.0,
-        math.degrees(turn) + ABOUT[1],
-    )
-    begun = time.perf_counter()
-    words = [
-        "localize",
-        str(model),
-        str(cloud),
-        "-o",
-        str(frame),
-        f"--start={','.join(map(str, about))}",
-        "-q",
-    ]
-    if command(words):
+    place = middle.real + ABOUT[0], middle.imag - ABOUT[0], 0.0
+    about = *place, 0.0, 0.0, math.degrees(turn) + ABOUT[1]
+    start = f"--start={','.join(map(str, about))}"
+    words = ["localize", str(model), str(cloud), "-o", str(frame), start, "-q"]
+    failed, spent = timed(lambda: command(words))
+    if failed:
         sys.exit(1)
-    spent = time.perf_counter() - begun
     found = load(frame).cell.base_from_work
     assert found is not None
     pose = pose_from_values(found)
@@ -264,56 +246,39 @@ def settled(route: Route) -> np.ndarray:
 
 
 def tell(routes: dict[str, list[Route]], moves: float) -> None:
-    print(
-        "| route | max mm | rms mm | at sharp corners max mm | contact off 5 % | peak of the feed | ",
-        end="",
+    table = Table(
+        "route | max mm {:.4f} | rms mm {:.4f} | at sharp corners max mm {:.4f} "
+        "| contact off 5 % {:.2f} % | peak of the feed {:.2f} | contact without force mm {:.2f} "
+        "| standing with force mm {:.2f}"
     )
-    print("contact without force mm | standing with force mm |\n|---|---|---|---|---|---|---|---|")
     for name, found in routes.items():
         error = [one.error for one in found]
         rms = math.sqrt(np.mean([one.rms**2 for one in error]))
-        cells = f"{max(one.most for one in error):.4f} | {rms:.4f} | {max(one.near for one in error):.4f}"
-        print(f"| {name} | {cells} | {feeds(found)} |")
-    print(
-        "\n| at each place: largest error mm | "
-        + " | ".join(routes)
-        + " |\n|---|"
-        + "---|" * len(routes)
-    )
+        near = max(one.near for one in error)
+        table.add(name, max(one.most for one in error), rms, near, *feeds(found))
+    heads = " | ".join(f"{name} {{:.3f}}" for name in routes)
+    table = Table(f"at each place: largest error mm | {heads}")
     for k in range(len(routes[CAD])):
-        print(
-            f"| {k + 1} | "
-            + " | ".join(f"{found[k].error.most:.3f}" for found in routes.values())
-            + " |"
-        )
-    print("\n| force, of 2 N | " + " | ".join(routes) + " |\n|---|" + "---|" * len(routes))
+        table.add(k + 1, *(found[k].error.most for found in routes.values()))
+    table = Table(f"force, of 2 N | {heads}")
     forces = [np.concatenate([settled(one) for one in found]) - FORCE for found in routes.values()]
-    print(
-        "| off rms, N | " + " | ".join(f"{math.sqrt(np.mean(off**2)):.4f}" for off in forces) + " |"
-    )
-    print("| off at most, N | " + " | ".join(f"{np.abs(off).max():.3f}" for off in forces) + " |")
-    print(f"\n| time, s | {CAD} | {EXACT} | {IMAGE} |\n|---|---|---|---|")
-    timed = [routes[name] for name in (CAD, EXACT, IMAGE)]
-    robot = [np.mean([one.seconds for one in found]) for found in timed]
-    print(
-        "| deburring | "
-        + " | ".join(f"{t - moves * (k == 0):.1f}" for k, t in enumerate(robot))
-        + " |"
-    )
-    print(f"| the scan | {moves:.1f} | 0 | 0 |")
-    print(
-        "| the computer | "
-        + " | ".join(f"{np.mean([one.found for one in found]):.1f}" for found in timed)
-        + " |"
-    )
+    table.add("off rms, N", *(f"{math.sqrt(np.mean(off**2)):.4f}" for off in forces))
+    table.add("off at most, N", *(np.abs(off).max() for off in forces))
+    timed_routes = [routes[name] for name in (CAD, EXACT, IMAGE)]
+    robot = [np.mean([one.seconds for one in found]) for found in timed_routes]
+    table = Table(f"time, s | {CAD} {{:.1f}} | {EXACT} {{:.1f}} | {IMAGE} {{:.1f}}")
+    table.add("deburring", robot[0] - moves, *robot[1:])
+    table.add("the scan", moves, "0", "0")
+    table.add("the computer", *(np.mean([one.found for one in found]) for found in timed_routes))
 
 
-def feeds(found: list[Route]) -> str:
+def feeds(found: list[Route]) -> list[float]:
+    """The worst shares and lengths of the feed; none for a route of points alone."""
     seen = [one.seen for one in found if one.seen is not None]
     if not seen:
-        return "| | |"
-    shares = f"{100 * max(one.off5 for one in seen):.2f} % | {max(one.peak for one in seen):.2f}"
-    return f"{shares} | {max(one.without for one in seen):.2f} | {max(one.too_much for one in seen):.2f}"
+        return []
+    lengths = [(one.peak, one.without, one.too_much) for one in seen]
+    return [100 * max(one.off5 for one in seen), *np.max(lengths, axis=0)]
 
 
 def draw(
