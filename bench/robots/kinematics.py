@@ -1,4 +1,4 @@
-"""Joints from poses and along paths: `python -m bench.robots.kinematics [POSES, 10000]`.
+"""Joints from poses: `python -m bench.robots.kinematics [POSES, 10000]`.
 
 What is found is put through another forward way.
 """
@@ -13,11 +13,10 @@ import numpy as np
 
 from bench.machine import machine
 from bench.support.runner import Table, read_words
-from bench.support.timing import best_seconds, timed
+from bench.support.timing import best_seconds
 from camgen.model.pose import FloatArray, Pose, quaternion
-from camgen.robots.catalogue import robot, robots
+from camgen.robots.catalogue import robots
 from camgen.robots.kinematics.arms import Spherical
-from camgen.robots.kinematics.continuity import Choice, follow
 from camgen.robots.kinematics.forward import flange, frames
 from camgen.robots.kinematics.inverse import inverse
 from camgen.robots.kinematics.joint_limits import copies, theta_of, within
@@ -25,11 +24,6 @@ from camgen.robots.models import Robot
 
 #: Of a robot; one whose joints are found by iteration is asked for a tenth.
 POSES = 10_000
-CENTRES = {
-    "IRB 120": (350, 0, 300), "IRB 1200": (500, 0, 300), "IRB 2000": (900, 0, 700), "IRB 2400": (900, 0, 700),
-    "VS-060": (350, 0, 300), "VS-6556": (400, 0, 300), "VS-6577": (400, 0, 300), "Viper s650": (400, 0, 300),
-    "Cobra s600": (400, 0, 200), "3-axis mill": (400, 250, -100), "COBOTTA": (200, 60, 150),
-}  # fmt: skip
 
 
 def times(a: FloatArray, b: FloatArray) -> FloatArray:
@@ -149,26 +143,8 @@ def table_of_oracle(count: int) -> None:
         table.add(of.name, (same.sum(), n), worst, 1e6 * seconds / n)
 
 
-def table_of_paths(count: int) -> None:
-    table = Table(
-        "robot | rows of a circle {:,} | seconds {:.2f} | us per row {:.0f} "
-        "| greatest step, deg or mm {:.3f}"
-    )
-    for name, (x, y, z) in CENTRES.items():
-        of = robot(name)
-        rows = count if of.arm else count // 10
-        turn = np.linspace(0, math.tau, rows)
-        origins = np.column_stack([x + 50 * np.cos(turn), y + 50 * np.sin(turn), np.full(rows, z)])
-        rotations = np.broadcast_to(np.diag([1.0, -1, -1]), (rows, 3, 3))
-        choice, seconds = timed(partial(follow, of, rotations, origins))
-        assert isinstance(choice, Choice)
-        units = np.array([1.0 if joint.sliding else math.degrees(1) for joint in of.joints])
-        step = (np.abs(np.diff(choice.joints, axis=0)) * units).max()
-        table.add(name, rows, seconds, 1e6 * seconds / rows, step)
-
-
 if __name__ == "__main__":
     print(machine())
     (count,) = read_words(POSES)
-    for measure in (table_of_poses, table_of_oracle, table_of_paths):
+    for measure in (table_of_poses, table_of_oracle):
         measure(count)
