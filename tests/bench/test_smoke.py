@@ -132,10 +132,8 @@ SMOKES = [
     ),
     Smoke("reliability.code_mutants survivors --last 1", (), {}, alone=True),
     Smoke("read.localize 1 1 2000 rfa1", (4,), {"found": (0, 1)}),
-    Smoke(
-        "read.one_sided 1 2000 1 - rfa1", (2,),
-        {"runs": (1, 1), "right": (0, 1), "exit 2": (0, 1), "wrong": (0, 0)},
-    ),
+    # The search for a part that is not in the scan takes ten times as long.
+    Smoke("read.one_sided 1 6000 1 - rfa1", (2,), {"runs": (1, 1), "right": (1, 1)}),
     Smoke("read.drawings {here}", (1,), {"used": (9, 9)}),
     Smoke("read.edges {here}", (1,), {"convex mm (measured)": (1390, 1391)}),
     Smoke("read.replay {programs}", (2,), {}, lacking(program="rs274")),
