@@ -99,4 +99,4 @@ if __name__ == "__main__":
     else:
         folder = Path(sys.argv[1]) if sys.argv[1:] else SHARED / "image"
         pictures = find_files(folder, (".png", ".jpg", ".tif"))
-        sys.exit(run(Scenario(COLUMNS, [(path,) for path in pictures], judge)))
+        sys.exit(run(Scenario(COLUMNS, [(path,) for path in pictures], judge, may_refuse=True)))

@@ -62,4 +62,4 @@ def inputs(words: list[str]) -> Iterator[Input]:
 
 
 if __name__ == "__main__":
-    sys.exit(run(Scenario(COLUMNS, inputs(sys.argv[1:]), judge)))
+    sys.exit(run(Scenario(COLUMNS, inputs(sys.argv[1:]), judge, may_refuse=True)))

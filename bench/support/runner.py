@@ -85,12 +85,14 @@ class Scenario(NamedTuple):
     inputs: arguments of `measure`, a tuple for each input.
     measure: gives the rows of an input. A CamgenError becomes the last row.
     title: a line above the table, empty without one.
+    may_refuse: whether the goals are met if an input is refused.
     """
 
     columns: str
     inputs: Iterable[tuple[Any, ...]]
     measure: Callable[..., Iterable[Cells]]
     title: str = ""
+    may_refuse: bool = False
 
 
 def run(*scenarios: Scenario, note: str = "") -> int:
@@ -114,7 +116,8 @@ def fill(scenario: Scenario) -> Table:
             for cells in scenario.measure(*values):
                 table.add(*cells)
         except CamgenError as error:
-            table.add(*_name(values), Missed(f"refused: {error}"))
+            refusal = f"refused: {error}"
+            table.add(*_name(values), refusal if scenario.may_refuse else Missed(refusal))
     return table
 
 
