@@ -22,6 +22,12 @@ from bench.read.replay import judged
 Judge = Callable[[Form], bool | None]
 
 
+def _succeeds(command: list[str], folder: str | None = None) -> bool:
+    """Whether a process ends with 0, within 30 s."""
+    done = subprocess.run(command, cwd=folder, capture_output=True, timeout=30, check=False)
+    return done.returncode == 0
+
+
 def by_tree_sitter(language: Any) -> Judge:
     """A grammar of tree-sitter: the form without the lines around it, which has no error in its tree."""
     sitter = importlib.import_module("tree_sitter")
@@ -73,13 +79,7 @@ def by_grbl(path: str) -> Judge:
         with tempfile.TemporaryDirectory() as folder:
             file = Path(folder, "form.nc")
             file.write_text(form.whole)
-            command = [path, "-s", str(file)]
-            return (
-                subprocess.run(
-                    command, cwd=folder, capture_output=True, timeout=20, check=False
-                ).returncode
-                == 0
-            )
+            return _succeeds([path, "-s", str(file)], folder)
 
     return takes
 
@@ -144,20 +144,9 @@ def by_vim(path: str) -> Judge:
         with tempfile.NamedTemporaryFile("w", suffix=".mod") as file:
             file.write(form.whole)
             file.flush()
-            call = [
-                "vim",
-                "-u",
-                "NONE",
-                "-N",
-                "-es",
-                "-n",
-                *(word for one in commands for word in ("-c", one)),
-                file.name,
-            ]
-            marked = (
-                subprocess.run(call, capture_output=True, timeout=30, check=False).returncode != 0
-            )
-            return False if marked else None
+            options = [word for command in commands for word in ("-c", command)]
+            call = ["vim", "-u", "NONE", "-N", "-es", "-n", *options, file.name]
+            return None if _succeeds(call) else False
 
     return takes
 
@@ -181,10 +170,7 @@ def by_translator(path: str) -> Judge:
         with tempfile.TemporaryDirectory() as folder:
             file = Path(folder, "a.v2")
             file.write_text(form.whole, encoding="utf-8")
-            call = ["python2.7", "-c", _TRANSLATE, path, str(file)]
-            return (
-                subprocess.run(call, capture_output=True, timeout=30, check=False).returncode == 0
-            )
+            return _succeeds(["python2.7", "-c", _TRANSLATE, path, str(file)])
 
     return takes
 

@@ -20,72 +20,9 @@ from fixtures.program_text import parse
 _FIXTURES = Path(__file__).parents[2] / "fixtures"
 #: What replaces an arc may deviate, mm; few chords keep V+ short.
 _CHORD, _CHORD_VPLUS = 0.01, 0.2
-_OWN = {
-    # A force that the post of V+ can switch, outputs, waits, a blend.
-    "pressing": """camgen-ir 1
-name pressing
-work 450 -120 35 q 1 0 0 0
-tool 0 0 142.5 q 1 0 0 0
-body
-output process 0
-force 0 press 0 0 0
-movej joints 0 -0.261799388 0.436332313 0 1.308996939 0 speed 100
-movej 10 10 20 q 0 1 0 0 speed 100
-movel 10 10 0 q 0 1 0 0 speed 20
-output process 1
-wait 0.25
-force 12.5 press 0 1 0
-movel 40 10 0 q 0 1 0 0 speed 20 blend 1 force 12.5 press 0 1 0
-movel 50 12 0 q 0 1 0 0 speed 15 force 12.5 press 0 1 0
-force 0 press 0 0 0
-movel 50 10 20 q 0 1 0 0 speed 100
-output process 0
-""",
-    # A force along the tool, on lines and an arc.
-    "edge": """camgen-ir 1
-name edge
-work 450 -120 35 q 1 0 0 0
-tool 0 0 142.5 q 1 0 0 0
-body
-output process 0
-force 0 press 0 0 0
-movej joints 0 -0.261799388 0.436332313 0 1.308996939 0 speed 100
-movej 0 0 20 q 0 1 0 0 speed 100
-output process 1
-movel 0 0 1 q 0 1 0 0 speed 6.667
-force 10 press 0 0 -1
-movel 10 0 0 q 0 1 0 0 speed 20 blend 1 force 10 press 0 0 -1
-movel 20 0 0 q 0 1 0 0 speed 15 blend 0.3 force 8.5 press 0 0 -1
-movec 27.071068 2.928932 0 q 0 1 0 0 to 30 10 0 q 0 1 0 0 speed 20 blend 1 force 10 press 0 0 -1
-movel 30 40 0 q 0 1 0 0 speed 20 force 10 press 0 0 -1
-force 0 press 0 0 0
-movel 30 40 60 q 0 1 0 0 speed 100
-output process 0
-""",
-    # Two tools that the machine changes.
-    "tools": """camgen-ir 1
-name tools
-work 300 -75 100 q 1 0 0 0
-tool 0 0 80 q 1 0 0 0
-body
-output spindle 0
-toolchange 1 5.5 80 frame 0 0 80 q 1 0 0 0 name drill
-movej joints 0 0 0 0 0.523598776 0 speed 100
-output spindle 3500
-movej 12 12 10 q 0 1 0 0 speed 100
-movel 12 12 -2 q 0 1 0 0 speed 5
-movel 12 12 10 q 0 1 0 0 speed 100
-output spindle 0
-toolchange 2 6 70 frame 0 0 70 q 1 0 0 0 name mill
-movej joints 0 0 0 0 0.523598776 0 speed 100
-output spindle 12000
-movej 20 12 10 q 0 1 0 0 speed 100
-movel 20 12 -1 q 0 1 0 0 speed 5
-movel 40 12 -1 q 0 1 0 0 speed 20
-movel 40 12 10 q 0 1 0 0 speed 100
-output spindle 0
-""",
-}
+#: Programs of the bench: a force along the tool on lines and an arc (edge), a force that the post
+#: of V+ can switch, with outputs, waits and a blend (pressing), two tools that are changed (tools).
+_OWN = Path(__file__).with_name("programs_by_hand")
 
 
 class Source(NamedTuple):
@@ -232,15 +169,12 @@ def make(post: str, index: int) -> Made:
 
 def _take(source: Source, kind: type[Post]) -> Program:
     """The program, cut to its size and closed, from the home of the post where that is a pose."""
-    if source.name in _OWN:
-        text = _OWN[source.name]
-    elif source.name.endswith(".ir"):
-        text = (_FIXTURES / "programs" / source.name).read_text(encoding="utf-8")
-    else:
-        text = (_FIXTURES / "cases" / source.name / "expected" / "plan.ir").read_text(
-            encoding="utf-8"
-        )
-    program = parse(text)
+    file = _FIXTURES / "cases" / source.name / "expected" / "plan.ir"
+    if source.name.endswith(".ir"):
+        file = _FIXTURES / "programs" / source.name
+    elif not file.exists():
+        file = _OWN / f"{source.name}.ir"
+    program = parse(file.read_text(encoding="utf-8"))
     body: list[Instruction] = list(program.body[: source.size])
     home = kind.cell().home
     if isinstance(home, Pose):

@@ -23,49 +23,30 @@ class Group(NamedTuple):
     fraction: float
 
 
+def _list(folder: str, *names: str) -> tuple[str, ...]:
+    """The paths of modules of a folder."""
+    return tuple(f"{folder}/{name}.py" for name in names)
+
+
 #: The modules between the paths and the text. Left out are `lower/edges`, `order/edges` and
 #: `order/arm`, which need an arm, `lower/replay`, which needs a program as input, and
 #: `order/solver`, `search`, `proven` and `tree`, which find an order and change no path.
 PROGRAM_GROUPS = {
     "posts": Group(
-        (
-            "postprocessors/*.py",
-            "postprocessors/pacscript/*.py",
-            "postprocessors/rapid/*.py",
-            "postprocessors/vplus/*.py",
-        ),
-        0.4,
+        ("postprocessors/*.py", *_list("postprocessors", "pacscript/*", "rapid/*", "vplus/*")), 0.4
     ),
-    "passes": Group(
-        (
-            "camgen/post/passes.py",
-            "camgen/post/__init__.py",
-            "camgen/post/printed.py",
-            "camgen/post/replacement.py",
-        ),
-        0.1,
-    ),
+    "passes": Group(_list("camgen/post", "passes", "__init__", "printed", "replacement"), 0.1),
     "lower": Group(
         (
-            "camgen/lower/columns.py",
-            "camgen/lower/contours.py",
             "camgen/motion/corners.py",
-            "camgen/lower/draft.py",
-            "camgen/lower/runs.py",
-            "camgen/lower/steps.py",
+            *_list("camgen/lower", "columns", "contours", "draft", "runs", "steps"),
         ),
         0.25,
     ),
     "order": Group(
-        (
-            "camgen/order/__init__.py",
-            "camgen/order/arrange.py",
-            "camgen/order/leads.py",
-            "camgen/order/pieces.py",
-            "camgen/order/starts.py",
-            "camgen/order/stay_down.py",
-            "camgen/order/tabs.py",
-            "camgen/order/tours.py",
+        _list(
+            "camgen/order",
+            *("__init__", "arrange", "leads", "pieces", "starts", "stay_down", "tabs", "tours"),
         ),
         0.25,
     ),
