@@ -63,7 +63,7 @@ def child(count: int, method: str, seconds: float, plain: bool) -> None:
 def camgen(name: str, count: int, method: str, seconds: float, plain: bool = False) -> Row:
     words = "child", count, method, seconds, int(plain)
     process = measure_process(python("bench.tours.search", *words))
-    travel, taken, worked, bound = process.text.split()
+    travel, taken, worked, bound = process.text.splitlines()[-1].split()
     floor = None if bound == "None" else float(bound)
     return name, float(travel), float(taken), float(worked), process.peak, floor
 

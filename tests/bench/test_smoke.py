@@ -23,22 +23,8 @@ ROOT = Path(__file__).parents[2]
 PARTS = ROOT / "fixtures" / "parts"
 PROGRAMS = ROOT / "fixtures" / "cases" / "bracket-follow" / "expected"
 NUMBER = re.compile(r"-?\d[\d,]*(?:\.\d+)?(?:e-?\d+)?")
-#: Modules of bench/ that others use, and no commands.
-LIBRARIES = {
-    "machine", "support.runner", "support.timing", "support.motions",
-    "check.judge", "check.peer", "check.peer_freecad", "check.scenes",
-    "photo.paper", "photo.observed", "photo.contact", "photo.pist_figures", "robots.plain_loop",
-    "read.goldens", "read.mills",
-    "reliability.programs", "reliability.mutations", "reliability.drawn_jobs", "reliability.wide_mutations",
-    "reliability.wheel_cases", "read.bnf", "read.judges", "read.productions",
-    *(f"reliability.fuzzing.{name}" for name in ("odd", "drawings", "pictures", "solids", "texts", "programs")),
-    "reliability.fuzzing.table",
-    *(f"reliability.code_mutants.{name}" for name in (
-        "cases", "contours", "judge", "operators", "plugin", "running", "shapes", "survivors",
-        "targets", "traces", "verdicts",
-    )),
-    *(f"reliability.modal.{name}" for name in ("machine", "rs274", "rapid", "pacscript", "vplus", "reader")),
-}  # fmt: skip
+#: Run by the interpreter of an empty environment, see reliability.wheel.
+NOT_FOR_USERS = {"reliability.wheel_cases"}
 #: Installs packages from an index, which no test does: .ci/run runs it whole.
 BY_CI = {"reliability.wheel"}
 
@@ -227,11 +213,11 @@ def test_a_bench_prints_its_tables(
 
 
 def test_every_bench_has_a_smoke_run_and_a_line_in_its_readme() -> None:
-    modules = {
+    commands = {
         ".".join(p.relative_to(ROOT / "bench").with_suffix("").parts).removesuffix(".__main__")
         for p in (ROOT / "bench").rglob("*.py")
-    }
-    commands = {name for name in modules if not name.startswith("render.")} - LIBRARIES
+        if '__name__ == "__main__"' in p.read_text(encoding="utf-8")
+    } - NOT_FOR_USERS
     assert {smoke.command.split()[0] for smoke in SMOKES} | BY_CI == commands
     readme = (ROOT / "bench" / "README.md").read_text(encoding="utf-8")
     assert set(re.findall(r"python -m bench\.([\w.]+)", readme)) == commands
