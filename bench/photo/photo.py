@@ -2,7 +2,6 @@
 
     python -m bench.photo.photo render DIR [COUNT] [SIZE]       COUNT (20) photos of 10 and of 1 megapixels and the hard
                                                                 ones; with a SIZE, 10 or 1, those of that size alone
-    python -m bench.photo.photo calibration DIR [COUNT] [SIZE]  COUNT (15) photos of a chessboard by the camera of SIZE
     python -m bench.photo.photo judge DIR [NAME ...]            path errors; exit code 1 where a goal is missed
     python -m bench.photo.photo speed DIR [NAME] [RUNS]         best seconds of RUNS (5), beside the bare OpenCV calls
 
@@ -44,34 +43,24 @@ Result = Error | str
 
 
 def main(arguments: list[str]) -> int:
-    if len(arguments) < 2 or arguments[0] not in (
-        "render",
-        "calibration",
-        "judge",
-        "speed",
-        "bare",
-    ):
+    if len(arguments) < 2 or arguments[0] not in ("render", "judge", "speed", "bare"):
         sys.exit(__doc__)
     what, folder, *rest = arguments
     place = Path(folder).resolve()
     if what == "bare":
         bare(place)
         return 0
-    if what in ("render", "calibration"):
+    if what == "render":
         place.mkdir(parents=True, exist_ok=True)
-        draw(what, place, [int(word) for word in rest])
+        draw(place, [int(word) for word in rest])
         return 0
     return {"judge": judge, "speed": speed}[what](place, rest)
 
 
-def draw(what: str, folder: Path, numbers: list[int]) -> None:
+def draw(folder: Path, numbers: list[int]) -> None:
     """numbers: of photos and of megapixels, as far as they are given."""
     from bench.render import photos as render_photos  # noqa: PLC0415 (speed imports nothing heavy, see bench.speed.processes)
 
-    if what == "calibration":
-        count, size = (*numbers, *(15, 10)[len(numbers) :])
-        render_photos.write_calibration(folder, size, count)
-        return
     count, *size = numbers or [20]
     drawn = [photo for one in size or (10, 1) for photo in render_photos.photos(count, one)]
     for photo in drawn if size else (*drawn, *render_photos.hard()):

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.render.board import chessboard, markers
+from bench.render.board import markers
 from bench.render.optics import Lens, Shot, looking, mm_per_px, photo_from_work
 from bench.render.parts import NAMED, random_part
 from bench.render.scene import Layer, Scene, render, written
@@ -200,43 +200,3 @@ def _plane(photo: Photo) -> list[str]:
     # As exact as a user could take them from a pattern on the bench: a thousandth of a pixel.
     px = np.column_stack([u, v]).round(3).tolist()
     return [f"points_px = {px}", f"points_mm = {np.column_stack([grid.real, grid.imag]).tolist()}"]
-
-
-def write_calibration(folder: Path, megapixels: int, count: int = 15) -> None:
-    """board00.png ... of a chessboard of 9 x 6 corners, 25 mm, seen from all sides; board.json with its corners (px)
-    and the lens.
-    """
-    rng = np.random.default_rng(megapixels)
-    lens = _lens(megapixels, rng)
-    layers, corners = chessboard(9, 6, 25.0)
-    truth = []
-    for k in range(count):
-        shot = _board_shot(lens, corners, rng, k)
-        written(folder / f"board{k:02d}.png", render(Scene(0.35, layers, texture=0.02), shot))
-        truth.append(np.column_stack(photo_from_work(shot, corners.real, corners.imag)).tolist())
-    lens_truth = {"matrix": lens.matrix.tolist(), "distortion": list(lens.distortion)}
-    (folder / "board.json").write_text(json.dumps({"lens": lens_truth, "corners": truth}))
-
-
-def _board_shot(lens: Lens, corners: np.ndarray, rng: np.random.Generator, seed: int) -> Shot:
-    """A view of the board that shows all of its squares: drawn again until it does."""
-    size = np.array(lens.size)
-    while True:
-        scale = rng.uniform(0.08, 0.13) * SIZES[10][0] / lens.size[0]
-        pixel = complex(*(size * rng.uniform(0.25, 0.75, 2)))
-        angles = rng.uniform((5, 0, -25), (38, 360, 25))
-        pose = looking(lens, corners.mean(), pixel, scale, *angles)
-        shot = Shot(
-            lens,
-            *pose,
-            exposure=0.9,
-            gradient=(0.2, -0.1),
-            vignetting=0.1,
-            read=1.6,
-            shot=0.01,
-            seed=seed,
-        )
-        around = corners.mean() + 1.35 * (corners - corners.mean())
-        px = np.column_stack(photo_from_work(shot, around.real, around.imag))
-        if np.all((px > 0) & (px < size)):
-            return shot
