@@ -50,7 +50,7 @@ def million(chains: int) -> None:
 
     (joined, notes), joining = timed(lambda: contours(soup, job.input.join))
     (paths, merged), planning = timed(lambda: plan(joined))
-    tour, ordering = timed(lambda: arrange(paths, "best", None, inside_first=True))
+    tour, ordering = timed(lambda: arrange(paths, Search("best", None, inside_first=True)))
     seconds = joining, planning, ordering, joining + planning + ordering
     remarks = "; ".join(note.what for note in (*notes, *merged))
     table = Table(
@@ -129,8 +129,11 @@ def row(file: Path, tool: str | None) -> list[object] | None:
         arrange(paths, Search(method, None, inside_first=False)).travel
         for method in ("nearest", "best")
     ]
-    last, seconds = timed(lambda: arrange(merged, "best", None, inside_first=False))
-    found += [last.travel, arrange(merged, "best", None, inside_first=False, seconds=1.0).travel]
+    last, seconds = timed(lambda: arrange(merged, Search("best", None, inside_first=False)))
+    found += [
+        last.travel,
+        arrange(merged, Search("best", None, inside_first=False, seconds=1.0)).travel,
+    ]
     if tool:
         with tempfile.TemporaryDirectory() as folder:
             scene, result = Path(folder) / "scene.svg", Path(folder) / "result.svg"

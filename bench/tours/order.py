@@ -84,7 +84,9 @@ def main(sizes: list[int]) -> None:
             paths = scene(count, random.Random(count))
             drawn = arrange(paths, Search("as-drawn", HOME, inside_first=False)).travel
             gc.collect()  # what the last scene left is not part of this one's time
-            tour, seconds = timed(partial(arrange, paths, "nearest", HOME, inside_first=False))
+            tour, seconds = timed(
+                partial(arrange, paths, Search("nearest", HOME, inside_first=False))
+            )
             shares = drawn / 1000, tour.travel / 1000, 100 * tour.travel / drawn
             table.add(name, count, *shares, seconds)
 
