@@ -15,6 +15,7 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.geometry.ragged import owners, ramp
+from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
 from camgen.model.tolerance import NONZERO
 from camgen.order.search import (
@@ -27,10 +28,9 @@ from camgen.order.search import (
     polish_starts,
     real_length,
 )
-from camgen.order.solver.exact import BoolArray, Ways, best_through, find_steps, first_sets
+from camgen.order.solver.exact import Ways, best_through, find_steps, first_sets
 from camgen.order.solver.kernel import BOTH_WAYS, CLOSED, ONE_WAY
 from camgen.order.solver.plane import Start
-from camgen.order.starts import IntArray
 
 __all__ = ["FEW", "improve_few", "is_proven"]
 
@@ -224,8 +224,7 @@ def is_proven(travel: float, bound: float) -> bool:
 
 def _loops(known: Sampled) -> BoolArray:
     """Which paths may be entered anywhere."""
-    loop: BoolArray = (known.items.kind == CLOSED) & (np.diff(known.items.first) > 1)
-    return loop
+    return np.asarray((known.items.kind == CLOSED) & (np.diff(known.items.first) > 1))
 
 
 def _needs(known: Sampled, order: IntArray) -> list[int]:
@@ -305,8 +304,7 @@ def _towards(
 def _units(vectors: FloatArray) -> FloatArray:
     """Of length 1; 0 for 0 and for nan."""
     far = np.sqrt((vectors**2).sum(axis=-1, keepdims=True))
-    units: FloatArray = np.divide(vectors, far, out=np.zeros_like(vectors), where=far > 0)
-    return units
+    return np.asarray(np.divide(vectors, far, out=np.zeros_like(vectors), where=far > 0))
 
 
 def _ways(

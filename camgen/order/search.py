@@ -11,6 +11,7 @@ from msgspec import Struct
 from camgen.geometry.nearest import nearest_items
 from camgen.geometry.ragged import offsets, owners, ramp
 from camgen.geometry.vectors import plane_lengths
+from camgen.model.part import IntArray
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
 from camgen.model.tolerance import NONZERO
@@ -30,7 +31,7 @@ from camgen.order.solver.plane import (
 )
 from camgen.order.solver.speed import available
 from camgen.order.solver.together import shorten_together
-from camgen.order.starts import IntArray, Starts
+from camgen.order.starts import Starts
 from camgen.plan.starting import SEAM
 
 __all__ = [

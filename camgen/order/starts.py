@@ -7,16 +7,14 @@ from collections.abc import Sequence
 
 import numpy as np
 from msgspec import Struct
-from numpy.typing import NDArray
 
 from camgen.geometry.arcs import Spans, spans
 from camgen.geometry.ragged import begins, offsets, owners, ramp
+from camgen.model.part import BoolArray, IntArray
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
 from camgen.model.tolerance import NONZERO
 from camgen.plan.starting import SEAM, end_to_end
-
-IntArray = NDArray[np.int64]
 
 #: A turn of the travel that makes a vertex a corner, rad, and how far from one a smooth place is at least, mm; a third
 #: of the segment where that is shorter.
@@ -96,9 +94,7 @@ def starts(paths: Sequence[ToolPath], seam: str = "any") -> Starts:
     )
 
 
-def _off_corners(
-    shape: Spans, closed: NDArray[np.bool_], first: IntArray
-) -> tuple[FloatArray, FloatArray]:
+def _off_corners(shape: Spans, closed: BoolArray, first: IntArray) -> tuple[FloatArray, FloatArray]:
     """Where the part of each segment begins that is off the corners, and how long it is, fractions (S,) of it."""
     ahead, behind = shape.tangents()
     before = np.arange(-1, len(closed) - 1)

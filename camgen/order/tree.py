@@ -13,9 +13,10 @@ import numpy as np
 
 from camgen.geometry.arcs import Spans
 from camgen.geometry.ragged import offsets, owners, ramp
+from camgen.model.part import IntArray
 from camgen.model.pose import FloatArray
 from camgen.model.tolerance import NONZERO, SAME_POINT_MM
-from camgen.order.starts import IntArray, Starts
+from camgen.order.starts import Starts
 from camgen.plan.starting import SEAM
 
 #: key, start x y, to the end x y, 1 / length^2 (0: a single point).

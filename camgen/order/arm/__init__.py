@@ -193,9 +193,7 @@ def _search_with_margin(
         return wide, linked
     if len(tight) > _TIGHT * len(kept):
         return problem, _search(problem, kept, True, tell)
-    states = [
-        every[k] if k in tight else solution.states.pick(np.array([k])) for k in range(len(every))
-    ]
+    states = [every[k] if k in tight else solution.states.single(k) for k in range(len(every))]
     rest = _restart(problem, states, problem.setup)
     rest = replace(rest, free=wide.free, detours=wide.detours)
     rest = replace(rest, options=replace(problem.options, any_roll=False))
@@ -317,7 +315,6 @@ def _find_others(
     profiles: dict[int, RollProfile] = {}
     lost: dict[int, str] = {}
     angles = np.array(rolls.angles)
-    home = setup.robot.home[None]
     for k in [k for k, path_states in enumerate(states) if not len(path_states)]:
         turned = _turn_along(setup, paths[k], items[k], job, rolls.free)
         if not isinstance(turned, Unreached):
@@ -330,7 +327,7 @@ def _find_others(
         else:
             # A lost path has a state for the tables, and is in no order.
             lost[k] = turned.text
-            states[k] = States(home, home, np.zeros((1, 2), np.int64), np.zeros(1), np.array([-1]))
+            states[k] = States.fixed(setup.robot.home)
     return profiles, lost
 
 
@@ -344,7 +341,7 @@ def _find_contacts(problem: TourProblem, lost: Container[int]) -> FloatArray:
     some = some[:: max(len(some) // _CONTACTS, 1)]
     if not some:
         return np.zeros((0, len(problem.cost_model.home)))
-    one = join_states([problem.states[k].pick(np.array([0])) for k in some])
+    one = join_states([problem.states[k].single(0) for k in some])
     items = [problem.cost_model.items[k] for k in some]
     state_joints = compute_state_joints(
         problem.setup, items, one.turn, one.branch, one.gate[:, 0], one.enter

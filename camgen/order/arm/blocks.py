@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from msgspec import Struct
 
-from camgen.model.part import BoolArray, IntArray
+from camgen.model.part import IntArray
 from camgen.model.pose import frozen
 from camgen.order.arm.items import States, find_states, join_states
 from camgen.order.arm.search import TourProblem, find_hits, find_met
@@ -43,20 +43,10 @@ class PostureBlocks(Struct, frozen=True):
     seconds: float
 
 
-class _Group(Struct, frozen=True, eq=False):
-    """States (M,) of several items, and whose they are (M,)."""
-
-    states: States
-    owner: IntArray
-
-    def pick(self, rows: IntArray | BoolArray) -> _Group:
-        return _Group(self.states.pick(rows), self.owner[rows])
-
-
 def leave_clear(problem: TourProblem, kept: Sequence[int]) -> None:
     """Leaves those states of the items ``kept`` that collide with nothing."""
-    group = _gather(problem, kept)
-    bad = find_hits(problem, group.owner.tolist(), group.states, 0)
+    states, owner = _gather(problem, kept)
+    bad = find_hits(problem, owner.tolist(), states, 0)
     ends = np.cumsum([len(problem.states[k]) for k in kept])[:-1]
     for k, own in zip(kept, np.split(~bad, ends), strict=True):
         problem.tested.add(k)
@@ -65,16 +55,16 @@ def leave_clear(problem: TourProblem, kept: Sequence[int]) -> None:
         else:
             # One that is lost keeps a state to stand in a table, and is in no order.
             problem.lost.add(k)
-            problem.states[k] = problem.states[k].pick(np.array([0]))
+            problem.states[k] = problem.states[k].single(0)
 
 
 def find_blocks(problem: TourProblem, kept: Sequence[int], most: int) -> list[PostureBlocks]:
     """Ways to part the items ``kept`` into blocks, at most so many, those first whose links take least time; none where
     ``_POSTURES`` are not enough, or no links between them are found.
     """
-    group = _gather(problem, kept)
-    branches = np.unique(group.states.branch).tolist()
-    reached = {b: set(group.owner[group.states.branch == b].tolist()) for b in branches}
+    states, owner = _gather(problem, kept)
+    branches = np.unique(states.branch).tolist()
+    reached = {b: set(owner[states.branch == b].tolist()) for b in branches}
     every = set(kept)
     took: dict[tuple[int, int], float] = {}
     for count in range(1, _POSTURES + 1):
@@ -89,7 +79,7 @@ def find_blocks(problem: TourProblem, kept: Sequence[int], most: int) -> list[Po
                 if ring > ring[::-1]:
                     continue
                 seconds = sum(
-                    _cross(problem, group, pair, took)
+                    _cross(problem, states, pair, took)
                     for pair in itertools.pairwise([HOME, *ring, HOME])
                 )
                 if math.isfinite(seconds):
@@ -116,40 +106,38 @@ def _assign(
     return tuple(branch)
 
 
-def _gather(problem: TourProblem, items: Sequence[int]) -> _Group:
+def _gather(problem: TourProblem, items: Sequence[int]) -> tuple[States, IntArray]:
+    """All states of ``items``, and the item of each."""
     count = [len(problem.states[k]) for k in items]
-    return _Group(
-        join_states([problem.states[k] for k in items]), np.repeat(np.array(items), count)
-    )
+    return join_states([problem.states[k] for k in items]), np.repeat(np.array(items), count)
 
 
 def _cross(
-    problem: TourProblem, group: _Group, pair: tuple[int, int], took: dict[tuple[int, int], float]
+    problem: TourProblem,
+    states: States,
+    pair: tuple[int, int],
+    took: dict[tuple[int, int], float],
 ) -> float:
     """Seconds of the quickest link that is found to be clear from a posture to another, or home; inf: none is."""
     pair = min(pair, pair[::-1])
     if pair not in took:
-        ends = [_home(problem, group) if b == HOME else _sample(group, b) for b in pair]
-        seconds = problem.cost_model.limits.between(ends[0].states.leave, ends[1].states.enter, 0.0)
+        home = States.fixed(problem.cost_model.home)
+        start, end = (home if b == HOME else _sample(states, b) for b in pair)
+        seconds = problem.cost_model.limits.between(start.leave, end.enter, 0.0)
         # Of each state the quickest link, so that they differ.
         best = seconds.argmin(axis=0)
         own = seconds[best, np.arange(len(best))]
         asked = np.argsort(own, kind="stable")[:_ASKED]
-        links = [(ends[0].states.leave[best[k]], ends[1].states.enter[k]) for k in asked.tolist()]
+        links = [(start.leave[best[k]], end.enter[k]) for k in asked.tolist()]
         clear = ~find_met(problem, links)
         took[pair] = float(own[asked[clear]].min()) if clear.any() else math.inf
     return took[pair]
 
 
-def _sample(group: _Group, branch: int) -> _Group:
-    rows = np.flatnonzero(group.states.branch == branch)
-    return group.pick(rows[:: math.ceil(len(rows) / _SAMPLED)])
-
-
-def _home(problem: TourProblem, group: _Group) -> _Group:
-    one = group.states.pick(np.array([0]))
-    home = problem.cost_model.home[None]
-    return _Group(States(home, home, one.gate, one.turn, one.branch), np.array([HOME]))
+def _sample(states: States, branch: int) -> States:
+    """At most ``_SAMPLED`` states of a branch, evenly taken."""
+    rows = np.flatnonzero(states.branch == branch)
+    return states.pick(rows[:: math.ceil(len(rows) / _SAMPLED)])
 
 
 def narrow_states(problem: TourProblem, blocks: PostureBlocks) -> list[States]:

@@ -113,8 +113,12 @@ def _lifts(position: FloatArray, axis: FloatArray, clearance: float) -> FloatArr
 
 
 class States(Struct, frozen=True, eq=False):
-    """What one item can choose from. enter, leave: (M, J) where it is entered and left. gate: (M, 2) of both. turn:
-    (M,) rad from the nominal orientation. branch: (M,) the column of ``inverse``.
+    """M states: ways to run an item.
+
+    enter, leave: (M, J) joint values where the item is entered and left.
+    gate: (M, 2) index of the gate of both.
+    turn: (M,) roll from the nominal orientation, rad.
+    branch: (M,) the column of ``inverse``; -1 for joint values that do not follow from a roll.
     """
 
     enter: FloatArray
@@ -126,8 +130,22 @@ class States(Struct, frozen=True, eq=False):
     def __len__(self) -> int:
         return len(self.turn)
 
+    @classmethod
+    def fixed(cls, joints: FloatArray) -> States:
+        """One state with the joint values (J,), which has no branch."""
+        rows = joints[None]
+        return cls(rows, rows, np.zeros((1, 2), np.int64), np.zeros(1), np.array([-1]))
+
+    def single(self, row: int) -> States:
+        """One of the states."""
+        return self.pick(np.array([row]))
+
+    def split(self) -> list[States]:
+        """Each state by itself."""
+        return [self.single(row) for row in range(len(self))]
+
     def pick(self, rows: IntArray | BoolArray) -> States:
-        """Some of them."""
+        """Some of the states."""
         return States(
             self.enter[rows], self.leave[rows], self.gate[rows], self.turn[rows], self.branch[rows]
         )
@@ -181,32 +199,12 @@ def _groups(items: Sequence[Item], choices: int) -> list[list[Item]]:
     return groups
 
 
-def _unwind(robot: Robot, item: Item, found: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """``solution`` (R, ..., J) without whole turns between looks, and where no joint jumps (...)."""
-    turning = np.array([not joint.sliding for joint in robot.joints])
-    moved = np.nan_to_num(found[1:] - found[item.before[1:]], nan=math.inf)
-    whole = np.where(
-        turning & np.isfinite(moved),
-        np.rint(np.where(np.isfinite(moved), moved, 0.0) / math.tau),
-        0.0,
-    )
-    steady = (np.abs(moved - math.tau * whole) <= _JUMP)[..., turning].all(axis=-1).all(axis=0)
-    sums = np.concatenate([np.zeros((1, *whole.shape[1:])), np.cumsum(whole, axis=0)])
-    if item.closed:
-        # Round the arm's own axis a path ends a whole turn from where it began.
-        steady &= (np.abs(sums[item.last] - sums[1]) < 0.5).all(axis=-1)
-    # The looks above other gates are reached from along the path, all others from the one before.
-    extra = np.flatnonzero(item.before != np.arange(-1, len(item.before) - 1))
-    if len(extra):
-        sums[extra] = sums[item.before[extra]] + whole[extra - 1]
-    return found - math.tau * sums, np.asarray(steady)
-
-
 def _states(
     robot: Robot, item: Item, found: FloatArray, table: IntArray, angles: FloatArray
 ) -> States:
     """The states of an item with joints (R, C, B, J)."""
-    unwound, steady = _unwind(robot, item, found)
+    unwound, all_steady = _unwind(robot, [item], found, np.array([0, len(item)]))
+    steady = all_steady[0]
     there = np.isfinite(found).all(axis=(0, 3))
     away = from_singular(robot, np.where(np.isfinite(found), found, 0.0)).min(
         axis=(0, -1), initial=math.inf
@@ -268,7 +266,7 @@ def compute_state_joints(
         found = _follow(robot, goal, items, first, near)
     else:
         found = inverse(robot, *goal, robot.home)[np.arange(len(owner)), branch[owner]]
-    unwound, steady = _unwind_all(robot, items, found, first)
+    unwound, steady = _unwind(robot, items, found, first)
     turning = np.array([not joint.sliding for joint in robot.joints])
     off = (
         near
@@ -289,33 +287,39 @@ def compute_state_joints(
     return StateJoints(joints, first, steady & np.logical_and.reduceat(sound, first[:-1]))
 
 
-def _unwind_all(
-    robot: Robot, items: Sequence[Item], found: FloatArray, first: IntArray
+def _unwind(
+    robot: Robot, items: Sequence[Item], joints: FloatArray, first: IntArray
 ) -> tuple[FloatArray, BoolArray]:
-    """``_unwind`` of many items with one turn each, their joints (S, J) one after the other."""
+    """``joints`` without whole turns between samples, and whether no joint jumps in each item (E, ...).
+
+    joints: (S, ..., J) at the samples of E items, one item after the other.
+    first: (E + 1,) the first row of each item.
+    """
     turning = np.array([not joint.sliding for joint in robot.joints])
     owner = owners(np.diff(first))
     before = np.concatenate([item.before for item in items]) + first[owner]
     before[first[:-1]] = first[:-1]
-    moved = np.nan_to_num(found - found[before], nan=math.inf)
+    moved = np.nan_to_num(joints - joints[before], nan=math.inf)
     whole = np.where(
         turning & np.isfinite(moved),
         np.rint(np.where(np.isfinite(moved), moved, 0.0) / math.tau),
         0.0,
     )
-    jumps = (np.abs(moved - math.tau * whole) > _JUMP)[:, turning].any(axis=1)
-    steady = ~np.logical_or.reduceat(jumps, first[:-1])
+    jumps = (np.abs(moved - math.tau * whole) > _JUMP)[..., turning].any(axis=-1)
+    steady = ~np.logical_or.reduceat(jumps, first[:-1], axis=0)
     sums = np.cumsum(whole, axis=0)
     sums -= sums[first[:-1]][owner]
+    # The samples above other gates are reached from along the path, all others from the one before.
     extra = np.flatnonzero(
         (before != np.arange(-1, len(before) - 1)) & (before != np.arange(len(before)))
     )
     sums[extra] = sums[before[extra]] + whole[extra]
     loops = np.array([k for k, item in enumerate(items) if item.closed], dtype=np.int64)
     if len(loops):
+        # Round the arm's own axis a path ends a whole turn from where it started.
         last = first[loops] + [items[k].last for k in loops.tolist()]
-        steady[loops] &= (np.abs(sums[last] - sums[first[loops] + 1]) < 0.5).all(axis=1)
-    return found - math.tau * sums, steady
+        steady[loops] &= (np.abs(sums[last] - sums[first[loops] + 1]) < 0.5).all(axis=-1)
+    return joints - math.tau * sums, steady
 
 
 def _follow(

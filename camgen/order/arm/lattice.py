@@ -63,7 +63,7 @@ def choose_point_states(
     None: no state of an item is clear. known: is told what links take whose quickest ones collide.
     """
     tables = _lay(problem, order, states)
-    links = [_gather_ends(problem, states, items) for items in pairwise([-1, *order, -1])]
+    links = _gather_ends(problem, states, order)
     for ends, table in zip(links, tables, strict=True):
         _bar(ends, table, barred.get(ends.items, ()))
     weighed = [np.zeros(table.shape, dtype=np.bool_) for table in tables]
@@ -76,7 +76,7 @@ def choose_point_states(
         seconds = float((ahead[-1] + tables[-1][:, 0]).min())
         if not np.isfinite(seconds):
             return None
-        current = [states[k].pick(np.array([at])) for k, at in zip(order, chosen, strict=True)]
+        current = [states[k].single(at) for k, at in zip(order, chosen, strict=True)]
         hit = _find_hits(problem, order, states, join_states(current))
         for place, bad in hit:
             tables[place][:, bad] = np.inf
@@ -106,7 +106,7 @@ def choose_point_states(
     every = list(states)
     for k, one in zip(order, current, strict=True):
         every[k] = one
-    chosen_now = join_states([one.pick(np.array([0])) for one in every])
+    chosen_now = join_states([one.single(0) for one in every])
     branch = chosen_now.branch[list(order)]
     changes = int((branch[1:] != branch[:-1]).sum())
     return Solution(list(order), chosen_now, seconds - CHANGE * changes)
@@ -116,29 +116,25 @@ class _LinkEnds(Struct, frozen=True, eq=False):
     """The states between which the links of a table go.
 
     items: the item that is left and the item that is entered, -1 for home.
-    leave, enter: (M, J) and (K, J) joint values.
-    leave_branch, enter_branch: (M,) and (K,) branches, -1 for home.
+    start, end: (M) and (K) states of these items.
     """
 
     items: tuple[int, int]
-    leave: FloatArray
-    enter: FloatArray
-    leave_branch: IntArray
-    enter_branch: IntArray
+    start: States
+    end: States
 
 
 def _gather_ends(
-    problem: TourProblem, states: Sequence[States], items: tuple[int, int]
-) -> _LinkEnds:
-    """The ends of the links between two items."""
-    one, other = items
-    leave = enter = problem.cost_model.home[None]
-    leave_branch = enter_branch = np.array([-1])
-    if one >= 0:
-        leave, leave_branch = states[one].leave, states[one].branch
-    if other >= 0:
-        enter, enter_branch = states[other].enter, states[other].branch
-    return _LinkEnds(items, leave, enter, leave_branch, enter_branch)
+    problem: TourProblem, states: Sequence[States], order: Sequence[int]
+) -> list[_LinkEnds]:
+    """The ends of the links along ``order``, from and back to home."""
+    home = States.fixed(problem.cost_model.home)
+    links = []
+    for one, other in pairwise([-1, *order, -1]):
+        start = home if one < 0 else states[one]
+        end = home if other < 0 else states[other]
+        links.append(_LinkEnds((one, other), start, end))
+    return links
 
 
 def _bar(
@@ -148,8 +144,8 @@ def _bar(
 ) -> None:
     """Adds the cost of a link without a detour to the links that are near to rejected ones."""
     for a, b, near in bars:
-        is_start = np.abs(ends.leave - a).max(axis=1) < near
-        is_end = np.abs(ends.enter - b).max(axis=1) < near
+        is_start = np.abs(ends.start.leave - a).max(axis=1) < near
+        is_end = np.abs(ends.end.enter - b).max(axis=1) < near
         table[np.outer(is_start, is_end)] += _NO_WAY
 
 
@@ -358,9 +354,9 @@ def _weigh(
     rows = np.argsort(cost, kind="stable")[:count]
     rows = rows[np.isfinite(cost[rows])]
     start, end = np.divmod(rows, table.shape[1])
-    links = list(zip(ends.leave[start], ends.enter[end], strict=True))
+    links = list(zip(ends.start.leave[start], ends.end.enter[end], strict=True))
     collides = np.array(_find_met(problem, links, few=True), dtype=np.bool_)
-    branches = zip(ends.leave_branch[start].tolist(), ends.enter_branch[end].tolist(), strict=True)
+    branches = zip(ends.start.branch[start].tolist(), ends.end.branch[end].tolist(), strict=True)
     detours = [
         _guess_around(problem, link, ends.items, pair)
         for link, pair in zip(links, branches, strict=True)

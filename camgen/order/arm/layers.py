@@ -61,19 +61,6 @@ def gate_places(item: Item, gate: IntArray) -> FloatArray:
     return item.position[item.gates[gate]]
 
 
-def link_seconds(
-    cost_model: CostModel, one: int, other: int, start: States, end: States, change: float
-) -> FloatArray:
-    """Seconds (M, K) from each state of the item ``one`` to each of the item ``other``, collisions aside. change: what
-    another posture is weighed with.
-    """
-    here = gate_places(cost_model.items[one], start.gate[:, 1])
-    there = gate_places(cost_model.items[other], end.gate[:, 0])
-    way = np.sqrt(((there[None] - here[:, None]) ** 2).sum(axis=-1))
-    other = start.branch[:, None] != end.branch[None]
-    return np.asarray(cost_model.limits.between(start.leave, end.enter, way) + change * other)
-
-
 def change_cost(cost_model: CostModel, start: IntArray, end: IntArray) -> FloatArray:
     """What changes of the posture from branches (M,) to branches (K,) are weighed with, s (M, K)."""
     return np.asarray((FORBIDDEN if cost_model.lines else CHANGE) * (start[:, None] != end[None]))
@@ -147,13 +134,16 @@ def _find_near(states: Sequence[States], blocked_links: BlockedLinks) -> _Near:
 def all_links(
     cost_model: CostModel, order: Sequence[int], states: Sequence[States], change: float
 ) -> Iterator[FloatArray]:
-    """``link_seconds`` from each item of ``order`` to the next: of few states all at once. change: as there."""
-    most = max(len(states[k]) for k in order)
-    if len(order) < 2 or most * most * len(order) > _AT_ONCE:
-        for one, other in pairwise(order):
-            yield link_seconds(cost_model, one, other, states[one], states[other], change)
-        return
+    """Seconds (M, K) from each state of an item to each state of the next, collisions aside.
+
+    change: cost of another posture, s.
+    """
     count = np.array([len(states[k]) for k in order])
+    most = int(count.max())
+    if len(order) > 2 and most * most * len(order) > _AT_ONCE:
+        for pair in pairwise(order):
+            yield from all_links(cost_model, pair, states, change)
+        return
     rows = np.minimum(np.arange(most), count[:, None] - 1) + offsets(count)[:-1, None]
     every = join_states([states[k] for k in order])
     gates = [gate_places(cost_model.items[k], states[k].gate) for k in order]

@@ -41,18 +41,12 @@ def roomy_of(where: Surroundings, home: FloatArray, worked: FloatArray) -> Clear
     tool's contact: what the tool is nearer to in most of them, however it is turned, it is meant to be near to.
     """
     scene, near = where.apart, where.margin + _SLACK
-    close = [
-        k for k in range(len(scene.pairs)) if _is_close(narrow(scene, [k]), home, worked, near)
+    kept = [
+        k for k in range(len(scene.pairs)) if not _is_close(narrow(scene, [k]), home, worked, near)
     ]
-    bare = [
-        k
-        for k, pair in enumerate(where.scene.pairs)
-        if pair not in {scene.pairs[k] for k in _others(scene, close)}
-    ]
-    apart, beside = (
-        clear_of(narrow(scene, _others(scene, close)), near),
-        clear_of(narrow(where.scene, bare)),
-    )
+    kept_pairs = {scene.pairs[k] for k in kept}
+    bare = [k for k, pair in enumerate(where.scene.pairs) if pair not in kept_pairs]
+    apart, beside = clear_of(narrow(scene, kept), near), clear_of(narrow(where.scene, bare))
 
     def clear(joints: FloatArray) -> BoolArray:
         good = apart(joints)
@@ -60,10 +54,6 @@ def roomy_of(where: Surroundings, home: FloatArray, worked: FloatArray) -> Clear
         return good
 
     return clear
-
-
-def _others(scene: Scene, close: Sequence[int]) -> list[int]:
-    return [k for k in range(len(scene.pairs)) if k not in close]
 
 
 def _is_close(scene: Scene, home: FloatArray, worked: FloatArray, near: float) -> bool:
@@ -85,7 +75,7 @@ def put_in(problem: TourProblem, solution: Solution, more: Sequence[int], fixed:
     """
     order = list(solution.order)
     current, limits, rules = solution.states, problem.cost_model.limits, problem.rules
-    own = {k: problem.states[k] for k in more} | {k: current.pick(np.array([k])) for k in order}
+    own = {k: problem.states[k] for k in more} | {k: current.single(k) for k in order}
     for k in more:
         ranks = rules.rank[order]
         low = int(np.count_nonzero(ranks < rules.rank[k]))

@@ -9,7 +9,6 @@ from itertools import pairwise
 import numpy as np
 from msgspec.structs import replace
 
-from camgen.geometry.ragged import offsets
 from camgen.motion.limits import from_rest
 from camgen.order.arm.blocks import find_blocks, leave_clear, narrow_states
 from camgen.order.arm.items import States, join_states
@@ -29,6 +28,7 @@ from camgen.order.arm.search import (
     Tell,
     TourProblem,
     find_blocked_paths,
+    measure_soonest_links,
     shift_turns,
 )
 from camgen.order.solver.ring import shorten_ring
@@ -171,7 +171,7 @@ def _round(problem: TourProblem, solution: Solution, known: Known, attempt: int)
     """Another order, states for it, and finer turns."""
     step = _ANY_ROLL_ROUNDS[attempt % len(_ANY_ROLL_ROUNDS)]
     fine = shift_turns(problem, solution, step or STEPS[-1])
-    order = _reorder(problem, solution, fine if step else _as_is(solution), known, attempt)
+    order = _reorder(problem, solution, fine if step else solution.states.split(), known, attempt)
     if order in (solution.order, solution.order[::-1]) and not step:
         return Solution(order, solution.states, np.inf)
     turning = _find_turning(solution, order)
@@ -191,10 +191,6 @@ def _round(problem: TourProblem, solution: Solution, known: Known, attempt: int)
         again = choose_point_states(problem, order, states, known)
         made = made if again is None else go_round(problem, again)
     return made
-
-
-def _as_is(solution: Solution) -> list[States]:
-    return [solution.states.pick(np.array([k])) for k in range(len(solution.states))]
 
 
 def _refine(
@@ -235,15 +231,7 @@ def _reorder(
     """
     order, cost_model = solution.order, problem.cost_model
     count = len(order)
-    joints = [fine[k].enter for k in order]
-    first = offsets([len(own) for own in joints])
-    every = np.concatenate(joints)
-    table = np.zeros((count + 1, count + 1))
-    for k, own in enumerate(joints, 1):
-        table[k, 1:] = np.minimum.reduceat(
-            cost_model.limits.between(own, every, 0.0).min(axis=0), first[:-1]
-        )
-        table[k, 0] = table[0, k] = cost_model.limits.seconds(own - cost_model.home, 0.0).min()
+    table = measure_soonest_links(cost_model, [fine[k].enter for k in order])
     at = np.array([cost_model.items[k].position[cost_model.items[k].gates[0]] for k in order])
     way = np.sqrt(((at[:, None] - at[None]) ** 2).sum(axis=-1))
     table[1:, 1:] = np.maximum(

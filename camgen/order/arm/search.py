@@ -188,7 +188,7 @@ def choose_states(
             if not len(left):
                 problem.lost.add(k)
                 order = [item for item in order if item != k]
-            states[k] = left if len(left) else current.pick(np.array([k]))
+            states[k] = left if len(left) else current.single(k)
         if not order:
             return Solution(order, current, 0.0)
 
@@ -297,7 +297,7 @@ def _prune(problem: TourProblem, asked: Sequence[tuple[int, States, int]]) -> li
         if states is problem.states[item]:
             problem.tested.add(item)
             # One that is lost keeps a state to stand in a table, and is in no order.
-            problem.states[item] = rest if len(rest) else states.pick(np.array([chosen]))
+            problem.states[item] = rest if len(rest) else states.single(chosen)
     return left
 
 
@@ -313,22 +313,27 @@ def _order_for_any_roll(problem: TourProblem, solution: Solution, prove: bool) -
     ):
         return solution
     fine = shift_turns(problem, solution, STEPS[0])
-    count = len(order)
-    ring = np.zeros((count + 1, count + 1))
-    joints = [fine[k].enter for k in order]
-    first = offsets([len(own) for own in joints])
-    every = np.concatenate(joints)
-    for k, own in enumerate(joints, 1):
-        took = np.minimum.reduceat(
-            cost_model.limits.between(own, every, 0.0).min(axis=0), first[:-1]
-        )
-        ring[k, 1:] = took
-        ring[k, 0] = ring[0, k] = cost_model.limits.seconds(own - cost_model.home, 0.0).min()
+    ring = measure_soonest_links(cost_model, [fine[k].enter for k in order])
     np.fill_diagonal(ring, 0.0)
     ring[1:, 1:] += change_cost(cost_model, current.branch[order], current.branch[order])
     ring = np.minimum(ring, ring.T)
-    made = shorten_ring(ring, range(count + 1), min(_KICKS * count, _MOST_KICKS))
+    made = shorten_ring(ring, range(len(ring)), min(_KICKS * len(order), _MOST_KICKS))
     return choose_states(problem, [order[k - 1] for k in made[1:]], fine, prove, current)
+
+
+def measure_soonest_links(cost_model: CostModel, joints: Sequence[FloatArray]) -> FloatArray:
+    """Seconds (n + 1, n + 1) of the soonest link between any states of two of n points, home first.
+
+    joints: by point, the joint values of its states (M, J).
+    """
+    first = offsets([len(rows) for rows in joints])
+    every = np.concatenate(joints)
+    table = np.zeros((len(first), len(first)))
+    for k, rows in enumerate(joints, 1):
+        seconds = cost_model.limits.between(rows, every, 0.0).min(axis=0)
+        table[k, 1:] = np.minimum.reduceat(seconds, first[:-1])
+        table[k, 0] = table[0, k] = cost_model.limits.seconds(rows - cost_model.home, 0.0).min()
+    return table
 
 
 def _is_plain(problem: TourProblem, solution: Solution) -> bool:
@@ -380,7 +385,7 @@ def shift_turns(
     good &= np.abs(made.enter - current.enter[own]).max(
         axis=1, initial=0.0
     ) < 4 * _SIDES * step + math.radians(10)
-    states = [current.pick(np.array([k])) for k in range(len(current))]
+    states = current.split()
     for place, k in enumerate(asked):
         rows = np.arange(place * len(shifts), (place + 1) * len(shifts))
         states[k] = join_states([states[k], made.pick(rows[good[rows]])])
@@ -412,7 +417,7 @@ def _place(
 def _move_gates(problem: TourProblem, solution: Solution) -> Solution:
     """The same postures and turns, entered at other gates."""
     current = solution.states
-    states = [current.pick(np.array([k])) for k in range(len(current))]
+    states = current.split()
     for k in solution.order:
         item = problem.cost_model.items[k]
         if item.reversible:
@@ -522,15 +527,11 @@ def _repair(problem: TourProblem, solution: Solution, touched: set[int]) -> Solu
     place = {item: k for k, item in enumerate(order)}
     beside = {p + d for p in (place[item] for item in touched) for d in (-1, 0, 1)}
     near = {order[p] for p in beside if 0 <= p < len(order)}
-    fine = (
-        shift_turns(problem, solution, STEPS[0])
-        if problem.options.any_roll
-        else [current.pick(np.array([k])) for k in range(len(current))]
-    )
+    fine = shift_turns(problem, solution, STEPS[0]) if problem.options.any_roll else current.split()
     states = [
         join_states([own, problem.states[k]])
         if k in near and len(problem.states[k])
-        else current.pick(np.array([k]))
+        else current.single(k)
         for k, own in enumerate(fine)
     ]
     return choose_states(problem, order, states, True)
@@ -569,29 +570,24 @@ def _proved(current: States, item: int) -> bytes:
 
 
 def learn_blocked_links(problem: TourProblem, solution: Solution) -> set[int]:
-    """The items at the ends of links, new ones, that collide, or on which the tip comes too low."""
-    blocked = find_blocked_links(problem, solution)
-    problem.blocked_links.extend(
-        make_blocked_link(problem, *_ends_of(problem, solution.states, pair), _LONG)
-        for pair in blocked
-    )
-    return {item for pair in blocked for item in pair if item >= 0}
+    """Tests the new links of a tour, and keeps those that collide; the items at their ends.
 
-
-def find_blocked_links(problem: TourProblem, solution: Solution) -> list[tuple[int, int]]:
-    """The links, new ones, that collide or on which the tip comes too low: the items at their ends, -1 for home."""
+    A link on which the TCP comes too low is blocked as well.
+    """
     pairs = list(zip([-1, *solution.order], [*solution.order, -1], strict=True))
     ends = {pair: _ends_of(problem, solution.states, pair) for pair in pairs}
-    new = [
-        one
-        for one in pairs
-        if link_key(*ends[one]) not in problem.free and detour_of(problem, *ends[one]) is None
+    untested = [
+        pair
+        for pair in pairs
+        if link_key(*ends[pair]) not in problem.free and detour_of(problem, *ends[pair]) is None
     ]
-    return [
-        one
-        for one, met in zip(new, find_blocked(problem, [ends[one] for one in new]), strict=True)
-        if met
-    ]
+    touched: set[int] = set()
+    blocked = find_blocked(problem, [ends[pair] for pair in untested])
+    for pair, is_blocked in zip(untested, blocked, strict=True):
+        if is_blocked:
+            problem.blocked_links.append(make_blocked_link(problem, *ends[pair], _LONG))
+            touched.update(item for item in pair if item >= 0)
+    return touched
 
 
 def _ends_of(

@@ -24,6 +24,7 @@ from camgen.order.edges import links
 from camgen.order.edges.detour import find_detour
 from camgen.order.edges.retract import Retraction, retractions, shorter
 from camgen.order.solver import matrix
+from camgen.plan import ignore_stages
 from camgen.robots.models import Robot
 
 #: Ends of edges nearer than this are one vertex, mm.
@@ -148,16 +149,12 @@ class _TourCandidate(Struct, frozen=True, eq=False):
     nearest: float
 
 
-def _ignore(_: str) -> None:
-    """The search of a caller who does not look at it."""
-
-
 def route(
     cell: RouteCell,
     motions: Sequence[Reached],
     edges: Sequence[Line],
     options: RouteOptions,
-    tell: Callable[[str], None] = _ignore,
+    tell: Callable[[str], None] = ignore_stages,
 ) -> Route:
     """The tour over ``motions`` along ``edges``, one each, from and back to home.
 

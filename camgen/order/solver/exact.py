@@ -10,14 +10,11 @@ from itertools import pairwise
 
 import numpy as np
 from msgspec import Struct
-from numpy.typing import NDArray
 
-from camgen.geometry.nearest import IntArray
+from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
 
-__all__ = ["BoolArray", "Ways", "best_through", "find_steps", "first_sets"]
-
-BoolArray = NDArray[np.bool_]
+__all__ = ["Ways", "best_through", "find_steps", "first_sets"]
 
 
 class Ways(Struct, frozen=True, eq=False):

@@ -147,14 +147,10 @@ def pop(s: Scene, r: Run) -> int:
 
 
 def note(r: Run, kind: int, a: int, b: int, c: int, d: int) -> None:
-    """What was done, for ``undo``."""
+    """Logs a change for ``undo``."""
     if r.marks[LOGS]:
         k = 5 * r.marks[LOGGED]
-        r.log[k] = kind
-        r.log[k + 1] = a
-        r.log[k + 2] = b
-        r.log[k + 3] = c
-        r.log[k + 4] = d
+        r.log[k : k + 5] = (kind, a, b, c, d)
         r.marks[LOGGED] += 1
 
 

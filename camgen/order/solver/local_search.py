@@ -65,8 +65,8 @@ def repair(s: Scene, r: Run) -> float:
     while r.marks[QUEUED] > 0:
         if r.marks[LOGGED] > LOG - _LOG_RESERVE:
             clear_queue(s, r)
-            break
-        total += evaluate_next(s, r)
+        else:
+            total += evaluate_next(s, r)
     return total
 
 
@@ -91,11 +91,9 @@ def shuffle(s: Scene, r: Run) -> float:
     a, b = r.ring[low - 1], r.ring[low]
     c, d = r.ring[middle - 1], r.ring[middle]
     e, f = r.ring[high], r.ring[(high + 1) % size]
-    saved = link_cost(s, r.leave[a], r.enter[b])
-    saved += link_cost(s, r.leave[c], r.enter[d])
-    saved += link_cost(s, r.leave[e], r.enter[f])
-    saved -= link_cost(s, r.leave[a], r.enter[d])
-    saved -= link_cost(s, r.leave[e], r.enter[b])
+    before = link_cost(s, r.leave[a], r.enter[b]) + link_cost(s, r.leave[c], r.enter[d])
+    before += link_cost(s, r.leave[e], r.enter[f])
+    saved = before - link_cost(s, r.leave[a], r.enter[d]) - link_cost(s, r.leave[e], r.enter[b])
     saved -= link_cost(s, r.leave[c], r.enter[f])
     carry(r, low, first_size, second_size, 0)
     for item in (a, b, c, d, e, f):

@@ -13,9 +13,8 @@ from operator import itemgetter
 
 import numpy as np
 from msgspec import Struct
-from numpy.typing import NDArray
 
-from camgen.model.part import BoolArray
+from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
 
 # Numbers that only look random: the same seed gives the same ones on every machine and with every library.
@@ -38,7 +37,6 @@ class Dice:
         return (word ^ (word >> 16)) % bound
 
 
-IntArray = NDArray[np.int64]
 #: The items in the order in which they are run, and of each of these, whether it is run backwards.
 Order = tuple[list[int], list[bool]]
 #: position from and to (inclusive) of what changes; where in it a stretch begins that goes to the other end, how long

@@ -191,14 +191,8 @@ def insert(s: Scene, r: Run, a: int, count: int, leading: bool) -> float:  # noq
     if best_point >= 0:
         begin(s, r, a, best_point)
     carry(r, low, count, best_past, best_back)
-    push(r, p)
-    push(r, n)
-    push(r, head)
-    push(r, tail)
-    push(r, ahead(r, head))
-    push(r, after(r, head))
-    push(r, ahead(r, tail))
-    push(r, after(r, tail))
+    for item in (p, n, head, tail, ahead(r, head), after(r, head), ahead(r, tail), after(r, tail)):
+        push(r, item)
     return best
 
 
@@ -218,9 +212,8 @@ def improve_in_plane(s: Scene, r: Run, a: int) -> float:
     """Makes a move of the first kind that shortens the tour at ``a``; the change, 0 for no move."""
     change = settle(s, r, a)
     if change < 0.0:
-        push(r, ahead(r, a))
-        push(r, after(r, a))
-        push(r, a)
+        for item in (ahead(r, a), after(r, a), a):
+            push(r, item)
         return change
     for count in range(1, _LONGEST_RELOCATED + 1):
         change = insert(s, r, a, count, True)
