@@ -114,13 +114,13 @@ class Loop:
         rotations, origins = frames(of, joints[None])
         tip = flange(of, joints[None])
         spared = {frozenset(pair) for pair in of.touching}
-        padded, plain = (
-            [
-                self._bodies(k.boxes, r, o, by)
-                for k, r, o in zip(of.links, rotations[0], origins[0], strict=True)
-            ]
-            for by in (of.pad, 0.0)
-        )
+        placed = list(zip(of.links, rotations[0], origins[0], strict=True))
+        padded = [self._bodies(k.boxes, r, o, of.pad) for k, r, o in placed]
+        # Links that touch the last one meet the tool without padding.
+        meeting = [
+            self._bodies(k.boxes, r, o, 0.0) if frozenset((i, last)) in spared else padded[i]
+            for i, (k, r, o) in enumerate(placed)
+        ]
         names = [link.name for link in of.links]
         for i, j in itertools.combinations(range(last + 1), 2):
             if frozenset((i, j)) not in spared:
@@ -134,12 +134,7 @@ class Loop:
         ]
         for (name, boxes), i in itertools.product(tools, range(last)):
             if frozenset((names[i], name)) not in self.allowed:
-                yield (
-                    names[i],
-                    name,
-                    (plain if frozenset((i, last)) in spared else padded)[i],
-                    boxes,
-                )
+                yield names[i], name, meeting[i], boxes
         moving = list(zip(names, padded, strict=True))[1:]
         for (name, boxes), (other, obstacle) in itertools.product(moving + tools, self.standing):
             yield name, other, boxes, obstacle
@@ -152,9 +147,11 @@ class Loop:
             ((a, b) for a, b, ones, others in self._pairs(joints) if self._met(ones, others)), None
         )
 
-    def gap(self, joints: FloatArray) -> float:
-        """The least distance, mm, of all pairs but the tool and the part at one configuration (J,) without a hit."""
-        least = math.inf
+    def gap(self, joints: FloatArray, least: float = math.inf) -> float:
+        """The least distance, mm, of all pairs but the tool and the part at one configuration (J,) without a hit.
+
+        least: mm, from other configurations; it is the answer where nothing is nearer.
+        """
         for name, other, ones, others in self._pairs(joints):
             for a, b in itertools.product(ones, others):
                 # What is farther by the spheres around both need not be measured.

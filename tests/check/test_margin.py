@@ -1,6 +1,7 @@
 """``cell.margin``: what comes nearer is told as it is, and avoided where there is a choice; judged by fcl alone."""
 
 import json
+import math
 from functools import cache
 
 import numpy as np
@@ -41,8 +42,10 @@ def built(name: str, margin: float, free: bool = False) -> Result:
 def measured(result: Result) -> float:
     """The least distance at every row that was looked at, by a plain loop over fcl."""
     assert result.reach is not None
-    judge = loop(result, SOLID)
-    return min(judge.gap(row) for row in result.reach.joints)
+    judge, least = loop(result, SOLID), math.inf
+    for row in result.reach.joints:
+        least = judge.gap(row, least)
+    return least
 
 
 def near_notes(result: Result) -> list[str]:

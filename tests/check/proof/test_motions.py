@@ -13,6 +13,7 @@ import camgen
 from camgen.model.body import Body
 from camgen.model.errors import VerifyError
 from camgen.model.program import Output, Wait
+from tests.support.built import build
 from tests.support.sabotage import (
     PARTS,
     Patch,
@@ -330,7 +331,7 @@ def test_a_mistake_is_told_by_its_sentence(
 ) -> None:
     if post == "vplus":
         job = {**job, "post": {"spindle": "on-off", "signals": {"spindle": 7}}}
-    camgen.build(PARTS / part, post=post, job=dict(job))  # without the saboteur it builds
+    build(PARTS / part, post=post, job=job)  # without the saboteur it builds
     saboteur(monkeypatch)
     with pytest.raises(VerifyError) as caught:
         camgen.build(PARTS / part, post=post, job=dict(job))

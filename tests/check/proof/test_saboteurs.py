@@ -16,6 +16,7 @@ import camgen
 from camgen.model.body import Body
 from camgen.model.errors import NoSafeProgram, VerifyError
 from camgen.model.program import MoveL, Output
+from tests.support.built import build
 from tests.support.sabotage import (
     PARTS,
     Patch,
@@ -295,7 +296,7 @@ def test_a_saboteur_is_found(
     job: Mapping[str, Any],
     monkeypatch: Patch,
 ) -> None:
-    camgen.build(PARTS / part, post=post, job=dict(job))  # without the saboteur it builds
+    build(PARTS / part, post=post, job=job)  # without the saboteur it builds
     saboteur(monkeypatch)
     with pytest.raises((VerifyError, NoSafeProgram)) as caught:
         camgen.build(PARTS / part, post=post, job=dict(job))
