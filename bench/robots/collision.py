@@ -22,7 +22,7 @@ from bench.support.runner import Table, read_words
 from bench.support.timing import best_seconds, timed
 from camgen.collision.hits import hits
 from camgen.collision.mesh import Mesh, make_mesh
-from camgen.collision.scene import Scene, scene
+from camgen.collision.scene import Allowed, Scene, scene
 from camgen.model.part import Solid
 from camgen.model.pose import FloatArray, frozen, pose_from_values, translation
 from camgen.robots.catalogue import robot
@@ -86,7 +86,7 @@ def rows_of(table: Table, of: Robot, solid: Solid, mesh: Mesh, poses: int) -> bo
         "table", (Box(translation(centre[0], centre[1], centre[2] - 130), (150.0, 300.0, 30.0)),)
     )
     loop = Loop(of, solid, base_from_part, (stand,), TOOL, CONTACT)
-    whole = scene(of, TOOL, (stand,), mesh, base_from_part, CONTACT)
+    whole = scene(of, TOOL, (stand,), mesh, base_from_part, Allowed(CONTACT))
     links = scene(of, (), (), mesh, base_from_part)
     sets = {"all over": drawn(of, poses), "at the part": near(of, centre, poses // 5)}
     good = True
