@@ -220,6 +220,9 @@ def _pieces(curve: Beside, ground: Ground, distance: float, climb: bool) -> _Lev
         own = np.flatnonzero(worth & (pocket == number))
         for members in _share_out(own[area[own] < 0], own[area[own] > 0], loops):
             polygon = shapely.Polygon(loops[members[0]], [loops[k] for k in members[1:]])
+            # Chords of two arcs that nearly touch may cross.
+            if not polygon.is_valid:
+                polygon = shapely.make_valid(polygon)
             pieces.append(Piece(number, distance, tuple(chains[k] for k in members), True, polygon))
     borders = curve.segments.take(worth[curve.segments.owner])
     inner = Ground(
