@@ -1,4 +1,5 @@
 import json
+import multiprocessing
 import os
 import shutil
 import signal
@@ -53,7 +54,25 @@ class Fatal(GCode):
                 time.sleep(0.02)
         return super().begin(program)
 """
+#: One builder: each is a process that imports all of camgen.
+ONE = ("--jobs", "1")
 Captured = pytest.CaptureFixture[str]
+
+
+@pytest.fixture
+def ready_builders(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Builders are forked by a server that has imported camgen.
+
+    Tests of how a builder begins or ends do not use it. A builder imports the main module of its
+    parent again, so pytest is hidden from it.
+    """
+    if os.name == "nt":
+        return
+    server = multiprocessing.get_context("forkserver")
+    server.set_forkserver_preload(["camgen.batch.perform", "camgen.read.dxf", "shapely", "ezdxf"])
+    monkeypatch.setattr("camgen.batch.pool.get_context", lambda _: server)
+    monkeypatch.setattr(sys.modules["__main__"], "__spec__", None)
+    monkeypatch.delattr(sys.modules["__main__"], "__file__", raising=False)
 
 
 @pytest.fixture
@@ -120,6 +139,7 @@ def test_same_bytes_as_one_by_one(post: str, here: Path, capsys: Captured) -> No
     assert sorted(line.split()[0] for line in said.splitlines()[:-1]) == ["built"] * 3
 
 
+@pytest.mark.usefixtures("ready_builders")
 def test_a_second_run_builds_only_what_changed(here: Path, capsys: Captured) -> None:
     command = ["batch", "parts/*.dxf", "--post", "gcode", "--jobs", "1", "-o", "out"]
 
@@ -147,6 +167,7 @@ def test_a_second_run_builds_only_what_changed(here: Path, capsys: Captured) -> 
     assert again("--set", "process.feed=11") == ["unchanged"] * 3
 
 
+@pytest.mark.usefixtures("ready_builders")
 def test_a_cut_off_state_costs_its_last_part_only(here: Path, capsys: Captured) -> None:
     command = ["batch", "parts/*.dxf", "--post", "gcode", "--jobs", "1", "-o", "out"]
     assert main(command) == 0
@@ -157,6 +178,7 @@ def test_a_cut_off_state_costs_its_last_part_only(here: Path, capsys: Captured) 
     assert [row[0] for row in table(capsys)[0].values()] == ["unchanged", "unchanged", "built"]
 
 
+@pytest.mark.usefixtures("ready_builders")
 def test_failures_are_listed_and_stop_no_other(here: Path, capsys: Captured) -> None:
     (here / "parts/bad.dxf").write_text("no drawing")
     (here / "parts/b.toml").write_text("[tool]\ndiametre = 4\n")
@@ -164,7 +186,8 @@ def test_failures_are_listed_and_stop_no_other(here: Path, capsys: Captured) -> 
     (here / "parts/open.dxf").write_text(
         line.replace("11\n0\n21\n0\n0\nENDSEC", "11\n0\n21\n30\n0\nENDSEC")
     )
-    assert main(["batch", "parts/*.dxf", "--post", "gcode", "-o", "out", "--report", "r.json"]) == 3
+    words = ["batch", "parts/*.dxf", "--post", "gcode", *ONE, "-o", "out"]
+    assert main([*words, "--report", "r.json"]) == 3
     rows, said = table(capsys)
     assert [row[:2] for row in rows.values()] == [
         ["built", "2"],
@@ -233,17 +256,31 @@ def test_a_part_that_hangs_is_stopped_and_no_other(
     assert set(files(here / "out")) == {"a.ngc", "b.ngc", "c.ngc", state.NAME}
 
 
+@pytest.mark.usefixtures("ready_builders")
 def test_folders_from_the_first_wildcard_on_are_kept(here: Path, capsys: Captured) -> None:
     for name in ("parts/left", "parts/right/deep"):
         Path(name).mkdir(parents=True)
         shutil.copy("parts/a.dxf", f"{name}/a.dxf")
-    assert main(["batch", "parts/**/*.dxf", "parts/a.dxf", "--post", "gcode", "-o", "out"]) == 0
+    assert (
+        main(["batch", "parts/**/*.dxf", "parts/a.dxf", "--post", "gcode", *ONE, "-o", "out"]) == 0
+    )
     assert set(files(here / "out")) == {
         "a.ngc", "b.ngc", "c.ngc", "left/a.ngc", "right/deep/a.ngc", state.NAME,
     }  # fmt: skip
     capsys.readouterr()
     assert (
-        main(["batch", "parts/*/a.dxf", "parts/right/deep/a.dxf", "--post", "gcode", "-o", "two"])
+        main(
+            [
+                "batch",
+                "parts/*/a.dxf",
+                "parts/right/deep/a.dxf",
+                "--post",
+                "gcode",
+                *ONE,
+                "-o",
+                "two",
+            ]
+        )
         == 0
     )
     assert set(files(here / "two")) == {"a.ngc", "left/a.ngc", state.NAME}
@@ -291,19 +328,20 @@ def test_what_is_wrong_for_all_is_said_at_once(
     assert files(here) == before
 
 
+@pytest.mark.usefixtures("ready_builders")
 def test_a_program_of_several_files_never_takes_anothers_name(here: Path, capsys: Captured) -> None:
     shutil.copy("parts/a.dxf", "parts/a_part1.dxf")
     Path("parts/a.toml").write_text("[post]\nmax_lines = 10\n")
-    assert main(["batch", "parts/a*.dxf", "--post", "rapid", "-o", "out"]) == 2
+    assert main(["batch", "parts/a*.dxf", "--post", "rapid", *ONE, "-o", "out"]) == 2
     rows, said = table(capsys)
     assert [row[:2] for row in rows.values()] == [["failed", "2"], ["built", "2"]]
     assert "its program would overwrite that of parts/a_part1.dxf" in said
     assert set(files(here / "out")) == {"a_part1.mod", state.NAME}
 
 
-@pytest.mark.usefixtures("here")
+@pytest.mark.usefixtures("here", "ready_builders")
 def test_a_later_batch_replaces_no_program_of_another_part(capsys: Captured) -> None:
-    words = ["--post", "pacscript", "-o", "out"]
+    words = ["--post", "pacscript", *ONE, "-o", "out"]
     for name in ("日本", "中国"):
         Path(f"{name}.dxf").write_text(PLATE.format(radius=8))
     assert main(["batch", "日本.dxf", *words]) == 0
@@ -315,10 +353,11 @@ def test_a_later_batch_replaces_no_program_of_another_part(capsys: Captured) -> 
     assert files(Path("out"))["job___.pcs"] != before["job___.pcs"]
 
 
+@pytest.mark.usefixtures("ready_builders")
 def test_a_fault_tells_its_trace_when_asked(here: Path, capsys: Captured) -> None:
     (here / "fatal.py").write_text(FATAL)
     shutil.copy("parts/a.dxf", "parts/memory.dxf")
-    command = ["batch", "parts/memory.dxf", "--post", "./fatal.py", "-o", "out"]
+    command = ["batch", "parts/memory.dxf", "--post", "./fatal.py", *ONE, "-o", "out"]
     assert main(command) == 1
     assert "Traceback" not in capsys.readouterr().err
     assert main([*command, "-vv"]) == 1
@@ -327,26 +366,28 @@ def test_a_fault_tells_its_trace_when_asked(here: Path, capsys: Captured) -> Non
     assert "trace     MemoryError: no more\n" in said
 
 
-@pytest.mark.usefixtures("here")
+@pytest.mark.usefixtures("here", "ready_builders")
 def test_a_terminal_gets_a_bar(capsys: Captured, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("camgen.cli.voice", lambda *_, **__: Voice(sys.stdout, terminal=True))
-    assert main(["batch", "parts/*.dxf", "--post", "gcode", "-o", "out"]) == 0
+    assert main(["batch", "parts/*.dxf", "--post", "gcode", *ONE, "-o", "out"]) == 0
     said = capsys.readouterr().err
     assert "\r\x1b[2K[########----------------] 1 of 3, 0 failed, about " in said
     assert f"\r\x1b[2K[{'#' * 24}] 3 of 3, 0 failed, about 0.0 s left" in said
     assert said.endswith("\r\x1b[2Kbatch     3 parts: 3 built\n")
 
 
+@pytest.mark.usefixtures("ready_builders")
 def test_quiet_says_only_what_failed(here: Path, capsys: Captured) -> None:
     (here / "parts/bad.dxf").write_text("no drawing")
-    assert main(["batch", "parts/*.dxf", "--post", "gcode", "-o", "out", "-q"]) == 2
+    assert main(["batch", "parts/*.dxf", "--post", "gcode", *ONE, "-o", "out", "-q"]) == 2
     assert error_of(capsys).startswith("parts/bad.dxf: ")
 
 
+@pytest.mark.usefixtures("ready_builders")
 def test_strict(here: Path, capsys: Captured) -> None:
     narrow = PLATE.format(radius=2)  # a hole that the tool does not fit
     (here / "parts/b.dxf").write_text(narrow)
-    assert main(["batch", "parts/*.dxf", "--post", "gcode", "-o", "out", "--strict"]) == 3
+    assert main(["batch", "parts/*.dxf", "--post", "gcode", *ONE, "-o", "out", "--strict"]) == 3
     rows, _ = table(capsys)
     assert [row[0] for row in rows.values()] == ["built", "failed", "built"]
 

@@ -10,6 +10,8 @@ import ezdxf
 import pytest
 
 from camgen.cli import main
+from camgen.pipeline import build
+from tests.support.built import build_once, key_of_parts
 
 ROOT = Path(__file__).parents[2]
 FIXTURES = sorted((ROOT / "fixtures" / "parts").glob("*.dxf"))
@@ -77,6 +79,14 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+@pytest.fixture
+def built_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A job file that asks for the same job of the same part gets the result of ``init``."""
+    once = build_once(build, key_of_parts)
+    monkeypatch.setattr("camgen.pipeline.build", once)
+    monkeypatch.setattr("camgen.cli.build.build", once)
+
+
 def tables(file: Path) -> dict[str, Any]:
     return tomllib.loads(file.read_text(encoding="utf-8"))
 
@@ -107,6 +117,7 @@ def test_a_proposal_is_a_comment_unless_it_is_asked_for(
     assert len(proposed["operations"]) == 6
 
 
+@pytest.mark.usefixtures("built_once")
 @pytest.mark.parametrize("file", FIXTURES, ids=lambda file: file.name)
 def test_what_is_proposed_for_a_fixture_builds_as_it_is(file: Path, here: Path) -> None:
     assert main(["init", str(file), "--operations"]) == 0
@@ -115,6 +126,7 @@ def test_what_is_proposed_for_a_fixture_builds_as_it_is(file: Path, here: Path) 
     assert main(["build", str(file), "--job", str(job), "--post", "gcode"]) == 0
 
 
+@pytest.mark.usefixtures("built_once")
 @pytest.mark.parametrize("name", SHARED)
 def test_what_is_proposed_for_a_real_drawing_builds_as_it_is(
     name: str, here: Path, capsys: pytest.CaptureFixture[str]

@@ -1,29 +1,72 @@
-"""Programs that several tests only look at: each is built once."""
+"""Builds that are done once: a second call for the same program gets the first result."""
 
-from __future__ import annotations
-
-import json
-from collections.abc import Mapping
+import pickle
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import camgen
-from camgen.pipeline import Result
+from camgen.model.part import Part
+from camgen.pipeline import JobLike, Result, path_or_part, settings_of
+from camgen.pipeline.inputs import read_parts
+from camgen.read.files import Files
 
-#: Programs that are kept; the oldest makes room for a new one.
+Build = Callable[..., Result]
+Inputs = Path | Part | Sequence[Path | Part]
+
+#: Results that are kept; the oldest makes room for a new one.
 _MOST = 48
-_KEPT: dict[tuple[str, bytes, str, str], Result] = {}
+
+
+def key_of_parts(
+    inputs: Inputs, *, post: str, job: JobLike, files: Files | None = None, **_: object
+) -> bytes:
+    """The parts as the job has them read, the job and the controller.
+
+    Inputs with equal parts get programs that differ in their headers only.
+    """
+    files = files or Files()
+    settings = settings_of(job, files)
+    parts = read_parts(path_or_part(inputs), settings, files.within(settings.limits))
+    return pickle.dumps((parts, settings, post))
+
+
+def key_of_files(
+    inputs: Inputs, *, post: str, job: JobLike, files: Files | None = None, **options: Any
+) -> bytes:
+    """All that decides the bytes of a program: input files, job, controller and name.
+
+    Files that the job names must stay as they are.
+    """
+    files = files or Files()
+    sources = [files.read(path) for path in path_or_part(inputs)]
+    contents = [(source.path.name, bytes(source.data)) for source in sources]
+    chosen = (options.get("name", ""), options.get("strict", False))
+    return pickle.dumps((contents, settings_of(job, files), post, chosen))
+
+
+def build_once(build: Build, key_of: Callable[..., bytes]) -> Build:
+    """``build`` with a memory. Results are frozen, so that callers may share them.
+
+    ``key_of`` gets the arguments of a call. Calls with equal keys make the same program.
+    """
+    results: dict[bytes, Result] = {}
+
+    def remembering(inputs: Inputs, **options: Any) -> Result:
+        key = key_of(inputs, **options)
+        if key not in results:
+            result = build(inputs, **options)
+            if len(results) == _MOST:
+                del results[next(iter(results))]
+            results[key] = result
+        return results[key]
+
+    return remembering
+
+
+_BUILD_FILE = build_once(camgen.build, key_of_files)
 
 
 def build(part: Path, post: str, job: Mapping[str, object]) -> Result:
-    """``camgen.build`` of a drawing or model in a file.
-
-    A program is known by the name and the bytes of its part, the post and the tables of its job.
-    Files that the tables name must not change.
-    """
-    key = part.name, part.read_bytes(), post, json.dumps(job)
-    if key not in _KEPT:
-        result = camgen.build(part, post=post, job=job)
-        if len(_KEPT) == _MOST:
-            del _KEPT[next(iter(_KEPT))]
-        _KEPT[key] = result
-    return _KEPT[key]
+    """``camgen.build`` of a drawing or model in a file, done once for all tests."""
+    return _BUILD_FILE(part, post=post, job=job)

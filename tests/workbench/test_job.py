@@ -14,6 +14,7 @@ from camgen.cli.build import rows
 from camgen.model.errors import JobError
 from camgen.model.job import Job
 from camgen.model.job_tables import row_settings, settings
+from camgen.pipeline import build
 from camgen.plan import ignore_stages
 from camgen.read.files import Files
 from camgen.read.job_file import from_mapping
@@ -23,6 +24,7 @@ from camgen.workbench.job_text import keeps_comments, write_job
 from camgen.workbench.perform import Ask, Built, Looked, Run, perform
 from camgen.workbench.session import Change, change, open_session, put, undo
 from camgen.workbench.usual import usual_of
+from tests.support.built import build_once, key_of_files
 from tests.test_cases import ALL, CASES, POSTS, parts
 
 PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
@@ -125,8 +127,11 @@ SOME += [pair for pair in ALL if pair[0] not in {case for case, _ in SOME}]
 
 @pytest.mark.parametrize(("case", "post"), SOME, ids=lambda one: getattr(one, "name", one))
 def test_a_program_is_that_of_the_command_line_byte_for_byte(
-    case: Path, post: str, tmp_path: Path
+    case: Path, post: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    once = build_once(build, key_of_files)
+    monkeypatch.setattr("camgen.workbench.perform.build", once)
+    monkeypatch.setattr("camgen.cli.build.build", once)
     source = next(part for part in parts(case) if part.exists())
     (tmp_path / "bench").mkdir()
     (tmp_path / "line").mkdir()
