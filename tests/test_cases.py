@@ -79,4 +79,4 @@ def test_the_program_is_the_expected_one(case: Path, post: str, accept: bool) ->
 
 @pytest.mark.parametrize("post", POSTS)
 def test_the_same_job_gives_the_same_bytes(post: str) -> None:
-    assert built.__wrapped__(CASES[0], post).text == built.__wrapped__(CASES[0], post).text
+    assert built.__wrapped__(CASES[0], post).text == built(CASES[0], post).text

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import os
 import re
-import subprocess
 import sys
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
+from subprocess import PIPE, STDOUT, run
 
 from camgen.model.limits import table
 from docs.make.api import api
@@ -44,12 +44,12 @@ def _ran(block: str, here: Path) -> str:
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     out = ""
     for command in commands:
-        done = subprocess.run(
+        done = run(
             ["/bin/sh", "-c", re.sub(r"^> ?", "", command, flags=re.M)],
             cwd=here,
             env=os.environ | {"PATH": path, "COLUMNS": "100"},
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
+            stdout=PIPE,
+            stderr=STDOUT,
             text=True,
             check=False,
             timeout=600,

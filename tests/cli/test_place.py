@@ -2,6 +2,7 @@
 
 import contextlib
 import tomllib
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -38,6 +39,14 @@ def write_plate(folder: Path) -> Path:
     (folder / "plate.obj").write_text("\n".join(lines))
     (folder / "plate.toml").write_text(JOB)
     return folder / "plate.obj"
+
+
+@pytest.fixture(scope="module", autouse=True)
+def two_built() -> Iterator[None]:
+    """The best two places are built instead of three, which is as good for a comparison."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("camgen.pipeline.place._BUILT", 2)
+        yield
 
 
 @pytest.fixture

@@ -4,12 +4,16 @@ import re
 import shlex
 import tomllib
 from collections.abc import Iterator
+from contextlib import chdir, redirect_stderr, redirect_stdout
 from dataclasses import fields
+from io import StringIO
 from pathlib import Path
+from subprocess import CompletedProcess, run
+from typing import Any
 
 import pytest
 
-from camgen.cli import parsers
+from camgen.cli import main, parsers
 from camgen.model.errors import CamgenError
 from camgen.model.job_tables import settings, tables
 from camgen.post.plugins import find_post, make_post
@@ -183,9 +187,27 @@ def test_every_job_file_is_one(page: Path) -> None:
 # -- generated pages
 
 
+def run_in_process(words: list[str], *, check: bool, **options: Any) -> CompletedProcess[str]:
+    """Stands in for ``subprocess.run`` of a shell. A ``camgen`` command runs in this process."""
+    command = words[-1]
+    if not command.startswith("camgen ") or re.search(r"[|<>]", command):
+        return run(words, check=check, **options)  # type: ignore[no-any-return]
+    printed = StringIO()
+    with (
+        chdir(options["cwd"]),
+        redirect_stdout(printed),
+        redirect_stderr(printed),
+        pytest.MonkeyPatch.context() as patch,
+    ):
+        patch.setenv("COLUMNS", options["env"]["COLUMNS"])
+        code = main(shlex.split(command)[1:])
+    return CompletedProcess(words, code, printed.getvalue())
+
+
 @pytest.mark.parametrize("page", pages.PAGES)
-def test_what_is_generated_is_current(page: str) -> None:
+def test_what_is_generated_is_current(page: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """python -m docs.make.pages renews it."""
+    monkeypatch.setattr("docs.make.pages.run", run_in_process)
     text = (DOCS / page).read_text(encoding="utf-8")
     assert pages.PAGES[page](text) == text
 
