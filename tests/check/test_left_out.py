@@ -89,7 +89,8 @@ def test_what_is_left_is_the_program_of_a_part_without_it() -> None:
 def test_very_many_are_found_in_one_check(tmp_path: Path) -> None:
     holes = grid(tmp_path, [(70.0 * i, 70.0 * k) for i in range(14) for k in range(14)])
     cell = {"robot": "IRB 1200", "base_from_work": [300, -500, 0, 0, 0, 0]}
-    result, checks = built(holes, cell=cell, operation={"kind": "drill"})
+    drill = {"operation": {"kind": "drill"}, "tour": {"method": "nearest"}}
+    result, checks = built(holes, cell=cell, **drill)
     assert len(lost(result)) > 60
     assert len(result.tour.paths) + len(lost(result)) == 196
     assert checks <= 3
@@ -303,7 +304,7 @@ def test_rounds_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(programs, "check", check)
     with pytest.raises(Blocked):
-        built(holes, cell=NEAR, operation={"kind": "drill"})
+        built(holes, cell=NEAR, operation={"kind": "drill"}, tour={"method": "nearest"})
     assert len(set(asked)) == len(asked)
     assert 1 < len(asked) <= 16
 

@@ -31,8 +31,10 @@ TIGHT = "IRB 2000, nominal rfa1"
 USUAL = CellTable().margin
 
 
-def built(name: str, margin: float, free: bool = False) -> Result:
+def built(name: str, margin: float, free: bool = False, select: str = "") -> Result:
     tables = cell(SOLID, name)
+    if select:
+        tables["input"] = {"select": select}
     tool = {**tables["tool"], **(FREE if free else {})}
     own = tables["cell"] if margin == USUAL else {**tables["cell"], "margin": margin}
     return build(PARTS / "rfa1.stl", post="rapid", job={**tables, "tool": tool, "cell": own})
@@ -54,7 +56,7 @@ def near_notes(result: Result) -> list[str]:
 
 def test_what_is_told_is_what_fcl_measures() -> None:
     """Two links of the arm pass each other on an edge that only this posture reaches."""
-    result = built(TIGHT, 2.0)
+    result = built(TIGHT, 2.0, select="e11-e15")
     assert result.clear is not None
     least = result.clear.nearest
     assert least is not None
@@ -68,11 +70,13 @@ def test_what_is_told_is_what_fcl_measures() -> None:
     assert (told["between"], told["on"]) == (["link 2", "link 4"], least.on)
 
 
-@pytest.mark.parametrize(("name", "least"), [("IRB 2000", 0.6), (TIGHT, 0.3)])
+@pytest.mark.parametrize(
+    ("name", "select", "least"), [("IRB 2000", "e6-e10", 0.6), (TIGHT, "e11-e15", 0.3)]
+)
 def test_where_there_is_a_choice_the_margin_is_kept_and_no_edge_is_lost(
-    name: str, least: float
+    name: str, select: str, least: float
 ) -> None:
-    before, after = built(name, 0.0, free=True), built(name, 2.0, free=True)
+    before, after = (built(name, margin, True, select) for margin in (0.0, 2.0))
     assert measured(before) < least
     assert measured(after) >= 2.0 - 0.25
     assert len(after.tour.paths) == len(before.tour.paths)
@@ -82,7 +86,7 @@ def test_where_there_is_a_choice_the_margin_is_kept_and_no_edge_is_lost(
 
 def test_what_cannot_be_kept_costs_no_edge_and_is_told() -> None:
     """More than the cell has: as many edges as without a margin, and each place that is nearer is named."""
-    before, after = built(TIGHT, 0.0), built(TIGHT, 6.0)
+    before, after = (built(TIGHT, margin, select="e11-e15") for margin in (0.0, 6.0))
     assert len(after.tour.paths) == len(before.tour.paths)
     assert after.clear is not None
     assert after.clear.nearest is not None
@@ -161,7 +165,7 @@ def _planned(result: Result):  # type: ignore[no-untyped-def]
 
 def test_bodies_that_are_near_at_home_keep_no_margin_and_are_named() -> None:
     """The holder is 5 mm off a link of the wrist, whatever the arm does."""
-    result = built("IRB 1200", 8.0)
+    result = built("IRB 1200", 8.0, select="e1-e4")
     notes = [note.what for note in result.notes if note.what.endswith("keep no margin")]
     assert notes == ["link 5 and holder keep no margin"]
     assert result.where is not None
