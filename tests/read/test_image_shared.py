@@ -32,12 +32,18 @@ PARTS = {
 }
 
 
+#: The order of the paths is nothing that a picture could break.
+JOB = {
+    "image": {"mm_per_px": 0.1},
+    "tool": {"diameter": 0.4},
+    "tour": {"method": "nearest"},
+}
+
+
 @cache
 def built(path: Path) -> Result | str:
     try:
-        return camgen.build(
-            path, post="gcode", job={"image": {"mm_per_px": 0.1}, "tool": {"diameter": 0.4}}
-        )
+        return camgen.build(path, post="gcode", job=JOB)
     except CamgenError as error:
         return str(error)
 
