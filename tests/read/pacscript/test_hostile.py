@@ -12,7 +12,7 @@ from camgen.model.limits import Limits
 from camgen.read.pacscript.language import LANGUAGE
 from camgen.read.programs import Ask, Executed
 from tests.read.pacscript.test_run import MAIN, NAMES, OTHER, PAC
-from tests.support.examples import fewer
+from tests.support.examples import fewer, is_night
 from tests.support.steps import CALLS_OF_A_STEP, assert_linear, count_calls
 
 _WORDS = """
@@ -72,7 +72,7 @@ WHOLE = (
 def test_lines_left_out_doubled_and_damaged(text: str) -> None:
     lines = text.split("\n")
     rng = random.Random(7)
-    for _ in range(150):
+    for _ in range(150 if is_night() else 60):
         some = list(lines)
         for _ in range(rng.randint(1, 6)):
             at = rng.randrange(len(some))
