@@ -15,6 +15,8 @@ from camgen.plan.fill.cover import COLOURS
 
 PARTS = Path(__file__).parents[1] / "fixtures" / "parts"
 GEAR = ["--set", "page.size=A5"]
+#: Where it does not matter which stroke comes first.
+AS_DRAWN = ["--set", "tour.method=as-drawn"]
 BOARD = ["--set", "operation.kind=fill", "--set", "tool.diameter=0.8"]
 ARM = ["--set", "cell.robot=Cobra s600"]
 SPACE = "{http://www.w3.org/2000/svg}"
@@ -46,7 +48,9 @@ def targets(text: str) -> list[list[float]]:
 def test_every_pose_of_the_text_is_in_reach_with_the_tool_down(
     tmp_path: Path, name: str, words: list[str], home: int, posture: str
 ) -> None:
-    text = program(tmp_path, name, *words, *ARM, "--set", f"cell.home=[0, {home}, 50, 0]")
+    text = program(
+        tmp_path, name, *words, *ARM, *AS_DRAWN, "--set", f"cell.home=[0, {home}, 50, 0]"
+    )
     assert re.findall(r"^ +(LEFTY|RIGHTY)$", text, re.MULTILINE) == [posture]
     assert text.index(posture) < text.index("TRANS(", text.index("PPOINT"))
     assert f"SET cg.work = TRANS({WORK[0]:g},{WORK[1]:g},{WORK[2]:g},0,0,0)" in text
@@ -82,7 +86,7 @@ def test_a_page_where_the_arm_cannot_draw_is_refused_with_the_numbers(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], frame: str, words: str
 ) -> None:
     target = tmp_path / "gear.v2"
-    asked = [*GEAR, *ARM, "--set", f"cell.base_from_work={frame}", "-o", str(target)]
+    asked = [*GEAR, *ARM, *AS_DRAWN, "--set", f"cell.base_from_work={frame}", "-o", str(target)]
     assert main(["build", str(PARTS / "gear.png"), "--post", "vplus", *asked]) == 3
     said = capsys.readouterr().err
     assert words in said

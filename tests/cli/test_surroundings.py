@@ -43,8 +43,10 @@ def run(
     )
 
 
+#: The search for a tour is that of the drawings: half of the time of the picture would go there.
+SCALED = ("--set", "image.mm_per_px=0.2", "--set", "tour.method=as-drawn")
 #: Two drawings and a picture, and further words of their commands.
-DRAWN = {"bracket.dxf": (), "logo.svg": (), "gear.png": ("--set", "image.mm_per_px=0.2")}
+DRAWN = {"bracket.dxf": (), "logo.svg": (), "gear.png": SCALED}
 #: Builds each of the parts in a folder of its name. The name is printed before the messages.
 EACH = f"""
 import os, sys
@@ -138,8 +140,7 @@ sys.exit(main(sys.argv[1:]))
             str(PARTS / "gear.png"),
             "--post",
             "grbl",
-            "--set",
-            "image.mm_per_px=0.1",
+            *SCALED,
             "--preview",
             "p.png",
         ),
