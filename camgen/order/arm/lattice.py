@@ -28,27 +28,28 @@ from camgen.order.arm.search import (
     make_blocked_link,
 )
 
-#: Ways through the tables that are tested at most.
+#: Largest number of tours through the tables that are tested.
 _WAYS = 60
-#: Links that are looked at together where one collides, and so many times as many whenever that happens again.
+#: Links that are tested together when a link collides: at first, the factor for the next time, and
+#: the largest number.
 _BATCH, _MORE, _MOST = 24, 2, 192
-#: s: what a way round is taken to cost beside a link that collides, before one is found for a link of the same two
-#: points; and where none is.
+#: Cost of a detour beside its link, s, before a detour is found for a link of the same two points,
+#: and where no detour exists.
 AROUND, _NO_WAY = 2.0, 10.0
 
-#: mm: links whose ends are farther from everything keep that distance. What the check may find between the places of a
-#: proof is not so deep.
+#: Distance that a link keeps if its ends do, mm. The check of the program tests other samples of a
+#: link, and finds it nearer by less than this.
 GRAZE, _EPS = 0.3, 1e-3
 
-#: By two items, the first the less, home is -1: s that a link between them takes at least, as far as is known.
+#: Least seconds of a link between two items, the lower index first, -1 for home.
 Known = dict[tuple[int, int], float]
-#: By two items as they follow each other, home is -1: the ends of links that a proof turned down, and how near to both
-#: of them, rad or mm, other links are left alone.
+#: Rejected links between an item and the next, -1 for home: the joint values of both ends, and the
+#: radius around them in which other links are rejected too, rad or mm.
 Barred = dict[tuple[int, int], list[tuple[FloatArray, FloatArray, float]]]
 _NO_BARS: Barred = {}
-#: So many links between the same two are turned down one by one; then so would those beside them be.
+#: Links between two items that are rejected singly, before links near to them are rejected too.
 _PATIENCE = 5
-#: rad or mm: how near that is at first; it doubles whenever one more is turned down.
+#: First radius around a rejected link and the largest, rad or mm. It doubles with each rejection.
 _NEAR, _NEAREST = 0.02, 0.5
 
 
@@ -59,8 +60,12 @@ def choose_point_states(
     known: Known,
     barred: Barred = _NO_BARS,
 ) -> Solution | None:
-    """The soonest of ``states`` along ``order``, from home and back, where a link that collides costs a way round;
-    None: no state of an item is clear. known: is told what links take whose quickest ones collide.
+    """The soonest of ``states`` along ``order``, from home and back, with detours for blocked links.
+
+    known: gets the seconds of links whose quickest ones collide.
+    barred: links that are rejected.
+
+    None where every state of an item collides.
     """
     tables = _lay(problem, order, states)
     links = _gather_ends(problem, states, order)
@@ -152,7 +157,7 @@ def _bar(
 def bar_links(
     problem: TourProblem, solution: Solution, places: Sequence[int], barred: Barred
 ) -> None:
-    """Adds the links of ``solution`` at these places, counted from home, to those turned down."""
+    """Adds the links of ``solution`` at these indices, counted from home, to the rejected ones."""
     stops = [-1, *solution.order, -1]
     for place in places:
         one, other = stops[place], stops[place + 1]
@@ -165,7 +170,7 @@ def bar_links(
 
 
 def go_round(problem: TourProblem, solution: Solution) -> Solution:
-    """``solution`` with the ways round its links that collide looked for, and what it takes with them."""
+    """``solution`` with its time, after detours for its blocked links were searched."""
     seconds = 0.0
     current, home = solution.states, problem.cost_model.home
     for one, other in pairwise([-1, *solution.order, -1]):
@@ -190,7 +195,7 @@ def _guess_around(
     items: tuple[int, int],
     branches: tuple[int, int],
 ) -> float:
-    """s, what a way round a link costs beside it, or one like it: between the same items, or the same postures."""
+    """Cost of the detour of a link, s, or of a link of the same items or the same postures."""
     for key in (link_key(*link), pair_key(*items)):
         if key in problem.around:
             return problem.around[key]
@@ -200,7 +205,7 @@ def _guess_around(
 
 
 def _kind_key(one: int, other: int) -> bytes:
-    """What tells the links between two postures, -1 for home, from those between others."""
+    """The key of the links between two postures, -1 for home."""
     return b"postures %d:%d" % (min(one, other), max(one, other))
 
 
@@ -230,7 +235,7 @@ def prove_links(problem: TourProblem, solution: Solution) -> list[int]:
 
 
 def _measure_way(problem: TourProblem, one: int, other: int) -> float:
-    """The mm that the TCP goes from point to point; from and to home none, which counts by its joints."""
+    """Distance of the TCP from point to point, mm; 0 from and to home, where the joints count."""
     if min(one, other) < 0:
         return 0.0
     items = problem.cost_model.items
@@ -242,7 +247,7 @@ def _measure_way(problem: TourProblem, one: int, other: int) -> float:
 
 
 def pair_key(one: int, other: int) -> bytes:
-    """What tells the links between two items, -1 for home, from those between others."""
+    """The key of the links between two items, -1 for home."""
     return b"pair %d:%d" % (min(one, other), max(one, other))
 
 
@@ -261,7 +266,7 @@ def _lay(problem: TourProblem, order: Sequence[int], states: Sequence[States]) -
 
 
 def _add_up(tables: Sequence[FloatArray]) -> tuple[list[FloatArray], list[FloatArray]]:
-    """By item the least seconds from home to each of its states, and from each back home."""
+    """The least seconds from home to each state of each item, and from each state back home."""
     ahead = [tables[0][0]]
     for table in tables[1:-1]:
         ahead.append((ahead[-1][:, None] + table).min(axis=0))
@@ -272,7 +277,7 @@ def _add_up(tables: Sequence[FloatArray]) -> tuple[list[FloatArray], list[FloatA
 
 
 def _trace(tables: Sequence[FloatArray], ahead: Sequence[FloatArray]) -> list[int]:
-    """By place in the order the state on the soonest way."""
+    """The state of each item, in order, on the soonest tour."""
     at = 0
     chosen = []
     for table, cost in zip(reversed(tables[1:]), reversed(ahead), strict=True):

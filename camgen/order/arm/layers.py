@@ -1,4 +1,4 @@
-"""The states of a tour's items that cost least together: a layer an item, in the order in which they are run."""
+"""The states of a tour that cost least together, by dynamic programming from item to item."""
 
 from __future__ import annotations
 
@@ -40,11 +40,11 @@ class CostModel(Struct, frozen=True, eq=False):
 
 
 class BlockedLink(Struct, frozen=True, eq=False):
-    """A link that collides, and with it all links whose ends are near to its ends, in both directions.
+    """A link that collides, with all links whose ends are near to its ends, in both directions.
 
     start, end: (J,) joint values of its ends.
     radius: largest difference of a joint value at an end that is near, rad or mm.
-    cost: time of the detour beside that of the link, s; ``FORBIDDEN`` where there is none.
+    cost: time of the detour beside that of the link, s; ``FORBIDDEN`` without a detour.
     """
 
     start: FloatArray
@@ -57,19 +57,19 @@ BlockedLinks = Sequence[BlockedLink]
 
 
 def gate_places(item: Item, gate: IntArray) -> FloatArray:
-    """(M, 3) of the TCP above the gates (M,)."""
+    """TCP positions (M, 3) above the gates (M,), mm."""
     return item.position[item.gates[gate]]
 
 
 def change_cost(cost_model: CostModel, start: IntArray, end: IntArray) -> FloatArray:
-    """What changes of the posture from branches (M,) to branches (K,) are weighed with, s (M, K)."""
+    """Cost (M, K) of a change of the posture from branches (M,) to branches (K,), s."""
     return np.asarray((FORBIDDEN if cost_model.lines else CHANGE) * (start[:, None] != end[None]))
 
 
 def home_seconds(
     cost_model: CostModel, joints: FloatArray, blocked_links: BlockedLinks
 ) -> FloatArray:
-    """Seconds (M,) of the ways between home and joint values (M, J)."""
+    """Seconds (M,) of the links between home and joint values (M, J)."""
     cost = cost_model.limits.seconds(joints - cost_model.home, 0.0)[None]
     return np.asarray(add_blocked_costs(cost, cost_model.home[None], joints, blocked_links)[0])
 
@@ -77,7 +77,7 @@ def home_seconds(
 def add_blocked_costs(
     cost: FloatArray, start: FloatArray, end: FloatArray, blocked_links: BlockedLinks
 ) -> FloatArray:
-    """``cost`` (M, K) with that of links from ``start`` (M, J) to ``end`` (K, J) that are taken to collide."""
+    """``cost`` (M, K) of links from ``start`` (M, J) to ``end`` (K, J), blocked links included."""
     extra = np.zeros((len(start), len(end)))
     for blocked in blocked_links:
         for a, b in ((blocked.start, blocked.end), (blocked.end, blocked.start)):
@@ -89,8 +89,10 @@ def add_blocked_costs(
 
 
 class _Near(Struct, frozen=True, eq=False):
-    """Which states, of all items one after the other, are near to the ends of each wall: ``enter`` and ``leave`` (W, 2,
-    S). first: by item, where its states begin.
+    """The states of all items, one item after the other, that are near to an end of a blocked link.
+
+    enter, leave: (W, 2, S) whether a state is entered, or left, near to an end of a link.
+    first: (items + 1,) the first state of each item.
     """
 
     enter: BoolArray
@@ -162,7 +164,7 @@ def choose(
     states: Sequence[States],
     blocked_links: BlockedLinks,
 ) -> tuple[float, IntArray]:
-    """The state of each item (n,), by item, with the least seconds in all from and back to home; and these."""
+    """The states with the least time from home and back: seconds, and the state of each item."""
     near = _find_near(states, blocked_links)
     first = order[0]
     cost = home_seconds(cost_model, states[first].enter, blocked_links)

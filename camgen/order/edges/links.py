@@ -1,7 +1,8 @@
-"""All links between the ends of processing motions, what each takes, and the one that is cheapest.
+"""All links between the ends of processing motions, with their times, and the cheapest of them.
 
-RFA paper, section III.B: direct where two ends share a vertex, along a reached edge where one joins them, else by
-retraction, free motion and approach. One retraction for each end makes them all: O(n) motions, not O(n^2).
+RFA paper, section III.B: a link is direct where two ends share a vertex, runs along a reached edge
+that joins them, or else is a retraction, a free motion and an approach. One retraction for each end
+serves all links: O(n) motions, not O(n^2).
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from camgen.order.edges.retract import Retraction
 from camgen.robots.kinematics.forward import flange
 from camgen.robots.models import Robot
 
-#: Up to so many motions it is looked for links along more than one edge: the cost is the cube of their number.
+#: Largest number of motions for which links along several edges are searched: that takes n^3.
 MANY = 150
 #: Links by retraction, free motion and approach, the second by way of the home position.
 FREE, BY_HOME = -1, -2
@@ -85,7 +86,10 @@ class MotionEnds(Struct, frozen=True, eq=False):
 
 
 def seconds(robot: Robot, a: FloatArray, b: FloatArray, speed: float) -> FloatArray:
-    """What the joints need from ``a`` to ``b`` (..., J), the slowest counting, or the flange at ``speed`` mm/s."""
+    """Seconds (...) from ``a`` to ``b`` (..., J) of the slowest joint, or of the flange.
+
+    speed: largest speed of the flange, mm/s.
+    """
     joints = (np.abs(b - a) / robot.fastest).max(axis=-1)
     places = [
         flange(robot, x.reshape(-1, x.shape[-1]))[1].reshape(*x.shape[:-1], 3) for x in (a, b)
@@ -95,7 +99,11 @@ def seconds(robot: Robot, a: FloatArray, b: FloatArray, speed: float) -> FloatAr
 
 
 def distinct(vertices: FloatArray, near: float) -> BoolArray:
-    """(2 n, 2 n): which ends of different edges are at one vertex. vertices: (2 n, 3) of the edges, not of the tool."""
+    """Whether two ends of different edges are at one vertex, (2 n, 2 n).
+
+    vertices: (2 n, 3) ends of the edges, not of the tool, mm.
+    near: largest distance within a vertex, mm.
+    """
     same = np.linalg.norm(vertices[:, None] - vertices[None], axis=2) < near
     own = np.arange(len(vertices)) // 2
     same &= own[:, None] != own[None]
@@ -103,7 +111,7 @@ def distinct(vertices: FloatArray, near: float) -> BoolArray:
 
 
 def along(ends: MotionEnds) -> tuple[FloatArray, IntArray]:
-    """Seconds (2 n, 2 n) of the cheapest link at the part from each end to each other, and the next end on its way."""
+    """The cheapest links at the part between all ends: seconds (2 n, 2 n), and their next ends."""
     best = ends.direct.copy()
     at = np.arange(len(best))
     first = np.broadcast_to(at[None], best.shape).copy()
@@ -120,11 +128,14 @@ def along(ends: MotionEnds) -> tuple[FloatArray, IntArray]:
 def steps(
     ends: MotionEnds, at_part: tuple[FloatArray, IntArray], blocked: BoolArray, home: FloatArray
 ) -> tuple[FloatArray, IntArray]:
-    """Seconds (2 n, 2 n) of the cheapest link from each end to each other, and how it begins (2 n, 2 n): the next end
-    on the way, ``FREE`` for retraction, free motion and approach, ``BY_HOME`` for the same by way of the home position.
+    """The cheapest links between all ends: seconds (2 n, 2 n), and how each begins (2 n, 2 n).
 
-    at_part: as of ``along``. blocked: (2 n, 2 n) free motions that collide. home: (2 n,) s from free space to home,
-    infinite where that collides.
+    A link begins with the next end at the part, with ``FREE`` for retraction, free motion and
+    approach, or with ``BY_HOME`` for these by way of the home position.
+
+    at_part: result of ``along``.
+    blocked: (2 n, 2 n) whether a free motion collides.
+    home: (2 n,) seconds from free space to home, inf for a motion that collides.
     """
     moving = np.stack([np.where(blocked, math.inf, ends.free), home[:, None] + home[None]])
     free = moving.min(axis=0) + ends.out[:, None] + ends.out[None]
@@ -135,25 +146,29 @@ def steps(
 
 
 def paced(
-    setup: Setup, pieces: Sequence[Piece], here: FloatArray, speeds: LinkSpeeds
+    setup: Setup, pieces: Sequence[Piece], start: FloatArray, speeds: LinkSpeeds
 ) -> tuple[Piece, ...]:
-    """``pieces`` of a link that begins at the joints ``here`` (J,), its motions of the joints in free space as fast as
-    the joints and ``speeds`` allow.
+    """``pieces`` of a link with the speeds of their joint motions in free space.
+
+    start: (J,) joint values at which the link begins.
     """
-    found: list[Piece] = []
+    result: list[Piece] = []
     for piece in pieces:
         if isinstance(piece, JointLink):
-            found.append(_pace_turn(setup, piece, here, speeds))
-            here = piece.joints
+            result.append(_pace_turn(setup, piece, start, speeds))
+            start = piece.joints
         else:
-            found.append(piece)
-            here = piece.joints[-1]
-    return tuple(found)
+            result.append(piece)
+            start = piece.joints[-1]
+    return tuple(result)
 
 
-def _pace_turn(setup: Setup, turn: JointLink, here: FloatArray, speeds: LinkSpeeds) -> JointLink:
-    speed, share = turn_speed(setup, here, turn.joints, speeds) if turn.free else (speeds.part, 0.0)
-    return replace(turn, speed=speed, share=share)
+def _pace_turn(setup: Setup, link: JointLink, start: FloatArray, speeds: LinkSpeeds) -> JointLink:
+    """A joint motion as fast as the joints and ``speeds`` allow."""
+    speed, share = speeds.part, 0.0
+    if link.free:
+        speed, share = turn_speed(setup, start, link.joints, speeds)
+    return replace(link, speed=speed, share=share)
 
 
 def leaving(out: Retraction) -> PathLink:
@@ -162,19 +177,24 @@ def leaving(out: Retraction) -> PathLink:
 
 
 def entering(out: Retraction) -> PathLink:
-    """The same as an approach."""
+    """A retraction run backwards, as an approach."""
     return PathLink(out.way.reversed(), out.joints[::-1], out.speed[::-1], "approach")
 
 
 def by_way_of(motion: Reached, end: int, other: Retraction, speed: float) -> Retraction:
-    """Out of one end (0 start, 1 end) back along the motion at ``speed`` mm/s and then as from its other end."""
-    there = motion if end == 0 else motion.reversed()
+    """A retraction from one end that goes along the motion, and then as from its other end.
+
+    end: 0 for the start of the motion, 1 for its end.
+    other: retraction of the other end.
+    speed: speed along the motion, mm/s.
+    """
+    along_edge = motion if end == 0 else motion.reversed()
     return Retraction(
-        _chain(there.way, other.way),
-        np.concatenate([there.joints, other.joints[1:]]),
-        _chain(there.looks, other.looks),
-        np.concatenate([there.dense, other.dense[1:]]),
-        np.concatenate([np.full(len(there.way) - 1, speed), other.speed]),
+        _chain(along_edge.way, other.way),
+        np.concatenate([along_edge.joints, other.joints[1:]]),
+        _chain(along_edge.looks, other.looks),
+        np.concatenate([along_edge.dense, other.dense[1:]]),
+        np.concatenate([np.full(len(along_edge.way) - 1, speed), other.speed]),
         "back along the edge",
         other.via,
     )

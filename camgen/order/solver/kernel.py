@@ -155,7 +155,7 @@ def note(r: Run, kind: int, a: int, b: int, c: int, d: int) -> None:
 
 
 def turn(s: Scene, r: Run, low: int, high: int) -> None:
-    """The stretch from place ``low`` to ``high`` run backwards; or the rest of the ring, which is the same tour."""
+    """Reverses the stretch from index ``low`` to ``high``, or the others: the tour is the same."""
     size = len(r.ring)
     count = (high - low) % size + 1
     other = low > high or low == 0 if s.directed else 2 * count > size
@@ -177,9 +177,10 @@ def turn(s: Scene, r: Run, low: int, high: int) -> None:
 
 
 def carry(r: Run, low: int, count: int, past: int, back: int) -> None:
-    """``count`` items from place ``low`` carried past the next ``past`` items (before them if negative).
+    """Moves ``count`` items from index ``low`` on past the next ``past`` items.
 
-    back: 1 if they are run backwards there.
+    past: number of items, negative for the items before the stretch.
+    back: 1 where the stretch is reversed, else 0.
     """
     size = len(r.ring)
     note(r, _CARRY, (low + past) % size, count, -past, back)
@@ -187,20 +188,20 @@ def carry(r: Run, low: int, count: int, past: int, back: int) -> None:
     r.marks[WORK] += (steps + count) // _BULK
     ring, place = r.ring, r.place
     held = [ring[(low + k) % size] for k in range(count)]
-    # In pieces that do not run over the end of the ring: such ways are most of the work of a search in Python.
+    # Slices that do not run over the end of the ring: this is most of the work in Python.
     done = 0
     while done < steps:
         if past > 0:
             goal, source = (low + done) % size, (low + count + done) % size
-            some = min(steps - done, size - max(goal, source))
+            size_of_slice = min(steps - done, size - max(goal, source))
         else:
             goal, source = (low + count - done) % size or size, (low - done) % size or size
-            some = min(steps - done, goal, source)
-            goal, source = goal - some, source - some
-        ring[goal : goal + some] = ring[source : source + some]
-        for k, item in enumerate(ring[goal : goal + some], goal):
+            size_of_slice = min(steps - done, goal, source)
+            goal, source = goal - size_of_slice, source - size_of_slice
+        ring[goal : goal + size_of_slice] = ring[source : source + size_of_slice]
+        for k, item in enumerate(ring[goal : goal + size_of_slice], goal):
             place[item] = k
-        done += some
+        done += size_of_slice
     for k in range(count):
         item = held[count - 1 - k] if back else held[k]
         goal = (low + past + k) % size
@@ -233,9 +234,12 @@ def undo(s: Scene, r: Run) -> None:
 
 
 def choose_sample(s: Scene, item: int, p: int, q: int, now: int) -> int:
-    """The sample of a closed item with the shortest way from point p over it to point q, ``now`` if none is shorter.
+    """The sample of a closed item with the shortest path from point p over it to point q.
 
-    A sample's way differs from its neighbour's by at most twice their distance: so many samples can be passed over.
+    now: the current sample, which stays unless another is shorter.
+
+    The paths over neighbouring samples differ by at most twice the distance of the samples. So a
+    longer path says how many samples can be skipped.
     """
     if p == s.nowhere:
         p = q
@@ -267,7 +271,7 @@ def choose_sample(s: Scene, item: int, p: int, q: int, now: int) -> int:
 
 
 def settle(s: Scene, r: Run, item: int) -> float:
-    """A closed item begun at its best point, an open one turned round where it stands; the change."""
+    """Starts a closed item at its best point, or reverses an open item in its place; the change."""
     p, q, now, end = r.leave[ahead(r, item)], r.enter[after(r, item)], r.enter[item], r.leave[item]
     if s.kind[item] == BOTH_WAYS:
         change = way(s, p, end) + way(s, now, q) - way(s, p, now) - way(s, end, q)

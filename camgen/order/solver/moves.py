@@ -1,4 +1,4 @@
-"""The moves at an item in the plane: 2-opt and Or-opt to its nearest items, with the choice of starts.
+"""The moves at an item in the plane: 2-opt and Or-opt to near items, with the choice of starts.
 
 2-opt reverses a stretch (Croes, 1958), Or-opt relocates up to three items (Or, 1976). The move that
 saves most is made. Like ``kernel`` this runs in Python and compiled.
@@ -99,7 +99,7 @@ def relink(s: Scene, r: Run, a: int, forward: bool) -> float:
             out_c, out_d = leave[e], enter[f]
             own_c, end_c = (way(s, pc, out_c), out_c) if s.kind[c] == CLOSED else (0.0, pc)
             own_d, end_d = (way(s, pd, out_d), out_d) if s.kind[d] == CLOSED else (0.0, pd)
-            # At least as much as ``choose_samples`` saves: nothing is shorter than the straight line.
+            # At least as much as ``choose_samples`` saves: nothing is shorter than a straight line.
             first = (
                 0.0 if end_a == pa and end_c == pc else own_a + own_c + ac - way(s, end_a, end_c)
             )
@@ -137,8 +137,8 @@ def begin(s: Scene, r: Run, item: int, point: int) -> None:
 def between(s: Scene, r: Run, head: int, tail: int, p: int, q: int) -> tuple[float, int, int]:
     """The stretch from ``head`` to ``tail`` between the points p and q.
 
-    Returns the mm that it adds, 1 where it is run backwards, else 0, and the point of a single closed
-    item, else -1.
+    Returns the mm that it adds, 1 where it is run backwards, else 0, and the point of a single
+    closed item, else -1.
     """
     gap = way(s, p, q)
     if head == tail and s.kind[head] == CLOSED:
@@ -151,7 +151,7 @@ def between(s: Scene, r: Run, head: int, tail: int, p: int, q: int) -> tuple[flo
     return cost, 0, -1
 
 
-def insert(s: Scene, r: Run, a: int, count: int, leading: bool) -> float:  # noqa: C901 (one loop with its exits)
+def insert(s: Scene, r: Run, a: int, count: int, leading: bool) -> float:  # noqa: C901 (a loop)
     """Or-opt: relocates ``count`` items to beside an item that is near ``a``; the change.
 
     leading: ``a`` is the first of them, else the last.

@@ -1,4 +1,4 @@
-"""Items in the plane made ready for the search, and the search run within a budget of looks or by a clock."""
+"""Items in the plane, prepared for the local search, and the search by a budget or by a clock."""
 
 from __future__ import annotations
 
@@ -32,29 +32,32 @@ __all__ = [
     "with_home",
 ]
 
-#: Near items that are tried.
+#: Nearest items to which moves are tried.
 WIDTH = 8
-#: Looks at an item above which the compiled search is worth its start, where it is installed.
+#: Evaluations from which the compiled search saves more time than its start takes.
 _WORTH = 30_000
-#: The same for a search that ends by the clock.
+#: Seconds by the clock from which it does, s.
 _WORTH_SECONDS = 0.2
-#: So many looks of the plain and of the compiled search, some tenths of a second, between two words on the progress.
+#: Evaluations between two reports, of the plain and of the compiled search: tenths of a second.
 _PAUSE = (2_000, 100_000)
-#: The same between two looks at the clock, about 0.02 s.
+#: Evaluations between two readings of the clock, of both: about 0.02 s.
 _TICK = (300, 10_000)
-#: How a search came to its end: by itself or its looks, by the clock, by an interrupt.
+#: The end of a search: by its budget or because nothing is left, by the clock, by an interrupt.
 DONE, TIMED, STOPPED = 0, 1, 2
-#: What is told the part of the budget that is used up, 0 to 1.
+#: Callback that gets the used fraction of the budget, 0 to 1.
 Tell = Callable[[float], None]
 
 
 class Items(Struct, frozen=True, eq=False):
-    """N items, of which P points are known.
+    """N items with P points.
 
-    first: (N + 1,) of each item's points: one or both ends of an open item, samples of a closed one, in order round it.
-    points: (P, 2) mm. kind: (N,) BOTH_WAYS, ONE_WAY or CLOSED of ``kernel``. step: (N,) mm, of a closed item what two
-    neighbouring samples are apart, along it, at most. parent: (N,) an item that comes later, or -1. rank: (N,) items of
-    a lower rank come first.
+    first: (N + 1,) index of the first point of each item. An open item has one or both of its ends,
+        a closed item has samples in order along it.
+    points: (P, 2) x, y, mm.
+    kind: (N,) BOTH_WAYS, ONE_WAY or CLOSED of ``kernel``.
+    step: (N,) largest distance of neighbouring samples along a closed item, mm.
+    parent: (N,) item that comes later, -1 for none.
+    rank: (N,) items of a lower rank come first.
     """
 
     first: IntArray
@@ -66,7 +69,12 @@ class Items(Struct, frozen=True, eq=False):
 
 
 class Start(Struct, frozen=True, eq=False):
-    """A tour. order: (N,) items. enter: by item, the point where it is entered. end: of the search, see above."""
+    """A tour.
+
+    order: (N,) items in the order in which they are run.
+    enter: (N,) point at which each item is entered.
+    end: end of the search for it, ``DONE``, ``TIMED`` or ``STOPPED``.
+    """
 
     order: IntArray
     enter: IntArray
@@ -87,22 +95,26 @@ class Problem(Struct, frozen=True, eq=False):
 
 
 class Clock(Struct, frozen=True):
-    """A search that ends by the clock. until: on ``time.monotonic``, s. seconds: in all."""
+    """The end of a search by the clock.
+
+    until: time of ``time.monotonic`` at which it ends, s.
+    seconds: duration of the search, s.
+    """
 
     until: float
     seconds: float
 
     def left(self) -> float:
-        """Seconds."""
+        """The remaining seconds."""
         return self.until - time.monotonic()
 
     def part(self) -> float:
-        """How much of the time is over, 0 to 1."""
+        """The used fraction of the time, 0 to 1."""
         return min(max(1 - self.left() / self.seconds, 0.0), 1.0)
 
 
 def discs_of(items: Items) -> Discs:
-    """Discs that cover all points of the items: each end of an open one, a closed one in stretches or as a whole."""
+    """Discs that cover all points of the items, one for each end of an open item."""
     count = np.diff(items.first)
     owner = np.repeat(np.arange(len(count)), count)
     loop = (items.kind == CLOSED) & (count > 1)
@@ -112,7 +124,7 @@ def discs_of(items: Items) -> Discs:
     radius = [np.zeros(int(lone.sum()))]
     loops = np.flatnonzero(loop)
     if len(loops):
-        # So many samples in a disc that one disc is not much larger than an item's usual room.
+        # A disc is not much larger than the usual room of an item.
         number, stretch = _stretches(items, loops)
         firsts = np.flatnonzero(np.concatenate([[True], stretch[1:] != stretch[:-1]]))
         lasts = np.concatenate([firsts[1:], [len(stretch)]])
@@ -124,13 +136,13 @@ def discs_of(items: Items) -> Discs:
         own = owner[number[firsts]]
         centre.append(middle)
         owners.append(own)
-        # What lies between two samples is no farther from one of them than half a step.
+        # A point between two samples is within half a step of one of them.
         radius.append(np.maximum.reduceat(far, firsts) + items.step[own] / 2)
     return Discs(np.concatenate(owners), np.concatenate(centre), np.concatenate(radius))
 
 
 def ends_apart(items: Items, discs: Discs) -> tuple[Discs, IntArray]:
-    """``discs_of`` the items, the two ends of open ones as owners of their own; and the first owner of each item."""
+    """The discs with both ends of an open item as owners, and the first owner of each item."""
     closed = items.kind == CLOSED
     first = begins(np.where(closed, 1, 2))
     ends = ~closed[discs.owner]
@@ -142,7 +154,7 @@ def ends_apart(items: Items, discs: Discs) -> tuple[Discs, IntArray]:
 
 
 def _stretches(items: Items, loops: IntArray) -> tuple[IntArray, IntArray]:
-    """The samples of the closed items ``loops``, and for each the number of the stretch it belongs to, rising."""
+    """The samples of the closed items ``loops``, and the stretch to which each belongs, rising."""
     low, high = items.points.min(axis=0), items.points.max(axis=0)
     room = float(np.sqrt(max(np.prod(high - low), (high - low).max() ** 2 / 100) / len(items.kind)))
     count = np.diff(items.first)[loops]
@@ -181,7 +193,7 @@ def shorten(
         budget >= _WORTH if clock is None else clock.seconds >= _WORTH_SECONDS
     ) and speed.available()
     pause = _PAUSE[compiled] if clock is None else _TICK[compiled] + len(run.ring) // 10
-    # An interrupt may come in the middle of a move: what is given back is the tour before it.
+    # An interrupt may come in the middle of a move: the result is the tour before it.
     ring, enter = run.ring[:], run.enter[:]
     try:
         if compiled:
@@ -206,7 +218,7 @@ def shorten(
 
 
 def _compile(scene: Scene, run: Run, budget: int) -> tuple[speed.Search, Scene, Run, float]:
-    """The compiled search, what it works on as arrays, and the seconds that it took to load or to compile it."""
+    """The compiled search, problem and tour as arrays, and the seconds that loading took."""
     begun = time.monotonic()
     scene, run = speed.to_arrays(scene, run)
     search = speed.compile_search()
@@ -240,13 +252,26 @@ def _make(problem: Problem, start: Start, seed: int) -> tuple[Scene, Run]:
         or len(np.unique(items.rank)) > 1
     )
     scene = Scene(
-        x=xy[:, 0].tolist(), y=xy[:, 1].tolist(), first=first.tolist(), kind=[*items.kind.tolist(), CLOSED],
-        step=[*items.step.tolist(), 1.0], near=table.reshape(-1).tolist(), apart=apart.reshape(-1).tolist(),
-        width=WIDTH, parent=[*items.parent.tolist(), -1], children=offsets(counts).tolist(),
-        child=children.tolist() or [0], rank=rank.tolist(), nowhere=points if home is None else -1, directed=directed,
-        table=[], least=kernel.EPS, longest=min(local_search.LONGEST_SHUFFLED, count // 2),
-        shuffles=local_search.ENDLESS, newest_first=False,
-    )  # fmt: skip
+        x=xy[:, 0].tolist(),
+        y=xy[:, 1].tolist(),
+        first=first.tolist(),
+        kind=[*items.kind.tolist(), CLOSED],
+        step=[*items.step.tolist(), 1.0],
+        near=table.reshape(-1).tolist(),
+        apart=apart.reshape(-1).tolist(),
+        width=WIDTH,
+        parent=[*items.parent.tolist(), -1],
+        children=offsets(counts).tolist(),
+        child=children.tolist() or [0],
+        rank=rank.tolist(),
+        nowhere=points if home is None else -1,
+        directed=directed,
+        table=[],
+        least=kernel.EPS,
+        longest=min(local_search.LONGEST_SHUFFLED, count // 2),
+        shuffles=local_search.ENDLESS,
+        newest_first=False,
+    )
     ring = np.concatenate([[count], start.order])
     where = np.empty(count + 1, dtype=np.int64)
     where[ring] = np.arange(count + 1)
@@ -254,22 +279,27 @@ def _make(problem: Problem, start: Start, seed: int) -> tuple[Scene, Run]:
     turned = (both_ends(items) - start.enter) if count else start.enter
     leave = np.concatenate([np.where(items.kind == CLOSED, start.enter, turned), [points]])
     run = Run(
-        ring=ring.tolist(), place=where.tolist(), enter=enter.tolist(), leave=leave.tolist(), queue=ring.tolist(),
-        waits=[1] * (count + 1), log=[0] * (5 * local_search.LOG),
+        ring=ring.tolist(),
+        place=where.tolist(),
+        enter=enter.tolist(),
+        leave=leave.tolist(),
+        queue=ring.tolist(),
+        waits=[1] * (count + 1),
+        log=[0] * (5 * local_search.LOG),
         marks=[count + 1, 0, 0, 0, 0, seed & 0xFFFFFFFF, 0, 0],
-    )  # fmt: skip
+    )
     return scene, run
 
 
 def both_ends(items: Items) -> IntArray:
-    """The sum of the first and the last point of each item: of an open one, the other end is this less one end."""
+    """The sum of the first and the last point of each item: less one end it is the other end."""
     return items.first[:-1] + items.first[1:] - 1
 
 
 def with_home(
     items: Items, home: FloatArray, table: IntArray, apart: FloatArray, nowhere: bool
 ) -> tuple[IntArray, FloatArray]:
-    """The table of near items with a row for home. A home that is nowhere is near to everything and to nothing."""
+    """The table of near items with a row for home, which is empty for a home that is nowhere."""
     count = len(items.kind)
     near, far = np.full((1, WIDTH), -1), np.full((1, WIDTH), np.inf)
     if not nowhere and count:

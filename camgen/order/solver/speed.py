@@ -65,5 +65,5 @@ def _compile(modules: Sequence[ModuleType]) -> dict[str, Any]:
 def _cache(compiler: Any, function: FunctionType) -> Any:
     try:
         return compiler(cache=True)(function)
-    except RuntimeError:  # no folder can be written to: then it is compiled each time
+    except RuntimeError:  # no folder can be written: compiled each time
         return compiler()(function)
