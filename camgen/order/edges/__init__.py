@@ -58,8 +58,11 @@ def order_edges(plan: EdgePlan, job: Job, cell: Cell | None, watch: Watch) -> Ed
     lengths = tuple(edges[leg.motion.id].length - sum(leg.motion.trimmed) for leg in made.legs)
     paths = tuple(edge_path(leg.motion, edges[leg.motion.id], job) for leg in made.legs)
     method = "best found" if best else "nearest neighbour"
-    noun = plan.noun
-    notes = (*left_out(made.dropped, edges), *_note_freed(made, noun), *_note_links(made, noun))
+    notes = (
+        *left_out(made.dropped, edges),
+        *_note_freed(made, plan.noun),
+        *_note_links(made, plan.noun),
+    )
     return EdgeTour(
         paths,
         _travel(made, setup, home),

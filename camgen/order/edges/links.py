@@ -165,9 +165,9 @@ def paced(
 
 def _pace_turn(setup: Setup, link: JointLink, start: FloatArray, speeds: LinkSpeeds) -> JointLink:
     """A joint motion as fast as the joints and ``speeds`` allow."""
-    speed, share = speeds.part, 0.0
-    if link.free:
-        speed, share = turn_speed(setup, start, link.joints, speeds)
+    speed, share = (
+        turn_speed(setup, start, link.joints, speeds) if link.free else (speeds.part, 0.0)
+    )
     return replace(link, speed=speed, share=share)
 
 
