@@ -35,7 +35,7 @@ from camgen.model.errors import CamgenError
 from camgen.model.job import Job
 from camgen.model.pose import FloatArray, Pose
 from camgen.model.program import MoveC, MoveJ, Program
-from camgen.motion.pose_paths import Way, divide
+from camgen.motion.pose_paths import PosePath, divide
 from camgen.motion.setup import JUMP, MARGIN, Setup, dense_parts, flange_poses
 from camgen.pipeline import Result
 from camgen.plan.edges.poses import poses
@@ -202,7 +202,7 @@ def unfounded(result: Result, job: Job, samples: int) -> tuple[int, int]:
     none = []
     for note in lost:
         way = poses(edges[note.ids[0]], job.operation.offset)
-        assert isinstance(way, Way)
+        assert isinstance(way, PosePath)
         looks = divide(way, dense_parts(way))
         chosen = follow(
             arm, *flange_poses(setup, looks.position, looks.rotation), margin=MARGIN, jump=JUMP
@@ -214,7 +214,7 @@ def unfounded(result: Result, job: Job, samples: int) -> tuple[int, int]:
     return len(lost), len(none)
 
 
-def joints_along(cell: Workcell, way: Way, start: FloatArray, samples: int) -> FloatArray:
+def joints_along(cell: Workcell, way: PosePath, start: FloatArray, samples: int) -> FloatArray:
     """The joints on a way from ``start`` (J,), as in ``runs``."""
     assert cell.arm is not None
     share = np.arange(samples + 1) / samples

@@ -20,7 +20,7 @@ from camgen.model.part import IntArray, Note
 from camgen.model.program import Program
 from camgen.model.text import short
 from camgen.motion.cell import FINE, STEP
-from camgen.motion.joint_paths import APART, Course
+from camgen.motion.joint_paths import APART, JointPath
 from camgen.robots.kinematics.forward import flange
 from camgen.robots.models import Robot
 
@@ -73,7 +73,7 @@ class _Collision(Struct, frozen=True):
 
 
 def check_clear(
-    where: Surroundings, reach: Reach, course: Course, robot: Robot, file: str
+    where: Surroundings, reach: Reach, course: JointPath, robot: Robot, file: str
 ) -> Clear:
     """Tests the motions of ``reach``, all of them, on their ``course``, as a controller makes them but for blends.
     Blocked, with the motion, the place and the obstacle of the first collision, and every path on which there is one.
@@ -103,7 +103,7 @@ def _find_near(
     where: Surroundings,
     reach: Reach,
     robot: Robot,
-    course: Course,
+    course: JointPath,
     rows: tuple[int, int],
     near: float,
 ) -> list[Near]:
@@ -146,7 +146,7 @@ def _tell_near(close: Sequence[Near], margin: float) -> tuple[Note, ...]:
     )
 
 
-def _find_by_path(where: Surroundings, reach: Reach, course: Course) -> list[_Collision]:
+def _find_by_path(where: Surroundings, reach: Reach, course: JointPath) -> list[_Collision]:
     """The first collision of each run of motions of one path, and of the way that leads to it."""
     columns, motion_of = reach.program.columns, _motions(reach, course)[1:]
     ends = offsets(run_lengths(columns.path[motion_of] * 2 + columns.arrives[motion_of]))
@@ -162,13 +162,13 @@ def _find_by_path(where: Surroundings, reach: Reach, course: Course) -> list[_Co
     return found
 
 
-def _motions(reach: Reach, course: Course) -> IntArray:
+def _motions(reach: Reach, course: JointPath) -> IntArray:
     """(D,) the motion that each row of the course belongs to."""
     return reach.rows.motion[np.ceil(course.at).astype(np.int64)]
 
 
 def _block(
-    reach: Reach, robot: Robot, file: str, course: Course, found: list[_Collision]
+    reach: Reach, robot: Robot, file: str, course: JointPath, found: list[_Collision]
 ) -> Blocked:
     """The error about all paths with a collision."""
     program, columns = reach.program, reach.program.columns
@@ -191,7 +191,7 @@ def _block(
     return Blocked(*error, join_losses(losses))
 
 
-def _place(program: Program, robot: Robot, course: Course, at: float) -> str:
+def _place(program: Program, robot: Robot, course: JointPath, at: float) -> str:
     """The TCP there, x, y and z in the work frame."""
     row = min(int(at), len(course.joints) - 2) if len(course.joints) > 1 else 0
     part = at - row

@@ -26,7 +26,7 @@ from camgen.model.part import IntArray, Note
 from camgen.model.pose import FloatArray
 from camgen.model.program import MoveC, Program, ToolChange, put_off_first
 from camgen.model.text import short
-from camgen.motion.pose_paths import Way
+from camgen.motion.pose_paths import PosePath
 from camgen.motion.setup import Setup, flange_poses
 from camgen.robots.kinematics.inverse import inverse
 from camgen.robots.kinematics.joint_limits import excess, within
@@ -136,7 +136,7 @@ def check_travel(program: Program, machine: Robot, file: str) -> Reach:
     middles = columns.vias.copy()
     arcs = np.flatnonzero(columns.moves_are(MoveC))
     middles[arcs] = arc_middles(position[arcs - 1], middles[arcs], position[arcs])
-    rows = sample_motions(program, Way(position, middles, rotation))
+    rows = sample_motions(program, PosePath(position, middles, rotation))
     setup = Setup(machine, program.base_from_work, program.flange_from_tool)
 
     def find_axes(position: FloatArray, rotation: FloatArray) -> FloatArray:
@@ -178,7 +178,7 @@ def _check_limits(
 
 
 def _find_extremes(
-    poses: Way, find_axes: Callable[[FloatArray, FloatArray], FloatArray]
+    poses: PosePath, find_axes: Callable[[FloatArray, FloatArray], FloatArray]
 ) -> tuple[IntArray, FloatArray]:
     """The segments (K,) and positions (K, 3), mm, at which an axis turns around on an arc.
 

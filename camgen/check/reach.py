@@ -22,8 +22,8 @@ from camgen.model.errors import Blocked, JobError, Loss
 from camgen.model.pose import FloatArray
 from camgen.model.program import Joints, MoveC, MoveJ, Program
 from camgen.model.text import short
-from camgen.motion.joint_paths import Course, follow_closely
-from camgen.motion.pose_paths import Index, Way, counts, divide, rows
+from camgen.motion.joint_paths import JointPath, follow_closely
+from camgen.motion.pose_paths import Index, PosePath, counts, divide, rows
 from camgen.motion.setup import Setup, flange_poses
 from camgen.robots.kinematics.continuity import Stuck, Ties, follow
 from camgen.robots.kinematics.forward import flange
@@ -49,13 +49,13 @@ class MotionRows(Struct, frozen=True, eq=False):
     joints are interpolated from the row before.
     """
 
-    way: Way
+    way: PosePath
     motion: Index
     at: Index
     free: NDArray[np.bool_]
 
 
-def sample_motions(program: Program, way: Way) -> MotionRows:
+def sample_motions(program: Program, way: PosePath) -> MotionRows:
     """The rows of ``program``. way: of the TCP, a row for each motion."""
     free = program.columns.moves_are(MoveJ)
     way, own = _through_middles(way, program)
@@ -87,7 +87,7 @@ def ends(program: Program, robot: Robot, anchors: FloatArray) -> tuple[FloatArra
     return position, rotation
 
 
-def _through_middles(way: Way, program: Program) -> tuple[Way, Index]:
+def _through_middles(way: PosePath, program: Program) -> tuple[PosePath, Index]:
     """The way with a row in the middle of each arc along which the tool turns, where it stands as at the via point:
     half a turn has no shorter way. And the motion that each row belongs to.
     """
@@ -103,7 +103,7 @@ def _through_middles(way: Way, program: Program) -> tuple[Way, Index]:
     columns = program.columns
     vias = columns.via_rotation[np.searchsorted(columns.arcs, np.flatnonzero(turning))]
     rotation[rows(parts)[turning] - 1] = np.stack(columns.table)[vias]
-    return Way(finer.position, finer.via, rotation), own
+    return PosePath(finer.position, finer.via, rotation), own
 
 
 def interpolate_joints(
@@ -181,7 +181,7 @@ def check_reach(program: Program, robot: Robot, file: str) -> Reach:
 
 def trace(
     reach: Reach, robot: Robot, apart: Callable[[FloatArray, FloatArray], FloatArray], file: str
-) -> Course:
+) -> JointPath:
     """The joints on the way of the whole program, its places in rows of ``reach.rows``: the TCP keeps to lines and
     arcs, but for joint-interpolated motions. apart: as in ``Setup``. file: for messages. Blocked with the motion
     and the place for what no joints lead along.
@@ -232,13 +232,13 @@ def _name(motion: int) -> str:
     return f"motion {motion + 1}" if motion else "home"
 
 
-def _way(program: Program, robot: Robot, anchors: FloatArray) -> Way:
+def _way(program: Program, robot: Robot, anchors: FloatArray) -> PosePath:
     """The way of the TCP, a row for each motion."""
     position, rotation = ends(program, robot, anchors)
     middles = program.columns.vias.copy()
     arc = np.flatnonzero(program.columns.moves_are(MoveC))
     middles[arc] = arc_middles(position[arc - 1], middles[arc], position[arc])
-    return Way(position, middles, rotation)
+    return PosePath(position, middles, rotation)
 
 
 def _follow(

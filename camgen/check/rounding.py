@@ -20,7 +20,7 @@ from camgen.model.text import counted
 from camgen.model.tolerance import NONZERO, ZONES
 from camgen.motion.cell import FINE, STEP
 from camgen.motion.corners import TURNING
-from camgen.motion.joint_paths import APART, Course
+from camgen.motion.joint_paths import APART, JointPath
 from camgen.robots.kinematics.forward import flange
 from camgen.robots.models import Robot
 from camgen.robots.workcell import Workcell
@@ -49,7 +49,7 @@ class _Ways(Struct, frozen=True, eq=False):
 def hold_clear(
     program: Program,
     found: Reach,
-    course: Course,
+    course: JointPath,
     where: Surroundings,
     cell: Workcell,
     gap: float = 0.0,
@@ -93,7 +93,7 @@ def _find_rounded(columns: Columns, corners: IntArray) -> IntArray:
     ]
 
 
-def _follow(program: Program, found: Reach, course: Course, robot: Robot) -> _Ways:
+def _follow(program: Program, found: Reach, course: JointPath, robot: Robot) -> _Ways:
     rotation, origin = flange(robot, course.joints)
     tip = origin + rotation @ np.asarray(program.flange_from_tool.origin)
     way = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(tip, axis=0), axis=1)))

@@ -36,7 +36,7 @@ _CLOSE_TURN = 0.05
 _SPARSE = 8
 
 
-class Course(Struct, frozen=True):
+class MotionCheck(Struct, frozen=True):
     """What a motion meets. pair: of ``scene.pairs``, -1 if none. at: where the first hit is, in rows of the waypoints:
     2.25 is a quarter of the way from row 2 to row 3; nan if there is none. clearance: mm; 0 at a hit, ``near`` if
     nothing comes closer. nearest, nearest_at: the pair that comes as close as ``clearance`` and where, in rows; -1 and
@@ -57,7 +57,7 @@ class Course(Struct, frozen=True):
 
 def motion(
     scene: Scene, waypoints: FloatArray, step: float, near: float = 0.0, apart: float = 0.0
-) -> Course:
+) -> MotionCheck:
     """The first hit of the motion through the configurations (K, J), rad or mm, or else how close it comes.
 
     Joints run evenly from row to row. apart: mm that any point of a body may be off that at most, as it is where the
@@ -78,7 +78,7 @@ def motions(
     step: float,
     near: float | FloatArray = 0.0,
     apart: float = 0.0,
-) -> list[Course]:
+) -> list[MotionCheck]:
     """``motion`` of each of ``several``, together: in a fraction of the time where they are short. near: one for all or
     each (L,).
     """
@@ -102,14 +102,14 @@ def motions(
     return [_course(*one) for one in zip(places, pairs, nears, closer, strict=True)]
 
 
-def _course(at: FloatArray, pairs: IntArray, bound: Nearest, closer: Nearest) -> Course:
+def _course(at: FloatArray, pairs: IntArray, bound: Nearest, closer: Nearest) -> MotionCheck:
     """What a motion meets at its undecided places ``at``, or how near it comes there or before, at some waypoints."""
     met = np.flatnonzero(pairs >= 0)
     if len(met):
-        return Course(int(pairs[met[0]]), float(at[met[0]]), 0.0)
+        return MotionCheck(int(pairs[met[0]]), float(at[met[0]]), 0.0)
     if closer.pair >= 0:
-        return Course(-1, math.nan, closer.distance, closer.pair, float(at[closer.row]))
-    return Course(
+        return MotionCheck(-1, math.nan, closer.distance, closer.pair, float(at[closer.row]))
+    return MotionCheck(
         -1,
         math.nan,
         bound.distance,

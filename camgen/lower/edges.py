@@ -29,8 +29,8 @@ from camgen.model.program import (
 )
 from camgen.model.tolerance import SAME_POINT_MM
 from camgen.motion.corners import corner_tolerance, hold_orientation
-from camgen.motion.pose_paths import Way
-from camgen.motion.setup import Reached, feed_of
+from camgen.motion.pose_paths import PosePath
+from camgen.motion.setup import EdgeMotion, feed_of
 from camgen.order import EdgeTour
 from camgen.order.edges.links import JointLink, PathLink, Piece
 
@@ -108,7 +108,7 @@ def _turn(piece: JointLink) -> MoveJ:
     return MoveJ(joints_of(piece.joints), piece.speed, share=piece.share)
 
 
-def _state(way: Way, process: ProcessTable) -> Iterator[Instruction]:
+def _state(way: PosePath, process: ProcessTable) -> Iterator[Instruction]:
     """After a motion to joints an arc has no start that the text knows: a motion to where the tool is states it."""
     if not math.isnan(way.via[1, 0]):
         yield MoveL(_pose(way.rotation[0], way.position[0]), process.travel_speed)
@@ -127,22 +127,24 @@ def _approach(piece: PathLink, process: ProcessTable) -> Iterator[Instruction]:
     yield MoveL(_pose(way.rotation[-1], way.position[-1]), plunge(process))
 
 
-def _cut(way: Way, share: float) -> Way:
+def _cut(way: PosePath, share: float) -> PosePath:
     """``way`` with its last segment, a straight one, only up to ``share`` of it."""
     position, rotation = way.position.copy(), way.rotation.copy()
     position[-1] = way.position[-2] + share * (way.position[-1] - way.position[-2])
     rotation[-1] = between(
         way.rotation[-2:-1], way.rotation[-1:], np.array([0]), np.array([share])
     )[0]
-    return Way(frozen(position), way.via, frozen(rotation))
+    return PosePath(frozen(position), way.via, frozen(rotation))
 
 
-def _along(way: Way, speed: FloatArray) -> Iterator[Instruction]:
+def _along(way: PosePath, speed: FloatArray) -> Iterator[Instruction]:
     for row in range(1, len(way)):
         yield _segment(way, row, float(speed[row - 1]), 0.0)
 
 
-def _blends(motion: Reached, path: ToolPath, feed: float, job: Job, pace: Dynamics) -> list[float]:
+def _blends(
+    motion: EdgeMotion, path: ToolPath, feed: float, job: Job, pace: Dynamics
+) -> list[float]:
     """The blend at the end of each row of ``path``: the tool runs on where that rounds the way by no more than
     ``tolerance.corner`` at ``feed`` and hardly changes how it stands; it stops at both ends and where it turns on the
     spot.
@@ -154,14 +156,16 @@ def _blends(motion: Reached, path: ToolPath, feed: float, job: Job, pace: Dynami
     return [float(radius) for radius in blend]
 
 
-def _bends(way: Way) -> FloatArray:
+def _bends(way: PosePath) -> FloatArray:
     """(N - 2,) rad/mm by which the turning of the tool changes at the rows between two segments."""
     turn = vectors_of(way.rotation[1:] @ np.swapaxes(way.rotation[:-1], 1, 2))
     rate = turn / np.maximum(way.length, SAME_POINT_MM)[:, None]
     return np.asarray(np.linalg.norm(np.diff(rate, axis=0), axis=1))
 
 
-def _work(motion: Reached, feed: float, blend: Sequence[float], job: Job) -> Iterator[Instruction]:
+def _work(
+    motion: EdgeMotion, feed: float, blend: Sequence[float], job: Job
+) -> Iterator[Instruction]:
     """The processing motion between force on, process on and process off, force off."""
     process, force = job.process, job.process.force
     name = "" if in_air(job) else signal(process)
@@ -177,7 +181,9 @@ def _work(motion: Reached, feed: float, blend: Sequence[float], job: Job) -> Ite
         yield Force(0.0)
 
 
-def _segment(way: Way, row: int, speed: float, force: float, blend: float = 0.0) -> MoveL | MoveC:
+def _segment(
+    way: PosePath, row: int, speed: float, force: float, blend: float = 0.0
+) -> MoveL | MoveC:
     """One motion; it presses along the tool."""
     target = _pose(way.rotation[row], way.position[row])
     press = to_vec3(way.rotation[row, :, 2]) if force > 0 else (0.0, 0.0, 0.0)

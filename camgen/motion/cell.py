@@ -9,15 +9,14 @@ import numpy as np
 
 from camgen.collision.cell import Surroundings
 from camgen.collision.hits import clearance, hits
-from camgen.collision.motion import Course as Meeting
-from camgen.collision.motion import measure_apart, motions
+from camgen.collision.motion import MotionCheck, measure_apart, motions
 from camgen.collision.scene import Scene, name_pair
 from camgen.model.cell import Cell
 from camgen.model.errors import JobError, NoSafeProgram
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.program import Joints
-from camgen.motion.joint_paths import APART, Course, follow_all
-from camgen.motion.setup import Hit, Room, Setup, Track, all_clear
+from camgen.motion.joint_paths import APART, JointPath, follow_all
+from camgen.motion.setup import Blockage, FreeSpace, SampledMotion, Setup, all_clear
 from camgen.robots.models import Robot
 
 #: mm: what two bodies may enter each other before a motion in between is found to collide.
@@ -63,10 +62,10 @@ def setup_of(robot: Robot, cell: Cell, where: Surroundings) -> Setup:
     )
 
 
-def room_of(where: Surroundings, setup: Setup) -> Room:
+def room_of(where: Surroundings, setup: Setup) -> FreeSpace:
     """The free space of a cell, with the collision tests of motions along edges and links."""
 
-    def look(several: Sequence[Track]) -> list[Hit | float]:
+    def look(several: Sequence[SampledMotion]) -> list[Blockage | float]:
         if not several:
             return []
         courses = follow_all(setup, several)
@@ -82,13 +81,15 @@ def room_of(where: Surroundings, setup: Setup) -> Room:
             else np.zeros(len(joints))
         )
 
-    return Room(where.level, where.low, where.high, where.room, where.margin, look, gaps)
+    return FreeSpace(where.level, where.low, where.high, where.room, where.margin, look, gaps)
 
 
-def _say(where: Surroundings, course: Course, beside: Meeting, working: Meeting) -> Hit | float:
+def _say(
+    where: Surroundings, course: JointPath, beside: MotionCheck, working: MotionCheck
+) -> Blockage | float:
     """The first place where a motion fails, by its joints or a collision; else its clearance, mm."""
     if len(course.lost):
-        return Hit("jump", "the joints cannot follow", float(course.lost[0]))
+        return Blockage("jump", "the joints cannot follow", float(course.lost[0]))
     found = [
         (met.at, scene.pairs[met.pair])
         for scene, met in ((where.apart, beside), (where.work, working))
@@ -98,4 +99,4 @@ def _say(where: Surroundings, course: Course, beside: Meeting, working: Meeting)
         return beside.clearance
     first, pair = min(found, key=lambda one: (one[0], where.scene.pairs.index(one[1])))
     at = np.interp(first, np.arange(len(course.at)), course.at)
-    return Hit("collision", f"collision, {' against '.join(pair)}", float(at))
+    return Blockage("collision", f"collision, {' against '.join(pair)}", float(at))

@@ -12,10 +12,10 @@ from camgen.model.part import Edge, Line, Note, Part
 from camgen.model.path import ToolPath, waypoints
 from camgen.model.pose import frozen
 from camgen.model.text import counted, short
-from camgen.motion.setup import Reached, Unreached, feed_of
+from camgen.motion.setup import EdgeMotion, UnreachableEdge, feed_of
 
 
-def edge_path(motion: Reached, edge: Line, job: Job) -> ToolPath:
+def edge_path(motion: EdgeMotion, edge: Line, job: Job) -> ToolPath:
     """The motion along ``edge`` as a tool path."""
     layer, operation = (edge.kind, "edges") if isinstance(edge, Edge) else (edge.layer, "trace")
     way = motion.way
@@ -39,7 +39,7 @@ def edge_path(motion: Reached, edge: Line, job: Job) -> ToolPath:
     )
 
 
-def none_left(part: Part, count: int, first: Unreached, noun: str = "edge") -> NoSafeProgram:
+def none_left(part: Part, count: int, first: UnreachableEdge, noun: str = "edge") -> NoSafeProgram:
     """The error if no line of a part can be processed.
 
     count: number of the lines.
@@ -50,7 +50,7 @@ def none_left(part: Part, count: int, first: Unreached, noun: str = "edge") -> N
     return NoSafeProgram(part.source, what, first.text, first.remedy)
 
 
-def left_out(lost: Sequence[Unreached], edges: Mapping[str, Line]) -> list[Note]:
+def left_out(lost: Sequence[UnreachableEdge], edges: Mapping[str, Line]) -> list[Note]:
     """Notes on edges and curves without a motion."""
     return [
         Note(

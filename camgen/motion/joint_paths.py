@@ -10,8 +10,8 @@ from msgspec import Struct
 from camgen.geometry.ragged import each_once, offsets
 from camgen.model.part import BoolArray
 from camgen.model.pose import FloatArray
-from camgen.motion.pose_paths import Along, Index, Way
-from camgen.motion.setup import Setup, Track, flange_poses
+from camgen.motion.pose_paths import Index, PosePath, PoseSampler
+from camgen.motion.setup import SampledMotion, Setup, flange_poses
 from camgen.robots.kinematics.inverse import nearest
 
 #: mm: half-way between two rows no point of arm and tool is farther from where joints that run evenly have it.
@@ -20,7 +20,7 @@ APART = 0.02
 _HALVINGS = 12
 
 
-class Course(Struct, frozen=True, eq=False):
+class JointPath(Struct, frozen=True, eq=False):
     """joints: (D, J), between which they may be taken to run evenly: what is left is about a quarter of ``APART``,
     since every stretch is halved once more than it had to be. at: (D,) where, in rows of the way: 2.25 is a quarter of
     the way from row 2 to row 3. lost: rows after which no joints lead along the way.
@@ -31,14 +31,14 @@ class Course(Struct, frozen=True, eq=False):
     lost: Index
 
 
-def follow_closely(setup: Setup, way: Way, joints: FloatArray, along: BoolArray) -> Course:
+def follow_closely(setup: Setup, way: PosePath, joints: FloatArray, along: BoolArray) -> JointPath:
     """The motion through the poses of ``way`` with its ``joints`` (N, J), rad or mm. along: (N - 1,) the segments in
     which the TCP keeps to the way; in others the joints run evenly, and nothing is added.
     """
     at = np.arange(len(joints), dtype=np.float64)
     open_: BoolArray = np.asarray(along, dtype=bool)
     lost: list[FloatArray] = []
-    poses = Along.of(way).poses
+    poses = PoseSampler.of(way).poses
     for _ in range(_HALVINGS):
         before = np.flatnonzero(open_)
         if not len(before):
@@ -57,7 +57,7 @@ def follow_closely(setup: Setup, way: Way, joints: FloatArray, along: BoolArray)
         open_ = np.zeros(len(at) - 1, dtype=np.bool_)
         open_[wide - 1] = open_[wide] = True
     lost.append(at[:-1][open_])
-    return Course(joints, at, each_once(np.concatenate(lost).astype(np.int64)))
+    return JointPath(joints, at, each_once(np.concatenate(lost).astype(np.int64)))
 
 
 def _insert(old: FloatArray, kept: Index, middle: Index, new: FloatArray) -> FloatArray:
@@ -67,12 +67,12 @@ def _insert(old: FloatArray, kept: Index, middle: Index, new: FloatArray) -> Flo
     return found
 
 
-def follow_all(setup: Setup, tracks: Sequence[Track]) -> list[Course]:
+def follow_all(setup: Setup, tracks: Sequence[SampledMotion]) -> list[JointPath]:
     """``follow_closely`` of each of several, in one."""
     bound = [k for k, track in enumerate(tracks) if track.way is not None]
     plain = {k: track.joints for k, track in enumerate(tracks) if track.way is None}
     found = {
-        k: Course(q, np.arange(len(q), dtype=np.float64), np.zeros(0, np.int64))
+        k: JointPath(q, np.arange(len(q), dtype=np.float64), np.zeros(0, np.int64))
         for k, q in plain.items()
     }
     if bound:
@@ -80,12 +80,15 @@ def follow_all(setup: Setup, tracks: Sequence[Track]) -> list[Course]:
     return [found[k] for k in range(len(tracks))]
 
 
-def _split(setup: Setup, tracks: Sequence[Track]) -> list[Course]:
+def _split(setup: Setup, tracks: Sequence[SampledMotion]) -> list[JointPath]:
     """The courses of tracks that are bound to a way."""
     ways = [track.way for track in tracks if track.way is not None]
     first = offsets([len(way) for way in ways])
-    whole = Way(
-        *(np.concatenate([getattr(way, name) for way in ways]) for name in Way.__struct_fields__)
+    whole = PosePath(
+        *(
+            np.concatenate([getattr(way, name) for way in ways])
+            for name in PosePath.__struct_fields__
+        )
     )
     along = np.ones(len(whole) - 1, dtype=bool)
     along[first[1:-1] - 1] = False
@@ -95,5 +98,5 @@ def _split(setup: Setup, tracks: Sequence[Track]) -> list[Course]:
     found = []
     for a, b, low, high in zip(first[:-1], first[1:], ends[:-1], ends[1:], strict=True):
         own = one.lost[(one.lost >= a) & (one.lost < b)]
-        found.append(Course(one.joints[low:high], one.at[low:high] - a, own - a))
+        found.append(JointPath(one.joints[low:high], one.at[low:high] - a, own - a))
     return found

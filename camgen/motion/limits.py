@@ -9,7 +9,7 @@ from msgspec import Struct
 
 from camgen.model.cell import Dynamics
 from camgen.model.pose import FloatArray, frozen
-from camgen.motion.pose_paths import Index, Way
+from camgen.motion.pose_paths import Index, PosePath
 from camgen.motion.setup import Setup
 from camgen.robots.kinematics.rates import fastest, held_share
 from camgen.robots.models import Robot
@@ -110,7 +110,7 @@ class LinkSpeeds(Struct, frozen=True):
 
 
 def line_speeds(
-    setup: Setup, speeds: LinkSpeeds, dense: Way, joints: FloatArray, at: Index
+    setup: Setup, speeds: LinkSpeeds, dense: PosePath, joints: FloatArray, at: Index
 ) -> FloatArray:
     """(N - 1,) speeds of the segments of a retraction, mm/s, at which no joint exceeds its limit.
 

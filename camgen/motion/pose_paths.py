@@ -15,7 +15,7 @@ from camgen.model.tolerance import NONZERO
 Index = NDArray[np.int64]
 
 
-class Way(Struct, frozen=True, eq=False):
+class PosePath(Struct, frozen=True, eq=False):
     """Poses of the tool in order, work frame, mm. Row i > 0 ends the segment from row i - 1.
 
     position: (N, 3) of the TCP. via: (N, 3), half-way along an arc of at most half a circle, NaN for a straight segment
@@ -30,14 +30,16 @@ class Way(Struct, frozen=True, eq=False):
     def __len__(self) -> int:
         return len(self.position)
 
-    def reversed(self) -> Way:
+    def reversed(self) -> PosePath:
         """The same poses the other way round."""
-        return Way(frozen(self.position[::-1]), backwards(self.via), frozen(self.rotation[::-1]))
+        return PosePath(
+            frozen(self.position[::-1]), backwards(self.via), frozen(self.rotation[::-1])
+        )
 
     @property
-    def head(self) -> Way:
+    def head(self) -> PosePath:
         """The poses without the last one."""
-        return Way(self.position[:-1], self.via[:-1], self.rotation[:-1])
+        return PosePath(self.position[:-1], self.via[:-1], self.rotation[:-1])
 
     @property
     def spans(self) -> Spans:
@@ -56,17 +58,17 @@ class Way(Struct, frozen=True, eq=False):
 
 
 def backwards(via: FloatArray) -> FloatArray:
-    """``Way.via`` of the reversed way."""
+    """``PosePath.via`` of the reversed way."""
     return frozen(np.concatenate([np.full((1, 3), np.nan), via[:0:-1]]))
 
 
-def counts(way: Way, length: float, turn: float) -> Index:
+def counts(way: PosePath, length: float, turn: float) -> Index:
     """(N - 1,) into how many equal parts of at most ``length`` mm and ``turn`` rad each segment is to be cut."""
     most = np.maximum(way.length / length, way.turn / turn)
     return np.asarray(np.maximum(np.ceil(most - 1e-9), 1), dtype=np.int64)
 
 
-def divide(way: Way, parts: Index) -> Way:
+def divide(way: PosePath, parts: Index) -> PosePath:
     """The same motion with segment i cut into ``parts[i - 1]`` equal ones; old row i is new row ``rows(parts)[i]``."""
     segment, after = owners(parts), ramp(parts) + 1
     share = 1.0 / parts[segment]
@@ -81,20 +83,20 @@ def divide(way: Way, parts: Index) -> Way:
         [way.rotation[:1], between(way.rotation[:-1], way.rotation[1:], segment, after * share)]
     )
     rotation[kept] = way.rotation
-    return Way(frozen(position), frozen(via), frozen(rotation))
+    return PosePath(frozen(position), frozen(via), frozen(rotation))
 
 
-class Along(Struct, frozen=True, eq=False):
+class PoseSampler(Struct, frozen=True, eq=False):
     """A way, of which poses are asked for more than once. spans: its segments. turn: (N - 1, 3) by which the tool turns
     in each, axis times rad, as it stands at its start.
     """
 
-    way: Way
+    way: PosePath
     spans: Spans
     turn: FloatArray
 
     @classmethod
-    def of(cls, way: Way) -> Along:
+    def of(cls, way: PosePath) -> PoseSampler:
         """All along ``way``."""
         return cls(
             way, way.spans, vectors_of(np.swapaxes(way.rotation[:-1], 1, 2) @ way.rotation[1:])
@@ -110,7 +112,7 @@ class Along(Struct, frozen=True, eq=False):
         return self.spans.point(share, segment), self.way.rotation[segment] @ turned
 
 
-def cut(way: Way, low: float, high: float) -> Way:
+def cut(way: PosePath, low: float, high: float) -> PosePath:
     """The same motion from ``low`` to ``high`` mm along it, where it has a length in between."""
     ends = np.concatenate([[0.0], np.cumsum(way.length)])
     before, after = np.clip(ends[:-1], low, high), np.clip(ends[1:], low, high)
@@ -122,7 +124,7 @@ def cut(way: Way, low: float, high: float) -> Way:
     via = np.concatenate([np.full((1, 3), np.nan), spans.point((start + stop) / 2, segment)])
     via[1:][np.isnan(way.via[1:, 0])[segment]] = np.nan
     rotation = between(way.rotation[:-1], way.rotation[1:], own, first)
-    return Way(frozen(spans.point(first, own)), frozen(via), frozen(rotation))
+    return PosePath(frozen(spans.point(first, own)), frozen(via), frozen(rotation))
 
 
 def rows(parts: Index) -> Index:

@@ -11,15 +11,15 @@ from msgspec.structs import replace
 from camgen.model.part import BoolArray, Line
 from camgen.model.pose import frozen
 from camgen.model.text import short
-from camgen.motion.pose_paths import Way, cut, divide, rows
+from camgen.motion.pose_paths import PosePath, cut, divide, rows
 from camgen.motion.search import Grid, can_stand, grid, search
 from camgen.motion.setup import (
     JUMP,
     MARGIN,
-    Freedom,
-    Reached,
+    EdgeMotion,
+    OrientationFreedom,
     Setup,
-    Unreached,
+    UnreachableEdge,
     dense_parts,
     flange_poses,
 )
@@ -27,7 +27,7 @@ from camgen.robots.kinematics.continuity import Choice, follow_each
 from camgen.robots.kinematics.reasons import why
 
 _grid = cache(grid)
-_NONE = Freedom()
+_NONE = OrientationFreedom()
 #: Of the tilt, what rows on arcs may have.
 _ON_ARCS = 0.9
 #: So many edges are looked at together in the nominal orientation: bounds the memory.
@@ -41,12 +41,12 @@ def _ignore(_: int) -> None:
 
 
 def reach_ways(
-    ways: Iterable[tuple[Line, Way | Unreached]],
+    ways: Iterable[tuple[Line, PosePath | UnreachableEdge]],
     setup: Setup,
-    freedom: Freedom = _NONE,
+    freedom: OrientationFreedom = _NONE,
     trim: float = 0.0,
     tell: Callable[[int], None] = _ignore,
-) -> tuple[Reached | Unreached, ...]:
+) -> tuple[EdgeMotion | UnreachableEdge, ...]:
     """How the arm runs each of ``ways``, which have their poses or the reason why there are none. trim: mm at either
     end that may be left out where the whole cannot be reached; closed lines have no ends. tell: is told how many were
     tried.
@@ -58,34 +58,39 @@ def reach_ways(
     for begin in range(0, len(listed), _TOGETHER):
         some = listed[begin : begin + _TOGETHER]
         plain = iter(
-            _nominal(setup, [(line.id, way) for line, way in some if isinstance(way, Way)])
+            _nominal(setup, [(line.id, way) for line, way in some if isinstance(way, PosePath)])
         )
         for done, (line, way) in enumerate(some, begin):
             tell(done)
             found.append(
                 _reach(line, way, setup, freedom, trim, next(plain))
-                if isinstance(way, Way)
+                if isinstance(way, PosePath)
                 else way
             )
     return tuple(found)
 
 
 def _reach(
-    edge: Line, way: Way, setup: Setup, freedom: Freedom, trim: float, plain: Reached | Unreached
-) -> Reached | Unreached:
+    edge: Line,
+    way: PosePath,
+    setup: Setup,
+    freedom: OrientationFreedom,
+    trim: float,
+    plain: EdgeMotion | UnreachableEdge,
+) -> EdgeMotion | UnreachableEdge:
     whole = _free(setup, way, freedom, plain)
-    if isinstance(whole, Reached) or edge.closed:
+    if isinstance(whole, EdgeMotion) or edge.closed:
         return whole
     length = float(way.length.sum())
     for low, high in _trims(trim, length):
         part = reach_along(setup, edge.id, trimmed(way, (low, high)), freedom)
-        if isinstance(part, Reached):
+        if isinstance(part, EdgeMotion):
             nearer = part.nearer and replace(part.nearer, trimmed=(low, high))
             return replace(part, trimmed=(low, high), nearer=nearer)
     return whole
 
 
-def trimmed(way: Way, ends: tuple[float, float]) -> Way:
+def trimmed(way: PosePath, ends: tuple[float, float]) -> PosePath:
     """``way`` without so many mm at its ends."""
     return cut(way, ends[0], float(way.length.sum()) - ends[1])
 
@@ -95,7 +100,7 @@ _BOTH = (0, -1)
 
 
 def can_end(
-    setup: Setup, ways: Sequence[Way], freedom: Freedom, ends: Sequence[int] = _BOTH
+    setup: Setup, ways: Sequence[PosePath], freedom: OrientationFreedom, ends: Sequence[int] = _BOTH
 ) -> BoolArray:
     """Of which ``ways`` the arm can stand at these rows, both of its ends, in any orientation that ``freedom`` leaves
     (K,). Of others ``reach_along`` finds no motion either, and takes many times as long.
@@ -109,7 +114,7 @@ def can_end(
 
 
 def _can_end(
-    setup: Setup, ways: Sequence[Way], choice: Grid, ends: Sequence[int] = _BOTH
+    setup: Setup, ways: Sequence[PosePath], choice: Grid, ends: Sequence[int] = _BOTH
 ) -> BoolArray:
     found = np.ones(len(ways), dtype=np.bool_)
     # Without a closed form joints depend on those before them.
@@ -131,14 +136,16 @@ def _trims(trim: float, length: float) -> list[tuple[float, float]]:
     return [pair for pair in found if 0 < sum(pair) <= length / 2]
 
 
-def reach_along(setup: Setup, name: str, way: Way, freedom: Freedom) -> Reached | Unreached:
+def reach_along(
+    setup: Setup, name: str, way: PosePath, freedom: OrientationFreedom
+) -> EdgeMotion | UnreachableEdge:
     """How the arm runs ``way``, which is called ``name``, with the margin, or else without it, or why it cannot."""
     return reach_each(setup, [(name, way)], freedom)[0]
 
 
 def reach_each(
-    setup: Setup, ways: Sequence[tuple[str, Way]], freedom: Freedom
-) -> list[Reached | Unreached]:
+    setup: Setup, ways: Sequence[tuple[str, PosePath]], freedom: OrientationFreedom
+) -> list[EdgeMotion | UnreachableEdge]:
     """``reach_along`` of each of several, with their names."""
     nominal = _nominal(setup, ways)
     return [
@@ -147,11 +154,11 @@ def reach_each(
 
 
 def _free(
-    setup: Setup, way: Way, freedom: Freedom, plain: Reached | Unreached
-) -> Reached | Unreached:
+    setup: Setup, way: PosePath, freedom: OrientationFreedom, plain: EdgeMotion | UnreachableEdge
+) -> EdgeMotion | UnreachableEdge:
     """``reach_along`` where the nominal orientation comes to ``plain``."""
     name = plain.id
-    if isinstance(plain, Reached):
+    if isinstance(plain, EdgeMotion):
         return _prefer(plain, setup, way, _grids("collision", freedom, way), freedom)
     collision = ""
     grids = _grids(plain.kind, freedom, way)
@@ -160,33 +167,39 @@ def _free(
         if k < len(grids) - 1 and not _can_end(setup, [way], choice).all():
             continue
         found = search(setup, name, way, choice, freedom.tilt)
-        if isinstance(found, Reached):
+        if isinstance(found, EdgeMotion):
             return _prefer(found, setup, way, grids[k:], freedom)
         collision = found
     return (
-        Unreached(name, plain.kind, plain.text + _in_vain(freedom, collision)) if freedom else plain
+        UnreachableEdge(name, plain.kind, plain.text + _in_vain(freedom, collision))
+        if freedom
+        else plain
     )
 
 
 def _prefer(
-    found: Reached, setup: Setup, way: Way, grids: Sequence[Grid], freedom: Freedom
-) -> Reached:
+    found: EdgeMotion,
+    setup: Setup,
+    way: PosePath,
+    grids: Sequence[Grid],
+    freedom: OrientationFreedom,
+) -> EdgeMotion:
     """``found`` where it keeps the margin, else what of ``grids`` keeps it, else ``found`` again."""
     if setup.roomy(found.dense).all():
         return found
     roomy = replace(setup, clear=lambda joints: setup.clear(joints) & setup.roomy(joints))
     for choice in grids:
         other = search(roomy, found.id, way, choice, freedom.tilt)
-        if isinstance(other, Reached):
+        if isinstance(other, EdgeMotion):
             return replace(other, nearer=found)
     return found
 
 
-def _grids(kind: str, freedom: Freedom, way: Way) -> list[Grid]:
+def _grids(kind: str, freedom: OrientationFreedom, way: PosePath) -> list[Grid]:
     """What is tried where the nominal way fails for a reason of this kind, in this order: another branch where the
     first collides, a roll, which costs nothing, all.
     """
-    steps = [Freedom()] if kind == "collision" else []
+    steps = [OrientationFreedom()] if kind == "collision" else []
     steps += [replace(freedom, tilt=0.0)] if freedom.roll else []
     # Along an arc the axis leans more between two rows than at them: the grid leaves room for it.
     share = _ON_ARCS if np.isfinite(way.via).any() else 1.0
@@ -194,7 +207,7 @@ def _grids(kind: str, freedom: Freedom, way: Way) -> list[Grid]:
     return [_grid(step) for step in steps]
 
 
-def _in_vain(freedom: Freedom, collision: str) -> str:
+def _in_vain(freedom: OrientationFreedom, collision: str) -> str:
     parts = [f"{short(np.degrees(freedom.tilt), 2)} deg of tilt"] if freedom.tilt > 0 else []
     parts += (
         ["any roll" if freedom.turns is None else "any roll of tool.turn"] if freedom.roll else []
@@ -204,7 +217,9 @@ def _in_vain(freedom: Freedom, collision: str) -> str:
     )
 
 
-def _nominal(setup: Setup, ways: Sequence[tuple[str, Way]]) -> list[Reached | Unreached]:
+def _nominal(
+    setup: Setup, ways: Sequence[tuple[str, PosePath]]
+) -> list[EdgeMotion | UnreachableEdge]:
     """How the arm runs each of ``ways``, with their names, in the nominal orientation, or why it cannot."""
     parts = [dense_parts(way) for _, way in ways]
     dense = [divide(way, own) for (_, way), own in zip(ways, parts, strict=True)]
@@ -216,25 +231,27 @@ def _nominal(setup: Setup, ways: Sequence[tuple[str, Way]]) -> list[Reached | Un
         if tested
         else []
     )
-    made: list[Reached | Unreached] = []
+    made: list[EdgeMotion | UnreachableEdge] = []
     for (name, way), own, looks, goal, one in zip(ways, parts, dense, goals, found, strict=True):
         if not isinstance(one, Choice):
             reason = why(setup.robot, *goal, one, MARGIN, JUMP)
-            made.append(Unreached(name, reason.kind, f"{reason.text}, {_place(looks, reason.row)}"))
+            made.append(
+                UnreachableEdge(name, reason.kind, f"{reason.text}, {_place(looks, reason.row)}")
+            )
             continue
         hit = np.flatnonzero(~next(clear))
         if len(hit):
             text = f"collision, {setup.hit(one.joints[hit[0]])}, {_place(looks, int(hit[0]))}"
-            made.append(Unreached(name, "collision", text))
+            made.append(UnreachableEdge(name, "collision", text))
             continue
         at, none = rows(own), frozen(np.zeros(len(looks)))
         made.append(
-            Reached(
+            EdgeMotion(
                 name, False, way, frozen(one.joints[at]), looks, frozen(one.joints), at, none, none
             )
         )
     return made
 
 
-def _place(dense: Way, row: int) -> str:
+def _place(dense: PosePath, row: int) -> str:
     return f"{short(float(dense.length[:row].sum()), 1)} mm along it"

@@ -9,7 +9,7 @@ from msgspec import Struct
 from camgen.model.errors import JobError
 from camgen.model.job import Job, ToolTable
 from camgen.model.text import counted
-from camgen.motion.setup import Freedom
+from camgen.motion.setup import OrientationFreedom
 
 #: deg: turns with wider steps stay as they are along a path; a tool that has so few is not led through others.
 WIDEST_STEP = 30.0
@@ -71,7 +71,7 @@ def turns_of(tool: ToolTable) -> tuple[float, ...] | None:
     return tuple(math.radians(k * step) for k in range(first, last + 1))
 
 
-def rolls_of(freedom: Freedom, count: int) -> Rolls:
+def rolls_of(freedom: OrientationFreedom, count: int) -> Rolls:
     """The turns of ``freedom``; of a tool that has any, ``count`` of them, evenly."""
     if not freedom.roll:
         return Rolls((0.0,), False, True)
@@ -87,7 +87,9 @@ def rolls_of(freedom: Freedom, count: int) -> Rolls:
     )
 
 
-def freedom_of(job: Job) -> Freedom:
+def freedom_of(job: Job) -> OrientationFreedom:
     """What the job leaves free of the tool's orientation."""
     turns = turns_of(job.tool)
-    return Freedom(math.radians(job.tool.axis_tilt), job.tool.symmetric or turns is not None, turns)
+    return OrientationFreedom(
+        math.radians(job.tool.axis_tilt), job.tool.symmetric or turns is not None, turns
+    )

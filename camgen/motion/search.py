@@ -13,9 +13,17 @@ from camgen.geometry.rotations import from_vectors, turns_about_z
 from camgen.model.part import BoolArray
 from camgen.model.pose import FloatArray, frozen
 from camgen.motion.pose_chains import PoseChain, States, cheapest, steps
-from camgen.motion.pose_paths import Index, Way, counts, divide, rows
+from camgen.motion.pose_paths import Index, PosePath, counts, divide, rows
 from camgen.motion.rolls import rolls_of
-from camgen.motion.setup import JUMP, MARGIN, Freedom, Reached, Setup, dense_parts, flange_poses
+from camgen.motion.setup import (
+    JUMP,
+    MARGIN,
+    EdgeMotion,
+    OrientationFreedom,
+    Setup,
+    dense_parts,
+    flange_poses,
+)
 from camgen.robots.kinematics import iterative as damped
 from camgen.robots.kinematics.continuity import Choice, follow
 from camgen.robots.kinematics.inverse import inverse
@@ -41,7 +49,7 @@ class Grid(Struct, frozen=True, eq=False):
     moves: Index
 
 
-def grid(freedom: Freedom) -> Grid:
+def grid(freedom: OrientationFreedom) -> Grid:
     """Tilts across the edge (about y) and along it (about x) within the cone, each with all rolls (about z)."""
     steps = range(-_STEPS, _STEPS + 1) if freedom.tilt > 0 else range(1)
     rolls = rolls_of(freedom, _ROLLS)
@@ -137,12 +145,12 @@ _TRIES = 40
 class Knots(Struct, frozen=True, eq=False):
     """A way cut into the rows of the search, ``parts`` of each segment of the ``whole``."""
 
-    whole: Way
-    way: Way
+    whole: PosePath
+    way: PosePath
     parts: Index
 
 
-def search(setup: Setup, edge: str, way: Way, grid: Grid, most: float) -> Reached | str:
+def search(setup: Setup, edge: str, way: PosePath, grid: Grid, most: float) -> EdgeMotion | str:
     """The motion along ``way`` that costs least, its orientations free within ``grid``; or what the last one collided
     with, empty where no motion is possible at all. most: rad that the axis may lean, between rows too.
     """
@@ -157,7 +165,7 @@ def search(setup: Setup, edge: str, way: Way, grid: Grid, most: float) -> Reache
         if chain is None:
             break
         proved = _prove(setup, edge, knots, grid, chain, most)
-        if isinstance(proved, Reached):
+        if isinstance(proved, EdgeMotion):
             return proved
         stretch, collision = proved[0], proved[1] or collision
         new = {stretch, stretch + 1} - checked if proved[1] else set()
@@ -170,7 +178,7 @@ def search(setup: Setup, edge: str, way: Way, grid: Grid, most: float) -> Reache
     return collision
 
 
-def _states(setup: Setup, knots: Way, grid: Grid) -> States:
+def _states(setup: Setup, knots: PosePath, grid: Grid) -> States:
     """What the rows of ``knots`` can choose from, and which orientations can stay from row to row."""
     robot, table = setup.robot, turns(setup.robot)
     parts = counts(knots, _LOOK_MM, _LOOK_TURN)
@@ -250,7 +258,7 @@ def _check(setup: Setup, states: States, rows: list[int]) -> None:
 
 def _prove(
     setup: Setup, edge: str, knots: Knots, grid: Grid, chain: PoseChain, most: float
-) -> Reached | tuple[int, str]:
+) -> EdgeMotion | tuple[int, str]:
     """The motion of ``chain`` as the robot makes it, or the first stretch where it fails, and what it collides with."""
     actual = replace(
         knots.way, rotation=frozen(knots.way.rotation @ grid.nominal_from_tool[chain.orientation])
@@ -277,7 +285,7 @@ def _prove(
         return _stretch(at, int(steep[0])), ""
     way = replace(few, rotation=frozen(actual.rotation[kept]))
     posture = frozen(joints.joints[at[kept]])
-    return Reached(
+    return EdgeMotion(
         edge,
         False,
         way,
@@ -294,7 +302,7 @@ def _stretch(at: Index, row: int) -> int:
     return int(np.clip(np.searchsorted(at, row) - 1, 0, len(at) - 2))
 
 
-def _few(knots: Knots, chain: PoseChain) -> tuple[Index, Way]:
+def _few(knots: Knots, chain: PoseChain) -> tuple[Index, PosePath]:
     """The rows that the program needs: all in segments where the orientation changes, else the segments' ends."""
     at = rows(knots.parts)
     changes = np.add.reduceat(chain.moves != 0, at[:-1]) > 0

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from camgen.model.job import ProcessTable
 from camgen.model.pose import FloatArray, Pose, frozen
-from camgen.motion.pose_paths import Index, Way, counts
+from camgen.motion.pose_paths import Index, PosePath, counts
 from camgen.robots.models import Robot
 
 
@@ -42,16 +42,16 @@ class Setup(Struct, frozen=True, eq=False):
     roomy: Callable[[FloatArray], NDArray[np.bool_]] = all_clear
 
 
-class Track(Struct, frozen=True, eq=False):
+class SampledMotion(Struct, frozen=True, eq=False):
     """A motion as it was looked at: joints (D, J), and the TCP's poses there, from one to the next of which it keeps to
     lines and arcs. way: None where the joints run evenly instead.
     """
 
     joints: FloatArray
-    way: Way | None = None
+    way: PosePath | None = None
 
 
-class Hit(Struct, frozen=True):
+class Blockage(Struct, frozen=True):
     """What stops a motion. what: "collision, link 5 against part". at: where, in rows of its track."""
 
     kind: Literal["collision", "jump"]
@@ -59,7 +59,7 @@ class Hit(Struct, frozen=True):
     at: float
 
 
-class Room(Struct, frozen=True, eq=False):
+class FreeSpace(Struct, frozen=True, eq=False):
     """Where it is free, base frame. level: z, mm, above which tool and holder are free. low, high: (3,) corners of the
     part's box. beside: mm from that box within which the holder may meet it. look: what stops each of some motions,
     or the mm that it keeps from what it must not come near, at most ``margin``. gaps: the same mm of joint values (N,
@@ -71,11 +71,11 @@ class Room(Struct, frozen=True, eq=False):
     high: FloatArray
     beside: float
     margin: float
-    look: Callable[[Sequence[Track]], list[Hit | float]]
+    look: Callable[[Sequence[SampledMotion]], list[Blockage | float]]
     gaps: Callable[[FloatArray], FloatArray]
 
 
-class Freedom(Struct, frozen=True):
+class OrientationFreedom(Struct, frozen=True):
     """What of a tool's orientation is free where the nominal one does not do. tilt: rad, how far its axis may lean from
     the nominal one to any side. roll: turns about its axis are as good, any or, where they are given, ``turns`` (rad,
     in order, 0 among them). Where the roll changes along an arc the axis may lean by up to 2 deg between two rows.
@@ -89,7 +89,7 @@ class Freedom(Struct, frozen=True):
         return self.tilt > 0 or self.roll
 
 
-class Unreached(Struct, frozen=True):
+class UnreachableEdge(Struct, frozen=True):
     """An edge that cannot be processed. kind: the shape itself; as in ``kinematics.reasons``; or a collision. text: the
     reason with its amount and the place along the edge. remedy: what would help, "" where that is not known.
     """
@@ -100,7 +100,7 @@ class Unreached(Struct, frozen=True):
     remedy: str = ""
 
 
-class Reached(Struct, frozen=True, eq=False):
+class EdgeMotion(Struct, frozen=True, eq=False):
     """A processing motion. way: the rows of the program, few. joints: (N, J) at these, their posture. looks: (D,) poses
     on the way, dense: (D, J) the joints there; at: (N,) the rows' places among them. tilt: (D,) rad between tool z and
     the nominal one, roll: (D,) rad about it. backwards: the edge is run from its end to its start. trimmed: mm that are
@@ -110,17 +110,17 @@ class Reached(Struct, frozen=True, eq=False):
 
     id: str
     backwards: bool
-    way: Way
+    way: PosePath
     joints: FloatArray
-    looks: Way
+    looks: PosePath
     dense: FloatArray
     at: NDArray[np.int64]
     tilt: FloatArray
     roll: FloatArray
     trimmed: tuple[float, float] = (0.0, 0.0)
-    nearer: Reached | None = None
+    nearer: EdgeMotion | None = None
 
-    def reversed(self) -> Reached:
+    def reversed(self) -> EdgeMotion:
         """The same motion the other way."""
         return replace(
             self,
@@ -142,7 +142,7 @@ class Reached(Struct, frozen=True, eq=False):
         return most if max(most) > 1e-6 else None
 
 
-def feed_of(motion: Reached, length: float, process: ProcessTable) -> float:
+def feed_of(motion: EdgeMotion, length: float, process: ProcessTable) -> float:
     """The feed of the TCP, so that the point on the edge, ``length`` mm long, runs at ``process.feed``."""
     factor = float(motion.way.length.sum()) / length if length > 0 else 1.0
     return process.feed * min(factor, process.max_feed_factor)
@@ -156,7 +156,7 @@ _LOOK_MM, _LOOK_TURN, JUMP = 5.0, math.radians(5), math.radians(15)
 MARGIN = math.radians(2)
 
 
-def dense_parts(way: Way) -> Index:
+def dense_parts(way: PosePath) -> Index:
     """Into how many parts the segments of ``way`` are cut to be looked at."""
     return counts(way, _LOOK_MM, _LOOK_TURN)
 

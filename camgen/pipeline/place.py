@@ -21,8 +21,8 @@ from camgen.model.part import Part, Solid
 from camgen.model.pose import FloatArray, Pose, fixed_xyz, rotation_about, to_vec3
 from camgen.model.text import counted
 from camgen.motion.cell import home_of, setup_of
-from camgen.motion.pose_paths import Way, counts, divide
-from camgen.motion.setup import MARGIN, Reached, Setup, flange_poses
+from camgen.motion.pose_paths import PosePath, counts, divide
+from camgen.motion.setup import MARGIN, EdgeMotion, Setup, flange_poses
 from camgen.pipeline import Result, build
 from camgen.plan import Watch, ignore_stages
 from camgen.plan.edges import choose
@@ -95,7 +95,7 @@ class _Case(Struct, frozen=True, eq=False):
     middle: FloatArray
     rotation: FloatArray
     azimuth: float
-    looks: tuple[Way, ...]
+    looks: tuple[PosePath, ...]
     direction: Offset
     tip: float
 
@@ -181,7 +181,9 @@ def _case(part: Part, job: Job, cell: Workcell) -> _Case:
     edges = choose(part.solid, job)
     direction = offset_along(job, part.solid, edges.values())
     ways = [poses(edge, job.operation.offset, direction) for edge in edges.values()]
-    looks = [divide(way, counts(way, _LOOK_MM, _LOOK_TURN)) for way in ways if isinstance(way, Way)]
+    looks = [
+        divide(way, counts(way, _LOOK_MM, _LOOK_TURN)) for way in ways if isinstance(way, PosePath)
+    ]
     rotation = cell.base_from_work.rotation
     placed = part.solid.vertices @ rotation.T
     low, high = placed.min(axis=0), placed.max(axis=0)
@@ -286,7 +288,7 @@ def _nominal(case: _Case, spot: Spot) -> int:
     setup = setup_of(case.robot, cell, replace(where, margin=0.0))
     edges = choose(case.solid, case.job).values()
     return sum(
-        isinstance(one, Reached)
+        isinstance(one, EdgeMotion)
         for one in reach(edges, setup, case.job.operation.offset, case.direction)
     )
 

@@ -26,7 +26,7 @@ from camgen.read.recorded import Recorded
 if TYPE_CHECKING:
     from camgen.collision.cell import Surroundings
     from camgen.model.part import Contour, Line
-    from camgen.motion.setup import Reached, Unreached
+    from camgen.motion.setup import EdgeMotion, UnreachableEdge
     from camgen.plan.tool_parts import ToolPart
     from camgen.read.recorded import ProgramRun
 
@@ -97,8 +97,8 @@ class EdgePlan(Plan, frozen=True, eq=False, kw_only=True):
     """
 
     edges: tuple[Line, ...]
-    motions: tuple[Reached, ...]
-    unreached: tuple[Unreached, ...]
+    motions: tuple[EdgeMotion, ...]
+    unreached: tuple[UnreachableEdge, ...]
     where: Surroundings
     made: tuple[ToolPath, ...]
     noun: str = "edge"

@@ -19,7 +19,7 @@ from camgen.collision.scene import Allowed, Scene, scene
 from camgen.model.errors import Blocked, Loss, NoSafeProgram
 from camgen.model.pose import IDENTITY, FloatArray, Pose, frozen, rotation_about, translation
 from camgen.motion.joint_paths import APART, Track, follow_all, follow_closely
-from camgen.motion.pose_paths import Way
+from camgen.motion.pose_paths import PosePath
 from camgen.motion.setup import Setup, flange_poses
 from camgen.pipeline import programs
 from camgen.plan.edges.contact import own_contact
@@ -33,7 +33,7 @@ ARM = robot("IRB 120")
 BASE, TOOL = translation(400.0, 0.0, 150.0), translation(0.0, 0.0, 100.0)
 DOWN = rotation_about(0, math.pi) @ rotation_about(2, 0.3)
 #: Half a mm in which the tool turns by 10 deg, as on a short edge.
-SHORT = Way(
+SHORT = PosePath(
     frozen([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0]]),
     frozen(np.full((2, 3), np.nan)),
     frozen([DOWN @ rotation_about(1, 0.5), DOWN @ rotation_about(1, 0.5 + math.radians(10))]),
@@ -106,7 +106,7 @@ def test_several_tracks_are_followed_as_each_alone() -> None:
 
 
 def test_a_way_out_of_reach_between_two_rows_is_told() -> None:
-    far = Way(frozen([[0.0, 0.0, 0.0], [3000.0, 0.0, 0.0]]), SHORT.via, SHORT.rotation)
+    far = PosePath(frozen([[0.0, 0.0, 0.0], [3000.0, 0.0, 0.0]]), SHORT.via, SHORT.rotation)
     assert follow_closely(setup(), far, ends(), np.array([True])).lost.tolist() == [0]
 
 

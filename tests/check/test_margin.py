@@ -12,8 +12,8 @@ from bench.robots.rfa import FREE, PARTS, cell, loop
 from camgen.model.job import CellTable
 from camgen.motion.cell import room_of, setup_of
 from camgen.motion.limits import LinkSpeeds
-from camgen.motion.pose_paths import Way
-from camgen.motion.setup import Hit, Reached, Track
+from camgen.motion.pose_paths import PosePath
+from camgen.motion.setup import Blockage, EdgeMotion, SampledMotion
 from camgen.order.edges.retract import Retraction, retractions
 from camgen.order.edges.route import RouteCell, RouteOptions, route
 from camgen.pipeline import Result
@@ -99,13 +99,15 @@ def test_of_two_ways_out_the_one_with_room_is_taken_and_else_the_one_with_most()
     result = built("IRB 2400", 2.0)
     setup, room, motions = _planned(result)
     bare = np.full((1, 3), np.nan)
-    ends = [(Way(m.way.position[[0]], bare, m.way.rotation[[0]]), m.joints[0]) for m in motions[:4]]
+    ends = [
+        (PosePath(m.way.position[[0]], bare, m.way.rotation[[0]]), m.joints[0]) for m in motions[:4]
+    ]
     first = [
         one.name for one in retractions(setup, room, ends, SPEEDS) if isinstance(one, Retraction)
     ]
     gaps = iter([0.5, 1.0, 0.25])
 
-    def crowded(tracks: list[Track]) -> list[Hit | float]:
+    def crowded(tracks: list[SampledMotion]) -> list[Blockage | float]:
         return [next(gaps, 0.1)] * len(tracks)
 
     seen = [
@@ -124,18 +126,18 @@ def test_a_free_motion_that_comes_near_is_taken_only_where_no_other_leads() -> N
     setup, room, motions = _planned(built("IRB 2400", 2.0))
     home = setup.robot.home
 
-    def crowded(tracks: list[Track]) -> list[Hit | float]:
+    def crowded(tracks: list[SampledMotion]) -> list[Blockage | float]:
         free = [
             track.way is None and not any(np.allclose(row, home) for row in track.joints)
             for track in tracks
         ]
         return [
-            0.1 if one and not isinstance(hit, Hit) else hit
+            0.1 if one and not isinstance(hit, Blockage) else hit
             for one, hit in zip(free, room.look(tracks), strict=True)
         ]
 
-    def all_crowded(tracks: list[Track]) -> list[Hit | float]:
-        return [hit if isinstance(hit, Hit) else 0.1 for hit in room.look(tracks)]
+    def all_crowded(tracks: list[SampledMotion]) -> list[Blockage | float]:
+        return [hit if isinstance(hit, Blockage) else 0.1 for hit in room.look(tracks)]
 
     plain, by_home, near = (
         route(
@@ -159,7 +161,7 @@ def _planned(result: Result):  # type: ignore[no-untyped-def]
     edges = [
         edge for edge in SOLID.edges if edge.id in {path.contours[0] for path in result.planned}
     ]
-    motions = tuple(one for one in reach(edges, setup, 2.0) if isinstance(one, Reached))
+    motions = tuple(one for one in reach(edges, setup, 2.0) if isinstance(one, EdgeMotion))
     return setup, room_of(result.where, setup), motions
 
 

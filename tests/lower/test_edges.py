@@ -16,7 +16,7 @@ from camgen.model.errors import InputError, JobError, NoSafeProgram
 from camgen.model.job import Job
 from camgen.model.pose import FloatArray, Pose
 from camgen.model.program import Comment, Force, Joints, MoveC, MoveJ, MoveL, Output, Wait
-from camgen.motion.pose_paths import Way
+from camgen.motion.pose_paths import PosePath
 from camgen.order.edges.links import PathLink
 from camgen.pipeline import Result
 from camgen.read.solid import mesh
@@ -154,7 +154,9 @@ def test_the_approach_slows_down_before_the_part(built: Result) -> None:
 
 def test_an_approach_with_a_short_last_piece_keeps_the_others() -> None:
     position = np.array([[30.0, 0, 50], [0, 0, 50], [0, 0, 1], [0, 0, 0]])
-    way = Way(position, np.full((4, 3), np.nan), np.broadcast_to(np.diag([1.0, -1, -1]), (4, 3, 3)))
+    way = PosePath(
+        position, np.full((4, 3), np.nan), np.broadcast_to(np.diag([1.0, -1, -1]), (4, 3, 3))
+    )
     piece = PathLink(way, np.zeros((4, 6)), np.array([700.0, 400, 90]), "approach")
     found = [
         (item.target.origin, item.speed)

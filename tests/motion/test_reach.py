@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from camgen.model.part import Edge
 from camgen.model.pose import FloatArray, Pose, pose_from_values, translation
-from camgen.motion.pose_paths import Way, cut
-from camgen.motion.setup import Freedom, Reached, Setup, Unreached
+from camgen.motion.pose_paths import PosePath, cut
+from camgen.motion.setup import EdgeMotion, OrientationFreedom, Setup, UnreachableEdge
 from camgen.plan.edges.last_face import TOP as UPPER
 from camgen.plan.edges.poses import poses, reach
 from camgen.read.solid import mesh
@@ -28,7 +28,7 @@ ARM = robot("IRB 2400")
 TOOL = pose_from_values((-60, 0, 240, 0, -45, 0))
 CELL = Setup(ARM, pose_from_values((900, -50, 600, 0, 0, 30)), TOOL)
 TOP = straight((0, 0, 50), (120, 0, 50), (0, 0, 1), (0, -1, 0))
-NONE, BOTH = Freedom(), Freedom(math.radians(20), roll=True)
+NONE, BOTH = OrientationFreedom(), OrientationFreedom(math.radians(20), roll=True)
 
 
 def matrix(pose: Pose) -> FloatArray:
@@ -43,19 +43,19 @@ def tcp(cell: Setup, joints: FloatArray) -> FloatArray:
     return np.linalg.inv(matrix(cell.base_from_work)) @ np.array(rows)
 
 
-def reached(cell: Setup, edge: Edge, freedom: Freedom = NONE) -> Reached:
+def reached(cell: Setup, edge: Edge, freedom: OrientationFreedom = NONE) -> EdgeMotion:
     (found,) = reach([edge], cell, 5.0, "mean", freedom)
-    assert isinstance(found, Reached), found
+    assert isinstance(found, EdgeMotion), found
     return found
 
 
-def refused(cell: Setup, edge: Edge, freedom: Freedom = NONE) -> Unreached:
+def refused(cell: Setup, edge: Edge, freedom: OrientationFreedom = NONE) -> UnreachableEdge:
     (found,) = reach([edge], cell, 5.0, "mean", freedom)
-    assert isinstance(found, Unreached)
+    assert isinstance(found, UnreachableEdge)
     return found
 
 
-def judged(cell: Setup, found: Reached) -> FloatArray:
+def judged(cell: Setup, found: EdgeMotion) -> FloatArray:
     """The joints of ``found`` against its way, the limits and continuity; returns the dense TCP frames."""
     for frame, position, rotation in zip(
         tcp(cell, found.joints), found.way.position, found.way.rotation, strict=True
@@ -73,7 +73,7 @@ def judged(cell: Setup, found: Reached) -> FloatArray:
 
 def nominal(edge: Edge) -> FloatArray:
     way = poses(edge, 5.0)
-    assert isinstance(way, Way)
+    assert isinstance(way, PosePath)
     return way.rotation[0]
 
 
@@ -107,7 +107,7 @@ def test_out_of_reach_says_by_how_many_mm() -> None:
     # The tool straight down: the wrist is 85 + 240 mm above the TCP along the flange, here with a tool straight ahead.
     cell = Setup(ARM, translation(2500, 0, 0), translation(0, 0, 240))
     (found,) = reach([straight((0, 0, 0), (50, 0, 0), (0, 0, 1), (0, -1, 0))], cell, 5.0, UPPER)
-    assert isinstance(found, Unreached)
+    assert isinstance(found, UnreachableEdge)
     # Axis 2 of an IRB 2400/10 at x = 100, z = 615; upper arm 705, forearm 755 and 135.
     wrist = math.hypot(2500 - 100, 5 + 240 + 85 - 615)
     by = wrist - 705 - math.hypot(755, 135)
@@ -163,10 +163,10 @@ def leaning(cell: Setup, axis: FloatArray, least: float) -> Setup:
 def test_a_collision_is_named_and_then_avoided_by_no_more_tilt_than_needed() -> None:
     axis = nominal(TOP)[:, 2]
     cell = leaning(CELL, axis, 8)
-    assert refused(cell, TOP) == Unreached(
+    assert refused(cell, TOP) == UnreachableEdge(
         "e1", "collision", "collision, the holder with the part, 0 mm along it"
     )
-    found = reached(cell, TOP, Freedom(math.radians(20)))
+    found = reached(cell, TOP, OrientationFreedom(math.radians(20)))
     judged(cell, found)
     assert found.freed
     assert found.freed[0] == pytest.approx(10)  # the grid has halves of 20
@@ -218,7 +218,7 @@ def test_an_obstacle_half_way_is_passed_by_tilting_there_only() -> None:
 
     cell = replace(CELL, clear=clear)
     assert refused(cell, TOP).text == "collision, something, 50 mm along it"
-    found = reached(cell, TOP, Freedom(math.radians(20)))
+    found = reached(cell, TOP, OrientationFreedom(math.radians(20)))
     dense = judged(cell, found)
     assert np.allclose(dense[:, 1:3, 3], [-5 / math.sqrt(2), 50 + 5 / math.sqrt(2)], atol=1e-6)
     assert np.degrees(found.tilt).max() == pytest.approx(10, abs=0.01)
@@ -235,7 +235,7 @@ def test_a_rim_that_winds_the_wrist_up_is_unwound_by_rolling_along_it(name: str)
         arm, pose_from_values((1050, -50, 500, 0, 0, 45)), pose_from_values((60, 0, 240, 0, 45, 0))
     )
     assert refused(cell, edge).kind in ("limit", "jump", "singular")
-    found = reached(cell, edge, Freedom(roll=True))
+    found = reached(cell, edge, OrientationFreedom(roll=True))
     dense = judged(cell, found)
     assert found.freed
     assert found.freed[0] < 2  # between rows 30 deg apart the axis cuts the cone's corner
@@ -260,7 +260,7 @@ def test_an_arm_without_a_closed_form_has_freedom_too() -> None:
     def clear(joints: FloatArray) -> NDArray[np.bool_]:
         return np.asarray(flange(arm, joints)[0][:, :, 2] @ axis <= math.cos(math.radians(5)))
 
-    found = reached(replace(cell, clear=clear), edge, Freedom(math.radians(10)))
+    found = reached(replace(cell, clear=clear), edge, OrientationFreedom(math.radians(10)))
     assert plain.freed is None
     assert found.freed == pytest.approx((5, 0), abs=1e-6) or found.freed == pytest.approx(
         (10, 0), abs=1e-6
@@ -282,10 +282,10 @@ def test_an_edge_far_away_is_refused_whatever_is_free(name: str) -> None:
 def test_a_scara_reaches_an_edge_from_above_but_cannot_lean() -> None:
     cell = Setup(robot("Cobra s600"), translation(350, 100, 100), translation(0, 0, 60))
     (burr, mean) = (reach([TOP], cell, 5.0, direction)[0] for direction in (UPPER, "mean"))
-    assert isinstance(burr, Reached)
+    assert isinstance(burr, EdgeMotion)
     rotations, origins = flange(cell.robot, burr.joints)
     assert np.allclose(origins + rotations @ [0, 0, 60], [[350, 100, 155], [470, 100, 155]])
-    assert isinstance(mean, Unreached)
+    assert isinstance(mean, UnreachableEdge)
     assert (mean.kind, mean.text) == (
         "lean",
         "the robot cannot lean its tool, and it has to by 45 deg, 0 mm along it",
@@ -305,7 +305,7 @@ def test_a_piece_of_a_way_is_the_same_motion(low: float, high: float) -> None:
         (math.nan,) * 3,
         (20 + 30 * math.sin(math.pi / 4), 30 - 30 * math.cos(math.pi / 4), 0),
     ]
-    way = Way(np.array([(0.0, 0, 0), (20, 0, 0), (50, 30, 0)]), np.array(via), np.array(turn))
+    way = PosePath(np.array([(0.0, 0, 0), (20, 0, 0), (50, 30, 0)]), np.array(via), np.array(turn))
     high = min(high, 20 + quarter)
     piece = cut(way, low, high)
     assert piece.length.sum() == pytest.approx(high - low)
@@ -335,11 +335,11 @@ def test_an_edge_that_meets_a_wall_is_run_up_to_it() -> None:
 
     cell = replace(CELL, clear=clear, hit=lambda _: "wall")
     (whole,) = reach([TOP], cell, 5.0)
-    assert isinstance(whole, Unreached)
+    assert isinstance(whole, UnreachableEdge)
     (found,) = reach([TOP], cell, 5.0, trim=60.0)
-    assert isinstance(found, Reached)
+    assert isinstance(found, EdgeMotion)
     assert found.trimmed == (0.0, 30.0)
     assert found.way.position[[0, -1], 0] == pytest.approx([0.0, 90.0])
     assert found.reversed().trimmed == (30.0, 0.0)
     (short,) = reach([TOP], cell, 5.0, trim=10.0)
-    assert isinstance(short, Unreached)
+    assert isinstance(short, UnreachableEdge)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from camgen.model.pose import rotation_about, rotation_about_axis
 from camgen.motion.pose_chains import CHANGE, States, cheapest, steps
 from camgen.motion.search import grid, lean
-from camgen.motion.setup import Freedom
+from camgen.motion.setup import OrientationFreedom
 from camgen.robots.catalogue import robot
 from camgen.robots.kinematics.joint_limits import turns
 
@@ -93,7 +93,7 @@ def test_the_trials_meet_both_cases() -> None:
 
 def test_a_grid_is_the_cone_and_the_turn_and_starts_nominal() -> None:
     tilt = math.radians(20)
-    full = grid(Freedom(tilt, roll=True))
+    full = grid(OrientationFreedom(tilt, roll=True))
     assert (
         len(full.nominal_from_tool) == 13 * 12
     )  # 13 points of a 5 x 5 square lie in its inner circle
@@ -112,9 +112,13 @@ def test_a_grid_is_the_cone_and_the_turn_and_starts_nominal() -> None:
 
 @pytest.mark.parametrize(
     ("freedom", "size", "moves"),
-    [(Freedom(), 1, 1), (Freedom(0.1), 13, 5), (Freedom(0, True), 12, 3)],
+    [
+        (OrientationFreedom(), 1, 1),
+        (OrientationFreedom(0.1), 13, 5),
+        (OrientationFreedom(0, True), 12, 3),
+    ],
 )
-def test_a_grid_has_only_what_is_free(freedom: Freedom, size: int, moves: int) -> None:
+def test_a_grid_has_only_what_is_free(freedom: OrientationFreedom, size: int, moves: int) -> None:
     found = grid(freedom)
     assert (len(found.cost), len(found.moves)) == (size, moves)
 

@@ -18,7 +18,7 @@ from camgen.model.job import CellTable, Job
 from camgen.model.pose import FloatArray, translation
 from camgen.model.program import Joints, MoveJ
 from camgen.motion.cell import room_of, setup_of
-from camgen.motion.setup import Hit, Room, Setup, Track
+from camgen.motion.setup import Blockage, FreeSpace, SampledMotion, Setup
 from camgen.order.edges import detour
 from camgen.order.edges.detour import find_detour
 from camgen.pipeline import Result
@@ -34,7 +34,7 @@ LEFT, RIGHT = np.radians([-60.0, 40, 10, 0, 40, 0]), np.radians([60.0, 40, 10, 0
 WALL = [[250.0, -20.0, -290.0, 700.0, 20.0, 500.0]]
 
 
-def scene(fixtures: list[list[float]], margin: float = 2.0) -> tuple[Setup, Room]:
+def scene(fixtures: list[list[float]], margin: float = 2.0) -> tuple[Setup, FreeSpace]:
     job = Job(cell=CellTable(robot="IRB 120", fixtures=fixtures, margin=margin))
     home = Joints(tuple(ARM.home.tolist()))
     cell = equip(Cell("arm", translation(0, 0, 0), translation(0, 0, 100), home), job, ARM)
@@ -53,7 +53,7 @@ def even(way: FloatArray, parts: int = 400) -> FloatArray:
 @pytest.mark.parametrize("margin", [0.0, 10.0])
 def test_a_wall_is_gone_round_with_the_margin(margin: float) -> None:
     setup, room = scene(WALL, margin)
-    assert isinstance(room.look([Track(np.stack([LEFT, RIGHT]))])[0], Hit)
+    assert isinstance(room.look([SampledMotion(np.stack([LEFT, RIGHT]))])[0], Blockage)
     way = find_detour(setup, room, LEFT, RIGHT)
     assert way is not None
     assert np.array_equal(way[[0, -1]], [LEFT, RIGHT])

@@ -17,9 +17,9 @@ from camgen.collision.scene import Scene
 from camgen.model.pose import FloatArray, Pose
 from camgen.motion.cell import room_of, setup_of
 from camgen.motion.limits import LinkSpeeds
-from camgen.motion.pose_paths import Way
+from camgen.motion.pose_paths import PosePath
 from camgen.motion.reach import reach_ways
-from camgen.motion.setup import Freedom, Hit, Reached, Setup, Track
+from camgen.motion.setup import Blockage, EdgeMotion, OrientationFreedom, SampledMotion, Setup
 from camgen.order.edges.links import BY_HOME, FREE, JointLink, MotionEnds, PathLink, along, steps
 from camgen.order.edges.retract import Retraction, Room, retractions
 from camgen.order.edges.route import Route, RouteCell, RouteOptions, route
@@ -35,18 +35,18 @@ from tests.support.files import source
 PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
 ARM = robot("IRB 2400")
 SPEEDS = LinkSpeeds(100.0, 100.0, 0.0)
-WALL = Hit("collision", "link 5 against wall", 0.0)
+WALL = Blockage("collision", "link 5 against wall", 0.0)
 
 
 @cache
-def cell(part: str) -> tuple[Setup, Room, tuple[Reached, ...]]:
+def cell(part: str) -> tuple[Setup, Room, tuple[EdgeMotion, ...]]:
     solid, job = mesh.read(source(PARTS / f"{part}.stl")), load(PARTS / f"{part}.toml")
     where = around(job, equip(Rapid.cell(), job, ARM), solid)
     setup = setup_of(ARM, equip(Rapid.cell(), job), where)
     chosen = select(solid, [job.input.select])
     edges = [edge for edge in solid.edges if edge.id in chosen]
-    found = reach(edges, setup, 2.0, "mean", Freedom(math.radians(15), roll=True))
-    return setup, room_of(where, setup), tuple(one for one in found if isinstance(one, Reached))
+    found = reach(edges, setup, 2.0, "mean", OrientationFreedom(math.radians(15), roll=True))
+    return setup, room_of(where, setup), tuple(one for one in found if isinstance(one, EdgeMotion))
 
 
 @cache
@@ -68,16 +68,16 @@ def tcp(setup: Setup, joints: FloatArray) -> FloatArray:
     return np.array([by_hand(setup.robot.name, np.degrees(q)) @ tool for q in joints])
 
 
-def in_base(setup: Setup, way: Way) -> FloatArray:
+def in_base(setup: Setup, way: PosePath) -> FloatArray:
     return np.asarray(
         way.position @ setup.base_from_work.rotation.T + np.asarray(setup.base_from_work.origin)
     )
 
 
-def ends(motions: tuple[Reached, ...]) -> list[tuple[Way, FloatArray]]:
+def ends(motions: tuple[EdgeMotion, ...]) -> list[tuple[PosePath, FloatArray]]:
     bare = np.full((1, 3), np.nan)
     return [
-        (Way(m.way.position[[k]], bare, m.way.rotation[[k]]), m.joints[k])
+        (PosePath(m.way.position[[k]], bare, m.way.rotation[[k]]), m.joints[k])
         for m in motions
         for k in (0, len(m.way) - 1)
     ]
@@ -140,7 +140,7 @@ def test_with_the_last_two_links_below_the_level_the_tool_goes_over_the_wrist() 
     setup, room, motions = cell("rfa1")
     calls: list[int] = []
 
-    def only_third(several: Sequence[Track]) -> list[Hit | float]:
+    def only_third(several: Sequence[SampledMotion]) -> list[Blockage | float]:
         calls.append(len(several))
         return [WALL if len(calls) == 1 else room.margin] * len(several)
 
@@ -284,7 +284,7 @@ def test_a_free_motion_that_collides_is_not_taken() -> None:
     setup, room, motions = cell("rfa2")
     free = {tuple(np.round(m.joints[k], 9)) for m in motions for k in (0, -1)}
 
-    def walled(several: Sequence[Track]) -> list[Hit | float]:
+    def walled(several: Sequence[SampledMotion]) -> list[Blockage | float]:
         said = room.look(several)
         every = [track.joints for track in several]
         pairs = [
@@ -295,7 +295,7 @@ def test_a_free_motion_that_collides_is_not_taken() -> None:
             for two, rows in zip(pairs, every, strict=True)
         ]
         return [
-            WALL if two and not isinstance(hit, Hit) else hit
+            WALL if two and not isinstance(hit, Blockage) else hit
             for hit, two in zip(said, pairs, strict=True)
         ]
 
@@ -335,7 +335,7 @@ def test_what_no_way_leads_to_is_left_out_and_nothing_is_tested_twice(
     places = {*safe, ARM.home.tobytes()}
     asked: list[bytes] = []
 
-    def walled(several: Sequence[Track]) -> list[Hit | float]:
+    def walled(several: Sequence[SampledMotion]) -> list[Blockage | float]:
         rows = [[row.tobytes() for row in track.joints] for track in several]
         free = [len(two) == 2 and places.issuperset(two) for two in rows]
         asked.extend(b"".join(two) for two in rows if len(two) == 2 and once.issuperset(two))
@@ -354,9 +354,9 @@ def test_what_no_way_leads_to_is_left_out_and_nothing_is_tested_twice(
     assert told[-1].startswith(f"{len(motions) - 1} edge")
 
 
-def _end(motion: Reached, k: int) -> Way:
+def _end(motion: EdgeMotion, k: int) -> PosePath:
     way = motion.way
-    return Way(way.position[[k]], np.full((1, 3), np.nan), way.rotation[[k]])
+    return PosePath(way.position[[k]], np.full((1, 3), np.nan), way.rotation[[k]])
 
 
 def test_a_search_that_finds_no_end_is_ended() -> None:
@@ -364,7 +364,7 @@ def test_a_search_that_finds_no_end_is_ended() -> None:
     setup, room, motions = cell("rfa1")
     edges = mesh.read(source(PARTS / "rfa1.stl")).edges
 
-    def walled(several: Sequence[Track]) -> list[Hit | float]:
+    def walled(several: Sequence[SampledMotion]) -> list[Blockage | float]:
         home = (any(np.allclose(row, ARM.home) for row in track.joints) for track in several)
         return [
             room.margin if len(track.joints) != 2 or free else WALL

@@ -9,7 +9,7 @@ import pytest
 import camgen
 from camgen.model.errors import JobError
 from camgen.model.part import Solid
-from camgen.motion.pose_paths import Way
+from camgen.motion.pose_paths import PosePath
 from camgen.plan.edges.last_face import TOP, Offset, offset_along
 from camgen.plan.edges.poses import poses
 from camgen.read.files import Files
@@ -36,7 +36,7 @@ def away(name: str, value: str | list[float]) -> list[float]:
     """The offset's direction of an edge, from the tool's axis."""
     edge = next(edge for edge in block().edges if edge.id == name)
     found = poses(edge, 2, said(value))
-    assert isinstance(found, Way)
+    assert isinstance(found, PosePath)
     return [float(v) for v in -found.rotation[0, :, 2]]
 
 

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from camgen.model.pose import FloatArray, rotation_about
-from camgen.motion.pose_paths import Way, counts, divide, rows
-from camgen.motion.setup import Unreached
+from camgen.motion.pose_paths import PosePath, counts, divide, rows
+from camgen.motion.setup import UnreachableEdge
 from camgen.plan.edges.last_face import TOP
 from camgen.plan.edges.poses import poses
 from tests.support.edge_shapes import rim, straight
@@ -18,8 +18,8 @@ H = math.sqrt(0.5)
 FRONT = straight((0, 0, 50), (100, 0, 50), (0, 0, 1), (0, -1, 0))
 
 
-def way(found: Way | Unreached) -> Way:
-    assert isinstance(found, Way)
+def way(found: PosePath | UnreachableEdge) -> PosePath:
+    assert isinstance(found, PosePath)
     return found
 
 
@@ -79,17 +79,17 @@ def test_the_rim_of_a_cylinder_stays_a_circle(outer: bool, radius: float) -> Non
 
 def test_an_offset_that_closes_the_bore_is_refused() -> None:
     found = poses(rim((0, 0, 0), 5, outer=False), 8)
-    assert isinstance(found, Unreached)
+    assert isinstance(found, UnreachableEdge)
     assert (found.kind, found.text) == (
         "shape",
         "an offset of 8 mm leaves nothing of its inner radius",
     )
-    assert isinstance(poses(rim((0, 0, 0), 5, outer=False), 6), Way)  # 6 / sqrt 2 < 5
+    assert isinstance(poses(rim((0, 0, 0), 5, outer=False), 6), PosePath)  # 6 / sqrt 2 < 5
 
 
 def test_faces_back_to_back_have_no_mean() -> None:
     found = poses(straight((0, 0, 0), (9, 0, 0), (0, 1, 0), (0, -1, 0)), 1)
-    assert isinstance(found, Unreached)
+    assert isinstance(found, UnreachableEdge)
     assert found.kind == "shape"
 
 

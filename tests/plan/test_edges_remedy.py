@@ -10,7 +10,7 @@ import pytest
 import camgen
 from camgen.model.job import Job
 from camgen.model.part import Edge
-from camgen.motion.setup import Reached, Unreached
+from camgen.motion.setup import EdgeMotion, UnreachableEdge
 from camgen.plan.edges.remedy import Attempts, remedies
 from tests.support.edge_shapes import rim, straight
 
@@ -85,13 +85,13 @@ def said(
     edges: Sequence[Edge], attempts: Attempts, job: Job | None = None
 ) -> tuple[list[str], int]:
     """What is told of edges that are lost, and how many notes there are."""
-    lost = [Unreached(edge.id, "limit", "beyond") for edge in edges]
+    lost = [UnreachableEdge(edge.id, "limit", "beyond") for edge in edges]
     told, notes = remedies(lost, {edge.id: edge for edge in edges}, job or camgen.job(), attempts)
     return [one.remedy for one in told], len(notes)
 
 
-def nothing(_: Job, names: Sequence[str]) -> list[Reached | Unreached]:
-    return [Unreached(name, "limit", "beyond") for name in names]
+def nothing(_: Job, names: Sequence[str]) -> list[EdgeMotion | UnreachableEdge]:
+    return [UnreachableEdge(name, "limit", "beyond") for name in names]
 
 
 LINE = straight((0, 0, 0), (60, 0, 0), (0, 0, 1), (0, -1, 0))
@@ -157,7 +157,7 @@ def test_many_edges_are_counted_and_a_shape_is_not_tried() -> None:
     told, notes = said(edges, Attempts(nothing, never, always))
     assert [bool(text) for text in told] == [True] * 8 + [False] * 3
     assert notes == 1
-    shape = [Unreached("e1", "shape", "its two faces are back to back")]
+    shape = [UnreachableEdge("e1", "shape", "its two faces are back to back")]
     assert remedies(shape, {"e1": LINE}, camgen.job(), Attempts(nothing, never, always)) == (
         shape,
         [],

@@ -17,10 +17,10 @@ from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, short
 from camgen.motion.cell import home_of, room_of, setup_of
 from camgen.motion.limits import LinkSpeeds, limits_of, turn_speed
-from camgen.motion.pose_paths import Way
+from camgen.motion.pose_paths import PosePath
 from camgen.motion.reach import reach_along
 from camgen.motion.rolls import freedom_of, rolls_of
-from camgen.motion.setup import Freedom, Reached, Setup, Unreached
+from camgen.motion.setup import EdgeMotion, OrientationFreedom, Setup, UnreachableEdge
 from camgen.order.arm.items import (
     Item,
     States,
@@ -96,7 +96,7 @@ class _Rolls(Struct, frozen=True):
     """
 
     angles: Sequence[float]
-    free: Freedom | None = None
+    free: OrientationFreedom | None = None
 
 
 class _Preparation(Struct, frozen=True, eq=False):
@@ -317,7 +317,7 @@ def _find_others(
     angles = np.array(rolls.angles)
     for k in [k for k, path_states in enumerate(states) if not len(path_states)]:
         turned = _turn_along(setup, paths[k], items[k], job, rolls.free)
-        if not isinstance(turned, Unreached):
+        if not isinstance(turned, UnreachableEdge):
             profiles[k], states[k] = turned
             continue
         near = replace(items[k], off=0.0)
@@ -357,23 +357,23 @@ def _beside(turns: FloatArray) -> np.ndarray[tuple[int, ...], np.dtype[np.int64]
 
 
 def _turn_along(
-    setup: Setup, path: ToolPath, item: Item, job: Job, free: Freedom
-) -> tuple[RollProfile, States] | Unreached:
+    setup: Setup, path: ToolPath, item: Item, job: Job, free: OrientationFreedom
+) -> tuple[RollProfile, States] | UnreachableEdge:
     """The one state of a path along which the turn changes, or why there is none."""
     begin, end = item.position[[0]], item.position[[item.gates[-1] if not item.closed else 0]]
     depth = np.array([0.0, 0.0, max(path.depths)])
     nominal = item.rotation[0]
     none = np.full((1, 3), np.nan)
-    way = Way(
+    way = PosePath(
         frozen(np.concatenate([begin, path.position - depth, end])),
         frozen(np.concatenate([none, none, path.via[1:] - depth, none])),
         frozen(np.broadcast_to(nominal, (len(path.position) + 2, 3, 3))),
     )
     made = reach_along(setup, path.id, way, free)
-    if isinstance(made, Unreached):
+    if isinstance(made, UnreachableEdge):
         return made
     if not _goes_with_passes(path, made, job.operation.entry):
-        return Unreached(
+        return UnreachableEdge(
             path.id,
             "jump",
             "no single turn reaches all of it, and its passes do not go on from a turned end",
@@ -391,7 +391,7 @@ def _turn_along(
     return profile, join_states([one, turn_round(one)]) if item.reversible else one
 
 
-def _goes_with_passes(path: ToolPath, made: Reached, entry: str) -> bool:
+def _goes_with_passes(path: ToolPath, made: EdgeMotion, entry: str) -> bool:
     """Whether every pass can begin with the turn that the one before ended with: there and back, or once round."""
     if max(path.depths) > 0 and entry != "plunge":
         return False

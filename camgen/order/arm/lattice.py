@@ -15,7 +15,7 @@ from msgspec import Struct
 
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
-from camgen.motion.setup import Hit, Track
+from camgen.motion.setup import Blockage, SampledMotion
 from camgen.order.arm.items import States, join_states
 from camgen.order.arm.layers import CHANGE, all_links
 from camgen.order.arm.search import (
@@ -221,10 +221,10 @@ def prove_links(problem: TourProblem, solution: Solution) -> list[int]:
         for k, key in enumerate(keys)
         if b"wide " + key not in problem.free and key not in problem.shut
     ]
-    stops = problem.free_space.look([Track(np.stack(ends[k])) for k in new])
-    bad = [isinstance(stop, Hit) for stop in stops]
+    stops = problem.free_space.look([SampledMotion(np.stack(ends[k])) for k in new])
+    bad = [isinstance(stop, Blockage) for stop in stops]
     for row, stop in enumerate(stops):
-        if not isinstance(stop, Hit) and stop < GRAZE - _EPS:
+        if not isinstance(stop, Blockage) and stop < GRAZE - _EPS:
             bad[row] = bool(problem.free_space.gaps(np.stack(ends[new[row]])).min() >= GRAZE - _EPS)
     for k, met in zip(new, bad, strict=True):
         if met:

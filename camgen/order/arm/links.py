@@ -7,8 +7,8 @@ from msgspec import Struct, field
 
 from camgen.geometry.rotations import turned_about_z
 from camgen.model.pose import FloatArray, frozen
-from camgen.motion.pose_paths import Way, divide
-from camgen.motion.setup import JUMP, Hit, Track, dense_parts, flange_poses
+from camgen.motion.pose_paths import PosePath, divide
+from camgen.motion.setup import JUMP, Blockage, SampledMotion, dense_parts, flange_poses
 from camgen.order.arm.layers import SAME
 from camgen.order.arm.search import (
     Solution,
@@ -98,7 +98,7 @@ def _goes_straight(problem: TourProblem, solution: Solution, one: int, other: in
         return False
     at = [items[one].gates[current.gate[one, 1]], items[other].gates[current.gate[other, 0]]]
     turned = turned_about_z(current.turn[[one, other]])
-    way = Way(
+    way = PosePath(
         frozen([items[one].position[at[0]], items[other].position[at[1]]]),
         frozen(np.full((2, 3), np.nan)),
         frozen(np.stack([items[one].rotation[at[0]], items[other].rotation[at[1]]]) @ turned),
@@ -112,5 +112,5 @@ def _goes_straight(problem: TourProblem, solution: Solution, one: int, other: in
         return False
     ends = np.abs(made.joints[[0, -1]] - [current.leave[one], current.enter[other]]).max()
     return bool(ends < SAME) and not isinstance(
-        problem.free_space.look([Track(made.joints, dense)])[0], Hit
+        problem.free_space.look([SampledMotion(made.joints, dense)])[0], Blockage
     )

@@ -18,7 +18,7 @@ from msgspec import Struct, field
 from camgen.geometry.ragged import offsets
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
-from camgen.motion.setup import Hit, Room, Setup, Track
+from camgen.motion.setup import Blockage, FreeSpace, SampledMotion, Setup
 from camgen.order.arm.detours import find_detour
 from camgen.order.arm.items import (
     StateJoints,
@@ -102,7 +102,7 @@ class TourProblem(Struct, frozen=True, eq=False):
     """
 
     setup: Setup
-    free_space: Room
+    free_space: FreeSpace
     cost_model: CostModel
     states: list[States]
     rules: matrix.Rules
@@ -551,13 +551,15 @@ def find_blocked_paths(problem: TourProblem, solution: Solution) -> set[int]:
     for place, k in enumerate(asked):
         joints = state_joints.joints[state_joints.first[place] : state_joints.first[place + 1]]
         item = problem.cost_model.items[k]
-        tracks.append(Track(joints[: item.last + 1]))
-        tracks += [Track(joints[[item.before[gate], gate]]) for gate in item.gates[1:].tolist()]
+        tracks.append(SampledMotion(joints[: item.last + 1]))
+        tracks += [
+            SampledMotion(joints[[item.before[gate], gate]]) for gate in item.gates[1:].tolist()
+        ]
         owner += [k] * len(item.gates)
     hit = {
         k
         for k, stop in zip(owner, problem.free_space.look(tracks), strict=True)
-        if isinstance(stop, Hit)
+        if isinstance(stop, Blockage)
     }
     problem.shut.update(key_of(solution.states, k) for k in hit)
     problem.free.difference_update(key_of(solution.states, k) for k in hit)
@@ -614,8 +616,8 @@ def find_blocked(
     blocked[new] = met
     left = new[~met]
     if surely and len(left):
-        stops = problem.free_space.look([Track(np.stack(links[k])) for k in left.tolist()])
-        blocked[left] = [isinstance(stop, Hit) for stop in stops]
+        stops = problem.free_space.look([SampledMotion(np.stack(links[k])) for k in left.tolist()])
+        blocked[left] = [isinstance(stop, Blockage) for stop in stops]
         problem.free.update(link_key(*links[k]) for k in left[~blocked[left]].tolist())
     return [bool(stop) for stop in blocked]
 

@@ -13,7 +13,7 @@ from camgen.model.text import counted, short
 from camgen.motion.cell import home_of, room_of, setup_of
 from camgen.motion.edge_paths import edge_path, left_out, none_left
 from camgen.motion.limits import LinkSpeeds
-from camgen.motion.setup import Reached, Setup
+from camgen.motion.setup import EdgeMotion, Setup
 from camgen.order.edges.links import JointLink, PathLink
 from camgen.order.edges.route import Route, RouteCell, RouteOptions, route
 from camgen.order.tours import EdgeTour
@@ -123,7 +123,7 @@ def _travel(made: Route, setup: Setup, home: FloatArray) -> float:
             rows += [here, piece.joints]
             here = piece.joints
         else:
-            length += 0.0 if isinstance(piece, Reached) else float(piece.way.length.sum())
+            length += 0.0 if isinstance(piece, EdgeMotion) else float(piece.way.length.sum())
             here = piece.joints[-1]
     rotations, origins = flange(setup.robot, np.stack(rows[1:]))
     tips = origins + rotations @ np.asarray(setup.flange_from_tool.origin)

@@ -17,7 +17,7 @@ from msgspec.structs import replace
 from camgen.geometry.ragged import owners, ramp
 from camgen.model.part import BoolArray
 from camgen.model.pose import FloatArray, frozen
-from camgen.motion.setup import Hit, Room, Setup, Track
+from camgen.motion.setup import Blockage, FreeSpace, SampledMotion, Setup
 from camgen.robots.kinematics.joint_limits import within
 
 #: Configurations that are looked at for one way at most, with the margin and without it.
@@ -87,7 +87,7 @@ class _Tree(Struct, eq=False):
         return self.joints[found[::-1]]
 
 
-def find_detour(setup: Setup, room: Room, a: FloatArray, b: FloatArray) -> FloatArray | None:
+def find_detour(setup: Setup, room: FreeSpace, a: FloatArray, b: FloatArray) -> FloatArray | None:
     """A way from ``a`` to ``b`` (J,) by joint values (K, J) between which all joints run evenly, proved free; None
     where none is found. One with the margin comes first, where both ends have it.
     """
@@ -109,9 +109,9 @@ def find_detour(setup: Setup, room: Room, a: FloatArray, b: FloatArray) -> Float
                 break
             short = _cut_short(space, way)
             for each_way, said in zip(
-                (short, way), room.look([Track(short), Track(way)]), strict=True
+                (short, way), room.look([SampledMotion(short), SampledMotion(way)]), strict=True
             ):
-                if not isinstance(said, Hit):
+                if not isinstance(said, Blockage):
                     return frozen(each_way)
     return None
 

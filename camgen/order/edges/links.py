@@ -18,8 +18,8 @@ from msgspec.structs import replace
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
 from camgen.motion.limits import LinkSpeeds, turn_speed
-from camgen.motion.pose_paths import Way
-from camgen.motion.setup import Reached, Setup
+from camgen.motion.pose_paths import PosePath
+from camgen.motion.setup import EdgeMotion, Setup
 from camgen.order.edges.retract import Retraction
 from camgen.robots.kinematics.forward import flange
 from camgen.robots.models import Robot
@@ -55,7 +55,7 @@ class PathLink(Struct, frozen=True, eq=False):
     kind: its part in a link.
     """
 
-    way: Way
+    way: PosePath
     joints: FloatArray
     speed: FloatArray
     kind: Literal["retraction", "approach", "shared edge"]
@@ -181,7 +181,7 @@ def entering(out: Retraction) -> PathLink:
     return PathLink(out.way.reversed(), out.joints[::-1], out.speed[::-1], "approach")
 
 
-def by_way_of(motion: Reached, end: int, other: Retraction, speed: float) -> Retraction:
+def by_way_of(motion: EdgeMotion, end: int, other: Retraction, speed: float) -> Retraction:
     """A retraction from one end that goes along the motion, and then as from its other end.
 
     end: 0 for the start of the motion, 1 for its end.
@@ -200,8 +200,11 @@ def by_way_of(motion: Reached, end: int, other: Retraction, speed: float) -> Ret
     )
 
 
-def _chain(one: Way, other: Way) -> Way:
+def _chain(one: PosePath, other: PosePath) -> PosePath:
     """``one`` and then ``other``, which begins where it ends."""
-    return Way(
-        *(np.concatenate([getattr(one, f), getattr(other, f)[1:]]) for f in Way.__struct_fields__)
+    return PosePath(
+        *(
+            np.concatenate([getattr(one, f), getattr(other, f)[1:]])
+            for f in PosePath.__struct_fields__
+        )
     )

@@ -14,8 +14,17 @@ from msgspec import Struct
 
 from camgen.model.pose import FloatArray, frozen
 from camgen.motion.limits import LinkSpeeds, line_speeds
-from camgen.motion.pose_paths import Way, divide, rows
-from camgen.motion.setup import JUMP, MARGIN, Hit, Room, Setup, Track, dense_parts, flange_poses
+from camgen.motion.pose_paths import PosePath, divide, rows
+from camgen.motion.setup import (
+    JUMP,
+    MARGIN,
+    Blockage,
+    FreeSpace,
+    SampledMotion,
+    Setup,
+    dense_parts,
+    flange_poses,
+)
 from camgen.robots.kinematics.continuity import Choice, follow_each
 from camgen.robots.kinematics.forward import flange, frames
 
@@ -39,9 +48,9 @@ class Retraction(Struct, frozen=True, eq=False):
     way of which the joints go home from its end, where the straight motion collides.
     """
 
-    way: Way
+    way: PosePath
     joints: FloatArray
-    looks: Way
+    looks: PosePath
     dense: FloatArray
     speed: FloatArray
     name: str
@@ -54,7 +63,7 @@ class Retraction(Struct, frozen=True, eq=False):
 
 
 def retractions(
-    setup: Setup, room: Room, ends: Sequence[tuple[Way, FloatArray]], speeds: LinkSpeeds
+    setup: Setup, room: FreeSpace, ends: Sequence[tuple[PosePath, FloatArray]], speeds: LinkSpeeds
 ) -> list[Retraction | str]:
     """For each end, a pose (one row) and the joints (J,) it is taken in, the first way out that is free and keeps the
     margin, or as much of it as the end has; else the free one that keeps most; or why there is none.
@@ -70,14 +79,20 @@ def retractions(
         ran = _run(setup, [named for _, named in led], [ends[k][1] for k, _ in led], speeds)
         tried = [(k, way) for (k, _), way in zip(led, ran, strict=True)]
         said = iter(
-            room.look([Track(way.dense, way.looks) for _, way in tried if not isinstance(way, str)])
+            room.look(
+                [
+                    SampledMotion(way.dense, way.looks)
+                    for _, way in tried
+                    if not isinstance(way, str)
+                ]
+            )
         )
         for k, way in tried:
             if isinstance(way, str):
                 found[k] = found[k] or way
                 continue
             kept = next(said)
-            if isinstance(kept, Hit):
+            if isinstance(kept, Blockage):
                 found[k] = found[k] or f"{way.name} {kept.what}"
             elif kept > most[k]:
                 found[k], most[k] = way, kept
@@ -86,7 +101,7 @@ def retractions(
 
 
 def shorter(
-    setup: Setup, room: Room, end: Way, joints: FloatArray, speeds: LinkSpeeds
+    setup: Setup, room: FreeSpace, end: PosePath, joints: FloatArray, speeds: LinkSpeeds
 ) -> Retraction | None:
     """A way out of one end that does not lead up to the level: the longest back along the tool that is free."""
     base_from_work = setup.base_from_work
@@ -96,14 +111,17 @@ def shorter(
     for named in ways:
         (way,) = _run(setup, [named], [joints], speeds)
         if isinstance(way, Retraction) and not isinstance(
-            room.look([Track(way.dense, way.looks)])[0], Hit
+            room.look([SampledMotion(way.dense, way.looks)])[0], Blockage
         ):
             return way
     return None
 
 
 def _run(
-    setup: Setup, ways: Sequence[tuple[str, Way]], starts: Sequence[FloatArray], speeds: LinkSpeeds
+    setup: Setup,
+    ways: Sequence[tuple[str, PosePath]],
+    starts: Sequence[FloatArray],
+    speeds: LinkSpeeds,
 ) -> list[Retraction | str]:
     """``ways`` out of where the joints are (J,), each with its name, as the arm runs them; or why it cannot."""
     parts = [dense_parts(way) for _, way in ways]
@@ -128,7 +146,9 @@ def _run(
     return made
 
 
-def _ways(setup: Setup, room: Room, end: Way, joints: FloatArray) -> Iterator[tuple[str, Way]]:
+def _ways(
+    setup: Setup, room: FreeSpace, end: PosePath, joints: FloatArray
+) -> Iterator[tuple[str, PosePath]]:
     """What is tried, in this order."""
     base_from_work = setup.base_from_work
     start = base_from_work.rotation @ end.position[0] + np.asarray(base_from_work.origin)
@@ -162,8 +182,8 @@ def _ways(setup: Setup, room: Room, end: Way, joints: FloatArray) -> Iterator[tu
 
 
 def _straight(
-    setup: Setup, room: Room, start: FloatArray, along: FloatArray, end: Way
-) -> Way | None:
+    setup: Setup, room: FreeSpace, start: FloatArray, along: FloatArray, end: PosePath
+) -> PosePath | None:
     """In one direction up to the level (equation 1)."""
     if along[2] < _STEEP:
         return None
@@ -174,7 +194,9 @@ def _straight(
     )
 
 
-def _over_wrist(setup: Setup, room: Room, end: Way, joints: FloatArray) -> Way | None:
+def _over_wrist(
+    setup: Setup, room: FreeSpace, end: PosePath, joints: FloatArray
+) -> PosePath | None:
     """First the TCP goes to where the wrist is, turned as the link before it points, then back along it to the level
     (the paper's second case).
     """
@@ -192,24 +214,24 @@ def _over_wrist(setup: Setup, room: Room, end: Way, joints: FloatArray) -> Way |
         *(np.stack([wrist, top]) @ work_from_base.rotation.T + work_from_base.origin),
     ]
     rotation = work_from_base.rotation @ turned
-    return Way(
+    return PosePath(
         frozen(position),
         frozen(np.full((3, 3), np.nan)),
         frozen([end.rotation[0], rotation, rotation]),
     )
 
 
-def _chain(setup: Setup, end: Way, points: list[FloatArray]) -> Way:
+def _chain(setup: Setup, end: PosePath, points: list[FloatArray]) -> PosePath:
     """Straight from point to point (base frame), turned as ``end``."""
     work_from_base = setup.base_from_work.inverse()
     position = np.stack(points) @ work_from_base.rotation.T + np.asarray(work_from_base.origin)
     position[0] = end.position[0]
     count = len(points)
     rotation = np.broadcast_to(end.rotation[0], (count, 3, 3))
-    return Way(frozen(position), frozen(np.full((count, 3), np.nan)), frozen(rotation))
+    return PosePath(frozen(position), frozen(np.full((count, 3), np.nan)), frozen(rotation))
 
 
-def _out_of(room: Room, start: FloatArray, along: FloatArray) -> float:
+def _out_of(room: FreeSpace, start: FloatArray, along: FloatArray) -> float:
     """How far it is along a direction until the point is ``beside`` mm out of the part's box."""
     low, high = room.low - room.beside, room.high + room.beside
     ends = np.where(along > 0, high, low)

@@ -18,8 +18,15 @@ from camgen.model.part import BoolArray, IntArray, Line
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted
 from camgen.motion.limits import LinkSpeeds
-from camgen.motion.pose_paths import Way
-from camgen.motion.setup import Hit, Reached, Room, Setup, Track, Unreached
+from camgen.motion.pose_paths import PosePath
+from camgen.motion.setup import (
+    Blockage,
+    EdgeMotion,
+    FreeSpace,
+    SampledMotion,
+    Setup,
+    UnreachableEdge,
+)
 from camgen.order.edges import links
 from camgen.order.edges.detour import find_detour
 from camgen.order.edges.retract import Retraction, retractions, shorter
@@ -57,7 +64,7 @@ class RouteCell(Struct, frozen=True, eq=False):
     """
 
     setup: Setup
-    free_space: Room
+    free_space: FreeSpace
     home: FloatArray
 
 
@@ -78,7 +85,7 @@ class Leg(Struct, frozen=True, eq=False):
     """A processing motion and the link that leads to it."""
 
     link: tuple[links.Piece, ...]
-    motion: Reached
+    motion: EdgeMotion
 
 
 class Route(Struct, frozen=True, eq=False):
@@ -94,7 +101,7 @@ class Route(Struct, frozen=True, eq=False):
 
     legs: tuple[Leg, ...]
     back: tuple[links.Piece, ...]
-    dropped: tuple[Unreached, ...]
+    dropped: tuple[UnreachableEdge, ...]
     seconds: float
     nearest: float
     searched: int = 0
@@ -126,7 +133,7 @@ class _RouteProblem(Struct, frozen=True, eq=False):
     """
 
     cell: RouteCell
-    motions: tuple[Reached, ...]
+    motions: tuple[EdgeMotion, ...]
     out: tuple[Retraction, ...]
     ends: links.MotionEnds
     at_part: tuple[FloatArray, IntArray]
@@ -151,7 +158,7 @@ class _TourCandidate(Struct, frozen=True, eq=False):
 
 def route(
     cell: RouteCell,
-    motions: Sequence[Reached],
+    motions: Sequence[EdgeMotion],
     edges: Sequence[Line],
     options: RouteOptions,
     tell: Callable[[str], None] = ignore_stages,
@@ -191,7 +198,8 @@ def route(
             continue
         names = [problem.motions[k].id for k in sorted(lost)]
         dropped += [
-            Unreached(name, "collision", "no free motion leads to it", _REMEDY) for name in names
+            UnreachableEdge(name, "collision", "no free motion leads to it", _REMEDY)
+            for name in names
         ]
         if len(lost) == len(problem.motions):
             return Route((), (), tuple(dropped), 0.0, 0.0)
@@ -221,12 +229,12 @@ class _Detours(Struct, eq=False):
 
 
 def _left(
-    detours: _Detours, motions: Sequence[Reached], speeds: LinkSpeeds
-) -> tuple[list[Reached], list[Retraction], list[Unreached]]:
+    detours: _Detours, motions: Sequence[EdgeMotion], speeds: LinkSpeeds
+) -> tuple[list[EdgeMotion], list[Retraction], list[UnreachableEdge]]:
     """The motions with a way out of both ends, the two ways of each, and those without any."""
-    kept: list[Reached] = []
+    kept: list[EdgeMotion] = []
     outs: list[Retraction] = []
-    dropped: list[Unreached] = []
+    dropped: list[UnreachableEdge] = []
     ends = [end for motion in motions for end in _ends(motion)]
     found = retractions(detours.cell.setup, detours.cell.free_space, ends, speeds)
     for motion, *both in zip(motions, found[::2], found[1::2], strict=True):
@@ -236,7 +244,7 @@ def _left(
             pair = [_search_out(detours, end, speeds) or texts[0] for end in _ends(motion)]
         if isinstance(pair[0], str) and isinstance(pair[1], str):
             dropped.append(
-                Unreached(motion.id, "collision", f"no way back from it: {texts[0]}", _REMEDY)
+                UnreachableEdge(motion.id, "collision", f"no way back from it: {texts[0]}", _REMEDY)
             )
             continue
         ways = [one for one in pair if isinstance(one, Retraction)]
@@ -249,13 +257,13 @@ def _left(
     return kept, outs, dropped
 
 
-def _ends(motion: Reached) -> tuple[tuple[Way, FloatArray], tuple[Way, FloatArray]]:
+def _ends(motion: EdgeMotion) -> tuple[tuple[PosePath, FloatArray], tuple[PosePath, FloatArray]]:
     """Where the motion begins and where it ends, each with its joints."""
     return (_row(motion.way, 0), motion.joints[0]), (_row(motion.way, -1), motion.joints[-1])
 
 
 def _search_out(
-    detours: _Detours, end: tuple[Way, FloatArray], speeds: LinkSpeeds
+    detours: _Detours, end: tuple[PosePath, FloatArray], speeds: LinkSpeeds
 ) -> Retraction | None:
     """A way out of one end and home that is no way of RFA's: back a little, and from there as a search finds it."""
     out = shorter(detours.cell.setup, detours.cell.free_space, *end, speeds)
@@ -263,13 +271,13 @@ def _search_out(
     return None if out is None or via is None else replace(out, via=via)
 
 
-def _row(way: Way, k: int) -> Way:
-    return Way(way.position[[k]], np.full((1, 3), np.nan), way.rotation[[k]])
+def _row(way: PosePath, k: int) -> PosePath:
+    return PosePath(way.position[[k]], np.full((1, 3), np.nan), way.rotation[[k]])
 
 
 def _make_problem(
     cell: RouteCell,
-    motions: Sequence[Reached],
+    motions: Sequence[EdgeMotion],
     outs: Sequence[Retraction],
     edges: Sequence[Line],
     options: RouteOptions,
@@ -306,13 +314,17 @@ def _make_problem(
     )
 
 
-def _look(room: Room, several: Sequence[FloatArray]) -> list[Literal["blocked", "near", "clear"]]:
+def _look(
+    room: FreeSpace, several: Sequence[FloatArray]
+) -> list[Literal["blocked", "near", "clear"]]:
     """What comes of motions of the joints from row to row (2, J): near are those that come nearer than the margin, and
     nearer than their ends are.
     """
     found: list[Literal["blocked", "near", "clear"]] = []
-    for rows, kept in zip(several, room.look([Track(rows) for rows in several]), strict=True):
-        if isinstance(kept, Hit):
+    for rows, kept in zip(
+        several, room.look([SampledMotion(rows) for rows in several]), strict=True
+    ):
+        if isinstance(kept, Blockage):
             found.append("blocked")
         else:
             near = kept < room.margin and kept < room.gaps(rows).min() - _AS_NEAR_MM
@@ -344,7 +356,7 @@ def _without(problem: _RouteProblem, lost: set[int]) -> _RouteProblem:
     )
 
 
-def _vertices(motion: Reached, edge: Line) -> FloatArray:
+def _vertices(motion: EdgeMotion, edge: Line) -> FloatArray:
     """(2, 3) where the edge starts and ends as it is run, NaN where the motion does not go so far."""
     ends = edge.points[[-1, 0] if motion.backwards else [0, -1]].copy()
     ends[np.array(motion.trimmed) > 0] = np.nan

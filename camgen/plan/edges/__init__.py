@@ -21,10 +21,17 @@ from camgen.model.program import Joints
 from camgen.model.text import counted, short
 from camgen.motion.cell import home_of, room_of, setup_of
 from camgen.motion.edge_paths import edge_path, left_out, none_left
-from camgen.motion.pose_paths import Way
+from camgen.motion.pose_paths import PosePath
 from camgen.motion.reach import can_end, reach_each, reach_ways, trimmed
 from camgen.motion.rolls import freedom_of
-from camgen.motion.setup import Hit, Reached, Room, Setup, Track, Unreached
+from camgen.motion.setup import (
+    Blockage,
+    EdgeMotion,
+    FreeSpace,
+    SampledMotion,
+    Setup,
+    UnreachableEdge,
+)
 from camgen.plan import EdgePlan, Watch
 from camgen.plan.edges.contact import own_contact
 from camgen.plan.edges.last_face import offset_along
@@ -71,7 +78,7 @@ class LineTask(Struct, frozen=True, eq=False):
     noun: "edge" or "curve".
     """
 
-    ways: Iterable[tuple[Line, Way | Unreached]]
+    ways: Iterable[tuple[Line, PosePath | UnreachableEdge]]
     surround: Surround
     notes: Sequence[Note]
     noun: str
@@ -93,8 +100,8 @@ def plan_ways(part: Part, job: Job, cell: Workcell, watch: Watch, task: LineTask
 
     found = reach_ways(listed, setup, freedom_of(job), job.operation.trim, tell)
     found = _clear_between(found, room_of(where, setup))
-    good = tuple(one for one in found if isinstance(one, Reached))
-    lost = [one for one in found if isinstance(one, Unreached)]
+    good = tuple(one for one in found if isinstance(one, EdgeMotion))
+    lost = [one for one in found if isinstance(one, UnreachableEdge)]
     watch("reaching, what would help others")
     attempts = _attempts(
         job, cell, cell.arm, {line.id: (line, way) for line, way in listed}, surround
@@ -120,40 +127,40 @@ def _attempts(
     job: Job,
     cell: Workcell,
     arm: Robot,
-    ways: Mapping[str, tuple[Line, Way | Unreached]],
+    ways: Mapping[str, tuple[Line, PosePath | UnreachableEdge]],
     surround: Surround,
 ) -> Attempts:
     """What ``ways`` come to with other settings of the tool or a trim, in the same cell."""
 
     @cache
-    def place(tilt: float) -> tuple[Setup, Room]:
+    def place(tilt: float) -> tuple[Setup, FreeSpace]:
         # Whether there is a way at all is asked, not whether it keeps the margin.
         bare = replace(job.cell, margin=0.0)
         where = surround(replace(job, tool=replace(job.tool, axis_tilt=tilt), cell=bare))
         here = setup_of(arm, cell, where)
         return here, room_of(where, here)
 
-    def whole(other: Job, names: Sequence[str]) -> tuple[Reached | Unreached, ...]:
+    def whole(other: Job, names: Sequence[str]) -> tuple[EdgeMotion | UnreachableEdge, ...]:
         here, room = place(other.tool.axis_tilt)
         freedom, listed = freedom_of(other), [ways[name] for name in names]
-        shaped = [(line, way) for line, way in listed if isinstance(way, Way)]
+        shaped = [(line, way) for line, way in listed if isinstance(way, PosePath)]
         able = list(compress(shaped, can_end(here, [way for _, way in shaped], freedom)))
         return _clear_between(reach_ways(able, here, freedom), room)
 
     def part(other: Job, ends: Mapping[str, Ends]) -> list[bool]:
         here, room = place(other.tool.axis_tilt)
-        able = {name: way for name in ends if isinstance(way := ways[name][1], Way)}
+        able = {name: way for name in ends if isinstance(way := ways[name][1], PosePath)}
         tried = reach_each(
             here,
             [(name, trimmed(way, ends[name])) for name, way in able.items()],
             freedom_of(other),
         )
         found = dict(zip(able, _clear_between(tried, room), strict=True))
-        return [isinstance(found.get(name), Reached) for name in ends]
+        return [isinstance(found.get(name), EdgeMotion) for name in ends]
 
     def stands(other: Job, less: Mapping[str, float], last: bool) -> list[bool]:
         here, _ = place(other.tool.axis_tilt)
-        able = {name: way for name in less if isinstance(way := ways[name][1], Way)}
+        able = {name: way for name in less if isinstance(way := ways[name][1], PosePath)}
         cut = [
             trimmed(way, (0.0, less[name]) if last else (less[name], 0.0))
             for name, way in able.items()
@@ -174,29 +181,31 @@ def _note_contact(tip: float) -> list[Note]:
 
 
 def _clear_between(
-    found: Sequence[Reached | Unreached], room: Room
-) -> tuple[Reached | Unreached, ...]:
+    found: Sequence[EdgeMotion | UnreachableEdge], room: FreeSpace
+) -> tuple[EdgeMotion | UnreachableEdge, ...]:
     """``found``, without the motions that collide between two of the places where they were looked at; of one that was
     taken for its margin the one that it was preferred to, where that does not.
     """
     said = iter(
-        room.look([Track(one.dense, one.looks) for one in found if isinstance(one, Reached)])
+        room.look(
+            [SampledMotion(one.dense, one.looks) for one in found if isinstance(one, EdgeMotion)]
+        )
     )
-    proved = [_stop(one, next(said)) if isinstance(one, Reached) else one for one in found]
+    proved = [_stop(one, next(said)) if isinstance(one, EdgeMotion) else one for one in found]
     for k, (one, now) in enumerate(zip(found, proved, strict=True)):
-        if isinstance(one, Reached) and one.nearer and isinstance(now, Unreached):
+        if isinstance(one, EdgeMotion) and one.nearer and isinstance(now, UnreachableEdge):
             proved[k] = _clear_between([one.nearer], room)[0]
     return tuple(proved)
 
 
-def _stop(motion: Reached, hit: Hit | float) -> Reached | Unreached:
+def _stop(motion: EdgeMotion, hit: Blockage | float) -> EdgeMotion | UnreachableEdge:
     """The motion, or what stops it and where."""
-    if not isinstance(hit, Hit):
+    if not isinstance(hit, Blockage):
         return motion
     row = int(hit.at)
     length = np.append(motion.looks.length, 0.0)
     along = short(motion.trimmed[0] + length[:row].sum() + (hit.at - row) * length[row], 1)
-    return Unreached(motion.id, hit.kind, f"{hit.what}, {along} mm along it")
+    return UnreachableEdge(motion.id, hit.kind, f"{hit.what}, {along} mm along it")
 
 
 def choose(solid: Solid, job: Job) -> dict[str, Edge]:
@@ -235,7 +244,7 @@ def leave_out(
     plan: EdgePlan, lost: Sequence[tuple[str, Literal["collision", "jump"], str]]
 ) -> EdgePlan:
     """The plan without some motions. lost: id, kind and reason of each. NoSafeProgram if none is left."""
-    more = tuple(Unreached(*one) for one in lost)
+    more = tuple(UnreachableEdge(*one) for one in lost)
     gone = {one.id for one in more}
     paths = tuple(path for path in plan.paths if path.id not in gone)
     edges = {edge.id: edge for edge in plan.edges}

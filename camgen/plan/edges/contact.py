@@ -9,7 +9,7 @@ import numpy as np
 from camgen.model.job import Job
 from camgen.model.part import Edge
 from camgen.model.pose import FloatArray
-from camgen.motion.pose_paths import Way, counts, divide
+from camgen.motion.pose_paths import PosePath, counts, divide
 from camgen.motion.setup import dense_parts
 from camgen.plan.edges.last_face import Offset
 from camgen.plan.edges.poses import poses
@@ -34,7 +34,7 @@ def own_contact(edges: Iterable[Edge], job: Job, direction: Offset = "mean") -> 
 def _depth(edge: Edge, job: Job, radius: float, direction: Offset) -> float:
     """Mm by which the edge enters the square bar of the tool that works it, from its end or its sides."""
     tool, drawn = (poses(edge, offset, direction) for offset in (job.operation.offset, 0.0))
-    if not isinstance(tool, Way) or not isinstance(drawn, Way):
+    if not isinstance(tool, PosePath) or not isinstance(drawn, PosePath):
         return 0.0
     points = divide(drawn, counts(drawn, _LOOK_MM, _LOOK_TURN)).position
     looks = divide(tool, dense_parts(tool))

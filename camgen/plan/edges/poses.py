@@ -13,35 +13,37 @@ from camgen.geometry.vectors import cross
 from camgen.model.part import Edge
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import short
-from camgen.motion.pose_paths import Way, divide
+from camgen.motion.pose_paths import PosePath, divide
 from camgen.motion.reach import reach_ways
-from camgen.motion.setup import Freedom, Reached, Setup, Unreached
+from camgen.motion.setup import EdgeMotion, OrientationFreedom, Setup, UnreachableEdge
 from camgen.plan.edges.last_face import Offset
 
 #: Below this the sum of two unit normals has no direction.
 _OPPOSED = 1e-3
 #: The tool keeps its nominal orientation.
-_NOMINAL = Freedom()
+_NOMINAL = OrientationFreedom()
 #: An offset that leaves less than this part of an arc has closed it.
 _CLOSED = 1e-3
 
 
-def poses(edge: Edge, offset: float, direction: Offset = "mean") -> Way | Unreached:
-    """The TCP poses along ``edge``, ``offset`` mm away from it, in its own direction; Unreached if it has none.
+def poses(edge: Edge, offset: float, direction: Offset = "mean") -> PosePath | UnreachableEdge:
+    """The TCP poses along ``edge``, ``offset`` mm away from it, in the direction of the edge.
+
+    UnreachableEdge if it has none.
 
     work_from_tool is right-handed: z against the offset, y along the edge or against it, so that x = y cross z points
     downwards on the whole. Where x is level all along, y points upwards at the start; where that is level too, x goes
-    with the work's x, or else its y. The travel's direction does not change it: ``Way.reversed``.
+    with the work's x, or else its y. The travel's direction does not change it, see ``PosePath.reversed``.
     """
     away, middle = _directions(edge, direction)
     if not (np.isfinite(away).all() and np.isfinite(middle).all()):
-        return Unreached(
+        return UnreachableEdge(
             edge.id, "shape", "its two faces are back to back: there is no direction between them"
         )
     position, via = edge.points + offset * away, edge.via + offset * middle
     before, after = np.diff(edge.points, axis=0), np.diff(position, axis=0)
     if ((before * after).sum(axis=1) < _CLOSED * (before * before).sum(axis=1)).any():
-        return Unreached(
+        return UnreachableEdge(
             edge.id,
             "shape",
             f"an offset of {short(offset, 3)} mm leaves nothing of its inner radius",
@@ -57,10 +59,10 @@ def poses(edge: Edge, offset: float, direction: Offset = "mean") -> Way | Unreac
     )
     rotation = _frames(away, tangent, edge.closed)
     if not np.isfinite(rotation).all():
-        return Unreached(edge.id, "shape", "it turns back on itself")
+        return UnreachableEdge(edge.id, "shape", "it turns back on itself")
     ways = np.full_like(position, np.nan)
     ways[1:][arc] = via[arc]
-    whole = Way(position, ways, np.broadcast_to(np.eye(3), (len(position), 3, 3)))
+    whole = PosePath(position, ways, np.broadcast_to(np.eye(3), (len(position), 3, 3)))
     return replace(divide(whole, 1 + wide), rotation=frozen(rotation))
 
 
@@ -111,9 +113,9 @@ def reach(
     setup: Setup,
     offset: float,
     direction: Offset = "mean",
-    freedom: Freedom = _NOMINAL,
+    freedom: OrientationFreedom = _NOMINAL,
     trim: float = 0.0,
-) -> tuple[Reached | Unreached, ...]:
+) -> tuple[EdgeMotion | UnreachableEdge, ...]:
     """Run the arm along ``edges``, ``offset`` mm away from them, as ``reach_ways`` says."""
     pose_paths = [(edge, poses(edge, offset, direction)) for edge in edges]
     return reach_ways(pose_paths, setup, freedom, trim)

@@ -12,7 +12,7 @@ from camgen.geometry.halving import find_first
 from camgen.model.job import Job, ToolTable
 from camgen.model.part import Line, Note
 from camgen.model.text import short
-from camgen.motion.setup import Reached, Unreached
+from camgen.motion.setup import EdgeMotion, UnreachableEdge
 
 #: So many edges are looked at: each costs as much as several that are reached.
 _MOST = 8
@@ -34,18 +34,18 @@ class Attempts(Struct, frozen=True, eq=False):
     or, where that is asked, from the end, as it must at both ends of what is left; it is known in a tenth of the time.
     """
 
-    whole: Callable[[Job, Sequence[str]], Sequence[Reached | Unreached]]
+    whole: Callable[[Job, Sequence[str]], Sequence[EdgeMotion | UnreachableEdge]]
     part: Callable[[Job, Mapping[str, Ends]], Sequence[bool]]
     stands: Callable[[Job, Mapping[str, float], bool], Sequence[bool]]
 
 
 def remedies(
-    lost: Sequence[Unreached],
+    lost: Sequence[UnreachableEdge],
     edges: Mapping[str, Line],
     job: Job,
     attempts: Attempts,
     noun: str = "edge",
-) -> tuple[list[Unreached], list[Note]]:
+) -> tuple[list[UnreachableEdge], list[Note]]:
     """``lost`` with what would help each of its first, and a note where there are more."""
     able = [one.id for one in lost if one.kind != "shape"]
     tried = able[:_MOST]
@@ -77,7 +77,7 @@ def _other_tools(
     for job, words in freedoms:
         left = [name for name in names if name not in found]
         made = attempts.whole(job, left) if left else ()
-        found |= {one.id: f"{words} reaches it" for one in made if isinstance(one, Reached)}
+        found |= {one.id: f"{words} reaches it" for one in made if isinstance(one, EdgeMotion)}
     return found
 
 

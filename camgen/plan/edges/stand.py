@@ -16,15 +16,15 @@ from camgen.model.job import Job
 from camgen.model.part import FEATURE_ANGLE, Curve, IntArray, Solid
 from camgen.model.pose import TOOL_DOWN, FloatArray, frozen, rotation_from_fixed_xyz
 from camgen.model.text import counted, short
-from camgen.motion.pose_paths import Way, counts, divide, rows
-from camgen.motion.setup import Unreached
+from camgen.motion.pose_paths import PosePath, counts, divide, rows
+from camgen.motion.setup import UnreachableEdge
 
 #: mm: a face is looked at so often along a curve; of the looks the rows stay that the axis needs to be so near, rad.
 _LOOK_MM, _AXIS = 1.0, math.radians(0.5)
 _NO_TURN = np.eye(3)
 
 
-def stand(curve: Curve, job: Job, solid: Solid | None) -> Way | Unreached:
+def stand(curve: Curve, job: Job, solid: Solid | None) -> PosePath | UnreachableEdge:
     """The TCP poses along ``curve``, in its own direction. JobError where the job asks for what is not there."""
     axis = choose_axis(curve, job)
     if axis == "normal":
@@ -35,7 +35,7 @@ def stand(curve: Curve, job: Job, solid: Solid | None) -> Way | Unreached:
     if axis == "given":
         return _as_given(curve)
     turned = np.broadcast_to(fixed_rotation(job), (len(curve.points), 3, 3))
-    return Way(curve.points, _bare(curve).via, frozen(turned))
+    return PosePath(curve.points, _bare(curve).via, frozen(turned))
 
 
 def choose_axis(curve: Curve, job: Job) -> str:
@@ -72,24 +72,26 @@ def fixed_rotation(job: Job) -> FloatArray:
     return rotation_from_fixed_xyz(*(math.radians(v) for v in values))
 
 
-def _bare(curve: Curve) -> Way:
+def _bare(curve: Curve) -> PosePath:
     """The places alone."""
     via = np.concatenate([np.full((1, 3), np.nan), curve.via])
-    return Way(curve.points, frozen(via), np.broadcast_to(_NO_TURN, (len(curve.points), 3, 3)))
+    return PosePath(curve.points, frozen(via), np.broadcast_to(_NO_TURN, (len(curve.points), 3, 3)))
 
 
-def _as_given(curve: Curve) -> Way | Unreached:
+def _as_given(curve: Curve) -> PosePath | UnreachableEdge:
     assert curve.rotations is not None
     turn = angles_between(curve.rotations[:-1], curve.rotations[1:])
     wide = np.flatnonzero(turn > SURE_TURN)
     if len(wide):
         k = int(wide[0])
         what = f"the tool turns by {short(math.degrees(turn[k]), 1)} deg from point {k + 1} to the next"
-        return Unreached(curve.id, "shape", f"{what}, either way round: give points between them")
-    return Way(curve.points, _bare(curve).via, curve.rotations)
+        return UnreachableEdge(
+            curve.id, "shape", f"{what}, either way round: give points between them"
+        )
+    return PosePath(curve.points, _bare(curve).via, curve.rotations)
 
 
-def _square_to_faces(way: Way, name: str, solid: Solid) -> Way | Unreached:
+def _square_to_faces(way: PosePath, name: str, solid: Solid) -> PosePath | UnreachableEdge:
     """The way with tool z against the normal of the nearest face, turned about it as little as it goes along."""
     parts = counts(way, _LOOK_MM, math.tau)
     looks = divide(way, parts)
@@ -100,7 +102,7 @@ def _square_to_faces(way: Way, name: str, solid: Solid) -> Way | Unreached:
         k = int(wide[0])
         place = " ".join(short(v, 2) for v in looks.position[k].tolist())
         what = f"the nearest face changes its direction by {short(math.degrees(jump[k]), 1)} deg at {place} mm"
-        return Unreached(
+        return UnreachableEdge(
             name, "shape", f"{what}: end the curve there, or fix the tool: tool.axis, tool.angles"
         )
     at = rows(parts)
@@ -152,7 +154,9 @@ def _carry(axis: FloatArray) -> FloatArray:
     return made
 
 
-def _keep(way: Way, parts: IntArray, looks: Way, kept: IntArray, rotations: FloatArray) -> Way:
+def _keep(
+    way: PosePath, parts: IntArray, looks: PosePath, kept: IntArray, rotations: FloatArray
+) -> PosePath:
     """The rows ``kept`` of the looks as a way of their own, arcs as arcs."""
     at = rows(parts)
     segment = np.searchsorted(at, kept[1:], side="left") - 1
@@ -160,4 +164,4 @@ def _keep(way: Way, parts: IntArray, looks: Way, kept: IntArray, rotations: Floa
     via = chain(way.position, way.via[1:]).point(middle, segment)
     via[np.isnan(way.via[1:, 0])[segment]] = np.nan
     own = np.concatenate([np.full((1, 3), np.nan), via])
-    return Way(frozen(looks.position[kept]), frozen(own), frozen(rotations))
+    return PosePath(frozen(looks.position[kept]), frozen(own), frozen(rotations))
