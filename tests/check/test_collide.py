@@ -18,9 +18,9 @@ from camgen.collision.motion import measure_apart, motion
 from camgen.collision.scene import Allowed, Scene, scene
 from camgen.model.errors import Blocked, Loss, NoSafeProgram
 from camgen.model.pose import IDENTITY, FloatArray, Pose, frozen, rotation_about, translation
-from camgen.motion.joint_paths import APART, Track, follow_all, follow_closely
+from camgen.motion.joint_paths import APART, follow_all, follow_closely
 from camgen.motion.pose_paths import PosePath
-from camgen.motion.setup import Setup, flange_poses
+from camgen.motion.setup import SampledMotion, Setup, flange_poses
 from camgen.pipeline import programs
 from camgen.plan.edges.contact import own_contact
 from camgen.robots.catalogue import robot
@@ -95,8 +95,10 @@ def test_where_the_joints_run_evenly_nothing_is_added() -> None:
 
 
 def test_several_tracks_are_followed_as_each_alone() -> None:
-    back = Track(ends()[::-1], SHORT.reversed())
-    one, even, other = follow_all(setup(), [Track(ends(), SHORT), Track(ends()), back])
+    back = SampledMotion(ends()[::-1], SHORT.reversed())
+    one, even, other = follow_all(
+        setup(), [SampledMotion(ends(), SHORT), SampledMotion(ends()), back]
+    )
     alone = follow_closely(setup(), SHORT, ends(), np.array([True]))
     assert np.allclose(one.joints, alone.joints, atol=1e-9)
     assert np.array_equal(one.at, alone.at)

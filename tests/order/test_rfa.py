@@ -19,9 +19,16 @@ from camgen.motion.cell import room_of, setup_of
 from camgen.motion.limits import LinkSpeeds
 from camgen.motion.pose_paths import PosePath
 from camgen.motion.reach import reach_ways
-from camgen.motion.setup import Blockage, EdgeMotion, OrientationFreedom, SampledMotion, Setup
+from camgen.motion.setup import (
+    Blockage,
+    EdgeMotion,
+    FreeSpace,
+    OrientationFreedom,
+    SampledMotion,
+    Setup,
+)
 from camgen.order.edges.links import BY_HOME, FREE, JointLink, MotionEnds, PathLink, along, steps
-from camgen.order.edges.retract import Retraction, Room, retractions
+from camgen.order.edges.retract import Retraction, retractions
 from camgen.order.edges.route import Route, RouteCell, RouteOptions, route
 from camgen.plan.edges.poses import poses, reach
 from camgen.plan.edges.select import select
@@ -39,7 +46,7 @@ WALL = Blockage("collision", "link 5 against wall", 0.0)
 
 
 @cache
-def cell(part: str) -> tuple[Setup, Room, tuple[EdgeMotion, ...]]:
+def cell(part: str) -> tuple[Setup, FreeSpace, tuple[EdgeMotion, ...]]:
     solid, job = mesh.read(source(PARTS / f"{part}.stl")), load(PARTS / f"{part}.toml")
     where = around(job, equip(Rapid.cell(), job, ARM), solid)
     setup = setup_of(ARM, equip(Rapid.cell(), job), where)
