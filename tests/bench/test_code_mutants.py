@@ -10,7 +10,14 @@ import pytest
 from bench.reliability.code_mutants.cases import BY_NAME, CASES, write_drawing
 from bench.reliability.code_mutants.operators import OPERATORS, find_sites, mutate
 from bench.reliability.code_mutants.running import find_function
-from bench.reliability.code_mutants.targets import CORE_GROUPS, PROGRAM_GROUPS, draw
+from bench.reliability.code_mutants.survivors import is_found
+from bench.reliability.code_mutants.targets import (
+    CORE_GROUPS,
+    PROGRAM_GROUPS,
+    ROOT,
+    Mutant,
+    draw,
+)
 from bench.reliability.code_mutants.verdicts import find_fault
 from camgen.pipeline import build
 from tests.support.rs274 import needs_rs274
@@ -54,6 +61,13 @@ def test_text_that_no_build_runs_is_not_changed() -> None:
         "comparison", "arithmetic", "sign", "arguments", "index", "constant", "statement",
         "condition", "call", "logic", "element",
     }  # fmt: skip
+
+
+def test_the_tests_of_a_folder_find_a_negated_condition() -> None:
+    module = "camgen/geometry/halving.py"
+    sites = find_sites((ROOT / module).read_text(encoding="utf-8"))
+    negated = next(site for site in sites if site.operator == "condition")
+    assert is_found(Mutant("geometry", module, negated))
 
 
 def test_the_draw_is_the_same_each_time_and_every_mutant_compiles() -> None:

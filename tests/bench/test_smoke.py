@@ -115,7 +115,7 @@ SMOKES = [
         "reliability.code_mutants --last 2", (5,), {"mutants": (0, 2)},
         lacking(program="rs274"), alone=True,
     ),
-    Smoke("reliability.code_mutants survivors --last 1", (), {}, alone=True),
+    Smoke("reliability.code_mutants survivors --last 0", (), {}, alone=True),
     Smoke("read.localize 1 1 2000 rfa1", (4,), {"found": (0, 1)}),
     # The search for a part that is not in the scan takes ten times as long.
     Smoke("read.one_sided 1 6000 1 - rfa1", (2,), {"runs": (1, 1), "right": (1, 1)}),

@@ -17,6 +17,8 @@ from tests.support.browsers import PHONE, SIZE, Driven, start_browser
 from tests.support.waiting import LONG
 
 pytest.importorskip("uvicorn", reason="the extra workbench is not installed")
+#: ms between two looks at a condition: a look at each frame makes the browser draw all the time.
+POLL = 20
 PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
 
 
@@ -33,7 +35,7 @@ class Tab:
         self.bench = bench
         self.said: list[str] = []
         self.asked: list[str] = []
-        self.context = browser.new_context(viewport=size)
+        self.context = browser.new_context(viewport=size, reduced_motion="reduce")
         self.context.set_default_timeout(1000 * LONG)
         self.page = self.context.new_page()
         self.page.on("console", lambda message: self.said.append(message.text))
@@ -46,7 +48,8 @@ class Tab:
         """The state when nothing is built and ``condition``, of s, holds."""
         self.page.wait_for_function(
             "() => { const s = window.workbench?.state(); "
-            f"return s && !s.stage && (s.built || s.failed) && ({condition}); }}"
+            f"return s && !s.stage && (s.built || s.failed) && ({condition}); }}",
+            polling=POLL,
         )
         found: dict[str, Any] = self.page.evaluate("workbench.state()")
         return found
@@ -56,7 +59,7 @@ class Tab:
         seen = f"#frames iframe:not(.coming)[src='page/{number}']"
         self.page.wait_for_selector(seen)
         frame = self.page.query_selector(seen).content_frame()
-        frame.wait_for_function("() => window.camgen !== undefined")
+        frame.wait_for_function("() => window.camgen !== undefined", polling=POLL)
         return frame
 
     def field(self, path: str) -> Any:
