@@ -17,7 +17,7 @@ from tests.support.browsers import PHONE, SIZE, Driven, start_browser
 from tests.support.waiting import LONG
 
 pytest.importorskip("uvicorn", reason="the extra workbench is not installed")
-#: ms between two looks at a condition: a look at each frame makes the browser draw all the time.
+#: ms from look to look at a condition. A look at each frame makes the browser draw all the time.
 POLL = 20
 PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
 
