@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -72,7 +73,7 @@ def check(
     held = where or replace(there, margin=0.0)
     program, told = hold_clear(program, reach, course, held, cell, clear.clearance)
     if where is not None:
-        flow = Flow(plunge(job.process))
+        flow = Flow(plunge(job.process), math.inf, -math.inf)
     if flow is not None:
         program, notes = let_flow(program, reach, there, cell, flow)
         told = (*told, *notes)

@@ -30,15 +30,16 @@ TURNING = 1.6
 class Flow(Struct, frozen=True):
     """The corners of links that may be rounded.
 
-    slow: mm/s; a motion that is no faster leads to a contact, and is stopped before.
-    room: mm at the end of a line that may be rounded off. A line of a flat part leads up from it or
-        down to it, and the part has no body in the scene.
-    floor: mm, z in the work frame, below which the tip does not come within a corner.
+    slow: speed, mm/s. A motion that is no faster leads to a contact; the tool stops before it.
+    room: length at the end of a line that may be rounded off, mm; infinite where the part has a
+        body in the scene. A flat part has none, and lines lead up from it and down to it.
+    floor: z in the work frame below which the tip does not come within a corner, mm; minus infinite
+        where the part has a body in the scene.
     """
 
     slow: float
-    room: float = math.inf
-    floor: float = -math.inf
+    room: float
+    floor: float
 
 
 class Corners(Struct, frozen=True, eq=False):

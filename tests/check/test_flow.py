@@ -120,7 +120,7 @@ def test_more_margin_leaves_less_room_for_rounding() -> None:
         )
     )
     rest = bare, result.reach
-    flow = Flow(slow=10.0)
+    flow = Flow(10.0, math.inf, -math.inf)
     wide, _ = let_flow(*rest, replace(result.where, margin=60.0), result.cell, flow)
     narrow, _ = let_flow(*rest, result.where, result.cell, flow)
     assert narrow.columns.blend.tolist() == result.program.columns.blend.tolist()
