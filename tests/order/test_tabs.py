@@ -304,6 +304,17 @@ def stars(draw: Any) -> Contour:
     )
 
 
+def test_tabs_that_stand_in_a_pass_before_a_ramp_are_proven() -> None:
+    corners = [(25.0625, 0.0), (-12.5, 21.65), (-13.625, -23.6)]
+    triangle = contour(corners, [0.0, 0.0, -0.1])
+    tabs = {"tabs": 4, "tab_width": 8.4375, "tab_height": 2.28125}
+    ramps = {"passes": 2, "entry": "ramp", "entry_angle": 20.0, "lead_in": 0.0, "lead_out": 0.0}
+    result = built([triangle], 4.984375, **tabs, **ramps)
+    # The passes are at -2 and -4 mm and the tabs reach up to -1.72 mm: both passes leave them.
+    assert len(bridges(result, -1.71875 - 1e-6, 0)) == 4
+    assert any(note.what.startswith("4 tabs") for note in result.notes)
+
+
 @fewer(8)
 @given(
     stars(),

@@ -183,10 +183,12 @@ class TabChecker:
             findings.add(self.motions, int(row), what)
         counts = np.bincount(lap[begins], minlength=len(laps.depth))
         least, greatest = self._wanted_counts(matched, laps)
+        around = self._are_cut_out(matched, laps) & (heights < self._top - self.slack)
         closed = laps.closed | (self.task.operation.overlap > 0)
-        cut_out = self._are_cut_out(matched, laps) & (heights < self._top - self.slack) & closed
-        least[~cut_out | (fewer & ~self._has_room(matched, laps, counts))] = 0
-        greatest[~cut_out] = 0
+        least[~(around & closed) | (fewer & ~self._has_room(matched, laps, counts))] = 0
+        # A ramp down to the next depth belongs to no lap, so the lap before it stays open.
+        ramped = np.isin(laps.contour, laps.contour[laps.closed])
+        greatest[~(around & (closed | ramped))] = 0
         for lap in np.flatnonzero((counts < least) | (counts > greatest))[:1].tolist():
             name = self.drawing.contours[int(laps.contour[lap])].id
             what = f"begins a lap around contour {name} with {counts[lap]} tabs"
