@@ -6,7 +6,8 @@ FOLDER holds drawings (default: ``shared/data/dxf`` beside the repository). The 
 most points on the screen. The other one has SEGMENTS segments. The ordinary ones are a drawing, a picture, and a 3-D
 part with an arm. Each is opened OPENINGS times in a browser of its own, which is there already: the start of a browser
 is not counted, but in the first opening that of its process for pictures is. All turn, play and scroll through the
-program's text for SECONDS each, after as long a run-in. Needs playwright and a Chromium; it renders in software.
+program's text for SECONDS each, after as long a run-in. Needs playwright and a Chromium, or its shell without windows;
+it renders in software.
 """
 
 from __future__ import annotations
@@ -36,6 +37,8 @@ COLUMNS = (
     "| whole, best {:.2f} s | processor, best {:.2f} s | frames/s turning {:.0f} "
     "| frames/s playing {:.0f} | frames/s scrolling {:.0f} | script per frame {:.1f} ms"
 )
+#: The first that is installed is measured.
+BROWSERS = "chromium", "chromium-headless-shell"
 SWITCHES = [
     "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader",
@@ -178,7 +181,7 @@ def main(folder: Path, segments: int, turning: float, openings: int) -> None:
             # One opening each: a browser for all, the first part starts it.
             if browser is None or openings > 1:
                 browser = started.chromium.launch(
-                    executable_path=shutil.which("chromium"), args=SWITCHES
+                    executable_path=next(filter(None, map(shutil.which, BROWSERS))), args=SWITCHES
                 )
             table.add(*measured(browser, result, Path(pages), turning, openings))
             if openings > 1:

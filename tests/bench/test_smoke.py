@@ -42,10 +42,12 @@ class Smoke(NamedTuple):
     alone: bool = False
 
 
-def lacking(module: str = "", program: str = "") -> str:
+def lacking(module: str = "", *programs: str) -> str:
+    """What is not installed of a module and of programs of which one is enough; "" if all is there."""
     if module and not find_spec(module):
         return f"{module} is not installed"
-    return f"{program} is not installed" if program and not shutil.which(program) else ""
+    found = not programs or any(map(shutil.which, programs))
+    return "" if found else f"{' or '.join(programs)} is not installed"
 
 
 FIGURES = {"max mm": (0.0, 1.0), "rms mm": (0.0, 0.6)}
@@ -55,7 +57,7 @@ SMOKES = [
     Smoke("speed.batch {here}/dxf 1 1 1", (4,), {"programs": (1, 1)}, alone=True),
     Smoke(
         "speed.page {here}/dxf 500 0.05 1", (5,), {"points of the program": (50, 20000)},
-        lacking("playwright") or lacking(program="chromium"),
+        lacking("playwright", "chromium", "chromium-headless-shell"),
     ),
     # They start processes of their own, which a process with threads must not.
     Smoke("reliability.inputs 24 0 1", (12,), {"mutants": (2, 2), "misses": (0, 0)}, alone=True),
@@ -113,7 +115,7 @@ SMOKES = [
     ),
     Smoke(
         "reliability.code_mutants --last 2", (5,), {"mutants": (0, 2)},
-        lacking(program="rs274"), alone=True,
+        lacking("", "rs274"), alone=True,
     ),
     Smoke("reliability.code_mutants survivors --last 0", (), {}, alone=True),
     Smoke("read.localize 1 1 2000 rfa1", (4,), {"found": (0, 1)}),
@@ -121,7 +123,7 @@ SMOKES = [
     Smoke("read.one_sided 1 6000 1 - rfa1", (2,), {"runs": (1, 1), "right": (1, 1)}),
     Smoke("read.drawings {here}", (1,), {"used": (9, 9)}),
     Smoke("read.edges {here}", (1,), {"convex mm (measured)": (1390, 1391)}),
-    Smoke("read.replay {programs}", (2,), {}, lacking(program="rs274")),
+    Smoke("read.replay {programs}", (2,), {}, lacking("", "rs274")),
     Smoke("read.programs {programs}", (2,), {"stopped": (0, 0), "refused": (0, 0)}),
     Smoke("read.syntax gcode", (1,), {"differ": (0, 0)}),
     *(Smoke(f"read.syntax {name}", (1,), {"differ": (0, 0)}) for name in ("rapid", "vplus", "pacscript")),

@@ -13,7 +13,7 @@ import pytest
 
 from camgen.cli import main
 from tests.support.benches import Bench, open_bench
-from tests.support.browsers import PHONE, SIZE, Driven, start_browser
+from tests.support.browsers import PHONE, SIZE, Driven, Heard, start_browser
 from tests.support.waiting import LONG
 
 pytest.importorskip("uvicorn", reason="the extra workbench is not installed")
@@ -33,14 +33,11 @@ class Tab:
 
     def __init__(self, browser: Driven, bench: Bench, size: dict[str, int] = SIZE) -> None:
         self.bench = bench
-        self.said: list[str] = []
-        self.asked: list[str] = []
         self.context = browser.new_context(viewport=size, reduced_motion="reduce")
         self.context.set_default_timeout(1000 * LONG)
         self.page = self.context.new_page()
-        self.page.on("console", lambda message: self.said.append(message.text))
-        self.page.on("pageerror", lambda error: self.said.append(str(error)))
-        self.page.on("request", lambda request: self.asked.append(request.url))
+        heard = Heard(self.page)
+        self.said, self.asked = heard.said, heard.asked
         self.page.goto(bench.address)
         self.rest()
 
