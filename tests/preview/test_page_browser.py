@@ -14,7 +14,7 @@ from camgen.preview.page import page
 from camgen.preview.view import view
 from camgen.robots.kinematics.forward import flange
 from tests.preview.test_page import PARTS, ROBOT, poisoned
-from tests.support.browsers import PHONE, SMALL, Driven, Opened
+from tests.support.browsers import PHONE, SMALL, Driven, OpenPage
 
 
 @pytest.fixture(scope="module")
@@ -30,10 +30,10 @@ def files(tmp_path_factory: pytest.TempPathFactory, solid: Result) -> dict[str, 
 
 @pytest.fixture
 def opened(browser: Driven, files: dict[str, Path]) -> Iterator[Any]:
-    pages: list[Opened] = []
+    pages: list[OpenPage] = []
 
-    def make(name: str, size: dict[str, int] = SMALL, scheme: str = "light") -> Opened:
-        pages.append(Opened(browser, files[name], size, scheme))
+    def make(name: str, size: dict[str, int] = SMALL, scheme: str = "light") -> OpenPage:
+        pages.append(OpenPage(browser, files[name], size, scheme))
         return pages[-1]
 
     yield make
@@ -53,8 +53,10 @@ def test_a_page_shows_a_picture_without_errors_and_without_a_network(
     shown = np.abs(picture.astype(int) - background).max(axis=2) > 24
     # Not counting what lies over the picture: axes, legend, scale.
     assert shown[100:-100, 100:-100].mean() > 0.01
-    assert one.said == []
-    assert [url for url in one.asked if not url.startswith(("data:", "blob:"))] == [one.page.url]
+    assert one.log.messages == []
+    assert [url for url in one.log.requests if not url.startswith(("data:", "blob:"))] == [
+        one.page.url
+    ]
 
 
 #: Tells, in the turn in which the canvas gets a new size and after the page has seen it, whether anything is drawn.
@@ -235,7 +237,7 @@ def test_a_graphics_card_that_forgets_all_is_told_all_again(opened: Any) -> None
     one.run("window.card.restoreContext()")
     one.page.wait_for_function("() => !camgen.gl.isContextLost()")
     assert (np.abs(one.picture().astype(int) - before).max(axis=2) > 60).mean() < 0.02
-    assert [text for text in one.said if "CONTEXT_LOST" not in text] == []
+    assert [text for text in one.log.messages if "CONTEXT_LOST" not in text] == []
 
 
 def test_f_fits_the_part_and_shift_f_the_robot_too(opened: Any) -> None:
@@ -347,7 +349,7 @@ def test_names_that_are_markup_are_shown_and_do_nothing(opened: Any) -> None:
     for tab in one.page.locator("nav button").all():
         tab.click()
     assert one.run("window.bad") is None
-    assert one.said == []
+    assert one.log.messages == []
     assert one.page.locator("img").count() == 0
     assert "</script>" in one.page.locator("#title").inner_text()
 

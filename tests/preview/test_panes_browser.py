@@ -13,7 +13,7 @@ from camgen.preview.listing import Listing
 from camgen.preview.page import page
 from camgen.preview.view import view
 from tests.preview.test_page import PARTS
-from tests.support.browsers import SMALL, Driven, Opened
+from tests.support.browsers import SMALL, Driven, OpenPage
 
 
 @pytest.fixture(scope="module")
@@ -47,15 +47,15 @@ def waves(folder: Path, count: int = 6000) -> Path:
 
 @pytest.fixture
 def opened(browser: Driven, files: dict[str, Path]) -> Iterator[Any]:
-    pages: list[Opened] = []
+    pages: list[OpenPage] = []
 
-    def make(name: str, size: dict[str, int] = SMALL, scheme: str = "light") -> Opened:
-        pages.append(Opened(browser, files[name], size, scheme))
+    def make(name: str, size: dict[str, int] = SMALL, scheme: str = "light") -> OpenPage:
+        pages.append(OpenPage(browser, files[name], size, scheme))
         return pages[-1]
 
     yield make
     for one in pages:
-        assert one.said == []
+        assert one.log.messages == []
         one.context.close()
 
 

@@ -20,7 +20,7 @@ from camgen.preview.track import Track
 from camgen.preview.view import View, view
 from tests.preview.test_page import PARTS, changing
 from tests.preview.test_stock import MILLED, SEVERAL
-from tests.support.browsers import SMALL, Driven, Opened
+from tests.support.browsers import SMALL, Driven, OpenPage
 
 Floats = np.ndarray[Any, np.dtype[np.float64]]
 #: A slot of 30 x 10 mm along whose border a tool of 9 mm runs: it sweeps over most of what it leaves more than once.
@@ -69,12 +69,12 @@ def dip(shown: View) -> View:
 
 @pytest.fixture
 def opened(browser: Driven, views: dict[str, View], tmp_path: Path) -> Iterator[Any]:
-    pages: list[Opened] = []
+    pages: list[OpenPage] = []
 
-    def make(name: str, scheme: str = "light") -> Opened:
+    def make(name: str, scheme: str = "light") -> OpenPage:
         file = tmp_path / f"{name}.html"
         file.write_text(page(views[name]), encoding="utf-8")
-        pages.append(Opened(browser, file, SMALL, scheme))
+        pages.append(OpenPage(browser, file, SMALL, scheme))
         return pages[-1]
 
     yield make
@@ -87,14 +87,14 @@ def shared(
     browser: Driven, views: dict[str, View], tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[Any]:
     """Pages that are opened once for all tests that ask them for the surface at times of their own."""
-    pages: dict[str, Opened] = {}
+    pages: dict[str, OpenPage] = {}
     folder = tmp_path_factory.mktemp("shared")
 
-    def make(name: str) -> Opened:
+    def make(name: str) -> OpenPage:
         if name not in pages:
             file = folder / f"{name}.html"
             file.write_text(page(views[name]), encoding="utf-8")
-            pages[name] = Opened(browser, file, SMALL, "light")
+            pages[name] = OpenPage(browser, file, SMALL, "light")
         return pages[name]
 
     yield make
@@ -118,7 +118,7 @@ FIELD = """() => {
 class Surface:
     """What is left at a time: heights and struck (ny, nx), and the samples in the work frame."""
 
-    def __init__(self, one: Opened, time: float) -> None:
+    def __init__(self, one: OpenPage, time: float) -> None:
         one.page.evaluate(GO, time)
         found = one.run(FIELD)
         shape = (found["ny"], found["nx"])
@@ -282,7 +282,7 @@ def test_the_page_begins_with_what_is_left_in_the_end_and_says_nothing_on_the_co
     # The block fills much of the picture from the first frame on.
     assert (np.abs(picture - background).max(axis=2) > 12)[100:-100, 100:-100].mean() > 0.3
     assert one.run("camgen.player.time === camgen.track.time.at(-1)")
-    assert one.said == []
+    assert one.log.messages == []
 
 
 def test_the_stock_is_switched_off_like_other_layers(opened: Any) -> None:

@@ -14,52 +14,55 @@ import pytest
 
 from tests.support.waiting import LONG
 
-#: Browsers of a system, the fastest first: a shell without windows takes half of the time of a whole browser.
+#: Names of installed browsers, the fastest first. A shell without windows takes half of the
+#: processor time of a whole browser.
 NAMES = "chromium-headless-shell", "chromium", "chromium-browser", "google-chrome"
-#: The browser of this system, else the one that playwright brought.
+#: The browser of this system; without one, the browser that playwright installed is used.
 SYSTEM = next(filter(None, map(shutil.which, NAMES)), None)
-#: What the rasteriser says each time a page reads a pixel. It is true and no fault of the page.
+#: A message of the rasteriser for each pixel that a page reads. It reports no fault of the page.
 SLOW_READ = "GPU stall due to ReadPixels"
-#: Of a desk, of a phone, and of a small desk: the processor draws the pages, in a time that grows with them.
-SIZE, PHONE, SMALL = (
-    {"width": 1280, "height": 800},
-    {"width": 390, "height": 844},
-    {"width": 960, "height": 600},
-)
+#: Windows of a desk, a phone and a small desk. The time to draw a page grows with its window.
+SIZE = {"width": 1280, "height": 800}
+PHONE = {"width": 390, "height": 844}
+SMALL = {"width": 960, "height": 600}
 Driven = Any
 
 
 @contextmanager
 def start_browser() -> Iterator[Driven]:
-    """A Chromium that draws with the processor; the test is skipped where there is none."""
+    """A Chromium that draws with the processor; the test is skipped without one."""
     playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
     with playwright.sync_playwright() as started:
         if not SYSTEM and not os.path.exists(started.chromium.executable_path):
             pytest.skip("no Chromium is installed")
-        # Only the scenes are drawn by the rasteriser in software, not the rest of a page.
+        # The rasteriser in software draws only the scenes, not the rest of a page.
         switches = ["--enable-unsafe-swiftshader", "--no-sandbox"]
         opened = started.chromium.launch(executable_path=SYSTEM, args=switches, timeout=1000 * LONG)
         yield opened
         opened.close()
 
 
-class Heard:
-    """What a page said, and the addresses that it asked for."""
+class PageLog:
+    """Messages and requests of a page.
+
+    messages: texts of the console and of errors.
+    requests: addresses that the page asks for.
+    """
 
     def __init__(self, page: Driven) -> None:
-        self.said: list[str] = []
-        self.asked: list[str] = []
-        page.on("console", lambda message: self._say(message.text))
-        page.on("pageerror", lambda error: self._say(str(error)))
-        page.on("request", lambda request: self.asked.append(request.url))
+        self.messages: list[str] = []
+        self.requests: list[str] = []
+        page.on("console", lambda message: self._add(message.text))
+        page.on("pageerror", lambda error: self._add(str(error)))
+        page.on("request", lambda request: self.requests.append(request.url))
 
-    def _say(self, text: str) -> None:
+    def _add(self, text: str) -> None:
         if SLOW_READ not in text:
-            self.said.append(text)
+            self.messages.append(text)
 
 
-class Opened:
-    """A page with everything that it said or asked for."""
+class OpenPage:
+    """A file that is open in a browser."""
 
     def __init__(self, browser: Driven, file: Path, size: dict[str, int], scheme: str) -> None:
         self.context = browser.new_context(
@@ -67,8 +70,7 @@ class Opened:
         )
         self.context.set_default_timeout(1000 * LONG)
         self.page = self.context.new_page()
-        heard = Heard(self.page)
-        self.said, self.asked = heard.said, heard.asked
+        self.log = PageLog(self.page)
         self.page.goto(file.as_uri())
         self.page.wait_for_function("() => window.camgen !== undefined")
 
@@ -76,8 +78,8 @@ class Opened:
         return self.page.evaluate(script)
 
     def picture(self) -> np.ndarray[Any, Any]:
-        """What the scene shows, (H, W, 3)."""
-        # Two frames later what was asked for is drawn.
+        """The scene as a picture, (H, W, 3)."""
+        # After two frames the scene is drawn.
         self.run(
             "() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))"
         )

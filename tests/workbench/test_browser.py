@@ -13,7 +13,7 @@ import pytest
 
 from camgen.cli import main
 from tests.support.benches import Bench, open_bench
-from tests.support.browsers import PHONE, SIZE, Driven, Heard, start_browser
+from tests.support.browsers import PHONE, SIZE, Driven, PageLog, start_browser
 from tests.support.waiting import LONG
 
 pytest.importorskip("uvicorn", reason="the extra workbench is not installed")
@@ -29,15 +29,14 @@ def browser() -> Iterator[Driven]:
 
 
 class Tab:
-    """A page of the workbench with everything that it said or asked for."""
+    """A page of the workbench in a browser, and its log."""
 
     def __init__(self, browser: Driven, bench: Bench, size: dict[str, int] = SIZE) -> None:
         self.bench = bench
         self.context = browser.new_context(viewport=size, reduced_motion="reduce")
         self.context.set_default_timeout(1000 * LONG)
         self.page = self.context.new_page()
-        heard = Heard(self.page)
-        self.said, self.asked = heard.said, heard.asked
+        self.log = PageLog(self.page)
         self.page.goto(bench.address)
         self.rest()
 
@@ -122,9 +121,9 @@ def test_a_change_is_built_at_once_and_saved_as_the_command_line_does(
         == 0
     )
     assert (tmp_path / "again" / "part.ngc").read_bytes() == program
-    assert tab.said == []
+    assert tab.log.messages == []
     own = tab.bench.address.rpartition("/")[0]
-    assert [url for url in tab.asked if not url.startswith((own, "blob:", "data:"))] == []
+    assert [url for url in tab.log.requests if not url.startswith((own, "blob:", "data:"))] == []
 
 
 def test_what_is_looked_at_survives_a_new_program(tab: Tab) -> None:
@@ -150,7 +149,7 @@ def test_what_is_looked_at_survives_a_new_program(tab: Tab) -> None:
         assert after["camera"][name] == pytest.approx(before["camera"][name], abs=1e-6)
     assert after["camera"]["target"] == pytest.approx(before["camera"]["target"], abs=1e-4)
     assert after["time"] == pytest.approx(before["time"], abs=1e-6)
-    assert tab.said == []
+    assert tab.log.messages == []
 
 
 def test_an_error_stands_beside_its_setting_and_the_last_program_stays(tab: Tab) -> None:
@@ -303,7 +302,7 @@ def test_a_seam_is_dragged_along_its_path_and_a_row_to_another_place(tab: Tab) -
     tab.shown(state["built"]["number"]).locator("#rows .row").nth(3).click()
     tab.page.get_by_text("Seam as camgen likes").click()
     assert "seams" not in tab.rest("!s.tables.tour.seams")["tables"]["tour"]
-    assert tab.said == []
+    assert tab.log.messages == []
 
 
 def test_what_is_no_page_of_the_workbench_is_not_heard(tab: Tab) -> None:
@@ -347,7 +346,7 @@ def test_operations_are_added_set_moved_and_removed(tab: Tab) -> None:
     assert (
         tab.rest("s.tables.operations.length === 1")["tables"]["operations"][0]["kind"] == "drill"
     )
-    assert tab.said == []
+    assert tab.log.messages == []
 
 
 def test_a_photo_shows_its_stages_live(browser: Driven, tmp_path: Path) -> None:
@@ -372,7 +371,7 @@ def test_a_photo_shows_its_stages_live(browser: Driven, tmp_path: Path) -> None:
         tab.page.wait_for_function("() => document.querySelector('#picture img').complete")
         after = image(picture.screenshot())
         assert after.shape != before.shape or np.abs(after.astype(int) - before).max() > 50
-        assert tab.said == []
+        assert tab.log.messages == []
         tab.context.close()
 
 
