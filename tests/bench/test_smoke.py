@@ -43,13 +43,15 @@ class Smoke(NamedTuple):
 
 
 def lacking(module: str = "", *programs: str) -> str:
-    """What is not installed of a module and of programs of which one is enough; "" if all is there."""
+    """The reason to skip: the module or each of the programs is missing. Empty without a reason."""
     if module and not find_spec(module):
         return f"{module} is not installed"
-    found = not programs or any(map(shutil.which, programs))
-    return "" if found else f"{' or '.join(programs)} is not installed"
+    if programs and not any(map(shutil.which, programs)):
+        return f"{' or '.join(programs)} is not installed"
+    return ""
 
 
+BROWSERS = "chromium", "chromium-headless-shell"
 FIGURES = {"max mm": (0.0, 1.0), "rms mm": (0.0, 0.6)}
 SMOKES = [
     Smoke("speed.processes help 251 rfa1 --runs 1", (5,), {"median s": (0.01, 120), "peak MB": (5, 2000)}),
@@ -57,7 +59,7 @@ SMOKES = [
     Smoke("speed.batch {here}/dxf 1 1 1", (4,), {"programs": (1, 1)}, alone=True),
     Smoke(
         "speed.page {here}/dxf 500 0.05 1", (5,), {"points of the program": (50, 20000)},
-        lacking("playwright", "chromium", "chromium-headless-shell"),
+        lacking("playwright", *BROWSERS),
     ),
     # They start processes of their own, which a process with threads must not.
     Smoke("reliability.inputs 24 0 1", (12,), {"mutants": (2, 2), "misses": (0, 0)}, alone=True),
