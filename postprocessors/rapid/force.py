@@ -10,6 +10,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from msgspec.structs import replace
@@ -236,15 +237,15 @@ def stop_before_calibrations(post: str, body: Sequence[Instruction]) -> tuple[In
     )
 
 
-# Which arcs MoveC takes. Its limits are not confirmed, so arcs stay well inside them (docs, what is not certain).
+# Arcs that MoveC takes (docs/posts/rapid.md, what is not certain).
 
-#: Sweep in rad, and what digits may leave of it; distance in mm between any two of the three points.
-_WIDEST, _FLATTEST, _FLATTEST_PRINTED, _CLOSEST = (
-    math.radians(120),
-    math.radians(4),
-    math.radians(3.8),
-    0.2,
-)
+#: rad: the widest arc.
+_WIDEST = math.radians(120)
+#: rad: the least angle between circle point and end, seen from the start, as planned and as printed.
+#: The manual asks for 1 degree.
+_LEAST_ANGLE, _LEAST_PRINTED_ANGLE = math.radians(1.25), math.radians(1.1)
+#: mm: the least distance of any two of the three points.
+_CLOSEST = 0.2
 #: The least part of an arc that its circle point may cut off.
 _SHORTER = 0.25
 #: What is as near as this to a bound, in any unit, is looked at one by one.
@@ -252,18 +253,24 @@ _SURE = 1e-7
 
 
 def arc_fault(start: Vec3, via: Vec3, end: Vec3, decimals: int) -> str:
-    """Why the arc cannot be one MoveC, empty when it can. decimals: digits of its points, which may make it flat."""
+    """The reason why an arc cannot be one MoveC. Empty for an arc that can.
+
+    decimals: digits of the coordinates in the text.
+    """
     if sweep_and_height(start, via, end)[0] > _WIDEST + 1e-6:
         return "an arc of more than 120 deg; split it"
     if _measure_shorter(start, via, end) < _SHORTER:
         return "an arc whose circle point is near an end of it; split it"
     digit = 10**-decimals
     closest = max(_CLOSEST, 10 * digit)
-    planned = _is_round((start, via, end), _FLATTEST, 2 * digit, closest)
+    planned = _is_round((start, via, end), _LEAST_ANGLE, 2 * digit, closest)
     printed = (_round(start, decimals), _round(via, decimals), _round(end, decimals))
-    if not planned or not _is_round(printed, _FLATTEST_PRINTED, digit, 0.0):
-        return f"an arc of less than 4 deg, {closest:g} mm or {2 * digit:g} mm height; use a straight motion"
-    return ""
+    if planned and _is_round(printed, _LEAST_PRINTED_ANGLE, digit, 0.0):
+        return ""
+    return (
+        f"an arc whose circle point and end are less than 1.25 deg apart, seen from its start, or "
+        f"of less than {closest:g} mm or {2 * digit:g} mm height; use a straight motion"
+    )
 
 
 def find_round(start: FloatArray, via: FloatArray, end: FloatArray, decimals: int) -> Mask:
@@ -277,12 +284,13 @@ def _are_round(decimals: int, start: FloatArray, via: FloatArray, end: FloatArra
     printed = np.round(points, decimals)
     # Where the rounding is in doubt, so is the printed arc.
     sure = (np.abs(np.abs(points - printed) - digit / 2) > _SURE).all(axis=(0, 2))
-    sweep, height, near, shorter = _shapes(*points)
-    closest = max(_CLOSEST, 10 * digit)
-    sure &= (sweep <= _WIDEST) & (shorter >= _SHORTER + _SURE)
-    sure &= (sweep >= _FLATTEST + _SURE) & (height >= 2 * digit + _SURE) & (near >= closest + _SURE)
-    sweep, height, _, _ = _shapes(*printed)
-    return np.asarray(sure & (sweep >= _FLATTEST_PRINTED + _SURE) & (height >= digit + _SURE))
+    shapes = _shapes(*points)
+    sure &= (shapes.sweep <= _WIDEST) & (shapes.shorter >= _SHORTER + _SURE)
+    sure &= (shapes.angle >= _LEAST_ANGLE + _SURE) & (shapes.height >= 2 * digit + _SURE)
+    sure &= shapes.closest >= max(_CLOSEST, 10 * digit) + _SURE
+    shapes = _shapes(*printed)
+    sure &= (shapes.angle >= _LEAST_PRINTED_ANGLE + _SURE) & (shapes.height >= digit + _SURE)
+    return np.asarray(sure)
 
 
 def find_wide(start: FloatArray, via: FloatArray, end: FloatArray) -> Mask:
@@ -291,48 +299,71 @@ def find_wide(start: FloatArray, via: FloatArray, end: FloatArray) -> Mask:
 
 
 def _are_wide(start: FloatArray, via: FloatArray, end: FloatArray) -> Mask:
-    sweep, _, _, shorter = _shapes(start, via, end)
-    return np.asarray((sweep > _WIDEST + 1e-6 + _SURE) & (shorter >= _SHORTER))
+    shapes = _shapes(start, via, end)
+    return np.asarray((shapes.sweep > _WIDEST + 1e-6 + _SURE) & (shapes.shorter >= _SHORTER))
 
 
-def _shapes(start: FloatArray, via: FloatArray, end: FloatArray) -> tuple[FloatArray, ...]:
-    """Of arcs, (N,) each: sweep (rad), height, least distance of two points (mm), how much the shorter piece is."""
+class _Shapes(NamedTuple):
+    """N arcs through three points.
+
+    sweep: (N,) rad.
+    angle: (N,) rad between circle point and end, seen from the start.
+    height: (N,) distance, mm, of the circle point from the chord.
+    closest: (N,) least distance, mm, of two of the points.
+    shorter: (N,) share of the arc that the shorter of its two pieces has.
+    """
+
+    sweep: FloatArray
+    angle: FloatArray
+    height: FloatArray
+    closest: FloatArray
+    shorter: FloatArray
+
+
+def _shapes(start: FloatArray, via: FloatArray, end: FloatArray) -> _Shapes:
     back, on, chord = start - via, end - via, end - start
     area = lengths(cross(back, on))
     sweep = 2 * (np.pi - np.arctan2(area, (back * on).sum(axis=1)))
-    first, last = (
-        np.arctan2(area, -(back * chord).sum(axis=1)),
-        np.arctan2(area, (on * chord).sum(axis=1)),
-    )
+    first = np.arctan2(area, -(back * chord).sum(axis=1))
+    last = np.arctan2(area, (on * chord).sum(axis=1))
     sides = [lengths(side) for side in (back, on, chord)]
     with np.errstate(divide="ignore", invalid="ignore"):
-        return (
-            sweep,
-            area / sides[2],
-            np.minimum.reduce(sides),
-            np.minimum(first, last) / (first + last),
-        )
+        height, shorter = area / sides[2], np.minimum(first, last) / (first + last)
+    return _Shapes(sweep, first, height, np.minimum.reduce(sides), shorter)
 
 
 def _measure_shorter(start: Vec3, via: Vec3, end: Vec3) -> float:
-    """How much of the arc the shorter of its pieces beside ``via`` is, up to 0.5; that where they are no arc."""
-    (ux, uy, uz), (wx, wy, wz) = minus(via, start), minus(end, via)
-    cx, cy, cz = minus(end, start)
-    # The angle at an end of the chord is half of the piece of the arc on its other side.
-    area = math.hypot(uy * cz - uz * cy, uz * cx - ux * cz, ux * cy - uy * cx)
-    one, two = (
-        math.atan2(area, ux * cx + uy * cy + uz * cz),
-        math.atan2(area, wx * cx + wy * cy + wz * cz),
-    )
+    """The share of an arc that the shorter of its two pieces has; 0.5 for points that make no arc."""
+    one, two = _angles(start, via, end)
     return min(one, two) / (one + two) if min(one, two) > 0 else 0.5
 
 
-def _is_round(arc: tuple[Vec3, Vec3, Vec3], flattest: float, lowest: float, closest: float) -> bool:
-    """Whether an arc has a sweep (rad), a height (mm) and points apart (mm) of at least so much."""
+def _angles(start: Vec3, via: Vec3, end: Vec3) -> tuple[float, float]:
+    """The angles, rad, between circle point and chord at the start and at the end of an arc.
+
+    Each is half of the piece of the arc on the other side of the circle point.
+    """
+    (ux, uy, uz), (wx, wy, wz) = minus(via, start), minus(end, via)
+    cx, cy, cz = minus(end, start)
+    area = math.hypot(uy * cz - uz * cy, uz * cx - ux * cz, ux * cy - uy * cx)
+    first = math.atan2(area, ux * cx + uy * cy + uz * cz)
+    return first, math.atan2(area, wx * cx + wy * cy + wz * cz)
+
+
+def _is_round(
+    arc: tuple[Vec3, Vec3, Vec3], narrowest: float, lowest: float, closest: float
+) -> bool:
+    """Whether an arc keeps three least values.
+
+    arc: start, circle point and end, mm.
+    narrowest: angle, rad, between circle point and end, seen from the start.
+    lowest: height, mm.
+    closest: distance, mm, of any two of its points.
+    """
     start, via, end = arc
-    sweep, height = sweep_and_height(start, via, end)
     near = min(math.dist(start, via), math.dist(via, end), math.dist(start, end))
-    return sweep >= flattest and height >= lowest and near >= closest
+    angle, height = _angles(start, via, end)[0], sweep_and_height(start, via, end)[1]
+    return angle >= narrowest and height >= lowest and near >= closest
 
 
 def _round(point: Vec3, decimals: int) -> Vec3:

@@ -14,9 +14,11 @@ from camgen.geometry.vectors import cross, dots, lengths
 from camgen.model.part import BoolArray
 from camgen.model.pose import FloatArray, Pose, Vec3, rotation_between
 
-#: The most that one arc may turn, rad, and how near to its chord, seen from its ends, its circle point may be, rad: it
-#: is 1 deg, less what printed digits lose.
-_WIDEST, _FLATTEST = math.radians(240.01), math.radians(0.9)
+#: rad: the widest arc.
+_WIDEST = math.radians(240.01)
+#: rad: smaller angles between circle point and end of an arc are a fault, and a remark. The manual
+#: asks for 1 degree; the digits of a text may lose a part of it.
+_FLATTEST, _LEAST_ANGLE = math.radians(0.9), math.radians(1.0)
 #: Nearer than this, mm, points are one to the controller; and the part of the arc that its shorter piece should be.
 _CLOSEST, _SHORTER = 0.1, 0.2
 #: What is as near as this to a bound, rad or mm, is looked at one by one.
@@ -40,6 +42,8 @@ def judge_arc(start: Vec3, via: Vec3, end: Vec3) -> tuple[str, str]:
         return f"an arc of {math.degrees(2 * (first + last)):.0f} deg; MoveC takes up to 240", ""
     if min(first, last) < _FLATTEST:
         return "the circle point of an arc is at an end of it, or nearly on its chord", ""
+    if min(first, last) < _LEAST_ANGLE:
+        return "", "the circle point and the end of an arc are less than 1 deg apart"
     if min(math.dist(start, via), math.dist(via, end), math.dist(start, end)) < _CLOSEST:
         return "", f"the points of an arc are less than {_CLOSEST:g} mm apart"
     return "", "the circle point of an arc is near an end of it" if min(first, last) < _SHORTER * (
@@ -55,7 +59,7 @@ def judge_arcs(start: FloatArray, via: FloatArray, end: FloatArray) -> BoolArray
     first, last = np.arctan2(area, dots(on, chord)), np.arctan2(area, dots(off, chord))
     least = np.minimum(first, last)
     near = np.minimum.reduce([dots(side, side) for side in sides])
-    usual = (least > _FLATTEST + _SURE) & (2 * (first + last) < _WIDEST - _SURE)
+    usual = (least > _LEAST_ANGLE + _SURE) & (2 * (first + last) < _WIDEST - _SURE)
     return np.asarray(
         usual & (near > (_CLOSEST + _SURE) ** 2) & (least > _SHORTER * (first + last) + _SURE)
     )
