@@ -1,4 +1,4 @@
-"""What is checked of a program before it is posted: reach, collisions, time, and what it amounts to."""
+"""Checks of a program before it is posted: reach, collisions, time, and sums."""
 
 from __future__ import annotations
 
@@ -63,12 +63,14 @@ def check(
     from camgen.check.shares import share_joints  # noqa: PLC0415
     from camgen.collision.cell import around  # noqa: PLC0415
     from camgen.collision.motion import measure_apart  # noqa: PLC0415
+    from camgen.motion.limits import limit_points  # noqa: PLC0415
 
     reach = check_reach(program, cell.arm, name or program.name)
     there = where or around(job, cell, None)
-    course = trace(reach, cell.arm, partial(measure_apart, there.scene), name or program.name)
+    distance = partial(measure_apart, there.scene)
+    course = trace(reach, cell.arm, distance, name or program.name)
     clear = check_clear(there, reach, course, cell.arm, name or program.name)
-    program = share_joints(reach, cell.arm)
+    program = share_joints(reach, cell.arm, distance, limit_points(job.process))
     # Along a flat part the tool is where the job has it, fixtures near or not: what is rounded meets nothing there.
     held = where or replace(there, margin=0.0)
     program, told = hold_clear(program, reach, course, held, cell, clear.clearance)

@@ -433,8 +433,8 @@ class ProcessTable(Table, frozen=True):
     travel: Annotated[
         Positive | None,
         Meta(
-            description="speed between contours, mm/s; not set: 100, and what the joints allow in free space between "
-            "the edges of a 3-D part and where an arm chooses its ways"
+            description="speed between contours, mm/s; not set: 100, and in free space between the "
+            "edges of a 3-D part and where an arm chooses its ways 250 for each point of the arm"
         ),
     ] = None
     acceleration: Annotated[

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 from msgspec import Struct
 
 from camgen.model.cell import Dynamics
-from camgen.model.pose import FloatArray, frozen
+from camgen.model.job import ProcessTable
+from camgen.model.pose import FloatArray, Vec3, frozen
 from camgen.motion.pose_paths import Index, PosePath
 from camgen.motion.setup import Setup
+from camgen.robots.kinematics.forward import flange
 from camgen.robots.kinematics.rates import fastest, held_share
 from camgen.robots.models import Robot
 
@@ -20,6 +23,11 @@ _WHOLE = 10.0
 _LOOKS = 33
 #: A share of the joints' maximum speeds is a whole number of these parts.
 _SHARES = 10**6
+#: A speed below 10 mm/s is a whole number of these parts.
+_PARTS = 10**3
+#: mm/s: maximum speed of each point of arm, holder and tool in free space without
+#: `process.travel`. It is the reduced speed of ISO 10218-1.
+REDUCED_SPEED = 250.0
 
 
 class MotionLimits(Struct, frozen=True, eq=False):
@@ -96,10 +104,11 @@ class LinkSpeeds(Struct, frozen=True):
     """Speeds of links at the part and in free space.
 
     part: speed at the part, mm/s.
-    free: maximum speed in free space, mm/s.
+    free: maximum speed of the TCP in free space, mm/s.
     share: maximum share of the joints' maximum speeds in free space; 0: `free` alone counts.
     acceleration: acceleration of the TCP, mm/s2.
     pressed: whether an edge is left and approached with a force.
+    point: maximum speed of all points of arm, holder and tool, mm/s; infinite without a limit.
     """
 
     part: float
@@ -107,12 +116,47 @@ class LinkSpeeds(Struct, frozen=True):
     share: float
     acceleration: float = 5000.0
     pressed: bool = False
+    point: float = math.inf
+
+
+def link_speeds(process: ProcessTable, dynamics: Dynamics, *, pressed: bool = False) -> LinkSpeeds:
+    """The speeds of links that a job asks for.
+
+    Without `process.travel` no point is faster than the reduced speed.
+
+    dynamics: dynamics of the controller.
+    pressed: whether an edge is left and approached with a force.
+    """
+    part, acceleration = process.travel_speed, dynamics.acceleration
+    if process.travel:
+        return LinkSpeeds(part, process.travel, 0.0, acceleration, pressed)
+    free = min(dynamics.fastest, REDUCED_SPEED)
+    return LinkSpeeds(part, free, dynamics.most, acceleration, pressed, limit_points(process))
+
+
+def limit_points(process: ProcessTable) -> float:
+    """The maximum speed, mm/s, of all points of an arm in free space."""
+    return math.inf if process.travel else REDUCED_SPEED
+
+
+def measure_point_speed(
+    robot: Robot, distance: Callable[[FloatArray, FloatArray], FloatArray], joints: FloatArray
+) -> float:
+    """The speed, mm/s, of the fastest point of an arm at the maximum speeds of its joints.
+
+    distance: upper bound of the distance of a point in two configurations, see `Setup.apart`.
+    joints: (R, J) values along a joint motion.
+    """
+    seconds = (np.abs(np.diff(joints, axis=0)) / robot.speeds).max(axis=1)
+    moves = seconds > 0
+    distances = distance(joints[:-1][moves], joints[1:][moves])
+    return float((distances / seconds[moves]).max(initial=0.0))
 
 
 def line_speeds(
     setup: Setup, speeds: LinkSpeeds, dense: PosePath, joints: FloatArray, at: Index
 ) -> FloatArray:
-    """(N - 1,) speeds of the segments of a retraction, mm/s, at which no joint exceeds its limit.
+    """(N - 1,) speeds of the segments of a retraction, mm/s, within the limits of joints and points.
 
     A speed of 10 mm/s and more is a whole number. It is no more than the speed that is reached
     from rest half-way, and for a tool that presses no more than the speed at the part.
@@ -126,6 +170,10 @@ def line_speeds(
         by_joints = np.minimum.reduceat(dense.length / seconds, at[:-1])
     reached = np.sqrt(speeds.acceleration * np.add.reduceat(dense.length, at[:-1]))
     allowed = speeds.part if speeds.pressed else speeds.free
+    if math.isfinite(speeds.point):
+        with np.errstate(divide="ignore"):
+            by_points = speeds.point * dense.length / setup.apart(joints[:-1], joints[1:])
+        allowed = np.minimum(allowed, np.minimum.reduceat(by_points, at[:-1]))
     speed = np.minimum(np.minimum(by_joints, reached), allowed)
     return frozen(np.where(speed >= _WHOLE, np.floor(speed), speed))
 
@@ -145,6 +193,26 @@ def turn_speed(
     if moved == 0:
         return speeds.part, 0.0
     allowed = min(speeds.share, held_share(setup.robot, end - start), speeds.free / moved)
-    share = math.floor(allowed * _SHARES) / _SHARES
+    by_points = speeds.point / max(moved, measure_point_speed(setup.robot, setup.apart, samples))
+    share = math.floor(min(allowed, by_points) * _SHARES) / _SHARES
+    if by_points < allowed:
+        return slow_down(setup.robot, samples, setup.flange_from_tool.origin, share), share
     # A whole number, not below the speed that the joints give: then the joints are the limit.
     return min(float(math.ceil(share * moved)), speeds.free), share
+
+
+def slow_down(robot: Robot, joints: FloatArray, tip: Vec3, share: float) -> float:
+    """The mean speed of the TCP, mm/s, in a joint motion at a share of the maximum speeds.
+
+    A controller to which the speed of a joint motion is that of the TCP takes no less time.
+
+    joints: (R, J) values along the motion.
+    tip: the TCP in the flange frame, mm.
+    """
+    seconds = float((np.abs(joints[-1] - joints[0]) / robot.speeds).max())
+    rotation, origin = flange(robot, joints)
+    steps = np.diff(origin + rotation @ np.asarray(tip), axis=0)
+    speed = share * float(np.linalg.norm(steps, axis=1).sum()) / seconds
+    if speed >= _WHOLE:
+        return float(math.floor(speed))
+    return max(math.floor(speed * _PARTS) / _PARTS, 1 / _PARTS)

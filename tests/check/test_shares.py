@@ -11,7 +11,7 @@ from camgen.check.reach import check_reach
 from camgen.check.shares import share_joints
 from camgen.check.time import time_motions
 from camgen.model.cell import Dynamics
-from camgen.model.pose import TOOL_DOWN, Pose, translation
+from camgen.model.pose import TOOL_DOWN, FloatArray, Pose, translation
 from camgen.model.program import Joints, MoveJ, MoveL, Program
 from camgen.robots.catalogue import robot
 from camgen.robots.kinematics.forward import jacobian
@@ -27,10 +27,13 @@ def down(x: float, y: float, z: float = 20.0) -> Pose:
     return Pose(TOOL_DOWN, (x, y, z))
 
 
+def stand(joints: FloatArray, _: FloatArray) -> FloatArray:
+    return np.zeros(len(joints))
+
+
 def shared(*motions: MoveJ | MoveL) -> Program:
-    return share_joints(
-        check_reach(Program("part", BASE, TOOL, (MoveJ(HOME, 100.0), *motions)), ARM, "part"), ARM
-    )
+    program = Program("part", BASE, TOOL, (MoveJ(HOME, 100.0), *motions))
+    return share_joints(check_reach(program, ARM, "part"), ARM, stand, math.inf)
 
 
 def ends_of(program: Program, swing: int) -> tuple[Joints, Joints]:
@@ -97,7 +100,7 @@ def test_time_of_a_swing_is_that_of_its_share_where_the_machine_takes_one() -> N
     found = check_reach(
         Program("part", BASE, TOOL, (MoveJ(HOME, 100.0), MoveJ(down(64, 15), 100.0))), ARM, "part"
     )
-    program = share_joints(found, ARM)
+    program = share_joints(found, ARM, stand, math.inf)
     a, b = ends_of(program, 1)
     share = program.columns.share[1]
     longest = float(np.max(np.abs(np.subtract(b.values, a.values)) / ARM.speeds))

@@ -16,7 +16,7 @@ from camgen.model.path import ToolPath, Tour
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, short
 from camgen.motion.cell import home_of, room_of, setup_of
-from camgen.motion.limits import LinkSpeeds, limits_of, turn_speed
+from camgen.motion.limits import LinkSpeeds, limits_of, link_speeds, turn_speed
 from camgen.motion.pose_paths import PosePath
 from camgen.motion.reach import reach_along
 from camgen.motion.rolls import freedom_of, rolls_of
@@ -166,10 +166,7 @@ def order_with_turns(
         lost[k] = "it collides in every posture and with every turn that is tried"
     prepared = replace(prepared, problem=problem, lost=lost | linked.lost)
     what = "turns of the tool" if freedom.roll else "ways between the paths"
-    free, share = cell.pace.fastest, cell.pace.most
-    if job.process.travel:
-        free, share = job.process.travel, 0.0
-    speeds = LinkSpeeds(job.process.travel_speed, free, share, cell.pace.acceleration)
+    speeds = link_speeds(job.process, cell.pace)
     return _make_tour(tour, prepared, linked, f"{what} chosen by joint time", speeds)
 
 

@@ -12,7 +12,7 @@ from camgen.model.pose import FloatArray
 from camgen.model.text import counted, short
 from camgen.motion.cell import home_of, room_of, setup_of
 from camgen.motion.edge_paths import edge_path, left_out, none_left
-from camgen.motion.limits import LinkSpeeds
+from camgen.motion.limits import link_speeds
 from camgen.motion.setup import EdgeMotion, Setup
 from camgen.order.edges.links import JointLink, PathLink
 from camgen.order.edges.route import Route, RouteCell, RouteOptions, route
@@ -37,10 +37,7 @@ def order_edges(plan: EdgePlan, job: Job, cell: Cell | None, watch: Watch) -> Ed
     watch("linking")
     best, lifted = job.tour.method == "best", job.process.force > 0
     place, process = RouteCell(setup, room_of(plan.where, setup), home), job.process
-    free, share = (process.travel, 0.0) if process.travel else (cell.pace.fastest, cell.pace.most)
-    options = RouteOptions(
-        LinkSpeeds(process.travel_speed, free, share, cell.pace.acceleration, lifted), best, lifted
-    )
+    options = RouteOptions(link_speeds(process, cell.pace, pressed=lifted), best, lifted)
 
     def tell(far: str) -> None:
         watch(f"linking {far}")

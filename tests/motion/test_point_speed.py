@@ -1,0 +1,87 @@
+"""In free space no point of an arm is faster than 250 mm/s without `process.travel`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import camgen
+from camgen.model.pose import FloatArray
+from camgen.model.program import MoveJ
+from camgen.robots.catalogue import robot
+from camgen.robots.kinematics.forward import flange, frames
+from camgen.robots.models import Robot
+
+PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
+#: Corners of the holder in the flange frame, mm.
+LOW, HIGH = (-60.0, -60.0, 0.0), (60.0, 60.0, 120.0)
+LIMIT = 250.0
+#: (speed, mm/s; share) of joint motions and the joints at their ends.
+Swing = tuple[float, float, FloatArray, FloatArray]
+
+
+def build(post: str, tool: Mapping[str, object], **process: object) -> camgen.Result:
+    job = {
+        "process": process,
+        "operation": {"kind": "trace"},
+        "cell": {
+            "robot": "IRB 2400",
+            "base_from_work": [1000, 100, 700, 0, 0, 0],
+            "flange_from_tool": [0, 0, 150, 0, 0, 0],
+        },
+        "tool": {"holder": [[*LOW, *HIGH]], **tool},
+    }
+    return camgen.build(PARTS / "bracket.dxf", post=post, job=job)
+
+
+def list_swings(result: camgen.Result) -> Iterator[Swing]:
+    """The joint motions of a program whose ends have joints."""
+    motions = [item for item in result.program.body if hasattr(item, "target")]
+    for before, motion in pairwise(motions):
+        ends = [item.joints or item.target for item in (before, motion)]
+        if isinstance(motion, MoveJ):
+            start, end = (np.array(joints.values) for joints in ends)
+            yield motion.speed, motion.share, start, end
+
+
+def points_at(arm: Robot, joints: FloatArray) -> FloatArray:
+    """(R, P, 3) mm: the joints, the flange, the TCP and the corners of the holder."""
+    rotation, origin = flange(arm, joints)
+    tip = np.array([0.0, 0.0, 150.0])
+    corners = np.array(np.meshgrid(*zip(LOW, HIGH, strict=True))).reshape(3, -1).T
+    on_tool = np.vstack([np.zeros(3), tip, corners])
+    tool = origin[:, None] + on_tool @ rotation.transpose(0, 2, 1)
+    return np.concatenate([frames(arm, joints)[1], tool], axis=1)
+
+
+def fastest_point(arm: Robot, swing: Swing) -> float:
+    """mm/s, in a motion that takes as long as its share and its speed of the TCP say."""
+    speed, share, start, end = swing
+    joints = start + np.linspace(0, 1, 2001)[:, None] * (end - start)
+    places = points_at(arm, joints)
+    steps = np.linalg.norm(np.diff(places, axis=0), axis=2)
+    at_share = float((np.abs(end - start) / arm.speeds).max()) / share
+    # The TCP, the second point of the tool, has the speed of the motion in the mean.
+    at_speed = float(steps[:, -9].sum()) / speed
+    return float(steps.max()) * len(steps) / max(at_share, at_speed)
+
+
+@pytest.mark.parametrize("post", ["rapid", "pacscript", "vplus"])
+@pytest.mark.parametrize("tool", [{}, {"symmetric": True}, {"turn": [-90.0, 90.0, 30.0]}])
+def test_no_point_is_faster(post: str, tool: dict[str, object]) -> None:
+    arm = robot("IRB 2400")
+    speeds = [fastest_point(arm, swing) for swing in list_swings(build(post, tool))]
+    assert speeds
+    assert max(speeds) <= LIMIT
+
+
+def test_a_travel_speed_is_kept_to_instead() -> None:
+    arm, tool = robot("IRB 2400"), {"symmetric": True}
+    slow = list_swings(build("pacscript", tool))
+    fast = list_swings(build("pacscript", tool, travel=700.0))
+    assert max(fastest_point(arm, swing) for swing in slow) > 0.8 * LIMIT
+    assert max(fastest_point(arm, swing) for swing in fast) > 1.5 * LIMIT
