@@ -16,7 +16,7 @@ from camgen.geometry.vectors import angles, dots, unit
 from camgen.model.cell import Dynamics
 from camgen.model.path import PLACES, ToolPath
 from camgen.model.pose import TOOL_DOWN, FloatArray, frozen
-from camgen.motion.corners import JUMP, Corners, blend_corners
+from camgen.motion.corners import JUMP, blend_corners
 
 Indices = NDArray[np.intp]
 Mask = NDArray[np.bool_]
@@ -115,16 +115,8 @@ def blends(rows: Rows, tolerance: FloatArray, pace: Dynamics) -> FloatArray:
 
 def _blends(rows: Rows, tolerance: FloatArray, pace: Dynamics) -> FloatArray:
     """``blends`` as if all rows were of one path, 0 at the last one."""
-    spans = rows.spans
-    (start, end), length = spans.tangents(), spans.length
-    corners = Corners(
-        sine=np.sin(angles(end[:-1], start[1:]) / 2),
-        before=length[:-1],
-        after=length[1:],
-        fast=np.maximum(rows.feed[:-1], rows.feed[1:]),
-    )
     blend = np.zeros(len(rows.position))
-    blend[:-1] = blend_corners(corners, tolerance[:-1], pace)
+    blend[:-1] = blend_corners(rows.spans, rows.feed, tolerance[:-1], pace)
     pressing = rows.force > 0
     blend[:-1][pressing[:-1] != pressing[1:]] = 0.0
     # Nothing is rounded on the way into the part: where a peck begins, the material is a quarter of a millimetre below.

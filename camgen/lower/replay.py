@@ -14,7 +14,6 @@ import numpy as np
 from msgspec.structs import replace
 
 from camgen.geometry.arcs import chain
-from camgen.geometry.vectors import dots
 from camgen.lower.contours import finish
 from camgen.lower.steps import frame_of
 from camgen.model.cell import Cell, Dynamics
@@ -32,7 +31,7 @@ from camgen.model.program import (
     ToolChange,
 )
 from camgen.model.tolerance import SAME_POINT_MM
-from camgen.motion.corners import Corners, blend_corners, corner_tolerance
+from camgen.motion.corners import blend_corners, corner_tolerance
 from camgen.order import ReplayTour
 from camgen.plan.replay import moving, owners
 from camgen.plan.taught import stretches
@@ -192,13 +191,7 @@ def _blends(columns: Columns, tolerance: float, pace: Dynamics) -> FloatArray:
     blend = np.zeros(len(ends))
     if len(ends) < 3:
         return blend
-    spans = chain(ends, vias[1:])
-    length = np.append(0.0, spans.length)
-    start, end = spans.tangents()
-    cosine = dots(end[:-1], start[1:])
-    sine_half = np.sqrt(np.clip((1 - cosine) / 2, 0.0, 1.0))
-    fast = np.maximum(columns.speed[1:-1], columns.speed[2:])
-    rounded = blend_corners(Corners(sine_half, length[1:-1], length[2:], fast), tolerance, pace)
+    rounded = blend_corners(chain(ends, vias[1:]), columns.speed[1:], tolerance, pace)
     working = ~columns.moves_are(MoveJ)
     allowed = (
         working[1:-1] & working[2:] & (columns.blend[1:-1] > 0) & (np.diff(columns.at)[1:] == 1)

@@ -7,10 +7,13 @@ import math
 import numpy as np
 from msgspec import Struct
 
+from camgen.geometry.arcs import Spans
+from camgen.geometry.vectors import angles
 from camgen.model.cell import Dynamics
 from camgen.model.job import Job
 from camgen.model.pose import FloatArray
-from camgen.model.tolerance import NONZERO, ZONES
+from camgen.model.tolerance import NONZERO, SMALLEST_ZONE, ZONES
+from camgen.motion.rounding import Transitions, measure_rounding
 
 #: From where on the tool is turned to the next motion with each of them, mm before the corner: z5, z1 and z0 of RAPID.
 _TURNS = (8.0, 1.0, 0.3)
@@ -42,17 +45,6 @@ class Flow(Struct, frozen=True):
     floor: float
 
 
-class Corners(Struct, frozen=True, eq=False):
-    """K corners between two motions. sine: (K,) of half the turn. before, after: (K,) mm, their lengths. fast: (K,)
-    mm/s, the greater of their speeds.
-    """
-
-    sine: FloatArray
-    before: FloatArray
-    after: FloatArray
-    fast: FloatArray
-
-
 def corner_tolerance(job: Job, operation: str) -> float:
     """How far the path of an ``operation`` may be rounded in a corner, mm."""
     if job.tolerance.corner is not None:
@@ -62,37 +54,71 @@ def corner_tolerance(job: Job, operation: str) -> float:
     return job.tolerance.chord
 
 
-def blend_corners(corners: Corners, tolerance: FloatArray | float, pace: Dynamics) -> FloatArray:
-    """Where rounding begins (K,), mm before each corner: 0, a stop, where it would leave it by more than ``tolerance``.
+def blend_corners(
+    motions: Spans, speed: FloatArray, tolerance: FloatArray | float, pace: Dynamics
+) -> FloatArray:
+    """(N - 1,) distance, mm, before the end of each motion at which the controller may begin to round; 0 is a stop.
 
-    A rounding that begins b before a corner and ends b behind it is a parabola, which passes it at b sin(turn / 2) / 2.
+    motions: N motions, each from the end of the one before.
+    speed: (N,) mm/s.
+    tolerance: (N - 1,) greatest distance, mm, of the executed path from the programmed one.
+    pace: way in which the controller rounds.
     """
-    way = _overlap if pace.corner == "overlap" else _zone
-    return way(corners, tolerance, pace)
+    start, end = motions.tangents()
+    sine = np.sin(angles(end[:-1], start[1:]) / 2)
+    fast = np.maximum(speed[:-1], speed[1:])
+    tolerance = np.broadcast_to(np.asarray(tolerance, np.float64), sine.shape)
+    if pace.corner == "overlap":
+        blend = _overlap(motions.length, sine, fast, tolerance, pace)
+    else:
+        blend = _zone(motions.length, sine, tolerance)
+    curved = (motions.curved[:-1] | motions.curved[1:]) & (blend > 0)
+    rows = np.flatnonzero(curved)
+    if len(rows) and pace.corner in ("zone", "overlap"):
+        pairs = Transitions(motions.pick(rows), motions.pick(rows + 1), blend[rows], fast[rows])
+        blend[rows] = _narrow(pairs, tolerance[rows], pace)
+    return blend
 
 
-def _zone(corners: Corners, tolerance: FloatArray | float, _pace: Dynamics) -> FloatArray:
+def _zone(length: FloatArray, sine: FloatArray, tolerance: FloatArray) -> FloatArray:
     """One of the zones, no more than half of the shorter neighbour.
 
-    The least zone stays beside shorter neighbours, where the corner allows it: controllers cut a zone to half of the
-    neighbours by themselves, while a stop at every point of a fine polyline would leave its mark on the part.
+    A rounding of two lines that begins b before a corner and ends b behind it is a parabola, which
+    passes the corner at b sin(turn / 2) / 2. The least zone stays beside shorter neighbours, where
+    the corner allows it: controllers cut a zone to half of the neighbours by themselves, while a
+    stop at every point of a fine polyline would leave its mark on the part.
     """
-    reach = 2 * tolerance / np.maximum(corners.sine, 1e-9)
+    reach = 2 * tolerance / np.maximum(sine, 1e-9)
     # A line drawn 10 mm long counts as that, whatever is left of it in the last binary digit.
-    half = np.minimum(corners.before, corners.after) / 2 + 1e-9
+    half = np.minimum(length[:-1], length[1:]) / 2 + 1e-9
     room = np.minimum(reach, np.maximum(half, ZONES[-1]))
     return np.asarray(np.select([room >= zone for zone in ZONES], ZONES, 0.0))
 
 
-def _overlap(corners: Corners, tolerance: FloatArray | float, pace: Dynamics) -> FloatArray:
+def _overlap(
+    length: FloatArray, sine: FloatArray, fast: FloatArray, tolerance: FloatArray, pace: Dynamics
+) -> FloatArray:
     """The next motion begins when the one before begins to brake, v^2 / 2a before its end, or half-way where it is too
     short for its speed. The tool leaves the corner by what the longer of both ways makes at most.
     """
-    way = np.minimum(
-        corners.fast**2 / (2 * pace.acceleration), np.maximum(corners.before, corners.after) / 2
-    )
-    within = way * corners.sine / 2 <= np.asarray(tolerance) + _ROUNDING
+    way = np.minimum(fast**2 / (2 * pace.acceleration), np.maximum(length[:-1], length[1:]) / 2)
+    within = way * sine / 2 <= tolerance + _ROUNDING
     return np.where(within, np.maximum(np.round(way, 3), _LEAST_BLEND), 0.0)
+
+
+def _narrow(pairs: Transitions, tolerance: FloatArray, pace: Dynamics) -> FloatArray:
+    """(K,) the blends of transitions with an arc, smaller or 0 where the executed path leaves the other too far."""
+    blend = pairs.blend.copy()
+    # Motions overlap or they do not: there is no smaller blend.
+    steps = (*ZONES, SMALLEST_ZONE) if pace.corner == "zone" else (0.0,)
+    for step, smaller in zip(steps, (*steps[1:], 0.0), strict=True):
+        rows = np.flatnonzero(blend == step if step else blend > 0)
+        tried = Transitions(
+            pairs.first.pick(rows), pairs.second.pick(rows), blend[rows], pairs.fast[rows]
+        )
+        wide = measure_rounding(tried, pace) > tolerance[rows] + _ROUNDING
+        blend[rows[wide]] = smaller
+    return blend
 
 
 def hold_orientation(blend: FloatArray, bend: FloatArray, pace: Dynamics) -> FloatArray:
@@ -106,4 +132,5 @@ def hold_orientation(blend: FloatArray, bend: FloatArray, pace: Dynamics) -> Flo
     if pace.corner == "overlap":
         return np.where(blend <= reach, blend, 0.0)
     fits = [(blend >= zone) & (reach >= turn) for zone, turn in zip(ZONES, _TURNS, strict=True)]
-    return np.asarray(np.select(fits, ZONES, 0.0))
+    smallest = (blend == SMALLEST_ZONE) & (reach >= TURNING * SMALLEST_ZONE)
+    return np.asarray(np.select([*fits, smallest], [*ZONES, SMALLEST_ZONE], 0.0))

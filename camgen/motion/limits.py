@@ -156,7 +156,7 @@ def measure_point_speed(
 def line_speeds(
     setup: Setup, speeds: LinkSpeeds, dense: PosePath, joints: FloatArray, at: Index
 ) -> FloatArray:
-    """(N - 1,) speeds of the segments of a retraction, mm/s, within the limits of joints and points.
+    """(N - 1,) speeds, mm/s, of the segments of a retraction, within the limits of an arm.
 
     A speed of 10 mm/s and more is a whole number. It is no more than the speed that is reached
     from rest half-way, and for a tool that presses no more than the speed at the part.

@@ -14,8 +14,10 @@ from camgen.geometry.arcs import circle, minus, turn_about
 from camgen.model.body import NUMBER, Body, Indices, Packed
 from camgen.model.pose import FloatArray, Pose, Vec3, rotation_between, to_vec3
 from camgen.model.program import Columns, Force, Instruction, MoveC, MoveJ, MoveL, Program, pack
-from camgen.model.tolerance import ZONES
+from camgen.model.tolerance import SMALLEST_ZONE, ZONES
 
+#: Blends, mm, at the seam of two arcs of one circle, the largest first.
+SEAMS = (*ZONES, SMALLEST_ZONE)
 #: A unit vector as near as this to the tool's axis is along it.
 _ALONG = 1e-9
 
@@ -52,12 +54,15 @@ def chords(start: Pose, arc: MoveC, tolerance: float) -> list[MoveL | MoveC]:
     return lines
 
 
-def halves(start: Pose, arc: MoveC, _tolerance: float) -> list[MoveL | MoveC]:
-    """The arc as two arcs of half the sweep, exact."""
-    _, _, axis, sweep = circle(start.origin, arc.via.origin, arc.target.origin)
+def halves(start: Pose, arc: MoveC, tolerance: float) -> list[MoveL | MoveC]:
+    """The arc as two arcs of half the sweep, exact.
+
+    A controller passes the seam between them without a stop if it keeps the tolerance there.
+    """
+    _, radius, axis, sweep = circle(start.origin, arc.via.origin, arc.target.origin)
     first, middle, last = along(start, arc, (0.25, 0.5, 0.75))
     press = _press(arc, [middle], axis, sweep)[0]
-    seam = max(arc.blend, 1.0)
+    seam = float(seam_blends(np.array([radius]), np.array([sweep]), tolerance)[0])
     return [
         replace(
             arc,
@@ -72,7 +77,7 @@ def halves(start: Pose, arc: MoveC, _tolerance: float) -> list[MoveL | MoveC]:
     ]
 
 
-def halve_each(columns: Columns, arcs: Indices) -> tuple[Indices, Body]:
+def halve_each(columns: Columns, arcs: Indices, tolerance: float) -> tuple[Indices, Body]:
     """Those of the motions ``arcs``, which make arcs, that are halved by column, and a body of three instructions for
     each: a motion to where it starts, then the same two arcs as ``halves`` makes, to the last bit.
 
@@ -85,9 +90,10 @@ def halve_each(columns: Columns, arcs: Indices) -> tuple[Indices, Body]:
     plain &= (start[:, 2] == via[:, 2]) & (via[:, 2] == end[:, 2])
     plain &= (columns.rotation[before] >= 0) & (columns.rotation[before] == columns.rotation[arcs])
     arcs, via, start, end = arcs[plain], via[plain], start[plain], end[plain]
-    points = [start, *_along_level(start, via, end, (0.25, 0.5, 0.75)), end]
+    radius, sweep, inner = _along_level(start, via, end, (0.25, 0.5, 0.75))
+    points = [start, *inner, end]
     rows = np.repeat(arcs, 3)
-    blend = columns.blend[arcs]
+    blend, seam = columns.blend[arcs], seam_blends(radius, sweep, tolerance)
     kind = np.tile(np.array([NUMBER[MoveJ], NUMBER[MoveC], NUMBER[MoveC]], np.int8), len(arcs))
     turned = columns.rotation[rows]
     return arcs, Body(
@@ -96,7 +102,7 @@ def halve_each(columns: Columns, arcs: Indices) -> tuple[Indices, Body]:
             end=np.stack([start, points[2], end], axis=1).reshape(-1, 3),
             rotation=turned,
             speed=columns.speed[rows],
-            blend=np.stack([np.zeros(len(arcs)), np.maximum(blend, 1.0), blend], axis=1).ravel(),
+            blend=np.stack([np.zeros(len(arcs)), seam, blend], axis=1).ravel(),
             path=columns.path[rows],
             work=columns.works[rows],
             via=np.stack([points[1], points[3]], axis=1).reshape(-1, 3),
@@ -110,9 +116,11 @@ def halve_each(columns: Columns, arcs: Indices) -> tuple[Indices, Body]:
 
 def _along_level(
     start: FloatArray, via: FloatArray, end: FloatArray, fractions: Sequence[float]
-) -> list[FloatArray]:
-    """The points (N, 3) of level arcs at fractions of their sweeps: ``circle`` and ``turn_about``, operation by
-    operation. Sines and the like are those of one number, since those of numpy differ in the last bit.
+) -> tuple[FloatArray, FloatArray, list[FloatArray]]:
+    """Radius (N,), sweep (N,) and points (N, 3) of level arcs at fractions of their sweeps.
+
+    It computes ``circle`` and ``turn_about``, operation by operation. Sines are those of single
+    numbers, because those of numpy differ in the last bit.
     """
     u, w = (via - start)[:, :2], (end - start)[:, :2]
     uu, ww = (side[:, 0] * side[:, 0] + side[:, 1] * side[:, 1] for side in (u, w))
@@ -128,7 +136,7 @@ def _along_level(
         c, s = (_each(f, sweep * fraction) for f in (math.cos, math.sin))
         x, y = c * arm[:, 0] - s * (up * arm[:, 1]), c * arm[:, 1] + s * (up * arm[:, 0])
         made.append(np.column_stack([centre[:, 0] + x, centre[:, 1] + y, start[:, 2]]))
-    return made
+    return np.hypot(arm[:, 0], arm[:, 1]), sweep, made
 
 
 def _each(function: Callable[..., float], *values: FloatArray) -> FloatArray:
@@ -147,6 +155,26 @@ def corner_blend(turn: float, tolerance: float) -> float:
     """
     reach = 2 * tolerance / max(math.sin(min(abs(turn), math.pi) / 2), 1e-9)
     return next((zone for zone in ZONES if zone <= reach), 0.0)
+
+
+def seam_blends(radius: FloatArray, sweep: FloatArray, tolerance: float) -> FloatArray:
+    """(N,) the largest usual blend, mm, in the middle of an arc that becomes two; 0 is a stop.
+
+    A controller that runs both halves at once leaves the arc by 2 R (1 - cos(b / 4R)). A
+    controller that runs a parabola with the tangents of both leaves it by
+    R (1 - cos(b / R))^2 / (2 cos(b / R)). Both cut a blend at half of either half.
+
+    radius: (N,) mm.
+    sweep: (N,) rad, up to a turn.
+    tolerance: mm.
+    """
+    blend, across = np.array(SEAMS), radius[:, None]
+    angle = np.minimum(blend / np.maximum(across, 1e-9), sweep[:, None] / 4)
+    both = 2 * across * (1 - np.cos(angle / 4))
+    cosine = np.maximum(np.cos(angle), 1e-9)
+    parabola = across * (1 - cosine) ** 2 / (2 * cosine)
+    fits = np.maximum(both, parabola) <= tolerance
+    return np.asarray(np.where(fits.any(axis=1), blend[np.argmax(fits, axis=1)], 0.0))
 
 
 def along(start: Pose, arc: MoveC, fractions: Sequence[float]) -> list[Pose]:

@@ -79,7 +79,7 @@ def replace_refused(controller: Controller, program: Program, chord: float) -> P
     """
     body, columns = program.body, program.columns
     accepted = controller.accepts(columns)
-    halved_at, halved = _halve_by_column(controller, columns, accepted)
+    halved_at, halved = _halve_by_column(controller, columns, accepted, chord)
     accepted[halved_at] = True
     undecided = np.flatnonzero(~accepted)
     indices: list[int] = []
@@ -104,7 +104,7 @@ def replace_refused(controller: Controller, program: Program, chord: float) -> P
 
 
 def _halve_by_column(
-    controller: Controller, columns: Columns, accepted: Mask
+    controller: Controller, columns: Columns, accepted: Mask, tolerance: float
 ) -> tuple[Indices, Body]:
     """The arcs that are halved by column: their indices (K,), and the two halves of each.
 
@@ -114,7 +114,7 @@ def _halve_by_column(
     if controller.passes[:1] != ("halves",):
         return np.zeros(0, np.intp), pack(())
     arcs = np.flatnonzero(controller.refuses(columns) & ~accepted[columns.at])
-    arcs, tried = halve_each(columns, arcs)
+    arcs, tried = halve_each(columns, arcs, tolerance)
     sound = controller.accepts(Columns(tried)).reshape(-1, 3)[:, 1:].all(axis=1)
     rows = 3 * np.flatnonzero(sound)[:, None] + (1, 2)
     return columns.at[arcs[sound]], tried.take(rows.ravel())

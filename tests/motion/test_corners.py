@@ -11,8 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import camgen
+from camgen.geometry.arcs import spans
 from camgen.model.cell import Dynamics
-from camgen.motion.corners import Corners, blend_corners, corner_tolerance
+from camgen.motion.corners import blend_corners, corner_tolerance
 from camgen.pipeline import build
 from camgen.read.job_file import from_mapping
 
@@ -48,8 +49,11 @@ def nearest_to_corner(
 def chosen(
     turn: float, lengths: tuple[float, float], speeds: tuple[float, float], tolerance: float
 ) -> float:
-    column = [np.array([value]) for value in (np.sin(turn / 2), *lengths, max(speeds))]
-    return float(blend_corners(Corners(*column), tolerance, Dynamics(5000.0, corner="overlap"))[0])
+    end = lengths[1] * np.exp(1j * turn)
+    points = np.array([[-lengths[0], 0, 0], [0, 0, 0], [end.real, end.imag, 0]])
+    lines = spans(points[:-1], np.full((2, 3), np.nan), points[1:])
+    dynamics = Dynamics(5000.0, corner="overlap")
+    return float(blend_corners(lines, np.array(speeds), tolerance, dynamics)[0])
 
 
 @given(
@@ -125,14 +129,14 @@ def test_the_tolerance_is_a_share_of_the_pen(
 
 
 def test_zones_do_not_hang_on_the_speed() -> None:
-    for fast in (10.0, 500.0):
-        corners = Corners(
-            np.array([np.sin(0.1), np.sin(0.8)]),
-            np.full(2, 30.0),
-            np.full(2, 30.0),
-            np.full(2, fast),
-        )
-        assert blend_corners(corners, 0.05, Dynamics()).tolist() == [1.0, 0.0]
+    """Turns of 0.2 and 1.6 rad between lines of 30 mm."""
+    directions = np.exp(1j * np.cumsum([0.0, 0.2, 1.6]))
+    ends = np.append(0.0, np.cumsum(30 * directions))
+    points = np.stack([ends.real, ends.imag, 0 * ends.real], axis=1)
+    lines = spans(points[:-1], np.full((3, 3), np.nan), points[1:])
+    for speed in (10.0, 500.0):
+        blend = blend_corners(lines, np.full(3, speed), 0.05, Dynamics())
+        assert blend.tolist() == [1.0, 0.0]
 
 
 @pytest.mark.parametrize(

@@ -148,7 +148,7 @@ def test_halves_by_column_are_the_same_to_the_last_bit(drawn, blend, z):
             MoveL(Pose(TOOL_DOWN, points[0]), 40.0),
             MoveC(via, end, 20.0, blend, path=3, work=True),
         ]
-    found, made = halve_each(Columns(body), np.arange(2, len(body), 2))
+    found, made = halve_each(Columns(body), np.arange(2, len(body), 2), 0.01)
     assert found.tolist() == list(range(2, len(body), 2))
     planned = [piece for k in found for piece in halves(body[k - 1].target, body[k], 0.01)]
     pieces = [item for item in made if isinstance(item, MoveC)]
@@ -173,7 +173,7 @@ def test_arcs_that_say_more_or_lean_are_not_halved_by_column():
         MoveC(Pose(TOOL_DOWN, (5.0, 5.0, 1.0)), Pose(TOOL_DOWN, end), 10.0),
     ]
     for arc in cases:
-        found, made = halve_each(Columns([line, arc]), np.array([1]))
+        found, made = halve_each(Columns([line, arc]), np.array([1]), 0.01)
         assert (len(found), len(made)) == (0, 0)
 
 

@@ -1,0 +1,196 @@
+"""The path that a controller runs where one motion goes on into the next without a stop.
+
+RAPID leaves the path at the edge of the zone of a corner, whatever the turn, and runs a parabola
+(manual, `zonedata`). Other controllers begin the next motion while the one before ends. The curve
+of RAPID between a line and an arc is not documented. So both curves are computed, and the one that
+leaves the path farther counts.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from camgen.geometry.arcs import Spans
+from camgen.geometry.vectors import cross, dots, lengths
+from camgen.model.cell import Dynamics
+from camgen.model.pose import FloatArray
+from camgen.model.tolerance import NONZERO
+
+#: Points of a rounded path. Their number is odd, so that one lies in the middle.
+_POINTS = 33
+#: Tangents whose lines meet at a smaller sine of their angle have no parabola between them.
+_PARALLEL = 1e-6
+
+
+class Transitions(NamedTuple):
+    """K transitions from one motion into the next.
+
+    first, second: K motions before and after the transitions.
+    blend: (K,) distance, mm, before the end of the first motion at which rounding begins.
+    fast: (K,) the higher of the two speeds, mm/s.
+    """
+
+    first: Spans
+    second: Spans
+    blend: FloatArray
+    fast: FloatArray
+
+
+def measure_rounding(transitions: Transitions, dynamics: Dynamics) -> FloatArray:
+    """(K,) distance, mm, between the programmed and the executed path where it is largest.
+
+    dynamics: dynamics of the controller.
+    """
+    if dynamics.corner == "junction" or not len(transitions.blend):
+        return np.zeros(len(transitions.blend))
+    if dynamics.corner == "arc":
+        # LinuxCNC keeps to the distance that `G64 P` states.
+        return transitions.blend.copy()
+    distances = [_leave(transitions, curve) for curve in round_off(transitions, dynamics)]
+    return np.asarray(np.max(distances, axis=0))
+
+
+def round_off(transitions: Transitions, dynamics: Dynamics) -> list[FloatArray]:
+    """The executed paths of transitions by each model of the controller, (K, P, 3) mm each.
+
+    A path leads from the place where the controller leaves the first motion to the place where it
+    is on the second one.
+    """
+    if dynamics.corner == "overlap":
+        return [_overlap(transitions, dynamics.acceleration)]
+    before, after = (
+        _reach(motion, transitions.blend) for motion in (transitions.first, transitions.second)
+    )
+    # A controller cuts a zone at half of the shorter neighbour.
+    room = np.minimum(transitions.first.length, transitions.second.length) / 2
+    before, after = np.minimum(before, room), np.minimum(after, room)
+    return [_mix(transitions, before, after), _bend(transitions, before, after)]
+
+
+def _reach(motion: Spans, blend: FloatArray) -> FloatArray:
+    """(K,) length, mm, of the piece of a motion within the blend of its end."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        half = np.arcsin(np.clip(blend / (2 * motion.radius), 0.0, 1.0))
+    return np.where(motion.curved, 2 * motion.radius * half, blend)
+
+
+def _mix(transitions: Transitions, before: FloatArray, after: FloatArray) -> FloatArray:
+    """Both motions at once: the first with even deceleration, the second with even acceleration."""
+    share = np.linspace(0.0, 1.0, _POINTS)
+    return _add(transitions, (1 - share) ** 2 * before[:, None], share**2 * after[:, None])
+
+
+def _overlap(transitions: Transitions, acceleration: float) -> FloatArray:
+    """The second motion begins when the first one begins to brake."""
+    brake = transitions.fast**2 / (2 * acceleration)
+    before, after = (
+        np.minimum(brake, motion.length / 2) for motion in (transitions.first, transitions.second)
+    )
+    seconds = [np.sqrt(2 * length / acceleration)[:, None] for length in (before, after)]
+    time = np.linspace(0.0, 1.0, _POINTS) * np.maximum(*seconds)
+    left = acceleration / 2 * np.maximum(seconds[0] - time, 0.0) ** 2
+    ramp = np.minimum(time, seconds[1])
+    run = acceleration * ramp * (time - ramp / 2)
+    return _add(transitions, left, run)
+
+
+def _add(transitions: Transitions, left: FloatArray, run: FloatArray) -> FloatArray:
+    """(K, P, 3) the sum of two motions.
+
+    left: (K, P) mm of the first motion that are not run yet.
+    run: (K, P) mm of the second motion that are run.
+    """
+    first, second = transitions.first, transitions.second
+    rows = np.repeat(np.arange(len(left)), left.shape[1])
+    along = [
+        1 - left / np.maximum(first.length, NONZERO)[:, None],
+        np.minimum(run / np.maximum(second.length, NONZERO)[:, None], 1.0),
+    ]
+    places = [
+        motion.point(share.ravel(), rows).reshape(*left.shape, 3)
+        for motion, share in zip((first, second), along, strict=True)
+    ]
+    return np.asarray(places[0] + places[1] - first.end[:, None])
+
+
+def _bend(transitions: Transitions, before: FloatArray, after: FloatArray) -> FloatArray:
+    """A parabola with the tangents of both motions, (K, P, 3) mm.
+
+    Its middle control point is where the tangents meet. Where they do not meet ahead, a cubic of
+    the same lengths stands for it.
+    """
+    enter, onto = _tangents_at(transitions.first, before, end=True)
+    leave, off = _tangents_at(transitions.second, after, end=False)
+    chord, cosine = leave - enter, dots(onto, off)
+    square = np.maximum(1 - cosine**2, NONZERO)
+    ahead = (dots(chord, onto) - cosine * dots(chord, off)) / square
+    back = (dots(chord, off) - cosine * dots(chord, onto)) / square
+    longest = 2 * np.maximum(before, after)
+    meet = (lengths(cross(onto, off)) > _PARALLEL) & (ahead > 0) & (back > 0)
+    meet &= (ahead < longest) & (back < longest)
+    handles = [np.where(meet, ahead, before) * 2 / 3, np.where(meet, back, after) * 2 / 3]
+    share = np.linspace(0.0, 1.0, _POINTS)[:, None]
+    points = (enter, enter + handles[0][:, None] * onto, leave - handles[1][:, None] * off, leave)
+    weights = (
+        (1 - share) ** 3,
+        3 * share * (1 - share) ** 2,
+        3 * share**2 * (1 - share),
+        share**3,
+    )
+    return np.asarray(sum(w * point[:, None] for w, point in zip(weights, points, strict=True)))
+
+
+def _tangents_at(motion: Spans, length: FloatArray, *, end: bool) -> tuple[FloatArray, FloatArray]:
+    """Points (K, 3), mm, and directions of travel (K, 3) at a length from an end of motions."""
+    share = length / np.maximum(motion.length, NONZERO)
+    share = 1 - share if end else share
+    angle = ((share - 0.5) * motion.sweep)[:, None]
+    turned = np.cos(angle) * motion.along - np.sin(angle) * motion.towards
+    return motion.point(share), np.where(motion.curved[:, None], turned, motion.along)
+
+
+def _leave(transitions: Transitions, curve: FloatArray) -> FloatArray:
+    """(K,) distance, mm, between executed paths (K, P, 3) and the programmed ones."""
+    off = np.minimum(_distance(transitions.first, curve), _distance(transitions.second, curve)).max(
+        axis=1
+    )
+    return np.asarray(np.maximum(off, _pass(curve, transitions.first.end)))
+
+
+def _pass(curve: FloatArray, corner: FloatArray) -> FloatArray:
+    """(K,) distance, mm, at which polylines (K, P, 3) pass points (K, 3)."""
+    start, step = curve[:, :-1], np.diff(curve, axis=1)
+    arm = corner[:, None] - start
+    share = (arm * step).sum(axis=2) / np.maximum((step**2).sum(axis=2), NONZERO)
+    off = arm - np.clip(share, 0.0, 1.0)[..., None] * step
+    return np.asarray(np.sqrt((off**2).sum(axis=2)).min(axis=1))
+
+
+def _distance(motion: Spans, points: FloatArray) -> FloatArray:
+    """(K, P) distance, mm, of points (K, P, 3) from motions."""
+    result = _distance_to_lines(motion, points)
+    arcs = np.flatnonzero(motion.curved)
+    if len(arcs):
+        result[arcs] = _distance_to_arcs(motion.pick(arcs), points[arcs])
+    return result
+
+
+def _distance_to_lines(motion: Spans, points: FloatArray) -> FloatArray:
+    arm = points - motion.start[:, None]
+    along = (arm * motion.along[:, None]).sum(axis=2)
+    along = np.clip(along, 0.0, motion.length[:, None])
+    off = arm - along[..., None] * motion.along[:, None]
+    return np.asarray(np.sqrt((off**2).sum(axis=2)))
+
+
+def _distance_to_arcs(arcs: Spans, points: FloatArray) -> FloatArray:
+    arm = points - (arcs.via - arcs.radius[:, None] * arcs.towards)[:, None]
+    x = (arm * arcs.towards[:, None]).sum(axis=2)
+    y = (arm * arcs.along[:, None]).sum(axis=2)
+    above = np.maximum((arm**2).sum(axis=2) - x**2 - y**2, 0.0)
+    across = np.sqrt((np.hypot(x, y) - arcs.radius[:, None]) ** 2 + above)
+    ends = [np.sqrt(((points - end[:, None]) ** 2).sum(axis=2)) for end in (arcs.start, arcs.end)]
+    within = np.abs(np.arctan2(y, x)) <= arcs.sweep[:, None] / 2
+    return np.where(within, across, np.minimum(*ends))
