@@ -169,7 +169,7 @@ def line_speeds(
     with np.errstate(divide="ignore"):
         by_joints = np.minimum.reduceat(dense.length / seconds, at[:-1])
     reached = np.sqrt(speeds.acceleration * np.add.reduceat(dense.length, at[:-1]))
-    allowed = speeds.part if speeds.pressed else speeds.free
+    allowed = np.asarray(speeds.part if speeds.pressed else speeds.free)
     if math.isfinite(speeds.point):
         with np.errstate(divide="ignore"):
             by_points = speeds.point * dense.length / setup.apart(joints[:-1], joints[1:])

@@ -193,4 +193,4 @@ def _distance_to_arcs(arcs: Spans, points: FloatArray) -> FloatArray:
     across = np.sqrt((np.hypot(x, y) - arcs.radius[:, None]) ** 2 + above)
     ends = [np.sqrt(((points - end[:, None]) ** 2).sum(axis=2)) for end in (arcs.start, arcs.end)]
     within = np.abs(np.arctan2(y, x)) <= arcs.sweep[:, None] / 2
-    return np.where(within, across, np.minimum(*ends))
+    return np.asarray(np.where(within, across, np.minimum(*ends)))
