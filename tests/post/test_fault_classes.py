@@ -1,12 +1,10 @@
 """The read-backs refuse whole classes of texts that no post writes, each class by many members."""
 
 import math
-from collections.abc import Mapping
 from itertools import combinations
 
 import pytest
 
-from camgen.model.errors import VerifyError
 from camgen.model.pose import TOOL_DOWN, Pose, translation
 from camgen.model.program import (
     Force,
@@ -16,16 +14,12 @@ from camgen.model.program import (
     MoveL,
     Output,
     Posture,
-    Program,
     ToolChange,
 )
-from camgen.post import Fault, Post, Remark
-from camgen.post.plugins import fill_tables, find_post, find_readback, make_post
-from camgen.post.verify import compare
+from camgen.post import Fault, Remark
 from camgen.read.pacscript.words import RESERVED
-from tests.support.whole import whole
+from tests.support.samples import Sample
 
-Options = Mapping[str, object]
 LEFTY = Posture(figure=5)
 HOME = MoveJ(Joints((0.0, 0.0, math.pi / 2, 0.0, math.pi / 6, 0.0)), 100.0)
 
@@ -69,49 +63,6 @@ def _drill(number: int) -> tuple[Instruction, ...]:
     spindle = Output("spindle", 3000.0)
     end = Output("spindle", 0.0)
     return (change, PARKED, spindle, MoveJ(at(10, 10, 10), 100.0), down, up, end)
-
-
-class Sample:
-    """A program of a post that its read-back takes."""
-
-    def __init__(self, post: str, body: tuple[Instruction, ...], options: Options) -> None:
-        kind = find_post(post)
-        self.post: Post = make_post(kind, options)
-        self.options = fill_tables(kind, options)
-        self.read = find_readback(post)
-        program = Program("part", translation(300, -75, 150), translation(0, 0, 100), whole(body))
-        self.prepared = self.post.prepare(program, 0.01)
-        (file,) = self.post.render(self.prepared)
-        self.text = file.text
-        assert self.list_faults(self.text) == ()
-
-    def list_faults(self, text: str) -> tuple[Fault, ...]:
-        """Faults and remarks of a text."""
-        return tuple(self.read({"part": text}, self.options).faults)
-
-    def is_refused(self, text: str) -> bool:
-        """Whether a build would refuse the text."""
-        reading = self.read({"part": text}, self.options)
-        fields = self.post.list_verified()
-        try:
-            compare(self.prepared, reading, self.post.tolerance(), fields, "part")
-        except VerifyError:
-            return True
-        return False
-
-    def change(self, before: str, after: str) -> str:
-        """The text with `after` instead of the first `before`."""
-        assert before in self.text, self.text
-        return self.text.replace(before, after, 1)
-
-    def faults_after(self, before: str, after: str) -> list[str]:
-        """Words of all faults and remarks of the changed text."""
-        return [fault.what for fault in self.list_faults(self.change(before, after))]
-
-    def insert(self, row: int, line: str) -> str:
-        """The text with one more line, `row` lines from its start."""
-        lines = self.text.splitlines(keepends=True)
-        return "".join((*lines[:row], f"{line}\n", *lines[row:]))
 
 
 RAPID = Sample("rapid", PLAIN, {})
@@ -170,42 +121,6 @@ def test_a_word_of_an_open_statement_adds_no_fault(word: str) -> None:
     assert f"{word} belongs to no statement before it" not in [fault.what for fault in faults]
 
 
-RAPID_REMARKS = [
-    ("    PROC main()", "    TASK PROC main()", "TASK before PROC: it belongs to data alone"),
-    (
-        "    PROC camSafe()",
-        "    LOCAL PROC camSafe()",
-        "a routine that is LOCAL, which the controller cannot call by an event",
-    ),
-    ("    PROC main()", "    CONST num k:=1;\n    PROC main()", "k is declared and never used"),
-    (
-        "    PROC camSafe()",
-        "    PROC spare()\n    ENDPROC\n    PROC camSafe()",
-        "spare is declared and never used",
-    ),
-    (
-        "        camSafe;\n        RAISE;",
-        "        camSafe;\n        SetDO doProcess,0;\n        RAISE;",
-        "the ERROR handler of main switches an output itself, not in a routine",
-    ),
-    (
-        ",v20,",
-        ",[20,500,5000,0],",
-        "a speed with 5000, 0 for external axes, where posts write 5000, 1000",
-    ),
-    (
-        ",v20,",
-        ",[20,500,4000,1000],",
-        "a speed with 4000, 1000 for external axes, where posts write 5000, 1000",
-    ),
-]
-
-
-@pytest.mark.parametrize(("before", "after", "what"), RAPID_REMARKS)
-def test_a_declaration_or_handler_that_no_post_writes(before: str, after: str, what: str) -> None:
-    assert what in RAPID.faults_after(before, after)
-
-
 @pytest.mark.parametrize(("kind", "name"), [("tool", "tCamgen"), ("work object", "wCamgen")])
 def test_another_name_of_tool_or_work_object_is_noted(kind: str, name: str) -> None:
     text = RAPID.text.replace(name, "other")
@@ -226,27 +141,6 @@ def test_a_word_of_the_language_gets_no_value(word: str) -> None:
         PACSCRIPT.insert(row_of(PACSCRIPT.text, "Move L"), f"{word} = 5")
     )
     assert any(not isinstance(fault, Remark) for fault in faults)
-
-
-PACSCRIPT_REMARKS = [
-    ("Dim x As Integer", "the variable x, which no program of the post has"),
-    ("Dim unit2 As Single = 1", "the variable unit2, which no program of the post has"),
-    ("x = 5", "a variable gets a value, outside the question of the post for Mps"),
-    ("unit = 1", "a variable gets a value, outside the question of the post for Mps"),
-    ("P[3] = P(1, 2, 3)", "a variable gets a value, outside the question of the post for Mps"),
-    ("D7 = 5", "a variable gets a value, outside the question of the post for Mps"),
-    ("Exit Sub", "the procedure is left outside the question of the post for Mps"),
-    ("Motor On", "Motor On, which no option asks for"),
-    ('PrintDbg "x"', "PrintDbg, which no program of the post has"),
-    ("#Define X 5", "#Define, which no program of the post has"),
-    ("Delay (150)", "a bracket stands around a single number"),
-]
-
-
-@pytest.mark.parametrize(("line", "what"), PACSCRIPT_REMARKS)
-def test_a_statement_that_no_program_of_the_post_has(line: str, what: str) -> None:
-    text = PACSCRIPT.insert(row_of(PACSCRIPT.text, "Move L"), line)
-    assert what in [fault.what for fault in PACSCRIPT.list_faults(text)]
 
 
 @pytest.mark.parametrize(

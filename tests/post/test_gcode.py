@@ -12,9 +12,10 @@ from camgen.geometry.arcs import circle
 from camgen.model.errors import JobError, Refused
 from camgen.model.pose import Pose, frozen, pose_from_values, rotation_from_fixed_xyz
 from camgen.model.program import Comment, Force, Joints, MoveC, MoveJ, MoveL, Output, Stop, Wait
-from camgen.post import Fault, Remark
+from camgen.post import Remark
 from camgen.post.kit import Case, cases, check_case
 from camgen.post.plugins import find_post, find_readback, make_post
+from tests.post.changes.gcode import TEXT
 from tests.support.examples import fewer
 from tests.support.rs274 import (
     assert_moves,
@@ -70,35 +71,6 @@ PART = program(
     MoveJ(at(0, 0, 50), 100.0),
     header=("part bracket.dxf",),
 )
-TEXT = """\
-(program demo)
-(post gcode mm work G54)
-(part bracket.dxf)
-G17 G21 G40 G54 G80 G90 G94
-G91.1
-G64 P0.01 Q0
-M5
-M65 P0
-G53 G0 Z0
-G49
-G0 X0 Y0
-G0 Z50
-S12000 M3
-G4 P1.5
-G0 X5 Y5 Z10
-G1 Z-1.5 F120
-M64 P0
-G1 X45 F600
-G3 X55 Y15 I0 J10
-G3 X45 Y25 I-10 J0
-G1 X5 Y5 F2000
-M65 P0
-(lift)
-G1 Z10
-M5
-G0 X0 Y0 Z50
-M2
-"""
 
 
 def test_the_page_of_the_post_shows_this_text():
@@ -570,43 +542,6 @@ def test_a_mode_that_is_not_said_is_a_fault_of_our_program(word, options):
     )
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "fault"),
-    [
-        (
-            "G0 X5",
-            "G61\nG0 X5",
-            Remark(
-                15, "G61 where post.path_tolerance asks for G64 P0.01: corners take another time"
-            ),
-        ),
-        (
-            "M64 P0",
-            "M64 P99",
-            Fault(17, "M64 P99: the machine has 4 such outputs from P0 (post.outputs)"),
-        ),
-        (
-            "M64 P0",
-            "M62 P4",
-            Fault(17, "M62 P4: the machine has 4 such outputs from P0 (post.outputs)"),
-        ),
-        (
-            "M64 P0",
-            "M64 P0\nM68 E4 Q1",
-            Fault(18, "M68 E4: the machine has 4 such outputs from E0 (post.outputs)"),
-        ),
-        ("M2\n", "", Fault(26, "the program has no end (M2 or M30)")),
-        (
-            "G1 X45",
-            "G53 G0 Z0\nG1 X45",
-            Fault(18, "G53 is not read: goes to machine coordinates, which are not known here"),
-        ),
-    ],
-)
-def test_what_the_controller_refuses_is_a_fault_and_what_it_takes_a_remark(old, new, fault):
-    assert read(TEXT.replace(old, new, 1)).faults == (fault,)
-
-
 def test_the_outputs_of_the_machine_are_an_option():
     more = TEXT.replace("M65 P0", "M65 P6\nM65 P0", 1)
     assert [fault.line for fault in read(more).faults] == [8]
@@ -1025,41 +960,6 @@ def test_plain_lines_are_read_as_all_others(lines):
         getattr(i, "target", None) and i.target.origin for i in long.body
     ]
     assert [fault.line for fault in plain.faults] == [fault.line for fault in long.faults]
-
-
-IDLE = "G17 G21 G40 G54 G80 G90 G94\nG91.1\nG64 P0.01 Q0\nG53 G0 Z0\nG49\nG0 X0 Y0\nG0 Z50\nG1 X5 F100\nG1 Z2\nM2\n"
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "line", "said"),
-    [
-        ("G1 Z2", "T1 Z2", 9, "T1 selects a tool that no M6 changes to"),
-        ("G1 Z2", "S1 Z2", 9, "S1 without M3 or M4"),
-        ("G1 Z2", "T0 Z2", 9, "T0 selects a tool that no M6 changes to"),
-        ("G1 Z2", "G18 Z2", 9, "G18 where posts write in G17"),
-        ("G1 Z2", "G90.1 Z2", 9, "G90.1 where posts write in G91.1"),
-        (
-            "G53 G0 Z0\n",
-            "G53 G0 Z0\nM5\n",
-            5,
-            "an output is switched when the machine has moved already (G53)",
-        ),
-        (" Q0", "", 3, "G64 without Q joins lines within P"),
-        (
-            "G0 X0 Y0\nG0 Z50",
-            "G0 Z50\nG0 X0 Y0",
-            6,
-            "Z comes down from the top of the machine before X and Y are over",
-        ),
-    ],
-)
-def test_what_changes_the_machine_and_no_motion_is_remarked(
-    old: str, new: str, line: int, said: str
-) -> None:
-    assert read(IDLE).faults == ()
-    found = read(IDLE.replace(old, new)).faults
-    assert [(type(one), one.line) for one in found] == [(Remark, line)]
-    assert found[0].what.startswith(said)
 
 
 HEAD = "G17 G21 G40 G54 G80 G90 G91.1 G94\nG64 P0.01 Q0\nG49\n"

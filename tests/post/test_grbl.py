@@ -10,9 +10,10 @@ from hypothesis import strategies as st
 
 from camgen.model.errors import JobError, Refused
 from camgen.model.program import Comment, Force, MoveC, MoveJ, MoveL, Output, Stop, Wait
-from camgen.post import Fault, Remark
+from camgen.post import Remark
 from camgen.post.kit import Case, cases, check_case
 from camgen.post.plugins import find_post, find_readback, make_post
+from tests.post.changes.grbl import TEXT
 from tests.support.examples import fewer
 from tests.support.rs274 import (
     assert_moves,
@@ -88,29 +89,6 @@ PART = program(
     MoveL(at(5, 5, 10), 100 / 3),
     MoveJ(at(0, 0, 50), 100.0),
 )
-TEXT = """\
-(program demo)
-(post grbl mm work G54)
-G17 G21 G40 G54 G80 G90 G94
-G91.1
-M5
-G49
-G0 Z50
-G0 X0 Y0
-G0 X5 Y5 Z10
-G1 Z-1.5 F120
-M3 S1000
-G4 P0.25
-G1 X45 F600
-G3 X55 Y15 I0 J10
-G3 X45 Y25 I-10 J0
-G1 X5 Y5 F2000
-M5
-(lift_)
-G1 Z10
-G0 X0 Y0 Z50
-M2
-"""
 
 
 def test_the_page_of_the_post_shows_this_text():
@@ -369,29 +347,6 @@ def test_a_mode_that_is_not_said_is_a_fault_of_our_program(word):
     )
     assert read(left).faults == (Remark(7, f"{word} {UNSAID}"),)
     assert f"{word} not said" in difference(PART, read(left), grbl().tolerance())
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "fault"),
-    [
-        ("G0 X5", "T300\nG0 X5", Fault(9, "T300: GRBL has tools to T255")),
-        ("G0 X5", "T256\nG0 X5", Fault(9, "T256: GRBL has tools to T255")),
-        ("G1 Z10", "N10000001 G1 Z10", Fault(19, "N10000001: GRBL numbers lines to 10000000")),
-        (
-            "G0 X5",
-            "G61\nG0 X5",
-            Remark(9, "G61 changes nothing: GRBL rounds corners by its own setting"),
-        ),
-        ("M2\n", "", Fault(20, "the program has no end (M2 or M30)")),
-        (
-            "G1 X45",
-            "G53 G0 Z0\nG1 X45",
-            Fault(13, "G53 is not read: goes to machine coordinates, which are not known here"),
-        ),
-    ],
-)
-def test_what_the_controller_refuses_is_a_fault_and_what_it_takes_a_remark(old, new, fault):
-    assert read(TEXT.replace(old, new, 1)).faults == (fault,)
 
 
 def test_tools_and_numbers_within_the_firmware():

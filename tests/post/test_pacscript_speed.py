@@ -205,36 +205,6 @@ ARM = "depends on the arm"
 UNIT = "as the controller reads Mps in mm/s or in m/s; give the option mps"
 
 
-@pytest.mark.parametrize(
-    ("before", "after", "fault"),
-    [
-        ("(0.1) > 0.2", "(0.1) > 0.05", f"whether 0.1 mm/s is over 0.05 % {ARM}"),
-        ("(0.1) > 0.2", "(0.1) > 0.5", f"whether 100 mm/s is over 0.5 % {ARM}"),
-        ("(0.1) > 0.2", "(0.1) > 5", f"whether 100 mm/s is over 5 % {ARM}"),
-        ("(0.1) > 0.2", "(0.1) > 50", f"100 or 100000 mm/s, {UNIT}"),
-        ("(0.1) > 0.2", "(0.1) < 0.2", "where Mps decides, only names can be given a value"),
-        ("(0.1) > 0.2", "(10) > 0.2", f"whether 10 mm/s is over 0.2 % {ARM}"),
-        ("unit = 0.001", "unit = 1000", "where Mps decides, only names can be given a value"),
-        ("unit = 0.001", "unit = 0.01", f"whether 1000 mm/s is over 20 % {ARM}"),
-        ("Single = 1\n", "Single = 1000\n", "where Mps decides, only names can be given a value"),
-        ("(20 * unit)", "(20)", f"20 or 20000 mm/s, {UNIT}"),
-        ("        unit = 0.001\n", "", "where Mps decides, only names can be given a value"),
-        (
-            "    If Mps(0.1)",
-            "    If IO[3] = On Then\n    End If\n    If Mps(0.1)",
-            "If is not evaluated, up to line 12",
-        ),
-        (" Or ", " Or 1 < 2 And ", "And beside Or is not evaluated"),
-        (" < 0.5", " = 0.5", "Mps(100 * unit) = 0.5 is not evaluated"),
-    ],
-)
-def test_a_wrong_question_is_a_fault(before: str, after: str, fault: str) -> None:
-    text = text_of(small())
-    assert text.count(before) == 1
-    found = read({"part.pcs": text.replace(before, after)}, {}).faults
-    assert fault in [one.what for one in found if not isinstance(one, Remark)]
-
-
 def test_a_wrong_factor_is_another_speed() -> None:
     """1.5 and 0.0015 instead of 1 and 0.001: the same speed in both units, but another one."""
     text = (

@@ -39,9 +39,10 @@ from camgen.model.program import (
     Wait,
     splice,
 )
-from camgen.post import Fault, Reading, Remark
+from camgen.post import Reading, Remark
 from camgen.post.plugins import make_post
 from camgen.post.verify import compare
+from tests.post.changes.vplus import BRACKET
 from tests.support.examples import fewer
 from tests.support.whole import whole
 
@@ -102,46 +103,6 @@ def agree(planned: Program, found: Reading, options: dict[str, object] | None = 
             assert angle_between(item.target.rotation, other.target.rotation) <= tolerance.angle
 
 
-EXPECTED = """\
-.PROGRAM bracket_top()
-; bracket.dxf_ layer holes
-; mm and deg. TRANS(x, y, z, yaw, pitch, roll), R = Rz Ry Rz
-; speeds hold at monitor speed 100. SPEED 100 in a MOVE counts as 1000 mm/s
-    AUTO cg.tool, cg.work
-    SELECT ROBOT = 1
-    ATTACH ()
-    ENABLE CP
-    ACCEL (0) 100, 100
-    SET cg.tool = TRANS(0,0,100,0,0,0)
-    TOOL cg.tool
-    SET cg.work = TRANS(250,-75,150,0,0,0)
-    SIGNAL -33
-    SPEED 10 ALWAYS
-    RIGHTY
-    MOVE #PPOINT(0, 45, 50, 0)
-    BREAK
-    SPEED 12.5 ALWAYS
-    MOVE cg.work:TRANS(10,20.5,20,0,180,180)
-    SPEED 20, 100 MMPS ALWAYS
-    MOVES cg.work:TRANS(10,20.5,0,0,180,180)
-    BREAK
-    SIGNAL 33
-    WAIT.EVENT , 0.15
-; edge 1
-    MOVES cg.work:TRANS(-0.001,20.5,0,0,180,90)
-    SPEED 12.3457, 100 MMPS ALWAYS
-    MOVES cg.work:TRANS(40,0,0,0,180,0)
-    BREAK
-    SIGNAL -33
-    SPEED 10 ALWAYS
-    MOVE #PPOINT(0, 45, 50, 0)
-    BREAK
-    DETACH ()
-    RETURN
-.END
-"""
-
-
 def test_text_checked_by_hand() -> None:
     # Tool down, x forward is (0, 180, 180); x along work y is (0, 180, 90); x backward is (0, 180, 0).
     to_y = Pose(frozen([[0, 1, 0], [1, 0, 0], [0, 0, -1]]), (-0.00051, 20.5, -0.0001))
@@ -153,7 +114,7 @@ def test_text_checked_by_hand() -> None:
     )  # fmt: skip
     options: dict[str, object] = {"rated": 1000, "posture": ["RIGHTY"]}
     prepared, text = render(source, options)
-    assert text == EXPECTED
+    assert text == BRACKET
     found = read({"a": text}, options)
     agree(prepared, found, options)
     assert found.faults == ()
@@ -229,7 +190,7 @@ def test_the_rotational_speed_of_a_text_by_hand() -> None:
 
 def test_the_page_about_this_post_shows_that_text() -> None:
     page = (Path(__file__).parents[2] / "docs" / "posts" / "vplus.md").read_text(encoding="utf-8")
-    assert page.split("```\n")[1] == EXPECTED
+    assert page.split("```\n")[1] == BRACKET
     for option in (f.name for f in dataclasses.fields(VPlus) if f.init):
         assert f"`{option}`" in page
 
@@ -903,98 +864,6 @@ def test_faults_by_line(lines: list[str], expected: tuple[int, str]) -> None:
     assert not lines[0].startswith(("IF", "WHILE", "DO", "CASE")) or found.body == ()
 
 
-UNSAID = "not said before the first motion: the program before may have left it otherwise"
-SETTLES = "sets how exactly the robot stops, which camgen never writes"
-RATED = "ACCEL other than (0) 100, 100: corners and the time of the program are others"
-OVER = "SPEED above 100 %: the controller takes the most that it has"
-GONE = "after DETACH: the robot may be another program's by then"
-SLOWER = "a straight motion at 5 % rotational speed: where the tool turns, it may be slower than its SPEED"
-LEFT_OUT = "a joint of #PPOINT left out, read as 0: what it means is not confirmed"
-SHARED_BY = "is not declared by AUTO: a global variable, which other programs share and which outlives this one"
-HEADER = ".PROGRAM bracket_top()"
-POINT = "    MOVE #PPOINT(0, 45, 50, 0)\n    BREAK\n    SPEED 12.5"
-#: Of the text above: what is changed, and what is found in which line. The first motion is in 16, 15 without RIGHTY.
-STRICT: list[tuple[str, str, Fault]] = [
-    ("    RETURN", "    MOVE cg.work:NULL\n    BREAK",
-     Fault(35, "a motion after DETACH: the robot is not attached to this program")),
-    (HEADER, ".PROGRAM move()", Fault(1, "move is a word of V+, not the name of a program")),
-    (HEADER, ".PROGRAM Coarse()", Fault(1, "Coarse is a word of V+, not the name of a program")),
-    (HEADER, ".PROGRAM bracket_top_side()",
-     Remark(1, "bracket_top_side is longer than 15 characters, of which V+ ignores the rest")),
-    ("    AUTO cg.tool, cg.work", "    AUTO cg.tool, cg.work, cg.tool", Fault(5, "cg.tool is declared twice")),
-    ("    SELECT ROBOT", "    AUTO cg.work\n    SELECT ROBOT", Fault(6, "cg.work is declared twice")),
-    ("    BREAK\n    SIGNAL 33", "7   BREAK\n07  SIGNAL 33", Fault(23, "label 7 is there twice")),
-    (".END\n", ".END foo\n", Remark(36, "'foo' after .END, of which V+ reads no more")),
-    ("(40,0,0,0,180,0)", "(40,0,0,0,170,0)",
-     Fault(28, "the flange 10 deg from straight down, which an arm of four axes cannot take")),
-    ("(40,0,0,0,180,0)", "(40,0,0,0,0,0)",
-     Fault(28, "the flange 180 deg from straight down, which an arm of four axes cannot take")),
-    ("    RIGHTY", "    RIGHTY\n    FLIP", Fault(16, "FLIP: an arm of four axes has no such posture")),
-    ("    RIGHTY", "    BELOW", Fault(15, "BELOW: an arm of four axes has no such posture")),
-    ("SIGNAL 33\n    WAIT", "SIGNAL 33, 10000\n    WAIT", Fault(23, "10000 is no output")),
-    ("SIGNAL 33\n    WAIT", "SIGNAL 33, 2000\n    WAIT", Fault(23, "2000 is no output")),
-    ("SPEED 12.5 ALWAYS", "SPEED 120 ALWAYS", Remark(18, OVER)),
-    ("20, 100 MMPS", "20, 101 MMPS", Remark(20, OVER)),
-    ("    RIGHTY", "    SPEED 101 MONITOR", Remark(15, OVER)),
-    (POINT, POINT.replace("50, 0", "50, 0, 0, 0"), Fault(32, "a precision point of 4 axes, others have 6")),
-    ("    RIGHTY", "    COARSE", Remark(15, f"COARSE {SETTLES}")),
-    ("    RIGHTY", "    COARSE 150 ALWAYS", Remark(15, f"COARSE {SETTLES}")),
-    ("    RIGHTY", "    FINE 50", Remark(15, f"FINE {SETTLES}")),
-    ("    RIGHTY", "    NULL", Remark(15, f"NULL {SETTLES}")),
-    ("    RIGHTY", "    NONULL ALWAYS", Remark(15, f"NONULL {SETTLES}")),
-    ("    RIGHTY", "    COARSE 0", Fault(15, "COARSE 0 is not evaluated")),
-    ("    RIGHTY", "    NULL 5", Fault(15, "NULL 5 is not evaluated")),
-    ("ACCEL (0) 100, 100", "ACCEL (0) 200, 100", Remark(9, RATED)),
-    ("ACCEL (0) 100, 100", "ACCEL (0) 100", Remark(9, RATED)),
-    ("ACCEL (0) 100, 100", "ACCEL (1) 100, 100", Remark(9, RATED)),
-    ("ACCEL (0) 100, 100", "ACCEL 100, 100", Remark(9, "ACCEL without a profile keeps that of the program before")),
-    ("ACCEL (0) 100, 100", "ACCEL (9) 100, 100", Fault(9, "ACCEL has profiles 0 to 8, not 9")),
-    ("    ACCEL (0) 100, 100\n", "", Remark(15, f"ACCEL {UNSAID}")),
-    ("    ENABLE CP\n", "", Remark(15, f"ENABLE CP {UNSAID}")),
-    ("    ATTACH ()\n", "", Remark(15, f"ATTACH {UNSAID}")),
-    ("    SELECT ROBOT = 1\n", "", Remark(15, f"SELECT ROBOT {UNSAID}")),
-    ("    TOOL cg.tool\n", "", Remark(15, f"TOOL {UNSAID}")),
-    ("    SELECT ROBOT = 1\n    ATTACH ()", "    ATTACH ()\n    SELECT ROBOT = 1",
-     Remark(7, "SELECT ROBOT after ATTACH, which took the robot that was selected before")),
-    ("ATTACH ()", "ATTACH", Remark(7, "ATTACH without (): what that means is not confirmed")),
-    ("DETACH ()", "DETACH ;)", Remark(34, "DETACH without (): what that means is not confirmed")),
-    ("    DETACH ()\n", "", Remark(34, "the program ends without DETACH: the robot stays attached")),
-    ("    DETACH ()\n    RETURN", "    RETURN\n    DETACH ()",
-     Remark(34, "the program ends without DETACH: the robot stays attached")),
-    ("DETACH ()", "DETACH ()\n    DETACH ()", Remark(35, f"DETACH {GONE}")),
-    ("DETACH ()", "DETACH ()\n    SIGNAL -33", Remark(35, f"an output {GONE}")),
-    ("DETACH ()", "DETACH ()\n    WAIT.EVENT , 1", Remark(35, f"a dwell {GONE}")),
-    ("    RETURN", "    RETURN RETURN", Fault(35, "RETURN stands alone")),
-    ("    RETURN", "    LEFTY",
-     Remark(35, "LEFTY after the last motion stays in force for the program after this one")),
-    ("100 MMPS ALWAYS", "100 ALWAYS MMPS",
-     Remark(20, "ALWAYS stands last in a SPEED: another order is not confirmed")),
-    ("    SPEED 20, 100 MMPS ALWAYS\n", "",
-     Remark(20, "a straight motion with its SPEED in percent: mm/s by post.rated")),
-    ("20, 100 MMPS", "20, 5 MMPS", Remark(21, SLOWER)),
-    ("#PPOINT(0, ", "#PPOINT(, ", Remark(16, LEFT_OUT)),
-    ("#PPOINT(0, 45, 50, 0)", "#PPOINT(0, 45, 50,)", Remark(16, LEFT_OUT)),
-    ("    AUTO cg.tool, cg.work\n", "", Remark(9, f"cg.tool {SHARED_BY}")),
-    ("cg.tool, cg.work", "cg.tool, cg.wora", Remark(12, f"cg.work {SHARED_BY}")),
-    ("    AUTO", "    LOCAL", Remark(5, "LOCAL: its variables outlive the program, those of AUTO do not")),
-    ("ENABLE", "DISABLE", Remark(8, "DISABLE CP: every motion stops, those of the programs after this one too")),
-    ("    RIGHTY", "    BASE", Remark(15, "BASE sets the world frame, for other programs too")),
-    ("    RIGHTY", "    SPEED 50 MONITOR",
-     Remark(15, "SPEED MONITOR sets the operator's speed, for other programs too")),
-]  # fmt: skip
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "fault"), STRICT, ids=[f"{new.strip()[:24]}-{f.line}" for _, new, f in STRICT]
-)
-def test_what_the_controller_refuses_is_a_fault_and_what_it_takes_a_remark(
-    old: str, new: str, fault: Fault
-) -> None:
-    text = EXPECTED.replace(old, new, 1)
-    assert text != EXPECTED
-    assert fault in read({"a": text}, {"rated": 1000.0}).faults
-
-
 def remarks(text: str, options: dict[str, object]) -> list[tuple[int, str]]:
     return [(f.line, f.what) for f in read({"a": text}, options).faults if isinstance(f, Remark)]
 
@@ -1002,12 +871,12 @@ def remarks(text: str, options: dict[str, object]) -> list[tuple[int, str]]:
 def test_the_words_of_post_posture_stand_before_the_first_move() -> None:
     asked: dict[str, object] = {"rated": 1000.0, "posture": ["RIGHTY"]}
     what = "post.posture asks for RIGHTY before the first MOVE"
-    assert remarks(EXPECTED, asked) == []
-    assert remarks(EXPECTED.replace("    RIGHTY\n", ""), asked) == [(15, what)]
-    late = EXPECTED.replace("    RIGHTY\n", "").replace("    BREAK\n", "    BREAK\n    RIGHTY\n", 1)
+    assert remarks(BRACKET, asked) == []
+    assert remarks(BRACKET.replace("    RIGHTY\n", ""), asked) == [(15, what)]
+    late = BRACKET.replace("    RIGHTY\n", "").replace("    BREAK\n", "    BREAK\n    RIGHTY\n", 1)
     assert remarks(late, asked) == [(15, what)]
-    assert remarks(EXPECTED.replace("RIGHTY", "LEFTY"), asked) == [(16, what)]
-    other = EXPECTED.replace("    WAIT.EVENT", "    LEFTY\n    WAIT.EVENT")
+    assert remarks(BRACKET.replace("RIGHTY", "LEFTY"), asked) == [(16, what)]
+    other = BRACKET.replace("    WAIT.EVENT", "    LEFTY\n    WAIT.EVENT")
     assert remarks(other, asked) == [(24, what)]
 
 
@@ -1142,7 +1011,7 @@ def test_a_missing_line_is_noticed(victim: str) -> None:
 
 
 GOOD = (
-    EXPECTED
+    BRACKET
     + ".PROGRAM x()\nFOR i = 1 TO 3\nAPPRO p:RX(i*2), 5\nSHIFT(p BY 1,2)\nEND\nIF a THEN\nEND\n.END\n"
 )
 PIECES = [

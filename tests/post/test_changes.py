@@ -1,0 +1,55 @@
+"""The read-backs take no more than a controller does, and report what no post writes."""
+
+import pytest
+
+from camgen.post import Fault, Remark
+from tests.post.changes import gcode, grbl, krl, pacscript, rapid, vplus
+from tests.support.changes import Change, check_change
+from tests.support.samples import Sample
+
+TABLES = {
+    "gcode": gcode,
+    "grbl": grbl,
+    "krl": krl,
+    "pacscript": pacscript,
+    "rapid": rapid,
+    "vplus": vplus,
+}
+ROWS = []
+for language, table in TABLES.items():
+    for change in table.CHANGES:
+        program = table.PROGRAMS[change.program]
+        kind = change.kind.__name__.lower() if change.words else "taken"
+        name = "-".join((language, change.program, kind, change.words[:40], change.after[:20]))
+        ROWS.append(pytest.param(program, change, id=name))
+
+
+@pytest.mark.parametrize(("program", "change"), ROWS)
+def test_a_changed_program_has_its_finding(program: Sample, change: Change) -> None:
+    check_change(program, change)
+
+
+@pytest.mark.parametrize("language", TABLES)
+def test_a_row_that_is_wrong_in_one_value_fails(language: str) -> None:
+    table = TABLES[language]
+    row = table.CHANGES[0]
+    other_kind = Remark if row.kind is Fault else Fault
+    wrong_rows = [
+        row._replace(words=f"{row.words}."),
+        row._replace(kind=other_kind),
+        row._replace(times=row.times + 1),
+        row._replace(others=not row.others),
+        row._replace(line=99),
+        row._replace(words="", kind=Remark, times=0, others=False),
+        row._replace(before="not in the text"),
+        row._replace(after=row.before),
+    ]
+    for wrong in wrong_rows:
+        with pytest.raises(AssertionError):
+            check_change(table.PROGRAMS[row.program], wrong)
+
+
+@pytest.mark.parametrize("language", TABLES)
+def test_each_program_of_a_table_is_changed(language: str) -> None:
+    table = TABLES[language]
+    assert {change.program for change in table.CHANGES} == set(table.PROGRAMS)
