@@ -4,12 +4,13 @@ from pathlib import Path
 
 import pytest
 from camgen_posts.readback.pacscript import read
+from msgspec.structs import replace
 
-from camgen.model.program import Output
+from camgen.model.program import Instruction, MoveC, MoveJ, MoveL, Output
 from camgen.post import Reading
 from camgen.read.pacscript.language import LANGUAGE
 from camgen.read.programs import Ask
-from tests.support.pacscript_ways import said
+from tests.support.fast_paths import list_values
 from tests.support.steps import count_calls
 
 GOLDEN = sorted((Path(__file__).parents[2] / "fixtures").rglob("*.pcs"))
@@ -21,38 +22,27 @@ def test_goldens_are_run_as_they_are_read_back(path: Path) -> None:
     options = {"signals": {}, "rated": 1000.0, "mps": "mm/s"}
     reading = read({path.name: text}, options)
     found = LANGUAGE.run({path.name: text}, Ask())
-    signals = [
-        Output(item.signal.removeprefix("IO[").removesuffix("]"), item.value)
-        if isinstance(item, Output)
-        else item
-        for item in reading.body
-    ]
     assert found.stopped is None
     assert not found.findings
-    assert rounded(found.body, found.lines) == rounded(signals, reading.lines)
+    run = Reading(found.body, found.lines, ())
+    assert list_values(rounded(run), True) == list_values(rounded(reading), True)
 
 
-def rounded(body: object, lines: tuple[int, ...]) -> list[str]:
-    """A body as text, speeds to nine digits: the interpreter has them by way of a percentage."""
-    rows = said(Reading(body, lines, ()))[0]  # type: ignore[arg-type]
-    assert isinstance(rows, list)
-    return [
-        " ".join(_round(part) for part in row) if isinstance(row, tuple) else row for row in rows
-    ]
+def rounded(reading: Reading) -> Reading:
+    """The body of a reading, with outputs by their numbers and speeds of nine digits.
 
-
-def _round(part: object) -> str:
-    if isinstance(part, str) and part.startswith("("):
-        return " ".join(f"{number:.9g}" for number in _flat(eval(part)))
-    return str(part)
-
-
-def _flat(value: object) -> list[float]:
-    return (
-        [one for part in value for one in _flat(part)]
-        if isinstance(value, tuple)
-        else [float(value)]
-    )  # type: ignore[arg-type]
+    The run computes speeds by way of a percentage.
+    """
+    body: list[Instruction] = []
+    for item in reading.body:
+        if isinstance(item, Output):
+            number = item.signal.removeprefix("IO[").removesuffix("]")
+            body.append(Output(number, item.value))
+        elif isinstance(item, MoveJ | MoveL | MoveC):
+            body.append(replace(item, speed=float(f"{item.speed:.9g}")))
+        else:
+            body.append(item)
+    return Reading(body, reading.lines, ())
 
 
 def test_procedures_that_call_each_other_twice_end_at_once() -> None:

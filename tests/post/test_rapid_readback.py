@@ -30,28 +30,16 @@ from camgen.post import Fault, Reading
 from camgen.post.plugins import make_post
 from camgen.read.rapid.plain import read_plain
 from tests.support.examples import is_night
+from tests.support.fast_paths import list_values
 from tests.support.rapid_texts import E9, POINT, START, TAIL, TOOL, WORK, changed, program
 from tests.support.whole import whole
-
-
-def plain(value: object) -> object:
-    """Anything in a reading as what ``==`` compares."""
-    if isinstance(value, Pose):
-        return value.rotation.tolist(), value.origin
-    if isinstance(value, (MoveJ, MoveL, MoveC)):
-        return type(value), [plain(getattr(value, name)) for name in type(value).__struct_fields__]
-    return value
-
-
-def said(reading: Reading) -> list[object]:
-    body = [plain(item) for item in reading.body]
-    return [body, reading.lines, reading.faults, plain(reading.work), plain(reading.tool)]
 
 
 def both(files: Mapping[str, str], options: Mapping[str, object]) -> Reading:
     """The reading, which is the same either way."""
     reading = read(files, options)
-    assert said(reading) == said(read_with(files, options, plain=False))
+    general = read_with(files, options, plain=False)
+    assert list_values(reading, False) == list_values(general, False)
     return reading
 
 

@@ -11,6 +11,8 @@ from camgen.post.plugins import fill_tables, find_post, find_readback, make_post
 from camgen.post.verify import compare
 from tests.support.whole import whole
 
+Options = Mapping[str, object]
+
 
 class Sample:
     """A program with its text, its post and its read-back.
@@ -25,7 +27,7 @@ class Sample:
         self,
         post: str,
         source: str | Sequence[Instruction],
-        options: Mapping[str, object] | None = None,
+        options: Options | None = None,
         readback: str = "",
     ) -> None:
         """`post` and `readback` are names; an empty `readback` has the name of the post."""
@@ -42,14 +44,18 @@ class Sample:
         return self.post.prepare(Program("part", *frames, whole(self.source)), 0.01)
 
     @cached_property
+    def written(self) -> str:
+        """The text, whether or not the read-back takes it."""
+        if isinstance(self.source, str):
+            return self.source
+        (file,) = self.post.render(self.prepared)
+        return file.text
+
+    @cached_property
     def text(self) -> str:
         """The text, in which the read-back finds nothing."""
-        text = self.source
-        if not isinstance(text, str):
-            (file,) = self.post.render(self.prepared)
-            text = file.text
-        assert self.list_faults(text) == ()
-        return text
+        assert self.list_faults(self.written) == ()
+        return self.written
 
     def read_back(self, text: str) -> Reading:
         """The reading of a text."""
