@@ -2,7 +2,6 @@
 
 import pytest
 
-from camgen.post import Fault, Remark
 from tests.post.changes import gcode, grbl, krl, pacscript, rapid, vplus
 from tests.support.changes import Change, check_change
 from tests.support.samples import Sample
@@ -19,8 +18,8 @@ ROWS = []
 for language, table in TABLES.items():
     for change in table.CHANGES:
         program = table.PROGRAMS[change.program]
-        kind = change.kind.__name__.lower() if change.words else "taken"
-        name = "-".join((language, change.program, kind, change.words[:40], change.after[:20]))
+        values = (change.program, change.kind, change.words[:40], change.after[:20])
+        name = "-".join((language, *values))
         ROWS.append(pytest.param(program, change, id=name))
 
 
@@ -33,14 +32,14 @@ def test_a_changed_program_has_its_finding(program: Sample, change: Change) -> N
 def test_a_row_that_is_wrong_in_one_value_fails(language: str) -> None:
     table = TABLES[language]
     row = table.CHANGES[0]
-    other_kind = Remark if row.kind is Fault else Fault
+    other_kind = "remark" if row.kind == "fault" else "fault"
     wrong_rows = [
         row._replace(words=f"{row.words}."),
         row._replace(kind=other_kind),
         row._replace(times=row.times + 1),
         row._replace(others=not row.others),
         row._replace(line=99),
-        row._replace(words="", kind=Remark, times=0, others=False),
+        row._replace(kind="deviation"),
         row._replace(before="not in the text"),
         row._replace(after=row.before),
     ]

@@ -3,10 +3,8 @@
 import pytest
 from camgen_posts.readback.pacscript import read
 
-from camgen.model.errors import VerifyError
-from camgen.model.program import MoveJ, MoveL
 from camgen.post import Remark
-from tests.post.changes.pacscript import PROGRAMS, TARGET, at, sample
+from tests.post.changes.pacscript import PROGRAMS, TARGET
 
 
 def test_the_internal_speed_is_left_alone_where_motions_run_at_it() -> None:
@@ -28,31 +26,10 @@ def test_the_internal_speed_is_left_alone_where_motions_run_at_it() -> None:
     ]
 
 
-def test_another_radius_of_a_blend_is_found_where_it_is_in_mm() -> None:
-    path = (MoveJ(at(0, 0, 20), 100.0), MoveL(at(9, 0, 20), 20.0, 2.0), MoveL(at(9, 9, 20), 20.0))
-    program = sample(path, {"pass_mark": "mm"})
-    assert program.text.count("@2 ") == 1
-    program.verify(program.text)
-    with pytest.raises(VerifyError, match="blend reads 3, planned is 2"):
-        program.verify(program.change("@2 ", "@3 "))
-
-
 def test_a_fault_is_told_before_a_remark_of_its_line() -> None:
     plain = PROGRAMS["plain"]
     faults = plain.list_faults(plain.change(TARGET, "(, 2, x)"))
     assert [isinstance(fault, Remark) for fault in faults] == [False, True, True]
-
-
-def test_an_arc_ends_in_the_figure_in_which_it_starts() -> None:
-    plain = PROGRAMS["plain"]
-    text = plain.text
-    (arc,) = (line for line in text.splitlines() if "Move C" in line)
-    faults = plain.list_faults(plain.change(arc, arc.replace(", 5)", ", 1)")))
-    assert [(isinstance(fault, Remark), fault.what) for fault in faults] == [
-        (False, "from figure 5 to 1 along an arc"),
-        (True, "from figure 1 to 5 along a line"),
-    ]
-    assert text.splitlines()[faults[0].line - 1] == arc
 
 
 def test_a_figure_that_is_left_open_is_not_held_against_the_next() -> None:
@@ -67,15 +44,6 @@ def test_a_figure_that_is_left_open_is_not_held_against_the_next() -> None:
     other = [line.replace(", 5)", ", 1)") if k >= arc else line for k, line in enumerate(opened)]
     assert read({"a": "".join(opened)}, {}).faults == ()
     assert read({"a": "".join(other)}, {}).faults == ()
-
-
-def test_a_change_has_its_line() -> None:
-    text = PROGRAMS["plain"].text
-    lines = text.splitlines()
-    (fault,) = read({"a": text.replace("ChangeTool 1", "ChangeTool 2")}, {}).faults
-    assert fault.line == next(k for k, line in enumerate(lines, 1) if "Move P" in line)
-    (fault,) = read({"a": text.replace("Delay 150", "Delay 0.15")}, {}).faults
-    assert lines[fault.line - 1] == "    Delay 150"
 
 
 @pytest.mark.parametrize(

@@ -796,46 +796,6 @@ def test_force_control_is_ended_before_the_first_motion_and_by_an_error() -> Non
     assert "FCDeact" not in posted(ONE)[1]["plate.mod"]
 
 
-UNASKED = r"fcdeact without IF FCIsForceMode\(\): it may be an error where force control is off"
-
-
-@pytest.mark.parametrize(
-    ("before", "after", "what"),
-    [
-        (
-            ASKED,
-            "",
-            "instruction 1: instruction reads MoveJ to 6 joint values, planned is force 0 N",
-        ),
-        (ASKED, "        FCDeact;\n", UNASKED),
-        (f"camSafe;\n{ASKED}", "camSafe;\n        FCDeact;\n", UNASKED),
-        (
-            ASKED,
-            "        IF FCIsForceMode() FCAct;\n",
-            r"IF is read as IF FCIsForceMode\(\) FCDeact; alone",
-        ),
-        (ASKED, "        IF NOT FCIsForceMode() FCDeact;\n", "IF is a statement that is not read"),
-        (
-            "        SetDO doProcess,0;\n",
-            "",
-            "instruction 0: instruction reads force 0 N, planned is output process 0",
-        ),
-    ],
-)
-def test_what_puts_off_at_the_start_is_verified(before: str, after: str, what: str) -> None:
-    plan = pressing(Output("process", 1), pressed(0), pressed(0.1), Output("process", 0))
-    prepared, files = posted(plan)
-    wrong = files["plate.mod"].replace(before, after, 1)
-    with pytest.raises(VerifyError, match=what):
-        compare(
-            prepared,
-            read({"a": wrong}, {}),
-            Rapid().tolerance(),
-            Rapid().list_verified(),
-            "plate.mod",
-        )
-
-
 def test_an_end_of_force_control_that_does_not_ask_is_read() -> None:
     """In programs from elsewhere it stands after pressing; there it is right, and remarked on alone."""
     end = f"FCPressEnd {POINT},v5,t1\\WObj:=w1;\nFCDeact;"

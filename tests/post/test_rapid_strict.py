@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from camgen_posts.rapid.force import arc_fault, find_round
 
-from camgen.model.errors import Refused, VerifyError
+from camgen.model.errors import Refused
 from camgen.model.pose import IDENTITY, TOOL_DOWN, Pose, frozen, rotation_about
 from camgen.model.program import Force, Joints, MoveC, MoveJ, MoveL
 from camgen.post import Remark
@@ -91,17 +91,6 @@ def test_each_section_that_was_planned_with_a_calibration_has_it() -> None:
     )
     low = (*PRESSED[:-1], MoveL(at(30, 0, 0.5), 20.0), *again, MoveL(at(20, 0, 30), 20.0))
     assert sample(low, {"force_load": "lTool"}).text.count("FCCalib lTool;") == 1
-
-
-def test_the_orientation_at_a_circle_point_is_compared() -> None:
-    """It tells in which sense the tool turns (MoveC)."""
-    cut = PROGRAMS["cut"]
-    cut.verify(cut.text)
-    orientation = f"{VIA},[0.0000000,1.0000000,"
-    text = cut.change(orientation, f"{VIA},[1.0000000,0.0000000,")
-    assert cut.list_faults(text) == ()
-    with pytest.raises(VerifyError, match="orientation half-way reads"):
-        cut.verify(text)
 
 
 def test_an_arc_whose_circle_point_is_near_an_end_is_split() -> None:

@@ -869,18 +869,6 @@ def remarks(text: str, options: dict[str, object]) -> list[tuple[int, str]]:
     return [(f.line, f.what) for f in read({"a": text}, options).faults if isinstance(f, Remark)]
 
 
-def test_the_words_of_post_posture_stand_before_the_first_move() -> None:
-    asked: dict[str, object] = {"rated": 1000.0, "posture": ["RIGHTY"]}
-    what = "post.posture asks for RIGHTY before the first MOVE"
-    assert remarks(BRACKET, asked) == []
-    assert remarks(BRACKET.replace("    RIGHTY\n", ""), asked) == [(15, what)]
-    late = BRACKET.replace("    RIGHTY\n", "").replace("    BREAK\n", "    BREAK\n    RIGHTY\n", 1)
-    assert remarks(late, asked) == [(15, what)]
-    assert remarks(BRACKET.replace("RIGHTY", "LEFTY"), asked) == [(16, what)]
-    other = BRACKET.replace("    WAIT.EVENT", "    LEFTY\n    WAIT.EVENT")
-    assert remarks(other, asked) == [(24, what)]
-
-
 def test_what_a_call_keeps_is_not_taken_for_granted() -> None:
     """Speed and posture are said again after a CALL and after its RETURN."""
     head = [

@@ -3,9 +3,19 @@
 import math
 from collections.abc import Mapping, Sequence
 
-from camgen.model.pose import TOOL_DOWN, Pose
-from camgen.model.program import Instruction, Joints, MoveC, MoveJ, MoveL, Output, Posture, Wait
-from tests.support.changes import fault, remark, taken
+from camgen.model.pose import TOOL_DOWN, Pose, frozen, rotation_about
+from camgen.model.program import (
+    Force,
+    Instruction,
+    Joints,
+    MoveC,
+    MoveJ,
+    MoveL,
+    Output,
+    Posture,
+    Wait,
+)
+from tests.support.changes import deviation, fault, remark, taken
 from tests.support.samples import Sample
 
 HOME = MoveJ(Joints(tuple(math.radians(v) for v in (0.0, 0.0, 90.0, 0.0, 30.0, 0.0))), 100.0)
@@ -32,6 +42,24 @@ SPEEDS = (
     MoveL(at(0, 0), 12.5),
     MoveL(at(20, 0), 20.0),
 )
+#: Two outputs and a force, which are put off before the first motion.
+PRESSING = (
+    MoveL(at(1, 0), 20.0),
+    Output("process", 1.0),
+    Force(9.0, (0.0, 1.0, 0.0)),
+    MoveL(at(2, 0), 20.0, 0.0, 9.0, (0.0, 1.0, 0.0)),
+    Force(0.0),
+    Output("process", 0.0),
+    Output("coolant", 0.0),
+    MoveL(at(2, 0, 20), 20.0),
+)
+TEMPLATE = {"force": "template", "signals": {"process": 24, "coolant": 7}}
+#: 0.123456 of the speeds of the joints.
+SHARED = (MoveJ(at(0, 0, 20), 60.0, share=0.123456), MoveL(at(0, 0), 12.5))
+#: A quarter turn at 60 deg/s: 12 % of the 500 deg/s that are 100 %.
+TURNED = Pose(frozen(rotation_about(2, math.pi / 2) @ TOOL_DOWN), (0.0, 0.0, 0.0))
+QUARTER = (MoveL(at(0, 0), 12.5), MoveL(TURNED, 20.0, turn=math.radians(60.0)))
+BLENDED = (MoveJ(at(0, 0, 20), 100.0), MoveL(at(9, 0, 20), 20.0, 2.0), MoveL(at(9, 9, 20), 20.0))
 OTHER = {"tool": 3, "work": 2, "ext_speed": 50.0, "accel": 80.0, "define": True}
 
 
@@ -45,14 +73,19 @@ PROGRAMS = {
     "other": sample(CUT, OTHER),
     "parts": sample(CUT, {"max_lines": 5}),
     "mm": sample(CUT, {"pass_mark": "mm"}),
+    "blended": sample(BLENDED, {"pass_mark": "mm"}),
     "force": sample(CUT, {"force": "template"}),
     "small": sample(SPEEDS),
+    "pressing": sample(PRESSING, TEMPLATE),
+    "shared": sample(SHARED),
+    "turning": sample(QUARTER),
 }
 GIVE = "    GiveArm\nEnd Sub"
 OUT = "        GiveArm\n        Exit Sub\n"
 TARGET = "P(30.000, 0.000, 0.000, 180.0000, 0.0000, 0.0000, 5)"
 VIA = "P(5.000, 2.000, 0.000, 180.0000, 0.0000, 0.0000, 5)"
 ARC_END = "P(10.000, 0.000, 0.000, 180.0000, 0.0000, 0.0000, 5)"
+ARC = f"{VIA}, @0 {ARC_END}"
 HOME_JOINTS = "J(0.0000, 0.0000, 90.0000, 0.0000, 30.0000, 0.0000)"
 NO_TYPE, NOBODY = "no type", "nobody"
 OTHERWISE = "Mps is asked otherwise than by the programs of the post"
@@ -64,6 +97,7 @@ ASSIGNED = "a variable gets a value, outside the question of the post for Mps"
 ARM = "depends on the arm"
 UNIT = "as the controller reads Mps in mm/s or in m/s; give the option mps"
 LINE = "    Move L"
+TURNING, PLANNED = "speed of turning reads", "planned is 1.047198"
 
 CHANGES = [
     fault("plain", "    Set IO[24]", "    Motor Off\n    Set IO[24]", "a motion with the motor off",
@@ -113,7 +147,7 @@ CHANGES = [
           "parameters that cannot be read"),
     remark("plain", "    ChangeTool 1\n", "", "tool 0 is on, by post.tool it is 1"),
     remark("plain", "    ChangeWork 1\n", "", "work 0 is on, by post.work it is 1"),
-    remark("plain", "ChangeTool 1", "ChangeTool 2", "tool 2 is on, by post.tool it is 1"),
+    remark("plain", "ChangeTool 1", "ChangeTool 2", "tool 2 is on, by post.tool it is 1", 2),
     remark("other", "ChangeWork 2", "ChangeWork 1", "work 1 is on, by post.work it is 2"),
     remark("plain", "    ChangeTool 1", "    Tool 1, P(0, 0, 9)\n    ChangeTool 1",
            "tool 1 is written to the controller, though post.define does not ask for it"),
@@ -130,7 +164,7 @@ CHANGES = [
            "@0 P(30.000, 0.000, 0.000, 180.0000, 0.0000, 0.0000, 1)",
            "from figure 5 to 1 along a line", others=True),
     remark("plain", "Delay 150", "Delay 0.15",
-           "a delay of 0.15 ms, no whole number; seconds are not meant"),
+           "a delay of 0.15 ms, no whole number; seconds are not meant", 0),
     remark("plain", "    ChangeTool 1", "    ExtSpeed 100\n    ChangeTool 1",
            "ExtSpeed 100, by post.ext_speed it is 0: none"),
     remark("plain", GIVE, f"    ExtSpeed 100\n{GIVE}",
@@ -243,4 +277,23 @@ CHANGES = [
           "If is not evaluated, up to line 12"),
     fault("small", " Or ", " Or 1 < 2 And ", "And beside Or is not evaluated", others=True),
     fault("small", " < 0.5", " = 0.5", "Mps(100 * unit) = 0.5 is not evaluated", others=True),
+    fault("plain", ARC, ARC.replace(", 5)", ", 1)"), "from figure 5 to 1 along an arc", 0,
+          others=True),
+    remark("plain", ARC, ARC.replace(", 5)", ", 1)"), "from figure 1 to 5 along a line", 1,
+           others=True),
+    deviation("blended", "@2 ", "@3 ", "blend reads 3, planned is 2"),
+    deviation("pressing", "    Reset IO[24]\n", "",
+              "instruction 0: instruction reads output coolant 0, planned is output process 0"),
+    deviation("pressing", "    Reset IO[7]\n", "",
+              "instruction 1: instruction reads force 0 N, planned is output coolant 0"),
+    deviation("pressing", "    ForceCtrl False ' verify\n", "",
+              "instruction 2: instruction reads MoveJ to 6 joint values, planned is force 0 N"),
+    deviation("shared", "= 12.3456\n", "= 12.3457\n", "share of the joints' speeds reads"),
+    deviation("shared", "= 12.3456\n", "= Mps(60 * unit)\n",
+              "share of the joints' speeds reads 0,"),
+    deviation("turning", "= 12\n", "= 100\n", f"{TURNING} 8.726646, {PLANNED}"),
+    deviation("turning", "= 12\n", "= 12.0002\n", f"{TURNING} 1.047215, {PLANNED}"),
+    deviation("turning", "= 12\n", "= 11.9998\n", f"{TURNING} 1.04718, {PLANNED}"),
+    deviation("turning", "= 12\n", "= Mps(20 * unit)\n", f"{TURNING} 0, {PLANNED}"),
+    fault("turning", "= 12\n", "= Mps(20)\n", f"20 or 20000 mm/s, {UNIT}"),
 ]  # fmt: skip

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 from camgen.model.pose import TOOL_DOWN, Pose
 from camgen.model.program import Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Posture
-from tests.support.changes import fault, remark
+from tests.support.changes import deviation, fault, remark
 from tests.support.samples import Sample
 
 PRESS = (0.0, 0.0, -1.0)
@@ -86,6 +86,7 @@ BANNER = "a banner other than %%% / VERSION:1 / LANGUAGE:ENGLISH / %%%"
 UNSETTLED = "FCCalib without WaitTime\\InPos right before it: the arm may still swing"
 ORDER = "the ERROR handler of main switches off in another order than posts do, force control last"
 VIA = "MoveC [[5.000,2.000,0.000]"
+UNASKED = "fcdeact without IF FCIsForceMode(): it may be an error where force control is off"
 
 CHANGES = [
     fault("cut", VIA, "MoveC [[5.000,50.000,0.000]", "an arc of 337 deg; MoveC takes up to 240", 0),
@@ -148,6 +149,19 @@ CHANGES = [
     remark("glued", "    PROC camSafe()\n" + PROCESS_OFF + AIR_OFF,
            "    PROC camSafe()\n" + AIR_OFF + PROCESS_OFF, ORDER),
     remark("ground", "        camSafe;\n" + DEACT, DEACT + "        camSafe;\n", ORDER),
+    # The orientation at the circle point gives the sense in which the tool turns (MoveC).
+    deviation("cut", f"{VIA},[0.0000000,1.0000000,", f"{VIA},[1.0000000,0.0000000,",
+              "orientation half-way reads"),
+    deviation("ground", DEACT, "",
+              "instruction 1: instruction reads MoveJ to 6 joint values, planned is force 0 N"),
+    deviation("ground", PROCESS_OFF, "",
+              "instruction 0: instruction reads force 0 N, planned is output process 0"),
+    remark("ground", DEACT, "        FCDeact;\n", UNASKED),
+    remark("ground", f"camSafe;\n{DEACT}", "camSafe;\n        FCDeact;\n", UNASKED),
+    fault("ground", DEACT, "        IF FCIsForceMode() FCAct;\n",
+          "IF is read as IF FCIsForceMode() FCDeact; alone"),
+    fault("ground", DEACT, "        IF NOT FCIsForceMode() FCDeact;\n",
+          "IF is a statement that is not read"),
     remark("cut", CONFJ, "", "a configuration of zeros, and ConfJ is not off"),
     remark("cut", CONFL, "", "a configuration of zeros, and ConfL is not off"),
     remark("stated", CONFL, CONFL.replace("Off", "On"), "ConfL is on, though post.conf is state"),

@@ -42,7 +42,10 @@ BRACKET = """\
     RETURN
 .END
 """
-PROGRAMS = {"bracket": Sample("vplus", BRACKET, {"rated": 1000.0})}
+PROGRAMS = {
+    "bracket": Sample("vplus", BRACKET, {"rated": 1000.0}),
+    "right": Sample("vplus", BRACKET, {"rated": 1000.0, "posture": ["RIGHTY"]}),
+}
 
 NO_OUTPUT, SAID = "no output", "said"
 UNSAID = f"not {SAID} before the first motion: the program before may have left it otherwise"
@@ -60,7 +63,9 @@ SHARED_BY = (
     " which other programs share and which outlives this one"
 )
 HEADER = ".PROGRAM bracket_top()"
-POINT = "    MOVE #PPOINT(0, 45, 50, 0)\n    BREAK\n    SPEED 12.5"
+FIRST_MOVE = "    MOVE #PPOINT(0, 45, 50, 0)\n    BREAK\n"
+POSTURE = "post.posture asks for RIGHTY before the first MOVE"
+POINT = f"{FIRST_MOVE}    SPEED 12.5"
 
 CHANGES = [
     fault("bracket", "    RETURN", "    MOVE cg.work:NULL\n    BREAK",
@@ -146,4 +151,8 @@ CHANGES = [
            0),
     remark("bracket", "    RIGHTY", "    SPEED 50 MONITOR",
            "SPEED MONITOR sets the operator's speed, for other programs too", 0, others=True),
+    remark("right", "    RIGHTY\n", "", POSTURE, 0),
+    remark("right", f"    RIGHTY\n{FIRST_MOVE}", f"{FIRST_MOVE}    RIGHTY\n", POSTURE, 0),
+    remark("right", "RIGHTY\n", "LEFTY\n", POSTURE, 1),
+    remark("right", "    WAIT.EVENT", "    LEFTY\n    WAIT.EVENT", POSTURE, 0),
 ]  # fmt: skip
