@@ -2,6 +2,7 @@
 
 import pytest
 
+from camgen.model.errors import VerifyError
 from tests.post.changes import gcode, grbl, krl, pacscript, rapid, vplus
 from tests.support.changes import Change, check_change
 from tests.support.samples import Sample
@@ -46,6 +47,16 @@ def test_a_row_that_is_wrong_in_one_value_fails(language: str) -> None:
     for wrong in wrong_rows:
         with pytest.raises(AssertionError):
             check_change(table.PROGRAMS[row.program], wrong)
+
+
+def test_a_row_of_another_kind_fails() -> None:
+    first_rows = {row.kind: row for row in reversed(pacscript.CHANGES)}
+    assert len(first_rows) == 4
+    for row in first_rows.values():
+        for kind in first_rows.keys() - {row.kind}:
+            wrong = row._replace(kind=kind, words=row.words or "a deviation")
+            with pytest.raises((AssertionError, VerifyError, pytest.fail.Exception)):
+                check_change(pacscript.PROGRAMS[row.program], wrong)
 
 
 @pytest.mark.parametrize("language", TABLES)

@@ -55,7 +55,11 @@ def taken(*values: str) -> Change:
 
 
 def check_change(sample: Sample, change: Change) -> None:
-    """Raises AssertionError if the findings of the changed text are not those of the row."""
+    """Fails if the findings of the changed text are not those of the row.
+
+    Raises AssertionError, VerifyError if the row states the same program, or pytest's Failed if it
+    states another program.
+    """
     text = sample.change(change.before, change.after)
     assert text != sample.text
     findings = sample.list_faults(text)
