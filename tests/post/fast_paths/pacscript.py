@@ -34,7 +34,7 @@ MOVED = {
     "force_off": [" move l, @P P(1.000, 2.000, {z}), Speed = Mps(0.02)"],
 }
 SIGNED = {"force_on": ["{n} {x} {y} {z}"], "force_off": ["stop"]}
-#: A character that is not ASCII, and that is one in another case.
+#: The upper case of this letter is `S`, so that a line may start with either: no fast path.
 LONG_S = {**SIGNED, "force_off": ["ſtop"]}
 BY_HAND = """\
 ' several procedures, a block, speeds of every kind
@@ -119,11 +119,9 @@ STOP|Move L, @P P(1.000, 2.000, 3.000), Speed = Mps(0.02)|Frobnicate 5|IO[24] = 
 STATEMENTS = _STATEMENTS.replace("\n", "|").split("|")
 NUMBERS = [
     "-0", "0", "-0.0", "-0.000", "00.5", "007", "1.", ".5", "1e3", "+1.0", "--1.0", "1234567890.0",
-    "", " 1.0", "123456789.5", "0.1234567891", "h", "v", "1/2",
-    "9" * 60,
-    "9" * 60 + ".5", "1 ", "\t2.0", "1.0", "&HF",
-    "１.0", "1.0.0", "1 2", "-", ".", "1,", "1, 2", "1.0, 2.0, 3.0, 4.0, 5.0", "(1.0)", "180",
-    "3.25",
+    "", " 1.0", "123456789.5", "0.1234567891", "h", "v", "1/2", "9" * 60, "9" * 60 + ".5", "1 ",
+    "\t2.0", "1.0", "&HF", "１.0", "1.0.0", "1 2", "-", ".", "1,", "1, 2",
+    "1.0, 2.0, 3.0, 4.0, 5.0", "(1.0)", "180", "3.25",
 ]  # fmt: skip
 WORDS = [
     "Move", "move", "L", "P", "C", "l", "S", "PTP", "T", "J", "Speed", "S", "speed", "Mps", "MPS",
@@ -169,11 +167,15 @@ PATH = FastPath(
 
 
 def list_around_motions(statement: str) -> Iterator[tuple[str, Options]]:
-    """Texts with a statement among motions: at each place or each fourth, with all options."""
+    """Texts with a statement at each place without options, at each fourth with each options.
+
+    At night they are at each place with each options.
+    """
     rows = BY_HAND.split("\n")
     places = (0, 3, 8, 11, 15, 23, 26, 28, 33)
     for number, options in enumerate((PERCENT, CALLED, MOVED, LONG_S, {})):
-        for place in places if is_night() or not options else places[number::4]:
+        fewer_places = options and not is_night()
+        for place in places[number::4] if fewer_places else places:
             yield "\n".join([*rows[:place], statement, *rows[place:]]), options
 
 
@@ -181,7 +183,8 @@ def list_within_motions(spelling: str) -> Iterator[tuple[str, Options]]:
     """Texts with a spelling instead of each token of a straight line and of an arc."""
     rows = BY_HAND.split("\n")
     before, after = rows[:9], [*rows[10:12], *rows[34:36]]
-    for row in (rows[10].strip(), rows[16].strip()):
+    straight, arc = rows[10].strip(), rows[16].strip()
+    for row in (straight, arc):
         for pattern in (NUMBER, WORD, MARK):
             for token in pattern.finditer(row):
                 changed = row[: token.start()] + spelling + row[token.end() :]

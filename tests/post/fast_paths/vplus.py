@@ -22,7 +22,7 @@ def printed(options: Options, turning: bool = False) -> str:
 
 
 ON_CONTROLLER = {"declare": False, "tool": "pen", "work": "wf"}
-PIECES = {"max_lines": 12}
+DIVIDED = {"max_lines": 12}
 BY_HAND = """\
 ; several frames, loops, settings that hold once
 .PROGRAM main()
@@ -74,8 +74,8 @@ TEXTS = [
     (BY_HAND, {}),
     (BY_HAND, {"declare": False, "tool": "other", "work": "sub.frame"}),
     (printed({}), {}),
-    (printed(PIECES), PIECES),
-    (printed(PIECES).replace("\n", "\r\n"), {}),
+    (printed(DIVIDED), DIVIDED),
+    (printed(DIVIDED).replace("\n", "\r\n"), {}),
     (printed(NAMED), {}),
     (printed(ON_CONTROLLER), ON_CONTROLLER),
     (printed(COARSE, turning=True), {"rated": 900.0}),
