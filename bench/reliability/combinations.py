@@ -19,117 +19,48 @@ status is 1 if there is a miss.
 from __future__ import annotations
 
 import argparse
-import json
-import multiprocessing
-import os
 import re
-import resource
-import select
 import shlex
 import signal
 import sys
 import tempfile
 import time
-from argparse import Namespace
 from collections import Counter
 from collections.abc import Sequence
-from importlib import import_module
 from pathlib import Path
-from pkgutil import walk_packages
 from typing import NamedTuple
 
 from bench.machine import machine
+from bench.reliability.commands import Ending, find_fault, map_cases, run_command
 from bench.reliability.drawn_jobs import POSTS, Case, draw_case, list_settings
+from bench.support.children import Limits, run_in_child
 from bench.support.runner import ROOT, Table
 
-#: Seconds of the processor and of the clock that a build may take.
-PROCESSOR_SECONDS, CLOCK_SECONDS = 60, 300
-#: Bytes of address space that a build may have.
-MEMORY = 8 * 1024**3
-#: Packages that builds import.
-_FOLDERS = (
-    *(f"camgen.{name}" for name in ("read", "collision", "plan", "order", "lower", "check")),
-    *("camgen.post", "camgen.pipeline", "camgen.cli", "postprocessors"),
-)
+#: A build may take 60 s of the processor, 300 s by the clock and 8 GB.
+LIMITS = Limits(memory=8 * 1024**3, processor=60, clock=300.0)
 #: A sentence of this form says what to give, and needs no remedy beside it.
 _SAYS_WHAT_TO_GIVE = re.compile(r"\bmust be\b.*, not ", re.DOTALL)
-
-
-class Ending(NamedTuple):
-    """How the process of a case ended.
-
-    code: exit code of the command; None if the process ended without one.
-    signal: signal that ended the process, 0 if none.
-    fields: file, what, where and remedy of the error that the command reports; empty if none.
-    messages: text on standard error.
-    left: names of the files in the folder afterwards.
-    """
-
-    code: int | None
-    signal: int
-    fields: tuple[str, ...]
-    messages: str
-    left: tuple[str, ...]
 
 
 class Run(NamedTuple):
     """A case that was built.
 
     code: exit code of the command; None if the process ended without one.
-    line: the first line of error, empty without an error.
     miss: the reason why the build is a miss, empty if it is good.
     """
 
     case: Case
     code: int | None
-    line: str
     miss: str
 
 
 def run_case(case: Case) -> Run:
     """Builds a case in a process of its own, which has the state of a fresh program."""
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        (folder / "built").mkdir()
-        ready, result = os.pipe()
-        child = os.fork()
-        if child == 0:
-            os.close(ready)
-            _build(case, folder, result)
-        os.close(result)
-        ending = _wait(child, ready, folder)
-    error = next((line for line in ending.messages.splitlines() if _is_error(line)), "")
-    return Run(case, ending.code, error, find_miss(case, ending))
-
-
-def _build(case: Case, folder: Path, result: int) -> None:
-    """The child: runs the command, writes code and error to `result`, and ends the process."""
-    import camgen.cli.build as command  # noqa: PLC0415 (the worker alone imports the program)
-    from camgen.cli import main  # noqa: PLC0415
-    from camgen.cli.say import Voice  # noqa: PLC0415
-    from camgen.model.errors import CamgenError  # noqa: PLC0415
-
-    resource.setrlimit(resource.RLIMIT_CPU, (PROCESSOR_SECONDS, PROCESSOR_SECONDS + 5))
-    resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
-    os.chdir(folder / "built")
-    for stream, name in ((1, "out"), (2, "err")):
-        os.dup2(os.open(folder / name, os.O_WRONLY | os.O_CREAT), stream)
-    fields: list[str] = []
-    build = command.run
-
-    def recorded(arguments: Namespace, says: Voice) -> int:
-        try:
-            return build(arguments, says)
-        except CamgenError as error:
-            fields.extend((error.file, error.what, error.where, error.remedy))
-            raise
-
-    command.run = recorded
-    code = main([_absolute(word) for word in case.words])
-    sys.stdout.flush()
-    sys.stderr.flush()
-    os.write(result, json.dumps([code, fields]).encode())
-    os._exit(0)
+    words = [_absolute(word) for word in case.words]
+    with tempfile.TemporaryDirectory() as folder:
+        child = run_in_child(lambda: [run_command(words, Path(folder))], LIMITS)
+    ending = child.results[0] if child.results else Ending(None, child.signal, (), "", ())
+    return Run(case, ending.code, find_miss(case, ending))
 
 
 def _absolute(word: str) -> str:
@@ -137,50 +68,18 @@ def _absolute(word: str) -> str:
     return str(ROOT / word) if word.startswith("fixtures/") else word
 
 
-def _wait(child: int, ready: int, folder: Path) -> Ending:
-    """How the child ends; it is killed when its time is up."""
-    answered, _, _ = select.select([ready], [], [], CLOCK_SECONDS)
-    if not answered:
-        os.kill(child, signal.SIGKILL)
-    with open(ready, "rb") as stream:
-        answer = stream.read()
-    _, status = os.waitpid(child, 0)
-    code, fields = json.loads(answer) if answer else (None, ())
-    end = signal.SIGXCPU if not answered else os.WTERMSIG(status) * os.WIFSIGNALED(status)
-    messages = ""
-    if (folder / "err").exists():
-        messages = (folder / "err").read_text(errors="replace")
-    left = sorted(path.name for path in (folder / "built").iterdir())
-    return Ending(code, int(end), tuple(fields), messages, tuple(left))
-
-
 def find_miss(case: Case, ending: Ending) -> str:
     """The reason why a build is a miss, empty if it is good."""
     if ending.signal == signal.SIGXCPU:
-        return f"no end within {PROCESSOR_SECONDS} s of the processor, {CLOCK_SECONDS} s in all"
-    if ending.signal:
-        return f"ended by signal {ending.signal}"
-    lines = [line for line in ending.messages.splitlines() if line.strip()]
-    last = lines[-1][:200] if lines else ""
-    if "Traceback" in ending.messages:
-        return f"traceback: {last}"
-    if ending.code not in (0, 2, 3):
-        return f"exit {ending.code}: {last}"
-    warning = next((line for line in lines if "Warning:" in line), "")
-    if warning:
-        return f"warning of a library: {warning[:200]}"
+        return f"no end within {LIMITS.processor} s of the processor, {LIMITS.clock:.0f} s in all"
+    fault = find_fault(ending)
+    if fault:
+        return fault
     if ending.code == 0:
         return "" if ending.left else "exit 0 without a program"
-    if ending.left:
-        return f"files left after a failure: {', '.join(ending.left)[:100]}"
-    errors = [line for line in lines if _is_error(line)]
-    if len(errors) != 1:
-        return f"{len(errors)} lines of error"
+    if not ending.errors:
+        return "0 lines of error"
     return find_silence(case, ending.fields) if ending.code == 2 else ""
-
-
-def _is_error(line: str) -> bool:
-    return line.startswith(("camgen: error:", "camgen: fault:"))
 
 
 def find_silence(case: Case, fields: Sequence[str]) -> str:
@@ -219,29 +118,16 @@ def names_setting(post: str, text: str, place: str) -> bool:
     return False
 
 
-def prepare_worker() -> None:
-    """Imports the program once; the processes of the cases are copies of this one."""
-    for folder in _FOLDERS:
-        package = import_module(folder)
-        for module in walk_packages(package.__path__, f"{folder}."):
-            import_module(module.name)
-    for post in POSTS:
-        list_settings(post)
-
-
 def measure(count: int, seed: int, first: int, processes: int) -> int:
     """Prints the table and the misses; returns the number of misses."""
     began = time.perf_counter()
     cases = [draw_case(seed, number) for number in range(first, first + count)]
-    os.environ["OPENBLAS_NUM_THREADS"] = "1"  # a process with threads must not fork
-    context = multiprocessing.get_context("spawn")
     runs = []
-    with context.Pool(processes, prepare_worker) as pool:
-        for run in pool.imap_unordered(run_case, cases):
-            runs.append(run)
-            if run.miss:
-                command = f"camgen {shlex.join(run.case.words)}"
-                print(f"case {run.case.number}: {run.miss}\n    {command}", flush=True)
+    for run in map_cases(run_case, cases, processes):
+        runs.append(run)
+        if run.miss:
+            command = f"camgen {shlex.join(run.case.words)}"
+            print(f"case {run.case.number}: {run.miss}\n    {command}", flush=True)
     print(f"\n{machine()}; {time.perf_counter() - began:.0f} s")
     print_table(runs)
     return sum(bool(run.miss) for run in runs)

@@ -12,9 +12,6 @@ the same inputs. Exits with 1 if there is a miss.
 from __future__ import annotations
 
 import argparse
-import json
-import resource
-import subprocess
 import sys
 import tempfile
 import time
@@ -25,12 +22,13 @@ from hypothesis import HealthCheck, Phase, given, seed, settings
 
 from bench.machine import machine
 from bench.reliability.fuzzing.table import TABLE, Fuzzed, judge
+from bench.support.children import Limits, run_in_child
 from bench.support.runner import Table
-from bench.support.timing import peak_mb, python
+from bench.support.timing import peak_mb
 
 _NAMES = {one.name: one for one in TABLE}
 #: Bytes of an input that are printed, and of memory that a process may have.
-_PRINTED, _MEMORY = 3000, 4 * 1024**3
+_PRINTED, _LIMITS = 3000, Limits(memory=4 * 1024**3)
 
 
 class Ran(NamedTuple):
@@ -77,14 +75,11 @@ def _in_process(name: str, examples: int, start: int) -> Ran:
     """``fuzz`` in a process of its own."""
     with tempfile.TemporaryDirectory() as folder:
         last = Path(folder) / "last"
-        words = name, "--examples", examples, "--seed", start, "--last", last
-        command = python("bench.reliability.fuzz", *words)
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-        if done.returncode == 0:
-            return Ran(*json.loads(done.stdout.splitlines()[-1]))
+        child = run_in_child(lambda: [fuzz(_NAMES[name], examples, start, last)], _LIMITS)
+        if child.results:
+            return Ran(*child.results[0])
         data = last.read_bytes() if last.exists() else b""
-        said = (done.stderr.splitlines() or [""])[-1]
-        return Ran(0, 0, f"ended with {done.returncode}: {said}: {data[:_PRINTED]!r}", 0.0, 0)
+        return Ran(0, 0, f"ended by signal {child.signal}: {data[:_PRINTED]!r}", 0.0, child.peak)
 
 
 def main() -> int:
@@ -99,14 +94,9 @@ def main() -> int:
     parser.add_argument(
         "--seed", type=int, default=0, metavar="N", help="another number, other inputs"
     )
-    parser.add_argument("--last", type=Path, help=argparse.SUPPRESS)
     words = parser.parse_args()
     if words.examples < 1:
         parser.error("--examples: give 1 or more")
-    if words.last:
-        resource.setrlimit(resource.RLIMIT_AS, (_MEMORY, _MEMORY))
-        print(json.dumps(fuzz(_NAMES[words.names[0]], words.examples, words.seed, words.last)))
-        return 0
     print(machine())
     table = Table(
         "input | examples {:,} | read {:,} | refused {:,} | misses | seconds {:.0f} | peak MB {:.0f}"

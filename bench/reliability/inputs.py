@@ -13,31 +13,28 @@ there is any.
 
 from __future__ import annotations
 
-import io
-import json
-import os
 import random
 import re
-import resource
-import select
 import shutil
-import subprocess
+import signal
 import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import redirect_stderr, redirect_stdout
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
 from bench.machine import machine
+from bench.reliability.commands import Ending, find_fault, map_cases, run_command
+from bench.support.children import Limits, run_in_child
 from bench.support.runner import PARTS, ROOT, Table
-from bench.support.timing import peak_mb, python
 
-#: Seconds that a command may take, and bytes of memory that a process may have.
-SECONDS, MEMORY = 30, 2 * 1024**3
+#: A process has 8 GB of address space, a command 30 s; more than `MEMORY` MB in use is a miss.
+LIMITS, MEMORY = Limits(memory=8 * 1024**3, clock=30.0), 2 * 1024**3 / 1e6
+#: Mutants that a child runs one after the other.
+_CHUNK = 400
 POSTS = {"rapid": "mod", "pacscript": "pcs", "vplus": "v2", "gcode": "ngc", "grbl": "nc"}
 _BUILD = ("build", "--post", "gcode")
 _OUTPUTS = 'post.signals={dout0="doTool",spindle="aoSpindle"}'
@@ -162,7 +159,7 @@ MUTATIONS: dict[str, Mutation] = {
 }  # fmt: skip
 
 
-def mutant(kinds: dict[str, Reader], number: int) -> tuple[str, str, Path, bytes]:
+def mutant(kinds: Mapping[str, Reader], number: int) -> tuple[str, str, Path, bytes]:
     """Its kind, what is done to it, the sound file, and the bytes."""
     chance = random.Random(number)
     kind = list(kinds)[number % len(kinds)]
@@ -171,63 +168,13 @@ def mutant(kinds: dict[str, Reader], number: int) -> tuple[str, str, Path, bytes
     return kind, name, file, MUTATIONS[name](file.read_bytes(), chance)
 
 
-# The worker: one process that runs many mutants, and tells before each which one it is.
-
-
-def work(made: Path, numbers: Iterator[int], kinds: dict[str, Reader]) -> None:
-    """Runs the mutants, a line of JSON before and after each."""
-    from camgen.cli import main  # noqa: PLC0415 (this is what is tried)
-
-    resource.setrlimit(resource.RLIMIT_AS, (4 * MEMORY, 4 * MEMORY))
-    tell = os.fdopen(os.dup(1), "w")
-    for number in numbers:
-        kind, _, file, data = mutant(kinds, number)
-        folder = Path(tempfile.mkdtemp(dir=made))
-        source = folder / file.name
-        source.write_bytes(data)
-        words = [word.replace("{}", str(source)) for word in kinds[kind].words]
-        if words == list(kinds[kind].words):
-            words.append(str(source))
-        print(json.dumps({"number": number}), file=tell, flush=True)
-        out, err = io.StringIO(), io.StringIO()
-        os.chdir(folder)
-        with redirect_stdout(out), redirect_stderr(err):
-            code = main(words)
-        left = sorted(path.name for path in folder.iterdir() if path != source)
-        miss = _miss(code, err.getvalue(), left if words[0] == "build" else [])
-        ending = {"number": number, "code": code, "miss": miss, "peak": peak_mb()}
-        print(json.dumps(ending), file=tell, flush=True)
-        os.chdir(made)
-        shutil.rmtree(folder)
-
-
-def _miss(code: int, said: str, left: Sequence[str]) -> str:
-    """What is wrong with a run, empty if nothing is."""
-    lines = [line for line in said.splitlines() if line.strip()]
-    if "Traceback" in said:
-        return "traceback: " + lines[-1][:150]
-    if "Warning:" in said:
-        return "warning: " + next(line for line in lines if "Warning:" in line)[:150]
-    if code == 0:
-        return ""
-    errors = [line for line in lines if line.startswith("camgen: error:")]
-    # What verify finds wrong in a text is its answer, line by line.
-    if (
-        code not in (2, 3)
-        and not (code == 4 and not errors)
-        and not (code == 4 and "read back" not in said)
-    ):
-        return f"exit {code}: " + (lines or [""])[-1][:150]
-    if left:
-        return f"files are left: {', '.join(left)[:100]}"
-    return "" if len(errors) <= 1 else f"{len(errors)} errors: {errors[0][:120]}"
-
-
-# The parent: workers are started again behind a mutant that ends or stops one.
-
-
 class Run(NamedTuple):
-    """One mutant. code: of the command, none where the process ended. miss: what is wrong. peak: MB so far."""
+    """A mutant that was run.
+
+    code: exit code of the command; None if the process ended without one.
+    miss: the fault of how it ended, empty without one.
+    peak: the largest resident memory of its process, MB.
+    """
 
     number: int
     code: int | None
@@ -235,60 +182,63 @@ class Run(NamedTuple):
     peak: float
 
 
-def drive(made: Path, numbers: Sequence[int], names: Sequence[str]) -> list[Run]:
-    """Runs the mutants ``numbers`` in one process after the other."""
+def run_mutants(kinds: Mapping[str, Reader], folder: Path, numbers: Sequence[int]) -> list[Run]:
+    """Runs mutants in a child, and in a new one after each mutant that ends or stops it.
+
+    folder: the place of their files.
+    """
     runs: list[Run] = []
     while len(runs) < len(numbers):
         left = numbers[len(runs) :]
-        share = json.dumps([left[:400], names])
-        command = python("bench.reliability.inputs", "--work", made, share)
-        with subprocess.Popen(
-            command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=ROOT, text=True
-        ) as process:
-            runs += _listen(process, left[:400])
+        child = run_in_child(partial(_run_each, kinds, folder, left), LIMITS)
+        endings = list(child.results)
+        if len(endings) < len(left):
+            endings.append(Ending(None, child.signal, (), "", ()))
+        for number, ending in zip(left, endings, strict=False):
+            runs.append(Run(number, ending.code, _find_miss(ending), child.peak))
     return runs
 
 
-def _listen(process: subprocess.Popen[str], numbers: Sequence[int]) -> list[Run]:
-    runs: list[Run] = []
-    assert process.stdout is not None
-    limit = SECONDS + 30.0  # the first one imports the libraries
-    while len(runs) < len(numbers):
-        ready, _, _ = select.select([process.stdout], [], [], limit)
-        text = process.stdout.readline() if ready else ""
-        if not text:
-            process.kill()
-            process.wait()
-            what = (
-                f"the process ended by signal {-process.returncode}"
-                if ready
-                else f"no end within {SECONDS} s"
-            )
-            runs.append(Run(numbers[len(runs)], None, what, 0))
-            return runs
-        said = json.loads(text)
-        limit = SECONDS
-        if "code" in said:
-            runs.append(Run(said["number"], said["code"], said["miss"], said["peak"]))
-    return runs
+def _run_each(
+    kinds: Mapping[str, Reader], folder: Path, numbers: Sequence[int]
+) -> Iterator[Ending]:
+    """Runs mutants in turn. Files that commands other than a build leave do not count."""
+    for number in numbers:
+        kind, _, file, data = mutant(kinds, number)
+        with tempfile.TemporaryDirectory(dir=folder) as text:
+            source, work = Path(text) / file.name, Path(text) / "work"
+            work.mkdir()
+            source.write_bytes(data)
+            words = [word.replace("{}", str(source)) for word in kinds[kind].words]
+            if words == list(kinds[kind].words):
+                words.append(str(source))
+            ending = run_command(words, work)
+        yield ending if words[0] == "build" else ending._replace(left=())
+
+
+def _find_miss(ending: Ending) -> str:
+    if ending.signal == signal.SIGXCPU:
+        return f"no end within {LIMITS.clock:.0f} s"
+    # What verify finds wrong in a text is its answer, line by line.
+    is_answer = not ending.errors or "read back" not in ending.messages
+    return find_fault(ending, (0, 2, 3, 4) if is_answer else (0, 2, 3))
 
 
 def measure(count: int, first: int, processes: int, names: Sequence[str]) -> int:
-    """Prints the table and the misses; how many there are."""
+    """Prints the table and the misses. Returns the number of misses."""
     began = time.perf_counter()
-    with tempfile.TemporaryDirectory() as folder:
-        made = Path(folder)
-        kinds = _chosen(readers(made), names)
-        numbers = list(range(first, first + count))
-        shares = [numbers[k::processes] for k in range(processes)]
-        with ThreadPoolExecutor(processes) as pool:
-            found = [
-                run
-                for part in pool.map(lambda share: drive(made, share, list(kinds)), shares)
-                for run in part
-            ]
+    runs: list[Run] = []
+    with tempfile.TemporaryDirectory() as text:
+        folder = Path(text)
+        kinds = readers(folder)
+        kinds = {kind: reader for kind, reader in kinds.items() if not names or kind in names}
+        numbers = range(first, first + count)
+        size = min(_CHUNK, -(-count // processes))
+        chunks = [numbers[k : k + size] for k in range(0, count, size)]
+        for part in map_cases(partial(run_mutants, kinds, folder), chunks, processes):
+            runs += part
         table: dict[str, Counter[str]] = {kind: Counter() for kind in kinds}
-        for run in found:
+        for run in runs:
             kind, name, file, _ = mutant(kinds, run.number)
             row = table[kind]
             row["mutants"] += 1
@@ -297,27 +247,16 @@ def measure(count: int, first: int, processes: int, names: Sequence[str]) -> int
             if run.miss:
                 print(f"mutant {run.number} ({kind}, {file.name}, {name}): {run.miss}")
     misses = sum(row["misses"] for row in table.values())
-    peak = max((run.peak for run in found), default=0)
+    peak = max((run.peak for run in runs), default=0)
     print(f"\n{machine()}; {time.perf_counter() - began:.0f} s; at most {peak:.0f} MB")
     columns = Table("input | mutants | read or built | refused | misses")
     for kind, row in table.items():
         columns.add(kind, *(row[key] for key in ("mutants", "built", "refused", "misses")))
-    return misses + (1e6 * peak > MEMORY)
-
-
-def _chosen(kinds: dict[str, Reader], names: Sequence[str]) -> dict[str, Reader]:
-    return {kind: reader for kind, reader in kinds.items() if not names or kind in names}
+    return misses + (peak > MEMORY)
 
 
 if __name__ == "__main__":
-    if sys.argv[1:2] == ["--work"]:
-        here = Path(sys.argv[2])
-        ahead, wanted = json.loads(sys.argv[3])
-        work(here, iter(ahead), _chosen(readers(here), wanted))
-        sys.exit()
-    given = sys.argv[1:]
-    counts = [int(word) for word in given if word.isdigit()]
+    counts = [int(word) for word in sys.argv[1:] if word.isdigit()]
     count, first, processes = (*counts, *(20000, 0, 2)[len(counts) :])
-    sys.exit(
-        1 if measure(count, first, processes, [word for word in given if not word.isdigit()]) else 0
-    )
+    chosen = [word for word in sys.argv[1:] if not word.isdigit()]
+    sys.exit(1 if measure(count, first, processes, chosen) else 0)

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 #: The system reports memory in bytes, or in kB.
-_UNITS_PER_MB = 1e6 if sys.platform == "darwin" else 1e3
+UNITS_PER_MB = 1e6 if sys.platform == "darwin" else 1e3
 
 
 class Process(NamedTuple):
@@ -49,12 +49,12 @@ def measure_process(command: list[str]) -> Process:
     if process.returncode:
         sys.exit(f"{' '.join(command)}\n{text}")
     spent = usage.ru_utime + usage.ru_stime
-    return Process(text, seconds, spent, usage.ru_maxrss / _UNITS_PER_MB)
+    return Process(text, seconds, spent, usage.ru_maxrss / UNITS_PER_MB)
 
 
 def peak_mb() -> float:
     """The largest resident memory of this process so far, MB."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / _UNITS_PER_MB
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / UNITS_PER_MB
 
 
 def timed(call: Callable[[], Any]) -> tuple[Any, float]:

@@ -10,14 +10,11 @@ from __future__ import annotations
 import ast
 import importlib.abc
 import importlib.util
-import os
-import pickle
-import resource
 import signal
 import sys
 import tempfile
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from importlib.machinery import ModuleSpec
 from pathlib import Path
 from types import FrameType, ModuleType
@@ -26,11 +23,11 @@ from typing import NamedTuple, NoReturn, TypeVar
 from bench.reliability.code_mutants.cases import CASES, FILE_MARK, Case, write_drawing
 from bench.reliability.code_mutants.operators import Site, mutate
 from bench.reliability.code_mutants.targets import ROOT, Mutant
+from bench.support.children import Limits, run_in_child
 
-#: Seconds of the processor that a job, and a whole child, may take. A job takes 0.3 s.
-_JOB_S, _CHILD_S = 8, 60
-#: Memory that a child may take, bytes.
-_CHILD_BYTES = 4_000_000_000
+#: Seconds of the processor that a job may take, which takes 0.3 s.
+_JOB_S = 8
+_CHILD = Limits(memory=4_000_000_000, processor=60)
 WRITTEN = "written"
 
 Result = TypeVar("Result")
@@ -144,38 +141,20 @@ def _fork(
     run: Callable[[Case, Path], Result], mutant: Mutant | None, cases: Sequence[Case]
 ) -> list[Result]:
     """The results of the jobs, as far as a forked child comes."""
-    reader, writer = os.pipe()
-    child = os.fork()
-    if child == 0:
-        os.close(reader)
-        _run_child(run, mutant, cases, writer)
-    os.close(writer)
-    results: list[Result] = []
-    with os.fdopen(reader, "rb") as stream, suppress(EOFError):
-        while len(results) < len(cases):
-            results.append(pickle.load(stream))
-    os.waitpid(child, 0)
-    return results
+    return run_in_child(partial(_run_each, run, mutant, cases), _CHILD).results
 
 
-def _run_child(
-    run: Callable[[Case, Path], object], mutant: Mutant | None, cases: Sequence[Case], writer: int
-) -> NoReturn:
-    """Runs the jobs and writes their results, then ends the process."""
+def _run_each(
+    run: Callable[[Case, Path], Result], mutant: Mutant | None, cases: Sequence[Case]
+) -> Iterator[Result]:
+    """The results of the jobs, each by code that is imported again."""
     _forget_camgen()
-    resource.setrlimit(resource.RLIMIT_CPU, (_CHILD_S, _CHILD_S + 5))
-    resource.setrlimit(resource.RLIMIT_AS, (_CHILD_BYTES, _CHILD_BYTES))
-    quiet = os.open(os.devnull, os.O_RDWR)
-    for stream in (0, 1, 2):
-        os.dup2(quiet, stream)
     if mutant is not None:
         sys.meta_path.insert(0, MutatingFinder(mutant.module, mutant.site))
     signal.signal(signal.SIGPROF, _stop_job)
-    with tempfile.TemporaryDirectory() as folder, os.fdopen(writer, "wb") as stream:
+    with tempfile.TemporaryDirectory() as folder:
         for case in cases:
-            pickle.dump(run(case, Path(folder)), stream)
-            stream.flush()
-    os._exit(0)
+            yield run(case, Path(folder))
 
 
 class _Slow(BaseException):

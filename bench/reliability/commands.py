@@ -1,0 +1,118 @@
+"""Runs commands of camgen in forked children, and finds the fault of how each ends."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import sys
+import tempfile
+from argparse import Namespace
+from collections.abc import Callable, Iterator, Sequence
+from importlib import import_module
+from pathlib import Path
+from pkgutil import walk_packages
+from typing import NamedTuple, TypeVar
+
+#: Packages that commands import.
+_PACKAGES = (
+    *(f"camgen.{name}" for name in ("read", "collision", "plan", "order", "lower", "check")),
+    *("camgen.post", "camgen.pipeline", "camgen.cli", "postprocessors"),
+)
+_Case, _Result = TypeVar("_Case"), TypeVar("_Result")
+
+
+class Ending(NamedTuple):
+    """How a command ended.
+
+    code: its exit code; None if the process ended without one.
+    signal: signal that ended the process, 0 if none.
+    fields: file, what, where and remedy of the error that a build reports; empty if none.
+    messages: text on standard error.
+    left: names of the files in the folder afterwards.
+    """
+
+    code: int | None
+    signal: int
+    fields: tuple[str, ...]
+    messages: str
+    left: tuple[str, ...]
+
+    @property
+    def lines(self) -> list[str]:
+        """The lines on standard error that are not empty."""
+        return [line for line in self.messages.splitlines() if line.strip()]
+
+    @property
+    def errors(self) -> list[str]:
+        """The lines that report an error."""
+        starts = ("camgen: error:", "camgen: fault:")
+        return [line for line in self.lines if line.startswith(starts)]
+
+
+def map_cases(
+    run: Callable[[_Case], _Result], cases: Sequence[_Case], processes: int
+) -> Iterator[_Result]:
+    """The results in processes that have the program imported, so that they can be forked."""
+    os.environ["OPENBLAS_NUM_THREADS"] = "1"  # a process with threads must not fork
+    context = multiprocessing.get_context("spawn")
+    with context.Pool(processes, _import_program) as pool:
+        yield from pool.imap(run, cases)
+
+
+def _import_program() -> None:
+    for name in _PACKAGES:
+        package = import_module(name)
+        for module in walk_packages(package.__path__, f"{name}."):
+            import_module(module.name)
+
+
+def run_command(words: Sequence[str], folder: Path) -> Ending:
+    """Runs a command in a folder that is empty. Belongs into a child: it redirects its streams."""
+    import camgen.cli.build as command  # noqa: PLC0415 (the worker alone imports the program)
+    from camgen.cli import main  # noqa: PLC0415
+    from camgen.cli.say import Voice  # noqa: PLC0415
+    from camgen.model.errors import CamgenError  # noqa: PLC0415
+
+    fields: list[str] = []
+    build = command.run
+
+    def record(arguments: Namespace, says: Voice) -> int:
+        try:
+            return build(arguments, says)
+        except CamgenError as error:
+            fields.extend((error.file, error.what, error.where, error.remedy))
+            raise
+
+    os.chdir(folder)
+    with tempfile.TemporaryFile() as stream:
+        os.dup2(stream.fileno(), 2)
+        command.run = record
+        code = main(list(words))
+        command.run = build
+        sys.stderr.flush()
+        stream.seek(0)
+        messages = stream.read().decode(errors="replace")
+    left = tuple(sorted(path.name for path in folder.iterdir()))
+    return Ending(code, 0, tuple(fields), messages, left)
+
+
+def find_fault(ending: Ending, codes: Sequence[int] = (0, 2, 3)) -> str:
+    """The first fault of how a command ended, empty without one.
+
+    codes: exit codes that are right.
+    """
+    if ending.signal:
+        return f"ended by signal {ending.signal}"
+    last = ending.lines[-1][:200] if ending.lines else ""
+    if "Traceback" in ending.messages:
+        return f"traceback: {last}"
+    warning = next((line for line in ending.lines if "Warning:" in line), "")
+    if warning:
+        return f"warning of a library: {warning[:200]}"
+    if ending.code not in codes:
+        return f"exit {ending.code}: {last}"
+    if ending.code and ending.left:
+        return f"files left after a failure: {', '.join(ending.left)[:100]}"
+    if len(ending.errors) > 1:
+        return f"{len(ending.errors)} lines of error"
+    return ""
