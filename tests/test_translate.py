@@ -6,9 +6,8 @@ from pathlib import Path
 import pytest
 
 import camgen
-from bench.read import mills
 from bench.read.goldens import CASES, POSTS, apart
-from bench.read.translate import WITHIN, there_and_back
+from bench.read.translate import WITHIN, find_difference, rapids_apart, there_and_back
 from camgen.model.errors import InputError
 from camgen.model.program import MoveC, Output
 from tests.support.old_programs import PACSCRIPT, RAPID
@@ -20,11 +19,11 @@ def test_there_and_back_is_the_same_motion(case: str, source: str, target: str) 
     file = CASES / case / "expected" / f"part{POSTS[source][0]}"
     if not file.exists():
         pytest.skip(f"{case} has no program for {source}")
-    before, after = there_and_back(file, source, target)
+    before, after = there_and_back(CASES / case, source, target)
     assert len(before.points) > 100
     assert apart(before.points, after.points) < WITHIN
     assert before.seconds == pytest.approx(after.seconds, rel=2e-3, abs=2e-3)
-    assert [value for _, value in before.outputs] == [value for _, value in after.outputs]
+    assert before.outputs == after.outputs
 
 
 @pytest.mark.parametrize("case", ["layers-inside", "plate-drill"])
@@ -34,12 +33,12 @@ def test_there_and_back_is_the_same_motion(case: str, source: str, target: str) 
 )  # fmt: skip
 def test_by_way_of_gcode_the_motion_is_the_same(case: str, source: str, target: str) -> None:
     """Rapid motions become lines of travel, and motions of the joints rapid ones: they end where they did."""
-    before, after = mills.there_and_back(CASES / case, source, target)
+    before, after = there_and_back(CASES / case, source, target)
     assert len(before.points) > 100
     assert apart(before.points, after.points) < WITHIN
     assert before.seconds == pytest.approx(after.seconds, rel=2e-3, abs=2e-3)
-    assert mills.rapids_apart(before, after) < 0.002
-    assert mills.differ(before, after) in (
+    assert rapids_apart(before, after) < 0.002
+    assert find_difference(before, after) in (
         "",
         "the spindle is on or off" if target == "pacscript" else "",
     )
@@ -54,7 +53,7 @@ def test_by_way_of_gcode_the_motion_is_the_same(case: str, source: str, target: 
 )
 def test_what_a_mill_has_not_is_refused_by_name(case: str, source: str, said: str) -> None:
     with pytest.raises(camgen.CamgenError, match=said):
-        mills.there_and_back(CASES / case, source, "gcode")
+        there_and_back(CASES / case, source, "gcode")
 
 
 def test_outputs_of_an_old_program_may_have_other_names(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Golden programs of the controllers; ways of tools as points, and how far two of them are apart."""
+"""Golden programs of the controllers: what they do, as points and events, and how far two are apart."""
 
 from __future__ import annotations
 
@@ -21,8 +21,10 @@ from camgen.robots.kinematics.forward import flange
 from camgen.robots.models import Robot
 
 CASES = ROOT / "fixtures" / "cases"
-#: The robots' controllers, their suffixes, and what each calls output number k.
+#: The controllers of robots, their suffixes, and the name that each gives to output k.
 POSTS = {"rapid": (".mod", "do{}"), "vplus": (".v2", "{}"), "pacscript": (".pcs", "{}")}
+#: The same for the controllers of mills; GRBL has a coolant for one signal.
+MILLS = {"gcode": (".ngc", "P{}"), "grbl": (".nc", "M8")}
 #: Whose joint values the golden programs have.
 ARMS = {"rapid": "abb_irb120", "vplus": "adept_cobra_s600", "pacscript": "denso_vs060"}
 #: mm: where no arc is printed, chords leave it by so much; digits are rounded twice on top.

@@ -1,9 +1,13 @@
-"""Robot programs from controller to controller and back: python -m bench.read.translate [CASE...]
+"""Programs from controller to controller and back: python -m bench.read.translate [CASE...]
 
-Every golden program of a robot is posted anew for every other robot, and that for its own again. The motion of the last
-is compared with that of the first: the places of its tool both ways, and the seconds at its speeds. Controllers without
-arcs, or with coarser digits, are in the tolerance. A case that another arm cannot reach is told with its reason. Then
-the same by way of G-code, and of G-code by way of robots (``bench/read/mills.py``).
+Every golden program is posted for every other controller, and the result for its own again.
+The motion of the last program is compared with that of the first: the places of its tool both ways,
+and the seconds at its speeds. Controllers without arcs, or with coarser digits, are in the
+tolerance. A program that the other controller cannot have stands with the reason.
+
+The first table is of robots. In the second a mill is one of the two. G-code has no motion of the
+joints, and robots have no G0: a rapid motion becomes a line of travel. Both sides have the motion
+at feed, outputs and waits; rapid motions are compared by the places where they end.
 """
 
 from __future__ import annotations
@@ -11,7 +15,8 @@ from __future__ import annotations
 import math
 import sys
 import tempfile
-from collections.abc import Iterator
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -19,124 +24,232 @@ import numpy as np
 from numpy.typing import NDArray
 
 import camgen
-from bench.read import mills
 from bench.read.goldens import (
     ARMS,
     CASES,
     CHORD,
+    MILLS,
     POSTS,
     along,
     apart,
     execute,
+    execute_whole,
     frames_of,
     read_robot,
+    to_lines,
 )  # fmt: skip
 from bench.support.runner import Cells, Scenario, run
-from camgen.model.pose import Pose, Vec3, fixed_xyz
-from camgen.model.program import MoveC, MoveJ, MoveL, Output
+from camgen.model.pose import Pose, Vec3, fixed_xyz, translation
+from camgen.model.program import MoveC, MoveJ, MoveL, Output, Wait
 
 COLUMNS = "case | from | by way of | mm apart {:.4f} | s apart {:.3f} | "
 MILL_COLUMNS = (
     "case | from | by way of | mm apart {:.4f} | s apart {:.3f} | rapids, mm apart {:.4f} | "
 )
-#: mm: nearer ones are one.
-_SAME = 1e-6
 WITHIN = CHORD + 0.002
+#: Points that are nearer are one, mm.
+_SAME = 1e-6
+#: Speed of travel, mm/s: beside a mill a motion of this speed is rapid.
+_TRAVEL = 100.0
+#: The robots whose outputs are on or off, and so is a spindle.
+_ON_OFF = ("vplus", "pacscript")
+_COOLANTS = {"flood": "M8", "mist": "M7"}
+_EVERY = POSTS | MILLS
 
 
 class Way(NamedTuple):
-    """points: (N, 3) on the way at feed, base frame, mm. seconds: at its speeds. outputs: names and values, those that
-    switch off before the first motion left out.
+    """The motion and the events of programs that run one after the other.
+
+    points: places at feed, (N, 3) mm, in the base frame; beside a mill in the work frame.
+    seconds: duration at the speeds of the way, s.
+    rapids: ends of the rapid motions beside a mill, mm.
+    outputs: values of the outputs, in order.
+    changes: values to which an output changes.
+    waits: s.
     """
 
     points: NDArray[np.float64]
     seconds: float
-    outputs: list[tuple[str, float]]
+    rapids: list[tuple[Vec3, Vec3]]
+    outputs: list[float]
+    changes: list[float]
+    waits: list[float]
 
 
-def way_of(file: Path, language: str, frames: tuple[Pose, Pose]) -> Way:
-    """What a program does between its motions of the joints, but for lines that begin at home. frames: where the text
-    says none.
+def list_files(case: Path, controller: str) -> list[Path]:
+    """The golden programs of a controller: several if it changes no tool."""
+    suffix, folder = _EVERY[controller][0], case / "expected"
+    return sorted(folder.glob(f"part{suffix}")) or sorted(folder.glob(f"part_*{suffix}"))
+
+
+def pairs(case: Path, mills: bool) -> list[tuple[Path, str, str]]:
+    """Case, controller and another controller: two robots, or at least one mill."""
+    ways = []
+    for source in _EVERY if mills else POSTS:
+        names = [file.stem for file in list_files(case, source)]
+        for target in _EVERY:
+            is_robots = {source, target} <= POSTS.keys()
+            has_files = names == ["part"] if is_robots else bool(names)
+            if source != target and is_robots != mills and has_files:
+                ways.append((case, source, target))
+    return ways
+
+
+def follow(case: Path, files: Sequence[Path], language: str, mills: bool) -> Way:
+    """The way of programs, without lines that begin at home.
+
+    case: the case whose frames hold if a text has none.
+    mills: whether the way is compared with that of a mill.
     """
-    body, base = read_robot(file, language, frames)
-    points: list[Vec3] = []
-    outputs: list[tuple[str, float]] = []
-    seconds, here = 0.0, None
-    for item in body:
-        if isinstance(item, Output):
-            outputs.append((item.signal, item.value))
-        if not isinstance(item, MoveJ | MoveL | MoveC):
-            continue
-        if here is not None and not isinstance(item, MoveJ):
-            some, length = along(here, item)
-            points += some
-            seconds += length / item.speed
-        here = item.target.origin if isinstance(item.target, Pose) else None
-    moved = np.array(points or [(0.0, 0.0, 0.0)])
-    # Where one motion ends another begins.
-    moved = moved[np.append(True, np.abs(np.diff(moved, axis=0)).max(axis=1) > _SAME)]
-    return Way(moved @ base.rotation.T + base.origin, seconds, outputs)
+    points: list[NDArray[np.float64]] = [np.zeros((0, 3))]
+    way = Way(np.zeros((0, 3)), 0.0, [], [], [], [])
+    on: dict[str, float] = {}
+    seconds = 0.0
+    for file in files:
+        base = translation(0, 0, 0)
+        if language in MILLS:
+            body = execute_whole(file, language).body
+        else:
+            body, base = read_robot(file, language, frames_of(case, language))
+        here: Vec3 | None = None
+        for item in body:
+            if isinstance(item, Output):
+                way.outputs.append(item.value)
+                way.changes.extend([item.value] if item.value != on.get(item.signal, 0.0) else [])
+                on[item.signal] = item.value
+            elif isinstance(item, Wait):
+                way.waits.append(item.seconds)
+            elif isinstance(item, MoveJ | MoveL | MoveC):
+                there = item.target.origin if isinstance(item.target, Pose) else None
+                if mills and there and _is_rapid(item):
+                    way.rapids.append((here or there, there))
+                elif here is not None and not isinstance(item, MoveJ):
+                    places, length = along(here, item)
+                    points.append(np.array(places))
+                    seconds += length / item.speed
+                here = there
+    moved = np.concatenate(points) if len(points) > 1 else np.zeros((1, 3))
+    if not mills:
+        # Where one motion ends another begins.
+        moved = moved[np.append(True, np.abs(np.diff(moved, axis=0)).max(axis=1) > _SAME)]
+        moved = moved @ base.rotation.T + base.origin
+    return way._replace(points=moved, seconds=seconds)
+
+
+def _is_rapid(item: MoveJ | MoveL | MoveC) -> bool:
+    return isinstance(item, MoveJ) or math.isclose(item.speed, _TRAVEL, rel_tol=1e-4)
 
 
 def post_again(
-    file: Path, source: str, target: str, folder: Path, frames: tuple[Pose, Pose]
-) -> Path:
-    """The program ``file`` of the controller ``source`` for another one; CamgenError where that cannot be."""
-    body = execute(file, source).body
-    names = dict.fromkeys(item.signal for item in body if isinstance(item, Output))
-    suffix, name = POSTS[target]
-    signals = {one: _number(name.format(_digits(one))) for one in names}
-    job: dict[str, object] = {
-        "operation": {"taught_on": ARMS[source]},
-        "tolerance": {"chord": CHORD},
-    }
-    job["cell"] = {"base_from_work": _values(frames[0]), "flange_from_tool": _values(frames[1])}
-    job |= {"post": {"signals": signals}} if signals else {}
-    result = camgen.build(file, post=target, job=job, name="part")
-    made = folder / f"part{suffix}"
-    made.write_text("".join(one.text for one in result.files), encoding="latin-1")
-    return made
+    file: Path, source: str, target: str, folder: Path, tables: Mapping[str, object]
+) -> list[Path]:
+    """The programs of the controller `target` for a program of `source`. CamgenError without one.
+
+    folder: the place of the programs.
+    tables: tables of the job: the cell between robots, the tools of a program of a mill.
+    """
+    is_robots = {source, target} <= POSTS.keys()
+    outputs = [item for item in execute(file, source).body if isinstance(item, Output)]
+    names = list(dict.fromkeys(item.signal for item in outputs))
+    job: dict[str, dict[str, object]] = {"tolerance": {"chord": CHORD}, "post": {}}
+    if source in ARMS:
+        job["operation"] = {"taught_on": ARMS[source]}
+    if is_robots or source in MILLS:
+        job |= tables
+    if source in MILLS:
+        job |= {"process": {"travel": _TRAVEL}, "input": {"signals": {}}}
+    if source in MILLS and target in _ON_OFF and "spindle" in names:
+        job["post"]["spindle"] = "on-off"
+    if source in POSTS and target in MILLS:
+        # An analog output of a robot is the spindle of a mill.
+        renamed = {name: "spindle" for name in names if "pindle" in name}
+        job |= {"input": {"signals": renamed}} if renamed else {}
+        names = [name for name in names if name not in renamed]
+    if target in MILLS:
+        names = [name for name in names if name != "spindle"]
+    signals = {name: _word(name, source, target) for name in names}
+    if target in MILLS and not signals:
+        signals = {"process": MILLS[target][1].format(0)}
+    job["post"] |= {"signals": signals} if signals or not is_robots else {}
+    result = camgen.build(file, post=target, job=job, name=file.stem)
+    for each in result.files:
+        (folder / each.name).write_text(each.text, encoding="latin-1")
+    suffix = _EVERY[target][0]
+    return [folder / each.name for each in result.files if each.name.endswith(suffix)]
 
 
 def _values(pose: Pose) -> list[float]:
     return [*pose.origin, *map(math.degrees, fixed_xyz(pose.rotation))]
 
 
-def _digits(name: str) -> str:
-    return "".join(c for c in name if c.isdigit()) or "33"
+def _word(name: str, source: str, target: str) -> str | int:
+    """The word of the controller `target` for an output: the same number, and 1 for P0 of a mill."""
+    if target in MILLS and name in _COOLANTS:
+        return _COOLANTS[name]
+    if target == "rapid" and name == "spindle":
+        return "aoSpindle"
+    is_numbered_from_0 = source in MILLS and target in POSTS
+    other = 33 if {source, target} <= POSTS.keys() else 32
+    digits = "".join(mark for mark in name if mark.isdigit()) or str(other)
+    word = _EVERY[target][1].format(int(digits) + is_numbered_from_0)
+    return int(word) if word.isdigit() else word
 
 
-def _number(name: str) -> str | int:
-    return int(name) if name.isdigit() else name
+def there_and_back(case: Path, source: str, target: str) -> tuple[Way, Way]:
+    """The way of golden programs, and their way after there and back. CamgenError without one."""
+    mills = not {source, target} <= POSTS.keys()
+    files = list_files(case, source)
+    if mills:
+        golden = tomllib.loads((case / "job.toml").read_text())
+        tables = {"tools": golden["tools"]} if "tools" in golden else {}
+    else:
+        base, tool = frames_of(case, source)
+        cell = {"base_from_work": _values(base), "flange_from_tool": _values(tool)}
+        tables = {"cell": cell}
+    with tempfile.TemporaryDirectory() as first, tempfile.TemporaryDirectory() as second:
+        there, back = [], []
+        for file in files:
+            there += post_again(file, source, target, Path(first), tables)
+        for file in there:
+            back += post_again(file, target, source, Path(second), tables)
+        return follow(case, files, source, mills), follow(case, back, source, mills)
 
 
-def pairs(case: Path) -> list[tuple[Path, str, str]]:
-    """A golden program of a case, its controller, and another one."""
-    files = {source: case / "expected" / f"part{suffix}" for source, (suffix, _) in POSTS.items()}
-    there = {source: file for source, file in files.items() if file.exists()}
-    return [(file, a, b) for a, file in there.items() for b in POSTS if a != b]
+def rapids_apart(before: Way, after: Way) -> float:
+    """The distance of ends of rapid motions from the rapid motions after, mm: cycles join them."""
+    if not before.rapids:
+        return 0.0
+    starts, stops = np.array(after.rapids or [[(math.inf,) * 3] * 2]).transpose(1, 0, 2)
+    return float(max(to_lines(np.array(end), starts, stops).min() for _, end in before.rapids))
 
 
-def there_and_back(file: Path, source: str, target: str) -> tuple[Way, Way]:
-    """What a golden program does, and what it does after there and back. CamgenError where it cannot go there."""
-    with tempfile.TemporaryDirectory() as one, tempfile.TemporaryDirectory() as two:
-        frames = frames_of(file.parents[1], source)
-        there = post_again(file, source, target, Path(one), frames)
-        back = post_again(there, target, source, Path(two), frames)
-        return way_of(file, source, frames), way_of(back, source, frames)
+def find_difference(before: Way, after: Way) -> str:
+    """The difference of outputs and waits, empty without one."""
+    faults = []
+    if before.changes != after.changes:
+        switched = [float(value != 0) for value in before.changes]
+        is_on_off = switched == [float(value != 0) for value in after.changes]
+        faults.append("the spindle is on or off" if is_on_off else "outputs differ")
+    has_waits = len(before.waits) == len(after.waits)
+    if not has_waits or not np.allclose(before.waits, after.waits, atol=0.005):
+        faults.append("waits differ")
+    return ", ".join(faults)
 
 
-def judge(file: Path, source: str, target: str) -> Iterator[Cells]:
-    """The row of a golden program and a controller by way of which it goes and comes back."""
-    names = file.parents[1].name, source, target
+def judge(case: Path, source: str, target: str) -> Iterator[Cells]:
+    """The row of golden programs and of the controller by way of which they go and come back."""
+    mills = not {source, target} <= POSTS.keys()
+    names = case.name, source, target
     try:
-        a, b = there_and_back(file, source, target)
+        before, after = there_and_back(case, source, target)
     except camgen.CamgenError as error:
-        yield *names, *"--", str(error)
+        yield *names, *("---" if mills else "--"), str(error)
         return
-    same = [value for _, value in a.outputs] == [value for _, value in b.outputs]
-    off, seconds = apart(a.points, b.points), abs(a.seconds - b.seconds)
-    yield *names, off, seconds, "" if same else "outputs differ"
+    off = apart(before.points, after.points), abs(before.seconds - after.seconds)
+    if mills:
+        yield *names, *off, rapids_apart(before, after), find_difference(before, after)
+    else:
+        yield *names, *off, "" if before.outputs == after.outputs else "outputs differ"
 
 
 if __name__ == "__main__":
@@ -144,12 +257,12 @@ if __name__ == "__main__":
     cases = cases or sorted(path for path in CASES.iterdir() if path.is_dir())
     robots, others = [], []
     for case in cases:
-        robots += pairs(case)
-        others += [(case, *pair) for pair in mills.pairs(case)]
+        robots += pairs(case, mills=False)
+        others += pairs(case, mills=True)
     title = "By way of G-code, and G-code by way of the others:"
     sys.exit(
         run(
             Scenario(COLUMNS, robots, judge),
-            Scenario(MILL_COLUMNS, others, mills.judge, title),
+            Scenario(MILL_COLUMNS, others, judge, title),
         )
     )
