@@ -17,7 +17,8 @@ from typing import Any
 
 from bench.read.bnf import read_grammar
 from bench.read.productions import Form
-from bench.read.replay import judged
+from bench.read.replay import LONGEST
+from tests.support import canon
 
 Judge = Callable[[Form], bool | None]
 
@@ -66,7 +67,9 @@ def by_pygcode(_path: str) -> Judge:
 
 def by_linuxcnc(_path: str) -> Judge:
     """LinuxCNC's interpreter, rs274: the form in its lines; only forms of its own dialect."""
-    return lambda form: not judged(form.whole).error if "linuxcnc" in form.dialects else None
+    return lambda form: (
+        not canon.run(form.whole, timeout=LONGEST).error if "linuxcnc" in form.dialects else None
+    )
 
 
 def by_grbl(path: str) -> Judge:

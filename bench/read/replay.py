@@ -7,13 +7,10 @@ the program's unit; half of the last one is what the comparison cannot see.
 
 from __future__ import annotations
 
-import fcntl
 import math
-import re
-import subprocess
 import sys
-import tempfile
-from dataclasses import dataclass, field
+from collections import Counter
+from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
 
@@ -23,93 +20,17 @@ from camgen.model.program import MoveC, MoveJ, MoveL
 from camgen.read.gcode.language import play
 from camgen.read.programs import Ask
 from camgen.read.recorded import ProgramRun
+from tests.support import canon
+from tests.support.canon import Call, Canon, Point
 
-_CALL = re.compile(r"\s*\d+ N\S+\s+(\w+)\((.*)\)\s*$")
-_NUMBER = re.compile(r"-?\d+\.?\d*")
-_PLANES = {"XY": (0, 1, 2), "XZ": (2, 0, 1), "YZ": (1, 2, 0)}
 #: mm between replay and judge, on top of what the judge's print hides.
 WITHIN = 0.001
-Point = tuple[float, float, float]
+#: Seconds after which a program is taken to have no end.
+LONGEST = 20.0
 #: Where the machine of rs274 stores its places: at its zero, which is that of the programs. Tools without a length.
 _ZERO = {f"{name}.{axis}": 0.0 for name in ("g28", "g30", "machine") for axis in "xyz"}
 _ZERO |= {f"t{n}.diameter": 0.1 for n in range(100)}
 _TOOLS = "".join(f"T{n} P{n} Z0 D0.003937008 ;cutter\n" for n in range(1, 100))
-
-
-@dataclass
-class Judge:
-    """moves: kind, end, and of an arc its centre in its plane, its axes and turns; absolute, mm. feeds: mm/min.
-    hidden: mm that the print may hide.
-    """
-
-    moves: list[tuple[str, Point, tuple[float, float], tuple[int, int, int], int]] = field(
-        default_factory=list
-    )
-    feeds: list[float] = field(default_factory=list)
-    error: str = ""
-    hidden: float = 0.0
-    shifted: bool = False
-
-
-def judged(text: str, tools: str = "T1 P1 Z0 D3.0 ;cutter\n", timeout: float = 20.0) -> Judge:
-    """What rs274 makes of ``text``."""
-    with tempfile.TemporaryDirectory() as folder:
-        for name, content in (("in.ngc", text), ("tool.tbl", tools), ("my.var", "")):
-            Path(folder, name).write_text(content, encoding="latin-1")
-        command = ["rs274", "-g", "-v", "my.var", "-t", "tool.tbl", "in.ngc", "out"]
-        try:
-            # Two at once share memory by a fixed key and fail now and then.
-            with (Path(tempfile.gettempdir()) / "camgen-rs274.lock").open("w") as alone:
-                fcntl.flock(alone, fcntl.LOCK_EX)
-                done = subprocess.run(
-                    command, cwd=folder, capture_output=True, timeout=timeout, check=False
-                )
-        except subprocess.TimeoutExpired:
-            return Judge(error="rs274 does not end")
-        out = Path(folder, "out")
-        printed = out.read_text(encoding="latin-1") if out.is_file() else ""
-    error = (
-        ""
-        if done.returncode == 0
-        else done.stderr.decode("latin-1").replace("executing\n", "").strip()
-    )
-    return _canon(printed, error or ("rs274 failed" if done.returncode else ""))
-
-
-def _canon(printed: str, error: str) -> Judge:
-    judge = Judge(error=error)
-    unit, axes, feed, work, shift = 1.0, (0, 1, 2), 0.0, [0.0] * 3, [0.0] * 3
-    for match in filter(None, map(_CALL.match, printed.splitlines())):
-        name, arguments = match.groups()
-        if name == "USE_LENGTH_UNITS":
-            unit = 25.4 if "INCH" in arguments else 1.0
-        elif name == "SELECT_PLANE":
-            axes = _PLANES[arguments[-2:]]
-        elif name in ("SET_G5X_OFFSET", "SET_G92_OFFSET"):
-            v = [float(n) * unit for n in _NUMBER.findall(arguments)]
-            if name == "SET_G5X_OFFSET":
-                work = v[1:4]
-            else:
-                shift = v[:3]
-            judge.shifted = judge.shifted or any(work) or any(shift)
-        elif name == "SET_FEED_RATE":
-            feed = float(_NUMBER.findall(arguments)[0]) * unit
-        elif name in ("STRAIGHT_TRAVERSE", "STRAIGHT_FEED", "ARC_FEED"):
-            v = [float(n) * unit for n in _NUMBER.findall(arguments)]
-            centre, turns, end = (0.0, 0.0), 0, v[:3]
-            if name == "ARC_FEED":
-                end = [0.0] * 3
-                end[axes[0]], end[axes[1]], end[axes[2]] = v[0], v[1], v[5]
-                centre = (
-                    v[2] + work[axes[0]] + shift[axes[0]],
-                    v[3] + work[axes[1]] + shift[axes[1]],
-                )
-                turns = round(v[4] / unit)
-            x, y, z = (a + b + c for a, b, c in zip(end, work, shift, strict=True))
-            judge.moves.append((name, (x, y, z), centre, axes, turns))
-            judge.feeds.append(feed)
-            judge.hidden = max(judge.hidden, 0.5e-4 * unit)
-    return judge
 
 
 @dataclass(frozen=True)
@@ -121,22 +42,23 @@ class Found:
     fault: str
 
 
-def against(run: ProgramRun, judge: Judge) -> Found:
+def against(run: ProgramRun, judge: Canon) -> Found:
     """Every motion of the replay against the judge's. An arc must pass through its points in its sense."""
     mine = [item for item in run.body if isinstance(item, (MoveJ, MoveL, MoveC))]
     theirs = judge.moves[run.held :]
     extra = run.entry or _starts_with_feed(mine, theirs)
-    begin = mine[0].target.origin if extra and mine and not judge.shifted else (math.inf,) * 3
+    begin = mine[0].target.origin if extra and mine and not judge.is_shifted else (math.inf,) * 3
     mine = [item for k, item in enumerate(mine) if k == 0 or _goes(item, mine[k - 1].target.origin)]
-    before = [begin, *(end for _, end, *_ in theirs)]
-    theirs = [move for move, start in zip(theirs, before, strict=False) if _leaves(move, start)]
+    before = [begin, *(call.end for call in theirs)]
+    theirs = [call for call, start in zip(theirs, before, strict=False) if _leaves(call, start)]
     ends = [item.target.origin for item in mine]
     k, worst = (1 if extra else 0), 0.0
     offset = (0.0, 0.0, 0.0)
-    if judge.shifted and theirs and len(ends) > k and theirs[0][0] != "ARC_FEED":
-        offset = tuple(b - a for a, b in zip(ends[k], theirs[0][1], strict=True))
+    if judge.is_shifted and theirs and len(ends) > k and theirs[0].kind != "ARC_FEED":
+        offset = tuple(b - a for a, b in zip(ends[k], theirs[0].end, strict=True))
     here = tuple(a + b for a, b in zip(ends[0], offset, strict=True)) if ends else (0.0, 0.0, 0.0)
-    for number, (kind, end, centre, axes, turns) in enumerate(theirs):
+    for number, call in enumerate(theirs):
+        kind, end = call.kind, call.end
         if k >= len(mine):
             return Found(number, worst, f"ends after {number} of {len(theirs)} motions")
         if kind != "ARC_FEED":
@@ -151,7 +73,7 @@ def against(run: ProgramRun, judge: Judge) -> Found:
             at = _moved(ends[k], offset)
             worst, k = max(worst, math.dist(at, end)), k + 1
         else:
-            k, at, off = _arc(mine, k, here, end, (centre, axes, turns), offset)
+            k, at, off = _arc(mine, k, here, call, offset)
             worst = max(worst, off)
         if worst > 2 * WITHIN + 4 * judge.hidden:
             return Found(number, worst, f"motion {number + 1} ({kind}) is off by {worst:.4f} mm")
@@ -169,23 +91,21 @@ def _goes(item: MoveJ | MoveL | MoveC, start: Point) -> bool:
     return isinstance(item, MoveC) or math.dist(item.target.origin, start) > 1e-5
 
 
-def _leaves(move: tuple, start: Point) -> bool:
-    return move[0] == "ARC_FEED" or math.dist(move[1], start) > 1e-5
+def _leaves(call: Call, start: Point) -> bool:
+    return call.kind == "ARC_FEED" or math.dist(call.end, start) > 1e-5
 
 
 def _starts_with_feed(mine: list, theirs: list) -> bool:
-    return bool(theirs) and bool(mine) and theirs[0][0] != "STRAIGHT_TRAVERSE"
+    return bool(theirs) and bool(mine) and theirs[0].kind != "STRAIGHT_TRAVERSE"
 
 
 def _moved(point: Point, offset: Point) -> Point:
     return (point[0] + offset[0], point[1] + offset[1], point[2] + offset[2])
 
 
-def _arc(
-    mine: list, k: int, here: Point, end: Point, arc: tuple, offset: Point
-) -> tuple[int, Point, float]:
+def _arc(mine: list, k: int, here: Point, call: Call, offset: Point) -> tuple[int, Point, float]:
     """The pieces of one arc: their place after it, where they end, and how far they are off it at most (mm)."""
-    (a, b), (first, second, normal), turns = arc
+    (a, b), (first, second, normal), turns, end = call.centre, call.axes, call.turns, call.end
     sense = 1 if turns > 0 else -1
     begin = math.atan2(here[second] - b, here[first] - a)
     whole = (sense * (math.atan2(end[second] - b, end[first] - a) - begin)) % math.tau
@@ -223,7 +143,7 @@ def row(path: Path) -> tuple[str, str]:
     begin = perf_counter()
     m, stopped = play({path.name: text}, Ask("linuxcnc", _ZERO))
     seconds = perf_counter() - begin
-    judge = judged(text, _TOOLS)
+    judge = canon.run(text, _TOOLS, LONGEST)
     theirs = (
         judge.error.splitlines()[0][:70] if judge.error and "percent" not in judge.error else ""
     )
@@ -246,14 +166,14 @@ def main() -> None:
     """The table, and how often each kind came."""
     paths = [Path(name) for name in sys.argv[1:]]
     files = [f for p in paths for f in (sorted(p.rglob("*")) if p.is_dir() else [p])]
-    counts: dict[str, int] = {}
+    counts: Counter[str] = Counter()
     print(machine())
     table = Table("program | | ")
     for file in files:
         if file.suffix.lower() not in (".ngc", ".nc", ".gcode", ".tap") or not file.is_file():
             continue
         kind, told = row(file)
-        counts[kind] = counts.get(kind, 0) + 1
+        counts[kind] += 1
         table.add(file.name, kind, told)
     print("\n" + ", ".join(f"{kind} {count}" for kind, count in sorted(counts.items())))
 

@@ -7,11 +7,12 @@ from pathlib import Path
 import pytest
 
 import camgen
-from bench.read.replay import against, judged
+from bench.read.replay import against
 from camgen.model.errors import InputError, JobError, NoSafeProgram
 from camgen.model.pose import Pose
 from camgen.model.program import Joints, MoveC, MoveJ, MoveL, Output, Wait
 from camgen.read.gcode.replayed import interpret
+from tests.support import canon
 from tests.support.rs274 import needs_rs274
 
 SHARED = Path(__file__).parents[2].parent / "shared" / "data" / "gcode"
@@ -207,7 +208,7 @@ def test_stored_places_are_left_upwards(tmp_path):
 )
 def test_samples_do_what_linuxcnc_says_or_are_refused_with_it(path):
     text = path.read_text(encoding="latin-1").replace("\r\n", "\n")
-    run, judge = interpret(text.split("\n")), judged(text)
+    run, judge = interpret(text.split("\n")), canon.run(text, timeout=20.0)
     if run.stopped:
         assert judge.error
         return
@@ -298,7 +299,7 @@ def _holes(chance):
 @pytest.mark.parametrize("seed", range(40))
 def test_random_programs_do_what_linuxcnc_says(seed):
     lines = program(random.Random(seed))
-    run, judge = interpret(lines), judged("\n".join(lines) + "\n")
+    run, judge = interpret(lines), canon.run("\n".join(lines) + "\n")
     assert (run.stopped, judge.error) == (None, "")
     found = against(run, judge)
     assert found.fault == "", lines

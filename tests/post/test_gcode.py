@@ -806,7 +806,7 @@ def test_reader_agrees_with_the_interpreter(text):
 
 def assert_on_arc(start, items, call):
     """All points are on the interpreted arc, and their angles add up to its sweep. At most half a circle each."""
-    a, b = call.axes
+    a, b, _ = call.axes
     normal = 3 - a - b
     radius = math.hypot(call.end[a] - call.centre[0], call.end[b] - call.centre[1])
     points = [start]

@@ -4,10 +4,10 @@ import math
 
 import pytest
 
-from bench.read.replay import judged
 from camgen.model.program import MoveC, MoveJ, MoveL
 from camgen.read.gcode.language import run_gcode
 from camgen.read.programs import Ask, Executed
+from tests.support import canon
 from tests.support.rs274 import needs_rs274
 
 Place = tuple[float, float]
@@ -46,10 +46,11 @@ STEPS = "G0 X10 Z2\nG1 Z-10\nX15 Z-15\nZ-20\nX20"
 )
 def test_passes_are_those_of_linuxcnc(cycle, profile):
     text = linuxcnc(cycle, profile)
-    judge = judged(text)
+    judge = canon.run(text)
     assert judge.error == ""
     theirs: list[tuple[str, float, float]] = []
-    for kind, (x, _, z), *_ in judge.moves:
+    for call in judge.moves:
+        kind, (x, _, z) = call.kind, call.end
         if not theirs or math.dist(theirs[-1][1:], (x, z)) > 1e-6:
             theirs.append(
                 ("MoveJ" if kind == "STRAIGHT_TRAVERSE" else "MoveL", round(x, 4), round(z, 4))

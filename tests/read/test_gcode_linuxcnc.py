@@ -4,10 +4,11 @@ import random
 
 import pytest
 
-from bench.read.replay import against, judged
+from bench.read.replay import against
 from camgen.read.gcode.language import run_gcode
 from camgen.read.programs import Ask
 from camgen.read.recorded import ProgramRun
+from tests.support import canon
 from tests.support.rs274 import needs_rs274
 
 #: Two tools without a length, diameters of 0.1 and 0.05 inches: the unit of rs274's machine.
@@ -145,7 +146,7 @@ def executed(lines, **assume):
 
 def differ(lines):
     """Where the motions differ from LinuxCNC's, "" if nowhere; what either refuses must be refused by both."""
-    found, judge = executed(lines), judged("\n".join(lines) + "\n", TOOLS)
+    found, judge = executed(lines), canon.run("\n".join(lines) + "\n", TOOLS)
     refused = [one.what for one in found.findings if one.level == "refused"]
     if refused or judge.error:
         return "" if refused and judge.error else f"here {refused}, there {judge.error!r}"

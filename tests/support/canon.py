@@ -27,6 +27,9 @@ _SWITCHES = {
     "START_SPINDLE_CLOCKWISE": 0,
     "STOP_SPINDLE_TURNING": 0,
 }
+_MOVES = ("STRAIGHT_TRAVERSE", "STRAIGHT_FEED", "ARC_FEED")
+#: Index of the argument that is the x of an offset.
+_OFFSETS = {"SET_G5X_OFFSET": 1, "SET_G92_OFFSET": 0}
 _PLANES = {"XY": (0, 1, 2), "XZ": (2, 0, 1), "YZ": (1, 2, 0)}
 _LIFT = re.compile(r"\bG53 G0 Z0$", re.M)
 _CALL = re.compile(r"\s*\d+ N\S+\s+(\w+)\((.*)\)\s*$")
@@ -43,7 +46,7 @@ class Call:
     centre: centre of an arc in its plane, mm.
     turns: turns of an arc, positive counter-clockwise.
     value: seconds, number of an output or rpm.
-    axes: indices of the two axes of the plane.
+    axes: indices of the two axes of the plane, and of the axis across it.
     """
 
     kind: str
@@ -52,7 +55,7 @@ class Call:
     centre: tuple[float, float] = (0.0, 0.0)
     turns: int = 0
     value: float = 0.0
-    axes: tuple[int, int] = (0, 1)
+    axes: tuple[int, int, int] = (0, 1, 2)
 
 
 @dataclass(frozen=True)
@@ -63,37 +66,59 @@ class Canon:
     names: names of all calls.
     error: message of the interpreter, empty if it accepted the program.
     lead: number of motions up and across before the position is known in all axes.
+    hidden: half of the last digit of the coordinates, mm.
+    is_shifted: whether the program sets an offset.
     """
 
     calls: tuple[Call, ...]
     names: tuple[str, ...]
     error: str
     lead: int = 1
+    hidden: float = 0.0
+    is_shifted: bool = False
+
+    @property
+    def moves(self) -> list[Call]:
+        """The calls that move."""
+        return [call for call in self.calls if call.kind in _MOVES]
 
 
-def run(text: str, tools: str = "T1 P1 Z0 D3.0 ;cutter\n") -> Canon:
-    """Runs a program with a tool table."""
+def run(text: str, tools: str = "T1 P1 Z0 D3.0 ;cutter\n", timeout: float = LONG) -> Canon:
+    """Runs a program with a tool table. timeout: s, after which it counts as an error."""
     with tempfile.TemporaryDirectory() as folder:
         for name, content in (("in.ngc", text), ("tool.tbl", tools), ("my.var", "")):
-            Path(folder, name).write_text(content, encoding="utf-8")
-        command = [str(RS274), "-g", "-v", "my.var", "-t", "tool.tbl", "in.ngc"]
-        # Two at once share memory by a fixed key and fail now and then.
-        with (Path(tempfile.gettempdir()) / "camgen-rs274.lock").open("w") as alone:
-            fcntl.flock(alone, fcntl.LOCK_EX)
-            done = subprocess.run(
-                command, cwd=folder, capture_output=True, text=True, timeout=LONG, check=False
-            )
-    error = "" if done.returncode == 0 else done.stderr.replace("executing\n", "") or "rs274 failed"
-    return replace(_parse(done.stdout, error), lead=2 if _LIFT.search(text) else 1)
+            Path(folder, name).write_text(content, encoding="latin-1")
+        command = [str(RS274), "-g", "-v", "my.var", "-t", "tool.tbl", "in.ngc", "out"]
+        try:
+            # Two at once share memory by a fixed key and fail now and then.
+            with (Path(tempfile.gettempdir()) / "camgen-rs274.lock").open("w") as alone:
+                fcntl.flock(alone, fcntl.LOCK_EX)
+                done = subprocess.run(
+                    command, cwd=folder, capture_output=True, timeout=timeout, check=False
+                )
+        except subprocess.TimeoutExpired:
+            return Canon((), (), "rs274 does not end")
+        out = Path(folder, "out")
+        output = out.read_text(encoding="latin-1") if out.is_file() else ""
+    error = ""
+    if done.returncode:
+        message = done.stderr.decode("latin-1").replace("executing\n", "").strip()
+        error = message or "rs274 failed"
+    return replace(_parse(output, error), lead=2 if _LIFT.search(text) else 1)
 
 
 def _parse(output: str, error: str) -> Canon:
-    """Converts the calls to mm: coordinates and feeds are printed in the unit of the program."""
+    """Converts the calls to mm, without the offsets of the program.
+
+    Coordinates and feeds are printed in the unit of the program.
+    """
     calls: list[Call] = []
     names: list[str] = []
-    feed = speed = 0.0
+    feed = speed = hidden = 0.0
     unit = 1.0
     axes = (0, 1, 2)
+    offsets = dict.fromkeys(_OFFSETS, (0.0, 0.0, 0.0))
+    is_shifted = False
     for match in filter(None, map(_CALL.match, output.splitlines())):
         name, arguments = match.groups()
         names.append(name)
@@ -102,18 +127,33 @@ def _parse(output: str, error: str) -> Canon:
             unit = 25.4 if "INCH" in arguments else 1.0
         elif name == "SELECT_PLANE":
             axes = _PLANES[arguments[-2:]]
+        elif name in _OFFSETS:
+            first = _OFFSETS[name]
+            offsets[name] = (v[first] * unit, v[first + 1] * unit, v[first + 2] * unit)
+            is_shifted = is_shifted or any(offsets[name])
         elif name == "SET_FEED_RATE":
             feed = v[0] * unit
         elif name == "SET_SPINDLE_SPEED":
             speed = v[1]
-        elif name == "ARC_FEED":
-            point = {axes[0]: v[0] * unit, axes[1]: v[1] * unit, axes[2]: v[5] * unit}
-            centre = (v[2] * unit, v[3] * unit)
-            end = (point[0], point[1], point[2])
-            calls.append(Call(name, end, feed, centre, int(v[4]), axes=axes[:2]))
-        elif name in ("STRAIGHT_TRAVERSE", "STRAIGHT_FEED"):
-            calls.append(Call(name, (v[0] * unit, v[1] * unit, v[2] * unit), feed))
+        elif name in _MOVES:
+            calls.append(replace(_move(name, v, unit, axes, offsets), feed=feed))
+            hidden = max(hidden, 0.5e-4 * unit)
         elif name in _SWITCHES:
             value = speed if name == "START_SPINDLE_CLOCKWISE" else v[_SWITCHES[name]]
             calls.append(Call(name, value=value))
-    return Canon(tuple(calls), tuple(names), error)
+    return Canon(tuple(calls), tuple(names), error, hidden=hidden, is_shifted=is_shifted)
+
+
+def _move(
+    kind: str, v: list[float], unit: float, axes: tuple[int, int, int], offsets: dict[str, Point]
+) -> Call:
+    """A motion without its feed. v: coordinates in the unit; of an arc those of its plane first."""
+    shift = [sum(values) for values in zip(*offsets.values(), strict=True)]
+    if kind != "ARC_FEED":
+        x, y, z = (v[k] * unit + shift[k] for k in range(3))
+        return Call(kind, (x, y, z), axes=axes)
+    first, second, _ = axes
+    end = dict(zip(axes, (v[0], v[1], v[5]), strict=True))
+    x, y, z = (end[k] * unit + shift[k] for k in range(3))
+    centre = (v[2] * unit + shift[first], v[3] * unit + shift[second])
+    return Call(kind, (x, y, z), centre=centre, turns=round(v[4]), axes=axes)

@@ -34,7 +34,7 @@ def moves(canon: Canon) -> list[Call]:
     """The motions from where the position is known: after the first lift, or after the lift to the top of the machine
     and the way across up there.
     """
-    found = [c for c in canon.calls if c.kind in ("STRAIGHT_TRAVERSE", "STRAIGHT_FEED", "ARC_FEED")]
+    found = canon.moves
     assert all(call.kind == "STRAIGHT_TRAVERSE" for call in found[: canon.lead])
     if canon.lead == 2:
         top, across = found[:2]

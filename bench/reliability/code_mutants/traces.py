@@ -364,7 +364,7 @@ def _read_call(call: canon.Call, start: Array, blend: float) -> Motion:
         return Motion(FREE, end, None, math.nan, None, 0.0, blend, (), ())
     if call.kind == "STRAIGHT_FEED":
         return Motion(LINE, end, None, call.feed / 60.0, None, 0.0, blend, (), ())
-    if call.axes != (0, 1) or abs(call.turns) != 1:
+    if call.axes != (0, 1, 2) or abs(call.turns) != 1:
         raise Unreadable("an arc out of the level plane, or of several turns")
     via = _find_middle(start, end, np.array(call.centre), call.turns)
     return Motion(ARC, end, via, call.feed / 60.0, None, 0.0, blend, (), ())
