@@ -26,8 +26,10 @@ COLUMNS = (
     "| deepest of these mm {:.3f}"
 )
 Body = list[Instruction]
-#: A fault: the cuts with it; none where the scene has nothing of the kind.
+#: A fault: the cuts with it; None if the scene has nothing of the kind.
 Seed = Callable[[Scene, random.Random], tuple[Cut, ...] | None]
+#: Whether a fault may be at a place of a body.
+IsPlace = Callable[[Body, int], bool]
 
 
 def _moved(item: Instruction, dx: float, dy: float, dz: float = 0.0) -> Instruction:
@@ -50,18 +52,35 @@ def _with(scene: Scene, number: int, body: Sequence[Instruction]) -> tuple[Cut, 
     return (*scene.cuts[:number], cut, *scene.cuts[number + 1 :])
 
 
-def _one(
-    scene: Scene, chance: random.Random, kinds: type | tuple[type, ...], deep: bool = True
-) -> tuple[int, Body, int] | None:
-    """A cut, its body, and the place of one of its motions of these kinds."""
+def _pick_body(scene: Scene, chance: random.Random) -> tuple[int, Body]:
+    """A cut by its number, and its instructions."""
     number = chance.randrange(len(scene.cuts))
-    body = list(scene.cuts[number].body)
-    places = [
-        k
-        for k, item in enumerate(body)
-        if isinstance(item, kinds) and (not deep or _height(item) < -1e-6)
-    ]
-    return (number, body, chance.choice(places)) if places else None
+    return number, list(scene.cuts[number].body)
+
+
+def at_place(is_place: IsPlace, change: Callable[[Body, int, random.Random], bool]) -> Seed:
+    """The fault that a change makes at one of the places. change: returns whether there is one."""
+
+    def seed(scene: Scene, chance: random.Random) -> tuple[Cut, ...] | None:
+        number, body = _pick_body(scene, chance)
+        places = [k for k in range(len(body)) if is_place(body, k)]
+        is_changed = bool(places) and change(body, chance.choice(places), chance)
+        return _with(scene, number, body) if is_changed else None
+
+    return seed
+
+
+def deep(*kinds: type) -> IsPlace:
+    """Whether a motion of these kinds ends in the material."""
+    return lambda body, k: isinstance(body[k], kinds) and _height(body[k]) < -1e-6
+
+
+def is_motion(body: Body, k: int) -> bool:
+    return isinstance(body[k], (MoveJ, MoveL, MoveC))
+
+
+def is_retract(body: Body, k: int) -> bool:
+    return k > 0 and isinstance(body[k], MoveJ) and _height(body[k - 1]) < 0 < _height(body[k])
 
 
 def _size(chance: random.Random, least: float = 0.003, most: float = 4.0) -> float:
@@ -69,68 +88,46 @@ def _size(chance: random.Random, least: float = 0.003, most: float = 4.0) -> flo
     return float(least * (most / least) ** chance.random())
 
 
-def _shift(scene: Scene, chance: random.Random, kind: type) -> tuple[Cut, ...] | None:
-    found = _one(scene, chance, kind)
-    if found is None:
-        return None
-    number, body, k = found
+def shift(body: Body, k: int, chance: random.Random) -> bool:
     by, axis = _size(chance) * chance.choice((-1, 1)), chance.randrange(2)
     body[k] = _moved(body[k], by * (axis == 0), by * (axis == 1))
-    return _with(scene, number, body)
+    return True
 
 
-def shifted_arc(scene: Scene, chance: random.Random) -> tuple[Cut, ...] | None:
-    return _shift(scene, chance, MoveC)
-
-
-def shifted_line(scene: Scene, chance: random.Random) -> tuple[Cut, ...] | None:
-    return _shift(scene, chance, MoveL)
-
-
-def turned_arc(scene: Scene, chance: random.Random) -> tuple[Cut, ...] | None:
-    """On the other side of its chord: G2 for G3."""
-    found = _one(scene, chance, MoveC)
-    if found is None or not isinstance(arc := found[1][found[2]], MoveC):
-        return None
-    number, body, k = found
-    start = getattr(body[k - 1], "target", None)
-    if not isinstance(start, Pose):
-        return None
-    a, b, via = (
-        complex(*start.origin[:2]),
-        complex(*arc.target.origin[:2]),
-        complex(*arc.via.origin[:2]),
-    )
+def turn_round(body: Body, k: int, _chance: random.Random) -> bool:
+    """The arc on the other side of its chord: G2 for G3."""
+    arc, start = body[k], getattr(body[k - 1], "target", None)
+    if not isinstance(start, Pose) or not isinstance(arc, MoveC):
+        return False
+    a, b, via = (complex(*pose.origin[:2]) for pose in (start, arc.target, arc.via))
     mirrored = a + ((via - a) / (b - a)).conjugate() * (b - a)
-    body[k] = replace(
-        arc, via=replace(arc.via, origin=(mirrored.real, mirrored.imag, arc.via.origin[2]))
-    )
-    return _with(scene, number, body)
+    origin = (mirrored.real, mirrored.imag, arc.via.origin[2])
+    body[k] = replace(arc, via=replace(arc.via, origin=origin))
+    return True
 
 
-def lost_retract(scene: Scene, chance: random.Random) -> tuple[Cut, ...] | None:
-    number = chance.randrange(len(scene.cuts))
-    body = list(scene.cuts[number].body)
-    places = [
-        k
-        for k in range(1, len(body))
-        if isinstance(body[k], MoveJ) and _height(body[k - 1]) < 0 < _height(body[k])
-    ]
-    del body[chance.choice(places)]
-    return _with(scene, number, body)
-
-
-def wrong_depth(scene: Scene, chance: random.Random) -> tuple[Cut, ...] | None:
-    """Of one motion and those after it at the same depth."""
-    found = _one(scene, chance, (MoveL, MoveC))
-    if found is None:
-        return None
-    number, body, k = found
+def deepen(body: Body, k: int, chance: random.Random) -> bool:
+    """A motion and those after it at the same depth."""
     by, level = -_size(chance) * chance.choice((1, 1, 1, -1)), _height(body[k])
     while k < len(body) and abs(_height(body[k]) - level) < 1e-9:
         body[k] = _moved(body[k], 0, 0, by)
         k += 1
-    return _with(scene, number, body)
+    return True
+
+
+def leave_out(body: Body, k: int, _chance: random.Random) -> bool:
+    """Without a motion that is not the first."""
+    if k:
+        del body[k]
+    return k > 0
+
+
+def hurry(body: Body, k: int, _chance: random.Random) -> bool:
+    """A motion at feed as a rapid one."""
+    target = getattr(body[k], "target", None)
+    assert isinstance(target, Pose)
+    body[k] = MoveJ(target, 100.0)
+    return True
 
 
 def wrong_offset(scene: Scene, chance: random.Random) -> tuple[Cut, ...] | None:
@@ -147,8 +144,7 @@ def wrong_tool(scene: Scene, chance: random.Random) -> tuple[Cut, ...] | None:
 
 def swapped_holes(scene: Scene, chance: random.Random) -> tuple[Cut, ...] | None:
     """Two paths of a cut, each in the place of the other."""
-    number = chance.randrange(len(scene.cuts))
-    body = list(scene.cuts[number].body)
+    number, body = _pick_body(scene, chance)
     runs = _runs(body)
     if len(runs) < 2:
         return None
@@ -201,32 +197,11 @@ def left_out_tab(scene: Scene, chance: random.Random) -> tuple[Cut, ...] | None:
     return _with(scene, 0, body)
 
 
-def missing_motion(scene: Scene, chance: random.Random) -> tuple[Cut, ...] | None:
-    found = _one(scene, chance, (MoveJ, MoveL, MoveC), deep=False)
-    if found is None or found[2] == 0:
-        return None
-    number, body, k = found
-    del body[k]
-    return _with(scene, number, body)
-
-
-def feed_as_rapid(scene: Scene, chance: random.Random) -> tuple[Cut, ...] | None:
-    found = _one(scene, chance, (MoveL, MoveC))
-    if found is None:
-        return None
-    number, body, k = found
-    target = getattr(body[k], "target", None)
-    assert isinstance(target, Pose)
-    body[k] = MoveJ(target, 100.0)
-    return _with(scene, number, body)
-
-
 def outline_first(scene: Scene, chance: random.Random) -> tuple[Cut, ...] | None:
     """Two paths in the other order."""
     if len(scene.cuts) > 1 and chance.random() < 0.5:
         return tuple(reversed(scene.cuts))
-    number = chance.randrange(len(scene.cuts))
-    body = list(scene.cuts[number].body)
+    number, body = _pick_body(scene, chance)
     runs = _runs(body)
     if len(runs) < 2:
         return None
@@ -265,17 +240,17 @@ def _lifted(body: Body) -> Body:
 
 
 SEEDS: dict[str, Seed] = {
-    "a shifted arc": shifted_arc,
-    "a shifted line": shifted_line,
-    "an arc turned round": turned_arc,
-    "a lost retract": lost_retract,
-    "a wrong depth": wrong_depth,
+    "a shifted arc": at_place(deep(MoveC), shift),
+    "a shifted line": at_place(deep(MoveL), shift),
+    "an arc turned round": at_place(deep(MoveC), turn_round),
+    "a lost retract": at_place(is_retract, leave_out),
+    "a wrong depth": at_place(deep(MoveL, MoveC), deepen),
     "a wrong offset": wrong_offset,
     "another tool": wrong_tool,
     "swapped holes": swapped_holes,
     "a tab left out": left_out_tab,
-    "a motion left out": missing_motion,
-    "a feed as a rapid": feed_as_rapid,
+    "a motion left out": at_place(is_motion, leave_out),
+    "a feed as a rapid": at_place(deep(MoveL, MoveC), hurry),
     "another order": outline_first,
 }
 
