@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from itertools import chain
+
 from hypothesis import strategies as st
 
-from bench.reliability.fuzzing.odd import counts, names, numbers, plain_numbers, rarely
+from bench.reliability.fuzzing.odd import as_bytes, counts, names, numbers, plain_numbers, rarely
 
-# DXF: entities as lists of group codes with the kind of their values: n a number, p a plain one, c a count,
-# t a name, and a text as it stands.
+# DXF: entities as lists of group codes with the kind of their values (`_VALUES`), or a colon and a text.
 
 _POINT = "10n 20n 30p"
 _VERTICES = "10n 20n 42n 10n 20n 10n 20n 42p"
@@ -67,29 +68,46 @@ _SUBCLASSES = {
     "DIMENSION": "Dimension", "HELIX": "Spline", "MESH": "SubDMesh", "WIPEOUT": "Wipeout",
     "ACAD_PROXY_ENTITY": "ProxyEntity",
 }  # fmt: skip
-_UNITS = st.sampled_from(("0", "1", "2", "4", "5", "6", "4", "4", "25", "-1", "x"))
+_LAYERS = (
+    "0:SECTION 2:TABLES 0:TABLE 2:LAYER 70:1 0:LAYER 2t 70c 62n 6:CONTINUOUS 0:ENDTAB 0:ENDSEC"
+)
+#: The values of a template, by the letter behind their group code.
+_VALUES = {
+    "n": numbers,
+    "p": plain_numbers,
+    "c": counts,
+    "t": names,
+    "u": st.sampled_from(("0", "1", "2", "4", "5", "6", "4", "4", "25", "-1", "x")),
+    "v": st.sampled_from(("AC1009", "AC1015", "AC1024", "AC1032", "AC9999")),
+}
+_Pair = tuple[str, str]
 
 
-@st.composite
-def _pairs(draw: st.DrawFn, codes: str) -> list[tuple[str, str]]:
-    """The group codes and values of a template, at times one dropped, doubled or of an odd code."""
-    found = []
-    for word in codes.split():
+def _fill(draw: st.DrawFn, template: str) -> list[_Pair]:
+    """The group codes and values of a template."""
+    pairs = []
+    for word in template.split():
         code, colon, value = word.partition(":")
         if not colon:
-            code, kind = word[:-1], word[-1]
-            value = draw({"n": numbers, "p": plain_numbers, "c": counts, "t": names}[kind])
-        found.append((code, value))
-    if draw(rarely):
-        at = draw(st.integers(0, len(found) - 1))
-        found[at : at + 1] = draw(
-            st.sampled_from(([], [found[at]] * 2, [("1071", "x"), found[at]], [("x", "0")]))
-        )
-    return found
+            code, value = word[:-1], draw(_VALUES[word[-1]])
+        pairs.append((code, value))
+    return pairs
 
 
 @st.composite
-def _entity(draw: st.DrawFn) -> list[tuple[str, str]]:
+def _pairs(draw: st.DrawFn, template: str) -> list[_Pair]:
+    """The pairs of a template, at times one dropped, doubled or of an odd code."""
+    pairs = _fill(draw, template)
+    if draw(rarely):
+        at = draw(st.integers(0, len(pairs) - 1))
+        pairs[at : at + 1] = draw(
+            st.sampled_from(([], [pairs[at]] * 2, [("1071", "x"), pairs[at]], [("x", "0")]))
+        )
+    return pairs
+
+
+@st.composite
+def _entity(draw: st.DrawFn) -> list[_Pair]:
     kind = draw(st.sampled_from((*_ENTITIES, "POLYLINE")))
     if kind == "POLYLINE":
         return draw(_pairs(_POLYLINE))
@@ -107,57 +125,20 @@ _entities = st.lists(_entity(), min_size=1, max_size=5)
 @st.composite
 def dxf(draw: st.DrawFn) -> bytes:
     """A drawing of the old kind, without handles: header, layers, blocks that may name each other, entities."""
-    pairs = [("0", "SECTION"), ("2", "HEADER")]
+    version = "9:$ACADVER 1v" if draw(st.booleans()) else ""
+    header = f"0:SECTION 2:HEADER {version} 9:$INSUNITS 70u 9:$MEASUREMENT 70c 0:ENDSEC"
+    pairs = _fill(draw, header)
     if draw(st.booleans()):
-        pairs += [
-            ("9", "$ACADVER"),
-            ("1", draw(st.sampled_from(("AC1009", "AC1015", "AC1024", "AC1032", "AC9999")))),
-        ]
-    pairs += [
-        ("9", "$INSUNITS"),
-        ("70", draw(_UNITS)),
-        ("9", "$MEASUREMENT"),
-        ("70", draw(counts)),
-        ("0", "ENDSEC"),
-    ]
-    if draw(st.booleans()):
-        layer = [
-            ("0", "LAYER"),
-            ("2", draw(names)),
-            ("70", draw(counts)),
-            ("62", draw(numbers)),
-            ("6", "CONTINUOUS"),
-        ]
-        pairs += [
-            ("0", "SECTION"),
-            ("2", "TABLES"),
-            ("0", "TABLE"),
-            ("2", "LAYER"),
-            ("70", "1"),
-            *layer,
-        ]
-        pairs += [("0", "ENDTAB"), ("0", "ENDSEC")]
-    pairs += [("0", "SECTION"), ("2", "BLOCKS")]
+        pairs += _fill(draw, _LAYERS)
+    pairs += _fill(draw, "0:SECTION 2:BLOCKS")
     for name in draw(st.sampled_from(("", "a", "ab", "ab"))):
-        head = [
-            ("0", "BLOCK"),
-            ("8", "0"),
-            ("2", name),
-            ("70", "0"),
-            ("10", draw(numbers)),
-            ("20", "0"),
-            ("30", "0"),
-        ]
-        pairs += [
-            *head,
-            *(pair for one in draw(_entities) for pair in one),
-            ("0", "ENDBLK"),
-            ("8", "0"),
-        ]
-    pairs += [("0", "ENDSEC"), ("0", "SECTION"), ("2", "ENTITIES")]
-    pairs += [pair for one in draw(_entities) for pair in one]
-    pairs += [("0", "ENDSEC"), ("0", "EOF")]
-    return "".join(f"{code}\n{value}\n" for code, value in pairs).encode("utf-8", "replace")
+        pairs += _fill(draw, f"0:BLOCK 8:0 2:{name} 70:0 10n 20:0 30:0")
+        pairs += chain.from_iterable(draw(_entities))
+        pairs += _fill(draw, "0:ENDBLK 8:0")
+    pairs += _fill(draw, "0:ENDSEC 0:SECTION 2:ENTITIES")
+    pairs += chain.from_iterable(draw(_entities))
+    pairs += _fill(draw, "0:ENDSEC 0:EOF")
+    return as_bytes("".join(f"{code}\n{value}\n" for code, value in pairs))
 
 
 # SVG: elements with their attributes, some of which hold a language of their own.
@@ -282,4 +263,4 @@ def svg(draw: st.DrawFn) -> bytes:
     spaces = ' xmlns:inkscape="http://www.inkscape.org/namespaces/inkscape"'
     root = f'<svg xmlns="http://www.w3.org/2000/svg"{spaces} id="root"{size}{view}>'
     body = "".join(draw(st.lists(_element(), min_size=1, max_size=4)))
-    return f"{root}{body}</svg>".encode("utf-8", "replace")
+    return as_bytes(f"{root}{body}</svg>")

@@ -48,6 +48,11 @@ _TOKEN = re.compile(r"[+-]?\d+\.?\d*(?:[eE][-+]?\d+)?|[A-Za-z_]\w*|\n|[^\sA-Za-z
 _NUMBER = re.compile(r"[+-]?\d+\.?\d*(?:[eE][-+]?\d+)?")
 
 
+def as_bytes(text: str) -> bytes:
+    """The bytes of a text file, "?" for a mark that has none."""
+    return text.encode("utf-8", "replace")
+
+
 @st.composite
 def edited(draw: st.DrawFn, texts: Sequence[str], words: Sequence[str] = (), most: int = 4) -> str:
     """One of the texts with up to ``most`` changes: a token dropped, doubled, made another or an odd number, swapped

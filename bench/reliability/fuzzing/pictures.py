@@ -8,7 +8,7 @@ from functools import cache
 
 from hypothesis import strategies as st
 
-from bench.reliability.fuzzing.odd import counts, names, numbers, rarely
+from bench.reliability.fuzzing.odd import as_bytes, counts, names, numbers, rarely
 
 _SIZES = st.sampled_from((1, 2, 3, 8, 17, 40, 40, 40))
 _ODD_SIZES = st.sampled_from((0, 65_535, 2**31 - 1, 2**32 - 1, 20_000))
@@ -93,7 +93,7 @@ def _pgm(draw: st.DrawFn) -> bytes:
     told = draw(counts) if draw(rarely) else str(width)
     most = draw(st.sampled_from(("255", "255", "65535", "0", "-1", "1", "70000")))
     comment = f"# {draw(names)}\n" if draw(rarely) else ""
-    head = f"{kind}\n{comment}{told} {height}\n{most}\n".encode("utf-8", "replace")
+    head = as_bytes(f"{kind}\n{comment}{told} {height}\n{most}\n")
     if kind == "P5":
         return head + draw(_pixels(width * height))
     return head + " ".join(draw(st.lists(numbers, max_size=12))).encode("utf-8")

@@ -10,7 +10,15 @@ from pathlib import Path
 
 from hypothesis import strategies as st
 
-from bench.reliability.fuzzing.odd import counts, edited, names, numbers, plain_numbers, rarely
+from bench.reliability.fuzzing.odd import (
+    as_bytes,
+    counts,
+    edited,
+    names,
+    numbers,
+    plain_numbers,
+    rarely,
+)
 
 _PARTS = Path(__file__).parents[3] / "fixtures" / "parts"
 
@@ -28,7 +36,7 @@ _STEP_WORDS = (
 def step() -> st.SearchStrategy[bytes]:
     """A part with changed entities."""
     texts = [(_PARTS / "rfa1.step").read_text(encoding="utf-8")]
-    return edited(texts, _STEP_WORDS, 3).map(lambda text: text.encode("utf-8", "replace"))
+    return edited(texts, _STEP_WORDS, 3).map(as_bytes)
 
 
 # Meshes: the corners of a box or a few odd ones, and faces over them.
@@ -81,9 +89,7 @@ def stl(draw: st.DrawFn) -> bytes:
             rows = [f"vertex {' '.join(corners[k])}" for k in face]
             normal = " ".join(draw(numbers) for _ in range(3)) if draw(rarely) else "0 0 1"
             lines += [f"facet normal {normal}", "outer loop", *rows, "endloop", "endfacet"]
-        return "\n".join([*lines, draw(st.sampled_from(("endsolid", "endsolid", "")))]).encode(
-            "utf-8", "replace"
-        )
+        return as_bytes("\n".join([*lines, draw(st.sampled_from(("endsolid", "endsolid", "")))]))
     body = b""
     for face in faces:
         values = [0.0, 0.0, 1.0, *(_float(v) for k in face for v in corners[k])]
@@ -109,7 +115,7 @@ def obj(draw: st.DrawFn) -> bytes:
     lines += ["f " + " ".join(form.format(k + 1) for k in face) for face in faces]
     for other in draw(st.lists(others, max_size=4)):
         lines.insert(draw(st.integers(0, len(lines))), other)
-    return "\n".join(lines).encode("utf-8", "replace")
+    return as_bytes("\n".join(lines))
 
 
 @st.composite
@@ -124,7 +130,7 @@ def off(draw: st.DrawFn) -> bytes:
     head = draw(st.sampled_from(("OFF", "OFF", "COFF", "NOFF", "STOFF", "off", "")))
     lines = [head, " ".join(told), *(" ".join(corner) for corner in corners)]
     lines += [f"{len(face)} {' '.join(map(str, face))}" for face in faces]
-    return "\n".join(lines).encode("utf-8", "replace")
+    return as_bytes("\n".join(lines))
 
 
 _PLY_TYPES = st.sampled_from(
@@ -154,7 +160,7 @@ def _ply(
         lines[at : at + 1] = draw(
             st.sampled_from(([], [lines[at]] * 2, ["property"], ["element"], ["format"]))
         )
-    head = ("\n".join([*lines, "end_header"]) + "\n").encode("utf-8", "replace")
+    head = as_bytes("\n".join([*lines, "end_header"]) + "\n")
     if way.startswith("binary"):
         order = ">" if "big" in way else "<"
         body = b"".join(struct.pack(order + "3f", *map(_float, corner)) for corner in corners)
@@ -162,9 +168,7 @@ def _ply(
         body += b"".join(struct.pack(f"{order}B{len(face)}i", len(face), *face) for face in rows)
         return head + (body[: len(body) // 2] if draw(rarely) else body)
     rows = [] if cloud else [f"{len(face)} {' '.join(map(str, face))}" for face in faces]
-    return head + "\n".join([*(" ".join(corner) for corner in corners), *rows]).encode(
-        "utf-8", "replace"
-    )
+    return head + as_bytes("\n".join([*(" ".join(corner) for corner in corners), *rows]))
 
 
 @st.composite
@@ -307,7 +311,7 @@ def pcd(draw: st.DrawFn) -> bytes:
     head = "VERSION .7\n" + "".join(f"{key} {value}\n" for key, value in fields.items())
     values = [[_float(v) for v in (*row, "0", "0")[:3]] for row in rows]
     if way == "ascii":
-        body = "\n".join(" ".join(row) for row in rows).encode("utf-8", "replace")
+        body = as_bytes("\n".join(" ".join(row) for row in rows))
     elif way == "binary":
         body = b"".join(struct.pack("<3f", *row) for row in values)
     else:
@@ -336,4 +340,4 @@ def text_cloud(draw: st.DrawFn) -> bytes:
     )
     for other in draw(st.lists(others, max_size=3)):
         rows.insert(0 if draw(st.booleans()) else draw(st.integers(0, len(rows))), other)
-    return draw(st.sampled_from(("\n", "\n", "\r\n", "\r"))).join(rows).encode("utf-8", "replace")
+    return as_bytes(draw(st.sampled_from(("\n", "\n", "\r\n", "\r"))).join(rows))

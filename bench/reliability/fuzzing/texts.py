@@ -7,7 +7,7 @@ from functools import cache
 
 from hypothesis import strategies as st
 
-from bench.reliability.fuzzing.odd import edited, names, numbers, rarely
+from bench.reliability.fuzzing.odd import as_bytes, edited, names, numbers, rarely
 
 # Jobs: every setting with values that it may have, and some that it may not.
 
@@ -88,7 +88,7 @@ def job(draw: st.DrawFn) -> bytes:
             "[a.b]",
         )
         lines.insert(draw(st.integers(0, len(lines))), draw(st.sampled_from(junk)))
-    return "\n".join(lines).encode("utf-8", "replace")
+    return as_bytes("\n".join(lines))
 
 
 @st.composite
@@ -99,9 +99,7 @@ def cell(draw: st.DrawFn) -> bytes:
         f"{key[1]} = {draw(_frame() | _value(key))}"
         for key in draw(st.lists(st.sampled_from(keys), max_size=4, unique=True))
     ]
-    return "\n".join([draw(st.sampled_from(("[cell]",) * 7 + ("", "[tool]"))), *rows]).encode(
-        "utf-8", "replace"
-    )
+    return as_bytes("\n".join([draw(st.sampled_from(("[cell]",) * 7 + ("", "[tool]"))), *rows]))
 
 
 def _frame() -> st.SearchStrategy[str]:
@@ -118,9 +116,7 @@ def assignment(draw: st.DrawFn) -> bytes:
             + (table, key, f"{table}.x", f"x.{key}", "", ".", f"{table}.a.b")
         )
     )
-    return f"{name}{'' if draw(rarely) else '='}{draw(_value((table, key)))}".encode(
-        "utf-8", "replace"
-    )
+    return as_bytes(f"{name}{'' if draw(rarely) else '='}{draw(_value((table, key)))}")
 
 
 # URDF: a chain of links and joints.
@@ -212,9 +208,7 @@ _PLAN_WORDS = (
 
 def plan() -> st.SearchStrategy[bytes]:
     """A plan file with changes."""
-    return st.deferred(lambda: edited(_plans(), _PLAN_WORDS)).map(
-        lambda text: text.encode("utf-8", "replace")
-    )
+    return st.deferred(lambda: edited(_plans(), _PLAN_WORDS)).map(as_bytes)
 
 
 _CAMERAS = (
@@ -263,4 +257,4 @@ _CAMERA_WORDS = (
 
 def camera() -> st.SearchStrategy[bytes]:
     """A calibration with changes."""
-    return edited(_CAMERAS, _CAMERA_WORDS).map(lambda text: text.encode("utf-8", "replace"))
+    return edited(_CAMERAS, _CAMERA_WORDS).map(as_bytes)
