@@ -33,8 +33,9 @@ from typing import NamedTuple
 from bench.machine import machine
 from bench.reliability.modal import pacscript, rapid, reader, rs274, vplus
 from bench.reliability.modal.machine import Event, is_same
+from bench.reliability.mutations import Mutation
 from bench.reliability.programs import SOURCES, Made, make
-from bench.reliability.wide_mutations import KINDS, Mutation, mutate
+from bench.reliability.wide_mutations import KINDS, mutate
 from bench.support.runner import Table
 
 TRACES: dict[str, Callable[[str], list[Event]]] = {

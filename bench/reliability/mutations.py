@@ -24,11 +24,31 @@ class Edit(NamedTuple):
     begin: int
     end: int
     new: str
+
+
+class Mutation(NamedTuple):
+    """Edits of a text that are made together.
+
+    kind: name of the change, for the list of mutants
+    edits: changes in order of their place; none overlaps another
+    """
+
     kind: str
+    edits: tuple[Edit, ...]
 
     def apply(self, text: str) -> str:
         """The mutant."""
-        return text[: self.begin] + self.new + text[self.end :]
+        parts: list[str] = []
+        last = 0
+        for edit in self.edits:
+            parts += (text[last : edit.begin], edit.new)
+            last = edit.end
+        return "".join((*parts, text[last:]))
+
+
+def single(kind: str, begin: int, end: int, new: str = "") -> Mutation:
+    """The mutation of one place."""
+    return Mutation(kind, (Edit(begin, end, new),))
 
 
 class Token(NamedTuple):
@@ -75,19 +95,18 @@ def tokens(text: str, language: Language) -> list[Token]:
     return [Token(m.start(), m.end(), m[0], str(m.lastgroup)) for m in re.finditer(pattern, text)]
 
 
-def edits(text: str, language: Language) -> list[Edit]:
+def edits(text: str, language: Language) -> list[Mutation]:
     """Every change of a text, in order, none of which leaves it as it is."""
     found = tokens(text, language)
-    made: list[Edit] = []
+    made: list[Mutation] = []
     for k, token in enumerate(found):
-        made += (
-            Edit(token.begin, token.end, new, "changed") for new in replacements(token, language)
-        )
-        made.append(Edit(token.begin, token.end, "", "dropped"))
-        made.append(Edit(token.begin, token.end, _twice(token), "doubled"))
+        place = token.begin, token.end
+        made += (single("changed", *place, new) for new in replacements(token, language))
+        made.append(single("dropped", *place))
+        made.append(single("doubled", *place, _twice(token)))
         made += _swaps(text, found, k)
     made += _lines(text)
-    return [edit for edit in dict.fromkeys(made) if text[edit.begin : edit.end] != edit.new]
+    return [change for change in dict.fromkeys(made) if change.apply(text) != text]
 
 
 def replacements(token: Token, language: Language) -> Iterator[str]:
@@ -130,14 +149,14 @@ def _twice(token: Token) -> str:
     return token.text + (" " if token.kind in ("number", "word") else "") + token.text
 
 
-def _swaps(text: str, found: list[Token], k: int) -> Iterator[Edit]:
+def _swaps(text: str, found: list[Token], k: int) -> Iterator[Mutation]:
     """A token and the one after it, and the next of its kind in the line where that is another."""
     one = found[k]
     for j in range(k + 1, len(found)):
         two = found[j]
         if j == k + 1 or (two.kind == one.kind and two.text != one.text):
             between = text[one.end : two.begin]
-            yield Edit(one.begin, two.end, two.text + between + one.text, "swapped")
+            yield single("swapped", one.begin, two.end, two.text + between + one.text)
         if (
             (j > k + 1 and two.kind == one.kind)
             or "newline" in (one.kind, two.kind)
@@ -146,14 +165,14 @@ def _swaps(text: str, found: list[Token], k: int) -> Iterator[Edit]:
             return
 
 
-def _lines(text: str) -> Iterator[Edit]:
+def _lines(text: str) -> Iterator[Mutation]:
     """Whole lines dropped, doubled, and swapped with the next."""
     lines = re.findall(r"[^\n]*\n", text)
     begin = 0
     for k, line in enumerate(lines):
         end = begin + len(line)
-        yield Edit(begin, end, "", "dropped")
-        yield Edit(begin, end, line + line, "doubled")
+        yield single("dropped", begin, end)
+        yield single("doubled", begin, end, line + line)
         if k + 1 < len(lines):
-            yield Edit(begin, end + len(lines[k + 1]), lines[k + 1] + line, "swapped")
+            yield single("swapped", begin, end + len(lines[k + 1]), lines[k + 1] + line)
         begin = end

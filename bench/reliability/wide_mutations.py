@@ -19,7 +19,16 @@ from itertools import combinations
 from typing import NamedTuple
 from zlib import crc32
 
-from bench.reliability.mutations import LANGUAGES, Edit, Token, edits, replacements, tokens
+from bench.reliability.mutations import (
+    LANGUAGES,
+    Edit,
+    Mutation,
+    Token,
+    edits,
+    replacements,
+    single,
+    tokens,
+)
 
 #: Kinds of mutants, in the order of the table.
 KINDS = ("single", "structural", "global", "paired")
@@ -115,26 +124,6 @@ FLOWS = {
 }
 
 
-class Mutation(NamedTuple):
-    """Edits of a text that are made together.
-
-    kind: name of the change, for the list of mutants
-    edits: changes in order of their place; none overlaps another
-    """
-
-    kind: str
-    edits: tuple[Edit, ...]
-
-    def apply(self, text: str) -> str:
-        """The mutant."""
-        parts: list[str] = []
-        last = 0
-        for edit in self.edits:
-            parts += (text[last : edit.begin], edit.new)
-            last = edit.end
-        return "".join((*parts, text[last:]))
-
-
 class Line(NamedTuple):
     """A line of a text with its end. begin, end: characters from the start of the text."""
 
@@ -171,12 +160,11 @@ class Source(NamedTuple):
 def mutate(text: str, post: str, kind: str, seed: int = 0) -> list[Mutation]:
     """All mutants of a text of one of `KINDS`, each once; none of them is the text itself."""
     if kind == "single":
-        return [Mutation(edit.kind, (edit,)) for edit in edits(text, LANGUAGES[post])]
+        return edits(text, LANGUAGES[post])
     source = Source(text, post, seed, _split(text))
     mutants: dict[tuple[Edit, ...], Mutation] = {}
     for mutation in _FAMILIES[kind](source):
-        changes = tuple(edit._replace(kind="") for edit in mutation.edits)
-        mutants.setdefault(changes, mutation)
+        mutants.setdefault(mutation.edits, mutation)
     return [mutation for mutation in mutants.values() if mutation.apply(text) != text]
 
 
@@ -218,19 +206,23 @@ def _stray_words(source: Source) -> Iterator[Mutation]:
             word, tail = insertions[_draw(source.seed, "word", row, draw) % len(insertions)]
             other = source.lines[_draw(source.seed, "line", row, draw) % count].text.strip()
             stray = f"{line.indent}{word}{tail.format(line=other)}\n"
-            yield _single(f"inserted {word}", Edit(line.begin, line.begin, stray, ""))
+            yield single(f"inserted {word}", line.begin, line.begin, stray)
         first, last = (
             words[_draw(source.seed, side, row) % len(words)] for side in ("before", "after")
         )
         bare = line.text.strip()
         begin = line.begin + len(line.indent)
         end = begin + len(bare)
-        yield _single(f"{first} before the line", Edit(begin, end, f"{first} {bare}", ""))
-        yield _single(f"{last} after the line", Edit(begin, end, f"{bare} {last}", ""))
+        yield single(f"{first} before the line", begin, end, f"{first} {bare}")
+        yield single(f"{last} after the line", begin, end, f"{bare} {last}")
 
 
-def _single(kind: str, edit: Edit) -> Mutation:
-    return Mutation(kind, (edit,))
+def _drop(place: Line | Token) -> Edit:
+    return Edit(place.begin, place.end, "")
+
+
+def _repeat(line: Line) -> Edit:
+    return Edit(line.end, line.end, line.text)
 
 
 def _moved_lines(source: Source) -> Iterator[Mutation]:
@@ -240,15 +232,13 @@ def _moved_lines(source: Source) -> Iterator[Mutation]:
         end = lines[row]
         for k, line in enumerate(lines):
             text = line.text.removesuffix("\n") + "\n"
-            after = Edit(end.end, end.end, text, "")
-            dropped = Edit(line.begin, line.end, "", "")
-            yield _single("repeated after an end", after)
+            after = Edit(end.end, end.end, text)
+            yield Mutation("repeated after an end", (after,))
             if k != row:
-                yield Mutation("moved after an end", _in_order(dropped, after))
-                before = Edit(line.begin, line.begin, end.text, "")
-                yield _single("an end repeated before the line", before)
-                gone = Edit(end.begin, end.end, "", "")
-                yield Mutation("an end moved before the line", _in_order(gone, before))
+                yield Mutation("moved after an end", _in_order(_drop(line), after))
+                before = Edit(line.begin, line.begin, end.text)
+                yield Mutation("an end repeated before the line", (before,))
+                yield Mutation("an end moved before the line", _in_order(_drop(end), before))
 
 
 def _drawn_ends(source: Source) -> list[int]:
@@ -269,18 +259,14 @@ def _changed_blocks(source: Source) -> Iterator[Mutation]:
     size = len(source.text)
     for first, last in _list_blocks(source):
         opening, closing = source.lines[first], source.lines[last]
-        whole = Edit(opening.begin, closing.end, "", "")
+        whole = Edit(opening.begin, closing.end, "")
         block = source.text[opening.begin : closing.end]
-        bounds = (
-            Edit(opening.begin, opening.end, "", ""),
-            Edit(closing.begin, closing.end, "", ""),
-        )
-        yield Mutation("bounds of a block dropped", bounds)
-        yield _single("block dropped", whole)
-        yield _single("block repeated", Edit(closing.end, closing.end, block, ""))
-        yield Mutation("block moved to the end", (whole, Edit(size, size, block, "")))
-        yield _single("block repeated at the end", Edit(size, size, block, ""))
-        yield _single("block emptied", Edit(opening.end, closing.begin, "", ""))
+        yield Mutation("bounds of a block dropped", (_drop(opening), _drop(closing)))
+        yield Mutation("block dropped", (whole,))
+        yield single("block repeated", closing.end, closing.end, block)
+        yield Mutation("block moved to the end", (whole, Edit(size, size, block)))
+        yield single("block repeated at the end", size, size, block)
+        yield single("block emptied", opening.end, closing.begin)
 
 
 def _list_blocks(source: Source) -> Iterator[tuple[int, int]]:
@@ -314,7 +300,7 @@ def _replaced_tokens(source: Source) -> Iterator[Mutation]:
             continue
         for new in dict.fromkeys((*replacements(group[0], language), *_rough(text), "")):
             kind = f"{text[:20]} replaced everywhere" if new else f"{text[:20]} dropped everywhere"
-            yield Mutation(kind, tuple(Edit(each.begin, each.end, new, "") for each in group))
+            yield Mutation(kind, tuple(Edit(each.begin, each.end, new) for each in group))
 
 
 def _rough(text: str) -> Iterator[str]:
@@ -337,10 +323,8 @@ def _line_kinds(source: Source) -> Iterator[Mutation]:
     for key, group in groups.items():
         if len(group) < 2:
             continue
-        dropped = tuple(Edit(line.begin, line.end, "", "") for line in group)
-        repeated = tuple(Edit(line.end, line.end, line.text, "") for line in group)
-        yield Mutation(f"all lines {key} dropped", dropped)
-        yield Mutation(f"all lines {key} repeated", repeated)
+        yield Mutation(f"all lines {key} dropped", tuple(map(_drop, group)))
+        yield Mutation(f"all lines {key} repeated", tuple(map(_repeat, group)))
         yield from _replaced_numbers(source, key, group)
 
 
@@ -359,7 +343,7 @@ def _replaced_numbers(source: Source, key: str, group: Sequence[Line]) -> Iterat
             for line, matches in zip(group, places, strict=True):
                 match = matches[place]
                 begin = line.begin + match.start()
-                changes.append(Edit(begin, begin + len(match[0]), new.format(match[0]), ""))
+                changes.append(Edit(begin, begin + len(match[0]), new.format(match[0])))
             yield Mutation(f"number {place + 1} of all lines {key}", tuple(changes))
 
 
@@ -376,18 +360,10 @@ def _paired(source: Source) -> Iterator[Mutation]:
             settings.setdefault(line.text, line)
     units = [*header, *list(settings.values())[:_SETTING_LINES]]
     for first, second in combinations(units, 2):
-        changes = (
-            Edit(first.begin, first.end, "", ""),
-            Edit(second.begin, second.end, "", ""),
-        )
-        yield Mutation("two lines dropped", changes)
+        yield Mutation("two lines dropped", (_drop(first), _drop(second)))
     if LANGUAGES[source.post].gcode:
-        for one_word, other in combinations(_header_words(source), 2):
-            changes = (
-                Edit(one_word.begin, one_word.end, "", ""),
-                Edit(other.begin, other.end, "", ""),
-            )
-            yield Mutation("two words dropped", changes)
+        for first_word, second_word in combinations(_header_words(source), 2):
+            yield Mutation("two words dropped", (_drop(first_word), _drop(second_word)))
 
 
 def _is_still(text: str, source: Source) -> bool:
