@@ -30,14 +30,13 @@ class Run:
 
 @dataclass(frozen=True)
 class Observed:
-    """Of the contact that is pressed: its length, mm, the shares of it where the contact point runs more than 5 % and
-    more than 10 % faster or slower than asked, and its greatest speed over ``PEAK`` mm, as a multiple of that. without:
+    """Of the contact that is pressed: its length, mm, the share of it where the contact point runs more than 5 % faster
+    or slower than asked, and its greatest speed over ``PEAK`` mm, as a multiple of that. without:
     mm of contact that is not pressed. too_much: mm of path that is pressed while the contact point stands still.
     """
 
     length: float
     off5: float
-    off10: float
     peak: float
     without: float
     too_much: float
@@ -67,10 +66,10 @@ def observe(found: Run, truth: Truth, feed: float) -> Observed:
     runs, pressed = truth.contact > 0, found.pressed[row]
     good = runs & pressed
     whole = truth.length[good].sum()
-    off5, off10 = (truth.length[good & (np.abs(seen - 1) > by)].sum() / whole for by in (0.05, 0.1))
+    off5 = truth.length[good & (np.abs(seen - 1) > 0.05)].sum() / whole
     without, too_much = truth.length[runs & ~pressed].sum(), truth.length[~runs & pressed].sum()
     peak = _peak(truth.length[good], seen[good])
-    return Observed(*(float(x) for x in (whole, off5, off10, peak, without, too_much)))
+    return Observed(*(float(x) for x in (whole, off5, peak, without, too_much)))
 
 
 def _peak(length: np.ndarray, seen: np.ndarray) -> float:

@@ -1,9 +1,9 @@
 """Pictures as drawings: how many points they need, how near they keep to the pixels, and the way with the pen up.
 
-    python -m bench.plan.drawing [FOLDER]      a table over the pictures of FOLDER (default: shared/data/image)
-    python -m bench.plan.drawing docs FOLDER   the pictures of docs/drawing-robot.md, for FOLDER = docs/images
+    python -m bench.plan.drawing [FOLDER]
 
-Every picture is traced on an A4 page. Distances are measured on points 0.25 px apart, in both directions.
+FOLDER holds pictures (default: ``shared/data/image`` beside the repository). Every picture is
+traced on an A4 page. Distances are measured on points 0.25 px apart, in both directions.
 """
 
 from __future__ import annotations
@@ -11,13 +11,11 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import shapely
 
-from bench.support.runner import PARTS, SHARED, Cells, Scenario, find_files, run
+from bench.support.runner import SHARED, Cells, Scenario, find_files, read_words, run
 from bench.support.timing import timed
-from camgen.cli import main
 from camgen.geometry.segments import flatten, from_contours
 from camgen.model.part import Contour, Part
 from camgen.order.arrange import Search, arrange, measure_travel
@@ -34,11 +32,6 @@ COLUMNS = (
 )
 JOB = from_mapping({"operation": {"kind": "trace"}, "page": {"size": "A4"}})
 METHODS = ("as-drawn", "nearest", "best")
-ARM = ["--post", "vplus", "--set", "cell.robot=Cobra s600"]
-WALKS = {
-    "gear": [*ARM, "--set", "page.size=A5"],
-    "board": [*ARM, "--set", "operation.kind=fill", "--set", "tool.diameter=0.8"],
-}
 
 
 def line(contour: Contour, chord: float) -> shapely.LineString:
@@ -80,23 +73,7 @@ def simplified(path: Path) -> tuple[Part, Part]:
     return raw, simplify(raw, JOB)
 
 
-def docs(folder: Path) -> None:
-    """What docs/drawing-robot.md shows, by the commands that it names."""
-    for name, words in WALKS.items():
-        picture = folder / f"{name}.png"
-        picture.write_bytes((PARTS / picture.name).read_bytes())
-        with TemporaryDirectory() as made:
-            preview = folder / f"drawing-{name}.svg"
-            assert (
-                main(["build", str(picture), *words, "-q", "-o", made, "--preview", str(preview)])
-                == 0
-            )
-
-
 if __name__ == "__main__":
-    if sys.argv[1:2] == ["docs"]:
-        docs(Path(sys.argv[2]))
-    else:
-        folder = Path(sys.argv[1]) if sys.argv[1:] else SHARED / "image"
-        pictures = find_files(folder, (".png", ".jpg", ".tif"))
-        sys.exit(run(Scenario(COLUMNS, [(path,) for path in pictures], judge, may_refuse=True)))
+    (folder,) = read_words(SHARED / "image")
+    pictures = find_files(folder, (".png", ".jpg", ".tif"))
+    sys.exit(run(Scenario(COLUMNS, [(path,) for path in pictures], judge, may_refuse=True)))

@@ -40,14 +40,14 @@ class Motion(NamedTuple):
     """
 
     kind: str
-    end: Array
-    via: Array | None
-    speed: float
-    rotation: Array | None
-    force: float
-    blend: float
-    frames: tuple[float, ...]
-    setup: tuple[str, ...]
+    end: Array = np.full(3, np.nan)
+    via: Array | None = None
+    speed: float = math.nan
+    rotation: Array | None = None
+    force: float = 0.0
+    blend: float = 0.0
+    frames: tuple[float, ...] = ()
+    setup: tuple[str, ...] = ()
 
 
 class Switch(NamedTuple):
@@ -70,7 +70,6 @@ class Statement(NamedTuple):
 
 
 Step = Motion | Switch | Pause | Statement
-_NOWHERE = np.full(3, np.nan)
 
 
 class Unreadable(Exception):
@@ -122,6 +121,15 @@ def _read_output(event: Event) -> Step:
     return Statement(_spell(event))
 
 
+def _read_other(event: Event, silent: Sequence[str]) -> list[Step]:
+    """The step of an event that does not move; none for an event that is silent."""
+    if event[0] == "output":
+        return [_read_output(event)]
+    if event[0] == "wait":
+        return [Pause(_numbers(event, "s")[0])]
+    return [] if event[0] in silent else [Statement(_spell(event))]
+
+
 # RAPID
 
 _PRESSING = ("fcpress1lstart", "fcpressl", "fcpressc")
@@ -159,14 +167,10 @@ def _run_rapid(name: str, routines: dict[str, list[Event]], depth: int) -> list[
         called = re.fullmatch(r"says ([\w.]+) ;", words)
         if called and called[1] in routines:
             steps += _run_rapid(called[1], routines, depth + 1)
-        elif event[0] == "output":
-            steps.append(_read_output(event))
-        elif event[0] == "wait":
-            steps.append(Pause(_numbers(event, "s")[0]))
-        elif "|" in event:
+        elif "|" in event and event[0] != "output":
             steps.append(_read_rapid_motion(event))
-        elif event[0] not in ("calls", "leaves"):
-            steps.append(Statement(words))
+        else:
+            steps += _read_other(event, ("calls", "leaves"))
     return steps
 
 
@@ -191,9 +195,7 @@ def _read_rapid_motion(event: Event) -> Motion:
     frames = (*_numbers(rest[-1], "mm")[:6], *_numbers(rest[-1], "turn"))
     setup = [str(atom) for atom in rest[-1] if isinstance(atom, str)]
     if name == "moveabsj":
-        return Motion(
-            JOINTS, _NOWHERE, None, speed[0] if speed else math.nan, None, 0.0, blend, (), ()
-        )
+        return Motion(JOINTS, speed=speed[0] if speed else math.nan, blend=blend)
     end = np.array(_numbers(pose, "mm"))
     rotation = _rotation_of(_numbers(pose, "turn"))
     kind = {"movej": FREE, "movec": ARC, "fcpressc": ARC}.get(name, LINE)
@@ -224,12 +226,8 @@ def _read_vplus(text: str) -> list[Step]:
         elif event[0] == "break":
             if steps and isinstance(steps[-1], Motion):
                 steps[-1] = steps[-1]._replace(blend=0.0)
-        elif event[0] == "output":
-            steps.append(_read_output(event))
-        elif event[0] == "wait":
-            steps.append(Pause(_numbers(event, "s")[0]))
-        elif event[0] != "end":
-            steps.append(Statement(_spell(event)))
+        else:
+            steps += _read_other(event, ("end",))
     return steps
 
 
@@ -242,7 +240,7 @@ def _read_vplus_motion(event: Event) -> Motion:
     words = _spell(state[: state.index("speed")] if "speed" in state else state).split()
     setup = (*words, *(f"{value:g} %" for value in percent))
     if "#ppoint" in target:
-        return Motion(JOINTS, _NOWHERE, None, speed, None, 0.0, BY_ACCELERATION, (), setup)
+        return Motion(JOINTS, speed=speed, blend=BY_ACCELERATION, setup=setup)
     places, turns = _numbers(target, "mm"), _numbers(target, "turn")
     if len(places) != 6 or len(turns) != 18:
         raise Unreadable(_spell(target)[:80])
@@ -262,12 +260,8 @@ def _read_pacscript(text: str) -> list[Step]:
     for event in pacscript.trace(_inline_subs(text)):
         if event[0] == "move":
             steps.append(_read_pacscript_motion(event))
-        elif event[0] == "output":
-            steps.append(_read_output(event))
-        elif event[0] == "wait":
-            steps.append(Pause(_numbers(event, "s")[0]))
-        elif event[0] not in ("end", "leaves"):
-            steps.append(Statement(_spell(event)))
+        else:
+            steps += _read_other(event, ("end", "leaves"))
     return steps
 
 
@@ -293,7 +287,7 @@ def _read_pacscript_motion(event: Event) -> Motion:
     setup = tuple(atom for atom in _spell(event[begin:]).split()[3:])
     places, turns = _numbers(event[:begin], "mm"), _numbers(event[:begin], "turn")
     if "j" in event[:begin]:
-        return Motion(JOINTS, _NOWHERE, None, speed, None, 0.0, blend, (), setup)
+        return Motion(JOINTS, speed=speed, blend=blend, setup=setup)
     via = _read_via(event[:begin]) if kind == ARC else None
     if len(places) < 3 or len(turns) != 9:
         raise Unreadable(_spell(event)[:80])
@@ -343,31 +337,21 @@ def _has_motion(steps: Sequence[Step]) -> bool:
 _TOP_MM = 900.0
 _LIFT = re.compile(r"\bG53 G0 Z0$", re.M)
 _TOOLS = "T1 P1 Z0 D4.0 ;fine\nT2 P2 Z0 D6.0 ;coarse\n"
-_PLAIN_CALLS = frozenset(
-    (
-        "COMMENT",
-        "STRAIGHT_TRAVERSE",
-        "STRAIGHT_FEED",
-        "ARC_FEED",
-        "DWELL",
-        "SET_FEED_RATE",
-        "SET_SPINDLE_SPEED",
-        "START_SPINDLE_CLOCKWISE",
-        "STOP_SPINDLE_TURNING",
-    )
-)
+_PLAIN_CALLS = """
+    COMMENT STRAIGHT_TRAVERSE STRAIGHT_FEED ARC_FEED DWELL SET_FEED_RATE SET_SPINDLE_SPEED
+    START_SPINDLE_CLOCKWISE STOP_SPINDLE_TURNING""".split()  # noqa: SIM905
 
 
 def _read_call(call: canon.Call, start: Array, blend: float) -> Motion:
     end = np.array(call.end)
     if call.kind == "STRAIGHT_TRAVERSE":
-        return Motion(FREE, end, None, math.nan, None, 0.0, blend, (), ())
+        return Motion(FREE, end, blend=blend)
     if call.kind == "STRAIGHT_FEED":
-        return Motion(LINE, end, None, call.feed / 60.0, None, 0.0, blend, (), ())
+        return Motion(LINE, end, speed=call.feed / 60.0, blend=blend)
     if call.axes != (0, 1, 2) or abs(call.turns) != 1:
         raise Unreadable("an arc out of the level plane, or of several turns")
     via = _find_middle(start, end, np.array(call.centre), call.turns)
-    return Motion(ARC, end, via, call.feed / 60.0, None, 0.0, blend, (), ())
+    return Motion(ARC, end, via, call.feed / 60.0, blend=blend)
 
 
 def _find_middle(start: Array, end: Array, centre: Array, turns: int) -> Array:
