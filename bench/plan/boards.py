@@ -41,8 +41,6 @@ DPI = 300
 MM = 25.4 / DPI
 #: By marker, mm: the least share of the copper covered, and the most ink outside beside that of thin tracks.
 GOALS = {0.85: (0.98, 0.02), 0.3: (0.995, 0.02)}
-#: Seconds for a board of 3000 x 3000 px with the marker of 0.85 mm.
-SECONDS = 3.0
 #: Of drill marks, px.
 CENTRE = 0.2
 _SHIFT = 4

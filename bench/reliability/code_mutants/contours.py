@@ -11,10 +11,12 @@ import shapely
 from bench.reliability.code_mutants.cases import Case
 from bench.reliability.code_mutants.judge import (
     DIGIT_MM,
+    SPEED_FRACTION,
     Piece,
     Run,
     Wrong,
     check_program,
+    check_speed,
     find_angle,
     follow_state,
 )
@@ -25,7 +27,6 @@ from bench.reliability.code_mutants.traces import FREE, Step, Switch
 _FOLLOW_MM = 0.005
 #: Lengths along a curve may differ by this, mm: chords and flattened curves.
 _LENGTH_MM = 0.08
-_SPEED_FRACTION = 2e-3
 
 
 def judge(case: Case, steps: Sequence[Step]) -> None:
@@ -62,12 +63,6 @@ def _check_on(case: Case, piece: Piece) -> None:
         raise piece.complain("work with the signal off")
     if case.spindle and piece.rpm == 0.0:
         raise piece.complain("work with the spindle off")
-
-
-def _check_speed(piece: Piece, wanted: float) -> None:
-    speed = piece.motion.speed
-    if not abs(speed - wanted) <= _SPEED_FRACTION * wanted:
-        raise piece.complain(f"{speed:g} mm/s, not {wanted:g} mm/s")
 
 
 # Follow
@@ -148,7 +143,7 @@ def _split_leads(case: Case, run: Run, ring: shapely.Geometry, shapes: list[Shap
     tolerance = _tolerance(case)
     on_curve = []
     for piece in run.pieces:
-        distances = shapely.distance(ring, shapely.points(piece.points[:, :2]))
+        distances = shapely.distance(ring, piece.places)
         on_curve.append(bool(distances.max() < tolerance))
     if not any(on_curve):
         raise run.pieces[0].complain("leaves its curve")
@@ -191,7 +186,7 @@ def _check_lead(
         raise far.complain("a lead that is not a quarter circle")
     speed = min(case.setting("process", "feed"), neighbour.motion.speed)
     for piece in lead:
-        _check_speed(piece, speed)
+        check_speed(piece, speed)
         if piece.motion.force:
             raise piece.complain("force on a lead")
 
@@ -228,7 +223,7 @@ def _measure_travel(
     sign = 1.0 if shape.is_hole == is_climb else -1.0
     total = 0.0
     for piece in contour:
-        positions = shapely.line_locate_point(ring, shapely.points(piece.points[:, :2]))
+        positions = shapely.line_locate_point(ring, piece.places)
         steps = np.diff(positions)
         steps -= np.round(steps / ring.length) * ring.length
         if (sign * steps < -2.0 * DIGIT_MM).any():
@@ -255,7 +250,7 @@ def _check_contour_feed(case: Case, piece: Piece, shapes: list[Shape]) -> None:
     if np.ptp(piece.points[:, 2]) > DIGIT_MM:
         return
     middle = piece.points[len(piece.points) // 2, :2]
-    _check_speed(piece, _find_feed(case, middle, shapes))
+    check_speed(piece, _find_feed(case, middle, shapes))
 
 
 def _find_feed(case: Case, place: Array, shapes: list[Shape]) -> float:
@@ -349,7 +344,7 @@ def _check_down(case: Case, piece: Piece, slope: float, is_tab: bool) -> None:
     """Checks the speed downwards: an entry at plunge, from a tab no faster than plunge."""
     plunge = case.setting("process", "plunge")
     if not is_tab:
-        _check_speed(piece, plunge)
+        check_speed(piece, plunge)
     elif piece.motion.speed * math.sin(math.atan(slope)) > plunge * 1.01:
         raise piece.complain("down from a tab faster than plunge")
 
@@ -392,13 +387,13 @@ def _judge_trace(case: Case, runs: list[Run]) -> None:
     for run in runs:
         for piece in run.pieces:
             _check_on(case, piece)
-            distances = shapely.distance(drawing, shapely.points(piece.points[:, :2]))
+            distances = shapely.distance(drawing, piece.places)
             if distances.max() > case.setting("tolerance", "chord") + DIGIT_MM:
                 raise piece.complain(f"{distances.max():.3f} mm from every line")
             level = _find_level(case, [piece])
             if level > 0 and not _is_covered(piece.points, cut[level - 1]):
                 raise piece.complain("a pass before the one above it")
-            _check_speed(piece, case.setting("process", "feed"))
+            check_speed(piece, case.setting("process", "feed"))
             if piece.motion.force:
                 raise piece.complain("force on a traced line")
             lengths[level] += piece.length
@@ -440,16 +435,16 @@ def _judge_pocket(case: Case, runs: list[Run]) -> None:
     for run in runs:
         for piece in run.pieces:
             _check_on(case, piece)
-            distances = shapely.distance(allowed, shapely.points(piece.points[:, :2]))
+            distances = shapely.distance(allowed, piece.places)
             if distances.max() > _FOLLOW_MM + DIGIT_MM:
                 raise piece.complain(f"cuts {distances.max():.3f} mm into the wall")
             level = _find_level(case, [piece])
             if level > 0 and not swept[level - 1]:
                 raise piece.complain("a pass before the one above it")
-            if not 0.02 * feed <= piece.motion.speed <= feed * (1.0 + _SPEED_FRACTION):
+            if not 0.02 * feed <= piece.motion.speed <= feed * (1.0 + SPEED_FRACTION):
                 raise piece.complain(f"{piece.motion.speed:g} mm/s")
             if piece.motion.via is None:
-                _check_speed(piece, feed)
+                check_speed(piece, feed)
             swept[level].append(shapely.LineString(piece.points[:, :2]))
             along_wall[level] += _measure_along(piece, ring)
     for level, lines in enumerate(swept):
@@ -464,10 +459,9 @@ def _judge_pocket(case: Case, runs: list[Run]) -> None:
 
 def _measure_along(piece: Piece, ring: shapely.Geometry) -> float:
     """The signed length that a motion runs along the last pass at the wall, mm."""
-    points = shapely.points(piece.points[:, :2])
-    if shapely.distance(ring, points).max() > _FOLLOW_MM + DIGIT_MM:
+    if shapely.distance(ring, piece.places).max() > _FOLLOW_MM + DIGIT_MM:
         return 0.0
-    steps = np.diff(shapely.line_locate_point(ring, points))
+    steps = np.diff(shapely.line_locate_point(ring, piece.places))
     return float((steps - np.round(steps / ring.length) * ring.length).sum())
 
 
@@ -517,7 +511,7 @@ def _check_peck(case: Case, piece: Piece, before: float) -> None:
     highest = max(case.setting("process", "approach"), before + _ABOVE_MM)
     if not before - DIGIT_MM <= start <= highest + DIGIT_MM:
         raise piece.complain("drills from another height than that of approach")
-    _check_speed(piece, case.setting("process", "feed"))
+    check_speed(piece, case.setting("process", "feed"))
     peck = case.setting("operation", "depth") / case.setting("operation", "passes", 1)
     if before - end > peck + DIGIT_MM:
         raise piece.complain(f"a peck of {before - end:.3f} mm, not {peck:.3f} mm")
@@ -527,9 +521,9 @@ def _check_return(case: Case, piece: Piece, before: float) -> None:
     """Checks a motion down to where the hole is drilled: fast ones end above the bottom."""
     speed, end = piece.motion.speed, float(piece.points[-1, 2])
     feed, travel = case.setting("process", "feed"), case.setting("process", "travel")
-    if abs(speed - feed) <= _SPEED_FRACTION * feed:
+    if abs(speed - feed) <= SPEED_FRACTION * feed:
         return
-    if not math.isnan(speed) and abs(speed - travel) > _SPEED_FRACTION * travel:
+    if not math.isnan(speed) and abs(speed - travel) > SPEED_FRACTION * travel:
         raise piece.complain(f"{speed:g} mm/s, not feed or travel")
     if end < 0.0 and end < before + _ABOVE_MM - DIGIT_MM:
         raise piece.complain("a rapid motion to the bottom of the hole")

@@ -33,7 +33,7 @@ STEP_MM = 0.2
 #: Positions may differ by the printed digits, mm.
 DIGIT_MM = 2e-3
 #: Speeds may differ by the printed digits, as a fraction.
-_SPEED_FRACTION = 2e-3
+SPEED_FRACTION = 2e-3
 #: Entries of a rotation may differ by the printed digits.
 _ROTATION = 2e-4
 #: A controller runs through corners flatter than this without a stop, rad.
@@ -70,6 +70,11 @@ class Piece(NamedTuple):
     def is_vertical(self) -> bool:
         """The motion changes its height alone."""
         return float(np.ptp(self.points[:, :2], axis=0).max()) < DIGIT_MM
+
+    @property
+    def places(self) -> Array:
+        """Its samples as seen from above, (N,) points of shapely."""
+        return shapely.points(self.points[:, :2])
 
     @property
     def length(self) -> float:
@@ -266,7 +271,7 @@ def _check_air(case: Case, piece: Piece) -> None:
             _check_stay_down(case, piece)
         elif piece.is_on:
             raise piece.complain("travel with the signal on")
-        _check_speed(piece, case.setting("process", "travel"), "travel")
+        check_speed(piece, case.setting("process", "travel"), "travel")
         return
     if case.kind == "drill":
         return
@@ -277,7 +282,7 @@ def _check_air(case: Case, piece: Piece) -> None:
     else:
         if end < clearance - DIGIT_MM:
             raise piece.complain("up to less than the clearance height")
-        _check_speed(piece, case.setting("process", "travel"), "travel")
+        check_speed(piece, case.setting("process", "travel"), "travel")
 
 
 def _check_lift(case: Case, piece: Piece) -> None:
@@ -286,11 +291,11 @@ def _check_lift(case: Case, piece: Piece) -> None:
     if abs(np.ptp(piece.points[:, 2]) - retract) > DIGIT_MM:
         raise piece.complain("not between contact and the height of retract")
     if piece.motion.end[2] < piece.start[2]:
-        _check_speed(piece, _plunge(case), "plunge")
+        check_speed(piece, _plunge(case), "plunge")
         return
     # It goes up at the speed of the corner that follows.
     feed = case.setting("process", "feed") * case.setting("process", "max_feed_factor")
-    _check_speed(piece, feed, "feed")
+    check_speed(piece, feed, "feed")
 
 
 def _check_descent(case: Case, piece: Piece) -> None:
@@ -301,12 +306,12 @@ def _check_descent(case: Case, piece: Piece) -> None:
         if piece.motion.kind == FREE or start > approach + DIGIT_MM:
             raise piece.complain("down to the part without stopping at the approach height")
         _check_rpm(case, piece)
-        _check_speed(piece, _plunge(case), "plunge")
+        check_speed(piece, _plunge(case), "plunge")
         return
     is_high = end > case.setting("process", "clearance") - DIGIT_MM
     if abs(end - approach) > DIGIT_MM and not is_high:
         raise piece.complain("down to another height than that of approach")
-    _check_speed(piece, case.setting("process", "travel"), "travel")
+    check_speed(piece, case.setting("process", "travel"), "travel")
 
 
 def _plunge(case: Case) -> float:
@@ -318,15 +323,16 @@ def _check_rpm(case: Case, piece: Piece) -> None:
         raise piece.complain("the spindle does not turn")
 
 
-def _check_speed(piece: Piece, wanted: float, label: str) -> None:
+def check_speed(piece: Piece, wanted: float, label: str = "") -> None:
     """Checks the speed of a motion; a free one may state none."""
     speed = piece.motion.speed
     if math.isnan(speed):
         if piece.motion.kind != FREE:
             raise piece.complain("a line without a speed")
         return
-    if abs(speed - wanted) > _SPEED_FRACTION * wanted:
-        raise piece.complain(f"{speed:g} mm/s, not {label} {wanted:g} mm/s")
+    if abs(speed - wanted) > SPEED_FRACTION * wanted:
+        asked = f"{label} {wanted:g} mm/s".strip()
+        raise piece.complain(f"{speed:g} mm/s, not {asked}")
 
 
 def _check_stay_down(case: Case, piece: Piece) -> None:
@@ -335,7 +341,7 @@ def _check_stay_down(case: Case, piece: Piece) -> None:
     if np.abs(piece.points[:, 2]).max() > DIGIT_MM:
         raise piece.complain("stays down at another height than that of the work")
     radius = case.setting("tool", "diameter") / 2.0
-    distances = shapely.distance(make_region(case.shapes), shapely.points(piece.points[:, :2]))
+    distances = shapely.distance(make_region(case.shapes), piece.places)
     if distances.min() < radius - 0.005 - DIGIT_MM:
         raise piece.complain(f"travels {distances.min():.3f} mm from the part")
 

@@ -59,7 +59,6 @@ _RESERVED = """
     with xor fine vmax tool0 wobj0 load0 main user base reg1 reg2 reg3 reg4 reg5 wobj1 clock1 high low edge set reset
     setdo setao setgo stop waittime offs reltool tpwrite fccalib fcdeact fcact""".split()  # noqa: SIM905
 _WHOLE = ("endproc", "endmodule", "error", "endfunc", "endtrap")
-_OUTSIDE = "outside"
 
 
 def trace(text: str) -> list[Event]:
