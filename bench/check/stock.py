@@ -14,9 +14,8 @@ from unittest.mock import patch
 
 import camgen
 import camgen.pipeline
-from bench.machine import machine
 from bench.speed.processes import draw
-from bench.support.runner import Table, read_words
+from bench.support.runner import Table, open_table, read_words
 from camgen.check.stock import Cut, Task, design, prove
 from camgen.model.job import StockTable
 from camgen.post.plugins import fill_tables, find_readback
@@ -45,12 +44,11 @@ def measure(drawing: str) -> tuple[dict[str, float], int, float, float]:
 
 
 def main(runs: int, circles: int, slots: int) -> None:
-    print(machine())
     with tempfile.TemporaryDirectory() as folder:
         drawing = str(Path(folder) / "plate.dxf")
         draw(drawing, circles, slots)
         found = [measure(drawing) for _ in range(runs)]
-    table = Table("stage | median s **{:.3f}** | range s {:.3f} to {:.3f}")
+    table = open_table("stage | median s **{:.3f}** | range s {:.3f} to {:.3f}")
     for stage in found[0][0]:
         values = [seconds[stage] for seconds, *_ in found]
         table.add(stage, statistics.median(values), (min(values), max(values)))

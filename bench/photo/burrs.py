@@ -18,13 +18,12 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.machine import machine
 from bench.render.burrs import Burr, with_burrs
 from bench.render.optics import mm_per_px
 from bench.render.parts import NAMED, random_part
 from bench.render.photos import SIZES, Photo, photos, write
 from bench.render.shapes import Loop
-from bench.support.runner import Table, read_words
+from bench.support.runner import Table, open_table, read_words
 from bench.support.timing import timed
 from camgen.check.photo import Difference, Inspection, inspect_photo
 from camgen.model.job import Job
@@ -36,8 +35,7 @@ GOAL_MM, GOAL_PX = 0.05, 0.35
 
 
 def main(count: int, each: int, megapixels: int) -> int:
-    print(machine())
-    table = Table(
+    table = open_table(
         "photo | mm/px {:.3f} | clean: false ones | burrs | found | height off: max mm {:.3f} "
         "| rms mm {:.3f} | length off: max mm {:.2f} | false ones | s {:.1f}"
     )

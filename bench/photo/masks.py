@@ -13,8 +13,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from bench.machine import machine
-from bench.support.runner import SHARED, Table, find_files, read_words
+from bench.support.runner import SHARED, find_files, open_table, read_words
 from bench.support.timing import best_seconds
 from camgen.model.errors import CamgenError
 from camgen.read.files import Files
@@ -84,8 +83,7 @@ SCENES = {
 
 
 def main(folder: Path, width: int, runs: int) -> int:
-    print(machine())
-    table = Table(
+    table = open_table(
         "picture | pixels | method | level {:.1f} | part px | parts | holes | why | ms {:.1f} "
         "| times the bare calls {:.2f}"
     )

@@ -26,7 +26,7 @@ from bench.machine import machine
 from bench.render.shapes import Loop
 from bench.render.truth import Error, Truth, offset_truth, path_error
 from bench.support.motions import sample_plane
-from bench.support.runner import Table
+from bench.support.runner import Table, open_table
 from bench.support.timing import Process, best_seconds, measure_process, python
 from camgen.model.errors import CamgenError
 
@@ -73,9 +73,8 @@ def draw(folder: Path, numbers: list[int]) -> None:
 
 
 def judge(folder: Path, names: list[str]) -> int:
-    print(machine())
     routes = " | ".join(f"{route}: max, rms mm | px" for route in ROUTES)
-    table = Table(
+    table = open_table(
         "photo | plane by | tilt deg {:.0f} | mm/px {:.3f} | "
         f"{routes} | near corners, mm | path missed"
     )

@@ -36,7 +36,7 @@ from bench.render.photos import Photo, of_paper, write
 from bench.render.shapes import Loop
 from bench.render.solid import sheet
 from bench.render.truth import Error, Truth, offset_truth, path_error
-from bench.support.runner import ROOT, Table
+from bench.support.runner import ROOT, Table, open_table
 from bench.support.timing import timed
 from camgen.cli import main as command
 from camgen.model.job import Job
@@ -116,8 +116,7 @@ def main(figures: bool, small: bool) -> None:
 
 def tell_feeds(small: bool) -> int:
     """A row a photo and planner. Of the small photos, in which an inner arc has five pixels, nothing is asked."""
-    print(machine())
-    table = Table(
+    table = open_table(
         "photo | planner | off 5 % {:.2f} % | peak {:.2f} "
         "| without force mm {:.2f} | standing with force mm {:.2f}"
     )

@@ -17,8 +17,7 @@ from functools import partial
 import numpy as np
 import trimesh
 
-from bench.machine import machine
-from bench.support.runner import PARTS, Table, read_words
+from bench.support.runner import PARTS, open_table, read_words
 from bench.support.timing import timed
 from camgen.localize import localize
 from camgen.model.errors import CamgenError
@@ -111,8 +110,7 @@ def main(starts: int, fewer: int, points: int, *names: str) -> int:
         ways["trimesh ICP"] = icp
     if importlib.util.find_spec("small_gicp"):
         ways["small_gicp GICP"] = gicp
-    print(machine())
-    table = Table(
+    table = open_table(
         "part | scan | way | found {} of {} | mm at origin, max {:.4f} | mm at worst vertex, max {:.4f} "
         "| deg, max {:.4f} | s, median {:.1f}"
     )

@@ -20,8 +20,7 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from bench.machine import machine
-from bench.support.runner import PARTS, Table, read_words
+from bench.support.runner import PARTS, open_table, read_words
 from camgen.localize import Location, localize
 from camgen.model.errors import CamgenError
 from camgen.read.files import Files
@@ -157,14 +156,13 @@ def run(job: tuple[str, int, int, Path | None, list[str]]) -> list[Row]:
 def main(views: int, count: int, processes: int, source: str, *names: str) -> int:
     folder = None if source == "-" else Path(source)
     jobs = [(name, views, count, folder, list(names)) for name in parts(folder, list(names))]
-    print(machine())
     if processes == 1:
         groups = [run(job) for job in jobs]
     else:
         with ProcessPoolExecutor(processes) as pool:
             groups = list(pool.map(run, jobs))
     rows = [row for group in groups for row in group]
-    table = Table(f"parts | told | runs | {' | '.join(OUTCOMES)} | s, median {{:.1f}}")
+    table = open_table(f"parts | told | runs | {' | '.join(OUTCOMES)} | s, median {{:.1f}}")
     for kind, way in sorted({row[:2] for row in rows}):
         group = [row for row in rows if row[:2] == (kind, way)]
         tally = Counter(row[2] for row in group)

@@ -15,8 +15,7 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-from bench.machine import machine
-from bench.support.runner import Table
+from bench.support.runner import open_table
 from bench.support.timing import timed
 from camgen.read.programs import Ask, Executed, Language, list_languages
 
@@ -86,8 +85,7 @@ def main() -> None:
     """The table."""
     why = "--why" in sys.argv
     folders = [Path(name) for name in sys.argv[1:] if name != "--why"]
-    print(machine())
-    table = Table(
+    table = open_table(
         "project | language | programs | no start | to the end | assumptions | stopped | refused "
         "| s {:.1f}"
     )

@@ -14,8 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
 
-from bench.machine import machine
-from bench.support.runner import Table
+from bench.support.runner import open_table
 from camgen.model.program import MoveC, MoveJ, MoveL
 from camgen.read.gcode.language import play
 from camgen.read.programs import Ask
@@ -167,8 +166,7 @@ def main() -> None:
     paths = [Path(name) for name in sys.argv[1:]]
     files = [f for p in paths for f in (sorted(p.rglob("*")) if p.is_dir() else [p])]
     counts: Counter[str] = Counter()
-    print(machine())
-    table = Table("program | | ")
+    table = open_table("program | | ")
     for file in files:
         if file.suffix.lower() not in (".ngc", ".nc", ".gcode", ".tap") or not file.is_file():
             continue

@@ -20,10 +20,9 @@ from typing import NamedTuple
 
 from hypothesis import HealthCheck, Phase, given, seed, settings
 
-from bench.machine import machine
 from bench.reliability.fuzzing.table import TABLE, Fuzzed, judge
 from bench.support.children import Limits, run_in_child
-from bench.support.runner import Table
+from bench.support.runner import open_table
 from bench.support.timing import peak_mb
 
 _NAMES = {one.name: one for one in TABLE}
@@ -97,8 +96,7 @@ def main() -> int:
     words = parser.parse_args()
     if words.examples < 1:
         parser.error("--examples: give 1 or more")
-    print(machine())
-    table = Table(
+    table = open_table(
         "input | examples {:,} | read {:,} | refused {:,} | misses | seconds {:.0f} | peak MB {:.0f}"
     )
     misses = []

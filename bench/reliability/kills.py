@@ -19,8 +19,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from bench.machine import machine
-from bench.support.runner import Table, read_words
+from bench.support.runner import open_table, read_words
 from bench.support.timing import python, timed
 
 NAMES = ("part.mod", "plan.json", "report.json", "part.html")
@@ -56,8 +55,9 @@ def _digests(folder: Path) -> dict[str, str]:
 
 def measure(counts: dict[signal.Signals, int]) -> int:
     """Prints the table; how many files are damaged or left over."""
-    print(machine())
-    table = Table("signal | builds ended {} of {} | files new | files damaged | files left over")
+    table = open_table(
+        "signal | builds ended {} of {} | files new | files damaged | files left over"
+    )
     wrong = 0
     with tempfile.TemporaryDirectory() as text:
         folder = Path(text)

@@ -30,13 +30,12 @@ from functools import cache, partial
 from multiprocessing import get_context
 from typing import NamedTuple
 
-from bench.machine import machine
 from bench.reliability.modal import pacscript, rapid, reader, rs274, vplus
 from bench.reliability.modal.machine import Event, is_same
 from bench.reliability.mutations import Mutation
 from bench.reliability.programs import SOURCES, Made, make
 from bench.reliability.wide_mutations import KINDS, mutate
-from bench.support.runner import Table
+from bench.support.runner import open_table
 
 TRACES: dict[str, Callable[[str], list[Event]]] = {
     "rapid": rapid.trace,
@@ -209,11 +208,10 @@ def _parse_arguments() -> argparse.Namespace:
 
 def _print_table(counts: dict[Family, Counter[str]]) -> None:
     """Prints a row for each post and kind, and the sums."""
-    print(machine())
     figures = (
         f"programs {{:,}} | mutants {{:,}} | {CAUGHT} {{:,}} | {HARMLESS} {{:,}} | {LEFT} {{:,}}"
     )
-    table = Table(f"kind | post | {figures}")
+    table = open_table(f"kind | post | {figures}")
     for family, verdicts in counts.items():
         table.add(family.kind, family.post, *_list_figures([family.post], verdicts))
     for kind in dict.fromkeys(family.kind for family in counts):

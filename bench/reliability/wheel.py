@@ -17,8 +17,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from bench.machine import machine
-from bench.support.runner import ROOT, Table
+from bench.support.runner import ROOT, open_table
 from bench.support.timing import timed
 
 PARTS_OF_WHEEL = ("camgen", "postprocessors", "pyproject.toml", "README.md", "LICENSE")
@@ -76,8 +75,7 @@ def look(python: str, wheel: Path, folder: Path) -> tuple[list[object], list[str
 def main(pythons: list[str]) -> int:
     """The table; 1 where anything differs."""
     found = pythons or find_pythons()
-    print(machine())
-    table = Table(
+    table = open_table(
         "Python | packages | s to install {:.0f} | parts built | refused for an extra "
         "| programs the same | others"
     )

@@ -18,8 +18,7 @@ from pathlib import Path
 import numpy as np
 
 import camgen
-from bench.machine import machine
-from bench.support.runner import ROOT, Table
+from bench.support.runner import ROOT, Table, open_table
 from bench.support.timing import median_seconds
 from camgen.check.report import sum_up
 from camgen.check.time import cycle, time_motions
@@ -78,7 +77,6 @@ def cases() -> dict[str, Program]:
 
 
 def main() -> None:
-    print(machine())
     arguments = argparse.ArgumentParser()
     arguments.add_argument("files", nargs="*")
     arguments.add_argument("--lines", nargs="*", type=int, default=(50_000, 500_000))
@@ -86,7 +84,9 @@ def main() -> None:
     if "linuxcnc" in given.files:
         judged()
         return
-    table = Table("input | post | length over speed, s {:.1f} | time, s {:.1f} | travel, s {:.1f}")
+    table = open_table(
+        "input | post | length over speed, s {:.1f} | time, s {:.1f} | travel, s {:.1f}"
+    )
     more: dict[str, tuple[str, dict[str, object]]] = {
         Path(file).name: (str(Path(file).resolve()), {}) for file in given.files
     }
@@ -119,7 +119,7 @@ def judged() -> None:
         subprocess.run(
             ["linuxcnc", "-r", str(here / "mill.ini")], check=True, timeout=300, capture_output=True
         )
-        table = Table(
+        table = open_table(
             "program | length over speed, s {:.3f} | camgen, s {:.3f} | LinuxCNC, s {:.3f} "
             "| apart {:+.2f} %"
         )

@@ -17,9 +17,8 @@ import numpy as np
 from msgspec.structs import replace
 
 import camgen
-from bench.machine import machine
 from bench.robots.rfa import FREE, RAISED, cell
-from bench.support.runner import PARTS, Table
+from bench.support.runner import PARTS, open_table
 from bench.support.timing import timed
 from camgen.check.passing import find_corners
 from camgen.check.time import cycle
@@ -71,8 +70,7 @@ def least(result: Result) -> str:
 
 def main(arguments: list[str]) -> int:
     parts, names = arguments[:1] or RAISED, arguments[1:2] or ARMS
-    print(machine())
-    table = Table(
+    table = open_table(
         "part | robot | tool | edges {}, {} | program, s {:.1f}, {:.1f} | less {:.0f} % "
         "| without blends, s {:.1f} | stops left {} of {} | between rows | least distance {}, {} "
         "| build, s {:.1f}, {:.1f}"

@@ -26,9 +26,8 @@ from pathlib import Path
 import numpy as np
 
 import camgen
-from bench.machine import machine
 from bench.support.motions import place_motion
-from bench.support.runner import SHARED, Table, find_files, read_words
+from bench.support.runner import SHARED, find_files, open_table, read_words
 from camgen.collision.hits import hits
 from camgen.collision.scene import Scene
 from camgen.model.errors import CamgenError
@@ -264,8 +263,7 @@ def count_edges(path: Path) -> int:
 def main(folder: Path, samples: int, names: Sequence[str]) -> int:
     """Prints the table."""
     kinds = (*mesh_file.SUFFIXES, *STEP)
-    print(machine())
-    table = Table(
+    table = open_table(
         "part | arm | edges run | left out | for a collision | of these unfounded | motions hit "
         "| CPU s {:.2f} | verdict"
     )

@@ -28,8 +28,7 @@ import ezdxf
 import numpy as np
 
 import camgen
-from bench.machine import machine
-from bench.support.runner import Table
+from bench.support.runner import open_table
 from camgen.model.pose import FloatArray, fixed_xyz, frozen, pose_from_values
 from camgen.pipeline import Result
 from camgen.robots.catalogue import robot
@@ -203,8 +202,7 @@ def columns_of(data: dict[str, object], size: int) -> list[str]:
 
 
 def main(arguments: list[str]) -> int:
-    print(machine())
-    table = Table(
+    table = open_table(
         "holes | program | not reached | cost {:.1f} | execution, s {:.1f} | seconds {:.1f} "
         "| of the processor {:.1f} | RoboTSP: cost | GLKH: cost | execution, s | CPU s"
     )

@@ -19,8 +19,7 @@ from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 
-from bench.machine import machine
-from bench.support.runner import SHARED, Table, read_words
+from bench.support.runner import SHARED, open_table, read_words
 from bench.support.timing import python, timed
 from camgen.batch import state
 from tests.support.damage import damaged, one_sign_changed
@@ -123,8 +122,7 @@ def main(source: Path, runs: int, count: int, most: int) -> None:
         parts = drawings(source, folder / "parts", count)
         codes, alone = timed(lambda: one_by_one(folder, parts))
         truth = programs(folder / "alone")
-        print(machine())
-        table = Table("way | seconds {:.1f} | exit code | programs | same as one by one")
+        table = open_table("way | seconds {:.1f} | exit code | programs | same as one by one")
         table.add("`build`, a process for each", alone, dict(sorted(codes.items())), len(truth))
         for jobs in (one for one in (1, 2, 4) if one <= most):
             seconds = []

@@ -23,8 +23,7 @@ import numpy as np
 from playwright.sync_api import Browser, CDPSession, Page, sync_playwright
 
 import camgen
-from bench.machine import machine
-from bench.support.runner import PARTS, SHARED, Table, read_words
+from bench.support.runner import PARTS, SHARED, open_table, read_words
 from bench.support.timing import timed
 from camgen.model.errors import CamgenError
 from camgen.pipeline import Result
@@ -173,8 +172,7 @@ def measured(
 
 def main(folder: Path, segments: int, turning: float, openings: int) -> None:
     results = [*ordinary(), largest(folder), by_hand(segments)]
-    print(machine())
-    table = Table(COLUMNS)
+    table = open_table(COLUMNS)
     with sync_playwright() as started, tempfile.TemporaryDirectory() as pages:
         browser = None
         for result in results:

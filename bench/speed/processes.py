@@ -15,8 +15,7 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
-from bench.machine import machine
-from bench.support.runner import PARTS, Table
+from bench.support.runner import PARTS, Table, open_table
 from bench.support.timing import Process, measure_process, python
 
 POSTS = ("gcode", "rapid")
@@ -123,8 +122,7 @@ def bench_solid(table: Table, folder: Path, name: str, runs: int) -> None:
 
 def main(wanted: list[str], runs: int) -> None:
     """runs: of each process; 0: as many as its case says."""
-    print(machine())
-    table = Table(
+    table = open_table(
         "process | median s **{:.3f}** | range s {:.3f} to {:.3f} | processor s {:.3f} "
         "| peak MB {:.0f} | goal"
     )

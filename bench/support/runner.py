@@ -70,6 +70,15 @@ class Table:
         print("".join(cells) + "|", flush=True)
 
 
+def open_table(columns: str, note: str = "") -> Table:
+    """Prints the machine and the head of the first table of a bench.
+
+    note: words after the machine.
+    """
+    print(f"{machine()}{note}")
+    return Table(columns)
+
+
 def _write(cell: object, form: str) -> str:
     if cell is None:
         return ""

@@ -11,8 +11,7 @@ from functools import partial
 
 import numpy as np
 
-from bench.machine import machine
-from bench.support.runner import Table
+from bench.support.runner import open_table
 from bench.support.timing import timed
 from camgen.model.path import ToolPath, waypoints
 from camgen.order.arrange import Search, arrange
@@ -75,8 +74,7 @@ SCENES: dict[str, Callable[[int, random.Random], list[ToolPath]]] = {
 
 
 def main(sizes: list[int]) -> None:
-    print(machine())
-    table = Table(
+    table = open_table(
         "scene | paths {:,} | as drawn, m {:.1f} | nearest, m {:.2f} | of it {:.2f} % | seconds {:.2f}"
     )
     for name, scene in SCENES.items():

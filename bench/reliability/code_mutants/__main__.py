@@ -48,7 +48,7 @@ from bench.reliability.code_mutants.verdicts import (
     find_fault,
     find_verdict,
 )
-from bench.support.runner import Table
+from bench.support.runner import open_table
 
 _PROCESSES = 2
 #: Outcomes of a mutant over all jobs, the most serious first, as columns of the table.
@@ -143,7 +143,6 @@ def _run_judge(given: argparse.Namespace) -> int:
         wrong = sum(each.kind == WRONG for each in judged)
         print(f"\r{len(judged)} of {len(mutants)}, {wrong} wrong", end="", file=sys.stderr)
     print(file=sys.stderr)
-    print(machine())
     print_summary(judged)
     if given.table:
         given.table.write_text(make_table(judged), encoding="utf-8")
@@ -173,7 +172,7 @@ def _run_survivors(given: argparse.Namespace) -> int:
 
 def print_summary(judged: Sequence[Judged]) -> None:
     """Prints a table of the most serious outcomes by group of modules."""
-    table = Table(f"modules | mutants | {' | '.join(COLUMNS)}")
+    table = open_table(f"modules | mutants | {' | '.join(COLUMNS)}")
     for name in (*PROGRAM_GROUPS, "all"):
         members = [each for each in judged if name in (each.mutant.group, "all")]
         counts = Counter(result.kind for result in members)
