@@ -11,13 +11,14 @@ exits with 1 when a full scan misses the goal.
 from __future__ import annotations
 
 import importlib.util
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
+from itertools import product
 
 import numpy as np
 import trimesh
 
-from bench.support.runner import PARTS, open_table, read_words
+from bench.support.runner import PARTS, Cells, Missed, Scenario, read_words, run
 from bench.support.timing import timed
 from camgen.localize import localize
 from camgen.model.errors import CamgenError
@@ -34,6 +35,10 @@ SCANS = {
     "from above, 1 view aside, 20 % bench": (ASIDE, 0.2, 0.2),
     "straight down, 20 % bench": (DOWN, 0.2, 0.2),
 }
+COLUMNS = (
+    "part | scan | way | found | mm at origin, max {:.4f} | mm at worst vertex, max {:.4f} "
+    "| deg, max {:.4f} | s, median {:.1f}"
+)
 Array = np.ndarray
 #: From points of a scan to the rotation and origin of the part.
 Way = Callable[[Array], tuple[Array, Array]]
@@ -104,32 +109,33 @@ def measured(
     return rows
 
 
-def main(starts: int, fewer: int, points: int, *names: str) -> int:
+def list_ways() -> dict[str, Callable[[str, int], Way]]:
+    """The ways that are installed."""
     ways = {"camgen": own}
     if importlib.util.find_spec("scipy"):  # which trimesh needs for it
         ways["trimesh ICP"] = icp
     if importlib.util.find_spec("small_gicp"):
         ways["small_gicp GICP"] = gicp
-    table = open_table(
-        "part | scan | way | found {} of {} | mm at origin, max {:.4f} | mm at worst vertex, max {:.4f} "
-        "| deg, max {:.4f} | s, median {:.1f}"
-    )
-    missed = False
-    for name in names or PATHS:
-        part = trimesh.load_mesh(PATHS[name])
-        for kind, (views, _, share) in SCANS.items():
-            for label, make in ways.items():
-                count = max(round(share * starts), 1) if label == "camgen" else fewer
-                rows = np.array(measured(make(name, points), part, kind, count, points))
-                good, figures = 0, [*"----"]
-                if len(rows):
-                    met = rows[:, :3] < [MM_GOAL, MM_GOAL, DEG_GOAL]
-                    good = int(met.all(axis=1).sum())
-                    figures = [*rows[:, :3].max(axis=0), np.median(rows[:, 3])]
-                missed |= label == "camgen" and views is None and good < count
-                table.add(name, kind, label, (good, count), *figures)
-    return int(missed)
+    return ways
+
+
+def judge(name: str, kind: str, starts: int, fewer: int, points: int) -> Iterator[Cells]:
+    """A row for each way. fewer: starts of the peers. points: of a scan."""
+    part = trimesh.load_mesh(PATHS[name])
+    views, _, share = SCANS[kind]
+    for label, make in list_ways().items():
+        count = max(round(share * starts), 1) if label == "camgen" else fewer
+        rows = np.array(measured(make(name, points), part, kind, count, points))
+        good, figures = 0, [*"----"]
+        if len(rows):
+            good = int((rows[:, :3] < [MM_GOAL, MM_GOAL, DEG_GOAL]).all(axis=1).sum())
+            figures = [*rows[:, :3].max(axis=0), np.median(rows[:, 3])]
+        is_missed = label == "camgen" and views is None and good < count
+        share_text = f"{good} of {count}"
+        yield name, kind, label, Missed(share_text) if is_missed else share_text, *figures
 
 
 if __name__ == "__main__":
-    raise SystemExit(main(*read_words(50, 3, 100_000)))
+    starts, fewer, points, *names = read_words(50, 3, 100_000)
+    inputs = [(*pair, starts, fewer, points) for pair in product(names or PATHS, SCANS)]
+    raise SystemExit(run(Scenario(COLUMNS, inputs, judge)))

@@ -6,18 +6,22 @@ import gc
 import math
 import random
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
+from itertools import product
 
 import numpy as np
 
-from bench.support.runner import open_table
+from bench.support.runner import Cells, Scenario, run
 from bench.support.timing import timed
 from camgen.model.path import ToolPath, waypoints
 from camgen.order.arrange import Search, arrange
 
 SIZES = (1_000, 10_000, 35_000, 100_000)
 HOME = (0.0, 0.0)
+COLUMNS = (
+    "scene | paths {:,} | as drawn, m {:.1f} | nearest, m {:.2f} | of it {:.2f} % | seconds {:.2f}"
+)
 XY = tuple[float, float]
 
 
@@ -73,21 +77,16 @@ SCENES: dict[str, Callable[[int, random.Random], list[ToolPath]]] = {
 }
 
 
-def main(sizes: list[int]) -> None:
-    table = open_table(
-        "scene | paths {:,} | as drawn, m {:.1f} | nearest, m {:.2f} | of it {:.2f} % | seconds {:.2f}"
-    )
-    for name, scene in SCENES.items():
-        for count in sizes:
-            paths = scene(count, random.Random(count))
-            drawn = arrange(paths, Search("as-drawn", HOME, inside_first=False)).travel
-            gc.collect()  # what the last scene left is not part of this one's time
-            tour, seconds = timed(
-                partial(arrange, paths, Search("nearest", HOME, inside_first=False))
-            )
-            shares = drawn / 1000, tour.travel / 1000, 100 * tour.travel / drawn
-            table.add(name, count, *shares, seconds)
+def judge(name: str, count: int) -> Iterator[Cells]:
+    """The row of a scene of so many paths."""
+    paths = SCENES[name](count, random.Random(count))
+    drawn = arrange(paths, Search("as-drawn", HOME, inside_first=False)).travel
+    gc.collect()  # what the last scene left is not part of this one's time
+    tour, seconds = timed(partial(arrange, paths, Search("nearest", HOME, inside_first=False)))
+    shares = drawn / 1000, tour.travel / 1000, 100 * tour.travel / drawn
+    yield name, count, *shares, seconds
 
 
 if __name__ == "__main__":
-    main([int(word) for word in sys.argv[1:]] or list(SIZES))
+    sizes = [int(word) for word in sys.argv[1:]] or SIZES
+    run(Scenario(COLUMNS, product(SCENES, sizes), judge))

@@ -331,8 +331,8 @@ def check_speed(piece: Piece, wanted: float, label: str = "") -> None:
             raise piece.complain("a line without a speed")
         return
     if abs(speed - wanted) > SPEED_FRACTION * wanted:
-        asked = f"{label} {wanted:g} mm/s".strip()
-        raise piece.complain(f"{speed:g} mm/s, not {asked}")
+        text = f"{label} {wanted:g} mm/s".strip()
+        raise piece.complain(f"{speed:g} mm/s, not {text}")
 
 
 def _check_stay_down(case: Case, piece: Piece) -> None:
