@@ -109,21 +109,25 @@ def measured(
     return rows
 
 
-def list_ways() -> dict[str, Callable[[str, int], Way]]:
-    """The ways that are installed."""
-    ways = {"camgen": own}
+def list_methods() -> dict[str, Callable[[str, int], Way]]:
+    """The methods that are installed."""
+    methods = {"camgen": own}
     if importlib.util.find_spec("scipy"):  # which trimesh needs for it
-        ways["trimesh ICP"] = icp
+        methods["trimesh ICP"] = icp
     if importlib.util.find_spec("small_gicp"):
-        ways["small_gicp GICP"] = gicp
-    return ways
+        methods["small_gicp GICP"] = gicp
+    return methods
 
 
 def judge(name: str, kind: str, starts: int, fewer: int, points: int) -> Iterator[Cells]:
-    """A row for each way. fewer: starts of the peers. points: of a scan."""
+    """A row for each method.
+
+    fewer: number of starts of the peers.
+    points: number of points of a scan.
+    """
     part = trimesh.load_mesh(PATHS[name])
     views, _, share = SCANS[kind]
-    for label, make in list_ways().items():
+    for label, make in list_methods().items():
         count = max(round(share * starts), 1) if label == "camgen" else fewer
         rows = np.array(measured(make(name, points), part, kind, count, points))
         good, figures = 0, [*"----"]

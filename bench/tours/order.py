@@ -78,7 +78,7 @@ SCENES: dict[str, Callable[[int, random.Random], list[ToolPath]]] = {
 
 
 def judge(name: str, count: int) -> Iterator[Cells]:
-    """The row of a scene of so many paths."""
+    """The row of a scene with a number of paths."""
     paths = SCENES[name](count, random.Random(count))
     drawn = arrange(paths, Search("as-drawn", HOME, inside_first=False)).travel
     gc.collect()  # what the last scene left is not part of this one's time
