@@ -42,7 +42,9 @@ class Child(NamedTuple):
 
 
 def run_in_child(work: Callable[[], Iterable[object]], limits: Limits) -> Child:
-    """Runs work in a fork of this process, which must have no other threads.
+    """Runs work in a fork of this process.
+
+    A lock that another thread holds stays locked in the child: the caller starts no threads.
 
     work: gives the results one by one. What it prints is thrown away.
     """
