@@ -2,7 +2,7 @@
 
     python -m bench.plan.drawing [FOLDER]
 
-FOLDER holds pictures (default: ``shared/data/image`` beside the repository). Every picture is
+FOLDER holds pictures (default: ``shared/data`` beside the repository). Every picture is
 traced on an A4 page. Distances are measured on points 0.25 px apart, in both directions.
 """
 

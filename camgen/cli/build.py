@@ -83,7 +83,24 @@ def rows(
 
 def _proofs(result: Result) -> list[Row]:
     """Drawing to motion, motion to text, stock, reach and collision."""
-    return [_motion(result), _text(result), *_stock(result), *_reach(result)]
+    proofs = [_motion(result), _text(result), _rounded(result)]
+    return [*proofs, *_stock(result), *_reach(result)]
+
+
+def _rounded(result: Result) -> Row:
+    """The largest distance between the executed and the programmed path, by the model."""
+    rounded = result.rounded
+    if rounded is None:
+        what = f"not modelled: the post {result.post.name} does not state how its controller rounds"
+        return ("rounded", what, "look")
+    if not rounded.transitions:
+        return ("rounded", "0 mm: the tool stops at each corner", "good")
+    if not rounded.mm:
+        return ("rounded", "0 mm: the controller stays on the path", "good")
+    place = " ".join(short(value, 3) for value in rounded.place)
+    distance = f"{rounded.mm:.4f} mm by the model of the controller"
+    limit = f"{short(rounded.allowed, 4)} mm are allowed"
+    return ("rounded", f"{distance}, {limit}; at {place} mm, line {rounded.line}", "good")
 
 
 #: Properties that matter only in some programs, with the column of motions that shows them.

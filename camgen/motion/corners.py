@@ -7,7 +7,7 @@ import math
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.arcs import Spans
+from camgen.geometry.arcs import Spans, spans_through
 from camgen.geometry.vectors import angles
 from camgen.model.cell import Dynamics
 from camgen.model.job import Job
@@ -75,7 +75,8 @@ def blend_corners(
     curved = (motions.curved[:-1] | motions.curved[1:]) & (blend > 0)
     rows = np.flatnonzero(curved)
     if len(rows) and pace.corner in ("zone", "overlap"):
-        pairs = Transitions(motions.pick(rows), motions.pick(rows + 1), blend[rows], fast[rows])
+        first, second = (_fit(motions.pick(picked)) for picked in (rows, rows + 1))
+        pairs = Transitions(first, second, blend[rows], fast[rows])
         blend[rows] = _narrow(pairs, tolerance[rows], pace)
     return blend
 
@@ -104,6 +105,11 @@ def _overlap(
     way = np.minimum(fast**2 / (2 * pace.acceleration), np.maximum(length[:-1], length[1:]) / 2)
     within = way * sine / 2 <= tolerance + _ROUNDING
     return np.where(within, np.maximum(np.round(way, 3), _LEAST_BLEND), 0.0)
+
+
+def _fit(motions: Spans) -> Spans:
+    """The motions with arcs through their `via`, which paths in space have beside the middle."""
+    return spans_through(motions.start, motions.via, motions.end)
 
 
 def _narrow(pairs: Transitions, tolerance: FloatArray, pace: Dynamics) -> FloatArray:

@@ -47,7 +47,7 @@ def measure_rounding(transitions: Transitions, dynamics: Dynamics) -> FloatArray
         return np.zeros(len(transitions.blend))
     if dynamics.corner == "arc":
         # LinuxCNC keeps to the distance that `G64 P` states.
-        return transitions.blend.copy()
+        return np.full(len(transitions.blend), dynamics.deviation)
     distances = [_leave(transitions, curve) for curve in round_off(transitions, dynamics)]
     return np.asarray(np.max(distances, axis=0))
 

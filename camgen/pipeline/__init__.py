@@ -15,6 +15,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 import camgen.preview.notebook  # noqa: F401 (values draw themselves)
+from camgen.check.executed import Rounding
 from camgen.check.report import Cycle, Motions, Verified, clearance_of
 from camgen.check.report import report as report_of
 from camgen.lower import lower
@@ -42,6 +43,7 @@ from camgen.pipeline.programs import (
     post_programs,
 )
 from camgen.pipeline.refusals import tell_by_input
+from camgen.pipeline.rounding import check_rounding, report_rounding
 from camgen.pipeline.stock import OperationSum, prove_stock, report_operations, sum_operations
 from camgen.plan import Coverage, EdgePlan, Plan, ReplayPlan, Watch, ignore_stages, plan
 from camgen.plan.leave_out import find_dependent, leave_out_paths
@@ -81,16 +83,26 @@ JobLike = Mapping[str, object] | Job | str | Path | None
 
 
 class Result(Struct, frozen=True, eq=False, dict=True):
-    """What a build made. All lengths mm, angles rad, times s.
+    """A finished build. Lengths are in mm, angles in rad, times in s.
 
-    part: what was read, as it was planned. cell: with the robot and the fixtures. tour: the paths in order, with their
-    leads; planned: before that. program: as the text says it, arcs already replaced where the controller has none.
-    files: the text with LF line ends. counts: how many of them each program has, in the order in which they are run:
-    one program, or one a tool for controllers that change none; ``program`` is then all of them. lines: of each
-    instruction of ``program``, the line that says it, counted from 1 through all files, 0 where none does. deviation:
-    of the text read back. motions: the sums of the program. cycle: its time. reach, clear: what the check with a robot
-    found, None where there is none. coverage: of a fill. where: what it was tested against. proof: what the text does
-    to the material, where it is cut.
+    part: the drawing or model as it was planned.
+    cell: cell with the robot and the fixtures.
+    tour: the paths in order, with their leads.
+    program: the program that the text states, arcs already replaced where the controller has none.
+    files: the texts with LF line ends.
+    lines: line of each instruction of `program`, from 1 through all files; 0 for none.
+    deviation: deviation of the text from the program.
+    motions: sums of the program.
+    cycle: its time.
+    reach, clear: results of the check with a robot, None without one.
+    coverage: coverage of a fill.
+    where: bodies against which collisions were tested.
+    planned: the paths before they were ordered.
+    counts: number of files of each program, in the order in which they are run. There is one
+        program, or one for each tool on controllers that change none; `program` is then all of them.
+    proof: proof of the material that the text removes, None for a part that is not cut.
+    motion: proof of the motions against the drawing.
+    rounded: rounding of the text, None if its post does not state how its controller rounds.
     """
 
     part: Part
@@ -113,16 +125,18 @@ class Result(Struct, frozen=True, eq=False, dict=True):
     counts: tuple[int, ...] = (1,)
     proof: StockProof | None = None
     motion: MotionProof | None = None
+    rounded: Rounding | None = None
 
     @cached_property
     def report(self) -> dict[str, object]:
         """The contract's report as plain data."""
         text = Verified(tuple(file.name for file in self.files), self.deviation.max_mm)
-        told = report_of(self.part, self.tour, self.notes, self.cycle, text, self.coverage)
-        told |= report_operations(self.job, self.operations, self.proof)
+        table = report_of(self.part, self.tour, self.notes, self.cycle, text, self.coverage)
+        table |= report_operations(self.job, self.operations, self.proof)
+        table |= report_rounding(self.rounded)
         if self.reach is not None:
-            told["checks"] = {"reach": "ok", "collision": "ok", "limits": "ok"}
-        return told if self.clear is None else told | {"clearance": clearance_of(self.clear)}
+            table["checks"] = {"reach": "ok", "collision": "ok", "limits": "ok"}
+        return table if self.clear is None else table | {"clearance": clearance_of(self.clear)}
 
     @property
     def operations(self) -> list[OperationSum]:
@@ -180,12 +194,13 @@ def build(
     posted = post_programs(
         checks, readback, fill_tables(type(poster), settings.post), settings.tolerance.chord
     )
+    rounded = check_rounding(tour, settings, checks, posted)
     proof = prove_stock(asked, planned, tour, request, checks, posted)
     if len(tour.paths) < len(asked.paths):
         planned = _forget_coverage(planned)
     result = _sum_up(planned, tour, request, checks, posted, proof)
     motion = prove_motion(read.part, planned, settings, checks, posted, result.notes)
-    return replace(result, motion=motion)
+    return replace(result, motion=motion, rounded=rounded)
 
 
 def _program(planned: Plan, request: Request) -> tuple[Plan, Tour, Checked]:

@@ -14,7 +14,7 @@ import numpy as np
 
 from camgen.geometry.vectors import within
 from camgen.model.body import NUMBER
-from camgen.model.cell import Cell
+from camgen.model.cell import Cell, Dynamics
 from camgen.model.errors import Refused
 from camgen.model.pose import FloatArray, Pose, quaternion, rotation_from_quaternion, translation
 from camgen.model.program import (
@@ -572,6 +572,10 @@ class Rapid(RapidOptions):
         return Cell(
             "ABB IRB 120", translation(300, -75, 100), translation(0, 0, 100), home, robot="IRB 120"
         )
+
+    def dynamics(self) -> Dynamics:
+        """An average arm, which rounds corners within zones."""
+        return Dynamics(corner="zone")
 
     def list_verified(self) -> frozenset[str]:
         """Tool and work object are in the text where it declares them, the posture unless it is not to be."""

@@ -1,6 +1,7 @@
 """Ways between edges without stops: what is rounded is free by a plain loop over fcl, and stops are where they must."""
 
 import math
+from functools import partial
 
 import numpy as np
 import pytest
@@ -12,11 +13,13 @@ from camgen.check.passing import legs_of
 from camgen.check.reach import check_reach
 from camgen.check.time import from_rest, time_motions
 from camgen.collision.hits import hits
+from camgen.collision.motion import measure_apart
 from camgen.collision.triangle import are_free
 from camgen.model.cell import Dynamics
 from camgen.model.pose import FloatArray, translation
 from camgen.model.program import Comment, Joints, MoveJ, MoveL, Program
 from camgen.motion.corners import Flow
+from camgen.motion.limits import measure_point_speed
 from camgen.pipeline import Result
 from camgen.read.solid import mesh
 from camgen.robots.catalogue import robot
@@ -80,7 +83,7 @@ def test_what_is_rounded_is_free_and_keeps_the_margin(name: str, free: bool) -> 
     result = built(name, free)
     judge, blend = loop(result, SOLID), result.program.columns.blend
     found = np.flatnonzero(blend > 0)
-    assert len(found) >= 20
+    assert len(found) >= 12
     for motion in found.tolist():
         for zone in (blend[motion], 1.6 * blend[motion]):
             for joints in rounded(result, motion, zone):
@@ -96,7 +99,7 @@ def test_edges_begin_and_end_at_a_stop_and_so_does_what_leads_to_a_contact() -> 
     assert ends.sum() >= len(result.tour.paths) == 15
     assert not columns.blend[ends].any()
     contact = np.flatnonzero(~columns.works & (columns.speed < result.job.process.feed))
-    assert len(contact) > 10
+    assert len(contact) > 5
     assert not columns.blend[contact].any()
     assert not columns.blend[contact - 1].any()
     # The others flow, but for those before an edge and one that states where the tool is before it is run along an arc.
@@ -152,8 +155,11 @@ def test_triangles_that_are_called_free_hold_nothing_that_collides() -> None:
 
 
 def test_on_links_no_joint_is_faster_than_it_may_be_and_none_could_be_faster() -> None:
+    """A link is as fast as the joints or the fastest point of the arm, at 250 mm/s, allow."""
     result = built("IRB 2400", True)
     assert result.reach is not None
+    assert result.where is not None
+    distance = partial(measure_apart, result.where.scene)
     arm, columns = arm_of(result), result.program.columns
     legs = legs_of(result.program, result.reach, arm)
     full = 0
@@ -162,19 +168,21 @@ def test_on_links_no_joint_is_faster_than_it_may_be_and_none_could_be_faster() -
     ].tolist():
         rows = legs.rows(k)
         mm, seconds = np.diff(legs.way[rows]), np.diff(legs.seconds[rows])
-        if (
-            isinstance(columns.moves[k], MoveJ)
-            and columns.speed[k] > result.job.process.travel_speed
-        ):
-            # The tool keeps to the speed that is asked where the fastest joint is as fast as it may be.
-            assert columns.share[k] == 1.0
-            assert (mm / seconds).max() <= columns.speed[k] + 1e-6
-            assert (mm / seconds).max() >= columns.speed[k] * 0.97 - 2.0
-            full += 1
+        if isinstance(columns.moves[k], MoveJ):
+            fastest = measure_point_speed(arm, distance, result.reach.joints[rows])
+            limit = min(1.0, 250.0 / fastest)
+            assert 0 < columns.share[k] <= limit * 1.02
+            # Links at the part are slower.
+            if columns.speed[k] != result.job.process.travel_speed:
+                assert columns.share[k] == pytest.approx(limit, rel=0.02)
+                # The mean speed of the TCP at this share, down to a whole number.
+                mean = columns.share[k] * mm.sum() / seconds.sum()
+                assert columns.speed[k] == pytest.approx(mean, rel=0.01, abs=1.0)
+                full += 1
         elif mm.sum() > 1.0:
             # Along a line rows are apart by 10 mm: in between a joint may be a little faster than from row to row.
             assert columns.speed[k] <= (mm / seconds).min() * 1.02
-    assert full > 10
+    assert full > 5
 
 
 def test_a_speed_of_travel_that_is_given_is_kept_by_all_links() -> None:
@@ -183,7 +191,7 @@ def test_a_speed_of_travel_that_is_given_is_kept_by_all_links() -> None:
     assert slow.program.columns.speed.max() == 80.0
     assert fast.program.columns.speed[0] == 100.0  # where the first motion comes from is not known
     assert len(slow.tour.paths) == len(fast.tour.paths)
-    assert fast.cycle.travel < 0.3 * slow.cycle.travel
+    assert fast.cycle.travel < 0.8 * slow.cycle.travel
     assert (slow.program.columns.blend > 0).sum() > 12
 
 
@@ -193,7 +201,7 @@ def test_where_a_force_presses_ways_out_are_slow_and_every_corner_stops() -> Non
     lines = ~columns.works & ~columns.moves_are(MoveJ)
     assert not columns.blend[~columns.works].any()
     assert columns.speed[lines].max() == 100.0
-    assert columns.speed.max() > 1000.0
+    assert 100.0 < columns.speed.max() <= 250.0
 
 
 @pytest.mark.parametrize("post", ["pacscript", "vplus"])

@@ -14,7 +14,7 @@ from bench.robots.rfa import FREE, PARTS, cell
 from camgen.check.time import cycle
 from camgen.model.cell import Dynamics
 from camgen.model.pose import FloatArray, rotation_between
-from camgen.model.program import Comment, Force, MoveC, MoveL, Output
+from camgen.model.program import Comment, Force, MoveC, MoveJ, MoveL, Output
 from camgen.motion.corners import hold_orientation
 from camgen.pipeline import Result
 from camgen.read.solid import mesh
@@ -194,7 +194,7 @@ def test_the_ends_of_an_edge_and_what_is_switched_there_are_stops(disc: Path) ->
     assert len(switched) == 2 * len(result.tour.paths) == 4
     for k in switched:
         before = body[k - 1]
-        assert isinstance(before, Motion)
+        assert isinstance(before, Motion | MoveJ)
         assert before.blend == 0
 
 

@@ -1,0 +1,99 @@
+"""Whether the path that the controller runs keeps to the tolerance of corners."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from msgspec.structs import replace
+
+from camgen.check.executed import Rounding, measure_text
+from camgen.check.report import clean
+from camgen.model.errors import NoSafeProgram
+from camgen.model.job import Job
+from camgen.model.path import Tour
+from camgen.model.pose import FloatArray
+from camgen.model.program import Columns
+from camgen.model.text import short
+from camgen.motion.corners import corner_tolerance
+from camgen.order import JobTour
+from camgen.post import Post
+from camgen.post.plugins import dynamics_of
+
+if TYPE_CHECKING:
+    from camgen.pipeline.programs import Checked, Posted
+
+#: Rounding of the digits of a text moves both ends of a motion.
+_ENDS = 2
+
+
+def check_rounding(tour: Tour, job: Job, checked: Checked, posted: Posted) -> Rounding | None:
+    """The rounding of the texts, as they were read back, that comes nearest to its tolerance.
+
+    None for a post that does not state how its controller rounds.
+
+    Raises NoSafeProgram for a corner that is rounded farther than the job allows.
+    """
+    post = checked.programs[0][0]
+    if not states_rounding(post):
+        return None
+    dynamics = dynamics_of(post, job)
+    by_path = _list_tolerances(tour, job)
+    worst = Rounding()
+    first = count = 0
+    for files, reading, (_, program) in zip(
+        posted.counts, posted.readings, checked.programs, strict=True
+    ):
+        columns, planned = Columns(reading.body), program.columns
+        lines = np.asarray(reading.lines)[columns.at]
+        allowed = by_path[planned.path]
+        name = posted.files[first].name
+        first += files
+        rounding = measure_text(columns, lines, planned.works, allowed, dynamics, name)
+        count += rounding.transitions
+        if rounding.line and (not worst.line or rounding.excess > worst.excess):
+            worst = rounding
+    worst = replace(worst, transitions=count)
+    if worst.excess > _ENDS * posted.tolerance.mm:
+        raise _refuse(worst, post)
+    return worst
+
+
+def report_rounding(rounded: Rounding | None) -> dict[str, object]:
+    """The rounding as a table of the report, mm; empty without a model."""
+    if rounded is None:
+        return {}
+    table: dict[str, object] = {"transitions": rounded.transitions, "mm": rounded.mm}
+    if rounded.line:
+        table |= {"allowed_mm": rounded.allowed, "place": list(rounded.place)}
+        table |= {"file": clean(rounded.file), "line": rounded.line}
+    return {"rounded": table}
+
+
+def states_rounding(post: Post) -> bool:
+    """Whether a post states how its controller rounds corners."""
+    return type(post).dynamics is not Post.dynamics
+
+
+def _list_tolerances(tour: Tour, job: Job) -> FloatArray:
+    """(P + 1,) distance, mm, by which each path may be left in corners; the last is for no path."""
+    parts = [(tour, job)]
+    if isinstance(tour, JobTour):
+        steps = zip(tour.tours, tour.steps, strict=True)
+        parts = [(part, replace(job, tool=step.tool)) for part, step in steps]
+    tolerances: list[float] = []
+    for part, settings in parts:
+        tolerances += [corner_tolerance(settings, path.operation) for path in part.paths]
+    return np.array([*tolerances, np.inf])
+
+
+def _refuse(worst: Rounding, post: Post) -> NoSafeProgram:
+    place = " ".join(short(value, 3) for value in worst.place)
+    what = (
+        f"the controller rounds the corner at {place} mm by {short(worst.mm, 4)} mm, "
+        f"the job allows {short(worst.allowed, 4)} mm"
+    )
+    remedy = "raise tolerance.corner"
+    if hasattr(post, "path_tolerance"):
+        remedy = f"set post.path_tolerance = {short(worst.allowed, 4)}, or {remedy}"
+    return NoSafeProgram(worst.file, what, f"line {worst.line}", remedy)

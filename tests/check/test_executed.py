@@ -1,0 +1,84 @@
+"""The executed path of a text, by the model of its controller and by a judge."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import camgen
+from camgen.check.executed import Rounding, measure_text
+from camgen.model.errors import NoSafeProgram
+from camgen.model.program import Columns
+from camgen.post.plugins import dynamics_of, fill_tables, find_readback
+from tests.support.rounded_paths import judge
+from tests.test_cases import ALL, built
+
+PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
+#: mm: half of the last digit moves both ends of a motion.
+DIGITS = 0.001
+#: The others are judged by `python -m bench.check.rounding`.
+JUDGED = [
+    (case, post)
+    for case, post in ALL
+    if case.name in ("bracket-follow", "blocks-trace", "gear-trace", "logo-trace")
+    and post in ("rapid", "pacscript", "vplus")
+]
+
+
+@pytest.mark.parametrize(("case", "post"), JUDGED, ids=lambda value: getattr(value, "name", value))
+def test_the_judge_finds_the_same_distance(case: Path, post: str) -> None:
+    result = built(case, post)
+    corners = judge(post, result.text)
+    assert len(corners) == result.rounded.transitions
+    assert max(corners).mm == pytest.approx(result.rounded.mm, rel=0.02, abs=DIGITS / 10)
+    assert max(corners).mm <= result.rounded.allowed + DIGITS
+
+
+def measure(result: camgen.Result, text: str) -> Rounding:
+    """The rounding of a changed text."""
+    options = fill_tables(type(result.post), result.job.post)
+    reading = find_readback(result.post.name)({"a": text}, options)
+    columns, planned = Columns(reading.body), result.program.columns
+    allowed = np.full(len(columns.at), result.rounded.allowed)
+    lines = np.asarray(reading.lines)[columns.at]
+    dynamics = dynamics_of(result.post, result.job)
+    return measure_text(columns, lines, planned.works, allowed, dynamics, "a")
+
+
+def test_each_zone_that_is_too_large_is_found() -> None:
+    """The model finds each corner that the judge finds, at its line, with its distance."""
+    case = next(case for case, _ in JUDGED if case.name == "bracket-follow")
+    result = built(case, "rapid")
+    text = result.files[0].text
+    too_large = 0
+    for zone in re.finditer(r",(z0|z1|z5),(?=tCamgen)", text):
+        changed = f"{text[: zone.start()]},z10,{text[zone.end() :]}"
+        worst = max(judge("rapid", changed))
+        if worst.mm <= result.rounded.allowed + 2 * DIGITS:
+            continue
+        rounded = measure(result, changed)
+        assert rounded.line == worst.line
+        assert rounded.mm == pytest.approx(worst.mm, rel=0.03)
+        too_large += 1
+    assert too_large >= 15
+
+
+def test_a_tolerance_that_cannot_be_kept_is_refused_with_the_corner() -> None:
+    job = {"operation": {"kind": "trace"}, "tolerance": {"corner": 0.002}}
+    with pytest.raises(
+        NoSafeProgram, match=r"rounds the corner at .* mm by 0.01 mm.* \(line \d+\)"
+    ) as caught:
+        camgen.build(PARTS / "bracket.dxf", post="gcode", job=job)
+    assert caught.value.exit_code == 3
+    assert "post.path_tolerance = 0.002" in caught.value.remedy
+    finer = job | {"post": {"path_tolerance": 0.002}}
+    assert camgen.build(PARTS / "bracket.dxf", post="gcode", job=finer).rounded.mm == 0.002
+
+
+def test_grbl_stays_on_the_path() -> None:
+    rounded = camgen.build(PARTS / "bracket.dxf", post="grbl").rounded
+    assert rounded.transitions > 0
+    assert rounded.mm == 0.0
