@@ -26,13 +26,18 @@ NOT_REFERENCES = {
 }
 
 
-def test_each_reference_leads_somewhere() -> None:
-    lost = [str(reference) for reference in list_lost() if reference.name not in NOT_REFERENCES]
+@pytest.fixture(scope="module")
+def lost_references() -> list[Reference]:
+    return list_lost()
+
+
+def test_each_reference_leads_somewhere(lost_references: list[Reference]) -> None:
+    lost = [str(reference) for reference in lost_references if reference.name not in NOT_REFERENCES]
     assert lost == []
 
 
-def test_each_exception_is_needed() -> None:
-    assert {reference.name for reference in list_lost()} == NOT_REFERENCES.keys()
+def test_each_exception_is_needed(lost_references: list[Reference]) -> None:
+    assert {reference.name for reference in lost_references} == NOT_REFERENCES.keys()
 
 
 def test_references_are_found_in_all_folders() -> None:

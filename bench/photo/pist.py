@@ -50,7 +50,8 @@ IMAGES = ROOT / "docs" / "images"
 FEED, FORCE = 5.0, 2.0
 #: mm: thickness of the sheet, noise of the scanner, and how far from its place (mm, deg) the part is said to be.
 THICK, NOISE, ABOUT = 2.0, 0.05, (5.0, 4.0)
-POINTS = 50_000
+#: Points of the scan, without and with `--small`.
+POINTS, FEW_POINTS = 50_000, 5_000
 #: The scanner runs over the part and so far (mm) beyond its ends, at this speed (mm/s).
 BEYOND, SCAN_FEED = 20.0, 10.0
 #: Where the middle of the part is before the arm, mm; the tool's rest is the post's.
@@ -101,7 +102,7 @@ def main(figures: bool, small: bool) -> None:
             }
             for name, (result, spent) in seen.items():
                 routes[name].append(judged(run(result.program), truth, result.cycle.total, spent))
-            drawn, spent = by_drawing(folder, photo, k)
+            drawn, spent = by_drawing(folder, photo, k, FEW_POINTS if small else POINTS)
             routes[CAD].append(judged(drawn[0], truth, drawn[1] + moves, spent))
             pixels = paper_route(folder, photo.name, f"{photo.name}.png", truth)
             routes[PIXELS].append(judged(at_feed(pixels), truth, 0.0, 0.0, told=False))
@@ -150,7 +151,9 @@ def arm(photo: Photo) -> list[str]:
 # -- the CAD route, as in section 4.3
 
 
-def by_drawing(folder: Path, photo: Photo, k: int) -> tuple[tuple[Run, float], float]:
+def by_drawing(
+    folder: Path, photo: Photo, k: int, points: int
+) -> tuple[tuple[Run, float], float]:
     """The drawing's program where ``camgen localize`` finds the part: its run and the robot's seconds; and those of the
     localization.
     """
@@ -167,7 +170,7 @@ def by_drawing(folder: Path, photo: Photo, k: int) -> tuple[tuple[Run, float], f
     c, s = math.cos(turn), math.sin(turn)
     matrix = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
     shift = np.array([middle.real, middle.imag, 0.0])
-    np.savetxt(cloud, scan(solid, POINTS, k, ROUND, NOISE, 0.2) @ matrix.T + shift, fmt="%.4f")
+    np.savetxt(cloud, scan(solid, points, k, ROUND, NOISE, 0.2) @ matrix.T + shift, fmt="%.4f")
     place = middle.real + ABOUT[0], middle.imag - ABOUT[0], 0.0
     about = *place, 0.0, 0.0, math.degrees(turn) + ABOUT[1]
     start = f"--start={','.join(map(str, about))}"

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import ast
+from functools import cache
 from pathlib import Path
 
 import pytest
 
+from bench.reliability.code_mutants import targets
 from bench.reliability.code_mutants.cases import BY_NAME, CASES, write_drawing
 from bench.reliability.code_mutants.operators import OPERATORS, find_sites, mutate
 from bench.reliability.code_mutants.running import find_function
@@ -64,13 +66,21 @@ def test_text_that_no_build_runs_is_not_changed() -> None:
 
 
 def test_the_tests_of_a_folder_find_a_negated_condition() -> None:
-    module = "camgen/geometry/halving.py"
+    module = "camgen/geometry/apart.py"
     sites = find_sites((ROOT / module).read_text(encoding="utf-8"))
     negated = next(site for site in sites if site.operator == "condition")
     assert is_found(Mutant("geometry", module, negated))
 
 
-def test_the_draw_is_the_same_each_time_and_every_mutant_compiles() -> None:
+def test_the_sites_of_a_module_are_the_same_each_time() -> None:
+    source = (ROOT / "camgen/order/leads.py").read_text(encoding="utf-8")
+    assert find_sites(source) == find_sites(source) != []
+
+
+def test_the_draw_is_the_same_each_time_and_every_mutant_compiles(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(targets, "find_sites", cache(find_sites))
     for groups, count in ((PROGRAM_GROUPS, 40), (CORE_GROUPS, 40)):
         mutants = draw(groups, count)
         assert mutants == draw(groups, count)

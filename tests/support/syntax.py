@@ -18,9 +18,15 @@ class Comment(NamedTuple):
     text: str
 
 
+#: Half of all nodes, with nothing below them but marks of loading and storing.
+_LEAVES = frozenset((ast.Name, ast.Constant, ast.alias, ast.Pass))
+
+
 def list_children(node: ast.AST) -> list[ast.AST]:
     """The nodes directly below a node, without the marks of loading and storing."""
-    children = []
+    children: list[ast.AST] = []
+    if type(node) in _LEAVES:
+        return children
     for field in node._fields:
         value = getattr(node, field)
         if isinstance(value, list):
