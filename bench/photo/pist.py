@@ -151,9 +151,7 @@ def arm(photo: Photo) -> list[str]:
 # -- the CAD route, as in section 4.3
 
 
-def by_drawing(
-    folder: Path, photo: Photo, k: int, points: int
-) -> tuple[tuple[Run, float], float]:
+def by_drawing(folder: Path, photo: Photo, k: int, points: int) -> tuple[tuple[Run, float], float]:
     """The drawing's program where ``camgen localize`` finds the part: its run and the robot's seconds; and those of the
     localization.
     """

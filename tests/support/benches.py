@@ -55,6 +55,12 @@ class Bench:
         status, said = self.post("change", changes=[{"path": path, "value": value, "raw": raw}])
         assert status == 200, said
 
+    def undo_all(self) -> None:
+        """Undoes all changes, and waits for the job without any."""
+        for _ in range(self.wait(bool)["undo"]):
+            assert self.post("undo")[0] == 200
+        assert self.wait()["tables"] == {}
+
     def states(self) -> Iterator[Json]:
         """What a page is told, from now on; the workbench counts it as a page meanwhile."""
         link = http.client.HTTPConnection("127.0.0.1", self.port, timeout=LONG)

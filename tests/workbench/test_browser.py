@@ -76,33 +76,51 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-@pytest.fixture
-def bench(folder: Path) -> Iterator[Bench]:
-    with open_bench(folder, ["part.dxf"]) as opened:
+@pytest.fixture(scope="module")
+def common_bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
+    work = tmp_path_factory.mktemp("common")
+    shutil.copy(PARTS / "bracket.dxf", work / "part.dxf")
+    with open_bench(work, ["part.dxf"]) as opened:
         yield opened
 
 
 @pytest.fixture
+def bench(common_bench: Bench) -> Iterator[Bench]:
+    """A workbench for tests that write no file. Their changes are undone afterwards."""
+    yield common_bench
+    common_bench.undo_all()
+
+
+@pytest.fixture
 def tab(browser: Driven, bench: Bench) -> Iterator[Tab]:
-    one = Tab(browser, bench)
-    yield one
-    one.context.close()
+    opened = Tab(browser, bench)
+    yield opened
+    opened.context.close()
+
+
+@pytest.fixture
+def own_tab(browser: Driven, folder: Path) -> Iterator[Tab]:
+    """The page of a workbench that no other test uses: files change, or it ends."""
+    with open_bench(folder, ["part.dxf"]) as started:
+        opened = Tab(browser, started)
+        yield opened
+        opened.context.close()
 
 
 def test_a_change_is_built_at_once_and_saved_as_the_command_line_does(
-    tab: Tab, folder: Path, tmp_path: Path
+    own_tab: Tab, folder: Path, tmp_path: Path
 ) -> None:
-    first = tab.rest()["built"]["number"]
-    before = tab.shown(first).locator("#rows").inner_text()
-    tab.enter("process.feed", "31")
-    second = tab.rest("s.tables.process")["built"]["number"]
-    frame = tab.shown(second)
-    assert tab.page.locator("#frames iframe").count() == 1
+    first = own_tab.rest()["built"]["number"]
+    before = own_tab.shown(first).locator("#rows").inner_text()
+    own_tab.enter("process.feed", "31")
+    second = own_tab.rest("s.tables.process")["built"]["number"]
+    frame = own_tab.shown(second)
+    assert own_tab.page.locator("#frames iframe").count() == 1
     assert frame.locator("#rows").inner_text() != before
-    assert tab.page.locator('[data-path=\'["process","feed"]\'].changed').count() == 1
-    assert "\u2022" in tab.page.title()
-    tab.page.keyboard.press("Control+s")
-    assert tab.rest("s.saved && s.told")["told"] == "written: part.toml, part.ngc"
+    assert own_tab.page.locator('[data-path=\'["process","feed"]\'].changed').count() == 1
+    assert "\u2022" in own_tab.page.title()
+    own_tab.page.keyboard.press("Control+s")
+    assert own_tab.rest("s.saved && s.told")["told"] == "written: part.toml, part.ngc"
     assert (folder / "part.toml").read_text().endswith("\n[process]\nfeed = 31\n")
     program = (folder / "part.ngc").read_bytes()
     (tmp_path / "again").mkdir()
@@ -121,9 +139,11 @@ def test_a_change_is_built_at_once_and_saved_as_the_command_line_does(
         == 0
     )
     assert (tmp_path / "again" / "part.ngc").read_bytes() == program
-    assert tab.log.messages == []
-    own = tab.bench.address.rpartition("/")[0]
-    assert [url for url in tab.log.requests if not url.startswith((own, "blob:", "data:"))] == []
+    assert own_tab.log.messages == []
+    own = own_tab.bench.address.rpartition("/")[0]
+    assert [
+        url for url in own_tab.log.requests if not url.startswith((own, "blob:", "data:"))
+    ] == []
 
 
 def test_what_is_looked_at_survives_a_new_program(tab: Tab) -> None:
@@ -391,33 +411,33 @@ def test_a_photo_without_a_scale_is_seen_and_asked_for_it(browser: Driven, tmp_p
         tab.context.close()
 
 
-def test_a_file_that_changes_is_seen(tab: Tab, folder: Path) -> None:
-    first = tab.rest()["built"]["number"]
+def test_a_file_that_changes_is_seen(own_tab: Tab, folder: Path) -> None:
+    first = own_tab.rest()["built"]["number"]
     shutil.copy(PARTS / "plate.dxf", folder / "part.dxf")
-    second = tab.rest(f"s.built.number > {first}")["built"]["number"]
-    tab.shown(second)
-    tab.enter("process.feed", "30")
-    tab.rest("s.tables.process")
+    second = own_tab.rest(f"s.built.number > {first}")["built"]["number"]
+    own_tab.shown(second)
+    own_tab.enter("process.feed", "30")
+    own_tab.rest("s.tables.process")
     (folder / "part.toml").write_text("[process]\nfeed = 14\n")
-    tab.page.get_by_text("Read the file").click()
-    assert tab.rest("s.tables.process.feed === 14")["saved"]
-    assert tab.field("process.feed").input_value() == "14"
+    own_tab.page.get_by_text("Read the file").click()
+    assert own_tab.rest("s.tables.process.feed === 14")["saved"]
+    assert own_tab.field("process.feed").input_value() == "14"
 
 
-def test_a_server_that_dies_is_told(tab: Tab) -> None:
-    tab.rest()
-    tab.bench.process.send_signal(signal.SIGKILL)
-    tab.page.wait_for_selector("#says .bad")
-    assert "does not answer" in tab.page.locator("#says").inner_text()
-    assert tab.page.locator("#says").get_by_text("Copy the job").is_visible()
+def test_a_server_that_dies_is_told(own_tab: Tab) -> None:
+    own_tab.rest()
+    own_tab.bench.process.send_signal(signal.SIGKILL)
+    own_tab.page.wait_for_selector("#says .bad")
+    assert "does not answer" in own_tab.page.locator("#says").inner_text()
+    assert own_tab.page.locator("#says").get_by_text("Copy the job").is_visible()
 
 
-def test_close_ends_it_and_says_so(tab: Tab) -> None:
-    tab.rest()
-    tab.page.locator("#close").click()
-    tab.page.wait_for_selector("#says .look")
-    assert "is closed" in tab.page.locator("#says").inner_text()
-    assert tab.bench.process.wait(LONG) == 0
+def test_close_ends_it_and_says_so(own_tab: Tab) -> None:
+    own_tab.rest()
+    own_tab.page.locator("#close").click()
+    own_tab.page.wait_for_selector("#says .look")
+    assert "is closed" in own_tab.page.locator("#says").inner_text()
+    assert own_tab.bench.process.wait(LONG) == 0
 
 
 def test_names_that_are_markup_do_nothing(browser: Driven, tmp_path: Path) -> None:

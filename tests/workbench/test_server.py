@@ -40,6 +40,13 @@ def bench(folder: Path) -> Iterator[Bench]:
         yield opened
 
 
+@pytest.fixture
+def undone(bench: Bench) -> Iterator[Bench]:
+    """The common workbench. The changes of a test are undone afterwards."""
+    yield bench
+    bench.undo_all()
+
+
 # Who gets an answer.
 
 
@@ -222,49 +229,46 @@ def test_changes_are_built_and_saved_as_the_command_line_does(tmp_path: Path) ->
     assert {path.name: path.read_bytes() for path in again.iterdir()} == saved
 
 
-def test_an_error_is_the_line_of_the_command_line_with_its_setting(tmp_path: Path) -> None:
-    shutil.copy(PARTS / "bracket.dxf", tmp_path / "part.dxf")
-    with open_bench(tmp_path, ["part.dxf"]) as bench:
-        good = bench.wait()["built"]
-        bench.change("process", "force", value=-1)
-        state = bench.wait(lambda state: state["failed"])
-        assert (
-            state["failed"]["line"]
-            == "error: part.toml: force must be a number >= 0, not -1 ([process])"
-        )
-        assert state["failed"]["place"] == ["process", "force"]
-        assert state["built"] == good
-        status, said = bench.post("save")
-        assert status == 409
-        assert "no program to save" in said["line"]
-        assert sorted(path.name for path in tmp_path.iterdir()) == ["part.dxf"]
-        assert bench.post("undo")[0] == 200
-        assert bench.wait(lambda state: not state["stage"])["failed"] is None
+def test_an_error_is_the_line_of_the_command_line_with_its_setting(
+    undone: Bench, folder: Path
+) -> None:
+    files = sorted(folder.iterdir())
+    good = undone.wait()["built"]
+    undone.change("process", "force", value=-1)
+    state = undone.wait(lambda state: state["failed"])
+    line = "error: part.toml: force must be a number >= 0, not -1 ([process])"
+    assert state["failed"]["line"] == line
+    assert state["failed"]["place"] == ["process", "force"]
+    assert state["built"] == good
+    status, said = undone.post("save")
+    assert status == 409
+    assert "no program to save" in said["line"]
+    assert sorted(folder.iterdir()) == files
+    assert undone.post("undo")[0] == 200
+    assert undone.wait(lambda state: not state["stage"])["failed"] is None
 
 
-def test_layers_contours_and_order_are_the_job_s_own_words(tmp_path: Path) -> None:
-    shutil.copy(PARTS / "bracket.dxf", tmp_path / "part.dxf")
-    with open_bench(tmp_path, ["part.dxf"]) as bench:
-        assert [layer["name"] for layer in bench.wait()["looked"]["layers"]] == ["HOLES", "OUTLINE"]
-        assert bench.post("layer", layer="HOLES", on=False)[0] == 200
-        state = bench.wait(lambda state: not state["stage"] and state["tables"])
-        assert state["tables"] == {"input": {"layers": ["*", "!HOLES"]}}
-        assert [(one["name"], one["used"]) for one in state["looked"]["layers"]] == [
-            ("HOLES", False),
-            ("OUTLINE", True),
-        ]
-        bench.post("layer", layer="HOLES", on=True)
-        assert bench.wait(lambda state: not state["stage"])["tables"] == {}
-        assert bench.post("leave", names=["c3"])[0] == 200
-        state = bench.wait(lambda state: not state["stage"])
-        assert state["tables"] == {"operations": [{"ids": ["c1", "c2", "c4"]}]}
-        assert state["failed"] is None
-        assert state["left_out"] == ["c3"]
-        bench.post("take", names=["c3"])
-        assert bench.wait(lambda state: not state["stage"])["tables"] == {}
-        bench.post("order", layers=["OUTLINE", "HOLES"])
-        state = bench.wait(lambda state: not state["stage"])
-        assert state["tables"] == {"tour": {"layers": ["OUTLINE", "HOLES"]}}
+def test_layers_contours_and_order_are_the_job_s_own_words(undone: Bench) -> None:
+    assert [layer["name"] for layer in undone.wait()["looked"]["layers"]] == ["HOLES", "OUTLINE"]
+    assert undone.post("layer", layer="HOLES", on=False)[0] == 200
+    state = undone.wait(lambda state: not state["stage"] and state["tables"])
+    assert state["tables"] == {"input": {"layers": ["*", "!HOLES"]}}
+    assert [(one["name"], one["used"]) for one in state["looked"]["layers"]] == [
+        ("HOLES", False),
+        ("OUTLINE", True),
+    ]
+    undone.post("layer", layer="HOLES", on=True)
+    assert undone.wait(lambda state: not state["stage"])["tables"] == {}
+    assert undone.post("leave", names=["c3"])[0] == 200
+    state = undone.wait(lambda state: not state["stage"])
+    assert state["tables"] == {"operations": [{"ids": ["c1", "c2", "c4"]}]}
+    assert state["failed"] is None
+    assert state["left_out"] == ["c3"]
+    undone.post("take", names=["c3"])
+    assert undone.wait(lambda state: not state["stage"])["tables"] == {}
+    undone.post("order", layers=["OUTLINE", "HOLES"])
+    state = undone.wait(lambda state: not state["stage"])
+    assert state["tables"] == {"tour": {"layers": ["OUTLINE", "HOLES"]}}
 
 
 def test_proposed_operations_make_a_program(tmp_path: Path) -> None:
