@@ -52,21 +52,34 @@ class Spans(Struct, frozen=True, eq=False):
         row = np.arange(len(self.length)) if row is None else row
         points = np.empty((len(row), axes))
         curved = self.curved[row]
-        lines, arcs = np.flatnonzero(~curved), np.flatnonzero(curved)
-        k, part = row[arcs], row[lines]
-        angle, radius = (fraction[arcs] - 0.5) * self.sweep[k], self.radius[k]
+        # Most calls ask for few points, often of lines alone.
+        if not curved.all():
+            lines = (~curved).nonzero()[0]
+            self._put_lines(points, lines, fraction[lines], row[lines])
+        if curved.any():
+            arcs = curved.nonzero()[0]
+            self._put_arcs(points, arcs, fraction[arcs], row[arcs])
+        return points
+
+    def _put_lines(
+        self, points: FloatArray, places: IntArray, fraction: FloatArray, row: IntArray
+    ) -> None:
+        # Axis by axis, which numpy does in half the time.
+        for axis in range(points.shape[1]):
+            start = self.start[row, axis]
+            points[places, axis] = start + fraction * (self.end[row, axis] - start)
+
+    def _put_arcs(
+        self, points: FloatArray, places: IntArray, fraction: FloatArray, row: IntArray
+    ) -> None:
+        angle, radius = (fraction - 0.5) * self.sweep[row], self.radius[row]
         # From the middle, not from the centre: a flat arc's centre is far away and would cost digits.
         rise = -2 * radius * np.sin(angle / 2) ** 2
         run = radius * np.sin(angle)
-        fraction = fraction[lines]
-        # Axis by axis, which numpy does in half the time.
-        for axis in range(axes):
-            start = self.start[part, axis]
-            points[lines, axis] = start + fraction * (self.end[part, axis] - start)
-            points[arcs, axis] = (
-                self.via[k, axis] + rise * self.towards[k, axis] + run * self.along[k, axis]
+        for axis in range(points.shape[1]):
+            points[places, axis] = (
+                self.via[row, axis] + rise * self.towards[row, axis] + run * self.along[row, axis]
             )
-        return points
 
     def tangents(self) -> tuple[FloatArray, FloatArray]:
         """The directions of travel (K, 3) at the start and at the end; 0 where there is no length.

@@ -315,27 +315,34 @@ def _ways(
     home: FloatArray | None,
 ) -> Ways:
     """What each step costs at least, when every stretch is charged for how far along ``towards`` it is left."""
-    every = np.arange(len(item))
+    charges = ellipses.charge(np.arange(len(item)), towards)
+    enter, leave = ellipses.enter.T.copy(), ellipses.leave.T.copy()
     cost = np.zeros((len(item), len(item)))
-    for one in range(len(steps)):
-        own, other = np.flatnonzero(item == one), np.flatnonzero(steps[one][item])
-        if len(other):
-            cost[own[0] : own[-1] + 1, other] = _least(
-                ellipses.enter[other][None] - ellipses.leave[own][:, None],
-                [ellipses.charge(own[:, None], towards), ellipses.charge(other[None], towards)],
-            )
+    for number in range(len(steps)):
+        others = np.flatnonzero(steps[number][item])
+        if not len(others):
+            continue
+        first, last = np.searchsorted(item, (number, number + 1)).tolist()
+        rows = slice(first, last)
+        # Axis by axis, which numpy does in half the time.
+        cost[rows, others] = _least(
+            enter[0, others] - leave[0, rows, None],
+            enter[1, others] - leave[1, rows, None],
+            [
+                tuple(charge[rows, None] for charge in charges),
+                tuple(charge[others] for charge in charges),
+            ],
+        )
     if home is None:
-        free = ellipses.charge(every, towards)[-1]
+        free = charges[-1]
         return Ways(item, cost, -free, -free)
-    charge = ellipses.charge(every, towards)
-    return Ways(
-        item, cost, _least(ellipses.enter - home, [charge]), _least(home - ellipses.leave, [charge])
-    )
+    out_x, out_y = enter - home[:, None]
+    back_x, back_y = home[:, None] - leave
+    return Ways(item, cost, _least(out_x, out_y, [charges]), _least(back_x, back_y, [charges]))
 
 
-def _least(step: FloatArray, charges: list[tuple[FloatArray, ...]]) -> FloatArray:
-    """Costs of steps (..., 2) mm between the middles of ellipses, with what both may take off."""
-    x, y = step[..., 0], step[..., 1]
+def _least(x: FloatArray, y: FloatArray, charges: list[tuple[FloatArray, ...]]) -> FloatArray:
+    """Costs of steps x, y mm between the middles of ellipses, with what both may take off."""
     found: FloatArray = np.sqrt(x * x + y * y)
     far = np.maximum(found, NONZERO)
     x, y = x / far, y / far

@@ -301,8 +301,10 @@ def _segment(known: Sampled, path: IntArray, length: FloatArray) -> tuple[IntArr
     # Among the starts of these paths alone, which are few where they are neighbours.
     low, high = first.min(initial=len(known.along)), last.max(initial=0) + 1
     number = low + np.searchsorted(known.along[low:high], total, side="right") - 1
-    number = np.clip(number, first, last)
-    return number, np.clip(total - known.along[number], 0.0, where.shape.length[number])
+    # `clip` takes four times as long for few numbers.
+    number = np.minimum(np.maximum(number, first), last)
+    rest = np.maximum(total - known.along[number], 0.0)
+    return number, np.minimum(rest, where.shape.length[number])
 
 
 def point_at(known: Sampled, path: IntArray, length: FloatArray) -> FloatArray:

@@ -412,7 +412,8 @@ class VPlus(Post):
         speed = ""
         switches: list[str] = []
         planned = any(motion.posture for motion in program.columns.moves)
-        for k, part in enumerate(parts, start=1):
+        # A printed part is one text, which each access to a line splits.
+        for k, part in enumerate(map(list, parts), start=1):
             lines += ["", f".PROGRAM {name}.{k}()"]
             if self.declare:
                 lines += [

@@ -4,7 +4,9 @@ import dataclasses
 import itertools
 import math
 import re
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -493,6 +495,32 @@ def test_a_long_program_calls_its_parts() -> None:
     agree(whole, one)
     assert many.work is not None
     assert many.work.origin == (250, -75, 150)
+
+
+class _CountedLines(Sequence[str]):
+    """Lines that count how often they are read as a whole, and one by one."""
+
+    def __init__(self, lines: list[str]) -> None:
+        self.lines, self.wholes, self.singles = lines, 0, 0
+
+    def __len__(self) -> int:
+        return len(self.lines)
+
+    def __iter__(self) -> Iterator[str]:
+        self.wholes += 1
+        return iter(self.lines)
+
+    def __getitem__(self, index: Any) -> Any:
+        self.singles += 1
+        return self.lines[index]
+
+
+def test_each_part_of_a_long_program_is_read_once() -> None:
+    """A printed part is one text, which each access to a line splits."""
+    post = make_post(VPlus, {})
+    parts = [_CountedLines(["    MOVE #PPOINT(0, 0)"] * 100) for _ in range(3)]
+    post.assemble(program(HOME), parts)
+    assert [(part.wholes, part.singles) for part in parts] == [(1, 0)] * 3
 
 
 def test_every_part_says_its_speed() -> None:
