@@ -1,8 +1,13 @@
 import gc
 import os
+from collections.abc import Iterator
+from importlib import import_module
+from pathlib import Path
 
 import pytest
 from hypothesis import settings
+
+from tests.support.remembered import prove_once
 
 # As the command line does: threads of linear algebra take each other's time where every core runs tests already.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -28,6 +33,15 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
         "--accept", action="store_true", help="rewrite the expected programs of fixtures/cases"
     )
+
+
+@pytest.fixture(scope="module", autouse=True)
+def one_proof_of_a_tour(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Builds of the same paths share the proof of their tour, except in the tests of orders."""
+    with pytest.MonkeyPatch.context() as patch:
+        if not request.path.is_relative_to(Path(__file__).parent / "order"):
+            patch.setattr(import_module("camgen.order.arrange"), "improve_few", prove_once())
+        yield
 
 
 @pytest.fixture

@@ -7,19 +7,15 @@ program for the controller of its robot only. A changed expectation
 """
 
 import tomllib
-from collections.abc import Iterator
 from functools import cache
-from importlib import import_module
 from pathlib import Path
 
 import pytest
 
 import camgen
 from camgen.lower import lower
-from camgen.order.proven import improve_few
 from camgen.pipeline import Result
 from fixtures.program_text import dump, parse
-from tests.support.remembered import remembered
 
 FIXTURES = Path(__file__).parents[1] / "fixtures"
 CASES = sorted(p for p in (FIXTURES / "cases").iterdir() if p.is_dir())
@@ -34,14 +30,6 @@ LEANING = [
 ARMS = ("rapid", "pacscript")
 ALL = [(case, post) for case in FLAT for post in (ARMS if case in LEANING else POSTS)]
 ALL += [(case, "rapid") for case in SOLID]
-
-
-@pytest.fixture(scope="module", autouse=True)
-def one_proof_of_a_tour() -> Iterator[None]:
-    """The controllers with one home share the proof that a tour of a case is the shortest."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(import_module("camgen.order.arrange"), "improve_few", remembered(improve_few))
-        yield
 
 
 @cache

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
 import pickle
 from collections.abc import Callable
+from functools import cache
+from importlib import import_module
 from typing import Any
 
 
@@ -15,7 +18,8 @@ def remembered(function: Callable[..., Any]) -> Callable[..., Any]:
     answers: dict[bytes, Any] = {}
 
     def ask(*arguments: Any) -> Any:
-        key = pickle.dumps([value for value in arguments if not callable(value)])
+        values = [value for value in arguments if not callable(value)]
+        key = hashlib.sha256(pickle.dumps(values)).digest()
         if key not in answers:
             try:
                 answers[key] = function(*arguments)
@@ -26,3 +30,12 @@ def remembered(function: Callable[..., Any]) -> Callable[..., Any]:
         return answers[key]
 
     return ask
+
+
+@cache
+def prove_once() -> Callable[..., Any]:
+    """The proof that a tour of a few paths is the shortest, worked out once for equal paths.
+
+    It takes a third of the time of a build, and the tests build the same drawings again and again.
+    """
+    return remembered(import_module("camgen.order.proven").improve_few)
