@@ -1,7 +1,9 @@
 """Time and memory of whole processes, from the command to the written program.
 
-    python -m bench.speed.processes [CASE ...] [--runs N]   all cases, or those named: help, 251, 401, 5,001, 100,001,
-                                                            rfa1, rfa2
+    python -m bench.speed.processes [CASE ...] [--runs N] [--peer PYTHON]
+
+All cases, or those named: help, 251, 401, 5,001, 100,001, rfa1, rfa2. PYTHON is an interpreter with another state of
+camgen, whose builds are measured in turns with ours.
 
 This process imports nothing heavy: on Linux a child's peak memory counts what its parent held when it was started.
 """
@@ -12,8 +14,10 @@ import argparse
 import statistics
 import sys
 import tempfile
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from bench.support.runner import PARTS, Table, open_table
 from bench.support.timing import Process, measure_process, python
@@ -88,56 +92,87 @@ def row(table: Table, name: str, runs: list[Process], goal: str) -> None:
     table.add(name, statistics.median(seconds), span, spent, peak, goal)
 
 
-def bench(table: Table, folder: Path, name: str, case: Case, runs: int) -> None:
+class Repeat(NamedTuple):
+    """The way in which builds are repeated.
+
+    runs: runs of each process; 0 for the number of the case.
+    peer: interpreter with another state of camgen, "" for none.
+    """
+
+    runs: int
+    peer: str
+
+
+def list_builds(name: str, words: Sequence[object], peer: str) -> dict[str, list[str]]:
+    """The commands of a build by the names of their rows."""
+    command = python("camgen", "build", *words)
+    builds = {name: command}
+    if peer:
+        # With -P the peer does not import the camgen of the current folder.
+        builds[f"{name}, peer"] = [peer, "-P", *command[1:]]
+    return builds
+
+
+def bench(table: Table, folder: Path, name: str, case: Case, repeat: Repeat) -> None:
     """The rows of one drawing: reading alone, then each post, taken in turns."""
     drawing = str(folder / "plate.dxf")
     measure_process(python("bench.speed.processes", "draw", drawing, case.circles, case.slots))
-    commands = {"ezdxf": [sys.executable, "-c", f"import ezdxf; ezdxf.readfile({drawing!r})"]}
+    read = [sys.executable, "-c", f"import ezdxf; ezdxf.readfile({drawing!r})"]
+    commands = {"ezdxf.readfile alone": read}
     settings = [word for one in case.settings for word in ("--set", one)]
     for post in case.posts:
         programs = folder / post
         programs.mkdir()
         words = ["--post", post, "-q", "-o", programs, *settings]
-        commands[post] = python("camgen", "build", drawing, *words)
-    values: dict[str, list[Process]] = {who: [] for who in commands}
-    for _ in range(runs or case.runs):
-        for who, command in commands.items():
-            values[who].append(measure_process(command))
-    reading = statistics.median(run.processor for run in values["ezdxf"])
-    row(table, f"{name}: ezdxf.readfile alone", values["ezdxf"], "")
-    for post in case.posts:
-        goal = f"{TIMES[post] * reading:.1f} s of the processor, {MOST_MB} MB"
-        if case.goal:
+        commands |= list_builds(f"build --post {post}", [drawing, *words], repeat.peer)
+    values = measure_in_turns(commands, repeat.runs or case.runs)
+    reading = statistics.median(run.processor for run in values["ezdxf.readfile alone"])
+    for process, runs in values.items():
+        goal = ""
+        if process.startswith("build"):
+            times = TIMES[process.split()[2].rstrip(",")]
+            goal = f"{times * reading:.1f} s of the processor, {MOST_MB} MB"
+        if goal and case.goal:
             goal = f"{case.goal} s"
-        row(table, f"{name}: build --post {post}", values[post], goal)
+        row(table, f"{name}: {process}", runs, goal)
 
 
-def bench_solid(table: Table, folder: Path, name: str, runs: int) -> None:
-    """The row of a 3-D part."""
-    words = [PARTS / f"{name}.stl", "--job", PARTS / f"{name}.toml", "--post", "rapid", "-q"]
-    command = python("camgen", "build", *words, "-o", folder)
-    values = [measure_process(command) for _ in range(runs or SOLID_RUNS)]
-    row(table, f"{name}.stl: build --post rapid", values, f"{SOLID_GOAL} s of the processor")
+def measure_in_turns(commands: dict[str, list[str]], runs: int) -> dict[str, list[Process]]:
+    """The runs of each command, one of each after the other."""
+    values: dict[str, list[Process]] = {name: [] for name in commands}
+    for _ in range(runs):
+        for name, command in commands.items():
+            values[name].append(measure_process(command))
+    return values
 
 
-def main(wanted: list[str], runs: int) -> None:
-    """runs: of each process; 0: as many as its case says."""
+def bench_solid(table: Table, folder: Path, name: str, repeat: Repeat) -> None:
+    """The rows of a 3-D part."""
+    job = ["--job", PARTS / f"{name}.toml", "--post", "rapid", "-q", "-o", folder]
+    words = [PARTS / f"{name}.stl", *job]
+    builds = list_builds(f"{name}.stl: build --post rapid", words, repeat.peer)
+    for process, runs in measure_in_turns(builds, repeat.runs or SOLID_RUNS).items():
+        row(table, process, runs, f"{SOLID_GOAL} s of the processor")
+
+
+def main(wanted: list[str], repeat: Repeat) -> None:
+    """The rows of the wanted cases, all for none."""
     table = open_table(
         "process | median s **{:.3f}** | range s {:.3f} to {:.3f} | processor s {:.3f} "
         "| peak MB {:.0f} | goal"
     )
     if not wanted or "help" in wanted:
         command = python("camgen", "--help")
-        calls = [measure_process(command) for _ in range(runs or HELP_RUNS)]
+        calls = [measure_process(command) for _ in range(repeat.runs or HELP_RUNS)]
         row(table, "camgen --help", calls, f"{HELP_GOAL} s")
     for name, case in CASES.items():
         if not wanted or name.split()[0] in wanted:
             with tempfile.TemporaryDirectory() as folder:
-                bench(table, Path(folder), name, case, runs)
+                bench(table, Path(folder), name, case, repeat)
     for name in SOLIDS:
         if not wanted or name in wanted:
             with tempfile.TemporaryDirectory() as folder:
-                bench_solid(table, Path(folder), name, runs)
+                bench_solid(table, Path(folder), name, repeat)
 
 
 if __name__ == "__main__":
@@ -147,5 +182,6 @@ if __name__ == "__main__":
         arguments = argparse.ArgumentParser()
         arguments.add_argument("cases", nargs="*")
         arguments.add_argument("--runs", type=int, default=0)
+        arguments.add_argument("--peer", default="")
         given = arguments.parse_args()
-        main(given.cases, given.runs)
+        main(given.cases, Repeat(given.runs, given.peer))

@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from msgspec import Struct
 
 from camgen.geometry.arcs import Spans, spans_through
+from camgen.geometry.vectors import angles
 from camgen.model.cell import Dynamics
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray, Vec3, to_vec3
 from camgen.model.program import Columns, Comment, MoveC, MoveJ
+from camgen.model.tolerance import NONZERO
 from camgen.motion.rounding import Transitions, measure_rounding
 
+#: mm: the allowed distance of a text that has none.
+UNLIMITED = 1e6
 #: Transitions that are measured together.
 _BLOCK = 16384
 
@@ -21,7 +27,7 @@ class Rounding(Struct, frozen=True):
 
     transitions: number of transitions between working motions without a stop.
     mm: distance there; 0 without transitions.
-    allowed: distance that the job allows there, mm.
+    allowed: distance that the job allows there, mm; `UNLIMITED` for a program that is replayed.
     place: the end of the first motion, mm, work frame.
     line: line of the first motion in the text, from 1; 0 without transitions.
     file: name of the text.
@@ -40,35 +46,60 @@ class Rounding(Struct, frozen=True):
         return self.mm - self.allowed
 
 
-def measure_text(
-    columns: Columns,
-    lines: IntArray,
-    works: BoolArray,
-    allowed: FloatArray,
-    dynamics: Dynamics,
-    file: str,
-) -> Rounding:
-    """The rounding of a text that exceeds the allowed one most.
+class ReadText(NamedTuple):
+    """A text as it was read back, with M motions.
 
-    columns: the text as it was read back, with M motions.
+    columns: its instructions.
     lines: (M,) line of each motion.
     works: (M,) whether each motion is in contact with the part.
     allowed: (M,) distance that the job allows at the end of each motion, mm.
-    dynamics: dynamics of the controller.
     file: name of the text.
     """
-    first = find_transitions(columns, works, dynamics)
-    worst = Rounding(len(first), file=file)
+
+    columns: Columns
+    lines: IntArray
+    works: BoolArray
+    allowed: FloatArray
+    file: str
+
+
+def measure_text(text: ReadText, dynamics: Dynamics, chord: float) -> Rounding:
+    """The rounding of a text that exceeds the allowed one most.
+
+    Chords stand for an arc that they leave by `chord`, mm. The executed path may leave the arc by
+    the allowed distance, and so its chords by the sum of both.
+
+    dynamics: dynamics of the controller.
+    """
+    columns = text.columns
+    first = find_transitions(columns, text.works, dynamics)
+    worst = Rounding(len(first), file=text.file)
     for low in range(0, len(first), _BLOCK):
         rows = first[low : low + _BLOCK]
-        mm = measure_rounding(pick_transitions(columns, rows), dynamics)
-        k = int(np.argmax(mm - allowed[rows]))
+        transitions = pick_transitions(columns, rows)
+        mm = measure_rounding(transitions, dynamics)
+        limits = text.allowed[rows] + _allow_chords(transitions, chord)
+        k = int(np.argmax(mm - limits))
         row = int(rows[k])
-        limit, place = float(allowed[row]), to_vec3(columns.ends[row])
-        rounding = Rounding(len(first), float(mm[k]), limit, place, int(lines[row]), file)
+        limit, place = float(limits[k]), to_vec3(columns.ends[row])
+        line = int(text.lines[row])
+        rounding = Rounding(len(first), float(mm[k]), limit, place, line, text.file)
         if not worst.line or rounding.excess > worst.excess:
             worst = rounding
     return worst
+
+
+def _allow_chords(transitions: Transitions, chord: float) -> FloatArray:
+    """(K,) `chord` between two lines that may be chords of an arc, else 0.
+
+    A chord that leaves its arc by s turns away from it by 4 s / length at either end.
+    """
+    first, second = transitions.first, transitions.second
+    turn = angles(first.tangents()[1], second.tangents()[0])
+    lengths = [np.maximum(motion.length, NONZERO) for motion in (first, second)]
+    limit = 4 * chord * (1 / lengths[0] + 1 / lengths[1])
+    chords = ~first.curved & ~second.curved & (turn <= limit)
+    return np.where(chords, chord, 0.0)
 
 
 def find_transitions(columns: Columns, works: BoolArray, dynamics: Dynamics) -> IntArray:

@@ -22,6 +22,7 @@ from camgen.batch.writing import (
     check_targets,
     write_all,
 )
+from camgen.check.executed import UNLIMITED
 from camgen.check.report import clean, path_sums
 from camgen.cli.inputs import open_inputs
 from camgen.cli.motion_file import encode
@@ -100,6 +101,8 @@ def _rounded(result: Result) -> Row:
     place = " ".join(short(value, 3) for value in rounded.place)
     distance = f"{rounded.mm:.4f} mm by the model of the controller"
     limit = f"{short(rounded.allowed, 4)} mm are allowed"
+    if rounded.allowed == UNLIMITED:
+        limit = "as in the program that was read"
     return ("rounded", f"{distance}, {limit}; at {place} mm, line {rounded.line}", "good")
 
 

@@ -43,7 +43,7 @@ from camgen.pipeline.programs import (
     post_programs,
 )
 from camgen.pipeline.refusals import tell_by_input
-from camgen.pipeline.rounding import check_rounding, report_rounding
+from camgen.pipeline.rounding import check_rounding, limit_path_tolerance, report_rounding
 from camgen.pipeline.stock import OperationSum, prove_stock, report_operations, sum_operations
 from camgen.plan import Coverage, EdgePlan, Plan, ReplayPlan, Watch, ignore_stages, plan
 from camgen.plan.leave_out import find_dependent, leave_out_paths
@@ -174,7 +174,7 @@ def build(
     """
     files = files or Files()
     sources = path_or_part(inputs)
-    settings = settings_of(job, files)
+    settings = limit_path_tolerance(settings_of(job, files), post)
     files = files.within(settings.limits)
     poster = poster_of(post, settings, str(job) if isinstance(job, (str, Path)) else "job")
     readback = find_readback(post)
@@ -194,12 +194,12 @@ def build(
     posted = post_programs(
         checks, readback, fill_tables(type(poster), settings.post), settings.tolerance.chord
     )
-    rounded = check_rounding(tour, settings, checks, posted)
     proof = prove_stock(asked, planned, tour, request, checks, posted)
     if len(tour.paths) < len(asked.paths):
         planned = _forget_coverage(planned)
     result = _sum_up(planned, tour, request, checks, posted, proof)
     motion = prove_motion(read.part, planned, settings, checks, posted, result.notes)
+    rounded = check_rounding(tour, settings, checks, posted)
     return replace(result, motion=motion, rounded=rounded)
 
 

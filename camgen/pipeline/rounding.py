@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 from msgspec.structs import replace
 
-from camgen.check.executed import Rounding, measure_text
+from camgen.check.executed import UNLIMITED, ReadText, Rounding, measure_text
 from camgen.check.report import clean
 from camgen.model.errors import NoSafeProgram
 from camgen.model.job import Job
@@ -18,11 +19,13 @@ from camgen.model.text import short
 from camgen.motion.corners import corner_tolerance
 from camgen.order import JobTour
 from camgen.post import Post
-from camgen.post.plugins import dynamics_of
+from camgen.post.plugins import dynamics_of, find_post
 
 if TYPE_CHECKING:
     from camgen.pipeline.programs import Checked, Posted
 
+#: The option of a post with the distance that its controller keeps in corners.
+_PATH = "path_tolerance"
 #: Rounding of the digits of a text moves both ends of a motion.
 _ENDS = 2
 
@@ -47,9 +50,9 @@ def check_rounding(tour: Tour, job: Job, checked: Checked, posted: Posted) -> Ro
         columns, planned = Columns(reading.body), program.columns
         lines = np.asarray(reading.lines)[columns.at]
         allowed = by_path[planned.path]
-        name = posted.files[first].name
+        text = ReadText(columns, lines, planned.works, allowed, posted.files[first].name)
         first += files
-        rounding = measure_text(columns, lines, planned.works, allowed, dynamics, name)
+        rounding = measure_text(text, dynamics, job.tolerance.chord)
         count += rounding.transitions
         if rounding.line and (not worst.line or rounding.excess > worst.excess):
             worst = rounding
@@ -57,6 +60,22 @@ def check_rounding(tour: Tour, job: Job, checked: Checked, posted: Posted) -> Ro
     if worst.excess > _ENDS * posted.tolerance.mm:
         raise _refuse(worst, post)
     return worst
+
+
+def limit_path_tolerance(job: Job, post: str) -> Job:
+    """The job with a `post.path_tolerance` that its corners allow, if it states none.
+
+    LinuxCNC keeps to one distance in all corners of a program.
+    """
+    usual = getattr(find_post(post), _PATH, None)
+    if usual is None or _PATH in job.post:
+        return job
+    tolerance = job.tolerance
+    allowed = tolerance.chord if tolerance.corner is None else tolerance.corner
+    if allowed >= usual:
+        return job
+    # P has four digits; 0 is an exact path.
+    return replace(job, post={**job.post, _PATH: math.floor(allowed * 1e4) / 1e4})
 
 
 def report_rounding(rounded: Rounding | None) -> dict[str, object]:
@@ -83,8 +102,15 @@ def _list_tolerances(tour: Tour, job: Job) -> FloatArray:
         parts = [(part, replace(job, tool=step.tool)) for part, step in steps]
     tolerances: list[float] = []
     for part, settings in parts:
-        tolerances += [corner_tolerance(settings, path.operation) for path in part.paths]
-    return np.array([*tolerances, np.inf])
+        tolerances += [_find_tolerance(settings, path.operation) for path in part.paths]
+    return np.array([*tolerances, UNLIMITED])
+
+
+def _find_tolerance(job: Job, operation: str) -> float:
+    """The corners of a program that was read are its own, unless the job states a tolerance."""
+    if operation == "replay" and job.tolerance.corner is None:
+        return UNLIMITED
+    return corner_tolerance(job, operation)
 
 
 def _refuse(worst: Rounding, post: Post) -> NoSafeProgram:
@@ -94,6 +120,6 @@ def _refuse(worst: Rounding, post: Post) -> NoSafeProgram:
         f"the job allows {short(worst.allowed, 4)} mm"
     )
     remedy = "raise tolerance.corner"
-    if hasattr(post, "path_tolerance"):
+    if hasattr(post, _PATH):
         remedy = f"set post.path_tolerance = {short(worst.allowed, 4)}, or {remedy}"
     return NoSafeProgram(worst.file, what, f"line {worst.line}", remedy)

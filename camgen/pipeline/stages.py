@@ -23,6 +23,7 @@ from camgen.model.program import Program
 from camgen.order import order as order_plan
 from camgen.pipeline import Input, JobLike, Result, path_or_part, poster_of, settings_of
 from camgen.pipeline.inputs import read_cell, read_parts
+from camgen.pipeline.rounding import limit_path_tolerance
 from camgen.plan import EdgePlan, Plan, Watch, ignore_stages
 from camgen.plan import plan as plan_part
 from camgen.post import OutputFile, Reading
@@ -114,7 +115,7 @@ def check(
 
 def post(program: Program, post: str, job: JobLike = None) -> tuple[OutputFile, ...]:
     """``program`` as the files of the controller ``post``. Refused for an instruction that it cannot do."""
-    settings = settings_of(job, Files())
+    settings = limit_path_tolerance(settings_of(job, Files()), post)
     poster = poster_of(post, settings, "job")
     return render_program(poster, prepare_program(poster, program, settings.tolerance.chord))
 
@@ -124,14 +125,15 @@ def read_back(
 ) -> Reading:
     """What the text of a program says, instruction by instruction, and its faults by line. files: texts by name."""
     texts = files if isinstance(files, Mapping) else {file.name: file.text for file in files}
-    return find_readback(post)(texts, fill_tables(find_post(post), settings_of(job, Files()).post))
+    settings = limit_path_tolerance(settings_of(job, Files()), post)
+    return find_readback(post)(texts, fill_tables(find_post(post), settings.post))
 
 
 def verify(
     files: Sequence[OutputFile], program: Program, post: str, job: JobLike = None
 ) -> Deviation:
     """How far the text is from ``program``. VerifyError with the first line that does not say what was planned."""
-    settings = settings_of(job, Files())
+    settings = limit_path_tolerance(settings_of(job, Files()), post)
     poster = poster_of(post, settings, "job")
     chord = settings.tolerance.chord
     planned = prepare_program(poster, program, chord)

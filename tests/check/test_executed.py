@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import camgen
-from camgen.check.executed import Rounding, measure_text
+from camgen.check.executed import ReadText, Rounding, measure_text
 from camgen.model.errors import NoSafeProgram
 from camgen.model.program import Columns
 from camgen.post.plugins import dynamics_of, fill_tables, find_readback
@@ -45,7 +45,7 @@ def measure(result: camgen.Result, text: str) -> Rounding:
     allowed = np.full(len(columns.at), result.rounded.allowed)
     lines = np.asarray(reading.lines)[columns.at]
     dynamics = dynamics_of(result.post, result.job)
-    return measure_text(columns, lines, planned.works, allowed, dynamics, "a")
+    return measure_text(ReadText(columns, lines, planned.works, allowed, "a"), dynamics, 0.01)
 
 
 def test_each_zone_that_is_too_large_is_found() -> None:
@@ -67,15 +67,25 @@ def test_each_zone_that_is_too_large_is_found() -> None:
 
 
 def test_a_tolerance_that_cannot_be_kept_is_refused_with_the_corner() -> None:
-    job = {"operation": {"kind": "trace"}, "tolerance": {"corner": 0.002}}
+    job = {
+        "operation": {"kind": "trace"},
+        "tolerance": {"corner": 0.002},
+        "post": {"path_tolerance": 0.01},
+    }
     with pytest.raises(
         NoSafeProgram, match=r"rounds the corner at .* mm by 0.01 mm.* \(line \d+\)"
     ) as caught:
         camgen.build(PARTS / "bracket.dxf", post="gcode", job=job)
     assert caught.value.exit_code == 3
     assert "post.path_tolerance = 0.002" in caught.value.remedy
-    finer = job | {"post": {"path_tolerance": 0.002}}
-    assert camgen.build(PARTS / "bracket.dxf", post="gcode", job=finer).rounded.mm == 0.002
+
+
+@pytest.mark.parametrize(
+    ("corner", "line"), [(0.002, "G64 P0.002 Q0"), (0.5, "G64 P0.01 Q0"), (0.0, "G61")]
+)
+def test_linuxcnc_is_asked_for_the_tolerance_of_the_job(corner: float, line: str) -> None:
+    job = {"operation": {"kind": "trace"}, "tolerance": {"corner": corner}}
+    assert f"\n{line}\n" in camgen.build(PARTS / "bracket.dxf", post="gcode", job=job).text
 
 
 def test_grbl_stays_on_the_path() -> None:
