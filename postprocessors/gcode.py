@@ -39,6 +39,7 @@ from camgen.post import Tolerance, pose_of
 from camgen.post.passes import without_force
 from camgen.post.printed import Forms
 
+from .arc_ends import end_in_chords
 from .rs274 import COOLANT, Rs274, check_signals
 
 # Holes as drilling cycles: which motions of a program are one, and its line (LinuxCNC manual, canned cycles).
@@ -360,10 +361,12 @@ class GCode(Rs274):
         return frozenset(word for word, is_changed in changes.items() if is_changed)
 
     def prepare(self, program: Program, chord: float) -> Program:
-        """See ``Rs274``; drops force where the user said so, and makes cycles of holes."""
+        """See ``Rs274``; may drop force, ends some arcs in chords, and makes cycles of holes."""
         program = super().prepare(
             without_force(program) if self.force == "ignore" else program, chord
         )
+        if self.path_tolerance:
+            program = end_in_chords(program)
         found = holes(program.columns, self.decimals) if self.cycles else []
         if not found:
             return program
