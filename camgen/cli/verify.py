@@ -125,10 +125,12 @@ def _judge(asked: _Asked, says: Voice) -> int:
 
 def _compare(asked: _Asked, says: Voice) -> int:
     """A program of ours, with what it was planned to do if there is a plan. Then a remark is a fault too."""
+    from camgen.pipeline.rounding import limit_path_tolerance  # noqa: PLC0415 (only for our texts)
+
     arguments, paths, texts, job, drawing, files = asked
     _insist_on_post(arguments)
     plan = load_plan(Path(arguments.plan), files) if arguments.plan else None
-    options = (plan.options if plan else {}) | job.post
+    options = (plan.options if plan else {}) | limit_path_tolerance(job, arguments.post).post
     post = make_post(find_post(arguments.post), options)
     place = Places(texts)
     says.stage("reading")

@@ -57,11 +57,11 @@ def corner_tolerance(job: Job, operation: str) -> float:
 def blend_corners(
     motions: Spans, speed: FloatArray, tolerance: FloatArray | float, pace: Dynamics
 ) -> FloatArray:
-    """(N - 1,) distance, mm, before the end of each motion at which the controller may begin to round; 0 is a stop.
+    """(N - 1,) distance, mm, before the end of each motion at which rounding may begin; 0 is a stop.
 
     motions: N motions, each from the end of the one before.
     speed: (N,) mm/s.
-    tolerance: (N - 1,) greatest distance, mm, of the executed path from the programmed one.
+    tolerance: (N - 1,) limit of the distance, mm, of the executed path from the programmed one.
     pace: way in which the controller rounds.
     """
     start, end = motions.tangents()
@@ -113,7 +113,10 @@ def _fit(motions: Spans) -> Spans:
 
 
 def _narrow(pairs: Transitions, tolerance: FloatArray, pace: Dynamics) -> FloatArray:
-    """(K,) the blends of transitions with an arc, smaller or 0 where the executed path leaves the other too far."""
+    """(K,) blends of transitions with an arc that keep the tolerance: as they are, smaller, or 0.
+
+    tolerance: (K,) limit of the distance, mm, of the executed path from the programmed one.
+    """
     blend = pairs.blend.copy()
     # Motions overlap or they do not: there is no smaller blend.
     steps = (*ZONES, SMALLEST_ZONE) if pace.corner == "zone" else (0.0,)

@@ -10,6 +10,7 @@ import pytest
 
 import camgen
 from camgen.check.executed import ReadText, Rounding, measure_text
+from camgen.cli import main
 from camgen.model.errors import NoSafeProgram
 from camgen.model.program import Columns
 from camgen.post.plugins import dynamics_of, fill_tables, find_readback
@@ -86,6 +87,19 @@ def test_a_tolerance_that_cannot_be_kept_is_refused_with_the_corner() -> None:
 def test_linuxcnc_is_asked_for_the_tolerance_of_the_job(corner: float, line: str) -> None:
     job = {"operation": {"kind": "trace"}, "tolerance": {"corner": corner}}
     assert f"\n{line}\n" in camgen.build(PARTS / "bracket.dxf", post="gcode", job=job).text
+
+
+@pytest.mark.parametrize("corner", [0.0, 0.002])
+def test_verify_asks_for_the_tolerance_of_the_job(
+    corner: float, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    job, part = tmp_path / "job.toml", str(PARTS / "bracket.dxf")
+    job.write_text(f"[tolerance]\ncorner = {corner}\n")
+    common = ["--post", "gcode", "--job", str(job)]
+    program = str(tmp_path / "part.ngc")
+    assert main(["build", part, *common, "-o", program, "-q"]) == 0
+    assert main(["verify", program, *common, "--part", part]) == 0
+    assert "path_tolerance" not in capsys.readouterr().out
 
 
 def test_grbl_stays_on_the_path() -> None:
