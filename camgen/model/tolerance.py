@@ -20,6 +20,6 @@ SIGMAS_OF_MEDIAN = 1.4826
 #: Distances, mm, from a corner at which its rounding may begin, largest first. Every controller has
 #: them: RAPID as z5, z1 and z0 (ABB, zonedata), the others as any number. 0 is an exact stop.
 ZONES = (5.0, 1.0, 0.3)
-#: mm: smallest distance before a corner at which its rounding begins. Only motions beside an arc of a
-#: small radius have it; RAPID declares it as a zone.
+#: mm: smallest distance before a corner at which its rounding begins. Only motions beside an arc
+#: of a small radius have it; RAPID declares it as a zone.
 SMALLEST_ZONE = 0.1
