@@ -104,6 +104,7 @@ SMOKES = [
     Smoke("photo.burrs 1 2 1", (1, 1), {"missed": (0, 0), "height off: max mm": (0, 0.3)}),
     Smoke("photo.calibrate {here}/boards 9x6 1", (7, 4), {"fx": (599, 601), "**camgen**": (0, 0.1)}),
     Smoke("check.rounding gaps-outside", (3,), {"allowed, mm": (0.01, 0.02), "stops": (5, 20)}),
+    Smoke("check.tangent_parts 3", (3,), {"parts": (1, 1), "beyond the tolerance": (0, 0)}),
     Smoke("check.proof 11 --runs 1", (2,), {"shapes": (11, 11), "share %": (0, 90)}),
     Smoke("check.stock 1 4 1", (3, 1), {"deepest gouge mm": (0, 0.005), "excess mm3": (0, 1)}),
     Smoke("check.stock_faults 12", (13,), {"missed": (0, 0), "seeded": (1, 12)}),

@@ -58,6 +58,34 @@ class Corner(NamedTuple):
     line: int
 
 
+class Paths(NamedTuple):
+    """The motions of a text as points, and the curves in their corners.
+
+    programmed: (N,) points of the motions, mm, at the height of the part or below.
+    executed: (M,) points of the curves in their corners, mm.
+    joints: number of joints between two such motions.
+    """
+
+    programmed: Points
+    executed: Points
+    joints: int
+
+
+def trace(language: str, text: str) -> Paths:
+    """The programmed and the executed path of a text as points."""
+    programmed, executed = [np.zeros(0, complex)], [np.zeros(0, complex)]
+    pieces = list_pieces(language, text)
+    joints = 0
+    for before, after in pairwise([*pieces, None]):
+        if before:
+            length = _length(before)
+            programmed.append(_walk(before, np.linspace(0.0, length, math.ceil(length * 10) + 1)))
+        joints += bool(before and after)
+        if before and after and before.reach:
+            executed += [curve[:: _STEPS // 60] for curve in _round(language, before, after)]
+    return Paths(np.concatenate(programmed), np.concatenate(executed), joints)
+
+
 def judge(language: str, text: str) -> list[Corner]:
     """The corners between motions of a text at the height of the part or below."""
     pieces = list_pieces(language, text)
