@@ -66,8 +66,8 @@ def measure(post: str, numbers: Iterable[int]) -> Iterator[Cells]:
         passed += len(rounding)
         corners += paths.joints
         rounded = max([rounded, *(corner.mm for corner in rounding)])
-        programmed = max(programmed, _enter(part, paths.programmed))
-        depth = _enter(part, paths.executed)
+        programmed = max(programmed, measure_depth(part, paths.programmed))
+        depth = measure_depth(part, paths.executed)
         executed = max(executed, depth)
         beyond += depth > part.tolerance + DIGITS
     share = 100 * passed / max(corners, 1)
@@ -75,7 +75,7 @@ def measure(post: str, numbers: Iterable[int]) -> Iterator[Cells]:
     yield (post, parts, left_out, corners, share, *depths)
 
 
-def _enter(part: TangentPart, points: np.ndarray) -> float:
+def measure_depth(part: TangentPart, points: np.ndarray) -> float:
     """The largest depth, mm, of the mill in the part with its middle at points (N,); 0 if none."""
     shapely.prepare(part.material)
     places = shapely.points(points.real, points.imag)

@@ -19,7 +19,7 @@ from camgen.motion.rounding import Transitions, measure_rounding
 #: mm: the allowed distance of a text that has none.
 UNLIMITED = 1e6
 #: Transitions that are measured together.
-_BLOCK = 16384
+_BLOCK = 4096
 
 
 class Rounding(Struct, frozen=True):
@@ -78,7 +78,7 @@ def measure_text(text: ReadText, dynamics: Dynamics, chord: float) -> Rounding:
         rows = first[low : low + _BLOCK]
         transitions = pick_transitions(columns, rows)
         mm = measure_rounding(transitions, dynamics)
-        limits = text.allowed[rows] + _allow_chords(transitions, chord)
+        limits = text.allowed[rows] + allow_chords(transitions, chord)
         k = int(np.argmax(mm - limits))
         row = int(rows[k])
         limit, place = float(limits[k]), to_vec3(columns.ends[row])
@@ -89,7 +89,7 @@ def measure_text(text: ReadText, dynamics: Dynamics, chord: float) -> Rounding:
     return worst
 
 
-def _allow_chords(transitions: Transitions, chord: float) -> FloatArray:
+def allow_chords(transitions: Transitions, chord: float) -> FloatArray:
     """(K,) `chord` between two lines that may be chords of an arc, else 0.
 
     A chord that leaves its arc by s turns away from it by 4 s / length at either end.
@@ -109,8 +109,9 @@ def find_transitions(columns: Columns, works: BoolArray, dynamics: Dynamics) -> 
     follows = linear[:-1] & linear[1:] & (np.diff(done) == 1)
     if dynamics.corner in ("zone", "overlap"):
         follows &= columns.blend[:-1] > 0
-    # The first motion has no known start.
+    # The start of a motion is known from the motion before it.
     follows[:1] = False
+    follows[1:] &= ~np.isnan(columns.ends[:-2, 0])
     return np.flatnonzero(follows)
 
 

@@ -10,16 +10,20 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from camgen.check.stock import Cut, Fault, StockProof, Task, design, prove, task_on
+from camgen.model.cell import Dynamics
 from camgen.model.errors import InputError, JobError, NoSafeProgram
 from camgen.model.job import Job
 from camgen.model.part import Part
 from camgen.model.program import Columns, MoveJ, ToolChange
 from camgen.model.text import counted, short
+from camgen.motion.corners import corner_tolerance
 from camgen.plan.page import on_page
 from camgen.plan.steps import job_of, share_out
 from camgen.post import Reading
 from camgen.read.programs import Executed
 
+#: mm: a smaller depth does not count.
+_NO_BITE_MM = 0.0001
 #: So many faults of a kind are listed.
 _LISTED = 20
 
@@ -37,11 +41,13 @@ def judge(
     drawn: Part,
     job: Job,
     reading: Reading | Executed,
+    dynamics: Dynamics | None,
     place: Callable[[int], str],
 ) -> StockSays:
     """The stock proof of a program that was read.
 
     drawn: the drawing of the part.
+    dynamics: dynamics of its controller; None if its way to round corners is not known.
     place: names file and line of a line that is counted through all files.
 
     With a depth the job says what is done to the contours of the drawing; without one they are the part, cut around
@@ -60,7 +66,7 @@ def judge(
     else:
         tasks = [_task(part, job, columns)]
         cuts = [_cut(program, reading, columns, job)]
-    proof = prove(cuts, design(tasks, job.stock))
+    proof = prove(cuts, design(tasks, job.stock), dynamics)
     return StockSays(
         tuple(_rows(proof, tasks, cuts)), _tell(proof.faults, place), _refuse(program, proof, place)
     )
@@ -114,12 +120,14 @@ def _cut(program: str, reading: Reading | Executed, columns: Columns, job: Job) 
         Path(program).name,
         travel=float(travel),
         chord=job.tolerance.chord,
+        corner=corner_tolerance(job, job.operation.kind),
     )
 
 
 def rows_of_build(proof: StockProof) -> list[tuple[str, str, str]]:
     """The summary of a build says what its program does to the material."""
-    rows = [("stock", f"{_sum(proof)}; {volume(proof.volume)} removed", "good")]
+    tone = "look" if proof.bite is None else "good"
+    rows = [("stock", f"{_sum(proof)}; {volume(proof.volume)} removed", tone)]
     rows += [("excess", text, "plain") for text in _excess(proof)]
     rows += [("loose", one.text, "look") for one in proof.loose if one.serious]
     return rows + [("stock", note, "look") for note in proof.notes]
@@ -142,6 +150,7 @@ def _rows(proof: StockProof, tasks: Sequence[Task], cuts: Sequence[Cut]) -> list
 def _sum(proof: StockProof) -> str:
     kinds = (
         ("gouge", "gouges", proof.gouges),
+        ("rounded corner that cuts the part", "rounded corners that cut the part", proof.corners),
         ("rapid motion in material", "rapid motions in material", proof.rapids),
         (
             "motion with the holder in material",
@@ -150,7 +159,12 @@ def _sum(proof: StockProof) -> str:
         ),
     )
     found = [counted(len(faults), one, many) for one, many, faults in kinds if faults]
-    return ", ".join(found) or "no gouge, no rapid motion in material"
+    faults = ", ".join(found) or "no gouge, no rapid motion in material"
+    if proof.bite is None:
+        return f"{faults}, of the programmed path only"
+    if proof.bite < _NO_BITE_MM:
+        return f"{faults}, rounded corners included"
+    return f"{faults}; rounded corners cut at most {short(proof.bite, 4)} mm into the part"
 
 
 def _excess(proof: StockProof) -> list[str]:

@@ -25,6 +25,7 @@ from camgen.cli.motion_file import load as load_plan
 from camgen.cli.program_texts import read_texts
 from camgen.cli.say import Voice, length, table
 from camgen.lower.steps import split_tools
+from camgen.model.cell import Dynamics
 from camgen.model.errors import CamgenError, InputError, JobError
 from camgen.model.job import Job
 from camgen.model.plugins import entries
@@ -33,7 +34,7 @@ from camgen.model.text import counted, duration, short
 from camgen.post import Fault, Post, Reading, Remark
 from camgen.post.contract import prepare_program
 from camgen.post.limits import limit_tolerance
-from camgen.post.plugins import fill_tables, find_post, find_readback, make_post
+from camgen.post.plugins import dynamics_of, fill_tables, find_post, find_readback, make_post
 from camgen.post.verify import compare
 from camgen.read import read
 from camgen.read.files import Files
@@ -63,6 +64,19 @@ class _Asked(NamedTuple):
     job: Job
     drawing: Path | None
     files: Files
+
+
+class _Proven(NamedTuple):
+    """A program that is held against a drawing.
+
+    reading: instructions of its text.
+    post: the post of a program of ours, None for any other.
+    dynamics: dynamics of its controller; None if its way to round corners is not known.
+    """
+
+    reading: Reading | Executed
+    post: Post | None = None
+    dynamics: Dynamics | None = None
 
 
 def run(arguments: Namespace, says: Voice) -> int:
@@ -113,7 +127,10 @@ def _judge(asked: _Asked, says: Voice) -> int:
     more = list(_UNEXAMINED)
     also = ""
     if drawing is not None and error is None:
-        more, also, error = _prove(asked, drawing, executed, place, says)
+        dynamics = _dynamics_of_text(language.name)
+        more, also, error = _prove(
+            asked, drawing, _Proven(executed, dynamics=dynamics), place, says
+        )
     if arguments.json:
         says.data({"sums": motions, "told": rows + more, **as_data(executed, place)})
     else:
@@ -125,7 +142,10 @@ def _judge(asked: _Asked, says: Voice) -> int:
 
 def _compare(asked: _Asked, says: Voice) -> int:
     """A program of ours, with what it was planned to do if there is a plan. Then a remark is a fault too."""
-    from camgen.pipeline.rounding import limit_path_tolerance  # noqa: PLC0415 (only for our texts)
+    from camgen.pipeline.rounding import (  # noqa: PLC0415 (only for our texts)
+        limit_path_tolerance,
+        states_rounding,
+    )
 
     arguments, paths, texts, job, drawing, files = asked
     _insist_on_post(arguments)
@@ -171,7 +191,8 @@ def _compare(asked: _Asked, says: Voice) -> int:
     if drawing is None:
         say(_UNEXAMINED)
         return 0
-    more, also, error = _prove(asked, drawing, reading, place, says, post)
+    dynamics = dynamics_of(post, job) if states_rounding(post) else None
+    more, also, error = _prove(asked, drawing, _Proven(reading, post, dynamics), place, says)
     say(more, also)
     if error is not None:
         raise error
@@ -193,26 +214,34 @@ def _insist_on_post(arguments: Namespace) -> None:
 def _prove(
     asked: _Asked,
     drawing: Path,
-    said: Reading | Executed,
+    proven: _Proven,
     place: Callable[[int], str],
     says: Voice,
-    post: Post | None = None,
 ) -> tuple[list[Row], str, CamgenError | None]:
-    """The proofs against a drawing: rows, a line for each fault, and the error of a refusal.
-
-    post: the post of a program of ours, None for any other.
-    """
+    """The proofs against a drawing: rows, a line for each fault, and the error of a refusal."""
     from camgen.cli.stock import judge  # noqa: PLC0415
     from camgen.pipeline.motion import compare_text  # noqa: PLC0415 (shapely: only when needed)
 
     says.stage("proving")
     part = read(drawing, asked.job, asked.files)
-    stock = judge(str(asked.paths[0]), part, asked.job, said, place)
-    motion = ("motion", compare_text(part, asked.job, said.body, said.lines, place, post))
+    reading = proven.reading
+    stock = judge(str(asked.paths[0]), part, asked.job, reading, proven.dynamics, place)
+    motion = compare_text(part, asked.job, reading.body, reading.lines, place, proven.post)
     says.clear()
-    return [motion, *stock.rows, *_UNEXAMINED[2:]], stock.told, stock.error
+    return [("motion", motion), *stock.rows, *_UNEXAMINED[2:]], stock.told, stock.error
 
 
+def _dynamics_of_text(language: str) -> Dynamics | None:
+    """How the controller rounds corners, as far as a text in its language says it; else None.
+
+    RAPID states a zone for each motion. The corners of other languages depend on settings that
+    their texts do not hold.
+    """
+    return make_post(find_post(language), {}).dynamics() if language in _STATES_ZONES else None
+
+
+#: Languages that state how far each corner is rounded.
+_STATES_ZONES = frozenset({"rapid"})
 #: Proofs that a text alone does not allow, with the reason.
 _UNEXAMINED: list[Row] = [
     ("motion", "not proven: no drawing is given, --part names one"),

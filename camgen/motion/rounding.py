@@ -2,7 +2,8 @@
 
 RAPID leaves the path at the edge of the zone of a corner, whatever the turn, and runs a parabola
 (manual, `zonedata`). Other controllers begin the next motion while the one before ends. The curve
-of RAPID between a line and an arc is not documented. So both curves are computed, and the one that
+of RAPID between a line and an arc is not documented, and neither is whether other controllers brake
+and accelerate equally hard or equally long. So two curves are computed for each, and the one that
 leaves the path farther counts.
 """
 
@@ -59,7 +60,8 @@ def round_off(transitions: Transitions, dynamics: Dynamics) -> list[FloatArray]:
     is on the second one.
     """
     if dynamics.corner == "overlap":
-        return [_overlap(transitions, dynamics.acceleration)]
+        reach = _find_overlap(transitions, dynamics.acceleration)
+        return [_overlap(transitions, reach, dynamics.acceleration), _mix(transitions, *reach)]
     before, after = (
         _reach(motion, transitions.blend) for motion in (transitions.first, transitions.second)
     )
@@ -82,12 +84,21 @@ def _mix(transitions: Transitions, before: FloatArray, after: FloatArray) -> Flo
     return _add(transitions, (1 - share) ** 2 * before[:, None], share**2 * after[:, None])
 
 
-def _overlap(transitions: Transitions, acceleration: float) -> FloatArray:
-    """The second motion begins when the first one begins to brake."""
+def _find_overlap(transitions: Transitions, acceleration: float) -> tuple[FloatArray, FloatArray]:
+    """(K,) lengths, mm, on which the first motions brake and the second ones accelerate."""
     brake = transitions.fast**2 / (2 * acceleration)
-    before, after = (
-        np.minimum(brake, motion.length / 2) for motion in (transitions.first, transitions.second)
-    )
+    first, second = transitions.first, transitions.second
+    return np.minimum(brake, first.length / 2), np.minimum(brake, second.length / 2)
+
+
+def _overlap(
+    transitions: Transitions, reach: tuple[FloatArray, FloatArray], acceleration: float
+) -> FloatArray:
+    """The second motion begins when the first one begins to brake, as hard as that brakes.
+
+    reach: (K,) lengths, mm, on which the motions brake and accelerate.
+    """
+    before, after = reach
     seconds = [np.sqrt(2 * length / acceleration)[:, None] for length in (before, after)]
     time = np.linspace(0.0, 1.0, _POINTS) * np.maximum(*seconds)
     left = acceleration / 2 * np.maximum(seconds[0] - time, 0.0) ** 2
@@ -163,9 +174,15 @@ def _pass(curve: FloatArray, corner: FloatArray) -> FloatArray:
     """(K,) distance, mm, at which polylines (K, P, 3) pass points (K, 3)."""
     start, step = curve[:, :-1], np.diff(curve, axis=1)
     arm = corner[:, None] - start
-    share = (arm * step).sum(axis=2) / np.maximum((step**2).sum(axis=2), NONZERO)
+    share = _dots(arm, step) / np.maximum(_dots(step, step), NONZERO)
     off = arm - np.clip(share, 0.0, 1.0)[..., None] * step
-    return np.asarray(np.sqrt((off**2).sum(axis=2)).min(axis=1))
+    return np.asarray(np.sqrt(_dots(off, off).min(axis=1)))
+
+
+def _dots(first: FloatArray, second: FloatArray) -> FloatArray:
+    """(K, P) products of vectors (K, P, 3) with (K, P, 3) or (K, 1, 3)."""
+    x, y, z = (first[..., axis] * second[..., axis] for axis in range(3))
+    return np.asarray(x + y + z)
 
 
 def _distance(motion: Spans, points: FloatArray) -> FloatArray:
@@ -179,18 +196,19 @@ def _distance(motion: Spans, points: FloatArray) -> FloatArray:
 
 def _distance_to_lines(motion: Spans, points: FloatArray) -> FloatArray:
     arm = points - motion.start[:, None]
-    along = (arm * motion.along[:, None]).sum(axis=2)
+    along = _dots(arm, motion.along[:, None])
     along = np.clip(along, 0.0, motion.length[:, None])
     off = arm - along[..., None] * motion.along[:, None]
-    return np.asarray(np.sqrt((off**2).sum(axis=2)))
+    return np.asarray(np.sqrt(_dots(off, off)))
 
 
 def _distance_to_arcs(arcs: Spans, points: FloatArray) -> FloatArray:
     arm = points - (arcs.via - arcs.radius[:, None] * arcs.towards)[:, None]
-    x = (arm * arcs.towards[:, None]).sum(axis=2)
-    y = (arm * arcs.along[:, None]).sum(axis=2)
-    above = np.maximum((arm**2).sum(axis=2) - x**2 - y**2, 0.0)
+    x = _dots(arm, arcs.towards[:, None])
+    y = _dots(arm, arcs.along[:, None])
+    above = np.maximum(_dots(arm, arm) - x**2 - y**2, 0.0)
     across = np.sqrt((np.hypot(x, y) - arcs.radius[:, None]) ** 2 + above)
-    ends = [np.sqrt(((points - end[:, None]) ** 2).sum(axis=2)) for end in (arcs.start, arcs.end)]
+    arms = [points - end[:, None] for end in (arcs.start, arcs.end)]
+    ends = [np.sqrt(_dots(arm, arm)) for arm in arms]
     within = np.abs(np.arctan2(y, x)) <= arcs.sweep[:, None] / 2
     return np.asarray(np.where(within, across, np.minimum(*ends)))

@@ -41,7 +41,7 @@ def check_rounding(tour: Tour, job: Job, checked: Checked, posted: Posted) -> Ro
     if not states_rounding(post):
         return None
     dynamics = dynamics_of(post, job)
-    by_path = _list_tolerances(tour, job)
+    by_path = list_tolerances(tour, job)
     worst = Rounding()
     first = count = 0
     for files, reading, (_, program) in zip(
@@ -89,12 +89,7 @@ def report_rounding(rounded: Rounding | None) -> dict[str, object]:
     return {"rounded": table}
 
 
-def states_rounding(post: Post) -> bool:
-    """Whether a post states how its controller rounds corners."""
-    return type(post).dynamics is not Post.dynamics
-
-
-def _list_tolerances(tour: Tour, job: Job) -> FloatArray:
+def list_tolerances(tour: Tour, job: Job) -> FloatArray:
     """(P + 1,) distance, mm, by which each path may be left in corners; the last is for no path."""
     parts = [(tour, job)]
     if isinstance(tour, JobTour):
@@ -104,6 +99,11 @@ def _list_tolerances(tour: Tour, job: Job) -> FloatArray:
     for part, settings in parts:
         tolerances += [_find_tolerance(settings, path.operation) for path in part.paths]
     return np.array([*tolerances, UNLIMITED])
+
+
+def states_rounding(post: Post) -> bool:
+    """Whether a post states how its controller rounds corners."""
+    return type(post).dynamics is not Post.dynamics
 
 
 def _find_tolerance(job: Job, operation: str) -> float:

@@ -19,9 +19,11 @@ from camgen.model.path import Tour
 from camgen.model.pose import Pose
 from camgen.model.program import Comment, Program
 from camgen.order import JobTour
+from camgen.pipeline.rounding import list_tolerances, states_rounding
 from camgen.plan import EdgePlan, JobPlan, Plan, ReplayPlan
 from camgen.plan.columns import path_segments
 from camgen.plan.steps import job_of
+from camgen.post.plugins import dynamics_of
 
 if TYPE_CHECKING:
     from camgen.check.stock import Cut, StockProof
@@ -48,9 +50,11 @@ def prove_stock(
 
     plans = plan.plans if isinstance(plan, JobPlan) else (plan,)
     tasks = [task_on(plan.part, own, one.part) for own, one in zip(jobs, plans, strict=True)]
+    post = checked.programs[0][0]
     proof = prove(
         list(_cuts(tour, request, checked, posted)),
         design(tasks, job.stock, _sweep_lost(asked, tour, jobs)),
+        dynamics_of(post, job) if states_rounding(post) else None,
     )
     if proof.refused:
         worst = proof.refused[0]
@@ -59,6 +63,8 @@ def prove_stock(
         remedy = "see tool.diameter, operation.depth and operation.side" + (
             '; "pocket" clears exactly' if filled else ""
         )
+        if worst.kind == "corner":
+            remedy = "raise tolerance.corner"
         raise NoSafeProgram(worst.file, f"{worst.text}{more}", f"line {worst.line}", remedy)
     return proof
 
@@ -110,6 +116,8 @@ def _cuts(tour: Tour, request: Request, checked: Checked, posted: Posted) -> Ite
             (step.tool, f"operation {k}") for step, k in zip(tour.steps, tour.numbers, strict=True)
         ]
         step_of = np.repeat(np.arange(len(steps)), [len(one.paths) for one in tour.tours])
+    corners = np.zeros(len(steps))
+    np.maximum.at(corners, step_of, list_tolerances(tour, job)[:-1])
     # A robot travels on straight lines: what runs as fast as it travels is none that cuts, where no cut is as fast.
     # With process.stay_down there is no stock beside the part that it could run through.
     process = job.process
@@ -133,6 +141,7 @@ def _cuts(tour: Tour, request: Request, checked: Checked, posted: Posted) -> Ite
                 about,
                 travel,
                 job.tolerance.chord,
+                float(corners[own[start]]),
             )
 
 
@@ -200,6 +209,7 @@ def report_operations(
             "removed_mm3": round(proof.volume, 1),
             "excess_mm3": round(proof.excess, 1),
             "loose": [one.text for one in proof.loose if one.serious],
+            "rounded_corners_mm": None if proof.bite is None else round(proof.bite, 4),
             "not_judged": list(proof.notes),
         }
     return found

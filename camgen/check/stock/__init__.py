@@ -13,12 +13,14 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from camgen.check.stock.clear import Struck, find_holders, find_rapids, index
+from camgen.check.stock.corners import Bite, find_bites
 from camgen.check.stock.design import Design, Task, design, show_stay, task_on
 from camgen.check.stock.gouge import Gouge, find_gouges
 from camgen.check.stock.heights import Grid, carve
 from camgen.check.stock.loose import Loose, find_loose
 from camgen.check.stock.moves import TOLERANCE_MM, Cut, Moves, tabulate
 from camgen.check.stock.removal import MOST_LEVELS, Level, find_levels, remove
+from camgen.model.cell import Dynamics
 from camgen.model.pose import to_vec3
 from camgen.model.text import counted, short
 
@@ -36,12 +38,20 @@ __all__ = [
     "task_on",
 ]
 
-FaultKind = Literal["gouge", "rapid", "holder", "loose"]
+FaultKind = Literal["gouge", "corner", "rapid", "holder", "loose"]
 
 
 class Fault(Struct, frozen=True):
-    """What a motion does to the material that it must not. line: 1-based, in ``file``. x, y, z: mm. mm: how far it is
-    in material; 0 for a part that comes loose. cut: the number of its ``Cut``. serious: not only to be told.
+    """Material that a motion cuts and must not cut.
+
+    kind: kind of the fault.
+    line: line of the motion in the text, from 1.
+    file: name of the text.
+    x, y, z: place, mm.
+    mm: depth in the material; 0 for a part that comes loose.
+    text: the fault in words.
+    cut: number of its `Cut`.
+    serious: False for a remark.
     """
 
     kind: FaultKind
@@ -57,12 +67,23 @@ class Fault(Struct, frozen=True):
 
 
 class StockProof(Struct, frozen=True, eq=False):
-    """What the programs do to the stock. faults: all of them in order of line; those that are not ``serious`` are
-    remarks. levels: from the top. volumes: mm3 that each cut takes away and none before it did. grid: of heights, in
-    the place of the levels, for a job of too many of them, else None. notes: what is not judged, and why.
+    """Material that the programs cut.
+
+    gouges: cuts into material that must stay.
+    corners: rounded corners that cut deeper into such material than their tolerance.
+    rapids: rapid motions in material.
+    holders: motions with the holder in material.
+    loose: parts that come loose.
+    levels: levels of the stock, from the top.
+    volumes: mm3 that each cut removes first.
+    notes: parts of the proof that are missing, with the reasons.
+    grid: heights in the place of levels if there are too many levels, else None.
+    bite: largest depth, mm, to which rounded corners cut material that must stay. None: the
+        rounding is not modelled, and the proof is of the programmed path only.
     """
 
     gouges: tuple[Fault, ...]
+    corners: tuple[Fault, ...]
     rapids: tuple[Fault, ...]
     holders: tuple[Fault, ...]
     loose: tuple[Fault, ...]
@@ -70,16 +91,17 @@ class StockProof(Struct, frozen=True, eq=False):
     volumes: tuple[float, ...]
     notes: tuple[str, ...]
     grid: Grid | None = None
+    bite: float | None = None
 
     @property
     def faults(self) -> tuple[Fault, ...]:
         """In order of cut and line."""
-        every = (*self.gouges, *self.rapids, *self.holders, *self.loose)
+        every = (*self.gouges, *self.corners, *self.rapids, *self.holders, *self.loose)
         return tuple(sorted(every, key=lambda one: (one.cut, one.line)))
 
     @property
     def refused(self) -> tuple[Fault, ...]:
-        """Those for which a program is refused: gouges, rapid motions and holders in material."""
+        """The faults for which a program is refused: all but parts that come loose."""
         return tuple(fault for fault in self.faults if fault.kind != "loose")
 
     @property
@@ -95,8 +117,13 @@ class StockProof(Struct, frozen=True, eq=False):
         )
 
 
-def prove(cuts: Sequence[Cut], design: Design) -> StockProof:
-    """What ``cuts``, one after the other, do to the stock of ``design``."""
+def prove(cuts: Sequence[Cut], design: Design, dynamics: Dynamics | None = None) -> StockProof:
+    """What ``cuts``, one after the other, do to the stock of ``design``.
+
+    dynamics: dynamics of the controller. None: it is not known how it rounds corners.
+    """
+    bites = [] if dynamics is None else find_bites(cuts, design, dynamics)
+    deepest = None if dynamics is None else max((bite.mm for bite in bites), default=0.0)
     moves = tabulate(cuts)
     gone = index(moves, cuts)
     holders, unseen = find_holders(gone, design)
@@ -111,6 +138,7 @@ def prove(cuts: Sequence[Cut], design: Design) -> StockProof:
     notes = (*design.notes, *_notes(moves, unseen), *([grid.note] if grid else []))
     return StockProof(
         gouges=tuple(_gouge(moves, cuts, one) for one in find_gouges(moves, cuts, design)),
+        corners=tuple(_bite(cuts, bite) for bite in bites if bite.excess > TOLERANCE_MM),
         rapids=tuple(_rapid(moves, cuts, one) for one in find_rapids(gone, design)),
         holders=tuple(_holder(moves, cuts, one) for one in holders),
         loose=tuple(_loose(moves, cuts, one) for one in find_loose(gone, design)),
@@ -118,6 +146,7 @@ def prove(cuts: Sequence[Cut], design: Design) -> StockProof:
         volumes=volumes,
         notes=notes,
         grid=grid,
+        bite=deepest,
     )
 
 
@@ -151,6 +180,14 @@ def _gouge(moves: Moves, cuts: Sequence[Cut], one: Gouge) -> Fault:
     way = "too deep in" if one.below else "into"
     text = f"cuts {short(one.mm, 3)} mm {way} material that must stay, {_at(one.place)}"
     return _fault(moves, cuts, "gouge", one, text)
+
+
+def _bite(cuts: Sequence[Cut], bite: Bite) -> Fault:
+    text = (
+        f"the corner {_at(bite.place)} is rounded and cuts {short(bite.mm, 3)} mm into material "
+        f"that must stay, {short(bite.allowed, 3)} mm are allowed"
+    )
+    return Fault("corner", bite.line, cuts[bite.cut].file, *bite.place, bite.mm, text, bite.cut)
 
 
 def _rapid(moves: Moves, cuts: Sequence[Cut], one: Struck) -> Fault:

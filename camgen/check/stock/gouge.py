@@ -40,8 +40,12 @@ _SAMPLES = 33
 
 
 class Gouge(Struct, frozen=True):
-    """row: the motion. place: x, y, z of the tip, mm. mm: how far the tool is in material that must stay. below: it is
-    too deep rather than too far aside.
+    """A motion that cuts material that must stay.
+
+    row: row of the motion.
+    place: x, y, z of the tip, mm.
+    mm: depth of the tool in the material.
+    below: whether it is too deep rather than too far aside.
     """
 
     row: int
@@ -70,17 +74,60 @@ class _Stays(Struct, frozen=True, eq=False):
 
 def find_gouges(moves: Moves, cuts: Sequence[Cut], design: Design) -> list[Gouge]:
     """The worst gouge of every motion that has one, in order."""
-    if design.free or not len(moves):
-        return []
-    rows = np.flatnonzero(
-        (moves.deepest > TOLERANCE_MM) & ~moves.rising & ~_explained(moves, cuts, design)
-    )
+    rows = _find_judged(moves, cuts, design, np.zeros(len(moves)))
     worst: dict[int, Gouge] = {}
+    if not len(rows):
+        return []
     for limit in _limits(design):
         for gouge in _beyond(moves, cuts, design, rows, limit):
             if gouge.row not in worst or gouge.mm > worst[gouge.row].mm:
                 worst[gouge.row] = gouge
     return [worst[row] for row in sorted(worst)]
+
+
+def measure_bites(moves: Moves, cuts: Sequence[Cut], design: Design) -> FloatArray:
+    """(N,) depth, mm, to which each motion cuts material that must stay; 0 for none.
+
+    A motion leaves a programmed one, which cuts nothing that must stay, by `moves.chord`. So far it
+    may also leave the lines of the drawing on which the programmed one runs.
+    """
+    bites = np.zeros(len(moves))
+    rows = _find_judged(moves, cuts, design, moves.chord)
+    if not len(rows):
+        return bites
+    for limit in _limits(design):
+        stays = _find_stays(design, limit)
+        deep = moves.below(limit + TOLERANCE_MM, rows)
+        if not len(deep.row) or not stays.cells.any():
+            continue
+        radius = _radius(moves, cuts, deep, limit)
+        allowed = _allowed(moves, cuts, deep, design, limit)
+        each = np.arange(len(deep.row))
+        aside = radius - _gaps(deep.plane, each, stays, float(radius.max()), allowed)
+        # The middle of the tool may be within what stays where it leaves the path by its radius.
+        far = np.flatnonzero(moves.chord[deep.row] >= radius)
+        middles = points_at(deep.plane.take(far), np.full(len(far), 0.5))
+        within = far[stays.contains(middles)]
+        aside[within] = 2 * radius[within]
+        cutting = np.flatnonzero(aside > 0)
+        portions = Portions(
+            deep.row[cutting], deep.low[cutting], deep.high[cutting], deep.plane.take(cutting)
+        )
+        cutting = cutting[~_off_stock(portions, radius[cutting], design)]
+        depth = np.minimum(aside[cutting], moves.deepest[deep.row[cutting]] - limit)
+        np.maximum.at(bites, deep.row[cutting], depth)
+    return bites
+
+
+def _find_judged(moves: Moves, cuts: Sequence[Cut], design: Design, slack: FloatArray) -> IntArray:
+    """The motions that cut and have no line of the drawing to run on.
+
+    slack: (N,) distance, mm, by which each may leave such a line.
+    """
+    if design.free or not len(moves):
+        return np.zeros(0, dtype=np.intp)
+    cutting = (moves.deepest > TOLERANCE_MM) & ~moves.rising
+    return np.flatnonzero(cutting & ~_explained(moves, cuts, design, slack))
 
 
 def _limits(design: Design) -> list[float]:
@@ -93,14 +140,11 @@ def _beyond(
     moves: Moves, cuts: Sequence[Cut], design: Design, rows: IntArray, limit: float
 ) -> list[Gouge]:
     """Gouges of what may be cut down to ``limit`` mm and no deeper."""
-    cells = design.cells
     deep = moves.below(limit + TOLERANCE_MM, rows)
-    kept = design.depth <= limit + TOLERANCE_MM / 2
-    if not len(deep.row) or not kept.any():
+    stays = _find_stays(design, limit)
+    if not len(deep.row) or not stays.cells.any():
         return []
     radius = _radius(moves, cuts, deep, limit)
-    walls = np.flatnonzero(np.isin(cells.segments.owner, cells.walls(kept)))
-    stays = _Stays(design, limit, kept, walls)
     allowed = _allowed(moves, cuts, deep, design, limit)
     apart, within = _apart(deep.plane, stays, float(radius.max()), allowed)
     within &= ~_off_stock(deep, radius, design)
@@ -118,6 +162,13 @@ def _beyond(
     aside = np.where(within, radius, radius - apart)
     rest = (_estimate(moves, deep, k, float(aside[k]), limit) for k in hit[_MEASURED:].tolist())
     return [gouge for gouge in (*found, *rest) if gouge]
+
+
+def _find_stays(design: Design, limit: float) -> _Stays:
+    cells = design.cells
+    kept = design.depth <= limit + TOLERANCE_MM / 2
+    walls = np.flatnonzero(np.isin(cells.segments.owner, cells.walls(kept)))
+    return _Stays(design, limit, kept, walls)
 
 
 def _at_ends(
@@ -180,21 +231,37 @@ def _apart(
     allowed: list[tuple[Bevel, BoolArray, float]],
 ) -> tuple[FloatArray, BoolArray]:
     """(K,) how far each way keeps from the walls, and whether it begins in what stays."""
-    segments, walls = stays.design.cells.segments, stays.walls
-    apart = np.full(len(plane), np.inf)
     first, same = same_ways(plane)
     unique = plane.take(first)
-    bevelled = np.zeros(len(segments), dtype=np.bool_)
-    for bevel, chosen, more in allowed:
-        own = walls[np.isin(segments.owner[walls], bevel.loops)]
-        bevelled[own] = True
-        found = gaps(unique, segments.take(own), most + more)[same]
-        apart = np.minimum(apart, np.where(chosen, found + more, found))
-    apart = np.minimum(apart, gaps(unique, segments.take(walls[~bevelled[walls]]), most)[same])
+    apart = _gaps(unique, same, stays, most, allowed)
     within = stays.contains(points_at(unique, np.full(len(unique), 0.5)))[same]
     for _, chosen, more in allowed:
         within &= ~(chosen & (more > 0))
     return apart, within
+
+
+def _gaps(
+    unique: Segments,
+    same: IntArray,
+    stays: _Stays,
+    reach: float,
+    allowed: list[tuple[Bevel, BoolArray, float]],
+) -> FloatArray:
+    """(K,) distance, mm, of motions from the walls; infinite beyond `reach`.
+
+    unique: the U motions that differ, seen from above.
+    same: (K,) row of each motion in them.
+    """
+    segments, walls = stays.design.cells.segments, stays.walls
+    distance = np.full(len(same), np.inf)
+    bevelled = np.zeros(len(segments), dtype=np.bool_)
+    for bevel, chosen, more in allowed:
+        edges = walls[np.isin(segments.owner[walls], bevel.loops)]
+        bevelled[edges] = True
+        gap = gaps(unique, segments.take(edges), reach + more)[same]
+        distance = np.minimum(distance, np.where(chosen, gap + more, gap))
+    others = gaps(unique, segments.take(walls[~bevelled[walls]]), reach)[same]
+    return np.asarray(np.minimum(distance, others))
 
 
 def _off_stock(deep: Portions, radius: FloatArray, design: Design) -> BoolArray:
@@ -256,8 +323,11 @@ def _nearest_walls(points: FloatArray, segments: Segments, walls: IntArray) -> l
 # Motions along lines.
 
 
-def _explained(moves: Moves, cuts: Sequence[Cut], design: Design) -> BoolArray:
-    """(N,) which motions run where an operation along lines has its tool run, no deeper than it may."""
+def _explained(moves: Moves, cuts: Sequence[Cut], design: Design, slack: FloatArray) -> BoolArray:
+    """(N,) whether motions run along lines of an operation, no deeper than they may.
+
+    slack: (N,) distance, mm, by which each may leave such a line.
+    """
     found = np.zeros(len(moves), dtype=np.bool_)
     for lines in design.lines:
         own = np.array([abs(cut.tool.diameter - lines.diameter) < TOLERANCE_MM for cut in cuts])
@@ -267,20 +337,24 @@ def _explained(moves: Moves, cuts: Sequence[Cut], design: Design) -> BoolArray:
             & (moves.deepest <= lines.depth + TOLERANCE_MM)
         )
         rows = rows[~found[rows]]
-        found[rows[_along(moves.plane.take(rows), lines)]] = True
+        found[rows[_along(moves.plane.take(rows), lines, slack[rows])]] = True
     return found
 
 
-def _along(plane: Segments, lines: Lines) -> BoolArray:
-    """(K,) which ways keep to the distance of ``lines`` and to their side in all places that are looked at."""
+def _along(plane: Segments, lines: Lines, slack: FloatArray) -> BoolArray:
+    """(K,) whether motions keep to the distance of `lines` and to their side in all `_PLACES`.
+
+    slack: (K,) distance, mm, by which each may leave a line.
+    """
     count = len(plane)
     if not count:
         return np.zeros(0, dtype=np.bool_)
     which = np.repeat(np.arange(count), len(_PLACES))
     points = points_at(plane.take(which), np.tile(_PLACES, count))
     low, high = lines.apart
-    near, side = _nearest(points, lines.segments, high + _TRACED_MM)
-    good = (near >= low - TOLERANCE_MM) & (near <= high + _TRACED_MM)
+    more = np.repeat(slack, len(_PLACES))
+    near, side = _nearest(points, lines.segments, high + _TRACED_MM + float(slack.max()))
+    good = (near >= low - TOLERANCE_MM - more) & (near <= high + _TRACED_MM + more)
     good &= (lines.side == 0) | (side == lines.side)
     return np.asarray(good.reshape(count, -1).all(axis=1))
 

@@ -30,11 +30,17 @@ _DOWN = -1 + 1e-7
 
 
 class Cut(Struct, frozen=True, eq=False):
-    """What one tool does, as it was read back. body: instructions in order, poses of the tip in the work frame.
+    """The instructions of one tool as they were read back.
 
-    lines: (per instruction) 1-based, in ``file``. name: of the operation, for messages. travel: mm/s from which a
-    straight motion is no feed, where the controller has no rapid motion of its own. chord: mm by which straight motions
-    that stand for an arc may leave it between their ends.
+    body: instructions in order, with poses of the tip in the work frame.
+    lines: line of each instruction in the text, from 1.
+    tool: the tool.
+    file: name of the text.
+    name: name of the operation in messages.
+    travel: speed, mm/s, from which on a line is a rapid motion; infinite for a controller that has
+        rapid motions of its own.
+    chord: distance, mm, by which lines that stand for an arc may leave it between their ends.
+    corner: distance, mm, by which the controller may round corners.
     """
 
     body: Sequence[Instruction]
@@ -44,6 +50,7 @@ class Cut(Struct, frozen=True, eq=False):
     name: str = ""
     travel: float = float("inf")
     chord: float = 0.0
+    corner: float = 0.0
 
 
 class Moves(Struct, frozen=True, eq=False, dict=True):
@@ -146,11 +153,9 @@ def _table(cut: Cut, number: int, before: FloatArray) -> Moves:
     start = np.roll(end, 1, axis=0)
     start[:1] = before
     start = np.where(np.isnan(start), end, start)
-    rapid = columns.moves_are(MoveJ) | (
-        columns.moves_are(MoveL) & (columns.speed >= _NEARLY * cut.travel)
-    )
+    rapid = find_rapid(columns, cut.travel)
     line = np.asarray(cut.lines, dtype=np.int64)[columns.at]
-    down = _depths(cut, columns, start, end, rapid)
+    down = find_depths(cut, columns, start, end, rapid)
     straight = _straight_down(columns)
     known = columns.posed & straight
     row, low, high, bulge, start, end = _pieces(
@@ -168,7 +173,13 @@ def _table(cut: Cut, number: int, before: FloatArray) -> Moves:
     return Moves(start, end, plane, down, rapid[row], many, line[row], many, chord, tilted, lost)
 
 
-def _depths(
+def find_rapid(columns: Columns, travel: float) -> BoolArray:
+    """(M,) whether motions are rapid: those of the joints, and lines at `travel`, mm/s."""
+    fast = columns.moves_are(MoveL) & (columns.speed >= _NEARLY * travel)
+    return np.asarray(columns.moves_are(MoveJ) | fast)
+
+
+def find_depths(
     cut: Cut, columns: Columns, start: FloatArray, end: FloatArray, rapid: BoolArray
 ) -> FloatArray:
     """(M, 2) how deep the tip is at both ends, of a beam or a blade whether it is on."""
