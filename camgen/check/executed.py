@@ -118,11 +118,12 @@ def find_transitions(columns: Columns, works: BoolArray, dynamics: Dynamics) -> 
 def pick_transitions(columns: Columns, first: IntArray) -> Transitions:
     """The transitions from the motions `first` (K,) into the next ones."""
     fast = np.maximum(columns.speed[first], columns.speed[first + 1])
-    pair = (_shape(columns, first), _shape(columns, first + 1))
+    pair = (pick_shapes(columns, first), pick_shapes(columns, first + 1))
     return Transitions(*pair, columns.blend[first], fast)
 
 
-def _shape(columns: Columns, rows: IntArray) -> Spans:
+def pick_shapes(columns: Columns, rows: IntArray) -> Spans:
+    """The lines and arcs of the motions `rows` (K,), which have a motion before them."""
     via = np.full((len(rows), 3), np.nan)
     arcs = columns.moves_are(MoveC)[rows]
     via[arcs] = columns.vias_of(rows[arcs])

@@ -34,7 +34,14 @@ from camgen.model.text import counted, duration, short
 from camgen.post import Fault, Post, Reading, Remark
 from camgen.post.contract import prepare_program
 from camgen.post.limits import limit_tolerance
-from camgen.post.plugins import dynamics_of, fill_tables, find_post, find_readback, make_post
+from camgen.post.plugins import (
+    dynamics_of,
+    fill_tables,
+    find_post,
+    find_readback,
+    make_post,
+    states_rounding,
+)
 from camgen.post.verify import compare
 from camgen.read import read
 from camgen.read.files import Files
@@ -142,10 +149,7 @@ def _judge(asked: _Asked, says: Voice) -> int:
 
 def _compare(asked: _Asked, says: Voice) -> int:
     """A program of ours, with what it was planned to do if there is a plan. Then a remark is a fault too."""
-    from camgen.pipeline.rounding import (  # noqa: PLC0415 (only for our texts)
-        limit_path_tolerance,
-        states_rounding,
-    )
+    from camgen.pipeline.rounding import limit_path_tolerance  # noqa: PLC0415 (only for our texts)
 
     arguments, paths, texts, job, drawing, files = asked
     _insist_on_post(arguments)

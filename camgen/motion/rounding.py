@@ -59,16 +59,50 @@ def round_off(transitions: Transitions, dynamics: Dynamics) -> list[FloatArray]:
     A path leads from the place where the controller leaves the first motion to the place where it
     is on the second one.
     """
+    reach = _find_reach(transitions, dynamics)
     if dynamics.corner == "overlap":
-        reach = _find_overlap(transitions, dynamics.acceleration)
         return [_overlap(transitions, reach, dynamics.acceleration), _mix(transitions, *reach)]
-    before, after = (
-        _reach(motion, transitions.blend) for motion in (transitions.first, transitions.second)
-    )
+    return [_mix(transitions, *reach), _bend(transitions, *reach)]
+
+
+class RoundedCorners(NamedTuple):
+    """The executed paths of K transitions.
+
+    before: (K,) length, mm, of the first motion that is not run.
+    after: (K,) length, mm, of the second motion that is not run.
+    path: (K, P, 3) points of the path that is run instead, mm.
+    off: (K,) distance, mm, of the path from the programmed one.
+    """
+
+    before: FloatArray
+    after: FloatArray
+    path: FloatArray
+    off: FloatArray
+
+
+def trace_corners(transitions: Transitions, dynamics: Dynamics) -> RoundedCorners:
+    """One executed path of each transition; in zones the model that leaves the path farther."""
+    before, after = _find_reach(transitions, dynamics)
+    path = _mix(transitions, before, after)
+    off = _leave(transitions, path)
+    if dynamics.corner == "zone":
+        bent = _bend(transitions, before, after)
+        farther = _leave(transitions, bent)
+        path = np.where((farther > off)[:, None, None], bent, path)
+        off = np.maximum(farther, off)
+    return RoundedCorners(before, after, path, off)
+
+
+def _find_reach(transitions: Transitions, dynamics: Dynamics) -> tuple[FloatArray, FloatArray]:
+    """(K,) lengths, mm, of the pieces of both motions within which the controller leaves them."""
+    first, second = transitions.first, transitions.second
+    if dynamics.corner == "overlap":
+        brake = transitions.fast**2 / (2 * dynamics.acceleration)
+        return np.minimum(brake, first.length / 2), np.minimum(brake, second.length / 2)
     # A controller cuts a zone at half of the shorter neighbour.
-    room = np.minimum(transitions.first.length, transitions.second.length) / 2
-    before, after = np.minimum(before, room), np.minimum(after, room)
-    return [_mix(transitions, before, after), _bend(transitions, before, after)]
+    room = np.minimum(first.length, second.length) / 2
+    before, after = (_reach(motion, transitions.blend) for motion in (first, second))
+    return np.minimum(before, room), np.minimum(after, room)
 
 
 def _reach(motion: Spans, blend: FloatArray) -> FloatArray:
@@ -82,13 +116,6 @@ def _mix(transitions: Transitions, before: FloatArray, after: FloatArray) -> Flo
     """Both motions at once: the first with even deceleration, the second with even acceleration."""
     share = np.linspace(0.0, 1.0, _POINTS)
     return _add(transitions, (1 - share) ** 2 * before[:, None], share**2 * after[:, None])
-
-
-def _find_overlap(transitions: Transitions, acceleration: float) -> tuple[FloatArray, FloatArray]:
-    """(K,) lengths, mm, on which the first motions brake and the second ones accelerate."""
-    brake = transitions.fast**2 / (2 * acceleration)
-    first, second = transitions.first, transitions.second
-    return np.minimum(brake, first.length / 2), np.minimum(brake, second.length / 2)
 
 
 def _overlap(

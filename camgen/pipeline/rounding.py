@@ -19,7 +19,7 @@ from camgen.model.text import short
 from camgen.motion.corners import corner_tolerance
 from camgen.order import JobTour
 from camgen.post import Post
-from camgen.post.plugins import dynamics_of, find_post
+from camgen.post.plugins import dynamics_of, find_post, states_rounding
 
 if TYPE_CHECKING:
     from camgen.pipeline.programs import Checked, Posted
@@ -99,11 +99,6 @@ def list_tolerances(tour: Tour, job: Job) -> FloatArray:
     for part, settings in parts:
         tolerances += [_find_tolerance(settings, path.operation) for path in part.paths]
     return np.array([*tolerances, UNLIMITED])
-
-
-def states_rounding(post: Post) -> bool:
-    """Whether a post states how its controller rounds corners."""
-    return type(post).dynamics is not Post.dynamics
 
 
 def _find_tolerance(job: Job, operation: str) -> float:

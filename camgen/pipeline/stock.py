@@ -19,11 +19,11 @@ from camgen.model.path import Tour
 from camgen.model.pose import Pose
 from camgen.model.program import Comment, Program
 from camgen.order import JobTour
-from camgen.pipeline.rounding import list_tolerances, states_rounding
+from camgen.pipeline.rounding import list_tolerances
 from camgen.plan import EdgePlan, JobPlan, Plan, ReplayPlan
 from camgen.plan.columns import path_segments
 from camgen.plan.steps import job_of
-from camgen.post.plugins import dynamics_of
+from camgen.post.plugins import dynamics_of, states_rounding
 
 if TYPE_CHECKING:
     from camgen.check.stock import Cut, StockProof

@@ -174,3 +174,8 @@ def dynamics_of(post: Post, job: Job) -> Dynamics:
     """What the post takes its machine to do, with the acceleration of the job."""
     own, pace = job.process.acceleration, post.dynamics()
     return replace(pace, acceleration=own) if own else pace
+
+
+def states_rounding(post: Post) -> bool:
+    """Whether a post states how its controller rounds corners."""
+    return type(post).dynamics is not Post.dynamics

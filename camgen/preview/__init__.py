@@ -13,6 +13,7 @@ from camgen.robots.workcell import Workcell
 
 if TYPE_CHECKING:
     from camgen.check.collide import Clear
+    from camgen.check.executed import Rounding
     from camgen.check.reach import Reach
     from camgen.check.report import Cycle, Motions
     from camgen.check.stock import StockProof
@@ -55,5 +56,7 @@ class Built(Protocol):
     def clear(self) -> Clear | None: ...  # noqa: D102
     @property
     def proof(self) -> StockProof | None: ...  # noqa: D102
+    @property
+    def rounded(self) -> Rounding | None: ...  # noqa: D102
     @property
     def where(self) -> Surroundings | None: ...  # noqa: D102

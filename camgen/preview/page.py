@@ -153,6 +153,7 @@ def _plain(view: View, edits: Edits | None) -> dict[str, object]:
             "feed": _pack_runs(motions.feed),
             "force": _pack_runs(motions.force),
         },
+        **_executed(view, origin),
         "switches": [[one.time, clean(one.signal), one.value] for one in view.switches],
         "tool": {
             "diameter": view.diameter,
@@ -163,6 +164,13 @@ def _plain(view: View, edits: Edits | None) -> dict[str, object]:
         "meshes": [[name, _mesh(shape, origin)] for name, shape in view.meshes],
         "arm": _arm(view),
     }
+
+
+def _executed(view: View, origin: FloatArray) -> dict[str, object]:
+    if view.executed is None:
+        return {}
+    points, counts = view.executed.points - origin, view.executed.counts.tolist()
+    return {"executed": {"points": _pack(points), "counts": counts}}
 
 
 def _photo(view: View, origin: FloatArray) -> dict[str, object]:

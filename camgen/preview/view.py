@@ -9,6 +9,7 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
+from camgen.check.executed import Rounding
 from camgen.check.report import clean, path_sums
 from camgen.geometry.ragged import begins
 from camgen.model.part import Line, Note, Solid
@@ -16,6 +17,7 @@ from camgen.model.pose import IDENTITY, FloatArray, Pose
 from camgen.model.text import duration, short
 from camgen.preview import Built
 from camgen.preview.curves import SpaceChains, of_contours, of_spans
+from camgen.preview.executed import trace_executed
 from camgen.preview.listing import Listing, list_program
 from camgen.preview.notes import ViewNote, see_notes
 from camgen.preview.photo import Photo, photo_of
@@ -150,15 +152,31 @@ class Row(Struct, frozen=True):
 
 
 class View(Struct, frozen=True, eq=False):
-    """title: of the page. facts: label and text of the numbers to show. lines: what ``chains`` draws, in its order.
+    """The content of a page.
 
-    solid: triangles, None where there are none. flat: all of the part lies in the work plane. arm: the robot, None
-    where none is known. base_from_work, flange_from_tool: of the program. diameter: of the tool, mm. bodies: tool and
-    holder, boxes at the flange. standing: table and fixtures, boxes in the work frame. meshes: fixtures that are
-    meshes. notes: all of the build, in their order. listing: the program's text. tools: of the program, in the order of
-    their use. tool_of: (E,) the one of each of the events. stock: what is cut, None where no material is taken away
-    from above. marks: what a proof on the stock found, drawn over it. photo: what the part was read from.
-    switches: the outputs in the order of time.
+    title: title of the page.
+    facts: labels and texts of the numbers.
+    lines: contours and edges, in the order of `chains`.
+    chains: points of the lines.
+    solid: triangles of the part; None for a flat part.
+    flat: whether all of the part lies in the work plane.
+    rows: the list of paths.
+    track: the program through time.
+    arm: the robot; None if none is known.
+    base_from_work, flange_from_tool: frames of the program.
+    diameter: diameter of the tool, mm.
+    bodies: tool and holder, boxes at the flange.
+    standing: table and fixtures, boxes in the work frame.
+    meshes: fixtures that are meshes.
+    notes: notes of the build, in their order.
+    listing: text of the program.
+    tools: tools of the program, in the order of their use.
+    tool_of: (E,) tool of each event.
+    stock: the stock; None if no material is removed from above.
+    marks: findings of the stock proof, drawn over the stock.
+    photo: the picture from which the part was read.
+    switches: outputs, in the order of time.
+    executed: the path that the controller runs; None without a model of it.
     """
 
     title: str
@@ -184,6 +202,7 @@ class View(Struct, frozen=True, eq=False):
     marks: tuple[Mark, ...] = ()
     photo: Photo | None = None
     switches: tuple[Switch, ...] = ()
+    executed: SpaceChains | None = None
 
     @property
     def skipped(self) -> tuple[ViewNote, ...]:
@@ -226,6 +245,7 @@ def view(result: Built) -> View:
         marks=marks_of(result),
         photo=photo_of(result),
         switches=switches_of(program.columns, way.events),
+        executed=trace_executed(result, sag),
     )
 
 
@@ -390,6 +410,7 @@ def _facts(result: Built, seconds: float) -> tuple[tuple[str, str], ...]:
             f"feeds, acceleration, corners, waits{' and joint speeds' if result.reach else ''}; an estimate",
         ),
         ("Verified", f"text read back, within {result.deviation.max_mm:.6f} mm"),
+        ("Rounded corners", _tell_rounding(result.rounded)),
     ]
     if result.clear and result.where:
         solid = ["the part"] if part.solid else []
@@ -409,6 +430,16 @@ def _facts(result: Built, seconds: float) -> tuple[tuple[str, str], ...]:
         size = " x ".join(short(b - a, 1) for a, b in zip(low, high, strict=True))
         found.insert(9, ("Extents", f"{size} mm"))
     return tuple(found)
+
+
+def _tell_rounding(rounded: Rounding | None) -> str:
+    """The corner that the controller rounds most."""
+    if rounded is None:
+        return "not modelled for this controller"
+    if not rounded.mm:
+        return "none"
+    place = " ".join(short(value, 2) for value in rounded.place)
+    return f"up to {short(rounded.mm, 4)} mm off the path, at {place} mm, line {rounded.line}"
 
 
 def _tell_time(seconds: float) -> str:

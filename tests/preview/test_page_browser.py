@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import camgen
+from camgen.model.part import Contour
 from camgen.pipeline import Result
 from camgen.preview.page import page
 from camgen.preview.view import view
@@ -57,6 +58,31 @@ def test_a_page_shows_a_picture_without_errors_and_without_a_network(
     assert [url for url in one.log.requests if not url.startswith(("data:", "blob:"))] == [
         one.page.url
     ]
+
+
+def test_the_executed_path_is_shown_in_place_of_the_programmed_one(
+    browser: Driven, tmp_path: Path
+) -> None:
+    contour = Contour([(0, 0), (40, 0), (40, 40)], [0, 0, 0], False, "0")
+    job = {"operation": {"kind": "trace"}, "tolerance": {"corner": 5.0}}
+    result = camgen.build(camgen.part([contour]), post="rapid", job=job)
+    file = tmp_path / "corner.html"
+    file.write_text(page(view(result)), encoding="utf-8")
+    shown = OpenPage(browser, file, SMALL, "light")
+    style = "() => getComputedStyle(document.documentElement).getPropertyValue('--executed')"
+    red, green, blue = bytes.fromhex(shown.run(style).strip().removeprefix("#"))
+    counts = []
+    for name in ("tool", "executed"):
+        is_executed = np.abs(shown.picture() - np.array([blue, green, red])).max(axis=2) < 10
+        counts.append(int(is_executed.sum()))
+        shown.run(f"() => document.querySelector('[data-layer={name}]').click()")
+    is_executed = np.abs(shown.picture() - np.array([blue, green, red])).max(axis=2) < 10
+    assert counts == [0, 0]
+    # Two lines of 40 mm are drawn, a pixel wide at least.
+    scale = shown.run("() => camgen.look.height") / shown.run("() => camgen.gl.canvas.clientHeight")
+    assert is_executed.sum() > 70 / scale
+    assert shown.log.messages == []
+    shown.context.close()
 
 
 #: Tells, in the turn in which the canvas gets a new size and after the page has seen it, whether anything is drawn.

@@ -44,6 +44,7 @@ const layers = {
   unused: { label: "Not asked for", colour: "unused", things: [] },
   numbers: { label: "Numbers", colour: "accent", things: [] },
   paths: { label: "Tool paths", colour: "accent", things: [] },
+  executed: { label: "Executed path", colour: "executed", things: [], off: true },
   arrows: { label: "Directions", colour: "ink", things: [] },
   starts: { label: "Starts", colour: "ink", things: [] },
   approach: { label: "Travel in lines", colour: "near", things: [] },
@@ -158,6 +159,19 @@ const way = lines({
 });
 way.order = 4;
 scene.parts.push(way);
+
+// The path that the controller runs of the program, with the corners that it rounds.
+function executedPath({ points: packed, counts }) {
+  const points = unpack(packed);
+  const group = new Float32Array(points.length / 3);
+  let first = 0;
+  for (const count of counts) {
+    group[first] = -2;
+    first += count;
+  }
+  put("executed", lines({ points, group, width: 1.6, order: 4 }), 5);
+}
+if (data.executed) executedPath(data.executed);
 
 function colourBy(name) {
   const { low, high, of } = SCALES[name];
