@@ -1,4 +1,8 @@
-"""Corners along the paths: what a controller rounds off there is free and keeps the margin, else it rounds less."""
+"""Rounded corners along the paths of an arm: whether the arm meets anything within them.
+
+A corner that is free and keeps the margin stays as it is. Another one gets a smaller blend or a
+stop.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +11,7 @@ from collections.abc import Callable
 import numpy as np
 from msgspec import Struct
 
+from camgen.check.executed import pick_transitions
 from camgen.check.passing import find_corners
 from camgen.check.reach import Reach
 from camgen.collision.cell import Surroundings
@@ -21,29 +26,57 @@ from camgen.model.tolerance import NONZERO, ZONES
 from camgen.motion.cell import FINE, STEP
 from camgen.motion.corners import TURNING
 from camgen.motion.joint_paths import APART, JointPath
+from camgen.motion.rounding import measure_rounding
 from camgen.robots.kinematics.forward import flange
 from camgen.robots.models import Robot
 from camgen.robots.workcell import Workcell
 
-#: Corners that are tested together: bounds the memory. Chords in place of what rounds one.
-_CORNERS, _CHORDS = 1000, 8
+#: Corners that are tested together; it bounds the memory.
+_CORNERS = 1000
+#: Chords of a rounded path.
+_CHORDS = 8
 
-#: How far apart configurations (N, J) and others are in a scene: (N,) mm.
+#: Distances (N,), mm, between configurations (N, J) and others in a scene.
 _Measure = Callable[[Scene, FloatArray, FloatArray], FloatArray]
 
 
-class _Ways(Struct, frozen=True, eq=False):
-    """A program as it is run. joints: (D, J), so close that they run evenly in between. way: (D,) mm of the TCP up to
-    there. end: (M,) the row in which each motion ends.
+class _JointPath(Struct, frozen=True, eq=False):
+    """A program as a path of the joints, with M motions.
+
+    joints: (D, J) configurations, so close that the joints run evenly between them.
+    travelled: (D,) path of the TCP up to each of them, mm.
+    end: (M,) row in which each motion ends.
+    tip: (D, 3) place of the TCP, mm.
     """
 
     joints: FloatArray
-    way: FloatArray
+    travelled: FloatArray
     end: IntArray
+    tip: FloatArray
 
-    def at(self, mm: FloatArray) -> FloatArray:
-        """The joints (*, J) at places (*,) along the way, none of them where the TCP stands."""
-        return np.stack([np.interp(mm, self.way, column) for column in self.joints.T], axis=-1)
+    def joints_at(self, mm: FloatArray) -> FloatArray:
+        """The configurations (*, J) at places (*,) along the path of the TCP."""
+        columns = [np.interp(mm, self.travelled, column) for column in self.joints.T]
+        return np.stack(columns, -1)
+
+    def tip_at(self, mm: FloatArray) -> FloatArray:
+        """The TCP (*, 3), mm, at places (*,) along its path."""
+        return np.stack([np.interp(mm, self.travelled, column) for column in self.tip.T], -1)
+
+
+class _RoundedCorners(Struct, frozen=True, eq=False):
+    """K corners in configurations.
+
+    programmed: (K, C + 1, J) configurations on the programmed path.
+    rounded: (K, C + 1, J) configurations on the widest rounding.
+    middle: (K, C, J) configurations in the middle of the chords of the programmed path.
+    more: (K,) distance, mm, by which the controller may leave the path farther than `rounded`.
+    """
+
+    programmed: FloatArray
+    rounded: FloatArray
+    middle: FloatArray
+    more: FloatArray
 
 
 def hold_clear(
@@ -54,107 +87,112 @@ def hold_clear(
     cell: Workcell,
     gap: float = 0.0,
 ) -> tuple[Program, tuple[Note, ...]]:
-    """``program`` with those blends along its paths that may stay, lesser ones or stops in place of others: a note says
-    of how many.
+    """The program with blends along its paths that are free, and a note if some are smaller.
 
-    Within a corner the program's way is to keep the margin and as much as two bodies may be nearer on the widest
-    rounding, which holds for all between these ways. Of the tool and the part, which meet there, the widest rounding is
-    tested like any motion. found, course: of the program, which meets nothing without blends. gap: mm that all that is
-    to keep the margin is apart all along it, as a test found it: a corner that needs no more is not tested again.
+    Within a corner the programmed path keeps the margin, and as much more as two bodies may be
+    nearer on the widest rounding. This holds for all paths between both. The tool and the part meet
+    there, so of these two the widest rounding is tested like any motion.
+
+    found: configurations of the program.
+    course: path of the joints; it meets nothing without blends.
+    gap: distance, mm, that all bodies with a margin keep along the program. A corner that needs no
+        more is not tested again.
     """
     columns, pace = program.columns, cell.pace
     corners = _find_rounded(columns, find_corners(program))
     if not len(corners):
         return program, ()
     assert cell.arm is not None
-    ways, blend = _follow(program, found, course, cell.arm), columns.blend.copy()
+    path = _follow(program, found, course, cell.arm)
+    blend = columns.blend.copy()
     left = corners
     while len(left):
-        free = [
-            _are_clear(where, ways, blend, some, pace, gap)
-            for some in np.split(left, range(_CORNERS, len(left), _CORNERS))
-        ]
+        free = []
+        for rows in np.split(left, range(_CORNERS, len(left), _CORNERS)):
+            rounded = _round(columns, path, blend[rows], rows, pace)
+            free.append(_are_clear(where, rounded, gap))
         left = left[~np.concatenate(free)]
         blend[left] = _lessen(blend[left], pace)
         left = left[blend[left] > 0]
     changed = corners[blend[corners] < columns.blend[corners]]
     if not len(changed):
         return program, ()
-    less = dict(zip(changed.tolist(), blend[changed].tolist(), strict=True))
+    blends = dict(zip(changed.tolist(), blend[changed].tolist(), strict=True))
     what = f"less is rounded at {len(changed)} of {counted(len(corners), 'corner')} along the paths"
     note = Note("assumed", what, "what more would be rounded off there is not free for sure")
-    return program.with_blends(less), (note,)
+    return program.with_blends(blends), (note,)
 
 
 def _find_rounded(columns: Columns, corners: IntArray) -> IntArray:
-    """Those of some motions that end in a blend between two motions along a path."""
-    return corners[
-        (columns.blend[corners] > 0) & columns.works[corners] & columns.works[corners + 1]
-    ]
+    """The corners that have a blend between two motions along a path."""
+    inside = columns.works[corners] & columns.works[corners + 1]
+    return corners[(columns.blend[corners] > 0) & inside]
 
 
-def _follow(program: Program, found: Reach, course: JointPath, robot: Robot) -> _Ways:
+def _follow(program: Program, found: Reach, course: JointPath, robot: Robot) -> _JointPath:
     rotation, origin = flange(robot, course.joints)
     tip = origin + rotation @ np.asarray(program.flange_from_tool.origin)
-    way = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(tip, axis=0), axis=1)))
-    return _Ways(course.joints, way, np.searchsorted(course.at, found.rows.at))
+    travelled = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(tip, axis=0), axis=1)))
+    return _JointPath(course.joints, travelled, np.searchsorted(course.at, found.rows.at), tip)
 
 
 def _lessen(blend: FloatArray, pace: Dynamics) -> FloatArray:
-    """The next smaller blends: where motions overlap there are none."""
+    """The next smaller blends; 0 for motions that overlap, which have none."""
     if pace.corner == "overlap":
         return np.zeros_like(blend)
     return np.asarray(np.select([blend > zone for zone in ZONES], ZONES, 0.0))
 
 
-def _are_clear(
-    where: Surroundings,
-    ways: _Ways,
-    blend: FloatArray,
-    corners: IntArray,
-    pace: Dynamics,
-    gap: float,
-) -> BoolArray:
-    """In which corners (K,), after these motions, nothing is met and the margin kept."""
-    own, rounded, middle = _round(ways, blend[corners], corners, pace)
-    off = _measure(where.scene, measure_apart, rounded, own)
-    even = (own[:, 1:] + own[:, :-1]) / 2
-    bow = APART + float(_measure(where.scene, measure_apart, middle, even).max(initial=0.0))
-    # Two bodies that move may both be off, and a test tells their distance by up to a step too large.
+def _are_clear(where: Surroundings, corners: _RoundedCorners, gap: float) -> BoolArray:
+    """(K,) whether the arm meets nothing in corners and keeps the margin."""
+    programmed, rounded = corners.programmed, corners.rounded
+    off = _measure(where.scene, measure_apart, rounded, programmed) + corners.more
+    even = (programmed[:, 1:] + programmed[:, :-1]) / 2
+    bow = APART + float(_measure(where.scene, measure_apart, corners.middle, even).max(initial=0.0))
+    # Two bodies that move may both be off, and a test may state their distance by a step too large.
     clear: BoolArray = np.asarray(where.margin + 2 * off + FINE + 2 * APART <= gap)
     tight = np.flatnonzero(~clear)
-    needed = where.margin + _measure(where.apart, measure_closer, rounded[tight], own[tight])
-    beside = motions(where.apart, list(own[tight]), FINE, needed, bow)
-    clear[tight] = np.array([0.0 if one.hit else one.clearance for one in beside]) >= needed
+    closer = _measure(where.apart, measure_closer, rounded[tight], programmed[tight])
+    needed = where.margin + closer + 2 * corners.more[tight]
+    tests = motions(where.apart, list(programmed[tight]), FINE, needed, bow)
+    clear[tight] = np.array([0.0 if test.hit else test.clearance for test in tests]) >= needed
     if where.work.pairs:
-        clear &= ~np.array([one.hit for one in motions(where.work, list(rounded), STEP, apart=bow)])
+        tests = motions(where.work, list(rounded), STEP, apart=bow)
+        clear &= ~np.array([test.hit for test in tests])
     return clear
 
 
-def _measure(scene: Scene, by: _Measure, one: FloatArray, other: FloatArray) -> FloatArray:
-    """The most (K,), mm, of what is measured from the configurations of a corner to others, (K, R, J) each."""
-    rows = (each.reshape(-1, each.shape[-1]) for each in (one, other))
-    return np.asarray(by(scene, *rows).reshape(one.shape[:2]).max(axis=1))
+def _measure(scene: Scene, by: _Measure, first: FloatArray, second: FloatArray) -> FloatArray:
+    """(K,) largest distances, mm, between configurations (K, R, J) of corners and others."""
+    rows = (each.reshape(-1, each.shape[-1]) for each in (first, second))
+    return np.asarray(by(scene, *rows).reshape(first.shape[:2]).max(axis=1))
 
 
 def _round(
-    ways: _Ways, blend: FloatArray, corners: IntArray, pace: Dynamics
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """The joints on the program's way about the corners after these motions, and on a parabola from as far before each
-    corner to as far behind it as it may be rounded with its ``blend``, (K, C + 1, J) each; the joints half-way from one
-    to the next of the former, (K, C, J).
+    columns: Columns, path: _JointPath, blend: FloatArray, corners: IntArray, pace: Dynamics
+) -> _RoundedCorners:
+    """The corners at the ends of motions, rounded as widely as the tool may be turned there.
+
+    The rounding mixes both motions. The model of the controller has another curve where a motion
+    is an arc; where that one leaves the path farther, `more` is the rest.
     """
-    place = ways.way[ways.end]
-    here = place[corners]
-    wide = blend * (1.0 if pace.corner == "overlap" else TURNING)
-    # A controller cuts what is rounded at half of either motion.
-    before = np.minimum(wide, (here - place[corners - 1]) / 2)[:, None]
-    after = np.minimum(wide, (place[corners + 1] - here) / 2)[:, None]
-    # In the middle one of the chords' ends, by so much of both motions as much is left of one as is made of the other.
+    place = path.travelled[path.end]
+    corner = place[corners]
+    reach = blend * (1.0 if pace.corner == "overlap" else TURNING)
+    # A controller cuts a zone at half of either motion.
+    before = np.minimum(reach, (corner - place[corners - 1]) / 2)[:, None]
+    after = np.minimum(reach, (place[corners + 1] - corner) / 2)[:, None]
+    # In the middle chord as much is left of the first motion as is run of the second one.
     share, sides = np.linspace(0.0, 1.0, _CHORDS + 1), (np.sqrt(before), np.sqrt(after))
     even = sides[0] / np.maximum(sides[0] + sides[1], NONZERO)
     t = np.where(share <= 0.5, 2 * share * even, even + (2 * share - 1) * (1 - even))
-    left, made = here[:, None] - (1 - t) ** 2 * before, here[:, None] + t**2 * after
-    along = left + made - here[:, None]
-    rounded = ways.at(left) + ways.at(made) - ways.joints[ways.end[corners], None]
-    return ways.at(along), rounded, ways.at((along[:, 1:] + along[:, :-1]) / 2)
+    left, run = corner[:, None] - (1 - t) ** 2 * before, corner[:, None] + t**2 * after
+    along = left + run - corner[:, None]
+    rows = path.end[corners]
+    rounded = path.joints_at(left) + path.joints_at(run) - path.joints[rows, None]
+    tip = path.tip_at(left) + path.tip_at(run) - path.tip[rows, None]
+    off = np.linalg.norm(tip - path.tip[rows, None], axis=2).min(axis=1)
+    modelled = pick_transitions(columns, corners)._replace(blend=blend)
+    more = np.maximum(np.nan_to_num(measure_rounding(modelled, pace)) - off, 0.0)
+    middle = path.joints_at((along[:, 1:] + along[:, :-1]) / 2)
+    return _RoundedCorners(path.joints_at(along), rounded, middle, more)

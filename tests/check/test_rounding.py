@@ -1,6 +1,7 @@
 """Rows of an edge without stops: how near the rounded way is to the drawn one, what is free there, what it saves."""
 
 from functools import cache
+from importlib import import_module
 from itertools import pairwise
 from pathlib import Path
 
@@ -307,6 +308,18 @@ def angle_iron(
         note.what == "less is rounded at 1 of 1 corner along the paths" for note in result.notes
     )
     return [one.blend for _, one, _ in inner(result)], told
+
+
+def test_what_the_model_rounds_more_counts_for_the_margin(
+    disc: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A controller that leaves the path by a metre has no room in any corner."""
+    module = import_module("camgen.check.rounding")
+    far = np.full(10_000, 1000.0)
+    monkeypatch.setattr(module, "measure_rounding", lambda corners, _: far[: len(corners.blend)])
+    result = build(disc, tolerance={"corner": 0.5})
+    assert all(corner.blend == 0 for _, corner, _ in inner(result))
+    assert any("less is rounded" in note.what for note in result.notes)
 
 
 @pytest.mark.parametrize(
