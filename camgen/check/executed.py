@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 from msgspec import Struct
+from msgspec.structs import replace
 
 from camgen.geometry.arcs import Spans, spans_through
 from camgen.geometry.vectors import angles
@@ -23,10 +24,12 @@ _BLOCK = 4096
 
 
 class Rounding(Struct, frozen=True):
-    """The place where the executed path leaves the programmed one farthest.
+    """The place where the executed path comes nearest to the distance that it may have.
 
     transitions: number of transitions between working motions without a stop.
-    mm: distance there; 0 without transitions.
+    largest: largest distance from the programmed path, mm. Between chords of an arc more is allowed
+        than elsewhere, so the path may be farther there.
+    mm: distance at the place; 0 without transitions.
     allowed: distance that the job allows there, mm; `UNLIMITED` for a program that is replayed.
     place: the end of the first motion, mm, work frame.
     line: line of the first motion in the text, from 1; 0 without transitions.
@@ -39,6 +42,7 @@ class Rounding(Struct, frozen=True):
     place: Vec3 = (0.0, 0.0, 0.0)
     line: int = 0
     file: str = ""
+    largest: float = 0.0
 
     @property
     def excess(self) -> float:
@@ -83,10 +87,17 @@ def measure_text(text: ReadText, dynamics: Dynamics, chord: float) -> Rounding:
         row = int(rows[k])
         limit, place = float(limits[k]), to_vec3(columns.ends[row])
         line = int(text.lines[row])
-        rounding = Rounding(len(first), float(mm[k]), limit, place, line, text.file)
-        if not worst.line or rounding.excess > worst.excess:
-            worst = rounding
+        largest = float(mm.max())
+        rounding = Rounding(len(first), float(mm[k]), limit, place, line, text.file, largest)
+        worst = join_roundings(worst, rounding)
     return worst
+
+
+def join_roundings(first: Rounding, second: Rounding) -> Rounding:
+    """The rounding that exceeds the allowed one more, with the largest distance of both."""
+    largest = max(first.largest, second.largest)
+    is_first = first.line and first.excess >= second.excess
+    return replace(first if is_first or not second.line else second, largest=largest)
 
 
 def allow_chords(transitions: Transitions, chord: float) -> FloatArray:

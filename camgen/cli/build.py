@@ -103,7 +103,10 @@ def _rounded(result: Result) -> Row:
     limit = f"{short(rounded.allowed, 4)} mm are allowed"
     if rounded.allowed == UNLIMITED:
         limit = "as in the program that was read"
-    return ("rounded", f"{distance}, {limit}; at {place} mm, line {rounded.line}", "good")
+    where = f"at {place} mm, line {rounded.line}"
+    if rounded.largest > rounded.mm:
+        where += f"; {short(rounded.largest, 4)} mm between chords of an arc"
+    return ("rounded", f"{distance}, {limit}; {where}", "good")
 
 
 #: Properties that matter only in some programs, with the column of motions that shows them.

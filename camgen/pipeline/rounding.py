@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from msgspec.structs import replace
 
-from camgen.check.executed import UNLIMITED, ReadText, Rounding, measure_text
+from camgen.check.executed import UNLIMITED, ReadText, Rounding, join_roundings, measure_text
 from camgen.check.report import clean
 from camgen.model.errors import NoSafeProgram
 from camgen.model.job import Job
@@ -54,8 +54,7 @@ def check_rounding(tour: Tour, job: Job, checked: Checked, posted: Posted) -> Ro
         first += files
         rounding = measure_text(text, dynamics, job.tolerance.chord)
         count += rounding.transitions
-        if rounding.line and (not worst.line or rounding.excess > worst.excess):
-            worst = rounding
+        worst = join_roundings(worst, rounding)
     worst = replace(worst, transitions=count)
     if worst.excess > _ENDS * posted.tolerance.mm:
         raise _refuse(worst, post)
@@ -83,6 +82,7 @@ def report_rounding(rounded: Rounding | None) -> dict[str, object]:
     if rounded is None:
         return {}
     table: dict[str, object] = {"transitions": rounded.transitions, "mm": rounded.mm}
+    table["largest_mm"] = rounded.largest
     if rounded.line:
         table |= {"allowed_mm": rounded.allowed, "place": list(rounded.place)}
         table |= {"file": clean(rounded.file), "line": rounded.line}

@@ -439,7 +439,7 @@ def _tell_rounding(rounded: Rounding | None) -> str:
     if not rounded.mm:
         return "none"
     place = " ".join(short(value, 2) for value in rounded.place)
-    return f"up to {short(rounded.mm, 4)} mm off the path, at {place} mm, line {rounded.line}"
+    return f"{short(rounded.mm, 4)} mm off the path at {place} mm, line {rounded.line}"
 
 
 def _tell_time(seconds: float) -> str:

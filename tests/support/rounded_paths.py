@@ -106,7 +106,9 @@ def list_pieces(language: str, text: str) -> list[Piece | None]:
     for number, line in enumerate(lines, 1):
         first = number + joined
         joined += line.count(", [[")
-        points = [tuple(map(float, point)) for point in _POINT[language].findall(line)]
+        points = []
+        if "move" in line.lower():
+            points = [tuple(map(float, point)) for point in _POINT[language].findall(line)]
         motion = _MOTION[language].search(line)
         if language in _SPEED and (word := _SPEED[language].search(line)):
             speed = float(word[1])
