@@ -21,6 +21,7 @@ from camgen.cli.judge import (
     tell_findings,
     verdict,
 )
+from camgen.cli.motion_file import MotionFile
 from camgen.cli.motion_file import load as load_plan
 from camgen.cli.program_texts import read_texts
 from camgen.cli.say import Voice, length, table
@@ -29,7 +30,7 @@ from camgen.model.cell import Dynamics
 from camgen.model.errors import CamgenError, InputError, JobError
 from camgen.model.job import Job
 from camgen.model.plugins import entries
-from camgen.model.program import Columns, Program
+from camgen.model.program import Columns, Program, ToolChange
 from camgen.model.text import counted, duration, short
 from camgen.post import Fault, Post, Reading, Remark
 from camgen.post.contract import prepare_program
@@ -157,8 +158,10 @@ def _compare(asked: _Asked, says: Voice) -> int:
     options = (plan.options if plan else {}) | limit_path_tolerance(job, arguments.post).post
     post = make_post(find_post(arguments.post), options)
     place = Places(texts)
+    tools = _list_tools(plan, job, post, paths[0])
+    kinds = [{**options, **post.name_tool(*tool)} for tool in tools] or [options]
     says.stage("reading")
-    reading = find_readback(arguments.post)(texts, fill_tables(type(post), options))
+    reading = _read_back(arguments.post, post, kinds, texts)
     says.clear()
     motions = sum_up(Columns(reading.body))
     rows = _rows(motions, _lines(texts))
@@ -201,6 +204,36 @@ def _compare(asked: _Asked, says: Voice) -> int:
     if error is not None:
         raise error
     return 0
+
+
+def _list_tools(plan: MotionFile | None, job: Job, post: Post, path: Path) -> list[tuple[int, str]]:
+    """Numbers and names of tools: the program is for one of them. Empty if it changes tools itself.
+
+    The plan states the tool of a program by its name. A job leaves it open which of its tools a
+    program is for.
+    """
+    if post.changes_tools or "tool" in (plan.options if plan else job.post):
+        return []
+    if plan is None:
+        return list(dict.fromkeys((step.tool.number, step.tool.name) for step in job.operations))
+    changes = [item for item in plan.program.body if isinstance(item, ToolChange)]
+    names = [part.name for part in split_tools(plan.program)]
+    tools = [(change.number, change.name) for change in changes]
+    if len(changes) > 1 and path.stem in names:
+        return [tools[names.index(path.stem)]]
+    return tools[:1]
+
+
+def _read_back(
+    name: str, post: Post, kinds: Sequence[dict[str, object]], texts: Mapping[str, str]
+) -> Reading:
+    """The reading of a text with the options that leave the fewest faults.
+
+    kinds: options of `[post]` with which the text may have been written.
+    """
+    read = find_readback(name)
+    readings = [read(texts, fill_tables(type(post), options)) for options in kinds]
+    return min(readings, key=lambda reading: len(reading.faults))
 
 
 def _insist_on_post(arguments: Namespace) -> None:

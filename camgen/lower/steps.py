@@ -11,7 +11,7 @@ from camgen.lower.draft import Draft
 from camgen.model.cell import Cell
 from camgen.model.errors import JobError, NoSafeProgram
 from camgen.model.job import Job, ToolTable
-from camgen.model.pose import Pose, translation
+from camgen.model.pose import Pose, tell_frame, translation
 from camgen.model.program import (
     Comment,
     Force,
@@ -23,8 +23,12 @@ from camgen.model.program import (
     ToolChange,
     put_off_first,
 )
+from camgen.model.text import short
 from camgen.order.tours import JobTour
 from camgen.plan.steps import job_of, name_of
+
+#: The beginning of the line of a header that states a tool.
+_TOOL = "tool: "
 
 
 def lower_steps(tour: JobTour, cell: Cell, job: Job, name: str, header: tuple[str, ...]) -> Program:
@@ -98,6 +102,22 @@ def _is_off(item: Instruction) -> bool:
     )
 
 
+def tell_tool(name: str, diameter: float, frame: Pose) -> str:
+    """The line of a header that states a tool."""
+    named = f"{name} - " if name else ""
+    return f"{_TOOL}{named}diameter {short(diameter, 3)} mm - frame {tell_frame(frame)}"
+
+
+def _head(program: Program, change: ToolChange, frame: Pose, place: str) -> tuple[str, ...]:
+    """The header of the program of one tool: without the lines of other tools.
+
+    place: the place of the program among all programs.
+    """
+    tool = tell_tool(change.name, change.diameter, frame)
+    lines = [line for line in program.header if line == tool or not line.startswith(_TOOL)]
+    return (*lines, place)
+
+
 def split_tools(program: Program) -> tuple[Program, ...]:
     """A program a tool, to be run one after the other: for controllers whose programs change none.
 
@@ -113,9 +133,8 @@ def split_tools(program: Program) -> tuple[Program, ...]:
         change = program.body[start]
         assert isinstance(change, ToolChange)
         body = put_off_first(tuple(dropwhile(_is_off, program.body[start + 1 : end])))
-        size = f" {change.diameter:g} mm" if change.diameter else ""
-        about = f"tool {k} of {len(changes)}: {change.name or 'diameter'}{size}"
         frame = change.flange_from_tool or program.flange_from_tool
-        own = replace(program, body=body, flange_from_tool=frame, header=(*program.header, about))
+        header = _head(program, change, frame, f"program {k} of {len(changes)}")
+        own = replace(program, body=body, flange_from_tool=frame, header=header)
         programs.append(own if len(changes) == 1 else replace(own, name=f"{program.name}_{k}"))
     return tuple(programs)

@@ -19,7 +19,7 @@ from camgen.check.executed import Rounding
 from camgen.check.report import Cycle, Motions, Verified, clearance_of
 from camgen.check.report import report as report_of
 from camgen.lower import lower
-from camgen.lower.steps import frame_of
+from camgen.lower.steps import frame_of, tell_tool
 from camgen.model.cell import Cell, Dynamics
 from camgen.model.drawing import draw_svg
 from camgen.model.errors import Blocked, InputError, JobError, NoSafeProgram
@@ -28,7 +28,7 @@ from camgen.model.part import IntArray, Note, Part, sort_notes
 from camgen.model.path import ToolPath, Tour
 from camgen.model.pose import tell_frame
 from camgen.model.program import MoveJ, Program
-from camgen.model.text import counted, harmless, short
+from camgen.model.text import counted, harmless
 from camgen.model.version import __version__
 from camgen.order import ArmTour, may_choose_ways, order
 from camgen.pipeline.inputs import note_urdf, note_work_frame, read_inputs
@@ -437,11 +437,10 @@ def _is_taught(part: Part) -> bool:
 def _tool_lines(job: Job, cell: Cell) -> tuple[str, ...]:
     """The tool with its frame; of operations each one's, since the program may be one of several."""
     jobs = [job_of(job, step) for step in job.operations] or [job]
-    lines = [
-        f"tool: {one.tool.name + ' - ' if one.tool.name else ''}diameter {short(one.tool.diameter, 3)} mm - frame "
-        + tell_frame(frame_of(one, cell) if job.operations else cell.flange_from_tool)
-        for one in jobs
-    ]
+    lines = []
+    for own in jobs:
+        frame = frame_of(own, cell) if job.operations else cell.flange_from_tool
+        lines.append(tell_tool(own.tool.name, own.tool.diameter, frame))
     return tuple(dict.fromkeys(lines))
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from msgspec import Struct
@@ -15,10 +15,11 @@ from camgen.check.report import Cycle, Motions, sum_up
 from camgen.check.time import cycle
 from camgen.lower.runs import plunge
 from camgen.lower.steps import split_tools
-from camgen.model.errors import Blocked
+from camgen.model.errors import Blocked, JobError
 from camgen.model.job import Job, ToolTable
 from camgen.model.part import IntArray
 from camgen.model.path import Tour
+from camgen.model.pose import Pose, tell_frame
 from camgen.model.program import Comment, Instruction, Program, ToolChange, put_off_first
 from camgen.motion.corners import Flow
 from camgen.order import ArmTour, JobTour, ReplayTour
@@ -27,7 +28,7 @@ from camgen.plan import Watch
 from camgen.post import OutputFile, Post, Readback, Reading, Tolerance
 from camgen.post.contract import prepare_program, render_program
 from camgen.post.limits import limit_tolerance
-from camgen.post.plugins import dynamics_of
+from camgen.post.plugins import dynamics_of, make_post
 from camgen.post.verify import Deviation, compare
 from camgen.robots.workcell import Workcell
 
@@ -59,9 +60,12 @@ class Request(Struct, frozen=True, eq=False):
 
 
 class Checked(Struct, frozen=True, eq=False):
-    """What can be posted. programs: as the texts will say them, each with the post that prints it. whole: all of them
-    one after the other, with the tool changes between them, and what the checks found of it. motions: its sums, cycle:
-    its time, worked out before there is a text, which takes as much memory as all else.
+    """Programs that have passed the checks.
+
+    programs: programs as their texts will be, each with its post.
+    whole: results of the checks, of all programs one after the other with their tool changes.
+    motions: sums of `whole`.
+    cycle: time of `whole`. It is computed before there is a text, which takes much memory.
     """
 
     programs: tuple[tuple[Post, Program], ...]
@@ -101,15 +105,16 @@ def check_programs(
     if tools:
         job = replace(job, tool=tools[0])  # whose holder is there; with several each is told below
     flow = _flow_of(tour, job)
+    if not whole_program:
+        posters = _name_tools(poster, tools, parts, job)
     if len(parts) == 1:
-        program = prepare_program(poster, parts[0], job.tolerance.chord)
+        own = poster if whole_program else posters[0]
+        program = prepare_program(own, parts[0], job.tolerance.chord)
         give_back()
         whole = check(program, job, cell, where, source, flow)
-        return _add_up(((poster, whole.program),), whole, request)
+        return _add_up(((own, whole.program),), whole, request)
     found: list[Checks] = []
     blocked: list[Blocked] = []
-    # A post prints one program; its name is in what it prints.
-    posters = [dataclasses.replace(poster, program="") for _ in parts]
     for part, tool, own in zip(parts, tools, posters, strict=True):
         try:
             prepared = prepare_program(own, part, job.tolerance.chord)
@@ -123,6 +128,36 @@ def check_programs(
         raise Blocked(one.file, one.what, one.where, one.remedy, lost)
     programs = tuple((own, checks.program) for own, checks in zip(posters, found, strict=True))
     return _add_up(programs, _join(lowered, found), request)
+
+
+def _name_tools(
+    post: Post, tools: Sequence[ToolTable], programs: Sequence[Program], job: Job
+) -> list[Post]:
+    """The posts of the programs, a tool each, with the tool of the controller that each selects.
+
+    Raises JobError for two frames under one number or name that the controller holds.
+    """
+    posters: list[Post] = []
+    frames: dict[str, tuple[str, Pose]] = {}
+    for tool, program in zip(tools, programs, strict=True):
+        options: dict[str, Any] = {}
+        if "tool" not in job.post:
+            options |= post.name_tool(tool.number, tool.name)
+        if len(programs) > 1:
+            # A post prints one program; its name is in what it prints.
+            options["program"] = ""
+        poster = dataclasses.replace(post, **options)
+        posters.append(poster)
+        held, frame = poster.held_tool(), program.flange_from_tool
+        name, before = frames.setdefault(held, (tool.name or "a tool", frame))
+        if held and tell_frame(before) != tell_frame(frame):
+            what = (
+                f"{held} of the controller has two frames: {tell_frame(before)} for {name}, "
+                f"{tell_frame(frame)} for {tool.name or 'another tool'}"
+            )
+            remedy = "give each tool its own number and name, and leave out post.tool"
+            raise JobError("job", what, "[[tools]]", remedy)
+    return posters
 
 
 def _add_up(programs: tuple[tuple[Post, Program], ...], whole: Checks, request: Request) -> Checked:
@@ -221,6 +256,14 @@ def lines_of(checked: Checked, posted: Posted) -> IntArray:
     return lines
 
 
+def _list_changed_options(post: Post, options: dict[str, object]) -> dict[str, object]:
+    """The options in which a post differs from one that is made with `options`."""
+    usual = make_post(type(post), options)
+    names = [option.name for option in dataclasses.fields(post) if option.init]
+    values = {name: getattr(post, name) for name in names if not name.startswith("_")}
+    return {name: value for name, value in values.items() if value != getattr(usual, name)}
+
+
 def post_programs(
     checked: Checked, read: Readback, options: dict[str, object], chord: float
 ) -> Posted:
@@ -239,7 +282,8 @@ def post_programs(
     for poster, program in checked.programs:
         posted = render_program(poster, program)
         give_back()
-        reading = read({file.name: file.text for file in posted}, told)
+        changed = _list_changed_options(poster, told)
+        reading = read({file.name: file.text for file in posted}, told | changed)
         give_back()
         tolerance = limit_tolerance(poster.tolerance(), chord)
         deviations.append(

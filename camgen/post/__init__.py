@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
@@ -231,6 +231,26 @@ class Post(ABC):
     def tolerance(self) -> Tolerance:
         """The largest error by which text and program may differ."""
         return Tolerance(0.5 * 10**-self.decimals, 1e-5, math.radians(5e-4), 0.01, 0.01, 0.001)
+
+    def name_tool(
+        self,
+        number: int,  # noqa: ARG002 (for overrides)
+        name: str,  # noqa: ARG002 (for overrides)
+    ) -> Mapping[str, object]:
+        """Options of `[post]` for a program that is written for one tool of `[[tools]]`.
+
+        number, name: number and name of the tool; 0 and empty where the job states none.
+
+        Raises JobError for a number or a name that the controller cannot have.
+        """
+        return {}
+
+    def held_tool(self) -> str:
+        """The tool of the controller that the program selects, in words: "tool 2".
+
+        Empty if the program itself states the frame of its tool.
+        """
+        return ""
 
     def dynamics(self) -> Dynamics:
         """The machine that the time of a program assumes: an average machine by default."""

@@ -102,6 +102,7 @@ POST: tuple[Member, ...] = (
     Member("list_verified()", _WORDS),
     Member("list_changed()", be_words((set, frozenset), CHANGES, "a set of words")),
     Member("tolerance()", be_all(be_struct(Tolerance, {}), find_loose)),
+    Member("held_tool()", _TEXT),
     Member("dynamics()", be_all(_MACHINE, _find_unreal)),
 )
 CELL = Member(

@@ -248,15 +248,14 @@ class PacScript(PacScriptOptions):
             f'\'!TITLE "{harmless(program.name)}"',
             *(self.note(line) for line in program.header),
         ]
-        lines.append(
-            f"' work {self.work} in the base: {self._pose(program.base_from_work)} mm, deg"
-        )
-        lines.append(
-            f"' tool {self.tool} at the flange: {self._pose(program.flange_from_tool)} mm, deg"
-        )
-        lines.append(
-            f"' these two are {'written below' if self.define else 'expected in the controller'}"
-        )
+        order = "is set below to" if self.define else "must be set on the pendant to"
+        frames = {
+            f"work {self.work}": program.base_from_work,
+            f"tool {self.tool}": program.flange_from_tool,
+        }
+        lines += [
+            f"' {name} {order}: {self._pose(frame)} mm, deg" for name, frame in frames.items()
+        ]
         lines.append(f"' posture: {posture}")
         if self.force == "ignore":
             lines.append("' pressing is left out")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import string
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -153,6 +154,19 @@ class PacScriptOptions(Post):
         _check_template("force_on", self.force_on, {"x", "y", "z"})
         _check_template("force_change", self.force_change, {"x", "y", "z"})
         _check_template("force_off", self.force_off, set())
+
+    def name_tool(self, number: int, name: str) -> Mapping[str, object]:
+        """The number for ChangeTool. Raises JobError for one that the controller does not have."""
+        first, last = _RANGES["tool"]
+        if number > last:
+            what = f"tool {name or number} has the number {number}"
+            remedy = f"PacScript has tools {first} to {last}"
+            raise JobError("job", what, "[[tools]] number", remedy)
+        return {"tool": number} if number else {}
+
+    def held_tool(self) -> str:
+        """The number of the tool, unless the program defines it."""
+        return "" if self.define else f"tool {self.tool}"
 
     def dynamics(self) -> Dynamics:
         """``Accel`` as a share of 10 m/s2. @P leaves the corner to speed and acceleration."""

@@ -16,7 +16,14 @@ from camgen.geometry.vectors import within
 from camgen.model.body import NUMBER
 from camgen.model.cell import Cell, Dynamics
 from camgen.model.errors import Refused
-from camgen.model.pose import FloatArray, Pose, quaternion, rotation_from_quaternion, translation
+from camgen.model.pose import (
+    FloatArray,
+    Pose,
+    quaternion,
+    rotation_from_quaternion,
+    tell_frame,
+    translation,
+)
 from camgen.model.program import (
     Columns,
     Comment,
@@ -426,6 +433,12 @@ class Rapid(RapidOptions):
         if self.declare and self.mass <= NO_MASS:
             yield f"load: {short(self.mass, DIGITS)} kg is no tool's, and loading this module overwrites {self.tool}"
             yield "load: set post.mass and post.cog, or post.declare = false for the tool of the controller"
+        if not self.declare:
+            for name, frame in (
+                (self.tool, program.flange_from_tool),
+                (self.work, program.base_from_work),
+            ):
+                yield f"{name} must be on the controller with the frame {tell_frame(frame)} mm, deg"
         if self.force == "ignore":
             yield 'pressing is left out: post.force = "ignore"'
         if not _presses(program):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Literal
@@ -304,6 +305,23 @@ class RapidOptions(Post):
                 "the work object is on the controller",
                 remedy="leave out one of the two",
             )
+
+    def name_tool(self, number: int, name: str) -> Mapping[str, object]:
+        """The name of the tooldata: of a declared one with the number, else the name of the tool.
+
+        Raises JobError for a name that RAPID cannot have.
+        """
+        if self.declare:
+            return {"tool": f"{self.tool}{number}"} if number else {}
+        if fault := name_fault(name, self.longest, True):
+            what = f"the tool {name!r} {fault}" if name else "a tool has no name"
+            remedy = "with post.declare = false it is the name of the tooldata on the controller"
+            raise JobError("job", what, "[[tools]] name", remedy)
+        return {"tool": name}
+
+    def held_tool(self) -> str:
+        """The tooldata, unless the program declares it."""
+        return "" if self.declare else f"tooldata {self.tool}"
 
     def place_fixture(self, base_from_work: Pose) -> Pose:
         """The user frame of the work object: the fixture, or the work frame itself."""

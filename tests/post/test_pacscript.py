@@ -128,9 +128,8 @@ SMALL = """\
 '!TITLE "bracket"
 ' camgen 0.1.0
 ' layer _holes_ M3
-' work 1 in the base: 300.000, -75.000, 150.000, 0.0000, 0.0000, 90.0000 mm, deg
-' tool 1 at the flange: 0.000, 0.000, 100.000, 0.0000, 0.0000, 0.0000 mm, deg
-' these two are expected in the controller
+' work 1 must be set on the pendant to: 300.000, -75.000, 150.000, 0.0000, 0.0000, 90.0000 mm, deg
+' tool 1 must be set on the pendant to: 0.000, 0.000, 100.000, 0.0000, 0.0000, 0.0000 mm, deg
 ' posture: fixed by the first joint move
 ' external speed: the pendant's, 100 % for the planned speeds
 Sub Main
@@ -193,7 +192,7 @@ def test_small_program_is_this_text() -> None:
 def test_small_program_reads_back() -> None:
     reading = read({"bracket.pcs": SMALL}, {})
     assert_same(small(), reading, PacScript())
-    assert reading.lines == (11, 26, 27, 28, 30, 31, 32, 33, 34, 35)
+    assert reading.lines == (10, 25, 26, 27, 29, 30, 31, 32, 33, 34)
     assert reading.work is None
     assert reading.tool is None
 
@@ -218,7 +217,7 @@ def test_defined_frames_are_written_and_read() -> None:
         "    Work 2, P(300.000, -75.000, 150.000, 0.0000, 0.0000, 90.0000)\n    ChangeTool 3\n    ChangeWork 2\n"
         in text
     )
-    assert "' these two are written below\n" in text
+    assert "' tool 3 is set below to: " in text
     reading = read({"a.pcs": text}, {})
     assert reading.work is not None
     assert reading.work.origin == (300.0, -75.0, 150.0)

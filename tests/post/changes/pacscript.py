@@ -274,7 +274,7 @@ CHANGES = [
     fault("small", "        unit = 0.001\n", "",
           NAMES_ALONE, others=True),
     fault("small", "    If Mps(0.1)", "    If IO[3] = On Then\n    End If\n    If Mps(0.1)",
-          "If is not evaluated, up to line 12"),
+          "If is not evaluated, up to line 11"),
     fault("small", " Or ", " Or 1 < 2 And ", "And beside Or is not evaluated", others=True),
     fault("small", " < 0.5", " = 0.5", "Mps(100 * unit) = 0.5 is not evaluated", others=True),
     fault("plain", ARC, ARC.replace(", 5)", ", 1)"), "from figure 5 to 1 along an arc", 0,
