@@ -11,6 +11,7 @@ from msgspec.structs import replace
 
 from camgen.batch.writing import check_targets, write_all
 from camgen.check.report import Motions, sum_up
+from camgen.cli.header import find_post_name, name_source, read_header
 from camgen.cli.judge import (
     as_data,
     ask_of,
@@ -91,15 +92,21 @@ def run(arguments: Namespace, says: Voice) -> int:
     """Prints the sums and the findings of a program. InputError when it has faults, VerifyError when it deviates,
     NoSafeProgram when it is dangerous, or cuts what must stay of the part that ``--part`` names.
 
-    A program with a plan or a job is one of ours, and is judged as strictly as a build does; any other by its language.
+    A program with a plan or a job is one of ours, and is judged as strictly as a build does. Any
+    other is judged by its language. The header of ours names the post if its job and its part are
+    unchanged.
     """
     paths = [Path(name) for name in arguments.programs]
     files = Files()
     drawing = Path(arguments.part) if arguments.part else None
-    named = beside(arguments.job, None if arguments.plan else paths[0])
-    job = load(named or beside(None, drawing), arguments.sets, files)
     texts = read_texts(paths, files)
+    header = read_header(texts)
+    source = name_source(paths[0], header)
+    named = beside(arguments.job, None if arguments.plan else source)
+    job = load(named or beside(None, drawing), arguments.sets, files)
     ours = bool(arguments.plan or named or job.post)
+    if ours and header and not arguments.post and not arguments.plan:
+        arguments.post = find_post_name(header, source, job, files)
     spoken = not arguments.post or any(entry.name == arguments.post for entry in entries(LANGUAGES))
     asked = _Asked(arguments, paths, texts, job, drawing, files)
     return (_compare if ours or not spoken else _judge)(asked, says)

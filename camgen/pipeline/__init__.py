@@ -406,7 +406,7 @@ def _header(
 ) -> tuple[str, ...]:
     return (
         f"camgen {__version__} - job {digest}",
-        *(_spell_part(one.name) for one in sources),
+        *(spell_part(one.name) for one in sources),
         f"post: {post.name} - cell: {cell.name.replace(',', ' -')}",
         f"units: mm - drawing: {part.units}",
         *(
@@ -419,7 +419,7 @@ def _header(
     )
 
 
-def _spell_part(name: str) -> str:
+def spell_part(name: str) -> str:
     """The header line that names a part. Two parts have two lines, also where their names cannot be
     printed: the digest of a name follows it if characters are replaced or cut off.
     """

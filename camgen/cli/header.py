@@ -1,0 +1,88 @@
+"""The header of a program of ours: the post and the job for which it was written."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from glob import escape
+from pathlib import Path
+
+from msgspec import Struct
+
+from camgen.model.errors import JobError
+from camgen.model.job import Job
+from camgen.model.plugins import entries
+from camgen.post.plugins import POSTS
+from camgen.read.files import Files
+
+#: Lines of a text in which a header stands.
+_LINES = 60
+_JOB = re.compile(r"\bcamgen \S+ - job ([0-9a-f]{12})\b")
+_POST = re.compile(r"\bpost: (\w+) - cell: ")
+_PLACE = re.compile(r"\bprogram [1-9][0-9]* of [1-9][0-9]*\b")
+#: Characters around a line of a header that make it a comment.
+_COMMENT = " \t()!;'"
+_NUMBER = re.compile(r"_[1-9][0-9]*$")
+
+
+class Header(Struct, frozen=True):
+    """The header of a program.
+
+    post: name of its post.
+    digest: digest of the job and the part.
+    lines: lines of the header.
+    is_one_of: whether it is one of several programs of a job.
+    """
+
+    post: str
+    digest: str
+    lines: frozenset[str]
+    is_one_of: bool
+
+
+def read_header(texts: Mapping[str, str]) -> Header | None:
+    """The header of the first text; None for a text of another hand."""
+    first = next(iter(texts.values()), "")
+    head = first.split("\n", _LINES)[:_LINES]
+    job, post = _JOB.search("\n".join(head)), _POST.search("\n".join(head))
+    if job is None or post is None:
+        return None
+    lines = frozenset(line.strip(_COMMENT) for line in head)
+    return Header(post[1], job[1], lines, any(map(_PLACE.fullmatch, lines)))
+
+
+def name_source(program: Path, header: Header | None) -> Path:
+    """The program, with the name that it would have alone: `part.pcs` for `part_2.pcs`."""
+    if header is None or not header.is_one_of:
+        return program
+    return program.with_stem(_NUMBER.sub("", program.stem))
+
+
+def find_post_name(header: Header, source: Path, job: Job, files: Files) -> str:
+    """The name of the post, if job and part beside the program are those of its header.
+
+    The header names no file that is opened: the part is a file beside the program with the stem of
+    `source`.
+
+    Raises JobError if a post, a part or the digest does not agree.
+    """
+    from camgen.pipeline import spell_part  # noqa: PLC0415 (only for our texts)
+    from camgen.pipeline.inputs import digest_of  # noqa: PLC0415
+    from camgen.pipeline.rounding import limit_path_tolerance  # noqa: PLC0415
+
+    remedy = "name the controller with --post"
+    if not any(entry.name == header.post for entry in entries(POSTS)):
+        what = f"is not given, and the header names {header.post}, which is not installed"
+        raise JobError("--post", what, remedy=remedy)
+    settings = limit_path_tolerance(job, header.post)
+    neighbours = sorted(source.parent.glob(f"{escape(source.stem)}.*"))
+    parts = [
+        path for path in neighbours if spell_part(path.name) in header.lines and path.is_file()
+    ]
+    for part in parts:
+        if digest_of(settings, [part], files) == header.digest:
+            return header.post
+    what = f"is not given, and no part {source.stem}.* stands beside the program"
+    if parts:
+        what = "is not given, and the job or the part has changed since the program was written"
+    raise JobError("--post", what, remedy=remedy)
