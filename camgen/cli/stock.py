@@ -157,6 +157,7 @@ def _sum(proof: StockProof) -> str:
             "motions with the holder in material",
             proof.holders,
         ),
+        ("cut with a wrong spindle", "cuts with a wrong spindle", proof.spindles),
     )
     found = [counted(len(faults), one, many) for one, many, faults in kinds if faults]
     faults = ", ".join(found) or "no gouge, no rapid motion in material"

@@ -344,6 +344,9 @@ class ToolTable(Table, frozen=True):
     flutes: Annotated[
         int, Meta(ge=1, description="cutting edges, for the feed of a tooth in the summary")
     ] = 2
+    max_speed: Annotated[
+        Positive | None, Meta(description="highest speed of the spindle, rpm; not set: any")
+    ] = None
     diameter: Annotated[Positive, Meta(description="cutting diameter, mm")] = 6.0
     length: Annotated[NotNegative, Meta(description="from the flange to the tool tip, mm")] = 100.0
     orient: Annotated[

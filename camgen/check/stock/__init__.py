@@ -20,6 +20,7 @@ from camgen.check.stock.heights import Grid, carve
 from camgen.check.stock.loose import Loose, find_loose
 from camgen.check.stock.moves import TOLERANCE_MM, Cut, Moves, tabulate
 from camgen.check.stock.removal import MOST_LEVELS, Level, find_levels, remove
+from camgen.check.stock.spindle import WrongSpindle, judge_spindles
 from camgen.model.cell import Dynamics
 from camgen.model.pose import to_vec3
 from camgen.model.text import counted, short
@@ -38,7 +39,7 @@ __all__ = [
     "task_on",
 ]
 
-FaultKind = Literal["gouge", "corner", "rapid", "holder", "loose"]
+FaultKind = Literal["gouge", "corner", "rapid", "holder", "spindle", "loose"]
 
 
 class Fault(Struct, frozen=True):
@@ -73,6 +74,7 @@ class StockProof(Struct, frozen=True, eq=False):
     corners: rounded corners that cut deeper into such material than their tolerance.
     rapids: rapid motions in material.
     holders: motions with the holder in material.
+    spindles: motions in material with a spindle at rest, to the left or too fast.
     loose: parts that come loose.
     levels: levels of the stock, from the top.
     volumes: mm3 that each cut removes first.
@@ -86,6 +88,7 @@ class StockProof(Struct, frozen=True, eq=False):
     corners: tuple[Fault, ...]
     rapids: tuple[Fault, ...]
     holders: tuple[Fault, ...]
+    spindles: tuple[Fault, ...]
     loose: tuple[Fault, ...]
     levels: tuple[Level, ...]
     volumes: tuple[float, ...]
@@ -96,8 +99,9 @@ class StockProof(Struct, frozen=True, eq=False):
     @property
     def faults(self) -> tuple[Fault, ...]:
         """In order of cut and line."""
-        every = (*self.gouges, *self.corners, *self.rapids, *self.holders, *self.loose)
-        return tuple(sorted(every, key=lambda one: (one.cut, one.line)))
+        cutting = (*self.gouges, *self.corners, *self.rapids, *self.holders)
+        faults = (*cutting, *self.spindles, *self.loose)
+        return tuple(sorted(faults, key=lambda fault: (fault.cut, fault.line)))
 
     @property
     def refused(self) -> tuple[Fault, ...]:
@@ -135,16 +139,22 @@ def prove(cuts: Sequence[Cut], design: Design, dynamics: Dynamics | None = None)
         volumes = grid.volumes
     else:
         levels, volumes = remove(moves, cuts, design, depths)
-    notes = (*design.notes, *_notes(moves, unseen), *([grid.note] if grid else []))
+    spindles = judge_spindles(cuts)
+    notes = [*design.notes, *_notes(moves, unseen)]
+    if not spindles.is_judged:
+        notes.append("the text switches no spindle: whether the tool turns is not judged")
+    if grid:
+        notes.append(grid.note)
     return StockProof(
         gouges=tuple(_gouge(moves, cuts, one) for one in find_gouges(moves, cuts, design)),
         corners=tuple(_bite(cuts, bite) for bite in bites if bite.excess > TOLERANCE_MM),
         rapids=tuple(_rapid(moves, cuts, one) for one in find_rapids(gone, design)),
         holders=tuple(_holder(moves, cuts, one) for one in holders),
+        spindles=tuple(_spindle(cuts, each) for each in spindles.wrong),
         loose=tuple(_loose(moves, cuts, one) for one in find_loose(gone, design)),
         levels=levels,
         volumes=volumes,
-        notes=notes,
+        notes=tuple(notes),
         grid=grid,
         bite=deepest,
     )
@@ -188,6 +198,17 @@ def _bite(cuts: Sequence[Cut], bite: Bite) -> Fault:
         f"that must stay, {short(bite.allowed, 3)} mm are allowed"
     )
     return Fault("corner", bite.line, cuts[bite.cut].file, *bite.place, bite.mm, text, bite.cut)
+
+
+def _spindle(cuts: Sequence[Cut], wrong: WrongSpindle) -> Fault:
+    speed = f"{short(wrong.speed, 0)} rpm"
+    states = {
+        "at rest": "with the spindle at rest",
+        "to the left": f"with the spindle to the left (M4, {speed})",
+        "too fast": f"at {speed}, more than tool.max_speed",
+    }
+    text = f"cuts {short(wrong.depth, 3)} mm deep {states[wrong.state]}, {_at(wrong.place)}"
+    return Fault("spindle", wrong.line, cuts[wrong.cut].file, *wrong.place, 0.0, text, wrong.cut)
 
 
 def _rapid(moves: Moves, cuts: Sequence[Cut], one: Struck) -> Fault:

@@ -1,0 +1,99 @@
+"""Whether the spindle turns as it must wherever a tool is in material."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+from msgspec.structs import replace
+
+from camgen.check.stock import Cut, StockProof, design, prove
+from camgen.cli import main
+from camgen.model.job import StockTable, ToolTable
+from camgen.model.program import Instruction, Output
+from tests.check.stock.test_stock import MILL, around, part, square, task
+
+PLATE = Path(__file__).parents[3] / "fixtures" / "parts" / "plate.dxf"
+NOT_JUDGED = "the text switches no spindle: whether the tool turns is not judged"
+ROUND = around(0, 40, 3.0, -5.0)
+
+
+def prove_round(*bodies: Sequence[Instruction], tool: ToolTable = MILL) -> StockProof:
+    """The proof of cuts of one file, all around a square."""
+    cuts, line = [], 1
+    for body in bodies:
+        cuts.append(Cut(body, range(line, line + len(body)), tool, "p.ngc"))
+        line += len(body)
+    tasks = [task(part(square("c1", 0, 40)), tool=tool)]
+    return prove(cuts, design(tasks, StockTable(thickness=5.0)))
+
+
+@pytest.mark.parametrize(
+    ("speed", "text"),
+    [
+        (9000.0, ""),
+        (0.0, "cuts 5 mm deep with the spindle at rest"),
+        (-9000.0, "with the spindle to the left (M4, 9000 rpm)"),
+        (9500.0, "at 9500 rpm, more than tool.max_speed"),
+    ],
+)
+def test_the_spindle_turns_right_and_no_faster_than_the_tool_allows(
+    speed: float, text: str
+) -> None:
+    tool = replace(MILL, max_speed=9000.0)
+    proof = prove_round([Output("spindle", speed), *ROUND], tool=tool)
+    assert len(proof.spindles) == bool(text)
+    # The plunge is the third instruction, and the first one in material.
+    assert all(fault.line == 3 and text in fault.text for fault in proof.spindles)
+    assert proof.refused == proof.spindles
+    assert NOT_JUDGED not in proof.notes
+
+
+def test_each_run_of_motions_is_one_fault() -> None:
+    body = [Output("spindle", 9000.0), *ROUND]
+    body[4:4] = [Output("spindle", 0.0)]
+    body[7:7] = [Output("spindle", 9000.0)]
+    body[9:9] = [Output("spindle", 0.0)]
+    assert [fault.line for fault in prove_round(body).spindles] == [6, 11]
+
+
+def test_the_spindle_stays_on_from_cut_to_cut_of_a_file() -> None:
+    proof = prove_round([Output("spindle", 9000.0), *ROUND], ROUND)
+    assert proof.spindles == ()
+    assert NOT_JUDGED not in proof.notes
+
+
+def test_on_the_way_up_the_spindle_may_rest() -> None:
+    body = [Output("spindle", 9000.0), *ROUND[:-1], Output("spindle", 0.0), ROUND[-1]]
+    assert prove_round(body).spindles == ()
+
+
+def test_a_text_without_a_spindle_is_not_judged() -> None:
+    proof = prove_round([Output("process", 0.0), *ROUND])
+    assert proof.spindles == ()
+    assert NOT_JUDGED in proof.notes
+
+
+def test_a_laser_has_no_spindle() -> None:
+    laser = replace(MILL, kind="laser")
+    proof = prove_round([Output("process", 1.0), *ROUND], tool=laser)
+    assert proof.spindles == ()
+    assert NOT_JUDGED not in proof.notes
+
+
+def test_verify_refuses_a_mill_at_rest(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    job, program = tmp_path / "job.toml", tmp_path / "plate.ngc"
+    job.write_text("[operation]\ndepth = 5.0\n[tool]\ndiameter = 3.0\n[process]\nspindle = 9000\n")
+    common = ["--post", "gcode", "--job", str(job)]
+    assert main(["build", str(PLATE), *common, "-o", str(program), "-q"]) == 0
+    verify = ["verify", str(program), "--part", str(PLATE), *common]
+    assert main(verify) == 0
+    text = program.read_text()
+    assert text.count("S9000 M3\n") == 1
+    for words, finding in (("M5\n", "at rest"), ("S9000 M4\n", r"to the left \(M4, 9000 rpm\)")):
+        program.write_text(text.replace("S9000 M3\n", words))
+        capsys.readouterr()
+        assert main(verify) == 3
+        assert re.search(rf"with the spindle {finding}", capsys.readouterr().err)
