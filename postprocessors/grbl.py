@@ -54,8 +54,12 @@ class Grbl(Rs274):
             raise JobError("[post] power", what)
 
     def dynamics(self) -> Dynamics:
-        """A small mill or plotter. Corners by the junction deviation, $11, as the firmware has it: 0.01 mm."""
-        return Dynamics(acceleration=500.0, corner="junction", deviation=0.01)
+        """A small mill or plotter. Junction deviation ($11, mm), arc tolerance ($12, mm) and idle delay ($1, s) are
+        those that the firmware has by default.
+        """
+        return Dynamics(
+            acceleration=500.0, corner="junction", deviation=0.01, chord=0.002, pause=0.025
+        )
 
     def list_changed(self) -> frozenset[str]:
         """Force, where it is left out."""

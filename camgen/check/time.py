@@ -9,11 +9,12 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
+from camgen.check.profile import durations, squares
 from camgen.check.report import Cycle, exact_sum
 from camgen.geometry.arcs import arc_lengths, spans_through
 from camgen.geometry.ragged import each_once, ends_run
 from camgen.geometry.rotations import angles_between
-from camgen.geometry.vectors import in_blocks, lengths, unit
+from camgen.geometry.vectors import cross, in_blocks, lengths, unit
 from camgen.model.cell import Dynamics
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.program import Comment, Mask, MoveJ, Program, Wait, column, take
@@ -32,14 +33,20 @@ _NONE = 1e-6
 
 
 class Corners(Struct, frozen=True, eq=False):
-    """K corners. half: (K,) half of the turn of the direction of travel, 0 to pi / 2. room: (K,) mm, half of the
-    shorter motion beside it. blend: (K,) mm. fast: (K,) mm/s, the greater of the two feeds.
+    """K corners.
+
+    half: (K,) rad, half of the turn of the direction of travel, 0 to pi / 2.
+    room: (K,) mm, half of the shorter motion at the corner.
+    blend: (K,) mm.
+    fast: (K,) mm/s, the greater of the two feeds.
+    gain: (K,) mm/s2 in the plane of the two motions.
     """
 
     half: FloatArray
     room: FloatArray
     blend: FloatArray
     fast: FloatArray
+    gain: FloatArray
 
 
 def pass_corners(corners: Corners, pace: Dynamics) -> tuple[FloatArray, FloatArray]:
@@ -71,55 +78,14 @@ def _arc(corners: Corners, pace: Dynamics) -> tuple[FloatArray, FloatArray]:
     cosine = np.cos(corners.half)
     within = pace.deviation * cosine / (1 - cosine)
     radius = np.minimum(within, corners.room / np.tan(corners.half))
-    return pace.across * pace.acceleration * radius, np.zeros(len(radius))
-
-
-def _junction(corners: Corners, pace: Dynamics) -> tuple[FloatArray, FloatArray]:
-    """As for such an arc, but the machine stays on the lines, so that no room is needed."""
-    cosine = np.cos(corners.half)
-    return pace.acceleration * pace.deviation * cosine / (1 - cosine), np.zeros(len(cosine))
+    return pace.across * corners.gain * radius, np.zeros(len(radius))
 
 
 _WAYS: dict[str, Callable[[Corners, Dynamics], tuple[FloatArray, FloatArray]]] = {
     "zone": _zone,
     "overlap": _overlap,
     "arc": _arc,
-    "junction": _junction,
 }
-
-
-# Speeds along a line of pieces by one acceleration, and the time that they take.
-
-
-def squares(length: FloatArray, allowed: FloatArray, acceleration: FloatArray) -> FloatArray:
-    """The greatest squared speeds (N + 1,) at the nodes of N pieces that acceleration and braking can hold.
-
-    length: (N,) mm. allowed: (N + 1,) the most at each node, mm2/s2. acceleration: (N,) mm/s2. Along s the square
-    changes by 2 a s at most, so that every node limits all others: v_k^2 = min over j of allowed_j + |W_k - W_j| with W
-    the sum of 2 a s. That is the pass forward and the pass back of a look-ahead planner over all pieces at once, by
-    running minima instead of a loop.
-    """
-    climb = np.append(0.0, np.cumsum(2.0 * acceleration * length))
-    forward = climb + np.minimum.accumulate(allowed - climb)
-    back = np.minimum.accumulate((allowed + climb)[::-1])[::-1] - climb
-    return np.asarray(np.clip(np.minimum(forward, back), 0.0, allowed))
-
-
-def durations(
-    length: FloatArray, most: FloatArray, square: FloatArray, acceleration: FloatArray
-) -> FloatArray:
-    """Seconds (N,) of pieces between nodes of squared speed ``square`` (N + 1,), no faster than ``most`` (N,) mm/s.
-
-    Each is a trapezoid: up to the peak, along it, down. peak^2 = (v0^2 + v1^2) / 2 + a s where there is no room for
-    the way along.
-    """
-    before, after = square[:-1], square[1:]
-    peak2 = np.minimum(most * most, (before + after) / 2 + acceleration * length)
-    peak2 = np.maximum(peak2, np.maximum(before, after))
-    peak = np.sqrt(peak2)
-    along = np.maximum(length - (2 * peak2 - before - after) / (2 * acceleration), 0.0)
-    ramps = (2 * peak - np.sqrt(before) - np.sqrt(after)) / acceleration
-    return np.asarray(ramps + along / np.where(peak > 0, peak, 1.0))
 
 
 # The motions of a program as curves: lengths, directions at both ends, radii, and how far the tool turns.
@@ -251,7 +217,10 @@ def time_motions(
     going = ~swing & ~still
     if going.any():
         pieces = _pieces(program, shape, pace, going, rows)
-        seconds += _run(pieces, *_corners(program, shape, pace, going), pace.last, len(swing))
+        if pace.corner == "junction":
+            seconds[going] += _time_blocks(program, shape, pace, going, pieces)
+        else:
+            seconds += _run(pieces, *_corners(program, shape, pace, going), pace.last, len(swing))
     if found is not None and arm is not None and (columns.blend > 0).any():
         from camgen.check.passing import save_seconds  # noqa: PLC0415 (kinematics, only for what needs them)
 
@@ -289,10 +258,13 @@ def _pieces(
     motion = np.flatnonzero(going)
     length, turn = shape.length[motion], shape.turn[motion]
     radius = shape.radius[motion]
-    most = np.minimum(
-        program.columns.speed[motion], np.sqrt(pace.across * pace.acceleration * radius)
-    )
-    gain = pace.acceleration * np.where(np.isinf(radius), 1.0, pace.along)
+    # A planner of blocks runs arcs as chords, whose junctions limit their speed.
+    curved = ~np.isinf(radius) & (pace.corner != "junction")
+    speed, gain = program.columns.speed[motion], np.full(len(motion), pace.acceleration)
+    if pace.axes is not None:
+        speed, gain = _limit_by_axes(program, shape, pace, motion)
+    most = np.minimum(speed, np.sqrt(np.where(curved, pace.across * gain * radius, np.inf)))
+    gain = gain * np.where(curved, pace.along, 1.0)
     turning = turn > 0
     most[turning] = np.minimum(most[turning], length[turning] * pace.turning / turn[turning])
     if rows is None:
@@ -306,6 +278,70 @@ def _pieces(
         return _Pieces(owner, piece, np.minimum(most[place], piece / slowest), gain[place])
 
 
+def _limit_by_axes(
+    program: Program, shape: MotionShapes, pace: Dynamics, motion: NDArray[np.int64]
+) -> tuple[FloatArray, FloatArray]:
+    """(G,) speeds, mm/s, and accelerations, mm/s2, of the motions (G,) that the axes of a machine allow.
+
+    Rapid motions run at the rate of the machine, not at a speed of the program. Arcs are level.
+    """
+    from camgen.check.axis_limits import limit_along, limit_around  # noqa: PLC0415 (as below)
+
+    axes = pace.axes
+    assert axes is not None
+    columns = program.columns
+    rapid = columns.moves_are(MoveJ)[motion]
+    if pace.corner == "junction":
+        # The axes limit each of its blocks.
+        return np.where(rapid, np.inf, columns.speed[motion]), np.full(len(motion), np.inf)
+    first = shape.first[motion]
+    level = ~np.isinf(shape.radius[motion])
+    up = np.broadcast_to((0.0, 0.0, 1.0), first.shape)
+    limits = []
+    for each, whole in ((axes.rates, pace.fastest), (axes.accelerations, pace.acceleration)):
+        limit = np.where(level, limit_around(each, up), limit_along(each, first))
+        limits.append(np.minimum(limit, whole))
+    rates, gain = limits
+    return np.where(rapid, rates, np.minimum(columns.speed[motion], rates)), gain
+
+
+def _time_blocks(
+    program: Program, shape: MotionShapes, pace: Dynamics, going: Mask, pieces: _Pieces
+) -> FloatArray:
+    """Seconds (G,) of the motions that are ``going``, on a controller that plans blocks."""
+    from camgen.check.blocks import Motions, time_blocks  # noqa: PLC0415 (only GRBL)
+
+    columns = program.columns
+    index = np.flatnonzero(going)
+    speed = np.full(len(going), np.inf)
+    np.minimum.at(speed, pieces.motion, pieces.most)
+    via = np.full((len(going), 3), np.nan)
+    arcs = columns.arcs
+    via[arcs] = columns.vias_of(arcs)
+    start = np.concatenate([shape.end[:1], shape.end[:-1]])[index]
+    stops = np.append(~_follow(program, index), True)
+    motions = Motions(start, shape.end[index], via[index], speed[index], stops)
+    return time_blocks(motions, pace)
+
+
+def _follow(program: Program, index: NDArray[np.int64]) -> Mask:
+    """(G - 1,) whether the motions ``index`` (G,) run into the next one: only comments stand between them."""
+    columns = program.columns
+    done = np.cumsum(~columns.are(Comment))[columns.at]
+    return np.asarray((np.diff(index) == 1) & (np.diff(done[index]) == 1))
+
+
+def _limit_turns(before: FloatArray, after: FloatArray, pace: Dynamics) -> FloatArray:
+    """(K,) mm/s2 in the plane of two directions (K, 3), whichever way it points there."""
+    gain = np.full(len(before), pace.acceleration)
+    if pace.axes is None:
+        return gain
+    from camgen.check.axis_limits import limit_around  # noqa: PLC0415 (only jobs with a machine)
+
+    limit = limit_around(pace.axes.accelerations, unit(cross(before, after)))
+    return np.asarray(np.minimum(gain, limit))
+
+
 def _corners(
     program: Program, shape: MotionShapes, pace: Dynamics, going: Mask
 ) -> tuple[FloatArray, FloatArray]:
@@ -317,8 +353,7 @@ def _corners(
     columns = program.columns
     index = np.flatnonzero(going)
     square, reach = np.zeros(len(index)), np.zeros(len(index))
-    done = np.cumsum(~columns.are(Comment))[columns.at]
-    follows = (np.diff(index) == 1) & (np.diff(done[index]) == 1)
+    follows = _follow(program, index)
     if pace.corner in ("zone", "overlap"):
         follows &= columns.blend[index[:-1]] > 0
     one, two = index[:-1][follows], index[1:][follows]
@@ -330,6 +365,7 @@ def _corners(
         room=np.minimum(shape.length[one], shape.length[two]) / 2,
         blend=columns.blend[one],
         fast=np.maximum(columns.speed[one], columns.speed[two]),
+        gain=_limit_turns(shape.last[one], shape.first[two], pace),
     )
     here = np.flatnonzero(follows)
     found, around = pass_corners(corners, pace)

@@ -149,6 +149,12 @@ def _motion(result: Result) -> Row:
 
 def _reach(result: Result) -> list[Row]:
     """Whether the arm reaches all poses, and whether it collides."""
+    if result.travel is not None:
+        tone = "good" if result.travel.placed else "look"
+        return [
+            ("reach", str(result.travel), tone),
+            ("collision", "not proven: no robot model", "look"),
+        ]
     if result.reach is None:
         usual = result.post.cell().robot
         hint = ""

@@ -624,6 +624,10 @@ class CellTable(Table, frozen=True):
             description='the arm that runs the program: one of camgen robots, or FILE.urdf; "": not checked'
         ),
     ] = ""
+    machine: Annotated[
+        str,
+        Meta(description="settings of a mill: a saved $$ listing of GRBL, or a LinuxCNC .ini"),
+    ] = ""
 
     base_from_work: Annotated[
         Values | None,

@@ -22,7 +22,13 @@ from camgen.model.job import (
 )
 
 #: The settings that name a file; cell.robot only where it ends in .urdf.
-FILES = (("image", "background"), ("camera", "file"), ("cell", "file"), ("cell", "robot"))
+FILES = (
+    ("image", "background"),
+    ("camera", "file"),
+    ("cell", "file"),
+    ("cell", "robot"),
+    ("cell", "machine"),
+)
 #: xacro is a language that makes URDF, and is refused where the file is read.
 _SUFFIXES = (".urdf", ".xacro")
 

@@ -31,7 +31,7 @@ from camgen.model.program import MoveJ, Program
 from camgen.model.text import counted, harmless
 from camgen.model.version import __version__
 from camgen.order import ArmTour, may_choose_ways, order
-from camgen.pipeline.inputs import note_urdf, note_work_frame, read_inputs
+from camgen.pipeline.inputs import note_machine, note_urdf, note_work_frame, read_inputs
 from camgen.pipeline.memory import give_back
 from camgen.pipeline.motion import prove_motion
 from camgen.pipeline.programs import (
@@ -53,7 +53,6 @@ from camgen.post.contract import list_warnings
 from camgen.post.limits import limit_tolerance
 from camgen.post.plugins import (
     cell_of,
-    dynamics_of,
     fill_tables,
     find_post,
     find_readback,
@@ -71,6 +70,7 @@ if TYPE_CHECKING:
     from camgen.check.reach import Reach
     from camgen.check.stock import StockProof
     from camgen.collision.cell import Surroundings
+    from camgen.pipeline.travel import Travel
 
 #: What an input may be: a file, or a part that was made in code.
 Input = str | Path | Part
@@ -103,6 +103,7 @@ class Result(Struct, frozen=True, eq=False, dict=True):
     proof: proof of the material that the text removes, None for a part that is not cut.
     motion: proof of the motions against the drawing.
     rounded: rounding of the text, None if its post does not state how its controller rounds.
+    travel: the travel of the machine that the text takes, None without `cell.machine`.
     """
 
     part: Part
@@ -126,6 +127,7 @@ class Result(Struct, frozen=True, eq=False, dict=True):
     proof: StockProof | None = None
     motion: MotionProof | None = None
     rounded: Rounding | None = None
+    travel: Travel | None = None
 
     @cached_property
     def report(self) -> dict[str, object]:
@@ -134,6 +136,8 @@ class Result(Struct, frozen=True, eq=False, dict=True):
         table = report_of(self.part, self.tour, self.notes, self.cycle, text, self.coverage)
         table |= report_operations(self.job, self.operations, self.proof)
         table |= report_rounding(self.rounded)
+        if self.travel is not None:
+            table |= self.travel.report()
         if self.reach is not None:
             table["checks"] = {"reach": "ok", "collision": "ok", "limits": "ok"}
         return table if self.clear is None else table | {"clearance": clearance_of(self.clear)}
@@ -200,7 +204,12 @@ def build(
     result = _sum_up(planned, tour, request, checks, posted, proof)
     motion = prove_motion(read.part, planned, settings, checks, posted, result.notes)
     rounded = check_rounding(tour, settings, checks, posted)
-    return replace(result, motion=motion, rounded=rounded)
+    result = replace(result, motion=motion, rounded=rounded)
+    if read.cell.machine is None:
+        return result
+    from camgen.pipeline.travel import check_travel  # noqa: PLC0415 (only jobs with a machine)
+
+    return replace(result, travel=check_travel(settings, read.cell, checks, posted))
 
 
 def _program(planned: Plan, request: Request) -> tuple[Plan, Tour, Checked]:
@@ -303,7 +312,8 @@ def _sum_up(
             (*tour.notes, *note_urdf(job.cell.robot, cell.arm), *note_work_frame(job, cell)),
             (checks.clear.notes if checks.clear else ()),
             (
-                *_note_corners(checks.program, dynamics_of(post, job), job),
+                *note_machine(cell, job),
+                *_note_corners(checks.program, cell.pace, job),
                 *list_warnings(post, checks.program),
             ),
         ),

@@ -29,6 +29,9 @@ from camgen.read.recorded import Recorded
 from camgen.robots.models import Robot
 from camgen.robots.workcell import Workcell, equip
 
+#: Hints on the assumed acceleration of mills, for each kind of corner.
+_MILLS = {"arc": "", "junction": "; GRBL's own default of 10 mm/s2 takes far longer"}
+
 
 class Inputs(Struct, frozen=True, eq=False):
     """What was read; no file is opened after it. digest: of all its bytes and the settings."""
@@ -48,6 +51,12 @@ def read_inputs(sources: Sequence[Path | Part], job: Job, cell: Cell, files: Fil
 def read_cell(part: Part | None, job: Job, cell: Cell, files: Files) -> Workcell:
     """The cell of ``job`` on the base of ``cell``, that of a post, with the arm that ``part`` is checked with."""
     files = files.within(job.limits)
+    if job.cell.machine:
+        return add_machine(_read_cell(part, job, cell, files), job, files)
+    return _read_cell(part, job, cell, files)
+
+
+def _read_cell(part: Part | None, job: Job, cell: Cell, files: Files) -> Workcell:
     in_space = part is not None and (part.solid is not None or bool(part.curves))
     taught = _frames_of(part)
     arm = _hold(_arm(job.cell.robot or (cell.robot if in_space or taught else ""), files), job)
@@ -59,6 +68,33 @@ def read_cell(part: Part | None, job: Job, cell: Cell, files: Files) -> Workcell
     if taught.flange_from_tool is None or job.cell.flange_from_tool is not None:
         return equipped
     return replace(equipped, flange_from_tool=taught.flange_from_tool)
+
+
+def add_machine(cell: Workcell, job: Job, files: Files) -> Workcell:
+    """`cell` with the machine of `cell.machine`.
+
+    Raises JobError for a machine that the post or another setting contradicts.
+    """
+    from camgen.read.machine import read_machine  # noqa: PLC0415 (only jobs with a machine)
+
+    try:
+        machine = read_machine(files.read(job.cell.machine))
+    except InputError as error:
+        raise InputError(
+            job.cell.machine, error.what, error.where or "cell.machine", error.remedy
+        ) from error
+    if machine.corner != cell.pace.corner:
+        what = f"{machine.file} is for {machine.controller}, the post for another controller"
+        remedy = f"build with --post {machine.post}, or leave it out"
+        raise JobError("job", what, "cell.machine", remedy)
+    if cell.arm is not None:
+        what = "cell.robot and cell.machine both describe the machine"
+        raise JobError("job", what, "cell.machine", "leave one of them out")
+    if job.process.acceleration:
+        what = f"{machine.file} states the acceleration of each axis"
+        remedy = "leave it out, or cell.machine"
+        raise JobError("job", what, "process.acceleration", remedy)
+    return replace(cell, machine=machine, pace=machine.drive(cell.pace))
 
 
 def _frames_of(part: Part | None) -> Frames | None:
@@ -250,6 +286,7 @@ def digest_of(job: Job, sources: Sequence[Path | Part], files: Files) -> str:
         arm = urdf_files(described[0], files)
     named = [("image.background", job.image.background), ("camera.file", job.camera.file)]
     named += [("cell.robot", str(path)) for path in arm]
+    named.append(("cell.machine", job.cell.machine))
     named += [("cell.fixtures", one) for one in job.cell.fixtures or () if isinstance(one, str)]
     for setting, name in named:
         if name or setting == "cell.fixtures":
@@ -296,6 +333,7 @@ def _own(job: Job) -> dict[str, object]:
     camera = replace(camera, file=Path(camera.file).name)
     if described := split_name(cell.robot):
         cell = replace(cell, robot="#".join((Path(described[0]).name, described[1])))
+    cell = replace(cell, machine=Path(cell.machine).name)
     if cell.fixtures:
         fixtures = [Path(one).name if isinstance(one, str) else one for one in cell.fixtures]
         cell = replace(cell, fixtures=fixtures)
@@ -334,6 +372,17 @@ def note_work_frame(job: Job, cell: Workcell) -> tuple[Note, ...]:
     position = " ".join(short(value, 3) for value in cell.base_from_work.origin)
     what = f"the work zero is at {position} mm of {cell.arm.name}"
     return (Note("assumed", what, "set cell.base_from_work to the work offset of the machine"),)
+
+
+def note_machine(cell: Workcell, job: Job) -> tuple[Note, ...]:
+    """The acceleration of a mill that neither a machine nor the job states."""
+    if cell.machine is not None:
+        return cell.machine.notes
+    hint = _MILLS.get(cell.pace.corner)
+    if hint is None or job.process.acceleration:
+        return ()
+    what = f"the time is that of a machine with {cell.pace.acceleration:g} mm/s2"
+    return (Note("assumed", what, f"cell.machine names yours{hint}"),)
 
 
 def note_urdf(name: str, arm: Robot | None) -> tuple[Note, ...]:

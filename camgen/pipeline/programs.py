@@ -28,7 +28,7 @@ from camgen.plan import Watch
 from camgen.post import OutputFile, Post, Readback, Reading, Tolerance
 from camgen.post.contract import prepare_program, render_program
 from camgen.post.limits import limit_tolerance
-from camgen.post.plugins import dynamics_of, make_post
+from camgen.post.plugins import make_post
 from camgen.post.verify import Deviation, compare
 from camgen.robots.workcell import Workcell
 
@@ -161,8 +161,7 @@ def _name_tools(
 
 
 def _add_up(programs: tuple[tuple[Post, Program], ...], whole: Checks, request: Request) -> Checked:
-    pace = dynamics_of(request.post, request.job)
-    spent = cycle(whole.program, pace, whole.reach, request.cell.arm)
+    spent = cycle(whole.program, request.cell.pace, whole.reach, request.cell.arm)
     return Checked(programs, whole, sum_up(whole.program.columns), spent)
 
 

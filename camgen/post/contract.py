@@ -49,14 +49,18 @@ _NAME = re.compile(r"[A-Za-z0-9_.-]+")
 CORRECT_POST, CORRECT_READBACK = "correct the post", "correct the read-back"
 
 
+#: Numbers of a machine that may be 0.
+_MAY_BE_ZERO = ("deviation", "pause")
+
+
 def _find_unreal(dynamics: Dynamics) -> str:
     """Names a number of a machine that is not possible: each is finite, and all but one above 0."""
     for name, value in asdict(dynamics).items():
-        if isinstance(value, (bool, str)):
+        if value is None or isinstance(value, (bool, str)):
             continue
         if not isinstance(value, (int, float)) or not math.isfinite(value):
             return f"has {name} = {value!r}, which is not a finite number"
-        if value < 0 or (value == 0 and name != "deviation"):
+        if value < 0 or (value == 0 and name not in _MAY_BE_ZERO):
             return f"has {name} = {value:g}, which is not above 0"
     return ""
 
@@ -76,7 +80,10 @@ _WORDS = be_words((set, frozenset), COMPARED, "a set of words")
 _TEXT = be(str, "a text")
 _FRAME = be(Pose, "a Pose")
 _CORNER = be_text(get_args(get_type_hints(Dynamics)["corner"]).__contains__, "a kind of corner")
-_MACHINE = be_struct(Dynamics, {"corner": _CORNER, "shares": be(bool, "True or False")})
+_NO_AXES = be(type(None), "None; cell.machine states the limits of axes")
+_MACHINE = be_struct(
+    Dynamics, {"corner": _CORNER, "shares": be(bool, "True or False"), "axes": _NO_AXES}
+)
 _FAULT = be_struct(Fault, {"line": be_between(0), "what": _TEXT})
 _FILE = be_struct(OutputFile, {"name": _TEXT, "text": _TEXT})
 

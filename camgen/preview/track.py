@@ -25,7 +25,6 @@ from camgen.model.program import (
     Wait,
     column,
 )
-from camgen.post.plugins import dynamics_of
 from camgen.preview import Built
 from camgen.preview.curves import draw_spans
 from camgen.robots.kinematics.forward import flange
@@ -183,7 +182,7 @@ class _Stations(Struct, frozen=True, eq=False):
 def track(result: Built, sag: float) -> tuple[Track, Arm | None]:
     """The way of the program, arcs in pieces within ``sag`` mm, and that of the robot where its joints are known."""
     program, reach, robot = result.program, result.reach, result.cell.arm
-    seconds, _ = time_motions(program, dynamics_of(result.post, result.job), reach, robot)
+    seconds, _ = time_motions(program, result.cell.pace, reach, robot)
     found = events(
         program.columns, *find_ends(program.columns, program, robot), assign_paths(program), seconds
     )

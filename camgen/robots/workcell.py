@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from msgspec.structs import replace
@@ -17,15 +18,24 @@ from camgen.model.program import Joints
 from camgen.model.text import counted
 from camgen.robots.models import Robot
 
+if TYPE_CHECKING:
+    from camgen.model.machine import Machine
+
 #: Fixtures that are meshes with their names, work frame.
 Meshes = tuple[tuple[str, Solid], ...]
 
 
 class Workcell(Cell, frozen=True, eq=False):
-    """arm: the robot with which programs are checked, None where none is. meshes: fixtures that are meshes."""
+    """The cell of a job.
+
+    arm: the robot with which programs are checked, None where none is.
+    meshes: fixtures that are meshes.
+    machine: the machine of `cell.machine`, None without it.
+    """
 
     arm: Robot | None = None
     meshes: Meshes = ()
+    machine: Machine | None = None
 
 
 def equip(cell: Cell, job: Job, arm: Robot | None = None, meshes: Meshes = ()) -> Workcell:

@@ -58,7 +58,9 @@ def _find_kind(result: Result, job: Job) -> str:
 def _of_process(result: Result, job: Job) -> dict[str, object]:
     process = job.process
     silent = replace(job, process=replace(process, acceleration=None))
-    found: dict[str, object] = {"acceleration": dynamics_of(result.post, silent).acceleration}
+    found: dict[str, object] = {}
+    if result.cell.machine is None:
+        found["acceleration"] = dynamics_of(result.post, silent).acceleration
     found["plunge"] = round(plunge(replace(process, plunge=None)), 6)
     if not isinstance(result.tour, (ArmTour, EdgeTour)):  # there the joints decide
         found["travel"] = replace(process, travel=None).travel_speed

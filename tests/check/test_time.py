@@ -1,4 +1,4 @@
-"""Times of motions against closed forms, plain loops, the published planner of GRBL and measured LinuxCNC."""
+"""Times of motions against closed forms, plain loops and measured LinuxCNC."""
 
 import math
 from itertools import pairwise
@@ -9,8 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
+from camgen.check.profile import durations, squares
 from camgen.check.reach import check_reach
-from camgen.check.time import durations, squares, time_motions
+from camgen.check.time import time_motions
 from camgen.model.cell import Dynamics
 from camgen.model.pose import TOOL_DOWN, Pose, frozen, rotation_about, translation
 from camgen.model.program import (
@@ -221,42 +222,6 @@ def test_the_time_of_a_piece_is_the_integral_over_its_way(
     expected = float((np.diff(s) / np.maximum(mean, 1e-300)).sum())
     found = durations(np.array([length]), np.array([most]), np.array([v0, v1]), np.array([gain]))
     assert found.sum() == pytest.approx(expected, rel=1e-3)
-
-
-def grbl(
-    points: list[tuple[float, float]], speed: float, acceleration: float, deviation: float
-) -> float:
-    """The planner of GRBL 1.1 (planner.c) in words of its own: junction speeds, back, forward, trapezoids."""
-    steps = [(b[0] - a[0], b[1] - a[1]) for a, b in pairwise(points)]
-    sizes = [math.hypot(*step) for step in steps]
-    entry = [0.0]
-    for (ax, ay), (bx, by), a, b in zip(steps, steps[1:], sizes, sizes[1:], strict=False):
-        cosine = -(ax * bx + ay * by) / (a * b)
-        half = math.sqrt(0.5 * (1 - cosine))
-        limit = acceleration * deviation * half / (1 - half) if half < 1 else math.inf
-        entry.append(min(limit, speed**2))
-    square = by_loop(sizes, [*entry, 0.0], [acceleration] * len(sizes))
-    total = 0.0
-    for length, v0, v1 in zip(sizes, square, square[1:], strict=False):
-        up, down = (speed**2 - v0) / (2 * acceleration), (speed**2 - v1) / (2 * acceleration)
-        peak = speed if up + down <= length else math.sqrt(acceleration * length + (v0 + v1) / 2)
-        cruise = max(0.0, length - up - down) / speed
-        total += (2 * peak - math.sqrt(v0) - math.sqrt(v1)) / acceleration + cruise
-    return total
-
-
-@given(lines)
-def test_grbl_would_take_as_long(steps: list[tuple[float, float, float]]) -> None:
-    pace = make_post(find_post("grbl"), {}).dynamics()
-    points = [(0.0, 0.0)]
-    heading = 0.0
-    for length, turn, _ in steps:
-        heading += turn
-        points.append(
-            (points[-1][0] + length * math.cos(heading), points[-1][1] + length * math.sin(heading))
-        )
-    expected = grbl(points, 40.0, pace.acceleration, pace.deviation)
-    assert sum(seconds(*polyline(points[1:], 40.0), pace=pace)) == pytest.approx(expected, rel=1e-5)
 
 
 def wave(count: int) -> list[tuple[float, float]]:

@@ -57,6 +57,7 @@ COPIES = {
     "plate.dxf": PARTS / "plate.dxf",
     "part.svg": PARTS / "logo.svg",
     "arm.urdf": FIXTURES / "robots" / "six.urdf",
+    **{file: FIXTURES / "machines" / file for file in ("router.txt", "mill.ini")},
 }
 #: Why a command that is whole cannot be run here.
 NOT_RUN = {

@@ -339,7 +339,7 @@ def test_what_a_proof_found_is_red_in_the_picture_and_among_the_notes(opened: An
         red.append((picture[..., 2] - picture[..., :2].max(axis=2) > 60).mean())
     assert red[0] > red[1] + 0.02
     one.page.locator("[data-tab=notes]").click()
-    assert one.page.locator("[data-tab=notes]").inner_text() == "Notes 1"
+    assert one.page.locator("[data-tab=notes]").inner_text() == "Notes 2"
     assert "Gouge 0.125 mm" in one.page.locator("#notes .gouge").inner_text()
 
 

@@ -1,0 +1,116 @@
+"""Whether a program stays within the travel of the machine that `cell.machine` describes."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from msgspec import Struct
+
+from camgen.check.report import clean
+from camgen.check.travel import Extent, exceed_travel, leave_travel, measure_extent, size_of
+from camgen.model.errors import NoSafeProgram
+from camgen.model.job import Job
+from camgen.model.machine import Machine
+from camgen.model.pose import FloatArray, Vec3, to_vec3
+from camgen.model.program import Columns, Program, ToolChange
+from camgen.post import Post
+from camgen.robots.workcell import Workcell
+
+if TYPE_CHECKING:
+    from camgen.pipeline.programs import Checked, Posted
+
+#: The option of a post with the tool whose length the program applies.
+_TOOL = "tool"
+
+
+class Travel(Struct, frozen=True):
+    """The programs in the travel of the machine.
+
+    machine: the machine.
+    low, high: extreme positions, mm; machine coordinates if `placed`, else those of the work.
+    placed: whether positions were compared; else only the extent was, the work offset is not known.
+    """
+
+    machine: Machine
+    low: Vec3
+    high: Vec3
+    placed: bool
+
+    def __str__(self) -> str:
+        size, travel = size_of(self.low, self.high), size_of(self.machine.low, self.machine.high)
+        text = f"{size} within the travel of {travel} of {self.machine.file}"
+        if self.placed:
+            return text
+        return f"{text}; not proven: its place, cell.base_from_work states no work offset"
+
+    def report(self) -> dict[str, object]:
+        """The machine and the travel that the program takes, as a table of the report."""
+        machine = self.machine
+        table = {
+            "file": clean(machine.file),
+            "controller": machine.controller,
+            "travel_mm": [_digits(machine.low), _digits(machine.high)],
+            "extent_mm": [_digits(self.low), _digits(self.high)],
+            "placed": self.placed,
+        }
+        return {"machine": table}
+
+
+def _digits(position: Vec3) -> list[float]:
+    # 0.0 is added against a zero with a sign.
+    return [round(value, 3) + 0.0 for value in position]
+
+
+def check_travel(job: Job, cell: Workcell, checked: Checked, posted: Posted) -> Travel:
+    """The travel that the texts take, as they were read back.
+
+    cell: a cell with a machine.
+
+    Raises NoSafeProgram for a program that leaves the travel.
+    """
+    machine = cell.machine
+    assert machine is not None
+    placed = job.cell.base_from_work is not None
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    first = 0
+    for files, reading, (post, program) in zip(
+        posted.counts, posted.readings, checked.programs, strict=True
+    ):
+        columns = Columns(reading.body)
+        extent = measure_extent(columns, _find_shift(program, post, job, cell, placed))
+        excess = (leave_travel if placed else exceed_travel)(extent, machine)
+        if excess is not None:
+            line = int(np.asarray(reading.lines)[columns.at][excess.motion])
+            what = f"the program leaves the travel of {machine.file}: {excess.text}"
+            remedy = "move the part: cell.base_from_work" if placed else "divide the part"
+            raise NoSafeProgram(posted.files[first].name, what, f"line {line}", remedy)
+        low, high = _widen(low, high, extent)
+        first += files
+    return Travel(machine, to_vec3(low), to_vec3(high), placed)
+
+
+def _widen(low: FloatArray, high: FloatArray, extent: Extent) -> tuple[FloatArray, FloatArray]:
+    return np.minimum(low, extent.low), np.maximum(high, extent.high)
+
+
+def _find_shift(program: Program, post: Post, job: Job, cell: Workcell, placed: bool) -> FloatArray:
+    """(M, 3) mm from the positions of the text to positions of the machine.
+
+    The work offset is added, and the length of a tool where the program applies it (G43). Without a
+    work offset the shift is 0.
+    """
+    count = len(program.columns.moves)
+    shift = np.zeros((count, 3))
+    if not placed:
+        return shift
+    shift += cell.base_from_work.origin
+    if getattr(post, _TOOL, 0):
+        shift[:, 2] += job.tool.length
+    changes = np.flatnonzero(program.columns.are(ToolChange))
+    for index in changes.tolist():
+        change = program.body[index]
+        assert isinstance(change, ToolChange)
+        later = program.columns.at > index
+        shift[later, 2] = cell.base_from_work.origin[2] + change.length
+    return shift

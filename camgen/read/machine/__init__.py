@@ -1,0 +1,34 @@
+"""The settings of a controller: a saved `$$` listing of GRBL, or an INI file of LinuxCNC."""
+
+from __future__ import annotations
+
+import re
+
+from camgen.model.errors import InputError
+from camgen.model.files import Source
+from camgen.model.machine import Machine
+from camgen.read.machine.grbl import SETTING, read_listing
+from camgen.read.machine.linuxcnc import SECTION, read_ini
+
+
+def read_machine(source: Source) -> Machine:
+    """The machine that a file describes; its content says of which controller it is.
+
+    Raises InputError for another file, and for values that are missing or impossible.
+    """
+    text = source.data.decode("utf-8-sig", "replace")
+    lines = text.splitlines()
+    if _has(SETTING, lines):
+        return read_listing(source.name, lines)
+    if _has(SECTION, lines):
+        return read_ini(source.name, lines)
+    raise InputError(
+        source.name,
+        "is neither a listing of GRBL's settings nor an INI file of LinuxCNC",
+        "cell.machine",
+        "save what GRBL answers to $$, or name the .ini of the machine",
+    )
+
+
+def _has(pattern: re.Pattern[str], lines: list[str]) -> bool:
+    return any(pattern.match(line) for line in lines)

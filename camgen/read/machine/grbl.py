@@ -1,0 +1,97 @@
+"""A saved listing of the settings of GRBL 1.1, the answer to `$$`.
+
+Source: the wiki of the firmware, "Grbl v1.1 Configuration". All lengths of the listing are mm;
+`$13` changes reports alone. Travel is stored as a length. Machine coordinates of an axis run from
+minus its travel to 0, with the firmware as it is distributed.
+"""
+
+from __future__ import annotations
+
+import re
+
+from camgen.model.cell import Axes
+from camgen.model.errors import InputError
+from camgen.model.machine import Machine
+from camgen.model.part import Note
+from camgen.model.pose import Vec3
+from camgen.model.text import harmless
+from camgen.read.machine.values import Settings, Value
+
+#: A setting: its number, its value and the rest of the line, a remark in brackets or nothing.
+SETTING = re.compile(r"\s*(\$\d+)\s*=\s*([^\s(]*)\s*(.*)")
+#: Seconds of a minute and of a millisecond.
+_MINUTE, _MILLISECOND = 60.0, 1e-3
+#: The value of `$1` with which the motors stay on, and the largest one.
+_STAYS_ON = 255
+#: Settings that a listing may lack, with the firmware's own values and their meaning.
+_DEFAULTS = {
+    "$1": (25.0, "ms of idle delay at a stop"),
+    "$12": (0.002, "mm of arc tolerance"),
+    "$100": (250.0, "steps/mm in X"),
+    "$101": (250.0, "steps/mm in Y"),
+    "$102": (250.0, "steps/mm in Z"),
+}
+
+
+def read_listing(file: str, lines: list[str]) -> Machine:
+    """The machine of a listing.
+
+    Raises InputError for a limit that is missing or impossible, and for a setting with two values.
+    """
+    settings = Settings(file, _find_values(file, lines), "save all that GRBL answers to $$")
+    notes = [
+        Note("assumed", f"{name} = {value:g} {meaning}", f"{file} lacks it; the firmware's default")
+        for name, (value, meaning) in _DEFAULTS.items()
+        if name not in settings.values
+    ]
+    x, y, z = (settings.above_zero(f"$13{axis}") for axis in range(3))
+    x_rate, y_rate, z_rate = (settings.above_zero(f"$11{axis}") / _MINUTE for axis in range(3))
+    accelerations: Vec3 = _read_axes(settings, "$12")
+    axes = Axes((x_rate, y_rate, z_rate), accelerations, _read_steps(settings))
+    delay = settings.number("$1", 0.0, _STAYS_ON) if "$1" in settings.values else _DEFAULTS["$1"][0]
+    chord = settings.above_zero("$12") if "$12" in settings.values else _DEFAULTS["$12"][0]
+    return Machine(
+        file,
+        "GRBL",
+        "grbl",
+        "junction",
+        axes,
+        low=(-x, -y, -z),
+        high=(0.0, 0.0, 0.0),
+        deviation=settings.number("$11", 0.0),
+        chord=chord,
+        pause=0.0 if delay == _STAYS_ON else delay * _MILLISECOND,
+        notes=tuple(notes),
+    )
+
+
+def _find_values(file: str, lines: list[str]) -> dict[str, Value]:
+    """The settings of a listing; its other lines are greetings, answers and reports."""
+    values: dict[str, Value] = {}
+    for number, line in enumerate(lines, 1):
+        match = SETTING.match(line)
+        if match is None:
+            continue
+        name, text, rest = match.groups()
+        if rest and not rest.startswith("("):
+            what = f"{name} is followed by {harmless(rest)!r}"
+            raise InputError(file, what, f"line {number}", "put one setting on a line")
+        earlier = values.setdefault(name, Value(text, number))
+        if earlier.text != text:
+            other = f"{harmless(earlier.text)} in line {earlier.line}"
+            what = f"{name} is {harmless(text)} here and {other}"
+            raise InputError(file, what, f"line {number}", "keep one listing in the file")
+    return values
+
+
+def _read_axes(settings: Settings, prefix: str) -> Vec3:
+    x, y, z = (settings.above_zero(f"{prefix}{axis}") for axis in range(3))
+    return (x, y, z)
+
+
+def _read_steps(settings: Settings) -> Vec3:
+    x, y, z = (
+        settings.above_zero(name) if name in settings.values else _DEFAULTS[name][0]
+        for name in ("$100", "$101", "$102")
+    )
+    return (x, y, z)

@@ -1,0 +1,67 @@
+"""Values of a settings file, each with the line on which it stands."""
+
+from __future__ import annotations
+
+import math
+
+from msgspec import Struct
+
+from camgen.model.errors import InputError
+from camgen.model.text import harmless
+
+
+class Value(Struct, frozen=True):
+    """A value as it is written.
+
+    text: the value.
+    line: its line, from 1.
+    """
+
+    text: str
+    line: int
+
+
+class Settings(Struct, frozen=True):
+    """The settings of a file.
+
+    file: name of the file.
+    values: values of the settings, by name.
+    remedy: remedy for a missing setting.
+    """
+
+    file: str
+    values: dict[str, Value]
+    remedy: str
+
+    def number(self, name: str, low: float = -math.inf, high: float = math.inf) -> float:
+        """A setting as a number from `low` to `high`.
+
+        Raises InputError if it is missing, not a number or out of range.
+        """
+        value = self.values.get(name)
+        if value is None:
+            raise InputError(self.file, f"has no {name}", "cell.machine", self.remedy)
+        try:
+            number = float(value.text)
+        except ValueError:
+            raise self.fault(name, "is not a number", "correct the line") from None
+        if not math.isfinite(number):
+            raise self.fault(name, "is not a finite number", "correct the line")
+        if number < low:
+            raise self.fault(name, f"is below {low:g}", "correct the line")
+        if number > high:
+            raise self.fault(name, f"is above {high:g}", "correct the line")
+        return number
+
+    def above_zero(self, name: str) -> float:
+        """A setting as a number above 0. Raises InputError for any other."""
+        number = self.number(name)
+        if number <= 0:
+            raise self.fault(name, "is not above 0", "correct the line")
+        return number
+
+    def fault(self, name: str, what: str, remedy: str) -> InputError:
+        """The error about a setting of the file."""
+        value = self.values[name]
+        text = f"{name} = {harmless(value.text)} {what}"
+        return InputError(self.file, text, f"line {value.line}", remedy)
