@@ -76,6 +76,5 @@ def _sums(result: Result) -> BuildSums:
 def list_carried(job: Job) -> list[str]:
     """The files that a job names and that can travel."""
     meshes = [one for one in job.cell.fixtures or () if isinstance(one, str)]
-    return [
-        name for name in dict.fromkeys([job.image.background, job.camera.file, *meshes]) if name
-    ]
+    names = [job.image.background, job.camera.file, job.cell.machine, *meshes]
+    return [name for name in dict.fromkeys(names) if name]

@@ -16,7 +16,7 @@ from msgspec.structs import replace
 
 import camgen.preview.notebook  # noqa: F401 (values draw themselves)
 from camgen.check.executed import Rounding
-from camgen.check.report import Cycle, Motions, Verified, clearance_of
+from camgen.check.report import NOT_CHECKED, Cycle, Motions, Verified, clearance_of
 from camgen.check.report import report as report_of
 from camgen.lower import lower
 from camgen.lower.steps import frame_of, tell_tool
@@ -138,6 +138,8 @@ class Result(Struct, frozen=True, eq=False, dict=True):
         table |= report_rounding(self.rounded)
         if self.travel is not None:
             table |= self.travel.report()
+        if self.travel is not None and self.travel.placed:
+            table["checks"] = {"reach": NOT_CHECKED, "collision": NOT_CHECKED, "limits": "ok"}
         if self.reach is not None:
             table["checks"] = {"reach": "ok", "collision": "ok", "limits": "ok"}
         return table if self.clear is None else table | {"clearance": clearance_of(self.clear)}
@@ -207,9 +209,11 @@ def build(
     result = replace(result, motion=motion, rounded=rounded)
     if read.cell.machine is None:
         return result
-    from camgen.pipeline.travel import check_travel  # noqa: PLC0415 (only jobs with a machine)
+    from camgen.pipeline.travel import check_travel, note_rates  # noqa: PLC0415 (only jobs with a machine)
 
-    return replace(result, travel=check_travel(settings, read.cell, checks, posted))
+    travel = check_travel(settings, read.cell, checks, posted)
+    notes = sort_notes(result.notes, note_rates(read.cell, result.program))
+    return replace(result, travel=travel, notes=notes)
 
 
 def _program(planned: Plan, request: Request) -> tuple[Plan, Tour, Checked]:

@@ -7,19 +7,25 @@ from typing import TYPE_CHECKING
 import numpy as np
 from msgspec import Struct
 
+from camgen.check.axis_limits import limit_along
 from camgen.check.report import clean
+from camgen.check.time import shape_motions
 from camgen.check.travel import Extent, exceed_travel, leave_travel, measure_extent, size_of
 from camgen.model.errors import NoSafeProgram
 from camgen.model.job import Job
 from camgen.model.machine import Machine
+from camgen.model.part import Note
 from camgen.model.pose import FloatArray, Vec3, to_vec3
-from camgen.model.program import Columns, Program, ToolChange
+from camgen.model.program import Columns, MoveJ, Program, ToolChange
+from camgen.model.text import counted, grouped, short
 from camgen.post import Post
 from camgen.robots.workcell import Workcell
 
 if TYPE_CHECKING:
     from camgen.pipeline.programs import Checked, Posted
 
+#: A feed is above a rate from this multiple of it on, beyond the digits of a feed.
+_SAME_RATE = 1 + 1e-6
 #: The option of a post with the tool whose length the program applies.
 _TOOL = "tool"
 
@@ -88,6 +94,28 @@ def check_travel(job: Job, cell: Workcell, checked: Checked, posted: Posted) -> 
         low, high = _widen(low, high, extent)
         first += files
     return Travel(machine, to_vec3(low), to_vec3(high), placed)
+
+
+def note_rates(cell: Workcell, program: Program) -> tuple[Note, ...]:
+    """Feeds that the axes of the machine do not reach: its controller runs them slower.
+
+    cell: a cell with a machine.
+    """
+    axes = cell.pace.axes
+    assert axes is not None
+    assert cell.machine is not None
+    columns = program.columns
+    shape = shape_motions(program, None)
+    rates = np.minimum(limit_along(axes.rates, shape.first), cell.pace.fastest)
+    feeds = ~columns.moves_are(MoveJ) & (shape.length > 0)
+    above = feeds & (columns.speed > rates * _SAME_RATE)
+    count = int(above.sum())
+    if not count:
+        return ()
+    slowest = f"{short(float(rates[above].min()), 3)} mm/s"
+    of_all = f"{grouped(count)} of {counted(int(feeds.sum()), 'motion')} with a feed"
+    what = f"{of_all} ask for more than {cell.machine.file} allows, down to {slowest}"
+    return (Note("warning", what, "the controller runs them slower, and the time counts that"),)
 
 
 def _widen(low: FloatArray, high: FloatArray, extent: Extent) -> tuple[FloatArray, FloatArray]:

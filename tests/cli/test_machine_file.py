@@ -75,6 +75,8 @@ def test_a_program_within_the_travel_is_told(
     table = json.loads(report.read_text())["machine"]
     assert table["file"] == MACHINES[post][0]
     assert table["placed"] is True
+    checks = json.loads(report.read_text())["checks"]
+    assert checks == {"reach": "not checked", "collision": "not checked", "limits": "ok"}
     # The bracket is 80 x 50 mm, the tool of 6 mm runs outside of it.
     x, y, z = json.loads(INSIDE[post])[:3]
     assert table["extent_mm"] == [[x - 3, y - 3, z], [x + 83, y + 53, z + 50]]
@@ -120,6 +122,22 @@ def test_a_program_longer_than_the_travel_is_exit_code_3(
     line = refused(capsys, tmp_path)
     what = "axis X runs from -3 to 83 mm, 86 mm; its travel is 85 mm"
     assert line.startswith(f"bracket.nc: the program leaves the travel of small.txt: {what}")
+
+
+def test_a_feed_above_the_rates_is_a_warning(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The job asks for 20 mm/s in X and Y and 5 mm/s in Z; an axis does 500 mm/min, 8.333 mm/s."""
+    assert build("grbl") == 0
+    assert "ask for more than" not in capsys.readouterr().err
+    listing = (tmp_path / "router.txt").read_text()
+    for setting in ("$110=5000", "$111=3500", "$112=600"):
+        listing = listing.replace(setting, setting.partition("=")[0] + "=500")
+    (tmp_path / "slow.txt").write_text(listing)
+    assert build("grbl", file="slow.txt") == 0
+    summary = capsys.readouterr().err
+    assert "ask for more than slow.txt allows, down to 8.333 mm/s" in summary
+    assert "the controller runs them slower, and the time counts that" in summary
 
 
 def test_a_tool_length_of_the_program_counts(
