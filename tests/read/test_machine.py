@@ -97,8 +97,11 @@ def test_a_limit_is_never_assumed(name: str) -> None:
         ("$120=350.000", "$120=fast", "$120 = fast is not a number (line 30)"),
         ("$120=350.000", "$120=", "$120 =  is not a number (line 30)"),
         ("$120=350.000", "$120=1e999", "$120 = 1e999 is not a finite number (line 30)"),
-        ("$120=350.000", "$120=nan", "$120 = nan is not a finite number (line 30)"),
+        ("$120=350.000", "$120=nan", "$120 = nan is not a number (line 30)"),
         ("$120=350.000", "$120=-350.000", "$120 = -350.000 is not above 0 (line 30)"),
+        ("$120=350.000", "$120=1_000", "$120 = 1_000 is not a number (line 30)"),
+        ("$120=350.000", "$120=3e9", "$120 = 3e9 is above 1e+09 (line 30)"),
+        ("$120=350.000", "$120=1e-9", "$120 = 1e-9 is below 1e-06 (line 30)"),
         ("$110=5000.000", "$110=0.000", "$110 = 0.000 is not above 0 (line 27)"),
         ("$132=90.000", "$132=0.000", "$132 = 0.000 is not above 0 (line 35)"),
         ("$11=0.020", "$11=-0.020", "$11 = -0.020 is below 0 (line 10)"),
@@ -172,7 +175,7 @@ def test_the_first_of_two_values_counts_and_comments_do_not() -> None:
         ("MAX_LIMIT = 8.0", "MAX_LIMIT = -8.0", "[AXIS_Y] MIN_LIMIT = 0.0 leaves no travel"),
         ("MAX_LIMIT = 8.0", "MAX_LIMIT = 8.0 # in", "[AXIS_Y] MAX_LIMIT = 8.0 # in is not a num"),
         ("[AXIS_X]", "[AXIS_0]", "has no [AXIS_X] MIN_LIMIT (cell.machine)"),
-        ("= -0.5", "= inf", "[AXIS_X] MIN_LIMIT = inf is not a finite number (line 17)"),
+        ("= -0.5", "= inf", "[AXIS_X] MIN_LIMIT = inf is not a number (line 17)"),
         ("MAX_LINEAR_VELOCITY = 4.0", "MAX_LINEAR_VELOCITY = 0", "[TRAJ] MAX_LINEAR_VELOCITY = 0"),
         ("[KINS]", "#INCLUDE kins.inc\n[KINS]", "#INCLUDE kins.inc is not followed (line 6)"),
     ],
@@ -184,3 +187,11 @@ def test_a_fault_in_an_ini_file_names_its_variable(old: str, new: str, message: 
 @pytest.mark.parametrize("data", [b"", b"\x00\xff\x00", b"G21\nG0 X1\n", b"a = 1\n", b"<xml/>"])
 def test_another_file_is_neither(data: bytes) -> None:
     assert fault(data).startswith("machine.txt: is neither a listing of GRBL's settings nor an INI")
+
+
+@pytest.mark.parametrize("start", ["MAX_VELOCITY = ", "$120=", "[", "$", "#"])
+def test_a_long_line_takes_no_longer_than_its_length(start: str) -> None:
+    """Half a million blanks: a reading that goes back over them would take hours."""
+    line = start + " " * 500_000 + "x"
+    assert fault("\n".join(["$1=25", "[TRAJ]", line])).count("\n") == 0
+    assert fault("\n".join(["[TRAJ]", line])).count("\n") == 0

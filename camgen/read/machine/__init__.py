@@ -10,6 +10,8 @@ from camgen.model.machine import Machine
 from camgen.read.machine.grbl import SETTING, read_listing
 from camgen.read.machine.linuxcnc import SECTION, read_ini
 
+_LINE_END = re.compile(r"\r\n|\r|\n")
+
 
 def read_machine(source: Source) -> Machine:
     """The machine that a file describes; its content says of which controller it is.
@@ -17,7 +19,7 @@ def read_machine(source: Source) -> Machine:
     Raises InputError for another file, and for values that are missing or impossible.
     """
     text = source.data.decode("utf-8-sig", "replace")
-    lines = text.splitlines()
+    lines = _LINE_END.split(text)
     if _has(SETTING, lines):
         return read_listing(source.name, lines)
     if _has(SECTION, lines):

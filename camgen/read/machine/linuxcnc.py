@@ -19,7 +19,7 @@ from camgen.read.machine.values import Settings, Value
 
 #: The header of a section, [TRAJ].
 SECTION = re.compile(r"\s*\[(\w+)\]\s*$")
-_VARIABLE = re.compile(r"\s*([A-Za-z_]\w*)\s*=\s*(.*?)\s*$")
+_VARIABLE = re.compile(r"\s*([A-Za-z_]\w*)\s*=(.*)")
 _INCLUDE = re.compile(r"#INCLUDE\b")
 #: mm in the units of a machine, by the names that LINEAR_UNITS takes.
 _UNITS = {"mm": 1.0, "metric": 1.0, "inch": 25.4, "in": 25.4, "imperial": 25.4}
@@ -72,7 +72,7 @@ def _find_values(file: str, lines: list[str]) -> dict[str, Value]:
             continue
         variable = _VARIABLE.match(line)
         if variable:
-            values.setdefault(f"[{section}] {variable[1]}", Value(variable[2], number))
+            values.setdefault(f"[{section}] {variable[1]}", Value(variable[2].strip(), number))
     return values
 
 

@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import math
+import re
 
 from msgspec import Struct
 
 from camgen.model.errors import InputError
 from camgen.model.text import harmless
+
+#: A decimal number; Python's own reading also takes "1_000", "nan" and digits of other scripts.
+_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
+#: Bounds of rates, accelerations and the like; their squares stay finite.
+_LOWEST, _HIGHEST = 1e-6, 1e9
 
 
 class Value(Struct, frozen=True):
@@ -41,10 +47,9 @@ class Settings(Struct, frozen=True):
         value = self.values.get(name)
         if value is None:
             raise InputError(self.file, f"has no {name}", "cell.machine", self.remedy)
-        try:
-            number = float(value.text)
-        except ValueError:
-            raise self.fault(name, "is not a number", "correct the line") from None
+        if not _NUMBER.fullmatch(value.text):
+            raise self.fault(name, "is not a number", "correct the line")
+        number = float(value.text)
         if not math.isfinite(number):
             raise self.fault(name, "is not a finite number", "correct the line")
         if number < low:
@@ -55,9 +60,11 @@ class Settings(Struct, frozen=True):
 
     def above_zero(self, name: str) -> float:
         """A setting as a number above 0. Raises InputError for any other."""
-        number = self.number(name)
+        number = self.number(name, high=_HIGHEST)
         if number <= 0:
             raise self.fault(name, "is not above 0", "correct the line")
+        if number < _LOWEST:
+            raise self.fault(name, f"is below {_LOWEST:g}", "correct the line")
         return number
 
     def fault(self, name: str, what: str, remedy: str) -> InputError:
