@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from msgspec import Struct
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from camgen.check.profile import durations, squares
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
 
 # How fast the corner between two motions is passed, by the ways in which controllers round it.
 
+#: Corners of controllers of mills, which do not turn the tool.
+_MILLS = ("arc", "junction")
 #: Half a turn (rad) below which two motions go on in one direction.
 _NONE = 1e-6
 
@@ -196,6 +199,8 @@ def time_motions(
     """
     columns = program.columns
     shape = shape_motions(program, arm)
+    if pace.corner in _MILLS:
+        shape = replace(shape, turn=np.zeros_like(shape.turn))
     rows = None if found is None or arm is None else _rows(program, found, arm)
     swing = columns.moves_are(MoveJ) & (rows is not None)
     still = ~swing & (shape.length < SAME_POINT_MM)
@@ -319,16 +324,12 @@ def _time_blocks(
     arcs = columns.arcs
     via[arcs] = columns.vias_of(arcs)
     start = np.concatenate([shape.end[:1], shape.end[:-1]])[index]
-    stops = np.append(~_follow(program, index), True)
+    acts = ~columns.are(Comment)
+    # A motion without a step makes no block.
+    acts[columns.at[~going & (shape.length < SAME_POINT_MM)]] = False
+    stops = np.append(np.diff(np.cumsum(acts)[columns.at[index]]) != 1, True)
     motions = Motions(start, shape.end[index], via[index], speed[index], stops)
     return time_blocks(motions, pace)
-
-
-def _follow(program: Program, index: NDArray[np.int64]) -> Mask:
-    """(G - 1,) whether the motions ``index`` (G,) run into the next one: only comments stand between them."""
-    columns = program.columns
-    done = np.cumsum(~columns.are(Comment))[columns.at]
-    return np.asarray((np.diff(index) == 1) & (np.diff(done[index]) == 1))
 
 
 def _limit_turns(before: FloatArray, after: FloatArray, pace: Dynamics) -> FloatArray:
@@ -353,7 +354,8 @@ def _corners(
     columns = program.columns
     index = np.flatnonzero(going)
     square, reach = np.zeros(len(index)), np.zeros(len(index))
-    follows = _follow(program, index)
+    done = np.cumsum(~columns.are(Comment))[columns.at]
+    follows = (np.diff(index) == 1) & (np.diff(done[index]) == 1)
     if pace.corner in ("zone", "overlap"):
         follows &= columns.blend[index[:-1]] > 0
     one, two = index[:-1][follows], index[1:][follows]

@@ -14,7 +14,7 @@ from camgen.check.blocks import LOOK_AHEAD, Motions, time_blocks
 from camgen.check.time import time_motions
 from camgen.model.cell import Axes, Dynamics
 from camgen.model.machine import Machine
-from camgen.model.pose import TOOL_DOWN, Pose, translation
+from camgen.model.pose import TOOL_DOWN, Pose, frozen, rotation_about, translation
 from camgen.model.program import Instruction, MoveC, MoveJ, MoveL, Output, Program
 from tests.support.whole import whole
 
@@ -111,6 +111,21 @@ def test_a_stop_of_grbl_takes_its_idle_delay() -> None:
     # Without the output the machine stops once.
     once = seconds(body[0], body[2], dynamics=drive("grbl", pause=0.025))
     assert sum(once) == pytest.approx(40 / 20 + 20 / 400 + 0.025)
+
+
+@pytest.mark.parametrize("controller", ["grbl", "linuxcnc"])
+def test_a_mill_does_not_turn_its_tool(controller: str) -> None:
+    turned = frozen(rotation_about(2, math.pi / 2) @ TOOL_DOWN)
+    line = [MoveL(Pose(turned, (1.0, 0.0, 0.0)), 20.0)]
+    plain = [MoveL(at(1, 0), 20.0)]
+    dynamics = drive(controller)
+    assert seconds(*line, dynamics=dynamics) == seconds(*plain, dynamics=dynamics)
+
+
+def test_a_motion_without_a_step_is_no_stop_of_grbl() -> None:
+    through = seconds(MoveL(at(20, 0), 20.0), MoveL(at(40, 0), 20.0), dynamics=drive("grbl"))
+    twice = [MoveL(at(20, 0), 20.0), MoveL(at(20, 0), 20.0), MoveL(at(40, 0), 20.0)]
+    assert sum(seconds(*twice, dynamics=drive("grbl"))) == pytest.approx(sum(through))
 
 
 def plan(

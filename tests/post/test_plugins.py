@@ -285,6 +285,8 @@ def tolerance(**fields):
             "corner that is 'round', not a kind",
         ),
         ("def dynamics(self): return Dynamics(shares=1)", "shares that is 1, not True or False"),
+        ("def dynamics(self): return Dynamics(axes=1)", "axes that is 1, not None; cell.machine"),
+        ("def dynamics(self): return Dynamics(pause=-1)", "pause = -1, which is not above 0"),
     ],
 )
 def test_a_post_with_a_wrong_member_is_not_made(tmp_path, line, says):
