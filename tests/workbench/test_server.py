@@ -175,6 +175,7 @@ def test_only_this_machine_is_listened_to(bench: Bench) -> None:
         (["image", "background"], "link.png"),
         (["camera", "file"], "../work2/lens.yaml"),
         (["cell", "robot"], "../arm.urdf#tool0"),
+        (["cell", "machine"], "../router.txt"),
     ],
 )
 def test_a_page_names_only_files_of_the_folder(
