@@ -25,22 +25,17 @@ class Axes(Struct, frozen=True):
 
 
 class Dynamics(Struct, frozen=True):
-    """Assumptions on a machine, for the time of a program and for the corners that it rounds by itself.
+    """What a machine is taken to do: for the time of a program, and for the corners that it rounds by itself.
 
-    acceleration: mm/s2 of the TCP.
-    turning: rad/s of the tool.
-    ramp: s in which a joint, or a tool that turns at rest, comes to full speed.
-    corner: kind of corner. "zone": rounded within the blend radius; "overlap": the next motion begins
-        while the last one ends; "arc": rounded within `deviation`, whatever the blend; "junction": at
-        the speed of such an arc, without leaving the lines.
-    deviation: mm.
-    across, along: shares of the acceleration that an arc may use.
-    last: share of the acceleration that a motion may use which ends at rest.
-    shares: whether joint motions run at their share of the joints' speeds, where it is known, instead
-        of a speed of the TCP.
-    fastest: mm/s of the TCP that a program may ask for.
-    most: share of the joints' speeds that a program may ask for.
-    axes: limits of each axis of a machine; None: `acceleration` in every direction.
+    acceleration: mm/s2 of the TCP. turning: rad/s of the tool. ramp: s in which a joint, or the tool where it turns at
+    rest, comes to full speed. corner: how one is passed: "zone": rounded within the blend radius; "overlap": the next
+    motion begins while the one before ends; "arc": rounded within ``deviation`` mm, whatever the blend; "junction": as
+    fast as that, without leaving the lines. across, along: the shares of the acceleration that an arc may use; last:
+    the share that a motion may use that ends at rest. shares: joint motions run at their share of the joints' speeds
+    where it is known, not at a speed of the TCP. fastest: mm/s of the TCP, most: share of the joints' speeds, that a
+    program may ask for.
+
+    axes: limits of each axis of a machine; None: ``acceleration`` in every direction.
     chord: distance by which the chords of an arc leave it, mm, for "junction".
     pause: s for which the machine stands where it comes to rest.
     """

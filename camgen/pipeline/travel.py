@@ -128,17 +128,16 @@ def _find_shift(program: Program, post: Post, job: Job, cell: Workcell, placed: 
     The work offset is added, and the length of a tool where the program applies it (G43). Without a
     work offset the shift is 0.
     """
-    count = len(program.columns.moves)
-    shift = np.zeros((count, 3))
+    columns = program.columns
+    shift = np.zeros((len(columns.moves), 3))
     if not placed:
         return shift
-    shift += cell.base_from_work.origin
-    if getattr(post, _TOOL, 0):
-        shift[:, 2] += job.tool.length
-    changes = np.flatnonzero(program.columns.are(ToolChange))
+    changes = np.flatnonzero(columns.are(ToolChange))
+    lengths = [job.tool.length if getattr(post, _TOOL, 0) else 0.0]
     for index in changes.tolist():
         change = program.body[index]
         assert isinstance(change, ToolChange)
-        later = program.columns.at > index
-        shift[later, 2] = cell.base_from_work.origin[2] + change.length
+        lengths.append(change.length)
+    shift += cell.base_from_work.origin
+    shift[:, 2] += np.array(lengths)[np.searchsorted(changes, columns.at)]
     return shift
