@@ -126,18 +126,17 @@ def _find_shift(program: Program, post: Post, job: Job, cell: Workcell, placed: 
     """(M, 3) mm from the positions of the text to positions of the machine.
 
     The work offset is added, and the length of a tool where the program applies it (G43). Without a
-    work offset the shift is 0.
+    work offset the positions of the first tool are not shifted.
     """
     columns = program.columns
     shift = np.zeros((len(columns.moves), 3))
-    if not placed:
-        return shift
     changes = np.flatnonzero(columns.are(ToolChange))
     lengths = [job.tool.length if getattr(post, _TOOL, 0) else 0.0]
     for index in changes.tolist():
         change = program.body[index]
         assert isinstance(change, ToolChange)
         lengths.append(change.length)
-    shift += cell.base_from_work.origin
-    shift[:, 2] += np.array(lengths)[np.searchsorted(changes, columns.at)]
-    return shift
+    shift[:, 2] = np.array(lengths)[np.searchsorted(changes, columns.at)]
+    if placed:
+        return shift + np.asarray(cell.base_from_work.origin)
+    return shift - shift[:1]

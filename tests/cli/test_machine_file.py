@@ -150,6 +150,29 @@ def test_a_tool_length_of_the_program_counts(
     assert build("gcode", *sets) == 0
 
 
+def build_plate(*settings: str) -> int:
+    """A plate that three tools mill on LinuxCNC, each 80 mm long."""
+    job = str(FIXTURES / "cases" / "motor-plate" / "job.toml")
+    part = str(FIXTURES / "parts" / "motor.dxf")
+    sets = [f"--set={setting}" for setting in ("cell.machine=mill.ini", *settings)]
+    return main(["build", part, "--post", "gcode", "--job", job, *sets])
+
+
+def test_each_tool_counts_with_its_length(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The home is 50 mm above the work zero, the travel of Z is 152.4 mm."""
+    assert build_plate("cell.base_from_work=[50, 50, -130, 0, 0, 0]") == 0
+    capsys.readouterr()
+    (tmp_path / "motor.ngc").unlink()
+    assert build_plate("cell.base_from_work=[50, 50, -100, 0, 0, 0]") == 3
+    assert "axis Z would be at 30 mm, its travel ends at 0 mm" in refused(capsys, tmp_path)
+    # A tool that is 100 mm longer than another one needs as much more travel: 61 and 100 mm.
+    assert build_plate("tools.2.length=180") == 3
+    assert "161 mm; its travel is 152.4 mm" in refused(capsys, tmp_path)
+    assert not (tmp_path / "motor.ngc").exists()
+
+
 @pytest.mark.parametrize(
     ("post", "file", "settings", "message"),
     [
