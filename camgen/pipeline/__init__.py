@@ -209,7 +209,7 @@ def build(
     result = replace(result, motion=motion, rounded=rounded)
     if read.cell.machine is None:
         return result
-    from camgen.pipeline.travel import check_travel, note_rates  # noqa: PLC0415 (only jobs with a machine)
+    from camgen.pipeline.travel import check_travel, note_rates  # noqa: PLC0415 (only for a mill)
 
     travel = check_travel(settings, read.cell, checks, posted)
     notes = sort_notes(result.notes, note_rates(read.cell, result.program))
