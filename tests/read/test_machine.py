@@ -4,6 +4,8 @@ import math
 from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from camgen.model.errors import InputError
 from camgen.model.files import Source
@@ -26,6 +28,13 @@ def fault(text: str | bytes) -> str:
     message = str(refused.value)
     assert "\n" not in message
     return message
+
+
+def machine_or_error(text: str) -> Machine | str:
+    try:
+        return machine(text)
+    except InputError as error:
+        return str(error)
 
 
 def changed(text: str, old: str, new: str) -> str:
@@ -195,3 +204,23 @@ def test_a_long_line_takes_no_longer_than_its_length(start: str) -> None:
     line = start + " " * 500_000 + "x"
     assert fault("\n".join(["$1=25", "[TRAJ]", line])).count("\n") == 0
     assert fault("\n".join(["[TRAJ]", line])).count("\n") == 0
+
+
+@given(
+    st.sampled_from([ROUTER, MILL]),
+    st.lists(
+        st.tuples(st.integers(0, 60), st.text("$1290=[]#.-+eXYZ_ \\n\\x00é", max_size=12)),
+        max_size=6,
+    ),
+)
+def test_a_damaged_file_is_a_machine_or_an_error(text: str, changes: list[tuple[int, str]]) -> None:
+    lines = text.splitlines()
+    for place, line in changes:
+        lines[place % len(lines)] = line
+    result = machine_or_error("\n".join(lines))
+    if isinstance(result, str):
+        assert "\n" not in result
+        return
+    numbers = (*result.axes.rates, *result.axes.accelerations)
+    assert all(math.isfinite(number) and number > 0 for number in numbers)
+    assert all(low < high for low, high in zip(result.low, result.high, strict=True))
