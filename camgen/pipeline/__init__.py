@@ -31,6 +31,7 @@ from camgen.model.program import MoveJ, Program
 from camgen.model.text import counted, harmless
 from camgen.model.version import __version__
 from camgen.order import ArmTour, may_choose_ways, order
+from camgen.pipeline.assumptions import note_arm
 from camgen.pipeline.inputs import note_machine, note_urdf, note_work_frame, read_inputs
 from camgen.pipeline.memory import give_back
 from camgen.pipeline.motion import prove_motion
@@ -204,6 +205,7 @@ def build(
     if len(tour.paths) < len(asked.paths):
         planned = _forget_coverage(planned)
     result = _sum_up(planned, tour, request, checks, posted, proof)
+    _insist(result.part, result.notes, True, strict)
     motion = prove_motion(read.part, planned, settings, checks, posted, result.notes)
     rounded = check_rounding(tour, settings, checks, posted)
     result = replace(result, motion=motion, rounded=rounded)
@@ -317,6 +319,7 @@ def _sum_up(
             (checks.clear.notes if checks.clear else ()),
             (
                 *note_machine(cell, job),
+                *note_arm(plan.part, job, cell),
                 *_note_corners(checks.program, cell.pace, job),
                 *list_warnings(post, checks.program),
             ),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 from camgen.model.errors import JobError
@@ -27,6 +28,8 @@ INSUNITS = {
 
 #: A part larger or smaller than this (mm) is more likely drawn in another unit than meant.
 LARGEST, SMALLEST = 3000.0, 1.0
+#: Units that drawings are confused in, and the usual size of a part, mm.
+_CONFUSED, _USUAL = ("um", "mm", "inch", "m"), 100.0
 
 _OVERRIDE = "set input.units if that is not meant"
 #: Files whose own unit holds (``read.solid.step``).
@@ -85,6 +88,16 @@ def doubts(size: Sequence[float], unit: str, source: str) -> tuple[Note, ...]:
         Note(
             "warning",
             f"the part is {size_text} mm, which is {odd}",
-            f"drawn in {unit}; {remedy_for(source)}",
+            f"drawn in {unit}, likely in {_guess(max(size), unit)}; {remedy_for(source)}",
         ),
     )
+
+
+def _guess(length: float, unit: str) -> str:
+    """The unit in which a part of a length, mm, is nearest to a usual size.
+
+    unit: the unit in which it was read.
+    """
+    drawn = length / MM.get(unit, 1.0)
+    units = [name for name in _CONFUSED if name != unit]
+    return min(units, key=lambda name: abs(math.log(drawn * MM[name] / _USUAL)))

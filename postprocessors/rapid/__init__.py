@@ -16,6 +16,7 @@ from camgen.geometry.vectors import within
 from camgen.model.body import NUMBER
 from camgen.model.cell import Cell, Dynamics
 from camgen.model.errors import Refused
+from camgen.model.part import Note
 from camgen.model.pose import (
     FloatArray,
     Pose,
@@ -424,15 +425,28 @@ class Rapid(RapidOptions):
         head += [_IN + line for line in (*header, *self._frames(program), *data)]
         return [*head, "", f"{_IN}PROC main()", *(_IN2 + line for line in self._settings(program))]
 
+    def _load(self) -> tuple[str, str] | None:
+        """The load of a declared tool without a mass, and the remedy; None for another tool."""
+        if not self.declare or self.mass > NO_MASS:
+            return None
+        mass = f"tool mass {short(self.mass, DIGITS)} kg is a placeholder"
+        remedy = (
+            "set post.mass and post.cog, or post.declare = false for the tool of the controller"
+        )
+        return f"{mass} - loading this module overwrites {self.tool}", remedy
+
+    def warn(self, program: Program) -> tuple[Note, ...]:  # noqa: ARG002 (the load is an option)
+        """The load of a declared tool without a mass; `--strict` refuses it."""
+        load = self._load()
+        return (Note("assumed", *load, strict=True),) if load else ()
+
     def end(self, program: Program) -> Sequence[str]:
         """The ends of main and of the module."""
         return *self._handler(program, main=True), f"{_IN}ENDPROC", "ENDMODULE"
 
     def _remarks(self, program: Program) -> Iterator[str]:
         """What the program takes for granted."""
-        if self.declare and self.mass <= NO_MASS:
-            yield f"load: {short(self.mass, DIGITS)} kg is no tool's, and loading this module overwrites {self.tool}"
-            yield "load: set post.mass and post.cog, or post.declare = false for the tool of the controller"
+        yield from (f"load: {line}" for line in self._load() or ())
         if not self.declare:
             for name, frame in (
                 (self.tool, program.flange_from_tool),

@@ -123,9 +123,8 @@ def test_an_assumed_start_is_reached_at_its_feed(tmp_path):
         (5, 5, 0, 2.0),
         (5, 5, -1, 2.0),
     ]
-    assert [str(n) for n in result.notes] == [
-        "assumed: line 3: the program begins at Z0 (it does not say where)"
-    ]
+    notes = [str(n) for n in result.notes if "placeholder" not in n.what]
+    assert notes == ["assumed: line 3: the program begins at Z0 (it does not say where)"]
 
 
 def test_a_motion_to_where_the_tool_is_is_none(tmp_path):

@@ -147,7 +147,7 @@ def test_small_program_to_the_letter() -> None:
     tail = "tCamgen\\WObj:=wCamgen;"
     expected = f"""MODULE plate
     ! made by hand
-    ! load: 0.001 kg is no tool's, and loading this module overwrites tCamgen
+    ! load: tool mass 0.001 kg is a placeholder - loading this module overwrites tCamgen
     ! load: set post.mass and post.cog, or post.declare = false for the tool of the controller
     TASK PERS tooldata tCamgen:=[TRUE,{tool}];
     TASK PERS wobjdata wCamgen:=[FALSE,TRUE,"",{work}];
@@ -985,7 +985,7 @@ def test_a_fixture_anywhere_does_not_move_the_work(
 
 
 def test_a_load_that_nobody_weighed_is_told() -> None:
-    remark = "! load: 0.001 kg is no tool's, and loading this module overwrites tCamgen"
+    remark = "! load: tool mass 0.001 kg is a placeholder - loading this module overwrites tCamgen"
     assert remark in posted(ONE)[1]["plate.mod"]
     for options in (
         {"mass": 1.8, "cog": [0, 0, 55]},

@@ -347,11 +347,11 @@ def test_every_other_triangle_of_a_strip_is_turned() -> None:
     [
         (
             0.005,
-            "warning: the part is 0.15 x 0.1 x 0.05 mm, which is small (drawn in mm; set input.units if that",
+            "warning: the part is 0.15 x 0.1 x 0.05 mm, which is small (drawn in mm, likely in m; set input.units",
         ),
         (
             300.0,
-            "warning: the part is 9000 x 6000 x 3000 mm, which is large (drawn in mm; set input.units if that",
+            "warning: the part is 9000 x 6000 x 3000 mm, which is large (drawn in mm, likely in um; set input.units",
         ),
         (1.0, ""),
     ],

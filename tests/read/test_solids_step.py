@@ -357,10 +357,10 @@ def test_a_wireframe_and_parts_in_other_files_have_their_own_reason(tmp_path: Pa
 
 @with_kernel
 def test_a_size_that_cannot_be_meant_is_doubted(tmp_path: Path) -> None:
-    for size, says in (
-        (0.17, "0.17 x 0.17 x 0.17 mm, which is small"),
-        (9999.0, "which is large"),
-        (100.0, ""),
+    for size, says, unit in (
+        (0.17, "0.17 x 0.17 x 0.17 mm, which is small", "m"),
+        (9999.0, "which is large", "um"),
+        (100.0, "", ""),
     ):
         solid = step.read(
             source(written(tmp_path / "cube.step", box((0, 0, 0), (size, size, size))))
@@ -369,7 +369,10 @@ def test_a_size_that_cannot_be_meant_is_doubted(tmp_path: Path) -> None:
         assert bool(doubts) == bool(says)
         for note in doubts:
             assert says in note.what
-            assert note.why == "drawn in mm; export it again in another one if that is not meant"
+            assert (
+                note.why
+                == f"drawn in mm, likely in {unit}; export it again in another one if that is not meant"
+            )
 
 
 @with_kernel
