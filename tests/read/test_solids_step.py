@@ -369,10 +369,8 @@ def test_a_size_that_cannot_be_meant_is_doubted(tmp_path: Path) -> None:
         assert bool(doubts) == bool(says)
         for note in doubts:
             assert says in note.what
-            assert (
-                note.why
-                == f"drawn in mm, likely in {unit}; export it again in another one if that is not meant"
-            )
+            remedy = "export it again in another one if that is not meant"
+            assert note.why == f"drawn in mm, likely in {unit}; {remedy}"
 
 
 @with_kernel
