@@ -287,6 +287,61 @@ def test_linuxcnc_took_as_long(name: str) -> None:
     )
 
 
+#: mm/s2 of motions under G64, of motions that nothing follows, and of arcs that nothing follows.
+FULL, LAST, LAST_ARC = 500.0, 250.0, 125.0
+SWITCH = Output("process", True)
+#: mm/s at the start of the last of two lines of 20 mm, and at its peak.
+ENTRY, PEAK = math.sqrt(LAST * 20), math.sqrt(LAST * 20 / 2 + LAST * 20)
+#: Motions, their seconds by formula, and the seconds that LinuxCNC 2.9 needed for them.
+ENDS: dict[str, tuple[list[Instruction], list[float], list[float]]] = {
+    "line, output": ([MoveL(at(20, 0), 100.0), SWITCH], [2 * math.sqrt(20 / LAST)], [0.566]),
+    "line, wait": ([MoveL(at(20, 0), 100.0), Wait(0.1)], [2 * math.sqrt(20 / LAST)], [0.566]),
+    "rapid, output": ([MoveJ(at(20, 0), 100.0), SWITCH], [2 * math.sqrt(20 / LAST)], [0.566]),
+    "arc, output": (
+        [MoveC(at(10, -10), at(20, 0), 50.0), SWITCH],
+        [10 * math.pi / 50 + 50 / LAST_ARC],
+        [1.029],
+    ),
+    "rapid, line": (
+        [MoveJ(at(20, 0), 100.0), MoveL(at(40, 0), 100.0)],
+        [2 * math.sqrt(20 / FULL), 2 * math.sqrt(20 / LAST)],
+        [0.401, 0.566],
+    ),
+    "line, rapid": (
+        [MoveL(at(20, 0), 100.0), MoveJ(at(40, 0), 100.0)],
+        [2 * math.sqrt(20 / FULL), 2 * math.sqrt(20 / LAST)],
+        [0.401, 0.566],
+    ),
+    "arc, rapid": (
+        [MoveC(at(10, -10), at(20, 0), 50.0), MoveJ(at(20, 0, 10), 100.0)],
+        [10 * math.pi / 50 + 50 / 250, 2 * math.sqrt(10 / LAST)],
+        [0.829, 0.400],
+    ),
+    "line, comment, line": (
+        [MoveL(at(20, 0), 100.0), Comment("note"), MoveL(at(40, 0), 100.0)],
+        [
+            0.2 + (100 - ENTRY) / FULL + (20 - 10 - (100**2 - ENTRY**2) / 2 / FULL) / 100,
+            (2 * PEAK - ENTRY) / LAST,
+        ],
+        [0.309, 0.411],
+    ),
+}
+
+
+@pytest.mark.parametrize("name", ENDS)
+def test_linuxcnc_stops_at_rapid_motions_and_brakes_slowly_at_the_last(name: str) -> None:
+    body, expected, measured = ENDS[name]
+    result = seconds(*body, pace=make_post(find_post("gcode"), {}).dynamics())
+    assert result == pytest.approx(expected)
+    assert result == pytest.approx(measured, abs=0.002)
+
+
+def test_other_controllers_run_through_rapid_motions() -> None:
+    pace = make_post(find_post("grbl"), {}).dynamics()
+    body = (MoveJ(at(20, 0), 100.0), MoveL(at(40, 0), 100.0))
+    assert sum(seconds(*body, pace=pace)) == pytest.approx(40 / 100 + 100 / 500)
+
+
 def test_an_exact_path_stops_at_corners_only() -> None:
     pace = make_post(find_post("gcode"), {"path_tolerance": 0.0}).dynamics()
     corner = seconds(*polyline([(20, 0), (40, 0), (40, 20)], 50.0), pace=pace)
