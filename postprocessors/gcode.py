@@ -372,7 +372,7 @@ class GCode(Rs274):
             without_force(program) if self.force == "ignore" else program, chord
         )
         if self.path_tolerance:
-            program = end_in_chords(program)
+            program = end_in_chords(program, self.decimals)
         found = holes(program.columns, self.decimals) if self.cycles else []
         if not found:
             return program

@@ -19,10 +19,13 @@ from __future__ import annotations
 import argparse
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
+import time
 import tomllib
+from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -38,6 +41,8 @@ PYTHON = "/usr/bin/python3"
 FAST = 100.0
 #: mm, and share: goals beyond P, and for the time.
 MOST_BEYOND, MOST_APART = 0.001, 0.03
+#: s after which LinuxCNC's task runs, if it starts at all.
+_START = 15.0
 COLUMNS = (
     "program | predicted, s {:.3f} | executed, s {:.3f} | apart {:+.1f} % | off, um {:.1f} "
     "| P, um {:.0f} | dwell, s {:.1f} | line | goal"
@@ -117,10 +122,29 @@ def execute(runner: Path, text: Path, seconds: float, hurry: float) -> Path | No
         folder = text.parent / f"{text.stem}-{attempt}"
         command = [PYTHON, str(runner), str(folder), f"{text}={seconds / hurry:.3f}"]
         # Its own judge ends with a traceback without scipy. The samples are written before.
-        subprocess.run(command, env=environment, check=False, capture_output=True)
+        quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+        process = subprocess.Popen(command, env=environment, **quiet)
+        began = time.monotonic()
+        while process.poll() is None:
+            time.sleep(1)
+            if time.monotonic() - began > _START and not find_processes("milltask", folder):
+                # Its screen would wait for the task for a long time. LinuxCNC ends with it.
+                for number in find_processes("screen.py", folder):
+                    os.kill(number, signal.SIGTERM)
         if (folder / f"{text.stem}.run.json").exists():
             return folder
     return None
+
+
+def find_processes(name: str, folder: Path) -> list[int]:
+    """Numbers of the processes whose command has a name, and a path in a folder."""
+    numbers = []
+    for file in Path("/proc").glob("[0-9]*/cmdline"):
+        with suppress(OSError):
+            command = file.read_bytes().decode(errors="replace")
+            if name in command and f"{folder}/" in command:
+                numbers.append(int(file.parent.name))
+    return numbers
 
 
 def main() -> int:
