@@ -122,8 +122,8 @@ def execute(runner: Path, text: Path, seconds: float, hurry: float) -> Path | No
         folder = text.parent / f"{text.stem}-{attempt}"
         command = [PYTHON, str(runner), str(folder), f"{text}={seconds / hurry:.3f}"]
         # Its own judge ends with a traceback without scipy. The samples are written before.
-        quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-        process = subprocess.Popen(command, env=environment, **quiet)
+        log = (text.parent / f"{folder.name}.log").open("wb")
+        process = subprocess.Popen(command, env=environment, stdout=log, stderr=log)
         began = time.monotonic()
         while process.poll() is None:
             time.sleep(1)
@@ -131,6 +131,7 @@ def execute(runner: Path, text: Path, seconds: float, hurry: float) -> Path | No
                 # Its screen would wait for the task for a long time. LinuxCNC ends with it.
                 for number in find_processes("screen.py", folder):
                     os.kill(number, signal.SIGTERM)
+        log.close()
         if (folder / f"{text.stem}.run.json").exists():
             return folder
     return None
