@@ -67,11 +67,14 @@ def _overlap(corners: Corners, pace: Dynamics) -> tuple[FloatArray, FloatArray]:
 
 
 def _arc(corners: Corners, pace: Dynamics) -> tuple[FloatArray, FloatArray]:
-    """An arc that stays within ``pace.deviation`` and within its room: v^2 = a r, e = r (1 / cos(h) - 1)."""
+    """An arc that stays within ``pace.deviation`` and within its room: v^2 = a r, e = r (1 / cos(h) - 1).
+
+    It is 2 h r long, and its speed does not change.
+    """
     cosine = np.cos(corners.half)
     within = pace.deviation * cosine / (1 - cosine)
     radius = np.minimum(within, corners.room / np.tan(corners.half))
-    return pace.across * pace.acceleration * radius, np.zeros(len(radius))
+    return pace.across * pace.acceleration * radius, radius * corners.half
 
 
 def _junction(corners: Corners, pace: Dynamics) -> tuple[FloatArray, FloatArray]:
@@ -352,6 +355,12 @@ def _corners(program: Program, shape: MotionShapes, pace: Dynamics, going: Mask)
     brake = pace.last * pace.acceleration * np.where(np.isinf(shape.radius[two]), 1.0, pace.along)
     is_held = share[1:][follows] < 1
     limit = np.where(is_held, np.minimum(limit, brake * shape.length[two]), limit)
+    if pace.last < 1:
+        # A level arc and a line up or down beside it share the acceleration, and nearly stop.
+        rise = np.maximum(np.abs(shape.last[one, 2]), np.abs(shape.first[two, 2])) > _NONE
+        overlap = rise & ~(np.isinf(shape.radius[one]) & np.isinf(shape.radius[two]))
+        limit[overlap] = around[overlap] = 0.0
+        share[here[overlap]] = share[here[overlap] + 1] = pace.last
     square[here], reach[here] = limit, np.where(limit < corners.fast**2, around, 0.0)
     return _Ends(square, reach, share)
 

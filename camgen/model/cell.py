@@ -18,8 +18,10 @@ class Dynamics(Struct, frozen=True):
     rest, comes to full speed. corner: how one is passed: "zone": rounded within the blend radius; "overlap": the next
     motion begins while the one before ends; "arc": rounded within ``deviation`` mm, whatever the blend; "junction": as
     fast as that, without leaving the lines. across, along: the shares of the acceleration that an arc may use; last:
-    the share that a motion may use that no other follows. rapid_stops: whether the machine stands between a joint
-    motion and a line or an arc. shares: joint motions run at their share of the joints' speeds
+    the share of a motion that no other follows, and of a level arc and a line up or down beside it;
+    below 1 such a motion is entered as if half of it were to stop in. rapid_stops: whether the
+    machine stands between a joint motion and a line or an arc. shares: joint motions run at their
+    share of the joints' speeds
     where it is known, not at a speed of the TCP. fastest: mm/s of the TCP, most: share of the joints' speeds, that a
     program may ask for.
     """
