@@ -83,28 +83,28 @@ def _sweep_chord(radius: float | FloatArray, decimals: int) -> FloatArray:
 def find_ends(columns: Columns, decimals: int) -> Indices:
     """The motions, arcs, that LinuxCNC would leave at their printed ends by more than P."""
     done = np.cumsum(~columns.are(Comment))[columns.at]
-    arcs = columns.arcs[(columns.arcs > 0) & (columns.arcs + 1 < len(columns.at))]
-    follows = (done[arcs + 1] - done[arcs] == 1) & columns.moves_are(MoveL)[arcs + 1]
-    arcs = arcs[follows & columns.posed[arcs - 1] & columns.posed[arcs + 1]]
+    printed_ends = np.round(columns.ends, decimals)
+    # LinuxCNC drops a motion to the place where the tool is.
+    moves = np.flatnonzero((np.diff(printed_ends, axis=0) != 0).any(axis=1)) + 1
+    arcs = columns.arcs[(columns.arcs > 0) & (columns.arcs < (moves[-1] if len(moves) else 0))]
+    after = moves[np.searchsorted(moves, arcs, "right")]
+    follows = (done[after] - done[arcs] == after - arcs) & columns.moves_are(MoveL)[after]
+    follows &= columns.posed[arcs - 1] & columns.posed[after]
+    arcs, after = arcs[follows], after[follows]
     if not len(arcs):
         return arcs
     start, end = columns.ends[arcs - 1], columns.ends[arcs]
     shapes = spans_through(start, columns.vias_of(arcs), end)
     printed = print_arcs(start, columns.vias_of(arcs), end, decimals)
-    first, last, goal = (
-        np.round(point, decimals) for point in (start, end, columns.ends[arcs + 1])
-    )
-    spoke = last - first
+    spoke = printed_ends[arcs] - printed_ends[arcs - 1]
     spoke[:, :2] -= printed.centre
-    line = goal - last
+    line = printed_ends[after] - printed_ends[arcs]
     across = np.column_stack([-spoke[:, 1], spoke[:, 0], np.zeros(len(spoke))])
     turn = angles(np.where(printed.left[:, None], across, -across), line)
     is_level = line[:, 2] == 0
     is_inward = dots(line, spoke) < 0
     wide = shapes.curved & (shapes.sweep > 2 * _sweep_chord(shapes.radius, decimals))
-    speed = _overlap_speed(
-        shapes.length, lengths(line), columns.speed[arcs], columns.speed[arcs + 1]
-    )
+    speed = _overlap_speed(shapes.length, lengths(line), columns.speed[arcs], columns.speed[after])
     bad = turn * speed * _MARGIN > _STRAIGHT_ON
     chosen: Mask = wide & bad & (~is_level | (is_inward & (turn < _MOST)))
     return arcs[chosen]

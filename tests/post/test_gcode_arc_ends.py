@@ -114,6 +114,18 @@ def test_the_end_of_such_an_arc_is_a_chord(radius: float, degrees: float) -> Non
     assert text.count("\nG3 ") == 1
 
 
+def test_a_motion_to_the_same_place_is_not_the_line_after_the_arc() -> None:
+    end = place_at(20 - 20 * math.sin(0.01), 20 * math.cos(0.01))
+    half = 20 * math.sqrt(0.5)
+    body = (
+        MoveC(place_at(half, -half), place_at(20, 0), 20.0, 1.0, work=True),
+        MoveL(place_at(20, 0), 20.0, 1.0, work=True),
+        MoveL(end, 20.0, work=True),
+    )
+    # The chord comes on top of both lines.
+    assert text_of(body, place_at(0, -20)).count("\nG1 ") == 3
+
+
 @pytest.mark.parametrize("degrees", [-1.0, 0.0, 0.02, 9.0, 90.0])
 def test_other_ends_stay_arcs(degrees: float) -> None:
     assert turn_inward(7.2, degrees).count("\nG1 ") == turn_inward(7.2, degrees, 0.0).count("\nG1 ")
