@@ -256,6 +256,9 @@ def rows(
         yield hole, before, not after
 
 
+#: rad/s: no motion waits for the tool to turn about itself, which the text does not carry.
+_ANY_TURN = 1e9
+
 #: What a signal may be put on: LinuxCNC has at most 64 digital outputs.
 _OUTPUTS = (*COOLANT, *(f"P{n}" for n in range(64)))
 
@@ -353,6 +356,7 @@ class GCode(Rs274):
         last = 0.5 if rounded else 1.0
         return Dynamics(
             acceleration=500.0,
+            turning=_ANY_TURN,
             corner="arc",
             deviation=rounded,
             across=0.866,

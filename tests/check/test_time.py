@@ -360,6 +360,14 @@ def test_linuxcnc_nearly_stops_between_a_plunge_and_an_arc() -> None:
     assert result[:2] == pytest.approx(expected)
 
 
+def test_a_mill_does_not_wait_for_the_tool_to_turn_about_itself() -> None:
+    turned = Pose(frozen(rotation_about(2, math.pi / 2) @ TOOL_DOWN), (1.0, 0.0, 0.0))
+    pace = make_post(find_post("gcode"), {}).dynamics()
+    still, turning = (seconds(MoveL(pose, 20.0), pace=pace) for pose in (at(1, 0), turned))
+    assert turning == still
+    assert seconds(MoveL(turned, 20.0)) > seconds(MoveL(at(1, 0), 20.0))
+
+
 def test_other_controllers_run_through_rapid_motions() -> None:
     pace = make_post(find_post("grbl"), {}).dynamics()
     body = (MoveJ(at(20, 0), 100.0), MoveL(at(40, 0), 100.0))
