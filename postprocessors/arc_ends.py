@@ -19,7 +19,7 @@ from msgspec.structs import replace
 
 from camgen.geometry.arcs import circle, spans_through
 from camgen.geometry.vectors import angles, dots, lengths
-from camgen.model.pose import FloatArray
+from camgen.model.pose import FloatArray, Pose
 from camgen.model.program import (
     Columns,
     Comment,
@@ -32,7 +32,7 @@ from camgen.model.program import (
 )
 from camgen.post.passes import along
 
-from .rs274 import print_arcs
+from .rs274 import FLAT, print_arcs
 
 #: mm/s2 and s: acceleration and servo period of the machine. `ARC_BLEND_KINK_RATIO` of that
 #: acceleration may turn a motion in one period, half of it beside an arc.
@@ -62,17 +62,26 @@ def end_in_chords(program: Program, decimals: int) -> Program:
         _, radius, _, sweep = circle(start.origin, arc.via.origin, arc.target.origin)
         share = 1 - float(_sweep_chord(radius, decimals)) / sweep
         via, end = along(start, arc, (share / 2, share))
-        line = MoveL(
-            arc.target,
-            arc.speed,
-            arc.blend,
-            arc.force,
-            arc.force_direction,
-            path=arc.path,
-            work=arc.work,
-        )
-        changed[int(columns.at[row])] = (replace(arc, via=via, target=end), line)
+        places = (np.array([pose.origin]) for pose in (start, via, end))
+        fault = print_arcs(*places, decimals).fault[0]
+        if fault not in (0, FLAT):
+            continue
+        rest = _line_to(end, arc) if fault else replace(arc, via=via, target=end)
+        changed[int(columns.at[row])] = (rest, _line_to(arc.target, arc))
     return program.with_body(splice(tuple(program.body), changed)) if changed else program
+
+
+def _line_to(target: Pose, arc: MoveC) -> MoveL:
+    """A line in the place of a piece of an arc."""
+    return MoveL(
+        target,
+        arc.speed,
+        arc.blend,
+        arc.force,
+        arc.force_direction,
+        path=arc.path,
+        work=arc.work,
+    )
 
 
 def _sweep_chord(radius: float | FloatArray, decimals: int) -> FloatArray:

@@ -126,6 +126,17 @@ def test_a_motion_to_the_same_place_is_not_the_line_after_the_arc() -> None:
     assert text_of(body, place_at(0, -20)).count("\nG1 ") == 3
 
 
+def test_an_arc_that_gets_too_flat_becomes_lines() -> None:
+    """It leaves its chord by 200 x 0.0065^2 / 8 = 1.06 um, without its end by less than a digit."""
+    turns = -0.0065, -0.00325, 0.0
+    start, via, end = (place_at(200 * math.cos(turn) - 200, 200 * math.sin(turn)) for turn in turns)
+    line = MoveL(place_at(-0.35, 20.0), 20.0, work=True)
+    body = MoveC(via, end, 20.0, 1.0, work=True), line
+    assert text_of(body, start, 0.0).count("\nG3 ") == 1
+    text = text_of(body, start)
+    assert (text.count("\nG3 "), text.count("\nG1 ")) == (0, 3)
+
+
 @pytest.mark.parametrize("degrees", [-1.0, 0.0, 0.02, 9.0, 90.0])
 def test_other_ends_stay_arcs(degrees: float) -> None:
     assert turn_inward(7.2, degrees).count("\nG1 ") == turn_inward(7.2, degrees, 0.0).count("\nG1 ")
