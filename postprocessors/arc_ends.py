@@ -62,8 +62,8 @@ def end_in_chords(program: Program, decimals: int) -> Program:
         _, radius, _, sweep = circle(start.origin, arc.via.origin, arc.target.origin)
         share = 1 - float(_sweep_chord(radius, decimals)) / sweep
         via, end = along(start, arc, (share / 2, share))
-        places = (np.array([pose.origin]) for pose in (start, via, end))
-        fault = print_arcs(*places, decimals).fault[0]
+        first, middle, last = np.array([[pose.origin] for pose in (start, via, end)])
+        fault = print_arcs(first, middle, last, decimals).fault[0]
         if fault not in (0, FLAT):
             continue
         rest = _line_to(end, arc) if fault else replace(arc, via=via, target=end)
