@@ -352,7 +352,13 @@ class GCode(Rs274):
         rounded = self.path_tolerance
         last = 0.5 if rounded else 1.0
         return Dynamics(
-            acceleration=500.0, corner="arc", deviation=rounded, across=0.866, along=0.5, last=last
+            acceleration=500.0,
+            corner="arc",
+            deviation=rounded,
+            across=0.866,
+            along=0.5,
+            last=last,
+            rapid_stops=True,
         )
 
     def list_changed(self) -> frozenset[str]:
@@ -366,7 +372,7 @@ class GCode(Rs274):
             without_force(program) if self.force == "ignore" else program, chord
         )
         if self.path_tolerance:
-            program = end_in_chords(program)
+            program = end_in_chords(program, self.decimals)
         found = holes(program.columns, self.decimals) if self.cycles else []
         if not found:
             return program

@@ -92,6 +92,8 @@ FAULTS = (
     "the arc cannot be told from its chord",
     "the rounded arc has two radii",
 )
+#: Number of the fault of an arc that leaves its chord by less than a printed digit.
+FLAT = 3
 
 
 def print_arcs(start: FloatArray, via: FloatArray, end: FloatArray, decimals: int) -> Arcs:

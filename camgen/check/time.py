@@ -77,11 +77,14 @@ def _overlap(corners: Corners, pace: Dynamics) -> tuple[FloatArray, FloatArray]:
 
 
 def _arc(corners: Corners, pace: Dynamics) -> tuple[FloatArray, FloatArray]:
-    """An arc that stays within ``pace.deviation`` and within its room: v^2 = a r, e = r (1 / cos(h) - 1)."""
+    """An arc that stays within ``pace.deviation`` and within its room: v^2 = a r, e = r (1 / cos(h) - 1).
+
+    It is 2 h r long, and its speed does not change.
+    """
     cosine = np.cos(corners.half)
     within = pace.deviation * cosine / (1 - cosine)
     radius = np.minimum(within, corners.room / np.tan(corners.half))
-    return pace.across * corners.gain * radius, np.zeros(len(radius))
+    return pace.across * corners.gain * radius, radius * corners.half
 
 
 _WAYS: dict[str, Callable[[Corners, Dynamics], tuple[FloatArray, FloatArray]]] = {
@@ -225,7 +228,7 @@ def time_motions(
         if pace.corner == "junction":
             seconds[going] += _time_blocks(program, shape, pace, going, pieces)
         else:
-            seconds += _run(pieces, *_corners(program, shape, pace, going), pace.last, len(swing))
+            seconds += _run(pieces, _corners(program, shape, pace, going), len(swing))
     if found is not None and arm is not None and (columns.blend > 0).any():
         from camgen.check.passing import save_seconds  # noqa: PLC0415 (kinematics, only for what needs them)
 
@@ -343,21 +346,36 @@ def _limit_turns(before: FloatArray, after: FloatArray, pace: Dynamics) -> Float
     return np.asarray(np.minimum(gain, limit))
 
 
-def _corners(
-    program: Program, shape: MotionShapes, pace: Dynamics, going: Mask
-) -> tuple[FloatArray, FloatArray]:
-    """Squared speed allowed at the end of each motion that is ``going``, and how far around it that holds, (G,) each.
+class _Ends(Struct, frozen=True, eq=False):
+    """Limits at the ends of G motions.
 
-    The machine stands before and after all that is no line or arc, and where something is switched. A blend of 0 is a
-    stop where the controller knows blends.
+    square: (G,) squared speed, mm2/s2, that is allowed at the end of a motion.
+    reach: (G,) mm before and after the end in which that holds.
+    share: (G,) share of its acceleration that a motion may use.
+    """
+
+    square: FloatArray
+    reach: FloatArray
+    share: FloatArray
+
+
+def _corners(program: Program, shape: MotionShapes, pace: Dynamics, going: Mask) -> _Ends:
+    """The limits at the ends of the motions that are ``going``.
+
+    The machine stands before and after all that is no line or arc, and where something is
+    switched. A blend of 0 is a stop where the controller knows blends.
     """
     columns = program.columns
     index = np.flatnonzero(going)
     square, reach = np.zeros(len(index)), np.zeros(len(index))
     done = np.cumsum(~columns.are(Comment))[columns.at]
     follows = (np.diff(index) == 1) & (np.diff(done[index]) == 1)
+    share = np.where(np.append(follows, False), 1.0, pace.last)
     if pace.corner in ("zone", "overlap"):
         follows &= columns.blend[index[:-1]] > 0
+    if pace.rapid_stops:
+        rapid = columns.moves_are(MoveJ)[index]
+        follows &= rapid[:-1] == rapid[1:]
     one, two = index[:-1][follows], index[1:][follows]
     # Half of the angle between unit vectors, exact for small and for large ones.
     apart = lengths(shape.first[two] - shape.last[one])
@@ -370,15 +388,24 @@ def _corners(
         gain=_limit_turns(shape.last[one], shape.first[two], pace),
     )
     here = np.flatnonzero(follows)
-    found, around = pass_corners(corners, pace)
-    square[here], reach[here] = found, np.where(found < corners.fast**2, around, 0.0)
-    return square, reach
+    limit, around = pass_corners(corners, pace)
+    # A motion that may not brake as hard as others is entered as if half of it were to stop in.
+    brake = pace.last * pace.acceleration * np.where(np.isinf(shape.radius[two]), 1.0, pace.along)
+    is_held = share[1:][follows] < 1
+    limit = np.where(is_held, np.minimum(limit, brake * shape.length[two]), limit)
+    if pace.last < 1:
+        # A level arc and a line up or down beside it share the acceleration, and nearly stop.
+        rise = np.maximum(np.abs(shape.last[one, 2]), np.abs(shape.first[two, 2])) > _NONE
+        overlap = rise & ~(np.isinf(shape.radius[one]) & np.isinf(shape.radius[two]))
+        limit[overlap] = around[overlap] = 0.0
+        share[here[overlap]] = share[here[overlap] + 1] = pace.last
+    square[here], reach[here] = limit, np.where(limit < corners.fast**2, around, 0.0)
+    return _Ends(square, reach, share)
 
 
-def _run(
-    pieces: _Pieces, square: FloatArray, reach: FloatArray, last: float, count: int
-) -> FloatArray:
+def _run(pieces: _Pieces, limits: _Ends, count: int) -> FloatArray:
     """Seconds (M,) of the motions that the pieces belong to."""
+    square, reach = limits.square, limits.reach
     nodes = np.append(0.0, np.cumsum(pieces.length))
     ends = nodes[1:][ends_run(pieces.motion)]
     wide = np.flatnonzero(reach > 0)
@@ -387,7 +414,7 @@ def _run(
     length, middle = np.diff(edges), (edges[1:] + edges[:-1]) / 2
     piece = np.searchsorted(nodes, middle) - 1
     most, gain = pieces.most[piece], pieces.gain[piece]
-    gain[(square == 0)[np.searchsorted(ends, middle)]] *= last
+    gain *= limits.share[np.searchsorted(ends, middle)]
     if len(wide):
         zone = np.searchsorted(begin, middle) - 1
         inside = (zone >= 0) & (middle < end[zone])

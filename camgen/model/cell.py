@@ -25,19 +25,26 @@ class Axes(Struct, frozen=True):
 
 
 class Dynamics(Struct, frozen=True):
-    """What a machine is taken to do: for the time of a program, and for the corners that it rounds by itself.
+    """Assumptions about a machine: for the time of a program, and for the corners that it rounds.
 
-    acceleration: mm/s2 of the TCP. turning: rad/s of the tool. ramp: s in which a joint, or the tool where it turns at
-    rest, comes to full speed. corner: how one is passed: "zone": rounded within the blend radius; "overlap": the next
-    motion begins while the one before ends; "arc": rounded within ``deviation`` mm, whatever the blend; "junction": as
-    fast as that, without leaving the lines. across, along: the shares of the acceleration that an arc may use; last:
-    the share that a motion may use that ends at rest. shares: joint motions run at their share of the joints' speeds
-    where it is known, not at a speed of the TCP. fastest: mm/s of the TCP, most: share of the joints' speeds, that a
-    program may ask for.
-
-    axes: limits of each axis of a machine; None: ``acceleration`` in every direction.
+    acceleration: acceleration of the TCP, mm/s2.
+    turning: speed at which the tool turns, rad/s.
+    ramp: time in which a joint, or a tool that turns at rest, comes to full speed, s.
+    corner: how a corner is passed. "zone": rounded within the blend radius. "overlap": the next
+        motion begins while the one before ends. "arc": rounded within `deviation`, whatever the
+        blend. "junction": as fast as "arc", without leaving the lines.
+    deviation: distance by which a corner may be left, mm.
+    across, along: shares of the acceleration that an arc may use.
+    last: share of the acceleration of a motion that no other follows, and of a level arc and a line
+        up or down beside it. Below 1 such a motion is entered as if half of it were to stop in.
+    rapid_stops: whether the machine stands between a joint motion and a line or an arc.
+    shares: whether joint motions run at their share of the joints' speeds where it is known, not at
+        a speed of the TCP.
+    fastest: highest speed of the TCP, mm/s.
+    most: largest share of the joints' speeds that a program may ask for.
+    axes: limits of each axis of a machine; None: `acceleration` in every direction.
     chord: distance by which the chords of an arc leave it, mm, for "junction".
-    pause: s for which the machine stands where it comes to rest.
+    pause: time for which the machine stands where it comes to rest, s.
     """
 
     acceleration: float = 5000.0
@@ -48,6 +55,7 @@ class Dynamics(Struct, frozen=True):
     across: float = 1.0
     along: float = 1.0
     last: float = 1.0
+    rapid_stops: bool = False
     shares: bool = False
     fastest: float = 5000.0
     most: float = 1.0

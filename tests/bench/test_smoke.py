@@ -103,6 +103,8 @@ SMOKES = [
     Smoke("photo.pist --feed --small", (2,), {"off 5 %": (0, 35), "peak": (0.9, 4)}),
     Smoke("photo.burrs 1 2 1", (1, 1), {"missed": (0, 0), "height off: max mm": (0, 0.3)}),
     Smoke("photo.calibrate {here}/boards 9x6 1", (7, 4), {"fx": (599, 601), "**camgen**": (0, 0.1)}),
+    # LinuxCNC does not start each time, and no test needs it.
+    Smoke("controllers.linuxcnc layers-inside --planned", (1,), {"predicted, s": (4, 6)}),
     Smoke("check.rounding gaps-outside", (3,), {"allowed, mm": (0.01, 0.02), "stops": (5, 20)}),
     Smoke("check.tangent_parts 3", (3,), {"parts": (1, 1), "beyond the tolerance": (0, 0)}),
     Smoke("check.proof 11 --runs 1", (2,), {"shapes": (11, 11), "share %": (0, 90)}),

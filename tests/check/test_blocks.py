@@ -89,13 +89,15 @@ def test_an_arc_of_linuxcnc_is_limited_by_the_weaker_of_its_axes() -> None:
 def test_a_corner_of_linuxcnc_has_the_acceleration_of_its_plane() -> None:
     # In the plane of X and Z the weaker axis is Z, 100 mm/s2. The corner of 90 deg is rounded by
     # 0.02 mm with the radius r, 0.02 = r (sqrt(2) - 1); the square of its speed is 0.866 * 100 r.
-    square = 0.866 * 100 * 0.02 / (math.sqrt(2) - 1)
+    # Half of its arc belongs to each line.
+    radius = 0.02 / (math.sqrt(2) - 1)
+    square, arc = 0.866 * 100 * radius, radius * math.pi / 4
     corner = math.sqrt(square)
     assert corner < 10
 
     def part(length: float, speed: float, gain: float) -> float:
         up, down = speed**2 / (2 * gain), (speed**2 - square) / (2 * gain)
-        return (2 * speed - corner) / gain + (length - up - down) / speed
+        return (2 * speed - corner) / gain + (length - arc - up - down) / speed + arc / corner
 
     spent = seconds(
         MoveL(at(50, 0), 1000.0), MoveL(at(50, 0, 50), 1000.0), dynamics=drive("linuxcnc")

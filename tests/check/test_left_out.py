@@ -29,9 +29,10 @@ def built(
 ) -> tuple[Result, int]:
     """The result, and how many programs were checked for it."""
     said: list[str] = []
-    result = camgen.build(
-        part, post=tables.pop("post", "rapid"), job=tables, strict=strict, watch=said.append
-    )
+    post = tables.pop("post", "rapid")
+    # A tool without a mass is another reason for --strict.
+    options = {"post": {"mass": 1.0}} if strict else {}
+    result = camgen.build(part, post=post, job=tables | options, strict=strict, watch=said.append)
     return result, said.count("checking")
 
 
