@@ -18,7 +18,7 @@ from camgen.check.stock import Cut, Design, Task, design
 from camgen.model.job import Job, OperationTable, ProcessTable, StockTable, ToolTable
 from camgen.model.part import Contour, Part
 from camgen.model.pose import TOOL_DOWN, Pose
-from camgen.model.program import Comment, Instruction, MoveJ, MoveL
+from camgen.model.program import Comment, Instruction, MoveJ, MoveL, Output
 
 Array = NDArray[np.float64]
 
@@ -168,7 +168,9 @@ def _tabs() -> Scene:
     job = _job("follow", 4.0, 3.0, tabs=4, tab_width=5.0, tab_height=1.0)
     inner, _ = _body(replace(part, contours=(hole,)), _job("trace", 4.0, 3.0, passes=1))
     inner = tuple(_inwards(item, 4.5 / 6.0) for item in inner)
-    body = [*inner, *_ring(-2.0, False), *_ring(-4.0, True)]
+    stop = next(k for k in reversed(range(len(inner))) if isinstance(inner[k], Output))
+    turning = [*inner[:stop], *inner[stop + 1 :]]
+    body = [*turning, *_ring(-2.0, False), *_ring(-4.0, True), inner[stop]]
     made = design([Task(job, part)], StockTable(thickness=4.0))
     rules = (Rule((plate, hole), False, 4.0),)
     return Scene(

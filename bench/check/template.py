@@ -24,6 +24,7 @@ from bench.machine import machine
 from bench.support.runner import SHARED, Table, find_files
 from camgen.check.stock import TOLERANCE_MM, Cut, Design, Level, StockProof, prove
 from camgen.cli.init import template
+from camgen.model.cell import Dynamics
 from camgen.model.errors import CamgenError
 from camgen.model.job import InputTable, Job
 from camgen.pipeline import Result, build
@@ -123,9 +124,9 @@ def _remember() -> Iterator[list[Proven]]:
     """What the proofs of builds look at."""
     kept: list[Proven] = []
 
-    def keep(cuts: Sequence[Cut], design: Design) -> StockProof:
+    def keep(cuts: Sequence[Cut], design: Design, dynamics: Dynamics | None) -> StockProof:
         kept.append(Proven(cuts, design))
-        return prove(cuts, design)
+        return prove(cuts, design, dynamics)
 
     with patch.object(sys.modules["camgen.check.stock"], "prove", keep):
         yield kept
