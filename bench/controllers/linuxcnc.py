@@ -9,7 +9,7 @@ or cut short. Names choose programs, `fast` is the word for 100 mm/s: `logo-trac
 its clocks `--hurry` times as fast as real ones (5). A program without a result is run once more.
 `--planned` leaves out LinuxCNC.
 
-It needs Debian's package linuxcnc-uspace, a C compiler, and `shared/controllers` beside the
+It needs Debian's package linuxcnc-uspace, a C compiler, and shared/controllers beside the
 repository. Where one is missing, the bench says so and ends with 0. Do not run `rs274` beside it.
 Exits with 1 if a path is left by more than P and 1 um, or a time is more than 3 % off.
 """

@@ -147,7 +147,7 @@ class _Reader:
 def read_path(text: str, folder: Path) -> ProgrammedPath:
     """The path of a program on a machine that starts at its zero.
 
-    folder: has the work offset in `mill.var` and tool lengths in `tool.tbl`.
+    folder: holds the files of the machine with its work offset and tool lengths.
     """
     parameters = dict(line.split() for line in (folder / "mill.var").read_text().splitlines())
     offset = np.array([float(parameters[str(number)]) for number in (5221, 5222, 5223)])

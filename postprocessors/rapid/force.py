@@ -241,8 +241,8 @@ def stop_before_calibrations(post: str, body: Sequence[Instruction]) -> tuple[In
 
 #: rad: the widest arc.
 _WIDEST = math.radians(120)
-#: rad: the least angle between circle point and end, seen from the start, as planned and as printed.
-#: The manual asks for 1 degree.
+#: rad: the least angle between circle point and end, seen from the start, and between circle point
+#: and start, seen from the end, as planned and as printed. The manual asks for 1 degree at the start.
 _LEAST_ANGLE, _LEAST_PRINTED_ANGLE = math.radians(1.25), math.radians(1.1)
 #: mm: the least distance of any two of the three points.
 _CLOSEST = 0.2
@@ -307,7 +307,7 @@ class _Shapes(NamedTuple):
     """N arcs through three points.
 
     sweep: (N,) rad.
-    angle: (N,) rad between circle point and end, seen from the start.
+    angle: (N,) rad between circle point and the chord, at the end where it is smaller.
     height: (N,) distance, mm, of the circle point from the chord.
     closest: (N,) least distance, mm, of two of the points.
     shorter: (N,) share of the arc that the shorter of its two pieces has.
@@ -329,7 +329,8 @@ def _shapes(start: FloatArray, via: FloatArray, end: FloatArray) -> _Shapes:
     sides = [lengths(side) for side in (back, on, chord)]
     with np.errstate(divide="ignore", invalid="ignore"):
         height, shorter = area / sides[2], np.minimum(first, last) / (first + last)
-    return _Shapes(sweep, first, height, np.minimum.reduce(sides), shorter)
+    angle = np.minimum(first, last)
+    return _Shapes(sweep, angle, height, np.minimum.reduce(sides), shorter)
 
 
 def _measure_shorter(start: Vec3, via: Vec3, end: Vec3) -> float:
@@ -356,13 +357,13 @@ def _is_round(
     """Whether an arc keeps three least values.
 
     arc: start, circle point and end, mm.
-    narrowest: angle, rad, between circle point and end, seen from the start.
+    narrowest: angle, rad, between circle point and chord at either end.
     lowest: height, mm.
     closest: distance, mm, of any two of its points.
     """
     start, via, end = arc
     near = min(math.dist(start, via), math.dist(via, end), math.dist(start, end))
-    angle, height = _angles(start, via, end)[0], sweep_and_height(start, via, end)[1]
+    angle, height = min(_angles(start, via, end)), sweep_and_height(start, via, end)[1]
     return angle >= narrowest and height >= lowest and near >= closest
 
 

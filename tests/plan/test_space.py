@@ -100,8 +100,8 @@ def test_depth_and_passes_go_below_the_curve() -> None:
         "process": {"spindle": 9000},
     }
     plain, deep = (
-        camgen.build(SPACE, post="gcode", job=TRACE),
-        camgen.build(SPACE, post="gcode", job=job),
+        camgen.build(SPACE, post="grbl", job=TRACE),
+        camgen.build(SPACE, post="grbl", job=job),
     )
     assert len(ends(deep)) == 2 * len(ends(plain))
     assert ends(deep)[:, 2].min() == pytest.approx(ends(plain)[:, 2].min() - 3)
