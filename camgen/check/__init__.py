@@ -70,7 +70,7 @@ def check(
     distance = partial(measure_apart, there.scene)
     course = trace(reach, cell.arm, distance, name or program.name)
     clear = check_clear(there, reach, course, cell.arm, name or program.name)
-    program = share_joints(reach, cell.arm, distance, limit_points(job.process))
+    program = share_joints(reach, cell, distance, limit_points(job.process))
     # Along a flat part the tool is where the job has it, fixtures near or not: what is rounded meets nothing there.
     held = where or replace(there, margin=0.0)
     program, told = hold_clear(program, reach, course, held, cell, clear.clearance)

@@ -68,7 +68,8 @@ def let_flow(
     robot, pace = cell.arm, cell.pace
     assert robot is not None
     legs, columns = legs_of(program, found, robot), program.columns
-    link = ~columns.works & (columns.turn == 0) & (columns.speed > flow.slow)
+    turns = (columns.turn > 0) & ~columns.moves_are(MoveJ)
+    link = ~columns.works & ~turns & (columns.speed > flow.slow)
     runs = {
         k: one
         for k in np.flatnonzero(link).tolist()

@@ -4,26 +4,47 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from msgspec.structs import replace
 
 from camgen.check.reach import Reach
 from camgen.geometry.ragged import ends_run
+from camgen.geometry.rotations import angles_between
 from camgen.model.pose import FloatArray, Vec3
 from camgen.model.program import MoveJ, Program
 from camgen.model.tolerance import NONZERO
 from camgen.motion.limits import measure_point_speed, slow_down
+from camgen.robots.kinematics.forward import flange
 from camgen.robots.kinematics.rates import fastest, held_share
 from camgen.robots.models import Robot
+from camgen.robots.workcell import Workcell
 
 #: No joint that turns is faster on the way (rad/s), also where the TCP hardly moves. Digits of a share.
 _FASTEST_TURN, _DIGITS = math.radians(60.0), 6
+#: A motion that takes this share of the time that it needs is slow enough: speeds are rounded.
+_NEARLY = 0.99
+#: Parts of a degree in a speed of turning, and the speed, rad/s, of motions without one.
+_PARTS, _ON_THE_WAY = 1000, math.radians(500.0)
+
+
+class _Swing(NamedTuple):
+    """A joint motion.
+
+    joints: (R, J) values along it.
+    tip: the TCP in the flange frame, mm.
+    fastest: speed of its fastest point at the joints' maximum speeds, mm/s.
+    """
+
+    joints: FloatArray
+    tip: Vec3
+    fastest: float
 
 
 def share_joints(
     found: Reach,
-    robot: Robot,
+    cell: Workcell,
     distance: Callable[[FloatArray, FloatArray], FloatArray],
     point: float,
 ) -> Program:
@@ -34,11 +55,16 @@ def share_joints(
     no joint to turn by more than 60 deg/s, and for no point of arm, holder and tool to be faster than ``point``. A
     share that a motion has already stays: in free space it may be more.
 
+    Where the TCP hardly moves, its speed does not limit the other points. A controller whose joint
+    motions keep to a speed of turning gets that speed too.
+
     found: joint values of the program.
+    cell: the cell with its arm.
     distance: upper bound of the distance of a point in two configurations, see `Setup.apart`.
     point: mm/s, infinite without a limit.
     """
-    program = found.program
+    program, robot = found.program, cell.arm
+    assert robot is not None
     columns = program.columns
     swings = np.flatnonzero(columns.moves_are(MoveJ))[1:]
     motion = np.searchsorted(columns.at, found.owner)
@@ -48,16 +74,38 @@ def share_joints(
     for swing in swings.tolist():
         joints = found.joints[int(ends[swing - 1]) : int(ends[swing]) + 1]
         move = columns.moves[swing]
-        if move.share > 0:
-            continue
-        share, speed = _share(robot, joints, tip, move.speed), move.speed
+        share, speed, turn = move.share, move.speed, 0.0
+        if not share:
+            share = _share(robot, joints, tip, speed)
         if share > 0 and math.isfinite(point):
-            limited = _floor(point / max(measure_point_speed(robot, distance, joints), NONZERO))
-            if limited < share:
+            swing_at = _Swing(joints, tip, measure_point_speed(robot, distance, joints))
+            limited = _floor(point / max(swing_at.fastest, NONZERO))
+            if limited < share and not move.share:
                 share = limited
                 speed = min(speed, slow_down(robot, joints, tip, share))
-        body[int(columns.at[swing])] = replace(move, share=share, speed=speed)
+            if cell.pace.turns:
+                turn = _limit_turn(robot, swing_at, speed, point)
+        body[int(columns.at[swing])] = replace(move, share=share, speed=speed, turn=turn)
     return program.with_body(tuple(body))
+
+
+def _limit_turn(robot: Robot, swing: _Swing, speed: float, point: float) -> float:
+    """The speed, rad/s, at which the tool may turn so that no point is too fast; 0 for any.
+
+    speed: speed of the TCP, mm/s.
+    point: maximum speed of all points, mm/s.
+    """
+    seconds = float((np.abs(swing.joints[-1] - swing.joints[0]) / robot.speeds).max())
+    rotation, origin = flange(robot, swing.joints)
+    places = origin + rotation @ np.asarray(swing.tip)
+    length = float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum())
+    angle = float(angles_between(rotation[:1], rotation[-1:])[0])
+    taken = max(seconds, length / speed, angle / _ON_THE_WAY)
+    needed = seconds * swing.fastest / point
+    if taken >= _NEARLY * needed:
+        return 0.0
+    degrees = math.floor(math.degrees(angle) / needed * _PARTS) / _PARTS
+    return math.radians(max(degrees, 1 / _PARTS))
 
 
 def _share(robot: Robot, joints: FloatArray, tip: Vec3, speed: float) -> float:

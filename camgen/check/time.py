@@ -222,6 +222,10 @@ def time_motions(
         paced = np.flatnonzero(swing & (share == 0))
         by_way = from_rest(way[paced], columns.speed[paced], pace.acceleration)
         seconds[paced] = np.maximum(seconds[paced], by_way)
+    turned = np.flatnonzero(swing & (columns.turn > 0))
+    gain = pace.turning / pace.ramp
+    by_turn = from_rest(shape.turn[turned], columns.turn[turned], gain)
+    seconds[turned] = np.maximum(seconds[turned], by_turn)
     going = ~swing & ~still
     if going.any():
         pieces = _pieces(program, shape, pace, going, rows)

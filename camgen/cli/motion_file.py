@@ -58,7 +58,7 @@ class _Line(Struct, frozen=True, tag_field="do", omit_defaults=True, forbid_unkn
 
 #: The keys of each instruction, in order. A key with `?` may be left out.
 _KEYS: Mapping[type[Struct], str] = {
-    MoveJ: "speed to? rotation? joints? blend? posture? called? path? work? share?",
+    MoveJ: "speed to? rotation? joints? blend? posture? called? path? work? share? turn?",
     MoveL: "to rotation speed blend? force? press? posture? called? path? work? turn?",
     MoveC: "via via_rotation to rotation speed blend? force? press? posture? called? path? work?",
     Output: "signal value",

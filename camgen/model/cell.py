@@ -40,6 +40,7 @@ class Dynamics(Struct, frozen=True):
     rapid_stops: whether the machine stands between a joint motion and a line or an arc.
     shares: whether joint motions run at their share of the joints' speeds where it is known, not at
         a speed of the TCP.
+    turns: whether a joint motion keeps to a speed at which the tool turns.
     fastest: highest speed of the TCP, mm/s.
     most: largest share of the joints' speeds that a program may ask for.
     axes: limits of each axis of a machine; None: `acceleration` in every direction.
@@ -57,6 +58,7 @@ class Dynamics(Struct, frozen=True):
     last: float = 1.0
     rapid_stops: bool = False
     shares: bool = False
+    turns: bool = False
     fastest: float = 5000.0
     most: float = 1.0
     axes: Axes | None = None

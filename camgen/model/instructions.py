@@ -41,9 +41,16 @@ class Origin(Struct, frozen=True):
 
 
 class MoveJ(Struct, frozen=True, eq=False, gc=False):
-    """Joint-interpolated motion to joints or to a pose of the TCP in the work frame. speed: TCP limit, mm/s. joints and
-    posture: of the arm at a target that is a pose, where a robot is known. path: see ``MoveL``. share: of the greatest
-    speeds of the joints, at which the TCP keeps to ``speed``; 0: not known.
+    """A joint-interpolated motion.
+
+    target: joint values, or pose of the TCP in the work frame.
+    speed: limit of the speed of the TCP, mm/s.
+    blend: radius, mm, within which the corner may be rounded; 0 is an exact stop.
+    joints, posture: of the arm at a target that is a pose, where a robot is known.
+    path, work: see `MoveL`.
+    share: share of the joints' speeds at which the TCP keeps to `speed`; 0: not known.
+    turn: limit of the speed at which the tool turns, rad/s; 0: none of its own. It is set where the
+        TCP hardly moves, so that its speed limits nothing.
     """
 
     target: Pose | Joints
@@ -54,6 +61,7 @@ class MoveJ(Struct, frozen=True, eq=False, gc=False):
     path: int = -1
     work: bool = False
     share: float = 0.0
+    turn: float = 0.0
 
 
 class MoveL(Struct, frozen=True, eq=False, gc=False):

@@ -467,6 +467,8 @@ def _turning_speeds(manner: _Manner) -> Iterator[_Column]:
         return
     # A text may lose a reorientation of less than half the last digit.
     read = both.read.turned[: both.moves] | (both.read.turn[: both.moves] > 0)
+    # A joint motion has it only for a controller whose text states it.
+    read |= both.plan.moves_are(MoveJ)[: both.moves]
     yield both.moving("speed of turning", "turn", planned & read, manner.tolerance.turn)
 
 

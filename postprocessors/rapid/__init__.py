@@ -238,7 +238,7 @@ class Rapid(RapidOptions):
             isinstance(motion, MoveC) and _far(motion.via)
         ):
             return f"a coordinate of more than {FARTHEST} mm, which a num does not carry exactly"
-        turn = math.degrees(motion.turn) if isinstance(motion, MoveL) else 0.0
+        turn = math.degrees(_turn(motion))
         if turn and not _LEAST_SPEED_AND_ZONE <= turn <= _FASTEST:
             return f"a turn at {turn:g} deg/s; use {_LEAST_SPEED_AND_ZONE} to {_FASTEST} for process.turn"
         if not _LEAST_SPEED_AND_ZONE <= motion.speed <= _FASTEST:
@@ -602,7 +602,7 @@ class Rapid(RapidOptions):
 
     def dynamics(self) -> Dynamics:
         """An average arm, which rounds corners within zones."""
-        return Dynamics(corner="zone")
+        return Dynamics(corner="zone", turns=True)
 
     def list_verified(self) -> frozenset[str]:
         """Tool and work object are in the text where it declares them, the posture unless it is not to be."""
@@ -650,7 +650,7 @@ def _why_not_turn(line: MoveL, start: Pose | None) -> str:
 
 
 def _turn(motion: Motion) -> float:
-    return motion.turn if isinstance(motion, MoveL) else 0.0
+    return 0.0 if isinstance(motion, MoveC) else motion.turn
 
 
 def _far(pose: Pose) -> bool:

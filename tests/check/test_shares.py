@@ -16,11 +16,13 @@ from camgen.model.program import Joints, MoveJ, MoveL, Program
 from camgen.robots.catalogue import robot
 from camgen.robots.kinematics.forward import jacobian
 from camgen.robots.models import Robot
+from camgen.robots.workcell import Workcell
 from fixtures.program_text import dump, parse
 
 ARM = robot("VS-060")
 HOME = Joints(tuple(math.radians(v) for v in (0.0, 0.0, 90.0, 0.0, 30.0, 0.0)))
 BASE, TOOL = translation(320, -25, 150), translation(0, 0, 100)
+CELL = Workcell("VS-060", BASE, TOOL, HOME, arm=ARM)
 
 
 def down(x: float, y: float, z: float = 20.0) -> Pose:
@@ -33,7 +35,7 @@ def stand(joints: FloatArray, _: FloatArray) -> FloatArray:
 
 def shared(*motions: MoveJ | MoveL) -> Program:
     program = Program("part", BASE, TOOL, (MoveJ(HOME, 100.0), *motions))
-    return share_joints(check_reach(program, ARM, "part"), ARM, stand, math.inf)
+    return share_joints(check_reach(program, ARM, "part"), CELL, stand, math.inf)
 
 
 def ends_of(program: Program, swing: int) -> tuple[Joints, Joints]:
@@ -100,7 +102,7 @@ def test_time_of_a_swing_is_that_of_its_share_where_the_machine_takes_one() -> N
     found = check_reach(
         Program("part", BASE, TOOL, (MoveJ(HOME, 100.0), MoveJ(down(64, 15), 100.0))), ARM, "part"
     )
-    program = share_joints(found, ARM, stand, math.inf)
+    program = share_joints(found, CELL, stand, math.inf)
     a, b = ends_of(program, 1)
     share = program.columns.share[1]
     longest = float(np.max(np.abs(np.subtract(b.values, a.values)) / ARM.speeds))

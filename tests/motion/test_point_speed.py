@@ -2,19 +2,28 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
+from camgen_posts.rapid import Rapid
 
 import camgen
-from camgen.model.pose import FloatArray
-from camgen.model.program import MoveJ
+from camgen.check.reach import check_reach
+from camgen.check.shares import share_joints
+from camgen.model.cell import Dynamics
+from camgen.model.errors import VerifyError
+from camgen.model.pose import FloatArray, translation
+from camgen.model.program import Joints, MoveJ, Program
+from camgen.post.plugins import find_readback
+from camgen.post.verify import compare
 from camgen.robots.catalogue import robot
 from camgen.robots.kinematics.forward import flange, frames
 from camgen.robots.models import Robot
+from camgen.robots.workcell import Workcell
 
 PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
 #: Corners of the holder in the flange frame, mm.
@@ -68,6 +77,43 @@ def fastest_point(arm: Robot, swing: Swing) -> float:
     # The TCP, the second point of the tool, has the speed of the motion in the mean.
     at_speed = float(steps[:, -9].sum()) / speed
     return float(steps.max()) * len(steps) / max(at_share, at_speed)
+
+
+def test_a_tool_that_turns_about_its_tip_turns_no_faster_than_its_holder_may_move() -> None:
+    """Axis 6 turns by 170 deg with the TCP on it: only a speed of turning slows the holder down."""
+    arm = robot("IRB 2400")
+    start = np.radians([0.0, 20.0, 10.0, 0.0, 60.0, -80.0])
+    end = start + np.radians([0.0, 0.0, 0.0, 0.0, 0.0, 170.0])
+    tool = translation(0, 0, 150)
+    pace = Dynamics(turns=True)
+    cell = Workcell("cell", translation(0, 0, 0), tool, Joints(tuple(start)), arm=arm, pace=pace)
+    body = (MoveJ(Joints(tuple(start)), 100.0), MoveJ(Joints(tuple(end)), 100.0))
+    program = Program("part", translation(0, 0, 0), tool, body)
+
+    def distance(before: FloatArray, after: FloatArray) -> FloatArray:
+        moved = points_at(arm, after) - points_at(arm, before)
+        return np.linalg.norm(moved, axis=2).max(axis=1)
+
+    reach = check_reach(program, arm, "part")
+    limited = share_joints(reach, cell, distance, LIMIT)
+    swing = limited.body[1]
+    # The corners of the holder are sqrt(2) 60 mm from the axis.
+    assert swing.turn == pytest.approx(LIMIT / (60 * math.sqrt(2)), rel=0.02)
+    assert swing.turn * 60 * math.sqrt(2) <= 1.001 * LIMIT
+    unhurried = share_joints(reach, cell, distance, math.inf).body[1]
+    assert unhurried.turn == 0.0
+    # The text states it, and the comparison with the plan finds another value.
+    post, options = Rapid(), {}
+    files = post.render(post.prepare(limited, 0.01))
+    text = files[0].text
+    reading = find_readback("rapid")({files[0].name: text}, options)
+    same = compare(limited, reading, post.tolerance(), post.list_verified(), "part.mod")
+    assert same.instructions == 2
+    degrees = f",{math.degrees(swing.turn):.3f}".rstrip("0")
+    assert text.count(degrees) == 1
+    changed = find_readback("rapid")({"a": text.replace(degrees, ",500")}, options)
+    with pytest.raises(VerifyError, match="speed of turning"):
+        compare(limited, changed, post.tolerance(), post.list_verified(), "part.mod")
 
 
 @pytest.mark.parametrize("post", ["rapid", "pacscript", "vplus"])

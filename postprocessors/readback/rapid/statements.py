@@ -337,9 +337,11 @@ def _move(state: State, line: int, bound: Bound, via: Pose | None, target: Pose 
 
 def _turn(state: State, bound: Bound, target: Pose | Joints) -> float:
     """The speed of turning, rad/s, of a motion whose TCP stays where it is, however little of a turn the digits of the
-    text show; 0 where it travels.
+    text show, and of a joint motion that has its own; 0 where it travels.
     """
     here = state.here
+    if isinstance(target, Joints) or bound.name == "movej":
+        return bound.turn if abs(bound.turn - _ON_THE_WAY) > _SAME_TURN else 0.0
     return (
         bound.turn
         if isinstance(target, Pose) and here is not None and here.origin == target.origin
@@ -350,7 +352,7 @@ def _turn(state: State, bound: Bound, target: Pose | Joints) -> float:
 def _free(bound: Bound, via: Pose | None, target: Pose | Joints, turn: float) -> Motion:
     """A motion without force."""
     if isinstance(target, Joints) or bound.name == "movej":
-        return MoveJ(target, bound.speed, bound.blend, posture=bound.posture)
+        return MoveJ(target, bound.speed, bound.blend, posture=bound.posture, turn=turn)
     if via is not None:
         return MoveC(via, target, bound.speed, bound.blend, posture=bound.posture)
     return MoveL(target, bound.speed, bound.blend, posture=bound.posture, turn=turn)
