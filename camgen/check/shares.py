@@ -15,7 +15,7 @@ from camgen.geometry.rotations import angles_between
 from camgen.model.pose import FloatArray, Vec3
 from camgen.model.program import MoveJ, Program
 from camgen.model.tolerance import NONZERO
-from camgen.motion.limits import measure_point_speed, slow_down
+from camgen.motion.limits import measure_point_speed, round_down, slow_down
 from camgen.robots.kinematics.forward import flange
 from camgen.robots.kinematics.rates import fastest, held_share
 from camgen.robots.models import Robot
@@ -24,9 +24,11 @@ from camgen.robots.workcell import Workcell
 #: No joint that turns is faster on the way (rad/s), also where the TCP hardly moves. Digits of a share.
 _FASTEST_TURN, _DIGITS = math.radians(60.0), 6
 #: A motion that takes this share of the time that it needs is slow enough: speeds are rounded.
-_NEARLY = 0.99
+_NEARLY = 0.999
 #: Parts of a degree in a speed of turning, and the speed, rad/s, of motions without one.
 _PARTS, _ON_THE_WAY = 1000, math.radians(500.0)
+#: mm: a TCP that moves farther has a speed that limits its motion.
+_MOVES_MM = 1.0
 
 
 class _Swing(NamedTuple):
@@ -84,15 +86,17 @@ def share_joints(
                 share = limited
                 speed = min(speed, slow_down(robot, joints, tip, share))
             if cell.pace.turns:
-                turn = _limit_turn(robot, swing_at, speed, point)
+                speed, turn = _limit(robot, swing_at, speed, point)
         body[int(columns.at[swing])] = replace(move, share=share, speed=speed, turn=turn)
     return program.with_body(tuple(body))
 
 
-def _limit_turn(robot: Robot, swing: _Swing, speed: float, point: float) -> float:
-    """The speed, rad/s, at which the tool may turn so that no point is too fast; 0 for any.
+def _limit(robot: Robot, swing: _Swing, speed: float, point: float) -> tuple[float, float]:
+    """The speeds of TCP, mm/s, and tool, rad/s, at which no point of an arm is too fast.
 
-    speed: speed of the TCP, mm/s.
+    The speed of the tool is 0 for any; it limits a motion whose TCP hardly moves.
+
+    speed: speed of the TCP as planned, mm/s.
     point: maximum speed of all points, mm/s.
     """
     seconds = float((np.abs(swing.joints[-1] - swing.joints[0]) / robot.speeds).max())
@@ -100,12 +104,13 @@ def _limit_turn(robot: Robot, swing: _Swing, speed: float, point: float) -> floa
     places = origin + rotation @ np.asarray(swing.tip)
     length = float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum())
     angle = float(angles_between(rotation[:1], rotation[-1:])[0])
-    taken = max(seconds, length / speed, angle / _ON_THE_WAY)
     needed = seconds * swing.fastest / point
-    if taken >= _NEARLY * needed:
-        return 0.0
+    if max(seconds, length / speed, angle / _ON_THE_WAY) >= _NEARLY * needed:
+        return speed, 0.0
+    if length >= _MOVES_MM:
+        return round_down(length / needed), 0.0
     degrees = math.floor(math.degrees(angle) / needed * _PARTS) / _PARTS
-    return math.radians(max(degrees, 1 / _PARTS))
+    return speed, math.radians(max(degrees, 1 / _PARTS))
 
 
 def _share(robot: Robot, joints: FloatArray, tip: Vec3, speed: float) -> float:

@@ -212,7 +212,11 @@ def slow_down(robot: Robot, joints: FloatArray, tip: Vec3, share: float) -> floa
     seconds = float((np.abs(joints[-1] - joints[0]) / robot.speeds).max())
     rotation, origin = flange(robot, joints)
     steps = np.diff(origin + rotation @ np.asarray(tip), axis=0)
-    speed = share * float(np.linalg.norm(steps, axis=1).sum()) / seconds
+    return round_down(share * float(np.linalg.norm(steps, axis=1).sum()) / seconds)
+
+
+def round_down(speed: float) -> float:
+    """A speed, mm/s, as programs state it: a whole number from 10 on, else in thousandths."""
     if speed >= _WHOLE:
         return float(math.floor(speed))
     return max(math.floor(speed * _PARTS) / _PARTS, 1 / _PARTS)

@@ -67,13 +67,16 @@ def points_at(arm: Robot, joints: FloatArray) -> FloatArray:
     return np.concatenate([frames(arm, joints)[1], tool], axis=1)
 
 
-def fastest_point(arm: Robot, swing: Swing) -> float:
-    """mm/s, in a motion that takes as long as its share and its speed of the TCP say."""
+def fastest_point(arm: Robot, swing: Swing, post: str = "") -> float:
+    """mm/s, in a motion that takes as long as its share and its speed of the TCP say.
+
+    RAPID states no share: there the joints may run at their full speeds.
+    """
     speed, share, start, end = swing
     joints = start + np.linspace(0, 1, 2001)[:, None] * (end - start)
     places = points_at(arm, joints)
     steps = np.linalg.norm(np.diff(places, axis=0), axis=2)
-    at_share = float((np.abs(end - start) / arm.speeds).max()) / share
+    at_share = float((np.abs(end - start) / arm.speeds).max()) / (1.0 if post == "rapid" else share)
     # The TCP, the second point of the tool, has the speed of the motion in the mean.
     at_speed = float(steps[:, -9].sum()) / speed
     return float(steps.max()) * len(steps) / max(at_share, at_speed)
@@ -120,9 +123,10 @@ def test_a_tool_that_turns_about_its_tip_turns_no_faster_than_its_holder_may_mov
 @pytest.mark.parametrize("tool", [{}, {"symmetric": True}, {"turn": [-90.0, 90.0, 30.0]}])
 def test_no_point_is_faster(post: str, tool: dict[str, object]) -> None:
     arm = robot("IRB 2400")
-    speeds = [fastest_point(arm, swing) for swing in list_swings(build(post, tool))]
+    speeds = [fastest_point(arm, swing, post) for swing in list_swings(build(post, tool))]
     assert speeds
-    assert max(speeds) <= LIMIT
+    # Speeds are rounded, and a motion within a thousandth of its time is left.
+    assert max(speeds) <= 1.001 * LIMIT
 
 
 def test_a_travel_speed_is_kept_to_instead() -> None:

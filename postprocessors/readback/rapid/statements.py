@@ -460,7 +460,8 @@ def _check_way(
             state.faults.append(Fault(line, fault))
         state.remark(line, remark)
     if (
-        abs(bound.turn - _ON_THE_WAY) > _SAME_TURN
+        bound.name != "movej"
+        and abs(bound.turn - _ON_THE_WAY) > _SAME_TURN
         and math.dist(start.origin, target.origin) > _TRAVELS
     ):
         state.remark(
