@@ -79,7 +79,8 @@ def share_joints(
         share, speed, turn = move.share, move.speed, 0.0
         if not share:
             share = _share(robot, joints, tip, speed)
-        if share > 0 and math.isfinite(point):
+        is_judged = not move.share or cell.pace.turns
+        if share > 0 and is_judged and math.isfinite(point):
             swing_at = _Swing(joints, tip, measure_point_speed(robot, distance, joints))
             limited = _floor(point / max(swing_at.fastest, NONZERO))
             if limited < share and not move.share:

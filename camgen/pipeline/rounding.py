@@ -114,7 +114,13 @@ def _refuse(worst: Rounding, post: Post) -> NoSafeProgram:
         f"the controller rounds the corner at {place} mm by {short(worst.mm, 4)} mm, "
         f"the job allows {short(worst.allowed, 4)} mm"
     )
+    remedy = remedy_for_corners(post, worst.allowed)
+    return NoSafeProgram(worst.file, what, f"line {worst.line}", remedy)
+
+
+def remedy_for_corners(post: Post, allowed: float) -> str:
+    """The settings to change where corners are rounded by more than the distance `allowed`, mm."""
     remedy = "raise tolerance.corner"
     if hasattr(post, _PATH):
-        remedy = f"set post.path_tolerance = {short(worst.allowed, 4)}, or {remedy}"
-    return NoSafeProgram(worst.file, what, f"line {worst.line}", remedy)
+        return f"set post.path_tolerance = {short(allowed, 4)}, or {remedy}"
+    return remedy

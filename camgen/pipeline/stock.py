@@ -19,7 +19,7 @@ from camgen.model.path import Tour
 from camgen.model.pose import Pose
 from camgen.model.program import Comment, Program
 from camgen.order import JobTour
-from camgen.pipeline.rounding import list_tolerances
+from camgen.pipeline.rounding import list_tolerances, remedy_for_corners
 from camgen.plan import EdgePlan, JobPlan, Plan, ReplayPlan
 from camgen.plan.columns import path_segments
 from camgen.plan.steps import job_of
@@ -64,7 +64,7 @@ def prove_stock(
             '; "pocket" clears exactly' if filled else ""
         )
         if worst.kind == "corner":
-            remedy = "raise tolerance.corner"
+            remedy = remedy_for_corners(post, float(list_tolerances(tour, job)[:-1].min()))
         raise NoSafeProgram(worst.file, f"{worst.text}{more}", f"line {worst.line}", remedy)
     return proof
 

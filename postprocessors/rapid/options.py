@@ -307,12 +307,14 @@ class RapidOptions(Post):
             )
 
     def name_tool(self, number: int, name: str) -> Mapping[str, object]:
-        """The name of the tooldata: of a declared one with the number, else the name of the tool.
+        """The name of the tooldata. A declared one holds the number or the name of the tool.
 
         Raises JobError for a name that RAPID cannot have.
         """
+        if self.declare and number:
+            return {"tool": f"{self.tool}{number}"}
         if self.declare:
-            return {"tool": f"{self.tool}{number}"} if number else {}
+            return {"tool": legal_name(f"{self.tool}_{name}", self.longest)} if name else {}
         if fault := name_fault(name, self.longest, True):
             what = f"the tool {name!r} {fault}" if name else "a tool has no name"
             remedy = "with post.declare = false it is the name of the tooldata on the controller"
@@ -320,8 +322,8 @@ class RapidOptions(Post):
         return {"tool": name}
 
     def held_tool(self) -> str:
-        """The tooldata, unless the program declares it."""
-        return "" if self.declare else f"tooldata {self.tool}"
+        """The tooldata. Modules that declare it under one name overwrite each other."""
+        return f"tooldata {self.tool}"
 
     def place_fixture(self, base_from_work: Pose) -> Pose:
         """The user frame of the work object: the fixture, or the work frame itself."""

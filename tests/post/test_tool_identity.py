@@ -72,6 +72,18 @@ def test_rapid_declares_each_tool_under_its_own_name() -> None:
         assert set(re.findall(r"\btCamgen\w*", text)) == {name}
 
 
+def test_rapid_tools_without_numbers_are_declared_under_their_names() -> None:
+    """Two modules that declare one name overwrite each other's frame."""
+    texts = [file.text for file in build("rapid", (0, 0)).files]
+    for text, name in zip(texts, ("tCamgen_drill_8", "tCamgen_mill_6"), strict=True):
+        assert set(re.findall(r"\btCamgen\w*", text)) == {name}
+
+
+def test_rapid_refuses_two_frames_under_one_name() -> None:
+    with pytest.raises(JobError, match=r"tooldata tMine .* two frames: 0 0 120 .* 0 0 80 "):
+        build("rapid", (4, 7), tool="tMine")
+
+
 def test_rapid_names_the_tools_of_the_controller() -> None:
     with pytest.raises(JobError, match="'drill 8' is not a RAPID name"):
         build("rapid", declare=False)

@@ -20,7 +20,7 @@ from camgen.check.stock.heights import Grid, carve
 from camgen.check.stock.loose import Loose, find_loose
 from camgen.check.stock.moves import TOLERANCE_MM, Cut, Moves, tabulate
 from camgen.check.stock.removal import MOST_LEVELS, Level, find_levels, remove
-from camgen.check.stock.spindle import WrongSpindle, judge_spindles
+from camgen.check.stock.spindle import WrongSpindle, check_spindles
 from camgen.model.cell import Dynamics
 from camgen.model.pose import to_vec3
 from camgen.model.text import counted, short
@@ -79,7 +79,7 @@ class StockProof(Struct, frozen=True, eq=False):
     levels: levels of the stock, from the top.
     volumes: mm3 that each cut removes first.
     notes: parts of the proof that are missing, with the reasons.
-    grid: heights in the place of levels if there are too many levels, else None.
+    grid: heights, for a job with too many levels, else None.
     bite: largest depth, mm, to which rounded corners cut material that must stay. None: the
         rounding is not modelled, and the proof is of the programmed path only.
     """
@@ -122,7 +122,7 @@ class StockProof(Struct, frozen=True, eq=False):
 
 
 def prove(cuts: Sequence[Cut], design: Design, dynamics: Dynamics | None = None) -> StockProof:
-    """What ``cuts``, one after the other, do to the stock of ``design``.
+    """The proof of `cuts`, one after the other, on the stock of `design`.
 
     dynamics: dynamics of the controller. None: it is not known how it rounds corners.
     """
@@ -139,7 +139,7 @@ def prove(cuts: Sequence[Cut], design: Design, dynamics: Dynamics | None = None)
         volumes = grid.volumes
     else:
         levels, volumes = remove(moves, cuts, design, depths)
-    spindles = judge_spindles(cuts)
+    spindles = check_spindles(cuts)
     notes = [*design.notes, *_notes(moves, unseen)]
     if not spindles.is_judged:
         notes.append("the text switches no spindle: whether the tool turns is not judged")

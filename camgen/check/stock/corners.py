@@ -97,12 +97,12 @@ def _measure(
     """The bites of some corners of a cut."""
     cut, columns = cuts[number], corners.columns
     transitions = pick_transitions(columns, corners.rows)
-    off = measure_rounding(transitions, dynamics)
+    distance = measure_rounding(transitions, dynamics)
     # A path within the tolerance of the programmed one cuts no deeper than that.
-    far = np.flatnonzero(off > TOLERANCE_MM)
+    far = np.flatnonzero(distance > TOLERANCE_MM)
     if not len(far):
         return []
-    rows, off = corners.rows[far], off[far]
+    rows, distance = corners.rows[far], distance[far]
     transitions = pick_transitions(columns, rows)
     allowed = cut.corner + allow_chords(transitions, cut.chord)
     deepest = np.zeros(len(rows))
@@ -114,7 +114,7 @@ def _measure(
         examined = points[None]
         if not len(new):
             continue
-        moves = _tabulate(points[new], beam[new], off[new], number)
+        moves = _tabulate(points[new], beam[new], distance[new], number)
         bites = measure_bites(moves, cuts, design)
         bites = np.maximum.reduceat(bites, run_starts(moves.line))
         deepest[new] = np.maximum(deepest[new], bites)
@@ -127,15 +127,15 @@ def _measure(
 
 def _is_same(points: FloatArray, examined: FloatArray) -> BoolArray:
     """(K,) whether paths (K, P, 3), mm, are one of those that are examined already (E, K, P, 3)."""
-    distance = np.abs(points - examined).max(axis=(2, 3), initial=0.0)
-    return np.asarray((distance < _SAME_MM).any(axis=0))
+    difference = np.abs(points - examined).max(axis=(2, 3), initial=0.0)
+    return np.asarray((difference < _SAME_MM).any(axis=0))
 
 
-def _tabulate(curve: FloatArray, beam: FloatArray, off: FloatArray, number: int) -> Moves:
+def _tabulate(curve: FloatArray, beam: FloatArray, distance: FloatArray, number: int) -> Moves:
     """Rounded paths (K, P, 3), mm, as chords; the line of each is the number of its corner.
 
     beam: (K,) depth of a beam or a blade in each corner; NaN for a tool with a tip.
-    off: (K,) distance, mm, of each path from the programmed one.
+    distance: (K,) distance, mm, of each path from the programmed one.
     number: number of the cut.
     """
     count = curve.shape[1] - 1
@@ -148,4 +148,4 @@ def _tabulate(curve: FloatArray, beam: FloatArray, off: FloatArray, number: int)
     depth = np.where(np.isnan(through), depth, through)
     cuts, strokes = np.full(total, number), np.zeros(total, dtype=np.intp)
     rapid = np.zeros(total, dtype=np.bool_)
-    return Moves(start, end, plane, depth, rapid, cuts, corner, strokes, off[corner], 0, 0)
+    return Moves(start, end, plane, depth, rapid, cuts, corner, strokes, distance[corner], 0, 0)

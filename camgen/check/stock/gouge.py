@@ -104,7 +104,7 @@ def measure_bites(moves: Moves, cuts: Sequence[Cut], design: Design) -> FloatArr
         allowed = _allowed(moves, cuts, deep, design, limit)
         each = np.arange(len(deep.row))
         aside = radius - _gaps(deep.plane, each, stays, float(radius.max()), allowed)
-        # The middle of the tool may be within what stays where it leaves the path by its radius.
+        # A tool that leaves the path by its radius may have its middle in material that stays.
         far = np.flatnonzero(moves.chord[deep.row] >= radius)
         middles = points_at(deep.plane.take(far), np.full(len(far), 0.5))
         within = far[stays.contains(middles)]

@@ -56,7 +56,7 @@ class Spindles(Struct, frozen=True):
     is_judged: bool
 
 
-def judge_spindles(cuts: Sequence[Cut]) -> Spindles:
+def check_spindles(cuts: Sequence[Cut]) -> Spindles:
     """Whether the spindle turns as it must wherever a tool is in material."""
     wrong: list[WrongSpindle] = []
     is_judged = True
@@ -70,11 +70,11 @@ def judge_spindles(cuts: Sequence[Cut]) -> Spindles:
             continue
         cutting = _find_cutting(cut, columns)
         is_judged &= not np.isnan(speeds[cutting]).any()
-        wrong += _judge(cut, number, columns, np.where(cutting, speeds, np.nan))
+        wrong += _find_faults(cut, number, columns, np.where(cutting, speeds, np.nan))
     return Spindles(tuple(wrong), is_judged)
 
 
-def _judge(cut: Cut, number: int, columns: Columns, speeds: FloatArray) -> list[WrongSpindle]:
+def _find_faults(cut: Cut, number: int, columns: Columns, speeds: FloatArray) -> list[WrongSpindle]:
     """The runs of motions with one fault.
 
     speeds: (M,) speed of the spindle during each motion in material, rpm, else NaN.
