@@ -13,6 +13,27 @@ At most one false line is allowed for ten drawings.
 
 from __future__ import annotations
 
+import math
+import re
+import sys
+import tomllib
+import warnings
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bench.check.words import carve, read_moves
+from bench.support.runner import SHARED, Cells, Missed, Scenario, run
+from camgen.cli.init import template
+from camgen.model.job import Job
+from camgen.pipeline import build
+from camgen.plan.propose import propose
+from camgen.read import read
+from camgen.read.files import Files
+
 #: Drawings below the folder `dxf` of the shared data.
 DRAWINGS = (
     "SofleKeyboard/OLED_Cover.dxf",
@@ -62,3 +83,115 @@ DRAWINGS = (
     "trimesh/uc.r2013a.dxf",
     "trimesh/uc.r2013b.dxf",
 )
+
+COLUMNS = "drawing | lines | not judged | false | kinds | which are false"
+MATERIALS = (None, "aluminium", "plywood")
+_EIGHTHS = (1 / 8, 1 / 4, 3 / 8, 1 / 2)
+_SIXTEENTHS = (1 / 8, 3 / 16, 1 / 4, 3 / 8, 1 / 2)
+#: Largest feeds of a tooth by the diameter, both inch, as printed in the charts; of all for None.
+TOOTH: dict[str | None, tuple[tuple[float, ...], tuple[float, ...]]] = {
+    "aluminium": (_SIXTEENTHS, (0.0012, 0.0018, 0.0022, 0.0035, 0.0045)),
+    "plywood": (_EIGHTHS, (0.005, 0.009, 0.018, 0.021)),
+    None: (_EIGHTHS, (0.007, 0.015, 0.019, 0.025)),
+}
+#: Feeds of a turn of drills in aluminium, inch.
+DRILL = (_SIXTEENTHS, (0.004, 0.005, 0.006, 0.0087, 0.0087))
+#: Cutting speeds in aluminium, feet a minute.
+MILL_SPEED, DRILL_SPEED = 2200.0, 300.0
+#: Texts are printed in digits.
+NEARLY = 1.005
+#: Depth that a judge in cells does not see, mm.
+_SLACK_MM = 0.02
+_LIMIT = re.compile(r"(?:the stock is|edges are) ([0-9.]+) mm")
+_KIND = re.compile("straight down|one pass|a tooth|a turn|turns at|below it|edges are")
+
+
+class Judge:
+    """The limits of a program by its text and the published charts.
+
+    moves: motions of the text.
+    tools: rows of the job's tools by their numbers.
+    before: depth below the axis half-way along each motion, before it, mm; empty for a part that
+        is too large for a grid.
+    """
+
+    def __init__(self, text: str, rows: list[dict[str, Any]]) -> None:
+        self.moves = list(read_moves(text))
+        self.tools = {row["number"]: row for row in rows}
+        radii = {number: row["diameter"] / 2 for number, row in self.tools.items()}
+        try:
+            self.before = carve(self.moves, radii, min(radii.values()) / 4)[1]
+        except ValueError:
+            self.before = []
+
+    def is_true(self, what: str, material: str | None) -> bool:
+        """Whether a line of the checks holds."""
+        row = next(row for row in self.tools.values() if what.startswith(f"{row['name']} "))
+        pairs = [
+            (move, move.deepest - bare)
+            for move, bare in zip(self.moves, self.before, strict=True)
+            if move.tool == row["number"] and not move.rapid and move.deepest > 0
+        ]
+        is_drill = row["kind"] == "drill"
+        if "mm deep" in what:
+            tip = row["diameter"] / 2 / math.tan(math.radians(59)) if is_drill else 0.0
+            limit = float(_LIMIT.findall(what)[0]) + 0.5 * ("thick" in what)
+            return max(move.deepest for move, _ in pairs) - tip > limit
+        if "goes straight down" in what:
+            return any(move.is_straight_down and bite > _SLACK_MM for move, bite in pairs)
+        if "one pass" in what:
+            limit = (1.0 if material == "aluminium" else 3.0) * row["diameter"]
+            return any(bite > limit for _, bite in pairs)
+        moves = [move for move, _ in pairs if move.is_straight_down == is_drill]
+        if "a tooth" in what or "a turn" in what:
+            edges = 1 if is_drill else row.get("flutes", 2)
+            worst = max(move.feed / move.speed / edges for move in moves)
+            return worst > read_chart(row, material) * NEARLY
+        if "turns at" in what:
+            feet = DRILL_SPEED if is_drill else MILL_SPEED
+            worst = max(move.speed for move in moves)
+            return worst * math.pi * row["diameter"] / 304.8 > feet * NEARLY
+        raise ValueError(what)
+
+
+def read_chart(row: dict[str, Any], material: str | None) -> float:
+    """The largest feed of a tooth or of a turn for a tool, mm."""
+    sizes, feeds = DRILL if row["kind"] == "drill" else TOOTH[material]
+    size = row["diameter"] / 25.4
+    return 25.4 * float(np.interp(size, (0.0, *sizes), (0.0, *feeds)))
+
+
+def judge(name: str, folder: Path) -> Iterator[Cells]:
+    """The row of a drawing."""
+    part = read(folder / name, Job(), Files())
+    proposal = propose(part)
+    tables = tomllib.loads(template(part.source, part.units, proposal, active=True))
+    judged: Judge | None = None
+    lines, wrong, unjudged = Counter[str](), [], 0
+    for material in MATERIALS:
+        job = {**tables, "stock": {**tables["stock"]}}
+        if material:
+            job["stock"]["material"] = material
+        result = build(part, post="gcode", job=job)
+        judged = judged or Judge(result.text, tables["tools"])
+        assert result.proof is not None
+        for breach in result.proof.set_up.breaches:
+            lines[_KIND.findall(breach.what)[0]] += 1
+            if not judged.before:
+                unjudged += 1
+            elif not judged.is_true(breach.what, material):
+                wrong.append(f"{material}: {breach.what}")
+    kinds = ", ".join(f"{count} {kind}" for kind, count in lines.items())
+    false = Missed("; ".join(wrong)) if wrong else "-"
+    yield name, lines.total(), unjudged, len(wrong), kinds, false
+
+
+def inputs(words: list[str]) -> list[tuple[str, Path]]:
+    """The drawings in a folder."""
+    folder = Path(words[0]) if words else SHARED / "dxf"
+    return [(name, folder) for name in words[1:] or DRAWINGS]
+
+
+if __name__ == "__main__":
+    warnings.simplefilter("ignore")
+    sys.exit(run(Scenario(COLUMNS, inputs(sys.argv[1:]), judge, may_refuse=True)))

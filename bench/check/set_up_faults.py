@@ -1,6 +1,6 @@
 """Faults seeded in set-ups, and whether camgen reports them.
 
-python -m bench.check.set_up_faults [SEED, 1]
+python -m bench.check.set_up_faults [SEED, 1] [MOST OF A KIND, 20]
 
 The rule that chooses them was written down before the checks. There are 200 faults of the kinds
 `KINDS`. A fault of a job is built, a fault of a text is given to `camgen verify` beside its job
@@ -12,13 +12,42 @@ and its part, with the digest of the text made right again.
   of a tool.
 
 The numbers come from a generator with the seed, and the jobs in turn from `CASES`, for LinuxCNC. A
-job without a material has that of `MATERIAL`. A fault counts if
-it matters: material that must stay is cut, or a stated limit is exceeded, by a judge that shares no
-code with the checks. Each must have a line that the sound job or text has not. At most a tenth may
-be invisible without a plan; these are listed.
+job without a material has that of `MATERIAL`, one without a thickness that of its deepest
+operation, drilling apart. A fault counts if it matters: material that must stay is cut, or a stated
+limit is exceeded, by a judge that shares no code with the checks. Each must have a line that the
+sound job or text has not. At most a tenth may be invisible without a plan; these are listed.
 """
 
 from __future__ import annotations
+
+import contextlib
+import io
+import math
+import random
+import re
+import sys
+import tempfile
+import tomllib
+import warnings
+from collections import Counter
+from collections.abc import Callable, Iterator
+from copy import deepcopy
+from itertools import combinations
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import ezdxf
+import numpy as np
+
+from bench.check.set_up import DRILL_SPEED, MILL_SPEED, NEARLY, read_chart
+from bench.check.words import Move, carve, read_moves
+from bench.support.runner import ROOT, Missed, open_table, read_words
+from camgen.cli import main
+from camgen.model.job import Job
+from camgen.model.signature import sign
+from camgen.model.toml import toml
+from camgen.read import read
+from camgen.read.files import Files
 
 #: Kinds of faults, with the number of each.
 KINDS = {
@@ -45,3 +74,389 @@ CASES = (
     "smooth-passes",
 )
 MATERIAL = "aluminium"
+
+COLUMNS = "fault | seeded | without effect | refused | a line more | no line"
+Tables = dict[str, Any]
+#: Changes a job; False if it has nothing to change.
+JobFault = Callable[[Tables, random.Random], bool]
+#: The lines of a program with one change; None if it has nothing to change.
+TextFault = Callable[[list[str], Tables, random.Random], list[str] | None]
+#: A cell whose depth differs by more, mm, is another one.
+_DEEPER_MM = 0.2
+_BELOW_MM = 0.5
+_DIGEST = re.compile(r" - text [0-9a-f]{12}")
+#: Rows of a summary that name a fault.
+_TELLING = re.compile(r"warning|differs|skipped|assumed|fault|left out|remark|exceeded")
+
+
+class Outcome(NamedTuple):
+    """The outcome of a command.
+
+    code: its exit code.
+    lines: lines that name something.
+    """
+
+    code: int
+    lines: Counter[str]
+
+
+def run(*words: str) -> Outcome:
+    """A command of camgen."""
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        code = main(list(words))
+    lines = (out.getvalue() + err.getvalue()).splitlines()
+    return Outcome(code, Counter(line for line in lines if _TELLING.search(line)))
+
+
+def write_job(job: Tables, file: Path) -> None:
+    """The tables as a job file."""
+    lines: list[str] = []
+    for name, content in job.items():
+        for row in content if isinstance(content, list) else [content]:
+            lines.append(f"[[{name}]]" if isinstance(content, list) else f"[{name}]")
+            lines += [f"{key} = {toml(value)}" for key, value in row.items()]
+    file.write_text("\n".join(lines) + "\n")
+
+
+def list_tools(job: Tables) -> list[Tables]:
+    """The rows of the tools."""
+    return job["tools"] if "tools" in job else [job.setdefault("tool", {})]
+
+
+def list_steps(job: Tables) -> list[Tables]:
+    """The rows of the operations."""
+    return job["operations"] if "operations" in job else [job.setdefault("operation", {})]
+
+
+def find_tool(job: Tables, step: Tables) -> Tables:
+    """The tool of an operation."""
+    tools, named = list_tools(job), step.get("tool")
+    return next((row for row in tools if named in (row.get("name"), row.get("number"))), tools[0])
+
+
+def read_tool(job: Tables, row: Tables) -> Tables:
+    """A tool with the values that a job leaves out."""
+    process = job.get("process", {})
+    usual = {"diameter": 6.0, "kind": "end mill", "flutes": 2, "number": 0}
+    more = {"feed": process.get("feed", 20.0), "speed": process.get("spindle", 0.0)}
+    is_drill = any(
+        step.get("kind") == "drill" and find_tool(job, step) is row for step in list_steps(job)
+    )
+    return usual | more | ({"kind": "drill"} if is_drill else {}) | row
+
+
+def list_whole_tools(job: Tables) -> list[Tables]:
+    """All tools with their values."""
+    return [read_tool(job, row) for row in list_tools(job)]
+
+
+def load(case: str) -> tuple[Path, Tables]:
+    """A golden job with a material and a thickness, and its part."""
+    job = tomllib.loads((ROOT / "fixtures" / "cases" / case / "job.toml").read_text())
+    stock = job.setdefault("stock", {})
+    stock.setdefault("material", MATERIAL)
+    steps = list_steps(job)
+    milled = [step for step in steps if step.get("kind") not in ("drill", "chamfer")]
+    depths = [step["depth"] for step in milled or steps]
+    stock.setdefault("thickness", max(depths))
+    return ROOT / "fixtures" / "parts" / f"{case.split('-', maxsplit=1)[0]}.dxf", job
+
+
+# Faults of jobs.
+
+
+def swap_tools(job: Tables, chance: random.Random) -> bool:
+    """Two operations with each other's tools."""
+    steps = [step for step in list_steps(job) if "tool" in step]
+    pairs = [
+        (first, second)
+        for first, second in combinations(steps, 2)
+        if find_tool(job, first) != find_tool(job, second)
+    ]
+    if not pairs:
+        return False
+    first, second = chance.choice(pairs)
+    first["tool"], second["tool"] = second["tool"], first["tool"]
+    return True
+
+
+def deepen(job: Tables, chance: random.Random) -> bool:
+    """An operation that goes too far below the stock."""
+    step = chance.choice([step for step in list_steps(job) if step.get("kind") != "chamfer"])
+    tool = read_tool(job, find_tool(job, step))
+    tip = tool["diameter"] / 2 / math.tan(math.radians(59)) if tool["kind"] == "drill" else 0.0
+    step["depth"] = job["stock"]["thickness"] + _BELOW_MM + tip + chance.uniform(0.05, 3.0)
+    return True
+
+
+def hurry(job: Tables, chance: random.Random) -> bool:
+    """A tool with one and a half times the largest feed of the chart."""
+    row = chance.choice(list_tools(job))
+    tool = read_tool(job, row)
+    if not tool["speed"] or tool["kind"] == "v":
+        return False
+    edges = 1 if tool["kind"] == "drill" else tool["flutes"]
+    feed = 1.5 * read_chart(tool, MATERIAL) * edges * tool["speed"] / 60
+    table = row if "tools" in job else job["process"]
+    table["feed"] = feed
+    table.pop("plunge", None)
+    return True
+
+
+def spin(job: Tables, chance: random.Random) -> bool:
+    """A tool at twice the largest cutting speed of the chart."""
+    row = chance.choice(list_tools(job))
+    tool = read_tool(job, row)
+    if not tool["speed"]:
+        return False
+    feet = DRILL_SPEED if tool["kind"] == "drill" else MILL_SPEED
+    speed = 2 * feet * 304.8 / math.pi / tool["diameter"]
+    table, key = (row, "speed") if "tools" in job else (job["process"], "spindle")
+    table[key] = speed
+    return True
+
+
+def harden(job: Tables, chance: random.Random) -> bool:
+    """Feeds and a speed for plywood, in aluminium."""
+    row = chance.choice(list_tools(job))
+    tool = read_tool(job, row)
+    if tool["kind"] != "end mill" or not tool["speed"]:
+        return False
+    feed = chance.uniform(0.6, 1.0) * read_chart(tool, "plywood") * tool["flutes"] * 300
+    table, key = (row, "speed") if "tools" in job else (job["process"], "spindle")
+    table[key], table["feed"] = 18_000.0, feed
+    return True
+
+
+def open_outline(part: Path, file: Path, chance: random.Random) -> bool:
+    """The drawing with a gap in its outline. Writes `file`."""
+    drawing = ezdxf.new()
+    contours = read(part, Job(), Files()).contours
+    sizes = [float(np.prod(np.ptp(contour.points, axis=0))) for contour in contours]
+    for contour, size in zip(contours, sizes, strict=True):
+        points = np.column_stack([contour.points, contour.bulges])
+        is_open = size == max(sizes)
+        if is_open:
+            first, last = points[0].copy(), points[-1]
+            straight = first[:2] - last[:2]
+            gap = chance.uniform(0.1, 2.0)
+            first[:2] -= straight / np.hypot(*straight) * gap
+            points = np.vstack([points, first])
+        drawing.modelspace().add_lwpolyline(
+            points,
+            format="xyb",
+            close=contour.closed and not is_open,
+            dxfattribs={"layer": contour.layer},
+        )
+    drawing.saveas(file)
+    return True
+
+
+# Faults of texts.
+
+
+def _change(
+    lines: list[str], chance: random.Random, pattern: str, by: Callable[[float], str]
+) -> list[str] | None:
+    """The text with one number changed.
+
+    pattern: the number as its group.
+    by: the new text of a number.
+    """
+    code = [k for k, line in enumerate(lines) if "(" not in line and re.search(pattern, line)]
+    if not code:
+        return None
+    place = chance.choice(code)
+    match = re.search(pattern, lines[place])
+    assert match
+    start, end = match.span(1)
+    changed = lines[place][:start] + by(float(match[1])) + lines[place][end:]
+    return [*lines[:place], changed, *lines[place + 1 :]]
+
+
+def shift_depth(lines: list[str], _job: Tables, chance: random.Random) -> list[str] | None:
+    by = chance.choice((-0.5, 0.5))
+    return _change(lines, chance, r"\bZ(-[0-9.]+)", lambda z: f"{z + by:g}")
+
+
+def shift_feed(lines: list[str], _job: Tables, chance: random.Random) -> list[str] | None:
+    return _change(lines, chance, r"\bF([0-9.]+)", lambda feed: f"{feed * 1.5:g}")
+
+
+def shift_speed(lines: list[str], _job: Tables, chance: random.Random) -> list[str] | None:
+    by = chance.choice((0.5, 2.0))
+    return _change(lines, chance, r"\bS([0-9.]+)", lambda speed: f"{speed * by:g}")
+
+
+def stop_spindle(lines: list[str], _job: Tables, chance: random.Random) -> list[str] | None:
+    pattern, word = chance.choice([(r"M(3)\b", "4"), (r"M(3)\b", "5"), (r"\bS([0-9.]+)", "0")])
+    return _change(lines, chance, pattern, lambda _: word)
+
+
+def change_tool(lines: list[str], job: Tables, chance: random.Random) -> list[str] | None:
+    numbers = [row["number"] for row in list_tools(job) if "number" in row]
+
+    def other(number: float) -> str:
+        return str(chance.choice([known for known in numbers if known != number]))
+
+    return _change(lines, chance, r"\bT([0-9]+)", other) if len(numbers) > 1 else None
+
+
+JOB_FAULTS: dict[str, JobFault] = {
+    "tools swapped in the job": swap_tools,
+    "depth in the job": deepen,
+    "feed in the job": hurry,
+    "speed in the job": spin,
+    "material in the job": harden,
+}
+TEXT_FAULTS: dict[str, TextFault] = {
+    "depth in the text": shift_depth,
+    "feed in the text": shift_feed,
+    "speed in the text": shift_speed,
+    "spindle in the text": stop_spindle,
+    "tool number in the text": change_tool,
+}
+
+
+# Judges.
+
+
+def is_cut_otherwise(job: Tables, text: str, other_job: Tables, other: str) -> bool:
+    """Whether two programs leave other material, by a sweep in cells of a common grid."""
+    jobs = (job, other_job)
+    tools = [list_whole_tools(tables) for tables in jobs]
+    pitch = min(tool["diameter"] for tool in tools[0] + tools[1]) / 8
+    grids = []
+    for rows, words in zip(tools, (text, other), strict=True):
+        radii = {0: rows[0]["diameter"] / 2} | {row["number"]: row["diameter"] / 2 for row in rows}
+        grids.append(carve(list(read_moves(words)), radii, pitch)[0])
+    first, second = grids
+    shapes = first.depth.shape, second.depth.shape
+    if shapes[0] != shapes[1] or np.abs(first.low - second.low).max() > pitch / 2:
+        return True
+    return bool((np.abs(first.depth - second.depth) > _DEEPER_MM).any())
+
+
+def exceeds(job: Tables, text: str) -> bool:
+    """Whether a text exceeds a limit of the stock or of the chart of its material."""
+    material = job["stock"]["material"]
+    for row in list_tools(job):
+        tool = read_tool(job, row)
+        moves = [
+            move
+            for move in read_moves(text)
+            if move.tool == tool["number"] and not move.rapid and move.deepest > 0
+        ]
+        if moves and _exceeds(moves, tool, job["stock"]["thickness"], material):
+            return True
+    return False
+
+
+def _exceeds(moves: list[Move], tool: Tables, thickness: float, material: str) -> bool:
+    is_drill = tool["kind"] == "drill"
+    tip = tool["diameter"] / 2 / math.tan(math.radians(59)) if is_drill else 0.0
+    feet = DRILL_SPEED if is_drill else MILL_SPEED
+    edges = 1 if is_drill else tool["flutes"]
+    cutting = [move for move in moves if move.is_straight_down == is_drill and move.speed]
+    feeds = [move.feed / move.speed / edges for move in cutting]
+    return (
+        max(move.deepest for move in moves) - tip > thickness + _BELOW_MM
+        or max(feeds, default=0.0) > read_chart(tool, material) * NEARLY
+        or max(move.speed for move in moves) * math.pi * tool["diameter"] / 304.8 > feet * NEARLY
+    )
+
+
+# The bench.
+
+
+def try_job(kind: str, case: str, folder: Path, chance: random.Random) -> tuple[str, str] | None:
+    """The verdict on a fault of a job, and the fault; None if the case has nothing to change."""
+    part, job = load(case)
+    faulty = deepcopy(job)
+    drawing = folder / "part.dxf"
+    drawing.write_bytes(part.read_bytes())
+    if kind == "outline with a gap":
+        changed = folder / "open.dxf"
+        open_outline(part, changed, chance)
+    elif not JOB_FAULTS[kind](faulty, chance):
+        return None
+    program, sound = build(job, drawing, folder)
+    if kind == "outline with a gap":
+        drawing.write_bytes(changed.read_bytes())
+    text, outcome = build(faulty, drawing, folder)
+    about = f"{kind}, {case}"
+    if outcome.code:
+        return "refused", about
+    by_sweep = kind in ("tools swapped in the job", "outline with a gap")
+    matters = is_cut_otherwise(job, program, faulty, text) if by_sweep else exceeds(faulty, text)
+    if not matters:
+        return "without effect", about
+    return ("a line more" if outcome.lines - sound.lines else "no line"), about
+
+
+def build(job: Tables, drawing: Path, folder: Path) -> tuple[str, Outcome]:
+    """The program of a job, empty if it is refused."""
+    write_job(job, drawing.with_suffix(".toml"))
+    target = folder / "part.ngc"
+    target.unlink(missing_ok=True)
+    outcome = run("build", str(drawing), "--post", "gcode", "-o", str(target))
+    return (target.read_text() if target.exists() else ""), outcome
+
+
+def try_text(kind: str, case: str, folder: Path, chance: random.Random) -> tuple[str, str] | None:
+    """The verdict on a fault of a text, and the fault; None if the text has nothing to change."""
+    part, job = load(case)
+    drawing = folder / "part.dxf"
+    drawing.write_bytes(part.read_bytes())
+    text, _ = build(job, drawing, folder)
+    lines = _DIGEST.sub("", text).split("\n")
+    changed = TEXT_FAULTS[kind](lines, job, chance)
+    if changed is None:
+        return None
+    program = folder / "part.ngc"
+    words = ("verify", str(program), "--part", str(drawing))
+    sound = run(*words)
+    edited = sign("\n".join(changed))
+    program.write_text(edited)
+    outcome = run(*words)
+    row = next(
+        (f"{kind}, {case}: {new}" for old, new in zip(lines, changed, strict=True) if old != new),
+        kind,
+    )
+    if outcome.code > sound.code:
+        return "refused", row
+    if kind == "depth in the text" and not is_cut_otherwise(job, text, job, edited):
+        return "without effect", row
+    return ("a line more" if outcome.lines - sound.lines else "no line"), row
+
+
+def measure(seed: int, largest_count: int) -> Iterator[tuple[str, Counter[str], list[str]]]:
+    """The verdicts on all faults of each kind, and the faults without a line."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        for kind, count in KINDS.items():
+            verdicts, silent, number = Counter[str](), [], 0
+            judge = try_text if kind in TEXT_FAULTS else try_job
+            while verdicts.total() < min(count, largest_count):
+                chance = random.Random(f"{seed} {kind} {number}")
+                verdict = judge(kind, CASES[number % len(CASES)], folder, chance)
+                number += 1
+                if verdict is not None:
+                    verdicts[verdict[0]] += 1
+                    silent += [verdict[1]] * (verdict[0] == "no line")
+            yield kind, verdicts, silent
+
+
+if __name__ == "__main__":
+    warnings.simplefilter("ignore")
+    start, largest_count = read_words(1, 20)
+    table = open_table(COLUMNS, f", seed {start}")
+    unseen: list[str] = []
+    for kind, verdicts, silent in measure(start, largest_count):
+        unseen += silent
+        cells = [verdicts[name] for name in ("without effect", "refused", "a line more")]
+        bare = Missed(len(silent)) if silent else 0
+        table.add(kind, verdicts.total(), *cells, bare)
+    print("\n".join(["", *unseen]))
+    sys.exit(bool(unseen))

@@ -26,7 +26,7 @@ from camgen.check.stock import TOLERANCE_MM, Cut, Design, Level, StockProof, pro
 from camgen.cli.init import template
 from camgen.model.cell import Dynamics
 from camgen.model.errors import CamgenError
-from camgen.model.job import InputTable, Job
+from camgen.model.job import InputTable, Job, StockTable
 from camgen.pipeline import Result, build
 from camgen.plan.propose import propose
 from camgen.read import read
@@ -124,9 +124,11 @@ def _remember() -> Iterator[list[Proven]]:
     """What the proofs of builds look at."""
     kept: list[Proven] = []
 
-    def keep(cuts: Sequence[Cut], design: Design, dynamics: Dynamics | None) -> StockProof:
+    def keep(
+        cuts: Sequence[Cut], design: Design, dynamics: Dynamics | None, stock: StockTable
+    ) -> StockProof:
         kept.append(Proven(cuts, design))
-        return prove(cuts, design, dynamics)
+        return prove(cuts, design, dynamics, stock)
 
     with patch.object(sys.modules["camgen.check.stock"], "prove", keep):
         yield kept

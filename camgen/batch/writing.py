@@ -21,6 +21,7 @@ from typing import SupportsBytes
 from msgspec import Struct
 
 from camgen.model.errors import JobError
+from camgen.model.signature import HEADER_LENGTH, read_signature
 from camgen.read.files import identity
 
 #: Ctrl-C and what asks a process to end; Windows has no SIGHUP.
@@ -131,7 +132,7 @@ def check_targets(targets: Iterable[Path], sources: Iterable[Path]) -> None:
 
 
 #: Bytes at the start of a program in which its header stands.
-HEADER_BYTES = 4000
+HEADER_BYTES = HEADER_LENGTH
 _PART_LINE = re.compile(rb"^[^A-Za-z0-9\r\n]*(part: [^\r\n]*?)\)?\r?$", re.MULTILINE)
 
 
@@ -157,6 +158,30 @@ def check_foreign(target: Path) -> None:
     if head and b"camgen" not in head:
         what = "is there already, and camgen did not write it"
         raise JobError(str(target), what, remedy="name the program with -o, or move that file away")
+
+
+def check_edits(targets: Iterable[Path]) -> None:
+    """Raises JobError if a program that would be replaced was edited since camgen wrote it.
+
+    Programs without a digest are replaced.
+    """
+    for target in targets:
+        if is_edited(target):
+            what = "was edited since camgen wrote it"
+            remedy = "--force replaces it, -o gives the new program another place"
+            raise JobError(str(target), what, remedy=remedy)
+
+
+def is_edited(target: Path) -> bool:
+    """Whether a file is a program of camgen that was edited since.
+
+    Raises JobError if it cannot be read.
+    """
+    if not target.is_file():
+        return False
+    with _name_errors(target):
+        text = target.read_bytes().decode("utf-8", "surrogateescape")
+    return read_signature(text) == "edited"
 
 
 def find_parts(program: bytes) -> list[bytes]:

@@ -227,6 +227,13 @@ def _build(sub: _Parser) -> None:
         help="part, paths, travel: a page (.html) or a drawing (.svg, .png)",
     )
     sub.add_argument("--strict", action="store_true", help="anything left out is an error")
+    _force(sub)
+
+
+def _force(sub: _Parser) -> None:
+    sub.add_argument(
+        "--force", action="store_true", help="replace programs that were edited by hand"
+    )
 
 
 def _open(sub: _Parser) -> None:
@@ -283,6 +290,7 @@ def _batch(sub: _Parser) -> None:
     sub.add_argument(
         "--strict", action="store_true", help="a part fails when anything of it is left out"
     )
+    _force(sub)
 
 
 def _inspect(sub: _Parser) -> None:

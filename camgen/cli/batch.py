@@ -17,7 +17,7 @@ from camgen.batch import cluster, pool, state
 from camgen.batch.inputs import find_inputs
 from camgen.batch.parts import BatchPart, Order, look_at
 from camgen.batch.state import BuildSums, Outcome, Task
-from camgen.batch.writing import check_programs, check_targets, write_all
+from camgen.batch.writing import check_edits, check_programs, check_targets, write_all
 from camgen.check.report import clean
 from camgen.cli.say import Voice, table
 from camgen.cli.stop import Stopped, exit_code, say_why
@@ -60,7 +60,7 @@ def run(arguments: Namespace, says: Voice) -> int:
     parts, owners = look_at(inputs, order, folder, records)
     read = {same: path for part in parts for same, path in part.read.items()}
     check_targets(reports, read.values())
-    batch = _Batch(says, folder, parts, records, owners, read, reports)
+    batch = _Batch(says, folder, parts, records, owners, read, reports, arguments.force)
     batch.take_known()
     try:
         with closing(_builders(arguments, [part.task for part in parts if part.task])) as done:
@@ -113,8 +113,19 @@ def _builders(arguments: Namespace, tasks: list[Task]) -> Generator[tuple[Task, 
 
 
 class _Batch(Struct):
-    """What was done so far. rows: by place among the inputs. owners: who may write which file. read: what
-    none may write, by ``identity``. reports: what the batch itself will write.
+    """The state of a batch.
+
+    says: voice of the command.
+    folder: folder of the programs.
+    parts: parts in the order of the inputs.
+    records: records of the batch before, by name.
+    owners: part that may write a file, by the name of the file.
+    read: files that are read and must not be written, by `identity`.
+    reports: files that the batch itself writes.
+    force: whether programs that were edited by hand are replaced.
+    rows: rows of the table, by the number of the part.
+    written: number of programs written.
+    begun: time at the start, s.
     """
 
     says: Voice
@@ -124,6 +135,7 @@ class _Batch(Struct):
     owners: dict[str, int]
     read: Mapping[str, Path]
     reports: list[Path]
+    force: bool
     rows: dict[int, _Row] = msgspec.field(default_factory=dict)
     written: int = 0
     begun: float = msgspec.field(default_factory=monotonic)
@@ -180,6 +192,8 @@ class _Batch(Struct):
         files = [(target / name, data) for name, data in outcome.files]
         check_targets([*self.reports, *(path for path, _ in files)], [part.input.source])
         check_programs(files)
+        if not self.force:
+            check_edits(path for path, _ in files)
         write_all(files, self.read)
         return tuple(str(path) for path, _ in files)
 

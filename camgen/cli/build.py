@@ -17,6 +17,7 @@ from msgspec import Struct, field
 
 from camgen.batch.writing import (
     HEADER_BYTES,
+    check_edits,
     check_foreign,
     check_programs,
     check_targets,
@@ -414,6 +415,8 @@ def run(arguments: Namespace, says: Voice) -> int:
         if program is None and written:
             check_foreign(written[0][0])
         check_programs([(path, file.head(HEADER_BYTES)) for path, file in written])
+        if not arguments.force:
+            check_edits(path for path, _ in written)
         write_all(
             [*written, *_extras(arguments, result, [path.name for path, _ in programs])],
             files.opened,

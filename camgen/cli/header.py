@@ -17,7 +17,7 @@ from camgen.read.files import Files
 
 #: Lines of a text in which a header stands.
 _LINES = 60
-_JOB = re.compile(r"\bcamgen \S+ - job ([0-9a-f]{12})\b")
+_JOB = re.compile(r"\bcamgen (\S+) - job ([0-9a-f]{12})\b")
 _POST = re.compile(r"\bpost: (\w+) - cell: ")
 _PLACE = re.compile(r"\bprogram [1-9][0-9]* of [1-9][0-9]*\b")
 #: Characters around a line of a header that make it a comment.
@@ -29,12 +29,14 @@ class Header(Struct, frozen=True):
     """The header of a program.
 
     post: name of its post.
+    version: version of camgen that wrote it.
     digest: digest of the job and the part.
     lines: lines of the header.
     is_one_of: whether it is one of several programs of a job.
     """
 
     post: str
+    version: str
     digest: str
     lines: frozenset[str]
     is_one_of: bool
@@ -48,7 +50,7 @@ def read_header(texts: Mapping[str, str]) -> Header | None:
     if job is None or post is None:
         return None
     lines = frozenset(line.strip(_COMMENT) for line in head)
-    return Header(post[1], job[1], lines, any(map(_PLACE.fullmatch, lines)))
+    return Header(post[1], job[1], job[2], lines, any(map(_PLACE.fullmatch, lines)))
 
 
 def name_source(program: Path, header: Header | None) -> Path:
@@ -58,8 +60,8 @@ def name_source(program: Path, header: Header | None) -> Path:
     return program.with_stem(_NUMBER.sub("", program.stem))
 
 
-def find_post_name(header: Header, source: Path, job: Job, files: Files) -> str:
-    """The name of the post, if job and part beside the program are those of its header.
+def find_part(header: Header, source: Path, job: Job, files: Files) -> Path:
+    """The part beside the program, if job and part are those of its header.
 
     The header names no file that is opened: the part is a file beside the program with the stem of
     `source`.
@@ -81,7 +83,7 @@ def find_post_name(header: Header, source: Path, job: Job, files: Files) -> str:
     ]
     for part in parts:
         if digest_of(settings, [part], files) == header.digest:
-            return header.post
+            return part
     what = f"is not given, and no part {source.stem}.* stands beside the program"
     if parts:
         what = "is not given, and the job or the part has changed since the program was written"

@@ -11,7 +11,7 @@ from msgspec.structs import replace
 
 from camgen.batch.writing import check_targets, write_all
 from camgen.check.report import Motions, sum_up
-from camgen.cli.header import find_post_name, name_source, read_header
+from camgen.cli.header import find_part, name_source, read_header
 from camgen.cli.judge import (
     as_data,
     ask_of,
@@ -25,13 +25,14 @@ from camgen.cli.judge import (
 from camgen.cli.motion_file import MotionFile
 from camgen.cli.motion_file import load as load_plan
 from camgen.cli.program_texts import read_texts
+from camgen.cli.rebuild import Origin, Text, compare_rebuilt, pick_program, read_state, tell_state
 from camgen.cli.say import Voice, length, table
 from camgen.lower.steps import split_tools
 from camgen.model.cell import Dynamics
 from camgen.model.errors import CamgenError, InputError, JobError
 from camgen.model.job import Job
 from camgen.model.plugins import entries
-from camgen.model.program import Columns, Program, ToolChange
+from camgen.model.program import Columns, ToolChange
 from camgen.model.text import counted, duration, short
 from camgen.post import Fault, Post, Reading, Remark
 from camgen.post.contract import prepare_program
@@ -65,7 +66,16 @@ Row = tuple[str, str]
 
 
 class _Asked(NamedTuple):
-    """What the user gives: the arguments, the program with its texts, the job, and the drawing that it is proven on."""
+    """The request of the user.
+
+    arguments: arguments of the command.
+    paths: files of the program.
+    texts: their contents by name.
+    job: settings.
+    drawing: drawing against which the program is proven, None without one.
+    files: files that were read.
+    origin: the origin of the program by its header, None if job or part is not beside it.
+    """
 
     arguments: Namespace
     paths: Sequence[Path]
@@ -73,6 +83,7 @@ class _Asked(NamedTuple):
     job: Job
     drawing: Path | None
     files: Files
+    origin: Origin | None = None
 
 
 class _Proven(NamedTuple):
@@ -105,16 +116,18 @@ def run(arguments: Namespace, says: Voice) -> int:
     named = beside(arguments.job, None if arguments.plan else source)
     job = load(named or beside(None, drawing), arguments.sets, files)
     ours = bool(arguments.plan or named or job.post)
+    origin = None
     if ours and header and not arguments.post and not arguments.plan:
-        arguments.post = find_post_name(header, source, job, files)
+        origin = Origin(header, find_part(header, source, job, files), source.stem)
+        arguments.post = header.post
     spoken = not arguments.post or any(entry.name == arguments.post for entry in entries(LANGUAGES))
-    asked = _Asked(arguments, paths, texts, job, drawing, files)
+    asked = _Asked(arguments, paths, texts, job, drawing, files, origin)
     return (_compare if ours or not spoken else _judge)(asked, says)
 
 
 def _judge(asked: _Asked, says: Voice) -> int:
     """A program that somebody else wrote."""
-    arguments, paths, texts, job, drawing, files = asked
+    arguments, paths, texts, job, drawing, files, _ = asked
     place = Places(texts)
     language = find_own(arguments.post or "", texts)
     ask = ask_of(language, arguments, job, files)
@@ -159,7 +172,7 @@ def _compare(asked: _Asked, says: Voice) -> int:
     """A program of ours, with what it was planned to do if there is a plan. Then a remark is a fault too."""
     from camgen.pipeline.rounding import limit_path_tolerance  # noqa: PLC0415 (only for our texts)
 
-    arguments, paths, texts, job, drawing, files = asked
+    arguments, paths, texts, job, drawing, files, _ = asked
     _insist_on_post(arguments)
     plan = load_plan(Path(arguments.plan), files) if arguments.plan else None
     options = (plan.options if plan else {}) | limit_path_tolerance(job, arguments.post).post
@@ -172,6 +185,8 @@ def _compare(asked: _Asked, says: Voice) -> int:
     says.clear()
     motions = sum_up(Columns(reading.body))
     rows = _rows(motions, _lines(texts))
+    state = read_state(texts)
+    rows.append(("digest", tell_state(state)))
     told = _faults(reading.faults, place)
 
     def say(more: Sequence[Row] = (), also: str = "") -> None:
@@ -195,22 +210,32 @@ def _compare(asked: _Asked, says: Voice) -> int:
         )
     if plan:
         says.stage("comparing")
-        tolerance = limit_tolerance(post.tolerance(), plan.chord)
-        planned = _planned(plan.program, post, paths[0])
-        prepared = prepare_program(post, planned, plan.chord)
-        found = compare(prepared, reading, tolerance, post.list_verified(), str(paths[0]))
+        rows += _compare_plan(plan, post, reading, paths[0])
         says.clear()
-        rows.append(("plan", f"{counted(found.instructions, 'instruction')} equal"))
-        rows.append(("deviation", f"{found.max_mm:.6f} mm"))
-    if drawing is None:
-        say(_UNEXAMINED)
-        return 0
-    dynamics = dynamics_of(post, job) if states_rounding(post) else None
-    more, also, error = _prove(asked, drawing, _Proven(reading, post, dynamics), place, says)
+    different = None
+    if asked.origin is not None:
+        program = Text(paths[0], post, reading, job)
+        row, different = compare_rebuilt(program, asked.origin, says, files)
+        rows.append(row)
+    more, also, error = list(_UNEXAMINED), "", None
+    if drawing is not None:
+        dynamics = dynamics_of(post, job) if states_rounding(post) else None
+        more, also, error = _prove(asked, drawing, _Proven(reading, post, dynamics), place, says)
     say(more, also)
     if error is not None:
         raise error
+    if different is not None and state == "edited":
+        raise different
     return 0
+
+
+def _compare_plan(plan: MotionFile, post: Post, reading: Reading, path: Path) -> list[Row]:
+    """The comparison with a plan. Raises VerifyError for the first line that says something else."""
+    tolerance = limit_tolerance(post.tolerance(), plan.chord)
+    prepared = prepare_program(post, pick_program(plan.program, post, path), plan.chord)
+    equal = compare(prepared, reading, tolerance, post.list_verified(), str(path))
+    instructions = f"{counted(equal.instructions, 'instruction')} equal"
+    return [("plan", instructions), ("deviation", f"{equal.max_mm:.6f} mm")]
 
 
 def _list_tools(plan: MotionFile | None, job: Job, post: Post, path: Path) -> list[tuple[int, str]]:
@@ -312,20 +337,6 @@ def _report(
 
 def _lines(texts: Mapping[str, str]) -> int:
     return sum(text.count("\n") for text in texts.values())
-
-
-def _planned(program: Program, post: Post, path: Path) -> Program:
-    """What the program in ``path`` was planned to do: of several, a tool each, the one of its name."""
-    parts = (program,) if post.changes_tools else split_tools(program)
-    if len(parts) == 1:
-        return parts[0]
-    found = next((part for part in parts if part.name == path.stem), None)
-    if found is None:
-        names = ", ".join(part.name for part in parts)
-        raise InputError(
-            str(path), "the plan holds a program for each tool", names, "give one by its own name"
-        )
-    return found
 
 
 def _rows(motions: Motions, lines: int) -> list[tuple[str, str]]:

@@ -21,6 +21,7 @@ from camgen.model.part import IntArray
 from camgen.model.path import Tour
 from camgen.model.pose import Pose, tell_frame
 from camgen.model.program import Comment, Instruction, Program, ToolChange, put_off_first
+from camgen.model.signature import sign
 from camgen.motion.corners import Flow
 from camgen.order import ArmTour, JobTour, ReplayTour
 from camgen.pipeline.memory import give_back
@@ -279,7 +280,8 @@ def post_programs(
     files: list[OutputFile] = []
     counts, readings, deviations = [], [], []
     for poster, program in checked.programs:
-        posted = render_program(poster, program)
+        rendered = render_program(poster, program)
+        posted = [replace(file, text=sign(file.text)) for file in rendered]
         give_back()
         changed = _list_changed_options(poster, told)
         reading = read({file.name: file.text for file in posted}, told | changed)

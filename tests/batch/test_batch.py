@@ -387,7 +387,8 @@ def test_quiet_says_only_what_failed(here: Path, capsys: Captured) -> None:
 def test_strict(here: Path, capsys: Captured) -> None:
     narrow = PLATE.format(radius=2)  # a hole that the tool does not fit
     (here / "parts/b.dxf").write_text(narrow)
-    assert main(["batch", "parts/*.dxf", "--post", "gcode", *ONE, "-o", "out", "--strict"]) == 3
+    options = ["--set", "tool.kind=pen", "--strict"]
+    assert main(["batch", "parts/*.dxf", "--post", "gcode", *ONE, "-o", "out", *options]) == 3
     rows, _ = table(capsys)
     assert [row[0] for row in rows.values()] == ["built", "failed", "built"]
 

@@ -34,7 +34,9 @@ def test_the_header_names_the_post(post: str, capsys: pytest.CaptureFixture[str]
     assert main(["verify", program]) == 0
     named = capsys.readouterr().out
     assert main(["verify", program, "--post", post]) == 0
-    assert capsys.readouterr().out == named
+    lines = [line for line in named.splitlines() if not line.startswith("plan ")]
+    assert len(lines) == named.count("\n") - 1
+    assert capsys.readouterr().out.splitlines() == lines
     # As the job is known, the program is read back and not judged by its language.
     assert "language" not in named
 

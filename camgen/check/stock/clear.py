@@ -65,7 +65,7 @@ def find_rapids(gone: Gone, design: Design) -> list[Struck]:
     moves = gone.moves
     rows = np.flatnonzero(moves.rapid & (moves.deepest > TOLERANCE_MM))
     rows = rows[~moves.rising[rows]]
-    rows = rows[~_in_own_hole(moves, rows)]
+    rows = rows[~find_in_own_hole(moves, rows)]
     found = []
     for row in rows.tolist():
         tool = gone.cuts[int(moves.cut[row])].tool
@@ -80,7 +80,7 @@ def find_rapids(gone: Gone, design: Design) -> list[Struck]:
     return found
 
 
-def _in_own_hole(moves: Moves, rows: IntArray) -> BoolArray:
+def find_in_own_hole(moves: Moves, rows: IntArray) -> BoolArray:
     """(K,) which motions go straight down where one of the same cut went as deep before: pecks, and passes one after
     the other.
     """

@@ -148,4 +148,7 @@ def _tabulate(curve: FloatArray, beam: FloatArray, distance: FloatArray, number:
     depth = np.where(np.isnan(through), depth, through)
     cuts, strokes = np.full(total, number), np.zeros(total, dtype=np.intp)
     rapid = np.zeros(total, dtype=np.bool_)
-    return Moves(start, end, plane, depth, rapid, cuts, corner, strokes, distance[corner], 0, 0)
+    chord = distance[corner]
+    return Moves(
+        start, end, plane, depth, rapid, cuts, corner, corner, strokes, chord, tilted=0, lost=0
+    )

@@ -54,12 +54,20 @@ class Cut(Struct, frozen=True, eq=False):
 
 
 class Moves(Struct, frozen=True, eq=False, dict=True):
-    """N motions in order of time, all cuts together; those whose start is not known are where they end.
+    """N motions in order of time, of all cuts. Motions with an unknown start are where they end.
 
-    start, end: (N, 3) mm. plane: their ways seen from above. down: (N, 2) mm how deep the tip is below the top face at
-    both ends; inf for a beam that is on, -inf for one that is off. rapid: (N,). cut: (N,) which cut. line: (N,).
-    stroke: (N,) counts how often the tool has gone down. chord: (N,) mm by which each may leave the arc that it stands
-    for. tilted: how many motions were left out since the tool leans. lost: how many since they go to joint values.
+    start, end: (N, 3) mm.
+    plane: the motions seen from above.
+    down: (N, 2) depth of the tip below the top face at both ends, mm; inf for a beam that is on,
+        -inf for a beam that is off.
+    rapid: (N,) whether a motion is rapid.
+    cut: (N,) number of its cut.
+    line: (N,) line of the text, from 1.
+    motion: (N,) number of the motion in the columns of its cut, from 0.
+    stroke: (N,) number of descents of the tool until then.
+    chord: (N,) distance by which a line may leave the arc for which it stands, mm.
+    tilted: number of motions with a leaning tool. They are left out.
+    lost: number of motions to joint values. They are left out.
     """
 
     start: FloatArray
@@ -69,6 +77,7 @@ class Moves(Struct, frozen=True, eq=False, dict=True):
     rapid: BoolArray
     cut: IntArray
     line: IntArray
+    motion: IntArray
     stroke: IntArray
     chord: FloatArray
     tilted: int
@@ -129,16 +138,15 @@ def tabulate(cuts: Sequence[Cut]) -> Moves:
 
 
 def _join(tables: list[Moves]) -> Moves:
-    start, end, down, rapid, cut, line, chord = (
-        np.concatenate([getattr(one, name) for one in tables])
-        for name in ("start", "end", "down", "rapid", "cut", "line", "chord")
+    start, end, down, rapid, cut, line, motion, chord = (
+        np.concatenate([getattr(table, name) for table in tables])
+        for name in ("start", "end", "down", "rapid", "cut", "line", "motion", "chord")
     )
     bulge = np.concatenate([one.plane.bulge for one in tables])
     plane = make(start[:, :2], end[:, :2], bulge, np.arange(len(bulge)))
     lost, tilted = sum(one.lost for one in tables), sum(one.tilted for one in tables)
-    return Moves(
-        start, end, plane, down, rapid, cut, line, _strokes(down, rapid), chord, tilted, lost
-    )
+    strokes = _strokes(down, rapid)
+    return Moves(start, end, plane, down, rapid, cut, line, motion, strokes, chord, tilted, lost)
 
 
 def _strokes(down: FloatArray, rapid: BoolArray) -> IntArray:
@@ -170,7 +178,9 @@ def _table(cut: Cut, number: int, before: FloatArray) -> Moves:
     lines = (plane.bulge == 0) & (plane.length > 0)
     chord = np.where(lines, cut.chord, 0.0)
     lost, tilted = int((~columns.posed).sum()), int((columns.posed & ~straight).sum())
-    return Moves(start, end, plane, down, rapid[row], many, line[row], many, chord, tilted, lost)
+    return Moves(
+        start, end, plane, down, rapid[row], many, line[row], row, many, chord, tilted, lost
+    )
 
 
 def find_rapid(columns: Columns, travel: float) -> BoolArray:

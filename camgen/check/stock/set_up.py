@@ -15,27 +15,30 @@ import numpy as np
 import shapely
 from msgspec import Struct
 
-from camgen.check.stock.clear import Gone
+from camgen.check.stock.clear import Gone, find_in_own_hole
 from camgen.check.stock.design import Design
 from camgen.check.stock.moves import TOLERANCE_MM, Cut, Moves
 from camgen.check.stock.spindle import Running, turns
-from camgen.geometry.segments import BoolArray, IntArray, points_at
+from camgen.geometry.intersect import distances
+from camgen.geometry.segments import IntArray, points_at
 from camgen.model.job import StockTable, ToolTable
 from camgen.model.materials import MATERIALS, Material, find_charts
 from camgen.model.pose import FloatArray, Vec3, to_vec3
-from camgen.model.program import Columns
 from camgen.model.text import short
 
 #: A value above its limit by this factor exceeds it: texts are printed in digits.
 _NEARLY = 1.01
+#: Larger values have no decimals.
+_WHOLE = 1000.0
 #: A spindle that is only switched on has this speed in a text.
 _SWITCHED_ON = 1.0
 #: Whole angle at the tip of a drill, deg.
 _DRILL_ANGLE = 118.0
 #: Depth of a pass without a material, in diameters.
 _PASSES = max(material.passes for material in MATERIALS.values())
-#: Motions that are looked up at once.
-_CHUNK = 4096
+#: Pairs of a point and a motion that are measured at once.
+_PAIRS = 200_000
+_TINY = 1e-12
 #: Mills that need not cut over their centre.
 _FLAT_MILLS = ("end mill", "bull nose")
 
@@ -76,9 +79,10 @@ class _Case(NamedTuple):
     tool: the tool.
     gone: material taken by all cuts.
     design: permissions of the drawing.
-    rows: (K,) motions of this tool at feed in material, by their rows in `gone`.
+    rows: (K,) rows in `gone` of this tool's motions at feed in material, except motions back into
+        a hole.
     stock: stock of the job.
-    running: each cut with this tool, and its motions.
+    running: motions of each cut with this tool, by its number.
     """
 
     tool: ToolTable
@@ -86,7 +90,7 @@ class _Case(NamedTuple):
     design: Design
     rows: IntArray
     stock: StockTable
-    running: tuple[tuple[Cut, Running], ...]
+    running: dict[int, Running]
 
     @property
     def material(self) -> Material | None:
@@ -113,12 +117,13 @@ def check_set_up(
     """
     moves = gone.moves
     at_feed = gone.rows[~moves.rapid[gone.rows] & ~moves.rising[gone.rows]]
+    at_feed = at_feed[~find_in_own_hole(moves, at_feed)]
     cases = []
     for tool, numbers in _group_by_tool(gone.cuts):
         rows = at_feed[np.isin(moves.cut[at_feed], numbers)]
-        pairs = tuple((gone.cuts[number], running[number]) for number in numbers)
+        motions = {number: running[number] for number in numbers}
         if len(rows):
-            cases.append(_Case(tool, gone, design, rows, stock, pairs))
+            cases.append(_Case(tool, gone, design, rows, stock, motions))
     breaches: list[Breach] = []
     for case in cases:
         breaches += filter(None, [rule(case) for rule in _RULES])
@@ -198,18 +203,21 @@ def _exceed_edges(case: _Case) -> Breach | None:
 
 
 def _exceed_pass(case: _Case) -> Breach | None:
-    """A mill that takes too deep a pass, half-way along its motions."""
+    """A mill that takes too deep a pass, half-way along its level motions.
+
+    A ramp is judged by the level motion after it, which takes what the ramp leaves.
+    """
     if case.tool.kind == "drill":
         return None
     diameters = case.material.passes if case.material else _PASSES
     limit = diameters * case.tool.diameter
     moves = case.gone.moves
-    depths = moves.down[case.rows].mean(axis=1)
-    rows = case.rows[(depths > limit + TOLERANCE_MM) & ~moves.upright[case.rows]]
+    level = moves.level[case.rows] & ~moves.upright[case.rows]
+    rows = case.rows[level & (moves.deepest[case.rows] > limit + TOLERANCE_MM)]
     if not len(rows):
         return None
     points = points_at(moves.plane.take(rows), np.full(len(rows), 0.5))
-    depths = moves.down[rows].mean(axis=1) - _find_cleared(case.gone, rows, points)
+    depths = moves.deepest[rows] - _find_cleared(case.gone, rows, points)
     what = (
         f"{case.name} takes {{}} mm in one pass, {case.where} {short(limit, 3)} mm are usual "
         f"({short(diameters, 1)} diameters)"
@@ -245,34 +253,30 @@ def _find_cleared(gone: Gone, rows: IntArray, points: FloatArray) -> FloatArray:
     cleared = np.zeros(len(rows))
     radius = np.array([cut.tool.radius for cut in gone.cuts])
     moves = gone.moves
-    for first in range(0, len(rows), _CHUNK):
-        chunk = slice(first, first + _CHUNK)
-        which, places = gone.tree.query(shapely.points(points[chunk]))
-        earlier = gone.rows[places]
-        before = (earlier < rows[chunk][which]) & ~moves.rapid[earlier]
+    step, first = 256, 0
+    while first < len(rows):
+        which, places = gone.tree.query(shapely.points(points[first : first + step]))
+        which, earlier = which + first, gone.rows[places]
+        first += step
+        # The program decides how many motions pass over a point.
+        step = int(np.clip(_PAIRS * step / max(len(which), 1), 16, 4 * step))
+        before = (earlier < rows[which]) & ~moves.rapid[earlier]
         which, earlier = which[before], earlier[before]
-        distance, share = _project(moves, earlier, points[chunk][which])
-        inside = distance <= radius[moves.cut[earlier]]
-        start, end = moves.down[earlier[inside]].T
-        depth = start + share[inside] * (end - start)
-        depth = np.where(moves.upright[earlier[inside]], np.maximum(start, end), depth)
-        np.maximum.at(cleared[chunk], which[inside], depth)
+        inside = distances(points[which], moves.plane, earlier) <= radius[moves.cut[earlier]]
+        which, earlier = which[inside], earlier[inside]
+        np.maximum.at(cleared, which, _depths_at(moves, earlier, points[which]))
     return cleared
 
 
-def _project(moves: Moves, rows: IntArray, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(K,) distances, mm, of points from motions seen from above, and the fractions of the way.
-
-    points: (K, 2), a point for each motion, mm.
-    """
-    plane = moves.plane.take(rows)
-    shares = np.linspace(0.0, 1.0, 9)
-    lines = shapely.linestrings(
-        np.stack([points_at(plane, np.full(len(rows), share)) for share in shares], axis=1)
-    )
-    spots = shapely.points(points)
-    share = shapely.line_locate_point(lines, spots, normalized=True)
-    return shapely.distance(lines, spots), np.nan_to_num(share)
+def _depths_at(moves: Moves, rows: IntArray, points: FloatArray) -> FloatArray:
+    """(K,) depths, mm, of motions where they pass by points, (K, 2) mm."""
+    start = moves.plane.start[rows]
+    chord = moves.plane.end[rows] - start
+    square = np.maximum((chord**2).sum(axis=1), _TINY)
+    share = np.clip(((points - start) * chord).sum(axis=1) / square, 0.0, 1.0)
+    first, last = moves.down[rows].T
+    depth = first + share * (last - first)
+    return np.asarray(np.where(moves.upright[rows], np.maximum(first, last), depth))
 
 
 def _breach_of_rows(
@@ -288,9 +292,10 @@ def _breach_of_rows(
         return None
     moves, row = case.gone.moves, int(case.rows[above[0]])
     cut = case.gone.cuts[int(moves.cut[row])]
-    worst = short(float(values[above].max()), 3)
+    worst = float(values[above].max())
+    digits = 0 if worst > _WHOLE else 3
     place = to_vec3(moves.end[row])
-    return Breach(int(moves.line[row]), cut.file, place, what.format(worst), remedy)
+    return Breach(int(moves.line[row]), cut.file, place, what.format(short(worst, digits)), remedy)
 
 
 # Feeds and speeds: columns of the text.
@@ -307,16 +312,18 @@ def _exceed_tooth(case: _Case) -> Breach | None:
     is_drill = case.tool.kind == "drill"
     edges = 1 if is_drill else case.tool.flutes
 
-    def feed(columns: Columns, running: Running) -> FloatArray:
-        upright = _go_down(columns)
-        judged = upright if is_drill else ~upright
-        per_edge = columns.speed * 60 / running.speed / edges
-        return np.where(judged & (running.speed > _SWITCHED_ON), per_edge, 0.0)
+    moves = case.gone.moves
+    judged = case.rows[moves.upright[case.rows] == is_drill]
+
+    def feed(running: Running) -> FloatArray:
+        per_edge = running.columns.speed * 60 / running.speed / edges
+        return np.where(running.speed > _SWITCHED_ON, per_edge, 0.0)
 
     noun = "turn" if is_drill else "tooth"
     what = f"{case.name} is fed {{}} mm a {noun}, {case.where} {short(limit, 3)} mm are usual"
-    remedy = f"{chart.source}; set the feed or the speed of the tool, or tool.flutes"
-    return _breach_of_text(case, feed, limit, what, remedy)
+    keys = "the feed or the speed of the tool, tool.flutes, or process.max_feed_factor"
+    remedy = f"{chart.source}; set {keys}"
+    return _breach_of_text(case._replace(rows=judged), feed, limit, what, remedy)
 
 
 def _exceed_speed(case: _Case) -> Breach | None:
@@ -326,7 +333,7 @@ def _exceed_speed(case: _Case) -> Breach | None:
         return None
     limit = speeds.turns(case.tool.diameter)[1]
 
-    def turning(_columns: Columns, running: Running) -> FloatArray:
+    def turning(running: Running) -> FloatArray:
         return running.speed
 
     what = (
@@ -342,41 +349,32 @@ def _materials(case: _Case) -> Sequence[Material]:
     return [case.material] if case.material else list(MATERIALS.values())
 
 
-def _go_down(columns: Columns) -> BoolArray:
-    """(M,) whether motions go straight down."""
-    step = columns.ends - np.roll(columns.ends, 1, axis=0)
-    return np.asarray((np.hypot(step[:, 0], step[:, 1]) < TOLERANCE_MM) & (step[:, 2] < 0))
-
-
 def _breach_of_text(
-    case: _Case,
-    value: Callable[[Columns, Running], FloatArray],
-    limit: float,
-    what: str,
-    remedy: str,
+    case: _Case, value: Callable[[Running], FloatArray], limit: float, what: str, remedy: str
 ) -> Breach | None:
-    """The breach of motions in material whose values are above a limit; None if none is.
+    """The breach of motions whose values in the text are above a limit; None if none is.
 
     value: (M,) values of the motions of a cut.
     what: words with a field for the largest value.
     """
-    worst, first = 0.0, None
-    for cut, running in case.running:
-        columns = running.columns
-        if not len(columns.at):
-            continue
+    moves = case.gone.moves
+    values = np.zeros(len(case.rows))
+    for number, running in case.running.items():
+        chosen = moves.cut[case.rows] == number
         with np.errstate(invalid="ignore", divide="ignore"):
-            values = np.where(running.cutting, value(columns, running), 0.0)
-        above = np.flatnonzero(values > limit * _NEARLY)
-        if len(above):
-            worst = max(worst, float(values[above].max()))
-            first = first or (cut, columns, int(above[0]))
-    if first is None:
+            values[chosen] = np.nan_to_num(value(running))[moves.motion[case.rows[chosen]]]
+    return _breach_of_rows(case, values, limit * _NEARLY, what, remedy)
+
+
+def _cut_sideways(case: _Case) -> Breach | None:
+    """A drill that does not go straight down."""
+    if case.tool.kind != "drill":
         return None
-    cut, columns, row = first
-    digits = 0 if worst > 100 else 3
-    line, place = int(cut.lines[columns.at[row]]), to_vec3(columns.ends[row])
-    return Breach(line, cut.file, place, what.format(short(worst, digits)), remedy)
+    depths = np.where(case.gone.moves.upright[case.rows], 0.0, case.gone.moves.deepest[case.rows])
+    what = f"{case.name} cuts sideways, {{}} mm deep"
+    return _breach_of_rows(
+        case, depths, TOLERANCE_MM, what, "a drill cuts at its tip; set tool.kind"
+    )
 
 
 _RULES: tuple[Callable[[_Case], Breach | None], ...] = (
@@ -384,6 +382,7 @@ _RULES: tuple[Callable[[_Case], Breach | None], ...] = (
     _exceed_edges,
     _exceed_pass,
     _plunge,
+    _cut_sideways,
     _exceed_tooth,
     _exceed_speed,
 )

@@ -1,0 +1,132 @@
+"""The comparison of a program with the one that its job and its part make today."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+from camgen.cli.header import Header
+from camgen.cli.say import Voice
+from camgen.lower.steps import split_tools
+from camgen.model.errors import CamgenError, InputError, VerifyError
+from camgen.model.job import Job
+from camgen.model.program import Program
+from camgen.model.signature import State, read_signature
+from camgen.model.text import counted
+from camgen.model.version import __version__
+from camgen.post import Post, Reading
+from camgen.post.contract import prepare_program
+from camgen.post.limits import limit_tolerance
+from camgen.post.verify import compare
+from camgen.read.files import Files
+
+Row = tuple[str, str]
+
+_STATES: Mapping[State, str] = {
+    "as written": "the text is as camgen wrote it",
+    "edited": "the text was edited since camgen wrote it",
+    "unsigned": "the text has no digest of camgen",
+}
+
+
+class Origin(NamedTuple):
+    """The origin of a program.
+
+    header: its header.
+    part: part for which it was written.
+    name: name that it would have alone.
+    """
+
+    header: Header
+    part: Path
+    name: str
+
+
+class Text(NamedTuple):
+    """A program that was read back.
+
+    path: its file.
+    post: post that wrote it.
+    reading: its instructions.
+    job: its job.
+    """
+
+    path: Path
+    post: Post
+    reading: Reading
+    job: Job
+
+
+def read_state(texts: Mapping[str, str]) -> State:
+    """Whether the files of a program are as camgen wrote them.
+
+    Files without a digest do not count.
+    """
+    states = {read_signature(text) for text in texts.values()}
+    if "edited" in states:
+        return "edited"
+    return "as written" if "as written" in states else "unsigned"
+
+
+def tell_state(state: State) -> str:
+    """The state in words."""
+    return _STATES[state]
+
+
+def compare_rebuilt(
+    text: Text, origin: Origin, says: Voice, files: Files
+) -> tuple[Row, VerifyError | None]:
+    """The comparison of a program with the one that its job and part make.
+
+    Another version of camgen, or one with other extras, may make another program of them.
+
+    Returns the row of the summary, and the first difference.
+    """
+    target = f"what its job and {origin.part.name} make"
+    if origin.header.version != __version__:
+        why = f"camgen {origin.header.version} wrote it, this is {__version__}"
+        return ("plan", f"not compared with {target}: {why}"), None
+    try:
+        program, chord = _rebuild(text, origin, says, files)
+    except CamgenError as error:
+        return ("plan", f"not compared with {target}: {error}"), None
+    finally:
+        says.clear()
+    tolerance = limit_tolerance(text.post.tolerance(), chord)
+    compared = text.post.list_verified()
+    try:
+        equal = compare(program, text.reading, tolerance, compared, str(text.path))
+    except VerifyError as error:
+        what = f"differs from {target}"
+        remedy = f"--post {text.post.name} examines the text by itself"
+        where = f"line {error.line}: " if error.line else ""
+        different = VerifyError(error.file, f"{what}: {error.what}", error.line, remedy)
+        return ("plan", f"{what}: {where}{error.what}"), different
+    instructions = counted(equal.instructions, "instruction")
+    return ("plan", f"{instructions} equal to {target}, {equal.max_mm:.6f} mm"), None
+
+
+def _rebuild(text: Text, origin: Origin, says: Voice, files: Files) -> tuple[Program, float]:
+    """The program that job and part make, and its tolerance of chords, mm."""
+    from camgen.pipeline import build  # noqa: PLC0415 (all of camgen, only for our texts)
+
+    post = text.post
+    result = build(
+        origin.part, post=post.name, job=text.job, name=origin.name, watch=says.stage, files=files
+    )
+    chord = result.job.tolerance.chord
+    return prepare_program(post, pick_program(result.program, post, text.path), chord), chord
+
+
+def pick_program(program: Program, post: Post, path: Path) -> Program:
+    """The program of a file: of several, one for each tool, the one with the name of the file."""
+    parts = (program,) if post.changes_tools else split_tools(program)
+    if len(parts) == 1:
+        return parts[0]
+    picked = next((part for part in parts if part.name == path.stem), None)
+    if picked is None:
+        names = ", ".join(part.name for part in parts)
+        what = "the plan holds a program for each tool"
+        raise InputError(str(path), what, names, "give one by its own name")
+    return picked
