@@ -7,17 +7,18 @@ from collections.abc import Mapping
 
 from camgen.model.text import counted, short
 from camgen.model.toml import toml
-from camgen.plan.propose import THICKNESS_MM, Proposal
+from camgen.plan.propose import Proposal
 
 _WIDE = 116
 
 
 def list_proposed(proposal: Proposal, active: bool) -> list[str]:
     """Rows of ``[[tools]]`` and ``[[operations]]``. active: else they are comments."""
+    thickness = short(proposal.thickness, 3)
     told = (
-        f"Proposed from the contours. Depths are those of a material of {short(THICKNESS_MM, 3)} mm, drills go deeper "
-        "by their tip: measure it, and set them and [stock] thickness. Speeds (rpm) and feeds (mm/s) are placeholders: "
-        "set them for tool and material."
+        f"Proposed from the contours. Depths are those of a material of {thickness} mm, drills go "
+        "deeper by their tip: measure it, and set them and [stock] thickness. Speeds (rpm) and "
+        "feeds (mm/s) are placeholders: set them for tool and material."
     )
     told += "" if active else " Delete the # in front to use it."
     if proposal.left:

@@ -21,10 +21,13 @@ from camgen.model.pose import FloatArray
 from camgen.model.text import counted, short
 from camgen.plan import plan
 from camgen.plan.drill import Hole, find_circles, innermost
+from camgen.plan.open_outlines import check_outlines
 from camgen.read.job_file import from_mapping
 
-#: Of the material, mm, until it is measured; and how far below it a cut through it ends.
-THICKNESS_MM, _THROUGH_MM = 3.0, 0.5
+#: Thickness of the material, mm, until it is measured.
+THICKNESS_MM = 3.0
+#: A cut through the material ends so far below it, mm.
+_THROUGH_MM = 0.5
 #: Larger circles are cut, mm, and of smaller ones there is no drill.
 _LARGEST_DRILL, _SMALLEST_DRILL = 13.0, 0.2
 #: Diameters that differ by no more are one size, mm; so much more and less is in the range that chooses it.
@@ -58,16 +61,32 @@ class Proposed(Struct, frozen=True):
 
 
 class Proposal(Struct, frozen=True):
-    """Rows of ``[[tools]]`` and of ``[[operations]]``. left: ids of closed contours that no operation works on."""
+    """Tools and operations for a drawing.
+
+    tools: rows of ``[[tools]]``.
+    operations: rows of ``[[operations]]``.
+    left: ids of closed contours that no operation works on.
+    thickness: material thickness, mm, from which the depths follow.
+    """
 
     tools: tuple[Row, ...]
     operations: tuple[Proposed, ...]
     left: tuple[str, ...]
+    thickness: float
 
 
 class _Loops(Struct, frozen=True, eq=False):
-    """The closed contours, how they lie in each other, and which are circles, by id. part: what bounds the cuts."""
+    """The closed contours of a drawing.
 
+    thickness: material thickness, mm.
+    part: the contours that bound the cuts.
+    contours: all closed contours.
+    nesting: the loops around each of them.
+    segments: their lines and arcs.
+    circles: the circles among them, by id.
+    """
+
+    thickness: float
     part: Part
     contours: tuple[Contour, ...]
     nesting: Nesting
@@ -95,13 +114,21 @@ class _Sorted(Struct, frozen=True):
     outer: list[int]
 
 
-def propose(part: Part) -> Proposal | None:
-    """Tools and operations for the closed contours of a flat drawing; None where it has none, or none that is sound."""
+def propose(part: Part, thickness: float = THICKNESS_MM) -> Proposal | None:
+    """Tools and operations for the closed contours of a flat drawing; None where it has none, or none that is sound.
+
+    thickness: material thickness, mm.
+
+    Raises AmbiguousInput if an outline with a gap encloses closed contours, because the outlines are
+    not known then.
+    """
     closed = tuple(c for c in part.contours if c.closed)
     if not closed:
         return None
+    check_outlines(part, {c.id for c in closed}, "leave its layer out with input.layers")
     segments = from_contours(closed)
     loops = _Loops(
+        thickness,
         part,
         closed,
         nest(segments, len(closed)),
@@ -120,7 +147,7 @@ def propose(part: Part) -> Proposal | None:
         return None
     used = {name for _, ids in operations for name in ids}
     left = tuple(c.id for c in closed if c.id not in used)
-    return Proposal(tuple(tools), tuple(one for one, _ in operations), left)
+    return Proposal(tuple(tools), tuple(one for one, _ in operations), left, thickness)
 
 
 def _sort(loops: _Loops) -> _Sorted:
@@ -178,7 +205,8 @@ def _drill(
         sizes_here = [_diameter(loops, k) for k in rows]
         low, high = min(sizes_here) - _ROOM, max(sizes_here) + _ROOM
         diameter = max(round(min(sizes_here), 2), _ROOM)  # no hole becomes wider than it is drawn
-        depth = math.ceil((THICKNESS_MM + _THROUGH_MM + diameter / 2 / math.tan(_TIP)) * 10) / 10
+        deepest = loops.thickness + _THROUGH_MM + diameter / 2 / math.tan(_TIP)
+        depth = math.ceil(deepest * 10) / 10
         name, speed = f"drill {short(diameter, 3)}", _turns(_DRILL_SPEED, diameter)
         feed = speed * _DRILL_FEED * diameter / 60
         tools.append(_tool(tools, name, "drill", diameter, speed, feed))
@@ -227,11 +255,13 @@ def _tool(
 
 def _cut(loops: _Loops, kinds: _Sorted, tools: list[Row]) -> Iterator[tuple[Proposed, list[str]]]:
     """Counterbores, what lies inside, and the outlines."""
-    through = THICKNESS_MM + _THROUGH_MM
+    through = loops.thickness + _THROUGH_MM
     bores = _by_size(loops, sorted(set(kinds.bores)))
     for rows in bores:
         what = f"{counted(len(rows), 'counterbore')} of {short(_diameter(loops, rows[0]), 3)} mm: how deep?"
-        yield from _follow(loops, rows, {"side": "inside", "depth": THICKNESS_MM / 2}, what, tools)
+        yield from _follow(
+            loops, rows, {"side": "inside", "depth": loops.thickness / 2}, what, tools
+        )
     what = counted(len(kinds.inner), "contour") + " inside others"
     yield from _follow(loops, kinds.inner, {"depth": through}, what, tools)
     what = counted(len(kinds.outer), "outline")
