@@ -26,6 +26,17 @@ Share = Annotated[float, Meta(gt=0, le=1)]
 NotNegative = Annotated[float, Meta(ge=0)]
 Grey = Annotated[float, Meta(ge=0, le=255)]
 Angle = Annotated[float, Meta(gt=0, lt=180)]
+MaterialName = Literal[
+    "aluminium",
+    "brass",
+    "steel",
+    "stainless steel",
+    "acrylic",
+    "plywood",
+    "mdf",
+    "hardwood",
+    "softwood",
+]
 Values = list[float]
 Points = list[list[float]]
 #: Each from corner to corner.
@@ -342,8 +353,22 @@ class ToolTable(Table, frozen=True):
     ] = None
     tip_diameter: Annotated[NotNegative, Meta(description="flat at the tip of a V tool, mm")] = 0.0
     flutes: Annotated[
-        int, Meta(ge=1, description="cutting edges, for the feed of a tooth in the summary")
+        int, Meta(ge=1, description="cutting edges, by which the feed of a tooth is checked")
     ] = 2
+    material: Annotated[
+        Literal["carbide", "hss"] | None,
+        Meta(description="of the cutting edges; not set: carbide, of a drill hss"),
+    ] = None
+    cutting_length: Annotated[
+        Positive | None,
+        Meta(description="of the cutting edges along the axis, mm; not set: not checked"),
+    ] = None
+    center_cutting: Annotated[
+        bool,
+        Meta(
+            description="an end mill or a bull nose cuts over its centre: it may go straight down"
+        ),
+    ] = False
     max_speed: Annotated[
         Positive | None, Meta(description="highest speed of the spindle, rpm; not set: any")
     ] = None
@@ -393,6 +418,11 @@ class ToolTable(Table, frozen=True):
     def radius(self) -> float:
         """Half the cutting diameter, mm."""
         return self.diameter / 2
+
+    @property
+    def edges(self) -> Literal["carbide", "hss"]:
+        """The material of the cutting edges."""
+        return self.material or ("hss" if self.kind == "drill" else "carbide")
 
 
 class ToolRow(ToolTable, frozen=True):
@@ -546,6 +576,18 @@ class StockTable(Table, frozen=True):
 
     thickness: Annotated[
         Positive | None, Meta(description="mm; not set: nothing is known of it")
+    ] = None
+    below: Annotated[
+        NotNegative,
+        Meta(
+            description="a cut through the stock may end so far below it, a drill's tip apart, mm"
+        ),
+    ] = 0.5
+    material: Annotated[
+        MaterialName | None,
+        Meta(
+            description="by which feeds and speeds are checked; not set: by what no material bears"
+        ),
     ] = None
     margin: Annotated[NotNegative, Meta(description="material around the drawing's size, mm")] = (
         10.0
