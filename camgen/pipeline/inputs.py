@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from camgen.model.cell import Cell
 from camgen.model.errors import InputError, JobError
-from camgen.model.job import Choice, Job, OperationTable, ProcessTable, ToolTable
+from camgen.model.job import Choice, Job, OperationTable, ProcessTable, ToolRow, ToolTable
 from camgen.model.job_tables import ROWS, split_name
 from camgen.model.part import Contour, Note, OpenOutline, Part, Solid
 from camgen.model.pose import FloatArray, frozen
@@ -353,6 +353,9 @@ def _own(job: Job) -> dict[str, object]:
         for name, table in tables.items()
         if table != defaults[name] and name not in ROWS
     }
+    if job.tools and not job.operations:  # of a program that is replayed
+        rows, default = msgspec.to_builtins(job.tools), msgspec.to_builtins(ToolRow())
+        own["tools"] = [_changed(row, default) for row in rows]
     if job.operations:  # each has all that it needs of [[tools]]
         usual = {
             "tool": ToolTable(),
