@@ -66,10 +66,13 @@ def judge(
     else:
         tasks = [_task(part, job, columns)]
         cuts = [_cut(program, reading, columns, job)]
-    proof = prove(cuts, design(tasks, job.stock), dynamics)
-    return StockSays(
-        tuple(_rows(proof, tasks, cuts)), _tell(proof.faults, place), _refuse(program, proof, place)
-    )
+    proof = prove(cuts, design(tasks, job.stock), dynamics, job.stock)
+    warnings = [
+        f"{place(breach.line)}: warning: {breach.what} ({breach.remedy})\n"
+        for breach in proof.set_up.breaches
+    ]
+    lines = "".join([_tell(proof.faults, place), *warnings])
+    return StockSays(tuple(_rows(proof, tasks, cuts)), lines, _refuse(program, proof, place))
 
 
 def _task(part: Part, job: Job, columns: Columns) -> Task:
@@ -130,7 +133,8 @@ def rows_of_build(proof: StockProof) -> list[tuple[str, str, str]]:
     rows = [("stock", f"{_sum(proof)}; {volume(proof.volume)} removed", tone)]
     rows += [("excess", text, "plain") for text in _excess(proof)]
     rows += [("loose", one.text, "look") for one in proof.loose if one.serious]
-    return rows + [("stock", note, "look") for note in proof.notes]
+    rows += [("stock", note, "look") for note in proof.notes]
+    return rows + [("set-up", text, "look") for text in _tell_examined(proof)]
 
 
 def volume(mm3: float) -> str:
@@ -144,7 +148,20 @@ def _rows(proof: StockProof, tasks: Sequence[Task], cuts: Sequence[Cut]) -> list
     rows = [("stock", f"{', '.join(tools)}, {depth} mm deep: {_sum(proof)}")]
     rows.append(("removed", volume(proof.volume)))
     rows += [("excess", text) for text in _excess(proof)]
-    return rows + [("not judged" if "not" in note else "note", note) for note in proof.notes]
+    rows += [("not judged" if "not" in note else "note", note) for note in proof.notes]
+    return rows + [("set-up", text) for text in _tell_examined(proof)]
+
+
+def _tell_examined(proof: StockProof) -> list[str]:
+    """The examined limits of tools and stock, and the others."""
+    set_up = proof.set_up
+    if not set_up.examined:
+        return []
+    exceeded = counted(len(set_up.breaches), "limit") if set_up.breaches else "no limit"
+    text = f"{exceeded} exceeded: {', '.join(set_up.examined)}"
+    if set_up.unexamined:
+        text += f"; not examined, for keys that are not set: {', '.join(set_up.unexamined)}"
+    return [text]
 
 
 def _sum(proof: StockProof) -> str:

@@ -2,10 +2,22 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from camgen.model.job import Job
 from camgen.model.part import Note, Part
+from camgen.model.pose import Pose
+from camgen.plan import name_operation
+from camgen.plan.steps import job_of
 from camgen.read.recorded import Recorded
 from camgen.robots.workcell import Workcell
+
+if TYPE_CHECKING:
+    from camgen.check.stock import StockProof
+
+#: Kinds of tools and of operations that remove material below the top face.
+_CUTTERS = ("end mill", "ball mill", "bull nose", "drill")
+_CUTTING = ("follow", "pocket", "bore", "drill")
 
 
 def note_arm(part: Part, job: Job, cell: Workcell) -> tuple[Note, ...]:
@@ -14,3 +26,41 @@ def note_arm(part: Part, job: Job, cell: Workcell) -> tuple[Note, ...]:
         return ()
     what = f"the arm is the {cell.arm.name} of the built-in cell"
     return (Note("assumed", what, "set cell.robot to yours; camgen robots lists the arms"),)
+
+
+def note_set_up(proof: StockProof | None) -> tuple[Note, ...]:
+    """Limits of tools and stock that the program exceeds."""
+    if proof is None:
+        return ()
+    return tuple(
+        Note(
+            "warning",
+            f"{breach.what}; {breach.file} line {breach.line}",
+            breach.remedy,
+            places=(breach.place[:2],),
+            strict=True,
+        )
+        for breach in proof.set_up.breaches
+    )
+
+
+def note_depth(part: Part, job: Job, cell: Workcell) -> tuple[Note, ...]:
+    """Mills and drills that turn without a depth, on a flat part.
+
+    A tool that is pressed against the part works without one. The tool of a machine turns, the tool
+    of an arm only if the job states its speed.
+    """
+    jobs = [job_of(job, step) for step in job.operations] or [job]
+    idle = [
+        step.tool.kind
+        for step in jobs
+        if step.tool.kind in _CUTTERS
+        and name_operation(part, step) in _CUTTING
+        and (step.process.spindle or isinstance(cell.home, Pose))
+        and not (step.operation.depth or step.process.force)
+    ]
+    if not idle:
+        return ()
+    what = f"the {idle[0]} runs at the top face and cuts nothing: operation.depth is 0"
+    why = "set operation.depth, or tool.kind for a tool that works at the face"
+    return (Note("warning", what, why, strict=True),)

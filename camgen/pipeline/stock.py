@@ -55,6 +55,7 @@ def prove_stock(
         list(_cuts(tour, request, checked, posted)),
         design(tasks, job.stock, _sweep_lost(asked, tour, jobs)),
         dynamics_of(post, job) if states_rounding(post) else None,
+        job.stock,
     )
     if proof.refused:
         worst = proof.refused[0]
@@ -211,5 +212,10 @@ def report_operations(
             "loose": [one.text for one in proof.loose if one.serious],
             "rounded_corners_mm": None if proof.bite is None else round(proof.bite, 4),
             "not_judged": list(proof.notes),
+            "set_up": {
+                "examined": list(proof.set_up.examined),
+                "not_examined": list(proof.set_up.unexamined),
+                "exceeded": [breach.what for breach in proof.set_up.breaches],
+            },
         }
     return found

@@ -271,8 +271,7 @@ def plan_operation(part: Part, job: Job, cell: Cell | None, watch: Watch) -> Pla
 
 def find_operation(part: Part, job: Job) -> Operation:
     """The operation that the job names, or the usual one for what the part is. JobError if it is not for such parts."""
-    kind = kind_of(part)
-    name = job.operation.kind if job.operation.kind != "auto" else _usual(kind, job)
+    kind, name = kind_of(part), name_operation(part, job)
     found = load(find(entries(OPERATIONS), name, "operation", "see docs/operations.md"))
     if not isinstance(found, Operation):
         raise JobError(
@@ -283,6 +282,13 @@ def find_operation(part: Part, job: Job) -> Operation:
     if kind not in found.takes:
         raise _not_for(kind, name, part)
     return found
+
+
+def name_operation(part: Part, job: Job) -> str:
+    """The name of the operation that the job states, or of the usual one for the part."""
+    if job.operation.kind != "auto":
+        return job.operation.kind
+    return _usual(kind_of(part), job)
 
 
 def kind_of(part: Part) -> Kind:

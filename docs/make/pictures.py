@@ -78,12 +78,17 @@ PICTURES = (
         "gcode",
         {"operation": {"kind": "fill"}, "tool": {"diameter": 3.0}},
     ),
-    Shown("pocket.svg", PARTS / "bracket.dxf", "gcode", {"operation": {"kind": "pocket"}, **_MILL}),
+    Shown(
+        "pocket.svg",
+        PARTS / "bracket.dxf",
+        "gcode",
+        {"operation": {"kind": "pocket", "depth": 2, "entry": "helix"}, **_MILL},
+    ),
     Shown(
         "bore.svg",
         PARTS / "bracket.dxf",
         "gcode",
-        {"operation": {"kind": "bore", "depth": 4}, **_MILL},
+        {"operation": {"kind": "bore", "depth": 4, "entry": "helix"}, **_MILL},
     ),
     Shown(
         "chamfer.svg",
@@ -99,7 +104,11 @@ PICTURES = (
         "drill.svg",
         PARTS / "bracket.dxf",
         "gcode",
-        {"operation": {"kind": "drill"}, "tool": {"diameter": 8.0}},
+        {
+            "operation": {"kind": "drill", "depth": 4},
+            "tool": {"kind": "drill", "diameter": 8.0},
+            "process": {"spindle": 1200, "feed": 2},
+        },
     ),
     Shown(
         "replay.svg", OLD, "rapid", {"post": {"signals": {"dout0": "doProcess"}}}, "old.ngc, rapid"

@@ -126,7 +126,8 @@ WALL = {**NEAR, "fixtures": [[48, -80, -5, 52, 140, 45]]}
 def test_a_wall_across_the_ways_costs_no_path(tmp_path: Path) -> None:
     """Holes on both sides of it: straight ways from side to side collide, those of the joints go over it."""
     holes = grid(tmp_path, [(x, y) for x in (0.0, 100.0) for y in (0.0, 30.0, 60.0)])
-    result, checks = built(holes, strict=True, cell=WALL, operation={"kind": "drill"})
+    tool = {"kind": "pen"}
+    result, checks = built(holes, strict=True, cell=WALL, operation={"kind": "drill"}, tool=tool)
     assert lost(result) == {}
     assert len(result.tour.paths) == 6
     assert isinstance(result.tour, ArmTour)

@@ -20,17 +20,21 @@ from camgen.check.stock.heights import Grid, carve
 from camgen.check.stock.loose import Loose, find_loose
 from camgen.check.stock.moves import TOLERANCE_MM, Cut, Moves, tabulate
 from camgen.check.stock.removal import MOST_LEVELS, Level, find_levels, remove
-from camgen.check.stock.spindle import WrongSpindle, check_spindles
+from camgen.check.stock.set_up import Breach, SetUp, check_set_up
+from camgen.check.stock.spindle import WrongSpindle, check_spindles, follow_spindles
 from camgen.model.cell import Dynamics
+from camgen.model.job import StockTable
 from camgen.model.pose import to_vec3
 from camgen.model.text import counted, short
 
 __all__ = [
     "TOLERANCE_MM",
+    "Breach",
     "Cut",
     "Design",
     "Fault",
     "Level",
+    "SetUp",
     "StockProof",
     "Task",
     "design",
@@ -39,6 +43,7 @@ __all__ = [
     "task_on",
 ]
 
+_NO_STOCK = StockTable()
 FaultKind = Literal["gouge", "corner", "rapid", "holder", "spindle", "loose"]
 
 
@@ -79,6 +84,7 @@ class StockProof(Struct, frozen=True, eq=False):
     levels: levels of the stock, from the top.
     volumes: mm3 that each cut removes first.
     notes: parts of the proof that are missing, with the reasons.
+    set_up: limits of tools and stock that the cuts exceed.
     grid: heights, for a job with too many levels, else None.
     bite: largest depth, mm, to which rounded corners cut material that must stay. None: the
         rounding is not modelled, and the proof is of the programmed path only.
@@ -93,6 +99,7 @@ class StockProof(Struct, frozen=True, eq=False):
     levels: tuple[Level, ...]
     volumes: tuple[float, ...]
     notes: tuple[str, ...]
+    set_up: SetUp
     grid: Grid | None = None
     bite: float | None = None
 
@@ -121,10 +128,16 @@ class StockProof(Struct, frozen=True, eq=False):
         )
 
 
-def prove(cuts: Sequence[Cut], design: Design, dynamics: Dynamics | None = None) -> StockProof:
+def prove(
+    cuts: Sequence[Cut],
+    design: Design,
+    dynamics: Dynamics | None = None,
+    stock: StockTable = _NO_STOCK,
+) -> StockProof:
     """The proof of `cuts`, one after the other, on the stock of `design`.
 
     dynamics: dynamics of the controller. None: it is not known how it rounds corners.
+    stock: stock of the job, for the limits of the set-up.
     """
     bites = [] if dynamics is None else find_bites(cuts, design, dynamics)
     deepest = None if dynamics is None else max((bite.mm for bite in bites), default=0.0)
@@ -139,7 +152,8 @@ def prove(cuts: Sequence[Cut], design: Design, dynamics: Dynamics | None = None)
         volumes = grid.volumes
     else:
         levels, volumes = remove(moves, cuts, design, depths)
-    spindles = check_spindles(cuts)
+    running = follow_spindles(cuts)
+    spindles = check_spindles(cuts, running)
     notes = [*design.notes, *_notes(moves, unseen)]
     if not spindles.is_judged:
         notes.append("the text switches no spindle: whether the tool turns is not judged")
@@ -155,6 +169,7 @@ def prove(cuts: Sequence[Cut], design: Design, dynamics: Dynamics | None = None)
         levels=levels,
         volumes=volumes,
         notes=tuple(notes),
+        set_up=check_set_up(gone, design, stock, running),
         grid=grid,
         bite=deepest,
     )

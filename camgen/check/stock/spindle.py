@@ -56,21 +56,46 @@ class Spindles(Struct, frozen=True):
     is_judged: bool
 
 
-def check_spindles(cuts: Sequence[Cut]) -> Spindles:
-    """Whether the spindle turns as it must wherever a tool is in material."""
-    wrong: list[WrongSpindle] = []
-    is_judged = True
+class Running(Struct, frozen=True, eq=False):
+    """The motions of a cut with the spindle.
+
+    columns: motions of the cut, M.
+    cutting: (M,) whether motions are in material; those straight up are not.
+    speed: (M,) speed of the spindle during each motion, rpm; NaN before it is switched.
+    """
+
+    columns: Columns
+    cutting: BoolArray
+    speed: FloatArray
+
+
+def follow_spindles(cuts: Sequence[Cut]) -> list[Running]:
+    """The motions of each cut with the spindle, whose speed holds from cut to cut of one file."""
+    running: list[Running] = []
     speed, file = np.nan, ""
-    for number, cut in enumerate(cuts):
+    for cut in cuts:
         columns = Columns(cut.body)
         if cut.file != file:
             speed, file = np.nan, cut.file
         speeds, speed = _follow_spindle(columns, speed)
-        if cut.tool.kind in _STANDING or not len(columns.at):
-            continue
-        cutting = _find_cutting(cut, columns)
-        is_judged &= not np.isnan(speeds[cutting]).any()
-        wrong += _find_faults(cut, number, columns, np.where(cutting, speeds, np.nan))
+        running.append(Running(columns, _find_cutting(cut, columns), speeds))
+    return running
+
+
+def turns(cut: Cut) -> bool:
+    """Whether the tool of a cut must turn to cut."""
+    return cut.tool.kind not in _STANDING
+
+
+def check_spindles(cuts: Sequence[Cut], running: Sequence[Running]) -> Spindles:
+    """Whether the spindle turns as it must wherever a tool is in material."""
+    wrong: list[WrongSpindle] = []
+    is_judged = True
+    for number, (cut, motions) in enumerate(zip(cuts, running, strict=True)):
+        if turns(cut):
+            speeds = np.where(motions.cutting, motions.speed, np.nan)
+            is_judged &= not np.isnan(speeds[motions.cutting]).any()
+            wrong += _find_faults(cut, number, motions.columns, speeds)
     return Spindles(tuple(wrong), is_judged)
 
 
@@ -94,6 +119,8 @@ def _find_faults(cut: Cut, number: int, columns: Columns, speeds: FloatArray) ->
 
 def _find_cutting(cut: Cut, columns: Columns) -> BoolArray:
     """(M,) whether motions are in material; those straight up are not."""
+    if not len(columns.at):
+        return np.zeros(0, dtype=np.bool_)
     rapid = find_rapid(columns, cut.travel)
     start = np.roll(columns.ends, 1, axis=0)
     depth = find_depths(cut, columns, start, columns.ends, rapid)

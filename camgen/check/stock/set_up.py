@@ -1,0 +1,389 @@
+"""The set-up of a program: depths, passes, feeds and speeds against the stock and the tools.
+
+Each rule compares the motions of the text with a limit that has a source: a key of the job or a
+published chart. The rules judge plausibility. A breach damages a tool or the board beneath, but
+not the part's shape.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import shapely
+from msgspec import Struct
+
+from camgen.check.stock.clear import Gone
+from camgen.check.stock.design import Design
+from camgen.check.stock.moves import TOLERANCE_MM, Cut, Moves
+from camgen.check.stock.spindle import Running, turns
+from camgen.geometry.segments import BoolArray, IntArray, points_at
+from camgen.model.job import StockTable, ToolTable
+from camgen.model.materials import MATERIALS, Material, find_charts
+from camgen.model.pose import FloatArray, Vec3, to_vec3
+from camgen.model.program import Columns
+from camgen.model.text import short
+
+#: A value above its limit by this factor exceeds it: texts are printed in digits.
+_NEARLY = 1.01
+#: A spindle that is only switched on has this speed in a text.
+_SWITCHED_ON = 1.0
+#: Whole angle at the tip of a drill, deg.
+_DRILL_ANGLE = 118.0
+#: Depth of a pass without a material, in diameters.
+_PASSES = max(material.passes for material in MATERIALS.values())
+#: Motions that are looked up at once.
+_CHUNK = 4096
+#: Mills that need not cut over their centre.
+_FLAT_MILLS = ("end mill", "bull nose")
+
+
+class Breach(Struct, frozen=True):
+    """A limit that a tool exceeds.
+
+    line: line of the first motion that exceeds it, from 1.
+    file: name of the text.
+    place: end of that motion, mm.
+    what: the largest value and the limit in words.
+    remedy: source of the limit, and the keys to set.
+    """
+
+    line: int
+    file: str
+    place: Vec3
+    what: str
+    remedy: str
+
+
+class SetUp(Struct, frozen=True):
+    """The examined limits.
+
+    breaches: limits that are exceeded, in order of cut.
+    examined: names of the examined properties.
+    unexamined: names of the others, each with the key that is not set.
+    """
+
+    breaches: tuple[Breach, ...]
+    examined: tuple[str, ...]
+    unexamined: tuple[str, ...]
+
+
+class _Case(NamedTuple):
+    """One tool.
+
+    tool: the tool.
+    gone: material taken by all cuts.
+    design: permissions of the drawing.
+    rows: (K,) motions of this tool at feed in material, by their rows in `gone`.
+    stock: stock of the job.
+    running: each cut with this tool, and its motions.
+    """
+
+    tool: ToolTable
+    gone: Gone
+    design: Design
+    rows: IntArray
+    stock: StockTable
+    running: tuple[tuple[Cut, Running], ...]
+
+    @property
+    def material(self) -> Material | None:
+        """The material of the stock, None if the job does not state it."""
+        return MATERIALS[self.stock.material] if self.stock.material else None
+
+    @property
+    def name(self) -> str:
+        """The tool in messages."""
+        return self.tool.name or f"the {self.tool.kind} of {short(self.tool.diameter, 3)} mm"
+
+    @property
+    def where(self) -> str:
+        """The material in messages."""
+        return f"in {self.stock.material} at most" if self.material else "in no material more than"
+
+
+def check_set_up(
+    gone: Gone, design: Design, stock: StockTable, running: Sequence[Running]
+) -> SetUp:
+    """The limits of the set-up that the cuts in `gone` exceed.
+
+    running: motions of each cut with the spindle.
+    """
+    moves = gone.moves
+    at_feed = gone.rows[~moves.rapid[gone.rows] & ~moves.rising[gone.rows]]
+    cases = []
+    for tool, numbers in _group_by_tool(gone.cuts):
+        rows = at_feed[np.isin(moves.cut[at_feed], numbers)]
+        pairs = tuple((gone.cuts[number], running[number]) for number in numbers)
+        if len(rows):
+            cases.append(_Case(tool, gone, design, rows, stock, pairs))
+    breaches: list[Breach] = []
+    for case in cases:
+        breaches += filter(None, [rule(case) for rule in _RULES])
+    return SetUp(tuple(breaches), *_name_examined(cases, stock))
+
+
+def _group_by_tool(cuts: Sequence[Cut]) -> list[tuple[ToolTable, list[int]]]:
+    """The tools that turn, with the numbers of their cuts."""
+    groups: list[tuple[ToolTable, list[int]]] = []
+    for number, cut in enumerate(cuts):
+        if not turns(cut):
+            continue
+        known = next((numbers for tool, numbers in groups if tool == cut.tool), None)
+        if known is None:
+            groups.append((cut.tool, [number]))
+        else:
+            known.append(number)
+    return groups
+
+
+def _name_examined(
+    cases: Sequence[_Case], stock: StockTable
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """The properties that were examined, and the others with the keys that are not set."""
+    if not cases:
+        return (), ()
+    tools = [case.tool for case in cases]
+    examined, unexamined = ["passes", "plunges"], []
+    for name, is_known, key in (
+        ("depth", stock.thickness is not None, "stock.thickness"),
+        ("feed of a tooth and cutting speed", stock.material is not None, "stock.material"),
+        ("cutting length", all(tool.cutting_length for tool in tools), "tool.cutting_length"),
+        ("speed of the spindle", all(tool.max_speed for tool in tools), "tool.max_speed"),
+    ):
+        if is_known:
+            examined.append(name)
+        else:
+            unexamined.append(f"{name} ({key})")
+    return tuple(examined), tuple(unexamined)
+
+
+# Depths: rows of the stock proof.
+
+
+def _exceed_stock(case: _Case) -> Breach | None:
+    """A tool that goes too far below the stock. The tip of a drill does not count."""
+    stock = case.stock
+    if stock.thickness is None:
+        return None
+    depths = case.gone.moves.deepest[case.rows] - _tip(case.tool)
+    allowed = stock.thickness + stock.below
+    what = (
+        f"{case.name} goes {{}} mm deep, the stock is {short(stock.thickness, 3)} mm thick and "
+        f"{short(stock.below, 3)} mm below it are allowed"
+    )
+    remedy = "set operation.depth, stock.thickness or stock.below"
+    return _breach_of_rows(case, depths, allowed + TOLERANCE_MM, what, remedy)
+
+
+def _tip(tool: ToolTable) -> float:
+    """The length of a drill's tip, mm; 0 for other tools."""
+    if tool.kind != "drill":
+        return 0.0
+    half = math.radians((tool.tip_angle or _DRILL_ANGLE) / 2)
+    return tool.radius / math.tan(half)
+
+
+def _exceed_edges(case: _Case) -> Breach | None:
+    """A tool that goes deeper than its cutting edges are long."""
+    if case.tool.cutting_length is None:
+        return None
+    edges = case.tool.cutting_length
+    what = f"{case.name} goes {{}} mm deep, its cutting edges are {short(edges, 3)} mm long"
+    remedy = "set operation.depth or tool.cutting_length"
+    depths = case.gone.moves.deepest[case.rows]
+    return _breach_of_rows(case, depths, edges + TOLERANCE_MM, what, remedy)
+
+
+def _exceed_pass(case: _Case) -> Breach | None:
+    """A mill that takes too deep a pass, half-way along its motions."""
+    if case.tool.kind == "drill":
+        return None
+    diameters = case.material.passes if case.material else _PASSES
+    limit = diameters * case.tool.diameter
+    moves = case.gone.moves
+    depths = moves.down[case.rows].mean(axis=1)
+    rows = case.rows[(depths > limit + TOLERANCE_MM) & ~moves.upright[case.rows]]
+    if not len(rows):
+        return None
+    points = points_at(moves.plane.take(rows), np.full(len(rows), 0.5))
+    depths = moves.down[rows].mean(axis=1) - _find_cleared(case.gone, rows, points)
+    what = (
+        f"{case.name} takes {{}} mm in one pass, {case.where} {short(limit, 3)} mm are usual "
+        f"({short(diameters, 1)} diameters)"
+    )
+    source = "charts of mills end at one diameter in metal, at three in wood and plastics"
+    remedy = f"{source}; set operation.passes"
+    return _breach_of_rows(case._replace(rows=rows), depths, limit + TOLERANCE_MM, what, remedy)
+
+
+def _plunge(case: _Case) -> Breach | None:
+    """A mill that goes straight down into material and need not cut over its centre."""
+    if case.tool.kind not in _FLAT_MILLS or case.tool.center_cutting:
+        return None
+    moves = case.gone.moves
+    rows = case.rows[moves.upright[case.rows]]
+    points = moves.plane.end[rows]
+    gap = shapely.distance(case.design.outline, shapely.points(points))
+    meets = gap <= case.tool.radius
+    rows, points = rows[meets], points[meets]
+    depths = moves.deepest[rows] - _find_cleared(case.gone, rows, points)
+    what = f"{case.name} goes straight down, {{}} mm into material"
+    source = "not every end mill cuts over its centre"
+    remedy = f'{source}; set operation.entry = "ramp" or "helix", or tool.center_cutting = true'
+    return _breach_of_rows(case._replace(rows=rows), depths, 10 * TOLERANCE_MM, what, remedy)
+
+
+def _find_cleared(gone: Gone, rows: IntArray, points: FloatArray) -> FloatArray:
+    """(K,) depths, mm, to which earlier motions have cleared points.
+
+    rows: (K,) motions.
+    points: (K, 2) places of the tool's axis during them, mm.
+    """
+    cleared = np.zeros(len(rows))
+    radius = np.array([cut.tool.radius for cut in gone.cuts])
+    moves = gone.moves
+    for first in range(0, len(rows), _CHUNK):
+        chunk = slice(first, first + _CHUNK)
+        which, places = gone.tree.query(shapely.points(points[chunk]))
+        earlier = gone.rows[places]
+        before = (earlier < rows[chunk][which]) & ~moves.rapid[earlier]
+        which, earlier = which[before], earlier[before]
+        distance, share = _project(moves, earlier, points[chunk][which])
+        inside = distance <= radius[moves.cut[earlier]]
+        start, end = moves.down[earlier[inside]].T
+        depth = start + share[inside] * (end - start)
+        depth = np.where(moves.upright[earlier[inside]], np.maximum(start, end), depth)
+        np.maximum.at(cleared[chunk], which[inside], depth)
+    return cleared
+
+
+def _project(moves: Moves, rows: IntArray, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(K,) distances, mm, of points from motions seen from above, and the fractions of the way.
+
+    points: (K, 2), a point for each motion, mm.
+    """
+    plane = moves.plane.take(rows)
+    shares = np.linspace(0.0, 1.0, 9)
+    lines = shapely.linestrings(
+        np.stack([points_at(plane, np.full(len(rows), share)) for share in shares], axis=1)
+    )
+    spots = shapely.points(points)
+    share = shapely.line_locate_point(lines, spots, normalized=True)
+    return shapely.distance(lines, spots), np.nan_to_num(share)
+
+
+def _breach_of_rows(
+    case: _Case, values: FloatArray, limit: float, what: str, remedy: str
+) -> Breach | None:
+    """The breach of motions whose values, mm, are above a limit; None if none is.
+
+    values: (K,) values of `case.rows`.
+    what: words with a field for the largest value.
+    """
+    above = np.flatnonzero(values > limit)
+    if not len(above):
+        return None
+    moves, row = case.gone.moves, int(case.rows[above[0]])
+    cut = case.gone.cuts[int(moves.cut[row])]
+    worst = short(float(values[above].max()), 3)
+    place = to_vec3(moves.end[row])
+    return Breach(int(moves.line[row]), cut.file, place, what.format(worst), remedy)
+
+
+# Feeds and speeds: columns of the text.
+
+
+def _exceed_tooth(case: _Case) -> Breach | None:
+    """A tooth, or the turn of a drill, that is fed more than the material bears."""
+    charts = [find_charts(material, case.tool)[0] for material in _materials(case)]
+    known = [chart for chart in charts if chart is not None]
+    if not known:
+        return None
+    chart = max(known, key=lambda chart: chart.highest(case.tool.diameter))
+    limit = chart.highest(case.tool.diameter)
+    is_drill = case.tool.kind == "drill"
+    edges = 1 if is_drill else case.tool.flutes
+
+    def feed(columns: Columns, running: Running) -> FloatArray:
+        upright = _go_down(columns)
+        judged = upright if is_drill else ~upright
+        per_edge = columns.speed * 60 / running.speed / edges
+        return np.where(judged & (running.speed > _SWITCHED_ON), per_edge, 0.0)
+
+    noun = "turn" if is_drill else "tooth"
+    what = f"{case.name} is fed {{}} mm a {noun}, {case.where} {short(limit, 3)} mm are usual"
+    remedy = f"{chart.source}; set the feed or the speed of the tool, or tool.flutes"
+    return _breach_of_text(case, feed, limit, what, remedy)
+
+
+def _exceed_speed(case: _Case) -> Breach | None:
+    """A tool that turns faster than the material bears."""
+    speeds = find_charts(case.material, case.tool)[1] if case.material else None
+    if speeds is None:
+        return None
+    limit = speeds.turns(case.tool.diameter)[1]
+
+    def turning(_columns: Columns, running: Running) -> FloatArray:
+        return running.speed
+
+    what = (
+        f"{case.name} turns at {{}} rpm, {case.where} {short(limit, 0)} rpm are usual at this "
+        "diameter"
+    )
+    remedy = f"{speeds.source}; set the speed of the tool"
+    return _breach_of_text(case, turning, limit, what, remedy)
+
+
+def _materials(case: _Case) -> Sequence[Material]:
+    """The material of the stock, or all of them."""
+    return [case.material] if case.material else list(MATERIALS.values())
+
+
+def _go_down(columns: Columns) -> BoolArray:
+    """(M,) whether motions go straight down."""
+    step = columns.ends - np.roll(columns.ends, 1, axis=0)
+    return np.asarray((np.hypot(step[:, 0], step[:, 1]) < TOLERANCE_MM) & (step[:, 2] < 0))
+
+
+def _breach_of_text(
+    case: _Case,
+    value: Callable[[Columns, Running], FloatArray],
+    limit: float,
+    what: str,
+    remedy: str,
+) -> Breach | None:
+    """The breach of motions in material whose values are above a limit; None if none is.
+
+    value: (M,) values of the motions of a cut.
+    what: words with a field for the largest value.
+    """
+    worst, first = 0.0, None
+    for cut, running in case.running:
+        columns = running.columns
+        if not len(columns.at):
+            continue
+        with np.errstate(invalid="ignore", divide="ignore"):
+            values = np.where(running.cutting, value(columns, running), 0.0)
+        above = np.flatnonzero(values > limit * _NEARLY)
+        if len(above):
+            worst = max(worst, float(values[above].max()))
+            first = first or (cut, columns, int(above[0]))
+    if first is None:
+        return None
+    cut, columns, row = first
+    digits = 0 if worst > 100 else 3
+    line, place = int(cut.lines[columns.at[row]]), to_vec3(columns.ends[row])
+    return Breach(line, cut.file, place, what.format(short(worst, digits)), remedy)
+
+
+_RULES: tuple[Callable[[_Case], Breach | None], ...] = (
+    _exceed_stock,
+    _exceed_edges,
+    _exceed_pass,
+    _plunge,
+    _exceed_tooth,
+    _exceed_speed,
+)
