@@ -345,6 +345,11 @@ def _init(sub: _Parser) -> None:
         action="store_true",
         help="with the tools and operations that the closed contours ask for",
     )
+    sub.add_argument(
+        "--material",
+        metavar="NAME",
+        help="feeds and speeds of the proposed tools by published charts, e.g. plywood",
+    )
     _set(sub, "one setting to write into the job file; may be repeated")
 
 

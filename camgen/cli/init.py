@@ -16,11 +16,11 @@ from camgen.batch.writing import check_targets, write_all
 from camgen.cli.proposal import describe, list_proposed
 from camgen.cli.say import Voice
 from camgen.model.errors import AmbiguousInput, CamgenError, InputError, JobError
-from camgen.model.job import OperationTable
+from camgen.model.job import Job, OperationTable
 from camgen.model.job_tables import Setting, row_settings, row_tables, settings, tables
 from camgen.model.part import Part
 from camgen.model.toml import toml
-from camgen.plan.propose import THICKNESS_MM, Proposal
+from camgen.plan.propose import Proposal
 from camgen.post import Post
 from camgen.post.plugins import find_post, list_installed
 from camgen.read import find_reader
@@ -40,15 +40,17 @@ def run(arguments: Namespace, says: Voice) -> int:
     check_targets([target], [source.path])
     says.stage("reading")
     reader = find_reader(source)
-    job = load(None, arguments.sets, files)
+    sets = _with_material(arguments.sets, arguments.material)
+    job = load(None, sets, files)
     # What is proposed depends on nothing of [operation].
     reading = replace(job, operation=OperationTable())
     part = reader.read(source, reading, files) if reader.makes == "drawing" else None
     units = "" if part is None else part.units
-    thickness = job.stock.thickness or THICKNESS_MM
-    proposal = _propose(part, source.name, arguments.operations, thickness, says)
+    option = "--operations" if arguments.operations else ""
+    option = option or ("--material" if arguments.material else "")
+    proposal = _propose(part, job, source.name, option, says)
     chosen = Chosen(
-        values={(table, key): value for table, key, value in map(assignment, arguments.sets)},
+        values={(table, key): value for table, key, value in map(assignment, sets)},
         proposal=proposal,
         active=arguments.operations,
     )
@@ -59,20 +61,12 @@ def run(arguments: Namespace, says: Voice) -> int:
     found = f"; {source.name}: {units}" if units else ""
     says.rows([("job", f"{target}: every setting with its default{found}", "plain")])
     if proposal is not None:
-        told = (
-            "depths and speeds are placeholders"
-            if arguments.operations
-            else "as comments; --operations uses it"
-        )
-        says.rows(
-            [
-                (
-                    "proposed",
-                    f"{describe(proposal)}: {told}",
-                    "look" if arguments.operations else "plain",
-                )
-            ]
-        )
+        about = "as comments; --operations uses it"
+        if arguments.operations:
+            values = "depths" if proposal.material else "depths and speeds"
+            about = f"{values} are placeholders"
+        tone = "look" if arguments.operations else "plain"
+        says.rows([("proposed", f"{describe(proposal)}: {about}", tone)])
     if identity(source.path.parent) != identity(target.parent):
         says.rows(
             [
@@ -86,33 +80,43 @@ def run(arguments: Namespace, says: Voice) -> int:
     return 0
 
 
-def _propose(
-    part: Part | None, source: str, asked: bool, thickness: float, says: Voice
-) -> Proposal | None:
-    """Operations for the drawing `part`, cut from material `thickness` mm thick.
+def _with_material(sets: Sequence[str], name: str | None) -> list[str]:
+    """The settings with that of the material. JobError for a name that is not known."""
+    if name is None:
+        return list(sets)
+    from camgen.model.materials import MATERIALS  # noqa: PLC0415 (only where it is asked for)
 
-    asked: they are asked for. Then InputError where there are none; else None.
+    if name not in MATERIALS:
+        what = "there are no charts for this material"
+        raise JobError(f"--material {name}", what, remedy=f"one of {', '.join(MATERIALS)}")
+    return [*sets, f'stock.material="{name}"']
+
+
+def _propose(part: Part | None, job: Job, source: str, option: str, says: Voice) -> Proposal | None:
+    """Operations for the drawing `part`.
+
+    job: its stock, and its tools, which are those of a library.
+    option: the option that asks for operations, "" for none. Without operations InputError then,
+        else None.
     """
-    flat = part is not None and part.raster is None and part.solid is None and not part.curves
-    if part is None or not flat:
-        if asked:
-            raise InputError(source, "is no flat drawing", "--operations", "leave it out")
+    if part is None or part.raster is not None or part.solid is not None or part.curves:
+        if option:
+            raise InputError(source, "is no flat drawing", option, "leave it out")
         return None
     says.stage("proposing")
     from camgen.plan.propose import propose  # noqa: PLC0415 (shapely, only for drawings)
 
     try:
-        proposal = propose(part, thickness)
+        proposal = propose(part, job.stock, job.tools)
     except AmbiguousInput as error:
-        if asked:
+        if option:
             raise
         says.rows([("proposed", f"no operations: {error}", "look")])
         return None
-    if proposal is None and asked:
+    if proposal is None and option:
         what = "has no closed contour that a drill or a mill of 1 mm or more could make"
-        raise InputError(
-            source, what, "--operations", "camgen inspect shows its contours; or leave it out"
-        )
+        remedy = "camgen inspect shows its contours; or leave it out"
+        raise InputError(source, what, option, remedy)
     return proposal
 
 

@@ -1,7 +1,8 @@
-"""``camgen init --set`` writes a setting, and answers the question about an outline with a gap."""
+"""``camgen init`` with settings of the user: ``--set``, ``--material`` and a library of tools."""
 
 from __future__ import annotations
 
+import math
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ import ezdxf
 import pytest
 
 from camgen.cli import main
+from camgen.model.materials import MATERIALS
 
 QUESTION = (
     "plate.dxf: the outline c1 has a gap of 0.5 mm, so inside and outside of c2-c3, which it "
@@ -67,7 +69,7 @@ def test_depths_follow_from_the_thickness_that_is_set(folder: Path) -> None:
     job = read_job(folder)
     assert (job["stock"]["thickness"], job["post"]) == (5, {"work": "G55"})
     # 0.5 mm below the material, and 2.5 mm / tan(59 deg) = 1.51 mm for the tip of the drill.
-    assert [row["depth"] for row in job["operations"]] == [7.1, 5.5, 5.5]
+    assert [row["depth"] for row in job["operations"]] == [7.0, 5.5, 5.5]
 
 
 @pytest.mark.parametrize(
@@ -83,3 +85,67 @@ def test_a_setting_that_no_job_has_is_refused(
     assert main(["init", "plate.dxf", "--set", setting]) == 2
     assert message in capsys.readouterr().err
     assert not (folder / "plate.toml").exists()
+
+
+CLOSED = ["init", "plate.dxf", "--set", "input.join=0.501"]
+
+
+def test_feeds_of_a_material_stand_with_their_source(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([*CLOSED, "--operations", "--material", "aluminium"]) == 0
+    job, text = read_job(folder), (folder / "plate.toml").read_text(encoding="utf-8")
+    assert job["stock"]["material"] == "aluminium"
+    drill, mill = job["tools"]
+    # HIT, HSS drills: 300 feet a minute around 5 mm, and 0.0052 inch a turn there, between
+    # 3/16 inch (0.005) and 1/4 inch (0.006).
+    turns = 300 * 304.8 / (math.pi * 5)
+    assert drill["speed"] == pytest.approx(turns, rel=0.01)
+    feed = 0.005 + 0.001 * (5 / 25.4 - 3 / 16) / (1 / 16)
+    assert drill["feed"] == pytest.approx(feed * 25.4 * drill["speed"] / 60, rel=0.01)
+    assert f"feed = {drill['feed']}  # HIT Tooling Parameter Sheet" in text
+    assert f"plunge = {mill['plunge']}  # HIT Tooling Parameter Sheet" in text
+    assert "placeholder:" not in text
+    assert "2 tools: depths are placeholders" in capsys.readouterr().err
+    assert main(["build", "plate.dxf", "--post", "gcode"]) == 0
+    assert "set-up    no limit exceeded: passes, plunges, depth, feed of a tooth and" in (
+        capsys.readouterr().err
+    )
+
+
+def test_a_material_without_charts_is_refused(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([*CLOSED, "--material", "cheese"]) == 2
+    assert capsys.readouterr().err == (
+        "camgen: error: --material cheese: there are no charts for this material; one of "
+        f"{', '.join(MATERIALS)}\n"
+    )
+    assert not (folder / "plate.toml").exists()
+
+
+def test_a_material_is_for_a_flat_drawing(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    part = Path(__file__).parents[2] / "fixtures" / "parts" / "rfa1.stl"
+    assert main(["init", str(part), "--material", "steel"]) == 2
+    assert "drawing (--material); leave it out" in capsys.readouterr().err
+    assert not list(folder.glob("*.toml"))
+
+
+def test_the_library_is_named_in_the_job_and_its_tools_are_used(folder: Path) -> None:
+    library = """\
+[[tools]]
+name = "HSS 5"
+number = 7
+kind = "drill"
+diameter = 5.0
+feed = 3.0
+speed = 2000.0
+"""
+    (folder / "shop.toml").write_text(library, encoding="utf-8")
+    assert main([*CLOSED, "--operations", "--set", "tool.file=shop.toml"]) == 0
+    job = read_job(folder)
+    assert job["tool"]["file"] == "shop.toml"
+    assert [(tool["name"], tool["number"]) for tool in job["tools"]] == [("mill 6", 8)]
+    assert [row["tool"] for row in job["operations"]] == ["HSS 5", "mill 6", "mill 6"]
+    assert main(["build", "plate.dxf", "--post", "gcode"]) == 0
+    assert "T7 M6" in (folder / "plate.ngc").read_text(encoding="utf-8")

@@ -66,4 +66,5 @@ def _are_over_tab(task: Task, motions: Motions, rows: IntArray, slack: float) ->
     highest = np.maximum(motions.start[rows, 2], motions.end[rows, 2])
     is_level = (np.abs(highest - tab_top(task)) <= slack) & (np.abs(drop) <= slack)
     slope = _STEEPER * math.tan(math.radians(task.operation.entry_angle))
-    return is_level | ((highest <= tab_top(task) + slack) & (drop > slope * length))
+    is_flank = (highest <= tab_top(task) + slack) & (drop > slope * length)
+    return np.asarray(is_level | is_flank)
