@@ -353,6 +353,12 @@ def _init(sub: _Parser) -> None:
         action="store_true",
         help="with the tools and operations that the closed contours ask for",
     )
+    sub.add_argument(
+        "--material",
+        metavar="NAME",
+        help="feeds and speeds of the proposed tools by published charts, e.g. plywood",
+    )
+    _set(sub, "one setting to write into the job file; may be repeated")
 
 
 def _verify(sub: _Parser) -> None:
@@ -538,11 +544,15 @@ def _job(sub: _Parser) -> None:
         metavar="FILE.toml",
         help="job file (default: the input's name with .toml, if it exists)",
     )
+    _set(sub, "one setting; wins over the job file; may be repeated")
+
+
+def _set(sub: _Parser, about: str) -> None:
     sub.add_argument(
         "--set",
         metavar="TABLE.KEY=VALUE",
         action="append",
         default=[],
         dest="sets",
-        help="one setting; wins over the job file; may be repeated",
+        help=about,
     )

@@ -6,22 +6,26 @@ import dataclasses
 import textwrap
 import tomllib
 from argparse import Namespace
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+
+from msgspec import Struct
+from msgspec.structs import replace
 
 from camgen.batch.writing import check_targets, write_all
 from camgen.cli.proposal import describe, list_proposed
 from camgen.cli.say import Voice
-from camgen.model.errors import CamgenError, InputError, JobError
-from camgen.model.job import Job
+from camgen.model.errors import AmbiguousInput, CamgenError, InputError, JobError
+from camgen.model.job import Job, OperationTable
 from camgen.model.job_tables import Setting, row_settings, row_tables, settings, tables
 from camgen.model.part import Part
 from camgen.model.toml import toml
-from camgen.plan.propose import THICKNESS_MM, Proposal
+from camgen.plan.propose import Proposal
 from camgen.post import Post
 from camgen.post.plugins import find_post, list_installed
 from camgen.read import find_reader
 from camgen.read.files import Files, identity
+from camgen.read.job_file import assignment, load
 
 
 def run(arguments: Namespace, says: Voice) -> int:
@@ -36,30 +40,33 @@ def run(arguments: Namespace, says: Voice) -> int:
     check_targets([target], [source.path])
     says.stage("reading")
     reader = find_reader(source)
-    part = reader.read(source, Job(), files) if reader.makes == "drawing" else None
+    sets = _with_material(arguments.sets, arguments.material)
+    job = load(None, sets, files)
+    # What is proposed depends on nothing of [operation].
+    reading = replace(job, operation=OperationTable())
+    part = reader.read(source, reading, files) if reader.makes == "drawing" else None
     units = "" if part is None else part.units
-    proposal = _propose(part, source.name, arguments.operations, says)
-    text = template(source.name, units, proposal, arguments.operations)
+    option = "--operations" if arguments.operations else ""
+    option = option or ("--material" if arguments.material else "")
+    proposal = _propose(part, job, source.name, option, says)
+    chosen = Chosen(
+        values={(table, key): value for table, key, value in map(assignment, sets)},
+        proposal=proposal,
+        active=arguments.operations,
+    )
+    text = template(source.name, units, chosen)
     if arguments.operations and part is not None:
         _insist_on_program(part, text, says)
     write_all([(target, text.encode())], files.opened)
     found = f"; {source.name}: {units}" if units else ""
     says.rows([("job", f"{target}: every setting with its default{found}", "plain")])
     if proposal is not None:
-        told = (
-            "depths and speeds are placeholders"
-            if arguments.operations
-            else "as comments; --operations uses it"
-        )
-        says.rows(
-            [
-                (
-                    "proposed",
-                    f"{describe(proposal)}: {told}",
-                    "look" if arguments.operations else "plain",
-                )
-            ]
-        )
+        about = "as comments; --operations uses it"
+        if arguments.operations:
+            values = "depths" if proposal.material else "depths and speeds"
+            about = f"{values} are placeholders"
+        tone = "look" if arguments.operations else "plain"
+        says.rows([("proposed", f"{describe(proposal)}: {about}", tone)])
     if identity(source.path.parent) != identity(target.parent):
         says.rows(
             [
@@ -73,22 +80,43 @@ def run(arguments: Namespace, says: Voice) -> int:
     return 0
 
 
-def _propose(part: Part | None, source: str, asked: bool, says: Voice) -> Proposal | None:
-    """Operations for the drawing ``part``. InputError where they are asked for and there are none."""
-    flat = part is not None and part.raster is None and part.solid is None and not part.curves
-    if part is None or not flat:
-        if asked:
-            raise InputError(source, "is no flat drawing", "--operations", "leave it out")
+def _with_material(sets: Sequence[str], name: str | None) -> list[str]:
+    """The settings with that of the material. JobError for a name that is not known."""
+    if name is None:
+        return list(sets)
+    from camgen.model.materials import MATERIALS  # noqa: PLC0415 (only where it is asked for)
+
+    if name not in MATERIALS:
+        what = "there are no charts for this material"
+        raise JobError(f"--material {name}", what, remedy=f"one of {', '.join(MATERIALS)}")
+    return [*sets, f'stock.material="{name}"']
+
+
+def _propose(part: Part | None, job: Job, source: str, option: str, says: Voice) -> Proposal | None:
+    """Operations for the drawing `part`.
+
+    job: its stock, and its tools, which are those of a library.
+    option: the option that asks for operations, "" for none. Without operations InputError then,
+        else None.
+    """
+    if part is None or part.raster is not None or part.solid is not None or part.curves:
+        if option:
+            raise InputError(source, "is no flat drawing", option, "leave it out")
         return None
     says.stage("proposing")
     from camgen.plan.propose import propose  # noqa: PLC0415 (shapely, only for drawings)
 
-    proposal = propose(part)
-    if proposal is None and asked:
+    try:
+        proposal = propose(part, job.stock, job.tools)
+    except AmbiguousInput as error:
+        if option:
+            raise
+        says.rows([("proposed", f"no operations: {error}", "look")])
+        return None
+    if proposal is None and option:
         what = "has no closed contour that a drill or a mill of 1 mm or more could make"
-        raise InputError(
-            source, what, "--operations", "camgen inspect shows its contours; or leave it out"
-        )
+        remedy = "camgen inspect shows its contours; or leave it out"
+        raise InputError(source, what, option, remedy)
     return proposal
 
 
@@ -106,18 +134,38 @@ def _insist_on_program(part: Part, text: str, says: Voice) -> None:
         ) from error
 
 
-def template(
-    source: str, units: str, proposal: Proposal | None = None, active: bool = False
-) -> str:
-    """A job file that says what camgen does without it, and what may be done. active: that is done, and no comment."""
+class Chosen(Struct, frozen=True, eq=False):
+    """The lines of a job file that differ from the defaults.
+
+    values: values by table and key, as `--set` has them.
+    proposal: tools and operations, None without any.
+    active: the proposal is used; else it stands there as comments.
+    """
+
+    values: Mapping[tuple[str, str], object] = {}
+    proposal: Proposal | None = None
+    active: bool = False
+
+    def assign(self, table: str, key: str) -> list[str]:
+        """The line of a key that has no default here, nothing for any other key."""
+        if (table, key) in self.values:
+            return [f"{key} = {toml(self.values[table, key])}"]
+        if self.proposal and self.active and (table, key) == ("stock", "thickness"):
+            return [f"{key} = {toml(self.proposal.thickness)}  # measure it"]
+        return []
+
+
+def template(source: str, units: str, chosen: Chosen | None = None) -> str:
+    """A job file that says what camgen does without it, and what may be done."""
+    chosen = chosen or Chosen()
     lines = [
         f"# camgen job for {_comment(source)}",
         "# Lengths mm, angles deg, speeds mm/s, forces N, times s. Every line holds its default: delete what you keep.",
     ]
-    used = {("stock", "thickness"): THICKNESS_MM} if proposal and active else {}
     for table, about in tables().items():
         if table == "post":
-            lines += _row_lines() + (list_proposed(proposal, active) if proposal else [])
+            lines += _row_lines()
+            lines += list_proposed(chosen.proposal, chosen.active) if chosen.proposal else []
         lines += ["", f"[{table}]  # {about}"]
         for setting in settings():
             if setting.table == table:
@@ -128,12 +176,10 @@ def template(
                 lines += textwrap.wrap(
                     meaning + found, 116, initial_indent="# ", subsequent_indent="# "
                 )
-                own = used.get((table, setting.key))
-                lines += (
-                    _assignment(setting.key, setting.default, setting.allowed)
-                    if own is None
-                    else [f"{setting.key} = {toml(own)}  # measure it"]
+                lines += chosen.assign(table, setting.key) or _assignment(
+                    setting.key, setting.default, setting.allowed
                 )
+    lines += [f"{key} = {toml(v)}" for (table, key), v in chosen.values.items() if table == "post"]
     return "\n".join([*lines, *_post_lines()]) + "\n"
 
 

@@ -7,34 +7,45 @@ from collections.abc import Mapping
 
 from camgen.model.text import counted, short
 from camgen.model.toml import toml
-from camgen.plan.propose import THICKNESS_MM, Proposal
+from camgen.plan.propose import Proposal
 
 _WIDE = 116
 
 
 def list_proposed(proposal: Proposal, active: bool) -> list[str]:
     """Rows of ``[[tools]]`` and ``[[operations]]``. active: else they are comments."""
-    told = (
-        f"Proposed from the contours. Depths are those of a material of {short(THICKNESS_MM, 3)} mm, drills go deeper "
-        "by their tip: measure it, and set them and [stock] thickness. Speeds (rpm) and feeds (mm/s) are placeholders: "
-        "set them for tool and material."
+    thickness = short(proposal.thickness, 3)
+    about = (
+        f"Proposed from the contours. Depths are those of a material of {thickness} mm, drills go "
+        "deeper by their tip: measure it, and set them and [stock] thickness. "
     )
-    told += "" if active else " Delete the # in front to use it."
+    if proposal.material:
+        about += (
+            "Speeds (rpm) and feeds (mm/s) are the lowest of published charts for "
+            f"{proposal.material} where a comment names one."
+        )
+    else:
+        about += "Speeds (rpm) and feeds (mm/s) are placeholders: set them for tool and material."
+    about += "" if active else " Delete the # in front to use it."
     if proposal.left:
         why = "they cross others, enclose nothing, or are too narrow for a mill of 1 mm"
-        told += f" In no operation: {', '.join(proposal.left)} ({why})."
-    lines = ["", *textwrap.wrap(told, _WIDE, initial_indent="# ", subsequent_indent="# ")]
-    rows = [line for tool in proposal.tools for line in ("", "[[tools]]", *_keys(tool))]
-    for one in proposal.operations:
-        rows += ["", "[[operations]]", f"# {one.about}", *_keys(one.row)]
+        about += f" In no operation: {', '.join(proposal.left)} ({why})."
+    lines = ["", *textwrap.wrap(about, _WIDE, initial_indent="# ", subsequent_indent="# ")]
+    rows: list[str] = []
+    for tool in proposal.tools:
+        rows += ["", "[[tools]]", *_keys(tool.row, tool.comments)]
+    for operation in proposal.operations:
+        rows += ["", "[[operations]]", f"# {operation.about}", *_keys(operation.row, {})]
     return lines + (rows if active else [f"# {line}".rstrip() for line in rows])
 
 
-def _keys(row: Mapping[str, object]) -> list[str]:
-    """``key = value``, a list that is too long for a line on several."""
+def _keys(row: Mapping[str, object], comments: Mapping[str, str]) -> list[str]:
+    """``key = value``, a list that is too long for a line on several, and comments by key."""
     lines: list[str] = []
     for key, value in row.items():
         line = f"{key} = {toml(value)}"
+        if key in comments:
+            line += f"  # {comments[key]}"
         if len(line) <= _WIDE or not isinstance(value, list):
             lines.append(line)
             continue
@@ -47,5 +58,6 @@ def _keys(row: Mapping[str, object]) -> list[str]:
 
 def describe(proposal: Proposal) -> str:
     """What is proposed, for the summary."""
-    found = [one.about.partition(":")[0] for one in proposal.operations]
-    return f"{', '.join(found)}, with {counted(len(proposal.tools), 'tool')}"
+    operations = [operation.about.partition(":")[0] for operation in proposal.operations]
+    tools = {operation.row["tool"] for operation in proposal.operations}
+    return f"{', '.join(operations)}, with {counted(len(tools), 'tool')}"

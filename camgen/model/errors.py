@@ -2,6 +2,7 @@
 
     CamgenError            one line for the user, an exit code for scripts
     |- InputError     (2)  a file that cannot be used as it is
+    |  `- AmbiguousInput   a file with two meanings: the user has to decide
     |- JobError       (2)  a setting or an option that makes no sense
     |- NoSafeProgram  (3)  nothing reachable, a collision, or --strict and something left out
     |  |- Refused          an instruction that the chosen controller cannot do
@@ -40,6 +41,10 @@ class InputError(CamgenError):
     """The input cannot be used: unreadable, empty of curves, out of the plane."""
 
     exit_code = 2
+
+
+class AmbiguousInput(InputError):
+    """The input has two meanings, between which only the user can decide."""
 
 
 class JobError(CamgenError):

@@ -337,6 +337,12 @@ class OperationTable(Table, frozen=True):
 class ToolTable(Table, frozen=True):
     """[tool]: the tool and how it is held."""
 
+    file: Annotated[
+        str,
+        Meta(
+            description="another TOML file with [[tools]], which those of the job lie over by name"
+        ),
+    ] = ""
     name: Annotated[str, Meta(description="what it is called, by operations too")] = ""
     number: Annotated[
         int, Meta(ge=0, le=99_999, description="its place in the machine's tool table; 0: none")

@@ -25,6 +25,7 @@ from camgen.model.job import (
 FILES = (
     ("image", "background"),
     ("camera", "file"),
+    ("tool", "file"),
     ("cell", "file"),
     ("cell", "robot"),
     ("cell", "machine"),
@@ -55,6 +56,8 @@ class Setting(Struct, frozen=True):
     about: str
 
 
+#: Keys of [tool] that no single row of ``[[tools]]`` has.
+NOT_IN_ROWS = ("file",)
 #: The tables of which a job has several, ``[[tools]]``: what their rows hold.
 ROWS: dict[str, tuple[type[Struct], ...]] = {
     "tools": (ToolRow,),
@@ -87,6 +90,7 @@ def row_settings() -> tuple[Setting, ...]:
         for table, kinds in ROWS.items()
         for kind in kinds
         for found in _settings_of(table, kind)
+        if found.key not in NOT_IN_ROWS
     )
 
 
@@ -94,7 +98,8 @@ def keys_of(table: str) -> tuple[str, ...]:
     """The keys that a table may hold, or a row of one of ``ROWS``: what is asked of every job, in little time."""
     name, dot, _ = table.partition(".")
     kinds = ROWS[name] if dot else (_kinds()[name],)
-    return tuple(key for kind in kinds for key in kind.__struct_fields__)
+    left_out = NOT_IN_ROWS if dot else ()
+    return tuple(key for kind in kinds for key in kind.__struct_fields__ if key not in left_out)
 
 
 def _settings_of(table: str, kind: type[Struct]) -> list[Setting]:

@@ -243,12 +243,32 @@ class Raster(Struct, frozen=True, eq=False):
     blur: float = 0.0
 
 
+class OpenOutline(Struct, frozen=True):
+    """A chain of open contours that would enclose closed ones if its gaps were closed.
+
+    ids: the open contours along the chain.
+    inside: the closed contours that it would enclose.
+    gap: width of its widest gap, mm.
+    place: middle of that gap, mm.
+    join: value of `input.join` that closes all open outlines of the drawing, mm; 0 for a part that
+        no reader has joined.
+    """
+
+    ids: tuple[str, ...]
+    inside: tuple[str, ...]
+    gap: float
+    place: tuple[float, float]
+    join: float
+
+
 class Part(Struct, frozen=True, eq=False):
     """What was read. ``source`` is the file's name without folder, ``units`` says what one drawing unit was.
 
     raster: the picture that it was read from, None where there is none. solid: the 3-D part, None for a flat one.
     curves: in space; where there are any there are no contours, and a solid is what they lie on or beside. worked:
     ids of the contours that an operation works on, the others only say where material is; None: all of them.
+
+    open_outlines: outlines with a gap that enclose closed contours.
     """
 
     name: str
@@ -260,6 +280,7 @@ class Part(Struct, frozen=True, eq=False):
     solid: Solid | None = None
     curves: tuple[Curve, ...] = ()
     worked: frozenset[str] | None = None
+    open_outlines: tuple[OpenOutline, ...] = ()
 
     def works_on(self, ids: tuple[str, ...]) -> bool:
         """Whether one of the contours ``ids`` is worked on."""

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from camgen.model.cell import Cell
 from camgen.model.errors import InputError, JobError
-from camgen.model.job import Choice, Job, OperationTable, ProcessTable, ToolTable
+from camgen.model.job import Choice, Job, OperationTable, ProcessTable, ToolRow, ToolTable
 from camgen.model.job_tables import ROWS, split_name
-from camgen.model.part import Note, Part, Solid
+from camgen.model.part import Contour, Note, OpenOutline, Part, Solid
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.program import Joints
 from camgen.model.text import counted, short
@@ -166,10 +166,19 @@ def join_parts(parts: Sequence[Part]) -> Part:
         raise InputError(
             alone[0].source, f"a {what} makes a program by itself", remedy="build it alone"
         )
-    contours = [
-        replace(c, id=f"{k}/{c.id}") for k, part in enumerate(parts, 1) for c in part.contours
-    ]
-    return replace(_head(parts), contours=tuple(contours))
+    contours: list[Contour] = []
+    outlines: list[OpenOutline] = []
+    for k, part in enumerate(parts, 1):
+        contours += [replace(c, id=f"{k}/{c.id}") for c in part.contours]
+        outlines += [_prefix_ids(outline, f"{k}/") for outline in part.open_outlines]
+    return replace(_head(parts), contours=tuple(contours), open_outlines=tuple(outlines))
+
+
+def _prefix_ids(outline: OpenOutline, before: str) -> OpenOutline:
+    """The outline with `before` in front of all its ids."""
+    ids = tuple(before + name for name in outline.ids)
+    inside = tuple(before + name for name in outline.inside)
+    return replace(outline, ids=ids, inside=inside)
 
 
 def _head(parts: Sequence[Part]) -> Part:
@@ -344,6 +353,9 @@ def _own(job: Job) -> dict[str, object]:
         for name, table in tables.items()
         if table != defaults[name] and name not in ROWS
     }
+    if job.tools and not job.operations:  # of a program that is replayed
+        rows, default = msgspec.to_builtins(job.tools), msgspec.to_builtins(ToolRow())
+        own["tools"] = [_changed(row, default) for row in rows]
     if job.operations:  # each has all that it needs of [[tools]]
         usual = {
             "tool": ToolTable(),

@@ -14,7 +14,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from camgen.model.cell import Cell
-from camgen.model.errors import InputError, JobError
+from camgen.model.errors import AmbiguousInput, InputError, JobError
 from camgen.model.job import Job, Step
 from camgen.model.part import Note, Part
 from camgen.model.path import ToolPath
@@ -246,6 +246,8 @@ def _plan_share(
         raise JobError("job", what, f"operations.{number}", remedy)
     try:
         return plan_operation(part, job, cell, watch)
+    except AmbiguousInput:
+        raise
     except InputError as error:
         return Plan(part, (), (Note("skipped", error.what, error.remedy),))
 

@@ -28,6 +28,7 @@ from camgen.model.text import counted, name_ranges
 from camgen.plan.beside import EXACT, Beside, beside, only_along, only_chains
 from camgen.plan.columns import SLOWEST, Label, SegmentWork, pass_depths, sideways, tool_paths
 from camgen.plan.finish import rough_then_last
+from camgen.plan.open_outlines import check_outlines
 from camgen.read.join import tell_gaps
 
 #: From this turn (rad) on an outer corner is sharp: the tool only rolls about it, so no force is put on (PIST 4.2.1).
@@ -168,6 +169,9 @@ def _choose_sides(part: Part, side: str, join: float) -> tuple[_Loops, list[Note
     drawn = from_contours(part.contours if everything else [part.contours[k] for k in index])
     nesting = nest(drawn, len(index))
     worked = chosen[index]
+    if side == "auto":
+        decided = {part.contours[k].id for k in np.flatnonzero(chosen).tolist()}
+        check_outlines(part, decided, "set operation.side")
     keep = np.flatnonzero((nesting.crossed < 0) & ~nesting.empty)
     notes += _crossing_notes([part.contours[k] for k in index], nesting, worked)
     inside = {"auto": nesting.depth % 2 == 1, "outside": np.zeros(len(index), dtype=bool)}.get(

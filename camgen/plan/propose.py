@@ -16,31 +16,31 @@ from msgspec.structs import replace
 from camgen.geometry.nesting import Nesting, nest
 from camgen.geometry.segments import Segments, from_contours
 from camgen.model.errors import CamgenError
+from camgen.model.job import StockTable, ToolRow
+from camgen.model.materials import MATERIALS
 from camgen.model.part import Contour, Part
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted, short
 from camgen.plan import plan
 from camgen.plan.drill import Hole, find_circles, innermost
+from camgen.plan.open_outlines import check_outlines
+from camgen.plan.proposed_tools import ProposedTool, ToolRack
 from camgen.read.job_file import from_mapping
 
-#: Of the material, mm, until it is measured; and how far below it a cut through it ends.
-THICKNESS_MM, _THROUGH_MM = 3.0, 0.5
+#: Thickness of the material, mm, until it is measured.
+THICKNESS_MM = 3.0
+#: A cut through the material ends so far below it, mm.
+_THROUGH_MM = 0.5
 #: Larger circles are cut, mm, and of smaller ones there is no drill.
 _LARGEST_DRILL, _SMALLEST_DRILL = 13.0, 0.2
 #: Diameters that differ by no more are one size, mm; so much more and less is in the range that chooses it.
 _SAME_SIZE, _ROOM = 0.02, 0.01
 #: A circle around a hole, up to so many times as wide, is a counterbore; so far off, in diameters of the hole.
 _COUNTERBORE, _OFF_CENTRE = 3.0, 0.1
-#: The usual end mill, mm, and what is taken instead where it does not fit.
-_MILLS = (6.0, 5.0, 4.0, 3.0, 2.0, 1.5, 1.0)
 #: Fillets that are smaller, mm, are corners: no mill is chosen by them.
 _CORNER = 0.5
 #: Up to so many loops mills are tried in turn; of more the largest that the fillets allow is taken.
 _MOST_TRIED = 3000
-#: Cutting speeds in m/min that most metals, wood and plastics bear, and the most that a small spindle turns, rpm.
-_DRILL_SPEED, _MILL_SPEED, _FASTEST = 30.0, 60.0, 10_000.0
-#: Feed of a drill each turn and of a mill each tooth, as parts of the diameter; teeth of a mill.
-_DRILL_FEED, _MILL_FEED, _FLUTES = 0.02, 0.005, 2
 #: The depth of a pass of a mill and of a peck of a drill, as parts of the diameter.
 _PASS, _PECK = 0.5, 3.0
 #: Half the tip of a drill, rad: 118 degrees.
@@ -58,16 +58,34 @@ class Proposed(Struct, frozen=True):
 
 
 class Proposal(Struct, frozen=True):
-    """Rows of ``[[tools]]`` and of ``[[operations]]``. left: ids of closed contours that no operation works on."""
+    """Tools and operations for a drawing.
 
-    tools: tuple[Row, ...]
+    tools: tools that the library lacks, or whose feeds and speeds it does not state.
+    operations: rows of ``[[operations]]``.
+    left: ids of closed contours that no operation works on.
+    thickness: material thickness, mm, from which the depths follow.
+    material: name of the material, "" if it is unknown.
+    """
+
+    tools: tuple[ProposedTool, ...]
     operations: tuple[Proposed, ...]
     left: tuple[str, ...]
+    thickness: float
+    material: str
 
 
 class _Loops(Struct, frozen=True, eq=False):
-    """The closed contours, how they lie in each other, and which are circles, by id. part: what bounds the cuts."""
+    """The closed contours of a drawing.
 
+    thickness: material thickness, mm.
+    part: the contours that bound the cuts.
+    contours: all closed contours.
+    nesting: the loops around each of them.
+    segments: their lines and arcs.
+    circles: the circles among them, by id.
+    """
+
+    thickness: float
     part: Part
     contours: tuple[Contour, ...]
     nesting: Nesting
@@ -95,13 +113,25 @@ class _Sorted(Struct, frozen=True):
     outer: list[int]
 
 
-def propose(part: Part) -> Proposal | None:
-    """Tools and operations for the closed contours of a flat drawing; None where it has none, or none that is sound."""
+def propose(
+    part: Part, stock: StockTable | None = None, library: Sequence[ToolRow] = ()
+) -> Proposal | None:
+    """Tools and operations for the closed contours of a flat drawing; None where it has none, or none that is sound.
+
+    stock: thickness of the material, from which depths follow, and its name, by which feeds and
+        speeds are chosen; None if nothing is known.
+    library: tools to choose from before new ones are proposed.
+
+    Raises AmbiguousInput if an outline with a gap encloses closed contours, because the outlines are
+    not known then.
+    """
     closed = tuple(c for c in part.contours if c.closed)
     if not closed:
         return None
-    segments = from_contours(closed)
+    check_outlines(part, {c.id for c in closed}, "leave its layer out with input.layers")
+    segments, stock = from_contours(closed), stock or StockTable()
     loops = _Loops(
+        stock.thickness or THICKNESS_MM,
         part,
         closed,
         nest(segments, len(closed)),
@@ -114,13 +144,14 @@ def propose(part: Part) -> Proposal | None:
     loops = replace(
         loops, part=replace(part, contours=tuple(c for c in part.contours if c.id not in drilled))
     )
-    tools: list[Row] = []
-    operations = [*_drill(loops, kinds.holes, tools), *_cut(loops, kinds, tools)]
+    rack = ToolRack(library, MATERIALS[stock.material] if stock.material else None)
+    operations = [*_drill(loops, kinds.holes, rack), *_cut(loops, kinds, rack)]
     if not operations:
         return None
     used = {name for _, ids in operations for name in ids}
     left = tuple(c.id for c in closed if c.id not in used)
-    return Proposal(tuple(tools), tuple(one for one, _ in operations), left)
+    rows = tuple(one for one, _ in operations)
+    return Proposal(rack.tools, rows, left, loops.thickness, stock.material or "")
 
 
 def _sort(loops: _Loops) -> _Sorted:
@@ -171,20 +202,18 @@ def _by_size(loops: _Loops, rows: list[int]) -> list[list[int]]:
 
 
 def _drill(
-    loops: _Loops, sizes: list[list[int]], tools: list[Row]
+    loops: _Loops, sizes: list[list[int]], rack: ToolRack
 ) -> Iterator[tuple[Proposed, list[str]]]:
-    """An operation for each size, with its drill, which is added to ``tools``."""
+    """An operation for each size, with a drill of the rack."""
     for rows in sizes:
         sizes_here = [_diameter(loops, k) for k in rows]
         low, high = min(sizes_here) - _ROOM, max(sizes_here) + _ROOM
         diameter = max(round(min(sizes_here), 2), _ROOM)  # no hole becomes wider than it is drawn
-        depth = math.ceil((THICKNESS_MM + _THROUGH_MM + diameter / 2 / math.tan(_TIP)) * 10) / 10
-        name, speed = f"drill {short(diameter, 3)}", _turns(_DRILL_SPEED, diameter)
-        feed = speed * _DRILL_FEED * diameter / 60
-        tools.append(_tool(tools, name, "drill", diameter, speed, feed))
+        deepest = loops.thickness + _THROUGH_MM + diameter / 2 / math.tan(_TIP)
+        depth = math.floor(deepest * 10) / 10
         row = {
             "kind": "drill",
-            "tool": name,
+            "tool": rack.take("drill", diameter),
             **_choose_holes(loops, rows, low, high),
             "depth": depth,
         }
@@ -212,53 +241,41 @@ def _choose_holes(loops: _Loops, rows: list[int], low: float, high: float) -> di
     return sizes | {"ids": loops.name(rows)}
 
 
-def _turns(speed: float, diameter: float) -> float:
-    """Of a spindle, rpm to hundreds, for a cutting speed in m/min."""
-    return max(100.0, round(min(_FASTEST, 1000 * speed / math.pi / diameter), -2))
-
-
-def _tool(
-    tools: Sequence[Row], name: str, kind: str, diameter: float, speed: float, feed: float
-) -> Row:
-    number = len(tools) + 1
-    size = {"diameter": diameter, "speed": speed, "feed": max(round(feed, 1), 0.1)}
-    return {"name": name, "number": number, "kind": kind, **size}
-
-
-def _cut(loops: _Loops, kinds: _Sorted, tools: list[Row]) -> Iterator[tuple[Proposed, list[str]]]:
+def _cut(loops: _Loops, kinds: _Sorted, rack: ToolRack) -> Iterator[tuple[Proposed, list[str]]]:
     """Counterbores, what lies inside, and the outlines."""
-    through = THICKNESS_MM + _THROUGH_MM
+    through = loops.thickness + _THROUGH_MM
     bores = _by_size(loops, sorted(set(kinds.bores)))
     for rows in bores:
         what = f"{counted(len(rows), 'counterbore')} of {short(_diameter(loops, rows[0]), 3)} mm: how deep?"
-        yield from _follow(loops, rows, {"side": "inside", "depth": THICKNESS_MM / 2}, what, tools)
+        yield from _follow(
+            loops, rows, {"side": "inside", "depth": loops.thickness / 2}, what, rack
+        )
     what = counted(len(kinds.inner), "contour") + " inside others"
-    yield from _follow(loops, kinds.inner, {"depth": through}, what, tools)
+    yield from _follow(loops, kinds.inner, {"depth": through}, what, rack)
     what = counted(len(kinds.outer), "outline")
-    yield from _follow(loops, kinds.outer, {"depth": through, "tabs": TABS}, what, tools)
+    yield from _follow(loops, kinds.outer, {"depth": through, "tabs": TABS}, what, rack)
 
 
 def _follow(
-    loops: _Loops, rows: list[int], keys: dict[str, object], what: str, tools: list[Row]
+    loops: _Loops, rows: list[int], keys: dict[str, object], what: str, rack: ToolRack
 ) -> Iterator[tuple[Proposed, list[str]]]:
-    """One operation beside the loops of ``rows`` with the largest mill that fits all of them, added to ``tools``."""
+    """One operation beside the loops of ``rows`` with the mill of the rack that fits them best."""
     if not rows:
         return
-    diameter, fitting = _fit_mill(loops, rows, keys)
+    diameter, fitting = _fit_mill(loops, rows, keys, rack.mills)
     if not fitting:
         return
-    name, speed = f"mill {short(diameter, 3)}", _turns(_MILL_SPEED, diameter)
-    if all(tool["name"] != name for tool in tools):
-        feed = speed * _FLUTES * _MILL_FEED * diameter / 60
-        tools.append(_tool(tools, name, "end mill", diameter, speed, feed))
     depth = float(str(keys["depth"]))
     passes = math.ceil(depth / (_PASS * diameter))
     chosen = _choose_loops(loops, fitting)
     keys = {
         "kind": "follow",
-        "tool": name,
+        "tool": rack.take("end mill", diameter),
         **chosen,
         **keys,
+        "entry": "ramp",
+        # The feeds of charts are those of the tool's centre.
+        **({"max_feed_factor": 1.0} if rack.material else {}),
         **({"passes": passes} if passes > 1 else {}),
     }
     yield Proposed(what, keys), fitting
@@ -279,10 +296,12 @@ def _choose_loops(loops: _Loops, ids: list[str]) -> dict[str, object]:
     return {"ids": ids}
 
 
-def _fit_mill(loops: _Loops, rows: list[int], keys: Row) -> tuple[float, list[str]]:
-    """The mill that cuts most of the loops, the largest of those, and the ids of the loops that it cuts."""
+def _fit_mill(
+    loops: _Loops, rows: list[int], keys: Row, diameters: Sequence[float]
+) -> tuple[float, list[str]]:
+    """The diameter that cuts most of the loops, the first of several, and the ids of these loops."""
     widest = 2 * float(_fillets(loops, rows).min(initial=np.inf)) + _SAME_SIZE
-    mills = [one for one in _MILLS if one <= widest] or [_MILLS[-1]]
+    mills = [diameter for diameter in diameters if diameter <= widest] or [min(diameters)]
     ids = loops.name(rows)
     if len(rows) > _MOST_TRIED:
         return mills[0], ids

@@ -14,6 +14,7 @@ from camgen.model.errors import InputError, JobError
 from camgen.model.job import Choice, Job, Step
 from camgen.model.part import Contour, Note, Part
 from camgen.model.tolerance import SAME_POINT_MM
+from camgen.plan.open_outlines import check_outlines
 from camgen.plan.unused import drop_inherited
 from camgen.read.colors import describe, resolve_named
 
@@ -107,6 +108,8 @@ def _choose(part: Part, step: Step, number: int) -> frozenset[str]:
     found = [c for c in found if not choice.colors or c.color in colors]
     if choice.nesting != "any":
         inner = _enclosed(part)
+        outer = {c.id for c in part.contours if c.closed} - inner
+        check_outlines(part, outer, f"choose by layers or ids in place of {where}.nesting")
         found = [c for c in found if (c.id in inner) == (choice.nesting == "inner") and c.closed]
     holes = step.operation.holes
     if holes is not None and step.operation.kind not in _HOLES:

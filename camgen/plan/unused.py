@@ -204,7 +204,10 @@ def no_idle(job: Job, source: str) -> None:
     """
     if job.tools and not job.operations and source != "a replay":
         raise JobError(
-            "job", "has tools and no operation that names one", "[[tools]]", "write [[operations]]"
+            "job",
+            "has tools and no operation that names one",
+            "[[tools]] or tool.file",
+            "write [[operations]]",
         )
     for table, keys in _IDLE[source].items():
         given, default = asdict(getattr(job, table)), asdict(getattr(Job(), table))

@@ -10,7 +10,7 @@ import msgspec
 from msgspec import Struct, defstruct
 
 from camgen.model.job import SPEED_UNITS, Job
-from camgen.model.job_tables import ROWS, has_speed, row_tables, tables
+from camgen.model.job_tables import NOT_IN_ROWS, ROWS, has_speed, row_tables, tables
 from camgen.post import Post
 from camgen.post.plugins import find_post
 
@@ -31,7 +31,10 @@ def schema(post: str = "") -> Schema:
     }
     for name, rows in ROWS.items():
         keys = {
-            key: value for kind in rows for key, value in _table(kind, name)["properties"].items()
+            key: value
+            for kind in rows
+            for key, value in _table(kind, name)["properties"].items()
+            if key not in NOT_IN_ROWS
         }
         row = {"type": "object", "properties": keys, "additionalProperties": False}
         found[name] = {"type": "array", "description": row_tables()[name], "items": row}

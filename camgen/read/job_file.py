@@ -78,20 +78,21 @@ def load(file: Path | None, sets: Sequence[str] = (), files: Files | None = None
             raise JobError(f"--set {text}", what, remedy="they are counted from 0")
         tree.setdefault(table, {})[key] = value
         origins[table, key] = f"--set {text if len(text) <= _LONGEST else text[:_LONGEST] + '...'}"
-    _cell_filled(tree, origins, files)
+    _fill_from_files(tree, origins, files)
     return _convert(tree, origins, str(file) if file else "job")
 
 
-def _cell_filled(tree: Tree, origins: dict[tuple[str, str], str], files: Files) -> None:
-    """What ``cell.file`` says and the job does not; the name of the file itself is then of no more use."""
-    cell = tree.get("cell", {})
-    name = cell.pop("file", "")
-    if not isinstance(name, str):
-        raise JobError(
-            origins.get(("cell", "file"), "job"),
-            f"file must be a text, not {_quote_short(name)}",
-            "[cell]",
-        )
+def _fill_from_files(tree: Tree, origins: dict[tuple[str, str], str], files: Files) -> None:
+    """Add what `cell.file` and `tool.file` say and the job does not.
+
+    The names of the two files are taken out of `tree`: they are of no more use.
+    """
+    _fill_cell(tree, origins, files)
+    _fill_tools(tree, origins, files)
+
+
+def _fill_cell(tree: Tree, origins: dict[tuple[str, str], str], files: Files) -> None:
+    name = _take_file(tree, "cell", origins)
     if not name:
         return
     other = _tables_of(_toml(Path(name), files, "cell.file"), name)
@@ -103,10 +104,63 @@ def _cell_filled(tree: Tree, origins: dict[tuple[str, str], str], files: Files) 
     if "file" in other.get("cell", {}):
         raise JobError(name, "names a file itself", "[cell]", "put all of the cell into one file")
     _from_its_folder(other, Path(name).parent)
+    cell = tree["cell"]
     for key, value in other.get("cell", {}).items():
         if key not in cell:
             cell[key] = value
             origins["cell", key] = name
+
+
+def _take_file(tree: Tree, table: str, origins: Origins) -> str:
+    """Remove the key `file` from a table and return its value, "" without one.
+
+    Raises JobError for a value that is not a text.
+    """
+    name = tree.get(table, {}).pop("file", "")
+    if isinstance(name, str):
+        return name
+    origin = origins.get((table, "file"), "job")
+    raise JobError(origin, f"file must be a text, not {_quote_short(name)}", f"[{table}]")
+
+
+def _fill_tools(tree: Tree, origins: dict[tuple[str, str], str], files: Files) -> None:
+    """Lay the tools of the job over those of `tool.file`, by name.
+
+    The tools of the library come first, in its order, those that the job adds after them. A tool
+    of the job keeps its table name, so that messages and `--set` count the rows of the job.
+    """
+    name = _take_file(tree, "tool", origins)
+    if not name:
+        return
+    library = _read_tools(name, files)
+    of_job = {str(keys.get("name")): table for table, keys in _rows(tree, "tools")}
+    rows: Tree = {}
+    for place, tool in enumerate(library):
+        table = of_job.get(str(tool["name"]), f"tools.{name}:{place}")
+        keys = tree.get(table, {})
+        rows[table] = tool | keys
+        origins.update({(table, key): name for key in tool if key not in keys})
+    for table, keys in _rows(tree, "tools"):
+        rows.setdefault(table, keys)
+        tree.pop(table)
+    tree.update(rows)
+
+
+def _read_tools(name: str, files: Files) -> list[dict[str, object]]:
+    """The rows of a library of tools, each checked. JobError."""
+    library = _tables_of(_toml(Path(name), files, "tool.file"), name)
+    for table in library:
+        if not table.startswith("tools."):
+            what = f"{_place(table)} stands in a library of tools"
+            raise JobError(name, what, remedy="keep [[tools]] alone in it")
+    if not library:
+        raise JobError(name, "holds no [[tools]]", "tool.file", "add one, or leave tool.file out")
+    _convert(library, {}, name)
+    for table, tool in library.items():
+        if not tool.get("name"):
+            what = "a tool of a library has no name"
+            raise JobError(name, what, _place(table), "name it: jobs find it by its name")
+    return list(library.values())
 
 
 def _from_its_folder(tree: Tree, folder: Path) -> None:
@@ -141,7 +195,7 @@ def from_mapping(tables: Mapping[str, object], files: Files | None = None) -> Jo
     """The job of nested mappings, as ``camgen.build`` takes it. JobError. files: what has been read already."""
     tree = _tables_of({name: _plain(content) for name, content in tables.items()}, "job")
     origins: dict[tuple[str, str], str] = {}
-    _cell_filled(tree, origins, files or Files())
+    _fill_from_files(tree, origins, files or Files())
     return _convert(tree, origins, "job")
 
 
@@ -294,7 +348,7 @@ class _Where(Struct, frozen=True):
 def _place(table: str) -> str:
     """A table as it stands in a file; a row with its number from 0, as ``--set`` names it."""
     name, dot, row = table.partition(".")
-    return f"[[{name}]] {row}" if dot else f"[{name}]"
+    return f"[[{name}]] {row.rpartition(':')[2]}" if dot else f"[{name}]"
 
 
 def _settings_of(table: str) -> dict[str, Setting]:
@@ -344,21 +398,37 @@ def _operation(keys: Mapping[str, object], where: _Where) -> OperationTable:
 
 def _several(tree: Tree, job: Job, origins: Origins, source: str) -> dict[str, object]:
     """The tools and the operations of a job that has several."""
-    tools: list[ToolRow] = []
-    for name, keys in _rows(tree, "tools"):
-        where = _Where(name, origins, source)
-        tool = _table(ToolRow, keys, where)
-        for key, value in (("name", tool.name), ("number", tool.number)):
-            if value and value in [getattr(other, key) for other in tools]:
-                raise where.fault(
-                    key, f"{key} {_quote_short(value)} is another tool's too", "give each its own"
-                )
-        tools.append(tool)
+    rows = [
+        (_Where(name, origins, source), _table(ToolRow, keys, _Where(name, origins, source)))
+        for name, keys in _rows(tree, "tools")
+    ]
+    _check_distinct(rows)
+    tools = [tool for _, tool in rows]
     steps = [
         _step(tree, job, tools, keys, _Where(name, origins, source))
         for name, keys in _rows(tree, "operations")
     ]
     return {"tools": tools, "operations": steps}
+
+
+def _check_distinct(rows: Sequence[tuple[_Where, ToolRow]]) -> None:
+    """Raise JobError for two tools with one name or number.
+
+    Names and numbers of a library are distinct, so the error is about a row of the job.
+    """
+    known: set[tuple[str, object]] = set()
+    for where, tool in sorted(rows, key=lambda row: _is_of_job(row[0].table)):
+        for key, value in (("name", tool.name), ("number", tool.number)):
+            if value and (key, value) in known:
+                raise where.fault(
+                    key, f"{key} {_quote_short(value)} is another tool's too", "give each its own"
+                )
+            known.add((key, value))
+
+
+def _is_of_job(table: str) -> bool:
+    """Whether a row stands in the job itself, and not in its library of tools."""
+    return table.partition(".")[2].isdigit()
 
 
 def _rows(tree: Tree, name: str) -> list[tuple[str, dict[str, object]]]:
@@ -450,6 +520,7 @@ def _insist_on_settings(job: Job, where: _Where) -> None:
 
 def _unknown_key(table: str, key: str, origin: str) -> JobError:
     elsewhere = [s.table for s in settings() if s.key == key]
+    elsewhere.sort(key=lambda home: not table.startswith(home))
     remedy = (
         f"it belongs to [{elsewhere[0]}]" if elsewhere else suggest(str(key), _settings_of(table))
     )

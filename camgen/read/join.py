@@ -217,13 +217,18 @@ def tell_gaps(pieces: Sequence[FloatArray], tolerance: float) -> tuple[str, Plac
         for k, (x, y) in zip(found, middles.tolist(), strict=True)
     ]
     more = f" and {counted(len(found) - _TOLD, 'other')}" if len(found) > _TOLD else ""
-    join = short(math.ceil(float(gap[found].max()) * 1000 + 1) / 1000, 3)
+    join = short(closing_value(float(gap[found].max())), 3)
     noun = "gap" if len(found) == 1 else "gaps"
     told = (
         f"{noun} of {', '.join(places[:_TOLD])}{more}: input.join "
         f"= {join} closes {'it' if len(found) == 1 else 'them'}"
     )
     return told, tuple((x, y) for x, y in middles.tolist())
+
+
+def closing_value(gap: float) -> float:
+    """Value of `input.join` that closes a gap of `gap` mm: the next micrometre but one."""
+    return math.ceil(gap * 1000 + 1) / 1000
 
 
 def _open_note(soup: Soup, tolerance: float) -> Note:
@@ -276,6 +281,17 @@ class _Ends(Struct, frozen=True, eq=False):
 
 def _join(soup: Soup, tolerance: float) -> tuple[Soup, EndJoints]:
     """The soup with its open pieces chained; in order of the first piece of each chain."""
+    partner = pair_ends(soup, tolerance)
+    chains, closed = chain(partner.tolist(), soup.closed.tolist())
+    return assemble(soup, chains, closed, same_distance(soup))
+
+
+def pair_ends(soup: Soup, tolerance: float) -> IntArray:
+    """Choose for each end of the open pieces the end that it meets.
+
+    End 2 i is the start of piece i, end 2 i + 1 its end. Two ends meet if they are at most
+    `tolerance` mm apart. Returns (2 P,) numbers of ends, -1 for an end that meets none.
+    """
     same = same_distance(soup)
     tolerance = max(tolerance, 4 * same)
     partner = np.full(2 * len(soup), -1, dtype=np.intp)
@@ -284,8 +300,7 @@ def _join(soup: Soup, tolerance: float) -> tuple[Soup, EndJoints]:
     for group in _groups(ends, len(soup.colors)):
         _pair_coincident(partner, free, ends, group, same)
         _pair_near(partner, free, ends, group, (same, tolerance))
-    chains, closed = chain(partner.tolist(), soup.closed.tolist())
-    return assemble(soup, chains, closed, same)
+    return partner
 
 
 def _groups(ends: _Ends, colors: int) -> list[IntArray]:

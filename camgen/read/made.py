@@ -6,11 +6,14 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
+from msgspec.structs import replace
 
 from camgen.geometry.ragged import starts_run
 from camgen.model.errors import InputError
+from camgen.model.job import Job
 from camgen.model.part import Contour, Part
 from camgen.model.pose import FloatArray, frozen
+from camgen.read.open_outlines import find_open_outlines
 
 
 def make_part(shape: Any, name: str = "part", layer: str = "0") -> Part:
@@ -29,7 +32,10 @@ def make_part(shape: Any, name: str = "part", layer: str = "0") -> Part:
         raise InputError(
             name, "holds no shape", remedy="give points, a shapely geometry or a trimesh"
         )
-    return Part(name, name, "mm", tuple(contours), ())
+    outlines = find_open_outlines(contours, Job())
+    # No setting closes the gaps of a part that was made in code.
+    outlines = tuple(replace(outline, join=0.0) for outline in outlines)
+    return Part(name, name, "mm", tuple(contours), (), open_outlines=outlines)
 
 
 _Chain = tuple[FloatArray, FloatArray, bool, str, str]

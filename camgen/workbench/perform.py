@@ -21,7 +21,7 @@ from camgen.order.tours import JobTour
 from camgen.pipeline import ProgramFile, Result, build, program_files
 from camgen.pipeline.memory import no_collector
 from camgen.plan import Watch, kind_of
-from camgen.plan.propose import THICKNESS_MM, propose
+from camgen.plan.propose import propose
 from camgen.preview.page import Edits, page
 from camgen.preview.view import view
 from camgen.read import find_reader, read
@@ -29,6 +29,7 @@ from camgen.read.dxf.layers import Layers
 from camgen.read.files import Files
 from camgen.read.job_file import load
 from camgen.workbench.form import find_place
+from camgen.workbench.session import rows_of, tables_of
 from camgen.workbench.usual import Usual, usual_in
 
 #: Label, text and tone of a line of the summary.
@@ -338,14 +339,17 @@ def _photo(source: Source) -> str:
 
 
 def _propose(ask: Ask, files: Files) -> Proposed:
-    part = read(ask.inputs[0], load(ask.job_file, (), files), files)
+    job = load(ask.job_file, (), files)
+    part = read(ask.inputs[0], job, files)
     if kind_of(part) != "drawing" or len(ask.inputs) > 1:
         raise InputError(part.source, "operations are proposed for one flat drawing")
-    found = propose(part)
+    # The rows of the job make way for those of the proposal.
+    names = {row.get("name") for row in rows_of(tables_of(ask.text), "tools")}
+    library = [tool for tool in job.tools if tool.name and tool.name not in names]
+    found = propose(part, job.stock, library)
     if found is None:
         what = "has no closed contour that a drill or a mill of 1 mm or more could make"
         raise InputError(part.source, what)
-    tools, rows = (
-        (dict(row) for row in rows) for rows in (found.tools, [one.row for one in found.operations])
-    )
-    return Proposed(ask.number, tuple(tools), tuple(rows), THICKNESS_MM)
+    tools = tuple(dict(tool.row) for tool in found.tools)
+    rows = tuple(dict(operation.row) for operation in found.operations)
+    return Proposed(ask.number, tools, rows, found.thickness)

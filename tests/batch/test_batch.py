@@ -165,6 +165,13 @@ def test_a_second_run_builds_only_what_changed(here: Path, capsys: Captured) -> 
     assert again() == ["unchanged", "built", "unchanged"]
     assert again("--set", "process.feed=11") == ["built"] * 3
     assert again("--set", "process.feed=11") == ["unchanged"] * 3
+    job = '[tool]\nfile = "../shop.toml"\n[[operations]]\ntool = "mill"\n'
+    (here / "parts/b.toml").write_text(job)
+    (here / "shop.toml").write_text('[[tools]]\nname = "mill"\ndiameter = 5.0\n')
+    again()
+    assert again() == ["unchanged"] * 3
+    (here / "shop.toml").write_text('[[tools]]\nname = "mill"\ndiameter = 6.0\n')
+    assert again() == ["unchanged", "built", "unchanged"]
 
 
 @pytest.mark.usefixtures("ready_builders")

@@ -49,7 +49,7 @@ def rows(found: Proposal, *keys: str) -> list[tuple[object, ...]]:
 
 
 def sizes(found: Proposal) -> list[object]:
-    return [tool["diameter"] for tool in found.tools]
+    return [tool.row["diameter"] for tool in found.tools]
 
 
 PLATE = box(0, 0, 100, 60)
@@ -62,9 +62,9 @@ def test_a_plate_with_holes_counterbores_a_pocket_and_slots() -> None:
         *("4 holes of 5.5 mm", "1 hole of 8 mm", "4 counterbores of 10 mm: how deep?"),
         *("1 counterbore of 20 mm: how deep?", "3 contours inside others", "1 outline"),
     ]
-    assert [(tool["kind"], tool["diameter"], tool["number"]) for tool in found.tools] == [
-        *(("drill", 5.5, 1), ("drill", 8.0, 2), ("end mill", 6.0, 3)),
-    ]
+    assert [tool.row["kind"] for tool in found.tools] == ["drill", "drill", "end mill"]
+    assert [tool.row["number"] for tool in found.tools] == [1, 2, 3]
+    assert sizes(found) == [5.5, 8.0, 6.0]
     assert found.operations[-1].row == {
         **{
             "kind": "follow",
@@ -72,11 +72,12 @@ def test_a_plate_with_holes_counterbores_a_pocket_and_slots() -> None:
             "nesting": "outer",
             "depth": 3.5,
             "tabs": 4,
+            "entry": "ramp",
             "passes": 2,
         },
     }
-    # 3 mm, 0.5 mm through, and the tip of 118 degrees: 2.75 mm / tan(59 deg) = 1.65 mm.
-    assert rows(found, "holes", "nesting", "depth")[0] == ([5.49, 5.51], "inner", 5.2)
+    # 3 mm, 0.5 mm through at most, and the tip of 118 degrees: 2.75 mm / tan(59 deg) = 1.65 mm.
+    assert rows(found, "holes", "nesting", "depth")[0] == ([5.49, 5.51], "inner", 5.1)
     assert found.left == ()
 
 

@@ -945,6 +945,7 @@ def test_second_file_is_called_by_its_name_and_lines_go_on() -> None:
     ("lines", "line", "what"),
     [
         (("Frobnicate 5",), 4, "unknown statement Frobnicate 5"),
+        (("Payload 1000, V(0, 0, 50), V(0, 0, 0)",), 4, "Payload is not evaluated"),
         (("Drive (1, 10)",), 4, "Drive is not evaluated"),
         (("Wait IO[3] = On",), 4, "Wait is not evaluated"),
         (("If IO[1] = On Then", "Set IO[24]", "End If"), 4, "If is not evaluated, up to line 6"),

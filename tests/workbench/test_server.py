@@ -283,6 +283,29 @@ def test_proposed_operations_make_a_program(tmp_path: Path) -> None:
         assert len(state["looked"]["worked"]) == len(state["tables"]["operations"]) > 1
 
 
+def test_proposed_operations_use_the_library_of_tools(tmp_path: Path) -> None:
+    """The row of the job makes way for those of the proposal."""
+    shutil.copy(PARTS / "motor.dxf", tmp_path / "motor.dxf")
+    row = '[[tools]]\nname = "{}"\nnumber = {}\nkind = "drill"\ndiameter = {}\n'
+    row += "feed = 2.0\nspeed = 900.0\n"
+    shop = row.format("five and a half", 1, 5.5) + row.format("eight", 3, 8.0)
+    (tmp_path / "shop.toml").write_text(shop)
+    job = '[stock]\nthickness = 5.0\n[tool]\nfile = "shop.toml"\n' + row.format("mine", 9, 3.0)
+    (tmp_path / "motor.toml").write_text(f"{job}[[operations]]\ntool = 3\n")
+    with open_bench(tmp_path, ["motor.dxf"]) as bench:
+        bench.wait()
+        assert bench.post("propose")[0] == 200
+        state = bench.wait(lambda state: not state["stage"] and "mine" not in str(state["tables"]))
+        assert state["failed"] is None
+        assert state["tables"]["stock"] == {"thickness": 5.0}
+        assert [row["name"] for row in state["tables"]["tools"]] == ["mill 6"]
+        assert [row["tool"] for row in state["tables"]["operations"]][:3] == [
+            "five and a half",
+            "eight",
+            "mill 6",
+        ]
+
+
 @pytest.mark.parametrize(
     "raw",
     [

@@ -34,6 +34,7 @@ from camgen.plan.fill.joined import tell_joined
 from camgen.plan.fill.lines import CentreLine, centre, centre_lines
 from camgen.plan.image_space.border import CLOSE, foot, near
 from camgen.plan.image_space.field import beyond, sample_field
+from camgen.plan.open_outlines import check_outlines
 from camgen.plan.simplify import thin_out
 from camgen.vision.similarity import scale_of
 from camgen.vision.skeleton import graph, skeleton, strokes
@@ -224,6 +225,7 @@ def fill(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...], 
         raise InputError(
             part.source, "no closed contour to fill", remedy="trace it, or close its outlines"
         )
+    check_outlines(part, {c.id for c in part.contours}, "leave it out of what is filled")
     field = ground(part, job.tool.radius)
     kinds = _strokes(field, job.tool.radius / field.mm_per_px, job, _thinning(part, field, job))
     region = _regions(field)

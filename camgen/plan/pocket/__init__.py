@@ -25,6 +25,7 @@ from camgen.model.pose import FloatArray
 from camgen.model.text import counted, name_ranges, short
 from camgen.plan.columns import SLOWEST, Label, SegmentWork, pass_depths, sideways, tool_paths
 from camgen.plan.follow import turn_round
+from camgen.plan.open_outlines import check_outlines
 from camgen.plan.pocket.chains import concatenate
 from camgen.plan.pocket.channel import Bound, Channel, channels
 from camgen.plan.pocket.engagement import engagement
@@ -78,6 +79,10 @@ def pocket(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]
             "no closed contour to clear",
             remedy="close its outlines, or raise input.join",
         )
+    decided = {contour.id for contour in contours}
+    check_outlines(
+        replace(part, contours=tuple(contours)), decided, "leave it out of what is cleared"
+    )
     pockets, notes = _find(contours)
     if not pockets.names:
         return (), tuple(notes)

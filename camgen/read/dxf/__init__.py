@@ -28,6 +28,7 @@ from camgen.read.dxf.in_space import place_in_space
 from camgen.read.dxf.layers import NOT_ASKED, layers_of
 from camgen.read.dxf.plain import Split, split
 from camgen.read.files import Files
+from camgen.read.open_outlines import find_open_outlines
 from camgen.read.pieces import tally
 from camgen.read.quiet import silence
 
@@ -256,7 +257,15 @@ def read(source: Source, job: Job, _files: Files) -> Part:
             left or "the drawing is empty",
             "draw curves on a visible layer",
         )
-    return Part(source.stem, name, found.units, found.contours, found.notes, curves=found.curves)
+    return Part(
+        source.stem,
+        name,
+        found.units,
+        found.contours,
+        found.notes,
+        curves=found.curves,
+        open_outlines=find_open_outlines(found.contours, job),
+    )
 
 
 def inspect(source: Source, job: Job, _files: Files) -> DxfFacts:

@@ -24,6 +24,7 @@ from camgen.read import join, units
 from camgen.read.colors import count_colors
 from camgen.read.dxf.layers import NOT_ASKED, Layers
 from camgen.read.files import Files
+from camgen.read.open_outlines import find_open_outlines
 from camgen.read.pieces import tally
 from camgen.read.svg.flatten import flatten
 from camgen.read.svg.tree import DrawnShape, walk
@@ -238,7 +239,14 @@ def read(source: Source, job: Job, _files: Files) -> Part:
             left or "the drawing is empty",
             "draw paths or shapes",
         )
-    return Part(source.stem, source.name, found.units, found.contours, found.notes)
+    return Part(
+        source.stem,
+        source.name,
+        found.units,
+        found.contours,
+        found.notes,
+        open_outlines=find_open_outlines(found.contours, job),
+    )
 
 
 def inspect(source: Source, job: Job, _files: Files) -> SvgFacts:
