@@ -18,7 +18,7 @@ from camgen.model.program import Columns, MoveJ, ToolChange
 from camgen.model.text import counted, short
 from camgen.motion.corners import corner_tolerance
 from camgen.plan.page import on_page
-from camgen.plan.steps import job_of, share_out
+from camgen.plan.steps import job_of, name_drills, share_out
 from camgen.post import Reading
 from camgen.read.programs import Executed
 
@@ -65,7 +65,7 @@ def judge(
         cuts = _cuts_by_tool(program, reading, columns, job)
     else:
         tasks = [_task(part, job, columns)]
-        cuts = [_cut(program, reading, columns, job)]
+        cuts = [_cut(program, reading, columns, replace(job, tool=name_drills([job])[0]))]
     proof = prove(cuts, design(tasks, job.stock), dynamics, job.stock)
     warnings = [
         f"{place(breach.line)}: warning: {breach.what} ({breach.remedy})\n"
@@ -87,7 +87,7 @@ def _cuts_by_tool(
     program: str, reading: Reading | Executed, columns: Columns, job: Job
 ) -> list[Cut]:
     """What each tool of a program does. JobError where it does not say which tools of the job it has."""
-    used = [step.tool for step in job.operations]
+    used = name_drills([job_of(job, step) for step in job.operations])
     changes = np.flatnonzero(columns.are(ToolChange)).tolist()
     whole = _cut(program, reading, columns, replace(job, tool=used[0]))
     if not changes:

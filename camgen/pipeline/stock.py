@@ -22,7 +22,7 @@ from camgen.order import JobTour
 from camgen.pipeline.rounding import list_tolerances, remedy_for_corners
 from camgen.plan import EdgePlan, JobPlan, Plan, ReplayPlan
 from camgen.plan.columns import path_segments
-from camgen.plan.steps import job_of
+from camgen.plan.steps import job_of, name_drills
 from camgen.post.plugins import dynamics_of, states_rounding
 
 if TYPE_CHECKING:
@@ -110,12 +110,12 @@ def _cuts(tour: Tour, request: Request, checked: Checked, posted: Posted) -> Ite
     from camgen.check.stock import Cut  # noqa: PLC0415 (shapely, only for what cuts)
 
     job, home = request.job, request.cell.home
-    steps: list[tuple[ToolTable, str]] = [(job.tool, "")]
+    steps: list[tuple[ToolTable, str]] = [(name_drills([job])[0], "")]
     step_of = np.zeros(len(tour.paths), dtype=np.intp)
     if isinstance(tour, JobTour):
-        steps = [
-            (step.tool, f"operation {k}") for step, k in zip(tour.steps, tour.numbers, strict=True)
-        ]
+        tools = name_drills([job_of(job, step) for step in tour.steps])
+        names = [f"operation {number}" for number in tour.numbers]
+        steps = list(zip(tools, names, strict=True))
         step_of = np.repeat(np.arange(len(steps)), [len(one.paths) for one in tour.tours])
     corners = np.zeros(len(steps))
     np.maximum.at(corners, step_of, list_tolerances(tour, job)[:-1])

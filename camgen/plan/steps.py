@@ -11,7 +11,7 @@ from msgspec.structs import replace
 
 from camgen.geometry.segments import from_contours
 from camgen.model.errors import InputError, JobError
-from camgen.model.job import Choice, Job, Step
+from camgen.model.job import Choice, Job, Step, ToolTable
 from camgen.model.part import Contour, Note, Part
 from camgen.model.tolerance import SAME_POINT_MM
 from camgen.plan.open_outlines import check_outlines
@@ -38,6 +38,20 @@ def job_of(job: Job, step: Step) -> Job:
     return replace(
         job, tool=step.tool, operation=operation, process=step.process, tools=[], operations=[]
     )
+
+
+def name_drills(jobs: Sequence[Job]) -> list[ToolTable]:
+    """The tools of operations, each with the kind that its operations show.
+
+    An end mill is the default kind. An end mill that only drills is a drill.
+    """
+    milling = [job.tool for job in jobs if job.operation.kind != "drill"]
+    return [
+        replace(job.tool, kind="drill")
+        if job.tool.kind == "end mill" and job.tool not in milling
+        else job.tool
+        for job in jobs
+    ]
 
 
 class Share(Struct, frozen=True, eq=False):

@@ -127,12 +127,14 @@ def _check_strokes(
     off = np.abs(motions.speed[rows] - feed) > rounding.speed + 1e-3 * feed
     for row in rows[deeper & off][:1].tolist():
         findings.add(motions, row, f"drills at {motions.speed[row]:.4g} mm/s, the feed is {feed:g}")
-    # Down to the part, and back to the bottom, with the feed or quickly through air.
+    # Down to the part with the feed. Back towards the bottom, which may still be near the face,
+    # with the feed or quickly through air.
+    begun = (end < -limit) | (before < -limit)
     quick = motions.joint[rows] | (
         np.abs(motions.speed[rows] - process.travel_speed) <= rounding.speed + 1e-3 * feed
     )
     returns = (end < start - limit) & (end < process.approach - limit) & ~deeper
-    for row in rows[returns & off & ~(quick & (end < -limit))][:1].tolist():
+    for row in rows[returns & off & ~(quick & begun)][:1].tolist():
         what = f"goes down at {motions.speed[row]:.4g} mm/s, the feed is {feed:g}"
         findings.add(motions, row, what)
     highest = np.maximum(process.approach, before) + limit

@@ -366,23 +366,11 @@ def _breach_of_text(
     return _breach_of_rows(case, values, limit * _NEARLY, what, remedy)
 
 
-def _cut_sideways(case: _Case) -> Breach | None:
-    """A drill that does not go straight down."""
-    if case.tool.kind != "drill":
-        return None
-    depths = np.where(case.gone.moves.upright[case.rows], 0.0, case.gone.moves.deepest[case.rows])
-    what = f"{case.name} cuts sideways, {{}} mm deep"
-    return _breach_of_rows(
-        case, depths, TOLERANCE_MM, what, "a drill cuts at its tip; set tool.kind"
-    )
-
-
 _RULES: tuple[Callable[[_Case], Breach | None], ...] = (
     _exceed_stock,
     _exceed_edges,
     _exceed_pass,
     _plunge,
-    _cut_sideways,
     _exceed_tooth,
     _exceed_speed,
 )
