@@ -1,4 +1,4 @@
-"""Seconds of the stock proof beside those of the build it belongs to.
+"""Seconds of the stock proof and of the checks of the set-up beside those of the build.
 
 python -m bench.check.stock [RUNS, 5] [CIRCLES, 200] [SLOTS, 50]
 """
@@ -9,18 +9,24 @@ import statistics
 import sys
 import tempfile
 import time
+import tomllib
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
 from unittest.mock import patch
 
 import camgen
 import camgen.pipeline
 from bench.speed.processes import draw
-from bench.support.runner import Table, open_table, read_words
+from bench.support.runner import PARTS, ROOT, Table, open_table, read_words, verdict
 from camgen.check.stock import Cut, Task, design, prove
 from camgen.model.job import StockTable
 from camgen.post.plugins import fill_tables, find_readback
 
 DEPTH = 10.0
+#: Goal for the checks of the set-up, % of the build.
+MOST_SHARE = 3.0
 JOB = {"operation": {"depth": DEPTH, "passes": 4}, "process": {"spindle": 10_000.0}}
 
 
@@ -43,11 +49,49 @@ def measure(drawing: str) -> tuple[dict[str, float], int, float, float]:
     return seconds, len(reading.body), gouge, proof.excess
 
 
+def measure_set_up(part: str, job: Mapping[str, Any]) -> tuple[float, float]:
+    """Seconds of a build, and of the checks of the set-up in it: limits, spindle and digest."""
+    module = sys.modules["camgen.check.stock"]
+    programs = sys.modules["camgen.pipeline.programs"]
+    spent: list[float] = []
+
+    def timed(function: Callable[..., Any]) -> Callable[..., Any]:
+        def call(*arguments: Any) -> Any:
+            begun = time.perf_counter()
+            result = function(*arguments)
+            spent.append(time.perf_counter() - begun)
+            return result
+
+        return call
+
+    with ExitStack() as patches:
+        for holder, name in (
+            (module, "check_set_up"),
+            (module, "follow_spindles"),
+            (module, "check_spindles"),
+            (programs, "sign"),
+        ):
+            patches.enter_context(patch.object(holder, name, timed(getattr(holder, name))))
+        begun = time.perf_counter()
+        camgen.build(part, post="gcode", job=job)
+        return time.perf_counter() - begun, sum(spent)
+
+
 def main(runs: int, circles: int, slots: int) -> None:
     with tempfile.TemporaryDirectory() as folder:
         drawing = str(Path(folder) / "plate.dxf")
         draw(drawing, circles, slots)
         found = [measure(drawing) for _ in range(runs)]
+        plate = {**JOB, "stock": {"thickness": DEPTH, "material": "aluminium"}}
+        motor = tomllib.loads((ROOT / "fixtures/cases/motor-plate/job.toml").read_text())
+        motor["stock"]["material"] = "aluminium"
+        builds = {
+            f"{circles + slots + 1} shapes": (drawing, plate),
+            "motor plate": (str(PARTS / "motor.dxf"), motor),
+        }
+        times: dict[str, list[tuple[float, float]]] = {}
+        for name, build in builds.items():
+            times[name] = [measure_set_up(*build) for _ in range(runs)]
     table = open_table("stage | median s **{:.3f}** | range s {:.3f} to {:.3f}")
     for stage in found[0][0]:
         values = [seconds[stage] for seconds, *_ in found]
@@ -59,6 +103,11 @@ def main(runs: int, circles: int, slots: int) -> None:
         "| excess mm3 {:.2f}"
     )
     table.add(circles + slots + 1, count, ratio, gouge, excess)
+    table = Table("part | build s {:.3f} | checks of the set-up s {:.4f} | share % | ")
+    for name, pairs in times.items():
+        whole, checks = (statistics.median(values) for values in zip(*pairs, strict=True))
+        share = statistics.median(100 * part / seconds for seconds, part in pairs)
+        table.add(name, whole, checks, f"{share:.2f}", verdict(share < MOST_SHARE))
 
 
 if __name__ == "__main__":
