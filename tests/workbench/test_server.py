@@ -5,8 +5,6 @@ import os
 import shutil
 import signal
 import socket
-import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -18,7 +16,7 @@ from camgen.cli import main
 from camgen.cli.build import rows
 from camgen.workbench.builder import Builder, Heard, Stage, Stopped
 from camgen.workbench.perform import Ask
-from tests.support.benches import Bench, open_bench
+from tests.support.benches import Bench, open_bench, start_bench
 from tests.support.waiting import LONG, wait_for
 
 pytest.importorskip("uvicorn", reason="the extra workbench is not installed")
@@ -487,8 +485,7 @@ def test_it_ends_with_its_last_page_or_when_it_is_closed(tmp_path: Path) -> None
     with open_bench(tmp_path, ["part.dxf"]) as bench:
         assert bench.post("close")[0] == 200
         assert bench.process.wait(LONG) == 0
-    command = [sys.executable, "-m", "camgen", "open", "part.dxf", "--no-browser"]
-    with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as process:
+    with start_bench(tmp_path, ["part.dxf"], tmp_path / "state") as process:
         assert process.stderr is not None
         bench = Bench(process, process.stderr.readline().split()[1])
         bench.wait()

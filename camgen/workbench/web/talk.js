@@ -1,28 +1,73 @@
 // What this page asks of the workbench, one after the other, and small helpers that all files share.
 
 let last = Promise.resolve();
+//: What waits for its turn, in this order, and the newest text of each field that was typed and not yet sent.
+const waiting = new Set(), typed = new Map();
+//: A browser finishes requests of a page that is gone, up to 64 kB in all.
+const MOST_KEPT = 30000;
 
 /** Asks for a change; resolves to the answer, or to null after telling what is wrong with it. */
 export function ask(path, body = {}) {
-  last = last.then(() => send(path, body)).catch(() => null);
-  return last;
+  const request = { path, body: JSON.stringify(body) };
+  waiting.add(request);
+  const answer = last.then(() => (waiting.delete(request) ? send(request) : null)).catch(() => null);
+  // Save waits for a build, which may take minutes. What is changed meanwhile is kept at once.
+  if (path !== "save") last = answer;
+  return answer;
 }
 
-async function send(path, body) {
+async function send({ path, body }) {
   const answer = await fetch(path, {
     method: "POST",
     headers: { "Content-Type": "application/json" },
-    body: JSON.stringify(body),
-  });
+    body,
+    keepalive: path !== "save" && body.length < MOST_KEPT,
+  }).catch(() => refuse("error: the workbench did not answer: the last change is not kept"));
+  if (!answer) return null;
   const said = await answer.json().catch(() => ({ line: "error: the workbench did not understand this page; reload it" }));
-  if (answer.ok) return said;
-  document.dispatchEvent(new CustomEvent("refused", { detail: said.line }));
+  if (answer.ok || said.edited) return said;
+  return refuse(said.line);
+}
+
+function refuse(line) {
+  document.dispatchEvent(new CustomEvent("refused", { detail: line }));
   return null;
 }
 
 /** Sets one place of the job: a value, or what was typed. */
-export const set = (path, value) => ask("change", { changes: [{ path, value }] });
-export const type = (path, raw) => ask("change", { changes: [{ path, raw }] });
+export const set = (path, value) => apply({ path, value });
+export const type = (path, raw) => apply({ path, raw });
+
+/** Applies a change. What was typed at its place is no draft any more. */
+export function apply(change) {
+  typed.delete(JSON.stringify(change.path));
+  return ask("change", { changes: [change] });
+}
+
+/** Keeps what is typed in a field before it is applied; without a value and a text it was taken back. */
+export function keep(change) {
+  const place = JSON.stringify(change.path);
+  const isWaiting = typed.has(place);
+  typed.set(place, change);
+  if (!isWaiting) last = last.then(() => typed.has(place) && send(draftOf(place))).catch(() => null);
+}
+
+function draftOf(place) {
+  const body = JSON.stringify(typed.get(place));
+  typed.delete(place);
+  return { path: "draft", body };
+}
+
+/** Sends all that waits, when the page may not live for its turn. */
+function flush(isGone) {
+  const requests = [...typed.keys()].map(draftOf);
+  if (isGone) requests.unshift(...[...waiting].filter(({ path }) => path !== "save"));
+  if (isGone) waiting.clear();
+  for (const { path, body } of requests) navigator.sendBeacon(path, new Blob([body], { type: "application/json" }));
+}
+
+addEventListener("pagehide", () => flush(true));
+document.addEventListener("visibilitychange", () => document.hidden && flush(false));
 
 /** An element with properties and children; what is text stays text. */
 export function make(name, properties = {}, ...children) {
