@@ -32,6 +32,7 @@ async function swap(frame) {
   if (frame !== coming) return;
   coming = null;
   listen(frame.contentWindow);
+  frame.contentWindow.addEventListener("camgen", (event) => hear(frame, event.detail) && event.preventDefault());
   kept = (shown && (await stateOf(shown))) || kept;
   if (kept) tell(frame, { camgen: "restore", state: kept });
   if (theme) tell(frame, { camgen: "theme", theme });
@@ -66,12 +67,19 @@ addEventListener("message", (event) => {
   if (event.origin !== location.origin || !frame || typeof event.data?.camgen !== "string") return;
   const said = event.data;
   if (said.camgen === "ready" && frame === coming) swap(frame);
-  if (frame === shown) heard.get(said.camgen)?.(said, Number(frame.getAttribute("src").split("/").pop()));
+  hear(frame, said);
   if (said.camgen === "state" && answer?.frame === frame) {
     kept = said.state;
     answer.done(said.state);
   }
 });
+
+/** Whether what a page says is for the rest of the shell, which has it then. */
+function hear(frame, said) {
+  const call = frame === shown && heard.get(said.camgen);
+  if (call) call(said, Number(frame.getAttribute("src").split("/").pop()));
+  return Boolean(call);
+}
 
 export function setTheme(name) {
   theme = name;

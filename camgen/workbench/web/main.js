@@ -6,7 +6,7 @@ import { useKeys } from "./keys.js";
 import { pick, showLayers } from "./layers.js";
 import { buildSettings, fields, openUsual, reveal, showSettings } from "./settings.js";
 import { revealRow, rowFields, showSteps } from "./steps.js";
-import { ask, counted, make } from "./talk.js";
+import { ask, askSave, counted, make } from "./talk.js";
 
 const by = (id) => document.getElementById(id);
 //: The exit code of a build that was given up.
@@ -200,8 +200,8 @@ by("save").addEventListener("click", save);
 
 async function save() {
   applyTyped();
-  const answer = await ask("save");
-  if (answer?.edited && confirm(`${answer.edited.join(", ")} was changed by hand since camgen wrote it. Replace it?`)) await ask("save", { replace: true });
+  const answer = await askSave({});
+  if (answer?.edited && confirm(`${answer.edited.join(", ")} was changed by hand since camgen wrote it. Replace it?`)) await askSave({ replace: true });
 }
 
 useKeys({ save, undo: () => ask("undo"), redo: () => ask("redo") }, shownWindow);

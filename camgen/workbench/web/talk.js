@@ -1,32 +1,31 @@
-// What this page asks of the workbench, one after the other, and small helpers that all files share.
+// What this page asks of the workbench, and small helpers that all files share.
 
-let last = Promise.resolve();
-//: What waits for its turn, in this order, and the newest text of each field that was typed and not yet sent.
-const waiting = new Set(), typed = new Map();
-//: A browser finishes requests of a page that is gone, up to 64 kB in all.
-const MOST_KEPT = 30000;
-
-/** Asks for a change; resolves to the answer, or to null after telling what is wrong with it. */
+/**
+ * Asks for a change. The page waits for the answer, which takes some milliseconds: what it shows from then on is on the
+ * disk, whatever ends this tab next. Returns the answer, or null after telling what is wrong with it.
+ */
 export function ask(path, body = {}) {
-  const request = { path, body: JSON.stringify(body) };
-  waiting.add(request);
-  const answer = last.then(() => (waiting.delete(request) ? send(request) : null)).catch(() => null);
-  // Save waits for a build, which may take minutes. What is changed meanwhile is kept at once.
-  if (path !== "save") last = answer;
-  return answer;
+  const request = new XMLHttpRequest();
+  request.open("POST", path, false);
+  request.setRequestHeader("Content-Type", "application/json");
+  try {
+    request.send(JSON.stringify(body));
+  } catch {
+    return refuse("error: the workbench did not answer: the last change is not kept");
+  }
+  return read(request.status, request.responseText);
 }
 
-async function send({ path, body }) {
-  const answer = await fetch(path, {
-    method: "POST",
-    headers: { "Content-Type": "application/json" },
-    body,
-    keepalive: path !== "save" && body.length < MOST_KEPT,
-  }).catch(() => refuse("error: the workbench did not answer: the last change is not kept"));
-  if (!answer) return null;
-  const said = await answer.json().catch(() => ({ line: "error: the workbench did not understand this page; reload it" }));
-  if (answer.ok || said.edited) return said;
-  return refuse(said.line);
+/** Asks for a save, which waits for a build and may take minutes. */
+export async function askSave(body) {
+  const answer = await fetch("save", { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body) }).catch(() => null);
+  return answer ? read(answer.status, await answer.text()) : refuse("error: the workbench did not answer: nothing is saved");
+}
+
+function read(status, text) {
+  let said = { line: "error: the workbench did not understand this page; reload it" };
+  try { said = JSON.parse(text); } catch { /* the line above says it */ }
+  return status === 200 || said.edited ? said : refuse(said.line);
 }
 
 function refuse(line) {
@@ -34,40 +33,13 @@ function refuse(line) {
   return null;
 }
 
-/** Sets one place of the job: a value, or what was typed. */
+/** Applies a change of one place of the job: a value, or what was typed. */
+export const apply = (change) => ask("change", { changes: [change] });
 export const set = (path, value) => apply({ path, value });
 export const type = (path, raw) => apply({ path, raw });
 
-/** Applies a change. What was typed at its place is no draft any more. */
-export function apply(change) {
-  typed.delete(JSON.stringify(change.path));
-  return ask("change", { changes: [change] });
-}
-
 /** Keeps what is typed in a field before it is applied; without a value and a text it was taken back. */
-export function keep(change) {
-  const place = JSON.stringify(change.path);
-  const isWaiting = typed.has(place);
-  typed.set(place, change);
-  if (!isWaiting) last = last.then(() => typed.has(place) && send(draftOf(place))).catch(() => null);
-}
-
-function draftOf(place) {
-  const body = JSON.stringify(typed.get(place));
-  typed.delete(place);
-  return { path: "draft", body };
-}
-
-/** Sends all that waits, when the page may not live for its turn. */
-function flush(isGone) {
-  const requests = [...typed.keys()].map(draftOf);
-  if (isGone) requests.unshift(...[...waiting].filter(({ path }) => path !== "save"));
-  if (isGone) waiting.clear();
-  for (const { path, body } of requests) navigator.sendBeacon(path, new Blob([body], { type: "application/json" }));
-}
-
-addEventListener("pagehide", () => flush(true));
-document.addEventListener("visibilitychange", () => document.hidden && flush(false));
+export const keep = (change) => ask("draft", change);
 
 /** An element with properties and children; what is text stays text. */
 export function make(name, properties = {}, ...children) {
