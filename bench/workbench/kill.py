@@ -6,7 +6,8 @@ Each kill has its own part, workbench and browser. A user makes up to three edit
 the page, and then the last one: a text that is typed and never applied, a slider, a menu, a row of
 a list, a layer, a path or a seam in the picture. At once, or at a random moment up to a quarter of
 a second after the last key or click, SIGKILL ends the server, the browser or the process of the
-tab, or the tab is closed without a question. Then the workbench is opened again, and the changes
+tab, or the tab is closed without a question; a further kill of the server falls between the keys
+of a text. Then the workbench is opened again, and the changes
 that it offers are taken up. An edit is lost if the job does not have it. The page reports an edit
 that a dead server did not answer. Exits with 1 if an edit is lost without a report. Needs
 playwright and a Chromium.
@@ -21,6 +22,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -198,12 +200,43 @@ def close_tab(tab: Tab, _browser: Driven) -> None:
     tab.page.close()
 
 
+#: The kill that falls between the keys of a text.
+BETWEEN_KEYS = "server, between keys"
 KILLS = {
     "server": kill_server,
     "browser": kill_browser,
     "process of the tab": kill_process_of_tab,
     "tab, closed": close_tab,
+    BETWEEN_KEYS: kill_server,
 }
+
+
+def type_nothing(_tab: Tab) -> None:
+    """The edit was made while the server was killed."""
+
+
+def type_while_killed(tab: Tab, moment: float) -> Edit:
+    """Types a number while the server is killed. The edit is the text that the field shows then.
+
+    moment: time from the first key to the kill, s
+    """
+    tab.open("settings")
+    field = tab.field("tool.length")
+    field.fill("")
+    timer = threading.Timer(moment, tab.bench.process.kill)
+    timer.start()
+    tab.page.keyboard.type("112.125", delay=1000 * MOMENT_S / 7)
+    timer.join()
+    tab.page.wait_for_selector("aside[inert]")
+    shown = field.input_value()
+
+    def is_in(tables: Tables) -> bool:
+        value = value_of(tables, "tool.length")
+        if not shown or value is None:
+            return not shown and value is None
+        return float(value) == float(shown)
+
+    return Edit("typing", make=type_nothing, is_in=is_in)
 
 
 def kind_of(number: int) -> str:
@@ -249,10 +282,15 @@ def run_kill(folder: Path, number: int, seed: int) -> Outcome:
         for edit in edits[:-1]:
             edit.make(tab)
             wait_seen(tab, edit)
-        edits[-1].make(tab)
-        time.sleep(chance.choice((0, chance.uniform(0, MOMENT_S))))
-        KILLS[kind](tab, browser)
-        reported = kind == "server" and "is not kept" in tab.page.inner_text("#says")
+        moment = chance.uniform(0, MOMENT_S)
+        if kind == BETWEEN_KEYS:
+            edits[-1] = type_while_killed(tab, moment)
+        else:
+            edits[-1].make(tab)
+            time.sleep(chance.choice((0, moment)))
+            KILLS[kind](tab, browser)
+        is_alive = KILLS[kind] is kill_server
+        reported = is_alive and "is not kept" in tab.page.inner_text("#says")
         tables = reopen(work, state, process)
     missing = [edit for edit in edits if not edit.is_in(tables)]
     is_reported = reported and missing == [edits[-1]]

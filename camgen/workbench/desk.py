@@ -208,7 +208,8 @@ class Desk:
 
     def _find_offers(self) -> None:
         """Offers the journals of workbenches that have ended since the last search."""
-        for leftover in list_leftovers(self.session.job_file):
+        known = [self.journal.path, *(offer.path for offer in self._offers)]
+        for leftover in list_leftovers(self.session.job_file, known):
             if leftover.is_saved(self.session):
                 leftover.close(keep=False)
                 continue

@@ -14,7 +14,7 @@ import os
 import re
 import sys
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
@@ -235,17 +235,19 @@ class Leftover:
         _release(self._handle, None if keep else self.path)
 
 
-def list_leftovers(job_file: Path) -> list[Leftover]:
+def list_leftovers(job_file: Path, known: Collection[Path | None] = ()) -> list[Leftover]:
     """The journals of a job file whose workbench has ended, the oldest first.
 
     They are locked, so that no other workbench offers them. Empty if the folder cannot be read.
+    known: journals to pass over, which matters on a file system without locks
     """
     try:
         folder = find_state_folder() / "workbench"
         names = [name for name in os.listdir(folder) if name.startswith(f"{_stem(job_file)}-")]
     except (OSError, RuntimeError):
         return []
-    leftovers = [_read(folder / name) for name in names]
+    paths = [folder / name for name in names]
+    leftovers = [_read(path) for path in paths if path not in known]
     return sorted(filter(None, leftovers), key=lambda leftover: leftover.time)
 
 
@@ -349,12 +351,18 @@ def _lock(handle: int) -> bool:
 
 
 def _release(handle: int, remove: Path | None) -> None:
-    """Closes a file, which unlocks it. remove: its path if it is to be deleted, None keeps it."""
-    if remove is not None and sys.platform != "win32":
-        remove.unlink(missing_ok=True)  # still locked: no other workbench offers it
+    """Closes a file, which unlocks it. remove: its path if it is to be deleted, None keeps it.
+
+    A file that cannot be deleted stays: if its changes are saved, it is not offered.
+    """
+    is_windows = sys.platform == "win32"
+    if remove is not None and not is_windows:
+        with suppress(OSError):
+            remove.unlink()  # still locked: no other workbench offers it
     os.close(handle)
-    if remove is not None and sys.platform == "win32":
-        remove.unlink(missing_ok=True)  # Windows deletes no open file
+    if remove is not None and is_windows:
+        with suppress(OSError):
+            remove.unlink()  # Windows deletes no open file
 
 
 def _tell_fault(error: OSError | ValueError | RuntimeError) -> str:

@@ -28,6 +28,9 @@ from camgen.workbench.session import Change, Session
 #: The last page may be gone for so long before the workbench ends, s: a reload takes a moment. Nobody hears a page that
 #: has crashed: it is asked this often, s, whether it is still there.
 _STAY, _BEAT = 4.0, 10.0
+#: A browser opens six connections to a server, and each page keeps one for its state. The page
+#: waits for the answer to a change, which needs another one.
+_MOST_PAGES = 5
 Answer = Callable[[Desk, Request], Awaitable[Response]]
 _TYPES = {
     ".html": "text/html",
@@ -185,7 +188,10 @@ async def _wait_for_end(desk: Desk, end: Callable[[], None]) -> None:
 # What pages load.
 
 
-async def _shell(_desk: Desk, _request: Request) -> Response:
+async def _shell(desk: Desk, _request: Request) -> Response:
+    if desk.pages >= _MOST_PAGES:
+        text = f"this workbench is open in {_MOST_PAGES} tabs: close one of them, then reload\n"
+        return Response(text, 503)
     return _static("index.html")
 
 

@@ -146,6 +146,18 @@ def test_a_journal_is_offered_once_and_not_while_its_workbench_runs(session: Ses
     assert list_leftovers(session.job_file) == []
 
 
+def test_without_locks_a_workbench_passes_over_the_journals_that_it_knows(
+    session: Session, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("camgen.workbench.journal._lock", lambda handle: handle > 0)
+    journal = Journal(session)
+    journal.write(set_feed(session, 10), [])
+    assert list_leftovers(session.job_file, [journal.path]) == []
+    (leftover,) = list_leftovers(session.job_file)
+    leftover.close(keep=True)
+    journal.close(keep=False)
+
+
 def test_journals_of_other_jobs_and_other_versions_are_left_alone(
     session: Session, state: Path
 ) -> None:
@@ -318,8 +330,9 @@ def test_the_end_names_the_journal_of_changes_that_are_not_saved(
     where = f"(kept in {journal}); camgen open offers them again"
     assert lines == [f"camgen: error: part.toml: 2 changes are not saved {where}"]
     assert code == 2
-    with open_bench(work, ["part.dxf"], state) as bench:
-        assert offered(bench)["offer"]["changes"] == 2
+    (leftover,) = list_leftovers(work / "part.toml")
+    assert leftover.changes == 2
+    leftover.close(keep=False)
 
 
 def test_a_folder_that_cannot_be_written_is_reported_and_the_workbench_goes_on(

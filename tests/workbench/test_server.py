@@ -198,6 +198,18 @@ def test_a_page_names_no_mesh_outside_the_folder_and_no_post_that_is_a_file(benc
     assert (status, "is not installed" in said["line"]) == (409, True)
 
 
+def test_no_page_takes_the_last_connection_of_a_browser(bench: Bench) -> None:
+    pages = [bench.states() for _ in range(4)]  # the fixture has a page as well
+    for page in pages:
+        next(page)
+    status, text, _ = bench.ask("GET", f"{bench.root}/")
+    assert (status, b"open in 5 tabs" in text) == (503, True)
+    pages[0].close()  # type: ignore[attr-defined]
+    wait_for("a page leaves", lambda: bench.ask("GET", f"{bench.root}/")[0] == 200)
+    for page in pages[1:]:
+        page.close()  # type: ignore[attr-defined]
+
+
 # A job by the changes of a page.
 
 
