@@ -10,6 +10,7 @@ from pathlib import Path
 from camgen.cli.build import rows
 from camgen.cli.say import Voice
 from camgen.model.errors import InputError, JobError
+from camgen.model.text import counted
 from camgen.post.plugins import find_post, list_installed
 from camgen.read import find_reader
 from camgen.read.files import Files
@@ -18,7 +19,7 @@ from camgen.read.files import Files
 def run(arguments: Namespace, says: Voice) -> int:
     """Serves the workbench until its pages are closed, or Ctrl-C."""
     try:
-        from camgen.workbench.server import listen, serve  # noqa: PLC0415 (an extra)
+        from camgen.workbench.server import Shop, listen, serve  # noqa: PLC0415 (an extra)
     except ModuleNotFoundError as error:
         raise JobError(
             "open", f"needs {error.name}", remedy="pip install camgen[workbench]"
@@ -50,11 +51,19 @@ def run(arguments: Namespace, says: Voice) -> int:
             if not arguments.no_browser:
                 _show(address)
 
-        try:
-            serve(session, rows, token, door, ready)
-        except KeyboardInterrupt:
-            says.clear()
-    return 0
+        def warn(line: str) -> None:
+            says.rows([("journal", line, "look")])
+
+        ending = serve(session, Shop(rows, warn, ready), token, door)
+    says.clear()
+    if not ending.changes:
+        return 0
+    verb = "is" if ending.changes == 1 else "are"
+    what = f"{counted(ending.changes, 'change')} {verb} not saved"
+    if ending.kept is None:
+        raise JobError(str(session.job_file), f"{what}, and lost: {ending.fault}")
+    remedy = "camgen open offers them again"
+    raise JobError(str(session.job_file), what, f"kept in {ending.kept}", remedy)
 
 
 def _inputs(names: Sequence[str], job: str | None) -> tuple[list[Path], str | None]:

@@ -12,7 +12,6 @@ from typing import Any
 import msgspec
 import uvicorn
 from msgspec import Struct
-from msgspec.structs import replace
 from starlette.applications import Starlette
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse, Response, StreamingResponse
@@ -21,7 +20,7 @@ from starlette.routing import Route
 from camgen.model.errors import CamgenError, JobError, one_line
 from camgen.workbench import choose
 from camgen.workbench import session as steps
-from camgen.workbench.desk import Desk
+from camgen.workbench.desk import Desk, Edited, Ending, Warn
 from camgen.workbench.guard import PAGE_POLICY, PICTURE_POLICY, SHELL_POLICY, guard
 from camgen.workbench.perform import Looked, Tell
 from camgen.workbench.session import Change, Session
@@ -29,6 +28,9 @@ from camgen.workbench.session import Change, Session
 #: The last page may be gone for so long before the workbench ends, s: a reload takes a moment. Nobody hears a page that
 #: has crashed: it is asked this often, s, whether it is still there.
 _STAY, _BEAT = 4.0, 10.0
+#: A browser opens six connections to a server, and each page keeps one for its state. The page
+#: waits for the answer to a change, which needs another one.
+_MOST_PAGES = 5
 Answer = Callable[[Desk, Request], Awaitable[Response]]
 _TYPES = {
     ".html": "text/html",
@@ -40,7 +42,8 @@ _TYPES = {
 
 def listen(port: int) -> socket.socket:
     """A socket on 127.0.0.1. port: 0 for any that is free. JobError where it is not to be had."""
-    found = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    # With the protocol named, asyncio turns Nagle's algorithm off, which delays answers by 40 ms.
+    found = socket.socket(socket.AF_INET, socket.SOCK_STREAM, socket.IPPROTO_TCP)
     found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         found.bind(("127.0.0.1", port))
@@ -54,14 +57,26 @@ def listen(port: int) -> socket.socket:
     return found
 
 
-def serve(
-    session: Session, tell: Tell, token: str, door: socket.socket, ready: Callable[[], None]
-) -> None:
-    """Serves the workbench until its last page is closed, or for ever where none was opened. ready: called once."""
+class Shop(Struct, frozen=True):
+    """The command line's side of a workbench.
+
+    tell: function that makes the summary of a build
+    warn: writes a line about the journal
+    ready: called once the page can be opened
+    """
+
+    tell: Tell
+    warn: Warn
+    ready: Callable[[], None]
+
+
+def serve(session: Session, shop: Shop, token: str, door: socket.socket) -> Ending:
+    """Serves the workbench until its last page is closed, or Ctrl-C is pressed."""
+    desks: list[Desk] = []
     ends: list[uvicorn.Server] = []
-    app = guard(_app(session, tell, lambda: _end(ends[0]), ready), token, door.getsockname()[1])
+    app = _app(session, shop, desks, lambda: _end(ends[0]))
     settings = uvicorn.Config(
-        app,
+        guard(app, token, door.getsockname()[1]),
         log_level="critical",
         access_log=False,
         server_header=False,
@@ -70,26 +85,27 @@ def serve(
         h11_max_incomplete_event_size=64_000,
     )
     ends.append(uvicorn.Server(settings))
-    ends[0].run(sockets=[door])
+    with suppress(KeyboardInterrupt):
+        ends[0].run(sockets=[door])
+    return desks[0].end()
 
 
 def _end(server: uvicorn.Server) -> None:
     server.should_exit = True
 
 
-def _app(
-    session: Session, tell: Tell, end: Callable[[], None], ready: Callable[[], None]
-) -> Starlette:
-    desks: list[Desk] = []
+def _app(session: Session, shop: Shop, desks: list[Desk], end: Callable[[], None]) -> Starlette:
+    """The application. desks: gets the desk when it starts"""
 
     @asynccontextmanager
     async def living(_app: Starlette) -> AsyncIterator[None]:
-        desk = Desk(session, tell)
+        desk = Desk(session, shop.tell, shop.warn)
         desks.append(desk)
         tasks = [
             asyncio.ensure_future(one) for one in (desk.watch_files(), _wait_for_end(desk, end))
         ]
-        ready()
+        shop.ready()
+        desk.open_journals()
         try:
             yield
         finally:
@@ -114,6 +130,8 @@ def _app(
     gets |= {"/form": _form, "/events": _events}
     posts: dict[str, Answer] = {
         "/change": _change,
+        "/draft": _draft,
+        "/journal": _journal,
         "/post": _post,
         "/layer": _layer,
         "/order": _order,
@@ -124,6 +142,8 @@ def _app(
     }
     posts |= {
         "/undo": _undo,
+        "/redo": _redo,
+        "/build": _build,
         "/stop": _stop,
         "/propose": _propose,
         "/save": _save,
@@ -139,6 +159,8 @@ async def _answer(desk: Desk, request: Request, answer: Answer) -> Response:
     """What is wrong with what a page asked for is its one line, as on the command line."""
     try:
         return await answer(desk, request)
+    except Edited as error:
+        return JSONResponse({"line": f"error: {error}", "edited": error.names}, 409)
     except CamgenError as error:
         return JSONResponse({"line": f"error: {error}"}, 409)
     except (msgspec.MsgspecError, ClientDisconnect):
@@ -149,7 +171,7 @@ async def _answer(desk: Desk, request: Request, answer: Answer) -> Response:
 
 async def _wait_for_end(desk: Desk, end: Callable[[], None]) -> None:
     """Ends the workbench when its last page has been gone for some seconds."""
-    while not desk.pages and not desk.closing:
+    while not desk.is_visited and not desk.closing:
         await asyncio.sleep(0.1)
     away = 0.0
     while away < _STAY and not desk.closing:
@@ -164,7 +186,10 @@ async def _wait_for_end(desk: Desk, end: Callable[[], None]) -> None:
 # What pages load.
 
 
-async def _shell(_desk: Desk, _request: Request) -> Response:
+async def _shell(desk: Desk, _request: Request) -> Response:
+    if desk.pages >= _MOST_PAGES:
+        text = f"this workbench is open in {_MOST_PAGES} tabs: close one of them, then reload\n"
+        return Response(text, 503)
     return _static("index.html")
 
 
@@ -264,12 +289,19 @@ class _Move(Struct, forbid_unknown_fields=True):
 
 
 class _Seam(Struct, forbid_unknown_fields=True):
-    """x, y: mm; None: where camgen likes."""
+    """A start point of a closed path.
+
+    build: number of the build whose picture the user saw
+    path: index of the path
+    x, y: mm; None leaves the start point to camgen
+    draft: whether the ring may still move
+    """
 
     build: int
     path: int
     x: float | None = None
     y: float | None = None
+    draft: bool = False
 
 
 class _Names(Struct, forbid_unknown_fields=True):
@@ -281,9 +313,28 @@ class _File(Struct, forbid_unknown_fields=True):
     counts: bool
 
 
+class _Save(Struct, forbid_unknown_fields=True):
+    """replace: whether programs that were changed by hand are replaced"""
+
+    replace: bool = False
+
+
 async def _change(desk: Desk, request: Request) -> Response:
     asked = msgspec.json.decode(await request.body(), type=_Changes)
-    desk.become(steps.change(desk.session, asked.changes))
+    desk.change(asked.changes)
+    return _json(_DONE)
+
+
+async def _draft(desk: Desk, request: Request) -> Response:
+    """A text while it is typed."""
+    desk.draft(msgspec.json.decode(await request.body(), type=Change))
+    return _json(_DONE)
+
+
+async def _journal(desk: Desk, request: Request) -> Response:
+    """Whether the changes of an earlier workbench are taken up."""
+    answer = msgspec.json.decode(await request.body(), type=_File)
+    desk.answer_offer(answer.counts)
     return _json(_DONE)
 
 
@@ -296,7 +347,7 @@ async def _post(desk: Desk, request: Request) -> Response:
             "is not installed",
             remedy=f"one of {', '.join(desk.session.posts)}",
         )
-    desk.become(replace(desk.session, post=asked.post))
+    desk.become(steps.step(desk.session, desk.session.tables, asked.post))
     return _json(_DONE)
 
 
@@ -325,7 +376,13 @@ async def _seam(desk: Desk, request: Request) -> Response:
     asked = msgspec.json.decode(await request.body(), type=_Seam)
     place = None if asked.x is None or asked.y is None else (asked.x, asked.y)
     tables = choose.move_seam(desk.session.tables, _looked(desk, asked.build), asked.path, place)
-    desk.become(steps.step(desk.session, tables))
+    seams = Change(["tour", "seams"], tables.get("tour", {}).get("seams"))
+    if not asked.draft:
+        desk.change([seams])
+    elif place is None:
+        desk.draft(Change(seams.path))
+    else:
+        desk.draft(seams)
     return _json(_DONE)
 
 
@@ -358,6 +415,16 @@ async def _undo(desk: Desk, _request: Request) -> Response:
     return _json(_DONE)
 
 
+async def _redo(desk: Desk, _request: Request) -> Response:
+    desk.become(steps.redo(desk.session))
+    return _json(_DONE)
+
+
+async def _build(desk: Desk, _request: Request) -> Response:
+    desk.ask()
+    return _json(_DONE)
+
+
 async def _stop(desk: Desk, _request: Request) -> Response:
     desk.stop()
     return _json(_DONE)
@@ -368,8 +435,9 @@ async def _propose(desk: Desk, _request: Request) -> Response:
     return _json(_DONE)
 
 
-async def _save(desk: Desk, _request: Request) -> Response:
-    return _json({"written": [str(path) for path in await desk.save()]})
+async def _save(desk: Desk, request: Request) -> Response:
+    order = msgspec.json.decode(await request.body(), type=_Save)
+    return _json({"written": [str(path) for path in await desk.save(order.replace)]})
 
 
 async def _file(desk: Desk, request: Request) -> Response:

@@ -20,15 +20,32 @@ from camgen.workbench.job_text import write_job
 
 #: The job as TOML has it: tables of keys, and lists of such tables. Keys that hold their default are left out.
 Tables = dict[str, Any]
-#: So many steps can be undone.
-_STEPS = 100
+
+
+class Step(Struct, frozen=True):
+    """The job at a moment of the session.
+
+    tables: the settings that differ from their defaults
+    post: name of the controller
+    """
+
+    tables: Tables
+    post: str
 
 
 class Session(Struct, frozen=True):
-    """inputs: as the user named them. job_file: where the job is saved; base: its text as it was read, "" for none.
-    tables: what differs from the defaults. post: the controller. output: the folder of the program. posts: what the
-    page may choose from. allowed: files outside the folder that the job named before a page did. before: the tables of
-    the steps that can be undone.
+    """The open job and its history.
+
+    inputs: files, as the user named them
+    job_file: file to which the job is saved
+    base: text of the job file as it was read, "" without a file
+    tables: the settings that differ from their defaults
+    post: name of the controller
+    output: folder of the program
+    posts: names of the controllers that a page may choose
+    allowed: identities of files outside the folder that the job named before a page did
+    before: steps that undo goes back to, the last step first to be restored
+    after: steps that redo goes forward to, the last step first to be restored
     """
 
     inputs: tuple[Path, ...]
@@ -39,7 +56,13 @@ class Session(Struct, frozen=True):
     output: Path
     posts: tuple[str, ...] = ()
     allowed: frozenset[str] = frozenset()
-    before: tuple[Tables, ...] = ()
+    before: tuple[Step, ...] = ()
+    after: tuple[Step, ...] = ()
+
+    @property
+    def step(self) -> Step:
+        """The job as it is now."""
+        return Step(self.tables, self.post)
 
     @property
     def folder(self) -> Path:
@@ -158,36 +181,55 @@ class Change(Struct, frozen=True):
 def change(session: Session, changes: Sequence[Change]) -> Session:
     """The session after changes of a page. JobError for a table that no job has, and for a file outside the folder."""
     tables = session.tables
-    known = {s.table for s in settings()} | {"post"}
-    for one in changes:
-        place = one.path[0] if one.path else ""
-        rows = place in ROWS and len(one.path) in (1, 3)
-        if not rows and not (place in known and len(one.path) == 2):
-            raise JobError(
-                "job", f"has no place {'.'.join(map(str, one.path))[:80]}", remedy="reload the page"
-            )
-        value = one.value if one.raw is None else value_of(one.raw) if one.raw.strip() else None
-        if isinstance(
-            value, (date, time)
-        ):  # no setting is one: what was typed is told as it was typed
-            value = one.raw
-        tables = put(tables, one.path, value)
+    for entry in changes:
+        check_place(entry)
+        value = entry.value
+        if entry.raw is not None:
+            value = value_of(entry.raw) if entry.raw.strip() else None
+        if isinstance(value, (date, time)):
+            value = entry.raw  # no setting is a date: the error shows the text as it was typed
+        tables = put(tables, entry.path, value)
     _insist_on_folder(session, tables)
     return step(session, tables)
 
 
-def step(session: Session, tables: Tables) -> Session:
-    """The session with other tables, which can be undone."""
-    if tables == session.tables:
+def check_place(change: Change) -> None:
+    """Raises JobError if a job has no place for a change."""
+    table = change.path[0] if change.path else ""
+    is_row = table in ROWS and len(change.path) in (1, 3)
+    known = {s.table for s in settings()} | {"post"}
+    if not is_row and not (table in known and len(change.path) == 2):
+        name = ".".join(map(str, change.path))[:80]
+        raise JobError("job", f"has no place {name}", remedy="reload the page")
+
+
+def step(session: Session, tables: Tables, post: str = "") -> Session:
+    """The session with another job, which can be undone. Without `post` the controller stays."""
+    following = Step(tables, post or session.post)
+    if following == session.step:
         return session
-    return replace(session, tables=tables, before=(*session.before, session.tables)[-_STEPS:])
+    before = (*session.before, session.step)
+    return replace(session, tables=tables, post=following.post, before=before, after=())
 
 
 def undo(session: Session) -> Session:
     """The session before its last change."""
     if not session.before:
         return session
-    return replace(session, tables=session.before[-1], before=session.before[:-1])
+    *before, last = session.before
+    after = (*session.after, session.step)
+    return replace(session, tables=last.tables, post=last.post, before=tuple(before), after=after)
+
+
+def redo(session: Session) -> Session:
+    """The session after the change that was undone last."""
+    if not session.after:
+        return session
+    *after, following = session.after
+    before = (*session.before, session.step)
+    return replace(
+        session, tables=following.tables, post=following.post, before=before, after=tuple(after)
+    )
 
 
 def _insist_on_folder(session: Session, tables: Tables) -> None:

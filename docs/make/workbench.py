@@ -8,6 +8,7 @@ the extra ``workbench``, playwright and a Chromium.
 
 from __future__ import annotations
 
+import os
 import shutil
 import subprocess
 import sys
@@ -76,7 +77,11 @@ PICTURES = (
 def opened(folder: Path, shown: Shown) -> Iterator[str]:
     """The address of a workbench for a picture."""
     command = [sys.executable, "-m", "camgen", "open", shown.file, *shown.words, "--no-browser"]
-    with subprocess.Popen(command, cwd=folder, stderr=subprocess.PIPE, text=True) as process:
+    # Journals of these workbenches do not lie in the folder of the user.
+    environment = {**os.environ, "XDG_STATE_HOME": str(folder / "state")}
+    with subprocess.Popen(
+        command, cwd=folder, stderr=subprocess.PIPE, text=True, env=environment
+    ) as process:
         assert process.stderr is not None
         try:
             yield process.stderr.readline().split()[1]

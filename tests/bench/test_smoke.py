@@ -69,6 +69,10 @@ SMOKES = [
         {"cases": (0, 1), "other": (0, 0), "misses": (0, 0)}, alone=True,
     ),
     Smoke("reliability.kills 2 1", (2,), {"files damaged": (0, 0)}, alone=True),
+    Smoke(
+        "workbench.kill 1", (2, 1), {"kills": (1, 1), "edits": (1, 4), "lost": (0, 0)},
+        lacking("playwright", *BROWSERS), alone=True,
+    ),
     Smoke("tours.order 50", (2,), {"paths": (50, 50), "of it": (5, 60)}),
     Smoke(
         "tours.search 20", (5 if find_spec("numba") else 3,),

@@ -10,6 +10,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from time import monotonic
 from typing import Any
 
@@ -47,7 +48,7 @@ class Bench:
         link.close()
         return answer.status, data, answer.headers
 
-    def post(self, path: str, **asked: Any) -> tuple[int, Json]:
+    def post(self, path: str, /, **asked: Any) -> tuple[int, Json]:
         status, data, _ = self.ask("POST", f"{self.root}/{path}", json.dumps(asked).encode())
         return status, json.loads(data)
 
@@ -94,13 +95,28 @@ class Bench:
         raise AssertionError("the workbench has ended")
 
 
-@contextmanager
-def open_bench(folder: Path, words: Sequence[str]) -> Iterator[Bench]:
-    """``camgen open`` with these words, run in ``folder``; ended afterwards."""
+def start_bench(folder: Path, words: Sequence[str], state: Path | str) -> subprocess.Popen[str]:
+    """``camgen open`` with these words, run in ``folder``.
+
+    state: the state folder of the user, which holds the journals
+    """
     command = [sys.executable, "-m", "camgen", "open", *words, "--no-browser"]
-    process = subprocess.Popen(
-        command, cwd=folder, stderr=subprocess.PIPE, text=True, env={**os.environ}
-    )
+    environment = {**os.environ, "XDG_STATE_HOME": str(state)}
+    return subprocess.Popen(command, cwd=folder, stderr=subprocess.PIPE, text=True, env=environment)
+
+
+@contextmanager
+def open_bench(folder: Path, words: Sequence[str], state: Path | None = None) -> Iterator[Bench]:
+    """``camgen open`` with these words, run in ``folder``; ended afterwards.
+
+    state: the state folder of the user; None is an empty one
+    """
+    with TemporaryDirectory() as empty:
+        yield from _open(start_bench(folder, words, state or empty))
+
+
+def _open(process: subprocess.Popen[str]) -> Iterator[Bench]:
+    """A workbench that has started; ended afterwards."""
     assert process.stderr is not None
     try:
         line = process.stderr.readline()

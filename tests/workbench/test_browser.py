@@ -13,12 +13,11 @@ import pytest
 
 from camgen.cli import main
 from tests.support.benches import Bench, open_bench
-from tests.support.browsers import PHONE, SIZE, Driven, PageLog, start_browser
-from tests.support.waiting import LONG
+from tests.support.browsers import PHONE, Driven, start_browser
+from tests.support.tabs import POLL, Tab
+from tests.support.waiting import LONG, wait_for
 
 pytest.importorskip("uvicorn", reason="the extra workbench is not installed")
-#: ms from look to look at a condition. A look at each frame makes the browser draw all the time.
-POLL = 20
 PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
 
 
@@ -26,48 +25,6 @@ PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
 def browser() -> Iterator[Driven]:
     with start_browser() as opened:
         yield opened
-
-
-class Tab:
-    """A page of the workbench in a browser, and its log."""
-
-    def __init__(self, browser: Driven, bench: Bench, size: dict[str, int] = SIZE) -> None:
-        self.bench = bench
-        self.context = browser.new_context(viewport=size, reduced_motion="reduce")
-        self.context.set_default_timeout(1000 * LONG)
-        self.page = self.context.new_page()
-        self.log = PageLog(self.page)
-        self.page.goto(bench.address)
-        self.rest()
-
-    def rest(self, condition: str = "true") -> dict[str, Any]:
-        """The state when nothing is built and ``condition``, of s, holds."""
-        self.page.wait_for_function(
-            "() => { const s = window.workbench?.state(); "
-            f"return s && !s.stage && (s.built || s.failed) && ({condition}); }}",
-            polling=POLL,
-        )
-        found: dict[str, Any] = self.page.evaluate("workbench.state()")
-        return found
-
-    def shown(self, number: int) -> Any:
-        """The frame with the page of this build, when it is the one that is seen."""
-        seen = f"#frames iframe:not(.coming)[src='page/{number}']"
-        self.page.wait_for_selector(seen)
-        frame = self.page.query_selector(seen).content_frame()
-        frame.wait_for_function("() => window.camgen !== undefined", polling=POLL)
-        return frame
-
-    def field(self, path: str) -> Any:
-        """What is entered at a place such as process.feed."""
-        table, key = path.split(".")
-        self.page.locator(f"details[data-table={table}]").evaluate("e => { e.open = true; }")
-        return self.page.locator(f"#f-{table}-{key}")
-
-    def enter(self, path: str, text: str) -> None:
-        one = self.field(path)
-        one.fill(text)
-        one.press("Enter")
 
 
 @pytest.fixture
@@ -466,3 +423,305 @@ def test_on_a_phone_nothing_is_wider_than_the_screen(browser: Driven, bench: Ben
 
 def image(raw: bytes) -> Any:
     return cv2.imdecode(np.frombuffer(raw, np.uint8), cv2.IMREAD_COLOR)
+
+
+# Keys. They are read from the help, so that a key without a test is seen.
+
+#: Elements that have the focus. A text field takes the keys that it does not type.
+FOCUS = {
+    "field": ("settings", "#f-process-feed"),
+    "form": ("settings", "#settings"),
+    "list": ("steps", "[data-row='operations.0'] .grip"),
+    "picture": ("settings", "#canvas"),
+    "paths": ("settings", "#list"),
+}
+IN_PICTURE = ("picture", "paths")
+
+
+def focus(tab: Tab, name: str) -> None:
+    """Gives an element the focus as a user does: the picture by a click."""
+    pane, selector = FOCUS[name]
+    tab.open(pane)
+    if name == "picture":
+        frame = tab.shown(tab.rest()["built"]["number"])
+        frame.locator(selector).click(position={"x": 4, "y": 200})
+    elif name == "paths":
+        tab.shown(tab.rest()["built"]["number"]).locator(selector).focus()
+    else:
+        tab.page.locator(selector).focus()
+
+
+def help_rows(tab: Tab, section: int) -> list[str]:
+    """The names of keys in a section of the help."""
+    tab.page.locator("#help").click()
+    texts = tab.page.locator(f"#keys .keys >> nth={section} >> kbd").all_inner_texts()
+    tab.page.locator("#keys button").click()
+    return ", ".join(texts).split(", ")
+
+
+def wait_state(tab: Tab, condition: str) -> None:
+    """Waits for a state, called s, while builds may run."""
+    tab.page.wait_for_function(
+        f"() => {{ const s = workbench.state(); return {condition}; }}", polling=POLL
+    )
+
+
+def press_save(tab: Tab, key: str, place: str) -> None:
+    height = 21 + list(FOCUS).index(place)
+    tab.bench.change("process", "clearance", value=height)
+    wait_state(tab, f"s.unsaved && s.tables.process.clearance === {height}")
+    focus(tab, place)
+    tab.page.keyboard.press(key)
+    wait_state(tab, "!s.unsaved && s.told.startsWith('written: part.toml, part.ngc')")
+
+
+def press_undo(tab: Tab, key: str, place: str) -> None:
+    steps = tab.page.evaluate("workbench.state().undo")
+    focus(tab, place)
+    tab.page.keyboard.press(key)
+    wait_state(tab, f"s.undo === {steps - 1} && s.redo === 1")
+    tab.bench.post("redo")
+    wait_state(tab, f"s.undo === {steps}")
+
+
+def press_redo(tab: Tab, key: str, place: str) -> None:
+    steps = tab.page.evaluate("workbench.state().undo")
+    tab.bench.post("undo")
+    wait_state(tab, f"s.undo === {steps - 1}")
+    focus(tab, place)
+    tab.page.keyboard.press(key)
+    wait_state(tab, f"s.undo === {steps} && s.redo === 0")
+
+
+def press_help(tab: Tab, key: str, place: str) -> None:
+    focus(tab, place)
+    tab.page.keyboard.press(key)
+    if key == "?" and place == "field":
+        assert tab.page.locator("#f-process-feed").input_value() == "30?"
+        assert tab.page.locator("#keys[open]").count() == 0
+        tab.page.keyboard.press("Backspace")
+        return
+    tab.page.wait_for_selector("#keys[open]")
+    tab.page.keyboard.press(key)
+    tab.page.wait_for_selector("#keys:not([open])", state="hidden")
+
+
+#: Keys of the workbench, by their names in the help.
+EVERYWHERE = {
+    "Ctrl-S": ("Control+s", press_save),
+    "Ctrl-Z": ("Control+z", press_undo),
+    "Ctrl-Shift-Z": ("Control+Shift+z", press_redo),
+    "Ctrl-Y": ("Control+y", press_redo),
+    "F1": ("F1", press_help),
+    "?": ("?", press_help),
+}
+
+#: Keys of the picture, by their names in its help: the key, a state, and what the key makes of it.
+TURNED = "camgen.look.tilt = 0.3"
+PICTURE_KEYS = {
+    "space": (" ", "camgen.player.play(false)", "camgen.player.on"),
+    "left": ("ArrowLeft", "camgen.player.to(9)", "camgen.player.time < 9"),
+    "right": ("ArrowRight", "camgen.player.to(9)", "camgen.player.time > 9"),
+    "home": ("Home", "camgen.player.to(9)", "camgen.player.time === 0"),
+    "end": ("End", "camgen.player.to(9)", "camgen.player.time > 12"),
+    "f": ("f", "camgen.look.own = true", "!camgen.look.own"),
+    "t": ("t", TURNED, "camgen.look.tilt > 1.5"),
+    "s": ("s", TURNED, "camgen.look.tilt === 0"),
+    "i": ("i", TURNED, "camgen.look.tilt === 0.5"),
+    "m": ("m", "camgen.measure.on = false", "camgen.measure.on"),
+    "c": (
+        "c",
+        "document.querySelector('[data-by=order]').click()",
+        "document.querySelector('[data-by=feed]').ariaChecked === 'true'",
+    ),
+    "l": (
+        "l",
+        "document.getElementById('layers').hidden = true",
+        "!document.getElementById('layers').hidden",
+    ),
+    "d": (
+        "d",
+        "window.before = camgen.viewState().theme",
+        "camgen.viewState().theme !== window.before",
+    ),
+    "esc": (
+        "Escape",
+        "document.querySelector('#rows .row').click()",
+        "camgen.chosen.path === -1",
+    ),
+}
+
+
+def test_every_key_of_the_help_works_wherever_the_focus_is(own_tab: Tab) -> None:
+    own_tab.bench.change("operations", value=[{}])
+    own_tab.bench.change("process", "feed", value=31)
+    own_tab.rest("s.tables.process")
+    own_tab.field("process.feed")
+    keys = help_rows(own_tab, 0)
+    assert set(keys) == set(EVERYWHERE)
+    for key in sorted(keys, key="Ctrl-S".__ne__):
+        name, press = EVERYWHERE[key]
+        for place in FOCUS:
+            press(own_tab, name, place)
+        if key == "Ctrl-S":
+            # From here on each build ends at once, since it fails, and the picture stays.
+            own_tab.bench.change("process", "force", value=-1)
+            own_tab.bench.change("process", "feed", value=30)
+            own_tab.rest("s.failed")
+    keys = help_rows(own_tab, 1)
+    assert set(keys) == set(PICTURE_KEYS)
+    frame = own_tab.shown(own_tab.rest()["built"]["number"])
+    for place in ("form", "list", *IN_PICTURE):
+        focus(own_tab, place)
+        for key in keys:
+            name, state, effect = PICTURE_KEYS[key]
+            frame.evaluate(state)
+            own_tab.page.keyboard.press(name)
+            frame.wait_for_function(f"() => {effect}", polling=POLL)
+    assert own_tab.log.messages == []
+
+
+def test_a_text_that_is_typed_has_its_own_undo_until_it_is_applied(tab: Tab) -> None:
+    tab.enter("process.feed", "31")
+    tab.rest("s.tables.process")
+    field = tab.field("process.feed")
+    field.press("End")
+    tab.page.keyboard.type("5")
+    tab.page.keyboard.press("Control+z")
+    tab.page.wait_for_function("document.activeElement.value === '31'", polling=POLL)
+    tab.page.keyboard.press("Control+z")
+    assert tab.rest("!s.tables.process")["undo"] == 0
+
+
+# Tabs and servers that end.
+
+
+@pytest.mark.parametrize("how", ["tab", "server"])
+def test_what_is_typed_and_changed_survives_the_end_of_its_tab(
+    browser: Driven, folder: Path, tmp_path_factory: pytest.TempPathFactory, how: str
+) -> None:
+    """The last text is typed and never applied."""
+    state = tmp_path_factory.mktemp("state")
+    with open_bench(folder, ["part.dxf"], state) as bench:
+        tab = Tab(browser, bench)
+        tab.enter("process.feed", "31")
+        tab.open("steps")
+        tab.page.get_by_text("Add operation").click()
+        tab.rest("s.tables.operations")
+        tab.open("settings")
+        tab.field("process.plunge").focus()
+        with tab.page.expect_response("**/draft"):
+            tab.page.keyboard.type("7")
+        if how == "tab":
+            tab.context.close()
+        bench.process.send_signal(signal.SIGKILL if how == "server" else signal.SIGINT)
+        bench.process.wait(LONG)
+        if how == "server":
+            tab.page.wait_for_selector("aside[inert]")
+            tab.context.close()
+    with open_bench(folder, ["part.dxf"], state) as bench:
+        tab = Tab(browser, bench)
+        line = tab.page.locator("#says .look span").inner_text()
+        assert line.startswith("3 changes of part.toml from 2")
+        assert line.endswith(" were not saved.")
+        tab.page.get_by_text("Take up").click()
+        found = tab.rest("!s.offer && s.tables.process.plunge")["tables"]
+        assert found == {"process": {"feed": 31, "plunge": 7}, "operations": [{}]}
+        assert tab.field("process.plunge").input_value() == "7"
+        assert tab.log.messages == []
+        tab.context.close()
+
+
+def test_a_journal_is_discarded_after_a_question(
+    browser: Driven, folder: Path, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    state = tmp_path_factory.mktemp("state")
+    with open_bench(folder, ["part.dxf"], state) as bench:
+        bench.change("process", "feed", value=31)
+        bench.process.send_signal(signal.SIGKILL)
+        bench.process.wait(LONG)
+    with open_bench(folder, ["part.dxf"], state) as bench:
+        tab = Tab(browser, bench)
+        for answer in ("dismiss", "accept"):
+            tab.page.once("dialog", lambda dialog, answer=answer: getattr(dialog, answer)())
+            assert "1 change of part.toml" in tab.page.locator("#says .look").inner_text()
+            tab.page.get_by_text("Discard").click()
+        tab.page.wait_for_selector("#says .look", state="detached")
+        assert tab.rest("!s.offer")["tables"] == {}
+        tab.context.close()
+
+
+def test_a_tab_with_changes_asks_before_it_closes(own_tab: Tab) -> None:
+    questions: list[str] = []
+
+    def stay(dialog: Driven) -> None:
+        questions.append(dialog.type)
+        dialog.dismiss()
+
+    own_tab.page.on("dialog", stay)
+    own_tab.enter("process.feed", "31")
+    own_tab.rest("s.unsaved")
+    with own_tab.page.expect_event("dialog"):
+        own_tab.page.close(run_before_unload=True)
+    assert questions == ["beforeunload"]
+    own_tab.page.keyboard.press("Control+s")
+    own_tab.rest("!s.unsaved")
+    own_tab.field("process.feed").fill("32")
+    with own_tab.page.expect_event("dialog"):
+        own_tab.page.close(run_before_unload=True)
+    assert questions == ["beforeunload", "beforeunload"]
+    own_tab.field("process.feed").press("Enter")
+    own_tab.rest("s.tables.process.feed === 32")
+    own_tab.page.keyboard.press("Control+s")
+    own_tab.rest("!s.unsaved")
+    with own_tab.page.expect_event("close"):
+        own_tab.page.close(run_before_unload=True)
+    assert len(questions) == 2
+
+
+@pytest.mark.parametrize("answer", ["accept", "dismiss"])
+def test_a_program_that_was_changed_by_hand_is_replaced_after_a_question(
+    tab: Tab, answer: str
+) -> None:
+    """The workbench's answers are made here: its judgement of a program is tested elsewhere."""
+    requests: list[object] = []
+    questions: list[str] = []
+
+    def reply(route: Driven) -> None:
+        requests.append(route.request.post_data_json)
+        edited = {"line": "error: part.ngc: was changed", "edited": ["part.ngc"]}
+        is_first = len(requests) == 1
+        route.fulfill(status=409 if is_first else 200, json=edited if is_first else {})
+
+    def decide(dialog: Driven) -> None:
+        questions.append(dialog.message)
+        getattr(dialog, answer)()
+
+    tab.page.route("**/save", reply)
+    tab.page.on("dialog", decide)
+    with tab.page.expect_event("dialog"):
+        tab.page.locator("#save").click()
+    expected = [{}, {"replace": True}] if answer == "accept" else [{}]
+    # The browser is served only while its page is asked to wait.
+    wait_for("the answer", lambda: tab.page.wait_for_timeout(20) or len(requests) == len(expected))
+    assert questions == ["part.ngc was changed by hand since camgen wrote it. Replace it?"]
+    assert requests == expected
+
+
+def test_a_first_build_that_is_cancelled_can_be_started_again(
+    browser: Driven, tmp_path: Path
+) -> None:
+    drawing = ezdxf.new("R2010", units=4)
+    for k in range(3000):  # a build of some seconds
+        drawing.modelspace().add_circle((9.0 * (k % 60), 9.0 * (k // 60)), 4.0)
+    drawing.saveas(tmp_path / "part.dxf")
+    with open_bench(tmp_path, ["part.dxf"]) as bench:
+        bench.post("stop")
+        tab = Tab(browser, bench)
+        assert tab.rest()["built"] is None
+        line = tab.page.locator("#says .bad span").inner_text()
+        assert line == "stopped: there is no program yet"
+        assert "There is no program yet" in tab.page.locator("#empty").inner_text()
+        tab.page.get_by_text("Build again").click()
+        wait_state(tab, "s.stage")
+        tab.context.close()

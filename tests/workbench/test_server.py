@@ -5,8 +5,6 @@ import os
 import shutil
 import signal
 import socket
-import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -18,7 +16,7 @@ from camgen.cli import main
 from camgen.cli.build import rows
 from camgen.workbench.builder import Builder, Heard, Stage, Stopped
 from camgen.workbench.perform import Ask
-from tests.support.benches import Bench, open_bench
+from tests.support.benches import Bench, open_bench, start_bench
 from tests.support.waiting import LONG, wait_for
 
 pytest.importorskip("uvicorn", reason="the extra workbench is not installed")
@@ -198,6 +196,18 @@ def test_a_page_names_no_mesh_outside_the_folder_and_no_post_that_is_a_file(benc
     assert (status, "outside the folder" in said["line"]) == (409, True)
     status, said = bench.post("post", post="/tmp/post.py")
     assert (status, "is not installed" in said["line"]) == (409, True)
+
+
+def test_no_page_takes_the_last_connection_of_a_browser(bench: Bench) -> None:
+    pages = [bench.states() for _ in range(4)]  # the fixture has a page as well
+    for page in pages:
+        next(page)
+    status, text, _ = bench.ask("GET", f"{bench.root}/")
+    assert (status, b"open in 5 tabs" in text) == (503, True)
+    pages[0].close()  # type: ignore[attr-defined]
+    wait_for("a page leaves", lambda: bench.ask("GET", f"{bench.root}/")[0] == 200)
+    for page in pages[1:]:
+        page.close()  # type: ignore[attr-defined]
 
 
 # A job by the changes of a page.
@@ -510,8 +520,7 @@ def test_it_ends_with_its_last_page_or_when_it_is_closed(tmp_path: Path) -> None
     with open_bench(tmp_path, ["part.dxf"]) as bench:
         assert bench.post("close")[0] == 200
         assert bench.process.wait(LONG) == 0
-    command = [sys.executable, "-m", "camgen", "open", "part.dxf", "--no-browser"]
-    with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as process:
+    with start_bench(tmp_path, ["part.dxf"], tmp_path / "state") as process:
         assert process.stderr is not None
         bench = Bench(process, process.stderr.readline().split()[1])
         bench.wait()

@@ -76,8 +76,13 @@ function sendSeam() {
   clearTimeout(seam.timer);
   if (!seam.moved || !seam.loop) return;
   seam.moved = false;
+  tellSeam(false);
+}
+
+// draft: the ring may still move, and its place is only kept.
+function tellSeam(draft) {
   const [x, y] = placeOn(seam.loop, seam.at);
-  tell({ camgen: "seam", path: chosen.path, x: x + origin[0], y: y + origin[1] });
+  tell({ camgen: "seam", path: chosen.path, x: x + origin[0], y: y + origin[1], draft });
 }
 
 function setSeam() {
@@ -103,13 +108,16 @@ function setSeam() {
   handle.addEventListener("blur", sendSeam);
   handle.addEventListener("keydown", (event) => {
     const way = { ArrowRight: 1, ArrowUp: 1, ArrowLeft: -1, ArrowDown: -1 }[event.key];
-    if (event.key === "Escape" && seam.moved) Object.assign(seam, { at: 0, moved: false });
-    else if (event.key === "Enter") sendSeam();
+    if (event.key === "Escape" && seam.moved) {
+      Object.assign(seam, { at: 0, moved: false });
+      tell({ camgen: "seam", path: chosen.path, draft: true });
+    } else if (event.key === "Enter") sendSeam();
     else if (way) {
       seam.at += way * (event.shiftKey ? 10 : event.altKey ? 0.1 : 1);
       seam.moved = true;
       clearTimeout(seam.timer);
       seam.timer = setTimeout(sendSeam, 800);
+      tellSeam(true);
     } else return;
     event.preventDefault();
     redraw();

@@ -1,7 +1,9 @@
 // Where the page stands in a frame of a page of the same origin: what is clicked goes out, wishes come in.
 const framed = window.parent !== window;
 
+// A host that listens to this window hears it at once, before anything else can happen; any other one has a message.
 function tell(message) {
+  if (framed && !dispatchEvent(new CustomEvent("camgen", { detail: message, cancelable: true }))) return;
   if (framed && location.origin !== "null") window.parent.postMessage(message, location.origin);
 }
 

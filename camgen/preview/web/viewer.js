@@ -328,4 +328,4 @@ new ResizeObserver(() => {
 paintAtOnce();
 tell({ camgen: "ready" });
 // For whoever drives the page from outside, as tests do.
-window.camgen = { data, player, look, track, arm, chosen, measure, pace, fit, box, orbit, framesOf, jointsAt, placeAt, paint, gl, toScreen, setScreen, toolGroup, cutting, notes, pointed, listing, toLine, pointAt, viewState, layers, matrixOf, inverse, moved };
+window.camgen = { keys: KEYS, data, player, look, track, arm, chosen, measure, pace, fit, box, orbit, framesOf, jointsAt, placeAt, paint, gl, toScreen, setScreen, toolGroup, cutting, notes, pointed, listing, toLine, pointAt, viewState, layers, matrixOf, inverse, moved };

@@ -1,6 +1,6 @@
 // One setting as a field: its name, what is entered, its unit, a button to reset it, its sentence and its default.
 
-import { make, same, set, toml, type } from "./talk.js";
+import { apply, keep, make, same, set, toml, type } from "./talk.js";
 
 /**
  * A field for the place `path`. Returned `show(own, usual)`: the value that the job has there, undefined for none, and what
@@ -30,7 +30,8 @@ export function field(path, setting, { inRow = false } = {}) {
     element.append(offers);
     input.setAttribute("list", offers.id);
   }
-  input.addEventListener("change", () => { input.dataset.known = input.value; send(path, setting, input); });
+  input.addEventListener("change", () => { input.dataset.known = input.value; apply(changeOf(path, setting, input)); });
+  if (input.type === "text") input.addEventListener("input", () => keep(isTyped(input) ? changeOf(path, setting, input) : { path }));
   if (setting.kind === "number") input.addEventListener("keydown", (event) => stepBy(event, path, setting, input));
   slider?.addEventListener("input", () => { input.value = slider.value; type(path, slider.value); });
   return {
@@ -74,10 +75,19 @@ function enter(input, setting, value, here) {
   else input.value = setting.kind === "free" && typeof value !== "string" || typeof value === "object" ? toml(value) : String(value);
 }
 
-function send(path, setting, input) {
-  if (setting.kind === "flag") return set(path, input.checked);
-  if (setting.kind === "choice" || setting.kind === "text") return set(path, input.value);
-  return type(path, input.value);
+function changeOf(path, setting, input) {
+  if (setting.kind === "flag") return { path, value: input.checked };
+  if (setting.kind === "choice" || setting.kind === "text") return { path, value: input.value };
+  return { path, raw: input.value };
+}
+
+/** Whether a field of the form holds a text that is not applied. */
+export const isTyped = (input) => input.dataset?.known !== undefined && input.type === "text" && input.value !== input.dataset.known;
+
+/** Applies what is being typed; the field keeps the focus. */
+export function applyTyped() {
+  const input = document.activeElement;
+  if (input && isTyped(input)) input.dispatchEvent(new Event("change", { bubbles: true }));
 }
 
 /** Arrow keys step a number by 1, with shift by 10, with alt by 0.1. */

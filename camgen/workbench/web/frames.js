@@ -1,5 +1,7 @@
 // The preview: a build's page in a frame. A newer one is loaded behind it, takes over its state, and is then shown.
 
+import { listen } from "./keys.js";
+
 const home = document.getElementById("frames");
 //: ms that a page may take to say that it is ready, once it is loaded, and to say its state.
 const QUIET = 1500, STATE = 150;
@@ -8,6 +10,9 @@ const heard = new Map();
 
 /** What a page says, "picked", "seam" or "moved", with the number of its build. */
 export const onSaid = (name, call) => heard.set(name, call);
+
+/** The window of the page that is seen, null while there is none. */
+export const shownWindow = () => shown?.contentWindow ?? null;
 
 /** Shows the page of a build. */
 export function showBuild(number) {
@@ -26,6 +31,8 @@ export function showBuild(number) {
 async function swap(frame) {
   if (frame !== coming) return;
   coming = null;
+  listen(frame.contentWindow);
+  frame.contentWindow.addEventListener("camgen", (event) => hear(frame, event.detail) && event.preventDefault());
   kept = (shown && (await stateOf(shown))) || kept;
   if (kept) tell(frame, { camgen: "restore", state: kept });
   if (theme) tell(frame, { camgen: "theme", theme });
@@ -60,12 +67,19 @@ addEventListener("message", (event) => {
   if (event.origin !== location.origin || !frame || typeof event.data?.camgen !== "string") return;
   const said = event.data;
   if (said.camgen === "ready" && frame === coming) swap(frame);
-  if (frame === shown) heard.get(said.camgen)?.(said, Number(frame.getAttribute("src").split("/").pop()));
+  hear(frame, said);
   if (said.camgen === "state" && answer?.frame === frame) {
     kept = said.state;
     answer.done(said.state);
   }
 });
+
+/** Whether what a page says is for the rest of the shell, which has it then. */
+function hear(frame, said) {
+  const call = frame === shown && heard.get(said.camgen);
+  if (call) call(said, Number(frame.getAttribute("src").split("/").pop()));
+  return Boolean(call);
+}
 
 export function setTheme(name) {
   theme = name;

@@ -1,12 +1,16 @@
 // The shell of the workbench: it shows the state that the workbench sends, and sends what the user changes.
 
-import { onSaid, setTheme, showBuild } from "./frames.js";
+import { applyTyped, isTyped } from "./fields.js";
+import { onSaid, setTheme, showBuild, shownWindow } from "./frames.js";
+import { useKeys } from "./keys.js";
 import { pick, showLayers } from "./layers.js";
 import { buildSettings, fields, openUsual, reveal, showSettings } from "./settings.js";
 import { revealRow, rowFields, showSteps } from "./steps.js";
-import { ask, make } from "./talk.js";
+import { ask, askSave, counted, make } from "./talk.js";
 
 const by = (id) => document.getElementById(id);
+//: The exit code of a build that was given up.
+const STOPPED = 130;
 let form = null, state = null, refused = "", gone = false, usual = false;
 
 // The state.
@@ -33,6 +37,11 @@ events.addEventListener("error", () => {
   showSays();
 });
 
+// A change of which nothing would come is not made.
+function lock() {
+  for (const element of [document.querySelector("aside"), by("post"), by("undo"), by("redo"), by("save")]) element.inert = gone || Boolean(state?.closing);
+}
+
 function show() {
   by("title").textContent = state.inputs.join(", ");
   document.title = `${state.saved ? "" : "\u2022 "}${state.inputs[0]} - camgen`;
@@ -41,6 +50,7 @@ function show() {
   by("stage").classList.toggle("busy", Boolean(state.stage));
   by("stop").hidden = !state.stage;
   by("undo").disabled = !state.undo;
+  by("redo").disabled = !state.redo;
   by("save").disabled = Boolean(state.failed) && !state.stage;
   showSettings(state);
   if (!usual && (state.looked.kind || state.failed)) {
@@ -105,7 +115,7 @@ by("views").addEventListener("click", (event) => {
   showPictures();
 });
 onSaid("picked", pick);
-onSaid("seam", ({ path, x, y }, build) => ask("seam", { build, path, x, y }));
+onSaid("seam", ({ path, x, y, draft }, build) => ask("seam", { build, path, x, y, draft: draft === true }));
 onSaid("moved", ({ path, to }, build) => ask("move", { build, path, to }));
 
 // What is said.
@@ -119,11 +129,17 @@ function blame() {
 function showSays() {
   const lines = [];
   const line = (tone, text, ...buttons) => lines.push(make("p", { className: tone }, make("span", {}, text), ...buttons));
-  if (state?.closing) line("look", "The workbench is closed. Start it again with camgen open; this page can be shut.");
+  lock();
+  if (state?.closing) {
+    const kept = state.unsaved ? ` ${counted(state.unsaved, "change")} not saved: the terminal says where they are kept.` : "";
+    line("look", `The workbench is closed.${kept} Start it again with camgen open; this page can be shut.`);
+  }
   else if (gone) {
     line("bad", "The workbench does not answer: it has ended, or the machine slept. This page tries again.",
       make("button", { onclick: () => navigator.clipboard.writeText(state?.text ?? "") }, "Copy the job"));
   }
+  if (state?.journal_fault) line("bad", `Changes that are not saved are lost when the workbench ends: ${state.journal_fault}`);
+  if (state?.offer) showOffer(line);
   if (state?.changed_outside) {
     line("look", `${state.job_file} was changed by somebody else, and here too.`,
       make("button", { onclick: () => ask("file", { counts: true }) }, "Read the file"),
@@ -132,10 +148,22 @@ function showSays() {
   if (refused) line("bad", refused, make("button", { className: "small", ariaLabel: "Close", onclick: () => { refused = ""; showSays(); } }, "\u2715"));
   if (state?.failed && !state.stage) {
     const place = state.failed.place;
-    line("bad", state.failed.line, place.length > 1 ? make("button", { onclick: () => go(place) }, "Show the setting") : "");
+    line("bad", state.failed.line, place.length > 1 ? make("button", { onclick: () => go(place) }, "Show the setting") : "",
+      state.failed.code === STOPPED ? make("button", { onclick: () => ask("build") }, "Build again") : "");
   }
   if (state?.told) line("look", state.told);
   by("says").replaceChildren(...lines);
+}
+
+/** Changes of an earlier workbench that were not saved. */
+function showOffer(line) {
+  const { changes, time, fits, text } = state.offer;
+  const what = `${counted(changes, "change")} of ${state.job_file} from ${time} ${changes === 1 ? "was" : "were"} not saved.`;
+  const since = fits ? "" : ` ${state.job_file} has changed since: taken up, they replace what it says, until you undo that.`;
+  line("look", what + since,
+    make("button", { onclick: () => ask("journal", { counts: true }) }, "Take up"),
+    make("button", { onclick: () => navigator.clipboard.writeText(text) }, "Copy the job"),
+    make("button", { onclick: () => confirm(`Discard ${counted(changes, "change")} of ${state.job_file}? This cannot be undone.`) && ask("journal", { counts: false }) }, "Discard"));
 }
 
 document.addEventListener("refused", (event) => {
@@ -164,26 +192,23 @@ document.querySelector("aside nav").addEventListener("click", (event) => event.t
 by("post").addEventListener("change", (event) => ask("post", { post: event.target.value }));
 by("stop").addEventListener("click", () => ask("stop"));
 by("undo").addEventListener("click", () => ask("undo"));
+by("redo").addEventListener("click", () => ask("redo"));
 by("close").addEventListener("click", () => {
-  if (state?.saved || confirm("What was changed is not saved. Close all the same?")) ask("close");
+  if (!state?.unsaved || confirm("What was changed is not saved. It is kept, and offered by the next camgen open. Close?")) ask("close");
 });
 by("save").addEventListener("click", save);
 
 async function save() {
-  document.activeElement?.blur(); // what is being typed counts
-  await ask("save");
+  applyTyped();
+  const answer = await askSave({});
+  if (answer?.edited && confirm(`${answer.edited.join(", ")} was changed by hand since camgen wrote it. Replace it?`)) await askSave({ replace: true });
 }
 
-addEventListener("keydown", (event) => {
-  if (!event.ctrlKey && !event.metaKey) return;
-  const typing = event.target.matches?.("input[type=text], input[type=search]");
-  if (event.key === "s") {
-    event.preventDefault();
-    save();
-  } else if (event.key === "z" && !typing) {
-    event.preventDefault();
-    ask("undo");
-  }
+useKeys({ save, undo: () => ask("undo"), redo: () => ask("redo") }, shownWindow);
+
+addEventListener("beforeunload", (event) => {
+  const isUnsaved = state?.unsaved || (document.activeElement && isTyped(document.activeElement));
+  if (isUnsaved && !state?.closing && !gone) event.preventDefault();
 });
 
 const THEMES = ["", "light", "dark"];

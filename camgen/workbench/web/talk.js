@@ -1,28 +1,45 @@
-// What this page asks of the workbench, one after the other, and small helpers that all files share.
+// What this page asks of the workbench, and small helpers that all files share.
 
-let last = Promise.resolve();
-
-/** Asks for a change; resolves to the answer, or to null after telling what is wrong with it. */
+/**
+ * Asks for a change. The page waits for the answer, which takes some milliseconds: what it shows from then on is on the
+ * disk, whatever ends this tab next. Returns the answer, or null after telling what is wrong with it.
+ */
 export function ask(path, body = {}) {
-  last = last.then(() => send(path, body)).catch(() => null);
-  return last;
+  const request = new XMLHttpRequest();
+  request.open("POST", path, false);
+  request.setRequestHeader("Content-Type", "application/json");
+  try {
+    request.send(JSON.stringify(body));
+  } catch {
+    return refuse("error: the workbench did not answer: the last change is not kept");
+  }
+  return read(request.status, request.responseText);
 }
 
-async function send(path, body) {
-  const answer = await fetch(path, {
-    method: "POST",
-    headers: { "Content-Type": "application/json" },
-    body: JSON.stringify(body),
-  });
-  const said = await answer.json().catch(() => ({ line: "error: the workbench did not understand this page; reload it" }));
-  if (answer.ok) return said;
-  document.dispatchEvent(new CustomEvent("refused", { detail: said.line }));
+/** Asks for a save, which waits for a build and may take minutes. */
+export async function askSave(body) {
+  const answer = await fetch("save", { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body) }).catch(() => null);
+  return answer ? read(answer.status, await answer.text()) : refuse("error: the workbench did not answer: nothing is saved");
+}
+
+function read(status, text) {
+  let said = { line: "error: the workbench did not understand this page; reload it" };
+  try { said = JSON.parse(text); } catch { /* the line above says it */ }
+  return status === 200 || said.edited ? said : refuse(said.line);
+}
+
+function refuse(line) {
+  document.dispatchEvent(new CustomEvent("refused", { detail: line }));
   return null;
 }
 
-/** Sets one place of the job: a value, or what was typed. */
-export const set = (path, value) => ask("change", { changes: [{ path, value }] });
-export const type = (path, raw) => ask("change", { changes: [{ path, raw }] });
+/** Applies a change of one place of the job: a value, or what was typed. */
+export const apply = (change) => ask("change", { changes: [change] });
+export const set = (path, value) => apply({ path, value });
+export const type = (path, raw) => apply({ path, raw });
+
+/** Keeps what is typed in a field before it is applied; without a value and a text it was taken back. */
+export const keep = (change) => ask("draft", change);
 
 /** An element with properties and children; what is text stays text. */
 export function make(name, properties = {}, ...children) {
