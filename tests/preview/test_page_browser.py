@@ -21,7 +21,7 @@ from tests.support.browsers import PHONE, SMALL, Driven, OpenPage
 @pytest.fixture(scope="module")
 def files(tmp_path_factory: pytest.TempPathFactory, solid: Result) -> dict[str, Path]:
     folder = tmp_path_factory.mktemp("pages")
-    flat = camgen.build(PARTS / "bracket.dxf", post="gcode")
+    flat = camgen.build(PARTS / "bracket.dxf", post="gcode", job={"tool": {"kind": "pen"}})
     robot = camgen.build(PARTS / "bracket.dxf", post="rapid", job=ROBOT)
     views = {"flat": view(flat), "robot": view(robot), "solid": view(solid), "evil": poisoned(flat)}
     for name, shown in views.items():

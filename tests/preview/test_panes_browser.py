@@ -21,7 +21,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     folder = tmp_path_factory.mktemp("pages")
     rings = {"operation": {"kind": "trace"}}
     results = {
-        "flat": camgen.build(PARTS / "bracket.dxf", post="gcode"),
+        "flat": camgen.build(PARTS / "bracket.dxf", post="gcode", job={"tool": {"kind": "pen"}}),
         "left": camgen.build(PARTS / "bracket.dxf", post="gcode", job={"tool": {"diameter": 12.0}}),
         "long": camgen.build(waves(folder), post="gcode", job=rings),
     }

@@ -21,6 +21,7 @@ from tests.preview.test_page import PARTS, data, unpack
 
 MILLED: dict[str, object] = {
     "operation": {"depth": 6.0, "passes": 3},
+    "tool": {"center_cutting": True},
     "process": {"spindle": 9000.0},
 }
 

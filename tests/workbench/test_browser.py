@@ -110,6 +110,7 @@ def test_what_is_looked_at_survives_a_new_program(tab: Tab) -> None:
         "() => { const { look, player } = camgen; look.turn = 0.7; look.tilt = 0.9; look.height = 55; look.own = true; "
         "look.target = [3, 4, 5]; player.to(4); }"
     )
+    frame.locator("nav button[data-tab=paths]").click()
     rows = frame.locator("#rows > *")
     rows.nth(1).click()
     frame.locator("nav button[data-tab=text]").click()
@@ -229,6 +230,7 @@ def test_a_click_leaves_out_and_a_layer_is_switched(tab: Tab) -> None:
 
 def test_a_seam_is_dragged_along_its_path_and_a_row_to_another_place(tab: Tab) -> None:
     frame = tab.shown(tab.rest()["built"]["number"])
+    frame.locator("nav button[data-tab=paths]").click()
     # Whole paths begin where camgen likes; c1, the outline, is the last of four.
     frame.locator("#rows .row").nth(3).click()
     ring = frame.locator(".seam")
@@ -446,7 +448,9 @@ def focus(tab: Tab, name: str) -> None:
         frame = tab.shown(tab.rest()["built"]["number"])
         frame.locator(selector).click(position={"x": 4, "y": 200})
     elif name == "paths":
-        tab.shown(tab.rest()["built"]["number"]).locator(selector).focus()
+        frame = tab.shown(tab.rest()["built"]["number"])
+        frame.locator("nav button[data-tab=paths]").click()
+        frame.locator(selector).focus()
     else:
         tab.page.locator(selector).focus()
 
