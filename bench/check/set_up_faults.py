@@ -75,12 +75,17 @@ CASES = (
 )
 MATERIAL = "aluminium"
 
-COLUMNS = "fault | seeded | without effect | refused | a line more | no line"
+COLUMNS = (
+    "fault | seeded | refused | a line more | no line | by the rebuilt program alone "
+    "| left out: without effect"
+)
 Tables = dict[str, Any]
 #: Changes a job; False if it has nothing to change.
 JobFault = Callable[[Tables, random.Random], bool]
 #: The lines of a program with one change; None if it has nothing to change.
 TextFault = Callable[[list[str], Tables, random.Random], list[str] | None]
+_COUNTING = ("refused", "a line more", "no line")
+_REBUILT = "by the rebuilt program: "
 #: A cell whose depth differs by more, mm, is another one.
 _DEEPER_MM = 0.2
 _BELOW_MM = 0.5
@@ -416,7 +421,7 @@ def try_text(kind: str, case: str, folder: Path, chance: random.Random) -> tuple
         return None
     program = folder / "part.ngc"
     words = ("verify", str(program), "--part", str(drawing))
-    sound = run(*words)
+    sound, sound_alone = run(*words), run(*words, "--post", "gcode")
     edited = sign("\n".join(changed))
     program.write_text(edited)
     outcome = run(*words)
@@ -424,26 +429,33 @@ def try_text(kind: str, case: str, folder: Path, chance: random.Random) -> tuple
         (f"{kind}, {case}: {new}" for old, new in zip(lines, changed, strict=True) if old != new),
         kind,
     )
-    if outcome.code > sound.code:
-        return "refused", row
     if kind == "depth in the text" and not is_cut_otherwise(job, text, job, edited):
         return "without effect", row
+    alone = run(*words, "--post", "gcode")
+    if alone.code == sound_alone.code and not alone.lines - sound_alone.lines:
+        row = f"{_REBUILT}{row}"
+    if outcome.code > sound.code:
+        return "refused", row
     return ("a line more" if outcome.lines - sound.lines else "no line"), row
 
 
 def measure(seed: int, largest_count: int) -> Iterator[tuple[str, Counter[str], list[str]]]:
-    """The verdicts on all faults of each kind, and the faults without a line."""
+    """The verdicts on the faults of each kind, and the faults without a line.
+
+    Faults without effect are replaced by others.
+    """
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for kind, count in KINDS.items():
             verdicts, silent, number = Counter[str](), [], 0
             judge = try_text if kind in TEXT_FAULTS else try_job
-            while verdicts.total() < min(count, largest_count):
+            while sum(verdicts[name] for name in _COUNTING) < min(count, largest_count):
                 chance = random.Random(f"{seed} {kind} {number}")
                 verdict = judge(kind, CASES[number % len(CASES)], folder, chance)
                 number += 1
                 if verdict is not None:
                     verdicts[verdict[0]] += 1
+                    verdicts[_REBUILT] += verdict[1].startswith(_REBUILT)
                     silent += [verdict[1]] * (verdict[0] == "no line")
             yield kind, verdicts, silent
 
@@ -455,8 +467,9 @@ if __name__ == "__main__":
     unseen: list[str] = []
     for kind, verdicts, silent in measure(start, largest_count):
         unseen += silent
-        cells = [verdicts[name] for name in ("without effect", "refused", "a line more")]
+        idle = verdicts["without effect"]
         bare = Missed(len(silent)) if silent else 0
-        table.add(kind, verdicts.total(), *cells, bare)
+        cells = verdicts["refused"], verdicts["a line more"], bare, verdicts[_REBUILT], idle
+        table.add(kind, sum(verdicts[name] for name in _COUNTING), *cells)
     print("\n".join(["", *unseen]))
     sys.exit(bool(unseen))

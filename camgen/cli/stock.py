@@ -9,8 +9,9 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.check.stock import Cut, Fault, StockProof, Task, design, prove, task_on
-from camgen.model.cell import Dynamics
+from camgen.check.stock import Cut, Fault, Stated, StockProof, Task, design, prove, task_on
+from camgen.cli.proven import Proven
+from camgen.lower.runs import plunge
 from camgen.model.errors import InputError, JobError, NoSafeProgram
 from camgen.model.job import Job
 from camgen.model.part import Part
@@ -40,14 +41,12 @@ def judge(
     program: str,
     drawn: Part,
     job: Job,
-    reading: Reading | Executed,
-    dynamics: Dynamics | None,
+    proven: Proven,
     place: Callable[[int], str],
 ) -> StockSays:
     """The stock proof of a program that was read.
 
     drawn: the drawing of the part.
-    dynamics: dynamics of its controller; None if its way to round corners is not known.
     place: names file and line of a line that is counted through all files.
 
     With a depth the job says what is done to the contours of the drawing; without one they are the part, cut around
@@ -59,6 +58,7 @@ def judge(
         raise InputError(
             part.source, "has no flat contours to prove a program against", remedy=remedy
         )
+    reading = proven.reading
     columns = Columns(reading.body)
     if job.operations:
         tasks = [task_on(part, job_of(job, one.step), one.part) for one in share_out(part, job)[0]]
@@ -66,13 +66,32 @@ def judge(
     else:
         tasks = [_task(part, job, columns)]
         cuts = [_cut(program, reading, columns, replace(job, tool=name_drills([job])[0]))]
-    proof = prove(cuts, design(tasks, job.stock), dynamics, job.stock)
+    if proven.states_job:
+        cuts = [replace(cut, stated=_state(cut, job)) for cut in cuts]
+    proof = prove(cuts, design(tasks, job.stock), proven.dynamics, job.stock)
     warnings = [
         f"{place(breach.line)}: warning: {breach.what} ({breach.remedy})\n"
         for breach in proof.set_up.breaches
     ]
     lines = "".join([_tell(proof.faults, place), *warnings])
     return StockSays(tuple(_rows(proof, tasks, cuts)), lines, _refuse(program, proof, place))
+
+
+def _state(cut: Cut, job: Job) -> Stated:
+    """The feeds and speeds that a job states for the tool of a cut."""
+    jobs = [job_of(job, step) for step in job.operations] or [job]
+    steps = [
+        step
+        for step, tool in zip(jobs, name_drills(jobs), strict=True)
+        if tool == cut.tool or not job.operations
+    ]
+    feeds = [step.process.feed * step.process.max_feed_factor for step in steps]
+    down = [
+        step.process.feed if step.operation.kind == "drill" else plunge(step.process)
+        for step in steps
+    ]
+    speeds = {step.process.spindle for step in steps if step.process.spindle > 0}
+    return Stated(max(feeds), max(down), tuple(sorted(speeds)))
 
 
 def _task(part: Part, job: Job, columns: Columns) -> Task:

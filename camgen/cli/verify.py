@@ -25,6 +25,7 @@ from camgen.cli.judge import (
 from camgen.cli.motion_file import MotionFile
 from camgen.cli.motion_file import load as load_plan
 from camgen.cli.program_texts import read_texts
+from camgen.cli.proven import Proven
 from camgen.cli.rebuild import Origin, Text, compare_rebuilt, pick_program, read_state, tell_state
 from camgen.cli.say import Voice, length, table
 from camgen.lower.steps import split_tools
@@ -75,6 +76,7 @@ class _Asked(NamedTuple):
     drawing: drawing against which the program is proven, None without one.
     files: files that were read.
     origin: the origin of the program by its header, None if job or part is not beside it.
+    states_job: whether the text has a header of camgen.
     """
 
     arguments: Namespace
@@ -84,19 +86,7 @@ class _Asked(NamedTuple):
     drawing: Path | None
     files: Files
     origin: Origin | None = None
-
-
-class _Proven(NamedTuple):
-    """A program that is held against a drawing.
-
-    reading: instructions of its text.
-    post: the post of a program of ours, None for any other.
-    dynamics: dynamics of its controller; None if its way to round corners is not known.
-    """
-
-    reading: Reading | Executed
-    post: Post | None = None
-    dynamics: Dynamics | None = None
+    states_job: bool = False
 
 
 def run(arguments: Namespace, says: Voice) -> int:
@@ -121,13 +111,13 @@ def run(arguments: Namespace, says: Voice) -> int:
         origin = Origin(header, find_part(header, source, job, files), source.stem)
         arguments.post = header.post
     spoken = not arguments.post or any(entry.name == arguments.post for entry in entries(LANGUAGES))
-    asked = _Asked(arguments, paths, texts, job, drawing, files, origin)
+    asked = _Asked(arguments, paths, texts, job, drawing, files, origin, header is not None)
     return (_compare if ours or not spoken else _judge)(asked, says)
 
 
 def _judge(asked: _Asked, says: Voice) -> int:
     """A program that somebody else wrote."""
-    arguments, paths, texts, job, drawing, files, _ = asked
+    arguments, paths, texts, job, drawing, files, *_ = asked
     place = Places(texts)
     language = find_own(arguments.post or "", texts)
     ask = ask_of(language, arguments, job, files)
@@ -156,9 +146,7 @@ def _judge(asked: _Asked, says: Voice) -> int:
     also = ""
     if drawing is not None and error is None:
         dynamics = _dynamics_of_text(language.name)
-        more, also, error = _prove(
-            asked, drawing, _Proven(executed, dynamics=dynamics), place, says
-        )
+        more, also, error = _prove(asked, drawing, Proven(executed, dynamics=dynamics), place, says)
     if arguments.json:
         says.data({"sums": motions, "told": rows + more, **as_data(executed, place)})
     else:
@@ -172,7 +160,7 @@ def _compare(asked: _Asked, says: Voice) -> int:
     """A program of ours, with what it was planned to do if there is a plan. Then a remark is a fault too."""
     from camgen.pipeline.rounding import limit_path_tolerance  # noqa: PLC0415 (only for our texts)
 
-    arguments, paths, texts, job, drawing, files, _ = asked
+    arguments, paths, texts, job, drawing, files, *_ = asked
     _insist_on_post(arguments)
     plan = load_plan(Path(arguments.plan), files) if arguments.plan else None
     options = (plan.options if plan else {}) | limit_path_tolerance(job, arguments.post).post
@@ -211,16 +199,16 @@ def _compare(asked: _Asked, says: Voice) -> int:
     if plan:
         says.stage("comparing")
         rows += _compare_plan(plan, post, reading, paths[0])
-        says.clear()
     different = None
     if asked.origin is not None:
         program = Text(paths[0], post, reading, job)
         row, different = compare_rebuilt(program, asked.origin, says, files)
         rows.append(row)
+    says.clear()
     more, also, error = list(_UNEXAMINED), "", None
     if drawing is not None:
-        dynamics = dynamics_of(post, job) if states_rounding(post) else None
-        more, also, error = _prove(asked, drawing, _Proven(reading, post, dynamics), place, says)
+        proven = Proven(reading, post, _dynamics_of_post(post, job), asked.states_job)
+        more, also, error = _prove(asked, drawing, proven, place, says)
     say(more, also)
     if error is not None:
         raise error
@@ -283,21 +271,26 @@ def _insist_on_post(arguments: Namespace) -> None:
 def _prove(
     asked: _Asked,
     drawing: Path,
-    proven: _Proven,
+    proven: Proven,
     place: Callable[[int], str],
     says: Voice,
 ) -> tuple[list[Row], str, CamgenError | None]:
     """The proofs against a drawing: rows, a line for each fault, and the error of a refusal."""
-    from camgen.cli.stock import judge  # noqa: PLC0415
+    from camgen.cli.stock import judge  # noqa: PLC0415 (shapely: only when needed)
     from camgen.pipeline.motion import compare_text  # noqa: PLC0415 (shapely: only when needed)
 
     says.stage("proving")
     part = read(drawing, asked.job, asked.files)
     reading = proven.reading
-    stock = judge(str(asked.paths[0]), part, asked.job, reading, proven.dynamics, place)
+    stock = judge(str(asked.paths[0]), part, asked.job, proven, place)
     motion = compare_text(part, asked.job, reading.body, reading.lines, place, proven.post)
     says.clear()
     return [("motion", motion), *stock.rows, *_UNEXAMINED[2:]], stock.told, stock.error
+
+
+def _dynamics_of_post(post: Post, job: Job) -> Dynamics | None:
+    """How the controller of a post rounds corners; None if the post does not state it."""
+    return dynamics_of(post, job) if states_rounding(post) else None
 
 
 def _dynamics_of_text(language: str) -> Dynamics | None:

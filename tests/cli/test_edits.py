@@ -140,3 +140,27 @@ def test_a_program_of_another_version_is_not_compared(
     program.write_text(program.read_text().replace("camgen 0.1.0", "camgen 0.0.9"))
     assert main(["verify", "bracket.ngc"]) == 0
     assert "camgen 0.0.9 wrote it, this is 0.1.0" in capsys.readouterr().out
+
+
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize(
+    ("old", "new", "line"),
+    [
+        # The plunge is a third of the feed of 10 mm/s, and the ramps run at it.
+        ("F600", "F6000", "is fed 100 mm/s, the job states 20 mm/s at most"),
+        ("S9000", "S18000", "turns 2 times faster or slower than the job states, 9000 rpm"),
+        ("S9000", "S4500", "turns 2 times faster or slower than the job states, 9000 rpm"),
+    ],
+)
+def test_feeds_and_speeds_of_a_text_are_compared_with_its_job(
+    old: str, new: str, line: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    program = build()
+    command = ["verify", "bracket.ngc", "--part", "bracket.dxf", "--post", "gcode"]
+    assert main(command) == 0
+    assert "the job states" not in capsys.readouterr().out
+    text = program.read_text()
+    assert old in text
+    program.write_text(text.replace(old, new))
+    assert main(command) == 0
+    assert line in capsys.readouterr().out

@@ -18,7 +18,7 @@ from camgen.check.stock.design import Design, Task, design, show_stay, task_on
 from camgen.check.stock.gouge import Gouge, find_gouges
 from camgen.check.stock.heights import Grid, carve
 from camgen.check.stock.loose import Loose, find_loose
-from camgen.check.stock.moves import TOLERANCE_MM, Cut, Moves, tabulate
+from camgen.check.stock.moves import TOLERANCE_MM, Cut, Moves, Stated, tabulate
 from camgen.check.stock.removal import MOST_LEVELS, Level, find_levels, remove
 from camgen.check.stock.set_up import Breach, SetUp, check_set_up
 from camgen.check.stock.spindle import WrongSpindle, check_spindles, follow_spindles
@@ -35,6 +35,7 @@ __all__ = [
     "Fault",
     "Level",
     "SetUp",
+    "Stated",
     "StockProof",
     "Task",
     "design",

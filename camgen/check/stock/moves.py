@@ -29,6 +29,19 @@ _NEARLY = 0.99
 _DOWN = -1 + 1e-7
 
 
+class Stated(Struct, frozen=True):
+    """The feeds and speeds that a job states for a tool.
+
+    feed: largest feed of the tool's centre, mm/s.
+    plunge: largest feed of going straight down, mm/s.
+    speeds: speeds of the spindle, rpm; empty for none.
+    """
+
+    feed: float
+    plunge: float
+    speeds: tuple[float, ...]
+
+
 class Cut(Struct, frozen=True, eq=False):
     """The instructions of one tool as they were read back.
 
@@ -41,6 +54,7 @@ class Cut(Struct, frozen=True, eq=False):
         rapid motions of its own.
     chord: distance, mm, by which lines that stand for an arc may leave it between their ends.
     corner: distance, mm, by which the controller may round corners.
+    stated: feeds and speeds of the job, to be compared with the text; None: they are not compared.
     """
 
     body: Sequence[Instruction]
@@ -51,6 +65,7 @@ class Cut(Struct, frozen=True, eq=False):
     travel: float = float("inf")
     chord: float = 0.0
     corner: float = 0.0
+    stated: Stated | None = None
 
 
 class Moves(Struct, frozen=True, eq=False, dict=True):

@@ -39,6 +39,8 @@ _PASSES = max(material.passes for material in MATERIALS.values())
 #: Pairs of a point and a motion that are measured at once.
 _PAIRS = 200_000
 _TINY = 1e-12
+#: Remedy for a text that says something else than its job.
+_BY_JOB = "the text was edited, or the job"
 #: Mills that need not cut over their centre.
 _FLAT_MILLS = ("end mill", "bull nose")
 
@@ -349,6 +351,42 @@ def _materials(case: _Case) -> Sequence[Material]:
     return [case.material] if case.material else list(MATERIALS.values())
 
 
+def _exceed_job(case: _Case) -> Breach | None:
+    """A tool that is faster than its job states."""
+    moves = case.gone.moves
+    stated = [case.gone.cuts[number].stated for number in case.running]
+    known = [each for each in stated if each is not None]
+    if not known or len(known) < len(stated):
+        return None
+    upright = moves.upright[case.rows]
+    feeds = max(each.feed for each in known), max(each.plunge for each in known)
+    for chosen, limit in zip((~upright, upright), feeds, strict=True):
+        what = f"{case.name} is fed {{}} mm/s, the job states {short(limit, 3)} mm/s at most"
+        rows = case._replace(rows=case.rows[chosen])
+        breach = _breach_of_text(rows, lambda running: running.columns.speed, limit, what, _BY_JOB)
+        if breach is not None:
+            return breach
+    return None
+
+
+def _differ_from_job(case: _Case) -> Breach | None:
+    """A tool that turns at another speed than its job states."""
+    stated: set[float] = set()
+    for number in case.running:
+        cut = case.gone.cuts[number]
+        stated.update(cut.stated.speeds if cut.stated else ())
+    if not stated:
+        return None
+
+    def off(running: Running) -> FloatArray:
+        ratios = [np.maximum(running.speed / speed, speed / running.speed) for speed in stated]
+        return np.where(running.speed > _SWITCHED_ON, np.min(ratios, axis=0), 0.0)
+
+    speeds = " or ".join(short(speed, 0) for speed in sorted(stated))
+    what = f"{case.name} turns {{}} times faster or slower than the job states, {speeds} rpm"
+    return _breach_of_text(case, off, 1.0, what, _BY_JOB)
+
+
 def _breach_of_text(
     case: _Case, value: Callable[[Running], FloatArray], limit: float, what: str, remedy: str
 ) -> Breach | None:
@@ -373,4 +411,6 @@ _RULES: tuple[Callable[[_Case], Breach | None], ...] = (
     _plunge,
     _exceed_tooth,
     _exceed_speed,
+    _exceed_job,
+    _differ_from_job,
 )

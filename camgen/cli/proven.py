@@ -1,0 +1,24 @@
+"""A program that ``camgen verify`` holds against a drawing."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from camgen.model.cell import Dynamics
+from camgen.post import Post, Reading
+from camgen.read.programs import Executed
+
+
+class Proven(NamedTuple):
+    """A program that is held against a drawing.
+
+    reading: instructions of its text.
+    post: the post of a program of ours, None for any other.
+    dynamics: dynamics of its controller; None if its way to round corners is not known.
+    states_job: whether the header of the text names its job, whose feeds and speeds it then has.
+    """
+
+    reading: Reading | Executed
+    post: Post | None = None
+    dynamics: Dynamics | None = None
+    states_job: bool = False
