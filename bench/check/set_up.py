@@ -27,7 +27,7 @@ import numpy as np
 
 from bench.check.words import carve, read_moves
 from bench.support.runner import SHARED, Cells, Missed, Scenario, run
-from camgen.cli.init import template
+from camgen.cli.init import Chosen, template
 from camgen.model.job import Job
 from camgen.pipeline import build
 from camgen.plan.propose import propose
@@ -165,7 +165,9 @@ def judge(name: str, folder: Path) -> Iterator[Cells]:
     """The row of a drawing."""
     part = read(folder / name, Job(), Files())
     proposal = propose(part)
-    tables = tomllib.loads(template(part.source, part.units, proposal, active=True))
+    tables = tomllib.loads(
+        template(part.source, part.units, Chosen(proposal=proposal, active=True))
+    )
     judged: Judge | None = None
     lines, wrong, unjudged = Counter[str](), [], 0
     for material in MATERIALS:

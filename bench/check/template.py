@@ -23,7 +23,7 @@ from bench.check import peer
 from bench.machine import machine
 from bench.support.runner import SHARED, Table, find_files
 from camgen.check.stock import TOLERANCE_MM, Cut, Design, Level, StockProof, prove
-from camgen.cli.init import template
+from camgen.cli.init import Chosen, template
 from camgen.model.cell import Dynamics
 from camgen.model.errors import CamgenError
 from camgen.model.job import InputTable, Job, StockTable
@@ -83,7 +83,7 @@ def judge(path: Path, alone: bool, units: str = "auto") -> Row | None:
         str(len(proposal.operations)),
         str(len(proposal.tools)),
     )
-    job = tomllib.loads(template(part.source, part.units, proposal, active=True))
+    job = tomllib.loads(template(part.source, part.units, Chosen(proposal=proposal, active=True)))
     with _remember() as proven:
         begun = time.perf_counter()
         try:

@@ -11,6 +11,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from msgspec.structs import replace
+
 from camgen.check import Checks
 from camgen.check import check as check_program
 from camgen.lower import lower as lower_tour
@@ -20,6 +22,7 @@ from camgen.model.job import Job
 from camgen.model.part import Part
 from camgen.model.path import Tour
 from camgen.model.program import Program
+from camgen.model.signature import sign
 from camgen.order import order as order_plan
 from camgen.pipeline import Input, JobLike, Result, path_or_part, poster_of, settings_of
 from camgen.pipeline.inputs import read_cell, read_parts
@@ -117,7 +120,8 @@ def post(program: Program, post: str, job: JobLike = None) -> tuple[OutputFile, 
     """``program`` as the files of the controller ``post``. Refused for an instruction that it cannot do."""
     settings = limit_path_tolerance(settings_of(job, Files()), post)
     poster = poster_of(post, settings, "job")
-    return render_program(poster, prepare_program(poster, program, settings.tolerance.chord))
+    rendered = render_program(poster, prepare_program(poster, program, settings.tolerance.chord))
+    return tuple(replace(file, text=sign(file.text)) for file in rendered)
 
 
 def read_back(

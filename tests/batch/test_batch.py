@@ -303,7 +303,7 @@ def test_folders_from_the_first_wildcard_on_are_kept(here: Path, capsys: Capture
         (["parts/*.dxf", "--timeout", "nan"], "--timeout: must be 0 or more seconds, not nan"),
         (
             ["parts/*.dxf", "--set", "tool.x=1"],
-            '--set tool.x=1: unknown key "x" ([tool]); one of name, ',
+            '--set tool.x=1: unknown key "x" ([tool]); one of file, name, ',
         ),
         (["parts/*.dxf", "--job", "no.toml"], "no.toml: cannot be read: "),
         (["parts/*.dxf", "-o", "parts/a.dxf"], "parts/a.dxf: is not a folder; "),
