@@ -125,7 +125,7 @@ class _Batch(Struct):
     force: whether programs that were edited by hand are replaced.
     rows: rows of the table, by the number of the part.
     written: number of programs written.
-    begun: time at the start, s.
+    begun: time of the start, s.
     """
 
     says: Voice

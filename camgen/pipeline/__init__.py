@@ -31,7 +31,7 @@ from camgen.model.program import MoveJ, Program
 from camgen.model.text import counted, harmless
 from camgen.model.version import __version__
 from camgen.order import ArmTour, may_choose_ways, order
-from camgen.pipeline.assumptions import note_arm, note_depth, note_set_up
+from camgen.pipeline.assumptions import note_arm, note_depth, note_drills, note_set_up
 from camgen.pipeline.inputs import note_machine, note_urdf, note_work_frame, read_inputs
 from camgen.pipeline.memory import give_back
 from camgen.pipeline.motion import prove_motion
@@ -321,6 +321,7 @@ def _sum_up(
                 *note_machine(cell, job),
                 *note_arm(plan.part, job, cell),
                 *note_depth(plan.part, job, cell),
+                *note_drills(plan.part, job),
                 *note_set_up(proof),
                 *_note_corners(checks.program, cell.pace, job),
                 *list_warnings(post, checks.program),

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 from camgen.model.job import Job
 from camgen.model.part import Note, Part
 from camgen.model.pose import Pose
+from camgen.model.text import short
 from camgen.plan import name_operation
-from camgen.plan.steps import job_of
+from camgen.plan.steps import job_of, name_drills
 from camgen.read.recorded import Recorded
 from camgen.robots.workcell import Workcell
 
@@ -42,6 +43,20 @@ def note_set_up(proof: StockProof | None) -> tuple[Note, ...]:
         )
         for breach in proof.set_up.breaches
     )
+
+
+def note_drills(part: Part, job: Job) -> tuple[Note, ...]:
+    """End mills that only drill. They are judged as drills, whose tips may go below the stock."""
+    if part.solid is not None or part.curves or isinstance(part, Recorded):
+        return ()
+    jobs = [job_of(job, step) for step in job.operations] or [job]
+    named = zip(jobs, name_drills(jobs), strict=True)
+    drills = [step.tool.diameter for step, tool in named if tool != step.tool]
+    if not drills:
+        return ()
+    sizes = ", ".join(short(diameter, 3) for diameter in dict.fromkeys(drills))
+    why = 'set tool.kind = "drill"; an end mill has no tip that may go below the stock'
+    return (Note("assumed", f"the tool of {sizes} mm only drills and is judged as a drill", why),)
 
 
 def note_depth(part: Part, job: Job, cell: Workcell) -> tuple[Note, ...]:

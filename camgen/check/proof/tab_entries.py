@@ -1,7 +1,7 @@
 """Finds laps that begin over a tab, because the ramp before them ends there.
 
 Over a tab a ramp is as high as the tab. If it ends there, its lap begins at that height too, and
-comes down to its depth behind the tab. Their heights alone would make these motions a ramp.
+comes down to its depth after the tab. Their heights alone would make these motions a ramp.
 """
 
 from __future__ import annotations

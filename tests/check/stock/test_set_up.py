@@ -167,6 +167,18 @@ def test_a_tool_that_only_drills_is_a_drill_and_is_fed_only_where_it_cuts() -> N
         assert all("a turn" in breach.what for breach in proof.set_up.breaches)
 
 
+@pytest.mark.parametrize(("kind", "lines"), [("end mill", 1), ("drill", 0)])
+def test_an_end_mill_that_only_drills_is_an_assumption(kind: str, lines: int) -> None:
+    job = {
+        "tool": {"kind": kind, "diameter": 8.0},
+        "operation": {"kind": "drill", "depth": 3.0},
+        "process": {"spindle": 1200.0, "feed": 2.0},
+    }
+    notes = camgen.build(PARTS / "bracket.dxf", post="gcode", job=job).notes
+    assumed = [note for note in notes if "8 mm only drills" in note.what]
+    assert [note.kind for note in assumed] == ["assumed"] * lines
+
+
 def test_strict_refuses_an_exceeded_limit() -> None:
     with pytest.raises(NoSafeProgram, match="goes 30 mm deep"):
         build({"operation.depth": 30.0, "operation.passes": 9}, strict=True)
