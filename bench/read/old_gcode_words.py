@@ -1,6 +1,9 @@
-"""Old programs in G-code, one for each word of each dialect: python -m bench.read.old_gcode_words [DIALECT ...]
+"""Old programs in G-code, one for each word of each dialect.
 
-Programs of lathes are refused whole, so that dialect is left out. The words are the codes of the tables in camgen/read/gcode/dialects.py and the letters A to Z.
+python -m bench.read.old_gcode_words [DIALECT ...]
+
+Programs of lathes are refused whole, so that dialect is left out. The words are the codes of the
+tables in camgen/read/gcode/dialects.py and the letters A to Z.
 Each word stands in a line of its own in the middle of a sound program, with the arguments that its
 manual asks for, and the program is built for RAPID. The same program is built without the line.
 A word is
@@ -34,7 +37,7 @@ WITHOUT_EFFECT = {
     "the state in which the program already is": (
         "G1 G17 G21 G40 G49 G54 G64 G69 G71 G80 G90 G91.1 G92.1 G92.2 G92.3 G94 G97 M9 M48 G40.1"
     ),
-    "a mode that the program sets anew before it matters": "G0 G67 G99 G98",
+    "a mode that a later line of the program sets": "G0 G67 G99 G98",
     "switches a function off that is off": "G15 G50 G50.1 G23 M53 M52 M51",
     "how many lines the controller reads ahead, not where it goes": "G5.1 G8 G103",
     "a place or state that is kept and never used": "G28.1 G30.1 M70 M71 M73",
@@ -47,7 +50,7 @@ WITHOUT_EFFECT = {
 }
 #: Names of the outputs of the robot for what a program switches.
 SIGNALS = {"spindle": "aoSpindle", "dout1": "doOne", "aout1": "aoOne"}
-_EFFECTLESS = {code for codes in WITHOUT_EFFECT.values() for code in codes.split()}
+_EFFECTLESS = set(" ".join(WITHOUT_EFFECT.values()).split())
 
 #: The arguments of codes that need some, from the manuals that ``Dialect.source`` names.
 _ARGUMENTS = {
@@ -124,7 +127,7 @@ G0 Z5
 M5
 M30
 """
-#: The whole line with each letter, where it is no line of motion.
+#: The whole line with each letter, if it has no motion.
 _LETTER_LINES = {"G": "G61", "M": "M64 P1", "N": "N100", "O": "O100", "T": "T2", "S": "S500"}
 
 

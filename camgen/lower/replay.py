@@ -1,8 +1,8 @@
-"""A recorded program for another machine: its motions between the two home positions of that machine.
+"""A recorded program for another machine, from the home position of that machine and back.
 
-A rapid motion becomes travel at ``process.travel`` along the straight line, or stays one where the axes of the machine
-are the coordinates. Feeds are those of the program. Corners are rounded within ``tolerance.corner``, unless the program
-asks for an exact path (G61, G61.1).
+A rapid motion becomes travel at ``process.travel`` along the straight line. It stays a rapid
+motion if the axes of the machine are the coordinates. Feeds are those of the program. Corners are
+rounded within ``tolerance.corner``, unless the program asks for an exact path (G61, G61.1).
 """
 
 from __future__ import annotations
@@ -37,14 +37,21 @@ from camgen.plan.replay import moving, owners
 from camgen.plan.taught import stretches
 from camgen.plan.tool_parts import ToolPart
 
+#: Kinds of tools that turn. They are switched on above the part, the others on it.
+_TURNING = ("end mill", "ball mill", "bull nose", "drill", "v")
+
 
 def lower_replay(
     tour: ReplayTour, cell: Cell, job: Job, name: str = "part", header: tuple[str, ...] = ()
 ) -> Program:
-    """The program of the machine in ``cell``, whose frames and home hold. name, header: of the program.
+    """The program of the machine in ``cell``, with the frames and the home of the cell.
 
-    With each tool it comes to the first position from above, at the height of travel, and leaves the last one upwards.
-    Tools are changed at home, with all outputs off; what was on goes on behind the change.
+    With each tool it approaches the first position from the height of travel and leaves the last
+    one upwards. Tools are changed at home, with all outputs off. An output that was on before the
+    change is switched on again at the first position after it.
+
+    name: name of the program.
+    header: lines of its header.
     """
     home = MoveJ(cell.home, job.process.travel_speed)
     out: list[Instruction] = []
@@ -55,9 +62,9 @@ def lower_replay(
             out += [*(Output(one.signal, 0.0) for one in on), home]
         if part.tool is not None:
             out.append(_change(part, job, cell))
-        body = moving(part.body)
-        out += [home, *on]
-        out += _run(body, part.entry, before, cell, job)
+        body = [*on, *moving(part.body)]
+        out.append(home)
+        out += _run(body, part, before, cell, job)
         before += 1 + max(owners(Columns(body)))
     out += [*_left_on(out), home]
     frame = (
@@ -85,18 +92,22 @@ def _find_on(body: Sequence[Instruction]) -> list[Output]:
 
 
 def _run(
-    body: list[Instruction], entry: float, before: int, cell: Cell, job: Job
+    body: list[Instruction], part: ToolPart, before: int, cell: Cell, job: Job
 ) -> list[Instruction]:
-    """What is done with one tool, from above its first position to above its last. before: how many paths of the
-    program come before its own.
+    """The motions of one tool, from above its first position to above its last.
+
+    body: the instructions of the part, behind the outputs that were on before it.
+    before: number of paths of the program that come before its own.
     """
     cartesian, travel = isinstance(cell.home, Pose), job.process.travel_speed
     first = next(k for k, item in enumerate(body) if isinstance(item, MoveJ))
     columns = Columns(body)
     path, *following = [owner + before if owner >= 0 else -1 for owner in owners(columns)]
-    out: list[Instruction] = list(body[:first])
-    arrival = _arrive(body[first], cartesian, job, entry)  # type: ignore[arg-type]  # a MoveJ, found above
-    out += [replace(item, path=path) for item in arrival]
+    arrival = _arrive(body[first], cartesian, job, part.entry)  # type: ignore[arg-type]  # a MoveJ, found above
+    motions = [replace(item, path=path) for item in arrival]
+    tool = job.tool if part.tool is None else part.tool
+    above = 1 if tool.kind in _TURNING else len(motions)
+    out = [*_switch_on_after(body[:first], motions[:above]), *motions[above:]]
     manner = zip(
         _blends(columns, corner_tolerance(job, "replay"), cell.pace).tolist()[1:],
         following,
@@ -125,8 +136,9 @@ def _run(
 def lower_taught(
     tour: ReplayTour, cell: Cell, job: Job, name: str = "part", header: tuple[str, ...] = ()
 ) -> Program:
-    """What a robot program does, for the machine in ``cell``: from its home to the first motion, and all the others as
-    they are. What it leaves on at its end is switched off.
+    """The program of a robot for the machine in ``cell``: from home to the first motion and on.
+
+    Outputs that it leaves on are switched off at its end.
     """
     body = tour.run.body
     moves = [item for item in body if isinstance(item, MoveJ | MoveL | MoveC)]
@@ -135,15 +147,33 @@ def lower_taught(
         np.searchsorted(last, np.arange(len(moves)), side="right")
     ]
     following = iter(zip(moves, owner.tolist(), strict=True))
-    off = list(takewhile(_is_off, body))
+    first = next((k for k, item in enumerate(body) if isinstance(item, MoveJ | MoveL | MoveC)), 0)
+    ordered = [*_switch_on_after(body[:first], body[first : first + 1]), *body[first + 1 :]]
+    off = list(takewhile(_is_off, ordered))
     out: list[Instruction] = [*off, MoveJ(cell.home, job.process.travel_speed)]
-    for item in body[len(off) :]:
+    for item in ordered[len(off) :]:
         if isinstance(item, MoveJ | MoveL | MoveC):
             _, path = next(following)
             out.append(replace(item, path=path, work=path >= 0 and not isinstance(item, MoveJ)))
         else:
             out.append(item)
     return finish([*out, *_left_on(out)], tour.paths, cell, job, name, header)
+
+
+def _switch_on_after(
+    leading: Sequence[Instruction], motions: Sequence[Instruction]
+) -> list[Instruction]:
+    """Instructions before the first place and the motions to it, in the order in which they run.
+
+    The first output that is switched on waits for the motions, and so does each instruction after
+    it: no text states the position of the tool before the first place.
+    """
+    off = list(takewhile(lambda item: not _is_on(item), leading))
+    return [*off, *motions, *leading[len(off) :]]
+
+
+def _is_on(item: Instruction) -> bool:
+    return isinstance(item, Output) and item.value != 0
 
 
 def _is_off(item: Instruction) -> bool:

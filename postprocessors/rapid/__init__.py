@@ -223,6 +223,11 @@ class Rapid(RapidOptions):
         if item.signal not in self.signals:
             prefix = "ao" if item.signal == "spindle" else "do"
             return f'no output is named for {item.signal}; set post.signals, e.g. {item.signal} = "{prefix}Name"'
+        if item.signal == "spindle" and item.value < 0:
+            return (
+                f"the spindle is to turn backwards ({-item.value:g} rpm), and its output has the "
+                "speed alone"
+            )
         if item.signal != "spindle" and item.value not in (0, 1):
             return f"{item.signal} is a digital output and cannot be {item.value:g}; use 0 or 1"
         return ""

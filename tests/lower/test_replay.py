@@ -348,31 +348,40 @@ def test_a_feed_is_capped_where_that_is_asked_for(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("post", "options", "says"),
+    ("post", "options", "place", "says"),
     [
         (
             "gcode",
             {},
+            3,
             "the spindle is to turn backwards (M4, 1000 rpm), and this post prints M3 alone",
         ),
         (
             "grbl",
             {},
+            3,
             "the spindle is to turn backwards (M4, 1000 rpm), and this post prints M3 alone",
         ),
         (
             "pacscript",
             {"signals": {"spindle": 25}, "spindle": "on-off"},
+            3,
             "the spindle is to turn backwards (1000 rpm), and an IO is on or off",
+        ),
+        (
+            "rapid",
+            {"signals": {"spindle": "aoSpindle"}},
+            3,
+            "the spindle is to turn backwards (1000 rpm), and its output has the speed alone",
         ),
     ],
 )
-def test_a_spindle_that_turns_backwards_is_told_with_its_line(tmp_path, post, options, says):
+def test_a_spindle_that_turns_backwards_is_told_with_its_line(tmp_path, post, options, place, says):
     with pytest.raises(NoSafeProgram) as caught:
         built(tmp_path, OLD.replace("M3", "M4"), post, options=options)
     assert (
         str(caught.value)
-        == f"old.nc: {post} refuses line 4: {says} (instruction 2); mend this line"
+        == f"old.nc: {post} refuses line 4: {says} (instruction {place}); mend this line"
     )
 
 

@@ -69,16 +69,16 @@ def told(body):
 
 
 def test_each_tool_has_its_part_of_the_program(tmp_path):
-    """At home, with all off, it is changed. The flood that was on goes on behind the change. Where the tool stands
-    then, no text says: it comes from above.
+    """At home, with all off, it is changed. The flood that was on goes on behind the change, above the first place:
+    before it no text says where the tool stands.
     """
     result = built(tmp_path)
     assert list(told(result.program.body)) == [
         "spindle 0", "flood 0",
-        "T1", "MoveJ0 0 50", "spindle 9000", "flood 1", "MoveJ10 10 20", "MoveJ10 10 5", "MoveL10 10 -1",
+        "T1", "MoveJ0 0 50", "MoveJ10 10 20", "spindle 9000", "flood 1", "MoveJ10 10 5", "MoveL10 10 -1",
         "MoveL40 10 -1",
         "MoveJ40 10 20", "spindle 0", "flood 0", "MoveJ0 0 50",
-        "T2", "MoveJ0 0 50", "flood 1", "spindle 8000", "MoveJ0 0 20", "MoveJ0 0 5", "MoveL0 0 -2", "MoveL0 50 -2",
+        "T2", "MoveJ0 0 50", "MoveJ0 0 20", "flood 1", "spindle 8000", "MoveJ0 0 5", "MoveL0 0 -2", "MoveL0 50 -2",
         "MoveJ0 50 30", "spindle 0", "flood 0", "MoveJ0 0 50",
     ]  # fmt: skip
     assert [str(note) for note in result.notes if "tool" in note.what or "T1" in note.what] == [

@@ -14,6 +14,8 @@ from camgen.read import inspect, read
 from camgen.read.gcode import interpreter
 from camgen.read.gcode.replayed import interpret
 
+EXPONENT = "is a number with an exponent, which G-code does not have; write it with its decimals"
+
 
 def run(*lines, lead=("G21 G90", "G0 X0 Y0 Z0", "F600")):
     return interpret([*lead, *lines])
@@ -309,7 +311,7 @@ def test_exact_stop_and_path_allow_no_rounding():
         (["G1 X1 X2"], "word X twice in one line"),
         (["G1 X1 H3"], "word H3: nothing in the line uses it"),
         (["G80", "X1"], "axis words without a motion code (G0, G1, G2, G3)"),
-        (["G1 X1e3"], "word E3: nothing in the line uses it"),
+        (["G1 X1e3"], f"X1e3 {EXPONENT}"),
         (["G1 X#<none>"], "#<none> is used before it is set"),
         (["G1 X#5161"], "#5161 is a value of the machine"),
         (["G1 X[1/0]"], "1 / 0 has no value"),

@@ -132,6 +132,8 @@ def _ask(job: Job, source: Source) -> Ask:
         given.setdefault(f"t{own.number}.diameter", own.diameter)
     elif (own.name, own.diameter) != (usual.name, usual.diameter):
         given.setdefault("tool.diameter", own.diameter)
+    if own.kind == "laser":
+        given.setdefault("laser", 1.0)
     if job.operation.compensation == "as-programmed":
         given["compensation"] = 0.0
     return Ask(job.input.dialect, given, limits=source.limits)

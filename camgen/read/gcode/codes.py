@@ -61,7 +61,7 @@ def _length(m: Foreign, code: str, words: dict[str, float]) -> None:
         for letter in "XYZ":
             words.pop(letter, None)
     m.reached = True
-    m.assume("z is that of the tip of the tool: its length (G43) is in no program", "", 0.0)
+    m.assume(f"z is that of the tip of the tool: its length ({code}) is in no program", "", 0.0)
 
 
 def _spindle(m: Foreign, code: str, words: dict[str, float]) -> None:

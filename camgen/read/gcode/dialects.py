@@ -15,15 +15,27 @@ from camgen.read.gcode.words import GROUP
 class Dialect(Struct, frozen=True):
     """One kind of controller.
 
-    source: whose manual or source tells it. signs: what no other dialect writes. codes: those that it takes; what else
-    it may know is a fact of the program where ``open``, and refused otherwise. names: codes that it spells another way.
-    idle: codes that move nothing, by what they do. dwell: seconds in 1 of P in G4 and in cycles. nested: comments
-    within comments, and those that do not end, are comments. flow: LinuxCNC's O-words. default_feed: a motion at feed
-    without F runs at a feed of the machine's. unit_first: F counts in the unit of its own line. needs_end: a text
-    without M2, M30 or per cent signs is none. arcs: what it takes as an arc. increments: U V W are increments of X Y Z.
-    letters: those of its words, and numbers alone behind them; "" any, and expressions. ends_arcs: an arc names an axis
-    of its plane. homes: G28 goes to the origin. to_start: a cycle retracts to where it began where the text says
-    neither G98 nor G99. diameter: X is a diameter. extruder: E is filament.
+    source: manual or source code that the facts come from.
+    signs: text that no other dialect writes.
+    codes: modal group of each code that it takes.
+    open: whether other codes are facts of the program; otherwise they are refused.
+    names: usual name of each code that it spells another way.
+    idle: effect of each code without a motion.
+    dwell: length of one unit of P in G4 and in cycles, s.
+    nested: whether comments may stand within comments and may lack their end.
+    flow: whether it runs O-words of LinuxCNC.
+    default_feed: whether a motion at feed without F runs at a feed of the machine.
+    unit_first: whether F counts in the unit of its own line.
+    needs_end: whether a program ends with M2, M30 or per cent signs.
+    arcs: limits of arcs.
+    increments: whether U, V and W are increments of X, Y and Z.
+    letters: letters of its words, with plain numbers; "" for any letter, with expressions.
+    ends_arcs: whether an arc names an axis of its plane.
+    homes: whether G28 goes to the origin.
+    to_start: whether a cycle without G98 and G99 retracts to the height of its start.
+    diameter: whether X is a diameter.
+    extruder: whether E is filament.
+    has_beams: whether the machine may be a laser whose beam is off in G0.
     """
 
     name: str
@@ -47,6 +59,7 @@ class Dialect(Struct, frozen=True):
     to_start: bool = True
     diameter: bool = False
     extruder: bool = False
+    has_beams: bool = False
 
 
 def _codes(text: str) -> dict[str, str]:
@@ -97,6 +110,7 @@ GRBL = Dialect(
     codes=_codes(_GRBL_CODES),
     open=False,
     idle={"M56": "parking override"},
+    has_beams=True,
     letters="fgijklmnprstxyz",
     ends_arcs=True,
     arcs=Limits(spiral=(0.005, 0.5, 0.005), shorter=0.0, least_radius=1e-6, turns=False),
@@ -106,7 +120,7 @@ _LOOSE = Limits(spiral=(0.1, 2.83, 0.1), shorter=0.05, least_radius=1e-6, turns=
 _MACHINING = {
     "G5.1": "a look-ahead mode", "G8": "a look-ahead mode", "G15": "polar coordinates off", "G22": "stroke check on",
     "G23": "stroke check off", "G50": "scaling off, or the greatest spindle speed", "G50.1": "mirroring off",
-    "G60": "positioning from one side", "G62": "corners slowed down", "G63": "tapping mode", "G64": "cutting mode",
+    "G60": "positioning from one side", "G62": "corners slowed down", "G63": "tapping mode",
     "G9": "exact stop",
     "G103": "look-ahead limit", "G187": "smoothness",
 }  # fmt: skip
@@ -192,6 +206,7 @@ COMMON = Dialect(
     names={"G31": "G38.2"},
     default_feed=True,
     to_start=False,
+    has_beams=True,
 )
 DIALECTS = {one.name: one for one in (LINUXCNC, GRBL, FANUC, LATHE, MACH3, MARLIN, COMMON)}
 #: In the order in which their signs decide.

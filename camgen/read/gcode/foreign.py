@@ -13,8 +13,9 @@ import numpy as np
 
 from camgen.model.part import NoteKind
 from camgen.model.pose import TOOL_DOWN, Pose, Vec3
-from camgen.model.program import Instruction, MoveL, Stop, Wait
+from camgen.model.program import Instruction, MoveL, Output, Stop, Wait
 from camgen.read.gcode.arcs import Piece, find_centre
+from camgen.read.gcode.beam import Beam
 from camgen.read.gcode.compensation import Beside
 from camgen.read.gcode.dialects import LINUXCNC, LOSSES, Dialect
 from camgen.read.gcode.machine import ARCS, AXES, Machine, feed, stop
@@ -22,6 +23,7 @@ from camgen.read.gcode.macros import ARGUMENTS, assign, find_ends, jump
 from camgen.read.gcode.motion import CYCLES
 from camgen.read.gcode.rotation import Rotation
 from camgen.read.gcode.words import (
+    COMMENT,
     GROUP,
     Endless,
     Line,
@@ -45,11 +47,17 @@ _BLANKS = str.maketrans("", "", " \t\r\f\v")
 _QUOTED = re.compile(r'"[^"]*"?')
 _TEXTS = re.compile(r"^([ \t]*(?:[nN][0-9]+[ \t]*)?[mM][0-9.]+).*[A-Za-z]{2}.*")
 _FLAG = re.compile(r"([A-Za-z])(?=[ \t]*(?:[A-Za-z]|$))")
+_EXPONENT = re.compile(
+    r"[A-FH-LN-Z][ \t]*[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)E[-+]?[0-9]+(?![.0-9])", re.IGNORECASE
+)
+_HAS_E = re.compile(r"g76|m6[78]")
 _LOGS = re.compile(r"[ \t]*\([ \t]*(?:probeopen|probeclose)\b", re.IGNORECASE)
 _PARTS = dict(zip("UVW", AXES, strict=True))
 _PLAIN = re.compile(r"(?:[a-z][+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))*")
+_WORKING = ("G1", "G2", "G3")
 _PLANES = {"G17": "XY", "G18": "ZX", "G19": "YZ"}
 
+_NO_HEIGHT = "begin the program with its height (G0 Z5)"
 _IN_STEP = "the spindle keeps step with the feed, for which programs here have no word"
 _PROBES = "probes: how far it goes is not in the text"
 #: What depends on its own machine, and why: a probe, a spindle that keeps step, an operator, a part that turns.
@@ -80,17 +88,36 @@ Handler = Callable[["Foreign", str, dict[str, float]], None]
 class Foreign(Machine):
     """The machine of a foreign program.
 
-    dialect: of its controller. given: what the user says, by name. handlers: of the codes by modal group. traced:
-    the motions that are no lines, arcs and holes, by code. findings, assumed, facts, lost: as in ``Executed``, the
-    facts by label, what and first line, the losses with their first line. raw: the line as it stands. homes: places
-    that the program stores (G28.1), by code and axis. adrift: axes that have gone where no text says. tools: those
-    that were changed to. radii: of tools, by the tool table. rotary: where the axes A B C stand, deg. filament: mm.
-    saved: modes that were kept. side: of cutter compensation, 1 left, -1 right, 0 off; path: of the tool beside the
-    programmed one, None where that runs as programmed. marks: how many instructions stood before each frame. lathe:
-    X is a diameter. rotation: of the coordinates (G68). modal: the macro that runs behind every motion (G66), at
-    the depth of subprograms modal_depth; moving: the line moves. cycle: group, code and words of one that acts when
-    the feed is known. first_line: of a cycle of two lines (G71). radius_of: finds that of a tool. cutting: at the
-    greatest surface speed. reached: G43 has come.
+    dialect: the dialect of its controller.
+    given: values from the user, by name.
+    handlers: handlers of the codes, by modal group.
+    traced: handlers of motions other than lines, arcs and holes, by code.
+    findings, assumed: the fields of ``Executed``.
+    facts: first line of each fact, by label and text.
+    lost: first line of each loss, by text.
+    raw: the line as it is written.
+    homes: places that the program stores (G28.1), by code and axis.
+    adrift: numbers of the axes whose position no text states.
+    tools: numbers of the tools in the order of their changes.
+    radii: radius of each tool in the tool table, mm.
+    rotary: position of the axes A, B and C, deg.
+    filament: length of filament, mm.
+    saved: modes that M70 and M73 saved.
+    side: side of the cutter compensation, 1 left, -1 right, 0 off.
+    path: path of the tool beside the programmed one, None without compensation.
+    marks: number of instructions before each frame, with its tool and work offset.
+    lathe: whether X is a diameter.
+    control: control points of a spline (G5.2), with their weights.
+    rotation: rotation of the coordinates (G68).
+    modal: macro after each motion (G66), at the depth of subprograms ``modal_depth``.
+    moving: whether the line moves an axis.
+    cycle: group, code and words of a cycle that waits for its feed.
+    first_line: words of the first line of a lathe cycle (G71).
+    radius_of: function that finds the radius of a tool.
+    most_turns: greatest spindle speed at constant surface speed, rpm.
+    reached: whether G43 has come.
+    beam: beam of a laser that its dialect switches off in rapid motions.
+    varies_power: whether motions at feed have an S of their own, as for a laser.
     """
 
     dialect: Dialect = LINUXCNC
@@ -135,6 +162,8 @@ class Foreign(Machine):
     cycle: tuple[str, str, dict[str, float]] | None = None
     first_line: dict[str, float] = field(default_factory=dict)
     radius_of: Callable[[str, float | None], float] = lambda _code, _number: 0.0
+    beam: Beam | None = None
+    varies_power: bool = False
 
     # What is told.
 
@@ -256,6 +285,8 @@ class Foreign(Machine):
         """What cannot be read may be a macro of its controller, which is not known here."""
         if self.dialect.letters:
             self._insist_on_plain(text)
+        if "e" in text and not self.dialect.extruder:
+            self._insist_on_no_exponent(text)
         try:
             if self.dialect.increments and self._assign(text, known):
                 return {}, {}
@@ -266,6 +297,15 @@ class Foreign(Machine):
             if self.dialect.open and str(error).startswith("cannot read"):
                 raise UnknownWord(f"{error}; what follows may depend on it") from error
             raise
+
+    def _insist_on_no_exponent(self, text: str) -> None:
+        """LineError for a number such as 1.2E-07; the word E of G76, M67 and M68 is none."""
+        number = _EXPONENT.search(COMMENT.sub("", self.raw))
+        if number and not _HAS_E.search(text):
+            raise LineError(
+                f"{number[0]} is a number with an exponent, which G-code does not have; write it "
+                "with its decimals"
+            )
 
     def _assign(self, text: str, known: Parameters) -> bool:
         """Whether a line sets a parameter and does nothing else, as Fanuc's do."""
@@ -332,6 +372,8 @@ class Foreign(Machine):
         for group, code in codes.items() if dialect.names else ():
             codes[group] = dialect.names.get(code, code)
         self._judge(codes, words)
+        if "S" in words and codes.get("motion", self.motion) in _WORKING and self.dialect.has_beams:
+            self.varies_power |= any(axis in words for axis in AXES)
         self._begin_wider(codes, words)
         if "subprogram" in codes:
             self._call(codes["subprogram"], words)
@@ -489,10 +531,12 @@ class Foreign(Machine):
         if self.dialect.open:
             for letter in [letter for letter in words if letter != "F"]:
                 words.pop(letter)
-                if letter not in "HD":
-                    what = f"word {letter}: nothing in the line uses it"
-                    self.find("unusual", what, f"idle {letter}")
-                    self.lose(what)
+                what = f"word {letter}: nothing in the line uses it"
+                if letter in "HD":  # the number of an offset, which a later line may use
+                    self.tell("left out", what)
+                    continue
+                self.find("unusual", what, f"idle {letter}")
+                self.lose(what)
 
     # What moves.
 
@@ -534,7 +578,11 @@ class Foreign(Machine):
     def is_settled(self) -> bool:
         """Nor may anything else decide what a plain line does."""
         plain = not (
-            self.adrift
+            self.beam
+            or self.control
+            or self.varies_power
+            or self.given.get("laser")
+            or self.adrift
             or self.halted
             or self.side
             or self.left_path
@@ -610,6 +658,9 @@ class Foreign(Machine):
         """Splines, threads, taps, probes."""
         if self.dialect.increments and self.motion in CYCLES and "K" in words:
             words["L"] = words.pop("K")
+        if self.control and self.motion not in ("G5.2", "G5.3"):
+            self.control.clear()
+            raise LineError("the control points of G5.2 without G5.3, which draws their curve")
         act = self.traced.get(self.motion)
         if act is None or (not code and not any(axis in words for axis in "XYZ")):
             return False
@@ -628,7 +679,41 @@ class Foreign(Machine):
             self.at[:] = end
             self.add(MoveL(Pose(TOOL_DOWN, self.here()), self.feed))
             return
+        self._insist_on_dark_rapids()
         Machine.rapid(self, end, axes)
+
+    def _insist_on_dark_rapids(self) -> None:
+        """Tells of a rapid motion with the beam of a laser on."""
+        is_on = self.spindle != "M5" and bool(self.on_off or self.speed)
+        if self.beam is not None or not is_on:
+            return
+        if self.given.get("laser"):
+            what = (
+                "moves at rapid with the beam on; GRBL in laser mode switches it off there "
+                '(input.dialect = "grbl")'
+            )
+            self.find("dangerous", what, "beam")
+        elif self.varies_power:
+            what = "the output of S stays on in rapid motions; GRBL in laser mode switches it off"
+            self.assume(what, "laser", 0.0, "$32=1 or a tool of kind laser says so")
+
+    @property
+    def power(self) -> float:
+        """The value of the spindle's output, 1 for a program that only switches."""
+        return 1.0 if self.on_off else self.speed or 0.0
+
+    def turn(self) -> None:
+        """Sets the spindle, or the beam of a laser, to what the program has said."""
+        if self.beam is not None:
+            self._write_beam(self.beam.at_rest(self.power, self.spindle, self.motion))
+        elif self.given.get("laser") and self.spindle == "M4" and not self.on_off:
+            self.switch("spindle", self.power)
+        else:
+            Machine.turn(self)
+
+    def _write_beam(self, output: Output | None) -> None:
+        if output is not None:
+            Machine.switch(self, output.signal, output.value)
 
     def turned(self, point: list[float], back: bool = False) -> list[float]:
         """By G68."""
@@ -660,8 +745,24 @@ class Foreign(Machine):
         a, b = complex(start[first], start[second]), complex(end[first], end[second])
         self.path.move(a, b, middle, turn, end[normal], speed, self.line)
 
+    def switch(self, signal: str, value: float) -> None:
+        """Sets an output; one that was on at an unknown height cannot be run elsewhere."""
+        was_on = (
+            any(
+                isinstance(item, Output) and item.signal == signal and item.value
+                for item in self.body
+            )
+            if self.held and not (self.begun or value)
+            else False
+        )
+        if was_on:
+            self.lose(f"{signal} is on and off again where Z is not known; {_NO_HEIGHT}")
+        Machine.switch(self, signal, value)
+
     def add(self, item: Instruction) -> None:
         """What comes while a motion beside the path waits comes behind it."""
+        if self.beam is not None:
+            self._write_beam(self.beam.before(item, self.power, self.spindle, self.motion))
         if self.path is not None and self.path.last is not None:
             self.path.behind.append((item, self.line))
         else:

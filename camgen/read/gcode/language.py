@@ -1,30 +1,37 @@
-"""G-code as a language of controllers: what a program of somebody else does when it is run once."""
+"""G-code as a language of controllers: one run of a program."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Iterable, Mapping
 from functools import partial
 from itertools import accumulate
 
 from msgspec.structs import replace
 
 from camgen.model.program import Output
+from camgen.read.gcode.beam import Beam, sets_laser_mode
 from camgen.read.gcode.codes import CODES, find_radius
 from camgen.read.gcode.dialects import DIALECTS, GRBL, Dialect, find_other, recognise
 from camgen.read.gcode.foreign import Foreign
 from camgen.read.gcode.interpreter import has_speed, perform
+from camgen.read.gcode.machine import RAPID
 from camgen.read.gcode.traced import TRACED
+from camgen.read.gcode.words import COMMENT
 from camgen.read.gcode_text import SUFFIXES, is_gcode
 from camgen.read.programs import Ask, Executed, Frames, Language
+
+_HEIGHT = re.compile(r"[zZwW]|\bG[ \t]*0*(?:28|30|53)\b", re.IGNORECASE)
 
 
 def play(
     files: Mapping[str, str], ask: Ask, usual: Dialect | None = None, chord: float | None = None
 ) -> tuple[Foreign, tuple[int, str] | None]:
-    """The machine after the first of ``files``; the others hold subprograms. And line and reason where it stopped.
+    """The machine after the first of ``files``, and the line and reason of its stop.
 
-    usual: the dialect where ``ask`` names none, None: what the text shows. chord: of the lines of helices and splines,
-    mm.
+    files: the program, and then files with its subprograms.
+    usual: dialect without one in ``ask``, None for that which the text shows.
+    chord: deviation of the lines of helices and splines, mm.
     """
     texts = {name: _lines_of(text) for name, text in files.items()}
     lines = [line for text in texts.values() for line in text]
@@ -52,6 +59,8 @@ def play(
         fewest_holes=0 if dialect.increments else 1,
     )
     m.radius_of = partial(find_radius, m)
+    _set_beam(m, text)
+    _assume_height(m, files.values())
     m.tell("dialect", f"{dialect.name} ({sign[:30]})" if sign else dialect.name)
     other = find_other(text)
     if other is not None and not ask.dialect:
@@ -60,8 +69,28 @@ def play(
     return m, stopped[:2] if stopped else None
 
 
+def _set_beam(m: Foreign, text: str) -> None:
+    """Gives the machine of GRBL the beam of a laser where its laser mode is on."""
+    is_on = m.given.get("laser", float(sets_laser_mode(text)))
+    if m.dialect.name == "grbl" and is_on:
+        m.beam = Beam("process" if m.on_off else "spindle")
+
+
+def _assume_height(m: Foreign, texts: Iterable[str]) -> None:
+    """A program that never says Z runs at one height: Z0 is assumed.
+
+    The letter W of an increment in Z counts as Z.
+    """
+    if not any(_HEIGHT.search(COMMENT.sub("", text)) for text in texts):
+        m.known[2], m.entry, m.line = True, RAPID, 1
+        m.note("assumed", "the program begins at Z0", "it does not say where")
+
+
 def run(files: Mapping[str, str], ask: Ask, usual: Dialect | None = None) -> Executed:
-    """What the first of ``files`` does. usual: as in ``play``."""
+    """Runs the first of ``files``.
+
+    usual: dialect without one in ``ask``, None for that which the text shows.
+    """
     m, stopped = play(files, ask, usual)
     if stopped is None:
         _judge_end(m, [_lines_of(text) for text in files.values()])

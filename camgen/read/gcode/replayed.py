@@ -1,4 +1,4 @@
-"""What of an old program another machine may run: all that it does, or why not."""
+"""Old programs for another machine: all instructions of one run, or the reason of a refusal."""
 
 from __future__ import annotations
 
@@ -14,12 +14,28 @@ from camgen.read.programs import Ask
 from camgen.read.recorded import ProgramRun
 
 _GIVEN: dict[str, float] = {}
+#: Codes that need no note, with the reason.
+WITHOUT_EFFECT = {
+    "M48": "the overrides of the operator are on, as at the start",
+    "G8": "how far the controller looks ahead",
+    "G103": "how far the controller looks ahead",
+    "G15": "polar coordinates are off, as at the start; G16 is not read",
+    "G23": "the check of spindle speed, or of stored limits, is off, as at the start",
+    "G50": "scaling is off, as at the start; G51 is not read",
+    "G50.1": "mirroring is off, as at the start; G51.1 is not read",
+    "M17": "the motors of a printer are on, as for any motion",
+    "M82": "how filament counts; E that moves is refused",
+    "M83": "how filament counts; E that moves is refused",
+}
 
 
 def interpret(
     lines: Sequence[str], given: Mapping[str, float] = _GIVEN, limits: Limits | None = None
 ) -> ProgramRun:
-    """What the lines of a program do, as LinuxCNC runs them. given: what the user says that no text holds."""
+    """Runs the lines of a program as LinuxCNC does.
+
+    given: values from the user, by name.
+    """
     ask = Ask(assume=given, limits=limits or Limits())
     return replay({"": "\n".join(lines)}, ask, None, LINUXCNC)
 
@@ -27,15 +43,19 @@ def interpret(
 def replay(
     texts: Mapping[str, str], ask: Ask, chord: float | None, usual: Dialect | None = None
 ) -> ProgramRun:
-    """What the first of ``texts`` does, to be run by another machine. chord: of the lines of helices, mm. usual: the
-    dialect where ``ask`` names none, None: what the text shows. Never raises for a text.
+    """Runs the first of ``texts`` for another machine. Never raises for a text.
 
-    It is stopped by the first of what cannot be run, what its controller refuses, and what would be lost.
+    The first line that cannot be run, that its controller refuses, or whose effect would be lost
+    stops the run.
+
+    chord: deviation of the lines of helices, mm.
+    usual: dialect without one in ``ask``, None for that which the text shows.
     """
     m, stopped = play(texts, ask, usual, chord)
-    refused = [(one.line, one.what) for one in m.findings if one.level == "refused"]
+    refused = [(item.line, item.what) for item in m.findings if item.level == "refused"]
     lost = [(line, what) for what, line in m.lost.items()]
-    reasons = sorted([*lost, *([stopped] if stopped else []), *refused], key=lambda one: one[0])
+    stops = [*lost, *([stopped] if stopped else []), *refused]
+    reasons = sorted(stops, key=lambda stop: stop[0])
     body, lines = _without_optional_stops(m)
     return ProgramRun(
         body,
@@ -58,19 +78,32 @@ def _without_optional_stops(m: Foreign) -> tuple[tuple[Instruction, ...], tuple[
     return tuple(item for item, _ in kept), tuple(line for _, line in kept)
 
 
+def _tell_left_out(label: str, what: str) -> Note:
+    """The note of a word without a motion.
+
+    label: its kind in the facts of ``Executed``.
+    """
+    return Note("skipped", what if label == "left out" else f"{what}: {label}")
+
+
 def _is_optional(item: Instruction) -> bool:
     return isinstance(item, Stop) and item.optional
 
 
 def _remarks(m: Foreign) -> tuple[tuple[int, Note], ...]:
-    """What was assumed, what is wrong and does not hinder, and what is left out and moves nothing, by line."""
-    found = [(one.line, Note("assumed", one.what)) for one in m.assumed.values()]
-    found += [(one.line, Note("warning", one.what)) for one in m.findings if one.level != "refused"]
-    found += [(line, Note("skipped", what)) for what, line in m.facts.get("left out", {}).items()]
+    """The assumptions, the findings that stop nothing, and the words left out, by line."""
+    remarks = [(item.line, Note("assumed", item.what)) for item in m.assumed.values()]
+    remarks += [
+        (item.line, Note("warning", item.what)) for item in m.findings if item.level != "refused"
+    ]
+    for label, items in m.facts.items():
+        remarks += [
+            (line, _tell_left_out(label, what))
+            for what, line in items.items()
+            if label != "dialect" and what not in WITHOUT_EFFECT
+        ]
     optional = [line for item, line in zip(m.body, m.lines, strict=True) if _is_optional(item)]
     why = "a program here runs through"
-    found += [
-        (line, Note("skipped", "M1 stops where the operator wants it", why))
-        for line in optional[:1]
-    ]
-    return tuple(sorted(found, key=lambda one: one[0]))
+    stop = Note("skipped", "M1 stops where the operator wants it", why)
+    remarks += [(line, stop) for line in optional[:1]]
+    return tuple(sorted(remarks, key=lambda remark: remark[0]))
