@@ -19,19 +19,26 @@ from camgen.robots.workcell import Workcell
 
 if TYPE_CHECKING:
     from camgen.check.collide import Clear
+    from camgen.check.feeds import SlowPath
     from camgen.check.reach import Reach
     from camgen.collision.cell import Surroundings
 
 
 class Checks(Struct, frozen=True, eq=False):
-    """What was found. program: with joints, posture and shares where an arm is known. where: what there is to run into.
-    All None where the cell has no arm.
+    """The results of the checks; without an arm there is the program alone.
+
+    program: program, with joints, posture and shares for an arm.
+    reach: joints along the program.
+    clear: its clearance.
+    where: bodies against which collisions were tested.
+    slow: paths whose feed the joints cannot keep.
     """
 
     program: Program
     reach: Reach | None = None
     clear: Clear | None = None
     where: Surroundings | None = None
+    slow: tuple[SlowPath, ...] = ()
 
 
 def check(
@@ -57,6 +64,7 @@ def check(
         result = check_machine(program, job, cell, name or program.name)
         return Checks(program, result.reach, result.clear, result.where)
     from camgen.check.collide import check_clear  # noqa: PLC0415 (fcl and kinematics, only for what needs them)
+    from camgen.check.feeds import find_slow_paths  # noqa: PLC0415
     from camgen.check.flow import let_flow  # noqa: PLC0415
     from camgen.check.reach import check_reach, trace  # noqa: PLC0415
     from camgen.check.rounding import hold_clear  # noqa: PLC0415
@@ -69,6 +77,7 @@ def check(
     there = where or around(job, cell, None)
     distance = partial(measure_apart, there.scene)
     course = trace(reach, cell.arm, distance, name or program.name)
+    slow = tuple(find_slow_paths(reach, course, cell.arm, name or program.name))
     clear = check_clear(there, reach, course, cell.arm, name or program.name)
     program = share_joints(reach, cell, distance, limit_points(job.process))
     # Along a flat part the tool is where the job has it, fixtures near or not: what is rounded meets nothing there.
@@ -79,4 +88,4 @@ def check(
     if flow is not None:
         program, notes = let_flow(program, reach, there, cell, flow)
         told = (*told, *notes)
-    return Checks(program, reach, replace(clear, notes=(*clear.notes, *told)), there)
+    return Checks(program, reach, replace(clear, notes=(*clear.notes, *told)), there, slow)

@@ -102,7 +102,7 @@ def _rounded(result: Result) -> Row:
     place = " ".join(short(value, 3) for value in rounded.place)
     distance = f"{rounded.mm:.4f} mm by the model of the controller"
     limit = f"{short(rounded.allowed, 4)} mm are allowed"
-    if rounded.allowed == UNLIMITED:
+    if rounded.allowed >= UNLIMITED:
         limit = "as in the program that was read"
     where = f"at {place} mm, line {rounded.line}"
     if rounded.largest > rounded.mm:
@@ -170,8 +170,11 @@ def _reach(result: Result) -> list[Row]:
     bounds = "limits" if is_arm else "travel"
     posture = f", {_posture(result)}" if is_arm else ""
     robot = f"{result.reach.robot} reaches all of it within its {bounds}{posture}"
+    slow = len(result.slow)
+    if slow:
+        robot += f", not at its feed on {counted(slow, 'path')}"
     return [
-        ("reach", f"{robot} ({samples})", "good"),
+        ("reach", f"{robot} ({samples})", "look" if slow else "good"),
         ("collision", f"no collision, {_clearance(result)}", "good"),
     ]
 

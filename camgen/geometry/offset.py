@@ -74,7 +74,11 @@ def offset(
     candidates, origin, corner, turn, label = (
         candidates.take(kept), origin[kept], corner[kept], turn[kept], label[kept],
     )  # fmt: skip
-    row, low, high = _pieces(candidates, label)
+    if (following < 0).any():
+        cutters = _round_open_ends(source, following, distance)
+        row, low, high = _pieces(candidates, label, cutters, group[cutters.owner])
+    else:
+        row, low, high = _pieces(candidates, label)
     free = _has_room(candidates.take(row), low, high, label[row], obstacles, distance)
     row, low, high = row[free], low[free], high[free]
     chain = stitch(candidates, row, low, high, label[row])
@@ -194,17 +198,53 @@ def _hopeful(
     return hopeful
 
 
-def _pieces(candidates: Segments, label: IntArray) -> tuple[IntArray, FloatArray, FloatArray]:
-    """The candidates cut at each other: row, and the fractions where each piece begins and ends."""
+def _round_open_ends(source: Segments, following: IntArray, distance: float) -> Segments:
+    """The circles about the ends of open chains, each as two arcs; ``owner`` is the source segment.
+
+    The offset runs beside no circle, but it ends where it meets one.
+    """
+    last = np.flatnonzero(following < 0)
+    begins = np.ones(len(source), dtype=bool)
+    begins[following[following >= 0]] = False
+    first = np.flatnonzero(begins)
+    centre = np.concatenate([source.start[first], source.end[last]])
+    owner = np.concatenate([first, last])
+    across = np.array([distance, 0.0])
+    right, left = centre + across, centre - across
+    return make(
+        np.concatenate([right, left]),
+        np.concatenate([left, right]),
+        np.ones(2 * len(centre)),
+        np.concatenate([owner, owner]),
+    )
+
+
+def _pieces(
+    candidates: Segments,
+    label: IntArray,
+    cutters: Segments | None = None,
+    cutter_label: IntArray | None = None,
+) -> tuple[IntArray, FloatArray, FloatArray]:
+    """The candidates cut at each other and at the cutters.
+
+    Returns the row of each piece, and the fractions at which it begins and ends.
+    """
     count = len(candidates)
+    if cutters is not None and cutter_label is not None:
+        label = np.concatenate([label, cutter_label])
+        fields = Segments.__struct_fields__
+        columns = [(getattr(candidates, name), getattr(cutters, name)) for name in fields]
+        candidates = Segments(*map(np.concatenate, columns))
     one, two = near_pairs(candidates, label)
     # Where they merely follow each other they have both ends already.
-    apart = ~only_at_ends(candidates, one, two)
+    apart = ~only_at_ends(candidates, one, two) & (np.minimum(one, two) < count)
     rows, fractions = cuts(candidates, one[apart], two[apart])
+    inside = rows < count
+    rows, fractions = rows[inside], fractions[inside]
     every = np.arange(count)
     row = np.concatenate([every, every, rows])
     at = np.concatenate([np.zeros(count), np.ones(count), fractions])
-    same = _SAME_CUT / np.maximum(candidates.length, _SAME_CUT)
+    same = _SAME_CUT / np.maximum(candidates.length[:count], _SAME_CUT)
     at = np.where(at < same[row], 0.0, np.where(at > 1 - same[row], 1.0, at))
     order = np.lexsort((at, row))
     row, at = row[order], at[order]

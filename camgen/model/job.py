@@ -22,6 +22,10 @@ PAGE_CLEARANCE = 3.0
 _TRAVEL_MM_S = 100.0
 
 Positive = Annotated[float, Meta(gt=0)]
+#: mm/s: the fastest speeddata that a controller of arms has (v7000 of RAPID). No mill is faster.
+FASTEST = 7000.0
+#: A speed of a tool, mm/s.
+Speed = Annotated[float, Meta(gt=0, le=FASTEST)]
 Share = Annotated[float, Meta(gt=0, le=1)]
 NotNegative = Annotated[float, Meta(ge=0)]
 Grey = Annotated[float, Meta(ge=0, le=255)]
@@ -435,10 +439,10 @@ class ToolRow(ToolTable, frozen=True):
     """[[tools]]: tools that operations name; keys as in [tool], and what they cut with."""
 
     feed: Annotated[
-        Positive | None, Meta(description="process.feed of operations with this tool, mm/s")
+        Speed | None, Meta(description="process.feed of operations with this tool, mm/s")
     ] = None
     plunge: Annotated[
-        Positive | None, Meta(description="process.plunge of operations with this tool, mm/s")
+        Speed | None, Meta(description="process.plunge of operations with this tool, mm/s")
     ] = None
     speed: Annotated[
         NotNegative | None, Meta(description="process.spindle of operations with this tool, rpm")
@@ -449,11 +453,11 @@ class ProcessTable(Table, frozen=True):
     """[process]: speeds, force, heights and the signal."""
 
     feed: Annotated[
-        Positive, Meta(description="speed of the contact point along the contour, mm/s")
+        Speed, Meta(description="speed of the contact point along the contour, mm/s")
     ] = 20.0
     force: Annotated[NotNegative, Meta(description="force against the contour, N; 0: off")] = 0.0
     plunge: Annotated[
-        Positive | None,
+        Speed | None,
         Meta(
             description="speed of going down from the approach to the contact, mm/s; not set: a third of the feed"
         ),
@@ -466,11 +470,11 @@ class ProcessTable(Table, frozen=True):
         ),
     ] = 2.0
     max_feed: Annotated[
-        Positive | None,
+        Speed | None,
         Meta(description="replay: feeds above it become this, mm/s; not set: no feed is changed"),
     ] = None
     travel: Annotated[
-        Positive | None,
+        Speed | None,
         Meta(
             description="speed between contours, mm/s; not set: 100, and in free space between the "
             "edges of a 3-D part and where an arm chooses its ways 250 for each point of the arm"

@@ -31,7 +31,13 @@ from camgen.model.program import MoveJ, Program
 from camgen.model.text import counted, harmless
 from camgen.model.version import __version__
 from camgen.order import ArmTour, may_choose_ways, order
-from camgen.pipeline.assumptions import note_arm, note_depth, note_drills, note_set_up
+from camgen.pipeline.assumptions import (
+    note_arm,
+    note_depth,
+    note_drills,
+    note_set_up,
+    note_slow_paths,
+)
 from camgen.pipeline.inputs import note_machine, note_urdf, note_work_frame, read_inputs
 from camgen.pipeline.memory import give_back
 from camgen.pipeline.motion import prove_motion
@@ -67,6 +73,7 @@ from camgen.robots.workcell import Workcell
 
 if TYPE_CHECKING:
     from camgen.check.collide import Clear
+    from camgen.check.feeds import SlowPath
     from camgen.check.proof import MotionProof
     from camgen.check.reach import Reach
     from camgen.check.stock import StockProof
@@ -105,6 +112,7 @@ class Result(Struct, frozen=True, eq=False, dict=True):
     motion: proof of the motions against the drawing.
     rounded: rounding of the text, None if its post does not state how its controller rounds.
     travel: the travel of the machine that the text takes, None without `cell.machine`.
+    slow: paths whose feed the joints of the arm cannot keep.
     """
 
     part: Part
@@ -129,6 +137,7 @@ class Result(Struct, frozen=True, eq=False, dict=True):
     motion: MotionProof | None = None
     rounded: Rounding | None = None
     travel: Travel | None = None
+    slow: tuple[SlowPath, ...] = ()
 
     @cached_property
     def report(self) -> dict[str, object]:
@@ -143,6 +152,12 @@ class Result(Struct, frozen=True, eq=False, dict=True):
             table["checks"] = {"reach": NOT_CHECKED, "collision": NOT_CHECKED, "limits": "ok"}
         if self.reach is not None:
             table["checks"] = {"reach": "ok", "collision": "ok", "limits": "ok"}
+        if self.slow:
+            from camgen.check.feeds import report_slow_paths  # noqa: PLC0415 (kinematics)
+
+            table["slow_feeds"] = report_slow_paths(
+                self.slow, [path.id for path in self.tour.paths]
+            )
         return table if self.clear is None else table | {"clearance": clearance_of(self.clear)}
 
     @property
@@ -323,6 +338,7 @@ def _sum_up(
                 *note_depth(plan.part, job, cell),
                 *note_drills(plan.part, job),
                 *note_set_up(proof),
+                *note_slow_paths(checks.slow, tour),
                 *_note_corners(checks.program, cell.pace, job),
                 *list_warnings(post, checks.program),
             ),
@@ -340,6 +356,7 @@ def _sum_up(
         where=checks.where,
         planned=plan.paths,
         proof=proof,
+        slow=checks.slow,
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from camgen.model.job import Job
@@ -14,7 +15,9 @@ from camgen.read.recorded import Recorded
 from camgen.robots.workcell import Workcell
 
 if TYPE_CHECKING:
+    from camgen.check.feeds import SlowPath
     from camgen.check.stock import StockProof
+    from camgen.model.path import Tour
 
 #: Kinds of tools and of operations that remove material below the top face.
 _CUTTERS = ("end mill", "ball mill", "bull nose", "drill")
@@ -43,6 +46,21 @@ def note_set_up(proof: StockProof | None) -> tuple[Note, ...]:
         )
         for breach in proof.set_up.breaches
     )
+
+
+def note_slow_paths(slow: Sequence[SlowPath], tour: Tour) -> tuple[Note, ...]:
+    """Paths whose feed the joints of the arm cannot keep."""
+    if not slow:
+        return ()
+    from camgen.check.feeds import tell_slow_path  # noqa: PLC0415 (kinematics, only for an arm)
+
+    why = "lower process.feed, or turn the part or the tool: cell.base_from_work"
+    notes = []
+    for row in slow:
+        path = tour.paths[row.path]
+        what = tell_slow_path(row, path.id)
+        notes.append(Note("warning", what, why, (path.id,), (row.place[:2],), strict=True))
+    return tuple(notes)
 
 
 def note_drills(part: Part, job: Job) -> tuple[Note, ...]:

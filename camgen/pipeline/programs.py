@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -217,6 +218,7 @@ def _join(lowered: Program, found: Sequence[Checks]) -> Checks:
         _join_reach(program, reach, [before + begin for begin in begins]) if reach else None,
         _join_clear(clear) if clear else None,
         found[0].where,
+        tuple(itertools.chain.from_iterable(checks.slow for checks in found)),
     )
 
 

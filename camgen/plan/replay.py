@@ -11,7 +11,7 @@ from msgspec.structs import replace
 
 from camgen.model.cell import Cell
 from camgen.model.errors import InputError
-from camgen.model.job import Job
+from camgen.model.job import FASTEST, Job
 from camgen.model.part import Note, Part
 from camgen.model.path import ToolPath, waypoints
 from camgen.model.pose import FloatArray
@@ -22,9 +22,6 @@ from camgen.plan import ReplayPlan
 from camgen.plan.tool_parts import split_by_tool
 from camgen.plan.unused import no_idle
 from camgen.read.recorded import Recorded
-
-#: The fastest speeddata that a robot controller has ready, mm/s (RAPID's v7000); no mill feeds as fast.
-_FASTEST = 7000.0
 
 
 def plan_replay(part: Part, job: Job, cell: Cell | None) -> ReplayPlan:
@@ -60,7 +57,7 @@ def _slow(part: Recorded, most: float | None) -> Recorded:
     """The program with its feeds at ``most``, mm/s, where they are above it. None: as it is, and InputError for one
     that is faster than any machine here: controllers take such a word and run as fast as they can.
     """
-    limit = most or _FASTEST
+    limit = most or FASTEST
     fast = [
         (k, item)
         for k, item in enumerate(part.run.body)
@@ -70,7 +67,7 @@ def _slow(part: Recorded, most: float | None) -> Recorded:
         return part
     line = part.run.lines[fast[0][0]]
     if most is None:
-        what = f"asks for a feed of {short(fast[0][1].speed, 0)} mm/s, and no machine here runs above {_FASTEST:g}"
+        what = f"asks for a feed of {short(fast[0][1].speed, 0)} mm/s, and no machine here runs above {FASTEST:g}"
         remedy = "mend this line, or set process.max_feed, mm/s: feeds above it become that"
         raise InputError(part.source, what, f"line {line}", remedy)
     body = list(part.run.body)

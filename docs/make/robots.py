@@ -54,7 +54,10 @@ the summary gives the position.
   found by a search over the model, and is not the figure of a data sheet, which often ends at the wrist.
 - **Trust** says how well the numbers are known. *Confirmed*: two independent sources agree. *Derived*: one good
   source, or worked out. *Uncertain*: check it before you rely on it.
-- **Speeds** are the greatest of each joint. They are used for times, and to choose between two ways.
+- **Speeds** are the greatest of each joint. They are used for times, to choose between two
+  ways, and to examine the feeds: the summary names each path on which a joint cannot keep
+  the feed, with the place, the axis and the speed that is left. `--strict` refuses it, and a
+  feed beyond all joints together is refused.
 - **Joint values** are those that the controller shows.
 
 Numbers are mm, deg, mm/s and deg/s. This page is generated from the data of the models (`python -m docs.make.pages`); a

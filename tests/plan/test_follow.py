@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import shapely
 
+import camgen
 from camgen.geometry.arcs import path_length
 from camgen.geometry.intersect import Obstacles
 from camgen.geometry.segments import flatten, from_contours
@@ -316,3 +317,23 @@ def test_the_paths_of_one_contour_are_numbered_from_one() -> None:
     upper = [(50, 20), (30, 20), (30, 12), (20, 12), (20, 20), (0, 20)]
     paths = planned(contour(lower + upper), side="inside").paths
     assert [path.id for path in paths] == ["c1.1", "c1.2"]
+
+
+@pytest.mark.parametrize("diameter", [5.9, 5.99, 6.0, 6.01, 7.0, 12.0])
+def test_a_path_beside_an_open_spiral_ends_where_the_tool_meets_its_beginning(diameter):
+    """One turn from (55, 40), whose end lies 6 mm outside of its beginning.
+
+    A tool of 6 mm and more does not reach the end: its centre stops at its radius from (55, 40).
+    """
+    angle = np.linspace(0, 2 * np.pi, 61)
+    radius = 15 + 6 * angle / (2 * np.pi)
+    chain = np.column_stack([40 + radius * np.cos(angle), 40 + radius * np.sin(angle)])
+    job = {"operation": {"kind": "follow", "side": "left"}, "tool": {"diameter": diameter}}
+    result = camgen.build(camgen.part(chain), post="rapid", job=job)
+    assert result.motion is not None
+    assert not result.motion.unproven
+    ends = np.concatenate([path.table[[0, -1], :2] for path in result.tour.paths])
+    gaps = np.linalg.norm(ends - (55, 40), axis=1)
+    assert gaps.min() > diameter / 2 - 1e-6
+    if diameter > 6:
+        assert gaps.max() == pytest.approx(diameter / 2, abs=1e-4)

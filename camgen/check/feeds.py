@@ -1,0 +1,185 @@
+"""Feeds that the joints of an arm cannot keep: place, joint, and the speed that is left."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from msgspec import Struct
+
+from camgen.check.reach import Reach
+from camgen.model.errors import NoSafeProgram
+from camgen.model.pose import FloatArray, Vec3
+from camgen.model.program import MoveJ, Program
+from camgen.model.text import short
+from camgen.motion.joint_paths import JointPath
+from camgen.motion.pose_paths import Index
+from camgen.robots.kinematics.forward import flange, jacobian
+from camgen.robots.models import Robot
+
+#: Share of a feed from which on it counts as kept.
+_KEPT = 0.99
+#: A shorter way of the TCP between two samples has no speed of its own, mm.
+_STANDS_MM = 1e-6
+#: Samples at which the maximum speed of the TCP is computed.
+_LOOKS = 1000
+
+
+class SlowPath(Struct, frozen=True):
+    """A path whose feed the joints cannot keep.
+
+    path: number of the path in the tour.
+    feed: feed of the program at the slowest place, mm/s.
+    speed: speed of the TCP there with the joint at its maximum speed, mm/s.
+    joint: number of that joint, from 1.
+    place: the slowest place in the work frame, mm.
+    share: part of the length of the path that is slower than its feed.
+    """
+
+    path: int
+    feed: float
+    speed: float
+    joint: int
+    place: Vec3
+    share: float
+
+
+class _Samples(Struct, frozen=True, eq=False):
+    """N steps between samples of the lines and arcs at a feed.
+
+    joints: (N, J) values at the end of each step, rad or mm.
+    place: (N, 3) TCP at the end of each step, base frame, mm.
+    length: (N,) way of the TCP, mm.
+    feed: (N,) mm/s.
+    speed: (N,) speed of the TCP with the slowest joint at its maximum speed, mm/s.
+    joint: (N,) number of that joint, from 0.
+    path: (N,) number of the path.
+    """
+
+    joints: FloatArray
+    place: FloatArray
+    length: FloatArray
+    feed: FloatArray
+    speed: FloatArray
+    joint: Index
+    path: Index
+
+
+def find_slow_paths(reach: Reach, course: JointPath, robot: Robot, file: str) -> list[SlowPath]:
+    """The paths whose feed is more than the joints of `robot` allow, in their order.
+
+    reach: the program with its motions.
+    course: joint values along the program.
+    file: name of the input, for messages.
+    Raises NoSafeProgram for a feed above the maximum speed of the TCP along its path with all
+    joints at full speed.
+    """
+    program = reach.program
+    samples = _sample(reach, course, robot)
+    slow = samples.speed < _KEPT * samples.feed
+    if not slow.any():
+        return []
+    _insist_on_possible(samples, robot, program, file)
+    return [_judge(samples, path, program) for path in np.unique(samples.path[slow]).tolist()]
+
+
+def _sample(reach: Reach, course: JointPath, robot: Robot) -> _Samples:
+    """The steps of `course` along lines and arcs of paths, those of links left out."""
+    program, columns = reach.program, reach.program.columns
+    row = np.ceil(course.at[1:] - 1e-9).astype(np.int64)
+    motion = reach.rows.motion[row]
+    rotation, origin = flange(robot, course.joints)
+    place = origin + rotation @ np.asarray(program.flange_from_tool.origin)
+    length = np.linalg.norm(np.diff(place, axis=0), axis=1)
+    at_feed = columns.works & ~columns.moves_are(MoveJ) & (columns.path >= 0)
+    used = at_feed[motion] & (length > _STANDS_MM)
+    moved = np.abs(np.diff(course.joints, axis=0))[used] / robot.fastest
+    seconds = moved.max(axis=1, initial=0.0)
+    with np.errstate(divide="ignore"):
+        speed = length[used] / seconds
+    return _Samples(
+        course.joints[1:][used],
+        place[1:][used],
+        length[used],
+        columns.speed[motion][used],
+        speed,
+        moved.argmax(axis=1),
+        columns.path[motion][used].astype(np.int64),
+    )
+
+
+def _judge(samples: _Samples, path: int, program: Program) -> SlowPath:
+    """The slowest place of a path, and the part of it that is slow."""
+    steps = np.flatnonzero(samples.path == path)
+    ratio = samples.speed[steps] / samples.feed[steps]
+    slowest = int(steps[ratio.argmin()])
+    length = samples.length[steps]
+    base = program.base_from_work
+    x, y, z = ((samples.place[slowest] - np.asarray(base.origin)) @ base.rotation).tolist()
+    return SlowPath(
+        path,
+        float(samples.feed[slowest]),
+        float(samples.speed[slowest]),
+        int(samples.joint[slowest]) + 1,
+        (x, y, z),
+        float(length[ratio < _KEPT].sum() / length.sum()),
+    )
+
+
+def _insist_on_possible(samples: _Samples, robot: Robot, program: Program, file: str) -> None:
+    """NoSafeProgram for a feed that the arm cannot run anywhere."""
+    order = np.argsort(-samples.feed, kind="stable")
+    top = samples.feed[order[0]]
+    fast = order[samples.feed[order] == top]
+    looked = fast[np.linspace(0, len(fast) - 1, min(len(fast), _LOOKS)).astype(np.int64)]
+    bounds = bound_speed(robot, samples.joints[looked], program.flange_from_tool.origin)
+    limit = float(bounds.max())
+    if top <= limit:
+        return
+    what = (
+        f"asks for a feed of {short(float(top), 1)} mm/s, and {robot.name} moves its tool there at "
+        f"{short(limit, 0)} mm/s at most, with all joints at full speed"
+    )
+    raise NoSafeProgram(file, what, "lower process.feed")
+
+
+def bound_speed(robot: Robot, joints: FloatArray, tip: Vec3) -> FloatArray:
+    """(R,) upper bounds of the speed of the TCP, mm/s: the sum of the joints at full speed.
+
+    joints: (R, J) values, rad or mm.
+    tip: the TCP in the flange frame, mm.
+    """
+    columns, rotation, _ = jacobian(robot, joints)
+    arm = (rotation @ np.asarray(tip))[:, :, None]
+    turned = np.cross(columns[:, 3:], arm, axisa=1, axisb=1, axisc=1)
+    return np.asarray(np.linalg.norm(columns[:, :3] + turned, axis=1) @ robot.fastest)
+
+
+def tell_slow_path(slow: SlowPath, name: str) -> str:
+    """The text of a note about the path ``name``."""
+    place = " ".join(short(value, 1) for value in slow.place)
+    return (
+        f"{name}: its feed of {short(slow.feed, 1)} mm/s falls to {short(slow.speed, 1)} "
+        f"at {place} mm, where axis {slow.joint} is at its maximum speed; "
+        f"{100 * slow.share:.0f} % of its length is slower than its feed"
+    )
+
+
+def report_slow_paths(slow: Sequence[SlowPath], names: Sequence[str]) -> list[dict[str, object]]:
+    """The rows of the report, mm and mm/s.
+
+    names: name of each path of the tour.
+    """
+    return [_report(row, names[row.path]) for row in slow]
+
+
+def _report(slow: SlowPath, name: str) -> dict[str, object]:
+    x, y, z = slow.place
+    return {
+        "path": name,
+        "feed": slow.feed,
+        "speed": round(slow.speed, 3),
+        "axis": slow.joint,
+        "place": [round(x, 3), round(y, 3), round(z, 3)],
+        "share": round(slow.share, 4),
+    }

@@ -1,0 +1,98 @@
+"""Feeds against the joints of an arm: paths whose joint speeds are known by hand."""
+
+import math
+
+import numpy as np
+import pytest
+
+import camgen
+from camgen.check.feeds import bound_speed
+from camgen.model.errors import JobError, NoSafeProgram
+from camgen.robots import catalogue
+from camgen.robots.kinematics.forward import flange
+
+RADIUS = 400.0
+#: IRB 120, product specification: axes 1 and 6 turn at 250 and 420 deg/s.
+AXIS_1 = math.radians(250.0)
+
+
+def arc_job(feed, **tables):
+    """A part of a circle about axis 1, with the tool straight down.
+
+    Axis 1 turns by feed / radius, and axis 6 turns back by as much. No other axis moves.
+    """
+    cell = {
+        "robot": "IRB 120",
+        "base_from_work": [0, 0, 200, 0, 0, 0],
+        "flange_from_tool": [0, 0, 100, 0, 0, 0],
+    }
+    return {"cell": cell, "operation": {"kind": "trace"}, "process": {"feed": feed, **tables}}
+
+
+def build_arc(feed, sweep=60.0):
+    angles = np.radians(np.linspace(-sweep / 2, sweep / 2, 361))
+    chain = np.column_stack([RADIUS * np.cos(angles), RADIUS * np.sin(angles)])
+    return camgen.build(camgen.part(chain), post="rapid", job=arc_job(feed))
+
+
+def test_axis_1_sets_the_speed_of_a_circle_about_it():
+    slow = build_arc(2000.0).slow
+    assert len(slow) == 1
+    assert slow[0].joint == 1
+    assert slow[0].feed == 2000.0
+    assert slow[0].speed == pytest.approx(RADIUS * AXIS_1, rel=1e-3)  # 1745 mm/s
+    assert slow[0].share == pytest.approx(1.0)
+    assert np.hypot(*slow[0].place[:2]) == pytest.approx(RADIUS, abs=0.1)
+
+
+def test_a_feed_below_it_is_kept():
+    result = build_arc(1700.0)
+    assert result.slow == ()
+    assert "slow_feeds" not in result.report
+
+
+def test_the_note_names_the_path_its_place_and_the_axis():
+    result = build_arc(2000.0)
+    note = next(note for note in result.notes if "its feed" in note.what)
+    assert note.kind == "warning"
+    assert note.strict
+    assert note.what.startswith("c1: its feed of 2000 mm/s falls to 174")
+    assert "where axis 1 is at its maximum speed; 100 % of its length is slower" in note.what
+    assert len(note.places) == 1
+    row = result.report["slow_feeds"][0]
+    assert (row["path"], row["axis"], row["share"]) == ("c1", 1, 1.0)
+    line = camgen.part([(400, 0), (300, 200)])
+    with pytest.raises(NoSafeProgram, match=r"--strict and c1: its feed of 2000 mm/s falls to"):
+        camgen.build(line, post="rapid", job=arc_job(2000.0), strict=True)
+
+
+def test_a_feed_beyond_all_joints_together_is_refused():
+    job = {"cell": {"robot": "VS-060"}, "operation": {"kind": "trace"}, "process": {"feed": 6999}}
+    with pytest.raises(NoSafeProgram) as caught:
+        camgen.build(camgen.part([(0, 0), (40, 0)]), post="pacscript", job=job)
+    message = str(caught.value)
+    assert "asks for a feed of 6999 mm/s, and VS-060 moves its tool there at" in message
+    assert message.endswith("with all joints at full speed (lower process.feed)")
+
+
+def test_no_joint_motion_exceeds_the_bound():
+    """The bound is the sum of all joints: no combination of joint speeds exceeds it."""
+    robot = catalogue.robot("IRB 120")
+    rng = np.random.default_rng(1)
+    tip = (0.0, 0.0, 100.0)
+    joints = rng.uniform(-1.0, 1.0, (50, 6))
+    rates = robot.fastest * rng.choice([-1.0, 1.0], (50, 6))
+
+    def place(values):
+        rotation, origin = flange(robot, values)
+        return origin + rotation @ np.asarray(tip)
+
+    step = 1e-6
+    speed = np.linalg.norm(place(joints + step * rates) - place(joints - step * rates), axis=1)
+    assert (speed / (2 * step) <= bound_speed(robot, joints, tip) * (1 + 1e-6)).all()
+
+
+@pytest.mark.parametrize("key", ["feed", "plunge", "travel"])
+def test_a_speed_that_no_controller_has_is_refused(key):
+    with pytest.raises(JobError, match=f"{key} must be a number > 0 and <= 7000"):
+        camgen.job({"process": {key: 50000.0}})
