@@ -33,6 +33,7 @@ from camgen.model.version import __version__
 from camgen.order import ArmTour, may_choose_ways, order
 from camgen.pipeline.assumptions import (
     note_arm,
+    note_close_positions,
     note_depth,
     note_drills,
     note_set_up,
@@ -339,6 +340,7 @@ def _sum_up(
                 *note_drills(plan.part, job),
                 *note_set_up(proof),
                 *note_slow_paths(checks.slow, tour),
+                *note_close_positions(plan.part, checks.program, cell),
                 *_note_corners(checks.program, cell.pace, job),
                 *list_warnings(post, checks.program),
             ),

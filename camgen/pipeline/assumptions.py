@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING
 from camgen.model.job import Job
 from camgen.model.part import Note, Part
 from camgen.model.pose import Pose
+from camgen.model.program import Joints, Program
 from camgen.model.text import short
 from camgen.plan import name_operation
+from camgen.plan.close_positions import CLOSE_MM, count_close_positions
 from camgen.plan.steps import job_of, name_drills
 from camgen.read.recorded import Recorded
 from camgen.robots.workcell import Workcell
@@ -46,6 +48,18 @@ def note_set_up(proof: StockProof | None) -> tuple[Note, ...]:
         )
         for breach in proof.set_up.breaches
     )
+
+
+def note_close_positions(part: Part, program: Program, cell: Workcell) -> tuple[Note, ...]:
+    """Positions that are closer than the controller of an arm likes."""
+    if not isinstance(cell.home, Joints):
+        return ()
+    count = count_close_positions(program.columns)
+    if not count:
+        return ()
+    key = "tolerance.chord" if isinstance(part, Recorded) else "tolerance.simplify"
+    what = f"{count} positions at a feed are less than {CLOSE_MM} mm apart"
+    return (Note("warning", what, f"an arm may slow down or stop there; raise {key}"),)
 
 
 def note_slow_paths(slow: Sequence[SlowPath], tour: Tour) -> tuple[Note, ...]:

@@ -19,6 +19,7 @@ from camgen.model.program import Columns, Instruction, Joints, MoveC, MoveJ, Mov
 from camgen.model.text import counted, short
 from camgen.model.tolerance import SAME_POINT_MM
 from camgen.plan import ReplayPlan
+from camgen.plan.close_positions import thin_positions
 from camgen.plan.tool_parts import split_by_tool
 from camgen.plan.unused import no_idle
 from camgen.read.recorded import Recorded
@@ -32,6 +33,8 @@ def plan_replay(part: Part, job: Job, cell: Cell | None) -> ReplayPlan:
     no_idle(job, "a replay")
     part = _slow(part, job.process.max_feed)
     on_arm = cell is not None and isinstance(cell.home, Joints)
+    if on_arm:
+        part = thin_positions(part, job.tolerance.chord)
     parts, notes = split_by_tool(part, job, on_arm)
     paths: list[ToolPath] = []
     travel = 0.0

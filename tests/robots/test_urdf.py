@@ -439,3 +439,15 @@ def test_every_link_has_its_frame(tmp_path: Path) -> None:
             expected = tip(shorter, values[:k])
             assert np.abs(origins[row, k] - 1000 * expected[:3, 3]).max() < 1e-9
             assert np.abs(rotations[row, k] - expected[:3, :3]).max() < 1e-12
+
+
+def test_an_arm_in_millimetres_is_refused(tmp_path: Path) -> None:
+    """The lengths of the seven axes are 0.3 + 0.35 + 0.35 + 0.1 + 0.12 = 1.22 m."""
+    steps = tuple(step((0, 0, z)) for z in (300, 0, 350, 0, 350, 0, 100))
+    large = SEVEN._replace(steps=steps, flange=step((0, 0, 120)))
+    with pytest.raises(CamgenError) as error:
+        robot(written(tmp_path, urdf(large, "large")))
+    assert str(error.value).endswith(
+        "arm.urdf: is an arm of 1220 m; lengths in mm, where URDF has metres? (origin); "
+        "divide its lengths by 1000"
+    )

@@ -26,6 +26,8 @@ from camgen.robots.urdf.xml import Description, read_description
 
 #: mm by which boxes are grown, as those of the built-in robots.
 _PAD = 5.0
+#: Sum of the lengths of all links, mm. The longest industrial arms reach 5 m.
+_LONGEST_MM = 20_000.0
 #: Whole turns of all joints together that are looked at: seven joints of +-360 deg have 3 to the power of 7.
 _TURNS = 2187
 #: rad: joints are bent by so much for a home where the arm is not stretched. Least singular value that is enough there.
@@ -45,6 +47,7 @@ def read_urdf(file: str, tip: str, files: Files) -> Robot:
         raise InputError(
             file, what, remedy="name a nearer tip, FILE.urdf#LINK, or raise limits.urdf_joints"
         )
+    _insist_on_metres(file, chain)
     links, notes = _links(described, chain, files)
     arm = _bare(described, chain, links, notes)
     if len(turns(arm)) > _TURNS:
@@ -52,6 +55,15 @@ def read_urdf(file: str, tip: str, files: Files) -> Robot:
         raise InputError(file, "its joints can make too many whole turns", "limits", remedy)
     arm = replace(arm, home=_home(arm))
     return _spare(replace(arm, touching=touching(arm)))
+
+
+def _insist_on_metres(file: str, chain: JointChain) -> None:
+    """InputError for an arm whose links are longer than those of any arm: URDF has metres."""
+    shifts = [*(joint.previous_from_joint for joint in chain.joints), chain.flange]
+    length = sum(math.hypot(*shift.origin) for shift in shifts)
+    if length > _LONGEST_MM:
+        what = f"is an arm of {length / 1000:.0f} m; lengths in mm, where URDF has metres?"
+        raise InputError(file, what, "origin", "divide its lengths by 1000")
 
 
 def _spare(robot: Robot) -> Robot:
