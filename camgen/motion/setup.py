@@ -144,8 +144,12 @@ class EdgeMotion(Struct, frozen=True, eq=False):
 
 def feed_of(motion: EdgeMotion, length: float, process: ProcessTable) -> float:
     """The feed of the TCP, so that the point on the edge, ``length`` mm long, runs at ``process.feed``."""
-    factor = float(motion.way.length.sum()) / length if length > 0 else 1.0
-    return process.feed * min(factor, process.max_feed_factor)
+    return process.feed * min(feed_factor(motion, length), process.max_feed_factor)
+
+
+def feed_factor(motion: EdgeMotion, length: float) -> float:
+    """Length of the path of the TCP divided by that of the edge, ``length`` mm."""
+    return float(motion.way.length.sum()) / length if length > 0 else 1.0
 
 
 # From the poses of a way to those of the flange, and how finely a motion is looked at.

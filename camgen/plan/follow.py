@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
@@ -24,7 +26,7 @@ from camgen.model.job import Job
 from camgen.model.part import Contour, Note, Part
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
-from camgen.model.text import counted, name_ranges
+from camgen.model.text import counted, name_ranges, short
 from camgen.plan.beside import EXACT, Beside, beside, only_along, only_chains
 from camgen.plan.columns import SLOWEST, Label, SegmentWork, pass_depths, sideways, tool_paths
 from camgen.plan.finish import rough_then_last
@@ -35,6 +37,8 @@ from camgen.read.join import tell_gaps
 _SHARP = np.radians(15.0)
 #: What is left standing by no more, mm, counts as touched. Contours are looked at every so many mm, at so many places.
 _UNSEEN_MM, _SAMPLE_MM, _SAMPLES = 0.02, 0.1, 50_000
+#: A factor of the feed that exceeds its limit by less needs no note.
+_CAPPED = 1.01
 _COMMON = (
     "edges on one line leave the tool no side; draw one outline, or use operation.kind = trace"
 )
@@ -122,6 +126,8 @@ def run_beside(
         else f"a V tool whose middle is {distance:.4g} mm off the wall"
     )
     notes += _left_out(curve, source, contours, looked_at, tool, distance)
+    if job.process.force:
+        notes += _note_feeds(curve, source, contours, job)
     segments, work = _order_chains(curve, source, order, job)
     return tool_paths(segments, labels, work, depths, operation), tuple(notes)
 
@@ -393,6 +399,30 @@ def _stretch(curve: Beside, source: Segments) -> FloatArray:
     arc = touched.is_arc & curve.segments.is_arc & (curve.turn == 0) & ~curve.lost
     with np.errstate(invalid="ignore"):
         return np.where(arc, curve.segments.radius / np.where(arc, touched.radius, 1.0), 1.0)
+
+
+def _note_feeds(
+    curve: Beside, source: Segments, contours: list[Contour], job: Job
+) -> Iterator[Note]:
+    """The contours that a pressing tool follows slower than the feed of the job, by its factor."""
+    process = job.process
+    factors = np.where(curve.sound[curve.segments.owner], _stretch(curve, source), 1.0)
+    slow = np.flatnonzero(factors > process.max_feed_factor * _CAPPED)
+    if not len(slow):
+        return
+    contour = source.owner[curve.source]
+    worst = int(slow[factors[slow].argmax()])
+    names = tuple(contours[k].id for k in np.unique(contour[slow]).tolist())
+    speed = process.feed * process.max_feed_factor / factors[worst]
+    what = (
+        f"outer arcs slower than process.feed: the contact point runs at {short(speed, 1)} of "
+        f"{short(process.feed, 1)} mm/s on {contours[int(contour[worst])].id}"
+    )
+    why = (
+        f"the tool centre would run {short(float(factors[worst]), 1)} times as fast, and "
+        f"process.max_feed_factor = {short(process.max_feed_factor, 2)}"
+    )
+    yield Note("warning", what, why, names)
 
 
 def _contact(curve: Beside, source: Segments) -> FloatArray:

@@ -3,6 +3,7 @@
 import json
 import math
 import re
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -431,3 +432,17 @@ def test_what_stands_between_two_looks_leaves_its_edge_out(plate: Path) -> None:
         if (m := re.fullmatch(r"collision, tool against fixture 1, (.*) mm along it(; .*)?", why))
     ]
     assert 26.8 <= float(place) <= 28.0
+
+
+def test_an_edge_on_which_the_factor_slows_the_tool_down_is_told() -> None:
+    """The tip stands off a quarter of a rim by 2 mm at 45 deg, on a circle larger by 1.4 mm."""
+    job = PARTS.parent / "cases" / "rfa1-edges" / "job.toml"
+    settings = tomllib.loads(job.read_text())
+    settings["process"] |= {"max_feed_factor": 1.0, "force": 0.0}
+    result = camgen.build(PARTS / "rfa1.stl", post="rapid", job=settings)
+    rim = next(edge for edge in result.part.solid.edges if edge.id == "e4")
+    radius = rim.length / (np.pi / 2)  # a quarter of a circle, 25 mm
+    speed = 20.0 * radius / (radius + 2 * np.sin(np.pi / 4))
+    note = next(note for note in result.notes if "slower than process.feed" in note.what)
+    assert note.ids == ("e4",)
+    assert f"the contact point runs at {speed:.1f} of 20 mm/s on e4" in note.what

@@ -337,3 +337,17 @@ def test_a_path_beside_an_open_spiral_ends_where_the_tool_meets_its_beginning(di
     assert gaps.min() > diameter / 2 - 1e-6
     if diameter > 6:
         assert gaps.max() == pytest.approx(diameter / 2, abs=1e-4)
+
+
+def test_a_pressing_tool_that_its_factor_slows_down_is_told() -> None:
+    """A tool of 10 mm runs around an arc of 2 mm on 7 mm: 3.5 times as fast as its contact point.
+
+    With a factor of 2 the contact point runs at 10 * 2 / 3.5 = 5.7 mm/s.
+    """
+    job = Job(tool=ToolTable(diameter=10.0), process=ProcessTable(feed=10.0, force=5.0))
+    note = plan(part(rounded(40, 30, 2)), job).notes[-1]
+    assert str(note) == (
+        "warning: outer arcs slower than process.feed: the contact point runs at 5.7 of 10 mm/s on "
+        "c1 (the tool centre would run 3.5 times as fast, and process.max_feed_factor = 2)"
+    )
+    assert not plan(part(rounded(40, 30, 6)), job).notes

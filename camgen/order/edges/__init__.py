@@ -1,6 +1,8 @@
-"""The order of the edges of a 3-D part: one route over all processing motions, every link proved (RFA paper)."""
+"""The order of the edges of a 3-D part: one route over all processing motions (RFA paper)."""
 
 from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -13,7 +15,7 @@ from camgen.model.text import counted, short
 from camgen.motion.cell import home_of, room_of, setup_of
 from camgen.motion.edge_paths import edge_path, left_out, none_left
 from camgen.motion.limits import link_speeds
-from camgen.motion.setup import EdgeMotion, Setup
+from camgen.motion.setup import EdgeMotion, Setup, feed_factor
 from camgen.order.edges.links import JointLink, PathLink
 from camgen.order.edges.route import Route, RouteCell, RouteOptions, route
 from camgen.order.tours import EdgeTour
@@ -21,11 +23,14 @@ from camgen.plan import EdgePlan, Watch
 from camgen.robots.kinematics.forward import flange
 from camgen.robots.workcell import Workcell
 
+#: A factor of the feed that exceeds its limit by less needs no note.
+_CAPPED = 1.01
+
 
 def order_edges(plan: EdgePlan, job: Job, cell: Cell | None, watch: Watch) -> EdgeTour:
     """The route over the motions of ``plan`` from and back to the home of ``cell``.
 
-    NoSafeProgram where no free way leads to any of them.
+    Raises NoSafeProgram if there is no free link to any of them.
     """
     if not isinstance(cell, Workcell) or cell.arm is None:
         raise JobError(
@@ -58,6 +63,7 @@ def order_edges(plan: EdgePlan, job: Job, cell: Cell | None, watch: Watch) -> Ed
     notes = (
         *left_out(made.dropped, edges),
         *_note_freed(made, plan.noun),
+        *_note_feeds(made, lengths, job, plan.noun),
         *_note_links(made, plan.noun),
     )
     return EdgeTour(
@@ -89,6 +95,27 @@ def _note_freed(made: Route, noun: str) -> list[Note]:
             what = f"{noun} {leg.motion.id} is run without its first {before} and last {after} mm"
             notes.append(Note("skipped", what, "the whole cannot be reached", (leg.motion.id,)))
     return notes
+
+
+def _note_feeds(tour: Route, lengths: Sequence[float], job: Job, noun: str) -> Iterator[Note]:
+    """The edges along which the tool runs slower than the feed of the job, by its factor."""
+    process = job.process
+    factors = [feed_factor(leg.motion, n) for leg, n in zip(tour.legs, lengths, strict=True)]
+    slow = [k for k, factor in enumerate(factors) if factor > process.max_feed_factor * _CAPPED]
+    if not slow:
+        return
+    worst = max(slow, key=factors.__getitem__)
+    speed = process.feed * process.max_feed_factor / factors[worst]
+    what = (
+        f"{counted(len(slow), noun)} slower than process.feed: the contact point runs at "
+        f"{short(speed, 1)} of {short(process.feed, 1)} mm/s on {tour.legs[worst].motion.id}"
+    )
+    why = (
+        f"the TCP would run {short(factors[worst], 1)} times as fast, and "
+        f"process.max_feed_factor = {short(process.max_feed_factor, 2)}"
+    )
+    names = tuple(tour.legs[k].motion.id for k in slow)
+    yield Note("warning", what, why, names)
 
 
 def _note_links(made: Route, noun: str) -> list[Note]:
