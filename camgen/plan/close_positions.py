@@ -31,7 +31,7 @@ def thin_positions(part: Recorded, tolerance: float) -> Recorded:
     """
     columns = Columns(part.run.body)
     kept = np.ones(len(part.run.body), dtype=bool)
-    runs = _find_runs(columns, columns.blend > 0)
+    runs = _find_runs(columns, columns.moves_are(MoveL) & (columns.blend > 0))
     for first, last in runs:
         # The way begins at the end of the motion before the run.
         points = columns.ends[first - 1 : last]
@@ -49,12 +49,12 @@ def thin_positions(part: Recorded, tolerance: float) -> Recorded:
 
 
 def _find_runs(columns: Columns, chosen: BoolArray) -> list[tuple[int, int]]:
-    """Motions of runs of short lines at one feed: the first of each, and the one after its last.
+    """Runs of short motions at one feed: the first of each, and the one after its last.
 
     chosen: (M,) motions that a run may have.
     """
     steps = np.append(np.inf, np.linalg.norm(np.diff(columns.ends, axis=0), axis=1))
-    is_short: BoolArray = columns.moves_are(MoveL) & (steps < CLOSE_MM) & chosen
+    is_short: BoolArray = chosen & (steps < CLOSE_MM)
     goes_on = np.append(False, np.diff(columns.at) == 1)
     goes_on &= np.append(False, np.diff(columns.speed) == 0)
     number = np.cumsum(~goes_on | ~is_short)
@@ -68,7 +68,7 @@ def _find_runs(columns: Columns, chosen: BoolArray) -> list[tuple[int, int]]:
 
 
 def count_close_positions(columns: Columns) -> int:
-    """The number of positions in runs of `_MANY` or more lines shorter than `CLOSE_MM`."""
+    """The number of positions in runs of `_MANY` or more motions shorter than `CLOSE_MM`."""
     runs = _find_runs(columns, columns.works)
     return sum(last - first for first, last in runs if last - first >= _MANY)
 
