@@ -149,7 +149,7 @@ def write_open_stl(bodies: list[Body]) -> bytes:
 
 
 def write_binary_stl(bodies: list[Body], less: int = 0) -> bytes:
-    triangles = [corners for body in bodies for corners in body.corners[np.array(cut(body))]]
+    triangles = np.concatenate([body.corners[np.array(cut(body))] for body in bodies])
     rows = b"".join(
         np.concatenate([np.zeros(3), corners.ravel()]).astype("<f4").tobytes() + b"\0\0"
         for corners in triangles

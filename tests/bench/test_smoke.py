@@ -135,7 +135,7 @@ SMOKES = [
     Smoke("read.one_sided 1 6000 1 - rfa1", (2,), {"runs": (1, 1), "right": (1, 1)}),
     Smoke("read.drawings {here}", (1,), {"used": (9, 9)}),
     Smoke("read.edges {here}", (1,), {"convex mm (measured)": (1390, 1391)}),
-    Smoke("read.meshes 0 0", (27,), {"meshes": (0, 0)}),
+    Smoke("read.meshes 0 54", (27,), {"meshes": (2, 2), "silent": (0, 0)}),
     Smoke("read.old_gcode_words", (6,), {"silent": (0, 0)}),
     Smoke("read.replay {programs}", (2,), {}, lacking("", "rs274")),
     Smoke("read.programs {programs}", (2,), {"stopped": (0, 0), "refused": (0, 0)}),

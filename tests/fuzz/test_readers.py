@@ -116,6 +116,7 @@ def test_a_3mf_whose_model_is_elsewhere() -> None:
     with zipfile.ZipFile(archive, "w") as zipped:
         zipped.writestr("3D/other.model", "<model/>")
     with pytest.raises(
-        InputError, match=r"a\.3mf: is no 3MF mesh: 3D/3dmodel\.model is not in it; export it again"
+        InputError,
+        match=r"a\.3mf: lacks the model of a 3MF: 3D/3dmodel\.model is not in it; export it again",
     ):
         mesh_file.load(Source(Path("a.3mf"), archive.getvalue()))

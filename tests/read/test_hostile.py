@@ -11,9 +11,11 @@ import zlib
 from pathlib import Path
 
 import pytest
+from msgspec.structs import replace
 
 from camgen.cli import main
 from camgen.model.errors import InputError
+from camgen.model.limits import Limits
 from camgen.model.limits import table as limits_as_table
 from camgen.read.solid import mesh_file
 from camgen.read.solid.part21 import find_wild_id
@@ -301,8 +303,8 @@ def test_of_a_3mf_the_model_alone_is_unpacked(here: Path) -> None:
     with zipfile.ZipFile(here / "a.3mf", "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("3D/3dmodel.model", "<model/>")
         archive.writestr("Metadata/plate.png", bytes(10_000_000))
-    slim = mesh_file._model_alone("a.3mf", (here / "a.3mf").read_bytes(), 1e9)
-    assert len(slim) < 1000
+    with pytest.raises(InputError, match=r"a\.3mf: has no faces"):
+        mesh_file.load(replace(source(here / "a.3mf"), limits=Limits(model_bytes=1000)))
 
 
 @pytest.mark.parametrize(

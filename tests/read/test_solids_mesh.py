@@ -23,7 +23,7 @@ from camgen.model.pose import rotation_from_quaternion
 from camgen.read.files import Files
 from camgen.read.solid import mesh
 from camgen.read.solid.mesh_file import load
-from camgen.read.solid.strips import unroll
+from camgen.read.solid.ply import unroll
 from tests.support.files import source
 
 Array = NDArray[np.float64]
@@ -219,8 +219,8 @@ def test_units_scale_the_part(tmp_path: Path) -> None:
 )
 def test_every_format_holds_the_same_edges(tmp_path: Path, kind: str, scale: float) -> None:
     if kind == "3mf":
-        pytest.importorskip("lxml", reason="3MF needs the extra 3mf: lxml is missing")
-        pytest.importorskip("networkx", reason="3MF needs the extra 3mf: networkx is missing")
+        pytest.importorskip("lxml", reason="trimesh writes 3MF with lxml")
+        pytest.importorskip("networkx", reason="trimesh writes 3MF with networkx")
     shape = trimesh.Trimesh(*_indexed(extruded(L_PROFILE, 25)))
     shape.units = "mm"
     path = tmp_path / f"part.{kind}"
@@ -255,20 +255,6 @@ def test_a_material_needs_no_package_that_is_not_there(tmp_path: Path) -> None:
         [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False
     )
     assert (done.stdout, done.stderr) == ("2\n", "")
-
-
-@pytest.mark.parametrize("package", ["lxml", "networkx"])
-def test_a_3mf_without_its_extra_names_it(package: str, tmp_path: Path) -> None:
-    pytest.importorskip("lxml", reason="a 3MF to read is made with lxml")
-    trimesh.Trimesh(*_indexed(extruded(L_PROFILE, 25))).export(tmp_path / "part.3mf")
-    code = f"import sys; sys.modules['{package}'] = None; from camgen.cli import main; main(['inspect', 'part.3mf'])"
-    done = subprocess.run(
-        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False
-    )
-    assert done.stderr == (
-        "camgen: error: part.3mf: reading 3MF needs the packages lxml and networkx; "
-        "pip install 'camgen[3mf]', or export it again from the CAD program\n"
-    )
 
 
 def _indexed(triangles: Array) -> tuple[Array, Any]:

@@ -1,51 +1,66 @@
 """The bytes of a mesh file as vertices and triangles, as they are in the file.
 
-trimesh reads them, but for binary STL: loading trimesh takes longer than most builds from such a file need.
+trimesh reads glTF and text STL. Loading it takes longer than most builds from other files need.
 """
 
 from __future__ import annotations
 
 import json
+import re
 import struct
 import zlib
+from collections.abc import Callable
 from io import BytesIO
-from zipfile import BadZipFile, ZipFile
+from typing import NamedTuple
+from xml.etree.ElementTree import ParseError
+from zipfile import BadZipFile
 
 import numpy as np
 from msgspec import Struct
 
 from camgen.model.errors import InputError, one_line
 from camgen.model.files import SCAN, Source
-from camgen.model.limits import tell
+from camgen.model.limits import Limits, tell
 from camgen.model.part import IntArray, Note
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted
 from camgen.read.quiet import silence
-from camgen.read.solid.strips import has_strips, read_strips
+from camgen.read.solid.glb import prepare_glb
+from camgen.read.solid.obj import read_obj
+from camgen.read.solid.off import read_off
+from camgen.read.solid.ply import read_ply
+from camgen.read.solid.polygons import Triangles
+from camgen.read.solid.threemf import read_3mf
+from camgen.read.solid.unread import UnreadShape
 
 SUFFIXES = (".stl", ".obj", ".ply", ".off", ".3mf", ".glb")
 
-#: mm per unit, by the names of the formats that have one: 3MF states its own, glTF 2.0 (section 3.4) is in metres.
+#: mm per unit, by name: 3MF states its own, glTF 2.0 (section 3.4) is in metres.
 _MM = {
-    "microns": 1e-3, "micron": 1e-3, "millimeters": 1.0, "millimeter": 1.0, "mm": 1.0, "centimeters": 10.0,
-    "centimeter": 10.0, "cm": 10.0, "inches": 25.4, "inch": 25.4, "in": 25.4, "feet": 304.8, "foot": 304.8,
-    "meters": 1000.0, "meter": 1000.0, "m": 1000.0,
+    "microns": 1e-3, "micron": 1e-3, "millimeters": 1.0, "millimeter": 1.0, "mm": 1.0,
+    "centimeters": 10.0, "centimeter": 10.0, "cm": 10.0, "inches": 25.4, "inch": 25.4, "in": 25.4,
+    "feet": 304.8, "foot": 304.8, "meters": 1000.0, "meter": 1000.0, "m": 1000.0,
 }  # fmt: skip
 
-#: trimesh parses whatever it is given: a damaged file makes it stumble in each of these ways. ImportError: it wants
-#: a package for this format, or the one that guesses the encoding of what is no text at all.
+#: The errors of readers in a damaged file. trimesh parses any bytes and fails in many ways.
+#: ImportError: it needs a package for the format, or one that guesses the encoding of a text.
 _STUMBLES = (
-    ValueError, TypeError, LookupError, NameError, AttributeError, ArithmeticError, AssertionError, OSError, EOFError,
-    ImportError, NotImplementedError, RuntimeError, StopIteration, SyntaxError, BadZipFile, struct.error, zlib.error,
+    ValueError, TypeError, LookupError, NameError, AttributeError, ArithmeticError, AssertionError,
+    OSError, EOFError, ImportError, NotImplementedError, RuntimeError, StopIteration, ParseError,
+    BadZipFile, struct.error, zlib.error,
 )  # fmt: skip
 _GUESSER = "charset_normalizer"
-#: The part of a 3MF archive that trimesh reads.
-_MODEL = "3d/3dmodel.model"
 _SAVE_AGAIN = "export it again from the CAD program"
 
 
 class MeshSoup(Struct, frozen=True, eq=False):
-    """vertices (V, 3) in units of the file, faces (F, 3). unit: its name, "" if the format has none, mm: its size."""
+    """A mesh as it is in its file.
+
+    vertices: (V, 3) in units of the file.
+    faces: (F, 3) numbers of vertices.
+    unit: name of the unit, "" if the format has none.
+    mm: length of the unit, mm.
+    """
 
     vertices: FloatArray
     faces: IntArray
@@ -55,7 +70,10 @@ class MeshSoup(Struct, frozen=True, eq=False):
 
 
 def load(source: Source) -> MeshSoup:
-    """The triangles in ``source``. ``InputError`` if it is no mesh, has no faces, or holds numbers that are none."""
+    """The triangles in ``source``.
+
+    Raises InputError for a file that is damaged, has no faces, or has numbers beyond all measure.
+    """
     name, kind = source.name, source.suffix
     if kind not in SUFFIXES:
         raise InputError(
@@ -69,13 +87,13 @@ def load(source: Source) -> MeshSoup:
         raise InputError(name, "the file is empty")
     if kind == ".stl":
         data, notes = _stl(name, data)
-    if kind == ".3mf":
-        data = _model_alone(name, data, source.limits.model_bytes)
     if kind == ".glb":
         _insist_on_accessors(name, data, source.limits.accessor)
-    vertices, faces, unit = (
-        _parse(name, data, kind) if kind != ".stl" or _is_text(data) else _read_triangles(data)
-    )
+    if kind == ".stl" and not _is_text(data):
+        vertices, faces, unit = _read_triangles(data)
+    else:
+        vertices, faces, unit, more = _parse(name, data, kind, source.limits)
+        notes += more
     if not len(faces):
         only = f"{counted(len(vertices), 'point')} only" if len(vertices) else ""
         raise InputError(
@@ -97,7 +115,7 @@ def load(source: Source) -> MeshSoup:
 def _stl(name: str, data: bytes) -> tuple[bytes, tuple[Note, ...]]:
     """A binary STL cut to what its count says; text as it is."""
     if _is_text(data):
-        return data, ()
+        return _close_text(name, data)
     if len(data) < 84 or b"\x00" not in data:
         raise InputError(name, "is no STL mesh", "", _SAVE_AGAIN)
     size = 84 + 50 * int(struct.unpack_from("<I", data, 80)[0])
@@ -113,8 +131,32 @@ def _stl(name: str, data: bytes) -> tuple[bytes, tuple[Note, ...]]:
     return data[:size], (Note("repaired", what),)
 
 
+#: The words of a text STL that begin or end something, each in a line of its own.
+_WORDS = re.compile(rb"^[ \t]*(solid|endsolid|facet|endfacet)\b", re.MULTILINE | re.IGNORECASE)
+
+
+def _close_text(name: str, data: bytes) -> tuple[bytes, tuple[Note, ...]]:
+    """A text STL in ASCII, closed if its last word is missing. InputError if it is cut off."""
+    words = [word.lower() for word in _WORDS.findall(data)]
+    solids, facets = words.count(b"solid"), words.count(b"facet")
+    if facets != words.count(b"endfacet"):
+        place = f"facet {facets} of all, in solid {solids}"
+        raise InputError(name, "the file is cut off", place, _SAVE_AGAIN)
+    # The names of solids may be in any encoding.
+    data = data.translate(_ASCII)
+    if solids == words.count(b"endsolid"):
+        return data, ()
+    if words[-1] == b"endsolid" or solids != words.count(b"endsolid") + 1:
+        raise InputError(name, "a solid has no endsolid", "", _SAVE_AGAIN)
+    note = Note("repaired", f"endsolid is missing behind solid {solids}, the last one", "added")
+    return data.rstrip() + b"\nendsolid\n", (note,)
+
+
+_ASCII = bytes(k if k < 128 else ord("_") for k in range(256))
+
+
 def _read_triangles(data: bytes) -> tuple[FloatArray, IntArray, str]:
-    """Vertices and faces of a binary STL: 80 bytes, their number, and for each normal, corners and two bytes more."""
+    """Vertices and faces of a binary STL: 80 bytes, the number of facets, and the facets."""
     rows = np.frombuffer(
         data,
         np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")]),
@@ -124,33 +166,10 @@ def _read_triangles(data: bytes) -> tuple[FloatArray, IntArray, str]:
     return vertices, np.arange(len(vertices), dtype=np.int64).reshape(-1, 3), ""
 
 
-def _model_alone(name: str, data: bytes, most: float) -> bytes:
-    """The archive of a 3MF file with its model alone: pictures and settings are unpacked by nobody."""
-    slim = BytesIO()
-    try:
-        with ZipFile(BytesIO(data)) as archive, ZipFile(slim, "w") as model:
-            entries = [one for one in archive.infolist() if one.filename.lower().endswith(".model")]
-            if not any(_MODEL in one.filename.lower() for one in entries):
-                raise InputError(
-                    name, "is no 3MF mesh: 3D/3dmodel.model is not in it", "", _SAVE_AGAIN
-                )
-            if sum(one.file_size for one in entries) > most:
-                what = f"its model unpacks to more than {tell(most)} bytes"
-                raise InputError(
-                    name, what, "", "export it with fewer triangles, or raise limits.model_bytes"
-                )
-            for one in entries:
-                model.writestr(one.filename, archive.read(one))
-    except _STUMBLES as error:
-        raise InputError(
-            name, f"is damaged or no 3MF mesh: {_plain(error)}", "", _SAVE_AGAIN
-        ) from error
-    return slim.getvalue()
-
-
 def _insist_on_accessors(name: str, data: bytes, most: float) -> None:
-    """InputError for an accessor of a GLB file (glTF 2.0, section 3.6.2) that claims more than may be: it may say any
-    number without a byte behind it. What is damaged otherwise is told by who reads it.
+    """InputError for an accessor of a GLB file that claims more elements than the file can have.
+
+    An accessor may state any number (glTF 2.0, section 3.6.2). Other damage is left to the reader.
     """
     try:
         (length,) = struct.unpack_from("<I", data, 12)
@@ -169,38 +188,68 @@ def _is_text(data: bytes) -> bool:
     return data.lstrip()[:5].lower() == b"solid" and b"\x00" not in data[:2048]
 
 
-def _parse(name: str, data: bytes, kind: str) -> tuple[FloatArray, IntArray, str]:
-    import trimesh  # noqa: PLC0415 (heavy, and needed by what reads a mesh only)
+class _Parsed(NamedTuple):
+    """A mesh as its reader has it. unit: "" if the format has none."""
 
-    silence("trimesh")
+    vertices: FloatArray
+    faces: IntArray
+    unit: str = ""
+    notes: tuple[Note, ...] = ()
+
+
+def _parse(name: str, data: bytes, kind: str, limits: Limits) -> _Parsed:
+    """The mesh in a file. Raises InputError for one that is damaged."""
     try:
-        if kind == ".ply" and has_strips(data):
-            return *read_strips(data), ""
-        with np.errstate(all="ignore"):
-            scene = trimesh.load_scene(BytesIO(data), file_type=kind[1:], process=False)
-            for shape in scene.geometry.values():
-                # Materials are of no use here, and trimesh needs one more package to copy them.
-                if isinstance(shape, trimesh.Trimesh):
-                    shape.visual = trimesh.visual.ColorVisuals()
-            mesh = scene.to_mesh()
-        vertices = np.asarray(mesh.vertices, dtype=np.float64).reshape(-1, 3)
-        faces = np.asarray(mesh.faces, dtype=np.int64).reshape(-1, 3)
-        unit = "m" if kind == ".glb" else str(mesh.units or "").lower()
+        return _read(data, kind, limits)
+    except UnreadShape as error:
+        raise InputError(name, str(error), "", _SAVE_AGAIN) from error
+    except OverflowError as error:
+        what = f"its model unpacks to more than {tell(limits.model_bytes)} {error}"
+        remedy = "export it with fewer triangles, or raise limits.model_bytes"
+        raise InputError(name, what, "", remedy) from error
     except _STUMBLES as error:
         package = error.name or "" if isinstance(error, ImportError) else ""
-        # trimesh takes 3MF for no format at all where one of its packages is missing, without an error that names it.
-        if kind == ".3mf" and isinstance(error, ImportError):
-            what = "reading 3MF needs the packages lxml and networkx"
-            raise InputError(
-                name, what, "", f"pip install 'camgen[3mf]', or {_SAVE_AGAIN}"
-            ) from error
         if package and package != _GUESSER:
             missing = f"reading this {kind[1:].upper()} needs the package {package}"
             raise InputError(name, missing, "", f"install {package}, or {_SAVE_AGAIN}") from error
         raise InputError(
             name, f"is damaged or no {kind[1:].upper()} mesh: {_plain(error)}", "", _SAVE_AGAIN
         ) from error
-    return vertices, faces, unit
+
+
+def _read(data: bytes, kind: str, limits: Limits) -> _Parsed:
+    """The mesh in a file. Raises one of `_STUMBLES` for one that is damaged."""
+    with np.errstate(all="ignore"):
+        if kind in _READERS:
+            vertices, triangles = _READERS[kind](data)
+            return _Parsed(vertices, triangles.faces, "", triangles.notes)
+        if kind == ".3mf":
+            bodies = read_3mf(data, limits.model_bytes)
+            return _Parsed(bodies.vertices, bodies.faces, bodies.unit.lower(), bodies.notes)
+        return _load(prepare_glb(data) if kind == ".glb" else data, kind)
+
+
+_READERS: dict[str, Callable[[bytes], tuple[FloatArray, Triangles]]] = {
+    ".obj": read_obj,
+    ".ply": read_ply,
+    ".off": read_off,
+}
+
+
+def _load(data: bytes, kind: str) -> _Parsed:
+    """The mesh as trimesh reads it: glTF and STL in text."""
+    import trimesh  # noqa: PLC0415 (heavy, and needed by what reads a mesh only)
+
+    silence("trimesh")
+    scene = trimesh.load_scene(BytesIO(data), file_type=kind[1:], process=False)
+    for shape in scene.geometry.values():
+        # Materials are of no use here, and trimesh needs one more package to copy them.
+        if isinstance(shape, trimesh.Trimesh):
+            shape.visual = trimesh.visual.ColorVisuals()
+    mesh = scene.to_mesh()
+    vertices = np.asarray(mesh.vertices, dtype=np.float64).reshape(-1, 3)
+    faces = np.asarray(mesh.faces, dtype=np.int64).reshape(-1, 3)
+    return _Parsed(vertices, faces, "m" if kind == ".glb" else str(mesh.units or "").lower())
 
 
 def _plain(error: Exception) -> str:

@@ -1,0 +1,264 @@
+"""PLY files, with polygons and with the triangle strips of older scanners.
+
+The format is Turk's "The PLY Polygon File Format" (1994): a header with the elements and their
+number of rows, and then the rows, with numbers and lists.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Protocol
+
+import numpy as np
+from msgspec import Struct, field
+from msgspec.structs import replace
+
+from camgen.model.part import IntArray
+from camgen.model.pose import FloatArray
+from camgen.read.solid.polygons import Triangles, check_numbers, cut_polygons
+
+_END = re.compile(rb"^end_header[ \t]*\r?\n", re.MULTILINE)
+_NUMBERS = {
+    "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2",
+    "ushort": "u2", "uint16": "u2", "int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4",
+    "float": "f4", "float32": "f4", "double": "f8", "float64": "f8",
+}  # fmt: skip
+_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+#: Names of the list of vertices of a face or a strip.
+_VERTICES = ("vertex_indices", "vertex_index")
+_TRIANGLE = 3
+
+
+class _Property(Struct):
+    """A column of numbers.
+
+    kind: type of the numbers.
+    count: type of the length, for a column of lists.
+    """
+
+    name: str
+    kind: str
+    count: str = ""
+
+
+class _Element(Struct):
+    name: str
+    rows: int
+    properties: list[_Property] = field(default_factory=list)
+
+    @property
+    def has_lists(self) -> bool:
+        return any(column.count for column in self.properties)
+
+
+class _Columns(Struct):
+    """The rows of an element.
+
+    numbers: columns (rows,) by name.
+    lists: tables by name, each (M, N) of the M lists with N numbers.
+    """
+
+    numbers: dict[str, FloatArray] = field(default_factory=dict)
+    lists: dict[str, list[FloatArray]] = field(default_factory=dict)
+
+
+class _Take(Protocol):
+    """The rest of a file."""
+
+    def peek(self, columns: list[_Property]) -> list[int]:
+        """The lengths of the columns in the next row, 1 for a number. ValueError at the end."""
+
+    def table(self, columns: list[_Property], sizes: list[int], rows: int) -> list[FloatArray]:
+        """The next rows: the numbers (rows, size) of each column, behind the lengths of its lists.
+
+        A list has its length (rows, 1) before it. The rows are not taken yet.
+        """
+
+    def skip(self) -> None:
+        """Takes the rows of the last table."""
+
+
+class _Text:
+    """Numbers in text."""
+
+    def __init__(self, body: bytes) -> None:
+        self._numbers = np.array(body.split(), dtype=np.float64)
+        self._at = self._next = 0
+
+    def peek(self, columns: list[_Property]) -> list[int]:
+        at, sizes = self._at, list[int]()
+        for column in columns:
+            size = int(self._numbers[at : at + 1].sum()) if column.count else 1
+            at += size + bool(column.count)
+            sizes.append(size)
+        return sizes
+
+    def table(self, columns: list[_Property], sizes: list[int], rows: int) -> list[FloatArray]:
+        width = sum(sizes) + sum(bool(column.count) for column in columns)
+        self._next = self._at + width * rows
+        part = self._numbers[self._at : self._next]
+        if len(part) < width * rows:
+            raise ValueError("it ends before its last row")
+        part = part.reshape(rows, width)
+        tables, at = list[FloatArray](), 0
+        for column, size in zip(columns, sizes, strict=True):
+            if column.count:
+                tables.append(part[:, at : at + 1])
+                at += 1
+            tables.append(part[:, at : at + size])
+            at += size
+        return tables
+
+    def skip(self) -> None:
+        self._at = self._next
+
+
+class _Binary:
+    """Numbers in binary.
+
+    order: byte order, "<" or ">".
+    """
+
+    def __init__(self, data: bytes, at: int, order: str) -> None:
+        self._data, self._order = data, order
+        self._at = self._next = at
+
+    def peek(self, columns: list[_Property]) -> list[int]:
+        at, sizes = self._at, list[int]()
+        for column in columns:
+            size = 1
+            if column.count:
+                length = np.frombuffer(self._data, self._order + column.count, 1, at)
+                size, at = int(length[0]), at + length.nbytes
+            at += size * np.dtype(column.kind).itemsize
+            sizes.append(size)
+        return sizes
+
+    def table(self, columns: list[_Property], sizes: list[int], rows: int) -> list[FloatArray]:
+        fields: list[tuple[str, str, tuple[int]]] = []
+        for column, size in zip(columns, sizes, strict=True):
+            if column.count:
+                fields.append((f"f{len(fields)}", self._order + column.count, (1,)))
+            fields.append((f"f{len(fields)}", self._order + column.kind, (size,)))
+        table = np.frombuffer(self._data, np.dtype(fields), rows, self._at)
+        self._next = self._at + table.nbytes
+        return [table[name].astype(np.float64) for name, *_ in fields]
+
+    def skip(self) -> None:
+        self._at = self._next
+
+
+def read_ply(data: bytes) -> tuple[FloatArray, Triangles]:
+    """Vertices (V, 3) and triangles of a PLY, of its faces and its strips.
+
+    Raises ValueError or LookupError for a file that is damaged or ends too soon.
+    """
+    end = _END.search(data)
+    if end is None:
+        raise ValueError("the header has no end")
+    order, elements = _header(data[: end.start()].decode("latin-1"))
+    take: _Take = _Binary(data, end.end(), order) if order else _Text(data[end.end() :])
+    vertices, strips = np.zeros((0, 3)), [np.zeros((0, 3), dtype=np.int64)]
+    polygons: list[IntArray] = []
+    for element in elements:
+        columns = _read(element, take)
+        if element.name == "vertex":
+            vertices = np.column_stack([columns.numbers[axis] for axis in "xyz"])
+        elif element.name in ("face", "tristrips"):
+            lists = next(columns.lists[name] for name in _VERTICES if name in columns.lists)
+            tables = [table.astype(np.int64) for table in lists]
+            if element.name == "face":
+                polygons += tables
+            for table in tables if element.name == "tristrips" else ():
+                strips += map(unroll, table)
+    check_numbers(polygons, len(vertices))
+    triangles = cut_polygons(vertices, polygons)
+    return vertices, replace(triangles, faces=np.concatenate([triangles.faces, *strips]))
+
+
+def _header(text: str) -> tuple[str, list[_Element]]:
+    """The order of bytes, empty for text, and the elements. ValueError without a format."""
+    order, elements = "no format", list[_Element]()
+    for words in map(str.split, text.splitlines()):
+        match words:
+            case ["format", name, _]:
+                order = _ORDERS[name]
+            case ["element", name, count]:
+                elements.append(_Element(name, int(count)))
+            case ["property", "list", count, kind, name]:
+                elements[-1].properties.append(_Property(name, _NUMBERS[kind], _NUMBERS[count]))
+            case ["property", kind, name]:
+                elements[-1].properties.append(_Property(name, _NUMBERS[kind]))
+    if order == "no format":
+        raise ValueError("the header has no format")
+    return order, elements
+
+
+def _read(element: _Element, take: _Take) -> _Columns:
+    """The rows of an element: in one if their lists are equally long, else row by row."""
+    columns = _Columns()
+    if not element.rows:
+        return columns
+    sizes = take.peek(element.properties)
+    if element.has_lists:
+        sizes = _read_lists(element, take, sizes, columns)
+        if not sizes:
+            return columns
+    tables = iter(take.table(element.properties, sizes, element.rows))
+    for column in element.properties:
+        if column.count:
+            next(tables)
+            columns.lists[column.name] = [next(tables)]
+        else:
+            columns.numbers[column.name] = next(tables)[:, 0]
+    take.skip()
+    return columns
+
+
+def _read_lists(element: _Element, take: _Take, sizes: list[int], columns: _Columns) -> list[int]:
+    """The lengths of the lists if they are those of the first row in every row.
+
+    Otherwise nothing, and `columns` has the rows.
+    """
+    try:
+        tables = iter(take.table(element.properties, sizes, element.rows))
+        equal = True
+        for column, size in zip(element.properties, sizes, strict=True):
+            equal &= not column.count or bool((next(tables) == size).all())
+            next(tables)
+        if equal:
+            return sizes
+    except ValueError:
+        pass  # shorter lists may follow the first one
+    rows: dict[str, dict[int, list[FloatArray]]] = {}
+    for _ in range(element.rows):
+        sizes = take.peek(element.properties)
+        tables = iter(take.table(element.properties, sizes, 1))
+        for column, size in zip(element.properties, sizes, strict=True):
+            if column.count:
+                next(tables)
+            by_size = rows.setdefault(column.name, {})
+            by_size.setdefault(size, []).append(next(tables)[0])
+        take.skip()
+    for column in element.properties:
+        by_size = rows[column.name]
+        if column.count:
+            columns.lists[column.name] = [np.stack(group) for group in by_size.values()]
+        else:
+            columns.numbers[column.name] = np.concatenate(by_size[1])
+    return []
+
+
+def unroll(strip: IntArray) -> IntArray:
+    """The triangles (F, 3) of strips of vertices (N,) with -1 between them.
+
+    Each vertex from the third on makes a triangle with the two before it, every other one turned.
+    A triangle with a vertex twice has no area and is left out.
+    """
+    faces = np.column_stack([strip[:-2], strip[1:-1], strip[2:]]).astype(np.int64)
+    at = np.arange(len(strip))
+    begins = np.maximum.accumulate(np.where(strip == -1, at + 1, 0))[: len(faces)]
+    odd = (at[: len(faces)] - begins) % 2 == 1
+    faces[odd] = faces[odd][:, [1, 0, 2]]
+    a, b, c = faces.T
+    return np.asarray(faces[(faces != -1).all(axis=1) & (a != b) & (b != c) & (a != c)])

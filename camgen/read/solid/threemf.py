@@ -1,0 +1,206 @@
+"""3MF files: the bodies that the build lists, with components in other parts of the archive.
+
+Sources: 3MF Core Specification 1.3, sections 3 and 4; 3MF Production Extension 1.1, section 2.
+"""
+
+from __future__ import annotations
+
+from io import BytesIO
+from xml.etree import ElementTree
+from zipfile import ZipFile
+
+import numpy as np
+from msgspec import Struct, field
+
+from camgen.model.part import IntArray, Note
+from camgen.model.pose import FloatArray
+from camgen.model.text import counted
+from camgen.read.solid.unread import UnreadShape
+
+_ROOT = "3d/3dmodel.model"
+_CORE = "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
+_PRODUCTION = "http://schemas.microsoft.com/3dmanufacturing/production/2015/06"
+#: Extensions that a file may require: production is read, the others change no shape.
+_KNOWN = frozenset(
+    [
+        _CORE,
+        _PRODUCTION,
+        "http://schemas.microsoft.com/3dmanufacturing/material/2015/02",
+        "http://schemas.microsoft.com/3dmanufacturing/trianglesets/2021/07",
+    ]
+)
+_PATH = f"{{{_PRODUCTION}}}path"
+#: Types of objects that do not belong to the model (core specification, section 4.1).
+_BESIDE = ("support", "solidsupport", "other")
+#: Components within components.
+_DEEPEST = 50
+
+
+class _Reference(Struct, frozen=True):
+    """A component or an item. part: name of the part of the archive, in small letters."""
+
+    part: str
+    number: str
+    transform: FloatArray
+
+
+class _Object(Struct):
+    vertices: FloatArray
+    faces: IntArray
+    type: str = "model"
+    components: list[_Reference] = field(default_factory=list)
+
+
+class _Part(Struct):
+    """A model part.
+
+    objects: its objects by id. Two parts may use the same id.
+    """
+
+    unit: str
+    objects: dict[str, _Object] = field(default_factory=dict)
+    items: list[_Reference] = field(default_factory=list)
+
+
+class Bodies(Struct, frozen=True, eq=False):
+    """The bodies of a file in one table.
+
+    vertices: (V, 3) in units of the file.
+    faces: (F, 3).
+    unit: name of the unit.
+    notes: notes on objects that were left out.
+    """
+
+    vertices: FloatArray
+    faces: IntArray
+    unit: str
+    notes: tuple[Note, ...]
+
+
+def read_3mf(data: bytes, limit: float) -> Bodies:
+    """The bodies that the build of a 3MF lists.
+
+    limit: maximum number of bytes of all model parts together, and of vertices of all bodies.
+    Raises ValueError for a file that is damaged, OverflowError for one beyond the limit, and
+    UnreadShape for one that requires an extension that is not read.
+    """
+    with ZipFile(BytesIO(data)) as archive:
+        names = {info.filename.lower(): info for info in archive.infolist()}
+        models = {name: info for name, info in names.items() if name.endswith(".model")}
+        root = next((name for name in models if _ROOT in name), "")
+        if not root:
+            raise UnreadShape("lacks the model of a 3MF: 3D/3dmodel.model is not in it")
+        if sum(info.file_size for info in models.values()) > limit:
+            raise OverflowError("bytes")
+        parts = {name: _read_part(archive.read(info), name) for name, info in models.items()}
+    builder = _Builder(parts, limit)
+    for item in parts[root].items:
+        builder.add(item, np.eye(4), 0)
+    return builder.finish(parts[root].unit)
+
+
+class _Builder:
+    """Collects the bodies of a build."""
+
+    def __init__(self, parts: dict[str, _Part], limit: float) -> None:
+        self._parts, self._limit = parts, limit
+        self._vertices: list[FloatArray] = [np.zeros((0, 3))]
+        self._faces: list[IntArray] = [np.zeros((0, 3), dtype=np.int64)]
+        self._count = self._left_out = 0
+
+    def add(self, reference: _Reference, outer: FloatArray, depth: int) -> None:
+        """Adds the body that a reference names, with its components."""
+        part = self._parts.get(reference.part)
+        body = None if part is None else part.objects.get(reference.number)
+        if body is None:
+            raise ValueError(f"object {reference.number} is not in {reference.part}")
+        if depth > _DEEPEST:
+            raise ValueError("components contain each other")
+        if body.type in _BESIDE:
+            self._left_out += 1
+            return
+        place = reference.transform @ outer
+        if len(body.faces):
+            points = body.vertices @ place[:3, :3] + place[3, :3]
+            # A mirrored body has its faces turned.
+            mirrored = np.linalg.det(place[:3, :3]) < 0
+            self._vertices.append(points)
+            self._faces.append((body.faces[:, ::-1] if mirrored else body.faces) + self._count)
+            self._count += len(points)
+            if self._count > self._limit:
+                raise OverflowError("vertices")
+        for component in body.components:
+            self.add(component, place, depth + 1)
+
+    def finish(self, unit: str) -> Bodies:
+        notes: tuple[Note, ...] = ()
+        if self._left_out:
+            what = f"{counted(self._left_out, 'object')} of the build left out"
+            notes = (Note("skipped", what, "a support, or of the type other"),)
+        return Bodies(np.concatenate(self._vertices), np.concatenate(self._faces), unit, notes)
+
+
+def _read_part(data: bytes, name: str) -> _Part:
+    """The objects and items of a model part."""
+    if b"<!DOCTYPE" in data:
+        raise ValueError("it has a document type, which no model has")
+    spaces: dict[str, str] = {}
+    part = _Part("millimeter")
+    inside: list[ElementTree.Element] = []
+    for event, item in ElementTree.iterparse(BytesIO(data), ("start-ns", "start", "end")):
+        if event == "start-ns":
+            spaces[item[0]] = item[1]
+            continue
+        kind = item.tag.rpartition("}")[2]
+        if event == "start":
+            inside.append(item)
+            if kind == "model":
+                part.unit = item.get("unit", "millimeter")
+                _insist_on_known(item.get("requiredextensions", ""), spaces)
+            continue
+        inside.pop()
+        if kind == "object":
+            part.objects[item.attrib["id"]] = _read_object(item, name)
+            item.clear()
+        elif kind == "item":
+            part.items.append(_read_reference(item, name))
+    return part
+
+
+def _insist_on_known(required: str, spaces: dict[str, str]) -> None:
+    """UnreadShape for a required extension that is not read."""
+    for prefix in required.split():
+        space = spaces.get(prefix, prefix)
+        if space not in _KNOWN:
+            raise UnreadShape(f"requires the extension {space}, which is not read")
+
+
+def _read_object(item: ElementTree.Element, name: str) -> _Object:
+    vertices = [
+        (row.attrib["x"], row.attrib["y"], row.attrib["z"])
+        for row in item.iter(f"{{{_CORE}}}vertex")
+    ]
+    faces = [
+        (row.attrib["v1"], row.attrib["v2"], row.attrib["v3"])
+        for row in item.iter(f"{{{_CORE}}}triangle")
+    ]
+    table = np.array(faces, dtype=np.int64).reshape(-1, 3)
+    if len(table) and (table.min() < 0 or table.max() >= len(vertices)):
+        raise ValueError("a triangle names a vertex that is not there")
+    return _Object(
+        np.array(vertices, dtype=np.float64).reshape(-1, 3),
+        table,
+        item.get("type", "model"),
+        [_read_reference(row, name) for row in item.iter(f"{{{_CORE}}}component")],
+    )
+
+
+def _read_reference(item: ElementTree.Element, name: str) -> _Reference:
+    """A component or an item of the part ``name``."""
+    path = item.get(_PATH, name).lstrip("/").lower()
+    matrix = np.eye(4)
+    numbers = item.get("transform", "").split()
+    if numbers:
+        # Rows are images of the axes, and the last one is the shift (section 3.3).
+        matrix[:, :3] = np.array(numbers, dtype=np.float64).reshape(4, 3)
+    return _Reference(path, item.attrib["objectid"], matrix)

@@ -1,0 +1,143 @@
+"""Mesh files in all their spellings: bodies, edges and refusals, against formulas."""
+
+import numpy as np
+import pytest
+
+import camgen
+from bench.read import meshes
+from camgen.model.errors import InputError
+from camgen.read.solid.polygons import cut_polygons
+
+BODIES = meshes.make_bodies(1)
+
+
+def read(path, data):
+    path.write_bytes(data)
+    return camgen.read(path).solid
+
+
+def area(vertices, faces):
+    first, second, third = (vertices[faces[:, k]] for k in range(3))
+    return np.cross(second - first, third - first) / 2
+
+
+@pytest.mark.parametrize("number", range(len(meshes.SPELLINGS)))
+def test_every_spelling_has_the_edges_of_the_formula(number, tmp_path):
+    spelling = meshes.SPELLINGS[number]
+    kind, text = meshes.judge(meshes.make_bodies(number), spelling, tmp_path)
+    if spelling.damaged:
+        assert kind in ("reported", "refused")
+    elif spelling.name == "unknown extension":
+        assert text.removeprefix(f"{tmp_path}/") == (
+            "part.glb: requires the extension EXT_of_somebody, which is not read; "
+            "export it again from the CAD program"
+        )
+    else:
+        assert kind == "right"
+
+
+def test_a_concave_polygon_keeps_its_area():
+    """An L of 3 squares; a fan from its first corner would cover 5."""
+    outline = [(0, 0), (2, 0), (2, 1), (1, 1), (1, 2), (0, 2)]
+    for first in range(6):
+        points = np.array([(x, y, 0.0) for x, y in outline[first:] + outline[:first]])
+        faces = cut_polygons(points, [np.arange(6)[None]]).faces
+        normals = area(points, faces)
+        assert len(faces) == 4
+        assert (normals[:, 2] > 0).all()
+        assert normals[:, 2].sum() == pytest.approx(3.0)
+
+
+def test_a_hole_behind_a_bridge_stays_open():
+    """A square of 4 with a hole of 2: the outline goes in along a bridge, round, and back."""
+    outline = [(0, 0), (4, 0), (4, 4), (0, 4), (0, 0), (1, 1), (1, 3), (3, 3), (3, 1), (1, 1)]
+    points = np.array([(x, y, 0.0) for x, y in outline])
+    faces = cut_polygons(points, [np.arange(10)[None]]).faces
+    assert area(points, faces)[:, 2].sum() == pytest.approx(16.0 - 4.0)
+
+
+def test_a_polygon_that_crosses_itself_is_left_out_by_name():
+    points = np.array([(0, 0, 0), (2, 2, 0), (2, 0, 0), (0, 1, 0)], dtype=float)
+    triangles = cut_polygons(points, [np.arange(4)[None]])
+    assert len(triangles.faces) == 0
+    assert str(triangles.notes[0]) == "skipped: 1 face left out (the outline crosses itself)"
+
+
+@pytest.mark.parametrize(
+    ("name", "data", "message"),
+    [
+        ("a.stl", meshes.write_stl(BODIES)[:-60], "the file is cut off (facet"),
+        ("a.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 0\n", "a face names vertex 0"),
+        ("a.obj", b"v 0 0 0\nv 1 0 0\nf 1 2 -3\n", "a face names a vertex that is not there"),
+        ("a.off", b"4OFF\n0 0 0\n", "is 4OFF, which is not read"),
+        ("a.off", b"OFF\n3 2 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n", "it ends before its last face"),
+        ("a.ply", meshes.write_ply(BODIES, "<")[:-3], "buffer is smaller than requested size"),
+    ],
+)
+def test_damage_is_refused_in_one_line(name, data, message, tmp_path):
+    with pytest.raises(InputError) as error:
+        read(tmp_path / name, data)
+    assert message in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def write_model(resources, items, more=""):
+    head = f'<model unit="millimeter" {meshes._CORE} {meshes._PRODUCTION} {more}>'
+    return f"{head}<resources>{resources}</resources><build>{items}</build></model>"
+
+
+BOX = meshes.make_bodies(1)[0]._replace(
+    corners=meshes.make_prism([(0, 0), (10, 0), (10, 20), (0, 20)], 30.0)[0],
+    faces=meshes.make_prism([(0, 0), (10, 0), (10, 20), (0, 20)], 30.0)[1],
+)
+
+
+def test_an_item_may_name_another_part_of_the_archive(tmp_path):
+    files = {
+        "3D/3dmodel.model": write_model(
+            "",
+            '<item p:path="/3D/A.model" objectid="1"/>'
+            '<item p:path="/3D/A.model" objectid="1" transform="-1 0 0 0 1 0 0 0 1 -5 0 0"/>',
+        ),
+        "3D/A.model": write_model(meshes.write_object(BOX, 1) + meshes.write_object(BOX, 2), ""),
+    }
+    solid = read(tmp_path / "a.3mf", meshes.pack_3mf(files))
+    # The second box is mirrored from x 0 to 10 to x -15 to -5.
+    assert np.ptp(solid.vertices, axis=0).tolist() == [25.0, 20.0, 30.0]
+    assert len(solid.edges) == 24
+    assert all(edge.convex for edge in solid.edges)
+
+
+def test_components_that_contain_each_other_are_refused(tmp_path):
+    loop = (
+        '<object id="1"><components><component objectid="2"/></components></object>'
+        '<object id="2"><components><component objectid="1"/></components></object>'
+    )
+    files = {"3D/3dmodel.model": write_model(loop, '<item objectid="1"/>')}
+    with pytest.raises(InputError, match="components contain each other"):
+        read(tmp_path / "a.3mf", meshes.pack_3mf(files))
+
+
+def test_a_required_extension_is_refused_by_name(tmp_path):
+    lattice = 'xmlns:b="http://schemas.microsoft.com/3dmanufacturing/beamlattice/2017/02"'
+    model = write_model(
+        meshes.write_object(BOX, 1), '<item objectid="1"/>', f'{lattice} requiredextensions="b"'
+    )
+    with pytest.raises(InputError) as error:
+        read(tmp_path / "a.3mf", meshes.pack_3mf({"3D/3dmodel.model": model}))
+    assert "beamlattice/2017/02, which is not read" in str(error.value)
+
+
+def test_a_support_of_a_build_is_left_out_by_name(tmp_path):
+    support = meshes.write_object(BOX, 2).replace('type="model"', 'type="support"')
+    items = '<item objectid="1"/><item objectid="2" transform="1 0 0 0 1 0 0 0 1 50 0 0"/>'
+    model = write_model(meshes.write_object(BOX, 1) + support, items)
+    solid = read(tmp_path / "a.3mf", meshes.pack_3mf({"3D/3dmodel.model": model}))
+    assert len(solid.edges) == 12
+    assert any("1 object of the build left out" in note.what for note in solid.notes)
+
+
+def test_instances_of_a_glb_are_refused_though_they_are_optional(tmp_path):
+    data = meshes.write_glb([BOX], "EXT_mesh_gpu_instancing")
+    with pytest.raises(InputError, match="has instances of meshes, the extension EXT_mesh_gpu"):
+        read(tmp_path / "a.glb", data)
