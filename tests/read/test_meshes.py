@@ -67,7 +67,11 @@ def test_a_polygon_that_crosses_itself_is_left_out_by_name():
     ("name", "data", "message"),
     [
         ("a.stl", meshes.write_stl(BODIES)[:-60], "the file is cut off (facet"),
-        ("a.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 0\n", "a face names vertex 0"),
+        (
+            "a.obj",
+            b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 0\n",
+            "a face names a vertex that is not there",
+        ),
         ("a.obj", b"v 0 0 0\nv 1 0 0\nf 1 2 -3\n", "a face names a vertex that is not there"),
         ("a.off", b"4OFF\n0 0 0\n", "is 4OFF, which is not read"),
         ("a.off", b"OFF\n3 2 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n", "it ends before its last face"),

@@ -9,6 +9,7 @@ import numpy as np
 from camgen.model.part import IntArray
 from camgen.model.pose import FloatArray
 from camgen.read.solid.polygons import Triangles, check_numbers, cut_polygons
+from camgen.read.solid.rows import read_equal_rows, read_table
 from camgen.read.solid.unread import UnreadShape
 
 #: The head: texture coordinates, colours and normals may stand behind the coordinates of a vertex.
@@ -21,29 +22,38 @@ def read_off(data: bytes) -> tuple[FloatArray, Triangles]:
 
     Raises ValueError for a file that is damaged, UnreadShape for another dimension.
     """
-    text = data.decode("latin-1")
-    rows = [row for line in text.split("\n") if (row := line.partition("#")[0].split())]
-    head = _HEAD.fullmatch(rows[0][0]) if rows else None
+    lines = (line.partition("#")[0].strip() for line in data.decode("latin-1").split("\n"))
+    rows = list(filter(None, lines))
+    words = rows[0].split() if rows else [""]
+    head = _HEAD.fullmatch(words[0])
     if head is None:
         raise ValueError("the head OFF is missing")
-    if head[4] or head[5] or "BINARY" in rows[0]:
-        raise UnreadShape(
-            f"is {' '.join(rows[0])}, which is not read: three coordinates in text are"
-        )
-    rows[0] = rows[0][1:]
-    rows = [row for row in rows if row]
-    if not rows or len(rows[0]) < 2:
+    if head[4] or head[5] or "BINARY" in words:
+        raise UnreadShape(f"is {rows[0]}, which is not read: three coordinates in text are")
+    # The numbers may stand behind the head or in the next line.
+    rows = rows[1:] if len(words) == 1 else [" ".join(words[1:]), *rows[1:]]
+    counts = rows[0].split() if rows else []
+    if len(counts) < 2:
         raise ValueError("the numbers of vertices and faces are missing")
-    count, faces = int(rows[0][0]), int(rows[0][1])
+    count, faces = int(counts[0]), int(counts[1])
     if len(rows) < 1 + count + faces:
         raise ValueError("it ends before its last face")
-    vertices = np.array([row[:3] for row in rows[1 : 1 + count]], dtype=np.float64).reshape(-1, 3)
-    by_size: dict[int, list[list[int]]] = {}
-    for row in rows[1 + count : 1 + count + faces]:
-        size = int(row[0])
-        if len(row) <= size:
-            raise ValueError("a face has fewer vertices than it says")
-        by_size.setdefault(size, []).append([int(word) for word in row[1 : 1 + size]])
-    polygons: list[IntArray] = [np.array(rows) for n, rows in by_size.items() if n >= _TRIANGLE]
+    vertices = read_table(rows[1 : 1 + count], 3)
+    polygons = _read_faces(rows[1 + count : 1 + count + faces])
     check_numbers(polygons, len(vertices))
     return vertices, cut_polygons(vertices, polygons)
+
+
+def _read_faces(rows: list[str]) -> list[IntArray]:
+    """The faces as tables of vertices, by their number of corners."""
+    table = read_equal_rows(rows) if rows else None
+    if table is not None and (table[:, 0] == table.shape[1] - 1).all():
+        return [table[:, 1:]]
+    by_size: dict[int, list[list[int]]] = {}
+    for row in rows:
+        size, *numbers = row.split()
+        corners = [int(number) for number in numbers[: int(size)]]
+        if len(corners) < int(size):
+            raise ValueError("a face has fewer vertices than it says")
+        by_size.setdefault(len(corners), []).append(corners)
+    return [np.array(table) for size, table in by_size.items() if size >= _TRIANGLE]

@@ -5,12 +5,14 @@ Sources: 3MF Core Specification 1.3, sections 3 and 4; 3MF Production Extension 
 
 from __future__ import annotations
 
+import re
 from io import BytesIO
+from operator import attrgetter, itemgetter
 from xml.etree import ElementTree
 from zipfile import ZipFile
 
 import numpy as np
-from msgspec import Struct, field
+from msgspec import Struct
 
 from camgen.model.part import IntArray, Note
 from camgen.model.pose import FloatArray
@@ -32,6 +34,8 @@ _KNOWN = frozenset(
 _PATH = f"{{{_PRODUCTION}}}path"
 #: Types of objects that do not belong to the model (core specification, section 4.1).
 _BESIDE = ("support", "solidsupport", "other")
+#: The namespaces of a model part, and the bytes in which its first element ends.
+_SPACES, _HEAD = re.compile(r"xmlns:([\w.-]+)\s*=\s*[\"']([^\"']+)"), 10_000
 #: Components within components.
 _DEEPEST = 50
 
@@ -44,22 +48,22 @@ class _Reference(Struct, frozen=True):
     transform: FloatArray
 
 
-class _Object(Struct):
+class _Object(Struct, frozen=True, eq=False):
     vertices: FloatArray
     faces: IntArray
-    type: str = "model"
-    components: list[_Reference] = field(default_factory=list)
+    type: str
+    components: list[_Reference]
 
 
-class _Part(Struct):
+class _Part(Struct, frozen=True):
     """A model part.
 
     objects: its objects by id. Two parts may use the same id.
     """
 
     unit: str
-    objects: dict[str, _Object] = field(default_factory=dict)
-    items: list[_Reference] = field(default_factory=list)
+    objects: dict[str, _Object]
+    items: list[_Reference]
 
 
 class Bodies(Struct, frozen=True, eq=False):
@@ -144,27 +148,14 @@ def _read_part(data: bytes, name: str) -> _Part:
     """The objects and items of a model part."""
     if b"<!DOCTYPE" in data:
         raise ValueError("it has a document type, which no model has")
-    spaces: dict[str, str] = {}
-    part = _Part("millimeter")
-    inside: list[ElementTree.Element] = []
-    for event, item in ElementTree.iterparse(BytesIO(data), ("start-ns", "start", "end")):
-        if event == "start-ns":
-            spaces[item[0]] = item[1]
-            continue
-        kind = item.tag.rpartition("}")[2]
-        if event == "start":
-            inside.append(item)
-            if kind == "model":
-                part.unit = item.get("unit", "millimeter")
-                _insist_on_known(item.get("requiredextensions", ""), spaces)
-            continue
-        inside.pop()
-        if kind == "object":
-            part.objects[item.attrib["id"]] = _read_object(item, name)
-            item.clear()
-        elif kind == "item":
-            part.items.append(_read_reference(item, name))
-    return part
+    model = ElementTree.fromstring(data)
+    spaces = dict(_SPACES.findall(data[:_HEAD].decode("latin-1")))
+    _insist_on_known(model.get("requiredextensions", ""), spaces)
+    return _Part(
+        model.get("unit", "millimeter"),
+        {item.attrib["id"]: _read_object(item, name) for item in model.iter(f"{{{_CORE}}}object")},
+        [_read_reference(item, name) for item in model.iter(f"{{{_CORE}}}item")],
+    )
 
 
 def _insist_on_known(required: str, spaces: dict[str, str]) -> None:
@@ -176,14 +167,10 @@ def _insist_on_known(required: str, spaces: dict[str, str]) -> None:
 
 
 def _read_object(item: ElementTree.Element, name: str) -> _Object:
-    vertices = [
-        (row.attrib["x"], row.attrib["y"], row.attrib["z"])
-        for row in item.iter(f"{{{_CORE}}}vertex")
-    ]
-    faces = [
-        (row.attrib["v1"], row.attrib["v2"], row.attrib["v3"])
-        for row in item.iter(f"{{{_CORE}}}triangle")
-    ]
+    points = map(attrgetter("attrib"), item.iter(f"{{{_CORE}}}vertex"))
+    vertices = list(map(itemgetter("x", "y", "z"), points))
+    triangles = map(attrgetter("attrib"), item.iter(f"{{{_CORE}}}triangle"))
+    faces = list(map(itemgetter("v1", "v2", "v3"), triangles))
     table = np.array(faces, dtype=np.int64).reshape(-1, 3)
     if len(table) and (table.min() < 0 or table.max() >= len(vertices)):
         raise ValueError("a triangle names a vertex that is not there")
