@@ -64,6 +64,23 @@ class Frames(Struct, frozen=True, eq=False):
     base_from_work: Pose | None = None
 
 
+def carry_pose(pose: Pose, then: Frames, now: Frames) -> Pose | None:
+    """A pose of one tool in one work object as the pose of another tool in another, with the arm in the same place.
+
+    None if a frame is not known.
+    """
+    flange = pose
+    if then.tool != now.tool or then.flange_from_tool is not now.flange_from_tool:
+        if then.flange_from_tool is None or now.flange_from_tool is None:
+            return None
+        flange = pose @ then.flange_from_tool.inverse() @ now.flange_from_tool
+    if then.work == now.work and then.base_from_work is now.base_from_work:
+        return flange
+    if then.base_from_work is None or now.base_from_work is None:
+        return None
+    return now.base_from_work.inverse() @ then.base_from_work @ flange
+
+
 class Assumption(Struct, frozen=True):
     """What a program asked for that no text holds, and what was taken: an input, a wait, a question to the operator.
 
@@ -92,14 +109,18 @@ class Ask(Struct, frozen=True):
 
 
 class Executed(Struct, frozen=True, eq=False):
-    """What a program does when it is run once.
+    """The effect of a program that is run once.
 
-    body: (N) motions to poses in the work frame in force or to joint values, outputs, waits, stops. lines: (N) 1-based,
-    counted through all files. frames: those used, in order; frame: (N) the place in ``frames`` of those in force, empty
-    where there is at most one. findings: in order of line. assumed: likewise, each told once. facts: label and text
-    of what else stands in the program and moves nothing. lost: line and text of what the program does and the body
-    does not: what was left out, or stands for what nobody knows; no other machine runs such a body. stopped: line and
-    reason where it could not be run to its end.
+    body: (N) motions to poses in the work frame in force or to joint values, outputs, waits, stops.
+    lines: (N) line of each instruction, from 1 through all files.
+    frames: frames that are used, in order.
+    frame: (N) index in `frames` of the frames in force, empty if there is at most one.
+    findings: findings in order of line.
+    assumed: assumptions in order of line, each once.
+    facts: label and text of facts that move nothing.
+    lost: line and text of effects without which no other machine may run the body.
+    omitted: line and text of effects that another machine does without, such as accelerations.
+    stopped: line and reason where the run ended too early, None if it ended as the text says.
     """
 
     body: Sequence[Instruction]
@@ -110,6 +131,7 @@ class Executed(Struct, frozen=True, eq=False):
     assumed: tuple[Assumption, ...] = ()
     facts: tuple[tuple[str, str], ...] = ()
     lost: tuple[tuple[int, str], ...] = ()
+    omitted: tuple[tuple[int, str], ...] = ()
     stopped: tuple[int, str] | None = None
 
 
@@ -196,6 +218,7 @@ _EXECUTED = {
     "assumed": be_each(tuple, _ASSUMPTION, "a tuple of Assumption"),
     "facts": be(tuple, "a tuple of pairs of texts"),
     "lost": be(tuple, "a tuple of lines with texts"),
+    "omitted": be(tuple, "a tuple of lines with texts"),
 }
 
 

@@ -250,9 +250,12 @@ def arc(
         )
     middle = _half_way(start.origin, center, axis, sweep)
     if sweep <= _PIECE and math.dist(middle, via.origin) <= _HALF_WAY:
-        item = MoveC(Pose(via.rotation, via.origin), Pose(end.rotation, end.origin), machine.speed(speed)[0], blend,
-                     *machine.pressing, posture=posture_of(end)[0])  # fmt: skip
-        machine.move(item, blend > 0 and not at_once, *bases)
+        mm_s, share = machine.speed(speed)
+        middle_pose, end_pose = Pose(via.rotation, via.origin), Pose(end.rotation, end.origin)
+        item = MoveC(
+            middle_pose, end_pose, mm_s, blend, *machine.pressing, posture=posture_of(end)[0]
+        )
+        machine.move(machine.pace(item, share, *bases), blend > 0 and not at_once, *bases)
     else:
         _turn(run, start, end, center, axis, sweep, (speed, blend, at_once))
     machine.figure = said
@@ -277,7 +280,7 @@ def _turn(
     machine = run.machine
     base = start.base if isinstance(start, Placed) else ""
     speed, blend, at_once = manner
-    mm_s, _ = machine.speed(speed)
+    mm_s, share = machine.speed(speed)
     pieces = max(1, math.ceil(abs(sweep) / _PIECE))
     posture = posture_of(end)[0]
 
@@ -292,7 +295,7 @@ def _turn(
         goal = Pose(end.rotation, end.origin) if last else at((k + 1) / pieces)
         item = MoveC(at((k + 0.5) / pieces), goal, mm_s, blend if last else 0.0, *machine.pressing,
                      posture=posture if last else None)  # fmt: skip
-        machine.move(item, last and blend > 0 and not at_once, base)
+        machine.move(machine.pace(item, share, base), last and blend > 0 and not at_once, base)
 
 
 def rotate(run: Running, op: Op) -> None:

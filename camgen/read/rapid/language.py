@@ -74,6 +74,7 @@ def _answer(machine: Machine, stopped: tuple[int, str] | None) -> Executed:
         assumed=tuple(sorted(machine.assumed.values(), key=lambda one: one.line)),
         facts=tuple((label, _list(texts)) for label, texts in machine.facts.items() if label),
         lost=tuple((line, what) for what, line in machine.lost.items()),
+        omitted=tuple((line, what) for what, line in machine.omitted.items()),
         stopped=stopped,
     )
 

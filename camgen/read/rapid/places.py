@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 from camgen.model.pose import Pose, quaternion, translation
-from camgen.read.programs import Frames
+from camgen.read.programs import Frames, carry_pose
 
 from .machine import Machine
 from .tokens import Wrong
@@ -132,18 +132,7 @@ def see_pose(machine: Machine) -> Pose | None:
         return _put(machine, here.joints, machine.frames[machine.frame])
     if here.pose is None or here.frame == machine.frame:
         return here.pose
-    then, now = machine.frames[here.frame], machine.frames[machine.frame]
-    if then.tool == now.tool and then.flange_from_tool is None and now.flange_from_tool is None:
-        flange = here.pose
-    elif then.flange_from_tool is None or now.flange_from_tool is None:
-        return None
-    else:
-        flange = here.pose @ then.flange_from_tool.inverse() @ now.flange_from_tool
-    if then.work == now.work and then.base_from_work is now.base_from_work:
-        return flange
-    if then.base_from_work is None or now.base_from_work is None:
-        return None
-    return now.base_from_work.inverse() @ then.base_from_work @ flange
+    return carry_pose(here.pose, machine.frames[here.frame], machine.frames[machine.frame])
 
 
 def see_joints(

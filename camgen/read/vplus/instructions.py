@@ -13,7 +13,7 @@ from .text import Statement
 
 #: They move nothing and change nothing that is told: text, files, tasks, cameras, the pendant.
 SILENT = frozenset(
-    """ABORT AIO.OUT BELT CALIBRATE CLEAR.EVENT CLR.EVENT CYCLE.END DEF.DIO DEFBELT DETACH DURATION FCLOSE FCMND
+    """ABORT AIO.OUT BELT CALIBRATE CLEAR.EVENT CLR.EVENT CYCLE.END DEF.DIO DEFBELT DETACH FCLOSE FCMND
     FDELETE FDIRECTORY FEMPTY FOPEN FOPENA FOPENR FOPENW FOPEND FSEEK FSET GARC GCHAIN GCLEAR GCLIP GCOLOR GCOPY
     GFLOOD GGETLINE GICON GLINE GLINES GLOGICAL GMODE GPANEL GPOINT GRECTANGLE GSCAN GSLIDE GTEXTURE GTRANS GTYPE
     IGNORE INSTALL INT.EVENT INTOFF INTON IOPUT IOGET KEYMODE KILL LATCH LOCK MC MCS MODULE NOOP PACK PAYLOAD
@@ -33,7 +33,8 @@ DOES: Mapping[str, Callable[[Robot, Statement], None]] = {
     "ACCEL": Robot.accel, "ALIGN": Robot.elsewhere, "APPRO": Robot.appro, "APPROS": Robot.appro, "BASE": Robot.base,
     "BITS": Robot.set_bits, "BRAKE": Robot.brake, "BREAK": Robot.brake, "CPOFF": Robot.path, "CPON": Robot.path,
     "DECOMPOSE": Robot.decompose, "DELAY": Robot.delay, "DEPART": Robot.depart, "DEPARTS": Robot.depart,
-    "DISABLE": Robot.switch, "DRIVE": Robot.drive, "ENABLE": Robot.switch, "JMOVE": Robot.jmove, "MOVE": Robot.move,
+    "DISABLE": Robot.switch, "DRIVE": Robot.drive, "DURATION": Robot.duration,
+    "ENABLE": Robot.switch, "JMOVE": Robot.jmove, "MOVE": Robot.move,
     "MOVES": Robot.move, "MOVEST": Robot.move, "MOVET": Robot.move, "NEST": Robot.elsewhere, "PAUSE": Robot.stop,
     "READY": Robot.elsewhere, "RESET": Robot.reset, "SIGNAL": Robot.signal, "SPEED": Robot.speed,
     "TOOL": Robot.set_tool,

@@ -288,6 +288,16 @@ class Robot(Surroundings):
                 return 100.0, "%", 100.0, "ALWAYS" in rest.upper()
             raise
 
+    def duration(self, statement: Statement) -> None:
+        """``DURATION``: the least time, s, of the next motion, with ``ALWAYS`` of all."""
+        text = Expression(statement.rest, self)
+        seconds = text.logic()
+        always = text.accept("ALWAYS")
+        text.finish()
+        if not 0 <= seconds <= _MOST:
+            raise Impossible(f"a motion in {seconds:g} s")
+        self.set_duration(seconds, bool(always))
+
     def configure(self, statement: Statement) -> None:
         """A posture word: in force from the next motion on, and instead of the one that it excludes."""
         if statement.rest and statement.rest.upper() != "ALWAYS":
@@ -455,6 +465,7 @@ class Robot(Surroundings):
     def forget(self) -> None:
         """As if nothing had been done."""
         del self.body[:], self.lines[:], self.frames[:], self.bases[:], self.tool[:], self.tools[1:]
+        self.durations.clear()
         self._last, self._moving, self._hand, self._held, self.detached = (
             None,
             False,
