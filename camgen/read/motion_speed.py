@@ -54,9 +54,15 @@ def measure_line(start: Pose, target: Pose) -> Extent:
     return Extent(length, angle_between(start.rotation, target.rotation))
 
 
-def measure_arc(start: Pose, via: Pose, target: Pose) -> Extent:
-    """The extent of an arc. Its chord where the three points are on one line."""
+def measure_arc(start: Pose, via: Pose, target: Pose, *, turns_by_via: bool = False) -> Extent:
+    """The extent of an arc, that of its chord if the three points are on one line.
+
+    turns_by_via: whether the tool turns by way of the orientation of the via point.
+    """
     straight = measure_line(start, target)
+    if turns_by_via:
+        angle = measure_line(start, via).angle + measure_line(via, target).angle
+        straight = Extent(straight.length, angle)
     try:
         _, radius, _, sweep = circle(start.origin, via.origin, target.origin)
     except ValueError:

@@ -112,6 +112,7 @@ class Machine:
     displaced: Pose | None = None
     speed_override: float = 1.0
     speed_most: float = 0.0
+    passes_circle_point: bool = False  # whether arcs turn by way of the circle point
     blending: int = 0  # line of the last motion, where it blends and nothing was switched since
     changes: int = 0  # how often data have been given another value
     version: int = 0  # how often records have

@@ -16,13 +16,14 @@ from camgen.model.instructions import Force, Joints, MoveC, MoveJ, MoveL, Output
 from camgen.model.pose import Pose, Vec3, frozen, rotation_between, to_vec3
 from camgen.read.motion_speed import Limit, limit_speed, measure_arc, measure_line
 
+from .effects import LOST_OPTIONS, OMITTED_OPTIONS, READ_OPTIONS, SILENT_OPTIONS
 from .functions import name_of
 from .machine import Here, Machine
 from .places import WORST_NORM, choose_frame, pose_of, see_pose
 from .tokens import Wrong
 from .tree import Call, Expr, Inline
 from .values import Unknown, Value, find_unknown
-from .ways import is_half_turn, judge_arc, split_arc
+from .ways import is_half_turn, judge_arc, split_arc, split_at_circle_point
 
 #: mm/s where the text gives no speed that is one.
 _SLOWEST = 0.01
@@ -34,7 +35,6 @@ _USUAL_TURN = 500.0
 #: mm: z0, a corner so small that the tool is where it should be.
 _NO_CORNER = 0.3
 _MOST_REMEMBERED = 10_000
-_SENSED = frozenset(("corr", "track"))
 _LIKE_PREDEFINED = re.compile(r"[vz][0-9]+", re.IGNORECASE)
 
 
@@ -193,12 +193,32 @@ def _bind(
     machine.frame = choose_frame(machine, tool, options.get("wobj"), form.kind == "abs")
     mm_s, rad_s = _speed(machine, form, call, machine.value(speed), options)
     seconds = _read_time(machine, call, options)
-    for name in _SENSED & options.keys():
-        machine.tell("sensor", f"corrects the path where \\{name} says so; shown as programmed")
+    _judge_options(machine, form, call)
     blend = (
         0.0 if zone is None or "inpos" in options else _blend(machine, machine.value(zone), options)
     )
     return Bound(mm_s, rad_s, blend, machine.frame, seconds)
+
+
+def _judge_options(machine: Machine, form: Form, call: Call) -> None:
+    """Notes the options of a motion that the body does not have."""
+    for name, _ in call.options:
+        if name in LOST_OPTIONS:
+            machine.lose(f"{call.name} \\{name}: {LOST_OPTIONS[name]}")
+        elif name in OMITTED_OPTIONS:
+            machine.omit(f"{call.name} \\{name}: {OMITTED_OPTIONS[name]}")
+        elif not _is_read(form, name):
+            machine.omit(f"{call.name} \\{name}: an argument that is not read")
+
+
+def _is_read(form: Form, name: str) -> bool:
+    """Whether an option of a motion is read, or has no effect."""
+    if name in READ_OPTIONS or name in SILENT_OPTIONS:
+        return True
+    if form.process == "force":
+        return name in ("fx", "fy", "fz")
+    values = ("value", "dvalue") if form.after else ()
+    return name in values or bool(form.trigg and re.fullmatch(r"t\d", name))
 
 
 def _speed(
@@ -430,7 +450,11 @@ def _emit_arc(
         return
     if remark:
         machine.find_once("unusual", remark, remark)
-    points = split_arc(start, via, target)
+    points = (
+        split_at_circle_point(start, via, target)
+        if machine.passes_circle_point
+        else split_arc(start, via, target)
+    )
     for k in range(0, len(points), 2):
         last = k + 2 >= len(points)
         end = target if last else points[k + 1]
@@ -446,7 +470,11 @@ def _pace(machine: Machine, name: str, bound: Bound, via: Pose | None, target: P
         if bound.seconds:
             machine.omit(f"{name} \\T:={bound.seconds:g}: where it begins is not known")
         return replace(bound, turn=0.0, seconds=0.0)
-    extent = measure_line(start, target) if via is None else measure_arc(start, via, target)
+    if via is None:
+        extent = measure_line(start, target)
+    else:
+        by_via = machine.passes_circle_point
+        extent = measure_arc(start, via, target, turns_by_via=by_via)
     speed, turn = limit_speed(extent, bound.limit)
     return replace(bound, speed=speed, turn=turn, seconds=0.0)
 

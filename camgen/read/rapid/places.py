@@ -92,7 +92,10 @@ def _tool_frame(machine: Machine, name: str, value: Value) -> Pose | None:
         return None
     _tell_mass(machine, name, value)
     if value[0] is False:
-        machine.tell("held", f"{name} stands still, the robot holds the work")
+        machine.lose(
+            f"the tool {name} stands still, and the robot holds the work: the arm has to move the "
+            "other way; teach it with the tool on the robot"
+        )
         return None
     return pose_of(machine, value[1])
 
@@ -114,10 +117,16 @@ def _work_frame(machine: Machine, name: str, value: Value) -> Pose | None:
         return None
     held, fixed, unit, user, part = value
     if held is True:
-        machine.tell("held", f"{name} is held by the robot")
+        machine.lose(
+            f"the work object {name} is held by the robot: the arm has to move the other way; "
+            "teach it with the tool on the robot"
+        )
         return None
     if fixed is False or unit:
-        machine.tell("moved", f"{name} is moved by {unit or 'another unit'}")
+        machine.lose(
+            f"the work object {name} is moved by {unit or 'another unit'}: its place is not known; "
+            "teach it in one that stands"
+        )
         return None
     return pose_of(machine, user) @ pose_of(machine, part)
 
