@@ -44,6 +44,26 @@ Level = Literal["refused", "dangerous", "unusual"]
 LEVELS: tuple[Level, ...] = ("refused", "dangerous", "unusual")
 
 
+#: The byte order mark of UTF-8, as a character and as its bytes in Latin-1; and those of UTF-16.
+_MARKS, _WIDE_MARKS = ("\ufeff", "\xef\xbb\xbf"), (b"\xff\xfe", b"\xfe\xff")
+
+
+def strip_mark(text: str) -> str:
+    """The text without a byte order mark at its beginning."""
+    for mark in _MARKS:
+        text = text.removeprefix(mark)
+    return text
+
+
+def find_text_fault(data: bytes) -> str:
+    """The reason why the bytes of a file cannot be read as text, empty without one."""
+    if data.startswith(_WIDE_MARKS):
+        return "is UTF-16, which no controller reads"
+    if b"\0" in data:
+        return "is not a text"
+    return "" if data.strip() else "is empty"
+
+
 class Finding(Struct, frozen=True):
     """Something about a line of a program. line: 1-based, counted through all files in order. what: with its reason."""
 

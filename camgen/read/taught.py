@@ -41,7 +41,15 @@ from camgen.model.program import (
     Wait,
 )
 from camgen.model.text import counted, short
-from camgen.read.programs import Ask, Executed, Frames, Places, find_language, rename_outputs
+from camgen.read.programs import (
+    Ask,
+    Executed,
+    Frames,
+    Places,
+    find_language,
+    find_text_fault,
+    rename_outputs,
+)
 from camgen.read.recorded import ProgramRun, Recorded
 
 Reach = Callable[[Sequence[float]], Pose | None]
@@ -189,10 +197,10 @@ def inspect(source: Source, language: str) -> TaughtFacts:
 def text_of(source: Source) -> str:
     """The program as text with LF line ends. InputError for what is none."""
     data = source.data
-    if not data.strip() or b"\0" in data:
-        what = "is empty" if not data.strip() else "is not a text"
+    fault = find_text_fault(data)
+    if fault:
         raise InputError(
-            source.name, what, remedy="give the program as the controller saves it as text"
+            source.name, fault, remedy="give the program as the controller saves it as text"
         )
     return data.decode("latin-1").replace("\r\n", "\n").replace("\r", "\n")
 

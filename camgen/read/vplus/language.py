@@ -17,7 +17,7 @@ from camgen.model.pose import Pose
 from camgen.model.program import Columns, Instruction, MoveJ, MoveL, splice
 from camgen.read.beside import sum_up
 from camgen.read.motion_speed import Limit, pace_motion
-from camgen.read.programs import Ask, Executed, Frames, Language, carry_pose
+from camgen.read.programs import Ask, Executed, Frames, Language, carry_pose, strip_mark
 
 from .asked import Notes
 from .check import check_rest
@@ -53,6 +53,7 @@ _THEIRS = re.compile(
 
 def recognise(text: str) -> bool:
     """Whether the beginning of a text is surely V+."""
+    text = strip_mark(text)
     if not _SURE.search(text) or _THEIRS.search(text):
         return False
     return _OURS.search(text) is not None
@@ -61,6 +62,7 @@ def recognise(text: str) -> bool:
 def run(files: Mapping[str, str], ask: Ask) -> Executed:
     """What the programs in ``files`` do from their entry on."""
     notes = Notes()
+    files = {name: strip_mark(text) for name, text in files.items()}
     beside = find_data(files)
     routines, data = read_files(files, beside, notes.refuse, notes.odd)
     values = {**read_points(ask.points, notes), **read_values(data, notes)}
