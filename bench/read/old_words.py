@@ -16,7 +16,7 @@ stands in double braces, and is left out alone.
 A word has one of four outcomes:
 
 - carried: the two programs differ in an instruction, a comment does not count;
-- reported: a note of the build names the word, or the line of its statement;
+- reported: a note of the build, which is not there without the word, names it or its line;
 - refused: the build ends with exit code 2 and one line;
 - silent: none of these. Exit code 0, and motion, time and outputs equal those without the word.
 
@@ -269,14 +269,16 @@ def judge(row: Row, number: int, seed: int, folder: Path) -> Outcome:
     except camgen.CamgenError as error:
         return Outcome(row, "refused", str(error))
     try:
-        plain, _ = _build(write_program(row.language, number, seed, rest), row.language, folder)
+        plain, plain_notes = _build(
+            write_program(row.language, number, seed, rest), row.language, folder
+        )
     except camgen.CamgenError:
         return Outcome(row, "carried", "without the word the program is refused")
     if instructions != plain:
         return Outcome(row, "carried", "")
     lines = [k for k, line in enumerate(text.splitlines(), start=1) if line.strip() in parts]
     places = re.compile(rf"\bline ({'|'.join(map(str, lines))})\b")
-    for note in notes.splitlines():
+    for note in sorted(set(notes.splitlines()) - set(plain_notes.splitlines())):
         if named.search(note) or places.search(note):
             return Outcome(row, "reported", note)
     return Outcome(row, "silent", "")

@@ -20,7 +20,7 @@ from camgen.model.job import Job
 from camgen.model.part import Note
 from camgen.model.path import ToolPath, waypoints
 from camgen.model.pose import Pose, frozen, to_vec3
-from camgen.model.program import Instruction, Joints, Motion, MoveC, MoveJ, MoveL
+from camgen.model.program import Columns, Instruction, Joints, Motion, MoveC, MoveJ, MoveL
 from camgen.model.text import counted
 from camgen.plan import ReplayPlan
 from camgen.plan.unused import no_idle
@@ -55,6 +55,12 @@ def plan_taught(part: Taught, job: Job, cell: Cell | None) -> ReplayPlan:
         what = f"{count} without the speed at which the tool turns"
         why = "joint motions of this controller have none; with cell.robot they get a share"
         notes.append(Note("skipped", what, why))
+    columns = Columns(body)
+    unstated = int((columns.turned & (columns.turn == 0)).sum())
+    if unstated:
+        turns = counted(unstated, "motion only turns", "motions only turn")
+        what = f"{turns} the tool: at {job.process.turn:g} deg/s"
+        notes.append(Note("assumed", what, "the text states no speed of turning for them"))
     run = replace(part.run, body=tuple(body), lines=tuple(lines))
     paths, travel = paths_of(body, lines)
     every = (*part.notes, *notes, *_tell_frames(part, job))

@@ -1,4 +1,4 @@
-"""Byte order marks: programs with the mark of UTF-8 are read, with UTF-16 refused in one line."""
+"""Byte order marks: UTF-8 is read with one, UTF-16 is refused in one line."""
 
 from pathlib import Path
 
@@ -16,7 +16,7 @@ TEXTS = {
 ENDMODULE
 """,
     "vplus": ".PROGRAM a()\n; D\u00fcse\nMOVES TRANS(350,0,250,0,180,0)\n.END\n",
-    "pacscript": "Sub Main\n  ' D\u00fcse\n  TakeArm\n  Move P, @0 P(300, 0, 250, 180, 0, 0)\nEnd Sub\n",
+    "pacscript": "Sub Main\n  ' D\u00fcse\n  TakeArm\n  Move P, @0 P(300, 0, 250)\nEnd Sub\n",
 }
 SUFFIXES = {"rapid": "mod", "vplus": "v2", "pacscript": "pcs"}
 

@@ -222,3 +222,38 @@ ENDMODULE
     result = camgen.build(file, post=post, name="turn")
     assert words in "".join(each.text for each in result.files)
     assert result.cycle.total > 12
+
+
+def test_a_value_that_the_text_does_not_hold_changes_no_speed_in_silence():
+    statements = [
+        "VelSet nOverride,500;",
+        "MoveL " + point(30) + ",v100,z10\\Z:=nZone,tA\\WObj:=wA;",
+        line(60, "v100\\T:=nTime", DOWN),
+    ]
+    executed = run_rapid(*statements)
+    assert [what for _, what in executed.omitted] == [
+        "velset: a value that is not known (nOverride): the speeds stay",
+        "movel \\T: the time is not known (nTime)",
+    ]
+    assumed = [assumption.what for assumption in executed.assumed]
+    assert assumed == ["a zone is not known (nZone): a stop is taken"]
+
+
+@pytest.mark.parametrize("values", ["0,500", "50,0", "-10,500"])
+def test_speeds_of_nothing_are_refused(values: str) -> None:
+    executed = run_rapid(f"VelSet {values};")
+    assert [finding.level for finding in executed.findings] == ["refused"]
+
+
+def test_a_turn_without_a_speed_is_a_note(tmp_path: Path) -> None:
+    """Mps is a speed of the TCP, and says nothing of a turn on the spot."""
+    file = tmp_path / "turn.pcs"
+    file.write_text(
+        "Sub Main\n  TakeArm Keep = 1\n  Tool 1, P(0, 0, 100)\n  ChangeTool 1\n"
+        "  Move P, @0 P(350, 0, 250, 180, 0, 0)\n"
+        "  Move L, @0 P(350, 0, 250, 150, 0, 0), Speed = Mps(20)\nEnd Sub\n"
+    )
+    result = camgen.build(file, post="rapid", job={"operation": {"taught_on": "VS-060"}})
+    notes = [note.what for note in result.notes]
+    assert "1 motion only turns the tool: at 60 deg/s" in notes
+    assert "t60:=[20,60,5000,1000]" in result.files[0].text

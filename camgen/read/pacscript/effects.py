@@ -51,10 +51,14 @@ LOST = by_word({
         curlmt st_setcomplinit st_setcurlmt zforce""",
     "force control moves the arm; another arm needs a program of its own": "forcechangetable",
     "an output of the hand; switch an IO": "sethandio",
+    "the robot follows a conveyor; take it out, or teach the path at rest": """
+        trackapproach trackbufferdelete trackbuffersort trackdepart trackinitialize trackmove
+        trackoffsetmargin tracksetsensor tracksetvision trackstandbypos trackstart trackstartarea
+        trackstop tracktargetoffset tracktargetrelease""",
 })  # fmt: skip
 
 #: Options of motions without an effect in the translation, by name, and their effect.
 OMITTED_OPTIONS = by_word({
     "accelerations": "accel decel",
-    "the time of the motion": "time",
+    "the time that it takes": "time",
 })  # fmt: skip

@@ -162,6 +162,10 @@ def settle(run: Running, op: Op) -> None:
         evaluate(run, node)
     if op.do == "arrive":
         run.machine.omit("Arrive: what follows happens on the way; here it waits for the motion")
+    else:
+        run.machine.state(
+            "waits", "WaitMotion waits for the motion, as all that follows one does here"
+        )
     run.machine.passing = False
 
 

@@ -206,10 +206,14 @@ def _limit_speed(machine: Machine, call: Call) -> None:
     values = [machine.number(arg) for arg in call.args]
     if len(values) != 2:
         raise Wrong(machine.line, "VelSet has a percentage and a speed")
+    unknown = find_unknown(values)
+    if unknown is not None:
+        machine.omit(f"velset: a value that is not known ({unknown.what[:60]}): the speeds stay")
+        return
     percent, most = values
-    if type(percent) is float and percent > 0:
-        machine.speed_override = percent / 100
-    machine.speed_most = most if type(most) is float else 0.0
+    if not (percent > 0 and most > 0):
+        raise Wrong(machine.line, f"VelSet {percent:g}, {most:g}: both must be positive")
+    machine.speed_override, machine.speed_most = percent / 100, most
 
 
 def _describe(machine: Machine, call: Call) -> str:

@@ -293,7 +293,10 @@ def _blend(machine: Machine, value: Value, options: dict[str, Expr | None]) -> f
     machine.fit("zonedata", value)
     if "z" in options:
         radius = machine.number(options["z"])
-        return radius if type(radius) is float and radius > 0 else 0.0
+        if isinstance(radius, Unknown):
+            machine.assume(f"a zone is not known ({radius.what[:60]}): a stop is taken")
+            return 0.0
+        return max(float(radius), 0.0)
     if find_unknown(value) is not None:
         unknown = find_unknown(value)
         machine.assume(f"a zone is not known ({_name_of(machine, unknown)}): a stop is taken")
@@ -608,7 +611,10 @@ def _press(
     else:
         count = 2 if via is not None else 1
         force = machine.number(call.args[count + 1])
-        newtons = abs(force) if type(force) is float else 1.0
+        if isinstance(force, Unknown):
+            machine.assume(f"a force to press with is not known ({force.what[:60]}): 1 N is taken")
+            force = 1.0
+        newtons = abs(force)
     assert machine.pressing is not None
     press = _direction(target, machine.pressing)
     if via is None:
