@@ -11,6 +11,7 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.geometry.arcs import arc_lengths, span_lengths
+from camgen.geometry.rotations import angles_between
 from camgen.geometry.vectors import in_blocks, lengths
 from camgen.model.part import Note, Part
 from camgen.model.path import ToolPath, Tour
@@ -68,7 +69,7 @@ def sum_up(columns: Columns) -> Motions:
     end, via, speed = columns.ends, columns.via, columns.speed
     line, arc, joint = (columns.moves_are(kind) for kind in (MoveL, MoveC, MoveJ))
     length = motion_lengths(columns)
-    seconds = exact_sum(length / speed)
+    seconds = exact_sum(np.maximum(length / speed, _turn_seconds(columns)))
     waits = math.fsum(item.seconds for item in columns.of(Wait))
     outputs: dict[str, dict[float, None]] = {}
     for item in columns.outputs:
@@ -86,6 +87,19 @@ def sum_up(columns: Columns) -> Motions:
         outputs={name: tuple(values) for name, values in outputs.items()},
         force=max((item.newtons for item in columns.of(Force)), default=0.0),
     )
+
+
+def _turn_seconds(columns: Columns) -> FloatArray:
+    """(M,) s that motions with a speed of turning take for their turn, 0 for others."""
+    seconds = np.zeros(len(columns.at))
+    motions = np.flatnonzero((columns.turn > 0) & columns.posed)
+    motions = motions[(motions > 0) & columns.posed[motions - 1]]
+    if len(motions):
+        table, rotation = columns.table, columns.rotation
+        before = np.stack([table[k] for k in rotation[motions - 1].tolist()])
+        after = np.stack([table[k] for k in rotation[motions].tolist()])
+        seconds[motions] = angles_between(before, after) / columns.turn[motions]
+    return seconds
 
 
 def motion_lengths(columns: Columns) -> FloatArray:

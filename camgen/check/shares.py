@@ -76,9 +76,9 @@ def share_joints(
     for swing in swings.tolist():
         joints = found.joints[int(ends[swing - 1]) : int(ends[swing]) + 1]
         move = columns.moves[swing]
-        share, speed, turn = move.share, move.speed, 0.0
+        share, speed, turn = move.share, move.speed, move.turn
         if not share:
-            share = _share(robot, joints, tip, speed)
+            share = _share(robot, joints, tip, speed, turn)
         is_judged = not move.share or cell.pace.turns
         if share > 0 and is_judged and math.isfinite(point):
             swing_at = _Swing(joints, tip, measure_point_speed(robot, distance, joints))
@@ -87,7 +87,9 @@ def share_joints(
                 share = limited
                 speed = min(speed, slow_down(robot, joints, tip, share))
             if cell.pace.turns:
-                speed, turn = _limit(robot, swing_at, speed, point)
+                speed, limit = _limit(robot, swing_at, speed, point)
+                turn = min(turn or limit, limit or turn)
+        turn = turn if cell.pace.turns else 0.0
         body[int(columns.at[swing])] = replace(move, share=share, speed=speed, turn=turn)
     return program.with_body(tuple(body))
 
@@ -114,13 +116,19 @@ def _limit(robot: Robot, swing: _Swing, speed: float, point: float) -> tuple[flo
     return speed, math.radians(max(degrees, 1 / _PARTS))
 
 
-def _share(robot: Robot, joints: FloatArray, tip: Vec3, speed: float) -> float:
-    """The share for a motion with joint values (R, J) on its way, 0 where the arm stands. tip: from the flange, mm."""
+def _share(robot: Robot, joints: FloatArray, tip: Vec3, speed: float, turn: float) -> float:
+    """The share for a motion with joint values (R, J) on its way, 0 where the arm stands.
+
+    tip: the TCP in the flange frame, mm.
+    speed: limit of the speed of the TCP, mm/s.
+    turn: limit of the speed at which the tool turns, rad/s, 0 without one.
+    """
     way = joints[-1] - joints[0]
     if not way.any():
         return 0.0
     moved, turning = fastest(robot, joints, tip)
-    bounds = (most / rate for most, rate in ((speed, moved), (_FASTEST_TURN, turning)) if rate > 0)
+    fastest_turn = min(turn or _FASTEST_TURN, _FASTEST_TURN)
+    bounds = (most / rate for most, rate in ((speed, moved), (fastest_turn, turning)) if rate > 0)
     return _floor(min([held_share(robot, way), *bounds]))
 
 

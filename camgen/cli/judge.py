@@ -124,6 +124,7 @@ def check_page(name: str) -> None:
 def rows_of(executed: Executed, place: Places) -> list[Row]:
     """What stands in the program beside its motions, for the summary."""
     rows = [*_frames(executed.frames), *executed.facts]
+    rows += [("left out", f"{place(line)}: {what}") for line, what in executed.omitted]
     for one in executed.assumed[:_TOLD]:
         more = f" (--assume {one.key}=VALUE)" if one.key else ""
         rows.append(("assumed", f"{place(one.line)}: {one.what}{more}"))

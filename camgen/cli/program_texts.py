@@ -7,6 +7,7 @@ from pathlib import Path
 
 from camgen.model.errors import InputError
 from camgen.read.files import Files, reason
+from camgen.read.programs import find_text_fault
 
 
 def read_texts(paths: Sequence[Path], files: Files) -> Mapping[str, str]:
@@ -17,12 +18,9 @@ def read_texts(paths: Sequence[Path], files: Files) -> Mapping[str, str]:
             data = files.open(path).data
         except (OSError, ValueError) as error:
             raise InputError(str(path), f"cannot be read: {reason(error)}") from error
-        if not data.strip() or b"\0" in data:
-            raise InputError(
-                str(path),
-                "is empty" if not data.strip() else "is not a text",
-                remedy="give a program",
-            )
+        fault = find_text_fault(data)
+        if fault:
+            raise InputError(str(path), fault, remedy="give a program that is saved as text")
         if path.name in texts:
             raise InputError(
                 str(path),

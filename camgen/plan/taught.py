@@ -20,7 +20,7 @@ from camgen.model.job import Job
 from camgen.model.part import Note
 from camgen.model.path import ToolPath, waypoints
 from camgen.model.pose import Pose, frozen, to_vec3
-from camgen.model.program import Instruction, Joints, Motion, MoveC, MoveJ, MoveL
+from camgen.model.program import Columns, Instruction, Joints, Motion, MoveC, MoveJ, MoveL
 from camgen.model.text import counted
 from camgen.plan import ReplayPlan
 from camgen.plan.unused import no_idle
@@ -49,10 +49,36 @@ def plan_taught(part: Taught, job: Job, cell: Cell | None) -> ReplayPlan:
                 "an output, a wait or the end comes next, which would act on the way",
             )
         )
+    body, in_place = _drop_joint_turns(body, cell)
+    if in_place:
+        count = counted(in_place, "joint motion")
+        what = f"{count} without the speed at which the tool turns"
+        why = "joint motions of this controller have none; with cell.robot they get a share"
+        notes.append(Note("skipped", what, why))
+    columns = Columns(body)
+    unstated = int((columns.turned & (columns.turn == 0)).sum())
+    if unstated:
+        turns = counted(unstated, "motion only turns", "motions only turn")
+        what = f"{turns} the tool: at {job.process.turn:g} deg/s"
+        notes.append(Note("assumed", what, "the text states no speed of turning for them"))
     run = replace(part.run, body=tuple(body), lines=tuple(lines))
     paths, travel = paths_of(body, lines)
     every = (*part.notes, *notes, *_tell_frames(part, job))
     return ReplayPlan(part, paths, every, run=run, travel=travel, made=paths)
+
+
+def _drop_joint_turns(body: list[Instruction], cell: Cell | None) -> tuple[list[Instruction], int]:
+    """Drops speeds of turning of joint motions for a controller without them.
+
+    Returns the body and their number. With an arm they stay, and its joints get a share.
+    """
+    has_arm = isinstance(cell, Workcell) and cell.arm is not None
+    if cell is None or cell.pace.turns or has_arm:
+        return body, 0
+    turns = [k for k, item in enumerate(body) if isinstance(item, MoveJ) and item.turn]
+    for k in turns:
+        body[k] = replace(body[k], turn=0.0)
+    return body, len(turns)
 
 
 def _tell_frames(part: Taught, job: Job) -> list[Note]:

@@ -44,6 +44,26 @@ Level = Literal["refused", "dangerous", "unusual"]
 LEVELS: tuple[Level, ...] = ("refused", "dangerous", "unusual")
 
 
+#: The byte order mark of UTF-8, as a character and as its bytes in Latin-1; and those of UTF-16.
+_MARKS, _WIDE_MARKS = ("\ufeff", "\xef\xbb\xbf"), (b"\xff\xfe", b"\xfe\xff")
+
+
+def strip_mark(text: str) -> str:
+    """The text without a byte order mark at its beginning."""
+    for mark in _MARKS:
+        text = text.removeprefix(mark)
+    return text
+
+
+def find_text_fault(data: bytes) -> str:
+    """The reason why the bytes of a file cannot be read as text, empty without one."""
+    if data.startswith(_WIDE_MARKS):
+        return "is UTF-16, which no controller reads"
+    if b"\0" in data:
+        return "is not a text"
+    return "" if data.strip() else "is empty"
+
+
 class Finding(Struct, frozen=True):
     """Something about a line of a program. line: 1-based, counted through all files in order. what: with its reason."""
 
@@ -62,6 +82,23 @@ class Frames(Struct, frozen=True, eq=False):
     work: str = ""
     flange_from_tool: Pose | None = None
     base_from_work: Pose | None = None
+
+
+def carry_pose(pose: Pose, then: Frames, now: Frames) -> Pose | None:
+    """A pose of one tool in one work object as the pose of another tool in another, with the arm in the same place.
+
+    None if a frame is not known.
+    """
+    flange = pose
+    if then.tool != now.tool or then.flange_from_tool is not now.flange_from_tool:
+        if then.flange_from_tool is None or now.flange_from_tool is None:
+            return None
+        flange = pose @ then.flange_from_tool.inverse() @ now.flange_from_tool
+    if then.work == now.work and then.base_from_work is now.base_from_work:
+        return flange
+    if then.base_from_work is None or now.base_from_work is None:
+        return None
+    return now.base_from_work.inverse() @ then.base_from_work @ flange
 
 
 class Assumption(Struct, frozen=True):
@@ -92,14 +129,18 @@ class Ask(Struct, frozen=True):
 
 
 class Executed(Struct, frozen=True, eq=False):
-    """What a program does when it is run once.
+    """The effect of a program that is run once.
 
-    body: (N) motions to poses in the work frame in force or to joint values, outputs, waits, stops. lines: (N) 1-based,
-    counted through all files. frames: those used, in order; frame: (N) the place in ``frames`` of those in force, empty
-    where there is at most one. findings: in order of line. assumed: likewise, each told once. facts: label and text
-    of what else stands in the program and moves nothing. lost: line and text of what the program does and the body
-    does not: what was left out, or stands for what nobody knows; no other machine runs such a body. stopped: line and
-    reason where it could not be run to its end.
+    body: (N) motions to poses in the work frame in force or to joint values, outputs, waits, stops.
+    lines: (N) line of each instruction, from 1 through all files.
+    frames: frames that are used, in order.
+    frame: (N) index in `frames` of the frames in force, empty if there is at most one.
+    findings: findings in order of line.
+    assumed: assumptions in order of line, each once.
+    facts: label and text of facts that move nothing.
+    lost: line and text of effects without which no other machine may run the body.
+    omitted: line and text of effects that another machine does without, such as accelerations.
+    stopped: line and reason where the run ended too early, None if it ended as the text says.
     """
 
     body: Sequence[Instruction]
@@ -110,6 +151,7 @@ class Executed(Struct, frozen=True, eq=False):
     assumed: tuple[Assumption, ...] = ()
     facts: tuple[tuple[str, str], ...] = ()
     lost: tuple[tuple[int, str], ...] = ()
+    omitted: tuple[tuple[int, str], ...] = ()
     stopped: tuple[int, str] | None = None
 
 
@@ -196,6 +238,7 @@ _EXECUTED = {
     "assumed": be_each(tuple, _ASSUMPTION, "a tuple of Assumption"),
     "facts": be(tuple, "a tuple of pairs of texts"),
     "lost": be(tuple, "a tuple of lines with texts"),
+    "omitted": be(tuple, "a tuple of lines with texts"),
 }
 
 

@@ -41,7 +41,15 @@ from camgen.model.program import (
     Wait,
 )
 from camgen.model.text import counted, short
-from camgen.read.programs import Ask, Executed, Frames, Places, find_language, rename_outputs
+from camgen.read.programs import (
+    Ask,
+    Executed,
+    Frames,
+    Places,
+    find_language,
+    find_text_fault,
+    rename_outputs,
+)
 from camgen.read.recorded import ProgramRun, Recorded
 
 Reach = Callable[[Sequence[float]], Pose | None]
@@ -91,13 +99,21 @@ def read_files(
     run = ProgramRun(
         body, told.lines, (), 0, 0.0, None, unread=False, ended=True, units="mm", whole=True
     )
-    notes = (
-        *(Note("assumed", f"{place(one.line)}: {one.what}") for one in executed.assumed),
-        *(Note("warning", f"{place(one.line)}: {one.what}") for one in executed.findings),
-        *told.notes,
-    )
+    notes = (*_note(executed, place), *told.notes)
     named = sources[0].stem, name, "mm", ()
     return Taught(*named, notes=notes, run=run, language=language, frames=told.frames)
+
+
+def _note(executed: Executed, place: Callable[[int], str]) -> Iterator[Note]:
+    """Notes of all that the program does beside its motions, as `camgen verify` lists it."""
+    for line, what in executed.omitted:
+        yield Note("skipped", f"{place(line)}: {what}", "the translation does without it")
+    for finding in executed.findings:
+        yield Note("warning", f"{place(finding.line)}: {finding.what}")
+    for assumption in executed.assumed:
+        yield Note("assumed", f"{place(assumption.line)}: {assumption.what}")
+    for label, text in executed.facts:
+        yield Note("assumed", f"{label}: {text}")
 
 
 def _lower(given: Mapping[str, float]) -> dict[str, float]:
@@ -181,10 +197,10 @@ def inspect(source: Source, language: str) -> TaughtFacts:
 def text_of(source: Source) -> str:
     """The program as text with LF line ends. InputError for what is none."""
     data = source.data
-    if not data.strip() or b"\0" in data:
-        what = "is empty" if not data.strip() else "is not a text"
+    fault = find_text_fault(data)
+    if fault:
         raise InputError(
-            source.name, what, remedy="give the program as the controller saves it as text"
+            source.name, fault, remedy="give the program as the controller saves it as text"
         )
     return data.decode("latin-1").replace("\r\n", "\n").replace("\r", "\n")
 
@@ -362,20 +378,30 @@ def _carry(item: Motion, here: Pose | None, change: _Change, chord: float) -> It
     step = min(math.sqrt(8 * chord / arm), _MOST_TURN)
     count = math.ceil(turn * (2 if isinstance(item, MoveC) else 1) / step)
     at = here
-    length = _length(begin, item) / count
+    seconds = _time(begin, item, turn) / count
     for k in range(1, count + 1):
         pose = change.carry(_pose_at(begin, item, k / count))
         assert at is not None
         moved = math.dist(at.origin, pose.origin)
-        speed = item.speed * moved / length if min(moved, length) > _SAME else item.speed
-        yield MoveL(
+        piece = MoveL(
             pose,
-            speed,
+            item.speed,
             item.blend if k == count else chord,
             item.force,
             change.turn(item.force_direction),
         )
+        if moved > _SAME and seconds > 0:
+            piece = replace(piece, speed=moved / seconds)
+        elif moved <= _SAME and seconds > 0:
+            piece = replace(piece, turn=angle_between(at.rotation, pose.rotation) / seconds)
+        yield piece
         at = pose
+
+
+def _time(begin: Pose, item: MoveL | MoveC, turn: float) -> float:
+    """The time of a motion, s. turn: angle that the tool turns, rad."""
+    turning = turn / item.turn if isinstance(item, MoveL) and item.turn else 0.0
+    return max(_length(begin, item) / item.speed, turning)
 
 
 def _length(begin: Pose, item: MoveL | MoveC) -> float:

@@ -34,8 +34,9 @@ from camgen.model.program import (
 from camgen.model.text import counted, fixed, harmless, short
 from camgen.post import OutputFile, Tolerance
 from camgen.post.passes import without_force
+from camgen.post.renamed import note_renamed
 
-from .options import PacScriptOptions, derive
+from .options import PacScriptOptions, derive, is_reserved
 
 #: Digits of an angle (deg), of a speed in mm/s and in percent, of a force (N).
 _ANGLE, _SPEED, _PERCENT, _NEWTON, _INDENT = 4, 4, 4, 3, "    "
@@ -297,10 +298,13 @@ class PacScript(PacScriptOptions):
         return f"{short(mm_s, 2)} mm/s, under 0.1 % of an arm that does more than {round(least, -1):.0f} mm/s"
 
     def warn(self, program: Program) -> tuple[Note, ...]:
-        """A speed that may be below the least one of the controller."""
+        """A speed that may be below the least one of the controller, and another name."""
         slow = self._slowest(program)
         why = "the controller takes 0.1 % at least; give post.rated, or raise the speed"
-        return (Note("warning", f"slowest motion: {slow}", why),) if slow else ()
+        notes = (Note("warning", f"slowest motion: {slow}", why),) if slow else ()
+        if self.program or not is_reserved(program.name):
+            return notes
+        return *notes, *note_renamed(program.name, derive(program.name), "PacScript")
 
     def _settings(self, program: Program) -> list[str]:
         """All off, whatever the program does next; the unit of Mps, and what TakeArm may have reset. Accel comes after

@@ -178,8 +178,13 @@ class PacScriptOptions(Post):
         )
 
 
+def is_reserved(name: str) -> bool:
+    """Whether a name is a word of the language."""
+    return name.lower() in _RESERVED
+
+
 def _legal(name: str) -> bool:
-    return _NAME.fullmatch(name) is not None and name.lower() not in _RESERVED
+    return _NAME.fullmatch(name) is not None and not is_reserved(name)
 
 
 def derive(name: str) -> str:

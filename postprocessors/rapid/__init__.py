@@ -47,6 +47,7 @@ from camgen.model.text import counted, fixed, fixed_each, short
 from camgen.post import OutputFile, Tolerance
 from camgen.post.passes import without_force
 from camgen.post.printed import Forms, Lines, Printed, as_printed, forms_of, join_lines, rounded
+from camgen.post.renamed import note_renamed
 
 from .force import DIGITS as FORCE_DIGITS
 from .force import (
@@ -67,6 +68,7 @@ from .options import (
     SAFE,
     RapidOptions,
     Speed,
+    is_predefined,
     legal_name,
     motion_data,
     name_speeds,
@@ -440,10 +442,13 @@ class Rapid(RapidOptions):
         )
         return f"{mass} - loading this module overwrites {self.tool}", remedy
 
-    def warn(self, program: Program) -> tuple[Note, ...]:  # noqa: ARG002 (the load is an option)
-        """The load of a declared tool without a mass; `--strict` refuses it."""
+    def warn(self, program: Program) -> tuple[Note, ...]:
+        """The load of a declared tool without a mass, for `--strict`, and another name."""
         load = self._load()
-        return (Note("assumed", *load, strict=True),) if load else ()
+        notes = (Note("assumed", *load, strict=True),) if load else ()
+        if self.program or not is_predefined(program.name):
+            return notes
+        return *notes, *note_renamed(program.name, self.module_name(program), "RAPID")
 
     def end(self, program: Program) -> Sequence[str]:
         """The ends of main and of the module."""

@@ -19,6 +19,8 @@ from camgen.model.program import Columns
 from camgen.model.text import counted, short
 from camgen.post import Post
 
+from .predefined import PREDEFINED, PREFIXES
+
 # Names in RAPID: which ones a controller takes, and which speeds and zones it has already.
 
 SPEEDS = {
@@ -45,17 +47,11 @@ _RESERVED = """
     endtest endtrap endwhile error exit false for from func goto if inout local mod module nostepin not noview or pers
     proc raise readonly record retry return step sysmodule task test then to trap true trynext undo var viewonly while
     with xor""".split()  # noqa: SIM905 (sixty words read better so)
-_INSTALLED = """
-    main fine vmax tool0 wobj0 load0 pi bool num dnum string byte pos orient pose confdata robjoint extjoint
-    robtarget jointtarget speeddata zonedata tooldata wobjdata loaddata signaldo signalao moveabsj movej movel movec
-    movejdo moveldo movecdo offs reltool calcrobt crobt setdo setao setgo set reset pulsedo waittime waitdi waituntil
-    confl confj singarea accset velset tpwrite tperase stop fcact fcdeact fccalib fcpress1lstart fcpressl fcpressc
-    fcpressend fcisforcemode triggio triggl load unload""".split()  # noqa: SIM905
 #: The system modules of older controllers, and what they declare (RAPID overview, system modules).
 _RESIDENT = "base user wobj1 reg1 reg2 reg3 reg4 reg5 clock1 high low edge".split()  # noqa: SIM905
 #: The PROC that drops the process.
 SAFE = "camSafe"
-_TAKEN = {*_INSTALLED, *_RESIDENT, SAFE.lower(), *(f"v{v}" for v in SPEEDS), *ZONES.values()}
+_TAKEN = {"main", *PREDEFINED, *_RESIDENT, SAFE.lower()}
 _NAME, _NO_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*"), re.compile(r"[^A-Za-z0-9_]")
 #: Names that the post gives to the speeds and zones that it declares.
 _OURS = re.compile(r"[vz]cam\d[\d_]*(t\d[\d_]*)?")
@@ -70,9 +66,16 @@ def name_fault(name: str, longest: int, installed: bool = False) -> str:
     key = name.lower()
     if key in _RESERVED:
         return "is a reserved word of RAPID"
-    if not installed and (key in _TAKEN or (key[1:4] == "cam" and _OURS.fullmatch(key))):
+    is_ours = key[1:4] == "cam" and _OURS.fullmatch(key)
+    if not installed and (is_predefined(key) or is_ours):
         return "is taken already: predefined, of a system module, or given by the post itself"
     return ""
+
+
+def is_predefined(name: str) -> bool:
+    """Whether the controller has a name already, as a word or as one of its data."""
+    key = name.lower()
+    return key in _RESERVED or key in _TAKEN or key.startswith(PREFIXES)
 
 
 def legal_name(text: str, longest: int, prefix: str = "m") -> str:

@@ -15,6 +15,7 @@ from msgspec.structs import replace
 
 from camgen.model.cell import Cell, Dynamics
 from camgen.model.errors import JobError, Refused
+from camgen.model.part import Note
 from camgen.model.pose import FloatArray, Pose, translation
 from camgen.model.program import (
     Comment,
@@ -32,6 +33,7 @@ from camgen.model.program import (
 from camgen.model.text import short
 from camgen.post import OutputFile, Post, Tolerance, pose_of
 from camgen.post.passes import without_force
+from camgen.post.renamed import note_renamed
 
 from . import records, rules
 from .lines import IN, Lines
@@ -322,6 +324,12 @@ class VPlus(Post):
 
     def _name(self, program: Program, parts: int) -> str:
         return rules.program_name(self.program or program.name, parts, (self.tool, self.work))
+
+    def warn(self, program: Program) -> tuple[Note, ...]:
+        """Another name than that of the input."""
+        if self.program or not rules.is_word(program.name):
+            return ()
+        return note_renamed(program.name, self._name(program, 0), "V+")
 
     def _remarks(self) -> list[str]:
         remarks = [

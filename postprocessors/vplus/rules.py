@@ -34,13 +34,28 @@ _NAME = 15
 _IDENTIFIER = re.compile(r"[a-z][a-z0-9._]*", re.IGNORECASE)
 #: Words that must not name a program or a location.
 _WORDS = """
-    above abs accel align all always and any appro appros as attach atan2 auto base below bitand break brake by call
-    calibrate case close closei coarse cos cp cpoff cpon decompose delay depart departs dest detach disable distance
-    do drive duration dx dy dz else enable end execute exit false fine flip for frame global goto halt here if
-    ignore inrange int inverse ips lefty local mmps mod monitor move moves movest movet multiple next noflip nonull
-    not null off on open openi or parameter pause pi ppoint program react reacti ready real reset return returne
-    righty robot rx ry rz scale select set shift sig signal sin single speed sqrt state step stop switch task then
-    time timer to tool trans transb true type until value wait wait.event while world xor
+    abort above abs accel aio.in aio.out align all alter altoff alton always and any appro
+    appros as asc atan2 attach auto base bcd below belt bitand bits bmask brake break bstat by
+    calibrate call case chr clear.event close closei clr.event coarse config cos cp cpoff cpon
+    cycle.end dblb dcb decompose def.dio defbelt delay depart departs dest detach device din
+    disable distance do drive duration dx dy dz else enable end error execute exit false fclose
+    fcmnd fdelete fdirectory fempty fine flip fltb fopen fopena fopend fopenr fopenw for force
+    fract frame free fseek fset garc gchain gclear gclip gcolor gcopy getc getevent gflood
+    ggetline gicon gline glines global glogical gmode goto gpanel gpoint grectangle gscan gslide
+    gtexture gtrans gtype halt hand here hour.meter id if ignore inrange install int int.event
+    intb integrate intoff inton inverse ioget ioput iostat iotas ips jhere jmove jog keymode
+    kill lasterr latch latched lefty len lngb local lock max mc mcs mid min mmps mod module
+    monitor move movec movef moves movesc movesf movest movet msg multiple nest network next
+    noflip nonull noop nooverlap normal not null off on open openi or outside overlap pack
+    parameter pause payload pdnt.clear pdnt.notify pdnt.write pendant pi pos ppoint priority
+    proceed prog.start program prompt random react reacte reacti read ready real relax relaxi
+    reset retry return returne righty robot robot.opr runsig rx ry rz scale see select set
+    set.event setbelt setdevice shift sig sig.ins sign signal sin single solve.angles
+    solve.flags solve.trans speed sqr sqrt state status step stop strdif struct switch system
+    tan tas task then time timer to tool tps trans transb true truncate type unidirect unpack
+    until val value vautothr vcorrelate vdef.aoi vdef.grip vdisplay vedge vfeature vlast vlocate
+    vparameter vpicture vplan vqueue vrecall vresult vruler vrun vselect vshow vstate vstore
+    vsubmit vtrain vwait vwindow wait wait.event while window world write xor
 """
 _TAKEN = frozenset(_WORDS.split())
 #: rad: a pitch nearer to 0 or 180 deg prints as exactly that. It is what joint values with four digits (deg) say of a
@@ -60,7 +75,12 @@ def bad_name(name: str) -> str:
         return "is not a letter followed by letters, digits, dots and underscores"
     if len(name) > _NAME:
         return f"is longer than {_NAME} characters, of which V+ ignores the rest"
-    return "is a word of V+" if name.lower() in _TAKEN else ""
+    return "is a word of V+" if is_word(name) else ""
+
+
+def is_word(name: str) -> bool:
+    """Whether a name is a word of V+."""
+    return name.lower() in _TAKEN
 
 
 def check_names(program: str, tool: str, work: str) -> None:

@@ -141,6 +141,7 @@ SMOKES = [
     Smoke("read.programs {programs}", (2,), {"stopped": (0, 0), "refused": (0, 0)}),
     Smoke("read.syntax gcode", (1,), {"differ": (0, 0)}),
     *(Smoke(f"read.syntax {name}", (1,), {"differ": (0, 0)}) for name in ("rapid", "vplus", "pacscript")),
+    Smoke("read.old_words 1 moves pdispset letp", (6, 3), {"count": (0, 1), "silent": (0, 0)}),
     Smoke("read.translate layers-inside", (6, 14), {"mm apart": (0, 0.022), "s apart": (0, 0.01)}),
 ]  # fmt: skip
 

@@ -8,13 +8,13 @@ from typing import Any, NamedTuple
 
 from msgspec import Struct
 
+from camgen.read.pacscript.effects import SILENT
 from camgen.read.pacscript.expressions import Node, arguments, parse
 from camgen.read.pacscript.plain import STATEMENT, plain
 from camgen.read.pacscript.source import Procedure, Say
 from camgen.read.pacscript.statements import (
     DECLARE,
     READERS,
-    SILENT,
     VERB,
     find_equals,
     read_call,

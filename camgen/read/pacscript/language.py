@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 
 from camgen.read.pacscript.run import run_files
-from camgen.read.programs import Language
+from camgen.read.programs import Language, strip_mark
 
 _SURE = re.compile(
     r"^\s*(?:'!title\b|takearm\b|sub\s+main\b|program\s+\w+\s*$|givearm\b|#include\s+[\"<]\w+\.(?:h|pcs)"
@@ -16,7 +16,7 @@ _SURE = re.compile(
 
 def recognise(text: str) -> bool:
     """Whether a text is surely PacScript."""
-    return len(_SURE.findall(text[:20_000])) > 1 or text.lstrip("\ufeff")[:8].lower() == "'!title "
+    return len(_SURE.findall(text[:20_000])) > 1 or strip_mark(text)[:8].lower() == "'!title "
 
 
 LANGUAGE = Language(

@@ -19,6 +19,7 @@ from camgen.model.program import (
     Stop,
     Wait,
 )
+from camgen.read.motion_speed import Limit, pace_motion
 from camgen.read.pacscript.values import (
     Array,
     Figured,
@@ -88,6 +89,8 @@ class Machine:
         self.facts: dict[str, dict[str, None]] = {}
         #: What the program does and the body does not, with its first line.
         self.lost: dict[str, int] = {}
+        #: Effects that the body does not have, with their first line.
+        self.omitted: dict[str, int] = {}
         self.steps = 0
         self.globals: dict[tuple[str, int], Value] = {}
         self.outputs: dict[str, Value] = {}
@@ -143,6 +146,10 @@ class Machine:
         """Notes once what the program does and the body does not."""
         self.suppose(what, key)
         self.lost.setdefault(what[:160], self.line)
+
+    def omit(self, what: str) -> None:
+        """Notes an effect that the body does not have, with its first line."""
+        self.omitted.setdefault(what[:160], self.line)
 
     def lose_axes(self, what: str) -> None:
         """Notes a fact about extended axes, which no body has."""
@@ -312,14 +319,21 @@ class Machine:
                 self.figure if said is None else said
             )  # -1 keeps the one that the arm has.
             return
-        turn = 0.0
-        stands = self.here.base if isinstance(self.here, Placed) else ""
-        if stands == base and self.here.origin == place.origin and not isinstance(speed, Rate):
-            turn = math.radians(share * self.rated_turn)
-        self.move(
-            MoveL(place, mm_s, blend, *self.pressing, posture=posture, turn=turn), passing, base
-        )
+        item = MoveL(place, mm_s, blend, *self.pressing, posture=posture)
+        self.move(self.pace(item, share, base), passing, base)
         self.figure = said
+
+    def pace(self, item: MoveL | MoveC, share: float, base: str) -> MoveL | MoveC:
+        """The motion at the speed that its speed of turning leaves.
+
+        share: share of the joints' maximum speeds, 0 for a speed of the TCP, which limits no turn.
+        base: frame of a `Placed` target, empty for one in the work frame.
+        """
+        stands = self.here.base if isinstance(self.here, Placed) else ""
+        limit = Limit(item.speed, math.radians(share * self.rated_turn))
+        paced = pace_motion(item, self.here if stands == base else None, limit)
+        assert not isinstance(paced, MoveJ)
+        return paced
 
     def switch(self, signal: str, value: float) -> None:
         """Sets an output."""
@@ -377,6 +391,7 @@ class Machine:
             tuple(sorted(self.assumed.values(), key=lambda one: one.line)),
             facts,
             tuple((line, what) for what, line in self.lost.items()),
+            tuple((line, what) for what, line in self.omitted.items()),
             stopped,
         )
 

@@ -15,6 +15,7 @@ from camgen.model.pose import (
 )
 from camgen.model.program import Joints, MoveC
 from camgen.read.pacscript.code import Manner, Op
+from camgen.read.pacscript.effects import OMITTED_OPTIONS
 from camgen.read.pacscript.evaluate import evaluate, fit
 from camgen.read.pacscript.expressions import Node
 from camgen.read.pacscript.functions import numbers
@@ -39,6 +40,11 @@ from camgen.read.pacscript.values import (
 )
 
 _MARKS = {"0": 0.0, "E": 0.0, "P": PASS_MM, "C": PASS_MM}
+#: Marks whose exact meaning is the controller's, with their meaning here.
+_MEANINGS = {
+    **dict.fromkeys(("P", "C"), f"blends as near as the controller likes: {PASS_MM:g} mm is shown"),
+    "E": "waits for the encoders: a stop is shown",
+}
 #: Pieces of an arc are at most so long, rad, and a hair more for rounded points.
 _PIECE = math.pi + 0.02
 #: A via point so near to the middle of its arc is it, mm.
@@ -57,11 +63,8 @@ def blend_of(run: Running, mark: str | Node) -> float:
         said = number(value)
         return PASS_MM if said < 0 else said
     if mark in _MARKS:
-        if mark in ("P", "C"):
-            run.machine.state(
-                "pass marks",
-                f"@{mark} blends as near as the controller likes: {PASS_MM:g} mm is shown",
-            )
+        if mark in _MEANINGS:
+            run.machine.state("pass marks", f"@{mark} {_MEANINGS[mark]}")
         return _MARKS[mark]
     return float(mark)
 
@@ -74,6 +77,16 @@ def speed_of(run: Running, node: Node | None) -> float:
     if isinstance(value, tuple):
         value = value[0]
     return checked(run, value)
+
+
+def read_speed(run: Running, motion: Motion) -> float:
+    """The internal speed of a motion, %. Notes the options that the body does not have."""
+    for name, effect in OMITTED_OPTIONS.items():
+        if name in motion.options:
+            run.machine.omit(f"{name.capitalize()} of a motion: {effect}")
+    if motion.at_once:
+        run.machine.omit("Next: what follows happens on the way; here it waits for the motion")
+    return speed_of(run, motion.options.get("speed"))
 
 
 def plain(run: Running, op: Op) -> None:
@@ -90,7 +103,7 @@ def plain(run: Running, op: Op) -> None:
 def move(run: Running, op: Op) -> None:
     """``Move``."""
     motion: Motion = op.a
-    speed = speed_of(run, motion.options.get("speed"))
+    speed = read_speed(run, motion)
     if motion.kind == "s":
         place = name_place(f"the end of the free curve of line {op.line}")
         run.machine.go(True, place, speed, 0.0, motion.at_once)
@@ -151,7 +164,7 @@ def approach(run: Running, op: Op) -> None:
     motion: Motion = op.a
     reference, length = _exactly(motion, 2)
     target, back = place_of(run, reference.value), evaluate(run, length.value)
-    speed, blend = speed_of(run, motion.options.get("speed")), blend_of(run, length.mark)
+    speed, blend = read_speed(run, motion), blend_of(run, length.mark)
     if isinstance(target, Joints):
         target = Unknown("a place before joint values")
     if isinstance(target, Pose):
@@ -168,7 +181,7 @@ def depart(run: Running, op: Op) -> None:
     motion: Motion = op.a
     (length,) = _exactly(motion, 1)
     back = evaluate(run, length.value)
-    speed, blend = speed_of(run, motion.options.get("speed")), blend_of(run, length.mark)
+    speed, blend = read_speed(run, motion), blend_of(run, length.mark)
     if isinstance(back, Unknown):
         target: Value = Unknown(f"{back.what} before where the arm stands")
     else:
@@ -188,7 +201,7 @@ def draw(run: Running, op: Op) -> None:
     if not isinstance(value, (Vector, Unknown)):
         raise Wrong(f"Draw needs a vector, not {tell(value)}")
     here = run.machine.here
-    speed, blend = speed_of(run, motion.options.get("speed")), blend_of(run, way.mark)
+    speed, blend = read_speed(run, motion), blend_of(run, way.mark)
     if isinstance(here, Placed) or isinstance(value, Unknown):
         target: Value = Unknown("a place beside where the arm stands")
     else:
@@ -250,9 +263,12 @@ def arc(
         )
     middle = _half_way(start.origin, center, axis, sweep)
     if sweep <= _PIECE and math.dist(middle, via.origin) <= _HALF_WAY:
-        item = MoveC(Pose(via.rotation, via.origin), Pose(end.rotation, end.origin), machine.speed(speed)[0], blend,
-                     *machine.pressing, posture=posture_of(end)[0])  # fmt: skip
-        machine.move(item, blend > 0 and not at_once, *bases)
+        mm_s, share = machine.speed(speed)
+        middle_pose, end_pose = Pose(via.rotation, via.origin), Pose(end.rotation, end.origin)
+        item = MoveC(
+            middle_pose, end_pose, mm_s, blend, *machine.pressing, posture=posture_of(end)[0]
+        )
+        machine.move(machine.pace(item, share, *bases), blend > 0 and not at_once, *bases)
     else:
         _turn(run, start, end, center, axis, sweep, (speed, blend, at_once))
     machine.figure = said
@@ -277,7 +293,7 @@ def _turn(
     machine = run.machine
     base = start.base if isinstance(start, Placed) else ""
     speed, blend, at_once = manner
-    mm_s, _ = machine.speed(speed)
+    mm_s, share = machine.speed(speed)
     pieces = max(1, math.ceil(abs(sweep) / _PIECE))
     posture = posture_of(end)[0]
 
@@ -292,7 +308,7 @@ def _turn(
         goal = Pose(end.rotation, end.origin) if last else at((k + 1) / pieces)
         item = MoveC(at((k + 0.5) / pieces), goal, mm_s, blend if last else 0.0, *machine.pressing,
                      posture=posture if last else None)  # fmt: skip
-        machine.move(item, last and blend > 0 and not at_once, base)
+        machine.move(machine.pace(item, share, base), last and blend > 0 and not at_once, base)
 
 
 def rotate(run: Running, op: Op) -> None:
@@ -307,7 +323,7 @@ def rotate(run: Running, op: Op) -> None:
     about = (
         evaluate(run, motion.goals[2].value) if len(motion.goals) > 2 else Vector((0.0, 0.0, 0.0))
     )
-    speed, blend = speed_of(run, motion.options.get("speed")), blend_of(run, motion.goals[1].mark)
+    speed, blend = read_speed(run, motion), blend_of(run, motion.goals[1].mark)
     start = machine.here
     if (
         normal is None
@@ -363,7 +379,7 @@ def rotate_hand(run: Running, op: Op) -> None:
     motion: Motion = op.a
     (goal,) = _exactly(motion, 1)
     angle, here = evaluate(run, goal.value), run.machine.here
-    speed, blend = speed_of(run, motion.options.get("speed")), blend_of(run, goal.mark)
+    speed, blend = read_speed(run, motion), blend_of(run, goal.mark)
     if isinstance(angle, Unknown):
         target: Pose = name_place(f"the end of the turn of line {op.line}")
     else:
@@ -378,7 +394,7 @@ def arch(run: Running, op: Op) -> None:
     if len(motion.goals) < 2:
         raise Wrong("ArchMove needs a target and a height")
     target, height = place_of(run, motion.goals[0].value), evaluate(run, motion.goals[1].value)
-    here, speed = run.machine.here, speed_of(run, motion.options.get("speed"))
+    here, speed = run.machine.here, read_speed(run, motion)
     stored = isinstance(target, Placed) or isinstance(here, Placed)
     if not isinstance(target, Pose) or stored or isinstance(height, Unknown):
         run.machine.suppose(
@@ -398,7 +414,7 @@ def arch(run: Running, op: Op) -> None:
 def drive(run: Running, op: Op) -> None:
     """``Drive`` by and ``DriveA`` to joint values of single axes."""
     mark, axes, motion = op.a
-    speed, blend = speed_of(run, motion.options.get("speed")), blend_of(run, mark)
+    speed, blend = read_speed(run, motion), blend_of(run, mark)
     relative = op.do == "drive"
     if isinstance(axes, Node):
         value = fit(evaluate(run, axes), "joint")

@@ -137,10 +137,20 @@ def _signals(run: Running, which: Node, upto: Node | None) -> list[int | str]:
 
 def _let(run: Running, op: Op) -> None:
     which, target, axis = op.a
+    if which == "f":
+        run.machine.state("posture", "LetF sets the figure of a position")
     if axis is None:
         let(run, which, target, evaluate(run, op.b))
     else:
         let_axis(run, target, evaluate(run, axis), evaluate(run, op.b))
+
+
+def _omit(run: Running, op: Op) -> None:
+    run.machine.omit(f"{op.a}: {op.b}")
+
+
+def _lose(run: Running, op: Op) -> None:
+    run.machine.leave_out(f"{op.a}: {op.b}")
 
 
 def _raise(_run: Running, _op: Op) -> None:
@@ -177,9 +187,8 @@ ACTIONS: dict[str, Callable[[Running, Op], Any]] = {
     **dict.fromkeys(("stop", "stopend"), _end),
     **dict.fromkeys(("arrive", "waitmotion"), settings.settle),
     **dict.fromkeys(("interrupt", "motionskip"), settings.interrupt),
-    **dict.fromkeys(
-        ("accel", "decel", "extaccel", "extdecel", "jspeed", "jaccel", "jdecel", "suspend", "addpathpoint",
-         "loadpathpoint", "angulartrigger", "forcewaitcondition", "zforce"), settings.nothing),
+    "omit": _omit,
+    "lose": _lose,
     "raise": _raise,
     "assign": _assign,
     "dim": _declare,

@@ -160,6 +160,12 @@ def settle(run: Running, op: Op) -> None:
     """``Arrive`` and ``WaitMotion``: what follows is meant to happen on the way."""
     for node in op.a:
         evaluate(run, node)
+    if op.do == "arrive":
+        run.machine.omit("Arrive: what follows happens on the way; here it waits for the motion")
+    else:
+        run.machine.state(
+            "waits", "WaitMotion waits for the motion, as all that follows one does here"
+        )
     run.machine.passing = False
 
 

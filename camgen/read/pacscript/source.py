@@ -13,6 +13,7 @@ from camgen.read.pacscript.lines import CLOSING, DEFINE, PARAMETER, expand, join
 from camgen.read.pacscript.motion import cut_bracket
 from camgen.read.pacscript.values import Unreadable
 from camgen.read.pacscript.words import name_fault
+from camgen.read.programs import strip_mark
 
 _OPENING = re.compile(
     r"(?:(?:public|private|static)\s+)?(sub|function)\s+([a-z_]\w*)\s*(.*)", re.IGNORECASE
@@ -91,7 +92,7 @@ def read_files(files: Mapping[str, str], say: Say) -> dict[str, File]:
     before = 0
     for name, text in files.items():
         plain = text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
-        rows = plain.removeprefix("\ufeff").split("\n")
+        rows = strip_mark(plain).split("\n")
         if rows and not rows[-1]:
             rows.pop()
         base = base_name(name)

@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable
 from typing import Any
 
+from camgen.read.pacscript.effects import LOST, OMITTED
 from camgen.read.pacscript.expressions import LEFT_OUT, Node, arguments, parse
 from camgen.read.pacscript.motion import LINEAR, cut_bracket, read_axes, read_motion
 from camgen.read.pacscript.values import Unreadable
@@ -25,32 +26,11 @@ _CHANNEL = re.compile(r"#\s*[\w.]+\s*,?\s*", re.IGNORECASE)
 _TYPED = {"defint": "integer", "defsng": "single", "defdbl": "double", "defstr": "string", "defpos": "position",
           "defjnt": "joint", "defvec": "vector", "deftrn": "trans"}  # fmt: skip
 DECLARE = frozenset(("dim", "public", "static", "private", "extern", *_TYPED))
-#: Statements that say something to somebody, or set what the arm's way does not depend on.
-SILENT = frozenset("""
-    print printdbg printmsg printlbl write flush com_encom com_discom comclose beep buzzer randomize rem
-    cpmode eralw grvctrl grvoffset highpathaccuracy curlmt speedmode singularavoid motiontimeout payload aspacle
-    setarea resetarea takemutex givemutex deletemutex resetmutex setpriority clrerr clearservolog startservolog
-    stopservolog setcollisiondetection exclusivearea setexclusivearea resetexclusivearea clearareadetected
-    clrpathpoint crtmotionallow encmotionallow encmotionallowjnt addhandler removehandler pagechange page_change
-    pagechangebyname kill killall killbyname suspend suspendall suspendbyname resetarea posclr srvunlock forcesensor
-    forcesensorpayload forcechangetable setpublicvalue syslog st_aspchange st_setcomplinit keep option disp_screen
-    st_seteralw st_setcurlmt st_reseteralw st_resetcurlmt st_resetcurlimit st_gravity st_grvoffset area date
-    sethandio clearlog startlog stoplog
-    pc_screen pendant_screen writebytearray swapbytearray semid giveSem takesem deletesem
-    ontimer interruptvision
-""".lower().split())  # fmt: skip
 #: Statements with an ordinary list of values, which are read as they stand.
 _LISTED = frozenset(
     [
         "speed",
-        "jspeed",
-        "accel",
-        "decel",
         "extspeed",
-        "extaccel",
-        "extdecel",
-        "jaccel",
-        "jdecel",
         "changetool",
         "changework",
         "tool",
@@ -65,16 +45,10 @@ _LISTED = frozenset(
         "home",
         "forcectrl",
         "forceparam",
-        "forcewaitcondition",
-        "zforce",
         "hold",
         "halt",
         "stop",
         "stopend",
-        "suspend",
-        "addpathpoint",
-        "loadpathpoint",
-        "angulartrigger",
         "givearm",
     ]
 )
@@ -275,6 +249,14 @@ def _read_in_out(word: str, rest: str) -> Read:
     return "assign", parse(rest[:at].strip()), parse(rest[at + 1 :].strip())
 
 
+def _read_omitted(word: str, rest: str) -> Read:
+    return "omit", f"{word} {rest}".rstrip(), OMITTED[word]
+
+
+def _read_lost(word: str, rest: str) -> Read:
+    return "lose", f"{word} {rest}".rstrip(), LOST[word]
+
+
 READERS: dict[str, Callable[[str, str], Read]] = {
     "move": _read_move,
     **dict.fromkeys(("approach", "depart", "draw"), _read_along),
@@ -284,6 +266,8 @@ READERS: dict[str, Callable[[str, str], Read]] = {
     **dict.fromkeys(("set", "reset"), _read_switch),
     "wait": _read_wait,
     **dict.fromkeys(_LISTED, _read_listed),
+    **dict.fromkeys(OMITTED, _read_omitted),
+    **dict.fromkeys(LOST, _read_lost),
     **dict.fromkeys(_LET, _read_let),
     "defio": _read_defio,
     "run": _read_run,

@@ -8,9 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from camgen.model.instructions import Force, Output, Stop, Wait
+from msgspec.structs import replace
+
+from camgen.model.instructions import Force, MoveC, MoveJ, MoveL, Output, Stop, Wait
 from camgen.model.pose import IDENTITY, Pose
 
+from .effects import ALONE, GIVES, LOST, OMITTED, SILENT, UNSEEN
 from .functions import name_of
 from .machine import Here, Machine
 from .motions import Trigger
@@ -134,6 +137,16 @@ def _wait_until(machine: Machine, call: Call) -> None:
     _no_timeout(machine, call)
 
 
+def _wait_for_rest(machine: Machine, _call: Call) -> None:
+    """WaitRob: until the arm has come to its point."""
+    for index in reversed(range(len(machine.body))):
+        motion = machine.body[index]
+        if isinstance(motion, (MoveJ, MoveL, MoveC)):
+            machine.body[index] = replace(motion, blend=0.0)
+            break
+    machine.blending = 0
+
+
 def _no_timeout(machine: Machine, call: Call) -> None:
     machine.blending = 0
     for name, target in call.options:
@@ -193,24 +206,45 @@ def _limit_speed(machine: Machine, call: Call) -> None:
     values = [machine.number(arg) for arg in call.args]
     if len(values) != 2:
         raise Wrong(machine.line, "VelSet has a percentage and a speed")
+    unknown = find_unknown(values)
+    if unknown is not None:
+        machine.omit(f"velset: a value that is not known ({unknown.what[:60]}): the speeds stay")
+        return
     percent, most = values
-    if type(percent) is float and percent > 0:
-        machine.speed_override = percent / 100
-    machine.speed_most = most if type(most) is float else 0.0
+    if not (percent > 0 and most > 0):
+        raise Wrong(machine.line, f"VelSet {percent:g}, {most:g}: both must be positive")
+    machine.speed_override, machine.speed_most = percent / 100, most
 
 
-def _tell_settings(machine: Machine, call: Call) -> None:
-    values = [machine.value(arg) for arg in call.args]
-    text = ", ".join(f"{v:g}" for v in values if type(v) is float)
+def _describe(machine: Machine, call: Call) -> str:
+    """The instruction with its numbers and the names of its options."""
+    values = [machine.value(arg) for arg in call.args if isinstance(arg, (float, Ref))]
+    text = ", ".join(f"{value:g}" for value in values if type(value) is float)
     text += "".join(f"\\{name}" for name, _ in call.options)
-    machine.tell("settings", f"{call.name} {text}".rstrip())
+    return f"{call.name} {text}".rstrip()
 
 
 def _supervise(machine: Machine, call: Call) -> None:
     """ConfJ, ConfL, SingArea: each with its switch."""
     if call.args or len(call.options) > 1:
         raise Wrong(machine.line, f"{call.name} has one switch")
-    _tell_settings(machine, call)
+    _omit(machine, call)
+
+
+#: Modes of CirPathMode that are read, with the way in which the orientation of a circle point counts.
+_CIRCLE_MODES = {"pathframe": "", "objectframe": "", "cirpointori": "circle point"}
+
+
+def _set_circle_mode(machine: Machine, call: Call) -> None:
+    """CirPathMode: how the tool turns along an arc. Modes of the wrist are lost; without one it is PathFrame."""
+    mode = call.options[0][0] if call.options else "pathframe"
+    if mode not in _CIRCLE_MODES:
+        machine.lose(
+            f"{call.name} \\{mode}: the tool turns as the wrist does; split the arc at taught points"
+        )
+        return
+    machine.passes_circle_point = _CIRCLE_MODES[mode] == "circle point"
+    machine.tell("settings", f"{call.name} \\{mode}")
 
 
 # Triggers -------------------------------------------------------------------------------------------------------
@@ -252,8 +286,11 @@ def _end_cycle(_machine: Machine, _call: Call) -> None:
 
 
 def _ask_operator(machine: Machine, call: Call) -> None:
-    """TPReadNum, TPReadFK, TPReadDnum: the answer is not known unless the user gives it."""
+    """TPReadNum, TPReadFK, TPReadDnum, UIMsgBox: the answer is not known unless the user gives it."""
     _receive(machine, call)
+    if call.name == "uimsgbox":
+        machine.assume("uimsgbox: the operator answers at once")
+        return
     if call.args and isinstance(call.args[0], (Ref, Component, Element)):
         name = _key_of(call.args[0])
         if machine.given(name) is None:
@@ -307,11 +344,6 @@ def _increase(machine: Machine, call: Call) -> None:
     machine.assign(call.args[0], now + step if call.name in ("incr", "add") else now - step)
 
 
-def _use_tool(machine: Machine, _call: Call) -> None:
-    """GripLoad and its like: the load that is carried moves nothing."""
-    machine.tell("settings", "gripload")
-
-
 def _force_off(machine: Machine, _call: Call) -> None:
     machine.pressing = None
     machine.add(Force(0.0))
@@ -348,79 +380,57 @@ def _move_unseen(machine: Machine, call: Call) -> None:
     machine.blending = 0
 
 
-Effect = Callable[[Machine, Call], None]
-
-
-def _nothing(_machine: Machine, _call: Call) -> None:
+def _move_nothing(_machine: Machine, _call: Call) -> None:
     pass
 
 
-#: Screen, files, sockets, clocks, world zones, other tasks, supervision: they move nothing.
-#: What moves the arm as no text says: by an external stream, back along its path, by force, by hand.
-_UNSEEN = ("egmrunpose", "egmrunjoint", "egmmovel", "egmmovec", "pathrecmovebwd", "pathrecmovefwd", "fcrefstart",
-           "setleadthrough", "stepbwdpath")  # fmt: skip
-_NO_EFFECT = """
-    accset acteventbuffer activateprofile actunit aliascamera aliasio aliasioreset arckill arcrefresh arcrepl
-    bookerrno brakecheck camflush camgetparameter camloadjob camreqimage camsetexposure camsetparameter
-    camsetprogrammode camsetrunmode camstartloadjob camwaitloadjob cancelload capaptrsetup capaptrsetupai
-    capaptrsetupao capaptrsetuppers capcondsetdo capequidist caplatrsetup capnoprocess caprefresh capsetstopmode
-    capweavesync checkprogref circlepathmode cirpathmode cleariobuff clearpath clearrawbytes clkreset clkstart
-    clkstop close closedir closegun cnvgeninstr cnvpredictreach cnvsync confj confl consolewrite copyfile
-    copyrawbytes cornerpathwarning corrclear corrcon corrdiscon corrwrite cssact cssdeact cssforceoffsetact
-    cssforceoffsetdeact cssoffsettune cyclicbrakecheck daactproc dadeactallproc dadeactproc dadefextsig
-    dadefprocdata dadefprocsig dadefuserdata dagetappdescr dagetappindex dagetcurrdata dagetnumofprocs
-    dagetnumofrob dagetprcdescr dasetcurrdata dasetupappbehav dastartmanaction deacteventbuffer deactprofile
-    deactunit ditheract ditherdeact dropsensor dropwobj egmactjoint egmactmove egmactpose egmgetid egmreset
-    egmsetupai egmsetupao egmsetupgi egmsetupltapp egmsetupuc egmstop egmstreamstart egmstreamstop eoffsoff eoffson
-    eoffsset erasemodule errlog errraise errwrite fcact fccalib fccondforce fccondorient fccondpos fccondreorispeed
-    fccondtcpspeed fccondtorque fccondwaitwhile fcrefcircle fcrefforce fcrefline fcrefmoveframe fcrefrot
-    fcrefspiral fcrefsprforcecart fcrefstop fcreftorque fcresetdampingtune fcresetlpfiltertune fcsetdampingtune
-    fcsetlpfiltertune fcspdchgact fcspdchgdeact fcspdchgtunreset fcspdchgtunset fcsupvforce fcsupvorient fcsupvpos
-    fcsupvreorispeed fcsupvtcpspeed fcsupvtorque fitcircle fricidevaluate fricidinit fricidsetfriclevels
-    getgroupsignalinfo getmaxusagetime gettorquemargin gripload hand_domotorcalibration hand_gripinward
-    hand_gripoutward hand_initialize hand_joginward hand_jogoutward hand_moveto hand_seterror hand_stop
-    hollowwristreset indcnvaddobject indcnvdisable indcnvenable indcnvinit indcnvreset indgunmovereset indreset
-    initsuperv iobusstart iobusstate ioctrlaxis_refsync ioctrlaxis_refsyncoff ioctrlaxis_refsyncon iodisable
-    ioenable ipssetparam load loadid loadprofile makedir manloadidproc matrixsolve matrixsolveqr matrixsvd
-    mechunitload motionprocessmodeset motionsup open opendir opengun packdnheader packrawbytes pathacclim
-    pathlengthreset pathlengthstart pathlengthstop pathrecstart pathrecstop pathresol procerrrecovery
-    prxactivandstorerecord prxactivrecord prxdbgstorerecord prxdeactrecord prxresetpos prxresetrecords
-    prxsetposoffset prxsetrecordsampletime prxsetsyncalarm prxstartrecord prxstoprecord prxstorerecord
-    prxusefilerecord readdir readerrdata readvararr recalctcp recordprofile recoverymenu recoverymenuwr
-    recoveryposreset recoveryposset removeallcyclicbool removecyclicbool removedir removefile removesuperv
-    renamefile resetaxisdistance resetaxismovetime resetmaxusagetime resetppmoved resetretrycount resettorquemargin
-    restopath rewind rmqemptyqueue rmqfindslot rmqsendmessage rmqsendwait safetycontrollersyncrequest save
-    savecfgdata scwrite setalldataval setbrush setbrushfac setdatasearch setdataval setforce setsysdata settmsignal
-    setupcyclicbool setupsuperv siclose siconnect sigetcyclic singarea sisetcyclic skipwarn socketaccept socketbind
-    socketclose socketconnect socketcreate socketlisten socketsend socketsendto softact softdeact softelbow
-    speedlimaxis speedlimcheckpoint speedrefresh spystart spystop startload startmove startmoveretry stcalib
-    stclose stindgun stindgunreset stopen stopmove stopmovereset storepath storeprofile sttune sttunereset
-    supsyncsensoroff supsyncsensoron syncmoveoff syncmoveon syncmoveresume syncmovesuspend syncmoveundo
-    synctosensor syncwwobj systemstopaction testsigndefine testsignreset texttabinstall tperase tpshow tpwrite
-    triggdatacopy triggdatareset triggstopproc tryint tunereset tuneservo uiclientexist uimsgwrite uimsgwriteabort
-    uishow unload usereachabletargets waitandrecprof waitload waitsynctask waittestandset waitwobj warmstart
-    worldacclim write writeanybin writebin writeblock writecfgdata writerawbytes writestrbin writevar writevararr
-    wzboxdef wzcyldef wzdisable wzdoset wzenable wzfree wzhomejointdef wzlimjointdef wzlimsup wzsphdef""".split()  # noqa: SIM905 (three hundred words read better so)
+def _omit(machine: Machine, call: Call) -> None:
+    """An effect that another machine does without."""
+    machine.omit(f"{_describe(machine, call)}: {OMITTED[call.name]}")
+
+
+def _lose(machine: Machine, call: Call) -> None:
+    """An effect without which another machine would move differently."""
+    machine.lose(f"{call.name}: {LOST[call.name]}")
+
+
+def _forget_arguments(machine: Machine, call: Call) -> None:
+    """An instruction that gives several of its arguments values from outside."""
+    given = [*call.args, *(value for _, value in call.options)]
+    for target in given:
+        if not isinstance(target, (Ref, Component, Element)):
+            continue
+        place = machine.place(target)
+        if place is not None and place[0].storage != "const":
+            key = _key_of(target)
+            machine.assign(target, machine.ask_for(f"{key}, from {call.name}", key))
+
+
+Effect = Callable[[Machine, Call], None]
+
 
 EFFECTS: dict[str, Effect] = {
-    **dict.fromkeys(_NO_EFFECT, _nothing),
-    **dict.fromkeys(_UNSEEN, _move_unseen),
-    **dict.fromkeys(("indamove", "indcmove", "inddmove", "indrmove", "indgunmove"), _move_alone),
+    **dict.fromkeys(SILENT, _move_nothing),
+    **dict.fromkeys(OMITTED, _omit),
+    **dict.fromkeys(LOST, _lose),
+    **dict.fromkeys(UNSEEN, _move_unseen),
+    **dict.fromkeys(ALONE, _move_alone),
+    **dict.fromkeys(GIVES, _forget_arguments),
     **dict.fromkeys(("setdo", "setao", "setgo"), _set_output), "set": _set_one, "reset": _set_one, "invertdo": _invert,
     "pulsedo": _pulse, "waittime": _wait,
     **dict.fromkeys(
-        ("waitdi", "waitdo", "waitgi", "waitgo", "waitai", "waitao", "waitsensor", "waitrob"), _wait_signal
+        ("waitdi", "waitdo", "waitgi", "waitgo", "waitai", "waitao"), _wait_signal
     ),
+    "waitrob": _wait_for_rest,
     "waituntil": _wait_until, "pdispoff": _displace_off, "pdispset": _displace_set, "pdispon": _displace_on,
-    "velset": _limit_speed, "accset": _tell_settings, "softact": _tell_settings, "eoffsset": _tell_settings,
-    "eoffson": _tell_settings, "pathacclim": _tell_settings, "confj": _supervise, "confl": _supervise,
-    "singarea": _supervise, "cirpathmode": _tell_settings, "motionsup": _tell_settings,
+    "velset": _limit_speed, "confj": _supervise, "confl": _supervise, "singarea": _supervise,
+    **dict.fromkeys(("cirpathmode", "circlepathmode"), _set_circle_mode),
     "triggio": _define_trigger, "triggequip": _define_trigger,
-    "stop": _stop, "break": _stop, "exitcycle": _end_cycle, "exit": _end,
+    **dict.fromkeys(("stop", "break", "systemstopaction"), _stop), "warmstart": _end,
+    "uimsgbox": _ask_operator, "exitcycle": _end_cycle, "exit": _end,
     **dict.fromkeys(("tpreadfk", "tpreadnum", "tpreaddnum"), _ask_operator),
-    **dict.fromkeys((name for name in _RECEIVES if not name.startswith("tpread")), _receive),
-    **dict.fromkeys(("incr", "decr", "add", "clear"), _increase), "gripload": _use_tool,
+    **dict.fromkeys((name for name in _RECEIVES if not name.startswith(("tpread", "uimsgbox"))), _receive),
+    **dict.fromkeys(("incr", "decr", "add", "clear"), _increase),
     "bookerrno": _book_error, "fcdeact": _force_off,
     **dict.fromkeys(("bitset", "bitclear"), _bit),
 }  # fmt: skip
-EFFECTS["waitrob"] = _nothing

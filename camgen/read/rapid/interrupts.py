@@ -125,7 +125,7 @@ def _aside(machine: Machine) -> Iterator[int]:
     kept = {name: getattr(machine, name) for name in _KEPT}
     copies = {
         name: getattr(machine, name).copy()
-        for name in ("findings", "assumed", "facts", "lost", "outputs", "frame_keys")
+        for name in ("findings", "assumed", "facts", "lost", "omitted", "outputs", "frame_keys")
     }
     begin, frames = len(machine.body), len(machine.frames)
     machine.blending = 0
@@ -141,5 +141,6 @@ def _aside(machine: Machine) -> Iterator[int]:
 
 _KEPT = (
     "scope", "line", "here", "displaced", "frame", "blending", "pressing", "welding", "speed_override", "speed_most",
+    "passes_circle_point",
     "held",
 )  # fmt: skip

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 
 from camgen.model.program import pack
 from camgen.model.text import counted
-from camgen.read.programs import Ask, Executed, Finding, Language
+from camgen.read.programs import Ask, Executed, Finding, Language, strip_mark
 
 from .grammar import parse
 from .link import link
@@ -25,7 +25,7 @@ _BEGINNING = re.compile(r"\s*(?:%%%[^%]*%%%)?(?:\s*![^\n]*\n)*\s*MODULE\s+\w", r
 
 def recognise(text: str) -> bool:
     """Whether the beginning of a text is surely RAPID: a module begins."""
-    return _BEGINNING.match(text.lstrip("\ufeff")) is not None
+    return _BEGINNING.match(strip_mark(text)) is not None
 
 
 def run(files: Mapping[str, str], ask: Ask) -> Executed:
@@ -34,7 +34,7 @@ def run(files: Mapping[str, str], ask: Ask) -> Executed:
     modules = []
     line = 1
     for name, text in files.items():
-        plain = text.replace("\r\n", "\n").replace("\r", "\n").lstrip("\ufeff").rstrip("\x00\x1a")
+        plain = strip_mark(text).replace("\r\n", "\n").replace("\r", "\n").rstrip("\x00\x1a")
         if "\x00" in plain[:1000]:
             machine.find(
                 "refused",
@@ -74,6 +74,7 @@ def _answer(machine: Machine, stopped: tuple[int, str] | None) -> Executed:
         assumed=tuple(sorted(machine.assumed.values(), key=lambda one: one.line)),
         facts=tuple((label, _list(texts)) for label, texts in machine.facts.items() if label),
         lost=tuple((line, what) for what, line in machine.lost.items()),
+        omitted=tuple((line, what) for what, line in machine.omitted.items()),
         stopped=stopped,
     )
 

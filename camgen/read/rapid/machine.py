@@ -97,6 +97,7 @@ class Machine:
     assumed: dict[tuple[str, str], Assumption] = field(default_factory=dict)
     facts: dict[str, dict[str, None]] = field(default_factory=dict)
     lost: dict[str, int] = field(default_factory=dict)  # with the first line
+    omitted: dict[str, int] = field(default_factory=dict)  # with the first line
     data: dict[str, Variable] = field(default_factory=dict)  # what is global
     routines: dict[str, Routine] = field(default_factory=dict)
     homes: dict[Routine, Home] = field(default_factory=dict)
@@ -111,6 +112,7 @@ class Machine:
     displaced: Pose | None = None
     speed_override: float = 1.0
     speed_most: float = 0.0
+    passes_circle_point: bool = False  # whether arcs turn by way of the circle point
     blending: int = 0  # line of the last motion, where it blends and nothing was switched since
     changes: int = 0  # how often data have been given another value
     version: int = 0  # how often records have
@@ -162,6 +164,10 @@ class Machine:
         """Assumes that the program does without something that it does, which the body then lacks."""
         self.assume(what)
         self.lost.setdefault(what, self.line)
+
+    def omit(self, what: str) -> None:
+        """Notes an effect that the body does not have, with its first line."""
+        self.omitted.setdefault(what, self.line)
 
     def lose_axes(self, what: str) -> None:
         """Notes a fact about external axes, which no body has."""

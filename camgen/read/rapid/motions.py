@@ -10,27 +10,31 @@ import re
 from functools import lru_cache
 
 from msgspec import Struct
+from msgspec.structs import replace
 
 from camgen.model.instructions import Force, Joints, MoveC, MoveJ, MoveL, Output, Posture
 from camgen.model.pose import Pose, Vec3, frozen, rotation_between, to_vec3
+from camgen.read.motion_speed import Limit, limit_speed, measure_arc, measure_line
 
+from .effects import LOST_OPTIONS, OMITTED_OPTIONS, READ_OPTIONS, SILENT_OPTIONS
 from .functions import name_of
 from .machine import Here, Machine
 from .places import WORST_NORM, choose_frame, pose_of, see_pose
 from .tokens import Wrong
 from .tree import Call, Expr, Inline
 from .values import Unknown, Value, find_unknown
-from .ways import is_half_turn, judge_arc, split_arc
+from .ways import is_half_turn, judge_arc, split_arc, split_at_circle_point
 
 #: mm/s where the text gives no speed that is one.
 _SLOWEST = 0.01
 #: An orientation whose square is off by more than this is looked at twice: NOrient takes 1e-5, hands print four digits.
 _LOOSE_NORM = 1e-3
 _NINES = 8.9e9
+#: deg/s at which the tool turns in every predefined speeddata.
+_USUAL_TURN = 500.0
 #: mm: z0, a corner so small that the tool is where it should be.
 _NO_CORNER = 0.3
 _MOST_REMEMBERED = 10_000
-_SENSED = frozenset(("corr", "track"))
 _LIKE_PREDEFINED = re.compile(r"[vz][0-9]+", re.IGNORECASE)
 
 
@@ -90,12 +94,25 @@ def form_of(name: str) -> Form | None:
 
 
 class Bound(Struct, frozen=True):
-    """What a motion says beside its points: mm/s, rad/s of turning, mm, and its frame."""
+    """The arguments of a motion beside its points.
+
+    speed: speed of the TCP, mm/s.
+    turn: speed at which the tool turns, rad/s, 0 without one.
+    blend: radius, mm.
+    frame: index of its tool and work object in `Machine.frames`.
+    seconds: time of the whole motion, s, that replaces both speeds; 0 without one.
+    """
 
     speed: float
     turn: float
     blend: float
     frame: int
+    seconds: float = 0.0
+
+    @property
+    def limit(self) -> Limit:
+        """The limits of the speed."""
+        return Limit(self.speed, self.turn, self.seconds, is_exact=self.seconds > 0)
 
 
 def move(machine: Machine, call: Call) -> Bound | None:
@@ -108,10 +125,10 @@ def move(machine: Machine, call: Call) -> Bound | None:
     points, speed, zone, tool, tail = _arguments(machine, form, call)
     bound = _bind(machine, form, call, speed, zone, tool)
     if form.kind == "abs":
-        if any(name == "t" for name, _ in call.options):
-            machine.tell(
-                "times",
-                "motions to joint values are shown at the speed of their data, not in the time they ask for",
+        if bound.seconds:
+            machine.omit(
+                f"{call.name} \\T:={bound.seconds:g}: the time of a motion to joint values; "
+                f"it runs at {bound.speed:g} mm/s"
             )
         _move_joints(machine, machine.value(points[-1]), bound)
     else:
@@ -162,6 +179,7 @@ def inline(machine: Machine, item: Inline) -> None:
     if machine.displaced is not None:
         target = machine.displaced @ target
     machine.frame = bound.frame
+    bound = _pace(machine, shape.name, bound, None, target)
     _emit(machine, FORMS[shape.name], None, target, bound, shape.points[0])
 
 
@@ -174,35 +192,79 @@ def _bind(
     options = dict(call.options)
     machine.frame = choose_frame(machine, tool, options.get("wobj"), form.kind == "abs")
     mm_s, rad_s = _speed(machine, form, call, machine.value(speed), options)
-    for name in _SENSED & options.keys():
-        machine.tell("sensor", f"corrects the path where \\{name} says so; shown as programmed")
+    seconds = _read_time(machine, call, options)
+    _judge_options(machine, form, call)
     blend = (
         0.0 if zone is None or "inpos" in options else _blend(machine, machine.value(zone), options)
     )
-    return Bound(mm_s, rad_s, blend, machine.frame)
+    return Bound(mm_s, rad_s, blend, machine.frame, seconds)
+
+
+def _judge_options(machine: Machine, form: Form, call: Call) -> None:
+    """Notes the options of a motion that the body does not have."""
+    for name, _ in call.options:
+        if name in LOST_OPTIONS:
+            machine.lose(f"{call.name} \\{name}: {LOST_OPTIONS[name]}")
+        elif name in OMITTED_OPTIONS:
+            machine.omit(f"{call.name} \\{name}: {OMITTED_OPTIONS[name]}")
+        elif not _is_read(form, name):
+            machine.omit(f"{call.name} \\{name}: an argument that is not read")
+
+
+def _is_read(form: Form, name: str) -> bool:
+    """Whether an option of a motion is read, or has no effect."""
+    if name in READ_OPTIONS or name in SILENT_OPTIONS:
+        return True
+    if form.process == "force":
+        return name in ("fx", "fy", "fz")
+    values = ("value", "dvalue") if form.after else ()
+    return name in values or bool(form.trigg and re.fullmatch(r"t\d", name))
 
 
 def _speed(
     machine: Machine, form: Form, call: Call, value: Value, options: dict[str, Expr | None]
 ) -> tuple[float, float]:
-    """mm/s and rad/s."""
+    """mm/s and rad/s.
+
+    VelSet scales both, but not the speed of welding. Its maximum is for the TCP alone.
+    """
     machine.fit("speeddata", value)
+    override = machine.speed_override
     if "v" in options:
         given = machine.number(options["v"])
-        value = (given, 500.0) if type(given) is float else given
+        turn = value[1] if isinstance(value, tuple) else _USUAL_TURN
+        value = (given, turn) if type(given) is float else given
     if form.process == "arc" and machine.welding:
-        value = _weld_speed(machine, call, value)
+        welding = _weld_speed(machine, call, value)
+        override = override if welding is value else 1.0
+        value = welding
     if find_unknown(value) is not None:
         unknown = find_unknown(value)
         machine.assume(f"a speed is not known ({_name_of(machine, unknown)}): 100 mm/s is taken")
-        return 100.0 * machine.speed_override, math.radians(500.0)
-    mm_s = value[0] * machine.speed_override
+        value = (100.0, _USUAL_TURN)
+    mm_s = value[0] * override
     if machine.speed_most > 0:
         mm_s = min(mm_s, machine.speed_most)
     if not mm_s > 0:
         machine.find("unusual", f"a speed of {mm_s:g} mm/s: the arm hardly moves")
         mm_s = _SLOWEST
-    return mm_s, math.radians(value[1]) if value[1] > 0 else 0.0
+    return mm_s, math.radians(value[1] * override) if value[1] > 0 else 0.0
+
+
+def _read_time(machine: Machine, call: Call, options: dict[str, Expr | None]) -> float:
+    """Argument T: the time of the whole motion, s, 0 without it. VelSet scales it.
+
+    Raises Wrong for a time that is not positive.
+    """
+    if "t" not in options:
+        return 0.0
+    seconds = machine.number(options["t"])
+    if isinstance(seconds, Unknown):
+        machine.omit(f"{call.name} \\T: the time is not known ({seconds.what[:60]})")
+        return 0.0
+    if not seconds > 0:
+        raise Wrong(machine.line, f"{call.name} in \\T:={seconds:g} s")
+    return float(seconds / machine.speed_override)
 
 
 def _weld_speed(machine: Machine, call: Call, value: Value) -> Value:
@@ -210,7 +272,7 @@ def _weld_speed(machine: Machine, call: Call, value: Value) -> Value:
     at = (2 if form_of(call.name) == Form("c", process="arc") else 1) + 2
     weld = machine.value(call.args[at]) if len(call.args) > at else None
     if isinstance(weld, tuple) and weld and type(weld[0]) is float and weld[0] > 0:
-        return (weld[0], 500.0)
+        return (weld[0], _USUAL_TURN)
     return value
 
 
@@ -231,7 +293,10 @@ def _blend(machine: Machine, value: Value, options: dict[str, Expr | None]) -> f
     machine.fit("zonedata", value)
     if "z" in options:
         radius = machine.number(options["z"])
-        return radius if type(radius) is float and radius > 0 else 0.0
+        if isinstance(radius, Unknown):
+            machine.assume(f"a zone is not known ({radius.what[:60]}): a stop is taken")
+            return 0.0
+        return max(float(radius), 0.0)
     if find_unknown(value) is not None:
         unknown = find_unknown(value)
         machine.assume(f"a zone is not known ({_name_of(machine, unknown)}): a stop is taken")
@@ -279,8 +344,7 @@ def _move_pose(machine: Machine, form: Form, call: Call, points: list[Value], bo
         poses = [machine.displaced @ pose for pose in poses]
     via = poses[0] if len(poses) > 1 else None
     target, rest = poses[-1], points[-1][2:]
-    if "t" in dict(call.options):
-        bound = _timed(machine, call, bound, target)
+    bound = _pace(machine, call.name, bound, via, target)
     triggers = _triggers(machine, form, call)
     if form.process == "force":
         _press(machine, call, bound, via, target, _posture(rest))
@@ -334,14 +398,14 @@ def _emit(
     if len(rest) > 1:
         _tell_external(machine, rest[1])
     if form.kind == "j":
-        machine.add(MoveJ(target, bound.speed, bound.blend, posture=posture))
+        machine.add(MoveJ(target, bound.speed, bound.blend, posture=posture, turn=bound.turn))
     elif via is None:
         if start is not None and is_half_turn(start, target):
             machine.find(
                 "unusual", "the tool turns by 180 deg in one straight motion; its sense is open"
             )
-        turn = bound.turn if start is not None and start.origin == target.origin else 0.0
-        machine.add(MoveL(target, bound.speed, bound.blend, posture=posture, turn=turn))
+        item = MoveL(target, bound.speed, bound.blend, posture=posture, turn=bound.turn)
+        machine.add(item)
     else:
         _emit_arc(machine, start, via, target, bound, posture)
     machine.here = Here(target, machine.frame, rest)
@@ -389,7 +453,11 @@ def _emit_arc(
         return
     if remark:
         machine.find_once("unusual", remark, remark)
-    points = split_arc(start, via, target)
+    points = (
+        split_at_circle_point(start, via, target)
+        if machine.passes_circle_point
+        else split_arc(start, via, target)
+    )
     for k in range(0, len(points), 2):
         last = k + 2 >= len(points)
         end = target if last else points[k + 1]
@@ -398,14 +466,20 @@ def _emit_arc(
         )
 
 
-def _timed(machine: Machine, call: Call, bound: Bound, target: Pose) -> Bound:
-    """The argument T: the seconds that the whole motion takes."""
-    seconds = machine.number(dict(call.options)["t"])
+def _pace(machine: Machine, name: str, bound: Bound, via: Pose | None, target: Pose) -> Bound:
+    """The arguments of a motion at the speed that its time and its speed of turning allow."""
     start = see_pose(machine)
-    if type(seconds) is not float or not seconds > 0 or start is None:
-        return bound
-    way = math.dist(start.origin, target.origin)
-    return Bound(way / seconds, bound.turn, bound.blend, bound.frame) if way > 0 else bound
+    if start is None:
+        if bound.seconds:
+            machine.omit(f"{name} \\T:={bound.seconds:g}: where it begins is not known")
+        return replace(bound, turn=0.0, seconds=0.0)
+    if via is None:
+        extent = measure_line(start, target)
+    else:
+        by_via = machine.passes_circle_point
+        extent = measure_arc(start, via, target, turns_by_via=by_via)
+    speed, turn = limit_speed(extent, bound.limit)
+    return replace(bound, speed=speed, turn=turn, seconds=0.0)
 
 
 # What is switched on the way --------------------------------------------------------------------------------------
@@ -537,7 +611,10 @@ def _press(
     else:
         count = 2 if via is not None else 1
         force = machine.number(call.args[count + 1])
-        newtons = abs(force) if type(force) is float else 1.0
+        if isinstance(force, Unknown):
+            machine.assume(f"a force to press with is not known ({force.what[:60]}): 1 N is taken")
+            force = 1.0
+        newtons = abs(force)
     assert machine.pressing is not None
     press = _direction(target, machine.pressing)
     if via is None:

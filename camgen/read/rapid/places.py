@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 from camgen.model.pose import Pose, quaternion, translation
-from camgen.read.programs import Frames
+from camgen.read.programs import Frames, carry_pose
 
 from .machine import Machine
 from .tokens import Wrong
@@ -92,7 +92,10 @@ def _tool_frame(machine: Machine, name: str, value: Value) -> Pose | None:
         return None
     _tell_mass(machine, name, value)
     if value[0] is False:
-        machine.tell("held", f"{name} stands still, the robot holds the work")
+        machine.lose(
+            f"the tool {name} stands still, and the robot holds the work: the arm has to move the "
+            "other way; teach it with the tool on the robot"
+        )
         return None
     return pose_of(machine, value[1])
 
@@ -114,10 +117,16 @@ def _work_frame(machine: Machine, name: str, value: Value) -> Pose | None:
         return None
     held, fixed, unit, user, part = value
     if held is True:
-        machine.tell("held", f"{name} is held by the robot")
+        machine.lose(
+            f"the work object {name} is held by the robot: the arm has to move the other way; "
+            "teach it with the tool on the robot"
+        )
         return None
     if fixed is False or unit:
-        machine.tell("moved", f"{name} is moved by {unit or 'another unit'}")
+        machine.lose(
+            f"the work object {name} is moved by {unit or 'another unit'}: its place is not known; "
+            "teach it in one that stands"
+        )
         return None
     return pose_of(machine, user) @ pose_of(machine, part)
 
@@ -132,18 +141,7 @@ def see_pose(machine: Machine) -> Pose | None:
         return _put(machine, here.joints, machine.frames[machine.frame])
     if here.pose is None or here.frame == machine.frame:
         return here.pose
-    then, now = machine.frames[here.frame], machine.frames[machine.frame]
-    if then.tool == now.tool and then.flange_from_tool is None and now.flange_from_tool is None:
-        flange = here.pose
-    elif then.flange_from_tool is None or now.flange_from_tool is None:
-        return None
-    else:
-        flange = here.pose @ then.flange_from_tool.inverse() @ now.flange_from_tool
-    if then.work == now.work and then.base_from_work is now.base_from_work:
-        return flange
-    if then.base_from_work is None or now.base_from_work is None:
-        return None
-    return now.base_from_work.inverse() @ then.base_from_work @ flange
+    return carry_pose(here.pose, machine.frames[here.frame], machine.frames[machine.frame])
 
 
 def see_joints(

@@ -197,7 +197,7 @@ def _run_call(runner: Runner, call: Call) -> None:
     if effect is not None:
         effect(machine, call)
         return
-    if call.name == "raisetouser":
+    if call.name in ("raisetouser", "errraise"):
         raise Raised(call.line)
     _leave_out(runner, call)
 

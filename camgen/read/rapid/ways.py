@@ -10,6 +10,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from camgen.geometry.arcs import circle, turn_about
 from camgen.geometry.vectors import cross, dots, lengths
 from camgen.model.part import BoolArray
 from camgen.model.pose import FloatArray, Pose, Vec3, rotation_between
@@ -132,6 +133,28 @@ def split_arc(start: Pose, via: Pose, target: Pose) -> list[Pose]:
         x, y, z = (a[i] + out[i] + u[i] * c + v[i] * s for i in range(3))
         made.append(Pose(_turned(start, target, k / (2 * pieces)), (x, y, z)))
     return made
+
+
+def split_at_circle_point(start: Pose, via: Pose, target: Pose) -> list[Pose]:
+    """Splits an arc as `split_arc` does, by way of the orientation of the circle point.
+
+    The tool turns evenly from the start to the circle point, and from there to the end.
+    """
+    centre, _, axis, sweep = circle(start.origin, via.origin, target.origin)
+    arms = [_minus(pose.origin, centre) for pose in (start, via)]
+    sine, cosine = _dot(_cross(arms[0], arms[1]), axis), _dot(arms[0], arms[1])
+    first = math.atan2(sine, cosine) % (2 * math.pi)
+    poses: list[Pose] = []
+    for begin, end, angle in ((start, via, first), (via, target, sweep - first)):
+        arm = _minus(begin.origin, centre)
+        pieces = 1 if angle <= math.pi * 1.0001 else 2
+        for k in range(1, 2 * pieces):
+            part = k / (2 * pieces)
+            x, y, z = turn_about(arm, axis, part * angle)
+            place = (centre[0] + x, centre[1] + y, centre[2] + z)
+            poses.append(Pose(_turned(begin, end, part), place))
+        poses.append(end)
+    return poses
 
 
 def _turned(start: Pose, target: Pose, part: float) -> FloatArray:

@@ -35,6 +35,9 @@ class Arm(Variables):
         self.lines: list[int] = []
         self.frames: list[Frame | None] = []
         self.turning: list[tuple[int, float]] = [(0, 100.0)]
+        #: Least seconds of motions by their index in the body.
+        self.durations: dict[int, float] = {}
+        self._lasts_always, self._lasts_once = 0.0, 0.0
         self._rated = rated
         #: The place of the last motion in the body.
         self._last: int | None = None
@@ -58,6 +61,7 @@ class Arm(Variables):
         """A motion at the speed in force. share: see ``MoveJ``."""
         setting, self._once = self._once or self._always, None
         self._turn(setting)
+        self._last_for(len(self.body), len(self.body) + 1)
         speed = self._mm_per_second(setting)
         if isinstance(target, Joints):
             self.add(line, MoveJ(target, speed, blend, share=share))
@@ -84,6 +88,7 @@ class Arm(Variables):
             else swing
         )
         blend = ROUNDED if self._path else 0.0
+        self._last_for(len(self.body), len(self.body) + count)
         self._turn(first)
         self.body.append(made(plain.poses[0], self._mm_per_second(first), blend))
         if count > 1:
@@ -115,6 +120,24 @@ class Arm(Variables):
             self._always, self._once = (value, unit, turning), None
         else:
             self._once = (value, unit, turning)
+
+    def set_duration(self, seconds: float, always: bool) -> None:
+        """The effect of a DURATION."""
+        if always:
+            self._lasts_always, self._lasts_once = seconds, 0.0
+        else:
+            self._lasts_once = seconds
+
+    def _last_for(self, begin: int, end: int) -> None:
+        """Notes the least time of the next motions, which the monitor speed scales.
+
+        begin, end: their indices in the body.
+        """
+        seconds, self._lasts_once = self._lasts_once or self._lasts_always, 0.0
+        for index in range(begin, end):
+            if seconds:
+                self.durations[index] = seconds / self._monitor
+            seconds = self._lasts_always
 
     def set_posture(self, word: str) -> None:
         """A posture word: in force from the next motion on, and instead of the one that it excludes."""

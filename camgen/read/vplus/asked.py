@@ -40,6 +40,7 @@ class Notes:
         self._assumed: dict[str, Assumption] = {}
         self._facts: dict[str, dict[str, None]] = {}
         self._lost: dict[tuple[int, str], None] = {}
+        self._omitted: dict[str, int] = {}
 
     def find(self, level: Level, line: int, what: str) -> None:
         """A finding."""
@@ -65,6 +66,11 @@ class Notes:
         if len(self._lost) < _MOST:
             self._lost.setdefault((line, one_line(what)[:_LONGEST]))
 
+    def omit(self, line: int, what: str) -> None:
+        """Notes an effect that the body does not have, with its first line."""
+        if len(self._omitted) < _MOST:
+            self._omitted.setdefault(one_line(what)[:_LONGEST], line)
+
     def fact(self, label: str, text: str) -> None:
         """What else stands in the program."""
         texts = self._facts.setdefault(label, {})
@@ -83,6 +89,10 @@ class Notes:
     def facts(self) -> tuple[tuple[str, str], ...]:
         """Label and text."""
         return tuple((label, ", ".join(texts)) for label, texts in self._facts.items())
+
+    def omitted(self) -> tuple[tuple[int, str], ...]:
+        """Line and text."""
+        return tuple((line, what) for what, line in self._omitted.items())
 
     def lost(self) -> tuple[tuple[int, str], ...]:
         """Line and text."""

@@ -309,6 +309,8 @@ class Machine(Units):
             self.bases[length:],
             self.tool[length:],
         )
+        for index in [index for index in self.durations if index >= length]:
+            del self.durations[index]
         found = (
             k for k in reversed(range(length)) if isinstance(self.body[k], (MoveJ, MoveL, MoveC))
         )

@@ -11,29 +11,15 @@ from collections.abc import Callable, Mapping
 from .robot import POSTURES, Robot
 from .text import Statement
 
-#: They move nothing and change nothing that is told: text, files, tasks, cameras, the pendant.
-SILENT = frozenset(
-    """ABORT AIO.OUT BELT CALIBRATE CLEAR.EVENT CLR.EVENT CYCLE.END DEF.DIO DEFBELT DETACH DURATION FCLOSE FCMND
-    FDELETE FDIRECTORY FEMPTY FOPEN FOPENA FOPENR FOPENW FOPEND FSEEK FSET GARC GCHAIN GCLEAR GCLIP GCOLOR GCOPY
-    GFLOOD GGETLINE GICON GLINE GLINES GLOGICAL GMODE GPANEL GPOINT GRECTANGLE GSCAN GSLIDE GTEXTURE GTRANS GTYPE
-    IGNORE INSTALL INT.EVENT INTOFF INTON IOPUT IOGET KEYMODE KILL LATCH LOCK MC MCS MODULE NOOP PACK PAYLOAD
-    PDNT.CLEAR PDNT.NOTIFY PDNT.WRITE PENDANT PRIORITY PROCEED PROG.START ROBOT.OPR RETRY RUNSIG SEE SET.EVENT
-    SETBELT SETDEVICE SIG.INS TYPE UNIDIRECT UNPACK VAUTOTHR VCORRELATE VDEF.AOI VDEF.GRIP VDISPLAY VEDGE VLOCATE
-    VPARAMETER VPICTURE VPLAN VRECALL VRUN VRULER VSELECT VSHOW VSTORE VSUBMIT VTRAIN VWAIT VWINDOW WINDOW WRITE
-    """.split()  # noqa: SIM905 (a table)
-)
-#: Motions that depend on sensors or options.
-NOT_EVALUATED = frozenset(
-    {"ALTER", "ALTOFF", "ALTON", "FORCE", "JOG", "MOVEC", "MOVEF", "MOVESF", "MOVESC"}
-)
 #: They set a reaction of the program to a signal or an error.
 REACTIONS = frozenset({"REACT", "REACTE", "REACTI"})
 
 DOES: Mapping[str, Callable[[Robot, Statement], None]] = {
-    "ACCEL": Robot.accel, "ALIGN": Robot.elsewhere, "APPRO": Robot.appro, "APPROS": Robot.appro, "BASE": Robot.base,
+    "ALIGN": Robot.elsewhere, "APPRO": Robot.appro, "APPROS": Robot.appro, "BASE": Robot.base,
     "BITS": Robot.set_bits, "BRAKE": Robot.brake, "BREAK": Robot.brake, "CPOFF": Robot.path, "CPON": Robot.path,
     "DECOMPOSE": Robot.decompose, "DELAY": Robot.delay, "DEPART": Robot.depart, "DEPARTS": Robot.depart,
-    "DISABLE": Robot.switch, "DRIVE": Robot.drive, "ENABLE": Robot.switch, "JMOVE": Robot.jmove, "MOVE": Robot.move,
+    "DISABLE": Robot.switch, "DRIVE": Robot.drive, "DURATION": Robot.duration,
+    "ENABLE": Robot.switch, "JMOVE": Robot.jmove, "MOVE": Robot.move,
     "MOVES": Robot.move, "MOVEST": Robot.move, "MOVET": Robot.move, "NEST": Robot.elsewhere, "PAUSE": Robot.stop,
     "READY": Robot.elsewhere, "RESET": Robot.reset, "SIGNAL": Robot.signal, "SPEED": Robot.speed,
     "TOOL": Robot.set_tool,

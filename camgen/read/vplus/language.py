@@ -8,14 +8,16 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from msgspec.structs import replace
 
 from camgen.model.pose import Pose
-from camgen.model.program import Columns, Instruction, splice
+from camgen.model.program import Columns, Instruction, MoveJ, MoveL, splice
 from camgen.read.beside import sum_up
-from camgen.read.programs import Ask, Executed, Frames, Language
+from camgen.read.motion_speed import Limit, pace_motion
+from camgen.read.programs import Ask, Executed, Frames, Language, carry_pose, strip_mark
 
 from .asked import Notes
 from .check import check_rest
@@ -51,6 +53,7 @@ _THEIRS = re.compile(
 
 def recognise(text: str) -> bool:
     """Whether the beginning of a text is surely V+."""
+    text = strip_mark(text)
     if not _SURE.search(text) or _THEIRS.search(text):
         return False
     return _OURS.search(text) is not None
@@ -59,6 +62,7 @@ def recognise(text: str) -> bool:
 def run(files: Mapping[str, str], ask: Ask) -> Executed:
     """What the programs in ``files`` do from their entry on."""
     notes = Notes()
+    files = {name: strip_mark(text) for name, text in files.items()}
     beside = find_data(files)
     routines, data = read_files(files, beside, notes.refuse, notes.odd)
     values = {**read_points(ask.points, notes), **read_values(data, notes)}
@@ -76,11 +80,20 @@ def run(files: Mapping[str, str], ask: Ask) -> Executed:
     _look_beside(machine, notes, lambda said: _ready(routines, short, said, beside, values))
     check_rest(routines, machine, notes)
     _tell_programs(routines, machine, notes)
-    frames, frame, body = _place(machine)
+    placed = _place(machine)
+    body = _pace(machine, placed)
     return Executed(
-        _turn(body, machine.turning), tuple(machine.lines), frames, frame,
-        notes.findings(), notes.assumed(), notes.facts(), notes.lost(), machine.stopped,
-    )  # fmt: skip
+        body,
+        tuple(machine.lines),
+        placed.frames,
+        placed.places if len(placed.frames) > 1 else (),
+        findings=notes.findings(),
+        assumed=notes.assumed(),
+        facts=notes.facts(),
+        lost=notes.lost(),
+        omitted=notes.omitted(),
+        stopped=machine.stopped,
+    )
 
 
 def _ready(
@@ -155,8 +168,21 @@ def _tell_programs(routines: Sequence[Routine], machine: Machine, notes: Notes) 
             notes.fact("programs not run", routine.name)
 
 
-def _place(machine: Machine) -> tuple[tuple[Frames, ...], tuple[int, ...], Sequence[Instruction]]:
-    """The frames, the place in them of the one of each instruction, and the body with its targets in them."""
+class PlacedBody(NamedTuple):
+    """A body with its targets in frames.
+
+    frames: frames in the order of their first use.
+    places: index in `frames` for each instruction.
+    body: the instructions.
+    """
+
+    frames: tuple[Frames, ...]
+    places: tuple[int, ...]
+    body: Sequence[Instruction]
+
+
+def _place(machine: Machine) -> PlacedBody:
+    """The body with its targets in the frames of the text."""
     flat = _is_flat(machine)
     frames: list[Frames] = []
     places: dict[object, int] = {}
@@ -182,7 +208,7 @@ def _place(machine: Machine) -> tuple[tuple[Frames, ...], tuple[int, ...], Seque
             moved = replace(item, target=frame.pose @ item.target)  # type: ignore[union-attr, operator]
             changed[index] = (moved,)
     body = splice(machine.body, changed) if changed else machine.body
-    return tuple(frames), tuple(found) if len(frames) > 1 else (), body
+    return PlacedBody(tuple(frames), tuple(found), body)
 
 
 def _is_flat(machine: Machine) -> bool:
@@ -209,20 +235,47 @@ def _key(one: Frames, tool: int) -> object:
     return tool, one.work, None if pose is None else (pose.origin, pose.rotation.tobytes())
 
 
-def _turn(
-    body: Sequence[Instruction], turning: Sequence[tuple[int, float]]
-) -> Sequence[Instruction]:
-    """The body with the speed of its turns on the spot. turning: % of the rated one, from which place on."""
-    columns = Columns(body)
-    at = columns.at[columns.turned].tolist()
-    if not at:
-        return tuple(body) if isinstance(body, list) else body
-    begins = np.array([begin for begin, _ in turning])
+def _pace(machine: Machine, placed: PlacedBody) -> Sequence[Instruction]:
+    """The body at the speeds that SPEED's rotational speed and DURATION leave."""
+    columns = Columns(placed.body)
+    at = columns.at.tolist()
+    turns = columns.moves_are(MoveL) & columns.posed
+    turns[1:] &= columns.rotation[1:] != columns.rotation[:-1]
+    turns[:1] = False
+    timed = np.isin(columns.at, list(machine.durations))
+    begins = np.array([begin for begin, _ in machine.turning])
     changed = {}
-    for place in at:
-        rate = turning[int(np.searchsorted(begins, place, "right")) - 1][1]
-        changed[place] = (replace(body[place], turn=math.radians(rate / 100 * RATED_TURN)),)
-    return splice(body, changed)
+    for motion in np.flatnonzero(turns | timed).tolist():
+        index = at[motion]
+        item = placed.body[index]
+        seconds = machine.durations.get(index, 0.0)
+        rate = machine.turning[int(np.searchsorted(begins, index, "right")) - 1][1]
+        turn = math.radians(rate / 100 * RATED_TURN) if isinstance(item, MoveL) else 0.0
+        start = _find_start(placed, at[motion - 1] if motion else None, index)
+        if seconds and (start is None or not isinstance(item.target, Pose)):
+            what = "the time of a motion from or to a place that the text does not hold"
+            machine.notes.omit(machine.lines[index], f"DURATION {seconds:g}: {what}")
+        paced = pace_motion(item, start, Limit(item.speed, turn, seconds))
+        if isinstance(paced, MoveJ) and paced is not item:
+            paced = replace(paced, share=0.0)
+        changed[index] = (paced,)
+    if not changed:
+        return tuple(placed.body) if isinstance(placed.body, list) else placed.body
+    return splice(placed.body, changed)
+
+
+def _find_start(placed: PlacedBody, before: int | None, index: int) -> Pose | None:
+    """The pose at which the motion at `index` begins, in its frames; None if it is not known.
+
+    before: index of the motion before it, None without one.
+    """
+    if before is None:
+        return None
+    target = getattr(placed.body[before], "target", None)
+    if not isinstance(target, Pose):
+        return None
+    then, now = (placed.frames[placed.places[k]] for k in (before, index))
+    return target if then is now else carry_pose(target, then, now)
 
 
 VPLUS = Language(

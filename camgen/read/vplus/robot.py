@@ -19,6 +19,7 @@ from camgen.read.programs import Ask
 from . import words
 from .arm import PAIRS, ROUNDED
 from .asked import MOST_SIGNAL, RATED, Notes, Surroundings
+from .effects import SILENT_SWITCHES
 from .locations import Expression, describe, to_joints, to_values, unknown
 from .text import (
     NULL,
@@ -37,8 +38,7 @@ from .text import (
 RATED_TURN = 1200.0
 #: The output of the hand: its numbers are set on the controller.
 HAND = "hand.open"
-_OVERLAP = frozenset({"OVERLAP", "NOOVERLAP"})
-POSTURES = frozenset(word for pair in PAIRS for word in pair) | _OVERLAP
+POSTURES = frozenset(word for pair in PAIRS for word in pair)
 #: Speeds, % or mm/s, that somebody can mean.
 _LEAST, _MOST = 1e-6, 1e6
 _HERE = re.compile(r"(?<![\w.])HERE(?![\w.])", re.IGNORECASE)
@@ -288,21 +288,31 @@ class Robot(Surroundings):
                 return 100.0, "%", 100.0, "ALWAYS" in rest.upper()
             raise
 
+    def duration(self, statement: Statement) -> None:
+        """``DURATION``: the least time, s, of the next motion, with ``ALWAYS`` of all."""
+        text = Expression(statement.rest, self)
+        seconds = text.logic()
+        always = text.accept("ALWAYS")
+        text.finish()
+        if not 0 <= seconds <= _MOST:
+            raise Impossible(f"a motion in {seconds:g} s")
+        self.set_duration(seconds, bool(always))
+
     def configure(self, statement: Statement) -> None:
         """A posture word: in force from the next motion on, and instead of the one that it excludes."""
         if statement.rest and statement.rest.upper() != "ALWAYS":
             raise Unreadable(f"{statement.word} stands alone or with ALWAYS")
-        if statement.word not in _OVERLAP:
-            self.set_posture(statement.word)
+        self.notes.fact("posture", statement.word)
+        self.set_posture(statement.word)
 
     def settle(self, statement: Statement) -> None:
-        """``COARSE``, ``FINE``, ``NULL``, ``NONULL``: how exactly a motion stops, which no instruction tells."""
+        """``COARSE``, ``FINE``, ``NULL``, ``NONULL``: how exactly a motion stops."""
         text = Expression(statement.rest, self)
         if text.peek() not in ("", "ALWAYS"):
             text.logic()
         text.accept("ALWAYS")
         text.finish()
-        self.notes.fact("stops", statement.word)
+        self.notes.omit(self.line, f"{statement.word}: how exactly a motion stops")
 
     def path(self, statement: Statement) -> None:
         """``CPON`` and ``CPOFF``."""
@@ -320,21 +330,19 @@ class Robot(Surroundings):
             name = "".join(part.split()).lower()
             if not name:
                 raise Unreadable(f"{statement.word} wants the name of a switch")
-            self.set_switch(name, on)
+            self.set_switch(statement.word, name, on)
 
-    def set_switch(self, name: str, on: bool) -> None:
-        """One switch."""
+    def set_switch(self, word: str, name: str, on: bool) -> None:
+        """A switch. word: the instruction that sets it."""
         self.switches[name] = -1.0 if on else 0.0
         if name == "cp":
             self._path = on
         elif name == "dry.run" and on:
             self.notes.odd(self.line, "DRY.RUN: the robot does not move while it is on")
+        elif name not in SILENT_SWITCHES:
+            self.notes.omit(self.line, f"{word} {name}: a switch of the controller")
         if name == "power":
             self.rest()
-
-    def accel(self, statement: Statement) -> None:
-        """``ACCEL``: a fact, no instruction."""
-        self.notes.fact("ACCEL", statement.rest)
 
     def set_tool(self, statement: Statement) -> None:
         """``TOOL``; without a location there is none."""
@@ -428,6 +436,7 @@ class Robot(Surroundings):
 
     def reset(self, _: Statement) -> None:
         """``RESET``: all outputs off; those that the text names."""
+        self.notes.fact("outputs", "RESET switches off those that the text has switched on")
         for number in [n for n, on in self.outputs.items() if on and n <= 1000]:
             self._output(number, on=False)
 
@@ -455,6 +464,7 @@ class Robot(Surroundings):
     def forget(self) -> None:
         """As if nothing had been done."""
         del self.body[:], self.lines[:], self.frames[:], self.bases[:], self.tool[:], self.tools[1:]
+        self.durations.clear()
         self._last, self._moving, self._hand, self._held, self.detached = (
             None,
             False,

@@ -9,7 +9,8 @@ from camgen.model.program import Joints
 from camgen.read.programs import Ask
 
 from .asked import Notes
-from .instructions import DOES, NOT_EVALUATED, REACTIONS, SILENT
+from .effects import LOST, OMITTED, SILENT, SILENT_PARAMETERS, UNSEEN
+from .instructions import DOES, REACTIONS
 from .locations import BUILT, Expression, to_values
 from .names import canonical
 from .robot import Robot
@@ -77,10 +78,15 @@ class Statements(Robot):
             DOES[word](self, statement)
         elif word in _MORE:
             _MORE[word](self, statement)
-        elif word in NOT_EVALUATED:
-            self.notes.odd(statement.line, f"{word} is not evaluated")
-            self.notes.lose(statement.line, f"{word} is not evaluated")
-            self.lost(word)
+        elif word in LOST:
+            self.notes.odd(statement.line, f"{word} is not evaluated: {LOST[word]}")
+            self.notes.lose(statement.line, f"{word} is not evaluated: {LOST[word]}")
+            if word in UNSEEN:
+                self.lost(word)
+        elif word in OMITTED:
+            self.notes.omit(
+                statement.line, f"{word} {statement.rest}".rstrip() + f": {OMITTED[word]}"
+            )
         elif word in REACTIONS:
             self.react(statement)
         elif word not in SILENT:
@@ -237,14 +243,16 @@ class Statements(Robot):
         key = "".join(name.split()).lower()
         if statement.word == "PARAMETER":
             self.parameters[key] = value
+            if key not in SILENT_PARAMETERS:
+                self.notes.omit(self.line, f"PARAMETER {key}: a parameter of the controller")
         else:
-            self.set_switch(key, value != 0)
+            self.set_switch(statement.word, key, value != 0)
 
     def select(self, statement: Statement) -> None:
         """``SELECT ROBOT = n``."""
         name, _, rest = statement.rest.partition("=")
         if name.strip().upper() == "ROBOT" and rest.strip() not in ("1", ""):
-            self.notes.fact("robot", rest.strip())
+            self.notes.omit(self.line, f"SELECT ROBOT = {rest.strip()}: the robot that moves")
 
     def solve(self, statement: Statement) -> None:
         """``SOLVE.ANGLES`` and ``SOLVE.TRANS``: the kinematics of the arm, which no text has."""

@@ -670,11 +670,14 @@ def test_what_an_expert_would_look_at_twice(body: str, what: str) -> None:
 
 
 def test_what_is_shown_otherwise_is_a_fact() -> None:
-    facts = dict(
-        done(
-            "SetDO\\SDelay:=0.5,do1,0;\nMoveL\\Conc,p1,v100,fine,tG\\Corr;\nMoveExtJ [p1.extax,p1.extax],v9,fine;"
-        ).facts
+    executed = done(
+        "SetDO\\SDelay:=0.5,do1,0;\nMoveL\\Conc,p1,v100,fine,tG\\Corr;\n"
+        "MoveExtJ [p1.extax,p1.extax],v9,fine;"
     )
+    facts = dict(executed.facts)
     assert facts["delays"] == "SetDO with SDelay is shown without it"
-    assert facts["sensor"] == "corrects the path where \\corr says so; shown as programmed"
+    lost = [what for _, what in executed.lost if "\\corr" in what]
+    assert lost == ["movel \\corr: a sensor corrects the path; teach the corrected path"]
+    effect = "what follows happens while the arm moves; here it waits for the motion"
+    assert [what for _, what in executed.omitted] == [f"movel \\conc: {effect}"]
     assert facts["external axes"] == "move on their own and are not shown"

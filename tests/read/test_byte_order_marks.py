@@ -1,0 +1,43 @@
+"""Byte order marks: UTF-8 is read with one, UTF-16 is refused in one line."""
+
+from pathlib import Path
+
+import pytest
+
+import camgen
+from camgen.read.programs import Ask, find_language
+
+TEXTS = {
+    "rapid": """MODULE m
+  ! D\u00fcse
+  PROC main()
+    MoveAbsJ [[0,0,0,0,30,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v200,fine,tool0;
+  ENDPROC
+ENDMODULE
+""",
+    "vplus": ".PROGRAM a()\n; D\u00fcse\nMOVES TRANS(350,0,250,0,180,0)\n.END\n",
+    "pacscript": "Sub Main\n  ' D\u00fcse\n  TakeArm\n  Move P, @0 P(300, 0, 250)\nEnd Sub\n",
+}
+SUFFIXES = {"rapid": "mod", "vplus": "v2", "pacscript": "pcs"}
+
+
+@pytest.mark.parametrize("mark", ["\ufeff", "\xef\xbb\xbf"])
+@pytest.mark.parametrize("language", TEXTS)
+def test_the_mark_of_utf_8_is_read(language: str, mark: str) -> None:
+    """As a character, and as the three bytes of a file that is read as Latin-1."""
+    spoken, text = find_language(language), TEXTS[language]
+    with_mark = spoken.run({"a": mark + text, "b": mark + "\n"}, Ask())
+    without = spoken.run({"a": text, "b": "\n"}, Ask())
+    assert with_mark.lines == without.lines
+    assert with_mark.findings == without.findings
+    assert list(map(repr, with_mark.body)) == list(map(repr, without.body))
+    assert spoken.recognise(mark + text) == spoken.recognise(text)
+
+
+@pytest.mark.parametrize("language", TEXTS)
+def test_utf_16_is_refused_in_one_line(tmp_path: Path, language: str) -> None:
+    file = tmp_path / f"a.{SUFFIXES[language]}"
+    file.write_bytes(TEXTS[language].encode("utf-16"))
+    with pytest.raises(camgen.InputError, match="is UTF-16, which no controller reads") as error:
+        camgen.build(file, post=language)
+    assert "\n" not in str(error.value)
