@@ -278,12 +278,15 @@ def test_references_that_cannot_be_used() -> None:
     # ezdxf writes no scale of 0 and no reference without a name but reads them.
     text = written(document).replace(" 41\n0.125\n", " 41\n0.0\n").replace("  2\nNAMELESS\n", "")
     part = read_bytes("test.dxf", text.encode(), InputTable(), 0.01)
+    line = text.splitlines().index("3A") - 1
     assert len(part.contours) == 2
     assert notes(part) == [
-        "skipped: 1 INSERT on layer 0 (its block contains itself)",
-        "skipped: 2 INSERT on layer 0 (its block is missing)",
-        "skipped: 1 INSERT on layer 0 (scaled to nothing)",
-        "skipped: 1 INSERT on layer 0 (an external reference, not in this file)",
+        f"skipped: INSERT #3A on layer 0 (line {line}: group 2 is missing; open it in the CAD "
+        "program and save it again as DXF)",
+        "skipped: 1 INSERT on layer 0: #34 (its block contains itself)",
+        "skipped: 1 INSERT on layer 0: #38 (its block 'MISSING' is missing)",
+        "skipped: 1 INSERT on layer 0: #3C (scaled to nothing)",
+        "skipped: 1 INSERT on layer 0: #41 (an external reference, not in this file)",
     ]
 
 
@@ -295,7 +298,7 @@ def test_a_clipped_reference_is_skipped() -> None:
     part = read(document)
     assert len(part.contours) == 1
     assert notes(part) == [
-        "skipped: 1 INSERT on layer 0 (clipped (XCLIP), which cannot be honoured; explode it)"
+        "skipped: 1 INSERT on layer 0: #35 (clipped (XCLIP), which cannot be honoured; explode it)"
     ]
 
 
@@ -337,7 +340,7 @@ def test_polylines_of_r12() -> None:
     part = read(document, units="mm")
     assert [c.points.tolist() for c in part.contours] == [[[0, 0], [10, 0]], [[20, 0], [30, 0]]]
     assert part.contours[0].bulges.tolist() == [1, 0]
-    assert notes(part)[0] == "skipped: 1 POLYLINE on layer 0 (a mesh)"
+    assert notes(part)[0] == "skipped: 1 POLYLINE on layer 0: #36 (a mesh)"
 
 
 def test_thickness_and_width() -> None:

@@ -61,7 +61,7 @@ def look(path: Path) -> Look:
     """Loading takes most of the time: a drawing is loaded once for both."""
     opened = source(path)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(dxf, "_load", cache(dxf._load))
+        patch.setattr(dxf, "load_document", cache(dxf.load_document))
         try:
             counts = dict(dxf.inspect(opened, Job(), Files()).counts)
         except InputError:

@@ -5,16 +5,13 @@
 
 from __future__ import annotations
 
-import re
-import struct
 from collections import Counter
-from io import BytesIO, TextIOWrapper
 from typing import TYPE_CHECKING
 
 import numpy as np
 from msgspec import Struct
 
-from camgen.model.errors import InputError, one_line
+from camgen.model.errors import InputError
 from camgen.model.files import Source
 from camgen.model.job import Job
 from camgen.model.part import Contour, Curve, Note, Part
@@ -22,161 +19,22 @@ from camgen.model.pose import FloatArray
 from camgen.model.text import counted, harmless, short
 from camgen.read import join, space, units
 from camgen.read.colors import count_colors
+from camgen.read.dxf.document import load_document
 from camgen.read.dxf.entities import REPAIRED, DrawnEntities, walk
 from camgen.read.dxf.flatten import FLAT_MM, Flat, flatten
 from camgen.read.dxf.in_space import place_in_space
 from camgen.read.dxf.layers import NOT_ASKED, layers_of
-from camgen.read.dxf.plain import Split, split
 from camgen.read.files import Files
 from camgen.read.open_outlines import find_open_outlines
 from camgen.read.pieces import tally
-from camgen.read.quiet import silence
 
 if TYPE_CHECKING:
     from ezdxf.document import Drawing
 
 
-# The bytes of a DXF file as an ezdxf document: strictly first, then tolerantly, with a note on what was wrong.
-
-_BINARY = b"AutoCAD Binary DXF\r\n\x1a\x00"
-_END = re.compile(rb"(?:^|\n)[ \t]*0[ \t]*\r?\n[ \t]*EOF\b")
-_TAIL = 256
-_SECTION = re.compile(rb"(?:^|\n)[ \t]*0[ \t]*\r?\n[ \t]*SECTION\b")
-_SAVE_AGAIN = "open it in the CAD program and save it again as DXF"
-
-#: ezdxf parses whatever it is given: besides its own errors (which are not all ValueErrors) a damaged file makes it
-#: stumble over missing values in each of these ways.
-_STUMBLES = (
-    ValueError, TypeError, LookupError, StopIteration, AttributeError, ArithmeticError, AssertionError, RecursionError,
-    struct.error, EOFError,
-)  # fmt: skip
-
-
-class _Loaded(Struct, frozen=True):
-    """The document without what ``plain`` has taken out of it, and notes on damage."""
-
-    document: Drawing
-    plain: Split | None
-    notes: tuple[Note, ...]
-
-
-def _load(name: str, data: bytes) -> _Loaded:
-    """``InputError`` if the bytes are no DXF or damaged beyond repair."""
-    # Heavy, and not needed unless a DXF is read.
-    from ezdxf import recover  # noqa: PLC0415
-    from ezdxf.document import Drawing  # noqa: PLC0415
-    from ezdxf.filemanagement import read  # noqa: PLC0415
-    from ezdxf.lldxf.const import DXFError  # noqa: PLC0415
-    from ezdxf.lldxf.tagger import binary_tags_loader  # noqa: PLC0415
-
-    data = _with_line_feeds(data)
-    _insist_on_dxf(name, data)
-    silence("ezdxf")
-    notes: list[Note] = []
-    binary = data.startswith(_BINARY)
-    # At the end of most files; what a program has written behind it is rare and costs a look at everything.
-    if not (
-        b"\x00EOF\x00" in data
-        if binary
-        else _END.search(data, max(0, len(data) - _TAIL)) or _END.search(data)
-    ):
-        notes.append(
-            Note("skipped", "the file ends before its end mark", "what would follow is lost")
-        )
-        data = data if binary else _close_ends(data)
-    plain = None if binary else split(data)
-    document = plain and _load_rest(plain)
-    if document:
-        return _Loaded(document, plain, tuple(notes))
-    try:
-        document = Drawing.load(binary_tags_loader(data)) if binary else read(_text(data))
-        # Damaged OBJECTS cost a document its model space, which shows only when it is asked for.
-        document.modelspace()
-        return _Loaded(document, None, tuple(notes))
-    except (DXFError, *_STUMBLES) as error:
-        cause = _plain(error)
-        if binary:
-            # The tolerant reader of ezdxf takes text only.
-            raise InputError(
-                name, f"damaged beyond repair: {cause}", "binary DXF", _SAVE_AGAIN
-            ) from error
-    try:
-        document, auditor = recover.read(BytesIO(data))
-        document.modelspace()
-    except (DXFError, *_STUMBLES) as error:
-        raise InputError(
-            name, f"damaged beyond repair: {_plain(error)}", "", _SAVE_AGAIN
-        ) from error
-    count = len(auditor.fixes) + len(auditor.errors)
-    mended = f" and was read tolerantly, {counted(count, 'fault')} mended" if count else ""
-    notes.append(
-        Note(
-            "repaired",
-            f"the file is damaged{mended}: {cause}",
-            f"compare the contours, or {_SAVE_AGAIN}",
-        )
-    )
-    return _Loaded(document, None, tuple(notes))
-
-
-def _load_rest(plain: Split) -> Drawing | None:
-    """The document without its plain entities; None where ezdxf is to see all of the text: because it is damaged, and
-    the message names a line, because the plain entities are on paper, which is decided by who is said to own them, or
-    because a stand-in is not where it was put, as where a second section replaces the first.
-    """
-    from ezdxf.filemanagement import read  # noqa: PLC0415
-    from ezdxf.lldxf.const import DXFError  # noqa: PLC0415
-
-    try:
-        document = read(_text(plain.text))
-        points = [point.dxf.layer for point in document.modelspace().query("POINT")]
-    except (DXFError, *_STUMBLES):
-        return None
-    if [layer for layer in points if layer in plain.runs] != list(plain.runs):
-        return None
-    paper = document.block_records.get("*Paper_Space")
-    return None if paper is not None and paper.dxf.handle in plain.plain.owners else document
-
-
-def _with_line_feeds(data: bytes) -> bytes:
-    """The text with line feeds where lines end in carriage returns alone, as on the old Macintosh."""
-    return data if data.startswith(_BINARY) or b"\n" in data else data.replace(b"\r", b"\n")
-
-
-def _insist_on_dxf(name: str, data: bytes) -> None:
-    if not data.strip():
-        raise InputError(name, "the file is empty")
-    if re.match(rb"AC1\d{3}|AC\d\.\d", data):
-        raise InputError(name, "is a DWG drawing", "", "save it as DXF")
-    if not data.startswith(_BINARY) and not _SECTION.search(data):
-        raise InputError(name, "is not a DXF file", "no section in it")
-
-
-def _close_ends(data: bytes) -> bytes:
-    """A text that is cut short up to its last whole entity, with the marks that close it."""
-    lines = data.splitlines()
-    starts = [i for i in range(0, len(lines), 2) if lines[i].strip() == b"0"]
-    return b"\n".join([*lines[: starts[-1] if starts else 0], b"0", b"ENDSEC", b"0", b"EOF", b""])
-
-
-def _text(data: bytes) -> TextIOWrapper:
-    """The text in the encoding its header names."""
-    from ezdxf.filemanagement import dxf_stream_info  # noqa: PLC0415
-
-    info = dxf_stream_info(TextIOWrapper(BytesIO(data), "utf-8", errors="ignore"))
-    return TextIOWrapper(BytesIO(data), info.encoding, errors="surrogateescape")
-
-
-def _plain(error: Exception) -> str:
-    # An entity without a handle is named by where it lies in memory.
-    text = re.sub(r"\(#\d{9,}\)", "", one_line(str(error))).strip().rstrip(".")
-    if isinstance(error, KeyError):
-        text = f"no entry {text}"
-    return text[:120] if text else type(error).__name__
-
-
-#: So many curves out of the plane are named one by one, the rest is counted.
+#: Curves that are named one by one for a reason not to use them; the others are counted.
 _NAMED = 5
+_NOT_CREDIBLE = "its numbers are not finite or not credible"
 #: Layers that every document has, whether the file names them or not.
 _ALWAYS = {"0", "defpoints"}
 
@@ -303,7 +161,7 @@ def inspect(source: Source, job: Job, _files: Files) -> DxfFacts:
 
 def _read(source: Source, job: Job) -> _Read:
     name, data, settings, chord = source.name, source.data, job.input, job.tolerance.chord
-    loaded = _load(name, data)
+    loaded = load_document(name, data)
     document, notes = loaded.document, loaded.notes
     version = f"{document.dxfversion} ({document.acad_release})"
     unit, scale, unit_notes = units.resolve(name, settings.units, *_state(name, document, data))
@@ -387,16 +245,26 @@ def _left(drawn: DrawnEntities) -> list[Note]:
         elif why in REPAIRED:
             notes.append(Note("repaired", f"dropped: {_count(counts)}", why))
         else:
-            notes.append(Note("skipped", _count(counts), why))
+            notes.append(Note("skipped", _count(counts) + _list_handles(drawn, why), why))
     return notes
+
+
+def _list_handles(drawn: DrawnEntities, why: str) -> str:
+    """Handles of entities that are not used, as far as a note has them; "" without any."""
+    handles = drawn.handles.get(why, [])
+    if not handles:
+        return ""
+    more = f" and {len(handles) - _NAMED} more" if len(handles) > _NAMED else ""
+    return ": " + ", ".join(f"#{harmless(handle)}" for handle in handles[:_NAMED]) + more
 
 
 def _not_flat(drawn: DrawnEntities, flat: Flat) -> list[Note]:
     """Notes on curves that leave the plane, by name, and on those whose numbers make no curve."""
     notes = []
     if flat.damaged:
-        what = tally([drawn.kind[i] for i in flat.damaged], [drawn.layer[i] for i in flat.damaged])
-        notes.append(Note("skipped", what, "damaged numbers"))
+        names = [f"{_name(drawn, k)} on layer {harmless(drawn.layer[k])}" for k in flat.damaged]
+        rest = f"; and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+        notes.append(Note("skipped", "; ".join(names[:_NAMED]) + rest, _NOT_CREDIBLE))
     if flat.tilted:
         named = [
             f"{_name(drawn, i)} on layer {harmless(drawn.layer[i])} leaves the plane by {short(height, 3)} mm"

@@ -51,7 +51,7 @@ def ocs_matrix(extrusion: tuple[float, float, float]) -> FloatArray:
 def unusable(entity: Any, block: Any, a: dict[str, Any], around: tuple[str, ...]) -> str:
     """Why the reference ``entity`` to ``block`` cannot be used, "" if it can. around: blocks it stands in."""
     if block is None:
-        return "its block is missing"
+        return f"its block {harmless(str(a.get('name', '')))!r} is missing"
     if block.block_record.is_xref:
         return "an external reference, not in this file"
     if str(a.get("name")).casefold() in around:
@@ -146,10 +146,17 @@ class DrawnEntities(Struct, eq=False):
     flattened: Counter[tuple[str, str]] = field(default_factory=Counter)
     widths: Counter[tuple[str, str]] = field(default_factory=Counter)
     met: Counter[tuple[str, str]] = field(default_factory=Counter)
+    handles: dict[str, list[str]] = field(default_factory=dict)
 
     def leave(self, why: str, kind: str, layer: str, count: int = 1) -> None:
         """Count entities that are not used."""
         self.left.setdefault(why, Counter())[kind, layer] += count
+
+    def name(self, why: str, attributes: Attributes) -> None:
+        """Keep the handle of an entity that is not used, for its note."""
+        handle = attributes.get("handle")
+        if handle:
+            self.handles.setdefault(why, []).append(handle)
 
     def own(
         self, place: _Place, kind: str, layer: str, closed: bool, attributes: Attributes, ocs: bool
@@ -289,6 +296,7 @@ def _entities(name: str, drawn: DrawnEntities, entities: Iterable[Any], place: _
             why = _KINDS[kind](drawn, entity, attributes, layer, place)
             if why:
                 drawn.leave(why, kind, layer)
+                drawn.name(why, attributes)
 
 
 def _run(drawn: DrawnEntities, plain: PlainEntities, run: slice, place: _Place) -> None:
@@ -344,9 +352,9 @@ def _line(drawn: DrawnEntities, _: Any, a: Attributes, layer: str, place: _Place
 
 
 def _arc(drawn: DrawnEntities, _: Any, a: Attributes, layer: str, place: _Place) -> str:
-    return _round(
-        drawn, "ARC", a, layer, place, (a.get("start_angle", 0.0), a.get("end_angle", 360.0))
-    )
+    if "start_angle" not in a or "end_angle" not in a:
+        return _DAMAGED
+    return _round(drawn, "ARC", a, layer, place, (a["start_angle"], a["end_angle"]))
 
 
 def _circle(drawn: DrawnEntities, _: Any, a: Attributes, layer: str, place: _Place) -> str:
@@ -361,8 +369,8 @@ def _round(
     place: _Place,
     angles: tuple[float, float],
 ) -> str:
-    center, radius = a.get("center"), a.get("radius", 1.0)
-    if center is None or not all(map(math.isfinite, (radius, *angles))):
+    center, radius = a.get("center"), a.get("radius")
+    if center is None or radius is None or not all(map(math.isfinite, (radius, *angles))):
         return _DAMAGED
     if radius <= 0:
         return _NO_RADIUS
@@ -419,6 +427,8 @@ def _polyline(drawn: DrawnEntities, entity: Any, a: Attributes, layer: str, plac
 
 
 def _ellipse(drawn: DrawnEntities, entity: Any, a: Attributes, layer: str, place: _Place) -> str:
+    if not {"center", "major_axis", "ratio"} <= a.keys():
+        return _DAMAGED
     major, ratio = entity.dxf.major_axis, entity.dxf.ratio
     start, end = a.get("start_param", 0.0), a.get("end_param", math.tau)
     if not all(map(math.isfinite, (*major.xyz, ratio, start, end))) or not major or not ratio:
@@ -466,6 +476,7 @@ def _insert(
     why = unusable(entity, block, a, place.blocks)
     if why:
         drawn.leave(why, "INSERT", layer)
+        drawn.name(why, a)
         return
     base = block.block.dxf.base_point.xyz
     blocks = (*place.blocks, str(a.get("name")).casefold())

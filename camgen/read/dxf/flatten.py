@@ -66,10 +66,11 @@ def flatten(drawn: DrawnEntities, chord: float) -> Flat:
     oval = _has_arcs(given) & ~similar[which]
     world.bulges[:] *= np.repeat(np.where(mirrored[which], -1.0, 1.0), given.counts)
     sound = credible(world)
+    level |= ~sound
     ovals = np.flatnonzero(level & oval & sound)
     chains = [_oval(drawn, given, int(i), matrices[which[i]], float(low[i])) for i in ovals]
     tilted = dict(zip(given.owner[~level].tolist(), (high - low)[~level].tolist(), strict=True))
-    damaged: list[int] = []
+    damaged: list[int] = given.owner[~sound].tolist()
     for number, curve in zip(drawn.smooth_owner, drawn.smooth, strict=True):
         made = _smooth(number, curve, matrices[matrix[number]])
         if isinstance(made, _Chain):
@@ -79,11 +80,11 @@ def flatten(drawn: DrawnEntities, chord: float) -> Flat:
         else:
             tilted[number] = made
     fitted = _soup(named, _stitch(chains, chord))
-    plain = level & ~(oval & sound)
+    plain = level & sound & ~oval
     owner = np.concatenate([given.owner[plain], np.array([c.owner for c in chains], dtype=np.intp)])
     heights = np.concatenate([low[plain], [c.height for c in chains]])
     soup = _together(world.take(plain), fitted).take(np.argsort(owner, kind="stable"))
-    return Flat(soup, tilted, tuple(damaged), heights)
+    return Flat(soup, tilted, tuple(sorted(damaged)), heights)
 
 
 # --- lines and arcs --------------------------------------------------------------------------------------------------
