@@ -226,6 +226,13 @@ class OperationTable(Table, frozen=True):
         NotNegative, Meta(description="least radius of inner corners of the path, mm")
     ] = 0.0
     inside_first: Annotated[bool, Meta(description="holes before the outline around them")] = True
+    shared: Annotated[
+        Literal["once", "each"],
+        Meta(
+            description="trace: edges that several contours share; once: as by a laser along a "
+            "common line; each: with each of the contours"
+        ),
+    ] = "once"
     stepover: Annotated[
         float,
         Meta(

@@ -28,7 +28,7 @@ _REPLAYS = {"process": ("max_feed",)}
 _CONTOURS = (
     "side", "planner", "waypoint_spacing", "waypoint_turn", "direction", "corner_radius", "inside_first", "stepover",
     "holes", "depth", "passes", "lead_in", "lead_out", "overlap", "width", "finish", "entry", "entry_angle", "tabs",
-    "tab_spacing", "tab_width", "tab_height", "taught_on", "compensation",
+    "tab_spacing", "tab_width", "tab_height", "taught_on", "compensation", "shared",
 )  # fmt: skip
 _CURVES: dict[str, tuple[str, ...]] = {
     **_PICTURES,
@@ -108,6 +108,7 @@ _ONLY: dict[str, tuple[str, ...]] = {
     "stepover": ("fill", "pocket"),
     "engagement": ("pocket",),
     "holes": ("drill", "bore"),
+    "shared": ("trace",),
 }
 #: Settings that say more of others, and have no effect without one of those.
 _MORE: dict[str, tuple[str, ...]] = {

@@ -63,8 +63,8 @@ def test_decimal_commas_throughout_are_read(kind: Any) -> None:
     assert np.ptp(outline.points, axis=0).tolist() == [40.5, 20.25]
     assert np.ptp(hole.points[:, 0]) == 7.5
     (note,) = part.notes
-    pattern = r"assumed: decimal commas in \d+ numbers \(no number of their section has a point; line \d+: "
-    assert re.fullmatch(pattern + r"'.*' is read as .*\)", str(note))
+    pattern = r"assumed: decimal commas in \d+ numbers \(no number of their section has a point; "
+    assert re.fullmatch(pattern + r"line \d+: '.*' is read as .*\)", str(note))
     assert not note.fails_strict
 
 

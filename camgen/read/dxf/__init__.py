@@ -186,7 +186,9 @@ def _read(source: Source, job: Job) -> _Read:
                 *([space.tell_which(curves)] if curves else []),
             )
         else:
-            contours, joints = join.contours(flat.soup, settings.join, job.chooses_colors)
+            contours, joints = join.contours(
+                flat.soup, settings.join, job.chooses_colors, job.operations
+            )
             left = (*_left(drawn), *_not_flat(drawn, flat), *_level(flat), *_take(drawn), *joints)
     rows = [c.points for c in contours] + [c.points for c in curves]
     size = _size(rows)
