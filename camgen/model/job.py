@@ -57,6 +57,13 @@ class InputTable(Table, frozen=True):
     layers: Annotated[list[str], Meta(description='layers to use, as globs; "!x" leaves out')] = (
         field(default_factory=lambda: ["*"])
     )
+    origin: Annotated[
+        Literal["", "lower-left", "lower-right", "upper-left", "upper-right", "center"] | Values,
+        Meta(
+            description="moves a drawing: this corner, the center, or a point [x, y] mm of it is "
+            'x 0, y 0; "": it stays'
+        ),
+    ] = ""
     join: Annotated[NotNegative, Meta(description="ends closer than this meet, mm")] = 0.05
     min_length: Annotated[
         NotNegative, Meta(description="shorter contours are dropped and counted, mm")

@@ -269,6 +269,7 @@ class Part(Struct, frozen=True, eq=False):
     ids of the contours that an operation works on, the others only say where material is; None: all of them.
 
     open_outlines: outlines with a gap that enclose closed contours.
+    moved: distance in x and y by which `input.origin` moved the drawing, mm; None without it.
     """
 
     name: str
@@ -281,6 +282,7 @@ class Part(Struct, frozen=True, eq=False):
     curves: tuple[Curve, ...] = ()
     worked: frozenset[str] | None = None
     open_outlines: tuple[OpenOutline, ...] = ()
+    moved: tuple[float, float] | None = None
 
     def works_on(self, ids: tuple[str, ...]) -> bool:
         """Whether one of the contours ``ids`` is worked on."""

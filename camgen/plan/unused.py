@@ -41,11 +41,11 @@ _WAYPOINTS = ("waypoint_spacing", "waypoint_turn")
 #: By what is built from: the settings that nothing reads.
 _IDLE: dict[str, dict[str, tuple[str, ...]]] = {
     "a drawing": _EDGES | _PICTURES | _REPLAYS | {"operation": (*_EDGES["operation"], *_WAYPOINTS)},
-    "a picture": _EDGES | _REPLAYS,
+    "a picture": _EDGES | _REPLAYS | {"input": (*_EDGES["input"], "origin")},
     "a 3-D part": {
         **_PICTURES,
         "page": _ALL,
-        "input": ("layers", "join", "min_length", *_PROGRAMS),
+        "input": ("layers", "origin", "join", "min_length", *_PROGRAMS),
         "operation": _CONTOURS,
         "tour": ("seams", "order"),
         "tool": ("orient", *_STAND),
@@ -71,7 +71,7 @@ _IDLE: dict[str, dict[str, tuple[str, ...]]] = {
     "a replay": {
         **_PICTURES,
         "page": _ALL,
-        "input": ("units", "layers", "select", "join", "min_length"),
+        "input": ("units", "layers", "origin", "select", "join", "min_length"),
         "operation": (
             *(name for name in _CONTOURS if name != "compensation"),
             *("offset", "trim", "offset_along", "last_face"),
