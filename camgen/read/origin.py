@@ -7,7 +7,6 @@ import math
 import numpy as np
 from msgspec.structs import replace
 
-from camgen.geometry.segments import bounds, from_contours
 from camgen.model.errors import JobError
 from camgen.model.job import Job
 from camgen.model.part import (
@@ -21,6 +20,7 @@ from camgen.model.part import (
 )
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import short
+from camgen.read.extent import measure_box
 
 #: Weights of the low and the high side of a box in x and in y.
 _CORNERS = {
@@ -72,24 +72,10 @@ def _find_place(part: Part, origin: str | list[float]) -> tuple[float, float]:
             remedy = "give [x, y], a point of the drawing in mm"
             raise JobError("job", "is not a point", "input.origin", remedy)
         return float(origin[0]), float(origin[1])
-    low, high = measure_box(part)
+    low, high = measure_box(part.contours, part.curves)
     weights = np.array(_CORNERS[origin])
     x, y = (low + weights * (high - low)).tolist()
     return x, y
-
-
-def measure_box(part: Part) -> tuple[FloatArray, FloatArray]:
-    """Lower left and upper right corner (2,) of all contours and curves, arcs included, mm."""
-    boxes = [np.zeros((0, 4))]
-    if part.contours:
-        segments = from_contours(part.contours)
-        points = tabulate_contours(part.contours).points
-        boxes += [bounds(segments), np.column_stack([points, points])]
-    for curve in part.curves:
-        points = np.concatenate([curve.points, curve.middles])[:, :2]
-        boxes.append(np.column_stack([points, points]))
-    table = np.concatenate(boxes)
-    return table[:, :2].min(axis=0), table[:, 2:].max(axis=0)
 
 
 def _move_contours(part: Part, place: FloatArray) -> tuple[Contour, ...]:

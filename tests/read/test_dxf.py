@@ -571,3 +571,49 @@ def test_line_ends_of_the_old_macintosh() -> None:
     for a, b in zip(old.contours, plain.contours, strict=True):
         assert np.array_equal(a.points, b.points)
         assert np.array_equal(a.bulges, b.bulges)
+
+
+# Sizes, blocks, and splines that are marked closed.
+
+
+def test_the_size_counts_arcs() -> None:
+    """Two circles of 20 mm, 30 mm apart: a box of 50 x 20 mm."""
+    document, space = new()
+    for x in (0, 30):
+        space.add_circle((x, 0), 10)
+    facts = inspect(document)
+    assert "used part 50 x 20 mm" in str(facts)
+    document, space = new()
+    space.add_circle((0, 0), 1600)
+    assert "the part is 3200 x 3200 mm, which is large" in notes(read(document))[0]
+
+
+def inspect(document: Drawing) -> dxf.DxfFacts:
+    return dxf.inspect(Source(Path("test.dxf"), written(document).encode()), Job(), Files())
+
+
+def test_blocks_that_are_nowhere_placed_are_named() -> None:
+    document, _ = new()
+    document.blocks.new("PART").add_circle((0, 0), 5)
+    document.blocks.new("EMPTY")
+    with pytest.raises(InputError) as caught:
+        read(document)
+    assert str(caught.value) == (
+        "test.dxf: nothing to machine (the drawing is empty: block 'PART' is nowhere placed); "
+        "insert its block in model space"
+    )
+    document.blocks.new("LID").add_circle((0, 0), 5)
+    with pytest.raises(InputError, match="blocks 'PART', 'LID' are nowhere placed"):
+        read(document)
+
+
+@pytest.mark.parametrize(("closed", "end", "gap"), [(1, 0.0, 0), (1, 12.0, 12), (0, 12.0, 0)])
+def test_a_spline_marked_closed_that_is_open_is_named(closed: int, end: float, gap: float) -> None:
+    document, space = new()
+    spline = space.add_open_spline([(0, 0), (30, 0), (30, 40), (0, 40), (0, end)], degree=3)
+    spline.dxf.flags |= closed
+    listed = [note for note in notes(read(document)) if "marked closed" in note]
+    assert listed == [
+        f"warning: marked closed but open: SPLINE #{spline.dxf.handle} on layer 0 by {gap} mm "
+        "(used as its points say; close it in the CAD program)"
+    ] * (gap > 0)

@@ -13,7 +13,8 @@ from camgen.cli import main
 from camgen.model.errors import JobError
 from camgen.model.job import InputTable, Job, PageTable
 from camgen.read import read
-from camgen.read.origin import measure_box, move_part
+from camgen.read.extent import measure_box
+from camgen.read.origin import move_part
 
 X, Y = 500000.0, -5400000.0
 
@@ -46,7 +47,7 @@ def drawing(tmp_path: Path) -> Path:
 def test_a_corner_is_moved_to_the_origin(drawing: Path, origin: Any, corner: Any) -> None:
     """The box is 70 mm wide: the arc counts."""
     part = read(drawing, Job(input=InputTable(origin=origin)))
-    low, high = measure_box(part)
+    low, high = measure_box(part.contours)
     assert low.tolist() == pytest.approx(corner, abs=1e-8)
     assert (high - low).tolist() == pytest.approx([70, 40], abs=1e-8)
     assert part.moved == pytest.approx((corner[0] - X, corner[1] - Y))
@@ -80,7 +81,7 @@ def test_an_svg_and_curves_in_space_are_moved(tmp_path: Path) -> None:
         '<rect x="20" y="30" width="40" height="10" fill="none" stroke="black"/></svg>'
     )
     moved = read(path, Job(input=InputTable(origin="lower-left")))
-    assert [side.tolist() for side in measure_box(moved)] == [[0, 0], [40, 10]]
+    assert [side.tolist() for side in measure_box(moved.contours)] == [[0, 0], [40, 10]]
     points = tmp_path / "line.xyz"
     points.write_text("10 20 5\n30 20 5\n30 60 9\n")
     curve = read(points, Job(input=InputTable(origin="lower-left"))).curves[0]
@@ -95,7 +96,7 @@ def test_several_drawings_are_moved_together(drawing: Path, tmp_path: Path) -> N
     document.saveas(other)
     part = camgen.read([drawing, other], {"input": {"origin": "lower-left"}})
     assert part.moved == pytest.approx((25 - X, 5 - Y))
-    assert measure_box(part)[1].tolist() == pytest.approx([95, 45])
+    assert measure_box(part.contours)[1].tolist() == pytest.approx([95, 45])
 
 
 def test_places_of_notes_are_moved(tmp_path: Path) -> None:

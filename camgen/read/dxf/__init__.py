@@ -15,7 +15,6 @@ from camgen.model.errors import InputError
 from camgen.model.files import Source
 from camgen.model.job import Job
 from camgen.model.part import Contour, Curve, Note, Part
-from camgen.model.pose import FloatArray
 from camgen.model.text import counted, harmless, short
 from camgen.read import join, space, units
 from camgen.read.colors import count_colors
@@ -24,6 +23,7 @@ from camgen.read.dxf.entities import REPAIRED, DrawnEntities, walk
 from camgen.read.dxf.flatten import FLAT_MM, Flat, flatten
 from camgen.read.dxf.in_space import place_in_space
 from camgen.read.dxf.layers import NOT_ASKED, layers_of
+from camgen.read.extent import measure_box
 from camgen.read.files import Files
 from camgen.read.open_outlines import find_open_outlines
 from camgen.read.pieces import tally
@@ -92,6 +92,7 @@ class _Read(Struct, frozen=True):
     size: tuple[float, ...]
     about_file: tuple[Note, ...]
     left: tuple[Note, ...]
+    unplaced: tuple[str, ...] = ()
 
     @property
     def notes(self) -> tuple[Note, ...]:
@@ -109,12 +110,11 @@ def read(source: Source, job: Job, _files: Files) -> Part:
     if not found.contours and not found.curves:
         damage = [n.what for n in found.about_file if n.kind in {"repaired", "skipped", "warning"}]
         left = "; ".join([*damage, *(f"{n.what}: {n.why}" for n in found.left)])
-        raise InputError(
-            name,
-            "nothing to machine",
-            left or "the drawing is empty",
-            "draw curves on a visible layer",
-        )
+        empty, remedy = "the drawing is empty", "draw curves on a visible layer"
+        if found.unplaced:
+            empty += f": {_list_unplaced(found.unplaced)}"
+            remedy = "insert its block in model space"
+        raise InputError(name, "nothing to machine", left or empty, remedy)
     return Part(
         source.stem,
         name,
@@ -172,6 +172,7 @@ def _read(source: Source, job: Job) -> _Read:
     with np.errstate(invalid="ignore", over="ignore"):
         drawn = walk(name, document, loaded.plain, scale, layers, source.limits)
         layers.check(name)
+        unplaced = () if drawn.met else _list_blocks(document)
         # The document is the largest thing in memory and no longer needed.
         del document, loaded
         flat = flatten(drawn, chord)
@@ -189,16 +190,39 @@ def _read(source: Source, job: Job) -> _Read:
             contours, joints = join.contours(
                 flat.soup, settings.join, job.chooses_colors, job.operations
             )
-            left = (*_left(drawn), *_not_flat(drawn, flat), *_level(flat), *_take(drawn), *joints)
-    rows = [c.points for c in contours] + [c.points for c in curves]
-    size = _size(rows)
-    doubts = (
-        units.doubts(size, unit, name) if rows and settings.units.strip().lower() == "auto" else ()
-    )
+            left = (*_left(drawn), *_not_flat(drawn, flat), *_level(flat), *_take(drawn))
+            left += (*_note_gaps(drawn, flat, settings.join), *joints)
+    size = _measure_size(contours, curves)
+    is_read = bool(contours or curves)
+    has_own_unit = settings.units.strip().lower() == "auto"
+    doubts = units.doubts(size, unit, name) if is_read and has_own_unit else ()
     about_file = (*notes, *unit_notes, *doubts)
     return _Read(
-        version, unit, drawn, contours, curves, len(flat.tilted), size[:2], about_file, left
+        version,
+        unit,
+        drawn,
+        contours,
+        curves,
+        len(flat.tilted),
+        size[:2],
+        about_file,
+        left,
+        unplaced,
     )
+
+
+def _list_unplaced(blocks: tuple[str, ...]) -> str:
+    names = ", ".join(repr(harmless(block)) for block in blocks[:_NAMED])
+    if len(blocks) > _NAMED:
+        names += f" and {len(blocks) - _NAMED} more"
+    verb = "block {} is" if len(blocks) == 1 else "blocks {} are"
+    return verb.format(names) + " nowhere placed"
+
+
+def _list_blocks(document: Drawing) -> tuple[str, ...]:
+    """Names of the blocks that hold something, except layouts and anonymous ones."""
+    blocks = (block for block in document.blocks if not block.is_any_layout)
+    return tuple(block.name for block in blocks if len(block) and not block.name.startswith("*"))
 
 
 def _is_meant_in_space(job: Job) -> bool:
@@ -225,9 +249,14 @@ def _state(name: str, document: Drawing, data: bytes) -> tuple[int, int | None]:
     return insunits or 0, measurement
 
 
-def _size(rows: list[FloatArray]) -> tuple[float, ...]:
-    """Along the axes, over all points (N, D), mm."""
-    return tuple(np.ptp(np.concatenate(rows), axis=0).tolist()) if rows else (0.0, 0.0)
+def _measure_size(contours: tuple[Contour, ...], curves: tuple[Curve, ...]) -> tuple[float, ...]:
+    """Along x and y, of curves in space along z too, mm; 0 without contours and curves."""
+    if not contours and not curves:
+        return 0.0, 0.0
+    low, high = measure_box(contours, curves)
+    heights = [np.concatenate([curve.points, curve.middles])[:, 2] for curve in curves]
+    tall = [float(np.ptp(np.concatenate(heights)))] if heights else []
+    return (*(high - low).tolist(), *tall)
 
 
 def _list_counts(counts: tuple[tuple[str, int], ...]) -> str:
@@ -279,6 +308,20 @@ def _not_flat(drawn: DrawnEntities, flat: Flat) -> list[Note]:
             Note("skipped", what, f'{why}; operation.kind = "trace" follows them in space')
         )
     return notes
+
+
+def _note_gaps(drawn: DrawnEntities, flat: Flat, tolerance: float) -> list[Note]:
+    """A note on splines that are marked closed and are open by more than `tolerance` mm."""
+    wide = {owner: gap for owner, gap in flat.gaps.items() if gap > tolerance}
+    if not wide:
+        return []
+    names = [
+        f"{_name(drawn, owner)} on layer {harmless(drawn.layer[owner])} by {short(gap, 3)} mm"
+        for owner, gap in sorted(wide.items())[:_NAMED]
+    ]
+    more = f"; and {len(wide) - _NAMED} more" if len(wide) > _NAMED else ""
+    what = f"marked closed but open: {'; '.join(names)}{more}"
+    return [Note("warning", what, "used as its points say; close it in the CAD program")]
 
 
 def _name(drawn: DrawnEntities, owner: int) -> str:

@@ -147,6 +147,7 @@ class DrawnEntities(Struct, eq=False):
     widths: Counter[tuple[str, str]] = field(default_factory=Counter)
     met: Counter[tuple[str, str]] = field(default_factory=Counter)
     handles: dict[str, list[str]] = field(default_factory=dict)
+    marked_closed: set[int] = field(default_factory=set)
 
     def leave(self, why: str, kind: str, layer: str, count: int = 1) -> None:
         """Count entities that are not used."""
@@ -448,7 +449,10 @@ def _spline(drawn: DrawnEntities, entity: Any, a: Attributes, layer: str, place:
         return "no spline can be made of its points and knots"
     control = np.array([p.xyz for p in tool.control_points])
     weights = np.array(tool.weights()) if tool.is_rational else None
-    drawn.smooth_owner.append(drawn.own(place, entity.dxftype(), layer, False, a, ocs=False))
+    owner = drawn.own(place, entity.dxftype(), layer, False, a, ocs=False)
+    if a.get("flags", 0) & 1:
+        drawn.marked_closed.add(owner)
+    drawn.smooth_owner.append(owner)
     drawn.smooth.append(Smooth(control, np.array(tool.knots()), tool.degree, weights))
     return ""
 
