@@ -17,6 +17,7 @@ from camgen.plan.open_outlines import check_outlines
 from camgen.plan.unused import drop_inherited
 from camgen.read.chosen import takes_layer
 from camgen.read.colors import describe, resolve_named
+from camgen.read.marks import drills_marks
 
 #: What is done first: holes, pockets, what is drawn on the part and at its edges, and last what cuts it out.
 _RANKS = {"drill": 0, "bore": 0, "pocket": 1, "fill": 2, "trace": 2, "chamfer": 3, "follow": 4}
@@ -119,6 +120,8 @@ def _choose(part: Part, step: Step, number: int) -> frozenset[str]:
         for c in part.contours
         if takes_layer(c.layer, choice.layers) and (not choice.ids or c.id in choice.ids)
     ]
+    if not drills_marks(step.operation):
+        found = [c for c in found if not c.is_mark]
     found = [c for c in found if not choice.colors or c.color in colors]
     if choice.nesting != "any":
         inner = _enclosed(part)
@@ -188,7 +191,8 @@ def _bound_material(
     beside, others = set[str](), set[str]()
     for step, ids in zip(steps, chosen, strict=True):
         (beside if step.operation.kind in _BESIDE else others).update(ids)
-    return frozenset(c.id for c in part.contours if c.id in beside or c.id not in others)
+    bounding = [c for c in part.contours if not c.is_mark]
+    return frozenset(c.id for c in bounding if c.id in beside or c.id not in others)
 
 
 def arrange(steps: Sequence[Step], worked: Sequence[frozenset[str]]) -> list[int]:

@@ -14,12 +14,15 @@ from camgen.model.pose import FloatArray
 def measure_box(
     contours: Sequence[Contour], curves: Sequence[Curve] = ()
 ) -> tuple[FloatArray, FloatArray]:
-    """Lower left and upper right corner (2,) of contours and curves, seen from above, mm.
+    """Lower left and upper right corner (2,) of contours and curves from above, mm.
 
     Arcs of contours count where they bulge beyond their ends, arcs of curves by their middles.
-    Raises ValueError without contours and curves.
+    Circles that stand for points do not count beside others. Raises ValueError without contours and
+    curves.
     """
     boxes: list[FloatArray] = []
+    if any(contour.is_mark for contour in contours):
+        contours = [contour for contour in contours if not contour.is_mark] or contours
     if contours:
         points = tabulate_contours(contours).points
         boxes += [bounds(from_contours(contours)), np.column_stack([points, points])]

@@ -417,7 +417,7 @@ def _pair_near(
     loose = loose[_has_neighbours(ends.points[loose], layer[loose], limit)]
     while radius < limit and len(loose):
         radius = min(4 * radius, limit)
-        a, b, gap = _close_pairs(ends.points[loose], layer[loose], radius)
+        a, b, gap = close_pairs(ends.points[loose], layer[loose], radius)
         a, b = loose[a], loose[b]
         other, length = _chain_ends(partner, ends.length, np.unique(a))
         fair = (other[a] != b) | (gap <= _OWN_GAP * length[a])
@@ -440,7 +440,7 @@ def _has_neighbours(points: FloatArray, group: IntArray, radius: float) -> BoolA
     return np.asarray(around > 1)
 
 
-def _close_pairs(
+def close_pairs(
     points: FloatArray, group: IntArray, radius: float
 ) -> tuple[IntArray, IntArray, FloatArray]:
     """Pairs of points of one group at most ``radius`` apart, and their distances: a hash grid, each pair once."""

@@ -405,8 +405,10 @@ def test_nothing_vanishes_silently() -> None:
     assert len(part.contours) == 1
     assert notes(part) == [
         "skipped: 1 CIRCLE on layer 0 (invisible)",
-        "skipped: 1 HATCH, 1 POINT, 1 TEXT on layer 0 (not a kind of curve that is machined)",
+        "skipped: 1 HATCH, 1 TEXT on layer 0 (not a kind of curve that is machined)",
         "skipped: 1 CIRCLE on layer 0 (in paper space)",
+        'skipped: 1 POINT on layer 0 (a place to drill, by operation.kind = "drill" without '
+        "operation.holes)",
     ]
 
 

@@ -31,7 +31,7 @@ REFUSED = {
     "circle_radius_le_0.dxf": "nothing to machine (dropped: 2 CIRCLE",  # radius 0 and -1
     "BlockClippedBasicTransform.dxf": "nothing to machine (6 INSERT",  # all clipped
     "TransformedBlockClipped.dxf": "nothing to machine (4 INSERT",  # all clipped
-    "Leica_Disto_S910.dxf": "nothing to machine (11 POINT",  # lines in space
+    "Leica_Disto_S910.dxf": "nothing to machine (11 TEXT",  # lines in space
     "POLI-ALL210_12.DXF": "nothing to machine (1 3DFACE",  # polylines in tilted planes
     "cc_dxflib.dxf": "nothing to machine (3-D POLYLINE #B",  # not flat
     "cycloidal.dxf": "damaged beyond repair: missing 'AcDbSpline'",

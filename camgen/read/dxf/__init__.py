@@ -25,8 +25,9 @@ from camgen.read.dxf.in_space import place_in_space
 from camgen.read.dxf.layers import NOT_ASKED, layers_of
 from camgen.read.extent import measure_box
 from camgen.read.files import Files
+from camgen.read.marks import Mark, add_marks
 from camgen.read.open_outlines import find_open_outlines
-from camgen.read.pieces import tally
+from camgen.read.pieces import FARTHEST, tally
 
 if TYPE_CHECKING:
     from ezdxf.document import Drawing
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
 
 #: Curves that are named one by one for a reason not to use them; the others are counted.
 _NAMED = 5
+_NOT_DRILLED = 'a place to drill, by operation.kind = "drill" without operation.holes'
 _NOT_CREDIBLE = "its numbers are not finite or not credible"
 #: Layers that every document has, whether the file names them or not.
 _ALWAYS = {"0", "defpoints"}
@@ -177,6 +179,7 @@ def _read(source: Source, job: Job) -> _Read:
         del document, loaded
         flat = flatten(drawn, chord)
         if flat.tilted and _is_meant_in_space(job):
+            _add_marks(drawn, (), job)
             curves, joints = space.curves(
                 place_in_space(name, drawn, chord, source.limits), settings.join
             )
@@ -190,7 +193,8 @@ def _read(source: Source, job: Job) -> _Read:
             contours, joints = join.contours(
                 flat.soup, settings.join, job.chooses_colors, job.operations
             )
-            left = (*_left(drawn), *_not_flat(drawn, flat), *_level(flat), *_take(drawn))
+            contours, marked = _add_marks(drawn, contours, job)
+            left = (*_left(drawn), *_not_flat(drawn, flat), *_level(flat), *_take(drawn), *marked)
             left += (*_note_gaps(drawn, flat, settings.join), *joints)
     size = _measure_size(contours, curves)
     is_read = bool(contours or curves)
@@ -223,6 +227,27 @@ def _list_blocks(document: Drawing) -> tuple[str, ...]:
     """Names of the blocks that hold something, except layouts and anonymous ones."""
     blocks = (block for block in document.blocks if not block.is_any_layout)
     return tuple(block.name for block in blocks if len(block) and not block.name.startswith("*"))
+
+
+def _add_marks(
+    drawn: DrawnEntities, contours: tuple[Contour, ...], job: Job
+) -> tuple[tuple[Contour, ...], list[Note]]:
+    """The contours with circles for the points that are drilled; the others are counted as left."""
+    if not drawn.point_owner:
+        return contours, []
+    matrices = np.array([drawn.matrices[drawn.matrix[k]] for k in drawn.point_owner])
+    local = np.array(drawn.points).reshape(-1, 3)
+    places = np.einsum("nij,nj->ni", matrices[:, :2, :3], local) + matrices[:, :2, 3]
+    marks = []
+    for owner, (x, y) in zip(drawn.point_owner, places.tolist(), strict=True):
+        if max(abs(x), abs(y)) <= FARTHEST:
+            marks.append(Mark(x, y, drawn.layer[owner], drawn.colors.names[drawn.color[owner]]))
+        else:
+            drawn.leave(_NOT_CREDIBLE, "POINT", drawn.layer[owner])
+    contours, others, notes = add_marks(contours, marks, job)
+    for mark in others:
+        drawn.leave(_NOT_DRILLED, "POINT", mark.layer)
+    return contours, notes
 
 
 def _is_meant_in_space(job: Job) -> bool:

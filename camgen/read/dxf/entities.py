@@ -138,6 +138,8 @@ class DrawnEntities(Struct, eq=False):
     line_owner: list[int] = field(default_factory=list)
     arcs: array[float] = field(default_factory=lambda: array("d"))
     arc_owner: list[int] = field(default_factory=list)
+    points: array[float] = field(default_factory=lambda: array("d"))
+    point_owner: list[int] = field(default_factory=list)
     outlines: list[FloatArray] = field(default_factory=list)
     outline_owner: list[int] = field(default_factory=list)
     smooth: list[Smooth] = field(default_factory=list)
@@ -457,6 +459,15 @@ def _spline(drawn: DrawnEntities, entity: Any, a: Attributes, layer: str, place:
     return ""
 
 
+def _point(drawn: DrawnEntities, _: Any, a: Attributes, layer: str, place: _Place) -> str:
+    location = a.get("location")
+    if location is None:
+        return _DAMAGED
+    drawn.point_owner.append(drawn.own(place, "POINT", layer, False, a, ocs=False))
+    drawn.points.extend(location.xyz)
+    return ""
+
+
 _KINDS: dict[str, Callable[[DrawnEntities, Any, Attributes, str, _Place], str]] = {
     "LINE": _line,
     "ARC": _arc,
@@ -467,6 +478,7 @@ _KINDS: dict[str, Callable[[DrawnEntities, Any, Attributes, str, _Place], str]] 
     "SPLINE": _spline,
     # A HELIX holds the spline that is drawn beside the numbers that it was made of.
     "HELIX": _spline,
+    "POINT": _point,
 }
 
 
