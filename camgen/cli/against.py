@@ -20,6 +20,7 @@ from camgen.preview.inspection import draw
 from camgen.read import find_reader, list_installed
 from camgen.read.image import read as read_photo
 from camgen.read.job_file import beside, load
+from camgen.read.origin import move_part
 
 _PICTURES = (".svg", ".png")
 #: So many places are listed, the greatest.
@@ -42,7 +43,7 @@ def run(arguments: Namespace, says: Voice) -> int:
             load(own, [], files) if own else replace(job, camera=CameraTable(), image=ImageTable())
         )
         source = files.read(drawing)
-        part = find_reader(source).read(source, expects, files)
+        part = move_part(find_reader(source).read(source, expects, files), expects)
         says.stage("comparing")
         found = inspect_photo(seen, part, expects, arguments.least)
         says.clear()

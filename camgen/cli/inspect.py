@@ -1,4 +1,4 @@
-"""``camgen inspect``: what is in a drawing."""
+"""``camgen inspect``: the contents of a drawing."""
 
 from __future__ import annotations
 
@@ -9,16 +9,23 @@ from camgen.cli.say import Voice
 from camgen.model.errors import JobError
 from camgen.model.files import Source
 from camgen.model.job import Job
+from camgen.model.part import Part
+from camgen.model.text import short
 from camgen.read import find_reader, is_drawing
-from camgen.read.contours import ContourFacts, list_contours
+from camgen.read.contours import list_contours
 from camgen.read.files import Files
 from camgen.read.job_file import beside, load
+from camgen.read.origin import move_part
 
 
 def run(arguments: Namespace, says: Voice) -> int:
-    """Prints the summary of a drawing, read with the ``[input]`` of the job; ``--against``: what of a photo differs."""
+    """Prints the summary of a drawing, read with the `[input]` of the job.
+
+    With `--against`, prints the differences of a photo.
+    """
     if arguments.against:
-        from camgen.cli.against import run as run_against  # noqa: PLC0415 (OpenCV and shapely, only for photos)
+        # OpenCV and shapely, which only photos need.
+        from camgen.cli.against import run as run_against  # noqa: PLC0415
 
         return run_against(arguments, says)
     for option in ("least", "preview", "removal", "rework", "strict"):
@@ -37,26 +44,38 @@ def run(arguments: Namespace, says: Voice) -> int:
         files = opened.within(job.limits)
         source = files.read(paths[0])
         says.stage("reading")
-        found = _inspect(source, job, files)
-        contours = _list_contours(source, job, files) if says.verbose else []
+        facts = _inspect(source, job, files)
+        is_read = says.verbose or job.input.origin
+        part = _read_drawing(source, job, files) if is_read else None
     says.clear()
+    contours = list_contours(part) if part is not None and says.verbose else []
+    moved = part.moved if part is not None else None
     if arguments.json:
-        says.data(
-            {"source": source.name, "facts": found} | ({"contours": contours} if contours else {})
-        )
-    else:
-        says.out(str(found).rstrip("\n") + "\n" + "".join(f"{one}\n" for one in contours))
+        data: dict[str, object] = {"source": source.name, "facts": facts}
+        if contours:
+            data["contours"] = contours
+        if moved:
+            data["moved"] = moved
+        says.data(data)
+        return 0
+    lines = [str(facts).rstrip("\n"), *map(str, contours)]
+    if moved:
+        x, y = (short(distance, 6) for distance in moved)
+        lines.insert(1, f"moved by x {x}, y {y} mm: input.origin is x 0, y 0")
+    says.out("".join(f"{line}\n" for line in lines))
     return 0
 
 
-def _list_contours(source: Source, job: Job, files: Files) -> list[ContourFacts]:
-    """The contours of what is a drawing, by the ids of ``operations.ids`` and ``tour.order``."""
+def _read_drawing(source: Source, job: Job, files: Files) -> Part | None:
+    """The part in a drawing, None for other inputs. Its ids are those of `operations.ids`."""
     reader = find_reader(source)
-    return list_contours(reader.read(source, job, files)) if reader.makes == "drawing" else []
+    if reader.makes != "drawing":
+        return None
+    return move_part(reader.read(source, job, files), job)
 
 
 def _inspect(source: Source, job: Job, files: Files) -> object:
-    """What is in the file, or what the job makes of a picture that it takes for a drawing."""
+    """The facts of a file, or of the drawing that the job makes of a picture."""
     reader = find_reader(source)
     if reader.makes == "picture" and is_drawing(job):
         from camgen.plan.page import inspect as inspect_drawing  # noqa: PLC0415 (only for pictures)

@@ -61,6 +61,13 @@ class InputTable(Table, frozen=True):
     layers: Annotated[list[str], Meta(description='layers to use, as globs; "!x" leaves out')] = (
         field(default_factory=lambda: ["*"])
     )
+    origin: Annotated[
+        Literal["", "lower-left", "lower-right", "upper-left", "upper-right", "center"] | Values,
+        Meta(
+            description="moves a drawing: this corner, the center, or a point [x, y] mm of it is "
+            'x 0, y 0; "": it stays'
+        ),
+    ] = ""
     join: Annotated[NotNegative, Meta(description="ends closer than this meet, mm")] = 0.05
     min_length: Annotated[
         NotNegative, Meta(description="shorter contours are dropped and counted, mm")
@@ -230,6 +237,13 @@ class OperationTable(Table, frozen=True):
         NotNegative, Meta(description="least radius of inner corners of the path, mm")
     ] = 0.0
     inside_first: Annotated[bool, Meta(description="holes before the outline around them")] = True
+    shared: Annotated[
+        Literal["once", "each"],
+        Meta(
+            description="trace: edges that several contours share; once: as by a laser along a "
+            "common line; each: with each of the contours"
+        ),
+    ] = "once"
     stepover: Annotated[
         float,
         Meta(

@@ -130,6 +130,7 @@ class Contour(Struct, frozen=True, eq=False):
     that leaves point i, the last one counts only where ``closed``. |bulge| <= 1. id: the place in ``Part.contours``
     as users see it, e.g. ``c12``. sources: ids of the contours that it was
     made of, where it is none of the input. color: "#ff0000", of its first piece; "" where the input has none.
+    is_mark: whether it stands for a point of the drawing, which is drilled and nothing else.
     """
 
     points: FloatArray
@@ -139,6 +140,7 @@ class Contour(Struct, frozen=True, eq=False):
     id: str = ""
     sources: tuple[str, ...] = ()
     color: str = ""
+    is_mark: bool = False
 
     def __repr__(self) -> str:
         return f"Contour({self.id!r}, {counted(len(self.points), 'point')}, {'closed' if self.closed else 'open'})"
@@ -269,6 +271,7 @@ class Part(Struct, frozen=True, eq=False):
     ids of the contours that an operation works on, the others only say where material is; None: all of them.
 
     open_outlines: outlines with a gap that enclose closed contours.
+    moved: distance in x and y by which `input.origin` moved the drawing, mm; None without it.
     """
 
     name: str
@@ -281,6 +284,7 @@ class Part(Struct, frozen=True, eq=False):
     curves: tuple[Curve, ...] = ()
     worked: frozenset[str] | None = None
     open_outlines: tuple[OpenOutline, ...] = ()
+    moved: tuple[float, float] | None = None
 
     def works_on(self, ids: tuple[str, ...]) -> bool:
         """Whether one of the contours ``ids`` is worked on."""

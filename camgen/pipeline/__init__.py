@@ -28,7 +28,7 @@ from camgen.model.part import IntArray, Note, Part, sort_notes
 from camgen.model.path import ToolPath, Tour
 from camgen.model.pose import tell_frame
 from camgen.model.program import MoveJ, Program
-from camgen.model.text import counted, harmless
+from camgen.model.text import counted, harmless, short
 from camgen.model.version import __version__
 from camgen.order import ArmTour, may_choose_ways, order
 from camgen.pipeline.assumptions import (
@@ -448,6 +448,7 @@ def _header(
         *(spell_part(one.name) for one in sources),
         f"post: {post.name} - cell: {cell.name.replace(',', ' -')}",
         f"units: mm - drawing: {part.units}",
+        *_tell_move(part),
         *(
             ["motion as executed - routines and loops are not carried over"]
             if _is_taught(part)
@@ -456,6 +457,14 @@ def _header(
         *_tool_lines(job, cell),
         f"work frame: {tell_frame(cell.base_from_work)}",
     )
+
+
+def _tell_move(part: Part) -> list[str]:
+    """The header line on a drawing that `input.origin` moved."""
+    if part.moved is None:
+        return []
+    x, y = (short(distance, 6) for distance in part.moved)
+    return [f"drawing moved by x {x} y {y} mm"]
 
 
 def spell_part(name: str) -> str:

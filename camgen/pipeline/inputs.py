@@ -24,6 +24,7 @@ from camgen.model.program import Joints
 from camgen.model.text import counted, short
 from camgen.read import find_reader, read
 from camgen.read.files import Files, identity
+from camgen.read.origin import move_part
 from camgen.read.programs import Frames
 from camgen.read.recorded import Recorded
 from camgen.robots.models import Robot
@@ -123,7 +124,12 @@ def read_parts(sources: Sequence[Path | Part], job: Job, files: Files) -> Part:
             return read_files(
                 [files.within(job.limits).read(path) for path in paths], job, language, flange
             )
-    return join_parts([one if isinstance(one, Part) else _read(one, job, files) for one in sources])
+    # Several drawings in one work frame are moved together.
+    kept = replace(job, input=replace(job.input, origin=""))
+    parts = [
+        source if isinstance(source, Part) else _read(source, kept, files) for source in sources
+    ]
+    return move_part(join_parts(parts), job)
 
 
 def _find_language(paths: Sequence[Path], job: Job, files: Files) -> str:

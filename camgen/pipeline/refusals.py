@@ -16,6 +16,9 @@ from camgen.plan.unused import is_idle
 from camgen.read.recorded import Recorded
 from camgen.read.units import LARGEST, remedy_for
 
+#: Remedy for a drawing that is far from the origin.
+_MOVE = 'set input.origin = "lower-left", which moves it to x 0, y 0'
+
 
 @contextmanager
 def tell_by_input(part: Part, program: Program) -> Iterator[None]:
@@ -99,7 +102,8 @@ def _doubt_unit(part: Part) -> str:
     low, high = points.min(axis=0).tolist(), points.max(axis=0).tolist()
     spans = zip("xyz", low, high, strict=False)
     reach = ", ".join(f"{axis} {short(a, 0)} to {short(b, 0)}" for axis, a, b in spans)
-    return f"drawn in {part.units} it lies at {reach} mm: {remedy_for(part.source)}, or move it to the origin"
+    move = "move it to the origin" if part.solid is not None else _MOVE
+    return f"drawn in {part.units} it lies at {reach} mm: {remedy_for(part.source)}, or {move}"
 
 
 def _points(part: Part) -> FloatArray:

@@ -63,11 +63,13 @@ def _follow(part: Part, job: Job) -> Plan:
 
 
 def _trace(part: Part, job: Job) -> Plan:
-    from camgen.plan.trace import trace, with_few_lifts  # noqa: PLC0415 (shapely is loaded only by what needs it)
+    # shapely takes long to import.
+    from camgen.plan.trace import share_edges, trace, with_few_lifts  # noqa: PLC0415
 
     recovered, notes = _recover(part, job)
-    merged, more = with_few_lifts(recovered, job)
-    return Plan(part, trace(merged, job), (*part.notes, *notes, *more))
+    shared, edges = share_edges(recovered, job)
+    merged, lifts = with_few_lifts(shared, job)
+    return Plan(part, trace(merged, job), (*part.notes, *notes, *edges, *lifts))
 
 
 def _trace_any(part: Part, job: Job, cell: Cell | None, watch: Watch) -> Plan:

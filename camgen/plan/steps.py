@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from fnmatch import fnmatchcase
 
 import numpy as np
 from msgspec import Struct
@@ -16,7 +15,9 @@ from camgen.model.part import Contour, Note, Part
 from camgen.model.tolerance import SAME_POINT_MM
 from camgen.plan.open_outlines import check_outlines
 from camgen.plan.unused import drop_inherited
+from camgen.read.chosen import takes_layer
 from camgen.read.colors import describe, resolve_named
+from camgen.read.marks import drills_marks
 
 #: What is done first: holes, pockets, what is drawn on the part and at its edges, and last what cuts it out.
 _RANKS = {"drill": 0, "bore": 0, "pocket": 1, "fill": 2, "trace": 2, "chamfer": 3, "follow": 4}
@@ -117,8 +118,10 @@ def _choose(part: Part, step: Step, number: int) -> frozenset[str]:
     found = [
         c
         for c in part.contours
-        if _is_of_layer(c, choice) and (not choice.ids or c.id in choice.ids)
+        if takes_layer(c.layer, choice.layers) and (not choice.ids or c.id in choice.ids)
     ]
+    if not drills_marks(step.operation):
+        found = [c for c in found if not c.is_mark]
     found = [c for c in found if not choice.colors or c.color in colors]
     if choice.nesting != "any":
         inner = _enclosed(part)
@@ -133,14 +136,6 @@ def _choose(part: Part, step: Step, number: int) -> frozenset[str]:
         remedy = "camgen inspect shows layers and colors; see layers, colors, ids, nesting and holes of the row"
         raise InputError(part.source, what, where, remedy)
     return frozenset(c.id for c in found)
-
-
-def _is_of_layer(contour: Contour, choice: Choice) -> bool:
-    """By globs, as ``input.layers`` does: capital and small letters are one."""
-    layer, globs = contour.layer.casefold(), [glob.casefold() for glob in choice.layers]
-    wanted = [glob for glob in globs if not glob.startswith("!")] or ["*"]
-    keep = any(fnmatchcase(layer, glob) for glob in wanted)
-    return keep and not any(fnmatchcase(layer, glob[1:]) for glob in globs if glob.startswith("!"))
 
 
 def _chosen_colors(part: Part, choice: Choice, where: str) -> frozenset[str]:
@@ -196,7 +191,8 @@ def _bound_material(
     beside, others = set[str](), set[str]()
     for step, ids in zip(steps, chosen, strict=True):
         (beside if step.operation.kind in _BESIDE else others).update(ids)
-    return frozenset(c.id for c in part.contours if c.id in beside or c.id not in others)
+    bounding = [c for c in part.contours if not c.is_mark]
+    return frozenset(c.id for c in bounding if c.id in beside or c.id not in others)
 
 
 def arrange(steps: Sequence[Step], worked: Sequence[frozenset[str]]) -> list[int]:

@@ -2,21 +2,37 @@
 
 from __future__ import annotations
 
+from itertools import chain
+
 import numpy as np
 from msgspec.structs import replace
 
 from camgen.geometry.nesting import nest
+from camgen.geometry.overlap import (
+    SAME_CURVE_MM,
+    Chain,
+    Parts,
+    cut_chain,
+    find_covered,
+    measure_covered,
+)
 from camgen.geometry.segments import from_contours
 from camgen.model.job import Job
-from camgen.model.part import Note, Part
+from camgen.model.part import Contour, Note, Part
 from camgen.model.path import ToolPath
+from camgen.model.pose import frozen
+from camgen.model.text import counted, short
+from camgen.model.tolerance import SAME_POINT_MM
 from camgen.plan.columns import Label, SegmentWork, pass_depths, sideways, tool_paths
 from camgen.plan.merge import merge
 
 
 def trace(part: Part, job: Job) -> tuple[ToolPath, ...]:
-    """The tool centre on every contour, open or closed. A force presses along the tool axis, down on the part."""
-    # What is inside of what hangs on all of them; a path has only what is worked on.
+    """The tool centre on every contour, open or closed.
+
+    A force presses along the tool axis, down on the part.
+    """
+    # Nesting depends on all contours; only those of the operation get a path.
     mine = [k for k, c in enumerate(part.contours) if part.works_on(c.sources or (c.id,))]
     contours = [part.contours[k] for k in mine]
     segments = from_contours(contours)
@@ -34,11 +50,69 @@ def trace(part: Part, job: Job) -> tuple[ToolPath, ...]:
     return tool_paths(segments, labels, SegmentWork(press, force, feed), depths, "trace")
 
 
-def with_few_lifts(part: Part, job: Job) -> tuple[Part, tuple[Note, ...]]:
-    """The part with its networks of lines as few trails, unless the order or the direction of its contours counts.
+def share_edges(part: Part, job: Job) -> tuple[Part, tuple[Note, ...]]:
+    """The part with every length that several contours share in the first of them only, and a note.
 
-    A tool that turns with the contour is not led round a sharp corner; ``tour.method = "as-drawn"`` keeps what was
-    drawn; where what is inside is done first, a loop with another one around it or in it is cut out by itself.
+    The rest of another contour is open; `operation.shared = "each"` keeps all contours as drawn.
+    """
+    if job.operation.shared == "each":
+        return part, ()
+    traced = [k for k, c in enumerate(part.contours) if part.works_on(c.sources or (c.id,))]
+    contours = [part.contours[k] for k in traced]
+    segments = from_contours(contours)
+    tolerance = max(min(job.input.join, SAME_CURVE_MM), 4 * SAME_POINT_MM)
+    rank = segments.owner
+    label = np.zeros(len(segments), np.int64)
+    covered = find_covered(segments, rank, label, tolerance)
+    if not covered:
+        return part, ()
+    parts_of: dict[int, dict[int, Parts]] = {}
+    for row, parts in covered.items():
+        parts_of.setdefault(int(segments.owner[row]), {})[row] = parts
+    result: dict[int, list[Contour]] = {k: [c] for k, c in enumerate(part.contours)}
+    for number, rows in parts_of.items():
+        contour = contours[number]
+        head = int(np.searchsorted(segments.owner, number))
+        local = {row - head: parts for row, parts in rows.items()}
+        chains = cut_chain(contour.points, contour.bulges, contour.closed, local)
+        result[traced[number]] = _name_rests(contour, chains)
+    total = measure_covered(segments, covered)
+    ids = tuple(contours[number].id for number in sorted(parts_of))
+    note = Note(
+        "joined",
+        f"{short(total, 2)} mm of {counted(len(ids), 'contour')} lie on others and are run once",
+        'operation.shared = "each" runs them for each contour',
+        ids,
+    )
+    kept = chain.from_iterable(result[k] for k in range(len(part.contours)))
+    return replace(part, contours=tuple(kept)), (note,)
+
+
+def _name_rests(contour: Contour, chains: list[Chain]) -> list[Contour]:
+    """The open chains that remain of a contour; the second one and so on are counted."""
+    sources = contour.sources or (contour.id,)
+    rests = []
+    for number, (points, bulges) in enumerate(chains, 1):
+        name = contour.id if number == 1 else f"{contour.id}.{number}"
+        rests.append(
+            replace(
+                contour,
+                points=frozen(points),
+                bulges=frozen(bulges),
+                closed=False,
+                id=name,
+                sources=sources,
+            )
+        )
+    return rests
+
+
+def with_few_lifts(part: Part, job: Job) -> tuple[Part, tuple[Note, ...]]:
+    """The part with its networks of lines as few trails, and notes.
+
+    A tool that turns with the contour is not led round a sharp corner, and
+    `tour.method = "as-drawn"` keeps all contours. With `operation.inside_first`, a loop with
+    another one around it or in it is cut out by itself.
     """
     if job.tool.orient == "follow" or job.tour.method == "as-drawn":
         return part, ()
@@ -53,19 +127,19 @@ def with_few_lifts(part: Part, job: Job) -> tuple[Part, tuple[Note, ...]]:
 
 
 def _parents_of(part: Part, mine: list[int]) -> list[int]:
-    """For each of the contours ``mine`` the place among them of the nearest one around it, -1 if none."""
-    every, place = _parents(part), {k: n for n, k in enumerate(mine)}
-    found = []
+    """The index in `mine` of the nearest contour around each of these contours, -1 without one."""
+    parents, index = _parents(part), {k: n for n, k in enumerate(mine)}
+    nearest = []
     for k in mine:
-        around = every[k]
-        while around >= 0 and around not in place:
-            around = every[around]
-        found.append(place.get(around, -1))
-    return found
+        around = parents[k]
+        while around >= 0 and around not in index:
+            around = parents[around]
+        nearest.append(index.get(around, -1))
+    return nearest
 
 
 def _parents(part: Part) -> list[int]:
-    """For each contour the closed contour around it, -1 if none: what is inside is done first."""
+    """The index of the closed contour around each contour, -1 without one."""
     closed = [k for k, c in enumerate(part.contours) if c.closed]
     parent = [-1] * len(part.contours)
     if closed:

@@ -28,7 +28,7 @@ _REPLAYS = {"process": ("max_feed",)}
 _CONTOURS = (
     "side", "planner", "waypoint_spacing", "waypoint_turn", "direction", "corner_radius", "inside_first", "stepover",
     "holes", "depth", "passes", "lead_in", "lead_out", "overlap", "width", "finish", "entry", "entry_angle", "tabs",
-    "tab_spacing", "tab_width", "tab_height", "taught_on", "compensation",
+    "tab_spacing", "tab_width", "tab_height", "taught_on", "compensation", "shared",
 )  # fmt: skip
 _CURVES: dict[str, tuple[str, ...]] = {
     **_PICTURES,
@@ -41,11 +41,11 @@ _WAYPOINTS = ("waypoint_spacing", "waypoint_turn")
 #: By what is built from: the settings that nothing reads.
 _IDLE: dict[str, dict[str, tuple[str, ...]]] = {
     "a drawing": _EDGES | _PICTURES | _REPLAYS | {"operation": (*_EDGES["operation"], *_WAYPOINTS)},
-    "a picture": _EDGES | _REPLAYS,
+    "a picture": _EDGES | _REPLAYS | {"input": (*_EDGES["input"], "origin")},
     "a 3-D part": {
         **_PICTURES,
         "page": _ALL,
-        "input": ("layers", "join", "min_length", *_PROGRAMS),
+        "input": ("layers", "origin", "join", "min_length", *_PROGRAMS),
         "operation": _CONTOURS,
         "tour": ("seams", "order"),
         "tool": ("orient", *_STAND),
@@ -71,7 +71,7 @@ _IDLE: dict[str, dict[str, tuple[str, ...]]] = {
     "a replay": {
         **_PICTURES,
         "page": _ALL,
-        "input": ("units", "layers", "select", "join", "min_length"),
+        "input": ("units", "layers", "origin", "select", "join", "min_length"),
         "operation": (
             *(name for name in _CONTOURS if name != "compensation"),
             *("offset", "trim", "offset_along", "last_face"),
@@ -108,6 +108,7 @@ _ONLY: dict[str, tuple[str, ...]] = {
     "stepover": ("fill", "pocket"),
     "engagement": ("pocket",),
     "holes": ("drill", "bore"),
+    "shared": ("trace",),
 }
 #: Settings that say more of others, and have no effect without one of those.
 _MORE: dict[str, tuple[str, ...]] = {

@@ -19,6 +19,7 @@ from camgen.model.job import CameraTable, Job
 from camgen.model.part import Part
 from camgen.model.plugins import ask, entries, load, origin
 from camgen.read.files import Files
+from camgen.read.origin import move_part
 
 READERS = "camgen.readers"
 #: Bytes from the beginning of a file by which a format is recognised.
@@ -151,7 +152,7 @@ def read(path: str | Path, job: Job = _DEFAULTS, files: Files | None = None) -> 
     """
     files = (files or Files()).within(job.limits)
     source = files.read(path)
-    return find_reader(source).read(source, job, files)
+    return move_part(find_reader(source).read(source, job, files), job)
 
 
 def inspect(path: str | Path, job: Job = _DEFAULTS, files: Files | None = None) -> object:

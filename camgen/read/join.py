@@ -18,6 +18,7 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from camgen.geometry.ragged import each_once, following, offsets, ramp, starts_run, stretches
+from camgen.model.job import Step
 from camgen.model.part import Contour, ContourColumns, Contours, Note
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, short
@@ -33,6 +34,7 @@ from camgen.read.pieces import (
     tally,
     tidy,
 )
+from camgen.read.twice import cut_repeated, drop_repeated_loops, label_selections
 
 Places = tuple[tuple[float, float], ...]
 
@@ -150,24 +152,38 @@ _TWICE = Note("repaired", "dropped", "drawn twice; each is used once")
 
 
 def contours(
-    soup: Soup, tolerance: float, by_color: bool = False
+    soup: Soup, tolerance: float, by_color: bool = False, operations: Sequence[Step] = ()
 ) -> tuple[tuple[Contour, ...], tuple[Note, ...]]:
-    """The contours of the drawn pieces in drawing order, and notes on what was dropped, mended and joined.
+    """The contours of drawn pieces in drawing order, and notes on repairs and joints.
 
-    tolerance: mm, ends closer than this meet. A contour has the layer and the color of its first piece. by_color:
-    contours are chosen by that.
+    A contour has the layer and the color of its first piece.
+
+    tolerance: distance up to which ends meet, mm.
+    by_color: whether the job chooses contours by color.
+    operations: operations that choose contours; a curve may be drawn once for each of them.
     """
     notes: list[Note] = []
     soup = _drop(soup, credible(soup), _DAMAGED, notes)
     soup = tidy(soup)
     soup = _drop(soup, np.diff(soup.first) > 1, _NO_LENGTH, notes)
-    soup = _drop(soup, first_of_its_kind(soup), _TWICE, notes)
+    soup = _drop(soup, first_of_its_kind(soup, label_selections(soup, operations)), _TWICE, notes)
+    is_open = ~(soup.closed | _meet_themselves(soup, tolerance))
+    label = label_selections(soup, operations)
+    soup, repeated = cut_repeated(soup, label, tolerance, is_open, np.zeros_like(is_open))
+    notes += repeated
     soup, joints = _join(soup, tolerance)
     notes += _joint_notes(joints, tolerance, by_color)
     soup = tidy(soup)
     soup = soup.take(np.diff(soup.first) > 1)
-    # What was drawn as pieces and as a whole is the same only now.
-    soup = _drop(soup, first_of_its_kind(soup), _TWICE, notes)
+    # Pieces and a whole of the same shape can be compared only after pieces are joined.
+    soup = _drop(soup, first_of_its_kind(soup, label_selections(soup, operations)), _TWICE, notes)
+    soup, repeated = drop_repeated_loops(soup, label_selections(soup, operations), tolerance)
+    notes += repeated
+    if not soup.closed.all():
+        label = label_selections(soup, operations)
+        everything = np.ones(len(soup), dtype=np.bool_)
+        soup, repeated = cut_repeated(soup, label, tolerance, everything, soup.closed, "contour")
+        notes += repeated
     count = int((~soup.closed).sum())
     if count:
         notes.append(_open_note(soup, tolerance))
@@ -182,6 +198,12 @@ def contours(
         for i, ((a, b), closed, layer, color) in enumerate(rows, start=1)
     )
     return Contours.of(made, columns), tuple(notes)
+
+
+def _meet_themselves(soup: Soup, tolerance: float) -> BoolArray:
+    """(P,) whether the two ends of each piece are within `tolerance` mm."""
+    gap = soup.points[soup.first[1:] - 1] - soup.points[soup.first[:-1]]
+    return np.asarray(np.hypot(gap[:, 0], gap[:, 1]) <= tolerance)
 
 
 #: Of so many ends the gaps are looked for; the number of pairs grows with their square. So many are told.
@@ -395,7 +417,7 @@ def _pair_near(
     loose = loose[_has_neighbours(ends.points[loose], layer[loose], limit)]
     while radius < limit and len(loose):
         radius = min(4 * radius, limit)
-        a, b, gap = _close_pairs(ends.points[loose], layer[loose], radius)
+        a, b, gap = close_pairs(ends.points[loose], layer[loose], radius)
         a, b = loose[a], loose[b]
         other, length = _chain_ends(partner, ends.length, np.unique(a))
         fair = (other[a] != b) | (gap <= _OWN_GAP * length[a])
@@ -418,7 +440,7 @@ def _has_neighbours(points: FloatArray, group: IntArray, radius: float) -> BoolA
     return np.asarray(around > 1)
 
 
-def _close_pairs(
+def close_pairs(
     points: FloatArray, group: IntArray, radius: float
 ) -> tuple[IntArray, IntArray, FloatArray]:
     """Pairs of points of one group at most ``radius`` apart, and their distances: a hash grid, each pair once."""

@@ -162,11 +162,14 @@ def _halve(soup: Soup) -> Soup:
     )
 
 
-def first_of_its_kind(soup: Soup) -> BoolArray:
-    """Which pieces (P,) are not drawn before in the same place, in either direction, from any start if closed."""
+def first_of_its_kind(soup: Soup, label: IntArray) -> BoolArray:
+    """(P,) whether each piece is not drawn before: in either direction, from any start if closed.
+
+    label: (P,) pieces of different labels are not compared.
+    """
     keep = np.ones(len(soup), dtype=np.bool_)
     counts = np.diff(soup.first)
-    sorts = counts * 2 + soup.closed
+    sorts = (counts * 2 + soup.closed) * (int(label.max(initial=0)) + 1) + label
     cell = same_distance(soup)
     order = np.argsort(sorts, kind="stable")
     for members in np.split(order, run_starts(sorts[order])[1:]):

@@ -134,6 +134,10 @@ SMOKES = [
     # The search for a part that is not in the scan takes ten times as long.
     Smoke("read.one_sided 1 6000 1 - rfa1", (2,), {"runs": (1, 1), "right": (1, 1)}),
     Smoke("read.drawings {here}", (1,), {"used": (9, 9)}),
+    Smoke(
+        "read.dxf_numbers 29", (30, 8),
+        {"silent": (0, 0), "with another note": (0, 0), "length off, ppm": (0, 200)},
+    ),
     Smoke("read.edges {here}", (1,), {"convex mm (measured)": (1390, 1391)}),
     Smoke("read.meshes 0 54", (27,), {"meshes": (2, 2), "silent": (0, 0)}),
     Smoke("read.old_gcode_words", (6,), {"silent": (0, 0)}),

@@ -83,7 +83,7 @@ def test_other_sides_follow_what_is_worked_on(side: str) -> None:
 
 
 def test_lines_and_holes_that_are_worked_on() -> None:
-    traced = planned(PLATE, {"c1", "c4"}, kind="trace")
+    traced = planned(PLATE, {"c1", "c4"}, kind="trace", shared="each")
     assert [(path.id, path.parent) for path in traced.paths] == [("c1", -1), ("c4", 0)]
     drilled = planned(PLATE, {"c3", "c4"}, kind="drill")
     assert [path.id for path in drilled.paths] == ["c3"]

@@ -278,12 +278,15 @@ def test_references_that_cannot_be_used() -> None:
     # ezdxf writes no scale of 0 and no reference without a name but reads them.
     text = written(document).replace(" 41\n0.125\n", " 41\n0.0\n").replace("  2\nNAMELESS\n", "")
     part = read_bytes("test.dxf", text.encode(), InputTable(), 0.01)
+    line = text.splitlines().index("3A") - 1
     assert len(part.contours) == 2
     assert notes(part) == [
-        "skipped: 1 INSERT on layer 0 (its block contains itself)",
-        "skipped: 2 INSERT on layer 0 (its block is missing)",
-        "skipped: 1 INSERT on layer 0 (scaled to nothing)",
-        "skipped: 1 INSERT on layer 0 (an external reference, not in this file)",
+        f"skipped: INSERT #3A on layer 0 (line {line}: group 2 is missing; open it in the CAD "
+        "program and save it again as DXF)",
+        "skipped: 1 INSERT on layer 0: #34 (its block contains itself)",
+        "skipped: 1 INSERT on layer 0: #38 (its block 'MISSING' is missing)",
+        "skipped: 1 INSERT on layer 0: #3C (scaled to nothing)",
+        "skipped: 1 INSERT on layer 0: #41 (an external reference, not in this file)",
     ]
 
 
@@ -295,7 +298,7 @@ def test_a_clipped_reference_is_skipped() -> None:
     part = read(document)
     assert len(part.contours) == 1
     assert notes(part) == [
-        "skipped: 1 INSERT on layer 0 (clipped (XCLIP), which cannot be honoured; explode it)"
+        "skipped: 1 INSERT on layer 0: #35 (clipped (XCLIP), which cannot be honoured; explode it)"
     ]
 
 
@@ -337,7 +340,7 @@ def test_polylines_of_r12() -> None:
     part = read(document, units="mm")
     assert [c.points.tolist() for c in part.contours] == [[[0, 0], [10, 0]], [[20, 0], [30, 0]]]
     assert part.contours[0].bulges.tolist() == [1, 0]
-    assert notes(part)[0] == "skipped: 1 POLYLINE on layer 0 (a mesh)"
+    assert notes(part)[0] == "skipped: 1 POLYLINE on layer 0: #36 (a mesh)"
 
 
 def test_thickness_and_width() -> None:
@@ -402,8 +405,10 @@ def test_nothing_vanishes_silently() -> None:
     assert len(part.contours) == 1
     assert notes(part) == [
         "skipped: 1 CIRCLE on layer 0 (invisible)",
-        "skipped: 1 HATCH, 1 POINT, 1 TEXT on layer 0 (not a kind of curve that is machined)",
+        "skipped: 1 HATCH, 1 TEXT on layer 0 (not a kind of curve that is machined)",
         "skipped: 1 CIRCLE on layer 0 (in paper space)",
+        'skipped: 1 POINT on layer 0 (a place to drill, by operation.kind = "drill" without '
+        "operation.holes)",
     ]
 
 
@@ -568,3 +573,49 @@ def test_line_ends_of_the_old_macintosh() -> None:
     for a, b in zip(old.contours, plain.contours, strict=True):
         assert np.array_equal(a.points, b.points)
         assert np.array_equal(a.bulges, b.bulges)
+
+
+# Sizes, blocks, and splines that are marked closed.
+
+
+def test_the_size_counts_arcs() -> None:
+    """Two circles of 20 mm, 30 mm apart: a box of 50 x 20 mm."""
+    document, space = new()
+    for x in (0, 30):
+        space.add_circle((x, 0), 10)
+    facts = inspect(document)
+    assert "used part 50 x 20 mm" in str(facts)
+    document, space = new()
+    space.add_circle((0, 0), 1600)
+    assert "the part is 3200 x 3200 mm, which is large" in notes(read(document))[0]
+
+
+def inspect(document: Drawing) -> dxf.DxfFacts:
+    return dxf.inspect(Source(Path("test.dxf"), written(document).encode()), Job(), Files())
+
+
+def test_blocks_that_are_nowhere_placed_are_named() -> None:
+    document, _ = new()
+    document.blocks.new("PART").add_circle((0, 0), 5)
+    document.blocks.new("EMPTY")
+    with pytest.raises(InputError) as caught:
+        read(document)
+    assert str(caught.value) == (
+        "test.dxf: nothing to machine (the drawing is empty: block 'PART' is nowhere placed); "
+        "insert its block in model space"
+    )
+    document.blocks.new("LID").add_circle((0, 0), 5)
+    with pytest.raises(InputError, match="blocks 'PART', 'LID' are nowhere placed"):
+        read(document)
+
+
+@pytest.mark.parametrize(("closed", "end", "gap"), [(1, 0.0, 0), (1, 12.0, 12), (0, 12.0, 0)])
+def test_a_spline_marked_closed_that_is_open_is_named(closed: int, end: float, gap: float) -> None:
+    document, space = new()
+    spline = space.add_open_spline([(0, 0), (30, 0), (30, 40), (0, 40), (0, end)], degree=3)
+    spline.dxf.flags |= closed
+    listed = [note for note in notes(read(document)) if "marked closed" in note]
+    assert listed == [
+        f"warning: marked closed but open: SPLINE #{spline.dxf.handle} on layer 0 by {gap} mm "
+        "(used as its points say; close it in the CAD program)"
+    ] * (gap > 0)

@@ -19,6 +19,7 @@ from camgen.model.job import InputTable, Job, OperationTable
 from camgen.model.limits import Limits
 from camgen.model.part import Part
 from camgen.read import dxf
+from camgen.read.dxf import document as loading
 from camgen.read.dxf import plain
 from camgen.read.files import Files
 from tests.read.test_dxf import new, written
@@ -45,7 +46,7 @@ def _told(text: Any, handles: bool) -> str:
 
 
 #: Loading takes most of the time. One document serves reading and inspecting, flat and in space.
-_LOAD = dxf._load
+_LOAD = loading.load_document
 
 
 @lru_cache(maxsize=2)
@@ -53,13 +54,13 @@ def _load(data: bytes, least: int | None) -> Any:
     """The document without runs of ``least`` plain entities; None: by ezdxf alone."""
     split = (lambda _: None) if least is None else partial(plain.split, least=least)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(dxf, "split", split)
+        patch.setattr(loading, "split", split)
         return _LOAD("test.dxf", data)
 
 
 def _read(data: bytes, job: Job, least: int | None) -> Part | str:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(dxf, "_load", lambda _, data: _load(data, least))
+        patch.setattr(dxf, "load_document", lambda _, data: _load(data, least))
         source = Source(Path("test.dxf"), data)
         try:
             part = dxf.read(source, job, Files())

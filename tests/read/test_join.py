@@ -237,9 +237,8 @@ def test_of_lines_drawn_more_than_once_the_first_is_used(
     drawn: list[tuple[int, int, int, int]],
 ) -> None:
     ends = [frozenset([(a, b), (c, d)]) for a, b, c, d in drawn]
-    kept = first_of_its_kind(
-        soup([line((float(a), float(b)), (float(c), float(d))) for a, b, c, d in drawn])
-    )
+    lines = [line((float(a), float(b)), (float(c), float(d))) for a, b, c, d in drawn]
+    kept = first_of_its_kind(soup(lines), np.zeros(len(lines), np.intp))
     assert kept.tolist() == [one not in ends[:k] for k, one in enumerate(ends)]
 
 

@@ -5,178 +5,38 @@
 
 from __future__ import annotations
 
-import re
-import struct
 from collections import Counter
-from io import BytesIO, TextIOWrapper
 from typing import TYPE_CHECKING
 
 import numpy as np
 from msgspec import Struct
 
-from camgen.model.errors import InputError, one_line
+from camgen.model.errors import InputError
 from camgen.model.files import Source
 from camgen.model.job import Job
 from camgen.model.part import Contour, Curve, Note, Part
-from camgen.model.pose import FloatArray
 from camgen.model.text import counted, harmless, short
 from camgen.read import join, space, units
 from camgen.read.colors import count_colors
+from camgen.read.dxf.document import load_document
 from camgen.read.dxf.entities import REPAIRED, DrawnEntities, walk
 from camgen.read.dxf.flatten import FLAT_MM, Flat, flatten
 from camgen.read.dxf.in_space import place_in_space
 from camgen.read.dxf.layers import NOT_ASKED, layers_of
-from camgen.read.dxf.plain import Split, split
+from camgen.read.extent import measure_box
 from camgen.read.files import Files
+from camgen.read.marks import Mark, add_marks
 from camgen.read.open_outlines import find_open_outlines
-from camgen.read.pieces import tally
-from camgen.read.quiet import silence
+from camgen.read.pieces import FARTHEST, tally
 
 if TYPE_CHECKING:
     from ezdxf.document import Drawing
 
 
-# The bytes of a DXF file as an ezdxf document: strictly first, then tolerantly, with a note on what was wrong.
-
-_BINARY = b"AutoCAD Binary DXF\r\n\x1a\x00"
-_END = re.compile(rb"(?:^|\n)[ \t]*0[ \t]*\r?\n[ \t]*EOF\b")
-_TAIL = 256
-_SECTION = re.compile(rb"(?:^|\n)[ \t]*0[ \t]*\r?\n[ \t]*SECTION\b")
-_SAVE_AGAIN = "open it in the CAD program and save it again as DXF"
-
-#: ezdxf parses whatever it is given: besides its own errors (which are not all ValueErrors) a damaged file makes it
-#: stumble over missing values in each of these ways.
-_STUMBLES = (
-    ValueError, TypeError, LookupError, StopIteration, AttributeError, ArithmeticError, AssertionError, RecursionError,
-    struct.error, EOFError,
-)  # fmt: skip
-
-
-class _Loaded(Struct, frozen=True):
-    """The document without what ``plain`` has taken out of it, and notes on damage."""
-
-    document: Drawing
-    plain: Split | None
-    notes: tuple[Note, ...]
-
-
-def _load(name: str, data: bytes) -> _Loaded:
-    """``InputError`` if the bytes are no DXF or damaged beyond repair."""
-    # Heavy, and not needed unless a DXF is read.
-    from ezdxf import recover  # noqa: PLC0415
-    from ezdxf.document import Drawing  # noqa: PLC0415
-    from ezdxf.filemanagement import read  # noqa: PLC0415
-    from ezdxf.lldxf.const import DXFError  # noqa: PLC0415
-    from ezdxf.lldxf.tagger import binary_tags_loader  # noqa: PLC0415
-
-    data = _with_line_feeds(data)
-    _insist_on_dxf(name, data)
-    silence("ezdxf")
-    notes: list[Note] = []
-    binary = data.startswith(_BINARY)
-    # At the end of most files; what a program has written behind it is rare and costs a look at everything.
-    if not (
-        b"\x00EOF\x00" in data
-        if binary
-        else _END.search(data, max(0, len(data) - _TAIL)) or _END.search(data)
-    ):
-        notes.append(
-            Note("skipped", "the file ends before its end mark", "what would follow is lost")
-        )
-        data = data if binary else _close_ends(data)
-    plain = None if binary else split(data)
-    document = plain and _load_rest(plain)
-    if document:
-        return _Loaded(document, plain, tuple(notes))
-    try:
-        document = Drawing.load(binary_tags_loader(data)) if binary else read(_text(data))
-        # Damaged OBJECTS cost a document its model space, which shows only when it is asked for.
-        document.modelspace()
-        return _Loaded(document, None, tuple(notes))
-    except (DXFError, *_STUMBLES) as error:
-        cause = _plain(error)
-        if binary:
-            # The tolerant reader of ezdxf takes text only.
-            raise InputError(
-                name, f"damaged beyond repair: {cause}", "binary DXF", _SAVE_AGAIN
-            ) from error
-    try:
-        document, auditor = recover.read(BytesIO(data))
-        document.modelspace()
-    except (DXFError, *_STUMBLES) as error:
-        raise InputError(
-            name, f"damaged beyond repair: {_plain(error)}", "", _SAVE_AGAIN
-        ) from error
-    count = len(auditor.fixes) + len(auditor.errors)
-    mended = f" and was read tolerantly, {counted(count, 'fault')} mended" if count else ""
-    notes.append(
-        Note(
-            "repaired",
-            f"the file is damaged{mended}: {cause}",
-            f"compare the contours, or {_SAVE_AGAIN}",
-        )
-    )
-    return _Loaded(document, None, tuple(notes))
-
-
-def _load_rest(plain: Split) -> Drawing | None:
-    """The document without its plain entities; None where ezdxf is to see all of the text: because it is damaged, and
-    the message names a line, because the plain entities are on paper, which is decided by who is said to own them, or
-    because a stand-in is not where it was put, as where a second section replaces the first.
-    """
-    from ezdxf.filemanagement import read  # noqa: PLC0415
-    from ezdxf.lldxf.const import DXFError  # noqa: PLC0415
-
-    try:
-        document = read(_text(plain.text))
-        points = [point.dxf.layer for point in document.modelspace().query("POINT")]
-    except (DXFError, *_STUMBLES):
-        return None
-    if [layer for layer in points if layer in plain.runs] != list(plain.runs):
-        return None
-    paper = document.block_records.get("*Paper_Space")
-    return None if paper is not None and paper.dxf.handle in plain.plain.owners else document
-
-
-def _with_line_feeds(data: bytes) -> bytes:
-    """The text with line feeds where lines end in carriage returns alone, as on the old Macintosh."""
-    return data if data.startswith(_BINARY) or b"\n" in data else data.replace(b"\r", b"\n")
-
-
-def _insist_on_dxf(name: str, data: bytes) -> None:
-    if not data.strip():
-        raise InputError(name, "the file is empty")
-    if re.match(rb"AC1\d{3}|AC\d\.\d", data):
-        raise InputError(name, "is a DWG drawing", "", "save it as DXF")
-    if not data.startswith(_BINARY) and not _SECTION.search(data):
-        raise InputError(name, "is not a DXF file", "no section in it")
-
-
-def _close_ends(data: bytes) -> bytes:
-    """A text that is cut short up to its last whole entity, with the marks that close it."""
-    lines = data.splitlines()
-    starts = [i for i in range(0, len(lines), 2) if lines[i].strip() == b"0"]
-    return b"\n".join([*lines[: starts[-1] if starts else 0], b"0", b"ENDSEC", b"0", b"EOF", b""])
-
-
-def _text(data: bytes) -> TextIOWrapper:
-    """The text in the encoding its header names."""
-    from ezdxf.filemanagement import dxf_stream_info  # noqa: PLC0415
-
-    info = dxf_stream_info(TextIOWrapper(BytesIO(data), "utf-8", errors="ignore"))
-    return TextIOWrapper(BytesIO(data), info.encoding, errors="surrogateescape")
-
-
-def _plain(error: Exception) -> str:
-    # An entity without a handle is named by where it lies in memory.
-    text = re.sub(r"\(#\d{9,}\)", "", one_line(str(error))).strip().rstrip(".")
-    if isinstance(error, KeyError):
-        text = f"no entry {text}"
-    return text[:120] if text else type(error).__name__
-
-
-#: So many curves out of the plane are named one by one, the rest is counted.
+#: Curves that are named one by one for a reason not to use them; the others are counted.
 _NAMED = 5
+_NOT_DRILLED = 'a place to drill, by operation.kind = "drill" without operation.holes'
+_NOT_CREDIBLE = "its numbers are not finite or not credible"
 #: Layers that every document has, whether the file names them or not.
 _ALWAYS = {"0", "defpoints"}
 
@@ -234,6 +94,7 @@ class _Read(Struct, frozen=True):
     size: tuple[float, ...]
     about_file: tuple[Note, ...]
     left: tuple[Note, ...]
+    unplaced: tuple[str, ...] = ()
 
     @property
     def notes(self) -> tuple[Note, ...]:
@@ -251,12 +112,11 @@ def read(source: Source, job: Job, _files: Files) -> Part:
     if not found.contours and not found.curves:
         damage = [n.what for n in found.about_file if n.kind in {"repaired", "skipped", "warning"}]
         left = "; ".join([*damage, *(f"{n.what}: {n.why}" for n in found.left)])
-        raise InputError(
-            name,
-            "nothing to machine",
-            left or "the drawing is empty",
-            "draw curves on a visible layer",
-        )
+        empty, remedy = "the drawing is empty", "draw curves on a visible layer"
+        if found.unplaced:
+            empty += f": {_list_unplaced(found.unplaced)}"
+            remedy = "insert its block in model space"
+        raise InputError(name, "nothing to machine", left or empty, remedy)
     return Part(
         source.stem,
         name,
@@ -303,7 +163,7 @@ def inspect(source: Source, job: Job, _files: Files) -> DxfFacts:
 
 def _read(source: Source, job: Job) -> _Read:
     name, data, settings, chord = source.name, source.data, job.input, job.tolerance.chord
-    loaded = _load(name, data)
+    loaded = load_document(name, data)
     document, notes = loaded.document, loaded.notes
     version = f"{document.dxfversion} ({document.acad_release})"
     unit, scale, unit_notes = units.resolve(name, settings.units, *_state(name, document, data))
@@ -314,10 +174,12 @@ def _read(source: Source, job: Job) -> _Read:
     with np.errstate(invalid="ignore", over="ignore"):
         drawn = walk(name, document, loaded.plain, scale, layers, source.limits)
         layers.check(name)
+        unplaced = () if drawn.met else _list_blocks(document)
         # The document is the largest thing in memory and no longer needed.
         del document, loaded
         flat = flatten(drawn, chord)
         if flat.tilted and _is_meant_in_space(job):
+            _add_marks(drawn, (), job)
             curves, joints = space.curves(
                 place_in_space(name, drawn, chord, source.limits), settings.join
             )
@@ -328,17 +190,64 @@ def _read(source: Source, job: Job) -> _Read:
                 *([space.tell_which(curves)] if curves else []),
             )
         else:
-            contours, joints = join.contours(flat.soup, settings.join, job.chooses_colors)
-            left = (*_left(drawn), *_not_flat(drawn, flat), *_level(flat), *_take(drawn), *joints)
-    rows = [c.points for c in contours] + [c.points for c in curves]
-    size = _size(rows)
-    doubts = (
-        units.doubts(size, unit, name) if rows and settings.units.strip().lower() == "auto" else ()
-    )
+            contours, joints = join.contours(
+                flat.soup, settings.join, job.chooses_colors, job.operations
+            )
+            contours, marked = _add_marks(drawn, contours, job)
+            left = (*_left(drawn), *_not_flat(drawn, flat), *_level(flat), *_take(drawn), *marked)
+            left += (*_note_gaps(drawn, flat, settings.join), *joints)
+    size = _measure_size(contours, curves)
+    is_read = bool(contours or curves)
+    has_own_unit = settings.units.strip().lower() == "auto"
+    doubts = units.doubts(size, unit, name) if is_read and has_own_unit else ()
     about_file = (*notes, *unit_notes, *doubts)
     return _Read(
-        version, unit, drawn, contours, curves, len(flat.tilted), size[:2], about_file, left
+        version,
+        unit,
+        drawn,
+        contours,
+        curves,
+        len(flat.tilted),
+        size[:2],
+        about_file,
+        left,
+        unplaced,
     )
+
+
+def _list_unplaced(blocks: tuple[str, ...]) -> str:
+    names = ", ".join(repr(harmless(block)) for block in blocks[:_NAMED])
+    if len(blocks) > _NAMED:
+        names += f" and {len(blocks) - _NAMED} more"
+    verb = "block {} is" if len(blocks) == 1 else "blocks {} are"
+    return verb.format(names) + " nowhere placed"
+
+
+def _list_blocks(document: Drawing) -> tuple[str, ...]:
+    """Names of the blocks that hold something, except layouts and anonymous ones."""
+    blocks = (block for block in document.blocks if not block.is_any_layout)
+    return tuple(block.name for block in blocks if len(block) and not block.name.startswith("*"))
+
+
+def _add_marks(
+    drawn: DrawnEntities, contours: tuple[Contour, ...], job: Job
+) -> tuple[tuple[Contour, ...], list[Note]]:
+    """The contours with circles for the points that are drilled; the others are counted as left."""
+    if not drawn.point_owner:
+        return contours, []
+    matrices = np.array([drawn.matrices[drawn.matrix[k]] for k in drawn.point_owner])
+    local = np.array(drawn.points).reshape(-1, 3)
+    places = np.einsum("nij,nj->ni", matrices[:, :2, :3], local) + matrices[:, :2, 3]
+    marks = []
+    for owner, (x, y) in zip(drawn.point_owner, places.tolist(), strict=True):
+        if max(abs(x), abs(y)) <= FARTHEST:
+            marks.append(Mark(x, y, drawn.layer[owner], drawn.colors.names[drawn.color[owner]]))
+        else:
+            drawn.leave(_NOT_CREDIBLE, "POINT", drawn.layer[owner])
+    contours, others, notes = add_marks(contours, marks, job)
+    for mark in others:
+        drawn.leave(_NOT_DRILLED, "POINT", mark.layer)
+    return contours, notes
 
 
 def _is_meant_in_space(job: Job) -> bool:
@@ -365,9 +274,14 @@ def _state(name: str, document: Drawing, data: bytes) -> tuple[int, int | None]:
     return insunits or 0, measurement
 
 
-def _size(rows: list[FloatArray]) -> tuple[float, ...]:
-    """Along the axes, over all points (N, D), mm."""
-    return tuple(np.ptp(np.concatenate(rows), axis=0).tolist()) if rows else (0.0, 0.0)
+def _measure_size(contours: tuple[Contour, ...], curves: tuple[Curve, ...]) -> tuple[float, ...]:
+    """Along x and y, of curves in space along z too, mm; 0 without contours and curves."""
+    if not contours and not curves:
+        return 0.0, 0.0
+    low, high = measure_box(contours, curves)
+    heights = [np.concatenate([curve.points, curve.middles])[:, 2] for curve in curves]
+    tall = [float(np.ptp(np.concatenate(heights)))] if heights else []
+    return (*(high - low).tolist(), *tall)
 
 
 def _list_counts(counts: tuple[tuple[str, int], ...]) -> str:
@@ -387,16 +301,26 @@ def _left(drawn: DrawnEntities) -> list[Note]:
         elif why in REPAIRED:
             notes.append(Note("repaired", f"dropped: {_count(counts)}", why))
         else:
-            notes.append(Note("skipped", _count(counts), why))
+            notes.append(Note("skipped", _count(counts) + _list_handles(drawn, why), why))
     return notes
+
+
+def _list_handles(drawn: DrawnEntities, why: str) -> str:
+    """Handles of entities that are not used, as far as a note has them; "" without any."""
+    handles = drawn.handles.get(why, [])
+    if not handles:
+        return ""
+    more = f" and {len(handles) - _NAMED} more" if len(handles) > _NAMED else ""
+    return ": " + ", ".join(f"#{harmless(handle)}" for handle in handles[:_NAMED]) + more
 
 
 def _not_flat(drawn: DrawnEntities, flat: Flat) -> list[Note]:
     """Notes on curves that leave the plane, by name, and on those whose numbers make no curve."""
     notes = []
     if flat.damaged:
-        what = tally([drawn.kind[i] for i in flat.damaged], [drawn.layer[i] for i in flat.damaged])
-        notes.append(Note("skipped", what, "damaged numbers"))
+        names = [f"{_name(drawn, k)} on layer {harmless(drawn.layer[k])}" for k in flat.damaged]
+        rest = f"; and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+        notes.append(Note("skipped", "; ".join(names[:_NAMED]) + rest, _NOT_CREDIBLE))
     if flat.tilted:
         named = [
             f"{_name(drawn, i)} on layer {harmless(drawn.layer[i])} leaves the plane by {short(height, 3)} mm"
@@ -409,6 +333,20 @@ def _not_flat(drawn: DrawnEntities, flat: Flat) -> list[Note]:
             Note("skipped", what, f'{why}; operation.kind = "trace" follows them in space')
         )
     return notes
+
+
+def _note_gaps(drawn: DrawnEntities, flat: Flat, tolerance: float) -> list[Note]:
+    """A note on splines that are marked closed and are open by more than `tolerance` mm."""
+    wide = {owner: gap for owner, gap in flat.gaps.items() if gap > tolerance}
+    if not wide:
+        return []
+    names = [
+        f"{_name(drawn, owner)} on layer {harmless(drawn.layer[owner])} by {short(gap, 3)} mm"
+        for owner, gap in sorted(wide.items())[:_NAMED]
+    ]
+    more = f"; and {len(wide) - _NAMED} more" if len(wide) > _NAMED else ""
+    what = f"marked closed but open: {'; '.join(names)}{more}"
+    return [Note("warning", what, "used as its points say; close it in the CAD program")]
 
 
 def _name(drawn: DrawnEntities, owner: int) -> str:

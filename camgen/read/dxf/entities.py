@@ -51,7 +51,7 @@ def ocs_matrix(extrusion: tuple[float, float, float]) -> FloatArray:
 def unusable(entity: Any, block: Any, a: dict[str, Any], around: tuple[str, ...]) -> str:
     """Why the reference ``entity`` to ``block`` cannot be used, "" if it can. around: blocks it stands in."""
     if block is None:
-        return "its block is missing"
+        return f"its block {harmless(str(a.get('name', '')))!r} is missing"
     if block.block_record.is_xref:
         return "an external reference, not in this file"
     if str(a.get("name")).casefold() in around:
@@ -138,6 +138,8 @@ class DrawnEntities(Struct, eq=False):
     line_owner: list[int] = field(default_factory=list)
     arcs: array[float] = field(default_factory=lambda: array("d"))
     arc_owner: list[int] = field(default_factory=list)
+    points: array[float] = field(default_factory=lambda: array("d"))
+    point_owner: list[int] = field(default_factory=list)
     outlines: list[FloatArray] = field(default_factory=list)
     outline_owner: list[int] = field(default_factory=list)
     smooth: list[Smooth] = field(default_factory=list)
@@ -146,10 +148,18 @@ class DrawnEntities(Struct, eq=False):
     flattened: Counter[tuple[str, str]] = field(default_factory=Counter)
     widths: Counter[tuple[str, str]] = field(default_factory=Counter)
     met: Counter[tuple[str, str]] = field(default_factory=Counter)
+    handles: dict[str, list[str]] = field(default_factory=dict)
+    marked_closed: set[int] = field(default_factory=set)
 
     def leave(self, why: str, kind: str, layer: str, count: int = 1) -> None:
         """Count entities that are not used."""
         self.left.setdefault(why, Counter())[kind, layer] += count
+
+    def name(self, why: str, attributes: Attributes) -> None:
+        """Keep the handle of an entity that is not used, for its note."""
+        handle = attributes.get("handle")
+        if handle:
+            self.handles.setdefault(why, []).append(handle)
 
     def own(
         self, place: _Place, kind: str, layer: str, closed: bool, attributes: Attributes, ocs: bool
@@ -289,6 +299,7 @@ def _entities(name: str, drawn: DrawnEntities, entities: Iterable[Any], place: _
             why = _KINDS[kind](drawn, entity, attributes, layer, place)
             if why:
                 drawn.leave(why, kind, layer)
+                drawn.name(why, attributes)
 
 
 def _run(drawn: DrawnEntities, plain: PlainEntities, run: slice, place: _Place) -> None:
@@ -344,9 +355,9 @@ def _line(drawn: DrawnEntities, _: Any, a: Attributes, layer: str, place: _Place
 
 
 def _arc(drawn: DrawnEntities, _: Any, a: Attributes, layer: str, place: _Place) -> str:
-    return _round(
-        drawn, "ARC", a, layer, place, (a.get("start_angle", 0.0), a.get("end_angle", 360.0))
-    )
+    if "start_angle" not in a or "end_angle" not in a:
+        return _DAMAGED
+    return _round(drawn, "ARC", a, layer, place, (a["start_angle"], a["end_angle"]))
 
 
 def _circle(drawn: DrawnEntities, _: Any, a: Attributes, layer: str, place: _Place) -> str:
@@ -361,8 +372,8 @@ def _round(
     place: _Place,
     angles: tuple[float, float],
 ) -> str:
-    center, radius = a.get("center"), a.get("radius", 1.0)
-    if center is None or not all(map(math.isfinite, (radius, *angles))):
+    center, radius = a.get("center"), a.get("radius")
+    if center is None or radius is None or not all(map(math.isfinite, (radius, *angles))):
         return _DAMAGED
     if radius <= 0:
         return _NO_RADIUS
@@ -419,6 +430,8 @@ def _polyline(drawn: DrawnEntities, entity: Any, a: Attributes, layer: str, plac
 
 
 def _ellipse(drawn: DrawnEntities, entity: Any, a: Attributes, layer: str, place: _Place) -> str:
+    if not {"center", "major_axis", "ratio"} <= a.keys():
+        return _DAMAGED
     major, ratio = entity.dxf.major_axis, entity.dxf.ratio
     start, end = a.get("start_param", 0.0), a.get("end_param", math.tau)
     if not all(map(math.isfinite, (*major.xyz, ratio, start, end))) or not major or not ratio:
@@ -438,8 +451,20 @@ def _spline(drawn: DrawnEntities, entity: Any, a: Attributes, layer: str, place:
         return "no spline can be made of its points and knots"
     control = np.array([p.xyz for p in tool.control_points])
     weights = np.array(tool.weights()) if tool.is_rational else None
-    drawn.smooth_owner.append(drawn.own(place, entity.dxftype(), layer, False, a, ocs=False))
+    owner = drawn.own(place, entity.dxftype(), layer, False, a, ocs=False)
+    if a.get("flags", 0) & 1:
+        drawn.marked_closed.add(owner)
+    drawn.smooth_owner.append(owner)
     drawn.smooth.append(Smooth(control, np.array(tool.knots()), tool.degree, weights))
+    return ""
+
+
+def _point(drawn: DrawnEntities, _: Any, a: Attributes, layer: str, place: _Place) -> str:
+    location = a.get("location")
+    if location is None:
+        return _DAMAGED
+    drawn.point_owner.append(drawn.own(place, "POINT", layer, False, a, ocs=False))
+    drawn.points.extend(location.xyz)
     return ""
 
 
@@ -453,6 +478,7 @@ _KINDS: dict[str, Callable[[DrawnEntities, Any, Attributes, str, _Place], str]] 
     "SPLINE": _spline,
     # A HELIX holds the spline that is drawn beside the numbers that it was made of.
     "HELIX": _spline,
+    "POINT": _point,
 }
 
 
@@ -466,6 +492,7 @@ def _insert(
     why = unusable(entity, block, a, place.blocks)
     if why:
         drawn.leave(why, "INSERT", layer)
+        drawn.name(why, a)
         return
     base = block.block.dxf.base_point.xyz
     blocks = (*place.blocks, str(a.get("name")).casefold())

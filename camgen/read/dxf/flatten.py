@@ -29,12 +29,14 @@ class Flat(Struct, frozen=True, eq=False):
     """The pieces in drawing order and what was left out, by owner number.
 
     tilted: owner -> mm by which the curve leaves its plane. damaged: owners. heights: (P,) mm, one per piece.
+    gaps: distance between the ends of each spline that is marked closed, mm, by owner.
     """
 
     soup: Soup
     tilted: dict[int, float]
     damaged: tuple[int, ...]
     heights: FloatArray
+    gaps: dict[int, float]
 
 
 class EntityRows(Struct, frozen=True, eq=False):
@@ -66,24 +68,37 @@ def flatten(drawn: DrawnEntities, chord: float) -> Flat:
     oval = _has_arcs(given) & ~similar[which]
     world.bulges[:] *= np.repeat(np.where(mirrored[which], -1.0, 1.0), given.counts)
     sound = credible(world)
+    level |= ~sound
     ovals = np.flatnonzero(level & oval & sound)
     chains = [_oval(drawn, given, int(i), matrices[which[i]], float(low[i])) for i in ovals]
     tilted = dict(zip(given.owner[~level].tolist(), (high - low)[~level].tolist(), strict=True))
-    damaged: list[int] = []
+    damaged: list[int] = given.owner[~sound].tolist()
+    gaps: dict[int, float] = {}
     for number, curve in zip(drawn.smooth_owner, drawn.smooth, strict=True):
         made = _smooth(number, curve, matrices[matrix[number]])
         if isinstance(made, _Chain):
             chains.append(made)
+            if number in drawn.marked_closed:
+                gaps[number] = _measure_gap(made)
         elif made is None:
             damaged.append(number)
         else:
             tilted[number] = made
     fitted = _soup(named, _stitch(chains, chord))
-    plain = level & ~(oval & sound)
+    plain = level & sound & ~oval
     owner = np.concatenate([given.owner[plain], np.array([c.owner for c in chains], dtype=np.intp)])
     heights = np.concatenate([low[plain], [c.height for c in chains]])
     soup = _together(world.take(plain), fitted).take(np.argsort(owner, kind="stable"))
-    return Flat(soup, tilted, tuple(damaged), heights)
+    return Flat(soup, tilted, tuple(sorted(damaged)), heights, gaps)
+
+
+def _measure_gap(chain: _Chain) -> float:
+    """Distance between the ends of a spline of Bezier segments, mm."""
+    (curve,) = chain.runs
+    if not isinstance(curve, np.ndarray):
+        return 0.0
+    start, end = curve[0, 0], curve[-1, -1]
+    return float(np.hypot(*(end[:2] / end[2] - start[:2] / start[2])))
 
 
 # --- lines and arcs --------------------------------------------------------------------------------------------------

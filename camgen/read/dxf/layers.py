@@ -10,6 +10,7 @@ from msgspec import Struct, field
 
 from camgen.model.errors import JobError
 from camgen.model.text import harmless, suggest
+from camgen.read.chosen import takes_layer
 
 if TYPE_CHECKING:
     from ezdxf.document import Drawing
@@ -34,18 +35,10 @@ class Layers(Struct):
             folded = layer.casefold()
             self.names.setdefault(folded, layer)
             verdict = self.states.get(folded, "")
-            if not verdict and not self._asked(folded):
+            if not verdict and not takes_layer(layer, self.globs):
                 verdict = NOT_ASKED
             self.verdicts[layer] = verdict
         return verdict
-
-    def _asked(self, folded: str) -> bool:
-        globs = [glob.casefold() for glob in self.globs]
-        wanted = [g for g in globs if not g.startswith("!")] or ["*"]
-        unwanted = [g[1:] for g in globs if g.startswith("!")]
-        return any(fnmatchcase(folded, g) for g in wanted) and not any(
-            fnmatchcase(folded, g) for g in unwanted
-        )
 
     def check(self, file: str) -> None:
         """``JobError`` for a glob that fits no layer: a slip of the pen would machine too much or too little."""

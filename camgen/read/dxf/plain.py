@@ -13,17 +13,10 @@ from typing import Final
 
 import numpy as np
 from msgspec import Struct
-from numpy.lib.stride_tricks import as_strided
-from numpy.typing import NDArray
 
 from camgen.geometry.ragged import begins, ramp, run_lengths, run_starts, stretches, true_runs
 from camgen.model.pose import FloatArray
-
-Bytes = NDArray[np.uint8]
-Texts = NDArray[np.bytes_]
-Index = NDArray[np.int64]
-Places = NDArray[np.int32]
-Mask = NDArray[np.bool_]
+from camgen.read.dxf.tags import LONGEST, LONGEST_NUMBER, Index, Mask, Tags, Texts, tabulate
 
 LINE, ARC, CIRCLE = range(3)
 #: The kinds by number, and the group codes of their six numbers: points and what follows them stand together.
@@ -46,8 +39,6 @@ _HANDLE, _TYPE, _LAYER, _COLOR, _MARKER, _OWNER, _WEIGHT, _TRUE_COLOR = (
     370,
     420,
 )
-#: The most letters that are looked at of what stands beside the geometry, and of numbers.
-_LONGEST, _LONGEST_NUMBER = 64, 32
 _WHOLE = re.compile(rb" *-?\d+ *")
 _HEX = re.compile(rb"[0-9A-Fa-f]+")
 #: A backslash or a caret may begin an escape, and what is not ASCII depends on the encoding.
@@ -56,7 +47,7 @@ _NAME = re.compile(
 )
 #: What may stand once beside the geometry: the most letters that are looked at, and what they are.
 _BESIDE: Final = {
-    _HANDLE: (16, _HEX), _TYPE: (_LONGEST, _NAME), _LAYER: (_LONGEST, _NAME), _COLOR: (12, _WHOLE), _OWNER: (16, _HEX),
+    _HANDLE: (16, _HEX), _TYPE: (LONGEST, _NAME), _LAYER: (LONGEST, _NAME), _COLOR: (12, _WHOLE), _OWNER: (16, _HEX),
     _WEIGHT: (12, _WHOLE), _TRUE_COLOR: (12, _WHOLE),
 }  # fmt: skip
 #: An entity with more tags is not plain.
@@ -101,44 +92,12 @@ class Split(Struct, frozen=True, eq=False):
     runs: dict[str, slice]
 
 
-class _Tags(Struct, frozen=True, eq=False):
-    """The tags of a section. text: its bytes, and as many more as a value may be long. at: where each tag begins; code:
-    its group code; begin, length: its value (T,). head, count: of each entity its first tag and how many it has (E,).
-    """
-
-    text: Bytes
-    at: Places
-    code: Places
-    begin: Places
-    length: Places
-    head: Index
-    count: Index
-
-    def values(self, tags: Index, widest: int) -> Texts:
-        """(N,) The values of ``tags``; empty where one is longer. widest: no more than ``_LONGEST``."""
-        length = self.length[tags]
-        length[length > widest] = 0
-        width = max(1, int(length.max(initial=1)))
-        # So many bytes from each place of the text on: to copy them at once takes less time than one by one.
-        windows = as_strided(
-            self.text[:width].view(f"V{width}"), (len(self.text) - width + 1,), (1,)
-        )
-        found = windows[self.begin[tags]].view(np.uint8).reshape(-1, width)
-        found *= np.arange(width, dtype=np.int32) < length[:, None]
-        texts: Texts = found.view(f"S{width}")[:, 0]
-        return texts
-
-    def are(self, names: tuple[str, ...]) -> Mask:
-        """(E,) Which entities are of one of the kinds ``names``."""
-        return np.isin(self.values(self.head, 8), np.array(names, dtype=np.bytes_))
-
-
 def split(data: bytes, least: int = LEAST) -> Split | None:
     """``data`` of an ASCII drawing without its runs of at least so many plain entities; None if it has none."""
     start = _ENTITIES.search(data)
     section = _section(data, start.end()) if start and len(data) < 2**31 else None
-    tags = _tags(data[section]) if section else None
-    if section is None or tags is None:
+    tags = tabulate(data[section]) if section else None
+    if section is None or tags is None or tags.code[0] != 0:
         return None
     columns = _find(tags)
     # What follows must not belong to an entity that is no longer there.
@@ -161,48 +120,6 @@ def _section(data: bytes, begin: int) -> slice | None:
     return None
 
 
-def _tags(section: bytes) -> _Tags | None:
-    """The tags of the bytes of a section; None where a line is no group code."""
-    text = np.frombuffer(section + bytes(_LONGEST), np.uint8)
-    ends = np.flatnonzero(text == ord("\n")).astype(np.int32)
-    if not len(ends) or len(ends) % 2:
-        return None
-    begin = np.concatenate([np.zeros(1, np.int32), ends[:-1] + np.int32(1)])
-    if b"\r" in section:
-        ends -= (ends > begin) & (text[ends - 1] == ord("\r"))
-    code = _codes(text, begin[::2], ends[::2])
-    if code is None or code[0] != 0:
-        return None
-    head = np.flatnonzero(code == 0)
-    return _Tags(
-        text,
-        begin[::2],
-        code,
-        begin[1::2],
-        (ends - begin)[1::2],
-        head,
-        np.diff(head, append=len(code)),
-    )
-
-
-def _codes(text: Bytes, begin: Places, end: Places) -> Places | None:
-    """(T,) The numbers of the lines: one to four digits, with spaces before them; None if one is something else."""
-    size = end - begin
-    code = np.zeros(len(begin), np.int32)
-    good = (size > 0) & (size <= 4)
-    before = np.ones(len(begin), np.bool_)
-    for k in range(min(4, int(size.max(initial=0)))):
-        letter = text.take(end - (1 + k), mode="clip")
-        inside = size > k
-        # What is no digit comes out above 9: a byte goes on at 255 below 0.
-        digit = letter - np.uint8(ord("0"))
-        is_digit = inside & (digit <= 9)
-        good &= (is_digit & before) | ~inside | (letter == ord(" ")) if k else is_digit
-        code += (digit * is_digit).astype(np.int32) * np.int32(10**k)
-        before = is_digit
-    return code if good.all() else None
-
-
 class _Columns(Struct, eq=False):
     """What is plain of E entities. kind: -1 where one is not. texts: by group code, empty where it is not said."""
 
@@ -211,7 +128,7 @@ class _Columns(Struct, eq=False):
     texts: dict[int, Texts]
 
 
-def _find(tags: _Tags) -> _Columns:
+def _find(tags: Tags) -> _Columns:
     """The plain entities, sequence of group codes by sequence of group codes: a writer has few of them."""
     count = len(tags.head)
     texts = {code: np.zeros(count, f"S{widest}") for code, (widest, _) in _BESIDE.items()}
@@ -247,7 +164,7 @@ def _places(kind: int, codes: list[int]) -> dict[int, int] | None:
     return places if known.issuperset(places) else None
 
 
-def _fill(columns: _Columns, tags: _Tags, kind: int, entities: Index) -> None:
+def _fill(columns: _Columns, tags: Tags, kind: int, entities: Index) -> None:
     """The columns of ``entities`` of one kind that have the sequence of group codes of the first, if that is plain, and
     as far as their values are.
     """
@@ -264,7 +181,7 @@ def _fill(columns: _Columns, tags: _Tags, kind: int, entities: Index) -> None:
     numbers = np.zeros((len(entities), 6))
     for k, code in enumerate(code for group in _GEOMETRY[kind] for code in group):
         if code in places:
-            numbers[:, k], sound = _floats(tags.values(head + places[code], _LONGEST_NUMBER))
+            numbers[:, k], sound = _floats(tags.values(head + places[code], LONGEST_NUMBER))
             good &= sound
     if kind == CIRCLE:
         numbers[:, 5] = 360.0
@@ -310,7 +227,7 @@ def _floats(texts: Texts) -> tuple[FloatArray, Mask]:
     return np.repeat(numbers, counts), np.repeat(sound, counts)
 
 
-def _cut(data: bytes, section: slice, tags: _Tags, columns: _Columns, edges: Index) -> Split:
+def _cut(data: bytes, section: slice, tags: Tags, columns: _Columns, edges: Index) -> Split:
     """The drawing without the entities of ``edges`` (R, first and one after the last), each run with its stand-in."""
     name = b"CAMGEN-RUN-"
     while name in data:

@@ -1,0 +1,208 @@
+"""The bytes of a DXF file as an ezdxf document, and notes on damage."""
+
+from __future__ import annotations
+
+import re
+import struct
+from io import BytesIO, TextIOWrapper
+from typing import TYPE_CHECKING
+
+from msgspec import Struct
+
+from camgen.model.errors import InputError, one_line
+from camgen.model.part import Note
+from camgen.model.text import counted, harmless
+from camgen.read.dxf.damage import SAVE_AGAIN, repair
+from camgen.read.dxf.plain import Split, split
+from camgen.read.quiet import silence
+
+if TYPE_CHECKING:
+    from ezdxf.document import Drawing
+
+_BINARY = b"AutoCAD Binary DXF\r\n\x1a\x00"
+_END = re.compile(rb"(?:^|\n)[ \t]*0[ \t]*\r?\n[ \t]*EOF\b[^\n]*\n?")
+#: Bytes at the end of a file in which its end mark mostly is.
+_TAIL = 256
+_SECTION = re.compile(rb"(?:^|\n)[ \t]*0[ \t]*\r?\n[ \t]*SECTION\b")
+#: Kinds that belong to the entity before them.
+_PARTS = frozenset({b"VERTEX", b"ATTRIB", b"SEQEND"})
+#: Messages of ezdxf about an entity that it left out.
+_REMOVED = re.compile(r"(?:removed|deleted) (?:entity )?(\w+\(#?\w+\))", re.IGNORECASE)
+#: Faults that a note lists.
+_LISTED = 5
+
+#: Exceptions of ezdxf at a damaged file besides its own, which are not all ValueErrors.
+_STUMBLES = (
+    ValueError, TypeError, LookupError, StopIteration, AttributeError, ArithmeticError,
+    AssertionError, RecursionError, struct.error, EOFError,
+)  # fmt: skip
+
+
+class Loaded(Struct, frozen=True):
+    """A document.
+
+    document: all entities except those of `plain`.
+    plain: entities that were taken out of the text by column, None without any.
+    notes: damage.
+    """
+
+    document: Drawing
+    plain: Split | None
+    notes: tuple[Note, ...]
+
+
+def load_document(name: str, data: bytes) -> Loaded:
+    """The document in the bytes of the file `name`.
+
+    Raises InputError for other formats, and for damage beyond repair.
+    """
+    data = _with_line_feeds(data)
+    _check_format(name, data)
+    silence("ezdxf")
+    if data.startswith(_BINARY):
+        return _load_binary(name, data)
+    data, notes = _cut_end(data)
+    plain = split(data)
+    # Line numbers of damage are those of the whole text.
+    repaired = repair(name, plain.text if plain else data)
+    if repaired and plain:
+        plain, repaired = None, repair(name, data)
+    if repaired:
+        data = repaired.text
+        notes += repaired.notes
+    document = plain and _load_rest(plain)
+    if document:
+        return Loaded(document, plain, notes)
+    return _load_text(name, data, notes)
+
+
+def _load_binary(name: str, data: bytes) -> Loaded:
+    # ezdxf is slow to import, and not needed unless a DXF is read.
+    from ezdxf.document import Drawing  # noqa: PLC0415
+    from ezdxf.lldxf.const import DXFError  # noqa: PLC0415
+    from ezdxf.lldxf.tagger import binary_tags_loader  # noqa: PLC0415
+
+    notes = () if b"\x00EOF\x00" in data else (_CUT,)
+    try:
+        document = Drawing.load(binary_tags_loader(data))
+        # Damaged objects cost a document its model space, which shows only on access.
+        document.modelspace()
+    except (DXFError, *_STUMBLES) as error:
+        # The tolerant reader of ezdxf takes text only.
+        what = f"damaged beyond repair: {_format(error)}"
+        raise InputError(name, what, "binary DXF", SAVE_AGAIN) from error
+    return Loaded(document, None, notes)
+
+
+def _load_text(name: str, data: bytes, notes: tuple[Note, ...]) -> Loaded:
+    """The document in a text: read strictly, or else tolerantly with a note."""
+    from ezdxf import recover  # noqa: PLC0415
+    from ezdxf.filemanagement import read  # noqa: PLC0415
+    from ezdxf.lldxf.const import DXFError  # noqa: PLC0415
+
+    try:
+        document = read(_decode(data))
+        document.modelspace()
+        return Loaded(document, None, notes)
+    except (DXFError, *_STUMBLES) as error:
+        cause = _format(error)
+    try:
+        document, auditor = recover.read(BytesIO(data))
+        document.modelspace()
+    except (DXFError, *_STUMBLES) as error:
+        what = f"damaged beyond repair: {_format(error)}"
+        raise InputError(name, what, "", SAVE_AGAIN) from error
+    faults = [fault.message for fault in (*auditor.fixes, *auditor.errors)]
+    return Loaded(document, None, (*notes, *_note_faults(cause, faults)))
+
+
+def _note_faults(cause: str, faults: list[str]) -> list[Note]:
+    """Notes on a text that was read tolerantly: on all faults, and on each entity left out."""
+    notes = [
+        Note("skipped", match[1].replace("(#", " #").rstrip(")"), harmless(fault, 120))
+        for fault in faults
+        if (match := _REMOVED.match(fault))
+    ]
+    what = f"the file is damaged: {cause}"
+    if faults:
+        count = counted(len(faults), "fault")
+        what = f"the file is damaged and was read tolerantly, {count} repaired: {cause}"
+    return [Note("repaired", what, f"compare the contours, or {SAVE_AGAIN}"), *notes]
+
+
+def _load_rest(plain: Split) -> Drawing | None:
+    """The document without its plain entities.
+
+    Returns None if ezdxf has to read all of the text: because it is damaged, and the message
+    names a line; because the plain entities are on paper, which depends on their owner; or because
+    a stand-in is not where it was put, as where a second section replaces the first.
+    """
+    from ezdxf.filemanagement import read  # noqa: PLC0415
+    from ezdxf.lldxf.const import DXFError  # noqa: PLC0415
+
+    try:
+        document = read(_decode(plain.text))
+        layers = [point.dxf.layer for point in document.modelspace().query("POINT")]
+    except (DXFError, *_STUMBLES):
+        return None
+    if [layer for layer in layers if layer in plain.runs] != list(plain.runs):
+        return None
+    paper = document.block_records.get("*Paper_Space")
+    if paper is not None and paper.dxf.handle in plain.plain.owners:
+        return None
+    return document
+
+
+def _with_line_feeds(data: bytes) -> bytes:
+    """The text with line feeds if its lines end in carriage returns alone, as on old Macintoshs."""
+    if data.startswith(_BINARY) or b"\n" in data:
+        return data
+    return data.replace(b"\r", b"\n")
+
+
+def _check_format(name: str, data: bytes) -> None:
+    if not data.strip():
+        raise InputError(name, "the file is empty")
+    if re.match(rb"AC1\d{3}|AC\d\.\d", data):
+        raise InputError(name, "is a DWG drawing", "", "save it as DXF")
+    if not data.startswith(_BINARY) and not _SECTION.search(data):
+        raise InputError(name, "is not a DXF file", "no section in it")
+
+
+#: A file without its end mark.
+_CUT = Note("skipped", "the file ends before its end mark", "what would follow is lost")
+
+
+def _cut_end(data: bytes) -> tuple[bytes, tuple[Note, ...]]:
+    """A text up to its end mark; without one, up to its last whole entity, with a note."""
+    end = _END.search(data, max(0, len(data) - _TAIL)) or _END.search(data)
+    if end is None:
+        return _close_ends(data), (_CUT,)
+    return (data if end.end() == len(data) else data[: end.end()]), ()
+
+
+def _close_ends(data: bytes) -> bytes:
+    """A text that is cut short up to its last whole entity, with the marks that close it."""
+    lines = data.splitlines()
+    starts = [k for k in range(0, len(lines) - 1, 2) if lines[k].strip() == b"0"]
+    # A polyline of which vertices are lost is not whole.
+    while len(starts) > 1 and lines[starts[-1] + 1].strip() in _PARTS:
+        starts.pop()
+    last = starts[-1] if starts else 0
+    return b"\n".join([*lines[:last], b"0", b"ENDSEC", b"0", b"EOF", b""])
+
+
+def _decode(data: bytes) -> TextIOWrapper:
+    """The text in the encoding that its header names."""
+    from ezdxf.filemanagement import dxf_stream_info  # noqa: PLC0415
+
+    info = dxf_stream_info(TextIOWrapper(BytesIO(data), "utf-8", errors="ignore"))
+    return TextIOWrapper(BytesIO(data), info.encoding, errors="surrogateescape")
+
+
+def _format(error: Exception) -> str:
+    # An entity without a handle is named by its address in memory.
+    text = re.sub(r"\(#\d{9,}\)", "", one_line(str(error))).strip().rstrip(".")
+    if isinstance(error, KeyError):
+        text = f"no entry {text}"
+    return text[:120] if text else type(error).__name__

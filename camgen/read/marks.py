@@ -1,0 +1,125 @@
+"""Points of a drawing as places to drill: circles of the diameter of the tool that drills them."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+
+import numpy as np
+from msgspec import Struct
+
+from camgen.geometry.ragged import run_starts
+from camgen.geometry.segments import from_contours
+from camgen.model.job import Job, OperationTable
+from camgen.model.part import Contour, Note
+from camgen.model.pose import FloatArray, frozen
+from camgen.model.text import counted, short
+from camgen.read.chosen import takes_color, takes_layer
+from camgen.read.join import close_pairs
+from camgen.read.pieces import BoolArray, tally
+
+#: Distance from the centre of a circle, or from another point, up to which a point is dropped, mm.
+_SAME_PLACE_MM = 0.05
+
+
+class Mark(Struct, frozen=True):
+    """A point of a drawing.
+
+    x: mm.
+    y: mm.
+    layer: name of its layer.
+    color: its color, "#ff0000".
+    """
+
+    x: float
+    y: float
+    layer: str
+    color: str
+
+
+def find_diameter(mark: Mark, job: Job) -> float:
+    """Diameter, mm, of the first tool that drills at a mark; 0 without one.
+
+    An operation that chooses holes by their diameters does not drill at marks, which have none.
+    """
+    for step in job.operations:
+        takes = takes_layer(mark.layer, step.choice.layers)
+        takes &= takes_color(mark.color, step.choice.colors)
+        if takes and drills_marks(step.operation):
+            return step.tool.diameter
+    if not job.operations and drills_marks(job.operation):
+        return job.tool.diameter
+    return 0.0
+
+
+def drills_marks(operation: OperationTable) -> bool:
+    """Whether an operation drills at points of a drawing."""
+    return operation.kind == "drill" and operation.holes is None
+
+
+def add_marks(
+    contours: tuple[Contour, ...], marks: Sequence[Mark], job: Job
+) -> tuple[tuple[Contour, ...], list[Mark], list[Note]]:
+    """The contours with a circle at each mark that is drilled, the other marks, and notes.
+
+    A mark at the centre of a circle says nothing new, and neither does a second one in its place.
+    """
+    diameters = [find_diameter(mark, job) for mark in marks]
+    drilled = [mark for mark, diameter in zip(marks, diameters, strict=True) if diameter]
+    others = [mark for mark, diameter in zip(marks, diameters, strict=True) if not diameter]
+    if not drilled:
+        return contours, others, []
+    places = np.array([(mark.x, mark.y) for mark in drilled])
+    known = _list_centres(contours)
+    is_new = _are_new(places, known)
+    circles: list[Contour] = []
+    sizes: Counter[float] = Counter()
+    used: list[Mark] = []
+    for mark, fresh in zip(drilled, is_new.tolist(), strict=True):
+        if fresh:
+            diameter = find_diameter(mark, job)
+            name = f"c{len(contours) + len(circles) + 1}"
+            circles.append(_make_circle(mark, diameter, name))
+            sizes[diameter] += 1
+            used.append(mark)
+    notes: list[Note] = []
+    if used:
+        what = tally(["POINT"] * len(used), [mark.layer for mark in used])
+        wide = ", ".join(f"{short(size, 3)} mm" for size in sorted(sizes))
+        why = "a point has no diameter: that of the tool which drills it"
+        notes.append(Note("assumed", f"{what} taken as holes of {wide}", why))
+    repeated = len(drilled) - len(used)
+    if repeated:
+        what = f"dropped: {counted(repeated, 'POINT', 'POINTs')}"
+        notes.append(Note("repaired", what, "at the centre of a circle, or drawn twice"))
+    return (*contours, *circles), others, notes
+
+
+def _list_centres(contours: Sequence[Contour]) -> FloatArray:
+    """(N, 2) centres of the closed contours whose arcs have one centre, mm."""
+    closed = [contour for contour in contours if contour.closed]
+    if not closed:
+        return np.zeros((0, 2))
+    segments = from_contours(closed)
+    first = run_starts(segments.owner)
+    centre = segments.centre[first]
+    off = np.abs(segments.centre - centre[segments.owner]).max(axis=1)
+    off[~segments.is_arc] = np.inf
+    return centre[np.maximum.reduceat(off, first) <= _SAME_PLACE_MM]
+
+
+def _are_new(places: FloatArray, known: FloatArray) -> BoolArray:
+    """(N,) whether each place is away from all known ones and from the places before it."""
+    points = np.concatenate([known, places])
+    first, second, _ = close_pairs(points, np.zeros(len(points), np.intp), _SAME_PLACE_MM)
+    are_new = np.ones(len(points), np.bool_)
+    are_new[np.maximum(first, second)] = False
+    return are_new[len(known) :]
+
+
+def _make_circle(mark: Mark, diameter: float, name: str) -> Contour:
+    radius = np.array([diameter / 2, 0.0])
+    centre = np.array([mark.x, mark.y])
+    points = frozen(np.array([centre + radius, centre - radius]))
+    bulges = frozen(np.ones(2))
+    return Contour(points, bulges, True, mark.layer, name, (), mark.color, is_mark=True)

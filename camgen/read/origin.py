@@ -1,0 +1,105 @@
+"""Moves a drawing so that a corner, the centre or a point of it is at x 0, y 0 (`input.origin`)."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from msgspec.structs import replace
+
+from camgen.model.errors import JobError
+from camgen.model.job import Job
+from camgen.model.part import (
+    Contour,
+    ContourColumns,
+    Contours,
+    Curve,
+    Note,
+    Part,
+    tabulate_contours,
+)
+from camgen.model.pose import FloatArray, frozen
+from camgen.model.text import short
+from camgen.read.extent import measure_box
+
+#: Weights of the low and the high side of a box in x and in y.
+_CORNERS = {
+    "lower-left": (0.0, 0.0),
+    "lower-right": (1.0, 0.0),
+    "upper-left": (0.0, 1.0),
+    "upper-right": (1.0, 1.0),
+    "center": (0.5, 0.5),
+}
+
+
+def move_part(part: Part, job: Job) -> Part:
+    """The part with the place that `input.origin` names at x 0, y 0, and a note.
+
+    Pictures, 3-D parts and programs are not moved. Raises JobError for a point that is not two
+    numbers, and for a drawing that is laid on a page.
+    """
+    origin = job.input.origin
+    if not origin or part.raster is not None or part.solid is not None:
+        return part
+    if not part.contours and not part.curves:
+        return part
+    if job.page.size:
+        what = "has no effect on a page, whose margins place the drawing"
+        raise JobError("job", what, "input.origin", "leave it out")
+    x, y = _find_place(part, origin)
+    # Without a minus zero.
+    moved = (0.0 - x, 0.0 - y)
+    name = f'"{origin}"' if isinstance(origin, str) else str([*origin])
+    what = f"moved by x {short(moved[0], 6)}, y {short(moved[1], 6)} mm"
+    why = f"input.origin = {name} is x 0, y 0; notes on reading name places of the drawing"
+    return replace(
+        part,
+        contours=_move_contours(part, np.array([x, y])),
+        curves=tuple(_move_curve(curve, np.array([x, y, 0.0])) for curve in part.curves),
+        notes=(*(_move_note(note, x, y) for note in part.notes), Note("assumed", what, why)),
+        open_outlines=tuple(
+            replace(outline, place=(outline.place[0] - x, outline.place[1] - y))
+            for outline in part.open_outlines
+        ),
+        moved=moved,
+    )
+
+
+def _find_place(part: Part, origin: str | list[float]) -> tuple[float, float]:
+    """The place of the drawing that is moved to the origin, mm."""
+    if isinstance(origin, list):
+        if len(origin) != 2 or not all(map(math.isfinite, origin)):
+            remedy = "give [x, y], a point of the drawing in mm"
+            raise JobError("job", "is not a point", "input.origin", remedy)
+        return float(origin[0]), float(origin[1])
+    low, high = measure_box(part.contours, part.curves)
+    weights = np.array(_CORNERS[origin])
+    x, y = (low + weights * (high - low)).tolist()
+    return x, y
+
+
+def _move_contours(part: Part, place: FloatArray) -> tuple[Contour, ...]:
+    if not part.contours:
+        return ()
+    columns = tabulate_contours(part.contours)
+    points = frozen(columns.points - place)
+    ends = np.cumsum(columns.counts).tolist()
+    moved: list[Contour] = []
+    begin = 0
+    for contour, end in zip(part.contours, ends, strict=True):
+        moved.append(replace(contour, points=points[begin:end]))
+        begin = end
+    return Contours.of(
+        moved, ContourColumns(points, columns.bulges, columns.counts, columns.closed)
+    )
+
+
+def _move_curve(curve: Curve, place: FloatArray) -> Curve:
+    points, middles = frozen(curve.points - place), frozen(curve.middles - place)
+    return replace(curve, points=points, middles=middles)
+
+
+def _move_note(note: Note, x: float, y: float) -> Note:
+    if not note.places:
+        return note
+    return replace(note, places=tuple((px - x, py - y) for px, py in note.places))

@@ -1,0 +1,209 @@
+"""Drawn pieces that lie on others, in whole or in part: each length is used once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
+
+from camgen.geometry.overlap import (
+    SAME_CURVE_MM,
+    Chain,
+    Parts,
+    cut_chain,
+    find_covered,
+    find_equal_loops,
+    measure_covered,
+)
+from camgen.geometry.ragged import offsets, owners
+from camgen.geometry.segments import Segments, make, points_at
+from camgen.model.job import Step
+from camgen.model.part import Note
+from camgen.model.text import short
+from camgen.model.tolerance import SAME_POINT_MM
+from camgen.read.chosen import takes_color, takes_layer
+from camgen.read.pieces import BoolArray, IntArray, Soup, next_row, tally
+
+#: Places that a note has for the preview.
+_PLACES = 50
+_WHY = "drawn twice; each is used once"
+
+
+class _Cut(Struct, frozen=True, eq=False):
+    """A piece that is covered by others.
+
+    piece: index of the piece.
+    chains: open chains that remain of it, none if all of it is covered.
+    length: covered length, mm.
+    place: middle of its first covered part, mm.
+    """
+
+    piece: int
+    chains: list[Chain]
+    length: float
+    place: tuple[float, float]
+
+
+def label_selections(soup: Soup, operations: Sequence[Step]) -> IntArray:
+    """(P,) numbers of the sets of operations that choose each piece by its layer and color.
+
+    Pieces of different sets are not compared: an outline and a pocket may have one contour.
+    """
+    if not operations:
+        return np.zeros(len(soup), dtype=np.intp)
+    pairs = soup.layer * len(soup.colors) + soup.color
+    numbers: dict[tuple[bool, ...], int] = {}
+    label = np.zeros(len(soup), dtype=np.intp)
+    for pair in np.unique(pairs).tolist():
+        layer, color = divmod(pair, len(soup.colors))
+        selection = []
+        for step in operations:
+            takes = takes_layer(soup.layers[layer], step.choice.layers)
+            selection.append(takes and takes_color(soup.colors[color], step.choice.colors))
+        label[pairs == pair] = numbers.setdefault(tuple(selection), len(numbers))
+    return label
+
+
+def cut_repeated(
+    soup: Soup,
+    label: IntArray,
+    tolerance: float,
+    among: BoolArray,
+    fixed: BoolArray,
+    noun: str = "",
+) -> tuple[Soup, list[Note]]:
+    """The pieces without the parts that lie on others, and notes on these parts.
+
+    among: (P,) pieces that are compared.
+    fixed: (P,) pieces that cover others and stay whole; of the others the earlier ones cover.
+    noun: name of the pieces in notes, "" for their kinds.
+    """
+    tolerance = _limit(tolerance)
+    segments = _list_segments(soup, among)
+    if not len(segments):
+        return soup, []
+    piece = segments.owner
+    rank = np.where(fixed[piece], 0, piece + 1)
+    covered = find_covered(segments, rank, label[piece], tolerance)
+    if not covered:
+        return soup, []
+    cuts = _list_cuts(soup, segments, covered)
+    return _replace_pieces(soup, cuts), _note_cuts(soup, cuts, noun)
+
+
+def drop_repeated_loops(soup: Soup, label: IntArray, tolerance: float) -> tuple[Soup, list[Note]]:
+    """The pieces without closed ones that have the shape of an earlier one, and notes on these."""
+    loops = np.flatnonzero(soup.closed)
+    segments = _list_segments(soup, soup.closed)
+    number = np.zeros(len(soup), dtype=np.intp)
+    number[loops] = np.arange(len(loops))
+    numbered = replace(segments, owner=number[segments.owner])
+    repeated = find_equal_loops(numbered, len(loops), label[loops], _limit(tolerance))
+    if not repeated:
+        return soup, []
+    pieces = loops[repeated]
+    places = [(float(x), float(y)) for x, y in soup.points[soup.first[pieces]].tolist()]
+    keep = np.ones(len(soup), dtype=np.bool_)
+    keep[pieces] = False
+    return soup.take(keep), [_note(_count(soup, pieces.tolist(), "contour"), places)]
+
+
+def _limit(tolerance: float) -> float:
+    return max(min(tolerance, SAME_CURVE_MM), 4 * SAME_POINT_MM)
+
+
+def _list_segments(soup: Soup, among: BoolArray) -> Segments:
+    """Lines and arcs of the pieces of `among`, `owner` counting all pieces."""
+    piece = owners(np.diff(soup.first))
+    used = among[piece]
+    used[(soup.first[1:] - 1)[~soup.closed]] = False
+    rows = np.flatnonzero(used)
+    after = next_row(soup)[rows]
+    return make(soup.points[rows], soup.points[after], soup.bulges[rows], piece[rows])
+
+
+def _list_cuts(soup: Soup, segments: Segments, covered: dict[int, Parts]) -> list[_Cut]:
+    """The cut of each piece that is covered, in order."""
+    by_piece: dict[int, dict[int, Parts]] = {}
+    for row, parts in covered.items():
+        by_piece.setdefault(int(segments.owner[row]), {})[row] = parts
+    cuts = []
+    for piece, rows in sorted(by_piece.items()):
+        head = int(np.searchsorted(segments.owner, piece))
+        span = slice(int(soup.first[piece]), int(soup.first[piece + 1]))
+        chains = cut_chain(
+            soup.points[span],
+            soup.bulges[span],
+            bool(soup.closed[piece]),
+            {row - head: parts for row, parts in rows.items()},
+        )
+        total = measure_covered(segments, rows)
+        first, parts = next(iter(rows.items()))
+        middle = np.array([sum(parts[0]) / 2])
+        ((x, y),) = points_at(segments.take(np.array([first])), middle).tolist()
+        cuts.append(_Cut(piece, chains, total, (x, y)))
+    return cuts
+
+
+def _replace_pieces(soup: Soup, cuts: list[_Cut]) -> Soup:
+    """The soup with the rest of each covered piece in its place."""
+    rest = {cut.piece: cut.chains for cut in cuts}
+    points, bulges = [], []
+    pieces: list[int] = []
+    counts: list[int] = []
+    closed: list[bool] = []
+    done = 0
+    for piece in [*rest, len(soup)]:
+        rows = slice(int(soup.first[done]), int(soup.first[piece]))
+        points.append(soup.points[rows])
+        bulges.append(soup.bulges[rows])
+        pieces += range(done, piece)
+        counts += np.diff(soup.first[done : piece + 1]).tolist()
+        closed += soup.closed[done:piece].tolist()
+        for chain_points, chain_bulges in rest.get(piece, []):
+            points.append(chain_points)
+            bulges.append(chain_bulges)
+            pieces.append(piece)
+            counts.append(len(chain_points))
+            closed.append(False)
+        done = piece + 1
+    index = np.array(pieces, dtype=np.intp)
+    return replace(
+        soup,
+        points=np.concatenate(points),
+        bulges=np.concatenate(bulges),
+        first=offsets(counts),
+        closed=np.array(closed, dtype=np.bool_),
+        layer=soup.layer[index],
+        kind=soup.kind[index],
+        color=soup.color[index],
+    )
+
+
+def _note_cuts(soup: Soup, cuts: list[_Cut], noun: str) -> list[Note]:
+    whole = [cut for cut in cuts if not cut.chains]
+    partly = [cut for cut in cuts if cut.chains]
+    notes = []
+    if whole:
+        what = _count(soup, [cut.piece for cut in whole], noun)
+        notes.append(_note(what, [cut.place for cut in whole]))
+    if partly:
+        length = short(sum(cut.length for cut in partly), 2)
+        what = f"{length} mm of {_count(soup, [cut.piece for cut in partly], noun)}"
+        notes.append(_note(what, [cut.place for cut in partly]))
+    return notes
+
+
+def _count(soup: Soup, pieces: list[int], noun: str) -> str:
+    kinds = [noun or soup.kinds[soup.kind[piece]] for piece in pieces]
+    return tally(kinds, [soup.layers[soup.layer[piece]] for piece in pieces])
+
+
+def _note(what: str, places: list[tuple[float, float]]) -> Note:
+    x, y = places[0]
+    place = f"near x {short(x, 2)}, y {short(y, 2)}"
+    if len(places) > 1:
+        place = f"the first {place}"
+    return Note("repaired", f"dropped: {what}, {place}", _WHY, (), tuple(places[:_PLACES]))
