@@ -383,7 +383,7 @@ def _nested_page_within_box(writer: Writer) -> str:
 
 def _use(writer: Writer) -> str:
     name = writer.name("shape")
-    writer.definitions.append(writer.element(f'id="{name}"'))
+    writer.definitions.append(writer.element(f'id="{name}"', layers=(name,)))
     href = writer.pick("href", "xlink:href")
     moved = writer.pick(
         "", 'x="7" y="3"', f'transform="{writer.transform_list()}"',
@@ -408,7 +408,8 @@ def _symbol(writer: Writer) -> str:
         'viewBox="0 0 60 60" width="40" height="30"', 'viewBox="0 0 60 60" refX="5" refY="5"',
         'viewBox="0 0 60 60" transform="rotate(10)"',
     )  # fmt: skip
-    writer.definitions.append(f'<symbol id="{name}" {words}>{writer.element()}</symbol>')
+    inner = writer.element(layers=(name,))
+    writer.definitions.append(f'<symbol id="{name}" {words}>{inner}</symbol>')
     size = writer.pick('width="50" height="40"', "", 'width="30"', 'x="5" y="4" height="30"')
     return f'<use href="#{name}" {size}/>'
 
@@ -416,7 +417,8 @@ def _symbol(writer: Writer) -> str:
 def _use_of_page(writer: Writer) -> str:
     name = writer.name("page")
     words = 'width="40" height="30" viewBox="0 0 70 60"'
-    writer.definitions.append(f'<svg id="{name}" {words}>{writer.element()}</svg>')
+    inner = writer.element(layers=(name,))
+    writer.definitions.append(f'<svg id="{name}" {words}>{inner}</svg>')
     size = writer.pick('width="60" height="50"', "", 'width="30"')
     return f'<use href="#{name}" {size} y="3"/>'
 

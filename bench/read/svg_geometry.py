@@ -13,9 +13,11 @@ camgen reads the same file with a chord tolerance of 0.001 mm. Each shape has a 
 of its own, by which it is compared. A shape differs if a point that the browser draws is more
 than 0.01 mm away from the contours, or if a contour is farther than 0.01 mm and one step between
 the points away from all points that the browser draws: it has another place or size, is missing,
-or is drawn too much. A difference is silent if no note, and no refusal for lack of contours, has
-the layer or the id of the shape in it. A drawing that is refused, or fails, for another reason is
-counted as such, and all its shapes as silent. Fails if a difference is silent or a drawing fails.
+or is drawn too much. A part of a clipped shape that is shorter than two steps may have no point of
+the browser, so it is not counted as too much. A difference is silent if no note, and no refusal for
+lack of contours, has the layer or the id of the shape in it. A drawing that is refused, or fails,
+for another reason is counted as such, and all its shapes as silent. Fails if a difference is silent
+or a drawing fails.
 
 With the name of another library, its shapes are compared in place of camgen's. It has no notes,
 so that each difference is silent. It has to be installed.
@@ -140,7 +142,7 @@ MEASURE = r"""
         const clip = document.getElementById(link[1]), element = user;
         tests.push((point) => isInside(clip, element, point));
       }
-      if (user.tagName === 'svg' && style.overflow !== 'visible') {
+      if (user.tagName === 'svg' && ['hidden', 'clip', 'scroll'].includes(style.overflow)) {
         const box = user.getAttribute('viewBox');
         user.removeAttribute('viewBox');
         const inverse = user.getScreenCTM().inverse();
@@ -322,6 +324,8 @@ def describe_difference(shape: Shape, curves: Sequence[FloatArray]) -> str:
         return "another place or size"
     limit = TOLERANCE_MM + shape.step_mm
     for curve in curves:
+        if np.hypot(*np.diff(curve, axis=0).T).sum() < 2 * shape.step_mm:
+            continue
         offsets = curve[:, None] - shape.points[None]
         if (np.hypot(offsets[..., 0], offsets[..., 1]).min(axis=1) > limit).any():
             return "drawn too much"

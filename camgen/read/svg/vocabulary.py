@@ -1,0 +1,107 @@
+"""Elements, attributes and properties of SVG 2, and the treatment of each.
+
+A word is read, reported where it changes a drawing, or draws nothing for a reason that stands
+beside it. `tests/read/test_svg_vocabulary.py` goes through the indexes of the standard.
+"""
+
+from __future__ import annotations
+
+# Elements. Shapes stand in `path.KINDS`.
+
+#: Elements whose children are drawn.
+GROUPS = frozenset({"g", "a", "switch", "svg"})
+ANIMATIONS = frozenset({"animate", "animateColor", "animateMotion", "animateTransform", "set"})
+_NOT_A_CURVE = "only shapes and paths are drawn"
+#: Elements that show something and are not read, with the reason of their note.
+REPORTED_ELEMENTS = {
+    "text": _NOT_A_CURVE,
+    "image": _NOT_A_CURVE,
+    "foreignObject": _NOT_A_CURVE,
+    "script": "scripts are not run",
+    "discard": "animations are not run",
+}
+#: Elements that draw nothing by themselves, with the reason.
+SILENT_ELEMENTS = {
+    "defs": "its content is drawn by references",
+    "symbol": "it is drawn by references",
+    "clipPath": "it is read or reported where a clip-path refers to it",
+    "mask": "the shapes that refer to it are reported",
+    "filter": "the shapes that refer to it are reported",
+    "marker": "the shapes that refer to it are reported",
+    "pattern": "the shapes that refer to it are reported",
+    "hatch": "the shapes that refer to it are reported",
+    "linearGradient": "it is a color",
+    "radialGradient": "it is a color",
+    "stop": "it is a color",
+    "solidcolor": "it is a color",
+    "color-profile": "it is a color",
+    "style": "it is read as a style sheet",
+    "title": "it is a text about the drawing",
+    "desc": "it is a text about the drawing",
+    "metadata": "it is a text about the drawing",
+    "view": "it is a target of links",
+    "cursor": "it is a shape of the mouse pointer",
+    "font": "it has glyphs of texts, which are reported",
+    "font-face": "it names glyphs of texts, which are reported",
+}
+
+# Attributes that are neither read nor properties.
+
+#: Attributes that change a drawing and are not read, with the reason of their note.
+REPORTED_ATTRIBUTES = {
+    "refX": "refX is not read",
+    "refY": "refY is not read",
+    "onload": "scripts are not run",
+    "onbegin": "scripts are not run",
+    "onrepeat": "scripts are not run",
+    "onend": "scripts are not run",
+}
+
+# Properties.
+
+#: Geometry and transforms: an attribute of that name has a grammar of its own.
+GEOMETRY = frozenset({"cx", "cy", "r", "rx", "ry", "x", "y", "width", "height", "d"})
+TRANSFORMS = frozenset(
+    {"transform", "transform-origin", "transform-box", "translate", "rotate", "scale"}
+)
+#: Properties that an element has from its parent.
+INHERITED = frozenset(
+    {
+        "visibility", "color", "stroke", "fill", "stroke-opacity", "fill-opacity",
+        "stroke-width", "stroke-dasharray", "marker-start", "marker-mid", "marker-end",
+    }
+)  # fmt: skip
+_WITHOUT_IT = "is not followed: drawn without it"
+#: Properties that change the picture of shapes: value without an effect, reason of the note.
+EFFECTS = {
+    "mask": ("none", f"its mask {_WITHOUT_IT}"),
+    "mask-image": ("none", f"its mask {_WITHOUT_IT}"),
+    "mask-border": ("none", f"its mask {_WITHOUT_IT}"),
+    "mask-border-source": ("none", f"its mask {_WITHOUT_IT}"),
+    "filter": ("none", f"its filter {_WITHOUT_IT}"),
+    "marker-start": ("none", f"its markers: marker-start {_WITHOUT_IT}"),
+    "marker-mid": ("none", f"its markers: marker-mid {_WITHOUT_IT}"),
+    "marker-end": ("none", f"its markers: marker-end {_WITHOUT_IT}"),
+    "animation": ("none", f"its animation {_WITHOUT_IT}"),
+    "animation-name": ("none", f"its animation {_WITHOUT_IT}"),
+}
+#: Properties that change place or size and are not read: values without an effect.
+UNREAD = {
+    "zoom": frozenset({"1", "normal", "100%"}),
+    "offset": frozenset({"none"}),
+    "offset-path": frozenset({"none"}),
+    "vector-effect": frozenset({"none", "non-scaling-stroke"}),
+    "overflow-x": frozenset(),
+    "overflow-y": frozenset(),
+    "content-visibility": frozenset({"visible", "auto"}),
+}
+_SEEN = frozenset({"display", "opacity", "clip-path", "overflow"})
+#: Shorthands with the properties that they set.
+SHORTHANDS = {"marker": ("marker-start", "marker-mid", "marker-end")}
+PROPERTIES = frozenset({*GEOMETRY, *TRANSFORMS, *INHERITED, *EFFECTS, *UNREAD, *_SEEN, *SHORTHANDS})
+#: Properties that an attribute of the same name sets.
+PRESENTATION = frozenset(
+    {*INHERITED, *_SEEN, *SHORTHANDS, "mask", "filter", "vector-effect"}
+)  # fmt: skip
+#: Values of properties that are not inherited where the style sheet of a browser says otherwise.
+INITIAL = {"overflow": "visible", "transform-origin": "50% 50%"}
