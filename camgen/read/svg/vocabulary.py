@@ -45,8 +45,16 @@ SILENT_ELEMENTS = {
     "font-face": "it names glyphs of texts, which are reported",
 }
 
-# Attributes that are neither read nor properties.
+# Attributes that are not properties.
 
+#: Attributes that are read, on the elements to which they belong.
+READ_ATTRIBUTES = frozenset(
+    {
+        "class", "clipPathUnits", "cx", "cy", "d", "height", "href", "id", "media", "points",
+        "preserveAspectRatio", "r", "requiredExtensions", "rx", "ry", "style", "systemLanguage",
+        "transform", "type", "viewBox", "width", "x", "x1", "x2", "xlink:href", "y", "y1", "y2",
+    }
+)  # fmt: skip
 #: Attributes that change a drawing and are not read, with the reason of their note.
 REPORTED_ATTRIBUTES = {
     "refX": "refX is not read",
@@ -56,6 +64,51 @@ REPORTED_ATTRIBUTES = {
     "onrepeat": "scripts are not run",
     "onend": "scripts are not run",
 }
+
+
+def _name_reasons(names_of: dict[str, str]) -> dict[str, str]:
+    """The reason of each name. names_of: names by reason."""
+    reasons: dict[str, str] = {}
+    for reason, names in names_of.items():
+        reasons |= dict.fromkeys(names.split(), reason)
+    return reasons
+
+
+#: Attributes that draw nothing, with the reason.
+SILENT_ATTRIBUTES = _name_reasons(
+    {
+        "it belongs to animations, and the shapes that they move are reported": """
+            accumulate additive attributeName begin by calcMode dur end fill from keyPoints
+            keySplines keyTimes max min origin path playbackorder repeatCount repeatDur restart
+            timelinebegin to values
+        """,
+        "it belongs to filters, and the shapes that refer to them are reported": """
+            amplitude azimuth baseFrequency bias diffuseConstant divisor edgeMode elevation
+            exponent filterUnits in in2 intercept k1 k2 k3 k4 kernelMatrix kernelUnitLength
+            limitingConeAngle mode numOctaves operator order pointsAtX pointsAtY pointsAtZ
+            preserveAlpha primitiveUnits radius result scale seed slope specularConstant
+            specularExponent stdDeviation stitchTiles surfaceScale tableValues targetX targetY
+            xChannelSelector yChannelSelector z
+        """,
+        "it belongs to gradients, which are colors": """
+            fr fx fy gradientTransform gradientUnits offset spreadMethod
+        """,
+        "it belongs to markers, masks and patterns, whose shapes are reported": """
+            markerHeight markerUnits markerWidth maskContentUnits maskUnits orient
+            patternContentUnits patternTransform patternUnits
+        """,
+        "it belongs to texts, which are reported": """
+            dx dy lengthAdjust method rotate side spacing startOffset textLength xml:space
+        """,
+        "it belongs to links": """
+            crossorigin download hreflang ping referrerpolicy rel target xlink:title
+        """,
+        "it belongs to scripts, which are reported": "async defer onclick onmouseover onkeydown",
+        "it describes the drawing": "lang role tabindex title xml:lang autofocus",
+        "it changes dashes, and the whole line is drawn": "pathLength",
+        "SVG 2 has removed it": "requiredFeatures version baseProfile zoomAndPan",
+    }
+)
 
 # Properties.
 
@@ -94,6 +147,7 @@ UNREAD = {
     "overflow-x": frozenset(),
     "overflow-y": frozenset(),
     "content-visibility": frozenset({"visible", "auto"}),
+    "all": frozenset(),
 }
 _SEEN = frozenset({"display", "opacity", "clip-path", "overflow"})
 #: Shorthands with the properties that they set.
@@ -105,3 +159,34 @@ PRESENTATION = frozenset(
 )  # fmt: skip
 #: Values of properties that are not inherited where the style sheet of a browser says otherwise.
 INITIAL = {"overflow": "visible", "transform-origin": "50% 50%"}
+#: Properties that draw nothing, with the reason.
+SILENT_PROPERTIES = _name_reasons(
+    {
+        "it changes texts, which are reported": """
+            alignment-baseline baseline-shift direction dominant-baseline font font-family
+            font-feature-settings font-kerning font-size font-size-adjust font-stretch font-style
+            font-variant font-weight glyph-orientation-horizontal glyph-orientation-vertical
+            inline-size letter-spacing line-height shape-image-threshold shape-inside shape-margin
+            shape-padding shape-subtract tab-size text-align text-anchor text-decoration
+            text-decoration-color text-decoration-line text-decoration-style text-indent
+            text-orientation text-overflow text-rendering unicode-bidi vertical-align white-space
+            word-spacing writing-mode
+        """,
+        "it changes colors": """
+            color-interpolation color-interpolation-filters color-rendering flood-color
+            flood-opacity image-rendering isolation lighting-color mix-blend-mode paint-order
+            shape-rendering solid-color solid-opacity stop-color stop-opacity
+        """,
+        "it changes the area that is filled, and all contours are drawn": "clip-rule fill-rule",
+        "it changes the ends of a wide line, and the line itself is drawn": """
+            stroke-dashoffset stroke-linecap stroke-linejoin stroke-miterlimit
+        """,
+        "it changes masks, and the shapes that refer to them are reported": "mask-type",
+        "it changes the answer to the mouse": "cursor pointer-events touch-action user-select",
+        "it has an effect over time alone": "transition will-change",
+        "it has an effect on boxes of web pages alone": """
+            backface-visibility background clip float margin outline padding perspective
+            position transform-style z-index
+        """,
+    }
+)
