@@ -13,6 +13,7 @@ from camgen.read.svg.vocabulary import (
     ANIMATIONS,
     EFFECTS,
     GROUPS,
+    PAGE_LIMITS,
     PROPERTIES,
     READ_ATTRIBUTES,
     REPORTED_ATTRIBUTES,
@@ -217,4 +218,4 @@ def test_each_property_is_read_reported_or_draws_nothing(tmp_path: Path, name: s
 
 def test_properties_stand_in_a_table_once() -> None:
     assert not PROPERTIES & SILENT_PROPERTIES.keys()
-    assert {*PROPERTIES} <= {*WORDS_OF_CSS, "mask-border-source"}
+    assert {*PROPERTIES} <= {*WORDS_OF_CSS, "mask-border-source", *PAGE_LIMITS}

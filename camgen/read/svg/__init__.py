@@ -166,6 +166,8 @@ def _read(source: Source, job: Job) -> _Contents:
     if page.is_open:
         contours, moved = _from_corner(contours)
         notes += moved
+    if b"<?xml-stylesheet" in source.data.replace(b"\0", b""):
+        drawing.report("style sheets of other files are not read", "xml-stylesheet", "")
     notes += [*_list_reports(drawing), *joints]
     return _Contents(page.units, page.size, drawing, contours, tuple(notes))
 

@@ -24,6 +24,7 @@ from camgen.read.svg.values import (
     length,
     view_box,
 )
+from camgen.read.svg.vocabulary import PAGE_LIMITS
 
 _DEFAULTS = Limits()
 #: Units that only `input.units` of an SVG takes, mm.
@@ -90,7 +91,7 @@ def find_page(
         box = view_box(words.get("viewBox"))
         sizes = _find_size(words, box, limits.svg_page)
         requested = requested_units.strip().lower()
-        notes: tuple[Note, ...] = ()
+        notes = _note_limits(style)
         scale = MM_PER_PX
         if requested != "auto":
             name = requested
@@ -101,9 +102,9 @@ def find_page(
         elif sizes is None:
             name = f"{short(MM_PER_PX, 9)} mm/unit"
             what = f"1 unit = {short(MM_PER_PX, 6)} mm (96 DPI)"
-            notes = (Note("assumed", what, f"the file states no size; {_OVERRIDE}"),)
+            notes += (Note("assumed", what, f"the file states no size; {_OVERRIDE}"),)
         else:
-            notes = _note_pixels(words)
+            notes += _note_pixels(words)
             if box is not None:
                 return _fit_page(words, style, box, sizes, notes)
             name = f"{short(MM_PER_PX, 9)} mm/unit"
@@ -139,6 +140,14 @@ def _find_size(
     if width is not None:
         return width, width * box.height / box.width
     return None if height is None else (height * box.width / box.height, height)
+
+
+def _note_limits(style: Style) -> tuple[Note, ...]:
+    """Notes on limits of the size of the page, which a browser follows."""
+    names = sorted(PAGE_LIMITS & style.keys())
+    what = "limits of the page in CSS: " + ", ".join(names)
+    why = "its width and height are used; set input.units if the size is wrong"
+    return (Note("assumed", what, why),) if names else ()
 
 
 def _note_pixels(attributes: Mapping[str, str]) -> tuple[Note, ...]:

@@ -12,13 +12,17 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 from xml.etree.ElementTree import Element
 
+from camgen.model.text import harmless
 from camgen.read.colors import resolve_css
 from camgen.read.svg.vocabulary import (
+    GEOMETRY,
     INHERITED,
     INITIAL,
+    KEYWORDS_OF,
     PRESENTATION,
     PROPERTIES,
     SHORTHANDS,
+    TRANSFORMS,
 )
 
 #: Values of the properties that a drawing is read by, as CSS writes them.
@@ -44,6 +48,7 @@ _ID = re.compile(r"#([\w-]+)")
 _MEASURE = re.compile(r"([-+.\d]+(?:e[-+]?\d+)?)[a-z%]*")
 _COLOR_FUNCTION = re.compile(r"(?:rgb|hsl)a?\(([^()]*)\)")
 _LINK = re.compile(r"\s*url\(\s*[\"']?#([^\"')]*)[\"']?\s*\)")
+_COMPUTED = re.compile(r"\b(?:var|env|calc|min|max|clamp|attr|if)\(")
 _COMMENT = re.compile(r"/\*.*?\*/", re.S)
 
 
@@ -93,9 +98,22 @@ def _convert(nodes: list[Any]) -> tuple[Declaration, ...]:
 
 
 def _declare(name: str, value: str, is_important: bool) -> list[Declaration]:
+    """The declarations of a property; a condition in place of a value that cannot be evaluated."""
     value = normalise(value)
+    if not _is_readable(name, value):
+        return [Declaration(CONDITION, f"{name}: {value}", True)]
     names = SHORTHANDS.get(name, (name,))
     return [Declaration(longhand, value, is_important) for longhand in names]
+
+
+def _is_readable(name: str, value: str) -> bool:
+    """Whether a value can be evaluated; geometry and transforms are judged where they are read."""
+    if name in GEOMETRY or name in TRANSFORMS:
+        return True
+    if "(" in value and _COMPUTED.search(value):
+        return False
+    keywords = KEYWORDS_OF.get(name)
+    return keywords is None or value in keywords or value in _KEYWORDS
 
 
 def normalise(value: str) -> str:
@@ -247,8 +265,10 @@ class Cascade:
         style = inherited.copy()
         for name in PRESENTATION & attributes.keys():
             value = normalise(attributes[name])
-            for longhand in SHORTHANDS.get(name, (name,)):
-                style[longhand] = value
+            if _is_readable(name, value):
+                style[name] = value
+            else:
+                style[CONDITION] = f"{name}: {value}"
         declarations = self.sheet.find(element, self.root)
         if "style" in attributes:
             declarations += _parse_style(attributes["style"])
@@ -324,6 +344,8 @@ _PAINTS = (
     "stroke", "fill", "stroke-opacity", "fill-opacity", "stroke-width", "stroke-dasharray",
     "color", "visibility",
 )  # fmt: skip
+#: Paints of the shape that a marker or a reference belongs to.
+_PAINTS_OF_OTHERS = frozenset({"context-fill", "context-stroke"})
 #: Elements that paint lines, by their names.
 _PATTERNS = frozenset({"pattern", "hatch"})
 
@@ -355,11 +377,12 @@ class Painter:
             reason = "visibility is hidden"
         elif not fill and not (stroke and has_width):
             reason = "stroke-width is 0" if stroke else "neither stroke nor fill"
-        losses = [
-            f"its {name} is a pattern, which is not drawn"
-            for name, paint in (("stroke", stroke), ("fill", fill))
-            if self._target(paint) in _PATTERNS
-        ]
+        losses = []
+        for name, paint in (("stroke", stroke), ("fill", fill)):
+            if self._target(paint) in _PATTERNS:
+                losses.append(f"its {name} is a pattern, which is not drawn")
+            elif not _is_paint(paint):
+                losses.append(f"its {name} is not a color: {harmless(paint, 20)}")
         return Paint(
             reason,
             resolve_css(stroke if stroke and has_width else fill),
@@ -385,6 +408,12 @@ class Painter:
         return "" if target is None else str(target.tag).rpartition("}")[2]
 
 
+def _is_paint(paint: str) -> bool:
+    """Whether a paint is a color, a function of CSS or a reference; an empty paint is."""
+    is_word = paint.replace("-", "").isalpha() or paint.startswith("#")
+    return not is_word or paint in _PAINTS_OF_OTHERS or bool(resolve_css(paint))
+
+
 def _choose_layer(style: Style) -> str:
     stroke, fill = style.get("stroke", "none"), style.get("fill", "black")
     paints = [paint.lower() for paint in (stroke, fill) if paint not in ("none", "")]
@@ -403,7 +432,8 @@ def is_transparent(paint: str) -> bool:
     if paint in ("none", "transparent"):
         return True
     if paint.startswith("#"):
-        return len(paint) in (5, 9) and not paint[5 if len(paint) == 9 else 4 :].strip("0")
+        opacity = {5: paint[4:], 9: paint[7:]}.get(len(paint), "1")
+        return not opacity.strip("0")
     numbers = _COLOR_FUNCTION.fullmatch(paint)
     values = re.split(r"[\s,/]+", numbers[1].strip()) if numbers else []
     return len(values) == 4 and _is_zero(values[3])

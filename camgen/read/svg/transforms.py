@@ -23,6 +23,7 @@ _CSS_FUNCTION = re.compile(r"\s*([a-zA-Z0-9]+)\(([^()]*)\)")
 #: Degrees of each unit of an angle.
 _DEGREES = {"deg": 1.0, "grad": 0.9, "rad": 180 / math.pi, "turn": 360.0}
 _ANGLE = re.compile(rf"({NUMBER.pattern})(deg|grad|rad|turn)")
+_ORIGIN = frozenset({"transform-origin", "transform-box"})
 _PLAIN_NUMBER = re.compile(rf"(?<!\S)({NUMBER.pattern})(?!\S)")
 #: Places in a box, as fractions of its size.
 _KEYWORDS = {"left": 0.0, "top": 0.0, "center": 0.5, "right": 1.0, "bottom": 1.0}
@@ -88,7 +89,7 @@ def find_matrix(
     Raises Malformed for a transform that is not read.
     """
     text = attributes.get("transform")
-    if style.keys().isdisjoint(TRANSFORMS) and "transform-origin" not in attributes:
+    if style.keys().isdisjoint(TRANSFORMS) and _ORIGIN.isdisjoint(attributes):
         return None if text is None else read_transform(text)
     if "transform" not in style and text is None and style.keys().isdisjoint(_SINGLE):
         return None

@@ -45,6 +45,8 @@ _INKSCAPE = "{http://www.inkscape.org/namespaces/inkscape}"
 _HREF = ("href", "{http://www.w3.org/1999/xlink}href")
 _MOVED = "its animation is not followed: drawn without it"
 _CLIPPED = "its clip-path is not followed: drawn without it"
+#: Elements with a style sheet: a browser takes that of a web page too.
+_STYLES = (SVG + "style", "{http://www.w3.org/1999/xhtml}style")
 #: Reason for the children of a switch that are not drawn.
 SWITCHED = "another child of its switch is drawn"
 #: Attributes and properties that are tested on each element; most elements have none of them.
@@ -140,7 +142,7 @@ class Document:
         for element in root.iter():
             if "id" in element.attrib:
                 self.ids.setdefault(element.attrib["id"], element)
-            if element.tag == SVG + "style":
+            if element.tag in _STYLES:
                 self.cascade.sheet.add(element)
             elif _name(element) in ANIMATIONS:
                 self.moved.add(_reference(element))
@@ -297,7 +299,7 @@ class _Walker(Struct):
             effects |= {_MOVED}
         if CONDITION in style:
             condition = harmless(style[CONDITION], 40)
-            effects |= {f"{condition} is not evaluated: drawn without its style"}
+            effects |= {f"{condition} is not evaluated: drawn without it"}
         return effects, clip
 
     def _is_moved(self, element: Element) -> bool:

@@ -150,12 +150,32 @@ UNREAD = {
     "all": frozenset(),
 }
 _SEEN = frozenset({"display", "opacity", "clip-path", "overflow"})
+#: Limits of the size of a page in a web page, which are reported.
+PAGE_LIMITS = frozenset({"max-width", "max-height", "min-width", "min-height", "aspect-ratio"})
+#: Properties of keywords with their values; any other value is reported and not used.
+KEYWORDS_OF = {
+    "visibility": frozenset({"visible", "hidden", "collapse"}),
+    "overflow": frozenset(
+        {"visible", "hidden", "clip", "scroll", "auto", "overlay", "hidden hidden"}
+    ),
+    "display": frozenset(
+        {
+            "none", "contents", "inline", "block", "inline-block", "list-item", "flow", "flow-root",
+            "flex", "inline-flex", "grid", "inline-grid", "run-in", "compact", "marker", "table",
+            "inline-table", "table-row-group", "table-header-group", "table-footer-group",
+            "table-row", "table-column-group", "table-column", "table-cell", "table-caption",
+            "ruby", "ruby-base", "ruby-text", "math", "-webkit-box", "-webkit-inline-box",
+        }
+    ),
+}  # fmt: skip
 #: Shorthands with the properties that they set.
 SHORTHANDS = {"marker": ("marker-start", "marker-mid", "marker-end")}
-PROPERTIES = frozenset({*GEOMETRY, *TRANSFORMS, *INHERITED, *EFFECTS, *UNREAD, *_SEEN, *SHORTHANDS})
+PROPERTIES = frozenset(
+    {*GEOMETRY, *TRANSFORMS, *INHERITED, *EFFECTS, *UNREAD, *_SEEN, *SHORTHANDS, *PAGE_LIMITS}
+)
 #: Properties that an attribute of the same name sets.
 PRESENTATION = frozenset(
-    {*INHERITED, *_SEEN, *SHORTHANDS, "mask", "filter", "vector-effect"}
+    {*INHERITED, *_SEEN, "mask", "filter", "vector-effect"}
 )  # fmt: skip
 #: Values of properties that are not inherited where the style sheet of a browser says otherwise.
 INITIAL = {"overflow": "visible", "transform-origin": "50% 50%"}
