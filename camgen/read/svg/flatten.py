@@ -25,29 +25,38 @@ _OUTSIDE = "outside of the viewport or clip path around it"
 _AREA_CUT = "an area without a line, cut by the viewport or clip path around it"
 
 
-#: Points and bulges of an outline, and whether it is closed.
-_Outline = tuple[curves.Outline, bool]
+#: Runs end to end as points and bulges, and whether they are closed.
+_Piece = tuple[list[curves.Outline], bool]
 
 
 class _Pieces(Struct):
     """Flat pieces, which grow.
 
-    points: (N, 2) of each piece, mm.
-    bulges: (N,) of each piece.
+    points: points (N, 2) of each run without its end, and the ends of open pieces, mm.
+    bulges: bulges (N,) of each of them.
+    counts: number of points of each piece.
     closed: whether each piece is closed; a closed piece does not repeat its first point.
     shapes: index of the shape of each piece.
     """
 
     points: list[FloatArray] = field(default_factory=list)
     bulges: list[FloatArray] = field(default_factory=list)
+    counts: list[int] = field(default_factory=list)
     closed: list[bool] = field(default_factory=list)
     shapes: list[int] = field(default_factory=list)
 
-    def add(self, outline: curves.Outline, is_closed: bool, shape: int) -> None:
-        """Adds an outline; the last point of a closed one is its first."""
-        points, bulges = outline
-        self.points.append(points[:-1] if is_closed else points)
-        self.bulges.append(bulges[:-1] if is_closed else bulges)
+    def add(self, piece: _Piece, shape: int) -> None:
+        """Adds a piece of a shape; the last point of a closed piece is its first."""
+        runs, is_closed = piece
+        count = 0 if is_closed else 1
+        for points, bulges in runs:
+            self.points.append(points[:-1])
+            self.bulges.append(bulges[:-1])
+            count += len(points) - 1
+        if not is_closed:
+            self.points.append(runs[-1][0][-1:])
+            self.bulges.append(np.zeros(1))
+        self.counts.append(count)
         self.closed.append(is_closed)
         self.shapes.append(shape)
 
@@ -68,18 +77,16 @@ def flatten(drawing: Drawing, chord: float) -> Soup:
     pieces = _Pieces()
     for k, shape in enumerate(drawing.shapes):
         parts = [
-            (_join(list(islice(outlines, len(subpath.runs)))), subpath.closed)
+            (list(islice(outlines, len(subpath.runs))), subpath.closed)
             for subpath in shape.subpaths
         ]
-        for outline, is_closed in _clip(drawing, shape, parts):
-            pieces.add(outline, is_closed, k)
+        for part in _clip(drawing, shape, parts):
+            pieces.add(part, k)
     return _soup(drawing, pieces)
 
 
 def _join(outlines: list[curves.Outline]) -> curves.Outline:
     """Outlines end to end as one."""
-    if len(outlines) == 1:
-        return outlines[0]
     points = [points[:-1] for points, _ in outlines[:-1]]
     bulges = [bulges[:-1] for _, bulges in outlines[:-1]]
     return (
@@ -88,21 +95,21 @@ def _join(outlines: list[curves.Outline]) -> curves.Outline:
     )
 
 
-def _clip(drawing: Drawing, shape: DrawnShape, outlines: list[_Outline]) -> list[_Outline]:
+def _clip(drawing: Drawing, shape: DrawnShape, pieces: list[_Piece]) -> list[_Piece]:
     """The parts of a shape in its clip."""
     if shape.clip is None:
-        return outlines
-    parts: list[_Outline] = []
+        return pieces
+    parts: list[_Piece] = []
     is_cut = False
-    for outline, is_closed in outlines:
-        inner = cut_outline(outline, is_closed, shape.clip)
+    for runs, is_closed in pieces:
+        inner = cut_outline(_join(runs), is_closed, shape.clip)
         if inner is None:
-            parts.append((outline, is_closed))
+            parts.append((runs, is_closed))
         else:
             is_cut = True
-            parts += [(part, False) for part in inner]
+            parts += [([part], False) for part in inner]
     if not is_cut:
-        return outlines
+        return pieces
     if not parts or not shape.paint.is_stroked:
         reason = _AREA_CUT if parts else _OUTSIDE
         drawing.report(reason, shape.kind, shape.layer, shape.name)
@@ -162,7 +169,7 @@ def _soup(drawing: Drawing, pieces: _Pieces) -> Soup:
     return Soup(
         points=np.concatenate([np.zeros((0, 2)), *pieces.points]),
         bulges=np.concatenate([np.zeros(0), *pieces.bulges]),
-        first=offsets(np.array([len(points) for points in pieces.points], dtype=np.intp)),
+        first=offsets(pieces.counts),
         closed=np.array(pieces.closed, dtype=np.bool_),
         layer=_index(layers, [shape.layer for shape in owners]),
         kind=_index(kinds, [shape.kind for shape in owners]),

@@ -445,9 +445,10 @@ def _check_readable(element: Element, style: Style) -> None:
     if not _RARE_ATTRIBUTES.isdisjoint(element.attrib):
         for name in sorted(REPORTED_ATTRIBUTES.keys() & element.attrib.keys()):
             raise Malformed(REPORTED_ATTRIBUTES[name])
-    for name in sorted(UNREAD.keys() & style.keys()):
-        if style[name] not in UNREAD[name]:
-            raise Malformed(f"{name} {style[name][:20]} is not read")
+    if not _RARE_PROPERTIES.isdisjoint(style):
+        for name in sorted(UNREAD.keys() & style.keys()):
+            if style[name] not in UNREAD[name]:
+                raise Malformed(f"{name} {style[name][:20]} is not read")
     if style.get("display") == "contents":
         raise Malformed("display contents is not read")
 
