@@ -404,6 +404,8 @@ BACKGROUNDS = [
     ('<g transform="scale(.5)"><rect width="200" height="160" fill="white"/></g>' + PART, True),
     ('<rect x="-0.05" width="100.08" height="80" fill="white"/>' + PART, True),
     (PAPER + '<circle cx="40" cy="35" r="8" fill="black"/>', True),
+    ('<rect x="-10" y="-9" width="150" height="120" fill="white"/>' + PART, True),
+    ('<g transform="rotate(180 50 40)"><path d="M0 0H100V80H0" fill="white"/></g>' + PART, True),
     # It has a line, is not the lowest shape, is the only shape, or is not as large as the page.
     (f'<rect width="100" height="80" {LINE}/>' + PART, False),
     ('<rect width="100" height="80" fill="white" stroke="black"/>' + PART, False),
@@ -412,6 +414,9 @@ BACKGROUNDS = [
     ('<rect width="99" height="80" fill="white"/>' + PART, False),
     ('<rect x="1" width="100" height="80" fill="white"/>' + PART, False),
     ('<rect width="100" height="80" rx="3" fill="white"/>' + PART, False),
+    ('<polygon points="0,0 100,0 100,80 1,80" fill="white"/>' + PART, False),
+    ('<polygon points="0,0 100,80 100,0 0,80" fill="white"/>' + PART, False),
+
     # A plate of an area alone, with holes of areas or of its own.
     ('<rect width="100" height="80" fill="gray"/><circle cx="40" r="8" fill="white"/>', False),
     ('<path d="M0 0H100V80H0zM20 20V50H60V20z" fill="white"/>' + PART, False),
@@ -433,3 +438,42 @@ def test_a_background_of_a_box_beside_the_page_is_one(tmp_path: Path) -> None:
     part = drawn(tmp_path, f'{paper}<circle cx="20" cy="20" r="8" {LINE}/>', page)
     assert len(part.contours) == 1
     assert "a background is not used: rect #paper" in str(part.notes)
+
+
+@pytest.mark.parametrize(
+    ("element", "reason"),
+    [
+        ('<rect x="5 mm" width="9" height="9"/>', "x is not a length: '5 mm'"),
+        ('<rect x="5,5" width="9" height="9"/>', "x is not a length: '5,5'"),
+        ('<polygon points="1,,2 3,4 5,6"/>', "not a list of numbers: '1,,2 3,4 5,6'"),
+        ('<path transform="translate(1,,2)" d="M0 0h9"/>', "not a list of numbers"),
+        ('<path transform="a&#10;b(1)" d="M0 0h9"/>', "unknown transform a b(1)"),
+        ('<path d="M0 0h9"><animate/></path><path d="M0 0,,5 5"/>', "is damaged in a M command"),
+    ],
+)
+def test_a_damaged_number_is_named(tmp_path: Path, element: str, reason: str) -> None:
+    part = drawn(tmp_path, f"{element}{BOX}/>")
+    assert reason in losses(part)
+    assert len(part.contours) <= 2
+
+
+@pytest.mark.parametrize("data", ["M0 0h9,L5 5", "M0 0h9L,5", "M0 0h9 L5,,5", "M0 0h9v,"])
+def test_path_data_ends_at_a_stray_comma(tmp_path: Path, data: str) -> None:
+    part = drawn(tmp_path, f'<path d="{data}"/>')
+    assert part.contours[0].points.tolist() == [[0, 80], [9, 80]]
+    assert "drawn up to there" in losses(part)
+
+
+def test_a_long_outline_in_a_clip_is_kept_as_it_is() -> None:
+    corners = np.array([[0.0, 0.0], [9.0, 0.0], [9.0, 9.0], [0.0, 9.0]])
+    clip = make_half_planes(corners)
+    assert clip is not None
+    # Three quarters of a circle of radius 4 about (4.5, 4.5), from below to the left.
+    arc = np.array([[4.5, 0.5], [0.5, 4.5]])
+    three_quarters = math.tan(3 * math.pi / 8)
+    assert cut_outline((arc, np.array([three_quarters, 0.0])), False, clip) is None
+    wider = (arc - 4.5) * 1.2 + 4.5
+    parts = cut_outline((wider, np.array([three_quarters, 0.0])), False, clip)
+    # A circle of radius 4.8 leaves a square of half width 4.5 at each of the four sides.
+    assert parts is not None
+    assert len(parts) == 3

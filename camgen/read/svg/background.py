@@ -2,7 +2,7 @@
 
 The lowest shape is a background, and so is each shape that follows it, if
 
-1. it is one rectangle whose corners are those of the page or of its view box, within
+1. it is one rectangle, parallel to the page, that covers the page or its view box within
    `EDGE_MM`,
 2. it is an area without a line,
 3. it is white, or another shape that is drawn has a line,
@@ -18,11 +18,11 @@ from camgen.model.pose import FloatArray
 from camgen.read.svg.path import list_corners
 from camgen.read.svg.tree import Drawing, DrawnShape
 
-#: mm between a corner of the page and of its background: exporters round.
+#: mm that a background may lack at each edge of the page: exporters round.
 EDGE_MM = 0.1
 _WHITE = "#ffffff"
 _WHY = (
-    "an area without a line, as large as the page, below all other shapes; "
+    "an area without a line that covers the page, below all other shapes; "
     "give it a stroke if it is the outline of the part"
 )
 
@@ -51,13 +51,21 @@ def _is_background(shape: DrawnShape, has_lines: bool, frames: FloatArray) -> bo
     if corners is None or len(corners) != 4:
         return False
     corners = corners @ shape.matrix[:, :2].T + shape.matrix[:, 2]
-    return any(_is_same_rectangle(corners, frame) for frame in frames)
+    return any(_covers(corners, frame) for frame in frames)
 
 
-def _is_same_rectangle(corners: FloatArray, frame: FloatArray) -> bool:
-    """Whether four corners are those of a frame, from any corner on and in either direction."""
-    for order in (frame, frame[::-1]):
-        for first in range(4):
-            if np.abs(corners - np.roll(order, first, axis=0)).max() <= EDGE_MM:
-                return True
-    return False
+def _covers(corners: FloatArray, frame: FloatArray) -> bool:
+    """Whether four corners are a rectangle that is parallel to a frame and covers it."""
+    axes = np.stack([frame[1] - frame[0], frame[3] - frame[0]])
+    sizes = np.hypot(axes[:, 0], axes[:, 1])
+    if not (sizes > 0).all():
+        return False
+    places = (corners - frame[0]) @ (axes / sizes[:, None]).T
+    lower, upper = places.min(axis=0), places.max(axis=0)
+    is_lower = np.abs(places - lower) <= EDGE_MM
+    is_upper = np.abs(places - upper) <= EDGE_MM
+    # Each side of a rectangle changes one coordinate.
+    changes = (is_lower != np.roll(is_lower, -1, axis=0)).sum(axis=1)
+    is_rectangle = (is_lower != is_upper).all() and (changes == 1).all()
+    is_covered = (lower <= EDGE_MM).all() and (upper >= sizes - EDGE_MM).all()
+    return bool(is_rectangle and is_covered)

@@ -12,6 +12,7 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.model.pose import FloatArray
+from camgen.read.pieces import BoolArray
 
 #: mm outside of an edge at which a point counts as inside, so that a line on the edge is kept.
 _ON_EDGE = 1e-6
@@ -58,7 +59,7 @@ def join_half_planes(first: HalfPlanes | None, second: HalfPlanes) -> HalfPlanes
     )
 
 
-def is_inside(points: FloatArray, clip: HalfPlanes) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+def is_inside(points: FloatArray, clip: HalfPlanes) -> BoolArray:
     """Whether points (N, 2) lie in a clip."""
     return np.asarray((points @ clip.normals.T <= clip.limits + _ON_EDGE).all(axis=1))
 
@@ -69,13 +70,18 @@ def cut_outline(outline: Outline, is_closed: bool, clip: HalfPlanes) -> list[Out
     outline: points in mm; the last point of a closed outline is its first one.
     """
     points, bulges = outline
+    safe = _is_surely_inside(points, bulges, clip)
+    if safe.all():
+        return None
     pieces: list[_Piece] = []
     is_cut = False
-    for start, end, bulge in zip(points[:-1], points[1:], bulges[:-1].tolist(), strict=True):
-        fractions = [0.0, *_find_crossings(start, end, bulge, clip), 1.0]
+    for k, bulge in enumerate(bulges[:-1].tolist()):
+        start, end = points[k], points[k + 1]
+        crossings = [] if safe[k] else _find_crossings(start, end, bulge, clip)
+        fractions = [0.0, *crossings, 1.0]
         for first, last in pairwise(fractions):
             middle = _point_on(start, end, bulge, (first + last) / 2)
-            if not is_inside(middle[None], clip)[0]:
+            if not safe[k] and not is_inside(middle[None], clip)[0]:
                 is_cut = True
                 continue
             part = _Piece(
@@ -95,6 +101,16 @@ def cut_outline(outline: Outline, is_closed: bool, clip: HalfPlanes) -> list[Out
         if starts and ends:
             pieces[-1].append(pieces.pop(0))
     return [(np.array(p.points), np.array([*p.bulges, 0.0])) for p in pieces]
+
+
+def _is_surely_inside(points: FloatArray, bulges: FloatArray, clip: HalfPlanes) -> BoolArray:
+    """Whether each segment of an outline keeps so far from all edges that it cannot cross them."""
+    distances = (clip.limits + _ON_EDGE - points @ clip.normals.T).min(axis=1)
+    chords = np.hypot(*np.diff(points, axis=0).T)
+    sizes = np.abs(bulges[:-1])
+    # An arc of more than half a circle reaches beyond the ends of its chord.
+    reaches = chords * sizes / 2 + np.where(sizes > 1, chords * sizes, 0.0)
+    return np.asarray(np.minimum(distances[:-1], distances[1:]) >= reaches)
 
 
 class _Piece(Struct):

@@ -11,7 +11,7 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.model.pose import FloatArray
-from camgen.read.svg.values import NUMBER, Malformed, ViewBox, length, numbers
+from camgen.read.svg.values import NUMBER, STRAY_COMMA, Malformed, ViewBox, length, numbers
 
 #: Letters of commands, which separate their numbers.
 _COMMANDS = re.compile(r"([MmLlHhVvCcSsQqTtAaZz])")
@@ -19,9 +19,11 @@ _COMMANDS = re.compile(r"([MmLlHhVvCcSsQqTtAaZz])")
 _PATH_FUNCTION = re.compile(r"path\(\s*([\"'])(.*)\1\s*\)", re.S)
 _SEPARATORS = str.maketrans("", "", " \t\r\n\f,")
 #: The two flags of an arc are one digit each and need nothing around them.
-_N = rf"[\s,]*({NUMBER.pattern})"
+_SEPARATOR = r"\s*,?\s*"
+_N = rf"{_SEPARATOR}({NUMBER.pattern})"
 _NUMBER = re.compile(_N)
-_ARC = re.compile(_N * 3 + r"[\s,]*([01])[\s,]*([01])" + _N * 2)
+_FLAG = rf"{_SEPARATOR}([01])"
+_ARC = re.compile(_N * 3 + _FLAG * 2 + _N * 2)
 #: Limit of ends and radii of arcs, and of the inverse of radii: larger squares are infinite.
 _FARTHEST = 1e100
 #: Numbers of a command from which its lines are read together.
@@ -80,6 +82,8 @@ def _commands(data: str) -> Iterator[tuple[str, list[float]]]:
         texts = list(chain(*_ARC.findall(text))) if is_arc else NUMBER.findall(text)
         size = _TAKES[letter.upper()]
         is_clean = "".join(texts) == text.translate(_SEPARATORS)
+        if "," in text and STRAY_COMMA.search(text):
+            is_clean = False
         if not is_clean:
             texts = _read_numbers(_ARC if is_arc else _NUMBER, text)
         whole = len(texts) // size * size if size else 0

@@ -11,7 +11,9 @@ from msgspec import Struct
 from camgen.model.pose import FloatArray
 
 NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
-_LENGTH = re.compile(rf"\s*({NUMBER.pattern})\s*([a-zA-Z%]*)\s*")
+_LENGTH = re.compile(rf"\s*({NUMBER.pattern})([a-zA-Z%]*)\s*")
+#: Commas that are not between two numbers.
+STRAY_COMMA = re.compile(r",\s*,|^\s*,|,\s*$")
 
 #: px of each absolute unit: 96 px are an inch (CSS 2.1, section 4.3.2).
 PX = {
@@ -36,7 +38,10 @@ _AXES = {
 
 
 class Malformed(ValueError):
-    """A value that cannot be read; the text says which."""
+    """A value that cannot be read, with a text of one line that names it."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__("".join(sign if sign.isprintable() else " " for sign in text))
 
 
 def length(text: str, name: str, view: tuple[float, float]) -> float:
@@ -60,7 +65,8 @@ def length(text: str, name: str, view: tuple[float, float]) -> float:
 def numbers(text: str) -> list[float]:
     """All numbers of a list with commas and spaces, as far as it is one."""
     texts = NUMBER.findall(text)
-    if "".join(texts) != "".join(text.replace(",", " ").split()):
+    is_list = "".join(texts) == "".join(text.replace(",", " ").split())
+    if not is_list or STRAY_COMMA.search(text):
         raise Malformed(f"not a list of numbers: {text[:20]!r}")
     return [float(number) for number in texts]
 
