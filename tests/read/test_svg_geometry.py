@@ -344,6 +344,7 @@ def test_sheets_and_scripts_of_other_files_are_named(tmp_path: Path) -> None:
     [
         ("", True), ("screen", True), ("only screen", True), ("print", False), ("not print", True),
         ("print, screen", True), ("not all", False), ("(min-width: 9cm)", None),
+        ("(prefers-color-scheme: dark)", False), ("(prefers-color-scheme:light)", True),
         ("print, (color)", None), ("screen, (color)", True), ("screen and (color)", None),
     ],
 )  # fmt: skip

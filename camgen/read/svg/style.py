@@ -30,8 +30,11 @@ Style = dict[str, str]
 
 #: A name that is not a property: conditions on which the style of an element depends.
 CONDITION = "(condition)"
-#: Media of a drawing: it is read as on a screen.
-_MEDIA = {"": True, "all": True, "screen": True, "print": False, "speech": False}
+#: Media of a drawing: it is read as on a screen with a light background.
+_MEDIA = {
+    "": True, "all": True, "screen": True, "print": False, "speech": False,
+    "(prefers-color-scheme:light)": True, "(prefers-color-scheme:dark)": False,
+}  # fmt: skip
 #: Rules that select no element, with the reason.
 _SILENT_RULES = {
     "charset": "bytes are decoded as XML says",
@@ -233,7 +236,7 @@ def evaluate_media(query: str) -> bool | None:
     """Whether a list of media queries holds on a screen; None for a query of sizes and features."""
     results: list[bool | None] = []
     for part in query.lower().split(","):
-        words = part.split()
+        words = part.replace(": ", ":").split()
         is_negated = words[:1] == ["not"]
         if words[:1] in (["not"], ["only"]):
             words = words[1:]
