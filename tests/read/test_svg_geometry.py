@@ -219,6 +219,13 @@ VIEWPORTS = [
 ]
 
 
+VIEWPORTS.append(
+    '<defs><rect id="r" x="10" y="10" width="20" height="20"/></defs>'
+    '<clipPath id="c"><use xlink:href="#r" style="overflow:visible"/></clipPath>'
+    f'<g clip-path="url(#c)"><g transform="translate(10 10)">{INNER}</g></g>'
+)
+
+
 @pytest.mark.parametrize("body", VIEWPORTS)
 def test_viewports_and_rectangular_clip_paths_cut_lines(tmp_path: Path, body: str) -> None:
     part = drawn(tmp_path, body)
@@ -478,3 +485,34 @@ def test_a_long_outline_in_a_clip_is_kept_as_it_is() -> None:
     # A circle of radius 4.8 leaves a square of half width 4.5 at each of the four sides.
     assert parts is not None
     assert len(parts) == 3
+
+
+@pytest.mark.parametrize(
+    "words", ['x=""', 'rx=" "', 'transform=""', 'style=""', 'fill=""', 'display=""', 'class=""']
+)
+def test_an_empty_attribute_is_not_set(tmp_path: Path, words: str) -> None:
+    part = drawn(tmp_path, f'<rect {words} y="20" width="30" height="10"/>')
+    assert box(part) == [0, 50, 30, 60]
+    assert not losses(part)
+
+
+@pytest.mark.parametrize(
+    "clip",
+    [
+        '<clipPath id="c"><circle r="9"/></clipPath>',
+        '<clipPath id="c"><rect width="9" height="9"/><rect width="5" height="5"/></clipPath>',
+        '<clipPath id="c" clipPathUnits="objectBoundingBox"><path d="M0 0H1V1H0z"/></clipPath>',
+        '<clipPath id="c" clip-path="url(#d)"><rect width="9" height="9"/></clipPath>',
+        '<clipPath id="c" transform="scale(2)"><rect width="9" height="9"/></clipPath>',
+        '<clipPath id="c"><path d="M0 0L9 0L1 1L0 9z"/></clipPath>',
+        '<clipPath id="c"><use href="#r" x="3"/></clipPath>',
+        '<clipPath id="c"><rect width="calc(9px)" height="9"/></clipPath>',
+        '<clipPath id="c"><path d="M0 0H9V9H0z"><animate/></path></clipPath>',
+        '<clipPath id="c"/>',
+        "",
+    ],
+)
+def test_any_other_clip_path_is_named(tmp_path: Path, clip: str) -> None:
+    part = drawn(tmp_path, f'{clip}<g clip-path="url(#c)">{BOX} id="r"/></g>')
+    assert box(part) == [20, 50, 50, 60]
+    assert "#r (its clip-path is not followed: drawn without it)" in losses(part)

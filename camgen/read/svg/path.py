@@ -336,7 +336,7 @@ def _find_extremes_of_arc(arc: Oval) -> FloatArray:
     return np.asarray(arc.center + np.cos(t) * arc.first + np.sin(t) * arc.second)
 
 
-# The basic shapes of SVG as the subpaths that they stand for (SVG 1.1, chapter 9).
+# The basic shapes of SVG as the subpaths that they stand for (SVG 2, chapter 10).
 
 View = tuple[float, float]
 Attributes = Mapping[str, str]
@@ -349,7 +349,7 @@ def shape(kind: str, attributes: Attributes, view: View) -> tuple[list[Subpath],
 
 def _value(attributes: Attributes, name: str, view: View, default: float = 0.0) -> float:
     text = attributes.get(name)
-    if text is None or text.strip() == "auto":
+    if text is None or text.strip() in ("", "auto"):
         return default
     value = length(text, name, view)
     if value < 0 and name in ("rx", "ry"):

@@ -63,13 +63,9 @@ class Declaration(NamedTuple):
     is_important: bool
 
 
-def parse_declarations(text: str) -> tuple[Declaration, ...]:
-    """The declarations of a style attribute for the properties that a drawing is read by."""
-    return _parse_style(text)
-
-
 @lru_cache(maxsize=4096)
-def _parse_style(text: str) -> tuple[Declaration, ...]:
+def parse_style(text: str) -> tuple[Declaration, ...]:
+    """The declarations of a style attribute for the properties that a drawing is read by."""
     if "/*" in text:
         text = _COMMENT.sub(" ", text)
     # A semicolon within a string or brackets is left to the library.
@@ -83,8 +79,9 @@ def _parse_style(text: str) -> tuple[Declaration, ...]:
         name = name.strip().lower()
         if colon and name in PROPERTIES:
             value, mark, word = value.partition("!")
-            is_important = mark == "!" and word.strip().lower() == "important"
-            declarations += _declare(name, value, is_important)
+            is_important = word.strip().lower() == "important"
+            if is_important or not mark:
+                declarations += _declare(name, value, is_important)
     return tuple(declarations)
 
 
@@ -266,15 +263,17 @@ class Cascade:
         """
         attributes = element.attrib
         style = inherited.copy()
-        for name in PRESENTATION & attributes.keys():
-            value = normalise(attributes[name])
+        for name, text in attributes.items():
+            if name not in PRESENTATION or not text.strip():
+                continue
+            value = normalise(text)
             if _is_readable(name, value):
                 style[name] = value
             else:
                 style[CONDITION] = f"{name}: {value}"
         declarations = self.sheet.find(element, self.root)
         if "style" in attributes:
-            declarations += _parse_style(attributes["style"])
+            declarations += parse_style(attributes["style"])
         is_important = False
         for declaration in declarations:
             style[declaration.name] = declaration.value

@@ -47,6 +47,8 @@ _MOVED = "its animation is not followed: drawn without it"
 _CLIPPED = "its clip-path is not followed: drawn without it"
 #: Elements with a style sheet: a browser takes that of a web page too.
 _STYLES = (SVG + "style", "{http://www.w3.org/1999/xhtml}style")
+#: Attributes that move a reference.
+_PLACES = frozenset({"x", "y", "transform", "clip-path", "class"})
 #: Reason for the children of a switch that are not drawn.
 SWITCHED = "another child of its switch is drawn"
 #: Attributes and properties that are tested on each element; most elements have none of them.
@@ -314,11 +316,14 @@ class _Walker(Struct):
         target = self.document.ids.get(find_reference(value))
         if target is None or target.tag != SVG + "clipPath":
             return None
-        words = target.attrib.keys() - {"id", "clipPathUnits"}
+        words = [word for word in target.attrib if not word.startswith("{")]
         units = target.attrib.get("clipPathUnits", "userSpaceOnUse")
-        if words or units != "userSpaceOnUse" or len(target) != 1:
+        if {*words} - {"id", "clipPathUnits"} or units != "userSpaceOnUse" or len(target) != 1:
             return None
         child = target[0]
+        if _name(child) == "use" and child.attrib.keys().isdisjoint(_PLACES):
+            # Illustrator refers to the rectangle.
+            child = self.document.ids.get(_reference(child), child)
         style = self.document.cascade.style({}, {}, child)
         kind = _name(child)
         if kind not in KINDS or is_gone(style) or _condition(child) or len(child):
@@ -380,7 +385,7 @@ class _Walker(Struct):
                 self.file, what, remedy="draw the shapes themselves, or raise limits.svg_depth"
             )
         words = _geometry(element, place.style)
-        x, y = (length(words.get(key, "0"), key, place.view) for key in ("x", "y"))
+        x, y = (length(words.get(key) or "0", key, place.view) for key in ("x", "y"))
         matrix = combine(place.matrix, np.array([[1.0, 0.0, x], [0.0, 1.0, y]]))
         inner = replace(place, matrix=matrix, inside=place.inside | {name})
         if target.tag not in (SVG + "symbol", SVG + "svg"):
@@ -477,7 +482,7 @@ def _viewport(element: Element, place: _Place, words: Mapping[str, str], style: 
     """The place in a nested svg or a symbol: its box laid into its width and height."""
     _check_size(style)
     box = view_box(element.attrib.get("viewBox"))
-    x, y = (length(words.get(key, "0"), key, place.view) for key in ("x", "y"))
+    x, y = (length(words.get(key) or "0", key, place.view) for key in ("x", "y"))
     width, height = (
         length(words.get(key) or "100%", key, place.view) for key in ("width", "height")
     )
