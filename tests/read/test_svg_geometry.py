@@ -203,6 +203,14 @@ def test_a_child_whose_condition_is_not_known_to_hold_is_named(tmp_path: Path) -
     assert "#ext (its requiredExtensions is not known to hold)" in losses(part)
 
 
+def test_a_link_directly_within_a_link_is_not_drawn(tmp_path: Path) -> None:
+    line = '<path id="inner" d="M0 0h9"/>'
+    part = drawn(tmp_path, f"<a><a>{line}</a>{BOX}/></a>")
+    assert box(part) == [20, 50, 50, 60]
+    assert "#inner (a link within a link is not drawn)" in losses(part)
+    assert len(drawn(tmp_path, f"<a><g><a>{line}</a></g></a>").contours) == 1
+
+
 INNER = f'<rect x="-5" y="5" width="50" height="10" {LINE}/>'
 #: Viewports of 20 x 20 at (10, 10), and the lines that are left of a rectangle of 50 x 10 in them.
 VIEWPORTS = [

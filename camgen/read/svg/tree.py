@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -253,8 +253,7 @@ class _Walker(Struct):
                 return
             if tag == "svg":
                 inner = _viewport(element, inner, element.attrib, style)
-            children = self._choose(element, inner) if tag == "switch" else element
-            yield from ((child, inner) for child in children)
+            yield from ((child, inner) for child in self._choose(element, tag, inner))
         else:
             unknown = "not an element of SVG that camgen knows"
             self._report_all(REPORTED_ELEMENTS.get(tag, unknown), element, place)
@@ -362,8 +361,18 @@ class _Walker(Struct):
         name = element.attrib.get("id", "")
         drawing.shapes.append(DrawnShape(tuple(subpaths), matrix, tag, layer, paint, name, clip))
 
-    def _choose(self, element: Element, place: _Place) -> list[Element]:
-        """The first child of a switch whose conditions hold; the others are reported."""
+    def _choose(self, element: Element, tag: str, place: _Place) -> Iterable[Element]:
+        """The children of a group that are drawn.
+
+        Of a switch that is the first one whose conditions hold; a link in a link is not drawn. The
+        others are reported.
+        """
+        if tag == "a":
+            for child in element.iterfind(SVG + "a"):
+                self._report_all("a link within a link is not drawn", child, place)
+            return [child for child in element if _name(child) != "a"]
+        if tag != "switch":
+            return element
         children = [child for child in element if _name(child) and _name(child) not in ANIMATIONS]
         chosen = next((child for child in children if not _condition(child)), None)
         for child in children:
