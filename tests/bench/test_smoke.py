@@ -138,6 +138,11 @@ SMOKES = [
         "read.dxf_numbers 29", (30, 8),
         {"silent": (0, 0), "with another note": (0, 0), "length off, ppm": (0, 200)},
     ),
+    Smoke(
+        "read.svg_geometry 1", (1,),
+        {"drawings": (1, 1), "failed": (0, 0), "drawn": (6, 7), "silent": (0, 0)},
+        lacking("playwright", *BROWSERS), alone=True,
+    ),
     Smoke("read.edges {here}", (1,), {"convex mm (measured)": (1390, 1391)}),
     Smoke("read.meshes 0 54", (27,), {"meshes": (2, 2), "silent": (0, 0)}),
     Smoke("read.old_gcode_words", (6,), {"silent": (0, 0)}),

@@ -121,7 +121,10 @@ def test_a_contour_has_the_color_of_its_first_piece() -> None:
         ('<rect width="9" height="9" fill="teal" stroke="lime" stroke-opacity="0"/>', "#008080"),
         ('<rect width="9" height="9" stroke="none"/>', "#000000"),
         ('<g color="orange"><path d="M0 0H9" stroke="currentColor"/></g>', "#ffa500"),
-        ('<path d="M0 0H9" stroke="url(#shine)"/>', ""),
+        (
+            '<linearGradient id="shine"/><path d="M0 0H9" stroke="url(#shine)"/>',
+            "",
+        ),
         ('<path d="M0 0H9" stroke="url(#shine) red"/>', "#ff0000"),
         ('<path d="M0 0H9" stroke="hsl(120, 100%, 25%)"/>', "#008000"),
         ('<path d="M0 0H9" stroke="reddish"/>', ""),

@@ -198,6 +198,14 @@ _STYLE = st.sampled_from(
         "stroke-width:1e400",
         "a",
         "opacity:x",
+        "transform:rotate(1deg) scale(x)",
+        "transform:translate(9px, 1e400px);transform-box:fill-box;transform-origin:center",
+        "translate:5px;rotate:x 3deg;scale:0",
+        "r:calc(3px);cx:9px;width:1e999px",
+        "d:path('M0 0h9a1 1 0 0 1 2 2')",
+        "display:contents;overflow:visible",
+        "fill:url(#a) red;mask:url('#b');stroke:var(--x)",
+        "visibility:inherit!important;opacity:unset",
     )
 )
 _REFERENCE = st.builds("#{}".format, _IDS) | st.sampled_from(("", "#", "a", "http://x/#a", "#root"))

@@ -1,59 +1,124 @@
-"""From the shapes of the walk to flat pieces in the work plane, mm. Circles that stay circles stay exact arcs."""
+"""Flat pieces in the work plane, mm, from the shapes of a drawing. Circles stay exact arcs."""
 
 from __future__ import annotations
 
 import math
+from itertools import islice
 
 import numpy as np
-from msgspec import Struct
+from msgspec import Struct, field
 
 from camgen.geometry import curves
+from camgen.geometry.ragged import offsets
 from camgen.model.pose import FloatArray
-from camgen.read.pieces import Soup
+from camgen.read.pieces import IntArray, Soup
+from camgen.read.svg.clip import cut_outline
 from camgen.read.svg.path import Oval
-from camgen.read.svg.tree import DrawnShape
+from camgen.read.svg.tree import Drawing, DrawnShape
 
 #: How far conjugate diameters may be from equal and square to count as those of a circle.
 _ROUND = 1e-9
 
 
+#: Reasons for shapes at the edges of viewports and clip paths.
+_OUTSIDE = "outside of the viewport or clip path around it"
+_AREA_CUT = "an area without a line, cut by the viewport or clip path around it"
+
+
+#: Runs end to end as points and bulges, and whether they are closed.
+_Piece = tuple[list[curves.Outline], bool]
+
+
 class _Pieces(Struct):
-    """What is put end to end."""
+    """Flat pieces, which grow.
 
-    points: list[FloatArray]
-    bulges: list[FloatArray]
-    counts: list[int]
-    closed: list[bool]
-    shape: list[int]
+    points: points (N, 2) of each run without its end, and the ends of open pieces, mm.
+    bulges: bulges (N,) of each of them.
+    counts: number of points of each piece.
+    closed: whether each piece is closed; a closed piece does not repeat its first point.
+    shapes: index of the shape of each piece.
+    """
+
+    points: list[FloatArray] = field(default_factory=list)
+    bulges: list[FloatArray] = field(default_factory=list)
+    counts: list[int] = field(default_factory=list)
+    closed: list[bool] = field(default_factory=list)
+    shapes: list[int] = field(default_factory=list)
+
+    def add(self, piece: _Piece, shape: int) -> None:
+        """Adds a piece of a shape; the last point of a closed piece is its first."""
+        runs, is_closed = piece
+        count = 0 if is_closed else 1
+        for points, bulges in runs:
+            self.points.append(points[:-1])
+            self.bulges.append(bulges[:-1])
+            count += len(points) - 1
+        if not is_closed:
+            self.points.append(runs[-1][0][-1:])
+            self.bulges.append(np.zeros(1))
+        self.counts.append(count)
+        self.closed.append(is_closed)
+        self.shapes.append(shape)
 
 
-def flatten(drawn: DrawnShape, chord: float) -> Soup:
-    """Pieces of all that was drawn, one per subpath. chord: mm, the deviation allowed for curves."""
-    placed = [
-        (k, track.closed, [_place(run, matrix) for run in track.runs])
-        for k, (tracks, matrix) in enumerate(zip(drawn.tracks, drawn.matrices, strict=True))
-        for track in tracks
-    ]
-    smooth = [run for _, _, runs in placed for run in runs if isinstance(run, np.ndarray)]
+def flatten(drawing: Drawing, chord: float) -> Soup:
+    """Pieces of all that was drawn, one per subpath, or several where a clip cuts it.
+
+    chord: mm, the deviation allowed for curves.
+    Reports shapes outside of their clips.
+    """
+    placed: list[FloatArray | curves.Outline] = []
+    for shape in drawing.shapes:
+        for subpath in shape.subpaths:
+            placed += [_place(run, shape.matrix) for run in subpath.runs]
+    smooth = [run for run in placed if isinstance(run, np.ndarray)]
     fitted = iter(curves.fit(smooth, chord))
-    points, bulges = [np.zeros((0, 2))], [np.zeros(0)]
-    counts, closed, shape = [0], [], []
-    for k, whole, runs in placed:
-        outlines = [next(fitted) if isinstance(run, np.ndarray) else run for run in runs]
-        rows = [(p[:-1], b[:-1]) for p, b in outlines]
-        # A closed piece does not name its first point again.
-        last = [] if whole else [(outlines[-1][0][-1:], np.zeros(1))]
-        for p, b in (*rows, *last):
-            points.append(p)
-            bulges.append(b)
-        counts.append(counts[-1] + sum(len(p) for p, _ in rows) + len(last))
-        closed.append(whole)
-        shape.append(k)
-    return _soup(drawn, (np.concatenate(points), np.concatenate(bulges)), counts, closed, shape)
+    outlines = iter([next(fitted) if isinstance(run, np.ndarray) else run for run in placed])
+    pieces = _Pieces()
+    for k, shape in enumerate(drawing.shapes):
+        parts = [
+            (list(islice(outlines, len(subpath.runs))), subpath.closed)
+            for subpath in shape.subpaths
+        ]
+        for part in _clip(drawing, shape, parts):
+            pieces.add(part, k)
+    return _soup(drawing, pieces)
+
+
+def _join(outlines: list[curves.Outline]) -> curves.Outline:
+    """Outlines end to end as one."""
+    points = [points[:-1] for points, _ in outlines[:-1]]
+    bulges = [bulges[:-1] for _, bulges in outlines[:-1]]
+    return (
+        np.concatenate([*points, outlines[-1][0]]),
+        np.concatenate([*bulges, outlines[-1][1]]),
+    )
+
+
+def _clip(drawing: Drawing, shape: DrawnShape, pieces: list[_Piece]) -> list[_Piece]:
+    """The parts of a shape in its clip."""
+    if shape.clip is None:
+        return pieces
+    parts: list[_Piece] = []
+    is_cut = False
+    for runs, is_closed in pieces:
+        inner = cut_outline(_join(runs), is_closed, shape.clip)
+        if inner is None:
+            parts.append((runs, is_closed))
+        else:
+            is_cut = True
+            parts += [([part], False) for part in inner]
+    if not is_cut:
+        return pieces
+    if not parts or not shape.paint.is_stroked:
+        reason = _AREA_CUT if parts else _OUTSIDE
+        drawing.report(reason, shape.kind, shape.layer, shape.name)
+        return []
+    return parts
 
 
 def _place(run: FloatArray | Oval, matrix: FloatArray) -> FloatArray | curves.Outline:
-    """A run under its matrix: points and bulges as they are, or rational Bezier segments to be fitted."""
+    """A run under its matrix: points and bulges, or rational Bezier segments to be fitted."""
     linear, shift = matrix[:, :2], matrix[:, 2]
     if isinstance(run, Oval):
         return _oval(
@@ -95,28 +160,27 @@ def _oval(
     )
 
 
-def _soup(
-    drawn: DrawnShape,
-    rows: tuple[FloatArray, FloatArray],
-    first: list[int],
-    closed: list[bool],
-    shape: list[int],
-) -> Soup:
-    layers, kinds, colors = (
-        sorted(set(names)) for names in (drawn.names, drawn.kinds, drawn.colors)
-    )
-    layer_of, kind_of, color_of = (
-        {name: k for k, name in enumerate(names)} for names in (layers, kinds, colors)
-    )
+def _soup(drawing: Drawing, pieces: _Pieces) -> Soup:
+    shapes = drawing.shapes
+    layers = sorted({shape.layer for shape in shapes})
+    kinds = sorted({shape.kind for shape in shapes})
+    colors = sorted({shape.paint.color for shape in shapes})
+    owners = [shapes[k] for k in pieces.shapes]
     return Soup(
-        points=rows[0],
-        bulges=rows[1],
-        first=np.array(first),
-        closed=np.array(closed, dtype=np.bool_),
-        layer=np.array([layer_of[drawn.names[k]] for k in shape], dtype=np.intp),
-        kind=np.array([kind_of[drawn.kinds[k]] for k in shape], dtype=np.intp),
-        color=np.array([color_of[drawn.colors[k]] for k in shape], dtype=np.intp),
+        points=np.concatenate([np.zeros((0, 2)), *pieces.points]),
+        bulges=np.concatenate([np.zeros(0), *pieces.bulges]),
+        first=offsets(pieces.counts),
+        closed=np.array(pieces.closed, dtype=np.bool_),
+        layer=_index(layers, [shape.layer for shape in owners]),
+        kind=_index(kinds, [shape.kind for shape in owners]),
+        color=_index(colors, [shape.paint.color for shape in owners]),
         layers=tuple(layers),
         kinds=tuple(kinds),
         colors=tuple(colors),
     )
+
+
+def _index(names: list[str], values: list[str]) -> IntArray:
+    """The index of each value in `names`."""
+    index_of = {name: k for k, name in enumerate(names)}
+    return np.array([index_of[value] for value in values], dtype=np.intp)

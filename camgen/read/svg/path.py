@@ -1,35 +1,46 @@
-"""Path data and basic shapes of SVG 1.1 (chapters 8 and 9) as runs of lines, Bezier segments and elliptical arcs."""
+"""Path data and basic shapes of SVG as runs of lines, Bezier segments and elliptical arcs."""
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping
-from itertools import accumulate
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import accumulate, chain
 
 import numpy as np
 from msgspec import Struct
 
 from camgen.model.pose import FloatArray
-from camgen.read.svg.values import NUMBER, Malformed, length, numbers
+from camgen.read.svg.values import NUMBER, STRAY_COMMA, Malformed, ViewBox, length, numbers
 
-#: Letters and what is between them.
+#: Letters of commands, which separate their numbers.
 _COMMANDS = re.compile(r"([MmLlHhVvCcSsQqTtAaZz])")
+#: A path in a property of CSS.
+_PATH_FUNCTION = re.compile(r"path\(\s*([\"'])(.*)\1\s*\)", re.S)
 _SEPARATORS = str.maketrans("", "", " \t\r\n\f,")
 #: The two flags of an arc are one digit each and need nothing around them.
-_N = rf"[\s,]*({NUMBER.pattern})"
+_SEPARATOR = r"\s*,?\s*"
+_N = rf"{_SEPARATOR}({NUMBER.pattern})"
 _NUMBER = re.compile(_N)
-_ARC = re.compile(_N * 3 + r"[\s,]*([01])[\s,]*([01])" + _N * 2)
-#: Ends and radii of arcs, and their inverse: squares of what is beyond this are no numbers any more.
+_FLAG = rf"{_SEPARATOR}([01])"
+_ARC = re.compile(_N * 3 + _FLAG * 2 + _N * 2)
+#: Limit of ends and radii of arcs, and of the inverse of radii: larger squares are infinite.
 _FARTHEST = 1e100
-#: From so many numbers on lines are taken together.
+#: Numbers of a command from which its lines are read together.
 _MANY = 8
 #: Numbers that a command takes at a time.
 _TAKES = {"M": 2, "L": 2, "H": 1, "V": 1, "C": 6, "S": 4, "Q": 4, "T": 2, "A": 7, "Z": 0}
 
 
 class Oval(Struct, frozen=True, eq=False):
-    """The arc center + first cos t + second sin t, t from start to end (rad); conjugate half diameters (2,)."""
+    """The arc center + first cos t + second sin t, t from start to end.
+
+    center: (2,), user units.
+    first: (2,), half diameter.
+    second: (2,), half diameter that is conjugate to it.
+    start: rad.
+    end: rad.
+    """
 
     center: FloatArray
     first: FloatArray
@@ -38,7 +49,7 @@ class Oval(Struct, frozen=True, eq=False):
     end: float
 
 
-#: Points (N, 2) of lines, control points (S, degree + 1, 2) of Bezier segments, or an elliptical arc.
+#: Points (N, 2) of lines, control points (S, degree + 1, 2) of Bezier segments, or an arc.
 Run = FloatArray | Oval
 
 
@@ -50,7 +61,7 @@ class Subpath(Struct, frozen=True, eq=False):
 
 
 def tracks(data: str) -> tuple[list[Subpath], str]:
-    """The subpaths of the path data up to its first fault, and what that is: "" for none (section 8.3.9)."""
+    """The subpaths of path data up to its first fault, and the fault; "" without a fault."""
     pen = _Pen()
     try:
         for letter, values in _commands(data):
@@ -67,30 +78,32 @@ def _commands(data: str) -> Iterator[tuple[str, list[float]]]:
     if parts[0].translate(_SEPARATORS):
         raise Malformed("path data begins without a command")
     for letter, text in zip(parts[1::2], parts[2::2], strict=True):
-        arc = letter in "Aa"
-        found = [v for group in _ARC.findall(text) for v in group] if arc else NUMBER.findall(text)
+        is_arc = letter in "Aa"
+        texts = list(chain(*_ARC.findall(text))) if is_arc else NUMBER.findall(text)
         size = _TAKES[letter.upper()]
-        clean = "".join(found) == text.translate(_SEPARATORS)
-        if not clean:
-            found = _good(_ARC if arc else _NUMBER, text)
-        whole = len(found) // size * size if size else 0
-        yield letter, [float(v) for v in found[:whole]]
-        if not clean or whole != len(found) or (size and not found):
+        is_clean = "".join(texts) == text.translate(_SEPARATORS)
+        if "," in text and STRAY_COMMA.search(text):
+            is_clean = False
+        if not is_clean:
+            texts = _read_numbers(_ARC if is_arc else _NUMBER, text)
+        whole = len(texts) // size * size if size else 0
+        yield letter, [float(text) for text in texts[:whole]]
+        if not is_clean or whole != len(texts) or (size and not texts):
             raise Malformed(f"path data is damaged in a {letter} command")
 
 
-def _good(pattern: re.Pattern[str], text: str) -> list[str]:
-    """The numbers up to the first thing that is none."""
-    found: list[str] = []
+def _read_numbers(pattern: re.Pattern[str], text: str) -> list[str]:
+    """The numbers up to the first word that is not a number."""
+    numbers: list[str] = []
     match = pattern.match(text)
     while match:
-        found += match.groups()
+        numbers += match.groups()
         match = pattern.match(text, match.end())
-    return found
+    return numbers
 
 
 class _Pen:
-    """The state that path data changes: where the pen is, where the subpath began, the last control point."""
+    """The state that path data changes: pen, start of the subpath, last control point."""
 
     def __init__(self) -> None:
         self.done: list[Subpath] = []
@@ -175,14 +188,10 @@ class _Pen:
     def _lines(self, v: list[float], relative: bool) -> None:
         """Many lines at once."""
         self._l(v[:2], relative)
-        ways = v[2::2], v[3::2]
+        xs, ys = v[2::2], v[3::2]
         if relative:
-            xs, ys = (
-                list(accumulate(way, initial=at))[1:]
-                for way, at in zip(ways, (self.x, self.y), strict=True)
-            )
-        else:
-            xs, ys = ways
+            xs = list(accumulate(xs, initial=self.x))[1:]
+            ys = list(accumulate(ys, initial=self.y))[1:]
         self.rows.extend(zip(xs, ys, strict=True))
         self.x, self.y = xs[-1], ys[-1]
         self.control = (self.x, self.y, 1)
@@ -257,8 +266,8 @@ def _oval(
         first, second, chord, half = first * half, second * half, chord / half, 1.0
     middle = (start + end) / 2
     # The centre lies to the left of the chord (in these axes) where large and sweep differ.
-    away = math.sqrt(max(0.0, 1 - half * half)) / (2 * half) * (1 if large != sweep else -1)
-    offset = np.array([-chord[1], chord[0]]) * away
+    distance = math.sqrt(max(0.0, 1 - half * half)) / (2 * half) * (1 if large != sweep else -1)
+    offset = np.array([-chord[1], chord[0]]) * distance
     center = middle + first * offset[0] + second * offset[1]
     low = -chord / 2 - offset
     begin = math.atan2(low[1], low[0])
@@ -267,24 +276,95 @@ def _oval(
     return Oval(center, first, second, begin, begin + (angle if sweep else -angle))
 
 
-# The basic shapes of SVG as the subpaths that they stand for (SVG 1.1, chapter 9).
+def list_corners(subpaths: Sequence[Subpath]) -> FloatArray | None:
+    """The corners (N, 2) of a polygon; None for curves, for several subpaths and for none."""
+    if len(subpaths) != 1 or len(subpaths[0].runs) != 1:
+        return None
+    run = subpaths[0].runs[0]
+    if not isinstance(run, np.ndarray) or run.ndim != 2:
+        return None
+    return run[:-1] if np.array_equal(run[0], run[-1]) else run
+
+
+def measure_bounds(subpaths: list[Subpath]) -> ViewBox:
+    """The box around subpaths, user units. Raises Malformed without subpaths."""
+    runs = chain.from_iterable(subpath.runs for subpath in subpaths)
+    extremes = [_find_extremes(run) for run in runs]
+    if not extremes:
+        raise Malformed("a box around nothing")
+    points = np.concatenate(extremes)
+    x, y = points.min(axis=0).tolist()
+    width, height = np.ptp(points, axis=0).tolist()
+    return ViewBox(x, y, width, height)
+
+
+def _find_extremes(run: Run) -> FloatArray:
+    """Points (N, 2) of a run that include its extremes along both axes."""
+    if isinstance(run, Oval):
+        return _find_extremes_of_arc(run)
+    if run.ndim == 2:
+        return run
+    points = [run[:, 0], run[:, -1]]
+    for segment in run:
+        for coordinates in segment.T:
+            polynomial = _bernstein(coordinates)
+            roots = polynomial.deriv().roots()
+            inner = roots.real[(abs(roots.imag) < 1e-9) & (roots.real > 0) & (roots.real < 1)]
+            columns = [_bernstein(values)(inner) for values in segment.T]
+            points.append(np.column_stack(columns))
+    return np.concatenate(points)
+
+
+def _bernstein(values: FloatArray) -> np.polynomial.Polynomial:
+    """A coordinate of a Bezier segment as a polynomial of its parameter."""
+    rows = {
+        3: [[1, 0, 0], [-2, 2, 0], [1, -2, 1]],
+        4: [[1, 0, 0, 0], [-3, 3, 0, 0], [3, -6, 3, 0], [-1, 3, -3, 1]],
+    }
+    return np.polynomial.Polynomial(np.array(rows[len(values)]) @ values)
+
+
+def _find_extremes_of_arc(arc: Oval) -> FloatArray:
+    low, high = sorted((arc.start, arc.end))
+    angles = [low, high]
+    for axis in (0, 1):
+        extreme = math.atan2(arc.second[axis], arc.first[axis])
+        first = math.ceil((low - extreme) / math.pi)
+        last = math.floor((high - extreme) / math.pi)
+        angles += [extreme + k * math.pi for k in range(first, last + 1)]
+    t = np.array(angles)[:, None]
+    return np.asarray(arc.center + np.cos(t) * arc.first + np.sin(t) * arc.second)
+
+
+# The basic shapes of SVG as the subpaths that they stand for (SVG 2, chapter 10).
 
 View = tuple[float, float]
 Attributes = Mapping[str, str]
 
 
 def shape(kind: str, attributes: Attributes, view: View) -> tuple[list[Subpath], str]:
-    """The subpaths of a shape and what is wrong with it. Raises Malformed where nothing of it can be drawn."""
+    """The subpaths of a shape and its fault. Raises Malformed if nothing of it can be drawn."""
     return _SHAPES[kind](attributes, view)
 
 
 def _value(attributes: Attributes, name: str, view: View, default: float = 0.0) -> float:
     text = attributes.get(name)
-    return default if text is None or text.strip() == "auto" else length(text, name, view)
+    if text is None or text.strip() in ("", "auto"):
+        return default
+    value = length(text, name, view)
+    if value < 0 and name in ("rx", "ry"):
+        raise Malformed("a negative radius")
+    return value
 
 
-def _path(attributes: Attributes, view: View) -> tuple[list[Subpath], str]:  # noqa: ARG001 (one of a table)
-    return tracks(attributes.get("d", ""))
+def _path(attributes: Attributes, view: View) -> tuple[list[Subpath], str]:  # noqa: ARG001
+    data = attributes.get("d", "")
+    if data.startswith("path("):
+        match = _PATH_FUNCTION.fullmatch(data)
+        if match is None:
+            raise Malformed(f"d is not a path: {data[:20]!r}")
+        data = match[2]
+    return tracks("" if data.strip() == "none" else data)
 
 
 def _line(attributes: Attributes, view: View) -> tuple[list[Subpath], str]:

@@ -1,224 +1,180 @@
-"""The walk through an SVG document: shapes with their matrices and layers, and counts of what is left out."""
+"""The walk through an SVG document: shapes with their matrices, and reports of the rest."""
 
 from __future__ import annotations
 
-import re
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from xml.etree.ElementTree import Element
 
 import numpy as np
 from msgspec import Struct, field
+from msgspec.structs import replace
 
 from camgen.model.errors import InputError
 from camgen.model.limits import Limits, tell
 from camgen.model.pose import FloatArray
 from camgen.model.text import harmless
-from camgen.read.colors import resolve_css
 from camgen.read.dxf.layers import Layers
-from camgen.read.svg.path import KINDS, Subpath, shape
-from camgen.read.svg.values import Malformed, combine, fit_viewport, length, transform, view_box
+from camgen.read.svg.clip import HalfPlanes, join_half_planes, make_half_planes
+from camgen.read.svg.path import KINDS, Subpath, list_corners, measure_bounds, shape
+from camgen.read.svg.style import (
+    CONDITION,
+    Cascade,
+    Paint,
+    Painter,
+    Style,
+    find_reference,
+    is_gone,
+    select_inherited,
+)
+from camgen.read.svg.transforms import find_matrix
+from camgen.read.svg.values import Malformed, ViewBox, combine, fit_viewport, length, view_box
+from camgen.read.svg.vocabulary import (
+    ANIMATIONS,
+    EFFECTS,
+    GEOMETRY,
+    GROUPS,
+    REPORTED_ATTRIBUTES,
+    REPORTED_ELEMENTS,
+    SILENT_ELEMENTS,
+    UNREAD,
+)
 
-# Whether the style of an element lets it be drawn: attributes, simple rules of style sheets, inheritance.
-
-#: The properties looked at; those of the second group a child has from its parent.
-_OWN = ("display", "opacity", "clip-path", "mask")
-_INHERITED = (
-    "visibility", "color", "stroke", "fill", "stroke-opacity", "fill-opacity", "stroke-dasharray",
-    "marker", "marker-start", "marker-mid", "marker-end",
-)  # fmt: skip
-PROPERTIES = frozenset((*_OWN, *_INHERITED))
-_RULE = re.compile(r"([^{}]*)\{([^{}]*)\}")
-_COMMENT = re.compile(r"/\*.*?\*/", re.S)
-#: An element, a class, an id, or an element with a class or an id.
-_SELECTOR = re.compile(r"(?P<tag>[\w-]+|\*)?(?:\.(?P<cls>[\w-]+)|#(?P<id>[\w-]+))?")
-
-Style = dict[str, str]
-
-
-class StyleSheet(Struct):
-    """Rules by what they select: (tag, class, id) to declarations. unknown: selectors that were not understood."""
-
-    rules: dict[tuple[str, str, str], Style] = field(default_factory=dict)
-    unknown: list[str] = field(default_factory=list)
-
-    def add(self, text: str) -> None:
-        """The rules of a style sheet; of rules for the same elements the later one wins."""
-        text = _COMMENT.sub(" ", text)
-        for block in re.findall(r"@[\w-]+[^{};]*\{(?:[^{}]*\{[^{}]*\})*[^{}]*\}", text):
-            self.unknown.append(block.split("{")[0].strip())
-            text = text.replace(block, " ")
-        for selectors, body in _RULE.findall(re.sub(r"@[\w-]+[^{};]*;", " ", text)):
-            wanted = declarations(body)
-            if wanted:
-                for selector in selectors.split(","):
-                    self._rule(selector.strip(), wanted)
-
-    def _rule(self, selector: str, wanted: Style) -> None:
-        match = _SELECTOR.fullmatch(selector)
-        if match is None or not selector:
-            self.unknown.append(selector)
-            return
-        tag = (match["tag"] or "").replace("*", "")
-        self.rules.setdefault((tag, match["cls"] or "", match["id"] or ""), {}).update(wanted)
-
-    def of(self, tag: str, attributes: Mapping[str, str]) -> Style:
-        """What the sheet says about an element: ids win over classes, classes over elements."""
-        if not self.rules:
-            return {}
-        classes = attributes.get("class", "").split()
-        name = attributes.get("id", "")
-        found: Style = {}
-        keys = [
-            ("", "", ""),
-            (tag, "", ""),
-            *(("", c, "") for c in classes),
-            *((tag, c, "") for c in classes),
-        ]
-        for key in (*keys, ("", "", name), (tag, "", name)):
-            found |= self.rules.get(key, {})
-        return found
-
-
-def declarations(text: str) -> Style:
-    """The declarations that matter here, without ``!important``, in lower case."""
-    found = {}
-    for part in text.split(";"):
-        name, colon, value = part.partition(":")
-        name = name.strip().lower()
-        if colon and name in PROPERTIES:
-            found[name] = value.replace("!important", "").strip().lower()
-    return found
-
-
-def is_styled(parent: Style, tag: str, attributes: Mapping[str, str], sheet: StyleSheet) -> Style:
-    """The style of an element: its attributes, then the sheet, then its style attribute, else its parent's."""
-    own = {name: value.strip().lower() for name, value in attributes.items() if name in PROPERTIES}
-    own |= sheet.of(tag, attributes)
-    if "style" in attributes:
-        own |= declarations(attributes["style"])
-    result = {name: parent[name] for name in _INHERITED if name in parent}
-    result |= {name: value for name, value in own.items() if value != "inherit"}
-    return result
-
-
-def is_gone(style: Style) -> str:
-    """Why an element and all that it holds is not shown, "" where it is."""
-    if style.get("display") == "none":
-        return "display is none"
-    return "opacity is 0" if _zero(style.get("opacity", "1")) else ""
-
-
-def unseen(style: Style) -> str:
-    """Why a shape is not shown, "" where it is."""
-    if style.get("visibility") in ("hidden", "collapse"):
-        return "visibility is hidden"
-    return (
-        ""
-        if _paint(style, "stroke", "none") or _paint(style, "fill", "black")
-        else "neither stroke nor fill"
-    )
-
-
-def _paint(style: Style, name: str, initial: str) -> str:
-    """What stroke or fill is painted with, "" where it is not. initial: where nobody says it."""
-    paint = style.get(name, initial)
-    return (
-        ""
-        if paint in ("none", "transparent") or _zero(style.get(f"{name}-opacity", "1"))
-        else paint
-    )
-
-
-def _color(style: Style) -> str:
-    """The color of what is seen of a shape: its stroke, else its fill; "" for gradients, patterns and unknown names."""
-    paint = _paint(style, "stroke", "none") or _paint(style, "fill", "black")
-    if paint.startswith("url("):  # a gradient or a pattern, and what is painted where there is none
-        paint = paint.partition(")")[2].strip()
-    return resolve_css(style.get("color", "black") if paint == "currentcolor" else paint)
-
-
-def _zero(text: str) -> bool:
-    try:
-        return float(text.rstrip("%")) <= 0
-    except ValueError:
-        return False
-
-
-_SVG = "{http://www.w3.org/2000/svg}"
+SVG = "{http://www.w3.org/2000/svg}"
 _INKSCAPE = "{http://www.inkscape.org/namespaces/inkscape}"
 _HREF = ("href", "{http://www.w3.org/1999/xlink}href")
-_GROUPS = frozenset({"g", "a", "switch", "svg"})
-#: What only defines things, or says nothing about curves.
-_SILENT = frozenset(
-    {"defs", "symbol", "style", "title", "desc", "metadata", "script", "clipPath", "mask", "pattern", "marker", "view",
-     "linearGradient", "radialGradient", "filter", "color-profile", "cursor", "font", "font-face"}
-)  # fmt: skip
-#: Properties that change what is seen and are not followed.
-_EFFECTS = ("clip-path", "mask")
-_MARKERS = ("marker", "marker-start", "marker-mid", "marker-end")
+_MOVED = "its animation is not followed: drawn without it"
+_CLIPPED = "its clip-path is not followed: drawn without it"
+#: Elements with a style sheet: a browser takes that of a web page too.
+_STYLES = (SVG + "style", "{http://www.w3.org/1999/xhtml}style")
+#: Attributes that move a reference.
+_PLACES = frozenset({"x", "y", "transform", "clip-path", "class"})
+#: Reason for the children of a switch that are not drawn.
+SWITCHED = "another child of its switch is drawn"
+#: Attributes and properties that are tested on each element; most elements have none of them.
+_RARE_PROPERTIES = frozenset({*EFFECTS, *UNREAD, "clip-path"})
+_RARE_ATTRIBUTES = frozenset({*REPORTED_ATTRIBUTES, "requiredExtensions", "systemLanguage"})
 
 
 class DrawnShape(Struct):
-    """What the walk collects. One shape is tracks under a matrix, its tag, layer and color; ``left`` counts by reason,
-    kind, layer.
+    """A shape that is drawn.
+
+    subpaths: its runs, in user units.
+    matrix: (2, 3), mm in the work frame of the user units.
+    kind: name of its element.
+    layer: name of its layer.
+    paint: its paint.
+    name: its id, empty without one.
+    clip: edges that cut it, None without any.
+    """
+
+    subpaths: tuple[Subpath, ...]
+    matrix: FloatArray
+    kind: str
+    layer: str
+    paint: Paint
+    name: str
+    clip: HalfPlanes | None
+
+
+class Drawing(Struct):
+    """The results of the walk.
+
+    layers: states of the layers.
+    shapes: drawn shapes, the lowest first.
+    reports: reasons with the number of elements by kind and layer.
+    ids: ids of the first elements of each reason.
+    dashed: number of shapes with dashes.
+    met: number of shapes by kind and layer, drawn or not.
     """
 
     layers: Layers
-    tracks: list[tuple[Subpath, ...]] = field(default_factory=list)
-    matrices: list[FloatArray] = field(default_factory=list)
-    kinds: list[str] = field(default_factory=list)
-    names: list[str] = field(default_factory=list)
-    colors: list[str] = field(default_factory=list)
-    left: dict[str, Counter[tuple[str, str]]] = field(default_factory=dict)
-    effects: Counter[str] = field(default_factory=Counter)
+    shapes: list[DrawnShape] = field(default_factory=list)
+    reports: dict[str, Counter[tuple[str, str]]] = field(default_factory=dict)
+    ids: dict[str, list[str]] = field(default_factory=dict)
     dashed: int = 0
     met: Counter[tuple[str, str]] = field(default_factory=Counter)
 
-    def leave(self, why: str, kind: str, layer: str) -> None:
-        """Counts one element that is not used."""
-        self.left.setdefault(why, Counter())[kind, layer] += 1
+    def report(self, reason: str, kind: str, layer: str, name: str = "") -> None:
+        """Counts an element that is not drawn, or is drawn without what the reason states."""
+        self.reports.setdefault(reason, Counter())[kind, layer] += 1
+        if name:
+            self.ids.setdefault(reason, []).append(name)
 
 
 class _Place(Struct, frozen=True):
-    """Where the walk is. view: of the viewport, user units. inside: elements that refer to what is walked through.
+    """The place of an element in the document.
 
-    layered: an Inkscape layer named the layer. grouped: a group did.
+    matrix: (2, 3), mm of user units.
+    style: style of its parent.
+    inherited: part of that style which children have.
+    view: width and height of the viewport, user units.
+    layer: name of the layer that groups around it give; empty without any.
+    inside: references within which it is drawn.
+    clip: edges of the viewports and clip paths around it.
+    effects: reasons for which shapes in it are reported and drawn.
     """
 
     matrix: FloatArray
     style: Style
+    inherited: Style
     view: tuple[float, float]
     layer: str = ""
-    layered: bool = False
     inside: frozenset[str] = frozenset()
+    clip: HalfPlanes | None = None
+    effects: frozenset[str] = frozenset()
+
+
+class Document:
+    """A document before the walk.
+
+    root: outermost element.
+    ids: elements by id.
+    cascade: style sheets.
+    moved: ids of elements that animations elsewhere refer to.
+    style: style of the outermost element.
+    painter: finds the paints of shapes.
+    """
+
+    def __init__(self, root: Element) -> None:
+        self.root = root
+        self.cascade = Cascade(root)
+        self.ids: dict[str, Element] = {}
+        self.moved: set[str] = set()
+        for element in root.iter():
+            if "id" in element.attrib:
+                self.ids.setdefault(element.attrib["id"], element)
+            if element.tag in _STYLES:
+                self.cascade.sheet.add(element)
+            elif _name(element) in ANIMATIONS:
+                self.moved.add(_reference(element))
+        self.style = self.cascade.style({}, {}, root)
+        self.painter = Painter(self.ids)
 
 
 def walk(
     file: str,
-    root: Element,
+    document: Document,
     matrix: FloatArray,
     view: tuple[float, float],
     layers: Layers,
     limits: Limits,
-) -> DrawnShape:
-    """All shapes below ``root``. matrix: (2, 3), mm of its user units. InputError for a document that never ends."""
-    drawn = DrawnShape(layers)
-    sheet = StyleSheet()
-    ids: dict[str, Element] = {}
-    for element in root.iter():
-        if "id" in element.attrib:
-            ids.setdefault(element.attrib["id"], element)
-        if element.tag == _SVG + "style":
-            sheet.add("".join(element.itertext()))
-    place = _Place(matrix, is_styled({}, "svg", root.attrib, sheet), view)
-    walker = _Walk(file, drawn, sheet, ids, limits.svg_depth)
+) -> Drawing:
+    """Finds all shapes of a document.
+
+    matrix: (2, 3), mm of the user units of its outermost element.
+    view: width and height of its viewport, user units.
+    Raises InputError for a document that never ends.
+    """
+    drawing = Drawing(layers)
+    walker = _Walker(file, drawing, document, limits.svg_depth)
     # Depth first by a list: documents nest deeper than Python calls.
-    todo = [(child, place) for child in reversed(root)] if not is_gone(place.style) else []
+    pending = list(walker.enter_root(matrix, view))
+    pending.reverse()
     steps = uses = 0
-    while todo:
-        element, place = todo.pop()
-        todo += reversed(list(walker.step(element, place)))
+    while pending:
+        element, place = pending.pop()
+        pending += reversed(list(walker.step(element, place)))
         steps += 1
         uses += bool(place.inside)
         if uses > limits.svg_uses:
@@ -226,103 +182,208 @@ def walk(
             raise InputError(
                 file, what, remedy="draw the shapes themselves, or raise limits.svg_uses"
             )
-        if steps + len(todo) > limits.svg_elements:
+        if steps + len(pending) > limits.svg_elements:
             what = f"has more than {tell(limits.svg_elements)} elements"
             raise InputError(file, what, remedy="split the drawing, or raise limits.svg_elements")
-    for selector in sheet.unknown:
-        drawn.leave(
-            "rules of the style sheet for other than elements, classes and ids",
-            harmless(selector, 40),
-            "",
-        )
-    return drawn
+    for selector in document.cascade.sheet.unread:
+        drawing.report("rules of the style sheet that are not read", harmless(selector, 40), "")
+    return drawing
 
 
-class _Walk(Struct):
-    """What every step needs. deepest: references within each other."""
+class _Walker(Struct):
+    """The state of all steps.
+
+    deepest: number of references within each other that are allowed.
+    """
 
     file: str
-    drawn: DrawnShape
-    sheet: StyleSheet
-    ids: dict[str, Element]
+    drawing: Drawing
+    document: Document
     deepest: float
 
-    def step(self, element: Element, place: _Place) -> Iterator[tuple[Element, _Place]]:
-        """Draws ``element``, or gives what is inside it with the place there."""
-        if not isinstance(element.tag, str) or not element.tag.startswith(_SVG):
-            return
-        tag = element.tag.removeprefix(_SVG)
-        if tag in _SILENT:
-            return
-        style = is_styled(place.style, tag, element.attrib, self.sheet)
-        layer = place.layer or harmless(_own_layer(style))
-        why = is_gone(style)
-        if why:
-            for inner in element.iter():
-                kind = str(inner.tag).removeprefix(_SVG)
-                if kind in KINDS or kind == "use":
-                    self.drawn.leave(why, kind, layer)
-            return
-        for effect in _EFFECTS:
-            self.drawn.effects[effect] += style.get(effect, "none") != "none"
-        try:
-            yield from self._inside(element, tag, place, style, layer)
-        except Malformed as error:
-            self.drawn.leave(str(error), tag, layer)
-
-    def _inside(
-        self, element: Element, tag: str, place: _Place, style: Style, layer: str
+    def enter_root(
+        self, matrix: FloatArray, view: tuple[float, float]
     ) -> Iterator[tuple[Element, _Place]]:
-        matrix = place.matrix
-        if "transform" in element.attrib:
-            matrix = combine(matrix, transform(element.attrib["transform"]))
-        here = _Place(matrix, style, place.view, place.layer, place.layered, place.inside)
-        if tag in KINDS:
-            self._draw(element, tag, here, layer)
-        elif tag == "use":
-            yield from self._use(element, here, layer)
-        elif tag in _GROUPS:
-            if tag == "svg":
-                here = _viewport(element, here, element.attrib)
-            here = _group(element, tag, here)
-            yield from ((child, here) for child in element)
-        elif tag in ("text", "image", "foreignObject"):
-            self.drawn.leave("only shapes and paths are drawn", tag, layer)
-        elif tag.startswith(("animate", "set")):
-            self.drawn.leave("what moves is drawn where it begins", tag, layer)
-        else:
-            self.drawn.leave("not an element of SVG that camgen knows", harmless(tag, 40), layer)
-
-    def _draw(self, element: Element, tag: str, place: _Place, layer: str) -> None:
-        drawn = self.drawn
-        drawn.met[tag, layer] += 1
-        for child in element:
-            if str(child.tag).removeprefix(_SVG).startswith(("animate", "set")):
-                drawn.leave(
-                    "what moves is drawn where it begins", str(child.tag).removeprefix(_SVG), layer
-                )
-        asked = drawn.layers.why_not(layer)
-        why = unseen(place.style) or asked
-        if why:
-            drawn.leave(why, tag, layer)
+        """The children of the outermost element."""
+        document = self.document
+        root, style = document.root, document.style
+        place = _Place(matrix, {}, {}, view)
+        try:
+            _check_readable(root, style)
+            reason = is_gone(style) or _condition(root)
+        except Malformed as error:
+            reason = str(error)
+        if reason:
+            self._report_all(reason, root, place)
             return
-        tracks, fault = shape(tag, element.attrib, place.view)
-        if fault:
-            drawn.leave(f"{fault}: drawn up to there", tag, layer)
-        if tracks:
-            drawn.effects["markers"] += any(
-                place.style.get(name, "none") != "none" for name in _MARKERS
-            )
-            drawn.dashed += place.style.get("stroke-dasharray", "none") != "none"
-            drawn.tracks.append(tuple(tracks))
-            drawn.matrices.append(place.matrix)
-            drawn.kinds.append(tag)
-            drawn.names.append(layer)
-            drawn.colors.append(_color(place.style))
+        inner = self._place_inside(root, place, style, matrix)
+        yield from ((child, inner) for child in root)
 
-    def _use(self, element: Element, place: _Place, layer: str) -> Iterator[tuple[Element, _Place]]:
-        name = next((element.attrib[key] for key in _HREF if key in element.attrib), "")
-        target = self.ids.get(name.removeprefix("#")) if name.startswith("#") else None
+    def step(self, element: Element, place: _Place) -> Iterator[tuple[Element, _Place]]:
+        """Draws an element, or gives its children with their place."""
+        tag = _name(element)
+        if tag in SILENT_ELEMENTS or not isinstance(element.tag, str):
+            return
+        if not tag:
+            self._report_all("within an element that is not of SVG", element, place)
+            return
+        style = self.document.cascade.style(place.style, place.inherited, element)
+        reason = is_gone(style) or _condition(element)
+        if reason:
+            self._report_all(reason, element, place)
+            return
+        try:
+            yield from self._enter(element, tag, place, style)
+        except Malformed as error:
+            self._report_all(str(error), element, place)
+
+    def _enter(
+        self, element: Element, tag: str, place: _Place, style: Style
+    ) -> Iterator[tuple[Element, _Place]]:
+        if tag in ANIMATIONS:
+            self.drawing.report(_MOVED, tag, self._layer(place, style))
+        elif tag in KINDS:
+            self._draw(element, tag, place, style)
+        elif tag in GROUPS or tag == "use":
+            _check_readable(element, style)
+            matrix = self._matrix(element, place, style, None)
+            inner = self._place_inside(element, place, style, matrix)
+            if tag == "use":
+                yield from self._use(element, inner)
+                return
+            if tag == "svg":
+                inner = _viewport(element, inner, element.attrib, style)
+            yield from ((child, inner) for child in self._choose(element, tag, inner))
+        else:
+            unknown = "not an element of SVG that camgen knows"
+            self._report_all(REPORTED_ELEMENTS.get(tag, unknown), element, place)
+
+    def _matrix(
+        self, element: Element, place: _Place, style: Style, subpaths: list[Subpath] | None
+    ) -> FloatArray:
+        """The matrix in an element.
+
+        subpaths: subpaths of a shape; None for a group.
+        """
+
+        def measure() -> ViewBox:
+            if subpaths is None:
+                raise Malformed("transform-box of an element with children is not read")
+            return measure_bounds(subpaths)
+
+        box = ViewBox(0.0, 0.0, *place.view)
+        matrix = find_matrix(element.attrib, style, box, measure)
+        return place.matrix if matrix is None else combine(place.matrix, matrix)
+
+    def _place_inside(
+        self, element: Element, place: _Place, style: Style, matrix: FloatArray
+    ) -> _Place:
+        """The place of the children of an element."""
+        effects, clip = self._find_effects(element, place, style, matrix)
+        inherited, layer = select_inherited(style), _group_layer(element, place)
+        return _Place(matrix, style, inherited, place.view, layer, place.inside, clip, effects)
+
+    def _find_effects(
+        self, element: Element, place: _Place, style: Style, matrix: FloatArray
+    ) -> tuple[frozenset[str], HalfPlanes | None]:
+        """The reasons to report shapes in an element, and the edges that cut them."""
+        effects, clip = place.effects, place.clip
+        if not _RARE_PROPERTIES.isdisjoint(style):
+            effects |= _list_effects(style)
+            if style.get("clip-path", "none") != "none":
+                edges = self._find_clip(style["clip-path"], matrix, place.view)
+                if edges is None:
+                    effects |= {_CLIPPED}
+                else:
+                    clip = join_half_planes(clip, edges)
+        if self._is_moved(element):
+            effects |= {_MOVED}
+        if CONDITION in style:
+            condition = harmless(style[CONDITION], 40)
+            effects |= {f"{condition} is not evaluated: drawn without it"}
+        return effects, clip
+
+    def _is_moved(self, element: Element) -> bool:
+        if len(element) and any(_name(child) in ANIMATIONS for child in element):
+            return True
+        return element.attrib.get("id") in self.document.moved
+
+    def _find_clip(
+        self, value: str, matrix: FloatArray, view: tuple[float, float]
+    ) -> HalfPlanes | None:
+        """The edges of a clip path with one convex polygon; None for any other clip path."""
+        target = self.document.ids.get(find_reference(value))
+        if target is None or target.tag != SVG + "clipPath":
+            return None
+        words = [word for word in target.attrib if not word.startswith("{")]
+        units = target.attrib.get("clipPathUnits", "userSpaceOnUse")
+        if {*words} - {"id", "clipPathUnits"} or units != "userSpaceOnUse" or len(target) != 1:
+            return None
+        child = target[0]
+        if _name(child) == "use" and child.attrib.keys().isdisjoint(_PLACES):
+            # Illustrator refers to the rectangle.
+            child = self.document.ids.get(_reference(child), child)
+        style = self.document.cascade.style({}, {}, child)
+        kind = _name(child)
+        if kind not in KINDS or is_gone(style) or _condition(child) or len(child):
+            return None
+        if not {"clip-path", "visibility", CONDITION}.isdisjoint(style) or self._is_moved(child):
+            return None
+        try:
+            subpaths, fault = shape(kind, _geometry(child, style), view)
+            place = _Place(matrix, {}, {}, view)
+            matrix = self._matrix(child, place, style, subpaths)
+        except Malformed:
+            return None
+        corners = list_corners(subpaths)
+        return None if fault or corners is None else _make_clip(corners, matrix)
+
+    def _draw(self, element: Element, tag: str, place: _Place, style: Style) -> None:
+        drawing = self.drawing
+        paint = self.document.painter.paint(style)
+        layer = place.layer or harmless(paint.layer)
+        drawing.met[tag, layer] += 1
+        reason = paint.reason or drawing.layers.why_not(layer)
+        if reason:
+            self._report(reason, element, layer)
+            return
+        _check_readable(element, style)
+        subpaths, fault = shape(tag, _geometry(element, style), place.view)
+        matrix = self._matrix(element, place, style, subpaths)
+        if fault:
+            self._report(f"{fault}: drawn up to there", element, layer)
+        if not subpaths:
+            return
+        effects, clip = self._find_effects(element, place, style, matrix)
+        for loss in (*sorted(effects), *paint.losses):
+            self._report(loss, element, layer)
+        drawing.dashed += paint.is_dashed
+        name = element.attrib.get("id", "")
+        drawing.shapes.append(DrawnShape(tuple(subpaths), matrix, tag, layer, paint, name, clip))
+
+    def _choose(self, element: Element, tag: str, place: _Place) -> Iterable[Element]:
+        """The children of a group that are drawn.
+
+        Of a switch that is the first one whose conditions hold; a link in a link is not drawn. The
+        others are reported.
+        """
+        if tag == "a":
+            for child in element.iterfind(SVG + "a"):
+                self._report_all("a link within a link is not drawn", child, place)
+            return [child for child in element if _name(child) != "a"]
+        if tag != "switch":
+            return element
+        children = [child for child in element if _name(child) and _name(child) not in ANIMATIONS]
+        chosen = next((child for child in children if not _condition(child)), None)
+        for child in children:
+            if child is not chosen:
+                reason = _condition(child) if chosen is None else SWITCHED
+                self._report_all(reason, child, place)
+        return [] if chosen is None else [chosen]
+
+    def _use(self, element: Element, place: _Place) -> Iterator[tuple[Element, _Place]]:
+        name = _reference(element)
+        target = self.document.ids.get(name) if name else None
         if target is None:
             raise Malformed("refers to nothing in this file")
         if name in place.inside:
@@ -332,64 +393,134 @@ class _Walk(Struct):
             raise InputError(
                 self.file, what, remedy="draw the shapes themselves, or raise limits.svg_depth"
             )
-        x, y = (length(element.attrib.get(key, "0"), key, place.view) for key in ("x", "y"))
+        words = _geometry(element, place.style)
+        x, y = (length(words.get(key) or "0", key, place.view) for key in ("x", "y"))
         matrix = combine(place.matrix, np.array([[1.0, 0.0, x], [0.0, 1.0, y]]))
-        inside = place.inside | {name}
-        here = _Place(matrix, place.style, place.view, place.layer, place.layered, inside)
-        if target.tag in (_SVG + "symbol", _SVG + "svg"):
-            size = {
-                **target.attrib,
-                **{k: v for k, v in element.attrib.items() if k in ("width", "height")},
-            }
-            style = is_styled(place.style, "symbol", target.attrib, self.sheet)
-            if is_gone(style):
-                self.drawn.leave(is_gone(style), "use", layer)
-                return
-            here = _viewport(target, _with_style(here, style), size)
-            yield from ((child, here) for child in target)
-        else:
-            yield target, here
+        inner = replace(place, matrix=matrix, inside=place.inside | {name})
+        if target.tag not in (SVG + "symbol", SVG + "svg"):
+            yield target, inner
+            return
+        _check_size(place.style)
+        style = self.document.cascade.style(place.style, place.inherited, target)
+        reason = is_gone(style) or _condition(target)
+        if reason:
+            raise Malformed(reason)
+        _check_readable(target, style)
+        size = {key: value for key, value in element.attrib.items() if key in ("width", "height")}
+        matrix = self._matrix(target, inner, style, None)
+        within = self._place_inside(target, inner, style, matrix)
+        within = _viewport(target, within, {**target.attrib, **size}, style)
+        yield from ((child, within) for child in target)
+
+    def _layer(self, place: _Place, style: Style) -> str:
+        return place.layer or harmless(self.document.painter.paint(style).layer)
+
+    def _report(self, reason: str, element: Element, layer: str) -> None:
+        name = element.attrib.get("id", "") or _reference(element)
+        self.drawing.report(reason, harmless(_name(element), 40), layer, name)
+
+    def _report_all(self, reason: str, element: Element, place: _Place) -> None:
+        """Reports an element that is left out, and the shapes in it."""
+        tag = _name(element)
+        for inner in element.iter():
+            kind = _name(inner)
+            is_drawn = kind in KINDS or kind == "use" or kind in REPORTED_ELEMENTS
+            if is_drawn or (inner is element and tag and tag not in GROUPS):
+                layer = place.layer
+                if not layer:
+                    layer = self._layer(
+                        place, self.document.cascade.style(place.style, place.inherited, inner)
+                    )
+                self._report(reason, inner, layer)
 
 
-def _with_style(place: _Place, style: Style) -> _Place:
-    return _Place(place.matrix, style, place.view, place.layer, place.layered, place.inside)
+def _name(element: Element) -> str:
+    """The name of an element of SVG; empty for a comment and for an element that is not of SVG."""
+    tag = element.tag
+    return tag[len(SVG) :] if isinstance(tag, str) and tag.startswith(SVG) else ""
 
 
-def _viewport(element: Element, place: _Place, size: dict[str, str]) -> _Place:
-    """The place inside a nested svg or a symbol: its box laid into its width and height (section 7.9)."""
+def _reference(element: Element) -> str:
+    """The id that an element refers to; empty without one in this file."""
+    link = next((element.attrib[key] for key in _HREF if key in element.attrib), "")
+    return link[1:] if link.startswith("#") else ""
+
+
+def _condition(element: Element) -> str:
+    """The condition that an element depends on and that does not hold; empty without one."""
+    for name in ("requiredExtensions", "systemLanguage"):
+        if name in element.attrib:
+            return f"its {name} is not known to hold"
+    return ""
+
+
+def _check_readable(element: Element, style: Style) -> None:
+    """Raises Malformed for a word that changes place or size and is not read."""
+    if not _RARE_ATTRIBUTES.isdisjoint(element.attrib):
+        for name in sorted(REPORTED_ATTRIBUTES.keys() & element.attrib.keys()):
+            raise Malformed(REPORTED_ATTRIBUTES[name])
+    if not _RARE_PROPERTIES.isdisjoint(style):
+        for name in sorted(UNREAD.keys() & style.keys()):
+            if style[name] not in UNREAD[name]:
+                raise Malformed(f"{name} {style[name][:20]} is not read")
+    if style.get("display") == "contents":
+        raise Malformed("display contents is not read")
+
+
+def _check_size(style: Style) -> None:
+    """Raises Malformed if CSS sets the place or size of a viewport: browsers differ in that."""
+    for name in ("x", "y", "width", "height"):
+        if name in style:
+            raise Malformed(f"{name} of a viewport in CSS is not read")
+
+
+def _list_effects(style: Style) -> frozenset[str]:
+    """Reasons to report shapes of this style."""
+    names = EFFECTS.keys() & style.keys()
+    return frozenset(EFFECTS[name][1] for name in names if style[name] != EFFECTS[name][0])
+
+
+def _geometry(element: Element, style: Style) -> Mapping[str, str]:
+    """The attributes of an element, with the geometry that CSS sets in their place."""
+    if GEOMETRY.isdisjoint(style):
+        return element.attrib
+    return {**element.attrib, **{name: style[name] for name in GEOMETRY & style.keys()}}
+
+
+def _viewport(element: Element, place: _Place, words: Mapping[str, str], style: Style) -> _Place:
+    """The place in a nested svg or a symbol: its box laid into its width and height."""
+    _check_size(style)
     box = view_box(element.attrib.get("viewBox"))
-    width, height = (length(size.get(key, "100%"), key, place.view) for key in ("width", "height"))
-    matrix = place.matrix
-    if element.tag == _SVG + "svg":
-        x, y = (length(element.attrib.get(key, "0"), key, place.view) for key in ("x", "y"))
-        matrix = combine(matrix, np.array([[1.0, 0.0, x], [0.0, 1.0, y]]))
+    x, y = (length(words.get(key) or "0", key, place.view) for key in ("x", "y"))
+    width, height = (
+        length(words.get(key) or "100%", key, place.view) for key in ("width", "height")
+    )
+    if width < 0 or height < 0 or (box is not None and not (width and height)):
+        raise Malformed("a viewport without size")
+    matrix = combine(place.matrix, np.array([[1.0, 0.0, x], [0.0, 1.0, y]]))
+    clip = place.clip
+    if style.get("overflow", "hidden").split()[0] not in ("visible", "auto"):
+        corners = np.array([[0.0, 0.0], [width, 0.0], [width, height], [0.0, height]])
+        edges = _make_clip(corners, matrix)
+        if edges is None:
+            raise Malformed("a viewport without size")
+        clip = join_half_planes(clip, edges)
     view = (width, height)
     if box is not None:
-        if width <= 0 or height <= 0:
-            raise Malformed("a viewport without size")
-        matrix = combine(
-            matrix, fit_viewport(box, width, height, element.attrib.get("preserveAspectRatio", ""))
-        )
+        aspect = element.attrib.get("preserveAspectRatio", "")
+        matrix = combine(matrix, fit_viewport(box, width, height, aspect))
         view = (box.width, box.height)
-    return _Place(matrix, place.style, view, place.layer, place.layered, place.inside)
+    return replace(place, matrix=matrix, view=view, clip=clip)
 
 
-def _group(element: Element, tag: str, place: _Place) -> _Place:
-    """The place inside a group, which may name the layer: the innermost Inkscape layer, else the outermost group."""
-    if tag != "g":
-        return place
-    name, layered = place.layer, place.layered
+def _make_clip(corners: FloatArray, matrix: FloatArray) -> HalfPlanes | None:
+    return make_half_planes(corners @ matrix[:, :2].T + matrix[:, 2])
+
+
+def _group_layer(element: Element, place: _Place) -> str:
+    """The layer in a group: the innermost Inkscape layer, else the outermost group with an id."""
+    if element.tag != SVG + "g":
+        return place.layer
     if element.attrib.get(_INKSCAPE + "groupmode") == "layer":
-        name, layered = (
-            element.attrib.get(_INKSCAPE + "label") or element.attrib.get("id", "layer"),
-            True,
-        )
-    elif not name:
-        name = element.attrib.get("id", "")
-    return _Place(place.matrix, place.style, place.view, name, layered, place.inside)
-
-
-def _own_layer(style: Style) -> str:
-    """Without a group the colour of the stroke is the layer, else that of the fill: what a plotter has pens for."""
-    stroke, fill = style.get("stroke", "none"), style.get("fill", "black")
-    return next((colour for colour in (stroke, fill) if colour not in ("none", "")), "0")
+        return element.attrib.get(_INKSCAPE + "label") or element.attrib.get("id", "layer")
+    return place.layer or element.attrib.get("id", "")
