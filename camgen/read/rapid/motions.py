@@ -354,6 +354,10 @@ def _move_pose(machine: Machine, form: Form, call: Call, points: list[Value], bo
         _trigger_on_line(machine, triggers, target, bound, rest)
     else:
         _emit(machine, form, via, target, bound, rest)
+        if any(trigger.start or trigger.distance > 0 for trigger in triggers):
+            machine.omit(
+                f"{call.name}: the place of its triggers on the way; here they act at its end"
+            )
         for trigger in triggers:
             _switch(machine, trigger)
 
@@ -497,11 +501,11 @@ def _triggers(machine: Machine, form: Form, call: Call) -> list[Trigger]:
     found: list[Trigger] = []
     for expr in given:
         value = machine.value(expr)
-        found += [
-            one
-            for one in (value if isinstance(value, list) else [value])
-            if isinstance(one, Trigger)
-        ]
+        for trigger in value if isinstance(value, list) else [value]:
+            if not isinstance(trigger, Trigger):
+                machine.lose(f"{call.name}: a trigger is not known; define it by TriggIO")
+            elif trigger.outputs or trigger.interrupt is not None:
+                found.append(trigger)
     return found
 
 
@@ -573,6 +577,8 @@ def _do_after(
         signal = name_of(machine, call.args[0])
         machine.assume(f"{signal}: a search does not stop before its end point", "")
         machine.assign(call.args[1], machine.value(points[-1]))
+    if form.process and form.process != "force":
+        machine.omit(f"{form.process} by {call.name} and its like: the process is not switched")
     if form.process == "arc":
         _weld(machine, call.name)
     elif form.process and form.process != "force":
