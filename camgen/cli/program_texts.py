@@ -11,7 +11,7 @@ from camgen.read.programs import find_text_fault
 
 
 def read_texts(paths: Sequence[Path], files: Files) -> Mapping[str, str]:
-    """The texts by file name, in order, with LF line ends. InputError for what is none."""
+    """The texts by file name, in order, with LF line ends. Raises InputError for other files."""
     texts: dict[str, str] = {}
     for path in paths:
         try:
@@ -27,6 +27,6 @@ def read_texts(paths: Sequence[Path], files: Files) -> Mapping[str, str]:
                 "another file has this name",
                 remedy="the files of a program differ in name",
             )
-        # Comments of other programs may hold any byte; nothing else in a program does, so each byte is a character.
+        # Comments of other programs may hold any byte, so each byte is a character.
         texts[path.name] = data.decode("latin-1").replace("\r\n", "\n").replace("\r", "\n")
     return texts

@@ -132,7 +132,8 @@ def _without_joints(
     for k, values in at.items():
         item, line = items[k]
         if values in homes:
-            items[k] = (MoveJ(_home_of(cell), item.speed), line)  # type: ignore[union-attr]  # a motion of the joints
+            assert isinstance(item, MoveJ)
+            items[k] = (MoveJ(_home_of(cell), item.speed, turn=item.turn), line)
         else:
             items[k] = (replace(item, target=_pose_of(values, arm, part, cell, line)), line)
             inner += 1

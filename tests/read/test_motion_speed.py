@@ -257,3 +257,28 @@ def test_a_turn_without_a_speed_is_a_note(tmp_path: Path) -> None:
     notes = [note.what for note in result.notes]
     assert "1 motion only turns the tool: at 60 deg/s" in notes
     assert "t60:=[20,60,5000,1000]" in result.files[0].text
+
+
+def test_joint_values_at_a_slow_speed_of_turning_keep_it():
+    home = "[[0,0,0,0,30,0],[9E9,9E9,9E9,9E9,9E9,9E9]]"
+    executed = run_rapid(f"MoveAbsJ {home},[100,9,5000,1000],fine,tA\\WObj:=wA;")
+    assert math.degrees(last_motion(executed).turn) == pytest.approx(9)
+    executed = run_rapid(f"MoveAbsJ {home},v100,fine,tA\\WObj:=wA;")
+    assert last_motion(executed).turn == 0
+
+
+def test_a_slow_turn_from_an_unknown_place_is_reported():
+    home = "[[0,0,0,0,30,0],[9E9,9E9,9E9,9E9,9E9,9E9]]"
+    joints = f"MoveAbsJ {home},v100,fine,tA\\WObj:=wA;"
+    executed = run_rapid(joints, line(30, "[100,9,5000,1000]"))
+    assert executed.omitted == ((6, "movel with v_ori 9 deg/s: where it begins is not known"),)
+    assert run_rapid(joints, line(30, "v100")).omitted == ()
+    swing = f"MoveJ {point(30)},[100,9,5000,1000],fine,tA\\WObj:=wA;"
+    executed = run_rapid(joints, swing)
+    assert executed.omitted == ()
+    assert math.degrees(last_motion(executed).turn) == pytest.approx(9)
+    slow = ["MOVE #PPOINT(0,0,0,0,30,0)", "SPEED 100, 1 MMPS", "MOVES TRANS(350,0,250,0,180,0)"]
+    assert [text for _, text in run_vplus(*slow).omitted] == [
+        "SPEED with 1 % of turning: where the motion begins is not known"
+    ]
+    assert run_vplus(slow[0], slow[2]).omitted == ()

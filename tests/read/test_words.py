@@ -131,6 +131,53 @@ CASES = {
 }
 
 
+TRIGGERS = {
+    "a signal at its place": ("TriggIO trOld,5\\DOp:=doOld,1;", [], []),
+    "a value that is not known": (
+        "TriggIO trOld,5\\GOp:=goOld,nUnknown;",
+        ["triggio: its signal or its value is not known"],
+        [],
+    ),
+    "a time": (
+        "TriggIO trOld,0.5\\Time\\DOp:=doOld,1;",
+        [],
+        ["triggio \\time: the time before the end; here it acts at the end"],
+    ),
+    "a lag": (
+        "TriggEquip trOld,5,0.2\\DOp:=doOld,1;",
+        [],
+        ["triggequip: the lag of its equipment, 0.2 s"],
+    ),
+    "an analog output": (
+        "TriggSpeed trOld,5,0.2,aoOld,1;",
+        ["triggspeed: an analog output along the path; set it by SetAO"],
+        [],
+    ),
+    "a check": (
+        "TriggCheckIO trOld,5,diOld,EQ,1,iOld;",
+        [],
+        ["triggcheckio: a check of a signal on the way"],
+    ),
+    "nothing": ("", ["triggl: a trigger is not known; define it by TriggIO"], []),
+}
+
+
+@pytest.mark.parametrize("name", TRIGGERS)
+def test_what_a_trigger_does_is_read_reported_or_refused(name: str) -> None:
+    statement, lost, omitted = TRIGGERS[name]
+    motion = LINE.replace("MoveL", "TriggL").replace("v80,", "v80,trOld,")
+    executed = run("rapid", f"{statement} {motion}tOld\\WObj:=wOld;")
+    assert [what for _, what in executed.lost] == lost
+    assert [what for _, what in executed.omitted] == omitted
+
+
+def test_outputs_on_the_way_of_a_joint_motion_are_reported():
+    joint = LINE.replace("MoveL", "TriggJ").replace("v80,", "v80,trOld,")
+    executed = run("rapid", f"TriggIO trOld,5\\DOp:=doOld,1; {joint}tOld\\WObj:=wOld;")
+    what = "triggj: the place of its triggers on the way; here they act at its end"
+    assert [text for _, text in executed.omitted] == [what]
+
+
 @pytest.mark.parametrize("name", CASES)
 def test_a_build_refuses_what_another_machine_would_run_differently(
     tmp_path: Path, name: str

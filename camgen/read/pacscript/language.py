@@ -1,4 +1,4 @@
-"""DENSO PacScript (RC8, RC9) and its elder PAC (RC5, RC7) as others write it (docs/languages/pacscript.md)."""
+"""Third-party programs in PacScript (RC8, RC9) and PAC (RC5, RC7) (docs/languages/pacscript.md)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from camgen.read.pacscript.run import run_files
 from camgen.read.programs import Language, strip_mark
 
 _SURE = re.compile(
-    r"^\s*(?:'!title\b|takearm\b|sub\s+main\b|program\s+\w+\s*$|givearm\b|#include\s+[\"<]\w+\.(?:h|pcs)"
+    r"^\s*(?:'!title\b|takearm\b|sub\s+main\b|program\s+\w+\s*$|givearm\b"
+    r"|#include\s+[\"<]\w+\.(?:h|pcs)"
     r"|move\s+(?:p|l|c|ptp)\s*,|approach\s+(?:p|l)\s*,)",
     re.IGNORECASE | re.MULTILINE,
 )

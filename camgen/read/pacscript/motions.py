@@ -75,6 +75,7 @@ def speed_of(run: Running, node: Node | None) -> float:
         return run.machine.internal
     value = evaluate(run, node)
     if isinstance(value, tuple):
+        run.machine.omit("Speed of a motion with more than one value: accelerations")
         value = value[0]
     return checked(run, value)
 

@@ -1,4 +1,4 @@
-"""Every step of PacScript by what it does: names, calls and outputs here, the rest where it belongs."""
+"""Actions of the steps of PacScript: names, calls and outputs here, motions and flow beside."""
 
 from __future__ import annotations
 
@@ -59,15 +59,16 @@ def _call(run: Running, op: Op) -> None:
         for part in op.b:
             evaluate(run, part)
         of = node.parts[0]
-        if of.said in run.stems and (
-            found := run.read(run.stems[str(of.said)]).procedures.get(name)
-        ):
-            run.call((run.read(run.stems[str(of.said)]), found), op.b)
+        module = run.read(run.stems[str(of.said)]) if of.said in run.stems else None
+        procedure = module.procedures.get(name) if module is not None else None
+        if module is not None and procedure is not None:
+            run.call((module, procedure), op.b)
         else:
             run.machine.state("other devices", f"{of.said}.{name}")
         return
-    if found_here := run.find_procedure(name):
-        run.call(found_here, op.b)
+    called = run.find_procedure(name)
+    if called is not None:
+        run.call(called, op.b)
         return
     values = [evaluate(run, part) for part in op.b]
     if name == "msgbox":
@@ -80,16 +81,16 @@ def _call(run: Running, op: Op) -> None:
 
 
 def _fill(run: Running, name: str, part: Node, value: Value) -> None:
-    """A variable without a value that a procedure which is not given takes: it may be there to fill it."""
-    said = str(part.said)
-    scope = run.scope if said in run.scope.names else run.module_scope
-    if part.kind not in ("name", "call") or said not in scope.names:
+    """Forgets a variable without a value that a missing procedure takes: it may be set there."""
+    variable = str(part.said)
+    scope = run.scope if variable in run.scope.names else run.module_scope
+    if part.kind not in ("name", "call") or variable not in scope.names:
         return
-    filled = Unknown(f"{said} from {name}")
+    filled = Unknown(f"{variable} from {name}")
     if isinstance(value, Array) and not value.items:
-        scope.names[said] = Array(value.tops, filled)
-    elif value == blank(scope.kinds.get(said, "variant")):
-        scope.names[said] = filled
+        scope.names[variable] = Array(value.tops, filled)
+    elif value == blank(scope.kinds.get(variable, "variant")):
+        scope.names[variable] = filled
 
 
 def _start_task(run: Running, op: Op) -> None:
@@ -100,15 +101,15 @@ def _start_task(run: Running, op: Op) -> None:
 
 def _switch(run: Running, op: Op) -> None:
     (which, upto), value, node = op.a
-    said = value if node is None else evaluate(run, node)
+    level = value if node is None else evaluate(run, node)
     for at in _signals(run, which, upto):
         if isinstance(at, int):
-            run.set_signal(at, said)
+            run.set_signal(at, level)
             if op.b is not None:
                 run.machine.emit(Output(str(at), 0.0 if value else 1.0))
                 run.machine.state("pulses", f"IO[{at}]")
-        elif not run.write_port(at, said):
-            assign_name(run, at, said)
+        elif not run.write_port(at, level):
+            assign_name(run, at, level)
 
 
 def _signals(run: Running, which: Node, upto: Node | None) -> list[int | str]:
@@ -127,11 +128,11 @@ def _signals(run: Running, which: Node, upto: Node | None) -> list[int | str]:
             )
             return []
         return [index(number(at))]
-    said = str(which.said)
-    if which.kind == "name" and said.startswith("io") and said[2:].isdecimal():
-        return [int(said[2:11])]
+    name = str(which.said)
+    if which.kind == "name" and name.startswith("io") and name[2:].isdecimal():
+        return [int(name[2:11])]
     if which.kind == "name":
-        return [said]
+        return [name]
     raise Unreadable("an output that is not understood")
 
 

@@ -63,12 +63,20 @@ def speed_statement(run: Running, op: Op) -> None:
     """``Speed``, for motions without their own."""
     if not op.a:
         raise Wrong("Speed needs a number")
+    omit_accelerations(run, op)
     run.machine.internal = checked(run, evaluate(run, op.a[0]))
+
+
+def omit_accelerations(run: Running, op: Op) -> None:
+    """Notes the accelerations in a statement of a speed."""
+    if len(op.a) > 1:
+        run.machine.omit(f"{op.do} with more than one value: accelerations")
 
 
 def external_speed(run: Running, op: Op) -> None:
     """``ExtSpeed`` in percent of the internal one."""
     value = evaluate(run, op.a[0]) if op.a else 100.0
+    omit_accelerations(run, op)
     if isinstance(value, Unknown):
         run.machine.suppose(
             f"{value.what}, the external speed, is taken for 100 %", value.key, 100.0

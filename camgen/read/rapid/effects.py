@@ -114,6 +114,11 @@ GIVES = """
     matrixsolve matrixsolveqr matrixsvd readdir readerrdata readvararr
     sigetcyclic""".split()  # noqa: SIM905 (a table)
 
+#: Triggers whose outputs are not read.
+DEFINED = by_word({
+    "an analog output along the path; set it by SetAO": "triggrampao triggspeed",
+})  # fmt: skip
+
 #: Arguments of motions: read, without an effect, lost, or omitted with the effect.
 READ_OPTIONS = frozenset("t v wobj z".split())  # noqa: SIM905 (a table)
 SILENT_OPTIONS = by_word({
@@ -125,6 +130,8 @@ SILENT_OPTIONS = by_word({
 LOST_OPTIONS = by_word({
     "several robots move in step; give each a program of its own": "id",
     "a sensor corrects the path; teach the corrected path": "corr track",
+    "outputs on the way in data of the type triggios; define them by TriggIO":
+        "triggdata1 triggdata2 triggdata3",
 })  # fmt: skip
 OMITTED_OPTIONS = by_word({
     "what follows happens while the arm moves; here it waits for the motion": "conc",

@@ -261,10 +261,16 @@ def _define_trigger(machine: Machine, call: Call) -> None:
     numbers = [v for v in values if type(v) is float]
     if "setvalue" in options or "setdvalue" in options:
         value = machine.number(options.get("setvalue") or options.get("setdvalue"))
-    elif numbers:
-        value = numbers[-1]
+    elif len(values) > 1:
+        value = values[-1]
     distance = numbers[0] if numbers and "time" not in options else 0.0
     done = ((name, value),) if name and type(value) is float else ()
+    if not done:
+        machine.lose(f"{call.name}: its signal or its value is not known")
+    if "time" in options:
+        machine.omit(f"{call.name} \\time: the time before the end; here it acts at the end")
+    if call.name == "triggequip" and len(numbers) > 1 and numbers[1]:
+        machine.omit(f"triggequip: the lag of its equipment, {numbers[1]:g} s")
     if call.args:
         machine.assign(call.args[0], Trigger(distance, "start" in options, done))
 

@@ -11,6 +11,7 @@ from contextlib import contextmanager
 
 from camgen.read.beside import sum_up
 
+from .effects import DEFINED
 from .instructions import EFFECTS
 from .machine import Machine
 from .motions import Trigger
@@ -73,7 +74,11 @@ def _hold(machine: Machine, call: Call) -> None:
 
 
 def _define(machine: Machine, call: Call) -> None:
-    """TriggInt: an interrupt at a place of a motion. TriggCheckIO and the like switch nothing."""
+    """TriggInt: an interrupt at a place of a motion. The others switch nothing here."""
+    if call.name in DEFINED:
+        machine.lose(f"{call.name}: {DEFINED[call.name]}")
+    elif call.name == "triggcheckio":
+        machine.omit("triggcheckio: a check of a signal on the way")
     if not call.args:
         return
     options = dict(call.options)

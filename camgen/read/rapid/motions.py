@@ -32,6 +32,8 @@ _LOOSE_NORM = 1e-3
 _NINES = 8.9e9
 #: deg/s at which the tool turns in every predefined speeddata.
 _USUAL_TURN = 500.0
+#: The same in rad/s, and a hair less for rounding.
+_USUAL_TURN_RAD = math.radians(_USUAL_TURN) * (1 - 1e-9)
 #: mm: z0, a corner so small that the tool is where it should be.
 _NO_CORNER = 0.3
 _MOST_REMEMBERED = 10_000
@@ -110,6 +112,11 @@ class Bound(Struct, frozen=True):
     seconds: float = 0.0
 
     @property
+    def turns_slowly(self) -> bool:
+        """Whether the speed of turning is below that of all predefined speeddata."""
+        return 0 < self.turn < _USUAL_TURN_RAD
+
+    @property
     def limit(self) -> Limit:
         """The limits of the speed."""
         return Limit(self.speed, self.turn, self.seconds, is_exact=self.seconds > 0)
@@ -179,8 +186,9 @@ def inline(machine: Machine, item: Inline) -> None:
     if machine.displaced is not None:
         target = machine.displaced @ target
     machine.frame = bound.frame
-    bound = _pace(machine, shape.name, bound, None, target)
-    _emit(machine, FORMS[shape.name], None, target, bound, shape.points[0])
+    form = FORMS[shape.name]
+    bound = _pace(machine, shape.name, bound, None, target, by_joints=form.kind == "j")
+    _emit(machine, form, None, target, bound, shape.points[0])
 
 
 # What a motion says beside its points ----------------------------------------------------------------------------
@@ -314,7 +322,8 @@ def _move_joints(machine: Machine, value: Value, bound: Bound) -> None:
         return
     axes = tuple(0.0 if v > _NINES else v for v in value[0])
     _tell_external(machine, value[1])
-    item = MoveJ(Joints(tuple(math.radians(v) for v in axes)), bound.speed, bound.blend)
+    turn = bound.turn if bound.turns_slowly else 0.0
+    item = MoveJ(Joints(tuple(math.radians(v) for v in axes)), bound.speed, bound.blend, turn=turn)
     machine.add(item)
     machine.here = Here(None, machine.frame, (), axes)
     machine.blending = machine.line if bound.blend > _NO_CORNER else 0
@@ -344,7 +353,7 @@ def _move_pose(machine: Machine, form: Form, call: Call, points: list[Value], bo
         poses = [machine.displaced @ pose for pose in poses]
     via = poses[0] if len(poses) > 1 else None
     target, rest = poses[-1], points[-1][2:]
-    bound = _pace(machine, call.name, bound, via, target)
+    bound = _pace(machine, call.name, bound, via, target, by_joints=form.kind == "j")
     triggers = _triggers(machine, form, call)
     if form.process == "force":
         _press(machine, call, bound, via, target, _posture(rest))
@@ -354,6 +363,10 @@ def _move_pose(machine: Machine, form: Form, call: Call, points: list[Value], bo
         _trigger_on_line(machine, triggers, target, bound, rest)
     else:
         _emit(machine, form, via, target, bound, rest)
+        if any(trigger.start or trigger.distance > 0 for trigger in triggers):
+            machine.omit(
+                f"{call.name}: the place of its triggers on the way; here they act at its end"
+            )
         for trigger in triggers:
             _switch(machine, trigger)
 
@@ -466,12 +479,19 @@ def _emit_arc(
         )
 
 
-def _pace(machine: Machine, name: str, bound: Bound, via: Pose | None, target: Pose) -> Bound:
+def _pace(
+    machine: Machine, name: str, bound: Bound, via: Pose | None, target: Pose, *, by_joints: bool
+) -> Bound:
     """The arguments of a motion at the speed that its time and its speed of turning allow."""
     start = see_pose(machine)
     if start is None:
         if bound.seconds:
             machine.omit(f"{name} \\T:={bound.seconds:g}: where it begins is not known")
+        elif bound.turns_slowly and by_joints:
+            return replace(bound, seconds=0.0)
+        elif bound.turns_slowly:
+            degrees = f"{math.degrees(bound.turn):g} deg/s"
+            machine.omit(f"{name} with v_ori {degrees}: where it begins is not known")
         return replace(bound, turn=0.0, seconds=0.0)
     if via is None:
         extent = measure_line(start, target)
@@ -497,11 +517,11 @@ def _triggers(machine: Machine, form: Form, call: Call) -> list[Trigger]:
     found: list[Trigger] = []
     for expr in given:
         value = machine.value(expr)
-        found += [
-            one
-            for one in (value if isinstance(value, list) else [value])
-            if isinstance(one, Trigger)
-        ]
+        for trigger in value if isinstance(value, list) else [value]:
+            if not isinstance(trigger, Trigger):
+                machine.lose(f"{call.name}: a trigger is not known; define it by TriggIO")
+            elif trigger.outputs or trigger.interrupt is not None:
+                found.append(trigger)
     return found
 
 
@@ -573,6 +593,8 @@ def _do_after(
         signal = name_of(machine, call.args[0])
         machine.assume(f"{signal}: a search does not stop before its end point", "")
         machine.assign(call.args[1], machine.value(points[-1]))
+    if form.process and form.process != "force":
+        machine.omit(f"{form.process} by {call.name} and its like: the process is not switched")
     if form.process == "arc":
         _weld(machine, call.name)
     elif form.process and form.process != "force":

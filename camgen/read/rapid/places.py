@@ -1,4 +1,4 @@
-"""Where the arm of a RAPID program is: its tools and work objects, positions as poses, and what is known of both."""
+"""Poses of a RAPID program: tools, work objects, and the pose of the arm as far as it is known."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from .tokens import Wrong
 from .tree import Call, Expr, Ref
 from .values import Unknown, Value, find_unknown
 
-#: Of an orientation: so far its squares may differ from 1 at most (manual, NOrient).
+#: Largest difference from 1 of the sum of squares of an orientation (manual, NOrient).
 WORST_NORM = 0.1
 #: kg: what tool0 weighs, which says nothing.
 _NO_MASS = 0.0011
 
 
 def pose_of(machine: Machine, value: Value) -> Pose:
-    """The frame that position and orientation say. Wrong where the orientation is none."""
+    """The pose of a position and an orientation. Raises Wrong for one that is not normalised."""
     (x, y, z), turn = value[0], value[1]
     norm = sum(v * v for v in turn)
     if abs(norm - 1) > WORST_NORM:
@@ -35,7 +35,7 @@ def say_pose(pose: Pose) -> Value:
     return (tuple(map(float, pose.origin)), quaternion(pose.rotation))
 
 
-# Tools and work objects ------------------------------------------------------------------------------------------
+# Tools and work objects ---------------------------------------------------------------------
 
 
 def choose_frame(machine: Machine, tool: Expr, work: Expr | None, joints: bool) -> int:
@@ -43,16 +43,16 @@ def choose_frame(machine: Machine, tool: Expr, work: Expr | None, joints: bool) 
     tool_name, tool_value = _persistent(machine, tool, "tooldata")
     work_name, work_value = ("", None) if work is None else _persistent(machine, work, "wobjdata")
     if joints and work is None and machine.frames:
-        # The end of a motion to joint values does not depend on the work object: it stays that of the motion before.
+        # Joint values do not depend on a work object: it stays that of the motion before.
         before = machine.frames[machine.frame]
         work_name = before.work
         work_value = next(
             (key[3] for key, at in machine.frame_keys.items() if at == machine.frame), None
         )
     key = (tool_name, _stamp(tool_value), work_name, _stamp(work_value))
-    found = machine.frame_keys.get(key)
-    if found is None:
-        found = machine.frame_keys[key] = len(machine.frames)
+    index = machine.frame_keys.get(key)
+    if index is None:
+        index = machine.frame_keys[key] = len(machine.frames)
         flange = _tool_frame(machine, tool_name, tool_value)
         base = (
             translation(0, 0, 0)
@@ -60,7 +60,7 @@ def choose_frame(machine: Machine, tool: Expr, work: Expr | None, joints: bool) 
             else _work_frame(machine, work_name, work_value)
         )
         machine.frames.append(Frames(tool_name, work_name, flange, base))
-    return found
+    return index
 
 
 def _stamp(value: Value) -> Value:
@@ -68,7 +68,7 @@ def _stamp(value: Value) -> Value:
 
 
 def _persistent(machine: Machine, expr: Expr, kind: str) -> tuple[str, Value]:
-    """The name and the worth of a tool or a work object."""
+    """The name and the value of a tool or a work object."""
     value = machine.value(expr)
     name = ""
     if isinstance(expr, Ref):
@@ -131,23 +131,23 @@ def _work_frame(machine: Machine, name: str, value: Value) -> Pose | None:
     return pose_of(machine, user) @ pose_of(machine, part)
 
 
-# Where the arm is ------------------------------------------------------------------------------------------------
+# The pose of the arm ------------------------------------------------------------------------
 
 
 def see_pose(machine: Machine) -> Pose | None:
-    """Where the TCP in force is in the work frame in force, None where that is not known."""
-    here = machine.here
-    if here.pose is None and here.joints is not None:
-        return _put(machine, here.joints, machine.frames[machine.frame])
-    if here.pose is None or here.frame == machine.frame:
-        return here.pose
-    return carry_pose(here.pose, machine.frames[here.frame], machine.frames[machine.frame])
+    """The pose of the TCP in the work frame, both those in force. None if it is not known."""
+    arm = machine.here
+    if arm.pose is None and arm.joints is not None:
+        return _put(machine, arm.joints, machine.frames[machine.frame])
+    if arm.pose is None or arm.frame == machine.frame:
+        return arm.pose
+    return carry_pose(arm.pose, machine.frames[arm.frame], machine.frames[machine.frame])
 
 
 def see_joints(
     machine: Machine, joints: Sequence[float], tool: Expr, work: Expr | None
 ) -> Pose | None:
-    """Where joint values, deg, put a tool in a work object, None where nobody knows."""
+    """The pose of a tool in a work object at joint values, deg. None if it is not known."""
     if machine.ask.flange is None:
         return None
     tool_name, tool_value = _persistent(machine, tool, "tooldata")
@@ -158,7 +158,7 @@ def see_joints(
 
 
 def _put(machine: Machine, joints: Sequence[float], frames: Frames) -> Pose | None:
-    """Where joint values, deg, put the tool in the work object of ``frames``."""
+    """The pose of the tool at joint values, deg, in the work object. None if it is not known."""
     if (
         machine.ask.flange is None
         or frames.flange_from_tool is None

@@ -1,7 +1,6 @@
-"""The words that begin a V+ instruction, by what is done with them.
+"""Words of V+ instructions that methods carry out; all others stand in `effects.py`.
 
-Source: V+ Language Reference Guide, keywords, with those of AdeptVision, ACE Sight and conveyor tracking as far as its
-index names them (docs/languages/vplus.md).
+Source: V+ Language Reference Guide, keywords (docs/languages/vplus.md).
 """
 
 from __future__ import annotations
@@ -16,18 +15,18 @@ REACTIONS = frozenset({"REACT", "REACTE", "REACTI"})
 
 DOES: Mapping[str, Callable[[Robot, Statement], None]] = {
     "ALIGN": Robot.elsewhere, "APPRO": Robot.appro, "APPROS": Robot.appro, "BASE": Robot.base,
-    "BITS": Robot.set_bits, "BRAKE": Robot.brake, "BREAK": Robot.brake, "CPOFF": Robot.path, "CPON": Robot.path,
-    "DECOMPOSE": Robot.decompose, "DELAY": Robot.delay, "DEPART": Robot.depart, "DEPARTS": Robot.depart,
-    "DISABLE": Robot.switch, "DRIVE": Robot.drive, "DURATION": Robot.duration,
-    "ENABLE": Robot.switch, "JMOVE": Robot.jmove, "MOVE": Robot.move,
-    "MOVES": Robot.move, "MOVEST": Robot.move, "MOVET": Robot.move, "NEST": Robot.elsewhere, "PAUSE": Robot.stop,
-    "READY": Robot.elsewhere, "RESET": Robot.reset, "SIGNAL": Robot.signal, "SPEED": Robot.speed,
-    "TOOL": Robot.set_tool,
+    "BITS": Robot.set_bits, "BRAKE": Robot.brake, "BREAK": Robot.brake, "CPOFF": Robot.path,
+    "CPON": Robot.path, "DECOMPOSE": Robot.decompose, "DELAY": Robot.delay,
+    "DEPART": Robot.depart, "DEPARTS": Robot.depart, "DISABLE": Robot.switch,
+    "DRIVE": Robot.drive, "DURATION": Robot.duration, "ENABLE": Robot.switch,
+    "JMOVE": Robot.jmove, "MOVE": Robot.move, "MOVES": Robot.move, "MOVEST": Robot.move,
+    "MOVET": Robot.move, "NEST": Robot.elsewhere, "PAUSE": Robot.stop, "READY": Robot.elsewhere,
+    "RESET": Robot.reset, "SIGNAL": Robot.signal, "SPEED": Robot.speed, "TOOL": Robot.set_tool,
     **dict.fromkeys(POSTURES, Robot.configure),
     **dict.fromkeys(("COARSE", "FINE", "NULL", "NONULL"), Robot.settle),
     **dict.fromkeys(("CLOSE", "CLOSEI", "OPEN", "OPENI", "RELAX", "RELAXI"), Robot.hand),
 }  # fmt: skip
-#: After these, where they cannot be read, nobody knows where the robot is.
+#: Motions: if one cannot be read, the pose of the robot is not known after it.
 MOTIONS = frozenset(
     """ALIGN APPRO APPROS DEPART DEPARTS DRIVE JMOVE MOVE MOVES MOVEST MOVET NEST READY
     """.split()  # noqa: SIM905 (a table)

@@ -243,9 +243,11 @@ def _pace(machine: Machine, placed: PlacedBody) -> Sequence[Instruction]:
     turns[1:] &= columns.rotation[1:] != columns.rotation[:-1]
     turns[:1] = False
     timed = np.isin(columns.at, list(machine.durations))
+    blind = columns.moves_are(MoveL)
+    blind[1:] &= ~columns.posed[:-1]
     begins = np.array([begin for begin, _ in machine.turning])
     changed = {}
-    for motion in np.flatnonzero(turns | timed).tolist():
+    for motion in np.flatnonzero(turns | timed | blind).tolist():
         index = at[motion]
         item = placed.body[index]
         seconds = machine.durations.get(index, 0.0)
@@ -255,6 +257,9 @@ def _pace(machine: Machine, placed: PlacedBody) -> Sequence[Instruction]:
         if seconds and (start is None or not isinstance(item.target, Pose)):
             what = "the time of a motion from or to a place that the text does not hold"
             machine.notes.omit(machine.lines[index], f"DURATION {seconds:g}: {what}")
+        elif start is None and rate < 100 and isinstance(item, MoveL):
+            what = "where the motion begins is not known"
+            machine.notes.omit(machine.lines[index], f"SPEED with {rate:g} % of turning: {what}")
         paced = pace_motion(item, start, Limit(item.speed, turn, seconds))
         if isinstance(paced, MoveJ) and paced is not item:
             paced = replace(paced, share=0.0)
