@@ -550,3 +550,20 @@ def test_selectors_of_quadratic_time_are_left_out_of_large_drawings(
     small = drawn(tmp_path, f'{sheet}<g><rect/><path d="M0 0h9"/><path d="M0 9h9"/></g>{BOX}/>')
     assert "opacity is 0" in losses(small)
     assert "rules of the style sheet that are not read" in losses(drawn(tmp_path, sheet + lines))
+
+
+def test_a_hidden_group_that_is_drawn_by_many_references_is_counted_each_time(
+    tmp_path: Path,
+) -> None:
+    group = '<defs><g id="g" opacity="0">' + '<path stroke="red" d="M0 0h9"/>' * 500 + "</g></defs>"
+    part = drawn(tmp_path, group + '<use href="#g"/>' * 200 + f"{BOX}/>")
+    assert "100000 path on layer red (opacity is 0)" in losses(part)
+
+
+def test_an_element_of_another_program_without_shapes_is_not_reported(tmp_path: Path) -> None:
+    other = '<x:view xmlns:x="http://example.org/"><x:grid/></x:view>'
+    assert not losses(drawn(tmp_path, f'{other}{other}<g display="none"/>{BOX}/>'))
+    shape = f'<x:view xmlns:x="http://example.org/">{BOX} id="inner"/></x:view>'
+    assert "#inner (within an element that is not of SVG)" in losses(
+        drawn(tmp_path, shape + BOX + "/>")
+    )

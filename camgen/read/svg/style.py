@@ -49,7 +49,7 @@ _SILENT_RULES = {
 _CONDITIONS = frozenset({"supports", "layer", "container", "scope", "document", "starting-style"})
 #: Brackets within each other that are parsed: no style has more, and the parsers call themselves.
 _DEEPEST = 32
-_TOO_DEEP = f"brackets more than {_DEEPEST} deep"
+_TOO_DEEP = f"a style with brackets more than {_DEEPEST} deep"
 _BRACKET = re.compile(r"[()\[\]{}]")
 #: Selectors whose time grows with the square of the elements, and the elements up to which they
 #: are matched.
