@@ -316,16 +316,17 @@ def distances(points: FloatArray, curves: Sequence[FloatArray]) -> FloatArray:
 
 def describe_difference(shape: Shape, curves: Sequence[FloatArray]) -> str:
     """How the curves differ from a shape of the browser; empty if they do not."""
+    long_curves = [
+        curve for curve in curves if np.hypot(*np.diff(curve, axis=0).T).sum() >= 2 * shape.step_mm
+    ]
     if not len(shape.points):
-        return "drawn too much" if curves else ""
+        return "drawn too much" if long_curves else ""
     if not curves:
         return "missing"
     if (distances(shape.points, curves) > TOLERANCE_MM).any():
         return "another place or size"
     limit = TOLERANCE_MM + shape.step_mm
-    for curve in curves:
-        if np.hypot(*np.diff(curve, axis=0).T).sum() < 2 * shape.step_mm:
-            continue
+    for curve in long_curves:
         offsets = curve[:, None] - shape.points[None]
         if (np.hypot(offsets[..., 0], offsets[..., 1]).min(axis=1) > limit).any():
             return "drawn too much"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 from msgspec import Struct
@@ -66,10 +66,17 @@ class Soup(Struct, frozen=True, eq=False):
 
 def tally(kinds: Sequence[str], layers: Sequence[str]) -> str:
     """``3 TEXT, 1 HATCH on layers A, B``: what a note counts; names from the file made harmless."""
-    counts = ", ".join(f"{n} {kind}" for kind, n in sorted(Counter(kinds).items()))
+    return tally_counts(Counter(kinds), layers)
+
+
+def tally_counts(counts: Mapping[str, int], layers: Iterable[str]) -> str:
+    """The text of `tally` for numbers of elements by kind; layers may be empty."""
+    text = ", ".join(f"{count} {kind}" for kind, count in sorted(counts.items()))
     names = sorted({harmless(layer) for layer in layers})
+    if not names:
+        return text
     shown = ", ".join(names[:8]) + (f" and {len(names) - 8} more" if len(names) > 8 else "")
-    return f"{counts} on layer{'s' if len(names) > 1 else ''} {shown}"
+    return f"{text} on layer{'s' if len(names) > 1 else ''} {shown}"
 
 
 def next_row(soup: Soup) -> IntArray:

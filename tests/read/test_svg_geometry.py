@@ -524,3 +524,46 @@ def test_any_other_clip_path_is_named(tmp_path: Path, clip: str) -> None:
     part = drawn(tmp_path, f'{clip}<g clip-path="url(#c)">{BOX} id="r"/></g>')
     assert box(part) == [20, 50, 50, 60]
     assert "#r (its clip-path is not followed: drawn without it)" in losses(part)
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        "<style>path{fill:" + "(" * 3000 + ")" * 3000 + "}</style>",
+        "<style>" + ":not(" * 3000 + "a" + ")" * 3000 + "{display:none}</style>",
+        "<style>" + "@media screen{" * 3000 + "}" * 3000 + "</style>",
+        "<path d='M0 0h9' style='fill:" + "(;" * 3000 + "'/>",
+    ],
+)
+def test_styles_with_deep_brackets_are_named(tmp_path: Path, body: str) -> None:
+    assert "brackets more than 32 deep" in losses(drawn(tmp_path, f"{body}{BOX}/>"))
+
+
+@pytest.mark.parametrize(
+    "selector", ["rect ~ path", "path:nth-of-type(2)", "g:has(rect) path", "path:last-of-type"]
+)
+def test_selectors_of_quadratic_time_are_left_out_of_large_drawings(
+    tmp_path: Path, selector: str
+) -> None:
+    sheet = f"<style>{selector}{{opacity:0}}</style>"
+    lines = "".join(f'<path d="M0 {k / 100}h9"/>' for k in range(2000))
+    small = drawn(tmp_path, f'{sheet}<g><rect/><path d="M0 0h9"/><path d="M0 9h9"/></g>{BOX}/>')
+    assert "opacity is 0" in losses(small)
+    assert "rules of the style sheet that are not read" in losses(drawn(tmp_path, sheet + lines))
+
+
+def test_a_hidden_group_that_is_drawn_by_many_references_is_counted_each_time(
+    tmp_path: Path,
+) -> None:
+    group = '<defs><g id="g" opacity="0">' + '<path stroke="red" d="M0 0h9"/>' * 500 + "</g></defs>"
+    part = drawn(tmp_path, group + '<use href="#g"/>' * 200 + f"{BOX}/>")
+    assert "100000 path on layer red (opacity is 0)" in losses(part)
+
+
+def test_an_element_of_another_program_without_shapes_is_not_reported(tmp_path: Path) -> None:
+    other = '<x:view xmlns:x="http://example.org/"><x:grid/></x:view>'
+    assert not losses(drawn(tmp_path, f'{other}{other}<g display="none"/>{BOX}/>'))
+    shape = f'<x:view xmlns:x="http://example.org/">{BOX} id="inner"/></x:view>'
+    assert "#inner (within an element that is not of SVG)" in losses(
+        drawn(tmp_path, shape + BOX + "/>")
+    )

@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from functools import lru_cache
+from itertools import islice
 from typing import Any, NamedTuple
 from xml.etree.ElementTree import Element
 
@@ -46,6 +47,14 @@ _SILENT_RULES = {
 }
 #: Rules around rules, whose conditions are not evaluated.
 _CONDITIONS = frozenset({"supports", "layer", "container", "scope", "document", "starting-style"})
+#: Brackets within each other that are parsed: no style has more, and the parsers call themselves.
+_DEEPEST = 32
+_TOO_DEEP = f"a style with brackets more than {_DEEPEST} deep"
+_BRACKET = re.compile(r"[()\[\]{}]")
+#: Selectors whose time grows with the square of the elements, and the elements up to which they
+#: are matched.
+_SLOW_SELECTOR = re.compile(r"~(?!=)|:has\(|-of-type\b")
+_MOST_ELEMENTS = 2000
 _SIMPLE_SELECTOR = re.compile(r"\s*(?:\*|[\w-]+)?(?:[.#][\w-]+)*\s*")
 _ID = re.compile(r"#([\w-]+)")
 _MEASURE = re.compile(r"([-+.\d]+(?:e[-+]?\d+)?)[a-z%]*")
@@ -66,6 +75,8 @@ class Declaration(NamedTuple):
 @lru_cache(maxsize=4096)
 def parse_style(text: str) -> tuple[Declaration, ...]:
     """The declarations of a style attribute for the properties that a drawing is read by."""
+    if is_too_deep(text):
+        return (Declaration(CONDITION, _TOO_DEEP, True),)
     if "/*" in text:
         text = _COMMENT.sub(" ", text)
     # A semicolon within a string or brackets is left to the library.
@@ -116,6 +127,16 @@ def _is_readable(name: str, value: str) -> bool:
     return keywords is None or value in keywords or value in _KEYWORDS
 
 
+def is_too_deep(text: str) -> bool:
+    """Whether brackets stand within each other deeper than they are parsed."""
+    depth = 0
+    for match in _BRACKET.finditer(text):
+        depth += 1 if match[0] in "([{" else -1
+        if depth > _DEEPEST:
+            return True
+    return False
+
+
 def normalise(value: str) -> str:
     """A value without blanks around it, in lower case if it has no id and no path data."""
     value = value.strip()
@@ -123,12 +144,14 @@ def normalise(value: str) -> str:
 
 
 class StyleSheet:
-    """The rules of all style elements.
+    """The rules of all style elements of a document.
 
+    root: outermost element of the document.
     unread: selectors and rules that are not read.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, root: Element) -> None:
+        self.root = root
         self.unread: list[str] = []
         self._matcher: Any = None
         self._is_simple = True
@@ -142,7 +165,11 @@ class StyleSheet:
 
         if element.attrib.get("type", "text/css") not in ("", "text/css"):
             return
-        rules = tinycss2.parse_stylesheet("".join(element.itertext()), True, True)
+        text = "".join(element.itertext())
+        if is_too_deep(text):
+            self.unread.append(_TOO_DEEP)
+            return
+        rules = tinycss2.parse_stylesheet(text, True, True)
         self._add_media(rules, element.attrib.get("media", ""), "")
 
     def _add_media(self, rules: list[Any], query: str, condition: str) -> None:
@@ -188,6 +215,8 @@ class StyleSheet:
         try:
             selectors = cssselect2.compile_selector_list(rule.prelude)
         except cssselect2.SelectorError:
+            selectors = []
+        if not selectors or (_SLOW_SELECTOR.search(text) and self._is_large()):
             self.unread.append(" ".join(text.split()))
             return
         self._matcher = self._matcher or cssselect2.Matcher()
@@ -197,19 +226,25 @@ class StyleSheet:
         self._is_simple &= all(map(_SIMPLE_SELECTOR.fullmatch, text.split(",")))
         self._ids.update(_ID.findall(text))
 
-    def find(self, element: Element, root: Element) -> tuple[Declaration, ...]:
+    def _is_large(self) -> bool:
+        return next(islice(self.root.iter(), _MOST_ELEMENTS, None), None) is not None
+
+    def find(self, element: Element) -> tuple[Declaration, ...]:
         """The declarations for an element, those of the strongest rule last."""
         if self._matcher is None:
             return ()
+        import cssselect2  # noqa: PLC0415 (only for drawings with a style sheet)
+
         if not self._is_simple:
-            return self._match(self._wrap(element, root))
+            return self._match(self._wrap(element))
         name = element.attrib.get("id", "")
         key = element.tag, element.attrib.get("class", ""), name if name in self._ids else ""
         declarations = self._cache.get(key)
         if declarations is None:
             # Simple selectors need nothing of the elements around it.
             alone = Element(element.tag, element.attrib)
-            declarations = self._cache[key] = self._match(self._wrap(alone, alone))
+            wrapper = cssselect2.ElementWrapper.from_xml_root(alone)
+            declarations = self._cache[key] = self._match(wrapper)
         return declarations
 
     def _match(self, wrapper: Any) -> tuple[Declaration, ...]:
@@ -218,13 +253,11 @@ class StyleSheet:
             declarations += matched
         return tuple(declarations)
 
-    def _wrap(self, element: Element, root: Element) -> Any:
+    def _wrap(self, element: Element) -> Any:
         import cssselect2  # noqa: PLC0415 (only for drawings with a style sheet)
 
-        if element is root:
-            return cssselect2.ElementWrapper.from_xml_root(root)
         if not self._wrappers:
-            tree = cssselect2.ElementWrapper.from_xml_root(root)
+            tree = cssselect2.ElementWrapper.from_xml_root(self.root)
             self._wrappers = {wrapper.etree_element: wrapper for wrapper in tree.iter_subtree()}
         return self._wrappers[element]
 
@@ -248,12 +281,10 @@ class Cascade:
     """Computes styles of elements.
 
     sheet: rules of all style elements.
-    root: outermost element, of which selectors are matched.
     """
 
     def __init__(self, root: Element) -> None:
-        self.sheet = StyleSheet()
-        self.root = root
+        self.sheet = StyleSheet(root)
 
     def style(self, parent: Style, inherited: Style, element: Element) -> Style:
         """The style of an element.
@@ -271,7 +302,7 @@ class Cascade:
                 style[name] = value
             else:
                 style[CONDITION] = f"{name}: {value}"
-        declarations = self.sheet.find(element, self.root)
+        declarations = self.sheet.find(element)
         if "style" in attributes:
             declarations += parse_style(attributes["style"])
         is_important = False

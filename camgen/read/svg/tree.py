@@ -194,12 +194,14 @@ class _Walker(Struct):
     """The state of all steps.
 
     deepest: number of references within each other that are allowed.
+    reported: shapes by kind and layer in each element that is left out, with layer and reason.
     """
 
     file: str
     drawing: Drawing
     document: Document
     deepest: float
+    reported: dict[tuple[Element, str, str], Counter[tuple[str, str]]] = field(default_factory=dict)
 
     def enter_root(
         self, matrix: FloatArray, view: tuple[float, float]
@@ -421,17 +423,26 @@ class _Walker(Struct):
 
     def _report_all(self, reason: str, element: Element, place: _Place) -> None:
         """Reports an element that is left out, and the shapes in it."""
+        key = element, place.layer, reason
+        counts = self.reported.get(key)
+        if counts is not None:
+            # References draw an element again and again; its content is listed once.
+            if counts:
+                self.drawing.reports[reason].update(counts)
+            return
+        counts = self.reported[key] = Counter()
         tag = _name(element)
         for inner in element.iter():
             kind = _name(inner)
             is_drawn = kind in KINDS or kind == "use" or kind in REPORTED_ELEMENTS
-            if is_drawn or (inner is element and tag and tag not in GROUPS):
-                layer = place.layer
-                if not layer:
-                    layer = self._layer(
-                        place, self.document.cascade.style(place.style, place.inherited, inner)
-                    )
-                self._report(reason, inner, layer)
+            if not is_drawn and (inner is not element or not tag or tag in GROUPS):
+                continue
+            layer = place.layer
+            if not layer:
+                style = self.document.cascade.style(place.style, place.inherited, inner)
+                layer = self._layer(place, style)
+            counts[harmless(kind, 40), layer] += 1
+            self._report(reason, inner, layer)
 
 
 def _name(element: Element) -> str:
