@@ -169,9 +169,19 @@ def contours(
     soup = _drop(soup, first_of_its_kind(soup, label_selections(soup, operations)), _TWICE, notes)
     is_open = ~(soup.closed | _meet_themselves(soup, tolerance))
     label = label_selections(soup, operations)
-    soup, repeated = cut_repeated(soup, label, tolerance, is_open, np.zeros_like(is_open))
+    cut, repeated = cut_repeated(soup, label, tolerance, is_open, np.zeros_like(is_open))
+    joined, joints = _join(cut, tolerance)
+    if repeated:
+        # Outlines side by side, each of lines of its own, need their common edge twice.
+        in_loop = _find_loop_pieces(soup, tolerance)
+        loose, loose_repeated = cut_repeated(
+            soup, label, tolerance, is_open & ~in_loop, np.zeros_like(is_open)
+        )
+        whole, whole_joints = _join(loose, tolerance)
+        if whole.closed.sum() > joined.closed.sum():
+            joined, joints, repeated = whole, whole_joints, loose_repeated
+    soup = joined
     notes += repeated
-    soup, joints = _join(soup, tolerance)
     notes += _joint_notes(joints, tolerance, by_color)
     soup = tidy(soup)
     soup = soup.take(np.diff(soup.first) > 1)
@@ -306,6 +316,15 @@ def _join(soup: Soup, tolerance: float) -> tuple[Soup, EndJoints]:
     partner = pair_ends(soup, tolerance)
     chains, closed = chain(partner.tolist(), soup.closed.tolist())
     return assemble(soup, chains, closed, same_distance(soup))
+
+
+def _find_loop_pieces(soup: Soup, tolerance: float) -> BoolArray:
+    """(P,) whether each open piece is joined to others in a closed chain."""
+    chains, closed = chain(pair_ends(soup, tolerance).tolist(), soup.closed.tolist())
+    in_loop = np.zeros(len(soup), np.bool_)
+    for ends, is_closed in zip(chains, closed, strict=True):
+        in_loop[np.array(ends) >> 1] = is_closed
+    return in_loop
 
 
 def pair_ends(soup: Soup, tolerance: float) -> IntArray:

@@ -197,7 +197,8 @@ def _note_cuts(soup: Soup, cuts: list[_Cut], noun: str) -> list[Note]:
 
 
 def _count(soup: Soup, pieces: list[int], noun: str) -> str:
-    kinds = [noun or soup.kinds[soup.kind[piece]] for piece in pieces]
+    plural = f"{noun}s" if noun and len(pieces) > 1 else noun
+    kinds = [plural or soup.kinds[soup.kind[piece]] for piece in pieces]
     return tally(kinds, [soup.layers[soup.layer[piece]] for piece in pieces])
 
 

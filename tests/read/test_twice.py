@@ -75,6 +75,18 @@ def test_lines_that_overlap_in_part_close_an_outline() -> None:
     assert part.notes[0].places == ((27.5, 0.0),)
 
 
+def test_outlines_of_lines_with_a_common_edge_stay_closed() -> None:
+    """Two plates side by side, the second one higher, each of four lines of its own."""
+    document, space = new()
+    for left, top in ((0, 30), (40, 50)):
+        corners = [(left, 0), (left + 40, 0), (left + 40, top), (left, top)]
+        for start, end in zip(corners, corners[1:] + corners[:1], strict=True):
+            space.add_line(start, end, dxfattribs={"layer": str(left)})
+    part = read(document)
+    assert [contour.closed for contour in part.contours] == [True, True]
+    assert [length(contour) for contour in part.contours] == pytest.approx([140, 180])
+
+
 def test_a_line_on_a_part_of_an_outline_is_left_out_there() -> None:
     document, space = new()
     space.add_line((20, 0), (75, 0))
