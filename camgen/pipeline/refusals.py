@@ -102,8 +102,11 @@ def _doubt_unit(part: Part) -> str:
     low, high = points.min(axis=0).tolist(), points.max(axis=0).tolist()
     spans = zip("xyz", low, high, strict=False)
     reach = ", ".join(f"{axis} {short(a, 0)} to {short(b, 0)}" for axis, a, b in spans)
-    move = "move it to the origin" if part.solid is not None else _MOVE
-    return f"drawn in {part.units} it lies at {reach} mm: {remedy_for(part.source)}, or {move}"
+    remedies = [remedy_for(part.source)]
+    if np.ptp(points, axis=0).max() <= LARGEST:
+        is_flat = part.solid is None and not part.curves
+        remedies.append(_MOVE if is_flat else "move it to the origin")
+    return f"drawn in {part.units} it lies at {reach} mm: {', or '.join(remedies)}"
 
 
 def _points(part: Part) -> FloatArray:
