@@ -35,15 +35,15 @@ def test_a_drawing_that_leaves_the_machine_names_file_unit_and_remedy(tmp_path, 
     with pytest.raises(Refused) as caught:
         build(rectangle(tmp_path, 120, units=6), post=post)
     assert str(caught.value) == (
-        f"large.dxf: {post} refuses path c1: {what}; drawn in m it lies at x 0 to 120000, y 0 to 60000 mm: "
-        "set input.units if that is not meant"
+        f"large.dxf: {post} refuses path c1: {what}; drawn in m it lies at x 0 to 120000, "
+        "y 0 to 60000 mm: set input.units if that is not meant"
     )
 
 
 def test_a_small_drawing_far_away_does_so_too(tmp_path):
     with pytest.raises(
         Refused,
-        match=r"drawn in mm it lies at x 90000 to 90050, y 0 to 25 mm: set input\.units .*input\.origin",
+        match=r"it lies at x 90000 to 90050, y 0 to 25 mm: set input\.units .*input\.origin",
     ):
         build(rectangle(tmp_path, 50, units=4, x=90000), post="rapid")
 

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import camgen
 from camgen.model.part import Part
 from camgen.read import read
 from camgen.read.job_file import from_mapping
@@ -567,3 +568,17 @@ def test_an_element_of_another_program_without_shapes_is_not_reported(tmp_path: 
     assert "#inner (within an element that is not of SVG)" in losses(
         drawn(tmp_path, shape + BOX + "/>")
     )
+
+
+def test_one_outline_is_kept_for_each_operation_that_chooses_its_color(tmp_path):
+    """A square in red and again in blue: once for each operation, and once for both together."""
+    square = '<path d="M1 1h20v20h-20z" fill="none" stroke="{}"/>'
+    shapes = square.format("red") + square.format("blue")
+    path = tmp_path / "two.svg"
+    path.write_text(
+        '<svg xmlns="http://www.w3.org/2000/svg" width="40mm" height="40mm" viewBox="0 0 40 40">'
+        f"{shapes}</svg>"
+    )
+    rows = [{"kind": "trace", "colors": ["red"]}, {"kind": "trace", "colors": ["blue"]}]
+    assert len(camgen.read(path, {"operations": rows}).contours) == 2
+    assert len(camgen.read(path).contours) == 1

@@ -160,9 +160,8 @@ def _read(source: Source, job: Job) -> _Contents:
         drawing = walk(source.name, document, page.matrix, page.view, layers, source.limits)
         layers.check(source.name)
         notes = [*page.notes, *remove_background(drawing, page.frames)]
-        contours, joints = join.contours(
-            flatten(drawing, job.tolerance.chord), settings.join, job.chooses_colors
-        )
+        flat = flatten(drawing, job.tolerance.chord)
+        contours, joints = join.contours(flat, settings.join, job.chooses_colors, job.operations)
     if page.is_open:
         contours, moved = _from_corner(contours)
         notes += moved
