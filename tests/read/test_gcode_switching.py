@@ -171,3 +171,28 @@ def test_every_motion_has_the_beam_of_its_line(tmp_path, seed):
         place = step[:2] if isinstance(step, tuple) else step
         levels.append((place, level))
     assert levels == expected
+
+
+RAPID = """\
+MODULE m
+  PERS tooldata tA:=[TRUE,[[0,0,100],[1,0,0,0]],[1,[0,0,50],[1,0,0,0],0,0,0]];
+  CONST robtarget a:=[[350,0,250],[0,0,1,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]];
+  CONST robtarget b:=[[350,40,250],[0,0,1,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]];
+  PROC main()
+    SetDO doTorch,1;
+    WaitTime 0.5;
+    MoveJ a,v200,fine,tA;
+    MoveL b,v50,fine,tA;
+    SetDO doTorch,0;
+  ENDPROC
+ENDMODULE
+"""
+
+
+def test_a_robot_program_switches_nothing_on_where_the_robot_happens_to_stand(tmp_path):
+    path = tmp_path / "old.mod"
+    path.write_text(RAPID)
+    job = {"post": {"signals": {"doTorch": "doTorch"}}}
+    result = camgen.build(path, post="rapid", job=job)
+    steps = [event(item) for item in result.program.body[2:]]
+    assert steps == [(350, 0, 250), 1, "0.5 s", (350, 40, 250), 0]
