@@ -20,7 +20,7 @@ from camgen.preview.inspection import draw
 from camgen.read import find_reader, list_installed
 from camgen.read.image import read as read_photo
 from camgen.read.job_file import beside, load
-from camgen.read.origin import move_part
+from camgen.read.move import move_part
 
 _PICTURES = (".svg", ".png")
 #: So many places are listed, the greatest.

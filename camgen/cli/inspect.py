@@ -15,7 +15,7 @@ from camgen.read import find_reader, is_drawing
 from camgen.read.contours import list_contours
 from camgen.read.files import Files
 from camgen.read.job_file import beside, load
-from camgen.read.origin import move_part
+from camgen.read.move import move_part
 
 
 def run(arguments: Namespace, says: Voice) -> int:

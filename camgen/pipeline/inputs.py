@@ -24,7 +24,7 @@ from camgen.model.program import Joints
 from camgen.model.text import counted, short
 from camgen.read import find_reader, read
 from camgen.read.files import Files, identity
-from camgen.read.origin import move_part
+from camgen.read.move import move_part
 from camgen.read.programs import Frames
 from camgen.read.recorded import Recorded
 from camgen.robots.models import Robot

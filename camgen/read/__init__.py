@@ -19,7 +19,7 @@ from camgen.model.job import CameraTable, Job
 from camgen.model.part import Part
 from camgen.model.plugins import ask, entries, load, origin
 from camgen.read.files import Files
-from camgen.read.origin import move_part
+from camgen.read.move import move_part
 
 READERS = "camgen.readers"
 #: Bytes from the beginning of a file by which a format is recognised.

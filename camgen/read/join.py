@@ -141,6 +141,9 @@ def _meet(
     return keep, gaps
 
 
+#: The gaps of an outline together are at most this share of its length. A plate of 100 x 60 mm may
+#: be open by 16 mm. An arc of 340 degrees (5.6 %) and a dashed line are meant as they are.
+GAP_SHARE = 0.05
 #: A chain is not closed on itself across more than this part of its own length.
 _OWN_GAP = 0.25
 #: Up to so many ends at one point are paired by the least turn of all pairs; beyond, by opposite directions.
@@ -191,8 +194,9 @@ def contours(
     notes += repeated
     if not soup.closed.all():
         label = label_selections(soup, operations)
-        everything = np.ones(len(soup), dtype=np.bool_)
-        soup, repeated = cut_repeated(soup, label, tolerance, everything, soup.closed, "contour")
+        # An outline with a gap stays whole: whether it is meant to be closed is asked later.
+        compared = soup.closed | ~_are_nearly_closed(soup)
+        soup, repeated = cut_repeated(soup, label, tolerance, compared, soup.closed, "contour")
         notes += repeated
     count = int((~soup.closed).sum())
     if count:
@@ -208,6 +212,16 @@ def contours(
         for i, ((a, b), closed, layer, color) in enumerate(rows, start=1)
     )
     return Contours.of(made, columns), tuple(notes)
+
+
+def _are_nearly_closed(soup: Soup) -> BoolArray:
+    """(P,) whether the ends of each piece are nearer than `GAP_SHARE` of its chords."""
+    chords = np.linalg.norm(np.diff(soup.points, axis=0, append=soup.points[-1:]), axis=1)
+    last = soup.first[1:] - 1
+    chords[last] = 0.0
+    length = np.add.reduceat(chords, soup.first[:-1])
+    gap = np.linalg.norm(soup.points[last] - soup.points[soup.first[:-1]], axis=1)
+    return np.asarray(gap <= GAP_SHARE * length)
 
 
 def _meet_themselves(soup: Soup, tolerance: float) -> BoolArray:

@@ -16,12 +16,9 @@ from camgen.geometry.segments import flatten, from_contours
 from camgen.model.job import Job
 from camgen.model.part import Contour, OpenOutline, tabulate_contours
 from camgen.model.pose import FloatArray
-from camgen.read.join import assemble, chain, closing_value, pair_ends
+from camgen.read.join import GAP_SHARE, assemble, chain, closing_value, pair_ends
 from camgen.read.pieces import Soup, same_distance
 
-#: The gaps of an outline together are at most this share of its length. A plate of 100 x 60 mm may
-#: be open by 16 mm. An arc of 340 degrees (5.6 %) and a dashed line are meant as they are.
-_GAP_SHARE = 0.05
 #: Arcs are flattened to chords within this for the test of inside and outside, mm.
 _CHORD_MM = 0.02
 #: Operations for which inside and outside of a contour make no difference.
@@ -35,7 +32,7 @@ def find_open_outlines(contours: Sequence[Contour], job: Job) -> tuple[OpenOutli
 
     - Each of its ends meets the end with which the reader joins it if `input.join` is as wide as
       the gap between them.
-    - Its gaps together are at most `_GAP_SHARE` of its length.
+    - Its gaps together are at most `GAP_SHARE` of its length.
     - It does not cross itself once it is closed.
     - At least one closed contour lies in it as a whole.
 
@@ -50,7 +47,7 @@ def find_open_outlines(contours: Sequence[Contour], job: Job) -> tuple[OpenOutli
     pieces, segments = _make_soup(opened), from_contours(opened)
     lengths = np.bincount(segments.owner, segments.length).astype(np.float64)
     # The gaps belong to the length of an outline.
-    widest = _GAP_SHARE / (1 - _GAP_SHARE) * float(lengths.sum())
+    widest = GAP_SHARE / (1 - GAP_SHARE) * float(lengths.sum())
     candidates = _select_outlines(_close_chains(pieces, lengths, widest), closed)
     if not candidates:
         return ()
@@ -128,7 +125,7 @@ def _close_chains(pieces: Soup, lengths: FloatArray, tolerance: float) -> list[_
     gap_sums = np.add.reduceat(gaps, begins[:-1])
     around = gap_sums + np.add.reduceat(lengths[entered >> 1], begins[:-1])
     loops = []
-    for k in np.flatnonzero(gap_sums <= _GAP_SHARE * around).tolist():
+    for k in np.flatnonzero(gap_sums <= GAP_SHARE * around).tolist():
         widest = int(begins[k] + gaps[begins[k] : begins[k + 1]].argmax())
         x, y = middles[widest].tolist()
         members = tuple(end >> 1 for end in chains[k])

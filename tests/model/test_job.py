@@ -304,9 +304,11 @@ def test_build_reads_no_job_file_that_is_not_named(plate: Path) -> None:
 def test_several_inputs_are_one_program_with_distinct_ids(plate: Path) -> None:
     second = plate.with_name("second.dxf")
     # The same plate 200 mm to the right.
-    second.write_text(PLATE.replace("\n10\n0\n", "\n10\n200\n").replace("\n10\n100\n", "\n10\n300\n")
-                      .replace("\n10\n50\n", "\n10\n250\n").replace("\n11\n0\n", "\n11\n200\n")
-                      .replace("\n11\n100\n", "\n11\n300\n"))  # fmt: skip
+    lines = PLATE.split("\n")
+    for k in range(0, len(lines) - 1, 2):
+        if lines[k] in ("10", "11"):
+            lines[k + 1] = str(int(lines[k + 1]) + 200)
+    second.write_text("\n".join(lines))
     result = camgen.build([plate, second], post="gcode", job={"operation": {"kind": "trace"}})
     ids = [path.id for path in result.tour.paths]
     assert len(ids) == len(set(ids)) == 4

@@ -15,7 +15,7 @@ from camgen.model.part import Part
 from camgen.read import dxf
 from camgen.read.extent import measure_box
 from camgen.read.files import Files
-from camgen.read.origin import move_part
+from camgen.read.move import move_part
 from tests.read.test_dxf import new, notes, written
 
 DRILL = Job(tool=ToolTable(diameter=4.0), operation=OperationTable(kind="drill"))

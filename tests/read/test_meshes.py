@@ -1,5 +1,7 @@
 """Mesh files in all their spellings: bodies, edges and refusals, against formulas."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -145,3 +147,50 @@ def test_instances_of_a_glb_are_refused_though_they_are_optional(tmp_path):
     data = meshes.write_glb([BOX], "EXT_mesh_gpu_instancing")
     with pytest.raises(InputError, match="has instances of meshes, the extension EXT_mesh_gpu"):
         read(tmp_path / "a.glb", data)
+
+
+def write_triangles(corners):
+    """A binary STL of triangles (F, 3, 3)."""
+    rows = b"".join(
+        np.concatenate([np.zeros(3), corner.ravel()]).astype("<f4").tobytes() + b"\0\0"
+        for corner in corners
+    )
+    return b"\0" * 80 + len(corners).to_bytes(4, "little") + rows
+
+
+def turn(seed):
+    """A random rotation (3, 3)."""
+    rotation, _ = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
+    return rotation * np.sign(np.linalg.det(rotation))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_t_junctions_are_closed(seed, tmp_path):
+    """A box whose top and front are cut at other places than their neighbours: 12 edges as ever."""
+    corners = BOX.corners[np.array(meshes.cut(BOX))]
+    is_top = (corners[:, :, 2] == 30).all(axis=1)
+    cuts = np.array([0.0, 2.5, 4.0, 10.0])
+    strips = []
+    for low, high in pairwise(cuts):
+        a, b, c, d = [(low, 0, 30), (high, 0, 30), (high, 20, 30), (low, 20, 30)]
+        strips += [(a, b, c), (a, c, d)]
+    triangles = np.concatenate([corners[~is_top], np.array(strips, dtype=float)])
+    solid = read(tmp_path / "box.stl", write_triangles(triangles @ turn(seed)))
+    assert len(solid.edges) == 12
+    assert not solid.borders
+    notes = [str(note) for note in solid.notes if note.kind == "repaired"]
+    assert notes == [
+        "repaired: 4 vertices on sides of triangles that lack them were joined to them"
+    ]
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_walls_at_30_degrees_are_alike(seed, tmp_path):
+    """A prism over a polygon of 12 corners, turned: its walls meet at 30.000 deg."""
+    angles = np.arange(12) * np.pi / 6
+    outline = [(20 * np.cos(a), 20 * np.sin(a)) for a in angles]
+    points, faces = meshes.make_prism(outline, 8.0)
+    body = BOX._replace(corners=points, faces=faces)
+    triangles = points[np.array(meshes.cut(body))] @ turn(seed)
+    solid = read(tmp_path / "prism.stl", write_triangles(triangles))
+    assert [edge.kind for edge in solid.edges] == ["circle", "circle"]

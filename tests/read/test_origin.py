@@ -14,7 +14,7 @@ from camgen.model.errors import JobError
 from camgen.model.job import InputTable, Job, PageTable
 from camgen.read import read
 from camgen.read.extent import measure_box
-from camgen.read.origin import move_part
+from camgen.read.move import move_part
 
 X, Y = 500000.0, -5400000.0
 

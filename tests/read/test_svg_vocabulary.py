@@ -99,7 +99,7 @@ def test_each_element_is_read_reported_or_draws_nothing(tmp_path: Path, name: st
     shape = '<rect x="20" y="20" width="9" height="9"/>'
     words = 'd="M5 5h9" points="5,5 9,9" x2="9" r="3" rx="3" width="50" height="50"'
     content = shape if name not in KINDS else ""
-    part = drawn(tmp_path, f'<{name} {words} href="#control" x="3">{content}</{name}>')
+    part = drawn(tmp_path, f'<{name} {words} href="#control" x="3" y="3">{content}</{name}>')
     is_read = name in KINDS | GROUPS | {"use"}
     assert (len(part.contours) == 2) == is_read
     if is_read:

@@ -15,6 +15,7 @@ from camgen.read.solid import topology as welding
 from camgen.read.solid.edges import edges_of, order
 from camgen.read.solid.mesh_file import MeshSoup, load
 from camgen.read.solid.sharp import SharpSides, chain, dangling, face_normals, segments
+from camgen.read.solid.tjunctions import split_at_junctions
 from camgen.read.solid.topology import Pairs, components, ends, pair
 from camgen.read.units import doubts
 
@@ -187,8 +188,10 @@ def _clean(name: str, soup: MeshSoup, mm: float, notes: list[Note]) -> tuple[Flo
             welds, "vertex of rims that nearly meet was", "vertices of rims that nearly meet were"
         )
         notes.append(Note("repaired", f"{many} welded"))
-    whole = welding.without_duplicates(welding.without_degenerate(joined))
-    _count(notes, len(faces) - len(proper) + len(single) - len(whole), "empty")
+    joined = welding.without_duplicates(welding.without_degenerate(joined))
+    whole, split = split_at_junctions(vertices, joined)
+    _count(notes, split, "junctions")
+    _count(notes, len(faces) - len(proper) + len(single) - len(joined), "empty")
     _count(notes, len(proper) - len(single), "twice")
     if not len(whole):
         raise InputError(name, "has no face with an area")
@@ -204,6 +207,10 @@ _MENDED = {
     "flat": (
         "face without width lies in the face beside it",
         "faces without width lie in the face beside them",
+    ),
+    "junctions": (
+        "vertex on a side of a triangle that lacks it was joined to it",
+        "vertices on sides of triangles that lack them were joined to them",
     ),
     "empty": ("face that has no area was left out", "faces that have no area were left out"),
     "twice": ("face that is there twice was left out", "faces that are there twice were left out"),

@@ -165,7 +165,10 @@ def read_ply(data: bytes) -> tuple[FloatArray, Triangles]:
         if element.name == "vertex":
             vertices = np.column_stack([columns.numbers[axis] for axis in "xyz"])
         elif element.name in ("face", "tristrips"):
-            lists = next(columns.lists[name] for name in _VERTICES if name in columns.lists)
+            named = [columns.lists[name] for name in _VERTICES if name in columns.lists]
+            if element.rows and not named:
+                raise ValueError(f"its {element.name} rows have no list of vertices")
+            lists = named[0] if named else []
             tables = [table.astype(np.int64) for table in lists]
             if element.name == "face":
                 polygons += tables

@@ -73,7 +73,7 @@ def components(count: int, a: IntArray, b: IntArray) -> IntArray:
 #: Odd numbers of 64 bits that spread the bits of a coordinate over the whole word.
 _SPREAD = (0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9)
 #: Rims closer than this part of the size of the mesh meet.
-_WELD = 1e-5
+WELD = 1e-5
 
 
 def merge(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
@@ -100,7 +100,7 @@ def weld(vertices: FloatArray, faces: IntArray) -> tuple[IntArray, int]:
     rim = each_once(np.concatenate(ends(faces, pair(faces).open)))
     if not len(rim):
         return faces, 0
-    limit = _WELD * float(np.linalg.norm(np.ptp(vertices, axis=0)))
+    limit = WELD * float(np.linalg.norm(np.ptp(vertices, axis=0)))
     a, b = _close(vertices[rim], limit)
     lowest = np.arange(len(vertices))
     lowest[rim] = rim[components(len(rim), a, b)]
