@@ -66,8 +66,8 @@ EdgeKind = Literal["line", "arc", "circle", "curve"]
 
 #: A curve whose heights differ by no more, mm, is flat.
 LEVEL_MM = 1e-3
-#: Faces that meet at less than this (rad) are one smooth surface. The margin above 30 deg treats walls
-#: at exactly 30 deg alike, whatever the rounding of their vertices is.
+#: Faces that meet at less than this (rad) are one smooth surface. The margin above 30 deg treats
+#: walls at exactly 30 deg alike, whatever the rounding of their vertices is.
 FEATURE_ANGLE = float(np.radians(30.05))
 
 
