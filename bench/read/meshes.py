@@ -349,7 +349,7 @@ SPELLINGS = [
     Spelling("polygons", ".off", write_off),
     Spelling("triangles", ".off", lambda b: write_off(b, triangles=True)),
     Spelling("counts in the first line", ".off", lambda b: write_off(b, first="OFF ")),
-    Spelling("remark behind the head", ".off", lambda b: write_off(b, first="OFF\n# bodies\n")),
+    Spelling("remark after the head", ".off", lambda b: write_off(b, first="OFF\n# bodies\n")),
     Spelling("objects", ".3mf", write_3mf),
     Spelling("production extension, equal ids", ".3mf", write_production_3mf),
     Spelling("nodes", ".glb", write_glb),

@@ -80,7 +80,9 @@ def find_slow_paths(reach: Reach, course: JointPath, robot: Robot, file: str) ->
     if not slow.any():
         return []
     _insist_on_possible(samples, robot, program, file)
-    return [_judge(samples, path, program) for path in np.unique(samples.path[slow]).tolist()]
+    return [
+        _find_slowest(samples, path, program) for path in np.unique(samples.path[slow]).tolist()
+    ]
 
 
 def _sample(reach: Reach, course: JointPath, robot: Robot) -> _Samples:
@@ -108,7 +110,7 @@ def _sample(reach: Reach, course: JointPath, robot: Robot) -> _Samples:
     )
 
 
-def _judge(samples: _Samples, path: int, program: Program) -> SlowPath:
+def _find_slowest(samples: _Samples, path: int, program: Program) -> SlowPath:
     """The slowest place of a path, and the part of it that is slow."""
     steps = np.flatnonzero(samples.path == path)
     ratio = samples.speed[steps] / samples.feed[steps]
@@ -140,7 +142,7 @@ def _insist_on_possible(samples: _Samples, robot: Robot, program: Program, file:
         f"asks for a feed of {short(float(top), 1)} mm/s, and {robot.name} moves its tool there at "
         f"{short(limit, 0)} mm/s at most, with all joints at full speed"
     )
-    raise NoSafeProgram(file, what, "lower process.feed")
+    raise NoSafeProgram(file, what, "lower process.feed, or the speed in the program that was read")
 
 
 def bound_speed(robot: Robot, joints: FloatArray, tip: Vec3) -> FloatArray:

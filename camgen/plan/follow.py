@@ -26,9 +26,10 @@ from camgen.model.job import Job
 from camgen.model.part import Contour, Note, Part
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
-from camgen.model.text import counted, name_ranges, short
+from camgen.model.text import counted, name_ranges
 from camgen.plan.beside import EXACT, Beside, beside, only_along, only_chains
 from camgen.plan.columns import SLOWEST, Label, SegmentWork, pass_depths, sideways, tool_paths
+from camgen.plan.contact_feed import CAPPED, note_contact_feed
 from camgen.plan.finish import rough_then_last
 from camgen.plan.open_outlines import check_outlines
 from camgen.read.join import tell_gaps
@@ -37,8 +38,6 @@ from camgen.read.join import tell_gaps
 _SHARP = np.radians(15.0)
 #: What is left standing by no more, mm, counts as touched. Contours are looked at every so many mm, at so many places.
 _UNSEEN_MM, _SAMPLE_MM, _SAMPLES = 0.02, 0.1, 50_000
-#: A factor of the feed that exceeds its limit by less needs no note.
-_CAPPED = 1.01
 _COMMON = (
     "edges on one line leave the tool no side; draw one outline, or use operation.kind = trace"
 )
@@ -407,22 +406,15 @@ def _note_feeds(
     """The contours that a pressing tool follows slower than the feed of the job, by its factor."""
     process = job.process
     factors = np.where(curve.sound[curve.segments.owner], _stretch(curve, source), 1.0)
-    slow = np.flatnonzero(factors > process.max_feed_factor * _CAPPED)
+    slow = np.flatnonzero(factors > process.max_feed_factor * CAPPED)
     if not len(slow):
         return
     contour = source.owner[curve.source]
     worst = int(slow[factors[slow].argmax()])
     names = tuple(contours[k].id for k in np.unique(contour[slow]).tolist())
-    speed = process.feed * process.max_feed_factor / factors[worst]
-    what = (
-        f"outer arcs slower than process.feed: the contact point runs at {short(speed, 1)} of "
-        f"{short(process.feed, 1)} mm/s on {contours[int(contour[worst])].id}"
-    )
-    why = (
-        f"the tool centre would run {short(float(factors[worst]), 1)} times as fast, and "
-        f"process.max_feed_factor = {short(process.max_feed_factor, 2)}"
-    )
-    yield Note("warning", what, why, names)
+    what = "outer arcs slower than process.feed"
+    name = contours[int(contour[worst])].id
+    yield note_contact_feed(what, name, float(factors[worst]), process, names)
 
 
 def _contact(curve: Beside, source: Segments) -> FloatArray:

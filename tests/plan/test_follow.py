@@ -348,6 +348,6 @@ def test_a_pressing_tool_that_its_factor_slows_down_is_told() -> None:
     note = plan(part(rounded(40, 30, 2)), job).notes[-1]
     assert str(note) == (
         "warning: outer arcs slower than process.feed: the contact point runs at 5.7 of 10 mm/s on "
-        "c1 (the tool centre would run 3.5 times as fast, and process.max_feed_factor = 2)"
+        "c1 (the tool would run 3.5 times as fast, and process.max_feed_factor = 2)"
     )
     assert not plan(part(rounded(40, 30, 6)), job).notes

@@ -52,9 +52,15 @@ def test_a_torch_without_heights_goes_on_at_its_hole(tmp_path):
         (10, 10, HIGH), (10, 10, 0), 1, "0.8 s", (30, 10, 0), 0,
         (50, 10, 0), 1, "0.8 s", (70, 10, 0), 0, (70, 10, HIGH),
     ]  # fmt: skip
-    assert "assumed: line 1: the program begins at Z0 (it does not say where)" in map(
+    assert "assumed: line 2: the program begins at Z0 (it does not say where)" in map(
         str, result.notes
     )
+
+
+def test_a_program_without_heights_may_choose_its_work_offset(tmp_path):
+    text = "G21 G90 G55\nG0 X10 Y10\nM3\nG4 P0.8\nG1 X30 F1500\nM5\nM2\n"
+    _, steps = events(tmp_path, text, kind="plasma")
+    assert steps[:4] == [(10, 10, HIGH), (10, 10, 0), 1, "0.8 s"]
 
 
 def test_holes_without_a_cut_between_them_are_pierced_where_they_are(tmp_path):

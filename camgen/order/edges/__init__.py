@@ -20,11 +20,9 @@ from camgen.order.edges.links import JointLink, PathLink
 from camgen.order.edges.route import Route, RouteCell, RouteOptions, route
 from camgen.order.tours import EdgeTour
 from camgen.plan import EdgePlan, Watch
+from camgen.plan.contact_feed import CAPPED, note_contact_feed
 from camgen.robots.kinematics.forward import flange
 from camgen.robots.workcell import Workcell
-
-#: A factor of the feed that exceeds its limit by less needs no note.
-_CAPPED = 1.01
 
 
 def order_edges(plan: EdgePlan, job: Job, cell: Cell | None, watch: Watch) -> EdgeTour:
@@ -101,21 +99,13 @@ def _note_feeds(tour: Route, lengths: Sequence[float], job: Job, noun: str) -> I
     """The edges along which the tool runs slower than the feed of the job, by its factor."""
     process = job.process
     factors = [feed_factor(leg.motion, n) for leg, n in zip(tour.legs, lengths, strict=True)]
-    slow = [k for k, factor in enumerate(factors) if factor > process.max_feed_factor * _CAPPED]
+    slow = [k for k, factor in enumerate(factors) if factor > process.max_feed_factor * CAPPED]
     if not slow:
         return
     worst = max(slow, key=factors.__getitem__)
-    speed = process.feed * process.max_feed_factor / factors[worst]
-    what = (
-        f"{counted(len(slow), noun)} slower than process.feed: the contact point runs at "
-        f"{short(speed, 1)} of {short(process.feed, 1)} mm/s on {tour.legs[worst].motion.id}"
-    )
-    why = (
-        f"the TCP would run {short(factors[worst], 1)} times as fast, and "
-        f"process.max_feed_factor = {short(process.max_feed_factor, 2)}"
-    )
+    what = f"{counted(len(slow), noun)} slower than process.feed"
     names = tuple(tour.legs[k].motion.id for k in slow)
-    yield Note("warning", what, why, names)
+    yield note_contact_feed(what, tour.legs[worst].motion.id, factors[worst], process, names)
 
 
 def _note_links(made: Route, noun: str) -> list[Note]:

@@ -18,7 +18,7 @@ from camgen.read.gcode.arcs import Piece, find_centre
 from camgen.read.gcode.beam import Beam
 from camgen.read.gcode.compensation import Beside
 from camgen.read.gcode.dialects import LINUXCNC, LOSSES, Dialect
-from camgen.read.gcode.machine import ARCS, AXES, Machine, feed, stop
+from camgen.read.gcode.machine import ARCS, AXES, RAPID, Machine, feed, stop
 from camgen.read.gcode.macros import ARGUMENTS, assign, find_ends, jump
 from camgen.read.gcode.motion import CYCLES
 from camgen.read.gcode.rotation import Rotation
@@ -118,6 +118,7 @@ class Foreign(Machine):
     reached: whether G43 has come.
     beam: beam of a laser that its dialect switches off in rapid motions.
     varies_power: whether motions at feed have an S of their own, as for a laser.
+    has_heights: whether the program ever says a height.
     """
 
     dialect: Dialect = LINUXCNC
@@ -164,6 +165,7 @@ class Foreign(Machine):
     radius_of: Callable[[str, float | None], float] = lambda _code, _number: 0.0
     beam: Beam | None = None
     varies_power: bool = False
+    has_heights: bool = True
 
     # What is told.
 
@@ -680,6 +682,10 @@ class Foreign(Machine):
             self.add(MoveL(Pose(TOOL_DOWN, self.here()), self.feed))
             return
         self._insist_on_dark_rapids()
+        if not (self.has_heights or self.begun or self.known[2]):
+            # All of the program runs at one height, so that no motion has to wait for it.
+            self.known[2], self.entry = True, RAPID
+            self.note("assumed", "the program begins at Z0", "it does not say where")
         Machine.rapid(self, end, axes)
 
     def _insist_on_dark_rapids(self) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from functools import partial
 from itertools import accumulate
 
@@ -15,12 +15,12 @@ from camgen.read.gcode.codes import CODES, find_radius
 from camgen.read.gcode.dialects import DIALECTS, GRBL, Dialect, find_other, recognise
 from camgen.read.gcode.foreign import Foreign
 from camgen.read.gcode.interpreter import has_speed, perform
-from camgen.read.gcode.machine import RAPID
 from camgen.read.gcode.traced import TRACED
 from camgen.read.gcode.words import COMMENT
 from camgen.read.gcode_text import SUFFIXES, is_gcode
 from camgen.read.programs import Ask, Executed, Frames, Language
 
+#: Words that lead to a height: Z, W as an increment of it, and places that the machine stores.
 _HEIGHT = re.compile(r"[zZwW]|\bG[ \t]*0*(?:28|30|53)\b", re.IGNORECASE)
 
 
@@ -60,7 +60,7 @@ def play(
     )
     m.radius_of = partial(find_radius, m)
     _set_beam(m, text)
-    _assume_height(m, files.values())
+    m.has_heights = any(_HEIGHT.search(COMMENT.sub("", text)) for text in files.values())
     m.tell("dialect", f"{dialect.name} ({sign[:30]})" if sign else dialect.name)
     other = find_other(text)
     if other is not None and not ask.dialect:
@@ -74,16 +74,6 @@ def _set_beam(m: Foreign, text: str) -> None:
     is_on = m.given.get("laser", float(sets_laser_mode(text)))
     if m.dialect.name == "grbl" and is_on:
         m.beam = Beam("process" if m.on_off else "spindle")
-
-
-def _assume_height(m: Foreign, texts: Iterable[str]) -> None:
-    """A program that never says Z runs at one height: Z0 is assumed.
-
-    The letter W of an increment in Z counts as Z.
-    """
-    if not any(_HEIGHT.search(COMMENT.sub("", text)) for text in texts):
-        m.known[2], m.entry, m.line = True, RAPID, 1
-        m.note("assumed", "the program begins at Z0", "it does not say where")
 
 
 def run(files: Mapping[str, str], ask: Ask, usual: Dialect | None = None) -> Executed:

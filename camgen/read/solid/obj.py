@@ -13,6 +13,8 @@ from camgen.read.solid.polygons import Triangles, check_numbers, cut_polygons
 from camgen.read.solid.rows import read_equal_rows, read_table
 
 _CONTINUED = re.compile(r"\\[ \t]*\r?\n")
+#: The word of a face in old files.
+_OLD_FACE = re.compile(r"^[ \t]*fo(?=[ \t])", re.MULTILINE)
 #: Statements of free-form curves and surfaces, which hold a shape that is not read.
 _FREE_FORM = ("curv ", "curv2 ", "surf ")
 #: The numbers of texture and normal after the number of a vertex.
@@ -25,7 +27,7 @@ def read_obj(data: bytes) -> tuple[FloatArray, Triangles]:
 
     Raises ValueError for a statement that is damaged.
     """
-    text = _CONTINUED.sub(" ", data.decode("latin-1"))
+    text = _OLD_FACE.sub("f", _CONTINUED.sub(" ", data.decode("latin-1")))
     rows = list(filter(None, map(str.strip, text.split("\n"))))
     words = [row[:2].rstrip() for row in rows]
     places = [row[1:] for row, word in zip(rows, words, strict=True) if word == "v"]

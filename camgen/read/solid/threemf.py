@@ -34,6 +34,8 @@ _KNOWN = frozenset(
 _PATH = f"{{{_PRODUCTION}}}path"
 #: Types of objects that do not belong to the model (core specification, section 4.1).
 _BESIDE = ("support", "solidsupport", "other")
+#: Elements of extensions that hold a shape, required or not.
+_SHAPES = frozenset(["beamlattice", "booleanshape", "displacementmesh", "levelset"])
 #: The namespaces of a model part, and the bytes in which its first element ends.
 _SPACES, _HEAD = re.compile(r"xmlns:([\w.-]+)\s*=\s*[\"']([^\"']+)"), 10_000
 #: Components within components.
@@ -151,6 +153,9 @@ def _read_part(data: bytes, name: str) -> _Part:
     model = ElementTree.fromstring(data)
     spaces = dict(_SPACES.findall(data[:_HEAD].decode("latin-1")))
     _insist_on_known(model.get("requiredextensions", ""), spaces)
+    for item in model.iter():
+        if item.tag.rpartition("}")[2] in _SHAPES:
+            raise UnreadShape(f"has a {item.tag.rpartition('}')[2]}, which is not read")
     return _Part(
         model.get("unit", "millimeter"),
         {item.attrib["id"]: _read_object(item, name) for item in model.iter(f"{{{_CORE}}}object")},
