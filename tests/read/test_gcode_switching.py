@@ -114,7 +114,9 @@ M2
     [("M3", ["2 s", 0]), ("M4", [0, "2 s"])],
 )
 def test_laser_mode_has_the_beam_off_in_rapid_motions(tmp_path, mode, at_rest):
-    _, steps = events(tmp_path, SQUARES.format(mode=mode), dialect="grbl")
+    result, steps = events(tmp_path, SQUARES.format(mode=mode), dialect="grbl")
+    is_named = any("M4 lowers the power" in note.what for note in result.notes)
+    assert is_named == (mode == "M4")
     assert steps == [
         (10, 10, HIGH), (10, 10, 0), 300, (30, 10, 0), (30, 30, 0), 0,
         (60, 30, 0), "1 s", 250, (80, 30, 0), *at_rest, (80, 30, HIGH),

@@ -57,6 +57,7 @@ _PLAIN = re.compile(r"(?:[a-z][+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))*")
 _WORKING = ("G1", "G2", "G3")
 _PLANES = {"G17": "XY", "G18": "ZX", "G19": "YZ"}
 
+_FULL_POWER = "M4 lowers the power with the speed on GRBL, and does not here"
 _NO_HEIGHT = "begin the program with its height (G0 Z5)"
 _IN_STEP = "the spindle keeps step with the feed, for which programs here have no word"
 _PROBES = "probes: how far it goes is not in the text"
@@ -711,6 +712,8 @@ class Foreign(Machine):
     def turn(self) -> None:
         """Sets the spindle, or the beam of a laser, to what the program has said."""
         if self.beam is not None:
+            if self.spindle == "M4":
+                self.assume(_FULL_POWER, "", 0.0, "its output has the power of S")
             self._write_beam(self.beam.at_rest(self.power, self.spindle, self.motion))
         elif self.given.get("laser") and self.spindle == "M4" and not self.on_off:
             self.switch("spindle", self.power)
