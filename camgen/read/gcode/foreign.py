@@ -756,17 +756,15 @@ class Foreign(Machine):
 
     def switch(self, signal: str, value: float) -> None:
         """Sets an output; one that was on at an unknown height cannot be run elsewhere."""
-        was_on = (
-            any(
-                isinstance(item, Output) and item.signal == signal and item.value
-                for item in self.body
-            )
-            if self.held and not (self.begun or value)
-            else False
-        )
-        if was_on:
+        is_placeless = self.held > 0 and not self.begun
+        if is_placeless and not value and self._was_on(signal):
             self.lose(f"{signal} is on and off again where Z is not known; {_NO_HEIGHT}")
         Machine.switch(self, signal, value)
+
+    def _was_on(self, signal: str) -> bool:
+        """Whether the program has switched an output on."""
+        outputs = (item for item in self.body if isinstance(item, Output))
+        return any(item.signal == signal and item.value for item in outputs)
 
     def add(self, item: Instruction) -> None:
         """What comes while a motion beside the path waits comes behind it."""
