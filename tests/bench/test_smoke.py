@@ -144,6 +144,7 @@ SMOKES = [
         lacking("playwright", *BROWSERS), alone=True,
     ),
     Smoke("read.edges {here}", (1,), {"convex mm (measured)": (1390, 1391)}),
+    Smoke("read.scans 2 1", (1,), {"scans": (1, 1), "right": (1, 1)}),
     Smoke("read.meshes 0 54", (27,), {"meshes": (2, 2), "silent": (0, 0)}),
     Smoke("read.old_gcode_words", (6,), {"silent": (0, 0)}),
     Smoke("read.replay {programs}", (2,), {}, lacking("", "rs274")),
