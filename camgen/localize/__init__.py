@@ -10,16 +10,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
+import msgspec
 import numpy as np
 from msgspec import Struct
 
-from camgen.localize.coarse import Poses, field
+from camgen.localize.clutter import isolated
 from camgen.localize.doubt import (
     Alternatives,
     Rival,
     SeenShare,
-    alike,
-    beside,
+    best_of,
     decides,
     freedom,
     is_near,
@@ -27,14 +27,28 @@ from camgen.localize.doubt import (
     noise_limit,
     rivals,
     stray,
-    thin,
     weakness,
 )
-from camgen.localize.fine import TUKEY, ScanFit, View, costs, on, refine, refine_all
-from camgen.localize.model import Cloud, Model, model_part
+from camgen.localize.fine import TUKEY, ScanFit, View, costs, on, refine
+from camgen.localize.model import Model, model_part
 from camgen.localize.rims import run_on
-from camgen.localize.sight import hidden
-from camgen.localize.starts import starts, symmetries, things
+from camgen.localize.search import (
+    CHANCE,
+    FEW,
+    LEAST_SEEN,
+    MOST_HIDDEN,
+    Ground,
+    Scene,
+    Tries,
+    find_again,
+    list_scenes,
+    prepare,
+    search,
+    settle_bench,
+    share_unseen,
+)
+from camgen.localize.verdict import Patch, differences
+from camgen.localize.words import describe_patch, pose_values
 from camgen.model.errors import InputError, NoSafeProgram
 from camgen.model.part import IntArray
 from camgen.model.pose import IDENTITY, FloatArray, Pose, angle_between, frozen, to_vec3
@@ -42,44 +56,36 @@ from camgen.model.text import short
 
 # The walk: search everywhere, refine the best, look for others that fit as well, and judge what was found.
 
-#: Points that choose among poses, and those that the last fit is made of at most.
-_FEW, _MANY = 1500, 400_000
-#: Points that show which poses are worth more, and by how much the cost of such a one may be greater.
-_FEWER, _FAR_COST = 300, 0.05
-#: Points in which the bench and things on it are looked for.
-_SOME = 20_000
-#: Where more of the points in the model's box do not lie on it, the search goes on.
-_STRAY = 0.02
-#: Poses whose costs (0..1, see ``fine.cost``) differ by less fit equally well.
-_SAME_COST = 0.004
-#: A point of the scan lies on the model within this part of the model's size.
-WITHIN = 0.005
-#: Less than this of the scan on the model, or of what the scanner could see in the scan: the part was not found.
-LEAST_OVERLAP, LEAST_SEEN = 0.3, 0.7
+#: Points that the last fit is made of at most.
+_MANY = 400_000
+#: Poses whose costs (0..1, see ``fine.cost``) differ by less fit equally well. At least so many poses are compared.
+_SAME_COST, _COMPARED, _FAR_COST = 0.004, 24, 0.05
+#: Less than this share of the scan lies on the model: the part was not found.
+LEAST_OVERLAP = 0.3
 #: More points in the model's box that are not on it than this, per point that is: it was not found either.
 MOST_STRAY = 0.1
 #: A scan smaller or larger than this, as part of the model's size, is in another unit, and in which it may be.
 _SMALLEST, _LARGEST = 0.05, 50.0
 _UNITS = (("m", 1000.0), ("inch", 25.4), ("um", 0.001))
-#: More of the points than this hidden from the scanner by the part that they lie on: it does not stand there.
-MOST_HIDDEN = 0.1
 #: The scan runs on beyond more than this of the part's rims: it is a place on a larger part (0.41 to 0.64 of most that
 #: nothing else refused). More than the other: it may be, unless it stands where it was said to (0.13 at least of what
 #: was not there; 0.00 to 0.01 where a part stood alone or on a bench; 0.08 for a block flush along a side of its top).
 MOST_RUN_ON, SOME_RUN_ON = 0.3, 0.05
 #: Poses turned from the start by so much more than the least one, deg, are told apart by where they are.
 _AS_LITTLE = 5.0
-#: Points that lie about a surface by chance spread evenly: 0.58 of the limit. A part that is there is well below.
-_CHANCE = 0.4
+#: Patches that a refusal names.
+_LISTED = 3
 
 
 class Location(Struct, frozen=True, eq=False):
     """Where the model stands in the scan. Lengths mm, in the scan's frame.
 
-    overlap: share of the scan within ``within`` of the model. rms: of the distances of the ``used`` points that count.
+    points: of the scan. isolated, bench: how many of them were left out, far from all others or on the bench.
+    overlap: share of the others within ``within`` of the model. rms: of the distances of the ``used`` points.
     rivals: other poses that fit as well; next_best: the best of those that do not. free, weak: "" or what the scan
     does not hold, in words. told_apart: mm, surfaces that are nearer to each other the noise does not tell apart.
-    run_on: share 0..1 of the rims that show beyond which the scan runs on.
+    run_on: share 0..1 of the rims that show beyond which the scan runs on. patches: where the scan shows another shape
+    than the model. again: where the scan shows the model a second time.
     """
 
     base_from_work: Pose
@@ -95,6 +101,10 @@ class Location(Struct, frozen=True, eq=False):
     weak: str
     told_apart: float
     run_on: float
+    patches: tuple[Patch, ...]
+    isolated: int
+    bench: int
+    again: tuple[Pose, ...]
 
 
 def localize(
@@ -107,7 +117,7 @@ def localize(
 ) -> Location:
     """Finds the part, vertices (V, 3) and faces (F, 3), in ``scan`` (N, 3), both mm. ``InputError`` if it is not there,
     ``NoSafeProgram`` if it may as well stand where its surface is elsewhere, by more than the noise, or be a place on a
-    larger part, and ``start`` does not decide that.
+    larger part, and ``start`` does not decide that; or if the scan shows another shape.
 
     name: of the scan, for errors. start: base_from_work as far as it is known: tried too, and of poses that fit equally
     well the one that is turned least from it is taken (without it: least turned at all). viewpoint: (3,) where the
@@ -122,27 +132,32 @@ def localize(
     stage("preparing the model")
     model = model_part(*part)
     _size(name, model.size, points)
-    samples = Cloud(model.samples)
-    few = points[:_FEW]
-    fits = _search(model, samples, points, given, stage, eye)
-    best = _best(model, samples, few, fits, eye)
-    if not math.isfinite(best.noise):
+    ground = prepare(model)
+    together = points[~isolated(points)]
+    tries = search(ground, list_scenes(model, together, eye), given, stage)
+    if not math.isfinite(tries.best()[0].noise):
         raise _missing(name, "no pose puts it on the points")
-    gate = min(max(best.noise, 1e-6 * model.size) * TUKEY, WITHIN * model.size)
-    worth = costs(model, samples, View(few, eye), fits, gate, _SAME_COST)
-    equal = [fit for fit, c in zip(fits, worth, strict=True) if c <= min(worth) + _SAME_COST]
-    chosen = _choose(model, equal, given, start is not None)
+    tries = settle_bench(tries, together)
+    scene, others = tries.scene, _compare(tries)
+    equal = best_of(model, ground.samples, scene.first(4 * FEW), others, tries.best()[0])
+    final = _choose(model, equal, given, start is not None)
     stage("refining")
-    final = chosen
-    for some in (points[: 4 * _FEW], points):
-        final = refine(model, samples, some, (final.rotation, final.origin), 1.1 * gate)
-    return _judge(
-        _Told(name, points, middle, eye, start),
-        model,
-        samples,
-        final,
-        Alternatives(fits, worth, gate, _SAME_COST),
-    )
+    for some in (scene.view.points[: 4 * FEW], scene.view.points):
+        final = refine(
+            model, ground.samples, some, (final.rotation, final.origin), 1.1 * others.gate
+        )
+    return _judge(_Told(name, points, together, middle, start), ground, scene, final, others)
+
+
+def _compare(tries: Tries) -> Alternatives:
+    """The better of the fits that were tried, with their costs."""
+    ground, (best, worst) = tries.ground, tries.best()
+    gate = min(max(best.noise, 1e-6 * ground.model.size) * TUKEY, ground.within)
+    order = sorted(range(len(tries.fits)), key=tries.costs.__getitem__)
+    near = sum(each <= worst + _FAR_COST for each in tries.costs)
+    fits = [tries.fits[k] for k in order[: max(near, _COMPARED)]]
+    worth = costs(ground.model, ground.samples, tries.scene.first(FEW), fits, gate, _SAME_COST)
+    return Alternatives(fits, worth, gate, _SAME_COST)
 
 
 def _choose(model: Model, equal: list[ScanFit], given: Pose, known: bool) -> ScanFit:
@@ -181,146 +196,110 @@ def _size(name: str, size: float, points: FloatArray) -> None:
     raise InputError(name, "the scan cannot show this model", where, remedy)
 
 
-def _search(
-    model: Model,
-    samples: Cloud,
-    points: FloatArray,
-    given: Pose,
-    stage: Callable[[str], None],
-    eye: FloatArray | None,
-) -> list[ScanFit]:
-    """Refined poses, the right one among them: near ``given``, and if the part is not clearly there, everywhere."""
-    within, few = WITHIN * model.size, points[:_FEW]
-    ground, sets = field(model, samples), things(model, points[:_SOME])
-    same = symmetries(model, ground)
-    fits: list[ScanFit] = []
-    for place in (given, None):
-        stage("searching everywhere" if place is None else "searching near by")
-        fits += _look(model, samples, few, starts(model, ground, sets, place))
-        fits += _look(model, samples, few, beside(model, samples, few[:_FEWER], fits))
-        best = _best(model, samples, few, fits, eye)
-        if best.noise < _CHANCE * within:
-            fits += _look(model, samples, few, alike(best, same))
-            best = _best(model, samples, few, fits, eye)
-            if _share_hidden(model, samples, few[:_FEWER], best, within, eye) > MOST_HIDDEN:
-                continue
-            if not thin(model) and stray(model, samples, few, best, within) < _STRAY:
-                break
-    return fits
-
-
-def _look(model: Model, samples: Cloud, few: FloatArray, found: Poses) -> list[ScanFit]:
-    """Each pose refined with a few points, those that are far from the best with fewer."""
-    poses = list(zip(found.rotations, found.origins, strict=True))
-    fits = refine_all(model, samples, few[:_FEWER], poses, 0.02 * model.size)
-    worth = costs(model, samples, View(few[:_FEWER]), fits, WITHIN * model.size)
-    near = [k for k, c in enumerate(worth) if c < min(worth) + _FAR_COST]
-    again = [(fits[k].rotation, fits[k].origin) for k in near]
-    for k, fit in zip(near, refine_all(model, samples, few, again, 0.01 * model.size), strict=True):
-        fits[k] = fit
-    return fits
-
-
-def _best(
-    model: Model, samples: Cloud, few: FloatArray, fits: list[ScanFit], eye: FloatArray | None
-) -> ScanFit:
-    """The one that puts the points best onto the model."""
-    worth = costs(model, samples, View(few[:_FEWER], eye), fits, WITHIN * model.size)
-    return fits[int(np.argmin(worth))]
-
-
-def _share_hidden(
-    model: Model,
-    samples: Cloud,
-    points: FloatArray,
-    fit: ScanFit,
-    reach: float,
-    eye: FloatArray | None,
-) -> float:
-    """Of the points that lie on the model the share that it hides from the scanner."""
-    if eye is None:
-        return 0.0
-    there = on(model, samples, fit.apply(points), reach)[2]
-    return float(hidden(model, there, fit.apply(eye), reach).mean()) if len(there) else 0.0
-
-
 class _Told(Struct, frozen=True, eq=False):
-    """What is known of a scan: its name, the points (N, 3) about its middle (3,), where the scanner stood, about that
-    too, and about where the part stands.
+    """What is known of a scan: its name, the points (N, 3) about its middle (3,), those that are not ``together`` with
+    others left out, and about where the part stands.
     """
 
     name: str
     points: FloatArray
+    together: FloatArray
     middle: FloatArray
-    eye: FloatArray | None
     start: Pose | None
 
 
 def _judge(
-    told: _Told,
-    model: Model,
-    samples: Cloud,
-    final: ScanFit,
-    others: Alternatives,
+    told: _Told, ground: Ground, scene: Scene, final: ScanFit, others: Alternatives
 ) -> Location:
     """What was found with all that speaks for and against it. ``InputError`` if it cannot be the part,
-    ``NoSafeProgram`` if it could be elsewhere.
+    ``NoSafeProgram`` if it could be elsewhere, or the scan shows another shape.
     """
-    name, points, eye = told.name, told.points, told.eye
-    within = WITHIN * model.size
+    model, samples = ground.model, ground.samples
+    name, points, view = told.name, scene.view.points, scene.view
+    within = ground.within
     rest = np.delete(points, final.used, axis=0)
-    overlap = (len(final.used) + len(on(model, samples, final.apply(rest), within)[0])) / len(
-        points
-    )
+    lying = len(final.used) + len(on(model, samples, final.apply(rest), within).point)
+    overlap = lying / len(points)
     if overlap < LEAST_OVERLAP:
         raise _missing(
             name,
             f"at best {100 * overlap:.0f} % of the points lie within {short(within, 2)} mm of it",
         )
-    if not final.noise < _CHANCE * within:
+    if not final.noise < CHANCE * within:
         raise _missing(
             name, f"at best its surface is {short(final.noise, 3)} mm rms off the points"
         )
-    view = _refuse_unseen(told, model, samples, final, others.gate)
-    equal, following = rivals(model, samples, points[: 4 * _FEW], final, others, told.middle)
-    free, away = freedom(model, samples, points[:_FEW], final, (others.gate, others.same), eye)
-    back = final.rotation.T
-    base_from_work = Pose(frozen(back), to_vec3(told.middle - back @ final.origin))
+    seen = _refuse_unseen(told, ground, view, final, others.gate)
+    some = scene.first(FEW)
+    equal, following = rivals(model, samples, points[: 4 * FEW], final, others, told.middle)
+    free, away = freedom(model, samples, some, final, (others.gate, others.same))
     weak = "" if free else weakness(final)
+    patches = differences(model, samples, view, final)
     found = Location(
-        base_from_work, len(points), overlap, within, final.rms, len(final.used), view, equal, following,
-        free, weak, noise_limit(model, final), run_on(model, samples, points, final),
+        _place(final, told.middle), len(told.points), overlap, within, final.rms, len(final.used), seen, equal,
+        following, free, weak, noise_limit(model, final), run_on(model, samples, points, final), tuple(patches),
+        len(told.points) - len(told.together), len(told.together) - len(points), (),
     )  # fmt: skip
     _refuse_larger(told, model, found)
-    _refuse_unsettled(name, model, found, away, told.start, eye is not None)
-    return found
+    _refuse_unsettled(name, model, found, away, told.start, view.eye is not None)
+    _refuse_other_shape(told, model, found)
+    again = find_again(ground, view, final)
+    return msgspec.structs.replace(found, again=tuple(_place(fit, told.middle) for fit in again))
+
+
+def _place(fit: ScanFit, middle: FloatArray) -> Pose:
+    """base_from_work of a fit to points about ``middle`` (3,)."""
+    back = fit.rotation.T
+    return Pose(frozen(back), to_vec3(middle - back @ fit.origin))
 
 
 def _refuse_unseen(
-    told: _Told, model: Model, samples: Cloud, final: ScanFit, gate: float
+    told: _Told, ground: Ground, view: View, final: ScanFit, gate: float
 ) -> SeenShare:
     """How much of the part shows. ``InputError`` if that is too little, or what shows could not be seen."""
-    name, points, eye = told.name, told.points, told.eye
-    within, some = WITHIN * model.size, points[: 4 * _FEW]
-    unseen = _share_hidden(model, samples, some, final, gate, eye)
-    if unseen > MOST_HIDDEN:
-        why = f"where it fits best, it hides {100 * unseen:.0f} % of the points on it from the scanner"
+    model, samples, name = ground.model, ground.samples, told.name
+    within, some = ground.within, view.points[: 4 * FEW]
+    hides = share_unseen(ground, view, final, gate)
+    if hides > MOST_HIDDEN:
+        why = (
+            f"where it fits best, it hides {100 * hides:.0f} % of the points on it from the scanner"
+        )
         raise InputError(
             name,
             "the model was not found in the scan",
             why,
             "check --viewpoint: where the scanner stood",
         )
-    view = measure_seen(model, samples, points, final, within, eye)
+    seen = measure_seen(model, samples, view, final, within)
     inside = stray(model, samples, some, final, within)
-    if view.near < LEAST_SEEN:
-        raise _missing(name, f"at best {100 * view.near:.0f} % of its near side show in the scan")
+    if seen.near < LEAST_SEEN:
+        raise _missing(name, f"at best {100 * seen.near:.0f} % of its near side show in the scan")
     if inside > MOST_STRAY:
         share = 100 * inside / (1 + inside)
         raise _missing(
             name, f"where it fits best, {share:.0f} % of the points in its box are off its surface"
         )
-    return view
+    return seen
+
+
+def _refuse_other_shape(told: _Told, model: Model, found: Location) -> None:
+    """``NoSafeProgram`` if surface that should be seen is not, or the scan runs on where the model ends.
+
+    A start near by says that what runs on there is another thing, and that a scan which lets the part slide does not
+    show its ends.
+    """
+    known = told.start is not None and is_near(model, told.start, found.base_from_work)
+    against = [patch for patch in found.patches if not (known and (patch.beyond or found.free))]
+    if not against:
+        return
+    said = [describe_patch(patch) for patch in against[:_LISTED]]
+    more = f" and {len(against) - _LISTED} more" if len(against) > _LISTED else ""
+    raise NoSafeProgram(
+        told.name,
+        "the scan does not show the shape of the model",
+        "; ".join(said) + more,
+        "check that it is this part and not a variant of it, and cut away what is not the part",
+    )
 
 
 def _refuse_larger(told: _Told, model: Model, found: Location) -> None:
@@ -360,7 +339,8 @@ def _refuse_unsettled(
             return
         other = max(open_ones, key=lambda rival: rival.off)
         pose = f"a pose turned by {other.turn:.1f} deg and moved by {short(other.shift, 2)} mm"
-        why = f"{pose} fits as well; it puts the surface up to {short(other.off, 2)} mm elsewhere"
+        both = f"{pose_values(found.base_from_work)} or {pose_values(other.base_from_work)}"
+        why = f"{pose} fits as well; it puts the surface up to {short(other.off, 2)} mm elsewhere: {both}"
     place = (
         "about where the part stands with --start"
         if start is None

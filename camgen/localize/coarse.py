@@ -15,6 +15,8 @@ from camgen.model.pose import FloatArray
 _CELLS, _BEYOND = 40, 0.25
 #: Super-Fibonacci spiral (Alexa, CVPR 2022): the constants of its two golden-like ratios.
 _PHI, _PSI = 2**0.5, 1.533751168755204288118041
+#: A cell with less than this share of the median number of points is one of strays.
+_SPARSE = 0.1
 #: No step turns further, rad: beyond it the tangents that a step goes along say nothing.
 _FARTHEST_TURN = 0.5
 
@@ -126,13 +128,16 @@ def fit(field: DistanceField, points: FloatArray, poses: Poses, scale: float) ->
 
 
 def thin(points: FloatArray, count: int) -> FloatArray:
-    """About ``count`` of ``points`` (N, 3), spread evenly in space however densely the scanner saw each place."""
+    """About ``count`` of ``points`` (N, 3), spread evenly in space however densely the scanner saw each place. A place
+    with far fewer points than most has none of them: a stray point does not weigh as much as a patch of the part.
+    """
     low, span = points.min(axis=0), float(np.ptp(points, axis=0).max())
     cell, some = span / 2, points
     for _ in range(24):
         cells = np.floor((points - low) / cell).astype(np.int64)
         keys = (cells[:, 0] << 42) | (cells[:, 1] << 21) | cells[:, 2]
-        some = points[np.unique(keys, return_index=True)[1]]
+        _, first, held = np.unique(keys, return_index=True, return_counts=True)
+        some = points[first[held >= _SPARSE * np.median(held)]]
         if len(some) >= count:
             break
         cell *= 0.8

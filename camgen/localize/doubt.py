@@ -9,7 +9,7 @@ from msgspec import Struct
 
 from camgen.geometry.vectors import dots
 from camgen.localize.coarse import Poses, turn_poses
-from camgen.localize.fine import ScanFit, View, cost, costs, draw, on, refine
+from camgen.localize.fine import ScanFit, View, cost, costs, draw, is_worse, losses, on, refine
 from camgen.localize.model import Cloud, Model, candidates, find_touched
 from camgen.localize.sight import around, estimate_eye, far_eyes, look
 from camgen.localize.starts import corners
@@ -82,6 +82,23 @@ class Alternatives(Struct, frozen=True, eq=False):
     same: float
 
 
+def best_of(
+    model: Model, samples: Cloud, view: View, others: Alternatives, final: ScanFit
+) -> list[ScanFit]:
+    """The different fits that are as good as the best, judged by more points, ``view``: those not worse by more than
+    chance. final: any of them, for what counts as different.
+    """
+    least, limit = min(others.costs), _limit(model, final)
+    kept: list[ScanFit] = []
+    order = sorted(range(len(others.fits)), key=others.costs.__getitem__)
+    for fit in (others.fits[k] for k in order if others.costs[k] <= least + others.same):
+        if all(_off(model, fit, known) > limit for known in kept):
+            kept.append(fit)
+    each = [losses(model, samples, view, fit, others.gate) for fit in kept]
+    best = min(each, key=lambda loss: float(loss.sum()))
+    return [fit for fit, loss in zip(kept, each, strict=True) if not is_worse(loss, best)]
+
+
 def rivals(
     model: Model,
     samples: Cloud,
@@ -95,6 +112,7 @@ def rivals(
     """
     same = others.same
     best, limit = min(others.costs), _limit(model, final)
+    least = losses(model, samples, View(points), final, others.gate)
     apart = [
         (fit, c - best)
         for fit, c in zip(others.fits, others.costs, strict=True)
@@ -107,6 +125,10 @@ def rivals(
     told = []
     for fit, worse in equal:
         compared, off = _compare(model, samples, points, final, fit, others.gate)
+        if off > noise_limit(model, final) and is_worse(
+            losses(model, samples, View(points), compared, others.gate), least
+        ):
+            continue
         told.append(_rival(model, compared, final, worse, middle, off))
     told.sort(key=lambda rival: (round(rival.turn, 1), rival.shift))
     less = min(((f, w) for f, w in apart if w > same), key=lambda pair: pair[1], default=None)
@@ -142,7 +164,7 @@ def _twin_off(
     limit = _limit(model, final)
     best = (model.samples[:: max(len(model.samples) // _SPOTS, 1)] - final.origin) @ final.rotation
     twin = draw(model, samples, best, fit, limit)
-    there = [cost(model, samples, points, each, gate) for each in (twin, final)]
+    there = [cost(model, samples, View(points), each, gate) for each in (twin, final)]
     if _off(model, twin, fit) > limit or there[0] > there[1] + _TWIN_COST:
         return math.inf
     return surface_off(model, samples, final, twin)
@@ -266,7 +288,7 @@ def stray(model: Model, samples: Cloud, few: FloatArray, fit: ScanFit, within: f
     """
     at = fit.apply(few)
     off = np.ones(len(at), dtype=bool)
-    off[on(model, samples, at, within)[0]] = False
+    off[on(model, samples, at, within).point] = False
     inside = ((at > model.low + 2 * within) & (at < model.high - 2 * within)).all(axis=1)
     return float(np.count_nonzero(off & inside)) / max(float(np.count_nonzero(~off)), 1.0)
 
@@ -304,10 +326,9 @@ def _rival(
 def freedom(
     model: Model,
     samples: Cloud,
-    few: FloatArray,
+    view: View,
     final: ScanFit,
     limits: tuple[float, float],
-    eye: FloatArray | None = None,
 ) -> tuple[str, float]:
     """What motion of the part changes nothing, in words, "" if there is none, and how far it takes the surface from
     where it was, mm: the part is nudged along the motion that the points hold least, and stays there. ``limits``: mm
@@ -324,10 +345,10 @@ def freedom(
         step @ final.rotation,
         step @ (final.origin - final.centre) + final.centre + factor * shift,
     )
-    nudged = refine(model, samples, few, start, 2 * limits[0])
+    nudged = refine(model, samples, view.points, start, 2 * limits[0])
     away = _off(model, nudged, final)
-    worse = cost(model, samples, few, nudged, limits[0], eye) - cost(
-        model, samples, few, final, limits[0], eye
+    worse = cost(model, samples, view, nudged, limits[0]) - cost(
+        model, samples, view, final, limits[0]
     )
     if away < 0.5 * _NUDGE * model.size or worse > limits[1]:
         return "", 0.0
@@ -363,23 +384,24 @@ def weakness(final: ScanFit) -> str:
 def measure_seen(
     model: Model,
     samples: Cloud,
-    points: FloatArray,
+    view: View,
     final: ScanFit,
     within: float,
-    eye: FloatArray | None = None,
 ) -> SeenShare:
-    """How much of the model the scan shows: of all, and of what the scanner could see, which is what faces it and is
-    not hidden by the part itself. eye: (3,) where it stood, in the scan's frame; without it the place far away from
-    where most of what was seen, and little else, can be seen.
+    """How much of the model the scan shows: of all, and of the surface that the scanner could see.
+
+    That faces the scanner and is not hidden by the part itself. Without the scanner's place a place is estimated
+    that sees most of what was seen, and little else.
     """
     step = max(len(model.samples) // _SEEN_SAMPLES, 1)
     places, normals = model.samples[::step], model.sample_normals[::step]
-    hit = _hit(model, samples, final.apply(points), places, normals, within)
+    limits = (within, noise_limit(model, final))
+    hit = _hit(model, samples, final.apply(view.points), places, normals, limits)
     few = slice(None, None, max(len(places) // _VIEW_SAMPLES, 1))
-    if eye is not None:
-        asked = look(model, places, normals, final.apply(eye)[None], _FACING)[0]
+    if view.eye is not None:
+        asked = look(model, places, normals, final.apply(view.eye)[None], _FACING)[0]
     elif hit.any() and float(np.linalg.norm(normals[hit].mean(axis=0))) > _ONE_SIDED:
-        found = estimate_eye(model, places[few], normals[few], hit[few], _FACING)
+        found, _ = estimate_eye(model, places[few], normals[few], hit[few], _FACING)
         asked = look(model, places, normals, found[None], _FACING)[0]
     else:  # from all around
         asked = look(model, places, normals, far_eyes(model, around()), _FACING).any(axis=0)
@@ -392,20 +414,23 @@ def _hit(
     at: FloatArray,
     places: FloatArray,
     normals: FloatArray,
-    within: float,
+    limits: tuple[float, float],
 ) -> BoolArray:
-    """Which places on the model (N, 3) have a point of the scan, ``at`` (P, 3) in the model's frame, beside them that
-    does not lie on a face with the opposite normal, as on the other side of a sheet.
+    """Which places on the model (N, 3) have a point of the scan, ``at`` (P, 3) in the model's frame, beside them.
+
+    A point on a face with the opposite normal, as on the other side of a sheet, is none, unless the noise hides that.
+    limits: mm, how near a point is beside a place, and how far from the place's plane the noise puts it.
     """
     cloud = Cloud(at)
     nearest, near = (each[:, 0] for each in cloud.nearest(places))
     some = at[:: max(len(at) // 1000, 1)]
     spacing = float(np.median(cloud.nearest(some, 2)[1][:, 1]))
-    reach = max(within, 4 * spacing)
+    reach = max(limits[0], 4 * spacing)
     hit = np.asarray(near <= reach)
     beside, of = np.unique(nearest[hit], return_inverse=True)
     touch = find_touched(model, candidates(model, samples, at[beside], reach, 0.0), at[beside])
     face = np.zeros((len(beside), 3))
     face[touch.point] = model.normals[touch.triangle]
-    hit[hit] = dots(face[of], normals[hit]) > _OPPOSITE
+    above = np.abs(dots(at[nearest[hit]] - places[hit], normals[hit]))
+    hit[hit] = (dots(face[of], normals[hit]) > _OPPOSITE) | (above <= limits[1])
     return hit

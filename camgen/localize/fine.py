@@ -11,7 +11,7 @@ from msgspec import Struct
 from camgen.localize.coarse import turn_poses
 from camgen.localize.model import Cloud, Model, Touch, TouchPairs, candidates, find_touched
 from camgen.localize.sight import hidden
-from camgen.model.part import IntArray
+from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
 from camgen.model.tolerance import SIGMAS_OF_MEDIAN
 
@@ -23,6 +23,10 @@ _SLACK_SHARE = 0.2
 #: A pose that moves by less than this part of the model's size is at rest. Points that change their triangle keep it
 #: from standing quite still.
 _STILL_SHARE = 5e-7
+#: Two poses are told apart by a difference of their losses beyond so many standard deviations, and so many points.
+_DECISIVE, _FEW_POINTS = 4.0, 6.0
+#: A face whose normal has less than this cosine with the way up faces the bench.
+_DOWN = -0.5
 
 
 class ScanFit(Struct, frozen=True, eq=False):
@@ -132,7 +136,7 @@ def _way(
     """The way of a pose from its start to where it is at rest: it asks where its points touch the model."""
     rotation, origin = start
     floor, still = 1e-6 * model.size, _STILL_SHARE * model.size
-    noise = gate / TUKEY
+    noise = least = gate / TUKEY
     found = ScanFit(
         rotation,
         origin,
@@ -155,9 +159,8 @@ def _way(
             near = touch.distance <= reach
             if np.count_nonzero(near) < 7:
                 return found
-            noise = max(
-                min(SIGMAS_OF_MEDIAN * float(np.median(touch.distance[near])), gate / TUKEY), floor
-            )
+            spread = SIGMAS_OF_MEDIAN * float(np.median(touch.distance[near]))
+            noise = max(min(spread, gate / TUKEY), least, floor)
             found, turn, shift = _step(model, touch, at, noise, (rotation, origin))
             rotation = turn @ rotation
             origin = turn @ (origin - found.centre) + found.centre + shift
@@ -167,7 +170,9 @@ def _way(
             moved += 2 * step
             if step < still or moved > slack:
                 break
-        settled = step < still and TUKEY * noise > 0.8 * reach
+        settled = step < still and TUKEY * noise > 0.8 * reach and noise > least
+        # The gate closes by halves at most: few points beyond the rims hold a flat part sideways.
+        least *= 0.5
         if settled or (step < still and reach <= 10 * floor):
             break
     return found
@@ -231,34 +236,57 @@ def _pulls(model: Model, touch: Touch, places: FloatArray) -> tuple[FloatArray, 
     return normals, off
 
 
-def cost(
-    model: Model,
-    samples: Cloud,
-    points: FloatArray,
-    fit: ScanFit,
-    gate: float,
-    eye: FloatArray | None = None,
-) -> float:
-    """How badly ``points`` (N, 3) lie on the model, 0..1: mean of the squared distances in units of ``gate`` (mm), 1
-    for what is beyond, and for what the model hides from the scanner at ``eye`` (3,), in the scan's frame.
+class View(Struct, frozen=True, eq=False):
+    """Points of a scan (N, 3), mm, and what is known of the scanner.
+
+    eye: (3,), its place, mm, None if it is not known. up: (3,), unit, away from the bench that the part stands on, None
+    if there is none: the scanner then stood on that side of the bench.
     """
-    _, near, there = on(model, samples, fit.apply(points), gate)
-    if eye is not None:
+
+    points: FloatArray
+    eye: FloatArray | None = None
+    up: FloatArray | None = None
+
+
+def losses(model: Model, samples: Cloud, view: View, fit: ScanFit, gate: float) -> FloatArray:
+    """How badly each point of a view lies on the model, 0..1 (N,).
+
+    It is the squared distance in units of ``gate`` (mm), and 1 for what is beyond, or what the scanner could not see.
+    """
+    touch = on(model, samples, fit.apply(view.points), gate)
+    seen = ~unseen(model, touch, view, fit, gate)
+    loss = np.ones(len(view.points))
+    loss[touch.point[seen]] = (touch.distance[seen] / gate) ** 2
+    return loss
+
+
+def cost(model: Model, samples: Cloud, view: View, fit: ScanFit, gate: float) -> float:
+    """The mean of the ``losses``, 0..1."""
+    return float(losses(model, samples, view, fit, gate).mean())
+
+
+def is_worse(losses: FloatArray, best: FloatArray) -> bool:
+    """Whether a pose with these losses (N,) is worse than one with the losses ``best`` by more than chance."""
+    more = losses - best
+    spread = float(np.sqrt((more * more).sum()))
+    return float(more.sum()) > max(_DECISIVE * spread, _FEW_POINTS)
+
+
+def unseen(model: Model, touch: Touch, view: View, fit: ScanFit, gap: float) -> BoolArray:
+    """Which of the touched places the scanner cannot have seen: the model hides them by more than ``gap`` mm, or they
+    face the bench.
+    """
+    if view.eye is not None:
         # From the model, not from the points: noise puts those of a face that is seen aslant far behind it.
-        near = near[~hidden(model, there, fit.apply(eye), gate)]
-    return _mean_cost(near, len(points), gate)
+        return hidden(model, touch.at, fit.apply(view.eye), gap)
+    if view.up is not None:
+        return np.asarray(model.normals[touch.triangle] @ (fit.rotation @ view.up) < _DOWN)
+    return np.zeros(len(touch.point), dtype=bool)
 
 
 def _mean_cost(near: FloatArray, count: int, gate: float) -> float:
     """The cost of ``count`` points of which those at the distances ``near`` (mm) are on the model."""
     return 1 - (len(near) - float(((near / gate) ** 2).sum())) / count
-
-
-class View(Struct, frozen=True, eq=False):
-    """Points of a scan (N, 3) and the scanner's place (3,), mm. eye: None if it is not known."""
-
-    points: FloatArray
-    eye: FloatArray | None = None
 
 
 def costs(
@@ -269,32 +297,28 @@ def costs(
     gate: float,
     same: float = 0.0,
 ) -> list[float]:
-    """The ``cost`` of each fit. What is hidden from the scanner is only looked for where it may change the best, or
-    what is worse by at most ``same``; it makes no cost less.
+    """The ``cost`` of each fit. What the scanner could not see is only looked for where it may change the best, or what
+    is worse by at most ``same``; it makes no cost less.
     """
-    points, eye = view.points, view.eye
     if not fits:
         return []
-    which, near, _ = on(model, samples, np.concatenate([fit.apply(points) for fit in fits]), gate)
-    ends = np.searchsorted(which, len(points) * np.arange(1, len(fits)))
-    found = [_mean_cost(some, len(points), gate) for some in np.split(near, ends)]
-    if eye is None:
+    points = view.points
+    touch = on(model, samples, np.concatenate([fit.apply(points) for fit in fits]), gate)
+    ends = np.searchsorted(touch.point, len(points) * np.arange(1, len(fits)))
+    found = [_mean_cost(some, len(points), gate) for some in np.split(touch.distance, ends)]
+    if view.eye is None and view.up is None:
         return found
     best = np.inf
     for i in sorted(range(len(fits)), key=found.__getitem__):
         if found[i] > best + same:
             break
-        found[i] = cost(model, samples, points, fits[i], gate, eye)
+        found[i] = cost(model, samples, view, fits[i], gate)
         best = min(best, found[i])
     return found
 
 
-def on(
-    model: Model, samples: Cloud, at: FloatArray, reach: float
-) -> tuple[IntArray, FloatArray, FloatArray]:
-    """Which places ``at`` (N, 3) are within ``reach`` of the model, and of each of these the distance, mm, and the
-    closest point (K, 3) on the model.
-    """
+def on(model: Model, samples: Cloud, at: FloatArray, reach: float) -> Touch:
+    """Where those of the places ``at`` (N, 3) touch the model that are within ``reach`` (mm) of it."""
     touch = find_touched(model, candidates(model, samples, at, reach, 0.0), at)
     near = touch.distance <= reach
-    return touch.point[near], touch.distance[near], touch.at[near]
+    return Touch(touch.point[near], touch.at[near], touch.triangle[near], touch.distance[near])

@@ -29,15 +29,16 @@ _SAME = 2**20
 
 class Rims(Struct, frozen=True, eq=False):
     """Places (R, 3) spread evenly along the edges where faces end, mm. normals: (R, 3) of the face. out: (R, 3), unit,
-    which way the face would run on. An edge is the rim of both its faces.
+    which way the face would run on. length: mm, of all. An edge is the rim of both its faces.
     """
 
     places: FloatArray
     normals: FloatArray
     out: FloatArray
+    length: float
 
 
-def find_rims(model: Model) -> Rims:
+def find_rims(model: Model, count: int = _PLACES) -> Rims:
     """The rims of a closed surface. An edge that has not one face on each side is none: a seam of triangles that do
     not share their corners does not say that the surface ends.
     """
@@ -48,13 +49,15 @@ def find_rims(model: Model) -> Rims:
     sharp = (dots(normals, other) < math.cos(_TURNED)) & (dots(out, other) > 0)
     begin, end, normals, out = begin[sharp], end[sharp], normals[sharp], out[sharp]
     if not len(begin):
-        return Rims(begin, normals, out)
+        return Rims(begin, normals, out, 0.0)
     lengths = np.linalg.norm(end - begin, axis=1)
     until = np.cumsum(lengths)
-    at = (np.arange(_PLACES) + 0.5) / _PLACES * until[-1]
+    at = (np.arange(count) + 0.5) / count * until[-1]
     of = np.searchsorted(until, at).clip(max=len(until) - 1)
     along = 1 - (until[of] - at) / lengths[of]
-    return Rims(begin[of] + along[:, None] * (end - begin)[of], normals[of], out[of])
+    return Rims(
+        begin[of] + along[:, None] * (end - begin)[of], normals[of], out[of], float(until[-1])
+    )
 
 
 def _half_edges(model: Model) -> tuple[FloatArray, FloatArray, IntArray, IntArray]:

@@ -14,10 +14,13 @@ from camgen.model.pose import FloatArray
 ON_SURFACE = 1e-5
 #: Share by which a ray may pass beside a triangle and meet it still, so that none slips through between two.
 _SEAM = 1e-9
-#: Directions that are tried all around, and then about the best one of them, within this angle (rad).
-_AROUND, _NEARER, _CONE = 60, 16, 0.3
+#: Directions that are tried all around, and then about the best one.
+_AROUND, _NEARER = 60, 16
 #: A far eye stands so many sizes of the model away.
 _FAR = 1e4
+#: Rounds of the estimate of an eye: the angle within which directions are tried next, rad (0: none), and distances that
+#: are tried besides the best one, in sizes of the model.
+_ROUNDS: tuple[tuple[float, tuple[float, ...]], ...] = ((0.3, ()), (0.15, (3.0, 6.0)), (0.0, ()))
 
 
 def hidden(model: Model, places: FloatArray, eyes: FloatArray, gap: float) -> BoolArray:
@@ -86,21 +89,52 @@ def around() -> FloatArray:
 
 
 def estimate_eye(
-    model: Model, places: FloatArray, normals: FloatArray, hit: BoolArray, facing: float
-) -> FloatArray:
-    """The far eye (3,) whose sight agrees best with which of the places (N, 3) were seen, ``hit`` (N,): by Dice's
-    coefficient of the two sets.
+    model: Model,
+    places: FloatArray,
+    normals: FloatArray,
+    hit: BoolArray,
+    facing: float,
+    up: FloatArray | None = None,
+) -> tuple[FloatArray, float]:
+    """The eye (3,) whose sight agrees best with the places that were seen, and the share of these that it sees.
+
+    places, hit: (N, 3), and (N,) which of them were seen. Two sets agree by Dice's coefficient.
+    up: (3,), the eye is on that side, None: anywhere.
     """
-    directions = around()
-    best = directions[0]
-    for step in range(2):
-        seen = look(model, places, normals, far_eyes(model, directions), facing)
-        agree = 2 * (seen & hit).sum(axis=1) / np.maximum(seen.sum(axis=1) + hit.sum(), 1)
-        best = directions[int(agree.argmax())]
-        if step == 0:
-            turn = 2 * np.pi * np.arange(_NEARER) / _NEARER
-            side = unit(np.cross(best, np.eye(3)[int(np.abs(best).argmin())])[None])[0]
-            ring = np.outer(np.cos(turn), side) + np.outer(np.sin(turn), np.cross(best, side))
-            wide = np.where(np.arange(_NEARER) % 2, _CONE, _CONE / 2)[:, None]
-            directions = np.vstack([best, np.cos(wide) * best + np.sin(wide) * ring])
-    return np.asarray(far_eyes(model, best[None])[0])
+    directions = above(np.vstack([around(), *_likely(normals[hit])]), up)
+    middle = (model.low + model.high) / 2
+    best, away, shows = directions[0], _FAR, 0.0
+    for cone, distances in _ROUNDS:
+        tried = [away, *distances]
+        eyes = np.concatenate([middle + far * model.size * directions for far in tried])
+        seen = look(model, places, normals, eyes, facing)
+        both = (seen & hit).sum(axis=1)
+        agree = 2 * both / np.maximum(seen.sum(axis=1) + hit.sum(), 1)
+        k = int(agree.argmax())
+        best, away = directions[k % len(directions)], tried[k // len(directions)]
+        shows = float(both[k]) / max(int(hit.sum()), 1)
+        directions = above(np.vstack([best, _ring(best, cone)]), up) if cone else directions
+    return np.asarray(middle + away * model.size * best), shows
+
+
+def _likely(normals: FloatArray) -> list[FloatArray]:
+    """Unit directions (1, 3) and (6, 3) from which scanners often look: the mean of the normals, and the axes."""
+    mean = normals.mean(axis=0, keepdims=True) if len(normals) else np.zeros((0, 3))
+    return [unit(mean), np.vstack([np.eye(3), -np.eye(3)])]
+
+
+def above(directions: FloatArray, up: FloatArray | None) -> FloatArray:
+    """Those of the directions (D, 3) that point up, all where ``up`` is None, the nearest one where none does."""
+    if up is None:
+        return directions
+    rise = directions @ up
+    return directions[rise > min(0.0, float(rise.max()) - 1e-9)]
+
+
+def _ring(axis: FloatArray, cone: float) -> FloatArray:
+    """Unit directions (N, 3) about one, at ``cone`` and half of that, rad."""
+    turn = 2 * np.pi * np.arange(_NEARER) / _NEARER
+    side = unit(np.cross(axis, np.eye(3)[int(np.abs(axis).argmin())])[None])[0]
+    ring = np.outer(np.cos(turn), side) + np.outer(np.sin(turn), np.cross(axis, side))
+    wide = np.where(np.arange(_NEARER) % 2, cone, cone / 2)[:, None]
+    return np.asarray(np.cos(wide) * axis + np.sin(wide) * ring)

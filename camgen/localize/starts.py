@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+from msgspec import Struct
 
 from camgen.localize.coarse import DistanceField, Poses, fit, rotations, slide, thin
 from camgen.localize.model import Model
-from camgen.model.part import BoolArray
 from camgen.model.pose import FloatArray, Pose
 
 #: Orientations to begin with: about 25 deg from one to the next.
@@ -26,8 +26,6 @@ _NARROWING = ((0.05, 0.2, 6), (0.03, 0.05, 6), (0.015, 0.02, 6))
 _KEPT = 60
 #: Poses that fit less than this part of the best one are not refined.
 _WORTH_SHARE = 0.6
-#: A plane that holds this part of the scan with all else on one side may be the bench.
-_BENCH, _ASIDE, _TRIES = 0.15, 0.97, 200
 #: Things on the bench that may be the part, the fewest points of one, and the places around a cell.
 _HEAPS, _FEWEST = 3, 100
 _AROUND = tuple(
@@ -38,29 +36,32 @@ _DIFFERENT_SHARE = 0.03
 
 
 def things(model: Model, points: FloatArray) -> list[FloatArray]:
-    """What of the scan (N, 3) may be the part: all of it, what is not the bench, and the largest things on that."""
-    sets = [points]
-    bench = flat(thin(points, 2000), points, 0.005 * model.size)
-    if bench is not None and np.count_nonzero(~bench) >= _FEWEST:
-        sets.append(points[~bench])
-        apart = heaps(sets[1], model.size / 16)
-        sets += apart if len(apart) > 1 else []
-    return [thin(some, _POINTS) for some in sets]
+    """What of the points (N, 3) may be the part: all of them, and each of the largest things that stand apart."""
+    apart = heaps(points, model.size / 16)
+    return [thin(some, _POINTS) for some in [points, *(apart if len(apart) > 1 else [])]]
+
+
+class Begins(Struct, frozen=True, eq=False):
+    """Poses (model_from_scan) worth refining, the best first. share: of the points that the best explains, 0..1."""
+
+    poses: Poses
+    share: float
 
 
 def starts(
-    model: Model, field: DistanceField, sets: list[FloatArray], given: Pose | None = None
-) -> Poses:
-    """Poses (model_from_scan) worth refining, the best first, all different, of the ``things`` of a scan.
+    model: Model, field: DistanceField, sets: list[FloatArray], given: Pose | None, near: bool
+) -> Begins:
+    """Poses worth refining of the ``things`` of a scan, all different.
 
-    given: scan_from_model as far as it is known. The search then begins only with what is turned little from it.
+    given: scan_from_model as far as it is known. near: whether the search begins only with what is turned little from
+    it.
     """
     turns, origin = rotations(_ORIENTATIONS), None
     if given is not None:
         back = given.inverse()
-        turns = np.concatenate(
-            [back.rotation[None], turns[np.einsum("bij,ij->b", turns, back.rotation) > _LITTLE]]
-        )
+        if near:
+            turns = turns[np.einsum("bij,ij->b", turns, back.rotation) > _LITTLE]
+        turns = np.concatenate([back.rotation[None], turns])
         origin = back.origin
     found = [_slide(model, field, some, turns, origin) for some in sets]
     poses = Poses(
@@ -68,16 +69,15 @@ def starts(
     )
     fits = fit(field, sets[0], poses, 0.01 * model.size)
     best = np.argsort(-fits, kind="stable")
-    return different(
-        model, poses[best[fits[best] > _WORTH_SHARE * fits[best[0]]]], _DIFFERENT_SHARE * model.size
-    )
+    worth = poses[best[fits[best] > _WORTH_SHARE * fits[best[0]]]]
+    return Begins(different(model, worth, _DIFFERENT_SHARE * model.size), float(fits[best[0]]))
 
 
 def symmetries(model: Model, field: DistanceField) -> Poses:
     """Poses of the model that put its surface about onto itself: found by the search, and half a turn about each
     principal axis, which the search meets only nearly where the part is thin.
     """
-    found = starts(model, field, [thin(model.samples, _ITSELF)])
+    found = starts(model, field, [thin(model.samples, _ITSELF)], None, near=False).poses
     middle = model.samples.mean(axis=0)
     axes = np.linalg.eigh(np.cov((model.samples - middle).T))[1].T
     turns = 2 * axes[:, :, None] * axes[:, None] - np.eye(3)
@@ -170,30 +170,3 @@ def heaps(points: FloatArray, cell: float) -> list[FloatArray]:
     count = np.bincount(heap[of.reshape(-1)], minlength=number)
     largest = np.argsort(-np.bincount(heap), kind="stable")
     return [points[heap[of.reshape(-1)] == i] for i in largest[:_HEAPS] if count[i] >= _FEWEST]
-
-
-def flat(thin: FloatArray, points: FloatArray, tolerance: float) -> BoolArray | None:
-    """Which ``points`` (N, 3) lie in the plane that holds most of the scan, None if that cannot be the bench.
-
-    thin: the scan spread evenly. Triples are drawn with a fixed seed (RANSAC).
-    """
-    draw = np.random.default_rng(0).integers(0, len(thin), (_TRIES, 3))
-    a, b, c = (thin[draw[:, k]] for k in range(3))
-    normals = np.cross(b - a, c - a)
-    lengths = np.linalg.norm(normals, axis=1)
-    proper = lengths > 0
-    if not proper.any():
-        return None
-    normals, a = normals[proper] / lengths[proper, None], a[proper]
-    counts = (np.abs(thin @ normals.T - (normals * a).sum(axis=1)) < tolerance).sum(axis=0)
-    best = int(counts.argmax())
-    within = thin[np.abs((thin - a[best]) @ normals[best]) < tolerance]
-    middle = within.mean(axis=0)
-    normal = np.linalg.svd(within - middle, full_matrices=False)[2][2]
-    heights = (thin - middle) @ normal
-    beside = np.abs(heights) >= tolerance
-    share = 1 - np.count_nonzero(beside) / len(thin)
-    above = float(np.mean(heights[beside] > 0)) if beside.any() else 1.0
-    if share < _BENCH or max(above, 1 - above) < _ASIDE:
-        return None
-    return np.asarray(np.abs((points - middle) @ normal) < tolerance)

@@ -55,7 +55,7 @@ def test_from_files_to_a_job_file_and_a_build(cloud, tmp_path, capsys):
     assert values == pytest.approx(TRUTH, abs=0.05)
     assert said.out.strip() == text.splitlines()[-1]
     for word in (
-        "# overlap: 9",
+        "# overlap: 100.0 % of the scan without the bench",
         "# residual: 0.0",
         "# seen: ",
         "# next best: ",

@@ -1,0 +1,155 @@
+"""The points of a scan that are not the part: isolated points, and the bench that the part stands on."""
+
+from __future__ import annotations
+
+import numpy as np
+from msgspec import Struct
+
+from camgen.geometry.vectors import unit
+from camgen.localize.coarse import thin
+from camgen.localize.model import Cloud, Model
+from camgen.model.part import BoolArray
+from camgen.model.pose import FloatArray
+from camgen.model.tolerance import SIGMAS_OF_MEDIAN
+
+#: A point is isolated if its third neighbour is farther than this many times the median of all. A surface that is seen
+#: at 86 deg from its normal has so wide a spacing.
+_NEIGHBOURS, _ISOLATED = 3, 4.0
+#: Places, and neighbours of each, that show the noise.
+_NOISE_PLACES, _NOISE_NEIGHBOURS = 400, 12
+#: Points that show the plane of a bench, and triples that are drawn from them with a fixed seed.
+_PLANE_POINTS, _TRIES = 3000, 300
+#: Standard deviations of the noise within which a point lies in a plane, and the least such distance as a share of the
+#: model's size: a bench is not quite flat.
+_IN_PLANE, _FLATNESS = 3.5, 1e-3
+#: Planes that are looked at.
+_MOST_PLANES = 3
+#: A bench holds at least this share of the points that may be it, and this share of all else is on one side of it.
+_LEAST_BENCH, _ONE_SIDE = 0.05, 0.95
+#: A plane is larger than each flat face of the model if its area is larger by this factor.
+_LARGER = 1.25
+#: Flat faces of the model are alike within these steps of the normal and of the distance, as a share of the size.
+_SAME_NORMAL, _SAME_PLANE = 0.02, 2e-3
+
+
+class Bench(Struct, frozen=True, eq=False):
+    """A plane with the scene on one side.
+
+    normal: (3,), unit, towards the scene and the scanner. height: mm, of the plane along the normal.
+    within: mm, a point nearer than this lies in it. certain: whether no face of the model can be it.
+    """
+
+    normal: FloatArray
+    height: float
+    within: float
+    certain: bool
+
+    def carries(self, places: FloatArray, slack: float) -> bool:
+        """Whether none of ``places`` (N, 3) is behind the plane by more than the noise and ``slack`` (mm)."""
+        return float((places @ self.normal).min()) - self.height > -(2 * self.within + slack)
+
+    def holds(self, points: FloatArray) -> BoolArray:
+        """Which of ``points`` (N, 3) lie in the plane or behind it."""
+        return np.asarray(points @ self.normal - self.height < self.within)
+
+
+def isolated(points: FloatArray) -> BoolArray:
+    """Which of ``points`` (N, 3) are far from all others, as stray points and flying pixels are."""
+    distances = Cloud(points).nearest(points, _NEIGHBOURS + 1)[1][:, -1]
+    return np.asarray(distances > _ISOLATED * float(np.median(distances)))
+
+
+def measure_noise(points: FloatArray) -> float:
+    """The standard deviation of ``points`` (N, 3) about the planes through their neighbours, mm."""
+    count = min(_NOISE_NEIGHBOURS, len(points))
+    places = points[:: max(len(points) // _NOISE_PLACES, 1)]
+    patches = points[Cloud(points).nearest(places, count)[0]]
+    patches = patches - patches.mean(axis=1, keepdims=True)
+    least = np.linalg.svd(patches, compute_uv=False)[:, -1]
+    return float(np.median(least)) / float(np.sqrt(max(count - 3, 1)))
+
+
+def find_benches(model: Model, points: FloatArray, among: FloatArray | None = None) -> list[Bench]:
+    """Planes that may be the bench, the one with most points first: ``points`` (N, 3) lie on one side of it.
+
+    A face of the part may be such a plane too, seen from its outer side. among: (M, 3), the points that may be the
+    bench, None: all.
+    """
+    left = points if among is None else among
+    least = _LEAST_BENCH * len(left)
+    within = max(_IN_PLANE * measure_noise(points), _FLATNESS * model.size)
+    benches: list[Bench] = []
+    for _ in range(_MOST_PLANES):
+        plane = _fit_plane(thin(left, _PLANE_POINTS), within) if len(left) > _NEIGHBOURS else None
+        if plane is None:
+            break
+        normal, height = plane
+        on_plane = np.abs(left @ normal - height) < within
+        if np.count_nonzero(on_plane) >= least:
+            bench = _turn_up(model, points, normal, height, within)
+            benches += [bench] if bench else []
+            if bench and bench.certain:
+                break
+        left = left[~on_plane]
+    return benches
+
+
+def _turn_up(
+    model: Model, points: FloatArray, normal: FloatArray, height: float, within: float
+) -> Bench | None:
+    """The plane as a bench under ``points`` (N, 3), None if these are on both of its sides."""
+    offsets = points @ normal - height
+    beside = np.abs(offsets) >= within
+    above = float(np.mean(offsets[beside] > 0)) if beside.any() else 1.0
+    if above < 0.5:
+        normal, height, above = -normal, -height, 1 - above
+    if above < _ONE_SIDE:
+        return None
+    larger = _area(points[~beside], normal) > _LARGER * _largest_face(model)
+    return Bench(normal, height, within, larger)
+
+
+def _fit_plane(points: FloatArray, within: float) -> tuple[FloatArray, float] | None:
+    """The unit normal (3,) and the height, mm, of the plane nearest to most of ``points`` (N, 3): by MSAC (Torr and
+    Zisserman, 2000), then by least squares.
+    """
+    drawn = np.random.default_rng(0).integers(0, len(points), (_TRIES, 3))
+    a, b, c = (points[drawn[:, k]] for k in range(3))
+    normals = unit(np.cross(b - a, c - a))
+    heights = (normals * a).sum(axis=1)
+    proper = normals.any(axis=1)
+    if not proper.any():
+        return None
+    offsets = points @ normals[proper].T - heights[proper]
+    best = int(np.minimum((offsets / within) ** 2, 1.0).sum(axis=0).argmin())
+    normal, height = normals[proper][best], float(heights[proper][best])
+    for _ in range(3):
+        near = points[np.abs(points @ normal - height) < within]
+        if len(near) < _NEIGHBOURS:
+            return None
+        middle = near.mean(axis=0)
+        fitted = np.linalg.svd(near - middle, full_matrices=False)[2][2]
+        normal = fitted * np.sign(fitted @ normal)
+        height = float(normal @ middle)
+    return normal, height
+
+
+def _area(points: FloatArray, normal: FloatArray) -> float:
+    """The area that ``points`` (N, 3) of a plane cover, mm2: in cells three spacings wide."""
+    first = np.cross(normal, np.eye(3)[int(np.abs(normal).argmin())])
+    first /= np.linalg.norm(first)
+    flat = points @ np.column_stack([first, np.cross(normal, first)])
+    some = points[:: max(len(points) // 1000, 1)]
+    cell = 3 * float(np.median(Cloud(points).nearest(some, 2)[1][:, 1])) / SIGMAS_OF_MEDIAN
+    cells = np.unique(np.floor(flat / max(cell, 1e-9)).astype(np.int64), axis=0)
+    return len(cells) * cell * cell
+
+
+def _largest_face(model: Model) -> float:
+    """The area of the largest flat face of the model, mm2."""
+    a, b, c = (model.tree.corners[:, k] for k in range(3))
+    areas = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+    heights = (model.normals * a).sum(axis=1) / (_SAME_PLANE * model.size)
+    keys = np.rint(np.column_stack([model.normals / _SAME_NORMAL, heights])).astype(np.int64)
+    _, face = np.unique(keys, axis=0, return_inverse=True)
+    return float(np.bincount(face.reshape(-1), weights=areas).max())

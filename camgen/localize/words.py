@@ -1,0 +1,29 @@
+"""Poses and patches in words, as the summary, the job file and the refusals of ``camgen localize`` give them."""
+
+from __future__ import annotations
+
+import math
+
+from camgen.localize.verdict import Patch
+from camgen.model.pose import Pose, fixed_xyz
+from camgen.model.text import fixed, short
+
+_MM_DIGITS, _DEG_DIGITS = 4, 5
+
+
+def pose_values(pose: Pose) -> str:
+    """A pose as the list of a job file: x, y, z in mm, then rx, ry, rz in degrees."""
+    angles = [math.degrees(angle) for angle in fixed_xyz(pose.rotation)]
+    texts = [fixed(v, _MM_DIGITS) for v in pose.origin] + [fixed(v, _DEG_DIGITS) for v in angles]
+    return f"[{', '.join(texts)}]"
+
+
+def describe_patch(patch: Patch) -> str:
+    """What a patch speaks of, its place in the model's frame and its size."""
+    place = ", ".join(short(value, 1) for value in patch.middle.tolist())
+    length, width = (short(value, 0) for value in patch.size)
+    if patch.beyond:
+        return f"the scan runs on beyond a rim at {place} of the model over {length} mm"
+    if patch.size[1] < 1:
+        return f"along a rim at {place} of the model {length} mm of surface are missing"
+    return f"at {place} of the model {length} x {width} mm of surface are missing"
