@@ -58,9 +58,8 @@ WITHIN = 0.005
 LEAST_OVERLAP, LEAST_SEEN = 0.3, 0.7
 #: More points in the model's box that are not on it than this, per point that is: it was not found either.
 MOST_STRAY = 0.1
-#: A scan smaller or larger than this, as part of the model's size, is in another unit, and in which it may be.
+#: A scan smaller or larger than this, as part of the model's size, is in another unit, or does not show it.
 _SMALLEST, _LARGEST = 0.05, 50.0
-_UNITS = (("m", 1000.0), ("inch", 25.4), ("um", 0.001))
 #: More of the points than this hidden from the scanner by the part that they lie on: it does not stand there.
 MOST_HIDDEN = 0.1
 #: The scan runs on beyond more than this of the part's rims: it is a place on a larger part (0.41 to 0.64 of most that
@@ -172,12 +171,7 @@ def _size(name: str, size: float, points: FloatArray) -> None:
     where = f"the scan measures {extent:.3g} mm across, the model {size:.3g} mm"
     if not extent:
         raise InputError(name, "all its points are at one place")
-    unit = next((unit for unit, mm in _UNITS if 0.3 * size < mm * extent < 3 * size), "")
-    remedy = (
-        f"if it is in {unit}, give --units {unit}"
-        if unit
-        else "cut out the part, or give its --units"
-    )
+    remedy = "cut out the part, or give the units: --units, --model-units"
     raise InputError(name, "the scan cannot show this model", where, remedy)
 
 

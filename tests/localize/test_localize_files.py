@@ -83,11 +83,12 @@ def test_metres_and_a_symmetric_part(tmp_path, capsys):
     )
     words = (tmp_path / "box.stl", tmp_path / "box.csv", "-o", tmp_path / "frame.toml")
     assert run(*words) == 2
-    assert "if it is in m, give --units m" in capsys.readouterr().err
+    assert "it is found with --units m (a part of 80 x 80 x 30 mm)\n" in capsys.readouterr().err
     assert not (tmp_path / "frame.toml").exists()
     assert run(*words, "--units", "m", "--start=0,0,0,0,0,180") == 0
     text = (tmp_path / "frame.toml").read_text()
     assert "# ambiguous: other poses that fit as well: 7" in text
+    assert "# units: 1 unit = 1 mm in the model, 1 unit = 1000 mm in the scan\n" in text
     assert abs(tomllib.loads(text)["cell"]["base_from_work"][5]) == pytest.approx(180, abs=0.1)
 
 
@@ -181,7 +182,7 @@ KINDS = ["a.xyz", "b.csv", "c.txt", "d.pcd", "e.pcd", "f.pcd", "g.ply", "h.ply",
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_format_holds_the_same_points(kind, tmp_path):
     (tmp_path / kind).write_bytes(written(kind, a_cloud()))
-    found = read(source(tmp_path / kind), 10.0)
+    found = read(source(tmp_path / kind), "cm")
     assert found.points == pytest.approx(a_cloud() * 10.0, rel=1e-6)
     assert found.notes == ()
 
@@ -220,12 +221,16 @@ def test_a_cloud_that_breaks_off_is_damaged(kind, tmp_path):
     [
         ("none.xyz", None, "there is no such file"),
         ("a.xyz", b"", "the file is empty"),
-        ("a.las", b"LASF", "is no kind of point cloud that camgen reads; give one of .ply, .pcd"),
+        (
+            "a.dxf",
+            b"LASF",
+            "is not a kind of point cloud that camgen reads; give one of .ply, .pcd",
+        ),
         ("a.xyz", b"1 2 3\n" * 99, "has 99 usable points; a scan needs 100 or more"),
         ("a.xyz", b"nan nan nan\n" * 500, "has 0 usable points"),
         ("a.txt", b"Dear all,\nthe scan follows.\n", "has no line of three numbers"),
-        ("a.txt", b"\x00\x01\x02" * 50, "is no text"),
-        ("a.xyz", b"1 2 3\n" * 99 + b"1 2\n", "'1 2' is no point (line 100)"),
+        ("a.txt", b"\x00\x01\x02" * 50, "is not text"),
+        ("a.xyz", b"1 2 3\n" * 99 + b"1 2\n", "'1 2' is not a point (line 100)"),
         (
             "a.ply",
             b"solid\n",
