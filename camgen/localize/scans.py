@@ -11,6 +11,8 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from camgen.localize.clouds.cloud import AGAIN, FARTHEST, FileCloud
+from camgen.localize.clouds.e57 import read_e57
+from camgen.localize.clouds.las import read_las
 from camgen.localize.clouds.ptx import read_ptx
 from camgen.localize.clouds.records import has_faces, read_pcd, read_ply
 from camgen.localize.clouds.text import read_text, read_vertices
@@ -30,6 +32,9 @@ _READERS: dict[str, Callable[[str, bytes], FileCloud]] = {
     ".ply": read_ply,
     ".pcd": read_pcd,
     ".ptx": read_ptx,
+    ".e57": read_e57,
+    ".las": read_las,
+    ".laz": read_las,
     **dict.fromkeys(_TEXTS, read_text),
 }
 SUFFIXES = (*_READERS, *_MESHES)
