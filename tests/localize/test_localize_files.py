@@ -187,6 +187,31 @@ def test_every_format_holds_the_same_points(kind, tmp_path):
     assert found.notes == ()
 
 
+@pytest.mark.parametrize("kind", ["d.pcd", "e.pcd"])
+def test_points_beyond_the_count_of_a_pcd_are_named(kind, tmp_path):
+    data = written(kind, a_cloud()).replace(b"POINTS 200", b"POINTS 150")
+    (tmp_path / kind).write_bytes(data)
+    cloud = read(source(tmp_path / kind))
+    assert cloud.points == pytest.approx(a_cloud()[:150], rel=1e-6)
+    assert [str(note) for note in cloud.notes] == [
+        "repaired: 50 points were left out (POINTS of the head says 150)"
+    ]
+
+
+@pytest.mark.parametrize(
+    ("fields", "says"),
+    [("intensity X Y Z", ""), ("x X y z", "more than one is x"), ("a b y z", "none is x")],
+)
+def test_fields_in_capital_letters(fields, says, tmp_path):
+    data = written("e.pcd", a_cloud()).replace(b"intensity x y z", fields.encode())
+    (tmp_path / "a.pcd").write_bytes(data)
+    if says:
+        with pytest.raises(InputError, match=f"of its fields '{fields.replace(' ', ', ')}' {says}"):
+            read(source(tmp_path / "a.pcd"))
+    else:
+        assert read(source(tmp_path / "a.pcd")).points == pytest.approx(a_cloud(), rel=1e-6)
+
+
 @pytest.mark.parametrize("suffix", [".stl", ".ply", ".obj"])
 def test_a_scan_that_is_a_mesh_is_spread_over_its_faces(suffix, tmp_path):
     trimesh.creation.box((10, 20, 30)).export(tmp_path / f"box{suffix}")

@@ -9,6 +9,7 @@ from msgspec import Struct
 
 from camgen.localize.clouds.cloud import AGAIN, FARTHEST, FileCloud
 from camgen.model.errors import InputError
+from camgen.model.part import Note
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted
 
@@ -55,7 +56,22 @@ def read_ply(name: str, data: bytes) -> FileCloud:
 def read_pcd(name: str, data: bytes) -> FileCloud:
     """The points of a PCD file, and where the scanner stood. Raises InputError if it is damaged."""
     points = _points(name, "PCD", data, _pcd_head)
-    return FileCloud(points, viewpoint=_viewpoint(name, data))
+    spare = _count_spare(_pcd_head(data), data)
+    notes = []
+    if spare:
+        what = counted(spare, "point was left out", "points were left out")
+        notes.append(Note("repaired", what, f"POINTS of the head says {len(points)}"))
+    return FileCloud(points, tuple(notes), _viewpoint(name, data))
+
+
+def _count_spare(head: _Head, data: bytes) -> int:
+    """The number of points after the last one that the head counts."""
+    body = data[head.body :]
+    if head.layout == "ascii":
+        return sum(bool(line.strip()) for line in body.splitlines()) - head.count
+    if head.layout == "records":
+        return len(body) // _record(head).itemsize - head.count
+    return 0
 
 
 def _points(name: str, kind: str, data: bytes, parse: Callable[[bytes], _Head]) -> FloatArray:
@@ -136,8 +152,12 @@ def _parse_text(head: _Head, body: bytes, places: list[int]) -> FloatArray:
     return points
 
 
+def _record(head: _Head) -> np.dtype[np.void]:
+    return np.dtype([(f"{i}", kind) for i, (_, kind) in enumerate(head.columns)])
+
+
 def _unpack_columns(head: _Head, body: bytes, places: list[int]) -> FloatArray:
-    record = np.dtype([(f"{i}", kind) for i, (_, kind) in enumerate(head.columns)])
+    record = _record(head)
     _insist_on_count(len(body) // record.itemsize, head)
     rows = np.frombuffer(body, record, head.count)
     return np.column_stack([rows[f"{k}"].astype(np.float64) for k in places])

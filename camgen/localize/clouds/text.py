@@ -120,20 +120,22 @@ def _mark(line: str) -> str | None:
 
 
 def _strip_comment(line: str) -> str:
-    return line.partition("#")[0].partition("//")[0].strip()
+    if "#" in line or "/" in line:
+        line = line.partition("#")[0].partition("//")[0]
+    return line.strip()
 
 
 def _collect(name: str, lines: Sequence[str], begin: int) -> _Rows:
     """The lines of points from `begin` on, without those that say how many there are."""
-    kept, numbers = [], []
-    for number, line in enumerate(lines[begin:], begin + 1):
-        text = _strip_comment(line) if "#" in line or "/" in line else line.strip()
-        if text:
-            kept.append(text)
-            numbers.append(number)
-    counts = _find_counts(name, lines[:begin], kept, numbers)
-    left = [k for k in range(len(kept)) if k not in counts]
-    return _Rows([kept[k] for k in left], [numbers[k] for k in left], _mark(kept[0]) or "")
+    texts = [_strip_comment(line) for line in lines[begin:]]
+    numbers = [number for number, text in enumerate(texts, begin + 1) if text]
+    texts = list(filter(None, texts))
+    counts = _find_counts(name, lines[:begin], texts, numbers)
+    mark = _mark(texts[0]) or ""
+    if counts:
+        left = [k for k in range(len(texts)) if k not in counts]
+        texts, numbers = [texts[k] for k in left], [numbers[k] for k in left]
+    return _Rows(texts, numbers, mark)
 
 
 def _find_counts(
@@ -251,6 +253,18 @@ def _insist_on_width(name: str, rows: _Rows, places: Sequence[int]) -> None:
 
 def _read_points(name: str, rows: _Rows, places: tuple[int, int, int]) -> tuple[FloatArray, int]:
     """(N, 3) the points, and how many numbers have a decimal comma. Raises InputError."""
+    try:
+        # In C, for numbers with points.
+        points = np.loadtxt(
+            rows.lines, comments=None, delimiter=rows.mark or None, usecols=places, ndmin=2
+        )
+    except ValueError:
+        return _read_words(name, rows, places)
+    return points, 0
+
+
+def _read_words(name: str, rows: _Rows, places: tuple[int, int, int]) -> tuple[FloatArray, int]:
+    """As `_read_points`, word by word."""
     try:
         words = [_split(line, rows.mark) for line in rows.lines]
         texts = list(chain.from_iterable(map(itemgetter(*places), words)))
