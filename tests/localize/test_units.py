@@ -73,6 +73,13 @@ def test_a_model_in_metres(folder: Path, capsys: Captured) -> None:
     assert comment in (folder / "frame.toml").read_text()
 
 
+def test_a_scan_in_another_unit(folder: Path, cloud: FloatArray, capsys: Captured) -> None:
+    np.savetxt(folder / "scan.xyz", cloud * 1000, fmt="%.3f")
+    assert run("mm.stl", "scan.xyz", "-o", "frame.toml") == 2
+    size = "a part of 125 x 95 x 70 mm"
+    assert capsys.readouterr().err.endswith(f"it is found with --units um ({size})\n")
+
+
 def test_a_model_that_states_its_unit(folder: Path, capsys: Captured) -> None:
     assert run("metre.glb", "mm.xyz", "-o", "frame.toml", "--model-units", "m") == 0
     assert pose_in(folder / "frame.toml") == pytest.approx(TRUTH, abs=0.05)
