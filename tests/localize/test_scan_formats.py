@@ -309,7 +309,9 @@ def test_withheld_points_are_left_out(tmp_path: Path) -> None:
 def test_a_damaged_las(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     data = las(tmp_path)
     count = data[:107] + b"\xff\xff\xff\x7f" + data[111:]
-    for damaged in (data[:2000], data[:100], b"LASF", b"LASX" + data[4:], count):
+    # laspy makes up records that are missing, which took all memory.
+    records = data[:100] + b"\xff\xff\xff\x7f" + data[104:]
+    for damaged in (data[:2000], data[:100], b"LASF", b"LASX" + data[4:], records, count):
         printed = insist_on_one_line(tmp_path, "a.las", damaged, capsys)
         assert "a.las: is damaged or not a LAS file: " in printed
     assert "claims 2,147,483,647 points" in printed
