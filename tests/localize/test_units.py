@@ -125,6 +125,15 @@ def test_a_frame_that_no_build_takes_is_a_warning(
     assert f"{what} (builds take frames up to 1e+06 mm: move" in capsys.readouterr().err
 
 
+def test_points_that_are_not_used_are_counted(
+    folder: Path, capsys: Captured, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("camgen.localize._MANY", 5000)
+    assert run("mm.stl", "mm.xyz", "-o", str(folder / "frame.toml")) == 0
+    note = "assumed   5 000 points of 6 000 points were used (drawn with a fixed seed)"
+    assert note in capsys.readouterr().err
+
+
 def test_points_beyond_all_measure_are_named() -> None:
     good = "".join(f"{k}.5 {k % 7}.5 {k % 3}\n" for k in range(120))
     seen = read(Source(Path("a.xyz"), (good + "2e11 1 1\n1e308 1 1\nnan 1 1\n").encode()))
