@@ -490,11 +490,20 @@ def _markers(sub: _Parser) -> None:
 def _localize(sub: _Parser) -> None:
     sub.add_argument("model", metavar="MODEL", help="the part: mesh or STEP")
     sub.add_argument(
-        "scan", metavar="SCAN", help="the point cloud: PLY, PCD, XYZ, TXT, CSV, STL, OBJ"
+        "scan",
+        metavar="SCAN",
+        help="the point cloud: PLY, PCD, PTX, E57, LAS, XYZ, TXT, CSV, STL, OBJ",
     )
     sub.add_argument("-o", "--output", metavar="FILE.toml", required=True, help="job file to write")
     sub.add_argument(
-        "--units", metavar="UNIT", default="mm", help="what one unit of the scan is (default: mm)"
+        "--units",
+        metavar="UNIT",
+        help="unit of the scan (default: as the scan says, else mm)",
+    )
+    sub.add_argument(
+        "--model-units",
+        metavar="UNIT",
+        help="unit of a mesh that states none (default: mm)",
     )
     sub.add_argument(
         "--start", metavar="X,Y,Z,RX,RY,RZ", help="roughly where the part stands, mm and deg"

@@ -1,4 +1,4 @@
-"""``camgen localize``: where a CAD part stands in a point cloud, as a job file with its work frame."""
+"""The command `localize`: finds a CAD part in a point cloud and writes its work frame."""
 
 from __future__ import annotations
 
@@ -12,20 +12,24 @@ import numpy as np
 from camgen.batch.writing import check_targets, write_all
 from camgen.cli.say import Voice
 from camgen.localize import SOME_RUN_ON, Location, localize
+from camgen.localize.advice import ModelPart, localize_or_advise
 from camgen.localize.doubt import Rival
-from camgen.localize.scans import open_scan
+from camgen.localize.scans import Scan, open_scan
 from camgen.localize.scans import read as read_scan
+from camgen.localize.words import describe_patch, pose_values
 from camgen.model.errors import JobError
 from camgen.model.files import Source
-from camgen.model.part import IntArray, Note
-from camgen.model.pose import FloatArray, Pose, fixed_xyz, pose_from_values
-from camgen.model.text import counted, fixed, harmless, short
+from camgen.model.limits import Limits
+from camgen.model.part import Note
+from camgen.model.pose import FloatArray, Pose, pose_from_values
+from camgen.model.text import counted, harmless, short
 from camgen.model.version import __version__
 from camgen.read.files import Files
 from camgen.read.solid import STEP, mesh, step
 from camgen.read.units import MM
 
-_MM_DIGITS, _DEG_DIGITS = 4, 5
+#: Meshes that state their unit.
+_STATED = (".3mf", ".glb")
 #: Poses that fit as well are listed up to this number.
 _LISTED = 6
 #: As ``--viewpoint``: the scanner stood at several places, or where the file does not say.
@@ -35,44 +39,79 @@ _UNKNOWN = "unknown"
 def run(arguments: Namespace, says: Voice) -> int:
     """Writes the frame, prints it, and says how well it is held and what else it could be."""
     model, scan, target = Path(arguments.model), Path(arguments.scan), Path(arguments.output)
-    mm, start = _unit(arguments.units), _start(arguments.start)
-    told = _viewpoint(arguments.viewpoint)
+    unit, start = _unit("--units", arguments.units), _start(arguments.start)
+    model_unit = _unit("--model-units", arguments.model_units)
+    viewpoint = _viewpoint(arguments.viewpoint)
     check_targets([target], [model, scan])
     says.stage(f"reading {model.name}")
     files = Files()
-    vertices, faces, notes = _part(files.read(model))
+    source = files.read(model)
+    part = _part(source, model_unit)
     says.stage(f"reading {scan.name}")
-    seen = read_scan(open_scan(scan, files), mm)
-    eye = seen.viewpoint if arguments.viewpoint is None else told
-    found = localize(scan.name, (vertices, faces), seen.points, start, says.stage, eye)
+    seen = read_scan(open_scan(scan, files), unit)
+
+    def search(part: ModelPart, scan_in_mm: Scan) -> Location:
+        eye = scan_in_mm.viewpoint if arguments.viewpoint is None else viewpoint
+        triangles = (part.vertices, part.faces)
+        return localize(scan.name, triangles, scan_in_mm.points, start, says.stage, eye)
+
+    found = localize_or_advise(search, part, seen, lambda unit: _part(source, unit))
     says.clear()
-    names = (model.name, scan.name)
-    stood = (
-        ""
-        if eye is None
-        else f"{_millimetres(eye)} mm{'' if arguments.viewpoint else ', as the scan says'}"
-    )
-    write_all([(target, job(names, found, stood).encode())], files.opened)
+    names, units = (model.name, scan.name), (part.unit, seen.unit)
+    if arguments.viewpoint is None:
+        stood = _tell_place(seen.viewpoint, ", as the scan says")
+    else:
+        stood = _tell_place(viewpoint, "")
+    write_all([(target, job(names, units, found, stood).encode())], files.opened)
     if not says.quiet:
         says.out(_line(found.base_from_work) + "\n")
-    x, y, z = np.ptp(vertices, axis=0).tolist()
-    size = f"{short(x, 3)} x {short(y, 3)} x {short(z, 3)} mm, {counted(len(faces), 'triangle')}"
-    says.rows([("model", f"{names[0]}: {size}", "plain")])
-    says.rows(
-        [("scan", f"{names[1]}: {counted(len(seen.points), 'point')}, 1 unit = {mm:g} mm", "plain")]
-    )
-    says.rows([(note.kind, str(note).partition(": ")[2], "look") for note in (*notes, *seen.notes)])
+    x, y, z = np.ptp(part.vertices, axis=0).tolist()
+    size = f"{short(x, 3)} x {short(y, 3)} x {short(z, 3)} mm"
+    triangles = counted(len(part.faces), "triangle")
+    points = counted(len(seen.points), "point")
+    says.rows([("model", f"{names[0]}: {size}, {triangles}, {_tell_unit(part.unit)}", "plain")])
+    says.rows([("scan", f"{names[1]}: {points}, {_tell_unit(seen.unit)}", "plain")])
+    notes = [*part.notes, *seen.notes, *_tell_drawn(seen, found), *_tell_far(found)]
+    says.rows([(note.kind, str(note).partition(": ")[2], "look") for note in notes])
     says.rows([*_describe(found, stood), ("written", str(target), "good")])
     return 0
 
 
-def _unit(name: str) -> float:
+def _tell_far(location: Location) -> list[Note]:
+    """A warning about a frame that is too far from the origin for a build."""
+    farthest, limit = max(map(abs, location.base_from_work.origin)), Limits().number
+    if farthest <= limit:
+        return []
+    what = f"the part stands {short(farthest / 1e6, 1)} km from the origin of the scan"
+    why = f"builds take frames up to {limit:g} mm: move the scan near its origin"
+    return [Note("warning", what, why)]
+
+
+def _tell_place(place: FloatArray | None, source: str) -> str:
+    return "" if place is None else f"{_millimetres(place)} mm{source}"
+
+
+def _tell_unit(unit: str) -> str:
+    return f"1 unit = {MM[unit]:.10g} mm"
+
+
+def _tell_drawn(scan: Scan, location: Location) -> list[Note]:
+    """A note on the points of a large scan that were not used."""
+    if location.points == len(scan.points):
+        return []
+    what = f"{counted(location.points, 'point')} of {counted(len(scan.points), 'point')} were used"
+    return [Note("assumed", what, "drawn with a fixed seed")]
+
+
+def _unit(option: str, name: str | None) -> str:
+    """The unit of an option; "" without it."""
+    if name is None:
+        return ""
     unit = name.strip().lower()
     if unit not in MM:
-        raise JobError(
-            "--units", f"unknown unit {harmless(name)!r}", remedy="give mm, cm, m, inch, ..."
-        )
-    return MM[unit]
+        remedy = "give mm, cm, m, inch, ..."
+        raise JobError(option, f"unknown unit {harmless(name)!r}", remedy=remedy)
+    return unit
 
 
 def _start(text: str | None) -> Pose | None:
@@ -103,35 +142,48 @@ def _viewpoint(text: str | None) -> FloatArray | None:
     return np.array(values)
 
 
-def _part(source: Source) -> tuple[FloatArray, IntArray, list[Note]]:
-    """The triangles of the model, mm, and what was mended. What is said of its edges does not matter here."""
+def _part(source: Source, unit: str) -> ModelPart:
+    """The model. Notes on its edges are left out: they do not matter here.
+
+    unit: the unit of a mesh that states none; "" for mm.
+
+    Raises JobError if the file states another unit.
+    """
     if source.suffix in STEP:
         solid = step.read(source)
-        return solid.vertices, solid.faces, [note for note in solid.notes if note.kind == "assumed"]
-    surface, notes = mesh.surface(source)
-    return surface.vertices, surface.faces, [note for note in notes if note.kind == "repaired"]
+        notes = [note for note in solid.notes if note.kind == "assumed"]
+        in_file = solid.units if solid.units in MM else "mm"
+        part = ModelPart(solid.vertices, solid.faces, notes, in_file, True)
+    else:
+        stated = source.suffix in _STATED
+        surface, all_notes = mesh.surface(source, MM[unit] if unit and not stated else None)
+        notes = [note for note in all_notes if note.kind == "repaired"]
+        in_file = surface.units if stated else unit or "mm"
+        part = ModelPart(surface.vertices, surface.faces, notes, in_file, stated)
+    if unit and MM[unit] != MM[part.unit]:
+        what = f"says {unit}, and {source.name} states its unit: {part.unit}"
+        raise JobError("--model-units", what, "", "leave it out")
+    return part
 
 
-def job(names: tuple[str, str], found: Location, stood: str) -> str:
-    """The job file: the work frame, and as comments what it rests on. ``names``: of the model and of the scan.
-    ``stood``: where the scanner did, "" if that is not known.
+def job(names: tuple[str, str], units: tuple[str, str], found: Location, stood: str) -> str:
+    """The job file: the work frame, and as comments the units, overlap and other evidence.
+
+    names: the file names of the model and of the scan.
+    units: the units of the model and of the scan.
+    stood: the place of the scanner; "" if it is not known.
     """
     told = [f"{label}: {text}" if label else text for label, text, _ in _describe(found, stood)]
     lines = [
         f"camgen {__version__}: where {harmless(names[0])} stands in {harmless(names[1])}",
+        f"units: {_tell_unit(units[0])} in the model, {_tell_unit(units[1])} in the scan",
         *told,
     ]
     return "".join(f"# {line}\n" for line in lines) + f"\n[cell]\n{_line(found.base_from_work)}\n"
 
 
 def _line(pose: Pose) -> str:
-    return f"base_from_work = {_values(pose)}"
-
-
-def _values(pose: Pose) -> str:
-    angles = [math.degrees(angle) for angle in fixed_xyz(pose.rotation)]
-    texts = [fixed(v, _MM_DIGITS) for v in pose.origin] + [fixed(v, _DEG_DIGITS) for v in angles]
-    return f"[{', '.join(texts)}]"
+    return f"base_from_work = {pose_values(pose)}"
 
 
 def _millimetres(place: FloatArray) -> str:
@@ -143,10 +195,12 @@ def _describe(found: Location, stood: str) -> Sequence[tuple[str, str, str]]:
     near = _percent(found.seen.near)
     points = counted(found.used, "point that counts", "points that count")
     rows = [("viewpoint", stood, "plain")] if stood else []
+    rows += _tell_left_out(found)
+    rest = " without the bench" if found.bench else ""
     rows += [
         (
             "overlap",
-            f"{_percent(found.overlap)} of the scan lie within {short(found.within, 3)} mm of the model",
+            f"{_percent(found.overlap)} of the scan{rest} lie within {short(found.within, 3)} mm of the model",
             "plain",
         ),
         (
@@ -172,10 +226,32 @@ def _describe(found: Location, stood: str) -> Sequence[tuple[str, str, str]]:
     if found.run_on > SOME_RUN_ON:
         beyond = f"the scan runs on beyond {_percent(found.run_on)} of the rims: it stands where --start says"
         rows.append(("flush", beyond, "look"))
+    rows += [
+        ("start", f"{describe_patch(patch)}: accepted, since --start is near", "look")
+        for patch in found.patches
+    ]
+    rows += [
+        ("again", f"the scan shows the part once more: {_line(pose)}", "look")
+        for pose in found.again
+    ]
     if found.weak:
         rows.append(
             ("weak", f"few points hold {found.weak}: scan the part from more sides", "look")
         )
+    return rows
+
+
+def _tell_left_out(found: Location) -> list[tuple[str, str, str]]:
+    """Rows on the points that took no part in the search."""
+    rows = []
+    if found.bench:
+        points = counted(found.bench, "point lies", "points lie")
+        rows.append(
+            ("bench", f"{points} in the plane under the part, or below it: left out", "plain")
+        )
+    if found.isolated:
+        points = counted(found.isolated, "point is", "points are")
+        rows.append(("strays", f"{points} far from all others: left out", "plain"))
     return rows
 
 

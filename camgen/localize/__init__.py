@@ -64,9 +64,8 @@ _SAME_COST, _COMPARED, _FAR_COST = 0.004, 24, 0.05
 LEAST_OVERLAP = 0.3
 #: More points in the model's box that are not on it than this, per point that is: it was not found either.
 MOST_STRAY = 0.1
-#: A scan smaller or larger than this, as part of the model's size, is in another unit, and in which it may be.
+#: A scan smaller or larger than this, as part of the model's size, is in another unit, or does not show it.
 _SMALLEST, _LARGEST = 0.05, 50.0
-_UNITS = (("m", 1000.0), ("inch", 25.4), ("um", 0.001))
 #: The scan runs on beyond more than this of the part's rims: it is a place on a larger part (0.41 to 0.64 of most that
 #: nothing else refused). More than the other: it may be, unless it stands where it was said to (0.13 at least of what
 #: was not there; 0.00 to 0.01 where a part stood alone or on a bench; 0.08 for a block flush along a side of its top).
@@ -187,12 +186,7 @@ def _size(name: str, size: float, points: FloatArray) -> None:
     where = f"the scan measures {extent:.3g} mm across, the model {size:.3g} mm"
     if not extent:
         raise InputError(name, "all its points are at one place")
-    unit = next((unit for unit, mm in _UNITS if 0.3 * size < mm * extent < 3 * size), "")
-    remedy = (
-        f"if it is in {unit}, give --units {unit}"
-        if unit
-        else "cut out the part, or give its --units"
-    )
+    remedy = "cut out the part, or give the units: --units, --model-units"
     raise InputError(name, "the scan cannot show this model", where, remedy)
 
 
@@ -356,9 +350,7 @@ def _refuse_unsettled(
 
 
 def _missing(name: str, why: str) -> InputError:
-    remedy = (
-        "check that it is this part, in these units (--units), and cut away what is not the part"
-    )
+    remedy = "check that it is this part, in these units (--units, --model-units), and cut away what is not the part"
     return InputError(name, "the model was not found in the scan", why, remedy)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.vectors import unit
+from camgen.geometry.vectors import dots, unit
 from camgen.localize.coarse import thin
 from camgen.localize.model import Cloud, Model
 from camgen.model.part import BoolArray
@@ -54,9 +54,24 @@ class Bench(Struct, frozen=True, eq=False):
 
 
 def isolated(points: FloatArray) -> BoolArray:
-    """Which of ``points`` (N, 3) are far from all others, as stray points and flying pixels are."""
-    distances = Cloud(points).nearest(points, _NEIGHBOURS + 1)[1][:, -1]
-    return np.asarray(distances > _ISOLATED * float(np.median(distances)))
+    """Which of ``points`` (N, 3) are far from all others, as stray points and flying pixels are.
+
+    A surface that was seen sparsely is none of them: its points lie in the planes of their neighbours.
+    """
+    cloud = Cloud(points)
+    distances = cloud.nearest(points, min(_NEIGHBOURS + 1, len(points)))[1][:, -1]
+    far = distances > _ISOLATED * float(np.median(distances))
+    suspects = np.flatnonzero(far)
+    if not len(suspects) or len(points) <= _NOISE_NEIGHBOURS:
+        return np.asarray(far)
+    noise = measure_noise(points[~far])
+    around = points[cloud.nearest(points[suspects], _NOISE_NEIGHBOURS + 1)[0][:, 1:]]
+    middles = around.mean(axis=1)
+    _, spreads, axes = np.linalg.svd(around - middles[:, None], full_matrices=False)
+    thickness = spreads[:, 2] / np.sqrt(_NOISE_NEIGHBOURS - 3)
+    offsets = np.abs(dots(points[suspects] - middles, axes[:, 2]))
+    far[suspects[(thickness <= _IN_PLANE * noise) & (offsets <= 2 * _IN_PLANE * noise)]] = False
+    return np.asarray(far)
 
 
 def measure_noise(points: FloatArray) -> float:

@@ -1,4 +1,4 @@
-"""Point clouds from files: PLY, PCD, text (XYZ, TXT, CSV, ASC), and scans that are meshes (STL, OBJ, OFF, PLY)."""
+"""Scans from files, in mm: point clouds by the readers in `clouds`, and meshes."""
 
 from __future__ import annotations
 
@@ -8,205 +8,69 @@ from pathlib import Path
 
 import numpy as np
 from msgspec import Struct
+from msgspec.structs import replace
 
+from camgen.localize.clouds.cloud import AGAIN, FARTHEST, FileCloud
+from camgen.localize.clouds.e57 import read_e57
+from camgen.localize.clouds.las import read_las
+from camgen.localize.clouds.ptx import read_ptx
+from camgen.localize.clouds.records import has_faces, read_pcd, read_ply
+from camgen.localize.clouds.text import read_text, read_vertices
 from camgen.localize.model import spread
-from camgen.model.errors import InputError, one_line
+from camgen.model.errors import InputError, JobError, one_line
 from camgen.model.files import Source
 from camgen.model.part import Note
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted
 from camgen.read.files import Files, reason
 from camgen.read.solid.mesh_file import load
-
-# Points of PLY and PCD files: a head that says what a record holds, then records as text or as bytes.
-
-_PLY = {
-    "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2", "ushort": "u2",
-    "uint16": "u2", "int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4", "float": "f4", "float32": "f4",
-    "double": "f8", "float64": "f8",
-}  # fmt: skip
-_PCD = {
-    kind + size: kind.lower() + size
-    for kind, sizes in (("F", "48"), ("I", "1248"), ("U", "1248"))
-    for size in sizes
-}
-_ORDER = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
-#: A file cannot say more than this of one number of itself; a point cannot have more numbers (descriptors have 1,344).
-_MOST_ENTRIES, _MOST_COLUMNS = 10**9, 10_000
-AGAIN = "export it again from the scanner's program"
-
-
-class _Head(Struct, frozen=True):
-    """columns: name and numpy type of each number of a record. way: "ascii", "records" or "columns" (compressed)."""
-
-    columns: tuple[tuple[str, str], ...]
-    count: int
-    way: str
-    body: int
-
-
-def has_faces(data: bytes) -> bool:
-    """Whether a PLY file says that it has faces."""
-    head = [line.split() for line in data[: max(data.find(b"end_header"), 0)].splitlines()]
-    return any(words[:2] == [b"element", b"face"] and words[2:] != [b"0"] for words in head)
-
-
-def ply(name: str, data: bytes) -> FloatArray:
-    """The vertices (N, 3) of a PLY file, in its unit. ``InputError`` if it is damaged."""
-    return _points(name, "PLY", data, _ply_head)
-
-
-def pcd(name: str, data: bytes) -> FloatArray:
-    """The points (N, 3) of a PCD file, in its unit. ``InputError`` if it is damaged."""
-    return _points(name, "PCD", data, _pcd_head)
-
-
-def _points(name: str, kind: str, data: bytes, parse: Callable[[bytes], _Head]) -> FloatArray:
-    try:
-        head = parse(data)
-        names = [column for column, _ in head.columns]
-        places = [names.index(axis) for axis in "xyz"]
-        if not 0 <= head.count < _MOST_ENTRIES:
-            raise ValueError("the number of points cannot be")
-        body = data[head.body :]
-        found = {"ascii": _parse_text, "records": _unpack_columns, "columns": _columns}[head.way](
-            head, body, places
-        )
-    except (ValueError, LookupError, OverflowError) as error:
-        raise InputError(
-            name, f"is damaged or no {kind} point cloud: {error}", "", AGAIN
-        ) from error
-    return found
-
-
-def _ply_head(data: bytes) -> _Head:
-    """The vertices must come first, as they do in what scanners write."""
-    end = data.find(b"end_header")
-    if not data.startswith(b"ply") or end < 0:
-        raise ValueError("its head has no beginning or no end")
-    body = data.index(b"\n", end) + 1
-    lines = [line.split() for line in data[:end].decode("ascii", "replace").splitlines()]
-    ways = [words[1] for words in lines if words[:1] == ["format"]]
-    if not ways:
-        raise ValueError("its head has no format")
-    order = _ORDER[ways[0]]
-    elements = [i for i, words in enumerate(lines) if words[:1] == ["element"]]
-    if not elements or lines[elements[0]][1] != "vertex":
-        raise ValueError("its first element is not vertex")
-    last = elements[1] if len(elements) > 1 else len(lines)
-    columns = [words for words in lines[elements[0] : last] if words[:1] == ["property"]]
-    typed = tuple((words[2], order + _PLY[words[1]]) for words in columns)
-    return _Head(typed, int(lines[elements[0]][2]), "records" if order else "ascii", body)
-
-
-def _pcd_head(data: bytes) -> _Head:
-    at = data.find(b"\nDATA") + 1
-    if not at:
-        raise ValueError("its head has no DATA")
-    body = data.index(b"\n", at) + 1
-    lines = [line.split() for line in data[:body].decode("ascii", "replace").splitlines()]
-    said = {words[0]: words[1:] for words in lines if words and not words[0].startswith("#")}
-    counts = [int(count) for count in said.get("COUNT", ["1"] * len(said["SIZE"]))]
-    if min(counts, default=0) < 0 or sum(counts) > _MOST_COLUMNS:
-        raise ValueError(f"its COUNT is beyond the {_MOST_COLUMNS:,} numbers that a point may have")
-    sizes = zip(said["FIELDS"], said["TYPE"], said["SIZE"], counts, strict=True)
-    columns = [(n, "<" + _PCD[t + s]) for n, t, s, count in sizes for _ in range(count)]
-    way = {"ascii": "ascii", "binary": "records", "binary_compressed": "columns"}[said["DATA"][0]]
-    return _Head(tuple(columns), int(said["POINTS"][0]), way, body)
-
-
-def _missing(there: int, wanted: int) -> str:
-    return counted(there, f"of {wanted} points is there", f"of {wanted} points are there")
-
-
-def _parse_text(head: _Head, body: bytes, places: list[int]) -> FloatArray:
-    lines = [line.split() for line in body.splitlines() if line.strip()][: head.count]
-    if len(lines) < head.count:
-        raise ValueError(_missing(len(lines), head.count))
-    return np.array(
-        [[float(words[k]) for k in places] for words in lines], dtype=np.float64
-    ).reshape(-1, 3)
-
-
-def _unpack_columns(head: _Head, body: bytes, places: list[int]) -> FloatArray:
-    record = np.dtype([(f"{i}", kind) for i, (_, kind) in enumerate(head.columns)])
-    there = len(body) // record.itemsize
-    if there < head.count:
-        raise ValueError(_missing(there, head.count))
-    rows = np.frombuffer(body, record, head.count)
-    return np.column_stack([rows[f"{k}"].astype(np.float64) for k in places])
-
-
-def _columns(head: _Head, body: bytes, places: list[int]) -> FloatArray:
-    """All x, then all y, ..., packed together."""
-    packed, size = (int(v) for v in np.frombuffer(body, "<u4", 2))
-    begins = np.cumsum(
-        [0, *(np.dtype(kind).itemsize * head.count for _, kind in head.columns)]
-    ).tolist()
-    if size != begins[-1] or len(body) < 8 + packed:
-        raise ValueError("its packed part has another size than its head says")
-    plain = _unpack(body[8 : 8 + packed], size)
-    return np.column_stack(
-        [
-            np.frombuffer(plain, head.columns[k][1], head.count, begins[k]).astype(np.float64)
-            for k in places
-        ]
-    )
-
-
-def _unpack(packed: bytes, size: int) -> bytes:
-    """What LZF packed: runs of bytes as they are, and copies of what came before (liblzf, lzf_d.c, is the format)."""
-    plain, i = bytearray(), 0
-    while i < len(packed):
-        control = packed[i]
-        i += 1
-        if control < 32:
-            plain += packed[i : i + control + 1]
-            i += control + 1
-            continue
-        length = control >> 5
-        if length == 7:
-            length += packed[i]
-            i += 1
-        back = len(plain) - ((control & 31) << 8) - packed[i] - 1
-        i += 1
-        if back < 0 or len(plain) > size:
-            raise ValueError("its packed part is damaged")
-        while length + 2 > len(plain) - back:  # a copy that runs into itself repeats
-            length -= len(plain) - back
-            plain += plain[back:]
-        plain += plain[back : back + length + 2]
-    if len(plain) != size:
-        raise ValueError("its packed part is damaged")
-    return bytes(plain)
-
+from camgen.read.units import MM
 
 _TEXTS = (".xyz", ".txt", ".csv", ".asc", ".pts")
 _MESHES = (".stl", ".obj", ".off")
-SUFFIXES = (".ply", ".pcd", *_MESHES, *_TEXTS)
+_READERS: dict[str, Callable[[str, bytes], FileCloud]] = {
+    ".ply": read_ply,
+    ".pcd": read_pcd,
+    ".ptx": read_ptx,
+    ".e57": read_e57,
+    ".las": read_las,
+    ".laz": read_las,
+    **dict.fromkeys(_TEXTS, read_text),
+}
+SUFFIXES = (*_READERS, *_MESHES)
 
 #: Fewer points than this do not hold a pose.
 LEAST = 100
 #: Points that are spread over the faces of a scan that is a mesh.
 _SPREAD = 100_000
-_FARTHEST_COORDINATE = 1e9
-_SEPARATORS = re.compile(rb"[,;\t ]+")
 _FACE = re.compile(rb"^f ", re.MULTILINE)
-_NUMBER = re.compile(rb"[+-]?(\d|\.\d|nan|inf)", re.IGNORECASE)
 
 
 class Scan(Struct, frozen=True, eq=False):
-    """points: (N, 3) mm, finite, N at least ``LEAST``. notes: what was left out or assumed. viewpoint: (3,) mm, where
-    the file says that the scanner stood.
+    """A scan that can be used.
+
+    points: (N, 3) mm, finite, N at least `LEAST`.
+    notes: omissions and assumptions.
+    unit: the unit of the file.
+    stated: whether the file itself states the unit, so that it cannot be another.
+    viewpoint: (3,) mm, the place of the scanner; None if the file does not state it.
     """
 
     points: FloatArray
     notes: tuple[Note, ...]
+    unit: str
+    stated: bool = False
     viewpoint: FloatArray | None = None
+
+    def scaled(self, unit: str) -> Scan:
+        """A copy of the scan for a file in another unit."""
+        factor = MM[unit] / MM[self.unit]
+        viewpoint = None if self.viewpoint is None else self.viewpoint * factor
+        return replace(self, points=self.points * factor, unit=unit, viewpoint=viewpoint)
 
 
 def open_scan(path: Path, files: Files) -> Source:
-    """The file of a scan. ``InputError`` where there is none."""
+    """The file of a scan. Raises InputError if it cannot be opened."""
     try:
         return files.open(path)
     except IsADirectoryError:
@@ -217,126 +81,95 @@ def open_scan(path: Path, files: Files) -> Source:
         raise InputError(path.name, f"cannot be read: {one_line(reason(error))}") from error
 
 
-def read(source: Source, mm: float = 1.0) -> Scan:
-    """The points in ``source``; one unit of the file is ``mm``. ``InputError`` if there are none that could be used."""
-    name, kind = source.name, source.suffix
-    if kind not in SUFFIXES:
-        raise InputError(
-            name,
-            "is no kind of point cloud that camgen reads",
-            "",
-            f"give one of {', '.join(SUFFIXES)}",
-        )
-    data = source.data
-    if not data.strip():
-        raise InputError(name, "the file is empty")
-    notes: list[Note] = []
-    viewpoint = None
-    if kind == ".pcd":
-        points, viewpoint = pcd(name, data), _viewpoint(name, data)
-    elif kind in _TEXTS:
-        points = _text(name, data)
-    elif kind == ".ply" and not has_faces(data):
-        points = ply(name, data)
-    elif kind == ".obj" and not _FACE.search(data):
-        points = _text(
-            name, b"\n".join(line[2:] for line in data.splitlines() if line.startswith(b"v "))
-        )
-    else:
-        points = _spread_over_mesh(source, notes)
-    usable = _usable(name, points * mm, notes)
-    return Scan(usable, tuple(notes), None if viewpoint is None else viewpoint * mm)
+def read(source: Source, unit: str = "") -> Scan:
+    """The points in `source`.
 
+    unit: the unit of the file, a key of `MM`; "" for the unit that the file states or mm.
 
-def _viewpoint(name: str, data: bytes) -> FloatArray | None:
-    """Where the scanner stood, (3,), as VIEWPOINT of a PCD file says: its place, then its turn as a quaternion. 0, 0, 0
-    without a turn is what programs write that do not know, and says nothing.
+    Raises InputError if there are no points that can be used, JobError if the file states another
+    unit.
     """
-    words = next(
-        (line.split()[1:] for line in data.splitlines() if line.startswith(b"VIEWPOINT")), None
-    )
-    if words is None:
-        return None
-    try:
-        values = np.array([float(word) for word in words])
-    except ValueError:
-        values = np.zeros(0)
-    if len(values) != 7 or not (np.abs(values) < _FARTHEST_COORDINATE).all():
-        raise InputError(
-            name, "is damaged or no PCD point cloud: its VIEWPOINT is no seven numbers", "", AGAIN
-        )
-    if values.tolist() == [0, 0, 0, 1, 0, 0, 0]:
-        return None
-    return values[:3]
+    if source.suffix not in SUFFIXES:
+        what = "is not a kind of point cloud that camgen reads"
+        raise InputError(source.name, what, "", f"give one of {', '.join(SUFFIXES)}")
+    if not source.data.strip():
+        raise InputError(source.name, "the file is empty")
+    cloud = _load(source)
+    notes = list(cloud.notes)
+    taken = _choose_unit(source.name, cloud, unit, notes)
+    points = _usable(source.name, cloud.points * MM[taken], notes)
+    viewpoint = None if cloud.viewpoint is None else cloud.viewpoint * MM[taken]
+    return Scan(points, tuple(notes), taken, bool(cloud.unit), viewpoint)
+
+
+def _load(source: Source) -> FileCloud:
+    name, kind, data = source.name, source.suffix, source.data
+    if kind == ".obj" and not _FACE.search(data):
+        return read_vertices(name, data)
+    if kind in _MESHES or (kind == ".ply" and has_faces(data)):
+        return _spread_over_mesh(source)
+    return _READERS[kind](name, data)
+
+
+def _choose_unit(name: str, cloud: FileCloud, unit: str, notes: list[Note]) -> str:
+    """The unit of a scan: as the file states, else the option, else the usual one, else mm.
+
+    Raises JobError if the option and the file differ.
+    """
+    if cloud.unit:
+        if unit and MM[unit] != MM[cloud.unit]:
+            what = f"says {unit}, and {name} is in {cloud.unit}: {cloud.source} says so"
+            raise JobError("--units", what, "", "leave it out, or correct the file")
+        notes.append(Note("assumed", f"1 unit of the scan = 1 {cloud.unit}", cloud.source))
+        return cloud.unit
+    if not cloud.usual:
+        return unit or "mm"
+    if not unit:
+        why = f"{cloud.source}; give --units if it is in another unit"
+        notes.append(Note("assumed", f"1 unit of the scan = 1 {cloud.usual}", why))
+    elif MM[unit] != MM[cloud.usual]:
+        what = f"1 unit of the scan = 1 {unit}, as --units says"
+        notes.append(Note("warning", what, cloud.source))
+    return unit or cloud.usual
 
 
 def _usable(name: str, points: FloatArray, notes: list[Note]) -> FloatArray:
-    """The finite points. Scanners write NaN, or a point at the origin of the sensor, where they saw nothing."""
-    finite = (np.abs(points) < _FARTHEST_COORDINATE).all(axis=1)
-    if not finite.all():
-        count = int(np.count_nonzero(~finite))
-        which = "whose coordinates are no numbers, or beyond all measure,"
-        what = counted(count, f"point {which} was left out", f"points {which} were left out")
-        notes.append(Note("repaired", what))
-        points = points[finite]
+    """The finite points.
+
+    Scanners write NaN, or the origin of the sensor, for directions in which they saw nothing.
+    """
+    finite = np.isfinite(points).all(axis=1)
+    near = (np.abs(points) < FARTHEST).all(axis=1)
     void = (points == 0).all(axis=1)
-    if np.count_nonzero(void) > 1:
-        what = f"{int(np.count_nonzero(void))} points at exactly 0, 0, 0 were left out"
-        notes.append(Note("repaired", what, "scanners write that where they saw nothing"))
-        points = points[~void]
-    if len(points) < LEAST:
-        raise InputError(
-            name, f"has {counted(len(points), 'usable point')}", "", f"a scan needs {LEAST} or more"
-        )
-    return points
+    several = np.count_nonzero(void) > 1
+    for left_out, which, why in (
+        (~finite, "with coordinates that are not numbers", ""),
+        (finite & ~near, f"beyond {FARTHEST:g} mm", "no scan is so far from its origin"),
+        (void & several, "at exactly 0, 0, 0", "scanners write that if they see nothing"),
+    ):
+        count = int(np.count_nonzero(left_out))
+        if count:
+            what = counted(count, f"point {which} was left out", f"points {which} were left out")
+            notes.append(Note("repaired", what, why))
+    usable: FloatArray = points[near & ~(void & several)]
+    if len(usable) < LEAST:
+        beyond = int(np.count_nonzero(finite & ~near))
+        where = f"{beyond} more are beyond {FARTHEST:g} mm" if beyond else ""
+        what = f"has {counted(len(usable), 'usable point')}"
+        raise InputError(name, what, where, f"a scan needs {LEAST} or more")
+    return usable
 
 
-def _text(name: str, data: bytes) -> FloatArray:
-    """x, y, z in the first three columns of each line, whatever follows; a head without numbers, and # comments."""
-    if b"\x00" in data[:4096]:
-        raise InputError(name, "is no text", "", AGAIN)
-    lines = data.replace(b"\r", b"\n").split(b"\n")
-    begin = next((i for i, line in enumerate(lines) if _is_row(line)), None)
-    if begin is None:
-        raise InputError(
-            name, "has no line of three numbers", "", "a line is x y z, in mm; --units for others"
-        )
-    rows = []
-    for number, line in enumerate(lines[begin:], begin + 1):
-        text = line.split(b"#")[0].split(b"//")[0].strip()
-        if not text:
-            continue
-        try:
-            x, y, z, *_ = _SEPARATORS.split(text)
-            rows.append((float(x), float(y), float(z)))
-        except ValueError:
-            said = one_line(text[:40].decode("ascii", "replace"))
-            raise InputError(
-                name, f"{said!r} is no point", f"line {number}", "a line is x y z"
-            ) from None
-    return np.array(rows, dtype=np.float64)
-
-
-def _is_row(line: bytes) -> bool:
-    """Whether a line holds a point: three words that are numbers."""
-    words = _SEPARATORS.split(line.strip())
-    return len(words) >= 3 and all(_NUMBER.match(word) for word in words[:3])
-
-
-def _spread_over_mesh(source: Source, notes: list[Note]) -> FloatArray:
-    """Points spread over the faces of a mesh, which weighs each place alike, however coarse the triangles are."""
+def _spread_over_mesh(source: Source) -> FileCloud:
+    """Points spread over the faces of a mesh, evenly, however coarse the triangles are."""
     soup = load(source)
-    notes.extend(soup.notes)
     corners = soup.vertices[soup.faces]
     area = np.linalg.norm(
         np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
     )
     if not area.any():
         raise InputError(source.name, "has no face with an area", "", AGAIN)
-    notes.append(
-        Note(
-            "assumed",
-            f"{_SPREAD} points were spread over the {counted(len(corners), 'face')} of the scan",
-        )
-    )
-    return spread(corners, _SPREAD)[0]
+    points = spread(corners, _SPREAD)[0]
+    faces = counted(len(corners), "face")
+    note = Note("assumed", f"{_SPREAD} points were spread over the {faces} of the scan")
+    return FileCloud(points, (*soup.notes, note))

@@ -83,11 +83,12 @@ def test_metres_and_a_symmetric_part(tmp_path, capsys):
     )
     words = (tmp_path / "box.stl", tmp_path / "box.csv", "-o", tmp_path / "frame.toml")
     assert run(*words) == 2
-    assert "if it is in m, give --units m" in capsys.readouterr().err
+    assert "it is found with --units m (a part of 80 x 80 x 30 mm)\n" in capsys.readouterr().err
     assert not (tmp_path / "frame.toml").exists()
     assert run(*words, "--units", "m", "--start=0,0,0,0,0,180") == 0
     text = (tmp_path / "frame.toml").read_text()
     assert "# ambiguous: other poses that fit as well: 7" in text
+    assert "# units: 1 unit = 1 mm in the model, 1 unit = 1000 mm in the scan\n" in text
     assert abs(tomllib.loads(text)["cell"]["base_from_work"][5]) == pytest.approx(180, abs=0.1)
 
 
@@ -181,9 +182,34 @@ KINDS = ["a.xyz", "b.csv", "c.txt", "d.pcd", "e.pcd", "f.pcd", "g.ply", "h.ply",
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_format_holds_the_same_points(kind, tmp_path):
     (tmp_path / kind).write_bytes(written(kind, a_cloud()))
-    found = read(source(tmp_path / kind), 10.0)
+    found = read(source(tmp_path / kind), "cm")
     assert found.points == pytest.approx(a_cloud() * 10.0, rel=1e-6)
     assert found.notes == ()
+
+
+@pytest.mark.parametrize("kind", ["d.pcd", "e.pcd"])
+def test_points_beyond_the_count_of_a_pcd_are_named(kind, tmp_path):
+    data = written(kind, a_cloud()).replace(b"POINTS 200", b"POINTS 150")
+    (tmp_path / kind).write_bytes(data)
+    cloud = read(source(tmp_path / kind))
+    assert cloud.points == pytest.approx(a_cloud()[:150], rel=1e-6)
+    assert [str(note) for note in cloud.notes] == [
+        "repaired: 50 points were left out (POINTS of the head says 150)"
+    ]
+
+
+@pytest.mark.parametrize(
+    ("fields", "says"),
+    [("intensity X Y Z", ""), ("x X y z", "more than one is x"), ("a b y z", "none is x")],
+)
+def test_fields_in_capital_letters(fields, says, tmp_path):
+    data = written("e.pcd", a_cloud()).replace(b"intensity x y z", fields.encode())
+    (tmp_path / "a.pcd").write_bytes(data)
+    if says:
+        with pytest.raises(InputError, match=f"of its fields '{fields.replace(' ', ', ')}' {says}"):
+            read(source(tmp_path / "a.pcd"))
+    else:
+        assert read(source(tmp_path / "a.pcd")).points == pytest.approx(a_cloud(), rel=1e-6)
 
 
 @pytest.mark.parametrize("suffix", [".stl", ".ply", ".obj"])
@@ -220,12 +246,16 @@ def test_a_cloud_that_breaks_off_is_damaged(kind, tmp_path):
     [
         ("none.xyz", None, "there is no such file"),
         ("a.xyz", b"", "the file is empty"),
-        ("a.las", b"LASF", "is no kind of point cloud that camgen reads; give one of .ply, .pcd"),
+        (
+            "a.dxf",
+            b"LASF",
+            "is not a kind of point cloud that camgen reads; give one of .ply, .pcd",
+        ),
         ("a.xyz", b"1 2 3\n" * 99, "has 99 usable points; a scan needs 100 or more"),
         ("a.xyz", b"nan nan nan\n" * 500, "has 0 usable points"),
         ("a.txt", b"Dear all,\nthe scan follows.\n", "has no line of three numbers"),
-        ("a.txt", b"\x00\x01\x02" * 50, "is no text"),
-        ("a.xyz", b"1 2 3\n" * 99 + b"1 2\n", "'1 2' is no point (line 100)"),
+        ("a.txt", b"\x00\x01\x02" * 50, "is not text"),
+        ("a.xyz", b"1 2 3\n" * 99 + b"1 2\n", "'1 2' is not a point (line 100)"),
         (
             "a.ply",
             b"solid\n",

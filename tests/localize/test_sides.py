@@ -210,8 +210,8 @@ def test_the_option_wins_over_the_file(files):
 @pytest.mark.parametrize(
     ("viewpoint", "words", "says"),
     [
-        ("0 0 x 1 0 0 0", (), "its VIEWPOINT is no seven numbers"),
-        ("0 0 1", (), "its VIEWPOINT is no seven numbers"),
+        ("0 0 x 1 0 0 0", (), "its VIEWPOINT is not seven numbers"),
+        ("0 0 1", (), "its VIEWPOINT is not seven numbers"),
         (
             "0 0 1 1 0 0 0",
             ("--viewpoint", "1,2"),

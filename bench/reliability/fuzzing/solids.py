@@ -330,6 +330,58 @@ def pcd(draw: st.DrawFn) -> bytes:
     return head.encode() + body
 
 
+def _ptx_text() -> str:
+    """A scan of 110 points in two of PTX's columns, and one of none."""
+    head = "0 0 0\n1 0 0\n0 1 0\n0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n"
+    rows = [f"0.{k} 1.{k} 2.5 0.5" for k in range(110)]
+    return f"2\n55\n{head}" + "\n".join(rows) + f"\n1\n1\n{head}0 0 0 0.5\n"
+
+
+def ptx() -> st.SearchStrategy[bytes]:
+    """Two scans with changed numbers and lines."""
+    words = ("0 0 0", "55", "2.5", "-1", "1e10", "\n", "\n2\n55\n", "0 0 0 1\n", ";", "1,5")
+    return edited([_ptx_text()], words).map(as_bytes)
+
+
+def headed_cloud() -> st.SearchStrategy[bytes]:
+    """Text with a head, and with decimal commas, both changed."""
+    points = [(f"{k}.5", f"{k % 7}.25", f"{k % 3}") for k in range(110)]
+    named = "id,x,y,z\n" + "".join(f"{k},{x},{y},{z}\n" for k, (x, y, z) in enumerate(points))
+    commas = "".join(f"{x};{y};{z}\n" for x, y, z in points).replace(".", ",")
+    heads = ("X [m];Y [m];Z [m]\n", "//X Y Z\n110\n", '"Points:0";"Points:1";"Points:2"\n')
+    words = (
+        "x",
+        "Y",
+        "z [mm]",
+        "[m]",
+        ";",
+        ",",
+        "\t",
+        "1,5",
+        "1.5",
+        "110",
+        "#",
+        "//",
+        '"',
+        "easting",
+    )
+    return edited([named, *(head + commas for head in heads)], words).map(as_bytes)
+
+
+@st.composite
+def las(draw: st.DrawFn) -> bytes:
+    """LAS 1.2 with 110 points, and bytes changed or cut off."""
+    head = struct.pack(
+        "<4s4x16xBB64x4xHIIBHI20x", b"LASF", 1, 2, 227, 227, 0, 0, 20, 110
+    ) + struct.pack("<12d", *[0.01] * 3, *[0.0] * 9)
+    body = b"".join(struct.pack("<3i8x", 10 * k, 7 * k % 50, k % 3) for k in range(110))
+    data = bytearray(head + body)
+    for _ in range(draw(st.integers(0, 4))):
+        at = draw(st.integers(0, len(head) - 1))
+        data[at] = draw(st.sampled_from((0, 1, 2, 127, 128, 255)))
+    return bytes(data[: draw(st.integers(0, len(data)))] if draw(rarely) else data)
+
+
 @st.composite
 def text_cloud(draw: st.DrawFn) -> bytes:
     """x, y, z and whatever follows, with heads and comments."""

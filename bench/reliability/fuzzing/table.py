@@ -246,6 +246,9 @@ TABLE = (
     Fuzzed("cloud-ply", solids.ply_cloud(), partial(_read_cloud, ".ply")),
     Fuzzed("cloud-pcd", solids.pcd(), partial(_read_cloud, ".pcd")),
     Fuzzed("cloud-text", solids.text_cloud(), partial(_read_cloud, ".xyz")),
+    Fuzzed("cloud-head", solids.headed_cloud(), partial(_read_cloud, ".csv")),
+    Fuzzed("cloud-ptx", solids.ptx(), partial(_read_cloud, ".ptx")),
+    Fuzzed("cloud-las", solids.las(), partial(_read_cloud, ".las")),
     *(
         Fuzzed(
             f"verify-{post}", programs.program(post), partial(_read_back, post), never_fails=True

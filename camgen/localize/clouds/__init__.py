@@ -1,0 +1,1 @@
+"""Readers of point clouds, one module a kind of file. Each gives a `FileCloud`."""

@@ -1,0 +1,144 @@
+"""PTX, the text of Leica Cyclone: scans one after the other, each with its own frame.
+
+A scan has ten lines of head: its columns and rows, the place and the three axes of the scanner, and
+four rows of a matrix. A point p of the scan stands at [p 1] times the matrix. Points follow column
+by column, `0 0 0` where nothing was seen. The format is described by
+http://paulbourke.net/dataformats/ptx/ and by https://pdal.io/en/2.8.1/stages/readers.ptx.html; the
+product of row and matrix by the worked example of
+https://rapidlasso.de/matrix-transformation-in-lastools/. None of them states a unit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from msgspec import Struct
+
+from camgen.localize.clouds.cloud import AGAIN, FARTHEST, FileCloud
+from camgen.model.errors import InputError, one_line
+from camgen.model.part import Note
+from camgen.model.pose import FloatArray
+from camgen.model.text import counted
+
+#: Numbers in each line of the head: columns, rows, the scanner's place and axes, the matrix.
+_HEAD = (1, 1, 3, 3, 3, 3, 4, 4, 4, 4)
+#: A matrix turns and moves if its axes are perpendicular and of length one to this.
+_RIGID = 1e-3
+#: The scanner's two places in the head are one if they differ by less, in units of the file.
+_SAME_PLACE = 1e-3
+
+
+class _Scan(Struct, frozen=True, eq=False):
+    """One scan.
+
+    points: (N, 3) in the common frame.
+    missing: the number of rows without a point.
+    place: (3,) of the scanner in the common frame; None if it is not known.
+    """
+
+    points: FloatArray
+    missing: int
+    place: FloatArray | None
+
+
+def read_ptx(name: str, data: bytes) -> FileCloud:
+    """The points of all scans in their common frame. Raises InputError if the file is damaged."""
+    lines = data.decode("ascii", "replace").splitlines()
+    scans, begin = [], 0
+    while begin < len(lines):
+        if not lines[begin].strip():
+            begin += 1
+            continue
+        scan, begin = _read_scan(name, lines, begin)
+        scans.append(scan)
+    missing = sum(scan.missing for scan in scans)
+    notes = []
+    if missing:
+        what = counted(missing, "row without a point was", "rows without a point were")
+        notes.append(Note("repaired", f"{what} left out", "the scanner saw nothing there"))
+    if len(scans) > 1:
+        why = "each by its own matrix"
+        notes.append(Note("joined", f"{len(scans)} scans were joined", why))
+    points = np.concatenate([scan.points for scan in scans])
+    place = scans[0].place if len(scans) == 1 else None
+    return FileCloud(points, tuple(notes), place, "", "m", "Leica Cyclone writes PTX in m")
+
+
+def _read_scan(name: str, lines: Sequence[str], begin: int) -> tuple[_Scan, int]:
+    """The scan that begins in a line, from 0, and the index of the line after it."""
+    columns, rows, place, *axes = _read_head(name, lines, begin)
+    count = _count(name, columns, rows, begin)
+    first = begin + len(_HEAD)
+    if len(lines) < first + count:
+        left = counted(len(lines) - first, f"of {count} points is", f"of {count} points are")
+        where = f"the scan from line {begin + 1} on"
+        raise InputError(name, f"the file is cut off, {left} there", where, AGAIN)
+    points = _read_points(name, lines[first : first + count], first + 1)
+    matrix = np.array(axes[3:])
+    turn = matrix[:3, :3]
+    rigid = np.allclose(turn @ turn.T, np.eye(3), atol=_RIGID)
+    if not rigid or matrix[:, 3].tolist() != [0, 0, 0, 1]:
+        where = f"lines {begin + 7} to {begin + 10}"
+        raise InputError(name, "its matrix does more than turn and move", where, AGAIN)
+    seen = points.any(axis=1)
+    moved = points[seen] @ turn + matrix[3, :3]
+    scanner = _find_scanner(np.array(place), np.array(axes[:3]), matrix)
+    return _Scan(moved, int(np.count_nonzero(~seen)), scanner), first + count
+
+
+def _find_scanner(place: FloatArray, axes: FloatArray, matrix: FloatArray) -> FloatArray | None:
+    """(3,) where the scanner stands in the common frame: at the origin of its points.
+
+    None if the head says another place, and for 0, 0, 0 without a turn: programs that do not know
+    it write that.
+    """
+    origin = matrix[3, :3]
+    known = place.any() or not np.array_equal(axes, np.eye(3))
+    if not known or np.abs(place - origin).max() > _SAME_PLACE:
+        return None
+    return origin
+
+
+def _read_head(name: str, lines: Sequence[str], begin: int) -> list[list[float]]:
+    """The numbers of each line of a head."""
+    rows = []
+    for k, wanted in enumerate(_HEAD):
+        line = lines[begin + k] if begin + k < len(lines) else ""
+        numbers = _numbers(line)
+        if len(numbers) != wanted:
+            numbers_there = counted(wanted, "number")
+            what = f"{one_line(line[:40])!r} is not in the head of a scan: that has {numbers_there}"
+            raise InputError(name, what, f"line {begin + k + 1}", AGAIN)
+        rows.append(numbers)
+    return rows
+
+
+def _numbers(line: str) -> list[float]:
+    """The numbers of a line; none if one word is something else or beyond all measure."""
+    try:
+        values = [float(word) for word in line.split()]
+    except ValueError:
+        return []
+    return values if all(abs(value) < FARTHEST for value in values) else []
+
+
+def _count(name: str, columns: Sequence[float], rows: Sequence[float], begin: int) -> int:
+    count = columns[0] * rows[0]
+    if count != int(count) or count <= 0 or columns[0] != int(columns[0]):
+        where = f"lines {begin + 1} and {begin + 2}"
+        raise InputError(name, "its columns and rows are not whole numbers", where, AGAIN)
+    return int(count)
+
+
+def _read_points(name: str, lines: Sequence[str], first: int) -> FloatArray:
+    """(N, 3) x, y and z of each line, whatever follows. `first`: number of the first line."""
+    values = []
+    for number, line in enumerate(lines, first):
+        try:
+            x, y, z = (float(word) for word in line.split(None, 3)[:3])
+        except ValueError as error:
+            what = f"{one_line(line[:40])!r} is not a point"
+            raise InputError(name, what, f"line {number}", "a line is x y z intensity") from error
+        values.append((x, y, z))
+    return np.array(values)
