@@ -166,7 +166,7 @@ def test_a_fillet_leaves_no_edge_and_a_step_a_concave_one(tmp_path: Path) -> Non
     fillet.Add(4.0, upright)
     rounded = step.read(source(written(tmp_path / "round.step", fillet.Shape())))
     assert kinds(rounded) == {("line", True): 11, ("arc", True): 2}
-    assert "2 below 30 deg" in "; ".join(map(str, rounded.notes))
+    assert "2 below 30.05 deg" in "; ".join(map(str, rounded.notes))
     for edge in (e for e in rounded.edges if e.kind == "arc"):
         assert edge.length == pytest.approx(2 * math.pi)
 
@@ -282,7 +282,8 @@ def test_what_no_edge_needs_need_not_be_sound(
     assert count
     (tmp_path / "rfa1.step").write_text(spoiled)
     found, whole = step.read(source(tmp_path / "rfa1.step")), step.read(source(PARTS / "rfa1.step"))
-    assert says in "; ".join(str(note) for note in found.notes if note.kind == "repaired")
+    mended = [str(note) for note in found.notes if note.kind in ("repaired", "assumed")]
+    assert says in "; ".join(mended)
     assert len(found.edges) == len(whole.edges)
     for a, b in zip(found.edges, whole.edges, strict=True):
         assert np.array_equal(a.points, b.points)

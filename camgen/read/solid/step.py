@@ -437,7 +437,7 @@ def _say(
 ) -> None:
     """What became of the edges of the file, in numbers."""
     convex = sum(e.convex for e in found)
-    below = f"{left_out['smooth']} below {np.degrees(feature_angle):.3g} deg"
+    below = f"{left_out['smooth']} below {np.degrees(feature_angle):.4g} deg"
     others = f"{counted(left_out['seam'], 'seam')} and {counted(left_out['degenerate'], 'point')}"
     what = f"{convex} convex and {len(found) - convex} concave edges of the file are {whole}"
     notes.append(
