@@ -45,6 +45,10 @@ KNOWN = {
         136 + 4 * 75**0.5,
         "by hand, lines of a roofed block; measured without its flat faces",
     ),
+    "box_sides.STEP": (
+        8421.617,
+        "by probes around the edges of its ten bodies, which touch; measured body by body",
+    ),
     "binary_HalfDonut.stl": (
         12.4858,
         "of its twin in text; measured as unreadable for a stray byte at the end",

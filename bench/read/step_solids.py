@@ -41,7 +41,6 @@ import camgen
 from bench.read.step_shapes import ARRANGEMENTS, Arrangement, Body, Segment, Shape
 from bench.support.runner import Cells, Missed, Scenario, read_words, run
 from camgen.model.errors import CamgenError
-from camgen.model.part import Solid
 from camgen.model.pose import FloatArray
 
 COLUMNS = (
@@ -359,12 +358,6 @@ def make(seed: int) -> tuple[Arrangement, str, str]:
     return arrangement, write(arrangement, spelling, rng), words
 
 
-def count_bodies(solid: Solid) -> int | None:
-    """The bodies that the reader counts; None: it counts none."""
-    bodies = getattr(solid, "bodies", None)
-    return None if bodies is None else len(bodies)
-
-
 def judge(seed: int, folder: Path) -> tuple[str, str]:
     """The name of a column, and all differences from the formula."""
     arrangement, text, words = make(seed)
@@ -384,9 +377,8 @@ def judge(seed: int, folder: Path) -> tuple[str, str]:
             f"edges {len(solid.edges)}, {concave} concave; "
             f"{arrangement.edges}, {arrangement.concave} by the formula"
         )
-    bodies = count_bodies(solid)
-    if bodies is not None and bodies != len(arrangement.bodies):
-        wrong.append(f"bodies {bodies}; {len(arrangement.bodies)} by the formula")
+    if len(solid.bodies) != len(arrangement.bodies):
+        wrong.append(f"bodies {len(solid.bodies)}; {len(arrangement.bodies)} by the formula")
     if not wrong:
         return "right", ""
     is_reported = any(note.kind in ("skipped", "warning") for note in solid.notes)
@@ -417,7 +409,7 @@ def describe(path: Path) -> Iterator[Cells]:
     size = " x ".join(f"{v:.3f}" for v in np.ptp(solid.vertices, axis=0))
     kinds = Counter(f"{'convex' if e.convex else 'concave'} {e.kind}" for e in solid.edges)
     edges = ", ".join(f"{n} {kind}" for kind, n in sorted(kinds.items())) or "none"
-    yield path.name, size, str(count_bodies(solid) or ""), edges, "; ".join(map(str, solid.notes))
+    yield path.name, size, str(len(solid.bodies)), edges, "; ".join(map(str, solid.notes))
 
 
 if __name__ == "__main__":

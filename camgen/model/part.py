@@ -105,6 +105,7 @@ class Solid(Struct, frozen=True, eq=False):
 
     vertices: (V, 3). faces: (F, 3) indices, counter-clockwise seen from outside. normals: (F, 3) unit, outward.
     edges: sharp ones, in the order of their ids. borders: (N, 3) each, where the surface ends; none if it is closed.
+    bodies: names of the bodies, "" for a body without a name.
     """
 
     name: str
@@ -116,6 +117,7 @@ class Solid(Struct, frozen=True, eq=False):
     edges: tuple[Edge, ...]
     borders: tuple[FloatArray, ...]
     notes: tuple[Note, ...]
+    bodies: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         return f"Solid({self.name!r}, {counted(len(self.faces), 'face')}, {counted(len(self.edges), 'edge')})"

@@ -13,7 +13,7 @@ import pytest
 from camgen.geometry.arcs import through
 from camgen.model.errors import InputError
 from camgen.model.part import Edge, Solid
-from camgen.read.solid import kernel, mesh, step
+from camgen.read.solid import kernel, mesh, step, step_file
 from tests.support.files import source
 
 PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
@@ -193,11 +193,11 @@ def test_an_open_shell_has_borders(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("data", "message"),
     [
-        (b"", "is no STEP file"),
-        (b"solid x\nendsolid x\n", "is no STEP file"),
+        (b"", "is not a STEP file"),
+        (b"solid x\nendsolid x\n", "is not a STEP file"),
         (
             b"ISO-10303-21;\nHEADER;\nENDSEC;\nDATA;\n#1=FOO(;\nENDSEC;\n",
-            "is no STEP file, or damaged",
+            "is not a STEP file, or damaged",
         ),
         (
             b"ISO-10303-21;\nHEADER;\nENDSEC;\nDATA;\nENDSEC;\nEND-ISO-10303-21;\n",
@@ -410,4 +410,4 @@ def test_a_file_that_ends_the_kernel_ends_nothing_else(
     assert was in sound
     (tmp_path / "part.step").write_bytes(sound.replace(was, says, 1))
     with pytest.raises(InputError, match=re.escape(why)):
-        kernel.load(source(tmp_path / "part.step"))
+        step_file.load(source(tmp_path / "part.step"))

@@ -11,6 +11,7 @@ import re
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
+from itertools import islice
 
 from msgspec import Struct, field
 
@@ -180,22 +181,22 @@ class _Text:
 
     def fill(self, number: int, said: Sequence[str]) -> int:
         """Puts the empty text where one is missing in an entity. Returns the number of texts."""
-        one = self.instances[number]
-        missing = {int(found[1]) - 1 for found in map(_NO_TEXT.match, said) if found}
+        instance = self.instances[number]
+        missing = {int(match[1]) - 1 for match in map(_NO_TEXT.match, said) if match}
         count = 0
-        for name, record in self._records(one):
-            spans = _parameters(self._bare[record : one.end])
+        for name, record in self._records(instance):
+            spans = _parameters(self._bare[record : instance.end])
             for low, high in (spans[k] for k in sorted(missing) if k < len(spans)):
                 span = record + low, record + high
                 if name != b"SI_UNIT" and self._bare[slice(*span)].strip() == b"$":
-                    one.edits[span] = b"''"
+                    instance.edits[span] = b"''"
                     count += 1
         return count
 
-    def _records(self, one: _Instance) -> list[tuple[bytes, int]]:
+    def _records(self, instance: _Instance) -> list[tuple[bytes, int]]:
         """The name of each record of an entity, several of a complex one, and where it begins."""
-        found = _NAME.finditer(self._bare, one.body, one.end)
-        return [(name[0], name.start()) for name, _ in zip(found, one.types, strict=False)]
+        names = islice(_NAME.finditer(self._bare, instance.body, instance.end), len(instance.types))
+        return [(name[0], name.start()) for name in names]
 
     def take_from_lists(self, number: int, said: Sequence[str]) -> bool:
         """Takes what is of a type that cannot be out of the lists of an entity; whether that mends it."""
