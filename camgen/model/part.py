@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from typing import Literal, NamedTuple
 
@@ -98,6 +99,19 @@ class Edge(Struct, frozen=True, eq=False):
 
     def __repr__(self) -> str:
         return f"Edge({self.id!r}, {self.kind}, {self.length:.3f} mm, {'convex' if self.convex else 'concave'})"
+
+
+#: Names of bodies that are listed in a summary.
+_LISTED_BODIES = 20
+
+
+def describe_bodies(bodies: Sequence[str]) -> str:
+    """The number of bodies and their names, each once: "3 (lid, 2 x foot)"."""
+    names = Counter(filter(None, bodies))
+    texts = [f"{count} x {name}" if count > 1 else name for name, count in names.items()]
+    if len(texts) > _LISTED_BODIES:
+        texts[_LISTED_BODIES:] = [f"{len(texts) - _LISTED_BODIES} more names"]
+    return f"{len(bodies)} ({', '.join(texts)})" if texts else f"{len(bodies)}"
 
 
 class Solid(Struct, frozen=True, eq=False):
