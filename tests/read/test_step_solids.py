@@ -9,6 +9,7 @@ import pytest
 
 import camgen
 from bench.read import step_shapes, step_solids
+from camgen.read.solid import kernel
 
 pytestmark = pytest.mark.skipif(
     find_spec("OCP") is None, reason="the extra step (the package OCP) is not installed"
@@ -191,3 +192,32 @@ def test_a_pin_that_fills_a_hole_leaves_no_rim(tmp_path):
         tmp_path / "pin.step", write(arrange((PLATE, ORIGIN), (pin, (14.0, 9.0, 0.0))), SPELLING)
     )
     assert count(solid) == (12, 0, 0)
+
+
+def test_bodies_that_cannot_be_joined_are_told(tmp_path, monkeypatch):
+    monkeypatch.setattr(kernel, "unite", lambda *_: None)
+    bodies = arrange((BOX, ORIGIN), (BOX, (60.0, 0.0, 0.0)))
+    solid = read(tmp_path / "bodies.step", write(bodies, SPELLING, name="'A 1'"))
+    assert count(solid) == (24, 0, 0)
+    assert say(solid) == [
+        "warning: 2 bodies that may touch cannot be joined: A 1, A 1 "
+        "(where they are flush, their seam is an edge)"
+    ]
+
+
+def test_a_void_of_a_solid_is_concave(tmp_path):
+    """A box of 10 mm in one of 60 x 40 x 20 mm, without common edges: 12 edges each, one body."""
+    inner = step_shapes.make_box(10.0, 10.0, 10.0)
+    both = arrange((BOX, ORIGIN), (inner, (5.0, 5.0, 5.0)))
+    text = write(both, SPELLING, sharing="unshared", gap=0.0005)
+    (outer, shell), (void, hollow) = re.findall(r"(#\d+)=MANIFOLD_SOLID_BREP\('',(#\d+)\)", text)
+    text = text.replace(
+        f"{outer}=MANIFOLD_SOLID_BREP('',{shell})", f"{outer}=BREP_WITH_VOIDS('',{shell},({void}))"
+    )
+    text = text.replace(
+        f"{void}=MANIFOLD_SOLID_BREP('',{hollow})",
+        f"{void}=ORIENTED_CLOSED_SHELL('',*,{hollow},.F.)",
+    )
+    solid = read(tmp_path / "hollow.step", text.replace(f",{outer},{void})", f",{outer})"))
+    assert count(solid) == (24, 12, 0)
+    assert len(solid.bodies) == 1

@@ -95,7 +95,10 @@ def unite(solids: Sequence[Any], tolerance: float) -> Any:
     fuse.SetArguments(_list_shapes(solids[:1]))
     fuse.SetTools(_list_shapes(solids[1:]))
     fuse.SetFuzzyValue(tolerance)
-    fuse.Build()
+    try:
+        fuse.Build()
+    except (part("Standard").Standard_Failure, *STUMBLES):
+        return None
     return fuse.Shape() if fuse.IsDone() and not fuse.Shape().IsNull() else None
 
 
