@@ -185,6 +185,18 @@ def test_bodies_that_overlap_are_told(tmp_path):
     ]
 
 
+def test_bodies_beside_an_overlap_are_joined(tmp_path):
+    """Two boxes overlap by 10 mm, two others touch each other."""
+    places = [(0.0, 0.0, 0.0), (50.0, 0.0, 0.0), (10.0, 40.0, 0.0), (70.0, 40.0, 0.0)]
+    bodies = arrange(*((BOX, place) for place in places))
+    solid = read(tmp_path / "bodies.step", write(bodies, SPELLING))
+    assert count(solid) == (12 + 12 + 12, 0, 0)
+    assert len(solid.bodies) == 4
+    kinds = [(note.kind, note.what.partition(":")[0]) for note in solid.notes]
+    assert ("warning", "2 bodies overlap by 8000 mm3") in kinds
+    assert ("joined", "2 bodies that touch are worked as 1") in kinds
+
+
 def test_a_pin_that_fills_a_hole_leaves_no_rim(tmp_path):
     """The plate with its hole of radius 6, and a cylinder as high in it: a box."""
     pin = step_shapes.Shape([step_shapes.make_circle((6.0, 6.0), 6.0, True)], 20.0, 0, 0)

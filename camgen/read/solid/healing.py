@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from itertools import combinations
+from itertools import chain, combinations
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -185,6 +185,8 @@ def join_touching(bodies: Sequence[Body], tolerance: float) -> tuple[Any, list[N
     Joined bodies have no edge where they are flush, and a concave one where one ends on another.
     """
     solids = [body for body in bodies if kernel.is_solid(body.shape)]
+    if len(solids) < 2:
+        return kernel.make_compound([body.shape for body in bodies]), []
     tables = [_tabulate(body.shape) for body in solids]
     pairs = [
         (a, b)
@@ -204,25 +206,60 @@ def join_touching(bodies: Sequence[Body], tolerance: float) -> tuple[Any, list[N
 def _join(bodies: Sequence[Body], tolerance: float, notes: list[Note]) -> list[Any]:
     """The shapes of bodies that may touch, joined if they do."""
     shapes = [body.shape for body in bodies]
-    names = ", ".join(body.name or "one without a name" for body in bodies)
     union = kernel.unite(shapes, tolerance)
     if union is None:
-        what = f"{len(bodies)} bodies that may touch cannot be joined: {names}"
+        what = f"{len(bodies)} bodies that may touch cannot be joined: {_list_names(bodies)}"
         notes.append(Note("warning", what, "where they are flush, their seam is an edge"))
         return shapes
-    left = len(list(kernel.inside(union, "Solid")))
-    if left == len(shapes):
+    count = len(list(kernel.inside(union, "Solid")))
+    if count == len(shapes):
         return shapes
     overlap = sum(map(kernel.measure_volume, shapes)) - kernel.measure_volume(union)
-    slack = tolerance * sum(map(kernel.measure_area, shapes))
-    if abs(overlap) > slack:
-        what = f"{len(bodies)} bodies overlap by {short(overlap, 1)} mm3: {names}"
-        notes.append(Note("warning", what, "each has its edges as if it stood alone"))
-        return shapes
-    what = f"{len(bodies)} bodies that touch are worked as {left}: {names}"
+    if abs(overlap) > tolerance * sum(map(kernel.measure_area, shapes)):
+        return _set_aside(bodies, overlap, tolerance, notes)
+    what = f"{len(bodies)} bodies that touch are worked as {count}: {_list_names(bodies)}"
     why = "no edge where they are flush, a concave one where one ends on another"
     notes.append(Note("joined", what, why))
     return [union]
+
+
+def _set_aside(
+    bodies: Sequence[Body], overlap: float, tolerance: float, notes: list[Note]
+) -> list[Any]:
+    """The shapes of bodies, those that overlap as they are, the others joined where they touch.
+
+    overlap: volume that the bodies share, mm3.
+    """
+    pairs = [
+        (a, b)
+        for a, b in combinations(range(len(bodies)), 2)
+        if _overlap(bodies[a].shape, bodies[b].shape, tolerance)
+    ]
+    aside = set(chain(*pairs)) or set(range(len(bodies)))
+    alone = [body for k, body in enumerate(bodies) if k in aside]
+    what = f"{len(alone)} bodies overlap by {short(overlap, 1)} mm3: {_list_names(alone)}"
+    notes.append(Note("warning", what, "each has its edges as if it stood alone"))
+    others = [body for k, body in enumerate(bodies) if k not in aside]
+    shapes = [body.shape for body in alone]
+    if others:
+        joined, more = join_touching(others, tolerance)
+        shapes.append(joined)
+        notes += more
+    return shapes
+
+
+def _overlap(first: Any, second: Any, tolerance: float) -> bool:
+    """Whether two solids share more volume than a contact within the tolerance explains."""
+    boxes = kernel.measure_box(first)[None], kernel.measure_box(second)[None]
+    if not _meet(boxes[0], boxes[1], tolerance).all():
+        return False
+    common = kernel.intersect(first, second, tolerance)
+    slack = tolerance * (kernel.measure_area(first) + kernel.measure_area(second))
+    return common is not None and kernel.measure_volume(common) > slack
+
+
+def _list_names(bodies: Sequence[Body]) -> str:
+    return ", ".join(body.name or "one without a name" for body in bodies)
 
 
 def _tabulate(shape: Any) -> _FaceTable:

@@ -91,15 +91,24 @@ def make_solid(shell: Any) -> Any:
 
 def unite(solids: Sequence[Any], tolerance: float) -> Any:
     """The union of solids that may be `tolerance` (mm) apart, None if the kernel finds none."""
-    fuse = part("BRepAlgoAPI").BRepAlgoAPI_Fuse()
-    fuse.SetArguments(_list_shapes(solids[:1]))
-    fuse.SetTools(_list_shapes(solids[1:]))
-    fuse.SetFuzzyValue(tolerance)
+    return _combine("Fuse", solids, tolerance)
+
+
+def intersect(first: Any, second: Any, tolerance: float) -> Any:
+    """The volume that two solids share, None if the kernel finds none."""
+    return _combine("Common", [first, second], tolerance)
+
+
+def _combine(operation: str, solids: Sequence[Any], tolerance: float) -> Any:
+    algorithm = getattr(part("BRepAlgoAPI"), f"BRepAlgoAPI_{operation}")()
+    algorithm.SetArguments(_list_shapes(solids[:1]))
+    algorithm.SetTools(_list_shapes(solids[1:]))
+    algorithm.SetFuzzyValue(tolerance)
     try:
-        fuse.Build()
+        algorithm.Build()
     except (part("Standard").Standard_Failure, *STUMBLES):
         return None
-    return fuse.Shape() if fuse.IsDone() and not fuse.Shape().IsNull() else None
+    return algorithm.Shape() if algorithm.IsDone() and not algorithm.Shape().IsNull() else None
 
 
 def _list_shapes(shapes: Sequence[Any]) -> Any:
@@ -269,9 +278,11 @@ def measure_tolerance(shape: Any) -> float:
 
 
 def measure_box(shape: Any) -> FloatArray:
-    """(2, 3) mm, the corners of a box around a shape."""
+    """(2, 3) mm, the corners of a box around a shape, nan for a shape without extent."""
     box = part("Bnd").Bnd_Box()
     part("BRepBndLib").BRepBndLib.Add_s(shape, box)
+    if box.IsVoid():
+        return np.full((2, 3), np.nan)
     return np.array([box.CornerMin().Coord(), box.CornerMax().Coord()])
 
 
@@ -293,6 +304,5 @@ def _integrate(shape: Any, method: str) -> float:
 
 def size(shape: Any) -> float:
     """The diagonal of a box around ``shape``, mm."""
-    box = part("Bnd").Bnd_Box()
-    part("BRepBndLib").BRepBndLib.Add_s(shape, box)
-    return 0.0 if box.IsVoid() else float(np.sqrt(box.SquareExtent()))
+    lower, upper = measure_box(shape)
+    return float(np.nan_to_num(np.linalg.norm(upper - lower)))
