@@ -26,8 +26,9 @@ from camgen.read.solid.step_units import read_uncertainty
 _SAVE_AGAIN = "export it again from the CAD program"
 #: The text is read again without damaged entities, at most this many times.
 _ROUNDS = 4
-#: Names that CAD programs write for entities without a name.
+#: Names that CAD programs write for entities without a name, and how an invented one begins.
 _NO_NAMES = ("", "NONE", "NULL")
+_INVENTED = "Open CASCADE STEP translator"
 
 
 class StepBodies(Struct, frozen=True, eq=False):
@@ -152,7 +153,8 @@ def _name(entity: Any) -> str:
         text = str(entity.Name().ToCString()).strip()
     except (AttributeError, UnicodeDecodeError):
         return ""
-    return "" if text in _NO_NAMES else harmless(text)
+    is_given = text not in _NO_NAMES and not text.startswith(_INVENTED)
+    return harmless(text) if is_given else ""
 
 
 def _note_changes(reader: Any, shape: Any) -> list[Note]:
