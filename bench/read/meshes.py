@@ -371,6 +371,7 @@ def judge(bodies: list[Body], spelling: Spelling, folder: Path) -> tuple[str, st
     corners = np.concatenate([body.corners for body in bodies])
     is_right = (
         np.allclose(np.ptp(solid.vertices, axis=0), np.ptp(corners, axis=0), atol=0.01)
+        and len(solid.bodies) == len(bodies)
         and len(solid.edges) == sum(body.edges for body in bodies)
         and sum(not edge.convex for edge in solid.edges) == sum(body.concave for body in bodies)
     )

@@ -29,7 +29,7 @@ from camgen.cli.inputs import open_inputs
 from camgen.cli.motion_file import encode
 from camgen.cli.say import Voice, join_names, length, size
 from camgen.model.errors import JobError, rename_errors
-from camgen.model.part import GRAVEST, Note, NoteKind
+from camgen.model.part import GRAVEST, Note, NoteKind, describe_bodies
 from camgen.model.path import PLAIN, Tour
 from camgen.model.pose import Pose
 from camgen.model.program import Joints, ToolChange
@@ -220,9 +220,11 @@ def _input(result: Result) -> str:
         kinds = f"{counted(len(curves), 'curve')} ({grouped(len(curves) - level)} in space, {grouped(level)} flat)"
         return f"{result.part.source}: {result.part.units}, {kinds}"
     if result.part.solid is not None:
-        edges = result.part.solid.edges
-        convex = sum(edge.convex for edge in edges)
-        return f"{result.part.source}: {result.part.units}, {counted(len(edges), 'edge')}, {grouped(convex)} convex"
+        solid = result.part.solid
+        convex = sum(edge.convex for edge in solid.edges)
+        count = f"{counted(len(solid.edges), 'edge')}, {grouped(convex)} convex"
+        bodies = f"bodies: {describe_bodies(solid.bodies)}"
+        return f"{result.part.source}: {result.part.units}, {count}, {bodies}"
     contours = result.part.contours
     closed = sum(c.closed for c in contours)
     layers = sorted({c.layer for c in contours})

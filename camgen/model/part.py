@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from typing import Literal, NamedTuple
 
@@ -100,11 +101,25 @@ class Edge(Struct, frozen=True, eq=False):
         return f"Edge({self.id!r}, {self.kind}, {self.length:.3f} mm, {'convex' if self.convex else 'concave'})"
 
 
+#: Names of bodies that are listed in a summary.
+_LISTED_BODIES = 20
+
+
+def describe_bodies(bodies: Sequence[str]) -> str:
+    """The number of bodies and their names, each once: "3 (lid, 2 x foot)"."""
+    names = Counter(filter(None, bodies))
+    texts = [f"{count} x {name}" if count > 1 else name for name, count in names.items()]
+    if len(texts) > _LISTED_BODIES:
+        texts[_LISTED_BODIES:] = [f"{len(texts) - _LISTED_BODIES} more names"]
+    return f"{len(bodies)} ({', '.join(texts)})" if texts else f"{len(bodies)}"
+
+
 class Solid(Struct, frozen=True, eq=False):
     """A 3-D part. ``source`` is the file's name without folder, ``units`` says what one unit of the file was.
 
     vertices: (V, 3). faces: (F, 3) indices, counter-clockwise seen from outside. normals: (F, 3) unit, outward.
     edges: sharp ones, in the order of their ids. borders: (N, 3) each, where the surface ends; none if it is closed.
+    bodies: names of the bodies, "" for a body without a name.
     """
 
     name: str
@@ -116,6 +131,7 @@ class Solid(Struct, frozen=True, eq=False):
     edges: tuple[Edge, ...]
     borders: tuple[FloatArray, ...]
     notes: tuple[Note, ...]
+    bodies: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         return f"Solid({self.name!r}, {counted(len(self.faces), 'face')}, {counted(len(self.edges), 'edge')})"

@@ -146,6 +146,7 @@ SMOKES = [
     Smoke("read.edges {here}", (1,), {"convex mm (measured)": (1390, 1391)}),
     Smoke("read.scans 2 1", (1,), {"scans": (1, 1), "right": (1, 1)}),
     Smoke("read.meshes 0 54", (27,), {"meshes": (2, 2), "silent": (0, 0)}),
+    Smoke("read.step_solids", (15,), {"right": (2, 2), "silent": (0, 0)}, lacking("OCP")),
     Smoke("read.old_gcode_words", (6,), {"silent": (0, 0)}),
     Smoke("read.replay {programs}", (2,), {}, lacking("", "rs274")),
     Smoke("read.programs {programs}", (2,), {"stopped": (0, 0), "refused": (0, 0)}),

@@ -1,5 +1,6 @@
 """Mesh files in all their spellings: bodies, edges and refusals, against formulas."""
 
+import json
 from itertools import pairwise
 
 import numpy as np
@@ -7,7 +8,10 @@ import pytest
 
 import camgen
 from bench.read import meshes
+from camgen.cli import main
 from camgen.model.errors import InputError
+from camgen.model.part import describe_bodies
+from camgen.read.solid import glb
 from camgen.read.solid.polygons import cut_polygons
 
 BODIES = meshes.make_bodies(1)
@@ -194,3 +198,95 @@ def test_walls_at_30_degrees_are_alike(seed, tmp_path):
     triangles = points[np.array(meshes.cut(body))] @ turn(seed)
     solid = read(tmp_path / "prism.stl", write_triangles(triangles))
     assert [edge.kind for edge in solid.edges] == ["circle", "circle"]
+
+
+NAMES = ("left", "right")
+BOXES = [BOX, BOX._replace(corners=BOX.corners + np.array([30.0, 0.0, 0.0]))]
+
+
+def write_named_obj(word="o", first="v"):
+    """Two boxes with the names of `NAMES`; all vertices come first, or each before its faces."""
+    vertices, faces = [], []
+    for number, (name, body) in enumerate(zip(NAMES, BOXES, strict=True)):
+        vertices.append("".join("v {:g} {:g} {:g}\n".format(*row) for row in body.corners))
+        polygons = [np.array(face) + 1 + 8 * number for face in body.faces]
+        rows = ["f " + " ".join(map(str, polygon)) for polygon in polygons]
+        faces.append("\n".join([f"{word} {name}", *rows, ""]))
+    rows = [*vertices, *faces] if first == "v" else [vertices[0], faces[0], vertices[1], faces[1]]
+    return "".join(rows).encode()
+
+
+def write_named_3mf():
+    objects = "".join(
+        meshes.write_object(body, number).replace("<object ", f'<object name="{name}" ')
+        for number, (name, body) in enumerate(zip(NAMES, BOXES, strict=True))
+    )
+    items = '<item objectid="0"/><item objectid="1"/>'
+    return meshes.pack_3mf({"3D/3dmodel.model": write_model(objects, items)})
+
+
+def write_named_stl():
+    parts = [meshes.write_stl([body]) for body in BOXES]
+    return b"".join(p.replace(b"body0", n.encode()) for p, n in zip(parts, NAMES, strict=True))
+
+
+def write_named_glb():
+    """The writer gives nodes no names: each `{"mesh"` is one."""
+    data = meshes.write_glb(BOXES)
+    document, body = glb._split(data)
+    for node, name in zip(document["nodes"], NAMES, strict=True):
+        node["name"] = name
+    return glb._join(document, body)
+
+
+@pytest.mark.parametrize(
+    ("name", "data", "bodies"),
+    [
+        ("a.obj", write_named_obj(), NAMES),
+        ("a.obj", write_named_obj("g", "f"), NAMES),
+        ("a.obj", write_named_obj("#"), ("", "")),
+        ("a.3mf", write_named_3mf(), NAMES),
+        ("a.stl", write_named_stl(), NAMES),
+        ("a.stl", meshes.write_binary_stl(BOXES), ("", "")),
+        ("a.glb", write_named_glb(), NAMES),
+        ("a.glb", meshes.write_glb(BOXES), ("", "")),
+        ("a.ply", meshes.write_ply(BOXES), ("", "")),
+    ],
+)
+def test_bodies_have_the_names_of_the_file(name, data, bodies, tmp_path):
+    solid = read(tmp_path / name, data)
+    assert sorted(solid.bodies) == sorted(bodies)
+    assert len(solid.edges) == 24
+
+
+def test_a_void_is_no_body_of_its_own(tmp_path):
+    """A box of 4 x 4 x 6 mm inside of one of 10 x 20 x 30 mm, its faces to the inside."""
+    inner = BOX._replace(
+        corners=BOX.corners * [0.4, 0.2, 0.2] + [3.0, 3.0, 3.0],
+        faces=[face[::-1] for face in BOX.faces],
+    )
+    solid = read(tmp_path / "hollow.obj", meshes.write_obj([BOX, inner]))
+    assert solid.bodies == ("body0",)
+    assert sum(edge.convex for edge in solid.edges) == 12
+    assert len(solid.edges) == 24
+
+
+def test_inspect_counts_bodies_and_edges_by_kind(tmp_path, capsys):
+    (tmp_path / "a.obj").write_bytes(write_named_obj())
+    assert main(["inspect", str(tmp_path / "a.obj")]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[1] == "bodies: 2 (left, right)"
+    assert lines[2] == "edges: 24, 24 convex (24 lines), 0 concave"
+    assert main(["inspect", str(tmp_path / "a.obj"), "--json"]) == 0
+    facts = json.loads(capsys.readouterr().out)["facts"]
+    assert facts["bodies"] == ["left", "right"]
+    assert facts["edge_kinds"] == {"convex line": 24}
+    assert facts["size"] == [40.0, 20.0, 30.0]
+
+
+def test_many_equal_names_are_listed_once():
+    assert describe_bodies(["foot", "lid", "foot", ""]) == "4 (2 x foot, lid)"
+    assert describe_bodies(["", ""]) == "2"
+    ribs = describe_bodies([f"rib{k}" for k in range(25)])
+    assert ribs.startswith("25 (rib0, rib1,")
+    assert ribs.endswith(", rib19, 5 more names)")

@@ -17,7 +17,8 @@ def test_the_edges_of_a_mesh_are_listed(capsys: pytest.CaptureFixture[str]) -> N
     assert main(["inspect", str(PARTS / "rfa1.stl")]) == 0
     said = capsys.readouterr().out.splitlines()
     assert said[0] == "3-D part of 125 x 95 x 70 mm, units mm, 396 triangles"
-    assert said[1] == "edges: 21, 21 convex, 0 concave"
+    assert said[1] == "bodies: 1"
+    assert said[2] == "edges: 21, 21 convex (17 lines, 2 circles, 2 arcs), 0 concave"
     assert "e1: line, 125 mm, 39.8 deg, convex, from 0 30 70" in said
     assert sum(line.startswith("e") and " deg, convex" in line for line in said) == 21
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 from msgspec import Struct
@@ -10,7 +12,7 @@ from msgspec import Struct
 from camgen.model.errors import JobError
 from camgen.model.files import Source
 from camgen.model.job import Job
-from camgen.model.part import Edge, Note, Part, Solid
+from camgen.model.part import Edge, Note, Part, Solid, describe_bodies
 from camgen.model.pose import to_vec3
 from camgen.model.text import counted, harmless, short
 from camgen.read.files import Files
@@ -25,23 +27,31 @@ _LISTED = 200
 
 
 class SolidFacts(Struct, frozen=True):
-    """What is in a 3-D part; its ``str`` is a page to print. size: mm. faces: triangles. surfaces: what lies between
-    sharp edges, each with the ids of its edges.
+    """The content of a 3-D part; its ``str`` is a page to print.
+
+    size: extent along x, y and z, mm.
+    bodies: names of the bodies, "" for a body without a name.
+    faces: number of triangles.
+    edge_kinds: number of edges of each kind, "convex line" and so on.
+    surfaces: faces between sharp edges, each with the ids of its edges.
+    notes: everything that was assumed, repaired, joined or left out.
     """
 
     units: str
     size: tuple[float, float, float]
+    bodies: tuple[str, ...]
     faces: int
+    edge_kinds: dict[str, int]
     edges: tuple[Edge, ...]
     surfaces: tuple[tuple[Face, tuple[str, ...]], ...]
     notes: tuple[Note, ...]
 
     def __str__(self) -> str:
-        convex = sum(edge.convex for edge in self.edges)
         size = " x ".join(short(v, 3) for v in self.size)
         lines = [
             f"3-D part of {size} mm, units {self.units}, {counted(self.faces, 'triangle')}",
-            f"edges: {len(self.edges)}, {convex} convex, {len(self.edges) - convex} concave",
+            f"bodies: {describe_bodies(self.bodies)}",
+            f"edges: {describe_edges(self.edge_kinds)}",
             *(_describe(edge) for edge in self.edges),
             *self._tell_faces(),
             *map(str, self.notes),
@@ -52,6 +62,22 @@ class SolidFacts(Struct, frozen=True):
         if len(self.surfaces) > _LISTED:
             return [f"faces: {len(self.surfaces)}, too many to list"]
         return [f"faces: {len(self.surfaces)}", *(_describe_face(*one) for one in self.surfaces)]
+
+
+def count_kinds(edges: Iterable[Edge]) -> dict[str, int]:
+    """The number of edges of each kind: "convex line", "concave circle" and so on."""
+    kinds = Counter(f"{'convex' if e.convex else 'concave'} {e.kind}" for e in edges)
+    return dict(sorted(kinds.items(), reverse=True))
+
+
+def describe_edges(kinds: Mapping[str, int]) -> str:
+    """One line: all, convex ones by kind, concave ones by kind."""
+    texts = [str(sum(kinds.values()))]
+    for sort in ("convex", "concave"):
+        own = {name.split()[1]: n for name, n in kinds.items() if name.split()[0] == sort}
+        listed = ", ".join(counted(n, kind) for kind, n in own.items())
+        texts.append(f"{sum(own.values())} {sort}" + (f" ({listed})" if own else ""))
+    return ", ".join(texts)
 
 
 def _describe_face(face: Face, edges: tuple[str, ...]) -> str:
@@ -82,7 +108,9 @@ def inspect(source: Source, job: Job, _files: Files) -> SolidFacts:
     return SolidFacts(
         harmless(found.units),
         to_vec3(np.subtract(high, low)),
+        found.bodies,
         len(found.faces),
+        count_kinds(found.edges),
         found.edges,
         _surfaces(found),
         found.notes,

@@ -72,6 +72,13 @@ def prepare_glb(data: bytes) -> bytes:
     return _join(document, body)
 
 
+def list_names(data: bytes) -> set[str]:
+    """The names of nodes and meshes."""
+    document, _ = _split(data)
+    members = [*document.get("nodes", ()), *document.get("meshes", ())]
+    return {str(member["name"]) for member in members if member.get("name")}
+
+
 def _split(data: bytes) -> tuple[dict[str, Any], bytes]:
     """The document and the binary chunk of a file."""
     (length,) = struct.unpack_from("<I", data, _HEAD)

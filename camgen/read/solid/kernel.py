@@ -1,4 +1,6 @@
-"""The CAD kernel (OCCT by the package OCP, extra ``step``): shapes in, numbers out. The only module that knows it.
+"""The CAD kernel (OCCT by the package OCP, extra ``step``): shapes in, numbers out.
+
+Other modules reach it through `part` alone.
 
 OCP 8 renamed and dropped some of what OCP 7 has; only what both have is used, or asked for here. All is in mm: OCCT
 converts when it reads.
@@ -6,32 +8,19 @@ converts when it reads.
 
 from __future__ import annotations
 
-import os
-import signal
-import sys
-from collections.abc import Iterator
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
 from importlib import import_module
-from io import BytesIO
 from typing import Any
 
 import numpy as np
 from msgspec import Struct
 
 from camgen.geometry.vectors import cross
-from camgen.model.errors import InputError
-from camgen.model.files import Source
-from camgen.model.limits import tell
-from camgen.model.part import IntArray, Note
+from camgen.model.part import IntArray
 from camgen.model.pose import FloatArray
-from camgen.model.text import counted
-from camgen.read.solid.part21 import LARGEST_ID, find_wild_id, find_wild_place, take_out
 
 #: What a shape that is sound on paper only makes the kernel raise.
 STUMBLES = (RuntimeError, ValueError, TypeError)
-_SAVE_AGAIN = "export it again from the CAD program"
-#: Leaving something out may show another fault; so often it is looked at.
-_ROUNDS = 4
 #: A step along an edge, as a part of its parameters, away from a place where the surface has no normal.
 _ASIDE = 1e-4
 
@@ -48,109 +37,14 @@ def part(name: str) -> Any:
     return import_module(f"OCP.{name}")
 
 
-def load(source: Source) -> tuple[Any, tuple[Note, ...]]:
-    """The shape in a STEP file, all roots as one, and what was left out. ``InputError`` if there is none."""
-    try:
-        part("STEPControl")
-    except ImportError as error:
-        raise InputError(
-            source.name, "STEP needs the CAD kernel", "", "pip install 'camgen[step]'"
-        ) from error
-    message = part("Message")
-    # OCCT prints what it finds odd; the command line alone prints.
-    message.Message.DefaultMessenger_s().RemovePrinters(
-        message.Message_PrinterOStream.get_type_descriptor_s()
-    )
-    _try_aside(source)
-    return _load(source)
+def inside(shape: Any, kind: str, avoid: str = "Shape") -> Iterator[Any]:
+    """All sub-shapes of a kind ("Face", "Edge") that a shape uses, as it uses them.
 
-
-def _try_aside(source: Source) -> None:
-    """``InputError`` where reading the file ends a process: a child reads it first. OCCT does not check all that it
-    takes from a file, and what it then touches is no error that could be caught.
+    avoid: kind of sub-shapes that are not looked into.
     """
-    if not hasattr(os, "fork"):
-        return
-    sys.stderr.flush()
-    child = os.fork()
-    if child == 0:
-        with suppress(BaseException):  # whatever it is, the parent meets it too, and tells it
-            os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # what it says as it dies is for nobody
-            signal.signal(signal.SIGALRM, signal.SIG_DFL)
-            signal.setitimer(signal.ITIMER_REAL, source.limits.step_seconds)
-            _load(source)
-        os._exit(0)
-    ended = os.waitpid(child, 0)[1]
-    if os.WIFSIGNALED(ended):
-        what, remedy = "is damaged: it ends the CAD kernel", _SAVE_AGAIN
-        if os.WTERMSIG(ended) == signal.SIGALRM:
-            what = f"takes the CAD kernel more than {tell(source.limits.step_seconds)} s"
-            remedy = f"{_SAVE_AGAIN}, or raise limits.step_seconds"
-        raise InputError(source.name, what, "", remedy)
-
-
-def _load(source: Source) -> tuple[Any, tuple[Note, ...]]:
-    failure = part("Standard").Standard_Failure
-    try:
-        reader, notes = _sound(source)
-        shape = reader.OneShape() if reader.TransferRoots() else None
-    except (failure, *STUMBLES) as error:
-        raise InputError(
-            source.name, "is damaged: the CAD kernel cannot read it", "", _SAVE_AGAIN
-        ) from error
-    return (None if shape is None or shape.IsNull() else shape), notes
-
-
-def _sound(source: Source) -> tuple[Any, tuple[Note, ...]]:
-    """The kernel's reader of a text whose every entity could be read: of what is not sound OCCT would leave out what
-    needs it, or end the process. What no edge needs is left out of the text. ``InputError`` for anything else.
-    """
-    data, notes = source.data, tuple[Note, ...]()
-    if wild := find_wild_id(data):
-        what = f"is damaged: {wild} is no number of an entity, which are 1 to {LARGEST_ID}"
-        raise InputError(source.name, what, "", _SAVE_AGAIN)
-    if far := find_wild_place(data, source.limits.step_place):
-        remedy = f"{_SAVE_AGAIN}, or raise limits.step_place"
-        raise InputError(
-            source.name, f"is damaged: a point at {far}, no part is so large", "", remedy
-        )
-    for _ in range(_ROUNDS):
-        reader = part("STEPControl").STEPControl_Reader()
-        if reader.ReadStream(source.name, BytesIO(data)).name != "IFSelect_RetDone":
-            raise InputError(source.name, "is no STEP file, or damaged", "", _SAVE_AGAIN)
-        model = reader.StepModel()
-        faults = _faults(model)
-        if not faults:
-            if model.GlobalCheck(True).HasFailed():
-                raise InputError(
-                    source.name, "is damaged: entities are missing or there twice", "", _SAVE_AGAIN
-                )
-            return reader, notes
-        mended = take_out(data, faults)
-        if mended.why:
-            of = counted(int(model.NbEntities()), "entity", "entities")
-            what = (
-                f"is damaged: {len(faults)} of {of} cannot be read, and the part needs {mended.why}"
-            )
-            raise InputError(source.name, what, "", _SAVE_AGAIN)
-        data, notes = mended.data, (*notes, *mended.notes)
-    raise InputError(source.name, "is damaged: its entities cannot be read", "", _SAVE_AGAIN)
-
-
-def _faults(model: Any) -> dict[int, list[str]]:
-    """What OCCT says of the entities that it cannot read, by their place in the file from 0."""
-    found = {}
-    for k in range(1, int(model.NbEntities()) + 1):
-        if model.IsErrorEntity(k):
-            check = model.ReportEntity(k).Check()
-            found[k - 1] = [str(check.CFail(i)) for i in range(1, check.NbFails() + 1)]
-    return found
-
-
-def inside(shape: Any, kind: str) -> Iterator[Any]:
-    """All sub-shapes of ``kind`` ("Face", "Edge") that ``shape`` uses, as it uses them."""
+    kinds = part("TopAbs")
     explorer = part("TopExp").TopExp_Explorer(
-        shape, getattr(part("TopAbs"), f"TopAbs_{kind.upper()}")
+        shape, *(getattr(kinds, f"TopAbs_{name.upper()}") for name in (kind, avoid))
     )
     topods = part("TopoDS").TopoDS
     cast = getattr(topods, f"{kind}_s", None) or getattr(topods, kind)
@@ -159,15 +53,105 @@ def inside(shape: Any, kind: str) -> Iterator[Any]:
         explorer.Next()
 
 
+def members(shape: Any) -> Iterator[Any]:
+    """The shapes that a compound is made of, in its place."""
+    iterator = part("TopoDS").TopoDS_Iterator(shape)
+    while iterator.More():
+        yield iterator.Value()
+        iterator.Next()
+
+
+def make_compound(shapes: Sequence[Any]) -> Any:
+    """One shape of several; the same one if it is alone."""
+    if len(shapes) == 1:
+        return shapes[0]
+    compound, builder = part("TopoDS").TopoDS_Compound(), part("BRep").BRep_Builder()
+    builder.MakeCompound(compound)
+    for shape in shapes:
+        builder.Add(compound, shape)
+    return compound
+
+
 def count_wires(shape: Any) -> int:
     """How many curves of ``shape`` are in no face."""
-    kinds = part("TopAbs")
-    explorer = part("TopExp").TopExp_Explorer(shape, kinds.TopAbs_EDGE, kinds.TopAbs_FACE)
-    count = 0
-    while explorer.More():
-        count += 1
-        explorer.Next()
-    return count
+    return sum(1 for _ in inside(shape, "Edge", "Face"))
+
+
+def is_solid(shape: Any) -> bool:
+    """Whether a shape is one closed body."""
+    return bool(shape.ShapeType().name == "TopAbs_SOLID")
+
+
+def make_solid(shell: Any) -> Any:
+    """The solid in a closed shell, with its faces outward."""
+    solid = part("BRepBuilderAPI").BRepBuilderAPI_MakeSolid(shell).Solid()
+    part("BRepLib").BRepLib.OrientClosedSolid_s(solid)
+    return solid
+
+
+def unite(solids: Sequence[Any], tolerance: float) -> Any:
+    """The union of solids that may be `tolerance` (mm) apart, None if the kernel finds none."""
+    return _combine("Fuse", solids, tolerance)
+
+
+def intersect(first: Any, second: Any, tolerance: float) -> Any:
+    """The volume that two solids share, None if the kernel finds none."""
+    return _combine("Common", [first, second], tolerance)
+
+
+def _combine(operation: str, solids: Sequence[Any], tolerance: float) -> Any:
+    algorithm = getattr(part("BRepAlgoAPI"), f"BRepAlgoAPI_{operation}")()
+    algorithm.SetArguments(_list_shapes(solids[:1]))
+    algorithm.SetTools(_list_shapes(solids[1:]))
+    algorithm.SetFuzzyValue(tolerance)
+    try:
+        algorithm.Build()
+    except (part("Standard").Standard_Failure, *STUMBLES):
+        return None
+    return algorithm.Shape() if algorithm.IsDone() and not algorithm.Shape().IsNull() else None
+
+
+def _list_shapes(shapes: Sequence[Any]) -> Any:
+    """A list of the kernel: OCP 8 has it under another name than OCP 7."""
+    try:
+        listed = part("TopTools").TopTools_ListOfShape()
+    except (ImportError, AttributeError):
+        listed = part("collections").List_TopoDS_Shape()
+    for shape in shapes:
+        listed.Append(shape)
+    return listed
+
+
+#: Surfaces are the same if their axes agree to this (rad).
+_PARALLEL = 1e-4
+
+
+class Surface:
+    """The surface of a face, to compare it with others."""
+
+    def __init__(self, face: Any) -> None:
+        adaptor = part("BRepAdaptor").BRepAdaptor_Surface(face, False)
+        self.kind = str(adaptor.GetType().name)
+        self._axis, self._place, self._radius = np.zeros(3), np.zeros(3), 0.0
+        if self.kind in ("GeomAbs_Plane", "GeomAbs_Cylinder"):
+            is_plane = self.kind == "GeomAbs_Plane"
+            shape = adaptor.Plane() if is_plane else adaptor.Cylinder()
+            self._axis = np.array(shape.Axis().Direction().Coord())
+            self._place = np.array(shape.Location().Coord())
+            self._radius = 0.0 if is_plane else float(shape.Radius())
+
+    def is_same(self, other: Surface, tolerance: float) -> bool:
+        """Whether two surfaces are within `tolerance` (mm) of each other; True if that is not known."""
+        if self.kind != other.kind:
+            return False
+        if np.linalg.norm(cross(self._axis, other._axis)) > _PARALLEL:
+            return False
+        offset = other._place - self._place
+        along = offset @ self._axis
+        is_plane = self.kind == "GeomAbs_Plane"
+        distance = abs(along) if is_plane else np.linalg.norm(offset - along * self._axis)
+        is_near = distance <= tolerance and abs(self._radius - other._radius) <= tolerance
+        return bool(is_near) or not self._axis.any()
 
 
 def meetings(shape: Any) -> list[Meeting]:
@@ -288,8 +272,37 @@ def triangles(shape: Any, deflection: float, angle: float) -> tuple[FloatArray, 
     return np.array(vertices, dtype=np.float64).reshape(-1, 3), both
 
 
-def size(shape: Any) -> float:
-    """The diagonal of a box around ``shape``, mm."""
+def measure_tolerance(shape: Any) -> float:
+    """The largest distance, mm, between an edge and its faces or its ends as the kernel has it."""
+    return float(part("ShapeAnalysis").ShapeAnalysis_ShapeTolerance().Tolerance(shape, 1))
+
+
+def measure_box(shape: Any) -> FloatArray:
+    """(2, 3) mm, the corners of a box around a shape, nan for a shape without extent."""
     box = part("Bnd").Bnd_Box()
     part("BRepBndLib").BRepBndLib.Add_s(shape, box)
-    return 0.0 if box.IsVoid() else float(np.sqrt(box.SquareExtent()))
+    if box.IsVoid():
+        return np.full((2, 3), np.nan)
+    return np.array([box.CornerMin().Coord(), box.CornerMax().Coord()])
+
+
+def measure_volume(shape: Any) -> float:
+    """mm3, negative for a body that is inside out."""
+    return _integrate(shape, "VolumeProperties_s")
+
+
+def measure_area(shape: Any) -> float:
+    """mm2."""
+    return _integrate(shape, "SurfaceProperties_s")
+
+
+def _integrate(shape: Any, method: str) -> float:
+    properties = part("GProp").GProp_GProps()
+    getattr(part("BRepGProp").BRepGProp, method)(shape, properties)
+    return float(properties.Mass())
+
+
+def size(shape: Any) -> float:
+    """The diagonal of a box around ``shape``, mm."""
+    lower, upper = measure_box(shape)
+    return float(np.nan_to_num(np.linalg.norm(upper - lower)))

@@ -6,12 +6,14 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
+from camgen.geometry.ragged import each_once
 from camgen.model.errors import InputError
 from camgen.model.files import Source
 from camgen.model.part import FEATURE_ANGLE, BoolArray, IntArray, Note, Solid
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted
 from camgen.read.solid import topology as welding
+from camgen.read.solid.bodies import NamedVertices, name_bodies, tabulate_bodies
 from camgen.read.solid.edges import edges_of, order
 from camgen.read.solid.mesh_file import MeshSoup, load
 from camgen.read.solid.sharp import SharpSides, chain, dangling, face_normals, segments
@@ -30,24 +32,14 @@ def wrongly_wound(
     Faces that hang together are wound like the most of them. A closed body is turned if its volume is negative, unless
     it lies within the box of another one: then it may be a void, and is turned if that one is.
     """
-    body = components(len(faces), pairs.first // 3, pairs.second // 3)
-    turn = _minority(faces, pairs, body)
+    turn = _minority(faces, pairs)
     odd = int(np.count_nonzero(turn))
-    corners = vertices[faces] - vertices[faces].mean(axis=(0, 1))
-    volume = (
-        np.einsum("fi,fi->f", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))
-        / 6
-        * np.where(turn, -1, 1)
-    )
-    label, of = np.unique(body, return_inverse=True)
-    total = np.asarray(np.bincount(of, volume, len(label)), dtype=np.float64)
-    closed = np.ones(len(label), dtype=bool)
-    closed[of[np.concatenate([pairs.open, pairs.crowded]) // 3]] = False
-    inverted = _invert(corners, of, total, closed)
+    of, volume, closed = tabulate_bodies(vertices, faces, pairs, turn)
+    inverted = _invert(vertices[faces], of, volume, closed)
     return turn ^ inverted[of], odd, int(np.count_nonzero(inverted))
 
 
-def _minority(faces: IntArray, pairs: Pairs, body: IntArray) -> BoolArray:
+def _minority(faces: IntArray, pairs: Pairs) -> BoolArray:
     """(F,) faces that are wound against the most of their body.
 
     Every face is two nodes, as it is and turned; what agrees across an edge is linked. A body whose two halves
@@ -58,6 +50,7 @@ def _minority(faces: IntArray, pairs: Pairs, body: IntArray) -> BoolArray:
     if not pairs.turned.any():
         return turn
     f, g = pairs.first // 3, pairs.second // 3
+    body = components(count, f, g)
     swap = np.where(pairs.turned, count, 0)
     label = components(
         2 * count, np.concatenate([f, f + count]), np.concatenate([g + swap, g + count - swap])
@@ -86,13 +79,17 @@ _SET_UNITS = "set input.units if that is not meant"
 
 
 class Surface(Struct, frozen=True, eq=False):
-    """A clean mesh: vertices (V, 3) mm, faces (F, 3) wound outward with normals (F, 3), and how they meet."""
+    """A clean mesh: vertices (V, 3) mm, faces (F, 3) wound outward with normals (F, 3), and how they meet.
+
+    named: names of bodies by vertex, None if the file has none.
+    """
 
     vertices: FloatArray
     faces: IntArray
     normals: FloatArray
     pairs: Pairs
     units: str
+    named: NamedVertices | None = None
 
     def sides(self, feature_angle: float) -> SharpSides:
         """The sides of triangles where two faces meet at more than ``feature_angle`` (rad)."""
@@ -147,6 +144,7 @@ def make_solid(
         edges,
         borders,
         tuple(notes),
+        name_bodies(mesh.vertices, mesh.faces, mesh.pairs, mesh.named),
     )
 
 
@@ -161,7 +159,7 @@ def _surface(soup: MeshSoup, name: str, mm: float | None) -> tuple[Surface, list
         notes.append(
             Note("assumed", "1 unit of the mesh = 1 mm", f"the file states no unit; {_SET_UNITS}")
         )
-    vertices, faces = _clean(name, soup, soup.mm if mm is None else mm, notes)
+    vertices, faces, named = _clean(name, soup, soup.mm if mm is None else mm, notes)
     pairs = pair(faces)
     useless = dangling(vertices, faces, pairs)
     if useless.any():
@@ -174,10 +172,12 @@ def _surface(soup: MeshSoup, name: str, mm: float | None) -> tuple[Surface, list
     units = (soup.unit or "mm") if mm is None else f"{mm:g} mm"
     faces = np.array(faces)
     faces.flags.writeable = False
-    return Surface(frozen(vertices), faces, frozen(normals), pairs, units), notes
+    return Surface(frozen(vertices), faces, frozen(normals), pairs, units, named), notes
 
 
-def _clean(name: str, soup: MeshSoup, mm: float, notes: list[Note]) -> tuple[FloatArray, IntArray]:
+def _clean(
+    name: str, soup: MeshSoup, mm: float, notes: list[Note]
+) -> tuple[FloatArray, IntArray, NamedVertices | None]:
     """Vertices in mm, and faces that have three of them and are there once."""
     vertices, faces = welding.merge(soup.vertices * mm, soup.faces)
     proper = welding.without_degenerate(faces)
@@ -195,7 +195,12 @@ def _clean(name: str, soup: MeshSoup, mm: float, notes: list[Note]) -> tuple[Flo
     _count(notes, len(proper) - len(single), "twice")
     if not len(whole):
         raise InputError(name, "has no face with an area")
-    return welding.drop_unused(vertices, whole)
+    if soup.named is None:
+        return *welding.drop_unused(vertices, whole), None
+    owners = np.full(len(vertices), -1)
+    owners[faces] = soup.named.owners[soup.faces]
+    named = soup.named._replace(owners=owners[each_once(whole.reshape(-1))])
+    return *welding.drop_unused(vertices, whole), named
 
 
 #: What is said of faces that are mended, of one and of many.

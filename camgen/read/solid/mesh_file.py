@@ -10,8 +10,9 @@ import re
 import struct
 import zlib
 from collections.abc import Callable
+from collections.abc import Set as AbstractSet
 from io import BytesIO
-from typing import NamedTuple
+from typing import Any, NamedTuple
 from xml.etree.ElementTree import ParseError
 from zipfile import BadZipFile
 
@@ -25,7 +26,8 @@ from camgen.model.part import IntArray, Note
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted
 from camgen.read.quiet import silence
-from camgen.read.solid.glb import prepare_glb
+from camgen.read.solid.bodies import NamedVertices
+from camgen.read.solid.glb import list_names, prepare_glb
 from camgen.read.solid.obj import read_obj
 from camgen.read.solid.off import read_off
 from camgen.read.solid.ply import read_ply
@@ -60,6 +62,7 @@ class MeshSoup(Struct, frozen=True, eq=False):
     faces: (F, 3) numbers of vertices.
     unit: name of the unit, "" if the format has none.
     mm: length of the unit, mm.
+    named: names of bodies by vertex, None if the file has none.
     """
 
     vertices: FloatArray
@@ -67,6 +70,7 @@ class MeshSoup(Struct, frozen=True, eq=False):
     unit: str
     mm: float
     notes: tuple[Note, ...]
+    named: NamedVertices | None = None
 
 
 def load(source: Source) -> MeshSoup:
@@ -90,9 +94,9 @@ def load(source: Source) -> MeshSoup:
     if kind == ".glb":
         _insist_on_accessors(name, data, source.limits.accessor)
     if kind == ".stl" and not _is_text(data):
-        vertices, faces, unit = _read_triangles(data)
+        vertices, faces, unit, _, named = _Parsed(*_read_triangles(data))
     else:
-        vertices, faces, unit, more = _parse(name, data, kind, source.limits)
+        vertices, faces, unit, more, named = _parse(name, data, kind, source.limits)
         notes += more
     if not len(faces):
         only = f"{counted(len(vertices), 'point')} only" if len(vertices) else ""
@@ -109,7 +113,7 @@ def load(source: Source) -> MeshSoup:
         )
         remedy = f"{_SAVE_AGAIN}, or raise limits.mesh_place"
         raise InputError(name, what, f"the first is face {int(wrong[0]) + 1}", remedy)
-    return MeshSoup(vertices, faces, unit, _MM.get(unit, 1.0), notes)
+    return MeshSoup(vertices, faces, unit, _MM.get(unit, 1.0), notes, named)
 
 
 def _stl(name: str, data: bytes) -> tuple[bytes, tuple[Note, ...]]:
@@ -152,6 +156,7 @@ def _close_text(name: str, data: bytes) -> tuple[bytes, tuple[Note, ...]]:
     return data.rstrip() + b"\nendsolid\n", (note,)
 
 
+_SOLID_NAME = re.compile(rb"^[ \t]*solid[ \t]+(.*?)\s*$", re.MULTILINE | re.IGNORECASE)
 _ASCII = bytes(k if k < 128 else ord("_") for k in range(256))
 
 
@@ -195,6 +200,7 @@ class _Parsed(NamedTuple):
     faces: IntArray
     unit: str = ""
     notes: tuple[Note, ...] = ()
+    named: NamedVertices | None = None
 
 
 def _parse(name: str, data: bytes, kind: str, limits: Limits) -> _Parsed:
@@ -222,11 +228,15 @@ def _read(data: bytes, kind: str, limits: Limits) -> _Parsed:
     with np.errstate(all="ignore"):
         if kind in _READERS:
             vertices, triangles = _READERS[kind](data)
-            return _Parsed(vertices, triangles.faces, "", triangles.notes)
+            return _Parsed(vertices, triangles.faces, "", triangles.notes, triangles.named)
         if kind == ".3mf":
             bodies = read_3mf(data, limits.model_bytes)
-            return _Parsed(bodies.vertices, bodies.faces, bodies.unit.lower(), bodies.notes)
-        return _load(prepare_glb(data) if kind == ".glb" else data, kind)
+            return _Parsed(
+                bodies.vertices, bodies.faces, bodies.unit.lower(), bodies.notes, bodies.named
+            )
+        if kind == ".glb":
+            return _load(prepare_glb(data), kind, list_names(data))
+        return _load(data, kind, {name.decode() for name in _SOLID_NAME.findall(data)})
 
 
 _READERS: dict[str, Callable[[bytes], tuple[FloatArray, Triangles]]] = {
@@ -236,8 +246,11 @@ _READERS: dict[str, Callable[[bytes], tuple[FloatArray, Triangles]]] = {
 }
 
 
-def _load(data: bytes, kind: str) -> _Parsed:
-    """The mesh as trimesh reads it: glTF and STL in text."""
+def _load(data: bytes, kind: str, stated: AbstractSet[str]) -> _Parsed:
+    """The mesh as trimesh reads it: glTF and STL in text.
+
+    stated: names of bodies in the file.
+    """
     import trimesh  # noqa: PLC0415 (heavy, and needed by what reads a mesh only)
 
     silence("trimesh")
@@ -246,10 +259,28 @@ def _load(data: bytes, kind: str) -> _Parsed:
         # Materials are of no use here, and trimesh needs one more package to copy them.
         if isinstance(shape, trimesh.Trimesh):
             shape.visual = trimesh.visual.ColorVisuals()
-    mesh = scene.to_mesh()
-    vertices = np.asarray(mesh.vertices, dtype=np.float64).reshape(-1, 3)
-    faces = np.asarray(mesh.faces, dtype=np.int64).reshape(-1, 3)
-    return _Parsed(vertices, faces, "m" if kind == ".glb" else str(mesh.units or "").lower())
+    meshes = [mesh for mesh in scene.dump() if isinstance(mesh, trimesh.Trimesh)]
+    first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
+    vertices = np.concatenate([np.zeros((0, 3)), *(mesh.vertices for mesh in meshes)])
+    faces = [mesh.faces + before for mesh, before in zip(meshes, first, strict=False)]
+    table = np.concatenate([np.zeros((0, 3), dtype=np.int64), *faces])
+    unit = "m" if kind == ".glb" else ""
+    return _Parsed(vertices, table, unit, (), _name_vertices(meshes, stated))
+
+
+#: A name that trimesh makes of one that is there already.
+_REPEATED = re.compile(r"_\d+$")
+
+
+def _name_vertices(meshes: list[Any], stated: AbstractSet[str]) -> NamedVertices:
+    """The names of the meshes of a scene. stated: names in the file; trimesh invents others."""
+    names = []
+    for mesh in meshes:
+        given = [str(mesh.metadata.get(key, "")) for key in ("node", "name")]
+        given += [_REPEATED.sub("", name) for name in given]
+        names.append(next((name for name in given if name in stated), ""))
+    sizes = [len(mesh.vertices) for mesh in meshes]
+    return NamedVertices(names, np.repeat(np.arange(len(names)), sizes))
 
 
 def _plain(error: Exception) -> str:

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from camgen.model.part import IntArray, Note
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted
+from camgen.read.solid.bodies import NamedVertices
 from camgen.read.solid.polygons import Triangles, check_numbers, cut_polygons
 from camgen.read.solid.rows import read_equal_rows, read_table
 
@@ -32,14 +35,28 @@ def read_obj(data: bytes) -> tuple[FloatArray, Triangles]:
     words = [row[:2].rstrip() for row in rows]
     places = [row[1:] for row, word in zip(rows, words, strict=True) if word == "v"]
     vertices = read_table(places, 3)[:, :3]
-    polygons = _read_faces(rows, words)
+    groups = _read_faces(rows, words)
+    polygons = [group.corners for group in groups]
     check_numbers(polygons, len(vertices))
     triangles = cut_polygons(vertices, polygons)
-    return vertices, Triangles(triangles.faces, (*triangles.notes, *_note_free_forms(rows)))
+    notes = (*triangles.notes, *_note_free_forms(rows))
+    named = _read_names(rows, words, groups, len(vertices))
+    return vertices, Triangles(triangles.faces, notes, named)
 
 
-def _read_faces(rows: list[str], words: list[str]) -> list[IntArray]:
-    """The faces as tables of vertices, by their number of corners."""
+class _Polygons(NamedTuple):
+    """Faces with the same number of corners.
+
+    corners: (F, N) numbers of vertices.
+    places: (F,) their places among all faces of the file.
+    """
+
+    corners: IntArray
+    places: IntArray
+
+
+def _read_faces(rows: list[str], words: list[str]) -> list[_Polygons]:
+    """The faces by their number of corners."""
     faces = [row[1:] for row, word in zip(rows, words, strict=True) if word == "f"]
     numbers = _SLASHED.sub("", "\n".join(faces))
     if not faces:
@@ -47,15 +64,42 @@ def _read_faces(rows: list[str], words: list[str]) -> list[IntArray]:
     if "-" not in numbers:
         table = read_equal_rows(numbers.split("\n"))
         if table is not None:
-            return [table - 1]
-    by_size: dict[int, list[list[int]]] = {}
-    count = 0
+            return [_Polygons(table - 1, np.arange(len(table)))]
+    corners: dict[int, list[list[int]]] = {}
+    places: dict[int, list[int]] = {}
+    count = place = 0
     for row, word in zip(rows, words, strict=True):
         count += word == "v"
         if word == "f":
             face = _number(row.partition("#")[0].split()[1:], count)
-            by_size.setdefault(len(face), []).append(face)
-    return [np.array(table) for size, table in by_size.items() if size >= _TRIANGLE]
+            corners.setdefault(len(face), []).append(face)
+            places.setdefault(len(face), []).append(place)
+            place += 1
+    return [
+        _Polygons(np.array(table), np.array(places[size]))
+        for size, table in corners.items()
+        if size >= _TRIANGLE
+    ]
+
+
+def _read_names(
+    rows: list[str], words: list[str], groups: Sequence[_Polygons], count: int
+) -> NamedVertices | None:
+    """The names of objects, of groups in a file without objects. count: number of vertices."""
+    word = "o" if "o" in words else "g"
+    if word not in words:
+        return None
+    names: list[str] = []
+    owner_of_face = []
+    for row, first in zip(rows, words, strict=True):
+        if first == word:
+            names.append(row[1:].strip())
+        elif first == "f":
+            owner_of_face.append(len(names) - 1)
+    owners = np.full(count, -1)
+    for group in groups:
+        owners[group.corners] = np.array(owner_of_face)[group.places][:, None]
+    return NamedVertices(names, owners)
 
 
 def _number(words: list[str], count: int) -> list[int]:

@@ -11,6 +11,7 @@ import re
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
+from itertools import islice
 
 from msgspec import Struct, field
 
@@ -34,7 +35,9 @@ _CAD_FILE = re.compile(
 )
 
 #: How the kernel says that a text is missing, and at which parameter; that one of a list is of a type that cannot be.
-_NO_TEXT = re.compile(r"Parameter n0\.([0-9]+) \(.*\) not a quoted String")
+_NO_TEXT = re.compile(
+    r"(?:Set to empty string : )?Parameter n0\.([0-9]+) \(.*\) not a quoted String"
+)
 _ILLEGAL = re.compile(r"Parameter n0\.([0-9]+) \(.*\) : Entity has illegal type")
 
 #: Representations of shapes. Those of nothing but texts are needed by none.
@@ -177,19 +180,23 @@ class _Text:
         return unit or any(map(_DRAUGHTING.search, types))
 
     def fill(self, number: int, said: Sequence[str]) -> int:
-        """Puts the empty text where one is missing in an entity of one name; how many there are."""
-        one = self.instances[number]
-        spans = _parameters(self._bare[one.body : one.end])
+        """Puts the empty text where one is missing in an entity. Returns the number of texts."""
+        instance = self.instances[number]
+        missing = {int(match[1]) - 1 for match in map(_NO_TEXT.match, said) if match}
         count = 0
-        for found in filter(None, map(_NO_TEXT.match, said)):
-            low, high = spans[int(found[1]) - 1] if int(found[1]) <= len(spans) else (0, 0)
-            if len(one.types) == 1 and self._bare[one.body + low : one.body + high].strip() in (
-                b"$",
-                b"*",
-            ):
-                one.edits[one.body + low, one.body + high] = b"''"
-                count += 1
+        for name, record in self._records(instance):
+            spans = _parameters(self._bare[record : instance.end])
+            for low, high in (spans[k] for k in sorted(missing) if k < len(spans)):
+                span = record + low, record + high
+                if name != b"SI_UNIT" and self._bare[slice(*span)].strip() == b"$":
+                    instance.edits[span] = b"''"
+                    count += 1
         return count
+
+    def _records(self, instance: _Instance) -> list[tuple[bytes, int]]:
+        """The name of each record of an entity, several of a complex one, and where it begins."""
+        names = islice(_NAME.finditer(self._bare, instance.body, instance.end), len(instance.types))
+        return [(name[0], name.start()) for name in names]
 
     def take_from_lists(self, number: int, said: Sequence[str]) -> bool:
         """Takes what is of a type that cannot be out of the lists of an entity; whether that mends it."""
@@ -291,9 +298,9 @@ def _notes(bad: Sequence[Sequence[bytes]], empty: int) -> tuple[Note, ...]:
         many = counted(empty, "text that is not given was", "texts that are not given were")
         notes.append(
             Note(
-                "repaired",
+                "assumed",
                 f"{many} taken as empty",
-                "the names of entities say nothing about the edges",
+                "a name says nothing about the edges",
             )
         )
     return tuple(notes)

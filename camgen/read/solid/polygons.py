@@ -10,6 +10,7 @@ from msgspec import Struct
 from camgen.model.part import BoolArray, IntArray, Note
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted
+from camgen.read.solid.bodies import NamedVertices
 
 #: Minimum sine of the turn at each corner of a polygon that is cut as a fan.
 _LEAST_TURN = 1e-6
@@ -20,10 +21,12 @@ class Triangles(Struct, frozen=True, eq=False):
 
     faces: (F, 3) numbers of vertices.
     notes: notes on polygons that were left out.
+    named: names of bodies by vertex, None if the file has none.
     """
 
     faces: IntArray
     notes: tuple[Note, ...] = ()
+    named: NamedVertices | None = None
 
 
 def check_numbers(polygons: Sequence[IntArray], count: int) -> None:

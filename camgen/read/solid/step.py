@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import re
 from collections import Counter, defaultdict
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from msgspec.structs import replace
 
 from camgen.geometry.arcs import Circle, fit_circle, span_lengths, spans_through, through
 from camgen.geometry.vectors import angles, cross
-from camgen.model.errors import InputError, one_line
+from camgen.model.errors import InputError
 from camgen.model.files import Source
 from camgen.model.part import FEATURE_ANGLE, Edge, EdgeKind, Note, Solid
 from camgen.model.pose import FloatArray, frozen
@@ -23,6 +21,8 @@ from camgen.read.solid.edges import STEADY_COSINE, order
 from camgen.read.solid.kernel import Curve, FacesBeside
 from camgen.read.solid.part21 import list_other_files
 from camgen.read.solid.sharp import face_normals
+from camgen.read.solid.step_file import StepBodies, load
+from camgen.read.solid.step_units import read_units
 from camgen.read.solid.topology import pair
 from camgen.read.units import doubts
 
@@ -48,24 +48,43 @@ def direct(edge: Edge) -> Edge:
     return edge if np.round(a, 6).tolist() <= np.round(b, 6).tolist() else backwards(edge)
 
 
-def join_smooth(edges: list[Edge]) -> list[Edge]:
-    """The edges with those that go on as one made one."""
-    chains: dict[int, Edge] = dict(enumerate(edges))
-    at: dict[tuple[int, ...], list[int]] = defaultdict(list)
-    for k, edge in chains.items():
-        if not edge.closed:
-            for point in (edge.points[0], edge.points[-1]):
-                at[_place(point)].append(k)
+def join_smooth(edges: list[Edge], meet: float = _MEET) -> list[Edge]:
+    """The edges, those that continue each other joined into one.
+
+    meet: ends are one place if they are so near, mm.
+    """
+    chains = dict(enumerate(edges))
+    ends = {k: pair for k, pair in enumerate(_number_ends(edges, meet)) if not edges[k].closed}
+    at: dict[int, list[int]] = defaultdict(list)
+    for k, places in ends.items():
+        for place in places:
+            at[place].append(k)
     owner = {k: k for k in chains}
     for place, (first, *rest) in at.items():
         if len(rest) != 1:
             continue
         a, b = _owner(owner, first), _owner(owner, rest[0])
-        one = _one(chains[a], chains[b], place)
-        if one is not None:
-            chains.pop(b, None)
-            chains[a], owner[b] = one, a
+        if a == b:
+            chains[a] = _close_circle(chains[a])
+            continue
+        is_last, is_first = ends[a][1] == place, ends[b][0] == place
+        before = chains[a] if is_last else backwards(chains[a])
+        after = chains[b] if is_first else backwards(chains[b])
+        joined = _join(before, after, meet)
+        if joined is not None:
+            chains.pop(b)
+            chains[a], owner[b] = joined, a
+            ends[a] = ends[a][not is_last], ends[b][is_first]
     return list(chains.values())
+
+
+def _number_ends(edges: list[Edge], meet: float) -> list[tuple[int, int]]:
+    """The numbers of the places where each edge begins and ends."""
+    if not edges:
+        return []
+    points = np.array([(edge.points[0], edge.points[-1]) for edge in edges]).reshape(-1, 3)
+    places = welding.components(len(points), *welding.find_close(points, meet))
+    return [(int(first), int(last)) for first, last in places.reshape(-1, 2)]
 
 
 def _owner(owner: dict[int, int], k: int) -> int:
@@ -74,21 +93,20 @@ def _owner(owner: dict[int, int], k: int) -> int:
     return k
 
 
-def _place(point: FloatArray) -> tuple[int, ...]:
-    return tuple(np.round(point / _MEET).astype(np.int64).tolist())
+def _close_circle(edge: Edge) -> Edge:
+    """An arc whose ends meet smoothly as a circle; other edges unchanged."""
+    if edge.kind != "arc" or not _smooth(edge, edge):
+        return edge
+    return replace(edge, kind="circle", closed=True)
 
 
-def _one(a: Edge, b: Edge, place: tuple[int, ...]) -> Edge | None:
-    """``a`` and ``b`` as one edge over the place where they meet, None if they are two. They may be one: a circle."""
+def _join(a: Edge, b: Edge, meet: float) -> Edge | None:
+    """Two edges as one where the first ends and the second begins, None if they stay two."""
     if a.kind not in ("line", "arc") or a.kind != b.kind or a.convex != b.convex:
         return None
-    if a is b:
-        return replace(a, kind="circle", closed=True) if a.kind == "arc" and _smooth(a, a) else None
-    a = a if _place(a.points[-1]) == place else backwards(a)
-    b = b if _place(b.points[0]) == place else backwards(b)
-    if abs(a.radius - b.radius) > _MEET or not _smooth(a, b):
+    if abs(a.radius - b.radius) > meet or not _smooth(a, b):
         return None
-    if a.kind == "arc" and _apart(a, b) > 2 * _MEET:
+    if a.kind == "arc" and _apart(a, b) > 2 * meet:
         return None
     columns = {
         n: frozen(np.concatenate([getattr(a, n), getattr(b, n)])) for n in ("via", "via_normals")
@@ -259,18 +277,6 @@ def _mean_angle(normals: FloatArray) -> float:
 
 #: Triangles leave the part by at most this part of its size, within these bounds (mm), and turn by this (rad).
 _DEFLECTION, _FINEST, _COARSEST, _ANGLE = 2e-4, 0.005, 0.2, 0.35
-_CONTEXT = re.compile(rb"GLOBAL_UNIT_ASSIGNED_CONTEXT\s*\(\s*\(([^)]*)\)")
-_INSTANCE = re.compile(rb"#(\d+)\s*=\s*\((?=[^;]*\bLENGTH_UNIT\b)([^;]*);")
-_CONVERTED = re.compile(rb"CONVERSION_BASED_UNIT\s*\(\s*'([^']*)'")
-_SI = re.compile(rb"SI_UNIT\s*\(\s*(\$|\.\w+\.)\s*,\s*\.METRE\.")
-_PREFIX = {
-    b"$": "m",
-    b".MILLI.": "mm",
-    b".CENTI.": "cm",
-    b".DECI.": "dm",
-    b".MICRO.": "um",
-    b".KILO.": "km",
-}
 
 
 def read(source: Source, tolerance: float = 0.01, feature_angle: float = FEATURE_ANGLE) -> Solid:
@@ -279,16 +285,16 @@ def read(source: Source, tolerance: float = 0.01, feature_angle: float = FEATURE
     tolerance: mm, what arcs and lines may leave the ellipses and splines they stand for. feature_angle: rad, sharp
     edges are those above it.
     """
-    units, notes = _units(source)
-    shape, left_out = kernel.load(source)
+    units, notes = read_units(source)
+    loaded = load(source)
+    shape, wires = loaded.shape, loaded.curves
     others = list_other_files(source.data)
     if shape is None:
-        raise _no_faces(source.name, others, 0)
-    notes += left_out
-    wires = kernel.count_wires(shape)
+        raise _no_faces(source.name, others, wires)
+    notes += loaded.notes
     failure = kernel.part("Standard").Standard_Failure
     try:
-        edges, borders = _edges(shape, tolerance, feature_angle, notes)
+        edges, borders = _edges(loaded, tolerance, feature_angle, notes)
         deflection = float(np.clip(_DEFLECTION * kernel.size(shape), _FINEST, _COARSEST))
         vertices, faces = welding.merge(*kernel.triangles(shape, deflection, _ANGLE))
     except (failure, *kernel.STUMBLES) as error:
@@ -326,6 +332,7 @@ def read(source: Source, tolerance: float = 0.01, feature_angle: float = FEATURE
         edges,
         borders,
         tuple(notes),
+        loaded.names,
     )
 
 
@@ -345,36 +352,14 @@ def _no_faces(name: str, others: Sequence[str], curves: int) -> InputError:
     )
 
 
-def _units(source: Source) -> tuple[str, list[Note]]:
-    """The units of length that the shapes of the file are in. The kernel converts them; this is for the user."""
-    data = source.data
-    if not data[:4096].lstrip().startswith(b"ISO-10303-21"):
-        raise InputError(source.name, "is no STEP file", "it does not begin with ISO-10303-21")
-    lengths = dict(_INSTANCE.findall(data))
-    used = {ref.strip(b" \t\r\n#") for refs in _CONTEXT.findall(data) for ref in refs.split(b",")}
-    names = sorted({_unit(lengths[ref]) for ref in used if ref in lengths})
-    if not names:
-        return "mm", [
-            Note("assumed", "1 unit of the file = 1 mm", "the file states no unit of length")
-        ]
-    return ", ".join(names), []
-
-
-def _unit(text: bytes) -> str:
-    converted, si = _CONVERTED.search(text), _SI.search(text)
-    if converted:
-        return one_line(converted[1].decode("ascii", "replace")).lower().replace("metre", "m")
-    return _PREFIX.get(si[1], "unknown") if si else "unknown"
-
-
 def _edges(
-    shape: Any, tolerance: float, feature_angle: float, notes: list[Note]
+    loaded: StepBodies, tolerance: float, feature_angle: float, notes: list[Note]
 ) -> tuple[tuple[Edge, ...], tuple[FloatArray, ...]]:
     """Sharp edges with ids, and where faces end."""
     found: list[Edge] = []
     borders: list[FloatArray] = []
     left_out: Counter[str] = Counter()
-    for meeting in kernel.meetings(shape):
+    for meeting in kernel.meetings(loaded.shape):
         what = _kind(meeting)
         if what == "border":
             curve = kernel.Curve(meeting.edge)
@@ -391,11 +376,18 @@ def _edges(
             sharp = _sharp(meeting, tolerance, feature_angle)
             left_out["smooth"] += sharp is None
             found += [sharp] if sharp is not None else []
-    edges = order(direct(e) for e in join_smooth(found))
+    meet = max(_MEET, 2 * kernel.measure_tolerance(loaded.shape))
+    edges = order(direct(e) for e in join_smooth(found, meet))
     _say(notes, left_out, found, len(edges), feature_angle)
     if borders:
         what = f"{counted(len(borders), 'edge has', 'edges have')} a face on one side only"
-        notes.append(Note("warning", what, "borders, not edges"))
+        notes.append(
+            Note(
+                "warning",
+                what,
+                f"borders, not edges; faces {loaded.tolerance:.4g} mm apart are sewn",
+            )
+        )
     return edges, tuple(borders)
 
 
@@ -437,7 +429,7 @@ def _say(
 ) -> None:
     """What became of the edges of the file, in numbers."""
     convex = sum(e.convex for e in found)
-    below = f"{left_out['smooth']} below {np.degrees(feature_angle):.3g} deg"
+    below = f"{left_out['smooth']} below {np.degrees(feature_angle):.4g} deg"
     others = f"{counted(left_out['seam'], 'seam')} and {counted(left_out['degenerate'], 'point')}"
     what = f"{convex} convex and {len(found) - convex} concave edges of the file are {whole}"
     notes.append(

@@ -17,6 +17,7 @@ from msgspec import Struct
 from camgen.model.part import IntArray, Note
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted
+from camgen.read.solid.bodies import NamedVertices
 from camgen.read.solid.unread import UnreadShape
 
 _ROOT = "3d/3dmodel.model"
@@ -54,6 +55,7 @@ class _Object(Struct, frozen=True, eq=False):
     vertices: FloatArray
     faces: IntArray
     type: str
+    name: str
     components: list[_Reference]
 
 
@@ -75,12 +77,14 @@ class Bodies(Struct, frozen=True, eq=False):
     faces: (F, 3).
     unit: name of the unit.
     notes: notes on objects that were left out.
+    named: names of the bodies.
     """
 
     vertices: FloatArray
     faces: IntArray
     unit: str
     notes: tuple[Note, ...]
+    named: NamedVertices
 
 
 def read_3mf(data: bytes, limit: float) -> Bodies:
@@ -112,10 +116,14 @@ class _Builder:
         self._parts, self._limit = parts, limit
         self._vertices: list[FloatArray] = [np.zeros((0, 3))]
         self._faces: list[IntArray] = [np.zeros((0, 3), dtype=np.int64)]
+        self._names: list[str] = []
         self._count = self._left_out = 0
 
-    def add(self, reference: _Reference, outer: FloatArray, depth: int) -> None:
-        """Adds the body that a reference names, with its components."""
+    def add(self, reference: _Reference, outer: FloatArray, depth: int, name: str = "") -> None:
+        """Adds the body that a reference names, with its components.
+
+        name: name of the object around it.
+        """
         part = self._parts.get(reference.part)
         body = None if part is None else part.objects.get(reference.number)
         if body is None:
@@ -126,24 +134,33 @@ class _Builder:
             self._left_out += 1
             return
         place = reference.transform @ outer
+        name = body.name or name
         if len(body.faces):
             points = body.vertices @ place[:3, :3] + place[3, :3]
             # A mirrored body has its faces turned.
             mirrored = np.linalg.det(place[:3, :3]) < 0
             self._vertices.append(points)
+            self._names.append(name)
             self._faces.append((body.faces[:, ::-1] if mirrored else body.faces) + self._count)
             self._count += len(points)
             if self._count > self._limit:
                 raise OverflowError("vertices")
         for component in body.components:
-            self.add(component, place, depth + 1)
+            self.add(component, place, depth + 1, name)
 
     def finish(self, unit: str) -> Bodies:
         notes: tuple[Note, ...] = ()
         if self._left_out:
             what = f"{counted(self._left_out, 'object')} of the build left out"
             notes = (Note("skipped", what, "a support, or of the type other"),)
-        return Bodies(np.concatenate(self._vertices), np.concatenate(self._faces), unit, notes)
+        owners = np.repeat(np.arange(len(self._names)), [len(v) for v in self._vertices[1:]])
+        return Bodies(
+            np.concatenate(self._vertices),
+            np.concatenate(self._faces),
+            unit,
+            notes,
+            NamedVertices(self._names, owners),
+        )
 
 
 def _read_part(data: bytes, name: str) -> _Part:
@@ -183,6 +200,7 @@ def _read_object(item: ElementTree.Element, name: str) -> _Object:
         np.array(vertices, dtype=np.float64).reshape(-1, 3),
         table,
         item.get("type", "model"),
+        item.get("name", ""),
         [_read_reference(row, name) for row in item.iter(f"{{{_CORE}}}component")],
     )
 

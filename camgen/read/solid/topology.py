@@ -101,13 +101,13 @@ def weld(vertices: FloatArray, faces: IntArray) -> tuple[IntArray, int]:
     if not len(rim):
         return faces, 0
     limit = WELD * float(np.linalg.norm(np.ptp(vertices, axis=0)))
-    a, b = _close(vertices[rim], limit)
+    a, b = find_close(vertices[rim], limit)
     lowest = np.arange(len(vertices))
     lowest[rim] = rim[components(len(rim), a, b)]
     return np.asarray(lowest[faces]), int(np.count_nonzero(lowest != np.arange(len(lowest))))
 
 
-def _close(points: FloatArray, limit: float) -> tuple[IntArray, IntArray]:
+def find_close(points: FloatArray, limit: float) -> tuple[IntArray, IntArray]:
     """Pairs of ``points`` (N, 3) that are no farther apart than ``limit``, enough of them to link all that are.
 
     Two such points share a cell of four limits in at least one of eight grids, each shifted by half a cell.

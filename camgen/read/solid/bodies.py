@@ -1,0 +1,77 @@
+"""The bodies of a mesh: connected surfaces, with the names that the file gives them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from camgen.model.part import BoolArray, IntArray
+from camgen.model.pose import FloatArray
+from camgen.model.text import harmless
+from camgen.read.solid.topology import Pairs, components
+
+
+class BodyTable(NamedTuple):
+    """The connected surfaces of a mesh.
+
+    of: (F,) number of the body of each face, in the order of their first faces.
+    volume: (B,) mm3, negative for a surface that is inside out.
+    is_closed: (B,) whether every side has two faces.
+    """
+
+    of: IntArray
+    volume: FloatArray
+    is_closed: BoolArray
+
+
+class NamedVertices(NamedTuple):
+    """Names of bodies in a file.
+
+    names: names, in the order of the file.
+    owners: (V,) index of the name of each vertex, -1 for a vertex without one.
+    """
+
+    names: Sequence[str]
+    owners: IntArray
+
+
+def tabulate_bodies(
+    vertices: FloatArray, faces: IntArray, pairs: Pairs, is_turned: BoolArray | None = None
+) -> BodyTable:
+    """The bodies of a mesh; faces hang together where two of them share a side.
+
+    is_turned: (F,) faces whose winding counts as opposite; None for none of them.
+    """
+    root = components(len(faces), pairs.first // 3, pairs.second // 3)
+    label, of = np.unique(root, return_inverse=True)
+    corners = vertices[faces] - vertices[faces].mean(axis=(0, 1))
+    volume = np.einsum("fi,fi->f", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6
+    if is_turned is not None:
+        volume = np.where(is_turned, -volume, volume)
+    total = np.asarray(np.bincount(of, volume, len(label)), dtype=np.float64)
+    is_closed = np.ones(len(label), dtype=bool)
+    is_closed[of[np.concatenate([pairs.open, pairs.crowded]) // 3]] = False
+    return BodyTable(of, total, is_closed)
+
+
+def name_bodies(
+    vertices: FloatArray, faces: IntArray, pairs: Pairs, named: NamedVertices | None
+) -> tuple[str, ...]:
+    """The name of each body of a mesh that is wound outward, "" for a body without one.
+
+    A closed surface of negative volume bounds a void in another body and is not counted.
+    """
+    table = tabulate_bodies(vertices, faces, pairs)
+    is_body = ~table.is_closed | (table.volume >= 0)
+    names = np.full(len(is_body), -1)
+    if named is not None:
+        owners = named.owners[faces[:, 0]]
+        count = len(named.names)
+        keys = (table.of * count + owners)[owners >= 0]
+        used, faces_of = np.unique(keys, return_counts=True)
+        order = np.argsort(faces_of, kind="stable")  # the name of most faces is written last
+        names[used[order] // count] = used[order] % count
+    listed = names[is_body].tolist()
+    return tuple("" if k < 0 or named is None else harmless(named.names[k]) for k in listed)

@@ -1,0 +1,291 @@
+"""Sews faces that do not share their edges, and joins bodies that touch face to face."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import chain, combinations
+from typing import Any, NamedTuple
+
+import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
+
+from camgen.model.part import BoolArray, Note
+from camgen.model.pose import FloatArray
+from camgen.model.text import counted, short
+from camgen.read.solid import kernel
+from camgen.read.solid.topology import components
+
+#: mm: faces that are so near are sewn, whatever the file states. No machine sees it.
+_LEAST_TOLERANCE_MM = 1e-4
+#: Faces are sewn over this part of the size of the file at most: a larger uncertainty is not meant.
+_MOST_TOLERANCE = 1e-3
+#: Distances are compared with the tolerance plus this part of it, for the rounding of a text.
+_ROUNDING = 0.01
+
+
+class Body(Struct, frozen=True, eq=False):
+    """A solid, or a surface of faces that belong to no solid.
+
+    name: "" without one.
+    is_solid: whether the file has it as a solid.
+    """
+
+    name: str
+    shape: Any
+    is_solid: bool
+
+
+class Tolerance(NamedTuple):
+    """The distance over which faces are sewn, mm."""
+
+    mm: float
+    notes: tuple[Note, ...] = ()
+
+
+def choose_tolerance(stated: float, size: float) -> Tolerance:
+    """The tolerance for sewing.
+
+    stated: uncertainty that the file states, mm, 0 for none.
+    size: size of all bodies, mm.
+    """
+    limit = max(_MOST_TOLERANCE * size, _LEAST_TOLERANCE_MM)
+    if stated <= limit:
+        return Tolerance(max(stated, _LEAST_TOLERANCE_MM))
+    what = f"faces no more than {short(limit, 4)} mm apart belong together"
+    why = f"the file states an uncertainty of {short(stated, 4)} mm, too much for its size"
+    return Tolerance(limit, (Note("assumed", what, why),))
+
+
+class _Sewing(NamedTuple):
+    """The result of sewing a body.
+
+    pieces: solids, shells and faces.
+    edges: number of edges that two faces share now and did not before.
+    gap: largest distance between their faces, mm.
+    turned: number of faces that were wound against the others.
+    lost: number of edges and faces that are smaller than the tolerance and were left out.
+    """
+
+    pieces: list[Any]
+    edges: int = 0
+    gap: float = 0.0
+    turned: int = 0
+    lost: int = 0
+
+
+def sew_bodies(bodies: Sequence[Body], tolerance: float) -> tuple[list[Body], list[Note]]:
+    """The bodies with edges that lie within `tolerance` (mm) made common.
+
+    Solids are sewn one by one, surfaces all together; each connected surface is a body then.
+    """
+    result, sewings = [], []
+    for body in bodies:
+        if body.is_solid:
+            sewing = _sew(body.shape, tolerance, True)
+            sewings.append(sewing)
+            result.append(replace(body, shape=kernel.make_compound(sewing.pieces)))
+    surfaces = [body for body in bodies if not body.is_solid]
+    if surfaces:
+        sewing = _sew(kernel.make_compound([body.shape for body in surfaces]), tolerance, False)
+        sewings.append(sewing)
+        names = {body.name for body in surfaces}
+        name = names.pop() if len(names) == 1 else ""
+        pieces = [Body(name, piece, kernel.is_solid(piece)) for piece in sewing.pieces]
+        result += pieces if sewing.edges else surfaces
+    return result, _note_sewing(sewings)
+
+
+def _sew(shape: Any, tolerance: float, is_solid: bool) -> _Sewing:
+    """A body with its faces sewn; as it is if no edges lie together."""
+    meetings = kernel.meetings(shape)
+    if all(len(meeting.uses) > 1 or kernel.degenerate(meeting.edge) for meeting in meetings):
+        return _Sewing([shape])
+    sewing = kernel.part("BRepBuilderAPI").BRepBuilderAPI_Sewing(tolerance * (1 + _ROUNDING))
+    faces = list(kernel.inside(shape, "Face"))
+    for face in faces:
+        sewing.Add(face)
+    sewing.Perform()
+    sewn = sewing.SewedShape()
+    shared = [meeting.edge for meeting in kernel.meetings(sewn) if len(meeting.uses) > 1]
+    count = len(shared) - sum(len(meeting.uses) > 1 for meeting in meetings)
+    if count <= 0:
+        return _Sewing([shape])
+    forward = {hash(sewing.ModifiedSubShape(face)): kernel.forward(face) for face in faces}
+    pieces = _list_pieces(sewn, forward, is_solid)
+    lost = int(sewing.NbDegeneratedShapes()) + int(sewing.NbDeletedFaces())
+    gap = max(map(kernel.measure_tolerance, shared))
+    turned = sum(_count_turned(piece, forward) for piece in pieces)
+    return _Sewing(pieces, count, gap, turned, lost)
+
+
+def _list_pieces(sewn: Any, forward: Mapping[int, bool], is_solid: bool) -> list[Any]:
+    """The shells of a sewn shape, closed ones as solids, and the faces that are in no shell.
+
+    A closed shell looks outward. Other shells look where most of their faces did, and so do the
+    shells of a solid that has several: some bound its voids.
+    """
+    shells = list(kernel.inside(sewn, "Shell"))
+    pieces = []
+    for shell in shells:
+        if shell.Closed() and not (is_solid and len(shells) > 1):
+            pieces.append(kernel.make_solid(shell))
+        else:
+            is_turned = 2 * _count_turned(shell, forward) > len(list(kernel.inside(shell, "Face")))
+            pieces.append(shell.Reversed() if is_turned else shell)
+    return pieces + list(kernel.inside(sewn, "Face", "Shell"))
+
+
+def _count_turned(shape: Any, forward: Mapping[int, bool]) -> int:
+    """The number of faces that do not look where they did.
+
+    forward: whether each face looked along its surface, by its hash.
+    """
+    faces = list(kernel.inside(shape, "Face"))
+    return sum(forward.get(hash(f), kernel.forward(f)) != kernel.forward(f) for f in faces)
+
+
+def _note_sewing(sewings: Sequence[_Sewing]) -> list[Note]:
+    edges = sum(sewing.edges for sewing in sewings)
+    turned = sum(sewing.turned for sewing in sewings)
+    lost = sum(sewing.lost for sewing in sewings)
+    if not edges:
+        return []
+    gap = max(sewing.gap for sewing in sewings)
+    text = counted(
+        edges, "edge that faces did not share was", "edges that faces did not share were"
+    )
+    notes = [Note("repaired", f"{text} sewn", f"the faces are no more than {gap:.2g} mm apart")]
+    if turned:
+        text = counted(turned, "face was", "faces were")
+        notes.append(Note("repaired", f"{text} wound against the others of the body and turned"))
+    if lost:
+        text = counted(lost, "edge or face was", "edges or faces were")
+        notes.append(Note("skipped", f"{text} left out", "smaller than the tolerance of sewing"))
+    return notes
+
+
+# Bodies that touch.
+
+
+class _FaceTable(NamedTuple):
+    """The faces of a body.
+
+    boxes: (F, 2, 3) mm, corners of boxes around them.
+    surfaces: surfaces of the faces.
+    """
+
+    boxes: FloatArray
+    surfaces: list[kernel.Surface]
+
+
+def join_touching(bodies: Sequence[Body], tolerance: float) -> tuple[Any, list[Note]]:
+    """All bodies as one shape. Bodies that touch face to face are joined in it.
+
+    Joined bodies have no edge where they are flush, and a concave one where one ends on another.
+    """
+    solids = [body for body in bodies if kernel.is_solid(body.shape)]
+    if len(solids) < 2:
+        return kernel.make_compound([body.shape for body in bodies]), []
+    tables = [_tabulate(body.shape) for body in solids]
+    pairs = [
+        (a, b)
+        for a, b in combinations(range(len(solids)), 2)
+        if _may_touch(tables[a], tables[b], tolerance)
+    ]
+    first, second = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
+    group = components(len(solids), first, second)
+    shapes = [body.shape for body in bodies if not kernel.is_solid(body.shape)]
+    notes: list[Note] = []
+    for label in np.unique(group).tolist():
+        members = [solids[k] for k in np.flatnonzero(group == label).tolist()]
+        shapes += _join(members, tolerance, notes) if len(members) > 1 else [members[0].shape]
+    return kernel.make_compound(shapes), notes
+
+
+def _join(bodies: Sequence[Body], tolerance: float, notes: list[Note]) -> list[Any]:
+    """The shapes of bodies that may touch, joined if they do."""
+    shapes = [body.shape for body in bodies]
+    union = kernel.unite(shapes, tolerance)
+    if union is None:
+        what = f"{len(bodies)} bodies that may touch cannot be joined: {_list_names(bodies)}"
+        notes.append(Note("warning", what, "where they are flush, their seam is an edge"))
+        return shapes
+    count = len(list(kernel.inside(union, "Solid")))
+    if count == len(shapes):
+        return shapes
+    overlap = sum(map(kernel.measure_volume, shapes)) - kernel.measure_volume(union)
+    if abs(overlap) > tolerance * sum(map(kernel.measure_area, shapes)):
+        return _set_aside(bodies, overlap, tolerance, notes)
+    what = f"{len(bodies)} bodies that touch are worked as {count}: {_list_names(bodies)}"
+    why = "no edge where they are flush, a concave one where one ends on another"
+    notes.append(Note("joined", what, why))
+    return [union]
+
+
+def _set_aside(
+    bodies: Sequence[Body], overlap: float, tolerance: float, notes: list[Note]
+) -> list[Any]:
+    """The shapes of bodies, those that overlap as they are, the others joined where they touch.
+
+    overlap: volume that the bodies share, mm3.
+    """
+    pairs = [
+        (a, b)
+        for a, b in combinations(range(len(bodies)), 2)
+        if _overlap(bodies[a].shape, bodies[b].shape, tolerance)
+    ]
+    aside = set(chain(*pairs)) or set(range(len(bodies)))
+    alone = [body for k, body in enumerate(bodies) if k in aside]
+    what = f"{len(alone)} bodies overlap by {short(overlap, 1)} mm3: {_list_names(alone)}"
+    notes.append(Note("warning", what, "each has its edges as if it stood alone"))
+    others = [body for k, body in enumerate(bodies) if k not in aside]
+    shapes = [body.shape for body in alone]
+    if others:
+        joined, more = join_touching(others, tolerance)
+        shapes.append(joined)
+        notes += more
+    return shapes
+
+
+def _overlap(first: Any, second: Any, tolerance: float) -> bool:
+    """Whether two solids share more volume than a contact within the tolerance explains."""
+    boxes = kernel.measure_box(first)[None], kernel.measure_box(second)[None]
+    if not _meet(boxes[0], boxes[1], tolerance).all():
+        return False
+    common = kernel.intersect(first, second, tolerance)
+    slack = tolerance * (kernel.measure_area(first) + kernel.measure_area(second))
+    return common is not None and kernel.measure_volume(common) > slack
+
+
+def _list_names(bodies: Sequence[Body]) -> str:
+    return ", ".join(body.name or "one without a name" for body in bodies)
+
+
+def _tabulate(shape: Any) -> _FaceTable:
+    faces = list(kernel.inside(shape, "Face"))
+    boxes = np.array([kernel.measure_box(face) for face in faces]).reshape(-1, 2, 3)
+    return _FaceTable(boxes, [kernel.Surface(face) for face in faces])
+
+
+def _may_touch(first: _FaceTable, second: _FaceTable, tolerance: float) -> bool:
+    """Whether two bodies have faces beside each other on the same surface."""
+    if not _meet(_enclose(first.boxes), _enclose(second.boxes), tolerance).all():
+        return False
+    near = _meet(first.boxes, second.boxes, tolerance)
+    return any(
+        first.surfaces[a].is_same(second.surfaces[b], tolerance)
+        for a, b in np.argwhere(near).tolist()
+    )
+
+
+def _enclose(boxes: FloatArray) -> FloatArray:
+    """(1, 2, 3) the box around all boxes (F, 2, 3)."""
+    return np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])[None]
+
+
+def _meet(first: FloatArray, second: FloatArray, tolerance: float) -> BoolArray:
+    """(N, M) whether boxes (N, 2, 3) and (M, 2, 3) are no farther apart than the tolerance."""
+    lower = np.maximum(first[:, None, 0], second[None, :, 0])
+    upper = np.minimum(first[:, None, 1], second[None, :, 1])
+    return np.asarray((lower <= upper + tolerance).all(axis=2))
