@@ -8,7 +8,7 @@ part does, ``doubt`` looks for other poses that fit as well.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import msgspec
 import numpy as np
@@ -284,16 +284,18 @@ def _refuse_other_shape(told: _Told, model: Model, found: Location) -> None:
     """
     known = told.start is not None and is_near(model, told.start, found.base_from_work)
     against = [patch for patch in found.patches if not (known and (patch.beyond or found.free))]
-    if not against:
-        return
-    said = [describe_patch(patch) for patch in against[:_LISTED]]
-    more = f" and {len(against) - _LISTED} more" if len(against) > _LISTED else ""
-    raise NoSafeProgram(
-        told.name,
-        "the scan does not show the shape of the model",
-        "; ".join(said) + more,
-        "check that it is this part and not a variant of it, and cut away what is not the part",
-    )
+    if against:
+        raise NoSafeProgram(
+            told.name,
+            "the scan does not show the shape of the model",
+            _list_patches(against),
+            "check that it is this part and not a variant of it, and cut away what is not the part",
+        )
+
+
+def _list_patches(patches: Sequence[Patch]) -> str:
+    more = f" and {len(patches) - _LISTED} more" if len(patches) > _LISTED else ""
+    return "; ".join(describe_patch(patch) for patch in patches[:_LISTED]) + more
 
 
 def _refuse_larger(told: _Told, model: Model, found: Location) -> None:
@@ -308,7 +310,8 @@ def _refuse_larger(told: _Told, model: Model, found: Location) -> None:
     ):
         remedy = "cut away what is flush with it, or say about where the part stands with --start"
         what = "the scan does not settle whether it shows the part or a larger one"
-        raise NoSafeProgram(told.name, what, f"where it fits best, {why}", remedy)
+        places = f": {_list_patches(found.patches)}" if found.patches else ""
+        raise NoSafeProgram(told.name, what, f"where it fits best, {why}{places}", remedy)
 
 
 def _refuse_unsettled(
