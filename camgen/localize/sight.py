@@ -16,6 +16,8 @@ ON_SURFACE = 1e-5
 _SEAM = 1e-9
 #: Directions that are tried all around, and then about the best one.
 _AROUND, _NEARER = 60, 16
+#: Two directions agree about as well with what was seen if their coefficients differ by less.
+_ABOUT_AS_WELL = 0.05
 #: A far eye stands so many sizes of the model away.
 _FAR = 1e4
 #: Rounds of the estimate of an eye: the angle within which directions are tried next, rad (0: none), and distances that
@@ -95,29 +97,41 @@ def estimate_eye(
     hit: BoolArray,
     facing: float,
     up: FloatArray | None = None,
+    likely: FloatArray | None = None,
 ) -> tuple[FloatArray, float]:
     """The eye (3,) whose sight agrees best with the places that were seen, and the share of these that it sees.
 
     places, hit: (N, 3), and (N,) which of them were seen. Two sets agree by Dice's coefficient.
     up: (3,), the eye is on that side, None: anywhere.
+    likely: (3,), a direction that is taken if it agrees about as well as the best: many directions may see the same.
     """
-    directions = above(np.vstack([around(), *_likely(normals[hit])]), up)
     middle = (model.low + model.high) / 2
-    best, away, shows = directions[0], _FAR, 0.0
-    for cone, distances in _ROUNDS:
-        tried = [away, *distances]
-        eyes = np.concatenate([middle + far * model.size * directions for far in tried])
+
+    def compare(eyes: FloatArray) -> tuple[FloatArray, FloatArray]:
         seen = look(model, places, normals, eyes, facing)
         both = (seen & hit).sum(axis=1)
         agree = 2 * both / np.maximum(seen.sum(axis=1) + hit.sum(), 1)
+        return np.asarray(agree), np.asarray(both / max(int(hit.sum()), 1))
+
+    directions = above(np.vstack([around(), *_usual(normals[hit])]), up)
+    best, away, most, shows = directions[0], _FAR, 0.0, 0.0
+    for cone, distances in _ROUNDS:
+        tried = [away, *distances]
+        eyes = np.concatenate([middle + far * model.size * directions for far in tried])
+        agree, shares = compare(eyes)
         k = int(agree.argmax())
         best, away = directions[k % len(directions)], tried[k // len(directions)]
-        shows = float(both[k]) / max(int(hit.sum()), 1)
+        most, shows = float(agree[k]), float(shares[k])
         directions = above(np.vstack([best, _ring(best, cone)]), up) if cone else directions
+    if likely is not None:
+        eye = far_eyes(model, likely[None])
+        agree, shares = compare(eye)
+        if agree[0] >= most - _ABOUT_AS_WELL:
+            return eye[0], float(shares[0])
     return np.asarray(middle + away * model.size * best), shows
 
 
-def _likely(normals: FloatArray) -> list[FloatArray]:
+def _usual(normals: FloatArray) -> list[FloatArray]:
     """Unit directions (1, 3) and (6, 3) from which scanners often look: the mean of the normals, and the axes."""
     mean = normals.mean(axis=0, keepdims=True) if len(normals) else np.zeros((0, 3))
     return [unit(mean), np.vstack([np.eye(3), -np.eye(3)])]

@@ -139,13 +139,30 @@ def _find_sight(
         nearest = Cloud(at[own == k]).nearest(places[mine])[1][:, 0]
         hit[mine] = nearest < _EMPTY_DISC / np.sqrt(density[k])
     up = None if view.up is None else final.rotation @ view.up
-    best, shows = estimate_eye(model, places, normals, hit, _STEEPEST, up)
+    likely = _by_density(at, model.normals[on.triangle[clear]])
+    best, shows = estimate_eye(model, places, normals, hit, _STEEPEST, up, likely)
     if shows >= 1 - _ONE_VIEW:
         return _Sight(_about(best[None], model, _NEAR_ESTIMATED), 1.0)
     directions = above(around(), up)
     seen = look(model, places, normals, far_eyes(model, directions), _FACING)
     shown = (seen & hit).sum(axis=1) >= _SHOWN * np.maximum(seen.sum(axis=1), 1)
     return _Sight(np.vstack([best[None], far_eyes(model, directions[shown])]), _OPEN)
+
+
+def _by_density(at: FloatArray, normals: FloatArray) -> FloatArray | None:
+    """The direction (3,) of one scanner by the density of its points ``at`` (N, 3), None if it does not show.
+
+    A face with the unit normal n has a density in proportion to the cosine between n and the direction.
+    """
+    if len(at) <= _DENSITY_NEIGHBOURS:
+        return None
+    distances = np.maximum(Cloud(at).nearest(at, _DENSITY_NEIGHBOURS + 1)[1][:, -1], 1e-9)
+    density = 1 / distances**2
+    # Each point stands for an area of one over the density, so that faces count by their areas.
+    weighted = normals / density[:, None]
+    direction = np.linalg.pinv(weighted.T @ normals, rcond=1e-3) @ normals.sum(axis=0)
+    length = float(np.linalg.norm(direction))
+    return np.asarray(direction / length) if length else None
 
 
 def _off_rims(model: Model, at: FloatArray, within: float) -> BoolArray:
