@@ -21,13 +21,13 @@ from camgen.model.pose import FloatArray, pose_from_values
 from camgen.model.text import counted, short
 from camgen.read.files import Files
 from camgen.vision.boards.find import find
-from camgen.vision.boards.sheet import RULER, Board, Sheet, sheet
+from camgen.vision.boards.sheet import RULER, STROKE, Board, Sheet, sheet
 from camgen.vision.camera.camera import Camera, read_camera
 from camgen.vision.image import Picture, load
 from camgen.vision.lines_arcs.contours import OutlineFit, primitives
 from camgen.vision.mask.part_mask import Mask, part_mask
 from camgen.vision.outline import outlines
-from camgen.vision.plane import Plane, plane_from_points, plane_from_pose
+from camgen.vision.plane import Plane, map_points, plane_from_points, plane_from_pose
 from camgen.vision.to_scale import (
     Region,
     ScaledView,
@@ -94,7 +94,7 @@ def read(source: Source, job: Job, files: Files) -> Part:
         source.name,
         _scale(seen.view),
         drawn,
-        (*_notes(seen), *notes, *more, *_tell_fit(fits)),
+        (*_note_height(job.camera), *_notes(seen), *notes, *more, *_tell_fit(fits)),
         raster,
     )
 
@@ -151,7 +151,7 @@ def _see(source: Source, job: Job, files: Files) -> _Seen:
                 "[image] background",
                 remedy,
             )
-    region, coarse = _region(job), False
+    region, coarse = _region(job, way.plane), False
     if region is None and picture.pixels.size > _LARGE:
         region = _around(way, picture, empty)
         coarse = region is not None
@@ -201,7 +201,7 @@ def _note_surroundings(region: Region, coarse: bool) -> Note:
     why = (
         f"a look {_COARSER} times coarser found the part there"
         if coarse
-        else "the free area of the marker sheet"
+        else "the free area of the marker sheet, less with the height of the part"
     )
     return Note(
         "assumed", f"looked at closely: [{shown}] mm only", f"{why}; set image.region for another"
@@ -302,7 +302,7 @@ def _view(way: _Way, picture: Picture, region: Region | None, coarser: int) -> S
     return cut_out(already_to_scale(picture, table.mm_per_px, table.width_mm), region, coarser)
 
 
-def _region(job: Job) -> Region | None:
+def _region(job: Job, plane: Plane | None) -> Region | None:
     """What is looked at: what the job says; on a marker sheet its free area, since markers look like parts."""
     values = job.image.region
     if values is None:
@@ -312,7 +312,7 @@ def _region(job: Job) -> Region | None:
             raise JobError(
                 "[camera] markers", "a board on the bench looks like a part", remedy=remedy
             )
-        return None if target is None else (0.0, 0.0, *target.free)
+        return None if target is None or plane is None else _free_area(target, plane)
     if len(values) != 4:
         raise JobError(
             "[image] region",
@@ -321,6 +321,21 @@ def _region(job: Job) -> Region | None:
         )
     x0, y0, x1, y1 = values
     return x0, y0, x1, y1
+
+
+def _free_area(paper: Sheet, plane: Plane) -> Region:
+    """The free area of a sheet as it is seen in the work plane, mm.
+
+    Above the sheet, the lines of sight from the area to the camera enclose less: a rectangle that is smaller, and
+    moved towards the point below the camera. The marks of the origin touch the area, and stay outside by their width.
+    """
+    corners = map_points(plane.work_from_pairs, np.array([(0.0, 0.0), paper.free]))
+    room = STROKE if np.any(plane.work_from_pairs != np.eye(3)) else 0.0
+    (x0, y0), (x1, y1) = corners[0] + room, corners[1] - room
+    if x0 >= x1 or y0 >= y1:
+        what = f"at this height nothing of the free area of the {paper.label} is left"
+        raise JobError("[camera] height", what, remedy="take the photo from higher up")
+    return float(x0), float(y0), float(x1), float(y1)
 
 
 def find_target(table: CameraTable) -> Sheet | Board:
@@ -339,6 +354,15 @@ def _frame(seen: _Seen) -> FloatArray:
             [[0.0, 0.0], [width - 1.0, 0.0], [width - 1.0, height - 1.0], [0.0, height - 1.0]]
         )
     return frame_view(seen.view, seen.camera, seen.plane, (width, height))
+
+
+def _note_height(table: CameraTable) -> tuple[Note, ...]:
+    """A part of some thickness on markers comes out too large, and beside its place."""
+    if not table.markers or table.height:
+        return ()
+    where = "board" if _BOARD.fullmatch(table.markers) else "sheet"
+    what = f"height 0: the part's upper face lies in the plane of the {where}"
+    return (Note("assumed", what, "camera.height, with camera.file, says how far above it"),)
 
 
 def _scale(view: ScaledView) -> str:
