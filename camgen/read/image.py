@@ -13,7 +13,7 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.model.errors import InputError, JobError
+from camgen.model.errors import InputError, JobError, NoSafeProgram
 from camgen.model.files import Source
 from camgen.model.job import CameraTable, Job
 from camgen.model.part import Note, Part, Raster
@@ -23,6 +23,7 @@ from camgen.read.files import Files
 from camgen.vision.boards.find import find
 from camgen.vision.boards.sheet import RULER, STROKE, Board, Sheet, sheet
 from camgen.vision.camera.camera import Camera, read_camera
+from camgen.vision.error_bound import ErrorBound, error_bound
 from camgen.vision.image import Picture, load
 from camgen.vision.lines_arcs.contours import OutlineFit, primitives
 from camgen.vision.mask.part_mask import Mask, part_mask
@@ -42,6 +43,13 @@ _BOARD = re.compile(r"(\d{1,2})x(\d{1,2})")
 #: Pictures of more values are looked at coarsely first: so many times coarser, and then around the part with so much of
 #: the bench on each side, coarse pixels at least and as a share of the part.
 _LARGE, _COARSER, _ROOM_PX, _ROOM_SHARE = 2_000_000, 4, 24, 0.12
+
+#: The error bound is computed at about so many places of the outlines.
+_BOUND_PLACES = 500
+#: A part that leaves the hull of the points by no more, mm, is inside: its outline has a width.
+_OUTSIDE_MM = 0.5
+#: A lens that may move a part by more than this, mm, is a warning.
+_LENS_MM = 0.1
 
 
 class PictureFacts(Struct, frozen=True):
@@ -79,6 +87,7 @@ def read(source: Source, job: Job, files: Files) -> Part:
     seen = _see(source, job, files)
     found, notes = outlines(seen.mask.grey, seen.mask.pixels)
     drawn, fits, more = primitives(found, seen.view.work_from_view)
+    placed = _placed(seen, [outline.points for outline in found], job)
     raster = Raster(
         photo=seen.picture.pixels,
         framed=_frame(seen),
@@ -94,7 +103,7 @@ def read(source: Source, job: Job, files: Files) -> Part:
         source.name,
         _scale(seen.view),
         drawn,
-        (*_note_height(job.camera), *_notes(seen), *notes, *more, *_tell_fit(fits)),
+        (*_note_height(job.camera), *_notes(seen), *placed, *notes, *more, *_tell_fit(fits)),
         raster,
     )
 
@@ -122,7 +131,7 @@ def inspect(source: Source, job: Job, files: Files) -> PictureFacts:
     colour = picture.pixels.ndim == 3
     try:
         part = read(source, job, files)
-    except (InputError, JobError) as error:
+    except (InputError, JobError, NoSafeProgram) as error:
         known = f"{short(25.4 / picture.dpi, 5)} mm/px from its DPI" if picture.dpi else "not known"
         return PictureFacts((width, height), colour, known, str(error), picture.notes)
     pieces = sum(len(c.points) for c in part.contours)
@@ -354,6 +363,57 @@ def _frame(seen: _Seen) -> FloatArray:
             [[0.0, 0.0], [width - 1.0, 0.0], [width - 1.0, height - 1.0], [0.0, height - 1.0]]
         )
     return frame_view(seen.view, seen.camera, seen.plane, (width, height))
+
+
+def _placed(seen: _Seen, outlines_px: Sequence[FloatArray], job: Job) -> tuple[Note, ...]:
+    """How exactly the outlines are placed. NoSafeProgram where a lens that nothing corrects may move them too far."""
+    plane = seen.plane
+    if plane is None or not len(plane.pairs_px) or not outlines_px:
+        return ()
+    matrix = seen.view.work_from_view
+    outline = np.concatenate(outlines_px) @ matrix[:, :2].T + matrix[:, 2]
+    height, width = seen.picture.pixels.shape[:2]
+    step = max(1, len(outline) // _BOUND_PLACES)
+    bound = error_bound(plane, seen.camera, (width, height), outline[::step])
+    off = f"up to {short(bound.outside, 1)} mm outside of the points that gave the work plane"
+    bent = seen.camera is None and bound.outside > _OUTSIDE_MM
+    if (
+        bent
+        and bound.known
+        and bound.total > job.tolerance.chord
+        and "outside" not in job.image.accept
+    ):
+        what = f"the part lies {off}, without a calibrated lens: it may be {_mm(bound.total)} off"
+        remedy = (
+            "give camera.file (camgen calibrate), lay the sheet or board around the part, or set "
+            'image.accept = ["outside"]'
+        )
+        raise NoSafeProgram(seen.picture.name, what, remedy=remedy)
+    notes = [_note_bound(bound, seen.camera)] if bound.known else []
+    if bent:
+        what = f"the part lies {off}, without a calibrated lens"
+        how = _mm(bound.total) if bound.known else "unknown, there are too few points"
+        why = (
+            f"how far off it may be: {how}; give camera.file, or lay sheet or board around the part"
+        )
+        notes.append(Note("warning", what, why, strict="outside" not in job.image.accept))
+    elif bound.lens > _LENS_MM:
+        what = f"no camera.file is given, and a lens may move the part by {_mm(bound.lens)}"
+        notes.append(Note("warning", what, "the points do not lie as without a lens"))
+    return tuple(notes)
+
+
+def _note_bound(bound: ErrorBound, camera: Camera | None) -> Note:
+    lens = "the lens as calibrated" if camera is not None else f"{_mm(bound.lens)} by the lens"
+    outside = "inside of the points"
+    if bound.outside > _OUTSIDE_MM:
+        outside = f"up to {short(bound.outside, 1)} mm outside of the points"
+    why = f"{_mm(bound.noise)} by the noise of the points, {lens}; the part lies {outside}"
+    return Note("assumed", f"the part is placed to within {_mm(bound.total)}", why)
+
+
+def _mm(value: float) -> str:
+    return f"{max(value, 0.001):.3f} mm"
 
 
 def _note_height(table: CameraTable) -> tuple[Note, ...]:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import camgen
-from camgen.model.errors import CamgenError, JobError
+from camgen.model.errors import CamgenError, JobError, NoSafeProgram
 from camgen.model.part import Note
 from camgen.model.pose import frozen
 from camgen.pipeline import Result
@@ -143,3 +143,51 @@ def test_the_shared_board_with_a_row_too_many() -> None:
             job={"camera": table, "image": image},
             strict=True,
         )
+
+
+def beside_a_board(folder: Path, k: float) -> Path:
+    """7 x 5 squares of 20 mm at 10 px/mm, and a square part of 160..200 x 20..60 mm, through a lens of distortion k."""
+    board = cv2.aruco.CharucoBoard(
+        (7, 5), 20.0, 15.0, cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
+    )
+    straight = np.full((1200, 2400), 205, np.uint8)
+    straight[100:1100, 100:1500] = board.generateImage((1400, 1000), marginSize=0)
+    straight[500:900, 1700:2100] = 50
+    v, u = np.mgrid[:1200, :2400].astype(np.float32)
+    x, y = u - 1199.5, v - 599.5
+    # To first order where a pixel of the photo lies in the straight picture.
+    back = 1 - k * (x**2 + y**2) / (1199.5**2 + 599.5**2)
+    pixels = cv2.remap(
+        straight, 1199.5 + x * back, 599.5 + y * back, cv2.INTER_LINEAR, borderValue=205
+    )
+    file = folder / "board.png"
+    cv2.imwrite(str(file), pixels)
+    return file
+
+
+BESIDE: dict[str, Any] = {"region": [145.0, 5.0, 215.0, 90.0]}
+
+
+def test_a_part_beside_the_board_without_a_lens_is_refused(tmp_path: Path) -> None:
+    file = beside_a_board(tmp_path, -0.02)
+    table = {"markers": "7x5", "marker": 15.0, "square": 20.0}
+    with pytest.raises(NoSafeProgram, match="without a calibrated lens: it may be") as refused:
+        build(file, camera=table, image=BESIDE)
+    assert refused.value.exit_code == 3
+    assert 'set image.accept = ["outside"]' in str(refused.value)
+    accepted = build(file, camera=table, image={**BESIDE, "accept": ["outside"]})
+    (note,) = told(accepted, "without a calibrated lens")
+    assert (note.kind, note.strict) == ("warning", False)
+    assert told(accepted, "the part is placed to within")
+
+
+def test_an_unknown_word_to_accept_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(JobError, match="accept"):
+        build(beside_a_board(tmp_path, 0), image={"accept": ["everything"]})
+
+
+def test_the_shared_board_without_a_lens() -> None:
+    """53 mm come out as 50.8: the bound covers that."""
+    image = {"region": [105.0, 0.0, 175.0, 70.0]}
+    with pytest.raises(NoSafeProgram, match=r"it may be 3\.\d+ mm off"):
+        build(case("img_board_nolens12.jpg"), camera=BOARD, image=image)
