@@ -116,7 +116,7 @@ class ImageTable(Table, frozen=True):
         ),
     ] = "linear"
     mask: Annotated[
-        Literal["auto", "otsu", "threshold", "color", "background", "adaptive"],
+        Literal["auto", "otsu", "threshold", "color", "background", "adaptive", "alpha"],
         Meta(description="how the part is told from the bench; auto chooses and says why"),
     ] = "auto"
     background: Annotated[

@@ -15,7 +15,7 @@ from msgspec.structs import replace
 
 from camgen.model.errors import InputError, JobError, NoSafeProgram
 from camgen.model.files import Source
-from camgen.model.job import CameraTable, Job
+from camgen.model.job import CameraTable, ImageTable, Job
 from camgen.model.part import Note, Part, Raster
 from camgen.model.pose import FloatArray, pose_from_values
 from camgen.model.text import counted, short
@@ -26,7 +26,7 @@ from camgen.vision.camera.camera import Camera, read_camera
 from camgen.vision.error_bound import ErrorBound, error_bound
 from camgen.vision.image import Picture, load
 from camgen.vision.lines_arcs.contours import OutlineFit, primitives
-from camgen.vision.mask.part_mask import Mask, part_mask
+from camgen.vision.mask.part_mask import Mask, is_cut_out, part_mask
 from camgen.vision.outline import outlines
 from camgen.vision.plane import Plane, map_points, plane_from_points, plane_from_pose
 from camgen.vision.to_scale import (
@@ -148,7 +148,7 @@ def _see(source: Source, job: Job, files: Files) -> _Seen:
     _nothing_unused(job)
     picture = _light(load(source, sensor=sensor), job)
     camera = read_camera(files.read(job.camera.file)) if job.camera.file else None
-    way = _Way(camera, _plane(picture, camera, job.camera), job)
+    way = _Way(camera, _plane(picture, camera, job.camera), job, _by_alpha(picture, job.image))
     empty = None
     if job.image.background:
         empty = _light(load(files.read(job.image.background), sensor=sensor), job)
@@ -198,6 +198,16 @@ def _nothing_unused(job: Job) -> None:
             bool(image.background) and image.mask not in ("auto", "background"),
             f'mask = "{image.mask}" does not look at it',
         ),
+        (
+            "[image] threshold",
+            image.mask == "alpha" and image.threshold is not None,
+            'mask = "alpha" takes what is half opaque',
+        ),
+        (
+            "[image] color",
+            image.mask == "alpha" and image.color is not None,
+            'mask = "alpha" does not look at it',
+        ),
         ("[image] lines", image.lines != "auto", "it is for drawings that are traced"),
     ):
         if unused:
@@ -238,12 +248,29 @@ class _Way(Struct, frozen=True):
     camera: Camera | None
     plane: Plane | None
     job: Job
+    by_alpha: bool
+
+
+def _by_alpha(picture: Picture, table: ImageTable) -> bool:
+    """Whether the transparency of the picture is the mask. JobError where it should be and there is none."""
+    if table.mask == "alpha":
+        if picture.alpha is None:
+            what = f'"alpha" needs transparency, {picture.name} is opaque everywhere'
+            raise JobError("[image] mask", what, remedy="save it with its transparency")
+        return True
+    others = table.background or table.threshold is not None or table.color is not None
+    if table.mask != "auto" or others or table.invert or picture.alpha is None:
+        return False
+    return is_cut_out(picture.alpha)
 
 
 def _mask(
     way: _Way, picture: Picture, empty: Picture | None, region: Region | None, coarser: int
 ) -> tuple[ScaledView, Mask]:
     view = _view(way, picture, region, coarser)
+    if way.by_alpha and picture.alpha is not None:
+        opaque = _view(way, replace(picture, pixels=picture.alpha), region, coarser)
+        return view, part_mask(opaque, replace(way.job.image, mask="alpha"), None, picture.name)
     background = None if empty is None else _view(way, empty, region, coarser)
     return view, part_mask(view, way.job.image, background, picture.name)
 
