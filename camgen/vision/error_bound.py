@@ -8,6 +8,9 @@ to first order in k and in the changes of the homography. Where the camera is ca
 bound allows for the k that fits best and four times its standard deviation on either side: a distortion that the
 points do not contradict, and that moves what lies beside them. The noise of the points adds four standard deviations
 of the place in the direction in which it is known least.
+
+One radial term is what few corners can tell. Higher terms, and a lens that stands beside the middle of the photo, are
+not in the bound: with both, drawn at random, it was exceeded in 8 of 443 photos, without them in none of 481.
 """
 
 from __future__ import annotations
