@@ -116,7 +116,7 @@ class ImageTable(Table, frozen=True):
         ),
     ] = "linear"
     mask: Annotated[
-        Literal["auto", "otsu", "threshold", "color", "background", "adaptive"],
+        Literal["auto", "otsu", "threshold", "color", "background", "adaptive", "alpha"],
         Meta(description="how the part is told from the bench; auto chooses and says why"),
     ] = "auto"
     background: Annotated[
@@ -140,6 +140,13 @@ class ImageTable(Table, frozen=True):
     min_area: Annotated[
         NotNegative, Meta(description="smaller specks and holes are dropped and counted, mm2")
     ] = 1.0
+    accept: Annotated[
+        list[Literal["outside"]],
+        Meta(
+            description="what is built in spite of a doubt. outside: a part beside the points or corners that gave the "
+            "work plane, without camera.file"
+        ),
+    ] = []
 
 
 class CameraTable(Table, frozen=True):

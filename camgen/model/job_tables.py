@@ -161,7 +161,10 @@ def _allow(hint: Any) -> str:
     if get_origin(hint) is dict:
         return "a table"
     if get_origin(hint) is list:
-        return "a list of " + _PLURALS[get_args(hint)[0]]
+        (kind,) = get_args(hint)
+        if get_origin(kind) is Literal:
+            return "a list, each " + _allow(kind)
+        return "a list of " + _PLURALS[kind]
     if get_origin(hint) in (Union, UnionType):  # a value or nothing, or one of several kinds
         return " or ".join(_allow(kind) for kind in get_args(hint) if kind is not type(None))
     return _WORDS[hint]

@@ -13,21 +13,22 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.model.errors import InputError, JobError
+from camgen.model.errors import InputError, JobError, NoSafeProgram
 from camgen.model.files import Source
-from camgen.model.job import CameraTable, Job
+from camgen.model.job import CameraTable, ImageTable, Job
 from camgen.model.part import Note, Part, Raster
 from camgen.model.pose import FloatArray, pose_from_values
 from camgen.model.text import counted, short
 from camgen.read.files import Files
 from camgen.vision.boards.find import find
-from camgen.vision.boards.sheet import RULER, Board, Sheet, sheet
+from camgen.vision.boards.sheet import RULER, STROKE, Board, Sheet, sheet
 from camgen.vision.camera.camera import Camera, read_camera
+from camgen.vision.error_bound import ErrorBound, error_bound
 from camgen.vision.image import Picture, load
 from camgen.vision.lines_arcs.contours import OutlineFit, primitives
-from camgen.vision.mask.part_mask import Mask, part_mask
+from camgen.vision.mask.part_mask import Mask, is_cut_out, part_mask
 from camgen.vision.outline import outlines
-from camgen.vision.plane import Plane, plane_from_points, plane_from_pose
+from camgen.vision.plane import Plane, map_points, plane_from_points, plane_from_pose
 from camgen.vision.to_scale import (
     Region,
     ScaledView,
@@ -42,6 +43,13 @@ _BOARD = re.compile(r"(\d{1,2})x(\d{1,2})")
 #: Pictures of more values are looked at coarsely first: so many times coarser, and then around the part with so much of
 #: the bench on each side, coarse pixels at least and as a share of the part.
 _LARGE, _COARSER, _ROOM_PX, _ROOM_SHARE = 2_000_000, 4, 24, 0.12
+
+#: The error bound is computed at about so many places of the outlines.
+_BOUND_PLACES = 500
+#: A part that leaves the hull of the points by no more, mm, is inside: its outline has a width.
+_OUTSIDE_MM = 0.5
+#: A lens that may move a part by more than this, mm, is a warning.
+_LENS_MM = 0.1
 
 
 class PictureFacts(Struct, frozen=True):
@@ -79,6 +87,7 @@ def read(source: Source, job: Job, files: Files) -> Part:
     seen = _see(source, job, files)
     found, notes = outlines(seen.mask.grey, seen.mask.pixels)
     drawn, fits, more = primitives(found, seen.view.work_from_view)
+    placed = _placed(seen, [outline.points for outline in found], job)
     raster = Raster(
         photo=seen.picture.pixels,
         framed=_frame(seen),
@@ -94,7 +103,7 @@ def read(source: Source, job: Job, files: Files) -> Part:
         source.name,
         _scale(seen.view),
         drawn,
-        (*_notes(seen), *notes, *more, *_tell_fit(fits)),
+        (*_note_height(job.camera), *_notes(seen), *placed, *notes, *more, *_tell_fit(fits)),
         raster,
     )
 
@@ -122,7 +131,7 @@ def inspect(source: Source, job: Job, files: Files) -> PictureFacts:
     colour = picture.pixels.ndim == 3
     try:
         part = read(source, job, files)
-    except (InputError, JobError) as error:
+    except (InputError, JobError, NoSafeProgram) as error:
         known = f"{short(25.4 / picture.dpi, 5)} mm/px from its DPI" if picture.dpi else "not known"
         return PictureFacts((width, height), colour, known, str(error), picture.notes)
     pieces = sum(len(c.points) for c in part.contours)
@@ -139,7 +148,7 @@ def _see(source: Source, job: Job, files: Files) -> _Seen:
     _nothing_unused(job)
     picture = _light(load(source, sensor=sensor), job)
     camera = read_camera(files.read(job.camera.file)) if job.camera.file else None
-    way = _Way(camera, _plane(picture, camera, job.camera), job)
+    way = _Way(camera, _plane(picture, camera, job.camera), job, _by_alpha(picture, job.image))
     empty = None
     if job.image.background:
         empty = _light(load(files.read(job.image.background), sensor=sensor), job)
@@ -151,7 +160,7 @@ def _see(source: Source, job: Job, files: Files) -> _Seen:
                 "[image] background",
                 remedy,
             )
-    region, coarse = _region(job), False
+    region, coarse = _region(job, way.plane), False
     if region is None and picture.pixels.size > _LARGE:
         region = _around(way, picture, empty)
         coarse = region is not None
@@ -189,6 +198,16 @@ def _nothing_unused(job: Job) -> None:
             bool(image.background) and image.mask not in ("auto", "background"),
             f'mask = "{image.mask}" does not look at it',
         ),
+        (
+            "[image] threshold",
+            image.mask == "alpha" and image.threshold is not None,
+            'mask = "alpha" takes what is half opaque',
+        ),
+        (
+            "[image] color",
+            image.mask == "alpha" and image.color is not None,
+            'mask = "alpha" does not look at it',
+        ),
         ("[image] lines", image.lines != "auto", "it is for drawings that are traced"),
     ):
         if unused:
@@ -201,7 +220,7 @@ def _note_surroundings(region: Region, coarse: bool) -> Note:
     why = (
         f"a look {_COARSER} times coarser found the part there"
         if coarse
-        else "the free area of the marker sheet"
+        else "the free area of the marker sheet, less with the height of the part"
     )
     return Note(
         "assumed", f"looked at closely: [{shown}] mm only", f"{why}; set image.region for another"
@@ -229,12 +248,29 @@ class _Way(Struct, frozen=True):
     camera: Camera | None
     plane: Plane | None
     job: Job
+    by_alpha: bool
+
+
+def _by_alpha(picture: Picture, table: ImageTable) -> bool:
+    """Whether the transparency of the picture is the mask. JobError where it should be and there is none."""
+    if table.mask == "alpha":
+        if picture.alpha is None:
+            what = f'"alpha" needs transparency, {picture.name} is opaque everywhere'
+            raise JobError("[image] mask", what, remedy="save it with its transparency")
+        return True
+    others = table.background or table.threshold is not None or table.color is not None
+    if table.mask != "auto" or others or table.invert or picture.alpha is None:
+        return False
+    return is_cut_out(picture.alpha)
 
 
 def _mask(
     way: _Way, picture: Picture, empty: Picture | None, region: Region | None, coarser: int
 ) -> tuple[ScaledView, Mask]:
     view = _view(way, picture, region, coarser)
+    if way.by_alpha and picture.alpha is not None:
+        opaque = _view(way, replace(picture, pixels=picture.alpha), region, coarser)
+        return view, part_mask(opaque, replace(way.job.image, mask="alpha"), None, picture.name)
     background = None if empty is None else _view(way, empty, region, coarser)
     return view, part_mask(view, way.job.image, background, picture.name)
 
@@ -302,7 +338,7 @@ def _view(way: _Way, picture: Picture, region: Region | None, coarser: int) -> S
     return cut_out(already_to_scale(picture, table.mm_per_px, table.width_mm), region, coarser)
 
 
-def _region(job: Job) -> Region | None:
+def _region(job: Job, plane: Plane | None) -> Region | None:
     """What is looked at: what the job says; on a marker sheet its free area, since markers look like parts."""
     values = job.image.region
     if values is None:
@@ -312,7 +348,7 @@ def _region(job: Job) -> Region | None:
             raise JobError(
                 "[camera] markers", "a board on the bench looks like a part", remedy=remedy
             )
-        return None if target is None else (0.0, 0.0, *target.free)
+        return None if target is None or plane is None else _free_area(target, plane)
     if len(values) != 4:
         raise JobError(
             "[image] region",
@@ -321,6 +357,21 @@ def _region(job: Job) -> Region | None:
         )
     x0, y0, x1, y1 = values
     return x0, y0, x1, y1
+
+
+def _free_area(paper: Sheet, plane: Plane) -> Region:
+    """The free area of a sheet as it is seen in the work plane, mm.
+
+    Above the sheet, the lines of sight from the area to the camera enclose less: a rectangle that is smaller, and
+    moved towards the point below the camera. The marks of the origin touch the area, and stay outside by their width.
+    """
+    corners = map_points(plane.work_from_pairs, np.array([(0.0, 0.0), paper.free]))
+    room = STROKE if np.any(plane.work_from_pairs != np.eye(3)) else 0.0
+    (x0, y0), (x1, y1) = corners[0] + room, corners[1] - room
+    if x0 >= x1 or y0 >= y1:
+        what = f"at this height nothing of the free area of the {paper.label} is left"
+        raise JobError("[camera] height", what, remedy="take the photo from higher up")
+    return float(x0), float(y0), float(x1), float(y1)
 
 
 def find_target(table: CameraTable) -> Sheet | Board:
@@ -339,6 +390,66 @@ def _frame(seen: _Seen) -> FloatArray:
             [[0.0, 0.0], [width - 1.0, 0.0], [width - 1.0, height - 1.0], [0.0, height - 1.0]]
         )
     return frame_view(seen.view, seen.camera, seen.plane, (width, height))
+
+
+def _placed(seen: _Seen, outlines_px: Sequence[FloatArray], job: Job) -> tuple[Note, ...]:
+    """How exactly the outlines are placed. NoSafeProgram where a lens that nothing corrects may move them too far."""
+    plane = seen.plane
+    if plane is None or not len(plane.pairs_px) or not outlines_px:
+        return ()
+    matrix = seen.view.work_from_view
+    outline = np.concatenate(outlines_px) @ matrix[:, :2].T + matrix[:, 2]
+    height, width = seen.picture.pixels.shape[:2]
+    step = max(1, len(outline) // _BOUND_PLACES)
+    bound = error_bound(plane, seen.camera, (width, height), outline[::step])
+    off = f"up to {short(bound.outside, 1)} mm outside of the points that gave the work plane"
+    bent = seen.camera is None and bound.outside > _OUTSIDE_MM
+    if (
+        bent
+        and bound.known
+        and bound.total > job.tolerance.chord
+        and "outside" not in job.image.accept
+    ):
+        what = f"the part lies {off}, without a calibrated lens: it may be {_mm(bound.total)} off"
+        remedy = (
+            "give camera.file (camgen calibrate), lay the sheet or board around the part, or set "
+            'image.accept = ["outside"]'
+        )
+        raise NoSafeProgram(seen.picture.name, what, remedy=remedy)
+    notes = [_note_bound(bound, seen.camera)] if bound.known else []
+    if bent:
+        what = f"the part lies {off}, without a calibrated lens"
+        how = _mm(bound.total) if bound.known else "unknown, there are too few points"
+        why = (
+            f"how far off it may be: {how}; give camera.file, or lay sheet or board around the part"
+        )
+        notes.append(Note("warning", what, why, strict="outside" not in job.image.accept))
+    elif bound.lens > _LENS_MM:
+        what = f"no camera.file is given, and a lens may move the part by {_mm(bound.lens)}"
+        notes.append(Note("warning", what, "the points do not lie as without a lens"))
+    return tuple(notes)
+
+
+def _note_bound(bound: ErrorBound, camera: Camera | None) -> Note:
+    lens = "the lens as calibrated" if camera is not None else f"{_mm(bound.lens)} by the lens"
+    outside = "inside of the points"
+    if bound.outside > _OUTSIDE_MM:
+        outside = f"up to {short(bound.outside, 1)} mm outside of the points"
+    why = f"{_mm(bound.noise)} by the noise of the points, {lens}; the part lies {outside}"
+    return Note("assumed", f"the part is placed to within {_mm(bound.total)}", why)
+
+
+def _mm(value: float) -> str:
+    return f"{max(value, 0.001):.3f} mm"
+
+
+def _note_height(table: CameraTable) -> tuple[Note, ...]:
+    """A part of some thickness on markers comes out too large, and beside its place."""
+    if not table.markers or table.height:
+        return ()
+    where = "board" if _BOARD.fullmatch(table.markers) else "sheet"
+    what = f"height 0: the part's upper face lies in the plane of the {where}"
+    return (Note("assumed", what, "camera.height, with camera.file, says how far above it"),)
 
 
 def _scale(view: ScaledView) -> str:

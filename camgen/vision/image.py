@@ -265,6 +265,9 @@ _READERS: tuple[tuple[bytes, Callable[[bytes], Header]], ...] = (
 
 Pixels = NDArray[np.uint8]
 
+#: The largest value of eight bits: white, or opaque.
+WHITE = 255
+
 _DEFAULTS = (72.0, 96.0, 72 * 2.54, 96 * 2.54)
 _LEAST_DPI, _MOST_DPI = 10.0, 25_400.0
 #: A few bytes of filling before the end mark are some cameras' habit; more of them are blocks that came out of step.
@@ -275,7 +278,8 @@ class Picture(Struct, frozen=True, eq=False):
     """An image as read. pixels: (H, W) grey or (H, W, 3) blue, green, red; uint8, read-only.
 
     name: the file without folder. dpi: dots per inch if the file has one that counts as a scale. turned: its pixels
-    were turned or mirrored by the Exif orientation.
+    were turned or mirrored by the Exif orientation. alpha: (H, W) uint8, 0 transparent to 255 opaque; None: opaque
+    everywhere. Transparent pixels are blended onto white in ``pixels``.
     """
 
     name: str
@@ -283,6 +287,7 @@ class Picture(Struct, frozen=True, eq=False):
     dpi: float | None = None
     turned: bool = False
     notes: tuple[Note, ...] = ()
+    alpha: Pixels | None = None
 
 
 def load(source: Source, *, sensor: bool = False) -> Picture:
@@ -311,15 +316,18 @@ def load(source: Source, *, sensor: bool = False) -> Picture:
         notes.append(
             Note("skipped", "all pages but the first", "camgen reads one picture from a file")
         )
-    pixels = _opaque(_eight_bits(stored, name, notes), notes)
+    eight_bits = _eight_bits(stored, name, notes)
+    alpha = _transparency(eight_bits)
+    pixels = _opaque(eight_bits, notes)
     # OpenCV has turned a TIFF already.
     turned = head.orientation != 1 and not (sensor and head.kind != "TIFF")
     if turned:
         pixels = _upright(pixels, head)
+        alpha = None if alpha is None else _upright(alpha, head)
         notes.append(Note("assumed", f"picture turned by its Exif orientation {head.orientation}"))
     pixels = np.ascontiguousarray(pixels)
     pixels.flags.writeable = False
-    return Picture(name, pixels, _dpi(head, notes), turned, tuple(notes))
+    return Picture(name, pixels, _dpi(head, notes), turned, tuple(notes), alpha)
 
 
 def _insist_on_size(name: str, head: Header, limits: Limits) -> None:
@@ -404,6 +412,13 @@ def _eight_bits(stored: NDArray[np.generic], name: str, notes: list[Note]) -> Pi
         scaled[..., 3] = cv2.convertScaleAbs(np.ascontiguousarray(deep[..., 3]), alpha=255 / 65535)
     notes.append(Note("assumed", f"16-bit pixels scaled to 8 bits, {bits} bits are in use"))
     return scaled.astype(np.uint8, copy=False)
+
+
+def _transparency(pixels: Pixels) -> Pixels | None:
+    """The fourth channel, where it is not opaque everywhere."""
+    if pixels.ndim == 2 or pixels.shape[2] == 3 or pixels[..., 3].min() == WHITE:
+        return None
+    return np.ascontiguousarray(pixels[..., 3])
 
 
 def _opaque(pixels: Pixels, notes: list[Note]) -> Pixels:

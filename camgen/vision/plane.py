@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from msgspec import Struct
+from msgspec.structs import replace
 from numpy.typing import ArrayLike
 
 from camgen.model.errors import InputError, JobError
@@ -211,7 +212,9 @@ class Plane(Struct, frozen=True, eq=False):
 
     pixel_from_work: (3, 3), work mm to undistorted pixels of the camera (of the photo itself where there is none); its
     divisor is positive in front of the camera. work_from_pixel: its inverse. residuals_mm, residuals_px: (N,), how far
-    off each pair is; rms_mm and max_mm of them; all 0 and empty where the plane comes from a pose.
+    off each pair is; rms_mm and max_mm of them; all 0 and empty where the plane comes from a pose. work_from_pairs:
+    (3, 3), from mm in the plane of the pairs to mm of the work plane above it that the camera sees at the same pixel.
+    pairs_px, pairs_mm: (N, 2), the pairs: pixels of the photo, and mm.
     """
 
     pixel_from_work: FloatArray
@@ -221,6 +224,9 @@ class Plane(Struct, frozen=True, eq=False):
     residuals_mm: FloatArray = frozen([])
     residuals_px: FloatArray = frozen([])
     notes: tuple[Note, ...] = ()
+    work_from_pairs: FloatArray = frozen(np.eye(3))
+    pairs_px: FloatArray = frozen(np.zeros((0, 2)))
+    pairs_mm: FloatArray = frozen(np.zeros((0, 2)))
 
 
 def plane_from_points(
@@ -264,9 +270,15 @@ def plane_from_points(
         notes.append(Note("warning", "the points give x and y different scales", why))
     back: FloatArray = np.linalg.inv(found).astype(np.float64, copy=False)
     off = np.linalg.norm(map_points(back, ideal) - work, axis=1)
-    if height and camera is not None:
-        found = _raise(found, camera, height)
-    return _plane(found, off, residuals, notes)
+    pairs = {"pairs_px": frozen(image), "pairs_mm": frozen(work)}
+    if not height or camera is None:
+        return replace(_plane(found, off, residuals, notes), **pairs)
+    raised = _raise(found, camera, height)
+    if depth(raised, work).min() <= 0:
+        what = f"a top face {short(height, 3)} mm above the points lies behind the camera"
+        raise JobError("[camera] height", what, remedy="give the height of the part, in mm")
+    plane = _plane(raised, off, residuals, notes)
+    return replace(plane, work_from_pairs=frozen(np.linalg.solve(raised, found)), **pairs)
 
 
 def plane_from_pose(

@@ -18,7 +18,7 @@ from camgen.vision.boards.find import _detect, _measure, find
 from camgen.vision.boards.sheet import SIZES, Board, draw_pdf, draw_svg, sheet
 from camgen.vision.camera.camera import Camera, undistort
 from camgen.vision.image import Picture
-from camgen.vision.plane import map_points, plane_from_pose
+from camgen.vision.plane import Plane, map_points, plane_from_pose
 from tests.vision.test_plane import error_mm, looking, seen
 
 #: 1280 x 920 px, a lens with the distortion of a good industrial one; 4 px/mm from 430 mm.
@@ -413,12 +413,91 @@ def test_the_plane_of_a_charuco_board(tilt: float) -> None:
 def test_a_board_that_is_not_there() -> None:
     with pytest.raises(InputError, match="shows 0 corners of the ChArUco board 8x6"):
         find(Picture("p.png", np.full((920, 1280), 128, np.uint8)), CAMERA, BOARD)
-    with pytest.raises(JobError, match="no dictionary '9X9'"):
+    with pytest.raises(JobError, match="there is no '9X9'"):
         find(
             Picture("p.png", np.full((920, 1280), 128, np.uint8)),
             CAMERA,
             Board(8, 6, 15, 11, "9X9"),
         )
+
+
+def drawn_board(columns: int, rows: int, *, legacy: bool = False) -> Picture:
+    """OpenCV's drawing of a board with squares of 30 mm at 2 px/mm, 60 px of white around it."""
+    drawn = cv2.aruco.CharucoBoard(
+        (columns, rows), 30.0, 20.0, cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
+    )
+    drawn.setLegacyPattern(legacy)
+    white = 120
+    size = (columns * 60 + white, rows * 60 + white)
+    return Picture("board.png", drawn.generateImage(size, marginSize=white // 2))
+
+
+def origin_px(plane: Plane) -> list[float]:
+    return map_points(plane.pixel_from_work, np.zeros((1, 2)))[0].tolist()
+
+
+@pytest.mark.parametrize(
+    ("legacy", "pattern"), [(False, "of OpenCV 4.6 and later"), (True, "before OpenCV 4.6")]
+)
+def test_both_patterns_are_read_and_told(legacy: bool, pattern: str) -> None:
+    """Eight columns and six rows of 60 px, 60 px in: the lower left corner is the side of pixel 60, 60 + 360."""
+    plane = find(drawn_board(8, 6, legacy=legacy), None, Board(8, 6, 30.0, 20.0))
+    assert len(plane.residuals_mm) == 35
+    assert origin_px(plane) == pytest.approx([59.5, 419.5], abs=0.05)
+    told = [note for note in plane.notes if "pattern" in note.what]
+    assert [note.what for note in told] == [f"ChArUco board 8x6 read in the pattern {pattern}"]
+    assert told[0].kind == "assumed"
+
+
+def test_an_odd_number_of_rows_has_one_pattern() -> None:
+    plane = find(drawn_board(7, 5), None, Board(7, 5, 30.0, 20.0))
+    assert plane.notes == ()
+
+
+@pytest.mark.parametrize(
+    ("declared", "what", "off"),
+    [
+        (7, "no corner of the lower row of the ChArUco board 8x7", "30 mm too far up"),
+        (8, "no corner of the 2 lower rows of the ChArUco board 8x8", "60 mm too far up"),
+    ],
+)
+def test_rows_that_are_nowhere_are_a_warning(declared: int, what: str, off: str) -> None:
+    """The markers are counted from above, the origin lies below: it moves by a square a row, and nothing else shows."""
+    plane = find(drawn_board(8, 6), None, Board(8, declared, 30.0, 20.0))
+    down = 60.0 * (declared - 6)
+    assert origin_px(plane) == pytest.approx([59.5, 419.5 + down], abs=0.05)
+    (note,) = [note for note in plane.notes if "no corner" in note.what]
+    assert (note.kind, note.strict) == ("warning", True)
+    assert what in note.what
+    assert off in note.why
+    assert "if the board has 6 rows" in note.why
+
+
+def test_markers_below_the_last_row_are_a_warning() -> None:
+    """8 x 5 squares have the markers 0 to 19, the sixth row of the board has four more."""
+    plane = find(drawn_board(8, 6), None, Board(8, 5, 30.0, 20.0))
+    (note,) = [note for note in plane.notes if note.kind == "warning"]
+    assert note.what == "marker 20, 21, 22, 23 is not on the ChArUco board 8x5, its last one is 19"
+    assert note.strict
+
+
+@pytest.mark.parametrize("columns", [7, 9])
+def test_a_wrong_number_of_columns_is_refused(columns: int) -> None:
+    with pytest.raises(InputError, match="shows 0 corners"):
+        find(drawn_board(8, 6), None, Board(columns, 6, 30.0, 20.0))
+
+
+def test_a_covered_side_that_the_origin_does_not_hang_on_is_told() -> None:
+    """The right column of squares is covered: its markers, and the corners beside them."""
+    picture = drawn_board(7, 5)
+    pixels = picture.pixels.copy()
+    pixels[:, 60 + 5 * 60 + 20 :] = 255
+    plane = find(with_grey(picture, pixels), None, Board(7, 5, 30.0, 20.0))
+    assert origin_px(plane) == pytest.approx([59.5, 359.5], abs=0.05)
+    (note,) = plane.notes
+    assert note.kind == "assumed"
+    assert "column" in note.what
+    assert "right" in note.what
 
 
 # -- command

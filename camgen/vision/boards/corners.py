@@ -317,18 +317,43 @@ def _chess(grey: Pixels, target: Chessboard, reduced: bool) -> Iterator[_Rough]:
 
 
 def _charuco(grey: Pixels, target: Board) -> Iterator[_Rough]:
-    """As OpenCV draws boards now, and as it drew those with an even number of rows before version 4.6."""
+    for pattern in patterns(grey, target):
+        if len(pattern.numbers) >= _LEAST_CORNERS:
+            yield _Rough(pattern.corners, pattern.numbers)
+
+
+class Pattern(Struct, frozen=True, eq=False):
+    """A ChArUco board as a picture shows it in one of its two patterns.
+
+    corners: (N, 2) px, inner corners. numbers: (N,) of the corners, row by row from above. markers: (M,), the numbers
+    of all markers of the board's dictionary in the picture. legacy: the pattern before OpenCV 4.6.
+    """
+
+    corners: FloatArray
+    numbers: NDArray[np.int64]
+    markers: NDArray[np.int64]
+    legacy: bool
+
+
+def has_two_patterns(board: Board) -> bool:
+    """Whether OpenCV 4.6 changed the pattern: with an odd number of rows the upper left square was always black."""
+    return board.rows % 2 == 0
+
+
+def patterns(grey: Pixels, board: Board) -> Iterator[Pattern]:
+    """The board in each of its patterns, the newer one first. A pattern that is not in the picture has few corners."""
     import cv2  # noqa: PLC0415 (loaded only by what needs it)
 
     drawn = cv2.aruco.CharucoBoard(
-        (target.columns, target.rows), target.square, target.marker, _dictionary(target)
+        (board.columns, board.rows), board.square, board.marker, _dictionary(board)
     )
-    for legacy in (False, True)[: 1 + (target.rows % 2 == 0)]:
+    for legacy in (False, True)[: 1 + has_two_patterns(board)]:
         drawn.setLegacyPattern(legacy)
-        corners, numbers, _, _ = cv2.aruco.CharucoDetector(drawn).detectBoard(grey)
-        if numbers is not None and len(numbers) >= _LEAST_CORNERS:
-            which = np.asarray(numbers).ravel().astype(np.int64)
-            yield _Rough(np.asarray(corners, dtype=np.float64).reshape(-1, 2), which)
+        found, ids, _, marker_ids = cv2.aruco.CharucoDetector(drawn).detectBoard(grey)
+        numbers = np.asarray(() if ids is None else ids).ravel().astype(np.int64)
+        corners = np.asarray(() if ids is None else found, dtype=np.float64).reshape(-1, 2)
+        markers = np.asarray(() if marker_ids is None else marker_ids).ravel().astype(np.int64)
+        yield Pattern(corners, numbers, markers, legacy)
 
 
 def _measure(grey: Pixels, rough: _Rough, target: Target) -> SeenBoard | None:

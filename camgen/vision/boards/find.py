@@ -17,10 +17,11 @@ import numpy as np
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from camgen.model.errors import InputError, JobError
+from camgen.model.errors import InputError
 from camgen.model.part import Note
 from camgen.model.pose import FloatArray
-from camgen.model.text import counted
+from camgen.model.text import counted, short
+from camgen.vision.boards.corners import Pattern, has_two_patterns, patterns
 from camgen.vision.boards.sheet import DICTIONARY, Board, Sheet
 from camgen.vision.camera.camera import Camera, distort, undistort
 from camgen.vision.image import Picture, Pixels
@@ -96,8 +97,8 @@ def list_marks(pixels: Pixels, target: Sheet | Board) -> tuple[list[int], list[i
         found = {number for number, _ in _detect(_grey(pixels), len(target.ids))}
         every = list(target.ids)
     else:
-        _, ids = _corners(pixels, target)
-        found, every = set(ids.tolist()), list(range((target.columns - 1) * (target.rows - 1)))
+        numbers = _pattern(pixels, target).numbers
+        found, every = set(numbers.tolist()), list(range((target.columns - 1) * (target.rows - 1)))
     return [one for one in every if one in found], [one for one in every if one not in found]
 
 
@@ -147,7 +148,8 @@ def _sheet(picture: Picture, camera: Camera | None, sheet: Sheet) -> _Found:
 
 
 def _board(picture: Picture, board: Board) -> _Found:
-    corners, owners = _corners(picture.pixels, board)
+    pattern = _pattern(picture.pixels, board)
+    owners = pattern.numbers
     if len(owners) < 4:
         what = f"shows {counted(len(owners), 'corner')} of the {board.label}"
         raise InputError(
@@ -158,27 +160,86 @@ def _board(picture: Picture, board: Board) -> _Found:
     row, column = np.divmod(owners, board.columns - 1)
     mm = np.column_stack([column + 1, board.rows - 1 - row]) * board.square
     names = [f"corner {number}" for number in owners.tolist()]
-    return _Found(corners, mm, owners, names, "corner", ())
+    notes = (*_told_pattern(pattern, board), *_missing_lines(pattern, board))
+    return _Found(pattern.corners, mm, owners, names, "corner", notes)
 
 
-def _corners(pixels: Pixels, board: Board) -> tuple[FloatArray, NDArray[np.int64]]:
-    """Inner corners (N, 2) px of a board and their numbers (N,), row by row from above."""
-    import cv2  # noqa: PLC0415 (loaded only by what needs it)
+def _pattern(pixels: Pixels, board: Board) -> Pattern:
+    """The board in the pattern that shows more of its corners; the newer one where both show as many."""
+    return max(patterns(_grey(pixels), board), key=lambda pattern: len(pattern.numbers))
 
-    name = f"DICT_{board.dictionary}"
-    if not hasattr(cv2.aruco, name):
-        raise JobError(
-            board.label, f"no dictionary {board.dictionary!r}", remedy="give e.g. 4X4_50 or 5X5_100"
+
+def _told_pattern(pattern: Pattern, board: Board) -> tuple[Note, ...]:
+    if not has_two_patterns(board):
+        return ()
+    which = "before OpenCV 4.6" if pattern.legacy else "of OpenCV 4.6 and later"
+    what = f"{board.label} read in the pattern {which}"
+    return (Note("assumed", what, "with an even number of rows there are two; it fits"),)
+
+
+class _Side(NamedTuple):
+    """An outer side of a board. axis: 0 for rows, 1 for columns. step: 1 where the counting starts at it, else -1."""
+
+    name: str
+    line: str
+    axis: int
+    step: int
+
+
+#: Rows are counted from above, columns from the left.
+_SIDES = (
+    _Side("upper", "row", 0, 1),
+    _Side("lower", "row", 0, -1),
+    _Side("left", "column", 1, 1),
+    _Side("right", "column", 1, -1),
+)
+
+
+def _missing_lines(pattern: Pattern, board: Board) -> tuple[Note, ...]:
+    """Notes on whole outer rows and columns of corners that are nowhere, and on markers beyond the board's last one.
+
+    The markers are numbered row by row from above, and the origin is the lower left corner. So a wrong number of rows
+    fits the picture without a residual, and moves the origin by whole squares: a warning. A wrong number of columns
+    gives nearly all markers another place, which the corners contradict; a side other than the lower one is only told.
+    """
+    notes = []
+    for side in _SIDES:
+        lines = np.divmod(pattern.numbers, board.columns - 1)[side.axis]
+        count = (board.rows, board.columns)[side.axis] - 1
+        missing = int(lines.min() if side.step > 0 else count - 1 - lines.max())
+        if missing:
+            notes.append(_note_missing(missing, side, board))
+    last = board.columns * board.rows // 2 - 1
+    beyond = np.unique(pattern.markers[pattern.markers > last])
+    if len(beyond):
+        what = (
+            f"marker {_list(beyond.tolist())} is not on the {board.label}, its last one is {last}"
         )
-    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
-    drawn = cv2.aruco.CharucoBoard(
-        (board.columns, board.rows), board.square, board.marker, dictionary
+        why = (
+            "with more rows than camera.markers says, the origin, its lower left corner, is too "
+            "high: count its squares"
+        )
+        notes.append(Note("warning", what, why, strict=True))
+    return tuple(notes)
+
+
+def _note_missing(missing: int, side: _Side, board: Board) -> Note:
+    lines = (
+        f"the {side.name} {side.line}"
+        if missing == 1
+        else f"the {missing} {side.name} {side.line}s"
     )
-    corners, ids, _, _ = cv2.aruco.CharucoDetector(drawn).detectBoard(_grey(pixels))
-    owners = np.asarray(() if ids is None else ids).ravel().astype(np.int64)
-    if not len(owners):
-        return np.zeros((0, 2)), owners
-    return np.asarray(corners, dtype=np.float64).reshape(-1, 2), owners
+    what = f"no corner of {lines} of the {board.label} is found"
+    if side.name != "lower":
+        return Note(
+            "assumed", what, "covered, or out of the picture: the origin does not hang on it"
+        )
+    off = short(missing * board.square, 3)
+    why = (
+        f"the origin is its lower left corner: if the board has {counted(board.rows - missing, 'row')} "
+        f"of squares, all is {off} mm too far up; count its squares, or uncover them"
+    )
+    return Note("warning", what, why, strict=True)
 
 
 def _agreeing(found: _Found, camera: Camera | None) -> tuple[NDArray[np.bool_], list[int]]:

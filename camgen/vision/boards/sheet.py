@@ -23,6 +23,8 @@ DICTIONARY = "4X4_50"
 #: Landscape, width and height in mm.
 SIZES = {"A4": (297.0, 210.0), "A3": (420.0, 297.0), "A2": (594.0, 420.0), "LETTER": (279.4, 215.9)}
 RULER = 100.0
+#: Width of the lines of the ruler and of the marks of the origin, mm.
+STROKE = 0.3
 
 #: Printers leave about 5 mm at the edge; below the markers there is the ruler.
 _MARGIN, _FOOT = 10.0, 20.0
@@ -226,7 +228,7 @@ def _modules(ids: Sequence[int]) -> list[NDArray[np.bool_]]:
 
 def _marks(what: Sheet) -> list[_Rectangle]:
     """The ruler below the markers, measured from the outer side of its first mark to that of its last; the origin."""
-    thin, grow = 0.3, what.printed / RULER
+    thin, grow = STROKE, what.printed / RULER
     left, low = _MARGIN * grow, 9.0 * grow
     length = RULER * grow
     ruler = [(left, low, length, thin)]

@@ -44,7 +44,7 @@ from camgen.vision.to_scale import ScaledView
 
 # The methods by name, and how ``auto`` chooses among them.
 
-Method = Literal["auto", "otsu", "threshold", "color", "background", "adaptive"]
+Method = Literal["auto", "otsu", "threshold", "color", "background", "adaptive", "alpha"]
 
 #: A part is clear if its contrast is so many times the spread of the bench.
 _CLEAR_CONTRAST = 6.0
@@ -60,6 +60,8 @@ _COLOURED = 8.0
 _OFF_MIDDLE = 0.1
 #: What differs from the bench the other way is worth a note from so much of the part on.
 _OTHER_SIDE = 0.05
+#: Of 255: what is less opaque is not part.
+HALF_OPAQUE = 127.5
 #: Places of a note that are shown, the largest ones.
 _MOST_PLACES = 20
 
@@ -228,6 +230,25 @@ def _choose(
     return _by_light(cells, asked, grey)
 
 
+def is_cut_out(alpha: Bytes) -> bool:
+    """Whether the transparency of a picture tells a part: it is transparent along most of its border, not everywhere.
+
+    alpha: (H, W), 0 transparent to 255 opaque. A picture with round corners, or with a hole, is no cut-out.
+    """
+    rows = (alpha[0], alpha[-1], alpha[1:-1, 0], alpha[1:-1, -1])
+    border = np.concatenate(rows) < HALF_OPAQUE
+    return bool(2 * np.count_nonzero(border) > len(border) and alpha.max() > HALF_OPAQUE)
+
+
+def _alpha(pixels: Bytes, cells: Cells, asked: Asked) -> MaskChoice | None:
+    """What is opaque, in a view of the transparency: a pixel that is half covered by the part is half opaque."""
+    channel = _grey(pixels, cells)
+    part = ((channel.cells > HALF_OPAQUE) ^ asked.invert) & cells.valid
+    found = as_it_is(channel, np.asarray(part, np.bool_), cells)
+    why = "the picture is transparent around it; image.mask chooses by grey or color"
+    return MaskChoice("alpha", why, found, HALF_OPAQUE) if found else None
+
+
 def _few_coloured(pixels: Bytes, cells: Cells, asked: Asked) -> MaskChoice | None:
     """The part by its colour in some of the cells, evenly spread."""
     step = _step(cells.valid.shape)
@@ -322,6 +343,7 @@ _METHODS: dict[Method, Callable[[Bytes, Cells, Asked], MaskChoice | None]] = {
     "threshold": _threshold,
     "color": _color,
     "adaptive": _adaptive,
+    "alpha": _alpha,
 }
 
 
