@@ -72,7 +72,7 @@ def run(arguments: Namespace, says: Voice) -> int:
             insist_on_following(expects, name_operation(part, expects))
             insist_on_pose(arguments.input, found.fit, found.expected.region)
             if not works:
-                what = "shows no burr to work again"
+                what = "shows no burr that can be worked again"
                 raise NoSafeProgram(
                     arguments.input, what, remedy="leave --rework out to see what differs"
                 )

@@ -245,6 +245,17 @@ def test_the_stretch_of_a_burr_is_local(tmp_path: Path) -> None:
     assert is_clear(work.stretch, found.expected.region, 3.0)
 
 
+@pytest.mark.usefixtures("few_turns")
+def test_no_burr_is_worked_on_a_part_with_a_wrong_dimension(tmp_path: Path) -> None:
+    wide = hole(circle(HOLE.real, HOLE.imag, 7.4))
+    found = look(tmp_path, (bumped(PLATE[0], 0, 10, 5, 0.8), wide))
+    assert sorted(kinds(found)) == ["burr", "dimension"]
+    works, left = list_rework(found, Job(), 0.2)
+    assert works == ()
+    assert [each.number for each in left] == [1, 2]
+    assert "a contour is off" in left[0].why
+
+
 def test_a_tool_wider_than_a_slot_is_not_clear() -> None:
     # Two walls 5 mm apart, and a stretch along the upper edge of the lower one.
     walls = shapely.union(shapely.box(0, -5, 40, 0), shapely.box(0, 5, 40, 10))
@@ -386,7 +397,7 @@ def test_strict_makes_differing_an_error(desk: Path, capsys: pytest.CaptureFixtu
 def test_no_burr_is_no_rework(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = ["inspect", "good.png", "--against", "plate.dxf", "--removal", "0.2"]
     assert main([*words, "--rework", "again.toml"]) == 3
-    assert "good.png: shows no burr to work again" in capsys.readouterr().err
+    assert "good.png: shows no burr that can be worked again" in capsys.readouterr().err
     assert not list(desk.glob("again.*"))
 
 

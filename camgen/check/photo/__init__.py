@@ -17,7 +17,7 @@ from camgen.check.photo.differences import FOOT, differ
 from camgen.check.photo.differences import Difference as Difference
 from camgen.check.photo.expected import Expected, enclose, expect
 from camgen.check.photo.kinds import WHY_NOT as WHY_NOT
-from camgen.check.photo.kinds import classify, share_of_fit
+from camgen.check.photo.kinds import WHY_NOT_OFF, classify, share_of_fit
 from camgen.check.photo.registration import Fit, insist_on_fit, lay_on
 from camgen.check.photo.rework import NotReworked as NotReworked
 from camgen.check.photo.rework import Rework as Rework
@@ -30,8 +30,8 @@ from camgen.model.text import short
 
 #: Differences from so many pixels of the photo on are told, and never below this, mm.
 _LEAST_PX, _LEAST_MM = 1.0, 0.1
-#: A photo shows another part if less of both outlines fits. Similar plates fit to 54 %; a part that
-#: lacks its largest window fits to 84 %.
+#: A photo shows another part if less of both outlines fits. A plate that lies upside down fits to
+#: 59 %, one that lacks its largest hole to 86 %.
 _LEAST_FIT = 0.8
 
 
@@ -100,12 +100,15 @@ def list_rework(
             f"cannot be {removal:g} mm",
             remedy="give what one pass takes off, above 0 mm",
         )
-    planned = [
-        plan_burr(number, each, found.expected, job, removal)
-        if each.kind == "burr"
-        else NotReworked(number, WHY_NOT[each.kind])
-        for number, each in enumerate(found.differences, 1)
-    ]
+    is_off = any(each.kind == "dimension" for each in found.differences)
+    planned: list[Rework | NotReworked] = []
+    for number, each in enumerate(found.differences, 1):
+        if each.kind != "burr":
+            planned.append(NotReworked(number, WHY_NOT[each.kind]))
+        elif is_off:
+            planned.append(NotReworked(number, WHY_NOT_OFF))
+        else:
+            planned.append(plan_burr(number, each, found.expected, job, removal))
     return (
         tuple(each for each in planned if isinstance(each, Rework)),
         tuple(each for each in planned if isinstance(each, NotReworked)),

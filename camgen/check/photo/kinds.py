@@ -43,6 +43,10 @@ WHY_NOT: dict[str, str] = {
     "ink missing": "run the drawing again, or a part of it",
 }
 
+#: The reason for a burr of a part with a wrong dimension: the photo is not laid on it surely, and
+#: the part may lie upside down.
+WHY_NOT_OFF = "a burr of a part of which a contour is off: see to that first"
+
 # Limits of the definitions. docs/inspection.md has the same table.
 
 #: Greatest height of a burr, mm. Cutting leaves up to 2 mm; a tab or an uncut corner is higher.
