@@ -19,7 +19,7 @@ from bench.render.shapes import Loop, box, circle, hole, rounded
 from camgen.check.photo import Inspection, inspect_photo, list_rework, registration
 from camgen.check.photo.expected import expect
 from camgen.check.photo.registration import Fit
-from camgen.check.photo.rework import insist_on_pose, is_clear, plan_passes
+from camgen.check.photo.rework import insist_on_pose, is_clear, is_in_the_way, plan_passes
 from camgen.cli import main
 from camgen.model.errors import InputError, JobError, NoSafeProgram
 from camgen.model.job import ImageTable, Job, OperationTable, ProcessTable, ToolTable
@@ -254,6 +254,14 @@ def test_no_burr_is_worked_on_a_part_with_a_wrong_dimension(tmp_path: Path) -> N
     assert works == ()
     assert [each.number for each in left] == [1, 2]
     assert "a contour is off" in left[0].why
+
+
+def test_a_loose_thing_in_the_way_of_the_tool() -> None:
+    # The tool of 6 mm sweeps 6 mm beside the stretch, and its leads reach 2 mm farther.
+    stretch, job = np.array([[0.0, 0.0], [10.0, 0.0]]), Job(tool=ToolTable(diameter=6.0))
+    assert is_in_the_way(stretch, shapely.box(2, -9, 4, -7.9), job)
+    assert not is_in_the_way(stretch, shapely.box(2, -9, 4, -8.1), job)
+    assert not is_in_the_way(stretch, shapely.union_all([]), job)
 
 
 def test_a_tool_wider_than_a_slot_is_not_clear() -> None:

@@ -21,7 +21,7 @@ from camgen.check.photo.kinds import WHY_NOT_OFF, classify, share_of_fit
 from camgen.check.photo.registration import Fit, insist_on_fit, lay_on
 from camgen.check.photo.rework import NotReworked as NotReworked
 from camgen.check.photo.rework import Rework as Rework
-from camgen.check.photo.rework import plan_burr
+from camgen.check.photo.rework import is_in_the_way, plan_burr
 from camgen.model.errors import InputError, JobError
 from camgen.model.job import Job
 from camgen.model.part import Note, Part
@@ -101,6 +101,7 @@ def list_rework(
             remedy="give what one pass takes off, above 0 mm",
         )
     is_off = any(each.kind == "dimension" for each in found.differences)
+    loose = shapely.union_all([each.shape for each in found.differences if each.kind == "loose"])
     planned: list[Rework | NotReworked] = []
     for number, each in enumerate(found.differences, 1):
         if each.kind != "burr":
@@ -108,7 +109,10 @@ def list_rework(
         elif is_off:
             planned.append(NotReworked(number, WHY_NOT_OFF))
         else:
-            planned.append(plan_burr(number, each, found.expected, job, removal))
+            work = plan_burr(number, each, found.expected, job, removal)
+            if isinstance(work, Rework) and is_in_the_way(work.stretch, loose, job):
+                work = NotReworked(number, "a loose thing lies beside it, in the way of the tool")
+            planned.append(work)
     return (
         tuple(each for each in planned if isinstance(each, Rework)),
         tuple(each for each in planned if isinstance(each, NotReworked)),

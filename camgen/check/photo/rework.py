@@ -123,6 +123,12 @@ def plan_burr(
     return Rework(number, burr, passes, feed, stretch)
 
 
+def is_in_the_way(stretch: FloatArray, loose: shapely.Geometry, job: Job) -> bool:
+    """Whether the tool, with run-in and run-out, may touch a loose thing on its way."""
+    reach = job.tool.diameter + max(job.operation.lead_in, job.operation.lead_out, LEAD)
+    return bool(shapely.distance(shapely.LineString(stretch), loose) < reach)
+
+
 def insist_on_following(job: Job, kind: str) -> None:
     """Raises JobError for a job that follows no contours, or has several operations."""
     if job.operations:
