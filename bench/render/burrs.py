@@ -28,19 +28,27 @@ def with_burrs(
     rng: np.random.Generator,
     low: float = 0.2,
     high: float = 1.0,
+    widths: tuple[float, float] | None = None,
 ) -> tuple[tuple[Loop, ...], list[Burr]]:
     """The part with ``count`` burrs, ``low`` to ``high`` mm high and two to eight times as wide, apart from each other
     and from corners; one in four is a gouge. Fewer where its straight pieces have no room.
+
+    widths: the range of their widths, mm, where these do not follow from the heights. Then none is a gouge.
     """
     changed, burrs = list(loops), []
     for _ in range(20 * count):
         if len(burrs) == count:
             break
-        height = rng.uniform(low, high) * (-1 if len(burrs) % 4 == 3 else 1)
+        height = rng.uniform(low, high) * (-1 if len(burrs) % 4 == 3 and not widths else 1)
         width = float(np.clip(abs(height) * rng.uniform(2, 8), 1.0, 8.0))
+        if widths:
+            width = float(rng.uniform(*widths))
         which = int(rng.integers(len(changed)))
         found = _one(changed[which], width, height, str(rng.choice([ROUND, POINTED])), rng)
-        if found is not None and all(abs(found[1].place - other.place) > 6 for other in burrs):
+        if found is not None and all(
+            abs(found[1].place - other.place) > max(6, (width + other.width) / 2 + 3)
+            for other in burrs
+        ):
             changed[which] = found[0]
             burrs.append(found[1])
     return tuple(changed), burrs

@@ -315,10 +315,10 @@ def _inspect(sub: _Parser) -> None:
         "--removal",
         metavar="MM",
         type=float,
-        help="what a pass takes off: says how many passes more",
+        help="what a pass takes off: says passes and feed of each burr",
     )
     sub.add_argument(
-        "--rework", metavar="FILE.toml", help="write the settings of another run, with --removal"
+        "--rework", metavar="FILE.toml", help="write the rework of burrs, with its drawing FILE.dxf"
     )
     sub.add_argument("--strict", action="store_true", help="what differs is an error, exit code 4")
     _json(sub)

@@ -9,13 +9,23 @@ from pathlib import Path
 from msgspec.structs import replace
 
 from camgen.batch.writing import check_targets, write_all
-from camgen.check.photo import Difference, Inspection, Rework, inspect_photo, list_rework
+from camgen.check.photo import (
+    WHY_NOT,
+    Difference,
+    Inspection,
+    NotReworked,
+    Rework,
+    inspect_photo,
+    list_rework,
+)
+from camgen.check.photo.rework import insist_on_following, insist_on_pose
 from camgen.cli.inputs import open_inputs
+from camgen.cli.rework import write_drawing, write_job
 from camgen.cli.say import Voice, table
-from camgen.model.errors import JobError, VerifyError
-from camgen.model.job import CameraTable, ImageTable
-from camgen.model.text import counted, harmless, short
-from camgen.model.version import __version__
+from camgen.model.errors import JobError, NoSafeProgram, VerifyError
+from camgen.model.job import CameraTable, ImageTable, Job
+from camgen.model.text import counted, name_ranges, short
+from camgen.plan import name_operation
 from camgen.preview.inspection import draw
 from camgen.read import find_reader, list_installed
 from camgen.read.image import read as read_photo
@@ -28,9 +38,11 @@ _LISTED = 40
 
 
 def run(arguments: Namespace, says: Voice) -> int:
-    """Prints what differs, writes the picture and the settings of another run. --strict: differing is an error."""
-    targets = [Path(name) for name in (arguments.preview, arguments.rework) if name]
+    """Prints what differs, writes the picture and the rework of burrs. --strict: differing is an error."""
     _insist(arguments)
+    targets = [Path(name) for name in (arguments.preview, arguments.rework) if name]
+    if arguments.rework:
+        targets.append(Path(arguments.rework).with_suffix(".dxf"))
     with open_inputs([arguments.input], arguments.format) as ((photo,), opened):
         drawing, own = _drawing(Path(arguments.against))
         job_file = beside(arguments.job, photo)
@@ -47,15 +59,28 @@ def run(arguments: Namespace, says: Voice) -> int:
         says.stage("comparing")
         found = inspect_photo(seen, part, expects, arguments.least)
         says.clear()
-        rework = (
-            list_rework(found, expects, arguments.removal) if arguments.removal is not None else ()
+        works, left = (
+            list_rework(found, expects, arguments.removal)
+            if arguments.removal is not None
+            else ((), ())
         )
         if arguments.strict and found.differences:
             first = found.differences[0]
             what = f"differs from {drawing.name} in {counted(len(found.differences), 'place')}, first: {_tell(first)}"
             raise VerifyError(arguments.input, what, remedy="leave --strict out to see all of them")
-        write_all(list(_outputs(arguments, found, rework)), files.opened)
-    says.out(_page(found, rework))
+        if arguments.rework:
+            insist_on_following(expects, name_operation(part, expects))
+            insist_on_pose(arguments.input, found.fit, found.expected.region)
+            if not works:
+                what = "shows no burr that can be worked again"
+                raise NoSafeProgram(
+                    arguments.input, what, remedy="leave --rework out to see what differs"
+                )
+        write_all(list(_outputs(arguments, found, works, expects)), files.opened)
+    if arguments.json:
+        says.data(_facts(found, works, left))
+    else:
+        says.out(_page(found, works, left))
     says.rows(
         [
             (note.kind, str(note).partition(": ")[2], "look")
@@ -80,6 +105,9 @@ def _insist(arguments: Namespace) -> None:
             "needs --removal",
             remedy="give what one pass takes off, mm, e.g. --removal 0.2",
         )
+    if arguments.rework and Path(arguments.rework).suffix.lower() != ".toml":
+        what = "is not the name of a job file"
+        raise JobError(arguments.rework, what, remedy="end it in .toml; a drawing comes beside it")
 
 
 def _drawing(named: Path) -> tuple[Path, Path | None]:
@@ -103,19 +131,21 @@ def _drawing(named: Path) -> tuple[Path, Path | None]:
 
 
 def _outputs(
-    arguments: Namespace, found: Inspection, rework: Sequence[Rework]
+    arguments: Namespace, found: Inspection, works: Sequence[Rework], job: Job
 ) -> Iterator[tuple[Path, bytes]]:
     if arguments.preview:
         target = Path(arguments.preview)
         yield target, draw(found, target.suffix.lower())
     if arguments.rework:
-        yield Path(arguments.rework), _fragment(found, rework).encode()
+        target = Path(arguments.rework)
+        yield target, write_job(found, works, job, target)
+        yield target.with_suffix(".dxf"), write_drawing(works, found.expected.rings)
 
 
 # What is printed.
 
 
-def _page(found: Inspection, rework: Sequence[Rework]) -> str:
+def _page(found: Inspection, works: Sequence[Rework], left: Sequence[NotReworked]) -> str:
     expected = found.expected
     what = "ink along the planned paths" if expected.inked else "material inside the contours"
     lines = [
@@ -123,7 +153,7 @@ def _page(found: Inspection, rework: Sequence[Rework]) -> str:
         *(note.what for note in found.notes if note.what.startswith("photo laid")),
         *(_sum(found, much) for much in (True, False)),
     ]
-    places = [_row(number, one) for number, one in enumerate(found.differences[:_LISTED], 1)]
+    places = [_row(number, each) for number, each in enumerate(found.differences[:_LISTED], 1)]
     listed = (
         table([("", "what", "x mm", "y mm", "height mm", "length mm", "mm2", "at"), *places])
         if places
@@ -133,14 +163,45 @@ def _page(found: Inspection, rework: Sequence[Rework]) -> str:
     told = [f"and {counted(more, 'more place')}"] if more else []
     return (
         "\n".join(
-            [*lines, *([listed.rstrip("\n")] if listed else []), *told, *_needs(found, rework)]
+            [*lines, *([listed.rstrip("\n")] if listed else []), *told, *_needs(found, works, left)]
         )
         + "\n"
     )
 
 
+def _facts(
+    found: Inspection, works: Sequence[Rework], left: Sequence[NotReworked]
+) -> dict[str, object]:
+    """The list as data."""
+    rows = [
+        {
+            "kind": each.kind,
+            "place": each.place,
+            "height": each.height,
+            "length": each.length,
+            "area": each.area,
+            "contour": each.contour,
+        }
+        for each in found.differences
+    ]
+    return {
+        "source": found.photo.source,
+        "against": found.expected.source,
+        "expected_area": found.expected.region.area,
+        "turn": found.fit.turn,
+        "shift": found.fit.shift,
+        "fit": found.fit.share,
+        "least": found.least,
+        "differences": rows,
+        "rework": [
+            {"number": work.number, "passes": work.passes, "feed": work.feed} for work in works
+        ],
+        "not_reworked": list(left),
+    }
+
+
 def _sum(found: Inspection, much: bool) -> str:
-    count = sum(one.much == much for one in found.differences)
+    count = sum(each.much == much for each in found.differences)
     area = found.area(much)
     share = 100 * area / found.expected.region.area
     label = "too much" if much else "missing"
@@ -149,60 +210,38 @@ def _sum(found: Inspection, much: bool) -> str:
     return f"{label}: {counted(count, 'place')}, {area:.2f} mm2, {share:.2f} %"
 
 
-def _row(number: int, one: Difference) -> tuple[str, ...]:
-    what = "too much" if one.much else "missing"
-    numbers = (f"{v:.2f}" for v in (*one.place, one.height, one.length, one.area))
-    return (str(number), f"{what}, apart" if one.whole else what, *numbers, one.contour)
+def _row(number: int, difference: Difference) -> tuple[str, ...]:
+    sizes = (*difference.place, difference.height, difference.length, difference.area)
+    return (str(number), difference.kind, *(f"{size:.2f}" for size in sizes), difference.contour)
 
 
-def _tell(one: Difference) -> str:
-    x, y = one.place
-    return f"{'too much' if one.much else 'missing'} at {x:.2f}, {y:.2f} mm, {one.height:.2f} mm"
+def _tell(difference: Difference) -> str:
+    x, y = difference.place
+    return f"{difference.kind} at {x:.2f}, {y:.2f} mm, {difference.height:.2f} mm"
 
 
-def _needs(found: Inspection, rework: Sequence[Rework]) -> Iterator[str]:
-    """Which contours want another run, and with what."""
-    if found.expected.inked:
-        return
-    if rework:
-        for one in rework:
-            yield f"{_of(one.contour, one.burrs, one.height)}: {_settings(one)}"
-        return
-    by: dict[str, list[float]] = {}
-    for burr in found.burrs:
-        by.setdefault(burr.contour, []).append(burr.height)
-    for name, heights in by.items():
-        yield f"{_of(name, len(heights), max(heights))}; --removal MM, what a pass takes off, says how many"
+def _needs(
+    found: Inspection, works: Sequence[Rework], left: Sequence[NotReworked]
+) -> Iterator[str]:
+    """What is done to each burr, and why nothing is to the others."""
+    for work in works:
+        passes = counted(work.passes, "pass", "passes")
+        yield f"burr {work.number}: {passes} at {short(work.feed, 3)} mm/s"
+    reasons: dict[str, list[str]] = {}
+    for each in left or _unplanned(found):
+        reasons.setdefault(each.why, []).append(str(each.number))
+    for why, numbers in reasons.items():
+        yield f"not to be reworked: {', '.join(name_ranges(numbers))}: {why}"
+    if found.burrs and not works and not left:
+        count = counted(len(found.burrs), "burr")
+        highest = f"{count}, the highest {found.burrs[0].height:.2f} mm"
+        yield f"{highest}: --removal MM, the height that a pass takes off, says how many passes"
 
 
-def _of(name: str, burrs: int, height: float) -> str:
-    return f"{name} needs more passes: {counted(burrs, 'burr')}, the highest {height:.2f} mm"
-
-
-def _settings(one: Rework) -> str:
-    return f"operation.passes = {one.passes}, or process.feed = {short(one.feed, 3)}"
-
-
-def _fragment(found: Inspection, rework: Sequence[Rework]) -> str:
-    """Tables of a job file for another run over the same contours."""
-    names = f"{harmless(found.photo.source)} against {harmless(found.expected.source)}"
-    lines = [f"# camgen {__version__}: {names}"]
-    lines += [
-        f"# {harmless(_of(one.contour, one.burrs, one.height))}: {_settings(one)}" for one in rework
+def _unplanned(found: Inspection) -> list[NotReworked]:
+    """What is no burr, where it is not known how much a pass takes off."""
+    return [
+        NotReworked(number, WHY_NOT[each.kind])
+        for number, each in enumerate(found.differences, 1)
+        if each.kind in WHY_NOT
     ]
-    for number, one in enumerate(found.burrs, 1):
-        x, y = one.place
-        size = f"{one.height:.2f} mm high, {one.length:.2f} mm long"
-        lines.append(f"# burr {number}: {size}, at {x:.2f} {y:.2f} of {harmless(one.contour)}")
-    if not rework:
-        return "\n".join([*lines, "# no burr: nothing to do again", ""])
-    worst = max(rework, key=lambda one: one.passes)
-    lines += [
-        "",
-        "[operation]",
-        f"passes = {worst.passes}",
-        "",
-        "# or, instead of more passes:",
-        "# [process]",
-    ]
-    return "\n".join([*lines, f"# feed = {short(min(one.feed for one in rework), 3)}", ""])

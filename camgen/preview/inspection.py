@@ -1,4 +1,7 @@
-"""A photo against what was expected of it, as a picture: the photo laid on the drawing, too much red, missing blue."""
+"""A photo against what was expected of it, as a picture: the photo laid on the drawing.
+
+Burrs are red, other places with too much are amber, and missing ones blue.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import shapely
 
-from camgen.check.photo import Inspection
+from camgen.check.photo import Difference, Inspection
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted
 from camgen.preview.panels import Pixels, image, xml
@@ -19,8 +22,12 @@ _WIDE, _HIGH, _MARGIN, _TITLE, _FOOT = 260.0, 190.0, 12.0, 16.0, 14.0
 _PX = 6.0
 #: Rings around places, page mm, and how many are drawn at most: the greatest.
 _RING, _MOST = 3.2, 60
+#: Width of a letter of a label, page mm.
+_LETTER = 2.0
 #: Colours as red, green, blue.
-_LINE, _MUCH, _MISSING, _INK = (95, 99, 104), (208, 16, 58), (31, 98, 220), (32, 33, 36)
+_LINE, _MISSING, _INK = (95, 99, 104), (31, 98, 220), (32, 33, 36)
+_BURR, _OTHER = (208, 16, 58), (190, 100, 0)
+_COLOURS = {"burr": _BURR, "much": _OTHER, "less": _MISSING}
 #: The photo behind is made so much paler.
 _PALE = 0.55
 
@@ -78,7 +85,19 @@ def _words(found: Inspection) -> tuple[str, str]:
     title = f"{found.photo.source} against {found.expected.source}"
     told = f"from {found.least:.2f} mm on: {counted(much, 'place')} with too much, {found.area(True):.2f} mm2, "
     less = len(found.differences) - much
-    return title, f"{told}{counted(less, 'place')} with too little, {found.area(False):.2f} mm2"
+    told += f"{counted(less, 'place')} with too little, {found.area(False):.2f} mm2"
+    return title, f"{told}; {counted(len(found.burrs), 'burr')}"
+
+
+def _class(difference: Difference) -> str:
+    """Which of the three colours a place has."""
+    if not difference.much:
+        return "less"
+    return "burr" if difference.kind == "burr" else "much"
+
+
+def _label(number: int, difference: Difference) -> str:
+    return f"{number} {difference.kind}"
 
 
 # SVG.
@@ -86,8 +105,8 @@ def _words(found: Inspection) -> tuple[str, str]:
 _STYLE = """\
 text{font-family:system-ui,Helvetica,Arial,sans-serif;font-size:3.4px;fill:#202124}.big{font-size:4.6px;font-weight:600}
 path,circle{fill:none}.line{stroke:#5f6368;stroke-width:.35}.seen{stroke:#0b7a3b;stroke-width:.2}.bar{stroke:#202124;stroke-width:.4}
-.much{fill:#d0103a;fill-opacity:.75;stroke:#d0103a}.less{fill:#1f62dc;fill-opacity:.75;stroke:#1f62dc}
-.much,.less{stroke-width:.15}.ring{fill:none;stroke-width:.4}"""
+.burr{fill:#d0103a;fill-opacity:.75;stroke:#d0103a}.much{fill:#be6400;fill-opacity:.75;stroke:#be6400}.less{fill:#1f62dc;fill-opacity:.75;stroke:#1f62dc}
+.burr,.much,.less{stroke-width:.15}.ring{fill:none;stroke-width:.4}.tag{font-weight:600;paint-order:stroke;stroke:#fff;stroke-width:1}"""
 
 
 def _svg(found: Inspection) -> str:
@@ -141,13 +160,19 @@ def _rings(shape: shapely.Geometry) -> Iterator[FloatArray]:
 
 def _places(page: _Page, found: Inspection) -> Iterator[str]:
     for number, one in enumerate(found.differences, 1):
-        kind, colour = ("much", "#d0103a") if one.much else ("less", "#1f62dc")
-        hint = f"{number}: {one.height:.2f} mm, {one.length:.2f} mm long, {one.contour}"
+        kind, colour = _class(one), "#{:02x}{:02x}{:02x}".format(*_COLOURS[_class(one)])
+        hint = (
+            f"{_label(number, one)}: {one.height:.2f} mm, {one.length:.2f} mm long, {one.contour}"
+        )
         yield f'<path class="{kind}" fill-rule="evenodd" d="{_data(page, one.shape)}"><title>{xml(hint)}</title></path>'
         if number <= _MOST:
             x, y = page.place(np.array([one.place]))[0].tolist()
             yield f'<circle class="ring" stroke="{colour}" cx="{x:.2f}" cy="{y:.2f}" r="{_RING}"/>'
-            yield f'<text x="{x + _RING:.2f}" y="{y - _RING:.2f}" style="fill:{colour};font-weight:600">{number}</text>'
+            beyond = x + _RING + _LETTER * len(_label(number, one)) > page.wide
+            anchor = ' text-anchor="end"' if beyond else ""
+            x = x - _RING if beyond else x + _RING
+            style = f'{anchor} class="tag" style="fill:{colour}"'
+            yield f'<text x="{x:.2f}" y="{y - _RING:.2f}"{style}>{_label(number, one)}</text>'
 
 
 def _legend(page: _Page) -> Iterator[str]:
@@ -155,7 +180,8 @@ def _legend(page: _Page) -> Iterator[str]:
     for kind, label in (
         ("line", "expected"),
         ("seen", "seen"),
-        ("much", "too much"),
+        ("burr", "burr"),
+        ("much", "other too much"),
         ("less", "missing"),
     ):
         yield f'<path class="{kind}" d="M{x} {y - 2}h8v1.6h-8Z"/><text x="{x + 10}" y="{y}">{label}</text>'
@@ -189,28 +215,31 @@ def _png(found: Inspection) -> bytes:
     for one in found.differences:
         rings = [at(ring) for ring in _rings(one.shape)]
         if rings:
-            cv2.fillPoly(sheet, rings, _colour(one.much), cv2.LINE_AA, _SHIFT)
+            cv2.fillPoly(sheet, rings, _colour(one), cv2.LINE_AA, _SHIFT)
     for shape, colour in ((found.expected.region, _LINE), (found.seen, (11, 122, 59))):
         cv2.polylines(
             sheet, [at(ring) for ring in _rings(shape)], True, colour[::-1], 1, cv2.LINE_AA, _SHIFT
         )
-    face = cv2.FONT_HERSHEY_SIMPLEX
     for number, one in enumerate(found.differences[:_MOST], 1):
         u, v = (page.place(np.array([one.place]))[0] * _PX).round().astype(int).tolist()
         radius = round(_RING * _PX)
-        cv2.circle(sheet, (u, v), radius, _colour(one.much), 2, cv2.LINE_AA)
-        cv2.putText(
-            sheet,
-            str(number),
-            (u + radius, v - radius),
-            face,
-            0.6,
-            _colour(one.much),
-            2,
-            cv2.LINE_AA,
-        )
+        cv2.circle(sheet, (u, v), radius, _colour(one), 2, cv2.LINE_AA)
+        _write_label(sheet, _label(number, one), (u + radius, v - radius), _colour(one))
     _write_words(sheet, page, found)
     return bytes(cv2.imencode(".png", sheet)[1])
+
+
+def _write_label(
+    sheet: Pixels, label: str, place: tuple[int, int], colour: tuple[int, int, int]
+) -> None:
+    """A label on white, moved to the left where the sheet ends."""
+    import cv2  # noqa: PLC0415 (loaded only by what needs it)
+
+    face = cv2.FONT_HERSHEY_SIMPLEX
+    (wide, high), below = cv2.getTextSize(label, face, 0.6, 2)
+    u, v = min(place[0], sheet.shape[1] - wide - 4), place[1]
+    cv2.rectangle(sheet, (u - 3, v - high - 3), (u + wide + 3, v + below), (255, 255, 255), -1)
+    cv2.putText(sheet, label, (u, v), face, 0.6, colour, 2, cv2.LINE_AA)
 
 
 def _paper(page: _Page, found: Inspection, size: tuple[int, int]) -> Pixels:
@@ -240,7 +269,8 @@ def _write_words(sheet: Pixels, page: _Page, found: Inspection) -> None:
     for colour, label in (
         (_LINE, "expected"),
         ((11, 122, 59), "seen"),
-        (_MUCH, "too much"),
+        (_BURR, "burr"),
+        (_OTHER, "other too much"),
         (_MISSING, "missing"),
     ):
         cv2.rectangle(sheet, (x, height - 40), (x + 45, height - 32), colour[::-1], -1)
@@ -254,6 +284,6 @@ def _write_words(sheet: Pixels, page: _Page, found: Inspection) -> None:
     cv2.putText(sheet, f"{bar:g} mm", (right - 80, height - 14), face, 0.6, ink, 1, cv2.LINE_AA)
 
 
-def _colour(much: bool) -> tuple[int, int, int]:
-    red, green, blue = _MUCH if much else _MISSING
+def _colour(difference: Difference) -> tuple[int, int, int]:
+    red, green, blue = _COLOURS[_class(difference)]
     return blue, green, red

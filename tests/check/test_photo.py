@@ -1,5 +1,6 @@
 """A photo against its drawing: rendered parts with known burrs and gaps, judged by the sizes they were made with."""
 
+import json
 import re
 import shutil
 from collections.abc import Sequence
@@ -17,12 +18,15 @@ from bench.render.scene import Layer, Scene, render, written
 from bench.render.shapes import Loop, box, circle, hole, rounded
 from camgen.check.photo import Inspection, inspect_photo, list_rework, registration
 from camgen.check.photo.expected import expect
+from camgen.check.photo.registration import Fit
+from camgen.check.photo.rework import insist_on_pose, is_clear, is_in_the_way, plan_passes
 from camgen.cli import main
-from camgen.model.errors import InputError, JobError
+from camgen.model.errors import InputError, JobError, NoSafeProgram
 from camgen.model.job import ImageTable, Job, OperationTable, ProcessTable, ToolTable
 from camgen.model.part import Contour, Part
 from camgen.read.files import Files
 from camgen.read.image import read
+from camgen.read.job_file import load
 
 PIXEL = 0.14
 #: mm to a side of the pictures, and the middle of what they show.
@@ -125,6 +129,7 @@ def test_burrs_and_dents_are_measured(tmp_path: Path) -> None:
 def test_a_hole_that_was_not_cut_is_too_much(tmp_path: Path) -> None:
     (one,) = look(tmp_path, PLATE[:1]).differences
     assert one.much
+    assert one.kind == "feature missing"
     assert one.contour == "c2"
     assert one.area == pytest.approx(np.pi * 7**2, rel=0.01)
     assert one.height == pytest.approx(7, abs=0.1)
@@ -147,15 +152,135 @@ def test_another_part_is_refused(tmp_path: Path) -> None:
         look(tmp_path, bracket())
 
 
+# -- kinds
+
+HOLE = complex(-12, 4)
+
+
+def kinds(found: Inspection) -> list[str]:
+    return [difference.kind for difference in found.differences]
+
+
 @pytest.mark.usefixtures("few_turns")
-def test_more_passes_follow_from_what_one_takes_off(tmp_path: Path) -> None:
+def test_only_what_stands_on_the_outline_is_a_burr(tmp_path: Path) -> None:
+    chip = box(-28, 24, 12, 26)  # 40 mm long, 4 mm above the part
+    screw = circle(HOLE.real, HOLE.imag, 4)  # 3 mm of room around it
+    made = (bumped(PLATE[0], 0, 10, 5, 0.8), PLATE[1], chip, screw)
+    found = look(tmp_path, made)
+    assert kinds(found) == ["loose", "loose", "burr"]
+    # The greatest circles in the screw and in the chip.
+    assert [loose.height for loose in found.differences[:2]] == pytest.approx([4, 1], abs=0.05)
+    assert found.differences[0].place == pytest.approx((-12, 4), abs=0.1)
+    assert found.differences[1].length == pytest.approx(40, abs=0.1)
+    assert [burr.height for burr in found.burrs] == [pytest.approx(0.8, abs=0.03)]
+    works, left = list_rework(found, Job(process=ProcessTable(feed=6.0)), 0.2)
+    # 0.8 mm are four removals of 0.2 mm; the height is 0.03 mm uncertain.
+    assert [(work.number, work.passes) for work in works] in ([(3, 3)], [(3, 4)])
+    assert works[0].feed * 0.8 == pytest.approx(6 * works[0].passes * 0.2, rel=0.05)
+    assert [each.number for each in left] == [1, 2]
+    assert all("apart from the part" in each.why for each in left)
+
+
+@pytest.mark.usefixtures("few_turns")
+@pytest.mark.parametrize(
+    ("made", "kind"),
+    [
+        # 60 mm on one side of the outer contour of 195 mm are more than a quarter of it.
+        (rounded([(-30, -20, 0), (30, -20, 6), (30, 20.5, 0), (-30, 20.5, 0)]), "dimension"),
+        # A tab, 2 mm wide and 4 mm high.
+        (rounded([(-30, -20, 0), (30, -20, 6), (30, 20, 0), (1, 20, 0), (1, 24, 0), (-1, 24, 0),
+                  (-1, 20, 0), (-30, 20, 0)]), "unclear"),
+        # A notch, 4 mm wide and 1 mm deep.
+        (bumped(PLATE[0], 3, 18, 4, -1.0), "dent"),
+    ],
+)  # fmt: skip
+def test_other_deviations_of_the_outline(tmp_path: Path, made: Loop, kind: str) -> None:
+    found = look(tmp_path, (made, PLATE[1]))
+    assert set(kinds(found)) == {kind}
+    assert found.burrs == ()
+
+
+@pytest.mark.usefixtures("few_turns")
+def test_a_part_that_is_larger_all_along_has_no_burr(tmp_path: Path) -> None:
+    larger = rounded([(-30.3, -20.3, 0), (30.3, -20.3, 6.3), (30.3, 20.3, 0), (-30.3, 20.3, 0)])
+    found = look(tmp_path, (larger, PLATE[1]))
+    assert set(kinds(found)) == {"dimension"}
+    # 0.3 mm on the sides, 0.3 sqrt(2) at the sharp corners, which blur rounds.
+    assert 0.28 < found.differences[0].height < 0.3 * 2**0.5
+
+
+@pytest.mark.usefixtures("few_turns")
+def test_a_screw_that_leans_on_its_hole_is_no_burr(tmp_path: Path) -> None:
+    made = (*PLATE, circle(HOLE.real + 2.95, HOLE.imag, 4))
+    assert "burr" not in kinds(look(tmp_path, made))
+
+
+@pytest.mark.usefixtures("few_turns")
+def test_a_hole_that_is_not_drawn(tmp_path: Path) -> None:
+    found = look(tmp_path, (*PLATE, hole(circle(15, -5, 3))))
+    assert kinds(found) == ["feature extra"]
+    assert found.differences[0].place == pytest.approx((15, -5), abs=0.1)
+    assert found.differences[0].height == pytest.approx(3, abs=0.05)
+    assert found.differences[0].area == pytest.approx(np.pi * 9, rel=0.03)
+
+
+@pytest.mark.parametrize(
+    ("height", "passes", "feed"),
+    # 0.5 mm has 2.5 removals of 0.2 mm: two passes at 0.8 of the feed. A lower one takes one pass.
+    [(0.5, 2, 16.0), (0.6, 3, 20.0), (0.39, 1, 20 * 0.2 / 0.39), (0.1, 1, 20.0)],
+)
+def test_passes_and_feed_follow_the_height(height: float, passes: int, feed: float) -> None:
+    assert plan_passes(height, 0.2, 20.0) == (passes, pytest.approx(feed))
+
+
+@pytest.mark.usefixtures("few_turns")
+def test_the_stretch_of_a_burr_is_local(tmp_path: Path) -> None:
     found = look(tmp_path, (bumped(PLATE[0], 0, 10, 5, 0.8), PLATE[1]))
-    (one,) = list_rework(found, Job(process=ProcessTable(feed=6.0)), 0.3)
-    assert (one.contour, one.burrs, one.passes) == ("c1", 1, 3)
-    assert one.feed == pytest.approx(6 * 0.3 / 0.8, rel=0.05)
+    job = Job(process=ProcessTable(feed=6.0), tool=ToolTable(diameter=6.0))
+    (work,), _ = list_rework(found, job, 0.3)
+    # The foot is from -20 to -15 on y = -20. A circle of radius 3 whose lowest point is on the
+    # line is 0.8 mm above it at 2.04 mm: sqrt(3^2 - 2.2^2). And 1 mm of room.
+    assert work.stretch[0] == pytest.approx((-20 - 3.04, -20), abs=0.3)
+    assert work.stretch[-1] == pytest.approx((-15 + 3.04, -20), abs=0.3)
+    assert is_clear(work.stretch, found.expected.region, 3.0)
+
+
+@pytest.mark.usefixtures("few_turns")
+def test_no_burr_is_worked_on_a_part_with_a_wrong_dimension(tmp_path: Path) -> None:
+    wide = hole(circle(HOLE.real, HOLE.imag, 7.4))
+    found = look(tmp_path, (bumped(PLATE[0], 0, 10, 5, 0.8), wide))
+    assert sorted(kinds(found)) == ["burr", "dimension"]
+    works, left = list_rework(found, Job(), 0.2)
+    assert works == ()
+    assert [each.number for each in left] == [1, 2]
+    assert "a contour is off" in left[0].why
+
+
+def test_a_loose_thing_in_the_way_of_the_tool() -> None:
+    # The tool of 6 mm sweeps 6 mm beside the stretch, and its leads reach 2 mm farther.
+    stretch, job = np.array([[0.0, 0.0], [10.0, 0.0]]), Job(tool=ToolTable(diameter=6.0))
+    assert is_in_the_way(stretch, shapely.box(2, -9, 4, -7.9), job)
+    assert not is_in_the_way(stretch, shapely.box(2, -9, 4, -8.1), job)
+    assert not is_in_the_way(stretch, shapely.union_all([]), job)
+
+
+def test_a_tool_wider_than_a_slot_is_not_clear() -> None:
+    # Two walls 5 mm apart, and a stretch along the upper edge of the lower one.
+    walls = shapely.union(shapely.box(0, -5, 40, 0), shapely.box(0, 5, 40, 10))
+    stretch = np.array([[30.0, 0.0], [10.0, 0.0]])
+    assert is_clear(stretch, walls, 2.5)
+    assert not is_clear(stretch, walls, 3.0)
+    assert not is_clear(stretch[::-1], walls, 2.5)  # the tool on the side of the material
+
+
+@pytest.mark.usefixtures("few_turns")
+def test_a_removal_that_cannot_be_meant_is_refused(tmp_path: Path) -> None:
+    found = look(tmp_path, (bumped(PLATE[0], 0, 10, 5, 0.8), PLATE[1]))
     for wrong in (0.0, -1.0, float("nan")):
         with pytest.raises(JobError, match="--removal"):
             list_rework(found, Job(), wrong)
+    with pytest.raises(JobError, match=r"0.01 mm would make \d\d passes over the burr of 0.8"):
+        list_rework(found, Job(), 0.01)
 
 
 # -- ink
@@ -239,19 +364,26 @@ def test_the_command_lists_draws_and_says_what_to_do(
     out = capsys.readouterr().out
     assert "too much: 1 place, 2." in out
     assert "missing: nothing from 0.14 mm on" in out
-    assert "c1 needs more passes: 1 burr, the highest 0.8" in out
-    settings = re.search(r"operation.passes = 3, or process.feed = ([\d.]+)", out)
+    settings = re.search(r"burr 1: 2 passes at ([\d.]+) mm/s", out)
     assert settings
-    assert float(settings[1]) == pytest.approx(8 * 0.3 / 0.8, rel=0.05)
+    # 0.8 mm in two passes of 0.3 mm at 8 mm/s: 0.75 of the feed.
+    assert float(settings[1]) == pytest.approx(8 * 0.6 / 0.8, rel=0.05)
     text = (desk / "a.svg").read_text()
     assert text.startswith("<svg ")
     assert "1 place with too much" in text
-    assert "passes = 3\n" in (desk / "again.toml").read_text()
-    job = ["--job", "again.toml", "--post", "rapid", "-o", "again.mod", "-q"]
-    assert main(["build", "plate.dxf", *job]) == 0  # what was written is a job
+    assert ">1 burr</text>" in text
+    again = (desk / "again.toml").read_text()
+    assert again.count('layers = ["burr1"]') == 2
+    # The job and the drawing stand alone.
+    (desk / "plate.toml").unlink()
+    (desk / "plate.dxf").rename(desk / "moved.dxf")
+    assert main(["build", "again.dxf", "--post", "rapid", "-o", "again.mod"]) == 0
+    assert "plan      2 paths, work" in capsys.readouterr().err
+    (desk / "moved.dxf").rename(desk / "plate.dxf")
+    (desk / "plate.toml").write_text("[process]\nfeed = 8.0\n")
     # The job file stands for the drawing of its name; a PNG shows the same.
     assert main(["inspect", "photo.png", "--against", "plate.toml", "--preview", "a.png"]) == 0
-    assert "--removal MM" in capsys.readouterr().out
+    assert "1 burr, the highest 0.8" in capsys.readouterr().out
     assert cv2.imread(str(desk / "a.png")).shape[1] > 1000
 
 
@@ -265,8 +397,73 @@ def test_strict_makes_differing_an_error(desk: Path, capsys: pytest.CaptureFixtu
     )
     said = capsys.readouterr()
     assert said.out == ""
-    assert "photo.png: differs from plate.dxf in 1 place, first: too much at -17." in said.err
+    assert "photo.png: differs from plate.dxf in 1 place, first: burr at -17." in said.err
     assert not (desk / "a.svg").exists()
+
+
+@pytest.mark.usefixtures("few_turns")
+def test_no_burr_is_no_rework(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["inspect", "good.png", "--against", "plate.dxf", "--removal", "0.2"]
+    assert main([*words, "--rework", "again.toml"]) == 3
+    assert "good.png: shows no burr that can be worked again" in capsys.readouterr().err
+    assert not list(desk.glob("again.*"))
+
+
+@pytest.mark.usefixtures("few_turns")
+def test_the_job_of_a_rework_holds_all_it_needs(
+    desk: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (desk / "cells").mkdir()
+    (desk / "cells" / "cell.toml").write_text('[cell]\nfixtures = ["clamp.stl"]\n')
+    (desk / "plate.toml").write_text(
+        "[tool]\nnumber = 7\ndiameter = 4.0\n[process]\nfeed = 8.0\nforce = 2.0\nspindle = 9000\n"
+        'stay_down = true\n[operation]\ndepth = 1.5\n[cell]\nfile = "cells/cell.toml"\n'
+    )
+    words = ["inspect", "photo.png", "--against", "plate.dxf", "--removal", "0.3"]
+    (desk / "out").mkdir()
+    assert main([*words, "--rework", "out/again.toml"]) == 0
+    capsys.readouterr()
+    job = load(desk / "out" / "again.toml")
+    assert (job.tool.number, job.tool.diameter) == (7, 4.0)
+    assert (job.process.force, job.process.spindle, job.process.stay_down) == (2.0, 9000.0, False)
+    assert [step.operation.depth for step in job.operations] == [1.5, 1.5]
+    assert [step.tool.number for step in job.operations] == [7, 7]
+    (fixture,) = job.cell.fixtures or ()
+    assert Path(str(fixture)).resolve() == desk / "cells" / "clamp.stl"
+
+
+def test_a_part_of_many_sides_is_worked_only_where_it_lies_as_drawn() -> None:
+    square = shapely.box(-20, -20, 20, 20)
+    sides = (-np.pi / 2, np.pi / 2, np.pi)
+    insist_on_pose("photo.png", Fit(0.1, (3.0, 0.0), 1.0, 0.0, 0.2, sides), square)
+    insist_on_pose("photo.png", Fit(1.0, (30.0, 0.0), 1.0, 0.0, 0.2), square)
+    for turn, shift in ((0.2, (0.0, 0.0)), (0.0, (4.0, 4.0))):
+        with pytest.raises(NoSafeProgram, match="may be on another one"):
+            insist_on_pose("photo.png", Fit(turn, shift, 1.0, 0.0, 0.2, sides), square)
+
+
+@pytest.mark.usefixtures("few_turns", "desk")
+def test_the_list_as_data(capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["inspect", "photo.png", "--against", "plate.dxf", "--removal", "0.3", "--json"]
+    assert main(words) == 0
+    facts = json.loads(capsys.readouterr().out)
+    (difference,) = facts["differences"]
+    assert (difference["kind"], difference["contour"]) == ("burr", "c1")
+    assert [(work["number"], work["passes"]) for work in facts["rework"]] == [(1, 2)]
+    assert facts["not_reworked"] == []
+
+
+@pytest.mark.usefixtures("few_turns")
+def test_a_job_that_follows_nothing_makes_no_rework(
+    desk: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["inspect", "photo.png", "--against", "plate.dxf", "--removal", "0.3"]
+    (desk / "plate.toml").write_text('[operation]\nkind = "drill"\n')
+    assert main([*words, "--rework", "again.toml"]) == 2
+    assert "--rework: works along contours, and this job is drill" in capsys.readouterr().err
+    (desk / "plate.toml").write_text('[[operations]]\nkind = "follow"\n')
+    assert main([*words, "--rework", "again.toml"]) == 2
+    assert "the job of the drawing has several operations" in capsys.readouterr().err
 
 
 @pytest.mark.usefixtures("few_turns")
@@ -276,6 +473,14 @@ def test_strict_makes_differing_an_error(desk: Path, capsys: pytest.CaptureFixtu
         (["good.png", "--least", "0.2"], "--least: has no effect without --against"),
         (["good.png", "--strict"], "--strict: has no effect without --against"),
         (["good.png", "--against", "plate.dxf", "--rework", "r.toml"], "--rework: needs --removal"),
+        (
+            ["good.png", "--against", "plate.dxf", "--removal", "1", "--rework", "r.txt"],
+            "r.txt: is not the name of a job file",
+        ),
+        (
+            ["photo.png", "--against", "plate.dxf", "--removal", "1", "--rework", "plate.toml"],
+            "plate.toml",
+        ),
         (
             ["good.png", "--against", "plate.dxf", "--preview", "a.html"],
             "a.html: is no kind of picture",

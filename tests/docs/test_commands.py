@@ -22,6 +22,7 @@ import pytest
 import trimesh
 
 from bench.render import photos
+from bench.render.burrs import with_burrs
 from bench.render.parts import paper
 from camgen.cli import main, parsers
 from camgen.model.errors import JobError
@@ -141,7 +142,11 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     board.saveas(folder / "board.dxf")
     photo = photos.photos(1, 1)[0]
     even = replace(photo.shot, lens=replace(photo.shot.lens, size=(1200, 858)))  # as codecs want it
-    photos.write(folder, replace(photo, name="photo", shot=even))
+    # A burr, so that there is something to work again.
+    loops, _ = with_burrs(photo.loops, 1, np.random.default_rng(1), 1.2, 1.5, (6.0, 8.0))
+    layers = (*photo.scene.layers[:-1], replace(photo.scene.layers[-1], loops=loops))
+    burred = replace(photo, loops=loops, scene=replace(photo.scene, layers=layers))
+    photos.write(folder, replace(burred, name="photo", shot=even))
     sheet = ezdxf.new("R2010", units=4)
     (loop,) = paper()
     rows = [(z.real, z.imag, bulge) for z, bulge in zip(loop.points, loop.bulges, strict=True)]

@@ -13,10 +13,15 @@ import numpy as np
 import shapely
 from msgspec import Struct
 
+from camgen.check.photo.differences import FOOT, differ
 from camgen.check.photo.differences import Difference as Difference
-from camgen.check.photo.differences import differ
 from camgen.check.photo.expected import Expected, enclose, expect
-from camgen.check.photo.registration import Fit, lay_on
+from camgen.check.photo.kinds import WHY_NOT as WHY_NOT
+from camgen.check.photo.kinds import WHY_NOT_OFF, classify, share_of_fit
+from camgen.check.photo.registration import Fit, insist_on_fit, lay_on
+from camgen.check.photo.rework import NotReworked as NotReworked
+from camgen.check.photo.rework import Rework as Rework
+from camgen.check.photo.rework import is_in_the_way, plan_burr
 from camgen.model.errors import InputError, JobError
 from camgen.model.job import Job
 from camgen.model.part import Note, Part
@@ -25,6 +30,9 @@ from camgen.model.text import short
 
 #: Differences from so many pixels of the photo on are told, and never below this, mm.
 _LEAST_PX, _LEAST_MM = 1.0, 0.1
+#: A photo shows another part if less of both outlines fits. A plate that lies upside down fits to
+#: 59 %, one that lacks its largest hole to 86 %.
+_LEAST_FIT = 0.8
 
 
 class Inspection(Struct, frozen=True, eq=False):
@@ -42,22 +50,12 @@ class Inspection(Struct, frozen=True, eq=False):
 
     @property
     def burrs(self) -> tuple[Difference, ...]:
-        """What is too much, the highest first."""
-        return tuple(one for one in self.differences if one.much)
+        """Deviations that are worked again, the highest first."""
+        return tuple(each for each in self.differences if each.kind == "burr")
 
     def area(self, much: bool) -> float:
         """What is too much, or missing, in all, mm2."""
         return math.fsum(one.area for one in self.differences if one.much == much)
-
-
-class Rework(Struct, frozen=True):
-    """What a contour needs where a pass of the job takes off so much. height: of its highest burr, mm. feed: mm/s."""
-
-    contour: str
-    burrs: int
-    height: float
-    passes: int
-    feed: float
 
 
 def inspect_photo(photo: Part, drawing: Part, job: Job, least: float | None = None) -> Inspection:
@@ -75,18 +73,26 @@ def inspect_photo(photo: Part, drawing: Part, job: Job, least: float | None = No
         raise JobError("--least", f"cannot be {limit:g} mm", remedy="give a length above 0 mm")
     expected = expect(drawing, job)
     borders = [_in_work(border, raster.work_from_view) for border in raster.borders]
-    fit = lay_on(photo.source, borders, expected.region, expected.source)
+    outlines = borders if expected.inked else _of_part(borders, expected)
+    fit = lay_on(photo.source, outlines, expected.region, expected.source)
     seen = enclose([fit.apply(border) for border in borders])
     found = differ(seen, expected, limit, raster.blur * pixel)
+    found = classify(found, expected, seen, limit * FOOT)
+    if not expected.inked:
+        share = share_of_fit(found, expected, seen, fit.near)
+        insist_on_fit(photo.source, expected.source, share, fit.near, _LEAST_FIT)
     return Inspection(
         photo, expected, seen, fit, limit, found, (*photo.notes, *drawing.notes, *_note(fit, pixel))
     )
 
 
-def list_rework(found: Inspection, job: Job, removal: float) -> tuple[Rework, ...]:
-    """More passes, or less feed, for each contour with burrs. removal: what a pass takes off at the job's feed, mm.
+def list_rework(
+    found: Inspection, job: Job, removal: float
+) -> tuple[tuple[Rework, ...], tuple[NotReworked, ...]]:
+    """The rework of each burr, and all other differences with the reason why they are left.
 
-    Under a constant force the material that goes away per second is the same, hence its height is as one over the feed.
+    removal: height that a pass takes off at the job's feed, mm. Raises JobError if that is no
+    length, or makes too many passes.
     """
     if not (math.isfinite(removal) and removal > 0):
         raise JobError(
@@ -94,17 +100,32 @@ def list_rework(found: Inspection, job: Job, removal: float) -> tuple[Rework, ..
             f"cannot be {removal:g} mm",
             remedy="give what one pass takes off, above 0 mm",
         )
-    by: dict[str, list[float]] = {}
-    for one in found.burrs:
-        by.setdefault(one.contour, []).append(one.height)
-    return tuple(
-        Rework(name, len(heights), max(heights), *_more(max(heights), removal, job.process.feed))
-        for name, heights in by.items()
+    is_off = any(each.kind == "dimension" for each in found.differences)
+    loose = shapely.union_all([each.shape for each in found.differences if each.kind == "loose"])
+    planned: list[Rework | NotReworked] = []
+    for number, each in enumerate(found.differences, 1):
+        if each.kind != "burr":
+            planned.append(NotReworked(number, WHY_NOT[each.kind]))
+        elif is_off:
+            planned.append(NotReworked(number, WHY_NOT_OFF))
+        else:
+            work = plan_burr(number, each, found.expected, job, removal)
+            if isinstance(work, Rework) and is_in_the_way(work.stretch, loose, job):
+                work = NotReworked(number, "a loose thing lies beside it, in the way of the tool")
+            planned.append(work)
+    return (
+        tuple(each for each in planned if isinstance(each, Rework)),
+        tuple(each for each in planned if isinstance(each, NotReworked)),
     )
 
 
-def _more(height: float, removal: float, feed: float) -> tuple[int, float]:
-    return max(math.ceil(height / removal - 1e-9), 1), feed * min(removal / height, 1.0)
+def _of_part(borders: list[FloatArray], expected: Expected) -> list[FloatArray]:
+    """The outlines of the largest pieces, as many as are drawn: chips do not say where the part lies."""
+    pieces = shapely.get_parts(enclose(borders))
+    order = np.argsort([-shapely.Polygon(piece.exterior).area for piece in pieces], kind="stable")
+    parts = pieces[order[: shapely.get_num_geometries(expected.region)]]
+    rings = shapely.get_parts(shapely.boundary(shapely.multipolygons(parts)))
+    return [shapely.get_coordinates(ring)[:-1] for ring in rings]
 
 
 def _in_work(border: FloatArray, work_from_view: FloatArray) -> FloatArray:

@@ -15,7 +15,7 @@ from camgen.check.photo.expected import Expected
 from camgen.model.pose import FloatArray
 
 #: The foot of a difference: where it is a third of the limit, which the noise of an outline is not.
-_FOOT = 1 / 3
+FOOT = 1 / 3
 #: Round corners of what is grown by a length: chords of a quarter circle.
 _CHORDS = 16
 #: Pieces smaller than this (mm2) are rounding; so are gaps of this, mm.
@@ -35,8 +35,8 @@ class Difference(Struct, frozen=True, eq=False):
 
     place: where it is greatest. height: how far it stands out of, or reaches into, what is expected; where all of it is
     missing, or a gap is filled, half of that width. length: along the outline; of an island by itself, its own. area:
-    mm2. contour: the nearest. whole: it lies apart from the outline: an island too much, or one that is missing.
-    shape: its polygon.
+    mm2. contour: the nearest. whole: it lies apart from the outline, an island too much or missing, or a hole too much.
+    shape: its polygon. kind: one of camgen.check.photo.kinds.
     """
 
     much: bool
@@ -47,6 +47,7 @@ class Difference(Struct, frozen=True, eq=False):
     contour: str
     whole: bool
     shape: shapely.Geometry
+    kind: str = ""
 
 
 class _Compared(Struct, frozen=True, eq=False):
@@ -69,7 +70,7 @@ def differ(
     both = _Compared(seen, expected, blur, _corners(region))
     found = [_tell(piece, both, True) for piece in _beyond(seen, region, least)]
     found += [_tell(piece, both, False) for piece in _beyond(region, seen, least)]
-    told = [one for one in found if one.height >= least]
+    told = [one for one in found if one.whole or one.height >= least]
     return tuple(sorted(told, key=lambda one: (-one.height, one.place)))
 
 
@@ -90,7 +91,7 @@ def _beyond(more: shapely.Geometry, less: shapely.Geometry, least: float) -> lis
     What lies farther than that outside of the one or deeper than that inside of the other is a difference: between two
     borders nearer than twice that to each other only one of the two can be.
     """
-    foot = least * _FOOT
+    foot = least * FOOT
     gone = shapely.difference(more, less)
     pieces = []
     base = shapely.union(
@@ -110,23 +111,28 @@ def _beyond(more: shapely.Geometry, less: shapely.Geometry, least: float) -> lis
 
 def _tell(piece: shapely.Geometry, both: _Compared, much: bool) -> Difference:
     # With the middle of it: of a hole that is filled no point of the border is far from what is expected.
-    points = np.concatenate([_middle(piece), shapely.get_coordinates(piece)])
+    middle, radius = _middle(piece)
+    points = np.concatenate([middle, shapely.get_coordinates(piece)])
     expected = both.expected
-    off = shapely.distance(shapely.points(points), shapely.boundary(expected.region))
-    top = int(off.argmax())
-    place = shapely.points(points[top])
-    lines = [shapely.LineString(np.concatenate([ring, ring[:1]])) for ring in expected.rings]
-    nearest = int(np.argmin(shapely.distance(np.array(lines), place)))
+    edge = shapely.boundary(expected.region)
+    off = shapely.distance(shapely.points(points), edge)
     whole = not shapely.intersects(
         piece, shapely.buffer(expected.region if much else both.seen, _TOUCH)
     )
+    if not much and not expected.inked:
+        whole = whole or bool(shapely.distance(piece, edge) > _TOUCH)
+    # How far something lies from the outline is not its size.
+    top = 0 if whole else int(off.argmax())
+    place = shapely.points(points[top])
+    lines = [shapely.LineString(np.concatenate([ring, ring[:1]])) for ring in expected.rings]
+    nearest = int(np.argmin(shapely.distance(np.array(lines), place)))
     length = (
         _own_length(piece)
         if whole or expected.inked
         else _along(points[1:], expected.rings[nearest])
     )
-    height = float(off[top])
-    if top and not whole and shapely.distance(place, both.corners) > _CORNER_BLURS * both.blur:
+    height = radius if whole else float(off[top])
+    if top and shapely.distance(place, both.corners) > _CORNER_BLURS * both.blur:
         height += _lost(both, points[top], much)
     x, y = points[top].tolist()
     return Difference(
@@ -170,11 +176,10 @@ def _lost(both: _Compared, tip: FloatArray, much: bool) -> float:
     return float(np.clip(_PUT_RIGHT * gone * pixel, 0.0, both.blur))
 
 
-def _middle(piece: shapely.Geometry) -> FloatArray:
-    """The centre (1, 2) of the greatest circle in it."""
-    return np.asarray(
-        shapely.get_coordinates(shapely.maximum_inscribed_circle(piece, tolerance=1e-3))[:1]
-    )
+def _middle(piece: shapely.Geometry) -> tuple[FloatArray, float]:
+    """The centre (1, 2) and the radius of the greatest circle in it."""
+    circle = shapely.maximum_inscribed_circle(piece, tolerance=1e-3)
+    return np.asarray(shapely.get_coordinates(circle)[:1]), float(circle.length)
 
 
 def _own_length(piece: shapely.Geometry) -> float:

@@ -40,6 +40,7 @@ class Fit(Struct, frozen=True):
     shift: tuple[float, float]
     share: float
     rms: float
+    near: float = 0.0
     rivals: tuple[float, ...] = ()
 
     def apply(self, points: FloatArray) -> FloatArray:
@@ -81,11 +82,16 @@ def lay_on(name: str, borders: Sequence[FloatArray], region: shapely.Geometry, s
     # Of turns that fit as well the least: the part lies as the photo says, more or less.
     chosen = min(alike, key=lambda fit: round(abs(fit.turn), 1))
     found = _score(_refine(line, many, chosen, _FINE_ROUNDS, near * 3), line, many, near)
-    if found.share < _LEAST_FITTING:
-        what = f"does not show {source}: {100 * found.share:.0f} % of its outline lies within {near:.2f} mm of that"
+    insist_on_fit(name, source, found.share, near, _LEAST_FITTING)
+    return Fit(found.turn, found.shift, found.share, found.rms, near, _rivals(alike, chosen))
+
+
+def insist_on_fit(name: str, source: str, share: float, near: float, least: float) -> None:
+    """Raises InputError if only ``share`` of the outlines lies within ``near`` mm, and not ``least``."""
+    if share < least:
+        what = f"does not show {source}: {100 * share:.0f} % of its outline lies within {near:.2f} mm of that"
         remedy = "give the drawing of this part, check the scale of the photo, or its mask by camgen inspect"
-        raise InputError(name, what, remedy=remedy)
-    return Fit(found.turn, found.shift, found.share, found.rms, _rivals(alike, chosen))
+        raise InputError(name, what, f"{100 * least:.0f} % must", remedy)
 
 
 def _line(region: shapely.Geometry) -> _Line:

@@ -1,0 +1,175 @@
+"""The rework of burrs: a stretch of contour for each, its passes and its feed.
+
+Under a constant force the same material goes away per second, so that the height that a pass takes
+off is as one over the feed. A burr gets as many whole passes as its height has removals, at the
+feed at which they take all of it off. That feed is never above the feed of the job, and more than
+half of it.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import shapely
+from msgspec import Struct
+
+from camgen.check.photo.differences import Difference
+from camgen.check.photo.expected import Expected
+from camgen.check.photo.registration import Fit
+from camgen.model.errors import JobError, NoSafeProgram
+from camgen.model.job import Job
+from camgen.model.pose import FloatArray
+
+#: Most passes over a burr. A pass of less than a twentieth of the highest burr, 3 mm, is about as
+#: small as the error of a height, 0.05 mm: it is not known then how many passes there must be.
+MOST_PASSES = 20
+#: Between the foot of a burr and the place where the tool meets the contour, mm: the error of its
+#: ends, which the blur of the photo hides.
+BESIDE = 1.0
+#: Length of run-in and run-out, mm, if the job has none.
+LEAD = 2.0
+#: A photo has the frame of the drawing if the part is turned by less, rad, and moved by less, mm,
+#: than a part that is clamped again by hand.
+SAME_TURN, SAME_PLACE = 0.17, 5.0
+#: The tool may be so deep in the drawn part, mm2 of its sweep, by rounding.
+_NOTHING = 0.01
+#: The swept area is narrower than the tool by this, mm: chords, and the fit of the photo.
+_SLACK = 0.02
+#: Chords of a quarter circle of the sweep.
+_CHORDS = 32
+
+
+class Rework(Struct, frozen=True, eq=False):
+    """Passes over a burr."""
+
+    #: Its place in the list of differences, from 1.
+    number: int
+    #: The burr.
+    burr: Difference
+    #: Runs along its stretch.
+    passes: int
+    #: Speed of the contact point, mm/s.
+    feed: float
+    #: (N, 2) points along the contour, mm, the material on the left.
+    stretch: FloatArray
+
+
+class NotReworked(Struct, frozen=True):
+    """A difference that is not worked again."""
+
+    #: Its place in the list of differences, from 1.
+    number: int
+    #: The reason.
+    why: str
+
+
+def plan_passes(height: float, removal: float, feed: float) -> tuple[int, float]:
+    """Passes over a burr of ``height`` mm and their feed, mm/s.
+
+    removal: height that a pass takes off at ``feed``, mm.
+
+    >>> plan_passes(0.8, 0.2, 20.0), plan_passes(0.1, 0.2, 20.0)
+    ((4, 20.0), (1, 20.0))
+    >>> plan_passes(0.5, 0.2, 20.0)
+    (2, 16.0)
+    """
+    passes = max(math.floor(height / removal + 1e-9), 1)
+    return passes, feed * min(passes * removal / height, 1.0)
+
+
+def cut_stretch(burr: Difference, expected: Expected, radius: float) -> FloatArray:
+    """The stretch (N, 2) of contour on which a tool of ``radius`` mm works ``burr``.
+
+    The material is on its left. It reaches beyond the foot by the room that the tool
+    needs beside the burr, and `BESIDE`. A stretch is no longer than its contour.
+    """
+    ring = _material_left(expected.rings[expected.names.index(burr.contour)], expected.region)
+    line = shapely.LineString(np.concatenate([ring, ring[:1]]))
+    rows = shapely.points(shapely.get_coordinates(burr.shape))
+    at = np.sort(shapely.line_locate_point(line, rows))
+    gaps = np.append(np.diff(at), at[0] + line.length - at[-1])
+    start = float(at[(int(gaps.argmax()) + 1) % len(at)])
+    height = min(burr.height, radius)
+    room = math.sqrt(height * (2 * radius - height)) + BESIDE
+    begin, length = start - room, line.length - float(gaps.max()) + 2 * room
+    return _along(ring, line, begin % line.length, min(length, line.length))
+
+
+def is_clear(stretch: FloatArray, region: shapely.Geometry, radius: float) -> bool:
+    """Whether a tool of ``radius`` mm on the right of ``stretch`` keeps clear of the drawn part."""
+    path = shapely.offset_curve(
+        shapely.LineString(stretch), -radius, quad_segs=_CHORDS, join_style="round"
+    )
+    swept = shapely.buffer(path, radius - _SLACK, quad_segs=_CHORDS)
+    return not path.is_empty and shapely.intersection(swept, region).area < _NOTHING
+
+
+def plan_burr(
+    number: int, burr: Difference, expected: Expected, job: Job, removal: float
+) -> Rework | NotReworked:
+    """The rework of a burr. Raises JobError if it needs too many passes."""
+    passes, feed = plan_passes(burr.height, removal, job.process.feed)
+    if passes > MOST_PASSES:
+        x, y = burr.place
+        what = f"{removal:g} mm would make {passes} passes over the burr "
+        what += f"of {burr.height:.2f} mm at {x:.2f}, {y:.2f}"
+        least = burr.height / MOST_PASSES
+        remedy = f"take a tool, a force or a feed that takes off {least:.2g} mm a pass or more"
+        raise JobError("--removal", what, f"{MOST_PASSES} at most", remedy)
+    stretch = cut_stretch(burr, expected, job.tool.radius)
+    if not is_clear(stretch, expected.region, job.tool.radius):
+        return NotReworked(number, f"a {job.tool.diameter:g} mm tool does not fit beside it")
+    return Rework(number, burr, passes, feed, stretch)
+
+
+def is_in_the_way(stretch: FloatArray, loose: shapely.Geometry, job: Job) -> bool:
+    """Whether the tool, with run-in and run-out, may touch a loose thing on its way."""
+    reach = job.tool.diameter + max(job.operation.lead_in, job.operation.lead_out, LEAD)
+    return bool(shapely.distance(shapely.LineString(stretch), loose) < reach)
+
+
+def insist_on_following(job: Job, kind: str) -> None:
+    """Raises JobError for a job that follows no contours, or has several operations."""
+    if job.operations:
+        remedy = "give --against the job that deburrs, with an [operation] alone"
+        raise JobError("--rework", "the job of the drawing has several operations", remedy=remedy)
+    if kind != "follow":
+        remedy = 'set operation.kind to "follow"'
+        raise JobError("--rework", f"works along contours, and this job is {kind}", remedy=remedy)
+
+
+def insist_on_pose(photo: str, fit: Fit, region: shapely.Geometry) -> None:
+    """Raises NoSafeProgram for a part of several like sides that lies otherwise than drawn.
+
+    Of a part that lies as drawn the photo has the frame of the drawing, and the nearest turn is it.
+    """
+    if not fit.rivals:
+        return
+    middle = shapely.get_coordinates(shapely.centroid(region))
+    moved = float(np.linalg.norm(fit.apply(middle) - middle))
+    if abs(fit.turn) > SAME_TURN or moved > SAME_PLACE:
+        what = "the part looks the same from several sides, so that a burr may be on another one"
+        remedy = "take the photo in the work frame, with the part as it is clamped"
+        raise NoSafeProgram(photo, what, "--rework", remedy)
+
+
+def _material_left(ring: FloatArray, region: shapely.Geometry) -> FloatArray:
+    """The ring (N, 2) run so that ``region`` is on its left."""
+    longest = int(np.argmax(np.linalg.norm(np.roll(ring, -1, axis=0) - ring, axis=1)))
+    start, end = ring[longest], ring[(longest + 1) % len(ring)]
+    along = (end - start) / np.linalg.norm(end - start)
+    x, y = (start + end) / 2 + 0.01 * np.array([-along[1], along[0]])
+    return ring if shapely.contains_xy(region, x, y) else ring[::-1]
+
+
+def _along(ring: FloatArray, line: shapely.Geometry, begin: float, length: float) -> FloatArray:
+    """The points (N, 2) of ``line``, the closed ``ring``, from ``begin`` mm on."""
+    steps = np.linalg.norm(np.diff(np.concatenate([ring, ring[:1]]), axis=0), axis=1)
+    corners = np.concatenate([[0.0], np.cumsum(steps)[:-1]])
+    ahead = (corners - begin) % line.length
+    order = np.argsort(ahead, kind="stable")
+    order = order[(ahead[order] > 1e-6) & (ahead[order] < length - 1e-6)]
+    ends = shapely.line_interpolate_point(line, [begin, (begin + length) % line.length])
+    first, last = shapely.get_coordinates(ends)
+    return np.concatenate([[first], ring[order], [last]])

@@ -1,0 +1,122 @@
+"""The two files of a rework: a drawing with a stretch for each burr, and the job that works them.
+
+The job holds all that its program depends on: tool, speeds, force, cell and post. Nothing of the
+job that it was made from is read again.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+from msgspec import Struct, structs
+
+from camgen.check.photo import Inspection, Rework
+from camgen.check.photo.rework import LEAD
+from camgen.model.job import Job, OperationTable
+from camgen.model.job_tables import FILES, split_name
+from camgen.model.pose import FloatArray
+from camgen.model.text import counted, harmless, short
+from camgen.model.toml import toml
+from camgen.model.version import __version__
+
+#: Tables that are taken from the job as they are.
+_TABLES = ("tool", "process", "tolerance", "cell", "limits")
+#: Keys of them that are left out, since the photo may show loose things and burrs between contours.
+_LEFT_OUT = (("process", "stay_down"), ("process", "max_feed"))
+#: Keys of [operation] that hold for the rework too.
+_KEPT = ("depth", "direction", "corner_radius", "lead_in", "lead_out")
+#: Layer of the whole contours, which no operation works on.
+PART_LAYER = "part"
+
+
+def name_layer(work: Rework) -> str:
+    """The layer of the stretch of a burr."""
+    return f"burr{work.number}"
+
+
+def write_drawing(works: Sequence[Rework], rings: Sequence[FloatArray]) -> bytes:
+    """The stretches as a DXF drawing in mm, each on its layer, and the contours ``rings``."""
+    lines = ["0", "SECTION", "2", "HEADER", "9", "$ACADVER", "1", "AC1015"]
+    lines += ["9", "$INSUNITS", "70", "4", "0", "ENDSEC", "0", "SECTION", "2", "ENTITIES"]
+    for ring in rings:
+        lines += _polyline(PART_LAYER, ring, closed=True)
+    for work in works:
+        lines += _polyline(name_layer(work), work.stretch, closed=False)
+    lines += ["0", "ENDSEC", "0", "EOF", ""]
+    return "\n".join(lines).encode()
+
+
+def _polyline(layer: str, points: FloatArray, closed: bool) -> Iterator[str]:
+    yield from ("0", "LWPOLYLINE", "100", "AcDbEntity", "8", layer, "100", "AcDbPolyline")
+    yield from ("90", str(len(points)), "70", str(int(closed)))
+    for x, y in np.round(points, 6).tolist():
+        yield from ("10", f"{x:.6f}", "20", f"{y:.6f}")
+
+
+def write_job(inspection: Inspection, works: Sequence[Rework], job: Job, target: Path) -> bytes:
+    """The job of the rework, for the file ``target``."""
+    names = f"{harmless(inspection.photo.source)} against {harmless(inspection.expected.source)}"
+    lines = [
+        f"# camgen {__version__}: rework of {counted(len(works), 'burr')}, {names}",
+        f"# Build it with the drawing beside it: camgen build {harmless(target.stem)}.dxf",
+        "# It is for the part as the photo shows it: after a run, also one that was broken off,",
+        "# take another photo and another rework.",
+        "",
+        "[input]",
+        'units = "mm"',
+    ]
+    for table in _TABLES:
+        lines += _table(table, getattr(job, table), target.parent)
+    lines += ["", "[operation]", *_operation(job.operation)]
+    if job.post:
+        lines += ["", "[post]", *(f"{key} = {toml(value)}" for key, value in job.post.items())]
+    for work in works:
+        lines += _rows(work)
+    return "\n".join([*lines, ""]).encode()
+
+
+def _table(name: str, table: Struct, folder: Path) -> list[str]:
+    """The settings of a table that differ from their defaults, files as seen from ``folder``."""
+    default = type(table)()
+    lines = []
+    for key, value in structs.asdict(table).items():
+        if value == getattr(default, key) or (name, key) in _LEFT_OUT:
+            continue
+        lines.append(f"{key} = {toml(_seen_from(folder, name, key, value))}")
+    return ["", f"[{name}]", *lines] if lines else []
+
+
+def _seen_from(folder: Path, table: str, key: str, value: object) -> object:
+    """A setting with the files that it names as they are found from ``folder``."""
+    if key == "fixtures" and isinstance(value, list):
+        return [_relative(folder, item) if isinstance(item, str) else item for item in value]
+    is_file = (table, key) in FILES and (key != "robot" or split_name(str(value)))
+    return _relative(folder, str(value)) if is_file else value
+
+
+def _relative(folder: Path, name: str) -> str:
+    return Path(os.path.relpath(name, folder)).as_posix()
+
+
+def _operation(operation: OperationTable) -> list[str]:
+    settings: dict[str, object] = {"kind": "follow", "side": "right"}
+    settings |= {key: getattr(operation, key) for key in _KEPT}
+    for key in ("lead_in", "lead_out"):
+        settings[key] = settings[key] or LEAD
+    return [f"{key} = {toml(value)}" for key, value in settings.items()]
+
+
+def _rows(work: Rework) -> Iterator[str]:
+    """An operation for each pass, at the whole depth."""
+    x, y = work.burr.place
+    size = f"{work.burr.height:.2f} mm high, {work.burr.length:.2f} mm long"
+    at = f"at {x:.2f} {y:.2f} of {harmless(work.burr.contour)}"
+    yield ""
+    yield f"# burr {work.number}: {size}, {at}: {counted(work.passes, 'pass', 'passes')}"
+    for _ in range(work.passes):
+        yield "[[operations]]"
+        yield f"layers = [{toml(name_layer(work))}]"
+        yield f"feed = {short(work.feed, 3)}"
