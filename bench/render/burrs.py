@@ -33,7 +33,8 @@ def with_burrs(
     """The part with ``count`` burrs, ``low`` to ``high`` mm high and two to eight times as wide, apart from each other
     and from corners; one in four is a gouge. Fewer where its straight pieces have no room.
 
-    widths: the range of their widths, mm, where these do not follow from the heights. Then none is a gouge.
+    widths: range of the widths, mm. None derives the widths from the heights. With a range, all
+    burrs are bumps.
     """
     changed, burrs = list(loops), []
     for _ in range(20 * count):

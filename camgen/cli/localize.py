@@ -173,11 +173,11 @@ def job(names: tuple[str, str], units: tuple[str, str], found: Location, stood: 
     units: the units of the model and of the scan.
     stood: the place of the scanner; "" if it is not known.
     """
-    told = [f"{label}: {text}" if label else text for label, text, _ in _describe(found, stood)]
+    evidence = [f"{label}: {text}" if label else text for label, text, _ in _describe(found, stood)]
     lines = [
         f"camgen {__version__}: where {harmless(names[0])} stands in {harmless(names[1])}",
         f"units: {_tell_unit(units[0])} in the model, {_tell_unit(units[1])} in the scan",
-        *told,
+        *evidence,
     ]
     return "".join(f"# {line}\n" for line in lines) + f"\n[cell]\n{_line(found.base_from_work)}\n"
 

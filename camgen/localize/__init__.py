@@ -1,8 +1,10 @@
-"""Where a CAD part stands in a point cloud: a coarse search from everywhere, an exact fit, and what speaks against it.
+"""The pose of a CAD part in a point cloud: a search, an exact fit, and the evidence against it.
 
-``localize`` is the walk; ``scans`` reads clouds, ``starts`` and ``coarse`` search,
-``nearest`` and ``fine`` refine, ``sight`` says what the scanner can have seen, ``rims`` whether the scan ends where the
-part does, ``doubt`` looks for other poses that fit as well.
+- `scans`, `clouds` and `advice` read clouds and their units.
+- `clutter` leaves out strays and the bench.
+- `search`, `starts` and `coarse` look for poses, `fine` refines them.
+- `doubt` compares poses that fit as well, `sight` says what a scanner can see.
+- `rims` and `verdict` compare the shape of the scan with that of the model.
 """
 
 from __future__ import annotations
@@ -37,7 +39,7 @@ from camgen.localize.search import (
     FEW,
     LEAST_SEEN,
     MOST_HIDDEN,
-    Ground,
+    PreparedModel,
     Scene,
     Tries,
     find_again,
@@ -54,17 +56,16 @@ from camgen.model.part import IntArray
 from camgen.model.pose import IDENTITY, FloatArray, Pose, angle_between, frozen, to_vec3
 from camgen.model.text import short
 
-# The walk: search everywhere, refine the best, look for others that fit as well, and judge what was found.
-
-#: Points that the last fit is made of at most.
+#: The last fit uses this many points at most.
 _MANY = 400_000
-#: Poses whose costs (0..1, see ``fine.cost``) differ by less fit equally well. At least so many poses are compared.
+#: Poses fit equally well if their costs (0..1, see ``fine.cost``) differ by less. The comparison
+#: takes this many poses at least, and all within the last difference.
 _SAME_COST, _COMPARED, _FAR_COST = 0.004, 24, 0.05
-#: Less than this share of the scan lies on the model: the part was not found.
+#: The part was not found if less than this share of the scan lies on the model.
 LEAST_OVERLAP = 0.3
-#: More points in the model's box that are not on it than this, per point that is: it was not found either.
+#: The part was not found if the box of the model holds more points off it than this, per point on it.
 MOST_STRAY = 0.1
-#: A scan smaller or larger than this, as part of the model's size, is in another unit, or does not show it.
+#: A scan of less or more than this, as a share of the model's size, cannot show the model.
 _SMALLEST, _LARGEST = 0.05, 50.0
 #: The scan runs on beyond more than this of the part's rims: it is a place on a larger part (0.41 to 0.64 of most that
 #: nothing else refused). More than the other: it may be, unless it stands where it was said to (0.13 at least of what
@@ -77,14 +78,20 @@ _LISTED = 3
 
 
 class Location(Struct, frozen=True, eq=False):
-    """Where the model stands in the scan. Lengths mm, in the scan's frame.
+    """The pose of the model in the scan. Lengths are mm, in the scan's frame.
 
-    points: of the scan. isolated, bench: how many of them were left out, far from all others or on the bench.
-    overlap: share of the others within ``within`` of the model. rms: of the distances of the ``used`` points.
-    rivals: other poses that fit as well; next_best: the best of those that do not. free, weak: "" or what the scan
-    does not hold, in words. told_apart: mm, surfaces that are nearer to each other the noise does not tell apart.
-    run_on: share 0..1 of the rims that show beyond which the scan runs on. patches: where the scan shows another shape
-    than the model. again: where the scan shows the model a second time.
+    points: the number of points of the scan.
+    overlap: the share of the points on the model; points left out do not count.
+    within: the distance up to which a point is on the model.
+    rms: the rms distance of the ``used`` points.
+    seen: the shares of the surface that the scan shows.
+    rivals, next_best: other poses that fit as well, and the best of the poses that do not.
+    free, weak: a motion that the scan does not hold, or holds weakly, in words; else "".
+    told_apart: surfaces nearer to each other than this are one in the noise.
+    run_on: the share 0..1 of the rims beyond which the scan runs on.
+    patches: the differences between scan and model.
+    isolated, bench: the numbers of points that were left out as strays and as the bench.
+    again: the poses of further parts in the scan.
     """
 
     base_from_work: Pose
@@ -114,13 +121,19 @@ def localize(
     stage: Callable[[str], None] = lambda _: None,
     viewpoint: FloatArray | None = None,
 ) -> Location:
-    """Finds the part, vertices (V, 3) and faces (F, 3), in ``scan`` (N, 3), both mm. ``InputError`` if it is not there,
-    ``NoSafeProgram`` if it may as well stand where its surface is elsewhere, by more than the noise, or be a place on a
-    larger part, and ``start`` does not decide that; or if the scan shows another shape.
+    """Finds a part in a scan.
 
-    name: of the scan, for errors. start: base_from_work as far as it is known: tried too, and of poses that fit equally
-    well the one that is turned least from it is taken (without it: least turned at all). viewpoint: (3,) where the
-    scanner stood, in the scan's frame, mm: what the part hides from there was not seen.
+    name: the name of the scan, for errors.
+    part: vertices (V, 3), mm, and faces (F, 3).
+    scan: points (N, 3), mm.
+    start: base_from_work, as far as it is known. The search begins there. Of poses that fit equally
+        well, the pose with the least turn from it is taken; without it, the least turn at all.
+    viewpoint: the scanner's place (3,), mm, in the scan's frame. The scanner did not see surface
+        that the part hides from there.
+
+    Raises InputError if the part is not there. Raises NoSafeProgram if the scan shows another
+    shape, if it may show a larger part, or if another pose fits as well, moves the surface by more
+    than the noise, and ``start`` does not decide.
     """
     # About the middle of the scan, so that coordinates far from the origin lose no digits in single precision.
     middle = np.median(scan, axis=0)
@@ -203,7 +216,7 @@ class _Told(Struct, frozen=True, eq=False):
 
 
 def _judge(
-    told: _Told, ground: Ground, scene: Scene, final: ScanFit, others: Alternatives
+    told: _Told, ground: PreparedModel, scene: Scene, final: ScanFit, others: Alternatives
 ) -> Location:
     """What was found with all that speaks for and against it. ``InputError`` if it cannot be the part,
     ``NoSafeProgram`` if it could be elsewhere, or the scan shows another shape.
@@ -248,7 +261,7 @@ def _place(fit: ScanFit, middle: FloatArray) -> Pose:
 
 
 def _refuse_unseen(
-    told: _Told, ground: Ground, view: View, final: ScanFit, gate: float
+    told: _Told, ground: PreparedModel, view: View, final: ScanFit, gate: float
 ) -> SeenShare:
     """How much of the part shows. ``InputError`` if that is too little, or what shows could not be seen."""
     model, samples, name = ground.model, ground.samples, told.name
@@ -277,10 +290,10 @@ def _refuse_unseen(
 
 
 def _refuse_other_shape(told: _Told, model: Model, found: Location) -> None:
-    """``NoSafeProgram`` if surface that should be seen is not, or the scan runs on where the model ends.
+    """Raises NoSafeProgram if surface is missing, or if the scan runs on at the end of the model.
 
-    A start near by says that what runs on there is another thing, and that a scan which lets the part slide does not
-    show its ends.
+    A start near the pose decides that a neighbour runs on there, and that a scan which lets the
+    part slide does not show its ends.
     """
     known = told.start is not None and is_near(model, told.start, found.base_from_work)
     against = [patch for patch in found.patches if not (known and (patch.beyond or found.free))]

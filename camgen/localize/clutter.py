@@ -1,4 +1,4 @@
-"""The points of a scan that are not the part: isolated points, and the bench that the part stands on."""
+"""The points of a scan that are not the part: isolated points, and the bench under the part."""
 
 from __future__ import annotations
 
@@ -12,31 +12,34 @@ from camgen.model.part import BoolArray
 from camgen.model.pose import FloatArray
 from camgen.model.tolerance import SIGMAS_OF_MEDIAN
 
-#: A point is isolated if its third neighbour is farther than this many times the median of all. A surface that is seen
-#: at 86 deg from its normal has so wide a spacing.
+#: A point is isolated if its third neighbour is farther than this many times the median of all.
+#: A surface that is seen at 86 deg from its normal has that spacing.
 _NEIGHBOURS, _ISOLATED = 3, 4.0
 #: Places, and neighbours of each, that show the noise.
 _NOISE_PLACES, _NOISE_NEIGHBOURS = 400, 12
 #: Points that show the plane of a bench, and triples that are drawn from them with a fixed seed.
 _PLANE_POINTS, _TRIES = 3000, 300
-#: Standard deviations of the noise within which a point lies in a plane, and the least such distance as a share of the
-#: model's size: a bench is not quite flat.
+#: A point lies in a plane within this many standard deviations of the noise, and within this share
+#: of the model's size: a bench is not quite flat.
 _IN_PLANE, _FLATNESS = 3.5, 1e-3
-#: Planes that are looked at.
+#: Planes that are examined.
 _MOST_PLANES = 3
-#: A bench holds at least this share of the points that may be it, and this share of all else is on one side of it.
+#: A bench holds at least this share of its candidates, and has this share of the rest on one side.
 _LEAST_BENCH, _ONE_SIDE = 0.05, 0.95
 #: A plane is larger than each flat face of the model if its area is larger by this factor.
 _LARGER = 1.25
-#: Flat faces of the model are alike within these steps of the normal and of the distance, as a share of the size.
+#: Triangles belong to one face within these steps of the normal and of the distance. The distance
+#: is a share of the model's size.
 _SAME_NORMAL, _SAME_PLANE = 0.02, 2e-3
 
 
 class Bench(Struct, frozen=True, eq=False):
     """A plane with the scene on one side.
 
-    normal: (3,), unit, towards the scene and the scanner. height: mm, of the plane along the normal.
-    within: mm, a point nearer than this lies in it. certain: whether no face of the model can be it.
+    normal: (3,), unit, towards the scene and the scanner.
+    height: the height of the plane along the normal, mm.
+    within: the distance up to which a point lies in the plane, mm.
+    certain: whether the plane is larger than each face of the model.
     """
 
     normal: FloatArray
@@ -45,18 +48,18 @@ class Bench(Struct, frozen=True, eq=False):
     certain: bool
 
     def carries(self, places: FloatArray, slack: float) -> bool:
-        """Whether none of ``places`` (N, 3) is behind the plane by more than the noise and ``slack`` (mm)."""
+        """Whether all ``places`` (N, 3) are above the plane, up to the noise and ``slack`` (mm)."""
         return float((places @ self.normal).min()) - self.height > -(2 * self.within + slack)
 
     def holds(self, points: FloatArray) -> BoolArray:
-        """Which of ``points`` (N, 3) lie in the plane or behind it."""
+        """Whether each of ``points`` (N, 3) lies in the plane or below it: (N,)."""
         return np.asarray(points @ self.normal - self.height < self.within)
 
 
 def isolated(points: FloatArray) -> BoolArray:
-    """Which of ``points`` (N, 3) are far from all others, as stray points and flying pixels are.
+    """Whether each of ``points`` (N, 3) is far from all others, as strays and flying pixels are.
 
-    A surface that was seen sparsely is none of them: its points lie in the planes of their neighbours.
+    The points of a sparse surface are not: they lie in the planes of their neighbours.
     """
     cloud = Cloud(points)
     distances = cloud.nearest(points, min(_NEIGHBOURS + 1, len(points)))[1][:, -1]
@@ -85,10 +88,12 @@ def measure_noise(points: FloatArray) -> float:
 
 
 def find_benches(model: Model, points: FloatArray, among: FloatArray | None = None) -> list[Bench]:
-    """Planes that may be the bench, the one with most points first: ``points`` (N, 3) lie on one side of it.
+    """Planes that may be the bench, the one with most points first.
 
-    A face of the part may be such a plane too, seen from its outer side. among: (M, 3), the points that may be the
-    bench, None: all.
+    The scene lies on one side of a bench. A face of the part may be such a plane too.
+
+    points: (N, 3), the scene.
+    among: (M, 3), the points that may be the bench; None for all.
     """
     left = points if among is None else among
     least = _LEAST_BENCH * len(left)
@@ -112,21 +117,22 @@ def find_benches(model: Model, points: FloatArray, among: FloatArray | None = No
 def _turn_up(
     model: Model, points: FloatArray, normal: FloatArray, height: float, within: float
 ) -> Bench | None:
-    """The plane as a bench under ``points`` (N, 3), None if these are on both of its sides."""
+    """The plane as a bench under ``points`` (N, 3), None if the points are on both sides."""
     offsets = points @ normal - height
-    beside = np.abs(offsets) >= within
-    above = float(np.mean(offsets[beside] > 0)) if beside.any() else 1.0
+    off_plane = np.abs(offsets) >= within
+    above = float(np.mean(offsets[off_plane] > 0)) if off_plane.any() else 1.0
     if above < 0.5:
         normal, height, above = -normal, -height, 1 - above
     if above < _ONE_SIDE:
         return None
-    larger = _area(points[~beside], normal) > _LARGER * _largest_face(model)
+    larger = _area(points[~off_plane], normal) > _LARGER * _largest_face(model)
     return Bench(normal, height, within, larger)
 
 
 def _fit_plane(points: FloatArray, within: float) -> tuple[FloatArray, float] | None:
-    """The unit normal (3,) and the height, mm, of the plane nearest to most of ``points`` (N, 3): by MSAC (Torr and
-    Zisserman, 2000), then by least squares.
+    """The unit normal (3,) and the height, mm, of the plane with most of ``points`` (N, 3).
+
+    By MSAC (Torr and Zisserman, MLESAC, 2000), then by least squares.
     """
     drawn = np.random.default_rng(0).integers(0, len(points), (_TRIES, 3))
     a, b, c = (points[drawn[:, k]] for k in range(3))
@@ -154,8 +160,8 @@ def _area(points: FloatArray, normal: FloatArray) -> float:
     first = np.cross(normal, np.eye(3)[int(np.abs(normal).argmin())])
     first /= np.linalg.norm(first)
     flat = points @ np.column_stack([first, np.cross(normal, first)])
-    some = points[:: max(len(points) // 1000, 1)]
-    cell = 3 * float(np.median(Cloud(points).nearest(some, 2)[1][:, 1])) / SIGMAS_OF_MEDIAN
+    sample = points[:: max(len(points) // 1000, 1)]
+    cell = 3 * float(np.median(Cloud(points).nearest(sample, 2)[1][:, 1])) / SIGMAS_OF_MEDIAN
     cells = np.unique(np.floor(flat / max(cell, 1e-9)).astype(np.int64), axis=0)
     return len(cells) * cell * cell
 

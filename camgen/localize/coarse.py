@@ -128,8 +128,9 @@ def fit(field: DistanceField, points: FloatArray, poses: Poses, scale: float) ->
 
 
 def thin(points: FloatArray, count: int) -> FloatArray:
-    """About ``count`` of ``points`` (N, 3), spread evenly in space however densely the scanner saw each place. A place
-    with far fewer points than most has none of them: a stray point does not weigh as much as a patch of the part.
+    """About ``count`` of ``points`` (N, 3), spread evenly in space however dense the scan is.
+
+    A place with far fewer points than most is left out: a stray does not weigh as much as a patch.
     """
     low, span = points.min(axis=0), float(np.ptp(points, axis=0).max())
     cell, some = span / 2, points

@@ -85,8 +85,9 @@ class Alternatives(Struct, frozen=True, eq=False):
 def best_of(
     model: Model, samples: Cloud, view: View, others: Alternatives, final: ScanFit
 ) -> list[ScanFit]:
-    """The different fits that are as good as the best, judged by more points, ``view``: those not worse by more than
-    chance. final: any of them, for what counts as different.
+    """The different fits that are not worse than the best by more than chance.
+
+    view: more points than chose the fits. final: any of the fits, as the measure of difference.
     """
     least, limit = min(others.costs), _limit(model, final)
     kept: list[ScanFit] = []
@@ -390,8 +391,8 @@ def measure_seen(
 ) -> SeenShare:
     """How much of the model the scan shows: of all, and of the surface that the scanner could see.
 
-    That faces the scanner and is not hidden by the part itself. Without the scanner's place a place is estimated
-    that sees most of what was seen, and little else.
+    That surface faces the scanner, and the part itself does not hide it. An unknown place of the
+    scanner is estimated.
     """
     step = max(len(model.samples) // _SEEN_SAMPLES, 1)
     places, normals = model.samples[::step], model.sample_normals[::step]
@@ -416,10 +417,10 @@ def _hit(
     normals: FloatArray,
     limits: tuple[float, float],
 ) -> BoolArray:
-    """Which places on the model (N, 3) have a point of the scan, ``at`` (P, 3) in the model's frame, beside them.
+    """Whether each place on the model (N, 3) has a point ``at`` (P, 3), in the model's frame, beside it.
 
-    A point on a face with the opposite normal, as on the other side of a sheet, is none, unless the noise hides that.
-    limits: mm, how near a point is beside a place, and how far from the place's plane the noise puts it.
+    A point on a face with the opposite normal does not count, unless the noise hides that.
+    limits: mm, the distance of a point beside a place, and its height that noise explains.
     """
     cloud = Cloud(at)
     nearest, near = (each[:, 0] for each in cloud.nearest(places))

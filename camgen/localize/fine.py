@@ -23,7 +23,8 @@ _SLACK_SHARE = 0.2
 #: A pose that moves by less than this part of the model's size is at rest. Points that change their triangle keep it
 #: from standing quite still.
 _STILL_SHARE = 5e-7
-#: Two poses are told apart by a difference of their losses beyond so many standard deviations, and so many points.
+#: One of two poses is worse if its losses exceed the others by this many standard deviations, and
+#: by this sum.
 _DECISIVE, _FEW_POINTS = 4.0, 6.0
 #: A face whose normal has less than this cosine with the way up faces the bench.
 _DOWN = -0.5
@@ -239,8 +240,8 @@ def _pulls(model: Model, touch: Touch, places: FloatArray) -> tuple[FloatArray, 
 class View(Struct, frozen=True, eq=False):
     """Points of a scan (N, 3), mm, and what is known of the scanner.
 
-    eye: (3,), its place, mm, None if it is not known. up: (3,), unit, away from the bench that the part stands on, None
-    if there is none: the scanner then stood on that side of the bench.
+    eye: (3,), its place, mm; None if it is not known.
+    up: (3,), unit, from the bench to the part and the scanner; None without a bench.
     """
 
     points: FloatArray
@@ -249,9 +250,9 @@ class View(Struct, frozen=True, eq=False):
 
 
 def losses(model: Model, samples: Cloud, view: View, fit: ScanFit, gate: float) -> FloatArray:
-    """How badly each point of a view lies on the model, 0..1 (N,).
+    """The loss of each point of a view, 0..1 (N,): its squared distance in units of ``gate`` (mm).
 
-    It is the squared distance in units of ``gate`` (mm), and 1 for what is beyond, or what the scanner could not see.
+    It is 1 for points farther than the gate, and on places that the scanner cannot have seen.
     """
     touch = on(model, samples, fit.apply(view.points), gate)
     seen = ~unseen(model, touch, view, fit, gate)
@@ -266,15 +267,16 @@ def cost(model: Model, samples: Cloud, view: View, fit: ScanFit, gate: float) ->
 
 
 def is_worse(losses: FloatArray, best: FloatArray) -> bool:
-    """Whether a pose with these losses (N,) is worse than one with the losses ``best`` by more than chance."""
+    """Whether losses (N,) exceed the losses ``best`` of another pose by more than chance."""
     more = losses - best
     spread = float(np.sqrt((more * more).sum()))
     return float(more.sum()) > max(_DECISIVE * spread, _FEW_POINTS)
 
 
 def unseen(model: Model, touch: Touch, view: View, fit: ScanFit, gap: float) -> BoolArray:
-    """Which of the touched places the scanner cannot have seen: the model hides them by more than ``gap`` mm, or they
-    face the bench.
+    """Whether the scanner cannot have seen each of the touched places: (N,).
+
+    The model hides them by more than ``gap`` mm, or they face the bench.
     """
     if view.eye is not None:
         # From the model, not from the points: noise puts those of a face that is seen aslant far behind it.
@@ -297,8 +299,10 @@ def costs(
     gate: float,
     same: float = 0.0,
 ) -> list[float]:
-    """The ``cost`` of each fit. What the scanner could not see is only looked for where it may change the best, or what
-    is worse by at most ``same``; it makes no cost less.
+    """The ``cost`` of each fit.
+
+    Sight makes no cost less. So it is examined only for fits that may be the best, or worse by at
+    most ``same``.
     """
     if not fits:
         return []
@@ -318,7 +322,7 @@ def costs(
 
 
 def on(model: Model, samples: Cloud, at: FloatArray, reach: float) -> Touch:
-    """Where those of the places ``at`` (N, 3) touch the model that are within ``reach`` (mm) of it."""
+    """The touches of the places ``at`` (N, 3) within ``reach`` (mm) of the model."""
     touch = find_touched(model, candidates(model, samples, at, reach, 0.0), at)
     near = touch.distance <= reach
     return Touch(touch.point[near], touch.at[near], touch.triangle[near], touch.distance[near])

@@ -1,4 +1,4 @@
-"""The search for the model in a scan: poses from a coarse search, refined, in the scan with and without each bench."""
+"""The search for the model in a scan, with and without each plane that may be the bench."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from camgen.localize.model import Cloud, Model
 from camgen.localize.starts import heaps, starts, symmetries, things
 from camgen.model.pose import IDENTITY, FloatArray, Pose
 
-#: Points that choose among poses, and points that show which poses are worth more.
+#: Points that choose among poses, and points that choose the poses for a closer look.
 FEW, _FEWER = 1500, 300
-#: A pose is worth more if its cost is greater by less than this than that of the best one.
+#: A pose gets a closer look if its cost exceeds that of the best pose by less than this.
 _FAR_COST = 0.05
 #: Points in which things that stand apart are looked for.
 _SOME = 20_000
@@ -26,25 +26,29 @@ _SOME = 20_000
 WITHIN = 0.005
 #: If more of the points in the model's box than this do not lie on it, the search goes on.
 _STRAY = 0.02
-#: If the scanner cannot have seen more of the points on the model than this, the part does not stand there.
+#: The part does not stand at a pose that hides more than this share of its points.
 MOST_HIDDEN = 0.1
-#: Points that lie about a surface by chance spread evenly: 0.58 of the limit. A part that is there is well below.
+#: The rms distance of points from the part is below this share of the limit. Points that lie about
+#: a surface by chance spread evenly, with 0.58 of the limit.
 CHANCE = 0.4
-#: A scene whose points lie on the model but for this cost (0..1) is the right one. No other scene is searched.
+#: A scene is the right one if its best pose costs less than this (0..1). The search ends with it.
 _EXPLAINED = 0.1
 #: Fewer points than this hold no pose.
 LEAST = 100
 #: Poses that are tried again in the scene with the right bench.
 _CARRIED = 24
-#: Less than this share of what the scanner could see is in the scan: the part was not found.
+#: The part was not found if the scan holds less than this share of its near side.
 LEAST_SEEN = 0.7
-#: A further part: things are apart by this part of the model's size, it has at least this share of the points of the
-#: first, and costs no more than this.
+#: Things are apart by one part in this number of the model's size. A further part has at least
+#: this share of the points of the first one, and its pose costs less than this.
 _APART, _LIKE_FIRST, _AGAIN = 16, 0.3, 0.2
 
 
-class Ground(Struct, frozen=True, eq=False):
-    """The model as the search needs it. same: poses that put its surface about onto itself."""
+class PreparedModel(Struct, frozen=True, eq=False):
+    """The model, prepared for the search.
+
+    same: poses that put its surface about onto itself.
+    """
 
     model: Model
     samples: Cloud
@@ -58,7 +62,10 @@ class Ground(Struct, frozen=True, eq=False):
 
 
 class Scene(Struct, frozen=True, eq=False):
-    """The points of a scan that may be the part, and the bench that was left out, None if there is none."""
+    """The points of a scan that may be the part.
+
+    bench: the plane that was left out, None without one.
+    """
 
     view: View
     bench: Bench | None = None
@@ -71,10 +78,11 @@ class Scene(Struct, frozen=True, eq=False):
 class Tries:
     """Refined poses in one scene.
 
-    fits: in the order of their trial. costs: of each fit without regard to sight, 0..1.
+    fits: the refined poses in the order of their trial.
+    costs: the cost of each fit without regard to sight, 0..1.
     """
 
-    def __init__(self, ground: Ground, scene: Scene) -> None:
+    def __init__(self, ground: PreparedModel, scene: Scene) -> None:
         self.ground, self.scene = ground, scene
         self.sets = things(ground.model, scene.view.points[:_SOME])
         self.fits: list[ScanFit] = []
@@ -85,13 +93,13 @@ class Tries:
         """Refines each pose with few points, and with more points each that is near to the best."""
         model, samples, within = self.ground.model, self.ground.samples, self.ground.within
         points = self.scene.view.points
-        few, fewer = points[:FEW], View(points[:_FEWER])
+        first, fewer = points[:FEW], View(points[:_FEWER])
         begins = list(zip(poses.rotations, poses.origins, strict=True))
         fits = refine_all(model, samples, fewer.points, begins, 0.02 * model.size)
         worth = costs(model, samples, fewer, fits, within)
         near = [k for k, each in enumerate(worth) if each < min(worth) + _FAR_COST]
         again = [(fits[k].rotation, fits[k].origin) for k in near]
-        better = refine_all(model, samples, few, again, 0.01 * model.size)
+        better = refine_all(model, samples, first, again, 0.01 * model.size)
         better_worth = costs(model, samples, fewer, better, within)
         for k, fit, each in zip(near, better, better_worth, strict=True):
             fits[k], worth[k] = fit, each
@@ -99,7 +107,7 @@ class Tries:
         self.costs += worth
 
     def best(self) -> tuple[ScanFit, float]:
-        """The fit that puts the points best onto the model where the scanner can have seen them, and its cost."""
+        """The fit with the least cost under regard of sight, and this cost."""
         least, chosen = math.inf, 0
         for k in sorted(range(len(self.fits)), key=self.costs.__getitem__):
             if self.costs[k] > least:
@@ -117,17 +125,18 @@ class Tries:
         return self.fits[chosen], least
 
 
-def prepare(model: Model) -> Ground:
-    """What the search needs of the model."""
+def prepare(model: Model) -> PreparedModel:
+    """The model with its field and its symmetries."""
     samples = Cloud(model.samples)
     ground = field(model, samples)
-    return Ground(model, samples, ground, symmetries(model, ground))
+    return PreparedModel(model, samples, ground, symmetries(model, ground))
 
 
 def list_scenes(model: Model, points: FloatArray, eye: FloatArray | None) -> list[Scene]:
-    """The scan without each plane that may be the bench. Where no bench is certain, also the whole scan.
+    """The scan without each plane that may be the bench; the whole scan too if no bench is certain.
 
-    points: (N, 3). eye: (3,), the scanner's place, mm. It is in front of a bench.
+    points: (N, 3).
+    eye: (3,), the scanner's place, mm. It is in front of a bench.
     """
     scenes = []
     for bench in find_benches(model, points):
@@ -140,23 +149,25 @@ def list_scenes(model: Model, points: FloatArray, eye: FloatArray | None) -> lis
     return [*scenes, Scene(View(points, eye))]
 
 
-def search(ground: Ground, scenes: list[Scene], given: Pose, stage: Callable[[str], None]) -> Tries:
+def search(
+    ground: PreparedModel, scenes: list[Scene], given: Pose, stage: Callable[[str], None]
+) -> Tries:
     """The poses tried in the scene that the model explains best, the right one among them.
 
-    The search begins near ``given``. If the part is not clearly there, it goes on everywhere. A thin part has a second
-    place near each one, so for it the search is always everywhere.
+    The search begins near ``given``. If the part is not clearly there, it goes on everywhere. For a
+    thin part it is always everywhere: another place lies near each place.
     """
     tries = [Tries(ground, scene) for scene in scenes]
     for near in (True, False):
         if near and thin(ground.model):
             continue
         stage("searching near by" if near else "searching everywhere")
-        begins = [starts(ground.model, ground.field, one.sets, given, near) for one in tries]
+        begins = [starts(ground.model, ground.field, scene.sets, given, near) for scene in tries]
         for k in sorted(range(len(tries)), key=lambda k: -begins[k].share):
             _try(tries[k], begins[k].poses)
             if _is_clear(tries[k]):
                 return tries[k]
-    return min(tries, key=lambda one: one.best()[1])
+    return min(tries, key=lambda scene: scene.best()[1])
 
 
 def _try(tries: Tries, poses: Poses) -> None:
@@ -174,17 +185,17 @@ def _try(tries: Tries, poses: Poses) -> None:
 def _is_clear(tries: Tries) -> bool:
     """Whether the part is plainly where the best pose puts it."""
     ground, (best, worth) = tries.ground, tries.best()
-    few = tries.scene.first(FEW)
+    view = tries.scene.first(FEW)
     return (
         worth < _EXPLAINED
         and best.noise < CHANCE * ground.within
-        and share_unseen(ground, few, best, ground.within) <= MOST_HIDDEN
-        and stray(ground.model, ground.samples, few.points, best, ground.within) < _STRAY
+        and share_unseen(ground, view, best, ground.within) <= MOST_HIDDEN
+        and stray(ground.model, ground.samples, view.points, best, ground.within) < _STRAY
     )
 
 
-def share_unseen(ground: Ground, view: View, fit: ScanFit, reach: float) -> float:
-    """Of the points that lie on the model within ``reach`` (mm) the share that the scanner cannot have seen there."""
+def share_unseen(ground: PreparedModel, view: View, fit: ScanFit, reach: float) -> float:
+    """The share of the points within ``reach`` mm of the model that lie on hidden surface."""
     touch = on(ground.model, ground.samples, fit.apply(view.points[:_FEWER]), reach)
     if not len(touch.point):
         return 0.0
@@ -192,10 +203,10 @@ def share_unseen(ground: Ground, view: View, fit: ScanFit, reach: float) -> floa
 
 
 def settle_bench(tries: Tries, points: FloatArray) -> Tries:
-    """The poses in the scene without the bench that the best pose stands on, of all ``points`` (N, 3) of the scan.
+    """The poses in the scene without the bench under the best pose.
 
-    The bench is looked for in what does not lie on the model: it is no face of the part, and the part does not reach
-    through it.
+    The bench is a plane in the points off the model. So it is not a face of the part, and the part
+    does not reach through it. points: (N, 3), all of the scan.
     """
     scene = _without_bench(tries, points)
     if len(scene.view.points) == len(tries.scene.view.points):
@@ -225,14 +236,14 @@ def _without_bench(tries: Tries, points: FloatArray) -> Scene:
     return Scene(View(points, eye))
 
 
-def find_again(ground: Ground, view: View, final: ScanFit) -> list[ScanFit]:
-    """Where else in the scan the part stands: poses of further parts, each in points that do not lie on the first."""
+def find_again(ground: PreparedModel, view: View, final: ScanFit) -> list[ScanFit]:
+    """The poses of further parts, each in points off the first part."""
     model, samples = ground.model, ground.samples
     on_first = on(model, samples, final.apply(view.points), 2 * ground.within).point
     rest = np.delete(view.points, on_first, axis=0)
     if len(rest) < LEAST:
         return []
-    found = []
+    further = []
     for heap in heaps(rest, model.size / _APART):
         if len(heap) < max(LEAST, _LIKE_FIRST * len(on_first)):
             continue
@@ -242,5 +253,5 @@ def find_again(ground: Ground, view: View, final: ScanFit) -> list[ScanFit]:
         ).best()
         seen = measure_seen(model, samples, scene.view, best, ground.within)
         if worth < _AGAIN and seen.near >= LEAST_SEEN:
-            found.append(best)
-    return found
+            further.append(best)
+    return further

@@ -1,4 +1,4 @@
-"""What of a model can be seen from a place: rays against its triangles."""
+"""The surface of a model that is seen from a place: rays against its triangles."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ _AROUND, _NEARER = 60, 16
 _ABOUT_AS_WELL = 0.05
 #: A far eye stands so many sizes of the model away.
 _FAR = 1e4
-#: Rounds of the estimate of an eye: the angle within which directions are tried next, rad (0: none), and distances that
-#: are tried besides the best one, in sizes of the model.
+#: Rounds of the estimate of an eye: the angle within which the next round tries directions (rad, 0
+#: for the last), and the further distances that a round tries, in sizes of the model.
 _ROUNDS: tuple[tuple[float, tuple[float, ...]], ...] = ((0.3, ()), (0.15, (3.0, 6.0)), (0.0, ()))
 
 
@@ -99,11 +99,14 @@ def estimate_eye(
     up: FloatArray | None = None,
     likely: FloatArray | None = None,
 ) -> tuple[FloatArray, float]:
-    """The eye (3,) whose sight agrees best with the places that were seen, and the share of these that it sees.
+    """The eye (3,) with the sight nearest to the seen places, and its share of these places.
 
-    places, hit: (N, 3), and (N,) which of them were seen. Two sets agree by Dice's coefficient.
-    up: (3,), the eye is on that side, None: anywhere.
-    likely: (3,), a direction that is taken if it agrees about as well as the best: many directions may see the same.
+    Dice's coefficient compares the two sets. Many directions may see the same places.
+
+    places: (N, 3).
+    hit: (N,), whether each place was seen.
+    up: (3,), towards the side of the eye; None for any side.
+    likely: (3,), the direction to take if it agrees about as well as the best.
     """
     middle = (model.low + model.high) / 2
 
@@ -114,31 +117,31 @@ def estimate_eye(
         return np.asarray(agree), np.asarray(both / max(int(hit.sum()), 1))
 
     directions = above(np.vstack([around(), *_usual(normals[hit])]), up)
-    best, away, most, shows = directions[0], _FAR, 0.0, 0.0
+    best, distance, highest, share = directions[0], _FAR, 0.0, 0.0
     for cone, distances in _ROUNDS:
-        tried = [away, *distances]
+        tried = [distance, *distances]
         eyes = np.concatenate([middle + far * model.size * directions for far in tried])
         agree, shares = compare(eyes)
         k = int(agree.argmax())
-        best, away = directions[k % len(directions)], tried[k // len(directions)]
-        most, shows = float(agree[k]), float(shares[k])
+        best, distance = directions[k % len(directions)], tried[k // len(directions)]
+        highest, share = float(agree[k]), float(shares[k])
         directions = above(np.vstack([best, _ring(best, cone)]), up) if cone else directions
     if likely is not None:
         eye = far_eyes(model, likely[None])
         agree, shares = compare(eye)
-        if agree[0] >= most - _ABOUT_AS_WELL:
+        if agree[0] >= highest - _ABOUT_AS_WELL:
             return eye[0], float(shares[0])
-    return np.asarray(middle + away * model.size * best), shows
+    return np.asarray(middle + distance * model.size * best), share
 
 
 def _usual(normals: FloatArray) -> list[FloatArray]:
-    """Unit directions (1, 3) and (6, 3) from which scanners often look: the mean of the normals, and the axes."""
+    """Unit directions of many scanners: the mean of the normals (1, 3) and the axes (6, 3)."""
     mean = normals.mean(axis=0, keepdims=True) if len(normals) else np.zeros((0, 3))
     return [unit(mean), np.vstack([np.eye(3), -np.eye(3)])]
 
 
 def above(directions: FloatArray, up: FloatArray | None) -> FloatArray:
-    """Those of the directions (D, 3) that point up, all where ``up`` is None, the nearest one where none does."""
+    """The directions (D, 3) that point up, at least the nearest one; all if ``up`` is None."""
     if up is None:
         return directions
     rise = directions @ up

@@ -42,7 +42,10 @@ def things(model: Model, points: FloatArray) -> list[FloatArray]:
 
 
 class Begins(Struct, frozen=True, eq=False):
-    """Poses (model_from_scan) worth refining, the best first. share: of the points that the best explains, 0..1."""
+    """Poses (model_from_scan) to refine, the best first.
+
+    share: the share of the points that the best pose explains, 0..1.
+    """
 
     poses: Poses
     share: float
@@ -51,10 +54,10 @@ class Begins(Struct, frozen=True, eq=False):
 def starts(
     model: Model, field: DistanceField, sets: list[FloatArray], given: Pose | None, near: bool
 ) -> Begins:
-    """Poses worth refining of the ``things`` of a scan, all different.
+    """Different poses to refine, of the ``things`` of a scan.
 
-    given: scan_from_model as far as it is known. near: whether the search begins only with what is turned little from
-    it.
+    given: scan_from_model as far as it is known.
+    near: whether the search begins only with poses that are turned little from it.
     """
     turns, origin = rotations(_ORIENTATIONS), None
     if given is not None:

@@ -1,4 +1,4 @@
-"""Poses and patches in words, as the summary, the job file and the refusals of ``camgen localize`` give them."""
+"""Poses and patches in words, for the summary, the job file and the refusals of `localize`."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def pose_values(pose: Pose) -> str:
 
 
 def describe_patch(patch: Patch) -> str:
-    """What a patch speaks of, its place in the model's frame and its size."""
+    """The difference at a patch, with its place in the model's frame and its size."""
     place = ", ".join(short(value, 1) for value in patch.middle.tolist())
     length, width = (short(value, 0) for value in patch.size)
     if patch.beyond:

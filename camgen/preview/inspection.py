@@ -81,7 +81,7 @@ def _view_on(page: _Page, found: Inspection) -> FloatArray:
 
 
 def _words(found: Inspection) -> tuple[str, str]:
-    much = sum(one.much for one in found.differences)
+    much = sum(difference.much for difference in found.differences)
     title = f"{found.photo.source} against {found.expected.source}"
     told = f"from {found.least:.2f} mm on: {counted(much, 'place')} with too much, {found.area(True):.2f} mm2, "
     less = len(found.differences) - much

@@ -87,7 +87,10 @@ SMOKES = [
     Smoke(
         "plan.random_parts 8 0 1", (5,), {"dropped": (0, 0), "deepest gouge mm": (0, 0.011), "holes late": (0, 0)}
     ),
-    Smoke("plan.boards {here}/none 1 400", (4, 2), {"covered": (95, 100), "invented": (0, 0), "rms, px": (0, 0.2)}),
+    Smoke(
+        "plan.boards {here}/none 1 400", (4, 2),
+        {"covered": (95, 100), "invented": (0, 0), "rms, px": (0, 0.2)},
+    ),
     Smoke("plan.stops copper.dxf", (2,), {"strokes": (2, 17), "pen-down motions": (100, 400)}),
     Smoke("plan.drawing {here}/image", (1,), {"strokes": (8, 8), "off (px)": (0.1, 1.5)}),
     Smoke("robots.cycle --lines 1000", (10, 2), {"length over speed, s": (1, 60), "time, s": (1, 60)}),

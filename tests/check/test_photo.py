@@ -85,54 +85,54 @@ def few_turns(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def look(
-    folder: Path, made: Sequence[Loop], drawn: Sequence[Loop] = PLATE, turn: float = 0.0
+    folder: Path, loops: Sequence[Loop], drawn: Sequence[Loop] = PLATE, turn: float = 0.0
 ) -> Inspection:
     files = Files()
-    seen = read(files.read(photo(folder / "photo.png", made, turn)), SEEN, files)
+    seen = read(files.read(photo(folder / "photo.png", loops, turn)), SEEN, files)
     return inspect_photo(seen, drawing(drawn), Job())
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.4, 2.5])
 def test_a_part_as_drawn_has_no_difference(tmp_path: Path, turn: float) -> None:
-    found = look(tmp_path, PLATE, turn=turn)
-    assert found.differences == ()
-    assert np.angle(np.exp(1j * (found.fit.turn + turn))) == pytest.approx(0, abs=2e-4)
+    inspection = look(tmp_path, PLATE, turn=turn)
+    assert inspection.differences == ()
+    assert np.angle(np.exp(1j * (inspection.fit.turn + turn))) == pytest.approx(0, abs=2e-4)
     # The middle of the picture is the origin of the drawing.
-    assert found.fit.apply(np.array([[MIDDLE.real, MIDDLE.imag]]))[0] == pytest.approx(
+    assert inspection.fit.apply(np.array([[MIDDLE.real, MIDDLE.imag]]))[0] == pytest.approx(
         [0, 0], abs=PIXEL / 2 + 0.02
     )
-    assert found.fit.rms < 0.1 * PIXEL
+    assert inspection.fit.rms < 0.1 * PIXEL
 
 
 @pytest.mark.usefixtures("few_turns")
 def test_burrs_and_dents_are_measured(tmp_path: Path) -> None:
-    made = bumped(bumped(bumped(PLATE[0], 0, 10, 5, 0.8), 0, 6, 2, 0.3), 0, 40, 4, 0)
-    made = bumped(made, len(made.points) - 2, 25, 4, -0.5)
-    found = look(tmp_path, (made, PLATE[1]), turn=0.7)
-    high, dent, low = found.differences
-    assert [one.much for one in found.differences] == [True, False, True]
-    for one, height, width in ((high, 0.8, 5), (dent, 0.5, 4), (low, 0.3, 2)):
-        assert one.height == pytest.approx(height, abs=0.03)
-        assert one.length == pytest.approx(width, abs=0.35)
+    outline = bumped(bumped(bumped(PLATE[0], 0, 10, 5, 0.8), 0, 6, 2, 0.3), 0, 40, 4, 0)
+    outline = bumped(outline, len(outline.points) - 2, 25, 4, -0.5)
+    inspection = look(tmp_path, (outline, PLATE[1]), turn=0.7)
+    high, dent, low = inspection.differences
+    assert [difference.much for difference in inspection.differences] == [True, False, True]
+    for difference, height, width in ((high, 0.8, 5), (dent, 0.5, 4), (low, 0.3, 2)):
+        assert difference.height == pytest.approx(height, abs=0.03)
+        assert difference.length == pytest.approx(width, abs=0.35)
         # A circular segment of this chord and height.
         radius = (width**2 / 4 + height**2) / (2 * height)
         sweep = 2 * np.arcsin(width / 2 / radius)
-        assert one.area == pytest.approx(radius**2 * (sweep - np.sin(sweep)) / 2, rel=0.12)
-        assert one.contour == "c1"
-        assert not one.whole
+        assert difference.area == pytest.approx(radius**2 * (sweep - np.sin(sweep)) / 2, rel=0.12)
+        assert difference.contour == "c1"
+        assert not difference.whole
     # The side runs from -30, -20; a bump's tip is above the middle of its foot.
     assert high.place == pytest.approx((-30 + 10 + 2.5, -20.8), abs=0.4)
-    assert found.area(much=True) == pytest.approx(high.area + low.area)
+    assert inspection.area(much=True) == pytest.approx(high.area + low.area)
 
 
 @pytest.mark.usefixtures("few_turns")
 def test_a_hole_that_was_not_cut_is_too_much(tmp_path: Path) -> None:
-    (one,) = look(tmp_path, PLATE[:1]).differences
-    assert one.much
-    assert one.kind == "feature missing"
-    assert one.contour == "c2"
-    assert one.area == pytest.approx(np.pi * 7**2, rel=0.01)
-    assert one.height == pytest.approx(7, abs=0.1)
+    (difference,) = look(tmp_path, PLATE[:1]).differences
+    assert difference.much
+    assert difference.kind == "feature missing"
+    assert difference.contour == "c2"
+    assert difference.area == pytest.approx(np.pi * 7**2, rel=0.01)
+    assert difference.height == pytest.approx(7, abs=0.1)
 
 
 def test_a_round_part_can_be_turned(tmp_path: Path) -> None:

@@ -26,13 +26,19 @@ EYE = np.array([250.0, -350.0, 500.0])
 
 
 def plate(length=100.0, hole=(30.0, 30.0), diameter=10.0, thickness=3.0):
-    """A plate of 60 mm width with one corner cut, a small hole and a second one as told."""
+    """A plate of 60 mm width with one corner cut and a hole of 12 mm diameter.
+
+    hole, diameter: the middle and the diameter of a second hole, mm.
+    """
     outline = box(0, 0, length, 60) - box(length - 15, 45, length, 60) - Point(75, 20).buffer(6, 24)
     return scenes.stack([outline - Point(*hole).buffer(diameter / 2, 24)], [0, thickness])
 
 
 def cast(mesh, seed=0, step=0.7, margin=25.0, strays=0.0):
-    """A scan from one place above: the mesh, the bench at z = 0 around it, and a share of stray points."""
+    """A scan from one place above: the mesh, the bench at z = 0 around it, and stray points.
+
+    strays: share of stray points in the scan, 0 to 1.
+    """
     rng = np.random.default_rng(seed)
     middle = np.append(mesh.bounds.mean(axis=0)[:2], 0)
     part, bench, _ = scenes.cast(mesh.triangles - middle, EYE, step, 0.05, rng)
@@ -49,37 +55,39 @@ def shape(mesh):
 
 
 def farthest(mesh, pose, turn=None, place=(0.0, 0.0, 0.0)):
-    """How far a vertex of the mesh is from where it was made, at most, mm."""
+    """The largest distance of a vertex of the mesh from its true position, mm."""
     truth = mesh.vertices @ (np.eye(3) if turn is None else turn).T + np.array(place)
-    found = mesh.vertices @ np.array(pose.rotation).T + np.array(pose.origin)
-    return np.linalg.norm(found - truth, axis=1).max()
+    located = mesh.vertices @ np.array(pose.rotation).T + np.array(pose.origin)
+    return np.linalg.norm(located - truth, axis=1).max()
 
 
 # -- bench and strays
 
 
-@pytest.mark.parametrize("told", [False, True])
-def test_a_thin_plate_on_a_bench_is_not_off_by_its_thickness(told):
+@pytest.mark.parametrize("is_viewpoint_given", [False, True])
+def test_a_thin_plate_on_a_bench_is_not_off_by_its_thickness(is_viewpoint_given):
     mesh = plate()
     eye = EYE + np.append(mesh.bounds.mean(axis=0)[:2], 0)
-    found = localize("scan", shape(mesh), cast(mesh), viewpoint=eye if told else None)
-    assert farthest(mesh, found.base_from_work) < 0.1
-    assert found.bench > 1000
+    location = localize(
+        "scan", shape(mesh), cast(mesh), viewpoint=eye if is_viewpoint_given else None
+    )
+    assert farthest(mesh, location.base_from_work) < 0.1
+    assert location.bench > 1000
 
 
 def test_stray_points_do_not_hide_a_part():
     mesh = plate()
     scan = cast(mesh, strays=0.2)
-    found = localize("scan", shape(mesh), scan)
-    assert farthest(mesh, found.base_from_work) < 0.1
+    location = localize("scan", shape(mesh), scan)
+    assert farthest(mesh, location.base_from_work) < 0.1
     # A fifth is stray; a few of these lie beside others by chance.
-    assert found.isolated == pytest.approx(0.2 * len(scan), rel=0.15)
+    assert location.isolated == pytest.approx(0.2 * len(scan), rel=0.15)
 
 
 def test_a_bench_far_larger_than_the_part_is_left_out():
     mesh = plate(thickness=20.0)
-    found = localize("scan", shape(mesh), cast(mesh, step=1.2, margin=120.0))
-    assert farthest(mesh, found.base_from_work) < 0.1
+    location = localize("scan", shape(mesh), cast(mesh, step=1.2, margin=120.0))
+    assert farthest(mesh, location.base_from_work) < 0.1
 
 
 def test_the_bench_is_the_plane_with_the_scene_on_one_side():
@@ -140,9 +148,9 @@ def test_the_other_hand_of_a_plate_with_a_counterbore_is_refused():
 
 def test_a_second_part_in_the_scan_is_named():
     mesh = plate(thickness=12.0)
-    one, two = cast(mesh, 1, margin=0.0), cast(mesh, 2, margin=0.0)
-    found = localize("scan", shape(mesh), np.vstack([one, two + np.array([200, 30, 0])]))
-    places = [found.base_from_work, *found.again]
+    first, second = cast(mesh, 1, margin=0.0), cast(mesh, 2, margin=0.0)
+    location = localize("scan", shape(mesh), np.vstack([first, second + np.array([200, 30, 0])]))
+    places = [location.base_from_work, *location.again]
     assert len(places) == 2
     places.sort(key=lambda pose: pose.origin[0])
     assert farthest(mesh, places[0]) < 0.1

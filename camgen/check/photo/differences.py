@@ -75,14 +75,14 @@ def differ(
 
 
 def _corners(region: shapely.Geometry) -> shapely.Geometry:
-    """Where the outline of ``region`` turns sharply."""
-    found = [np.zeros((0, 2))]
+    """The sharp corners of the outline of ``region``."""
+    corners = [np.zeros((0, 2))]
     for ring in shapely.get_parts(shapely.boundary(region)):
         points = shapely.get_coordinates(ring)[:-1] @ np.array([1, 1j])
         turn = np.angle((np.roll(points, -1) - points) / (points - np.roll(points, 1)))
         sharp = points[np.abs(turn) > _SHARP]
-        found.append(np.column_stack([sharp.real, sharp.imag]))
-    return shapely.multipoints(np.concatenate(found))
+        corners.append(np.column_stack([sharp.real, sharp.imag]))
+    return shapely.multipoints(np.concatenate(corners))
 
 
 def _beyond(more: shapely.Geometry, less: shapely.Geometry, least: float) -> list[shapely.Geometry]:

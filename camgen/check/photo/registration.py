@@ -126,7 +126,10 @@ def _starts(borders: Sequence[FloatArray], region: shapely.Geometry) -> list[Fit
 
 
 def _nearest(line: _Line, at: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Signed distances (N,) along normals (N, 2) to the nearest piece of the outline; at corners towards the corner."""
+    """Signed distances (N,) to the nearest piece of the outline, along normals (N, 2).
+
+    At a corner of the outline the normal is the direction from the corner to the point.
+    """
     which = line.tree.nearest(shapely.points(at))
     start, end = line.start[which], line.end[which]
     along = end - start

@@ -1,0 +1,118 @@
+"""The direction from which a part was scanned, and the places on it that the scan should show."""
+
+from __future__ import annotations
+
+import numpy as np
+from msgspec import Struct
+
+from camgen.geometry.vectors import unit
+from camgen.localize.evidence import DISC, FEW_ON_SIDE, NEIGHBOURS, Evidence, sides
+from camgen.localize.fine import ScanFit, View
+from camgen.localize.model import Cloud, Model
+from camgen.localize.rims import find_rims
+from camgen.localize.sight import above, around, estimate_eye, far_eyes, look
+from camgen.model.part import BoolArray
+from camgen.model.pose import FloatArray
+
+#: The cosine between a face and the line of sight. Points are expected above the first, and
+#: possible above the second.
+_FACING, _STEEPEST = 0.3, 0.1
+#: Places by which the directions of sight are chosen.
+_PLACES = 800
+#: There were several scanners if one direction misses more than this share of the seen places.
+_MISSED = 0.12
+#: A direction is one of several if this share of its sight was seen.
+_SHOWN = 0.75
+#: This share of several directions must see a place that is expected.
+_OPEN = 0.3
+#: The angle about a known and about an estimated direction, rad. All directions within it must see
+#: a place that is expected.
+_NEAR_KNOWN, _NEAR_ESTIMATED = 0.03, 0.15
+
+
+class Sight(Struct, frozen=True, eq=False):
+    """The places from which the part may have been seen.
+
+    eyes: (D, 3) in the model's frame, mm.
+    share: 0..1, the share of the eyes that must see a place for it to be expected.
+    """
+
+    eyes: FloatArray
+    share: float
+
+    def expects(self, model: Model, places: FloatArray, normals: FloatArray) -> BoolArray:
+        """Whether the scan should show each of ``places`` (N, 3) on the model: (N,)."""
+        if not len(places):
+            return np.zeros(0, dtype=bool)
+        seen = look(model, places, normals, self.eyes, _FACING)
+        return np.asarray(seen.mean(axis=0) >= self.share - 1e-9)
+
+
+def find_sight(evidence: Evidence, view: View, final: ScanFit) -> Sight:
+    """The place of the scanner, as it is known or follows from the points."""
+    model = evidence.model
+    if view.eye is not None:
+        return Sight(_surround(final.apply(view.eye), model, _NEAR_KNOWN), 1.0)
+    clear = _clear_of_rims(evidence)
+    at, faces = evidence.at[clear], evidence.normals[clear]
+    step = max(len(model.samples) // _PLACES, 1)
+    places, normals = model.samples[::step], model.sample_normals[::step]
+    hit = _find_hit(evidence, at, faces, places, normals)
+    up = None if view.up is None else final.rotation @ view.up
+    likely = _direction_by_density(at, faces)
+    eye, share_seen = estimate_eye(model, places, normals, hit, _STEEPEST, up, likely)
+    if share_seen >= 1 - _MISSED:
+        return Sight(_surround(eye, model, _NEAR_ESTIMATED), 1.0)
+    eyes = far_eyes(model, above(around(), up))
+    seen = look(model, places, normals, eyes, _FACING)
+    shown = (seen & hit).sum(axis=1) >= _SHOWN * np.maximum(seen.sum(axis=1), 1)
+    return Sight(np.vstack([eye[None], eyes[shown]]), _OPEN)
+
+
+def _find_hit(
+    evidence: Evidence, at: FloatArray, faces: FloatArray, places: FloatArray, normals: FloatArray
+) -> BoolArray:
+    """Whether each of ``places`` (N, 3) has a point ``at`` (M, 3) of its side beside it: (N,)."""
+    point_side, place_side = sides(faces), sides(normals)
+    hit = np.zeros(len(places), dtype=bool)
+    for k in np.flatnonzero(np.bincount(point_side, minlength=6) >= FEW_ON_SIDE):
+        on_side = place_side == k
+        distances = Cloud(at[point_side == k]).nearest(places[on_side])[1][:, 0]
+        hit[on_side] = distances < DISC / np.sqrt(evidence.density[k])
+    return hit
+
+
+def _direction_by_density(at: FloatArray, normals: FloatArray) -> FloatArray | None:
+    """The unit direction (3,) of a single scanner, None if there are too few points ``at`` (N, 3).
+
+    The density of points on a face is in proportion to the cosine between its normal and the
+    direction. The direction is fitted to the densities by least squares.
+    """
+    if len(at) <= NEIGHBOURS:
+        return None
+    distances = np.maximum(Cloud(at).nearest(at, NEIGHBOURS + 1)[1][:, -1], 1e-9)
+    # The area that a point stands for is in proportion to the squared distance of its neighbours.
+    weighted = normals * (distances**2)[:, None]
+    direction = np.linalg.pinv(weighted.T @ normals, rcond=1e-3) @ normals.sum(axis=0)
+    length = float(np.linalg.norm(direction))
+    return np.asarray(direction / length) if length else None
+
+
+def _clear_of_rims(evidence: Evidence) -> BoolArray:
+    """Whether each point is so far from the rims that noise does not put it on another face."""
+    rims = find_rims(evidence.model)
+    if not len(rims.places):
+        return np.ones(len(evidence.at), dtype=bool)
+    gap = 2 * evidence.within + rims.length / len(rims.places)
+    return np.asarray(Cloud(rims.places).nearest(evidence.at)[1][:, 0] > gap)
+
+
+def _surround(eye: FloatArray, model: Model, angle: float) -> FloatArray:
+    """The eye (3,) and six eyes turned from it about the model by ``angle`` (rad): (7, 3)."""
+    axis = eye - (model.low + model.high) / 2
+    side = unit(np.cross(axis, np.eye(3)[int(np.abs(axis).argmin())])[None])[0]
+    other = np.cross(unit(axis[None])[0], side)
+    turns = np.arange(6) * np.pi / 3
+    ring = np.outer(np.cos(turns), side) + np.outer(np.sin(turns), other)
+    shift = np.tan(angle) * float(np.linalg.norm(axis))
+    return np.asarray(np.vstack([eye, eye + shift * ring]))
