@@ -11,7 +11,7 @@ from camgen.geometry.vectors import dots
 from camgen.localize.coarse import Poses, turn_poses
 from camgen.localize.fine import ScanFit, View, cost, costs, draw, is_worse, losses, on, refine
 from camgen.localize.model import Cloud, Model, candidates, find_touched
-from camgen.localize.sight import around, estimate_eye, far_eyes, look
+from camgen.localize.sight import SeenPlaces, around, estimate_eye, far_eyes, look
 from camgen.localize.starts import corners
 from camgen.model.part import BoolArray
 from camgen.model.pose import FloatArray, Pose, angle_between, frozen, to_vec3
@@ -402,7 +402,8 @@ def measure_seen(
     if view.eye is not None:
         asked = look(model, places, normals, final.apply(view.eye)[None], _FACING)[0]
     elif hit.any() and float(np.linalg.norm(normals[hit].mean(axis=0))) > _ONE_SIDED:
-        found, _ = estimate_eye(model, places[few], normals[few], hit[few], _FACING)
+        shown = SeenPlaces(places[few], normals[few], hit[few])
+        found, _ = estimate_eye(model, shown, _FACING)
         asked = look(model, places, normals, found[None], _FACING)[0]
     else:  # from all around
         asked = look(model, places, normals, far_eyes(model, around()), _FACING).any(axis=0)

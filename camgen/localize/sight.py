@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from msgspec import Struct
 
 from camgen.collision.tree import ask
 from camgen.geometry.vectors import dots, unit
@@ -90,11 +91,20 @@ def around() -> FloatArray:
     return np.column_stack([out * np.cos(turn), out * np.sin(turn), up])
 
 
+class SeenPlaces(Struct, frozen=True, eq=False):
+    """Places (N, 3) on the model with their unit normals (N, 3).
+
+    hit: (N,), whether each place was seen.
+    """
+
+    places: FloatArray
+    normals: FloatArray
+    hit: BoolArray
+
+
 def estimate_eye(
     model: Model,
-    places: FloatArray,
-    normals: FloatArray,
-    hit: BoolArray,
+    seen: SeenPlaces,
     facing: float,
     up: FloatArray | None = None,
     likely: FloatArray | None = None,
@@ -103,20 +113,19 @@ def estimate_eye(
 
     Dice's coefficient compares the two sets. Many directions may see the same places.
 
-    places: (N, 3).
-    hit: (N,), whether each place was seen.
+    facing: the cosine between a face and the line of sight above which the face is seen.
     up: (3,), towards the side of the eye; None for any side.
     likely: (3,), the direction to take if it agrees about as well as the best.
     """
     middle = (model.low + model.high) / 2
 
     def compare(eyes: FloatArray) -> tuple[FloatArray, FloatArray]:
-        seen = look(model, places, normals, eyes, facing)
-        both = (seen & hit).sum(axis=1)
-        agree = 2 * both / np.maximum(seen.sum(axis=1) + hit.sum(), 1)
-        return np.asarray(agree), np.asarray(both / max(int(hit.sum()), 1))
+        sight = look(model, seen.places, seen.normals, eyes, facing)
+        both, count = (sight & seen.hit).sum(axis=1), int(seen.hit.sum())
+        agree = 2 * both / np.maximum(sight.sum(axis=1) + count, 1)
+        return np.asarray(agree), np.asarray(both / max(count, 1))
 
-    directions = above(np.vstack([around(), *_usual(normals[hit])]), up)
+    directions = above(np.vstack([around(), *_usual(seen.normals[seen.hit])]), up)
     best, distance, highest, share = directions[0], _FAR, 0.0, 0.0
     for cone, distances in _ROUNDS:
         tried = [distance, *distances]

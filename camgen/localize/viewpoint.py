@@ -10,7 +10,7 @@ from camgen.localize.evidence import DISC, FEW_ON_SIDE, NEIGHBOURS, Evidence, si
 from camgen.localize.fine import ScanFit, View
 from camgen.localize.model import Cloud, Model
 from camgen.localize.rims import find_rims
-from camgen.localize.sight import above, around, estimate_eye, far_eyes, look
+from camgen.localize.sight import SeenPlaces, above, around, estimate_eye, far_eyes, look
 from camgen.model.part import BoolArray
 from camgen.model.pose import FloatArray
 
@@ -60,7 +60,8 @@ def find_sight(evidence: Evidence, view: View, final: ScanFit) -> Sight:
     hit = _find_hit(evidence, at, faces, places, normals)
     up = None if view.up is None else final.rotation @ view.up
     likely = _direction_by_density(at, faces)
-    eye, share_seen = estimate_eye(model, places, normals, hit, _STEEPEST, up, likely)
+    seen_places = SeenPlaces(places, normals, hit)
+    eye, share_seen = estimate_eye(model, seen_places, _STEEPEST, up, likely)
     if share_seen >= 1 - _MISSED:
         return Sight(_surround(eye, model, _NEAR_ESTIMATED), 1.0)
     eyes = far_eyes(model, above(around(), up))
