@@ -143,8 +143,8 @@ class ImageTable(Table, frozen=True):
     accept: Annotated[
         list[Literal["outside"]],
         Meta(
-            description="what is built in spite of a doubt. outside: a part beside the points or corners that gave the "
-            "work plane, without camera.file"
+            description="what is built in spite of a doubt. outside: a part beside the points or "
+            "corners that gave the work plane, without camera.file"
         ),
     ] = []
 

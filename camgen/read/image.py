@@ -44,7 +44,7 @@ _BOARD = re.compile(r"(\d{1,2})x(\d{1,2})")
 #: the bench on each side, coarse pixels at least and as a share of the part.
 _LARGE, _COARSER, _ROOM_PX, _ROOM_SHARE = 2_000_000, 4, 24, 0.12
 
-#: The error bound is computed at about so many places of the outlines.
+#: The error bound is computed at about this many places of the outlines.
 _BOUND_PLACES = 500
 #: A part that leaves the hull of the points by no more, mm, is inside: its outline has a width.
 _OUTSIDE_MM = 0.5
@@ -252,7 +252,10 @@ class _Way(Struct, frozen=True):
 
 
 def _by_alpha(picture: Picture, table: ImageTable) -> bool:
-    """Whether the transparency of the picture is the mask. JobError where it should be and there is none."""
+    """Whether the transparency of the picture is the mask.
+
+    Raises JobError if the job asks for it and the picture is opaque.
+    """
     if table.mask == "alpha":
         if picture.alpha is None:
             what = f'"alpha" needs transparency, {picture.name} is opaque everywhere'
@@ -362,8 +365,9 @@ def _region(job: Job, plane: Plane | None) -> Region | None:
 def _free_area(paper: Sheet, plane: Plane) -> Region:
     """The free area of a sheet as it is seen in the work plane, mm.
 
-    Above the sheet, the lines of sight from the area to the camera enclose less: a rectangle that is smaller, and
-    moved towards the point below the camera. The marks of the origin touch the area, and stay outside by their width.
+    Above the sheet, the lines of sight from the area to the camera enclose a smaller rectangle. It
+    is moved towards the point below the camera. The marks of the origin touch the area, and stay
+    outside by their width.
     """
     corners = map_points(plane.work_from_pairs, np.array([(0.0, 0.0), paper.free]))
     room = STROKE if np.any(plane.work_from_pairs != np.eye(3)) else 0.0
@@ -393,7 +397,10 @@ def _frame(seen: _Seen) -> FloatArray:
 
 
 def _placed(seen: _Seen, outlines_px: Sequence[FloatArray], job: Job) -> tuple[Note, ...]:
-    """How exactly the outlines are placed. NoSafeProgram where a lens that nothing corrects may move them too far."""
+    """The error bound of the outlines, as notes.
+
+    Raises NoSafeProgram if an uncorrected lens may move them too far.
+    """
     plane = seen.plane
     if plane is None or not len(plane.pairs_px) or not outlines_px:
         return ()

@@ -1,16 +1,18 @@
-"""How far off the outline of a part may be: from the residuals of the points that gave the work plane, and the lens.
+"""An upper bound of the error of a part's outline, from the points of the work plane and the lens.
 
-The homography of the plane is fitted with one more parameter, the radial distortion k, about the middle of the photo:
+The homography of the plane is fitted with one more parameter: the radial distortion k about the
+middle of the photo. To first order in k and in the changes of the homography
 
-    measured = place + k r^2 (place - middle),    r = |place - middle| / half of the photo's diagonal
+    measured = place + k r^2 (place - middle),   r = |place - middle| / half the photo's diagonal
 
-to first order in k and in the changes of the homography. Where the camera is calibrated, k is taken for 0. Else the
-bound allows for the k that fits best and four times its standard deviation on either side: a distortion that the
-points do not contradict, and that moves what lies beside them. The noise of the points adds four standard deviations
-of the place in the direction in which it is known least.
+A calibrated camera has k = 0. Otherwise the bound allows for the k that fits best and for four
+times its standard deviation on either side. Such a distortion agrees with the points, and it moves
+places beside them. The noise of the points adds four standard deviations of the place, in the
+direction of the largest deviation.
 
-One radial term is what few corners can tell. Higher terms, and a lens that stands beside the middle of the photo, are
-not in the bound: with both, drawn at random, it was exceeded in 8 of 443 photos, without them in none of 481.
+Few corners can show one radial term. The bound leaves out higher terms, and a lens beside the
+middle of the photo. With both, drawn at random, 8 of 443 photos exceeded it. Without them none of
+481 did.
 """
 
 from __future__ import annotations
@@ -22,21 +24,23 @@ from camgen.model.pose import FloatArray
 from camgen.vision.camera.camera import Camera, undistort
 from camgen.vision.plane import Plane, depth, map_points
 
-#: How many standard deviations the bound covers on either side. Corners that are close to each other err alike, which
-#: their residuals do not show: so four, where three would do for independent ones.
+#: The bound covers this many standard deviations on either side. Three are enough for independent
+#: corners. Near corners err alike, and their residuals do not show that.
 _SIGMAS = 4.0
-#: The points tell their own noise from so many more measurements than unknowns on.
+#: The points show their noise if the measurements exceed the unknowns by this number.
 _LEAST_FREEDOM = 4
-#: No lens of a camera that measures moves the corner of its photo by more than this part of the half diagonal, beyond
-#: the distortion that the points show.
+#: A lens moves the corner of its photo by at most this share of the half diagonal, beyond the
+#: distortion that the points show.
 _MOST_DISTORTION = 0.1
 
 
 class ErrorBound(Struct, frozen=True):
-    """How far off the outline may be, mm, at the place where that is most.
+    """The bound of the outline's error at its worst place. Lengths are mm.
 
-    noise: by the noise of the points. lens: by a distortion that nothing corrects; 0 with a calibrated camera. outside:
-    how far the outline leaves the convex hull of the points. known: whether the points are enough for noise and lens.
+    noise: the share of the noise of the points.
+    lens: the share of a distortion that nothing corrects; 0 with a calibrated camera.
+    outside: the distance of the outline from the convex hull of the points; 0 inside.
+    known: whether the points are enough for noise and lens.
     """
 
     noise: float
@@ -53,9 +57,11 @@ class ErrorBound(Struct, frozen=True):
 def error_bound(
     plane: Plane, camera: Camera | None, size: tuple[int, int], outline: FloatArray
 ) -> ErrorBound:
-    """The bound for an outline (N, 2), mm in the work plane. plane: from points; size: of the photo, px.
+    """The bound of an outline. The height of the part counts as exact.
 
-    A height of the part is taken for exact, and its outline is judged in the plane of the points below it.
+    plane: a work plane from points.
+    size: width and height of the photo, px.
+    outline: (N, 2), mm in the work plane.
     """
     measured = plane.pairs_px if camera is None else undistort(camera, plane.pairs_px)
     homography = plane.pixel_from_work @ plane.work_from_pairs
@@ -79,9 +85,9 @@ def error_bound(
         strength = float(left @ error) / float(left @ left)
         error = error - strength * left
         deviation = float(np.linalg.norm(error)) / np.sqrt(freedom * float(left @ left))
-        most = abs(strength) + min(_SIGMAS * deviation, _MOST_DISTORTION)
+        largest = abs(strength) + min(_SIGMAS * deviation, _MOST_DISTORTION)
         moved = _distortion(map_points(homography, places), size) - at_outline @ absorbed
-        lens = most * np.linalg.norm(np.einsum("nij,nj->ni", mm_per_px, moved), axis=1)
+        lens = largest * np.linalg.norm(np.einsum("nij,nj->ni", mm_per_px, moved), axis=1)
     spread = mm_per_px @ at_outline @ inverse
     sigma = float(np.linalg.norm(error)) / np.sqrt(freedom)
     noise = _SIGMAS * sigma * np.linalg.norm(spread, ord=2, axis=(1, 2))
@@ -90,7 +96,7 @@ def error_bound(
 
 
 def _slopes(homography: FloatArray, places: FloatArray) -> FloatArray:
-    """Derivatives (2 N, 9) of the pixels u, v of each place by the nine numbers of the homography, row by row."""
+    """Derivatives (2 N, 9) of the pixels of each place by the nine numbers of the homography."""
     lifted = np.column_stack([places, np.ones(len(places))]) / depth(homography, places)[:, None]
     px = map_points(homography, places)
     slopes = np.zeros((len(places), 2, 9))
@@ -109,7 +115,7 @@ def _jacobians(homography: FloatArray, places: FloatArray) -> FloatArray:
 
 
 def _distortion(px: FloatArray, size: tuple[int, int]) -> FloatArray:
-    """How far a distortion of k = 1 moves each pixel (N, 2), px."""
+    """The shift (N, 2), px, of each pixel by a distortion of k = 1."""
     middle = (np.array(size) - 1) / 2
     from_middle = px - middle
     share = np.linalg.norm(from_middle, axis=1) / np.linalg.norm(middle)

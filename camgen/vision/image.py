@@ -275,11 +275,14 @@ _HARMLESS = re.compile(r": [1-4] extraneous bytes before marker 0xd9")
 
 
 class Picture(Struct, frozen=True, eq=False):
-    """An image as read. pixels: (H, W) grey or (H, W, 3) blue, green, red; uint8, read-only.
+    """An image as read.
 
-    name: the file without folder. dpi: dots per inch if the file has one that counts as a scale. turned: its pixels
-    were turned or mirrored by the Exif orientation. alpha: (H, W) uint8, 0 transparent to 255 opaque; None: opaque
-    everywhere. Transparent pixels are blended onto white in ``pixels``.
+    pixels: (H, W) grey or (H, W, 3) blue, green, red; uint8, read-only. Transparent pixels are
+        blended onto white.
+    name: the file without folder.
+    dpi: dots per inch if the file has a density that counts as a scale.
+    turned: whether the Exif orientation turned or mirrored the pixels.
+    alpha: (H, W) uint8, 0 transparent to 255 opaque; None if all is opaque.
     """
 
     name: str

@@ -212,8 +212,9 @@ class Plane(Struct, frozen=True, eq=False):
 
     pixel_from_work: (3, 3), work mm to undistorted pixels of the camera (of the photo itself where there is none); its
     divisor is positive in front of the camera. work_from_pixel: its inverse. residuals_mm, residuals_px: (N,), how far
-    off each pair is; rms_mm and max_mm of them; all 0 and empty where the plane comes from a pose. work_from_pairs:
-    (3, 3), from mm in the plane of the pairs to mm of the work plane above it that the camera sees at the same pixel.
+    off each pair is; rms_mm and max_mm of them; all 0 and empty where the plane comes from a pose.
+    work_from_pairs: (3, 3), from mm in the plane of the pairs to mm of the work plane above it. The
+        camera sees both at the same pixel.
     pairs_px, pairs_mm: (N, 2), the pairs: pixels of the photo, and mm.
     """
 

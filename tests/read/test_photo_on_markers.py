@@ -1,4 +1,4 @@
-"""Photos of a part on a marker sheet or beside a board: what is looked at, and what the notes say of it."""
+"""Photos of a part on a marker sheet or beside a board: the examined area, and the notes."""
 
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ from camgen.vision.plane import plane_from_points
 from tests.vision.test_markers import painted, rectangles_of_svg
 
 CASES = Path(__file__).parents[2].parent / "shared" / "data" / "cases"
-#: A camera 250 mm above the place (110, 60) of the sheet, which it sees in the middle of its photo, 4 px a mm.
+#: A camera 250 mm above the place (110, 60) of the sheet, the middle of its photo, 4 px a mm.
 ABOVE, FOOT, MIDDLE, FOCAL = 250.0, (110.0, 60.0), (599.5, 449.5), 1000.0
 SIZE = (1204, 900)
 #: The part, mm, and how far its upper face lies above the sheet.
@@ -39,7 +39,7 @@ def camera_file(folder: Path) -> str:
 
 
 def on_the_sheet(folder: Path, part: tuple[float, float, float, float], height: float) -> Path:
-    """A photo of the A4 sheet with a dark rectangle ``height`` above it, four by four rays a pixel."""
+    """A photo of the A4 sheet with a dark rectangle above it, four by four rays a pixel."""
     page = painted(*rectangles_of_svg(draw_svg(sheet("A4"))), 16)
     fine = np.full((SIZE[1] * 4, SIZE[0] * 4), 255, np.uint8)
     fine[42 * 4 : 42 * 4 + page.shape[0], 8 * 4 : 8 * 4 + page.shape[1]] = page
@@ -62,7 +62,7 @@ def box(result: Result) -> list[float]:
     return [*points.min(axis=0).tolist(), *points.max(axis=0).tolist()]
 
 
-def told(result: Result, words: str) -> list[Note]:
+def notes_with(result: Result, words: str) -> list[Note]:
     return [note for note in result.notes if words in note.what]
 
 
@@ -73,7 +73,7 @@ def case(name: str) -> Path:
 
 
 def test_the_free_area_shrinks_with_the_height() -> None:
-    """Above the sheet by 15 of 250 mm all is 235/250 = 0.94 as large, about the point below the camera; less 0.3 mm."""
+    """At 15 of 250 mm all is 235/250 = 0.94 as large, about the point below the camera."""
     matrix = frozen([[FOCAL, 0, MIDDLE[0]], [0, FOCAL, MIDDLE[1]], [0, 0, 1]])
     camera = Camera(matrix=matrix, distortion=frozen([0.0] * 5), size=SIZE, name="above")
     mm = np.array([(0.0, 0), (200, 0), (200, 100), (0, 100), (100, 50)])
@@ -90,13 +90,13 @@ def test_the_free_area_shrinks_with_the_height() -> None:
 
 
 def test_a_thick_part_on_the_sheet_has_one_outline(tmp_path: Path) -> None:
-    """The marks of the origin are no part, and do not touch its border."""
+    """The marks of the origin are left out, and do not touch the border of the area."""
     file = on_the_sheet(tmp_path, PART, HEIGHT)
     table = {"markers": "A4", "file": camera_file(tmp_path), "height": HEIGHT}
     result = build(file, camera=table)
     assert len(result.part.contours) == 1
     assert box(result) == pytest.approx(PART, abs=0.06)
-    assert not told(result, "height 0")
+    assert not notes_with(result, "height 0")
 
 
 def test_height_0_is_told_with_markers(tmp_path: Path) -> None:
@@ -104,7 +104,7 @@ def test_height_0_is_told_with_markers(tmp_path: Path) -> None:
     file = on_the_sheet(tmp_path, PART, HEIGHT)
     result = build(file, camera={"markers": "A4", "file": camera_file(tmp_path)})
     assert box(result)[::2] == pytest.approx([56.81, 163.19], abs=0.06)
-    (note,) = told(result, "height 0")
+    (note,) = notes_with(result, "height 0")
     assert note.kind == "assumed"
     assert note.what == "height 0: the part's upper face lies in the plane of the sheet"
 
@@ -125,7 +125,7 @@ def test_the_shared_board_of_the_older_pattern() -> None:
     table = {**BOARD, "file": str(case("img_board_cam.yaml"))}
     image = {"region": [105.0, 0.0, 175.0, 70.0]}
     result = build(case("img_board_legacy.jpg"), camera=table, image=image)
-    assert told(result, "in the pattern before OpenCV 4.6")
+    assert notes_with(result, "in the pattern before OpenCV 4.6")
     assert box(result) == pytest.approx((112, 10, 165, 60), abs=0.1)
 
 
@@ -133,7 +133,7 @@ def test_the_shared_board_with_a_row_too_many() -> None:
     table = {**BOARD, "markers": "8x7", "file": str(case("img_board_cam.yaml"))}
     image = {"region": [103.0, 0.0, 180.0, 85.0]}
     result = build(case("img_board_rows.jpg"), camera=table, image=image)
-    (note,) = told(result, "no corner of the lower row")
+    (note,) = notes_with(result, "no corner of the lower row")
     assert note.kind == "warning"
     assert "12 mm too far up" in note.why
     with pytest.raises(CamgenError, match="--strict and no corner of the lower row"):
@@ -146,7 +146,7 @@ def test_the_shared_board_with_a_row_too_many() -> None:
 
 
 def beside_a_board(folder: Path, k: float) -> Path:
-    """7 x 5 squares of 20 mm at 10 px/mm, and a square part of 160..200 x 20..60 mm, through a lens of distortion k."""
+    """7 x 5 squares of 20 mm and a part of 160..200 x 20..60 mm, 10 px/mm, distortion k."""
     board = cv2.aruco.CharucoBoard(
         (7, 5), 20.0, 15.0, cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
     )
@@ -176,9 +176,9 @@ def test_a_part_beside_the_board_without_a_lens_is_refused(tmp_path: Path) -> No
     assert refused.value.exit_code == 3
     assert 'set image.accept = ["outside"]' in str(refused.value)
     accepted = build(file, camera=table, image={**BESIDE, "accept": ["outside"]})
-    (note,) = told(accepted, "without a calibrated lens")
+    (note,) = notes_with(accepted, "without a calibrated lens")
     assert (note.kind, note.strict) == ("warning", False)
-    assert told(accepted, "the part is placed to within")
+    assert notes_with(accepted, "the part is placed to within")
 
 
 def test_an_unknown_word_to_accept_is_refused(tmp_path: Path) -> None:

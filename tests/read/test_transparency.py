@@ -1,4 +1,4 @@
-"""Pictures with an alpha channel: a cut-out is told from what is around it by its transparency."""
+"""Pictures with an alpha channel: transparency separates a cut-out from its surroundings."""
 
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,7 @@ CASES = Path(__file__).parents[2].parent / "shared" / "data" / "cases"
 
 
 def cut_out(grey: int = 255) -> np.ndarray:
-    """60 x 40 mm at 0.1 mm/px: opaque from x 10 to 50 and y 10 to 30 mm, a hole from x 20 to 30 and y 15 to 25.
+    """60 x 40 mm at 0.1 mm/px: opaque in 10..50 x 10..30 mm, with a hole of 20..30 x 15..25 mm.
 
     The column of pixels to its right is covered by a half: 128 of 255.
     """
@@ -42,7 +42,7 @@ def method(result: Result) -> str:
 @pytest.mark.parametrize("grey", [0, 128, 255])
 @pytest.mark.parametrize("mask", ["auto", "alpha"])
 def test_a_cut_out_is_its_opaque_part(tmp_path: Path, grey: int, mask: str) -> None:
-    """Of any grey value, white too; half a pixel of alpha is half a pixel, 0.05 mm."""
+    """Any grey value does, white too; half a pixel of alpha is half a pixel, 0.05 mm."""
     result = build(tmp_path, cut_out(grey), mask=mask)
     assert method(result) == "alpha"
     outer, inner = sorted(result.part.contours, key=lambda c: -np.ptp(c.points[:, 0]))
@@ -87,7 +87,7 @@ def test_alpha_without_transparency_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_cut_out_is_transparent_along_most_of_its_border() -> None:
-    """Of 2 (6 + 4) - 4 = 16 pixels of border more than eight are transparent."""
+    """The border has 2 (6 + 4) - 4 = 16 pixels. More than eight are transparent."""
     alpha = np.zeros((4, 6), np.uint8)
     assert not is_cut_out(alpha)
     alpha[1:3, 1:5] = 255

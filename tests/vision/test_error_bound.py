@@ -8,7 +8,7 @@ from camgen.vision.camera.camera import Camera
 from camgen.vision.error_bound import error_bound
 from camgen.vision.plane import map_points, plane_from_points
 
-#: 4 px a mm, the place (150, 100) in the middle of a photo of 1201 x 801 px; its half diagonal is 721.1 px.
+#: 4 px a mm, the place (150, 100) in the middle of a photo with a half diagonal of 721.1 px.
 SIZE, MIDDLE = (1201, 801), np.array([600.0, 400.0])
 CAMERA = Camera(
     matrix=frozen([[1000.0, 0, 600], [0, 1000, 400], [0, 0, 1]]),
@@ -16,7 +16,7 @@ CAMERA = Camera(
     size=SIZE,
     name="straight",
 )
-GRID = np.array([(x, y) for x in range(20, 101, 20) for y in range(20, 101, 20)], float)
+GRID = np.stack(np.meshgrid(*[np.arange(20.0, 101, 20)] * 2, indexing="ij"), axis=-1).reshape(-1, 2)
 BESIDE = np.array([(220.0, 40), (260, 40), (260, 120), (220, 120)])
 
 
@@ -25,7 +25,7 @@ def straight(mm: np.ndarray) -> np.ndarray:
 
 
 def bent(px: np.ndarray, k: float) -> np.ndarray:
-    """Through a lens with the distortion k: what is half a diagonal off the middle moves by k times that."""
+    """Through a lens with the distortion k: the corner of the photo moves by k half diagonals."""
     share = np.linalg.norm(px - MIDDLE, axis=1) / np.hypot(600, 400)
     moved: np.ndarray = px + k * share[:, None] ** 2 * (px - MIDDLE)
     return moved
@@ -33,24 +33,24 @@ def bent(px: np.ndarray, k: float) -> np.ndarray:
 
 @pytest.mark.parametrize("k", [-0.05, -0.01, 0.02])
 def test_a_lens_that_nothing_corrects_moves_a_part_by_what_the_bound_says(k: float) -> None:
-    """The points have no noise, so that k is found: the bound is the true error, but for terms of the second order."""
+    """Points without noise give k: the bound is the true error up to terms of second order."""
     plane = plane_from_points(None, bent(straight(GRID), k), GRID)
-    found = map_points(plane.work_from_pixel, bent(straight(BESIDE), k))
-    error = np.linalg.norm(found - BESIDE, axis=1).max()
-    bound = error_bound(plane, None, SIZE, found)
+    outline = map_points(plane.work_from_pixel, bent(straight(BESIDE), k))
+    error = np.linalg.norm(outline - BESIDE, axis=1).max()
+    bound = error_bound(plane, None, SIZE, outline)
     assert error > 0.3
     assert error < bound.total < 1.5 * error + 0.05
 
 
 def test_a_calibrated_lens_leaves_the_noise() -> None:
-    """0.1 px of noise at each point: of 200 photos at most two leave the bound, and it is no more than wide."""
+    """0.1 px of noise at each point: two of 200 photos at most leave the bound."""
     rng = np.random.default_rng(4)
     errors, bounds = [], []
     for _ in range(200):
         px = straight(GRID) + rng.normal(0, 0.1, GRID.shape)
         plane = plane_from_points(CAMERA, px, GRID)
-        found = map_points(plane.work_from_pixel, straight(BESIDE))
-        errors.append(np.linalg.norm(found - BESIDE, axis=1).max())
+        outline = map_points(plane.work_from_pixel, straight(BESIDE))
+        errors.append(np.linalg.norm(outline - BESIDE, axis=1).max())
         bound = error_bound(plane, CAMERA, SIZE, BESIDE)
         assert bound.lens == 0
         bounds.append(bound.noise)
@@ -71,7 +71,7 @@ def test_the_bound_grows_with_the_distance_and_not_among_the_points() -> None:
 
 
 def test_a_height_is_judged_in_the_plane_of_the_points() -> None:
-    """The camera is 250 mm above the points: at 25 mm a place is seen 1/0.9 as far from (150, 100)."""
+    """The camera is 250 mm up: a place at 25 mm is seen 1/0.9 as far from (150, 100)."""
     plane = plane_from_points(CAMERA, straight(GRID), GRID, height=25.0)
     # 150 - 0.9 * 50 = 105 is 5 mm to the left of the point at x = 100, seen from above.
     bound = error_bound(plane, CAMERA, SIZE, np.array([(105.0, 100 - 0.9 * 40)]))

@@ -440,13 +440,13 @@ def origin_px(plane: Plane) -> list[float]:
     ("legacy", "pattern"), [(False, "of OpenCV 4.6 and later"), (True, "before OpenCV 4.6")]
 )
 def test_both_patterns_are_read_and_told(legacy: bool, pattern: str) -> None:
-    """Eight columns and six rows of 60 px, 60 px in: the lower left corner is the side of pixel 60, 60 + 360."""
+    """Squares of 60 px, 60 px in: the lower left corner is the side of pixel 60, 60 + 360."""
     plane = find(drawn_board(8, 6, legacy=legacy), None, Board(8, 6, 30.0, 20.0))
     assert len(plane.residuals_mm) == 35
     assert origin_px(plane) == pytest.approx([59.5, 419.5], abs=0.05)
-    told = [note for note in plane.notes if "pattern" in note.what]
-    assert [note.what for note in told] == [f"ChArUco board 8x6 read in the pattern {pattern}"]
-    assert told[0].kind == "assumed"
+    (note,) = [note for note in plane.notes if "pattern" in note.what]
+    assert note.what == f"ChArUco board 8x6 read in the pattern {pattern}"
+    assert note.kind == "assumed"
 
 
 def test_an_odd_number_of_rows_has_one_pattern() -> None:
@@ -462,7 +462,7 @@ def test_an_odd_number_of_rows_has_one_pattern() -> None:
     ],
 )
 def test_rows_that_are_nowhere_are_a_warning(declared: int, what: str, off: str) -> None:
-    """The markers are counted from above, the origin lies below: it moves by a square a row, and nothing else shows."""
+    """Markers count from above, the origin lies below: it moves by a square a row."""
     plane = find(drawn_board(8, 6), None, Board(8, declared, 30.0, 20.0))
     down = 60.0 * (declared - 6)
     assert origin_px(plane) == pytest.approx([59.5, 419.5 + down], abs=0.05)

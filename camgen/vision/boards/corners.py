@@ -325,8 +325,10 @@ def _charuco(grey: Pixels, target: Board) -> Iterator[_Rough]:
 class Pattern(Struct, frozen=True, eq=False):
     """A ChArUco board as a picture shows it in one of its two patterns.
 
-    corners: (N, 2) px, inner corners. numbers: (N,) of the corners, row by row from above. markers: (M,), the numbers
-    of all markers of the board's dictionary in the picture. legacy: the pattern before OpenCV 4.6.
+    corners: (N, 2), the inner corners, px.
+    numbers: (N,), the numbers of the corners, row by row from above.
+    markers: (M,), the numbers of all markers of the board's dictionary in the picture.
+    legacy: whether it is the pattern before OpenCV 4.6.
     """
 
     corners: FloatArray
@@ -336,12 +338,15 @@ class Pattern(Struct, frozen=True, eq=False):
 
 
 def has_two_patterns(board: Board) -> bool:
-    """Whether OpenCV 4.6 changed the pattern: with an odd number of rows the upper left square was always black."""
+    """Whether OpenCV 4.6 changed the pattern. It did not for an odd number of rows."""
     return board.rows % 2 == 0
 
 
 def patterns(grey: Pixels, board: Board) -> Iterator[Pattern]:
-    """The board in each of its patterns, the newer one first. A pattern that is not in the picture has few corners."""
+    """The board in each of its patterns, the newer one first.
+
+    A pattern that is not in the picture has few corners.
+    """
     import cv2  # noqa: PLC0415 (loaded only by what needs it)
 
     drawn = cv2.aruco.CharucoBoard(
@@ -349,9 +354,9 @@ def patterns(grey: Pixels, board: Board) -> Iterator[Pattern]:
     )
     for legacy in (False, True)[: 1 + has_two_patterns(board)]:
         drawn.setLegacyPattern(legacy)
-        found, ids, _, marker_ids = cv2.aruco.CharucoDetector(drawn).detectBoard(grey)
+        corners_px, ids, _, marker_ids = cv2.aruco.CharucoDetector(drawn).detectBoard(grey)
         numbers = np.asarray(() if ids is None else ids).ravel().astype(np.int64)
-        corners = np.asarray(() if ids is None else found, dtype=np.float64).reshape(-1, 2)
+        corners = np.asarray(() if ids is None else corners_px, dtype=np.float64).reshape(-1, 2)
         markers = np.asarray(() if marker_ids is None else marker_ids).ravel().astype(np.int64)
         yield Pattern(corners, numbers, markers, legacy)
 

@@ -94,12 +94,13 @@ def find(
 def list_marks(pixels: Pixels, target: Sheet | Board) -> tuple[list[int], list[int]]:
     """The numbers of the markers of a sheet, or of the corners of a board, that a picture shows, and of the missing."""
     if isinstance(target, Sheet):
-        found = {number for number, _ in _detect(_grey(pixels), len(target.ids))}
-        every = list(target.ids)
+        shown = {number for number, _ in _detect(_grey(pixels), len(target.ids))}
+        numbers = list(target.ids)
     else:
-        numbers = _pattern(pixels, target).numbers
-        found, every = set(numbers.tolist()), list(range((target.columns - 1) * (target.rows - 1)))
-    return [one for one in every if one in found], [one for one in every if one not in found]
+        shown = set(_pattern(pixels, target).numbers.tolist())
+        numbers = list(range((target.columns - 1) * (target.rows - 1)))
+    missing = [number for number in numbers if number not in shown]
+    return [number for number in numbers if number in shown], missing
 
 
 def _sheet(picture: Picture, camera: Camera | None, sheet: Sheet) -> _Found:
@@ -165,7 +166,7 @@ def _board(picture: Picture, board: Board) -> _Found:
 
 
 def _pattern(pixels: Pixels, board: Board) -> Pattern:
-    """The board in the pattern that shows more of its corners; the newer one where both show as many."""
+    """The board in the pattern with more corners, the newer one if both have as many."""
     return max(patterns(_grey(pixels), board), key=lambda pattern: len(pattern.numbers))
 
 
@@ -178,7 +179,11 @@ def _told_pattern(pattern: Pattern, board: Board) -> tuple[Note, ...]:
 
 
 class _Side(NamedTuple):
-    """An outer side of a board. axis: 0 for rows, 1 for columns. step: 1 where the counting starts at it, else -1."""
+    """An outer side of a board.
+
+    axis: 0 for rows, 1 for columns.
+    step: 1 if the counting starts at the side, else -1.
+    """
 
     name: str
     line: str
@@ -196,11 +201,12 @@ _SIDES = (
 
 
 def _missing_lines(pattern: Pattern, board: Board) -> tuple[Note, ...]:
-    """Notes on whole outer rows and columns of corners that are nowhere, and on markers beyond the board's last one.
+    """Notes on outer rows and columns without corners, and on markers beyond the last one.
 
-    The markers are numbered row by row from above, and the origin is the lower left corner. So a wrong number of rows
-    fits the picture without a residual, and moves the origin by whole squares: a warning. A wrong number of columns
-    gives nearly all markers another place, which the corners contradict; a side other than the lower one is only told.
+    The numbers of markers count row by row from above. The origin is the lower left corner. So a
+    wrong number of rows fits the picture without a residual, and moves the origin by whole squares:
+    it is a warning. A wrong number of columns moves nearly all markers, and the corners contradict
+    it. A note is enough for the other sides.
     """
     notes = []
     for side in _SIDES:
@@ -236,8 +242,9 @@ def _note_missing(missing: int, side: _Side, board: Board) -> Note:
         )
     off = short(missing * board.square, 3)
     why = (
-        f"the origin is its lower left corner: if the board has {counted(board.rows - missing, 'row')} "
-        f"of squares, all is {off} mm too far up; count its squares, or uncover them"
+        "the origin is its lower left corner: if the board has "
+        f"{counted(board.rows - missing, 'row')} of squares, all is {off} mm too far up; "
+        "count its squares, or uncover them"
     )
     return Note("warning", what, why, strict=True)
 

@@ -60,7 +60,7 @@ _COLOURED = 8.0
 _OFF_MIDDLE = 0.1
 #: What differs from the bench the other way is worth a note from so much of the part on.
 _OTHER_SIDE = 0.05
-#: Of 255: what is less opaque is not part.
+#: The opacity of the part, of 255, is at least this.
 HALF_OPAQUE = 127.5
 #: Places of a note that are shown, the largest ones.
 _MOST_PLACES = 20
@@ -231,22 +231,23 @@ def _choose(
 
 
 def is_cut_out(alpha: Bytes) -> bool:
-    """Whether the transparency of a picture tells a part: it is transparent along most of its border, not everywhere.
+    """Whether a picture shows a cut-out part: most of its border is transparent, and not all of it.
 
-    alpha: (H, W), 0 transparent to 255 opaque. A picture with round corners, or with a hole, is no cut-out.
+    Round corners and holes do not make a cut-out.
+    alpha: (H, W), 0 transparent to 255 opaque.
     """
     rows = (alpha[0], alpha[-1], alpha[1:-1, 0], alpha[1:-1, -1])
     border = np.concatenate(rows) < HALF_OPAQUE
     return bool(2 * np.count_nonzero(border) > len(border) and alpha.max() > HALF_OPAQUE)
 
 
-def _alpha(pixels: Bytes, cells: Cells, asked: Asked) -> MaskChoice | None:
-    """What is opaque, in a view of the transparency: a pixel that is half covered by the part is half opaque."""
+def _alpha(pixels: Bytes, cells: Cells, options: Asked) -> MaskChoice | None:
+    """The opaque area of a view of the transparency. Half-covered pixels are half opaque."""
     channel = _grey(pixels, cells)
-    part = ((channel.cells > HALF_OPAQUE) ^ asked.invert) & cells.valid
-    found = as_it_is(channel, np.asarray(part, np.bool_), cells)
+    part = ((channel.cells > HALF_OPAQUE) ^ options.invert) & cells.valid
+    outline = as_it_is(channel, np.asarray(part, np.bool_), cells)
     why = "the picture is transparent around it; image.mask chooses by grey or color"
-    return MaskChoice("alpha", why, found, HALF_OPAQUE) if found else None
+    return MaskChoice("alpha", why, outline, HALF_OPAQUE) if outline else None
 
 
 def _few_coloured(pixels: Bytes, cells: Cells, asked: Asked) -> MaskChoice | None:
