@@ -6,6 +6,7 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.localize.coarse import DistanceField, Poses, fit, rotations, slide, thin
+from camgen.localize.groups import group_places
 from camgen.localize.model import Model
 from camgen.model.pose import FloatArray, Pose
 
@@ -26,11 +27,8 @@ _NARROWING = ((0.05, 0.2, 6), (0.03, 0.05, 6), (0.015, 0.02, 6))
 _KEPT = 60
 #: Poses that fit less than this part of the best one are not refined.
 _WORTH_SHARE = 0.6
-#: Things on the bench that may be the part, the fewest points of one, and the places around a cell.
+#: Things that may be the part, and the fewest points of one.
 _HEAPS, _FEWEST = 3, 100
-_AROUND = tuple(
-    (a, b, c) for a in (-1, 0, 1) for b in (-1, 0, 1) for c in (-1, 0, 1) if (a, b, c) != (0, 0, 0)
-)
 #: Poses that put the corners of the model's box farther apart than this part of its size are different to the search.
 _DIFFERENT_SHARE = 0.03
 
@@ -155,21 +153,6 @@ def different(model: Model, poses: Poses, apart: float, limit: int = 24) -> Pose
 
 
 def heaps(points: FloatArray, cell: float) -> list[FloatArray]:
-    """The points of each of the largest things that stand apart by more than a cell (mm), the largest first."""
-    cells, of = np.unique(
-        np.floor((points - points.min(axis=0)) / cell).astype(np.int64), axis=0, return_inverse=True
-    )
-    free = {(x, y, z): i for i, (x, y, z) in enumerate(cells.tolist())}
-    heap = np.zeros(len(cells), dtype=np.int64)
-    number = 0
-    while free:
-        border = [free.popitem()]
-        while border:
-            (x, y, z), i = border.pop()
-            heap[i] = number
-            near = [(x + a, y + b, z + c) for a, b, c in _AROUND]
-            border += [(place, free.pop(place)) for place in near if place in free]
-        number += 1
-    count = np.bincount(heap[of.reshape(-1)], minlength=number)
-    largest = np.argsort(-np.bincount(heap), kind="stable")
-    return [points[heap[of.reshape(-1)] == i] for i in largest[:_HEAPS] if count[i] >= _FEWEST]
+    """The points (N, 3) of each of the largest things that stand apart by more than a cell (mm)."""
+    groups = group_places(points, cell)[:_HEAPS]
+    return [points[group] for group in groups if len(group) >= _FEWEST]

@@ -8,7 +8,6 @@ the patch faces the scanner, nothing hides it, and its neighbourhood has points.
 from __future__ import annotations
 
 import math
-from itertools import product
 
 import numpy as np
 from msgspec import Struct
@@ -16,6 +15,7 @@ from msgspec import Struct
 from camgen.geometry.vectors import dots
 from camgen.localize.evidence import DISC, Evidence, gather, sides
 from camgen.localize.fine import ScanFit, View
+from camgen.localize.groups import group_places
 from camgen.localize.model import Cloud, Model, candidates, find_touched
 from camgen.localize.rims import Rims, find_rims
 from camgen.localize.viewpoint import Sight, find_sight
@@ -100,7 +100,7 @@ def _find_empty(evidence: Evidence, sight: Sight) -> list[Patch]:
         if len(points):
             empty = samples[Cloud(points).nearest(model.samples[samples])[1][:, 0] > radius]
         empty = empty[sight.expects(model, model.samples[empty], model.sample_normals[empty])]
-        for group in _group(model.samples[empty], 2 * np.sqrt(area)):
+        for group in group_places(model.samples[empty], 2 * np.sqrt(area)):
             middles = Cloud(model.samples[empty[group]])
             covered = model.samples[samples]
             covered = covered[middles.nearest(covered)[1][:, 0] <= radius]
@@ -121,29 +121,6 @@ def _see_through(evidence: Evidence, samples: IntArray, at: FloatArray) -> Float
     nearest = samples[Cloud(model.samples[samples]).nearest(at)[0][:, 0]]
     heights = dots(at - model.samples[nearest], model.sample_normals[nearest])
     return at[np.abs(heights) <= evidence.within]
-
-
-def _group(places: FloatArray, gap: float) -> list[IntArray]:
-    """The numbers of ``places`` (N, 3) in groups that are about ``gap`` mm or more apart."""
-    if not len(places):
-        return []
-    cells = np.floor((places - places.min(axis=0)) / gap).astype(np.int64)
-    unique, cell_of = np.unique(cells, axis=0, return_inverse=True)
-    left = {tuple(cell): i for i, cell in enumerate(unique.tolist())}
-    group = np.zeros(len(unique), dtype=np.int64)
-    number = 0
-    while left:
-        border = [left.popitem()]
-        while border:
-            cell, i = border.pop()
-            group[i] = number
-            for step in product((-1, 0, 1), repeat=3):
-                near = tuple(a + b for a, b in zip(cell, step, strict=True))
-                if near in left:
-                    border.append((near, left.pop(near)))
-        number += 1
-    group_of = group[cell_of.reshape(-1)]
-    return [np.flatnonzero(group_of == k) for k in range(number)]
 
 
 def _cover(places: FloatArray, expected: float, beyond: bool) -> Patch:
@@ -187,7 +164,7 @@ def _find_stretches(rims: Rims, strips: _Strips) -> list[Patch]:
         wanted, held = window @ expected, window @ counts
         odd = held >= _FULL * wanted if strips.beyond else held <= _EMPTY * wanted
         odd &= wanted > 0.5 * _IN_WINDOW
-        for group in _group(rims.places[places[odd]], half):
+        for group in group_places(rims.places[places[odd]], half):
             total, seen = float(expected[odd][group].sum()), float(counts[odd][group].sum())
             if seen >= _BEYOND if strips.beyond else _chance(seen, total) < _CHANCE:
                 patches.append(_cover(rims.places[places[odd]][group], total, strips.beyond))
