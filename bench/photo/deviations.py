@@ -222,7 +222,7 @@ def _is_true(burr: Difference, truth: Sequence[Truth], turns: np.ndarray) -> boo
 
 
 def _name(inspection: Inspection, truth: Sequence[Truth], turn: complex) -> str:
-    """The outcome of a photo in which nothing is dangerous."""
+    """The outcome of a photo without a dangerous job."""
     left = list(inspection.differences)
     outcomes = ["right"]
     for deviation in truth:

@@ -44,7 +44,7 @@ VARIANTS = (
 OUTCOMES = ("right", "undecided", "not found", "wrong", "accepted")
 
 
-def judge(number: int) -> tuple[str, str, str, float]:
+def assess(number: int) -> tuple[str, str, str, float]:
     """The kind of part, what the scan shows, the outcome and the seconds of one scan."""
     kind, group = scenes.KINDS[number % 4], number // 4
     variant, views = VARIANTS[group % 8], 1 if (group + group // 2 + group // 8) % 2 else 4
@@ -73,17 +73,17 @@ def look(model, scene: scenes.Scene, eye) -> tuple[str, str]:
     pose = location.base_from_work
     placed = model.vertices @ np.array(pose.rotation).T + np.array(pose.origin)
     truth = model.vertices @ scene.turn.T + scene.place
-    off = float(np.linalg.norm(placed - truth, axis=1).max())
-    return "right" if off < OFF else "wrong", f"{off:.3f} mm off"
+    error = float(np.linalg.norm(placed - truth, axis=1).max())
+    return "right" if error < OFF else "wrong", f"{error:.3f} mm off"
 
 
 def main(first: int, count: int, processes: int) -> int:
     numbers = range(first, first + count)
     if processes == 1:
-        rows = [judge(number) for number in numbers]
+        rows = [assess(number) for number in numbers]
     else:
         with ProcessPoolExecutor(processes) as pool:
-            rows = list(pool.map(judge, numbers))
+            rows = list(pool.map(assess, numbers))
     table = open_table(
         f"part | scan of | scans | {' | '.join(OUTCOMES)} | s, median {{:.1f}} | s, most {{:.1f}}"
     )

@@ -358,7 +358,7 @@ def make(seed: int) -> tuple[Arrangement, str, str]:
     return arrangement, write(arrangement, spelling, rng), words
 
 
-def judge(seed: int, folder: Path) -> tuple[str, str]:
+def assess(seed: int, folder: Path) -> tuple[str, str]:
     """The name of a column, and all differences from the formula."""
     arrangement, text, words = make(seed)
     path = folder / f"part{seed}.step"
@@ -385,7 +385,7 @@ def judge(seed: int, folder: Path) -> tuple[str, str]:
     return "reported" if is_reported else "silent", f"{seed} ({words}): {'; '.join(wrong)}"
 
 
-def judge_group(number: int, sharing: str, seeds: range) -> Iterator[Cells]:
+def assess_group(number: int, sharing: str, seeds: range) -> Iterator[Cells]:
     """The row of an arrangement whose edges are shared or not."""
     counts = dict.fromkeys(("right", "reported", "silent", "refused"), 0)
     last = ""
@@ -395,7 +395,7 @@ def judge_group(number: int, sharing: str, seeds: range) -> Iterator[Cells]:
                 continue
             if SHARINGS[seed // len(ARRANGEMENTS) % len(SHARINGS)] != sharing:
                 continue
-            kind, text = judge(seed, Path(folder))
+            kind, text = assess(seed, Path(folder))
             counts[kind] += 1
             last = text or last
     missed = [Missed(str(n)) if n else "0" for n in list(counts.values())[1:]]
@@ -416,7 +416,7 @@ if __name__ == "__main__":
     first, count, *files = read_words(0, 30)
     seeds = range(first, first + count)
     groups = [(n, sharing, seeds) for sharing, n in product(SHARINGS, range(len(ARRANGEMENTS)))]
-    scenario = Scenario(COLUMNS, groups, judge_group)
+    scenario = Scenario(COLUMNS, groups, assess_group)
     if files:
         scenario = Scenario(FILE_COLUMNS, [(Path(f),) for f in files], describe, may_refuse=True)
     sys.exit(run(scenario))

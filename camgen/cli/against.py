@@ -18,7 +18,7 @@ from camgen.check.photo import (
     inspect_photo,
     list_rework,
 )
-from camgen.check.photo.rework import insist_on_following, insist_on_pose
+from camgen.check.photo.rework import WITHOUT_FORCE, insist_on_following, insist_on_pose
 from camgen.cli.inputs import open_inputs
 from camgen.cli.rework import write_drawing, write_job
 from camgen.cli.say import Voice, table
@@ -81,6 +81,8 @@ def run(arguments: Namespace, says: Voice) -> int:
         says.data(_facts(found, works, left))
     else:
         says.out(_page(found, works, left))
+        if works and not expects.process.force:
+            says.rows([("warning", WITHOUT_FORCE, "look")])
     says.rows(
         [
             (note.kind, str(note).partition(": ")[2], "look")
@@ -223,7 +225,7 @@ def _tell(difference: Difference) -> str:
 def _needs(
     found: Inspection, works: Sequence[Rework], left: Sequence[NotReworked]
 ) -> Iterator[str]:
-    """What is done to each burr, and why nothing is to the others."""
+    """Lines on the work for each burr, and on the reasons to leave the others."""
     for work in works:
         passes = counted(work.passes, "pass", "passes")
         yield f"burr {work.number}: {passes} at {short(work.feed, 3)} mm/s"
@@ -239,7 +241,7 @@ def _needs(
 
 
 def _unplanned(found: Inspection) -> list[NotReworked]:
-    """What is no burr, where it is not known how much a pass takes off."""
+    """The differences that are not burrs, if the height that a pass takes off is not known."""
     return [
         NotReworked(number, WHY_NOT[each.kind])
         for number, each in enumerate(found.differences, 1)

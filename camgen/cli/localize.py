@@ -59,9 +59,9 @@ def run(arguments: Namespace, says: Voice) -> int:
     says.clear()
     names, units = (model.name, scan.name), (part.unit, seen.unit)
     if arguments.viewpoint is None:
-        stood = _tell_place(seen.viewpoint, ", as the scan says")
+        stood = _describe_place(seen.viewpoint, ", as the scan says")
     else:
-        stood = _tell_place(viewpoint, "")
+        stood = _describe_place(viewpoint, "")
     write_all([(target, job(names, units, found, stood).encode())], files.opened)
     if not says.quiet:
         says.out(_line(found.base_from_work) + "\n")
@@ -69,15 +69,15 @@ def run(arguments: Namespace, says: Voice) -> int:
     size = f"{short(x, 3)} x {short(y, 3)} x {short(z, 3)} mm"
     triangles = counted(len(part.faces), "triangle")
     points = counted(len(seen.points), "point")
-    says.rows([("model", f"{names[0]}: {size}, {triangles}, {_tell_unit(part.unit)}", "plain")])
-    says.rows([("scan", f"{names[1]}: {points}, {_tell_unit(seen.unit)}", "plain")])
-    notes = [*part.notes, *seen.notes, *_tell_drawn(seen, found), *_tell_far(found)]
+    says.rows([("model", f"{names[0]}: {size}, {triangles}, {_describe_unit(part.unit)}", "plain")])
+    says.rows([("scan", f"{names[1]}: {points}, {_describe_unit(seen.unit)}", "plain")])
+    notes = [*part.notes, *seen.notes, *_note_drawn(seen, found), *_note_far(found)]
     says.rows([(note.kind, str(note).partition(": ")[2], "look") for note in notes])
     says.rows([*_describe(found, stood), ("written", str(target), "good")])
     return 0
 
 
-def _tell_far(location: Location) -> list[Note]:
+def _note_far(location: Location) -> list[Note]:
     """A warning about a frame that is too far from the origin for a build."""
     farthest, limit = max(map(abs, location.base_from_work.origin)), Limits().number
     if farthest <= limit:
@@ -87,15 +87,15 @@ def _tell_far(location: Location) -> list[Note]:
     return [Note("warning", what, why)]
 
 
-def _tell_place(place: FloatArray | None, source: str) -> str:
+def _describe_place(place: FloatArray | None, source: str) -> str:
     return "" if place is None else f"{_millimetres(place)} mm{source}"
 
 
-def _tell_unit(unit: str) -> str:
+def _describe_unit(unit: str) -> str:
     return f"1 unit = {MM[unit]:.10g} mm"
 
 
-def _tell_drawn(scan: Scan, location: Location) -> list[Note]:
+def _note_drawn(scan: Scan, location: Location) -> list[Note]:
     """A note on the points of a large scan that were not used."""
     if location.points == len(scan.points):
         return []
@@ -176,7 +176,7 @@ def job(names: tuple[str, str], units: tuple[str, str], found: Location, stood: 
     evidence = [f"{label}: {text}" if label else text for label, text, _ in _describe(found, stood)]
     lines = [
         f"camgen {__version__}: where {harmless(names[0])} stands in {harmless(names[1])}",
-        f"units: {_tell_unit(units[0])} in the model, {_tell_unit(units[1])} in the scan",
+        f"units: {_describe_unit(units[0])} in the model, {_describe_unit(units[1])} in the scan",
         *evidence,
     ]
     return "".join(f"# {line}\n" for line in lines) + f"\n[cell]\n{_line(found.base_from_work)}\n"
@@ -195,7 +195,7 @@ def _describe(found: Location, stood: str) -> Sequence[tuple[str, str, str]]:
     near = _percent(found.seen.near)
     points = counted(found.used, "point that counts", "points that count")
     rows = [("viewpoint", stood, "plain")] if stood else []
-    rows += _tell_left_out(found)
+    rows += _list_left_out(found)
     rest = " without the bench" if found.bench else ""
     rows += [
         (
@@ -241,7 +241,7 @@ def _describe(found: Location, stood: str) -> Sequence[tuple[str, str, str]]:
     return rows
 
 
-def _tell_left_out(found: Location) -> list[tuple[str, str, str]]:
+def _list_left_out(found: Location) -> list[tuple[str, str, str]]:
     """Rows on the points that took no part in the search."""
     rows = []
     if found.bench:

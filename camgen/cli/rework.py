@@ -14,7 +14,7 @@ import numpy as np
 from msgspec import Struct, structs
 
 from camgen.check.photo import Inspection, Rework
-from camgen.check.photo.rework import LEAD
+from camgen.check.photo.rework import LEAD, WITHOUT_FORCE
 from camgen.model.job import Job, OperationTable
 from camgen.model.job_tables import FILES, split_name
 from camgen.model.pose import FloatArray
@@ -64,6 +64,7 @@ def write_job(inspection: Inspection, works: Sequence[Rework], job: Job, target:
         f"# Build it with the drawing beside it: camgen build {harmless(target.stem)}.dxf",
         "# It is for the part as the photo shows it: after a run, also one that was broken off,",
         "# take another photo and another rework.",
+        *([] if job.process.force else [f"# {WITHOUT_FORCE}."]),
         "",
         "[input]",
         'units = "mm"',

@@ -126,8 +126,8 @@ def localize(
     name: the name of the scan, for errors.
     part: vertices (V, 3), mm, and faces (F, 3).
     scan: points (N, 3), mm.
-    start: base_from_work, as far as it is known. The search begins there. Of poses that fit equally
-        well, the pose with the least turn from it is taken; without it, the least turn at all.
+    start: base_from_work, as far as it is known. The search begins there. If several poses fit
+        equally well, the pose with the least turn from it is taken; without it, the least turn.
     viewpoint: the scanner's place (3,), mm, in the scan's frame. The scanner did not see surface
         that the part hides from there.
 
@@ -137,15 +137,15 @@ def localize(
     """
     # About the middle of the scan, so that coordinates far from the origin lose no digits in single precision.
     middle = np.median(scan, axis=0)
-    points = np.random.default_rng(0).permutation(scan - middle)[:_MANY]
+    centred = np.random.default_rng(0).permutation(scan - middle)[:_MANY]
     eye = None if viewpoint is None else np.asarray(viewpoint, dtype=np.float64) - middle
     given = Pose(IDENTITY, (0.0, 0.0, 0.0)) if start is None else start
     given = Pose(given.rotation, _sum(given.origin, -middle))
     stage("preparing the model")
     model = model_part(*part)
-    _size(name, model.size, points)
+    _size(name, model.size, centred)
     ground = prepare(model)
-    together = points[~isolated(points)]
+    together = centred[~isolated(centred)]
     tries = search(ground, list_scenes(model, together, eye), given, stage)
     if not math.isfinite(tries.best()[0].noise):
         raise _missing(name, "no pose puts it on the points")
@@ -154,11 +154,13 @@ def localize(
     equal = best_of(model, ground.samples, scene.first(4 * FEW), others, tries.best()[0])
     final = _choose(model, equal, given, start is not None)
     stage("refining")
-    for some in (scene.view.points[: 4 * FEW], scene.view.points):
+    for points in (scene.view.points[: 4 * FEW], scene.view.points):
         final = refine(
-            model, ground.samples, some, (final.rotation, final.origin), 1.1 * others.gate
+            model, ground.samples, points, (final.rotation, final.origin), 1.1 * others.gate
         )
-    return _judge(_Told(name, points, together, middle, start), ground, scene, final, others)
+    return _judge(
+        _CentredScan(name, centred, together, middle, start), ground, scene, final, others
+    )
 
 
 def _compare(tries: Tries) -> Alternatives:
@@ -173,8 +175,9 @@ def _compare(tries: Tries) -> Alternatives:
 
 
 def _choose(model: Model, equal: list[ScanFit], given: Pose, known: bool) -> ScanFit:
-    """Of the poses that fit equally well the one turned least from the given one; of those turned as little the nearest
-    to it, if where it is was ``known``.
+    """The pose with the least turn from the given one, of poses that fit equally well.
+
+    If the given place is ``known``, the nearest of the poses that are turned as little.
     """
     turns = [angle_between(given.rotation, frozen(fit.rotation.T)) for fit in equal]
     if not known:
@@ -192,7 +195,7 @@ def _choose(model: Model, equal: list[ScanFit], given: Pose, known: bool) -> Sca
 
 
 def _size(name: str, size: float, points: FloatArray) -> None:
-    """``InputError`` if the scan is in another unit than the model, or so large that the part is lost in it."""
+    """Raises InputError if the scan is in another unit than the model, or too large for it."""
     extent = float(np.linalg.norm(np.subtract(*np.percentile(points, (99, 1), axis=0))))
     if _SMALLEST * size <= extent <= _LARGEST * size:
         return
@@ -203,9 +206,14 @@ def _size(name: str, size: float, points: FloatArray) -> None:
     raise InputError(name, "the scan cannot show this model", where, remedy)
 
 
-class _Told(Struct, frozen=True, eq=False):
-    """What is known of a scan: its name, the points (N, 3) about its middle (3,), those that are not ``together`` with
-    others left out, and about where the part stands.
+class _CentredScan(Struct, frozen=True, eq=False):
+    """A scan about its middle, in mm.
+
+    name: the name of the scan.
+    points: (N, 3), all points.
+    together: (M, 3), the points without the isolated ones.
+    middle: (3,), in the frame of the scan.
+    start: base_from_work, as far as it is known.
     """
 
     name: str
@@ -216,13 +224,15 @@ class _Told(Struct, frozen=True, eq=False):
 
 
 def _judge(
-    told: _Told, ground: PreparedModel, scene: Scene, final: ScanFit, others: Alternatives
+    centred: _CentredScan, ground: PreparedModel, scene: Scene, final: ScanFit, others: Alternatives
 ) -> Location:
-    """What was found with all that speaks for and against it. ``InputError`` if it cannot be the part,
-    ``NoSafeProgram`` if it could be elsewhere, or the scan shows another shape.
+    """The location with its evidence.
+
+    Raises InputError if it cannot be the part. Raises NoSafeProgram if the part may be elsewhere,
+    or if the scan shows another shape.
     """
     model, samples = ground.model, ground.samples
-    name, points, view = told.name, scene.view.points, scene.view
+    name, points, view = centred.name, scene.view.points, scene.view
     within = ground.within
     rest = np.delete(points, final.used, axis=0)
     lying = len(final.used) + len(on(model, samples, final.apply(rest), within).point)
@@ -236,22 +246,23 @@ def _judge(
         raise _missing(
             name, f"at best its surface is {short(final.noise, 3)} mm rms off the points"
         )
-    seen = _refuse_unseen(told, ground, view, final, others.gate)
-    some = scene.first(FEW)
-    equal, following = rivals(model, samples, points[: 4 * FEW], final, others, told.middle)
-    free, away = freedom(model, samples, some, final, (others.gate, others.same))
+    seen = _refuse_unseen(centred, ground, view, final, others.gate)
+    equal, following = rivals(model, samples, points[: 4 * FEW], final, others, centred.middle)
+    free, moved = freedom(model, samples, scene.first(FEW), final, (others.gate, others.same))
     weak = "" if free else weakness(final)
     patches = differences(model, samples, view, final)
-    found = Location(
-        _place(final, told.middle), len(told.points), overlap, within, final.rms, len(final.used), seen, equal,
+    location = Location(
+        _place(final, centred.middle), len(centred.points), overlap, within, final.rms, len(final.used), seen, equal,
         following, free, weak, noise_limit(model, final), run_on(model, samples, points, final), tuple(patches),
-        len(told.points) - len(told.together), len(told.together) - len(points), (),
+        len(centred.points) - len(centred.together), len(centred.together) - len(points), (),
     )  # fmt: skip
-    _refuse_larger(told, model, found)
-    _refuse_unsettled(name, model, found, away, told.start, view.eye is not None)
-    _refuse_other_shape(told, model, found)
+    _refuse_larger(centred, model, location)
+    _refuse_unsettled(name, model, location, moved, centred.start, view.eye is not None)
+    _refuse_other_shape(centred, model, location)
     again = find_again(ground, view, final)
-    return msgspec.structs.replace(found, again=tuple(_place(fit, told.middle) for fit in again))
+    return msgspec.structs.replace(
+        location, again=tuple(_place(fit, centred.middle) for fit in again)
+    )
 
 
 def _place(fit: ScanFit, middle: FloatArray) -> Pose:
@@ -261,11 +272,14 @@ def _place(fit: ScanFit, middle: FloatArray) -> Pose:
 
 
 def _refuse_unseen(
-    told: _Told, ground: PreparedModel, view: View, final: ScanFit, gate: float
+    centred: _CentredScan, ground: PreparedModel, view: View, final: ScanFit, gate: float
 ) -> SeenShare:
-    """How much of the part shows. ``InputError`` if that is too little, or what shows could not be seen."""
-    model, samples, name = ground.model, ground.samples, told.name
-    within, some = ground.within, view.points[: 4 * FEW]
+    """The shares of the surface that show.
+
+    Raises InputError if they are too small, or if the scanner cannot have seen that surface.
+    """
+    model, samples, name = ground.model, ground.samples, centred.name
+    within = ground.within
     hides = share_unseen(ground, view, final, gate)
     if hides > MOST_HIDDEN:
         why = (
@@ -278,7 +292,7 @@ def _refuse_unseen(
             "check --viewpoint: where the scanner stood",
         )
     seen = measure_seen(model, samples, view, final, within)
-    inside = stray(model, samples, some, final, within)
+    inside = stray(model, samples, view.points[: 4 * FEW], final, within)
     if seen.near < LEAST_SEEN:
         raise _missing(name, f"at best {100 * seen.near:.0f} % of its near side show in the scan")
     if inside > MOST_STRAY:
@@ -289,17 +303,19 @@ def _refuse_unseen(
     return seen
 
 
-def _refuse_other_shape(told: _Told, model: Model, found: Location) -> None:
+def _refuse_other_shape(centred: _CentredScan, model: Model, location: Location) -> None:
     """Raises NoSafeProgram if surface is missing, or if the scan runs on at the end of the model.
 
     A start near the pose decides that a neighbour runs on there, and that a scan which lets the
     part slide does not show its ends.
     """
-    known = told.start is not None and is_near(model, told.start, found.base_from_work)
-    against = [patch for patch in found.patches if not (known and (patch.beyond or found.free))]
+    known = centred.start is not None and is_near(model, centred.start, location.base_from_work)
+    against = [
+        patch for patch in location.patches if not (known and (patch.beyond or location.free))
+    ]
     if against:
         raise NoSafeProgram(
-            told.name,
+            centred.name,
             "the scan does not show the shape of the model",
             _list_patches(against),
             "check that it is this part and not a variant of it, and cut away what is not the part",
@@ -311,45 +327,47 @@ def _list_patches(patches: Sequence[Patch]) -> str:
     return "; ".join(describe_patch(patch) for patch in patches[:_LISTED]) + more
 
 
-def _refuse_larger(told: _Told, model: Model, found: Location) -> None:
-    """``InputError`` if the scan shows a larger part at the place, ``NoSafeProgram`` if it may, and the start is not
-    near.
+def _refuse_larger(centred: _CentredScan, model: Model, location: Location) -> None:
+    """Raises InputError if the scan shows a larger part at the place.
+
+    Raises NoSafeProgram if it may, and the start is not near.
     """
-    why = f"the scan runs on beyond {100 * found.run_on:.0f} % of its rims"
-    if found.run_on > MOST_RUN_ON:
-        raise _missing(told.name, f"where it fits best, {why}")
-    if found.run_on > SOME_RUN_ON and not (
-        told.start and is_near(model, told.start, found.base_from_work)
+    why = f"the scan runs on beyond {100 * location.run_on:.0f} % of its rims"
+    if location.run_on > MOST_RUN_ON:
+        raise _missing(centred.name, f"where it fits best, {why}")
+    if location.run_on > SOME_RUN_ON and not (
+        centred.start and is_near(model, centred.start, location.base_from_work)
     ):
         remedy = "cut away what is flush with it, or say about where the part stands with --start"
         what = "the scan does not settle whether it shows the part or a larger one"
-        places = f": {_list_patches(found.patches)}" if found.patches else ""
-        raise NoSafeProgram(told.name, what, f"where it fits best, {why}{places}", remedy)
+        places = f": {_list_patches(location.patches)}" if location.patches else ""
+        raise NoSafeProgram(centred.name, what, f"where it fits best, {why}{places}", remedy)
 
 
 def _refuse_unsettled(
-    name: str, model: Model, found: Location, away: float, start: Pose | None, seen_from: bool
+    name: str, model: Model, location: Location, moved: float, start: Pose | None, seen_from: bool
 ) -> None:
-    """``NoSafeProgram`` if the surface may as well be elsewhere, by more than the noise, and ``start`` does not say
-    which it is.
+    """Raises NoSafeProgram if the surface may be elsewhere by more than the noise.
 
-    away: mm, how far the motion takes the surface that changes nothing.
+    A start may decide which place it is.
+
+    moved: the distance by which a motion that changes nothing takes the surface, mm.
     """
-    if found.free and away > found.told_apart and start is None:
-        why = f"{found.free} changes nothing"
+    if location.free and moved > location.told_apart and start is None:
+        why = f"{location.free} changes nothing"
     else:
-        open_ones = [rival for rival in found.rivals if rival.off > found.told_apart]
+        open_ones = [rival for rival in location.rivals if rival.off > location.told_apart]
         if start is not None:
             open_ones = [
                 r
                 for r in open_ones
-                if not decides(model, start, found.base_from_work, r.base_from_work)
+                if not decides(model, start, location.base_from_work, r.base_from_work)
             ]
         if not open_ones:
             return
         other = max(open_ones, key=lambda rival: rival.off)
         pose = f"a pose turned by {other.turn:.1f} deg and moved by {short(other.shift, 2)} mm"
-        both = f"{pose_values(found.base_from_work)} or {pose_values(other.base_from_work)}"
+        both = f"{pose_values(location.base_from_work)} or {pose_values(other.base_from_work)}"
         why = f"{pose} fits as well; it puts the surface up to {short(other.off, 2)} mm elsewhere: {both}"
     place = (
         "about where the part stands with --start"

@@ -132,7 +132,7 @@ def _turn_up(
 def _fit_plane(points: FloatArray, within: float) -> tuple[FloatArray, float] | None:
     """The unit normal (3,) and the height, mm, of the plane with most of ``points`` (N, 3).
 
-    By MSAC (Torr and Zisserman, MLESAC, 2000), then by least squares.
+    MSAC (Torr and Zisserman, MLESAC, 2000) finds it, least squares refine it.
     """
     drawn = np.random.default_rng(0).integers(0, len(points), (_TRIES, 3))
     a, b, c = (points[drawn[:, k]] for k in range(3))

@@ -87,7 +87,8 @@ def best_of(
 ) -> list[ScanFit]:
     """The different fits that are not worse than the best by more than chance.
 
-    view: more points than chose the fits. final: any of the fits, as the measure of difference.
+    view: more points than chose the fits.
+    final: any of the fits, as the measure of difference.
     """
     least, limit = min(others.costs), _limit(model, final)
     kept: list[ScanFit] = []
@@ -389,7 +390,7 @@ def measure_seen(
     final: ScanFit,
     within: float,
 ) -> SeenShare:
-    """How much of the model the scan shows: of all, and of the surface that the scanner could see.
+    """The shares of the model that the scan shows: of all, and of the surface that could be seen.
 
     That surface faces the scanner, and the part itself does not hide it. An unknown place of the
     scanner is estimated.
@@ -403,8 +404,8 @@ def measure_seen(
         asked = look(model, places, normals, final.apply(view.eye)[None], _FACING)[0]
     elif hit.any() and float(np.linalg.norm(normals[hit].mean(axis=0))) > _ONE_SIDED:
         shown = SeenPlaces(places[few], normals[few], hit[few])
-        found, _ = estimate_eye(model, shown, _FACING)
-        asked = look(model, places, normals, found[None], _FACING)[0]
+        estimate, _ = estimate_eye(model, shown, _FACING)
+        asked = look(model, places, normals, estimate[None], _FACING)[0]
     else:  # from all around
         asked = look(model, places, normals, far_eyes(model, around()), _FACING).any(axis=0)
     return SeenShare(float(hit.mean()), float(hit[asked].mean()) if asked.any() else 0.0)

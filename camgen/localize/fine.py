@@ -238,7 +238,7 @@ def _pulls(model: Model, touch: Touch, places: FloatArray) -> tuple[FloatArray, 
 
 
 class View(Struct, frozen=True, eq=False):
-    """Points of a scan (N, 3), mm, and what is known of the scanner.
+    """Points of a scan (N, 3), mm, and the place of the scanner as far as it is known.
 
     eye: (3,), its place, mm; None if it is not known.
     up: (3,), unit, from the bench to the part and the scanner; None without a bench.
@@ -309,16 +309,16 @@ def costs(
     points = view.points
     touch = on(model, samples, np.concatenate([fit.apply(points) for fit in fits]), gate)
     ends = np.searchsorted(touch.point, len(points) * np.arange(1, len(fits)))
-    found = [_mean_cost(some, len(points), gate) for some in np.split(touch.distance, ends)]
+    results = [_mean_cost(near, len(points), gate) for near in np.split(touch.distance, ends)]
     if view.eye is None and view.up is None:
-        return found
+        return results
     best = np.inf
-    for i in sorted(range(len(fits)), key=found.__getitem__):
-        if found[i] > best + same:
+    for i in sorted(range(len(fits)), key=results.__getitem__):
+        if results[i] > best + same:
             break
-        found[i] = cost(model, samples, view, fits[i], gate)
-        best = min(best, found[i])
-    return found
+        results[i] = cost(model, samples, view, fits[i], gate)
+        best = min(best, results[i])
+    return results
 
 
 def on(model: Model, samples: Cloud, at: FloatArray, reach: float) -> Touch:

@@ -17,7 +17,7 @@ ON_SURFACE = 1e-5
 _SEAM = 1e-9
 #: Directions that are tried all around, and then about the best one.
 _AROUND, _NEARER = 60, 16
-#: Two directions agree about as well with what was seen if their coefficients differ by less.
+#: Two directions agree about as well with the seen places if their coefficients differ by less.
 _ABOUT_AS_WELL = 0.05
 #: A far eye stands so many sizes of the model away.
 _FAR = 1e4

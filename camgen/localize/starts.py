@@ -34,9 +34,10 @@ _DIFFERENT_SHARE = 0.03
 
 
 def things(model: Model, points: FloatArray) -> list[FloatArray]:
-    """What of the points (N, 3) may be the part: all of them, and each of the largest things that stand apart."""
-    apart = heaps(points, model.size / 16)
-    return [thin(some, _POINTS) for some in [points, *(apart if len(apart) > 1 else [])]]
+    """Point sets that may be the part: all points (N, 3), and each of the largest things."""
+    largest = heaps(points, model.size / 16)
+    sets = [points, *(largest if len(largest) > 1 else [])]
+    return [thin(each, _POINTS) for each in sets]
 
 
 class Begins(Struct, frozen=True, eq=False):

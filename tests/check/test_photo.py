@@ -428,8 +428,20 @@ def test_the_job_of_a_rework_holds_all_it_needs(
     assert (job.process.force, job.process.spindle, job.process.stay_down) == (2.0, 9000.0, False)
     assert [step.operation.depth for step in job.operations] == [1.5, 1.5]
     assert [step.tool.number for step in job.operations] == [7, 7]
+    assert "process.force is 0" not in (desk / "out" / "again.toml").read_text()
     (fixture,) = job.cell.fixtures or ()
     assert Path(str(fixture)).resolve() == desk / "cells" / "clamp.stl"
+
+
+@pytest.mark.usefixtures("few_turns")
+def test_a_rework_without_force_is_a_warning(
+    desk: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["inspect", "photo.png", "--against", "plate.dxf", "--removal", "0.3"]
+    assert main([*words, "--rework", "again.toml"]) == 0
+    whole = "the first pass takes off the whole height of each burr"
+    assert whole in capsys.readouterr().err
+    assert whole in (desk / "again.toml").read_text()
 
 
 def test_a_part_of_many_sides_is_worked_only_where_it_lies_as_drawn() -> None:

@@ -91,7 +91,7 @@ def list_rework(
 ) -> tuple[tuple[Rework, ...], tuple[NotReworked, ...]]:
     """The rework of each burr, and all other differences with the reason why they are left.
 
-    removal: height that a pass takes off at the job's feed, mm. Raises JobError if that is no
+    removal: height that a pass takes off at the job's feed, mm. Raises JobError if it is not a
     length, or makes too many passes.
     """
     if not (math.isfinite(removal) and removal > 0):

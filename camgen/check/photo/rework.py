@@ -55,6 +55,10 @@ class Rework(Struct, frozen=True, eq=False):
     stretch: FloatArray
 
 
+#: A warning for jobs without force control.
+WITHOUT_FORCE = "process.force is 0: the first pass takes off the whole height of each burr"
+
+
 class NotReworked(Struct, frozen=True):
     """A difference that is not worked again."""
 
@@ -142,7 +146,8 @@ def insist_on_following(job: Job, kind: str) -> None:
 def insist_on_pose(photo: str, fit: Fit, region: shapely.Geometry) -> None:
     """Raises NoSafeProgram for a part of several like sides that lies otherwise than drawn.
 
-    Of a part that lies as drawn the photo has the frame of the drawing, and the nearest turn is it.
+    The frame of the photo is that of the drawing if the part lies as drawn.
+    Then the nearest turn is right.
     """
     if not fit.rivals:
         return

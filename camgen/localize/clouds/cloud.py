@@ -15,7 +15,7 @@ FARTHEST = 1e11
 
 
 class FileCloud(Struct, frozen=True, eq=False):
-    """The points of a file, and what it says of them.
+    """The points of a file, with the facts that it states about them.
 
     points: (N, 3) in the unit of the file; not finite if the scanner saw nothing.
     notes: omissions and assumptions.

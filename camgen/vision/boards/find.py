@@ -161,7 +161,7 @@ def _board(picture: Picture, board: Board) -> _Found:
     row, column = np.divmod(owners, board.columns - 1)
     mm = np.column_stack([column + 1, board.rows - 1 - row]) * board.square
     names = [f"corner {number}" for number in owners.tolist()]
-    notes = (*_told_pattern(pattern, board), *_missing_lines(pattern, board))
+    notes = (*_note_pattern(pattern, board), *_missing_lines(pattern, board))
     return _Found(pattern.corners, mm, owners, names, "corner", notes)
 
 
@@ -170,7 +170,7 @@ def _pattern(pixels: Pixels, board: Board) -> Pattern:
     return max(patterns(_grey(pixels), board), key=lambda pattern: len(pattern.numbers))
 
 
-def _told_pattern(pattern: Pattern, board: Board) -> tuple[Note, ...]:
+def _note_pattern(pattern: Pattern, board: Board) -> tuple[Note, ...]:
     if not has_two_patterns(board):
         return ()
     which = "before OpenCV 4.6" if pattern.legacy else "of OpenCV 4.6 and later"
@@ -238,7 +238,7 @@ def _note_missing(missing: int, side: _Side, board: Board) -> Note:
     what = f"no corner of {lines} of the {board.label} is found"
     if side.name != "lower":
         return Note(
-            "assumed", what, "covered, or out of the picture: the origin does not hang on it"
+            "assumed", what, "covered, or out of the picture: the origin does not depend on it"
         )
     off = short(missing * board.square, 3)
     why = (
