@@ -62,3 +62,27 @@ def chessboard(columns: int, rows: int, square: float) -> tuple[tuple[Layer, Lay
     paper = box(-2 * square, -2 * square, (columns + 1) * square, (rows + 1) * square)
     y, x = np.mgrid[:rows, :columns]
     return (Layer((paper,), PAPER), Layer(tuple(ink), INK)), ((x + 1j * y) * square).ravel()
+
+
+def charuco(
+    columns: int, rows: int, square: float, marker: float, dictionary: str
+) -> tuple[Layer, Layer]:
+    """Paper and ink of a ChArUco board of ``columns`` x ``rows`` squares; lengths in mm.
+
+    The origin is the lower left corner of the squares. A rim of half a square is white.
+    """
+    known = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{dictionary}"))
+    board = cv2.aruco.CharucoBoard((columns, rows), square, marker, known)
+    # OpenCV's y runs down from the upper left corner.
+    flip = np.array([1.0, -1.0]), np.array([0.0, rows * square])
+    corners = np.array(board.getObjPoints())[..., :2] * flip[0] + flip[1]
+    rim = square / 2
+    page = (-rim, -rim, columns * square + rim, rows * square + rim)
+    paper, ink = markers(page, np.ravel(board.getIds()).tolist(), corners, dictionary)
+    # The upper left square is black.
+    black = [
+        box(i * square, (rows - 1 - j) * square, (i + 1) * square, (rows - j) * square)
+        for i, j in np.ndindex(columns, rows)
+        if (i + j) % 2 == 0
+    ]
+    return paper, Layer((*black, *ink.loops), INK)

@@ -1,0 +1,196 @@
+"""Photos as they come: errors with and without a line that names their cause, pieces, refusals.
+
+    python -m bench.photo.conditions [PHOTOS, 40] [FIRST, 0] [CLEAN, 20]
+
+The rule: the photos FIRST to FIRST + PHOTOS are drawn by number from bench.render.conditions. A
+photo takes each condition with a chance of one half, and draws it from its range: contrast 5 to
+120, noise 0 to 4, blur 0.3 to 3 px, motion 0 to 9 px, 1 to 100 chips, a part 0 to 10 mm high (the
+job states the height, again with a chance of one half), a lens of k1 -0.25 to 0 without
+calibration, a brushed or wooden bench, a shadow. Three ways to tell the work plane take turns:
+camgen's sheet, a ChArUco board beside the part, pairs of points. Limits are chosen with the photos
+1000 and up. CLEAN photos, 2000 and up, have no such condition.
+
+The found contours are compared with the outlines of the part's upper face: each point of a
+contour, a tenth of a millimetre apart, with the nearest place of the outlines. Corners are left
+out: places within 1 mm and the width of the blur and the motion of a sharp corner of the part.
+Chips count as off. Outcomes:
+
+- right: no point is off by more than 0.1 mm, and no outline is missing
+- named: a line of the result has a word for one of the conditions
+- silent: none has
+- refused: no part is read
+
+The goals: no photo is silent, at most 3 of 40 are refused, pieces of the photos that are right are
+at most 1.3 times those of the part and 4, and at most 2 of 20 clean photos have a warning.
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from collections import Counter
+from collections.abc import Iterator
+from itertools import chain
+from pathlib import Path
+
+import numpy as np
+
+from bench.render.conditions import (
+    PIXEL,
+    ConditionedPhoto,
+    Conditions,
+    draw_conditions,
+    draw_photo,
+)
+from bench.render.scene import written
+from bench.render.shapes import Loop, Pieces, flatten, pieces
+from bench.support.runner import Cells, open_table, read_words, verdict
+from camgen.model.errors import InputError, JobError, NoSafeProgram
+from camgen.model.part import Note, Part
+from camgen.read.files import Files
+from camgen.read.image import read
+from camgen.read.job_file import from_mapping
+
+#: mm
+MOST, CORNER = 0.1, 1.0
+#: Words of a line that names a condition as the cause.
+WORDS = {
+    "contrast": ("hardly differ", "contrast", "noise"),
+    "noise": ("noise", "hardly differ"),
+    "blur": ("blur", "unsharp"),
+    "motion": ("blur", "motion", "unsharp"),
+    "chips": ("loose", "chip", "speck", "apart"),
+    "height": ("height",),
+    "k1": ("lens",),
+    "bench": ("bench", "grain", "noise"),
+    "shadow": ("shadow",),
+}
+CLEAN_FROM = 2000
+#: Columns of the outcome and of the warnings.
+_OUTCOME, _WARNINGS = 3, 9
+COLUMNS = (
+    "photo | work plane | conditions | outcome | most mm {:.3f} | rms mm {:.3f} "
+    "| missing % {:.1f} | pieces {} | of the part {} | warnings {} | goal | line"
+)
+
+
+def judge(photo: ConditionedPhoto, folder: Path) -> Iterator[Cells]:
+    """The row of a photo."""
+    names = ", ".join(_tell(photo.conditions))
+    head = (photo.number, photo.plane_by, names or "clean")
+    file = folder / "photo.png"
+    written(file, photo.pixels)
+    files = Files()
+    try:
+        part = read(files.read(file), from_mapping(photo.job), files)
+    except (InputError, JobError, NoSafeProgram) as error:
+        yield *head, "refused", None, None, None, None, None, 1, "", str(error)
+        return
+    off, rms, missing = measure(part, photo)
+    count, drawn = (_count_pieces(loops) for loops in (_to_loops(part), photo.loops))
+    is_right = off <= MOST and missing == 0
+    line = name_cause(part.notes, photo.conditions)
+    outcome = "right"
+    if not is_right:
+        outcome = "named" if line else "silent"
+    is_met = outcome != "silent" and not (is_right and count > 1.3 * drawn + 4)
+    warnings = sum(note.kind == "warning" for note in part.notes)
+    figures = (off, rms, 100 * missing, count, drawn, warnings)
+    yield *head, outcome, *figures, verdict(is_met), line
+
+
+def measure(part: Part, photo: ConditionedPhoto) -> tuple[float, float, float]:
+    """Largest and rms distance of the contours from the outlines, mm, and the share not found."""
+    truth = pieces(photo.loops)
+    followed = np.concatenate([_walk(loop) for loop in _to_loops(part)])
+    drawn = np.concatenate([_walk(loop) for loop in photo.loops])
+    conditions = photo.conditions
+    room = CORNER + (2 * conditions.blur + conditions.motion / 2) * PIXEL
+    corners = sharp_corners(photo.loops)
+    off = truth.distance(followed)[_away(followed, corners, room)]
+    contours = pieces(_to_loops(part))
+    from_drawn = contours.distance(drawn)[_away(drawn, corners, room)]
+    missing = float(np.mean(from_drawn > 1.0))
+    return float(off.max(initial=0.0)), float(np.sqrt(np.mean(off**2))), missing
+
+
+def sharp_corners(loops: tuple[Loop, ...]) -> np.ndarray:
+    """Points of the loops where the direction changes, (N,) complex, mm."""
+    corners = [np.zeros(0, complex)]
+    for loop in loops:
+        whole = pieces([loop])
+        count = np.arange(len(loop.points))
+        _, after = whole.at(count, np.zeros(len(count)))
+        _, before = whole.at(np.roll(count, 1), np.ones(len(count)))
+        corners.append(loop.points[np.abs(np.angle(after / before)) > 1e-3])
+    return np.concatenate(corners)
+
+
+def name_cause(notes: tuple[Note, ...], conditions: Conditions) -> str:
+    """The first line that has a word for one of the conditions; empty without one."""
+    words = list(chain.from_iterable(WORDS[name] for name in conditions.names))
+    for line in sorted(map(str, notes), key=lambda line: line.startswith("assumed")):
+        if any(word in line for word in words):
+            return line
+    return ""
+
+
+def _tell(conditions: Conditions) -> Iterator[str]:
+    for name in conditions.names:
+        value = getattr(conditions, name)
+        text = value if isinstance(value, str) else f"{value:.3g}"
+        yield f"{name} {text}{' told' if name == 'height' and conditions.is_told else ''}"
+
+
+def _to_loops(part: Part) -> tuple[Loop, ...]:
+    return tuple(
+        Loop(contour.points[:, 0] + 1j * contour.points[:, 1], np.asarray(contour.bulges))
+        for contour in part.contours
+    )
+
+
+def _count_pieces(loops: tuple[Loop, ...]) -> int:
+    return sum(len(loop.points) for loop in loops)
+
+
+def _walk(loop: Loop) -> np.ndarray:
+    """Points along a loop, (N,) complex, 0.1 mm apart."""
+
+    def count(whole: Pieces) -> np.ndarray:
+        return np.ceil(whole.length / 0.1).clip(1)
+
+    return flatten(loop, count)
+
+
+def _away(places: np.ndarray, corners: np.ndarray, room: float) -> np.ndarray:
+    """Which of the places (N,) are further than ``room`` mm from all corners."""
+    if not len(corners):
+        return np.ones(len(places), bool)
+    far = np.ones(len(places), bool)
+    for corner in corners:
+        far &= np.abs(places - corner) > room
+    return far
+
+
+def main(count: int, first: int, clean: int) -> int:
+    table = open_table(COLUMNS)
+    outcomes: Counter[str] = Counter()
+    warned = 0
+    with tempfile.TemporaryDirectory() as folder:
+        for number in range(first, first + count):
+            photo = draw_photo(number, draw_conditions(number))
+            for cells in judge(photo, Path(folder)):
+                table.add(*cells)
+                outcomes[str(cells[_OUTCOME])] += 1
+        for number in range(CLEAN_FROM, CLEAN_FROM + clean):
+            for cells in judge(draw_photo(number, Conditions()), Path(folder)):
+                table.add(*cells)
+                warned += bool(cells[_WARNINGS])
+    print(f"\n{', '.join(f'{n} {name}' for name, n in sorted(outcomes.items()))}")
+    print(f"{warned} of {clean} clean photos have a warning or are refused")
+    is_met = outcomes["refused"] <= 3 * count / 40 and warned <= clean / 10
+    return int(not is_met or table.missed > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main(*read_words(40, 0, 20)))
