@@ -258,7 +258,7 @@ def _judge(
     )  # fmt: skip
     _refuse_larger(centred, model, location)
     _refuse_unsettled(name, model, location, moved, centred.start, view.eye is not None)
-    _refuse_other_shape(centred, model, location)
+    _refuse_other_shape(centred, model, location, view.eye is not None)
     again = find_again(ground, view, final)
     return msgspec.structs.replace(
         location, again=tuple(_place(fit, centred.middle) for fit in again)
@@ -303,7 +303,9 @@ def _refuse_unseen(
     return seen
 
 
-def _refuse_other_shape(centred: _CentredScan, model: Model, location: Location) -> None:
+def _refuse_other_shape(
+    centred: _CentredScan, model: Model, location: Location, seen_from: bool
+) -> None:
     """Raises NoSafeProgram if surface is missing, or if the scan runs on at the end of the model.
 
     A start near the pose decides that a neighbour runs on there, and that a scan which lets the
@@ -318,7 +320,9 @@ def _refuse_other_shape(centred: _CentredScan, model: Model, location: Location)
             centred.name,
             "the scan does not show the shape of the model",
             _list_patches(against),
-            "check that it is this part and not a variant of it, and cut away what is not the part",
+            "check that it is this part and not a variant of it, "
+            f"{'' if seen_from else 'say where the scanner stood with --viewpoint, '}"
+            "and cut away what is not the part",
         )
 
 

@@ -404,8 +404,8 @@ def measure_seen(
         asked = look(model, places, normals, final.apply(view.eye)[None], _FACING)[0]
     elif hit.any() and float(np.linalg.norm(normals[hit].mean(axis=0))) > _ONE_SIDED:
         shown = SeenPlaces(places[few], normals[few], hit[few])
-        estimate, _ = estimate_eye(model, shown, _FACING)
-        asked = look(model, places, normals, estimate[None], _FACING)[0]
+        eye = estimate_eye(model, shown, _FACING).eye
+        asked = look(model, places, normals, eye[None], _FACING)[0]
     else:  # from all around
         asked = look(model, places, normals, far_eyes(model, around()), _FACING).any(axis=0)
     return SeenShare(float(hit.mean()), float(hit[asked].mean()) if asked.any() else 0.0)

@@ -19,11 +19,17 @@ _SEAM = 1e-9
 _AROUND, _NEARER = 60, 16
 #: Two directions agree about as well with the seen places if their coefficients differ by less.
 _ABOUT_AS_WELL = 0.05
-#: A far eye stands so many sizes of the model away.
+#: A far eye stands this many sizes of the model away.
 _FAR = 1e4
-#: Rounds of the estimate of an eye: the angle within which the next round tries directions (rad, 0
-#: for the last), and the further distances that a round tries, in sizes of the model.
-_ROUNDS: tuple[tuple[float, tuple[float, ...]], ...] = ((0.3, ()), (0.15, (3.0, 6.0)), (0.0, ()))
+#: The best directions that are refined, and the eyes that agree about as well, at most.
+_BEST, _ALIKE = 3, 80
+#: Rounds of the estimate of an eye: the angle about the best directions for the next round, rad,
+#: and the distances of the eyes, in sizes of the model.
+_ROUNDS: tuple[tuple[float, tuple[float, ...]], ...] = (
+    (0.3, (_FAR,)),
+    (0.15, (4.0, _FAR)),
+    (0.08, (3.0, 6.0, _FAR)),
+)
 
 
 def hidden(model: Model, places: FloatArray, eyes: FloatArray, gap: float) -> BoolArray:
@@ -102,20 +108,31 @@ class SeenPlaces(Struct, frozen=True, eq=False):
     hit: BoolArray
 
 
+class EyeEstimate(Struct, frozen=True, eq=False):
+    """An estimate of the scanner's place. Places are in the model's frame, mm.
+
+    eye: (3,), the place with the sight nearest to the seen places.
+    share: the share of the seen places that it sees, 0..1.
+    alike: (K, 3), places that agree about as well with the seen places, the best first.
+    """
+
+    eye: FloatArray
+    share: float
+    alike: FloatArray
+
+
 def estimate_eye(
     model: Model,
     seen: SeenPlaces,
     facing: float,
     up: FloatArray | None = None,
     likely: FloatArray | None = None,
-) -> tuple[FloatArray, float]:
-    """The eye (3,) with the sight nearest to the seen places, and its share of these places.
-
-    Dice's coefficient compares the two sets. Many directions may see the same places.
+) -> EyeEstimate:
+    """The scanner's place, by Dice's coefficient of its sight and the seen places.
 
     facing: the cosine between a face and the line of sight above which the face is seen.
     up: (3,), towards the side of the eye; None for any side.
-    likely: (3,), the direction to take if it agrees about as well as the best.
+    likely: (3,), a direction to try besides those all around.
     """
     middle = (model.low + model.high) / 2
 
@@ -125,22 +142,19 @@ def estimate_eye(
         agree = 2 * both / np.maximum(sight.sum(axis=1) + count, 1)
         return np.asarray(agree), np.asarray(both / max(count, 1))
 
-    directions = above(np.vstack([around(), *_usual(seen.normals[seen.hit])]), up)
-    best, distance, highest, share = directions[0], _FAR, 0.0, 0.0
+    usual = [*_usual(seen.normals[seen.hit]), *([] if likely is None else [likely[None]])]
+    directions = above(np.vstack([around(), *usual]), up)
+    eyes, agree, shares = np.zeros((0, 3)), np.zeros(0), np.zeros(0)
     for cone, distances in _ROUNDS:
-        tried = [distance, *distances]
-        eyes = np.concatenate([middle + far * model.size * directions for far in tried])
-        agree, shares = compare(eyes)
-        k = int(agree.argmax())
-        best, distance = directions[k % len(directions)], tried[k // len(directions)]
-        highest, share = float(agree[k]), float(shares[k])
-        directions = above(np.vstack([best, _ring(best, cone)]), up) if cone else directions
-    if likely is not None:
-        eye = far_eyes(model, likely[None])
-        agree, shares = compare(eye)
-        if agree[0] >= highest - _ABOUT_AS_WELL:
-            return eye[0], float(shares[0])
-    return np.asarray(middle + distance * model.size * best), share
+        tried = np.concatenate([middle + far * model.size * directions for far in distances])
+        results = compare(tried)
+        eyes = np.vstack([eyes, tried])
+        agree, shares = np.append(agree, results[0]), np.append(shares, results[1])
+        best = unit(eyes[np.argsort(-agree, kind="stable")[:_BEST]] - middle)
+        directions = above(np.vstack([_ring(direction, cone) for direction in best]), up)
+    order = np.argsort(-agree, kind="stable")[:_ALIKE]
+    alike = order[agree[order] >= agree[order[0]] - _ABOUT_AS_WELL]
+    return EyeEstimate(eyes[order[0]], float(shares[order[0]]), eyes[alike])
 
 
 def _usual(normals: FloatArray) -> list[FloatArray]:

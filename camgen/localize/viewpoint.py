@@ -25,6 +25,8 @@ _MISSED = 0.12
 _SHOWN = 0.75
 #: This share of several directions must see a place that is expected.
 _OPEN = 0.3
+#: This share of the eyes that agree about as well must see a place that is expected.
+_MOST_ALIKE = 0.9
 #: The angle about a known and about an estimated direction, rad. All directions within it must see
 #: a place that is expected.
 _NEAR_KNOWN, _NEAR_ESTIMATED = 0.03, 0.15
@@ -35,16 +37,18 @@ class Sight(Struct, frozen=True, eq=False):
 
     eyes: (D, 3) in the model's frame, mm.
     share: 0..1, the share of the eyes that must see a place for it to be expected.
+    facing: the cosine between a face and the line of sight above which the face is seen.
     """
 
     eyes: FloatArray
     share: float
+    facing: float = _FACING
 
     def expects(self, model: Model, places: FloatArray, normals: FloatArray) -> BoolArray:
         """Whether the scan should show each of ``places`` (N, 3) on the model: (N,)."""
         if not len(places):
             return np.zeros(0, dtype=bool)
-        seen = look(model, places, normals, self.eyes, _FACING)
+        seen = look(model, places, normals, self.eyes, self.facing)
         return np.asarray(seen.mean(axis=0) >= self.share - 1e-9)
 
 
@@ -61,13 +65,14 @@ def find_sight(evidence: Evidence, view: View, final: ScanFit) -> Sight:
     up = None if view.up is None else final.rotation @ view.up
     likely = _direction_by_density(at, faces)
     seen_places = SeenPlaces(places, normals, hit)
-    eye, share_seen = estimate_eye(model, seen_places, _STEEPEST, up, likely)
-    if share_seen >= 1 - _MISSED:
-        return Sight(_surround(eye, model, _NEAR_ESTIMATED), 1.0)
+    estimate = estimate_eye(model, seen_places, _STEEPEST, up, likely)
+    if estimate.share >= 1 - _MISSED:
+        near = _surround(estimate.eye, model, _NEAR_ESTIMATED)
+        return Sight(np.vstack([near, estimate.alike]), _MOST_ALIKE, _STEEPEST)
     eyes = far_eyes(model, above(around(), up))
     seen = look(model, places, normals, eyes, _FACING)
     shown = (seen & hit).sum(axis=1) >= _SHOWN * np.maximum(seen.sum(axis=1), 1)
-    return Sight(np.vstack([eye[None], eyes[shown]]), _OPEN)
+    return Sight(np.vstack([estimate.eye[None], eyes[shown]]), _OPEN)
 
 
 def _find_hit(

@@ -62,9 +62,9 @@ def test_the_place_of_the_scanner_is_estimated_from_what_was_seen():
     places, normals = model.samples[::25], model.sample_normals[::25]
     way = np.array([0.5, -0.4, 0.77]) / np.linalg.norm([0.5, -0.4, 0.77])
     hit = sight.look(model, places, normals, sight.far_eyes(model, way[None]), 0.15)[0]
-    eye, shown = sight.estimate_eye(model, sight.SeenPlaces(places, normals, hit), 0.15)
-    found = eye - (model.low + model.high) / 2
-    assert shown > 0.9
+    estimate = sight.estimate_eye(model, sight.SeenPlaces(places, normals, hit), 0.15)
+    found = estimate.eye - (model.low + model.high) / 2
+    assert estimate.share > 0.9
     assert np.degrees(np.arccos(found @ way / np.linalg.norm(found))) < 15
 
 
