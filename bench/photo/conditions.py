@@ -62,7 +62,7 @@ WORDS = {
     "chips": ("loose", "chip", "speck", "apart"),
     "height": ("height",),
     "k1": ("lens",),
-    "bench": ("bench", "grain", "noise"),
+    "bench": ("texture", "grain", "noise"),
     "shadow": ("shadow",),
 }
 CLEAN_FROM = 2000

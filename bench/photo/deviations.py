@@ -56,7 +56,7 @@ from camgen.cli.rework import write_drawing, write_job
 from camgen.model.errors import InputError
 from camgen.model.job import ImageTable, Job
 from camgen.read.files import Files
-from camgen.read.image import read
+from camgen.read.image import read_all
 from camgen.read.job_file import from_mapping
 
 PIXEL, SIZE = 0.14, (1000, 800)
@@ -269,7 +269,7 @@ def measure(name: str, rounds: int, first: int, folder: Path) -> Iterator[tuple[
 def look(folder: Path, drawn: Part, loops: Sequence[Loop], number: int) -> Inspection | None:
     """The inspection of a photo, None if it is refused."""
     files, job = Files(), Job(image=ImageTable(mm_per_px=PIXEL))
-    seen = read(files.read(photo(folder / "photo.png", loops, number)), job, files)
+    seen = read_all(files.read(photo(folder / "photo.png", loops, number)), job, files)
     try:
         return inspect_photo(seen, drawing(drawn), Job())
     except InputError:

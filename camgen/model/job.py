@@ -141,10 +141,11 @@ class ImageTable(Table, frozen=True):
         NotNegative, Meta(description="smaller specks and holes are dropped and counted, mm2")
     ] = 1.0
     accept: Annotated[
-        list[Literal["outside"]],
+        list[Literal["outside", "specks", "edges"]],
         Meta(
             description="what is built in spite of a doubt. outside: a part beside the points or "
-            "corners that gave the work plane, without camera.file"
+            "corners that gave the work plane, without camera.file. specks: small things beside "
+            "the part, as parts. edges: outlines without an edge in the grey picture"
         ),
     ] = []
 

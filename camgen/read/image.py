@@ -27,7 +27,7 @@ from camgen.vision.error_bound import ErrorBound, error_bound
 from camgen.vision.image import Picture, load
 from camgen.vision.lines_arcs.contours import OutlineFit, primitives
 from camgen.vision.mask.part_mask import Mask, is_cut_out, part_mask
-from camgen.vision.outline import outlines
+from camgen.vision.outline import Outline, outlines
 from camgen.vision.plane import Plane, map_points, plane_from_points, plane_from_pose
 from camgen.vision.to_scale import (
     Region,
@@ -48,6 +48,10 @@ _LARGE, _COARSER, _ROOM_PX, _ROOM_SHARE = 2_000_000, 4, 24, 0.12
 _BOUND_PLACES = 500
 #: A part that leaves the hull of the points by no more, mm, is inside: its outline has a width.
 _OUTSIDE_MM = 0.5
+#: The blur of an unsharp photo, standard deviation, px. Sharp ones have 0.5 to 1.2.
+_UNSHARP_PX = 2.0
+#: Operations on patterns, in which small pieces are meant as much as large ones.
+_OF_PATTERNS = ("trace", "fill", "drill")
 #: A lens that may move a part by more than this, mm, is a warning.
 _LENS_MM = 0.1
 
@@ -86,8 +90,10 @@ def read(source: Source, job: Job, files: Files) -> Part:
     """The part in a picture. InputError if it shows none, JobError for settings that contradict another."""
     seen = _see(source, job, files)
     found, notes = outlines(seen.mask.grey, seen.mask.pixels)
+    _insist_on_edges(source.name, found, job)
     drawn, fits, more = primitives(found, seen.view.work_from_view)
     placed = _placed(seen, [outline.points for outline in found], job)
+    blur = float(np.median([outline.blur for outline in found])) if found else 0.0
     raster = Raster(
         photo=seen.picture.pixels,
         framed=_frame(seen),
@@ -96,16 +102,53 @@ def read(source: Source, job: Job, files: Files) -> Part:
         mask=seen.mask.pixels,
         borders=tuple(outline.points for outline in found),
         doubt=seen.mask.doubt,
-        blur=float(np.median([outline.blur for outline in found])) if found else 0.0,
+        blur=blur,
     )
     return Part(
         source.stem,
         source.name,
         _scale(seen.view),
         drawn,
-        (*_note_height(job.camera), *_notes(seen), *placed, *notes, *more, *_tell_fit(fits)),
+        (
+            *_note_height(job.camera),
+            *_notes(seen),
+            *placed,
+            *_note_blur(blur),
+            *notes,
+            *more,
+            *_tell_fit(fits),
+        ),
         raster,
     )
+
+
+def read_all(source: Source, job: Job, files: Files) -> Part:
+    """The part in a picture and the loose things beside it, all of them as contours."""
+    accept = [*job.image.accept, "specks"]
+    return read(source, replace(job, image=replace(job.image, accept=accept)), files)
+
+
+def _insist_on_edges(name: str, borders: Sequence[Outline], job: Job) -> None:
+    """Raises NoSafeProgram if the picture shows no edge along an outline.
+
+    The job may accept such outlines.
+    """
+    count = sum(not outline.has_edge for outline in borders)
+    if count and "edges" not in job.image.accept:
+        what = f"shows no edge along {count} of {counted(len(borders), 'outline')} of the part"
+        remedy = (
+            "light the part evenly, choose another image.mask, give image.background, or set "
+            'image.accept = ["edges"]'
+        )
+        raise NoSafeProgram(name, what, remedy=remedy)
+
+
+def _note_blur(blur: float) -> tuple[Note, ...]:
+    """The warning on an unsharp photo. blur: standard deviation, px."""
+    if blur < _UNSHARP_PX:
+        return ()
+    what = f"the photo is unsharp: its edges have a blur of {blur:.1f} px"
+    return (Note("warning", what, "corners come out round; focus, hold still, or come nearer"),)
 
 
 def _tell_fit(fits: Sequence[OutlineFit]) -> tuple[Note, ...]:
@@ -275,7 +318,10 @@ def _mask(
         opaque = _view(way, replace(picture, pixels=picture.alpha), region, coarser)
         return view, part_mask(opaque, replace(way.job.image, mask="alpha"), None, picture.name)
     background = None if empty is None else _view(way, empty, region, coarser)
-    return view, part_mask(view, way.job.image, background, picture.name)
+    table = way.job.image
+    if way.job.operation.kind in _OF_PATTERNS:
+        table = replace(table, accept=[*table.accept, "specks"])
+    return view, part_mask(view, table, background, picture.name)
 
 
 def _around(way: _Way, picture: Picture, empty: Picture | None) -> Region | None:

@@ -28,6 +28,8 @@ _WINDOW, _PULL = 8, 1.0
 _USUAL = 1.5
 _ROUNDS = 5
 _LEAST_BLUR, _MOST_BLUR = 0.3, 4.0
+#: A wider edge is a slope.
+_WIDEST_BLUR = 3.0
 #: An edge farther than this from the border of the mask, px, is not its edge.
 _FARTHEST_PX = 2.5
 #: Rows before and after over which the border's bend is taken, and beyond which it is another one.
@@ -220,6 +222,9 @@ _MASK_BLUR, _MASK_SIGMA = 1.5, 0.12
 #: No picture is known better than this, px: what is left without any noise.
 _LEAST_SIGMA = 0.008
 _FEWEST = 8
+#: An edge is soft if its steepest step is smaller than this share of that of the sharp edges. This
+#: share of soft edges is a warning.
+_SOFT, _LEAST_SOFT = 0.55, 0.1
 
 
 class Outline(Struct, frozen=True, eq=False):
@@ -229,7 +234,7 @@ class Outline(Struct, frozen=True, eq=False):
     bends with radius r. In ``points`` this is put right wherever the bend is the same for six pixels to both sides.
     hole: the border of a hole. sigma: noise of a point across the border, px, as far as its neighbours do not share it:
     in a rectified view interpolation ties them, and they share as much again. blur: standard deviation of the blur
-    across the edge, px.
+    across the edge, px. has_edge: whether the grey picture shows an edge there.
     """
 
     points: FloatArray
@@ -237,6 +242,7 @@ class Outline(Struct, frozen=True, eq=False):
     hole: bool
     sigma: float
     blur: float
+    has_edge: bool = True
 
 
 def outlines(
@@ -255,7 +261,7 @@ def outlines(
         return (), (Note("skipped", "no part in the mask", "choose another mask"),)
     edge = fit_edge(grey, mask_pixels, loops, chain)
     plain = _without_edge(loops, edge)
-    notes = []
+    notes = list(_note_soft(grey, mask_pixels, loops, chain))
     if plain.any():
         edge = _mix(loops, edge, _edge_of_mask(mask_pixels, loops, chain), plain)
         why = "the grey picture shows no edge there; their noise is about a tenth of a pixel"
@@ -267,7 +273,7 @@ def outlines(
             edge.shift[rows],
             bool(hole),
             float(blur),
-            _MASK_SIGMA if bare else _LEAST_SIGMA,
+            not bare,
         )
         for rows, hole, blur, bare in zip(
             _order(loops, edge.halfway), holes, edge.blur, plain, strict=True
@@ -308,14 +314,38 @@ def _chains(mask: Pixels) -> tuple[Rings, ComplexArray, NDArray[np.bool_]]:
 
 
 def _without_edge(loops: Rings, edge: MaskEdge) -> NDArray[np.bool_]:
-    """(L,) loops whose grey values are much the same on both sides, or change sides, or lie far from the mask."""
+    """(L,) loops with much the same grey values on both sides, a mere slope, or an edge far from the mask."""
     contrast = np.abs(loops.mean(edge.contrast))
     misfit = np.sqrt(loops.mean(edge.misfit.astype(np.float64) ** 2))
     return np.asarray(
         (contrast < _LEAST_CONTRAST * misfit)
         | (contrast < 2.0)
+        | (edge.blur > _WIDEST_BLUR)
         | (loops.mean(edge.found * 1.0) < 0.9)
     )
+
+
+def _note_soft(
+    grey: Pixels | Float32, mask: Pixels, loops: Rings, chain: ComplexArray
+) -> tuple[Note, ...]:
+    """The note on stretches where the edge is much wider than elsewhere: shadows, or motion."""
+    outward = 1j * directions(loops, chain)
+    upright = np.abs(outward.imag) > np.abs(outward.real)
+    axis = np.where(upright, 1j * np.sign(outward.imag), np.sign(outward.real))
+    profiles = np.abs(np.diff(_read(grey, chain, axis, _STEPS).astype(np.float64), axis=1))
+    steepest = loops.around(profiles, _WINDOW)
+    share = steepest.max(axis=1) / np.maximum(steepest.sum(axis=1), 1e-6)
+    # Another edge within the profile would count as width.
+    alone = _weights(mask, chain, axis).all(axis=1)
+    if not alone.any():
+        return ()
+    soft = share[alone] < _SOFT * np.percentile(share[alone], 90)
+    part = float(np.mean(soft))
+    if part < _LEAST_SOFT:
+        return ()
+    what = f"{100 * part:.0f} % of the outlines are soft, the rest is sharp"
+    why = "a shadow is soft on the side of the bench; a camera that moves blurs along its motion"
+    return (Note("warning", what, f"{why}; look at the preview"),)
 
 
 def _edge_of_mask(mask: Pixels, loops: Rings, chain: ComplexArray) -> MaskEdge:
@@ -354,13 +384,12 @@ def _order(loops: Rings, points: ComplexArray) -> list[IntArray]:
 
 
 def _outline(
-    halfway: ComplexArray, shift: ComplexArray, hole: bool, blur: float, least: float
+    halfway: ComplexArray, shift: ComplexArray, hole: bool, blur: float, has_edge: bool
 ) -> Outline | None:
     if len(halfway) < _FEWEST:
         return None
-    return Outline(
-        _pairs(halfway + shift), _pairs(halfway), hole, max(_noise(halfway), least), blur
-    )
+    sigma = max(_noise(halfway), _LEAST_SIGMA if has_edge else _MASK_SIGMA)
+    return Outline(_pairs(halfway + shift), _pairs(halfway), hole, sigma, blur, has_edge)
 
 
 def _pairs(points: ComplexArray) -> FloatArray:

@@ -25,7 +25,7 @@ from camgen.model.errors import InputError, JobError, NoSafeProgram
 from camgen.model.job import ImageTable, Job, OperationTable, ProcessTable, ToolTable
 from camgen.model.part import Contour, Part
 from camgen.read.files import Files
-from camgen.read.image import read
+from camgen.read.image import read_all
 from camgen.read.job_file import load
 
 PIXEL = 0.14
@@ -88,7 +88,7 @@ def look(
     folder: Path, loops: Sequence[Loop], drawn: Sequence[Loop] = PLATE, turn: float = 0.0
 ) -> Inspection:
     files = Files()
-    seen = read(files.read(photo(folder / "photo.png", loops, turn)), SEEN, files)
+    seen = read_all(files.read(photo(folder / "photo.png", loops, turn)), SEEN, files)
     return inspect_photo(seen, drawing(drawn), Job())
 
 
@@ -307,7 +307,7 @@ def test_what_a_pen_left_out_or_spilt_is_found(tmp_path: Path) -> None:
     gap, spill = shapely.box(14, -16, 17, -10), shapely.box(-2, 11, 2, 13)
     left = shapely.union(shapely.difference(whole.region, gap), spill)
     files = Files()
-    seen = read(files.read(photo(tmp_path / "photo.png", inked(left))), SEEN, files)
+    seen = read_all(files.read(photo(tmp_path / "photo.png", inked(left))), SEEN, files)
     found = inspect_photo(seen, drawing(TRACKS), FILL)
     much, missing = sorted(found.differences, key=lambda one: not one.much)
     assert (much.much, missing.much) == (True, False)

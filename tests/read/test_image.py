@@ -17,10 +17,13 @@ from bench.render.parts import NAMED
 from bench.render.scene import Layer, Scene, render, written
 from bench.render.truth import offset_truth, path_error
 from camgen.cli import main
-from camgen.model.errors import CamgenError
+from camgen.model.errors import CamgenError, NoSafeProgram
 from camgen.model.program import Joints, MoveC, MoveL
 from camgen.pipeline import Result
 from camgen.read import image
+from camgen.read.files import Files
+from camgen.read.image import read
+from camgen.read.job_file import from_mapping
 from camgen.vision.boards.sheet import DICTIONARY, sheet
 
 FEW = Lens(
@@ -290,6 +293,32 @@ def test_the_stages_are_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     texts = [text.text or "" for text in root.iter(f"{space}text")]
     assert sum(text[:1].isdigit() for text in texts) == 7
     assert len(list(root.iter(f"{space}image"))) == 7
+
+
+def test_an_unsharp_photo_is_a_warning(tmp_path: Path) -> None:
+    x, y = np.meshgrid(np.arange(240), np.arange(200))
+    sharp = np.where((np.abs(x - 120) < 60) & (np.abs(y - 100) < 50), 60, 200).astype(np.uint8)
+    job = from_mapping({"image": {"mm_per_px": 0.1}})
+    for blur, is_warned in ((1.0, False), (3.0, True)):
+        written(tmp_path / "part.png", cv2.GaussianBlur(sharp, (0, 0), blur))
+        files = Files()
+        part = read(files.read(tmp_path / "part.png"), job, files)
+        assert any("unsharp" in note.what for note in part.notes) == is_warned
+
+
+def test_an_outline_without_an_edge_is_no_program(tmp_path: Path) -> None:
+    """A pool of light: the threshold draws a circle where nothing ends."""
+    x, y = np.meshgrid(np.arange(400), np.arange(300))
+    grey = 100 + 60 * np.exp(-((x - 200) ** 2 + (y - 150) ** 2) / (2 * 60**2))
+    grey += np.random.default_rng(4).normal(0, 0.5, grey.shape)
+    written(tmp_path / "part.png", np.rint(grey).astype(np.uint8))
+    files = Files()
+    table = {"mm_per_px": 0.1, "threshold": 130.0}
+    with pytest.raises(NoSafeProgram, match="shows no edge along 1 of 1 outline"):
+        read(files.read(tmp_path / "part.png"), from_mapping({"image": table}), files)
+    accepts = {"image": {**table, "accept": ["edges"]}}
+    part = read(files.read(tmp_path / "part.png"), from_mapping(accepts), files)
+    assert any("taken from the mask alone" in note.what for note in part.notes)
 
 
 def test_inspect_says_what_is_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

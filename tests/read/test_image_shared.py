@@ -34,7 +34,7 @@ PARTS = {
 
 #: The order of the paths is nothing that a picture could break.
 JOB = {
-    "image": {"mm_per_px": 0.1},
+    "image": {"mm_per_px": 0.1, "accept": ["specks"]},
     "tool": {"diameter": 0.4},
     "tour": {"method": "nearest"},
 }

@@ -153,10 +153,24 @@ def test_a_part_told_by_colour_alone_takes_the_border_of_the_mask() -> None:
     grey = picture(part, 140, 140, 0.7, 3.0, low=120.0, high=120.5)
     loops, notes = outlines(grey, mask)
     assert [note.what for note in notes] == ["1 of 1 outline taken from the mask alone"]
+    assert not loops[0].has_edge
     error = outwards(loops[0], 70.2 + 69.7j, 50)
     assert abs(error.mean()) < 0.05
     assert rms(error) < 0.16
     assert loops[0].sigma == pytest.approx(rms(error), rel=0.3)
+
+
+def test_an_edge_that_is_soft_on_one_side_is_a_warning() -> None:
+    sharp = picture(disc(50).placed(0, 70 + 70j), 140, 140, 0.7)
+    soft = cv2.GaussianBlur(sharp, (0, 0), 3.5)
+    for grey, is_soft in ((sharp, False), (soft, False)):
+        assert any("soft" in note.what for note in outlines(grey, mask_of(grey))[1]) == is_soft
+    one_side = sharp.copy()
+    one_side[:, 100:] = soft[:, 100:]
+    note = outlines(one_side, mask_of(one_side))[1][0]
+    assert note.kind == "warning"
+    # The border lies to the right of a chord at 30 of 50 px for two of 6.28 times arccos(0.6).
+    assert float(note.what.split()[0]) == pytest.approx(100 * np.arccos(0.6) / np.pi, abs=6)
 
 
 def test_small_borders_are_counted_and_nothing_is_no_part() -> None:

@@ -167,6 +167,10 @@ class _Light(Struct, frozen=True, eq=False):
 
 #: The bench of the other photo must come back to within this, of 255: sigma of a cell.
 _FIT = 10.0
+#: Cells of the bench agree with a fit to within this, of 255; and the pairs of cells tried.
+_SAME_BENCH, _PAIRS = 6.0, 400
+#: Light changes by less: a gain of nothing would turn any bench into one of one tone.
+_LEAST_GAIN = 0.2
 
 
 def find_by_background(pixels: Bytes, cells: Cells, empty: Bytes, name: str) -> Found | None:
@@ -175,30 +179,94 @@ def find_by_background(pixels: Bytes, cells: Cells, empty: Bytes, name: str) -> 
     now, before = (a.reshape(*a.shape[:2], -1) for a in (cells.values, before))
     fits = [_light(before[..., k], now[..., k], cells.valid, name) for k in range(now.shape[2])]
     light = _Light(np.dstack([g for g, _ in fits]), np.array([o for _, o in fits], np.float32))
-    apart = np.asarray(now - light.gains * before - light.offsets, np.float32)
-    size = _along(None, apart)
+    difference = np.asarray(now - light.gains * before - light.offsets, np.float32)
+    size = _along(None, difference)
     part = differing(size, cells, bench_of(size, cells.valid))
     if part is None or not (cells.valid & ~part).any():
         return None
-    for axis in (_axis(apart, part, cells), None):
-        pixelwise = partial(_difference, pixels, empty, light, axis, cells.size)
-        found = settle(Channel(pixelwise, _along(axis, apart), black=None), part, cells)
+    tone = np.median(now[part], axis=0).astype(np.float32)
+    for axis in (_axis(difference, part, cells), None):
+        usual = float(np.median(_along(axis, tone - now + difference)[part]))
+        even = _Even(axis, tone, usual)
+        pixelwise = partial(_difference, pixels, empty, light, even, cells.size)
+        channel = Channel(pixelwise, even.apply(now, difference), black=None)
+        found = settle(channel, part, cells)
         # Where a part is here lighter and there darker than the bench, only the size of the difference shows it all.
         if found is not None and (axis is None or same(found.part, part)):
             return found
     return None
 
 
+class _Even(Struct, frozen=True, eq=False):
+    """A difference that is the same wherever the part covers the bench, whatever texture it covers.
+
+    axis: (1, c), the direction in colours; None for the size of the difference.
+    tone: (c,), the part's.
+    usual: difference of the part from the bench.
+    """
+
+    axis: Floats | None
+    tone: Floats
+    usual: float
+
+    def apply(self, now: Floats, difference: Floats) -> Floats:
+        """(h, w) of a picture (h, w, c) and its difference from the bench (h, w, c).
+
+        The difference is scaled by that which the part's tone has there, at most threefold.
+        """
+        usual = abs(self.usual)
+        expected = np.maximum(np.abs(_along(self.axis, self.tone - now + difference)), usual / 3)
+        return np.asarray(_along(self.axis, difference) * (usual / expected), np.float32)
+
+
 def _light(before: Floats, now: Floats, valid: Bools, name: str) -> tuple[Floats, float]:
-    """Gain (h, w) and offset that turn the empty bench into the bench of the photo, from the rim, then from all."""
-    edge = rim(valid)
-    gain, offset, sigma = _fit_gain(before, now, edge)
-    gain, offset, sigma = _fit_gain(
-        before, now, edge | (valid & (np.abs(now - gain * before - offset) < 4 * sigma))
-    )
+    """Gain (h, w) and offset that turn the empty bench into the bench of the photo.
+
+    Gain and offset of a rim of one tone are ambiguous, and a large part hides the bench. So the
+    fit starts from the rim and from lines through pairs of cells. The fit with which more cells
+    agree is the result.
+    """
+    starts = (rim(valid), _find_bench(before, now, valid))
+    fits = [_agree(before, now, where, valid) for where in starts]
+    gain, offset, sigma, _ = max(fits, key=lambda fit: fit[3])
     if sigma > _FIT:
         raise _other_bench(name)
     return gain, offset
+
+
+def _find_bench(before: Floats, now: Floats, valid: Bools) -> Bools:
+    """The cells that agree with the most common gain and offset.
+
+    Lines through pairs of cells are tried (Fischler and Bolles 1981).
+    """
+    at = some(valid)
+    b, n = before[at], now[at]
+    first, second = np.random.default_rng(0).integers(0, len(b), (2, _PAIRS))
+    differs = np.abs(b[second] - b[first]) > _SAME_BENCH
+    first, second = first[differs], second[differs]
+    gains = (n[second] - n[first]) / (b[second] - b[first])
+    likely = (gains > _LEAST_GAIN) & (gains < 1 / _LEAST_GAIN)
+    gains, first = np.append(gains[likely], np.float32(1)), first[likely]
+    offsets = np.append(n[first] - gains[:-1] * b[first], np.median(n - b))
+    counts = [
+        np.count_nonzero(np.abs(n - gain * b - offset) < _SAME_BENCH)
+        for gain, offset in zip(gains, offsets, strict=True)
+    ]
+    best = int(np.argmax(counts))
+    off = np.abs(now - gains[best] * before - offsets[best])
+    return np.asarray(valid & (off < _SAME_BENCH), np.bool_)
+
+
+def _agree(
+    before: Floats, now: Floats, where: Bools, valid: Bools
+) -> tuple[Floats, float, float, int]:
+    """The fit to the cells ``where``, repeated with all that agree, and how many agree then."""
+    for _ in range(_TURNS):
+        gain, offset, sigma = _fit_gain(before, now, where)
+        off = np.abs(now - gain * before - offset)
+        where = np.asarray(valid & (off < 4 * sigma), np.bool_)
+    count = int(np.count_nonzero(valid & (off < _SAME_BENCH)))
+    return gain, offset, sigma, count if gain.min() > _LEAST_GAIN else 0
 
 
 def _fit_gain(before: Floats, now: Floats, where: Bools) -> tuple[Floats, float, float]:
@@ -233,16 +301,14 @@ def _axis(apart: Floats, part: Bools, cells: Cells) -> Floats:
     )
 
 
-def _difference(
-    pixels: Bytes, empty: Bytes, light: _Light, axis: Floats | None, size: int
-) -> Floats:
-    """(H, W): the difference along ``axis`` at every pixel."""
+def _difference(pixels: Bytes, empty: Bytes, light: _Light, even: _Even, size: int) -> Floats:
+    """(H, W): the even difference at every pixel."""
     out = np.empty(pixels.shape[:2], np.float32)
     for rows, gain in strips(light.gains, size, out.shape):
         shape = (*out[rows].shape, -1)
         now, before = (a[rows].reshape(shape).astype(np.float32) for a in (pixels, empty))
         apart = np.asarray(now - gain.reshape(shape) * before - light.offsets, np.float32)
-        out[rows] = _along(axis, apart)
+        out[rows] = even.apply(now, apart)
     return out
 
 
@@ -282,6 +348,23 @@ def find_by_colour(pixels: Bytes, cells: Cells, given: Colour | None) -> Found |
     if part is None or not part.any() or not (cells.valid & ~part).any():
         return None
     return _project(pixels, cells, part) or _by_distance(pixels, cells, surfaces, part)
+
+
+def find_beside_shadow(pixels: Bytes, cells: Cells) -> Found | None:
+    """The part in a channel in which a shadow on the bench does not show. None where nothing does.
+
+    A shadow has the colour of the bench in less light: it lies between black and the bench's
+    colour. What counts is the distance from that line.
+    """
+    bench = np.dstack([bench_of(cells.values[..., k], cells.valid).values for k in range(3)])
+    # The nearest place on the line, as a share of the bench's light.
+    light = (cells.values * bench).sum(axis=2) / np.square(bench).sum(axis=2).clip(1)
+    nearest = light.clip(0, 1)[..., None] * bench
+    distance = np.sqrt(np.square(cells.values - nearest).sum(axis=2)).astype(np.float32)
+    part = differing(distance, cells, bench_of(distance, cells.valid))
+    if part is None or not part.any() or not (cells.valid & ~part).any():
+        return None
+    return _project(pixels, cells, part)
 
 
 def _distance(colours: Floats, bench: Floats) -> Floats:

@@ -7,7 +7,7 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from camgen.model.errors import InputError
+from camgen.model.errors import InputError, NoSafeProgram
 from camgen.model.part import Note
 from camgen.model.text import counted, short
 from camgen.vision.mask.cells import Bools, Bytes
@@ -16,6 +16,13 @@ from camgen.vision.to_scale import ScaledView
 #: Nothing smaller has an outline.
 _LEAST_PIXELS = 12.0
 _PARENT = 3
+#: A piece is loose if it is smaller than this share of the largest one.
+_LOOSE_SHARE = 0.02
+#: Parts dominate a mask if specks and loose things have at most this share of their area, and the
+#: numbers of these, and of parts, are at most the following.
+_MOST_LOOSE, _MOST_SPECKS, _MOST_PARTS = 0.3, 2000, 100
+#: Places of a note that are shown, the largest ones.
+_MOST_PLACES = 20
 #: Areas that differ by less, as a share, are the same: a scale is given in digits.
 _SAME = 1e-4
 
@@ -30,30 +37,34 @@ class MaskPiece(Struct, frozen=True, eq=False):
     filled: float
 
 
-def clean(mask: Bytes, view: ScaledView, min_area: float, name: str) -> tuple[Note, ...]:
-    """Drops specks and fills small holes in ``mask`` (H, W), in place. InputError: no part, or not the whole part.
+def clean(
+    mask: Bytes, view: ScaledView, min_area: float, name: str, *, accepts_specks: bool = False
+) -> tuple[Note, ...]:
+    """Drops specks and loose things and fills small holes in ``mask`` (H, W), in place.
 
-    min_area: mm2. Pieces hang together over corners, holes over sides.
+    A piece is loose if it is small beside the largest one. Pieces hang together over corners,
+    holes over sides.
+
+    min_area: area of a speck, mm2.
+    accepts_specks: whether loose things are parts, and a mask without a dominant part is built.
+
+    Raises InputError if no part, or not the whole part, is shown; NoSafeProgram if no part
+    dominates the mask.
     """
     mm2 = view.mm_per_px**2
     least = max(min_area / mm2, _LEAST_PIXELS)
     # What is just as large as asked for is so at every scale.
     enough = least * (1 - _SAME)
-    found, tree = cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
-    rings = [np.asarray(ring, np.int32) for ring in found]
-    steps = np.array([len(ring) if len(ring) > 1 else 0 for ring in rings], np.float64)
-    areas = np.array([cv2.contourArea(ring) for ring in rings])
-    parents = np.asarray(tree)[0, :, _PARENT].astype(np.intp) if rings else np.zeros(0, np.intp)
+    rings, parents, pixels, filled = _measure(mask)
     outer = parents < 0
-    # Pick's theorem: a ring through pixel centres holds so many pixels, with those on it or (a hole) without them.
-    pixels = np.where(outer, areas + steps / 2 + 1, areas - steps / 2 + 1)
-    filled = pixels.copy()
-    np.subtract.at(pixels, parents[~outer], filled[~outer])
-    kept = outer & (pixels >= enough)
-    if not kept.any():
+    large = outer & (pixels >= enough)
+    if not large.any():
         raise _nothing(view, outer, pixels, least * mm2, name)
-    specks = outer & ~kept
-    for k in np.flatnonzero(specks).tolist():
+    kept = large & (accepts_specks | (pixels >= _LOOSE_SHARE * pixels[large].max()))
+    specks, loose = outer & ~large, large & ~kept
+    if not accepts_specks:
+        _insist_on_part(name, pixels * mm2, kept, loose, specks)
+    for k in np.flatnonzero(specks | loose).tolist():
         _erase(mask, MaskPiece(rings[k], float(pixels[k]), float(filled[k])))
     small = ~outer & (filled < enough)
     small[~outer] &= kept[parents[~outer]]
@@ -62,19 +73,78 @@ def clean(mask: Bytes, view: ScaledView, min_area: float, name: str) -> tuple[No
     _whole([rings[k] for k in np.flatnonzero(kept).tolist()], view, name)
     limit = f"below {short(least * mm2, 3)} mm2"
     why = "set [image] min_area lower if they are more than dirt, glare or noise"
-    told = (
+    kinds = (
         ("speck", limit + " left out", specks, pixels),
         ("hole", limit + " filled", small, filled),
     )
-    return tuple(
+    notes = tuple(
         Note(
             "assumed",
-            f"{counted(int(which.sum()), what)} {done}, {short(sizes[which].sum() * mm2, 3)} mm2 in all",
+            f"{counted(int(which.sum()), what)} {done}, "
+            f"{short(sizes[which].sum() * mm2, 3)} mm2 in all",
             why,
         )
-        for what, done, which, sizes in told
+        for what, done, which, sizes in kinds
         if which.any()
     )
+    return (*notes, *_note_loose(view, [rings[k] for k in np.flatnonzero(loose)], filled[loose]))
+
+
+def _measure(
+    mask: Bytes,
+) -> tuple[list[Ring], NDArray[np.intp], NDArray[np.float64], NDArray[np.float64]]:
+    """The rings of all pieces and holes, the parent of each, its pixels, and those with holes."""
+    found, tree = cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+    rings = [np.asarray(ring, np.int32) for ring in found]
+    steps = np.array([len(ring) if len(ring) > 1 else 0 for ring in rings], np.float64)
+    areas = np.array([cv2.contourArea(ring) for ring in rings])
+    parents = np.asarray(tree)[0, :, _PARENT].astype(np.intp) if rings else np.zeros(0, np.intp)
+    outer = parents < 0
+    # Pick's theorem: the number of pixels inside a ring through pixel centres, with those on it
+    # for a piece and without them for a hole.
+    pixels = np.where(outer, areas + steps / 2 + 1, areas - steps / 2 + 1)
+    filled = pixels.copy()
+    np.subtract.at(pixels, parents[~outer], filled[~outer])
+    return rings, parents, pixels, filled
+
+
+def _insist_on_part(
+    name: str, mm2: NDArray[np.float64], parts: Bools, loose: Bools, specks: Bools
+) -> None:
+    """Raises NoSafeProgram if the parts do not dominate the mask.
+
+    mm2: area of each piece.
+    parts, loose, specks: masks of the pieces.
+    """
+    area, rest = float(mm2[parts].sum()), float(mm2[loose | specks].sum())
+    count, small = int(parts.sum()), int((loose | specks).sum())
+    if rest <= _MOST_LOOSE * area and small <= _MOST_SPECKS and count <= _MOST_PARTS:
+        return
+    what = f"no part dominates the mask: {counted(count, 'piece')} of {short(area, 0)} mm2"
+    if small:
+        what += f" and {counted(small, 'smaller one')} of {short(rest, 0)} mm2"
+    remedy = (
+        "clean the bench, light it evenly, or choose another image.mask; "
+        'image.accept = ["specks"] takes all of them for parts'
+    )
+    raise NoSafeProgram(name, what, remedy=remedy)
+
+
+def _note_loose(
+    view: ScaledView, rings: list[Ring], filled: NDArray[np.float64]
+) -> tuple[Note, ...]:
+    """The note on loose things with the places of the largest."""
+    if not rings:
+        return ()
+    sizes = filled * view.mm_per_px**2
+    what = (
+        f"{counted(len(rings), 'loose thing')} beside the part, {short(sizes.max(), 1)} mm2 or less"
+    )
+    why = 'not worked; image.accept = ["specks"] takes them for parts'
+    order = np.argsort(-sizes, kind="stable")[:_MOST_PLACES]
+    middles = np.array([[*rings[k][:, 0].mean(axis=0), 1.0] for k in order])
+    places = tuple((x, y) for x, y in (middles @ view.work_from_view.T).tolist())
+    return (Note("skipped", what, why, places=places),)
 
 
 def _erase(mask: Bytes, piece: MaskPiece) -> None:

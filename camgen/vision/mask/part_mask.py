@@ -28,6 +28,7 @@ from camgen.vision.mask.channel import (
     Found,
     as_it_is,
     differing,
+    find_beside_shadow,
     find_by_background,
     find_by_colour,
     otsu,
@@ -60,6 +61,9 @@ _COLOURED = 8.0
 _OFF_MIDDLE = 0.1
 #: What differs from the bench the other way is worth a note from so much of the part on.
 _OTHER_SIDE = 0.05
+#: An area that is left out as a shadow has at most this share of the part's, else it may be a part.
+#: From this share on there is a note.
+_MOST_SHADOW, _LEAST_SHADOW = 0.4, 0.01
 #: The opacity of the part, of 255, is at least this.
 HALF_OPAQUE = 127.5
 #: Places of a note that are shown, the largest ones.
@@ -194,7 +198,7 @@ def _auto(pixels: Bytes, cells: Cells, asked: Asked) -> MaskChoice | None:
     choice = _choose(pixels, cells, asked, grey, few)
     if choice is None:
         return None
-    others = other_levels(choice.found, cells)
+    others: dict[str, Bools] = {}
     # A method has a say where it tells the part clearly, one threshold where the light is even.
     if grey is not None and grey.found.clear >= _CLEAR_CONTRAST:
         others["adaptive"] = grey.found.part
@@ -203,10 +207,44 @@ def _auto(pixels: Bytes, cells: Cells, asked: Asked) -> MaskChoice | None:
             others["otsu"] = split_at(values, cells, otsu(values, cells), asked.invert)
     if few is not None and few.found.clear >= _CLEAR_CONTRAST and choice.method != "color":
         others["color"] = _as_many(few.found.part, cells.valid.shape)
+    choice = replace(choice, others=others)
+    if _find_coloured(cells) and _doubt(choice, cells, 0.0) is not None:
+        return _without_shadow(pixels, cells, choice)
+    return choice
+
+
+def _without_shadow(pixels: Bytes, cells: Cells, choice: MaskChoice) -> MaskChoice:
+    """The part without its shadow, if the colour of the bench shows one; else ``choice``."""
+    beside = find_beside_shadow(pixels, cells)
+    if beside is None or beside.clear < _CLEAR_CONTRAST or first_tone(beside) is not None:
+        return choice
+    if choice.method == "color" and same(beside.part, choice.found.part):
+        return replace(choice, others={})
+    area = np.count_nonzero(beside.part)
+    left_out = np.count_nonzero(choice.found.part & ~beside.part)
+    if _more(beside.part, choice.found.part) or left_out > _MOST_SHADOW * area:
+        return choice
+    notes: tuple[Note, ...] = ()
+    if left_out > _LEAST_SHADOW * area:
+        what = "a shadow beside the part is left out: it has the colour of the bench in less light"
+        notes = (Note("assumed", what, "look at the preview; image.mask chooses another method"),)
+    return MaskChoice(
+        "color", f"a shadow does not show in it; {_apart(beside)}", beside, notes=notes
+    )
+
+
+def _doubt(choice: MaskChoice, cells: Cells, least: float) -> Doubt | None:
+    """The places that other methods, levels or tones see differently.
+
+    least: area of a place, px2.
+    """
+    if choice.method == "alpha":
+        return None
+    others = {**other_levels(choice.found, cells), **choice.others}
     tone = first_tone(choice.found)
     if tone is not None:
         others["one tone of it"] = tone
-    return replace(choice, others=others)
+    return find_doubt(choice.found.part, others, cells, least)
 
 
 def _choose(
@@ -285,7 +323,7 @@ def _for_colour(colour: MaskChoice | None, grey: MaskChoice | None) -> str:
 
 
 def _by_light(cells: Cells, asked: Asked, grey: MaskChoice) -> MaskChoice:
-    """Otsu's threshold if the light is even and it finds the same; the simpler way is the one to be told."""
+    """Otsu's threshold, the simpler method, if the light is even and it finds the same."""
     varies = _variation_of_light(grey.found, cells)
     if varies > _EVEN:
         return _because(grey, f"the light varies by {100 * varies:.0f} % over the picture")
@@ -405,10 +443,9 @@ def part_mask(
     pixels = beyond(grey, level, dark)
     if view.valid is not None:
         pixels[~view.valid] = 0
-    notes += clean(pixels, view, settings.min_area, name)
-    doubt = find_doubt(
-        choice.found.part, choice.others, cells, settings.min_area / view.mm_per_px**2
-    )
+    accepts_specks = "specks" in settings.accept
+    notes += clean(pixels, view, settings.min_area, name, accepts_specks=accepts_specks)
+    doubt = _doubt(choice, cells, settings.min_area / view.mm_per_px**2)
     if doubt is not None:
         notes += (_note_doubt(doubt, cells, view),)
     # Views, since the grey picture may be the caller's own.
