@@ -16,7 +16,8 @@ out: places within 1 mm and the width of the blur and the motion of a sharp corn
 Chips count as off. Outcomes:
 
 - right: no point is off by more than 0.1 mm, and no outline is missing
-- named: a line of the result has a word for one of the conditions
+- named: a line of the result has a word for one of the conditions; if it has a lens, or a height
+  that the job does not state, for these
 - silent: none has
 - refused: no part is read
 
@@ -30,7 +31,6 @@ import sys
 import tempfile
 from collections import Counter
 from collections.abc import Iterator
-from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -127,9 +127,21 @@ def sharp_corners(loops: tuple[Loop, ...]) -> np.ndarray:
 
 
 def name_cause(notes: tuple[Note, ...], conditions: Conditions) -> str:
-    """The first line that has a word for one of the conditions; empty without one."""
-    words = list(chain.from_iterable(WORDS[name] for name in conditions.names))
-    for line in sorted(map(str, notes), key=lambda line: line.startswith("assumed")):
+    """The first line that has a word for one of the conditions; empty without one.
+
+    A height that the job does not state, and a lens, must each have a line.
+    """
+    lines = [str(note) for note in notes if not note.what.startswith("part by ")]
+    lines.sort(key=lambda line: line.startswith("assumed"))
+    named = {name: _find_line(lines, WORDS[name]) for name in conditions.names}
+    if not named.get("k1", "-") or not (conditions.is_told or named.get("height", "-")):
+        return ""
+    return next(filter(None, named.values()), "")
+
+
+def _find_line(lines: list[str], words: tuple[str, ...]) -> str:
+    """The first line with one of the words; empty without one."""
+    for line in lines:
         if any(word in line for word in words):
             return line
     return ""

@@ -76,5 +76,6 @@ def _sums(result: Result) -> BuildSums:
 def list_carried(job: Job) -> list[str]:
     """The files that a job names and that can travel."""
     meshes = [one for one in job.cell.fixtures or () if isinstance(one, str)]
-    names = [job.image.background, job.camera.file, job.cell.machine, *meshes]
+    photos = [job.image.background, job.image.lamp_moved]
+    names = [*photos, job.camera.file, job.cell.machine, *meshes]
     return [name for name in dict.fromkeys(names) if name]

@@ -122,6 +122,13 @@ class ImageTable(Table, frozen=True):
     background: Annotated[
         str, Meta(description="photo of the empty bench, taken from the same place")
     ] = ""
+    lamp_moved: Annotated[
+        str,
+        Meta(
+            description="second photo from the same place with the lamp moved: a shadow in only "
+            "one of the two is left out"
+        ),
+    ] = ""
     threshold: Annotated[
         Grey | None,
         Meta(description="grey level between bench and part, 0 to 255, for mask = threshold"),

@@ -24,6 +24,7 @@ from camgen.model.job import (
 #: The settings that name a file; cell.robot only where it ends in .urdf.
 FILES = (
     ("image", "background"),
+    ("image", "lamp_moved"),
     ("camera", "file"),
     ("tool", "file"),
     ("cell", "file"),

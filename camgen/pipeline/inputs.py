@@ -300,6 +300,7 @@ def digest_of(job: Job, sources: Sequence[Path | Part], files: Files) -> str:
 
         arm = urdf_files(described[0], files)
     named = [("image.background", job.image.background), ("camera.file", job.camera.file)]
+    named.append(("image.lamp_moved", job.image.lamp_moved))
     named += [("cell.robot", str(path)) for path in arm]
     named.append(("cell.machine", job.cell.machine))
     named += [("cell.fixtures", one) for one in job.cell.fixtures or () if isinstance(one, str)]
@@ -344,7 +345,8 @@ def _own(job: Job) -> dict[str, object]:
     """What the job sets differently from the defaults: a new setting leaves the programs of old jobs as they are."""
     image, camera, cell = job.image, job.camera, job.cell
     # Of a file its bytes count, wherever it lies.
-    image = replace(image, background=Path(image.background).name)
+    photos = {key: Path(getattr(image, key)).name for key in ("background", "lamp_moved")}
+    image = replace(image, **photos)
     camera = replace(camera, file=Path(camera.file).name)
     if described := split_name(cell.robot):
         cell = replace(cell, robot="#".join((Path(described[0]).name, described[1])))

@@ -110,7 +110,7 @@ def _view(picture: Picture, job: Job) -> ScaledView:
 def _nothing_unused(job: Job) -> None:
     """JobError for a setting of photos: the user believes that it does something."""
     default = ImageTable()
-    for key in ("region", "tones", "background", "color", "min_area"):
+    for key in ("region", "tones", "background", "lamp_moved", "color", "min_area"):
         if getattr(job.image, key) != getattr(default, key):
             remedy = "leave it out; input.min_length drops what is small"
             what = "has no effect on a drawing that is traced, filled or drilled"

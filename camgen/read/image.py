@@ -26,6 +26,7 @@ from camgen.vision.camera.camera import Camera, read_camera
 from camgen.vision.error_bound import ErrorBound, error_bound
 from camgen.vision.image import Picture, load
 from camgen.vision.lines_arcs.contours import OutlineFit, primitives
+from camgen.vision.mask.channel import remove_shadows
 from camgen.vision.mask.part_mask import Mask, is_cut_out, part_mask
 from camgen.vision.outline import Outline, outlines
 from camgen.vision.plane import Plane, map_points, plane_from_points, plane_from_pose
@@ -192,17 +193,11 @@ def _see(source: Source, job: Job, files: Files) -> _Seen:
     picture = _light(load(source, sensor=sensor), job)
     camera = read_camera(files.read(job.camera.file)) if job.camera.file else None
     way = _Way(camera, _plane(picture, camera, job.camera), job, _by_alpha(picture, job.image))
-    empty = None
-    if job.image.background:
-        empty = _light(load(files.read(job.image.background), sensor=sensor), job)
-        if empty.pixels.shape[:2] != picture.pixels.shape[:2]:
-            remedy = "take both with the same camera from the same place"
-            raise InputError(
-                empty.name,
-                "differs in size from the photo of the part",
-                "[image] background",
-                remedy,
-            )
+    empty = _second(picture, job, files, "background") if job.image.background else None
+    if job.image.lamp_moved:
+        other = _second(picture, job, files, "lamp_moved")
+        lit = remove_shadows(picture.pixels, other.pixels, other.name)
+        picture = replace(picture, pixels=lit)
     region, coarse = _region(job, way.plane), False
     if region is None and picture.pixels.size > _LARGE:
         region = _around(way, picture, empty)
@@ -211,6 +206,21 @@ def _see(source: Source, job: Job, files: Files) -> _Seen:
     if region is not None and job.image.region is None:
         view = replace(view, notes=(*view.notes, _note_surroundings(region, coarse)))
     return _Seen(picture, camera, way.plane, view, mask)
+
+
+def _second(picture: Picture, job: Job, files: Files, key: str) -> Picture:
+    """The photo of the key ``background`` or ``lamp_moved``, taken from the same place.
+
+    Raises InputError if its size or its colours differ.
+    """
+    sensor = bool(job.camera.file) and job.camera.points_px is None
+    second = _light(load(files.read(getattr(job.image, key)), sensor=sensor), job)
+    if second.pixels.shape == picture.pixels.shape:
+        return second
+    differ = "size" if second.pixels.shape[:2] != picture.pixels.shape[:2] else "colors"
+    what = f"differs in {differ} from the photo of the part"
+    remedy = "take both with the same camera and settings from the same place"
+    raise InputError(second.name, what, f"[image] {key}", remedy)
 
 
 def _nothing_unused(job: Job) -> None:
@@ -498,9 +508,11 @@ def _mm(value: float) -> str:
 
 def _note_height(table: CameraTable) -> tuple[Note, ...]:
     """A part of some thickness on markers comes out too large, and beside its place."""
-    if not table.markers or table.height:
+    if table.height or not (table.markers or table.points_px):
         return ()
-    where = "board" if _BOARD.fullmatch(table.markers) else "sheet"
+    where = "sheet" if table.markers else "points"
+    if _BOARD.fullmatch(table.markers):
+        where = "board"
     what = f"height 0: the part's upper face lies in the plane of the {where}"
     return (Note("assumed", what, "camera.height, with camera.file, says how far above it"),)
 

@@ -171,6 +171,28 @@ def test_a_photo_of_the_empty_bench_tells_the_part(folder: Path) -> None:
     assert errors(result)[1] < 0.0125
 
 
+def test_a_second_photo_with_the_lamp_moved_leaves_no_shadow(folder: Path) -> None:
+    """Shadows of 4 mm on opposite sides of a part without holes."""
+    seen, outer = shot(), PLATE[:1]
+    photos = []
+    for name, shift in (("left", -4), ("right", 4)):
+        shadow = Layer((outer[0].moved(0.0, complex(shift)),), 0.5)
+        drawn = Scene(BENCH, (shadow, Layer(outer, PART)))
+        photos.append(photo(folder, f"{name}.png", drawn, seen))
+    camera = {**pairs(seen), "file": camera_file(folder)}
+
+    def build(**image: str) -> Result:
+        return camgen.build(photos[0], post="pacscript", job={"camera": camera, "image": image})
+
+    assert any("part or bench by the method" in note.what for note in build().notes)
+    result = build(lamp_moved=str(photos[1]))
+    assert not any("part or bench by the method" in note.what for note in result.notes)
+    assert path_error(tool_path(result), offset_truth(outer, 3.0)).most < 0.05
+    square(folder / "square.png", 0.1)
+    with pytest.raises(CamgenError, match=r"square.png: differs in size from the photo"):
+        build(lamp_moved=str(folder / "square.png"))
+
+
 def test_coded_tones_are_turned_into_light(folder: Path) -> None:
     """Halfway between two coded values is not halfway between two lights: the part would be seen too small."""
     seen = shot(seed=9, coding="srgb")

@@ -16,7 +16,7 @@ from camgen.model.pose import frozen
 from camgen.model.text import counted
 from camgen.vision.image import load
 from camgen.vision.mask.cells import cells_of
-from camgen.vision.mask.channel import strips
+from camgen.vision.mask.channel import remove_shadows, strips
 from camgen.vision.mask.clean import clean
 from camgen.vision.mask.level import spread_out
 from camgen.vision.mask.part_mask import Mask
@@ -561,6 +561,25 @@ def test_background_of_a_textured_board_in_a_plain_rim(
     assert overlap(mask) > 0.995
 
 
+@pytest.mark.parametrize("colour", [1.0, (0.8, 0.9, 1.0)])
+def test_two_lamps_leave_no_shadow(colour: object) -> None:
+    """Lamps of different strength, a bench with grain, shadows on opposite sides."""
+    grain = cv2.GaussianBlur(np.random.default_rng(2).normal(0, 1, (HEIGHT, WIDTH)), (0, 0), 2.0)
+    bench = 170 + 6 * grain / grain.std()
+    pictures = []
+    for shift, light in (((10, 14), 1.0), ((-9, -12), 0.8)):
+        shadow = cv2.GaussianBlur(np.roll(SHAPE, shift, (0, 1)), (0, 0), 1.0)
+        ground = bench * (1 - 0.4 * shadow)
+        if colour != 1.0:
+            ground = ground[..., None] * np.array(colour)
+        pictures.append(scene(70 * light, ground * light))
+    lit = remove_shadows(*pictures, "lamp.png")
+    mask = part_mask(seen(lit))
+    assert overlap(mask) > 0.998
+    assert mask.doubt is None
+    assert part_mask(seen(pictures[0]), mask="otsu").doubt is not None
+
+
 def test_another_bench_is_refused() -> None:
     """Everything is different, also along the border."""
     rng = np.random.default_rng(9)
@@ -568,6 +587,8 @@ def test_another_bench_is_refused() -> None:
     pictures = [np.clip(128 + 50 * p / p.std(), 0, 255).astype(np.uint8) for p in (one, other)]
     with pytest.raises(InputError) as refused:
         part_mask(seen(pictures[0]), seen(pictures[1]), name="part.png")
+    with pytest.raises(InputError, match=r"^lamp.png: the photo with the lamp moved shows another"):
+        remove_shadows(pictures[0], pictures[1], "lamp.png")
     assert str(refused.value) == (
         "part.png: the photo of the empty bench shows another place, or the camera was moved; take both with the"
         " camera fixed, or choose another [image] mask"

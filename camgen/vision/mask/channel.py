@@ -219,8 +219,32 @@ class _Even(Struct, frozen=True, eq=False):
         return np.asarray(_along(self.axis, difference) * (usual / expected), np.float32)
 
 
-def _light(before: Floats, now: Floats, valid: Bools, name: str) -> tuple[Floats, float]:
-    """Gain (h, w) and offset that turn the empty bench into the bench of the photo.
+def remove_shadows(pixels: Bytes, other: Bytes, name: str) -> Bytes:
+    """The brighter of two photos with the lamp in two places, in the light of the first.
+
+    A shadow that is in one of them only is gone. The pictures are (H, W) or (H, W, 3).
+    name: file of ``other``. Raises InputError if it shows another place.
+    """
+    now, before = (cells_of(photo, None).values for photo in (pixels, other))
+    now, before = (values.reshape(*values.shape[:2], -1) for values in (now, before))
+    valid = np.ones(now.shape[:2], np.bool_)
+    which = "with the lamp moved"
+    fits = [_light(before[..., k], now[..., k], valid, name, which) for k in range(now.shape[2])]
+    gains, offsets = np.dstack([gain for gain, _ in fits]), np.array([o for _, o in fits])
+    brighter = np.empty_like(pixels)
+    size = max(1, pixels.shape[0] // now.shape[0])
+    for rows, gain in strips(gains, size, pixels.shape):
+        lit = gain.reshape(pixels[rows].shape) * other[rows] + offsets.astype(np.float32)
+        brighter[rows] = np.maximum(pixels[rows], np.rint(lit.clip(0, 255)).astype(np.uint8))
+    return brighter
+
+
+def _light(
+    before: Floats, now: Floats, valid: Bools, name: str, which: str = "of the empty bench"
+) -> tuple[Floats, float]:
+    """Gain (h, w) and offset that turn the bench of another photo into the bench of the photo.
+
+    which: name of the other photo in messages.
 
     Gain and offset of a rim of one tone are ambiguous, and a large part hides the bench. So the
     fit starts from the rim and from lines through pairs of cells. The fit with which more cells
@@ -230,7 +254,7 @@ def _light(before: Floats, now: Floats, valid: Bools, name: str) -> tuple[Floats
     fits = [_agree(before, now, where, valid) for where in starts]
     gain, offset, sigma, _ = max(fits, key=lambda fit: fit[3])
     if sigma > _FIT:
-        raise _other_bench(name)
+        raise _other_bench(name, which)
     return gain, offset
 
 
@@ -280,8 +304,8 @@ def _fit_gain(before: Floats, now: Floats, where: Bools) -> tuple[Floats, float,
     return surface(where.shape, c[:6] / 100) + np.float32(1), float(c[6]), sigma
 
 
-def _other_bench(name: str) -> InputError:
-    what = "the photo of the empty bench shows another place, or the camera was moved"
+def _other_bench(name: str, which: str) -> InputError:
+    what = f"the photo {which} shows another place, or the camera was moved"
     return InputError(
         name, what, remedy="take both with the camera fixed, or choose another [image] mask"
     )
