@@ -48,7 +48,7 @@ def main(arguments: list[str]) -> int:
     what, folder, *rest = arguments
     place = Path(folder).resolve()
     if what == "bare":
-        bare(place)
+        bare(place, to_contours=bool(rest))
         return 0
     if what == "render":
         place.mkdir(parents=True, exist_ok=True)
@@ -199,7 +199,8 @@ def speed(folder: Path, names: list[str]) -> int:
     photo = json.loads((folder / f"{name}.json").read_text())["file"]
     with tempfile.TemporaryDirectory() as scratch:
         bare_calls = python("bench.photo.photo", "bare", folder / photo)
-        commands = {"bare OpenCV calls": bare_calls}
+        contours = python("bench.photo.photo", "bare", folder / photo, "contours")
+        commands = {"bare OpenCV calls": bare_calls, "bare calls for contours": contours}
         for planner in PLANNERS:
             command = build(folder, name, photo, Path(scratch), planner)
             commands[f"camgen build, {planner}"] = command
@@ -212,16 +213,20 @@ def speed(folder: Path, names: list[str]) -> int:
     print(f"{machine()}\n\nBare calls of one process, s: {', '.join(said[-1])}")
     table = Table(
         "process | best s {:.2f} | range s {:.2f} to {:.2f} | peak MB {:.0f} "
-        "| times the bare process {:.2f} | times the bare calls {:.2f}"
+        "| times the bare process {:.2f} | times that for contours {:.2f} | times the bare calls {:.2f}"
     )
-    best = min(run.seconds for run in values["bare OpenCV calls"])
+    best, for_contours = (
+        min(run.seconds for run in values[what])
+        for what in ("bare OpenCV calls", "bare calls for contours")
+    )
     failed = False
     for what, runs in values.items():
         memory = max(run.peak for run in runs)
         seconds = [run.seconds for run in runs]
         least, most = min(seconds), max(seconds)
         failed |= least / best > TIMES or memory > MEMORY
-        table.add(what, least, (least, most), memory, least / best, least / calls)
+        shares = least / best, least / for_contours, least / calls
+        table.add(what, least, (least, most), memory, *shares)
     for planner in PLANNERS:
         seconds = _inside(folder, name, photo, planner, rounds)
         print(f"\nIn a process that runs already, {planner}: {seconds:.2f} s", end="")
@@ -238,8 +243,11 @@ def _inside(folder: Path, name: str, photo: str, planner: str, rounds: int) -> f
     return best_seconds(lambda: camgen.build(folder / photo, post="pacscript", job=job), rounds)
 
 
-def bare(photo: Path) -> None:
-    """What no route from a photo can do without, once, with the seconds of each call."""
+def bare(photo: Path, *, to_contours: bool = False) -> None:
+    """The calls of a route from a photo, once, with the seconds of each.
+
+    to_contours: without the distances, which only the planner in image space needs.
+    """
     import cv2  # noqa: PLC0415 (only where this file is run for it)
 
     begun = [time.perf_counter()]
@@ -261,8 +269,9 @@ def bare(photo: Path) -> None:
     told("remap")
     _, mask = cv2.threshold(view, 0, 255, cv2.THRESH_BINARY + cv2.THRESH_OTSU)
     told("threshold")
-    cv2.distanceTransform(mask, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    told("distance")
+    if not to_contours:
+        cv2.distanceTransform(mask, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+        told("distance")
     cv2.findContours(mask, cv2.RETR_TREE, cv2.CHAIN_APPROX_NONE)
     told("contours")
     print(f"sum {begun[-1] - begun[0]:.3f}")
