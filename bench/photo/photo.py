@@ -193,7 +193,10 @@ def planned(plan: Path) -> np.ndarray:
 
 
 def speed(folder: Path, names: list[str]) -> int:
-    """Whole processes in turns, interpreter and imports included: the bare OpenCV calls, and both planners."""
+    """Whole processes in turns, interpreter and imports included.
+
+    They are the bare OpenCV calls with and without the distances, and both planners.
+    """
     name = names[0] if names else "plate-10mp"
     rounds = int(names[1]) if len(names) > 1 else 5
     photo = json.loads((folder / f"{name}.json").read_text())["file"]
@@ -213,12 +216,11 @@ def speed(folder: Path, names: list[str]) -> int:
     print(f"{machine()}\n\nBare calls of one process, s: {', '.join(said[-1])}")
     table = Table(
         "process | best s {:.2f} | range s {:.2f} to {:.2f} | peak MB {:.0f} "
-        "| times the bare process {:.2f} | times that for contours {:.2f} | times the bare calls {:.2f}"
+        "| times the bare process {:.2f} | times that for contours {:.2f} "
+        "| times the bare calls {:.2f}"
     )
-    best, for_contours = (
-        min(run.seconds for run in values[what])
-        for what in ("bare OpenCV calls", "bare calls for contours")
-    )
+    best = min(run.seconds for run in values["bare OpenCV calls"])
+    for_contours = min(run.seconds for run in values["bare calls for contours"])
     failed = False
     for what, runs in values.items():
         memory = max(run.peak for run in runs)
