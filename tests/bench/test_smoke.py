@@ -105,7 +105,7 @@ SMOKES = [
     Smoke("photo.masks {here}/image 480 1", (5,), {"parts": (1, 1), "holes": (7, 12)}),
     Smoke("photo.photo render {here}/new 1 1", (), {}),
     Smoke("photo.photo judge {here}/photos", (1, 3), {"built": (1, 1), "max mm": (0, 1)}),
-    Smoke("photo.photo speed {here}/photos paper-1mp 1", (3,), {"best s": (0.01, 120), "peak MB": (20, 2000)}),
+    Smoke("photo.photo speed {here}/photos paper-1mp 1", (4,), {"best s": (0.01, 120), "peak MB": (20, 2000)}),
     Smoke("photo.pist --small", (4, 1, 2, 3), FIGURES),
     Smoke("photo.pist --feed --small", (2,), {"off 5 %": (0, 35), "peak": (0.9, 4)}),
     Smoke("photo.burrs 1 2 1", (1, 1), {"missed": (0, 0), "height off: max mm": (0, 0.3)}),
