@@ -27,7 +27,7 @@ from camgen.vision.error_bound import ErrorBound, error_bound
 from camgen.vision.image import Picture, load
 from camgen.vision.lines_arcs.contours import OutlineFit, primitives
 from camgen.vision.mask.part_mask import Mask, is_cut_out, part_mask
-from camgen.vision.outline import outlines
+from camgen.vision.outline import Outline, outlines
 from camgen.vision.plane import Plane, map_points, plane_from_points, plane_from_pose
 from camgen.vision.to_scale import (
     Region,
@@ -84,10 +84,21 @@ class _Seen(Struct, frozen=True):
 
 def read(source: Source, job: Job, files: Files) -> Part:
     """The part in a picture. InputError if it shows none, JobError for settings that contradict another."""
+    outlined, found = _outline(source, job, files)
+    assert outlined.raster is not None
+    drawn, fits, more = primitives(found, outlined.raster.work_from_view)
+    return replace(outlined, contours=drawn, notes=(*outlined.notes, *more, *_tell_fit(fits)))
+
+
+def read_outlines(source: Source, job: Job, files: Files) -> Part:
+    """The picture with the borders of its part, and without contours. Raises what ``read`` raises."""
+    return _outline(source, job, files)[0]
+
+
+def _outline(source: Source, job: Job, files: Files) -> tuple[Part, Sequence[Outline]]:
+    """The part without contours, and the borders from which they are made."""
     seen = _see(source, job, files)
     found, notes = outlines(seen.mask.grey, seen.mask.pixels)
-    drawn, fits, more = primitives(found, seen.view.work_from_view)
-    placed = _placed(seen, [outline.points for outline in found], job)
     raster = Raster(
         photo=seen.picture.pixels,
         framed=_frame(seen),
@@ -98,14 +109,9 @@ def read(source: Source, job: Job, files: Files) -> Part:
         doubt=seen.mask.doubt,
         blur=float(np.median([outline.blur for outline in found])) if found else 0.0,
     )
-    return Part(
-        source.stem,
-        source.name,
-        _scale(seen.view),
-        drawn,
-        (*_note_height(job.camera), *_notes(seen), *placed, *notes, *more, *_tell_fit(fits)),
-        raster,
-    )
+    placed = _placed(seen, [outline.points for outline in found], job)
+    told = (*_note_height(job.camera), *_notes(seen), *placed, *notes)
+    return Part(source.stem, source.name, _scale(seen.view), (), told, raster), found
 
 
 def _tell_fit(fits: Sequence[OutlineFit]) -> tuple[Note, ...]:
