@@ -205,7 +205,7 @@ def judge(inspection: Inspection | None, truth: Sequence[Truth]) -> str:
     is_other = any(deviation.kind == "another part" for deviation in truth)
     if inspection is None:
         return "right" if is_other else "refused"
-    turns = np.exp(1j * np.array([0.0, *inspection.fit.rivals]))
+    turns = np.exp(1j * np.array([0.0, *inspection.fit.rival_turns]))
     if is_other or not all(_is_true(burr, truth, turns) for burr in inspection.burrs):
         return "dangerous"
     return max((_name(inspection, truth, turn) for turn in turns), key=OUTCOMES.index)
