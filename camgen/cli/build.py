@@ -419,7 +419,7 @@ def run(arguments: Namespace, says: Voice) -> int:
         if arguments.post.endswith(".py"):
             files.read(arguments.post)  # Python imports it; what it was made from stays
         job = load(job_file, arguments.sets, files)
-        job, told = _take_photo_settings(job, photo, job_file, files)
+        job, photo_rows = _take_photo_settings(job, photo, job_file, files)
         name = program.stem if program else ""
         with rename_errors("job", str(job_file or "job")):
             result = build(
@@ -453,7 +453,7 @@ def run(arguments: Namespace, says: Voice) -> int:
         says.out(bytes(programs[0][1]).decode("ascii"))
         programs = [(Path("-"), programs[0][1])]
     summary = rows(result, job_file, inputs, programs, says.verbose)
-    says.rows([*summary[:1], *told, *summary[1:]])
+    says.rows([*summary[:1], *photo_rows, *summary[1:]])
     if says.verbose:
         says.rows(
             [
@@ -475,22 +475,22 @@ def _start(text: str | None) -> list[float] | None:
         return [float(word) for word in text.split(",")]
     except ValueError:
         remedy = "give X,Y,TURN in mm and deg"
-        raise JobError("--start", f"{text!r} is no pose", remedy=remedy) from None
+        raise JobError("--start", f"{text!r} is not a pose", remedy=remedy) from None
 
 
 def _take_photo_settings(
     job: Job, photo: Path | None, job_file: Path | None, files: Files
 ) -> tuple[Job, list[Row]]:
     """The job with [camera] and [image] of the photo's own job file, if it has none of them."""
-    own = beside(None, photo)
-    if own is None or own == job_file:
+    photo_file = beside(None, photo)
+    if photo_file is None or photo_file == job_file:
         return job, []
     if job.camera != CameraTable() or job.image != ImageTable():
         why = "[camera] and [image] are those of the job"
-        return job, [("warning", f"{own} is not used: {why}", "look")]
-    tables = load(own, [], files)
-    told = ("job", f"{own}: [camera] and [image], for the photo", "plain")
-    return replace(job, camera=tables.camera, image=tables.image), [told]
+        return job, [("warning", f"{photo_file} is not used: {why}", "look")]
+    tables = load(photo_file, [], files)
+    row = ("job", f"{photo_file}: [camera] and [image], for the photo", "plain")
+    return replace(job, camera=tables.camera, image=tables.image), [row]
 
 
 def _place(output: str | None) -> tuple[Path, Path | None]:

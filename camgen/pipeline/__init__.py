@@ -201,9 +201,12 @@ def build(  # noqa: PLR0913 (the public call, whose keywords users write)
 
     job: tables as in a job file, the path of one, or nothing: the defaults (no file is looked for). name: of the
     program, the first input's name without suffix when empty. strict: what was skipped is an error. watch: is told
-    the stages. files: what has been read already. locate: a photo that shows where the part of the drawings lies.
-    start: about where that is, x, y (mm) and turn (deg); it decides between poses that fit alike. Raises a
-    CamgenError.
+    the stages. files: what has been read already.
+
+    locate: photo that shows where the part of the drawings lies.
+    start: about where that is, x, y (mm) and turn (deg). It decides between poses that fit alike.
+
+    Raises a CamgenError.
     """
     files = files or Files()
     sources = path_or_part(inputs)

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 LOCATED = "drawing located by a photo"
 #: Digits of the digest of a job.
 _DIGITS = 12
-#: Parts that are no drawings, as messages call them.
+#: Kinds of parts that a photo does not place, as messages call them.
 _KINDS = {
     "picture": "a picture",
     "solid": "a 3-D part",
@@ -35,11 +35,11 @@ _KINDS = {
 
 
 def check_placing(job: Job, by_photo: bool, start: Sequence[float] | None) -> PlanePose | None:
-    """About where the part lies, of x, y (mm) and turn (deg); None if that is not said.
+    """About where the part lies, from x, y (mm) and turn (deg); None without a start.
 
     by_photo: whether a photo places the drawing.
 
-    Raises JobError for a start that is no pose, or without a photo, and if the job places the
+    Raises JobError for a start that is not a pose, or without a photo, and if the job places the
     drawing too.
     """
     if not by_photo:
@@ -54,8 +54,9 @@ def check_placing(job: Job, by_photo: bool, start: Sequence[float] | None) -> Pl
             raise JobError("job", what, key, "leave one of them out")
     if start is None:
         return None
+    remedy = "give X,Y,TURN in mm and deg"
     if len(start) != 3 or not all(map(math.isfinite, start)):
-        raise JobError("--start", f"{[*start]} is no pose", remedy="give X,Y,TURN in mm and deg")
+        raise JobError("--start", f"{[*start]} is not a pose", remedy=remedy)
     x, y, turn = start
     return PlanePose(math.radians(turn), x, y)
 
@@ -68,10 +69,10 @@ def locate_inputs(
     The job is without the settings of the photo. Its seams are points of the drawing, and are moved
     with it. The digest of the inputs counts the photo and the start.
 
-    Raises InputError for an input that is no drawing, and what ``locate`` and the reader of photos
-    raise.
+    Raises InputError for an input that is not a drawing, and the errors of ``locate`` and of the
+    reader of photos.
     """
-    from camgen.check.photo.locate import locate  # noqa: PLC0415 (OpenCV and shapely, only for photos)
+    from camgen.check.photo.locate import locate  # noqa: PLC0415 (shapely, only for photos)
     from camgen.plan.seams import read_points  # noqa: PLC0415
     from camgen.read.image import read_outlines  # noqa: PLC0415
 

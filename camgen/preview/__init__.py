@@ -67,7 +67,7 @@ class Built(Protocol):
 
 
 def list_seen(result: Built) -> list[FloatArray]:
-    """The outlines (N, 2), mm, in the photo that says where the part lies. Their first point is their last."""
+    """The closed outlines (N, 2), mm, in the photo that places the part."""
     if result.located is None:
         return []
     from shapely import boundary, get_coordinates, get_parts  # noqa: PLC0415 (only for photos)

@@ -29,7 +29,8 @@ class Photo(Struct, frozen=True, eq=False):
 
 def photo_of(result: Built) -> Photo | None:
     """The view of the work plane in which the part was found; None if no picture shows the part."""
-    raster, tones = result.part.raster, result.job.image.tones
+    raster = result.part.raster
+    tones: str = result.job.image.tones
     if result.located is not None:
         raster, tones = result.located.inspection.photo.raster, result.located.tones
     if raster is None:

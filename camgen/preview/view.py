@@ -125,7 +125,8 @@ _FINE = 2e-5
 
 class ViewLine(Struct, frozen=True):
     """A contour or an edge, or a part of it: state is "done", "skipped" or "unused" (nothing was asked of it); why it
-    was skipped. A ring around a place is "wrong" or "noted"; why says what is. An outline in a photo is "seen".
+    was skipped. A ring around a place is "wrong" or "noted"; why says what is.
+    An outline in a photo is "seen".
     """
 
     id: str
@@ -307,7 +308,7 @@ def _lines(result: Built, sag: float) -> tuple[tuple[ViewLine, ...], SpaceChains
 
 
 def _outline_seen(result: Built) -> Iterator[tuple[ViewLine, FloatArray]]:
-    """The outlines in the photo that says where the part lies."""
+    """The outlines in the photo that places the part."""
     for outline in list_seen(result):
         points = np.column_stack([outline, np.zeros(len(outline))])
         length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())

@@ -83,10 +83,13 @@ class _Seen(Struct, frozen=True):
 
 
 def read(source: Source, job: Job, files: Files) -> Part:
-    """The part in a picture. InputError if it shows none, JobError for settings that contradict another."""
-    outlined, found = _outline(source, job, files)
+    """The part in a picture.
+
+    Raises InputError for a picture that shows none, JobError for settings that contradict another.
+    """
+    outlined, borders = _outline(source, job, files)
     assert outlined.raster is not None
-    drawn, fits, more = primitives(found, outlined.raster.work_from_view)
+    drawn, fits, more = primitives(borders, outlined.raster.work_from_view)
     return replace(outlined, contours=drawn, notes=(*outlined.notes, *more, *_tell_fit(fits)))
 
 
@@ -98,20 +101,20 @@ def read_outlines(source: Source, job: Job, files: Files) -> Part:
 def _outline(source: Source, job: Job, files: Files) -> tuple[Part, Sequence[Outline]]:
     """The part without contours, and the borders from which they are made."""
     seen = _see(source, job, files)
-    found, notes = outlines(seen.mask.grey, seen.mask.pixels)
+    borders, notes = outlines(seen.mask.grey, seen.mask.pixels)
     raster = Raster(
         photo=seen.picture.pixels,
         framed=_frame(seen),
         view=seen.view.pixels,
         work_from_view=seen.view.work_from_view,
         mask=seen.mask.pixels,
-        borders=tuple(outline.points for outline in found),
+        borders=tuple(border.points for border in borders),
         doubt=seen.mask.doubt,
-        blur=float(np.median([outline.blur for outline in found])) if found else 0.0,
+        blur=float(np.median([border.blur for border in borders])) if borders else 0.0,
     )
-    placed = _placed(seen, [outline.points for outline in found], job)
-    told = (*_note_height(job.camera), *_notes(seen), *placed, *notes)
-    return Part(source.stem, source.name, _scale(seen.view), (), told, raster), found
+    placed = _placed(seen, [border.points for border in borders], job)
+    notes = (*_note_height(job.camera), *_notes(seen), *placed, *notes)
+    return Part(source.stem, source.name, _scale(seen.view), (), notes, raster), borders
 
 
 def _tell_fit(fits: Sequence[OutlineFit]) -> tuple[Note, ...]:

@@ -1,4 +1,4 @@
-"""Moves a drawing: a corner, the centre or a point of it to x 0, y 0 (`input.origin`), or to a pose."""
+"""Moves a drawing, to a pose or so that a place of it is at x 0, y 0 (`input.origin`)."""
 
 from __future__ import annotations
 

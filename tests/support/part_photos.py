@@ -1,4 +1,4 @@
-"""Rendered photos of flat parts from right above, and their drawings, made of loops of the renderer."""
+"""Rendered photos of flat parts from right above, and their drawings."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -27,8 +27,10 @@ def photo(
     at: complex = 0j,
     size: tuple[int, int] = (WIDE, HIGH),
 ) -> Path:
-    """A dark part on a light bench, turned by ``turn`` rad, its origin ``at`` mm from the middle of the picture.
+    """A dark part on a light bench.
 
+    turn: rad, about the origin of the part.
+    at: place of the origin from the middle of the picture, mm.
     size: pixels of the picture.
     """
     wide, high = size
@@ -57,7 +59,7 @@ def drawing(loops: Sequence[Loop]) -> Part:
 
 
 def write_dxf(file: Path, loops: Sequence[Loop], layers: Sequence[str] = ()) -> Path:
-    """The loops as a drawing in mm. layers: of each loop, by default 0."""
+    """The loops as a drawing in mm, each on its layer, by default on 0."""
     document = ezdxf.new("R2010", units=4)
     for number, loop in enumerate(loops):
         rows = [(z.real, z.imag, bulge) for z, bulge in zip(loop.points, loop.bulges, strict=True)]
@@ -68,7 +70,10 @@ def write_dxf(file: Path, loops: Sequence[Loop], layers: Sequence[str] = ()) -> 
 
 
 def bumped(loop: Loop, side: int, at: float, width: float, height: float) -> Loop:
-    """A bump, an arc, on the straight piece ``side`` of an outer loop, ``at`` mm from its start; a dent below 0."""
+    """A bump, or a dent if ``height`` is below 0, on the straight piece ``side`` of an outer loop.
+
+    at, width: its foot, mm from the start of the piece.
+    """
     start, end = loop.points[side], loop.points[(side + 1) % len(loop.points)]
     along = (end - start) / abs(end - start)
     foot = start + along * at

@@ -78,16 +78,16 @@ def inspect_photo(photo: Part, drawing: Part, job: Job, least: float | None = No
     fit = lay_on(outlines, expected.region)
     insist_on_fit(photo.source, expected.source, fit.share, fit.near, LEAST_FITTING)
     seen = enclose([fit.apply(border) for border in borders])
-    found = list_differences(seen, expected, raster, limit)
+    differences = list_differences(seen, expected, raster, limit)
     if not expected.inked:
-        share = share_of_fit(found, expected, seen, fit.near)
+        share = share_of_fit(differences, expected, seen, fit.near)
         insist_on_fit(photo.source, expected.source, share, fit.near, LEAST_FIT)
     notes = (*photo.notes, *drawing.notes, *_note(fit, measure_pixel(raster)))
-    return Inspection(photo, expected, seen, fit, limit, found, notes)
+    return Inspection(photo, expected, seen, fit, limit, differences, notes)
 
 
 def choose_limit(raster: Raster, least: float | None = None) -> float:
-    """The height from which on a difference is told, mm. Raises JobError for ``least`` that is none."""
+    """The height from which on a difference counts, mm. Raises JobError for a ``least`` below 0."""
     limit = max(_LEAST_PX * measure_pixel(raster), _LEAST_MM) if least is None else least
     if not (math.isfinite(limit) and limit > 0):
         raise JobError("--least", f"cannot be {limit:g} mm", remedy="give a length above 0 mm")
@@ -98,8 +98,8 @@ def list_differences(
     seen: shapely.Geometry, expected: Expected, raster: Raster, limit: float
 ) -> tuple[Difference, ...]:
     """The differences from ``limit`` mm on, with their kinds, the greatest first."""
-    found = differ(seen, expected, limit, raster.blur * measure_pixel(raster))
-    return classify(found, expected, seen, limit * FOOT)
+    differences = differ(seen, expected, limit, raster.blur * measure_pixel(raster))
+    return classify(differences, expected, seen, limit * FOOT)
 
 
 def measure_pixel(raster: Raster) -> float:
@@ -141,7 +141,7 @@ def list_rework(
 
 
 def outlines_of_part(borders: list[FloatArray], region: shapely.Geometry) -> list[FloatArray]:
-    """The outlines of the largest pieces, as many as are drawn: chips do not say where the part lies."""
+    """The outlines of the largest pieces of a photo, as many as are drawn: the others are chips."""
     pieces = shapely.get_parts(enclose(borders))
     order = np.argsort([-shapely.Polygon(piece.exterior).area for piece in pieces], kind="stable")
     return rings_of(pieces[order[: shapely.get_num_geometries(region)]])

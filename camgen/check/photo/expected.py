@@ -72,8 +72,8 @@ class Sought(Struct, frozen=True, eq=False):
     """The contours of a drawing by which its part is found in a photo.
 
     certain: the outline of the part, which the photo has to show.
-    possible: what is done on the material, such as holes that are drilled and lines that are drawn:
-        the photo may show it or not.
+    possible: contours on the material, such as holes to drill and lines to draw, which the photo
+        may show or not.
     """
 
     certain: Expected
@@ -81,7 +81,7 @@ class Sought(Struct, frozen=True, eq=False):
 
     @property
     def region(self) -> shapely.Geometry:
-        """All of them, even-odd."""
+        """The polygons between both kinds of contours, even-odd."""
         return enclose((*self.certain.rings, *self.possible.rings))
 
 
@@ -93,7 +93,6 @@ def seek(drawing: Part, job: Job) -> Sought:
     Raises InputError if no contour is closed.
     """
     closed = [contour for contour in drawing.contours if contour.closed and not contour.is_mark]
-    own = replace(drawing, contours=tuple(closed))
     if job.stock.layer:
         ids = frozenset(contour.id for contour in closed if contour.layer == job.stock.layer)
     elif job.operations:
@@ -104,7 +103,7 @@ def seek(drawing: Part, job: Job) -> Sought:
         ids = frozenset()
     certain = [contour for contour in closed if contour.id in ids]
     if not certain:
-        inner = find_enclosed(own)
+        inner = find_enclosed(replace(drawing, contours=tuple(closed)))
         certain = [contour for contour in closed if contour.id not in inner]
     names = {contour.id for contour in certain}
     possible = tuple(contour for contour in closed if contour.id not in names)

@@ -1,7 +1,7 @@
 """The place of a drawing in a photo, and the deviations of the photo from the drawing there.
 
-The outline of the photo is laid on the drawing as `camgen inspect --against` does it. The drawing is
-then moved to where the photo shows it. All that follows is in the work frame of the photo.
+The outline of the photo is laid on the drawing as `camgen inspect --against` does it. The drawing
+is then moved to where the photo shows it. All that follows is in the work frame of the photo.
 """
 
 from __future__ import annotations
@@ -63,14 +63,14 @@ _NAMES = {
 
 
 class Located(Struct, frozen=True, eq=False):
-    """Where a photo shows the part of a drawing. Lengths are mm, in the work frame of the photo.
+    """The place of the part of a drawing in a photo. Lengths are mm, in the photo's work frame.
 
     pose: work_from_drawing.
-    part: the drawing at its place. Its notes tell of the photo and its deviations too.
+    part: the drawing at its place, with notes on the photo and its deviations.
     inspection: the photo against the drawing at its place.
-    share: share of both outlines that fits, the less of the two.
+    share: share of both outlines that fits, the smaller of the two.
     deviation: largest distance between the two outlines.
-    place: where that is.
+    place: point of the photo's outline at that distance.
     tones: tones of the photo, as `image.tones` states them.
     """
 
@@ -94,16 +94,17 @@ class Located(Struct, frozen=True, eq=False):
             "rms_mm": round(self.inspection.fit.rms, 4),
             "max_deviation_mm": round(self.deviation, 4),
             "max_deviation_at": [round(value, 4) for value in self.place],
-            "differences": [
-                {
-                    "kind": difference.kind,
-                    "place": [round(value, 4) for value in difference.place],
-                    "height": round(difference.height, 4),
-                    "contour": clean(difference.contour),
-                }
-                for difference in self.inspection.differences
-            ],
+            "differences": [*map(_report, self.inspection.differences)],
         }
+
+
+def _report(difference: Difference) -> dict[str, object]:
+    return {
+        "kind": difference.kind,
+        "place": [round(value, 4) for value in difference.place],
+        "height": round(difference.height, 4),
+        "contour": clean(difference.contour),
+    }
 
 
 class _Trial(Struct, frozen=True, eq=False):
@@ -112,7 +113,7 @@ class _Trial(Struct, frozen=True, eq=False):
     fit: the photo laid on the drawing.
     expected: the contours that the photo has to show and those that it shows, at their place.
     differences: the differences of the photo from them.
-    share: share of both outlines that fits, the less of the two.
+    share: share of both outlines that fits, the smaller of the two.
     hidden: names of the other contours.
     """
 
@@ -131,7 +132,7 @@ class _Trial(Struct, frozen=True, eq=False):
 def locate(photo: Part, drawing: Part, job: Job, start: PlanePose | None = None) -> Located:
     """The place of the part of ``drawing`` in ``photo``, a picture that was read.
 
-    start: about where the part lies. Of poses that fit alike the nearest one is taken.
+    start: about where the part lies. It chooses the nearest of several poses that fit alike.
 
     Raises InputError for a drawing without a closed contour. Raises NoSafeProgram if the photo
     shows another part, the other side of the part, or the part in several poses alike.
@@ -192,7 +193,7 @@ def _measure_areas(pieces: NDArray[np.object_]) -> FloatArray:
 
 
 def _check_side(photo: str, outlines: list[FloatArray], sought: Sought, fit: Fit) -> None:
-    """Raises NoSafeProgram if the mirrored outline of a photo fits better than the outline."""
+    """Raises NoSafeProgram if the outline of a photo fits mirrored, and worse as it is."""
     if fit.share >= _AS_WELL:
         return
     mirrored = lay_on([outline * (-1.0, 1.0) for outline in outlines], sought.region)
@@ -234,8 +235,9 @@ def _choose(alike: Sequence[_Trial], start: PlanePose | None, lies: str) -> _Tri
 
     lies: beginning of a message, "part.dxf lies in photo.png".
     """
-    rivals = [rival.photo_from_drawing for trial in alike for rival in trial.fit.rivals]
-    poses = [*(trial.pose for trial in alike), *rivals]
+    poses = [trial.pose for trial in alike]
+    for trial in alike:
+        poses += [rival.photo_from_drawing for rival in trial.fit.rivals]
     if len(poses) == 1:
         return alike[0]
     if start is None:
@@ -256,7 +258,7 @@ def _choose(alike: Sequence[_Trial], start: PlanePose | None, lies: str) -> _Tri
 
 
 def _is_nearer(start: PlanePose, pose: PlanePose, other: PlanePose) -> bool:
-    """Whether ``start`` is plainly nearer to ``pose`` than to ``other``, in turn or else in place."""
+    """Whether ``start`` is plainly nearer to ``pose`` than to ``other``, by turn or by place."""
     turn = _measure_turn(pose, other)
     if turn > _SAME_TURN:
         return _measure_turn(start, pose) <= _NEARER * turn
@@ -279,13 +281,13 @@ def _measure_deviation(seen: shapely.Geometry, trial: _Trial) -> tuple[float, tu
     distances = shapely.distance(shapely.points(points), shapely.boundary(trial.expected.region))
     farthest = int(distances.argmax())
     x, y = points[farthest].tolist()
-    found = [(float(distances[farthest]), (x, y))]
-    found += [(each.height, each.place) for each in trial.differences if each.kind != "loose"]
-    return max(found, key=lambda one: one[0])
+    deviations = [(float(distances[farthest]), (x, y))]
+    deviations += [(each.height, each.place) for each in trial.differences if each.kind != "loose"]
+    return max(deviations)
 
 
 def _note_photo(photo: Part) -> Iterator[Note]:
-    """The notes on the photo. Of it nothing is left out of the program: the drawing is built."""
+    """The notes on the photo. Nothing that it leaves out is left out of the program."""
     for note in photo.notes:
         kind: NoteKind = "warning" if note.kind == "warning" else "assumed"
         yield replace(note, kind=kind, what=f"{photo.source}: {note.what}", ids=())
@@ -303,12 +305,12 @@ def _note_differences(inspection: Inspection) -> Iterator[Note]:
     photo, drawing = inspection.photo.source, inspection.expected.source
     why = f"against {drawing}, from {inspection.least:.2f} mm on"
     for kind in dict.fromkeys(difference.kind for difference in inspection.differences):
-        own = [difference for difference in inspection.differences if difference.kind == kind]
-        largest = own[0]
+        differences = [each for each in inspection.differences if each.kind == kind]
+        largest = differences[0]
         x, y = largest.place
-        what = f"{photo}: {counted(len(own), *_NAMES[kind])}, "
-        what += "the largest " if len(own) > 1 else ""
+        what = f"{photo}: {counted(len(differences), *_NAMES[kind])}, "
+        what += "the largest " if len(differences) > 1 else ""
         what += f"{largest.height:.2f} mm at {x:.2f}, {y:.2f} mm, contour {largest.contour}"
-        places = tuple(difference.place for difference in own)
+        places = tuple(each.place for each in differences)
         # A burr may be what the program is for.
         yield Note("warning", what, why, places=places, strict=kind != "burr")

@@ -53,7 +53,7 @@ class Fit(Struct, frozen=True):
 
     @property
     def rival_turns(self) -> tuple[float, ...]:
-        """How much further the photo could be turned and fit as well, rad."""
+        """Further turns of the photo by which it fits as well, rad."""
         turns = (math.remainder(rival.turn - self.turn, math.tau) for rival in self.rivals)
         return tuple(sorted(turns))
 
@@ -82,8 +82,8 @@ def lay_on(
 ) -> Fit:
     """The pose that brings ``borders`` (N, 2) mm of a photo onto the outline of ``region``.
 
-    turn: of poses that fit as well the one is taken that is turned least from it, rad; None: the
-        one that is turned least.
+    turn: rad. The nearest of the poses that fit as well is taken; None is a turn of 0, which is
+        searched from where the photo shows the part.
     """
     line = _line(region)
     points = np.concatenate(borders)
@@ -117,7 +117,7 @@ def insist_on_fit(
     least: float,
     refusal: type[CamgenError] = InputError,
 ) -> None:
-    """Raises ``refusal`` if only ``share`` of the outlines lies within ``near`` mm, and not ``least``."""
+    """Raises ``refusal`` if the ``share`` of outlines within ``near`` mm is below ``least``."""
     if share < least:
         what = f"does not show {source}: {100 * share:.0f} % of its outline lies within {near:.2f} mm of that"
         remedy = "give the drawing of this part, check the scale of the photo, or its mask by camgen inspect"
@@ -142,7 +142,7 @@ def _some(points: FloatArray, count: int) -> FloatArray:
 
 
 class _Middles(NamedTuple):
-    """The middles (2,) of what the photo shows and of what is expected, mm."""
+    """The middles (2,) of the outlines in the photo and of the expected ones, mm."""
 
     seen: FloatArray
     expected: FloatArray
