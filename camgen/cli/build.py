@@ -404,10 +404,11 @@ class _Stages(Struct):
 def run(arguments: Namespace, says: Voice) -> int:
     """Builds, writes, sums up."""
     start = _start(arguments.start)
-    names = [*arguments.inputs, *([arguments.locate] if arguments.locate else [])]
+    by_photo = arguments.locate is not None
+    names = [*arguments.inputs, *([arguments.locate] if by_photo else [])]
     with no_collector(), open_inputs(names, arguments.format) as (paths, files):
         inputs = paths[: len(arguments.inputs)]
-        photo = paths[-1] if arguments.locate else None
+        photo = paths[-1] if by_photo else None
         stages = _Stages(says, files)
         job_file = beside(arguments.job, None if arguments.inputs[0] == "-" else inputs[0])
         read = [*paths, *([job_file] if job_file else [])]
@@ -489,7 +490,7 @@ def _take_photo_settings(
         why = "[camera] and [image] are those of the job"
         return job, [("warning", f"{photo_file} is not used: {why}", "look")]
     tables = load(photo_file, [], files)
-    row = ("job", f"{photo_file}: [camera] and [image], for the photo", "plain")
+    row = ("photo", f"[camera] and [image] of {photo_file}", "plain")
     return replace(job, camera=tables.camera, image=tables.image), [row]
 
 

@@ -53,7 +53,7 @@ def test_the_summary_says_where_the_part_lies(
     printed = capsys.readouterr()
     assert printed.out == ""
     lines = printed.err.splitlines()
-    assert "job       photo.toml: [camera] and [image], for the photo" in lines
+    assert "photo     [camera] and [image] of photo.toml" in lines
     (row,) = [line for line in lines if line.startswith("located")]
     assert row.startswith("located   by photo.png: x ")
     assert "% of the outline fits, 0.00" in row
@@ -93,6 +93,7 @@ def test_the_settings_of_the_photo_may_stand_in_the_job(
         (["plate.dxf", "--locate", "none.png"], 2, "none.png: no such file"),
         (["plate.dxf", "--locate", "plate.dxf"], 2, "plate.dxf: is not a PNG"),
         (["plate.dxf", "--locate", "open.svg"], 2, "open.svg: is not a PNG"),
+        (["plate.dxf", "--locate", ""], 2, ".: "),
         (["plate.dxf", "--locate", "empty.png"], 2, "empty.png: is empty"),
         (["plate.dxf", "--set", "input.origin=center"], 2, "input.origin and --locate both place"),
         (["plate.dxf", "--set", "page.size=A4"], 2, "page.size and --locate both place"),
