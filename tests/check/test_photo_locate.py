@@ -107,6 +107,25 @@ def test_seams_are_points_of_the_drawing(tmp_path: Path) -> None:
     assert outline.position[0, :2] == pytest.approx([wanted.real, wanted.imag], abs=0.02)
 
 
+@pytest.mark.usefixtures("few_turns")
+def test_several_drawings_are_placed_together(tmp_path: Path) -> None:
+    drawn = [
+        write_dxf(tmp_path / f"{number}.dxf", [loop.moved(0.0, 5 + 8j)])
+        for number, loop in enumerate(PLATE)
+    ]
+    picture = photo(tmp_path / "photo.png", PLATE, 0.4)
+    result = camgen.build(drawn, post="gcode", job=TRACE, locate=picture)
+    # The drawings have their origin 5 and 8 mm beside the middle of the part.
+    origin = MIDDLE - (5 + 8j) * cmath.exp(0.4j)
+    pose = located(result).pose
+    assert abs(complex(pose.x, pose.y) - origin) < 0.02
+    assert located(result).inspection.expected.names == ("1/c1", "2/c1")
+    (hole_path,) = [path for path in result.tour.paths if path.contours == ("2/c1",)]
+    places = hole_path.position[:, 0] + 1j * hole_path.position[:, 1]
+    centre = (-12 + 4j) * cmath.exp(0.4j) + MIDDLE
+    assert abs(places - centre) == pytest.approx(np.full(len(places), 7.0), abs=0.02)
+
+
 # -- poses alike
 
 
