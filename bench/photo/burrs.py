@@ -108,7 +108,7 @@ def matched(
     by the side that fits best.
     """
     return max(
-        (_matched(burrs, found, turn) for turn in (0.0, *found.fit.rivals)),
+        (_matched(burrs, found, turn) for turn in (0.0, *found.fit.rival_turns)),
         key=lambda both: len(both[0]),
     )
 

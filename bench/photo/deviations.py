@@ -56,7 +56,7 @@ from camgen.cli.rework import write_drawing, write_job
 from camgen.model.errors import InputError
 from camgen.model.job import ImageTable, Job
 from camgen.read.files import Files
-from camgen.read.image import read_all
+from camgen.read.image import read_outlines
 from camgen.read.job_file import from_mapping
 
 PIXEL, SIZE = 0.14, (1000, 800)
@@ -205,7 +205,7 @@ def judge(inspection: Inspection | None, truth: Sequence[Truth]) -> str:
     is_other = any(deviation.kind == "another part" for deviation in truth)
     if inspection is None:
         return "right" if is_other else "refused"
-    turns = np.exp(1j * np.array([0.0, *inspection.fit.rivals]))
+    turns = np.exp(1j * np.array([0.0, *inspection.fit.rival_turns]))
     if is_other or not all(_is_true(burr, truth, turns) for burr in inspection.burrs):
         return "dangerous"
     return max((_name(inspection, truth, turn) for turn in turns), key=OUTCOMES.index)
@@ -269,7 +269,7 @@ def measure(name: str, rounds: int, first: int, folder: Path) -> Iterator[tuple[
 def look(folder: Path, drawn: Part, loops: Sequence[Loop], number: int) -> Inspection | None:
     """The inspection of a photo, None if it is refused."""
     files, job = Files(), Job(image=ImageTable(mm_per_px=PIXEL))
-    seen = read_all(files.read(photo(folder / "photo.png", loops, number)), job, files)
+    seen = read_outlines(files.read(photo(folder / "photo.png", loops, number)), job, files)
     try:
         return inspect_photo(seen, drawing(drawn), Job())
     except InputError:

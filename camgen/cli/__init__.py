@@ -219,6 +219,16 @@ def _build(sub: _Parser) -> None:
         help="where the program goes; -: to standard output (default: this folder)",
     )
     sub.add_argument("--format", metavar="FORMAT", help="what standard input is, e.g. dxf")
+    sub.add_argument(
+        "--locate",
+        metavar="PHOTO",
+        help="build the drawing where this photo shows its part",
+    )
+    sub.add_argument(
+        "--start",
+        metavar="X,Y,TURN",
+        help="of poses that look alike take the one near this, mm and deg",
+    )
     sub.add_argument("--plan", metavar="FILE.json", help="write the planned motion as data")
     sub.add_argument("--report", metavar="FILE.json", help="write the summary as data")
     sub.add_argument(

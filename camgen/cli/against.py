@@ -28,7 +28,7 @@ from camgen.model.text import counted, name_ranges, short
 from camgen.plan import name_operation
 from camgen.preview.inspection import draw
 from camgen.read import find_reader, list_installed
-from camgen.read.image import read_all
+from camgen.read.image import read_outlines
 from camgen.read.job_file import beside, load
 from camgen.read.move import move_part
 
@@ -50,7 +50,7 @@ def run(arguments: Namespace, says: Voice) -> int:
         job = load(job_file, arguments.sets, opened)
         files = opened.within(job.limits)
         says.stage("reading")
-        seen = read_all(files.read(photo), job, files)
+        seen = read_outlines(files.read(photo), job, files)
         expects = (
             load(own, [], files) if own else replace(job, camera=CameraTable(), image=ImageTable())
         )

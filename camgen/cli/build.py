@@ -14,6 +14,7 @@ from time import perf_counter
 import msgspec
 import numpy as np
 from msgspec import Struct, field
+from msgspec.structs import replace
 
 from camgen.batch.writing import (
     HEADER_BYTES,
@@ -29,6 +30,7 @@ from camgen.cli.inputs import open_inputs
 from camgen.cli.motion_file import encode
 from camgen.cli.say import Voice, join_names, length, size
 from camgen.model.errors import JobError, rename_errors
+from camgen.model.job import CameraTable, ImageTable, Job
 from camgen.model.part import GRAVEST, Note, NoteKind, describe_bodies
 from camgen.model.path import PLAIN, Tour
 from camgen.model.pose import Pose
@@ -65,6 +67,7 @@ def rows(
     return [
         ("input", _input(result), "plain"),
         *_job(job, inputs),
+        *_located(result),
         *_notes(result.notes, verbose),
         *_tell_plan(result),
         *_operations(result),
@@ -78,6 +81,19 @@ def rows(
         *_programs(result, programs),
         *_proofs(result),
     ]
+
+
+def _located(result: Result) -> list[Row]:
+    """The place of the part by a photo, and how well the photo fits the drawing there."""
+    located = result.located
+    if located is None:
+        return []
+    fit = located.inspection.fit
+    x, y = located.place
+    what = f"by {located.inspection.photo.source}: {located.pose}; "
+    what += f"{100 * located.share:.1f} % of the outline fits, {short(fit.rms, 4)} mm rms, "
+    what += f"largest deviation {short(located.deviation, 3)} mm at {x:.2f}, {y:.2f} mm"
+    return [("located", what, "look" if located.inspection.differences else "plain")]
 
 
 # Proofs: a line for each step, whether it ran or not.
@@ -387,10 +403,15 @@ class _Stages(Struct):
 
 def run(arguments: Namespace, says: Voice) -> int:
     """Builds, writes, sums up."""
-    with no_collector(), open_inputs(arguments.inputs, arguments.format) as (inputs, files):
+    start = _start(arguments.start)
+    by_photo = arguments.locate is not None
+    names = [*arguments.inputs, *([arguments.locate] if by_photo else [])]
+    with no_collector(), open_inputs(names, arguments.format) as (paths, files):
+        inputs = paths[: len(arguments.inputs)]
+        photo = paths[-1] if by_photo else None
         stages = _Stages(says, files)
         job_file = beside(arguments.job, None if arguments.inputs[0] == "-" else inputs[0])
-        read = [*inputs, *([job_file] if job_file else [])]
+        read = [*paths, *([job_file] if job_file else [])]
         aloud = arguments.output == "-"
         folder, program = _place(None if aloud else arguments.output)
         extra = [Path(p) for p in (arguments.plan, arguments.report, arguments.preview) if p]
@@ -399,6 +420,7 @@ def run(arguments: Namespace, says: Voice) -> int:
         if arguments.post.endswith(".py"):
             files.read(arguments.post)  # Python imports it; what it was made from stays
         job = load(job_file, arguments.sets, files)
+        job, photo_rows = _take_photo_settings(job, photo, job_file, files)
         name = program.stem if program else ""
         with rename_errors("job", str(job_file or "job")):
             result = build(
@@ -409,6 +431,8 @@ def run(arguments: Namespace, says: Voice) -> int:
                 strict=arguments.strict,
                 watch=stages,
                 files=files,
+                locate=photo,
+                start=start,
             )
         stages("writing")
         programs = program_files(result, folder, program)
@@ -429,7 +453,8 @@ def run(arguments: Namespace, says: Voice) -> int:
     if aloud:
         says.out(bytes(programs[0][1]).decode("ascii"))
         programs = [(Path("-"), programs[0][1])]
-    says.rows(rows(result, job_file, inputs, programs, says.verbose))
+    summary = rows(result, job_file, inputs, programs, says.verbose)
+    says.rows([*summary[:1], *photo_rows, *summary[1:]])
     if says.verbose:
         says.rows(
             [
@@ -441,6 +466,32 @@ def run(arguments: Namespace, says: Voice) -> int:
             ]
         )
     return 0
+
+
+def _start(text: str | None) -> list[float] | None:
+    """About where the part lies: x, y (mm) and turn (deg)."""
+    if text is None:
+        return None
+    try:
+        return [float(word) for word in text.split(",")]
+    except ValueError:
+        remedy = "give X,Y,TURN in mm and deg"
+        raise JobError("--start", f"{text!r} is not a pose", remedy=remedy) from None
+
+
+def _take_photo_settings(
+    job: Job, photo: Path | None, job_file: Path | None, files: Files
+) -> tuple[Job, list[Row]]:
+    """The job with [camera] and [image] of the photo's own job file, if it has none of them."""
+    photo_file = beside(None, photo)
+    if photo_file is None or photo_file == job_file:
+        return job, []
+    if job.camera != CameraTable() or job.image != ImageTable():
+        why = "[camera] and [image] are those of the job"
+        return job, [("warning", f"{photo_file} is not used: {why}", "look")]
+    tables = load(photo_file, [], files)
+    row = ("photo", f"[camera] and [image] of {photo_file}", "plain")
+    return replace(job, camera=tables.camera, image=tables.image), [row]
 
 
 def _place(output: str | None) -> tuple[Path, Path | None]:

@@ -41,6 +41,11 @@ class Header(Struct, frozen=True):
     lines: frozenset[str]
     is_one_of: bool
 
+    @property
+    def is_located(self) -> bool:
+        """Whether a photo says where the part lies."""
+        return any(line.startswith("drawing located by a photo") for line in self.lines)
+
 
 def read_header(texts: Mapping[str, str]) -> Header | None:
     """The header of the first text; None for a text of another hand."""
@@ -73,6 +78,9 @@ def find_part(header: Header, source: Path, job: Job, files: Files) -> Path:
     from camgen.pipeline.rounding import limit_path_tolerance  # noqa: PLC0415
 
     remedy = "name the controller with --post"
+    if header.is_located:
+        what = "is not given, and the place of the part comes from a photo"
+        raise JobError("--post", what, remedy=remedy)
     if not any(entry.name == header.post for entry in entries(POSTS)):
         what = f"is not given, and the header names {header.post}, which is not installed"
         raise JobError("--post", what, remedy=remedy)

@@ -102,6 +102,12 @@ def run(arguments: Namespace, says: Voice) -> int:
     drawing = Path(arguments.part) if arguments.part else None
     texts = read_texts(paths, files)
     header = read_header(texts)
+    if drawing is not None and header is not None and header.is_located:
+        what = "lies as drawn, and the program is for the place of the part in a photo"
+        remedy = (
+            "leave it out; camgen build has proven the program against the drawing at that place"
+        )
+        raise JobError("--part", what, remedy=remedy)
     source = name_source(paths[0], header)
     named = beside(arguments.job, None if arguments.plan else source)
     job = load(named or beside(None, drawing), arguments.sets, files)

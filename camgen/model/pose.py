@@ -61,6 +61,34 @@ class Pose(Struct, frozen=True, eq=False, gc=False):
         return Pose(frozen(back), to_vec3(-(back @ np.asarray(self.origin))))
 
 
+class PlanePose(Struct, frozen=True):
+    """A turn about z and then a shift, in the work plane.
+
+    turn: rad.
+    x, y: shift, mm.
+    """
+
+    turn: float
+    x: float
+    y: float
+
+    def apply(self, points: FloatArray) -> FloatArray:
+        """The points (N, 2), mm, turned and shifted."""
+        if self.turn:
+            c, s = math.cos(self.turn), math.sin(self.turn)
+            points = points @ np.array([[c, s], [-s, c]])
+        return np.asarray(points + np.array([self.x, self.y]))
+
+    def inverse(self) -> PlanePose:
+        """The pose that undoes it."""
+        ((x, y),) = PlanePose(-self.turn, 0.0, 0.0).apply(np.array([[-self.x, -self.y]])).tolist()
+        return PlanePose(-self.turn, x, y)
+
+    def __str__(self) -> str:
+        turn = short(math.degrees(self.turn), 3)
+        return f"x {short(self.x, 3)} y {short(self.y, 3)} mm turned {turn} deg"
+
+
 def translation(x: float, y: float, z: float) -> Pose:
     """A frame with the same axes, its origin at x, y, z (mm)."""
     return Pose(IDENTITY, (float(x), float(y), float(z)))

@@ -39,7 +39,8 @@ from camgen.pipeline.assumptions import (
     note_set_up,
     note_slow_paths,
 )
-from camgen.pipeline.inputs import note_machine, note_urdf, note_work_frame, read_inputs
+from camgen.pipeline.inputs import Inputs, note_machine, note_urdf, note_work_frame, read_inputs
+from camgen.pipeline.located import LOCATED, check_placing, locate_inputs
 from camgen.pipeline.memory import give_back
 from camgen.pipeline.motion import prove_motion
 from camgen.pipeline.programs import (
@@ -75,6 +76,7 @@ from camgen.robots.workcell import Workcell
 if TYPE_CHECKING:
     from camgen.check.collide import Clear
     from camgen.check.feeds import SlowPath
+    from camgen.check.photo.locate import Located
     from camgen.check.proof import MotionProof
     from camgen.check.reach import Reach
     from camgen.check.stock import StockProof
@@ -114,6 +116,7 @@ class Result(Struct, frozen=True, eq=False, dict=True):
     rounded: rounding of the text, None if its post does not state how its controller rounds.
     travel: the travel of the machine that the text takes, None without `cell.machine`.
     slow: paths whose feed the joints of the arm cannot keep.
+    located: the photo that shows the place of the part, None without one.
     """
 
     part: Part
@@ -139,6 +142,7 @@ class Result(Struct, frozen=True, eq=False, dict=True):
     rounded: Rounding | None = None
     travel: Travel | None = None
     slow: tuple[SlowPath, ...] = ()
+    located: Located | None = None
 
     @cached_property
     def report(self) -> dict[str, object]:
@@ -149,6 +153,8 @@ class Result(Struct, frozen=True, eq=False, dict=True):
         table |= report_rounding(self.rounded)
         if self.travel is not None:
             table |= self.travel.report()
+        if self.located is not None:
+            table["located"] = self.located.report
         if self.travel is not None and self.travel.placed:
             table["checks"] = {"reach": NOT_CHECKED, "collision": NOT_CHECKED, "limits": "ok"}
         if self.reach is not None:
@@ -179,7 +185,7 @@ class Result(Struct, frozen=True, eq=False, dict=True):
         return draw_svg(self.tour)
 
 
-def build(
+def build(  # noqa: PLR0913 (the public call, whose keywords users write)
     inputs: Input | Sequence[Input],
     *,
     post: str,
@@ -188,12 +194,19 @@ def build(
     strict: bool = False,
     watch: Watch = ignore_stages,
     files: Files | None = None,
+    locate: str | Path | None = None,
+    start: Sequence[float] | None = None,
 ) -> Result:
     """A checked program for the controller ``post`` from one or several drawings or parts in one work frame.
 
     job: tables as in a job file, the path of one, or nothing: the defaults (no file is looked for). name: of the
     program, the first input's name without suffix when empty. strict: what was skipped is an error. watch: is told
-    the stages. files: what has been read already. Raises a CamgenError.
+    the stages. files: what has been read already.
+
+    locate: photo that shows where the part of the drawings lies.
+    start: about where that is, x, y (mm) and turn (deg). It decides between poses that fit alike.
+
+    Raises a CamgenError.
     """
     files = files or Files()
     sources = path_or_part(inputs)
@@ -201,14 +214,21 @@ def build(
     files = files.within(settings.limits)
     poster = poster_of(post, settings, str(job) if isinstance(job, (str, Path)) else "job")
     readback = find_readback(post)
+    about = check_placing(settings, locate is not None, start)
     watch("reading")
     read = read_inputs(sources, settings, cell_of(poster, settings), files)
+    located = None
+    if locate is not None:
+        watch("locating")
+        read, settings, located = locate_inputs(read, settings, Path(locate), about, files)
     give_back()
     planned = plan(read.part, settings, read.cell, watch)
     give_back()
     _insist(planned.part, planned.notes, bool(planned.paths), strict)
     title = poster.program or name or planned.part.name
-    header = _header(sources, planned.part, poster, settings, read.cell, read.digest)
+    header = _header(sources, planned.part, poster, settings, read)
+    if located is not None:
+        header = (*header, f"{LOCATED}: {located.pose}")
     asked = planned
     request = Request(settings, read.cell, poster, title, header, strict, watch)
     planned, tour, checks = _program(planned, request)
@@ -224,7 +244,7 @@ def build(
     _insist(result.part, result.notes, True, strict)
     motion = prove_motion(read.part, planned, settings, checks, posted, result.notes)
     rounded = check_rounding(tour, settings, checks, posted)
-    result = replace(result, motion=motion, rounded=rounded)
+    result = replace(result, motion=motion, rounded=rounded, located=located)
     if read.cell.machine is None:
         return result
     from camgen.pipeline.travel import check_travel, note_rates  # noqa: PLC0415 (only for a mill)
@@ -441,10 +461,11 @@ def _insist(part: Part, notes: Sequence[Note], something: bool, strict: bool) ->
 
 
 def _header(
-    sources: Sequence[Path | Part], part: Part, post: Post, job: Job, cell: Cell, digest: str
+    sources: Sequence[Path | Part], part: Part, post: Post, job: Job, read: Inputs
 ) -> tuple[str, ...]:
+    cell = read.cell
     return (
-        f"camgen {__version__} - job {digest}",
+        f"camgen {__version__} - job {read.digest}",
         *(spell_part(one.name) for one in sources),
         f"post: {post.name} - cell: {cell.name.replace(',', ' -')}",
         f"units: mm - drawing: {part.units}",

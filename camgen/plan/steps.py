@@ -74,7 +74,7 @@ def share_out(part: Part, job: Job) -> tuple[list[Share], list[Note]]:
         raise JobError(
             "job", "several operations are for flat parts", "[[operations]]", "use [operation]"
         )
-    chosen = [_choose(part, step, number) for number, step in enumerate(job.operations)]
+    chosen = _choose_each(part, job)
     boundary = _bound_material(part, job.operations, chosen)
     shares = []
     for number, step in enumerate(job.operations):
@@ -84,6 +84,16 @@ def share_out(part: Part, job: Job) -> tuple[list[Share], list[Note]]:
             Share(number, step, replace(part, contours=shown, notes=(), worked=chosen[number]))
         )
     return shares, _left(part, chosen)
+
+
+def find_boundary(part: Part, job: Job) -> frozenset[str]:
+    """The ids of the contours that bound material in a job with several operations."""
+    return _bound_material(part, job.operations, _choose_each(part, job))
+
+
+def _choose_each(part: Part, job: Job) -> list[frozenset[str]]:
+    """The ids of the contours that each operation of ``job`` works on."""
+    return [_choose(part, step, number) for number, step in enumerate(job.operations)]
 
 
 def name_of(job: Job, number: int) -> str:
@@ -124,7 +134,7 @@ def _choose(part: Part, step: Step, number: int) -> frozenset[str]:
         found = [c for c in found if not c.is_mark]
     found = [c for c in found if not choice.colors or c.color in colors]
     if choice.nesting != "any":
-        inner = _enclosed(part)
+        inner = find_enclosed(part)
         outer = {c.id for c in part.contours if c.closed} - inner
         check_outlines(part, outer, f"choose by layers or ids in place of {where}.nesting")
         found = [c for c in found if (c.id in inner) == (choice.nesting == "inner") and c.closed]
@@ -156,7 +166,7 @@ def _chosen_colors(part: Part, choice: Choice, where: str) -> frozenset[str]:
     return frozenset[str]().union(*asked)
 
 
-def _enclosed(part: Part) -> frozenset[str]:
+def find_enclosed(part: Part) -> frozenset[str]:
     """The ids of the closed contours that lie inside another one."""
     closed = [c for c in part.contours if c.closed]
     if not closed:

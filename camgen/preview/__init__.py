@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Protocol
 from camgen.model.job import Job
 from camgen.model.part import IntArray, Note, Part
 from camgen.model.path import ToolPath, Tour
+from camgen.model.pose import FloatArray
 from camgen.model.program import Program
 from camgen.post import OutputFile, Post
 from camgen.robots.workcell import Workcell
@@ -14,6 +15,7 @@ from camgen.robots.workcell import Workcell
 if TYPE_CHECKING:
     from camgen.check.collide import Clear
     from camgen.check.executed import Rounding
+    from camgen.check.photo.locate import Located
     from camgen.check.reach import Reach
     from camgen.check.report import Cycle, Motions
     from camgen.check.stock import StockProof
@@ -60,3 +62,15 @@ class Built(Protocol):
     def rounded(self) -> Rounding | None: ...  # noqa: D102
     @property
     def where(self) -> Surroundings | None: ...  # noqa: D102
+    @property
+    def located(self) -> Located | None: ...  # noqa: D102
+
+
+def list_seen(result: Built) -> list[FloatArray]:
+    """The closed outlines (N, 2), mm, in the photo that places the part."""
+    if result.located is None:
+        return []
+    from shapely import boundary, get_coordinates, get_parts  # noqa: PLC0415 (only for photos)
+
+    outlines = get_parts(boundary(result.located.inspection.seen))
+    return [get_coordinates(outline) for outline in outlines]

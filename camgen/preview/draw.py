@@ -68,6 +68,11 @@ def of_contours(contours: Sequence[Contour]) -> PageChains:
     return _chains(rows, bulges)
 
 
+def of_points(rows: Sequence[FloatArray]) -> PageChains:
+    """Chains (N, 2) of straight lines."""
+    return _chains(rows, [np.zeros(len(row)) for row in rows])
+
+
 def of_paths(paths: Sequence[ToolPath]) -> PageChains:
     """The tool paths."""
     if not paths:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from camgen.model.errors import JobError
-from camgen.preview import Built
+from camgen.preview import Built, list_seen
 from camgen.read import is_drawing
 
 
@@ -48,7 +48,8 @@ def _drawing(result: Built) -> bytes:
         return drawing_stages.svg(result, part.raster, title).encode("utf-8")
     if part.raster is not None:
         return photo_stages.svg(part, part.raster, result.tour, result.notes, title).encode("utf-8")
-    return svg.svg(part, result.tour, result.notes, title).encode("utf-8")
+    seen = list_seen(result)
+    return svg.svg(part, result.tour, result.notes, title, seen).encode("utf-8")
 
 
 #: What draws a preview, by the ending of its name.

@@ -1,4 +1,4 @@
-"""The picture that a part was read from, to scale, as the page lays it under the paths."""
+"""The picture that shows a part, to scale, as the page lays it under the paths."""
 
 from __future__ import annotations
 
@@ -28,8 +28,11 @@ class Photo(Struct, frozen=True, eq=False):
 
 
 def photo_of(result: Built) -> Photo | None:
-    """The view of the work plane that the part was found in; None where it was read from no picture."""
+    """The view of the work plane in which the part was found; None if no picture shows the part."""
     raster = result.part.raster
+    tones: str = result.job.image.tones
+    if result.located is not None:
+        raster, tones = result.located.inspection.photo.raster, result.located.tones
     if raster is None:
         return None
     import cv2  # noqa: PLC0415 (slow to load, only pictures need it)
@@ -43,7 +46,7 @@ def photo_of(result: Built) -> Photo | None:
     if ratio < 1:
         size = (max(round(wide * ratio), 1), max(round(high * ratio), 1))
         pixels = np.asarray(cv2.resize(pixels, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
-    if result.job.image.tones == "srgb":
+    if tones == "srgb":
         pixels = _code(pixels)
     image = bytes(cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1])
     return Photo(image, around @ raster.work_from_view.T)

@@ -33,6 +33,7 @@ _COLOURS: dict[str, Colour] = {
     "wrong": (46, 16, 200),
     "noted": (86, 70, 58),
     "unused": (191, 178, 169),
+    "seen": (59, 122, 11),
 }
 _MARKS: dict[str, Colour] = {"gouge": (46, 16, 200), "excess": (0, 160, 245)}
 #: So many of the marks of a proof have their number beside them.
@@ -148,7 +149,8 @@ def _part(image: Pixels, view: View, sheet: _Sheet) -> None:
             cv2.fillPoly(image, closed, _SHEET, cv2.LINE_AA, _SHIFT)
     for state, colour in _COLOURS.items():
         own = [points for line, points in chains if line.state == state]
-        cv2.polylines(image, own, False, colour, 2, cv2.LINE_AA, _SHIFT)
+        width = 1 if state == "seen" else 2
+        cv2.polylines(image, own, False, colour, width, cv2.LINE_AA, _SHIFT)
 
 
 def _marks(image: Pixels, view: View, sheet: _Sheet) -> None:
@@ -200,13 +202,13 @@ def _words(image: Pixels, view: View, sheet: _Sheet) -> None:
     # How the order was found stands on the page.
     told = ", ".join(f"{name.lower()} {_plain(facts[name]).split(' (')[0]}" for name in names)
     _write(image, told, (_BORDER, 92), 0.6)
+    below = []
     if view.skipped:
-        _write(
-            image,
-            f"left out: {len(view.skipped)}, in red where it was drawn",
-            (_BORDER, _HIGH - 22),
-            0.6,
-        )
+        below.append(f"left out: {len(view.skipped)}, in red where it was drawn")
+    if any(line.state == "seen" for line in view.lines):
+        below.append("green: the outline in the photo")
+    if below:
+        _write(image, "; ".join(below), (_BORDER, _HIGH - 22), 0.6)
     if view.flat:
         power = 10.0 ** math.floor(math.log10(300 / sheet.scale))
         bar = max(m * power for m in (1, 2, 5) if m * power <= 300 / sheet.scale * (1 + 1e-12))

@@ -14,15 +14,18 @@ from camgen.geometry.arcs import path_length
 from camgen.model.errors import one_line
 from camgen.model.part import Contour, Note, Part
 from camgen.model.path import ToolPath, Tour
+from camgen.model.pose import FloatArray
 from camgen.model.text import counted, escape
 from camgen.preview.aside import see_aside
 from camgen.preview.draw import (
+    PageChains,
     Paper,
     arrows,
     bounds,
     by_order,
     of_contours,
     of_paths,
+    of_points,
     path_data,
     spots,
     tell_wrong,
@@ -37,6 +40,8 @@ _NUMBERS, _ARROWS = 200, 1500
 #: Colours at most, from so many paths on.
 _BINS = 32
 
+#: The outline in a photo of the part, legible on light and dark.
+_SEEN = 'stroke="#2f9e5b" stroke-width=".2"'
 _STYLE = """\
 .bg{fill:#fff}.part{stroke:#9aa0a6;stroke-width:.35}.unused{stroke:#d0103a;stroke-width:.35;stroke-dasharray:1.6 .8}
 .travel{stroke:#5f6368;stroke-width:.18;stroke-dasharray:1.2 1}.path{stroke-width:.45}
@@ -55,9 +60,11 @@ class _Sheet(Struct, frozen=True):
     bottom: float
 
 
-def svg(part: Part, tour: Tour, notes: Sequence[Note], title: str) -> str:
+def svg(
+    part: Part, tour: Tour, notes: Sequence[Note], title: str, seen: Sequence[FloatArray] = ()
+) -> str:
     """The picture as SVG text, sized in mm, legible on light and dark. It is drawn to scale, with a scale bar; curves
-    in space are seen from aside.
+    in space are seen from aside. seen: outlines (N, 2) in a photo of the part, mm.
     """
     lengths = [path_length(path) for path in tour.paths]
     if part.curves:
@@ -65,7 +72,8 @@ def svg(part: Part, tour: Tour, notes: Sequence[Note], title: str) -> str:
     followed = {ident for path in tour.paths for ident in path.contours}
     used = [c for c in part.contours if c.id in followed]
     unused = [c for c in part.contours if c.id not in followed]
-    sheet = _sheet(part, tour)
+    photo = of_points(seen)
+    sheet = _sheet(part, tour, photo)
     left_out = _left_out(sheet, tell_wrong(notes))
     height = sheet.bottom + 14 + 5 * len(left_out)
     return "\n".join(
@@ -79,18 +87,19 @@ def svg(part: Part, tour: Tour, notes: Sequence[Note], title: str) -> str:
             f'<text x="{_MARGIN}" y="14">{_facts(part, tour)}</text>',
             *_contours(used, sheet.page, "part"),
             *_contours(unused, sheet.page, "unused"),
+            *(f'<path {_SEEN} d="{line}"/>' for line in path_data(photo, sheet.page)),
             *_travel(tour, sheet.page),
             *_paths(tour, sheet.page, lengths),
             *spots(notes, sheet.page, 0.0),
-            *_legend(sheet, tour, bool(unused)),
+            *_legend(sheet, tour, bool(unused), bool(seen)),
             *left_out,
             "</svg>\n",
         ]
     )
 
 
-def _sheet(part: Part, tour: Tour) -> _Sheet:
-    low, high = bounds([of_contours(part.contours), of_paths(tour.paths)])
+def _sheet(part: Part, tour: Tour, photo: PageChains) -> _Sheet:
+    low, high = bounds([of_contours(part.contours), of_paths(tour.paths), photo])
     wide, high_mm = (max(float(v), 1e-6) for v in high - low)
     scale = min(_WIDE / wide, _HIGH / high_mm)
     width = max(wide * scale, _LEAST_PAGE_MM) + 2 * _MARGIN
@@ -164,12 +173,17 @@ def _starts(paths: Sequence[ToolPath], page: Paper) -> Iterator[str]:
             yield f'<text class="n" style="font-size:{size:.2f}px" x="{x:.2f}" y="{y + 0.36 * size:.2f}">{k + 1}</text>'
 
 
-def _legend(sheet: _Sheet, tour: Tour, unused: bool) -> Iterator[str]:
+def _legend(sheet: _Sheet, tour: Tour, unused: bool, seen: bool) -> Iterator[str]:
     y = sheet.bottom + 5
     x = _MARGIN
-    for kind, label in (("part", "part"), ("travel", "travel"), ("unused", "no path of its own")):
-        if kind != "unused" or unused:
-            yield f'<line class="{kind}" x1="{x}" y1="{y - 1.2}" x2="{x + 9}" y2="{y - 1.2}"/>'
+    for look, label, is_drawn in (
+        ('class="part"', "part", True),
+        (_SEEN, "photo", seen),
+        ('class="travel"', "travel", True),
+        ('class="unused"', "no path of its own", unused),
+    ):
+        if is_drawn:
+            yield f'<line {look} x1="{x}" y1="{y - 1.2}" x2="{x + 9}" y2="{y - 1.2}"/>'
             yield f'<text x="{x + 11}" y="{y}">{label}</text>'
             x += 16 + 1.9 * len(label)
     if tour.paths:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from msgspec import Struct
@@ -15,7 +15,7 @@ from camgen.geometry.ragged import begins
 from camgen.model.part import Line, Note, Solid
 from camgen.model.pose import IDENTITY, FloatArray, Pose
 from camgen.model.text import duration, short
-from camgen.preview import Built
+from camgen.preview import Built, list_seen
 from camgen.preview.curves import SpaceChains, of_contours, of_spans
 from camgen.preview.executed import trace_executed
 from camgen.preview.listing import Listing, list_program
@@ -126,6 +126,7 @@ _FINE = 2e-5
 class ViewLine(Struct, frozen=True):
     """A contour or an edge, or a part of it: state is "done", "skipped" or "unused" (nothing was asked of it); why it
     was skipped. A ring around a place is "wrong" or "noted"; why says what is.
+    An outline in a photo is "seen".
     """
 
     id: str
@@ -296,7 +297,7 @@ def _lines(result: Built, sag: float) -> tuple[tuple[ViewLine, ...], SpaceChains
     ]
     if edges or curves:
         return _trim(result, lines, chains)
-    marks = _spots(result)
+    marks = [*_spots(result), *_outline_seen(result)]
     table = SpaceChains(
         np.concatenate([chains.points, *(points for _, points in marks)]),
         np.concatenate(
@@ -304,6 +305,14 @@ def _lines(result: Built, sag: float) -> tuple[tuple[ViewLine, ...], SpaceChains
         ),
     )
     return (*lines, *(line for line, _ in marks)), table
+
+
+def _outline_seen(result: Built) -> Iterator[tuple[ViewLine, FloatArray]]:
+    """The outlines in the photo that places the part."""
+    for outline in list_seen(result):
+        points = np.column_stack([outline, np.zeros(len(outline))])
+        length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+        yield ViewLine("photo", "", False, length, "seen", ""), points
 
 
 def _spots(result: Built) -> list[tuple[ViewLine, FloatArray]]:
@@ -396,6 +405,7 @@ def _facts(result: Built, seconds: float) -> tuple[tuple[str, str], ...]:
     found = [
         ("Part", clean(part.source)),
         ("Units", f"drawn in {clean(part.units)}, shown in mm"),
+        *_tell_place(result),
         ("Controller", result.post.name),
         ("Program", clean(result.program.name)),
         ("Robot", result.reach.robot if result.reach else "not checked: no robot model"),
@@ -430,6 +440,15 @@ def _facts(result: Built, seconds: float) -> tuple[tuple[str, str], ...]:
         size = " x ".join(short(b - a, 1) for a, b in zip(low, high, strict=True))
         found.insert(9, ("Extents", f"{size} mm"))
     return tuple(found)
+
+
+def _tell_place(result: Built) -> list[tuple[str, str]]:
+    """The place of the part by a photo."""
+    if result.located is None:
+        return []
+    photo = clean(result.located.inspection.photo.source)
+    deviation = f"which leaves the drawing by {short(result.located.deviation, 3)} mm at most"
+    return [("Located", f"{result.located.pose}, by {photo}, {deviation}")]
 
 
 def _tell_rounding(rounded: Rounding | None) -> str:

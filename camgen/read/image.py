@@ -88,45 +88,44 @@ class _Seen(Struct, frozen=True):
 
 
 def read(source: Source, job: Job, files: Files) -> Part:
-    """The part in a picture. InputError if it shows none, JobError for settings that contradict another."""
+    """The part in a picture.
+
+    Raises InputError for a picture that shows none, JobError for settings that contradict another.
+    """
+    outlined, borders = _outline(source, job, files)
+    assert outlined.raster is not None
+    drawn, fits, more = primitives(borders, outlined.raster.work_from_view)
+    return replace(outlined, contours=drawn, notes=(*outlined.notes, *more, *_tell_fit(fits)))
+
+
+def read_outlines(source: Source, job: Job, files: Files) -> Part:
+    """The picture with the borders of its part and of loose things, and without contours.
+
+    Borders without an edge have a warning. Raises the other errors of ``read``.
+    """
+    accept = [*job.image.accept, "specks", "edges"]
+    return _outline(source, replace(job, image=replace(job.image, accept=accept)), files)[0]
+
+
+def _outline(source: Source, job: Job, files: Files) -> tuple[Part, Sequence[Outline]]:
+    """The part without contours, and the borders from which they are made."""
     seen = _see(source, job, files)
-    found, notes = outlines(seen.mask.grey, seen.mask.pixels)
-    _insist_on_edges(source.name, found, job)
-    drawn, fits, more = primitives(found, seen.view.work_from_view)
-    placed = _placed(seen, [outline.points for outline in found], job)
-    blur = float(np.median([outline.blur for outline in found])) if found else 0.0
+    borders, notes = outlines(seen.mask.grey, seen.mask.pixels)
+    _insist_on_edges(source.name, borders, job)
+    blur = float(np.median([border.blur for border in borders])) if borders else 0.0
     raster = Raster(
         photo=seen.picture.pixels,
         framed=_frame(seen),
         view=seen.view.pixels,
         work_from_view=seen.view.work_from_view,
         mask=seen.mask.pixels,
-        borders=tuple(outline.points for outline in found),
+        borders=tuple(border.points for border in borders),
         doubt=seen.mask.doubt,
         blur=blur,
     )
-    return Part(
-        source.stem,
-        source.name,
-        _scale(seen.view),
-        drawn,
-        (
-            *_note_height(job.camera),
-            *_notes(seen),
-            *placed,
-            *_note_blur(blur),
-            *notes,
-            *more,
-            *_tell_fit(fits),
-        ),
-        raster,
-    )
-
-
-def read_all(source: Source, job: Job, files: Files) -> Part:
-    """The part in a picture and the loose things beside it, all of them as contours."""
-    accept = [*job.image.accept, "specks"]
-    return read(source, replace(job, image=replace(job.image, accept=accept)), files)
+    placed = _placed(seen, [border.points for border in borders], job)
+    found = (*_note_height(job.camera), *_notes(seen), *placed, *_note_blur(blur), *notes)
+    return Part(source.stem, source.name, _scale(seen.view), (), found, raster), borders
 
 
 def _insist_on_edges(name: str, borders: Sequence[Outline], job: Job) -> None:

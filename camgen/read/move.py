@@ -1,8 +1,9 @@
-"""Moves a drawing so that a corner, the centre or a point of it is at x 0, y 0 (`input.origin`)."""
+"""Moves a drawing, to a pose or so that a place of it is at x 0, y 0 (`input.origin`)."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 
 import numpy as np
 from msgspec.structs import replace
@@ -18,7 +19,7 @@ from camgen.model.part import (
     Part,
     tabulate_contours,
 )
-from camgen.model.pose import FloatArray, frozen
+from camgen.model.pose import FloatArray, PlanePose, frozen
 from camgen.model.text import short
 from camgen.read.extent import measure_box
 
@@ -49,19 +50,32 @@ def move_part(part: Part, job: Job) -> Part:
     x, y = _find_place(part, origin)
     # Without a minus zero.
     moved = (0.0 - x, 0.0 - y)
+    placed = place_part(part, PlanePose(0.0, *moved))
     name = f'"{origin}"' if isinstance(origin, str) else str([*origin])
     what = f"moved by x {short(moved[0], 6)}, y {short(moved[1], 6)} mm"
     why = f"input.origin = {name} is x 0, y 0; notes on reading name places of the drawing"
     return replace(
-        part,
-        contours=_move_contours(part, np.array([x, y])),
+        placed,
         curves=tuple(_move_curve(curve, np.array([x, y, 0.0])) for curve in part.curves),
-        notes=(*(_move_note(note, x, y) for note in part.notes), Note("assumed", what, why)),
-        open_outlines=tuple(
-            replace(outline, place=(outline.place[0] - x, outline.place[1] - y))
-            for outline in part.open_outlines
-        ),
+        notes=(*placed.notes, Note("assumed", what, why)),
         moved=moved,
+    )
+
+
+def place_part(part: Part, work_from_drawing: PlanePose) -> Part:
+    """The part with its contours, and the places of its notes, in another work frame."""
+
+    def place(points: Iterable[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
+        placed = work_from_drawing.apply(np.array([*points]).reshape(-1, 2))
+        return tuple((x, y) for x, y in placed.tolist())
+
+    return replace(
+        part,
+        contours=_place_contours(part, work_from_drawing),
+        notes=tuple(replace(note, places=place(note.places)) for note in part.notes),
+        open_outlines=tuple(
+            replace(outline, place=place([outline.place])[0]) for outline in part.open_outlines
+        ),
     )
 
 
@@ -78,28 +92,22 @@ def _find_place(part: Part, origin: str | list[float]) -> tuple[float, float]:
     return x, y
 
 
-def _move_contours(part: Part, place: FloatArray) -> tuple[Contour, ...]:
+def _place_contours(part: Part, work_from_drawing: PlanePose) -> tuple[Contour, ...]:
     if not part.contours:
         return ()
     columns = tabulate_contours(part.contours)
-    points = frozen(columns.points - place)
+    points = frozen(work_from_drawing.apply(columns.points))
     ends = np.cumsum(columns.counts).tolist()
-    moved: list[Contour] = []
+    placed: list[Contour] = []
     begin = 0
     for contour, end in zip(part.contours, ends, strict=True):
-        moved.append(replace(contour, points=points[begin:end]))
+        placed.append(replace(contour, points=points[begin:end]))
         begin = end
     return Contours.of(
-        moved, ContourColumns(points, columns.bulges, columns.counts, columns.closed)
+        placed, ContourColumns(points, columns.bulges, columns.counts, columns.closed)
     )
 
 
 def _move_curve(curve: Curve, place: FloatArray) -> Curve:
     points, middles = frozen(curve.points - place), frozen(curve.middles - place)
     return replace(curve, points=points, middles=middles)
-
-
-def _move_note(note: Note, x: float, y: float) -> Note:
-    if not note.places:
-        return note
-    return replace(note, places=tuple((px - x, py - y) for px, py in note.places))

@@ -7,14 +7,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
-import ezdxf
 import numpy as np
 import pytest
 import shapely
 
-from bench.render.optics import Lens, Shot, looking
 from bench.render.parts import bracket
-from bench.render.scene import Layer, Scene, render, written
 from bench.render.shapes import Loop, box, circle, hole, rounded
 from camgen.check.photo import Inspection, inspect_photo, list_rework, registration
 from camgen.check.photo.expected import expect
@@ -23,59 +20,13 @@ from camgen.check.photo.rework import insist_on_pose, is_clear, is_in_the_way, p
 from camgen.cli import main
 from camgen.model.errors import InputError, JobError, NoSafeProgram
 from camgen.model.job import ImageTable, Job, OperationTable, ProcessTable, ToolTable
-from camgen.model.part import Contour, Part
 from camgen.read.files import Files
-from camgen.read.image import read_all
+from camgen.read.image import read_outlines
 from camgen.read.job_file import load
+from tests.support.part_photos import MIDDLE, PIXEL, PLATE, bumped, drawing, photo, write_dxf
 
-PIXEL = 0.14
-#: mm to a side of the pictures, and the middle of what they show.
-WIDE, HIGH = 700, 560
-MIDDLE = complex(WIDE, HIGH) / 2 * PIXEL
-#: The plate of the tests: 60 x 40 mm with a hole, its middle at the origin.
-PLATE = (rounded([(-30, -20, 0), (30, -20, 6), (30, 20, 0), (-30, 20, 0)]), hole(circle(-12, 4, 7)))
 #: What the job of such a picture says.
 SEEN = Job(image=ImageTable(mm_per_px=PIXEL))
-
-
-def photo(file: Path, loops: Sequence[Loop], turn: float = 0.0, ink: float = 0.15) -> Path:
-    """A dark part on a light bench from right above, its origin in the middle, turned by ``turn`` rad."""
-    lens = Lens(
-        np.array([[9000.0, 0, (WIDE - 1) / 2], [0, 9000, (HIGH - 1) / 2], [0, 0, 1]]),
-        (0,) * 5,
-        (WIDE, HIGH),
-    )
-    pose = looking(lens, 0j, complex(WIDE - 1, HIGH - 1) / 2, PIXEL, 0, 0, 0)
-    shot = Shot(
-        lens, *pose, blur=0.7, exposure=0.9, gradient=(0.1, -0.1), read=1.6, shot=0.01, seed=3
-    )
-    layer = Layer(tuple(loop.moved(turn, 0j) for loop in loops), ink, texture=0.02)
-    written(file, render(Scene(0.7, (layer,), texture=0.02), shot))
-    return file
-
-
-def drawing(loops: Sequence[Loop]) -> Part:
-    contours = [
-        Contour(
-            np.column_stack([loop.points.real, loop.points.imag]), loop.bulges, True, "0", f"c{k}"
-        )
-        for k, loop in enumerate(loops, 1)
-    ]
-    return Part("plate", "plate.dxf", "mm", tuple(contours), ())
-
-
-def bumped(loop: Loop, side: int, at: float, width: float, height: float) -> Loop:
-    """A bump, an arc, on the straight piece ``side`` of an outer loop, ``at`` mm from its start; a dent below 0."""
-    start, end = loop.points[side], loop.points[(side + 1) % len(loop.points)]
-    along = (end - start) / abs(end - start)
-    foot = start + along * at
-    points = np.concatenate(
-        [loop.points[: side + 1], [foot, foot + along * width], loop.points[side + 1 :]]
-    )
-    bulges = np.concatenate(
-        [loop.bulges[: side + 1], [2 * height / width, 0.0], loop.bulges[side + 1 :]]
-    )
-    return Loop(points, bulges)
 
 
 @pytest.fixture
@@ -88,7 +39,7 @@ def look(
     folder: Path, loops: Sequence[Loop], drawn: Sequence[Loop] = PLATE, turn: float = 0.0
 ) -> Inspection:
     files = Files()
-    seen = read_all(files.read(photo(folder / "photo.png", loops, turn)), SEEN, files)
+    seen = read_outlines(files.read(photo(folder / "photo.png", loops, turn)), SEEN, files)
     return inspect_photo(seen, drawing(drawn), Job())
 
 
@@ -138,9 +89,10 @@ def test_a_hole_that_was_not_cut_is_too_much(tmp_path: Path) -> None:
 def test_a_round_part_can_be_turned(tmp_path: Path) -> None:
     square = (rounded([(-20, -20, 0), (20, -20, 0), (20, 20, 0), (-20, 20, 0)]),)
     found = look(tmp_path, square, square, turn=0.1)
-    assert np.degrees(found.fit.rivals) == pytest.approx([-90, 90, 180], abs=0.2) or np.degrees(
-        found.fit.rivals
-    ) == pytest.approx([-180, -90, 90], abs=0.2)
+    turns = np.degrees(found.fit.rival_turns)
+    assert turns == pytest.approx([-90, 90, 180], abs=0.2) or turns == pytest.approx(
+        [-180, -90, 90], abs=0.2
+    )
     assert found.fit.turn == pytest.approx(-0.1, abs=1e-3)
     assert any("fits as well turned" in note.what for note in found.notes)
 
@@ -307,7 +259,7 @@ def test_what_a_pen_left_out_or_spilt_is_found(tmp_path: Path) -> None:
     gap, spill = shapely.box(14, -16, 17, -10), shapely.box(-2, 11, 2, 13)
     left = shapely.union(shapely.difference(whole.region, gap), spill)
     files = Files()
-    seen = read_all(files.read(photo(tmp_path / "photo.png", inked(left))), SEEN, files)
+    seen = read_outlines(files.read(photo(tmp_path / "photo.png", inked(left))), SEEN, files)
     found = inspect_photo(seen, drawing(TRACKS), FILL)
     much, missing = sorted(found.differences, key=lambda one: not one.much)
     assert (much.much, missing.much) == (True, False)
@@ -327,11 +279,7 @@ def files_of_desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     made = (bumped(PLATE[0], 0, 10, 5, 0.8), PLATE[1])
     photo(folder / "photo.png", made, 0.3)
     photo(folder / "good.png", PLATE, 0.3)
-    document = ezdxf.new("R2010", units=4)
-    for loop in PLATE:
-        rows = [(z.real, z.imag, bulge) for z, bulge in zip(loop.points, loop.bulges, strict=True)]
-        document.modelspace().add_lwpolyline(rows, format="xyb", close=True)
-    document.saveas(folder / "plate.dxf")
+    write_dxf(folder / "plate.dxf", PLATE)
     (folder / "plate.toml").write_text("[process]\nfeed = 8.0\n")
     for name in ("photo", "good"):
         (folder / f"{name}.toml").write_text(f"[image]\nmm_per_px = {PIXEL}\n")
@@ -446,7 +394,7 @@ def test_a_rework_without_force_is_a_warning(
 
 def test_a_part_of_many_sides_is_worked_only_where_it_lies_as_drawn() -> None:
     square = shapely.box(-20, -20, 20, 20)
-    sides = (-np.pi / 2, np.pi / 2, np.pi)
+    sides = tuple(Fit(turn, (0.0, 0.0), 1.0, 0.0) for turn in (-np.pi / 2, np.pi / 2, np.pi))
     insist_on_pose("photo.png", Fit(0.1, (3.0, 0.0), 1.0, 0.0, 0.2, sides), square)
     insist_on_pose("photo.png", Fit(1.0, (30.0, 0.0), 1.0, 0.0, 0.2), square)
     for turn, shift in ((0.2, (0.0, 0.0)), (0.0, (4.0, 4.0))):

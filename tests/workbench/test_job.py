@@ -52,6 +52,8 @@ class Called(BaseException):
         self.asked = {
             "name": "",
             "strict": False,
+            "locate": None,
+            "start": None,
             **self.asked,
             "inputs": [path.resolve() for path in inputs],
         }

@@ -8,6 +8,7 @@ shift, and what then differs by more than a limit is listed: what is too much, w
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import shapely
@@ -24,15 +25,18 @@ from camgen.check.photo.rework import Rework as Rework
 from camgen.check.photo.rework import is_in_the_way, plan_burr
 from camgen.model.errors import InputError, JobError
 from camgen.model.job import Job
-from camgen.model.part import Note, Part
+from camgen.model.part import Note, Part, Raster
 from camgen.model.pose import FloatArray
 from camgen.model.text import short
 
 #: Differences from so many pixels of the photo on are told, and never below this, mm.
 _LEAST_PX, _LEAST_MM = 1.0, 0.1
-#: A photo shows another part if less of both outlines fits. A plate that lies upside down fits to
-#: 59 %, one that lacks its largest hole to 86 %.
-_LEAST_FIT = 0.8
+#: A photo shows another part if less of its outline fits: what is too much counts here, and what
+#: is missing does not. Ink may lack much.
+LEAST_FITTING = 0.5
+#: It does too if less of both outlines fits. A plate that lies upside down fits to 59 %, one that
+#: lacks its largest hole to 86 %.
+LEAST_FIT = 0.8
 
 
 class Inspection(Struct, frozen=True, eq=False):
@@ -67,23 +71,40 @@ def inspect_photo(photo: Part, drawing: Part, job: Job, least: float | None = No
     raster = photo.raster
     if raster is None:
         raise InputError(photo.source, "is no picture", remedy="give a photo of the part")
-    pixel = float(np.hypot(*raster.work_from_view[:, 0]))
-    limit = max(_LEAST_PX * pixel, _LEAST_MM) if least is None else least
+    limit = choose_limit(raster, least)
+    expected = expect(drawing, job)
+    borders = borders_in_work(raster)
+    outlines = borders if expected.inked else outlines_of_part(borders, expected.region)
+    fit = lay_on(outlines, expected.region)
+    insist_on_fit(photo.source, expected.source, fit.share, fit.near, LEAST_FITTING)
+    seen = enclose([fit.apply(border) for border in borders])
+    differences = list_differences(seen, expected, raster, limit)
+    if not expected.inked:
+        share = share_of_fit(differences, expected, seen, fit.near)
+        insist_on_fit(photo.source, expected.source, share, fit.near, LEAST_FIT)
+    notes = (*photo.notes, *drawing.notes, *_note(fit, measure_pixel(raster)))
+    return Inspection(photo, expected, seen, fit, limit, differences, notes)
+
+
+def choose_limit(raster: Raster, least: float | None = None) -> float:
+    """The height from which on a difference counts, mm. Raises JobError for a ``least`` below 0."""
+    limit = max(_LEAST_PX * measure_pixel(raster), _LEAST_MM) if least is None else least
     if not (math.isfinite(limit) and limit > 0):
         raise JobError("--least", f"cannot be {limit:g} mm", remedy="give a length above 0 mm")
-    expected = expect(drawing, job)
-    borders = [_in_work(border, raster.work_from_view) for border in raster.borders]
-    outlines = borders if expected.inked else _of_part(borders, expected)
-    fit = lay_on(photo.source, outlines, expected.region, expected.source)
-    seen = enclose([fit.apply(border) for border in borders])
-    found = differ(seen, expected, limit, raster.blur * pixel)
-    found = classify(found, expected, seen, limit * FOOT)
-    if not expected.inked:
-        share = share_of_fit(found, expected, seen, fit.near)
-        insist_on_fit(photo.source, expected.source, share, fit.near, _LEAST_FIT)
-    return Inspection(
-        photo, expected, seen, fit, limit, found, (*photo.notes, *drawing.notes, *_note(fit, pixel))
-    )
+    return limit
+
+
+def list_differences(
+    seen: shapely.Geometry, expected: Expected, raster: Raster, limit: float
+) -> tuple[Difference, ...]:
+    """The differences from ``limit`` mm on, with their kinds, the greatest first."""
+    differences = differ(seen, expected, limit, raster.blur * measure_pixel(raster))
+    return classify(differences, expected, seen, limit * FOOT)
+
+
+def measure_pixel(raster: Raster) -> float:
+    """The width of a pixel of the view, mm."""
+    return float(np.hypot(*raster.work_from_view[:, 0]))
 
 
 def list_rework(
@@ -119,17 +140,23 @@ def list_rework(
     )
 
 
-def _of_part(borders: list[FloatArray], expected: Expected) -> list[FloatArray]:
-    """The outlines of the largest pieces, as many as are drawn: chips do not say where the part lies."""
+def outlines_of_part(borders: list[FloatArray], region: shapely.Geometry) -> list[FloatArray]:
+    """The outlines of the largest pieces of a photo, as many as are drawn: the others are chips."""
     pieces = shapely.get_parts(enclose(borders))
     order = np.argsort([-shapely.Polygon(piece.exterior).area for piece in pieces], kind="stable")
-    parts = pieces[order[: shapely.get_num_geometries(expected.region)]]
-    rings = shapely.get_parts(shapely.boundary(shapely.multipolygons(parts)))
+    return rings_of(pieces[order[: shapely.get_num_geometries(region)]])
+
+
+def rings_of(pieces: Sequence[shapely.Geometry]) -> list[FloatArray]:
+    """The outlines of polygons, (N, 2) each, the first point not again at the end."""
+    rings = shapely.get_parts(shapely.boundary(shapely.multipolygons(pieces)))
     return [shapely.get_coordinates(ring)[:-1] for ring in rings]
 
 
-def _in_work(border: FloatArray, work_from_view: FloatArray) -> FloatArray:
-    return np.asarray(border @ work_from_view[:, :2].T + work_from_view[:, 2])
+def borders_in_work(raster: Raster) -> list[FloatArray]:
+    """The borders of the part in the work frame of its photo, (N, 2) mm each."""
+    matrix = raster.work_from_view
+    return [np.asarray(border @ matrix[:, :2].T + matrix[:, 2]) for border in raster.borders]
 
 
 def _note(fit: Fit, pixel: float) -> tuple[Note, ...]:
@@ -138,7 +165,7 @@ def _note(fit: Fit, pixel: float) -> tuple[Note, ...]:
     what += f"{short(y, 3)} mm; {100 * fit.share:.1f} % of its outline fits to {short(fit.rms, 4)} mm rms"
     notes = [Note("assumed", what, f"a pixel is {short(pixel, 4)} mm")]
     if fit.rivals:
-        turns = ", ".join(short(math.degrees(turn), 1) for turn in fit.rivals)
+        turns = ", ".join(short(math.degrees(turn), 1) for turn in fit.rival_turns)
         why = "the part looks the same; places may be meant for another side of it"
         notes.append(Note("warning", f"it fits as well turned further by {turns} deg", why))
     return tuple(notes)

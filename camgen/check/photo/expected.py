@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import shapely
 from msgspec import Struct
+from msgspec.structs import replace
 
 from camgen.geometry.segments import flatten, from_contours
 from camgen.model.errors import InputError, JobError
@@ -16,11 +17,14 @@ from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
 from camgen.plan import Plan, find_operation, plan
 from camgen.plan.page import on_page
+from camgen.plan.steps import find_boundary, find_enclosed
 
 #: Arcs as chords that leave them by so much, mm; and of a round pen as a share of its radius.
 _CHORD, _PEN_CHORDS = 0.002, 32
 #: What a pen or a brush leaves: these operations.
 _INKED = ("trace", "fill")
+#: The tool runs beside the borders of the material: these operations.
+_BESIDE = ("follow", "chamfer")
 
 
 class Expected(Struct, frozen=True, eq=False):
@@ -55,9 +59,56 @@ def _material(part: Part) -> Expected:
         raise InputError(
             part.source, "no closed contour, so that nothing of it has an inside", remedy=remedy
         )
+    return _enclosed(part.source, closed)
+
+
+def _enclosed(source: str, closed: Sequence[Contour]) -> Expected:
     rings = tuple(_line(contour) for contour in closed)
-    return Expected(
-        part.source, enclose(rings), rings, tuple(contour.id for contour in closed), inked=False
+    names = tuple(contour.id for contour in closed)
+    return Expected(source, enclose(rings), rings, names, inked=False)
+
+
+class Sought(Struct, frozen=True, eq=False):
+    """The contours of a drawing by which its part is found in a photo.
+
+    certain: the outline of the part, which the photo has to show.
+    possible: contours on the material, such as holes to drill and lines to draw, which the photo
+        may show or not.
+    """
+
+    certain: Expected
+    possible: Expected
+
+    @property
+    def region(self) -> shapely.Geometry:
+        """The polygons between both kinds of contours, even-odd."""
+        return enclose((*self.certain.rings, *self.possible.rings))
+
+
+def seek(drawing: Part, job: Job) -> Sought:
+    """The contours by which the part of ``drawing`` is found before, or after, ``job`` is run.
+
+    Certain is the outline of the stock, if the job has one on a layer. Else the contours that bound
+    material. Else, if all contours are worked on the material, those that no other one encloses.
+    Raises InputError if no contour is closed.
+    """
+    closed = [contour for contour in drawing.contours if contour.closed and not contour.is_mark]
+    if job.stock.layer:
+        ids = frozenset(contour.id for contour in closed if contour.layer == job.stock.layer)
+    elif job.operations:
+        ids = find_boundary(drawing, job)
+    elif find_operation(drawing, job).name in _BESIDE:
+        ids = frozenset(contour.id for contour in closed)
+    else:
+        ids = frozenset()
+    certain = [contour for contour in closed if contour.id in ids]
+    if not certain:
+        inner = find_enclosed(replace(drawing, contours=tuple(closed)))
+        certain = [contour for contour in closed if contour.id not in inner]
+    names = {contour.id for contour in certain}
+    possible = tuple(contour for contour in closed if contour.id not in names)
+    return Sought(
+        _material(replace(drawing, contours=tuple(certain))), _enclosed(drawing.source, possible)
     )
 
 

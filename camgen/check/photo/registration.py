@@ -9,13 +9,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 import shapely
 from msgspec import Struct
+from msgspec.structs import replace
 
-from camgen.model.errors import InputError
-from camgen.model.pose import FloatArray
+from camgen.model.errors import CamgenError, InputError
+from camgen.model.pose import FloatArray, PlanePose
 from camgen.model.tolerance import SIGMAS_OF_MEDIAN
 
 #: Turns that are tried first; points of each outline then, and at last.
@@ -23,8 +25,8 @@ _TURNS, _FEW, _MANY = 36, 400, 6000
 _ROUNDS, _FINE_ROUNDS = 15, 40
 #: Tukey's biweight, and the least deviation that it is used with, mm.
 _TUKEY, _LEAST_SIGMA = 4.685, 0.01
-#: Points count as fitting within this part of the size of the drawing, and so many of them must.
-_NEAR_SHARE, _LEAST_FITTING = 0.005, 0.5
+#: Points count as fitting within this part of the size of the drawing.
+_NEAR_SHARE = 0.005
 #: Another turn fits as well where it fits so many of the points that the best one fits.
 _AS_WELL = 0.99
 #: Turns nearer to each other than this are one, rad.
@@ -32,8 +34,14 @@ _SAME_TURN = 0.05
 
 
 class Fit(Struct, frozen=True):
-    """drawing_from_photo: ``turn`` (rad), then ``shift`` (mm). share: the part of the points that fits. rms: of those,
-    mm. rivals: how much further it could be turned, rad, and fit as well.
+    """drawing_from_photo.
+
+    turn: rad, before the shift.
+    shift: mm.
+    share: share of the points of the photo that fit.
+    rms: distance of those, mm.
+    near: points fit within this distance, mm.
+    rivals: fits with another turn that are as good.
     """
 
     turn: float
@@ -41,12 +49,22 @@ class Fit(Struct, frozen=True):
     share: float
     rms: float
     near: float = 0.0
-    rivals: tuple[float, ...] = ()
+    rivals: tuple[Fit, ...] = ()
+
+    @property
+    def rival_turns(self) -> tuple[float, ...]:
+        """Further turns of the photo by which it fits as well, rad."""
+        turns = (math.remainder(rival.turn - self.turn, math.tau) for rival in self.rivals)
+        return tuple(sorted(turns))
+
+    @property
+    def photo_from_drawing(self) -> PlanePose:
+        """The place of the drawing in the photo."""
+        return PlanePose(self.turn, *self.shift).inverse()
 
     def apply(self, points: FloatArray) -> FloatArray:
         """``points`` (N, 2) of the photo in the drawing's frame."""
-        c, s = math.cos(self.turn), math.sin(self.turn)
-        return np.asarray(points @ np.array([[c, s], [-s, c]]) + self.shift)
+        return PlanePose(self.turn, *self.shift).apply(points)
 
 
 class _Line(Struct, frozen=True, eq=False):
@@ -59,16 +77,21 @@ class _Line(Struct, frozen=True, eq=False):
     size: float
 
 
-def lay_on(name: str, borders: Sequence[FloatArray], region: shapely.Geometry, source: str) -> Fit:
-    """The pose that brings ``borders`` (N, 2) mm of the photo ``name`` onto the outline of ``region``.
+def lay_on(
+    borders: Sequence[FloatArray], region: shapely.Geometry, turn: float | None = None
+) -> Fit:
+    """The pose that brings ``borders`` (N, 2) mm of a photo onto the outline of ``region``.
 
-    InputError where not half of them fits: another part, or far too much is missing.
+    turn: rad. The nearest of the poses that fit as well is taken; None is a turn of 0, which is
+        searched from where the photo shows the part.
     """
     line = _line(region)
     points = np.concatenate(borders)
     few, many = (_some(points, count) for count in (_FEW, _MANY))
     near = max(_NEAR_SHARE * line.size, 0.2)
-    starts = [Fit(0.0, (0.0, 0.0), 0.0, 0.0), *_starts(borders, region)]
+    middles = _Middles.of(borders, region)
+    starts = [middles.fit(k * math.tau / _TURNS) for k in range(_TURNS)]
+    starts.insert(0, Fit(0.0, (0.0, 0.0), 0.0, 0.0) if turn is None else middles.fit(turn))
     tried = [
         _score(_refine(line, few, start, _ROUNDS, line.size / 10), line, few, near)
         for start in starts
@@ -80,18 +103,25 @@ def lay_on(name: str, borders: Sequence[FloatArray], region: shapely.Geometry, s
         if fit.share >= _AS_WELL * best.share and fit.rms <= 1.5 * best.rms + 0.02
     ]
     # Of turns that fit as well the least: the part lies as the photo says, more or less.
-    chosen = min(alike, key=lambda fit: round(abs(fit.turn), 1))
+    wanted = turn or 0.0
+    chosen = min(alike, key=lambda fit: round(abs(math.remainder(fit.turn - wanted, math.tau)), 1))
     found = _score(_refine(line, many, chosen, _FINE_ROUNDS, near * 3), line, many, near)
-    insist_on_fit(name, source, found.share, near, _LEAST_FITTING)
-    return Fit(found.turn, found.shift, found.share, found.rms, near, _rivals(alike, chosen))
+    return replace(found, near=near, rivals=_rivals(alike, chosen))
 
 
-def insist_on_fit(name: str, source: str, share: float, near: float, least: float) -> None:
-    """Raises InputError if only ``share`` of the outlines lies within ``near`` mm, and not ``least``."""
+def insist_on_fit(
+    name: str,
+    source: str,
+    share: float,
+    near: float,
+    least: float,
+    refusal: type[CamgenError] = InputError,
+) -> None:
+    """Raises ``refusal`` if the ``share`` of outlines within ``near`` mm is below ``least``."""
     if share < least:
         what = f"does not show {source}: {100 * share:.0f} % of its outline lies within {near:.2f} mm of that"
         remedy = "give the drawing of this part, check the scale of the photo, or its mask by camgen inspect"
-        raise InputError(name, what, f"{100 * least:.0f} % must", remedy)
+        raise refusal(name, what, f"{100 * least:.0f} % must", remedy)
 
 
 def _line(region: shapely.Geometry) -> _Line:
@@ -111,18 +141,23 @@ def _some(points: FloatArray, count: int) -> FloatArray:
     return points[:: max(1, len(points) // count)]
 
 
-def _starts(borders: Sequence[FloatArray], region: shapely.Geometry) -> list[Fit]:
-    """Turns all around, the middles on each other."""
-    hull = shapely.convex_hull(shapely.MultiPoint(np.concatenate(borders)))
-    ours, theirs = (
-        np.array(shapely.centroid(one).coords[0]) for one in (hull, shapely.convex_hull(region))
-    )
-    found = []
-    for k in range(_TURNS):
-        turn = k * math.tau / _TURNS
-        moved = Fit(turn, (0.0, 0.0), 0.0, 0.0).apply(ours[None])[0]
-        found.append(Fit(turn, tuple((theirs - moved).tolist()), 0.0, 0.0))
-    return found
+class _Middles(NamedTuple):
+    """The middles (2,) of the outlines in the photo and of the expected ones, mm."""
+
+    seen: FloatArray
+    expected: FloatArray
+
+    @classmethod
+    def of(cls, borders: Sequence[FloatArray], region: shapely.Geometry) -> _Middles:
+        hull = shapely.convex_hull(shapely.MultiPoint(np.concatenate(borders)))
+        middles = (shapely.centroid(shape) for shape in (hull, shapely.convex_hull(region)))
+        seen, expected = (np.array(middle.coords[0]) for middle in middles)
+        return cls(seen, expected)
+
+    def fit(self, turn: float) -> Fit:
+        """The photo turned by ``turn`` rad, with its middle on the other one."""
+        x, y = (self.expected - PlanePose(turn, 0.0, 0.0).apply(self.seen[None])[0]).tolist()
+        return Fit(turn, (x, y), 0.0, 0.0)
 
 
 def _nearest(line: _Line, at: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -184,10 +219,11 @@ def _score(fit: Fit, line: _Line, points: FloatArray, near: float) -> Fit:
     return Fit(math.remainder(fit.turn, math.tau), fit.shift, float(fits.mean()), rms)
 
 
-def _rivals(alike: Sequence[Fit], chosen: Fit) -> tuple[float, ...]:
-    turns: list[float] = []
+def _rivals(alike: Sequence[Fit], chosen: Fit) -> tuple[Fit, ...]:
+    rivals: list[Fit] = []
     for fit in alike:
-        turn = math.remainder(fit.turn - chosen.turn, math.tau)
-        if all(abs(math.remainder(turn - other, math.tau)) > _SAME_TURN for other in (0.0, *turns)):
-            turns.append(turn)
-    return tuple(sorted(turns))
+        others = (chosen, *rivals)
+        turns = [abs(math.remainder(fit.turn - other.turn, math.tau)) for other in others]
+        if min(turns) > _SAME_TURN:
+            rivals.append(fit)
+    return tuple(rivals)

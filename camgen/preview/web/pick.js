@@ -58,7 +58,7 @@ function said(hit) {
     return [`Path ${hit.path + 1} of ${data.paths.length}: ${path.id}`, [path.operation, path.layer, `${number(path.length)} mm`, `${number(path.feed)} mm/s${force}`].filter(Boolean).join(", "), ""];
   }
   const line = data.lines.rows[hit.line];
-  const state = { done: "", skipped: `Left out: ${line.why}`, wrong: line.why, noted: line.why, unused: "No path of its own" }[line.state];
+  const state = { done: "", skipped: `Left out: ${line.why}`, wrong: line.why, noted: line.why, unused: "No path of its own", seen: "Outline in the photo" }[line.state];
   return [line.id, [line.layer, `${number(line.length)} mm`, line.closed ? "closed" : ""].filter(Boolean).join(", "), state];
 }
 

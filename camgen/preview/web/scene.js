@@ -39,6 +39,7 @@ const layers = {
   stock: { label: "Stock", colour: "stock", things: [] },
   photo: { label: "Picture", colour: "unused", things: [] },
   part: { label: "Part", colour: "part", things: [] },
+  seen: { label: "Photo's outline", colour: "seen", things: [] },
   skipped: { label: "Left out", colour: "bad", things: [] },
   fixtures: { label: data.standing.some(([name]) => name === "table") ? "Table" : "Fixtures", colour: "fixture", things: [] },
   unused: { label: "Not asked for", colour: "unused", things: [] },
@@ -65,7 +66,7 @@ function put(layer, one, order) {
 }
 
 // Contours and edges, one mesh for each state.
-const STATES = { done: ["part", 1.4], skipped: ["skipped", 2.2], wrong: ["skipped", 4], noted: ["part", 2.5], unused: ["unused", 1.2] };
+const STATES = { done: ["part", 1.4], skipped: ["skipped", 2.2], wrong: ["skipped", 4], noted: ["part", 2.5], unused: ["unused", 1.2], seen: ["seen", 1.2] };
 for (const [state, [layer, width]] of Object.entries(STATES)) {
   const rows = data.lines.rows.flatMap((line, k) => (line.state === state ? [k] : []));
   const count = rows.reduce((sum, k) => sum + data.lines.counts[k], 0);
