@@ -47,7 +47,8 @@ class Lens:
 class Shot:
     """How the photo is taken.
 
-    rotation, origin: camera_from_work, z forward, mm. blur: sigma, px, without the pixel's own square. gradient: change
+    rotation, origin: camera_from_work, z forward, mm. blur: sigma, px, without the pixel's own square. motion: the way
+    of the camera while the photo is taken, u + i v, px. gradient: change
     of light from left to right and from above to below, as a part of that in the middle; vignetting: loss in the
     corners. read: noise in 1/255 of white; shot: variance that each 1/255 of light adds, in squares of it.
     coding: "linear" or "srgb".
@@ -57,6 +58,7 @@ class Shot:
     rotation: np.ndarray
     origin: np.ndarray
     blur: float = 0.7
+    motion: complex = 0j
     exposure: float = 1.0
     gradient: tuple[float, float] = (0.0, 0.0)
     vignetting: float = 0.0

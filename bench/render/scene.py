@@ -60,8 +60,26 @@ def render(scene: Scene, shot: Shot) -> np.ndarray:
         window, covered = share(layer.loops, shot, layer.z)
         own = colour * (1 + np.float32(layer.texture) * grain[window][:, :, None])
         light[window] += covered.astype(np.float32)[:, :, None] * (own - light[window])
+    if shot.motion:
+        light = _smeared(light, shot.motion)
     light *= _lit(shot)[:, :, None]
     return _sensed(light, shot).reshape((height, width, 3) if depth == 3 else (height, width))
+
+
+def _smeared(light: np.ndarray, motion: complex) -> np.ndarray:
+    """The mean of the light over a straight way of the camera, px, half of it to either side."""
+    import cv2  # noqa: PLC0415 (only what is smeared needs it)
+
+    half = int(np.ceil(abs(motion) / 2)) + 1
+    place = motion * (np.linspace(0, 1, 257) - 0.5)
+    # A place between pixels counts for the four around it.
+    across, down = (
+        np.maximum(1 - np.abs(part[:, None] - np.arange(-half, half + 1)), 0)
+        for part in (place.real, place.imag)
+    )
+    kernel = np.einsum("nv,nu->vu", down, across) / len(place)
+    smeared = cv2.filter2D(light, -1, kernel, borderType=cv2.BORDER_REPLICATE)
+    return np.asarray(smeared).reshape(light.shape)
 
 
 def _lit(shot: Shot) -> np.ndarray:

@@ -10,7 +10,15 @@ from camgen.geometry.apart import set_apart
 from camgen.geometry.intersect import Obstacles
 from camgen.geometry.offset import Offset, offset
 from camgen.geometry.ragged import begins
-from camgen.geometry.segments import BoolArray, IntArray, Segments, backwards, neighbours, points_at
+from camgen.geometry.segments import (
+    BoolArray,
+    IntArray,
+    Segments,
+    backwards,
+    make,
+    neighbours,
+    points_at,
+)
 from camgen.model.pose import FloatArray
 
 #: How far (mm) a path may be from the distance that was asked for; the plan is checked against it.
@@ -54,7 +62,7 @@ def beside(
         sound = np.ones(len(out.closed), dtype=bool)
         curve = Beside(out.segments, out.closed, out.source, out.turn, lost, sound)
         return _check(curve, source, closed, group, distance)
-    turned, rows = backwards(out.segments)
+    turned, rows = backwards(_weld(out))
     label = group[out.source[rows]]
     back = _offset(turned, neighbours(turned, out.closed), label, corner_radius)
     segments, order = backwards(back.segments)
@@ -64,6 +72,18 @@ def beside(
     sound = np.ones(len(back.closed), dtype=bool)
     curve = Beside(segments, back.closed, out.source[origin], turn, lost, sound)
     return _check(curve, source, closed, group, distance)
+
+
+def _weld(curve: Offset) -> Segments:
+    """The segments of a curve, each up to the start of the next one.
+
+    An offset leaves gaps of 0.0001 mm at flat corners. The offset of its curve has no arc around
+    such a gap, so the chain would not close.
+    """
+    segments = curve.segments
+    following = neighbours(segments, curve.closed)
+    end = np.where((following >= 0)[:, None], segments.start[following], segments.end)
+    return make(segments.start, end, segments.bulge, segments.owner)
 
 
 def _offset(source: Segments, following: IntArray, group: IntArray, distance: float) -> Offset:

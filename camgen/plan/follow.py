@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+import shapely
 from msgspec import Struct
 from msgspec.structs import replace
 
@@ -16,6 +17,7 @@ from camgen.geometry.segments import (
     IntArray,
     Segments,
     backwards,
+    flatten,
     from_contours,
     neighbours,
     points_at,
@@ -41,6 +43,8 @@ _UNSEEN_MM, _SAMPLE_MM, _SAMPLES = 0.02, 0.1, 50_000
 _COMMON = (
     "edges on one line leave the tool no side; draw one outline, or use operation.kind = trace"
 )
+_CROSSING = "no clear inside; draw one outline, or use operation.kind = trace"
+_FAILED = "the path did not keep its distance; please report it"
 
 
 class _Loops(Struct, frozen=True, eq=False):
@@ -219,9 +223,10 @@ def _crossing_notes(contours: list[Contour], nesting: Nesting, worked: BoolArray
         warned = [Note("warning", what, "no clear inside, and not worked on", tuple(others))]
     own = nesting.crossed == np.arange(len(contours))
     other = (nesting.crossed >= 0) & ~own
-    why = "no clear inside; draw one outline, or use operation.kind = trace"
     return warned + [
-        _not_followed([contours[k] for k in np.flatnonzero(chosen & worked).tolist()], how, why)
+        _not_followed(
+            [contours[k] for k in np.flatnonzero(chosen & worked).tolist()], how, _CROSSING
+        )
         for chosen, how in (
             (own & ~nesting.empty, "crossing themselves"),
             (other, "crossing each other"),
@@ -316,20 +321,16 @@ def _left_out(
     good = curve.sound[curve.segments.owner]
     touched[source.owner[curve.source[good]]] = True
     failed = np.isin(np.arange(len(contours)), source.owner[curve.source[~good]])
-    shared = _sharing(source, failed)
-    notes = [
-        _not_followed([contours[k] for k in np.flatnonzero(chosen).tolist()], how, why)
-        for chosen, how, why in (
-            (worked & ~touched & ~failed, "too narrow", f"{tool} does not fit"),
-            (~touched & failed & shared, "on a common edge", _COMMON),
-            (
-                ~touched & failed & ~shared,
-                "check failed",
-                "the path did not keep its distance; please report it",
-            ),
-        )
-        if chosen.any()
-    ]
+    causes = _find_causes(source, contours, failed)
+    narrow = worked & ~touched & ~failed
+    notes = []
+    for how, (cause, why) in {
+        "too narrow": (narrow, f"{tool} does not fit"),
+        **causes,
+    }.items():
+        numbers = np.flatnonzero(cause & ~touched).tolist()
+        if numbers:
+            notes.append(_not_followed([contours[k] for k in numbers], how, why))
     contact = _contact(curve, source)
     reached = np.bincount(source.owner[curve.source], np.where(good, contact, 0.0), len(contours))
     whole = np.where(worked, np.bincount(source.owner, source.length, len(contours)), 0.0)
@@ -346,8 +347,7 @@ def _left_out(
     unsound = int((~curve.sound).sum())
     if unsound and not (failed & ~touched).any():
         what = f"{counted(unsound, 'piece', 'pieces')} of path left out"
-        wrong = "they did not keep their distance from the drawing; please report it"
-        why = _COMMON if shared[failed].any() else wrong
+        why = next(why for cause, why in causes.values() if cause.any())
         ids = tuple(contours[k].id for k in np.flatnonzero(failed).tolist())
         notes.append(Note("skipped", what, why, ids))
     return notes
@@ -372,6 +372,47 @@ def _left_standing(curve: Beside, source: Segments, mine: BoolArray, distance: f
     gap = nearest_distances(points, ways, distance + 2 * _UNSEEN_MM)
     length = np.where(gap > distance + _UNSEEN_MM, source.length[rows[of]] / count[of], 0.0)
     return np.bincount(source.owner[rows[of]], length, len(mine)).astype(np.float64)
+
+
+def _find_causes(
+    source: Segments, contours: list[Contour], failed: BoolArray
+) -> dict[str, tuple[BoolArray, str]]:
+    """The causes for which contours have no path: which ones (contours,) each has, and a remedy.
+
+    A contour has one cause. Crossings that `nest` allows for, since they may be slips of a drawing,
+    may still leave the path without a side.
+    """
+    shared = _sharing(source, failed)
+    themselves, others = _meeting(source, contours, failed)
+    themselves &= ~shared
+    others &= ~shared & ~themselves
+    return {
+        "on a common edge": (shared, _COMMON),
+        "crossing themselves": (themselves, _CROSSING),
+        "crossing or touching each other": (others, _CROSSING),
+        "check failed": (failed & ~shared & ~themselves & ~others, _FAILED),
+    }
+
+
+def _meeting(
+    source: Segments, contours: list[Contour], failed: BoolArray
+) -> tuple[BoolArray, BoolArray]:
+    """Which of the ``failed`` contours (contours,) meet themselves, and which meet another."""
+    themselves, others = np.zeros((2, len(failed)), dtype=bool)
+    rows = np.flatnonzero(failed)
+    if not len(rows):
+        return themselves, others
+    points, owner = flatten(source, EXACT / 4)
+    closed = np.flatnonzero([contour.closed for contour in contours])
+    first = np.searchsorted(owner, closed)
+    owner = np.append(owner, closed)
+    order = np.argsort(owner, kind="stable")
+    lines = shapely.linestrings(np.vstack([points, points[first]])[order], indices=owner[order])
+    themselves[rows] = ~shapely.is_simple(lines[rows])
+    tree = shapely.STRtree(lines)
+    row, near = tree.query(lines[rows], predicate="dwithin", distance=EXACT)
+    others[rows[row[rows[row] != near]]] = True
+    return themselves, others
 
 
 def _sharing(source: Segments, failed: BoolArray) -> BoolArray:

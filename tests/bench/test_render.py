@@ -102,6 +102,21 @@ def test_a_camera_looks_where_it_is_told() -> None:
 # -- how much of a pixel is covered
 
 
+def test_a_camera_that_moves_smears_an_edge() -> None:
+    # The edge of a half plane becomes a ramp. Its width is the motion across the edge.
+    half_plane = (box(0, -60, 60, 60),)
+    for motion, width in ((8, 8.0), (8j, 0.0), (6 + 8j, 6.0)):
+        shot = above(PINHOLE, 0.5, blur=0.3, motion=complex(motion))
+        shot = replace(shot, rotation=np.diag([1.0, -1, -1]))
+        grey = render(Scene(0.0, (Layer(half_plane, 1.0),)), shot)[60].astype(float) / 255
+        rise = np.diff(grey)
+        middle = (np.arange(len(rise)) + 0.5) @ rise
+        assert middle == pytest.approx(79.5, abs=0.05)
+        variance = (np.arange(len(rise)) + 0.5 - middle) ** 2 @ rise
+        # Blur and pixel have 0.17, the rounding of the motion to pixels 0.33 at most.
+        assert width**2 / 12 + 0.17 < variance < width**2 / 12 + 0.17 + 0.35
+
+
 def conic(shot: Shot, radius: float) -> tuple[float, np.ndarray]:
     """Area and centre, px, of the ellipse that a circle around the origin becomes without distortion."""
     h = shot.lens.matrix @ np.column_stack([shot.rotation[:, :2], shot.origin])

@@ -111,6 +111,7 @@ SMOKES = [
     Smoke("photo.burrs 1 2 1", (1, 1), {"missed": (0, 0), "height off: max mm": (0, 0.3)}),
     Smoke("photo.conditions 1 0 1", (2,), {"rms mm": (0, 5)}),
     Smoke("photo.deviations 1", (8, 4), {"dangerous": (0, 0), "right": (1, 1), "% of all": (1, 60)}),
+    Smoke("photo.pieces 1", (6,), {"refused": (0, 1), "pieces drawn": (10, 60), "good": (0, 1)}),
     Smoke("photo.calibrate {here}/boards 9x6 1", (7, 4), {"fx": (599, 601), "**camgen**": (0, 0.1)}),
     # LinuxCNC does not start each time, and no test needs it.
     Smoke("controllers.linuxcnc layers-inside --planned", (1,), {"predicted, s": (4, 6)}),

@@ -1,6 +1,7 @@
 """Paths beside contours: side, direction, feed and force, and what is said of what cannot be followed."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,12 +11,14 @@ import camgen
 from camgen.geometry.arcs import path_length
 from camgen.geometry.intersect import Obstacles
 from camgen.geometry.segments import flatten, from_contours
-from camgen.model.job import Job, OperationTable, ProcessTable, ToolTable
+from camgen.model.job import ImageTable, Job, OperationTable, ProcessTable, ToolTable
 from camgen.model.part import Contour
 from camgen.model.path import ToolPath
 from camgen.plan import Plan, plan
+from camgen.read import read
 from tests.support.drawn import circle, contour, part, rectangle, rounded
 
+ROOT = Path(__file__).parents[2]
 SIX = ToolTable(diameter=6.0)
 
 
@@ -351,3 +354,32 @@ def test_a_pressing_tool_that_its_factor_slows_down_is_told() -> None:
         "c1 (the tool would run 3.5 times as fast, and process.max_feed_factor = 2)"
     )
     assert not plan(part(rounded(40, 30, 6)), job).notes
+
+
+@pytest.mark.parametrize("diameter", [0.7, 1.0])
+def test_rounded_corners_of_a_picture_are_followed_all_round(diameter: float) -> None:
+    # Arcs of its outlines meet at angles of 0.00001 rad, where paths have a gap of 0.0001 mm.
+    job = Job(
+        image=ImageTable(mm_per_px=0.1),
+        tool=ToolTable(diameter=diameter),
+        operation=OperationTable(corner_radius=diameter / 4),
+    )
+    result = plan(read(ROOT / "fixtures" / "parts" / "board.png", job), job)
+    assert not [note for note in result.notes if "failed" in note.what or "left out" in note.what]
+    assert all(path.closed for path in result.paths)
+
+
+@pytest.mark.parametrize("by", [0.0, 0.004, 0.01])
+def test_contours_that_overlap_by_a_hair_are_left_out_with_the_reason(by: float) -> None:
+    result = planned(rectangle(0, 0, 20, 20, "c1"), rectangle(20 - by, 3, 40, 13, "c2"))
+    (note,) = [note for note in result.notes if note.kind == "skipped"]
+    assert "common edge" in note.what or "crossing or touching each other" in note.what
+    assert "report" not in note.why
+
+
+def test_a_contour_that_crosses_itself_by_a_hair_is_left_out_with_the_reason() -> None:
+    corners = [(0, 0), (20, 0), (20, 10), (10, 10.01), (10.01, 10.02), (10.01, 10), (0, 10)]
+    result = planned(contour(corners, [0.0] * 7))
+    (note,) = [note for note in result.notes if note.kind == "skipped"]
+    assert "crossing themselves: c1" in note.what
+    assert "report" not in note.why

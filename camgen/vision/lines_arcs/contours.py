@@ -25,7 +25,9 @@ from camgen.vision.lines_arcs.joints import (
     orient,
     small_corners,
     tangents,
+    walls,
 )
+from camgen.vision.lines_arcs.noise import divide, measure, residuals_of
 from camgen.vision.lines_arcs.polish import (
     FittedChain,
     astray,
@@ -38,11 +40,9 @@ from camgen.vision.lines_arcs.polish import (
 )
 from camgen.vision.lines_arcs.runs import (
     Runs,
-    blocks,
     fit_runs,
     merge,
     relax,
-    rougher,
     trim,
     within,
 )
@@ -60,8 +60,13 @@ _MOST_SHIFT = 0.3
 
 
 class Divided(Struct, frozen=True, eq=False):
-    """points (N,) px, put right for the blur; the runs with their curves and the joints behind them; counts (N,): which
-    points no corner has rounded.
+    """Outlines as runs.
+
+    points: (N,) px, put right for the blur.
+    runs, curves: lines and arcs.
+    joints: corners and touches, one at the end of each run.
+    counts: (N,) whether no corner has rounded a point.
+    noise: (L,) standard deviation of a point across its outline, px.
     """
 
     points: ComplexArray
@@ -69,6 +74,7 @@ class Divided(Struct, frozen=True, eq=False):
     curves: Curves
     joints: CornerJoints
     counts: BoolArray
+    noise: FloatArray
 
 
 def divide_loops(
@@ -76,28 +82,32 @@ def divide_loops(
 ) -> Divided:
     """Lines and arcs of closed loops of points where the grey value is half-way; sigma, blur (L,) px."""
     weight, told = np.ones(len(halfway)), sigma
-    runs = merge(blocks(loops), loops, halfway, weight, sigma)
+    runs, level = divide(loops, halfway, told, blur)
     for _ in range(_ROUNDS):
-        sigma = rougher(
-            runs, loops, halfway, fit_runs(runs, loops, halfway, weight, sigma)[1], told
+        curves = fit_runs(runs, loops, halfway, weight, sigma)[1]
+        residuals = residuals_of(runs, loops, halfway, curves)
+        measured = measure(runs, loops, residuals, weight, blur)
+        single, sigma = (
+            np.where(np.isnan(noise), level, np.maximum(noise, told)) for noise in measured
         )
         for _ in range(_RELAXED):
             _, curves, _ = fit_runs(runs, loops, halfway, weight, sigma)
             runs = relax(runs, loops, halfway, curves, sigma)
             _, curves, _ = fit_runs(runs, loops, halfway, weight, sigma)
-            weight = trim(runs, loops, halfway, curves, sigma, blur)
+            weight = trim(runs, loops, halfway, curves, single, blur)
         for _ in range(_CORNERS):
             runs, curves = _without_corners(runs, loops, halfway, weight, sigma, blur)
             found = joints(curves, runs, loops, halfway, sigma, blur)
             weight = clear(found, curves, runs, loops, halfway) * trim(
-                runs, loops, halfway, curves, sigma, blur
+                runs, loops, halfway, curves, single, blur
             )
         runs = merge(runs, loops, halfway, weight, sigma)
     curves = _curves(runs, loops, halfway, weight, sigma)
     points = _put_right(runs, loops, halfway, curves, blur)
     curves = _curves(runs, loops, points, weight, sigma)
     found = joints(curves, runs, loops, points, sigma, blur)
-    return Divided(points, runs, curves, found, clear(found, curves, runs, loops, points))
+    counts = clear(found, curves, runs, loops, points)
+    return Divided(points, runs, curves, found, counts, single)
 
 
 def _curves(
@@ -116,9 +126,9 @@ def _without_corners(
 ) -> tuple[Runs, Curves]:
     """The runs without those that are the picture's rounding of a corner, or next to nothing."""
     curves = _curves(runs, loops, points, weight, sigma)
-    small = small_corners(curves, runs, loops, points, blur) | (
-        (runs.count < _LEAST_POINTS) & runs.several()
-    )
+    small = (runs.count < _LEAST_POINTS) & runs.several()
+    small &= ~walls(curves, runs, loops, points, sigma)
+    small |= small_corners(curves, runs, loops, points, blur)
     if not small.any():
         return runs, curves
     runs = _give_away(runs, loops, small, curves)
@@ -203,7 +213,7 @@ def primitives(
     for k, outline in enumerate(outlines):
         mine = np.arange(ends[k], ends[k + 1])
         stop = begin[mine[-1]] + parts.runs.count[mine[-1]]
-        found = _contour(parts, mine, rows[begin[mine[0]] : stop], outline, matrix)
+        found = _contour(parts, mine, rows[begin[mine[0]] : stop], outline.blur, matrix)
         if found is None:
             notes.append(
                 Note("skipped", f"outline {k + 1} crosses itself", "the mask is too ragged there")
@@ -239,11 +249,11 @@ _Found = tuple[tuple[FloatArray, FloatArray], OutlineFit]
 
 
 def _contour(
-    parts: Divided, mine: IntArray, rows: IntArray, outline: Outline, matrix: FloatArray
+    parts: Divided, mine: IntArray, rows: IntArray, blur: float, matrix: FloatArray
 ) -> _Found | None:
     """Points and bulges in mm of the runs ``mine`` of one outline, whose points are ``rows``; None if it fails."""
     points, counts = parts.points[rows], parts.counts[rows]
-    sigma = float(np.hypot(outline.sigma, _HIDDEN))
+    sigma = float(parts.noise[parts.runs.loop[mine[0]]])
     circle = _circle(parts, mine, points, sigma, matrix) if len(mine) == 1 else None
     if circle is not None:
         return circle
@@ -254,7 +264,7 @@ def _contour(
     if len(chain.corners) < 3 and chain.straight.all():
         fillets, bad = no_fillets(chain), np.ones(len(chain.corners), dtype=np.bool_)
     else:
-        fillets = fillets_of(chain, points, piece, outline.blur, sigma)
+        fillets = fillets_of(chain, points, piece, blur, sigma)
         counts = counts & beyond(chain, fillets, points, piece)
         bad = astray(chain, fillets, points, piece, counts, sigma)
     sound = make_sound(chain, fillets, bad, points, piece, astray_beyond(sigma))

@@ -165,6 +165,11 @@ def _smallest(
     return value, crosses[chosen, :, every].T / np.sqrt(np.maximum(norm[chosen, every], NONZERO))
 
 
+def numbers_of(curves: Curves) -> IntArray:
+    """(P,) count of the numbers of each curve and one end of it."""
+    return np.where(curves.form[:, 0] == 0, _LINE_NUMBERS, _ARC_NUMBERS)
+
+
 def best(runs: Sums, sigma: FloatArray, price: float) -> tuple[Curves, FloatArray]:
     """Line or circle for each run, whichever is told cheaper, and its price (P,): squared distances in units of the
     noise ``sigma`` (P,) px, and ``price`` for each number of the curve and for one end.

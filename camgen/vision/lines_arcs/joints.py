@@ -30,6 +30,8 @@ _SIGMAS, _GAP_PX = 4.0, 0.03
 _NEAR_PX = 4.0
 #: A tangential joint lies within this share of the shorter of its two runs.
 _JOINT_SHARE = 0.25
+#: Lowest wall, px.
+_WALL_PX = 0.5
 #: Points that a short line and a short arc keep.
 _CORE = (3, 4)
 
@@ -75,13 +77,13 @@ def joints(
     vertex, crossing = crossings(curves, other, near)
     s = blur[runs.loop]
     turn = _turn(curves, other, vertex)
-    crossing &= np.abs(vertex - near) < _NEAR_PX + _zone(turn, s)
+    crossing &= np.abs(vertex - near) < _NEAR_PX + zone_of(turn, s)
     foot = np.where(crossing, vertex, near)
     smooth, touch = _touching(curves, other, foot, sigma[runs.loop], runs.count, runs.count[after])
     smooth &= ~crossing | (np.abs(turn) < _SHALLOW)
     vertex = np.where(smooth, touch, np.where(crossing, vertex, _between(curves, other, near)))
     turn = _turn(curves, other, vertex)
-    return CornerJoints(vertex, turn, crossing, smooth, np.where(smooth, 0.0, _zone(turn, s)))
+    return CornerJoints(vertex, turn, crossing, smooth, np.where(smooth, 0.0, zone_of(turn, s)))
 
 
 def crossings(one: Curves, two: Curves, near: ComplexArray) -> tuple[ComplexArray, BoolArray]:
@@ -110,7 +112,7 @@ def small_corners(
     vertex, crossing = crossings(one, two, middle)
     s = blur[runs.loop]
     turn = _turn(one, two, vertex)
-    zone = _zone(turn, s)
+    zone = zone_of(turn, s)
     first, last = (
         points[_row(runs, loops, np.zeros_like(after))],
         points[_row(runs, loops, runs.count - 1)],
@@ -133,6 +135,18 @@ def small_corners(
         & (depth < _ROUNDING_SLACK * expected + _ROUNDING_PX)
     )
     return np.asarray(found & (depth > -0.5))
+
+
+def walls(
+    curves: Curves, runs: Runs, loops: Rings, points: ComplexArray, sigma: FloatArray
+) -> BoolArray:
+    """(P,) whether neighbours pass on both sides of a run: it is a wall, as in a shallow notch."""
+    first, last = (points[_row(runs, loops, place)] for place in (0 * runs.count, runs.count - 1))
+    middle = (first + last) / 2
+    before = curves.take(runs.before()).distances(middle)
+    after = curves.take(runs.following()).distances(middle)
+    height = _SIGMAS * sigma[runs.loop] + _WALL_PX
+    return np.asarray((before * after < 0) & (np.abs(before - after) > height))
 
 
 def _depths(
@@ -216,7 +230,7 @@ def _turn(one: Curves, two: Curves, vertex: ComplexArray) -> FloatArray:
     return np.asarray(np.angle(tangents(two, vertex) * tangents(one, vertex).conj()))
 
 
-def _zone(turn: FloatArray, blur: FloatArray) -> FloatArray:
+def zone_of(turn: FloatArray, blur: FloatArray) -> FloatArray:
     """Distance from the vertex within which the other edge is nearer than a few blurs; less if it does not show."""
     size = np.abs(turn)
     sine = np.where(size > np.pi / 2, np.maximum(np.sin(size), 0.25), 1.0)

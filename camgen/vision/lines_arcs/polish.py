@@ -16,14 +16,16 @@ from camgen.geometry.rings import ComplexArray
 from camgen.model.part import IntArray
 from camgen.model.pose import FloatArray
 from camgen.vision.lines_arcs.fit import BoolArray
-from camgen.vision.lines_arcs.joints import PASSES, TURNS, valley
+from camgen.vision.lines_arcs.joints import PASSES, TURNS, valley, zone_of
 
 _ROUNDS = 5
 #: Weight of a tangential joint, px/rad, and of staying where one is, for what the points do not tell.
 _TANGENT, _STAY = 300.0, 0.03
 #: Corners solved together, and how many of them on each side only serve as neighbours.
 _WINDOW, _MARGIN = 24, 8
-_LONGEST_STEP = 1.0
+#: A corner that steps farther, px, is held in proportion. Number of times in a round, and factor
+#: for all corners if the fit got worse.
+_LONGEST_STEP, _HOLDS, _TIGHTER = 1.0, 2, 10.0
 #: Step for slopes, px.
 _STEP_PX = 1e-6
 
@@ -43,17 +45,41 @@ def polish(
     chain: FittedChain, points: ComplexArray, piece: IntArray, weight: FloatArray
 ) -> FittedChain:
     """``chain`` moved to fit ``points`` (N,) best; piece (N,): ascending, which one each belongs to."""
-    corners, bulges = chain.corners, chain.bulges
+    hold = np.full(len(chain.corners), _STAY)
+    misfit = _misfit(chain, points, piece, weight)
     for _ in range(_ROUNDS):
-        matrix, right = _normal_equations(
-            FittedChain(corners, bulges, chain.straight, chain.smooth), points, piece, weight
-        )
-        step = _solve(matrix, right)
-        move = step[:, 0] + 1j * step[:, 1]
-        size = np.abs(move)
-        corners = corners + move * np.minimum(1.0, _LONGEST_STEP / np.maximum(size, 1e-12))
-        bulges = np.where(chain.straight, 0.0, bulges + step[:, 2].clip(-0.3, 0.3))
+        for _ in range(_HOLDS):
+            step = _solve(*_normal_equations(chain, points, piece, weight, hold))
+            # A step is not cut off: the bulges beside the corner belong to it.
+            hold = hold * np.maximum(np.hypot(step[:, 0], step[:, 1]) / _LONGEST_STEP, 1.0)
+        moved = _stepped(chain, step)
+        after = _misfit(moved, points, piece, weight)
+        if after < misfit:
+            chain, misfit = moved, after
+        else:
+            hold = hold * _TIGHTER
+    return chain
+
+
+def _stepped(chain: FittedChain, step: FloatArray) -> FittedChain:
+    bulges = np.where(chain.straight, 0.0, chain.bulges + step[:, 2])
+    corners = chain.corners + step[:, 0] + 1j * step[:, 1]
     return FittedChain(corners, bulges, chain.straight, chain.smooth)
+
+
+def _misfit(chain: FittedChain, points: ComplexArray, piece: IntArray, weight: FloatArray) -> float:
+    """The sum of squares to be minimised, px2."""
+    tangents = _TANGENT * _kinks(chain)[chain.smooth]
+    return float(weight @ errors(chain, points, piece) ** 2 + tangents @ tangents)
+
+
+def _kinks(chain: FittedChain) -> FloatArray:
+    """(K,) turn of the direction at each corner, rad."""
+    out = np.roll(chain.corners, -1) - chain.corners
+    half = 2 * np.arctan(chain.bulges)
+    return np.asarray(
+        np.angle(out * np.roll(out, 1).conj() * np.exp(-1j * (np.roll(half, 1) + half)))
+    )
 
 
 def to_arcs(
@@ -71,7 +97,11 @@ def to_arcs(
 
 
 def _normal_equations(
-    chain: FittedChain, points: ComplexArray, piece: IntArray, weight: FloatArray
+    chain: FittedChain,
+    points: ComplexArray,
+    piece: IntArray,
+    weight: FloatArray,
+    hold: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
     """Blocks (K, 5, 3, 3) that couple corner k with k - 2 .. k + 2, and the right side (K, 3): x, y, bulge."""
     count = len(chain.corners)
@@ -86,9 +116,7 @@ def _normal_equations(
     right[after, :2] -= products[:, 3:, 5]
     _add_tangents(chain, matrix, right)
     half = np.abs(chain.corners[after] - chain.corners) / 2
-    stay = np.stack(
-        [np.full(count, _STAY), np.full(count, _STAY), _STAY * half**2 + chain.straight], axis=1
-    )
+    stay = np.stack([hold, hold, hold * half**2 + chain.straight], axis=1)
     # The last part only matters where two corners have met, and one of them tells nothing.
     stay += 1e-6 + 1e-9 * np.trace(matrix[:, 2], axis1=1, axis2=2)[:, None]
     matrix[:, 2] += stay[:, :, None] * np.eye(3)
@@ -129,7 +157,7 @@ def _add_tangents(chain: FittedChain, matrix: FloatArray, right: FloatArray) -> 
     before, after = (k - 1) % count, (k + 1) % count
     into, out = chain.corners[k] - chain.corners[before], chain.corners[after] - chain.corners[k]
     g0, g1 = chain.bulges[before], chain.bulges[k]
-    error = np.angle(out * into.conj() * np.exp(-2j * (np.arctan(g0) + np.arctan(g1))))
+    error = _kinks(chain)[k]
     turn0, turn1 = (1j * chord / np.maximum(np.abs(chord), 1e-6) ** 2 for chord in (into, out))
     zero = np.zeros(len(k))
     rows = np.stack(
@@ -192,6 +220,8 @@ _OWN = 1.08
 #: Turns (rad) between which a radius can be told, and the largest part of a neighbour that it may take.
 _TURN = np.radians([5.0, 150.0])
 _ROOM_SHARE = 0.45
+#: A corner that turns by more, rad, may come of a fit gone wrong: points that it passes by count.
+_POINTED = np.radians(110.0)
 #: A quarter, half and three quarters along a piece, no place is farther than this from its points, px. Its points are
 #: off by this many sigma, and px, at most, rms.
 _ASTRAY = 3.0
@@ -199,13 +229,20 @@ _SIGMAS, _OFF = 3.0, 0.1
 
 
 class Fillets(Struct, frozen=True, eq=False):
-    """For each corner (K,): how far from it its arc begins, px, 0 where it is sharp; the turn there, rad; whether the
-    points keep away from it without an arc to be told by.
+    """Corners of a chain.
+
+    reach: (K,) distance of the corner from the begin of its arc, px, 0 where it is sharp.
+    turn: (K,) rad.
+    lost: (K,) whether the points keep away from the corner without an arc to be told by.
+    rounding: (K,) distance of a sharp corner from its points that the blur explains, px.
+    zone: (K,) distance from a sharp corner within which the blur moves points, px.
     """
 
     reach: FloatArray
     turn: FloatArray
     lost: BoolArray
+    rounding: FloatArray
+    zone: FloatArray
 
 
 def along(chain: FittedChain, share: float | FloatArray) -> ComplexArray:
@@ -232,6 +269,17 @@ def beyond(
     after, reach = np.roll(chain.corners, -1)[piece], np.roll(fillets.reach, -1)[piece]
     at_start = np.abs(points - chain.corners[piece]) < fillets.reach[piece]
     return np.asarray(~at_start & ~(np.abs(points - after) < reach))
+
+
+def roundings(
+    chain: FittedChain, fillets: Fillets, points: ComplexArray, piece: IntArray
+) -> FloatArray:
+    """(N,) distance of points from a sharp corner that the blur explains, px; else 0."""
+    explained = np.zeros(len(points))
+    for corner in (piece, (piece + 1) % len(chain.corners)):
+        near = np.abs(points - chain.corners[corner]) < fillets.zone[corner]
+        explained = np.maximum(explained, np.where(near, fillets.rounding[corner], 0.0))
+    return explained
 
 
 def astray_beyond(sigma: float) -> float:
@@ -292,13 +340,16 @@ def fillets_of(
     )
     told &= len(turn) > 2
     farthest = np.minimum(_ROUNDER * own + _LOST, _BLURS * blur + _TIP)
-    return Fillets(np.where(told, reach, 0.0), turn, ~told & ~chain.smooth & (depth > farthest))
+    lost = ~told & ~chain.smooth & (depth > farthest)
+    zone = np.where(chain.smooth, 0.0, zone_of(turn, np.full(len(turn), blur)))
+    rounding = np.where(np.abs(turn) < _POINTED, own, 0.0)
+    return Fillets(np.where(told, reach, 0.0), turn, lost, rounding, zone)
 
 
 def no_fillets(chain: FittedChain) -> Fillets:
     """Sharp corners, whatever the points say."""
     none = np.zeros(len(chain.corners))
-    return Fillets(none, none, none > 0)
+    return Fillets(none, none, none > 0, none, none)
 
 
 def _depths(

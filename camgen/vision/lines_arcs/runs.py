@@ -19,7 +19,7 @@ from camgen.vision.lines_arcs.fit import BoolArray, Curves, Sums, best, join_sum
 #: Points of the runs that everything begins with.
 _BLOCK = 2
 #: What one number of a curve must gain, in squared noise.
-_PRICE = 8.0
+PRICE = 8.0
 #: A point farther from its run's curve than this many sigma belongs to a rounded corner; it does not count.
 _FAR_SIGMAS = 4.0
 #: Beyond this many sigma it does not matter how far.
@@ -27,8 +27,6 @@ _LOST_SIGMAS = 40.0
 #: A corner is rounded for so many blurs to each side.
 _ROUNDED = 2.5
 _ROUNDS = 60
-#: Points at both ends of a run that do not tell its noise, fours that do, and how much more they tell at most.
-_SHARED, _FEW, _MOST_SHARED = 4, 6, 3.0
 
 
 class Runs(Struct, frozen=True, eq=False):
@@ -80,7 +78,7 @@ def fit_runs(
     """Sums, curves and prices of the runs; weight (N,): which points count; sigma (L,) px."""
     rows, begin = runs.rows(loops)
     sums = sum_runs(points[rows], weight[rows], begin)
-    curves, cost = best(sums, sigma[runs.loop], _PRICE)
+    curves, cost = best(sums, sigma[runs.loop], PRICE)
     return sums, curves, cost
 
 
@@ -93,7 +91,7 @@ def merge(
     for _ in range(_ROUNDS):
         after = runs.following()
         pair = join_sums(sums, sums.take(after))
-        both = best(pair, sigma[runs.loop], _PRICE)[1]
+        both = best(pair, sigma[runs.loop], PRICE)[1]
         paid = _FAR_SIGMAS**2 * (ends + begins[after])
         gain = cost + cost[after] - both - paid
         gain[~runs.several()] = -np.inf
@@ -126,7 +124,7 @@ def _choose_joins(runs: Runs, after: IntArray, gain: FloatArray) -> IntArray:
     """Runs to be joined with the one after: what gains, and costs less than joining either of the two elsewhere."""
     before = runs.before()
     # Gains of the same size are told apart by a number without pattern, so that many are chosen at a time.
-    level = np.floor(-gain / _PRICE * 4)
+    level = np.floor(-gain / PRICE * 4)
     tie = (np.arange(len(gain)) * 2654435761) % 4294967296
     rank = np.empty(len(gain), dtype=np.int64)
     rank[np.lexsort([tie, level])] = np.arange(len(gain))
@@ -196,27 +194,3 @@ def trim(
     weight = np.empty(len(points))
     weight[rows] = ~off | few[which]
     return weight
-
-
-def rougher(
-    runs: Runs, loops: Rings, points: ComplexArray, curves: Curves, sigma: FloatArray
-) -> FloatArray:
-    """The noise (L,) px that neighbours share: what means of four points are off their curves, twice.
-
-    Where a photo was rectified, linear interpolation has smoothed its noise, and differences of neighbours tell too
-    little of it; the grain of a brushed part is shared too. From ``sigma`` to three times that; long runs tell it.
-    """
-    rows, _ = runs.rows(loops)
-    which = owners(runs.count)
-    error = curves.take(which).distances(points[rows])
-    place = ramp(runs.count) - _SHARED
-    # Whole fours, away from the ends.
-    fours = np.maximum((runs.count - 2 * _SHARED) // 4, 0)
-    inside = (place >= 0) & (place < 4 * fours[which])
-    means = error[inside].reshape(-1, 4).mean(axis=1)
-    loop = runs.loop[which[inside]][::4]
-    count = np.bincount(loop, minlength=len(sigma))
-    # A curve takes three numbers from its points.
-    spare = count - 0.75 * np.bincount(runs.loop[fours > 0], minlength=len(sigma))
-    found = 2 * np.sqrt(np.bincount(loop, means**2, len(sigma)) / np.maximum(spare, 1))
-    return np.where(spare >= _FEW, found.clip(sigma, _MOST_SHARED * sigma), sigma)

@@ -15,7 +15,7 @@ from camgen.geometry.thinning import Polylines, thin
 from camgen.model.part import IntArray
 from camgen.model.pose import FloatArray
 from camgen.vision.lines_arcs.fit import BoolArray
-from camgen.vision.lines_arcs.polish import Fillets, FittedChain, along, repair
+from camgen.vision.lines_arcs.polish import Fillets, FittedChain, along, repair, roundings
 
 #: How a piece is drawn: as it was fitted, as lines thinned out within the noise, as lines from point to point.
 FITTED, THINNED, POINTS = 0, 1, 2
@@ -60,11 +60,12 @@ def make_sound(
     the small loop is cut off. None where too much would be.
     """
     drawn = np.where(bad, THINNED, FITTED)
+    farthest = _LEFT + off + roundings(chain, fillets, points, piece)
     for _ in range(_LOOKS):
         ring = halve(_lay(chain, fillets, drawn, points, piece, off))
         pairs = _crossings(ring)
         if not len(pairs):
-            left = np.unique(piece[_far(ring, points) > _LEFT + off])
+            left = np.unique(piece[_far(ring, points) > farthest])
             left = left[drawn[left] == FITTED]
             if not len(left):
                 return Sound(ring, drawn)

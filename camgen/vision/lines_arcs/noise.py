@@ -1,0 +1,120 @@
+"""Noise of outlines and its correlation along them, measured on the outlines themselves.
+
+Neighbouring points share noise: a picture that was smoothed or rectified, grain, and motion of the
+camera see to that. Differences of neighbours show too little of it, and lines break up into pieces
+that follow it. So outlines are divided for one level of noise after another. The residuals of each
+division are coded as noise that is correlated from point to point (autoregressive, first order).
+The level of an outline is that with the shortest description of runs and residuals (minimum
+description length). True features make residuals that jump, and are cheaper as runs.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from camgen.geometry.ragged import owners, ramp
+from camgen.geometry.rings import ComplexArray, Rings
+from camgen.model.pose import FloatArray
+from camgen.vision.lines_arcs.fit import BoolArray, Curves, numbers_of
+from camgen.vision.lines_arcs.joints import orient
+from camgen.vision.lines_arcs.runs import PRICE, Runs, blocks, fit_runs, merge
+
+#: Number of levels of noise, each twice the one before.
+_LEVELS = 8
+#: Largest noise of an edge, rms, as a share of its blur. With more noise no edge is found.
+_MOST_NOISE = 0.5
+#: Number of neighbours that may share noise.
+_LAGS = 8
+#: Number of points at the end of a run that do not count: they may be rounded. Fewest points of a
+#: run that counts: shorter curves follow the noise. Fewest points of an outline that count.
+_ENDS, _LONG, _FEWEST = 4, 24, 24
+#: Least variance of a description, px2, for outlines without any noise.
+_LEAST_VARIANCE = 1e-12
+
+
+def divide(
+    loops: Rings, points: ComplexArray, sigma: FloatArray, blur: FloatArray
+) -> tuple[Runs, FloatArray]:
+    """The runs of closed loops that have the shortest description, and their noise (L,), px.
+
+    points: (N,) px.
+    sigma: (L,) noise that neighbours do not share, px.
+    blur: (L,) px.
+    """
+    weight, level, noise = np.ones(len(points)), sigma, sigma
+    runs = shortest = blocks(loops)
+    least = np.full(len(sigma), np.inf)
+    for k in range(_LEVELS):
+        runs = merge(runs, loops, points, weight, level)
+        curves = fit_runs(runs, loops, points, weight, level)[1]
+        length = _describe(runs, loops, points, curves, blur)
+        chosen = (length < least) | (k == 0)
+        shortest, noise = _choose(runs, shortest, chosen), np.where(chosen, level, noise)
+        least = np.minimum(length, least)
+        level = 2 * level
+    return shortest, noise
+
+
+def _choose(runs: Runs, others: Runs, chosen: BoolArray) -> Runs:
+    """``runs`` of the loops that are ``chosen`` (L,), and ``others`` of the remaining loops."""
+    keep, rest = chosen[runs.loop], ~chosen[others.loop]
+    loop = np.concatenate([runs.loop[keep], others.loop[rest]])
+    first = np.concatenate([runs.first[keep], others.first[rest]])
+    count = np.concatenate([runs.count[keep], others.count[rest]])
+    order = np.argsort(loop, kind="stable")
+    return Runs(first[order], count[order], loop[order])
+
+
+def _describe(
+    runs: Runs, loops: Rings, points: ComplexArray, curves: Curves, blur: FloatArray
+) -> FloatArray:
+    """(L,) length of a description, in squares of the noise; inf where no noise is so large."""
+    residuals = residuals_of(runs, loops, points, curves)
+    weight = np.ones(len(points))
+    variance, shared = (_covariance(loops, residuals, weight, lag) for lag in (0, 1))
+    innovation = variance - shared**2 / np.maximum(variance, _LEAST_VARIANCE)
+    coded = loops.count * np.log(np.maximum(innovation, 0) + _LEAST_VARIANCE)
+    numbers = np.bincount(runs.loop, numbers_of(curves), len(loops.count))
+    return np.where(variance > (_MOST_NOISE * blur) ** 2, np.inf, coded + PRICE * numbers)
+
+
+def measure(
+    runs: Runs, loops: Rings, residuals: FloatArray, weight: FloatArray, blur: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Noise of single points and noise of means, both (L,) px; nan if too few points show it.
+
+    The mean of n points has the noise of means / sqrt(n), where n is more than a few.
+
+    residuals: (N,) px.
+    weight: (N,) 1 for points that count, 0 for others.
+    blur: (L,) px.
+    """
+    rows, _ = runs.rows(loops)
+    place, count = ramp(runs.count), runs.count[owners(runs.count)]
+    inner = weight.copy()
+    inner[rows] *= (np.minimum(place, count - 1 - place) >= _ENDS) & (count >= _LONG)
+    enough = np.bincount(loops.loop, inner, len(loops.count)) >= _FEWEST
+    variance = _covariance(loops, residuals, inner, 0)
+    whole = variance.copy()
+    for lag in range(1, _LAGS):
+        whole += 2 * (1 - lag / _LAGS) * _covariance(loops, residuals, inner, lag)
+    single = np.sqrt(np.maximum(variance, _LEAST_VARIANCE))
+    share = np.where(enough, np.minimum(1.0, _MOST_NOISE * blur / single), np.nan)
+    return share * single, share * np.sqrt(np.maximum(whole, variance))
+
+
+def residuals_of(runs: Runs, loops: Rings, points: ComplexArray, curves: Curves) -> FloatArray:
+    """(N,) signed distances of the points from the curves of their runs, px."""
+    rows, _ = runs.rows(loops)
+    oriented = orient(curves, runs, loops, points).take(owners(runs.count))
+    residuals = np.empty(len(points))
+    residuals[rows] = oriented.distances(points[rows])
+    return residuals
+
+
+def _covariance(loops: Rings, values: FloatArray, weight: FloatArray, lag: int) -> FloatArray:
+    """(L,) covariance of the values with those ``lag`` places further."""
+    further = loops.shifted(lag)
+    both = weight * weight[further]
+    total = np.bincount(loops.loop, both * values * values[further], len(loops.count))
+    return np.asarray(total / np.maximum(np.bincount(loops.loop, both, len(loops.count)), 1))
