@@ -57,7 +57,7 @@ def test_a_program_or_one_plain_line(path: Path) -> None:
         assert len(found) < 300
         assert path.name not in PARTS
     elif path.name in PARTS:
-        assert sum(area(c.points) > 0 for c in found.part.contours) == PARTS[path.name]
+        assert sum(area(c.points, c.bulges) > 0 for c in found.part.contours) == PARTS[path.name]
 
 
 @needs_shared
@@ -70,7 +70,14 @@ def test_what_no_line_or_arc_follows_is_said_and_shown() -> None:
     assert sum(len(c.points) for c in blade.part.contours) < 600
 
 
-def area(points: np.ndarray) -> float:
-    """Twice the area of a polygon, positive counter-clockwise, as outer outlines run."""
+def area(points: np.ndarray, bulges: np.ndarray) -> float:
+    """Twice the area of an outline, positive counter-clockwise, as outer outlines run.
+
+    An arc adds the segment between it and its chord.
+    """
     x, y = points.T
-    return float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
+    chord = np.hypot(*(np.roll(points, -1, axis=0) - points).T)
+    sweep, curved = 4 * np.arctan(bulges), bulges != 0
+    radius = np.divide(chord, 2 * np.sin(sweep / 2), out=np.zeros_like(chord), where=curved)
+    segments = radius**2 * (sweep - np.sin(sweep))
+    return float(x @ np.roll(y, -1) - y @ np.roll(x, -1) + segments.sum())
