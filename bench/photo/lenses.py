@@ -1,17 +1,19 @@
-"""Photos of a part on camgen's sheet without a calibration file: how far the lens and the height put the outline off.
+"""Photos of a part on camgen's sheet without a calibration file: errors by lens and by height.
 
     python -m bench.photo.lenses [PHOTOS, 8] [FIRST, 0]    of each set, from seed FIRST on
 
-The rule, made before the work on it. A photo of 2400 x 1718 px shows the whole A4 sheet; a plate of 70 x 45 mm with
-round corners and a hole lies in its free area, turned at random. Photo k of n is tilted by 35 (k + 1/2) / n deg in a
-random direction. At random: f from 0.75 to 1.3 times the width; the principal point within 1 % of the width of the
-middle; k1 as the set says, k2 from 0.1 to 0.5 |k1|, p1 and p2 up to 3e-4 (none without a lens); the camera up to 1.25
-times as far as it must be; light and noise as in bench.render.photos. Walls are as bright as the paper. The job
-names the sheet and the height, and no camera.file.
+The rule, made before the work on it. A photo of 2400 x 1718 px shows the whole A4 sheet; a plate of
+70 x 45 mm with round corners and a hole lies in its free area, turned at random. Photo k of n is
+tilted by 35 (k + 1/2) / n deg in a random direction. At random: f from 0.75 to 1.3 times the width;
+the principal point within 1 % of the width of the middle; k1 as the set says, k2 from 0.1 to
+0.5 |k1|, p1 and p2 up to 3e-4 (none without a lens); the camera up to 1.25 times as far as it must
+be; light and noise as in bench.render.photos. Walls are as bright as the paper. The job names the
+sheet and the height, and no camera.file.
 
-The error is the distance of lines and arcs found from the true outline, at places 0.1 mm apart. Goals: 0.02 mm without
-a lens and with a mild one, 0.03 mm with a strong one, 0.1 mm for a height of 5 mm; no flat photo is refused, and
-none with a height that is tilted by 20 deg or more; no outline is 0.02 mm beyond its stated bound.
+The error is the distance of lines and arcs found from the true outline, at places 0.1 mm apart.
+Goals: 0.02 mm without a lens and with a mild one, 0.03 mm with a strong one, 0.1 mm for a height of
+5 mm; no flat photo is refused, and none with a height that is tilted by 20 deg or more; no outline
+is 0.02 mm beyond its stated bound.
 """
 
 from __future__ import annotations

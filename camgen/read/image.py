@@ -148,7 +148,10 @@ def _see(source: Source, job: Job, files: Files) -> _Seen:
     _nothing_unused(job)
     picture = _light(load(source, sensor=sensor), job)
     camera = read_camera(files.read(job.camera.file)) if job.camera.file else None
-    way = _Way(camera, _plane(picture, camera, job.camera), job, _by_alpha(picture, job.image))
+    plane = _plane(picture, camera, job.camera)
+    # The view is made with the camera that the sheet shows; that one is not calibrated.
+    used = plane.lens.camera if plane is not None and plane.lens is not None else camera
+    way = _Way(used, plane, job, _by_alpha(picture, job.image))
     empty = None
     if job.image.background:
         empty = _light(load(files.read(job.image.background), sensor=sensor), job)
@@ -410,7 +413,8 @@ def _placed(seen: _Seen, outlines_px: Sequence[FloatArray], job: Job) -> tuple[N
     step = max(1, len(outline) // _BOUND_PLACES)
     bound = error_bound(plane, seen.camera, (width, height), outline[::step])
     off = f"up to {short(bound.outside, 1)} mm outside of the points that gave the work plane"
-    bent = seen.camera is None and bound.outside > _OUTSIDE_MM
+    is_calibrated = seen.camera is not None and plane.lens is None
+    bent = not is_calibrated and bound.outside > _OUTSIDE_MM
     if (
         bent
         and bound.known
@@ -423,7 +427,7 @@ def _placed(seen: _Seen, outlines_px: Sequence[FloatArray], job: Job) -> tuple[N
             'image.accept = ["outside"]'
         )
         raise NoSafeProgram(seen.picture.name, what, remedy=remedy)
-    notes = [_note_bound(bound, seen.camera)] if bound.known else []
+    notes = [_note_bound(bound, is_calibrated)] if bound.known else []
     if bent:
         what = f"the part lies {off}, without a calibrated lens"
         how = _mm(bound.total) if bound.known else "unknown, there are too few points"
@@ -434,11 +438,17 @@ def _placed(seen: _Seen, outlines_px: Sequence[FloatArray], job: Job) -> tuple[N
     elif bound.lens > _LENS_MM:
         what = f"no camera.file is given, and a lens may move the part by {_mm(bound.lens)}"
         notes.append(Note("warning", what, "the points do not lie as without a lens"))
+    if bound.height > _LENS_MM:
+        what = f"the height may move the part by {_mm(bound.height)}"
+        why = "the focal length is from the sheet: tilt the camera more, or give camera.file"
+        notes.append(Note("warning", what, why, strict=True))
     return tuple(notes)
 
 
-def _note_bound(bound: ErrorBound, camera: Camera | None) -> Note:
-    lens = "the lens as calibrated" if camera is not None else f"{_mm(bound.lens)} by the lens"
+def _note_bound(bound: ErrorBound, is_calibrated: bool) -> Note:
+    lens = "the lens as calibrated" if is_calibrated else f"{_mm(bound.lens)} by the lens"
+    if bound.height:
+        lens += f", {_mm(bound.height)} by the height and the focal length"
     outside = "inside of the points"
     if bound.outside > _OUTSIDE_MM:
         outside = f"up to {short(bound.outside, 1)} mm outside of the points"
@@ -456,7 +466,7 @@ def _note_height(table: CameraTable) -> tuple[Note, ...]:
         return ()
     where = "board" if _BOARD.fullmatch(table.markers) else "sheet"
     what = f"height 0: the part's upper face lies in the plane of the {where}"
-    return (Note("assumed", what, "camera.height, with camera.file, says how far above it"),)
+    return (Note("assumed", what, "camera.height says how far above it"),)
 
 
 def _scale(view: ScaledView) -> str:
