@@ -1,13 +1,19 @@
 """Photos on camgen's sheet without a calibration file, rendered by bench.photo.lenses."""
 
 import re
+import struct
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from bench.photo.lenses import Photo, draw, errors, read_photo
+from bench.photo.lenses import SIZE, Photo, draw, errors, read_photo
+from bench.render.scene import render
 from camgen.model.errors import JobError
+from camgen.model.job import CameraTable, Job
 from camgen.model.part import Note, Part
+from camgen.read import read
+from tests.vision.test_image import app1, exif, jpeg
 
 
 def note_of(part: Part, words: str) -> Note:
@@ -59,6 +65,19 @@ def test_a_height_in_a_photo_without_a_lens(tmp_path: Path) -> None:
 def test_a_height_seen_from_straight_above_is_refused(tmp_path: Path) -> None:
     with pytest.raises(JobError, match=r"\[camera\] height: a height needs the focal length"):
         read_photo(tmp_path, photo("mild lens, 5 mm", 0), 5.0)
+
+
+def test_the_file_may_hold_the_focal_length(tmp_path: Path) -> None:
+    """Exif 2.3, tag 41989, a whole number of mm: the same photo from straight above is read."""
+    shot = photo("mild lens, 5 mm", 0)
+    film = round(shot.shot.lens.matrix[0, 0] / np.hypot(*SIZE) * 43.267)
+    entry = struct.pack("<HHHIHHI", 1, 41989, 3, 1, film, 0, 0)
+    file = tmp_path / "phone.jpg"
+    pixels = render(shot.scene, shot.shot)
+    file.write_bytes(jpeg([app1(exif([(0x8769, 4, 26)]) + entry)], pixels))
+    part = read(file, Job(camera=CameraTable(markers="A4", height=5.0)))
+    assert errors(part, shot.part).max() < 0.1
+    assert "the 35 mm focal length in the file" in note_of(part, "lens from the photo").why
 
 
 def test_a_flat_photo_without_a_lens_says_nothing_of_one(tmp_path: Path) -> None:

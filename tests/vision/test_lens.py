@@ -124,6 +124,26 @@ def test_from_straight_above_there_is_no_focal_length(k1: float) -> None:
         assert "f is a guess" in fitted.note.why
 
 
+def test_the_focal_length_of_the_file_helps_from_straight_above() -> None:
+    """3 % off, as a whole number of mm may be."""
+    for seed in range(6):
+        photo = take(seed, -0.15, 1.0)
+        focal = photo.camera.matrix[0, 0]
+        fitted = lens_of_sheet(photo.px, CORNERS, SIZE, True, 1.03 * focal)
+        assert fitted is not None
+        assert fitted.focal is not None
+        assert fitted.focal[0] < focal < fitted.focal[1]
+        assert abs(fitted.camera.matrix[0, 0] / focal - 1) < 0.06
+        assert "the 35 mm focal length in the file" in fitted.note.why
+
+
+def test_a_focal_length_of_the_file_that_the_tilt_contradicts() -> None:
+    photo = take(2, 0.0, 35.0)
+    fitted = lens_of_sheet(photo.px, CORNERS, SIZE, True, 2 * photo.camera.matrix[0, 0])
+    assert fitted is not None
+    assert fitted.focal is None
+
+
 def test_a_photo_that_was_cut_gets_no_lens() -> None:
     """The left fifth of the photo is missing: its middle is not that of the lens."""
     photo = take(5, -0.25)

@@ -119,7 +119,7 @@ def _with_lens(picture: Picture, marks: _Found, height: float) -> tuple[_Found, 
     kept = np.ones(len(marks.px), dtype=np.bool_)
     for _ in range(_LENS_ROUNDS):
         px, mm = marks.px[kept], marks.mm[kept]
-        lens = lens_of_sheet(px, mm, (width_px, height_px), bool(height))
+        lens = lens_of_sheet(px, mm, (width_px, height_px), bool(height), picture.focal_px)
         camera = None if lens is None else lens.camera
         moved = 0.0
         if marks.kind == "marker" and camera is not None:
@@ -139,8 +139,8 @@ def _check_focal_length(lens: SheetLens | None) -> None:
         raise JobError(
             "[camera] height",
             "a height needs the focal length, which this photo does not show",
-            remedy="tilt the camera by 20 to 40 deg and do not cut the photo, or give camera.file "
-            "(camgen calibrate)",
+            remedy="tilt the camera by 20 to 40 deg and do not cut the photo, take it with a phone "
+            "that writes the 35 mm focal length, or give camera.file (camgen calibrate)",
         )
 
 

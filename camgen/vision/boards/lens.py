@@ -46,6 +46,9 @@ _FOCAL = np.geomspace(0.45, 12.0, 160)
 #: Focal lengths agree with the corners up to this number of standard deviations. The best one
 #: contradicts them beyond the second number.
 AGREES, _CONTRADICTS = 3.0, 5.0
+#: A focal length by the 35 mm focal length of the file is right to within this share: it is a whole
+#: number of mm, and of the lens focused at infinity.
+_BY_FILE = 0.05
 #: The focal length is known if none that agrees is further off than by this factor.
 _KNOWN = 1.25
 _ROUNDS, _SETTLED = 40, 1e-10
@@ -197,11 +200,16 @@ def chance_of(with_lens: float, without: float, freedom: float) -> float:
 
 
 def lens_of_sheet(
-    px: FloatArray, mm: FloatArray, size: tuple[int, int], needs_focal: bool
+    px: FloatArray,
+    mm: FloatArray,
+    size: tuple[int, int],
+    needs_focal: bool,
+    focal_px: float | None = None,
 ) -> SheetLens | None:
     """The lens that corners (N, 2), px and mm, of a sheet show in a photo of ``size`` px.
 
     needs_focal: whether a camera is of use that bends nothing.
+    focal_px: the focal length by the photo's file, px.
     None: they show no lens, or one that cannot be used.
     """
     if len(px) < _LEAST_CORNERS:
@@ -219,20 +227,29 @@ def lens_of_sheet(
         return None
     rms = [half * math.sqrt(fit.squares / len(px)) for fit in (plain, bent)]
     fit = bent if bends else plain
-    focal, interval = _focal_length(fit)
+    focal, interval = _focal_length(fit, None if focal_px is None else focal_px / half)
     camera = _camera(fit, focal * half, size, bends)
     if not holds(camera):
         return None
     bounds = None if interval is None else (interval[0] * half, interval[1] * half)
     deviations = np.sqrt(np.diag(fit.covariance)[[11, 12, 9, 10]])
     deviations *= [focal**2, focal**4, half, half]
-    note = _note(camera, bends, bounds, rms, len(px))
+    length, source = _tell_focal(camera.matrix[0, 0], bounds, focal_px is not None)
+    fits = f"{counted(len(px), 'corner')} lie within {rms[0]:.2f} px rms without a lens"
+    lens = f"{length}, no distortion"
+    if bends:
+        k1, k2 = camera.distortion[:2].tolist()
+        lens = f"k1 {short(k1, 4)}, k2 {short(k2, 4)}, {length}"
+        fits += f", {rms[1]:.2f} px with it"
+    note = _note(camera, lens, f"{fits}; {source}")
     return SheetLens(camera, bends, bounds, frozen(deviations), note)
 
 
-def _focal_length(fit: _Fit) -> tuple[float, tuple[float, float] | None]:
+def _focal_length(fit: _Fit, by_file: float | None) -> tuple[float, tuple[float, float] | None]:
     """The best focal length, and the interval that agrees; None if the interval is too wide."""
     squares = np.array([fit.contradiction(focal) for focal in _FOCAL.tolist()])
+    if by_file is not None:
+        squares += (np.log(_FOCAL / by_file) / _BY_FILE) ** 2
     least = int(np.argmin(squares))
     best = float(_FOCAL[least])
     if 0 < least < len(_FOCAL) - 1:
@@ -258,25 +275,17 @@ def _camera(fit: _Fit, focal: float, size: tuple[int, int], bends: bool) -> Came
     return Camera(frozen(matrix), frozen(lens), size, "of the sheet")
 
 
-def _note(
-    camera: Camera, bends: bool, focal: tuple[float, float] | None, rms: list[float], count: int
-) -> Note:
-    length = f"{camera.matrix[0, 0]:.0f} px"
-    source = "f from the tilt"
-    if focal is None:
-        source = "f is a guess, the camera is tilted too little"
-    else:
-        length += f" ({focal[0]:.0f} to {focal[1]:.0f})"
-    fits = f"{counted(count, 'corner')} lie within {rms[0]:.2f} px rms without a lens"
-    if bends:
-        k1, k2 = camera.distortion[:2].tolist()
-        what = f"lens from the photo: k1 {short(k1, 4)}, k2 {short(k2, 4)}, f {length}"
-        fits += f", {rms[1]:.2f} px with it"
-    else:
-        what = f"lens from the photo: f {length}, no distortion"
+def _note(camera: Camera, lens: str, fits: str) -> Note:
     distance = np.linalg.norm(camera.matrix[:2, 2] - (np.array(camera.size) - 1) / 2)
-    why = (
-        f"{fits}; {source}; its axis is {distance:.0f} px from the middle of the photo, "
-        "which is not cut"
+    axis = f"principal point {distance:.0f} px from the middle of the photo, which must not be cut"
+    return Note("assumed", f"lens from the photo: {lens}", f"{fits}; {axis}")
+
+
+def _tell_focal(focal: float, bounds: tuple[float, float] | None, by_file: bool) -> tuple[str, str]:
+    """The focal length with its bounds, px, and its source."""
+    if bounds is None:
+        return f"f {focal:.0f} px", "f is a guess, the corners do not show it"
+    source = (
+        "f from the tilt and the 35 mm focal length in the file" if by_file else "f from the tilt"
     )
-    return Note("assumed", what, why)
+    return f"f {focal:.0f} px ({bounds[0]:.0f} to {bounds[1]:.0f})", source
