@@ -29,6 +29,7 @@ from camgen.vision.lines_arcs.contours import OutlineFit, primitives
 from camgen.vision.mask.part_mask import Mask, is_cut_out, part_mask
 from camgen.vision.outline import outlines
 from camgen.vision.plane import Plane, map_points, plane_from_points, plane_from_pose
+from camgen.vision.side_wall import cameras_of, find_side_wall
 from camgen.vision.to_scale import (
     Region,
     ScaledView,
@@ -48,6 +49,8 @@ _LARGE, _COARSER, _ROOM_PX, _ROOM_SHARE = 2_000_000, 4, 24, 0.12
 _BOUND_PLACES = 500
 #: A part that leaves the hull of the points by no more, mm, is inside: its outline has a width.
 _OUTSIDE_MM = 0.5
+#: A side wall is that of the given height if its own differs by no more than this share.
+_SAME_HEIGHT = 0.35
 #: A lens that may move a part by more than this, mm, is a warning.
 _LENS_MM = 0.1
 
@@ -87,14 +90,15 @@ def read(source: Source, job: Job, files: Files) -> Part:
     seen = _see(source, job, files)
     found, notes = outlines(seen.mask.grey, seen.mask.pixels)
     drawn, fits, more = primitives(found, seen.view.work_from_view)
-    placed = _placed(seen, [outline.points for outline in found], job)
+    borders = tuple(outline.points for outline in found)
+    placed = _placed(seen, borders, job)
     raster = Raster(
         photo=seen.picture.pixels,
         framed=_frame(seen),
         view=seen.view.pixels,
         work_from_view=seen.view.work_from_view,
         mask=seen.mask.pixels,
-        borders=tuple(outline.points for outline in found),
+        borders=borders,
         doubt=seen.mask.doubt,
         blur=float(np.median([outline.blur for outline in found])) if found else 0.0,
     )
@@ -103,7 +107,15 @@ def read(source: Source, job: Job, files: Files) -> Part:
         source.name,
         _scale(seen.view),
         drawn,
-        (*_note_height(job.camera), *_notes(seen), *placed, *notes, *more, *_tell_fit(fits)),
+        (
+            *_note_height(job.camera),
+            *_note_wall(seen, borders, job),
+            *_notes(seen),
+            *placed,
+            *notes,
+            *more,
+            *_tell_fit(fits),
+        ),
         raster,
     )
 
@@ -467,6 +479,34 @@ def _note_height(table: CameraTable) -> tuple[Note, ...]:
     where = "board" if _BOARD.fullmatch(table.markers) else "sheet"
     what = f"height 0: the part's upper face lies in the plane of the {where}"
     return (Note("assumed", what, "camera.height says how far above it"),)
+
+
+def _note_wall(seen: _Seen, borders: Sequence[FloatArray], job: Job) -> tuple[Note, ...]:
+    """A warning of a side wall in the picture.
+
+    Without a height, the outline is shifted. With one, it is wrong where it runs along the foot.
+    """
+    if seen.plane is None or not job.camera.markers or not borders:
+        return ()
+    cameras = cameras_of(seen.picture, seen.plane, seen.camera)
+    matrix = seen.view.work_from_view
+    pixels = seen.view.pixels, seen.mask.pixels
+    wall = find_side_wall(*pixels, matrix, borders, seen.plane, cameras)
+    if wall is None:
+        return ()
+    given = job.camera.height
+    if given:
+        if not wall.is_part or abs(wall.highest - given) > _SAME_HEIGHT * given:
+            return ()
+        what = f"the outline runs along the foot of a side wall, up to {_mm(wall.width)} off"
+        why = "give image.threshold between the tones of wall and upper face, or light the walls"
+        return (Note("warning", what, why, strict=True),)
+    height = f"about {short(wall.highest, 1)} mm"
+    if wall.lowest < wall.highest:
+        height = f"{short(wall.lowest, 1)} to {short(wall.highest, 1)} mm"
+    what = f"a side wall of the part is in the picture, {height} high"
+    why = f"that moves the outline by up to {short(wall.shift, 1)} mm: give camera.height"
+    return (Note("warning", what, why, strict=True),)
 
 
 def _scale(view: ScaledView) -> str:

@@ -234,7 +234,7 @@ def lens_of_sheet(
     bounds = None if interval is None else (interval[0] * half, interval[1] * half)
     deviations = np.sqrt(np.diag(fit.covariance)[[11, 12, 9, 10]])
     deviations *= [focal**2, focal**4, half, half]
-    length, source = _tell_focal(camera.matrix[0, 0], bounds, focal_px is not None)
+    length, source = _focal_words(camera.matrix[0, 0], bounds, focal_px is not None)
     fits = f"{counted(len(px), 'corner')} lie within {rms[0]:.2f} px rms without a lens"
     lens = f"{length}, no distortion"
     if bends:
@@ -281,7 +281,9 @@ def _note(camera: Camera, lens: str, fits: str) -> Note:
     return Note("assumed", f"lens from the photo: {lens}", f"{fits}; {axis}")
 
 
-def _tell_focal(focal: float, bounds: tuple[float, float] | None, by_file: bool) -> tuple[str, str]:
+def _focal_words(
+    focal: float, bounds: tuple[float, float] | None, by_file: bool
+) -> tuple[str, str]:
     """The focal length with its bounds, px, and its source."""
     if bounds is None:
         return f"f {focal:.0f} px", "f is a guess, the corners do not show it"
