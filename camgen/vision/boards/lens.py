@@ -22,7 +22,7 @@ from camgen.model.part import Note
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, short
 from camgen.vision.camera.calibrate import holds
-from camgen.vision.camera.camera import Camera
+from camgen.vision.camera.camera import Camera, undistort
 from camgen.vision.camera.sheet_lens import SheetLens
 from camgen.vision.plane import depth, fit_homography, map_points
 
@@ -36,9 +36,9 @@ _EXACT_PX = 0.005
 _INDEPENDENT = 0.5
 #: Usual sizes in half diagonals: of the way from the photo's middle to the principal point, of k2,
 #: and of p1 and p2. k1 has no prior.
-_PRIORS = {"c": 0.016, "k2": 0.05, "p": 5e-4}
-#: A principal point further from the middle, in standard deviations of its prior: the photo is cut.
-_CUT = 4.0
+_PRIORS = {"c": 0.02, "k2": 0.05, "p": 5e-4}
+#: A photo with its principal point further from the middle, in half diagonals, was cut.
+_CUT = 0.1
 #: Printers stretch paper, and pixels are not quite square: relative length of the sheet's axes.
 _STRETCH = 0.002
 #: Focal lengths that are tried, in half diagonals: field angles of the diagonal from 130 to 9 deg.
@@ -170,23 +170,23 @@ class _Fit:
         self.covariance = np.zeros((_COUNT, _COUNT))
         self.covariance[np.ix_(used, used)] = self.sigma**2 * inverse @ inverse.T
 
-    def _axes(self, focal: float, step: FloatArray) -> FloatArray:
-        """Relative length and cosine of the sheet's axes with changed numbers (11,): (2,)."""
-        homography = self.homography + step[:9].reshape(3, 3)
-        centre = self.bend.centre + step[9:]
-        plane = homography[:2, :2] - centre[:, None] * homography[2:, :2]
-        axes = np.vstack([plane / focal, homography[2:, :2]])
-        a, b = np.linalg.norm(axes, axis=0)
-        return np.array([np.log(a / b), axes[:, 0] @ axes[:, 1] / (a * b)])
+    def _axes(self, focal: float, steps: FloatArray) -> FloatArray:
+        """Relative length and cosine (S, 2) of the axes after steps (S, 11) of the numbers."""
+        homography = self.homography + steps[:, :9].reshape(-1, 3, 3)
+        centre = self.bend.centre + steps[:, 9:]
+        plane = homography[:, :2, :2] - centre[:, :, None] * homography[:, 2:, :2]
+        axes = np.concatenate([plane / focal, homography[:, 2:, :2]], axis=1)
+        lengths = np.linalg.norm(axes, axis=1)
+        cosines = (axes[:, :, 0] * axes[:, :, 1]).sum(axis=1) / lengths.prod(axis=1)
+        return np.column_stack([np.log(lengths[:, 0] / lengths[:, 1]), cosines])
 
     def contradiction(self, focal: float) -> float:
         """The squared distance of a focal length from agreement with the sheet, in deviations."""
         steps = 1e-6 * np.eye(11)
-        columns = [self._axes(focal, step) - self._axes(focal, -step) for step in steps]
-        slopes = np.column_stack(columns) / 2e-6
+        axes = self._axes(focal, np.vstack([np.zeros((1, 11)), steps, -steps]))
+        slopes = (axes[1:12] - axes[12:]).T / 2e-6
         variance = slopes @ self.covariance[:11, :11] @ slopes.T + _STRETCH**2 * np.eye(2)
-        axes = self._axes(focal, np.zeros(11))
-        return float(axes @ np.linalg.solve(variance, axes))
+        return float(axes[0] @ np.linalg.solve(variance, axes[0]))
 
 
 def chance_of(with_lens: float, without: float, freedom: float) -> float:
@@ -221,7 +221,7 @@ def lens_of_sheet(
     bent = _Fit(corners, mm, exact, bends=True)
     freedom, least = _INDEPENDENT * (2 * len(px) - 14), 2 * len(px) * exact**2
     bends = chance_of(bent.squares + least, plain.squares + least, freedom) < _CHANCE
-    if bends and np.abs(bent.bend.centre).max() > _CUT * _PRIORS["c"]:
+    if bends and np.abs(bent.bend.centre).max() > _CUT:
         return None
     if not bends and not needs_focal:
         return None
@@ -229,7 +229,7 @@ def lens_of_sheet(
     fit = bent if bends else plain
     focal, interval = _focal_length(fit, None if focal_px is None else focal_px / half)
     camera = _camera(fit, focal * half, size, bends)
-    if not holds(camera):
+    if not np.isfinite(undistort(camera, px)).all():
         return None
     bounds = None if interval is None else (interval[0] * half, interval[1] * half)
     deviations = np.sqrt(np.diag(fit.covariance)[[11, 12, 9, 10]])
@@ -241,6 +241,8 @@ def lens_of_sheet(
         k1, k2 = camera.distortion[:2].tolist()
         lens = f"k1 {short(k1, 4)}, k2 {short(k2, 4)}, {length}"
         fits += f", {rms[1]:.2f} px with it"
+    if not holds(camera):
+        fits += "; it does not reach the corners of the photo"
     note = _note(camera, lens, f"{fits}; {source}")
     return SheetLens(camera, bends, bounds, frozen(deviations), note)
 
