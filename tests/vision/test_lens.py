@@ -1,5 +1,6 @@
 """The lens that one photo of a sheet shows, against corners by cv2.projectPoints."""
 
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -7,13 +8,17 @@ import pytest
 from msgspec.structs import replace
 
 from camgen.model.pose import Pose, frozen
+from camgen.vision.boards.corners import chessboard
 from camgen.vision.boards.lens import chance_of, lens_of_sheet
 from camgen.vision.boards.sheet import sheet
+from camgen.vision.camera.calibrate import photograph
 from camgen.vision.camera.camera import Camera, distort, undistort
 from camgen.vision.error_bound import error_bound
 from camgen.vision.plane import fit_homography, map_points, plane_from_points
+from tests.support.files import source
 from tests.vision.test_plane import looking, seen
 
+REAL = Path(__file__).parents[2].parent / "shared" / "data" / "calib" / "opencv-left"
 SIZE = (2400, 1718)
 MIDDLE = np.array([1199.5, 858.5])
 CORNERS = sheet("A4").corners.reshape(-1, 2)
@@ -150,6 +155,29 @@ def test_a_photo_that_was_cut_gets_no_lens() -> None:
     cut = photo.px - [480.0, 0]
     inside = cut[:, 0] > 0
     assert lens_of_sheet(cut[inside], CORNERS[inside], (1920, SIZE[1]), needs_focal=True) is None
+
+
+@pytest.mark.skipif(not REAL.is_dir(), reason="the developer data set is not beside the repository")
+def test_real_photos_of_a_cheap_camera() -> None:
+    """13 photos of a chessboard, principal point 3.6 % off. All of them together give f = 534 px.
+
+    Half of each board is fitted, and the other half predicted: without the lens 6 mm off or more.
+    """
+    for file in sorted(REAL.glob("*.jpg")):
+        board = photograph(source(file), chessboard(9, 6, 25.0))
+        assert board.seen is not None
+        px, mm = board.seen.corners, board.seen.places
+        lens = lens_of_sheet(px, mm, board.size, needs_focal=True)
+        assert lens is not None
+        assert lens.focal is not None
+        assert lens.focal[0] < 534 < lens.focal[1]
+        assert abs(lens.camera.matrix[0, 0] / 534 - 1) < 0.05
+        left = mm[:, 0] < np.median(mm[:, 0])
+        half = lens_of_sheet(px[left], mm[left], board.size, needs_focal=False)
+        assert half is not None
+        ideal = undistort(half.camera, px)
+        back = np.linalg.inv(fit_homography(mm[left], ideal[left]))
+        assert np.linalg.norm(map_points(back, ideal) - mm, axis=1).max() < 2.5
 
 
 def test_few_corners_show_no_lens() -> None:
