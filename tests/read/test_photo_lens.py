@@ -2,17 +2,20 @@
 
 import re
 import struct
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from bench.photo.lenses import SIZE, Photo, draw, errors, read_photo
-from bench.render.scene import render
+from bench.photo.lenses import PAPER, SIZE, Photo, draw, errors, read_photo
+from bench.render.board import markers
+from bench.render.scene import render, written
 from camgen.model.errors import JobError
 from camgen.model.job import CameraTable, Job
 from camgen.model.part import Note, Part
 from camgen.read import read
+from camgen.vision.boards.sheet import DICTIONARY
 from tests.vision.test_image import app1, exif, jpeg
 
 
@@ -83,3 +86,27 @@ def test_the_file_may_hold_the_focal_length(tmp_path: Path) -> None:
 def test_a_flat_photo_without_a_lens_says_nothing_of_one(tmp_path: Path) -> None:
     part = read_photo(tmp_path, photo("no lens", 4), 0.0)
     assert not [note for note in part.notes if "lens" in note.what]
+
+
+def test_a_mark_in_a_wrong_place_is_left_out_behind_a_strong_lens(tmp_path: Path) -> None:
+    """Marker 3 is printed 1 mm too far to the right. Without the lens, all corners are 6 px off."""
+    shot = photo("strong lens", 4)
+    corners = PAPER.corners.copy()
+    corners[3, :, 0] += 1.0
+    _, ink = markers((0, 0, 1, 1), PAPER.ids, corners, DICTIONARY)
+    page, _, top = shot.scene.layers
+    part = read_photo(
+        tmp_path, shot._replace(scene=replace(shot.scene, layers=(page, ink, top))), 0.0
+    )
+    assert note_of(part, "marker 3 left out").kind == "warning"
+    assert errors(part, shot.part).max() < 0.03
+
+
+def test_a_cut_photo_of_a_flat_part(tmp_path: Path) -> None:
+    """The left sixth is missing. The corners show where the axis of a strong lens is."""
+    shot = photo("strong lens", 2)
+    file = tmp_path / "cut.png"
+    written(file, np.ascontiguousarray(render(shot.scene, shot.shot)[:, 400:]))
+    part = read(file, Job(camera=CameraTable(markers="A4")))
+    assert errors(part, shot.part).max() < 0.03
+    assert "f is a guess" in note_of(part, "lens from the photo").why

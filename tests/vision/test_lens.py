@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
+from camgen.model.errors import JobError
 from camgen.model.pose import Pose, frozen
 from camgen.vision.boards.corners import chessboard
 from camgen.vision.boards.lens import chance_of, lens_of_sheet
@@ -149,12 +150,26 @@ def test_a_focal_length_of_the_file_that_the_tilt_contradicts() -> None:
     assert fitted.focal is None
 
 
-def test_a_photo_that_was_cut_gets_no_lens() -> None:
-    """The left fifth of the photo is missing: its middle is not that of the lens."""
+def test_a_photo_that_was_cut_has_a_lens_and_no_focal_length() -> None:
+    """The left fifth of the photo is missing: the principal point is 240 px off its middle."""
     photo = take(5, -0.25)
     cut = photo.px - [480.0, 0]
     inside = cut[:, 0] > 0
-    assert lens_of_sheet(cut[inside], CORNERS[inside], (1920, SIZE[1]), needs_focal=True) is None
+    lens = lens_of_sheet(cut[inside], CORNERS[inside], (1920, SIZE[1]), needs_focal=True)
+    assert lens is not None
+    assert lens.focal is None
+    ideal = undistort(lens.camera, seen(photo.camera, photo.pose, PART) - [480.0, 0])
+    plane = plane_from_points(lens.camera, cut[inside], CORNERS[inside])
+    assert np.linalg.norm(map_points(plane.work_from_pixel, ideal) - PART, axis=1).max() < 0.03
+
+
+def test_a_lens_is_no_reason_to_measure_a_corner_again() -> None:
+    """Corners of a sheet that contradict each other were not measured by the user."""
+    photo = take(5, -0.25)
+    with pytest.raises(JobError) as caught:
+        plane_from_points(None, photo.px, CORNERS, source="photo.png: sheet")
+    assert "measure it again" not in str(caught.value)
+    assert "if the lens bends much, give camera.file" in str(caught.value)
 
 
 @pytest.mark.skipif(not REAL.is_dir(), reason="the developer data set is not beside the repository")

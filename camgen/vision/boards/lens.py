@@ -37,7 +37,8 @@ _INDEPENDENT = 0.5
 #: Usual sizes in half diagonals: of the way from the photo's middle to the principal point, of k2,
 #: and of p1 and p2. k1 has no prior.
 _PRIORS = {"c": 0.02, "k2": 0.05, "p": 5e-4}
-#: A photo with its principal point further from the middle, in half diagonals, was cut.
+#: A photo with its principal point further from the middle, in half diagonals, was cut: its lens
+#: is that of its corners, and its focal length is not known.
 _CUT = 0.1
 #: Printers stretch paper, and pixels are not quite square: relative length of the sheet's axes.
 _STRETCH = 0.002
@@ -221,8 +222,7 @@ def lens_of_sheet(
     bent = _Fit(corners, mm, exact, bends=True)
     freedom, least = _INDEPENDENT * (2 * len(px) - 14), 2 * len(px) * exact**2
     bends = chance_of(bent.squares + least, plain.squares + least, freedom) < _CHANCE
-    if bends and np.abs(bent.bend.centre).max() > _CUT:
-        return None
+    is_cut = bends and float(np.abs(bent.bend.centre).max()) > _CUT
     if not bends and not needs_focal:
         return None
     rms = [half * math.sqrt(fit.squares / len(px)) for fit in (plain, bent)]
@@ -231,7 +231,7 @@ def lens_of_sheet(
     camera = _camera(fit, focal * half, size, bends)
     if not np.isfinite(undistort(camera, px)).all():
         return None
-    bounds = None if interval is None else (interval[0] * half, interval[1] * half)
+    bounds = None if interval is None or is_cut else (interval[0] * half, interval[1] * half)
     deviations = np.sqrt(np.diag(fit.covariance)[[11, 12, 9, 10]])
     deviations *= [focal**2, focal**4, half, half]
     length, source = _focal_words(camera.matrix[0, 0], bounds, focal_px is not None)
