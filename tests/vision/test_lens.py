@@ -122,6 +122,31 @@ def test_the_tilt_tells_the_focal_length(k1: float) -> None:
 
 
 @pytest.mark.parametrize("k1", [0.0, -0.15])
+def test_the_bound_of_a_height_covers_focal_length_and_principal_point(k1: float) -> None:
+    """A part 5 mm high. At the distance d, a principal point that is off by s px moves the place
+    below the camera by s d / f, and the outline by the share h / (d - h) of that.
+    """
+    for seed in range(8):
+        photo = take(seed, k1, 28.0)
+        lens = lens_of_sheet(photo.px, CORNERS, SIZE, needs_focal=True)
+        assert lens is not None
+        plane = plane_from_points(lens.camera, photo.px, CORNERS, height=5.0)
+        plane = replace(plane, lens=lens)
+        px = undistort(lens.camera, seen(photo.camera, photo.pose, PART, 5.0))
+        outline = map_points(plane.work_from_pixel, px)
+        bound = error_bound(plane, lens.camera, SIZE, outline)
+        assert np.linalg.norm(outline - PART, axis=1).max() < bound.total < 0.6
+        focal = lens.camera.matrix[0, 0]
+        exact = replace(plane, lens=replace(lens, focal=(focal, focal)))
+        shift = 5 * 3 * np.hypot(*lens.deviations[2:]) / focal
+        alone = error_bound(exact, lens.camera, SIZE, outline)
+        assert 0.7 * shift < alone.height < 1.5 * shift
+        assert bound.height > alone.height
+        each = [error_bound(plane, lens.camera, SIZE, place[None]).total for place in outline]
+        assert bound.total == pytest.approx(max(each), rel=1e-9)
+
+
+@pytest.mark.parametrize("k1", [0.0, -0.15])
 def test_from_straight_above_there_is_no_focal_length(k1: float) -> None:
     for seed in range(6):
         fitted = lens_of_sheet(take(seed, k1, 1.0).px, CORNERS, SIZE, needs_focal=True)
