@@ -30,6 +30,7 @@ from camgen.vision.mask.channel import remove_shadows
 from camgen.vision.mask.part_mask import Mask, is_cut_out, part_mask
 from camgen.vision.outline import Outline, outlines
 from camgen.vision.plane import Plane, map_points, plane_from_points, plane_from_pose
+from camgen.vision.side_wall import cameras_of, find_side_wall
 from camgen.vision.to_scale import (
     Region,
     ScaledView,
@@ -53,6 +54,8 @@ _OUTSIDE_MM = 0.5
 _UNSHARP_PX = 2.0
 #: Operations on patterns, in which small pieces are meant as much as large ones.
 _OF_PATTERNS = ("trace", "fill", "drill")
+#: A side wall is that of the given height if its own differs by no more than this share.
+_SAME_HEIGHT = 0.35
 #: A lens that may move a part by more than this, mm, is a warning.
 _LENS_MM = 0.1
 
@@ -112,6 +115,7 @@ def _outline(source: Source, job: Job, files: Files) -> tuple[Part, Sequence[Out
     seen = _see(source, job, files)
     borders, notes = outlines(seen.mask.grey, seen.mask.pixels)
     _insist_on_edges(source.name, borders, job)
+    points = tuple(border.points for border in borders)
     blur = float(np.median([border.blur for border in borders])) if borders else 0.0
     raster = Raster(
         photo=seen.picture.pixels,
@@ -119,12 +123,18 @@ def _outline(source: Source, job: Job, files: Files) -> tuple[Part, Sequence[Out
         view=seen.view.pixels,
         work_from_view=seen.view.work_from_view,
         mask=seen.mask.pixels,
-        borders=tuple(border.points for border in borders),
+        borders=points,
         doubt=seen.mask.doubt,
         blur=blur,
     )
-    placed = _placed(seen, [border.points for border in borders], job)
-    found = (*_note_height(job.camera), *_notes(seen), *placed, *_note_blur(blur), *notes)
+    found = (
+        *_note_height(job.camera),
+        *_note_wall(seen, points, job),
+        *_notes(seen),
+        *_placed(seen, points, job),
+        *_note_blur(blur),
+        *notes,
+    )
     return Part(source.stem, source.name, _scale(seen.view), (), found, raster), borders
 
 
@@ -191,7 +201,10 @@ def _see(source: Source, job: Job, files: Files) -> _Seen:
     _nothing_unused(job)
     picture = _light(load(source, sensor=sensor), job)
     camera = read_camera(files.read(job.camera.file)) if job.camera.file else None
-    way = _Way(camera, _plane(picture, camera, job.camera), job, _by_alpha(picture, job.image))
+    plane = _plane(picture, camera, job.camera)
+    # The view is made with the camera that the sheet shows; that one is not calibrated.
+    used = plane.lens.camera if plane is not None and plane.lens is not None else camera
+    way = _Way(used, plane, job, _by_alpha(picture, job.image))
     empty = _second(picture, job, files, "background") if job.image.background else None
     if job.image.lamp_moved:
         other = _second(picture, job, files, "lamp_moved")
@@ -465,7 +478,8 @@ def _placed(seen: _Seen, outlines_px: Sequence[FloatArray], job: Job) -> tuple[N
     step = max(1, len(outline) // _BOUND_PLACES)
     bound = error_bound(plane, seen.camera, (width, height), outline[::step])
     off = f"up to {short(bound.outside, 1)} mm outside of the points that gave the work plane"
-    bent = seen.camera is None and bound.outside > _OUTSIDE_MM
+    is_calibrated = seen.camera is not None and plane.lens is None
+    bent = not is_calibrated and bound.outside > _OUTSIDE_MM
     if (
         bent
         and bound.known
@@ -478,7 +492,7 @@ def _placed(seen: _Seen, outlines_px: Sequence[FloatArray], job: Job) -> tuple[N
             'image.accept = ["outside"]'
         )
         raise NoSafeProgram(seen.picture.name, what, remedy=remedy)
-    notes = [_note_bound(bound, seen.camera)] if bound.known else []
+    notes = [_note_bound(bound, is_calibrated)] if bound.known else []
     if bent:
         what = f"the part lies {off}, without a calibrated lens"
         how = _mm(bound.total) if bound.known else "unknown, there are too few points"
@@ -489,11 +503,17 @@ def _placed(seen: _Seen, outlines_px: Sequence[FloatArray], job: Job) -> tuple[N
     elif bound.lens > _LENS_MM:
         what = f"no camera.file is given, and a lens may move the part by {_mm(bound.lens)}"
         notes.append(Note("warning", what, "the points do not lie as without a lens"))
+    if bound.height > _LENS_MM:
+        what = f"the height may move the part by {_mm(bound.height)}"
+        why = "the focal length is from the sheet: tilt the camera more, or give camera.file"
+        notes.append(Note("warning", what, why, strict=True))
     return tuple(notes)
 
 
-def _note_bound(bound: ErrorBound, camera: Camera | None) -> Note:
-    lens = "the lens as calibrated" if camera is not None else f"{_mm(bound.lens)} by the lens"
+def _note_bound(bound: ErrorBound, is_calibrated: bool) -> Note:
+    lens = "the lens as calibrated" if is_calibrated else f"{_mm(bound.lens)} by the lens"
+    if bound.height:
+        lens += f", {_mm(bound.height)} by the height and the focal length"
     outside = "inside of the points"
     if bound.outside > _OUTSIDE_MM:
         outside = f"up to {short(bound.outside, 1)} mm outside of the points"
@@ -513,7 +533,36 @@ def _note_height(table: CameraTable) -> tuple[Note, ...]:
     if _BOARD.fullmatch(table.markers):
         where = "board"
     what = f"height 0: the part's upper face lies in the plane of the {where}"
-    return (Note("assumed", what, "camera.height, with camera.file, says how far above it"),)
+    calibration = "" if table.markers else ", with camera.file,"
+    return (Note("assumed", what, f"camera.height{calibration} says how far above it"),)
+
+
+def _note_wall(seen: _Seen, borders: Sequence[FloatArray], job: Job) -> tuple[Note, ...]:
+    """A warning of a side wall in the picture.
+
+    Without a height, the outline is shifted. With one, it is wrong where it runs along the foot.
+    """
+    if seen.plane is None or not job.camera.markers or not borders:
+        return ()
+    cameras = cameras_of(seen.picture, seen.plane, seen.camera)
+    matrix = seen.view.work_from_view
+    pixels = seen.view.pixels, seen.mask.pixels
+    wall = find_side_wall(*pixels, matrix, borders, seen.plane, cameras)
+    if wall is None:
+        return ()
+    given = job.camera.height
+    if given:
+        if not wall.is_part or abs(wall.highest - given) > _SAME_HEIGHT * given:
+            return ()
+        what = f"the outline runs along the foot of a side wall, up to {_mm(wall.width)} off"
+        why = "give image.threshold between the tones of wall and upper face, or light the walls"
+        return (Note("warning", what, why, strict=True),)
+    height = f"about {short(wall.highest, 1)} mm"
+    if wall.lowest < wall.highest:
+        height = f"{short(wall.lowest, 1)} to {short(wall.highest, 1)} mm"
+    what = f"a side wall of the part is in the picture, {height} high"
+    why = f"that moves the outline by up to {short(wall.shift, 1)} mm: give camera.height"
+    return (Note("warning", what, why, strict=True),)
 
 
 def _scale(view: ScaledView) -> str:

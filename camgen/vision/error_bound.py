@@ -7,7 +7,8 @@ middle of the photo. To first order in k and in the changes of the homography
 
 A calibrated camera has k = 0. Otherwise the bound allows for the k that fits best and for four
 times its standard deviation on either side. Such a distortion agrees with the points, and it moves
-places beside them. The noise of the points adds four standard deviations of the place, in the
+places beside them. If a sheet shows its lens, the bound has the deviations of that fit instead.
+The noise of the points adds four standard deviations of the place, in the
 direction of the largest deviation.
 
 Few corners can show one radial term. The bound leaves out higher terms, and a lens beside the
@@ -19,10 +20,13 @@ from __future__ import annotations
 
 import numpy as np
 from msgspec import Struct
+from msgspec.structs import replace
 
 from camgen.model.pose import FloatArray
+from camgen.vision.boards.lens import AGREES, bend_of, homography_slopes
 from camgen.vision.camera.camera import Camera, undistort
-from camgen.vision.plane import Plane, depth, map_points
+from camgen.vision.camera.sheet_lens import SheetLens
+from camgen.vision.plane import Plane, depth, map_points, raise_plane
 
 #: The bound covers this many standard deviations on either side. Three are enough for independent
 #: corners. Near corners err alike, and their residuals do not show that.
@@ -40,18 +44,20 @@ class ErrorBound(Struct, frozen=True):
     noise: the share of the noise of the points.
     lens: the share of a distortion that nothing corrects; 0 with a calibrated camera.
     outside: the distance of the outline from the convex hull of the points; 0 inside.
+    height: the share of a height above a sheet whose photo gave the focal length.
     known: whether the points are enough for noise and lens.
     """
 
     noise: float
     lens: float
     outside: float
+    height: float = 0.0
     known: bool = True
 
     @property
     def total(self) -> float:
-        """Both together, mm."""
-        return self.noise + self.lens
+        """All shares together, mm."""
+        return self.noise + self.lens + self.height
 
 
 def error_bound(
@@ -60,25 +66,49 @@ def error_bound(
     """The bound of an outline. The height of the part counts as exact.
 
     plane: a work plane from points.
+    camera: the calibrated camera; None, or that of ``plane.lens``, without one.
     size: width and height of the photo, px.
     outline: (N, 2), mm in the work plane.
     """
-    measured = plane.pairs_px if camera is None else undistort(camera, plane.pairs_px)
     homography = plane.pixel_from_work @ plane.work_from_pairs
     below = np.linalg.inv(plane.work_from_pairs).astype(np.float64, copy=False)
     places = map_points(below, outline)
     outside = _distance_outside(plane.pairs_mm, places)
-    unknowns = 8 if camera is not None else 9
-    freedom = 2 * len(measured) - unknowns
-    if freedom < _LEAST_FREEDOM:
-        return ErrorBound(0.0, 0.0, outside, known=False)
+    raised = np.zeros(len(places))
+    if plane.lens is not None:
+        camera = None
+        raised = _by_height(plane, plane.lens, outline)
+    if plane.lens is not None and plane.lens.bends:
+        noise, lens = _by_fitted_lens(plane, plane.lens, homography, places)
+    else:
+        measured = plane.pairs_px if camera is None else undistort(camera, plane.pairs_px)
+        freedom = 2 * len(measured) - (8 if camera is not None else 9)
+        if freedom < _LEAST_FREEDOM:
+            return ErrorBound(0.0, 0.0, outside, known=False)
+        noise, lens = _by_points(plane, measured, homography, places, None if camera else size)
+    worst = int(np.argmax(noise + lens + raised))
+    return ErrorBound(float(noise[worst]), float(lens[worst]), outside, float(raised[worst]))
+
+
+def _by_points(
+    plane: Plane,
+    measured: FloatArray,
+    homography: FloatArray,
+    places: FloatArray,
+    size: tuple[int, int] | None,
+) -> tuple[FloatArray, FloatArray]:
+    """Shares (N,), mm, of the noise and of a lens that nothing corrects.
+
+    size: width and height of the photo, px; None with a calibrated camera.
+    """
+    freedom = 2 * len(measured) - (8 if size is None else 9)
     error = (measured - map_points(homography, plane.pairs_mm)).ravel()
-    by_homography = _slopes(homography, plane.pairs_mm)
+    by_homography = homography_slopes(homography, plane.pairs_mm).reshape(-1, 9)
     inverse = np.linalg.pinv(by_homography)
-    at_outline = _slopes(homography, places).reshape(-1, 2, 9)
+    at_outline = homography_slopes(homography, places)
     mm_per_px = np.linalg.inv(_jacobians(homography, places))
     lens = np.zeros(len(places))
-    if camera is None:
+    if size is not None:
         by_lens = _distortion(measured, size).ravel()
         absorbed = inverse @ by_lens
         left = by_lens - by_homography @ absorbed
@@ -90,20 +120,58 @@ def error_bound(
         lens = largest * np.linalg.norm(np.einsum("nij,nj->ni", mm_per_px, moved), axis=1)
     spread = mm_per_px @ at_outline @ inverse
     sigma = float(np.linalg.norm(error)) / np.sqrt(freedom)
-    noise = _SIGMAS * sigma * np.linalg.norm(spread, ord=2, axis=(1, 2))
-    worst = int(np.argmax(noise + lens))
-    return ErrorBound(float(noise[worst]), float(lens[worst]), outside)
+    noise: FloatArray = _SIGMAS * sigma * np.linalg.norm(spread, ord=2, axis=(1, 2))
+    return noise, lens
 
 
-def _slopes(homography: FloatArray, places: FloatArray) -> FloatArray:
-    """Derivatives (2 N, 9) of the pixels of each place by the nine numbers of the homography."""
-    lifted = np.column_stack([places, np.ones(len(places))]) / depth(homography, places)[:, None]
-    px = map_points(homography, places)
-    slopes = np.zeros((len(places), 2, 9))
-    slopes[:, 0, 0:3] = lifted
-    slopes[:, 1, 3:6] = lifted
-    slopes[:, :, 6:9] = -px[:, :, None] * lifted[:, None, :]
-    return slopes.reshape(-1, 9)
+def _by_fitted_lens(
+    plane: Plane, lens: SheetLens, homography: FloatArray, places: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Shares (N,), mm, of the noise and of a lens that the same corners gave."""
+    bend, middle, half = bend_of(lens.camera)
+    scaled = homography.copy()
+    scaled[:2] = (homography[:2] - middle[:, None] * homography[2:]) / half
+    seen, slopes = bend.slopes(scaled, plane.pairs_mm)
+    error = (plane.pairs_px - middle) / half - seen
+    rows = slopes.reshape(-1, slopes.shape[2])
+    sigma = float(np.linalg.norm(error)) / np.sqrt(len(rows) - rows.shape[1] + 1)
+    prior, _ = bend.prior_rows(sigma)
+    _, at_outline = bend.slopes(scaled, places)
+    by_ideal = np.eye(2) - at_outline[:, :, 9:11]
+    mm_per_half = np.linalg.inv(by_ideal @ _jacobians(scaled, places))
+    both = mm_per_half @ at_outline @ np.linalg.pinv(np.vstack([rows, prior]), rcond=1e-12)
+    alone = mm_per_half @ at_outline[:, :, :9] @ np.linalg.pinv(rows[:, :9])
+    total, noise = (
+        _SIGMAS * sigma * np.linalg.norm(spread, ord=2, axis=(1, 2)) for spread in (both, alone)
+    )
+    return noise, np.maximum(total - noise, 0)
+
+
+def _by_height(plane: Plane, lens: SheetLens, outline: FloatArray) -> FloatArray:
+    """Share (N,), mm, of a focal length and a principal point that the photo of the sheet gave."""
+    if lens.focal is None or not plane.height:
+        return np.zeros(len(outline))
+    below = plane.pixel_from_work @ plane.work_from_pairs
+    px = map_points(plane.pixel_from_work, outline)
+
+    def shift(matrix: FloatArray) -> FloatArray:
+        raised = raise_plane(below, replace(lens.camera, matrix=matrix), plane.height)
+        moved = map_points(np.linalg.inv(raised).astype(np.float64, copy=False), px)
+        distance: FloatArray = np.linalg.norm(moved - outline, axis=1)
+        return distance
+
+    by_focal = []
+    for focal in lens.focal:
+        matrix = lens.camera.matrix.copy()
+        matrix[0, 0] = matrix[1, 1] = focal
+        by_focal.append(shift(matrix))
+    squares = np.maximum(*by_focal) ** 2
+    for axis, deviation in enumerate(lens.deviations[2:].tolist()):
+        matrix = lens.camera.matrix.copy()
+        matrix[axis, 2] += AGREES * deviation
+        squares = squares + shift(matrix) ** 2
+    share: FloatArray = np.sqrt(squares)
+    return share
 
 
 def _jacobians(homography: FloatArray, places: FloatArray) -> FloatArray:

@@ -50,6 +50,8 @@ _SUBFILE, _WIDTH, _HEIGHT, _BITS, _ORIENTATION, _SAMPLES = 254, 256, 257, 258, 2
 _DENSITY_X, _DENSITY_Y, _DENSITY_UNIT, _EXIF = 282, 283, 296, 0x8769
 #: ExposureTime, FNumber, FocalLength: written by cameras, not by scanners.
 _EXPOSURE = {0x829A, 0x829D, 0x920A}
+#: FocalLengthIn35mmFilm, a whole number of mm, 0 if unknown; and the diagonal of that film, mm.
+_FOCAL_35MM, _FILM_DIAGONAL = 0xA405, 43.267
 #: Frame headers of a JPEG (SOF0 to SOF15 without DHT, JPG and DAC).
 _FRAMES = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}
 #: Width, height and the value of white of a PGM: apart by spaces, and comments to the end of their line.
@@ -64,7 +66,7 @@ class Header(Struct, frozen=True):
 
     depth: bytes of a pixel as decoded, as far as the head says it. orientation: the Exif number 1 to 8. exposed: a
     camera took it. pages: 2 for two or more. white: the greatest value of a pixel of 8 bits that is decoded as it is
-    stored.
+    stored. focal_35mm: focal length in a camera with 35 mm film, mm; 0 if unknown.
     """
 
     kind: Kind
@@ -76,6 +78,7 @@ class Header(Struct, frozen=True):
     pages: int = 1
     white: int = 255
     depth: int = 1
+    focal_35mm: int = 0
 
 
 class _Tiff(Struct, frozen=True):
@@ -88,6 +91,7 @@ class _Tiff(Struct, frozen=True):
     exposed: bool = False
     pages: int = 1
     depth: int = 1
+    focal_35mm: int = 0
 
 
 def header(data: bytes) -> Header | None:
@@ -171,7 +175,7 @@ def _tiff_file(data: bytes) -> Header:
     head = Header(
         "TIFF", said.width, said.height, said.density, said.orientation, said.exposed, said.pages
     )
-    return replace(head, depth=said.depth)
+    return replace(head, depth=said.depth, focal_35mm=said.focal_35mm)
 
 
 def _with_exif(found: Header, data: bytes) -> Header:
@@ -185,6 +189,7 @@ def _with_exif(found: Header, data: bytes) -> Header:
         density=said.density or found.density,
         orientation=said.orientation,
         exposed=said.exposed,
+        focal_35mm=said.focal_35mm,
     )
 
 
@@ -206,6 +211,7 @@ def _tiff(data: bytes) -> _Tiff:
         density=_tiff_density(data, order, tags, number(_DENSITY_UNIT, 2)),
         orientation=orientation if 1 <= orientation <= 8 else 1,
         exposed=bool(_EXPOSURE & set(exif)),
+        focal_35mm=_number(data, order, exif[_FOCAL_35MM]) if _FOCAL_35MM in exif else 0,
         pages=2 if following and _is_page(data, order, following) else 1,
         depth=max(1, number(_SAMPLES, 1)) * (2 if number(_BITS, 8) > 8 else 1),
     )
@@ -283,6 +289,8 @@ class Picture(Struct, frozen=True, eq=False):
     dpi: dots per inch if the file has a density that counts as a scale.
     turned: whether the Exif orientation turned or mirrored the pixels.
     alpha: (H, W) uint8, 0 transparent to 255 opaque; None if all is opaque.
+    focal_px: focal length by the file's 35 mm focal length, px, if all of the photo is there; None
+        if the file has none.
     """
 
     name: str
@@ -291,6 +299,7 @@ class Picture(Struct, frozen=True, eq=False):
     turned: bool = False
     notes: tuple[Note, ...] = ()
     alpha: Pixels | None = None
+    focal_px: float | None = None
 
 
 def load(source: Source, *, sensor: bool = False) -> Picture:
@@ -330,7 +339,10 @@ def load(source: Source, *, sensor: bool = False) -> Picture:
         notes.append(Note("assumed", f"picture turned by its Exif orientation {head.orientation}"))
     pixels = np.ascontiguousarray(pixels)
     pixels.flags.writeable = False
-    return Picture(name, pixels, _dpi(head, notes), turned, tuple(notes), alpha)
+    focal = head.focal_35mm / _FILM_DIAGONAL * float(np.hypot(head.width, head.height))
+    return Picture(
+        name, pixels, _dpi(head, notes), turned, tuple(notes), alpha, focal_px=focal or None
+    )
 
 
 def _insist_on_size(name: str, head: Header, limits: Limits) -> None:

@@ -15,6 +15,7 @@ from camgen.model.part import Note
 from camgen.model.pose import FloatArray, Pose, frozen, to_vec3
 from camgen.model.text import counted, short
 from camgen.vision.camera.camera import Camera, undistort
+from camgen.vision.camera.sheet_lens import SheetLens
 from camgen.vision.image import Picture
 
 # Homographies between two planes: the direct linear transformation, its refinement, and pairs that do not fit.
@@ -205,6 +206,10 @@ _CONTRADICT_PX, _CONTRADICT_PART = 3.0, 0.001
 _LOOK_PX = 1.5
 _SKEW = 0.03
 _SOURCE = "[camera] points_px"
+#: What to do if points that the user measured contradict each other, and if those of a sheet do.
+_AGAIN = "measure it again or leave it out"
+_LIES_FLAT = "see that sheet or board lies flat, is whole, and is that of camera.markers"
+_BENDS = "; if the lens bends much, give camera.file (camgen calibrate)"
 
 
 class Plane(Struct, frozen=True, eq=False):
@@ -216,6 +221,8 @@ class Plane(Struct, frozen=True, eq=False):
     work_from_pairs: (3, 3), from mm in the plane of the pairs to mm of the work plane above it. The
         camera sees both at the same pixel.
     pairs_px, pairs_mm: (N, 2), the pairs: pixels of the photo, and mm.
+    height: of the work plane above that of the pairs, mm.
+    lens: the camera that the photo of a sheet shows, where no other is given; None without one.
     """
 
     pixel_from_work: FloatArray
@@ -228,6 +235,8 @@ class Plane(Struct, frozen=True, eq=False):
     work_from_pairs: FloatArray = frozen(np.eye(3))
     pairs_px: FloatArray = frozen(np.zeros((0, 2)))
     pairs_mm: FloatArray = frozen(np.zeros((0, 2)))
+    height: float = 0.0
+    lens: SheetLens | None = None
 
 
 def plane_from_points(
@@ -241,9 +250,12 @@ def plane_from_points(
 ) -> Plane:
     """The plane through point pairs: ``px`` (N, 2) in the photo, ``mm`` (N, 2) or (N, 3) with z = 0 in the work frame.
 
-    height: how far the points lie below the part's top face, mm; needs the camera. names: what messages call the
-    pairs (default: pair 1, ...); source: where they come from. JobError for fewer than four pairs, points on a line,
-    a pair that is clearly wrong, mirrored points.
+    height: distance of the points below the part's top face, mm; needs the camera.
+    names: names of the pairs in messages; empty: pair 1, ...
+    source: where the pairs come from.
+
+    Raises JobError for fewer than four pairs, points on a line, a pair that is clearly wrong, and
+    mirrored points.
     """
     image, work = _check(px, mm, source)
     names = names or [f"pair {i + 1}" for i in range(len(image))]
@@ -256,8 +268,11 @@ def plane_from_points(
     _in_general_position(image, work, names, source)
     ideal = image if camera is None else undistort(camera, image)
     if not np.isfinite(ideal).all():
-        remedy = "calibrate with the board in the corners of the photo"
-        raise JobError(source, "a point lies where the lens model shows nothing", remedy=remedy)
+        raise JobError(
+            source,
+            "a point lies where the lens model shows nothing",
+            remedy="calibrate with the board in the corners of the photo",
+        )
     found = fit_homography(work, ideal)
     residuals = np.linalg.norm(map_points(found, work) - ideal, axis=1)
     told = [
@@ -274,12 +289,13 @@ def plane_from_points(
     pairs = {"pairs_px": frozen(image), "pairs_mm": frozen(work)}
     if not height or camera is None:
         return replace(_plane(found, off, residuals, notes), **pairs)
-    raised = _raise(found, camera, height)
+    raised = raise_plane(found, camera, height)
     if depth(raised, work).min() <= 0:
         what = f"a top face {short(height, 3)} mm above the points lies behind the camera"
         raise JobError("[camera] height", what, remedy="give the height of the part, in mm")
     plane = _plane(raised, off, residuals, notes)
-    return replace(plane, work_from_pairs=frozen(np.linalg.solve(raised, found)), **pairs)
+    below = frozen(np.linalg.solve(raised, found))
+    return replace(plane, work_from_pairs=below, height=height, **pairs)
 
 
 def plane_from_pose(
@@ -345,7 +361,8 @@ def _plane(found: FloatArray, off: FloatArray, residuals: FloatArray, notes: lis
     )
 
 
-def _raise(found: FloatArray, camera: Camera, height: float) -> FloatArray:
+def raise_plane(found: FloatArray, camera: Camera, height: float) -> FloatArray:
+    """The homography of the plane ``height`` mm above that of ``found``, both from mm to undistorted px."""
     axes = np.linalg.solve(camera.matrix, found)
     metric = found / np.linalg.norm(axes[:, :2], axis=0).mean()
     normal = pose_of(found, camera.matrix).rotation[:, 2]
@@ -417,7 +434,7 @@ def _consistent(
         why = "they fit exactly whatever they are; a fifth and a sixth would show an error"
         return [Note("assumed", "four point pairs are right", why)]
     odd = suspect(work, ideal, residuals) if count > 5 else None
-    remedy = "measure it again or leave it out"
+    remedy = _AGAIN if source == _SOURCE else _LIES_FLAT + _BENDS * (camera is None)
     if odd is not None and odd.error > _WRONG_PX and odd.chance < _WRONG_CHANCE:
         what = f"{told[odd.index]} is wrong: the others put it {short(odd.error, 1)} px away"
         raise JobError(source, what, remedy=remedy)

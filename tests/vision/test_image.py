@@ -464,3 +464,16 @@ def test_grey_maps_as_text_and_as_bytes(tmp_path: Path, data: bytes, values: lis
 )
 def test_a_grey_map_that_is_cut_off_is_refused(tmp_path: Path, data: bytes) -> None:
     assert "cut off" in refusal(tmp_path, data, "p.pgm")
+
+
+@pytest.mark.parametrize(("focal", "kind"), [(26, "jpeg"), (50, "png"), (0, "jpeg")])
+def test_the_focal_length_in_35_mm_film(focal: int, kind: str, tmp_path: Path) -> None:
+    """Exif 2.3, tag 41989: the diagonal of that film is 43.267 mm, that of the picture 36.06 px."""
+    entry = struct.pack("<HHHIHHI", 1, 41989, 3, 1, focal, 0, 0)
+    block = exif([(0x8769, 4, 26)]) + entry
+    data = jpeg([app1(block)]) if kind == "jpeg" else png([(b"eXIf", block)])
+    picture = loaded(tmp_path, data)
+    assert picture.focal_px == (
+        pytest.approx(focal * 36.0555 / 43.267, rel=1e-5) if focal else None
+    )
+    assert loaded(tmp_path, png([])).focal_px is None

@@ -17,13 +17,15 @@ import numpy as np
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from camgen.model.errors import InputError
+from camgen.model.errors import InputError, JobError
 from camgen.model.part import Note
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted, short
 from camgen.vision.boards.corners import Pattern, has_two_patterns, patterns
+from camgen.vision.boards.lens import lens_of_sheet
 from camgen.vision.boards.sheet import DICTIONARY, Board, Sheet
 from camgen.vision.camera.camera import Camera, distort, undistort
+from camgen.vision.camera.sheet_lens import SheetLens
 from camgen.vision.image import Picture, Pixels
 from camgen.vision.plane import (
     Plane,
@@ -40,6 +42,11 @@ _SOUGHT = 2_500_000
 _WRONG_PX, _WRONG_CHANCE = 0.5, 1e-3
 #: At most this part of the markers is left out; more of them contradict the sheet itself.
 _LEFT_OUT = 0.25
+
+#: Marks are left out and the lens is fitted in turn, this number of times at most.
+_LENS_ROUNDS = 5
+#: Corners that the lens moves by less are settled, px.
+_SETTLED_PX = 0.005
 
 #: Where along a side the profiles lie (corners are rounded by blur), and the samples of a profile, out of the black.
 _ALONG = np.linspace(0.12, 0.88, 33)
@@ -67,28 +74,74 @@ def find(
 ) -> Plane:
     """The work plane of a sheet or board that lies in the photo; its work frame is that of Sheet or Board.
 
-    height: how far the part's top face lies above the paper, mm; needs the camera. InputError if fewer than two
-    markers (on a board: four corners) are found; JobError if they contradict each other.
+    Without a camera, the corners are asked for their lens, which is ``lens`` of the plane.
+
+    height: of the part's top face above the paper, mm.
+
+    Raises InputError for fewer than two markers, or four corners of a board. Raises JobError if
+    they contradict each other, and if the photo does not show the focal length for a height.
     """
     if camera is not None:
         same_pixels(picture, camera)
-    found = (
+    marks = (
         _sheet(picture, camera, target) if isinstance(target, Sheet) else _board(picture, target)
     )
-    kept, dropped = _agreeing(found, camera)
+    lens = None
+    if camera is None:
+        marks, lens = _with_lens(picture, marks, height)
+        camera = lens.camera if lens is not None else None
+        if height:
+            _check_focal_length(lens)
+    kept, dropped = _agreeing(marks, camera)
     plane = plane_from_points(
         camera,
-        found.px[kept],
-        found.mm[kept],
+        marks.px[kept],
+        marks.mm[kept],
         height=height,
-        names=[name for name, keep in zip(found.names, kept, strict=True) if keep],
+        names=[name for name, keep in zip(marks.names, kept, strict=True) if keep],
         source=f"{picture.name}: {target.label}",
     )
-    notes = found.notes
+    notes = marks.notes if lens is None else (*marks.notes, lens.note)
     if dropped:
         why = "they are not where the others put them: covered, bent, or from another sheet?"
-        notes = (*notes, Note("warning", f"{found.kind} {_list(dropped)} left out", why))
-    return replace(plane, notes=(*notes, *plane.notes))
+        notes = (*notes, Note("warning", f"{marks.kind} {_list(dropped)} left out", why))
+    return replace(plane, notes=(*notes, *plane.notes), lens=lens)
+
+
+def _with_lens(picture: Picture, marks: _Found, height: float) -> tuple[_Found, SheetLens | None]:
+    """The marks as measured through their own lens, and that lens or None.
+
+    A mark that contradicts the others is left out of the fit of the lens. Without the lens, marks
+    that are right may contradict each other. So both are done in turn.
+    """
+    lens: SheetLens | None = None
+    height_px, width_px = picture.pixels.shape[:2]
+    kept = np.ones(len(marks.px), dtype=np.bool_)
+    for _ in range(_LENS_ROUNDS):
+        px, mm = marks.px[kept], marks.mm[kept]
+        lens = lens_of_sheet(px, mm, (width_px, height_px), bool(height), picture.focal_px)
+        camera = None if lens is None else lens.camera
+        moved = 0.0
+        if marks.kind == "marker" and camera is not None:
+            corners = _measure(_grey(picture.pixels), marks.px.reshape(-1, 4, 2), camera)
+            moved = float(np.abs(corners.reshape(-1, 2) - marks.px).max())
+            marks = marks._replace(px=corners.reshape(-1, 2))
+        before = kept
+        kept, _ = _agreeing(marks, camera)
+        if np.array_equal(kept, before) and moved < _SETTLED_PX:
+            break
+    return marks, lens
+
+
+def _check_focal_length(lens: SheetLens | None) -> None:
+    """Raises JobError if the focal length is not known well enough for a height."""
+    if lens is None or lens.focal is None:
+        raise JobError(
+            "[camera] height",
+            "a height needs the focal length, which this photo does not show",
+            remedy="tilt the camera by 20 to 40 deg and do not cut the photo, take it with a phone "
+            "that writes the 35 mm focal length, or give camera.file (camgen calibrate)",
+        )
 
 
 def list_marks(pixels: Pixels, target: Sheet | Board) -> tuple[list[int], list[int]]:

@@ -1,0 +1,112 @@
+"""Photos on camgen's sheet without a calibration file, rendered by bench.photo.lenses."""
+
+import re
+import struct
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bench.photo.lenses import PAPER, SIZE, Photo, draw, errors, read_photo
+from bench.render.board import markers
+from bench.render.scene import render, written
+from camgen.model.errors import JobError
+from camgen.model.job import CameraTable, Job
+from camgen.model.part import Note, Part
+from camgen.read import read
+from camgen.vision.boards.sheet import DICTIONARY
+from tests.vision.test_image import app1, exif, jpeg
+
+
+def note_of(part: Part, words: str) -> Note:
+    (match,) = [note for note in part.notes if words in note.what]
+    return match
+
+
+def photo(name: str, k: int) -> Photo:
+    """Photo k of eight: tilted by 2, 7, 11, 15, 20, 24, 28 or 33 deg."""
+    return draw(name, k, 8, 0)
+
+
+@pytest.mark.parametrize(("name", "limit"), [("mild lens", 0.02), ("strong lens", 0.03)])
+def test_the_sheet_calibrates_the_lens(name: str, limit: float, tmp_path: Path) -> None:
+    """Without the fit it is 0.1 to 1 mm off, or refused."""
+    shot = photo(name, 1)
+    part = read_photo(tmp_path, shot, 0.0)
+    lens, placed = note_of(part, "lens from the photo: k1 -"), note_of(part, "placed to within")
+    assert lens.kind == placed.kind == "assumed"
+    # The plate with its hole may look like one of the markers, which is then ignored.
+    assert re.match(r"1(08|12) corners lie within", lens.why)
+    assert "f is a guess" in lens.why
+    error = errors(part, shot.part).max()
+    assert error < min(limit, float(placed.what.split()[-2]))
+    warned = [note.what for note in part.notes if note.kind == "warning"]
+    assert not [what for what in warned if "marker 17 ignored" not in what]
+
+
+def test_a_height_needs_no_calibration_file(tmp_path: Path) -> None:
+    shot = photo("strong lens, 5 mm", 6)
+    part = read_photo(tmp_path, shot, 5.0)
+    error = errors(part, shot.part).max()
+    assert error < 0.05
+    placed = note_of(part, "placed to within")
+    assert "by the height and the focal length" in placed.why
+    assert error < float(placed.what.split()[-2])
+    assert "f from the tilt" in note_of(part, "lens from the photo").why
+
+
+def test_a_height_in_a_photo_without_a_lens(tmp_path: Path) -> None:
+    shot = photo("no lens, 5 mm", 5)
+    part = read_photo(tmp_path, shot, 5.0)
+    assert errors(part, shot.part).max() < 0.1
+    assert "no distortion" in note_of(part, "lens from the photo: f ").what
+    warning = note_of(part, "the height may move the part by")
+    assert (warning.kind, warning.strict) == ("warning", True)
+
+
+def test_a_height_seen_from_straight_above_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(JobError, match=r"\[camera\] height: a height needs the focal length"):
+        read_photo(tmp_path, photo("mild lens, 5 mm", 0), 5.0)
+
+
+def test_the_file_may_hold_the_focal_length(tmp_path: Path) -> None:
+    """Exif 2.3, tag 41989, a whole number of mm: the same photo from straight above is read."""
+    shot = photo("mild lens, 5 mm", 0)
+    film = round(shot.shot.lens.matrix[0, 0] / np.hypot(*SIZE) * 43.267)
+    entry = struct.pack("<HHHIHHI", 1, 41989, 3, 1, film, 0, 0)
+    file = tmp_path / "phone.jpg"
+    pixels = render(shot.scene, shot.shot)
+    file.write_bytes(jpeg([app1(exif([(0x8769, 4, 26)]) + entry)], pixels))
+    part = read(file, Job(camera=CameraTable(markers="A4", height=5.0)))
+    assert errors(part, shot.part).max() < 0.1
+    assert "the 35 mm focal length in the file" in note_of(part, "lens from the photo").why
+
+
+def test_a_flat_photo_without_a_lens_says_nothing_of_one(tmp_path: Path) -> None:
+    part = read_photo(tmp_path, photo("no lens", 4), 0.0)
+    assert not [note for note in part.notes if "lens" in note.what]
+
+
+def test_a_mark_in_a_wrong_place_is_left_out_behind_a_strong_lens(tmp_path: Path) -> None:
+    """Marker 3 is printed 1 mm too far to the right. Without the lens, all corners are 6 px off."""
+    shot = photo("strong lens", 4)
+    corners = PAPER.corners.copy()
+    corners[3, :, 0] += 1.0
+    _, ink = markers((0, 0, 1, 1), PAPER.ids, corners, DICTIONARY)
+    page, _, top = shot.scene.layers
+    part = read_photo(
+        tmp_path, shot._replace(scene=replace(shot.scene, layers=(page, ink, top))), 0.0
+    )
+    assert note_of(part, "marker 3 left out").kind == "warning"
+    assert errors(part, shot.part).max() < 0.03
+
+
+def test_a_cut_photo_of_a_flat_part(tmp_path: Path) -> None:
+    """The left sixth is missing. The corners show where the axis of a strong lens is."""
+    shot = photo("strong lens", 2)
+    file = tmp_path / "cut.png"
+    written(file, np.ascontiguousarray(render(shot.scene, shot.shot)[:, 400:]))
+    part = read(file, Job(camera=CameraTable(markers="A4")))
+    assert errors(part, shot.part).max() < 0.03
+    assert "f is a guess" in note_of(part, "lens from the photo").why
