@@ -230,6 +230,16 @@ def test_teeth_are_features_and_no_noise(teeth: int, root: float, tip: float) ->
     assert part.gaps(walked(contours)).max() < 0.6
 
 
+def test_a_small_hole_has_no_more_noise_than_the_outline_around_it() -> None:
+    # A square with corners so round that a circle is 0.45 px off at most.
+    half, radius = 10.4, 8.7
+    hole = [(x * half, y * half, radius) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+    around = [(x, y, 0.0) for x, y in ((-90, -60), (90, -60), (90, 60), (-90, 60))]
+    part = drawn(around, hole).placed(0.3, 120.3 + 100j)
+    contours, _ = recovered(part, 200, 240)
+    assert part.gaps(walked(contours[1:])).max() < 0.25
+
+
 def test_the_noise_of_an_outline_is_measured_with_its_correlation() -> None:
     loops = rings([4000])
     for reach in (1, 3):

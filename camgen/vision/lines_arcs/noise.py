@@ -10,17 +10,23 @@ description length). True features make residuals that jump, and are cheaper as 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from camgen.geometry.ragged import owners, ramp
 from camgen.geometry.rings import ComplexArray, Rings
+from camgen.model.part import IntArray
 from camgen.model.pose import FloatArray
-from camgen.vision.lines_arcs.fit import BoolArray, Curves, numbers_of
+from camgen.vision.lines_arcs.fit import Curves, numbers_of
 from camgen.vision.lines_arcs.joints import orient
 from camgen.vision.lines_arcs.runs import PRICE, Runs, blocks, fit_runs, merge
 
 #: Number of levels of noise, each twice the one before.
 _LEVELS = 8
+#: Levels above that of the largest outline which no other outline has: the picture has one noise,
+#: and short outlines show it badly.
+_FURTHER = 2
 #: Largest noise of an edge, rms, as a share of its blur. With more noise no edge is found.
 _MOST_NOISE = 0.5
 #: Number of neighbours that may share noise.
@@ -41,26 +47,29 @@ def divide(
     sigma: (L,) noise that neighbours do not share, px.
     blur: (L,) px.
     """
-    weight, level, noise = np.ones(len(points)), sigma, sigma
-    runs = shortest = blocks(loops)
-    least = np.full(len(sigma), np.inf)
-    for k in range(_LEVELS):
-        runs = merge(runs, loops, points, weight, level)
-        curves = fit_runs(runs, loops, points, weight, level)[1]
-        length = _describe(runs, loops, points, curves, blur)
-        chosen = (length < least) | (k == 0)
-        shortest, noise = _choose(runs, shortest, chosen), np.where(chosen, level, noise)
-        least = np.minimum(length, least)
-        level = 2 * level
-    return shortest, noise
+    weight, runs = np.ones(len(points)), blocks(loops)
+    divisions: list[Runs] = []
+    lengths: list[FloatArray] = []
+    for level in range(_LEVELS):
+        noise = sigma * 2.0**level
+        runs = merge(runs, loops, points, weight, noise)
+        curves = fit_runs(runs, loops, points, weight, noise)[1]
+        divisions.append(runs)
+        lengths.append(_describe(runs, loops, points, curves, blur))
+    length = np.array(lengths)
+    largest = int(np.argmax(loops.count))
+    length[int(np.argmin(length[:, largest])) + _FURTHER :] = np.inf
+    levels = np.argmin(length, axis=0)
+    return _choose(divisions, levels), sigma * 2.0**levels
 
 
-def _choose(runs: Runs, others: Runs, chosen: BoolArray) -> Runs:
-    """``runs`` of the loops that are ``chosen`` (L,), and ``others`` of the remaining loops."""
-    keep, rest = chosen[runs.loop], ~chosen[others.loop]
-    loop = np.concatenate([runs.loop[keep], others.loop[rest]])
-    first = np.concatenate([runs.first[keep], others.first[rest]])
-    count = np.concatenate([runs.count[keep], others.count[rest]])
+def _choose(divisions: Sequence[Runs], levels: IntArray) -> Runs:
+    """The runs of each loop from the division of its level (L,)."""
+    chosen = [levels[runs.loop] == level for level, runs in enumerate(divisions)]
+    pairs = list(zip(divisions, chosen, strict=True))
+    first = np.concatenate([runs.first[rows] for runs, rows in pairs])
+    count = np.concatenate([runs.count[rows] for runs, rows in pairs])
+    loop = np.concatenate([runs.loop[rows] for runs, rows in pairs])
     order = np.argsort(loop, kind="stable")
     return Runs(first[order], count[order], loop[order])
 
