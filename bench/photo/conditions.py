@@ -1,6 +1,6 @@
 """Photos as they come: errors with and without a line that names their cause, pieces, refusals.
 
-    python -m bench.photo.conditions [PHOTOS, 40] [FIRST, 0] [CLEAN, 20]
+    python -m bench.photo.conditions [PHOTOS, 40] [FIRST, 0] [CLEAN, 20] [CALIBRATED, 0]
 
 The rule: the photos FIRST to FIRST + PHOTOS are drawn by number from bench.render.conditions. A
 photo takes each condition with a chance of one half, and draws it from its range: contrast 5 to
@@ -8,7 +8,8 @@ photo takes each condition with a chance of one half, and draws it from its rang
 job states the height, again with a chance of one half), a lens of k1 -0.25 to 0 without
 calibration, a brushed or wooden bench, a shadow. Three ways to tell the work plane take turns:
 camgen's sheet, a ChArUco board beside the part, pairs of points. Limits are chosen with the photos
-1000 and up. CLEAN photos, 2000 and up, have no such condition.
+1000 and up. CLEAN photos, 2000 and up, have no such condition. With CALIBRATED 1, which was added
+after the first run, each job has the camera's calibration.
 
 The found contours are compared with the outlines of the part's upper face: each point of a
 contour, a tenth of a millimetre apart, with the nearest place of the outlines. Corners are left
@@ -55,14 +56,14 @@ from camgen.read.job_file import from_mapping
 MOST, CORNER = 0.1, 1.0
 #: Words of a line that names a condition as the cause.
 WORDS = {
-    "contrast": ("hardly differ", "contrast", "noise"),
-    "noise": ("noise", "hardly differ"),
+    "contrast": ("hardly differ", "contrast", "part or bench"),
+    "noise": ("picture smoothed", "hardly differ"),
     "blur": ("blur", "unsharp"),
     "motion": ("blur", "motion", "unsharp"),
     "chips": ("loose", "chip", "speck", "apart"),
     "height": ("height",),
     "k1": ("lens",),
-    "bench": ("texture", "grain", "noise"),
+    "bench": ("texture", "grain", "hardly differ", "part or bench"),
     "shadow": ("shadow",),
 }
 CLEAN_FROM = 2000
@@ -81,15 +82,19 @@ def judge(photo: ConditionedPhoto, folder: Path) -> Iterator[Cells]:
     file = folder / "photo.png"
     written(file, photo.pixels)
     files = Files()
+    job = photo.job
+    if photo.calibration:
+        (folder / "camera.yaml").write_text(photo.calibration)
+        job = {**job, "camera": {**job["camera"], "file": str(folder / "camera.yaml")}}
     try:
-        part = read(files.read(file), from_mapping(photo.job), files)
+        part = read(files.read(file), from_mapping(job), files)
     except (InputError, JobError, NoSafeProgram) as error:
         yield *head, "refused", None, None, None, None, None, 1, "", str(error)
         return
     off, rms, missing = measure(part, photo)
     count, drawn = (_count_pieces(loops) for loops in (_to_loops(part), photo.loops))
     is_right = off <= MOST and missing == 0
-    line = name_cause(part.notes, photo.conditions)
+    line = name_cause(part.notes, photo.conditions, calibrated=bool(photo.calibration))
     outcome = "right"
     if not is_right:
         outcome = "named" if line else "silent"
@@ -126,17 +131,24 @@ def sharp_corners(loops: tuple[Loop, ...]) -> np.ndarray:
     return np.concatenate(corners)
 
 
-def name_cause(notes: tuple[Note, ...], conditions: Conditions) -> str:
+def name_cause(notes: tuple[Note, ...], conditions: Conditions, *, calibrated: bool) -> str:
     """The first line that has a word for one of the conditions; empty without one.
 
-    A height that the job does not state, and a lens, must each have a line.
+    A height that the job does not state, and a lens without calibration, must each have a line.
     """
-    lines = [str(note) for note in notes if not note.what.startswith("part by ")]
+    lines = [str(note) for note in notes if note.kind != "assumed" or _is_cause(note)]
     lines.sort(key=lambda line: line.startswith("assumed"))
     named = {name: _find_line(lines, WORDS[name]) for name in conditions.names}
-    if not named.get("k1", "-") or not (conditions.is_told or named.get("height", "-")):
+    if not calibrated and not named.get("k1", "-"):
+        return ""
+    if not (conditions.is_told or named.get("height", "-")):
         return ""
     return next(filter(None, named.values()), "")
+
+
+def _is_cause(note: Note) -> bool:
+    """Whether an assumption of the summary names a cause of errors."""
+    return note.what.startswith(("height 0", "lens from the photo", "the part is placed to"))
 
 
 def _find_line(lines: list[str], words: tuple[str, ...]) -> str:
@@ -184,18 +196,19 @@ def _away(places: np.ndarray, corners: np.ndarray, room: float) -> np.ndarray:
     return far
 
 
-def main(count: int, first: int, clean: int) -> int:
+def main(count: int, first: int, clean: int, calibrated: int) -> int:
     table = open_table(COLUMNS)
     outcomes: Counter[str] = Counter()
     warned = 0
     with tempfile.TemporaryDirectory() as folder:
         for number in range(first, first + count):
-            photo = draw_photo(number, draw_conditions(number))
+            photo = draw_photo(number, draw_conditions(number), calibrated=bool(calibrated))
             for cells in judge(photo, Path(folder)):
                 table.add(*cells)
                 outcomes[str(cells[_OUTCOME])] += 1
         for number in range(CLEAN_FROM, CLEAN_FROM + clean):
-            for cells in judge(draw_photo(number, Conditions()), Path(folder)):
+            photo = draw_photo(number, Conditions(), calibrated=bool(calibrated))
+            for cells in judge(photo, Path(folder)):
                 table.add(*cells)
                 warned += bool(cells[_WARNINGS])
     print(f"\n{', '.join(f'{n} {name}' for name, n in sorted(outcomes.items()))}")
@@ -205,4 +218,4 @@ def main(count: int, first: int, clean: int) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(*read_words(40, 0, 20)))
+    sys.exit(main(*read_words(40, 0, 20, 0)))

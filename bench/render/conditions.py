@@ -16,6 +16,7 @@ import shapely
 from bench.render.board import charuco, markers
 from bench.render.optics import Lens, Shot, looking, photo_from_work
 from bench.render.parts import Part, bracket, gear, plate, random_part
+from bench.render.photos import camera_info
 from bench.render.scene import Layer, Scene, render
 from bench.render.shapes import Loop, box, flatten
 from camgen.vision.boards.sheet import DICTIONARY, sheet
@@ -94,6 +95,7 @@ class ConditionedPhoto:
     pixels: (H, W) uint8.
     loops: outlines of the part's upper face in the work frame.
     job: tables of the job, as they are in its file.
+    calibration: text of the calibration file, empty without one.
     """
 
     number: int
@@ -102,6 +104,7 @@ class ConditionedPhoto:
     pixels: np.ndarray
     loops: tuple[Loop, ...]
     job: dict[str, dict[str, object]]
+    calibration: str = ""
 
 
 def draw_conditions(number: int) -> Conditions:
@@ -111,7 +114,9 @@ def draw_conditions(number: int) -> Conditions:
     return Conditions(**drawn)
 
 
-def draw_photo(number: int, conditions: Conditions) -> ConditionedPhoto:
+def draw_photo(
+    number: int, conditions: Conditions, *, calibrated: bool = False
+) -> ConditionedPhoto:
     """The photo with this number under these conditions."""
     rng = np.random.default_rng([number, 42])
     plane_by = WAYS[number % len(WAYS)]
@@ -123,7 +128,8 @@ def draw_photo(number: int, conditions: Conditions) -> ConditionedPhoto:
     scene = _lay(part, plane_by, conditions, rng)
     pixels = _sense(render(scene, shot), conditions, rng)
     job = _job(part, plane_by, shot, conditions, rng)
-    return ConditionedPhoto(number, plane_by, conditions, pixels, part, job)
+    calibration = camera_info(shot.lens) if calibrated else ""
+    return ConditionedPhoto(number, plane_by, conditions, pixels, part, job, calibration)
 
 
 def _places(plane_by: str) -> tuple[complex, complex]:
