@@ -94,6 +94,7 @@ class ConditionedPhoto:
 
     pixels: (H, W) uint8.
     loops: outlines of the part's upper face in the work frame.
+    box: (2, 2), the corner of the part with the least u and v, and that with the most, px.
     job: tables of the job, as they are in its file.
     calibration: text of the calibration file, empty without one.
     """
@@ -103,6 +104,7 @@ class ConditionedPhoto:
     conditions: Conditions
     pixels: np.ndarray
     loops: tuple[Loop, ...]
+    box: np.ndarray
     job: dict[str, dict[str, object]]
     calibration: str = ""
 
@@ -129,7 +131,9 @@ def draw_photo(
     pixels = _sense(render(scene, shot), conditions, rng)
     job = _job(part, plane_by, shot, conditions, rng)
     calibration = camera_info(shot.lens) if calibrated else ""
-    return ConditionedPhoto(number, plane_by, conditions, pixels, part, job, calibration)
+    outline = np.column_stack(photo_from_work(shot, part[0].points.real, part[0].points.imag))
+    box = np.array([outline.min(axis=0), outline.max(axis=0)])
+    return ConditionedPhoto(number, plane_by, conditions, pixels, part, box, job, calibration)
 
 
 def _places(plane_by: str) -> tuple[complex, complex]:
