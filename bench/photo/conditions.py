@@ -75,9 +75,9 @@ COLUMNS = (
 )
 
 
-def judge(photo: ConditionedPhoto, folder: Path) -> Iterator[Cells]:
+def judge_photo(photo: ConditionedPhoto, folder: Path) -> Iterator[Cells]:
     """The row of a photo."""
-    names = ", ".join(_tell(photo.conditions))
+    names = ", ".join(_list_conditions(photo.conditions))
     head = (photo.number, photo.plane_by, names or "clean")
     file = folder / "photo.png"
     written(file, photo.pixels)
@@ -91,16 +91,16 @@ def judge(photo: ConditionedPhoto, folder: Path) -> Iterator[Cells]:
     except (InputError, JobError, NoSafeProgram) as error:
         yield *head, "refused", None, None, None, None, None, 1, "", str(error)
         return
-    off, rms, missing = measure(part, photo)
+    largest, rms, missing = measure(part, photo)
     count, drawn = (_count_pieces(loops) for loops in (_to_loops(part), photo.loops))
-    is_right = off <= MOST and missing == 0
+    is_right = largest <= MOST and missing == 0
     line = name_cause(part.notes, photo.conditions, calibrated=bool(photo.calibration))
     outcome = "right"
     if not is_right:
         outcome = "named" if line else "silent"
     is_met = outcome != "silent" and not (is_right and count > 1.3 * drawn + 4)
     warnings = sum(note.kind == "warning" for note in part.notes)
-    figures = (off, rms, 100 * missing, count, drawn, warnings)
+    figures = (largest, rms, 100 * missing, count, drawn, warnings)
     yield *head, outcome, *figures, verdict(is_met), line
 
 
@@ -112,11 +112,12 @@ def measure(part: Part, photo: ConditionedPhoto) -> tuple[float, float, float]:
     conditions = photo.conditions
     room = CORNER + (2 * conditions.blur + conditions.motion / 2) * PIXEL
     corners = sharp_corners(photo.loops)
-    off = truth.distance(followed)[_away(followed, corners, room)]
+    distances = truth.distance(followed)[_away(followed, corners, room)]
     contours = pieces(_to_loops(part))
     from_drawn = contours.distance(drawn)[_away(drawn, corners, room)]
     missing = float(np.mean(from_drawn > 1.0))
-    return float(off.max(initial=0.0)), float(np.sqrt(np.mean(off**2))), missing
+    rms = float(np.sqrt(np.mean(distances**2)))
+    return float(distances.max(initial=0.0)), rms, missing
 
 
 def sharp_corners(loops: tuple[Loop, ...]) -> np.ndarray:
@@ -159,7 +160,7 @@ def _find_line(lines: list[str], words: tuple[str, ...]) -> str:
     return ""
 
 
-def _tell(conditions: Conditions) -> Iterator[str]:
+def _list_conditions(conditions: Conditions) -> Iterator[str]:
     for name in conditions.names:
         value = getattr(conditions, name)
         text = value if isinstance(value, str) else f"{value:.3g}"
@@ -203,12 +204,12 @@ def main(count: int, first: int, clean: int, calibrated: int) -> int:
     with tempfile.TemporaryDirectory() as folder:
         for number in range(first, first + count):
             photo = draw_photo(number, draw_conditions(number), calibrated=bool(calibrated))
-            for cells in judge(photo, Path(folder)):
+            for cells in judge_photo(photo, Path(folder)):
                 table.add(*cells)
                 outcomes[str(cells[_OUTCOME])] += 1
         for number in range(CLEAN_FROM, CLEAN_FROM + clean):
             photo = draw_photo(number, Conditions(), calibrated=bool(calibrated))
-            for cells in judge(photo, Path(folder)):
+            for cells in judge_photo(photo, Path(folder)):
                 table.add(*cells)
                 warned += bool(cells[_WARNINGS])
     print(f"\n{', '.join(f'{n} {name}' for name, n in sorted(outcomes.items()))}")

@@ -45,10 +45,11 @@ import shapely
 
 from bench.photo.burrs import drawing
 from bench.render.burrs import with_burrs
+from bench.render.conditions import material
 from bench.render.optics import Lens, Shot, looking
 from bench.render.parts import NAMED, Part, bracket, plate, random_part
 from bench.render.scene import Layer, Scene, render, written
-from bench.render.shapes import Loop, box, circle, flatten, hole
+from bench.render.shapes import Loop, box, circle, hole
 from bench.support.runner import Scenario, read_words, run, verdict
 from camgen import build
 from camgen.check.photo import Difference, Inspection, inspect_photo, list_rework
@@ -107,7 +108,7 @@ def _burrs(drawn: Part, rng: np.random.Generator) -> Scenery:
 
 def _chips(drawn: Part, rng: np.random.Generator) -> Scenery:
     chips, truth = [], []
-    taken = _region(drawn)
+    taken = material(drawn)
     view = shapely.box(-66, -52, 66, 52)
     count = int(rng.integers(1, 4))
     while len(chips) < count:
@@ -115,7 +116,7 @@ def _chips(drawn: Part, rng: np.random.Generator) -> Scenery:
         place = complex(*rng.uniform((-62, -48), (62, 48)))
         strip = box(-length / 2, -width / 2, length / 2, width / 2)
         chip = strip.moved(rng.uniform(0, np.pi), place)
-        shape = _region([chip])
+        shape = material([chip])
         if shape.within(view) and shape.distance(taken) > 2:
             taken = shapely.union(taken, shape)
             chips.append(chip)
@@ -129,7 +130,7 @@ def _not_drilled(drawn: Part, rng: np.random.Generator) -> Scenery:
 
 
 def _extra(drawn: Part, rng: np.random.Generator) -> Scenery:
-    region = _region(drawn)
+    region = material(drawn)
     while True:
         place, radius = complex(*rng.uniform((-36, -30), (36, 30))), rng.uniform(2, 4)
         disc = shapely.Point(place.real, place.imag).buffer(radius + 2)
@@ -146,7 +147,7 @@ def _screw(drawn: Part, rng: np.random.Generator) -> Scenery:
 
 
 def _larger(drawn: Part, _rng: np.random.Generator) -> Scenery:
-    outer = shapely.buffer(_region(drawn[:1]), 0.3, quad_segs=32, join_style="mitre")
+    outer = shapely.buffer(material(drawn[:1]), 0.3, quad_segs=32, join_style="mitre")
     points = shapely.get_coordinates(shapely.orient_polygons(outer).exterior)[:-1]
     loop = Loop(points[:, 0] + 1j * points[:, 1], np.zeros(len(points)))
     return (loop, *drawn[1:]), [Truth("dimension")]
@@ -174,16 +175,6 @@ def _round_hole(drawn: Part, rng: np.random.Generator) -> tuple[int, complex, fl
     which = int(rng.choice(round_holes))
     ends = drawn[which].points
     return which, complex(ends.mean()), float(abs(ends[0] - ends[1]) / 2)
-
-
-def _region(loops: Sequence[Loop]) -> shapely.Geometry:
-    """The material of loops, arcs as chords of 0.1 mm."""
-    region = shapely.Polygon()
-    for loop in loops:
-        at = flatten(loop, lambda whole: np.where(whole.sweep == 0, 1, whole.length / 0.1 + 2))
-        ring = shapely.Polygon(np.column_stack([at.real, at.imag]))
-        region = shapely.symmetric_difference(region, ring)
-    return region
 
 
 def photo(file: Path, loops: Sequence[Loop], seed: int) -> Path:

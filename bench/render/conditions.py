@@ -127,7 +127,7 @@ def draw_photo(
     drawn = PARTS[number // len(WAYS) % len(PARTS)](number)
     part = tuple(loop.moved(turn, middle) for loop in drawn)
     shot = _take(looked_at, conditions, rng)
-    scene = _lay(part, plane_by, conditions, rng)
+    scene = _make_scene(part, plane_by, conditions, rng)
     pixels = _sense(render(scene, shot), conditions, rng)
     job = _job(part, plane_by, shot, conditions, rng)
     calibration = camera_info(shot.lens) if calibrated else ""
@@ -159,7 +159,9 @@ def _take(at: complex, conditions: Conditions, rng: np.random.Generator) -> Shot
     return Shot(lens, *pose, blur=conditions.blur, gradient=gradient, vignetting=0.05)
 
 
-def _lay(part: Part, plane_by: str, conditions: Conditions, rng: np.random.Generator) -> Scene:
+def _make_scene(
+    part: Part, plane_by: str, conditions: Conditions, rng: np.random.Generator
+) -> Scene:
     """The layers on the bench, from below to above."""
     ground = 0.72 if plane_by == "sheet" else float(rng.uniform(0.55, 0.7))
     layers: list[Layer] = []

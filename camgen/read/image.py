@@ -341,7 +341,8 @@ def _mask(
         return view, part_mask(opaque, replace(way.job.image, mask="alpha"), None, picture.name)
     background = None if empty is None else _view(way, empty, region, coarser)
     table = way.job.image
-    if way.job.operation.kind in _OF_PATTERNS:
+    kinds = {way.job.operation.kind, *(step.operation.kind for step in way.job.operations)}
+    if not kinds.isdisjoint(_OF_PATTERNS):
         table = replace(table, accept=[*table.accept, "specks"])
     return view, part_mask(view, table, background, picture.name)
 

@@ -31,8 +31,8 @@ from camgen.model.text import short
 
 #: Differences from so many pixels of the photo on are told, and never below this, mm.
 _LEAST_PX, _LEAST_MM = 1.0, 0.1
-#: A photo shows another part if less of its outline fits: what is too much counts here, and what
-#: is missing does not. Ink may lack much.
+#: A photo shows another part if a smaller share of its own outline fits. Places that are missing
+#: in the photo do not count here, since ink may lack much.
 LEAST_FITTING = 0.5
 #: It does too if less of both outlines fits. A plate that lies upside down fits to 59 %, one that
 #: lacks its largest hole to 86 %.

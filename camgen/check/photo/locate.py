@@ -148,7 +148,9 @@ def locate(photo: Part, drawing: Part, job: Job, start: PlanePose | None = None)
     best = max(range(len(fits)), key=lambda number: fits[number].share)
     _check_side(photo.source, candidates[best], sought, fits[best])
     _check_share(photo, drawing, fits[best], fits[best].share, LEAST_FITTING)
-    trials = [_lay(fit, sought, photo.raster, seen) for fit in fits if fit.share >= LEAST_FITTING]
+    trials = [
+        _try_fit(fit, sought, photo.raster, seen) for fit in fits if fit.share >= LEAST_FITTING
+    ]
     surest = max(trials, key=lambda trial: trial.share)
     _check_share(photo, drawing, surest.fit, surest.share, LEAST_FIT)
     alike = [trial for trial in trials if trial.share >= LEAST_FIT]
@@ -208,7 +210,7 @@ def _check_share(photo: Part, drawing: Part, fit: Fit, share: float, least: floa
     insist_on_fit(photo.source, drawing.source, share, fit.near, least, NoSafeProgram)
 
 
-def _lay(fit: Fit, sought: Sought, raster: Raster, seen: shapely.Geometry) -> _Trial:
+def _try_fit(fit: Fit, sought: Sought, raster: Raster, seen: shapely.Geometry) -> _Trial:
     """The drawing laid into the photo as ``fit`` says, and what differs there."""
     outline = shapely.boundary(seen)
     pose = fit.photo_from_drawing

@@ -215,7 +215,9 @@ class _Even(Struct, frozen=True, eq=False):
         The difference is scaled by that which the part's tone has there, at most threefold.
         """
         usual = abs(self.usual)
-        expected = np.maximum(np.abs(_along(self.axis, self.tone - now + difference)), usual / 3)
+        expected = np.maximum(
+            np.abs(_along(self.axis, self.tone - now + difference)), max(usual / 3, 1e-3)
+        )
         return np.asarray(_along(self.axis, difference) * (usual / expected), np.float32)
 
 

@@ -227,7 +227,8 @@ def _without_shadow(pixels: Bytes, cells: Cells, choice: MaskChoice) -> MaskChoi
     notes: tuple[Note, ...] = ()
     if left_out > _LEAST_SHADOW * area:
         what = "a shadow beside the part is left out: it has the colour of the bench in less light"
-        notes = (Note("assumed", what, "look at the preview; image.mask chooses another method"),)
+        why = "if it is part, choose another image.mask; look at the preview"
+        notes = (Note("warning", what, why),)
     return MaskChoice(
         "color", f"a shadow does not show in it; {_apart(beside)}", beside, notes=notes
     )
