@@ -36,7 +36,12 @@ _STEP = 1e-30
 
 @dataclass(frozen=True, eq=False)
 class Lens:
-    """A pin-hole camera with k1 k2 p1 p2 k3. matrix: (3, 3), px. size: width and height, px."""
+    """A pin-hole camera with distortion.
+
+    matrix: (3, 3), px.
+    distortion: k1 k2 p1 p2 k3.
+    size: width and height, px.
+    """
 
     matrix: np.ndarray
     distortion: tuple[float, float, float, float, float]
@@ -45,12 +50,15 @@ class Lens:
 
 @dataclass(frozen=True, eq=False)
 class Shot:
-    """How the photo is taken.
+    """The place of the camera, the light, and the errors of the sensor.
 
-    rotation, origin: camera_from_work, z forward, mm. blur: sigma, px, without the pixel's own square. motion: the way
-    of the camera while the photo is taken, u + i v, px. gradient: change
-    of light from left to right and from above to below, as a part of that in the middle; vignetting: loss in the
-    corners. read: noise in 1/255 of white; shot: variance that each 1/255 of light adds, in squares of it.
+    rotation, origin: camera_from_work, z forward, mm.
+    blur: standard deviation, px, without the pixel's own square.
+    motion: path of the camera during the photo, u + i v, px.
+    gradient: change of light from left to right and from above to below, as a share of the middle.
+    vignetting: share of the light that the corners lose.
+    read: standard deviation of the noise, in 1/255 of white.
+    shot: variance that each 1/255 of light adds, in squares of 1/255.
     coding: "linear" or "srgb".
     """
 

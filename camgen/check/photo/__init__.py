@@ -1,8 +1,9 @@
-"""A photo of what was made, compared with what the job expects (the outlook of continuous-path.md and of pist.md).
+"""A photo of a finished part, compared with the job (the outlook of continuous-path.md and of pist.md).
 
-Expected is the material inside the contours of a part that is cut or deburred, or the ink that a pen leaves along the
-planned paths. Both, and what the photo shows, are polygons in mm. The photo's are laid on the others by a turn and a
-shift, and what then differs by more than a limit is listed: what is too much, what is missing.
+The job expects the material inside the contours of a part that is cut or deburred, or the ink of a
+pen along the planned paths. The expected polygons and those of the photo are in mm. A turn and a
+shift lay the photo on the expected polygons. Differences above a limit are listed, each with its
+sign: too much, or missing.
 """
 
 from __future__ import annotations

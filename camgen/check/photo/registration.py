@@ -68,7 +68,12 @@ class Fit(Struct, frozen=True):
 
 
 class _Line(Struct, frozen=True, eq=False):
-    """The outline of what is expected, mm. tree: of its pieces; start, end, normal: (N, 2) of each; size: over all."""
+    """The expected outline, in mm.
+
+    tree: index of its pieces.
+    start, end, normal: (N, 2), ends and unit normal of each piece.
+    size: diagonal of its box.
+    """
 
     tree: shapely.STRtree
     start: FloatArray
