@@ -1,9 +1,10 @@
 """Tabs: bridges that hold what a followed outer contour cuts out of its stock, until somebody cuts them.
 
-Over a tab the tool rises to ``tab_height`` above the depth, by 45 degrees, runs level for ``tab_width`` and its own
-diameter, so that as much as the width is left, and goes down by 45 degrees. The places are spread evenly from the seam
-on; each is moved to the nearest one that is clear of corners, of the seam with its leads and overlap, and of the other
-tabs. A corner is a vertex where the tangent turns, or an arc on which the tool only rolls about a point.
+Over a tab the tool rises to ``tab_height`` above the depth by 45 degrees. It runs level for ``tab_width`` and its own
+diameter, so that the width is left. It goes down by ``entry_angle``, or by 45 degrees where it may plunge: behind the
+tab is material. The places are spread evenly from the seam on. Each is moved to the nearest one that is clear of
+corners, of the seam with its leads and overlap, and of the other tabs. A corner is a vertex where the tangent turns, or
+an arc on which the tool only rolls about a point.
 """
 
 from __future__ import annotations
@@ -32,19 +33,31 @@ from camgen.order.pieces import chorded, lengths_along, nearest, point_at, short
 _CORNER = math.radians(5)
 #: How much of an arc may touch the part that rolls about a point, as a part of its radius.
 _POINT = 1e-3
+#: Behind a tab the path is level again for at least this before its end, mm.
+_LEVEL_MM = 0.2
 #: Points of a loop are found again within this, mm.
 _FOUND = 1e-4
 
 
 class _Tab(Struct, frozen=True):
-    """The size of all tabs, mm along the path of the tool's centre. top: half of what is level. whole: half of all of
-    it, with the slopes. depth: of the operation. height: above that.
+    """The size of all tabs, mm along the path of the tool's centre.
+
+    top: half of the level part.
+    rise, fall: from the middle of the tab to the foot of the slope before and behind it.
+    depth: depth of the operation.
+    height: height of the tabs above that depth.
     """
 
     top: float
-    whole: float
+    rise: float
+    fall: float
     depth: float
     height: float
+
+    @property
+    def whole(self) -> float:
+        """Length of a tab with both slopes."""
+        return self.rise + self.fall
 
 
 class _Loop(Struct, frozen=True, eq=False):
@@ -123,7 +136,9 @@ def _size(job: Job, flat: float) -> _Tab:
     """The size of the tabs. flat: the least length of chords for each mm of an arc, where slopes are steepest."""
     operation = job.operation
     top = operation.tab_width / 2 + job.tool.diameter / 2
-    return _Tab(top, top + operation.tab_height / flat, operation.depth, operation.tab_height)
+    slope = 1.0 if operation.entry == "plunge" else math.tan(math.radians(operation.entry_angle))
+    rise, fall = (top + operation.tab_height / (tangent * flat) for tangent in (1.0, slope))
+    return _Tab(top, rise, fall, operation.depth, operation.tab_height)
 
 
 def _insist(job: Job) -> None:
@@ -167,7 +182,10 @@ def _find_loop(number: int, before: ToolPath, path: ToolPath, job: Job, tab: _Ta
     begin, overlap = float(along[row]), min(job.operation.overlap, length)
     # A lead is a quarter of a circle: it reaches its radius along the contour, and the tool is wider by its own.
     after = max(0.0, float(along[-1]) - begin - length - overlap)
-    low, high = (max(tab.whole, tab.top + lead / (math.pi / 2)) for lead in (begin, after))
+    low = max(tab.fall + _LEVEL_MM, tab.top + begin / (math.pi / 2))
+    high = max(tab.rise, tab.top + after / (math.pi / 2))
+    if job.operation.entry != "plunge":
+        high += job.tool.diameter  # an entry runs to and fro before the first tab
     once = path.rows(row, last + 1)
     return _Loop(
         number,
@@ -212,13 +230,16 @@ def _place(group: Sequence[_Loop], tab: _Tab, wanted: int) -> tuple[list[float],
     """
     loop, places, near = group[0], list[float](), False
     length = loop.length
+    # Tabs that are apart on one path may be nearer to each other on the path beside it.
+    nearer = max(abs(one.length - length) for one in group)
     starts = [nearest(loop.round, one.round.position[0])[0] for one in group]
     seams = [
         (start + one.seam[0], start + one.seam[1]) for start, one in zip(starts, group, strict=True)
     ]
     for k in range(wanted):
         ideal = (k + 0.5) / wanted * length
-        others = [(place - 2 * tab.whole, place + 2 * tab.whole) for place in places]
+        apart = tab.whole + nearer
+        others = [(place - apart, place + apart) for place in places]
         closed = _round([*seams, *others], length)
         clear = [
             *closed,
@@ -271,7 +292,7 @@ def _hold(loop: _Loop, tab: _Tab, places: Sequence[float], chord: float) -> Tool
     if not places:
         return loop.path
     middles = loop.begin + np.array(places)
-    ends = np.array([-tab.whole, -tab.top, tab.top, tab.whole])
+    ends = np.array([-tab.rise, -tab.top, tab.top, tab.fall])
     at = (middles[:, None] + ends).ravel()
     low, high = -tab.depth, tab.height - tab.depth
     split = split_at(loop.path, at)

@@ -28,7 +28,6 @@ from camgen.check.proof.process import (
 )
 from camgen.check.proof.slopes import SlopeChecker, TabChecker
 from camgen.check.proof.subject import Context, Program, Subject, are_named
-from camgen.check.proof.tab_entries import find_tab_entries
 from camgen.check.proof.tasks import BESIDE, Drawing, Task
 from camgen.check.proof.visits import Laps, find_laps, number_visits
 from camgen.model.pose import FloatArray
@@ -223,10 +222,8 @@ def _depths_of(
     depths = np.array(subject.task.depths)
     if laps is None:
         return np.where(levels >= 0, depths[levels], np.inf)
-    # Over a tab a lap is as high as the tab, which may be the depth of an earlier pass.
-    task, motions, rows = subject.task, subject.motions, matched.rows
-    lowest = tab_top(task) + subject.slack
-    in_lap = (levels >= 0) | (motions.end[rows, 2] <= lowest)
-    entries = find_tab_entries(task, motions, rows, laps, subject.slack)
-    lap = np.where(entries >= 0, entries, laps.lap)
-    return np.where(in_lap, np.append(depths[laps.depth], np.inf)[lap], np.inf)
+    # Over a tab a lap is as high as the tab, which may be the depth of an earlier pass. A ramp is no
+    # flatter than the slope behind a tab, so no lap begins above its depth.
+    lowest = tab_top(subject.task) + subject.slack
+    in_lap = (levels >= 0) | (subject.motions.end[matched.rows, 2] <= lowest)
+    return np.where(in_lap, np.append(depths[laps.depth], np.inf)[laps.lap], np.inf)

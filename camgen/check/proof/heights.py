@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from camgen.check.proof.findings import Findings
@@ -27,6 +29,13 @@ def tab_top(task: Task) -> float:
     if not (operation.tabs or operation.tab_spacing):
         return -np.inf
     return operation.tab_height - operation.depth
+
+
+def tab_slopes(task: Task) -> tuple[float, float]:
+    """Lengths of the slopes before and behind a tab, mm: up by 45 degrees, down as an entry."""
+    operation = task.operation
+    angle = 45.0 if operation.entry == "plunge" else operation.entry_angle
+    return operation.tab_height, operation.tab_height / math.tan(math.radians(angle))
 
 
 def check_heights(

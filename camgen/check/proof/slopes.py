@@ -8,7 +8,7 @@ import numpy as np
 
 from camgen.check.proof.contours import Matched
 from camgen.check.proof.findings import Findings
-from camgen.check.proof.heights import tab_top
+from camgen.check.proof.heights import tab_slopes, tab_top
 from camgen.check.proof.motions import Motions
 from camgen.check.proof.pieces import (
     BoolArray,
@@ -63,7 +63,8 @@ class SlopeChecker:
         """
         operation, process = self.task.operation, self.task.job.process
         over_tab = self.high <= tab_top(self.task) + self.slack
-        steepest = np.where(over_tab, 1.0, math.tan(math.radians(operation.entry_angle)))
+        may_be_45 = over_tab & ((self.rise > 0) | (operation.entry == "plunge"))
+        steepest = np.where(may_be_45, 1.0, math.tan(math.radians(operation.entry_angle)))
         allowed = _STEEPER * steepest * self.flat + 2 * self.slack
         self._report(
             (np.abs(self.rise) > allowed) & (self.flat > _FLAT_MM),
@@ -177,7 +178,10 @@ class TabChecker:
         flat = self.motions.plane.length[rows]
         length = np.bincount(tab[raised & level], flat[raised & level], count)
         wanted = self.task.operation.tab_width + self.task.job.tool.diameter
-        for number in np.flatnonzero(np.abs(length - wanted) > _TAB_MM)[:1].tolist():
+        rise, fall = tab_slopes(self.task)
+        # A piece of a slope that is as flat as the heights are inexact counts as level.
+        flatter = 2 * self.slack * (rise + fall) / self.task.operation.tab_height
+        for number in np.flatnonzero(np.abs(length - wanted) > _TAB_MM + flatter)[:1].tolist():
             row = rows[np.flatnonzero(begins)[number]]
             what = f"runs over a tab of {length[number]:.3f} mm, the job asks for {wanted:.3f} mm"
             findings.add(self.motions, int(row), what)
@@ -199,18 +203,21 @@ class TabChecker:
         """(L,) whether there is room for one more tab, wherever the others are.
 
         The seam with its leads and the overlap stays free, and so does the length of a tab on both
-        sides of each tab (docs/follow.md).
+        sides of each tab (docs/follow.md). The last path is shorter than the first by a circle of
+        what is left for it.
         """
         operation, diameter = self.task.operation, self.task.job.tool.diameter
         top = (operation.tab_width + diameter) / 2
-        half = top + _STEEPER * operation.tab_height
+        rise, fall = (top + _STEEPER * slope for slope in tab_slopes(self.task))
         seam = operation.overlap
-        for lead in (operation.lead_in, operation.lead_out):
-            seam += max(half, top + lead / (math.pi / 2))
+        for slope, lead in ((fall, operation.lead_in), (rise, operation.lead_out)):
+            seam += max(slope, top + lead / (math.pi / 2))
+        if operation.entry != "plunge":
+            seam += diameter
         seams = 2 if operation.finish else 1
-        return np.asarray(
-            self._lengths(matched, laps) > seams * seam + 4 * half * counts + _ROOM_MM
-        )
+        apart = rise + fall + 2 * math.pi * operation.finish
+        wanted = seams * seam + 2 * apart * counts
+        return np.asarray(self._lengths(matched, laps) > wanted + _ROOM_MM)
 
     def _lengths(self, matched: Matched, laps: Laps) -> FloatArray:
         """(L,) lengths of the laps without overlap, mm."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
@@ -75,10 +76,18 @@ class Bevel(Struct, frozen=True, eq=False):
 
 
 class Wanted(Struct, frozen=True, eq=False):
-    """What shall be gone down to ``depth`` mm. shape: polygons. room: where the tool may be for it, whose corners it
-    cannot reach all. radius: of the tool, mm, 0 where no corner excuses what is left. task: which one. tabs: height and
-    width of its bridges, mm, 0: none. loop: of a kerf the contour beside which it runs, and ``cell`` in which: its
-    shape, its room and the contour as a polygon, ``ring``, are made where something is left of it (``lay_out``).
+    """What shall be gone.
+
+    shape: polygons.
+    room: where the tool may be for it; it cannot reach all corners.
+    radius: radius of the tool, mm, 0 where no corner excuses what is left.
+    depth: depth of what shall be gone, mm.
+    task: number of its task.
+    tabs: height of the bridges, their width, and the length of both slopes, mm; 0: none.
+    loop: of a kerf, the contour beside which it runs.
+    cell: of a kerf, the cell in which it is.
+    ring: of a kerf, the contour as a polygon. `lay_out` makes shape, room and ring where something
+        is left of it.
     """
 
     shape: Any
@@ -86,7 +95,7 @@ class Wanted(Struct, frozen=True, eq=False):
     radius: float
     depth: float
     task: int
-    tabs: tuple[float, float] = (0.0, 0.0)
+    tabs: tuple[float, float, float] = (0.0, 0.0, 0.0)
     loop: int = -1
     cell: int = -1
     ring: Any = None
@@ -299,7 +308,9 @@ def _want_kerf(draft: _Draft, task: Task, number: int, loops: IntArray, removed:
     inner = np.intersect1d(loops, removed)
     outer = np.setdiff1d(loops, inner)
     asked = operation.tabs or operation.tab_spacing
-    tabs = (operation.tab_height, operation.tab_width) if asked else (0.0, 0.0)
+    steepest = 45.0 if operation.entry == "plunge" else operation.entry_angle
+    slopes = operation.tab_height * (1 + 1 / math.tan(math.radians(steepest)))
+    tabs = (operation.tab_height, operation.tab_width, slopes) if asked else (0.0, 0.0, 0.0)
     draft.held.update(cells.ids[k] for k in outer.tolist() if asked)
     deep, radius = _depth(task), tool.radius
     for k in (*inner.tolist(), *outer.tolist()):

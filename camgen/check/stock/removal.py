@@ -292,11 +292,16 @@ def _grown(bounds: Any, by: float) -> tuple[float, float, float, float]:
 
 
 def _is_tab(piece: Any, wanted: Wanted, depth: float) -> bool:
-    """Whether a piece is no larger than a bridge across the kerf with what the round tool leaves at its two ends."""
-    height, width = wanted.tabs
+    """Whether a piece is no larger than a bridge across the kerf.
+
+    The bridge has the slopes of its two ends, and what the round tool leaves there.
+    """
+    height, width, slopes = wanted.tabs
     if not height or depth <= wanted.depth - height + TOLERANCE_MM or piece.is_empty:
         return False
-    return bool(piece.area <= 1.1 * (width + 2 * wanted.radius) * 2 * wanted.radius)
+    share = min(1.0, (depth - wanted.depth + height) / height)
+    longest = width + 2 * wanted.radius + share * slopes
+    return bool(piece.area <= 1.1 * longest * 2 * wanted.radius)
 
 
 def _widest(shapes: Shapes) -> tuple[float, tuple[float, float] | None]:
