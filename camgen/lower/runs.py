@@ -166,24 +166,24 @@ def _go_down(
 
 
 def _enter_to_and_fro(way: ToolPath, from_z: float, to_z: float, descent: _Descent) -> ToolPath:
-    """Down along the first stretch of an open path, before its first tab, and back to its start.
+    """The descent along the first stretch of an open path, before its first tab, and back to its start.
 
-    It runs to and fro as often as it takes.
+    It runs back and forth as often as it takes.
     """
     need = (from_z - to_z) / (descent.slope * shortest(way, descent.chord))
     length = _length_before_tabs(way)
     turns = math.ceil(need / (2 * length) - 1e-9)
-    there = chorded(head(way, need / (2 * turns)), descent.chord)
-    _insist_on_count(2 * turns * len(there.position), descent)
-    return _slope(join_paths([there, there.reversed()] * turns), from_z, to_z, descent.plunge)
+    forth = chorded(head(way, need / (2 * turns)), descent.chord)
+    _insist_on_count(2 * turns * len(forth.position), descent)
+    return _slope(join_paths([forth, forth.reversed()] * turns), from_z, to_z, descent.plunge)
 
 
-def _length_before_tabs(way: ToolPath) -> float:
+def _length_before_tabs(path: ToolPath) -> float:
     """The length of a path up to the slope of its first tab, mm; all of it without tabs."""
-    along = lengths_along(way)
-    if way.floor is None:
+    along = lengths_along(path)
+    if path.floor is None:
         return float(along[-1])
-    raised = np.flatnonzero(way.floor > way.floor.min() + SAME_POINT_MM)
+    raised = np.flatnonzero(path.floor > path.floor.min() + SAME_POINT_MM)
     return float(along[raised[0] - 1]) if len(raised) and raised[0] else float(along[-1])
 
 

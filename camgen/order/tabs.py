@@ -1,8 +1,8 @@
 """Tabs: bridges that hold what a followed outer contour cuts out of its stock, until somebody cuts them.
 
 Over a tab the tool rises to ``tab_height`` above the depth by 45 degrees. It runs level for ``tab_width`` and its own
-diameter, so that the width is left. It goes down by ``entry_angle``, or by 45 degrees where it may plunge: behind the
-tab is material. The places are spread evenly from the seam on. Each is moved to the nearest one that is clear of
+diameter, so that the width is left. It goes down by ``entry_angle``, or by 45 degrees where it may plunge: there is material
+after the tab. The places are spread evenly from the seam on. Each is moved to the nearest one that is clear of
 corners, of the seam with its leads and overlap, and of the other tabs. A corner is a vertex where the tangent turns, or
 an arc on which the tool only rolls about a point.
 """
@@ -33,7 +33,7 @@ from camgen.order.pieces import chorded, lengths_along, nearest, point_at, short
 _CORNER = math.radians(5)
 #: How much of an arc may touch the part that rolls about a point, as a part of its radius.
 _POINT = 1e-3
-#: Behind a tab the path is level again for at least this before its end, mm.
+#: The path is level again after a tab for at least this before its end, mm.
 _LEVEL_MM = 0.2
 #: Points of a loop are found again within this, mm.
 _FOUND = 1e-4
@@ -43,7 +43,8 @@ class _Tab(Struct, frozen=True):
     """The size of all tabs, mm along the path of the tool's centre.
 
     top: half of the level part.
-    rise, fall: from the middle of the tab to the foot of the slope before and behind it.
+    rise: length from the foot of the slope before the tab to its middle.
+    fall: length from the middle of the tab to the foot of the slope after it.
     depth: depth of the operation.
     height: height of the tabs above that depth.
     """
@@ -185,7 +186,7 @@ def _find_loop(number: int, before: ToolPath, path: ToolPath, job: Job, tab: _Ta
     low = max(tab.fall + _LEVEL_MM, tab.top + begin / (math.pi / 2))
     high = max(tab.rise, tab.top + after / (math.pi / 2))
     if job.operation.entry != "plunge":
-        high += job.tool.diameter  # an entry runs to and fro before the first tab
+        high += job.tool.diameter  # an entry runs back and forth before the first tab
     once = path.rows(row, last + 1)
     return _Loop(
         number,
@@ -231,15 +232,15 @@ def _place(group: Sequence[_Loop], tab: _Tab, wanted: int) -> tuple[list[float],
     loop, places, near = group[0], list[float](), False
     length = loop.length
     # Tabs that are apart on one path may be nearer to each other on the path beside it.
-    nearer = max(abs(one.length - length) for one in group)
+    nearer = max(abs(beside.length - length) for beside in group)
     starts = [nearest(loop.round, one.round.position[0])[0] for one in group]
     seams = [
         (start + one.seam[0], start + one.seam[1]) for start, one in zip(starts, group, strict=True)
     ]
     for k in range(wanted):
         ideal = (k + 0.5) / wanted * length
-        apart = tab.whole + nearer
-        others = [(place - apart, place + apart) for place in places]
+        spacing = tab.whole + nearer
+        others = [(place - spacing, place + spacing) for place in places]
         closed = _round([*seams, *others], length)
         clear = [
             *closed,

@@ -84,7 +84,10 @@ SMOKES = [
     Smoke("plan.engagement shapes 2", (1,), {"above, mm": (0, 15), "m": (0.3, 3)}),
     Smoke("plan.pockets shapes 5", (1,), {"bare mm2": (0, 0), "gouged mm2": (0, 0), "paths": (4, 20)}),
     Smoke("plan.follow {here}/dxf/plate.dxf 3", (1,), {"paths": (7, 7), "working points off mm": (0, 0.02)}),
-    Smoke("plan.proposals {here}/dxf 1", (1,), {"in operations %": (95, 100), "hours": (0.01, 2)}, lacking("", "rs274")),
+    Smoke(
+        "plan.proposals {here}/dxf 1", (1,), {"in operations %": (95, 100), "hours": (0.01, 2)},
+        lacking("", "rs274"),
+    ),
     Smoke(
         "plan.random_parts 8 0 1", (5,), {"dropped": (0, 0), "deepest gouge mm": (0, 0.011), "holes late": (0, 0)}
     ),

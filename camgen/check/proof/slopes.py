@@ -203,8 +203,8 @@ class TabChecker:
         """(L,) whether there is room for one more tab, wherever the others are.
 
         The seam with its leads and the overlap stays free, and so does the length of a tab on both
-        sides of each tab (docs/follow.md). The last path is shorter than the first by a circle of
-        what is left for it.
+        sides of each tab (docs/follow.md). The last path is shorter than the first: its centre line
+        is nearer to the contour by `operation.finish`.
         """
         operation, diameter = self.task.operation, self.task.job.tool.diameter
         top = (operation.tab_width + diameter) / 2
@@ -215,8 +215,8 @@ class TabChecker:
         if operation.entry != "plunge":
             seam += diameter
         seams = 2 if operation.finish else 1
-        apart = rise + fall + 2 * math.pi * operation.finish
-        wanted = seams * seam + 2 * apart * counts
+        spacing = rise + fall + 2 * math.pi * operation.finish
+        wanted = seams * seam + 2 * spacing * counts
         return np.asarray(self._lengths(matched, laps) > wanted + _ROOM_MM)
 
     def _lengths(self, matched: Matched, laps: Laps) -> FloatArray:
