@@ -120,7 +120,7 @@ def _passes(ways: _Ways, job: Job, descent: _Descent, down: bool) -> list[_Pass]
     if path.closed:
         return _go_round(ways, descent)
     return _go_down(
-        ways, descent, lambda way, from_z, to_z: _enter_to_and_fro(way, from_z, to_z, descent)
+        ways, descent, lambda path, from_z, to_z: _enter_to_and_fro(path, from_z, to_z, descent)
     )
 
 
@@ -165,15 +165,15 @@ def _go_down(
     return passes
 
 
-def _enter_to_and_fro(way: ToolPath, from_z: float, to_z: float, descent: _Descent) -> ToolPath:
-    """The descent along the first stretch of an open path, before its first tab, and back to its start.
+def _enter_to_and_fro(path: ToolPath, from_z: float, to_z: float, descent: _Descent) -> ToolPath:
+    """The descent along the first stretch of an open path, before its first tab.
 
-    It runs back and forth as often as it takes.
+    It ends where it starts, and runs back and forth as often as it takes.
     """
-    need = (from_z - to_z) / (descent.slope * shortest(way, descent.chord))
-    length = _length_before_tabs(way)
+    need = (from_z - to_z) / (descent.slope * shortest(path, descent.chord))
+    length = _length_before_tabs(path)
     turns = math.ceil(need / (2 * length) - 1e-9)
-    forth = chorded(head(way, need / (2 * turns)), descent.chord)
+    forth = chorded(head(path, need / (2 * turns)), descent.chord)
     _insist_on_count(2 * turns * len(forth.position), descent)
     return _slope(join_paths([forth, forth.reversed()] * turns), from_z, to_z, descent.plunge)
 

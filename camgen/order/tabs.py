@@ -1,10 +1,11 @@
-"""Tabs: bridges that hold what a followed outer contour cuts out of its stock, until somebody cuts them.
+"""Tabs: bridges that hold what a followed outer contour cuts out of its stock.
 
-Over a tab the tool rises to ``tab_height`` above the depth by 45 degrees. It runs level for ``tab_width`` and its own
-diameter, so that the width is left. It goes down by ``entry_angle``, or by 45 degrees where it may plunge: there is material
-after the tab. The places are spread evenly from the seam on. Each is moved to the nearest one that is clear of
-corners, of the seam with its leads and overlap, and of the other tabs. A corner is a vertex where the tangent turns, or
-an arc on which the tool only rolls about a point.
+Over a tab the tool rises to `tab_height` above the depth by 45 degrees. It runs level for `tab_width`
+and its own diameter, so that the width is left. It goes down by `entry_angle`, or by 45 degrees where
+it may plunge: there is material after the tab. The places are spread evenly from the seam on. Each is
+moved to the nearest one that is clear of corners, of the seam with its leads and overlap, and of the
+other tabs. A corner is a vertex where the tangent turns, or an arc on which the tool only rolls about
+a point.
 """
 
 from __future__ import annotations

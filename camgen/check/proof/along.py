@@ -222,8 +222,8 @@ def _depths_of(
     depths = np.array(subject.task.depths)
     if laps is None:
         return np.where(levels >= 0, depths[levels], np.inf)
-    # Over a tab a lap is as high as the tab, which may be the depth of an earlier pass. A ramp is as
-    # steep as the slope after a tab, or steeper, so all laps begin at their depth.
+    # Over a tab a lap is as high as the tab, which may be the depth of an earlier pass. A ramp is
+    # as steep as the slope after a tab, or steeper, so all laps begin at their depth.
     lowest = tab_top(subject.task) + subject.slack
     in_lap = (levels >= 0) | (subject.motions.end[matched.rows, 2] <= lowest)
     return np.where(in_lap, np.append(depths[laps.depth], np.inf)[laps.lap], np.inf)
