@@ -283,6 +283,13 @@ class OperationTable(Table, frozen=True):
             description="left at the walls, mm, and taken by a last pass at the whole depth; 0: none"
         ),
     ] = 0.0
+    rest: Annotated[
+        bool,
+        Meta(
+            description="follow: only where operations that are listed before it leave material, "
+            "as of a larger tool in inner corners"
+        ),
+    ] = False
     holes: Annotated[
         Values | None,
         Meta(

@@ -280,6 +280,23 @@ class OpenOutline(Struct, frozen=True):
     join: float
 
 
+class EarlierRun(Struct, frozen=True, eq=False):
+    """The lines and arcs along which a flat tool runs before an operation, seen from above.
+
+    start: (N, 2) mm.
+    end: (N, 2) mm.
+    bulge: (N,) tangent of a quarter of the angle of an arc, 0 for a line.
+    radius: radius of the tool, mm.
+    depth: depth of the last pass, mm.
+    """
+
+    start: FloatArray
+    end: FloatArray
+    bulge: FloatArray
+    radius: float
+    depth: float
+
+
 class Part(Struct, frozen=True, eq=False):
     """What was read. ``source`` is the file's name without folder, ``units`` says what one drawing unit was.
 
@@ -289,6 +306,7 @@ class Part(Struct, frozen=True, eq=False):
 
     open_outlines: outlines with a gap that enclose closed contours.
     moved: distance in x and y by which `input.origin` moved the drawing, mm; None without it.
+    earlier: lines and arcs of the tools of operations that run before, for `operation.rest`.
     """
 
     name: str
@@ -302,6 +320,7 @@ class Part(Struct, frozen=True, eq=False):
     worked: frozenset[str] | None = None
     open_outlines: tuple[OpenOutline, ...] = ()
     moved: tuple[float, float] | None = None
+    earlier: tuple[EarlierRun, ...] = ()
 
     def works_on(self, ids: tuple[str, ...]) -> bool:
         """Whether one of the contours ``ids`` is worked on."""

@@ -16,7 +16,7 @@ from msgspec.structs import replace
 from camgen.model.cell import Cell
 from camgen.model.errors import AmbiguousInput, InputError, JobError
 from camgen.model.job import Job, Step
-from camgen.model.part import Note, Part
+from camgen.model.part import EarlierRun, Note, Part
 from camgen.model.path import ToolPath
 from camgen.model.plugins import OPERATIONS, entries, find, load
 from camgen.model.text import counted
@@ -205,11 +205,20 @@ def _plan_steps(part: Part, job: Job, cell: Cell | None, watch: Watch) -> JobPla
 
     shares, left = share_out(part, job)
     notes = [*part.notes, *left]
+    has_rest = any(step.operation.rest for step in job.operations)
     plans = []
+    earlier: list[EarlierRun] = []
     for share in shares:
         number, kind = share.number, share.step.operation.kind
         whole = share.part.worked is not None and len(share.part.worked) == len(part.contours)
-        made = _plan_share(share.part, job_of(job, share.step), number, whole, cell, watch)
+        own_part = share.part
+        if share.step.operation.rest:
+            own_part = replace(own_part, earlier=tuple(earlier))
+        made = _plan_share(own_part, job_of(job, share.step), number, whole, cell, watch)
+        if has_rest:
+            from camgen.plan.rest import list_runs  # noqa: PLC0415 (only for jobs that ask for it)
+
+            earlier += list_runs(made.paths, share.step.tool)
         notes += [
             replace(note, what=f"operation {number} ({kind}): {note.what}") for note in made.notes
         ]

@@ -122,11 +122,12 @@ def _check(
     return replace(curve, sound=sound)
 
 
-def only_along(curve: Beside, chosen: BoolArray) -> Beside:
-    """The stretches of the chains that touch the source segments ``chosen`` (S,); a chain that does all along stays as
-    it is.
+def only_along(curve: Beside, keep: BoolArray) -> Beside:
+    """The segments `keep` (N,) of the chains, as stretches.
+
+    A chain of which all segments are kept stays as it is.
     """
-    owner, keep = curve.segments.owner, chosen[curve.source]
+    owner = curve.segments.owner
     count = len(curve.closed)
     whole = np.bincount(owner, ~keep, count) == 0
     sizes = np.bincount(owner, minlength=count)

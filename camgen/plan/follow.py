@@ -109,7 +109,7 @@ def run_beside(
     )
     looked_at = loops.worked
     if not loops.worked.all():
-        curve = only_along(curve, loops.worked[source.owner])
+        curve = only_along(curve, loops.worked[source.owner[curve.source]])
         near = _too_near(curve, source, loops, reach)
         spoiled = np.isin(
             np.arange(len(contours)), source.owner[curve.source[near[curve.segments.owner]]]
@@ -117,6 +117,12 @@ def run_beside(
         notes += _near_note([contours[k] for k in np.flatnonzero(spoiled).tolist()])
         curve = only_chains(curve, ~near)
         looked_at = looked_at & ~spoiled
+    reached = curve
+    if job.operation.rest:
+        from camgen.plan.rest import keep_rest  # noqa: PLC0415 (only for jobs that ask for it)
+
+        curve = keep_rest(curve, part, job)
+        notes += _nothing_left(reached, curve, source, contours)
     labels, order = _labels(curve, source, contours, loops, job)
     tool = f"a {job.tool.diameter:g} mm tool" + (
         f" with corner radius {job.operation.corner_radius:g}"
@@ -128,11 +134,24 @@ def run_beside(
         if operation == "follow"
         else f"a V tool whose middle is {distance:.4g} mm off the wall"
     )
-    notes += _left_out(curve, source, contours, looked_at, tool, distance)
+    notes += _left_out(reached, source, contours, looked_at, tool, distance)
     if job.process.force:
         notes += _note_feeds(curve, source, contours, job)
     segments, work = _order_chains(curve, source, order, job)
     return tool_paths(segments, labels, work, depths, operation), tuple(notes)
+
+
+def _nothing_left(
+    reached: Beside, curve: Beside, source: Segments, contours: list[Contour]
+) -> list[Note]:
+    """A note on the contours of `reached` at which earlier operations leave nothing for `curve`."""
+    before = set(source.owner[reached.source].tolist())
+    done = sorted(before - set(source.owner[curve.source].tolist()))
+    if not done:
+        return []
+    ids = [contours[k].id for k in done]
+    what = f"nothing is left at {counted(len(ids), 'contour')}: {', '.join(name_ranges(ids))}"
+    return [Note("assumed", what, "earlier operations reach all that this tool does", tuple(ids))]
 
 
 def _too_near(curve: Beside, source: Segments, loops: _Loops, reach: float) -> BoolArray:

@@ -27,8 +27,8 @@ _PICTURES = {"image": _ALL, "camera": _ALL}
 _REPLAYS = {"process": ("max_feed",)}
 _CONTOURS = (
     "side", "planner", "waypoint_spacing", "waypoint_turn", "direction", "corner_radius", "inside_first", "stepover",
-    "holes", "depth", "passes", "lead_in", "lead_out", "overlap", "width", "finish", "entry", "entry_angle", "tabs",
-    "tab_spacing", "tab_width", "tab_height", "taught_on", "compensation", "shared",
+    "holes", "rest", "depth", "passes", "lead_in", "lead_out", "overlap", "width", "finish", "entry", "entry_angle",
+    "tabs", "tab_spacing", "tab_width", "tab_height", "taught_on", "compensation", "shared",
 )  # fmt: skip
 _CURVES: dict[str, tuple[str, ...]] = {
     **_PICTURES,
@@ -107,6 +107,7 @@ _ONLY: dict[str, tuple[str, ...]] = {
     "finish": ("follow", "pocket", "bore"),
     "stepover": ("fill", "pocket"),
     "engagement": ("pocket",),
+    "rest": ("follow",),
     "holes": ("drill", "bore"),
     "shared": ("trace",),
 }

@@ -464,6 +464,10 @@ def _step(
     operation = _operation(tree.get("operation", {}) | _only(keys, OperationTable), where)
     process = _table(ProcessTable, tree.get("process", {}) | own | _only(keys, ProcessTable), where)
     _insist_on_settings(replace(job, operation=operation), where)
+    if operation.kind == "auto":
+        # The sides of a contour follow from the contours of other operations, by their kinds.
+        on_page = bool(job.page.size) and operation.planner != "image"
+        operation = replace(operation, kind="trace" if on_page else "follow")
     return Step(tool, operation, process, choice)
 
 

@@ -87,7 +87,7 @@ def test_a_stretch_of_a_closed_chain_goes_over_the_end_of_the_chain() -> None:
     both = Beside(segments, closed, np.arange(7), np.zeros(7), plain, closed)
     chosen = np.ones(7, np.bool_)
     chosen[4] = False  # the right side of the rectangle
-    kept = only_along(both, chosen)
+    kept = only_along(both, chosen[both.source])
     assert kept.closed.tolist() == [True, False]
     assert kept.segments.owner.tolist() == [0, 0, 0, 1, 1, 1]
     stretch = kept.segments.take(kept.segments.owner == 1)

@@ -22,6 +22,7 @@ from camgen.plan.steps import arrange
 from camgen.post.plugins import find_readback
 from fixtures.program_text import dump, parse
 from tests.support.built import build
+from tests.support.drawn import part, rectangle
 from tests.support.rs274 import needs_rs274, run
 
 BRACKET = Path(__file__).parents[2] / "fixtures" / "parts" / "bracket.dxf"
@@ -103,6 +104,18 @@ def test_the_report_has_a_row_for_each_operation() -> None:
         drilled["removed_mm3"] + cut["removed_mm3"], abs=0.2
     )  # type: ignore[index]
     assert drilled["time_s"] + cut["time_s"] <= result.report["time_s"]  # type: ignore[operator]
+
+
+def test_a_row_without_a_kind_knows_its_side_from_the_contours_of_others() -> None:
+    job = {
+        "tools": [{"name": "mill", "number": 1, "diameter": 6.0}],
+        "operations": [{"tool": "mill", "nesting": "inner"}],
+    }
+    window = rectangle(20, 20, 60, 40, "window")
+    plan = camgen.plan(part(rectangle(0, 0, 100, 80, "outline"), window), job)
+    (path,) = plan.paths
+    assert path.operation == "follow"
+    assert path.position[:, 0].min() == pytest.approx(23.0)
 
 
 def test_circles_of_a_size_may_be_followed() -> None:

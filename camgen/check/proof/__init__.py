@@ -18,6 +18,7 @@ from msgspec.structs import replace
 from camgen.check.proof.along import ContourProver
 from camgen.check.proof.corners import check_corners
 from camgen.check.proof.descents import DescentChecker
+from camgen.check.proof.earlier import EarlierCut, EarlierCuts, cuts_before
 from camgen.check.proof.findings import Finding, Findings
 from camgen.check.proof.heights import check_heights, find_levels
 from camgen.check.proof.holes import check_bored, check_drilled, select_holes
@@ -103,15 +104,17 @@ def prove_motion(
     totals = _Count(drawing)
     findings: list[tuple[str, Finding]] = []
     unproven: list[str] = []
-    for task in make_tasks(drawing, job, bool(job.page.size)):
+    tasks = make_tasks(drawing, job, bool(job.page.size))
+    for task in tasks:
         if (reason := _why_not(task, part, drawing.slack)) != "":
             unproven.append(f"{task.kind}: {reason}")
             continue
         differences = Findings()
         # An operation runs in one program; if all its contours are left out, it runs in none.
         runs = [program for program in programs if _has_task(program, task)] or programs[:1]
+        earlier = _find_earlier(task, tasks, programs, context)
         for program in runs:
-            _prove_task(task, program, context, totals, differences)
+            _prove_task(task, program, context, totals, differences, earlier)
         findings += [(runs[0].file, item) for item in differences.items]
         unproven += differences.unproven
     for program in programs:
@@ -194,8 +197,29 @@ def _has_task(program: Program, task: Task) -> bool:
     return bool(_of_task(program, task)[program.path].any())
 
 
+def _find_earlier(
+    task: Task, tasks: Sequence[Task], programs: Sequence[Program], context: Context
+) -> EarlierCuts | None:
+    """The motions of earlier operations, None if the task does not depend on them."""
+    if not task.operation.rest:
+        return None
+    cuts: list[EarlierCut] = []
+    for other in cuts_before(task, tasks):
+        for program in programs:
+            motions = context.tabulate(program, other.job.process)
+            of_task = _of_task(program, other)[motions.path]
+            works = split_phases(motions, other.job.process, 2 * context.rounding.mm).works
+            cuts.append(EarlierCut(other, motions, works & of_task))
+    return EarlierCuts(cuts, 2 * context.rounding.mm + _SLACK_MM + context.drawing.slack)
+
+
 def _prove_task(
-    task: Task, program: Program, context: Context, totals: _Count, findings: Findings
+    task: Task,
+    program: Program,
+    context: Context,
+    totals: _Count,
+    findings: Findings,
+    earlier: EarlierCuts | None,
 ) -> None:
     drawing, process = context.drawing, task.job.process
     motions = context.tabulate(program, process)
@@ -207,7 +231,7 @@ def _prove_task(
     if task.kind in _PROVERS:
         prover = _Once(_PROVERS[task.kind])
     else:
-        prover = ContourProver(task, program, context, slack)
+        prover = ContourProver(task, program, context, slack, earlier)
         stretches = cut_at_clearance(motions, process, slack)
     for low, high in stretches:
         stretch, mine = motions.stretch(low, high), of_task[low:high]

@@ -10,6 +10,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from camgen.check.proof.contours import ContourChecker, Matched, Workplace
+from camgen.check.proof.earlier import EarlierCuts
 from camgen.check.proof.findings import Findings
 from camgen.check.proof.heights import check_heights, find_levels, tab_top
 from camgen.check.proof.leads import LeadChecker
@@ -39,11 +40,20 @@ class ContourProver:
 
     The motions come in stretches, so that a long program stays in the cache of the processor.
     slack: deviation of a coordinate of the text, mm.
+    earlier: motions of earlier operations, if the task takes only what they leave.
     """
 
-    def __init__(self, task: Task, program: Program, context: Context, slack: float) -> None:
+    def __init__(
+        self,
+        task: Task,
+        program: Program,
+        context: Context,
+        slack: float,
+        earlier: EarlierCuts | None = None,
+    ) -> None:
         self.task, self.context, self.slack = _leave_unclear(task, context), context, slack
         lists = _hint(context.drawing, program.origins)
+        self._earlier = earlier
         self._place = Workplace(self.task, context.drawing, lists)
         self._matched: list[Matched] = []
         self._depths: list[FloatArray] = []
@@ -115,6 +125,8 @@ class ContourProver:
             rows = matched.rows[at_depth]
             covered = matched.covered.take(chosen)
             gaps = checker.find_uncovered(covered, rows, distance, findings)
+            if self._earlier is not None:
+                gaps = gaps.take(~self._earlier.touch(gaps, checker.pieces, depth, self.slack))
             for piece, low, high in zip(gaps.piece, gaps.low, gaps.high, strict=True):
                 contour = drawing.contours[int(owner[piece])]
                 done[owner[piece]] = False
