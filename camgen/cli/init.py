@@ -13,12 +13,13 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from camgen.batch.writing import check_targets, write_all
-from camgen.cli.proposal import describe, list_proposed
+from camgen.cli.proposal import describe, list_proposed, tabulate
 from camgen.cli.say import Voice
 from camgen.model.errors import AmbiguousInput, CamgenError, InputError, JobError
 from camgen.model.job import Job, OperationTable
 from camgen.model.job_tables import Setting, row_settings, row_tables, settings, tables
 from camgen.model.part import Part
+from camgen.model.text import counted, name_first
 from camgen.model.toml import toml
 from camgen.plan.propose import Proposal
 from camgen.post import Post
@@ -67,6 +68,11 @@ def run(arguments: Namespace, says: Voice) -> int:
             about = f"{values} are placeholders"
         tone = "look" if arguments.operations else "plain"
         says.rows([("proposed", f"{describe(proposal)}: {about}", tone)])
+        says.rows([("operation", line, "plain") for line in tabulate(proposal)])
+        if proposal.left:
+            what = f"{counted(len(proposal.left), 'contour')} in no operation"
+            why = "they cross others, enclose nothing, or no tool fits"
+            says.rows([("left", f"{what}: {name_first(proposal.left)} ({why})", "look")])
     if identity(source.path.parent) != identity(target.parent):
         says.rows(
             [
@@ -114,7 +120,7 @@ def _propose(part: Part | None, job: Job, source: str, option: str, says: Voice)
         says.rows([("proposed", f"no operations: {error}", "look")])
         return None
     if proposal is None and option:
-        what = "has no closed contour that a drill or a mill of 1 mm or more could make"
+        what = "has no closed contour that a drill or a mill could make"
         remedy = "camgen inspect shows its contours; or leave it out"
         raise InputError(source, what, option, remedy)
     return proposal
@@ -152,6 +158,8 @@ class Chosen(Struct, frozen=True, eq=False):
             return [f"{key} = {toml(self.values[table, key])}"]
         if self.proposal and self.active and (table, key) == ("stock", "thickness"):
             return [f"{key} = {toml(self.proposal.thickness)}  # measure it"]
+        if self.proposal and self.active and (table, key) == ("stock", "margin"):
+            return [f"{key} = {toml(self.proposal.margin)}  # frame beside the widest cut"]
         return []
 
 

@@ -28,14 +28,16 @@ def list_proposed(proposal: Proposal, active: bool) -> list[str]:
         about += "Speeds (rpm) and feeds (mm/s) are placeholders: set them for tool and material."
     about += "" if active else " Delete the # in front to use it."
     if proposal.left:
-        why = "they cross others, enclose nothing, or are too narrow for a mill of 1 mm"
+        why = "they cross others, enclose nothing, or no tool fits"
         about += f" In no operation: {', '.join(proposal.left)} ({why})."
     lines = ["", *textwrap.wrap(about, _WIDE, initial_indent="# ", subsequent_indent="# ")]
     rows: list[str] = []
     for tool in proposal.tools:
         rows += ["", "[[tools]]", *_keys(tool.row, tool.comments)]
     for operation in proposal.operations:
-        rows += ["", "[[operations]]", f"# {operation.about}", *_keys(operation.row, {})]
+        reason = f": {operation.why}" if operation.why else ""
+        comment = f"# {operation.about}{reason}"
+        rows += ["", "[[operations]]", comment, *_keys(operation.row, {})]
     return lines + (rows if active else [f"# {line}".rstrip() for line in rows])
 
 
@@ -53,6 +55,20 @@ def _keys(row: Mapping[str, object], comments: Mapping[str, str]) -> list[str]:
             ", ".join(map(toml, value)), _WIDE - 4, initial_indent="    ", subsequent_indent="    "
         )
         lines += [f"{key} = [", *items, "]"]
+    return lines
+
+
+def tabulate(proposal: Proposal) -> list[str]:
+    """A line for each operation: tool, contours, entry, tabs, and the reason for the tool."""
+    lines = []
+    for operation in proposal.operations:
+        row = operation.row
+        going = [str(row["entry"])] if "entry" in row else []
+        going += [f"{row['passes']} passes"] if "passes" in row and row["kind"] != "drill" else []
+        going += ["a last pass at the wall"] if "finish" in row else []
+        going += [counted(int(str(row["tabs"])), "tab") + " each"] if "tabs" in row else []
+        parts = [operation.about, operation.why, *going]
+        lines.append(f"{row['kind']} - {row['tool']}: {', '.join(part for part in parts if part)}")
     return lines
 
 

@@ -201,7 +201,7 @@ def _without_stock(part: Part, job: Job) -> tuple[Part, tuple[Contour, ...]]:
 
 def _plan_steps(part: Part, job: Job, cell: Cell | None, watch: Watch) -> JobPlan:
     """All operations of ``job``, in the order in which they run."""
-    from camgen.plan.steps import arrange, job_of, share_out  # noqa: PLC0415 (shapely is loaded only by what needs it)
+    from camgen.plan.steps import arrange, find_enclosed_by, job_of, share_out  # noqa: PLC0415 (shapely is loaded only by what needs it)
 
     shares, left = share_out(part, job)
     notes = [*part.notes, *left]
@@ -227,7 +227,11 @@ def _plan_steps(part: Part, job: Job, cell: Cell | None, watch: Watch) -> JobPla
     numbers = list(range(len(plans)))
     if job.tour.method != "as-drawn":
         worked = [frozenset(name for path in one.paths for name in path.contours) for one in plans]
-        numbers = arrange(job.operations, worked)
+        enclosed = []
+        for step, ids in zip(job.operations, worked, strict=True):
+            cuts_profiles = step.operation.kind == "follow" and step.operation.inside_first
+            enclosed.append(find_enclosed_by(part, ids) if cuts_profiles else frozenset[str]())
+        numbers = arrange(job.operations, worked, enclosed)
     steps, run = tuple(job.operations[k] for k in numbers), tuple(plans[k] for k in numbers)
     return JobPlan(
         part, chain_paths(run), tuple(notes), steps=steps, numbers=tuple(numbers), plans=run

@@ -1,7 +1,14 @@
-"""A first job for a drawing: round holes drilled, what lies inside cut next, outlines last, held by tabs.
+"""A first job for a drawing: holes, contours inside others, outlines, held by tabs.
 
-It is a proposal. The drawing knows neither how thick the material is nor what it is of: depths follow from a thickness
-that somebody has to measure, and speeds are placeholders. What no tool of the list fits is left to the user.
+It is a proposal. The drawing states neither the thickness of the material nor its name: depths
+follow from a thickness that has to be measured, and speeds are placeholders. Contours that no tool
+fits are left to the user.
+
+- A round hole is drilled if there is a standard drill of its diameter, else a mill bores it.
+- A contour is followed by the largest mill that touches 95 % of it. A smaller mill takes the rest.
+- Mills go in on ramps. If they take several passes, a last pass finishes the wall.
+- Each outline has as many tabs as it has room for, four at most. An outline without room for two
+  keeps a thin skin.
 """
 
 from __future__ import annotations
@@ -15,17 +22,14 @@ from msgspec.structs import replace
 
 from camgen.geometry.nesting import Nesting, nest
 from camgen.geometry.segments import Segments, from_contours
-from camgen.model.errors import CamgenError
 from camgen.model.job import StockTable, ToolRow
 from camgen.model.materials import MATERIALS
 from camgen.model.part import Contour, Part
-from camgen.model.pose import FloatArray
 from camgen.model.text import counted, short
-from camgen.plan import plan
 from camgen.plan.drill import Hole, find_circles, innermost
 from camgen.plan.open_outlines import check_outlines
+from camgen.plan.proposed_mills import MOST_TRIED, ChosenMill, choose_mills, sample
 from camgen.plan.proposed_tools import ProposedTool, ToolRack
-from camgen.read.job_file import from_mapping
 
 #: Thickness of the material, mm, until it is measured.
 THICKNESS_MM = 3.0
@@ -37,24 +41,84 @@ _LARGEST_DRILL, _SMALLEST_DRILL = 13.0, 0.2
 _SAME_SIZE, _ROOM = 0.02, 0.01
 #: A circle around a hole, up to so many times as wide, is a counterbore; so far off, in diameters of the hole.
 _COUNTERBORE, _OFF_CENTRE = 3.0, 0.1
-#: Fillets that are smaller, mm, are corners: no mill is chosen by them.
-_CORNER = 0.5
-#: Up to so many loops mills are tried in turn; of more the largest that the fillets allow is taken.
-_MOST_TRIED = 3000
-#: The depth of a pass of a mill and of a peck of a drill, as parts of the diameter.
-_PASS, _PECK = 0.5, 3.0
+#: The depth of a peck of a drill, as a share of the diameter.
+_PECK = 3.0
+#: The depth of a pass, as a share of the diameter. The second one is for materials whose charts
+#: allow passes deeper than the diameter.
+_PASS, _DEEP_PASS = 0.6, 1.0
+#: A ramp is run at this share of the feed.
+_RAMP_SHARE = 0.75
+#: A path in a corner is shorter than this, in diameters of the mill before.
+_CORNER_PATHS = 4.0
+#: Left at the wall for the last pass, mm, if a mill of this diameter or more, mm, takes several.
+_FINISH_MM, _FINISHING_MILL_MM = 0.2, 3.0
 #: Half the tip of a drill, rad: 118 degrees.
 _TIP = math.radians(59)
-TABS = 4
+#: A hole is bored by a mill of at most this share of its diameter: chips need room.
+_BORING_SHARE = 0.8
+#: Thickness of the skin that holds an outline without room for tabs, mm.
+_SKIN_MM = 0.2
+#: Margin of the stock, in diameters of the widest mill: a kerf, and a frame as wide as it.
+_FRAME = 2.0
+#: Diameter of the mill for which the room of tabs is estimated, mm.
+_USUAL_MILL_MM = 6.0
+#: Tabs are spread evenly and keep off corners: they need this factor more than their length.
+_SPREAD = 1.15
+#: Room for the seam of an outline beside its tabs, in lengths of a tab.
+_SEAM_TABS = 1.0
 
 Row = Mapping[str, object]
 
 
 class Proposed(Struct, frozen=True):
-    """One operation. about: what it does, for a comment. row: of ``[[operations]]``."""
+    """One operation.
+
+    about: its contours, for a comment.
+    row: row of `[[operations]]`.
+    why: reason for the tool.
+    """
 
     about: str
     row: Row
+    why: str = ""
+
+
+class _Tabs(Struct, frozen=True):
+    """Tabs of an outline.
+
+    number: largest number of tabs.
+    width: width of a tab, mm.
+    height: height of a tab, mm.
+    angle: angle of the slope after a tab, deg.
+    """
+
+    number: int
+    width: float
+    height: float
+    angle: float
+
+    def length(self, diameter: float) -> float:
+        """Length of a tab with its slopes along the path of a mill, mm."""
+        slopes = self.height * (1 + 1 / math.tan(math.radians(self.angle)))
+        return self.width + diameter + slopes
+
+    def fit(self, path: float, diameter: float) -> int:
+        """Number of tabs for which a closed path of the length `path`, mm, has room."""
+        room = path / self.length(diameter) - _SEAM_TABS
+        return math.floor(min(self.number, room / _SPREAD))
+
+    def keys(self, number: int) -> dict[str, object]:
+        """Keys of the operation."""
+        default = self == _TABS[0]
+        return {
+            "tabs": number,
+            **({} if default else {"tab_width": self.width, "tab_height": self.height}),
+            **({} if default else {"entry_angle": self.angle}),
+        }
+
+
+#: Tabs of an outline, the first that fits. Makers of end mills recommend ramps of 10 degrees at most.
+_TABS = (_Tabs(4, 5.0, 1.0, 3.0), _Tabs(4, 3.0, 0.8, 5.0), _Tabs(3, 2.0, 0.8, 10.0))
 
 
 class Proposal(Struct, frozen=True):
@@ -65,6 +129,7 @@ class Proposal(Struct, frozen=True):
     left: ids of closed contours that no operation works on.
     thickness: material thickness, mm, from which the depths follow.
     material: name of the material, "" if it is unknown.
+    margin: material around the drawing, mm, of which a frame stays beside the outlines.
     """
 
     tools: tuple[ProposedTool, ...]
@@ -72,6 +137,7 @@ class Proposal(Struct, frozen=True):
     left: tuple[str, ...]
     thickness: float
     material: str
+    margin: float = 10.0
 
 
 class _Loops(Struct, frozen=True, eq=False):
@@ -151,7 +217,8 @@ def propose(
     used = {name for _, ids in operations for name in ids}
     left = tuple(c.id for c in closed if c.id not in used)
     rows = tuple(one for one, _ in operations)
-    return Proposal(rack.tools, rows, left, loops.thickness, stock.material or "")
+    margin = max(stock.margin, _FRAME * rack.widest_mill)
+    return Proposal(rack.tools, rows, left, loops.thickness, stock.material or "", margin)
 
 
 def _sort(loops: _Loops) -> _Sorted:
@@ -204,25 +271,35 @@ def _by_size(loops: _Loops, rows: list[int]) -> list[list[int]]:
 def _drill(
     loops: _Loops, sizes: list[list[int]], rack: ToolRack
 ) -> Iterator[tuple[Proposed, list[str]]]:
-    """An operation for each size, with a drill of the rack."""
+    """An operation for each size: a standard drill, else a mill that bores."""
     for rows in sizes:
         sizes_here = [_diameter(loops, k) for k in rows]
         low, high = min(sizes_here) - _ROOM, max(sizes_here) + _ROOM
-        diameter = max(round(min(sizes_here), 2), _ROOM)  # no hole becomes wider than it is drawn
-        deepest = loops.thickness + _THROUGH_MM + diameter / 2 / math.tan(_TIP)
-        depth = math.floor(deepest * 10) / 10
-        row = {
-            "kind": "drill",
-            "tool": rack.take("drill", diameter),
-            **_choose_holes(loops, rows, low, high),
-            "depth": depth,
-        }
-        pecks = math.ceil(depth / (_PECK * diameter))
-        row |= {"passes": pecks} if pecks > 1 else {}
-        yield (
-            Proposed(f"{counted(len(rows), 'hole')} of {short(diameter, 3)} mm", row),
-            loops.name(rows),
-        )
+        about = f"{counted(len(rows), 'hole')} of {short(min(sizes_here), 3)} mm"
+        chosen = _choose_holes(loops, rows, low, high)
+        drill = rack.find_drill(min(sizes_here))
+        mill = None if drill else _find_boring_mill(rack, min(sizes_here), max(sizes_here))
+        if drill:
+            deepest = loops.thickness + _THROUGH_MM + drill / 2 / math.tan(_TIP)
+            depth = math.floor(deepest * 10) / 10
+            row = {"kind": "drill", "tool": rack.take("drill", drill), **chosen, "depth": depth}
+            pecks = math.ceil(depth / (_PECK * drill))
+            row |= {"passes": pecks} if pecks > 1 else {}
+            yield Proposed(about, row, "a standard size"), loops.name(rows)
+        elif mill:
+            through = loops.thickness + _THROUGH_MM
+            row = {"kind": "bore", "tool": rack.take("end mill", mill), **chosen, "depth": through}
+            yield Proposed(about, row, "no drill has this size"), loops.name(rows)
+
+
+def _find_boring_mill(rack: ToolRack, smallest: float, largest: float) -> float | None:
+    """The diameter of the largest mill that bores holes of these diameters, mm, None without one."""
+    fitting = [
+        diameter
+        for diameter in rack.mills
+        if diameter <= _BORING_SHARE * smallest and largest - diameter <= diameter
+    ]
+    return max(fitting, default=None)
 
 
 def _choose_holes(loops: _Loops, rows: list[int], low: float, high: float) -> dict[str, object]:
@@ -242,7 +319,7 @@ def _choose_holes(loops: _Loops, rows: list[int], low: float, high: float) -> di
 
 
 def _cut(loops: _Loops, kinds: _Sorted, rack: ToolRack) -> Iterator[tuple[Proposed, list[str]]]:
-    """Counterbores, what lies inside, and the outlines."""
+    """Counterbores, contours inside others, and the outlines."""
     through = loops.thickness + _THROUGH_MM
     bores = _by_size(loops, sorted(set(kinds.bores)))
     for rows in bores:
@@ -250,35 +327,98 @@ def _cut(loops: _Loops, kinds: _Sorted, rack: ToolRack) -> Iterator[tuple[Propos
         yield from _follow(
             loops, rows, {"side": "inside", "depth": loops.thickness / 2}, what, rack
         )
-    what = counted(len(kinds.inner), "contour") + " inside others"
-    yield from _follow(loops, kinds.inner, {"depth": through}, what, rack)
-    what = counted(len(kinds.outer), "outline")
-    yield from _follow(loops, kinds.outer, {"depth": through, "tabs": TABS}, what, rack)
+    holes = [k for k in kinds.inner if loops.nesting.depth[k] % 2]
+    what = f"{counted(len(holes), 'contour')} inside others"
+    yield from _follow(loops, holes, {"depth": through}, what, rack)
+    inner_parts = [k for k in kinds.inner if k not in holes]
+    for name, plural, parts in (
+        ("part inside others", "parts inside others", inner_parts),
+        ("outline", "outlines", kinds.outer),
+    ):
+        for tabs, rows in _by_room(loops, parts):
+            what = counted(len(rows), name, plural)
+            yield from _follow(loops, rows, {"depth": through}, what, rack, tabs)
+
+
+def _by_room(loops: _Loops, rows: Sequence[int]) -> list[tuple[_Tabs, list[int]]]:
+    """Outlines by the tabs that they have room for, the roomiest first."""
+    lengths = np.bincount(loops.segments.owner, loops.segments.length, len(loops.contours))
+    groups: list[tuple[_Tabs, list[int]]] = [(tabs, []) for tabs in _TABS]
+    for k in rows:
+        fitting = [tabs.fit(float(lengths[k]), _USUAL_MILL_MM) >= 2 for tabs in _TABS]
+        groups[fitting.index(True) if any(fitting) else -1][1].append(k)
+    return [(tabs, members) for tabs, members in groups if members]
 
 
 def _follow(
-    loops: _Loops, rows: list[int], keys: dict[str, object], what: str, rack: ToolRack
+    loops: _Loops,
+    rows: list[int],
+    keys: Row,
+    what: str,
+    rack: ToolRack,
+    tabs: _Tabs | None = None,
 ) -> Iterator[tuple[Proposed, list[str]]]:
-    """One operation beside the loops of ``rows`` with the mill of the rack that fits them best."""
+    """Operations beside the loops of `rows`: the largest mill first, then one for the rest.
+
+    tabs: tabs of outlines; None for contours that cut nothing out.
+    """
     if not rows:
         return
-    diameter, fitting = _fit_mill(loops, rows, keys, rack.mills)
-    if not fitting:
-        return
-    depth = float(str(keys["depth"]))
-    passes = math.ceil(depth / (_PASS * diameter))
-    chosen = _choose_loops(loops, fitting)
-    keys = {
-        "kind": "follow",
-        "tool": rack.take("end mill", diameter),
-        **chosen,
-        **keys,
-        "entry": "ramp",
-        # The feeds of charts are those of the tool's centre.
-        **({"max_feed_factor": 1.0} if rack.material else {}),
-        **({"passes": passes} if passes > 1 else {}),
-    }
-    yield Proposed(what, keys), fitting
+    if len(rows) > MOST_TRIED:
+        mills = [ChosenMill(max(rack.mills), rows, 1.0, True, math.inf, math.inf, 0.0)]
+    else:
+        samples = sample(loops.segments, loops.nesting, np.array(rows))
+        ids = dict(zip(rows, loops.name(rows), strict=True))
+        mills = choose_mills(loops.part, ids, keys, samples, rack.mills)
+    held: dict[str, object] = {}
+    if tabs and mills:
+        least = min(tabs.fit(mill.shortest, mill.diameter) for mill in mills)
+        held = tabs.keys(least) if least >= 2 else {"depth": loops.thickness - _SKIN_MM}
+    for mill in mills:
+        worked = loops.name(mill.loops)
+        about = what if len(worked) == len(rows) else f"{len(worked)} of {what}"
+        why = "the largest mill that reaches enough of them"
+        if mill.before:
+            about = f"what larger mills leave of {what}"
+            why = f"{100 * mill.share:.0f} % of their length is touched then"
+        tool = rack.take("end mill", mill.diameter)
+        depth = float(str(held.get("depth", keys["depth"])))
+        row = {
+            "kind": "follow",
+            "tool": tool,
+            **_choose_loops(loops, worked),
+            **({"rest": True} if mill.before else {}),
+            **{key: value for key, value in keys.items() if key != "depth"},
+            **_go_down(depth, mill, rack, tool, "tabs" in held),
+            **(held if mill.cuts_out and "tabs" in held else {}),
+            # The feeds of charts are those of the tool's centre.
+            **({"max_feed_factor": 1.0} if rack.material else {}),
+        }
+        yield Proposed(about, row, why), worked
+
+
+def _go_down(
+    depth: float, mill: ChosenMill, rack: ToolRack, tool: str, may_have_tabs: bool
+) -> dict[str, object]:
+    """Depth, passes, entry and finish of a mill.
+
+    A rest in corners is narrow. Open paths of a rest begin in cleared ground, if no tab is there.
+    """
+    is_rest = mill.before > 0
+    corners = is_rest and mill.longest <= _CORNER_PATHS * mill.before
+    deep = corners or (rack.material is not None and rack.material.passes > 1)
+    passes = math.ceil(depth / ((_DEEP_PASS if deep else _PASS) * mill.diameter) - 1e-9)
+    keys: dict[str, object] = {"depth": depth}
+    if may_have_tabs or not is_rest or math.isinf(mill.longest):
+        plunge = round(rack.feed(tool) * _RAMP_SHARE, 2)
+        keys |= {"entry": "ramp", "plunge": plunge}
+    if passes > 1:
+        keys |= {"passes": passes}
+    if corners:
+        keys |= {"direction": "any"}  # back and forth, without lifts
+    if passes > 1 and not is_rest and mill.diameter >= _FINISHING_MILL_MM:
+        keys |= {"finish": _FINISH_MM}
+    return keys
 
 
 def _choose_loops(loops: _Loops, ids: list[str]) -> dict[str, object]:
@@ -294,48 +434,3 @@ def _choose_loops(loops: _Loops, ids: list[str]) -> dict[str, object]:
         if plain and {c.id for c in found if c.layer.casefold() in folded} == wanted:
             return {"layers": layers, "nesting": nesting}
     return {"ids": ids}
-
-
-def _fit_mill(
-    loops: _Loops, rows: list[int], keys: Row, diameters: Sequence[float]
-) -> tuple[float, list[str]]:
-    """The diameter that cuts most of the loops, the first of several, and the ids of these loops."""
-    widest = 2 * float(_fillets(loops, rows).min(initial=np.inf)) + _SAME_SIZE
-    mills = [diameter for diameter in diameters if diameter <= widest] or [min(diameters)]
-    ids = loops.name(rows)
-    if len(rows) > _MOST_TRIED:
-        return mills[0], ids
-    best: tuple[float, list[str]] = (mills[0], [])
-    for diameter in mills:
-        fitting = _try(loops.part, ids, keys, diameter)
-        if len(fitting) > len(best[1]):
-            best = (diameter, fitting)
-        if len(fitting) == len(ids):
-            break
-    return best
-
-
-def _fillets(loops: _Loops, rows: list[int]) -> FloatArray:
-    """Radii, mm, of the arcs that a mill runs into: bent towards where it is, inside of holes, outside of parts."""
-    segments, nesting = loops.segments, loops.nesting
-    hole = nesting.depth[segments.owner] % 2 == 1
-    inwards = np.sign(segments.sweep) == np.sign(nesting.area[segments.owner])
-    chosen = (
-        segments.is_arc
-        & (hole == inwards)
-        & np.isin(segments.owner, rows)
-        & (segments.radius >= _CORNER)
-    )
-    return np.asarray(segments.radius[chosen])
-
-
-def _try(part: Part, ids: list[str], keys: Row, diameter: float) -> list[str]:
-    """Which of the contours ``ids`` have a path with this mill."""
-    row = {"kind": "follow", "ids": ids, **keys}
-    job = from_mapping({"tool": {"diameter": diameter}, "operations": [row]})
-    try:
-        made = plan(part, job)
-    except CamgenError:  # it fits none
-        return []
-    found = {name for path in made.paths for name in path.contours}
-    return [name for name in ids if name in found]

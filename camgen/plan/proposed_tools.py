@@ -8,24 +8,28 @@ from typing import Literal
 
 from msgspec import Struct
 
-from camgen.model.job import ToolRow, ToolTable
-from camgen.model.materials import Material, find_charts, recommend
+from camgen.model.job import MaterialName, ToolRow, ToolTable
+from camgen.model.materials import MATERIALS, Material, find_charts, recommend
 from camgen.model.text import short
 
 Kind = Literal["drill", "end mill"]
 
-#: Diameters of usual end mills, mm, in the order in which they are tried.
-_MILLS = (6.0, 5.0, 4.0, 3.0, 2.0, 1.5, 1.0)
+#: Diameters of usual end mills, mm.
+_MILLS = (8.0, 6.0, 5.0, 4.0, 3.0, 2.0, 1.5, 1.0, 0.8, 0.5)
+#: Steps of the diameters of twist drills after DIN 338 and DIN 1899: largest diameter and step, mm.
+_DRILL_STEPS = ((3.0, 0.05), (14.0, 0.1))
+#: Step of the diameters of inch drills, mm: 1/64 inch.
+_INCH_STEP_MM = 25.4 / 64
+#: A standard drill may differ from its hole by this, mm.
+_STANDARD_MM = 0.011
 #: A drill of a library may be smaller than its hole by this, mm.
 _SMALLER_MM = 0.02
 #: Differences of diameters by rounding, mm.
 _ROUNDING_MM = 1e-6
 #: Highest speed of a small spindle, rpm.
 _FASTEST = 10_000.0
-#: Cutting speeds that most metals, woods and plastics bear, m/min.
-_CUTTING_SPEEDS = {"drill": 30.0, "end mill": 60.0}
-#: Feed of a turn as a share of the diameter: of a drill, and of a mill with two teeth.
-_FEEDS = {"drill": 0.02, "end mill": 0.01}
+#: Material whose feeds and speeds are placeholders. Only those of stainless steel are lower.
+_UNKNOWN: MaterialName = "steel"
 
 
 class ProposedTool(Struct, frozen=True):
@@ -60,12 +64,31 @@ class ToolRack:
 
     @property
     def mills(self) -> tuple[float, ...]:
-        """Diameters of end mills, mm, in the order in which they are tried.
-
-        The library's, from the usual one to the smallest, then larger ones; usual ones without any.
-        """
+        """Diameters of the library's end mills, mm, or of usual ones, the largest first."""
         diameters = {tool.diameter for tool in self.library if tool.kind == "end mill"}
-        return tuple(sorted(diameters, key=lambda d: (d > _MILLS[0], -d))) or _MILLS
+        return tuple(sorted(diameters, reverse=True)) or _MILLS
+
+    @property
+    def widest_mill(self) -> float:
+        """The diameter of the widest mill that was taken, mm; 0 without any."""
+        return max([size for kind, size in self._names if kind == "end mill"], default=0.0)
+
+    def find_drill(self, hole: float) -> float | None:
+        """The diameter of a drill for a hole, mm, from library or standard; None without one."""
+        in_library = self._find_in_library("drill", hole)
+        if in_library is not None:
+            return in_library.diameter
+        steps = [step for largest, step in _DRILL_STEPS if hole <= largest + _STANDARD_MM]
+        sizes = [
+            round(round(hole / step) * step, 4) for step in [*steps[:1], _INCH_STEP_MM] if steps
+        ]
+        near = [size for size in sizes if abs(size - hole) <= _STANDARD_MM and size > 0]
+        return min(near, key=lambda size: abs(size - hole), default=None)
+
+    def feed(self, name: str) -> float:
+        """The feed of a tool that was taken, mm/s."""
+        known = [tool.feed for tool in self.library if tool.name == name and tool.feed]
+        return float(known[0] if known else str(self._tools[name].row["feed"]))
 
     def take(self, kind: Kind, diameter: float) -> str:
         """The name of a tool of this kind and diameter, mm. It is new if the library has none."""
@@ -78,6 +101,17 @@ class ToolRack:
 
     def _find(self, kind: Kind, diameter: float) -> ToolRow:
         """The tool of the library that fits best, else a new one."""
+        known = self._find_in_library(kind, diameter)
+        if known is not None:
+            return known
+        self._last_number += 1
+        name = f"{kind.removeprefix('end ')} {short(diameter, 3)}"
+        if name in [tool.name for tool in self.library]:
+            name = f"{name} ({self._last_number})"
+        return ToolRow(name=name, number=self._last_number, kind=kind, diameter=diameter)
+
+    def _find_in_library(self, kind: Kind, diameter: float) -> ToolRow | None:
+        """The tool of the library that fits best, None without one."""
         smaller = _SMALLER_MM if kind == "drill" else 0.0
         fitting = [
             tool
@@ -85,13 +119,7 @@ class ToolRack:
             if tool.kind == kind
             and -_ROUNDING_MM <= diameter - tool.diameter <= smaller + _ROUNDING_MM
         ]
-        if fitting:
-            return max(fitting, key=lambda tool: tool.diameter)
-        self._last_number += 1
-        name = f"{kind.removeprefix('end ')} {short(diameter, 3)}"
-        if name in [tool.name for tool in self.library]:
-            name = f"{name} ({self._last_number})"
-        return ToolRow(name=name, number=self._last_number, kind=kind, diameter=diameter)
+        return max(fitting, key=lambda tool: tool.diameter, default=None)
 
     def _propose(self, tool: ToolRow) -> ProposedTool:
         """The row of a tool, with the feeds and speeds that the library does not state."""
@@ -110,29 +138,24 @@ def _choose_cutting(
 ) -> tuple[dict[str, float], dict[str, str]]:
     """Speed (rpm), feed and plunge (mm/s) of a tool, and comments on them by their keys.
 
-    A comment names the chart of a value. Values without a chart are placeholders. A drill goes down
-    at its feed and has no plunge.
+    A comment names the chart of a value. Without a chart of the material the values are those of
+    steel, as placeholders. A drill goes down at its feed and has no plunge.
     """
     cutting = recommend(material, tool, _FASTEST) if material else None
-    if material is None or cutting is None:
-        values = _guess_cutting(tool)
-        why = f"placeholder: no chart of {material.name} for a {tool.kind}" if material else ""
-        return values, dict.fromkeys(values, why) if why else {}
+    lacking = ""
+    if cutting is None:
+        cutting = recommend(MATERIALS[_UNKNOWN], tool, _FASTEST)
+        lacking = f"placeholder, that of {_UNKNOWN}"
+        lacking += f": no chart of {material.name} for a {tool.kind}" if material else ""
+    if cutting is None:
+        raise ValueError(f"{_UNKNOWN} has no chart for a {tool.kind}")
     step = 10.0 if cutting.speed >= 100 else 1.0
     speed = math.floor(cutting.speed / step) * step
     share = speed / cutting.speed
     values = {"speed": speed, "feed": round(cutting.feed * share, 2)}
     if tool.kind != "drill":
         values["plunge"] = round(cutting.plunge * share, 2)
-    comments = dict.fromkeys(values, cutting.source)
-    if find_charts(material, tool)[1] is None:
+    comments = dict.fromkeys(values, lacking or cutting.source)
+    if not lacking and material and find_charts(material, tool)[1] is None:
         comments["speed"] = f"the highest of a small spindle: no chart of {material.name} limits it"
     return values, comments
-
-
-def _guess_cutting(tool: ToolTable) -> dict[str, float]:
-    """Speed (rpm) and feed (mm/s) that most materials bear."""
-    turns = 1000 * _CUTTING_SPEEDS[tool.kind] / math.pi / tool.diameter
-    speed = max(100.0, round(min(_FASTEST, tool.max_speed or _FASTEST, turns), -2))
-    feed = speed * _FEEDS[tool.kind] * tool.diameter / 60
-    return {"speed": speed, "feed": max(round(feed, 1), 0.1)}

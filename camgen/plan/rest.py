@@ -26,9 +26,10 @@ from camgen.plan.columns import path_segments
 _CHORD_MM = 0.002
 #: Number of chords in a quarter of a circle around a swept area.
 _QUARTER = 32
-#: Material that is nowhere wider than this, mm, comes of the chords of the sweeps.
-_NARROW_MM = 0.02
-#: A path begins and ends outside the material that is left, by this share of the tool's radius.
+#: Material nearer than this to cleared ground, mm, is nothing to come back for. It comes of chords, or
+#: stands in a shallow corner.
+_NARROW_MM = 0.015
+#: A path begins and ends outside the rest by this share of the tool's radius.
 _MARGIN_SHARE = 0.25
 #: Depths that differ by less, mm, are one.
 _SAME_DEPTH_MM = 1e-6
@@ -68,10 +69,7 @@ def find_rest(area: Any, part: Part, job: Job) -> Any:
             "job", what, "operation.rest", "list it after the operations of larger tools"
         )
     cleared = _clear(part.earlier, job.operation.depth)
-    left = shapely.difference(area, cleared)
-    half = _NARROW_MM / 2
-    core = shapely.buffer(left, -half, quad_segs=2)
-    return shapely.intersection(left, shapely.buffer(core, 2 * half, quad_segs=2))
+    return shapely.difference(area, shapely.buffer(cleared, _NARROW_MM, quad_segs=2))
 
 
 def list_runs(paths: Sequence[ToolPath], tool: ToolTable) -> list[EarlierRun]:

@@ -205,30 +205,82 @@ def _bound_material(
     return frozenset(c.id for c in bounding if c.id in beside or c.id not in others)
 
 
-def arrange(steps: Sequence[Step], worked: Sequence[frozenset[str]]) -> list[int]:
-    """The numbers of the operations in the order in which they run: holes before pockets before profiles, the same tool
-    on where that allows it. Two that work on one contour stay as they are listed. worked: the contours of each.
+def find_enclosed_by(part: Part, ids: frozenset[str]) -> frozenset[str]:
+    """The ids of the closed contours of `part` that lie inside one of the contours `ids`."""
+    closed = [c for c in part.contours if c.closed]
+    if not closed:
+        return frozenset()
+    from camgen.geometry.nesting import nest  # noqa: PLC0415 (loads shapely)
+
+    parent = nest(from_contours(closed), len(closed)).parent.tolist()
+    enclosed = set[str]()
+    for k, contour in enumerate(closed):
+        above = parent[k]
+        while above >= 0 and closed[above].id not in ids:
+            above = parent[above]
+        if above >= 0:
+            enclosed.add(contour.id)
+    return frozenset(enclosed)
+
+
+def arrange(
+    steps: Sequence[Step],
+    worked: Sequence[frozenset[str]],
+    enclosed: Sequence[frozenset[str]] = (),
+) -> list[int]:
+    """The numbers of the operations in the order in which they run.
+
+    Holes come before pockets before profiles, and profiles after those inside them. The tool stays
+    where that allows it. Two operations that work on one contour stay as they are listed.
+
+    worked: the contours of each operation.
+    enclosed: the contours inside them, for operations that cut profiles; none for the others.
     """
+    first = _find_earlier(steps, worked, enclosed or [frozenset()] * len(steps))
+    ranks = _rank(steps, first)
     left = list(range(len(steps)))
-    ranks = _rank(steps, worked)
     order: list[int] = []
     while left:
         least = min(ranks[k] for k in left)
-        free = [
-            k
-            for k in left
-            if ranks[k] == least and not any(j < k and worked[j] & worked[k] for j in left)
-        ]
+        free = [k for k in left if ranks[k] == least and not first[k] & set(left)]
         same = [k for k in free if order and steps[k].tool == steps[order[-1]].tool]
         order.append((same or free)[0])
         left.remove(order[-1])
     return order
 
 
-def _rank(steps: Sequence[Step], worked: Sequence[frozenset[str]]) -> list[int]:
-    """When each is done: by its kind, and not before one that is listed before it and works on its contours."""
-    ranks: list[int] = []
-    for k, step in enumerate(steps):
-        before = [rank for rank, ids in zip(ranks, worked, strict=False) if ids & worked[k]]
-        ranks.append(max([_RANKS.get(step.operation.kind, _RANKS["follow"]), *before]))
+def _find_earlier(
+    steps: Sequence[Step], worked: Sequence[frozenset[str]], enclosed: Sequence[frozenset[str]]
+) -> list[set[int]]:
+    """The operations that come before each: listed before it for the same contours, or inside it."""
+    count = range(len(steps))
+    first: list[set[int]] = [set() for _ in steps]
+    for k in count:
+        for j in count:
+            if j < k and worked[j] & worked[k]:
+                first[k].add(j)
+    for k in count:
+        for j in count:
+            inside = worked[j] & enclosed[k] and not worked[k] & enclosed[j]
+            if inside and not worked[j] & worked[k] and not _comes_before(first, k, j):
+                first[k].add(j)
+    return first
+
+
+def _comes_before(first: Sequence[set[int]], early: int, late: int) -> bool:
+    """Whether an operation has to come before another one, directly or by way of others."""
+    waiting, seen = [late], set[int]()
+    while waiting:
+        for k in first[waiting.pop()] - seen:
+            seen.add(k)
+            waiting.append(k)
+    return early in seen
+
+
+def _rank(steps: Sequence[Step], first: Sequence[set[int]]) -> list[int]:
+    """When each is done: by its kind, and not before those that come first."""
+    ranks = [_RANKS.get(step.operation.kind, _RANKS["follow"]) for step in steps]
+    for _ in steps:
+        for k, before in enumerate(first):
+            ranks[k] = max([ranks[k], *(ranks[j] for j in before)])
     return ranks

@@ -111,10 +111,10 @@ def test_a_proposal_is_a_comment_unless_it_is_asked_for(
     (here / "motor.toml").unlink()
     assert main(["init", source, "--operations"]) == 0
     asked = tables(here / "motor.toml")
-    assert asked["stock"] == {"thickness": 3.0, "below": 0.5, "margin": 10.0, "layer": ""}
+    assert asked["stock"] == {"thickness": 3.0, "below": 0.5, "margin": 16.0, "layer": ""}
     proposed = uncommented(text)
     assert proposed == {"tools": asked["tools"], "operations": asked["operations"]}
-    assert len(proposed["operations"]) == 6
+    assert len(proposed["operations"]) == 7
 
 
 @pytest.mark.usefixtures("built_once")
@@ -153,8 +153,7 @@ def test_what_has_no_closed_contour_has_no_operations(
     assert main(["init", "line.dxf", "--operations"]) == 2
     said = capsys.readouterr().err
     assert (
-        "line.dxf: has no closed contour that a drill or a mill of 1 mm or more could make (--operations)"
-        in said
+        "line.dxf: has no closed contour that a drill or a mill could make (--operations)" in said
     )
     assert not (here / "line.toml").exists()
     assert main(["init", "line.dxf"]) == 0

@@ -39,90 +39,103 @@ def box(
 
 
 def proposed(*contours: Contour) -> Proposal:
-    found = propose(make_part(list(contours)))
-    assert found is not None
-    return found
+    proposal = propose(make_part(list(contours)))
+    assert proposal is not None
+    return proposal
 
 
-def rows(found: Proposal, *keys: str) -> list[tuple[object, ...]]:
-    return [tuple(one.row.get(key) for key in keys) for one in found.operations]
+def rows(proposal: Proposal, *keys: str) -> list[tuple[object, ...]]:
+    return [tuple(one.row.get(key) for key in keys) for one in proposal.operations]
 
 
-def sizes(found: Proposal) -> list[object]:
-    return [tool.row["diameter"] for tool in found.tools]
+def sizes(proposal: Proposal) -> list[object]:
+    return [tool.row["diameter"] for tool in proposal.tools]
 
 
 PLATE = box(0, 0, 100, 60)
 
 
 def test_a_plate_with_holes_counterbores_a_pocket_and_slots() -> None:
-    found = propose(camgen.read(PARTS / "motor.dxf"))
-    assert found is not None
-    assert [one.about for one in found.operations] == [
+    proposal = propose(camgen.read(PARTS / "motor.dxf"))
+    assert proposal is not None
+    assert [one.about for one in proposal.operations] == [
         *("4 holes of 5.5 mm", "1 hole of 8 mm", "4 counterbores of 10 mm: how deep?"),
-        *("1 counterbore of 20 mm: how deep?", "3 contours inside others", "1 outline"),
+        *("1 counterbore of 20 mm: how deep?", "1 of 3 contours inside others"),
+        *("2 of 3 contours inside others", "1 outline"),
     ]
-    assert [tool.row["kind"] for tool in found.tools] == ["drill", "drill", "end mill"]
-    assert [tool.row["number"] for tool in found.tools] == [1, 2, 3]
-    assert sizes(found) == [5.5, 8.0, 6.0]
-    assert found.operations[-1].row == {
-        **{
-            "kind": "follow",
-            "tool": "mill 6",
-            "nesting": "outer",
-            "depth": 3.5,
-            "tabs": 4,
-            "entry": "ramp",
-            "passes": 2,
-        },
+    assert [tool.row["kind"] for tool in proposal.tools] == ["drill", "drill", *["end mill"] * 2]
+    assert [tool.row["number"] for tool in proposal.tools] == [1, 2, 3, 4]
+    # The slots are 7 mm wide. The pocket and the outline fit the widest mill.
+    assert sizes(proposal) == [5.5, 8.0, 8.0, 6.0]
+    assert proposal.operations[-1].row == {
+        "kind": "follow",
+        "tool": "mill 8",
+        "nesting": "outer",
+        "depth": 3.5,
+        "entry": "ramp",
+        # Three quarters of the feed of the chart for steel: 0.0011 inch, 2 edges, 4850 rpm.
+        "plunge": pytest.approx(0.75 * 4.77, abs=0.02),
+        "tabs": 4,
     }
+    # A kerf of 8 mm and a frame as wide.
+    assert proposal.margin == 16.0
     # 3 mm, 0.5 mm through at most, and the tip of 118 degrees: 2.75 mm / tan(59 deg) = 1.65 mm.
-    assert rows(found, "holes", "nesting", "depth")[0] == ([5.49, 5.51], "inner", 5.1)
-    assert found.left == ()
+    assert rows(proposal, "holes", "nesting", "depth")[0] == ([5.49, 5.51], "inner", 5.1)
+    assert proposal.left == ()
 
 
 def test_what_is_wide_is_not_drilled() -> None:
-    found = proposed(PLATE, circle(20, 20, 13), circle(60, 20, 13.1))
-    assert rows(found, "kind", "ids", "nesting") == [
+    proposal = proposed(PLATE, circle(20, 20, 13), circle(60, 20, 13.1))
+    assert rows(proposal, "kind", "ids", "nesting") == [
         ("drill", None, "inner"),
         ("follow", ["c3"], None),
         ("follow", None, "outer"),
     ]
 
 
-@pytest.mark.parametrize(("diameter", "tools"), [(0.2, [0.2, 6.0]), (0.13, [6.0])])
+@pytest.mark.parametrize(("diameter", "tools"), [(0.2, [0.2, 8.0]), (0.13, [8.0])])
 def test_what_is_narrower_than_any_drill_is_left(diameter: float, tools: list[float]) -> None:
     turn = np.arange(24) * np.pi / 12
     ring = np.column_stack([10 + diameter / 2 * np.cos(turn), 10 + diameter / 2 * np.sin(turn)])
-    found = proposed(box(0, 0, 40, 40), Contour(frozen(ring), frozen(np.zeros(24)), True, "0"))
-    assert sizes(found) == pytest.approx(tools, abs=0.01)
-    assert len(found.left) == 2 - len(tools)
+    proposal = proposed(box(0, 0, 40, 40), Contour(frozen(ring), frozen(np.zeros(24)), True, "0"))
+    assert sizes(proposal) == pytest.approx(tools, abs=0.01)
+    assert len(proposal.left) == 2 - len(tools)
 
 
 def test_a_disc_with_a_hole_is_cut_out_and_not_drilled() -> None:
-    found = proposed(circle(0, 0, 12), circle(0, 0, 5))
-    assert rows(found, "kind", "holes") == [("drill", [4.99, 5.01]), ("follow", None)]
-    assert found.operations[1].row["nesting"] == "outer"
+    proposal = proposed(circle(0, 0, 12), circle(0, 0, 5))
+    assert rows(proposal, "kind", "holes") == [("drill", [4.99, 5.01]), ("follow", None)]
+    assert proposal.operations[1].row["nesting"] == "outer"
 
 
 def test_a_disc_of_the_size_of_a_hole_is_not_drilled() -> None:
-    found = proposed(PLATE, circle(20, 20, 10), circle(200, 0, 10), circle(200, 0, 4))
-    drill = next(one.row for one in found.operations if one.row["tool"] == "drill 10")
+    proposal = proposed(PLATE, circle(20, 20, 10), circle(200, 0, 10), circle(200, 0, 4))
+    drill = next(one.row for one in proposal.operations if one.row["tool"] == "drill 10")
     assert drill["nesting"] == "inner"
-    assert "2 outlines" in [one.about for one in found.operations]
+    plate, disc = (one.row for one in proposal.operations[-2:])
+    assert (plate["tabs"], plate["depth"]) == (4, 3.5)
+    # Around the disc the middle of the mill runs 56.5 mm: two short tabs with steep slopes.
+    assert (disc["tabs"], disc["tab_width"], disc["entry_angle"]) == (2, 2.0, 10.0)
+
+
+def test_an_outline_without_room_for_tabs_keeps_a_skin() -> None:
+    (operation,) = proposed(box(0, 0, 6, 6)).operations
+    assert "tabs" not in operation.row
+    assert operation.row["depth"] == 2.8
 
 
 def test_holes_without_an_outline_are_drilled() -> None:
-    found = proposed(circle(0, 0, 8), circle(30, 0, 8))
-    assert rows(found, "kind", "nesting") == [("drill", "outer")]
+    proposal = proposed(circle(0, 0, 8), circle(30, 0, 8))
+    assert rows(proposal, "kind", "nesting") == [("drill", "outer")]
 
 
 def test_holes_of_one_size_that_are_not_all_meant_are_named() -> None:
     """The circle that stands in a hole too large to be its counterbore is a loose disc: it is cut round."""
-    found = proposed(PLATE, circle(20, 20, 5), circle(60, 30, 40), circle(60, 30, 5))
-    assert rows(found, "kind", "ids") == [
+    proposal = proposed(PLATE, circle(20, 20, 5), circle(60, 30, 40), circle(60, 30, 5))
+    assert rows(proposal, "kind", "ids") == [
         ("drill", ["c2"]),
-        ("follow", ["c3", "c4"]),
+        ("follow", ["c3"]),
+        ("follow", ["c4"]),
         ("follow", None),
     ]
 
@@ -138,55 +151,89 @@ def test_holes_of_one_size_that_are_not_all_meant_are_named() -> None:
 def test_no_range_of_diameters_holds_two_sizes(
     diameters: Sequence[float], ranges: list[list[float]]
 ) -> None:
-    found = proposed(PLATE, *(circle(20 + 20 * k, 20, d) for k, d in enumerate(diameters)))
-    assert [one.row["holes"] for one in found.operations[:-1]] == ranges
-    # No hole becomes wider than it is drawn.
-    assert sizes(found)[:-1] == [low + 0.01 for low, _ in ranges]
+    proposal = proposed(PLATE, *(circle(20 + 20 * k, 20, d) for k, d in enumerate(diameters)))
+    assert [one.row["holes"] for one in proposal.operations[:-1]] == ranges
+    # The standard drills, no farther than 0.011 mm from the smallest hole.
+    assert sizes(proposal)[:-1] == [round(low + 0.01, 2) for low, _ in ranges]
 
 
 @pytest.mark.parametrize(
-    ("inner", "mill"),
+    ("inner", "mills"),
     [
-        (box(10, 10, 40, 20), 6.0),  # sharp corners fit no mill
-        (box(10, 10, 40, 20, fillet=2), 4.0),
-        (box(10, 10, 40, 20, fillet=2.4), 4.0),
-        (box(10, 10, 40, 20, fillet=0.2), 6.0),  # too small to be more than a corner
-        (box(10, 10, 40, 4.4), 4.0),  # a groove
-        (box(10, 10, 40, 1.2), 1.0),
+        (box(10, 10, 40, 20), [8.0, 3.0]),  # sharp corners fit no mill: they get a small one
+        (box(10, 10, 40, 20, fillet=4), [8.0]),
+        # 4 corners of 2 mm: the mill of 8 mm misses 4 (2 x 2 + pi) = 28.6 mm of 116.6 mm.
+        (box(10, 10, 40, 20, fillet=2), [4.0]),
+        (box(10, 10, 40, 20, fillet=2.4), [4.0]),
+        # Of 1000 mm it misses less than 5 %, which the small mill takes.
+        (box(10, 10, 400, 100, fillet=2), [8.0, 4.0]),
+        (box(10, 10, 40, 4.4), [4.0]),  # a groove
+        (box(10, 10, 40, 1.2), [1.0]),
     ],
 )
-def test_the_mill_fits_the_narrowest_place_and_the_fillets(inner: Contour, mill: float) -> None:
-    found = proposed(PLATE, inner)
-    assert sizes(found) == sorted({mill, 6.0})
-    assert found.operations[0].row["passes"] == int(np.ceil(3.5 / (mill / 2)))
+def test_the_largest_mill_that_touches_enough_and_one_for_the_rest(
+    inner: Contour, mills: list[float]
+) -> None:
+    proposal = proposed(box(0, 0, 500, 200), inner)
+    operations = proposal.operations[: len(mills)]
+    assert [one.row["tool"] for one in operations] == [f"mill {mill:g}" for mill in mills]
+    assert [one.row.get("rest", False) for one in operations] == [False, True][: len(mills)]
+
+
+def test_mills_go_in_on_ramps_and_finish_walls_that_take_several_passes() -> None:
+    proposal = proposed(box(0, 0, 100, 60), box(10, 10, 40, 4.4), box(10, 30, 40, 1.2))
+    (groove, thin, outline) = (one.row for one in proposal.operations)
+    # 3.5 mm in passes of 0.6 diameters at most.
+    assert (groove["passes"], groove["finish"]) == (2, 0.2)
+    assert thin["passes"] == 6
+    assert "finish" not in thin
+    assert "passes" not in outline
+    assert {row["entry"] for row in (groove, thin, outline)} == {"ramp"}
+
+
+def test_a_size_without_a_drill_is_bored() -> None:
+    proposal = proposed(PLATE, circle(20, 20, 6.66), circle(60, 20, 6.7))
+    assert rows(proposal, "kind", "tool", "depth")[:2] == [
+        ("bore", "mill 5", 3.5),
+        ("drill", "drill 6.7", 5.5),
+    ]
+
+
+def test_a_part_in_a_window_has_tabs() -> None:
+    proposal = proposed(PLATE, box(10, 10, 70, 40), box(25, 20, 40, 20))
+    (part,) = (one for one in proposal.operations if "part inside others" in one.about)
+    assert part.row["ids"] == ["c3"]
+    assert "tabs" in part.row
 
 
 def test_fillets_of_an_outline_are_run_into_only_where_they_are_hollow() -> None:
-    assert sizes(proposed(box(0, 0, 60, 40, fillet=1))) == [6.0]
+    assert sizes(proposed(box(0, 0, 60, 40, fillet=1))) == [8.0]
     notch = Contour(
         frozen([(0, 0), (60, 0), (60, 40), (32, 40), (28, 40), (0, 40)]),
         frozen([0, 0, 0, -1, 0, 0]),
         True,
         "0",
     )
-    assert sizes(proposed(notch)) == [4.0]
+    # The notch is 6.3 mm of 202 mm: the mill of 8 mm passes it, the one of 4 mm cuts it.
+    assert sizes(proposed(notch)) == [8.0, 4.0]
 
 
 def test_what_no_mill_fits_is_left() -> None:
-    found = proposed(PLATE, box(10, 10, 40, 0.6), box(10, 20, 40, 8))
-    assert found.left == ("c2",)
-    assert rows(found, "ids", "nesting") == [(["c3"], None), (None, "outer")]
+    proposal = proposed(PLATE, box(10, 10, 40, 0.4), box(10, 20, 40, 8))
+    assert proposal.left == ("c2",)
+    assert rows(proposal, "ids", "nesting")[0] == (["c3"], None)
+    assert rows(proposal, "ids", "nesting")[-1] == (None, "outer")
 
 
 def test_contours_that_cross_are_left() -> None:
-    found = proposed(PLATE, circle(20, 20, 8), box(50, 50, 20, 30))
-    assert found.left == ("c1", "c3")
+    proposal = proposed(PLATE, circle(20, 20, 8), box(50, 50, 20, 30))
+    assert proposal.left == ("c1", "c3")
 
 
 def test_layers_name_what_is_chosen_where_they_tell_it_from_the_rest() -> None:
     slots = [box(10, 10 + 15 * k, 40, 8, layer="SLOTS") for k in range(2)]
-    found = proposed(PLATE, circle(80, 20, 5, "HOLES"), *slots)
-    assert rows(found, "layers", "ids", "nesting")[1] == (["SLOTS"], None, "inner")
+    proposal = proposed(PLATE, circle(80, 20, 5, "HOLES"), *slots)
+    assert rows(proposal, "layers", "ids", "nesting")[1] == (["SLOTS"], None, "inner")
 
 
 @pytest.mark.parametrize(

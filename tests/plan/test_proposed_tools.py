@@ -38,7 +38,7 @@ def test_tools_of_the_library_are_taken_before_new_ones() -> None:
     # The next number after those of the library.
     assert (new["name"], new["number"], new["diameter"]) == ("drill 8", 13, 8.0)
     # The library states the speed of the mill, but no feed.
-    assert set(mill) == {"name", "feed"}
+    assert set(mill) == {"name", "feed", "plunge"}
 
 
 def test_a_drill_that_is_slightly_smaller_fits_a_larger_one_does_not() -> None:
@@ -56,9 +56,9 @@ def test_a_new_tool_takes_no_name_of_the_library() -> None:
     assert ToolRack((ball,), None).take("end mill", 6.0) == "mill 6 (2)"
 
 
-def test_mills_of_the_library_are_tried_from_the_usual_one_down() -> None:
+def test_mills_of_the_library_are_tried_from_the_largest_down() -> None:
     library = [ToolRow(name=f"{d} mm", diameter=d) for d in (12.0, 3.175, 6.0, 8.0, 1.0)]
-    assert ToolRack(library, None).mills == (6.0, 3.175, 1.0, 12.0, 8.0)
+    assert ToolRack(library, None).mills == (12.0, 8.0, 6.0, 3.175, 1.0)
     assert ToolRack((DRILL,), None).mills == ToolRack((), None).mills
 
 
@@ -76,8 +76,8 @@ def test_feeds_and_speeds_are_those_of_the_charts(name: str, kind: str) -> None:
         assert row.feed
         chart, speeds = find_charts(material, row)
         if chart is None:
-            why = f"placeholder: no chart of {name} for a {kind}"
-            assert tool.comments == {"speed": why, "feed": why}
+            why = f"placeholder, that of steel: no chart of {name} for a {kind}"
+            assert set(tool.comments.values()) == {why}
             continue
         edges = 1 if kind == "drill" else row.flutes
         tooth = row.feed * 60 / row.speed / edges

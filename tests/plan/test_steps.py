@@ -68,10 +68,21 @@ def test_the_tool_stays_where_the_order_allows_it() -> None:
     assert arrange(steps, [frozenset("x"), frozenset("y"), frozenset("y")]) == [0, 1, 2]
 
 
+def test_a_profile_comes_after_those_inside_it_though_the_tool_changes() -> None:
+    steps = [step("follow", tool) for tool in ("a", "b", "a")]
+    contours = [frozenset({"counterbore"}), frozenset({"slot"}), frozenset({"outline"})]
+    inside = [frozenset[str](), frozenset[str](), frozenset({"counterbore", "slot"})]
+    assert arrange(steps, contours, inside) == [0, 1, 2]
+    assert arrange(steps, contours) == [0, 2, 1]
+    # Each lies inside a contour of the other: they stay as they are listed.
+    mutual = [frozenset({"slot"}), frozenset({"counterbore"}), frozenset[str]()]
+    assert arrange(steps, contours, mutual) == [0, 2, 1]
+
+
 def test_each_operation_works_on_what_it_chooses_and_knows_its_side() -> None:
     result = build(BRACKET, post="gcode", job=job(OUTER, INNER, DRILL))
     assert isinstance(result.tour, JobTour)
-    assert result.tour.numbers == (2, 0, 1)
+    assert result.tour.numbers == (2, 1, 0)  # the slot before the outline around it
     contours = {c.id: c for c in result.part.contours}
     reached = {path.id: path for path in result.tour.paths}
     assert {path.operation for path in reached.values()} == {"drill", "follow"}

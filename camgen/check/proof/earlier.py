@@ -16,6 +16,8 @@ from camgen.model.pose import FloatArray
 
 #: Shares of a stretch of a contour at which it is examined.
 _SHARES = (0.02, 0.25, 0.5, 0.75, 0.98)
+#: An earlier tool touches a contour if it leaves no more than this there, mm (docs/follow.md).
+_LEFT_MM = 0.02
 #: Tools that touch a contour with their whole diameter at the depth of their tip.
 _FLAT = ("end mill",)
 
@@ -66,7 +68,7 @@ class EarlierCuts:
             return np.zeros(len(points), np.bool_)
         deep = cut.of_task & (highest <= max(-depth, tab_top(cut.task)) + slack)
         tree = PieceTree(motions.plane, np.flatnonzero(deep))
-        reach = cut.task.job.tool.radius + self._limit
+        reach = cut.task.job.tool.radius + self._limit + _LEFT_MM
         near: BoolArray = np.isfinite(tree.find(points, reach).distance)
         return near
 

@@ -1,0 +1,284 @@
+"""Chooses the end mills of a proposal by the length of the contours that they touch."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from msgspec import Struct
+
+from camgen.geometry.intersect import nearest_distances
+from camgen.geometry.nesting import Nesting
+from camgen.geometry.ragged import owners, ramp
+from camgen.geometry.segments import (
+    BoolArray,
+    IntArray,
+    Segments,
+    neighbours,
+    points_at,
+    tangents_at,
+)
+from camgen.model.errors import CamgenError
+from camgen.model.part import Part
+from camgen.model.path import ToolPath
+from camgen.model.pose import FloatArray
+from camgen.plan import JobPlan, plan
+from camgen.plan.columns import path_segments
+from camgen.read.job_file import from_mapping
+
+#: A mill is large enough for a contour if it touches this share of it, sharp corners apart.
+ENOUGH_SHARE = 0.95
+#: For sharp inner corners alone no mill is smaller than this, mm.
+_CORNER_MILL_MM = 3.0
+#: Fillets with a smaller radius, mm, are corners.
+_FILLET_MM = 0.5
+#: Two segments that turn by less than this, rad, go on without a corner.
+_SMOOTH = np.radians(5)
+#: A rest needs one more mill from this length on, mm, and from this share of the contours on.
+_LEAST_REST_MM, _LEAST_REST_SHARE = 2.0, 2e-3
+#: The contours are sampled at this spacing, mm, but not at more places than this.
+_SPACING_MM, _MOST_SAMPLES = 0.25, 100_000
+#: A place that is touched may be farther from the mill by this, mm.
+_TOUCH_MM = 0.02
+#: A mill follows whole contours if they have this share of the length of their group.
+_FEW_SHARE = 0.1
+#: A mill is added for the rest if it touches this share of what the mills before it leave.
+_WORTH_SHARE = 0.3
+#: Up to this number of loops mills are tried in turn. More loops get the largest mill.
+MOST_TRIED = 3000
+
+Row = Mapping[str, object]
+
+
+class ChosenMill(Struct, frozen=True):
+    """A mill for contours of a group.
+
+    diameter: mm.
+    loops: rows of the loops that it touches.
+    share: share of the length that it touches, together with the mills before it.
+    cuts_out: whether it runs around a whole contour.
+    shortest: length of its shortest closed path, mm; infinity without one.
+    longest: length of its longest path, mm; infinity if one is closed.
+    before: diameter of the largest mill whose rest it takes, mm; 0 for one that takes no rest.
+    """
+
+    diameter: float
+    loops: list[int]
+    share: float
+    cuts_out: bool
+    shortest: float
+    longest: float
+    before: float
+
+
+class Samples(Struct, frozen=True, eq=False):
+    """Places on the contours of a group.
+
+    points: (N, 2) mm.
+    loop: (N,) row of the loop.
+    length: (N,) length of contour that each stands for, mm.
+    corner: (N,) smallest radius of a mill that misses the place because of a sharp inner corner,
+        mm; infinity if none does.
+    """
+
+    points: FloatArray
+    loop: IntArray
+    length: FloatArray
+    corner: FloatArray
+
+
+def choose_mills(
+    part: Part, ids: Mapping[int, str], keys: Row, samples: Samples, diameters: Sequence[float]
+) -> list[ChosenMill]:
+    """The mills that follow whole contours of a group, the largest first, and one for the rest.
+
+    Each contour is followed by the largest mill that touches enough of it, else by the one that
+    touches most. A mill with few contours is left out if a smaller one can follow them.
+
+    ids: ids of the contours by their rows.
+    keys: keys of the operation.
+    """
+    mills = sorted(diameters, reverse=True)
+    chosen: list[ChosenMill] = []
+    rows: list[Row] = []
+    touched = np.zeros(len(samples.points), np.bool_)
+    for diameter, loops in _share_out(part, ids, keys, samples, mills):
+        row = {"kind": "follow", "ids": [ids[k] for k in loops], **keys, "tool": diameter}
+        paths = _plan_last(part, [row])
+        touched |= _touch(samples, paths, diameter / 2) & np.isin(samples.loop, loops)
+        chosen.append(_describe(diameter, loops, paths, _share(samples, touched), 0.0))
+        rows.append(row)
+    left = ~touched & _may_touch(samples, _CORNER_MILL_MM)
+    least = max(_LEAST_REST_MM, _LEAST_REST_SHARE * float(samples.length.sum()))
+    if not chosen or float(samples.length[left].sum()) < least:
+        return chosen
+    smaller = [diameter for diameter in mills if diameter < chosen[0].diameter]
+    whole = {"kind": "follow", "ids": list(ids.values()), **keys}
+    rest = _find_rest(part, whole, samples, smaller, rows, touched)
+    return [*chosen, rest] if rest else chosen
+
+
+def _share_out(
+    part: Part, ids: Mapping[int, str], keys: Row, samples: Samples, mills: Sequence[float]
+) -> list[tuple[float, list[int]]]:
+    """The mills that follow whole contours, the largest first, with the rows of their contours."""
+    rows = np.array(list(ids), np.int64)
+    lengths = np.bincount(samples.loop, samples.length, int(rows.max()) + 1)
+    best = np.zeros(len(lengths))
+    mill_of = np.zeros(len(lengths))
+    for diameter in mills:
+        row = {"kind": "follow", "ids": list(ids.values()), **keys, "tool": diameter}
+        touched = _touch(samples, _plan_last(part, [row]), diameter / 2)
+        wanted = np.where(_may_touch(samples, diameter), samples.length, 0.0)
+        whole = np.bincount(samples.loop, wanted, len(lengths))
+        reached = np.bincount(samples.loop, np.where(touched, wanted, 0.0), len(lengths))
+        share = np.where(best < ENOUGH_SHARE, reached / np.maximum(whole, 1e-9), 0.0)
+        share[reached == 0] = 0.0
+        better = share > best + 1e-9
+        best[better], mill_of[better] = share[better], diameter
+        if (best[rows] >= ENOUGH_SHARE).all():
+            break
+    groups = [(d, rows[mill_of[rows] == d].tolist()) for d in mills if (mill_of[rows] == d).any()]
+    least = _FEW_SHARE * float(lengths.sum())
+    kept: list[tuple[float, list[int]]] = []
+    moved: list[int] = []
+    for number, (diameter, members) in enumerate(groups):
+        loops = sorted([*moved, *members])
+        is_last = number == len(groups) - 1
+        if float(lengths[loops].sum()) < least and not is_last:
+            moved = loops
+            continue
+        kept.append((diameter, loops))
+        moved = []
+    return kept
+
+
+def _find_rest(
+    part: Part,
+    row: Row,
+    samples: Samples,
+    mills: Sequence[float],
+    rows: Sequence[Row],
+    touched: BoolArray,
+) -> ChosenMill | None:
+    """The largest mill that touches enough of the rest, else the one that touches most.
+
+    row: keys of the operation without its tool.
+    rows: operations of the mills before it, the largest first, which touch the places `touched`.
+
+    None if none touches much of it.
+    """
+    best: ChosenMill | None = None
+    longest = 0.0
+    before = float(str(rows[0]["tool"]))
+    for diameter in mills:
+        paths = _plan_last(part, [*rows, {**row, "tool": diameter, "rest": True}])
+        new = _touch(samples, paths, diameter / 2) & ~touched
+        wanted = ~touched & _may_touch(samples, min(diameter, _CORNER_MILL_MM))
+        gained = float(samples.length[new].sum())
+        share = gained / max(float(samples.length[wanted].sum()), 1e-9)
+        if gained > longest and share >= _WORTH_SHARE:
+            loops = np.unique(samples.loop[new]).tolist()
+            best = _describe(diameter, loops, paths, _share(samples, touched | new), before)
+            longest = gained
+        if share >= ENOUGH_SHARE:
+            break
+    return best
+
+
+def _share(samples: Samples, touched: BoolArray) -> float:
+    return float(samples.length[touched].sum() / samples.length.sum())
+
+
+def _describe(
+    diameter: float,
+    loops: list[int],
+    paths: Sequence[ToolPath],
+    share: float,
+    before: float,
+) -> ChosenMill:
+    lengths = [float(path_segments((path,)).length.sum()) for path in paths]
+    closed = [length for length, path in zip(lengths, paths, strict=True) if path.closed]
+    return ChosenMill(
+        diameter,
+        loops,
+        share,
+        bool(closed),
+        min(closed, default=np.inf),
+        np.inf if closed else max(lengths, default=0.0),
+        before,
+    )
+
+
+def _plan_last(part: Part, rows: Sequence[Row]) -> tuple[ToolPath, ...]:
+    """The paths of the last of several operations; none if it fits nowhere."""
+    tools = [
+        {"name": f"{number}", "number": number + 1, "diameter": row["tool"]}
+        for number, row in enumerate(rows)
+    ]
+    named = [{**row, "tool": f"{number}"} for number, row in enumerate(rows)]
+    try:
+        job_plan = plan(part, from_mapping({"tools": tools, "operations": named}))
+    except CamgenError:  # it fits none
+        return ()
+    assert isinstance(job_plan, JobPlan)
+    last = job_plan.numbers.index(len(rows) - 1)
+    return job_plan.plans[last].paths
+
+
+def _touch(samples: Samples, paths: Sequence[ToolPath], radius: float) -> BoolArray:
+    """(N,) whether a tool of `radius` mm touches the places along `paths`."""
+    if not paths:
+        return np.zeros(len(samples.points), np.bool_)
+    lines = path_segments(tuple(paths))
+    return np.asarray(np.isfinite(nearest_distances(samples.points, lines, radius + _TOUCH_MM)))
+
+
+def _may_touch(samples: Samples, diameter: float) -> BoolArray:
+    """(N,) places that a mill of `diameter` mm reaches in spite of sharp corners."""
+    return np.asarray(samples.corner > diameter / 2)
+
+
+def sample(segments: Segments, nesting: Nesting, rows: IntArray) -> Samples:
+    """Places on the loops `rows` of `segments`; a loop is a hole if its depth is odd."""
+    closed = np.ones(int(segments.owner.max(initial=-1)) + 1, np.bool_)
+    following = neighbours(segments, closed)
+    half = _half_angles(segments, nesting, following)
+    at_end = half
+    at_start = np.full(len(half), np.inf)
+    at_start[following] = half
+    chosen = np.flatnonzero(np.isin(segments.owner, rows))
+    total = float(segments.length[chosen].sum())
+    step = max(_SPACING_MM, total / _MOST_SAMPLES)
+    count = np.maximum(np.ceil(segments.length[chosen] / step), 1).astype(np.int64)
+    of, place = chosen[owners(count)], ramp(count)
+    share = (place + 0.5) / count[owners(count)]
+    length = segments.length[of] / count[owners(count)]
+    # A disc of radius r in a corner of half angle a touches its sides r / tan(a) from the corner.
+    radius = np.minimum(
+        share * segments.length[of] * np.tan(np.minimum(at_start[of], np.pi / 2)),
+        (1 - share) * segments.length[of] * np.tan(np.minimum(at_end[of], np.pi / 2)),
+    )
+    points = points_at(segments.take(of), share)
+    return Samples(
+        points, segments.owner[of], length, np.where(np.isfinite(radius), radius, np.inf)
+    )
+
+
+def _half_angles(segments: Segments, nesting: Nesting, following: IntArray) -> FloatArray:
+    """(N,) half of the angle of the sharp inner corner at which a segment ends, rad.
+
+    It is infinite where there is no corner that a mill runs into. A small fillet is a corner.
+    """
+    leaving = tangents_at(segments, np.ones(len(segments)))
+    entering = tangents_at(segments.take(following), np.zeros(len(segments)))
+    cross = leaving[:, 0] * entering[:, 1] - leaving[:, 1] * entering[:, 0]
+    turn = np.arctan2(cross, (leaving * entering).sum(axis=1))
+    small = segments.is_arc & (segments.radius < _FILLET_MM)
+    turn = turn + np.where(small[following], segments.sweep[following], 0.0)
+    hole = nesting.depth[segments.owner] % 2 == 1
+    turns_left = turn > 0
+    counter_clockwise = nesting.area[segments.owner] > 0
+    inner = hole == (turns_left == counter_clockwise)
+    sharp = inner & (np.abs(turn) > _SMOOTH)
+    return np.where(sharp, (np.pi - np.minimum(np.abs(turn), np.pi - 0.01)) / 2, np.inf)
