@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -9,7 +10,17 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.check.stock import Cut, Fault, Stated, StockProof, Task, design, prove, task_on
+from camgen.check.stock import (
+    Clearance,
+    Cut,
+    Fault,
+    Stated,
+    StockProof,
+    Task,
+    design,
+    prove,
+    task_on,
+)
 from camgen.cli.proven import Proven
 from camgen.lower.runs import plunge
 from camgen.model.errors import InputError, JobError, NoSafeProgram
@@ -68,13 +79,14 @@ def judge(
         cuts = [_cut(program, reading, columns, replace(job, tool=name_drills([job])[0]))]
     if proven.states_job:
         cuts = [replace(cut, stated=_state(cut, job)) for cut in cuts]
-    proof = prove(cuts, design(tasks, job.stock), proven.dynamics, job.stock)
+    designed = design(tasks, job.stock)
+    proof = prove(cuts, designed, proven.dynamics, job.stock, proven.fixtures)
     warnings = [
         f"{place(breach.line)}: warning: {breach.what} ({breach.remedy})\n"
         for breach in proof.set_up.breaches
     ]
     lines = "".join([_tell(proof.faults, place), *warnings])
-    return StockSays(tuple(_rows(proof, tasks, cuts)), lines, _refuse(program, proof, place))
+    return StockSays(tuple(_rows(proof, tasks, cuts, job)), lines, _refuse(program, proof, place))
 
 
 def _state(cut: Cut, job: Job) -> Stated:
@@ -161,13 +173,37 @@ def volume(mm3: float) -> str:
     return f"{short(mm3 / 1000, 1)} cm3" if mm3 >= 1000 else f"{short(mm3, 0)} mm3"
 
 
-def _rows(proof: StockProof, tasks: Sequence[Task], cuts: Sequence[Cut]) -> list[tuple[str, str]]:
+def rows_of_fixtures(clearance: Clearance | None, job: Job) -> list[tuple[str, str, str]]:
+    """The summary says what is left between the tool and the fixtures, and what is not known."""
+    if clearance is None:
+        return []
+    names = counted(clearance.fixtures, "fixture")
+    if clearance.hits:
+        return [("fixtures", f"{names}, {counted(len(clearance.hits), 'motion')} too near", "bad")]
+    least = [
+        f"{short(mm, 2)} mm {where}"
+        for mm, where in ((clearance.beside, "beside"), (clearance.above, "above"))
+        if mm < math.inf
+    ]
+    apart = f"keeps {' and '.join(least)} them" if least else "is nowhere near"
+    tools = [step.tool for step in job.operations] or [job.tool]
+    bodies, tone = "the tool with its holder", "good"
+    if any(tool.holder is None for tool in tools):
+        bodies, tone = "the tool", "look"
+        apart += "; its holder is not judged, tool.holder is not set"
+    return [("fixtures", f"{names}: {bodies} {apart}", tone)]
+
+
+def _rows(
+    proof: StockProof, tasks: Sequence[Task], cuts: Sequence[Cut], job: Job
+) -> list[tuple[str, str]]:
     tools = dict.fromkeys(f"{cut.tool.kind} of {short(cut.tool.diameter, 3)} mm" for cut in cuts)
     depth = short(max(task.job.operation.depth for task in tasks), 3)
     rows = [("stock", f"{', '.join(tools)}, {depth} mm deep: {_sum(proof)}")]
     rows.append(("removed", volume(proof.volume)))
     rows += [("excess", text) for text in _excess(proof)]
     rows += [("not judged" if "not" in note else "note", note) for note in proof.notes]
+    rows += [(label, text) for label, text, _ in rows_of_fixtures(proof.clearance, job)]
     return rows + [("set-up", text) for text in _tell_examined(proof)]
 
 
@@ -194,6 +230,7 @@ def _sum(proof: StockProof) -> str:
             proof.holders,
         ),
         ("cut with a wrong spindle", "cuts with a wrong spindle", proof.spindles),
+        ("motion too near to a fixture", "motions too near to a fixture", proof.fixtures),
     )
     found = [counted(len(faults), one, many) for one, many, faults in kinds if faults]
     faults = ", ".join(found) or "no gouge, no rapid motion in material"
@@ -249,6 +286,7 @@ def _refuse(program: str, proof: StockProof, place: Callable[[int], str]) -> NoS
     if not refused:
         return None
     first = refused[0]
-    what = f"{counted(len(refused), 'fault')} in the material, first: {first.text}"
+    where = "in the material" if len(refused) > len(proof.fixtures) else "beside the fixtures"
+    what = f"{counted(len(refused), 'fault')} {where}, first: {first.text}"
     remedy = "mend the program, or say with --job what it is meant to do"
     return NoSafeProgram(program, what, place(first.line), remedy)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from argparse import Namespace
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from msgspec.structs import replace
 
@@ -39,6 +39,7 @@ from camgen.post import Fault, Post, Reading, Remark
 from camgen.post.contract import prepare_program
 from camgen.post.limits import limit_tolerance
 from camgen.post.plugins import (
+    cell_of,
     dynamics_of,
     fill_tables,
     find_post,
@@ -52,6 +53,9 @@ from camgen.read.files import Files
 from camgen.read.job_file import beside, load
 from camgen.read.programs import LANGUAGES, Executed, Places
 from camgen.read.taught import Carried, as_far_as_known
+
+if TYPE_CHECKING:
+    from camgen.geometry.fixtures import Fixtures
 
 _NAMES = {
     "MoveJ": "joint motion",
@@ -152,7 +156,9 @@ def _judge(asked: _Asked, says: Voice) -> int:
     also = ""
     if drawing is not None and error is None:
         dynamics = _dynamics_of_text(language.name)
-        more, also, error = _prove(asked, drawing, Proven(executed, dynamics=dynamics), place, says)
+        fixtures = _read_fixtures(language.name, asked)
+        proven = Proven(executed, dynamics=dynamics, fixtures=fixtures)
+        more, also, error = _prove(asked, drawing, proven, place, says)
     if arguments.json:
         says.data({"sums": motions, "told": rows + more, **as_data(executed, place)})
     else:
@@ -288,10 +294,22 @@ def _prove(
     says.stage("proving")
     part = read(drawing, asked.job, asked.files)
     reading = proven.reading
+    if proven.post is not None:
+        proven = proven._replace(fixtures=_read_fixtures(proven.post.name, asked))
     stock = judge(str(asked.paths[0]), part, asked.job, proven, place)
     motion = compare_text(part, asked.job, reading.body, reading.lines, place, proven.post)
     says.clear()
     return [("motion", motion), *stock.rows, *_UNEXAMINED[2:]], stock.told, stock.error
+
+
+def _read_fixtures(post: str, asked: _Asked) -> Fixtures | None:
+    """The fixtures of the job, for a program of a machine without an arm; else None."""
+    if not asked.job.cell.fixtures:
+        return None
+    from camgen.pipeline.inputs import read_cell  # noqa: PLC0415 (only for jobs with fixtures)
+
+    job = asked.job
+    return read_cell(None, job, cell_of(make_post(find_post(post), {}), job), asked.files).fixtures
 
 
 def _dynamics_of_post(post: Post, job: Job) -> Dynamics | None:

@@ -70,7 +70,8 @@ def _take_untested(result: Built) -> Around:
     job = result.job
     if not job.cell.fixtures and not job.tool.holder:
         return Around((), (), ())
-    from camgen.collision.cell import box_between, corners_of  # noqa: PLC0415 (loads fcl)
+    from camgen.collision.cell import box_between  # noqa: PLC0415 (loads fcl)
+    from camgen.geometry.fixtures import corners_of  # noqa: PLC0415 (loads shapely)
 
     holder = tuple(
         box_between(_HERE, *corners_of("tool.holder", box)) for box in job.tool.holder or ()

@@ -1,0 +1,267 @@
+"""Leaves out what a mill cannot cut because its tool or holder would come too near to a fixture.
+
+Of a path along a contour only the stretch beside the fixture is left out; its other stretches
+become open paths. A hole, a pocket and a filled area are left out as a whole.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import shapely
+from msgspec import Struct
+from msgspec.structs import replace
+
+from camgen.geometry.arcs import chain
+from camgen.geometry.fixtures import Body, Fixture, Fixtures, list_bodies
+from camgen.model.job import Job, ToolTable
+from camgen.model.part import BoolArray, Note
+from camgen.model.path import ToolPath
+from camgen.model.pose import FloatArray
+from camgen.model.text import short
+from camgen.model.tolerance import NONZERO, SAME_POINT_MM
+from camgen.plan import EdgePlan, JobPlan, Plan, ReplayPlan, chain_paths
+from camgen.plan.leave_out import leave_out_paths
+from camgen.plan.pieces import begin_at, lengths_along, split_at
+from camgen.plan.steps import job_of
+
+#: What is cut along contours, stretch by stretch.
+_BY_STRETCH = ("follow", "trace", "chamfer")
+#: Room is asked for wider by this, mm: a path is looked at in places between which it may leave
+#: their chord by half of it.
+_MORE_MM = 0.02
+#: Ends of stretches are found within this, mm.
+_EXACT_MM = 1e-4
+#: A stretch that is not longer, mm, is not cut alone.
+_SHORTEST_MM = 0.5
+#: Chords of a quarter of a circle around a fixture.
+_QUARTER = 16
+
+
+class _Zone(Struct, frozen=True, eq=False):
+    """Where the tool's axis must not be for one body and one fixture.
+
+    area: polygon, mm.
+    body, fixture: what would meet.
+    """
+
+    area: Any
+    body: Body
+    fixture: Fixture
+
+
+class _Split(Struct, frozen=True, eq=False):
+    """What is left of a path.
+
+    kept: its stretches, the path itself where nothing is in the way.
+    lost: stretches that are left out.
+    zone: a zone in which the first of them is; None for none.
+    """
+
+    kept: tuple[ToolPath, ...]
+    lost: tuple[ToolPath, ...]
+    zone: _Zone | None
+
+
+def clear_fixtures(plan: Plan, job: Job, fixtures: Fixtures) -> Plan:
+    """The plan without what would come nearer to a fixture than its margin, told in its notes."""
+    if isinstance(plan, (EdgePlan, ReplayPlan)):
+        return plan
+    plans = plan.plans if isinstance(plan, JobPlan) else (plan,)
+    jobs = [job_of(job, step) for step in plan.steps] if isinstance(plan, JobPlan) else [job]
+    whole: dict[str, str] = {}
+    notes: list[Note] = []
+    cleared: list[Plan] = []
+    # Along a contour nothing is cut later that an earlier, wider tool has left there.
+    widest: dict[str, ToolTable] = {}
+    for one, own in zip(plans, jobs, strict=True):
+        splits = []
+        for path in one.paths:
+            earlier = [widest[name] for name in path.contours if name in widest]
+            tools = [own.tool, *earlier]
+            split = _split(path, tools, fixtures)
+            splits.append(split)
+            if split.zone is None:
+                continue
+            widest |= {name: max(tools, key=lambda tool: tool.diameter) for name in path.contours}
+            reason = _tell_reason(split.zone, fixtures)
+            if split.kept:
+                notes.append(_tell_stretches(path, split, reason))
+            else:
+                whole[path.id] = reason
+        cleared.append(_replace_paths(one, splits))
+    if not whole and not notes:
+        return plan
+    left_out = tuple(path for one in cleared for path in one.left_out)
+    found = (*plan.notes, *notes)
+    made = (
+        replace(
+            plan,
+            plans=tuple(cleared),
+            paths=chain_paths(cleared),
+            notes=found,
+            left_out=left_out,
+        )
+        if isinstance(plan, JobPlan)
+        else replace(cleared[0], notes=found)
+    )
+    return leave_out_paths(made, whole)
+
+
+def _split(path: ToolPath, tools: Sequence[ToolTable], fixtures: Fixtures) -> _Split:
+    """A path in stretches, none of which is near to a fixture."""
+    untouched = _Split((path,), (), None)
+    lowest = float(path.position[:, 2].min()) - max(path.depths)
+    zones = [zone for tool in tools for zone in _list_zones(tool, lowest, fixtures)]
+    shape = chain(path.position, path.via[1:])
+    box = _find_box(path)
+    zones = [zone for zone in zones if zone.area.intersects(box)]
+    if not zones:
+        return untouched
+    area = shapely.union_all([zone.area for zone in zones])
+    shapely.prepare(area)
+    smallest = min(zone.body.radius for zone in zones) + fixtures.margin
+    step = float(np.sqrt(8 * smallest * _MORE_MM / 2))
+    along = lengths_along(path)
+    count = np.maximum(np.ceil(np.diff(along) / step), 1).astype(np.int64)
+    lengths = np.unique(
+        np.concatenate(
+            [
+                np.linspace(start, end, number + 1)
+                for start, end, number in zip(along, along[1:], count.tolist(), strict=False)
+            ]
+            or [np.zeros(1)]
+        )
+    )
+    if len(path) == 1:
+        is_blocked = bool(shapely.contains_xy(area, *path.position[0, :2]))
+        return _Split((), (path,), zones[0]) if is_blocked else untouched
+
+    def test(places: FloatArray) -> BoolArray:
+        segment = np.clip(np.searchsorted(along, places) - 1, 0, len(along) - 2)
+        long = np.maximum(along[segment + 1] - along[segment], NONZERO)
+        points = shape.point(np.clip((places - along[segment]) / long, 0.0, 1.0), segment)
+        return np.asarray(shapely.contains_xy(area, points[:, :2]))
+
+    blocked = test(lengths)
+    if not blocked.any():
+        return untouched
+    first = lengths[int(np.argmax(blocked))]
+    zone = _find_zone(zones, shape, along, float(first))
+    if blocked.all() or path.operation not in _BY_STRETCH:
+        return _Split((), (path,), zone)
+    ends = _find_ends(lengths, blocked, test)
+    return _cut(path, ends, bool(blocked[0]), zone)
+
+
+def _list_zones(tool: ToolTable, lowest: float, fixtures: Fixtures) -> Iterator[_Zone]:
+    """Where the axis of a tool must not be with its tip as low as `lowest`, mm."""
+    for fixture in fixtures.listed:
+        for body in list_bodies(tool):
+            layers = [layer for layer in fixture.layers if layer.top > lowest + body.height]
+            if layers:
+                room = body.radius + fixtures.margin + _MORE_MM
+                # Chords lie within the circle that they stand for.
+                room /= np.cos(np.pi / 4 / _QUARTER)
+                area = shapely.buffer(layers[-1].outline, room, quad_segs=_QUARTER)
+                yield _Zone(area, body, fixture)
+
+
+def _find_box(path: ToolPath) -> Any:
+    """A box around a path; arcs are at most half circles about their via points."""
+    points = [path.position[:, :2]]
+    arcs = ~np.isnan(path.via[:, 0])
+    if arcs.any():
+        via = path.via[arcs, :2]
+        reach = np.hypot(*(path.position[arcs, :2] - via).T)[:, None]
+        points += [via - reach, via + reach]
+    every = np.concatenate(points)
+    return shapely.box(*every.min(axis=0), *every.max(axis=0))
+
+
+def _find_zone(zones: Sequence[_Zone], shape: Any, along: FloatArray, length: float) -> _Zone:
+    """The zone in which a path is `length` mm after its start."""
+    segment = int(np.clip(np.searchsorted(along, length) - 1, 0, len(along) - 2))
+    long = max(float(along[segment + 1] - along[segment]), NONZERO)
+    x, y, _ = shape.point(np.array([(length - along[segment]) / long]), np.array([segment]))[0]
+    return next((zone for zone in zones if shapely.contains_xy(zone.area, x, y)), zones[0])
+
+
+def _find_ends(lengths: FloatArray, blocked: BoolArray, test: Any) -> FloatArray:
+    """The lengths, mm, at which a path enters or leaves what is blocked, on the free side."""
+    change = np.flatnonzero(blocked[1:] != blocked[:-1])
+    free = np.where(blocked[change], lengths[change + 1], lengths[change])
+    shut = np.where(blocked[change], lengths[change], lengths[change + 1])
+    while np.abs(shut - free).max() > _EXACT_MM:
+        middle = (free + shut) / 2
+        inside = test(middle)
+        free, shut = np.where(inside, free, middle), np.where(inside, middle, shut)
+    return np.asarray(free)
+
+
+def _cut(path: ToolPath, ends: FloatArray, begins_blocked: bool, zone: _Zone) -> _Split:
+    """The stretches of a path between the lengths `ends`, every other one of which is blocked."""
+    if path.closed:
+        # Begun where a blocked stretch ends, it is free at its start and blocked at its end.
+        first = 0 if begins_blocked else 1
+        whole = float(lengths_along(path)[-1])
+        path = begin_at(path, float(ends[first]))
+        ends = np.sort((ends - ends[first]) % whole)
+        ends = ends[ends > SAME_POINT_MM]
+        begins_blocked = False
+    path = split_at(path, ends)
+    along = lengths_along(path)
+    vertices = [0, *(int(np.argmin(np.abs(along - end))) for end in ends), len(path) - 1]
+    kept: list[ToolPath] = []
+    lost: list[ToolPath] = []
+    for k, (low, high) in enumerate(pairwise(vertices)):
+        if high <= low:
+            continue
+        stretch = path.rows(low, high + 1)
+        is_free = (k % 2 == 1) == begins_blocked
+        is_long = along[high] - along[low] > _SHORTEST_MM
+        (kept if is_free and is_long else lost).append(stretch)
+    named = tuple(
+        replace(stretch, id=f"{path.id}.{number}", pinned=False, entry_radius=0.0)
+        for number, stretch in enumerate(kept, 1)
+    )
+    return _Split(named, tuple(lost), zone)
+
+
+def _replace_paths(plan: Plan, splits: Sequence[_Split]) -> Plan:
+    """The plan with the stretches of its paths; a path of which nothing is kept stays for now.
+
+    Stretches of one path enclose each other, so that what it encloses is run before all of them.
+    """
+    if all(split.zone is None for split in splits):
+        return plan
+    counts = [max(len(split.kept), 1) for split in splits]
+    last = np.cumsum(counts) - 1
+    paths: list[ToolPath] = []
+    lost: list[ToolPath] = []
+    for path, split in zip(plan.paths, splits, strict=True):
+        parent = int(last[path.parent]) if path.parent >= 0 else -1
+        for stretch in split.kept or (path,):
+            paths.append(replace(stretch, parent=parent))
+            parent = len(paths) - 1
+        lost += split.lost
+    return replace(plan, paths=tuple(paths), left_out=tuple(lost))
+
+
+def _tell_reason(zone: _Zone, fixtures: Fixtures) -> str:
+    room = f" than {short(fixtures.margin, 3)} mm, cell.margin" if fixtures.margin else ""
+    nearer = f"would come nearer{room}" if room else "would run into it"
+    return f"{zone.fixture.name}: the {zone.body.name} {nearer}"
+
+
+def _tell_stretches(path: ToolPath, split: _Split, reason: str) -> Note:
+    length = sum(float(lengths_along(stretch)[-1]) for stretch in split.lost)
+    return Note(
+        "skipped",
+        f"{short(length, 1)} mm of path {path.id}",
+        reason,
+        tuple(dict.fromkeys((path.id, *path.contours))),
+    )
