@@ -6,7 +6,7 @@ become open paths. A hole, a pocket and a filled area are left out as a whole.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -58,12 +58,12 @@ class _Split(Struct, frozen=True, eq=False):
 
     kept: its stretches, the path itself where nothing is in the way.
     lost: stretches that are left out.
-    zone: a zone in which the first of them is; None for none.
+    zones: the zones in which they are.
     """
 
     kept: tuple[ToolPath, ...]
     lost: tuple[ToolPath, ...]
-    zone: _Zone | None
+    zones: tuple[_Zone, ...]
 
 
 def clear_fixtures(plan: Plan, job: Job, fixtures: Fixtures) -> Plan:
@@ -77,19 +77,25 @@ def clear_fixtures(plan: Plan, job: Job, fixtures: Fixtures) -> Plan:
     cleared: list[Plan] = []
     # Along a contour nothing is cut later that an earlier, wider tool has left there.
     widest: dict[str, ToolTable] = {}
-    for one, own in zip(plans, jobs, strict=True):
+    prefixes = [""]
+    if isinstance(plan, JobPlan):
+        prefixes = [
+            f"operation {number} ({step.operation.kind}): "
+            for number, step in zip(plan.numbers, plan.steps, strict=True)
+        ]
+    for one, own, prefix in zip(plans, jobs, prefixes, strict=True):
         splits = []
         for path in one.paths:
             earlier = [widest[name] for name in path.contours if name in widest]
             tools = [own.tool, *earlier]
             split = _split(path, tools, fixtures)
             splits.append(split)
-            if split.zone is None:
+            if not split.zones:
                 continue
             widest |= {name: max(tools, key=lambda tool: tool.diameter) for name in path.contours}
-            reason = _tell_reason(split.zone, fixtures)
+            reason = _tell_reason(split.zones, fixtures)
             if split.kept:
-                notes.append(_tell_stretches(path, split, reason))
+                notes.append(_tell_stretches(prefix, path, split, reason))
             else:
                 whole[path.id] = reason
         cleared.append(_replace_paths(one, splits))
@@ -113,7 +119,7 @@ def clear_fixtures(plan: Plan, job: Job, fixtures: Fixtures) -> Plan:
 
 def _split(path: ToolPath, tools: Sequence[ToolTable], fixtures: Fixtures) -> _Split:
     """A path in stretches, none of which is near to a fixture."""
-    untouched = _Split((path,), (), None)
+    untouched = _Split((path,), (), ())
     lowest = float(path.position[:, 2].min()) - max(path.depths)
     zones = [zone for tool in tools for zone in _list_zones(tool, lowest, fixtures)]
     shape = chain(path.position, path.via[1:])
@@ -136,25 +142,34 @@ def _split(path: ToolPath, tools: Sequence[ToolTable], fixtures: Fixtures) -> _S
             or [np.zeros(1)]
         )
     )
-    if len(path) == 1:
-        is_blocked = bool(shapely.contains_xy(area, *path.position[0, :2]))
-        return _Split((), (path,), zones[0]) if is_blocked else untouched
 
-    def test(places: FloatArray) -> BoolArray:
+    def find_points(places: FloatArray) -> FloatArray:
+        if len(path) == 1:
+            return path.position[:, :2]
         segment = np.clip(np.searchsorted(along, places) - 1, 0, len(along) - 2)
         long = np.maximum(along[segment + 1] - along[segment], NONZERO)
         points = shape.point(np.clip((places - along[segment]) / long, 0.0, 1.0), segment)
-        return np.asarray(shapely.contains_xy(area, points[:, :2]))
+        return np.asarray(points[:, :2])
+
+    def test(places: FloatArray) -> BoolArray:
+        return np.asarray(shapely.contains_xy(area, find_points(places)))
 
     blocked = test(lengths)
     if not blocked.any():
         return untouched
-    first = lengths[int(np.argmax(blocked))]
-    zone = _find_zone(zones, shape, along, float(first))
+    points = find_points(lengths[blocked])
+    met = tuple(zone for zone in zones if shapely.contains_xy(zone.area, points).any())
     if blocked.all() or path.operation not in _BY_STRETCH:
-        return _Split((), (path,), zone)
+        return _Split((), (path,), met)
     ends = _find_ends(lengths, blocked, test)
-    return _cut(path, ends, bool(blocked[0]), zone)
+    kept, lost = _cut(path, ends, bool(blocked[0]))
+    return _Split(kept, lost, met)
+
+
+def find_blocked(tool: ToolTable, lowest: float, fixtures: Fixtures | None) -> Any:
+    """The area in which the axis of a tool must not be with its tip as low as `lowest`, mm."""
+    zones = _list_zones(tool, lowest, fixtures) if fixtures else ()
+    return shapely.union_all([zone.area for zone in zones])
 
 
 def _list_zones(tool: ToolTable, lowest: float, fixtures: Fixtures) -> Iterator[_Zone]:
@@ -182,15 +197,9 @@ def _find_box(path: ToolPath) -> Any:
     return shapely.box(*every.min(axis=0), *every.max(axis=0))
 
 
-def _find_zone(zones: Sequence[_Zone], shape: Any, along: FloatArray, length: float) -> _Zone:
-    """The zone in which a path is `length` mm after its start."""
-    segment = int(np.clip(np.searchsorted(along, length) - 1, 0, len(along) - 2))
-    long = max(float(along[segment + 1] - along[segment]), NONZERO)
-    x, y, _ = shape.point(np.array([(length - along[segment]) / long]), np.array([segment]))[0]
-    return next((zone for zone in zones if shapely.contains_xy(zone.area, x, y)), zones[0])
-
-
-def _find_ends(lengths: FloatArray, blocked: BoolArray, test: Any) -> FloatArray:
+def _find_ends(
+    lengths: FloatArray, blocked: BoolArray, test: Callable[[FloatArray], BoolArray]
+) -> FloatArray:
     """The lengths, mm, at which a path enters or leaves what is blocked, on the free side."""
     change = np.flatnonzero(blocked[1:] != blocked[:-1])
     free = np.where(blocked[change], lengths[change + 1], lengths[change])
@@ -202,8 +211,10 @@ def _find_ends(lengths: FloatArray, blocked: BoolArray, test: Any) -> FloatArray
     return np.asarray(free)
 
 
-def _cut(path: ToolPath, ends: FloatArray, begins_blocked: bool, zone: _Zone) -> _Split:
-    """The stretches of a path between the lengths `ends`, every other one of which is blocked."""
+def _cut(
+    path: ToolPath, ends: FloatArray, begins_blocked: bool
+) -> tuple[tuple[ToolPath, ...], tuple[ToolPath, ...]]:
+    """The stretches of a path between the lengths `ends`: those that are kept, and the others."""
     if path.closed:
         # Begun where a blocked stretch ends, it is free at its start and blocked at its end.
         first = 0 if begins_blocked else 1
@@ -228,7 +239,7 @@ def _cut(path: ToolPath, ends: FloatArray, begins_blocked: bool, zone: _Zone) ->
         replace(stretch, id=f"{path.id}.{number}", pinned=False, entry_radius=0.0)
         for number, stretch in enumerate(kept, 1)
     )
-    return _Split(named, tuple(lost), zone)
+    return named, tuple(lost)
 
 
 def _replace_paths(plan: Plan, splits: Sequence[_Split]) -> Plan:
@@ -236,7 +247,7 @@ def _replace_paths(plan: Plan, splits: Sequence[_Split]) -> Plan:
 
     Stretches of one path enclose each other, so that what it encloses is run before all of them.
     """
-    if all(split.zone is None for split in splits):
+    if not any(split.zones for split in splits):
         return plan
     counts = [max(len(split.kept), 1) for split in splits]
     last = np.cumsum(counts) - 1
@@ -251,17 +262,21 @@ def _replace_paths(plan: Plan, splits: Sequence[_Split]) -> Plan:
     return replace(plan, paths=tuple(paths), left_out=tuple(lost))
 
 
-def _tell_reason(zone: _Zone, fixtures: Fixtures) -> str:
-    room = f" than {short(fixtures.margin, 3)} mm, cell.margin" if fixtures.margin else ""
-    nearer = f"would come nearer{room}" if room else "would run into it"
-    return f"{zone.fixture.name}: the {zone.body.name} {nearer}"
+def _tell_reason(zones: Sequence[_Zone], fixtures: Fixtures) -> str:
+    numbers = [str(number) for number in sorted({zone.fixture.number for zone in zones})]
+    which = f"{'fixture' if len(numbers) == 1 else 'fixtures'} {', '.join(numbers)}"
+    bodies = " and ".join(dict.fromkeys(f"the {zone.body.name}" for zone in zones))
+    if not fixtures.margin:
+        return f"{which}: {bodies} would run into it"
+    room = f"{short(fixtures.margin, 3)} mm, cell.margin"
+    return f"{which}: {bodies} would come nearer than {room}"
 
 
-def _tell_stretches(path: ToolPath, split: _Split, reason: str) -> Note:
+def _tell_stretches(prefix: str, path: ToolPath, split: _Split, reason: str) -> Note:
     length = sum(float(lengths_along(stretch)[-1]) for stretch in split.lost)
     return Note(
         "skipped",
-        f"{short(length, 1)} mm of path {path.id}",
+        f"{prefix}{short(length, 1)} mm of path {path.id}",
         reason,
         tuple(dict.fromkeys((path.id, *path.contours))),
     )
