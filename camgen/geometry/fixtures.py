@@ -153,11 +153,11 @@ def _list_layers(shape: Solid | Sequence[float]) -> tuple[Layer, ...]:
     outline = shapely.Polygon()
     for bottom, top in reversed(list(pairwise(_choose_levels(triangles[:, :, 2])))):
         within = (highest > bottom + _SAME_MM) & (lowest <= top + _SAME_MM)
-        pieces = [_project(triangle, bottom) for triangle in triangles[within]]
-        before = outline.area
-        outline = shapely.union_all([outline, *filter(None, pieces)], grid_size=_SAME_MM)
-        if not layers or outline.area > before + _SAME_MM:
-            layers.append(Layer(shapely.simplify(outline, _SAME_MM), float(top)))
+        band = shapely.union_all(_project(triangles[within], bottom))
+        grown = shapely.union(outline, band)
+        if not layers or grown.area > outline.area + _SAME_MM:
+            outline = shapely.simplify(grown, _SAME_MM)
+            layers.append(Layer(outline, float(top)))
     return tuple(layers)
 
 
@@ -176,16 +176,18 @@ def _choose_levels(heights: FloatArray) -> list[float]:
     return ends
 
 
-def _project(triangle: FloatArray, bottom: float) -> Any:
-    """What of a triangle is above a height, from above; None where it has no area there."""
-    points = []
-    for start, end in zip(triangle, np.roll(triangle, -1, axis=0), strict=True):
-        if start[2] >= bottom:
-            points.append(start[:2])
-        if (start[2] - bottom) * (end[2] - bottom) < 0:
-            share = (bottom - start[2]) / (end[2] - start[2])
-            points.append(start[:2] + share * (end[:2] - start[:2]))
-    if len(points) < 3:
-        return None
-    polygon = shapely.Polygon(points)
-    return polygon if polygon.area > _SAME_MM**2 else None
+def _project(triangles: FloatArray, bottom: float) -> Any:
+    """What is above a height of each triangle (N, 3, 3), as polygons from above; some may be empty."""
+    bottom -= _SAME_MM
+    start, end = triangles, np.roll(triangles, -1, axis=1)
+    above = start[:, :, 2] >= bottom
+    crosses = (start[:, :, 2] - bottom) * (end[:, :, 2] - bottom) < 0
+    rise = np.where(crosses, end[:, :, 2] - start[:, :, 2], 1.0)
+    cut = start + ((bottom - start[:, :, 2]) / rise)[:, :, None] * (end - start)
+    # Every corner, and behind it the place where its side crosses the height.
+    # On a grid: corners that differ by rounding alone make slivers that a union may lose.
+    points = np.round(np.stack([start, cut], axis=2)[..., :2], 6)
+    kept = np.stack([above, crosses], axis=2)
+    which = np.broadcast_to(np.arange(len(triangles))[:, None, None], kept.shape)[kept]
+    chains = shapely.linestrings(points[kept], indices=which) if kept.any() else []
+    return shapely.buffer(shapely.convex_hull(chains), 0.0)

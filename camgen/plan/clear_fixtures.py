@@ -26,7 +26,6 @@ from camgen.model.tolerance import NONZERO, SAME_POINT_MM
 from camgen.plan import EdgePlan, JobPlan, Plan, ReplayPlan, chain_paths
 from camgen.plan.leave_out import leave_out_paths
 from camgen.plan.pieces import begin_at, lengths_along, split_at
-from camgen.plan.steps import job_of
 
 #: What is cut along contours, stretch by stretch.
 _BY_STRETCH = ("follow", "trace", "chamfer")
@@ -70,29 +69,21 @@ def clear_fixtures(plan: Plan, job: Job, fixtures: Fixtures) -> Plan:
     """The plan without what would come nearer to a fixture than its margin, told in its notes."""
     if isinstance(plan, (EdgePlan, ReplayPlan)):
         return plan
-    plans = plan.plans if isinstance(plan, JobPlan) else (plan,)
-    jobs = [job_of(job, step) for step in plan.steps] if isinstance(plan, JobPlan) else [job]
+    # What an earlier, wider tool has left at a contour is left by the later ones too.
+    earlier: dict[str, list[ToolTable]] = {}
     whole: dict[str, str] = {}
     notes: list[Note] = []
     cleared: list[Plan] = []
-    # Along a contour nothing is cut later that an earlier, wider tool has left there.
-    widest: dict[str, ToolTable] = {}
-    prefixes = [""]
-    if isinstance(plan, JobPlan):
-        prefixes = [
-            f"operation {number} ({step.operation.kind}): "
-            for number, step in zip(plan.numbers, plan.steps, strict=True)
-        ]
-    for one, own, prefix in zip(plans, jobs, prefixes, strict=True):
+    for one, tool, prefix in _list_operations(plan, job):
         splits = []
         for path in one.paths:
-            earlier = [widest[name] for name in path.contours if name in widest]
-            tools = [own.tool, *earlier]
-            split = _split(path, tools, fixtures)
-            splits.append(split)
+            before = [used for name in path.contours for used in earlier.get(name, [])]
+            splits.append(_split(path, [tool, *before], fixtures))
+        for path, split in zip(one.paths, splits, strict=True):
             if not split.zones:
                 continue
-            widest |= {name: max(tools, key=lambda tool: tool.diameter) for name in path.contours}
+            for name in path.contours:
+                earlier.setdefault(name, []).append(tool)
             reason = _tell_reason(split.zones, fixtures)
             if split.kept:
                 notes.append(_tell_stretches(prefix, path, split, reason))
@@ -101,20 +92,22 @@ def clear_fixtures(plan: Plan, job: Job, fixtures: Fixtures) -> Plan:
         cleared.append(_replace_paths(one, splits))
     if not whole and not notes:
         return plan
-    left_out = tuple(path for one in cleared for path in one.left_out)
     found = (*plan.notes, *notes)
-    made = (
-        replace(
-            plan,
-            plans=tuple(cleared),
-            paths=chain_paths(cleared),
-            notes=found,
-            left_out=left_out,
-        )
-        if isinstance(plan, JobPlan)
-        else replace(cleared[0], notes=found)
-    )
+    if not isinstance(plan, JobPlan):
+        return leave_out_paths(replace(cleared[0], notes=found), whole)
+    left_out = tuple(path for one in cleared for path in one.left_out)
+    paths = chain_paths(cleared)
+    made = replace(plan, plans=tuple(cleared), paths=paths, notes=found, left_out=left_out)
     return leave_out_paths(made, whole)
+
+
+def _list_operations(plan: Plan, job: Job) -> Iterator[tuple[Plan, ToolTable, str]]:
+    """The plan of each operation with its tool, and what notes on it begin with."""
+    if not isinstance(plan, JobPlan):
+        yield plan, job.tool, ""
+        return
+    for number, step, one in zip(plan.numbers, plan.steps, plan.plans, strict=True):
+        yield one, step.tool, f"operation {number} ({step.operation.kind}): "
 
 
 def _split(path: ToolPath, tools: Sequence[ToolTable], fixtures: Fixtures) -> _Split:
