@@ -2,8 +2,8 @@
 
 A body of radius r whose lower end is at z fills what is above it. It meets a layer of a fixture
 where z is below the layer's top and its axis comes nearer to the outline than r. Room is asked for
-aside: `Fixtures.margin`. A rapid motion keeps it above a fixture too; a cut may graze a top, as it
-does that of the jaws of a vice.
+aside: `Fixtures.margin`. Rapid travel keeps it above a fixture too. A cut may graze a top, as it does
+that of the jaws of a vice, and so may the motions straight down to it and up from it.
 """
 
 from __future__ import annotations
@@ -175,8 +175,8 @@ def _take(case: _Case, which: IntArray, height: FloatArray, below: bool) -> _Por
 
 def _find_hits(case: _Case, margin: float) -> Iterator[Hit]:
     """The worst place of every motion that is nearer than the margin."""
-    rapid = case.moves.rapid[case.rows]
-    height = case.layer.top + np.where(rapid, margin, 0.0)
+    travels = (case.moves.rapid & ~case.moves.upright)[case.rows]
+    height = case.layer.top + np.where(travels, margin, 0.0)
     radius = case.body.radius + margin
     which = np.flatnonzero(
         (case.lowest < height - TOLERANCE_MM) & (case.around < radius - TOLERANCE_MM)
