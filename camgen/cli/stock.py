@@ -18,6 +18,7 @@ from camgen.check.stock import (
     StockProof,
     Task,
     design,
+    examine_fixtures,
     prove,
     task_on,
 )
@@ -38,6 +39,7 @@ from camgen.read.programs import Executed
 _NO_BITE_MM = 0.0001
 #: So many faults of a kind are listed.
 _LISTED = 20
+_MEND = "mend the program, or say with --job what it is meant to do"
 
 
 class StockSays(Struct, frozen=True):
@@ -73,10 +75,9 @@ def judge(
     columns = Columns(reading.body)
     if job.operations:
         tasks = [task_on(part, job_of(job, one.step), one.part) for one in share_out(part, job)[0]]
-        cuts = _cuts_by_tool(program, reading, columns, job)
     else:
         tasks = [_task(part, job, columns)]
-        cuts = [_cut(program, reading, columns, replace(job, tool=name_drills([job])[0]))]
+    cuts = _list_cuts(program, reading, columns, job)
     if proven.states_job:
         cuts = [replace(cut, stated=_state(cut, job)) for cut in cuts]
     designed = design(tasks, job.stock)
@@ -87,6 +88,29 @@ def judge(
     ]
     lines = "".join([_tell(proof.faults, place), *warnings])
     return StockSays(tuple(_rows(proof, tasks, cuts, job)), lines, _refuse(program, proof, place))
+
+
+def judge_fixtures(
+    program: str, job: Job, proven: Proven, place: Callable[[int], str]
+) -> StockSays:
+    """What a program that was read leaves between tool, holder and fixtures, without a drawing."""
+    assert proven.fixtures is not None
+    cuts = _list_cuts(program, proven.reading, Columns(proven.reading.body), job)
+    clearance, faults = examine_fixtures(cuts, proven.fixtures)
+    rows = [(label, text) for label, text, _ in rows_of_fixtures(clearance, job)]
+    rows += [("not judged", note) for note in clearance.notes]
+    error = None
+    if faults:
+        what = f"{counted(len(faults), 'fault')} beside the fixtures, first: {faults[0].text}"
+        error = NoSafeProgram(program, what, place(faults[0].line), _MEND)
+    return StockSays(tuple(rows), _tell(faults, place), error)
+
+
+def _list_cuts(program: str, reading: Reading | Executed, columns: Columns, job: Job) -> list[Cut]:
+    """What each tool of a program does."""
+    if job.operations:
+        return _cuts_by_tool(program, reading, columns, job)
+    return [_cut(program, reading, columns, replace(job, tool=name_drills([job])[0]))]
 
 
 def _state(cut: Cut, job: Job) -> Stated:
@@ -288,5 +312,4 @@ def _refuse(program: str, proof: StockProof, place: Callable[[int], str]) -> NoS
     first = refused[0]
     where = "in the material" if len(refused) > len(proof.fixtures) else "beside the fixtures"
     what = f"{counted(len(refused), 'fault')} {where}, first: {first.text}"
-    remedy = "mend the program, or say with --job what it is meant to do"
-    return NoSafeProgram(program, what, place(first.line), remedy)
+    return NoSafeProgram(program, what, place(first.line), _MEND)

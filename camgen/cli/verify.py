@@ -127,7 +127,7 @@ def run(arguments: Namespace, says: Voice) -> int:
 
 def _judge(asked: _Asked, says: Voice) -> int:
     """A program that somebody else wrote."""
-    arguments, paths, texts, job, drawing, files, *_ = asked
+    arguments, paths, texts, job, _, files, *_ = asked
     place = Places(texts)
     language = find_own(arguments.post or "", texts)
     ask = ask_of(language, arguments, job, files)
@@ -154,11 +154,10 @@ def _judge(asked: _Asked, says: Voice) -> int:
         _report(Path(arguments.report), asked, executed, told, rows, says)
     more = list(_UNEXAMINED)
     also = ""
-    if drawing is not None and error is None:
-        dynamics = _dynamics_of_text(language.name)
+    if error is None:
         fixtures = _read_fixtures(language.name, asked)
-        proven = Proven(executed, dynamics=dynamics, fixtures=fixtures)
-        more, also, error = _prove(asked, drawing, proven, place, says)
+        proven = Proven(executed, None, _dynamics_of_text(language.name), fixtures=fixtures)
+        more, also, error = _prove(asked, proven, place, says)
     if arguments.json:
         says.data({"sums": motions, "told": rows + more, **as_data(executed, place)})
     else:
@@ -172,7 +171,7 @@ def _compare(asked: _Asked, says: Voice) -> int:
     """A program of ours, with what it was planned to do if there is a plan. Then a remark is a fault too."""
     from camgen.pipeline.rounding import limit_path_tolerance  # noqa: PLC0415 (only for our texts)
 
-    arguments, paths, texts, job, drawing, files, *_ = asked
+    arguments, paths, texts, job, _, files, *_ = asked
     _insist_on_post(arguments)
     plan = load_plan(Path(arguments.plan), files) if arguments.plan else None
     options = (plan.options if plan else {}) | limit_path_tolerance(job, arguments.post).post
@@ -217,10 +216,10 @@ def _compare(asked: _Asked, says: Voice) -> int:
         row, different = compare_rebuilt(program, asked.origin, says, files)
         rows.append(row)
     says.clear()
-    more, also, error = list(_UNEXAMINED), "", None
-    if drawing is not None:
-        proven = Proven(reading, post, _dynamics_of_post(post, job), asked.states_job)
-        more, also, error = _prove(asked, drawing, proven, place, says)
+    fixtures = _read_fixtures(post.name, asked)
+    dynamics = _dynamics_of_post(post, job)
+    proven = Proven(reading, post, dynamics, asked.states_job, fixtures)
+    more, also, error = _prove(asked, proven, place, says)
     say(more, also)
     if error is not None:
         raise error
@@ -282,20 +281,27 @@ def _insist_on_post(arguments: Namespace) -> None:
 
 def _prove(
     asked: _Asked,
-    drawing: Path,
     proven: Proven,
     place: Callable[[int], str],
     says: Voice,
 ) -> tuple[list[Row], str, CamgenError | None]:
-    """The proofs against a drawing: rows, a line for each fault, and the error of a refusal."""
-    from camgen.cli.stock import judge  # noqa: PLC0415 (shapely: only when needed)
+    """The proofs against the drawing and the fixtures of the job, as far as they are given: rows, a
+    line for each fault, and the error of a refusal.
+    """
+    drawing = asked.drawing
+    if drawing is None and proven.fixtures is None:
+        return list(_UNEXAMINED), "", None
+    from camgen.cli.stock import judge, judge_fixtures  # noqa: PLC0415 (shapely: only when needed)
     from camgen.pipeline.motion import compare_text  # noqa: PLC0415 (shapely: only when needed)
 
     says.stage("proving")
+    if drawing is None:
+        beside = judge_fixtures(str(asked.paths[0]), asked.job, proven, place)
+        says.clear()
+        rows = [*_UNEXAMINED[:2], *beside.rows, *_UNEXAMINED[2:]]
+        return rows, beside.told, beside.error
     part = read(drawing, asked.job, asked.files)
     reading = proven.reading
-    if proven.post is not None:
-        proven = proven._replace(fixtures=_read_fixtures(proven.post.name, asked))
     stock = judge(str(asked.paths[0]), part, asked.job, proven, place)
     motion = compare_text(part, asked.job, reading.body, reading.lines, place, proven.post)
     says.clear()
