@@ -9,7 +9,7 @@ import numpy as np
 from camgen.model.errors import Blocked, Loss, NoSafeProgram
 from camgen.model.job import Job
 from camgen.model.path import Tour
-from camgen.model.program import Comment, Program
+from camgen.model.program import Comment, Program, pack
 from camgen.order import ReplayTour
 from camgen.pipeline.stock import MOVE_FIXTURE, StatedProgram, cuts_of, cuts_of_texts
 from camgen.plan import Plan
@@ -41,9 +41,8 @@ def check_fixtures(program: Program, tour: Tour, request: Request, source: str) 
         return
     from camgen.check.stock import examine_fixtures  # noqa: PLC0415 (shapely: only with fixtures)
 
-    body = program.body
     rows = np.flatnonzero(~program.columns.are(Comment))
-    stated = [body[int(row)] for row in rows]
+    stated = pack(program.body).take(rows)
     cuts = list(cuts_of(tour, request, [StatedProgram("", stated, rows.tolist(), program)]))
     _, faults = examine_fixtures(cuts, fixtures)
     if not faults:

@@ -52,6 +52,19 @@ class _Zone(Struct, frozen=True, eq=False):
     fixture: Fixture
 
 
+class _Blocked(Struct, frozen=True, eq=False):
+    """Where the axis of some tools must not be with their tips at one height.
+
+    zones: one for each body and fixture.
+    area: all of them together, prepared; empty for none.
+    step: places of a path that are tested are no farther apart, mm.
+    """
+
+    zones: tuple[_Zone, ...]
+    area: Any
+    step: float
+
+
 class _Split(Struct, frozen=True, eq=False):
     """What is left of a path.
 
@@ -69,21 +82,15 @@ def clear_fixtures(plan: Plan, job: Job, fixtures: Fixtures) -> Plan:
     """The plan without what would come nearer to a fixture than its margin, told in its notes."""
     if isinstance(plan, (EdgePlan, ReplayPlan)):
         return plan
-    # What an earlier, wider tool has left at a contour is left by the later ones too.
-    earlier: dict[str, list[ToolTable]] = {}
+    areas = _Areas(fixtures)
     whole: dict[str, str] = {}
     notes: list[Note] = []
     cleared: list[Plan] = []
     for one, tool, prefix in _list_operations(plan, job):
-        splits = []
-        for path in one.paths:
-            before = [used for name in path.contours for used in earlier.get(name, [])]
-            splits.append(_split(path, [tool, *before], fixtures))
-        for path, split in zip(one.paths, splits, strict=True):
-            if not split.zones:
-                continue
-            for name in path.contours:
-                earlier.setdefault(name, []).append(tool)
+        splits = [_split(path, areas.find(path, tool)) for path in one.paths]
+        met = [(path, split) for path, split in zip(one.paths, splits, strict=True) if split.zones]
+        for path, split in met:
+            areas.remember(path, tool)
             reason = _tell_reason(split.zones, fixtures)
             if split.kept:
                 notes.append(_tell_stretches(prefix, path, split, reason))
@@ -110,22 +117,52 @@ def _list_operations(plan: Plan, job: Job) -> Iterator[tuple[Plan, ToolTable, st
         yield one, step.tool, f"operation {number} ({step.operation.kind}): "
 
 
-def _split(path: ToolPath, tools: Sequence[ToolTable], fixtures: Fixtures) -> _Split:
-    """A path in stretches, none of which is near to a fixture."""
-    untouched = _Split((path,), (), ())
-    lowest = float(path.position[:, 2].min()) - max(path.depths)
-    zones = [zone for tool in tools for zone in _list_zones(tool, lowest, fixtures)]
-    shape = chain(path.position, path.via[1:])
-    box = _find_box(path)
-    zones = [zone for zone in zones if zone.area.intersects(box)]
-    if not zones:
-        return untouched
+class _Areas:
+    """The blocked areas of all tools and heights, each made once.
+
+    What a wider tool has left at a contour is left by the later ones too: their paths are tested
+    with its areas as well.
+    """
+
+    def __init__(self, fixtures: Fixtures) -> None:
+        self._fixtures = fixtures
+        self._earlier: dict[str, list[ToolTable]] = {}
+        self._known: dict[tuple[object, ...], _Blocked] = {}
+
+    def find(self, path: ToolPath, tool: ToolTable) -> _Blocked:
+        """Where the axis must not be on a path of this tool."""
+        before = [used for name in path.contours for used in self._earlier.get(name, [])]
+        lowest = float(path.position[:, 2].min()) - max(path.depths)
+        tools = [tool, *before]
+        key = (*map(id, tools), lowest)
+        if key not in self._known:
+            self._known[key] = _block(tools, lowest, self._fixtures)
+        return self._known[key]
+
+    def remember(self, path: ToolPath, tool: ToolTable) -> None:
+        """Remembers that the tool has left something at the contours of a path."""
+        for name in path.contours:
+            self._earlier.setdefault(name, []).append(tool)
+
+
+def _block(tools: Sequence[ToolTable], lowest: float, fixtures: Fixtures) -> _Blocked:
+    """Where the axes of the tools must not be with their tips as low as `lowest`, mm."""
+    zones = tuple(zone for tool in tools for zone in _list_zones(tool, lowest, fixtures))
     area = shapely.union_all([zone.area for zone in zones])
     shapely.prepare(area)
-    smallest = min(zone.body.radius for zone in zones) + fixtures.margin
-    step = float(np.sqrt(8 * smallest * _MORE_MM / 2))
+    smallest = min((zone.body.radius for zone in zones), default=1.0) + fixtures.margin
+    # Between two places a path leaves their chord by no more than half of what is added.
+    return _Blocked(zones, area, float(np.sqrt(8 * smallest * _MORE_MM / 2)))
+
+
+def _split(path: ToolPath, blocked: _Blocked) -> _Split:
+    """A path in stretches, none of which is near to a fixture."""
+    untouched = _Split((path,), (), ())
+    area, shape = blocked.area, chain(path.position, path.via[1:])
+    if not area.intersects(_find_box(path)):
+        return untouched
     along = lengths_along(path)
-    count = np.maximum(np.ceil(np.diff(along) / step), 1).astype(np.int64)
+    count = np.maximum(np.ceil(np.diff(along) / blocked.step), 1).astype(np.int64)
     lengths = np.unique(
         np.concatenate(
             [
@@ -147,15 +184,15 @@ def _split(path: ToolPath, tools: Sequence[ToolTable], fixtures: Fixtures) -> _S
     def test(places: FloatArray) -> BoolArray:
         return np.asarray(shapely.contains_xy(area, find_points(places)))
 
-    blocked = test(lengths)
-    if not blocked.any():
+    inside = test(lengths)
+    if not inside.any():
         return untouched
-    points = find_points(lengths[blocked])
-    met = tuple(zone for zone in zones if shapely.contains_xy(zone.area, points).any())
-    if blocked.all() or path.operation not in _BY_STRETCH:
+    points = find_points(lengths[inside])
+    met = tuple(zone for zone in blocked.zones if shapely.contains_xy(zone.area, points).any())
+    if inside.all() or path.operation not in _BY_STRETCH:
         return _Split((), (path,), met)
-    ends = _find_ends(lengths, blocked, test)
-    kept, lost = _cut(path, ends, bool(blocked[0]))
+    ends = _find_ends(lengths, inside, test)
+    kept, lost = _cut(path, ends, bool(inside[0]))
     return _Split(kept, lost, met)
 
 

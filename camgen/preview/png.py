@@ -171,7 +171,8 @@ def _fixtures(image: Pixels, view: View, sheet: _Sheet) -> None:
         # What lies under a clamp is still seen.
         cv2.addWeighted(filled, _CLAMP_SHARE, image, 1 - _CLAMP_SHARE, 0.0, dst=image)
         cv2.polylines(image, loops, True, _CLAMP_EDGE, 2, cv2.LINE_AA, _SHIFT)
-        (x, y) = (loops[0].reshape(-1, 2).mean(axis=0) / 2**_SHIFT).astype(int).tolist()
+        places = loops[0].reshape(-1, 2) >> _SHIFT
+        x, y = ((places.min(axis=0) + places.max(axis=0)) // 2).tolist()
         text = f"{fixture.number}: z {fixture.top:g}"
         wide, _ = _measure(text, 0.5)
         _write(image, text, (x - wide // 2, y + 6), 0.5)
