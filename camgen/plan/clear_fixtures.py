@@ -275,21 +275,22 @@ def _cut(
 def _replace_paths(plan: Plan, splits: Sequence[_Split]) -> Plan:
     """The plan with the stretches of its paths; a path of which nothing is kept stays for now.
 
-    Stretches of one path enclose each other, so that what it encloses is run before all of them.
+    What a path encloses is run before all of its stretches: each of them encloses the one before.
     """
     if not any(split.zones for split in splits):
         return plan
-    counts = [max(len(split.kept), 1) for split in splits]
-    last = np.cumsum(counts) - 1
+    counts = np.array([max(len(split.kept), 1) for split in splits])
+    first = np.cumsum(counts) - counts
+    around = {path.parent for path in plan.paths}
     paths: list[ToolPath] = []
-    lost: list[ToolPath] = []
-    for path, split in zip(plan.paths, splits, strict=True):
-        parent = int(last[path.parent]) if path.parent >= 0 else -1
-        for stretch in split.kept or (path,):
-            paths.append(replace(stretch, parent=parent))
-            parent = len(paths) - 1
-        lost += split.lost
-    return replace(plan, paths=tuple(paths), left_out=tuple(lost))
+    for k, (path, split) in enumerate(zip(plan.paths, splits, strict=True)):
+        parent = int(first[path.parent]) if path.parent >= 0 else -1
+        stretches = split.kept or (path,)
+        for number, stretch in enumerate(stretches, 1):
+            goes_on = k in around and number < len(stretches)
+            paths.append(replace(stretch, parent=len(paths) + 1 if goes_on else parent))
+    lost = tuple(stretch for split in splits for stretch in split.lost)
+    return replace(plan, paths=tuple(paths), left_out=lost)
 
 
 def _tell_reason(zones: Sequence[_Zone], fixtures: Fixtures) -> str:
