@@ -98,9 +98,9 @@ import camgen, camgen.pipeline
 module = sys.modules["camgen.pipeline"]
 prove, spent = module.prove_stock, []
 def timed(*arguments):
-    begun = time.perf_counter()
+    start = time.perf_counter()
     proof = prove(*arguments)
-    spent.append(time.perf_counter() - begun)
+    spent.append(time.perf_counter() - start)
     return proof
 module.prove_stock = timed
 camgen.build(sys.argv[1], post="gcode", job=json.loads(sys.argv[2]))
@@ -113,11 +113,10 @@ def put_clamps(drawing: str, job: Mapping[str, Any]) -> dict[str, Any]:
     points = np.concatenate([contour.points for contour in camgen.read(drawing).contours])
     low, high = points.min(axis=0), points.max(axis=0)
     half = CLAMP_SIDE * float((high - low).max()) / 2
-    clamps = [
-        [x - half, y - half, CLAMP_BOTTOM, x + half, y + half, CLAMP_TOP]
-        for x in (low[0], high[0])
-        for y in (low[1], high[1])
-    ]
+    clamps = []
+    for x in (low[0], high[0]):
+        for y in (low[1], high[1]):
+            clamps.append([x - half, y - half, CLAMP_BOTTOM, x + half, y + half, CLAMP_TOP])
     return {**job, "cell": {"fixtures": clamps}}
 
 
@@ -143,7 +142,7 @@ def compare_peer(builds: Mapping[str, tuple[str, Mapping[str, Any]]], runs: int,
                 seconds[kind].append(time_proof(python, drawing, settings))
         for kind, values in seconds.items():
             pairs = zip(values, seconds["peer"], strict=True)
-            times = statistics.median(own / others for own, others in pairs)
+            times = statistics.median(time / of_peer for time, of_peer in pairs)
             goal = None if kind == "peer" else verdict(times < MOST_TIMES)
             table.add(name, kind, statistics.median(values), times, goal)
 

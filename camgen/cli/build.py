@@ -106,7 +106,7 @@ def _proofs(result: Result) -> list[Row]:
 
 
 def _fixtures(result: Result) -> list[Row]:
-    """What is left between the tool of a mill and the fixtures."""
+    """The distances between the tool of a mill and the fixtures."""
     if result.fixtures is None:
         return []
     from camgen.cli.stock import rows_of_fixtures  # noqa: PLC0415 (shapely, only with fixtures)

@@ -93,7 +93,7 @@ def judge(
 def judge_fixtures(
     program: str, job: Job, proven: Proven, place: Callable[[int], str]
 ) -> StockSays:
-    """What a program that was read leaves between tool, holder and fixtures, without a drawing."""
+    """The distances of a program that was read from the fixtures, without a drawing."""
     assert proven.fixtures is not None
     cuts = _list_cuts(program, proven.reading, Columns(proven.reading.body), job)
     clearance, faults = examine_fixtures(cuts, proven.fixtures)
@@ -107,7 +107,7 @@ def judge_fixtures(
 
 
 def _list_cuts(program: str, reading: Reading | Executed, columns: Columns, job: Job) -> list[Cut]:
-    """What each tool of a program does."""
+    """The cuts of each tool of a program."""
     if job.operations:
         return _cuts_by_tool(program, reading, columns, job)
     return [_cut(program, reading, columns, replace(job, tool=name_drills([job])[0]))]
@@ -198,7 +198,7 @@ def volume(mm3: float) -> str:
 
 
 def rows_of_fixtures(clearance: Clearance | None, job: Job) -> list[tuple[str, str, str]]:
-    """The summary says what is left between the tool and the fixtures, and what is not known."""
+    """The row of the summary on the distances from the fixtures, and on unknown holders."""
     if clearance is None:
         return []
     names = counted(clearance.fixtures, "fixture")
@@ -206,16 +206,16 @@ def rows_of_fixtures(clearance: Clearance | None, job: Job) -> list[tuple[str, s
         return [("fixtures", f"{names}, {counted(len(clearance.hits), 'motion')} too near", "bad")]
     least = [
         f"{short(mm, 2)} mm {where}"
-        for mm, where in ((clearance.beside, "beside"), (clearance.above, "above"))
+        for mm, where in ((clearance.aside, "beside"), (clearance.above, "above"))
         if mm < math.inf
     ]
-    apart = f"keeps {' and '.join(least)} them" if least else "is nowhere near"
+    distances = f"keeps {' and '.join(least)} them" if least else "is nowhere near"
     tools = [step.tool for step in job.operations] or [job.tool]
     bodies, tone = "the tool with its holder", "good"
     if any(tool.holder is None for tool in tools):
         bodies, tone = "the tool", "look"
-        apart += "; its holder is not judged, tool.holder is not set"
-    return [("fixtures", f"{names}: {bodies} {apart}", tone)]
+        distances += "; its holder is not judged, tool.holder is not set"
+    return [("fixtures", f"{names}: {bodies} {distances}", tone)]
 
 
 def _rows(

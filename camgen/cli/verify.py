@@ -155,7 +155,7 @@ def _judge(asked: _Asked, says: Voice) -> int:
     more = list(_UNEXAMINED)
     also = ""
     if error is None:
-        fixtures = _read_fixtures(language.name, asked)
+        fixtures = _read_fixtures(language.name, job, files)
         proven = Proven(executed, None, _dynamics_of_text(language.name), fixtures=fixtures)
         more, also, error = _prove(asked, proven, place, says)
     if arguments.json:
@@ -216,7 +216,7 @@ def _compare(asked: _Asked, says: Voice) -> int:
         row, different = compare_rebuilt(program, asked.origin, says, files)
         rows.append(row)
     says.clear()
-    fixtures = _read_fixtures(post.name, asked)
+    fixtures = _read_fixtures(post.name, job, files)
     dynamics = _dynamics_of_post(post, job)
     proven = Proven(reading, post, dynamics, asked.states_job, fixtures)
     more, also, error = _prove(asked, proven, place, says)
@@ -296,10 +296,10 @@ def _prove(
 
     says.stage("proving")
     if drawing is None:
-        beside = judge_fixtures(str(asked.paths[0]), asked.job, proven, place)
+        judged = judge_fixtures(str(asked.paths[0]), asked.job, proven, place)
         says.clear()
-        rows = [*_UNEXAMINED[:2], *beside.rows, *_UNEXAMINED[2:]]
-        return rows, beside.told, beside.error
+        rows = [*_UNEXAMINED[:2], *judged.rows, *_UNEXAMINED[2:]]
+        return rows, judged.told, judged.error
     part = read(drawing, asked.job, asked.files)
     reading = proven.reading
     stock = judge(str(asked.paths[0]), part, asked.job, proven, place)
@@ -308,14 +308,14 @@ def _prove(
     return [("motion", motion), *stock.rows, *_UNEXAMINED[2:]], stock.told, stock.error
 
 
-def _read_fixtures(post: str, asked: _Asked) -> Fixtures | None:
+def _read_fixtures(post: str, job: Job, files: Files) -> Fixtures | None:
     """The fixtures of the job, for a program of a machine without an arm; else None."""
-    if not asked.job.cell.fixtures:
+    if not job.cell.fixtures:
         return None
     from camgen.pipeline.inputs import read_cell  # noqa: PLC0415 (only for jobs with fixtures)
 
-    job = asked.job
-    return read_cell(None, job, cell_of(make_post(find_post(post), {}), job), asked.files).fixtures
+    cell = cell_of(make_post(find_post(post), {}), job)
+    return read_cell(None, job, cell, files).fixtures
 
 
 def _dynamics_of_post(post: Post, job: Job) -> Dynamics | None:

@@ -1,4 +1,4 @@
-"""Fixtures of a mill as seen from above: clamps, vices and stops as layers, each an outline with its top.
+"""Fixtures of a mill from above: clamps, vices and stops as layers, each an outline with its top.
 
 A tool that points straight down fills the space from its tip upwards. So of a fixture only its
 highest surface counts: the tool meets it where its tip is below a top inside the outline. A box is
@@ -65,12 +65,12 @@ class Fixture(Struct, frozen=True, eq=False):
 
     @property
     def outline(self) -> Any:
-        """All of it as seen from above."""
+        """Polygon of the whole fixture from above, mm."""
         return self.layers[-1].outline
 
 
 class Fixtures(Struct, frozen=True, eq=False):
-    """What stands around the part on a mill.
+    """The clamps, vices and stops of a mill.
 
     listed: the fixtures.
     margin: `cell.margin`, the room that tool and holder keep from them, mm.
@@ -88,7 +88,7 @@ class Fixtures(Struct, frozen=True, eq=False):
 
 
 class Body(Struct, frozen=True):
-    """A part of what turns in the spindle, from a height up.
+    """The tool, or a box of its holder, from a height up.
 
     name: "tool" or "holder".
     height: its lower end above the tip, mm.
@@ -101,7 +101,7 @@ class Body(Struct, frozen=True):
 
 
 def list_fixtures(job: Job, meshes: Sequence[tuple[str, Solid]]) -> Fixtures | None:
-    """The fixtures of a job, None for none. Raises JobError for a box that is none.
+    """The fixtures of a job; None if it has no fixtures. Raises JobError for a wrong box.
 
     meshes: names and shapes of those that are meshes, in their order.
     """
@@ -116,7 +116,7 @@ def list_fixtures(job: Job, meshes: Sequence[tuple[str, Solid]]) -> Fixtures | N
 def list_bodies(tool: ToolTable) -> list[Body]:
     """The tool as wide as it cuts, and the boxes of its holder.
 
-    A box is taken as the round body that it stands for: as wide as it is from its axis.
+    A box stands for a round body: as wide as it is from the axis.
     """
     bodies = [Body("tool", 0.0, tool.radius)]
     for x1, y1, z1, x2, y2, z2 in tool.holder or ():
@@ -126,7 +126,10 @@ def list_bodies(tool: ToolTable) -> list[Body]:
 
 
 def corners_of(key: str, values: Sequence[float]) -> Corners:
-    """The corners of a box that a job gives, the lower one first. JobError, with the ``key``, for what is none."""
+    """The corners of a box of a job, the lower one first. Raises JobError for a wrong box.
+
+    key: key of the job for the message.
+    """
     if len(values) != 6:
         raise JobError(
             "job",
@@ -177,14 +180,14 @@ def _choose_levels(heights: FloatArray) -> list[float]:
 
 
 def _project(triangles: FloatArray, bottom: float) -> Any:
-    """What is above a height of each triangle (N, 3, 3), as polygons from above; some may be empty."""
+    """Polygons of triangles (N, 3, 3) above a height, from above; some may be empty."""
     bottom -= _SAME_MM
     start, end = triangles, np.roll(triangles, -1, axis=1)
     above = start[:, :, 2] >= bottom
     crosses = (start[:, :, 2] - bottom) * (end[:, :, 2] - bottom) < 0
     rise = np.where(crosses, end[:, :, 2] - start[:, :, 2], 1.0)
     cut = start + ((bottom - start[:, :, 2]) / rise)[:, :, None] * (end - start)
-    # Every corner, and behind it the place where its side crosses the height.
+    # Every corner, followed by the place where its side crosses the height.
     # On a grid: corners that differ by rounding alone make slivers that a union may lose.
     points = np.round(np.stack([start, cut], axis=2)[..., :2], 6)
     kept = np.stack([above, crosses], axis=2)

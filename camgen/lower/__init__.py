@@ -34,12 +34,12 @@ def lower(
 
         program = lower_steps(tour, cell, job, name, header)
         steps = zip(tour.steps, tour.tours, strict=True)
-        tools = [(step.tool, len(one.paths)) for step, one in steps]
+        tools = [(step.tool, len(part.paths)) for step, part in steps]
     else:
         program = lower_paths(tour, cell, job, name, header)
         tools = [(job.tool, len(tour.paths))]
     if not isinstance(cell, Workcell) or cell.fixtures is None:
         return program
-    from camgen.lower.over_fixtures import lift_over_fixtures  # noqa: PLC0415 (only for jobs with fixtures)
+    from camgen.lower.over_fixtures import lift_over_fixtures  # noqa: PLC0415 (only with fixtures)
 
     return lift_over_fixtures(program, cell.fixtures, tools)

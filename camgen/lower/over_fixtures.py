@@ -1,4 +1,4 @@
-"""Lifts the travel of a mill over fixtures: up, across, and down again, only where a fixture is in the way.
+"""Lifts the travel of a mill over the fixtures in its way: up, across, and down again.
 
 The height of travel, `process.clearance`, is enough between most paths. A rapid motion that comes
 within `cell.margin` of a fixture is raised to `cell.safety` above its top: the tool first goes
@@ -31,8 +31,10 @@ def lift_over_fixtures(
     ends = columns.ends
     rapid = columns.moves_are(MoveJ)
     start = np.roll(ends, 1, axis=0)
-    apart = np.hypot(*(ends - start)[:, :2].T) > SAME_POINT_MM
-    links = np.flatnonzero(rapid & apart & np.append(False, columns.posed[:-1] & columns.posed[1:]))
+    crosses = np.hypot(*(ends - start)[:, :2].T) > SAME_POINT_MM
+    links = np.flatnonzero(
+        rapid & crosses & np.append(False, columns.posed[:-1] & columns.posed[1:])
+    )
     if not len(links):
         return program
     heights = _find_heights(start[links], ends[links], columns.path[links], fixtures, tools)

@@ -734,14 +734,16 @@ class CellTable(Table, frozen=True):
     fixtures: Annotated[
         list[list[float] | str] | None,
         Meta(
-            description="what stands around the part, clamps and vices too: boxes [x, y, z, x, y, z], mm, or mesh "
-            "files, in the work frame; a mill's travel passes over them, and what they block is left out"
+            description="clamps, vices and whatever else stands around the part: boxes "
+            "[x, y, z, x, y, z], mm, or mesh files, in the work frame; travel of a mill passes "
+            "over them, and what they block is left out"
         ),
     ] = None
     safety: Annotated[
         NotNegative,
         Meta(
-            description="room above part and fixtures on the way between edges, and of a mill over fixtures, mm"
+            description="room above part and fixtures on the way between edges, and of the travel "
+            "of a mill over fixtures, mm"
         ),
     ] = 10.0
     margin: Annotated[

@@ -47,9 +47,9 @@ class _Lead(Struct, frozen=True, eq=False):
 def add_leads(
     paths: Sequence[ToolPath], part: Part, job: Job, fixtures: Fixtures | None = None
 ) -> tuple[list[ToolPath], list[Note]]:
-    """The paths with the leads and the overlap of ``job``, and notes on those that have shorter ones or none.
+    """The paths with the leads and the overlap of `job`, and notes on short and missing leads.
 
-    fixtures: those of a mill, from which leads keep clear too.
+    fixtures: fixtures of a mill, from which leads keep clear too.
     """
     operation = job.operation
     if not (operation.lead_in or operation.lead_out or operation.overlap):
@@ -68,9 +68,9 @@ def add_leads(
         result.append(led)
         if scale < 1.0:
             (short if scale else without).append(path)
-    beside = " and the fixtures" if fixtures else ""
+    all_bodies = "the part and the fixtures" if fixtures else "the part"
     near = f"the part{', a fixture' if fixtures else ''} or a neighbour is too near"
-    nowhere = f"there is no place where it would keep clear of the part{beside}"
+    nowhere = f"there is no place where it would keep clear of {all_bodies}"
     notes = []
     for shorter, how, why in (
         (short, "with a shorter lead", near),

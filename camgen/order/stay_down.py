@@ -1,9 +1,10 @@
 """Links at working height: which ways between paths may do without a lift, proven by geometry.
 
 A link is the straight way of the tool's centre from the end of one path to the start of the next. It stays down where
-its distance from every line and arc that was drawn is no less than the tool's radius, and from every fixture beside the
-tool's edge no less than that and ``cell.margin``. Both ends are beside contours that were followed, hence outside the
-material; a way from there that comes near no contour stays outside. Nothing is proven of stock around the part.
+its distance from every line and arc that was drawn is no less than the tool's radius, and from
+every fixture beside the tool's edge no less than that and ``cell.margin``.
+Both ends are beside contours that were followed, hence outside the material; a way from there that
+comes near no contour stays outside. Nothing is proven of stock around the part.
 """
 
 from __future__ import annotations

@@ -123,7 +123,7 @@ class Result(Struct, frozen=True, eq=False, dict=True):
     travel: the travel of the machine that the text takes, None without `cell.machine`.
     slow: paths whose feed the joints of the arm cannot keep.
     located: the photo that shows the place of the part, None without one.
-    fixtures: what is left between the tool and the fixtures of a mill, None without them.
+    fixtures: distances between the tool and the fixtures of a mill, None without them.
     blocked: paths and stretches of paths that are left out for a fixture.
     """
 

@@ -1,4 +1,4 @@
-"""Fixtures of a mill in a build: what is left out for them, and what the programs do beside them."""
+"""Fixtures of a mill in a build: paths that they block, and motions that come too near to them."""
 
 from __future__ import annotations
 
@@ -21,20 +21,19 @@ if TYPE_CHECKING:
 
 
 def leave_out_blocked(plan: Plan, job: Job, cell: Workcell | None) -> Plan:
-    """The plan without what the fixtures of a mill are in the way of."""
+    """The plan without the paths and stretches that the fixtures of a mill block."""
     if cell is None or cell.fixtures is None:
         return plan
-    from camgen.plan.clear_fixtures import clear_fixtures  # noqa: PLC0415 (shapely: only with fixtures)
+    from camgen.plan.clear_fixtures import clear_fixtures  # noqa: PLC0415 (only with fixtures)
 
     return clear_fixtures(plan, job, cell.fixtures)
 
 
 def check_fixtures(program: Program, tour: Tour, request: Request, source: str) -> None:
-    """Raises Blocked with the paths of a program on which tool or holder come too near to a fixture.
+    """Raises Blocked with the paths of a program that come too near to a fixture.
 
-    The stretches that a fixture blocks are left out before. This finds what was added since: leads,
-    ramps and links at working height. A program that was read is run as it stands: its text is
-    judged alone.
+    Blocked stretches are left out before. This finds motions that were added since: leads, ramps
+    and links at working height. A program that was read runs as it stands: its text is judged.
     """
     fixtures = request.cell.fixtures
     if fixtures is None or isinstance(tour, ReplayTour):
@@ -56,9 +55,9 @@ def check_fixtures(program: Program, tour: Tour, request: Request, source: str) 
 def prove_fixtures(
     proof: StockProof | None, tour: Tour, request: Request, checked: Checked, posted: Posted
 ) -> Clearance | None:
-    """What the texts leave between tool, holder and fixtures; None for a job without fixtures.
+    """The distances of the texts from the fixtures; None for a job without fixtures.
 
-    proof: of the stock, which has examined the fixtures too; None: nothing is cut.
+    proof: stock proof, which has examined the fixtures too; None: nothing is cut.
     Raises NoSafeProgram for the first motion that meets one.
     """
     if proof is not None or request.cell.fixtures is None:
@@ -75,7 +74,7 @@ def prove_fixtures(
 
 
 def report_fixtures(clearance: Clearance) -> dict[str, object]:
-    """What is left beside the fixtures and above them, as a table of the report, mm."""
-    least = {"beside_mm": clearance.beside, "above_mm": clearance.above}
+    """The smallest distances from the fixtures as a table of the report, mm."""
+    least = {"aside_mm": clearance.aside, "above_mm": clearance.above}
     known = {key: None if np.isinf(mm) else round(mm, 3) for key, mm in least.items()}
     return {"fixtures": {"examined": clearance.fixtures, "margin_mm": clearance.margin, **known}}

@@ -40,8 +40,8 @@ def prove_stock(
 
     asked: the plan before anything was left out of it: what its other paths would take is told as left.
 
-    NoSafeProgram for the first motion that cuts what must stay, runs through material in rapid motion or with the
-    holder, or meets a fixture.
+    NoSafeProgram for the first motion that cuts what must stay, or runs through material in rapid motion or with the
+    holder. A motion too near to a fixture is such a motion too.
     """
     if isinstance(plan, (EdgePlan, ReplayPlan)) or plan.part.curves:
         return None
@@ -108,7 +108,7 @@ def why_unproven(job: Job) -> str:
 
 
 class StatedProgram(NamedTuple):
-    """A program, and the instructions that its text states: those of the program, without its comments.
+    """A program with the instructions of its text, which are the same without the comments.
 
     name: file of the text.
     body, lines: the instructions with their lines.
@@ -138,7 +138,7 @@ def cuts_of_texts(tour: Tour, request: Request, checked: Checked, posted: Posted
 
 
 def cuts_of(tour: Tour, request: Request, stated: Sequence[StatedProgram]) -> Iterator[Cut]:
-    """What each operation does, in order."""
+    """The cuts of each operation, in order."""
     from camgen.check.stock import Cut  # noqa: PLC0415 (shapely, only for what cuts)
 
     job, home = request.job, request.cell.home
@@ -156,16 +156,16 @@ def cuts_of(tour: Tour, request: Request, stated: Sequence[StatedProgram]) -> It
     process = job.process
     slower = process.feed * process.max_feed_factor < process.travel_speed and not process.stay_down
     travel = process.travel_speed if slower and not isinstance(home, Pose) else float("inf")
-    for one in stated:
-        own = _own_step(one.program, step_of)
+    for text in stated:
+        own = _own_step(text.program, step_of)
         edges = [*run_starts(own).tolist(), len(own)]
         for start, end in pairwise(edges):
             tool, about = steps[int(own[start])]
             yield Cut(
-                one.body[start:end],
-                one.lines[start:end],
+                text.body[start:end],
+                text.lines[start:end],
                 tool,
-                one.name,
+                text.name,
                 about,
                 travel,
                 job.tolerance.chord,

@@ -77,7 +77,9 @@ class Coverage(Struct, frozen=True):
 class Plan(Struct, frozen=True, eq=False):
     """What will be done. part: as it is worked on, on its page and with as few points as it needs. paths: in the order
     of its contours. notes: what the reader and the planner left out, mended or want known. coverage: of what is to be
-    filled, None for other operations. left_out: paths and stretches of paths that a fixture is in the way of.
+    filled, None for other operations.
+
+    left_out: paths and stretches of paths that a fixture blocks.
     """
 
     part: Part

@@ -1,4 +1,4 @@
-"""Leaves out what a mill cannot cut because its tool or holder would come too near to a fixture.
+"""Leaves out paths of a mill on which its tool or holder would come too near to a fixture.
 
 Of a path along a contour only the stretch beside the fixture is left out; its other stretches
 become open paths. A hole, a pocket and a filled area are left out as a whole.
@@ -27,10 +27,10 @@ from camgen.plan import EdgePlan, JobPlan, Plan, ReplayPlan, chain_paths
 from camgen.plan.leave_out import leave_out_paths
 from camgen.plan.pieces import begin_at, lengths_along, split_at
 
-#: What is cut along contours, stretch by stretch.
+#: Operations along contours, which are left out stretch by stretch.
 _BY_STRETCH = ("follow", "trace", "chamfer")
-#: Room is asked for wider by this, mm: a path is looked at in places between which it may leave
-#: their chord by half of it.
+#: The margin is wider by this, mm: a path is tested in places, and leaves their chords by half of
+#: it at most.
 _MORE_MM = 0.02
 #: Ends of stretches are found within this, mm.
 _EXACT_MM = 1e-4
@@ -41,10 +41,11 @@ _QUARTER = 16
 
 
 class _Zone(Struct, frozen=True, eq=False):
-    """Where the tool's axis must not be for one body and one fixture.
+    """The area that is closed to the axis of a tool, for one body and one fixture.
 
     area: polygon, mm.
-    body, fixture: what would meet.
+    body: body that would come too near.
+    fixture: fixture to which it would.
     """
 
     area: Any
@@ -53,7 +54,7 @@ class _Zone(Struct, frozen=True, eq=False):
 
 
 class _Blocked(Struct, frozen=True, eq=False):
-    """Where the axis of some tools must not be with their tips at one height.
+    """The areas that are closed to the axis of some tools with their tips at one height.
 
     zones: one for each body and fixture.
     area: all of them together, prepared; empty for none.
@@ -66,7 +67,7 @@ class _Blocked(Struct, frozen=True, eq=False):
 
 
 class _Split(Struct, frozen=True, eq=False):
-    """What is left of a path.
+    """The stretches of a path.
 
     kept: its stretches, the path itself where nothing is in the way.
     lost: stretches that are left out.
@@ -79,49 +80,58 @@ class _Split(Struct, frozen=True, eq=False):
 
 
 def clear_fixtures(plan: Plan, job: Job, fixtures: Fixtures) -> Plan:
-    """The plan without what would come nearer to a fixture than its margin, told in its notes."""
+    """The plan without the paths and stretches that a fixture blocks, which its notes name."""
     if isinstance(plan, (EdgePlan, ReplayPlan)):
         return plan
     areas = _Areas(fixtures)
     whole: dict[str, str] = {}
     notes: list[Note] = []
     cleared: list[Plan] = []
-    for one, tool, prefix in _list_operations(plan, job):
-        splits = [_split(path, areas.find(path, tool)) for path in one.paths]
-        met = [(path, split) for path, split in zip(one.paths, splits, strict=True) if split.zones]
-        for path, split in met:
+    for operation, tool, prefix in _list_operations(plan, job):
+        paths = operation.paths
+        splits = [_split(path, areas.find(path, tool)) for path in paths]
+        for path, split in zip(paths, splits, strict=True):
+            if not split.zones:
+                continue
             areas.remember(path, tool)
             reason = _tell_reason(split.zones, fixtures)
             if split.kept:
                 notes.append(_tell_stretches(prefix, path, split, reason))
             else:
                 whole[path.id] = reason
-        cleared.append(_replace_paths(one, splits))
+        cleared.append(_replace_paths(operation, splits))
     if not whole and not notes:
         return plan
-    found = (*plan.notes, *notes)
+    all_notes = (*plan.notes, *notes)
     if not isinstance(plan, JobPlan):
-        return leave_out_paths(replace(cleared[0], notes=found), whole)
-    left_out = tuple(path for one in cleared for path in one.left_out)
-    paths = chain_paths(cleared)
-    made = replace(plan, plans=tuple(cleared), paths=paths, notes=found, left_out=left_out)
-    return leave_out_paths(made, whole)
+        return leave_out_paths(replace(cleared[0], notes=all_notes), whole)
+    left_out: list[ToolPath] = []
+    for operation in cleared:
+        left_out += operation.left_out
+    clear_plan = replace(
+        plan,
+        plans=tuple(cleared),
+        paths=chain_paths(cleared),
+        notes=all_notes,
+        left_out=tuple(left_out),
+    )
+    return leave_out_paths(clear_plan, whole)
 
 
 def _list_operations(plan: Plan, job: Job) -> Iterator[tuple[Plan, ToolTable, str]]:
-    """The plan of each operation with its tool, and what notes on it begin with."""
+    """The plan of each operation with its tool, and the beginning of notes on it."""
     if not isinstance(plan, JobPlan):
         yield plan, job.tool, ""
         return
-    for number, step, one in zip(plan.numbers, plan.steps, plan.plans, strict=True):
-        yield one, step.tool, f"operation {number} ({step.operation.kind}): "
+    for number, step, planned in zip(plan.numbers, plan.steps, plan.plans, strict=True):
+        yield planned, step.tool, f"operation {number} ({step.operation.kind}): "
 
 
 class _Areas:
     """The blocked areas of all tools and heights, each made once.
 
-    What a wider tool has left at a contour is left by the later ones too: their paths are tested
-    with its areas as well.
+    At a contour a later tool leaves out all that an earlier, wider one has left: its paths are
+    tested with the areas of both.
     """
 
     def __init__(self, fixtures: Fixtures) -> None:
@@ -130,10 +140,11 @@ class _Areas:
         self._known: dict[tuple[object, ...], _Blocked] = {}
 
     def find(self, path: ToolPath, tool: ToolTable) -> _Blocked:
-        """Where the axis must not be on a path of this tool."""
-        before = [used for name in path.contours for used in self._earlier.get(name, [])]
+        """The closed areas of a path of this tool."""
+        tools = [tool]
+        for name in path.contours:
+            tools += self._earlier.get(name, [])
         lowest = float(path.position[:, 2].min()) - max(path.depths)
-        tools = [tool, *before]
         key = (*map(id, tools), lowest)
         if key not in self._known:
             self._known[key] = _block(tools, lowest, self._fixtures)
@@ -146,13 +157,15 @@ class _Areas:
 
 
 def _block(tools: Sequence[ToolTable], lowest: float, fixtures: Fixtures) -> _Blocked:
-    """Where the axes of the tools must not be with their tips as low as `lowest`, mm."""
-    zones = tuple(zone for tool in tools for zone in _list_zones(tool, lowest, fixtures))
+    """The areas that are closed to the axes of the tools with their tips as low as `lowest`, mm."""
+    zones: list[_Zone] = []
+    for tool in tools:
+        zones += _list_zones(tool, lowest, fixtures)
     area = shapely.union_all([zone.area for zone in zones])
     shapely.prepare(area)
     smallest = min((zone.body.radius for zone in zones), default=1.0) + fixtures.margin
-    # Between two places a path leaves their chord by no more than half of what is added.
-    return _Blocked(zones, area, float(np.sqrt(8 * smallest * _MORE_MM / 2)))
+    # Between two places a path leaves their chord by half of the additional margin at most.
+    return _Blocked(tuple(zones), area, float(np.sqrt(8 * smallest * _MORE_MM / 2)))
 
 
 def _split(path: ToolPath, blocked: _Blocked) -> _Split:
@@ -197,13 +210,13 @@ def _split(path: ToolPath, blocked: _Blocked) -> _Split:
 
 
 def find_blocked(tool: ToolTable, lowest: float, fixtures: Fixtures | None) -> Any:
-    """The area in which the axis of a tool must not be with its tip as low as `lowest`, mm."""
+    """The area that is closed to the axis of a tool with its tip as low as `lowest`, mm."""
     zones = _list_zones(tool, lowest, fixtures) if fixtures else ()
     return shapely.union_all([zone.area for zone in zones])
 
 
 def _list_zones(tool: ToolTable, lowest: float, fixtures: Fixtures) -> Iterator[_Zone]:
-    """Where the axis of a tool must not be with its tip as low as `lowest`, mm."""
+    """The areas that are closed to the axis of a tool with its tip as low as `lowest`, mm."""
     for fixture in fixtures.listed:
         for body in list_bodies(tool):
             layers = [layer for layer in fixture.layers if layer.top > lowest + body.height]
@@ -223,14 +236,14 @@ def _find_box(path: ToolPath) -> Any:
         via = path.via[arcs, :2]
         reach = np.hypot(*(path.position[arcs, :2] - via).T)[:, None]
         points += [via - reach, via + reach]
-    every = np.concatenate(points)
-    return shapely.box(*every.min(axis=0), *every.max(axis=0))
+    corners = np.concatenate(points)
+    return shapely.box(*corners.min(axis=0), *corners.max(axis=0))
 
 
 def _find_ends(
     lengths: FloatArray, blocked: BoolArray, test: Callable[[FloatArray], BoolArray]
 ) -> FloatArray:
-    """The lengths, mm, at which a path enters or leaves what is blocked, on the free side."""
+    """The lengths, mm, at which a path enters or leaves a closed area, on the free side."""
     change = np.flatnonzero(blocked[1:] != blocked[:-1])
     free = np.where(blocked[change], lengths[change + 1], lengths[change])
     shut = np.where(blocked[change], lengths[change], lengths[change + 1])
@@ -244,7 +257,7 @@ def _find_ends(
 def _cut(
     path: ToolPath, ends: FloatArray, begins_blocked: bool
 ) -> tuple[tuple[ToolPath, ...], tuple[ToolPath, ...]]:
-    """The stretches of a path between the lengths `ends`: those that are kept, and the others."""
+    """The kept and the blocked stretches of a path, which is divided at the lengths `ends`, mm."""
     if path.closed:
         # Begun where a blocked stretch ends, it is free at its start and blocked at its end.
         first = 0 if begins_blocked else 1
@@ -273,9 +286,9 @@ def _cut(
 
 
 def _replace_paths(plan: Plan, splits: Sequence[_Split]) -> Plan:
-    """The plan with the stretches of its paths; a path of which nothing is kept stays for now.
+    """The plan with the stretches of its paths; a path without a kept stretch stays for now.
 
-    What a path encloses is run before all of its stretches: each of them encloses the one before.
+    Enclosed paths run before all stretches of a path: each stretch encloses the one before.
     """
     if not any(split.zones for split in splits):
         return plan
@@ -289,12 +302,15 @@ def _replace_paths(plan: Plan, splits: Sequence[_Split]) -> Plan:
         for number, stretch in enumerate(stretches, 1):
             goes_on = k in around and number < len(stretches)
             paths.append(replace(stretch, parent=len(paths) + 1 if goes_on else parent))
-    lost = tuple(stretch for split in splits for stretch in split.lost)
-    return replace(plan, paths=tuple(paths), left_out=lost)
+    lost: list[ToolPath] = []
+    for split in splits:
+        lost += split.lost
+    return replace(plan, paths=tuple(paths), left_out=tuple(lost))
 
 
 def _tell_reason(zones: Sequence[_Zone], fixtures: Fixtures) -> str:
-    numbers = [str(number) for number in sorted({zone.fixture.number for zone in zones})]
+    distinct = {zone.fixture.number for zone in zones}
+    numbers = [str(number) for number in sorted(distinct)]
     which = f"{'fixture' if len(numbers) == 1 else 'fixtures'} {', '.join(numbers)}"
     bodies = " and ".join(dict.fromkeys(f"the {zone.body.name}" for zone in zones))
     if not fixtures.margin:

@@ -18,7 +18,7 @@ def leave_out_paths(plan: Plan, lost: Mapping[str, str]) -> Plan:
     """A flat plan, of one operation or several, without some paths and what needs them, told by their ids with the
     reason. What they enclose goes to what encloses them.
     """
-    # The reason comes last: it is told where nothing is left.
+    # The first cause comes last: an error names the last one.
     every = find_dependent(plan, lost) | dict(lost)
     notes = (*plan.notes, *_tell(plan, every))
     if isinstance(plan, JobPlan):

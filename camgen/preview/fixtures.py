@@ -34,8 +34,8 @@ def see_fixtures(result: Built) -> tuple[FixtureView, ...]:
         return ()
     import shapely  # noqa: PLC0415 (only with fixtures)
 
-    every = np.concatenate(points)
-    low, high = every.min(axis=0), every.max(axis=0)
+    drawn = np.concatenate(points)
+    low, high = drawn.min(axis=0), drawn.max(axis=0)
     beyond = _BEYOND * float((high - low).max())
     window = shapely.box(*(low - beyond), *(high + beyond))
     views = []

@@ -39,7 +39,7 @@ _MARKS: dict[str, Colour] = {"gouge": (46, 16, 200), "excess": (0, 160, 245)}
 #: So many of the marks of a proof have their number beside them.
 _NAMED = 12
 _SHEET, _INK, _TRAVEL = (236, 229, 223), (48, 36, 27), (170, 150, 138)
-#: Colours of a fixture, and the share of its own in what is seen of it.
+#: Colours of a fixture and its edge, and its opacity.
 _CLAMP, _CLAMP_EDGE, _CLAMP_SHARE = (90, 190, 245), (0, 106, 160), 0.6
 #: From the first path to the last, as on the page; blue, green, red.
 _RAMP = np.array([[220.0, 98.0, 31.0], [190.0, 50.0, 150.0], [30.0, 88.0, 226.0]])
@@ -78,11 +78,9 @@ def _fit(view: View) -> _Sheet:
     right, up = look_from(-math.pi / 2, math.pi / 2) if view.flat else look_from(TURN, TILT)
     seen = np.array([right, -up])
     work = view.track.events.path[view.track.event] >= 0
-    loops = [
-        np.column_stack([loop, np.zeros(len(loop))])
-        for fixture in view.fixtures
-        for loop in fixture.loops
-    ]
+    loops: list[FloatArray] = []
+    for fixture in view.fixtures:
+        loops += [np.column_stack([loop, np.zeros(len(loop))]) for loop in fixture.loops]
     flat = np.concatenate([view.chains.points, view.track.position[work], *loops]) @ seen.T
     if not len(flat):
         flat = view.track.position @ seen.T
@@ -168,7 +166,7 @@ def _fixtures(image: Pixels, view: View, sheet: _Sheet) -> None:
             sheet.place(np.column_stack([loop, np.zeros(len(loop))])) for loop in fixture.loops
         ]
         filled = cv2.fillPoly(image.copy(), loops, _CLAMP, cv2.LINE_AA, _SHIFT)
-        # What lies under a clamp is still seen.
+        # A clamp is drawn translucent, over the part below it.
         cv2.addWeighted(filled, _CLAMP_SHARE, image, 1 - _CLAMP_SHARE, 0.0, dst=image)
         cv2.polylines(image, loops, True, _CLAMP_EDGE, 2, cv2.LINE_AA, _SHIFT)
         places = loops[0].reshape(-1, 2) >> _SHIFT

@@ -57,7 +57,7 @@ path,line{fill:none;stroke-linecap:round;stroke-linejoin:round}.arrow{stroke:non
 
 
 class Standing(Struct, frozen=True, eq=False):
-    """What stands around the part, and the paths and stretches that are left out for it."""
+    """Fixtures of a mill, and the paths and stretches of paths that they block."""
 
     fixtures: tuple[FixtureView, ...] = ()
     blocked: tuple[ToolPath, ...] = ()
@@ -80,7 +80,9 @@ def svg(
     standing: Standing = Standing(),  # noqa: B008 (frozen)
 ) -> str:
     """The picture as SVG text, sized in mm, legible on light and dark. It is drawn to scale, with a scale bar; curves
-    in space are seen from aside. seen: outlines (N, 2) in a photo of the part, mm. standing: fixtures of a mill.
+    in space are seen from aside. seen: outlines (N, 2) in a photo of the part, mm.
+
+    standing: fixtures of a mill.
     """
     lengths = [path_length(path) for path in tour.paths]
     if part.curves:
@@ -89,8 +91,10 @@ def svg(
     used = [c for c in part.contours if c.id in followed]
     unused = [c for c in part.contours if c.id not in followed]
     photo = of_points(seen)
-    loops = of_points([loop for fixture in standing.fixtures for loop in fixture.loops])
-    sheet = _sheet(part, tour, [photo, loops, of_paths(standing.blocked)])
+    loops: list[FloatArray] = []
+    for fixture in standing.fixtures:
+        loops += fixture.loops
+    sheet = _sheet(part, tour, [photo, of_points(loops), of_paths(standing.blocked)])
     left_out = _left_out(sheet, tell_wrong(notes))
     height = sheet.bottom + 14 + 5 * len(left_out)
     return "\n".join(

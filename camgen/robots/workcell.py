@@ -32,8 +32,7 @@ class Workcell(Cell, frozen=True, eq=False):
     arm: the robot with which programs are checked, None where none is.
     meshes: fixtures that are meshes.
     machine: the machine of `cell.machine`, None without it.
-    fixtures: fixtures of a machine without an arm, as its tool meets them; None for none. Those of
-        an arm are bodies of its scene.
+    fixtures: fixtures of a machine without an arm, None for none. An arm has them in its scene.
     """
 
     arm: Robot | None = None
@@ -102,7 +101,7 @@ def equip(cell: Cell, job: Job, arm: Robot | None = None, meshes: Meshes = ()) -
 
 
 def _check_above(home: Pose, fixtures: Fixtures | None) -> None:
-    """Raises JobError for a home that is not above all fixtures: the tool goes there from anywhere."""
+    """Raises JobError for a home below a fixture: the tool goes there from anywhere."""
     if fixtures is None or home.origin[2] >= fixtures.top + fixtures.safety:
         return
     top, safety = (f"{value:g} mm" for value in (fixtures.top, fixtures.safety))

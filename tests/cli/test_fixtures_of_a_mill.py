@@ -1,4 +1,4 @@
-"""Fixtures of a mill on the command line: what is told, what is refused, and with what exit code."""
+"""Fixtures of a mill on the command line: summaries, refusals and exit codes."""
 
 import json
 import re
@@ -40,6 +40,11 @@ def verify(*more: str) -> int:
     return main(["verify", "motor.ngc", "--post", "gcode", "--job", "mill.toml", *more])
 
 
+def list_motions(name: str) -> list[str]:
+    """The lines of a program without its remarks."""
+    return [line for line in Path(name).read_text().splitlines() if line[:1] in "GMS"]
+
+
 def move_clamp(job: Path) -> None:
     """The first clamp stands 10 mm farther to the right than the program was built for."""
     job.write_text(JOB.replace("[10, -10, -5, 30,", "[20, -10, -5, 40,"))
@@ -50,28 +55,30 @@ def test_the_summary_tells_what_is_left_out_and_what_is_left_beside_the_fixtures
     capsys: Captured,
 ) -> None:
     assert build("--report", "report.json") == 0
-    told = capsys.readouterr().err
+    output = capsys.readouterr().err
     assert (
-        "mm of path c1 (fixtures 1, 2: the tool would come nearer than 2 mm, cell.margin)" in told
+        "mm of path c1 (fixtures 1, 2: the tool would come nearer than 2 mm, cell.margin)" in output
     )
     row = re.search(
-        r"^fixtures +2 fixtures: the tool keeps (\S+) mm beside and (\S+) mm above them", told, re.M
+        r"^fixtures +2 fixtures: the tool keeps (\S+) mm beside and (\S+) mm above them",
+        output,
+        re.M,
     )
     assert row is not None
     assert 2 <= float(row[1]) < 2.1
     assert float(row[2]) == 10
-    assert "its holder is not judged, tool.holder is not set" in told
+    assert "its holder is not judged, tool.holder is not set" in output
     table = json.loads(Path("report.json").read_text())["fixtures"]
     assert table == {
         "examined": 2,
         "margin_mm": 2.0,
-        "beside_mm": pytest.approx(float(row[1]), abs=0.01),
+        "aside_mm": pytest.approx(float(row[1]), abs=0.01),
         "above_mm": 10.0,
     }
     holder = ["--set", "tool.holder=[[-10, -10, 0, 10, 10, 40]]", "--force"]
     assert build(*holder) == 0
-    told = capsys.readouterr().err
-    assert re.search(r"^fixtures +2 fixtures: the tool with its holder keeps", told, re.M)
+    output = capsys.readouterr().err
+    assert re.search(r"^fixtures +2 fixtures: the tool with its holder keeps", output, re.M)
 
 
 @pytest.mark.parametrize("part", [["--part", str(MOTOR)], []], ids=["drawing", "no drawing"])
@@ -83,12 +90,12 @@ def test_a_clamp_that_was_moved_is_found_without_the_plan(
     assert re.search(r"^fixtures +2 fixtures: the tool keeps", capsys.readouterr().out, re.M)
     move_clamp(job)
     assert verify(*part) == 3
-    told = capsys.readouterr()
-    assert "beside the fixtures, first: the tool runs" in told.err
+    output = capsys.readouterr()
+    assert "beside the fixtures, first: the tool runs" in output.err
     assert re.search(
-        r"^motor\.ngc line \d+: the tool runs [\d.]+ mm deep into fixture 1, at ", told.out, re.M
+        r"^motor\.ngc line \d+: the tool runs [\d.]+ mm deep into fixture 1, at ", output.out, re.M
     )
-    assert re.search(r"^fixtures +2 fixtures, \d+ motions too near", told.out, re.M)
+    assert re.search(r"^fixtures +2 fixtures, \d+ motions too near", output.out, re.M)
 
 
 def test_a_replayed_program_is_judged_and_not_changed(job: Path, capsys: Captured) -> None:
@@ -96,8 +103,8 @@ def test_a_replayed_program_is_judged_and_not_changed(job: Path, capsys: Capture
     job.write_text(JOB[JOB.index("[cell]") :])
     words = ["build", "motor.ngc", "--post", "gcode", "--job", "mill.toml", "-o", "again.ngc"]
     assert main(words) == 0
-    told = capsys.readouterr().err
-    assert re.search(r"^fixtures +2 fixtures: the tool keeps", told, re.M)
+    output = capsys.readouterr().err
+    assert re.search(r"^fixtures +2 fixtures: the tool keeps", output, re.M)
     job.write_text("[cell]\nfixtures = [[20, -10, -5, 40, 20, 30]]\n")
     assert main([*words, "--force"]) == 3
     assert "into fixture 1" in capsys.readouterr().err
@@ -110,11 +117,7 @@ def test_a_mesh_stands_where_its_box_would(job: Path, capsys: Captured) -> None:
     capsys.readouterr()
     job.write_text(JOB.replace("[10, -10, -5, 30, 20, 30]", '"clamp.stl"'))
     assert build("-o", "mesh.ngc") == 0
-    by_box, by_mesh = (
-        [line for line in Path(name).read_text().splitlines() if line[:1] in "GMS"]
-        for name in ("box.ngc", "mesh.ngc")
-    )
-    assert by_box == by_mesh
+    assert list_motions("box.ngc") == list_motions("mesh.ngc")
     assert "2 fixtures: the tool keeps" in capsys.readouterr().err
 
 
@@ -130,9 +133,9 @@ def test_a_mesh_stands_where_its_box_would(job: Path, capsys: Captured) -> None:
 @pytest.mark.usefixtures("job")
 def test_bad_values_are_one_line(fixtures: str, message: str, capsys: Captured) -> None:
     assert build("--set", f"cell.fixtures={fixtures}") == 2
-    told = capsys.readouterr()
-    assert (told.out, told.err.count("\n")) == ("", 1)
-    assert message in told.err
+    output = capsys.readouterr()
+    assert (output.out, output.err.count("\n")) == ("", 1)
+    assert message in output.err
 
 
 @pytest.mark.usefixtures("job")

@@ -1,5 +1,6 @@
 """Fixtures as layers against the heights of their shapes, found triangle by triangle."""
 
+import itertools
 import math
 
 import numpy as np
@@ -80,7 +81,11 @@ def test_a_box_is_one_layer_whichever_corners_it_is_given_by() -> None:
 def test_a_mesh_among_boxes_keeps_its_number() -> None:
     given = [0, 0, 0, 1, 1, 1], "wedge.stl", [0, 0, 0, 1, 1, 3]
     fixtures = read(*given, meshes=(make_wedge(10, 4, 8),))
-    assert [(one.number, one.top) for one in fixtures.listed] == [(1, 1), (2, 8), (3, 3)]
+    assert [(fixture.number, fixture.top) for fixture in fixtures.listed] == [
+        (1, 1),
+        (2, 8),
+        (3, 3),
+    ]
     assert fixtures.top == 8
 
 
@@ -96,7 +101,8 @@ def test_layers_are_as_high_as_the_mesh_and_no_more_than_a_band_higher(solid: So
     inside = 0
     for x, y in places.tolist():
         true = height_at(solid, x, y)
-        over = [one.top for one in fixture.layers if one.outline.contains(shapely.Point(x, y))]
+        point = shapely.Point(x, y)
+        over = [layer.top for layer in fixture.layers if layer.outline.contains(point)]
         stated = max(over, default=-math.inf)
         inside += math.isfinite(true)
         assert stated >= true - 1e-6
@@ -116,7 +122,7 @@ def test_layers_hold_one_another() -> None:
 def test_upright_walls_are_exact() -> None:
     """A mesh of a box is one layer, as the box is."""
     wedge = make_wedge(10, 4, 8)
-    box = np.array([(x, y, z) for x in (0, 10) for y in (0, 4) for z in (0, 8)], dtype=np.float64)
+    box = np.array(list(itertools.product((0, 10), (0, 4), (0, 8))), dtype=np.float64)
     faces = [(0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1), (2, 3, 7), (2, 7, 6)]
     faces += [(0, 2, 6), (0, 6, 4), (1, 5, 7), (1, 7, 3)]
     (fixture,) = read("box.stl", meshes=(make_solid(box, faces),)).listed
@@ -142,5 +148,5 @@ def test_bodies_of_a_tool() -> None:
     tool = ToolTable(
         diameter=6, length=50, holder=[[-10, -8, 0, 10, 8, 20], [-3, -3, 20, 3, 3, 30]]
     )
-    found = [(body.name, body.height, body.radius) for body in list_bodies(tool)]
-    assert found == [("tool", 0, 3), ("holder", 30, 10), ("holder", 20, 3)]
+    bodies = [(body.name, body.height, body.radius) for body in list_bodies(tool)]
+    assert bodies == [("tool", 0, 3), ("holder", 30, 10), ("holder", 20, 3)]

@@ -1,4 +1,4 @@
-"""What a fixture blocks is left out: the stretches of contours, and holes and pockets as a whole."""
+"""A fixture blocks stretches of contours, and holes and pockets as a whole."""
 
 from pathlib import Path
 from typing import Any
@@ -32,7 +32,7 @@ def build(*fixtures: object, strict: bool = False, **tables: Any) -> Result:
     return camgen.build(MOTOR, post="gcode", job=job, strict=strict)
 
 
-def told(result: Result) -> list[str]:
+def fixture_notes(result: Result) -> list[str]:
     return [str(note) for note in result.notes if "fixture" in note.why]
 
 
@@ -65,7 +65,7 @@ def test_a_contour_is_cut_up_to_the_clamps_and_no_farther() -> None:
     kept = [path_length(path) for path in result.tour.paths]
     assert sum(kept) + sum(left_out) == pytest.approx(path_length(whole), abs=1e-3)
     assert sum(left_out) == pytest.approx(20 + 10 + 30 + 10, abs=2.0)
-    (note,) = told(result)
+    (note,) = fixture_notes(result)
     expected = f"skipped: {sum(left_out):.1f} mm of path c1 (fixtures 1, 2: the tool would come "
     assert note == expected + "nearer than 2 mm, cell.margin)"
 
@@ -79,8 +79,8 @@ def test_the_same_stretches_are_left_out_wherever_the_path_begins() -> None:
 
 
 def test_a_clamp_below_the_cut_is_not_in_the_way() -> None:
-    assert told(build([10, -10, -20, 30, 20, -3.0])) == []
-    assert told(build([10, -10, -20, 30, 20, -2.9])) != []
+    assert fixture_notes(build([10, -10, -20, 30, 20, -3.0])) == []
+    assert fixture_notes(build([10, -10, -20, 30, 20, -2.9])) != []
 
 
 def test_each_pass_leaves_out_what_the_deepest_one_does() -> None:
@@ -94,7 +94,7 @@ def test_a_holder_leaves_out_more_than_the_tool_and_is_named() -> None:
     holder = {"length": 30.0, "holder": [[-15, -15, 0, 15, 15, 18]]}
     bare, held = build(RIGHT), build(RIGHT, tool=holder)
     assert path_length(held.blocked[0]) > path_length(bare.blocked[0]) + 15
-    assert "the tool and the holder would come nearer" in told(held)[0]
+    assert "the tool and the holder would come nearer" in fixture_notes(held)[0]
     # With its lower end 12 mm above the tip it passes a clamp that is 8 mm high.
     low = [*RIGHT[:5], 8.0]
     assert path_length(build(low, tool=holder).blocked[0]) == pytest.approx(
@@ -111,7 +111,7 @@ def test_a_later_operation_leaves_what_an_earlier_wider_tool_has_left() -> None:
     result = build(LEFT, input={}, tools=tools, operations=rows)
     small = next(path for path in result.tour.paths if path.id.startswith("1:"))
     assert distance(places_along(small), LEFT).min() == pytest.approx(4 + 2, abs=0.06)
-    assert told(result)[0].startswith("skipped: operation 0 (follow): ")
+    assert fixture_notes(result)[0].startswith("skipped: operation 0 (follow): ")
 
 
 def test_holes_and_pockets_are_left_out_as_a_whole() -> None:
@@ -159,8 +159,8 @@ def test_leads_ramps_and_passes_keep_clear_too(operation: dict[str, object]) -> 
         low = ends[:, 2] < clamp[5]
         assert distance(ends[low, :2], clamp).min() >= 5 - 1e-3
     assert result.fixtures is not None
-    assert result.fixtures.beside >= 2 - 1e-3
-    skipped = [note for note in told(result) if note.startswith("skipped: ")]
+    assert result.fixtures.aside >= 2 - 1e-3
+    skipped = [note for note in fixture_notes(result) if note.startswith("skipped: ")]
     assert len(skipped) == (2 if "finish" in operation else 1)
 
 
@@ -174,10 +174,10 @@ def test_what_encloses_others_is_run_after_them_in_all_its_stretches() -> None:
 def test_margin_and_no_margin() -> None:
     close, wide = (build(LEFT, cell={"margin": margin}) for margin in (0.0, 6.0))
     assert close.fixtures is not None
-    assert close.fixtures.beside == pytest.approx(0.02, abs=0.01)
+    assert close.fixtures.aside == pytest.approx(0.02, abs=0.01)
     assert wide.fixtures is not None
-    assert wide.fixtures.beside == pytest.approx(6.02, abs=0.02)
-    assert "would run into it" in told(close)[0]
+    assert wide.fixtures.aside == pytest.approx(6.02, abs=0.02)
+    assert "would run into it" in fixture_notes(close)[0]
 
 
 def test_an_arm_is_not_concerned() -> None:

@@ -60,8 +60,8 @@ class Fault(Struct, frozen=True):
     line: line of the motion in the text, from 1.
     file: name of the text.
     x, y, z: place, mm.
-    mm: depth in the material or the fixture; 0 for a part that comes loose, and for a fixture that
-        is only passed too near.
+    mm: depth in the material or the fixture; 0 for a part that comes loose, and for a motion that
+        only passes too near to a fixture.
     text: the fault in words.
     cut: number of its `Cut`.
     serious: False for a remark.
@@ -98,7 +98,7 @@ class StockProof(Struct, frozen=True, eq=False):
     bite: largest depth, mm, to which rounded corners cut material that must stay. None: the
         rounding is not modelled, and the proof is of the programmed path only.
     fixtures: motions that meet a fixture or come too near to it.
-    clearance: what is left between the motions and the fixtures; None for a job without fixtures.
+    clearance: distances between the motions and the fixtures; None for a job without fixtures.
     """
 
     gouges: tuple[Fault, ...]
@@ -152,7 +152,7 @@ def prove(
 
     dynamics: dynamics of the controller. None: it is not known how it rounds corners.
     stock: stock of the job, for the limits of the set-up.
-    fixtures: what stands around the part. None: nothing, or nobody looks at it here.
+    fixtures: clamps, vices and stops of a mill. None: the job has none, or an arm runs it.
     """
     bites = [] if dynamics is None else find_bites(cuts, design, dynamics)
     deepest = None if dynamics is None else max((bite.mm for bite in bites), default=0.0)
@@ -198,8 +198,8 @@ def prove(
 def examine_fixtures(
     cuts: Sequence[Cut], fixtures: Fixtures
 ) -> tuple[Clearance, tuple[Fault, ...]]:
-    """What is left between the motions of `cuts` and the fixtures, and the motions that are too
-    near: for programs of which nothing else is proven.
+    """The distances between the motions of `cuts` and the fixtures, and the motions that are too
+    near. It is for programs without a stock proof.
     """
     moves = tabulate(cuts)
     clearance = examine(moves, cuts, fixtures)
@@ -278,11 +278,11 @@ def _hit(moves: Moves, cuts: Sequence[Cut], hit: Hit, margin: float) -> Fault:
         text = f"the {hit.body} runs {short(hit.mm, 3)} mm deep into fixture {hit.fixture}"
     else:
         text = (
-            f"the {hit.body} passes fixture {hit.fixture} {short(hit.apart, 3)} mm apart, "
+            f"the {hit.body} passes fixture {hit.fixture} {short(hit.gap, 3)} mm apart, "
             f"cell.margin asks for {short(margin, 3)} mm"
         )
-    found = Struck(hit.row, hit.place, hit.mm, 0.0)
-    fault = _fault(moves, cuts, "fixture", found, f"{text}, {_at(hit.place)}")
+    struck = Struck(hit.row, hit.place, hit.mm, 0.0)
+    fault = _fault(moves, cuts, "fixture", struck, f"{text}, {_at(hit.place)}")
     return replace(fault, fixture=hit.fixture)
 
 

@@ -160,7 +160,9 @@ def _meet(
 
 
 def find_holders(gone: Gone, design: Design) -> tuple[list[Struck], int]:
-    """Motions with a holder in material, the first ``MOST_TOLD``, and the number of others as deep, not looked at."""
+    """Motions with a holder in material, the first `MOST_TOLD`, and the number of further motions
+    as deep, which are not examined.
+    """
     moves = gone.moves
     found: list[Struck] = []
     unseen = 0

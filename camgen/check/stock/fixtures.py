@@ -1,9 +1,9 @@
 """Motions of tool and holder against the fixtures of a mill: every motion, at every height.
 
-A body of radius r whose lower end is at z fills what is above it. It meets a layer of a fixture
-where z is below the layer's top and its axis comes nearer to the outline than r. Room is asked for
-aside: `Fixtures.margin`. Rapid travel keeps it above a fixture too. A cut may graze a top, as it does
-that of the jaws of a vice, and so may the motions straight down to it and up from it.
+A body of radius r fills the space above its lower end. It meets a layer of a fixture where this end
+is below the top of the layer and the axis comes nearer to the outline than r. Tool and holder keep
+`Fixtures.margin` aside. Rapid travel keeps it above a fixture too. A cut may graze a top, such as
+that of the jaws of a vice, and so may the motions straight down to the cut and up from it.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from camgen.geometry.intersect import gaps
 from camgen.geometry.segments import BoolArray, IntArray, Segments, bounds, make, points_at, split
 from camgen.model.pose import FloatArray
 
-#: Places of a motion that are looked at, to tell where it is worst.
+#: Places of a motion that are measured, to find the worst one.
 _SAMPLES = 33
-#: Distance, mm, of what is nowhere near.
+#: Distance between bodies that never come near, mm.
 _FAR = float("inf")
 
 
@@ -36,7 +36,7 @@ class Hit(Struct, frozen=True):
     body: "tool" or "holder".
     place: x, y, z of the tip, mm.
     mm: depth of the body in the fixture; 0 where it only passes too near.
-    apart: distance from the fixture, mm; 0 where it meets it.
+    gap: distance from the fixture, mm; 0 where it meets it.
     """
 
     row: int
@@ -44,24 +44,24 @@ class Hit(Struct, frozen=True):
     body: str
     place: tuple[float, float, float]
     mm: float
-    apart: float
+    gap: float
 
 
 class Clearance(Struct, frozen=True):
-    """What is left between the motions and the fixtures.
+    """Distances between the motions and the fixtures.
 
     fixtures: number of fixtures that were examined.
-    margin: the room that is asked for, mm.
+    margin: distance that the job asks for, mm.
     hits: the worst place of every motion with each fixture and body, in order of the motions.
-    beside: least distance aside of what is below the top of a fixture, mm; infinite for none.
-    above: least height over a fixture of what passes over it, mm; infinite for none.
+    aside: smallest distance aside from a fixture below its top, mm; infinite without such a motion.
+    above: smallest height over a fixture, mm; infinite without such a motion.
     notes: parts that are not judged, with the reasons.
     """
 
     fixtures: int
     margin: float
     hits: tuple[Hit, ...]
-    beside: float
+    aside: float
     above: float
     notes: tuple[str, ...] = ()
 
@@ -109,29 +109,27 @@ class _Portions(Struct, frozen=True, eq=False):
 def examine(moves: Moves, cuts: Sequence[Cut], fixtures: Fixtures) -> Clearance:
     """The motions of `cuts` against all fixtures."""
     worst: dict[tuple[int, int, str], Hit] = {}
-    beside = above = _FAR
+    aside = above = _FAR
     for case in _list_cases(moves, cuts, fixtures):
         for hit in _find_hits(case, fixtures.margin):
             key = hit.row, hit.fixture, hit.body
-            if key not in worst or (hit.mm, -hit.apart) > (worst[key].mm, -worst[key].apart):
+            if key not in worst or (hit.mm, -hit.gap) > (worst[key].mm, -worst[key].gap):
                 worst[key] = hit
-        beside = min(beside, _measure_beside(case, beside))
+        aside = min(aside, _measure_aside(case, aside))
         above = min(above, _measure_above(case))
     hits = sorted(worst.values(), key=lambda hit: (hit.row, -hit.mm))
     notes = tuple(_list_unjudged(moves, cuts, fixtures))
     return Clearance(
-        len(fixtures.listed), fixtures.margin, tuple(hits), max(beside, 0.0), max(above, 0.0), notes
+        len(fixtures.listed), fixtures.margin, tuple(hits), max(aside, 0.0), max(above, 0.0), notes
     )
 
 
 def _list_cases(moves: Moves, cuts: Sequence[Cut], fixtures: Fixtures) -> Iterator[_Case]:
     """Every body of every tool with every layer, in this order."""
     boxes = bounds(moves.plane)
-    layers = [
-        (fixture, layer, _list_walls(layer.outline))
-        for fixture in fixtures.listed
-        for layer in fixture.layers
-    ]
+    layers: list[tuple[Fixture, Layer, Segments]] = []
+    for fixture in fixtures.listed:
+        layers += [(fixture, layer, _list_walls(layer.outline)) for layer in fixture.layers]
     for number, cut in enumerate(cuts):
         rows = np.flatnonzero(moves.cut == number)
         if not len(rows):
@@ -162,7 +160,7 @@ def _measure_around(boxes: FloatArray, outline: tuple[float, float, float, float
 
 
 def _take(case: _Case, which: IntArray, height: FloatArray, below: bool) -> _Portions:
-    """What of the motions `which` of a case runs below `height` (K,), mm, or above it."""
+    """The portions of the motions `which` of a case below `height` (K,), mm, or above it."""
     first, last = case.first[which], case.last[which]
     if not below:
         first, last, height = -first, -last, -height
@@ -205,7 +203,7 @@ def _radius_at(case: _Case, z: FloatArray) -> FloatArray:
 
 
 def _measure(case: _Case, portions: _Portions, k: int, margin: float) -> Hit | None:
-    """How near a part of a motion comes to a layer, and where; None where it keeps the margin."""
+    """The nearest place of a part of a motion to a layer; None if it keeps the margin."""
     share = np.linspace(0.0, 1.0, _SAMPLES)
     points = points_at(portions.plane.take(np.full(_SAMPLES, k)), share)
     row = int(portions.which[k])
@@ -225,20 +223,20 @@ def _measure(case: _Case, portions: _Portions, k: int, margin: float) -> Hit | N
     depth = np.minimum(radius - aside, up)
     if depth.max() > TOLERANCE_MM:
         best = int(np.argmax(depth))
-        mm, apart = float(depth[best]), 0.0
+        mm, gap = float(depth[best]), 0.0
     else:
-        apart_at = np.hypot(np.maximum(aside - radius, 0.0), np.maximum(-up, 0.0))
-        best = int(np.argmin(apart_at))
-        mm, apart = 0.0, float(apart_at[best])
-        if apart >= margin - TOLERANCE_MM:
+        distance = np.hypot(np.maximum(aside - radius, 0.0), np.maximum(-up, 0.0))
+        best = int(np.argmin(distance))
+        mm, gap = 0.0, float(distance[best])
+        if gap >= margin - TOLERANCE_MM:
             return None
     x, y = points[best].tolist()
     place = float(x), float(y), float(z[best] - case.body.height)
-    return Hit(int(case.rows[row]), case.fixture.number, case.body.name, place, mm, apart)
+    return Hit(int(case.rows[row]), case.fixture.number, case.body.name, place, mm, gap)
 
 
-def _measure_beside(case: _Case, known: float) -> float:
-    """The least distance aside of what is below the top, mm, if it is less than `known`."""
+def _measure_aside(case: _Case, known: float) -> float:
+    """The smallest distance aside of the body below the top, mm, at most `known`."""
     top = case.layer.top - TOLERANCE_MM
     which = np.flatnonzero((case.lowest < top) & (case.around - case.body.radius < known))
     if not len(which):
@@ -246,7 +244,7 @@ def _measure_beside(case: _Case, known: float) -> float:
     portions = _take(case, which, np.full(len(which), top), below=True)
     if _is_within(portions, case).any():
         return 0.0
-    # No part is farther away than its start, which bounds what has to be measured.
+    # No part is farther away than its start: motions beyond that need no measurement.
     starts = shapely.distance(shapely.points(portions.plane.start), case.layer.outline)
     bound = float(starts.min())
     near = np.flatnonzero(case.around[which] <= bound)
@@ -256,7 +254,7 @@ def _measure_beside(case: _Case, known: float) -> float:
 
 
 def _measure_above(case: _Case) -> float:
-    """The least height over the layer of what passes over it, mm."""
+    """The smallest height at which the body passes over the layer, mm."""
     top = case.layer.top
     highest = np.maximum(case.first, case.last)
     which = np.flatnonzero((highest > top) & (case.around < case.body.radius))
@@ -270,7 +268,7 @@ def _measure_above(case: _Case) -> float:
 
 
 def _list_unjudged(moves: Moves, cuts: Sequence[Cut], fixtures: Fixtures) -> Iterator[str]:
-    """What nothing is known of: what holds the tool, where it may be lower than a fixture."""
+    """A note if the unknown holder of a tool comes lower than a fixture."""
     for number, cut in enumerate(cuts):
         if cut.tool.holder is not None:
             continue
@@ -278,7 +276,7 @@ def _list_unjudged(moves: Moves, cuts: Sequence[Cut], fixtures: Fixtures) -> Ite
         lowest = float(np.min(z, initial=_FAR))
         if lowest + cut.tool.length < fixtures.top:
             yield (
-                "fixtures: what holds the tool is not judged, and comes lower than their tops; "
-                "set tool.holder"
+                "fixtures: the flange comes lower than their tops, and the holder of the tool is "
+                "not known; set tool.holder"
             )
             return

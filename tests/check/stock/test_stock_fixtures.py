@@ -1,4 +1,4 @@
-"""Motions against fixtures, judged by a dense sampling of the tool that shares nothing with the proof."""
+"""Motions against fixtures, judged by a dense sampling that shares nothing with the proof."""
 
 import math
 
@@ -44,7 +44,7 @@ def examine(
 ) -> tuple[float, float, tuple[Fault, ...]]:
     clearance, faults = examine_fixtures([Cut(body, range(1, len(body) + 1), tool)], fixtures)
     assert clearance.fixtures == len(fixtures.listed)
-    return clearance.beside, clearance.above, faults
+    return clearance.aside, clearance.above, faults
 
 
 def sample(start: FloatArray, move: Instruction, count: int = 4001) -> FloatArray:
@@ -72,7 +72,7 @@ def sample(start: FloatArray, move: Instruction, count: int = 4001) -> FloatArra
 def judge(
     places: FloatArray, box: list[float], height: float, radius: float
 ) -> tuple[float, float]:
-    """Least distance aside where a body is below the top of a box, and least height over it."""
+    """Smallest distance aside of a body below the top of a box, and smallest height over it."""
     x1, y1, _, x2, y2, top = box
     dx = np.maximum(np.maximum(x1 - places[:, 0], places[:, 0] - x2), 0)
     dy = np.maximum(np.maximum(y1 - places[:, 1], places[:, 1] - y2), 0)
@@ -114,8 +114,8 @@ def test_the_motions_that_are_too_near_are_those_of_a_dense_sampling(
 ) -> None:
     body = random_moves(seed, 60)
     tool = ToolTable(diameter=6.0, length=30.0, holder=[[-12, -12, 0, 12, 12, 9]])
-    beside, above, faults = examine(body, stand(CLAMP, margin=margin), tool)
-    found = {fault.line for fault in faults}
+    least_aside, above, faults = examine(body, stand(CLAMP, margin=margin), tool)
+    lines = {fault.line for fault in faults}
     clear = meets = 0
     least = math.inf
     place = np.array(body[0].target.origin)
@@ -133,13 +133,13 @@ def test_the_motions_that_are_too_near_are_those_of_a_dense_sampling(
         slant = isinstance(move, MoveJ) and margin > 0
         if aside < margin - 0.05 and not (slant and not _is_below(places, CLAMP)):
             meets += 1
-            assert line in found
+            assert line in lines
         if aside > margin + 0.05:
             clear += 1
-            assert line not in found
+            assert line not in lines
     assert meets > 10
     assert clear > 5
-    assert beside == pytest.approx(max(least, 0.0), abs=0.02)
+    assert least_aside == pytest.approx(max(least, 0.0), abs=0.02)
     assert above >= 0
 
 
@@ -168,8 +168,8 @@ def test_the_depth_in_a_clamp_is_the_least_way_out() -> None:
 
 def test_what_passes_too_near_is_told_with_its_distance() -> None:
     body: list[Instruction] = [rapid(0, 24.5, 30), feed(0, 24.5, -3), feed(50, 24.5, -3)]
-    beside, _, (fault,) = examine(body, stand(CLAMP))
-    assert beside == pytest.approx(1.5)
+    least_aside, _, (fault,) = examine(body, stand(CLAMP))
+    assert least_aside == pytest.approx(1.5)
     assert fault.mm == 0
     assert "passes fixture 1 1.5 mm apart, cell.margin asks for 2 mm" in fault.text
     assert examine(body, stand(CLAMP, margin=1.5))[2] == ()
@@ -206,11 +206,11 @@ def test_a_ball_mill_is_narrow_at_its_tip() -> None:
     assert examine(body, stand(CLAMP, margin=0.0))[2] != ()
 
 
-def test_what_holds_the_tool_is_not_judged_where_it_is_not_known() -> None:
+def test_an_unknown_holder_that_comes_lower_than_a_fixture_is_a_note() -> None:
     body: list[Instruction] = [rapid(0, 50, 40), feed(0, 50, -3), feed(50, 50, -3)]
     short = ToolTable(diameter=6.0, length=12.0)
     clearance, _ = examine_fixtures([Cut(body, range(1, 4), short)], stand(CLAMP))
-    assert any("what holds the tool is not judged" in note for note in clearance.notes)
+    assert any("set tool.holder" in note for note in clearance.notes)
     clearance, _ = examine_fixtures([Cut(body, range(1, 4), MILL)], stand(CLAMP))
     assert clearance.notes == ()
 
