@@ -82,9 +82,14 @@ class Fixtures(Struct, frozen=True, eq=False):
     safety: float
 
     @property
-    def top(self) -> float:
-        """Height of the highest surface of all, z in mm."""
-        return max(fixture.top for fixture in self.listed)
+    def lift(self) -> float:
+        """Height of travel over a fixture above its top, mm."""
+        return max(self.safety, self.margin)
+
+    @property
+    def travel(self) -> float:
+        """Height at which travel is above all fixtures, z in mm."""
+        return max(fixture.top for fixture in self.listed) + self.lift
 
 
 class Body(Struct, frozen=True):

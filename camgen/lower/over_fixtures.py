@@ -68,7 +68,7 @@ def _find_heights(
                 near = rows[shapely.dwithin(lines[rows], fixture.outline, room)]
                 for layer in fixture.layers:
                     over = near[shapely.dwithin(lines[near], layer.outline, room)]
-                    height = layer.top + fixtures.safety - body.height
+                    height = layer.top + fixtures.lift - body.height
                     heights[over] = np.maximum(heights[over], height)
     return heights
 
@@ -83,14 +83,11 @@ def _lift(
     before = columns.ends[link - 1]
     motions = []
     if before[2] < height - SAME_POINT_MM:
-        up = _at_height(move, before, height)
-        previous = int(columns.at[link - 1])
-        if previous == index - 1 and _goes_straight(program, link - 1, up=True):
+        if columns.at[link - 1] == index - 1 and _goes_straight(program, link - 1, up=True):
             # One motion upwards instead of two.
-            last = (*changed.get(previous, (program.body[previous],))[:-1], up)
-            changed[previous] = last
+            changed[index - 1] = (_at_height(columns.moves[link - 1], before, height),)
         else:
-            motions.append(up)
+            motions.append(_at_height(move, before, height))
     if columns.ends[link][2] < height - SAME_POINT_MM:
         motions.append(_at_height(move, columns.ends[link], height))
         if not _goes_on_down(program, link):

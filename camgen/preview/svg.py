@@ -45,15 +45,17 @@ _BINS = 32
 _SEEN = 'stroke="#2f9e5b" stroke-width=".2"'
 _STYLE = """\
 .bg{fill:#fff}.part{stroke:#9aa0a6;stroke-width:.35}.unused{stroke:#d0103a;stroke-width:.35;stroke-dasharray:1.6 .8}
-.blocked{stroke:#d0103a;stroke-width:.7;stroke-dasharray:1.6 1.2}
-.fixture{fill:#f2b134;fill-opacity:.35;stroke:#a06a00;stroke-width:.35}
 .travel{stroke:#5f6368;stroke-width:.18;stroke-dasharray:1.2 1}.path{stroke-width:.45}
 text{font-family:system-ui,Helvetica,Arial,sans-serif;font-size:3.4px;fill:#202124}.big{font-size:4.6px;font-weight:600}
 .n{fill:#fff;text-anchor:middle;font-weight:600}.bar{stroke:#202124;stroke-width:.4}.warn{fill:#d0103a}
-.top{text-anchor:middle;font-size:3px}
 path,line{fill:none;stroke-linecap:round;stroke-linejoin:round}.arrow{stroke:none}
 @media (prefers-color-scheme:dark){.bg{fill:#17181b}text{fill:#e8eaed}.n{fill:#fff}.part{stroke:#80868b}
 .travel{stroke:#9aa0a6}.bar{stroke:#e8eaed}.unused{stroke:#ff6b81}.warn{fill:#ff6b81}}"""
+
+#: Added where fixtures are drawn.
+_FIXTURES = """\
+.blocked{stroke:#d0103a;stroke-width:.7;stroke-dasharray:1.6 1.2}.top{text-anchor:middle;font-size:3px}
+.fixture{stroke:#a06a00;stroke-width:.35}"""
 
 
 class Standing(Struct, frozen=True, eq=False):
@@ -102,7 +104,7 @@ def svg(
             f'<svg xmlns="http://www.w3.org/2000/svg" width="{sheet.width:.2f}mm" height="{height:.2f}mm" '
             f'viewBox="0 0 {sheet.width:.2f} {height:.2f}">',
             f"<title>{_text(title)}</title>",
-            f"<style>{_STYLE}</style>",
+            f"<style>{_STYLE}{_FIXTURES if standing.fixtures else ''}</style>",
             '<rect class="bg" width="100%" height="100%"/>',
             f'<text class="big" x="{_MARGIN}" y="9">{_text(title)}</text>',
             f'<text x="{_MARGIN}" y="14">{_facts(part, tour)}</text>',

@@ -108,7 +108,8 @@ def _check_above(home: Pose, fixtures: Fixtures | None) -> None:
     what = (
         f"a home at z {home.origin[2]:g} mm is not {safety} above the fixtures, which reach {top}"
     )
-    raise JobError("job", what, "cell.home", "raise it, or lower cell.safety")
+    remedy = f"raise it to {fixtures.travel:g} mm, or lower cell.safety"
+    raise JobError("job", what, "cell.home", remedy)
 
 
 def _above_travel(home: Pose, job: Job, fixtures: Fixtures | None) -> Pose:
@@ -117,7 +118,7 @@ def _above_travel(home: Pose, job: Job, fixtures: Fixtures | None) -> Pose:
     """
     heights = [step.process.clearance for step in job.operations]
     if fixtures is not None:
-        heights.append(fixtures.top + fixtures.safety)
+        heights.append(fixtures.travel)
     x, y, z = home.origin
     return replace(home, origin=(x, y, max(z, job.process.clearance, *heights)))
 

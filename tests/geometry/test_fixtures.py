@@ -86,7 +86,7 @@ def test_a_mesh_among_boxes_keeps_its_number() -> None:
         (2, 8),
         (3, 3),
     ]
-    assert fixtures.top == 8
+    assert fixtures.travel == 18
 
 
 @pytest.mark.parametrize(

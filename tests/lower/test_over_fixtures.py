@@ -52,6 +52,12 @@ def test_travel_over_a_bar_is_its_top_and_the_safety_high(post: str) -> None:
     assert least_height(free, BAR, 2.0) == pytest.approx(20.0)
 
 
+def test_no_safety_is_the_margin() -> None:
+    result = build(BAR, cell={"safety": 0.0})
+    assert least_height(result, BAR, 2 + 2 - 1e-6) == pytest.approx(36.0)
+    assert len(result.tour.paths) == 2
+
+
 def test_only_the_links_over_it_are_raised() -> None:
     """A post beside the plate is crossed by none: the program is that without it."""
     free, raised = (
@@ -89,7 +95,7 @@ def test_home_is_above_all_fixtures() -> None:
     """Also where no travel crosses them: the tool comes from anywhere."""
     result = build([200, 200, -5, 210, 210, 90])
     assert result.program.columns.ends[0, 2] == pytest.approx(100)
-    with pytest.raises(JobError, match="a home at z 60 mm is not 10 mm above the fixtures"):
+    with pytest.raises(JobError, match="a home at z 60 mm is not 10 mm above all fixtures"):
         build([200, 200, -5, 210, 210, 90], cell={"home": [0, 0, 60]})
 
 

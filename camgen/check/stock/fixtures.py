@@ -274,7 +274,7 @@ def _list_unjudged(moves: Moves, cuts: Sequence[Cut], fixtures: Fixtures) -> Ite
             continue
         z = moves.end[moves.cut == number, 2]
         lowest = float(np.min(z, initial=_FAR))
-        if lowest + cut.tool.length < fixtures.top:
+        if lowest + cut.tool.length < fixtures.travel - fixtures.lift:
             yield (
                 "fixtures: the flange comes lower than their tops, and the holder of the tool is "
                 "not known; set tool.holder"
