@@ -102,12 +102,10 @@ def equip(cell: Cell, job: Job, arm: Robot | None = None, meshes: Meshes = ()) -
 
 def _check_above(home: Pose, fixtures: Fixtures | None) -> None:
     """Raises JobError for a home below a fixture: the tool goes there from anywhere."""
-    if fixtures is None or home.origin[2] >= fixtures.top + fixtures.safety:
+    height = home.origin[2]
+    if fixtures is None or height >= fixtures.travel:
         return
-    top, safety = (f"{value:g} mm" for value in (fixtures.top, fixtures.safety))
-    what = (
-        f"a home at z {home.origin[2]:g} mm is not {safety} above the fixtures, which reach {top}"
-    )
+    what = f"a home at z {height:g} mm is not {fixtures.lift:g} mm above all fixtures"
     remedy = f"raise it to {fixtures.travel:g} mm, or lower cell.safety"
     raise JobError("job", what, "cell.home", remedy)
 
