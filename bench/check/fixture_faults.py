@@ -140,7 +140,7 @@ def list_motions(text: str) -> Iterator[tuple[bool, Places]]:
 
 
 def _sample_arc(start: Places, end: Places, values: dict[str, float], left: bool) -> Places:
-    middle = start[:2] + (values.get("I", 0.0), values.get("J", 0.0))
+    middle = start[:2] + np.array([values.get("I", 0.0), values.get("J", 0.0)])
     first, last = (math.atan2(*(p[:2] - middle)[::-1]) for p in (start, end))
     sweep = (last - first) % (2 * math.pi) or 2 * math.pi
     if not left:
@@ -153,7 +153,7 @@ def _sample_arc(start: Places, end: Places, values: dict[str, float], left: bool
 
 
 def measure(text: str, job: Values) -> tuple[float, float]:
-    """The deepest way of a body into a clamp, and the smallest distance that the margin is about, mm."""
+    """The depth of a body in a clamp, and the smallest distance that the margin limits, mm."""
     tool = job["tool"]
     wide, low = tool["holder"][0][3], tool["length"] - tool["holder"][0][5]
     bodies = ((0.0, tool["diameter"] / 2), (low, wide))
@@ -209,13 +209,13 @@ def main(count: int, seed: int) -> int:
             text = FAULTS[fault](job, text, chance) or text
             deepest, nearest = measure(text, job)
             matters, clear = deepest > SURE_MM, nearest > MARGIN + SURE_MM
-            found = verify(text, job, Path(name)) == 3
+            is_found = verify(text, job, Path(name)) == 3
             tally = counts[fault]
             tally["seeded"] += 1
             tally["matter"] += matters
-            tally["found"] += matters and found
+            tally["found"] += matters and is_found
             tally["clear"] += clear
-            tally["reported"] += clear and found
+            tally["reported"] += clear and is_found
     for fault, tally in counts.items():
         missed = tally["matter"] - tally["found"]
         is_met = not missed and not tally["reported"]
