@@ -111,7 +111,10 @@ def _fixtures(result: Result) -> list[Row]:
         return []
     from camgen.cli.stock import rows_of_fixtures  # noqa: PLC0415 (shapely, only with fixtures)
 
-    return list(rows_of_fixtures(result.fixtures, result.job))
+    rows: list[Row] = list(rows_of_fixtures(result.fixtures, result.job))
+    if result.proof is None:
+        rows += [("fixtures", note, "look") for note in result.fixtures.notes]
+    return rows
 
 
 def _rounded(result: Result) -> Row:

@@ -89,7 +89,8 @@ def clear_fixtures(plan: Plan, job: Job, fixtures: Fixtures) -> Plan:
     cleared: list[Plan] = []
     for operation, tool, prefix in _list_operations(plan, job):
         paths = operation.paths
-        splits = [_split(path, areas.find(path, tool)) for path in paths]
+        in_space = bool(plan.part.curves)
+        splits = [_split(path, areas.find(path, tool), in_space) for path in paths]
         for path, split in zip(paths, splits, strict=True):
             if not split.zones:
                 continue
@@ -168,8 +169,11 @@ def _block(tools: Sequence[ToolTable], lowest: float, fixtures: Fixtures) -> _Bl
     return _Blocked(tuple(zones), area, float(np.sqrt(8 * smallest * _MORE_MM / 2)))
 
 
-def _split(path: ToolPath, blocked: _Blocked) -> _Split:
-    """A path in stretches, none of which is near to a fixture."""
+def _split(path: ToolPath, blocked: _Blocked, in_space: bool) -> _Split:
+    """A path in stretches, none of which is near to a fixture.
+
+    in_space: whether the path follows a curve in space, which is kept or left out as a whole.
+    """
     untouched = _Split((path,), (), ())
     area, shape = blocked.area, chain(path.position, path.via[1:])
     if not area.intersects(_find_box(path)):
@@ -202,7 +206,7 @@ def _split(path: ToolPath, blocked: _Blocked) -> _Split:
         return untouched
     points = find_points(lengths[inside])
     met = tuple(zone for zone in blocked.zones if shapely.contains_xy(zone.area, points).any())
-    if inside.all() or path.operation not in _BY_STRETCH:
+    if inside.all() or in_space or path.operation not in _BY_STRETCH:
         return _Split((), (path,), met)
     ends = _find_ends(lengths, inside, test)
     kept, lost = _cut(path, ends, bool(inside[0]))

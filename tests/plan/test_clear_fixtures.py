@@ -133,6 +133,19 @@ def test_holes_and_pockets_are_left_out_as_a_whole() -> None:
         build([60, 40, -5, 70, 50, 20], input={"layers": ["POCKET"]}, operation=pocket)
 
 
+def test_a_curve_in_space_is_left_out_as_a_whole() -> None:
+    job: dict[str, Any] = {"operation": {"kind": "trace"}}
+    whole = camgen.build(MOTOR.with_name("space.dxf"), post="gcode", job=job)
+    first = whole.tour.paths[0].position
+    x, y = first[0, :2].tolist()
+    job["cell"] = {"fixtures": [[x - 1, y - 1, -5, x + 1, y + 1, 90]]}
+    result = camgen.build(MOTOR.with_name("space.dxf"), post="gcode", job=job)
+    assert len(result.tour.paths) < len(whole.tour.paths)
+    assert {path.id for path in result.tour.paths} < {path.id for path in whole.tour.paths}
+    assert result.fixtures is not None
+    assert result.fixtures.aside >= 2
+
+
 def test_nothing_left_and_strict_are_refused() -> None:
     with pytest.raises(NoSafeProgram, match=r"no path is left.*fixture 1"):
         build([-50, -50, -5, 200, 200, 20])

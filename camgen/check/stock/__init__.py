@@ -203,6 +203,7 @@ def examine_fixtures(
     """
     moves = tabulate(cuts)
     clearance = examine(moves, cuts, fixtures)
+    clearance = replace(clearance, notes=(*clearance.notes, *_notes(moves, 0)))
     return clearance, _list_hits(moves, cuts, clearance)
 
 

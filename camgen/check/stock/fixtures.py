@@ -246,11 +246,11 @@ def _measure_aside(case: _Case, known: float) -> float:
         return 0.0
     # No part is farther away than its start: motions beyond that need no measurement.
     starts = shapely.distance(shapely.points(portions.plane.start), case.layer.outline)
-    bound = float(starts.min())
+    bound = float(starts.min()) + TOLERANCE_MM
     near = np.flatnonzero(case.around[which] <= bound)
-    gap = gaps(portions.plane.take(near), case.walls, bound + TOLERANCE_MM)
+    gap = gaps(portions.plane.take(near), case.walls, bound)
     lowest = np.minimum(case.first[which], case.last[which])[near]
-    return float(np.min(np.minimum(gap, bound) - _radius_at(case, lowest), initial=known))
+    return float(np.min(gap - _radius_at(case, lowest), initial=known))
 
 
 def _measure_above(case: _Case) -> float:

@@ -175,6 +175,14 @@ def test_what_passes_too_near_is_told_with_its_distance() -> None:
     assert examine(body, stand(CLAMP, margin=1.5))[2] == ()
 
 
+@pytest.mark.parametrize("place", [(5.0, 5.0), (20.0, 25.0), (35.0, 24.0)])
+def test_the_distance_of_a_plunge_is_that_of_its_place(place: tuple[float, float]) -> None:
+    body: list[Instruction] = [rapid(*place, 40), feed(*place, -3), rapid(*place, 40)]
+    x, y = place
+    distance = math.hypot(max(10 - x, x - 30, 0), max(-10 - y, y - 20, 0))
+    assert examine(body, stand(CLAMP))[0] == pytest.approx(distance - 3, abs=1e-9)
+
+
 @pytest.mark.parametrize(("height", "is_fault"), [(13.9, True), (14.1, False)])
 def test_rapid_motions_keep_the_margin_above_a_clamp_too(height: float, is_fault: bool) -> None:
     over: list[Instruction] = [rapid(0, 5, height), rapid(50, 5, height)]
