@@ -54,7 +54,8 @@ path,line{fill:none;stroke-linecap:round;stroke-linejoin:round}.arrow{stroke:non
 
 #: Added where fixtures are drawn.
 _FIXTURES = """\
-.blocked{stroke:#d0103a;stroke-width:.7;stroke-dasharray:1.6 1.2}.top{text-anchor:middle;font-size:3px}
+.blocked{stroke:#d0103a;stroke-width:.7;stroke-dasharray:1.6 1.2}
+.top{text-anchor:middle;font-size:3px}
 .fixture{stroke:#a06a00;stroke-width:.35}"""
 
 
