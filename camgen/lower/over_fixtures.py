@@ -16,7 +16,7 @@ from msgspec.structs import replace
 from camgen.geometry.fixtures import Fixtures, list_bodies
 from camgen.model.job import ToolTable
 from camgen.model.pose import FloatArray, Pose
-from camgen.model.program import Indices, Instruction, MoveJ, Program, splice
+from camgen.model.program import Comment, Indices, Instruction, MoveJ, Program, splice
 from camgen.model.tolerance import SAME_POINT_MM
 
 
@@ -83,9 +83,11 @@ def _lift(
     before = columns.ends[link - 1]
     motions = []
     if before[2] < height - SAME_POINT_MM:
-        if columns.at[link - 1] == index - 1 and _goes_straight(program, link - 1, up=True):
+        previous = int(columns.at[link - 1])
+        remarks = all(isinstance(item, Comment) for item in program.body[previous + 1 : index])
+        if remarks and _goes_straight(program, link - 1, up=True):
             # One motion upwards instead of two.
-            changed[index - 1] = (_at_height(columns.moves[link - 1], before, height),)
+            changed[previous] = (_at_height(columns.moves[link - 1], before, height),)
         else:
             motions.append(_at_height(move, before, height))
     if columns.ends[link][2] < height - SAME_POINT_MM:
