@@ -161,12 +161,23 @@ def _list_layers(shape: Solid | Sequence[float]) -> tuple[Layer, ...]:
     outline = shapely.Polygon()
     for bottom, top in reversed(list(pairwise(_choose_levels(triangles[:, :, 2])))):
         within = (highest > bottom + _SAME_MM) & (lowest <= top + _SAME_MM)
-        band = shapely.union_all(_project(triangles[within], bottom))
-        grown = shapely.union(outline, band)
+        pieces = _project(triangles[within], bottom)
+        grown = _unite(outline, pieces[shapely.area(pieces) > _SAME_MM])
         if not layers or grown.area > outline.area + _SAME_MM:
             outline = shapely.simplify(grown, _SAME_MM)
             layers.append(Layer(outline, float(top)))
     return tuple(layers)
+
+
+def _unite(outline: Any, pieces: Any) -> Any:
+    """An outline with polygons (N,) added. A union may lose polygons whose corners nearly meet:
+    lost ones, whose middle is outside, are added one by one.
+    """
+    grown = shapely.union_all([outline, *pieces])
+    middles = shapely.get_coordinates(shapely.centroid(pieces))
+    for piece in pieces[~shapely.contains_xy(grown, middles)]:
+        grown = shapely.union(grown, piece)
+    return grown
 
 
 def _choose_levels(heights: FloatArray) -> list[float]:
