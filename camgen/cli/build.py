@@ -102,7 +102,19 @@ def _located(result: Result) -> list[Row]:
 def _proofs(result: Result) -> list[Row]:
     """Drawing to motion, motion to text, stock, reach and collision."""
     proofs = [_motion(result), _text(result), _rounded(result)]
-    return [*proofs, *_stock(result), *_reach(result)]
+    return [*proofs, *_stock(result), *_fixtures(result), *_reach(result)]
+
+
+def _fixtures(result: Result) -> list[Row]:
+    """The distances between the tool of a mill and the fixtures."""
+    if result.fixtures is None:
+        return []
+    from camgen.cli.stock import rows_of_fixtures  # noqa: PLC0415 (shapely, only with fixtures)
+
+    rows: list[Row] = list(rows_of_fixtures(result.fixtures, result.job))
+    if result.proof is None:
+        rows += [("fixtures", note, "look") for note in result.fixtures.notes]
+    return rows
 
 
 def _rounded(result: Result) -> Row:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from camgen.model.cell import Dynamics
 from camgen.post import Post, Reading
 from camgen.read.programs import Executed
+
+if TYPE_CHECKING:
+    from camgen.geometry.fixtures import Fixtures
 
 
 class Proven(NamedTuple):
@@ -16,9 +19,11 @@ class Proven(NamedTuple):
     post: the post of a program of ours, None for any other.
     dynamics: dynamics of its controller; None if its way to round corners is not known.
     states_job: whether the header of the text names its job, whose feeds and speeds it then has.
+    fixtures: fixtures of a mill, None for none and for an arm.
     """
 
     reading: Reading | Executed
     post: Post | None = None
     dynamics: Dynamics | None = None
     states_job: bool = False
+    fixtures: Fixtures | None = None

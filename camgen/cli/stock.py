@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -9,7 +10,18 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.check.stock import Cut, Fault, Stated, StockProof, Task, design, prove, task_on
+from camgen.check.stock import (
+    Clearance,
+    Cut,
+    Fault,
+    Stated,
+    StockProof,
+    Task,
+    design,
+    examine_fixtures,
+    prove,
+    task_on,
+)
 from camgen.cli.proven import Proven
 from camgen.lower.runs import plunge
 from camgen.model.errors import InputError, JobError, NoSafeProgram
@@ -27,6 +39,7 @@ from camgen.read.programs import Executed
 _NO_BITE_MM = 0.0001
 #: So many faults of a kind are listed.
 _LISTED = 20
+_MEND = "mend the program, or say with --job what it is meant to do"
 
 
 class StockSays(Struct, frozen=True):
@@ -62,19 +75,42 @@ def judge(
     columns = Columns(reading.body)
     if job.operations:
         tasks = [task_on(part, job_of(job, one.step), one.part) for one in share_out(part, job)[0]]
-        cuts = _cuts_by_tool(program, reading, columns, job)
     else:
         tasks = [_task(part, job, columns)]
-        cuts = [_cut(program, reading, columns, replace(job, tool=name_drills([job])[0]))]
+    cuts = _list_cuts(program, reading, columns, job)
     if proven.states_job:
         cuts = [replace(cut, stated=_state(cut, job)) for cut in cuts]
-    proof = prove(cuts, design(tasks, job.stock), proven.dynamics, job.stock)
+    designed = design(tasks, job.stock)
+    proof = prove(cuts, designed, proven.dynamics, job.stock, proven.fixtures)
     warnings = [
         f"{place(breach.line)}: warning: {breach.what} ({breach.remedy})\n"
         for breach in proof.set_up.breaches
     ]
     lines = "".join([_tell(proof.faults, place), *warnings])
-    return StockSays(tuple(_rows(proof, tasks, cuts)), lines, _refuse(program, proof, place))
+    return StockSays(tuple(_rows(proof, tasks, cuts, job)), lines, _refuse(program, proof, place))
+
+
+def judge_fixtures(
+    program: str, job: Job, proven: Proven, place: Callable[[int], str]
+) -> StockSays:
+    """The distances of a program that was read from the fixtures, without a drawing."""
+    assert proven.fixtures is not None
+    cuts = _list_cuts(program, proven.reading, Columns(proven.reading.body), job)
+    clearance, faults = examine_fixtures(cuts, proven.fixtures)
+    rows = [(label, text) for label, text, _ in rows_of_fixtures(clearance, job)]
+    rows += [("not judged", note) for note in clearance.notes]
+    error = None
+    if faults:
+        what = f"{counted(len(faults), 'fault')} beside the fixtures, first: {faults[0].text}"
+        error = NoSafeProgram(program, what, place(faults[0].line), _MEND)
+    return StockSays(tuple(rows), _tell(faults, place), error)
+
+
+def _list_cuts(program: str, reading: Reading | Executed, columns: Columns, job: Job) -> list[Cut]:
+    """The cuts of each tool of a program."""
+    if job.operations:
+        return _cuts_by_tool(program, reading, columns, job)
+    return [_cut(program, reading, columns, replace(job, tool=name_drills([job])[0]))]
 
 
 def _state(cut: Cut, job: Job) -> Stated:
@@ -161,13 +197,37 @@ def volume(mm3: float) -> str:
     return f"{short(mm3 / 1000, 1)} cm3" if mm3 >= 1000 else f"{short(mm3, 0)} mm3"
 
 
-def _rows(proof: StockProof, tasks: Sequence[Task], cuts: Sequence[Cut]) -> list[tuple[str, str]]:
+def rows_of_fixtures(clearance: Clearance | None, job: Job) -> list[tuple[str, str, str]]:
+    """The row of the summary on the distances from the fixtures, and on unknown holders."""
+    if clearance is None:
+        return []
+    names = counted(clearance.fixtures, "fixture")
+    if clearance.hits:
+        return [("fixtures", f"{names}, {counted(len(clearance.hits), 'motion')} too near", "bad")]
+    least = [
+        f"{short(mm, 2)} mm {where}"
+        for mm, where in ((clearance.aside, "beside"), (clearance.above, "above"))
+        if mm < math.inf
+    ]
+    distances = f"keeps {' and '.join(least)} them" if least else "is nowhere near"
+    tools = [step.tool for step in job.operations] or [job.tool]
+    bodies, tone = "the tool with its holder", "good"
+    if any(tool.holder is None for tool in tools):
+        bodies, tone = "the tool", "look"
+        distances += "; its holder is not judged, tool.holder is not set"
+    return [("fixtures", f"{names}: {bodies} {distances}", tone)]
+
+
+def _rows(
+    proof: StockProof, tasks: Sequence[Task], cuts: Sequence[Cut], job: Job
+) -> list[tuple[str, str]]:
     tools = dict.fromkeys(f"{cut.tool.kind} of {short(cut.tool.diameter, 3)} mm" for cut in cuts)
     depth = short(max(task.job.operation.depth for task in tasks), 3)
     rows = [("stock", f"{', '.join(tools)}, {depth} mm deep: {_sum(proof)}")]
     rows.append(("removed", volume(proof.volume)))
     rows += [("excess", text) for text in _excess(proof)]
     rows += [("not judged" if "not" in note else "note", note) for note in proof.notes]
+    rows += [(label, text) for label, text, _ in rows_of_fixtures(proof.clearance, job)]
     return rows + [("set-up", text) for text in _tell_examined(proof)]
 
 
@@ -194,6 +254,7 @@ def _sum(proof: StockProof) -> str:
             proof.holders,
         ),
         ("cut with a wrong spindle", "cuts with a wrong spindle", proof.spindles),
+        ("motion too near to a fixture", "motions too near to a fixture", proof.fixtures),
     )
     found = [counted(len(faults), one, many) for one, many, faults in kinds if faults]
     faults = ", ".join(found) or "no gouge, no rapid motion in material"
@@ -249,6 +310,6 @@ def _refuse(program: str, proof: StockProof, place: Callable[[int], str]) -> NoS
     if not refused:
         return None
     first = refused[0]
-    what = f"{counted(len(refused), 'fault')} in the material, first: {first.text}"
-    remedy = "mend the program, or say with --job what it is meant to do"
-    return NoSafeProgram(program, what, place(first.line), remedy)
+    where = "in the material" if len(refused) > len(proof.fixtures) else "beside the fixtures"
+    what = f"{counted(len(refused), 'fault')} {where}, first: {first.text}"
+    return NoSafeProgram(program, what, place(first.line), _MEND)

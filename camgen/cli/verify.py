@@ -5,7 +5,7 @@ from __future__ import annotations
 from argparse import Namespace
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from msgspec.structs import replace
 
@@ -39,6 +39,7 @@ from camgen.post import Fault, Post, Reading, Remark
 from camgen.post.contract import prepare_program
 from camgen.post.limits import limit_tolerance
 from camgen.post.plugins import (
+    cell_of,
     dynamics_of,
     fill_tables,
     find_post,
@@ -52,6 +53,9 @@ from camgen.read.files import Files
 from camgen.read.job_file import beside, load
 from camgen.read.programs import LANGUAGES, Executed, Places
 from camgen.read.taught import Carried, as_far_as_known
+
+if TYPE_CHECKING:
+    from camgen.geometry.fixtures import Fixtures
 
 _NAMES = {
     "MoveJ": "joint motion",
@@ -123,7 +127,7 @@ def run(arguments: Namespace, says: Voice) -> int:
 
 def _judge(asked: _Asked, says: Voice) -> int:
     """A program that somebody else wrote."""
-    arguments, paths, texts, job, drawing, files, *_ = asked
+    arguments, paths, texts, job, _, files, *_ = asked
     place = Places(texts)
     language = find_own(arguments.post or "", texts)
     ask = ask_of(language, arguments, job, files)
@@ -150,9 +154,10 @@ def _judge(asked: _Asked, says: Voice) -> int:
         _report(Path(arguments.report), asked, executed, told, rows, says)
     more = list(_UNEXAMINED)
     also = ""
-    if drawing is not None and error is None:
-        dynamics = _dynamics_of_text(language.name)
-        more, also, error = _prove(asked, drawing, Proven(executed, dynamics=dynamics), place, says)
+    if error is None:
+        fixtures = _read_fixtures(language.name, job, files)
+        proven = Proven(executed, None, _dynamics_of_text(language.name), fixtures=fixtures)
+        more, also, error = _prove(asked, proven, place, says)
     if arguments.json:
         says.data({"sums": motions, "told": rows + more, **as_data(executed, place)})
     else:
@@ -166,7 +171,7 @@ def _compare(asked: _Asked, says: Voice) -> int:
     """A program of ours, with what it was planned to do if there is a plan. Then a remark is a fault too."""
     from camgen.pipeline.rounding import limit_path_tolerance  # noqa: PLC0415 (only for our texts)
 
-    arguments, paths, texts, job, drawing, files, *_ = asked
+    arguments, paths, texts, job, _, files, *_ = asked
     _insist_on_post(arguments)
     plan = load_plan(Path(arguments.plan), files) if arguments.plan else None
     options = (plan.options if plan else {}) | limit_path_tolerance(job, arguments.post).post
@@ -211,10 +216,10 @@ def _compare(asked: _Asked, says: Voice) -> int:
         row, different = compare_rebuilt(program, asked.origin, says, files)
         rows.append(row)
     says.clear()
-    more, also, error = list(_UNEXAMINED), "", None
-    if drawing is not None:
-        proven = Proven(reading, post, _dynamics_of_post(post, job), asked.states_job)
-        more, also, error = _prove(asked, drawing, proven, place, says)
+    fixtures = _read_fixtures(post.name, job, files)
+    dynamics = _dynamics_of_post(post, job)
+    proven = Proven(reading, post, dynamics, asked.states_job, fixtures)
+    more, also, error = _prove(asked, proven, place, says)
     say(more, also)
     if error is not None:
         raise error
@@ -276,22 +281,41 @@ def _insist_on_post(arguments: Namespace) -> None:
 
 def _prove(
     asked: _Asked,
-    drawing: Path,
     proven: Proven,
     place: Callable[[int], str],
     says: Voice,
 ) -> tuple[list[Row], str, CamgenError | None]:
-    """The proofs against a drawing: rows, a line for each fault, and the error of a refusal."""
-    from camgen.cli.stock import judge  # noqa: PLC0415 (shapely: only when needed)
+    """The proofs against the drawing and the fixtures of the job, as far as they are given: rows, a
+    line for each fault, and the error of a refusal.
+    """
+    drawing = asked.drawing
+    if drawing is None and proven.fixtures is None:
+        return list(_UNEXAMINED), "", None
+    from camgen.cli.stock import judge, judge_fixtures  # noqa: PLC0415 (shapely: only when needed)
     from camgen.pipeline.motion import compare_text  # noqa: PLC0415 (shapely: only when needed)
 
     says.stage("proving")
+    if drawing is None:
+        judged = judge_fixtures(str(asked.paths[0]), asked.job, proven, place)
+        says.clear()
+        rows = [*_UNEXAMINED[:2], *judged.rows, *_UNEXAMINED[2:]]
+        return rows, judged.told, judged.error
     part = read(drawing, asked.job, asked.files)
     reading = proven.reading
     stock = judge(str(asked.paths[0]), part, asked.job, proven, place)
     motion = compare_text(part, asked.job, reading.body, reading.lines, place, proven.post)
     says.clear()
     return [("motion", motion), *stock.rows, *_UNEXAMINED[2:]], stock.told, stock.error
+
+
+def _read_fixtures(post: str, job: Job, files: Files) -> Fixtures | None:
+    """The fixtures of the job, for a program of a machine without an arm; else None."""
+    if not job.cell.fixtures:
+        return None
+    from camgen.pipeline.inputs import read_cell  # noqa: PLC0415 (only for jobs with fixtures)
+
+    cell = cell_of(make_post(find_post(post), {}), job)
+    return read_cell(None, job, cell, files).fixtures
 
 
 def _dynamics_of_post(post: Post, job: Job) -> Dynamics | None:

@@ -11,12 +11,13 @@ from msgspec import Struct
 from camgen.collision.hits import clearance, hits
 from camgen.collision.mesh import make_mesh
 from camgen.collision.scene import Allowed, Scene, Wall, narrow, scene
+from camgen.geometry.fixtures import Corners, corners_of
 from camgen.model.cell import Cell
 from camgen.model.errors import JobError
 from camgen.model.job import Job
 from camgen.model.part import Note, Solid
 from camgen.model.pose import IDENTITY, FloatArray, Pose, to_vec3, translation
-from camgen.model.text import counted, short
+from camgen.model.text import short
 from camgen.robots.models import Box, Link, Robot
 from camgen.robots.workcell import Workcell
 
@@ -26,10 +27,6 @@ _TABLE_GAP_MM, _BEYOND, _THICK = 0.5, 200.0, 20.0
 _TOUCH = 0.1
 #: mm: a tip that is so near to the flange is at it; and how thick what stands for no tool is.
 _NO_TOOL, _PLATE = 1e-6, 1.0
-
-
-#: Two opposite corners of a box, the lower ones first.
-Corners = tuple[FloatArray, FloatArray]
 
 
 class Surroundings(Struct, frozen=True, eq=False):
@@ -186,24 +183,6 @@ def _fixtures(
         "say what it stands on: cell.fixtures, [] for nothing",
     )
     return [("table", table)], (note,)
-
-
-def corners_of(key: str, values: Sequence[float]) -> Corners:
-    """The corners of a box that a job gives, the lower one first. JobError, with the ``key``, for what is none."""
-    if len(values) != 6:
-        raise JobError(
-            "job",
-            f"a box has {counted(len(values), 'value')}",
-            key,
-            "give two corners: [x, y, z, x, y, z]",
-        )
-    ends = np.reshape(values, (2, 3)).astype(np.float64)
-    low, high = ends.min(axis=0), ends.max(axis=0)
-    if not np.isfinite(ends).all() or (high - low).min() <= 0:
-        raise JobError(
-            "job", "a box has no size", key, "give two corners that differ in x, y and z"
-        )
-    return low, high
 
 
 def box_between(frame: Pose, low: FloatArray, high: FloatArray) -> Box:

@@ -8,6 +8,7 @@ from camgen.model.job import Job
 from camgen.model.path import Tour
 from camgen.model.program import Program
 from camgen.order import ArmTour, EdgeTour, JobTour, ReplayTour, changed_paths
+from camgen.robots.workcell import Workcell
 
 
 def lower(
@@ -31,5 +32,14 @@ def lower(
     if isinstance(tour, JobTour):
         from camgen.lower.steps import lower_steps  # noqa: PLC0415 (only for jobs with several operations)
 
-        return lower_steps(tour, cell, job, name, header)
-    return lower_paths(tour, cell, job, name, header)
+        program = lower_steps(tour, cell, job, name, header)
+        steps = zip(tour.steps, tour.tours, strict=True)
+        tools = [(step.tool, len(part.paths)) for step, part in steps]
+    else:
+        program = lower_paths(tour, cell, job, name, header)
+        tools = [(job.tool, len(tour.paths))]
+    if not isinstance(cell, Workcell) or cell.fixtures is None:
+        return program
+    from camgen.lower.over_fixtures import lift_over_fixtures  # noqa: PLC0415 (only with fixtures)
+
+    return lift_over_fixtures(program, cell.fixtures, tools)

@@ -20,7 +20,7 @@ from camgen.model.limits import tell
 from camgen.model.path import ToolPath, Tour, join_paths, waypoints
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.tolerance import SAME_POINT_MM
-from camgen.order.pieces import begin_at, chorded, head, lengths_along, shortest, stretch
+from camgen.plan.pieces import begin_at, chorded, head, lengths_along, shortest, stretch
 
 
 class Run(Struct, frozen=True, gc=False):

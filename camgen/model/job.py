@@ -741,11 +741,17 @@ class CellTable(Table, frozen=True):
     fixtures: Annotated[
         list[list[float] | str] | None,
         Meta(
-            description="what stands around the part: boxes [x, y, z, x, y, z], mm, or mesh files, in the work frame"
+            description="clamps, vices and whatever else stands around the part: boxes "
+            "[x, y, z, x, y, z], mm, or mesh files, in the work frame; travel of a mill passes "
+            "over them, and what they block is left out"
         ),
     ] = None
     safety: Annotated[
-        NotNegative, Meta(description="room above part and fixtures on the way between edges, mm")
+        NotNegative,
+        Meta(
+            description="room above part and fixtures on the way between edges, and of the travel "
+            "of a mill over fixtures, mm"
+        ),
     ] = 10.0
     margin: Annotated[
         NotNegative,

@@ -184,7 +184,8 @@ def _order_paths(plan: Plan, job: Job, cell: Cell | None, watch: Watch, ways: bo
     )
     if arm is not None and choice.method == "best" and (later or not free):
         found = _order_on_arm(plan, found, job, arm, watch, free)
-    led, notes = add_leads(found.paths, plan.part, job)
+    fixtures = cell.fixtures if isinstance(cell, Workcell) else None
+    led, notes = add_leads(found.paths, plan.part, job, fixtures)
     led, more = add_tabs(found.paths, led, job)
     notes = [*found.notes, *notes, *more]
     if found.stopped:

@@ -9,12 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import chain
+from typing import Any
 
 import numpy as np
+import shapely
 from msgspec import Struct
 from msgspec.structs import replace
 
 from camgen.geometry.arcs import span_lengths
+from camgen.geometry.fixtures import Fixtures
 from camgen.geometry.intersect import Obstacles
 from camgen.geometry.segments import from_contours
 from camgen.model.job import Job
@@ -23,6 +26,7 @@ from camgen.model.path import ToolPath, join_paths, waypoints
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted, name_first
 from camgen.order.stay_down import CLEARANCE_SLACK_MM
+from camgen.plan.clear_fixtures import find_blocked
 from camgen.plan.starting import starting_at
 
 #: What is tried of the length asked for, the longest first.
@@ -40,25 +44,33 @@ class _Lead(Struct, frozen=True, eq=False):
     samples: FloatArray
 
 
-def add_leads(paths: Sequence[ToolPath], part: Part, job: Job) -> tuple[list[ToolPath], list[Note]]:
-    """The paths with the leads and the overlap of ``job``, and notes on those that have shorter ones or none."""
+def add_leads(
+    paths: Sequence[ToolPath], part: Part, job: Job, fixtures: Fixtures | None = None
+) -> tuple[list[ToolPath], list[Note]]:
+    """The paths with the leads and the overlap of `job`, and notes on short and missing leads.
+
+    fixtures: fixtures of a mill, from which leads keep clear too.
+    """
     operation = job.operation
     if not (operation.lead_in or operation.lead_out or operation.overlap):
         return list(paths), []
     drawn = from_contours(part.contours)
     obstacles = Obstacles(drawn, np.zeros(len(drawn), dtype=np.int64))
+    lowest = min((-max(path.depths) for path in paths), default=0.0)
+    blocked = find_blocked(job.tool, lowest, fixtures)
     result: list[ToolPath] = []
     short: list[ToolPath] = []
     without: list[ToolPath] = []
     for path in paths:
         # Only what runs beside a contour has a free side to lead in from.
         followed = bool(path.force_direction[:, :, :2].any())
-        led, scale = _with_leads(path, job, obstacles) if followed else (path, 1.0)
+        led, scale = _with_leads(path, job, obstacles, blocked) if followed else (path, 1.0)
         result.append(led)
         if scale < 1.0:
             (short if scale else without).append(path)
-    near = "the part or a neighbour is too near"
-    nowhere = "there is no place where it would keep clear of the part"
+    all_bodies = "the part and the fixtures" if fixtures else "the part"
+    near = f"the part{', a fixture' if fixtures else ''} or a neighbour is too near"
+    nowhere = f"there is no place where it would keep clear of {all_bodies}"
     notes = []
     for shorter, how, why in (
         (short, "with a shorter lead", near),
@@ -75,8 +87,13 @@ def _tell(paths: Sequence[ToolPath], how: str, why: str) -> Note:
     return Note("warning", f"{counted(len(paths), 'path')} {how}: {names}", why, ids, lacks="leads")
 
 
-def _with_leads(path: ToolPath, job: Job, obstacles: Obstacles) -> tuple[ToolPath, float]:
-    """The path with the longest leads that fit, and what part of the wanted length that is."""
+def _with_leads(
+    path: ToolPath, job: Job, obstacles: Obstacles, blocked: Any
+) -> tuple[ToolPath, float]:
+    """The path with the longest leads that fit, and what part of the wanted length that is.
+
+    blocked: area in which the tool's axis must not be for a fixture.
+    """
     operation, feed = job.operation, job.process.feed
     ends = ((operation.lead_in, -1), (operation.lead_out, 1))
     for scale in _SCALES:
@@ -84,12 +101,19 @@ def _with_leads(path: ToolPath, job: Job, obstacles: Obstacles) -> tuple[ToolPat
             run = _overlap(start, operation.overlap)
             leads = [_lead(run, length * scale, way, path.closed, feed) for length, way in ends]
             if all(
-                lead is None or _is_clear(lead, obstacles, job.tool.diameter / 2) for lead in leads
+                lead is None
+                or (_is_clear(lead, obstacles, job.tool.diameter / 2) and _is_off(lead, blocked))
+                for lead in leads
             ):
                 before, after = ([] if lead is None else [lead.path] for lead in leads)
                 pieces = [*before, run, *after]
                 return (join_paths(pieces) if len(pieces) > 1 else run), scale
     return _overlap(path, operation.overlap), 0.0
+
+
+def _is_off(lead: _Lead, blocked: Any) -> bool:
+    """Whether a lead keeps out of an area."""
+    return not shapely.contains_xy(blocked, lead.samples).any()
 
 
 def _starts(path: ToolPath) -> list[ToolPath]:

@@ -1,8 +1,9 @@
 """Links at working height: which ways between paths may do without a lift, proven by geometry.
 
 A link is the straight way of the tool's centre from the end of one path to the start of the next. It stays down where
-its distance from every line and arc that was drawn is no less than the tool's radius, and from every fixture beside the
-tool's edge too. Both ends are beside contours that were followed, hence outside the material; a way from there that
+its distance from every line and arc that was drawn is no less than the tool's radius, and from
+every fixture beside the tool's edge no less than that and ``cell.margin``.
+Both ends are beside contours that were followed, hence outside the material; a way from there that
 comes near no contour stays outside. Nothing is proven of stock around the part.
 """
 
@@ -51,7 +52,7 @@ def stay_down(tour: Tour, part: Part, job: Job) -> tuple[Tour, tuple[Note, ...]]
     radius = job.tool.diameter / 2 - CLEARANCE_SLACK_MM
     links = make(start[asked, :2], end[asked, :2], np.zeros(len(asked)), asked)
     clear = gaps(links, from_contours(part.contours), radius) >= radius
-    clear &= _past(links, low[asked], boxes, radius)
+    clear &= _past(links, low[asked], boxes, radius + job.cell.margin)
     down = frozenset((asked[clear] + 1).tolist())
     why = "these ways keep the tool's radius from all that is drawn and from fixtures; of stock nothing is known"
     if len(boxes) < len(fixtures):

@@ -28,7 +28,7 @@ from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, name_first, short
 from camgen.model.tolerance import SAME_POINT_MM
-from camgen.order.pieces import chorded, lengths_along, nearest, point_at, shortest, split_at
+from camgen.plan.pieces import chorded, lengths_along, nearest, point_at, shortest, split_at
 
 #: A turn of the tangent that makes a corner, rad: curves that were drawn as many lines turn by less.
 _CORNER = math.radians(5)

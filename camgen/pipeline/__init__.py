@@ -39,6 +39,12 @@ from camgen.pipeline.assumptions import (
     note_set_up,
     note_slow_paths,
 )
+from camgen.pipeline.fixtures import (
+    check_fixtures,
+    leave_out_blocked,
+    prove_fixtures,
+    report_fixtures,
+)
 from camgen.pipeline.inputs import Inputs, note_machine, note_urdf, note_work_frame, read_inputs
 from camgen.pipeline.located import LOCATED, check_placing, locate_inputs
 from camgen.pipeline.memory import give_back
@@ -79,7 +85,7 @@ if TYPE_CHECKING:
     from camgen.check.photo.locate import Located
     from camgen.check.proof import MotionProof
     from camgen.check.reach import Reach
-    from camgen.check.stock import StockProof
+    from camgen.check.stock import Clearance, StockProof
     from camgen.collision.cell import Surroundings
     from camgen.pipeline.travel import Travel
 
@@ -117,6 +123,8 @@ class Result(Struct, frozen=True, eq=False, dict=True):
     travel: the travel of the machine that the text takes, None without `cell.machine`.
     slow: paths whose feed the joints of the arm cannot keep.
     located: the photo that shows the place of the part, None without one.
+    fixtures: distances between the tool and the fixtures of a mill, None without them.
+    blocked: paths and stretches of paths that are left out for a fixture.
     """
 
     part: Part
@@ -143,6 +151,8 @@ class Result(Struct, frozen=True, eq=False, dict=True):
     travel: Travel | None = None
     slow: tuple[SlowPath, ...] = ()
     located: Located | None = None
+    fixtures: Clearance | None = None
+    blocked: tuple[ToolPath, ...] = ()
 
     @cached_property
     def report(self) -> dict[str, object]:
@@ -159,6 +169,8 @@ class Result(Struct, frozen=True, eq=False, dict=True):
             table["checks"] = {"reach": NOT_CHECKED, "collision": NOT_CHECKED, "limits": "ok"}
         if self.reach is not None:
             table["checks"] = {"reach": "ok", "collision": "ok", "limits": "ok"}
+        if self.fixtures is not None:
+            table |= report_fixtures(self.fixtures)
         if self.slow:
             from camgen.check.feeds import report_slow_paths  # noqa: PLC0415 (kinematics)
 
@@ -224,12 +236,13 @@ def build(  # noqa: PLR0913 (the public call, whose keywords users write)
     give_back()
     planned = plan(read.part, settings, read.cell, watch)
     give_back()
-    _insist(planned.part, planned.notes, bool(planned.paths), strict)
     title = poster.program or name or planned.part.name
     header = _header(sources, planned.part, poster, settings, read)
     if located is not None:
         header = (*header, f"{LOCATED}: {located.pose}")
     asked = planned
+    planned = leave_out_blocked(planned, settings, read.cell)
+    _insist(planned.part, planned.notes, bool(planned.paths), strict)
     request = Request(settings, read.cell, poster, title, header, strict, watch)
     planned, tour, checks = _program(planned, request)
     give_back()
@@ -240,11 +253,12 @@ def build(  # noqa: PLR0913 (the public call, whose keywords users write)
     proof = prove_stock(asked, planned, tour, request, checks, posted)
     if len(tour.paths) < len(asked.paths):
         planned = _forget_coverage(planned)
+    fixtures = prove_fixtures(proof, tour, request, checks, posted)
     result = _sum_up(planned, tour, request, checks, posted, proof)
     _insist(result.part, result.notes, True, strict)
     motion = prove_motion(read.part, planned, settings, checks, posted, result.notes)
     rounded = check_rounding(tour, settings, checks, posted)
-    result = replace(result, motion=motion, rounded=rounded, located=located)
+    result = replace(result, motion=motion, rounded=rounded, located=located, fixtures=fixtures)
     if read.cell.machine is None:
         return result
     from camgen.pipeline.travel import check_travel, note_rates  # noqa: PLC0415 (only for a mill)
@@ -275,6 +289,7 @@ def _program(planned: Plan, request: Request) -> tuple[Plan, Tour, Checked]:
             with tell_by_input(planned.part, lowered):
                 if cell.arm:
                     request.watch("checking")
+                check_fixtures(lowered, tour, request, planned.part.source)
                 checked = check_programs(lowered, tour, request, where, planned.part.source)
                 return planned, tour, checked
         except Blocked as error:
@@ -378,6 +393,7 @@ def _sum_up(
         where=checks.where,
         planned=plan.paths,
         proof=proof,
+        blocked=plan.left_out,
         slow=checks.slow,
     )
 

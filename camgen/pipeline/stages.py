@@ -25,6 +25,7 @@ from camgen.model.program import Program
 from camgen.model.signature import sign
 from camgen.order import order as order_plan
 from camgen.pipeline import Input, JobLike, Result, path_or_part, poster_of, settings_of
+from camgen.pipeline.fixtures import leave_out_blocked
 from camgen.pipeline.inputs import read_cell, read_parts
 from camgen.pipeline.rounding import limit_path_tolerance
 from camgen.plan import EdgePlan, Plan, Watch, ignore_stages
@@ -81,7 +82,8 @@ def plan(
 ) -> Plan:
     """The tool paths of ``part``. cell: edges of 3-D parts need one with an arm. watch: is told the stages."""
     settings = settings_of(job, Files())
-    return plan_part(part, settings, _cell(cell, settings, part), watch)
+    workcell = _cell(cell, settings, part)
+    return leave_out_blocked(plan_part(part, settings, workcell, watch), settings, workcell)
 
 
 def order(

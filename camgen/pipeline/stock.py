@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from msgspec import Struct
@@ -17,7 +17,7 @@ from camgen.model.errors import NoSafeProgram
 from camgen.model.job import Job, ToolTable
 from camgen.model.path import Tour
 from camgen.model.pose import Pose
-from camgen.model.program import Comment, Program
+from camgen.model.program import Comment, Instruction, Program
 from camgen.order import JobTour
 from camgen.pipeline.rounding import list_tolerances, remedy_for_corners
 from camgen.plan import EdgePlan, JobPlan, Plan, ReplayPlan
@@ -29,6 +29,9 @@ if TYPE_CHECKING:
     from camgen.check.stock import Cut, StockProof
     from camgen.pipeline.programs import Checked, Posted, Request
 
+#: Remedy for a tool that meets a fixture.
+MOVE_FIXTURE = "move the fixture: cell.fixtures"
+
 
 def prove_stock(
     asked: Plan, plan: Plan, tour: Tour, request: Request, checked: Checked, posted: Posted
@@ -38,7 +41,7 @@ def prove_stock(
     asked: the plan before anything was left out of it: what its other paths would take is told as left.
 
     NoSafeProgram for the first motion that cuts what must stay, or runs through material in rapid motion or with the
-    holder.
+    holder. A motion too near to a fixture is such a motion too.
     """
     if isinstance(plan, (EdgePlan, ReplayPlan)) or plan.part.curves:
         return None
@@ -52,10 +55,11 @@ def prove_stock(
     tasks = [task_on(plan.part, own, one.part) for own, one in zip(jobs, plans, strict=True)]
     post = checked.programs[0][0]
     proof = prove(
-        list(_cuts(tour, request, checked, posted)),
+        list(cuts_of_texts(tour, request, checked, posted)),
         design(tasks, job.stock, _sweep_lost(asked, tour, jobs)),
         dynamics_of(post, job) if states_rounding(post) else None,
         job.stock,
+        request.cell.fixtures,
     )
     if proof.refused:
         worst = proof.refused[0]
@@ -66,6 +70,8 @@ def prove_stock(
         )
         if worst.kind == "corner":
             remedy = remedy_for_corners(post, float(list_tolerances(tour, job)[:-1].min()))
+        if worst.kind == "fixture":
+            remedy = MOVE_FIXTURE
         raise NoSafeProgram(worst.file, f"{worst.text}{more}", f"line {worst.line}", remedy)
     return proof
 
@@ -101,12 +107,38 @@ def why_unproven(job: Job) -> str:
     return ""
 
 
-def _cuts(tour: Tour, request: Request, checked: Checked, posted: Posted) -> Iterator[Cut]:
+class StatedProgram(NamedTuple):
+    """A program with the instructions of its text, which are the same without the comments.
+
+    name: file of the text.
+    body, lines: the instructions with their lines.
+    program: the program.
+    """
+
+    name: str
+    body: Sequence[Instruction]
+    lines: Sequence[int]
+    program: Program
+
+
+def cuts_of_texts(tour: Tour, request: Request, checked: Checked, posted: Posted) -> Iterator[Cut]:
     """What each operation does, in order, as the texts say it.
 
     The instructions that were read back are those of the program, one by one, but for its comments: that is what the
     comparison has shown.
     """
+    stated, first = [], 0
+    for count, reading, (_, program) in zip(
+        posted.counts, posted.readings, checked.programs, strict=True
+    ):
+        name = posted.files[first].name
+        stated.append(StatedProgram(name, reading.body, reading.lines, program))
+        first += count
+    return cuts_of(tour, request, stated)
+
+
+def cuts_of(tour: Tour, request: Request, stated: Sequence[StatedProgram]) -> Iterator[Cut]:
+    """The cuts of each operation, in order."""
     from camgen.check.stock import Cut  # noqa: PLC0415 (shapely, only for what cuts)
 
     job, home = request.job, request.cell.home
@@ -124,21 +156,16 @@ def _cuts(tour: Tour, request: Request, checked: Checked, posted: Posted) -> Ite
     process = job.process
     slower = process.feed * process.max_feed_factor < process.travel_speed and not process.stay_down
     travel = process.travel_speed if slower and not isinstance(home, Pose) else float("inf")
-    first = 0
-    for count, reading, (_, program) in zip(
-        posted.counts, posted.readings, checked.programs, strict=True
-    ):
-        name = posted.files[first].name
-        first += count
-        own = _own_step(program, step_of)
+    for text in stated:
+        own = _own_step(text.program, step_of)
         edges = [*run_starts(own).tolist(), len(own)]
         for start, end in pairwise(edges):
             tool, about = steps[int(own[start])]
             yield Cut(
-                reading.body[start:end],
-                reading.lines[start:end],
+                text.body[start:end],
+                text.lines[start:end],
                 tool,
-                name,
+                text.name,
                 about,
                 travel,
                 job.tolerance.chord,

@@ -90,6 +90,8 @@ def check_travel(job: Job, cell: Workcell, checked: Checked, posted: Posted) -> 
             line = int(np.asarray(reading.lines)[columns.at][excess.motion])
             what = f"the program leaves the travel of {machine.file}: {excess.text}"
             remedy = "move the part: cell.base_from_work" if placed else "divide the part"
+            if cell.fixtures is not None:
+                remedy += "; cell.safety is the room above fixtures"
             raise NoSafeProgram(posted.files[first].name, what, f"line {line}", remedy)
         low, high = _widen(low, high, extent)
         first += files

@@ -78,12 +78,15 @@ class Plan(Struct, frozen=True, eq=False):
     """What will be done. part: as it is worked on, on its page and with as few points as it needs. paths: in the order
     of its contours. notes: what the reader and the planner left out, mended or want known. coverage: of what is to be
     filled, None for other operations.
+
+    left_out: paths and stretches of paths that a fixture blocks.
     """
 
     part: Part
     paths: tuple[ToolPath, ...]
     notes: tuple[Note, ...]
     coverage: Coverage | None = None
+    left_out: tuple[ToolPath, ...] = ()
 
     def __repr__(self) -> str:
         name, paths = type(self).__name__, counted(len(self.paths), "path")

@@ -18,7 +18,8 @@ def leave_out_paths(plan: Plan, lost: Mapping[str, str]) -> Plan:
     """A flat plan, of one operation or several, without some paths and what needs them, told by their ids with the
     reason. What they enclose goes to what encloses them.
     """
-    every = dict(lost) | find_dependent(plan, lost)
+    # The first cause comes last: an error names the last one.
+    every = find_dependent(plan, lost) | dict(lost)
     notes = (*plan.notes, *_tell(plan, every))
     if isinstance(plan, JobPlan):
         plans = tuple(_without(one, every) for one in plan.plans)

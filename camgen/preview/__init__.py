@@ -64,6 +64,8 @@ class Built(Protocol):
     def where(self) -> Surroundings | None: ...  # noqa: D102
     @property
     def located(self) -> Located | None: ...  # noqa: D102
+    @property
+    def blocked(self) -> tuple[ToolPath, ...]: ...  # noqa: D102
 
 
 def list_seen(result: Built) -> list[FloatArray]:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from camgen.model.errors import JobError
 from camgen.preview import Built, list_seen
+from camgen.preview.fixtures import see_fixtures
 from camgen.read import is_drawing
 
 
@@ -48,8 +49,9 @@ def _drawing(result: Built) -> bytes:
         return drawing_stages.svg(result, part.raster, title).encode("utf-8")
     if part.raster is not None:
         return photo_stages.svg(part, part.raster, result.tour, result.notes, title).encode("utf-8")
+    standing = svg.Standing(see_fixtures(result), result.blocked)
     seen = list_seen(result)
-    return svg.svg(part, result.tour, result.notes, title, seen).encode("utf-8")
+    return svg.svg(part, result.tour, result.notes, title, seen, standing).encode("utf-8")
 
 
 #: What draws a preview, by the ending of its name.

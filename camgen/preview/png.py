@@ -39,6 +39,8 @@ _MARKS: dict[str, Colour] = {"gouge": (46, 16, 200), "excess": (0, 160, 245)}
 #: So many of the marks of a proof have their number beside them.
 _NAMED = 12
 _SHEET, _INK, _TRAVEL = (236, 229, 223), (48, 36, 27), (170, 150, 138)
+#: Colours of a fixture and its edge, and its opacity.
+_CLAMP, _CLAMP_EDGE, _CLAMP_SHARE = (90, 190, 245), (0, 106, 160), 0.6
 #: From the first path to the last, as on the page; blue, green, red.
 _RAMP = np.array([[220.0, 98.0, 31.0], [190.0, 50.0, 150.0], [30.0, 88.0, 226.0]])
 
@@ -63,6 +65,7 @@ def png(view: View) -> bytes:
     sheet = _fit(view)
     if view.solid is None:
         _part(image, view, sheet)
+        _fixtures(image, view, sheet)
         _way(image, view, sheet)
         _marks(image, view, sheet)
     else:
@@ -75,7 +78,10 @@ def _fit(view: View) -> _Sheet:
     right, up = look_from(-math.pi / 2, math.pi / 2) if view.flat else look_from(TURN, TILT)
     seen = np.array([right, -up])
     work = view.track.events.path[view.track.event] >= 0
-    flat = np.concatenate([view.chains.points, view.track.position[work]]) @ seen.T
+    loops: list[FloatArray] = []
+    for fixture in view.fixtures:
+        loops += [np.column_stack([loop, np.zeros(len(loop))]) for loop in fixture.loops]
+    flat = np.concatenate([view.chains.points, view.track.position[work], *loops]) @ seen.T
     if not len(flat):
         flat = view.track.position @ seen.T
     low, high = flat.min(axis=0), flat.max(axis=0)
@@ -151,6 +157,23 @@ def _part(image: Pixels, view: View, sheet: _Sheet) -> None:
         own = [points for line, points in chains if line.state == state]
         width = 1 if state == "seen" else 2
         cv2.polylines(image, own, False, colour, width, cv2.LINE_AA, _SHIFT)
+
+
+def _fixtures(image: Pixels, view: View, sheet: _Sheet) -> None:
+    """The fixtures of a mill with their numbers and the heights of their tops."""
+    for fixture in view.fixtures if view.flat else ():
+        loops = [
+            sheet.place(np.column_stack([loop, np.zeros(len(loop))])) for loop in fixture.loops
+        ]
+        filled = cv2.fillPoly(image.copy(), loops, _CLAMP, cv2.LINE_AA, _SHIFT)
+        # A clamp is drawn translucent, over the part below it.
+        cv2.addWeighted(filled, _CLAMP_SHARE, image, 1 - _CLAMP_SHARE, 0.0, dst=image)
+        cv2.polylines(image, loops, True, _CLAMP_EDGE, 2, cv2.LINE_AA, _SHIFT)
+        places = loops[0].reshape(-1, 2) >> _SHIFT
+        x, y = ((places.min(axis=0) + places.max(axis=0)) // 2).tolist()
+        text = f"{fixture.number}: z {fixture.top:g}"
+        wide, _ = _measure(text, 0.5)
+        _write(image, text, (x - wide // 2, y + 6), 0.5)
 
 
 def _marks(image: Pixels, view: View, sheet: _Sheet) -> None:

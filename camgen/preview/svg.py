@@ -15,7 +15,7 @@ from camgen.model.errors import one_line
 from camgen.model.part import Contour, Note, Part
 from camgen.model.path import ToolPath, Tour
 from camgen.model.pose import FloatArray
-from camgen.model.text import counted, escape
+from camgen.model.text import counted, escape, short
 from camgen.preview.aside import see_aside
 from camgen.preview.draw import (
     PageChains,
@@ -30,6 +30,7 @@ from camgen.preview.draw import (
     spots,
     tell_wrong,
 )
+from camgen.preview.fixtures import FixtureView
 
 #: The drawing is made as large as fits in here, page mm; around it a margin, above it the title.
 _WIDE, _HIGH, _MARGIN, _TITLE = 277.0, 200.0, 10.0, 16.0
@@ -51,6 +52,19 @@ path,line{fill:none;stroke-linecap:round;stroke-linejoin:round}.arrow{stroke:non
 @media (prefers-color-scheme:dark){.bg{fill:#17181b}text{fill:#e8eaed}.n{fill:#fff}.part{stroke:#80868b}
 .travel{stroke:#9aa0a6}.bar{stroke:#e8eaed}.unused{stroke:#ff6b81}.warn{fill:#ff6b81}}"""
 
+#: Added where fixtures are drawn.
+_FIXTURES = """\
+.blocked{stroke:#d0103a;stroke-width:.7;stroke-dasharray:1.6 1.2}
+.top{text-anchor:middle;font-size:3px}
+.fixture{stroke:#a06a00;stroke-width:.35}"""
+
+
+class Standing(Struct, frozen=True, eq=False):
+    """Fixtures of a mill, and the paths and stretches of paths that they block."""
+
+    fixtures: tuple[FixtureView, ...] = ()
+    blocked: tuple[ToolPath, ...] = ()
+
 
 class _Sheet(Struct, frozen=True):
     """The page and its size, page mm. bottom: where the legend begins."""
@@ -61,10 +75,17 @@ class _Sheet(Struct, frozen=True):
 
 
 def svg(
-    part: Part, tour: Tour, notes: Sequence[Note], title: str, seen: Sequence[FloatArray] = ()
+    part: Part,
+    tour: Tour,
+    notes: Sequence[Note],
+    title: str,
+    seen: Sequence[FloatArray] = (),
+    standing: Standing = Standing(),  # noqa: B008 (frozen)
 ) -> str:
     """The picture as SVG text, sized in mm, legible on light and dark. It is drawn to scale, with a scale bar; curves
     in space are seen from aside. seen: outlines (N, 2) in a photo of the part, mm.
+
+    standing: fixtures of a mill.
     """
     lengths = [path_length(path) for path in tour.paths]
     if part.curves:
@@ -73,7 +94,10 @@ def svg(
     used = [c for c in part.contours if c.id in followed]
     unused = [c for c in part.contours if c.id not in followed]
     photo = of_points(seen)
-    sheet = _sheet(part, tour, photo)
+    loops: list[FloatArray] = []
+    for fixture in standing.fixtures:
+        loops += fixture.loops
+    sheet = _sheet(part, tour, [photo, of_points(loops), of_paths(standing.blocked)])
     left_out = _left_out(sheet, tell_wrong(notes))
     height = sheet.bottom + 14 + 5 * len(left_out)
     return "\n".join(
@@ -81,25 +105,27 @@ def svg(
             f'<svg xmlns="http://www.w3.org/2000/svg" width="{sheet.width:.2f}mm" height="{height:.2f}mm" '
             f'viewBox="0 0 {sheet.width:.2f} {height:.2f}">',
             f"<title>{_text(title)}</title>",
-            f"<style>{_STYLE}</style>",
+            f"<style>{_STYLE}{_FIXTURES if standing.fixtures else ''}</style>",
             '<rect class="bg" width="100%" height="100%"/>',
             f'<text class="big" x="{_MARGIN}" y="9">{_text(title)}</text>',
             f'<text x="{_MARGIN}" y="14">{_facts(part, tour)}</text>',
             *_contours(used, sheet.page, "part"),
             *_contours(unused, sheet.page, "unused"),
+            *_fixtures(standing.fixtures, sheet.page),
             *(f'<path {_SEEN} d="{line}"/>' for line in path_data(photo, sheet.page)),
             *_travel(tour, sheet.page),
             *_paths(tour, sheet.page, lengths),
+            *_blocked(standing.blocked, sheet.page),
             *spots(notes, sheet.page, 0.0),
-            *_legend(sheet, tour, bool(unused), bool(seen)),
+            *_legend(sheet, tour, bool(unused), bool(seen), standing),
             *left_out,
             "</svg>\n",
         ]
     )
 
 
-def _sheet(part: Part, tour: Tour, photo: PageChains) -> _Sheet:
-    low, high = bounds([of_contours(part.contours), of_paths(tour.paths), photo])
+def _sheet(part: Part, tour: Tour, others: Sequence[PageChains]) -> _Sheet:
+    low, high = bounds([of_contours(part.contours), of_paths(tour.paths), *others])
     wide, high_mm = (max(float(v), 1e-6) for v in high - low)
     scale = min(_WIDE / wide, _HIGH / high_mm)
     width = max(wide * scale, _LEAST_PAGE_MM) + 2 * _MARGIN
@@ -118,6 +144,25 @@ def _facts(part: Part, tour: Tour) -> str:
 def _contours(contours: Sequence[Contour], page: Paper, kind: str) -> Iterator[str]:
     if contours:
         yield f'<path class="{kind}" d="{"".join(path_data(of_contours(contours), page))}"/>'
+
+
+def _fixtures(fixtures: Sequence[FixtureView], page: Paper) -> Iterator[str]:
+    """The fixtures with their numbers and the heights of their tops."""
+    for fixture in fixtures:
+        data = "".join(path_data(of_points(fixture.loops), page))
+        top = f"z {short(fixture.top, 2)}"
+        yield (
+            f'<path style="fill:#f2b134;fill-opacity:.35" class="fixture" d="{data}">'
+            f"<title>fixture {fixture.number}, top at {top} mm</title></path>"
+        )
+        places = page.place(fixture.loops[0])
+        x, y = ((places.min(axis=0) + places.max(axis=0)) / 2).tolist()
+        yield f'<text class="top" x="{x:.2f}" y="{y + 1:.2f}">{fixture.number}: {top}</text>'
+
+
+def _blocked(paths: Sequence[ToolPath], page: Paper) -> Iterator[str]:
+    if paths:
+        yield f'<path class="blocked" d="{"".join(path_data(of_paths(paths), page))}"/>'
 
 
 def _travel(tour: Tour, page: Paper) -> Iterator[str]:
@@ -173,7 +218,9 @@ def _starts(paths: Sequence[ToolPath], page: Paper) -> Iterator[str]:
             yield f'<text class="n" style="font-size:{size:.2f}px" x="{x:.2f}" y="{y + 0.36 * size:.2f}">{k + 1}</text>'
 
 
-def _legend(sheet: _Sheet, tour: Tour, unused: bool, seen: bool) -> Iterator[str]:
+def _legend(
+    sheet: _Sheet, tour: Tour, unused: bool, seen: bool, standing: Standing
+) -> Iterator[str]:
     y = sheet.bottom + 5
     x = _MARGIN
     for look, label, is_drawn in (
@@ -181,6 +228,8 @@ def _legend(sheet: _Sheet, tour: Tour, unused: bool, seen: bool) -> Iterator[str
         (_SEEN, "photo", seen),
         ('class="travel"', "travel", True),
         ('class="unused"', "no path of its own", unused),
+        ('class="fixture"', "fixture", bool(standing.fixtures)),
+        ('class="blocked"', "left out for it", bool(standing.blocked)),
     ):
         if is_drawn:
             yield f'<line {look} x1="{x}" y1="{y - 1.2}" x2="{x + 9}" y2="{y - 1.2}"/>'
@@ -189,7 +238,7 @@ def _legend(sheet: _Sheet, tour: Tour, unused: bool, seen: bool) -> Iterator[str
     if tour.paths:
         for k in range(12):
             yield f'<rect x="{x + k:.2f}" y="{y - 2}" width="1.05" height="1.6" fill="{by_order(k, 12)}"/>'
-        label = "tool centre, first to last; dot: start"
+        label = "first to last" if standing.fixtures else "tool centre, first to last; dot: start"
         yield f'<text x="{x + 14}" y="{y}">{label}</text>'
     bar = _nice(45 / sheet.page.scale)
     right = sheet.width - _MARGIN

@@ -18,6 +18,7 @@ from camgen.model.text import duration, short
 from camgen.preview import Built, list_seen
 from camgen.preview.curves import SpaceChains, of_contours, of_spans
 from camgen.preview.executed import trace_executed
+from camgen.preview.fixtures import FixtureView, see_fixtures
 from camgen.preview.listing import Listing, list_program
 from camgen.preview.notes import ViewNote, see_notes
 from camgen.preview.photo import Photo, photo_of
@@ -70,7 +71,8 @@ def _take_untested(result: Built) -> Around:
     job = result.job
     if not job.cell.fixtures and not job.tool.holder:
         return Around((), (), ())
-    from camgen.collision.cell import box_between, corners_of  # noqa: PLC0415 (loads fcl)
+    from camgen.collision.cell import box_between  # noqa: PLC0415 (loads fcl)
+    from camgen.geometry.fixtures import corners_of  # noqa: PLC0415 (loads shapely)
 
     holder = tuple(
         box_between(_HERE, *corners_of("tool.holder", box)) for box in job.tool.holder or ()
@@ -178,6 +180,7 @@ class View(Struct, frozen=True, eq=False):
     photo: the picture from which the part was read.
     switches: outputs, in the order of time.
     executed: the path that the controller runs; None without a model of it.
+    fixtures: fixtures of a mill, from above.
     """
 
     title: str
@@ -204,6 +207,7 @@ class View(Struct, frozen=True, eq=False):
     photo: Photo | None = None
     switches: tuple[Switch, ...] = ()
     executed: SpaceChains | None = None
+    fixtures: tuple[FixtureView, ...] = ()
 
     @property
     def skipped(self) -> tuple[ViewNote, ...]:
@@ -247,6 +251,7 @@ def view(result: Built) -> View:
         photo=photo_of(result),
         switches=switches_of(program.columns, way.events),
         executed=trace_executed(result, sag),
+        fixtures=see_fixtures(result),
     )
 
 
@@ -297,7 +302,7 @@ def _lines(result: Built, sag: float) -> tuple[tuple[ViewLine, ...], SpaceChains
     ]
     if edges or curves:
         return _trim(result, lines, chains)
-    marks = [*_spots(result), *_outline_seen(result)]
+    marks = [*_spots(result), *_outline_seen(result), *_blocked(result, sag)]
     table = SpaceChains(
         np.concatenate([chains.points, *(points for _, points in marks)]),
         np.concatenate(
@@ -305,6 +310,17 @@ def _lines(result: Built, sag: float) -> tuple[tuple[ViewLine, ...], SpaceChains
         ),
     )
     return (*lines, *(line for line, _ in marks)), table
+
+
+def _blocked(result: Built, sag: float) -> Iterator[tuple[ViewLine, FloatArray]]:
+    """The paths and stretches of paths that are left out for a fixture."""
+    why = reasons([note for note in result.notes if note.kind == "skipped"])
+    for path in result.blocked:
+        chains = of_spans([(path.position, path.via[1:])], sag)
+        length = float(np.linalg.norm(np.diff(chains.points, axis=0), axis=1).sum())
+        reason = why.get(path.id, "")
+        line = ViewLine(clean(path.id), clean(path.layer), False, length, "skipped", reason)
+        yield line, chains.points
 
 
 def _outline_seen(result: Built) -> Iterator[tuple[ViewLine, FloatArray]]:

@@ -19,6 +19,7 @@ from camgen.model.text import counted
 from camgen.robots.models import Robot
 
 if TYPE_CHECKING:
+    from camgen.geometry.fixtures import Fixtures
     from camgen.model.machine import Machine
 
 #: Fixtures that are meshes with their names, work frame.
@@ -31,11 +32,13 @@ class Workcell(Cell, frozen=True, eq=False):
     arm: the robot with which programs are checked, None where none is.
     meshes: fixtures that are meshes.
     machine: the machine of `cell.machine`, None without it.
+    fixtures: fixtures of a machine without an arm, None for none. An arm has them in its scene.
     """
 
     arm: Robot | None = None
     meshes: Meshes = ()
     machine: Machine | None = None
+    fixtures: Fixtures | None = None
 
 
 def equip(cell: Cell, job: Job, arm: Robot | None = None, meshes: Meshes = ()) -> Workcell:
@@ -59,11 +62,17 @@ def equip(cell: Cell, job: Job, arm: Robot | None = None, meshes: Meshes = ()) -
     home = cell.home
     if isinstance(home, Joints) and table.robot and arm is not None and table.home is None:
         home = _own_home(arm, cell, home)
+    fixtures = None
+    if isinstance(home, Pose) and arm is None and table.fixtures:
+        from camgen.geometry.fixtures import list_fixtures  # noqa: PLC0415 (loads shapely)
+
+        fixtures = list_fixtures(job, meshes)
     if table.home is None and isinstance(home, Pose):
-        home = _above_travel(home, job)
+        home = _above_travel(home, job, fixtures)
     if table.home is not None and isinstance(home, Pose):
         x, y, z = _values("home", table.home, 3)
         home = Pose(TOOL_DOWN, (x, y, z))
+        _check_above(home, fixtures)
     elif table.home is not None:
         count = len(table.home) or len(cell.home.values) if isinstance(cell.home, Joints) else 0
         # Another count is another arm than the built-in one: the six-axis arms that the posts know only turn.
@@ -77,12 +86,37 @@ def equip(cell: Cell, job: Job, arm: Robot | None = None, meshes: Meshes = ()) -
     if arm is not None and isinstance(home, Pose) and table.base_from_work is None:
         work = _home_work(arm, home, tool)
     name, robot = _name(table.robot) or cell.name, table.robot or cell.robot
-    return Workcell(name, work, tool, home, cell.sliding, robot, cell.pace, arm, meshes)
+    return Workcell(
+        name,
+        work,
+        tool,
+        home,
+        cell.sliding,
+        robot,
+        cell.pace,
+        arm,
+        meshes,
+        fixtures=fixtures,
+    )
 
 
-def _above_travel(home: Pose, job: Job) -> Pose:
-    """The built-in home of a machine, no lower than the height of travel of any operation."""
+def _check_above(home: Pose, fixtures: Fixtures | None) -> None:
+    """Raises JobError for a home below a fixture: the tool goes there from anywhere."""
+    height = home.origin[2]
+    if fixtures is None or height >= fixtures.travel:
+        return
+    what = f"a home at z {height:g} mm is not {fixtures.lift:g} mm above all fixtures"
+    remedy = f"raise it to {fixtures.travel:g} mm, or lower cell.safety"
+    raise JobError("job", what, "cell.home", remedy)
+
+
+def _above_travel(home: Pose, job: Job, fixtures: Fixtures | None) -> Pose:
+    """The built-in home of a machine, no lower than the height of travel of any operation, and with
+    `cell.safety` above all fixtures.
+    """
     heights = [step.process.clearance for step in job.operations]
+    if fixtures is not None:
+        heights.append(fixtures.travel)
     x, y, z = home.origin
     return replace(home, origin=(x, y, max(z, job.process.clearance, *heights)))
 

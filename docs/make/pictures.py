@@ -12,6 +12,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -25,7 +26,8 @@ from camgen.preview import page as html
 from camgen.preview import png as picture
 from camgen.preview import view
 from camgen.preview.drawings import draw
-from camgen.preview.svg import svg
+from camgen.preview.fixtures import see_fixtures
+from camgen.preview.svg import Standing, svg
 
 ROOT = Path(__file__).parents[2]
 PARTS = ROOT / "fixtures" / "parts"
@@ -48,6 +50,13 @@ _SWITCHES = (
     ),
     *("--virtual-time-budget=8000", "--window-size=1100,700"),
 )
+
+
+def read_job(page: str, name: str) -> dict[str, object]:
+    """The job file that a page shows."""
+    text = (ROOT / "docs" / page).read_text(encoding="utf-8")
+    block = text.partition(f"`{name}`:\n\n```toml\n")[2].partition("```")[0]
+    return tomllib.loads(block)
 
 
 class Shown(Struct, frozen=True):
@@ -125,6 +134,14 @@ PICTURES = (
         scene=True,
     ),
     Shown("page-cut.png", PARTS / "motor.dxf", "gcode", PLATE, scene=True),
+    Shown("clamps.svg", PARTS / "motor.dxf", "grbl", read_job("first-day.md", "shop.toml")),
+    Shown(
+        "page-clamps.png",
+        PARTS / "motor.dxf",
+        "grbl",
+        read_job("first-day.md", "shop.toml"),
+        scene=True,
+    ),
 )
 
 
@@ -169,7 +186,8 @@ def drawn(shown: Shown) -> bytes:
     if result.part.solid is not None:
         return draw(result, Path(shown.name))
     title = shown.title or f"{shown.source.name}, {shown.post}"
-    return svg(result.part, result.tour, result.notes, title).encode()
+    standing = Standing(see_fixtures(result), result.blocked)
+    return svg(result.part, result.tour, result.notes, title, standing=standing).encode()
 
 
 def main(folder: Path) -> None:

@@ -20,7 +20,9 @@ from camgen.model.errors import JobError, NoSafeProgram
 from camgen.model.part import Contour
 from camgen.model.path import ToolPath, join_paths
 from camgen.model.pose import frozen
-from camgen.order.pieces import (
+from camgen.order.tabs import add_tabs
+from camgen.pipeline import Result, build
+from camgen.plan.pieces import (
     begin_at,
     chorded,
     head,
@@ -30,8 +32,6 @@ from camgen.order.pieces import (
     split_at,
     stretch,
 )
-from camgen.order.tabs import add_tabs
-from camgen.pipeline import Result, build
 from camgen.plan.starting import starting_at
 from tests.support.cuts import Cut, cuts, swept
 from tests.support.drawn import circle, contour, part, rectangle, rounded

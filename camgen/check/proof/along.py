@@ -109,6 +109,7 @@ class ContourProver:
     ) -> BoolArray:
         task, skipped = self.task, self.context.named.skipped
         drawing, owner = checker.drawing, checker.pieces.owner
+        named = are_named(drawing, skipped)
         done = task.worked.copy()
         touched = np.zeros(len(done), np.bool_)
         touched[owner[matched.piece[matched.follows]]] = True
@@ -124,7 +125,7 @@ class ContourProver:
                 chosen = at_distance
             rows = matched.rows[at_depth]
             covered = matched.covered.take(chosen)
-            gaps = checker.find_uncovered(covered, rows, distance, findings)
+            gaps = checker.find_uncovered(covered, rows, distance, named, findings)
             if self._earlier is not None:
                 gaps = gaps.take(~self._earlier.touch(gaps, checker.pieces, depth, self.slack))
             for piece, low, high in zip(gaps.piece, gaps.low, gaps.high, strict=True):
@@ -139,7 +140,7 @@ class ContourProver:
                 findings.miss(f"contour {contour.id} is not worked {place}")
                 return done
         # A contour without a gap is worked, unless a note says that the tool does not fit there.
-        return np.asarray(done & (touched | ~are_named(drawing, skipped)))
+        return np.asarray(done & (touched | ~named))
 
 
 def _leave_unclear(task: Task, context: Context) -> Task:

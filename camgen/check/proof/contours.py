@@ -307,7 +307,12 @@ class ContourChecker:
     # -- the drawing beside the motions
 
     def find_uncovered(
-        self, covered: Covered, motions: IntArray, distance: float, findings: Findings
+        self,
+        covered: Covered,
+        motions: IntArray,
+        distance: float,
+        left_out: BoolArray,
+        findings: Findings,
     ) -> Covered:
         """Stretches of the contours that could be worked on and are not.
 
@@ -317,6 +322,7 @@ class ContourChecker:
         covered: the stretches at one depth.
         motions: indices of the motions at that depth.
         distance: distance of the tool's centre from the contour, mm.
+        left_out: (C,) contours of which notes say that they are left out, as a whole or in part.
         """
         length = self.pieces.length
         slack = np.minimum(_LEAST_GAP_MM / np.maximum(length, 1e-9), 1.0)
@@ -325,7 +331,8 @@ class ContourChecker:
         if not len(gaps.piece):
             return gaps
         reachable, isolated = self._is_reachable(gaps, motions, distance)
-        for index in np.flatnonzero(isolated)[:1].tolist():
+        doubtful = isolated & ~left_out[self.pieces.owner[gaps.piece]]
+        for index in np.flatnonzero(doubtful)[:1].tolist():
             piece, share = gaps.piece[index : index + 1], gaps.low[index : index + 1]
             x, y = points_along(self.pieces, piece, share)[0].tolist()
             name = self.drawing.contours[int(self.pieces.owner[piece[0]])].id

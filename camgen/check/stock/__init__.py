@@ -1,7 +1,8 @@
 """The stock proof: what the motions that were read back from a program's text do to the material.
 
 ``design`` says from the drawing and the job what may and what shall go; ``prove`` says what the motions take away, and
-where they cut what must stay, run through material in rapid motion or with the holder, or cut a part loose too early.
+where they cut what must stay, run through material in rapid motion or with the holder, cut a part loose too early, or
+run into a fixture.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from msgspec.structs import replace
 from camgen.check.stock.clear import Struck, find_holders, find_rapids, index
 from camgen.check.stock.corners import Bite, find_bites
 from camgen.check.stock.design import Design, Task, design, show_stay, task_on
+from camgen.check.stock.fixtures import Clearance, Hit, examine
 from camgen.check.stock.gouge import Gouge, find_gouges
 from camgen.check.stock.heights import Grid, carve
 from camgen.check.stock.loose import Loose, find_loose
@@ -22,6 +24,7 @@ from camgen.check.stock.moves import TOLERANCE_MM, Cut, Moves, Stated, tabulate
 from camgen.check.stock.removal import MOST_LEVELS, Level, find_levels, remove
 from camgen.check.stock.set_up import Breach, SetUp, check_set_up
 from camgen.check.stock.spindle import WrongSpindle, check_spindles, follow_spindles
+from camgen.geometry.fixtures import Fixtures
 from camgen.model.cell import Dynamics
 from camgen.model.job import StockTable
 from camgen.model.pose import to_vec3
@@ -30,6 +33,7 @@ from camgen.model.text import counted, short
 __all__ = [
     "TOLERANCE_MM",
     "Breach",
+    "Clearance",
     "Cut",
     "Design",
     "Fault",
@@ -39,26 +43,29 @@ __all__ = [
     "StockProof",
     "Task",
     "design",
+    "examine_fixtures",
     "prove",
     "show_stay",
     "task_on",
 ]
 
 _NO_STOCK = StockTable()
-FaultKind = Literal["gouge", "corner", "rapid", "holder", "spindle", "loose"]
+FaultKind = Literal["gouge", "corner", "rapid", "holder", "spindle", "loose", "fixture"]
 
 
 class Fault(Struct, frozen=True):
-    """Material that a motion cuts and must not cut.
+    """Material that a motion cuts and must not cut, or a fixture that it meets.
 
     kind: kind of the fault.
     line: line of the motion in the text, from 1.
     file: name of the text.
     x, y, z: place, mm.
-    mm: depth in the material; 0 for a part that comes loose.
+    mm: depth in the material or the fixture; 0 for a part that comes loose, and for a motion that
+        only passes too near to a fixture.
     text: the fault in words.
     cut: number of its `Cut`.
     serious: False for a remark.
+    fixture: number of the fixture, from 1; 0 for a fault in the material.
     """
 
     kind: FaultKind
@@ -71,6 +78,7 @@ class Fault(Struct, frozen=True):
     text: str
     cut: int = 0
     serious: bool = True
+    fixture: int = 0
 
 
 class StockProof(Struct, frozen=True, eq=False):
@@ -89,6 +97,8 @@ class StockProof(Struct, frozen=True, eq=False):
     grid: heights, for a job with too many levels, else None.
     bite: largest depth, mm, to which rounded corners cut material that must stay. None: the
         rounding is not modelled, and the proof is of the programmed path only.
+    fixtures: motions that meet a fixture or come too near to it.
+    clearance: distances between the motions and the fixtures; None for a job without fixtures.
     """
 
     gouges: tuple[Fault, ...]
@@ -103,12 +113,14 @@ class StockProof(Struct, frozen=True, eq=False):
     set_up: SetUp
     grid: Grid | None = None
     bite: float | None = None
+    fixtures: tuple[Fault, ...] = ()
+    clearance: Clearance | None = None
 
     @property
     def faults(self) -> tuple[Fault, ...]:
         """In order of cut and line."""
         cutting = (*self.gouges, *self.corners, *self.rapids, *self.holders)
-        faults = (*cutting, *self.spindles, *self.loose)
+        faults = (*cutting, *self.spindles, *self.loose, *self.fixtures)
         return tuple(sorted(faults, key=lambda fault: (fault.cut, fault.line)))
 
     @property
@@ -134,11 +146,13 @@ def prove(
     design: Design,
     dynamics: Dynamics | None = None,
     stock: StockTable = _NO_STOCK,
+    fixtures: Fixtures | None = None,
 ) -> StockProof:
     """The proof of `cuts`, one after the other, on the stock of `design`.
 
     dynamics: dynamics of the controller. None: it is not known how it rounds corners.
     stock: stock of the job, for the limits of the set-up.
+    fixtures: clamps, vices and stops of a mill. None: the job has none, or an arm runs it.
     """
     bites = [] if dynamics is None else find_bites(cuts, design, dynamics)
     deepest = None if dynamics is None else max((bite.mm for bite in bites), default=0.0)
@@ -160,6 +174,9 @@ def prove(
         notes.append("the text switches no spindle: whether the tool turns is not judged")
     if grid:
         notes.append(grid.note)
+    clearance = examine(moves, cuts, fixtures) if fixtures else None
+    if clearance:
+        notes += clearance.notes
     return StockProof(
         gouges=tuple(_gouge(moves, cuts, one) for one in find_gouges(moves, cuts, design)),
         corners=tuple(_bite(cuts, bite) for bite in bites if bite.excess > TOLERANCE_MM),
@@ -173,7 +190,21 @@ def prove(
         set_up=check_set_up(gone, design, stock, running),
         grid=grid,
         bite=deepest,
+        fixtures=_list_hits(moves, cuts, clearance) if clearance else (),
+        clearance=clearance,
     )
+
+
+def examine_fixtures(
+    cuts: Sequence[Cut], fixtures: Fixtures
+) -> tuple[Clearance, tuple[Fault, ...]]:
+    """The distances between the motions of `cuts` and the fixtures, and the motions that are too
+    near. It is for programs without a stock proof.
+    """
+    moves = tabulate(cuts)
+    clearance = examine(moves, cuts, fixtures)
+    clearance = replace(clearance, notes=(*clearance.notes, *_notes(moves, 0)))
+    return clearance, _list_hits(moves, cuts, clearance)
 
 
 def _notes(moves: Moves, unseen: int) -> list[str]:
@@ -237,6 +268,23 @@ def _rapid(moves: Moves, cuts: Sequence[Cut], one: Struck) -> Fault:
 def _holder(moves: Moves, cuts: Sequence[Cut], one: Struck) -> Fault:
     text = f"the holder is {short(one.depth, 3)} mm deep in material, {_at(one.place)}"
     return _fault(moves, cuts, "holder", one, text)
+
+
+def _list_hits(moves: Moves, cuts: Sequence[Cut], clearance: Clearance) -> tuple[Fault, ...]:
+    return tuple(_hit(moves, cuts, hit, clearance.margin) for hit in clearance.hits)
+
+
+def _hit(moves: Moves, cuts: Sequence[Cut], hit: Hit, margin: float) -> Fault:
+    if hit.mm:
+        text = f"the {hit.body} runs {short(hit.mm, 3)} mm deep into fixture {hit.fixture}"
+    else:
+        text = (
+            f"the {hit.body} passes fixture {hit.fixture} {short(hit.gap, 3)} mm apart, "
+            f"cell.margin asks for {short(margin, 3)} mm"
+        )
+    struck = Struck(hit.row, hit.place, hit.mm, 0.0)
+    fault = _fault(moves, cuts, "fixture", struck, f"{text}, {_at(hit.place)}")
+    return replace(fault, fixture=hit.fixture)
 
 
 def _loose(moves: Moves, cuts: Sequence[Cut], one: Loose) -> Fault:

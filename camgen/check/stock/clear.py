@@ -13,6 +13,7 @@ from camgen.check.stock.design import Design
 from camgen.check.stock.moves import TOLERANCE_MM, Cut, Moves
 from camgen.check.stock.profile import is_flat, reach
 from camgen.check.stock.sweep import QUARTER, sweep, unite
+from camgen.geometry.fixtures import list_bodies
 from camgen.geometry.intersect import box
 from camgen.geometry.ragged import starts_run
 from camgen.geometry.segments import BoolArray, IntArray, bounds, points_at
@@ -159,18 +160,17 @@ def _meet(
 
 
 def find_holders(gone: Gone, design: Design) -> tuple[list[Struck], int]:
-    """Motions with a holder in material, the first ``MOST_TOLD``, and how many more run as deep and were not looked at.
-
-    A box is taken as the round body that it stands for: as wide as it is from its axis.
+    """Motions with a holder in material, the first `MOST_TOLD`, and the number of further motions
+    as deep, which are not examined.
     """
     moves = gone.moves
     found: list[Struck] = []
     unseen = 0
     for number, cut in enumerate(gone.cuts):
-        for height, radius in _bodies(cut):
+        for body in list_bodies(cut.tool)[1:]:
             rows = np.flatnonzero(
                 (moves.cut == number)
-                & (moves.deepest > height + TOLERANCE_MM)
+                & (moves.deepest > body.height + TOLERANCE_MM)
                 & np.isfinite(moves.deepest)
             )
             for row in rows.tolist():
@@ -180,7 +180,7 @@ def find_holders(gone: Gone, design: Design) -> tuple[list[Struck], int]:
                 struck = [
                     one
                     for part in _parts(moves, row)
-                    if (one := _hold(gone, design, row, part, radius, height))
+                    if (one := _hold(gone, design, row, part, body.radius, body.height))
                 ]
                 found += sorted(struck, key=lambda one: -one.mm)[:1]
     return sorted(found, key=lambda one: one.row), unseen
@@ -193,12 +193,3 @@ def _hold(
         return None
     above = _Part(part.line, part.depth - height)
     return _meet(gone, design, row, above, radius, with_itself=True)
-
-
-def _bodies(cut: Cut) -> list[tuple[float, float]]:
-    """Of each box of the holder: how high its lower end is above the tip, and how far it reaches from the axis, mm."""
-    found = []
-    for box_ in cut.tool.holder or ():
-        x1, y1, z1, x2, y2, z2 = box_
-        found.append((cut.tool.length - max(z1, z2), max(abs(x1), abs(y1), abs(x2), abs(y2))))
-    return found

@@ -44,10 +44,10 @@ from camgen.order.arm.search import (
     improve_tour,
     prove_tour,
 )
-from camgen.order.pieces import begin_at, lengths_along, split_at
 from camgen.order.solver import matrix
 from camgen.order.tours import ArmTour
 from camgen.plan import Watch
+from camgen.plan.pieces import begin_at, lengths_along, split_at
 from camgen.robots.workcell import Workcell
 
 #: Turns of a tool that may have any, from which the finer ones are found; of an arm whose joints are iterated, fewer.

@@ -21,7 +21,7 @@ from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
 from camgen.motion.search import solutions
 from camgen.motion.setup import MARGIN, Setup, flange_poses
-from camgen.order.pieces import lengths_along
+from camgen.plan.pieces import lengths_along
 from camgen.robots.kinematics.inverse import inverse, nearest
 from camgen.robots.kinematics.joint_limits import turns, within, within_turned
 from camgen.robots.kinematics.singular import from_singular
