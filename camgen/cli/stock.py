@@ -18,6 +18,7 @@ from camgen.model.part import Part
 from camgen.model.program import Columns, MoveJ, ToolChange
 from camgen.model.text import counted, short
 from camgen.motion.corners import corner_tolerance
+from camgen.pipeline.stock import REMEDY_FOR_PIECES
 from camgen.plan.page import on_page
 from camgen.plan.steps import job_of, name_drills, share_out
 from camgen.post import Reading
@@ -68,7 +69,7 @@ def judge(
         cuts = [_cut(program, reading, columns, replace(job, tool=name_drills([job])[0]))]
     if proven.states_job:
         cuts = [replace(cut, stated=_state(cut, job)) for cut in cuts]
-    proof = prove(cuts, design(tasks, job.stock), proven.dynamics, job.stock)
+    proof = prove(cuts, design(tasks, job.stock), proven.dynamics, job.stock, on_arm=proven.on_arm)
     warnings = [
         f"{place(breach.line)}: warning: {breach.what} ({breach.remedy})\n"
         for breach in proof.set_up.breaches
@@ -194,6 +195,7 @@ def _sum(proof: StockProof) -> str:
             proof.holders,
         ),
         ("cut with a wrong spindle", "cuts with a wrong spindle", proof.spindles),
+        ("piece that is not held", "pieces that are not held", proof.unheld),
     )
     found = [counted(len(faults), one, many) for one, many, faults in kinds if faults]
     faults = ", ".join(found) or "no gouge, no rapid motion in material"
@@ -251,4 +253,6 @@ def _refuse(program: str, proof: StockProof, place: Callable[[int], str]) -> NoS
     first = refused[0]
     what = f"{counted(len(refused), 'fault')} in the material, first: {first.text}"
     remedy = "mend the program, or say with --job what it is meant to do"
+    if first.kind == "unheld":
+        remedy = REMEDY_FOR_PIECES
     return NoSafeProgram(program, what, place(first.line), remedy)

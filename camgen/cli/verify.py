@@ -33,6 +33,7 @@ from camgen.model.cell import Dynamics
 from camgen.model.errors import CamgenError, InputError, JobError
 from camgen.model.job import Job
 from camgen.model.plugins import entries
+from camgen.model.pose import Pose
 from camgen.model.program import Columns, ToolChange
 from camgen.model.text import counted, duration, short
 from camgen.post import Fault, Post, Reading, Remark
@@ -152,7 +153,8 @@ def _judge(asked: _Asked, says: Voice) -> int:
     also = ""
     if drawing is not None and error is None:
         dynamics = _dynamics_of_text(language.name)
-        more, also, error = _prove(asked, drawing, Proven(executed, dynamics=dynamics), place, says)
+        proven = Proven(executed, dynamics=dynamics, on_arm=_is_for_arm(_post_of(language.name)))
+        more, also, error = _prove(asked, drawing, proven, place, says)
     if arguments.json:
         says.data({"sums": motions, "told": rows + more, **as_data(executed, place)})
     else:
@@ -213,7 +215,7 @@ def _compare(asked: _Asked, says: Voice) -> int:
     says.clear()
     more, also, error = list(_UNEXAMINED), "", None
     if drawing is not None:
-        proven = Proven(reading, post, _dynamics_of_post(post, job), asked.states_job)
+        proven = _prepare(reading, post, job, asked.states_job)
         more, also, error = _prove(asked, drawing, proven, place, says)
     say(more, also)
     if error is not None:
@@ -294,6 +296,21 @@ def _prove(
     return [("motion", motion), *stock.rows, *_UNEXAMINED[2:]], stock.told, stock.error
 
 
+def _is_for_arm(post: Post) -> bool:
+    """Whether the controller of a post runs an arm: the home of a machine is a pose."""
+    return not isinstance(post.cell().home, Pose)
+
+
+def _post_of(language: str) -> Post:
+    """The post that writes a language, with its defaults."""
+    return make_post(find_post(language), {})
+
+
+def _prepare(reading: Reading, post: Post, job: Job, states_job: bool) -> Proven:
+    """A program of ours, with the dynamics and the kind of machine of its post."""
+    return Proven(reading, post, _dynamics_of_post(post, job), _is_for_arm(post), states_job)
+
+
 def _dynamics_of_post(post: Post, job: Job) -> Dynamics | None:
     """How the controller of a post rounds corners; None if the post does not state it."""
     return dynamics_of(post, job) if states_rounding(post) else None
@@ -305,7 +322,7 @@ def _dynamics_of_text(language: str) -> Dynamics | None:
     RAPID states a zone for each motion. The corners of other languages depend on settings that
     their texts do not hold.
     """
-    return make_post(find_post(language), {}).dynamics() if language in _STATES_ZONES else None
+    return _post_of(language).dynamics() if language in _STATES_ZONES else None
 
 
 #: Languages that state how far each corner is rounded.

@@ -1,4 +1,8 @@
-"""Tabs: bridges that hold what a followed outer contour cuts out of its stock, until somebody cuts them.
+"""Tabs: bridges that hold parts in their stock until they are cut by hand.
+
+They stand on the outlines of parts, and on the holes around these, since a part would come loose
+with the slug to which it is joined. If an operation cuts no part out, they stand on its holes and
+hold slugs that are larger than a chip.
 
 Over a tab the tool rises to ``tab_height`` above the depth, by 45 degrees, runs level for ``tab_width`` and its own
 diameter, so that as much as the width is left, and goes down by 45 degrees. The places are spread evenly from the seam
@@ -12,12 +16,14 @@ import math
 from collections.abc import Sequence
 from itertools import chain as join
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
 from camgen.geometry.arcs import chain
+from camgen.geometry.segments import flatten
 from camgen.geometry.vectors import angles, cross, dots
 from camgen.model.errors import JobError
 from camgen.model.job import Job
@@ -27,11 +33,14 @@ from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, name_first, short
 from camgen.model.tolerance import SAME_POINT_MM
 from camgen.order.pieces import chorded, lengths_along, nearest, point_at, shortest, split_at
+from camgen.plan.columns import path_segments
 
 #: A turn of the tangent that makes a corner, rad: curves that were drawn as many lines turn by less.
 _CORNER = math.radians(5)
 #: How much of an arc may touch the part that rolls about a point, as a part of its radius.
 _POINT = 1e-3
+#: Curves as chords that leave them by at most this, mm, where only the inside matters.
+_CHORD_MM = 0.01
 #: Points of a loop are found again within this, mm.
 _FOUND = 1e-4
 
@@ -78,21 +87,28 @@ def add_tabs(
     if not (operation.tabs or operation.tab_spacing):
         return list(led), []
     _insist(job)
-    outer = [k for k, path in enumerate(planned) if _cuts_out(path)]
-    tab = _size(job, min((shortest(planned[k], job.tolerance.chord) for k in outer), default=1.0))
-    loops = [_find_loop(k, planned[k], led[k], job, tab) for k in outer]
+    chosen = _choose(planned, job)
+    tab = _size(job, min((shortest(planned[k], job.tolerance.chord) for k in chosen), default=1.0))
+    loops = [_find_loop(k, planned[k], led[k], job, tab) for k in chosen]
     result = list(led)
     held: list[str] = []
     near: list[str] = []
     without: list[_Loop] = []
     middles: list[tuple[float, float]] = []
+    placed: dict[int, list[FloatArray]] = {}
     for group in _beside_each_other(loops, job.tool.diameter):
         first, ids = group[0], [loop.path.id for loop in group]
         wanted = operation.tabs or max(
             2, math.ceil(first.length / (operation.tab_spacing or math.inf) - 1e-9)
         )
-        places, close = _place(group, tab, wanted)
+        ideals = [(k + 0.5) / wanted * first.length for k in range(wanted)]
+        within = list(join.from_iterable(placed.get(k, []) for k in chosen[first.number]))
+        if len(within) == wanted:
+            # Where the kerfs meet, bridges hold only beside each other.
+            ideals = [nearest(first.round, point)[0] for point in within]
+        places, close = _place(group, tab, ideals)
         points = [point_at(first.round, place) for place in places]
+        placed[first.number] = points
         for loop in group:
             here = sorted(nearest(loop.round, point)[0] for point in points)
             result[loop.number] = _hold(loop, tab, here, job.tolerance.chord)
@@ -144,10 +160,53 @@ def _insist(job: Job) -> None:
         raise JobError("job", what, "operation.tabs", "leave them out")
 
 
+def _choose(planned: Sequence[ToolPath], job: Job) -> dict[int, list[int]]:
+    """The paths that have tabs, by number, each with the paths around parts within it; inner ones first."""
+    closed = [k for k, path in enumerate(planned) if _runs_round(path)]
+    outer = [k for k in closed if _cuts_out(planned[k])]
+    holes = [k for k in closed if k not in set(outer)]
+    if not outer:
+        return {k: [] for k in holes if _leaves_slug(planned[k], job)}
+    around = _find_around(planned, outer, holes)
+    return {k: [] for k in outer} | {k: around[k] for k in holes if around[k]}
+
+
+def _leaves_slug(path: ToolPath, job: Job) -> bool:
+    """Whether a slug is left within the path that is larger than a chip."""
+    import shapely  # noqa: PLC0415 (only for what needs it)
+
+    slug = shapely.buffer(_draw_room(path), -job.tool.radius)
+    return bool(shapely.area(shapely.get_parts(slug)).max(initial=0.0) >= job.tool.chip_area)
+
+
+def _draw_room(path: ToolPath) -> Any:
+    """The polygon within a closed path."""
+    import shapely  # noqa: PLC0415 (only for what needs it)
+
+    return shapely.Polygon(flatten(path_segments((path,)), _CHORD_MM)[0])
+
+
+def _find_around(
+    planned: Sequence[ToolPath], outer: Sequence[int], holes: Sequence[int]
+) -> dict[int, list[int]]:
+    """The paths around parts within each of the paths in holes."""
+    import shapely  # noqa: PLC0415 (only for what needs it)
+
+    rooms = np.array([_draw_room(planned[k]) for k in holes], dtype=object)
+    starts = shapely.points([planned[k].position[0, :2] for k in outer])
+    start, room = shapely.STRtree(rooms).query(starts, predicate="within")
+    around: dict[int, list[int]] = {k: [] for k in holes}
+    for i, row in zip(start.tolist(), room.tolist(), strict=True):
+        around[holes[row]].append(outer[i])
+    return around
+
+
+def _runs_round(path: ToolPath) -> bool:
+    return path.closed and path.operation == "follow" and len(path.position) >= 3
+
+
 def _cuts_out(path: ToolPath) -> bool:
-    """Whether ``path`` runs round the outside of what it works on: what it presses on is on its inner side."""
-    if not path.closed or path.operation != "follow" or len(path.position) < 3:
-        return False
+    """Whether a closed path runs round the outside of its contour: it presses on its inner side."""
     ahead = chain(path.position, path.via[1:]).tangents()[0][0]
     left = float(cross(ahead, path.force_direction[1, 0])[2])
     corners = np.empty((2 * len(path.position) - 1, 2))
@@ -205,10 +264,10 @@ def _corners(once: ToolPath, radius: float) -> FloatArray:
     )
 
 
-def _place(group: Sequence[_Loop], tab: _Tab, wanted: int) -> tuple[list[float], bool]:
+def _place(group: Sequence[_Loop], tab: _Tab, ideals: Sequence[float]) -> tuple[list[float], bool]:
     """The middles of the tabs, mm from the start of the first loop, and whether some had to be too near to corners.
 
-    All seams of the ``group`` are kept free.
+    ideals: where they should be. All seams of the ``group`` are kept free.
     """
     loop, places, near = group[0], list[float](), False
     length = loop.length
@@ -216,8 +275,7 @@ def _place(group: Sequence[_Loop], tab: _Tab, wanted: int) -> tuple[list[float],
     seams = [
         (start + one.seam[0], start + one.seam[1]) for start, one in zip(starts, group, strict=True)
     ]
-    for k in range(wanted):
-        ideal = (k + 0.5) / wanted * length
+    for ideal in ideals:
         others = [(place - 2 * tab.whole, place + 2 * tab.whole) for place in places]
         closed = _round([*seams, *others], length)
         clear = [
@@ -305,7 +363,7 @@ def _tell(
             )
         )
     elif not without:
-        why = "only what is followed on its outside, all round, comes loose"
+        why = "only a path all around a part, or a slug larger than a chip, has them"
         notes.append(Note("warning", "no tabs: no path cuts anything out", why))
     if near:
         why = "no place is as far from all corners as the tool's radius and half the tab's width"

@@ -29,6 +29,12 @@ if TYPE_CHECKING:
     from camgen.check.stock import Cut, StockProof
     from camgen.pipeline.programs import Checked, Posted, Request
 
+#: Settings that hold a piece.
+REMEDY_FOR_PIECES = (
+    "set operation.tabs, on the contours around it too, a depth that leaves a skin, stock.margin "
+    'to the stock around the drawing, or stock.held = "vacuum" or "tape"'
+)
+
 
 def prove_stock(
     asked: Plan, plan: Plan, tour: Tour, request: Request, checked: Checked, posted: Posted
@@ -38,7 +44,7 @@ def prove_stock(
     asked: the plan before anything was left out of it: what its other paths would take is told as left.
 
     NoSafeProgram for the first motion that cuts what must stay, or runs through material in rapid motion or with the
-    holder.
+    holder, and for the first piece that must be held and is not.
     """
     if isinstance(plan, (EdgePlan, ReplayPlan)) or plan.part.curves:
         return None
@@ -56,6 +62,7 @@ def prove_stock(
         design(tasks, job.stock, _sweep_lost(asked, tour, jobs)),
         dynamics_of(post, job) if states_rounding(post) else None,
         job.stock,
+        on_arm=not isinstance(request.cell.home, Pose),
     )
     if proof.refused:
         worst = proof.refused[0]
@@ -66,6 +73,8 @@ def prove_stock(
         )
         if worst.kind == "corner":
             remedy = remedy_for_corners(post, float(list_tolerances(tour, job)[:-1].min()))
+        if worst.kind == "unheld":
+            remedy = REMEDY_FOR_PIECES
         raise NoSafeProgram(worst.file, f"{worst.text}{more}", f"line {worst.line}", remedy)
     return proof
 
@@ -209,7 +218,7 @@ def report_operations(
         found["stock"] = {
             "removed_mm3": round(proof.volume, 1),
             "excess_mm3": round(proof.excess, 1),
-            "loose": [one.text for one in proof.loose if one.serious],
+            "loose": [fault.text for fault in proof.loose],
             "rounded_corners_mm": None if proof.bite is None else round(proof.bite, 4),
             "not_judged": list(proof.notes),
             "set_up": {

@@ -251,7 +251,10 @@ def _cut(loops: _Loops, kinds: _Sorted, rack: ToolRack) -> Iterator[tuple[Propos
             loops, rows, {"side": "inside", "depth": loops.thickness / 2}, what, rack
         )
     what = counted(len(kinds.inner), "contour") + " inside others"
-    yield from _follow(loops, kinds.inner, {"depth": through}, what, rack)
+    # Parts in windows are held by tabs, and the windows around them too.
+    is_part = loops.nesting.depth[[*kinds.inner, *kinds.bores]] % 2 == 0
+    tabs = {"tabs": TABS} if is_part.any() else {}
+    yield from _follow(loops, kinds.inner, {"depth": through, **tabs}, what, rack)
     what = counted(len(kinds.outer), "outline")
     yield from _follow(loops, kinds.outer, {"depth": through, "tabs": TABS}, what, rack)
 

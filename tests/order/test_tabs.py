@@ -254,10 +254,31 @@ def test_holes_and_what_is_traced_inside_have_none() -> None:
     outline = middle(next(path for path in result.tour.paths if path.id == "c1"))
     assert len(note.places) == 3
     assert all(outline.distance(shapely.Point(place)) < 1e-3 for place in note.places)
+
+
+def test_an_operation_of_holes_alone_holds_their_slugs() -> None:
     inside = built([circle(30, 30, 12)], tabs=3, side="inside")
     assert [note.what for note in inside.notes if "tab" in note.what] == [
-        "no tabs: no path cuts anything out"
+        "3 tabs of 5 x 1.5 mm on c1"
     ]
+
+
+def test_a_part_in_a_window_and_the_window_have_tabs_beside_each_other() -> None:
+    shapes = [rounded(120, 100, 12), circle(60, 50, 36, "c2"), circle(60, 50, 20, "c3")]
+    result = built([*shapes, circle(15, 15, 8, "c4")], tabs=3)
+    paths = {path.id: path for path in result.tour.paths}
+    assert {name: path.floor is not None for name, path in paths.items()} == {
+        "c1": True, "c2": True, "c3": True, "c4": False,
+    }  # fmt: skip
+    angles = []
+    for name in ("c2", "c3"):
+        floor = paths[name].floor
+        assert floor is not None
+        x, y = (paths[name].position[floor > floor.min()][:, :2] - [60, 50]).T
+        angles.append(np.degrees(np.arctan2(y, x)))
+    # Each tab of the window stands beside one of the part, as seen from their common middle.
+    gaps = np.abs((angles[0][:, None] - angles[1] + 180) % 360 - 180).min(axis=1)
+    assert gaps.max() < 15
 
 
 @pytest.mark.parametrize("direction", ["climb", "conventional"])

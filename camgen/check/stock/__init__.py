@@ -7,7 +7,7 @@ where they cut what must stay, run through material in rapid motion or with the 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal
+from typing import Any, Literal
 
 from msgspec import Struct
 from msgspec.structs import replace
@@ -17,8 +17,8 @@ from camgen.check.stock.corners import Bite, find_bites
 from camgen.check.stock.design import Design, Task, design, show_stay, task_on
 from camgen.check.stock.gouge import Gouge, find_gouges
 from camgen.check.stock.heights import Grid, carve
-from camgen.check.stock.loose import Loose, find_loose
 from camgen.check.stock.moves import TOLERANCE_MM, Cut, Moves, Stated, tabulate
+from camgen.check.stock.pieces import MissingTabs, Piece, Pieces, find_pieces
 from camgen.check.stock.removal import MOST_LEVELS, Level, find_levels, remove
 from camgen.check.stock.set_up import Breach, SetUp, check_set_up
 from camgen.check.stock.spindle import WrongSpindle, check_spindles, follow_spindles
@@ -45,7 +45,7 @@ __all__ = [
 ]
 
 _NO_STOCK = StockTable()
-FaultKind = Literal["gouge", "corner", "rapid", "holder", "spindle", "loose"]
+FaultKind = Literal["gouge", "corner", "rapid", "holder", "spindle", "unheld", "loose"]
 
 
 class Fault(Struct, frozen=True):
@@ -55,7 +55,7 @@ class Fault(Struct, frozen=True):
     line: line of the motion in the text, from 1.
     file: name of the text.
     x, y, z: place, mm.
-    mm: depth in the material; 0 for a part that comes loose.
+    mm: depth in the material; 0 for a piece that comes loose.
     text: the fault in words.
     cut: number of its `Cut`.
     serious: False for a remark.
@@ -81,12 +81,14 @@ class StockProof(Struct, frozen=True, eq=False):
     rapids: rapid motions in material.
     holders: motions with the holder in material.
     spindles: motions in material with a spindle at rest, to the left or too fast.
-    loose: parts that come loose.
+    unheld: parts that nothing holds, and bridges that are not there though the job asks for them.
+    loose: other pieces that come loose.
     levels: levels of the stock, from the top.
     volumes: mm3 that each cut removes first.
     notes: parts of the proof that are missing, with the reasons.
     set_up: limits of tools and stock that the cuts exceed.
     grid: heights, for a job with too many levels, else None.
+    pieces: pieces that come loose, with their shapes.
     bite: largest depth, mm, to which rounded corners cut material that must stay. None: the
         rounding is not modelled, and the proof is of the programmed path only.
     """
@@ -96,25 +98,31 @@ class StockProof(Struct, frozen=True, eq=False):
     rapids: tuple[Fault, ...]
     holders: tuple[Fault, ...]
     spindles: tuple[Fault, ...]
+    unheld: tuple[Fault, ...]
     loose: tuple[Fault, ...]
     levels: tuple[Level, ...]
     volumes: tuple[float, ...]
     notes: tuple[str, ...]
     set_up: SetUp
     grid: Grid | None = None
+    pieces: Pieces = Pieces()
     bite: float | None = None
 
     @property
     def faults(self) -> tuple[Fault, ...]:
         """In order of cut and line."""
         cutting = (*self.gouges, *self.corners, *self.rapids, *self.holders)
-        faults = (*cutting, *self.spindles, *self.loose)
+        faults = (*cutting, *self.spindles, *self.unheld, *self.loose)
         return tuple(sorted(faults, key=lambda fault: (fault.cut, fault.line)))
 
     @property
     def refused(self) -> tuple[Fault, ...]:
-        """The faults for which a program is refused: all but parts that come loose."""
-        return tuple(fault for fault in self.faults if fault.kind != "loose")
+        """The faults for which a program is refused: all but pieces that may come loose.
+
+        Cuts into what must stay come before pieces that nothing holds.
+        """
+        cutting = (fault for fault in self.faults if fault.kind not in ("unheld", "loose"))
+        return (*cutting, *self.unheld)
 
     @property
     def volume(self) -> float:
@@ -134,11 +142,16 @@ def prove(
     design: Design,
     dynamics: Dynamics | None = None,
     stock: StockTable = _NO_STOCK,
+    clamped: Any = None,
+    *,
+    on_arm: bool = False,
 ) -> StockProof:
     """The proof of `cuts`, one after the other, on the stock of `design`.
 
     dynamics: dynamics of the controller. None: it is not known how it rounds corners.
-    stock: stock of the job, for the limits of the set-up.
+    stock: stock of the job, for the limits of the set-up and the hold of pieces.
+    clamped: polygons under clamps, mm, which hold pieces that reach into them. None: no clamps.
+    on_arm: whether an arm runs the program. Then pieces may come loose.
     """
     bites = [] if dynamics is None else find_bites(cuts, design, dynamics)
     deepest = None if dynamics is None else max((bite.mm for bite in bites), default=0.0)
@@ -153,6 +166,10 @@ def prove(
         volumes = grid.volumes
     else:
         levels, volumes = remove(moves, cuts, design, depths)
+    pieces = find_pieces(gone, design, clamped, drops=on_arm)
+    freed = [_loose(moves, cuts, piece, stock) for piece in pieces.loose]
+    if not on_arm and stock.held == "frame":
+        freed += [_missing(moves, cuts, tabs) for tabs in pieces.missing]
     running = follow_spindles(cuts)
     spindles = check_spindles(cuts, running)
     notes = [*design.notes, *_notes(moves, unseen)]
@@ -166,12 +183,14 @@ def prove(
         rapids=tuple(_rapid(moves, cuts, one) for one in find_rapids(gone, design)),
         holders=tuple(_holder(moves, cuts, one) for one in holders),
         spindles=tuple(_spindle(cuts, each) for each in spindles.wrong),
-        loose=tuple(_loose(moves, cuts, one) for one in find_loose(gone, design)),
+        unheld=tuple(fault for fault in freed if fault.kind == "unheld"),
+        loose=tuple(fault for fault in freed if fault.kind == "loose"),
         levels=levels,
         volumes=volumes,
         notes=tuple(notes),
         set_up=check_set_up(gone, design, stock, running),
         grid=grid,
+        pieces=pieces,
         bite=deepest,
     )
 
@@ -239,14 +258,35 @@ def _holder(moves: Moves, cuts: Sequence[Cut], one: Struck) -> Fault:
     return _fault(moves, cuts, "holder", one, text)
 
 
-def _loose(moves: Moves, cuts: Sequence[Cut], one: Loose) -> Fault:
-    text = f"the part within {one.contour} comes loose"
-    if one.again >= 0:
-        text += f" before its last cut, which begins at line {int(moves.line[one.again])}"
-    elif one.tabs:
-        text += ": no bridge is left that holds it"
+def _loose(moves: Moves, cuts: Sequence[Cut], piece: Piece, stock: StockTable) -> Fault:
+    """A piece that comes loose: refused where it is a part, or bridges should hold it."""
+    length, width = piece.size
+    within = f"within {piece.contour}" if piece.contour else "outside of all contours"
+    name = f"the part {within}"
+    if piece.kind == "slug":
+        name = f"a slug of {short(length, 1)} x {short(width, 1)} mm {within}"
+    z = float(moves.end[piece.row, 2])
+    place = f", {_at((*piece.place, z))}"
+    is_held = stock.held != "frame" and not piece.drops
+    must_hold = not is_held and not piece.drops and (piece.kind == "part" or piece.tabs)
+    if is_held:
+        text = f"{name} is cut free{place}: {stock.held} holds it"
+    elif piece.again >= 0:
+        again = int(moves.line[piece.again])
+        text = f"{name} comes loose before its last cut, which begins at line {again}{place}"
     else:
-        text += " at its last cut"
-    freed = Struck(one.row, to_vec3(moves.end[one.row]), 0.0, 0.0)
-    fault = _fault(moves, cuts, "loose", freed, text)
-    return replace(fault, serious=one.again >= 0 or one.tabs)
+        text = f"{name} comes loose at its last cut{place}"
+    if must_hold:
+        text += ": no bridge is left that holds it" if piece.tabs else ": nothing holds it"
+    freed = Struck(piece.row, (*piece.place, z), 0.0, 0.0)
+    fault = _fault(moves, cuts, "unheld" if must_hold else "loose", freed, text)
+    is_serious = must_hold or piece.again >= 0 or piece.tabs
+    return replace(fault, serious=is_serious and not is_held)
+
+
+def _missing(moves: Moves, cuts: Sequence[Cut], tabs: MissingTabs) -> Fault:
+    bridges = counted(tabs.count, "bridge") if tabs.count else "no bridge"
+    text = f"{bridges} on {tabs.contour}, the job asks for {tabs.wanted}"
+    return _fault(
+        moves, cuts, "unheld", Struck(tabs.row, to_vec3(moves.end[tabs.row]), 0.0, 0.0), text
+    )

@@ -12,6 +12,7 @@ from camgen.cli import main
 JOB = """\
 [stock]
 thickness = 5.0
+held = "tape"
 [process]
 spindle = 9000
 [tool]
