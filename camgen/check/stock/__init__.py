@@ -285,8 +285,7 @@ def _loose(moves: Moves, cuts: Sequence[Cut], piece: Piece, stock: StockTable) -
 
 
 def _missing(moves: Moves, cuts: Sequence[Cut], tabs: MissingTabs) -> Fault:
-    bridges = counted(tabs.count, "bridge") if tabs.count else "no bridge"
-    text = f"{bridges} on {tabs.contour}, the job asks for {tabs.wanted}"
+    text = f"{counted(tabs.count, 'bridge')} on {tabs.contour}, the job asks for {tabs.wanted}"
     return _fault(
         moves, cuts, "unheld", Struck(tabs.row, to_vec3(moves.end[tabs.row]), 0.0, 0.0), text
     )

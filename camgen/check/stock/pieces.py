@@ -142,7 +142,11 @@ def _find_rim(gone: Gone, design: Design, cut: Any, through: IntArray, bottom: f
         *shapely.buffer(near, wide, quad_segs=QUARTER),
         *shapely.buffer(kerfs, 2 * _REACHED_MM, quad_segs=2),
     ]
-    return shapely.difference(rim, unite(closed)) if closed else rim
+    if not closed:
+        return rim
+    lines = shapely.get_parts(shapely.line_merge(shapely.difference(rim, unite(closed))))
+    # A corner of the rim that is shorter than the tool is wide holds nothing.
+    return shapely.multilinestrings(lines[shapely.length(lines) >= wide])
 
 
 def _widest(gone: Gone, rows: IntArray) -> float:
@@ -221,7 +225,9 @@ class _Finder(Struct, frozen=True, eq=False):
         tool = gone.cuts[int(gone.moves.cut[row])].tool
         if not is_part and shape.area < tool.chip_area:
             return None
-        inside = shapely.point_on_surface(shape)
+        inside = shapely.centroid(shape)
+        if not shapely.contains_properly(shape, inside):
+            inside = shapely.point_on_surface(shape)
         contours = self._find_contours(shape, inside, is_part)
         return Piece(
             "part" if is_part else "slug",
@@ -347,7 +353,7 @@ class _Loop(Struct, frozen=True, eq=False):
 
 
 def _find_missing_tabs(design: Design, cut: Any, find: _Finder) -> tuple[MissingTabs, ...]:
-    """The contours that are cut through all around with fewer bridges than the job asks for."""
+    """The contours that are cut through all around with some, but not all, of their bridges."""
     kerfs = shapely.get_parts(cut)
     tree = shapely.STRtree(kerfs)
 
@@ -370,7 +376,8 @@ def _find_missing_tabs(design: Design, cut: Any, find: _Finder) -> tuple[Missing
             continue
         count = int((lengths >= _BRIDGE * operation.tab_width).sum())
         wanted, length = loop.tabbed.count(loop.line.length), loop.line.length
-        if count >= wanted or length <= find_tab_room(operation, tool.diameter, count):
+        # Without any bridge the piece itself is loose.
+        if not 0 < count < wanted or length <= find_tab_room(operation, tool.diameter, count):
             continue
         rows = find.near(loop.line, operation.finish + _BEYOND_MM)
         name = design.cells.ids[loop.tabbed.loop]
