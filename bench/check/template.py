@@ -15,6 +15,7 @@ import tomllib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 from unittest.mock import patch
 
 from msgspec import Struct
@@ -24,9 +25,8 @@ from bench.machine import machine
 from bench.support.runner import SHARED, Table, find_files
 from camgen.check.stock import TOLERANCE_MM, Cut, Design, Level, StockProof, prove
 from camgen.cli.init import Chosen, template
-from camgen.model.cell import Dynamics
 from camgen.model.errors import CamgenError
-from camgen.model.job import InputTable, Job, StockTable
+from camgen.model.job import InputTable, Job
 from camgen.pipeline import Result, build
 from camgen.plan.propose import propose
 from camgen.read import read
@@ -124,11 +124,9 @@ def _remember() -> Iterator[list[Proven]]:
     """What the proofs of builds look at."""
     kept: list[Proven] = []
 
-    def keep(
-        cuts: Sequence[Cut], design: Design, dynamics: Dynamics | None, stock: StockTable
-    ) -> StockProof:
+    def keep(cuts: Sequence[Cut], design: Design, *settings: Any, **more: Any) -> StockProof:
         kept.append(Proven(cuts, design))
-        return prove(cuts, design, dynamics, stock)
+        return prove(cuts, design, *settings, **more)
 
     with patch.object(sys.modules["camgen.check.stock"], "prove", keep):
         yield kept

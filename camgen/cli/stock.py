@@ -195,7 +195,7 @@ def _sum(proof: StockProof) -> str:
             proof.holders,
         ),
         ("cut with a wrong spindle", "cuts with a wrong spindle", proof.spindles),
-        ("piece that is not held", "pieces that are not held", proof.unheld),
+        ("part or bridge that does not hold", "parts or bridges that do not hold", proof.unheld),
     )
     found = [counted(len(faults), one, many) for one, many, faults in kinds if faults]
     faults = ", ".join(found) or "no gouge, no rapid motion in material"

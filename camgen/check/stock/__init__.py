@@ -167,7 +167,7 @@ def prove(
     else:
         levels, volumes = remove(moves, cuts, design, depths)
     pieces = find_pieces(gone, design, clamped, drops=on_arm)
-    freed = [_loose(moves, cuts, piece, stock) for piece in pieces.loose]
+    freed = [_loose(moves, cuts, piece, stock, pieces.has_frame) for piece in pieces.loose]
     if not on_arm and stock.held == "frame":
         freed += [_missing(moves, cuts, tabs) for tabs in pieces.missing]
     running = follow_spindles(cuts)
@@ -258,7 +258,9 @@ def _holder(moves: Moves, cuts: Sequence[Cut], one: Struck) -> Fault:
     return _fault(moves, cuts, "holder", one, text)
 
 
-def _loose(moves: Moves, cuts: Sequence[Cut], piece: Piece, stock: StockTable) -> Fault:
+def _loose(
+    moves: Moves, cuts: Sequence[Cut], piece: Piece, stock: StockTable, has_frame: bool
+) -> Fault:
     """A piece that comes loose: refused where it is a part, or bridges should hold it."""
     length, width = piece.size
     within = f"within {piece.contour}" if piece.contour else "outside of all contours"
@@ -276,7 +278,9 @@ def _loose(moves: Moves, cuts: Sequence[Cut], piece: Piece, stock: StockTable) -
         text = f"{name} comes loose before its last cut, which begins at line {again}{place}"
     else:
         text = f"{name} comes loose at its last cut{place}"
-    if must_hold:
+    if must_hold and not has_frame:
+        text += ": the kerfs leave no frame of the stock that could hold it"
+    elif must_hold:
         text += ": no bridge is left that holds it" if piece.tabs else ": nothing holds it"
     freed = Struck(piece.row, (*piece.place, z), 0.0, 0.0)
     fault = _fault(moves, cuts, "unheld" if must_hold else "loose", freed, text)

@@ -8,7 +8,8 @@ Bridges, onion skins and floors of pockets are material like any other.
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from collections.abc import Iterator, Sequence
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import shapely
@@ -90,10 +91,12 @@ class Pieces(Struct, frozen=True, eq=False):
 
     loose: pieces that nothing holds, in the order in which they are freed.
     missing: contours without all of their bridges.
+    has_frame: whether the kerfs leave stock that reaches its rim.
     """
 
     loose: tuple[Piece, ...] = ()
     missing: tuple[MissingTabs, ...] = ()
+    has_frame: bool = True
 
 
 def find_pieces(gone: Gone, design: Design, held: Any = None, *, drops: bool = False) -> Pieces:
@@ -113,7 +116,8 @@ def find_pieces(gone: Gone, design: Design, held: Any = None, *, drops: bool = F
     material = shapely.buffer(shapely.difference(design.outline, cut), -_THREAD_MM, quad_segs=1)
     pieces = shapely.get_parts(material)
     pieces = pieces[~shapely.is_empty(pieces)]
-    free = pieces[~_are_held(pieces, _find_rim(gone, design, cut, through, bottom), held)]
+    rim = _find_rim(gone, design, cut, through, bottom)
+    free = pieces[~_are_held(pieces, rim, held)]
     find = _make_finder(gone, design, bottom, through, drops)
     loose = []
     for shape, is_part in _sort(free, design, bottom):
@@ -121,7 +125,8 @@ def find_pieces(gone: Gone, design: Design, held: Any = None, *, drops: bool = F
         if piece is not None:
             loose.append(piece)
     missing = _find_missing_tabs(design, cut, find)
-    return Pieces(tuple(sorted(loose, key=lambda piece: piece.row)), missing)
+    loose.sort(key=lambda piece: piece.row)
+    return Pieces(tuple(loose), missing, not rim.is_empty)
 
 
 def _find_rim(gone: Gone, design: Design, cut: Any, through: IntArray, bottom: float) -> Any:
@@ -386,30 +391,64 @@ def _find_missing_tabs(design: Design, cut: Any, find: _Finder) -> tuple[Missing
 
 
 def _find_loops(design: Design) -> list[_Loop]:
-    """The ways with bridges. A way in a hole is left out if it comes near to a part in it."""
-    rings = design.cells.rings
+    """The ways with bridges."""
     loops: list[_Loop] = []
     jobs = {id(tabbed.job): tabbed.job for tabbed in design.tabbed}
     for key, job in jobs.items():
         members = [tabbed for tabbed in design.tabbed if id(tabbed.job) == key]
-        outer = [tabbed for tabbed in members if not tabbed.inside]
-        radius = job.tool.radius
-        shapes = np.array([rings[tabbed.loop] for tabbed in outer], dtype=object)
-        wide = shapely.buffer(shapes, radius, quad_segs=QUARTER)
-        joined = shapely.get_parts(unite(wide)) if len(wide) else wide
-        which, member = shapely.STRtree(wide).query(joined, predicate="intersects")
-        for k, group in enumerate(joined):
-            first = outer[int(member[which == k][0])]
-            loops.append(_Loop(shapely.get_exterior_ring(group), first))
-        lines = {outer[i].loop: shapely.boundary(wide[i]) for i in range(len(outer))}
+        kerfs = _widen(design, [tabbed for tabbed in members if not tabbed.inside])
+        loops += _find_ways_outside(kerfs)
         for tabbed in members:
-            if not tabbed.inside:
-                continue
-            around = tuple(lines[loop] for loop in tabbed.around)
-            rooms = shapely.get_parts(
-                shapely.buffer(rings[tabbed.loop], -radius, quad_segs=QUARTER)
-            )
-            for line in shapely.get_exterior_ring(rooms):
-                if not shapely.intersects(wide, line).any():
-                    loops.append(_Loop(line, tabbed, around))
+            if tabbed.inside:
+                loops += _find_ways_inside(design, tabbed, job.tool.radius, kerfs)
     return loops
+
+
+class _Kerfs(NamedTuple):
+    """Outlines in one cell of the drawing.
+
+    tabbed: the outlines.
+    shapes: each of them out to the middle of the kerf around it.
+    """
+
+    tabbed: list[Tabbed]
+    shapes: Shapes
+
+
+def _widen(design: Design, outlines: Sequence[Tabbed]) -> dict[int, _Kerfs]:
+    """The kerfs around outlines, by the cell in which they are."""
+    cells = design.cells
+    by_cell: dict[int, list[Tabbed]] = {}
+    for tabbed in outlines:
+        by_cell.setdefault(int(cells.parent[tabbed.loop]), []).append(tabbed)
+    kerfs = {}
+    for cell, group in by_cell.items():
+        rings = cells.rings[[tabbed.loop for tabbed in group]]
+        shapes = shapely.buffer(rings, group[0].job.tool.radius, quad_segs=QUARTER)
+        kerfs[cell] = _Kerfs(group, np.asarray(shapes))
+    return kerfs
+
+
+def _find_ways_outside(kerfs: dict[int, _Kerfs]) -> Iterator[_Loop]:
+    """The ways around outlines. Outlines that are near to each other have one way around them."""
+    for group, shapes in kerfs.values():
+        joined = shapely.get_parts(unite(shapes))
+        member, union = shapely.STRtree(joined).query(shapes, predicate="intersects")
+        first = dict(zip(union[::-1].tolist(), member[::-1].tolist(), strict=True))
+        for k, shape in enumerate(joined):
+            yield _Loop(shapely.get_exterior_ring(shape), group[first[k]])
+
+
+def _find_ways_inside(
+    design: Design, tabbed: Tabbed, radius: float, kerfs: dict[int, _Kerfs]
+) -> Iterator[_Loop]:
+    """The ways in a hole, without those that come near to a part in it."""
+    around: list[Any] = []
+    for group, shapes in kerfs.values():
+        chosen = [k for k, outline in enumerate(group) if outline.loop in tabbed.around]
+        around += shapely.boundary(shapes[chosen]).tolist()
+    within = kerfs[tabbed.loop].shapes if tabbed.loop in kerfs else np.zeros(0, object)
+    room = shapely.buffer(design.cells.rings[tabbed.loop], -radius, quad_segs=QUARTER)
+    for line in shapely.get_exterior_ring(shapely.get_parts(room)):
+        if not shapely.intersects(within, line).any():
+            yield _Loop(line, tabbed, tuple(around))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import random
+import re
 from collections.abc import Sequence
 from typing import Any
 
@@ -15,9 +16,10 @@ import camgen
 from camgen.check.stock import Cut, StockProof, Task, design, prove
 from camgen.check.stock.pieces import find_pieces
 from camgen.model.errors import NoSafeProgram
-from camgen.model.job import StockTable, ToolTable
+from camgen.model.job import Job, StockTable, ToolTable
 from camgen.model.part import Contour, Part
 from camgen.model.program import Instruction
+from camgen.pipeline.assumptions import note_pieces
 from tests.check.stock.test_stock import MILL, around, circle, disc, feed, part, rapid, square, task
 from tests.support import drawn
 from tests.support.flood import Region, find_loose
@@ -151,7 +153,7 @@ def test_a_bridge_to_no_stock_holds_nothing(margin: float, held: str, is_refused
     contours = [drawn.rectangle(0, 0, 40, 40, "c1")]
     changes = {"stock__margin": margin, "stock__held": held, "operation__tabs": 3}
     if is_refused:
-        with pytest.raises(NoSafeProgram, match=r"no bridge is left.*stock\.margin"):
+        with pytest.raises(NoSafeProgram, match=r"leave no frame of the stock.*stock\.margin"):
             build(contours, **changes)
     else:
         assert build(contours, **changes).proof is not None
@@ -170,7 +172,7 @@ def test_the_outline_of_the_stock_is_the_frame(room: float, is_refused: bool) ->
         "stock": {"thickness": THICKNESS, "layer": "stock"},
     }
     if is_refused:
-        with pytest.raises(NoSafeProgram, match="no bridge is left"):
+        with pytest.raises(NoSafeProgram, match="leave no frame of the stock"):
             camgen.build(whole, post="gcode", job=job)
     else:
         assert camgen.build(whole, post="gcode", job=job).proof is not None
@@ -263,6 +265,46 @@ def test_a_tab_that_is_not_there_is_counted() -> None:
     assert judge(lift(10.0, 4.0), tasks=[single]).unheld == ()
     (fault,) = judge(WAY, tasks=[single]).unheld
     assert fault.text.endswith("no bridge is left that holds it")
+
+
+def test_what_is_left_and_should_be_gone_is_left_out() -> None:
+    # The job asks for no bridge.
+    (note,) = note_pieces(judge(lift(10.0, 5.0)), Job())
+    assert (note.kind, note.fails_strict) == ("skipped", True)
+    match = re.match(r"([\d.]+) mm2 not cut at z -5, up to ([\d.]+) mm wide", note.what)
+    assert match
+    # The strip of 6 mm is 5 mm long in its middle, and longer by what the round tool leaves.
+    round_mm2 = 2 * (3 * 6 - math.pi * 9 / 2)
+    assert float(match[1]) == pytest.approx(5 * 6 + round_mm2, abs=0.1)
+    assert note_pieces(judge(WAY, tasks=[OUTLINE]), Job()) == ()
+
+
+def test_a_tab_of_a_window_and_of_its_part_is_counted() -> None:
+    drawing = part(square("c1", -60, 60), square("c2", -40, 40), square("c3", -20, 20))
+    wanted = task(drawing, tabs=2, tab_width=4.0)
+    window = [(-37, -37), (37, -37), (37, 37), (-37, 37), (-37, -37)]
+    passes = {
+        "c1": around(-60, 60, 3.0, -5.0),
+        "c2": [rapid(-37, -37, 5), *(feed(x, y, -5) for x, y in window)],
+        "c3": around(-20, 20, 3.0, -5.0),
+    }
+    for name in passes:
+        bodies = []
+        for contour, body in passes.items():
+            bridges = 1 if contour == name else 2
+            bodies.append([*lift_again(body, contour, bridges), rapid(0, 0, 20)])
+        faults = judge(*bodies, tasks=[wanted]).unheld
+        assert [fault.text for fault in faults] == [f"1 bridge on {name}, the job asks for 2"]
+
+
+def lift_again(body: Sequence[Instruction], contour: str, count: int) -> list[Instruction]:
+    """The way around a contour with bridges of 4 mm on its first line."""
+    y = {"c1": -63.0, "c2": -37.0, "c3": -23.0}[contour]
+    lifted = list(body[:2])
+    for x in (-15.0, 5.0)[:count]:
+        heights = ((x, -5), (x, -4), (x + 10, -4), (x + 10, -5))
+        lifted += [feed(place, y, z) for place, z in heights]
+    return [*lifted, *body[2:]]
 
 
 def test_a_slug_to_which_the_tool_comes_back_is_serious_and_not_refused() -> None:
