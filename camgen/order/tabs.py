@@ -41,6 +41,8 @@ _CORNER = math.radians(5)
 _POINT = 1e-3
 #: Curves as chords that leave them by at most this, mm, where only the inside matters.
 _CHORD_MM = 0.01
+#: Distance of the places of a loop at which other paths are looked for, mm.
+_LOOK_MM = 0.5
 #: Points of a loop are found again within this, mm.
 _FOUND = 1e-4
 
@@ -106,7 +108,8 @@ def add_tabs(
         if len(within) == wanted:
             # Where the kerfs meet, bridges hold only beside each other.
             ideals = [nearest(first.round, point)[0] for point in within]
-        places, close = _place(group, tab, ideals)
+        crowded = _find_crowded(first.round, group, planned, job.tool.diameter)
+        places, close = _place(group, tab, ideals, crowded)
         points = [point_at(first.round, place) for place in places]
         placed[first.number] = points
         for loop in group:
@@ -161,7 +164,7 @@ def _insist(job: Job) -> None:
 
 
 def _choose(planned: Sequence[ToolPath], job: Job) -> dict[int, list[int]]:
-    """The paths that have tabs, by number, each with the paths around parts within it; inner ones first."""
+    """The paths that have tabs, inner ones first, each with the paths around parts within it."""
     closed = [k for k, path in enumerate(planned) if _runs_round(path)]
     outer = [k for k in closed if _cuts_out(planned[k])]
     holes = [k for k in closed if k not in set(outer)]
@@ -183,7 +186,8 @@ def _draw_room(path: ToolPath) -> Any:
     """The polygon within a closed path."""
     import shapely  # noqa: PLC0415 (only for what needs it)
 
-    return shapely.Polygon(flatten(path_segments((path,)), _CHORD_MM)[0])
+    points = flatten(path_segments((path,)), _CHORD_MM)[0]
+    return shapely.Polygon(points) if len(points) > 2 else shapely.Polygon()
 
 
 def _find_around(
@@ -264,10 +268,49 @@ def _corners(once: ToolPath, radius: float) -> FloatArray:
     )
 
 
-def _place(group: Sequence[_Loop], tab: _Tab, ideals: Sequence[float]) -> tuple[list[float], bool]:
-    """The middles of the tabs, mm from the start of the first loop, and whether some had to be too near to corners.
+def _find_crowded(
+    once: ToolPath, group: Sequence[_Loop], planned: Sequence[ToolPath], distance: float
+) -> list[tuple[float, float]]:
+    """Stretches of a loop at which another path is nearer than a kerf and cuts tabs off, mm."""
+    import shapely  # noqa: PLC0415 (only for what needs it)
 
-    ideals: where they should be. All seams of the ``group`` are kept free.
+    members = {loop.number for loop in group}
+    others = [path for k, path in enumerate(planned) if k not in members]
+    lines = np.array([_draw_line(path) for path in others], dtype=object)
+    near = lines[shapely.STRtree(lines).query(_draw_line(once), "dwithin", distance=distance)]
+    if not len(near):
+        return []
+    length = float(lengths_along(once)[-1])
+    places = np.linspace(0.0, length, max(2, math.ceil(length / _LOOK_MM)) + 1)
+    points = shapely.points([point_at(once, place)[:2] for place in places.tolist()])
+    close = shapely.distance(shapely.union_all(near), points) < distance
+    step = float(places[1])
+    return [(place - step, place + step) for place in places[close].tolist()]
+
+
+def _draw_line(path: ToolPath) -> Any:
+    """A path, seen from above."""
+    import shapely  # noqa: PLC0415 (only for what needs it)
+
+    last = path.position[-1:, :2]
+    if len(path.position) == 1:
+        return shapely.Point(last[0])
+    points, _ = flatten(path_segments((path,)), _CHORD_MM)
+    return shapely.LineString(np.concatenate([points, last]))
+
+
+def _place(
+    group: Sequence[_Loop],
+    tab: _Tab,
+    ideals: Sequence[float],
+    crowded: Sequence[tuple[float, float]],
+) -> tuple[list[float], bool]:
+    """The middles of the tabs, mm from the start of the first loop, and whether some are near corners.
+
+    All seams of the `group` are kept free.
+
+    ideals: places that the tabs should have, mm.
+    crowded: stretches to avoid if there is another place, mm.
     """
     loop, places, near = group[0], list[float](), False
     length = loop.length
@@ -282,7 +325,10 @@ def _place(group: Sequence[_Loop], tab: _Tab, ideals: Sequence[float]) -> tuple[
             *closed,
             *_round([(a - tab.top, b + tab.top) for a, b in loop.corners.tolist()], length),
         ]
-        place = _nearest(ideal, clear, length)
+        taken = _round([(a - tab.whole, b + tab.whole) for a, b in crowded], length)
+        place = _nearest(ideal, [*clear, *taken], length)
+        if place is None:
+            place = _nearest(ideal, clear, length)
         if place is None:
             place = _farthest(ideal, closed, loop.corners, length)
             near |= place is not None

@@ -489,3 +489,23 @@ def test_neighbours_have_tabs_of_their_own() -> None:
     assert text.startswith("8 tabs of 5 x 1.5 mm on c")
     for number in (0, 1):
         assert len(bridges(result, -2.5 - 1e-6, number)) == 4
+
+
+def test_tabs_keep_away_from_the_kerf_of_a_neighbour() -> None:
+    """Two outlines 9 mm apart: kerfs of 6 mm meet between them, and a tab there holds nothing."""
+    shapes = [rounded(60, 60, 6), drawn_at(rounded(60, 60, 6, "c2"), 69, 0)]
+    result = built(shapes, tabs=3)
+    (note,) = [note for note in result.notes if "tabs of" in note.what]
+    assert len(note.places) == 6
+    # The tool's centre runs at 63 mm and at 66 mm there, from 6 mm to 54 mm.
+    assert not [place for place in note.places if 60 < place[0] < 69 and 3 < place[1] < 57]
+
+
+def drawn_at(shape, x, y):
+    return replace(shape, points=frozen(shape.points + np.array([x, y])))
+
+
+def test_a_hole_without_a_slug_has_no_tab() -> None:
+    """A path that is as short as this encloses nothing."""
+    result = built([circle(30, 30, 3.02)], tabs=1, side="inside")
+    assert [path.floor for path in result.tour.paths] == [None]
