@@ -152,7 +152,7 @@ def main(runs: int, circles: int, slots: int, peer: str) -> None:
         drawing = str(Path(folder) / "plate.dxf")
         draw(drawing, circles, slots)
         found = [measure(drawing) for _ in range(runs)]
-        plate = {**JOB, "stock": {"thickness": DEPTH, "material": "aluminium"}}
+        plate = {**JOB, "stock": {"thickness": DEPTH, "material": "aluminium", "held": "tape"}}
         motor = tomllib.loads((ROOT / "fixtures/cases/motor-plate/job.toml").read_text())
         motor["stock"]["material"] = "aluminium"
         builds = {

@@ -256,8 +256,13 @@ SEEDS: dict[str, Seed] = {
 
 
 def found_of(proof: StockProof) -> bool:
-    """Whether the proof would refuse the program, or warns of a part that comes loose."""
-    return any(fault.serious for fault in proof.faults)
+    """Whether the proof would refuse the program, or warns of a part that comes loose too early.
+
+    Parts of scenes without tabs may come loose at their last cut.
+    """
+    cuts_wrong = any(fault.kind not in ("unheld", "loose") for fault in proof.refused)
+    is_early = any(piece.again >= 0 or piece.tabs for piece in proof.pieces.loose)
+    return cuts_wrong or is_early or bool(proof.pieces.missing)
 
 
 def main(count: int, seed: int) -> int:

@@ -124,9 +124,9 @@ def _remember() -> Iterator[list[Proven]]:
     """What the proofs of builds look at."""
     kept: list[Proven] = []
 
-    def keep(cuts: Sequence[Cut], design: Design, *settings: Any) -> StockProof:
+    def keep(cuts: Sequence[Cut], design: Design, *settings: Any, **more: Any) -> StockProof:
         kept.append(Proven(cuts, design))
-        return prove(cuts, design, *settings)
+        return prove(cuts, design, *settings, **more)
 
     with patch.object(sys.modules["camgen.check.stock"], "prove", keep):
         yield kept

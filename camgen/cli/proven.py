@@ -18,6 +18,7 @@ class Proven(NamedTuple):
     reading: instructions of its text.
     post: the post of a program of ours, None for any other.
     dynamics: dynamics of its controller; None if its way to round corners is not known.
+    on_arm: whether an arm runs it.
     states_job: whether the header of the text names its job, whose feeds and speeds it then has.
     fixtures: fixtures of a mill, None for none and for an arm.
     """
@@ -25,5 +26,6 @@ class Proven(NamedTuple):
     reading: Reading | Executed
     post: Post | None = None
     dynamics: Dynamics | None = None
+    on_arm: bool = False
     states_job: bool = False
     fixtures: Fixtures | None = None

@@ -30,6 +30,7 @@ from camgen.model.part import Part
 from camgen.model.program import Columns, MoveJ, ToolChange
 from camgen.model.text import counted, short
 from camgen.motion.corners import corner_tolerance
+from camgen.pipeline.stock import REMEDY_FOR_PIECES
 from camgen.plan.page import on_page
 from camgen.plan.steps import job_of, name_drills, share_out
 from camgen.post import Reading
@@ -81,7 +82,7 @@ def judge(
     if proven.states_job:
         cuts = [replace(cut, stated=_state(cut, job)) for cut in cuts]
     designed = design(tasks, job.stock)
-    proof = prove(cuts, designed, proven.dynamics, job.stock, proven.fixtures)
+    proof = prove(cuts, designed, proven.dynamics, job.stock, proven.fixtures, on_arm=proven.on_arm)
     warnings = [
         f"{place(breach.line)}: warning: {breach.what} ({breach.remedy})\n"
         for breach in proof.set_up.breaches
@@ -255,6 +256,7 @@ def _sum(proof: StockProof) -> str:
         ),
         ("cut with a wrong spindle", "cuts with a wrong spindle", proof.spindles),
         ("motion too near to a fixture", "motions too near to a fixture", proof.fixtures),
+        ("part or bridge that does not hold", "parts or bridges that do not hold", proof.unheld),
     )
     found = [counted(len(faults), one, many) for one, many, faults in kinds if faults]
     faults = ", ".join(found) or "no gouge, no rapid motion in material"
@@ -312,4 +314,5 @@ def _refuse(program: str, proof: StockProof, place: Callable[[int], str]) -> NoS
     first = refused[0]
     where = "in the material" if len(refused) > len(proof.fixtures) else "beside the fixtures"
     what = f"{counted(len(refused), 'fault')} {where}, first: {first.text}"
-    return NoSafeProgram(program, what, place(first.line), _MEND)
+    remedy = REMEDY_FOR_PIECES if first.kind == "unheld" else _MEND
+    return NoSafeProgram(program, what, place(first.line), remedy)

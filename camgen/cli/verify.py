@@ -33,6 +33,7 @@ from camgen.model.cell import Dynamics
 from camgen.model.errors import CamgenError, InputError, JobError
 from camgen.model.job import Job
 from camgen.model.plugins import entries
+from camgen.model.pose import Pose
 from camgen.model.program import Columns, ToolChange
 from camgen.model.text import counted, duration, short
 from camgen.post import Fault, Post, Reading, Remark
@@ -156,7 +157,9 @@ def _judge(asked: _Asked, says: Voice) -> int:
     also = ""
     if error is None:
         fixtures = _read_fixtures(language.name, job, files)
-        proven = Proven(executed, None, _dynamics_of_text(language.name), fixtures=fixtures)
+        on_arm = _is_for_arm(_post_of(language.name))
+        dynamics = _dynamics_of_text(language.name)
+        proven = Proven(executed, dynamics=dynamics, fixtures=fixtures, on_arm=on_arm)
         more, also, error = _prove(asked, proven, place, says)
     if arguments.json:
         says.data({"sums": motions, "told": rows + more, **as_data(executed, place)})
@@ -218,7 +221,7 @@ def _compare(asked: _Asked, says: Voice) -> int:
     says.clear()
     fixtures = _read_fixtures(post.name, job, files)
     dynamics = _dynamics_of_post(post, job)
-    proven = Proven(reading, post, dynamics, asked.states_job, fixtures)
+    proven = Proven(reading, post, dynamics, _is_for_arm(post), asked.states_job, fixtures)
     more, also, error = _prove(asked, proven, place, says)
     say(more, also)
     if error is not None:
@@ -314,8 +317,18 @@ def _read_fixtures(post: str, job: Job, files: Files) -> Fixtures | None:
         return None
     from camgen.pipeline.inputs import read_cell  # noqa: PLC0415 (only for jobs with fixtures)
 
-    cell = cell_of(make_post(find_post(post), {}), job)
+    cell = cell_of(_post_of(post), job)
     return read_cell(None, job, cell, files).fixtures
+
+
+def _is_for_arm(post: Post) -> bool:
+    """Whether the controller of a post runs an arm: the home of a machine is a pose."""
+    return not isinstance(post.cell().home, Pose)
+
+
+def _post_of(language: str) -> Post:
+    """The post that writes a language, with its defaults."""
+    return make_post(find_post(language), {})
 
 
 def _dynamics_of_post(post: Post, job: Job) -> Dynamics | None:
@@ -329,7 +342,7 @@ def _dynamics_of_text(language: str) -> Dynamics | None:
     RAPID states a zone for each motion. The corners of other languages depend on settings that
     their texts do not hold.
     """
-    return make_post(find_post(language), {}).dynamics() if language in _STATES_ZONES else None
+    return _post_of(language).dynamics() if language in _STATES_ZONES else None
 
 
 #: Languages that state how far each corner is rounded.

@@ -28,6 +28,9 @@ _BAND_MM, _MOST_BANDS = 1.0, 64
 #: Heights and coordinates closer than this, mm, are the same.
 _SAME_MM = 1e-6
 
+#: A clamp holds material that reaches beneath it by this, mm.
+_GRIP_MM = 1.0
+
 #: Two opposite corners of a box, the lower ones first.
 Corners = tuple[FloatArray, FloatArray]
 
@@ -48,10 +51,12 @@ class Fixture(Struct, frozen=True, eq=False):
 
     number: its place in `cell.fixtures`, from 1.
     layers: its layers, the highest first. The outline of each one holds that of the one before.
+    bottom: height of its lowest place, z in mm.
     """
 
     number: int
     layers: tuple[Layer, ...]
+    bottom: float
 
     @property
     def name(self) -> str:
@@ -87,6 +92,16 @@ class Fixtures(Struct, frozen=True, eq=False):
         return max(self.safety, self.margin)
 
     @property
+    def clamped(self) -> Any:
+        """The area in which fixtures lie on the stock and hold it, polygons in mm.
+
+        Such a fixture stands above the top face, z = 0, and reaches down to it. Its border holds
+        nothing.
+        """
+        lying = [one.outline for one in self.listed if one.bottom <= _SAME_MM < one.top]
+        return shapely.buffer(shapely.union_all(lying), -_GRIP_MM)
+
+    @property
     def travel(self) -> float:
         """Height at which travel is above all fixtures, z in mm."""
         return max(fixture.top for fixture in self.listed) + self.lift
@@ -112,10 +127,18 @@ def list_fixtures(job: Job, meshes: Sequence[tuple[str, Solid]]) -> Fixtures | N
     """
     shapes = iter(meshes)
     listed = [
-        Fixture(number, _list_layers(next(shapes)[1] if isinstance(given, str) else given))
+        _make_fixture(number, next(shapes)[1] if isinstance(given, str) else given)
         for number, given in enumerate(job.cell.fixtures or (), 1)
     ]
     return Fixtures(tuple(listed), job.cell.margin, job.cell.safety) if listed else None
+
+
+def _make_fixture(number: int, shape: Solid | Sequence[float]) -> Fixture:
+    if isinstance(shape, Solid):
+        bottom = float(shape.vertices[:, 2].min())
+    else:
+        bottom = float(corners_of("cell.fixtures", shape)[0][2])
+    return Fixture(number, _list_layers(shape), bottom)
 
 
 def list_bodies(tool: ToolTable) -> list[Body]:

@@ -18,6 +18,8 @@ SPEEDS = ("feed", "plunge", "max_feed", "travel")
 SPEED_UNITS = {"mm/s": 1.0, "mm/min": 1 / 60, "m/min": 1000 / 60, "in/min": 25.4 / 60, "in/s": 25.4}
 #: Height of travel on a page, mm, where none is given: a pen that is lifted less is back sooner.
 PAGE_CLEARANCE = 3.0
+#: Largest area of a chip of any tool, mm2.
+_LARGEST_CHIP_MM2 = 100.0
 #: mm/s of travel where none is given.
 _TRAVEL_MM_S = 100.0
 
@@ -316,7 +318,7 @@ class OperationTable(Table, frozen=True):
         int,
         Meta(
             ge=0,
-            description="bridges that hold what is cut out: so many on each closed outer contour",
+            description="bridges on each closed outline that is cut out; without one on each hole",
         ),
     ] = 0
     tab_spacing: Annotated[
@@ -464,6 +466,15 @@ class ToolTable(Table, frozen=True):
     def radius(self) -> float:
         """Half the cutting diameter, mm."""
         return self.diameter / 2
+
+    @property
+    def chip_area(self) -> float:
+        """Area, mm2, below which a slug passes beside the tool with the chips.
+
+        It is that of the tool's cross-section, and at most `_LARGEST_CHIP_MM2`. A larger slug gets
+        between the tool and the wall: it is thrown, or breaks the tool.
+        """
+        return min(_LARGEST_CHIP_MM2, math.pi * self.radius**2)
 
     @property
     def edges(self) -> Literal["carbide", "hss"]:
@@ -641,6 +652,10 @@ class StockTable(Table, frozen=True):
     layer: Annotated[
         str, Meta(description="or the layer on which the stock's own outline is drawn")
     ] = ""
+    held: Annotated[
+        Literal["frame", "vacuum", "tape"],
+        Meta(description="what holds a piece that is cut free; frame: tabs or a skin alone"),
+    ] = "frame"
 
 
 class TourTable(Table, frozen=True):

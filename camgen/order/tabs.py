@@ -1,4 +1,8 @@
-"""Tabs: bridges that hold what a followed outer contour cuts out of its stock.
+"""Tabs: bridges that hold parts in their stock until they are cut by hand.
+
+They stand on the outlines of parts, and on the holes around these, since a part would come loose
+with the slug to which it is joined. If an operation cuts no part out, they stand on its holes and
+hold slugs that are larger than a chip.
 
 Over a tab the tool rises to `tab_height` above the depth by 45 degrees. It runs level for `tab_width`
 and its own diameter, so that the width is left. It goes down by `entry_angle`, or by 45 degrees where
@@ -14,12 +18,14 @@ import math
 from collections.abc import Sequence
 from itertools import chain as join
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
 from camgen.geometry.arcs import chain
+from camgen.geometry.segments import flatten
 from camgen.geometry.vectors import angles, cross, dots
 from camgen.model.errors import JobError
 from camgen.model.job import Job
@@ -28,6 +34,7 @@ from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, name_first, short
 from camgen.model.tolerance import SAME_POINT_MM
+from camgen.plan.columns import path_segments
 from camgen.plan.pieces import chorded, lengths_along, nearest, point_at, shortest, split_at
 
 #: A turn of the tangent that makes a corner, rad: curves that were drawn as many lines turn by less.
@@ -36,6 +43,10 @@ _CORNER = math.radians(5)
 _POINT = 1e-3
 #: The path is level again after a tab for at least this before its end, mm.
 _LEVEL_MM = 0.2
+#: Curves as chords that leave them by at most this, mm, where only the inside matters.
+_CHORD_MM = 0.01
+#: Distance of the places of a loop at which other paths are looked for, mm.
+_LOOK_MM = 0.5
 #: Points of a loop are found again within this, mm.
 _FOUND = 1e-4
 
@@ -93,21 +104,29 @@ def add_tabs(
     if not (operation.tabs or operation.tab_spacing):
         return list(led), []
     _insist(job)
-    outer = [k for k, path in enumerate(planned) if _cuts_out(path)]
-    tab = _size(job, min((shortest(planned[k], job.tolerance.chord) for k in outer), default=1.0))
-    loops = [_find_loop(k, planned[k], led[k], job, tab) for k in outer]
+    chosen = _choose(planned, job)
+    tab = _size(job, min((shortest(planned[k], job.tolerance.chord) for k in chosen), default=1.0))
+    loops = [_find_loop(k, planned[k], led[k], job, tab) for k in chosen]
     result = list(led)
     held: list[str] = []
     near: list[str] = []
     without: list[_Loop] = []
     middles: list[tuple[float, float]] = []
+    placed: dict[int, list[FloatArray]] = {}
     for group in _beside_each_other(loops, job.tool.diameter):
         first, ids = group[0], [loop.path.id for loop in group]
         wanted = operation.tabs or max(
             2, math.ceil(first.length / (operation.tab_spacing or math.inf) - 1e-9)
         )
-        places, close = _place(group, tab, wanted)
+        ideals = [(k + 0.5) / wanted * first.length for k in range(wanted)]
+        within = list(join.from_iterable(placed.get(k, []) for k in chosen[first.number]))
+        if len(within) == wanted:
+            # Where the kerfs meet, bridges hold only beside each other.
+            ideals = [nearest(first.round, point)[0] for point in within]
+        crowded = _find_crowded(first.round, group, planned, job.tool.diameter)
+        places, close = _place(group, tab, ideals, crowded)
         points = [point_at(first.round, place) for place in places]
+        placed[first.number] = points
         for loop in group:
             here = sorted(nearest(loop.round, point)[0] for point in points)
             result[loop.number] = _hold(loop, tab, here, job.tolerance.chord)
@@ -161,10 +180,54 @@ def _insist(job: Job) -> None:
         raise JobError("job", what, "operation.tabs", "leave them out")
 
 
+def _choose(planned: Sequence[ToolPath], job: Job) -> dict[int, list[int]]:
+    """The paths that have tabs, inner ones first, each with the paths around parts within it."""
+    closed = [k for k, path in enumerate(planned) if _runs_round(path)]
+    outer = [k for k in closed if _cuts_out(planned[k])]
+    holes = [k for k in closed if k not in set(outer)]
+    if not outer:
+        return {k: [] for k in holes if _leaves_slug(planned[k], job)}
+    around = _find_around(planned, outer, holes)
+    return {k: [] for k in outer} | {k: around[k] for k in holes if around[k]}
+
+
+def _leaves_slug(path: ToolPath, job: Job) -> bool:
+    """Whether a slug is left within the path that is larger than a chip."""
+    import shapely  # noqa: PLC0415 (only for what needs it)
+
+    slug = shapely.buffer(_draw_room(path), -job.tool.radius)
+    return bool(shapely.area(shapely.get_parts(slug)).max(initial=0.0) >= job.tool.chip_area)
+
+
+def _draw_room(path: ToolPath) -> Any:
+    """The polygon within a closed path."""
+    import shapely  # noqa: PLC0415 (only for what needs it)
+
+    points = flatten(path_segments((path,)), _CHORD_MM)[0]
+    return shapely.Polygon(points) if len(points) > 2 else shapely.Polygon()
+
+
+def _find_around(
+    planned: Sequence[ToolPath], outer: Sequence[int], holes: Sequence[int]
+) -> dict[int, list[int]]:
+    """The paths around parts within each of the paths in holes."""
+    import shapely  # noqa: PLC0415 (only for what needs it)
+
+    rooms = np.array([_draw_room(planned[k]) for k in holes], dtype=object)
+    starts = shapely.points([planned[k].position[0, :2] for k in outer])
+    start, room = shapely.STRtree(rooms).query(starts, predicate="within")
+    around: dict[int, list[int]] = {k: [] for k in holes}
+    for i, row in zip(start.tolist(), room.tolist(), strict=True):
+        around[holes[row]].append(outer[i])
+    return around
+
+
+def _runs_round(path: ToolPath) -> bool:
+    return path.closed and path.operation == "follow" and len(path.position) >= 3
+
+
 def _cuts_out(path: ToolPath) -> bool:
-    """Whether ``path`` runs round the outside of what it works on: what it presses on is on its inner side."""
-    if not path.closed or path.operation != "follow" or len(path.position) < 3:
-        return False
+    """Whether a closed path runs round the outside of its contour: it presses on its inner side."""
     ahead = chain(path.position, path.via[1:]).tangents()[0][0]
     left = float(cross(ahead, path.force_direction[1, 0])[2])
     corners = np.empty((2 * len(path.position) - 1, 2))
@@ -225,10 +288,49 @@ def _corners(once: ToolPath, radius: float) -> FloatArray:
     )
 
 
-def _place(group: Sequence[_Loop], tab: _Tab, wanted: int) -> tuple[list[float], bool]:
-    """The middles of the tabs, mm from the start of the first loop, and whether some had to be too near to corners.
+def _find_crowded(
+    once: ToolPath, group: Sequence[_Loop], planned: Sequence[ToolPath], distance: float
+) -> list[tuple[float, float]]:
+    """Stretches of a loop at which another path is nearer than a kerf and cuts tabs off, mm."""
+    import shapely  # noqa: PLC0415 (only for what needs it)
 
-    All seams of the ``group`` are kept free.
+    members = {loop.number for loop in group}
+    others = [path for k, path in enumerate(planned) if k not in members]
+    lines = np.array([_draw_line(path) for path in others], dtype=object)
+    near = lines[shapely.STRtree(lines).query(_draw_line(once), "dwithin", distance=distance)]
+    if not len(near):
+        return []
+    length = float(lengths_along(once)[-1])
+    places = np.linspace(0.0, length, max(2, math.ceil(length / _LOOK_MM)) + 1)
+    points = shapely.points([point_at(once, place)[:2] for place in places.tolist()])
+    close = shapely.distance(shapely.union_all(near), points) < distance
+    step = float(places[1])
+    return [(place - step, place + step) for place in places[close].tolist()]
+
+
+def _draw_line(path: ToolPath) -> Any:
+    """A path, seen from above."""
+    import shapely  # noqa: PLC0415 (only for what needs it)
+
+    last = path.position[-1:, :2]
+    if len(path.position) == 1:
+        return shapely.Point(last[0])
+    points, _ = flatten(path_segments((path,)), _CHORD_MM)
+    return shapely.LineString(np.concatenate([points, last]))
+
+
+def _place(
+    group: Sequence[_Loop],
+    tab: _Tab,
+    ideals: Sequence[float],
+    crowded: Sequence[tuple[float, float]],
+) -> tuple[list[float], bool]:
+    """The middles of the tabs, mm from the start of the first loop, and whether some are near corners.
+
+    All seams of the `group` are kept free.
+
+    ideals: places that the tabs should have, mm.
+    crowded: stretches to avoid if there is another place, mm.
     """
     loop, places, near = group[0], list[float](), False
     length = loop.length
@@ -238,16 +340,18 @@ def _place(group: Sequence[_Loop], tab: _Tab, wanted: int) -> tuple[list[float],
     seams = [
         (start + one.seam[0], start + one.seam[1]) for start, one in zip(starts, group, strict=True)
     ]
-    for k in range(wanted):
-        ideal = (k + 0.5) / wanted * length
-        spacing = tab.whole + nearer
+    spacing = tab.whole + nearer
+    for ideal in ideals:
         others = [(place - spacing, place + spacing) for place in places]
         closed = _round([*seams, *others], length)
         clear = [
             *closed,
             *_round([(a - tab.top, b + tab.top) for a, b in loop.corners.tolist()], length),
         ]
-        place = _nearest(ideal, clear, length)
+        taken = _round([(a - tab.fall, b + tab.rise) for a, b in crowded], length)
+        place = _nearest(ideal, [*clear, *taken], length)
+        if place is None:
+            place = _nearest(ideal, clear, length)
         if place is None:
             place = _farthest(ideal, closed, loop.corners, length)
             near |= place is not None
@@ -328,7 +432,7 @@ def _tell(
             )
         )
     elif not without:
-        why = "only what is followed on its outside, all round, comes loose"
+        why = "only a path all around a part, or a slug larger than a chip, has them"
         notes.append(Note("warning", "no tabs: no path cuts anything out", why))
     if near:
         why = "no place is as far from all corners as the tool's radius and half the tab's width"

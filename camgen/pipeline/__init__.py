@@ -36,6 +36,7 @@ from camgen.pipeline.assumptions import (
     note_close_positions,
     note_depth,
     note_drills,
+    note_pieces,
     note_set_up,
     note_slow_paths,
 )
@@ -374,6 +375,7 @@ def _sum_up(
                 *note_depth(plan.part, job, cell),
                 *note_drills(plan.part, job),
                 *note_set_up(proof),
+                *note_pieces(proof, job),
                 *note_slow_paths(checks.slow, tour),
                 *note_close_positions(plan.part, checks.program, cell),
                 *_note_corners(checks.program, cell.pace, job),

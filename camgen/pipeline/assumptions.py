@@ -9,7 +9,7 @@ from camgen.model.job import Job
 from camgen.model.part import Note, Part
 from camgen.model.pose import Pose
 from camgen.model.program import Joints, Program
-from camgen.model.text import short
+from camgen.model.text import counted, short
 from camgen.plan import name_operation
 from camgen.plan.close_positions import CLOSE_MM, count_close_positions
 from camgen.plan.steps import job_of, name_drills
@@ -19,11 +19,14 @@ from camgen.robots.workcell import Workcell
 if TYPE_CHECKING:
     from camgen.check.feeds import SlowPath
     from camgen.check.stock import StockProof
+    from camgen.check.stock.pieces import Piece
     from camgen.model.path import Tour
 
 #: Kinds of tools and of operations that remove material below the top face.
 _CUTTERS = ("end mill", "ball mill", "bull nose", "drill")
 _CUTTING = ("follow", "pocket", "bore", "drill")
+#: Least area of excess at one level, mm2: a smaller one is rounding of the polygons.
+LEFT_MM2 = 0.01
 
 
 def note_arm(part: Part, job: Job, cell: Workcell) -> tuple[Note, ...]:
@@ -48,6 +51,59 @@ def note_set_up(proof: StockProof | None) -> tuple[Note, ...]:
         )
         for breach in proof.set_up.breaches
     )
+
+
+def note_pieces(proof: StockProof | None, job: Job) -> tuple[Note, ...]:
+    """Pieces that the program cuts free, and material that it should have removed."""
+    if proof is None:
+        return ()
+    pieces = [piece for piece in proof.pieces.loose if not piece.drops]
+    slugs = [piece for piece in pieces if piece.kind == "slug"]
+    notes = _note_excess(proof)
+    if job.stock.held != "frame" and pieces:
+        parts = counted(len(pieces) - len(slugs), "part")
+        what = f"{parts} and {counted(len(slugs), 'slug')} are cut free"
+        why = f'stock.held = "{job.stock.held}" holds them'
+        notes.append(Note("assumed", what, why, _ids(pieces), _places(pieces)))
+    elif slugs:
+        largest = max(slugs, key=lambda piece: piece.shape.area)
+        length, width = largest.size
+        x, y = largest.place
+        verb = "comes" if len(slugs) == 1 else "come"
+        what = (
+            f"{counted(len(slugs), 'slug')} {verb} loose, the largest {short(length, 1)} x "
+            f"{short(width, 1)} mm at {short(x, 1)} {short(y, 1)} within {largest.contour}"
+        )
+        why = (
+            "take them out, or hold them: an operation with tabs on these contours alone, "
+            'a "pocket" that clears them, or stock.held'
+        )
+        notes.append(Note("warning", what, why, _ids(slugs), _places(slugs)))
+    return tuple(notes)
+
+
+def _ids(pieces: Sequence[Piece]) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(piece.contour for piece in pieces if piece.contour))
+
+
+def _places(pieces: Sequence[Piece]) -> tuple[tuple[float, float], ...]:
+    return tuple(piece.place for piece in pieces)
+
+
+def _note_excess(proof: StockProof) -> list[Note]:
+    """Excess that neither inner corners nor bridges explain."""
+    left = [level for level in proof.levels if level.excess.unexplained.area >= LEFT_MM2]
+    if not left:
+        return []
+    worst = max(left, key=lambda level: level.excess.unexplained.area)
+    excess = worst.excess
+    place = excess.place or (0.0, 0.0)
+    what = (
+        f"{short(excess.unexplained.area, 2)} mm2 not cut at z {short(worst.bottom, 3)}, "
+        f"up to {short(excess.size, 2)} mm wide at {short(place[0], 2)} {short(place[1], 2)}"
+    )
+    why = "a tool of this radius reaches it; see the excess by level"
+    return [Note("skipped", what, why, places=(place,))]
 
 
 def note_close_positions(part: Part, program: Program, cell: Workcell) -> tuple[Note, ...]:

@@ -31,6 +31,11 @@ if TYPE_CHECKING:
 
 #: Remedy for a tool that meets a fixture.
 MOVE_FIXTURE = "move the fixture: cell.fixtures"
+#: Settings that hold a piece.
+REMEDY_FOR_PIECES = (
+    "set operation.tabs, on the contours around it too, a depth that leaves a skin, stock.margin "
+    'to the stock around the drawing, or stock.held = "vacuum" or "tape"'
+)
 
 
 def prove_stock(
@@ -41,7 +46,8 @@ def prove_stock(
     asked: the plan before anything was left out of it: what its other paths would take is told as left.
 
     NoSafeProgram for the first motion that cuts what must stay, or runs through material in rapid motion or with the
-    holder. A motion too near to a fixture is such a motion too.
+    holder. A motion too near to a fixture is such a motion too. NoSafeProgram too for the first piece that must be held
+    and is not.
     """
     if isinstance(plan, (EdgePlan, ReplayPlan)) or plan.part.curves:
         return None
@@ -60,6 +66,7 @@ def prove_stock(
         dynamics_of(post, job) if states_rounding(post) else None,
         job.stock,
         request.cell.fixtures,
+        on_arm=not isinstance(request.cell.home, Pose),
     )
     if proof.refused:
         worst = proof.refused[0]
@@ -72,6 +79,8 @@ def prove_stock(
             remedy = remedy_for_corners(post, float(list_tolerances(tour, job)[:-1].min()))
         if worst.kind == "fixture":
             remedy = MOVE_FIXTURE
+        if worst.kind == "unheld":
+            remedy = REMEDY_FOR_PIECES
         raise NoSafeProgram(worst.file, f"{worst.text}{more}", f"line {worst.line}", remedy)
     return proof
 
@@ -236,7 +245,7 @@ def report_operations(
         found["stock"] = {
             "removed_mm3": round(proof.volume, 1),
             "excess_mm3": round(proof.excess, 1),
-            "loose": [one.text for one in proof.loose if one.serious],
+            "loose": [fault.text for fault in proof.loose],
             "rounded_corners_mm": None if proof.bite is None else round(proof.bite, 4),
             "not_judged": list(proof.notes),
             "set_up": {

@@ -7,8 +7,8 @@ fits are left to the user.
 - A round hole is drilled if there is a standard drill of its diameter, else a mill bores it.
 - A contour is followed by the largest mill that touches 95 % of it. A smaller mill takes the rest.
 - Mills go in on ramps. If they take several passes, a last pass finishes the wall.
-- Each outline has as many tabs as it has room for, four at most. An outline without room for two
-  keeps a thin skin.
+- Outlines, and holes with slugs, have as many tabs as there is room for, four at most. Where there is
+  no room for two a thin skin stays.
 """
 
 from __future__ import annotations
@@ -17,12 +17,13 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
+import shapely
 from msgspec import Struct
 from msgspec.structs import replace
 
 from camgen.geometry.nesting import Nesting, nest
-from camgen.geometry.segments import Segments, from_contours
-from camgen.model.job import StockTable, ToolRow
+from camgen.geometry.segments import Segments, flatten, from_contours
+from camgen.model.job import StockTable, ToolRow, ToolTable
 from camgen.model.materials import MATERIALS
 from camgen.model.part import Contour, Part
 from camgen.model.text import counted, short
@@ -60,6 +61,8 @@ _BORING_SHARE = 0.8
 _SKIN_MM = 0.2
 #: Margin of the stock, in diameters of the widest mill: a kerf, and a frame as wide as it.
 _FRAME = 2.0
+#: Chords of the contours whose slugs are measured leave them by this, mm.
+_CHORD_MM = 0.05
 #: Diameter of the mill for which the room of tabs is estimated, mm.
 _USUAL_MILL_MM = 6.0
 #: Tabs are spread evenly and keep off corners: they need this factor more than their length.
@@ -328,8 +331,13 @@ def _cut(loops: _Loops, kinds: _Sorted, rack: ToolRack) -> Iterator[tuple[Propos
             loops, rows, {"side": "inside", "depth": loops.thickness / 2}, what, rack
         )
     holes = [k for k in kinds.inner if loops.nesting.depth[k] % 2]
-    what = f"{counted(len(holes), 'contour')} inside others"
-    yield from _follow(loops, holes, {"depth": through}, what, rack)
+    slugs = [k for k in holes if _leaves_slug(loops, k)]
+    chips = [k for k in holes if k not in slugs]
+    what = f"{counted(len(chips), 'contour')} inside others"
+    yield from _follow(loops, chips, {"depth": through}, what, rack)
+    for tabs, rows in _by_room(loops, slugs):
+        what = f"{counted(len(rows), 'contour')} around slugs"
+        yield from _follow(loops, rows, {"depth": through}, what, rack, tabs)
     inner_parts = [k for k in kinds.inner if k not in holes]
     for name, plural, parts in (
         ("part inside others", "parts inside others", inner_parts),
@@ -338,6 +346,18 @@ def _cut(loops: _Loops, kinds: _Sorted, rack: ToolRack) -> Iterator[tuple[Propos
         for tabs, rows in _by_room(loops, parts):
             what = counted(len(rows), name, plural)
             yield from _follow(loops, rows, {"depth": through}, what, rack, tabs)
+
+
+def _leaves_slug(loops: _Loops, row: int) -> bool:
+    """Whether a hole has to be held: its slug is larger than a chip, or has a contour on it."""
+    nesting = loops.nesting
+    if (nesting.parent == row).any():
+        return True
+    points, owner = flatten(loops.segments.take(loops.segments.owner == row), _CHORD_MM)
+    ring = shapely.make_valid(shapely.Polygon(points)) if len(owner) > 2 else shapely.Polygon()
+    slug = shapely.get_parts(shapely.buffer(ring, -_USUAL_MILL_MM))
+    chip = ToolTable(diameter=_USUAL_MILL_MM).chip_area
+    return bool(shapely.area(slug).max(initial=0.0) > chip)
 
 
 def _by_room(loops: _Loops, rows: Sequence[int]) -> list[tuple[_Tabs, list[int]]]:
@@ -372,8 +392,7 @@ def _follow(
         mills = choose_mills(loops.part, ids, keys, samples, rack.mills)
     held: dict[str, object] = {}
     if tabs and mills:
-        least = min(tabs.fit(mill.shortest, mill.diameter) for mill in mills)
-        held = tabs.keys(least) if least >= 2 else {"depth": loops.thickness - _SKIN_MM}
+        held = _hold(loops, mills, tabs)
     for mill in mills:
         worked = loops.name(mill.loops)
         about = what if len(worked) == len(rows) else f"{len(worked)} of {what}"
@@ -395,6 +414,15 @@ def _follow(
             **({"max_feed_factor": 1.0} if rack.material else {}),
         }
         yield Proposed(about, row, why), worked
+
+
+def _hold(loops: _Loops, mills: Sequence[ChosenMill], tabs: _Tabs) -> dict[str, object]:
+    """Tabs for which the paths of all mills have room, from `tabs` on; else the depth of a skin."""
+    for smaller in _TABS[_TABS.index(tabs) :]:
+        number = min(smaller.fit(mill.shortest, mill.diameter) for mill in mills)
+        if number >= 2:
+            return smaller.keys(number)
+    return {"depth": loops.thickness - _SKIN_MM}
 
 
 def _go_down(

@@ -247,7 +247,11 @@ def test_what_is_worked_on_the_part_may_be_in_the_photo(
 def test_a_blank_is_found_by_the_outline_of_the_stock(tmp_path: Path) -> None:
     stock = (rounded([(-38, -30, 0), (38, -30, 12), (38, 30, 0), (-38, 30, 0)]),)
     drawn = write_dxf(tmp_path / "plate.dxf", (*stock, *PLATE), ["stock", "0", "0"])
-    job = {**SEEN, "stock": {"layer": "stock", "thickness": 3.0}, "operation": {"depth": 3.0}}
+    job = {
+        **SEEN,
+        "stock": {"layer": "stock", "thickness": 3.0, "held": "tape"},
+        "operation": {"depth": 3.0},
+    }
     job["process"] = {"spindle": 9000.0}
     picture = photo(tmp_path / "photo.png", stock, 0.1)
     result = build(drawn, picture, job)

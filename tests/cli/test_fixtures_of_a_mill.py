@@ -18,6 +18,7 @@ depth = 3.0
 spindle = 9000.0
 [stock]
 thickness = 3.0
+held = "tape"
 [cell]
 fixtures = [[10, -10, -5, 30, 20, 30], [100, 60, -5, 140, 80, 12]]
 """

@@ -111,7 +111,8 @@ def test_a_proposal_is_a_comment_unless_it_is_asked_for(
     (here / "motor.toml").unlink()
     assert main(["init", source, "--operations"]) == 0
     asked = tables(here / "motor.toml")
-    assert asked["stock"] == {"thickness": 3.0, "below": 0.5, "margin": 16.0, "layer": ""}
+    stock = {"thickness": 3.0, "below": 0.5, "margin": 16.0, "layer": "", "held": "frame"}
+    assert asked["stock"] == stock
     proposed = uncommented(text)
     assert proposed == {"tools": asked["tools"], "operations": asked["operations"]}
     assert len(proposed["operations"]) == 7

@@ -18,6 +18,7 @@ diameter = 3.0
 spindle = 9000.0
 [stock]
 thickness = 5.0
+held = "tape"
 """
 
 
@@ -39,7 +40,7 @@ def test_a_built_program_cuts_what_it_may(program: str, capsys: pytest.CaptureFi
     assert "end mill of 3 mm, 5 mm deep: no gouge, no rapid motion in material" in told
     assert re.search(r"removed +3\.8 cm3", told)
     assert re.search(r"excess +at z -2\.5 -5: 39\.42 mm2 in inner corners", told)
-    assert "remark: the part within c1 comes loose at its last cut" in told
+    assert "remark: the part within c1 is cut free" in told
 
 
 def test_without_a_job_the_drawing_is_the_part(

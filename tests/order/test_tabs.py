@@ -254,10 +254,31 @@ def test_holes_and_what_is_traced_inside_have_none() -> None:
     outline = middle(next(path for path in result.tour.paths if path.id == "c1"))
     assert len(note.places) == 3
     assert all(outline.distance(shapely.Point(place)) < 1e-3 for place in note.places)
+
+
+def test_an_operation_of_holes_alone_holds_their_slugs() -> None:
     inside = built([circle(30, 30, 12)], tabs=3, side="inside")
     assert [note.what for note in inside.notes if "tab" in note.what] == [
-        "no tabs: no path cuts anything out"
+        "3 tabs of 5 x 1.5 mm on c1"
     ]
+
+
+def test_a_part_in_a_window_and_the_window_have_tabs_beside_each_other() -> None:
+    shapes = [rounded(120, 100, 12), circle(60, 50, 36, "c2"), circle(60, 50, 20, "c3")]
+    result = built([*shapes, circle(15, 15, 8, "c4")], tabs=3)
+    paths = {path.id: path for path in result.tour.paths}
+    assert {name: path.floor is not None for name, path in paths.items()} == {
+        "c1": True, "c2": True, "c3": True, "c4": False,
+    }  # fmt: skip
+    angles = []
+    for name in ("c2", "c3"):
+        floor = paths[name].floor
+        assert floor is not None
+        x, y = (paths[name].position[floor > floor.min()][:, :2] - [60, 50]).T
+        angles.append(np.degrees(np.arctan2(y, x)))
+    # Each tab of the window stands beside one of the part, as seen from their common middle.
+    gaps = np.abs((angles[0][:, None] - angles[1] + 180) % 360 - 180).min(axis=1)
+    assert gaps.max() < 15
 
 
 @pytest.mark.parametrize("direction", ["climb", "conventional"])
@@ -468,3 +489,23 @@ def test_neighbours_have_tabs_of_their_own() -> None:
     assert text.startswith("8 tabs of 5 x 1.5 mm on c")
     for number in (0, 1):
         assert len(bridges(result, -2.5 - 1e-6, number)) == 4
+
+
+def test_tabs_keep_away_from_the_kerf_of_a_neighbour() -> None:
+    """Two outlines 9 mm apart: kerfs of 6 mm meet between them, and a tab there holds nothing."""
+    shapes = [rounded(60, 60, 6), drawn_at(rounded(60, 60, 6, "c2"), 69, 0)]
+    result = built(shapes, tabs=3)
+    (note,) = [note for note in result.notes if "tabs of" in note.what]
+    assert len(note.places) == 6
+    # The tool's centre runs at 63 mm and at 66 mm there, from 6 mm to 54 mm.
+    assert not [place for place in note.places if 60 < place[0] < 69 and 3 < place[1] < 57]
+
+
+def drawn_at(shape, x, y):
+    return replace(shape, points=frozen(shape.points + np.array([x, y])))
+
+
+def test_a_hole_without_a_slug_has_no_tab() -> None:
+    """A path that is as short as this encloses nothing."""
+    result = built([circle(30, 30, 3.02)], tabs=1, side="inside")
+    assert [path.floor for path in result.tour.paths] == [None]

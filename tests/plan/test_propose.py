@@ -60,8 +60,9 @@ def test_a_plate_with_holes_counterbores_a_pocket_and_slots() -> None:
     assert proposal is not None
     assert [one.about for one in proposal.operations] == [
         *("4 holes of 5.5 mm", "1 hole of 8 mm", "4 counterbores of 10 mm: how deep?"),
-        *("1 counterbore of 20 mm: how deep?", "1 of 3 contours inside others"),
-        *("2 of 3 contours inside others", "1 outline"),
+        *("1 counterbore of 20 mm: how deep?", "2 contours inside others"),
+        # The pocket with the counterbore on it, which is cut through.
+        *("1 contour around slugs", "1 outline"),
     ]
     assert [tool.row["kind"] for tool in proposal.tools] == ["drill", "drill", *["end mill"] * 2]
     assert [tool.row["number"] for tool in proposal.tools] == [1, 2, 3, 4]

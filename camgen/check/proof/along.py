@@ -192,7 +192,9 @@ def _check_laps(
     slopes.check(visit, levels, findings)
     slopes.check_linked(laps, visit, findings)
     fewer = _laps_named(subject, matched, laps, names.tabs)
-    TabChecker(task, drawing, motions, subject.slack).check(matched, laps, fewer, findings)
+    skipped = are_named(drawing, names.skipped)
+    tabs = TabChecker(task, drawing, motions, subject.slack, skipped)
+    tabs.check(matched, laps, fewer, findings)
     return laps, (levels >= 0) | slopes.goes_round(laps)
 
 

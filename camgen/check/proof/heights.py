@@ -10,6 +10,7 @@ from camgen.check.proof.findings import Findings
 from camgen.check.proof.motions import Motions
 from camgen.check.proof.pieces import IntArray
 from camgen.check.proof.tasks import Task
+from camgen.model.job import OperationTable
 from camgen.model.pose import FloatArray
 
 
@@ -31,9 +32,8 @@ def tab_top(task: Task) -> float:
     return operation.tab_height - operation.depth
 
 
-def tab_slopes(task: Task) -> tuple[float, float]:
-    """Lengths of the slopes before and behind a tab, mm: up by 45 degrees, down as an entry."""
-    operation = task.operation
+def tab_slopes(operation: OperationTable) -> tuple[float, float]:
+    """Lengths of the slopes before and after a tab, mm: up by 45 degrees, down as an entry."""
     angle = 45.0 if operation.entry == "plunge" else operation.entry_angle
     return operation.tab_height, operation.tab_height / math.tan(math.radians(angle))
 

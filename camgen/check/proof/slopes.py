@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import shapely
 
 from camgen.check.proof.contours import Matched
 from camgen.check.proof.findings import Findings
 from camgen.check.proof.heights import tab_slopes, tab_top
 from camgen.check.proof.motions import Motions
+from camgen.check.proof.nesting import enclosed_areas, flatten
 from camgen.check.proof.pieces import (
     BoolArray,
     IntArray,
@@ -22,6 +24,7 @@ from camgen.check.proof.pieces import (
 from camgen.check.proof.process import plunge_speed
 from camgen.check.proof.tasks import BESIDE, Drawing, Task
 from camgen.check.proof.visits import Laps, highest_of, lowest_of
+from camgen.model.job import OperationTable
 from camgen.model.pose import FloatArray
 
 #: A slope may be steeper by this share: a chord is shorter than its arc.
@@ -30,6 +33,8 @@ _STEEPER = 1.02
 _FASTER = 1.01
 #: Deviation of the length of a tab, mm.
 _TAB_MM = 0.05
+#: Areas of slugs are known with this share.
+_AREA_SHARE = 0.05
 #: Lengths of laps are known with this slack, mm.
 _ROOM_MM = 1.0
 #: Two motions at heights that differ by more, mm, have a lift or a plunge between them.
@@ -152,8 +157,15 @@ class SlopeChecker:
 class TabChecker:
     """Compares the tabs of each lap with the job: their number, length and height."""
 
-    def __init__(self, task: Task, drawing: Drawing, motions: Motions, slack: float) -> None:
+    def __init__(
+        self, task: Task, drawing: Drawing, motions: Motions, slack: float, skipped: BoolArray
+    ) -> None:
+        """Prepares the comparison.
+
+        skipped: (C,) contours that are left out: a note says so.
+        """
         self.task, self.drawing, self.motions, self.slack = task, drawing, motions, slack
+        self.skipped = skipped
         self._top = tab_top(task)
 
     def check(self, matched: Matched, laps: Laps, fewer: BoolArray, findings: Findings) -> None:
@@ -178,7 +190,7 @@ class TabChecker:
         flat = self.motions.plane.length[rows]
         length = np.bincount(tab[raised & level], flat[raised & level], count)
         wanted = self.task.operation.tab_width + self.task.job.tool.diameter
-        rise, fall = tab_slopes(self.task)
+        rise, fall = tab_slopes(self.task.operation)
         # A piece of a slope that is as flat as the heights are inexact counts as level.
         flatter = 2 * self.slack * (rise + fall) / self.task.operation.tab_height
         for number in np.flatnonzero(np.abs(length - wanted) > _TAB_MM + flatter)[:1].tolist():
@@ -187,37 +199,52 @@ class TabChecker:
             findings.add(self.motions, int(row), what)
         counts = np.bincount(lap[begins], minlength=len(laps.depth))
         least, greatest = self._wanted_counts(matched, laps)
-        around = self._are_cut_out(matched, laps) & (heights < self._top - self.slack)
         closed = laps.closed | (self.task.operation.overlap > 0)
-        least[~(around & closed) | (fewer & ~self._has_room(matched, laps, counts))] = 0
+        must, may = self._have_tabs(matched, laps)
+        below = heights < self._top - self.slack
+        least[~(must & below & closed) | (fewer & ~self._has_room(matched, laps, counts))] = 0
         # A ramp down to the next depth belongs to no lap, so the lap before it stays open.
         ramped = np.isin(laps.contour, laps.contour[laps.closed])
-        greatest[~(around & (closed | ramped))] = 0
+        greatest[~(may & below & (closed | ramped))] = 0
         for lap in np.flatnonzero((counts < least) | (counts > greatest))[:1].tolist():
             name = self.drawing.contours[int(laps.contour[lap])].id
             what = f"begins a lap around contour {name} with {counts[lap]} tabs"
             what += f", the job asks for {greatest[lap]}"
             findings.add(self.motions, int(matched.rows[laps.first[lap]]), what)
 
-    def _has_room(self, matched: Matched, laps: Laps, counts: IntArray) -> BoolArray:
-        """(L,) whether there is room for one more tab, wherever the others are.
+    def _have_tabs(self, matched: Matched, laps: Laps) -> tuple[BoolArray, BoolArray]:
+        """(L,) whether a lap must have tabs, and whether it may."""
+        drawing, task = self.drawing, self.task
+        turns_left = enclosed_areas(drawing.pieces, len(drawing.contours)) > 0
+        worked = task.worked & drawing.closed & ~self.skipped
+        outside = worked & (turns_left == (task.tool_side < 0))
+        holes = np.zeros(len(worked), np.bool_)
+        pairs = task.enclosed
+        holes[pairs[outside[pairs[:, 0]], 1]] = True
+        holes &= worked & ~outside
+        cut_out = outside[laps.contour] & self._are_cut_out(matched, laps)
+        # A contour of which a piece is left out may have tabs on its other pieces.
+        named = task.worked & drawing.closed & self.skipped
+        if outside.any():
+            may = outside | holes | named
+            return cut_out | holes[laps.contour], may[laps.contour]
+        areas = np.zeros(len(worked))
+        areas[worked] = [self._measure_slug(k) for k in np.flatnonzero(worked).tolist()]
+        chip = task.job.tool.chip_area
+        must, may = areas > (1 + _AREA_SHARE) * chip, areas > (1 - _AREA_SHARE) * chip
+        return must[laps.contour], may[laps.contour]
 
-        The seam with its leads and the overlap stays free, and so does the length of a tab on both
-        sides of each tab (docs/follow.md). The last path is shorter than the first: its centre line
-        is nearer to the contour by `operation.finish`.
-        """
+    def _measure_slug(self, contour: int) -> float:
+        """Area of the largest slug that a kerf leaves within a contour, mm2."""
+        pieces = self.drawing.pieces
+        ring = shapely.Polygon(flatten(pieces.take(pieces.owner == contour)))
+        slug = shapely.buffer(shapely.make_valid(ring), -self.task.job.tool.diameter)
+        return float(shapely.area(shapely.get_parts(slug)).max(initial=0.0))
+
+    def _has_room(self, matched: Matched, laps: Laps, counts: IntArray) -> BoolArray:
+        """(L,) whether there is room for one more tab, wherever the others are."""
         operation, diameter = self.task.operation, self.task.job.tool.diameter
-        top = (operation.tab_width + diameter) / 2
-        rise, fall = (top + _STEEPER * slope for slope in tab_slopes(self.task))
-        seam = operation.overlap
-        for slope, lead in ((fall, operation.lead_in), (rise, operation.lead_out)):
-            seam += max(slope, top + lead / (math.pi / 2))
-        if operation.entry != "plunge":
-            seam += diameter
-        seams = 2 if operation.finish else 1
-        spacing = rise + fall + 2 * math.pi * operation.finish
-        wanted = seams * seam + 2 * spacing * counts
-        return np.asarray(self._lengths(matched, laps) > wanted + _ROOM_MM)
+        return np.asarray(self._lengths(matched, laps) > find_tab_room(operation, diameter, counts))
 
     def _lengths(self, matched: Matched, laps: Laps) -> FloatArray:
         """(L,) lengths of the laps without overlap, mm."""
@@ -252,6 +279,28 @@ class TabChecker:
         to_contour = points_along(pieces, piece, share) - plane.middle[row]
         left = dot(to_contour, normals_along(plane, row, np.full(len(row), 0.5))) > 0
         return np.asarray(left == (area > 0))
+
+
+def find_tab_room(operation: OperationTable, diameter: float, counts: IntArray | int) -> FloatArray:
+    """Lengths of paths, mm, from which on there is room for one more tab, wherever the others are.
+
+    The seam with its leads and the overlap stays free, and so does the length of a tab on both
+    sides of each tab (docs/follow.md). The last path is shorter than the first: its centre line
+    is nearer to the contour by `operation.finish`.
+
+    diameter: diameter of the tool, mm.
+    counts: tabs of each path.
+    """
+    top = (operation.tab_width + diameter) / 2
+    rise, fall = (top + _STEEPER * slope for slope in tab_slopes(operation))
+    seam = operation.overlap
+    for slope, lead in ((fall, operation.lead_in), (rise, operation.lead_out)):
+        seam += max(slope, top + lead / (math.pi / 2))
+    if operation.entry != "plunge":
+        seam += diameter
+    seams = 2 if operation.finish else 1
+    spacing = rise + fall + 2 * math.pi * operation.finish
+    return np.asarray(seams * seam + 2 * spacing * counts + _ROOM_MM)
 
 
 def _lowest_before(group: IntArray, height: FloatArray) -> FloatArray:

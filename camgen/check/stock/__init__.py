@@ -19,8 +19,8 @@ from camgen.check.stock.design import Design, Task, design, show_stay, task_on
 from camgen.check.stock.fixtures import Clearance, Hit, examine
 from camgen.check.stock.gouge import Gouge, find_gouges
 from camgen.check.stock.heights import Grid, carve
-from camgen.check.stock.loose import Loose, find_loose
 from camgen.check.stock.moves import TOLERANCE_MM, Cut, Moves, Stated, tabulate
+from camgen.check.stock.pieces import MissingTabs, Piece, Pieces, find_pieces
 from camgen.check.stock.removal import MOST_LEVELS, Level, find_levels, remove
 from camgen.check.stock.set_up import Breach, SetUp, check_set_up
 from camgen.check.stock.spindle import WrongSpindle, check_spindles, follow_spindles
@@ -50,7 +50,7 @@ __all__ = [
 ]
 
 _NO_STOCK = StockTable()
-FaultKind = Literal["gouge", "corner", "rapid", "holder", "spindle", "loose", "fixture"]
+FaultKind = Literal["gouge", "corner", "rapid", "holder", "spindle", "unheld", "loose", "fixture"]
 
 
 class Fault(Struct, frozen=True):
@@ -60,7 +60,7 @@ class Fault(Struct, frozen=True):
     line: line of the motion in the text, from 1.
     file: name of the text.
     x, y, z: place, mm.
-    mm: depth in the material or the fixture; 0 for a part that comes loose, and for a motion that
+    mm: depth in the material or the fixture; 0 for a piece that comes loose, and for a motion that
         only passes too near to a fixture.
     text: the fault in words.
     cut: number of its `Cut`.
@@ -89,12 +89,14 @@ class StockProof(Struct, frozen=True, eq=False):
     rapids: rapid motions in material.
     holders: motions with the holder in material.
     spindles: motions in material with a spindle at rest, to the left or too fast.
-    loose: parts that come loose.
+    unheld: parts that nothing holds, and bridges that are not there though the job asks for them.
+    loose: other pieces that come loose.
     levels: levels of the stock, from the top.
     volumes: mm3 that each cut removes first.
     notes: parts of the proof that are missing, with the reasons.
     set_up: limits of tools and stock that the cuts exceed.
     grid: heights, for a job with too many levels, else None.
+    pieces: pieces that come loose, with their shapes.
     bite: largest depth, mm, to which rounded corners cut material that must stay. None: the
         rounding is not modelled, and the proof is of the programmed path only.
     fixtures: motions that meet a fixture or come too near to it.
@@ -106,12 +108,14 @@ class StockProof(Struct, frozen=True, eq=False):
     rapids: tuple[Fault, ...]
     holders: tuple[Fault, ...]
     spindles: tuple[Fault, ...]
+    unheld: tuple[Fault, ...]
     loose: tuple[Fault, ...]
     levels: tuple[Level, ...]
     volumes: tuple[float, ...]
     notes: tuple[str, ...]
     set_up: SetUp
     grid: Grid | None = None
+    pieces: Pieces = Pieces()
     bite: float | None = None
     fixtures: tuple[Fault, ...] = ()
     clearance: Clearance | None = None
@@ -120,13 +124,17 @@ class StockProof(Struct, frozen=True, eq=False):
     def faults(self) -> tuple[Fault, ...]:
         """In order of cut and line."""
         cutting = (*self.gouges, *self.corners, *self.rapids, *self.holders)
-        faults = (*cutting, *self.spindles, *self.loose, *self.fixtures)
+        faults = (*cutting, *self.spindles, *self.unheld, *self.loose, *self.fixtures)
         return tuple(sorted(faults, key=lambda fault: (fault.cut, fault.line)))
 
     @property
     def refused(self) -> tuple[Fault, ...]:
-        """The faults for which a program is refused: all but parts that come loose."""
-        return tuple(fault for fault in self.faults if fault.kind != "loose")
+        """The faults for which a program is refused: all but pieces that may come loose.
+
+        Cuts into what must stay come before pieces that nothing holds.
+        """
+        cutting = (fault for fault in self.faults if fault.kind not in ("unheld", "loose"))
+        return (*cutting, *self.unheld)
 
     @property
     def volume(self) -> float:
@@ -147,12 +155,16 @@ def prove(
     dynamics: Dynamics | None = None,
     stock: StockTable = _NO_STOCK,
     fixtures: Fixtures | None = None,
+    *,
+    on_arm: bool = False,
 ) -> StockProof:
     """The proof of `cuts`, one after the other, on the stock of `design`.
 
     dynamics: dynamics of the controller. None: it is not known how it rounds corners.
-    stock: stock of the job, for the limits of the set-up.
-    fixtures: clamps, vices and stops of a mill. None: the job has none, or an arm runs it.
+    stock: stock of the job, for the limits of the set-up and the hold of pieces.
+    fixtures: clamps, vices and stops of a mill, which hold pieces beneath them too. None: the job
+        has none, or an arm runs it.
+    on_arm: whether an arm runs the program. Then pieces may come loose.
     """
     bites = [] if dynamics is None else find_bites(cuts, design, dynamics)
     deepest = None if dynamics is None else max((bite.mm for bite in bites), default=0.0)
@@ -167,6 +179,11 @@ def prove(
         volumes = grid.volumes
     else:
         levels, volumes = remove(moves, cuts, design, depths)
+    held = fixtures.clamped if fixtures else None
+    pieces = find_pieces(gone, design, held, drops=on_arm)
+    freed = [_loose(moves, cuts, piece, stock, pieces.has_frame) for piece in pieces.loose]
+    if not on_arm and stock.held == "frame":
+        freed += [_missing(moves, cuts, tabs) for tabs in pieces.missing]
     running = follow_spindles(cuts)
     spindles = check_spindles(cuts, running)
     notes = [*design.notes, *_notes(moves, unseen)]
@@ -183,12 +200,14 @@ def prove(
         rapids=tuple(_rapid(moves, cuts, one) for one in find_rapids(gone, design)),
         holders=tuple(_holder(moves, cuts, one) for one in holders),
         spindles=tuple(_spindle(cuts, each) for each in spindles.wrong),
-        loose=tuple(_loose(moves, cuts, one) for one in find_loose(gone, design)),
+        unheld=tuple(fault for fault in freed if fault.kind == "unheld"),
+        loose=tuple(fault for fault in freed if fault.kind == "loose"),
         levels=levels,
         volumes=volumes,
         notes=tuple(notes),
         set_up=check_set_up(gone, design, stock, running),
         grid=grid,
+        pieces=pieces,
         bite=deepest,
         fixtures=_list_hits(moves, cuts, clearance) if clearance else (),
         clearance=clearance,
@@ -287,14 +306,38 @@ def _hit(moves: Moves, cuts: Sequence[Cut], hit: Hit, margin: float) -> Fault:
     return replace(fault, fixture=hit.fixture)
 
 
-def _loose(moves: Moves, cuts: Sequence[Cut], one: Loose) -> Fault:
-    text = f"the part within {one.contour} comes loose"
-    if one.again >= 0:
-        text += f" before its last cut, which begins at line {int(moves.line[one.again])}"
-    elif one.tabs:
-        text += ": no bridge is left that holds it"
+def _loose(
+    moves: Moves, cuts: Sequence[Cut], piece: Piece, stock: StockTable, has_frame: bool
+) -> Fault:
+    """A piece that comes loose: refused where it is a part, or bridges should hold it."""
+    length, width = piece.size
+    within = f"within {piece.contour}" if piece.contour else "outside of all contours"
+    name = f"the part {within}"
+    if piece.kind == "slug":
+        name = f"a slug of {short(length, 1)} x {short(width, 1)} mm {within}"
+    z = float(moves.end[piece.row, 2])
+    place = f", {_at((*piece.place, z))}"
+    is_held = stock.held != "frame" and not piece.drops
+    must_hold = not is_held and not piece.drops and (piece.kind == "part" or piece.tabs)
+    if is_held:
+        text = f"{name} is cut free{place}: {stock.held} holds it"
+    elif piece.again >= 0:
+        again = int(moves.line[piece.again])
+        text = f"{name} comes loose before its last cut, which begins at line {again}{place}"
     else:
-        text += " at its last cut"
-    freed = Struck(one.row, to_vec3(moves.end[one.row]), 0.0, 0.0)
-    fault = _fault(moves, cuts, "loose", freed, text)
-    return replace(fault, serious=one.again >= 0 or one.tabs)
+        text = f"{name} comes loose at its last cut{place}"
+    if must_hold and not has_frame:
+        text += ": the kerfs leave no frame of the stock that could hold it"
+    elif must_hold:
+        text += ": no bridge is left that holds it" if piece.tabs else ": nothing holds it"
+    freed = Struck(piece.row, (*piece.place, z), 0.0, 0.0)
+    fault = _fault(moves, cuts, "unheld" if must_hold else "loose", freed, text)
+    is_serious = must_hold or piece.again >= 0 or piece.tabs
+    return replace(fault, serious=is_serious and not is_held)
+
+
+def _missing(moves: Moves, cuts: Sequence[Cut], tabs: MissingTabs) -> Fault:
+    text = f"{counted(tabs.count, 'bridge')} on {tabs.contour}, the job asks for {tabs.wanted}"
+    return _fault(
+        moves, cuts, "unheld", Struck(tabs.row, to_vec3(moves.end[tabs.row]), 0.0, 0.0), text
+    )

@@ -101,12 +101,46 @@ class Wanted(Struct, frozen=True, eq=False):
     ring: Any = None
 
 
-class Design(Struct, frozen=True, eq=False):
-    """What may and what shall go. depth: (C + 1,) how deep each cell, the last of them the outside, may be cut, mm.
+class Tabbed(Struct, frozen=True, eq=False):
+    """A contour across whose kerf the job asks for bridges.
 
-    outline: polygons of the stock. thickness: mm, None where it is not known. free: what nobody knows the limits of may
-    be cut anywhere. notes: what is not judged, and why. held: contours whose inside bridges shall hold.
-    untaken: polygons of what paths that are left out would take; None: there are none.
+    loop: number of its cell.
+    inside: whether the tool runs on its inner side.
+    job: the job of its operation.
+    around: cells of the parts with bridges within it, for whose sake it has its own; none where it
+        has them for itself.
+    """
+
+    loop: int
+    inside: bool
+    job: Job
+    around: tuple[int, ...] = ()
+
+    def count(self, length: float) -> int:
+        """The number of bridges that the job asks for on a path of a length, mm."""
+        operation = self.job.operation
+        if operation.tabs:
+            return operation.tabs
+        slack = 0.1 + 4 * math.pi * operation.finish
+        return max(2, math.ceil((length - slack) / (operation.tab_spacing or math.inf)))
+
+
+class Design(Struct, frozen=True, eq=False):
+    """Material that the operations may remove, and material that they shall remove.
+
+    cells: the cells of the drawing.
+    depth: (C + 1,) depth to which each cell may be cut, mm; the last of them is the outside.
+    lines: contours along which a tool cuts.
+    bevels: chamfers.
+    wanted: material that shall be gone.
+    outline: polygons of the stock.
+    thickness: thickness of the stock, mm; None if it is not known.
+    free: whether anything may be cut, because the limits of an operation are not known.
+    notes: parts of the proof that are missing, with the reasons.
+    tabbed: contours with bridges.
+    waste: cells within holes along whose contour a tool cuts: they are waste though they may not be
+        cut.
+    untaken: polygons of material that paths would take which are left out; None: no such paths.
     """
 
     cells: Cells
@@ -118,7 +152,8 @@ class Design(Struct, frozen=True, eq=False):
     thickness: float | None
     free: bool
     notes: tuple[str, ...]
-    held: frozenset[str] = frozenset()
+    tabbed: tuple[Tabbed, ...] = ()
+    waste: tuple[int, ...] = ()
     untaken: Any = None
 
 
@@ -156,7 +191,8 @@ class _Draft(Struct):
     wanted: list[Wanted] = []
     notes: list[str] = []
     free: bool = False
-    held: set[str] = set()
+    tabbed: list[Tabbed] = []
+    waste: set[int] = set()
 
     def allow(self, cells: Iterable[int], depth: float) -> None:
         for cell in cells:
@@ -194,7 +230,7 @@ def design(tasks: Sequence[Task], stock: StockTable, untaken: Any = None) -> Des
             )
     if stock.thickness is None:
         draft.notes.append(
-            "stock.thickness is not set: what lies below, and parts that come loose, are not judged"
+            "stock.thickness is not set: what lies below, and pieces that come loose, are not judged"
         )
     return Design(
         draft.cells,
@@ -206,7 +242,8 @@ def design(tasks: Sequence[Task], stock: StockTable, untaken: Any = None) -> Des
         draft.thickness,
         draft.free,
         tuple(draft.notes),
-        frozenset(draft.held),
+        tuple(draft.tabbed),
+        tuple(sorted(draft.waste)),
         untaken,
     )
 
@@ -311,21 +348,61 @@ def _want_kerf(draft: _Draft, task: Task, number: int, loops: IntArray, removed:
     steepest = 45.0 if operation.entry == "plunge" else operation.entry_angle
     slopes = operation.tab_height * (1 + 1 / math.tan(math.radians(steepest)))
     tabs = (operation.tab_height, operation.tab_width, slopes) if asked else (0.0, 0.0, 0.0)
-    draft.held.update(cells.ids[k] for k in outer.tolist() if asked)
+    if asked:
+        draft.tabbed += _list_tabbed(cells, task.job, inner.tolist(), outer.tolist())
     deep, radius = _depth(task), tool.radius
     for k in (*inner.tolist(), *outer.tolist()):
         cell = k if k in inner else int(cells.parent[k])
         draft.wanted.append(Wanted(None, None, radius, deep, number, tabs, k, cell))
 
 
+def _list_tabbed(
+    cells: Cells, job: Job, inner: Sequence[int], outer: Sequence[int]
+) -> list[Tabbed]:
+    """Contours with bridges: outlines of parts, and the holes around them.
+
+    If an operation cuts no part out, its bridges stand in the holes and hold their slugs.
+    """
+    if not outer:
+        return _list_slugs(cells, job, inner)
+    around: dict[int, list[int]] = {k: [] for k in inner}
+    for k in outer:
+        cell = int(cells.parent[k])
+        while cell != cells.outside:
+            if cell in around:
+                around[cell].append(k)
+            cell = int(cells.parent[cell])
+    outlines = [Tabbed(k, False, job) for k in outer]
+    holes = [Tabbed(k, True, job, tuple(parts)) for k, parts in around.items() if parts]
+    return outlines + holes
+
+
+def _list_slugs(cells: Cells, job: Job, inner: Sequence[int]) -> list[Tabbed]:
+    """Holes with a slug that is larger than a chip."""
+    slugs = shapely.buffer(cells.rings[list(inner)], -job.tool.diameter, quad_segs=_QUARTER)
+    tabbed = []
+    for k, slug in zip(inner, slugs, strict=True):
+        area = float(shapely.area(shapely.get_parts(slug)).max(initial=0.0))
+        if area >= job.tool.chip_area:
+            tabbed.append(Tabbed(k, True, job))
+    return tabbed
+
+
 def _follow_one_side(draft: _Draft, task: Task, worked: Sequence[Contour]) -> None:
     operation, radius = task.job.operation, task.job.tool.radius
     side = 1 if operation.side == "left" else -1
     far = radius + max(operation.lead_in, operation.lead_out) + operation.finish
+    _note_waste(draft, task, worked)
     for contour in worked:
         segments = from_contours([contour])
         lines = Lines(segments, _depth(task), task.job.tool.diameter, (radius, far), side)
         draft.lines.append(lines)
+
+
+def _note_waste(draft: _Draft, task: Task, worked: Sequence[Contour]) -> None:
+    """Notes the cells within holes along whose contours the tool cuts."""
+    loops = _loops(draft, worked)
+    draft.waste.update(loops[_are_holes(draft.cells, loops, task)].tolist())
 
 
 def _pocket(draft: _Draft, task: Task, number: int, worked: Sequence[Contour]) -> None:
@@ -417,6 +494,7 @@ def _is_round(cells: Cells, loop: int) -> bool:
 
 def _trace(draft: _Draft, task: Task, number: int, worked: Sequence[Contour]) -> None:  # noqa: ARG001 (as the others)
     """The lines, as wide as the tool."""
+    _note_waste(draft, task, worked)
     if worked:
         draft.lines.append(Lines(from_contours(worked), _depth(task), task.job.tool.diameter))
 

@@ -13,7 +13,7 @@ from camgen.geometry.arcs import spans
 from camgen.geometry.ragged import owners, ramp
 from camgen.geometry.segments import BoolArray, IntArray, Segments, make, split
 from camgen.model.job import ToolTable
-from camgen.model.pose import FloatArray, Pose
+from camgen.model.pose import FloatArray
 from camgen.model.program import Columns, Instruction, MoveJ, MoveL, Output
 
 #: What is this little above the top face, mm, or this little too deep, is rounding; a gouge up to it is none.
@@ -234,16 +234,11 @@ def _switched_on(columns: Columns) -> BoolArray:
 
 def _straight_down(columns: Columns) -> BoolArray:
     """(M,) whether the tool's axis, z of the tool, looks straight down at the end of each motion."""
-    seen: dict[int, bool] = {}
-    down = np.ones(len(columns.moves), dtype=np.bool_)
-    for k in np.flatnonzero(columns.posed).tolist():
-        target = columns.moves[k].target
-        assert isinstance(target, Pose)
-        key = id(target.rotation)
-        if key not in seen:
-            seen[key] = float(np.asarray(target.rotation)[2, 2]) <= _DOWN
-        down[k] = seen[key]
-    return down
+    down = np.array([rotation[2, 2] <= _DOWN for rotation in columns.table], dtype=np.bool_)
+    result = np.ones(len(columns.at), dtype=np.bool_)
+    posed = np.flatnonzero(columns.posed)
+    result[posed] = down[columns.rotation[posed]]
+    return result
 
 
 _Pieces = tuple[IntArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]

@@ -41,7 +41,8 @@ def prove_corners(
 ) -> StockProof:
     cut = Cut(body, range(1, len(body) + 1), MILL, "p.mod", corner=corner)
     tasks = [task(part(square("c1", 0, 40)))]
-    return prove([cut], design(tasks, StockTable(thickness=5.0)), dynamics)
+    stock = StockTable(thickness=5.0, held="tape")
+    return prove([cut], design(tasks, stock), dynamics, stock)
 
 
 @pytest.mark.parametrize("zone", [5.0, 10.0, 20.0])

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import shapely
 
-from camgen.check.stock.loose import _chords
 from camgen.check.stock.moves import Moves, _pieces
+from camgen.check.stock.pieces import _chords
 from camgen.check.stock.removal import _widest
 from camgen.geometry.segments import from_contours
 from camgen.model.job import ToolTable

@@ -16,7 +16,7 @@ from camgen.pipeline import Result
 PARTS = Path(__file__).parents[3] / "fixtures" / "parts"
 #: A mill of 6 mm with two flutes that ramps down in passes of 3 mm, in aluminium of 6 mm.
 SOUND: Mapping[str, Mapping[str, Any]] = {
-    "stock": {"thickness": 6.0, "material": "aluminium"},
+    "stock": {"thickness": 6.0, "material": "aluminium", "held": "tape"},
     "tool": {"diameter": 6.0, "cutting_length": 20.0, "max_speed": 20_000.0},
     "operation": {"depth": 6.0, "passes": 2, "entry": "ramp"},
     "process": {"spindle": 12_000.0, "feed": 8.0, "max_feed_factor": 1.0},
@@ -99,7 +99,7 @@ def test_a_pass_is_as_deep_as_the_material_left_by_the_pass_before() -> None:
     steps = [
         {"kind": "follow", "tool": "mill", "depth": depth, "entry": "ramp"} for depth in (2.4, 4.8)
     ]
-    job = {"stock": {"thickness": 5.0, "material": "steel"}, "tools": [tool]}
+    job = {"stock": {"thickness": 5.0, "material": "steel", "held": "tape"}, "tools": [tool]}
     proof = camgen.build(
         PARTS / "bracket.dxf", post="gcode", job={**job, "operations": steps}
     ).proof
@@ -115,7 +115,7 @@ def test_a_pass_is_as_deep_as_the_material_left_by_the_pass_before() -> None:
 def test_the_tip_of_a_drill_may_go_below_the_stock() -> None:
     """A drill of 8 mm has a tip of 4 / tan 59 deg = 2.403 mm."""
     job = {
-        "stock": {"thickness": 5.0},
+        "stock": {"thickness": 5.0, "held": "tape"},
         "tool": {"kind": "drill", "diameter": 8.0},
         "process": {"spindle": 1500.0, "feed": 2.0},
     }
@@ -139,7 +139,7 @@ def test_a_plunge_into_a_drilled_hole_is_none() -> None:
     outline |= {"entry": "ramp", "passes": 3}
     lines = {}
     for name, steps in (("alone", [again, outline]), ("drilled", [holes, again, outline])):
-        job = {"stock": {"thickness": 5.0}, "tools": tools, "operations": steps}
+        job = {"stock": {"thickness": 5.0, "held": "tape"}, "tools": tools, "operations": steps}
         proof = camgen.build(PARTS / "bracket.dxf", post="gcode", job=job).proof
         assert proof is not None
         lines[name] = [line.what for line in proof.set_up.breaches]
@@ -153,7 +153,7 @@ def test_a_tool_that_only_drills_is_a_drill_and_is_fed_only_where_it_cuts() -> N
     The second peck begins above the face, as the first one is shorter than the approach.
     """
     job = {
-        "stock": {"thickness": 9.0, "material": "aluminium"},
+        "stock": {"thickness": 9.0, "material": "aluminium", "held": "tape"},
         "tool": {"diameter": 8.0},
         "operation": {"kind": "drill", "depth": 9.0, "passes": 4},
     }

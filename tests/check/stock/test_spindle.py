@@ -27,7 +27,8 @@ def prove_round(*bodies: Sequence[Instruction], tool: ToolTable = MILL) -> Stock
         cuts.append(Cut(body, range(line, line + len(body)), tool, "p.ngc"))
         line += len(body)
     tasks = [task(part(square("c1", 0, 40)), tool=tool)]
-    return prove(cuts, design(tasks, StockTable(thickness=5.0)))
+    stock = StockTable(thickness=5.0, held="tape")
+    return prove(cuts, design(tasks, stock), stock=stock)
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from camgen.model.part import Contour, Part
 from camgen.model.pose import TOOL_DOWN, Pose
 from camgen.model.program import Instruction, MoveC, MoveJ, MoveL
 
+Holder = Literal["frame", "vacuum", "tape"]
 MILL = ToolTable(diameter=6.0)
 Place = tuple[float, float, float]
 
@@ -87,10 +89,15 @@ def task(
 
 
 def proof(
-    body: Sequence[Instruction], *tasks: Task, tool: ToolTable = MILL, thickness: float | None = 5.0
+    body: Sequence[Instruction],
+    *tasks: Task,
+    tool: ToolTable = MILL,
+    thickness: float | None = 5.0,
+    held: Holder = "tape",
 ) -> StockProof:
     cut = Cut(body, range(1, len(body) + 1), tool, "p.ngc")
-    return prove([cut], design(tasks, StockTable(thickness=thickness)))
+    stock = StockTable(thickness=thickness, held=held)
+    return prove([cut], design(tasks, stock), stock=stock)
 
 
 # Gouges.
@@ -286,20 +293,29 @@ def test_a_holder_comes_into_what_is_beside_a_deep_slot() -> None:
 # Loose parts.
 
 
-def test_a_part_that_comes_loose_at_its_last_cut_is_remarked() -> None:
-    found = proof(around(0, 40, 3.0, -5.0), task(part(square("c1", 0, 40)))).loose
-    assert [(fault.serious, "last cut" in fault.text) for fault in found] == [(False, True)]
+def test_a_part_that_nothing_holds_is_refused_and_on_tape_remarked() -> None:
+    drawn, body = task(part(square("c1", 0, 40))), around(0, 40, 3.0, -5.0)
+    refused = proof(body, drawn, held="frame").refused
+    assert [(fault.kind, fault.serious) for fault in refused] == [("unheld", True)]
+    assert "the part within c1 comes loose at its last cut" in refused[0].text
+    assert refused[0].text.endswith("nothing holds it")
+    taped = proof(body, drawn, held="tape")
+    assert taped.refused == ()
+    assert [(fault.serious, "tape holds it" in fault.text) for fault in taped.loose] == [
+        (False, True)
+    ]
 
 
 def test_a_hole_that_is_cut_after_the_outline_finds_the_part_loose() -> None:
     drawn = task(part(square("c1", 0, 40), disc("c2", 20, 20, 8.0)))
     first = around(0, 40, 3.0, -5.0)
-    late = proof([*first, *circle(20, 20, 5.0, -5.0)], drawn).loose
+    late = proof([*first, *circle(20, 20, 5.0, -5.0)], drawn, held="frame").unheld
     # Told where the way around it ends.
-    assert [(fault.serious, fault.line) for fault in late] == [(True, len(first) - 1)]
-    assert [
-        fault.serious for fault in proof([*circle(20, 20, 5.0, -5.0), *first], drawn).loose
-    ] == [False]
+    assert [("before its last cut" in fault.text, fault.line) for fault in late] == [
+        (True, len(first) - 1)
+    ]
+    early = proof([*circle(20, 20, 5.0, -5.0), *first], drawn, held="frame").unheld
+    assert ["before its last cut" in fault.text for fault in early] == [False]
 
 
 def test_what_frees_a_part_may_not_be_the_last_that_is_cut_beside_it() -> None:
@@ -310,9 +326,10 @@ def test_what_frees_a_part_may_not_be_the_last_that_is_cut_beside_it() -> None:
         feed(-3, 0, -5),
         MoveC(at(-2.1213203, -2.1213203, -5), at(0, -3, -5), 10.0),
     ]
-    found = proof([*around(0, 40, 3.0, -5.0), *again, rapid(0, -3, 5)], drawn).loose
-    assert [fault.serious for fault in found] == [True]
-    assert found[0].line < 11
+    body = [*around(0, 40, 3.0, -5.0), *again, rapid(0, -3, 5)]
+    (fault,) = proof(body, drawn, held="frame").unheld
+    assert "before its last cut" in fault.text
+    assert fault.line < 11
 
 
 def test_a_bridge_or_a_thicker_stock_holds_the_part() -> None:
@@ -326,9 +343,9 @@ def test_a_bridge_or_a_thicker_stock_holds_the_part() -> None:
         feed(20, -3, -5),
         *whole[2:],
     ]
-    assert proof(lifted, drawn).loose == ()
-    assert proof(whole, drawn, thickness=6.0).loose == ()
-    assert proof(whole, drawn, thickness=None).loose == ()
+    for body, thickness in ((lifted, 5.0), (whole, 6.0), (whole, None)):
+        judged = proof(body, drawn, thickness=thickness, held="frame")
+        assert judged.unheld == judged.loose == ()
 
 
 # What is gone, and what is left.
@@ -471,13 +488,15 @@ def test_one_program_goes_on_from_where_the_tool_before_it_stopped() -> None:
         Cut(way[:-1], range(1, len(way)), MILL, "p.ngc"),
         Cut([rapid(20, 20, 5)], [50], MILL, "p.ngc"),
     ]
-    wanted = design([drawn], StockTable(thickness=5.0))
-    assert [(fault.kind, fault.line) for fault in prove(cuts, wanted).refused] == [
+    stock = StockTable(thickness=5.0, held="tape")
+    wanted = design([drawn], stock)
+    assert [(fault.kind, fault.line) for fault in prove(cuts, wanted, stock=stock).refused] == [
         ("gouge", 50),
         ("rapid", 50),
     ]
     # Of another file nothing is known of where it begins.
-    assert prove([cuts[0], Cut([rapid(20, 20, 5)], [50], MILL, "q.ngc")], wanted).refused == ()
+    other = Cut([rapid(20, 20, 5)], [50], MILL, "q.ngc")
+    assert prove([cuts[0], other], wanted, stock=stock).refused == ()
 
 
 def test_chords_may_leave_the_arcs_that_they_stand_for_but_not_at_their_ends() -> None:
