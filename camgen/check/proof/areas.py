@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import compress
 from typing import Any
 
 import numpy as np
@@ -19,13 +20,15 @@ from camgen.check.proof.pieces import (
     normals_along,
     points_along,
 )
-from camgen.check.proof.tasks import Drawing, Task
+from camgen.check.proof.tasks import Drawing, Task, find_circles
 from camgen.model.pose import FloatArray
 
 #: The area is examined at about this number of places on a grid.
 _PLACES = 4_000
 #: A place that is nearer to the border of what the tool can reach, mm, is not examined.
 _BORDER_MM = 0.03
+#: A channel that is narrower than the tool by less than twice this, mm, is as wide as it.
+_CHANNEL_MM = 1e-3
 #: A fill is planned on a raster: its strokes may leave the area by this share of the diameter.
 _FILL_SHARE = 0.05
 #: A feed may differ by this share: a text gives it with a few digits.
@@ -110,6 +113,11 @@ class AreaChecker:
         to_wall = points_along(pieces, piece, share) - plane.middle[rows]
         on_left = dot(normals_along(plane, rows, np.full(len(rows), 0.5)), to_wall) > 0
         against = on_left == (direction == "climb")
+        # Between two walls as far apart as the tool is wide, a motion runs along both.
+        unit = to_wall / np.maximum(np.sqrt((to_wall**2).sum(axis=1)), 1e-9)[:, None]
+        beyond, reach = plane.middle[rows] - self._radius / 2 * unit, self._radius / 2 + self.limit
+        single = walls.find(beyond, reach).distance > reach
+        rows, piece, against = rows[single], piece[single], against[single]
         length = np.where(against, plane.length[rows], -plane.length[rows])
         wall = pieces.owner[piece]
         wrong = np.bincount(wall, length, len(self.drawing.contours)) > 0
@@ -159,6 +167,8 @@ class AreaChecker:
                 findings.leave("that all is filled", f"{100 * share:.1f} % of the area is")
             return
         reachable = shapely.buffer(self.region, -(reach + left), quad_segs=64)
+        if not left:
+            reachable = shapely.union(reachable, self._find_channels())
         places = points[bare]
         if not len(places) or shapely.is_empty(reachable):
             return
@@ -166,6 +176,18 @@ class AreaChecker:
         for x, y in places[near][:1].tolist():
             what = f"the area is not cleared at {x:.3f} {y:.3f} mm, which the tool can reach"
             findings.miss(what)
+
+    def _find_channels(self) -> Any:
+        """Middles of channels and round holes as wide as the tool: thin polygons and points."""
+        radius = self._radius
+        inner = shapely.buffer(self.region, -(radius - _CHANNEL_MM), quad_segs=64)
+        wide = shapely.buffer(self.region, -(radius + self.limit), quad_segs=64)
+        rest = shapely.difference(inner, shapely.buffer(wide, 2 * self.limit, quad_segs=64))
+        thin = shapely.get_parts(rest)
+        circles = compress(find_circles(self.drawing), self.task.worked)
+        same = [c for c in circles if c is not None and abs(c[2] - radius) <= _CHANNEL_MM]
+        middles = [shapely.Point(circle[:2]) for circle in same]
+        return shapely.union_all([*thin[shapely.length(thin) > 2 * radius], *middles])
 
 
 def _grid_in(region: Any) -> FloatArray:

@@ -258,21 +258,23 @@ def _reachable(pieces: Shapes, owner: Any, wanted: Sequence[Wanted]) -> Shapes:
             continue
         around = _grown(piece.bounds, 4 * want.radius)
         room = shapely.clip_by_rect(want.room, *around)
-        # A slot that is just as wide as the tool is too narrow for it.
-        radius = want.radius + TOLERANCE_MM
+        # A slot as wide as the tool is reached: the centre may be that much nearer to a wall.
+        radius = want.radius - TOLERANCE_MM / 2
         free = want.ring is None
         centres = (
             shapely.buffer(room, -radius, quad_segs=QUARTER)
             if free
             else _beside(room, want, around)
         )
-        found[k] = shapely.buffer(centres, radius, quad_segs=QUARTER)
+        # Polygons leave the far side of a kerf by a little.
+        wide = want.radius + (0.0 if free else 1.5 * TOLERANCE_MM)
+        found[k] = shapely.buffer(centres, wide, quad_segs=QUARTER)
     return found
 
 
 def _beside(room: Any, want: Wanted, around: tuple[float, float, float, float]) -> Any:
     """Where in ``room`` the centre of a tool runs that touches the contour and keeps off all others."""
-    radius = want.radius + TOLERANCE_MM
+    radius = want.radius - TOLERANCE_MM / 2
     own = shapely.clip_by_rect(want.ring, *around)
     inside = want.cell == want.loop
     way = shapely.boundary(shapely.buffer(own, -radius if inside else radius, quad_segs=QUARTER))
@@ -282,7 +284,7 @@ def _beside(room: Any, want: Wanted, around: tuple[float, float, float, float]) 
     )
     # A little more than from the contour itself: a wall that goes on in its line ends the way.
     return shapely.intersection(
-        way, shapely.buffer(others, -radius - TOLERANCE_MM, quad_segs=QUARTER)
+        way, shapely.buffer(others, -want.radius - 2 * TOLERANCE_MM, quad_segs=QUARTER)
     )
 
 

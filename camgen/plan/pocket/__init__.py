@@ -15,7 +15,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from camgen.geometry.nesting import Nesting, nest
-from camgen.geometry.segments import Segments, flatten, from_contours, neighbours
+from camgen.geometry.segments import Segments, concatenate, flatten, from_contours, neighbours
 from camgen.geometry.uncross import find_slips, uncross
 from camgen.model.errors import InputError, JobError
 from camgen.model.job import Job
@@ -23,14 +23,31 @@ from camgen.model.part import Contour, Note, Part
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted, name_ranges, short
-from camgen.plan.columns import SLOWEST, Label, SegmentWork, pass_depths, sideways, tool_paths
+from camgen.plan.beside import NO_HELIX, centre_lines, does_not_fit
+from camgen.plan.columns import (
+    SLOWEST,
+    Label,
+    SegmentWork,
+    pass_depths,
+    plunge_path,
+    sideways,
+    tool_paths,
+)
 from camgen.plan.follow import turn_round
 from camgen.plan.open_outlines import check_outlines
-from camgen.plan.pocket.chains import concatenate
 from camgen.plan.pocket.channel import Bound, Channel, channels
 from camgen.plan.pocket.engagement import engagement
 from camgen.plan.pocket.ridge import ridge
-from camgen.plan.pocket.rings import CHORD, QUARTER, Ground, Piece, along_walls, of_pockets, peel
+from camgen.plan.pocket.rings import (
+    CHORD,
+    QUARTER,
+    Ground,
+    Peeled,
+    Piece,
+    along_walls,
+    of_pockets,
+    peel,
+)
 from camgen.plan.pocket.walk import Walk, lay, outermost_of
 
 #: Passes that overlap by less than a twentieth of the tool leave ridges on a real machine.
@@ -97,10 +114,49 @@ def pocket(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]
     pieces, opened = _open(_without(rough.pieces, failed), pockets, bound, job)
     walks = sorted_by_pocket(lay(pieces, own, radius + finish, step, opened, bound))
     borders = [piece for piece in _without(walls.pieces, failed) if piece.parent < 0]
+    slots = _slots(walls, pockets.ground, job)
     paths = _paths(walks, borders if finish else [], pieces, pockets, job)
-    notes += _tell_failed(failed, borders, pockets, job)
+    paths = (*paths, *_slot_paths(slots, pockets, job))
+    notes += _tell_failed(failed, borders, slots, pockets, job)
     notes += _tell_passes(walks, pieces, opened, pockets, job)
-    return paths, (*notes, *_tell_unreached(borders, pockets, job))
+    notes += _tell_slots(slots, pockets)
+    return paths, (*notes, *_tell_unreached(borders, slots, pockets, job))
+
+
+class _Slots(Struct, frozen=True, eq=False):
+    """Channels as wide as the tool, and round holes.
+
+    pocket: (S,) the pocket of each channel.
+    chains: its centre line, in the order of the pockets.
+    holes: (H, 2) middles of round holes, mm.
+    hole_pocket: (H,) the pocket that is one.
+    """
+
+    pocket: list[int]
+    chains: list[Segments]
+    holes: FloatArray
+    hole_pocket: list[int]
+
+
+def _slots(walls: Peeled, ground: Ground, job: Job) -> _Slots:
+    """The channels and holes that the last pass along the ``walls`` does not get into."""
+    known = [from_contours([])]
+    for piece in walls.pieces:
+        known += piece.chains if piece.parent < 0 else ()
+    lines = centre_lines(
+        concatenate(known),
+        ground.walls,
+        ground.following,
+        ground.group,
+        job.tool.radius,
+        job.tolerance.arc_fit,
+    )
+    rows = np.searchsorted(lines.segments.owner, np.arange(len(lines.closed)))
+    pocket = ground.group[lines.source[rows]]
+    order = np.argsort(pocket, kind="stable")
+    chains = [lines.segments.take(lines.segments.owner == k) for k in order.tolist()]
+    hole_pocket = ground.group[lines.hole_source].tolist()
+    return _Slots(pocket[order].tolist(), chains, lines.holes, hole_pocket)
 
 
 def _refuse(job: Job) -> None:
@@ -400,6 +456,33 @@ def _last_runs(
     return runs
 
 
+def _slot_paths(slots: _Slots, pockets: _Pockets, job: Job) -> list[ToolPath]:
+    """A path along each channel as wide as the tool, and one straight down into each hole."""
+    depths = pass_depths(job.operation.depth, job.operation.passes)
+    labels: list[Label] = []
+    for k, number in enumerate(slots.pocket):
+        name = f"{pockets.names[number]}.slot"
+        name += f".{slots.pocket[: k + 1].count(number)}" if slots.pocket.count(number) > 1 else ""
+        chain = slots.chains[k]
+        ring = bool((chain.start[0] == chain.end[-1]).all())
+        either = job.operation.direction == "any" and not ring
+        layer, names = pockets.layers[number], pockets.contours[number]
+        labels.append(Label(name, layer, ring, either, -1, names))
+    paths: list[ToolPath] = []
+    if labels:
+        table = concatenate(slots.chains)
+        sizes = [len(chain) for chain in slots.chains]
+        table = replace(table, owner=np.repeat(np.arange(len(sizes)), sizes))
+        none = np.zeros(len(table))
+        work = SegmentWork(sideways(table, 0), none, none + job.process.feed)
+        paths += tool_paths(table, labels, work, depths, "pocket")
+    if job.tool.center_cutting:
+        for (x, y), number in zip(slots.holes.tolist(), slots.hole_pocket, strict=True):
+            name, layer = pockets.names[number], pockets.layers[number]
+            paths.append(plunge_path(name, layer, (x, y), job, "pocket", pockets.contours[number]))
+    return paths
+
+
 def _feeds(table: Segments, runs: Sequence[_Run], job: Job) -> FloatArray:
     """(N,) mm/s: on inner curves the feed is that of the edge at the wall, as the centre runs on a smaller circle.
 
@@ -437,12 +520,21 @@ def _reached_by_roughing(borders: Sequence[Piece], pieces: Sequence[Piece], job:
 
 
 def _tell_failed(
-    failed: frozenset[int], borders: Sequence[Piece], pockets: _Pockets, job: Job
+    failed: frozenset[int],
+    borders: Sequence[Piece],
+    slots: _Slots,
+    pockets: _Pockets,
+    job: Job,
 ) -> list[Note]:
     """Notes on pockets without a path."""
-    reached = {piece.pocket for piece in borders}
-    narrow = [k for k in range(len(pockets.names)) if k not in reached and k not in failed]
-    tool = f"a {job.tool.diameter:g} mm tool does not fit"
+    reached = {piece.pocket for piece in borders} | set(slots.pocket)
+    round_ = [k for k in slots.hole_pocket if not job.tool.center_cutting]
+    reached |= set(slots.hole_pocket) - set(round_)
+    narrow = [k for k in range(len(pockets.names)) if k not in {*reached, *failed, *round_}]
+    tool = "nothing is narrow"
+    if narrow:
+        regions = [_region(pockets.ground, k) for k in narrow]
+        tool = does_not_fit(regions, job.tool.diameter)
     report = (
         "the passes did not keep their distance: draw one outline "
         "where edges lie on one line, else please report it"
@@ -450,6 +542,7 @@ def _tell_failed(
     result = []
     for chosen, how, why in (
         (narrow, "too narrow", tool),
+        (round_, "round and as wide as the tool", NO_HELIX),
         (sorted(failed), "check failed", report),
     ):
         if chosen:
@@ -459,6 +552,16 @@ def _tell_failed(
             every = tuple(name for k in chosen for name in pockets.contours[k])
             result.append(Note("skipped", what, why, every))
     return result
+
+
+def _tell_slots(slots: _Slots, pockets: _Pockets) -> list[Note]:
+    """Which channels are as wide as the tool, so that nothing bounds the engagement there."""
+    if not slots.chains:
+        return []
+    names = ", ".join(name_ranges([pockets.names[k] for k in dict.fromkeys(slots.pocket)]))
+    length = short(sum(float(chain.length.sum()) for chain in slots.chains), 1)
+    what = f"{counted(len(slots.chains), 'channel')} as wide as the tool, {length} mm: {names}"
+    return [Note("assumed", what, "along the middle, with all of its width in the material")]
 
 
 def _tell_passes(
@@ -507,19 +610,23 @@ def _tell_passes(
 
 def _percent(share: float) -> str:
     """A share in whole percent, rounded up."""
-    return f"{np.ceil(100 * share - 1e-6):.0f}"
+    return f"{max(np.ceil(100 * share - 1e-6), 0.0):.0f}"
 
 
-def _tell_unreached(borders: Sequence[Piece], pockets: _Pockets, job: Job) -> list[Note]:
+def _tell_unreached(
+    borders: Sequence[Piece], slots: _Slots, pockets: _Pockets, job: Job
+) -> list[Note]:
     """What the tool leaves of the pockets that it clears: corners and narrow places."""
     radius = job.tool.radius
     total, whole = 0.0, 0.0
     places: list[tuple[float, float, float]] = []
     ids: list[str] = []
-    for number in sorted({piece.pocket for piece in borders}):
+    for number in sorted({piece.pocket for piece in borders} | set(slots.pocket)):
         region = _region(pockets.ground, number)
-        swept = shapely.union_all([piece.area for piece in borders if piece.pocket == number])
-        left = region.difference(swept.buffer(radius, quad_segs=QUARTER))
+        chains = [slots.chains[k] for k, pocket in enumerate(slots.pocket) if pocket == number]
+        centres = [_line(chain) for chain in chains]
+        centres += [piece.area for piece in borders if piece.pocket == number]
+        left = region.difference(shapely.union_all(centres).buffer(radius, quad_segs=QUARTER))
         whole += region.area
         # What is as thin as the chords of the flattened curves is none.
         parts = [p for p in shapely.get_parts(left) if not p.buffer(-2 * CHORD).is_empty]
@@ -537,6 +644,12 @@ def _tell_unreached(borders: Sequence[Piece], pockets: _Pockets, job: Job) -> li
     return [
         Note("warning", what, why, tuple(ids), tuple((x, y) for _, x, y in places[:_MOST_PLACES]))
     ]
+
+
+def _line(chain: Segments) -> Any:
+    """A chain as a line of chords."""
+    points, _ = flatten(chain, CHORD)
+    return shapely.LineString(np.vstack([points, chain.end[-1:]]))
 
 
 def _region(ground: Ground, number: int) -> Any:

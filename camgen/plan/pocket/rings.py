@@ -26,12 +26,13 @@ from camgen.geometry.segments import (
     IntArray,
     Segments,
     backwards,
+    concatenate,
     flatten,
     from_contours,
     neighbours,
 )
 from camgen.plan.beside import Beside, beside
-from camgen.plan.pocket.chains import concatenate, cut_out, places
+from camgen.plan.pocket.chains import cut_out, places
 
 #: Rings are flattened to this, mm, where it is looked at what lies in what, and at what stays uncut.
 CHORD = 0.002
