@@ -198,7 +198,7 @@ def _excess(wanted: Sequence[Wanted], gone: Any, depth: float, untaken: Any) -> 
     if not len(pieces):
         return Excess(0.0, 0.0, 0.0, 0.0, None, shapely.MultiPolygon(), shapely.MultiPolygon())
     reachable = _reachable(pieces, owner, wanted)
-    corners = shapely.difference(pieces, reachable)
+    corners = _without_slivers(shapely.difference(pieces, reachable))
     plain = _without_slivers(shapely.intersection(pieces, reachable))
     bridge = np.array(
         [_is_tab(one, wanted[k], depth) for one, k in zip(plain, owner.tolist(), strict=True)]
@@ -266,9 +266,7 @@ def _reachable(pieces: Shapes, owner: Any, wanted: Sequence[Wanted]) -> Shapes:
             if free
             else _beside(room, want, around)
         )
-        # Polygons leave the far side of a kerf by a little.
-        wide = want.radius + (0.0 if free else 1.5 * TOLERANCE_MM)
-        found[k] = shapely.buffer(centres, wide, quad_segs=QUARTER)
+        found[k] = shapely.buffer(centres, want.radius, quad_segs=QUARTER)
     return found
 
 
