@@ -13,6 +13,7 @@ import numpy as np
 import shapely
 from msgspec import Struct
 from msgspec.structs import replace
+from numpy.typing import NDArray
 
 from camgen.geometry.nesting import Nesting, nest
 from camgen.geometry.segments import Segments, concatenate, flatten, from_contours, neighbours
@@ -40,6 +41,7 @@ from camgen.plan.pocket.engagement import engagement
 from camgen.plan.pocket.ridge import ridge
 from camgen.plan.pocket.rings import (
     CHORD,
+    LEAST_CORNERS,
     QUARTER,
     Ground,
     Peeled,
@@ -47,6 +49,7 @@ from camgen.plan.pocket.rings import (
     along_walls,
     of_pockets,
     peel,
+    region_of,
 )
 from camgen.plan.pocket.walk import Walk, lay, outermost_of
 
@@ -68,8 +71,10 @@ _THIN_SHARE = 0.05
 _MOST_BOUND = 0.995
 #: Samples of the walls lie so far apart where the ridge between them is looked for, as a share of the tool's radius.
 _SPACING = 0.2
-#: Places that are named at most.
-_MOST_PLACES = 100
+#: Places that are named at most, and in a text.
+_MOST_PLACES, _NAMED = 100, 4
+#: A loop of a wall that crosses itself is a slip of the drawing if no wider disc fits in it, mm.
+_SLIP = 0.02
 
 
 class _Pockets(Struct, frozen=True, eq=False):
@@ -222,7 +227,7 @@ def _open(
     found: list[Channel] = []
     for number in sorted({piece.pocket for piece in pieces}):
         ground = of_pockets(pockets.ground, frozenset([number]))
-        region, spacing = _region(pockets.ground, number), _SPACING * bound.radius
+        region, spacing = region_of(pockets.ground, number), _SPACING * bound.radius
         axis = ridge(ground.walls, ground.following, region, first, spacing, bound.turn)
         found += channels(axis, first, bound, begun)
     if not found:
@@ -282,7 +287,10 @@ def sorted_by_pocket(walks: Sequence[Walk]) -> list[Walk]:
 def _find(contours: Sequence[Contour]) -> tuple[_Pockets, list[Note]]:
     closed = [c for c in contours if c.closed]
     nesting = _find_overlaps(closed, nest(from_contours(closed), len(closed)))
-    unfit = [(contours_of(closed, own), how, why) for own, how, why in _unfit(nesting)]
+    crossings = _find_crossings(closed)
+    for k in crossings:
+        nesting.crossed[k] = k
+    unfit = [(contours_of(closed, own), how, why) for own, how, why in _unfit(nesting, crossings)]
     loose = [c for c in contours if not c.closed]
     if loose:
         unfit.append(
@@ -310,7 +318,8 @@ def _find(contours: Sequence[Contour]) -> tuple[_Pockets, list[Note]]:
     walls = turn_round(from_contours([closed[k] for k in chosen]), flip)
     every = np.ones(len(chosen), dtype=bool)
     following = neighbours(walls, every)
-    walls, following = uncross(walls, following, find_slips(walls, following, len(chosen)))
+    slips = find_slips(walls, following, len(chosen)) | _are_crossed(walls, len(chosen))
+    walls, following = uncross(walls, following, slips)
     group = np.repeat(np.arange(len(members)), [len(own) for own in members.values()])
     return _Pockets(
         Ground(walls, following, group[walls.owner], len(members)),
@@ -346,12 +355,44 @@ def contours_of(closed: Sequence[Contour], chosen: Any) -> list[Contour]:
     return [closed[k] for k in np.flatnonzero(chosen).tolist()]
 
 
-def _unfit(nesting: Nesting) -> list[tuple[Any, str, str]]:
+def _are_crossed(loops: Segments, count: int) -> NDArray[np.bool_]:
+    """(count,) which closed loops, ``owner`` of ``loops``, cross themselves."""
+    points, owner = flatten(loops, CHORD)
+    crossed = np.zeros(count, dtype=np.bool_)
+    polygons = np.flatnonzero(np.bincount(owner, minlength=count) >= LEAST_CORNERS)
+    rows = np.isin(owner, polygons)
+    rings = shapely.linearrings(points[rows], indices=np.searchsorted(polygons, owner[rows]))
+    crossed[polygons] = ~shapely.is_valid(shapely.polygons(rings))
+    return crossed
+
+
+def _find_crossings(closed: Sequence[Contour]) -> dict[int, tuple[float, float]]:
+    """The contours that cross themselves by more than a slip, and a place of the loop, mm.
+
+    Within such a loop it is not clear on which side the pocket lies.
+    """
+    places: dict[int, tuple[float, float]] = {}
+    crossed = _are_crossed(from_contours(closed), len(closed))
+    for k in np.flatnonzero(crossed).tolist():
+        points, _ = flatten(from_contours([closed[k]]), CHORD)
+        parts = shapely.get_parts(shapely.make_valid(shapely.Polygon(points)))
+        parts = parts[np.argsort(-shapely.area(parts), kind="stable")]
+        loops = parts[1:][~shapely.is_empty(shapely.buffer(parts[1:], -_SLIP / 2))]
+        if len(loops):
+            places[k] = loops[0].representative_point().coords[0]
+    return places
+
+
+def _unfit(
+    nesting: Nesting, crossings: dict[int, tuple[float, float]]
+) -> list[tuple[Any, str, str]]:
     own = nesting.crossed == np.arange(len(nesting.crossed))
     other = (nesting.crossed >= 0) & ~own
     why = "no clear inside; draw one outline"
+    at = [f"near {short(x, 2)} {short(y, 2)} mm" for x, y in crossings.values()][:_NAMED]
+    where = f"{why}, see {', '.join(at)}" if at else why
     return [
-        (own & ~nesting.empty, "crossing themselves", why),
+        (own & ~nesting.empty, "crossing themselves", where),
         (other, "crossing each other", why),
         (nesting.empty & ~other, "without an inside", why),
     ]
@@ -533,11 +574,11 @@ def _tell_failed(
     narrow = [k for k in range(len(pockets.names)) if k not in {*reached, *failed, *round_}]
     tool = "nothing is narrow"
     if narrow:
-        regions = [_region(pockets.ground, k) for k in narrow]
+        regions = [region_of(pockets.ground, k) for k in narrow]
         tool = does_not_fit(regions, job.tool.diameter)
     report = (
-        "the passes did not keep their distance: draw one outline "
-        "where edges lie on one line, else please report it"
+        "the border of the tool's way does not close there, as where edges lie on one line: "
+        "draw one outline, or take another tool"
     )
     result = []
     for chosen, how, why in (
@@ -622,7 +663,7 @@ def _tell_unreached(
     places: list[tuple[float, float, float]] = []
     ids: list[str] = []
     for number in sorted({piece.pocket for piece in borders} | set(slots.pocket)):
-        region = _region(pockets.ground, number)
+        region = region_of(pockets.ground, number)
         chains = [slots.chains[k] for k, pocket in enumerate(slots.pocket) if pocket == number]
         centres = [_line(chain) for chain in chains]
         centres += [piece.area for piece in borders if piece.pocket == number]
@@ -650,13 +691,3 @@ def _line(chain: Segments) -> Any:
     """A chain as a line of chords."""
     points, _ = flatten(chain, CHORD)
     return shapely.LineString(np.vstack([points, chain.end[-1:]]))
-
-
-def _region(ground: Ground, number: int) -> Any:
-    """What the walls of a pocket enclose."""
-    points, owner = flatten(ground.walls.take(ground.group == number), CHORD)
-    loops = [shapely.make_valid(shapely.Polygon(points[owner == k])) for k in np.unique(owner)]
-    loops.sort(key=lambda loop: -loop.area)
-    return (
-        shapely.difference(loops[0], shapely.union_all(loops[1:])) if len(loops) > 1 else loops[0]
-    )
