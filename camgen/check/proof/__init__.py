@@ -211,7 +211,7 @@ def _prove_task(
         stretches = cut_at_clearance(motions, process, slack)
     for low, high in stretches:
         stretch, mine = motions.stretch(low, high), of_task[low:high]
-        phases = split_phases(stretch, process, slack)
+        phases = split_phases(stretch, process, slack, task.kind == "pocket")
         subject = Subject(task, context, program, stretch, phases, mine, slack)
         _check_motions(subject, totals, findings)
         contact = prover.examine(subject, low, findings)
@@ -365,6 +365,7 @@ def _prove_area(subject: Subject, findings: Findings) -> _Result:
     checker.check_inside(rows, findings)
     levels = find_levels(task, motions, rows, subject.slack)
     check_heights(task, motions, rows, levels, subject.slack, findings)
+    checker.check_hops(phases, subject.of_task, subject.slack, findings)
     visit = number_visits(motions, phases, task.job.process.clearance, subject.slack)[rows]
     reached = find_reached(task, motions, rows, visit)
     SlopeChecker(task, motions, rows, reached, subject.slack).check(visit, levels, findings)

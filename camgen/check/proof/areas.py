@@ -20,7 +20,8 @@ from camgen.check.proof.pieces import (
     normals_along,
     points_along,
 )
-from camgen.check.proof.tasks import Drawing, Task, find_circles
+from camgen.check.proof.tasks import HOP_MM, Drawing, Task, find_circles
+from camgen.check.proof.travel import Phases
 from camgen.model.pose import FloatArray
 
 #: The area is examined at about this number of places on a grid.
@@ -91,6 +92,28 @@ class AreaChecker:
         for index in np.flatnonzero(near)[:1].tolist():
             what = "comes nearer to a wall than the tool's radius"
             findings.add(self.motions, int(rows[index % len(rows)]), what)
+
+    def check_hops(
+        self, phases: Phases, of_task: BoolArray, slack: float, findings: Findings
+    ) -> None:
+        """Finds rapid motions below the clearance that are not level `HOP_MM` above a pass.
+
+        They have to stay inside as well. That they meet no material the stock proof shows.
+        slack: deviation of a height, mm.
+        """
+        motions, process = self.motions, self.task.job.process
+        low = np.minimum(motions.start[:, 2], motions.end[:, 2]) < process.clearance - slack
+        rows = np.flatnonzero(phases.known & ~phases.upright & ~phases.works & of_task & low)
+        if self.task.kind != "pocket" or not len(rows):
+            return
+        heights = HOP_MM - np.array(self.task.depths)
+        off = np.zeros(len(rows))
+        for end in (motions.start[rows, 2], motions.end[rows, 2]):
+            off = np.maximum(off, np.abs(end[:, None] - heights).min(axis=1))
+        for index in np.flatnonzero(off > slack)[:1].tolist():
+            what = "is a rapid motion that is not level above the floor of a pass"
+            findings.add(motions, int(rows[index]), what)
+        self.check_inside(rows, findings)
 
     def check_direction(self, rows: IntArray, findings: Findings) -> None:
         """Finds walls that are run along against `operation.direction` for most of the length.

@@ -15,8 +15,16 @@ from msgspec import Struct
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
+from camgen.geometry.intersect import nearest_distances
 from camgen.geometry.nesting import Nesting, nest
-from camgen.geometry.segments import Segments, concatenate, flatten, from_contours, neighbours
+from camgen.geometry.segments import (
+    Segments,
+    concatenate,
+    flatten,
+    from_contours,
+    neighbours,
+    points_at,
+)
 from camgen.geometry.uncross import find_slips, uncross
 from camgen.model.errors import InputError, JobError
 from camgen.model.job import Job
@@ -38,6 +46,7 @@ from camgen.plan.follow import turn_round
 from camgen.plan.open_outlines import check_outlines
 from camgen.plan.pocket.channel import Bound, Channel, channels
 from camgen.plan.pocket.engagement import engagement
+from camgen.plan.pocket.hops import Speeds, cleared_by, hop, lift
 from camgen.plan.pocket.ridge import ridge
 from camgen.plan.pocket.rings import (
     CHORD,
@@ -73,6 +82,8 @@ _MOST_BOUND = 0.995
 _SPACING = 0.2
 #: Places that are named at most, and in a text.
 _MOST_PLACES, _NAMED = 100, 4
+#: A pass is along a wall if it is no farther from it than the first one by this, mm.
+_AT_WALL = 0.05
 #: A loop of a wall that crosses itself is a slip of the drawing if no wider disc fits in it, mm.
 _SLIP = 0.02
 
@@ -118,6 +129,7 @@ def pocket(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]
     bound = _bound(job)
     pieces, opened = _open(_without(rough.pieces, failed), pockets, bound, job)
     walks = sorted_by_pocket(lay(pieces, own, radius + finish, step, opened, bound))
+    walks = _with_hops(walks, pieces, opened, job)
     borders = [piece for piece in _without(walls.pieces, failed) if piece.parent < 0]
     slots = _slots(walls, pockets.ground, job)
     paths = _paths(walks, borders if finish else [], pieces, pockets, job)
@@ -274,6 +286,40 @@ def _worth(
     return sorted(kept)
 
 
+def _with_hops(
+    walks: Sequence[Walk], pieces: Sequence[Piece], opened: Sequence[Sequence[Channel]], job: Job
+) -> list[Walk]:
+    """The walks with hops over what channels have cleared, where a mill can lift.
+
+    A ramp leads down along the first stretch of a path, which has to be level.
+    """
+    process, operation = job.process, job.operation
+    if not (process.spindle and operation.depth) or process.stay_down:
+        return list(walks)
+    channels: dict[int, list[Channel]] = {}
+    for piece, inside in zip(pieces, opened, strict=True):
+        channels.setdefault(piece.pocket, []).extend(inside)
+    cleared = {
+        pocket: cleared_by(loops, job.tool.radius) for pocket, loops in channels.items() if loops
+    }
+    result = []
+    for walk in walks:
+        levels_only = operation.entry == "ramp" or (operation.entry == "helix" and walk.room <= 0)
+        if walk.pocket in cleared and not levels_only:
+            speeds = _speeds(job)
+            hopping = hop(walk.chain, walk.loops, cleared[walk.pocket], job.tool.radius, speeds)
+            result.append(
+                replace(walk, chain=hopping.chain, travels=hopping.travels, loops=hopping.loops)
+            )
+        else:
+            result.append(walk)
+    return result
+
+
+def _speeds(job: Job) -> Speeds:
+    return Speeds(job.process.feed, job.process.travel_speed)
+
+
 def sorted_by_pocket(walks: Sequence[Walk]) -> list[Walk]:
     """Pocket by pocket, each walk before the one that must come after it."""
     order = sorted(range(len(walks)), key=lambda k: walks[k].pocket)
@@ -425,7 +471,7 @@ def _not_cleared(contours: Sequence[Contour], how: str, why: str) -> Note:
 
 class _Run(Struct, frozen=True, eq=False):
     """One path to be. room: mm, for the helix of its entry. loops: how many segments at its start are a channel. whole:
-    it runs at the whole depth alone.
+    it runs at the whole depth alone. travels: (N,) which of its segments are hops; empty for none.
     """
 
     label: Label
@@ -433,6 +479,7 @@ class _Run(Struct, frozen=True, eq=False):
     room: float = 0.0
     loops: int = 0
     whole: bool = False
+    travels: NDArray[np.bool_] = np.zeros(0, dtype=np.bool_)
 
 
 def _paths(
@@ -459,12 +506,15 @@ def _paths(
     table = concatenate([run.chain for run in runs])
     table = replace(table, owner=np.repeat(np.arange(len(runs)), [len(run.chain) for run in runs]))
     depths = pass_depths(job.operation.depth, job.operation.passes)
-    work = SegmentWork(sideways(table, 0), np.zeros(len(table)), _feeds(table, runs, job))
+    feeds = _feeds(table, runs, pockets.ground.walls, job)
+    work = SegmentWork(sideways(table, 0), np.zeros(len(table)), feeds)
     paths = tool_paths(table, [run.label for run in runs], work, depths, "pocket")
-    return tuple(
-        replace(path, entry_radius=run.room, depths=depths[-1:] if run.whole else depths)
-        for path, run in zip(paths, runs, strict=True)
-    )
+    planned = []
+    for path, run in zip(paths, runs, strict=True):
+        levels = depths[-1:] if run.whole else depths
+        whole = replace(path, entry_radius=run.room, depths=levels)
+        planned.append(lift(whole, np.append(False, run.travels), _speeds(job)))
+    return tuple(planned)
 
 
 def _rough_runs(
@@ -480,7 +530,7 @@ def _rough_runs(
         name = f"{pockets.names[number]}.{n}" if len(own) > 1 else pockets.names[number]
         label = Label(name, pockets.layers[number], False, False, before, pockets.contours[number])
         room = max(0.0, min(walk.room, _HELIX_SHARE * job.tool.diameter))
-        runs.append(_Run(label, walk.chain, room, walk.loops))
+        runs.append(_Run(label, walk.chain, room, walk.loops, travels=walk.travels))
     return runs
 
 
@@ -524,14 +574,20 @@ def _slot_paths(slots: _Slots, pockets: _Pockets, job: Job) -> list[ToolPath]:
     return paths
 
 
-def _feeds(table: Segments, runs: Sequence[_Run], job: Job) -> FloatArray:
-    """(N,) mm/s: on inner curves the feed is that of the edge at the wall, as the centre runs on a smaller circle.
+def _feeds(table: Segments, runs: Sequence[_Run], walls: Segments, job: Job) -> FloatArray:
+    """(N,) mm/s: on inner curves along the walls the feed is that of the edge at the wall.
 
-    Loops of a channel are no longer than what they engage allows; they leave no wall, and run at the full feed.
+    The centre runs on a smaller circle. Other curves leave no wall. Where engagement is bounded,
+    they take no more than it allows, and run at the full feed.
     """
     wall = 1 if job.operation.direction == "conventional" else -1
     loops = np.concatenate([np.arange(len(run.chain)) < run.loops for run in runs])
     inner = table.is_arc & (np.sign(table.bulge) == -wall) & ~loops
+    if _bound(job) is not None:
+        rows = np.flatnonzero(inner)
+        middles = points_at(table.take(rows), np.full(len(rows), 0.5))
+        reach = job.tool.radius + job.operation.finish + _AT_WALL
+        inner[rows] = np.isfinite(nearest_distances(middles, walls, reach))
     share = 1 / (1 + job.tool.radius / table.radius)
     return np.asarray(job.process.feed * np.maximum(np.where(inner, share, 1.0), SLOWEST))
 
