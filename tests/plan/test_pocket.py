@@ -385,3 +385,14 @@ def test_a_stray_arc_beside_a_border_leaves_no_pocket_out() -> None:
     tables |= {"process": {"spindle": 9000.0}}
     result = camgen.build(part(wall, island), post="gcode", job=tables)
     assert not [note for note in result.notes if note.kind == "skipped"]
+
+
+def test_a_triangle_is_cleared_in_its_middle() -> None:
+    """The box of its longest side covers it all, and the proof took a loop there for one along it."""
+    wall = contour([(0, 0), (206.6254, 0), (0, 151.0303)])
+    tables = {
+        "operation": {"kind": "pocket", "depth": 2.0, "entry": "helix"},
+        "tool": {"diameter": 4.0},
+    }
+    tables |= {"process": {"spindle": 9000.0}}
+    assert camgen.build(part(wall), post="gcode", job=tables).proof is not None

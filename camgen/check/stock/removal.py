@@ -244,6 +244,9 @@ def _pieces(wanted: Sequence[Wanted], gone: Any) -> tuple[Shapes, Any]:
 
 def _without_slivers(shapes: Shapes) -> Shapes:
     half = _NARROW_MM / 2
+    # An intersection may have lines and points beside polygons, which GEOS does not overlay.
+    mixed = shapely.get_type_id(shapes) == shapely.GeometryType.GEOMETRYCOLLECTION
+    shapes = np.where(mixed, shapely.buffer(shapes, 0.0), shapes) if mixed.any() else shapes
     thin = shapely.buffer(shapes, -half, quad_segs=2)
     return np.asarray(shapely.intersection(shapes, shapely.buffer(thin, 2 * half, quad_segs=2)))
 
