@@ -388,7 +388,7 @@ def test_a_stray_arc_beside_a_border_leaves_no_pocket_out() -> None:
 
 
 def test_a_triangle_is_cleared_in_its_middle() -> None:
-    """The box of its longest side covers it all, and the proof took a loop there for one along it."""
+    """The box of its longest side covers it; the proof took a loop there for one along it."""
     wall = contour([(0, 0), (206.6254, 0), (0, 151.0303)])
     tables = {
         "operation": {"kind": "pocket", "depth": 2.0, "entry": "helix"},
