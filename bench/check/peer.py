@@ -26,9 +26,9 @@ from camgen.post.plugins import dynamics_of
 from camgen.read.gcode.replayed import interpret
 from camgen.read.recorded import ProgramRun
 
-_PYTHON, _FREECAD = Path("/usr/bin/python3"), Path("/usr/lib/freecad/Mod/Path")
+FREECAD_PYTHON, _FREECAD = Path("/usr/bin/python3"), Path("/usr/lib/freecad/Mod/Path")
 #: Why there is no peer, "" where there is one.
-LACKING = "" if _PYTHON.exists() and _FREECAD.exists() else "FreeCAD is not installed"
+LACKING = "" if FREECAD_PYTHON.exists() and _FREECAD.exists() else "FreeCAD is not installed"
 _SCRIPT = Path(__file__).with_name("peer_freecad.py")
 _LONGEST = 300.0
 
@@ -53,7 +53,7 @@ def run(result: Result) -> Peer:
     with tempfile.TemporaryDirectory() as folder:
         work = Path(folder, "operations.json")
         work.write_text(json.dumps(describe(result, tour)), encoding="utf-8")
-        command = [str(_PYTHON), str(_SCRIPT), str(work), folder]
+        command = [str(FREECAD_PYTHON), str(_SCRIPT), str(work), folder]
         try:
             done = subprocess.run(
                 command, capture_output=True, text=True, timeout=_LONGEST, check=False

@@ -98,7 +98,10 @@ class Fixtures(Struct, frozen=True, eq=False):
         Such a fixture stands above the top face, z = 0, and reaches down to it. Its border holds
         nothing.
         """
-        lying = [one.outline for one in self.listed if one.bottom <= _SAME_MM < one.top]
+        lying = []
+        for fixture in self.listed:
+            if fixture.bottom <= _SAME_MM < fixture.top:
+                lying.append(fixture.outline)
         return shapely.buffer(shapely.union_all(lying), -_GRIP_MM)
 
     @property

@@ -10,7 +10,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from camgen.geometry.ragged import PAIRS, matches
+from camgen.geometry.ragged import PAIRS, matches, run_starts
 from camgen.geometry.segments import (
     BoolArray,
     IntArray,
@@ -294,6 +294,17 @@ class Obstacles:
             np.minimum.at(best, point, distances(points[point], self.segments, segment))
         best[best > reach] = np.inf
         return best
+
+    def nearest_rows(self, points: FloatArray, group: IntArray, reach: float) -> IntArray:
+        """(N,) row of the nearest segment of the group, -1 if none is nearer than ``reach`` mm."""
+        best, rows = np.full(len(points), reach), np.full(len(points), -1)
+        for point, segment in self._pairs(points, group, reach):
+            gap = distances(points[point], self.segments, segment)
+            order = np.lexsort((gap, point))
+            order = order[run_starts(point[order])]
+            order = order[gap[order] <= best[point[order]]]
+            best[point[order]], rows[point[order]] = gap[order], segment[order]
+        return rows
 
 
 def nearest_distances(points: FloatArray, segments: Segments, reach: float) -> FloatArray:

@@ -84,6 +84,14 @@ def make(start: FloatArray, end: FloatArray, bulge: FloatArray, owner: IntArray)
     )
 
 
+def concatenate(tables: Sequence[Segments]) -> Segments:
+    """The rows of all ``tables``, one after the other."""
+    columns = []
+    for name in Segments.__struct_fields__:
+        columns.append(np.concatenate([getattr(table, name) for table in tables]))
+    return Segments(*columns)
+
+
 def from_contours(contours: Sequence[Contour]) -> Segments:
     """All segments of ``contours`` in order, ``owner`` counting the contours."""
     points, bulges, counts, closed = tabulate_contours(contours)

@@ -381,11 +381,24 @@ class _RunDraft(Struct, frozen=True, eq=False):
         self.draft.put(at, _press(turns, force, rows.force_direction[:, 0], at))
         begin = np.flatnonzero(segment & wanted & ~pressing)
         self.draft.put(begin, _forces(rows, begin))
-        at = np.flatnonzero(segment)
+        hops = segment & self._are_hops()
+        at = np.flatnonzero(hops)
+        ends = self._targets(rows.position[at], turned.ends[at])
+        self.draft.put(at, self._moves(at, ends, feed[at], kind=self.rapid))
+        at = np.flatnonzero(segment & ~hops)
         end, via = (self._points(at, lifted[at], column) for column in (rows.position, rows.via))
         targets = Targets(end, turned.ends[at], turned.table, via, turned.vias[at])
         along = self._moves(at, targets, feed[at], self.blend[at], work=True)
         self.draft.put(at, _press(along, rows.force[at], rows.force_direction[:, 1], at))
+
+    def _are_hops(self) -> Mask:
+        """(N,) segments of pockets that lead over cleared ground above the floor of their pass."""
+        rows = self.rows
+        of_pocket = np.array([run.path.operation == "pocket" for run in self.runs])
+        floor = -np.array([run.depth for run in self.runs])
+        above = rows.position[:, 2] > floor[self.run] + SAME_POINT_MM
+        fast = rows.feed >= self.job.process.travel_speed
+        return np.asarray(of_pocket[self.run] & above & fast)
 
     def _travel(
         self,

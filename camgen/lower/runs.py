@@ -112,8 +112,9 @@ def _passes(ways: _Ways, job: Job, descent: _Descent, down: bool) -> list[_Pass]
             _Pass(_over_tabs(way, depth, descent.plunge), depth)
             for way, depth in zip(ways, path.depths, strict=True)
         ]
-    _insist_on_room(path, job, down)
-    if entry == "helix" and path.entry_radius > 0:
+    helix = entry == "helix" and path.entry_radius > 0
+    _insist_on_room(path, job, down, helix)
+    if helix:
         return _go_down(
             ways, descent, lambda way, from_z, to_z: _enter_by_helix(way, from_z, to_z, descent)
         )
@@ -124,8 +125,8 @@ def _passes(ways: _Ways, job: Job, descent: _Descent, down: bool) -> list[_Pass]
     )
 
 
-def _insist_on_room(path: ToolPath, job: Job, down: bool) -> None:
-    """JobError where a path cannot be entered on a slant."""
+def _insist_on_room(path: ToolPath, job: Job, down: bool, helix: bool) -> None:
+    """JobError where a path cannot be entered on a slant. helix: it is entered on one."""
     entry, remedy = job.operation.entry, 'set operation.entry to "plunge"'
     if path.force.any():
         raise JobError(
@@ -137,7 +138,7 @@ def _insist_on_room(path: ToolPath, job: Job, down: bool) -> None:
     if down:
         what = f"a way at working height has no material to go down into on a {entry}"
         raise JobError("job", what, "process.stay_down", remedy)
-    if len({*path.position[:, 2].tolist()}) > 1:
+    if not helix and len({*path.position[:, 2].tolist()}) > 1:
         raise JobError(
             "job",
             f"path {path.id} is not level: no {entry} goes into it",

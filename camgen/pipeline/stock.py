@@ -41,13 +41,14 @@ REMEDY_FOR_PIECES = (
 def prove_stock(
     asked: Plan, plan: Plan, tour: Tour, request: Request, checked: Checked, posted: Posted
 ) -> StockProof | None:
-    """What the texts of ``posted`` do to the stock; None where nothing is cut, and of what is not flat.
+    """The stock proof of what was posted, read back from the texts. None where nothing is cut.
 
-    asked: the plan before anything was left out of it: what its other paths would take is told as left.
+    asked: the plan before anything was left out of it: what its other paths would take is told as
+        left.
 
-    NoSafeProgram for the first motion that cuts what must stay, or runs through material in rapid motion or with the
-    holder. A motion too near to a fixture is such a motion too. NoSafeProgram too for the first piece that must be held
-    and is not.
+    Raises NoSafeProgram for the first motion that cuts what must stay, runs through material in
+    rapid motion or with the holder, or comes too near to a fixture, and for the first piece that
+    must be held and is not.
     """
     if isinstance(plan, (EdgePlan, ReplayPlan)) or plan.part.curves:
         return None

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
+import shapely
 from msgspec import Struct
 from msgspec.structs import replace
 
 from camgen.geometry.apart import set_apart
+from camgen.geometry.centre_lines import CentreLines, find_centre_lines
 from camgen.geometry.intersect import Obstacles
 from camgen.geometry.offset import Offset, offset
 from camgen.geometry.ragged import begins
@@ -15,16 +20,29 @@ from camgen.geometry.segments import (
     IntArray,
     Segments,
     backwards,
+    concatenate,
     make,
     neighbours,
     points_at,
 )
 from camgen.model.pose import FloatArray
+from camgen.model.text import short
 
 #: How far (mm) a path may be from the distance that was asked for; the plan is checked against it.
 EXACT = 0.005
 #: Corners may be left by this much (mm) to stay corners: a tenth of the usual chord tolerance.
 _MITRE = 0.001
+#: A channel may be narrower than the tool by ``tolerance.arc_fit``, and by this at most, mm: on
+#: each side the tool then cuts half of it into the wall, which with the digits of a text is less
+#: than what counts as a gouge (0.005 mm).
+_NARROWER_MM = 0.008
+#: With ``tolerance.arc_fit`` = 0 a width is the same as another within this, mm.
+_SAME_MM = 2e-4
+#: Why a round hole as wide as a mill is left out, and what to do.
+NO_HELIX = (
+    "no room for a helix, and the mill need not cut over its centre; drill it, "
+    "or set tool.center_cutting = true"
+)
 
 
 class Beside(Struct, frozen=True, eq=False):
@@ -33,6 +51,7 @@ class Beside(Struct, frozen=True, eq=False):
     segments: ``owner`` counts the chains. closed: (chains,). source: (N,) the source segment that is touched. turn:
     (N,) rad by which the source turns at the outer corner that a segment rounds, 0 elsewhere. lost: (N,) true where
     nothing is touched (a rounded inner corner). sound: (chains,) false where the check against the source failed.
+    other: (N,) the source segment on the other side of a channel as wide as the tool, -1 elsewhere.
     """
 
     segments: Segments
@@ -41,6 +60,7 @@ class Beside(Struct, frozen=True, eq=False):
     turn: FloatArray
     lost: BoolArray
     sound: BoolArray
+    other: IntArray
 
 
 def beside(
@@ -60,7 +80,8 @@ def beside(
     if corner_radius == 0.0:
         lost = np.zeros(len(out.segments), dtype=bool)
         sound = np.ones(len(out.closed), dtype=bool)
-        curve = Beside(out.segments, out.closed, out.source, out.turn, lost, sound)
+        other = np.full(len(out.segments), -1)
+        curve = Beside(out.segments, out.closed, out.source, out.turn, lost, sound, other)
         return _check(curve, source, closed, group, distance)
     turned, rows = backwards(_weld(out))
     label = group[out.source[rows]]
@@ -70,8 +91,55 @@ def beside(
     lost = back.corner[order]
     turn = np.where(lost, 0.0, out.turn[origin])
     sound = np.ones(len(back.closed), dtype=bool)
-    curve = Beside(segments, back.closed, out.source[origin], turn, lost, sound)
+    other = np.full(len(segments), -1)
+    curve = Beside(segments, back.closed, out.source[origin], turn, lost, sound, other)
     return _check(curve, source, closed, group, distance)
+
+
+def centre_lines(
+    known: Segments,
+    source: Segments,
+    following: IntArray,
+    group: IntArray,
+    distance: float,
+    arc_fit: float,
+) -> CentreLines:
+    """The centre lines of channels as wide as twice ``distance``, mm, where none of ``known`` runs.
+
+    arc_fit: mm by which a channel may be narrower, see ``tolerance.arc_fit``.
+    """
+    slack = max(min(arc_fit, _NARROWER_MM), _SAME_MM) / 2
+    return find_centre_lines(source, following, group, distance, slack, known)
+
+
+def does_not_fit(areas: Sequence[Any], diameter: float) -> str:
+    """Why a tool does not fit into ``areas``, polygons, with their width in the words of a note."""
+    circles = [shapely.maximum_inscribed_circle(area, tolerance=1e-4) for area in areas]
+    widest = 2 * max(float(circle.length) for circle in circles)
+    which = "it is" if len(areas) == 1 else "the widest is"
+    if widest > diameter + _NARROWER_MM:
+        return f"a {diameter:g} mm tool does not fit"
+    if widest >= diameter - _NARROWER_MM:
+        why = f"{short(widest, 3)} mm wide, a {diameter:g} mm tool does not fit sideways"
+        return f"{which} {why}; drill or bore it"
+    return f"{which} {short(widest, 3)} mm wide, a {diameter:g} mm tool does not fit"
+
+
+def with_centre_lines(curve: Beside, lines: CentreLines) -> Beside:
+    """The curve and, as more chains, the centre lines of channels as wide as the tool."""
+    if not len(lines.closed):
+        return curve
+    segments = replace(lines.segments, owner=lines.segments.owner + len(curve.closed))
+    count = len(segments)
+    return Beside(
+        concatenate([curve.segments, segments]),
+        np.concatenate([curve.closed, lines.closed]),
+        np.concatenate([curve.source, lines.source]),
+        np.concatenate([curve.turn, lines.turn]),
+        np.concatenate([curve.lost, np.zeros(count, dtype=bool)]),
+        np.concatenate([curve.sound, np.ones(len(lines.closed), dtype=bool)]),
+        np.concatenate([curve.other, lines.other]),
+    )
 
 
 def _weld(curve: Offset) -> Segments:
@@ -157,6 +225,7 @@ def only_along(curve: Beside, keep: BoolArray) -> Beside:
         curve.turn[rows],
         curve.lost[rows],
         curve.sound[of],
+        curve.other[rows],
     )
 
 
@@ -173,4 +242,5 @@ def only_chains(curve: Beside, chosen: BoolArray) -> Beside:
         curve.turn[rows],
         curve.lost[rows],
         curve.sound[chosen],
+        curve.other[rows],
     )

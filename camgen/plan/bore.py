@@ -1,7 +1,8 @@
 """Bores: circles larger than the tool, down on a helix, once round at the bottom, back to the middle and up.
 
-The tool's centre runs at the radius of the circle less its own. With ``operation.finish`` the helix leaves that at the
-wall, and a last circle at the whole depth takes it.
+Into a circle as wide as the tool it goes straight down, if it cuts over its centre. Else its centre
+runs at the radius of the circle less its own. With ``operation.finish`` the helix leaves that at
+the wall, and a last circle at the whole depth takes it.
 """
 
 from __future__ import annotations
@@ -17,11 +18,12 @@ from camgen.model.part import Note, Part
 from camgen.model.path import ToolPath, waypoints
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted, short
-from camgen.plan.columns import SLOWEST
+from camgen.plan.beside import NO_HELIX
+from camgen.plan.columns import SLOWEST, plunge_path
 from camgen.plan.drill import Hole, diameters, find_circles, innermost
 
-#: A circle no larger than the tool by more than this, mm, is one to drill.
-_LARGER = 0.01
+#: A circle that differs from the tool by no more than this, mm, is as wide as it.
+_SAME_MM = 0.01
 #: Chords of one turn at least, so that the tool goes down evenly.
 _LEAST_CHORDS = 12
 #: Ids that a note names.
@@ -59,10 +61,11 @@ def bore(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]]:
         )
     chosen = innermost(wanted)
     notes = _tell_others(part, len(every), len(wanted), len(chosen), (lowest, highest))
-    narrow, wide, whole, good = _sort_out(chosen, job)
+    narrow, same, wide, whole, good = _sort_out(chosen, job)
     tool = job.tool.diameter
     remedies = (
-        (narrow, "not larger than the tool", f"the tool is {short(tool, 3)} mm; drill them"),
+        (narrow, "smaller than the tool", f"the tool is {short(tool, 3)} mm; drill them"),
+        ([] if job.tool.center_cutting else same, "as wide as the tool", NO_HELIX),
         (
             wide,
             "too wide",
@@ -71,21 +74,29 @@ def bore(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]]:
         (whole, "without room for a helix", "operation.finish leaves none; leave less at the wall"),
     )
     notes += [_not_bored(holes, how, why) for holes, how, why in remedies if holes]
-    return tuple(_path(hole, job) for hole in good), tuple(notes)
+    paths = [_path(hole, job) for hole in good]
+    if job.tool.center_cutting:
+        for hole in same:
+            at = (hole.x, hole.y)
+            paths.append(plunge_path(hole.id, hole.layer, at, job, "bore", hole.contours))
+    return tuple(paths), tuple(notes)
 
 
-def _sort_out(
-    holes: Sequence[Hole], job: Job
-) -> tuple[list[Hole], list[Hole], list[Hole], list[Hole]]:
-    """Those not larger than the tool, those in which a core would stay, those without room beside what is left at the
-    wall, and the good ones.
+def _sort_out(holes: Sequence[Hole], job: Job) -> tuple[list[Hole], ...]:
+    """The holes in five lists: smaller than the tool, as wide as it, those in which a core would stay, those without
+    room beside what is left at the wall, and the good ones.
     """
-    sorted_: tuple[list[Hole], list[Hole], list[Hole], list[Hole]] = ([], [], [], [])
+    sorted_: tuple[list[Hole], ...] = ([], [], [], [], [])
     for hole in holes:
         arm = (hole.diameter - job.tool.diameter) / 2
         helix = arm - job.operation.finish
-        tests = (arm <= _LARGER / 2, helix > job.tool.radius, helix <= _LARGER / 2)
-        sorted_[tests.index(True) if any(tests) else 3].append(hole)
+        tests = (
+            arm < -_SAME_MM / 2,
+            arm <= _SAME_MM / 2,
+            helix > job.tool.radius,
+            helix <= _SAME_MM / 2,
+        )
+        sorted_[tests.index(True) if any(tests) else 4].append(hole)
     return sorted_
 
 

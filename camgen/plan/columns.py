@@ -116,6 +116,31 @@ def straight_path(
     )
 
 
+def plunge_path(
+    ident: str,
+    layer: str,
+    middle: tuple[float, float],
+    job: Job,
+    operation: str,
+    contours: tuple[str, ...],
+) -> ToolPath:
+    """A path straight down to the depth of ``job`` at ``middle``, x y in mm, and up again.
+
+    contours: ids of the contours that it works on.
+    operation: name of the operation.
+    """
+    x, y = middle
+    return ToolPath(
+        id=ident,
+        layer=layer,
+        table=waypoints(position=np.array([[x, y, 0.0]]), via=np.nan, feed=job.process.feed),
+        closed=False,
+        depths=pass_depths(job.operation.depth, job.operation.passes),
+        contours=contours,
+        operation=operation,
+    )
+
+
 def sideways(segments: Segments, side: int) -> FloatArray:
     """(N, 2, 3) unit vectors square to the travel at start and end; side +1: to the left, -1: to the right, 0: none."""
     press = np.zeros((len(segments), 2, 3))

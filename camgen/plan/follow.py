@@ -29,7 +29,16 @@ from camgen.model.part import Contour, Note, Part
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted, name_ranges
-from camgen.plan.beside import EXACT, Beside, beside, only_along, only_chains
+from camgen.plan.beside import (
+    EXACT,
+    Beside,
+    beside,
+    centre_lines,
+    does_not_fit,
+    only_along,
+    only_chains,
+    with_centre_lines,
+)
 from camgen.plan.columns import SLOWEST, Label, SegmentWork, pass_depths, sideways, tool_paths
 from camgen.plan.contact_feed import CAPPED, note_contact_feed
 from camgen.plan.finish import rough_then_last
@@ -107,9 +116,17 @@ def run_beside(
     curve = beside(
         source, following, closed, loops.group[source.owner], distance, job.operation.corner_radius
     )
+    if operation == "follow" and not job.operation.corner_radius:
+        group = loops.group[source.owner]
+        lines = centre_lines(
+            curve.segments, source, following, group, distance, job.tolerance.arc_fit
+        )
+        curve = with_centre_lines(curve, lines)
     looked_at = loops.worked
     if not loops.worked.all():
-        curve = only_along(curve, loops.worked[source.owner[curve.source]])
+        worked = loops.worked[source.owner]
+        beyond = (curve.other >= 0) & worked[curve.other]
+        curve = only_along(curve, worked[curve.source] | beyond)
         near = _too_near(curve, source, loops, reach)
         spoiled = np.isin(
             np.arange(len(contours)), source.owner[curve.source[near[curve.segments.owner]]]
@@ -339,12 +356,13 @@ def _left_out(
     touched = np.zeros(len(contours), dtype=bool)
     good = curve.sound[curve.segments.owner]
     touched[source.owner[curve.source[good]]] = True
+    touched[source.owner[curve.other[good & (curve.other >= 0)]]] = True
     failed = np.isin(np.arange(len(contours)), source.owner[curve.source[~good]])
     causes = _find_causes(source, contours, failed)
     narrow = worked & ~touched & ~failed
     notes = []
     for how, (cause, why) in {
-        "too narrow": (narrow, f"{tool} does not fit"),
+        "too narrow": (narrow, _why_narrow(contours, narrow, tool, distance)),
         **causes,
     }.items():
         numbers = np.flatnonzero(cause & ~touched).tolist()
@@ -370,6 +388,16 @@ def _left_out(
         ids = tuple(contours[k].id for k in np.flatnonzero(failed).tolist())
         notes.append(Note("skipped", what, why, ids))
     return notes
+
+
+def _why_narrow(contours: list[Contour], narrow: BoolArray, tool: str, distance: float) -> str:
+    """Why ``tool`` does not fit into the ``narrow`` (contours,), with their width if known."""
+    chosen = [contours[k] for k in np.flatnonzero(narrow).tolist()]
+    if not chosen or not all(contour.closed for contour in chosen) or tool[-4:] != "tool":
+        return f"{tool} does not fit"
+    points, owner = flatten(from_contours(chosen), EXACT / 50)
+    areas = [shapely.Polygon(points[owner == k]).buffer(0) for k in range(len(chosen))]
+    return does_not_fit(areas, 2 * distance)
 
 
 def _is_much(missing: FloatArray, whole: FloatArray) -> bool:
@@ -490,9 +518,9 @@ def _order_chains(
     process = job.process
     rounding = (curve.turn > 0) & ~curve.lost
     factor = np.clip(_stretch(curve, source), SLOWEST, process.max_feed_factor)
-    feed = process.feed * np.where(
-        rounding, process.max_feed_factor, np.where(curve.lost, 1.0, factor)
-    )
+    factor = np.where(rounding, process.max_feed_factor, np.where(curve.lost, 1.0, factor))
+    # Between two walls the tool cuts with all of its width: its centre has the feed.
+    feed = process.feed * np.where(curve.other >= 0, 1.0, factor)
     force = np.where(curve.lost | (curve.turn > _SHARP), 0.0, process.force)
     place = np.full(len(curve.closed), -1)
     place[order] = np.arange(len(order))

@@ -7,8 +7,8 @@ fits are left to the user.
 - A round hole is drilled if there is a standard drill of its diameter, else a mill bores it.
 - A contour is followed by the largest mill that touches 95 % of it. A smaller mill takes the rest.
 - Mills go in on ramps. If they take several passes, a last pass finishes the wall.
-- Outlines, and holes with slugs, have as many tabs as there is room for, four at most. Where there is
-  no room for two a thin skin stays.
+- Outlines, and holes with slugs, have as many tabs as there is room for, four at most. Where two
+  have no room, a thin skin stays.
 """
 
 from __future__ import annotations

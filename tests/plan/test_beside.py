@@ -84,7 +84,7 @@ def test_a_stretch_of_a_closed_chain_goes_over_the_end_of_the_chain() -> None:
     segments = from_contours([triangle, rectangle(20, 0, 10, 10)])
     plain = np.zeros(7, np.bool_)
     closed = np.ones(2, np.bool_)
-    both = Beside(segments, closed, np.arange(7), np.zeros(7), plain, closed)
+    both = Beside(segments, closed, np.arange(7), np.zeros(7), plain, closed, np.full(7, -1))
     chosen = np.ones(7, np.bool_)
     chosen[4] = False  # the right side of the rectangle
     kept = only_along(both, chosen[both.source])

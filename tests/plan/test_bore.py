@@ -119,7 +119,7 @@ def test_circles_that_cannot_be_bored_are_told() -> None:
     assert [path.id for path in made.paths] == ["c2", "c4"]
     told = [(note.kind, note.ids) for note in made.notes]
     assert told == [("assumed", ()), ("skipped", ("c1",)), ("skipped", ("c3",))]
-    assert "drill them" in str(made.notes[1])
+    assert "drill it, or set tool.center_cutting" in str(made.notes[1])
     (wide,) = [n for n in planned(*shapes).notes if "too wide" in n.what]
     assert wide.ids == ("c2",)
     assert "use a pocket" in wide.why

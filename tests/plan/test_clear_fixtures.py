@@ -24,7 +24,7 @@ def build(*fixtures: object, strict: bool = False, **tables: Any) -> Result:
         "input": {"layers": ["OUTLINE"]},
         "operation": {"depth": 3.0},
         "process": {"spindle": 9000.0},
-        "stock": {"thickness": 3.0},
+        "stock": {"thickness": 3.0, "held": "tape"},
         "cell": {"fixtures": list(fixtures)},
     }
     for name, table in tables.items():

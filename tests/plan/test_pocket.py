@@ -265,9 +265,9 @@ def test_a_neck_too_narrow_is_told_with_its_place() -> None:
 def test_a_pocket_too_narrow_is_left_out_by_name() -> None:
     made = planned(rectangle(0, 0, 40, 5.9, "c1"), circle(0, 40, 20, "c2"))
     assert {path.contours for path in made.paths} == {("c2",)}
-    assert "1 contour not cleared, too narrow: c1 on layer 0 (a 6 mm tool does not fit)" in told(
-        made, "narrow:"
-    )
+    note = told(made, "narrow:")
+    assert "1 contour not cleared, too narrow: c1 on layer 0" in note
+    assert "(it is 5.9 mm wide, a 6 mm tool does not fit)" in note
 
 
 @pytest.mark.parametrize(
@@ -346,3 +346,53 @@ def test_passes_whose_chords_cross_are_planned() -> None:
     result = camgen.build(plate, post="gcode", job=tables)
     # The stock proof finds no gouge, else there is no result.
     assert result.proof is not None
+
+
+@pytest.mark.parametrize("lobe", [0.3, 0.9])
+def test_a_wall_that_crosses_itself_is_told_with_its_place(lobe: float) -> None:
+    """The upper edge of 200 x 60 mm overshoots by a square loop, outside of which was planned."""
+    corners = [(0, 0), (200, 0), (200, 60), (50 - lobe, 60), (50 - lobe, 60 + lobe),
+               (50, 60 + lobe), (50, 59.5), (0, 59.5)]  # fmt: skip
+    plan_of_both = planned(contour(corners), rectangle(0, 100, 40, 30, "c2"))
+    assert [path.contours for path in plan_of_both.paths] == [("c2",)]
+    place = f"near {50 - lobe / 2:g} {60 + lobe / 2:g} mm"
+    assert place in told(plan_of_both, "1 contour not cleared, crossing themselves: c1")
+
+
+def test_a_loop_within_a_pocket_is_no_wall_of_it() -> None:
+    """A wall that runs round a square of the pocket a second time encloses nothing new."""
+    corners = [(0, 0), (200, 0), (200, 60), (50, 60), (50, 59.3), (50.7, 59.3), (50.7, 60.5),
+               (0, 60.5)]  # fmt: skip
+    settings = {"kind": "pocket", "depth": 1.0}
+    tables = {"operation": settings, "tool": {"diameter": 0.5}, "process": {"spindle": 9000.0}}
+    result = camgen.build(part(contour(corners)), post="gcode", job=tables)
+    assert not [note for note in result.notes if note.kind == "skipped"]
+
+
+def test_a_stray_arc_beside_a_border_leaves_no_pocket_out() -> None:
+    """One candidate of this offset is cut too late; its rest has no successor."""
+    wall = contour(
+        [(15.743, 10.701), (12.057, 15.013), (-3.091, 7.326), (-8.089, 7.77), (-16.076, -2.055),
+         (-10.342, -10.931), (-3.834, -21.828), (6.306, -18.358), (8.324, -3.609)],
+        [0.4396, 0.1515, 0.2351, 0.1922, 0.0, -0.4197, 0.7005, 0.0358, -0.5054],
+    )  # fmt: skip
+    island = contour(
+        [(0.608, 7.206), (-3.211, 7.454), (-4.017, 3.515), (-1.416, 3.354), (0.795, 3.23)],
+        [0.0, 0.5195, 0.0, 0.0, -0.3122],
+        name="c2",
+    )
+    tables = {"operation": {"kind": "pocket", "depth": 2.0}, "tool": {"diameter": 3.0}}
+    tables |= {"process": {"spindle": 9000.0}}
+    result = camgen.build(part(wall, island), post="gcode", job=tables)
+    assert not [note for note in result.notes if note.kind == "skipped"]
+
+
+def test_a_triangle_is_cleared_in_its_middle() -> None:
+    """The box of its longest side covers it; the proof took a loop there for one along it."""
+    wall = contour([(0, 0), (206.6254, 0), (0, 151.0303)])
+    tables = {
+        "operation": {"kind": "pocket", "depth": 2.0, "entry": "helix"},
+        "tool": {"diameter": 4.0},
+    }
+    tables |= {"process": {"spindle": 9000.0}}
+    assert camgen.build(part(wall), post="gcode", job=tables).proof is not None

@@ -64,10 +64,10 @@ def test_a_plate_with_holes_counterbores_a_pocket_and_slots() -> None:
         # The pocket with the counterbore on it, which is cut through.
         *("1 contour around slugs", "1 outline"),
     ]
-    assert [tool.row["kind"] for tool in proposal.tools] == ["drill", "drill", *["end mill"] * 2]
-    assert [tool.row["number"] for tool in proposal.tools] == [1, 2, 3, 4]
-    # The slots are 7 mm wide. The pocket and the outline fit the widest mill.
-    assert sizes(proposal) == [5.5, 8.0, 8.0, 6.0]
+    assert [tool.row["kind"] for tool in proposal.tools] == ["drill", "drill", "end mill"]
+    assert [tool.row["number"] for tool in proposal.tools] == [1, 2, 3]
+    # The slots are as wide as the widest mill.
+    assert sizes(proposal) == [5.5, 8.0, 8.0]
     assert proposal.operations[-1].row == {
         "kind": "follow",
         "tool": "mill 8",

@@ -21,7 +21,7 @@ from camgen.check.proof.descents import DescentChecker
 from camgen.check.proof.earlier import EarlierCut, EarlierCuts, cuts_before
 from camgen.check.proof.findings import Finding, Findings
 from camgen.check.proof.heights import check_heights, find_levels
-from camgen.check.proof.holes import check_bored, check_drilled, select_holes
+from camgen.check.proof.holes import check_bored, check_drilled, find_plunged, select_holes
 from camgen.check.proof.motions import Controller, Motions, Rounding, tabulate
 from camgen.check.proof.passes import check_path_order
 from camgen.check.proof.pieces import BoolArray
@@ -235,7 +235,7 @@ def _prove_task(
         stretches = cut_at_clearance(motions, process, slack)
     for low, high in stretches:
         stretch, mine = motions.stretch(low, high), of_task[low:high]
-        phases = split_phases(stretch, process, slack)
+        phases = split_phases(stretch, process, slack, task.kind == "pocket")
         subject = Subject(task, context, program, stretch, phases, mine, slack)
         _check_motions(subject, totals, findings)
         contact = prover.examine(subject, low, findings)
@@ -364,10 +364,11 @@ def _are_reached_by_joints(subject: Subject) -> BoolArray:
 
 
 def _prove_bored(subject: Subject, findings: Findings) -> _Result:
-    done = check_bored(
-        subject.task, subject.drawing, subject.motions, subject.works, subject.limit, findings
-    )
-    return _without_others(subject, done), subject.phases.works
+    task, drawing, motions = subject.task, subject.drawing, subject.motions
+    done = check_bored(task, drawing, motions, subject.works, subject.limit, findings)
+    upright = np.flatnonzero((subject.phases.upright | _start_at_joints(motions)) & subject.of_task)
+    plunged, strokes = find_plunged(task, drawing, motions, upright, subject.limit)
+    return _without_others(subject, done | plunged), subject.phases.works | strokes
 
 
 def _without_others(subject: Subject, done: BoolArray) -> BoolArray:
@@ -388,6 +389,7 @@ def _prove_area(subject: Subject, findings: Findings) -> _Result:
     checker.check_inside(rows, findings)
     levels = find_levels(task, motions, rows, subject.slack)
     check_heights(task, motions, rows, levels, subject.slack, findings)
+    checker.check_hops(phases, subject.of_task, subject.slack, findings)
     visit = number_visits(motions, phases, task.job.process.clearance, subject.slack)[rows]
     reached = find_reached(task, motions, rows, visit)
     SlopeChecker(task, motions, rows, reached, subject.slack).check(visit, levels, findings)
@@ -400,22 +402,24 @@ def _prove_area(subject: Subject, findings: Findings) -> _Result:
             "that the area is cleared", "a note says that paths or contours are left out"
         )
         task = replace(task, depths=())
+    # A dot, or the place of a helix, is reached from above only.
+    strokes = phases.upright | _start_at_joints(motions)
+    dots = strokes & subject.of_task & (motions.end[:, 2] <= subject.slack)
+    dots[dots] = checker.are_inside(np.flatnonzero(dots), findings)
+    ends = np.where(dots, motions.end[:, 2], np.inf)
     last = len(task.depths) - 1
     depths = np.array(subject.task.depths)
     for number, depth in enumerate(task.depths):
         # Passes that the digits of the text do not distinguish are one.
         at_level = rows[(levels >= 0) & (np.abs(depths[levels] - depth) <= subject.slack)]
-        if not len(at_level):
+        below = np.flatnonzero(np.abs(ends + depth) <= subject.slack)
+        if not len(at_level) and not len(below):
             findings.miss(f"no motion at the depth of pass {number + 1}")
             continue
         left = task.operation.finish if number < last else 0.0
         if not left:
             checker.check_direction(at_level, findings)
-        checker.check_covered(at_level, left, findings)
-    # A dot, or the place of a helix, is reached from above only.
-    strokes = phases.upright | _start_at_joints(motions)
-    dots = strokes & subject.of_task & (motions.end[:, 2] <= subject.slack)
-    dots[dots] = checker.are_inside(np.flatnonzero(dots), findings)
+        checker.check_covered(np.concatenate([at_level, below]), left, findings)
     return task.worked & subject.drawing.closed, phases.works | dots
 
 

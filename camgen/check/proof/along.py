@@ -84,7 +84,7 @@ class ContourProver:
         checker.check_direction(matched, directed, findings)
         check_pass_order(checker, matched, levels, findings)
         checker.check_clear(matched, findings)
-        check_feeds(task, subject.drawing, motions, matched, subject.context.rounding, findings)
+        check_feeds(checker, matched, subject.context.rounding, findings)
         check_forces(task, motions, matched, findings)
         _check_directions(subject, matched, findings)
         check_heights(task, motions, rows, levels, subject.slack, findings)

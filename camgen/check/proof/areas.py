@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import compress
 from typing import Any
 
 import numpy as np
@@ -19,13 +20,16 @@ from camgen.check.proof.pieces import (
     normals_along,
     points_along,
 )
-from camgen.check.proof.tasks import Drawing, Task
+from camgen.check.proof.tasks import HOP_MM, Drawing, Task, find_circles
+from camgen.check.proof.travel import Phases
 from camgen.model.pose import FloatArray
 
 #: The area is examined at about this number of places on a grid.
 _PLACES = 4_000
 #: A place that is nearer to the border of what the tool can reach, mm, is not examined.
 _BORDER_MM = 0.03
+#: A channel that is narrower than the tool by less than twice this, mm, is as wide as it.
+_CHANNEL_MM = 1e-3
 #: A fill is planned on a raster: its strokes may leave the area by this share of the diameter.
 _FILL_SHARE = 0.05
 #: A feed may differ by this share: a text gives it with a few digits.
@@ -89,6 +93,28 @@ class AreaChecker:
             what = "comes nearer to a wall than the tool's radius"
             findings.add(self.motions, int(rows[index % len(rows)]), what)
 
+    def check_hops(
+        self, phases: Phases, of_task: BoolArray, slack: float, findings: Findings
+    ) -> None:
+        """Finds rapid motions below the clearance that are not level `HOP_MM` above a pass.
+
+        They have to stay inside as well. That they meet no material the stock proof shows.
+        slack: deviation of a height, mm.
+        """
+        motions, process = self.motions, self.task.job.process
+        low = np.minimum(motions.start[:, 2], motions.end[:, 2]) < process.clearance - slack
+        rows = np.flatnonzero(phases.known & ~phases.upright & ~phases.works & of_task & low)
+        if self.task.kind != "pocket" or not len(rows):
+            return
+        heights = HOP_MM - np.array(self.task.depths)
+        off = np.zeros(len(rows))
+        for end in (motions.start[rows, 2], motions.end[rows, 2]):
+            off = np.maximum(off, np.abs(end[:, None] - heights).min(axis=1))
+        for index in np.flatnonzero(off > slack)[:1].tolist():
+            what = "is a rapid motion that is not level above the floor of a pass"
+            findings.add(motions, int(rows[index]), what)
+        self.check_inside(rows, findings)
+
     def check_direction(self, rows: IntArray, findings: Findings) -> None:
         """Finds walls that are run along against `operation.direction` for most of the length.
 
@@ -110,6 +136,11 @@ class AreaChecker:
         to_wall = points_along(pieces, piece, share) - plane.middle[rows]
         on_left = dot(normals_along(plane, rows, np.full(len(rows), 0.5)), to_wall) > 0
         against = on_left == (direction == "climb")
+        # Between two walls as far apart as the tool is wide, a motion runs along both.
+        unit = to_wall / np.maximum(np.sqrt((to_wall**2).sum(axis=1)), 1e-9)[:, None]
+        beyond, reach = plane.middle[rows] - self._radius / 2 * unit, self._radius / 2 + self.limit
+        single = walls.find(beyond, reach).distance > reach
+        rows, piece, against = rows[single], piece[single], against[single]
         length = np.where(against, plane.length[rows], -plane.length[rows])
         wall = pieces.owner[piece]
         wrong = np.bincount(wall, length, len(self.drawing.contours)) > 0
@@ -159,6 +190,8 @@ class AreaChecker:
                 findings.leave("that all is filled", f"{100 * share:.1f} % of the area is")
             return
         reachable = shapely.buffer(self.region, -(reach + left), quad_segs=64)
+        if not left:
+            reachable = shapely.union(reachable, self._find_channels())
         places = points[bare]
         if not len(places) or shapely.is_empty(reachable):
             return
@@ -166,6 +199,18 @@ class AreaChecker:
         for x, y in places[near][:1].tolist():
             what = f"the area is not cleared at {x:.3f} {y:.3f} mm, which the tool can reach"
             findings.miss(what)
+
+    def _find_channels(self) -> Any:
+        """Middles of channels and round holes as wide as the tool: thin polygons and points."""
+        radius = self._radius
+        inner = shapely.buffer(self.region, -(radius - _CHANNEL_MM), quad_segs=64)
+        wide = shapely.buffer(self.region, -(radius + self.limit), quad_segs=64)
+        rest = shapely.difference(inner, shapely.buffer(wide, 2 * self.limit, quad_segs=64))
+        thin = shapely.get_parts(rest)
+        circles = compress(find_circles(self.drawing), self.task.worked)
+        same = [c for c in circles if c is not None and abs(c[2] - radius) <= _CHANNEL_MM]
+        middles = [shapely.Point(circle[:2]) for circle in same]
+        return shapely.union_all([*thin[shapely.length(thin) > 2 * radius], *middles])
 
 
 def _grid_in(region: Any) -> FloatArray:

@@ -264,6 +264,8 @@ class ContourChecker:
         # A motion of no length has no direction.
         judged = (covered.high > covered.low) & directed[matched.place]
         wrong = judged & (climbs != (direction == "climb"))
+        # Between two walls a motion climbs along one of them and not along the other.
+        wrong[wrong] = ~self.are_between(covered.motion[wrong], covered.piece[wrong])
         short = self._are_ambiguous(matched, covered)
         first = np.flatnonzero(wrong & ~short)[:1].tolist()
         for index in self._find_majority(
@@ -282,6 +284,27 @@ class ContourChecker:
         length = (covered.high - covered.low) * self.pieces.length[covered.piece]
         rolls = matched.has_tool_radius[matched.place] & (length < _LEAST_ROLL_MM)
         return np.asarray(rolls | (self.motions.plane.length[covered.motion] < SHORT_MM))
+
+    def are_between(self, rows: IntArray, piece: IntArray, ends: bool = False) -> BoolArray:
+        """(N,) whether motions have walls on both sides, as far apart as the tool is wide.
+
+        rows: (N,) the motions.
+        piece: (N,) the piece of the drawing beside each.
+        ends: they may have them at one of their ends, and not half-way.
+        """
+        between = np.zeros(len(rows), np.bool_)
+        if not len(rows) or self.task.kind != "follow":
+            return between
+        plane, distance = self.motions.plane, self.task.distances[-1]
+        reach = distance / 2 + self.limit
+        places = [plane.middle, plane.start, plane.end] if ends else [plane.middle]
+        for place in (column[rows] for column in places):
+            share = np.clip(find_shares(place, self.pieces, piece), 0.0, 1.0)
+            arm = place - points_along(self.pieces, piece, share)
+            length = np.maximum(np.sqrt((arm**2).sum(axis=1)), 1e-9)[:, None]
+            beyond = place + distance / 2 * arm / length
+            between |= self._distance_to_walls(beyond, self.pieces.owner[piece], reach) <= reach
+        return between
 
     def check_clear(self, matched: Matched, findings: Findings) -> None:
         """Finds motions that come nearer to another contour than the tool may."""
@@ -356,14 +379,17 @@ class ContourChecker:
         contour = self.pieces.owner[piece]
         points = points_along(self.pieces, piece, share)
         normal = normals_along(self.pieces, piece, share) * self.task.tool_side[contour][:, None]
+        centre = points + distance * normal
         open_ = np.ones(len(points), np.bool_)
         if distance:
-            # With rounded inner corners the path is where a larger circle still fits. A slot that
-            # is as wide as the tool is too narrow (docs/planning.md).
+            # With rounded inner corners the path is where a larger circle still fits.
             room = distance + self.task.operation.corner_radius + _ROOM_MM
             wall_distance = self._distance_to_walls(points + room * normal, contour, room)
             open_ = wall_distance >= room - _REACH_MM
-        centre = points + distance * normal
+            if self.task.kind == "follow" and not self.task.operation.corner_radius:
+                slot = self._fits_exactly(centre, normal, contour, distance) & ~open_
+                long = np.bincount(gap[slot], minlength=len(count)) * size / count > distance
+                open_ |= slot & long[gap]
         chosen = np.flatnonzero(open_)
         if len(chosen):
             plane = self.motions.plane
@@ -377,6 +403,17 @@ class ContourChecker:
             alone[gap[open_ & np.isfinite(near)]] = False
         short = samples * size / count <= _ROOM_LENGTH_MM
         return samples > 0, (samples > 0) & alone & short
+
+    def _fits_exactly(
+        self, centre: FloatArray, normal: FloatArray, contour: IntArray, distance: float
+    ) -> BoolArray:
+        """(N,) whether a tool at `centre` (N, 2) touches one wall and has another on its far side.
+
+        normal: (N, 2) from the wall to the centre.
+        """
+        clear = self._distance_to_walls(centre, contour, distance) >= distance - _REACH_MM
+        beyond = self._distance_to_walls(centre + distance / 2 * normal, contour, distance)
+        return np.asarray(clear & (beyond <= distance / 2 + _REACH_MM))
 
     def _distance_to_walls(self, points: FloatArray, contour: IntArray, reach: float) -> FloatArray:
         """(N,) distance of points from what the tool keeps clear of, up to `reach` mm."""

@@ -14,7 +14,7 @@ from camgen.check.proof.process import (
     plunge_speed,
     process_signal,
 )
-from camgen.check.proof.tasks import Task
+from camgen.check.proof.tasks import HOP_MM, Task
 from camgen.check.proof.travel import Phases
 from camgen.model.pose import FloatArray
 
@@ -65,7 +65,9 @@ class DescentChecker:
             "goes down to the part without a stop at process.approach",
             findings,
         )
-        self._check_speed(plunges & ~motions.joint, plunge_speed(process), True, findings)
+        hops = self._end_hops() & ~motions.joint
+        self._check_speed(hops, process.feed, True, findings)
+        self._check_speed(plunges & ~motions.joint & ~hops, plunge_speed(process), True, findings)
         rests = self._rest_heights()
         lowered = self.down & ~plunges & (end < process.clearance - slack)
         self._report(
@@ -80,6 +82,15 @@ class DescentChecker:
             findings,
         )
 
+    def _end_hops(self) -> BoolArray:
+        """(M,) motions down to the floor of a pocket's pass from the height of a hop."""
+        start, end = self.motions.start[:, 2], self.motions.end[:, 2]
+        if self.task.kind != "pocket":
+            return np.zeros(len(end), np.bool_)
+        floors = -np.array(self.task.depths)
+        from_hop = np.abs(start - end - HOP_MM) <= 2 * self.slack
+        return np.asarray(self.down & from_hop & _is_one_of(end, floors, self.slack))
+
     def _rest_heights(self) -> FloatArray:
         """Heights, mm, at which a motion may end between the part and the clearance height.
 
@@ -90,6 +101,8 @@ class DescentChecker:
         if process.force:
             lift = min(process.retract, process.clearance)
             heights += [lift - depth for depth in (0.0, *self.task.depths)]
+        if self.task.kind == "pocket":
+            heights += [HOP_MM - depth for depth in self.task.depths]
         return np.array(heights)
 
     def _may_stay_low(self) -> int:

@@ -196,6 +196,26 @@ def check_bored(
     return done
 
 
+def find_plunged(
+    task: Task, drawing: Drawing, motions: Motions, rows: IntArray, limit: float
+) -> tuple[BoolArray, BoolArray]:
+    """The holes as wide as the tool that it goes straight down into.
+
+    rows: the upright motions.
+    Returns (C,) contours that are bored to the depth, and (M,) motions in their middles.
+    """
+    holes = select_holes(task, drawing)
+    same = np.abs(holes.radius - task.job.tool.radius) <= limit
+    holes = Holes(holes.contour[same], holes.centre[same], holes.radius[same])
+    hole = find_hole(motions.end[rows, :2], holes, limit)
+    strokes = np.zeros(len(motions), np.bool_)
+    strokes[rows[hole >= 0]] = True
+    deep = (hole >= 0) & (np.abs(motions.end[rows, 2] + task.operation.depth) <= limit)
+    done = np.zeros(len(drawing.contours), np.bool_)
+    done[holes.contour[hole[deep]]] = True
+    return done, strokes
+
+
 def _swept_angle(
     motions: Motions, rows: IntArray, centre: FloatArray, room: FloatArray, limit: float
 ) -> FloatArray:

@@ -177,7 +177,10 @@ class PieceTree:
             first = np.flatnonzero(np.append(True, row[1:] != row[:-1]))
             rows = row + low
             hits = _nearest_pairs(points, rows, self._rows[piece], self._pieces, first)
-            nearest.put(rows[first], hits)
+            # The box of a slanting piece is near to more places than the piece itself.
+            within = hits.distance <= distance
+            chosen = Nearest(hits.distance[within], hits.piece[within], hits.side[within])
+            nearest.put(rows[first][within], chosen)
         return nearest
 
 

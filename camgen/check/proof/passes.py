@@ -109,7 +109,13 @@ def check_repeats(
         # A ramp that begins over a tab runs level there, at the depth of the pass before.
         allowed = allowed + task.operation.tab_width + task.job.tool.diameter
         allowed = allowed + 2 * task.operation.tab_height
-    for index in np.flatnonzero(total > allowed)[:1].tolist():
+    repeated = total > allowed
+    if repeated.any():
+        # A channel a little wider than the tool is run along both walls, nearly in one line.
+        both = checker.are_between(covered.motion, covered.piece)
+        twice = np.bincount(pieces.owner[covered.piece], covered.length * both, count)
+        repeated &= total - twice / 2 > allowed
+    for index in np.flatnonzero(repeated)[:1].tolist():
         name = checker.drawing.contours[index].id
         what = f"contour {name} is run again for {total[index]:.3f} mm, depth {depth:g} mm"
         findings.miss(what)

@@ -9,7 +9,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from camgen.check.proof.contours import SHORT_MM, Matched, find_rolling, may_roll
+from camgen.check.proof.contours import (
+    SHORT_MM,
+    ContourChecker,
+    Matched,
+    find_rolling,
+    may_roll,
+)
 from camgen.check.proof.findings import Findings
 from camgen.check.proof.motions import Motions, Rounding
 from camgen.check.proof.pieces import (
@@ -145,19 +151,14 @@ def check_orientation(job: Job, motions: Motions, rows: IntArray, findings: Find
 
 
 def check_feeds(
-    task: Task,
-    drawing: Drawing,
-    motions: Motions,
-    matched: Matched,
-    rounding: Rounding,
-    findings: Findings,
+    checker: ContourChecker, matched: Matched, rounding: Rounding, findings: Findings
 ) -> None:
     """Finds motions along a contour at another feed than the job asks for."""
-    process = task.job.process
+    task, motions, process = checker.task, checker.motions, checker.task.job.process
     rows = matched.rows[matched.follows]
     low, high = np.ones(len(rows)), np.ones(len(rows))
     if task.kind in ("follow", "chamfer"):
-        low, high = _contact_factors(drawing, motions, matched, task.job, rounding.mm)
+        low, high = _contact_factors(checker.drawing, motions, matched, task.job, rounding.mm)
     speed = motions.speed[rows]
     slack = rounding.speed + _FEED_SHARE * process.feed
     off = (speed < process.feed * low - slack) | (speed > process.feed * high + slack)
@@ -170,6 +171,10 @@ def check_feeds(
     if task.operation.corner_radius:
         # The rounding of a shallow inner corner follows the contour too, at the plain feed.
         off &= ~(np.abs(speed - process.feed) <= slack)
+    # Between two walls the tool's centre has the plain feed.
+    plain = np.flatnonzero(off & (np.abs(speed - process.feed) <= slack))
+    piece = matched.piece[matched.follows][plain]
+    off[plain] = ~checker.are_between(rows[plain], piece, ends=True)
     for index in np.flatnonzero(off)[:1].tolist():
         wanted = process.feed * np.clip(speed[index] / process.feed, low[index], high[index])
         what = f"has a feed of {speed[index]:.4g} mm/s, the job asks for {wanted:.4g}"

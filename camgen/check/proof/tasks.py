@@ -32,6 +32,9 @@ HOLES = ("drill", "bore")
 _ROUND = 0.002
 #: Distance of the tip of a V tool from the wall, mm: usual, and at least (docs/chamfer.md).
 _TIP_GAP_MM, _LEAST_TIP_GAP_MM = 0.5, 0.1
+#: Height above the floor of a pass at which a pocket is crossed at travel speed, mm
+#: (docs/pocket.md).
+HOP_MM = 0.3
 #: Deviation from the border of a picture of two values, pixels.
 _PIXELS = 1.0
 

@@ -14,6 +14,8 @@ from camgen.model.job import ProcessTable
 
 #: Motions that are examined at a time, at least: fewer take longer, more leave the cache.
 _STRETCH = 60_000
+#: A speed is printed with a few digits.
+_NEARLY = 0.99
 
 
 class Phases(Struct, frozen=True, eq=False):
@@ -34,10 +36,13 @@ class Phases(Struct, frozen=True, eq=False):
     last: BoolArray
 
 
-def split_phases(motions: Motions, process: ProcessTable, height_slack: float) -> Phases:
+def split_phases(
+    motions: Motions, process: ProcessTable, height_slack: float, hops: bool = False
+) -> Phases:
     """The phases of the motions of one text.
 
     height_slack: deviation of a height, mm.
+    hops: whether motions below the clearance may travel, as over cleared ground in a pocket.
     """
     known = ~np.isnan(motions.start[:, 0]) & ~np.isnan(motions.end[:, 0])
     upright = known & motions.upright
@@ -46,11 +51,21 @@ def split_phases(motions: Motions, process: ProcessTable, height_slack: float) -
         # The tool marks without touching: only its output shows whether it works.
         high &= ~motions.on
     works = known & ~upright & ~high
+    if hops:
+        works &= ~find_fast(motions, process)
     before = np.append(False, works[:-1]) & np.append(False, motions.path[1:] == motions.path[:-1])
     first = works & ~before
     after = np.append(before[1:], False)
     chain = np.where(works, np.cumsum(first) - 1, -1)
     return Phases(known, upright, works, chain, first, works & ~after)
+
+
+def find_fast(motions: Motions, process: ProcessTable) -> BoolArray:
+    """(M,) rapid motions, and lines at the speed of travel if no feed is as high."""
+    fast = motions.joint.copy()
+    if process.feed < _NEARLY * process.travel_speed:
+        fast |= motions.speed >= _NEARLY * process.travel_speed
+    return fast
 
 
 def cut_at_clearance(

@@ -198,7 +198,7 @@ def _excess(wanted: Sequence[Wanted], gone: Any, depth: float, untaken: Any) -> 
     if not len(pieces):
         return Excess(0.0, 0.0, 0.0, 0.0, None, shapely.MultiPolygon(), shapely.MultiPolygon())
     reachable = _reachable(pieces, owner, wanted)
-    corners = shapely.difference(pieces, reachable)
+    corners = _without_slivers(shapely.difference(pieces, reachable))
     plain = _without_slivers(shapely.intersection(pieces, reachable))
     bridge = np.array(
         [_is_tab(one, wanted[k], depth) for one, k in zip(plain, owner.tolist(), strict=True)]
@@ -244,6 +244,9 @@ def _pieces(wanted: Sequence[Wanted], gone: Any) -> tuple[Shapes, Any]:
 
 def _without_slivers(shapes: Shapes) -> Shapes:
     half = _NARROW_MM / 2
+    # An intersection may have lines and points beside polygons, which GEOS does not overlay.
+    mixed = shapely.get_type_id(shapes) == shapely.GeometryType.GEOMETRYCOLLECTION
+    shapes = np.where(mixed, shapely.buffer(shapes, 0.0), shapes) if mixed.any() else shapes
     thin = shapely.buffer(shapes, -half, quad_segs=2)
     return np.asarray(shapely.intersection(shapes, shapely.buffer(thin, 2 * half, quad_segs=2)))
 
@@ -258,21 +261,21 @@ def _reachable(pieces: Shapes, owner: Any, wanted: Sequence[Wanted]) -> Shapes:
             continue
         around = _grown(piece.bounds, 4 * want.radius)
         room = shapely.clip_by_rect(want.room, *around)
-        # A slot that is just as wide as the tool is too narrow for it.
-        radius = want.radius + TOLERANCE_MM
+        # A slot as wide as the tool is reached: the centre may be that much nearer to a wall.
+        radius = want.radius - TOLERANCE_MM / 2
         free = want.ring is None
         centres = (
             shapely.buffer(room, -radius, quad_segs=QUARTER)
             if free
             else _beside(room, want, around)
         )
-        found[k] = shapely.buffer(centres, radius, quad_segs=QUARTER)
+        found[k] = shapely.buffer(centres, want.radius, quad_segs=QUARTER)
     return found
 
 
 def _beside(room: Any, want: Wanted, around: tuple[float, float, float, float]) -> Any:
     """Where in ``room`` the centre of a tool runs that touches the contour and keeps off all others."""
-    radius = want.radius + TOLERANCE_MM
+    radius = want.radius - TOLERANCE_MM / 2
     own = shapely.clip_by_rect(want.ring, *around)
     inside = want.cell == want.loop
     way = shapely.boundary(shapely.buffer(own, -radius if inside else radius, quad_segs=QUARTER))
@@ -282,7 +285,7 @@ def _beside(room: Any, want: Wanted, around: tuple[float, float, float, float]) 
     )
     # A little more than from the contour itself: a wall that goes on in its line ends the way.
     return shapely.intersection(
-        way, shapely.buffer(others, -radius - TOLERANCE_MM, quad_segs=QUARTER)
+        way, shapely.buffer(others, -want.radius - 2 * TOLERANCE_MM, quad_segs=QUARTER)
     )
 
 

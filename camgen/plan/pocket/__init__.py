@@ -13,9 +13,18 @@ import numpy as np
 import shapely
 from msgspec import Struct
 from msgspec.structs import replace
+from numpy.typing import NDArray
 
+from camgen.geometry.intersect import nearest_distances
 from camgen.geometry.nesting import Nesting, nest
-from camgen.geometry.segments import Segments, flatten, from_contours, neighbours
+from camgen.geometry.segments import (
+    Segments,
+    concatenate,
+    flatten,
+    from_contours,
+    neighbours,
+    points_at,
+)
 from camgen.geometry.uncross import find_slips, uncross
 from camgen.model.errors import InputError, JobError
 from camgen.model.job import Job
@@ -23,14 +32,34 @@ from camgen.model.part import Contour, Note, Part
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted, name_ranges, short
-from camgen.plan.columns import SLOWEST, Label, SegmentWork, pass_depths, sideways, tool_paths
+from camgen.plan.beside import NO_HELIX, centre_lines, does_not_fit
+from camgen.plan.columns import (
+    SLOWEST,
+    Label,
+    SegmentWork,
+    pass_depths,
+    plunge_path,
+    sideways,
+    tool_paths,
+)
 from camgen.plan.follow import turn_round
 from camgen.plan.open_outlines import check_outlines
-from camgen.plan.pocket.chains import concatenate
 from camgen.plan.pocket.channel import Bound, Channel, channels
 from camgen.plan.pocket.engagement import engagement
+from camgen.plan.pocket.hops import Speeds, cleared_by, hop, lift
 from camgen.plan.pocket.ridge import ridge
-from camgen.plan.pocket.rings import CHORD, QUARTER, Ground, Piece, along_walls, of_pockets, peel
+from camgen.plan.pocket.rings import (
+    CHORD,
+    LEAST_CORNERS,
+    QUARTER,
+    Ground,
+    Peeled,
+    Piece,
+    along_walls,
+    of_pockets,
+    peel,
+    region_of,
+)
 from camgen.plan.pocket.walk import Walk, lay, outermost_of
 
 #: Passes that overlap by less than a twentieth of the tool leave ridges on a real machine.
@@ -51,8 +80,12 @@ _THIN_SHARE = 0.05
 _MOST_BOUND = 0.995
 #: Samples of the walls lie so far apart where the ridge between them is looked for, as a share of the tool's radius.
 _SPACING = 0.2
-#: Places that are named at most.
-_MOST_PLACES = 100
+#: Places that are named at most, and in a text.
+_MOST_PLACES, _NAMED = 100, 4
+#: A pass is along a wall if it is no farther from it than the first one by this, mm.
+_AT_WALL = 0.05
+#: A loop of a wall that crosses itself is a slip of the drawing if no wider disc fits in it, mm.
+_SLIP = 0.02
 
 
 class _Pockets(Struct, frozen=True, eq=False):
@@ -96,11 +129,51 @@ def pocket(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]
     bound = _bound(job)
     pieces, opened = _open(_without(rough.pieces, failed), pockets, bound, job)
     walks = sorted_by_pocket(lay(pieces, own, radius + finish, step, opened, bound))
+    walks = _with_hops(walks, pieces, opened, job)
     borders = [piece for piece in _without(walls.pieces, failed) if piece.parent < 0]
+    slots = _slots(walls, pockets.ground, job)
     paths = _paths(walks, borders if finish else [], pieces, pockets, job)
-    notes += _tell_failed(failed, borders, pockets, job)
+    paths = (*paths, *_slot_paths(slots, pockets, job))
+    notes += _tell_failed(failed, borders, slots, pockets, job)
     notes += _tell_passes(walks, pieces, opened, pockets, job)
-    return paths, (*notes, *_tell_unreached(borders, pockets, job))
+    notes += _tell_slots(slots, pockets)
+    return paths, (*notes, *_tell_unreached(borders, slots, pockets, job))
+
+
+class _Slots(Struct, frozen=True, eq=False):
+    """Channels as wide as the tool, and round holes.
+
+    pocket: (S,) the pocket of each channel.
+    chains: its centre line, in the order of the pockets.
+    holes: (H, 2) middles of round holes, mm.
+    hole_pocket: (H,) the pocket that is one.
+    """
+
+    pocket: list[int]
+    chains: list[Segments]
+    holes: FloatArray
+    hole_pocket: list[int]
+
+
+def _slots(walls: Peeled, ground: Ground, job: Job) -> _Slots:
+    """The channels and holes that the last pass along the ``walls`` does not get into."""
+    known = [from_contours([])]
+    for piece in walls.pieces:
+        known += piece.chains if piece.parent < 0 else ()
+    lines = centre_lines(
+        concatenate(known),
+        ground.walls,
+        ground.following,
+        ground.group,
+        job.tool.radius,
+        job.tolerance.arc_fit,
+    )
+    rows = np.searchsorted(lines.segments.owner, np.arange(len(lines.closed)))
+    pocket = ground.group[lines.source[rows]]
+    order = np.argsort(pocket, kind="stable")
+    chains = [lines.segments.take(lines.segments.owner == k) for k in order.tolist()]
+    hole_pocket = ground.group[lines.hole_source].tolist()
+    return _Slots(pocket[order].tolist(), chains, lines.holes, hole_pocket)
 
 
 def _refuse(job: Job) -> None:
@@ -166,7 +239,7 @@ def _open(
     found: list[Channel] = []
     for number in sorted({piece.pocket for piece in pieces}):
         ground = of_pockets(pockets.ground, frozenset([number]))
-        region, spacing = _region(pockets.ground, number), _SPACING * bound.radius
+        region, spacing = region_of(pockets.ground, number), _SPACING * bound.radius
         axis = ridge(ground.walls, ground.following, region, first, spacing, bound.turn)
         found += channels(axis, first, bound, begun)
     if not found:
@@ -213,6 +286,40 @@ def _worth(
     return sorted(kept)
 
 
+def _with_hops(
+    walks: Sequence[Walk], pieces: Sequence[Piece], opened: Sequence[Sequence[Channel]], job: Job
+) -> list[Walk]:
+    """The walks with hops over what channels have cleared, where a mill can lift.
+
+    A ramp leads down along the first stretch of a path, which has to be level.
+    """
+    process, operation = job.process, job.operation
+    if not (process.spindle and operation.depth) or process.stay_down:
+        return list(walks)
+    channels: dict[int, list[Channel]] = {}
+    for piece, inside in zip(pieces, opened, strict=True):
+        channels.setdefault(piece.pocket, []).extend(inside)
+    cleared = {
+        pocket: cleared_by(loops, job.tool.radius) for pocket, loops in channels.items() if loops
+    }
+    result = []
+    for walk in walks:
+        levels_only = operation.entry == "ramp" or (operation.entry == "helix" and walk.room <= 0)
+        if walk.pocket in cleared and not levels_only:
+            speeds = _speeds(job)
+            hopping = hop(walk.chain, walk.loops, cleared[walk.pocket], job.tool.radius, speeds)
+            result.append(
+                replace(walk, chain=hopping.chain, travels=hopping.travels, loops=hopping.loops)
+            )
+        else:
+            result.append(walk)
+    return result
+
+
+def _speeds(job: Job) -> Speeds:
+    return Speeds(job.process.feed, job.process.travel_speed)
+
+
 def sorted_by_pocket(walks: Sequence[Walk]) -> list[Walk]:
     """Pocket by pocket, each walk before the one that must come after it."""
     order = sorted(range(len(walks)), key=lambda k: walks[k].pocket)
@@ -226,7 +333,10 @@ def sorted_by_pocket(walks: Sequence[Walk]) -> list[Walk]:
 def _find(contours: Sequence[Contour]) -> tuple[_Pockets, list[Note]]:
     closed = [c for c in contours if c.closed]
     nesting = _find_overlaps(closed, nest(from_contours(closed), len(closed)))
-    unfit = [(contours_of(closed, own), how, why) for own, how, why in _unfit(nesting)]
+    crossings = _find_crossings(closed)
+    for k in crossings:
+        nesting.crossed[k] = k
+    unfit = [(contours_of(closed, own), how, why) for own, how, why in _unfit(nesting, crossings)]
     loose = [c for c in contours if not c.closed]
     if loose:
         unfit.append(
@@ -254,7 +364,8 @@ def _find(contours: Sequence[Contour]) -> tuple[_Pockets, list[Note]]:
     walls = turn_round(from_contours([closed[k] for k in chosen]), flip)
     every = np.ones(len(chosen), dtype=bool)
     following = neighbours(walls, every)
-    walls, following = uncross(walls, following, find_slips(walls, following, len(chosen)))
+    slips = find_slips(walls, following, len(chosen)) | _are_crossed(walls, len(chosen))
+    walls, following = uncross(walls, following, slips)
     group = np.repeat(np.arange(len(members)), [len(own) for own in members.values()])
     return _Pockets(
         Ground(walls, following, group[walls.owner], len(members)),
@@ -290,12 +401,44 @@ def contours_of(closed: Sequence[Contour], chosen: Any) -> list[Contour]:
     return [closed[k] for k in np.flatnonzero(chosen).tolist()]
 
 
-def _unfit(nesting: Nesting) -> list[tuple[Any, str, str]]:
+def _are_crossed(loops: Segments, count: int) -> NDArray[np.bool_]:
+    """(count,) which closed loops, ``owner`` of ``loops``, cross themselves."""
+    points, owner = flatten(loops, CHORD)
+    crossed = np.zeros(count, dtype=np.bool_)
+    polygons = np.flatnonzero(np.bincount(owner, minlength=count) >= LEAST_CORNERS)
+    rows = np.isin(owner, polygons)
+    rings = shapely.linearrings(points[rows], indices=np.searchsorted(polygons, owner[rows]))
+    crossed[polygons] = ~shapely.is_valid(shapely.polygons(rings))
+    return crossed
+
+
+def _find_crossings(closed: Sequence[Contour]) -> dict[int, tuple[float, float]]:
+    """The contours that cross themselves by more than a slip, and a place of the loop, mm.
+
+    Within such a loop it is not clear on which side the pocket lies.
+    """
+    places: dict[int, tuple[float, float]] = {}
+    crossed = _are_crossed(from_contours(closed), len(closed))
+    for k in np.flatnonzero(crossed).tolist():
+        points, _ = flatten(from_contours([closed[k]]), CHORD)
+        parts = shapely.get_parts(shapely.make_valid(shapely.Polygon(points)))
+        parts = parts[np.argsort(-shapely.area(parts), kind="stable")]
+        loops = parts[1:][~shapely.is_empty(shapely.buffer(parts[1:], -_SLIP / 2))]
+        if len(loops):
+            places[k] = loops[0].representative_point().coords[0]
+    return places
+
+
+def _unfit(
+    nesting: Nesting, crossings: dict[int, tuple[float, float]]
+) -> list[tuple[Any, str, str]]:
     own = nesting.crossed == np.arange(len(nesting.crossed))
     other = (nesting.crossed >= 0) & ~own
     why = "no clear inside; draw one outline"
+    at = [f"near {short(x, 2)} {short(y, 2)} mm" for x, y in crossings.values()][:_NAMED]
+    where = f"{why}, see {', '.join(at)}" if at else why
     return [
-        (own & ~nesting.empty, "crossing themselves", why),
+        (own & ~nesting.empty, "crossing themselves", where),
         (other, "crossing each other", why),
         (nesting.empty & ~other, "without an inside", why),
     ]
@@ -328,7 +471,7 @@ def _not_cleared(contours: Sequence[Contour], how: str, why: str) -> Note:
 
 class _Run(Struct, frozen=True, eq=False):
     """One path to be. room: mm, for the helix of its entry. loops: how many segments at its start are a channel. whole:
-    it runs at the whole depth alone.
+    it runs at the whole depth alone. travels: (N,) which of its segments are hops; empty for none.
     """
 
     label: Label
@@ -336,6 +479,7 @@ class _Run(Struct, frozen=True, eq=False):
     room: float = 0.0
     loops: int = 0
     whole: bool = False
+    travels: NDArray[np.bool_] = np.zeros(0, dtype=np.bool_)
 
 
 def _paths(
@@ -362,12 +506,15 @@ def _paths(
     table = concatenate([run.chain for run in runs])
     table = replace(table, owner=np.repeat(np.arange(len(runs)), [len(run.chain) for run in runs]))
     depths = pass_depths(job.operation.depth, job.operation.passes)
-    work = SegmentWork(sideways(table, 0), np.zeros(len(table)), _feeds(table, runs, job))
+    feeds = _feeds(table, runs, pockets.ground.walls, job)
+    work = SegmentWork(sideways(table, 0), np.zeros(len(table)), feeds)
     paths = tool_paths(table, [run.label for run in runs], work, depths, "pocket")
-    return tuple(
-        replace(path, entry_radius=run.room, depths=depths[-1:] if run.whole else depths)
-        for path, run in zip(paths, runs, strict=True)
-    )
+    planned = []
+    for path, run in zip(paths, runs, strict=True):
+        levels = depths[-1:] if run.whole else depths
+        whole = replace(path, entry_radius=run.room, depths=levels)
+        planned.append(lift(whole, np.append(False, run.travels), _speeds(job)))
+    return tuple(planned)
 
 
 def _rough_runs(
@@ -383,7 +530,7 @@ def _rough_runs(
         name = f"{pockets.names[number]}.{n}" if len(own) > 1 else pockets.names[number]
         label = Label(name, pockets.layers[number], False, False, before, pockets.contours[number])
         room = max(0.0, min(walk.room, _HELIX_SHARE * job.tool.diameter))
-        runs.append(_Run(label, walk.chain, room, walk.loops))
+        runs.append(_Run(label, walk.chain, room, walk.loops, travels=walk.travels))
     return runs
 
 
@@ -400,14 +547,47 @@ def _last_runs(
     return runs
 
 
-def _feeds(table: Segments, runs: Sequence[_Run], job: Job) -> FloatArray:
-    """(N,) mm/s: on inner curves the feed is that of the edge at the wall, as the centre runs on a smaller circle.
+def _slot_paths(slots: _Slots, pockets: _Pockets, job: Job) -> list[ToolPath]:
+    """A path along each channel as wide as the tool, and one straight down into each hole."""
+    depths = pass_depths(job.operation.depth, job.operation.passes)
+    labels: list[Label] = []
+    for k, number in enumerate(slots.pocket):
+        name = f"{pockets.names[number]}.slot"
+        name += f".{slots.pocket[: k + 1].count(number)}" if slots.pocket.count(number) > 1 else ""
+        chain = slots.chains[k]
+        ring = bool((chain.start[0] == chain.end[-1]).all())
+        either = job.operation.direction == "any" and not ring
+        layer, names = pockets.layers[number], pockets.contours[number]
+        labels.append(Label(name, layer, ring, either, -1, names))
+    paths: list[ToolPath] = []
+    if labels:
+        table = concatenate(slots.chains)
+        sizes = [len(chain) for chain in slots.chains]
+        table = replace(table, owner=np.repeat(np.arange(len(sizes)), sizes))
+        none = np.zeros(len(table))
+        work = SegmentWork(sideways(table, 0), none, none + job.process.feed)
+        paths += tool_paths(table, labels, work, depths, "pocket")
+    if job.tool.center_cutting:
+        for (x, y), number in zip(slots.holes.tolist(), slots.hole_pocket, strict=True):
+            name, layer = pockets.names[number], pockets.layers[number]
+            paths.append(plunge_path(name, layer, (x, y), job, "pocket", pockets.contours[number]))
+    return paths
 
-    Loops of a channel are no longer than what they engage allows; they leave no wall, and run at the full feed.
+
+def _feeds(table: Segments, runs: Sequence[_Run], walls: Segments, job: Job) -> FloatArray:
+    """(N,) mm/s: on inner curves along the walls the feed is that of the edge at the wall.
+
+    The centre runs on a smaller circle. Other curves leave no wall. Where engagement is bounded,
+    they take no more than it allows, and run at the full feed.
     """
     wall = 1 if job.operation.direction == "conventional" else -1
     loops = np.concatenate([np.arange(len(run.chain)) < run.loops for run in runs])
     inner = table.is_arc & (np.sign(table.bulge) == -wall) & ~loops
+    if _bound(job) is not None:
+        rows = np.flatnonzero(inner)
+        middles = points_at(table.take(rows), np.full(len(rows), 0.5))
+        reach = job.tool.radius + job.operation.finish + _AT_WALL
+        inner[rows] = np.isfinite(nearest_distances(middles, walls, reach))
     share = 1 / (1 + job.tool.radius / table.radius)
     return np.asarray(job.process.feed * np.maximum(np.where(inner, share, 1.0), SLOWEST))
 
@@ -437,19 +617,29 @@ def _reached_by_roughing(borders: Sequence[Piece], pieces: Sequence[Piece], job:
 
 
 def _tell_failed(
-    failed: frozenset[int], borders: Sequence[Piece], pockets: _Pockets, job: Job
+    failed: frozenset[int],
+    borders: Sequence[Piece],
+    slots: _Slots,
+    pockets: _Pockets,
+    job: Job,
 ) -> list[Note]:
     """Notes on pockets without a path."""
-    reached = {piece.pocket for piece in borders}
-    narrow = [k for k in range(len(pockets.names)) if k not in reached and k not in failed]
-    tool = f"a {job.tool.diameter:g} mm tool does not fit"
+    reached = {piece.pocket for piece in borders} | set(slots.pocket)
+    round_ = [k for k in slots.hole_pocket if not job.tool.center_cutting]
+    reached |= set(slots.hole_pocket) - set(round_)
+    narrow = [k for k in range(len(pockets.names)) if k not in {*reached, *failed, *round_}]
+    tool = "nothing is narrow"
+    if narrow:
+        regions = [region_of(pockets.ground, k) for k in narrow]
+        tool = does_not_fit(regions, job.tool.diameter)
     report = (
-        "the passes did not keep their distance: draw one outline "
-        "where edges lie on one line, else please report it"
+        "the border of the tool's way does not close there, as where edges lie on one line: "
+        "draw one outline, or take another tool"
     )
     result = []
     for chosen, how, why in (
         (narrow, "too narrow", tool),
+        (round_, "round and as wide as the tool", NO_HELIX),
         (sorted(failed), "check failed", report),
     ):
         if chosen:
@@ -459,6 +649,16 @@ def _tell_failed(
             every = tuple(name for k in chosen for name in pockets.contours[k])
             result.append(Note("skipped", what, why, every))
     return result
+
+
+def _tell_slots(slots: _Slots, pockets: _Pockets) -> list[Note]:
+    """Which channels are as wide as the tool, so that nothing bounds the engagement there."""
+    if not slots.chains:
+        return []
+    names = ", ".join(name_ranges([pockets.names[k] for k in dict.fromkeys(slots.pocket)]))
+    length = short(sum(float(chain.length.sum()) for chain in slots.chains), 1)
+    what = f"{counted(len(slots.chains), 'channel')} as wide as the tool, {length} mm: {names}"
+    return [Note("assumed", what, "along the middle, with all of its width in the material")]
 
 
 def _tell_passes(
@@ -507,19 +707,23 @@ def _tell_passes(
 
 def _percent(share: float) -> str:
     """A share in whole percent, rounded up."""
-    return f"{np.ceil(100 * share - 1e-6):.0f}"
+    return f"{max(np.ceil(100 * share - 1e-6), 0.0):.0f}"
 
 
-def _tell_unreached(borders: Sequence[Piece], pockets: _Pockets, job: Job) -> list[Note]:
+def _tell_unreached(
+    borders: Sequence[Piece], slots: _Slots, pockets: _Pockets, job: Job
+) -> list[Note]:
     """What the tool leaves of the pockets that it clears: corners and narrow places."""
     radius = job.tool.radius
     total, whole = 0.0, 0.0
     places: list[tuple[float, float, float]] = []
     ids: list[str] = []
-    for number in sorted({piece.pocket for piece in borders}):
-        region = _region(pockets.ground, number)
-        swept = shapely.union_all([piece.area for piece in borders if piece.pocket == number])
-        left = region.difference(swept.buffer(radius, quad_segs=QUARTER))
+    for number in sorted({piece.pocket for piece in borders} | set(slots.pocket)):
+        region = region_of(pockets.ground, number)
+        chains = [slots.chains[k] for k, pocket in enumerate(slots.pocket) if pocket == number]
+        centres = [_line(chain) for chain in chains]
+        centres += [piece.area for piece in borders if piece.pocket == number]
+        left = region.difference(shapely.union_all(centres).buffer(radius, quad_segs=QUARTER))
         whole += region.area
         # What is as thin as the chords of the flattened curves is none.
         parts = [p for p in shapely.get_parts(left) if not p.buffer(-2 * CHORD).is_empty]
@@ -539,11 +743,7 @@ def _tell_unreached(borders: Sequence[Piece], pockets: _Pockets, job: Job) -> li
     ]
 
 
-def _region(ground: Ground, number: int) -> Any:
-    """What the walls of a pocket enclose."""
-    points, owner = flatten(ground.walls.take(ground.group == number), CHORD)
-    loops = [shapely.make_valid(shapely.Polygon(points[owner == k])) for k in np.unique(owner)]
-    loops.sort(key=lambda loop: -loop.area)
-    return (
-        shapely.difference(loops[0], shapely.union_all(loops[1:])) if len(loops) > 1 else loops[0]
-    )
+def _line(chain: Segments) -> Any:
+    """A chain as a line of chords."""
+    points, _ = flatten(chain, CHORD)
+    return shapely.LineString(np.vstack([points, chain.end[-1:]]))

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from camgen.geometry.intersect import fractions
-from camgen.geometry.segments import IntArray, Segments, make, points_at, split, tangents_at
+from camgen.geometry.segments import (
+    IntArray,
+    Segments,
+    concatenate,
+    make,
+    points_at,
+    split,
+    tangents_at,
+)
 from camgen.model.pose import FloatArray
 
 #: A cut nearer than this, mm, to the end of a segment is made there: no controller prints a shorter piece.
@@ -92,13 +98,6 @@ def join(chains: list[Segments]) -> Segments:
         else:
             parts.append(chain)
     return concatenate(parts)
-
-
-def concatenate(chains: Sequence[Segments]) -> Segments:
-    """The rows of all ``chains`` in order."""
-    return Segments(
-        *(np.concatenate([getattr(c, name) for c in chains]) for name in Segments.__struct_fields__)
-    )
 
 
 def _with_start(chain: Segments, start: FloatArray) -> Segments:

@@ -326,7 +326,7 @@ def _engaged(
     return np.asarray((np.cos(low) - np.cos(high)) / 2)
 
 
-def _front(room: float, apart: FloatArray, rooms: FloatArray) -> FloatArray:
+def _front(room: FloatArray | float, apart: FloatArray, rooms: FloatArray) -> FloatArray:
     """(M,) how far round from the way ahead, rad, the circles of two discs meet: there the tool is in the old one."""
     cosine = (room**2 - apart**2 - rooms**2) / (2 * np.maximum(apart, 1e-12) * rooms)
     return np.arccos(np.clip(cosine, -1, 1))
@@ -339,7 +339,9 @@ def _loop(made: _Made, here: int, point: FloatArray, room: float) -> None:
     step = point - middle
     apart = float(np.hypot(*step))
     ahead = math.atan2(step[1], step[0])
-    half = float(_front(disc.room, np.array([apart]), np.array([room]))[0])
+    # What the tool clears of a larger disc goes on a little beyond where its middle enters it.
+    more = np.array([0.0, bound.radius])
+    half = float(_front(disc.room + more, np.full(2, apart), room + more).max())
     way = 1.0 if bound.ccw else -1.0
 
     def on_rim(angle: float) -> FloatArray:

@@ -10,9 +10,15 @@ import shapely
 
 from camgen.geometry.intersect import Obstacles
 from camgen.geometry.ragged import owners, ramp
-from camgen.geometry.segments import IntArray, Segments, from_contours, points_at, tangents_at
+from camgen.geometry.segments import (
+    IntArray,
+    Segments,
+    concatenate,
+    from_contours,
+    points_at,
+    tangents_at,
+)
 from camgen.model.pose import FloatArray
-from camgen.plan.pocket.chains import concatenate
 from camgen.plan.pocket.channel import Channel
 from camgen.plan.pocket.rings import Piece
 from camgen.plan.pocket.walk import outermost_of

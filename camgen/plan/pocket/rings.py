@@ -26,21 +26,26 @@ from camgen.geometry.segments import (
     IntArray,
     Segments,
     backwards,
+    concatenate,
     flatten,
     from_contours,
     neighbours,
 )
 from camgen.plan.beside import Beside, beside
-from camgen.plan.pocket.chains import concatenate, cut_out, places
+from camgen.plan.pocket.chains import cut_out, places
 
 #: Rings are flattened to this, mm, where it is looked at what lies in what, and at what stays uncut.
 CHORD = 0.002
 #: What is nowhere wider than twice this, mm, need not be cut.
 _THIN = 0.002
+#: The least number of corners of a polygon.
+LEAST_CORNERS = 3
 #: A quarter of a circle has so many chords where discs are swept: they are within a ten-thousandth of a radius.
 QUARTER = 48
 #: Where the numbers are against a pass, it is tried so many steps farther out.
 _NUDGES = (0.0, -0.003, -0.007, -0.02)
+#: Distances, mm, by which a pass along the walls may be farther from them: less than a proof sees.
+_WALL_NUDGES_MM = (0.0, 1e-3, 2e-3, 4e-3)
 #: Places beside which a stretch is looked for lie so far apart, as a share of the tool's radius.
 _EVERY = 0.1
 
@@ -146,12 +151,12 @@ def _level(ground: Ground, by: float, climb: bool, walls: Ground | None = None) 
     """The pieces at ``by`` mm from ``ground``.
 
     walls: those of the pockets. Where the numbers are against a pocket it is tried at a little more or less, and from
-    these; without them the distance is met exactly or not at all.
+    these; without them at a little more only, which leaves the wall that much too thick.
     """
-    tries = [
-        (ground, by * (1 + nudge)) for nudge in (_NUDGES if walls is not None else _NUDGES[:1])
-    ]
-    if walls is not None:
+    if walls is None:
+        tries = [(ground, by + nudge) for nudge in _WALL_NUDGES_MM]
+    else:
+        tries = [(ground, by * (1 + nudge)) for nudge in _NUDGES]
         tries += [(walls, ground.distance + by * (1 + nudge)) for nudge in _NUDGES]
     pockets = frozenset(np.unique(ground.group).tolist())
     done: list[_Level] = []
@@ -161,7 +166,7 @@ def _level(ground: Ground, by: float, climb: bool, walls: Ground | None = None) 
         own = of_pockets(source, pockets)
         closed = np.ones(int(own.walls.owner.max(initial=-1)) + 1, dtype=bool)
         curve = beside(own.walls, own.following, closed, own.group, at, 0.0)
-        done.append(_pieces(curve, own, source.distance + at, climb))
+        done.append(_pieces(curve, own, at, climb))
         pockets = done[-1].bad
     pieces = [piece for level in done for piece in level.pieces]
     return _Level(pieces, _join([level.ground for level in done], ground.count), pockets)
@@ -179,6 +184,27 @@ def of_pockets(ground: Ground, pockets: frozenset[int]) -> Ground:
         ground.count,
         ground.distance,
     )
+
+
+def region_of(ground: Ground, number: int) -> Any:
+    """The area that the walls of a pocket enclose: clockwise loops less the others.
+
+    The walls are in no order: a loop is led from segment to segment.
+    """
+    loops = of_pockets(ground, frozenset([number]))
+    left = set(range(len(loops.walls)))
+    sides: tuple[list[Any], list[Any]] = ([], [])
+    while left:
+        ring = [min(left)]
+        while (following := int(loops.following[ring[-1]])) != ring[0]:
+            ring.append(following)
+        left -= set(ring)
+        points, _ = flatten(loops.walls.take(np.array(ring)), CHORD)
+        if len(points) >= LEAST_CORNERS:
+            outline = shapely.LinearRing(points)
+            area = shapely.make_valid(shapely.Polygon(outline))
+            sides[int(outline.is_ccw)].append(area)
+    return shapely.difference(shapely.union_all(sides[0]), shapely.union_all(sides[1]))
 
 
 def _join(grounds: Sequence[Ground], count: int) -> Ground:
@@ -199,19 +225,41 @@ def _join(grounds: Sequence[Ground], count: int) -> Ground:
     return Ground(walls, np.concatenate(following), group, count, grounds[0].distance)
 
 
-def _pieces(curve: Beside, ground: Ground, distance: float, climb: bool) -> _Level:
+def _lacks_border(curve: Beside, pocket: IntArray, number: int, ground: Ground, by: float) -> bool:
+    """Whether the closed chains of a pocket are not all of its border at ``by`` mm from ``ground``.
+
+    An open chain is either a border that the numbers did not close, or a stray piece of one of the
+    curves that it is cut out of. The area decides.
+    """
+    chains = pocket == number
+    if not curve.sound[chains & curve.closed].all():
+        return True
+    area = -loop_areas(curve.segments, len(chains))[chains & curve.closed].sum()
+    inside = region_of(ground, number).buffer(-by, quad_segs=QUARTER)
+    return bool(abs(area - inside.area) > 2 * CHORD * inside.length)
+
+
+def _pieces(curve: Beside, ground: Ground, by: float, climb: bool) -> _Level:
+    """The pieces that ``curve``, at ``by`` mm from ``ground``, encloses."""
+    distance = ground.distance + by
     count = len(curve.closed)
     if not count:
         return _Level([], replace(of_pockets(ground, frozenset()), distance=distance), frozenset())
     first = np.searchsorted(curve.segments.owner, np.arange(count))
     pocket = ground.group[curve.source[first]]
     bad = np.unique(pocket[~(curve.sound & curve.closed)])
+    bad = bad[[_lacks_border(curve, pocket, number, ground, by) for number in bad.tolist()]]
     points, owner = flatten(curve.segments, CHORD)
     sizes = np.bincount(owner, minlength=count)
     area = loop_areas(curve.segments, count)
     length = np.bincount(curve.segments.owner, curve.segments.length, count)
     # What is as thin as this need not be cut, and no polygon has fewer than three corners.
-    worth = (sizes >= 3) & (np.abs(area) > _THIN * length / 2) & ~np.isin(pocket, bad)
+    worth = (
+        curve.closed
+        & (sizes >= LEAST_CORNERS)
+        & (np.abs(area) > _THIN * length / 2)
+        & ~np.isin(pocket, bad)
+    )
     chains = _chains(backwards(curve.segments)[0] if climb else curve.segments, count)
     loops = np.split(points, np.cumsum(sizes)[:-1])
     pieces = []

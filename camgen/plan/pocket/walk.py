@@ -18,6 +18,7 @@ import numpy as np
 import shapely
 from msgspec import Struct
 from msgspec.structs import replace
+from numpy.typing import NDArray
 
 from camgen.geometry.arcs import bulges
 from camgen.geometry.intersect import gaps
@@ -79,6 +80,8 @@ class Walk(Struct, frozen=True, eq=False):
     before: int
     loops: int = 0
     steep: int = 0
+    #: (N,) segments that are hops; empty for none.
+    travels: NDArray[np.bool_] = np.zeros(0, dtype=np.bool_)
 
 
 class _Room(Struct, frozen=True, eq=False):

@@ -261,6 +261,8 @@ DRILL = {
     "process": {"feed": 3.0, "switch": "contact"},
 }
 POCKET = milled(kind="pocket")
+#: Without loops, whose returns the stock proof would refuse if they are run backwards.
+LEVEL_POCKET = milled(kind="pocket", engagement=1.0)
 
 Case = tuple[Callable[[Patch], None], str, str, Mapping[str, Any], str]
 CASES: list[Case] = [
@@ -312,7 +314,7 @@ CASES: list[Case] = [
         "works with output process off",
     ),
     (one_peck, "plate.dxf", "gcode", DRILL, "drills deeper at once than 2 mm"),
-    (against, "bracket.dxf", "gcode", POCKET, "along wall c[12] against operation.direction"),
+    (against, "bracket.dxf", "gcode", LEVEL_POCKET, "along wall c[1-4] against operation"),
 ]
 
 

@@ -558,3 +558,18 @@ def test_a_ring_that_bounds_no_material_does_not_turn_a_hole_into_a_part() -> No
     assert proof(body, job).gouges
     assert proof(body, replace(job, bounds=frozenset({"c1", "c3"}))).gouges == ()
     assert proof(circle(0, 0, 13.0, -5.0), replace(job, bounds=frozenset({"c1", "c3"}))).gouges
+
+
+def test_a_slot_as_wide_as_the_tool_that_is_not_cut_is_told() -> None:
+    """The first 10 mm of 30 mm are cut: 20 mm of it stay, as the round end is moved by that."""
+    corners = np.array([(0.0, -3.0), (30.0, -3.0), (30.0, 3.0), (0.0, 3.0)])
+    slot = Contour(corners, np.array([0.0, 1.0, 0.0, 1.0]), True, "0", "slot")
+    started = [rapid(0, 0, 5), feed(0, 0, -5), feed(10, 0, -5), rapid(10, 0, 5)]
+    settings: dict[str, dict[str, object]] = {"pocket": {}, "follow": {"side": "inside"}}
+    for kind, chosen in settings.items():
+        judged = proof(started, task(part(slot), kind, **chosen))
+        assert not judged.faults
+        assert judged.levels[-1].excess.unexplained.area == pytest.approx(20 * 6, rel=0.01)
+    whole = [rapid(0, 0, 5), feed(0, 0, -5), feed(30, 0, -5), rapid(30, 0, 5)]
+    cut = proof(whole, task(part(slot), "pocket"))
+    assert cut.levels[-1].excess.unexplained.area == 0.0

@@ -1,0 +1,366 @@
+"""Centre lines of channels as wide as the tool, where the offsets of both walls are one line.
+
+The offset at a distance d needs room beyond d. A channel of the width 2 d has none. From
+a place s on a wall with the normal n into the channel, the opposite wall is found beyond. Let w be
+the width there. Then s + n w / 2 is the middle. It belongs to the centre line if no wall is nearer
+to it than w / 2: the disc about it touches s and the opposite wall, and nothing lies in it. The
+ends of the lines are found by halving. Both walls give the same line, so the longer one is kept.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from msgspec import Struct
+
+from camgen.geometry.intersect import Obstacles, fractions, nearest_distances
+from camgen.geometry.ragged import owners, ramp, run_starts
+from camgen.geometry.segments import (
+    BoolArray,
+    IntArray,
+    Segments,
+    concatenate,
+    make,
+    points_at,
+    tangents_at,
+)
+from camgen.geometry.vectors import turns
+from camgen.model.pose import FloatArray
+
+#: A channel may be wider than the tool by this, mm: pockets leave out thinner rings.
+_WIDER_MM = 0.003
+#: The opposite wall is looked for from here on, as a share of the distance: the wall itself is
+#: farther from there.
+_BEYOND = 1.5
+#: Places on a wall: how far apart, as a share of the distance, and how many on a segment at least.
+_EVERY, _LEAST = 0.25, 3
+#: Halvings by which the end of a line is found.
+_HALVINGS = 40
+#: The width is measured square to one wall, and walls of chords turn from place to place. The
+#: middle may be nearer to a wall than half of the width by this share of the slack.
+_UNEVEN = 0.1
+#: Lines are one where they are nearer to each other than this many times the slack.
+_SAME = 4.0
+#: A line shorter than this share of the distance is left out: discs at its ends cover it.
+_SHORT = 0.25
+#: Around a corner that turns by more, rad, no line goes on.
+_MOST_TURN = np.radians(120.0)
+#: Pieces of a line may miss each other by this, mm.
+_MISS_MM = 1e-3
+
+#: Tells for segments (K,) and fractions (K,) of them which places are wanted.
+_Test = Callable[[IntArray, FloatArray], BoolArray]
+
+
+class CentreLines(Struct, frozen=True, eq=False):
+    """Lines in the middle of channels, and the middles of round holes.
+
+    segments: lines and arcs in order, ``owner`` counts the centre lines.
+    closed: (lines,) whether a line is closed.
+    source: (N,) the wall segment beside which each segment was found.
+    other: (N,) the wall segment on its other side.
+    turn: (N,) rad by which the wall turns at the corner at which a segment turns, 0 elsewhere.
+    holes: (P, 2) middles of round holes, mm.
+    hole_source: (P,) a wall segment of each hole.
+    """
+
+    segments: Segments
+    closed: BoolArray
+    source: IntArray
+    other: IntArray
+    turn: FloatArray
+    holes: FloatArray
+    hole_source: IntArray
+
+
+class _Pieces(Struct, frozen=True, eq=False):
+    """Stretches of walls with a centre line beside them, in the order of the walls.
+
+    row: (K,) the wall segment.
+    low, high: (K,) the fractions of it.
+    """
+
+    row: IntArray
+    low: FloatArray
+    high: FloatArray
+
+    def take(self, rows: IntArray | BoolArray) -> _Pieces:
+        """The pieces at an index or in a mask."""
+        return _Pieces(self.row[rows], self.low[rows], self.high[rows])
+
+
+def find_centre_lines(
+    source: Segments,
+    following: IntArray,
+    group: IntArray,
+    distance: float,
+    slack: float,
+    known: Segments,
+) -> CentreLines:
+    """The centre lines on the right of ``source`` of channels as wide as twice ``distance``, mm.
+
+    following: (N,) next segment of each, -1 at the end of an open chain.
+    group: (N,) labels; segments of different groups do not see each other.
+    slack: largest difference by which a wall may be nearer to a line than ``distance``, mm.
+    known: ways that are run anyway. What runs along them is left out.
+    """
+    walls = _Walls(source, group, distance, slack)
+    whole_walls = _Pieces(np.arange(len(source)), np.zeros(len(source)), np.ones(len(source)))
+    pieces = _find_stretches(walls.has_middle, whole_walls, walls)
+    holes, pieces = _split_holes(walls, pieces)
+    lines: list[Segments] = []
+    sources: list[IntArray] = []
+    corners: list[FloatArray] = []
+    closed: list[bool] = []
+    kept = known
+    for chain in _chain(walls, following, pieces):
+        for part in _without_known(walls, following, chain, kept):
+            line, turn, rows, ring = _draw(walls, part, len(lines))
+            if not ring and float(line.length.sum()) < _SHORT * distance:
+                continue
+            lines.append(line)
+            sources.append(rows)
+            corners.append(turn)
+            closed.append(ring)
+            kept = concatenate([kept, line])
+    none = np.zeros(0, dtype=np.int64)
+    segments = concatenate([known.take(none), *lines])
+    rows = np.concatenate([none, *sources])
+    middles = points_at(segments, np.full(len(segments), 0.5))
+    return CentreLines(
+        segments,
+        np.array(closed, dtype=bool),
+        rows,
+        walls.opposite(rows, middles),
+        np.concatenate([np.zeros(0), *corners]),
+        walls.middles(holes, np.zeros(len(holes))),
+        holes,
+    )
+
+
+class _Walls:
+    """Walls of channels, measured from places on them.
+
+    slack: mm, see ``find_centre_lines``.
+    """
+
+    def __init__(self, source: Segments, group: IntArray, distance: float, slack: float) -> None:
+        self.source, self.group = source, group
+        self.distance, self.slack = distance, slack
+        self.obstacles = Obstacles(source, group)
+
+    def _measure(self, rows: IntArray, fraction: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(K,) widths at places on the walls, inf in rooms, and (K, 2) the middles, mm."""
+        walls = self.source.take(rows)
+        normal = _right(tangents_at(walls, fraction))
+        place = points_at(walls, fraction)
+        beyond = place + _BEYOND * self.distance * normal
+        reach = (2 - _BEYOND) * self.distance + _WIDER_MM
+        gap = self.obstacles.nearest(beyond, self.group[rows], reach)
+        width = _BEYOND * self.distance + gap
+        half = np.where(np.isfinite(width), width / 2, self.distance)
+        return width, place + half[:, None] * normal
+
+    def middles(self, rows: IntArray, fraction: FloatArray) -> FloatArray:
+        """(K, 2) the middle of the channel beside each place, mm."""
+        return self._measure(rows, fraction)[1]
+
+    def has_middle(self, rows: IntArray, fraction: FloatArray) -> BoolArray:
+        """(K,) whether the centre line runs beside each place."""
+        width, middle = self._measure(rows, fraction)
+        narrowest = 2 * (self.distance - self.slack)
+        has_middle = np.isfinite(width) & (width >= narrowest)
+        chosen = np.flatnonzero(has_middle)
+        if len(chosen):
+            least = width[chosen] / 2 - _UNEVEN * self.slack
+            least = np.maximum(least, self.distance - self.slack)
+            group = self.group[rows[chosen]]
+            has_middle[chosen] = ~self.obstacles.nearer_than(middle[chosen], group, least)
+        return has_middle
+
+    def opposite(self, rows: IntArray, middles: FloatArray) -> IntArray:
+        """(K,) the wall segment on the other side of each of ``middles`` (K, 2)."""
+        if not len(rows):
+            return rows
+        fraction = np.clip(fractions(self.source.take(rows), middles), 0.0, 1.0)
+        arm = middles - points_at(self.source.take(rows), fraction)
+        length = np.maximum(np.hypot(*arm.T), 1e-9)[:, None]
+        beyond = middles + (_BEYOND - 1) * self.distance * arm / length
+        return self.obstacles.nearest_rows(beyond, self.group[rows], self.distance)
+
+    def is_clear(self, points: FloatArray, row: int) -> bool:
+        """Whether ``points`` (K, 2) are no nearer to the walls of ``row`` than the slack allows."""
+        group = np.full(len(points), self.group[row])
+        least = np.full(len(points), self.distance - self.slack)
+        return not self.obstacles.nearer_than(points, group, least).any()
+
+
+def _right(direction: FloatArray) -> FloatArray:
+    return np.column_stack([direction[:, 1], -direction[:, 0]])
+
+
+def _find_stretches(test: _Test, pieces: _Pieces, walls: _Walls) -> _Pieces:
+    """The parts of ``pieces`` along which ``test`` holds."""
+    length = walls.source.length[pieces.row] * (pieces.high - pieces.low)
+    count = np.ceil(length / (_EVERY * walls.distance)).astype(np.int64)
+    count = np.maximum(count, _LEAST)
+    which, place = owners(count), ramp(count)
+    span = pieces.high - pieces.low
+    at = pieces.low[which] + (place + 0.5) / count[which] * span[which]
+    good = test(pieces.row[which], at)
+    first, last = place == 0, place == count[which] - 1
+    begin = np.flatnonzero(good & (first | ~np.roll(good, 1)))
+    end = np.flatnonzero(good & (last | ~np.roll(good, -1)))
+    before = np.where(first[begin], pieces.low[which[begin]], at[begin - 1])
+    after = at[np.minimum(end + 1, max(len(at) - 1, 0))]
+    after = np.where(last[end], pieces.high[which[end]], after)
+    row = pieces.row[which[begin]]
+    return _Pieces(row, _halve(test, row, before, at[begin]), _halve(test, row, after, at[end]))
+
+
+def _halve(test: _Test, row: IntArray, outside: FloatArray, inside: FloatArray) -> FloatArray:
+    """(K,) the fraction nearest to ``outside`` (K,) at which ``test`` holds, as ``inside`` (K,)."""
+    if not len(row):
+        return inside
+    reached = test(row, outside)
+    outside, inside = outside.copy(), np.where(reached, outside, inside)
+    for _ in range(_HALVINGS):
+        middle = (outside + inside) / 2
+        good = test(row, middle)
+        inside, outside = np.where(good, middle, inside), np.where(good, outside, middle)
+    return inside
+
+
+def _split_holes(walls: _Walls, pieces: _Pieces) -> tuple[IntArray, _Pieces]:
+    """A wall segment of each loop that is a round hole, and the pieces of all other loops."""
+    source = walls.source
+    count = int(source.owner.max(initial=-1)) + 1
+    share = np.bincount(pieces.row, pieces.high - pieces.low, len(source))
+    whole = np.bincount(source.owner, share < 1 - 1e-6, count) == 0
+    chosen = whole[source.owner[pieces.row]]
+    candidates = pieces.take(chosen)
+    middle = walls.middles(candidates.row, (candidates.low + candidates.high) / 2)
+    owner = source.owner[candidates.row]
+    holes: list[int] = []
+    for number in np.unique(owner).tolist():
+        members = np.flatnonzero(owner == number)
+        if np.ptp(middle[members], axis=0).max() <= _SAME * walls.slack:
+            holes.append(int(candidates.row[members[0]]))
+    rows = np.array(holes, dtype=np.int64)
+    return rows, pieces.take(~np.isin(source.owner[pieces.row], source.owner[rows]))
+
+
+def _chain(walls: _Walls, following: IntArray, pieces: _Pieces) -> list[_Pieces]:
+    """The pieces that follow each other along a wall, the longest chain first."""
+    count = len(pieces.row)
+    after = np.full(count, -1)
+    starts = run_starts(pieces.row)
+    first_of = dict(zip(pieces.row[starts].tolist(), starts.tolist(), strict=True))
+    ends = np.append(starts[1:], count) - 1
+    for last in ends.tolist() if count else []:
+        successor = first_of.get(int(following[pieces.row[last]]), -1)
+        if successor >= 0 and _meet(walls, pieces, last, successor):
+            after[last] = successor
+    begins_chain = np.ones(count, dtype=bool)
+    begins_chain[after[after >= 0]] = False
+    seen = np.zeros(count, dtype=bool)
+    chains: list[_Pieces] = []
+    lengths: list[float] = []
+    length = walls.source.length[pieces.row] * (pieces.high - pieces.low)
+    for begin in np.flatnonzero(begins_chain).tolist() + list(range(count)):
+        order: list[int] = []
+        piece = begin
+        while piece >= 0 and not seen[piece]:
+            seen[piece] = True
+            order.append(piece)
+            piece = int(after[piece])
+        if order:
+            chains.append(pieces.take(np.array(order)))
+            lengths.append(float(length[order].sum()))
+    # Equal lengths to a thousandth keep the order of the drawing.
+    ranks = np.argsort(-np.round(lengths, 3), kind="stable")
+    return [chains[k] for k in ranks.tolist()]
+
+
+def _meet(walls: _Walls, pieces: _Pieces, last: int, first: int) -> bool:
+    """Whether the line beside piece ``last`` goes on beside ``first``, around a corner or not."""
+    rows = pieces.row[[last, first]]
+    at = np.array([pieces.high[last], pieces.low[first]])
+    first_end, next_start = walls.middles(rows, at)
+    turn = _turn(walls.source, int(rows[0]), int(rows[1]))
+    if abs(turn) > _MOST_TURN:
+        return False
+    gap = float(np.hypot(*(next_start - first_end)))
+    if gap > 2 * walls.distance * np.sin(abs(turn) / 2) + _MISS_MM:
+        return False
+    corner = _corner(first_end, next_start, turn)
+    middles = points_at(corner.take(np.zeros(3, dtype=np.int64)), np.array([0.25, 0.5, 0.75]))
+    return walls.is_clear(middles, int(rows[0]))
+
+
+def _turn(source: Segments, before: int, after: int) -> float:
+    """The angle, rad, by which a wall turns from one segment to the next, left positive."""
+    pair = source.take(np.array([before, after]))
+    direction = tangents_at(pair, np.array([1.0, 0.0]))
+    return float(turns(direction[:1], direction[1:])[0])
+
+
+def _corner(start: FloatArray, end: FloatArray, turn: float) -> Segments:
+    """The arc from one point (2,) to another along which a line turns at a corner."""
+    bulge = np.array([np.tan(turn / 4)])
+    return make(start[None], end[None], bulge, np.zeros(1, dtype=np.int64))
+
+
+def _without_known(
+    walls: _Walls, following: IntArray, chain: _Pieces, known: Segments
+) -> list[_Pieces]:
+    """The parts of a chain along which no known way runs."""
+    reach = _SAME * walls.slack
+
+    def is_new(rows: IntArray, fraction: FloatArray) -> BoolArray:
+        gap = nearest_distances(walls.middles(rows, fraction), known, reach)
+        return np.isinf(gap)
+
+    if not len(known):
+        return [chain]
+    probe = np.linspace(0.02, 0.98, 5)
+    rows = np.repeat(chain.row, len(probe))
+    span = np.repeat(chain.high - chain.low, len(probe))
+    fraction = np.repeat(chain.low, len(probe)) + span * np.tile(probe, len(chain.row))
+    if is_new(rows, fraction).all():
+        return [chain]
+    left = _find_stretches(is_new, chain, walls)
+    order = np.lexsort((left.low, left.row))
+    return _chain(walls, following, left.take(order))
+
+
+def _draw(walls: _Walls, chain: _Pieces, owner: int) -> tuple[Segments, FloatArray, IntArray, bool]:
+    """The line beside a chain: segments, turns at corners, wall segments, and if it is closed."""
+    source = walls.source.take(chain.row)
+    low, high = walls.middles(chain.row, chain.low), walls.middles(chain.row, chain.high)
+    bulge = np.tan(np.arctan(source.bulge) * (chain.high - chain.low))
+    points, bulges, turn, rows = [low[0]], [], [], []
+
+    def go(target: FloatArray, bulge: float, angle: float, row: int) -> None:
+        if np.hypot(*(target - points[-1])) > _MISS_MM:
+            points.append(target)
+            bulges.append(bulge)
+            turn.append(angle)
+            rows.append(row)
+
+    for k, row in enumerate(chain.row.tolist()):
+        if k:
+            angle = _turn(walls.source, int(chain.row[k - 1]), row)
+            if float((low[k] - points[-1]) @ (high[k] - low[k])) < 0.0:
+                # In an inner corner of chords both pieces run on beyond the bisector.
+                points[-1] = (points[-1] + low[k]) / 2
+            else:
+                go(low[k], float(np.tan(angle / 4)), angle, row)
+        go(high[k], float(bulge[k]), 0.0, row)
+    table = np.array(points)
+    ring = len(rows) > 1 and bool(np.hypot(*(table[-1] - table[0])) <= _MISS_MM)
+    if ring:
+        table[-1] = table[0]
+    line = make(table[:-1], table[1:], np.array(bulges), np.full(len(rows), owner))
+    return line, np.array(turn), np.array(rows, dtype=np.int64), ring

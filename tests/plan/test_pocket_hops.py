@@ -1,0 +1,109 @@
+"""Hops of pockets: over cleared ground, a little above the floor, and faults that are found."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+import camgen
+from bench.plan.pockets import shapes
+from bench.support.swept_text import Motion, count_struck, read
+from camgen.model.body import Body
+from camgen.model.errors import NoSafeProgram, VerifyError
+from camgen.model.job import Job, OperationTable
+from camgen.model.part import Part
+from camgen.plan import plan
+from tests.support.drawn import circle, part, rectangle
+from tests.support.sabotage import Patch, change_program, with_columns
+
+LIFT, DIAMETER = 0.3, 6.0
+POCKET = part(rectangle(0, 0, 60, 40), circle(20, 20, 6, "c2"))
+
+
+def job(**operation: Any) -> dict[str, Any]:
+    settings = {"kind": "pocket", "depth": 4.0, "passes": 2, "entry": "helix", **operation}
+    return {
+        "operation": settings,
+        "tool": {"diameter": DIAMETER},
+        "process": {"spindle": 9000.0, "feed": 20.0, "travel": 100.0},
+    }
+
+
+def motions_of(drawn: Part, **operation: Any) -> list[Motion]:
+    """The motions of the G-code text."""
+    return read(camgen.build(drawn, post="gcode", job=job(**operation)).text)
+
+
+def low_rapids(motions: list[Motion]) -> list[Motion]:
+    """Rapid motions across, below the top face."""
+    across = [motion for motion in motions if motion.rapid and motion.low < 0]
+    return [hop for hop in across if math.dist(hop.points[0, :2], hop.points[-1, :2]) > 1e-6]
+
+
+@pytest.mark.parametrize("settings", [{}, {"stepover": 0.3}, {"direction": "conventional"}])
+def test_hops_are_level_above_a_floor_and_meet_no_material(settings: dict[str, Any]) -> None:
+    motions = motions_of(POCKET, **settings)
+    hops = low_rapids(motions)
+    assert len(hops) > 20
+    for motion in hops:
+        assert np.ptp(motion.points[:, 2]) == 0.0
+        assert min(abs(motion.low - LIFT + depth) for depth in (2.0, 4.0)) < 1e-6
+    assert count_struck(motions, DIAMETER / 2) == 0
+
+
+def test_hops_of_random_pockets_meet_no_material() -> None:
+    motions = motions_of(shapes(6))
+    assert low_rapids(motions)
+    assert count_struck(motions, DIAMETER / 2) == 0
+
+
+@pytest.mark.parametrize(
+    "settings", [{"engagement": 1.0}, {"entry": "ramp"}], ids=["no channel", "on a ramp"]
+)
+def test_a_pocket_without_level_returns_has_no_hops(settings: dict[str, Any]) -> None:
+    assert not low_rapids(motions_of(POCKET, **settings))
+
+
+def hops_in(body: Body) -> np.ndarray:
+    """(K,) motions level at the height of a hop."""
+    height = body.packed.end[:, 2]
+    level = np.append(False, np.abs(np.diff(height)) < 1e-9)
+    return np.flatnonzero(level & (np.abs(height + 4.0 - LIFT) < 1e-6))
+
+
+def on_the_floor(body: Body) -> Body:
+    """The lift of the first hop is left out."""
+    end = body.packed.end.copy()
+    row = int(hops_in(body)[0])
+    end[[row - 1, row], 2] = -4.0
+    return with_columns(body, end=end)
+
+
+def too_high(body: Body) -> Body:
+    end = body.packed.end.copy()
+    row = int(hops_in(body)[0])
+    end[[row - 1, row], 2] += 1.0
+    return with_columns(body, end=end)
+
+
+def through_material(body: Body) -> Body:
+    """The first hop leads 12 mm farther before it comes to its end."""
+    end, row = body.packed.end.copy(), int(hops_in(body)[0])
+    step = end[row, :2] - end[row - 1, :2]
+    end[row, :2] += 12 * step / np.hypot(*step)
+    return with_columns(body, end=end)
+
+
+@pytest.mark.parametrize("fault", [on_the_floor, too_high, through_material])
+def test_a_fault_in_a_hop_is_found(fault: Any, monkeypatch: Patch) -> None:
+    camgen.build(POCKET, post="gcode", job=job())
+    change_program(monkeypatch, fault)
+    with pytest.raises((VerifyError, NoSafeProgram)):
+        camgen.build(POCKET, post="gcode", job=job())
+
+
+def test_a_pocket_of_no_depth_has_no_hops() -> None:
+    """A pocket of no depth has no floor to hop above."""
+    flat = plan(POCKET, Job(operation=OperationTable(kind="pocket")))
+    assert all(not path.position[:, 2].any() for path in flat.paths)
