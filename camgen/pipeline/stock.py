@@ -41,7 +41,7 @@ REMEDY_FOR_PIECES = (
 def prove_stock(
     asked: Plan, plan: Plan, tour: Tour, request: Request, checked: Checked, posted: Posted
 ) -> StockProof | None:
-    """The stock proof of what was posted, read back from the texts. None where nothing is cut.
+    """The stock proof of the texts `posted`; None for a plan that cuts nothing, or no flat part.
 
     asked: the plan before anything was left out of it: what its other paths would take is told as
         left.

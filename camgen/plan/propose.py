@@ -29,7 +29,13 @@ from camgen.model.part import Contour, Part
 from camgen.model.text import counted, short
 from camgen.plan.drill import Hole, find_circles, innermost
 from camgen.plan.open_outlines import check_outlines
-from camgen.plan.proposed_mills import MOST_TRIED, ChosenMill, choose_mills, sample
+from camgen.plan.proposed_mills import (
+    FINISH_MM,
+    MOST_TRIED,
+    ChosenMill,
+    choose_mills,
+    sample,
+)
 from camgen.plan.proposed_tools import ProposedTool, ToolRack
 
 #: Thickness of the material, mm, until it is measured.
@@ -51,8 +57,8 @@ _PASS, _DEEP_PASS = 0.6, 1.0
 _RAMP_SHARE = 0.75
 #: A path in a corner is shorter than this, in diameters of the mill before.
 _CORNER_PATHS = 4.0
-#: Left at the wall for the last pass, mm, if a mill of this diameter or more, mm, takes several.
-_FINISH_MM, _FINISHING_MILL_MM = 0.2, 3.0
+#: A mill of this diameter or more, mm, takes a last pass at the wall after several passes.
+_FINISHING_MILL_MM = 3.0
 #: Half the tip of a drill, rad: 118 degrees.
 _TIP = math.radians(59)
 #: A hole is bored by a mill of at most this share of its diameter: chips need room.
@@ -393,6 +399,9 @@ def _follow(
     held: dict[str, object] = {}
     if tabs and mills:
         held = _hold(loops, mills, tabs)
+    if "tabs" in held and not loops.nesting.depth[rows].any():
+        # A smaller mill in the corners of outlines would cut tabs off.
+        mills = [mill for mill in mills if not mill.before]
     for mill in mills:
         worked = loops.name(mill.loops)
         about = what if len(worked) == len(rows) else f"{len(worked)} of {what}"
@@ -444,8 +453,8 @@ def _go_down(
         keys |= {"passes": passes}
     if corners:
         keys |= {"direction": "any"}  # back and forth, without lifts
-    if passes > 1 and not is_rest and mill.diameter >= _FINISHING_MILL_MM:
-        keys |= {"finish": _FINISH_MM}
+    if passes > 1 and mill.may_finish and mill.diameter >= _FINISHING_MILL_MM:
+        keys |= {"finish": FINISH_MM}
     return keys
 
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from msgspec import Struct
+from msgspec.structs import replace
 
 from camgen.geometry.intersect import nearest_distances
 from camgen.geometry.nesting import Nesting
@@ -28,6 +29,8 @@ from camgen.read.job_file import from_mapping
 
 #: A mill is large enough for a contour if it touches this share of it, sharp corners apart.
 ENOUGH_SHARE = 0.95
+#: Left at the wall for a last pass, mm.
+FINISH_MM = 0.2
 #: For sharp inner corners alone no mill is smaller than this, mm.
 _CORNER_MILL_MM = 3.0
 #: Fillets with a smaller radius, mm, are corners.
@@ -60,6 +63,7 @@ class ChosenMill(Struct, frozen=True):
     shortest: length of its shortest closed path, mm; infinity without one.
     longest: length of its longest path, mm; infinity if one is closed.
     before: diameter of the largest mill whose rest it takes, mm; 0 for one that takes no rest.
+    may_finish: whether its paths that leave `FINISH_MM` run around the same contours.
     """
 
     diameter: float
@@ -69,6 +73,7 @@ class ChosenMill(Struct, frozen=True):
     shortest: float
     longest: float
     before: float
+    may_finish: bool = False
 
 
 class Samples(Struct, frozen=True, eq=False):
@@ -99,14 +104,21 @@ def choose_mills(
     keys: keys of the operation.
     """
     mills = sorted(diameters, reverse=True)
+    groups = _share_out(part, ids, keys, samples, mills)
+    if len(groups) > 1 and not all(_runs_round(part, ids, keys, group) for group in groups):
+        # Contours beside each other have common paths, which need one mill.
+        groups = [(min(diameter for diameter, _ in groups), list(ids))]
     chosen: list[ChosenMill] = []
     rows: list[Row] = []
     touched = np.zeros(len(samples.points), np.bool_)
-    for diameter, loops in _share_out(part, ids, keys, samples, mills):
+    for diameter, loops in groups:
         row = {"kind": "follow", "ids": [ids[k] for k in loops], **keys, "tool": diameter}
         paths = _plan_last(part, [row])
         touched |= _touch(samples, paths, diameter / 2) & np.isin(samples.loop, loops)
-        chosen.append(_describe(diameter, loops, paths, _share(samples, touched), 0.0))
+        mill = _describe(diameter, loops, paths, _share(samples, touched), 0.0)
+        wider = _plan_last(part, [{**row, "tool": diameter + 2 * FINISH_MM}])
+        may_finish = sum(path.closed for path in wider) == sum(path.closed for path in paths)
+        chosen.append(replace(mill, may_finish=may_finish))
         rows.append(row)
     left = ~touched & _may_touch(samples, _CORNER_MILL_MM)
     least = max(_LEAST_REST_MM, _LEAST_REST_SHARE * float(samples.length.sum()))
@@ -116,6 +128,15 @@ def choose_mills(
     whole = {"kind": "follow", "ids": list(ids.values()), **keys}
     rest = _find_rest(part, whole, samples, smaller, rows, touched)
     return [*chosen, rest] if rest else chosen
+
+
+def _runs_round(
+    part: Part, ids: Mapping[int, str], keys: Row, group: tuple[float, list[int]]
+) -> bool:
+    """Whether all paths of a mill beside its contours are closed."""
+    diameter, loops = group
+    row = {"kind": "follow", "ids": [ids[k] for k in loops], **keys, "tool": diameter}
+    return all(path.closed for path in _plan_last(part, [row]))
 
 
 def _share_out(
