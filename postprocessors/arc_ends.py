@@ -45,6 +45,8 @@ _MARGIN = 2.0
 _MOST = math.radians(8.0)
 #: rad: sweep of the chord. The arc turns into it by half of that, which LinuxCNC runs within P.
 _CHORD = math.radians(0.15)
+#: Factors by which a chord is longer that is tried.
+_LONGER = (1.0, 1.5, 2.0, 3.0, 4.0)
 #: Digits of the text that the chord is long at least, so that these do not turn it much.
 _DIGITS = 10.0
 
@@ -59,9 +61,7 @@ def end_in_chords(program: Program, decimals: int) -> Program:
     for row in find_ends(columns, decimals).tolist():
         arc = columns.moves[row]
         start = columns.moves[row - 1].target
-        _, radius, _, sweep = circle(start.origin, arc.via.origin, arc.target.origin)
-        share = 1 - float(_sweep_chord(radius, decimals)) / sweep
-        via, end = along(start, arc, (share / 2, share))
+        via, end = _choose_chord(start, arc, decimals)
         first, middle, last = np.array([[pose.origin] for pose in (start, via, end)])
         fault = print_arcs(first, middle, last, decimals).fault[0]
         if fault not in (0, FLAT):
@@ -69,6 +69,45 @@ def end_in_chords(program: Program, decimals: int) -> Program:
         rest = _line_to(end, arc) if fault else replace(arc, via=via, target=end)
         changed[int(columns.at[row])] = (rest, _line_to(arc.target, arc))
     return program.with_body(splice(tuple(program.body), changed)) if changed else program
+
+
+def _choose_chord(start: Pose, arc: MoveC, decimals: int) -> tuple[Pose, Pose]:
+    """The middle and the end of the piece of an arc before its chord.
+
+    A chord of a few digits may turn by printing. Then a longer one is tried.
+    """
+    _, radius, _, sweep = circle(start.origin, arc.via.origin, arc.target.origin)
+    shortest = float(_sweep_chord(radius, decimals)) / sweep
+    pieces: list[tuple[Pose, Pose]] = []
+    for factor in _LONGER:
+        share = 1 - factor * shortest
+        if share < 0.5:
+            break
+        via, end = along(start, arc, (share / 2, share))
+        pieces.append((via, end))
+        places = np.array([pose.origin for pose in (start, via, end, arc.target)])
+        if not _is_left(places, share * sweep * radius, arc.speed, decimals):
+            return via, end
+    return pieces[0] if pieces else along(start, arc, ((1 - shortest) / 2, 1 - shortest))
+
+
+def _is_left(places: FloatArray, length: float, feed: float, decimals: int) -> bool:
+    """Whether LinuxCNC leaves the joint of an arc and its chord, by their printed numbers.
+
+    places: (4, 3) start, middle and end of the arc, and end of the chord, mm.
+    length: length of the arc, mm.
+    feed: mm/s.
+    """
+    printed = print_arcs(places[:1], places[1:2], places[2:3], decimals)
+    rounded = np.round(places, decimals)
+    spoke = rounded[2] - rounded[0]
+    spoke[:2] -= printed.centre[0]
+    line = rounded[3] - rounded[2]
+    across = np.array([-spoke[1], spoke[0], 0.0])
+    turn = float(angles((across if printed.left[0] else -across)[None], line[None])[0])
+    speeds = np.array([feed])
+    speed = _overlap_speed(np.array([length]), lengths(line[None]), speeds, speeds)[0]
+    return bool(turn * speed > _STRAIGHT_ON and line @ spoke < 0 and turn < _MOST)
 
 
 def _line_to(target: Pose, arc: MoveC) -> MoveL:

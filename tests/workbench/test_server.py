@@ -308,11 +308,11 @@ def test_proposed_operations_use_the_library_of_tools(tmp_path: Path) -> None:
         state = bench.wait(lambda state: not state["stage"] and "mine" not in str(state["tables"]))
         assert state["failed"] is None
         assert state["tables"]["stock"] == {"thickness": 5.0}
-        assert [row["name"] for row in state["tables"]["tools"]] == ["mill 6"]
+        assert [row["name"] for row in state["tables"]["tools"]] == ["mill 8"]
         assert [row["tool"] for row in state["tables"]["operations"]][:3] == [
             "five and a half",
             "eight",
-            "mill 6",
+            "mill 8",
         ]
 
 

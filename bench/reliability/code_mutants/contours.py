@@ -324,8 +324,9 @@ def _check_ramp(case: Case, contour: list[Piece], ring: shapely.Geometry, shape:
         start, end = piece.points[0, 2], piece.points[-1, 2]
         flat = math.dist(piece.points[0, :2], piece.points[-1, :2])
         slope = abs(end - start) / max(flat, 1e-9)
-        is_tab = max(start, end) < tab_top + DIGIT_MM and slope > entry * 1.05
-        if slope > (1.0 if is_tab else entry) * 1.05 + 0.01:
+        is_tab = max(start, end) < tab_top + DIGIT_MM
+        steepest = 1.0 if is_tab and end > start else entry
+        if slope > steepest * 1.05 + 0.01:
             raise piece.complain(f"a slope of {math.degrees(math.atan(slope)):.1f} deg")
         if end < start - DIGIT_MM:
             _check_down(case, piece, slope, is_tab)
@@ -345,7 +346,11 @@ def _check_down(case: Case, piece: Piece, slope: float, is_tab: bool) -> None:
     plunge = case.setting("process", "plunge")
     if not is_tab:
         check_speed(piece, plunge)
-    elif piece.motion.speed * math.sin(math.atan(slope)) > plunge * 1.01:
+        return
+    length = max(math.dist(piece.points[0], piece.points[-1]), DIGIT_MM)
+    # A short piece is as steep as its printed digits make it.
+    share = math.sin(math.atan(slope)) - DIGIT_MM / length
+    if piece.motion.speed * share > plunge * 1.01:
         raise piece.complain("down from a tab faster than plunge")
 
 

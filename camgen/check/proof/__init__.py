@@ -210,7 +210,8 @@ def _find_earlier(
             of_task = _of_task(program, other)[motions.path]
             works = split_phases(motions, other.job.process, 2 * context.rounding.mm).works
             cuts.append(EarlierCut(other, motions, works & of_task))
-    return EarlierCuts(cuts, 2 * context.rounding.mm + _SLACK_MM + context.drawing.slack)
+    limit = 2 * context.rounding.mm + _SLACK_MM + context.drawing.slack
+    return EarlierCuts(cuts, limit, task.job.tool.radius)
 
 
 def _prove_task(

@@ -12,10 +12,13 @@ from camgen.check.proof.matching import Covered, PieceTree
 from camgen.check.proof.motions import Motions
 from camgen.check.proof.pieces import BoolArray, Pieces, points_along
 from camgen.check.proof.tasks import Task
+from camgen.geometry.ragged import owners, ramp
 from camgen.model.pose import FloatArray
 
-#: Shares of a stretch of a contour at which it is examined.
-_SHARES = (0.02, 0.25, 0.5, 0.75, 0.98)
+#: Distance of the places of a stretch at which it is examined, mm, and their least number.
+_SPACING_MM, _LEAST_PLACES = 0.5, 3
+#: Share of the radius of the tool at the ends of a stretch that is not examined.
+_CORNER_SHARE = 0.1
 #: An earlier tool touches a contour if it leaves no more than this there, mm (docs/follow.md).
 _LEFT_MM = 0.02
 #: Tools that touch a contour with their whole diameter at the depth of their tip.
@@ -39,9 +42,11 @@ class EarlierCuts:
     """Tells which stretches of contours earlier operations touch at a depth.
 
     limit: distance, mm, that a motion may have from its place in the drawing.
+    radius: radius of the tool that takes the rest, mm.
     """
 
-    def __init__(self, cuts: Iterable[EarlierCut], limit: float) -> None:
+    def __init__(self, cuts: Iterable[EarlierCut], limit: float, radius: float) -> None:
+        self._corner = _CORNER_SHARE * radius
         self._cuts = [cut for cut in cuts if cut.task.job.tool.kind in _FLAT]
         self._limit = limit
 
@@ -51,13 +56,18 @@ class EarlierCuts:
         depth: depth of the pass below the top face, mm. Over its tabs an operation is higher.
         slack: deviation of a height, mm.
         """
-        touched = np.zeros((len(gaps.piece), len(_SHARES)), np.bool_)
-        for column, share in enumerate(_SHARES):
-            at = gaps.low + (gaps.high - gaps.low) * share
-            points = points_along(pieces, gaps.piece, at)
-            for cut in self._cuts:
-                touched[:, column] |= self._touches(cut, points, depth, slack)
-        return np.asarray(touched.all(axis=1))
+        length = (gaps.high - gaps.low) * pieces.length[gaps.piece]
+        # Near its ends a stretch may be in a shallow corner, which neither tool reaches.
+        ends = np.minimum(self._corner / np.maximum(length, 1e-9), 0.5)
+        count = np.maximum(np.ceil(length / _SPACING_MM), _LEAST_PLACES).astype(np.int64)
+        gap, place = owners(count), ramp(count)
+        inside = ends[gap] + (1 - 2 * ends[gap]) * place / (count[gap] - 1)
+        share = gaps.low[gap] + (gaps.high - gaps.low)[gap] * inside
+        points = points_along(pieces, gaps.piece[gap], share)
+        touched = np.zeros(len(points), np.bool_)
+        for cut in self._cuts:
+            touched |= self._touches(cut, points, depth, slack)
+        return np.asarray(np.bincount(gap, ~touched, len(length)) == 0)
 
     def _touches(
         self, cut: EarlierCut, points: FloatArray, depth: float, slack: float
