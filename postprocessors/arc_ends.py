@@ -88,7 +88,10 @@ def _choose_chord(start: Pose, arc: MoveC, decimals: int) -> tuple[Pose, Pose]:
         places = np.array([pose.origin for pose in (start, via, end, arc.target)])
         if not _is_left(places, share * sweep * radius, arc.speed, decimals):
             return via, end
-    return pieces[0] if pieces else along(start, arc, ((1 - shortest) / 2, 1 - shortest))
+    if not pieces:
+        via, end = along(start, arc, ((1 - shortest) / 2, 1 - shortest))
+        return via, end
+    return pieces[0]
 
 
 def _is_left(places: FloatArray, length: float, feed: float, decimals: int) -> bool:
