@@ -5,7 +5,8 @@ follow from a thickness that has to be measured, and speeds are placeholders. Co
 fits are left to the user.
 
 - A round hole is drilled if there is a standard drill of its diameter, else a mill bores it.
-- A contour is followed by the largest mill that touches 95 % of it. A smaller mill takes the rest.
+- A contour is followed by the largest mill that touches 95 % of it. A smaller mill takes the rest,
+  where no tabs are that it might cut off.
 - Mills go in on ramps. If they take several passes, a last pass finishes the wall.
 - Outlines, and holes with slugs, have as many tabs as there is room for, four at most. Where two
   have no room, a thin skin stays.
@@ -399,8 +400,8 @@ def _follow(
     held: dict[str, object] = {}
     if tabs and mills:
         held = _hold(loops, mills, tabs)
-    if "tabs" in held and not loops.nesting.depth[rows].any():
-        # A smaller mill in the corners of outlines would cut tabs off.
+    if "tabs" in held:
+        # A smaller mill in the corners would cut tabs off.
         mills = [mill for mill in mills if not mill.before]
     for mill in mills:
         worked = loops.name(mill.loops)

@@ -57,11 +57,9 @@ def test_the_value_of_the_question_answers_it(folder: Path) -> None:
     assert main(["init", "plate.dxf", "--operations", "--set", "input.join=0.501"]) == 0
     job = read_job(folder)
     assert job["input"]["join"] == 0.501
-    assert [row["kind"] for row in job["operations"]] == ["drill", "follow", "follow", "follow"]
-    # The window, its corners with a smaller mill, the outline.
-    assert [row.get("ids") for row in job["operations"]] == [None, ["c2"], ["c2"], None]
-    assert job["operations"][2]["rest"]
-    assert job["operations"][3]["nesting"] == "outer"
+    assert [row["kind"] for row in job["operations"]] == ["drill", "follow", "follow"]
+    assert job["operations"][1]["ids"] == ["c2"]
+    assert job["operations"][2]["nesting"] == "outer"
     assert main(["build", "plate.dxf", "--post", "gcode"]) == 0
 
 
@@ -71,7 +69,7 @@ def test_depths_follow_from_the_thickness_that_is_set(folder: Path) -> None:
     job = read_job(folder)
     assert (job["stock"]["thickness"], job["post"]) == (5, {"work": "G55"})
     # 0.5 mm below the material, and 2.5 mm / tan(59 deg) = 1.51 mm for the tip of the drill.
-    assert [row["depth"] for row in job["operations"]] == [7.0, 5.5, 5.5, 5.5]
+    assert [row["depth"] for row in job["operations"]] == [7.0, 5.5, 5.5]
 
 
 @pytest.mark.parametrize(
@@ -98,7 +96,7 @@ def test_feeds_of_a_material_stand_with_their_source(
     assert main([*CLOSED, "--operations", "--material", "aluminium"]) == 0
     job, text = read_job(folder), (folder / "plate.toml").read_text(encoding="utf-8")
     assert job["stock"]["material"] == "aluminium"
-    drill, mill, _ = job["tools"]
+    drill, mill = job["tools"]
     # HIT, HSS drills: 300 feet a minute around 5 mm, and 0.0052 inch a turn there, between
     # 3/16 inch (0.005) and 1/4 inch (0.006).
     turns = 300 * 304.8 / (math.pi * 5)
@@ -108,7 +106,7 @@ def test_feeds_of_a_material_stand_with_their_source(
     assert f"feed = {drill['feed']}  # HIT Tooling Parameter Sheet" in text
     assert f"plunge = {mill['plunge']}  # HIT Tooling Parameter Sheet" in text
     assert "placeholder:" not in text
-    assert "3 tools: depths are placeholders" in capsys.readouterr().err
+    assert "2 tools: depths are placeholders" in capsys.readouterr().err
     assert main(["build", "plate.dxf", "--post", "gcode"]) == 0
     assert "set-up    no limit exceeded: passes, plunges, depth, feed of a tooth and" in (
         capsys.readouterr().err
@@ -148,7 +146,7 @@ speed = 2000.0
     job = read_job(folder)
     assert job["tool"]["file"] == "shop.toml"
     named = [(tool["name"], tool["number"]) for tool in job["tools"]]
-    assert named == [("mill 8", 8), ("mill 3", 9)]
-    assert [row["tool"] for row in job["operations"]] == ["HSS 5", "mill 8", "mill 3", "mill 8"]
+    assert named == [("mill 8", 8)]
+    assert [row["tool"] for row in job["operations"]] == ["HSS 5", "mill 8", "mill 8"]
     assert main(["build", "plate.dxf", "--post", "gcode"]) == 0
     assert "T7 M6" in (folder / "plate.ngc").read_text(encoding="utf-8")

@@ -161,13 +161,17 @@ def test_no_range_of_diameters_holds_two_sizes(
 @pytest.mark.parametrize(
     ("inner", "mills"),
     [
-        (box(10, 10, 40, 20), [8.0, 3.0]),  # sharp corners fit no mill: they get a small one
+        (box(10, 10, 40, 20), [8.0]),  # sharp corners fit no mill
+        (
+            box(10, 10, 13, 13),
+            [8.0, 3.0],
+        ),  # its slug is a chip without tabs: corners get a small one
         (box(10, 10, 40, 20, fillet=4), [8.0]),
         # 4 corners of 2 mm: the mill of 8 mm misses 4 (2 x 2 + pi) = 28.6 mm of 116.6 mm.
         (box(10, 10, 40, 20, fillet=2), [4.0]),
         (box(10, 10, 40, 20, fillet=2.4), [4.0]),
-        # Of 1000 mm it misses less than 5 %, which the small mill takes.
-        (box(10, 10, 400, 100, fillet=2), [8.0, 4.0]),
+        # Of 1000 mm it misses less than 5 %, and the slug has tabs.
+        (box(10, 10, 400, 100, fillet=2), [8.0]),
         (box(10, 10, 40, 4.4), [4.0]),  # a groove
         (box(10, 10, 40, 1.2), [1.0]),
     ],
