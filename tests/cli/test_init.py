@@ -24,9 +24,6 @@ REFUSED = {
     "wipeout_door.dxf": "a coordinate is beyond 99999 mm",  # a house
     "ellipse.dxf": "no closed contour",  # they cross
     "6_closed_loop_with_arcs.dxf": "no closed contour",  # it crosses itself
-    # Kerfs of neighbours cut some of the tabs off.
-    "forms.dxf": "1 bridge on c23, the job asks for 3",
-    "apu-mount.DXF": "3 bridges on c1, the job asks for 4",
 }
 #: The drawings of the shared data that hold closed contours.
 SHARED = (
