@@ -15,7 +15,7 @@ from msgspec.structs import replace
 from camgen.batch.writing import check_targets, write_all
 from camgen.cli.proposal import describe, list_proposed, tabulate
 from camgen.cli.say import Voice
-from camgen.model.errors import AmbiguousInput, CamgenError, InputError, JobError
+from camgen.model.errors import AmbiguousInput, CamgenError, InputError, JobError, NoSafeProgram
 from camgen.model.job import Job, OperationTable
 from camgen.model.job_tables import Setting, row_settings, row_tables, settings, tables
 from camgen.model.part import Part
@@ -57,7 +57,16 @@ def run(arguments: Namespace, says: Voice) -> int:
     )
     text = template(source.name, units, chosen)
     if arguments.operations and part is not None:
-        _insist_on_program(part, text, says)
+        error = _try_program(part, text, says)
+        if isinstance(error, NoSafeProgram) and proposal is not None and _has_tabs(proposal):
+            # Tabs may not hold everywhere: beside narrow rooms other cuts cut them off.
+            proposal = _propose(part, job, source.name, option, says, with_tabs=False)
+            chosen = replace(chosen, proposal=proposal)
+            text = template(source.name, units, chosen)
+            says.rows([("held", f"by a skin, not by tabs: {error.what}", "look")])
+            error = _try_program(part, text, says)
+        if error is not None:
+            raise _refuse_proposal(part, error) from error
     write_all([(target, text.encode())], files.opened)
     found = f"; {source.name}: {units}" if units else ""
     says.rows([("job", f"{target}: every setting with its default{found}", "plain")])
@@ -98,12 +107,21 @@ def _with_material(sets: Sequence[str], name: str | None) -> list[str]:
     return [*sets, f'stock.material="{name}"']
 
 
-def _propose(part: Part | None, job: Job, source: str, option: str, says: Voice) -> Proposal | None:
+def _propose(
+    part: Part | None,
+    job: Job,
+    source: str,
+    option: str,
+    says: Voice,
+    *,
+    with_tabs: bool = True,
+) -> Proposal | None:
     """Operations for the drawing `part`.
 
     job: its stock, and its tools, which are those of a library.
     option: the option that asks for operations, "" for none. Without operations InputError then,
         else None.
+    with_tabs: whether tabs hold parts and slugs; else a skin does.
     """
     if part is None or part.raster is not None or part.solid is not None or part.curves:
         if option:
@@ -113,7 +131,7 @@ def _propose(part: Part | None, job: Job, source: str, option: str, says: Voice)
     from camgen.plan.propose import propose  # noqa: PLC0415 (shapely, only for drawings)
 
     try:
-        proposal = propose(part, job.stock, job.tools)
+        proposal = propose(part, job.stock, job.tools, with_tabs=with_tabs)
     except AmbiguousInput as error:
         if option:
             raise
@@ -126,18 +144,26 @@ def _propose(part: Part | None, job: Job, source: str, option: str, says: Voice)
     return proposal
 
 
-def _insist_on_program(part: Part, text: str, says: Voice) -> None:
-    """InputError where the job of ``text`` makes no checked program of ``part``, with what its build says."""
+def _has_tabs(proposal: Proposal) -> bool:
+    return any("tabs" in operation.row for operation in proposal.operations)
+
+
+def _try_program(part: Part, text: str, says: Voice) -> CamgenError | None:
+    """The error of a build of `part` with the job `text`, None if a checked program comes of it."""
     from camgen.pipeline import build  # noqa: PLC0415 (all of camgen, only for what is built)
 
     says.stage("building")
     try:
         build(part, post="gcode", job=tomllib.loads(text))
     except CamgenError as error:
-        what = f"no program comes of the operations that were proposed: {error}"
-        raise InputError(
-            part.source, what, "--operations", "without it they are written as comments"
-        ) from error
+        return error
+    return None
+
+
+def _refuse_proposal(part: Part, error: CamgenError) -> InputError:
+    what = f"no program comes of the operations that were proposed: {error}"
+    remedy = "without it they are written as comments"
+    return InputError(part.source, what, "--operations", remedy)
 
 
 class Chosen(Struct, frozen=True, eq=False):

@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
+from numpy.typing import NDArray
 
 from camgen.geometry.arcs import chain
 from camgen.geometry.segments import flatten
@@ -291,21 +292,42 @@ def _corners(once: ToolPath, radius: float) -> FloatArray:
 def _find_crowded(
     once: ToolPath, group: Sequence[_Loop], planned: Sequence[ToolPath], distance: float
 ) -> list[tuple[float, float]]:
-    """Stretches of a loop at which another path is nearer than a kerf and cuts tabs off, mm."""
+    """Stretches of a loop at which a path is nearer than a kerf and cuts tabs off, mm.
+
+    That is another path, or the loop itself on the other side of a narrow room.
+    """
     import shapely  # noqa: PLC0415 (only for what needs it)
 
     members = {loop.number for loop in group}
     others = [path for k, path in enumerate(planned) if k not in members]
     lines = np.array([_draw_line(path) for path in others], dtype=object)
     near = lines[shapely.STRtree(lines).query(_draw_line(once), "dwithin", distance=distance)]
-    if not len(near):
-        return []
     length = float(lengths_along(once)[-1])
     places = np.linspace(0.0, length, max(2, math.ceil(length / _LOOK_MM)) + 1)
     points = shapely.points([point_at(once, place)[:2] for place in places.tolist()])
-    close = shapely.distance(shapely.union_all(near), points) < distance
+    close = _come_back(points, places, distance)
+    if len(near):
+        close |= shapely.distance(shapely.union_all(near), points) < distance
     step = float(places[1])
     return [(place - step, place + step) for place in places[close].tolist()]
+
+
+def _come_back(points: Any, places: FloatArray, distance: float) -> NDArray[np.bool_]:
+    """(P,) whether a loop comes back to its points at another place.
+
+    points: (P,) shapely points of the loop.
+    places: (P,) their lengths along the loop, mm, the last one once round.
+    distance: distance below which both places are near, mm.
+    """
+    import shapely  # noqa: PLC0415 (only for what needs it)
+
+    place, near = shapely.STRtree(points).query(points, predicate="dwithin", distance=distance)
+    along = np.abs(places[place] - places[near])
+    along = np.minimum(along, places[-1] - along)
+    close = np.zeros(len(places), np.bool_)
+    # A loop that only rounds a corner is this long at most.
+    close[place[along > math.pi * distance]] = True
+    return close
 
 
 def _draw_line(path: ToolPath) -> Any:

@@ -27,6 +27,7 @@ from camgen.geometry.segments import Segments, flatten, from_contours
 from camgen.model.job import StockTable, ToolRow, ToolTable
 from camgen.model.materials import MATERIALS
 from camgen.model.part import Contour, Part
+from camgen.model.pose import FloatArray
 from camgen.model.text import counted, short
 from camgen.plan.drill import Hole, find_circles, innermost
 from camgen.plan.open_outlines import check_outlines
@@ -131,6 +132,19 @@ class _Tabs(Struct, frozen=True):
 _TABS = (_Tabs(4, 5.0, 1.0, 3.0), _Tabs(4, 3.0, 0.8, 5.0), _Tabs(3, 2.0, 0.8, 10.0))
 
 
+class _Room(Struct, frozen=True):
+    """Loops that have room for the same tabs.
+
+    tabs: the largest tabs that fit by the length of the loops.
+    crowded: largest length of a loop beside which other kerfs leave no room for tabs, mm.
+    rows: rows of the loops.
+    """
+
+    tabs: _Tabs
+    crowded: float
+    rows: list[int]
+
+
 class Proposal(Struct, frozen=True):
     """Tools and operations for a drawing.
 
@@ -159,6 +173,7 @@ class _Loops(Struct, frozen=True, eq=False):
     nesting: the loops around each of them.
     segments: their lines and arcs.
     circles: the circles among them, by id.
+    with_tabs: whether tabs hold parts and slugs.
     """
 
     thickness: float
@@ -167,6 +182,7 @@ class _Loops(Struct, frozen=True, eq=False):
     nesting: Nesting
     segments: Segments
     circles: dict[str, Hole]
+    with_tabs: bool
 
     def name(self, rows: Sequence[int]) -> list[str]:
         """The ids of loops."""
@@ -190,13 +206,18 @@ class _Sorted(Struct, frozen=True):
 
 
 def propose(
-    part: Part, stock: StockTable | None = None, library: Sequence[ToolRow] = ()
+    part: Part,
+    stock: StockTable | None = None,
+    library: Sequence[ToolRow] = (),
+    *,
+    with_tabs: bool = True,
 ) -> Proposal | None:
-    """Tools and operations for the closed contours of a flat drawing; None where it has none, or none that is sound.
+    """Tools and operations for a flat drawing; None if it has no sound closed contour.
 
     stock: thickness of the material, from which depths follow, and its name, by which feeds and
         speeds are chosen; None if nothing is known.
     library: tools to choose from before new ones are proposed.
+    with_tabs: whether tabs hold parts and slugs; else a skin does.
 
     Raises AmbiguousInput if an outline with a gap encloses closed contours, because the outlines are
     not known then.
@@ -213,6 +234,7 @@ def propose(
         nest(segments, len(closed)),
         segments,
         {hole.id: hole for hole in find_circles(part)},
+        with_tabs,
     )
     kinds = _sort(loops)
     drilled = {name for rows in kinds.holes for name in loops.name(rows)}
@@ -338,43 +360,73 @@ def _cut(loops: _Loops, kinds: _Sorted, rack: ToolRack) -> Iterator[tuple[Propos
             loops, rows, {"side": "inside", "depth": loops.thickness / 2}, what, rack
         )
     holes = [k for k in kinds.inner if loops.nesting.depth[k] % 2]
-    slugs = [k for k in holes if _leaves_slug(loops, k)]
+    slugs = [k for k in holes if _leaves_slug(loops, k, max(rack.mills))]
     chips = [k for k in holes if k not in slugs]
     what = f"{counted(len(chips), 'contour')} inside others"
     yield from _follow(loops, chips, {"depth": through}, what, rack)
-    for tabs, rows in _by_room(loops, slugs):
-        what = f"{counted(len(rows), 'contour')} around slugs"
-        yield from _follow(loops, rows, {"depth": through}, what, rack, tabs)
+    for room in _by_room(loops, slugs, max(rack.mills)):
+        what = f"{counted(len(room.rows), 'contour')} around slugs"
+        yield from _follow(loops, room.rows, {"depth": through}, what, rack, room)
     inner_parts = [k for k in kinds.inner if k not in holes]
     for name, plural, parts in (
         ("part inside others", "parts inside others", inner_parts),
         ("outline", "outlines", kinds.outer),
     ):
-        for tabs, rows in _by_room(loops, parts):
-            what = counted(len(rows), name, plural)
-            yield from _follow(loops, rows, {"depth": through}, what, rack, tabs)
+        for room in _by_room(loops, parts, max(rack.mills)):
+            what = counted(len(room.rows), name, plural)
+            yield from _follow(loops, room.rows, {"depth": through}, what, rack, room)
 
 
-def _leaves_slug(loops: _Loops, row: int) -> bool:
-    """Whether a hole has to be held: its slug is larger than a chip, or has a contour on it."""
+def _leaves_slug(loops: _Loops, row: int, widest: float) -> bool:
+    """Whether a hole has to be held: its slug is larger than a chip, or has a contour on it.
+
+    widest: diameter of the widest mill, mm.
+    """
     nesting = loops.nesting
     if (nesting.parent == row).any():
         return True
     points, owner = flatten(loops.segments.take(loops.segments.owner == row), _CHORD_MM)
     ring = shapely.make_valid(shapely.Polygon(points)) if len(owner) > 2 else shapely.Polygon()
-    slug = shapely.get_parts(shapely.buffer(ring, -_USUAL_MILL_MM))
+    slug = shapely.get_parts(shapely.buffer(ring, -widest))
     chip = ToolTable(diameter=_USUAL_MILL_MM).chip_area
     return bool(shapely.area(slug).max(initial=0.0) > chip)
 
 
-def _by_room(loops: _Loops, rows: Sequence[int]) -> list[tuple[_Tabs, list[int]]]:
-    """Outlines by the tabs that they have room for, the roomiest first."""
+def _measure_crowded(loops: _Loops, rows: Sequence[int], widest: float) -> FloatArray:
+    """(C,) length of the loops `rows` along which kerfs of others meet theirs and cut tabs off, mm.
+
+    widest: diameter of the widest mill, mm.
+    """
+    points, owner = flatten(loops.segments, _CHORD_MM)
+    drawn = np.flatnonzero(np.bincount(owner, minlength=len(loops.contours)) > 2)
+    chosen = np.isin(owner, drawn)
+    rings = shapely.linearrings(points[chosen], indices=np.searchsorted(drawn, owner[chosen]))
+    nesting = loops.nesting
+    # The kerf of a hole is within it, that of a part is in what is around it.
+    cell = np.where(nesting.depth % 2 == 1, np.arange(len(nesting.depth)), nesting.parent)[drawn]
+    tree = shapely.STRtree(rings)
+    crowded = np.zeros(len(loops.contours))
+    for k in np.flatnonzero(np.isin(drawn, list(rows))).tolist():
+        near = tree.query(rings[k], predicate="dwithin", distance=2 * widest)
+        others = rings[near[(near != k) & (cell[near] == cell[k])]]
+        reach = shapely.buffer(shapely.union_all(others), 2 * widest)
+        crowded[drawn[k]] = shapely.intersection(rings[k], reach).length
+    return crowded
+
+
+def _by_room(loops: _Loops, rows: Sequence[int], widest: float) -> list[_Room]:
+    """Loops by the tabs that they have room for, the roomiest first.
+
+    widest: diameter of the widest mill, mm.
+    """
     lengths = np.bincount(loops.segments.owner, loops.segments.length, len(loops.contours))
+    crowded = _measure_crowded(loops, rows, widest)
     groups: list[tuple[_Tabs, list[int]]] = [(tabs, []) for tabs in _TABS]
     for k in rows:
-        fitting = [tabs.fit(float(lengths[k]), _USUAL_MILL_MM) >= 2 for tabs in _TABS]
+        free = float(lengths[k] - crowded[k])
+        fitting = [tabs.fit(free, _USUAL_MILL_MM) >= 2 for tabs in _TABS]
         groups[fitting.index(True) if any(fitting) else -1][1].append(k)
-    return [(tabs, members) for tabs, members in groups if members]
+    return [_Room(tabs, float(crowded[ks].max()), ks) for tabs, ks in groups if ks]
 
 
 def _follow(
@@ -383,11 +435,11 @@ def _follow(
     keys: Row,
     what: str,
     rack: ToolRack,
-    tabs: _Tabs | None = None,
+    room: _Room | None = None,
 ) -> Iterator[tuple[Proposed, list[str]]]:
     """Operations beside the loops of `rows`: the largest mill first, then one for the rest.
 
-    tabs: tabs of outlines; None for contours that cut nothing out.
+    room: tabs for which the loops have room; None for loops that cut nothing out.
     """
     if not rows:
         return
@@ -398,8 +450,8 @@ def _follow(
         ids = dict(zip(rows, loops.name(rows), strict=True))
         mills = choose_mills(loops.part, ids, keys, samples, rack.mills)
     held: dict[str, object] = {}
-    if tabs and mills:
-        held = _hold(loops, mills, tabs)
+    if room and mills:
+        held = _hold(loops, mills, room)
     if "tabs" in held:
         # A smaller mill in the corners would cut tabs off.
         mills = [mill for mill in mills if not mill.before]
@@ -426,10 +478,10 @@ def _follow(
         yield Proposed(about, row, why), worked
 
 
-def _hold(loops: _Loops, mills: Sequence[ChosenMill], tabs: _Tabs) -> dict[str, object]:
-    """Tabs for which the paths of all mills have room, from `tabs` on; else the depth of a skin."""
-    for smaller in _TABS[_TABS.index(tabs) :]:
-        number = min(smaller.fit(mill.shortest, mill.diameter) for mill in mills)
+def _hold(loops: _Loops, mills: Sequence[ChosenMill], room: _Room) -> dict[str, object]:
+    """Tabs for which the paths of all mills have room; else the depth of a skin."""
+    for smaller in _TABS[_TABS.index(room.tabs) :] if loops.with_tabs else ():
+        number = min(smaller.fit(mill.shortest - room.crowded, mill.diameter) for mill in mills)
         if number >= 2:
             return smaller.keys(number)
     return {"depth": loops.thickness - _SKIN_MM}

@@ -205,10 +205,19 @@ def test_a_size_without_a_drill_is_bored() -> None:
 
 
 def test_a_part_in_a_window_has_tabs() -> None:
-    proposal = proposed(PLATE, box(10, 10, 70, 40), box(25, 20, 40, 20))
-    (part,) = (one for one in proposal.operations if "part inside others" in one.about)
+    plate = box(0, 0, 200, 150)
+    proposal = proposed(plate, box(10, 10, 170, 120), box(60, 45, 60, 40))
+    (part,) = (row for row in proposal.operations if "part inside others" in row.about)
     assert part.row["ids"] == ["c3"]
     assert "tabs" in part.row
+
+
+def test_a_part_beside_the_wall_of_its_window_keeps_a_skin() -> None:
+    # The kerfs of part and window meet all around, 10 mm apart: they would cut tabs off.
+    proposal = proposed(PLATE, box(10, 10, 60, 40), box(20, 20, 40, 20))
+    (part,) = (row for row in proposal.operations if "part inside others" in row.about)
+    assert "tabs" not in part.row
+    assert part.row["depth"] == 2.8
 
 
 def test_fillets_of_an_outline_are_run_into_only_where_they_are_hollow() -> None:

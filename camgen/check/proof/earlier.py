@@ -8,11 +8,10 @@ from typing import NamedTuple
 import numpy as np
 
 from camgen.check.proof.heights import tab_top
-from camgen.check.proof.matching import Covered, PieceTree
+from camgen.check.proof.matching import Covered, PieceTree, join_ranges
 from camgen.check.proof.motions import Motions
 from camgen.check.proof.pieces import BoolArray, Pieces, points_along
 from camgen.check.proof.tasks import Task
-from camgen.geometry.ragged import owners, ramp
 from camgen.model.pose import FloatArray
 
 #: Distance of the places of a stretch at which it is examined, mm, and their least number.
@@ -60,7 +59,8 @@ class EarlierCuts:
         # Near its ends a stretch may be in a shallow corner, which neither tool reaches.
         ends = np.minimum(self._corner / np.maximum(length, 1e-9), 0.5)
         count = np.maximum(np.ceil(length / _SPACING_MM), _LEAST_PLACES).astype(np.int64)
-        gap, place = owners(count), ramp(count)
+        gap = np.repeat(np.arange(len(count)), count)
+        place = join_ranges(np.zeros(len(count), np.intp), count)
         inside = ends[gap] + (1 - 2 * ends[gap]) * place / (count[gap] - 1)
         share = gaps.low[gap] + (gaps.high - gaps.low)[gap] * inside
         points = points_along(pieces, gaps.piece[gap], share)

@@ -15,6 +15,7 @@ import numpy as np
 import shapely
 from msgspec import Struct
 
+from camgen.check.proof.heights import tab_slopes
 from camgen.check.proof.slopes import find_tab_room
 from camgen.check.stock.cells import Shapes
 from camgen.check.stock.clear import Gone
@@ -378,8 +379,7 @@ def _find_missing_tabs(design: Design, cut: Any, find: _Finder) -> tuple[Missing
         if bridges.geom_type == "MultiLineString":
             bridges = shapely.line_merge(bridges)
         lengths = shapely.length(shapely.get_parts(bridges))
-        # Bridges with long slopes, of jobs that enter on ramps, are not counted yet.
-        longest = operation.tab_width + 2 * operation.tab_height + _LONGER_MM
+        longest = operation.tab_width + sum(tab_slopes(operation)) + _LONGER_MM
         # Where more is left the way is not whole: other material than bridges holds there.
         if lengths.max(initial=0.0) > longest:
             continue
