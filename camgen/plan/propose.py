@@ -238,7 +238,7 @@ def propose(
     )
     kinds = _sort(loops)
     drilled = {name for rows in kinds.holes for name in loops.name(rows)}
-    # What is drilled is no border of what is cut.
+    # A drilled hole bounds no cut.
     loops = replace(
         loops, part=replace(part, contours=tuple(c for c in part.contours if c.id not in drilled))
     )
@@ -402,7 +402,7 @@ def _measure_crowded(loops: _Loops, rows: Sequence[int], widest: float) -> Float
     chosen = np.isin(owner, drawn)
     rings = shapely.linearrings(points[chosen], indices=np.searchsorted(drawn, owner[chosen]))
     nesting = loops.nesting
-    # The kerf of a hole is within it, that of a part is in what is around it.
+    # The kerf of a hole is inside it, that of a part is outside it, in its parent.
     cell = np.where(nesting.depth % 2 == 1, np.arange(len(nesting.depth)), nesting.parent)[drawn]
     tree = shapely.STRtree(rings)
     crowded = np.zeros(len(loops.contours))
