@@ -288,8 +288,8 @@ class OperationTable(Table, frozen=True):
     rest: Annotated[
         bool,
         Meta(
-            description="follow: only where operations that are listed before it leave material, "
-            "as of a larger tool in inner corners"
+            description="follow: only where operations listed before it for the same contours "
+            "leave material, as a larger tool does in inner corners"
         ),
     ] = False
     holes: Annotated[

@@ -210,18 +210,19 @@ def _plan_steps(part: Part, job: Job, cell: Cell | None, watch: Watch) -> JobPla
     notes = [*part.notes, *left]
     has_rest = any(step.operation.rest for step in job.operations)
     plans = []
-    earlier: list[EarlierRun] = []
+    earlier: list[tuple[frozenset[str], list[EarlierRun]]] = []
     for share in shares:
         number, kind = share.number, share.step.operation.kind
         whole = share.part.worked is not None and len(share.part.worked) == len(part.contours)
         own_part = share.part
         if share.step.operation.rest:
-            own_part = replace(own_part, earlier=tuple(earlier))
+            own_part = replace(own_part, earlier=_find_earlier(own_part, earlier))
         made = _plan_share(own_part, job_of(job, share.step), number, whole, cell, watch)
         if has_rest:
             from camgen.plan.rest import list_runs  # noqa: PLC0415 (only for jobs that ask for it)
 
-            earlier += list_runs(made.paths, share.step.tool)
+            worked_ids = share.part.worked or frozenset()
+            earlier.append((worked_ids, list_runs(made.paths, share.step.tool)))
         notes += [
             replace(note, what=f"operation {number} ({kind}): {note.what}") for note in made.notes
         ]
@@ -239,6 +240,20 @@ def _plan_steps(part: Part, job: Job, cell: Cell | None, watch: Watch) -> JobPla
     return JobPlan(
         part, chain_paths(run), tuple(notes), steps=steps, numbers=tuple(numbers), plans=run
     )
+
+
+def _find_earlier(
+    part: Part, earlier: Sequence[tuple[frozenset[str], list[EarlierRun]]]
+) -> tuple[EarlierRun, ...]:
+    """The runs of operations that work on one of the contours of `part` and so come before.
+
+    earlier: contours and runs of the operations that are listed before.
+    """
+    runs: list[EarlierRun] = []
+    for ids, listed in earlier:
+        if part.works_on(tuple(ids)):
+            runs += listed
+    return tuple(runs)
 
 
 def _plan_share(

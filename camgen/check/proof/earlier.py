@@ -84,7 +84,11 @@ class EarlierCuts:
 
 
 def cuts_before(task: Task, tasks: Sequence[Task]) -> list[Task]:
-    """The tasks that are listed before `task`, if it takes only what they leave."""
+    """The tasks listed before `task` for one of its contours, if it takes only what they leave."""
     if not task.operation.rest:
         return []
-    return [other for other in tasks if other.number < task.number]
+    return [
+        other
+        for other in tasks
+        if other.number < task.number and (other.worked & task.worked).any()
+    ]
