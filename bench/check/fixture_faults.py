@@ -96,7 +96,7 @@ def shorten_tool(job: Values, _text: str, chance: random.Random) -> str | None:
 
 
 def lose_lift(job: Values, text: str, chance: random.Random) -> str | None:
-    """A lift over a clamp stops at the height of travel."""
+    """A lift over a clamp stops at the clearance height."""
     low = job["process"]["clearance"]
     lines = text.splitlines(keepends=True)
     lifts = []

@@ -37,7 +37,7 @@ import numpy as np
 from ezdxf import bbox
 
 from bench.check.set_up_faults import Tables, list_tools, run, write_job
-from bench.check.words import Array, Grid, Move, carve, read_moves
+from bench.check.words import Array, Grid, Move, carve, read_moves, sample_move
 from bench.support.runner import ROOT, SHARED, Missed, open_table, read_words
 from camgen.model.signature import sign
 
@@ -163,22 +163,13 @@ def find_length(job: Tables, number: int) -> float:
     return float(next((row for row in rows if row.get("number", 0) == number), rows[0])["length"])
 
 
-def sample(move: Move) -> Array:
-    """(N, 3) places on a motion, no farther apart than a cell."""
-    rows = [move.points[:1]]
-    for start, end in zip(move.points[:-1], move.points[1:], strict=True):
-        steps = max(1, int(np.ceil(np.linalg.norm(end - start) / PITCH)))
-        rows.append(start + np.linspace(0, 1, steps + 1)[1:, None] * (end - start))
-    return np.concatenate(rows)
-
-
 def meets_clamp(moves: Sequence[Move], job: Tables, *, holder: bool) -> bool:
     """Whether the tool, or its holder, reaches half a mm or more into the clamp."""
     x1, y1, _, x2, y2, top = job["cell"]["fixtures"][0]
     for move in moves:
         radius = HOLDER[0] if holder else find_radius(job, move.tool)
         height = find_length(job, move.tool) if holder else 0.0
-        points = sample(move)
+        points = sample_move(move, PITCH)
         points = points[points[:, 2] + height < top - 0.5]
         distances = np.maximum(np.maximum([x1, y1] - points[:, :2], points[:, :2] - [x2, y2]), 0.0)
         if (np.hypot(*distances.T) < radius - 0.5).any():
@@ -195,7 +186,7 @@ def holder_meets_stock(moves: Sequence[Move], job: Tables) -> bool:
     columns, rows = np.ceil((high - low) / PITCH).astype(int) + 1
     grid = Grid(np.zeros((rows, columns)), low, PITCH)
     for move in moves:
-        for x, y, z in sample(move) if move.deepest > 0 and not move.rapid else ():
+        for x, y, z in sample_move(move, PITCH) if move.deepest > 0 and not move.rapid else ():
             grid.stamp(x, y, radii[move.tool], -z)
             below = -z - find_length(job, move.tool)
             if below > 0.5 and _lowest_in_disc(grid, x, y, HOLDER[0] - 0.5) < below - 0.5:
@@ -273,7 +264,7 @@ def take_away(lines: Sequence[str], tabs: Sequence[Sequence[int]]) -> list[str]:
 def seed_tool_meets_clamp(sound: Sound, chance: random.Random) -> Fault | None:
     job = deepcopy(sound.job)
     deep = [move for move in sound.moves if move.deepest > 0]
-    x, y, _ = chance.choice(list(sample(chance.choice(deep))))
+    x, y, _ = chance.choice(list(sample_move(chance.choice(deep), PITCH)))
     job["cell"]["fixtures"] = [place_clamp(float(x), float(y))]
     return Fault(job, sound.text, meets_clamp(sound.moves, job, holder=False))
 
@@ -286,7 +277,7 @@ def seed_holder_meets_clamp(sound: Sound, chance: random.Random) -> Fault | None
     for row in list_tools(job):
         row["length"] = lowest + chance.uniform(1.0, HEIGHT - lowest - 2.0)
     for _ in range(MOST_TRIED):
-        x, y, _ = chance.choice(list(sample(chance.choice(deep))))
+        x, y, _ = chance.choice(list(sample_move(chance.choice(deep), PITCH)))
         angle = chance.uniform(0.0, 2 * np.pi)
         distance = chance.uniform(CLAMP / 2 + 3.0, HOLDER[0] + CLAMP / 2)
         job["cell"]["fixtures"] = [

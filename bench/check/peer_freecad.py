@@ -8,66 +8,25 @@ Python has none of camgen.
 """
 
 import json
-import math
+import pathlib
 import sys
 import time
 
-HOME = "/usr/lib/freecad/"
-SHARE = "/usr/share/freecad/"
-sys.path[:0] = [
-    SHARE + "Ext", "/usr/lib/freecad-python3/lib", HOME + "lib", SHARE + "Mod",
-    *(SHARE + "Mod/" + name for name in ("Path", "Draft", "Part")),
-]  # fmt: skip
+sys.path.insert(0, str(pathlib.Path(__file__).parents[1] / "support"))
 
-import FreeCAD  # noqa: E402
-
-# The program without its window looks for its modules beside its own libraries.
-FreeCAD.getHomePath = lambda: HOME
-
-import Part  # noqa: E402
-from PathScripts import (  # noqa: E402
+from freecad_peer import FreeCAD, Part, chosen, make_face
+from PathScripts import (
     PathDressupHoldingTags,
     PathDrilling,
     PathJob,
     PathProfile,
     PathToolController,
-    PathUtils,
 )
-from PathScripts.post import linuxcnc_post  # noqa: E402
-
-
-class Chosen:
-    """What a user would choose in the window: the tool of the next operation, and the job."""
-
-    def __init__(self):
-        self.tool = self.job = None
-        self.selectedToolController = lambda: self.tool
-        self.chooseToolController = lambda _: self.tool
-        self.chooseJob = lambda _: self.job
-
-
-chosen = PathUtils.UserInput = Chosen()
-
-
-def edges(points, bulges):
-    """Lines and arcs of a closed loop, at z = 0. bulge: the tangent of a quarter of the turn, + for left."""
-    for k, bulge in enumerate(bulges):
-        (x, y), (u, v) = points[k], points[(k + 1) % len(points)]
-        start, end = FreeCAD.Vector(x, y, 0), FreeCAD.Vector(u, v, 0)
-        if math.dist((x, y), (u, v)) < 1e-7:
-            continue
-        if abs(bulge) < 1e-9:
-            yield Part.makeLine(start, end)
-        else:
-            via = FreeCAD.Vector(
-                (x + u) / 2 + bulge * (v - y) / 2, (y + v) / 2 - bulge * (u - x) / 2, 0
-            )
-            yield Part.Arc(start, via, end).toShape()
+from PathScripts.post import linuxcnc_post
 
 
 def extrude(loop, depth):
-    wire = Part.Wire(list(edges(loop["points"], loop["bulges"])))
-    return Part.Face(wire).extrude(FreeCAD.Vector(0, 0, -depth))
+    return make_face(loop).extrude(FreeCAD.Vector(0, 0, -depth))
 
 
 def share_out(operation):

@@ -153,3 +153,12 @@ def carve(moves: list[Move], radii: Mapping[int, float], pitch: float) -> tuple[
                 x, y, z = start + share * (end - start)
                 grid.stamp(x, y, radii[move.tool], -z)
     return grid, before
+
+
+def sample_move(move: Move, step: float) -> Array:
+    """(N, 3) places on a motion, no farther apart than `step` mm."""
+    rows = [move.points[:1]]
+    for start, end in zip(move.points[:-1], move.points[1:], strict=True):
+        steps = max(1, int(np.ceil(np.linalg.norm(end - start) / step)))
+        rows.append(start + np.linspace(0, 1, steps + 1)[1:, None] * (end - start))
+    return np.concatenate(rows)

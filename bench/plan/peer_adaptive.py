@@ -7,55 +7,14 @@ none of camgen.
 """
 
 import json
-import math
+import pathlib
 import sys
 
-HOME = "/usr/lib/freecad/"
-SHARE = "/usr/share/freecad/"
-sys.path[:0] = [
-    SHARE + "Ext", "/usr/lib/freecad-python3/lib", HOME + "lib", SHARE + "Mod",
-    *(SHARE + "Mod/" + name for name in ("Path", "Draft", "Part")),
-]  # fmt: skip
+sys.path.insert(0, str(pathlib.Path(__file__).parents[1] / "support"))
 
-import FreeCAD  # noqa: E402
-
-# The program without its window looks for its modules beside its own libraries.
-FreeCAD.getHomePath = lambda: HOME
-
-import Part  # noqa: E402
-from PathScripts import PathAdaptive, PathJob, PathToolController, PathUtils  # noqa: E402
-from PathScripts.post import linuxcnc_post  # noqa: E402
-
-
-class Chosen:
-    """The tool and the job that a user would choose in the window."""
-
-    def __init__(self):
-        self.tool = self.job = None
-        self.selectedToolController = lambda: self.tool
-        self.chooseToolController = lambda _: self.tool
-        self.chooseJob = lambda _: self.job
-
-
-chosen = PathUtils.UserInput = Chosen()
-
-
-def edges(points, bulges):
-    """Lines and arcs of a closed loop at z = 0. bulge: tan(sweep / 4), positive to the left."""
-    for k, bulge in enumerate(bulges):
-        (x, y), (u, v) = points[k], points[(k + 1) % len(points)]
-        if math.dist((x, y), (u, v)) < 1e-7:
-            continue
-        start, end = FreeCAD.Vector(x, y, 0), FreeCAD.Vector(u, v, 0)
-        if abs(bulge) < 1e-9:
-            yield Part.makeLine(start, end)
-        else:
-            middle = (x + u) / 2 + bulge * (v - y) / 2, (y + v) / 2 - bulge * (u - x) / 2
-            yield Part.Arc(start, FreeCAD.Vector(*middle, 0), end).toShape()
-
-
-def face_of(loop):
-    return Part.Face(Part.Wire(list(edges(loop["points"], loop["bulges"]))))
+from freecad_peer import FreeCAD, chosen, make_face
+from PathScripts import PathAdaptive, PathJob, PathToolController
+from PathScripts.post import linuxcnc_post
 
 
 def main(source, target):
@@ -64,7 +23,7 @@ def main(source, target):
     document = FreeCAD.newDocument("Area")
     area = None
     for loop in sorted(work["loops"], key=lambda loop: loop["depth"]):
-        face = face_of(loop)
+        face = make_face(loop)
         if area is None:
             area = face
         else:

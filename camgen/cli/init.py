@@ -149,7 +149,7 @@ def _has_tabs(proposal: Proposal) -> bool:
 
 
 def _try_program(part: Part, text: str, says: Voice) -> CamgenError | None:
-    """The error of a build of `part` with the job `text`, None if a checked program comes of it."""
+    """The error of a build of `part` with the job `text`, None if it makes a checked program."""
     from camgen.pipeline import build  # noqa: PLC0415 (all of camgen, only for what is built)
 
     says.stage("building")
@@ -161,7 +161,7 @@ def _try_program(part: Part, text: str, says: Voice) -> CamgenError | None:
 
 
 def _refuse_proposal(part: Part, error: CamgenError) -> InputError:
-    what = f"no program comes of the operations that were proposed: {error}"
+    what = f"the proposed operations make no program: {error}"
     remedy = "without it they are written as comments"
     return InputError(part.source, what, "--operations", remedy)
 

@@ -1,6 +1,6 @@
 """Lifts the travel of a mill over the fixtures in its way: up, across, and down again.
 
-The height of travel, `process.clearance`, is enough between most paths. A rapid motion that comes
+The clearance height, `process.clearance`, is enough between most paths. A rapid motion that comes
 within `cell.margin` of a fixture is raised to `cell.safety` above its top: the tool first goes
 straight up where it is, and comes straight down where it is going.
 """
@@ -67,9 +67,9 @@ def _find_heights(
             for fixture in fixtures.listed:
                 near = rows[shapely.dwithin(lines[rows], fixture.outline, room)]
                 for layer in fixture.layers:
-                    over = near[shapely.dwithin(lines[near], layer.outline, room)]
+                    crossing = near[shapely.dwithin(lines[near], layer.outline, room)]
                     height = layer.top + fixtures.lift - body.height
-                    heights[over] = np.maximum(heights[over], height)
+                    heights[crossing] = np.maximum(heights[crossing], height)
     return heights
 
 

@@ -654,7 +654,7 @@ class StockTable(Table, frozen=True):
     ] = ""
     held: Annotated[
         Literal["frame", "vacuum", "tape"],
-        Meta(description="what holds a piece that is cut free; frame: tabs or a skin alone"),
+        Meta(description="hold of pieces that are cut free; frame: tabs or a skin alone"),
     ] = "frame"
 
 

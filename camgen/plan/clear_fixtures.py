@@ -1,7 +1,7 @@
 """Leaves out paths of a mill on which its tool or holder would come too near to a fixture.
 
-Of a path along a contour only the stretch beside the fixture is left out; its other stretches
-become open paths. A hole, a pocket and a filled area are left out as a whole.
+A path along a contour loses only its stretch beside the fixture; its other stretches become open
+paths. A hole, a pocket and a filled area are left out as a whole.
 """
 
 from __future__ import annotations
@@ -95,9 +95,9 @@ def clear_fixtures(plan: Plan, job: Job, fixtures: Fixtures) -> Plan:
             if not split.zones:
                 continue
             areas.remember(path, tool)
-            reason = _tell_reason(split.zones, fixtures)
+            reason = _state_reason(split.zones, fixtures)
             if split.kept:
-                notes.append(_tell_stretches(prefix, path, split, reason))
+                notes.append(_note_stretches(prefix, path, split, reason))
             else:
                 whole[path.id] = reason
         cleared.append(_replace_paths(operation, splits))
@@ -312,7 +312,7 @@ def _replace_paths(plan: Plan, splits: Sequence[_Split]) -> Plan:
     return replace(plan, paths=tuple(paths), left_out=tuple(lost))
 
 
-def _tell_reason(zones: Sequence[_Zone], fixtures: Fixtures) -> str:
+def _state_reason(zones: Sequence[_Zone], fixtures: Fixtures) -> str:
     distinct = {zone.fixture.number for zone in zones}
     numbers = [str(number) for number in sorted(distinct)]
     which = f"{'fixture' if len(numbers) == 1 else 'fixtures'} {', '.join(numbers)}"
@@ -323,7 +323,7 @@ def _tell_reason(zones: Sequence[_Zone], fixtures: Fixtures) -> str:
     return f"{which}: {bodies} would come nearer than {room}"
 
 
-def _tell_stretches(prefix: str, path: ToolPath, split: _Split, reason: str) -> Note:
+def _note_stretches(prefix: str, path: ToolPath, split: _Split, reason: str) -> Note:
     length = sum(float(lengths_along(stretch)[-1]) for stretch in split.lost)
     return Note(
         "skipped",

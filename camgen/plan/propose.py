@@ -132,7 +132,7 @@ class _Tabs(Struct, frozen=True):
 _TABS = (_Tabs(4, 5.0, 1.0, 3.0), _Tabs(4, 3.0, 0.8, 5.0), _Tabs(3, 2.0, 0.8, 10.0))
 
 
-class _Room(Struct, frozen=True):
+class _TabRoom(Struct, frozen=True):
     """Loops that have room for the same tabs.
 
     tabs: the largest tabs that fit by the length of the loops.
@@ -414,7 +414,7 @@ def _measure_crowded(loops: _Loops, rows: Sequence[int], widest: float) -> Float
     return crowded
 
 
-def _by_room(loops: _Loops, rows: Sequence[int], widest: float) -> list[_Room]:
+def _by_room(loops: _Loops, rows: Sequence[int], widest: float) -> list[_TabRoom]:
     """Loops by the tabs that they have room for, the roomiest first.
 
     widest: diameter of the widest mill, mm.
@@ -426,7 +426,7 @@ def _by_room(loops: _Loops, rows: Sequence[int], widest: float) -> list[_Room]:
         free = float(lengths[k] - crowded[k])
         fitting = [tabs.fit(free, _USUAL_MILL_MM) >= 2 for tabs in _TABS]
         groups[fitting.index(True) if any(fitting) else -1][1].append(k)
-    return [_Room(tabs, float(crowded[ks].max()), ks) for tabs, ks in groups if ks]
+    return [_TabRoom(tabs, float(crowded[ks].max()), ks) for tabs, ks in groups if ks]
 
 
 def _follow(
@@ -435,7 +435,7 @@ def _follow(
     keys: Row,
     what: str,
     rack: ToolRack,
-    room: _Room | None = None,
+    room: _TabRoom | None = None,
 ) -> Iterator[tuple[Proposed, list[str]]]:
     """Operations beside the loops of `rows`: the largest mill first, then one for the rest.
 
@@ -451,7 +451,7 @@ def _follow(
         mills = choose_mills(loops.part, ids, keys, samples, rack.mills)
     held: dict[str, object] = {}
     if room and mills:
-        held = _hold(loops, mills, room)
+        held = _choose_hold(loops, mills, room)
     if "tabs" in held:
         # A smaller mill in the corners would cut tabs off.
         mills = [mill for mill in mills if not mill.before]
@@ -478,7 +478,7 @@ def _follow(
         yield Proposed(about, row, why), worked
 
 
-def _hold(loops: _Loops, mills: Sequence[ChosenMill], room: _Room) -> dict[str, object]:
+def _choose_hold(loops: _Loops, mills: Sequence[ChosenMill], room: _TabRoom) -> dict[str, object]:
     """Tabs for which the paths of all mills have room; else the depth of a skin."""
     for smaller in _TABS[_TABS.index(room.tabs) :] if loops.with_tabs else ():
         number = min(smaller.fit(mill.shortest - room.crowded, mill.diameter) for mill in mills)

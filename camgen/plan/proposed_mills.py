@@ -272,17 +272,17 @@ def sample(segments: Segments, nesting: Nesting, rows: IntArray) -> Samples:
     total = float(segments.length[chosen].sum())
     step = max(_SPACING_MM, total / _MOST_SAMPLES)
     count = np.maximum(np.ceil(segments.length[chosen] / step), 1).astype(np.int64)
-    of, place = chosen[owners(count)], ramp(count)
+    row, place = chosen[owners(count)], ramp(count)
     share = (place + 0.5) / count[owners(count)]
-    length = segments.length[of] / count[owners(count)]
+    length = segments.length[row] / count[owners(count)]
     # A disc of radius r in a corner of half angle a touches its sides r / tan(a) from the corner.
     radius = np.minimum(
-        share * segments.length[of] * np.tan(np.minimum(at_start[of], np.pi / 2)),
-        (1 - share) * segments.length[of] * np.tan(np.minimum(at_end[of], np.pi / 2)),
+        share * segments.length[row] * np.tan(np.minimum(at_start[row], np.pi / 2)),
+        (1 - share) * segments.length[row] * np.tan(np.minimum(at_end[row], np.pi / 2)),
     )
-    points = points_at(segments.take(of), share)
+    points = points_at(segments.take(row), share)
     return Samples(
-        points, segments.owner[of], length, np.where(np.isfinite(radius), radius, np.inf)
+        points, segments.owner[row], length, np.where(np.isfinite(radius), radius, np.inf)
     )
 
 

@@ -26,8 +26,8 @@ from camgen.plan.columns import path_segments
 _CHORD_MM = 0.002
 #: Number of chords in a quarter of a circle around a swept area.
 _QUARTER = 32
-#: Material nearer than this to cleared ground, mm, does not count. It comes of chords, or stands in
-#: a shallow corner.
+#: Material nearer than this to cleared ground, mm, does not count: it is an error of chords, or
+#: stands in a shallow corner.
 _NARROW_MM = 0.015
 #: A path begins and ends outside the rest by this share of the tool's radius.
 _MARGIN_SHARE = 0.25

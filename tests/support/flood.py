@@ -11,7 +11,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from bench.check.words import Move, read_moves
+from bench.check.words import read_moves, sample_move
 
 Array = np.ndarray
 #: Distance of the discs that stand for a motion, mm.
@@ -52,7 +52,7 @@ def find_loose(
     cells = np.ones((rows, columns), np.uint8)
     for move in read_moves(text):
         if not move.rapid and move.deepest >= thickness - _THROUGH_MM:
-            points = _sample(move)
+            points = sample_move(move, _STEP_MM)
             through = points[points[:, 2] <= _THROUGH_MM - thickness]
             _stamp(cells, (through[:, :2] - low) / pitch - 0.5, radii[move.tool] / pitch)
     count, labels, stats, middles = cv2.connectedComponentsWithStats(cells, connectivity=4)
@@ -63,14 +63,6 @@ def find_loose(
         for k in loose
     ]
     return sorted(regions, reverse=True)
-
-
-def _sample(move: Move) -> Array:
-    rows = [move.points[:1]]
-    for start, end in zip(move.points[:-1], move.points[1:], strict=True):
-        steps = max(1, int(np.ceil(np.linalg.norm(end - start) / _STEP_MM)))
-        rows.append(start + np.linspace(0, 1, steps + 1)[1:, None] * (end - start))
-    return np.concatenate(rows)
 
 
 def _stamp(cells: Array, places: Array, radius: float) -> None:

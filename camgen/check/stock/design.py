@@ -76,18 +76,18 @@ class Bevel(Struct, frozen=True, eq=False):
 
 
 class Wanted(Struct, frozen=True, eq=False):
-    """What shall be gone.
+    """Material that an operation has to remove.
 
-    shape: polygons.
+    shape: polygons of it.
     room: where the tool may be for it; it cannot reach all corners.
-    radius: radius of the tool, mm, 0 where no corner excuses what is left.
-    depth: depth of what shall be gone, mm.
+    radius: radius of the tool, mm; 0 if no corner excuses material that is left.
+    depth: depth down to which it goes, mm.
     task: number of its task.
-    tabs: height of the bridges, their width, and the length of both slopes, mm; 0: none.
-    loop: of a kerf, the contour beside which it runs.
-    cell: of a kerf, the cell in which it is.
-    ring: of a kerf, the contour as a polygon. `lay_out` makes shape, room and ring where something
-        is left of it.
+    tabs: height of the bridges, their width, and the length of both slopes, mm; all 0 without any.
+    loop: contour beside which a kerf runs; -1 for other shapes.
+    cell: cell in which a kerf is.
+    ring: that contour as a polygon. `lay_out` makes shape, room and ring of a kerf if something is
+        left of it.
     """
 
     shape: Any
@@ -230,7 +230,7 @@ def design(tasks: Sequence[Task], stock: StockTable, untaken: Any = None) -> Des
             )
     if stock.thickness is None:
         draft.notes.append(
-            "stock.thickness is not set: what lies below, and pieces that come loose, are not judged"
+            "stock.thickness is not set: cuts below the stock, and pieces that come loose, are not judged"
         )
     return Design(
         draft.cells,

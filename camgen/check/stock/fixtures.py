@@ -262,8 +262,8 @@ def _measure_above(case: _Case) -> float:
         return _FAR
     portions = _take(case, which, np.full(len(which), top), below=False)
     gap = gaps(portions.plane, case.walls, case.body.radius)
-    over = (gap < case.body.radius - TOLERANCE_MM) | _is_within(portions, case)
-    heights = np.maximum(case.lowest[which][over] - top, 0.0)
+    passes_over = (gap < case.body.radius - TOLERANCE_MM) | _is_within(portions, case)
+    heights = np.maximum(case.lowest[which][passes_over] - top, 0.0)
     return float(heights.min(initial=_FAR))
 
 
