@@ -522,12 +522,14 @@ EVERYWHERE = {
 
 #: Keys of the picture, by their names in its help: the key, a state, and what the key makes of it.
 TURNED = "camgen.look.tilt = 0.3"
+#: A program that plays would move on before a slow machine has the key.
+PAUSED = "camgen.player.play(false); camgen.player.to({})"
 PICTURE_KEYS = {
-    "space": (" ", "camgen.player.play(false)", "camgen.player.on"),
-    "left": ("ArrowLeft", "camgen.player.to(9)", "camgen.player.time < 9"),
-    "right": ("ArrowRight", "camgen.player.to(9)", "camgen.player.time > 9"),
-    "home": ("Home", "camgen.player.to(9)", "camgen.player.time === 0"),
-    "end": ("End", "camgen.player.to(9)", "camgen.player.time > 12"),
+    "space": (" ", PAUSED.format(0), "camgen.player.on || camgen.player.time > 0"),
+    "left": ("ArrowLeft", PAUSED.format(9), "camgen.player.time < 9"),
+    "right": ("ArrowRight", PAUSED.format(9), "camgen.player.time > 9"),
+    "home": ("Home", PAUSED.format(9), "camgen.player.time === 0"),
+    "end": ("End", PAUSED.format(9), "camgen.player.time > 12"),
     "f": ("f", "camgen.look.own = true", "!camgen.look.own"),
     "t": ("t", TURNED, "camgen.look.tilt > 1.5"),
     "s": ("s", TURNED, "camgen.look.tilt === 0"),
