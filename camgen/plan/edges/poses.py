@@ -42,13 +42,17 @@ def poses(edge: Edge, offset: float, direction: Offset = "mean") -> PosePath | U
         )
     position, via = edge.points + offset * away, edge.via + offset * middle
     before, after = np.diff(edge.points, axis=0), np.diff(position, axis=0)
-    if ((before * after).sum(axis=1) < _CLOSED * (before * before).sum(axis=1)).any():
+    arc = are_bent(edge.points[:-1], edge.via, edge.points[1:])
+    folded = (before * after).sum(axis=1) < _CLOSED * (before * before).sum(axis=1)
+    # Of an arc of at most half a circle the second half does not run back.
+    halves = via - position[:-1], position[1:] - via
+    folded |= arc & (np.multiply(*halves).sum(axis=1) < -_CLOSED * (after * after).sum(axis=1))
+    if folded.any():
         return UnreachableEdge(
             edge.id,
             "shape",
             f"an offset of {short(offset, 3)} mm leaves nothing of its inner radius",
         )
-    arc = are_bent(edge.points[:-1], edge.via, edge.points[1:])
     begins, ends = chain(edge.points, np.where(arc[:, None], edge.via, np.nan)).tangents()
     tangent = _at_rows(edge, begins, ends)
     wide = arc & ((begins * ends).sum(axis=1) < np.cos(SURE_TURN))
