@@ -344,7 +344,7 @@ class OperationTable(Table, frozen=True):
     trim: Annotated[
         NotNegative,
         Meta(
-            description="so much may be left out at the ends of an edge that cannot be reached whole, mm"
+            description="length at either end of an edge that may be left out without being reported as skipped, mm"
         ),
     ] = 0.0
     offset_along: Annotated[

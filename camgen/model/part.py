@@ -24,6 +24,7 @@ class Note(Struct, frozen=True):
     ids: of the contours and edges that it is about, all of them. places: mm, where it is in the part, for the preview.
     strict: --strict makes it an error, as it does of all that was skipped.
     lacks: the part of their paths of which there is less than the job asks for.
+    length: mm that are left out of an edge; 0 where the edge is left out as a whole.
     """
 
     kind: NoteKind
@@ -33,6 +34,7 @@ class Note(Struct, frozen=True):
     places: tuple[tuple[float, float], ...] = ()
     strict: bool = False
     lacks: Literal["", "leads", "tabs"] = ""
+    length: float = 0.0
 
     @property
     def fails_strict(self) -> bool:

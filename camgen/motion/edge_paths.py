@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from camgen.model.part import Edge, Line, Note, Part
 from camgen.model.path import ToolPath, waypoints
 from camgen.model.pose import frozen
 from camgen.model.text import counted, short
+from camgen.model.tolerance import SAME_POINT_MM
 from camgen.motion.setup import EdgeMotion, UnreachableEdge, feed_of
 
 
@@ -33,7 +35,7 @@ def edge_path(motion: EdgeMotion, edge: Line, job: Job) -> ToolPath:
             force=job.process.force,
             feed=feed,
         ),
-        closed=edge.closed,
+        closed=edge.closed and not motion.part_of,
         contours=(edge.id,),
         operation=operation,
     )
@@ -50,17 +52,63 @@ def none_left(part: Part, count: int, first: UnreachableEdge, noun: str = "edge"
     return NoSafeProgram(part.source, what, first.text, first.remedy)
 
 
-def left_out(lost: Sequence[UnreachableEdge], edges: Mapping[str, Line]) -> list[Note]:
-    """Notes on edges and curves without a motion."""
-    return [
-        Note(
-            "skipped",
-            _describe(edges[one.id]),
-            "; ".join(filter(None, (one.text, one.remedy))),
-            (one.id,),
-        )
-        for one in lost
-    ]
+def list_pieces(
+    motions: Sequence[EdgeMotion], lines: Mapping[str, Line]
+) -> dict[str, tuple[Line, float]]:
+    """The line of each motion along a piece of it, and the length of the piece, mm, by its id."""
+    pieces = {}
+    for motion in motions:
+        if motion.part_of:
+            line = lines[motion.line]
+            pieces[motion.id] = (line, line.length - sum(motion.trimmed))
+    return pieces
+
+
+def left_out(
+    lost: Sequence[UnreachableEdge],
+    lines: Mapping[str, Line],
+    pieces: Mapping[str, tuple[Line, float]] = MappingProxyType({}),
+) -> list[Note]:
+    """Notes on edges, curves and pieces of them without a motion.
+
+    pieces: result of ``list_pieces``.
+    """
+    notes = []
+    for one in lost:
+        why = one.reason
+        if one.id in pieces:
+            line, length = pieces[one.id]
+            notes.append(_note_piece(line, length, why, (one.id, line.id)))
+        else:
+            notes.append(Note("skipped", _describe(lines[one.id]), why, (one.id,)))
+    return notes
+
+
+def note_gaps(line: Line, pieces: Sequence[EdgeMotion], why: str, trim: float) -> list[Note]:
+    """Notes on the gaps between the pieces of a line.
+
+    why: why the whole line has no motion.
+    trim: `operation.trim`, length at either end that the job allows to be left out, mm.
+    """
+    length = line.length
+    missing = length - sum(length - sum(piece.trimmed) for piece in pieces)
+    if missing < SAME_POINT_MM:
+        return []
+    ends = pieces[0].trimmed[0], pieces[-1].trimmed[1]
+    if not line.closed and len(pieces) == 1 and max(ends) <= trim:
+        first, last = (short(end, 1) for end in ends)
+        what = f"{_name(line)} is run without its first {first} and last {last} mm"
+        return [Note("assumed", what, why, (line.id,))]
+    return [_note_piece(line, missing, why, (line.id,))]
+
+
+def _note_piece(line: Line, length: float, why: str, ids: tuple[str, ...]) -> Note:
+    what = f"{short(length, 1)} mm of {_name(line)}"
+    return Note("skipped", what, why, ids, length=length)
+
+
+def _name(line: Line) -> str:
+    return f"{'edge' if isinstance(line, Edge) else 'curve'} {line.id}"
 
 
 def _describe(line: Line) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
@@ -35,6 +37,12 @@ class PosePath(Struct, frozen=True, eq=False):
         return PosePath(
             frozen(self.position[::-1]), backwards(self.via), frozen(self.rotation[::-1])
         )
+
+    def slice(self, first: int, stop: int) -> PosePath:
+        """Poses of the rows from ``first`` up to ``stop``, which is left out."""
+        via = self.via[first:stop].copy()
+        via[:1] = np.nan
+        return PosePath(self.position[first:stop], frozen(via), self.rotation[first:stop])
 
     @property
     def head(self) -> PosePath:
@@ -125,6 +133,22 @@ def cut(way: PosePath, low: float, high: float) -> PosePath:
     via[1:][np.isnan(way.via[1:, 0])[segment]] = np.nan
     rotation = between(way.rotation[:-1], way.rotation[1:], own, first)
     return PosePath(frozen(spans.point(first, own)), frozen(via), frozen(rotation))
+
+
+def measure_to(path: PosePath, row: float) -> float:
+    """Length of a pose path up to a place in rows: 2.25 is a quarter of the way from row 2."""
+    along = np.concatenate([[0.0], np.cumsum(path.length)])
+    return float(np.interp(row, np.arange(len(along)), along))
+
+
+def join(paths: Sequence[PosePath]) -> PosePath:
+    """Pose paths one after the other; each begins where the path before it ends."""
+    rest = paths[1:]
+    return PosePath(
+        np.concatenate([paths[0].position, *(path.position[1:] for path in rest)]),
+        np.concatenate([paths[0].via, *(path.via[1:] for path in rest)]),
+        np.concatenate([paths[0].rotation, *(path.rotation[1:] for path in rest)]),
+    )
 
 
 def rows(parts: Index) -> Index:

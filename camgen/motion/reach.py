@@ -11,7 +11,7 @@ from msgspec.structs import replace
 from camgen.model.part import BoolArray, Line
 from camgen.model.pose import frozen
 from camgen.model.text import short
-from camgen.motion.pose_paths import PosePath, cut, divide, rows
+from camgen.motion.pose_paths import PosePath, divide, rows
 from camgen.motion.search import Grid, can_stand, grid, search
 from camgen.motion.setup import (
     JUMP,
@@ -32,8 +32,6 @@ _NONE = OrientationFreedom()
 _ON_ARCS = 0.9
 #: So many edges are looked at together in the nominal orientation: bounds the memory.
 _TOGETHER = 32
-#: Of the trim, what is tried.
-_SHARES = (0.25, 0.5, 1.0)
 
 
 def _ignore(_: int) -> None:
@@ -44,12 +42,12 @@ def reach_ways(
     ways: Iterable[tuple[Line, PosePath | UnreachableEdge]],
     setup: Setup,
     freedom: OrientationFreedom = _NONE,
-    trim: float = 0.0,
     tell: Callable[[int], None] = _ignore,
 ) -> tuple[EdgeMotion | UnreachableEdge, ...]:
-    """How the arm runs each of ``ways``, which have their poses or the reason why there are none. trim: mm at either
-    end that may be left out where the whole cannot be reached; closed lines have no ends. tell: is told how many were
-    tried.
+    """How the arm runs each of ``ways``.
+
+    ways: lines with their poses, or with the reason why they have no poses.
+    tell: callback that gets the number of lines that were tried.
 
     Each motion keeps the joint limits, 2 deg from singularities and clear of collisions wherever it is looked at, at
     least every 5 mm and 5 deg, and no joint turns by more than 15 deg from look to look.
@@ -60,65 +58,31 @@ def reach_ways(
         plain = iter(
             _nominal(setup, [(line.id, way) for line, way in some if isinstance(way, PosePath)])
         )
-        for done, (line, way) in enumerate(some, begin):
+        for done, (_, way) in enumerate(some, begin):
             tell(done)
             found.append(
-                _reach(line, way, setup, freedom, trim, next(plain))
-                if isinstance(way, PosePath)
-                else way
+                _free(setup, way, freedom, next(plain)) if isinstance(way, PosePath) else way
             )
     return tuple(found)
 
 
-def _reach(
-    edge: Line,
-    way: PosePath,
-    setup: Setup,
-    freedom: OrientationFreedom,
-    trim: float,
-    plain: EdgeMotion | UnreachableEdge,
-) -> EdgeMotion | UnreachableEdge:
-    whole = _free(setup, way, freedom, plain)
-    if isinstance(whole, EdgeMotion) or edge.closed:
-        return whole
-    length = float(way.length.sum())
-    for low, high in _trims(trim, length):
-        part = reach_along(setup, edge.id, trimmed(way, (low, high)), freedom)
-        if isinstance(part, EdgeMotion):
-            nearer = part.nearer and replace(part.nearer, trimmed=(low, high))
-            return replace(part, trimmed=(low, high), nearer=nearer)
-    return whole
+def can_end(setup: Setup, ways: Sequence[PosePath], freedom: OrientationFreedom) -> BoolArray:
+    """The ways at both of whose ends the arm can stand in some orientation of ``freedom``, (K,).
 
-
-def trimmed(way: PosePath, ends: tuple[float, float]) -> PosePath:
-    """``way`` without so many mm at its ends."""
-    return cut(way, ends[0], float(way.length.sum()) - ends[1])
-
-
-#: The rows of a way at its two ends.
-_BOTH = (0, -1)
-
-
-def can_end(
-    setup: Setup, ways: Sequence[PosePath], freedom: OrientationFreedom, ends: Sequence[int] = _BOTH
-) -> BoolArray:
-    """Of which ``ways`` the arm can stand at these rows, both of its ends, in any orientation that ``freedom`` leaves
-    (K,). Of others ``reach_along`` finds no motion either, and takes many times as long.
+    Of others ``reach_along`` finds no motion either, and takes many times as long.
     """
-    choices = [_grids("collision", freedom, way)[-1] for way in ways]
+    choices = [widest_grid(freedom, way) for way in ways]
     found = np.ones(len(ways), dtype=np.bool_)
     for choice in dict.fromkeys(choices):
         own = np.array([k for k, one in enumerate(choices) if one is choice])
-        found[own] = _can_end(setup, [ways[k] for k in own.tolist()], choice, ends)
+        found[own] = _can_end(setup, [ways[k] for k in own.tolist()], choice)
     return found
 
 
-def _can_end(
-    setup: Setup, ways: Sequence[PosePath], choice: Grid, ends: Sequence[int] = _BOTH
-) -> BoolArray:
+def _can_end(setup: Setup, ways: Sequence[PosePath], choice: Grid) -> BoolArray:
     found = np.ones(len(ways), dtype=np.bool_)
     # Without a closed form joints depend on those before them.
-    for end in ends if setup.robot.arm else ():
+    for end in (0, -1) if setup.robot.arm else ():
         left = np.flatnonzero(found)
         if len(left):
             position, rotation = (
@@ -127,13 +91,6 @@ def _can_end(
             )
             found[left] = can_stand(setup, position, rotation, choice)
     return found
-
-
-def _trims(trim: float, length: float) -> list[tuple[float, float]]:
-    """What is left out at the ends, least first; at least half of the edge stays."""
-    steps = [trim * share for share in _SHARES]
-    found = [pair for step in steps for pair in ((0.0, step), (step, 0.0), (step, step))]
-    return [pair for pair in found if 0 < sum(pair) <= length / 2]
 
 
 def reach_along(
@@ -205,6 +162,11 @@ def _grids(kind: str, freedom: OrientationFreedom, way: PosePath) -> list[Grid]:
     share = _ON_ARCS if np.isfinite(way.via).any() else 1.0
     steps += [replace(freedom, tilt=share * freedom.tilt)] if freedom.tilt > 0 else []
     return [_grid(step) for step in steps]
+
+
+def widest_grid(freedom: OrientationFreedom, way: PosePath) -> Grid:
+    """All orientations that the tool may have along ``way``."""
+    return _grids("collision", freedom, way)[-1]
 
 
 def _in_vain(freedom: OrientationFreedom, collision: str) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from itertools import product
 
 import numpy as np
@@ -156,7 +157,7 @@ def search(setup: Setup, edge: str, way: PosePath, grid: Grid, most: float) -> E
     """
     parts = counts(way, _ROW_MM, _ROW_TURN)
     knots = Knots(way, divide(way, parts), parts)
-    states = _states(setup, knots.way, grid)
+    states = make_states(setup, knots.way, grid)
     ways = steps(setup.robot, states, _KNOT_JUMP)
     checked: set[int] = set()
     collision = ""
@@ -164,13 +165,13 @@ def search(setup: Setup, edge: str, way: PosePath, grid: Grid, most: float) -> E
         chain = cheapest(setup.robot, states, ways, setup.robot.home)
         if chain is None:
             break
-        proved = _prove(setup, edge, knots, grid, chain, most)
+        proved = prove(setup, edge, knots, grid, chain, most)
         if isinstance(proved, EdgeMotion):
-            return proved
+            return thin_out(proved, *_few(knots, chain))
         stretch, collision = proved[0], proved[1] or collision
         new = {stretch, stretch + 1} - checked if proved[1] else set()
         if new:
-            _check(setup, states, sorted(new))
+            check_states(setup, states, sorted(new))
         checked |= new
         if not new:
             move, orientation = int(chain.moves[stretch]), int(chain.orientation[stretch + 1])
@@ -178,8 +179,11 @@ def search(setup: Setup, edge: str, way: PosePath, grid: Grid, most: float) -> E
     return collision
 
 
-def _states(setup: Setup, knots: PosePath, grid: Grid) -> States:
-    """What the rows of ``knots`` can choose from, and which orientations can stay from row to row."""
+def make_states(setup: Setup, knots: PosePath, grid: Grid, whole: bool = True) -> States:
+    """What the rows of ``knots`` can choose from, and which orientations can stay from row to row.
+
+    whole: only branches in which each row can be stood at are of use.
+    """
     robot, table = setup.robot, turns(setup.robot)
     parts = counts(knots, _LOOK_MM, _LOOK_TURN)
     at, looks = rows(parts), divide(knots, parts)
@@ -189,8 +193,9 @@ def _states(setup: Setup, knots: PosePath, grid: Grid) -> States:
     )
     usable = within_turned(robot, found[at], table)
     stands = usable.any(axis=-1) & _safe(robot, found[at])
-    # A branch never becomes another: of use are those in which each row can be stood at.
-    columns = np.flatnonzero(stands.any(axis=1).all(axis=0))
+    # A branch never becomes another.
+    of_use = stands.any(axis=1)
+    columns = np.flatnonzero(of_use.all(axis=0) if whole else of_use.any(axis=0))
     found, usable = found[:, :, columns], usable[:, :, columns] & stands[:, :, columns, None]
     safe = _safe(robot, found)
     most = np.abs(table[usable.any(axis=(0, 1, 2))]).max(axis=0, initial=0)
@@ -248,15 +253,15 @@ def can_stand(setup: Setup, position: FloatArray, rotation: FloatArray, grid: Gr
     return stands
 
 
-def _check(setup: Setup, states: States, rows: list[int]) -> None:
+def check_states(setup: Setup, states: States, rows: Sequence[int]) -> None:
     """Leaves of the states of some rows those that are clear."""
-    own = states.usable[rows].any(axis=-1)
-    clear = np.zeros(own.shape, dtype=bool)
-    clear[own] = setup.clear(states.joints[rows][own])
+    stands = states.usable[rows].any(axis=-1)
+    clear = np.zeros(stands.shape, dtype=bool)
+    clear[stands] = setup.clear(states.joints[rows][stands])
     states.usable[rows] &= clear[..., None]
 
 
-def _prove(
+def prove(
     setup: Setup, edge: str, knots: Knots, grid: Grid, chain: PoseChain, most: float
 ) -> EdgeMotion | tuple[int, str]:
     """The motion of ``chain`` as the robot makes it, or the first stretch where it fails, and what it collides with."""
@@ -277,25 +282,31 @@ def _prove(
     hit = np.flatnonzero(~setup.clear(joints.joints))
     if len(hit):
         return _stretch(at, int(hit[0])), setup.hit(joints.joints[hit[0]])
-    kept, few = _few(knots, chain)
     tilt, roll = lean(divide(knots.way, parts).rotation, dense.rotation)
     # On an arc the axis cuts the corner between two rows that lean, or roll, differently.
     steep = np.flatnonzero(tilt > max(most, _CUT) + _EVEN)
     if len(steep):
         return _stretch(at, int(steep[0])), ""
-    way = replace(few, rotation=frozen(actual.rotation[kept]))
-    posture = frozen(joints.joints[at[kept]])
     return EdgeMotion(
         edge,
         False,
-        way,
-        posture,
+        actual,
+        frozen(joints.joints[at]),
         dense,
         frozen(joints.joints),
-        at[kept],
+        at,
         frozen(tilt),
         frozen(roll),
     )
+
+
+def thin_out(motion: EdgeMotion, kept: Index, nominal: PosePath) -> EdgeMotion:
+    """A motion with only the rows ``kept`` in its program.
+
+    nominal: pose path with these rows, in the nominal orientation.
+    """
+    path = replace(nominal, rotation=frozen(motion.way.rotation[kept]))
+    return replace(motion, way=path, joints=frozen(motion.joints[kept]), at=motion.at[kept])
 
 
 def _stretch(at: Index, row: int) -> int:

@@ -99,13 +99,27 @@ class UnreachableEdge(Struct, frozen=True):
     text: str
     remedy: str = ""
 
+    @property
+    def reason(self) -> str:
+        """The reason, with what would help."""
+        return "; ".join(filter(None, (self.text, self.remedy)))
+
 
 class EdgeMotion(Struct, frozen=True, eq=False):
-    """A processing motion. way: the rows of the program, few. joints: (N, J) at these, their posture. looks: (D,) poses
-    on the way, dense: (D, J) the joints there; at: (N,) the rows' places among them. tilt: (D,) rad between tool z and
-    the nominal one, roll: (D,) rad about it. backwards: the edge is run from its end to its start. trimmed: mm that are
-    left out before its first row and after its last. nearer: one that is preferred but for its margin, None where this
-    is it.
+    """A processing motion.
+
+    way: pose path with the rows of the program, N.
+    joints: (N, J) joint values at these rows, their posture.
+    looks: pose path with a row at each of the D places at which the motion is examined.
+    dense: (D, J) joint values there.
+    at: (N,) places of the program's rows among these.
+    tilt: (D,) angle between tool z and its nominal direction, rad.
+    roll: (D,) turn about tool z from the nominal orientation, rad.
+    backwards: whether the edge is run from its end to its start.
+    trimmed: lengths of the edge before the first row and after the last, mm. The second is negative
+        for a piece of a closed edge that runs over the start of the edge.
+    nearer: the motion that would be preferred without a margin, if this is another one.
+    part_of: id of the edge of which this is a piece; empty for a whole edge.
     """
 
     id: str
@@ -119,6 +133,12 @@ class EdgeMotion(Struct, frozen=True, eq=False):
     roll: FloatArray
     trimmed: tuple[float, float] = (0.0, 0.0)
     nearer: EdgeMotion | None = None
+    part_of: str = ""
+
+    @property
+    def line(self) -> str:
+        """Id of its edge."""
+        return self.part_of or self.id
 
     def reversed(self) -> EdgeMotion:
         """The same motion the other way."""

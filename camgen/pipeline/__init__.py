@@ -337,6 +337,14 @@ def _plan_again(plan: Plan, tour: Tour, job: Job, error: Blocked, ways: bool) ->
     if isinstance(plan, EdgePlan):
         from camgen.plan.edges import leave_out  # noqa: PLC0415 (fcl and kinematics, only for what needs them)
 
+        # A blocked way costs its edge only if the tool has left the part on it.
+        names = [path.id for path in tour.paths]
+        numbers = [loss.path for loss in lost if loss.way]
+        pairs = [names[k - 1 : k + 1] for k in numbers if k > 0]
+        pairs += [names[k : k + 2] for k in numbers if k + 1 < len(names)]
+        barred = plan.barred | set(map(frozenset, pairs))
+        if barred != plan.barred:
+            return replace(plan, barred=barred), ways
         return leave_out(plan, named), ways
     return leave_out_paths(plan, {name: why for name, _, why in named}), ways
 

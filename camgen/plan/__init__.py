@@ -94,9 +94,15 @@ class Plan(Struct, frozen=True, eq=False):
 
 
 class EdgePlan(Plan, frozen=True, eq=False, kw_only=True):
-    """The processing motions along edges, or curves in space, that the arm reaches, a path each. edges: all that were
-    asked for, mm. unreached: those without a motion. where: what there is to run into. made: the paths, which follow
-    from these. noun: what an edge is called.
+    """Processing motions along edges, or curves in space, each with a path.
+
+    edges: all edges that were asked for, mm.
+    motions: motions along those that the arm reaches, or along pieces of them.
+    unreached: edges without a motion.
+    where: the surroundings of the arm.
+    made: the paths of the motions.
+    noun: name of an edge in messages.
+    barred: pairs of paths between which the tool must leave the part.
     """
 
     edges: tuple[Line, ...]
@@ -105,6 +111,7 @@ class EdgePlan(Plan, frozen=True, eq=False, kw_only=True):
     where: Surroundings
     made: tuple[ToolPath, ...]
     noun: str = "edge"
+    barred: frozenset[frozenset[str]] = frozenset()
 
 
 class ReplayPlan(Plan, frozen=True, eq=False, kw_only=True):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from itertools import chain, pairwise
 
 import numpy as np
 from msgspec import Struct
@@ -15,6 +16,8 @@ from camgen.geometry.ragged import begins
 from camgen.model.part import Line, Note, Solid
 from camgen.model.pose import IDENTITY, FloatArray, Pose
 from camgen.model.text import duration, short
+from camgen.model.tolerance import SAME_POINT_MM
+from camgen.order.tours import EdgeTour
 from camgen.preview import Built, list_seen
 from camgen.preview.curves import SpaceChains, of_contours, of_spans
 from camgen.preview.executed import trace_executed
@@ -88,37 +91,37 @@ def _take_untested(result: Built) -> Around:
     return Around((Link("holder", holder),), tuple(standing), result.cell.meshes)
 
 
-# Edges of which only a part is run: cut where the work begins and ends.
+# Edges that are run in pieces: cut where the work begins and ends.
 
 
-def cut(
-    points: FloatArray, first: FloatArray, last: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """A chain (N, 3) in three: before, within and after the places nearest to two points (3,), in either order.
+def split_chain(
+    points: FloatArray, stretches: Sequence[tuple[float, float]]
+) -> list[tuple[bool, FloatArray]]:
+    """A chain (N, 3) in parts, each with whether it is worked.
 
-    Before or after has no points where the work goes to the end.
+    stretches: lengths, mm, between which it is worked. In a closed chain a stretch may run over the
+        end, and is continued at the start.
     """
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
     at = np.append(0.0, np.cumsum(steps))
-    low, high = sorted((_nearest(points, at, first), _nearest(points, at, last)))
-    ends = [np.array([np.interp(s, at, column) for column in points.T]) for s in (low, high)]
-    inner = points[(at > low) & (at < high)]
-    before = np.vstack([points[at < low], ends[0]]) if low > 0 else points[:0]
-    after = np.vstack([ends[1], points[at > high]]) if high < at[-1] else points[:0]
-    return before, np.vstack([ends[0], inner, ends[1]]), after
+    whole = float(at[-1])
+    worked = [(low, min(high, whole)) for low, high in stretches]
+    worked += [(0.0, high - whole) for _, high in stretches if high > whole]
+    marks = sorted({0.0, whole, *chain.from_iterable(worked)})
+    parts = []
+    for low, high in pairwise(marks):
+        if high - low < SAME_POINT_MM:
+            continue
+        places = np.concatenate([[low], at[(at > low) & (at < high)], [high]])
+        middle = (low + high) / 2
+        is_worked = any(begin < middle < end for begin, end in worked)
+        columns = [np.interp(places, at, column) for column in points.T]
+        parts.append((is_worked, np.column_stack(columns)))
+    return parts
 
 
-def _nearest(points: FloatArray, at: FloatArray, place: FloatArray) -> float:
-    """How far along the chain, mm, it comes nearest to ``place``."""
-    steps = np.diff(points, axis=0)
-    square = np.einsum("ij,ij->i", steps, steps)
-    share = np.einsum("ij,ij->i", place - points[:-1], steps) / np.where(square > 0, square, 1.0)
-    share = np.clip(share, 0.0, 1.0)
-    gap = np.linalg.norm(points[:-1] + share[:, None] * steps - place, axis=1)
-    k = int(np.argmin(gap))
-    return float(at[k] + share[k] * (at[k + 1] - at[k]))
-
-
+#: Why an end of an edge is left out without a note that it is skipped.
+_TRIMMED = "operation.trim allows it"
 #: Points of a ring around a place.
 _RING_POINTS = 33
 #: Arcs are drawn to this part of the size of what is shown.
@@ -301,7 +304,7 @@ def _lines(result: Built, sag: float) -> tuple[tuple[ViewLine, ...], SpaceChains
         for (ident, layer, closed), length in zip(names, _lengths(chains), strict=True)
     ]
     if edges or curves:
-        return _trim(result, lines, chains)
+        return _mark_gaps(result, lines, chains)
     marks = [*_spots(result), *_outline_seen(result), *_blocked(result, sag)]
     table = SpaceChains(
         np.concatenate([chains.points, *(points for _, points in marks)]),
@@ -353,29 +356,33 @@ def _spots(result: Built) -> list[tuple[ViewLine, FloatArray]]:
     ]
 
 
-def _trim(
+def _mark_gaps(
     result: Built, lines: Sequence[ViewLine], chains: SpaceChains
 ) -> tuple[tuple[ViewLine, ...], SpaceChains]:
-    """Edges that are run without their ends, with these as lines of their own."""
-    work = {path.id: path.position for path in result.tour.paths}
+    """Edges that are run in pieces; the stretches that are left out are lines of their own."""
+    lengths = {line.id: line.length for line in lines}
+    stretches: dict[str, list[tuple[float, float]]] = {}
+    for leg in result.tour.route.legs if isinstance(result.tour, EdgeTour) else ():
+        if leg.motion.part_of:
+            low, rest = leg.motion.trimmed[:: -1 if leg.motion.backwards else 1]
+            stretches.setdefault(leg.motion.line, []).append((low, lengths[leg.motion.line] - rest))
     pieces: list[tuple[ViewLine, FloatArray]] = []
     for line, points in zip(
         lines, np.split(chains.points, np.cumsum(chains.counts)[:-1]), strict=True
     ):
-        if line.state != "done" or not line.why:
+        if line.state != "done" or line.id not in stretches:
             pieces.append((line, points))
             continue
-        before, inner, after = cut(points, work[line.id][0], work[line.id][-1])
-        rest = replace(line, state="skipped", closed=False)
-        found = [(rest, before), (replace(line, why="", closed=False), inner), (rest, after)]
-        pieces += [(one, part) for one, part in found if len(part)]
+        for is_worked, part in split_chain(points, stretches[line.id]):
+            why = "" if is_worked else line.why or _TRIMMED
+            state = "done" if is_worked else "skipped"
+            pieces.append((replace(line, state=state, why=why, closed=False), part))
     made = SpaceChains(
         np.concatenate([part for _, part in pieces]), np.array([len(part) for _, part in pieces])
     )
-    lengths = _lengths(made)
-    return tuple(
-        replace(one, length=long) for (one, _), long in zip(pieces, lengths, strict=True)
-    ), made
+    drawn = _lengths(made)
+    marked = zip(pieces, drawn, strict=True)
+    return tuple(replace(line, length=length) for (line, _), length in marked), made
 
 
 def _lengths(chains: SpaceChains) -> list[float]:

@@ -373,10 +373,12 @@ def test_a_fixture_may_be_a_mesh_and_is_named_when_it_is_hit(plate: Path, tmp_pa
         result = camgen.build(
             plate, post="rapid", job={**PLATE, "cell": {**PLATE["cell"], "fixtures": [wall]}}
         )
-        lost.append([(note.what, note.why) for note in result.notes if note.kind == "skipped"])
-    assert lost[0]
-    assert [what for what, _ in lost[0]] == [what for what, _ in lost[1]]
-    assert all("tool against fixture 1" in why for _, why in lost[0] + lost[1])
+        lost.append([note for note in result.notes if note.kind == "skipped"])
+    box, mesh = lost
+    assert [note.ids for note in box] == [note.ids for note in mesh] == [("e1",)]
+    # The end of a piece is found to half a millimetre.
+    assert box[0].length == pytest.approx(mesh[0].length, abs=0.5)
+    assert all("tool against fixture 1" in note.why for note in box + mesh)
 
 
 def test_the_cell_may_stand_in_a_file_of_its_own(plate: Path, tmp_path: Path) -> None:
@@ -415,16 +417,21 @@ def test_what_is_wrong_in_the_file_of_a_cell(
         build(plate, post="rapid", job={"cell": {"file": str(file)}})
 
 
-def test_what_stands_between_two_looks_leaves_its_edge_out(plate: Path) -> None:
-    """A sheet of 0.2 mm across one of three edges, 2.3 mm from where a tool of 1 mm is looked at every 5 mm."""
+def test_what_stands_between_two_looks_parts_its_edge(plate: Path) -> None:
+    """A sheet of 0.2 mm stands across an edge, 2.3 mm from where a tool of 1 mm is examined."""
     job = {**PLATE, "tool": {"diameter": 1.0}}
     sheet = [27.3, -10.0, 5.0, 27.5, -0.5, 40.0]
-    for fixtures, count in (([], 3), ([sheet], 2)):
+    for fixtures, names in (([], {"e1"}), ([sheet], {"e1.1", "e1.2"})):
         result = camgen.build(
             plate, post="rapid", job={**job, "cell": {**job["cell"], "fixtures": fixtures}}
         )
-        assert len(result.tour.paths) == count
+        assert {p.id for p in result.tour.paths if p.contours == ("e1",)} == names
         assert result.report["checks"]["collision"] == "ok"
+    ends = [p.position[[0, -1], 0] for p in result.tour.paths if p.contours == ("e1",)]
+    # The tool and the sheet are 1.2 mm wide together; an end is found to half a millimetre.
+    (_, before), (after, _) = sorted(tuple(sorted(pair.tolist())) for pair in ends)
+    assert 25.8 <= before <= 26.8
+    assert 28.0 - 1e-9 <= after <= 29.0
     lost = [note.why for note in result.notes if note.kind == "skipped"]
     (place,) = [
         m[1]

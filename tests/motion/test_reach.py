@@ -292,7 +292,7 @@ def test_a_scara_reaches_an_edge_from_above_but_cannot_lean() -> None:
     )
 
 
-# -- trimmed edges ---------------------------------------------------------------------------------------------------
+# -- pieces of ways --------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("low", "high"), [(0.0, 30.0), (10.0, 55.0), (25.0, 26.0), (12.0, 71.4)])
@@ -325,21 +325,3 @@ def test_a_piece_of_a_way_is_the_same_motion(low: float, high: float) -> None:
     if high > 20:
         assert piece.via[-1] == pytest.approx(at((max(low, 20) + high) / 2)[0], abs=1e-9)
     assert np.isnan(piece.via[0]).all()
-
-
-def test_an_edge_that_meets_a_wall_is_run_up_to_it() -> None:
-    """What collides beyond 100 mm of an edge of 120 mm costs the last 30 mm: the first trim that is long enough."""
-
-    def clear(joints: FloatArray) -> NDArray[np.bool_]:
-        return np.asarray(tcp(CELL, joints)[:, 0, 3] < 100.0)
-
-    cell = replace(CELL, clear=clear, hit=lambda _: "wall")
-    (whole,) = reach([TOP], cell, 5.0)
-    assert isinstance(whole, UnreachableEdge)
-    (found,) = reach([TOP], cell, 5.0, trim=60.0)
-    assert isinstance(found, EdgeMotion)
-    assert found.trimmed == (0.0, 30.0)
-    assert found.way.position[[0, -1], 0] == pytest.approx([0.0, 90.0])
-    assert found.reversed().trimmed == (30.0, 0.0)
-    (short,) = reach([TOP], cell, 5.0, trim=10.0)
-    assert isinstance(short, UnreachableEdge)

@@ -11,7 +11,7 @@ import camgen
 from camgen.model.part import Note
 from camgen.pipeline import Result
 from camgen.preview.page import page
-from camgen.preview.view import cut, reasons, view
+from camgen.preview.view import reasons, split_chain, view
 from tests.preview.test_page import PARTS, data
 
 # -- what is left out
@@ -54,32 +54,42 @@ def test_contours_that_are_run_in_the_path_of_another_are_done(tmp_path: Path) -
     assert [line.state for line in view(result).lines] == ["done", "done"]
 
 
-@pytest.mark.parametrize("turned", [False, True])
-def test_an_edge_that_is_run_in_part_is_cut_beside_the_ends_of_the_work(turned: bool) -> None:
-    # An L of 10 and 5 mm; the work runs 2 mm above it, from 1 mm after its start to 2 mm before its end.
+def test_an_edge_that_is_run_in_pieces_is_cut_at_their_ends() -> None:
+    # An L of 10 and 5 mm that is worked from 1 to 12 mm and from 13 mm to its end.
     points = np.array([[0, 0, 0], [10, 0, 0], [10, 5, 0]], float)
-    ends = [np.array([1.0, 0, 2]), np.array([10.0, 3, 2])]
-    before, inner, after = cut(points, *(ends[::-1] if turned else ends))
-    assert before.tolist() == [[0, 0, 0], [1, 0, 0]]
-    assert inner.tolist() == [[1, 0, 0], [10, 0, 0], [10, 3, 0]]
-    assert after.tolist() == [[10, 3, 0], [10, 5, 0]]
-    whole = cut(points, points[0], points[-1])
-    assert [len(part) for part in whole] == [0, 3, 0]
+    parts = split_chain(points, [(1.0, 12.0), (13.0, 15.0)])
+    assert [worked for worked, _ in parts] == [False, True, False, True]
+    assert parts[0][1].tolist() == [[0, 0, 0], [1, 0, 0]]
+    assert parts[1][1].tolist() == [[1, 0, 0], [10, 0, 0], [10, 2, 0]]
+    assert parts[2][1].tolist() == [[10, 2, 0], [10, 3, 0]]
+    assert parts[3][1].tolist() == [[10, 3, 0], [10, 5, 0]]
+    assert [worked for worked, _ in split_chain(points, [(0.0, 15.0)])] == [True]
 
 
-def test_ends_of_edges_that_are_not_run_are_left_out() -> None:
+def test_a_piece_of_a_closed_edge_is_drawn_over_its_start() -> None:
+    square = np.array([[0, 0, 0], [10, 0, 0], [10, 10, 0], [0, 10, 0], [0, 0, 0]], float)
+    first, gap, last = split_chain(square, [(25.0, 45.0)])
+    assert (first[0], gap[0], last[0]) == (True, False, True)
+    assert gap[1].tolist() == [[5, 0, 0], [10, 0, 0], [10, 10, 0], [5, 10, 0]]
+
+
+@pytest.mark.parametrize(("trim", "kind"), [(0, "skipped"), (6, "assumed")])
+def test_what_is_left_out_of_an_edge_is_drawn(trim: float, kind: str) -> None:
     job = tomllib.loads((PARTS / "rfa2.toml").read_text())
     result = camgen.build(
-        PARTS / "rfa2.stl", post="rapid", job=job | {"operation": {"offset": 2, "trim": 6}}
+        PARTS / "rfa2.stl", post="rapid", job=job | {"operation": {"offset": 2, "trim": trim}}
     )
     lines = view(result).lines
     left = [line for line in lines if line.state == "skipped"]
-    # Four edges of 55 mm stand on the table; the summary says which ends of them are not run.
-    assert {line.id for line in left} == {"e23", "e24", "e25", "e26"}
+    # Four edges of 55 mm stand on the table; the tool is 3 mm wide there.
+    uprights = {"e23", "e24", "e25", "e26"}
+    assert {line.id for line in left} == uprights
+    notes = {note.ids[0]: note for note in result.notes if uprights & set(note.ids)}
+    assert {note.kind for note in notes.values()} == {kind}
     for line in left:
-        assert line.length == pytest.approx(3.0, abs=1e-6)
+        assert 2.0 < line.length <= 3.5
         assert sum(one.length for one in lines if one.id == line.id) == pytest.approx(55, abs=1e-6)
-        assert line.why == "the whole cannot be reached"
+        assert line.why == (notes[line.id].why if trim == 0 else "operation.trim allows it")
     assert all(not line.why for line in lines if line.state == "done")
 
 

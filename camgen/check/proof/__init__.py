@@ -152,7 +152,7 @@ def _prove_space(
     distance = 0.0 if part.curves else job.operation.offset
     limit = 2 * rounding.mm + _SLACK_MM + job.tolerance.chord + job.tolerance.arc_fit
     lines = select_lines(part, job, program.origins, findings)
-    checker = SpaceChecker(job, motions, distance, limit)
+    checker = SpaceChecker(job, motions, distance, limit, named.gaps)
     done = checker.check(lines, program.origins, findings)
     for line in lines:
         if line.id not in done and line.id not in named.skipped:
@@ -162,7 +162,7 @@ def _prove_space(
     check_joint_motions(job, motions, unknown, findings)
     return MotionProof(
         contours=len(done),
-        length=float(sum(line.length for line in lines if line.id in done)),
+        length=float(sum(done.values())),
         motions=int((~unknown).sum()),
         joints=int(unknown.sum()),
         findings=tuple((program.file, item) for item in findings.items),

@@ -6,7 +6,7 @@ compared by the distance of the points of one from the chain of the other.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import chain as join
 
 import numpy as np
@@ -24,6 +24,8 @@ from camgen.model.program import Origin
 _LINE_POINTS, _ARC_POINTS = 9, 65
 #: A stretch of an edge that is shorter, mm, may be left out at its ends.
 _END_SLACK_MM = 0.05
+#: Points along an edge are not farther apart, mm, but no more than `_MOST_POINTS` are added.
+_FINE_MM, _MOST_POINTS = 0.25, 2000
 
 
 def select_lines(part: Part, job: Job, origins: Sequence[Origin], findings: Findings) -> list[Line]:
@@ -54,31 +56,43 @@ class SpaceChecker:
 
     distance: distance of the TCP from the edge, mm.
     limit: distance, mm, that a motion may have from its place.
+    gaps: length, mm, that notes leave out of an edge, by its id.
     """
 
-    def __init__(self, job: Job, motions: Motions, distance: float, limit: float) -> None:
+    def __init__(
+        self,
+        job: Job,
+        motions: Motions,
+        distance: float,
+        limit: float,
+        gaps: Mapping[str, float],
+    ) -> None:
         self.job, self.motions = job, motions
-        self.distance, self.limit = distance, limit
+        self.distance, self.limit, self.gaps = distance, limit, gaps
         self.follows = np.zeros(len(motions), np.bool_)
 
     def check(
         self, lines: Sequence[Line], origins: Sequence[Origin], findings: Findings
-    ) -> list[str]:
-        """Checks all edges or curves; returns the ids of those that are worked."""
+    ) -> dict[str, float]:
+        """Checks all edges or curves.
+
+        Returns the worked length of those that are worked, mm, by their ids.
+        """
         paths: dict[str, list[int]] = {}
         for index, origin in enumerate(origins):
             for name in origin.contours:
                 paths.setdefault(name, []).append(index)
-        done = []
+        done: dict[str, float] = {}
         for line in lines:
             rows = np.flatnonzero(np.isin(self.motions.path, paths.get(line.id, [])))
-            if len(rows) and self._check_line(line, rows, findings):
-                done.append(line.id)
+            if len(rows) and (worked := self._check_line(line, rows, findings)):
+                done[line.id] = worked
         self._check_rest(findings)
         return done
 
-    def _check_line(self, line: Line, rows: IntArray, findings: Findings) -> bool:
-        chain = chain_of(line.points, _vias(line))
+    def _check_line(self, line: Line, rows: IntArray, findings: Findings) -> float:
+        """The worked length of an edge, mm; 0 if something is wrong."""
+        chain = refine(chain_of(line.points, _vias(line)), _FINE_MM)
         motions = self.motions
         bare = np.full(len(chain), np.inf)
         open_start = False
@@ -95,16 +109,21 @@ class SpaceChecker:
                 bare = np.minimum(bare, distances(chain, points))
         if not self.follows[rows].any() and not open_start:
             findings.miss(f"no motion runs along {line.id}")
-            return False
+            return 0.0
         uncovered = bare > self.distance + self.limit
+        left = _measure_gaps(chain, uncovered)
         if self._is_trimmed(chain, uncovered):
-            return True
+            return line.length - left
         if open_start:
             findings.leave(f"the start of {line.id}", "it is given by joint values")
-            return True
+            return line.length
+        named = self.gaps.get(line.id, 0.0)
+        if named and left <= named + _FINE_MM * _count_gaps(uncovered):
+            return line.length - left
         x, y, z = chain[int(np.flatnonzero(uncovered)[0])].tolist()
-        findings.miss(f"{line.id} is not worked at {x:.3f} {y:.3f} {z:.3f} mm")
-        return False
+        also = f"; {left:.1f} mm are left out, notes say {named:.1f} mm" if named else ""
+        findings.miss(f"{line.id} is not worked at {x:.3f} {y:.3f} {z:.3f} mm{also}")
+        return 0.0
 
     def _ends_on(self, row: int, chain: FloatArray) -> bool:
         """Whether a straight motion whose start is not known ends beside the edge."""
@@ -149,6 +168,27 @@ def chain_of(points: FloatArray, vias: FloatArray) -> FloatArray:
     for start, via, end in zip(points[:-1], vias, points[1:], strict=True):
         parts.append(arc_points(start, via, end))
     return np.concatenate(parts)
+
+
+def refine(chain: FloatArray, step: float) -> FloatArray:
+    """The chain with points that are at most `step`, mm, apart, farther apart in long chains."""
+    lengths = np.sqrt((np.diff(chain, axis=0) ** 2).sum(axis=1))
+    along = np.append(0.0, np.cumsum(lengths))
+    count = min(int(np.ceil(along[-1] / step)), _MOST_POINTS)
+    more = np.linspace(0.0, along[-1], count + 1)
+    places = np.unique(np.concatenate([along, more]))
+    return np.column_stack([np.interp(places, along, column) for column in chain.T])
+
+
+def _measure_gaps(chain: FloatArray, bare: BoolArray) -> float:
+    """Length of a chain, mm, between points that are bare."""
+    steps = np.sqrt((np.diff(chain, axis=0) ** 2).sum(axis=1))
+    return float(steps[bare[:-1] & bare[1:]].sum())
+
+
+def _count_gaps(bare: BoolArray) -> int:
+    """The number of runs of bare points."""
+    return int((np.diff(np.append(False, bare).astype(np.int8)) == 1).sum())
 
 
 def arc_points(start: FloatArray, via: FloatArray, end: FloatArray) -> FloatArray:

@@ -42,12 +42,14 @@ class Named(NamedTuple):
     leads: ids in notes on shorter leads.
     tabs: ids in notes on fewer tabs.
     others: ids in all other notes, and in those on contours that are left out.
+    gaps: length, mm, that notes leave out of an edge, by its id.
     """
 
     skipped: frozenset[str]
     leads: frozenset[str]
     tabs: frozenset[str]
     others: frozenset[str]
+    gaps: dict[str, float]
 
     @classmethod
     def of(cls, notes: Sequence[Note]) -> Named:
@@ -56,8 +58,13 @@ class Named(NamedTuple):
         leads = [note.ids for note in notes if note.lacks == "leads"]
         tabs = [note.ids for note in notes if note.lacks == "tabs"]
         others = [note.ids for note in notes if not note.lacks]
-        groups = (skipped, leads, tabs, others)
-        return cls(*(frozenset(chain.from_iterable(ids)) for ids in groups))
+        groups = [frozenset(chain.from_iterable(ids)) for ids in (skipped, leads, tabs, others)]
+        gaps: dict[str, float] = {}
+        for note in notes:
+            if note.kind == "skipped" and note.length > 0:
+                for name in note.ids:
+                    gaps[name] = gaps.get(name, 0.0) + note.length
+        return cls(groups[0], groups[1], groups[2], groups[3], gaps)
 
 
 class Context(NamedTuple):

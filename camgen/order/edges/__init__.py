@@ -13,7 +13,7 @@ from camgen.model.part import Note
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted, short
 from camgen.motion.cell import home_of, room_of, setup_of
-from camgen.motion.edge_paths import edge_path, left_out, none_left
+from camgen.motion.edge_paths import edge_path, left_out, list_pieces, none_left
 from camgen.motion.limits import link_speeds
 from camgen.motion.setup import EdgeMotion, Setup, feed_factor
 from camgen.order.edges.links import JointLink, PathLink
@@ -40,7 +40,9 @@ def order_edges(plan: EdgePlan, job: Job, cell: Cell | None, watch: Watch) -> Ed
     watch("linking")
     best, lifted = job.tour.method == "best", job.process.force > 0
     place, process = RouteCell(setup, room_of(plan.where, setup), home), job.process
-    options = RouteOptions(link_speeds(process, cell.pace, pressed=lifted), best, lifted)
+    options = RouteOptions(
+        link_speeds(process, cell.pace, pressed=lifted), best, lifted, plan.barred
+    )
 
     def tell(far: str) -> None:
         watch(f"linking {far}")
@@ -55,11 +57,11 @@ def order_edges(plan: EdgePlan, job: Job, cell: Cell | None, watch: Watch) -> Ed
     lost = [*plan.unreached, *made.dropped]
     if not made.legs:
         raise none_left(plan.part, len(edges), lost[0], plan.noun)
-    lengths = tuple(edges[leg.motion.id].length - sum(leg.motion.trimmed) for leg in made.legs)
-    paths = tuple(edge_path(leg.motion, edges[leg.motion.id], job) for leg in made.legs)
+    lengths = tuple(edges[leg.motion.line].length - sum(leg.motion.trimmed) for leg in made.legs)
+    paths = tuple(edge_path(leg.motion, edges[leg.motion.line], job) for leg in made.legs)
     method = "best found" if best else "nearest neighbour"
     notes = (
-        *left_out(made.dropped, edges),
+        *left_out(made.dropped, edges, list_pieces(plan.motions, edges)),
         *_note_freed(made, plan.noun),
         *_note_feeds(made, lengths, job, plan.noun),
         *_note_links(made, plan.noun),
@@ -87,11 +89,6 @@ def _note_freed(made: Route, noun: str) -> list[Note]:
                     f"{noun} {leg.motion.id} is reached with {tilt} deg of tilt, {roll} deg of roll",
                 )
             )
-    for leg in made.legs:
-        if sum(leg.motion.trimmed) > 0:
-            before, after = (short(value, 1) for value in leg.motion.trimmed)
-            what = f"{noun} {leg.motion.id} is run without its first {before} and last {after} mm"
-            notes.append(Note("skipped", what, "the whole cannot be reached", (leg.motion.id,)))
     return notes
 
 

@@ -18,7 +18,7 @@ from msgspec.structs import replace
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
 from camgen.motion.limits import LinkSpeeds, turn_speed
-from camgen.motion.pose_paths import PosePath
+from camgen.motion.pose_paths import PosePath, join
 from camgen.motion.setup import EdgeMotion, Setup
 from camgen.order.edges.retract import Retraction
 from camgen.robots.kinematics.forward import flange
@@ -190,21 +190,11 @@ def by_way_of(motion: EdgeMotion, end: int, other: Retraction, speed: float) -> 
     """
     along_edge = motion if end == 0 else motion.reversed()
     return Retraction(
-        _chain(along_edge.way, other.way),
+        join([along_edge.way, other.way]),
         np.concatenate([along_edge.joints, other.joints[1:]]),
-        _chain(along_edge.looks, other.looks),
+        join([along_edge.looks, other.looks]),
         np.concatenate([along_edge.dense, other.dense[1:]]),
         np.concatenate([np.full(len(along_edge.way) - 1, speed), other.speed]),
         "back along the edge",
         other.via,
-    )
-
-
-def _chain(one: PosePath, other: PosePath) -> PosePath:
-    """``one`` and then ``other``, which begins where it ends."""
-    return PosePath(
-        *(
-            np.concatenate([getattr(one, f), getattr(other, f)[1:]])
-            for f in PosePath.__struct_fields__
-        )
     )

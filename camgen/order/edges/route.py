@@ -74,11 +74,13 @@ class RouteOptions(Struct, frozen=True):
     speeds: speeds of the links.
     best: whether the shortest tour is searched for; else the nearest neighbour is next.
     lifted: whether each link leaves the part, as a tool that presses has to.
+    barred: pairs of motions, by their ids, between which no link stays at the part.
     """
 
     speeds: LinkSpeeds
     best: bool
     lifted: bool = False
+    barred: frozenset[frozenset[str]] = frozenset()
 
 
 class Leg(Struct, frozen=True, eq=False):
@@ -174,7 +176,7 @@ def route(
     left, outs, dropped = _left(detours, motions, options.speeds)
     if not left:
         return Route((), (), tuple(dropped), 0.0, 0.0)
-    problem = _make_problem(cell, left, outs, [by_id[motion.id] for motion in left], options)
+    problem = _make_problem(cell, left, outs, [by_id[motion.line] for motion in left], options)
     for attempt in count():
         candidate = _order(problem, options.best, _AGAIN if attempt else _ROUNDS, tell)
         lost = _find_lost(problem, candidate, attempt >= _PASSES)
@@ -296,6 +298,11 @@ def _make_problem(
     direct = links.seconds(robot, joints[:, None], joints[None], speed)
     direct[options.lifted | ~links.distinct(vertices, _VERTEX)] = math.inf
     direct[direct >= free + out[:, None] + out[None]] = math.inf
+    number = {motion.id: k for k, motion in enumerate(motions)}
+    for pair in options.barred:
+        if pair <= number.keys():
+            first, second = (slice(2 * number[name], 2 * number[name] + 2) for name in pair)
+            direct[first, second] = direct[second, first] = math.inf
     near = np.argwhere(np.triu(np.isfinite(direct)))
     for (a, b), seen in zip(
         near.tolist(), _look(cell.free_space, [joints[pair] for pair in near]), strict=True
@@ -359,7 +366,7 @@ def _without(problem: _RouteProblem, lost: set[int]) -> _RouteProblem:
 def _vertices(motion: EdgeMotion, edge: Line) -> FloatArray:
     """(2, 3) where the edge starts and ends as it is run, NaN where the motion does not go so far."""
     ends = edge.points[[-1, 0] if motion.backwards else [0, -1]].copy()
-    ends[np.array(motion.trimmed) > 0] = np.nan
+    ends[np.array(motion.trimmed) != 0] = np.nan
     return np.asarray(ends)
 
 

@@ -7,7 +7,6 @@ from functools import cache
 from itertools import compress
 from typing import Literal
 
-import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
@@ -20,9 +19,10 @@ from camgen.model.part import Edge, Line, Note, Part, Solid
 from camgen.model.program import Joints
 from camgen.model.text import counted, short
 from camgen.motion.cell import home_of, room_of, setup_of
-from camgen.motion.edge_paths import edge_path, left_out, none_left
-from camgen.motion.pose_paths import PosePath
-from camgen.motion.reach import can_end, reach_each, reach_ways, trimmed
+from camgen.motion.coverage import Coverage
+from camgen.motion.edge_paths import edge_path, left_out, list_pieces, none_left, note_gaps
+from camgen.motion.pose_paths import PosePath, measure_to
+from camgen.motion.reach import can_end, reach_ways
 from camgen.motion.rolls import freedom_of
 from camgen.motion.setup import (
     Blockage,
@@ -35,8 +35,8 @@ from camgen.motion.setup import (
 from camgen.plan import EdgePlan, Watch
 from camgen.plan.edges.contact import own_contact
 from camgen.plan.edges.last_face import offset_along
-from camgen.plan.edges.poses import poses
-from camgen.plan.edges.remedy import Attempts, Ends, remedies
+from camgen.plan.edges.poses import measure_line, poses
+from camgen.plan.edges.remedy import Attempt, remedies
 from camgen.plan.edges.select import select
 from camgen.plan.unused import no_idle
 from camgen.robots.models import Robot
@@ -98,24 +98,33 @@ def plan_ways(part: Part, job: Job, cell: Workcell, watch: Watch, task: LineTask
     def tell(done: int) -> None:
         watch(f"reaching {done} of {counted(len(lines), noun)}")
 
-    found = reach_ways(listed, setup, freedom_of(job), job.operation.trim, tell)
-    found = _clear_between(found, room_of(where, setup))
-    good = tuple(one for one in found if isinstance(one, EdgeMotion))
-    lost = [one for one in found if isinstance(one, UnreachableEdge)]
+    room = room_of(where, setup)
+    found = _clear_between(reach_ways(listed, setup, freedom_of(job), tell), room)
+    coverage = Coverage(setup, room, freedom_of(job), job.process.feed)
+    pieces = _find_pieces(listed, found, coverage, noun, watch)
     watch("reaching, what would help others")
-    attempts = _attempts(
+    attempt = _attempt(
         job, cell, cell.arm, {line.id: (line, way) for line, way in listed}, surround
     )
-    lost, more = remedies(lost, lines, job, attempts, noun)
-    if not good:
+    not_whole = [one for one in found if isinstance(one, UnreachableEdge)]
+    told, more = remedies(not_whole, job, attempt, noun)
+    lost = [one for one in told if one.id not in pieces]
+    motions: list[EdgeMotion] = []
+    for one in found:
+        motions += [one] if isinstance(one, EdgeMotion) else pieces.get(one.id, ())
+    if not motions:
         raise none_left(part, len(lines), lost[0], noun)
-    paths = tuple(edge_path(motion, lines[motion.id], job) for motion in good)
+    notes: list[Note] = []
+    for one in told:
+        if one.id in pieces:
+            notes += note_gaps(lines[one.id], pieces[one.id], one.reason, job.operation.trim)
+    paths = tuple(edge_path(motion, lines[motion.line], job) for motion in motions)
     return EdgePlan(
         part,
         paths,
-        (*part.notes, *where.notes, *task.notes, *left_out(lost, lines), *more),
+        (*part.notes, *where.notes, *task.notes, *left_out(lost, lines), *notes, *more),
         edges=tuple(lines.values()),
-        motions=good,
+        motions=tuple(motions),
         unreached=tuple(lost),
         where=where,
         made=paths,
@@ -123,14 +132,35 @@ def plan_ways(part: Part, job: Job, cell: Workcell, watch: Watch, task: LineTask
     )
 
 
-def _attempts(
+def _find_pieces(
+    listed: Sequence[tuple[Line, PosePath | UnreachableEdge]],
+    found: Sequence[EdgeMotion | UnreachableEdge],
+    coverage: Coverage,
+    noun: str,
+    watch: Watch,
+) -> dict[str, tuple[EdgeMotion, ...]]:
+    """The motions along pieces of the lines that have no motion along the whole, by their ids.
+
+    found: the motion along each whole line, or why there is none.
+    """
+    pieces = {}
+    for (line, way), whole in zip(listed, found, strict=True):
+        if isinstance(whole, UnreachableEdge) and isinstance(way, PosePath):
+            watch(f"reaching, pieces of {noun} {line.id}")
+            motions = coverage.find_pieces(line, way, measure_line(line, way))
+            if motions:
+                pieces[line.id] = motions
+    return pieces
+
+
+def _attempt(
     job: Job,
     cell: Workcell,
     arm: Robot,
     ways: Mapping[str, tuple[Line, PosePath | UnreachableEdge]],
     surround: Surround,
-) -> Attempts:
-    """What ``ways`` come to with other settings of the tool or a trim, in the same cell."""
+) -> Attempt:
+    """What ``ways`` come to with other settings of the tool in the same cell."""
 
     @cache
     def place(tilt: float) -> tuple[Setup, FreeSpace]:
@@ -140,37 +170,14 @@ def _attempts(
         here = setup_of(arm, cell, where)
         return here, room_of(where, here)
 
-    def whole(other: Job, names: Sequence[str]) -> tuple[EdgeMotion | UnreachableEdge, ...]:
+    def attempt(other: Job, names: Sequence[str]) -> tuple[EdgeMotion | UnreachableEdge, ...]:
         here, room = place(other.tool.axis_tilt)
         freedom, listed = freedom_of(other), [ways[name] for name in names]
         shaped = [(line, way) for line, way in listed if isinstance(way, PosePath)]
         able = list(compress(shaped, can_end(here, [way for _, way in shaped], freedom)))
         return _clear_between(reach_ways(able, here, freedom), room)
 
-    def part(other: Job, ends: Mapping[str, Ends]) -> list[bool]:
-        here, room = place(other.tool.axis_tilt)
-        able = {name: way for name in ends if isinstance(way := ways[name][1], PosePath)}
-        tried = reach_each(
-            here,
-            [(name, trimmed(way, ends[name])) for name, way in able.items()],
-            freedom_of(other),
-        )
-        found = dict(zip(able, _clear_between(tried, room), strict=True))
-        return [isinstance(found.get(name), EdgeMotion) for name in ends]
-
-    def stands(other: Job, less: Mapping[str, float], last: bool) -> list[bool]:
-        here, _ = place(other.tool.axis_tilt)
-        able = {name: way for name in less if isinstance(way := ways[name][1], PosePath)}
-        cut = [
-            trimmed(way, (0.0, less[name]) if last else (less[name], 0.0))
-            for name, way in able.items()
-        ]
-        found = dict(
-            zip(able, can_end(here, cut, freedom_of(other), (-last,)).tolist(), strict=True)
-        )
-        return [found.get(name, False) for name in less]
-
-    return Attempts(whole, part, stands)
+    return attempt
 
 
 def _note_contact(tip: float) -> list[Note]:
@@ -202,9 +209,7 @@ def _stop(motion: EdgeMotion, hit: Blockage | float) -> EdgeMotion | Unreachable
     """The motion, or what stops it and where."""
     if not isinstance(hit, Blockage):
         return motion
-    row = int(hit.at)
-    length = np.append(motion.looks.length, 0.0)
-    along = short(motion.trimmed[0] + length[:row].sum() + (hit.at - row) * length[row], 1)
+    along = short(measure_to(motion.looks, hit.at), 1)
     return UnreachableEdge(motion.id, hit.kind, f"{hit.what}, {along} mm along it")
 
 
@@ -248,6 +253,7 @@ def leave_out(
     gone = {one.id for one in more}
     paths = tuple(path for path in plan.paths if path.id not in gone)
     edges = {edge.id: edge for edge in plan.edges}
+    pieces = list_pieces(plan.motions, edges)
     if not paths:
         raise none_left(plan.part, len(edges), more[0], plan.noun)
     return replace(
@@ -256,5 +262,5 @@ def leave_out(
         made=paths,
         motions=tuple(one for one in plan.motions if one.id not in gone),
         unreached=(*plan.unreached, *more),
-        notes=(*plan.notes, *left_out(more, edges)),
+        notes=(*plan.notes, *left_out(more, edges, pieces)),
     )

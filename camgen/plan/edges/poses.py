@@ -7,10 +7,10 @@ from collections.abc import Iterable
 import numpy as np
 from msgspec.structs import replace
 
-from camgen.geometry.arcs import are_bent, chain
+from camgen.geometry.arcs import are_bent, chain, span_lengths
 from camgen.geometry.rotations import SURE_TURN
 from camgen.geometry.vectors import cross
-from camgen.model.part import Edge
+from camgen.model.part import BoolArray, Edge, Line
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import short
 from camgen.motion.pose_paths import PosePath, divide
@@ -44,7 +44,7 @@ def poses(edge: Edge, offset: float, direction: Offset = "mean") -> PosePath | U
     before, after = np.diff(edge.points, axis=0), np.diff(position, axis=0)
     arc = are_bent(edge.points[:-1], edge.via, edge.points[1:])
     folded = (before * after).sum(axis=1) < _CLOSED * (before * before).sum(axis=1)
-    # Of an arc of at most half a circle the second half does not run back.
+    # The second half of an arc does not run back: no arc turns by more than half a circle.
     halves = via - position[:-1], position[1:] - via
     folded |= arc & (np.multiply(*halves).sum(axis=1) < -_CLOSED * (after * after).sum(axis=1))
     if folded.any():
@@ -53,9 +53,9 @@ def poses(edge: Edge, offset: float, direction: Offset = "mean") -> PosePath | U
             "shape",
             f"an offset of {short(offset, 3)} mm leaves nothing of its inner radius",
         )
-    begins, ends = chain(edge.points, np.where(arc[:, None], edge.via, np.nan)).tangents()
+    begins, ends = _tangents(edge, arc)
     tangent = _at_rows(edge, begins, ends)
-    wide = arc & ((begins * ends).sum(axis=1) < np.cos(SURE_TURN))
+    wide = _are_wide(arc, begins, ends)
     at = np.flatnonzero(wide)
     away, tangent = (
         np.insert(rows, at + 1, middles[at], axis=0)
@@ -68,6 +68,26 @@ def poses(edge: Edge, offset: float, direction: Offset = "mean") -> PosePath | U
     ways[1:][arc] = via[arc]
     whole = PosePath(position, ways, np.broadcast_to(np.eye(3), (len(position), 3, 3)))
     return replace(divide(whole, 1 + wide), rotation=frozen(rotation))
+
+
+def measure_line(line: Line, path: PosePath) -> FloatArray:
+    """Length of ``line`` along each segment of its pose path, mm."""
+    if not isinstance(line, Edge):
+        return path.length
+    arc = are_bent(line.points[:-1], line.via, line.points[1:])
+    halves = 1 + _are_wide(arc, *_tangents(line, arc))
+    lengths = span_lengths(line.points, np.where(arc[:, None], line.via, np.nan))
+    return np.repeat(lengths / halves, halves)
+
+
+def _tangents(edge: Edge, arc: BoolArray) -> tuple[FloatArray, FloatArray]:
+    """Unit tangents at the beginning and the end of each span."""
+    return chain(edge.points, np.where(arc[:, None], edge.via, np.nan)).tangents()
+
+
+def _are_wide(arc: BoolArray, begins: FloatArray, ends: FloatArray) -> BoolArray:
+    """Spans that turn too far for one segment of a pose path: they become two."""
+    return np.asarray(arc & ((begins * ends).sum(axis=1) < np.cos(SURE_TURN)))
 
 
 def _directions(edge: Edge, direction: Offset) -> tuple[FloatArray, FloatArray]:
@@ -118,8 +138,7 @@ def reach(
     offset: float,
     direction: Offset = "mean",
     freedom: OrientationFreedom = _NOMINAL,
-    trim: float = 0.0,
 ) -> tuple[EdgeMotion | UnreachableEdge, ...]:
     """Run the arm along ``edges``, ``offset`` mm away from them, as ``reach_ways`` says."""
     pose_paths = [(edge, poses(edge, offset, direction)) for edge in edges]
-    return reach_ways(pose_paths, setup, freedom, trim)
+    return reach_ways(pose_paths, setup, freedom)

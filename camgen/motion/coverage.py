@@ -1,0 +1,419 @@
+"""The pieces of an edge that the arm can work where it cannot work the whole.
+
+Stations along the edge, orientations of the tool and branches of the inverse kinematics form a
+ladder graph (``pose_covers``). Each chain that it gives is examined as the robot runs it. A stretch
+where a chain fails is closed, and the chains are sought again.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
+
+from camgen.geometry.ragged import owners
+from camgen.model.part import BoolArray, Line
+from camgen.model.pose import FloatArray
+from camgen.model.tolerance import SAME_POINT_MM
+from camgen.motion.pose_chains import CHANGE, PoseChain, States, Steps, steps
+from camgen.motion.pose_covers import CoverChain, find_cover
+from camgen.motion.pose_paths import Index, PosePath, counts, cut, divide, join, rows
+from camgen.motion.reach import widest_grid
+from camgen.motion.search import Grid, Knots, check_states, make_states, prove, thin_out
+from camgen.motion.setup import (
+    JUMP,
+    MARGIN,
+    Blockage,
+    EdgeMotion,
+    FreeSpace,
+    OrientationFreedom,
+    SampledMotion,
+    Setup,
+    flange_poses,
+)
+from camgen.robots.kinematics.continuity import Choice, follow
+
+#: A piece that is shorter, mm, is not worked.
+SHORTEST_MM = 5.0
+#: Greatest distance of two stations, mm: each piece has a station.
+_STATION_MM = SHORTEST_MM
+#: Length that a piece adds at least, mm.
+_PRICE = SHORTEST_MM / 2
+#: Greatest turn of the tool, and of a joint, between two stations, rad.
+_STATION_TURN, _JUMP = math.radians(10), math.radians(45)
+#: An edge has no more stretches than these; on a longer edge the stations are farther apart.
+_MOST_STRETCHES = 400
+#: Cost of a posture that does not keep the margin, s.
+_NEAR = 100.0
+#: Number of moves that may fail in a stretch before no chain runs through it.
+_FAILURES = 3
+#: Parts of the stretch beyond the end of a chain, by which the chain is extended.
+_PARTS_BEYOND = 10
+
+
+class _Ladder(Struct, frozen=True, eq=False):
+    """The graph of an edge.
+
+    path: pose path of the edge.
+    lengths: length of the edge along each segment of the path, mm.
+    parts: number of stretches between stations in each of its segments.
+    stations: the pose path with a row at each of the K stations.
+    states, transitions: states at the stations, and steps between them.
+    near: (K, C, B) cost of the states that do not keep the margin, s.
+    checked: (K,) stations of whose states those that collide are closed.
+    """
+
+    path: PosePath
+    lengths: FloatArray
+    parts: Index
+    stations: PosePath
+    states: States
+    transitions: Steps
+    near: FloatArray
+    checked: BoolArray
+
+    def find_chains(self, setup: Setup) -> list[CoverChain]:
+        """The best cover of the edge by states that do not collide.
+
+        A station is checked with all its states where a chain collides or does not keep the margin.
+        """
+        while True:
+            chains = find_cover(
+                self.states, self.transitions, self.stations.length, _PRICE, self.near
+            )
+            met = np.zeros(len(self.checked), dtype=np.bool_)
+            for chain in chains:
+                good = setup.clear(chain.joints)
+                good[good] = setup.roomy(chain.joints[good])
+                met[chain.first : chain.last + 1] |= ~good
+            new = np.flatnonzero(met & ~self.checked)
+            if not len(new):
+                return chains
+            self._check(setup, new)
+
+    def find_lone_states(self, chains: Sequence[CoverChain], setup: Setup) -> list[CoverChain]:
+        """Chains of one station each, from the stations beside all ``chains`` that can be stood at.
+
+        A stretch that is twice as long as `_STATION_MM` may have no two stations.
+        """
+        taken = np.zeros(len(self.checked), dtype=np.bool_)
+        for chain in chains:
+            taken[max(chain.first - 1, 0) : chain.last + 2] = True
+        taken |= ~self.states.usable.any(axis=(1, 2, 3))
+        if not taken.all():
+            self._check(setup, np.flatnonzero(~self.checked & ~taken))
+        lone = []
+        for station in np.flatnonzero(~taken).tolist():
+            usable = self.states.usable[station]
+            cost = self.states.cost[:, None] + self.near[station]
+            cost = np.where(usable.any(axis=-1), cost, math.inf)
+            orientation, branch = np.unravel_index(int(cost.argmin()), cost.shape)
+            if math.isfinite(cost[orientation, branch]):
+                turn = int(usable[orientation, branch].argmax())
+                joints = self.states.joints[station, orientation, branch]
+                joints = joints + math.tau * self.states.table[turn]
+                chosen, none = np.array([orientation]), np.zeros(0, dtype=np.int64)
+                lone.append(CoverChain(station, chosen, none, int(branch), joints[None]))
+        return lone
+
+    def _check(self, setup: Setup, stations: Index) -> None:
+        if not self.states.usable[stations].any():
+            return
+        check_states(setup, self.states, stations.tolist())
+        joints = self.states.joints[stations]
+        stands = self.states.usable[stations].any(axis=-1)
+        near = np.zeros(stands.shape)
+        near[stands] = np.where(setup.roomy(joints[stands]), 0.0, _NEAR)
+        self.near[stations] = near
+        self.checked[stations] = True
+
+    def locate(self, station: float) -> tuple[int, float]:
+        """The segment in which a station lies, or a place between two, and its share of it."""
+        first = rows(self.parts)[:-1]
+        segment = int(np.searchsorted(first, station, "right")) - 1
+        return segment, float((station - first[segment]) / self.parts[segment])
+
+    def measure(self, station: float, lengths: FloatArray) -> float:
+        """Distance of a station, or of a place between two, from the start, mm.
+
+        lengths: lengths of the segments, of the edge or of its path, mm.
+        """
+        segment, share = self.locate(station)
+        ends = np.concatenate([[0.0], np.cumsum(lengths)])
+        return float(ends[segment] + share * lengths[segment])
+
+
+class _Extension(Struct, frozen=True, eq=False):
+    """An extension of a chain at one of its ends.
+
+    share: share of the stretch beyond that end.
+    joints: (1, J) joint values there; (0, J) for none.
+    """
+
+    share: float
+    joints: FloatArray
+
+
+class _Piece(Struct, frozen=True, eq=False):
+    """A chain with its pose path.
+
+    knots: the path, with a row at each station and at each end.
+    chain: the states at these rows.
+    marks: places of these rows along the path of the whole edge, mm.
+    trimmed: lengths of the edge before and after the piece, mm.
+    segments: segment of the edge between each two rows.
+    """
+
+    knots: Knots
+    chain: PoseChain
+    marks: FloatArray
+    trimmed: tuple[float, float]
+    segments: Index
+
+    @classmethod
+    def of(
+        cls, ladder: _Ladder, chain: CoverChain, before: _Extension, after: _Extension
+    ) -> _Piece:
+        """The piece of a chain that is extended at its ends."""
+        ends = len(before.joints), len(after.joints)
+        places = np.arange(chain.first - ends[0], chain.last + ends[1] + 1, dtype=np.float64)
+        segments = owners(ladder.parts)[places[:-1].astype(np.int64)]
+        if ends[0]:
+            places[0] = chain.first - before.share
+        if ends[1]:
+            places[-1] = chain.last + after.share
+        marks = np.array([ladder.measure(place, ladder.path.length) for place in places.tolist()])
+        low, high = (ladder.measure(place, ladder.lengths) for place in (places[0], places[-1]))
+        trimmed = low, max(float(ladder.lengths.sum()) - high, 0.0)
+        parts = np.ones(len(marks) - 1, dtype=np.int64)
+        path = join([cut(ladder.path, *pair) for pair in pairwise(marks.tolist())])
+        longer = PoseChain(
+            np.pad(chain.orientation, ends, mode="edge"),
+            np.pad(chain.moves, ends),
+            chain.branch,
+            np.concatenate([before.joints, chain.joints, after.joints]),
+            0.0,
+        )
+        return cls(Knots(path, path, parts), longer, marks, trimmed, segments)
+
+    def thin_out(self, ladder: _Ladder, motion: EdgeMotion) -> EdgeMotion:
+        """The motion with the rows at which a segment ends or the orientation begins to change."""
+        changes = self.chain.moves != 0
+        needed = changes[:-1] | changes[1:] | (np.diff(self.segments) > 0)
+        kept = np.flatnonzero(np.concatenate([[True], needed, [True]]))
+        thin = join([cut(ladder.path, *pair) for pair in pairwise(self.marks[kept].tolist())])
+        return replace(thin_out(motion, kept, thin), trimmed=self.trimmed)
+
+
+class Coverage(Struct, frozen=True, eq=False):
+    """How pieces of edges are sought.
+
+    setup: arm, work and tool.
+    space: free space, with the test of whole motions.
+    freedom: orientations that the tool may have.
+    feed: speed of the tool along the edge, mm/s.
+    """
+
+    setup: Setup
+    space: FreeSpace
+    freedom: OrientationFreedom
+    feed: float
+
+    def find_pieces(
+        self, line: Line, path: PosePath, lengths: FloatArray
+    ) -> tuple[EdgeMotion, ...]:
+        """The motions along as much of an edge as possible, in the order of its length.
+
+        If one motion runs along the whole edge, it alone is returned, and it is not called a piece.
+
+        path: pose path of ``line``.
+        lengths: length of ``line`` along each segment of the path, mm.
+        """
+        # Without a closed form the joint values at a station depend on those before it.
+        setup = self.setup
+        if setup.robot.arm is None:
+            return ()
+        choice = widest_grid(self.freedom, path)
+        ladder = self._make_ladder(path, lengths, choice)
+        shift = 0.0
+        if line.closed:
+            start = _choose_start(ladder.find_chains(setup), len(ladder.stations) - 1)
+            shift = ladder.measure(start, lengths)
+        if shift > 0:
+            ladder = self._make_ladder(*_begin_at(ladder, start), choice)
+        whole = float(lengths.sum())
+        motions = self._prove_all(line.id, ladder, choice)
+        if len(motions) == 1 and not shift and max(motions[0].trimmed) < SAME_POINT_MM:
+            return (replace(motions[0], trimmed=(0.0, 0.0)),)
+        long = [motion for motion in motions if whole - sum(motion.trimmed) >= SHORTEST_MM]
+        return tuple(
+            replace(
+                motion,
+                id=f"{line.id}.{number}",
+                part_of=line.id,
+                trimmed=_shift_ends(motion.trimmed, shift, whole),
+            )
+            for number, motion in enumerate(long, 1)
+        )
+
+    def _make_ladder(self, path: PosePath, lengths: FloatArray, choice: Grid) -> _Ladder:
+        setup = self.setup
+        step = max(_STATION_MM, float(path.length.sum()) / _MOST_STRETCHES)
+        parts = counts(path, step, _STATION_TURN)
+        stations = divide(path, parts)
+        states = make_states(setup, stations, choice, whole=False)
+        transitions = steps(setup.robot, states, _JUMP)
+        turning = CHANGE * (np.arange(len(states.moves)) > 0)[:, None, None]
+        slowest = (stations.length / self.feed)[:, None, None, None]
+        in_time = np.where(transitions.time - turning <= slowest, transitions.time, math.inf)
+        transitions = replace(transitions, time=in_time)
+        near = np.zeros(states.joints.shape[:-1])
+        checked = np.zeros(len(stations), dtype=np.bool_)
+        return _Ladder(path, lengths, parts, stations, states, transitions, near, checked)
+
+    def _prove_all(self, name: str, ladder: _Ladder, choice: Grid) -> list[EdgeMotion]:
+        """The motions of the best cover all of whose chains stand the examination."""
+        failures = np.zeros(len(ladder.stations) - 1, dtype=np.int64)
+        known: set[tuple[int, int, bytes]] = set()
+        while True:
+            chains = ladder.find_chains(self.setup)
+            for chain in chains:
+                key = chain.first, chain.branch, chain.orientation.tobytes()
+                if key in known:
+                    continue
+                none = _Extension(0.0, chain.joints[:0])
+                piece = _Piece.of(ladder, chain, none, none)
+                proved = self._prove(name, ladder, piece, choice)
+                if not isinstance(proved, EdgeMotion):
+                    _close(ladder, chain, proved, failures)
+                    break
+                known.add(key)
+            else:
+                lone = ladder.find_lone_states(chains, self.setup)
+                chains = sorted([*chains, *lone], key=lambda chain: chain.first)
+                return self._lengthen(name, ladder, chains, choice)
+
+    def _lengthen(
+        self, name: str, ladder: _Ladder, chains: list[CoverChain], choice: Grid
+    ) -> list[EdgeMotion]:
+        """The motions of proven chains, each as far beyond its ends as it can be run."""
+        motions: list[EdgeMotion] = []
+        free = 0.0
+        for number, chain in enumerate(chains):
+            none = _Extension(0.0, chain.joints[:0])
+            following = chains[number + 1].first if number + 1 < len(chains) else math.inf
+            before = after = none
+            if free < chain.first:
+                before = self._extend(ladder, chain, choice, 0, chain.first - free)
+            if chain.last < following:
+                after = self._extend(ladder, chain, choice, -1, 1.0)
+            for ends in ((before, after), (none, none)):
+                if not len(chain.moves) and not sum(end.share for end in ends):
+                    break
+                piece = _Piece.of(ladder, chain, *ends)
+                proved = self._prove(name, ladder, piece, choice)
+                if isinstance(proved, EdgeMotion):
+                    motions.append(proved)
+                    free = chain.last + ends[1].share
+                    break
+        return motions
+
+    def _prove(self, name: str, ladder: _Ladder, piece: _Piece, choice: Grid) -> EdgeMotion | int:
+        """The motion of a piece, or the stretch of the piece in which it fails."""
+        tilt, stretches = self.freedom.tilt, len(piece.segments)
+        proved = prove(self.setup, name, piece.knots, choice, piece.chain, tilt)
+        if not isinstance(proved, EdgeMotion):
+            return min(proved[0], stretches - 1)
+        (hit,) = self.space.look([SampledMotion(proved.dense, proved.looks)])
+        if isinstance(hit, Blockage):
+            failed = int(np.searchsorted(proved.at, hit.at, "right")) - 1
+            return min(failed, stretches - 1)
+        return piece.thin_out(ladder, proved)
+
+    def _extend(
+        self, ladder: _Ladder, chain: CoverChain, choice: Grid, end: int, free: float
+    ) -> _Extension:
+        """The extension of a chain beyond an end, in the orientation that it has there.
+
+        end: 0 for its start, -1 for its end.
+        free: share of the stretch beyond the end that may be used.
+        """
+        none = _Extension(0.0, chain.joints[:0])
+        row, beyond = (chain.first, -1) if end == 0 else (chain.last, 1)
+        if not 0 <= row + beyond < len(ladder.stations):
+            return none
+        low = min(row, row + beyond)
+        looks = divide(ladder.stations.slice(low, low + 2), np.array([_PARTS_BEYOND]))
+        turned = looks.rotation @ choice.nominal_from_tool[chain.orientation[end]]
+        goals = [goal[::beyond] for goal in flange_poses(self.setup, looks.position, turned)]
+        start = chain.joints[end]
+        good = min(_PARTS_BEYOND - 1, int(free * _PARTS_BEYOND))
+        while good > 0:
+            rotations, origins = (goal[: good + 1] for goal in goals)
+            followed = follow(self.setup.robot, rotations, origins, start, MARGIN, JUMP)
+            if not isinstance(followed, Choice):
+                good = min(good, followed.row) - 1
+                continue
+            hits = np.flatnonzero(~self.setup.clear(followed.joints))
+            if not len(hits):
+                return _Extension(good / _PARTS_BEYOND, followed.joints[-1:])
+            good = int(hits[0]) - 1
+        return none
+
+
+def _close(ladder: _Ladder, chain: CoverChain, stretch: int, failures: Index) -> None:
+    """Closes the move of a chain in one of its stretches, or after some failures every move.
+
+    failures: number of failures in each stretch of the edge; it is counted on.
+    """
+    row = chain.first + stretch
+    failures[row] += 1
+    if failures[row] > _FAILURES:
+        ladder.states.open[row] = False
+        return
+    move, orientation = chain.moves[stretch], chain.orientation[stretch + 1]
+    ladder.states.open[row, move, orientation, chain.branch] = False
+
+
+def _choose_start(chains: list[CoverChain], last: int) -> int:
+    """The station at which the motions along a closed edge begin best: in its longest gap.
+
+    last: number of the last station, which is at the place of the first.
+    """
+    if not chains:
+        return 0
+    ends = [chain.last for chain in chains]
+    starts = [chain.first for chain in chains[1:]] + [chains[0].first + last]
+    gaps = [(start - end, end) for start, end in zip(starts, ends, strict=True)]
+    gap, end = max(gaps, key=lambda gap: (gap[0], -gap[1]))
+    return (end + gap // 2) % last
+
+
+def _begin_at(ladder: _Ladder, station: int) -> tuple[PosePath, FloatArray]:
+    """The path of a closed edge that begins at a station, and the lengths of its segments."""
+    segment, share = ladder.locate(station)
+    path, lengths = ladder.path, ladder.lengths
+    at = ladder.measure(station, path.length)
+    turned = join([cut(path, at, float(np.cumsum(path.length)[-1])), cut(path, 0.0, at)])
+    if share == 0:
+        return turned, np.roll(lengths, -segment)
+    divided = np.insert(lengths, segment, share * lengths[segment])
+    divided[segment + 1] *= 1 - share
+    return turned, np.roll(divided, -segment - 1)
+
+
+def _shift_ends(trimmed: tuple[float, float], shift: float, length: float) -> tuple[float, float]:
+    """Lengths before and after a piece as they are from the start of a closed edge.
+
+    The second is negative for a piece that runs over the start.
+
+    shift: distance from that start at which the pieces were measured from, mm.
+    """
+    low, high = trimmed[0] + shift, length - trimmed[1] + shift
+    if low >= length:
+        low, high = low - length, high - length
+    return (low, length - high) if shift else trimmed

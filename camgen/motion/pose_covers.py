@@ -1,0 +1,140 @@
+"""Chains of states that cover as much of a path as possible, by dynamic programming.
+
+It is ``pose_chains`` with breaks: a chain may end at any row and another begin, for a price.
+The states of the rows and the steps between them form a ladder graph, as in Descartes
+(github:ros-industrial-consortium/descartes_light).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from msgspec import Struct
+from numpy.typing import NDArray
+
+from camgen.model.pose import FloatArray
+from camgen.motion.pose_chains import States, Steps
+from camgen.motion.pose_paths import Index
+
+#: Length that a second of joint motion, or of the cost of an orientation, counts for, mm.
+_MM_A_SECOND = 0.02
+
+
+class CoverChain(Struct, frozen=True, eq=False):
+    """A chain of states from a row to a later one.
+
+    first: row at which it begins.
+    orientation: (N,) orientations at its rows, indices into the grid.
+    moves: (N - 1,) moves of the grid from row to row.
+    branch: branch of the inverse kinematics.
+    joints: (N, J) joint values at its rows.
+    """
+
+    first: int
+    orientation: Index
+    moves: Index
+    branch: int
+    joints: FloatArray
+
+    @property
+    def last(self) -> int:
+        """The row at which it ends."""
+        return self.first + len(self.moves)
+
+
+class _Rows(Struct, frozen=True, eq=False):
+    """The best partial covers at the K rows.
+
+    moves: (C, B, T) at each row, the move by which the last chain comes to this state, `_BEGINS`
+        if it begins here.
+    ending: state in which the best cover that ends at each row ends, C B T in one number.
+    best: (K + 1,) value of the best cover of the rows before each, and of all, mm.
+    """
+
+    moves: list[NDArray[np.int8]]
+    ending: list[int]
+    best: FloatArray
+
+
+#: The move of a chain that begins.
+_BEGINS = -1
+
+
+def find_cover(
+    states: States, transitions: Steps, lengths: FloatArray, price: float, extra: FloatArray
+) -> list[CoverChain]:
+    """The chains, in order, that cover the most length less a price for each of them.
+
+    lengths: (K - 1,) length from row to row, mm.
+    price: length that a chain must cover at least, mm.
+    extra: (K, C, B) cost of each state besides that of its orientation, s.
+    """
+    if not states.usable.any():
+        return []
+    cost = _MM_A_SECOND / len(states.joints) * (states.cost[:, None] + extra)[..., None]
+    rows = _Rows([], [], np.zeros(len(states.joints) + 1))
+    value = np.full(states.usable.shape[1:], -math.inf)
+    for row, usable in enumerate(states.usable):
+        move = np.full(value.shape, _BEGINS, dtype=np.int8)
+        if row:
+            value, move = _go_on(value, states, transitions, row)
+            value += lengths[row - 1]
+        value = np.where(usable, value - cost[row], -math.inf)
+        end = int(value.argmax())
+        rows.ending.append(end)
+        rows.best[row + 1] = max(rows.best[row], value.flat[end])
+        start = np.where(usable, rows.best[row + 1] - price - cost[row], -math.inf)
+        move[start > value] = _BEGINS
+        rows.moves.append(move)
+        value = np.maximum(value, start)
+    return _trace(rows, states, transitions)
+
+
+def _go_on(
+    value: FloatArray, states: States, transitions: Steps, row: int
+) -> tuple[FloatArray, NDArray[np.int8]]:
+    """The best values of the states of a row that follow the row before, and their moves.
+
+    value: (C, B, T) values of the row before.
+    """
+    count, branches, turns = value.shape
+    none = np.full((count, branches, 1), -math.inf)
+    sources = states.moves[:, :, None] % count * branches + np.arange(branches)
+    places = sources[..., None] * (turns + 1) + transitions.before[row - 1]
+    total = np.concatenate([value, none], axis=2).take(places)
+    total -= _MM_A_SECOND * transitions.time[row - 1][..., None]
+    total[~states.open[row - 1]] = -math.inf
+    move = total.argmax(axis=0)
+    return np.take_along_axis(total, move[None], axis=0)[0], move.astype(np.int8)
+
+
+def _trace(rows: _Rows, states: States, transitions: Steps) -> list[CoverChain]:
+    """The chains of the best cover of all rows."""
+    chains: list[CoverChain] = []
+    row = len(rows.ending) - 1
+    while row > 0:
+        if rows.best[row + 1] == rows.best[row]:
+            row -= 1
+            continue
+        chain = _trace_chain(rows, states, transitions, row)
+        chains.append(chain)
+        row = chain.first
+    return chains[::-1]
+
+
+def _trace_chain(rows: _Rows, states: States, transitions: Steps, row: int) -> CoverChain:
+    """The chain that ends at a row."""
+    end = np.unravel_index(rows.ending[row], states.usable.shape[1:])
+    orientation, branch, turn = (int(k) for k in end)
+    passed, moves = [(orientation, turn)], []
+    while (move := int(rows.moves[row][orientation, branch, turn])) != _BEGINS:
+        turn = int(transitions.before[row - 1, move, orientation, branch, turn])
+        orientation = int(states.moves[move, orientation])
+        row -= 1
+        passed.append((orientation, turn))
+        moves.append(move)
+    chosen, turned = np.array(passed[::-1]).T
+    joints = states.joints[row + np.arange(len(chosen)), chosen, branch]
+    joints = joints + math.tau * states.table[turned]
+    return CoverChain(row, chosen, np.array(moves[::-1], dtype=np.int64), branch, joints)

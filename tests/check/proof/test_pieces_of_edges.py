@@ -1,0 +1,85 @@
+"""The proof of edges that are worked in pieces: notes must name each bare stretch."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+
+import camgen
+from camgen.check.proof import prove_motion
+from camgen.check.proof.space import refine
+from camgen.model.part import Note
+from camgen.pipeline import Result
+from tests.support.sabotage import module
+
+PARTS = Path(__file__).parents[3] / "fixtures" / "parts"
+#: The second part on its own table: the lower ends of its uprights cannot be worked.
+JOB = {
+    "input": {"select": "e1, e24"},
+    "operation": {"offset": 2},
+    "tool": {"holder": [[-35, -35, 0, 35, 35, 100]], "axis_tilt": 15, "symmetric": True},
+    "cell": {
+        "robot": "IRB 2400",
+        "base_from_work": [900, -75, 600, 0, 0, 0],
+        "flange_from_tool": [-103.923, 0, 160, 0, -60, 0],
+        "fixtures": [[-100, -100, -20, 300, 250, -0.5]],
+    },
+}
+
+
+@pytest.fixture(scope="module")
+def proven() -> tuple[Result, dict[str, Any]]:
+    """A build, and the arguments of its proof."""
+    given: dict[str, Any] = {}
+
+    def remember(part: Any, job: Any, programs: Any, notes: Any, *others: Any) -> Any:
+        given.update(part=part, job=job, programs=programs, notes=notes, others=others)
+        return prove_motion(part, job, programs, notes, *others)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module("check.proof"), "prove_motion", remember)
+        return camgen.build(PARTS / "rfa2.stl", post="rapid", job=JOB), given
+
+
+def skipped(notes: Sequence[Note]) -> Note:
+    (note,) = (note for note in notes if note.kind == "skipped")
+    return note
+
+
+def test_the_proven_length_is_that_of_the_pieces(proven: tuple[Result, dict[str, Any]]) -> None:
+    """Edge e1 is 200 mm long and e24 is 55 mm long."""
+    result, given = proven
+    motion, note = result.motion, skipped(given["notes"])
+    assert motion is not None
+    assert (motion.findings, motion.contours) == ((), 2)
+    assert note.ids == ("e24",)
+    # The tool covers the edge up to 0.45 mm beyond the end of its path, within the tolerance.
+    assert motion.length == pytest.approx(200 + 55 - note.length, abs=0.75)
+
+
+@pytest.mark.parametrize(
+    ("length", "expected"),
+    [(1.0, "mm are left out, notes say 1.0 mm"), (0.0, "e24 is not worked at"), (100.0, "")],
+)
+def test_a_gap_that_no_note_names_is_found(
+    proven: tuple[Result, dict[str, Any]], length: float, expected: str
+) -> None:
+    """The text stays as it is; the note gets another length."""
+    _, given = proven
+    note = skipped(given["notes"])
+    notes = [replace(item, length=length) if item is note else item for item in given["notes"]]
+    motion = prove_motion(given["part"], given["job"], given["programs"], notes, *given["others"])
+    findings = "; ".join(finding.text for _, finding in motion.findings)
+    assert expected in findings
+    assert bool(findings) is bool(expected)
+
+
+def test_points_of_a_refined_chain_are_near_each_other_and_on_it() -> None:
+    chain = np.array([[0.0, 0, 0], [10, 0, 0], [10, 3, 0]])
+    fine = refine(chain, 0.25)
+    assert np.linalg.norm(np.diff(fine, axis=0), axis=1).max() <= 0.25 + 1e-9
+    assert {tuple(point) for point in chain.tolist()} <= {tuple(point) for point in fine.tolist()}
+    assert ((fine[:, 1] == 0) | (fine[:, 0] == 10)).all()

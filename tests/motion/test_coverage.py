@@ -1,0 +1,153 @@
+"""Pieces of edges that cannot be worked whole, with walls that are formulas of the TCP."""
+
+import math
+from collections.abc import Callable
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+
+from camgen.model.part import Edge
+from camgen.model.pose import FloatArray
+from camgen.motion.coverage import SHORTEST_MM, Coverage
+from camgen.motion.setup import (
+    Blockage,
+    EdgeMotion,
+    FreeSpace,
+    OrientationFreedom,
+    SampledMotion,
+    Setup,
+    all_clear,
+)
+from camgen.plan.edges.poses import measure_line, poses
+from tests.motion.test_reach import CELL, TOP, judged, tcp
+from tests.support.edge_shapes import rim, straight
+
+OFFSET = 5.0
+FREE = OrientationFreedom(math.radians(15), roll=True)
+RIM = rim((60, 60, 50), 50, outer=True)
+Wall = Callable[[FloatArray], FloatArray]
+
+
+def cover(
+    edge: Edge, wall: Wall, freedom: OrientationFreedom = FREE, feed: float = 20.0
+) -> tuple[Setup, tuple[EdgeMotion, ...]]:
+    """The pieces of an edge, whose TCP positions (N, 3) must not lie where ``wall`` is true."""
+
+    def clear(joints: FloatArray) -> FloatArray:
+        return np.asarray(~wall(tcp(CELL, joints)[:, :3, 3]))
+
+    def look(motions: list[SampledMotion]) -> list[Blockage | float]:
+        hits = [np.flatnonzero(~clear(motion.joints)) for motion in motions]
+        return [Blockage("collision", "wall", float(hit[0])) if len(hit) else 9.0 for hit in hits]
+
+    cell = replace(CELL, clear=clear)
+    none = np.zeros(3)
+    space = FreeSpace(0.0, none, none, 0.0, 0.0, look, lambda joints: np.zeros(len(joints)))
+    path = poses(edge, OFFSET)
+    return cell, Coverage(cell, space, freedom, feed).find_pieces(
+        edge, path, measure_line(edge, path)
+    )
+
+
+def stretches(edge: Edge, pieces: tuple[EdgeMotion, ...]) -> list[tuple[float, float]]:
+    """The lengths along the edge between which each piece runs."""
+    return [(piece.trimmed[0], edge.length - piece.trimmed[1]) for piece in pieces]
+
+
+@pytest.mark.parametrize(("low", "high"), [(40.0, 55.0), (41.3, 47.9), (17.0, 103.5)])
+def test_a_clamp_over_the_middle_costs_its_own_width(low: float, high: float) -> None:
+    """The TCP runs along x beside an edge of 120 mm."""
+    cell, pieces = cover(TOP, lambda at: (at[:, 0] > low) & (at[:, 0] < high))
+    assert [piece.id for piece in pieces] == ["e1.1", "e1.2"]
+    assert {piece.line for piece in pieces} == {"e1"}
+    (start, end), (again, last) = stretches(TOP, pieces)
+    assert (start, last) == (0.0, pytest.approx(TOP.length))
+    assert low - 0.5 - 1e-9 <= end <= low
+    assert high <= again <= high + 0.5 + 1e-9
+    for piece, (begin, stop) in zip(pieces, stretches(TOP, pieces), strict=True):
+        judged(cell, piece)
+        assert piece.way.position[[0, -1], 0] == pytest.approx([begin, stop])
+
+
+def test_a_free_stretch_that_is_too_short_is_not_worked() -> None:
+    assert cover(TOP, lambda at: at[:, 0] > SHORTEST_MM - 0.2)[1] == ()
+    (piece,) = cover(TOP, lambda at: (at[:, 0] < 33) | (at[:, 0] > 33.6 + SHORTEST_MM))[1]
+    (stretch,) = stretches(TOP, (piece,))
+    assert 33.0 - 1e-9 <= stretch[0] <= 33.5
+    assert 33.1 + SHORTEST_MM <= stretch[1] <= 33.6 + SHORTEST_MM + 1e-9
+
+
+def test_a_piece_of_a_closed_edge_runs_over_its_start() -> None:
+    """The rim starts at (110, 60); the wall is at its other side."""
+    cell, (piece,) = cover(RIM, lambda at: at[:, 0] < 30)
+    judged(cell, piece)
+    (stretch,) = stretches(RIM, (piece,))
+    assert stretch[0] > RIM.length / 2 > stretch[1] - RIM.length
+    run = RIM.length - sum(piece.trimmed)
+    # The TCP runs on a circle that is as much wider as it is farther out.
+    wide = np.hypot(*(piece.way.position[0, :2] - [60, 60]))
+    free = RIM.length * (1 - math.acos(30 / wide) / math.pi)
+    assert free - 0.6 <= run <= free
+    assert np.abs(piece.way.position[[0, -1], 0] - 30).max() < 1.0
+    assert piece.reversed().trimmed == piece.trimmed[::-1]
+
+
+def test_pieces_of_a_closed_edge_do_not_overlap() -> None:
+    wall = lambda at: (np.abs(at[:, 1] - 60) < 4) | (np.abs(at[:, 0] - 60) < 4)  # noqa: E731
+    _, pieces = cover(RIM, wall)
+    assert len(pieces) == 4
+    ends = sorted(stretches(RIM, pieces))
+    assert all(end <= start for (_, end), (start, _) in pairwise(ends))
+    wide = float(np.hypot(*(pieces[0].way.position[0, :2] - [60, 60])))
+    quarter = RIM.length / 4 - 2 * RIM.length * math.asin(4 / wide) / math.tau
+    for low, high in ends:
+        assert quarter - 1.2 <= high - low <= quarter
+
+
+def test_another_orientation_leads_past_what_only_the_nominal_one_meets() -> None:
+    """A wall that the axis of the tool meets where it is not leant by 5 deg at least."""
+    nominal = poses(TOP, OFFSET).rotation[0, :, 2]
+
+    def clear(joints: FloatArray) -> FloatArray:
+        frames = tcp(CELL, joints)
+        leant = np.degrees(np.arccos(np.clip(frames[:, :3, 2] @ nominal, -1, 1))) > 5
+        return np.asarray(leant | (np.abs(frames[:, 0, 3] - 60) > 10))
+
+    cell = replace(CELL, clear=clear)
+    none = np.zeros(3)
+    space = FreeSpace(0.0, none, none, 0.0, 0.0, lambda motions: [9.0] * len(motions), all_clear)
+    path = poses(TOP, OFFSET)
+    lengths = measure_line(TOP, path)
+    (piece,) = Coverage(cell, space, FREE, 20.0).find_pieces(TOP, path, lengths)
+    assert piece.trimmed == (0.0, pytest.approx(0.0, abs=1e-9))
+    judged(cell, piece)
+    stiff = Coverage(cell, space, OrientationFreedom(), 20.0).find_pieces(TOP, path, lengths)
+    assert len(stiff) == 2
+
+
+def test_no_joint_is_asked_to_be_faster_than_it_can() -> None:
+    """At the feed every stretch of a piece takes each joint as long as it needs at least."""
+    feed = 400.0
+    cell, pieces = cover(RIM, lambda at: at[:, 0] < 30, feed=feed)
+    assert pieces
+    for piece in pieces:
+        moved = np.abs(np.diff(piece.dense, axis=0))
+        seconds = piece.looks.length / feed
+        assert (moved <= cell.robot.speeds * seconds[:, None] * 1.05 + 1e-9).all()
+
+
+def test_an_arm_without_a_closed_form_has_no_pieces() -> None:
+    path = poses(TOP, OFFSET)
+    space = FreeSpace(0.0, path.position[0], path.position[0], 0.0, 0.0, list, all_clear)
+    bare = replace(CELL, robot=replace(CELL.robot, arm=None))
+    assert Coverage(bare, space, FREE, 20.0).find_pieces(TOP, path, path.length) == ()
+
+
+def test_lengths_are_those_of_the_edge_not_of_the_way_beside_it() -> None:
+    path = poses(RIM, OFFSET)
+    assert measure_line(RIM, path).sum() == pytest.approx(RIM.length)
+    assert path.length.sum() == pytest.approx(RIM.length * (50 + OFFSET / math.sqrt(2)) / 50)
+    line = straight((0, 0, 0), (60, 0, 0), (0, 0, 1), (0, -1, 0))
+    assert measure_line(line, poses(line, OFFSET)).tolist() == [60.0]
