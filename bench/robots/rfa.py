@@ -152,6 +152,11 @@ def _toml(value: object) -> str:
     return str(value).lower() if isinstance(value, bool) else repr(value).replace("'", '"')
 
 
+def count_whole(result: Result) -> int:
+    """The number of edges that are run whole."""
+    return sum(path.id in path.contours for path in result.tour.paths)
+
+
 def paper() -> int:
     """The edges of both parts in their order, as figures 16 and 18 have them, and seconds of the command."""
     print(f"{machine()}\n")
@@ -160,8 +165,10 @@ def paper() -> int:
         file = PARTS / f"{name}.stl"
         result, spent = timed(partial(camgen.build, file, post="rapid", job=job))
         skipped = [note for note in result.notes if note.kind == "skipped"]
-        count = len(result.tour.paths)
-        print(f"{name}: {count} of {count + len(skipped)} edges, paper {paper_edges};", end=" ")
+        count = count_whole(result)
+        print(
+            f"{name}: {count} of {count + len(skipped)} edges whole, paper {paper_edges};", end=" "
+        )
         print(f"{spent:.1f} s, paper {paper_seconds} s; program {result.cycle.total:.1f} s")
         table = Table("order | edge | kind | mm {:.1f} | s {:.1f}")
         for k, line in enumerate(view(result).rows, start=1):
@@ -212,7 +219,7 @@ def row(table: Table, path: Path, solid: Solid, name: str, runs: int) -> int:
             table.add(solid.name, name, str(error))
             return 1
         built.append(seconds)
-        counts.append(len(result.tour.paths))
+        counts.append(count_whole(result))
         lost = [f"{note.what}: {note.why}" for note in result.notes if note.kind == "skipped"]
         spent.append(median_seconds(partial(whole, path, tables), runs))
     collide, rows = differ(result, solid)
