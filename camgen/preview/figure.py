@@ -143,7 +143,7 @@ def figure_edges(view: View, solid: Solid, look: Look, shaded: Shaded | None) ->
     found = []
     ends = np.cumsum(view.chains.counts)[:-1]
     for line, chain in zip(view.lines, np.split(view.chains.points, ends), strict=True):
-        number = numbers.get(line.id, -1) if line.state == "done" else -1
+        number = numbers.get(line.path or line.id, -1) if line.state == "done" else -1
         text = (
             str(number + 1)
             if number >= 0

@@ -96,8 +96,8 @@ def _take_untested(result: Built) -> Around:
 
 def split_chain(
     points: FloatArray, stretches: Sequence[tuple[float, float]]
-) -> list[tuple[bool, FloatArray]]:
-    """A chain (N, 3) in parts, each with whether it is worked.
+) -> list[tuple[int, FloatArray]]:
+    """A chain (N, 3) in parts, each with the number of its stretch, -1 for none.
 
     stretches: lengths, mm, between which it is worked. In a closed chain a stretch may run over the
         end, and is continued at the start.
@@ -105,18 +105,22 @@ def split_chain(
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
     at = np.append(0.0, np.cumsum(steps))
     whole = float(at[-1])
-    worked = [(low, min(high, whole)) for low, high in stretches]
-    worked += [(0.0, high - whole) for _, high in stretches if high > whole]
-    marks = sorted({0.0, whole, *chain.from_iterable(worked)})
+    worked = [(low, min(high, whole), k) for k, (low, high) in enumerate(stretches)]
+    worked += [(0.0, high - whole, k) for k, (_, high) in enumerate(stretches) if high > whole]
+    marks = sorted({0.0, whole, *chain.from_iterable(pair[:2] for pair in worked)})
     parts = []
     for low, high in pairwise(marks):
         if high - low < SAME_POINT_MM:
             continue
         places = np.concatenate([[low], at[(at > low) & (at < high)], [high]])
         middle = (low + high) / 2
-        is_worked = any(begin < middle < end for begin, end in worked)
+        number = next((k for begin, end, k in worked if begin < middle < end), -1)
         columns = [np.interp(places, at, column) for column in points.T]
-        parts.append((is_worked, np.column_stack(columns)))
+        parts.append((number, np.column_stack(columns)))
+    is_closed = np.array_equal(points[0], points[-1])
+    if is_closed and len(parts) > 1 and parts[0][0] == parts[-1][0]:
+        number, last = parts.pop()
+        parts[0] = number, np.concatenate([last[:-1], parts[0][1]])
     return parts
 
 
@@ -131,7 +135,7 @@ _FINE = 2e-5
 class ViewLine(Struct, frozen=True):
     """A contour or an edge, or a part of it: state is "done", "skipped" or "unused" (nothing was asked of it); why it
     was skipped. A ring around a place is "wrong" or "noted"; why says what is.
-    An outline in a photo is "seen".
+    An outline in a photo is "seen". path: id of the path of a piece of an edge.
     """
 
     id: str
@@ -140,6 +144,7 @@ class ViewLine(Struct, frozen=True):
     length: float
     state: str
     why: str
+    path: str = ""
 
 
 class Row(Struct, frozen=True):
@@ -362,10 +367,12 @@ def _mark_gaps(
     """Edges that are run in pieces; the stretches that are left out are lines of their own."""
     lengths = {line.id: line.length for line in lines}
     stretches: dict[str, list[tuple[float, float]]] = {}
+    names: dict[str, list[str]] = {}
     for leg in result.tour.route.legs if isinstance(result.tour, EdgeTour) else ():
         if leg.motion.part_of:
             low, rest = leg.motion.trimmed[:: -1 if leg.motion.backwards else 1]
             stretches.setdefault(leg.motion.line, []).append((low, lengths[leg.motion.line] - rest))
+            names.setdefault(leg.motion.line, []).append(leg.motion.id)
     pieces: list[tuple[ViewLine, FloatArray]] = []
     for line, points in zip(
         lines, np.split(chains.points, np.cumsum(chains.counts)[:-1]), strict=True
@@ -373,10 +380,12 @@ def _mark_gaps(
         if line.state != "done" or line.id not in stretches:
             pieces.append((line, points))
             continue
-        for is_worked, part in split_chain(points, stretches[line.id]):
-            why = "" if is_worked else line.why or _TRIMMED
-            state = "done" if is_worked else "skipped"
-            pieces.append((replace(line, state=state, why=why, closed=False), part))
+        for number, part in split_chain(points, stretches[line.id]):
+            stretch = replace(line, closed=False, why="", path=names[line.id][number])
+            if number < 0:
+                why = line.why or _TRIMMED
+                stretch = replace(line, closed=False, state="skipped", why=why)
+            pieces.append((stretch, part))
     made = SpaceChains(
         np.concatenate([part for _, part in pieces]), np.array([len(part) for _, part in pieces])
     )

@@ -58,18 +58,19 @@ def test_an_edge_that_is_run_in_pieces_is_cut_at_their_ends() -> None:
     # An L of 10 and 5 mm that is worked from 1 to 12 mm and from 13 mm to its end.
     points = np.array([[0, 0, 0], [10, 0, 0], [10, 5, 0]], float)
     parts = split_chain(points, [(1.0, 12.0), (13.0, 15.0)])
-    assert [worked for worked, _ in parts] == [False, True, False, True]
+    assert [number for number, _ in parts] == [-1, 0, -1, 1]
     assert parts[0][1].tolist() == [[0, 0, 0], [1, 0, 0]]
     assert parts[1][1].tolist() == [[1, 0, 0], [10, 0, 0], [10, 2, 0]]
     assert parts[2][1].tolist() == [[10, 2, 0], [10, 3, 0]]
     assert parts[3][1].tolist() == [[10, 3, 0], [10, 5, 0]]
-    assert [worked for worked, _ in split_chain(points, [(0.0, 15.0)])] == [True]
+    assert [number for number, _ in split_chain(points, [(0.0, 15.0)])] == [0]
 
 
 def test_a_piece_of_a_closed_edge_is_drawn_over_its_start() -> None:
     square = np.array([[0, 0, 0], [10, 0, 0], [10, 10, 0], [0, 10, 0], [0, 0, 0]], float)
-    first, gap, last = split_chain(square, [(25.0, 45.0)])
-    assert (first[0], gap[0], last[0]) == (True, False, True)
+    piece, gap = split_chain(square, [(25.0, 45.0)])
+    assert (piece[0], gap[0]) == (0, -1)
+    assert piece[1].tolist() == [[5, 10, 0], [0, 10, 0], [0, 0, 0], [5, 0, 0]]
     assert gap[1].tolist() == [[5, 0, 0], [10, 0, 0], [10, 10, 0], [5, 10, 0]]
 
 

@@ -16,11 +16,13 @@ from camgen.preview.figure import FigureEdge, are_seen, figure_edges, oblique, s
 from camgen.preview.view import View, view
 
 PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
+#: Numbers of twelve whole edges and two pieces of rims, and names of the edges that are left out.
+LABELS = [*map(str, range(1, 15)), "e12", "e13", "e15"]
 
 
 @pytest.fixture(scope="module")
 def built() -> Result:
-    """Nominal: three of the block's edges are left out."""
+    """Nominal: an upright edge of the block is left out, and a part of each rim of its bore."""
     sets = {
         "tool": {"holder": [[-35, -35, 0, 35, 35, 100]]},
         "input": {"select": "convex, not bottom"},
@@ -42,15 +44,16 @@ def shown(built: Result) -> View:
 
 @pytest.fixture(scope="module")
 def edges(shown: View) -> dict[str, FigureEdge]:
+    """The edges by their ids, and what of them is worked in pieces by the ids of its paths."""
     assert shown.solid is not None
     look = oblique()
     found = figure_edges(shown, shown.solid, look, shade(shown.solid, look))
-    return {line.id: edge for line, edge in zip(shown.lines, found, strict=True)}
+    return {line.path or line.id: edge for line, edge in zip(shown.lines, found, strict=True)}
 
 
 def test_numbers_are_the_places_in_the_tour(built: Result, edges: dict[str, FigureEdge]) -> None:
     for k, path in enumerate(built.tour.paths, start=1):
-        assert edges[path.contours[0]].text == str(k)
+        assert edges[path.id].text == str(k)
     assert {name for name, edge in edges.items() if edge.state == "skipped"} == {
         "e12",
         "e13",
@@ -82,7 +85,7 @@ def test_the_svg_has_every_number_and_what_is_left_out_in_red(built: Result) -> 
     text = draw(built, Path("x.svg")).decode()
     root = ET.fromstring(text)
     told = [e.text for e in root.iter("{http://www.w3.org/2000/svg}text") if e.get("class") == "n"]
-    assert sorted(told) == sorted([*(str(k) for k in range(1, 13)), "e12", "e13", "e15"])
+    assert sorted(told) == sorted(LABELS)
     assert re.search(r'class="skipped"[^>]*><title>e13</title>', text)
     assert re.search(r'class="skipped hidden"[^>]*><title>e12</title>', text)
     assert "left out: edge e15" in text
@@ -92,9 +95,7 @@ def test_the_svg_has_every_number_and_what_is_left_out_in_red(built: Result) -> 
 def test_the_page_and_the_picture_have_the_numbers(shown: View) -> None:
     numbers = page._plain(shown, None)["numbers"]
     assert isinstance(numbers, list)
-    assert sorted(row[0] for row in numbers) == sorted(
-        [*(str(k) for k in range(1, 13)), "e12", "e13", "e15"]
-    )
+    assert sorted(row[0] for row in numbers) == sorted(LABELS)
     assert {row[0]: row[4] for row in numbers}["3"] == 2
     assert {row[0]: row[4] for row in numbers}["e13"] == -1
     image = cv2.imdecode(np.frombuffer(png.png(shown), np.uint8), cv2.IMREAD_COLOR)
