@@ -13,9 +13,10 @@ from camgen.robots.models import Robot
 #: What is known of the closed form of the joints, for people.
 _JOINTS = {
     "spherical-wrist": "joints in closed form: spherical wrist, 8 branches",
+    "three-parallel": "joints in closed form: three parallel axes, 8 branches",
     "scara": "joints in closed form: SCARA, 2 branches",
     "cartesian": "joints in closed form: three slides",
-    "serial": "joints by iteration: no spherical wrist",
+    "serial": "joints by iteration: neither a spherical wrist nor three parallel axes",
 }
 
 

@@ -11,13 +11,15 @@ from camgen.model.part import IntArray
 from camgen.model.pose import FloatArray, Pose, Vec3
 from camgen.robots.chain import Joint
 from camgen.robots.kinematics.arms import Arm, Gantry, Scara, Spherical
+from camgen.robots.kinematics.three_parallel import ThreeParallel
 
-Kind = Literal["spherical-wrist", "scara", "cartesian", "serial"]
+Kind = Literal["spherical-wrist", "three-parallel", "scara", "cartesian", "serial"]
 Known = Literal["confirmed", "derived", "uncertain"]
 Triple = tuple[float, float, float]
 
 _KINDS: dict[type, Kind] = {
     Spherical: "spherical-wrist",
+    ThreeParallel: "three-parallel",
     Scara: "scara",
     Gantry: "cartesian",
     type(None): "serial",

@@ -167,9 +167,9 @@ def cobot_by_hand(q: np.ndarray) -> np.ndarray:
     return at
 
 
-def test_a_cobot_without_a_spherical_wrist() -> None:
+def test_a_cobot_with_three_parallel_axes() -> None:
     of = robot(str(COBOT))
-    assert of.kind == "serial"
+    assert of.kind == "three-parallel"
     assert of.convention == "The joints of the URDF, from link world to link tool0."
     joints = np.random.default_rng(0).uniform(-math.pi, math.pi, (60, 6))
     rotations, origins = flange(of, joints)
@@ -409,7 +409,7 @@ def test_camgen_robots_says_what_was_understood(capsys: pytest.CaptureFixture[st
     assert lines[:3] == [
         "cobot",
         "The joints of the URDF, from link world to link tool0.",
-        "joints by iteration: no spherical wrist",
+        "joints in closed form: three parallel axes, 8 branches",
     ]
     assert lines[6].split() == [
         "elbow",

@@ -1,4 +1,4 @@
-"""Which chains have joints in closed form: six axes with a spherical wrist, a SCARA, three slides at an angle.
+"""Chains with joints in closed form: six axes with a spherical wrist or three parallel ones, a SCARA, three slides.
 
 An arm is recognised by where its axes are, not by its name: the shape's parameters are worked out from the chain, so
 that there is one set of numbers per robot, and an arm that a user describes gets its closed form as well.
@@ -13,6 +13,7 @@ from msgspec import Struct
 
 from camgen.model.pose import FloatArray, Pose, frozen, to_vec3
 from camgen.robots.chain import AtZero, Joint, at_zero
+from camgen.robots.kinematics.three_parallel import ThreeParallel, measure
 
 #: Axes are parallel, square or meet to within this much: mm, and sines of angles.
 _LENGTH, _ANGLE = 1e-6, 1e-9
@@ -64,7 +65,7 @@ class Gantry(Struct, frozen=True, eq=False):
     base_from_flange: Pose
 
 
-Arm = Spherical | Scara | Gantry
+Arm = Spherical | ThreeParallel | Scara | Gantry
 
 
 def recognise(joints: tuple[Joint, ...], flange: Pose) -> Arm | None:
@@ -72,7 +73,7 @@ def recognise(joints: tuple[Joint, ...], flange: Pose) -> Arm | None:
     zero = at_zero(joints, flange)
     slides = "".join("-|"[joint.sliding] for joint in joints)
     if slides == "------":
-        return _spherical(zero, _LENGTH, _ANGLE)
+        return _spherical(zero, _LENGTH, _ANGLE) or _three_parallel(zero)
     if slides == "--|-":
         return _scara(zero)
     if slides == "|||" and abs(np.linalg.det(zero.directions)) > _ANGLE:
@@ -136,6 +137,14 @@ def _spherical(zero: AtZero, length: float, angle: float) -> Spherical | None:
     flange = base_from_arm.inverse() @ zero.base_from_flange
     arm = _measure(base_from_arm, points, d @ base_from_arm.rotation, flange)
     return arm if min(arm.c2, math.hypot(arm.a2, arm.c3)) > _LENGTH else None
+
+
+def _three_parallel(zero: AtZero) -> ThreeParallel | None:
+    d = zero.directions
+    parallel = _parallel(d[1], d[2]) and _parallel(d[1], d[3])
+    if not (parallel and all(_square(d[i], d[i + 1]) for i in (0, 3, 4))):
+        return None
+    return measure(zero, _frame(_upright(d[0]), d[1], zero.points[0]), _LENGTH)
 
 
 def _measure(base_from_arm: Pose, points: FloatArray, d: FloatArray, flange: Pose) -> Spherical:

@@ -9,9 +9,10 @@ import numpy as np
 from camgen.model.pose import FloatArray
 from camgen.robots.kinematics import iterative as damped
 from camgen.robots.kinematics import planar as flat
-from camgen.robots.kinematics import spherical
+from camgen.robots.kinematics import spherical, three_parallel
 from camgen.robots.kinematics.arms import Gantry, Scara
 from camgen.robots.kinematics.joint_limits import joints_of, theta_of, uncoupling, wrap
+from camgen.robots.kinematics.three_parallel import ThreeParallel
 from camgen.robots.models import Robot
 
 
@@ -20,7 +21,8 @@ def inverse(
 ) -> FloatArray:
     """The controller's joint values (N, B, J) that bring the flange to base_from_flange (N, 3, 3), (N, 3), mm.
 
-    B: 8 for spherical wrists (``spherical.BRANCHES`` says in which order), 2 for SCARA, 1 for slides,
+    B: 8 for spherical wrists (``spherical.BRANCHES`` says in which order) and for three parallel
+    axes (``three_parallel.BRANCHES``), 2 for SCARA, 1 for slides,
     ``damped.SEEDS`` for others, found first. nan: no solution, by reach alone;
     ``joint_limits.within`` knows the limits. A turning joint is given within half a turn of the
     middle of its limits; ``joint_limits.copies`` adds the rest.
@@ -40,9 +42,10 @@ def inverse(
     if isinstance(arm, Scara):
         return joints_of(robot, arm, flat.scara_angles(arm, rotations, origins))
     kept = np.full(len(robot.joints), np.nan) if near is None else near
-    return joints_of(
-        robot, arm, spherical.angles(arm, rotations, origins, theta_of(robot, arm, kept))
-    )
+    theta = theta_of(robot, arm, kept)
+    if isinstance(arm, ThreeParallel):
+        return joints_of(robot, arm, three_parallel.angles(arm, rotations, origins, theta))
+    return joints_of(robot, arm, spherical.angles(arm, rotations, origins, theta))
 
 
 def nearest(

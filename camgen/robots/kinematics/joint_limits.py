@@ -11,18 +11,23 @@ from numpy.typing import NDArray
 
 from camgen.model.pose import FloatArray, frozen
 from camgen.robots.kinematics.arms import Scara, Spherical
+from camgen.robots.kinematics.three_parallel import ThreeParallel
 from camgen.robots.models import Robot
 
 #: rad or mm: a joint so far beyond its limit stands on it.
 _ON_LIMIT = 1e-9
 
 
-def theta_of(robot: Robot, arm: Spherical | Scara, joints: FloatArray) -> FloatArray:
+def theta_of(
+    robot: Robot, arm: Spherical | ThreeParallel | Scara, joints: FloatArray
+) -> FloatArray:
     """The angles of the closed form (..., J) for joint values (..., J)."""
     return np.asarray(joints @ robot.coupling.T * arm.signs + arm.offsets)
 
 
-def joints_of(robot: Robot, arm: Spherical | Scara, theta: FloatArray) -> FloatArray:
+def joints_of(
+    robot: Robot, arm: Spherical | ThreeParallel | Scara, theta: FloatArray
+) -> FloatArray:
     """The joint values (..., J), wrapped, for angles of the closed form (..., J)."""
     return _unwind(robot, (theta - arm.offsets) * arm.signs)
 

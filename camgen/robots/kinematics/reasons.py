@@ -11,11 +11,12 @@ from msgspec import Struct
 from camgen.model.pose import FloatArray
 from camgen.model.text import short
 from camgen.robots.kinematics import planar as flat
-from camgen.robots.kinematics import spherical
+from camgen.robots.kinematics import spherical, three_parallel
 from camgen.robots.kinematics.arms import Gantry, Scara
 from camgen.robots.kinematics.continuity import JUMP, Stuck
 from camgen.robots.kinematics.joint_limits import excess, turns, within
 from camgen.robots.kinematics.singular import from_singular, singularities
+from camgen.robots.kinematics.three_parallel import ThreeParallel
 from camgen.robots.models import Robot
 
 #: rad: a joint that has to jump so near a singularity does so because of it.
@@ -71,6 +72,8 @@ def _no_solution(robot: Robot, rotation: FloatArray, origin: FloatArray, row: in
             float(flat.scara_lean(arm, rotation)[0]),
             float(flat.scara_shortfall(arm, rotation, origin)[0]),
         )
+    elif isinstance(arm, ThreeParallel):
+        short_of = float(three_parallel.shortfall(arm, rotation, origin)[0])
     elif arm:
         short_of = float(spherical.shortfall(arm, rotation, origin)[0])
     else:

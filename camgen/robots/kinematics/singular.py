@@ -5,13 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from camgen.model.pose import FloatArray
-from camgen.robots.kinematics import spherical
+from camgen.robots.kinematics import spherical, three_parallel
 from camgen.robots.kinematics.arms import Gantry, Scara
 from camgen.robots.kinematics.forward import jacobian
 from camgen.robots.kinematics.joint_limits import theta_of
+from camgen.robots.kinematics.three_parallel import ThreeParallel
 from camgen.robots.models import Robot
 
 _SPHERICAL = ("wrist above axis 1", "elbow straight", "wrist straight")
+_THREE_PARALLEL = ("wrist beside axis 1", "elbow straight", "axes 4 and 6 parallel")
 
 
 def singularities(robot: Robot) -> tuple[str, ...]:
@@ -20,6 +22,8 @@ def singularities(robot: Robot) -> tuple[str, ...]:
         return ()
     if isinstance(robot.arm, Scara):
         return ("elbow straight",)
+    if isinstance(robot.arm, ThreeParallel):
+        return _THREE_PARALLEL
     return _SPHERICAL if robot.arm else ("arm stretched or axes in line",)
 
 
@@ -32,6 +36,9 @@ def from_singular(robot: Robot, joints: FloatArray) -> FloatArray:
         return np.empty((*joints.shape[:-1], 0))
     if isinstance(robot.arm, Scara):
         return np.asarray(np.arcsin(np.abs(np.sin(theta_of(robot, robot.arm, joints)[..., 1:2]))))
+    if isinstance(robot.arm, ThreeParallel):
+        theta = theta_of(robot, robot.arm, joints)
+        return three_parallel.singularities(robot.arm, theta)
     if robot.arm:
         return spherical.singularities(robot.arm, theta_of(robot, robot.arm, joints))
     flat = joints.reshape(-1, joints.shape[-1])
