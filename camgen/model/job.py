@@ -288,8 +288,8 @@ class OperationTable(Table, frozen=True):
     rest: Annotated[
         bool,
         Meta(
-            description="follow: only where operations listed before it for the same contours "
-            "leave material, as a larger tool does in inner corners"
+            description="follow, pocket: only what operations listed before it for the same "
+            "contours leave, as a larger tool does in inner corners"
         ),
     ] = False
     holes: Annotated[
