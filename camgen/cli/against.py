@@ -28,6 +28,7 @@ from camgen.model.text import counted, name_ranges, short
 from camgen.plan import name_operation
 from camgen.preview.inspection import draw
 from camgen.read import find_reader, list_installed
+from camgen.read.clamps import set_clamps_aside
 from camgen.read.image import read_outlines
 from camgen.read.job_file import beside, load
 from camgen.read.move import move_part
@@ -55,7 +56,8 @@ def run(arguments: Namespace, says: Voice) -> int:
             load(own, [], files) if own else replace(job, camera=CameraTable(), image=ImageTable())
         )
         source = files.read(drawing)
-        part = move_part(find_reader(source).read(source, expects, files), expects)
+        drawn = set_clamps_aside(find_reader(source).read(source, expects, files), expects)
+        part = move_part(drawn, expects)
         says.stage("comparing")
         found = inspect_photo(seen, part, expects, arguments.least)
         says.clear()
@@ -69,6 +71,7 @@ def run(arguments: Namespace, says: Voice) -> int:
             what = f"differs from {drawing.name} in {counted(len(found.differences), 'place')}, first: {_tell(first)}"
             raise VerifyError(arguments.input, what, remedy="leave --strict out to see all of them")
         if arguments.rework:
+            _insist_on_boxes(expects)
             insist_on_following(expects, name_operation(part, expects))
             insist_on_pose(arguments.input, found.fit, found.expected.region)
             if not works:
@@ -110,6 +113,13 @@ def _insist(arguments: Namespace) -> None:
     if arguments.rework and Path(arguments.rework).suffix.lower() != ".toml":
         what = "is not the name of a job file"
         raise JobError(arguments.rework, what, remedy="end it in .toml; a drawing comes beside it")
+
+
+def _insist_on_boxes(job: Job) -> None:
+    """Raises JobError for clamps that are drawn: the drawing of the rework has no such layer."""
+    if job.drawn_fixtures:
+        what = "the drawing of a rework has no layers of clamps"
+        raise JobError("job", what, "cell.fixtures", "give boxes or mesh files")
 
 
 def _drawing(named: Path) -> tuple[Path, Path | None]:

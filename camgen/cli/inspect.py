@@ -12,6 +12,7 @@ from camgen.model.job import Job
 from camgen.model.part import Part
 from camgen.model.text import short
 from camgen.read import find_reader, is_drawing
+from camgen.read.clamps import set_clamps_aside
 from camgen.read.contours import list_contours
 from camgen.read.files import Files
 from camgen.read.job_file import beside, load
@@ -71,7 +72,7 @@ def _read_drawing(source: Source, job: Job, files: Files) -> Part | None:
     reader = find_reader(source)
     if reader.makes != "drawing":
         return None
-    return move_part(reader.read(source, job, files), job)
+    return move_part(set_clamps_aside(reader.read(source, job, files), job), job)
 
 
 def _inspect(source: Source, job: Job, files: Files) -> object:

@@ -93,6 +93,13 @@ class _Asked(NamedTuple):
     origin: Origin | None = None
     states_job: bool = False
 
+    @property
+    def known_drawing(self) -> Path | None:
+        """The drawing that the user names, else the unchanged part beside the program."""
+        if self.drawing is None and self.origin is not None:
+            return self.origin.part
+        return self.drawing
+
 
 def run(arguments: Namespace, says: Voice) -> int:
     """Prints the sums and the findings of a program. InputError when it has faults, VerifyError when it deviates,
@@ -128,7 +135,7 @@ def run(arguments: Namespace, says: Voice) -> int:
 
 def _judge(asked: _Asked, says: Voice) -> int:
     """A program that somebody else wrote."""
-    arguments, paths, texts, job, _, files, *_ = asked
+    arguments, paths, texts, job, drawing, files, *_ = asked
     place = Places(texts)
     language = find_own(arguments.post or "", texts)
     ask = ask_of(language, arguments, job, files)
@@ -156,7 +163,7 @@ def _judge(asked: _Asked, says: Voice) -> int:
     more = list(_UNEXAMINED)
     also = ""
     if error is None:
-        fixtures = _read_fixtures(language.name, job, files)
+        fixtures = _read_fixtures(language.name, job, files, drawing)
         on_arm = _is_for_arm(_post_of(language.name))
         dynamics = _dynamics_of_text(language.name)
         proven = Proven(executed, dynamics=dynamics, fixtures=fixtures, on_arm=on_arm)
@@ -219,7 +226,7 @@ def _compare(asked: _Asked, says: Voice) -> int:
         row, different = compare_rebuilt(program, asked.origin, says, files)
         rows.append(row)
     says.clear()
-    fixtures = _read_fixtures(post.name, job, files)
+    fixtures = _read_fixtures(post.name, job, files, asked.known_drawing)
     dynamics = _dynamics_of_post(post, job)
     proven = Proven(reading, post, dynamics, _is_for_arm(post), asked.states_job, fixtures)
     more, also, error = _prove(asked, proven, place, says)
@@ -311,14 +318,18 @@ def _prove(
     return [("motion", motion), *stock.rows, *_UNEXAMINED[2:]], stock.told, stock.error
 
 
-def _read_fixtures(post: str, job: Job, files: Files) -> Fixtures | None:
-    """The fixtures of the job, for a program of a machine without an arm; else None."""
+def _read_fixtures(post: str, job: Job, files: Files, drawing: Path | None) -> Fixtures | None:
+    """The fixtures of the job, for a program of a machine without an arm; else None.
+
+    drawing: drawing with the clamps of the job; None if it is not known.
+    """
     if not job.cell.fixtures:
         return None
     from camgen.pipeline.inputs import read_cell  # noqa: PLC0415 (only for jobs with fixtures)
 
+    drawn = read(drawing, job, files) if drawing and job.drawn_fixtures else None
     cell = cell_of(_post_of(post), job)
-    return read_cell(None, job, cell, files).fixtures
+    return read_cell(drawn, job, cell, files).fixtures
 
 
 def _is_for_arm(post: Post) -> bool:

@@ -170,7 +170,7 @@ def _fixtures(
     given = [
         (f"fixture {k}", corners_of("cell.fixtures", box))
         for k, box in listed
-        if not isinstance(box, str)
+        if isinstance(box, list)
     ]
     if job.cell.fixtures is not None or solid is None:
         return given, ()

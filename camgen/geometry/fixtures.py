@@ -126,11 +126,11 @@ class Body(Struct, frozen=True):
 def list_fixtures(job: Job, meshes: Sequence[tuple[str, Solid]]) -> Fixtures | None:
     """The fixtures of a job; None if it has no fixtures. Raises JobError for a wrong box.
 
-    meshes: names and shapes of those that are meshes, in their order.
+    meshes: names and shapes of those that are meshes or drawn, in their order.
     """
     shapes = iter(meshes)
     listed = [
-        _make_fixture(number, next(shapes)[1] if isinstance(given, str) else given)
+        _make_fixture(number, given if isinstance(given, list) else next(shapes)[1])
         for number, given in enumerate(job.cell.fixtures or (), 1)
     ]
     return Fixtures(tuple(listed), job.cell.margin, job.cell.safety) if listed else None

@@ -288,8 +288,8 @@ class OperationTable(Table, frozen=True):
     rest: Annotated[
         bool,
         Meta(
-            description="follow: only where operations listed before it for the same contours "
-            "leave material, as a larger tool does in inner corners"
+            description="follow, pocket: only what operations listed before it for the same "
+            "contours leave, as a larger tool does in inner corners"
         ),
     ] = False
     holes: Annotated[
@@ -715,6 +715,19 @@ class PageTable(Table, frozen=True):
     ] = "fit"
 
 
+class DrawnFixture(Table, frozen=True):
+    """Clamps that the drawing of the part shows: the closed outlines of a layer.
+
+    layer: name of the layer; case does not matter.
+    top: height of their highest place, z in mm.
+    bottom: height of their lowest place, z in mm.
+    """
+
+    layer: str
+    top: float
+    bottom: float = 0.0
+
+
 class CellTable(Table, frozen=True):
     """[cell]: where the work and the tool are. Without it the post's built-in cell is used."""
 
@@ -754,11 +767,12 @@ class CellTable(Table, frozen=True):
         ),
     ] = None
     fixtures: Annotated[
-        list[list[float] | str] | None,
+        list[list[float] | str | DrawnFixture] | None,
         Meta(
             description="clamps, vices and whatever else stands around the part: boxes "
-            "[x, y, z, x, y, z], mm, or mesh files, in the work frame; travel of a mill passes "
-            "over them, and what they block is left out"
+            "[x, y, z, x, y, z], mm, or mesh files, in the work frame, or the closed outlines of a "
+            'layer, { layer = "CLAMPS", top = 9.0, bottom = 0.0 }; travel of a mill passes over '
+            "them, and what they block is left out"
         ),
     ] = None
     safety: Annotated[
@@ -822,6 +836,17 @@ class Job(Table, frozen=True):
     tools: list[ToolRow] = []
     operations: list[Step] = []
     post: dict[str, object] = {}
+
+    @property
+    def drawn_fixtures(self) -> tuple[DrawnFixture, ...]:
+        """The entries of `cell.fixtures` that are layers of the drawing."""
+        fixtures = self.cell.fixtures or ()
+        return tuple(given for given in fixtures if isinstance(given, DrawnFixture))
+
+    @property
+    def clamp_layers(self) -> frozenset[str]:
+        """The layers of clamps, case folded; nothing on them is machined."""
+        return frozenset(drawn.layer.casefold() for drawn in self.drawn_fixtures)
 
     @property
     def chooses_colors(self) -> bool:

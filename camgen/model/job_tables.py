@@ -15,6 +15,7 @@ from camgen.model.job import (
     PAGE_CLEARANCE,
     SPEEDS,
     Choice,
+    DrawnFixture,
     Job,
     OperationTable,
     ProcessTable,
@@ -144,7 +145,7 @@ _PLURALS: dict[object, str] = {
     float: "numbers",
     str: "texts",
     list[float]: "lists of numbers",
-    list[float] | str: "lists of numbers and texts",
+    list[float] | str | DrawnFixture: "lists of numbers, texts and tables of layer, top and bottom",
 }
 
 

@@ -309,6 +309,7 @@ class Part(Struct, frozen=True, eq=False):
     open_outlines: outlines with a gap that enclose closed contours.
     moved: distance in x and y by which `input.origin` moved the drawing, mm; None without it.
     earlier: lines and arcs of the tools of operations that run before, for `operation.rest`.
+    clamps: closed contours on the layers that `cell.fixtures` names; none of `contours`.
     """
 
     name: str
@@ -323,6 +324,7 @@ class Part(Struct, frozen=True, eq=False):
     open_outlines: tuple[OpenOutline, ...] = ()
     moved: tuple[float, float] | None = None
     earlier: tuple[EarlierRun, ...] = ()
+    clamps: tuple[Contour, ...] = ()
 
     def works_on(self, ids: tuple[str, ...]) -> bool:
         """Whether one of the contours ``ids`` is worked on."""

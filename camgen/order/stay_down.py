@@ -32,14 +32,14 @@ def stay_down(tour: Tour, part: Part, job: Job) -> tuple[Tour, tuple[Note, ...]]
     """The tour with the paths that are reached without a lift, and a note on how many; nothing unless the job asks.
 
     Only one pass beside a contour, without force, with the tool straight down and not turned with the contour, is left
-    and entered so, at one height. Meshes among ``cell.fixtures`` are no boxes: then every link is lifted.
+    and entered so, at one height. With a mesh or a drawn fixture every link is lifted.
     """
     if not job.process.stay_down or len(tour.paths) < 2:
         return tour, ()
     fixtures = job.cell.fixtures or []
-    boxes = np.array(
-        [box for box in fixtures if not isinstance(box, str)], dtype=np.float64
-    ).reshape(-1, 6)
+    boxes = np.array([box for box in fixtures if isinstance(box, list)], dtype=np.float64).reshape(
+        -1, 6
+    )
     fair = _plain(tour.paths, job)
     start = np.array([path.position[-1] for path in tour.paths[:-1]])
     end = np.array([path.position[0] for path in tour.paths[1:]])
@@ -56,7 +56,7 @@ def stay_down(tour: Tour, part: Part, job: Job) -> tuple[Tour, tuple[Note, ...]]
     down = frozenset((asked[clear] + 1).tolist())
     why = "these ways keep the tool's radius from all that is drawn and from fixtures; of stock nothing is known"
     if len(boxes) < len(fixtures):
-        why = "fixtures that are meshes are not looked at here: every way is lifted over them"
+        why = "fixtures other than boxes are not looked at here: every way is lifted over them"
     note = Note(
         "assumed" if down else "warning", f"lifts saved: {len(down)} of {len(tour.paths) - 1}", why
     )

@@ -23,6 +23,7 @@ from camgen.model.pose import FloatArray, frozen
 from camgen.model.program import Joints
 from camgen.model.text import counted, short
 from camgen.read import find_reader, read
+from camgen.read.clamps import set_clamps_aside
 from camgen.read.files import Files, identity
 from camgen.read.move import move_part
 from camgen.read.programs import Frames
@@ -61,11 +62,12 @@ def _read_cell(part: Part | None, job: Job, cell: Cell, files: Files) -> Workcel
     in_space = part is not None and (part.solid is not None or bool(part.curves))
     taught = _frames_of(part)
     arm = _hold(_arm(job.cell.robot or (cell.robot if in_space or taught else ""), files), job)
+    meshes = _meshes(part, job, files)
     if taught is None:
-        return equip(cell, job, arm, _meshes(job, files))
+        return equip(cell, job, arm, meshes)
     if taught.base_from_work is not None:
         cell = replace(cell, base_from_work=taught.base_from_work)
-    equipped = equip(cell, job, arm, _meshes(job, files))
+    equipped = equip(cell, job, arm, meshes)
     if taught.flange_from_tool is None or job.cell.flange_from_tool is not None:
         return equipped
     return replace(equipped, flange_from_tool=taught.flange_from_tool)
@@ -129,7 +131,7 @@ def read_parts(sources: Sequence[Path | Part], job: Job, files: Files) -> Part:
     parts = [
         source if isinstance(source, Part) else _read(source, kept, files) for source in sources
     ]
-    return move_part(join_parts(parts), job)
+    return move_part(set_clamps_aside(join_parts(parts), job), job)
 
 
 def _find_language(paths: Sequence[Path], job: Job, files: Files) -> str:
@@ -173,11 +175,18 @@ def join_parts(parts: Sequence[Part]) -> Part:
             alone[0].source, f"a {what} makes a program by itself", remedy="build it alone"
         )
     contours: list[Contour] = []
+    clamps: list[Contour] = []
     outlines: list[OpenOutline] = []
     for k, part in enumerate(parts, 1):
         contours += [replace(c, id=f"{k}/{c.id}") for c in part.contours]
+        clamps += [replace(c, id=f"{k}/{c.id}") for c in part.clamps]
         outlines += [_prefix_ids(outline, f"{k}/") for outline in part.open_outlines]
-    return replace(_head(parts), contours=tuple(contours), open_outlines=tuple(outlines))
+    return replace(
+        _head(parts),
+        contours=tuple(contours),
+        clamps=tuple(clamps),
+        open_outlines=tuple(outlines),
+    )
 
 
 def _prefix_ids(outline: OpenOutline, before: str) -> OpenOutline:
@@ -268,13 +277,13 @@ def _by_joint(arm: Robot, values: Sequence[float], key: str) -> FloatArray:
     )
 
 
-def _meshes(job: Job, files: Files) -> tuple[tuple[str, Solid], ...]:
-    """Fixtures that are meshes, with their names, work frame."""
-    if not any(isinstance(one, str) for one in job.cell.fixtures or ()):
+def _meshes(part: Part | None, job: Job, files: Files) -> tuple[tuple[str, Solid], ...]:
+    """Fixtures that are meshes or drawn, with their names, work frame."""
+    if all(isinstance(given, list) for given in job.cell.fixtures or ()):
         return ()
     from camgen.read.solid import read_fixtures  # noqa: PLC0415 (only for what needs it)
 
-    return read_fixtures(job, files)
+    return read_fixtures(job, files, part)
 
 
 def digest_of(job: Job, sources: Sequence[Path | Part], files: Files) -> str:
@@ -321,7 +330,8 @@ def _read_setting(setting: str, name: str, files: Files) -> bytes:
 
 def _bytes_of(part: Part) -> bytes:
     """What stands for a part that was made in code."""
-    columns: list[NDArray[Any]] = [column for c in part.contours for column in (c.points, c.bulges)]
+    contours = (*part.contours, *part.clamps)
+    columns: list[NDArray[Any]] = [column for c in contours for column in (c.points, c.bulges)]
     for curve in part.curves:
         columns += [
             curve.points,
@@ -335,7 +345,7 @@ def _bytes_of(part: Part) -> bytes:
         columns += [part.raster.mask, *part.raster.borders]
     if isinstance(part, Recorded):
         return repr(part.run).encode()
-    names = [(c.id, c.layer, c.closed) for c in part.contours] + [
+    names = [(c.id, c.layer, c.closed) for c in contours] + [
         (c.id, c.layer, c.closed) for c in part.curves
     ]
     return msgspec.json.encode(names) + b"".join(column.tobytes() for column in columns)

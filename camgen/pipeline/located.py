@@ -47,6 +47,9 @@ def check_placing(job: Job, by_photo: bool, start: Sequence[float] | None) -> Pl
             return None
         remedy = "give a photo, or leave it out"
         raise JobError("--start", "has no effect without --locate", remedy=remedy)
+    if job.drawn_fixtures:
+        what = "--locate moves the drawing, and the clamps on its layers stay where they are"
+        raise JobError("job", what, "cell.fixtures", "give them as boxes")
     placing = {"input.origin": job.input.origin, "page.size": job.page.size}
     for key, value in placing.items():
         if value:

@@ -316,16 +316,22 @@ def _labels(
     around = np.where(parent >= 0, first[parent], -1)
     # A path that also runs beside the contour around it is not inside anything of that contour.
     around[(around >= 0) & (loops.depth[own[around]] >= loops.depth[own])] = -1
-    labels = []
+    # A path around two contours that touch works on both.
+    others: dict[int, list[str]] = {}
+    for path, k in zip(place[chain].tolist(), contour.tolist(), strict=True):
+        if path >= 0 and k != own[path]:
+            others.setdefault(path, []).append(contours[k].id)
+    labels: list[Label] = []
     either = job.operation.direction == "any"
     for k, closed, outer in zip(
         own.tolist(), curve.closed[order].tolist(), around.tolist(), strict=True
     ):
         name = contours[k].id
+        names = (name, *others.get(len(labels), ()))
         seen[k] += 1
         number = f".{seen[k]}" if several[k] else ""
         labels.append(
-            Label(name + number, contours[k].layer, closed, either and not closed, outer, (name,))
+            Label(name + number, contours[k].layer, closed, either and not closed, outer, names)
         )
     return labels, order
 

@@ -31,6 +31,7 @@ from camgen.model.pose import FloatArray
 from camgen.model.text import counted, short
 from camgen.plan.drill import Hole, find_circles, innermost
 from camgen.plan.open_outlines import check_outlines
+from camgen.plan.proposed_across import choose_pocket_mill, find_across
 from camgen.plan.proposed_mills import (
     FINISH_MM,
     MOST_TRIED,
@@ -174,6 +175,7 @@ class _Loops(Struct, frozen=True, eq=False):
     segments: their lines and arcs.
     circles: the circles among them, by id.
     with_tabs: whether tabs hold parts and slugs.
+    across: pockets that cross other contours; none of `contours`.
     """
 
     thickness: float
@@ -183,6 +185,7 @@ class _Loops(Struct, frozen=True, eq=False):
     segments: Segments
     circles: dict[str, Hole]
     with_tabs: bool
+    across: tuple[Contour, ...] = ()
 
     def name(self, rows: Sequence[int]) -> list[str]:
         """The ids of loops."""
@@ -226,6 +229,10 @@ def propose(
     if not closed:
         return None
     check_outlines(part, {c.id for c in closed}, "leave its layer out with input.layers")
+    across = find_across(closed)
+    if across:
+        closed = tuple(contour for contour in closed if contour not in across)
+        part = replace(part, contours=tuple(c for c in part.contours if c not in across))
     segments, stock = from_contours(closed), stock or StockTable()
     loops = _Loops(
         stock.thickness or THICKNESS_MM,
@@ -235,6 +242,7 @@ def propose(
         segments,
         {hole.id: hole for hole in find_circles(part)},
         with_tabs,
+        across,
     )
     kinds = _sort(loops)
     drilled = {name for rows in kinds.holes for name in loops.name(rows)}
@@ -243,11 +251,15 @@ def propose(
         loops, part=replace(part, contours=tuple(c for c in part.contours if c.id not in drilled))
     )
     rack = ToolRack(library, MATERIALS[stock.material] if stock.material else None)
-    operations = [*_drill(loops, kinds.holes, rack), *_cut(loops, kinds, rack)]
+    operations = [
+        *_drill(loops, kinds.holes, rack),
+        *_clear(loops, rack),
+        *_cut(loops, kinds, rack),
+    ]
     if not operations:
         return None
     used = {name for _, ids in operations for name in ids}
-    left = tuple(c.id for c in closed if c.id not in used)
+    left = tuple(c.id for c in (*closed, *across) if c.id not in used)
     rows = tuple(one for one, _ in operations)
     margin = max(stock.margin, _FRAME * rack.widest_mill)
     return Proposal(rack.tools, rows, left, loops.thickness, stock.material or "", margin)
@@ -345,9 +357,26 @@ def _choose_holes(loops: _Loops, rows: list[int], low: float, high: float) -> di
         ("any", lambda _: True),
     ):
         found = innermost([hole for name, hole in loops.circles.items() if fits(level[name])])
-        if {hole.id for hole in found if low <= hole.diameter <= high} == wanted:
+        chosen = {hole.id for hole in found if low <= hole.diameter <= high}
+        if chosen == wanted and not loops.across:
             return sizes | ({"nesting": nesting} if nesting != "any" else {})
     return sizes | {"ids": loops.name(rows)}
+
+
+def _clear(loops: _Loops, rack: ToolRack) -> Iterator[tuple[Proposed, list[str]]]:
+    """A pocket for contours that cross others: a recess at an edge of the part, half as deep."""
+    if not loops.across:
+        return
+    diameter = choose_pocket_mill(loops.across, rack.mills)
+    ids = [contour.id for contour in loops.across]
+    tool = rack.take("end mill", diameter)
+    depth = loops.thickness / 2
+    row: dict[str, object] = {"kind": "pocket", "tool": tool, "ids": ids, "depth": depth}
+    row |= {"entry": "ramp", "plunge": round(rack.feed(tool) * _RAMP_SHARE, 2)}
+    passes = math.ceil(depth / (_PASS * diameter) - 1e-9)
+    row |= {"passes": passes} if passes > 1 else {}
+    about = f"{counted(len(ids), 'pocket')} across other contours: how deep?"
+    yield Proposed(about, row, "the largest mill that reaches enough of them"), ids
 
 
 def _cut(loops: _Loops, kinds: _Sorted, rack: ToolRack) -> Iterator[tuple[Proposed, list[str]]]:
@@ -518,6 +547,8 @@ def _choose_loops(loops: _Loops, ids: list[str]) -> dict[str, object]:
     folded = {layer.casefold() for layer in layers}
     for nesting, fits in (("inner", loops.nesting.depth > 0), ("outer", loops.nesting.depth == 0)):
         found = [c for c, fit in zip(loops.contours, fits.tolist(), strict=True) if fit]
+        if loops.across:  # they are inside or outside of nothing
+            break
         if {c.id for c in found} == wanted:
             return {"nesting": nesting}
         plain = not any(set(layer) & set("*?[]!") for layer in layers)

@@ -107,7 +107,7 @@ _ONLY: dict[str, tuple[str, ...]] = {
     "finish": ("follow", "pocket", "bore"),
     "stepover": ("fill", "pocket"),
     "engagement": ("pocket",),
-    "rest": ("follow",),
+    "rest": ("follow", "pocket"),
     "holes": ("drill", "bore"),
     "shared": ("trace",),
 }

@@ -55,7 +55,7 @@ def _table(kind: type[Struct], name: str) -> Schema:
     """One table: its keys with type, bounds, default and meaning, and no others."""
     (_,), components = msgspec.json.schema_components([kind], ref_template="{name}")
     defaults = msgspec.to_builtins(kind())
-    keys = components[kind.__name__]["properties"]
+    keys = _inline(components[kind.__name__]["properties"], components)
     return {
         "type": "object",
         "properties": {
@@ -64,6 +64,19 @@ def _table(kind: type[Struct], name: str) -> Schema:
         },
         "additionalProperties": False,
     }
+
+
+def _inline(schema_part: Any, components: Mapping[str, Any]) -> Any:
+    """A schema with the components that it refers to in their places."""
+    if isinstance(schema_part, dict):
+        if "$ref" in schema_part:
+            return _inline(components[schema_part["$ref"]], components)
+        return {name: _inline(value, components) for name, value in schema_part.items()}
+    return (
+        [_inline(value, components) for value in schema_part]
+        if isinstance(schema_part, list)
+        else schema_part
+    )
 
 
 def _key(found: Mapping[str, Any], default: object) -> Schema:

@@ -83,7 +83,7 @@ def _take_untested(result: Built) -> Around:
     named = [
         (f"fixture {k}", box)
         for k, box in enumerate(job.cell.fixtures or (), 1)
-        if not isinstance(box, str)
+        if isinstance(box, list)
     ]
     standing = [
         Link(name, (box_between(_HERE, *corners_of("cell.fixtures", box)),)) for name, box in named

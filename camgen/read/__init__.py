@@ -18,6 +18,7 @@ from camgen.model.files import SCAN, Source
 from camgen.model.job import CameraTable, Job
 from camgen.model.part import Part
 from camgen.model.plugins import ask, entries, load, origin
+from camgen.read.clamps import set_clamps_aside
 from camgen.read.files import Files
 from camgen.read.move import move_part
 
@@ -152,7 +153,8 @@ def read(path: str | Path, job: Job = _DEFAULTS, files: Files | None = None) -> 
     """
     files = (files or Files()).within(job.limits)
     source = files.read(path)
-    return move_part(find_reader(source).read(source, job, files), job)
+    part = find_reader(source).read(source, job, files)
+    return move_part(set_clamps_aside(part, job), job)
 
 
 def inspect(path: str | Path, job: Job = _DEFAULTS, files: Files | None = None) -> object:

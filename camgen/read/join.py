@@ -18,7 +18,7 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from camgen.geometry.ragged import each_once, following, offsets, ramp, starts_run, stretches
-from camgen.model.job import Step
+from camgen.model.job import Job, Step
 from camgen.model.part import Contour, ContourColumns, Contours, Note
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, short
@@ -152,6 +152,26 @@ _CROWD = 32
 _DAMAGED = Note("skipped", "damaged", "coordinates that are not finite or not credible")
 _NO_LENGTH = Note("repaired", "dropped", "without length")
 _TWICE = Note("repaired", "dropped", "drawn twice; each is used once")
+
+
+def contours_of(soup: Soup, job: Job) -> tuple[tuple[Contour, ...], tuple[Note, ...]]:
+    """The contours of a drawing, and notes, as `contours` makes them for a job.
+
+    Pieces on layers of clamps are joined and compared by themselves. Their contours come last.
+    """
+    settings = job.input.join, job.chooses_colors, job.operations
+    clamps = job.clamp_layers
+    on_clamps = np.array([layer.casefold() in clamps for layer in soup.layers], np.bool_)
+    is_clamp = on_clamps[soup.layer]
+    if not is_clamp.any():
+        return contours(soup, *settings)
+    part_contours, notes = contours(soup.take(~is_clamp), *settings)
+    clamp_contours, clamp_notes = contours(soup.take(is_clamp), *settings)
+    renamed = [
+        replace(contour, id=f"c{number}")
+        for number, contour in enumerate(clamp_contours, len(part_contours) + 1)
+    ]
+    return (*part_contours, *renamed), (*notes, *clamp_notes)
 
 
 def contours(

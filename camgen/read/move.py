@@ -71,7 +71,8 @@ def place_part(part: Part, work_from_drawing: PlanePose) -> Part:
 
     return replace(
         part,
-        contours=_place_contours(part, work_from_drawing),
+        contours=_place_contours(part.contours, work_from_drawing),
+        clamps=_place_contours(part.clamps, work_from_drawing),
         notes=tuple(replace(note, places=place(note.places)) for note in part.notes),
         open_outlines=tuple(
             replace(outline, place=place([outline.place])[0]) for outline in part.open_outlines
@@ -92,15 +93,17 @@ def _find_place(part: Part, origin: str | list[float]) -> tuple[float, float]:
     return x, y
 
 
-def _place_contours(part: Part, work_from_drawing: PlanePose) -> tuple[Contour, ...]:
-    if not part.contours:
+def _place_contours(
+    contours: tuple[Contour, ...], work_from_drawing: PlanePose
+) -> tuple[Contour, ...]:
+    if not contours:
         return ()
-    columns = tabulate_contours(part.contours)
+    columns = tabulate_contours(contours)
     points = frozen(work_from_drawing.apply(columns.points))
     ends = np.cumsum(columns.counts).tolist()
     placed: list[Contour] = []
     begin = 0
-    for contour, end in zip(part.contours, ends, strict=True):
+    for contour, end in zip(contours, ends, strict=True):
         placed.append(replace(contour, points=points[begin:end]))
         begin = end
     return Contours.of(

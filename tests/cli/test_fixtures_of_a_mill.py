@@ -4,9 +4,11 @@ import json
 import re
 from pathlib import Path
 
+import ezdxf
 import numpy as np
 import pytest
 import trimesh
+from ezdxf import recover
 
 from camgen.cli import main
 
@@ -122,6 +124,51 @@ def test_a_mesh_stands_where_its_box_would(job: Path, capsys: Captured) -> None:
     assert "2 fixtures: the tool keeps" in capsys.readouterr().err
 
 
+def draw_clamp() -> None:
+    """A copy of the drawing with the outline of the first clamp on a layer."""
+    document, _ = recover.readfile(MOTOR)
+    corners = [(10, -10), (30, -10), (30, 20), (10, 20)]
+    document.modelspace().add_lwpolyline(corners, close=True, dxfattribs={"layer": "CLAMPS"})
+    document.saveas("clamped.dxf")
+
+
+DRAWN = JOB.replace("[10, -10, -5, 30, 20, 30]", '{ layer = "Clamps", bottom = -5, top = 30 }')
+
+
+def test_a_drawn_clamp_stands_where_its_box_would(job: Path, capsys: Captured) -> None:
+    draw_clamp()
+    assert build("-q", "-o", "motor.ngc") == 0
+    job.write_text(DRAWN)
+    words = ["--post", "gcode", "--job", "mill.toml"]
+    assert main(["build", "clamped.dxf", *words, "--preview", "look.svg"]) == 0
+    assert list_motions("clamped.ngc") == list_motions("motor.ngc")
+    output = capsys.readouterr().err
+    assert "1 contour on layer CLAMPS: clamps, not machined (cell.fixtures)" in output
+    assert "fixture 1, top at z 30 mm" in Path("look.svg").read_text()
+    # The drawing is the one of the user, else the one that stands unchanged beside the program.
+    assert main(["verify", "clamped.ngc", *words, "--part", "clamped.dxf"]) == 0
+    assert "2 fixtures: the tool keeps" in capsys.readouterr().out
+    assert main(["verify", "clamped.ngc", "--job", "mill.toml"]) == 0
+    assert "2 fixtures: the tool keeps" in capsys.readouterr().out
+    assert main(["verify", "clamped.ngc", *words]) == 2
+    output = capsys.readouterr().err
+    assert "the clamps on layer Clamps are drawn, and no drawing is given" in output
+    assert output.count("\n") == 1
+
+
+def test_a_drawn_clamp_that_was_moved_is_found(job: Path, capsys: Captured) -> None:
+    draw_clamp()
+    job.write_text(DRAWN)
+    words = ["--post", "gcode", "--job", "mill.toml"]
+    assert main(["build", "clamped.dxf", *words, "-q"]) == 0
+    document = ezdxf.readfile("clamped.dxf")
+    for outline in document.modelspace().query('LWPOLYLINE[layer=="CLAMPS"]'):
+        outline.translate(10, 0, 0)
+    document.saveas("clamped.dxf")
+    assert main(["verify", "clamped.ngc", *words, "--part", "clamped.dxf"]) == 3
+    assert "mm deep into fixture 1" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize(
     ("fixtures", "message"),
     [
@@ -129,6 +176,8 @@ def test_a_mesh_stands_where_its_box_would(job: Path, capsys: Captured) -> None:
         ("[[0, 0, 0, 1, 1, 0]]", "a box has no size (cell.fixtures)"),
         ('["none.stl"]', "none.stl"),
         ("[5]", "fixtures must be"),
+        ('[{ layer = "CLAMPS" }]', "fixtures must be"),
+        ('[{ layer = "CLAMPS", top = 5 }]', "no closed outline on layer 'CLAMPS' (cell.fixtures)"),
     ],
 )
 @pytest.mark.usefixtures("job")

@@ -20,6 +20,7 @@ import ezdxf
 import numpy as np
 import pytest
 import trimesh
+from ezdxf import recover
 
 from bench.render import photos
 from bench.render.burrs import with_burrs
@@ -166,6 +167,11 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     }
     for file, text in (texts | {"old.v2": VPLUS}).items():
         (folder / file).write_text(text)
+    clamped, _ = recover.readfile(PARTS / "motor.dxf")
+    for x, y in itertools.product((-20, 116), (-20, 86)):
+        corners = [(x, y), (x + 24, y), (x + 24, y + 24), (x, y + 24)]
+        clamped.modelspace().add_lwpolyline(corners, close=True, dxfattribs={"layer": "CLAMPS"})
+    clamped.saveas(folder / "clamped.dxf")
     (folder / "frame.toml").write_text("[cell]\nbase_from_work = [400, 0, 100, 0, 0, 0]\n")
     words = [str(folder / "part.dxf"), "--post", "rapid", "--plan", str(folder / "part.json"), "-q"]
     assert main(["build", *words, "-o", str(folder)]) == 0

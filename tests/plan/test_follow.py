@@ -17,6 +17,7 @@ from camgen.model.path import ToolPath
 from camgen.plan import Plan, plan
 from camgen.read import read
 from tests.support.drawn import circle, contour, part, rectangle, rounded
+from tests.support.swept import centre_line
 
 ROOT = Path(__file__).parents[2]
 SIX = ToolTable(diameter=6.0)
@@ -383,3 +384,17 @@ def test_a_contour_that_crosses_itself_by_a_hair_is_left_out_with_the_reason() -
     (note,) = [note for note in result.notes if note.kind == "skipped"]
     assert "crossing themselves: c1" in note.what
     assert "report" not in note.why
+
+
+def test_a_path_around_two_contours_with_a_common_edge_works_on_both() -> None:
+    """A mill that touches the common edge is in one of the two parts: the edge stays."""
+    left, right = shapely.box(0, 0, 30, 20), shapely.box(30, 0, 70, 20)
+    result = planned(rectangle(0, 0, 30, 20, "left"), rectangle(30, 0, 40, 20, "right"))
+    (path,) = result.paths
+    assert set(path.contours) == {"left", "right"}
+    assert path_length(path) == pytest.approx(2 * (70 + 20) + 2 * math.pi * 3)
+    assert centre_line(path).distance(shapely.union(left, right)) == pytest.approx(3.0, abs=0.002)
+    assert any("40 mm of 220 mm of contour not touched" in note.what for note in result.notes)
+    for x, neighbour in ((27.0, left), (33.0, right)):
+        disc = shapely.Point(x, 10.0).buffer(3.0)
+        assert neighbour.contains(disc)

@@ -239,9 +239,38 @@ def test_what_no_mill_fits_is_left() -> None:
     assert rows(proposal, "ids", "nesting")[-1] == (None, "outer")
 
 
-def test_contours_that_cross_are_left() -> None:
-    proposal = proposed(PLATE, circle(20, 20, 8), box(50, 50, 20, 30))
-    assert proposal.left == ("c1", "c3")
+def test_small_contours_across_the_outline_are_recesses() -> None:
+    recesses = box(92, 20, 20, 16), box(30, -6, 12, 12)
+    proposal = proposed(PLATE, *recesses, circle(20, 40, 6.0))
+    assert [operation.about for operation in proposal.operations] == [
+        "1 hole of 6 mm",
+        "2 pockets across other contours: how deep?",
+        "1 outline",
+    ]
+    assert rows(proposal, "kind", "ids", "depth")[1:] == [
+        ("pocket", ["c2", "c3"], 1.5),
+        ("follow", ["c1"], 3.5),
+    ]
+    assert proposal.left == ()
+    # A disc of 5 mm reaches 1 - (4 - pi) 2.5^2 / 144 = 96 % of the smaller one, one of 6 mm 94.6 %.
+    assert proposal.operations[1].row["tool"] == "mill 5"
+
+
+@pytest.mark.parametrize(
+    "others",
+    [
+        # More than a quarter of the plate.
+        [box(60, 10, 80, 40)],
+        # Two that cross each other.
+        [box(92, 20, 20, 16), box(96, 30, 20, 16)],
+    ],
+)
+def test_other_contours_that_cross_are_no_recesses(others: list[Contour]) -> None:
+    ids = [contour.id for contour in make_part([PLATE, *others]).contours]
+    proposal = propose(make_part([PLATE, *others, box(200, 0, 50, 50)]))
+    assert proposal is not None
+    assert set(proposal.left) == set(ids)
+    assert all(row != ("pocket",) for row in rows(proposal, "kind"))
 
 
 def test_layers_name_what_is_chosen_where_they_tell_it_from_the_rest() -> None:

@@ -237,7 +237,7 @@ def _prove_task(
     for low, high in stretches:
         stretch, mine = motions.stretch(low, high), of_task[low:high]
         phases = split_phases(stretch, process, slack, task.kind == "pocket")
-        subject = Subject(task, context, program, stretch, phases, mine, slack)
+        subject = Subject(task, context, program, stretch, phases, mine, slack, earlier)
         _check_motions(subject, totals, findings)
         contact = prover.examine(subject, low, findings)
         check_travel(stretch, _only(phases, mine), process_signal(process), contact, findings)
@@ -414,13 +414,14 @@ def _prove_area(subject: Subject, findings: Findings) -> _Result:
         # Passes that the digits of the text do not distinguish are one.
         at_level = rows[(levels >= 0) & (np.abs(depths[levels] - depth) <= subject.slack)]
         below = np.flatnonzero(np.abs(ends + depth) <= subject.slack)
-        if not len(at_level) and not len(below):
+        if not len(at_level) and not len(below) and subject.earlier is None:
             findings.miss(f"no motion at the depth of pass {number + 1}")
             continue
         left = task.operation.finish if number < last else 0.0
         if not left:
             checker.check_direction(at_level, findings)
-        checker.check_covered(np.concatenate([at_level, below]), left, findings)
+        places = checker.list_places(depth, subject)
+        checker.check_covered(np.concatenate([at_level, below]), places, left, findings)
     return task.worked & subject.drawing.closed, phases.works | dots
 
 

@@ -20,12 +20,15 @@ from camgen.check.proof.pieces import (
     normals_along,
     points_along,
 )
+from camgen.check.proof.subject import Subject
 from camgen.check.proof.tasks import HOP_MM, Drawing, Task, find_circles
 from camgen.check.proof.travel import Phases
 from camgen.model.pose import FloatArray
 
 #: The area is examined at about this number of places on a grid.
 _PLACES = 4_000
+#: What earlier operations leave is small: then about this number of places.
+_REST_PLACES = 40_000
 #: A place that is nearer to the border of what the tool can reach, mm, is not examined.
 _BORDER_MM = 0.03
 #: A channel that is narrower than the tool by less than twice this, mm, is as wide as it.
@@ -174,12 +177,25 @@ class AreaChecker:
             findings.leave("that strokes stay inside", f"one leaves the area at {x:.2f} {y:.2f}")
         return np.asarray(distance <= max(beyond, self._radius))
 
-    def check_covered(self, rows: IntArray, left: float, findings: Findings) -> None:
-        """Finds places of the area that the tool can reach, and that no motion of `rows` clears.
+    def list_places(self, depth: float, subject: Subject) -> FloatArray:
+        """(N, 2) places of the area to be cleared at a depth, without those that earlier operations
+        clear if the task takes only their rest.
 
+        depth: depth of the pass below the top face, mm.
+        """
+        if subject.earlier is None:
+            return _grid_in(self.region, _PLACES)
+        points = _grid_in(self.region, _REST_PLACES)
+        return points[~subject.earlier.clear(points, depth, subject.slack)]
+
+    def check_covered(
+        self, rows: IntArray, points: FloatArray, left: float, findings: Findings
+    ) -> None:
+        """Finds places that the tool can reach, and that no motion of `rows` clears.
+
+        points: (N, 2) places of the area, see `list_places`.
         left: material that is left at the walls, mm.
         """
-        points = _grid_in(self.region)
         if not len(points):
             return
         reach = self._radius + self.limit
@@ -213,12 +229,12 @@ class AreaChecker:
         return shapely.union_all([*thin[shapely.length(thin) > 2 * radius], *middles])
 
 
-def _grid_in(region: Any) -> FloatArray:
-    """(N, 2) places on a grid in the region."""
+def _grid_in(region: Any, places: int) -> FloatArray:
+    """(N, 2) about a number of places on a grid in the region."""
     if shapely.is_empty(region):
         return np.zeros((0, 2))
     low_x, low_y, high_x, high_y = shapely.bounds(region).tolist()
-    step = max(np.sqrt(shapely.area(region) / _PLACES), 1e-3)
+    step = max(np.sqrt(shapely.area(region) / places), 1e-3)
     # Off round numbers, on which drawings have their walls.
     x = np.arange(low_x + 0.381966 * step, high_x, step)
     y = np.arange(low_y + 0.381966 * step, high_y, step)

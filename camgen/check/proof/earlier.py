@@ -69,6 +69,22 @@ class EarlierCuts:
             touched |= self._touches(cut, points, depth, slack)
         return np.asarray(np.bincount(gap, ~touched, len(length)) == 0)
 
+    def clear(self, points: FloatArray, depth: float, slack: float) -> BoolArray:
+        """(N,) whether earlier operations clear the places `points` (N, 2) at a depth.
+
+        depth: depth of the pass below the top face, mm.
+        slack: deviation of a height, mm.
+        """
+        cleared = np.zeros(len(points), np.bool_)
+        for cut in self._cuts:
+            motions = cut.motions
+            highest = np.maximum(motions.start[:, 2], motions.end[:, 2])
+            deep = cut.of_task & (highest <= slack - depth)
+            reach = cut.task.job.tool.radius + self._limit
+            tree = PieceTree(motions.plane, np.flatnonzero(deep))
+            cleared |= np.isfinite(tree.find(points, reach).distance)
+        return cleared
+
     def _touches(
         self, cut: EarlierCut, points: FloatArray, depth: float, slack: float
     ) -> BoolArray:

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from camgen.check.proof.earlier import EarlierCuts
 from camgen.check.proof.motions import Controller, Motions, Rounding, tabulate
 from camgen.check.proof.pieces import BoolArray, IntArray
 from camgen.check.proof.process import process_signal
@@ -103,7 +104,10 @@ def are_named(drawing: Drawing, names: frozenset[str]) -> BoolArray:
 
 
 class Subject(NamedTuple):
-    """The motions of one task in one program, M in all."""
+    """The motions of one task in one program, M in all.
+
+    earlier: motions of earlier operations, if the task takes only what they leave.
+    """
 
     task: Task
     context: Context
@@ -112,6 +116,7 @@ class Subject(NamedTuple):
     phases: Phases
     of_task: BoolArray
     slack: float
+    earlier: EarlierCuts | None = None
 
     @property
     def drawing(self) -> Drawing:

@@ -13,6 +13,7 @@ from msgspec.structs import replace
 
 from camgen.check.stock.cells import CHORD_MM, Cells, divide
 from camgen.check.stock.profile import BEAMS, slope
+from camgen.geometry.nesting import nest
 from camgen.geometry.segments import BoolArray, IntArray, Segments, bounds, flatten, from_contours
 from camgen.model.job import Job, StockTable
 from camgen.model.part import Contour, Part
@@ -57,6 +58,19 @@ class Lines(Struct, frozen=True, eq=False):
     diameter: float
     apart: tuple[float, float] = (0.0, 0.0)
     side: int = 0
+
+
+class Recess(Struct, frozen=True, eq=False):
+    """A pocket whose walls cross contours of other operations, such as at an edge of the part.
+
+    It divides no cells. A motion that leaves it is judged as if it was not there.
+
+    shape: polygons of it.
+    depth: depth down to which it may be cut, mm.
+    """
+
+    shape: Any
+    depth: float
 
 
 class Bevel(Struct, frozen=True, eq=False):
@@ -141,6 +155,7 @@ class Design(Struct, frozen=True, eq=False):
     waste: cells within holes along whose contour a tool cuts: they are waste though they may not be
         cut.
     untaken: polygons of material that paths would take which are left out; None: no such paths.
+    recesses: pockets across contours of other operations.
     """
 
     cells: Cells
@@ -155,6 +170,7 @@ class Design(Struct, frozen=True, eq=False):
     tabbed: tuple[Tabbed, ...] = ()
     waste: tuple[int, ...] = ()
     untaken: Any = None
+    recesses: tuple[Recess, ...] = ()
 
 
 def lay_out(design: Design, wanted: Sequence[Wanted]) -> list[Wanted]:
@@ -193,6 +209,7 @@ class _Draft(Struct):
     free: bool = False
     tabbed: list[Tabbed] = []
     waste: set[int] = set()
+    recesses: list[Recess] = []
 
     def allow(self, cells: Iterable[int], depth: float) -> None:
         for cell in cells:
@@ -208,7 +225,8 @@ def design(tasks: Sequence[Task], stock: StockTable, untaken: Any = None) -> Des
     first = tasks[0]
     contours, _ = recover(first.part.contours, first.job.tolerance.arc_fit)
     own = tuple(contour for contour in contours if not stock.layer or contour.layer != stock.layer)
-    cells = divide(own)
+    across = _find_across(own, tasks)
+    cells = divide(tuple(contour for contour in own if contour.id not in across))
     outline = _outline(contours, stock)
     draft = _Draft(cells, np.zeros(len(cells) + 1), outline, stock.thickness)
     for number, task in enumerate(tasks):
@@ -245,7 +263,49 @@ def design(tasks: Sequence[Task], stock: StockTable, untaken: Any = None) -> Des
         tuple(draft.tabbed),
         tuple(sorted(draft.waste)),
         untaken,
+        tuple(draft.recesses),
     )
+
+
+def _find_across(contours: Sequence[Contour], tasks: Sequence[Task]) -> frozenset[str]:
+    """Walls of pockets that cross contours of other operations, and the islands within them.
+
+    Without them the other contours divide the plane. Empty if walls of pockets cross each other
+    there, or if another operation works on one of them.
+    """
+    pocketed: set[str] = set()
+    others: set[str] = set()
+    for task in tasks:
+        names = _name_worked(contours, task)
+        if _kind(task) == "pocket":
+            pocketed |= names
+        elif _kind(task) not in ("drill", "bore"):  # these choose circles among their contours
+            others |= names
+    closed = [contour for contour in contours if contour.closed]
+    walls = [contour for contour in closed if contour.id in pocketed]
+    across = _name_crossed(closed) & pocketed if walls else set[str]()
+    if not across:
+        return frozenset()
+    points, owner = flatten(from_contours(walls), CHORD_MM)
+    rings = shapely.make_valid(shapely.polygons(shapely.linearrings(points, indices=owner)))
+    is_across = np.array([contour.id in across for contour in walls])
+    near = shapely.intersects(rings, shapely.union_all(rings[is_across]))
+    names = {walls[k].id for k in np.flatnonzero(near).tolist()}
+    return frozenset() if names & (others | _name_crossed(walls)) else frozenset(names)
+
+
+def _name_worked(contours: Sequence[Contour], task: Task) -> set[str]:
+    return {
+        contour.id for contour in contours if task.part.works_on(contour.sources or (contour.id,))
+    }
+
+
+def _name_crossed(closed: Sequence[Contour]) -> set[str]:
+    """The ids of closed contours that cross another one, or themselves."""
+    if not closed:
+        return set()
+    crossed = nest(from_contours(closed), len(closed)).crossed >= 0
+    return {closed[k].id for k in np.flatnonzero(crossed).tolist()}
 
 
 def _outline(contours: Sequence[Contour], stock: StockTable) -> Any:
@@ -421,7 +481,23 @@ def _pocket(draft: _Draft, task: Task, number: int, worked: Sequence[Contour]) -
         rooms = shapely.difference(rooms, kept)
         nested = around[walls] > 1
         rooms[nested] = cells.rings[walls[nested]]
-    draft.wanted += [Wanted(room, room, radius, deep, number) for room in rooms]
+    shapes = [*rooms, *_find_recesses(draft, worked)]
+    draft.recesses += [Recess(shape, deep) for shape in shapes[len(rooms) :]]
+    draft.wanted += [Wanted(shape, shape, radius, deep, number) for shape in shapes]
+
+
+def _find_recesses(draft: _Draft, worked: Sequence[Contour]) -> list[Any]:
+    """The pockets whose walls divide no cells, by the even-odd rule."""
+    known = {*draft.cells.ids, *(contour.id for contour in draft.cells.left)}
+    walls = [contour for contour in worked if contour.closed and contour.id not in known]
+    if not walls:
+        return []
+    points, owner = flatten(from_contours(walls), CHORD_MM)
+    rings = shapely.make_valid(shapely.polygons(shapely.linearrings(points, indices=owner)))
+    region = shapely.Polygon()
+    for ring in rings:
+        region = shapely.symmetric_difference(region, ring)
+    return list(shapely.get_parts(region))
 
 
 def _bore(draft: _Draft, task: Task, number: int, worked: Sequence[Contour]) -> None:
@@ -550,4 +626,5 @@ def show_stay(design: Design, depth: float) -> Any:
             whole = shapely.difference(
                 whole, shapely.union_all(shapely.buffer(ways, lines.diameter / 2 + lines.apart[1]))
             )
-    return whole
+    recesses = [recess.shape for recess in design.recesses if recess.depth >= depth]
+    return shapely.difference(whole, shapely.union_all(recesses)) if recesses else whole

@@ -8,21 +8,25 @@ height of the tip's depth less D. How far it is in the material is the least way
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import shapely
 from msgspec import Struct
+from msgspec.structs import replace
 
+from camgen.check.stock.cells import CHORD_MM
 from camgen.check.stock.design import Bevel, Design, Lines
 from camgen.check.stock.moves import TOLERANCE_MM, Cut, Moves, Portions
 from camgen.check.stock.profile import reach
-from camgen.check.stock.sweep import same_ways
+from camgen.check.stock.sweep import QUARTER, same_ways
 from camgen.geometry.intersect import box, distances, gaps
 from camgen.geometry.segments import (
     BoolArray,
     IntArray,
     Segments,
     bounds,
+    flatten,
     make,
     points_at,
     tangents_at,
@@ -338,7 +342,37 @@ def _explained(moves: Moves, cuts: Sequence[Cut], design: Design, slack: FloatAr
         )
         rows = rows[~found[rows]]
         found[rows[_along(moves.plane.take(rows), lines, slack[rows])]] = True
+    for recess in design.recesses:
+        deep = (moves.deepest > TOLERANCE_MM) & (moves.deepest <= recess.depth + TOLERANCE_MM)
+        for number, cut in enumerate(cuts):
+            rows = np.flatnonzero(deep & (moves.cut == number) & ~found)
+            centres = shapely.buffer(
+                recess.shape, TOLERANCE_MM - cut.tool.radius, quad_segs=QUARTER
+            )
+            found[rows[_are_within(moves.plane.take(rows), centres)]] = True
     return found
+
+
+def _are_within(plane: Segments, area: Any) -> BoolArray:
+    """(K,) whether motions run in an area, seen from above."""
+    within = np.zeros(len(plane), np.bool_)
+    if shapely.is_empty(area) or not len(plane):
+        return within
+    low_x, low_y, high_x, high_y = shapely.bounds(area).tolist()
+    boxes = bounds(plane)
+    within[:] = (boxes[:, 0] >= low_x) & (boxes[:, 1] >= low_y)
+    within &= (boxes[:, 2] <= high_x) & (boxes[:, 3] <= high_y)
+    rows = np.flatnonzero(within)
+    if not len(rows):
+        return within
+    near = plane.take(rows)
+    points, owner = flatten(replace(near, owner=np.arange(len(near))), CHORD_MM)
+    points = np.vstack([points, near.end])
+    owner = np.append(owner, np.arange(len(near)))
+    order = np.argsort(owner, kind="stable")
+    shapely.prepare(area)
+    within[rows] = shapely.covers(area, shapely.linestrings(points[order], indices=owner[order]))
+    return within
 
 
 def _along(plane: Segments, lines: Lines, slack: FloatArray) -> BoolArray:

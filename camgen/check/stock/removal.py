@@ -212,7 +212,8 @@ def _excess(wanted: Sequence[Wanted], gone: Any, depth: float, untaken: Any) -> 
     size, place = _widest(rest)
     return Excess(
         float(shapely.area(pieces).sum()),
-        float(shapely.area(corners).sum()),
+        # Two operations may leave the same corner.
+        float(shapely.area(unite(corners))),
         tabs,
         size,
         place,

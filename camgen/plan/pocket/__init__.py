@@ -84,6 +84,7 @@ _SPACING = 0.2
 _MOST_PLACES, _NAMED = 100, 4
 #: A pass is along a wall if it is no farther from it than the first one by this, mm.
 _AT_WALL = 0.05
+_NOTHING = shapely.Polygon()
 #: A loop of a wall that crosses itself is a slip of the drawing if no wider disc fits in it, mm.
 _SLIP = 0.02
 
@@ -91,12 +92,15 @@ _SLIP = 0.02
 class _Pockets(Struct, frozen=True, eq=False):
     """ground: the walls, the material on their left. names, layers, contours: by pocket, those of its outer wall, and
     the ids of all its walls.
+
+    cleared: polygons that earlier operations clear, for `operation.rest`; empty without it.
     """
 
     ground: Ground
     names: list[str]
     layers: list[str]
     contours: list[tuple[str, ...]]
+    cleared: Any = _NOTHING
 
 
 def pocket(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]]:
@@ -119,6 +123,9 @@ def pocket(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]
     pockets, notes = _find(contours)
     if not pockets.names:
         return (), tuple(notes)
+    if job.operation.rest:
+        pockets, done = _keep_rest(pockets, part, job)
+        notes += done
     radius, finish = job.tool.radius, job.operation.finish
     step = job.operation.stepover * job.tool.diameter
     climb = job.operation.direction != "conventional"
@@ -138,6 +145,34 @@ def pocket(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]
     notes += _tell_passes(walks, pieces, opened, pockets, job)
     notes += _tell_slots(slots, pockets)
     return paths, (*notes, *_tell_unreached(borders, slots, pockets, job))
+
+
+def _keep_rest(pockets: _Pockets, part: Part, job: Job) -> tuple[_Pockets, list[Note]]:
+    """The areas of the pockets that earlier operations leave, and a note on pockets without any.
+
+    JobError if no operation with a larger tool comes before.
+    """
+    from camgen.plan.pocket.rest import find_rest_of_pockets  # noqa: PLC0415 (only where asked for)
+
+    rest = find_rest_of_pockets(pockets.ground, part, job)
+    names: list[str] = []
+    for n, k in enumerate(rest.pocket):
+        number = rest.pocket[: n + 1].count(k)
+        names.append(f"{pockets.names[k]}.rest{number}")
+    layers = [pockets.layers[k] for k in rest.pocket]
+    contours = [pockets.contours[k] for k in rest.pocket]
+    cleared = [k for k in range(len(pockets.names)) if k not in rest.pocket]
+    notes: list[Note] = []
+    if cleared:
+        walls = [pockets.names[k] for k in cleared]
+        count = counted(len(walls), "pocket")
+        what = f"nothing is left of {count}: {', '.join(name_ranges(walls))}"
+        why = "earlier operations reach all that this tool does"
+        ids: list[str] = []
+        for k in cleared:
+            ids += pockets.contours[k]
+        notes.append(Note("assumed", what, why, tuple(ids)))
+    return _Pockets(rest.ground, names, layers, contours, rest.cleared), notes
 
 
 class _Slots(Struct, frozen=True, eq=False):
@@ -674,10 +709,11 @@ def _tell_passes(
     step, radius = job.operation.stepover * job.tool.diameter, job.tool.radius
     share, way = engagement(pieces, opened, radius, step, job.operation.direction != "conventional")
     made = [channel for own in opened for channel in own]
+    noun = "area" if job.operation.rest else "pocket"
     which = (
         pockets.names[0]
         if len(pockets.names) == 1
-        else counted(len({w.pocket for w in walks}), "pocket")
+        else counted(len({w.pocket for w in walks}), noun)
     )
     passes = sum(walk.rings for walk in walks)
     what = f"{which}: {counted(passes, 'pass', 'passes')} in {counted(len(walks), 'path')}, {short(step, 3)} mm apart"
@@ -719,7 +755,7 @@ def _tell_unreached(
     places: list[tuple[float, float, float]] = []
     ids: list[str] = []
     for number in sorted({piece.pocket for piece in borders} | set(slots.pocket)):
-        region = region_of(pockets.ground, number)
+        region = region_of(pockets.ground, number).difference(pockets.cleared)
         chains = [slots.chains[k] for k, pocket in enumerate(slots.pocket) if pocket == number]
         centres = [_line(chain) for chain in chains]
         centres += [piece.area for piece in borders if piece.pocket == number]

@@ -167,7 +167,7 @@ def _read(source: Source, job: Job) -> _Read:
     document, notes = loaded.document, loaded.notes
     version = f"{document.dxfversion} ({document.acad_release})"
     unit, scale, unit_notes = units.resolve(name, settings.units, *_state(name, document, data))
-    layers = layers_of(document, settings.layers)
+    layers = layers_of(document, job)
     contours: tuple[Contour, ...] = ()
     curves: tuple[Curve, ...] = ()
     # Damaged files hold infinities; what comes of them is found and told by name.
@@ -190,9 +190,7 @@ def _read(source: Source, job: Job) -> _Read:
                 *([space.tell_which(curves)] if curves else []),
             )
         else:
-            contours, joints = join.contours(
-                flat.soup, settings.join, job.chooses_colors, job.operations
-            )
+            contours, joints = join.contours_of(flat.soup, job)
             contours, marked = _add_marks(drawn, contours, job)
             left = (*_left(drawn), *_not_flat(drawn, flat), *_level(flat), *_take(drawn), *marked)
             left += (*_note_gaps(drawn, flat, settings.join), *joints)

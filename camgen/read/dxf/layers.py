@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING
 
 from msgspec import Struct, field
 
 from camgen.model.errors import JobError
+from camgen.model.job import Job
 from camgen.model.text import harmless, suggest
 from camgen.read.chosen import takes_layer
 
@@ -21,11 +21,15 @@ OFF, FROZEN, NOT_ASKED = "the layer is off", "the layer is frozen", "left out by
 
 
 class Layers(Struct):
-    """States and names by folded name (CAD ignores case), the globs as written, and the verdicts reached so far."""
+    """States and names by folded name (CAD ignores case), the globs as written, and the verdicts reached so far.
+
+    clamps: folded names of layers that are used whatever the globs say.
+    """
 
     names: dict[str, str]
     states: dict[str, str]
     globs: tuple[str, ...]
+    clamps: frozenset[str] = frozenset()
     verdicts: dict[str, str] = field(default_factory=dict)
 
     def why_not(self, layer: str) -> str:
@@ -35,7 +39,8 @@ class Layers(Struct):
             folded = layer.casefold()
             self.names.setdefault(folded, layer)
             verdict = self.states.get(folded, "")
-            if not verdict and not takes_layer(layer, self.globs):
+            is_asked = folded in self.clamps or takes_layer(layer, self.globs)
+            if not verdict and not is_asked:
                 verdict = NOT_ASKED
             self.verdicts[layer] = verdict
         return verdict
@@ -55,8 +60,8 @@ class Layers(Struct):
                 )
 
 
-def layers_of(document: Drawing, globs: Iterable[str]) -> Layers:
-    """The layer table of the document with the globs of the job."""
+def layers_of(document: Drawing, job: Job) -> Layers:
+    """The layer table of the document with the globs and the clamps of the job."""
     names, states = {}, {}
     for layer in document.layers:
         name = str(layer.dxf.name)
@@ -65,4 +70,5 @@ def layers_of(document: Drawing, globs: Iterable[str]) -> Layers:
             states[name.casefold()] = FROZEN
         elif layer.is_off():
             states[name.casefold()] = OFF
-    return Layers(names, states, tuple(glob.strip() for glob in globs))
+    globs = tuple(glob.strip() for glob in job.input.layers)
+    return Layers(names, states, globs, job.clamp_layers)

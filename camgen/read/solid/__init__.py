@@ -11,10 +11,11 @@ from msgspec import Struct
 
 from camgen.model.errors import JobError
 from camgen.model.files import Source
-from camgen.model.job import Job
+from camgen.model.job import DrawnFixture, Job
 from camgen.model.part import Edge, Note, Part, Solid, describe_bodies
 from camgen.model.pose import to_vec3
 from camgen.model.text import counted, harmless, short
+from camgen.read.clamps import make_prism
 from camgen.read.files import Files
 from camgen.read.solid import mesh
 from camgen.read.solid.faces import Face, beside, faces_of
@@ -154,13 +155,21 @@ def solid(source: Source, job: Job) -> Solid:
     return mesh.read(source, None if wanted == "auto" else MM[wanted], job.tolerance.chord)
 
 
-def read_fixtures(job: Job, files: Files) -> tuple[tuple[str, Solid], ...]:
-    """The fixtures of ``job`` that are meshes, with their names, work frame. InputError for a file that is none."""
-    named = [
-        (f"fixture {k}", one)
-        for k, one in enumerate(job.cell.fixtures or (), 1)
-        if isinstance(one, str)
-    ]
-    return tuple(
-        (name, mesh.read(files.read(file), tolerance=job.tolerance.chord)) for name, file in named
-    )
+def read_fixtures(
+    job: Job, files: Files, part: Part | None = None
+) -> tuple[tuple[str, Solid], ...]:
+    """The fixtures of a job that are no boxes, with their names, work frame.
+
+    part: part with the clamps of its drawing; None without a drawing.
+
+    Raises InputError for a file that is no mesh, and the errors of `make_prism` for clamps that are
+    drawn.
+    """
+    named: list[tuple[str, Solid]] = []
+    for number, given in enumerate(job.cell.fixtures or (), 1):
+        if isinstance(given, str):
+            solid_of_file = mesh.read(files.read(given), tolerance=job.tolerance.chord)
+            named.append((f"fixture {number}", solid_of_file))
+        elif isinstance(given, DrawnFixture):
+            named.append((f"fixture {number}", make_prism(given, part)))
+    return tuple(named)

@@ -154,14 +154,15 @@ def _read(source: Source, job: Job) -> _Contents:
     page = find_page(
         source.name, document.root.attrib, document.style, settings.units, source.limits
     )
-    layers = Layers({}, {}, tuple(glob.strip() for glob in settings.layers))
+    globs = tuple(glob.strip() for glob in settings.layers)
+    layers = Layers({}, {}, globs, job.clamp_layers)
     # Damaged files hold infinities; their contours are dropped with a note.
     with np.errstate(all="ignore"):
         drawing = walk(source.name, document, page.matrix, page.view, layers, source.limits)
         layers.check(source.name)
         notes = [*page.notes, *remove_background(drawing, page.frames)]
         flat = flatten(drawing, job.tolerance.chord)
-        contours, joints = join.contours(flat, settings.join, job.chooses_colors, job.operations)
+        contours, joints = join.contours_of(flat, job)
     if page.is_open:
         contours, moved = _from_corner(contours)
         notes += moved

@@ -1,0 +1,151 @@
+"""Clamps that are drawn: the closed outlines on the layers that `cell.fixtures` names.
+
+They are read with the part and lie where it lies, in its unit. Nothing on their layers is machined.
+Each one is a prism: all that its outline encloses, from one height to another.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from msgspec.structs import replace
+
+from camgen.geometry.segments import flatten, from_contours
+from camgen.model.errors import InputError, JobError
+from camgen.model.job import DrawnFixture, Job
+from camgen.model.part import Contour, Note, OpenOutline, Part, Solid
+from camgen.model.pose import FloatArray, frozen
+from camgen.model.text import counted, harmless, short, suggest
+
+#: Arcs of outlines are chords that leave them by this, mm.
+_CHORD_MM = 0.001
+_KEY = "cell.fixtures"
+
+
+def set_clamps_aside(part: Part, job: Job) -> Part:
+    """The part with the contours on layers of clamps in `Part.clamps`.
+
+    Raises InputError for an open outline of a clamp, and for a drawing with nothing but clamps.
+    """
+    layers = job.clamp_layers
+    drawn = [contour for contour in part.contours if contour.layer.casefold() in layers]
+    if not drawn:
+        return part
+    if job.page.size:
+        what = "a drawing that is laid on a page has no clamps"
+        raise JobError("job", what, _KEY, "give boxes, or leave page.size out")
+    points = [contour for contour in drawn if contour.is_mark]
+    outlines = tuple(contour for contour in drawn if not contour.is_mark)
+    for contour in outlines:
+        if not contour.closed:
+            raise _open_outline(part, contour)
+    ids = frozenset(contour.id for contour in drawn)
+    kept = tuple(contour for contour in part.contours if contour.id not in ids)
+    if not kept:
+        raise InputError(part.source, "nothing to machine", "all contours are clamps", _KEY)
+    notes = [*part.notes]
+    for layer in dict.fromkeys(contour.layer for contour in outlines):
+        names = tuple(contour.id for contour in outlines if contour.layer == layer)
+        what = f"{counted(len(names), 'contour')} on layer {harmless(layer)}: clamps, not machined"
+        notes.append(Note("assumed", what, _KEY, names))
+    if points:
+        what = f"not used: {counted(len(points), 'POINT')} on layer {harmless(points[0].layer)}"
+        notes.append(Note("assumed", what, "clamps are closed outlines"))
+    return replace(
+        part,
+        contours=kept,
+        clamps=(*part.clamps, *outlines),
+        notes=tuple(notes),
+        open_outlines=_without(part.open_outlines, ids),
+    )
+
+
+def _open_outline(part: Part, contour: Contour) -> InputError:
+    """The error about an outline with a gap."""
+    start, end = contour.points[0], contour.points[-1]
+    gap = float(np.hypot(*(end - start)))
+    place = " ".join(short(value, 2) for value in end.tolist())
+    what = f"the outline of a clamp is open by {short(gap, 3)} mm at {place}"
+    remedy = f"close it, or set input.join to more than {short(gap, 3)}"
+    return InputError(part.source, what, f"layer {harmless(contour.layer)}", remedy)
+
+
+def _without(outlines: tuple[OpenOutline, ...], ids: frozenset[str]) -> tuple[OpenOutline, ...]:
+    """The open outlines that enclose something else than clamps."""
+    kept = []
+    for outline in outlines:
+        inside = tuple(name for name in outline.inside if name not in ids)
+        if inside:
+            kept.append(replace(outline, inside=inside))
+    return tuple(kept)
+
+
+def make_prism(drawn: DrawnFixture, part: Part | None) -> Solid:
+    """The clamps of one entry of `cell.fixtures`, work frame, mm.
+
+    part: part with the clamps of its drawing; None without a drawing.
+
+    Raises JobError without a drawing, for a layer without a closed outline, and for an entry or an
+    outline without a size.
+    """
+    layer = harmless(drawn.layer)
+    if part is None:
+        what = f"the clamps on layer {layer} are drawn, and no drawing is given"
+        raise JobError("job", what, _KEY, "give the drawing, or boxes; camgen verify has --part")
+    if drawn.top <= drawn.bottom:
+        what = f"the clamps on layer {layer} have no height"
+        raise JobError("job", what, _KEY, "give a top above the bottom")
+    folded = drawn.layer.casefold()
+    contours = [contour for contour in part.clamps if contour.layer.casefold() == folded]
+    if not contours:
+        near = suggest(layer, sorted({harmless(contour.layer) for contour in part.contours}))
+        remedy = f"{near}; camgen inspect lists the layers" if near else "give boxes"
+        raise JobError(part.source, f"no closed outline on layer {layer!r}", _KEY, remedy)
+    return _extrude(_enclose(contours, part.source), drawn, part)
+
+
+def _enclose(contours: list[Contour], source: str) -> Any:
+    """The area that closed contours enclose, polygons."""
+    import shapely  # noqa: PLC0415 (only for clamps that are drawn)
+
+    enclosed = []
+    for contour in contours:
+        points, _ = flatten(from_contours([contour]), _CHORD_MM)
+        ring = shapely.linestrings(np.vstack([points, points[:1]]))
+        # An outline that crosses itself is taken with all its loops.
+        loops = shapely.polygonize([shapely.union_all([ring])])
+        area = shapely.union_all(shapely.get_parts(loops))
+        if area.is_empty:
+            x, y = (short(value, 2) for value in contour.points[0].tolist())
+            what = f"the outline of a clamp at {x} {y} has no area"
+            raise InputError(source, what, f"layer {harmless(contour.layer)}", "draw it as an area")
+        enclosed.append(area)
+    return shapely.orient_polygons(shapely.union_all(enclosed))
+
+
+def _extrude(area: Any, drawn: DrawnFixture, part: Part) -> Solid:
+    """The prism of polygons (exterior rings counter-clockwise) between two heights."""
+    import shapely  # noqa: PLC0415 (only for clamps that are drawn)
+
+    parts = shapely.get_parts(shapely.constrained_delaunay_triangles(area))
+    flat = shapely.get_coordinates(shapely.orient_polygons(parts)).reshape(-1, 4, 2)[:, :3]
+    lids = [_at(flat, drawn.top), _at(flat[:, ::-1], drawn.bottom)]
+    walls = []
+    for ring in shapely.get_rings(shapely.get_parts(area)):
+        points = shapely.get_coordinates(ring)
+        low, high = _at(points, drawn.bottom), _at(points, drawn.top)
+        walls.append(np.stack([low[:-1], low[1:], high[1:]], axis=1))
+        walls.append(np.stack([low[:-1], high[1:], high[:-1]], axis=1))
+    triangles = np.concatenate([*lids, *walls])
+    vertices, faces = np.unique(triangles.reshape(-1, 3), axis=0, return_inverse=True)
+    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    numbers = faces.reshape(-1, 3).astype(np.int64)
+    name = harmless(drawn.layer)
+    return Solid(name, part.source, "mm", frozen(vertices), numbers, normals, (), (), ())
+
+
+def _at(points: FloatArray, height: float) -> FloatArray:
+    """Points (..., 2) at one height, (..., 3) mm."""
+    return np.concatenate([points, np.full((*points.shape[:-1], 1), height)], axis=-1)
