@@ -39,11 +39,14 @@ class Surface(Struct, frozen=True, eq=False):
 
 
 class Link(Struct, frozen=True, eq=False):
-    """What moves together. boxes: what is tested. surfaces: what it looks like, where meshes alone describe it."""
+    """What moves together. boxes: what is tested first. surfaces: what decides where these meet, and what it looks
+    like, where meshes alone describe it. unread: meshes of it that could not be read.
+    """
 
     name: str
     boxes: tuple[Box, ...]
     surfaces: tuple[Surface, ...] = ()
+    unread: tuple[str, ...] = ()
 
 
 class Trust(Struct, frozen=True, forbid_unknown_fields=True):

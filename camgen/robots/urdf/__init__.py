@@ -20,7 +20,7 @@ from camgen.robots.kinematics.arms import recognise
 from camgen.robots.kinematics.forward import jacobian
 from camgen.robots.kinematics.joint_limits import turns
 from camgen.robots.models import Box, Link, Robot, Surface, Trust
-from camgen.robots.urdf.boxes import shapes_of, touching
+from camgen.robots.urdf.boxes import Shapes, is_own_hull, shapes_of
 from camgen.robots.urdf.chain import JointChain, chain_of, limits_of
 from camgen.robots.urdf.xml import Description, read_description
 
@@ -53,8 +53,7 @@ def read_urdf(file: str, tip: str, files: Files) -> Robot:
     if len(turns(arm)) > _TURNS:
         remedy = "narrow the limits of some: half of what is stated is enough for most paths"
         raise InputError(file, "its joints can make too many whole turns", "limits", remedy)
-    arm = replace(arm, home=_home(arm))
-    return _spare(replace(arm, touching=touching(arm)))
+    return replace(arm, home=_home(arm))
 
 
 def _insist_on_metres(file: str, chain: JointChain) -> None:
@@ -64,16 +63,6 @@ def _insist_on_metres(file: str, chain: JointChain) -> None:
     if length > _LONGEST_MM:
         what = f"is an arm of {length / 1000:.0f} m; lengths in mm, where URDF has metres?"
         raise InputError(file, what, "origin", "divide its lengths by 1000")
-
-
-def _spare(robot: Robot) -> Robot:
-    """With a note on links that are no neighbours, and yet not tested against each other."""
-    pairs = [(robot.links[i].name, robot.links[j].name) for i, j in robot.touching if j > i + 1]
-    said = [
-        f"{a} and {b} overlap in every posture: they are not tested against each other"
-        for a, b in pairs
-    ]
-    return replace(robot, notes=(*robot.notes, *said))
 
 
 def _links(
@@ -86,24 +75,41 @@ def _links(
     for name, body in zip(names, chain.bodies, strict=True):
         boxes: list[Box] = []
         surfaces: list[Surface] = []
+        unread: list[str] = []
+        whole = True
         for part, body_from_part in body.items():
-            own = shapes_of(part, described.links[part], Path(described.file).parent, files)
+            own = _shapes(described, part, files)
             boxes += [Box(body_from_part @ box.link_from_box, box.half) for box in own.boxes]
             turn, shift = body_from_part.rotation.T, body_from_part.origin
             surfaces += [
                 Surface(frozen(one.vertices @ turn + shift), one.faces) for one in own.surfaces
             ]
+            unread += own.unread
             notes += own.notes
-        # Meshes that leave a shape out would show a link with a gap.
-        whole = len(surfaces) == sum(len(described.links[part]) for part in body)
-        links.append(Link(name, tuple(boxes), tuple(surfaces) if whole else ()))
+            whole = whole and own.whole
+        # Meshes that leave a shape out would be a link with a gap.
+        links.append(Link(name, tuple(boxes), tuple(surfaces) if whole else (), tuple(unread)))
     return tuple(links), notes
+
+
+def _shapes(described: Description, part: str, files: Files) -> Shapes:
+    """The shapes of a link for collisions. Where one is the convex hull of a link, which fills the fork of a wrist, those
+    to be seen are taken, if all of them can be read.
+    """
+    folder = Path(described.file).parent
+    own = shapes_of(part, described.links[part], folder, files)
+    visible = described.visible[part]
+    if visible and visible != described.links[part] and any(map(is_own_hull, own.surfaces)):
+        seen = shapes_of(part, visible, folder, files)
+        if not seen.notes:
+            return seen
+    return own
 
 
 def _bare(
     described: Description, chain: JointChain, links: tuple[Link, ...], notes: list[str]
 ) -> Robot:
-    """The robot, its home at the middle of the limits and no links taken for touching."""
+    """The robot, its home at the middle of the limits. Neighbours in the chain touch."""
     limits = frozen([limits_of(joint) for joint in chain.raw])
     count = len(chain.joints)
     said = [*chain.notes, *notes]
@@ -123,7 +129,7 @@ def _bare(
         coupling=frozen(np.eye(count)),
         serial_limits=frozen(np.tile([-math.inf, math.inf], (count, 1))),
         links=links,
-        touching=(),
+        touching=tuple((k, k + 1) for k in range(count)),
         pad=_PAD,
         home=frozen(limits.mean(axis=1)),
         trust=Trust("uncertain", "uncertain", "uncertain", "uncertain"),

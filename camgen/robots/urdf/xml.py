@@ -172,12 +172,13 @@ class UrdfShape(Struct, frozen=True, eq=False):
 
 class Description(Struct, frozen=True, eq=False):
     """A whole file. links: their shapes by name, those for collisions, or those to be seen where there are no others.
-    rounded: how many angles were taken as the multiples of 90 deg that they are rounded from.
+    visible: the shapes to be seen. rounded: how many angles were taken as the multiples of 90 deg that they are rounded from.
     """
 
     file: str
     name: str
     links: dict[str, tuple[UrdfShape, ...]]
+    visible: dict[str, tuple[UrdfShape, ...]]
     joints: tuple[RawJoint, ...]
     rounded: int
 
@@ -193,12 +194,14 @@ def read_description(path: Path, files: Files) -> Description:
 
 def _describe(path: Path, root: Element) -> Description:
     links: dict[str, tuple[UrdfShape, ...]] = {}
+    visible: dict[str, tuple[UrdfShape, ...]] = {}
     for element in root.findall("link"):
         name = name_of(element, "name")
         if name in links:
             raise UrdfError(f"there are two links {name}", remedy="rename one")
-        bodies = element.findall("collision") or element.findall("visual")
-        links[name] = tuple(_shape(body, f"link {name}") for body in bodies)
+        visible[name] = tuple(_shape(body, f"link {name}") for body in element.findall("visual"))
+        bodies = element.findall("collision")
+        links[name] = tuple(_shape(body, f"link {name}") for body in bodies) or visible[name]
     joints: dict[str, RawJoint] = {}
     for element in root.findall("joint"):
         joint = _joint(element)
@@ -210,7 +213,7 @@ def _describe(path: Path, root: Element) -> Description:
         joints[joint.name] = joint
     rounded = sum(round_angles(element) for element in root.findall("joint"))
     name = one_line(root.get("name", "").strip()[:60]) or path.stem
-    return Description(str(path), name, links, tuple(joints.values()), rounded)
+    return Description(str(path), name, links, visible, tuple(joints.values()), rounded)
 
 
 def _joint(element: Element) -> RawJoint:
@@ -269,15 +272,15 @@ def _shape(element: Element, where: str) -> UrdfShape:
     return UrdfShape(own.tag, link_from_shape, (1000 * x, 1000 * y, 1000 * z))
 
 
-class _DeclaredError(Exception):
+class DeclaredError(Exception):
     """The file has a DOCTYPE."""
 
 
-class _Builder(TreeBuilder):
+class UndeclaredBuilder(TreeBuilder):
     """Ends at a DOCTYPE, the place where entities are declared: none is ever expanded, and no other file opened."""
 
     def doctype(self, _name: str, _public: str | None, _system: str | None) -> NoReturn:
-        raise _DeclaredError
+        raise DeclaredError
 
 
 def _content(path: Path, files: Files) -> bytes:
@@ -308,8 +311,8 @@ def _parse(file: str, data: bytes) -> Element:
     if file.lower().endswith(".xacro"):
         raise xacro
     try:
-        root: Element = fromstring(data, XMLParser(target=_Builder()))
-    except _DeclaredError:
+        root: Element = fromstring(data, XMLParser(target=UndeclaredBuilder()))
+    except DeclaredError:
         raise InputError(
             file, "declares a DOCTYPE, which a URDF does not need", remedy="remove it"
         ) from None
