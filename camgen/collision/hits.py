@@ -9,9 +9,9 @@ from typing import Protocol
 import numpy as np
 from msgspec import Struct
 
+from camgen.collision import pairs
 from camgen.collision.boxes import Boxes, every, least_apart, meet
 from camgen.collision.mesh import body, distance, find_struck
-from camgen.collision.pairs import at_least, come_within, measure
 from camgen.collision.scene import Scene, Target
 from camgen.geometry.ragged import ramp, run_lengths
 from camgen.model.part import BoolArray, IntArray
@@ -49,7 +49,7 @@ def hits(
         )
         room += near[rows][row]
         met = meet(one.grown(near[rows][row, None]), other)
-        _look_closer(scene, joints[rows], row, scene.of_pair[box], room, met)
+        _look_closer(scene, joints[rows], row, scene.of_pair[box], room, met, exactly=True)
         # Of several values for one place the last one stays: the first pair, since they come backwards.
         found[rows][row[met][::-1]] = scene.of_pair[box[met][::-1]]
         more = grow[rows] + near[rows, None]
@@ -65,18 +65,26 @@ def _look_closer(
     pair: IntArray,
     room: FloatArray,
     met: BoolArray,
+    exactly: bool = False,
 ) -> None:
     """Clear ``met`` (n,) where the boxes meet and the meshes of a pair do not.
 
     row, pair: (n,) rows of ``joints`` (N, J) and pairs of the scene. room: (n,) mm by which both bodies of a pair are
-    larger together.
+    larger together. exactly: no meshes that are farther apart count; else some that are little farther may.
     """
     asked = np.flatnonzero(met)
     for number in np.unique(pair[asked]).tolist():
         closer = scene.closer[number]
-        if closer is not None:
-            some = asked[pair[asked] == number]
-            met[some] = come_within(scene.robot, closer, joints[row[some]], room[some])
+        if closer is None:
+            continue
+        some = asked[pair[asked] == number]
+        looked = scene.robot, closer, joints[row[some]]
+        if not room[some].any():
+            met[some] = pairs.meet(*looked)
+        elif exactly:
+            met[some] = pairs.come_within(*looked, room[some])
+        else:
+            met[some] = pairs.may_come_within(*looked, room[some])
 
 
 #: A box that grows by 1 on every side reaches so much farther at its corners.
@@ -401,7 +409,7 @@ def _against(
     struck = find_struck(target.mesh, boxes)
     row = free[row]
     room = more[row, target.striking[which]]
-    _look_closer(scene, joints, row, target.of_strike[which], room, struck)
+    _look_closer(scene, joints, row, target.of_strike[which], room, struck, exactly=True)
     met = np.flatnonzero(struck)[::-1]
     found[row[met]] = target.of_strike[which[met]]
 
@@ -491,7 +499,7 @@ def _between(
     def measured(k: int) -> float:
         closer = scene.closer[pair[k]]
         if closer is not None:
-            return measure(scene.robot, closer, joints[rows[row[k]]])
+            return pairs.measure(scene.robot, closer, joints[rows[row[k]]])
         return distance(body(first, k), body(second, k))
 
     _measure(
@@ -525,7 +533,7 @@ def _to_mesh(
     def measured(k: int) -> float:
         closer = scene.closer[pair[k]]
         if closer is not None:
-            return measure(scene.robot, closer, joints[rows[row[k]]])
+            return pairs.measure(scene.robot, closer, joints[rows[row[k]]])
         return distance(target.mesh.surface, body(boxes, k))
 
     _measure(_Asked(place_of[rows[row]], rows[row], pair, bound), found, within, measured)
@@ -540,7 +548,7 @@ def _bound_closer(
         closer = scene.closer[number]
         if closer is not None:
             some = np.flatnonzero(pair == number)
-            raised[some] = np.maximum(bound[some], at_least(scene.robot, closer, joints[some]))
+            raised[some] = np.maximum(bound[some], pairs.at_least(scene.robot, closer, joints[some]))
     return raised
 
 
