@@ -1,21 +1,24 @@
-"""A bracket deburred by nine six-axis arms from public URDFs: edges, pairs not tested, and a second judge of collisions.
+"""A bracket deburred by nine six-axis arms from public URDFs: edges, pairs not tested, a second judge of collisions.
 
     python -m bench.robots.urdfs FOLDER [ARM ...]     all nine arms, or those named
 
 FOLDER holds the repositories of ``ARMS`` at their commits, each in a folder called like it. No file of theirs is part
 of camgen; arms whose URDF is missing are named.
 
-The rule by which the nine were chosen: the four that the issue names, the KR 10, the IRB 120, the IRB 6640 and the UR5e;
-and of each maker with complete six-axis URDFs in the data set (all meshes there, six joints that move, none of the four)
-the middle one by file name: (count - 1) // 2 of the sorted names. The IRB 6640 is from its maker's own package, since
-the data set's copy names meshes that are not there.
+The rule by which the nine were chosen:
+
+- the four that were asked for: KR 10, IRB 120, IRB 6640 and UR5e;
+- of each maker with complete six-axis URDFs in the data set (all meshes there, six joints that
+  move, none of the four) the middle one by file name, (count - 1) // 2 of the sorted names.
+
+The IRB 6640 is from ros-industrial/abb: the data set's copy names meshes that are not there.
 
 The cell follows from the arm: the bracket stands on a block at ``AHEAD`` of the arm's reach, so high as ``UP`` of its
 shoulder. Where no edge is reached there the arm has no program: the cell is the same for every version of camgen.
 
-The judge shares no code with the collision test: it reads the URDF and the visual meshes itself, has forward kinematics
-of its own, and asks the library coal about every pair of bodies, neighbours in the chain and the tool at the part aside,
-at ``SAMPLES`` places of each motion. Exits with 1 where it finds a hit.
+The judge shares no code with the collision test: it reads the URDF and the visual meshes itself, has
+forward kinematics of its own, and asks the library coal about every pair of bodies at ``SAMPLES`` places
+of each motion, but for neighbours in the chain and the tool at the part. Exits with 1 where it finds a hit.
 """
 
 from __future__ import annotations
@@ -281,9 +284,9 @@ _NOT_TESTED = ("not tested", "do not meet", "no boxes")
 
 
 def untested(result: Result) -> list[str]:
-    """What the notes say of pairs and links that are not tested."""
-    told = [f"{note.what} {note.why}" for note in result.notes]
-    return [text for text in told if any(words in text for words in _NOT_TESTED)]
+    """The notes on pairs and links that are not tested."""
+    notes = [f"{note.what} {note.why}" for note in result.notes]
+    return [text for text in notes if any(words in text for words in _NOT_TESTED)]
 
 
 def main(arguments: list[str]) -> int:

@@ -213,7 +213,11 @@ def _collision(result: Result) -> Row:
     if not untested:
         return ("collision", f"no collision, {_clearance(result)}", "good")
     pairs = ", ".join(map(str, untested))
-    return ("collision", f"not proven: {pairs}; the others do not meet, {_clearance(result)}", "look")
+    return (
+        "collision",
+        f"not proven: {pairs}; the others do not meet, {_clearance(result)}",
+        "look",
+    )
 
 
 def _clearance(result: Result) -> str:

@@ -162,9 +162,10 @@ _WRISTS = ((6, 3), (0, 2))
 
 
 def _overlaps(robot: Robot, tool: tuple[Link, ...]) -> tuple[tuple[str, str], ...]:
-    """Pairs that meet at the robot's own home, where nothing does, and cannot be told apart by the shapes that are known:
-    a body of the tool and a link of the wrist; boxes of two links of which one is of the wrist; and any two links that
-    meet in all of an even sample as well.
+    """Pairs that meet at the robot's own home, where nothing does: their shapes do not tell them apart.
+
+    They are a body of the tool and a link of the wrist, boxes of two links of which one is of the wrist, and any two
+    links that meet in all of an even sample as well.
     """
     count = len(robot.joints)
     last = next(links for joints, links in _WRISTS if count >= joints)
@@ -177,9 +178,7 @@ def _overlaps(robot: Robot, tool: tuple[Link, ...]) -> tuple[tuple[str, str], ..
     for k in _meeting(bare, robot.home[None]):
         pair = bare.pairs[k]
         loose = bare.closer[k] is None or bool(bodies & set(pair))
-        if loose and wrist & set(pair):
-            found.append(pair)
-        elif not bodies & set(pair) and (hits(narrow(bare, [k]), spread) >= 0).all():
+        if (loose and wrist & set(pair)) or (not bodies & set(pair) and (hits(narrow(bare, [k]), spread) >= 0).all()):
             found.append(pair)
     return tuple(found)
 

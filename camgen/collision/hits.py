@@ -205,9 +205,7 @@ def join_tests(several: Iterable[Tests]) -> Tests:
 _Places = tuple[FloatArray, tuple[FloatArray, FloatArray]]
 
 
-def meet_again(
-    scene: Scene, at: _Places, growth: Growth, near: FloatArray, asked: Tests
-) -> Tests:
+def meet_again(scene: Scene, at: _Places, growth: Growth, near: FloatArray, asked: Tests) -> Tests:
     """Those of the tests ``asked`` that meet ``at`` some joint values, as of ``find_meetings``."""
     return _named(_meet_some(scene, at, growth, near, *asked))
 
@@ -548,7 +546,9 @@ def _bound_closer(
         closer = scene.closer[number]
         if closer is not None:
             some = np.flatnonzero(pair == number)
-            raised[some] = np.maximum(bound[some], pairs.at_least(scene.robot, closer, joints[some]))
+            raised[some] = np.maximum(
+                bound[some], pairs.at_least(scene.robot, closer, joints[some])
+            )
     return raised
 
 

@@ -36,7 +36,7 @@ class Mesh(Struct, frozen=True, eq=False, dict=True):
 
     @cached_property
     def surface(self) -> Any:
-        """fcl's collision object, in the mesh's own frame."""
+        """Fcl's collision object, in the mesh's own frame."""
         return fcl.CollisionObject(self.model)
 
     @cached_property
@@ -57,7 +57,7 @@ def make_mesh(solid: Solid) -> Mesh:
 
 
 def make_model(vertices: FloatArray, faces: IntArray) -> Any:
-    """fcl's model of triangles: ``vertices`` (V, 3), mm, ``faces`` (F, 3)."""
+    """Fcl's model of triangles: ``vertices`` (V, 3), mm, ``faces`` (F, 3)."""
     model = fcl.BVHModel()
     model.beginModel(len(vertices), len(faces))
     model.addSubModel(np.asarray(vertices), np.asarray(faces))

@@ -69,7 +69,7 @@ class MeshPair(Struct, frozen=True, eq=False):
 
 @lru_cache(maxsize=64)
 def model_of(link: Link) -> Any:
-    """fcl's model of all surfaces of a link, made once for any number of scenes."""
+    """Fcl's model of all surfaces of a link, made once for any number of scenes."""
     first = np.cumsum([0, *(len(surface.vertices) for surface in link.surfaces)])
     vertices = np.concatenate([surface.vertices for surface in link.surfaces])
     faces = [surface.faces + row for surface, row in zip(link.surfaces, first, strict=False)]

@@ -297,9 +297,7 @@ def _levers_between(robot: Robot, one: _Body, other: _Body) -> FloatArray:
     chain, no point of which is farther from the joint's origin.
     """
     near, far = sorted((one, other), key=lambda body: body.frame)
-    reach = max(
-        math.hypot(*box.link_from_box.origin) + math.hypot(*box.half) for box in far.boxes
-    )
+    reach = max(math.hypot(*box.link_from_box.origin) + math.hypot(*box.half) for box in far.boxes)
     levers = np.zeros(len(robot.joints))
     travel = np.abs(robot.coupling) @ np.abs(robot.limits).max(axis=1)
     for k in reversed(range(near.frame, far.frame)):

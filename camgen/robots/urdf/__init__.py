@@ -93,8 +93,10 @@ def _links(
 
 
 def _shapes(described: Description, part: str, files: Files) -> Shapes:
-    """The shapes of a link for collisions. Where one is the convex hull of a link, which fills the fork of a wrist, those
-    to be seen are taken, if all of them can be read.
+    """The shapes of a link for collisions.
+
+    A convex one is often the hull of its link, which fills the fork of a wrist. Then the shapes to be seen are taken,
+    if all of them can be read.
     """
     folder = Path(described.file).parent
     own = shapes_of(part, described.links[part], folder, files)

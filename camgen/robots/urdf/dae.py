@@ -43,7 +43,9 @@ def read_dae(source: Source) -> tuple[FloatArray, Triangles]:
         what = "declares a DOCTYPE, which COLLADA does not need"
         raise InputError(source.name, what, remedy="remove it") from None
     except (ParseError, ValueError, LookupError, ArithmeticError) as error:
-        raise InputError(source.name, f"is damaged or no COLLADA mesh: {error}", "", _AGAIN) from error
+        raise InputError(
+            source.name, f"is damaged or no COLLADA mesh: {error}", "", _AGAIN
+        ) from error
 
 
 _AGAIN = "export it again as STL"

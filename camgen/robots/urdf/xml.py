@@ -172,7 +172,8 @@ class UrdfShape(Struct, frozen=True, eq=False):
 
 class Description(Struct, frozen=True, eq=False):
     """A whole file. links: their shapes by name, those for collisions, or those to be seen where there are no others.
-    visible: the shapes to be seen. rounded: how many angles were taken as the multiples of 90 deg that they are rounded from.
+    visible: the shapes to be seen. rounded: how many angles were taken as the multiples of 90 deg that they are rounded
+    from.
     """
 
     file: str
@@ -280,6 +281,7 @@ class UndeclaredBuilder(TreeBuilder):
     """Ends at a DOCTYPE, the place where entities are declared: none is ever expanded, and no other file opened."""
 
     def doctype(self, _name: str, _public: str | None, _system: str | None) -> NoReturn:
+        """Called at a DOCTYPE."""
         raise DeclaredError
 
 
