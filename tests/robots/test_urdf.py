@@ -187,7 +187,6 @@ def test_what_is_assumed_is_said() -> None:
         "wrist_3_joint has no limits: -360 to 360 deg are taken",
         "finger moves by itself: it is left out",
         "3 angles were taken as the multiples of 90 deg that they are rounded from",
-        "wrist_1 and wrist_3 overlap in every posture: they are not tested against each other",
     )
     assert robot(str(SIX)).notes == ()
 

@@ -342,9 +342,8 @@ _FAR_UP = 6
 def urdf_files(file: str, files: Files) -> tuple[Path, ...]:
     """The URDF and the meshes that it names and that are there. InputError for a URDF that cannot be read."""
     described = read_description(Path(file), files)
-    names = dict.fromkeys(
-        shape.mesh for shapes in described.links.values() for shape in shapes if shape.mesh
-    )
+    tables = *described.links.values(), *described.visible.values()
+    names = dict.fromkeys(shape.mesh for shapes in tables for shape in shapes if shape.mesh)
     found = [mesh_path(name, Path(file).parent) for name in names]
     return (Path(file), *(path for path in found if path))
 
