@@ -198,7 +198,11 @@ def _untested(robot: Robot, overlaps: tuple[tuple[str, str], ...]) -> tuple[Unte
     for link in robot.links:
         if link.unread:
             why = f"{', '.join(link.unread)} could not be read"
-            untested.append(Untested((link.name, "all others"), why))
+        elif not link.boxes and link is not robot.links[0]:
+            why = "it has no shape"
+        else:
+            continue
+        untested.append(Untested((link.name, "all others"), why))
     return tuple(untested)
 
 

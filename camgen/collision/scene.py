@@ -286,8 +286,10 @@ def _tabulate(robot: Robot, tested: list[tuple[_Body, _Body]]) -> Scene:
 
 
 def _closer(robot: Robot, one: _Body, other: _Body) -> MeshPair | None:
-    """The meshes of a pair, None where no link of it has any."""
+    """The meshes of a pair, None where no link of it has any, or one body has no shape at all."""
     if one.link is None and other.link is None:
+        return None
+    if not all(body.boxes or body.mesh for body in (one, other)):
         return None
     return pair_up(one.shape(), other.shape(), _levers_between(robot, one, other))
 
