@@ -178,7 +178,9 @@ def _overlaps(robot: Robot, tool: tuple[Link, ...]) -> tuple[tuple[str, str], ..
     for k in _meeting(bare, robot.home[None]):
         pair = bare.pairs[k]
         loose = bare.closer[k] is None or bool(bodies & set(pair))
-        if (loose and wrist & set(pair)) or (not bodies & set(pair) and (hits(narrow(bare, [k]), spread) >= 0).all()):
+        if (loose and wrist & set(pair)) or (
+            not bodies & set(pair) and (hits(narrow(bare, [k]), spread) >= 0).all()
+        ):
             found.append(pair)
     return tuple(found)
 

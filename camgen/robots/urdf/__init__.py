@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -15,9 +16,10 @@ from camgen.model.errors import InputError
 from camgen.model.limits import tell
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted
+from camgen.model.tolerance import PARALLEL_EDGES
 from camgen.read.files import Files
 from camgen.robots.kinematics.arms import recognise
-from camgen.robots.kinematics.forward import jacobian
+from camgen.robots.kinematics.forward import frames, jacobian
 from camgen.robots.kinematics.joint_limits import turns
 from camgen.robots.models import Box, Link, Robot, Surface, Trust
 from camgen.robots.urdf.boxes import Shapes, is_own_hull, shapes_of
@@ -28,6 +30,8 @@ from camgen.robots.urdf.xml import Description, read_description
 _PAD = 5.0
 #: Sum of the lengths of all links, mm. The longest industrial arms reach 5 m.
 _LONGEST_MM = 20_000.0
+#: mm: an upper arm that leans by no more is upright.
+_STRAIGHT_MM = 1e-3
 #: Whole turns of all joints together that are looked at: seven joints of +-360 deg have 3 to the power of 7.
 _TURNS = 2187
 #: rad: joints are bent by so much for a home where the arm is not stretched. Least singular value that is enough there.
@@ -53,7 +57,39 @@ def read_urdf(file: str, tip: str, files: Files) -> Robot:
     if len(turns(arm)) > _TURNS:
         remedy = "narrow the limits of some: half of what is stated is enough for most paths"
         raise InputError(file, "its joints can make too many whole turns", "limits", remedy)
-    return replace(arm, home=_home(arm))
+    arm = replace(arm, home=_home(arm))
+    return (
+        replace(arm, maker=_ABB, controller=_RAPID, notes=(*arm.notes, _ABB_NOTE))
+        if _is_abb(arm)
+        else arm
+    )
+
+
+_ABB, _RAPID = "ABB", "IRC5 (RAPID)"
+_ABB_NOTE = (
+    "by its name and its axes it is an ABB arm: its joint values are taken for the controller's"
+)
+#: How ROS-Industrial and others call ABB's arms, but those whose joint 3 a parallel rod holds: it is not the URDF's.
+_ABB_NAME = re.compile(
+    r"(?:abb[ _-]?)?irb[ _-]?(?!1400|1410|2400|4400|640|660|760)\d", re.IGNORECASE
+)
+#: The axes of ABB's serial arms at zero, upper arm upright, in the frame of the base.
+_ABB_AXES = ((0, 0, 1), (0, 1, 0), (0, 1, 0), (1, 0, 0), (0, 1, 0), (1, 0, 0))
+
+
+def _is_abb(robot: Robot) -> bool:
+    """Whether the name is an ABB arm's, and zeros and signs of the joints are those of its controller."""
+    if len(robot.joints) != len(_ABB_AXES) or not _ABB_NAME.match(robot.name):
+        return False
+    rotations, origins = (table[0] for table in frames(robot, np.zeros((1, len(_ABB_AXES)))))
+    axes = [
+        turn @ np.asarray(joint.axis)
+        for turn, joint in zip(rotations[1:], robot.joints, strict=True)
+    ]
+    if not np.allclose(axes, _ABB_AXES, atol=PARALLEL_EDGES):
+        return False
+    upright, ahead = origins[3] - origins[2], origins[5] - origins[3]
+    return bool(np.hypot(*upright[:2]) < _STRAIGHT_MM and upright[2] > 0 and ahead[0] > 0)
 
 
 def _insist_on_metres(file: str, chain: JointChain) -> None:
