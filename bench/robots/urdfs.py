@@ -1,9 +1,9 @@
-"""A bracket deburred by nine six-axis arms from public URDFs: edges, pairs not tested, a second judge of collisions.
+"""A bracket before nine six-axis arms from public URDFs, and a second judge of collisions.
 
     python -m bench.robots.urdfs FOLDER [ARM ...]     all nine arms, or those named
 
-FOLDER holds the repositories of ``ARMS`` at their commits, each in a folder called like it. No file of theirs is part
-of camgen; arms whose URDF is missing are named.
+FOLDER holds the repositories of ``ARMS`` at their commits, each in a folder called like it. None of
+their files is part of camgen; arms whose URDF is missing are named.
 
 The rule by which the nine were chosen:
 
@@ -13,18 +13,20 @@ The rule by which the nine were chosen:
 
 The IRB 6640 is from ros-industrial/abb: the data set's copy names meshes that are not there.
 
-The cell follows from the arm: the bracket stands on a block at ``AHEAD`` of the arm's reach, so high as ``UP`` of its
-shoulder. Where no edge is reached there the arm has no program: the cell is the same for every version of camgen.
+The cell follows from the arm: the bracket stands on a block at ``AHEAD`` of the arm's reach, at
+``UP`` of the height of its shoulder. The cell is the same for every version of camgen.
 
-The judge shares no code with the collision test: it reads the URDF and the visual meshes itself, has
-forward kinematics of its own, and asks the library coal about every pair of bodies at ``SAMPLES`` places
-of each motion, but for neighbours in the chain and the tool at the part. Exits with 1 where it finds a hit.
+The judge shares no code with the collision test. It reads the URDF and the visual meshes itself,
+has forward kinematics of its own, and asks the library coal about pairs of bodies at ``SAMPLES``
+places of each motion. Left out are neighbours in the chain and the tool at the part. Exits with 1
+for a hit, and for an arm without a program.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
+import re
 import sys
 import tempfile
 import xml.etree.ElementTree as ET
@@ -57,7 +59,7 @@ class Source(NamedTuple):
     file: str
 
     def path(self, folder: Path) -> Path:
-        """Where it is in ``folder``."""
+        """Its path in ``folder``."""
         return folder / self.repository.rpartition("/")[2] / self.file
 
 
@@ -72,9 +74,9 @@ ARMS = {
     "TX2-90": Source(*DATA_SET, f"{_MADE}/staubli/staubli_tx2_90_support/urdf/tx2_90xl.urdf"),
     "UR16e": Source(*DATA_SET, f"{_MADE}/universal_robots/ur_description/urdf/ur16e.urdf"),
 }
-#: Of the length of the arm from its shoulder to its flange, and of the height of its shoulder.
+#: Shares of the arm's length from its shoulder to its flange, and of the height of its shoulder.
 AHEAD, UP = 0.5, 0.5
-#: mm: width of the holder, its height, the shaft from there to the tip; deg: how far the shaft leans.
+#: mm: width and height of the holder, length of the shaft from there to the tip; deg: its lean.
 HOLDER, HIGH, SHAFT, LEAN = 60.0, 60.0, 80.0, 30.0
 #: Places of a motion at which the judge looks.
 SAMPLES = 16
@@ -87,7 +89,7 @@ BESIDE, DEEP, GAP = 20.0, 20.0, 0.5
 def bracket() -> trimesh.Trimesh:
     """An angle of two plates: 17 convex edges, 4 of them at its foot."""
     outline = [(0, 0), (SIDE, 0), (SIDE, THICK), (THICK, THICK), (THICK, SIDE), (0, SIDE)]
-    corners = np.array([(x, y, z) for y in (0.0, LONG) for x, z in outline])
+    corners = np.array([(x, 0.0, z) for x, z in outline] + [(x, LONG, z) for x, z in outline])
     caps = [(0, 1, 2), (0, 2, 3), (0, 3, 4), (0, 4, 5)]
     faces = [*caps, *((6 + a, 6 + c, 6 + b) for a, b, c in caps)]
     for k in range(6):
@@ -134,37 +136,45 @@ def _turned(axis: Matrix, angle: float) -> Matrix:
     """Rodrigues' formula, 4 x 4."""
     x, y, z = axis / np.linalg.norm(axis)
     k = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    made = np.eye(4)
-    made[:3, :3] += math.sin(angle) * k + (1 - math.cos(angle)) * (k @ k)
-    return made
+    matrix = np.eye(4)
+    matrix[:3, :3] += math.sin(angle) * k + (1 - math.cos(angle)) * (k @ k)
+    return matrix
+
+
+def _three(text: str) -> Matrix:
+    return np.array([float(word) for word in text.split()])
 
 
 def _origin(element: ET.Element) -> Matrix:
     """The ``origin`` in an element."""
-    made, origin = np.eye(4), element.find("origin")
+    matrix, origin = np.eye(4), element.find("origin")
     if origin is None:
-        return made
-    shift, (roll, pitch, yaw) = (
-        np.array([float(word) for word in origin.get(key, "0 0 0").split()])
-        for key in ("xyz", "rpy")
-    )
+        return matrix
+    shift = _three(origin.get("xyz", "0 0 0"))
+    roll, pitch, yaw = _three(origin.get("rpy", "0 0 0"))
     for axis, angle in (((0, 0, 1), yaw), ((0, 1, 0), pitch), ((1, 0, 0), roll)):
-        made = made @ _turned(np.array(axis, dtype=float), angle)
-    made[:3, 3] = 1000.0 * shift
-    return made
+        matrix = matrix @ _turned(np.array(axis, dtype=float), angle)
+    matrix[:3, 3] = 1000.0 * shift
+    return matrix
 
 
 def _mesh(library: Any, vertices: Matrix, faces: Matrix) -> Any:
-    made = library.BVHModelOBBRSS()
-    made.beginModel(len(faces), len(vertices))
-    made.addVertices(np.ascontiguousarray(vertices))
-    made.addTriangles(np.ascontiguousarray(faces, dtype=np.int32))
-    made.endModel()
-    return made
+    model = library.BVHModelOBBRSS()
+    model.beginModel(len(faces), len(vertices))
+    model.addVertices(np.ascontiguousarray(vertices))
+    model.addTriangles(np.ascontiguousarray(faces, dtype=np.int32))
+    model.endModel()
+    return model
 
 
 class Body(NamedTuple):
-    """name. frame: number of the joint that moves it, 0 for what stands. shape: of coal. placed: in that frame."""
+    """A body of the judge.
+
+    name: name of its link.
+    frame: number of the joint that moves it, 0 for a body that stands.
+    shape: object of coal.
+    placed: pose in the frame of that joint, 4 x 4.
+    """
 
     name: str
     frame: int
@@ -181,16 +191,16 @@ class Judge:
         self.library = coal
         root = ET.parse(file).getroot()
         above = {joint.find("child").get("link"): joint for joint in root.findall("joint")}
-        way: list[ET.Element] = []
+        chain: list[ET.Element] = []
         name = tip
         while name in above:
-            way.append(above[name])
+            chain.append(above[name])
             name = above[name].find("parent").get("link")
-        self.way = way[::-1]
+        self.chain = chain[::-1]
         frames = {name: (0, np.eye(4))}
         count = 0
         # Links beside the chain hang on it by fixed joints.
-        left = [*self.way, *(joint for joint in root.findall("joint") if joint not in way)]
+        left = [*self.chain, *(joint for joint in root.findall("joint") if joint not in chain)]
         for joint in left:
             parent, child = (joint.find(end).get("link") for end in ("parent", "child"))
             if parent not in frames:
@@ -212,11 +222,11 @@ class Judge:
     ) -> Iterator[Body]:
         for link in root.findall("link"):
             for visual in link.findall("visual"):
-                own = visual.find("geometry/mesh")
-                package, _, rest = own.get("filename").partition("://")[2].partition("/")
+                shown = visual.find("geometry/mesh")
+                package, _, rest = shown.get("filename").partition("://")[2].partition("/")
                 (home,) = [folder for folder in file.parents if folder.name == package]
                 mesh = trimesh.load(home / rest, force="mesh", process=False)
-                scale = [float(word) for word in own.get("scale", "1 1 1").split()]
+                scale = [float(word) for word in shown.get("scale", "1 1 1").split()]
                 frame, placed = frames[link.get("name")]
                 corners = 1000.0 * mesh.vertices * scale
                 shape = _mesh(self.library, corners, mesh.faces)
@@ -246,58 +256,58 @@ class Judge:
 
     def pairs(self) -> list[tuple[Body, Body]]:
         """All but bodies that move together, links beside each other, and the tool at the part."""
-        own = {"holder", "tool"}
-        found = []
+        pairs = []
         for a, b in itertools.combinations(self.bodies, 2):
-            links = not {a.name, b.name} & {*own, "block", "part"}
+            links = not {a.name, b.name} & {"holder", "tool", "block", "part"}
             if a.frame == b.frame or (links and abs(a.frame - b.frame) == 1):
                 continue
             if {a.name, b.name} != {"tool", "part"}:
-                found.append((a, b))
-        return found
+                pairs.append((a, b))
+        return pairs
 
     def hits(self, rows: Matrix) -> tuple[dict[tuple[str, str], int], int]:
-        """How often each pair meets at joint values (N, J), and how many pairs were asked about."""
+        """The number of rows (N, J) at which each pair meets, and the number of questions."""
         pairs = self.pairs()
-        found: dict[tuple[str, str], int] = {}
+        counts: dict[tuple[str, str], int] = {}
         library = self.library
         for row in rows:
-            here, frames, joint = np.eye(4), [np.eye(4)], iter(row)
-            for step in self.way:
-                here = here @ _origin(step)
+            frame, frames, joint = np.eye(4), [np.eye(4)], iter(row)
+            for step in self.chain:
+                frame = frame @ _origin(step)
                 if step.get("type") != "fixed":
                     axis = [float(word) for word in step.find("axis").get("xyz").split()]
-                    here = here @ _turned(np.array(axis), next(joint))
-                    frames.append(here)
+                    frame = frame @ _turned(np.array(axis), next(joint))
+                    frames.append(frame)
             placed = {}
             for body in self.bodies:
                 at = frames[body.frame] @ body.placed
                 placed[id(body)] = library.Transform3s(at[:3, :3], at[:3, 3])
             for a, b in pairs:
-                asked = library.CollisionRequest(), library.CollisionResult()
-                if library.collide(a.shape, placed[id(a)], b.shape, placed[id(b)], *asked):
-                    found[a.name, b.name] = found.get((a.name, b.name), 0) + 1
-        return found, len(rows) * len(pairs)
+                question = library.CollisionRequest(), library.CollisionResult()
+                if library.collide(a.shape, placed[id(a)], b.shape, placed[id(b)], *question):
+                    counts[a.name, b.name] = counts.get((a.name, b.name), 0) + 1
+        return counts, len(rows) * len(pairs)
 
 
-_NOT_TESTED = ("not tested", "do not meet", "no boxes")
+_NOT_TESTED = re.compile("not tested|do not meet|no boxes")
 
 
 def untested(result: Result) -> list[str]:
     """The notes on pairs and links that are not tested."""
     notes = [f"{note.what} {note.why}" for note in result.notes]
-    return [text for text in notes if any(words in text for words in _NOT_TESTED)]
+    return list(filter(_NOT_TESTED.search, notes))
 
 
 def main(arguments: list[str]) -> int:
     folder, names = Path(arguments[0]), arguments[1:] or list(ARMS)
     print(f"{machine()}\n")
     table = Table(
-        "arm | edges {} of {} | build, s {:.1f} | said not to be tested | rows {:,} | questions {:,} | hits"
+        "arm | edges {} of {} | build, s {:.1f} | not tested by the notes | rows {:,} "
+        "| questions {:,} | hits"
     )
     solid = bracket()
-    with tempfile.TemporaryDirectory() as here:
-        part = Path(here) / "bracket.stl"
+    with tempfile.TemporaryDirectory() as scratch:
+        part = Path(scratch) / "bracket.stl"
         part.write_bytes(solid.export(file_type="stl"))
         for name in names:
             row(table, name, ARMS[name], folder, part, solid)
@@ -325,12 +335,12 @@ def row(
     rows = [joints for _, joints in runs(result.program, of, SAMPLES)]
     judge = Judge(file, result_tip(file))
     judge.stand(result, solid)
-    found, asked = judge.hits(np.concatenate(rows))
-    told = ", ".join(f"{a} against {b}: {count}" for (a, b), count in found.items())
+    counts, questions = judge.hits(np.concatenate(rows))
+    text = ", ".join(f"{a} against {b}: {count}" for (a, b), count in counts.items())
     count = sum(len(joints) for joints in rows)
-    hits = Missed(told) if found else "0"
+    hits = Missed(text) if counts else "0"
     table.add(
-        name, (done, done + skipped), seconds, "; ".join(untested(result)), count, asked, hits
+        name, (done, done + skipped), seconds, "; ".join(untested(result)), count, questions, hits
     )
 
 

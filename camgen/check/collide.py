@@ -68,11 +68,16 @@ class Clear(Struct, frozen=True):
 
 
 class _Collision(Struct, frozen=True):
-    """at: the place in rows of the course. pair: the two bodies. told: they, their depth and the joint values."""
+    """A collision.
+
+    at: place in rows of the course.
+    pair: names of the two bodies.
+    text: the bodies, their depth and the joint values.
+    """
 
     at: float
     pair: tuple[str, str]
-    told: str
+    text: str
 
 
 def check_clear(
@@ -194,7 +199,7 @@ def _block(
         # Where a way ends the path begins.
         way = bool(columns.arrives[number]) and not (one.at == row and last[row])
         if not losses:
-            what = f"{robot.name} collides on {program.place_of(index)} {where}: {one.told}"
+            what = f"{robot.name} collides on {program.place_of(index)} {where}: {one.text}"
             error = file, what, f"instruction {index}", _remedy(one, robot)
         losses.append(Loss(path, "collision", f"collision, {words}, {where}{link}", way))
     return Blocked(*error, join_losses(losses))

@@ -208,7 +208,7 @@ def _reach(result: Result) -> list[Row]:
 
 
 def _collision(result: Result) -> Row:
-    """What was proven of the bodies of the arm and its cell."""
+    """The proof that the arm, its tool and its cell do not meet."""
     untested = result.where.untested if result.where else ()
     if not untested:
         return ("collision", f"no collision, {_clearance(result)}", "good")

@@ -47,8 +47,8 @@ class Surroundings(Struct, frozen=True, eq=False):
     and ``cell.safety`` above their top (RFA paper, section II.A). low, high: corners of the part's box, base frame.
 
     bodies: tool and holder, their boxes at the flange. standing: table and fixtures, their boxes in the base frame.
-    meshes: fixtures that are meshes with their names, work frame. untested: what no proof of the scene is about, beside
-    links that a joint joins.
+    meshes: fixtures that are meshes with their names, work frame.
+    untested: pairs that are not tested, beside links that a joint joins.
     """
 
     scene: Scene
@@ -141,18 +141,20 @@ def around(
 def _close(
     robot: Robot, scene: Scene, tool: tuple[Link, ...], margin: float
 ) -> dict[tuple[str, str], float]:
-    """Pairs of links and bodies of the tool that are nearer than ``margin`` at the robot's own home, mm apart: no
-    choice of a way gives them more.
+    """Pairs of links and bodies of the tool that are nearer than `margin` at the robot's own home.
+
+    Returns their distances, mm. No path gives them more.
     """
     if margin <= 0:
         return {}
-    own = {body.name for body in (*robot.links, *tool)}
-    found: dict[tuple[str, str], float] = {}
+    moving = {body.name for body in (*robot.links, *tool)}
+    distances: dict[tuple[str, str], float] = {}
     for k, pair in enumerate(scene.pairs):
-        if own.issuperset(pair):
-            far = float(clearance(narrow(scene, [k]), robot.home[None], margin)[0])
-            found |= {pair: far} if far < margin else {}
-    return found
+        if moving.issuperset(pair):
+            distance = float(clearance(narrow(scene, [k]), robot.home[None], margin)[0])
+            if distance < margin:
+                distances[pair] = distance
+    return distances
 
 
 #: Configurations in which two links have to overlap, every time, to be left untested.
@@ -162,10 +164,10 @@ _WRISTS = ((6, 3), (0, 2))
 
 
 def _overlaps(robot: Robot, tool: tuple[Link, ...]) -> tuple[tuple[str, str], ...]:
-    """Pairs that meet at the robot's own home, where nothing does: their shapes do not tell them apart.
+    """Pairs that meet at the robot's own home, because their shapes are too coarse.
 
-    They are a body of the tool and a link of the wrist, boxes of two links of which one is of the wrist, and any two
-    links that meet in all of an even sample as well.
+    They are a body of the tool and a link of the wrist, boxes of two links of which one is of the
+    wrist, and any two links that meet at all joint values of an even sample as well.
     """
     count = len(robot.joints)
     last = next(links for joints, links in _WRISTS if count >= joints)
@@ -174,25 +176,27 @@ def _overlaps(robot: Robot, tool: tuple[Link, ...]) -> tuple[tuple[str, str], ..
     bare = scene(robot, tool)
     rng = np.random.default_rng(1)
     spread = rng.uniform(robot.limits[:, 0], robot.limits[:, 1], (_SAMPLES, count))
-    found: list[tuple[str, str]] = []
+    overlapping: list[tuple[str, str]] = []
     for k in _meeting(bare, robot.home[None]):
         pair = bare.pairs[k]
-        loose = bare.closer[k] is None or bool(bodies & set(pair))
-        if (loose and wrist & set(pair)) or (
-            not bodies & set(pair) and (hits(narrow(bare, [k]), spread) >= 0).all()
-        ):
-            found.append(pair)
-    return tuple(found)
+        is_tool = bool(bodies & set(pair))
+        is_coarse = is_tool or bare.closer[k] is None
+        is_spared = is_coarse and bool(wrist & set(pair))
+        if not (is_spared or is_tool):
+            is_spared = bool((hits(narrow(bare, [k]), spread) >= 0).all())
+        if is_spared:
+            overlapping.append(pair)
+    return tuple(overlapping)
 
 
 def _meeting(tested: Scene, joints: FloatArray) -> list[int]:
-    """The pairs that meet at any of the joint values (N, J)."""
+    """The numbers of pairs that meet at any of the joint values (N, J)."""
     pairs = range(len(tested.pairs))
     return [k for k in pairs if (hits(narrow(tested, [k]), joints) >= 0).any()]
 
 
 def _untested(robot: Robot, overlaps: tuple[tuple[str, str], ...]) -> tuple[Untested, ...]:
-    """What is not tested, and why. Links that a joint joins touch there: they are no part of it."""
+    """The pairs that are not tested, without links that a joint joins."""
     spared = [
         (robot.links[i].name, robot.links[j].name) for i, j in robot.touching if abs(i - j) > 1
     ]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from msgspec import Struct
@@ -44,12 +44,13 @@ def hits(
         bare = place(scene, joints[rows])
         placed = bare.grown((grow[rows] + near[rows, None] * scene.moving)[..., None])
         row, box = near_pairs(scene, placed)
-        one, other, room = _grow(
+        first, second, room = _grow(
             scene, bare, (row, box), grow[rows], None if closing is None else closing[rows]
         )
         room += near[rows][row]
-        met = meet(one.grown(near[rows][row, None]), other)
-        _look_closer(scene, joints[rows], row, scene.of_pair[box], room, met, exactly=True)
+        met = meet(first.grown(near[rows][row, None]), second)
+        tests = _BoxTests(row, scene.of_pair[box], room)
+        _look_closer(scene, joints[rows], tests, met, exactly=True)
         # Of several values for one place the last one stays: the first pair, since they come backwards.
         found[rows][row[met][::-1]] = scene.of_pair[box[met][::-1]]
         more = grow[rows] + near[rows, None]
@@ -58,33 +59,40 @@ def hits(
     return found
 
 
+class _BoxTests(NamedTuple):
+    """Tests of boxes.
+
+    row: (n,) rows of joint values.
+    pair: (n,) numbers of pairs of the scene.
+    room: (n,) mm by which both bodies of a pair are larger together.
+    """
+
+    row: IntArray
+    pair: IntArray
+    room: FloatArray
+
+
 def _look_closer(
-    scene: Scene,
-    joints: FloatArray,
-    row: IntArray,
-    pair: IntArray,
-    room: FloatArray,
-    met: BoolArray,
-    exactly: bool = False,
+    scene: Scene, joints: FloatArray, tests: _BoxTests, met: BoolArray, exactly: bool = False
 ) -> None:
     """Clear ``met`` (n,) where the boxes meet and the meshes of a pair do not.
 
-    row, pair: (n,) rows of ``joints`` (N, J) and pairs of the scene. room: (n,) mm by which both bodies of a pair are
-    larger together. exactly: no meshes that are farther apart count; else some that are little farther may.
+    joints: (N, J).
+    exactly: whether meshes that are a little farther apart than `room` are cleared.
     """
-    asked = np.flatnonzero(met)
-    for number in np.unique(pair[asked]).tolist():
+    boxes_met = np.flatnonzero(met)
+    for number in np.unique(tests.pair[boxes_met]).tolist():
         closer = scene.closer[number]
         if closer is None:
             continue
-        some = asked[pair[asked] == number]
-        looked = scene.robot, closer, joints[row[some]]
-        if not room[some].any():
-            met[some] = pairs.meet(*looked)
+        which = boxes_met[tests.pair[boxes_met] == number]
+        values, room = joints[tests.row[which]], tests.room[which]
+        if not room.any():
+            met[which] = pairs.meet(scene.robot, closer, values)
         elif exactly:
-            met[some] = pairs.come_within(*looked, room[some])
+            met[which] = pairs.come_within(scene.robot, closer, values, room)
         else:
-            met[some] = pairs.may_come_within(*looked, room[some])
+            met[which] = pairs.may_come_within(scene.robot, closer, values, room)
 
 
 #: A box that grows by 1 on every side reaches so much farther at its corners.
@@ -201,13 +209,13 @@ def join_tests(several: Iterable[Tests]) -> Tests:
     return row, test
 
 
-#: Joint values (N, J), and where the links are there, as of ``frames``.
+#: Joint values (N, J), and the frames of the links there, see ``frames``.
 _Places = tuple[FloatArray, tuple[FloatArray, FloatArray]]
 
 
-def meet_again(scene: Scene, at: _Places, growth: Growth, near: FloatArray, asked: Tests) -> Tests:
-    """Those of the tests ``asked`` that meet ``at`` some joint values, as of ``find_meetings``."""
-    return _named(_meet_some(scene, at, growth, near, *asked))
+def meet_again(scene: Scene, at: _Places, growth: Growth, near: FloatArray, tests: Tests) -> Tests:
+    """The tests that meet ``at`` some joint values, see ``find_meetings``."""
+    return _named(_meet_some(scene, at, growth, near, *tests))
 
 
 def _named(tested: Iterable[_Tested]) -> Tests:
@@ -228,16 +236,16 @@ def _meet_all(
     bare = place(scene, joints)
     more = grow + near[:, None] * scene.moving
     row, test = near_pairs(scene, bare.grown(_CORNERS * more[..., None]))
-    one, other, room = _grow(scene, bare, (row, test), grow, closing)
-    met = meet(one.grown(near[row, None]), other)
-    _look_closer(scene, joints, row, scene.of_pair[test], room + near[row], met)
+    boxes, others, room = _grow(scene, bare, (row, test), grow, closing)
+    met = meet(boxes.grown(near[row, None]), others)
+    _look_closer(scene, joints, _BoxTests(row, scene.of_pair[test], room + near[row]), met)
     yield row, test, met
     first = len(scene.first)
     for target in scene.targets:
         row, which, boxes = near_mesh(target, bare.grown(more[..., None]))
         met = find_struck(target.mesh, boxes)
         room = more[row, target.striking[which]]
-        _look_closer(scene, joints, row, target.of_strike[which], room, met)
+        _look_closer(scene, joints, _BoxTests(row, target.of_strike[which], room), met)
         yield row, which + first, met
         first += len(target.striking)
 
@@ -281,7 +289,7 @@ def _meet_some(
         share = _share(grow.take(one), grow.take(other), growth.of_pairs(at, pair, *both))
         wide = share[0] + near[at]
         met = meet(both[0].grown(wide[:, None]), both[1].grown(share[1][:, None]))
-        _look_closer(scene, joints, at, scene.of_pair[pair], wide + share[1], met)
+        _look_closer(scene, joints, _BoxTests(at, scene.of_pair[pair], wide + share[1]), met)
         yield at, pair, met
     begins = len(scene.first) + np.cumsum([0, *(len(target.striking) for target in scene.targets)])
     for target, begin, (place, at, which) in zip(scene.targets, begins, strikes, strict=False):
@@ -290,7 +298,7 @@ def _meet_some(
             boxes = bare.take(here).grown(more.take(here, axis=0)).seen_from(*_frame(target))
             met = find_struck(target.mesh, boxes)
             of_pair = target.of_strike[which - begin]
-            _look_closer(scene, joints, at, of_pair, more.take(here), met)
+            _look_closer(scene, joints, _BoxTests(at, of_pair, more.take(here)), met)
             yield at, which, met
 
 
@@ -306,8 +314,9 @@ def _grow(
     grow: FloatArray,
     closing: FloatArray | None,
 ) -> tuple[Boxes, Boxes, FloatArray]:
-    """The boxes of the pairs ``which`` (rows and pairs of boxes), larger by what each of them or both together grow,
-    and mm that both grow.
+    """The boxes of the pairs ``which`` (rows and pairs of boxes), grown each or together.
+
+    The third value is the growth of both together, mm.
     """
     row, box = which
     one, other = grow[row, scene.first[box]], grow[row, scene.second[box]]
@@ -407,7 +416,8 @@ def _against(
     struck = find_struck(target.mesh, boxes)
     row = free[row]
     room = more[row, target.striking[which]]
-    _look_closer(scene, joints, row, target.of_strike[which], room, struck, exactly=True)
+    tests = _BoxTests(row, target.of_strike[which], room)
+    _look_closer(scene, joints, tests, struck, exactly=True)
     met = np.flatnonzero(struck)[::-1]
     found[row[met]] = target.of_strike[which[met]]
 
@@ -470,59 +480,59 @@ def least_of_each(
     return [Nearest(*one) for one in zip(*columns, strict=True)]
 
 
+class _Rows(NamedTuple):
+    """Configurations that are measured together.
+
+    joints: (n, J).
+    placed: all boxes there, (n, B).
+    row: (n,) numbers of the configurations.
+    place: (n,) their places in the results.
+    """
+
+    joints: FloatArray
+    placed: Boxes
+    row: IntArray
+    place: IntArray
+
+
 def _lower(scene: Scene, joints: FloatArray, place_of: IntArray, found: _Found) -> None:
     """Lower ``found`` at ``place_of`` (N,) to the distances at the configurations (N, J)."""
     for begin in range(0, len(joints), ROWS):
         rows = np.arange(begin, min(begin + ROWS, len(joints)))
-        placed = place(scene, joints[rows])
-        _between(scene, joints, placed, rows, place_of, found)
+        looked = _Rows(joints[rows], place(scene, joints[rows]), rows, place_of[rows])
+        _between(scene, looked, found)
         for target in scene.targets:
-            _to_mesh(scene, joints, target, placed, rows, place_of, found)
+            _to_mesh(scene, target, looked, found)
 
 
-def _between(
-    scene: Scene,
-    joints: FloatArray,
-    placed: Boxes,
-    rows: IntArray,
-    place_of: IntArray,
-    found: _Found,
-) -> None:
-    wide = placed.grown(found.distance[place_of[rows]][:, None, None] * scene.moving[:, None])
+def _between(scene: Scene, rows: _Rows, found: _Found) -> None:
+    placed = rows.placed
+    wide = placed.grown(found.distance[rows.place][:, None, None] * scene.moving[:, None])
     row, which = near_pairs(scene, wide)
     first, second = placed[row, scene.first[which]], placed[row, scene.second[which]]
     pair = scene.of_pair[which]
-    bound = _bound_closer(scene, joints[rows[row]], pair, least_apart(first, second))
+    bound = _bound_closer(scene, rows.joints[row], pair, least_apart(first, second))
 
     def measured(k: int) -> float:
         closer = scene.closer[pair[k]]
         if closer is not None:
-            return pairs.measure(scene.robot, closer, joints[rows[row[k]]])
+            return pairs.measure(scene.robot, closer, rows.joints[row[k]])
         return distance(body(first, k), body(second, k))
 
     _measure(
-        _Asked(place_of[rows[row]], rows[row], pair, bound),
+        _Asked(rows.place[row], rows.row[row], pair, bound),
         found,
         lambda some, by: bound[some] < by,
         measured,
     )
 
 
-def _to_mesh(
-    scene: Scene,
-    joints: FloatArray,
-    target: Target,
-    placed: Boxes,
-    rows: IntArray,
-    place_of: IntArray,
-    found: _Found,
-) -> None:
-    row, which, wide = near_mesh(
-        target, placed.grown(found.distance[place_of[rows]][:, None, None])
-    )
+def _to_mesh(scene: Scene, target: Target, rows: _Rows, found: _Found) -> None:
+    placed = rows.placed
+    row, which, wide = near_mesh(target, placed.grown(found.distance[rows.place][:, None, None]))
     boxes = Boxes(wide.centres, wide.axes, placed.half[row, target.striking[which]])
     pair = target.of_strike[which]
-    bound = _bound_closer(scene, joints[rows[row]], pair, np.zeros(len(row)))
+    bound = _bound_closer(scene, rows.joints[row], pair, np.zeros(len(row)))
 
     def within(some: IntArray, by: FloatArray) -> BoolArray:
         struck = find_struck(target.mesh, boxes[some].grown(by[:, None]))
@@ -531,23 +541,23 @@ def _to_mesh(
     def measured(k: int) -> float:
         closer = scene.closer[pair[k]]
         if closer is not None:
-            return pairs.measure(scene.robot, closer, joints[rows[row[k]]])
+            return pairs.measure(scene.robot, closer, rows.joints[row[k]])
         return distance(target.mesh.surface, body(boxes, k))
 
-    _measure(_Asked(place_of[rows[row]], rows[row], pair, bound), found, within, measured)
+    _measure(_Asked(rows.place[row], rows.row[row], pair, bound), found, within, measured)
 
 
 def _bound_closer(
     scene: Scene, joints: FloatArray, pair: IntArray, bound: FloatArray
 ) -> FloatArray:
-    """``bound`` (n,), raised where meshes are farther apart than their boxes at joint values (n, J)."""
+    """``bound`` (n,), raised for meshes farther apart than their boxes, at joints (n, J)."""
     raised = bound.copy()
     for number in np.unique(pair).tolist():
         closer = scene.closer[number]
         if closer is not None:
-            some = np.flatnonzero(pair == number)
-            raised[some] = np.maximum(
-                bound[some], pairs.at_least(scene.robot, closer, joints[some])
+            rows = np.flatnonzero(pair == number)
+            raised[rows] = np.maximum(
+                bound[rows], pairs.at_least(scene.robot, closer, joints[rows])
             )
     return raised
 

@@ -27,7 +27,12 @@ _BOXES = 512
 
 
 class Mesh(Struct, frozen=True, eq=False, dict=True):
-    """A part's surface in its own frame. box: around all. model: fcl's. closed: it bounds a body."""
+    """A part's surface in its own frame.
+
+    box: cuboid around it.
+    model: the triangles for fcl.
+    closed: whether the surface bounds a body.
+    """
 
     tree: BoxTree
     box: Boxes

@@ -1,13 +1,17 @@
-"""Two bodies of which at least one is a mesh: do they come within a distance, and how far are they apart?
+"""Two bodies of which at least one is a mesh: whether they meet, and their distance.
 
-The cuboids around both are the first look (``hits``). Where these meet, fcl measures the meshes themselves. That takes
-0.2 to 5 ms, a thousand times as long as a look at cuboids. So each distance is kept: how two bodies stand to each other
-depends on the joints between them alone, and no joint brings them nearer by more than its angle times its lever. From
-the distance at the middle of a cell of joint values follow bounds for all of the cell; most questions need no more.
-The answers do not depend on what is kept: where the bounds do not decide, fcl measures at the joint values themselves.
+The cuboids around both are tested first (``hits``). Where these meet, fcl measures the meshes. That
+takes 0.2 to 5 ms, a thousand times as long as a test of cuboids, so each distance is kept:
 
-To fcl a mesh is a surface. A body wholly within another is not met by it. The bodies of an arm hang together, from the
-base, which is outside: before one is within, another passes the surface.
+- The place of one body beside the other depends only on the joints between them.
+- A joint brings them nearer by no more than its angle times its lever.
+- So the distance at the middle of a cell of joint values bounds the distances in all of the cell.
+
+The answers of `come_within` and `meet` do not depend on the distances that were kept before: if the
+bounds do not decide, fcl measures at the joint values themselves.
+
+For fcl a mesh is a surface, which a body wholly within it does not meet. The bodies of an arm hang
+together, from a base that is outside: before one is within, another passes the surface.
 """
 
 from __future__ import annotations
@@ -27,9 +31,9 @@ from camgen.model.pose import FloatArray, Pose
 from camgen.robots.kinematics.forward import frames
 from camgen.robots.models import Box, Link, Robot
 
-#: mm by which bodies may come nearer within a cell, half of its width: of large cells, and of small ones.
+#: mm by which bodies may come nearer from the middle of a cell to its border, for two sizes.
 _SLACKS_MM = (24.0, 4.0)
-#: Decimals of joint values, rad or mm, that are taken for the same.
+#: Decimals of joint values, rad or mm; the values are equal if these are.
 _DIGITS = 12
 #: mm by which fcl's distances may be off: two ways to compute one differ by less.
 _ROUNDING_MM = 1e-6
@@ -38,7 +42,7 @@ _ROUNDING_MM = 1e-6
 class Shape(Struct, frozen=True, eq=False):
     """A body as fcl has it.
 
-    frame: the link that carries it, 0 for what stands.
+    frame: number of the link that carries it, 0 for a body that stands.
     parts: fcl's geometries, and the pose of each in that link's frame.
     """
 
@@ -47,7 +51,7 @@ class Shape(Struct, frozen=True, eq=False):
 
 
 class MeshPair(Struct, frozen=True, eq=False):
-    """Two bodies and what is known of their distances.
+    """Two bodies and their known distances.
 
     frames: the links that carry them.
     first: fcl's objects of the first body, in its link's frame.
@@ -82,14 +86,17 @@ def box_part(box: Box) -> tuple[Any, Pose]:
     return fcl.Box(2 * x, 2 * y, 2 * z), box.link_from_box
 
 
-def pair_up(one: Shape, other: Shape, levers: FloatArray) -> MeshPair:
-    """The pair of two bodies. levers: (J,) mm per rad or mm of each joint, 0 of those that are not between them."""
-    low, high = sorted((one.frame, other.frame))
+def pair_up(first: Shape, second: Shape, levers: FloatArray) -> MeshPair:
+    """The pair of two bodies.
+
+    levers: (J,) mm per rad or mm of each joint, 0 for joints that are not between them.
+    """
+    low, high = sorted((first.frame, second.frame))
     joints = np.arange(low, high)
     return MeshPair(
-        (one.frame, other.frame),
-        tuple(fcl.CollisionObject(*_with_transform(*part)) for part in one.parts),
-        tuple((fcl.CollisionObject(part[0]), part[1]) for part in other.parts),
+        (first.frame, second.frame),
+        tuple(fcl.CollisionObject(*_with_transform(*part)) for part in first.parts),
+        tuple((fcl.CollisionObject(part[0]), part[1]) for part in second.parts),
         joints,
         levers[joints],
         tuple({} for _ in _SLACKS_MM),
@@ -113,7 +120,8 @@ def come_within(robot: Robot, pair: MeshPair, joints: FloatArray, room: FloatArr
 def meet(robot: Robot, pair: MeshPair, joints: FloatArray) -> BoolArray:
     """At which joint values (N, J) the two bodies meet.
 
-    fcl says so in a hundredth of the time of a distance: none is measured, but those that are known are used.
+    fcl takes a hundredth of the time of a distance for it. So known distances are used, and none is
+    measured.
     """
     met = np.ones(len(joints), dtype=np.bool_)
     for level in range(len(_SLACKS_MM)):
@@ -132,9 +140,7 @@ def meet(robot: Robot, pair: MeshPair, joints: FloatArray) -> BoolArray:
 def may_come_within(
     robot: Robot, pair: MeshPair, joints: FloatArray, room: FloatArray
 ) -> BoolArray:
-    """At which joint values (N, J) it is not known by the bounds that the two bodies are more than ``room`` (N,) mm
-    apart.
-    """
+    """At which joint values (N, J) bounds do not prove a distance above ``room`` (N,), mm."""
     met = np.ones(len(joints), dtype=np.bool_)
     for level in range(len(_SLACKS_MM)):
         left = np.flatnonzero(met)
@@ -158,7 +164,7 @@ def _bound(
 ) -> FloatArray:
     """The least that the distance can be at joint values (N, J), mm (N,).
 
-    measuring: fcl measures in cells where no distance is known; without it nothing is known there, and the least is 0.
+    measuring: whether fcl measures in cells without a known distance; else the bound is below 0.
     """
     width = 2 * _SLACKS_MM[level] / np.maximum(len(pair.joints) * pair.levers, 1.0)
     serial = (joints @ robot.coupling.T)[:, pair.joints]
@@ -178,21 +184,21 @@ def _bound(
     return np.asarray(middle - slack)
 
 
-#: Where the second body's link is in the frame of the first one's: rotation (3, 3) and origin (3,).
-_Placed = tuple[FloatArray, FloatArray]
+#: The second body's link in the frame of the first one's: rotation (3, 3) and origin (3,), mm.
+_Relative = tuple[FloatArray, FloatArray]
 
 
-def _place(robot: Robot, pair: MeshPair, joints: FloatArray) -> Sequence[_Placed]:
-    """Where the second body's link is at joint values (N, J)."""
+def _place(robot: Robot, pair: MeshPair, joints: FloatArray) -> Sequence[_Relative]:
+    """The second body's link in the frame of the first one's, at joint values (N, J)."""
     rotations, origins = frames(robot, joints)
-    one, other = pair.frames
-    back = rotations[:, one].swapaxes(1, 2)
-    turned = np.asarray(back @ rotations[:, other])
-    shifted = (back @ (origins[:, other] - origins[:, one])[..., None])[..., 0]
+    first, second = pair.frames
+    back = rotations[:, first].swapaxes(1, 2)
+    turned = np.asarray(back @ rotations[:, second])
+    shifted = (back @ (origins[:, second] - origins[:, first])[..., None])[..., 0]
     return list(zip(turned, shifted, strict=True))
 
 
-def _move(pair: MeshPair, placed: _Placed) -> None:
+def _move(pair: MeshPair, placed: _Relative) -> None:
     """Put the second body's objects where they are."""
     turned, shifted = placed
     for item, pose in pair.second:
@@ -200,7 +206,7 @@ def _move(pair: MeshPair, placed: _Placed) -> None:
         item.setTransform(fcl.Transform(turned @ pose.rotation, origin))
 
 
-def _distance(pair: MeshPair, placed: _Placed) -> float:
+def _distance(pair: MeshPair, placed: _Relative) -> float:
     _move(pair, placed)
     least = math.inf
     for item in pair.first:
@@ -209,7 +215,7 @@ def _distance(pair: MeshPair, placed: _Placed) -> float:
     return least
 
 
-def _meet(pair: MeshPair, placed: _Placed) -> bool:
+def _meet(pair: MeshPair, placed: _Relative) -> bool:
     _move(pair, placed)
     for item in pair.first:
         for other, _ in pair.second:

@@ -42,8 +42,9 @@ class Scene(Struct, frozen=True, eq=False):
 
     Boxes, B in all, some bodies with more than one set of them: frame: (B,) the link that carries it, 0 for what
     stands; rotation (B, 3, 3), origin (B, 3): link_from_box; half: (B, 3).
-    first, second, of_pair: (P,) boxes that are tested against each other and their pair. targets: the meshes that
-    stand. closer: for each pair its meshes, which decide where the boxes meet; None where both bodies are boxes.
+    first, second, of_pair: (P,) boxes that are tested against each other and their pair.
+    targets: meshes that stand.
+    closer: the meshes of each pair, which decide where boxes meet, None for two bodies of boxes.
     """
 
     robot: Robot
@@ -70,7 +71,10 @@ def name_pair(scene: Scene, pair: int) -> str:
 
 
 class _Body(Struct, frozen=True, eq=False):
-    """A name and its boxes in the frame of link ``frame``. link: the link whose meshes decide where boxes meet."""
+    """A name and its boxes in the frame of link ``frame``.
+
+    link: link whose meshes decide where boxes meet.
+    """
 
     name: str
     frame: int
@@ -285,20 +289,22 @@ def _tabulate(robot: Robot, tested: list[tuple[_Body, _Body]]) -> Scene:
     )
 
 
-def _closer(robot: Robot, one: _Body, other: _Body) -> MeshPair | None:
-    """The meshes of a pair, None where no link of it has any, or one body has no shape at all."""
-    if one.link is None and other.link is None:
+def _closer(robot: Robot, first: _Body, second: _Body) -> MeshPair | None:
+    """The meshes of a pair, None if no link of it has any, or if one body has no shape at all."""
+    if first.link is None and second.link is None:
         return None
-    if not all(body.boxes or body.mesh for body in (one, other)):
+    if not all(body.boxes or body.mesh for body in (first, second)):
         return None
-    return pair_up(one.shape(), other.shape(), _levers_between(robot, one, other))
+    return pair_up(first.shape(), second.shape(), _levers_between(robot, first, second))
 
 
-def _levers_between(robot: Robot, one: _Body, other: _Body) -> FloatArray:
-    """(J,) mm per rad or mm of each joint by which two bodies come nearer at most: it moves the one farther along the
-    chain, no point of which is farther from the joint's origin.
+def _levers_between(robot: Robot, first: _Body, second: _Body) -> FloatArray:
+    """(J,) mm per rad or mm of each joint by which two bodies come nearer at most.
+
+    A joint moves the body that is farther along the chain. No point of that body is farther from
+    the joint's origin than the lever.
     """
-    near, far = sorted((one, other), key=lambda body: body.frame)
+    near, far = sorted((first, second), key=lambda body: body.frame)
     reach = max(math.hypot(*box.link_from_box.origin) + math.hypot(*box.half) for box in far.boxes)
     levers = np.zeros(len(robot.joints))
     travel = np.abs(robot.coupling) @ np.abs(robot.limits).max(axis=1)

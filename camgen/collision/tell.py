@@ -19,7 +19,7 @@ _HALVINGS = 12
 
 
 def tell_hit(scene: Scene, joints: FloatArray, pair: int) -> str:
-    """The pair of ``scene.pairs`` that meets at joint values (J,): 'link 5 against clamp, 3 mm deep, at joints ...'."""
+    """The pair of `scene.pairs` that meets at joint values (J,), its depth, and the values."""
     depth = find_depth(scene, joints, pair)
     deep = "their meshes meet" if depth is None else f"{short(depth, 2)} mm deep"
     return f"{name_pair(scene, pair)}, {deep}, at joints {tell_joints(scene.robot, joints)}"
@@ -39,9 +39,9 @@ def tell_joints(robot: Robot, joints: FloatArray) -> str:
 
 
 def find_depth(scene: Scene, joints: FloatArray, pair: int) -> float | None:
-    """How far two bodies must be moved at least to part their boxes, mm; None where meshes of links decide.
+    """The shortest shift that parts the boxes of two bodies, mm, None if meshes of links decide.
 
-    Of a box in a mesh it is how much smaller it must be on all sides.
+    The depth of a box in a mesh is the amount by which it must be smaller on all sides.
     """
     if scene.closer[pair] is not None:
         return None
@@ -49,8 +49,8 @@ def find_depth(scene: Scene, joints: FloatArray, pair: int) -> float | None:
     boxes = Boxes(placed.centres[0], placed.axes[0], placed.half[0])
     tests = np.flatnonzero(scene.of_pair == pair)
     if len(tests):
-        apart = least_apart(boxes[scene.first[tests]], boxes[scene.second[tests]])
-        return max(-float(apart.min()), 0.0)
+        distances = least_apart(boxes[scene.first[tests]], boxes[scene.second[tests]])
+        return max(-float(distances.min()), 0.0)
     (target,) = [target for target in scene.targets if pair in target.of_strike]
     frame = target.base_from_mesh
     striking = boxes[target.striking[target.of_strike == pair]].seen_from(

@@ -31,8 +31,8 @@ FINE = 0.5
 def home_of(robot: Robot, cell: Cell, scene: Scene) -> FloatArray:
     """(J,) the joint values at home.
 
-    Raises JobError if their number is not that of the joints or they are beyond the limits, NoSafeProgram if the arm
-    collides.
+    Raises JobError if their number is not that of the joints, or if they are beyond the limits.
+    Raises NoSafeProgram if the arm collides.
     """
     assert isinstance(cell.home, Joints)
     home = frozen(cell.home.values)

@@ -39,8 +39,11 @@ class Surface(Struct, frozen=True, eq=False):
 
 
 class Link(Struct, frozen=True, eq=False):
-    """What moves together. boxes: what is tested first. surfaces: what decides where these meet, and what it looks
-    like, where meshes alone describe it. unread: meshes of it that could not be read.
+    """A body of an arm.
+
+    boxes: cuboids around it, the first test for collisions.
+    surfaces: meshes that decide where boxes meet, and that are shown; none if boxes describe it.
+    unread: names of meshes that could not be read.
     """
 
     name: str

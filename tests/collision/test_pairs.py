@@ -1,4 +1,4 @@
-"""Links that are meshes: where boxes meet the meshes decide, and what is proven of a motion holds in between."""
+"""Links that are meshes: they decide where boxes meet, and proofs of motions hold in between."""
 
 import itertools
 import math
@@ -71,9 +71,9 @@ def corners_of(half: tuple[float, ...], middle: tuple[float, ...]) -> np.ndarray
     return np.asarray(signs * np.array(half[:2]) + np.array(middle[:2]))
 
 
-def flat_distance(one: np.ndarray, other: np.ndarray) -> float:
-    """Of two convex outlines (K, 2): 0 where no side parts them, else of corners and sides."""
-    for a, b in ((one, other), (other, one)):
+def flat_distance(first: np.ndarray, second: np.ndarray) -> float:
+    """The distance of two convex outlines (K, 2): 0 unless a side parts them."""
+    for a, b in ((first, second), (second, first)):
         sides = np.roll(a, -1, axis=0) - a
         across = np.column_stack([sides[:, 1], -sides[:, 0]])
         if ((b[:, None] - a) * across).sum(axis=2).min(axis=0).max() > 0:
@@ -81,7 +81,7 @@ def flat_distance(one: np.ndarray, other: np.ndarray) -> float:
     else:
         return 0.0
     best = math.inf
-    for a, b in ((one, other), (other, one)):
+    for a, b in ((first, second), (second, first)):
         for start, end in zip(a, np.roll(a, -1, axis=0), strict=True):
             share = np.clip(((b - start) @ (end - start)) / ((end - start) @ (end - start)), 0, 1)
             foot = start + share[:, None] * (end - start)
@@ -107,17 +107,17 @@ def between() -> Scene:
 def test_a_pillar_between_the_prongs_is_free_as_far_as_it_is(as_mesh: bool) -> None:
     size = tuple(2 * half for half in PILLAR)
     wall = Wall("pillar", block(size), translation(60, 0, 0)) if as_mesh else pillar(60, 0)
-    made = scene(fork(), obstacles=(wall,))
+    cell_scene = scene(fork(), obstacles=(wall,))
     angles = np.linspace(-1.2, 1.2, 97)
     true = np.array([true_distance(angle, 60, 0) for angle in angles])
     for near in (0.0, 5.0):
-        found = hits(made, turned(angles), near=near) >= 0
+        is_hit = hits(cell_scene, turned(angles), near=near) >= 0
         sure = np.abs(true - near) > 1e-6
-        assert (found == (true <= near))[sure].all()
-        assert 10 < found.sum() < 90
-    free = clearance(made, turned(angles), 15.0)
+        assert (is_hit == (true <= near))[sure].all()
+        assert 10 < is_hit.sum() < 90
+    free = clearance(cell_scene, turned(angles), 15.0)
     assert free == pytest.approx(np.minimum(true, 15.0), abs=1e-5)
-    nearest = least(made, turned(angles[true > 0]), 100.0)
+    nearest = least(cell_scene, turned(angles[true > 0]), 100.0)
     assert nearest.distance == pytest.approx(true[true > 0].min(), abs=1e-5)
 
 
@@ -135,7 +135,7 @@ def test_what_is_not_named_meets_nothing_in_all_that_it_grows_for(between: Scene
     true = np.array([true_distance(angle, 60, 0) for angle in angles])
     named = np.isin(np.arange(200), row)
     assert (named | (true > grow - 1e-6)).all()
-    # What is farther apart by twice the slack of the small cells is told so.
+    # Bodies that are farther apart by twice the slack of the small cells are not named.
     far = true > grow + 2 * _SLACKS_MM[-1] + 1e-3
     assert far.sum() > 10
     assert not (named & far).any()
@@ -174,33 +174,35 @@ def test_answers_do_not_depend_on_what_was_asked_before() -> None:
         int(hits(scene(fork(), obstacles=(pillar(60, 0),)), turned(angles[k : k + 1]), near=4.0)[0])
         for k in range(41)
     ]
-    made = scene(fork(), obstacles=(pillar(60, 0),))
-    find_meetings(made, turned(angles), np.full((41, len(made.frame)), 9.0), None, np.zeros(41))
-    assert hits(made, turned(angles), near=4.0).tolist() == fresh
+    cell_scene = scene(fork(), obstacles=(pillar(60, 0),))
+    find_meetings(
+        cell_scene, turned(angles), np.full((41, len(cell_scene.frame)), 9.0), None, np.zeros(41)
+    )
+    assert hits(cell_scene, turned(angles), near=4.0).tolist() == fresh
 
 
 def test_two_links_that_both_are_meshes() -> None:
-    """Link 2 carries a bar that runs into the prong of link 1 where axis 2 turns by more than its room."""
+    """Link 2 carries a bar that runs into a prong of link 1 if axis 2 turns too far."""
     base = fork()
     bar = plates(((60.0, 4.0, 4.0), (-60.0, 0.0, 0.0)))
     second = Link("link 2", (Box(translation(-60, 0, 0), (60, 4, 4)),), (bar,))
     links = tuple(second if k == 2 else link for k, link in enumerate(base.links))
     joints = (base.joints[0], replace(base.joints[1], previous_from_joint=translation(150, 0, 0)))
     of = replace(base, links=links, joints=(*joints, *base.joints[2:]), touching=())
-    made = scene(of)
-    assert ("link 1", "link 2") in made.pairs
+    cell_scene = scene(of)
+    assert ("link 1", "link 2") in cell_scene.pairs
     angles = np.linspace(-0.6, 0.6, 61)
     rows = np.zeros((61, 4))
     rows[:, 1] = angles
     _, origins = frames(of, rows)
     assert np.allclose(origins[:, 2, 0], 150)
-    found = hits(made, rows) >= 0
-    for angle, met in zip(angles, found, strict=True):
+    is_hit = hits(cell_scene, rows) >= 0
+    for angle, met in zip(angles, is_hit, strict=True):
         c, s = math.cos(angle), math.sin(angle)
         outline = corners_of((60.0, 4.0), (-60.0, 0.0)) @ np.array([[c, s], [-s, c]]) + [150, 0]
         true = min(flat_distance(outline, corners_of(*plate)) for plate in (*PLATES, BACK))
         assert met == (true <= 0)
-    assert 5 < found.sum() < 56
+    assert 5 < is_hit.sum() < 56
 
 
 def test_a_pair_that_cannot_be_told_apart_is_named_and_left_out() -> None:
@@ -230,9 +232,9 @@ def test_a_link_with_a_mesh_that_is_not_read_is_named() -> None:
 
 
 def test_a_collision_is_told_with_its_depth_and_joint_values() -> None:
-    made = scene(fork(), obstacles=(pillar(60, 0),))
+    cell_scene = scene(fork(), obstacles=(pillar(60, 0),))
     (row,) = turned(np.array([math.radians(30)]))
-    assert tell_hit(made, row, made.pairs.index(("link 1", "pillar"))) == (
+    assert tell_hit(cell_scene, row, cell_scene.pairs.index(("link 1", "pillar"))) == (
         "link 1 against pillar, their meshes meet, at joints 30 deg, 0 deg, 0 mm, 0 deg"
     )
     full = replace(fork(), links=tuple(replace(link, surfaces=()) for link in fork().links))

@@ -341,8 +341,8 @@ def test_a_home_in_the_part_is_refused(plate: Path) -> None:
         **PLATE,
         "cell": {"robot": "IRB 120", "base_from_work": [x - 30, y - 20, z - 5, 0, 0, 0]},
     }
-    told = r"home collides: tool against (part|table), [\d.]+ mm deep, at joints [-\d. ]+ deg"
-    with pytest.raises(NoSafeProgram, match=told):
+    message = r"home collides: tool against (part|table), [\d.]+ mm deep, at joints [-\d. ]+ deg"
+    with pytest.raises(NoSafeProgram, match=message):
         build(plate, post="rapid", job=job)
 
 

@@ -1,4 +1,4 @@
-"""COLLADA meshes of a URDF: units, nodes, polygons, and what is not read."""
+"""COLLADA meshes of a URDF: units, nodes, polygons, and shapes that are not read."""
 
 from pathlib import Path
 
@@ -15,7 +15,8 @@ DOCUMENT = """<?xml version="1.0"?>
   <asset>{asset}</asset>
   <library_geometries><geometry id="plate"><mesh>
     <source id="places"><float_array id="numbers" count="15">{points}</float_array>
-      <technique_common><accessor source="#numbers" count="5" stride="3"/></technique_common></source>
+      <technique_common><accessor source="#numbers" count="5" stride="3"/></technique_common>
+    </source>
     <vertices id="corners"><input semantic="POSITION" source="#places"/></vertices>
     {polygons}
   </mesh></geometry></library_geometries>
@@ -25,7 +26,8 @@ DOCUMENT = """<?xml version="1.0"?>
 """
 TRIANGLES = (
     '<triangles count="2"><input semantic="VERTEX" source="#corners" offset="0"/>'
-    '<input semantic="NORMAL" source="#places" offset="1"/><p>0 4 1 4 2 4  0 4 2 4 3 4</p></triangles>'
+    '<input semantic="NORMAL" source="#places" offset="1"/>'
+    "<p>0 4 1 4 2 4  0 4 2 4 3 4</p></triangles>"
 )
 POLYLIST = (
     '<polylist count="2"><input semantic="VERTEX" source="#corners" offset="0"/>'
@@ -68,9 +70,10 @@ def test_lengths_are_metres_by_the_unit_of_the_file() -> None:
 
 
 def test_nodes_move_what_they_hold_the_outer_ones_last() -> None:
-    """First scaled by 2, then turned by 90 deg about z, then moved; and the whole by a matrix that lifts it."""
+    """First scaled by 2, then turned by 90 deg about z, then moved; a matrix lifts the whole."""
     nodes = (
-        "<node><matrix>1 0 0 0  0 1 0 0  0 0 1 7  0 0 0 1</matrix><node><translate>10 20 30</translate>"
+        "<node><matrix>1 0 0 0  0 1 0 0  0 0 1 7  0 0 0 1</matrix>"
+        "<node><translate>10 20 30</translate>"
         f"<rotate>0 0 2 90</rotate><scale>2 2 2</scale>{INSTANCE}</node></node>"
     )
     vertices, _ = read(nodes)
@@ -106,7 +109,7 @@ def test_a_node_of_the_library_is_shown_where_it_is_named() -> None:
         ),
         (
             DOCUMENT.format(
-                nodes=PLAIN, polygons=TRIANGLES.replace("0 4 2 4 3", "0 4 2 4 9"), asset="", points=POINTS
+                nodes=PLAIN, polygons=TRIANGLES.replace("4 3 4<", "4 9 4<"), asset="", points=POINTS
             ),
             "a face names a vertex that is not there",
         ),

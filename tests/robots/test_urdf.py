@@ -356,13 +356,13 @@ def test_a_program_for_an_arm_of_a_urdf(name: Path, home: list[float]) -> None:
 def test_an_abb_arm_by_name_and_axes_gets_its_confdata(
     tmp_path: Path, name: str, is_abb: bool
 ) -> None:
-    """The postures are those of the built-in arm. With an axis turned round it is none of ABB's."""
+    """The postures are those of the built-in arm. With an axis reversed it is not one of ABB's."""
     arm, rows = built_in("irb120"), np.radians([[-10, 20, 10, 100, -30, 200], [0, 0, 0, 0, 30, 0]])
     straight = np.zeros(2, dtype=np.bool_)
     of = robot(written(tmp_path, urdf(arm, name)))
-    own = postures(robot("IRB 120"), rows, straight)
-    assert postures(of, rows, straight) == (own if is_abb else [None, None])
-    assert any("ABB arm" in note for note in of.notes) == is_abb
+    built = postures(robot("IRB 120"), rows, straight)
+    assert postures(of, rows, straight) == (built if is_abb else [None, None])
+    assert any("ABB" in note for note in of.notes) == is_abb
     turned = arm._replace(axes=(*arm.axes[:3], -arm.axes[3], *arm.axes[4:]))
     assert postures(robot(written(tmp_path, urdf(turned, name))), rows, straight) == [None, None]
 

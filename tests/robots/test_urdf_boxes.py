@@ -228,7 +228,7 @@ def test_a_hull_is_told_from_a_shape_with_a_hollow() -> None:
 
 
 def test_the_mesh_to_be_seen_counts_where_the_other_is_its_hull(tmp_path: Path) -> None:
-    """A fork of two prongs, 40 mm apart, in a hull that fills it; the hull alone where the fork cannot be read."""
+    """A fork of two prongs, 40 mm apart, in a hull that fills it; the hull if there is no fork."""
     prongs = [CORNERS * [0.01, 0.02, 0.05] + [0, y, 0] for y in (-0.04, 0.04)]
     lines = obj(np.concatenate(prongs), np.concatenate([FACES, FACES + 8]))
     (tmp_path / "hull.stl").write_bytes(stl(CORNERS * [0.01, 0.06, 0.05]))

@@ -66,10 +66,9 @@ def read_urdf(file: str, tip: str, files: Files) -> Robot:
 
 
 _ABB, _RAPID = "ABB", "IRC5 (RAPID)"
-_ABB_NOTE = (
-    "by its name and its axes it is an ABB arm: its joint values are taken for the controller's"
-)
-#: How ROS-Industrial and others call ABB's arms, but those whose joint 3 a parallel rod holds: it is not the URDF's.
+_ABB_NOTE = "its name and axes are those of an ABB arm: confdata count by its joint values"
+#: The names of ABB's arms at ROS-Industrial and elsewhere. Arms with a parallel rod are left out:
+#: their controller has another joint 3.
 _ABB_NAME = re.compile(
     r"(?:abb[ _-]?)?irb[ _-]?(?!1400|1410|2400|4400|640|660|760)\d", re.IGNORECASE
 )
@@ -78,7 +77,7 @@ _ABB_AXES = ((0, 0, 1), (0, 1, 0), (0, 1, 0), (1, 0, 0), (0, 1, 0), (1, 0, 0))
 
 
 def _is_abb(robot: Robot) -> bool:
-    """Whether the name is an ABB arm's, and zeros and signs of the joints are those of its controller."""
+    """Whether the name is an ABB arm's, and zeros and signs of its joints are the controller's."""
     if len(robot.joints) != len(_ABB_AXES) or not _ABB_NAME.match(robot.name):
         return False
     rotations, origins = (table[0] for table in frames(robot, np.zeros((1, len(_ABB_AXES)))))
@@ -114,15 +113,16 @@ def _links(
         unread: list[str] = []
         whole = True
         for part, body_from_part in body.items():
-            own = _shapes(described, part, files)
-            boxes += [Box(body_from_part @ box.link_from_box, box.half) for box in own.boxes]
+            shapes = _shapes(described, part, files)
+            boxes += [Box(body_from_part @ box.link_from_box, box.half) for box in shapes.boxes]
             turn, shift = body_from_part.rotation.T, body_from_part.origin
             surfaces += [
-                Surface(frozen(one.vertices @ turn + shift), one.faces) for one in own.surfaces
+                Surface(frozen(surface.vertices @ turn + shift), surface.faces)
+                for surface in shapes.surfaces
             ]
-            unread += own.unread
-            notes += own.notes
-            whole = whole and own.whole
+            unread += shapes.unread
+            notes += shapes.notes
+            whole = whole and shapes.whole
         # Meshes that leave a shape out would be a link with a gap.
         links.append(Link(name, tuple(boxes), tuple(surfaces) if whole else (), tuple(unread)))
     return tuple(links), notes
@@ -131,23 +131,23 @@ def _links(
 def _shapes(described: Description, part: str, files: Files) -> Shapes:
     """The shapes of a link for collisions.
 
-    A convex one is often the hull of its link, which fills the fork of a wrist. Then the shapes to be seen are taken,
-    if all of them can be read.
+    A convex one is often the hull of its link, which fills the fork of a wrist. Then the visible
+    shapes count, if all of them can be read.
     """
     folder = Path(described.file).parent
-    own = shapes_of(part, described.links[part], folder, files)
+    shapes = shapes_of(part, described.links[part], folder, files)
     visible = described.visible[part]
-    if visible and visible != described.links[part] and any(map(is_own_hull, own.surfaces)):
-        seen = shapes_of(part, visible, folder, files)
-        if not seen.notes:
-            return seen
-    return own
+    if visible and visible != described.links[part] and any(map(is_own_hull, shapes.surfaces)):
+        visible_shapes = shapes_of(part, visible, folder, files)
+        if not visible_shapes.notes:
+            return visible_shapes
+    return shapes
 
 
 def _bare(
     described: Description, chain: JointChain, links: tuple[Link, ...], notes: list[str]
 ) -> Robot:
-    """The robot, its home at the middle of the limits. Neighbours in the chain touch."""
+    """The robot, its home at the middle of the limits."""
     limits = frozen([limits_of(joint) for joint in chain.raw])
     count = len(chain.joints)
     said = [*chain.notes, *notes]

@@ -22,9 +22,10 @@ from camgen.robots.urdf.xml import UrdfShape, mesh_path
 _SLICES, _MOST_CUBOIDS = 16, 3
 #: More cuboids, or turned ones, have to be smaller than the upright one by at least this factor.
 _WORTH_FACTOR = 0.85
-#: mm: a vertex of a convex mesh is no farther outside the plane of a face: numbers of six digits. Planes looked at
-#: together.
-_HULL_MM, _PLANES = 0.5, 256
+#: mm: no vertex of a convex mesh is farther on the outer side of a face. Files round.
+_HULL_MM = 0.5
+#: Planes that are compared with all vertices together.
+_PLANES = 256
 #: mm: the least half edge of a cuboid, for meshes that are flat.
 _THIN = 0.01
 #: Of the radius: two cuboids, one as wide as a circle and this high, the other the other way round, hold the circle.
@@ -32,8 +33,13 @@ _CROSS = math.sqrt(0.5)
 
 
 class Shapes(Struct, frozen=True):
-    """Cuboids around the shapes of a link, in its frame, its meshes, those that could not be read, and notes on them.
-    whole: the meshes are all of it.
+    """The shapes of a link, in its frame.
+
+    boxes: cuboids around them.
+    surfaces: its meshes.
+    unread: names of meshes that could not be read.
+    notes: notes on these.
+    whole: whether the meshes are all of the link.
     """
 
     boxes: tuple[Box, ...]

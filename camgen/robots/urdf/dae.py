@@ -1,10 +1,11 @@
 """COLLADA meshes of a URDF: triangles and polygons, placed by the nodes of the scene.
 
-Source: COLLADA 1.4.1 (Khronos, April 2006), chapters 4 and 5. pycollada would read more than is needed here: colours,
-cameras, animations; with lxml or without, it takes five times as long for these files, and it is one more package.
+Source: COLLADA 1.4.1 (Khronos, April 2006), chapters 4 and 5. pycollada reads colours, cameras and
+animations too, which are not needed here, and would be one more package.
 
-``asset/up_axis`` is not applied. A mesh of a URDF stands in the frame of its link, and RViz leaves it unturned as well:
-of 17 public files with Y_UP that have a mesh for collisions beside them, all 17 fit it as they are, and none if turned.
+The up axis of a file is not applied. A mesh of a URDF stands in the frame of its link, and RViz
+does not turn it either. All 17 public files that were compared, with Y_UP and a mesh for collisions
+beside them, fit that mesh as they are.
 """
 
 from __future__ import annotations
@@ -30,7 +31,10 @@ _UNREAD = ("tristrips", "trifans", "instance_controller", "skew", "lookat", "spl
 
 
 def read_dae(source: Source) -> tuple[FloatArray, Triangles]:
-    """Vertices (V, 3), m, and faces. Raises InputError for a file that is damaged or holds what is not read."""
+    """Vertices (V, 3), m, and faces.
+
+    Raises InputError for a damaged file and for a shape that is not read.
+    """
     try:
         root: Element = fromstring(source.data, XMLParser(target=UndeclaredBuilder()))
         for element in root.iter():
@@ -72,9 +76,9 @@ class _Document:
                 vertices.append(metres * (points @ placed[:3, :3].T + placed[:3, 3]))
                 polygons += [table + count for table in tables]
                 count += len(points)
-        every = np.concatenate(vertices)
-        check_numbers(polygons, len(every))
-        return every, cut_polygons(every, polygons)
+        corners = np.concatenate(vertices)
+        check_numbers(polygons, len(corners))
+        return corners, cut_polygons(corners, polygons)
 
     def named(self, element: Element, key: str) -> Element:
         """The element that the attribute ``key`` of another names: "#id"."""
@@ -86,35 +90,34 @@ class _Document:
         """The geometries in a node, and their matrices (4, 4)."""
         if deep > _DEEPEST:
             raise ValueError("its nodes hold each other")
-        own = outer
+        matrix = outer
         for child in node:
             if child.tag in _TRANSFORMS:
-                own = own @ _TRANSFORMS[child.tag](_numbers(child))
+                matrix = matrix @ _TRANSFORMS[child.tag](_numbers(child))
         for child in node:
             if child.tag == "instance_geometry":
-                yield self.named(child, "url"), own
+                yield self.named(child, "url"), matrix
             elif child.tag == "node":
-                yield from self.placed(child, own, deep + 1)
+                yield from self.placed(child, matrix, deep + 1)
             elif child.tag == "instance_node":
-                yield from self.placed(self.named(child, "url"), own, deep + 1)
+                yield from self.placed(self.named(child, "url"), matrix, deep + 1)
 
     def shapes(self, geometry: Element) -> Iterator[tuple[FloatArray, list[IntArray]]]:
-        """Of each set of polygons in a geometry the vertices (V, 3), and tables of these by number of corners."""
+        """The vertices (V, 3) of each set of polygons in a geometry, and its tables of corners."""
         for kind in _POLYGONS:
             for polygons in geometry.findall(f"mesh/{kind}"):
                 inputs = polygons.findall("input")
-                (corner,) = [one for one in inputs if one.get("semantic") == "VERTEX"]
-                width = 1 + max(int(one.get("offset", "0")) for one in inputs)
+                corner = _find_input(inputs, "VERTEX")
+                width = 1 + max(int(item.get("offset", "0")) for item in inputs)
                 column = int(corner.get("offset", "0"))
-                lists = [_integers(one) for one in polygons.findall("p")]
-                rows = [one.reshape(-1, width)[:, column] for one in lists]
+                lists = [_integers(element) for element in polygons.findall("p")]
+                rows = [numbers.reshape(-1, width)[:, column] for numbers in lists]
                 points = self.points(self.named(corner, "source"))
                 yield points, list(_by_corners(kind, polygons, rows))
 
     def points(self, vertices: Element) -> FloatArray:
         """The positions (V, 3) of ``vertices``."""
-        inputs = vertices.findall("input")
-        (position,) = [one for one in inputs if one.get("semantic") == "POSITION"]
+        position = _find_input(vertices.findall("input"), "POSITION")
         source = self.named(position, "source")
         accessor = source.find("technique_common/accessor")
         if accessor is None:
@@ -125,21 +128,29 @@ class _Document:
         return numbers[offset : offset + count * stride].reshape(count, stride)[:, :3]
 
 
+def _find_input(inputs: list[Element], semantic: str) -> Element:
+    (only,) = [item for item in inputs if item.get("semantic") == semantic]
+    return only
+
+
 def _by_corners(kind: str, polygons: Element, rows: list[IntArray]) -> Iterator[IntArray]:
-    """Tables (P, N) of the vertices of polygons with N corners. rows: the vertices, in the order of the file."""
+    """Tables (P, N) of the vertices of polygons with N corners.
+
+    rows: the vertices, in the order of the file.
+    """
     if kind == "polygons":
         yield from (row[None] for row in rows)
         return
-    every = np.concatenate([np.zeros(0, dtype=np.int64), *rows])
+    corners = np.concatenate([np.zeros(0, dtype=np.int64), *rows])
     if kind == "triangles":
-        yield every.reshape(-1, 3)
+        yield corners.reshape(-1, 3)
         return
-    counts = np.concatenate([_integers(one) for one in polygons.findall("vcount")])
-    if counts.sum() != len(every):
+    counts = np.concatenate([_integers(element) for element in polygons.findall("vcount")])
+    if counts.sum() != len(corners):
         raise ValueError("a polylist has another number of corners than it states")
     first = np.cumsum(counts) - counts
     for count in np.unique(counts).tolist():
-        yield every[first[counts == count][:, None] + np.arange(count)]
+        yield corners[first[counts == count][:, None] + np.arange(count)]
 
 
 def _numbers(element: Element) -> FloatArray:
@@ -155,17 +166,17 @@ def _matrix(numbers: FloatArray) -> FloatArray:
 
 
 def _translation(numbers: FloatArray) -> FloatArray:
-    made = np.eye(4)
-    made[:3, 3] = numbers
-    return made
+    matrix = np.eye(4)
+    matrix[:3, 3] = numbers
+    return matrix
 
 
 def _rotation(numbers: FloatArray) -> FloatArray:
     """About an axis x, y, z by an angle, deg."""
-    made = np.eye(4)
+    matrix = np.eye(4)
     axis = numbers[:3] / np.linalg.norm(numbers[:3])
-    made[:3, :3] = rotation_about_axis(axis, math.radians(numbers[3]))
-    return made
+    matrix[:3, :3] = rotation_about_axis(axis, math.radians(numbers[3]))
+    return matrix
 
 
 def _scaling(numbers: FloatArray) -> FloatArray:

@@ -6,6 +6,7 @@ and safety controllers do not say where an arm can go, and are not looked at.
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 import stat
@@ -172,8 +173,8 @@ class UrdfShape(Struct, frozen=True, eq=False):
 
 class Description(Struct, frozen=True, eq=False):
     """A whole file. links: their shapes by name, those for collisions, or those to be seen where there are no others.
-    visible: the shapes to be seen. rounded: how many angles were taken as the multiples of 90 deg that they are rounded
-    from.
+    visible: the visual shapes of each link.
+    rounded: number of angles that were replaced by the multiples of 90 deg they are rounded from.
     """
 
     file: str
@@ -343,7 +344,7 @@ def urdf_files(file: str, files: Files) -> tuple[Path, ...]:
     """The URDF and the meshes that it names and that are there. InputError for a URDF that cannot be read."""
     described = read_description(Path(file), files)
     tables = *described.links.values(), *described.visible.values()
-    names = dict.fromkeys(shape.mesh for shapes in tables for shape in shapes if shape.mesh)
+    names = dict.fromkeys(shape.mesh for shape in itertools.chain(*tables) if shape.mesh)
     found = [mesh_path(name, Path(file).parent) for name in names]
     return (Path(file), *(path for path in found if path))
 
