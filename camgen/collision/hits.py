@@ -511,7 +511,8 @@ def _between(scene: Scene, rows: _Rows, found: _Found) -> None:
     row, which = near_pairs(scene, wide)
     first, second = placed[row, scene.first[which]], placed[row, scene.second[which]]
     pair = scene.of_pair[which]
-    bound = _bound_closer(scene, rows.joints[row], pair, least_apart(first, second))
+    bound = least_apart(first, second)
+    _raise_bounds(scene, rows.joints[row], pair, found.distance[rows.place[row]], bound)
 
     def measured(k: int) -> float:
         closer = scene.closer[pair[k]]
@@ -532,7 +533,8 @@ def _to_mesh(scene: Scene, target: Target, rows: _Rows, found: _Found) -> None:
     row, which, wide = near_mesh(target, placed.grown(found.distance[rows.place][:, None, None]))
     boxes = Boxes(wide.centres, wide.axes, placed.half[row, target.striking[which]])
     pair = target.of_strike[which]
-    bound = _bound_closer(scene, rows.joints[row], pair, np.zeros(len(row)))
+    bound = np.zeros(len(row))
+    _raise_bounds(scene, rows.joints[row], pair, found.distance[rows.place[row]], bound)
 
     def within(some: IntArray, by: FloatArray) -> BoolArray:
         struck = find_struck(target.mesh, boxes[some].grown(by[:, None]))
@@ -547,19 +549,19 @@ def _to_mesh(scene: Scene, target: Target, rows: _Rows, found: _Found) -> None:
     _measure(_Asked(rows.place[row], rows.row[row], pair, bound), found, within, measured)
 
 
-def _bound_closer(
-    scene: Scene, joints: FloatArray, pair: IntArray, bound: FloatArray
-) -> FloatArray:
-    """``bound`` (n,), raised for meshes farther apart than their boxes, at joints (n, J)."""
-    raised = bound.copy()
+def _raise_bounds(
+    scene: Scene, joints: FloatArray, pair: IntArray, enough: FloatArray, bound: FloatArray
+) -> None:
+    """Raise ``bound`` (n,) for meshes that are farther apart than their boxes at joints (n, J).
+
+    enough: (n,) mm; no bound need be more.
+    """
     for number in np.unique(pair).tolist():
         closer = scene.closer[number]
         if closer is not None:
-            rows = np.flatnonzero(pair == number)
-            raised[rows] = np.maximum(
-                bound[rows], pairs.at_least(scene.robot, closer, joints[rows])
-            )
-    return raised
+            rows = np.flatnonzero((pair == number) & (bound < enough))
+            raised = pairs.at_least(scene.robot, closer, joints[rows], enough[rows])
+            bound[rows] = np.maximum(bound[rows], raised)
 
 
 class _Asked(Struct, frozen=True, eq=False):

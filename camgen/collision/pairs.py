@@ -154,9 +154,16 @@ def measure(robot: Robot, pair: MeshPair, joints: FloatArray) -> float:
     return _distance(pair, placed)
 
 
-def at_least(robot: Robot, pair: MeshPair, joints: FloatArray) -> FloatArray:
-    """No more than the distance at joint values (N, J), mm (N,); it may be negative."""
-    return _bound(robot, pair, joints, len(_SLACKS_MM) - 1)
+def at_least(robot: Robot, pair: MeshPair, joints: FloatArray, enough: FloatArray) -> FloatArray:
+    """No more than the distance at joint values (N, J), mm (N,); it may be negative.
+
+    enough: (N,) mm; small cells are not used for a bound that is no less.
+    """
+    bound = np.full(len(joints), -math.inf)
+    for level in range(len(_SLACKS_MM)):
+        left = np.flatnonzero(bound < enough)
+        bound[left] = np.maximum(bound[left], _bound(robot, pair, joints[left], level))
+    return bound
 
 
 def _bound(
