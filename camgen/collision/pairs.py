@@ -122,8 +122,8 @@ def come_within(robot: Robot, pair: MeshPair, joints: FloatArray, room: FloatArr
 def meet(robot: Robot, pair: MeshPair, joints: FloatArray) -> BoolArray:
     """At which joint values (N, J) the two bodies meet.
 
-    fcl takes a tenth of the time of a distance for it. So known distances are used, and new ones are
-    measured in cells of many questions alone.
+    fcl takes a tenth of the time of a distance for it. So known distances are used, and new ones
+    are measured in cells of many questions alone.
     """
     met = np.ones(len(joints), dtype=np.bool_)
     for level in range(len(_SLACKS_MM)):
@@ -142,7 +142,7 @@ def meet(robot: Robot, pair: MeshPair, joints: FloatArray) -> BoolArray:
 def may_come_within(
     robot: Robot, pair: MeshPair, joints: FloatArray, room: FloatArray
 ) -> BoolArray:
-    """At which joint values (N, J) bounds do not prove a distance above ``room`` (N,), mm."""
+    """At which joint values (N, J) bounds prove no distance above ``room`` (N,), mm."""
     met = np.ones(len(joints), dtype=np.bool_)
     for level in range(len(_SLACKS_MM)):
         left = np.flatnonzero(met)
